@@ -1,0 +1,47 @@
+//! Images in memory: samples on a regular grid, and where that grid lies in the world.
+//!
+//! Axis order: `dims`, indices and positions are written x first (`[nx, ny, nz]`); in memory x is
+//! the fastest axis, so the array's NumPy shape is `(nz, ny, nx)`.
+//!
+//! - [`geometry`]: from sample indices to physical coordinates
+//! - [`field`]: samples in *lattice space* and their smooth interpolation
+
+pub mod field;
+pub mod geometry;
+
+pub use field::Field;
+pub use geometry::Geometry;
+
+use ndarray::ArrayD;
+
+/// A `D`-dimensional image: `f32` samples and their [`Geometry`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct Image<const D: usize> {
+    /// Samples in C order, shape `(.., ny, nx)`; always in standard layout.
+    pub samples: ArrayD<f32>,
+    /// Where the samples lie.
+    pub geometry: Geometry<D>,
+}
+
+impl<const D: usize> Image<D> {
+    /// An image from samples in memory order (x fastest), `samples.len() == product of dims`.
+    pub fn new(dims: [usize; D], samples: Vec<f32>, geometry: Geometry<D>) -> Self {
+        let shape: Vec<usize> = dims.iter().rev().copied().collect();
+        #[allow(clippy::expect_used)]
+        let samples = ArrayD::from_shape_vec(shape, samples)
+            .expect("the number of samples is the product of the dims");
+        Self { samples, geometry }
+    }
+
+    /// Number of samples along each axis, x first.
+    pub fn dims(&self) -> [usize; D] {
+        let shape = self.samples.shape();
+        std::array::from_fn(|k| shape[D - 1 - k])
+    }
+
+    /// The samples in memory order, x fastest.
+    pub fn as_slice(&self) -> &[f32] {
+        #[allow(clippy::expect_used)]
+        self.samples.as_slice().expect("standard layout")
+    }
+}

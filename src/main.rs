@@ -1,0 +1,3 @@
+//! The `atomesh` binary: parse, run, exit code.
+
+fn main() {}

@@ -1,0 +1,1 @@
+//! The whole job: image in, mesh out (under construction).

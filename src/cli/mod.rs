@@ -1,1 +1,5 @@
-//! (stage under construction)
+//! The command line.
+//!
+//! - [`args`]: as typed
+
+pub mod args;

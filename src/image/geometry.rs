@@ -29,7 +29,10 @@ impl<const D: usize> Default for Geometry<D> {
 impl<const D: usize> Geometry<D> {
     /// Axis-aligned geometry with the given spacing.
     pub fn with_spacing(origin: [f64; D], spacing: [f64; D]) -> Self {
-        let mut geometry = Self { origin, ..Self::default() };
+        let mut geometry = Self {
+            origin,
+            ..Self::default()
+        };
         for k in 0..D {
             geometry.axes[k][k] = spacing[k];
         }

@@ -18,7 +18,11 @@ pub struct Console {
 impl Console {
     /// A console as the common options ask for it.
     pub fn new(common: &Common) -> Self {
-        Self { quiet: common.quiet, json: common.json, bar: None }
+        Self {
+            quiet: common.quiet,
+            json: common.json,
+            bar: None,
+        }
     }
 
     /// Prints the result of a verb: `json` if asked for, else `text` unless `--quiet`.
@@ -50,7 +54,9 @@ impl Console {
         }
         if stderr().is_terminal() {
             let bar = ProgressBar::new(100).with_message(name.to_string());
-            if let Ok(style) = ProgressStyle::with_template("{spinner} {msg:<28} {bar:30} {elapsed}") {
+            if let Ok(style) =
+                ProgressStyle::with_template("{spinner} {msg:<28} {bar:30} {elapsed}")
+            {
                 bar.set_style(style);
             }
             bar.enable_steady_tick(Duration::from_millis(100));

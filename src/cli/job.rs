@@ -70,7 +70,9 @@ pub fn effective_options(args: &MeshArgs) -> Result<MeshOptions> {
         Some(path) => {
             let text = std::fs::read_to_string(path).map_err(|e| os(path, "read", e))?;
             toml::from_str(&text).map_err(|e| {
-                let line = e.span().map_or(1, |span| 1 + text[..span.start].matches('\n').count());
+                let line = e
+                    .span()
+                    .map_or(1, |span| 1 + text[..span.start].matches('\n').count());
                 Error::Job(cause(
                     format!("{}:{line}", path.display()),
                     e.message().replace('\n', ", "),
@@ -79,7 +81,9 @@ pub fn effective_options(args: &MeshArgs) -> Result<MeshOptions> {
             })?
         }
     };
-    args.options.over(&from_file)?.over(&MeshOptions::defaults())
+    args.options
+        .over(&from_file)?
+        .over(&MeshOptions::defaults())
 }
 
 impl MeshJob {
@@ -160,7 +164,10 @@ impl MeshJob {
 /// [`Error::Job`] or [`Error::Io`] that names the option or the path.
 pub fn check_output(path: &Path, option: &str, endings: &[&str], inputs: &[&Path]) -> Result<()> {
     io::check_target(path)?;
-    let ending = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
+    let ending = path
+        .extension()
+        .and_then(|e| e.to_str())
+        .map(str::to_ascii_lowercase);
     let place = format!("{option} {}", path.display());
     if !ending.is_some_and(|ending| endings.contains(&ending.as_str())) {
         let known: Vec<String> = endings.iter().map(|ending| format!(".{ending}")).collect();
@@ -310,7 +317,10 @@ mod tests {
     use super::*;
 
     fn job(options: &MeshOptions) -> Result<MeshJob> {
-        MeshJob::new(Path::new("absent/survey.sgy"), &options.over(&MeshOptions::defaults())?)
+        MeshJob::new(
+            Path::new("absent/survey.sgy"),
+            &options.over(&MeshOptions::defaults())?,
+        )
     }
 
     #[test]

@@ -24,8 +24,14 @@ pub fn number(option: &str, text: &str, remedy: &str) -> Result<f64> {
 /// Three values separated by commas.
 fn three<'a>(option: &str, text: &'a str, remedy: &str) -> Result<[&'a str; 3]> {
     let parts: Vec<&str> = text.split(',').map(str::trim).collect();
-    <[&str; 3]>::try_from(parts)
-        .map_err(|parts| bad(option, text, &format!("has {} values, not 3", parts.len()), remedy))
+    <[&str; 3]>::try_from(parts).map_err(|parts| {
+        bad(
+            option,
+            text,
+            &format!("has {} values, not 3", parts.len()),
+            remedy,
+        )
+    })
 }
 
 /// `NX,NY,NZ`: numbers of samples, at least two each, and few enough to count.
@@ -33,16 +39,30 @@ pub fn dims(option: &str, text: &str) -> Result<[usize; 3]> {
     let remedy = "give three whole numbers such as 96,80,64";
     let mut dims = [0; 3];
     for (dim, word) in dims.iter_mut().zip(three(option, text, remedy)?) {
-        *dim = word.parse().map_err(|_| bad(option, text, "is not three whole numbers", remedy))?;
+        *dim = word
+            .parse()
+            .map_err(|_| bad(option, text, "is not three whole numbers", remedy))?;
         if *dim < 2 {
-            return Err(bad(option, text, "has an axis of fewer than 2 samples", remedy));
+            return Err(bad(
+                option,
+                text,
+                "has an axis of fewer than 2 samples",
+                remedy,
+            ));
         }
     }
-    let samples = dims.iter().try_fold(1_usize, |product, &dim| product.checked_mul(dim));
+    let samples = dims
+        .iter()
+        .try_fold(1_usize, |product, &dim| product.checked_mul(dim));
     // 2^32 samples are 16 GiB; beyond that an allocation would fail without a word.
     match samples {
         Some(samples) if samples <= 1 << 32 => Ok(dims),
-        _ => Err(bad(option, text, "is more than 2^32 samples", "ask for a smaller volume")),
+        _ => Err(bad(
+            option,
+            text,
+            "is more than 2^32 samples",
+            "ask for a smaller volume",
+        )),
     }
 }
 
@@ -53,7 +73,12 @@ pub fn scales(option: &str, text: &str) -> Result<[f64; 3]> {
     for (scale, word) in scales.iter_mut().zip(three(option, text, remedy)?) {
         *scale = number(option, word, remedy)?;
         if *scale <= 0.0 {
-            return Err(bad(option, text, "has a scale that is not positive", remedy));
+            return Err(bad(
+                option,
+                text,
+                "has a scale that is not positive",
+                remedy,
+            ));
         }
     }
     Ok(scales)
@@ -83,13 +108,19 @@ pub fn distance(option: &str, text: &str) -> Result<(f64, Option<f64>)> {
 pub fn points(path: &Path) -> Result<Vec<(usize, [f64; 3])>> {
     let text = std::fs::read_to_string(path).map_err(|e| os(path, "read", e))?;
     let mut points = Vec::new();
-    for (line, content) in text.lines().enumerate().map(|(k, content)| (k + 1, content.trim())) {
+    for (line, content) in text
+        .lines()
+        .enumerate()
+        .map(|(k, content)| (k + 1, content.trim()))
+    {
         if content.is_empty() || content.starts_with('#') {
             continue;
         }
         let words: Vec<&str> = content.split([',', ';', '\t']).map(str::trim).collect();
-        let values: Option<Vec<f64>> =
-            words.iter().map(|word| word.parse().ok().filter(|v: &f64| v.is_finite())).collect();
+        let values: Option<Vec<f64>> = words
+            .iter()
+            .map(|word| word.parse().ok().filter(|v: &f64| v.is_finite()))
+            .collect();
         match values.as_deref() {
             Some(&[x, y, z]) => points.push((line, [x, y, z])),
             _ if points.is_empty() && words.iter().all(|word| word.parse::<f64>().is_err()) => {}
@@ -113,9 +144,14 @@ mod tests {
     fn distances() {
         assert_eq!(distance("--distance", "8").unwrap(), (8.0, None));
         assert_eq!(distance("--distance", "4:12.5").unwrap(), (4.0, Some(12.5)));
-        for wrong in ["0", "-1", "nan", "inf", "eight", "", "4:", "12:4", "0:4", "1:2:3"] {
+        for wrong in [
+            "0", "-1", "nan", "inf", "eight", "", "4:", "12:4", "0:4", "1:2:3",
+        ] {
             let error = distance("--distance", wrong).unwrap_err().to_string();
-            assert!(error.starts_with(&format!("--distance {wrong}")) || wrong.contains(':'), "{error}");
+            assert!(
+                error.starts_with(&format!("--distance {wrong}")) || wrong.contains(':'),
+                "{error}"
+            );
             assert!(!error.contains('\n'));
         }
     }
@@ -123,7 +159,14 @@ mod tests {
     #[test]
     fn dims_that_overflow_are_refused() {
         assert_eq!(dims("--dims", "3, 4,5").unwrap(), [3, 4, 5]);
-        for wrong in ["4294967296,4294967296,4294967296", "1,5,5", "3,4", "3,4,5,6", "-3,4,5", "a,b,c"] {
+        for wrong in [
+            "4294967296,4294967296,4294967296",
+            "1,5,5",
+            "3,4",
+            "3,4,5,6",
+            "-3,4,5",
+            "a,b,c",
+        ] {
             assert!(dims("--dims", wrong).is_err(), "{wrong}");
         }
     }
@@ -141,7 +184,10 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("wells.csv");
         std::fs::write(&path, "x,y,z\n# a well\n1,2,3\n\n4.5; -5; 6e1\n").unwrap();
-        assert_eq!(points(&path).unwrap(), [(3, [1.0, 2.0, 3.0]), (5, [4.5, -5.0, 60.0])]);
+        assert_eq!(
+            points(&path).unwrap(),
+            [(3, [1.0, 2.0, 3.0]), (5, [4.5, -5.0, 60.0])]
+        );
         for wrong in ["1,2\n", "1,2,nan\n", "1,2,3\nx,y,z\n", "1,2,3,4\n"] {
             std::fs::write(&path, wrong).unwrap();
             assert!(points(&path).is_err(), "{wrong}");

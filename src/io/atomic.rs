@@ -38,10 +38,18 @@ pub fn check_target(path: &Path) -> Result<()> {
     let folder = folder_of(path);
     if !folder.is_dir() {
         let problem = format!("the folder {} does not exist", folder.display());
-        return Err(Error::Io(cause(path.display(), problem, "create it, or write elsewhere")));
+        return Err(Error::Io(cause(
+            path.display(),
+            problem,
+            "create it, or write elsewhere",
+        )));
     }
     if path.is_dir() || path.file_name().is_none() {
-        return Err(Error::Io(cause(path.display(), "is a folder", "name a file to write")));
+        return Err(Error::Io(cause(
+            path.display(),
+            "is a folder",
+            "name a file to write",
+        )));
     }
     Ok(())
 }
@@ -74,7 +82,13 @@ impl Unfinished {
             .create_new(true)
             .open(&path)
             .map_err(|error| os(target, "write", error))?;
-        Ok((Self { path, renamed: false }, file))
+        Ok((
+            Self {
+                path,
+                renamed: false,
+            },
+            file,
+        ))
     }
 }
 
@@ -131,7 +145,9 @@ mod tests {
         let path = folder.path().join("nowhere/a.txt");
         let error = atomic_write(&path, |_| Ok(())).unwrap_err().to_string();
         assert!(error.contains("nowhere does not exist"), "{error}");
-        let error = atomic_write(folder.path(), |_| Ok(())).unwrap_err().to_string();
+        let error = atomic_write(folder.path(), |_| Ok(()))
+            .unwrap_err()
+            .to_string();
         assert!(error.contains("is a folder"), "{error}");
         assert!(names(folder.path()).is_empty());
     }

@@ -8,7 +8,9 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use serde::{Deserialize, Deserializer, Serialize};
 
-use crate::{Error, Result, error::cause};
+use crate::error::cause;
+use crate::io::{ReadOptions, SegyBytes};
+use crate::{Error, Result};
 
 /// `atomesh --version`: the licence of the binary depends on what is linked into it.
 fn version() -> &'static str {
@@ -58,13 +60,13 @@ pub struct CommandLine {
 #[derive(Debug, Clone, Args)]
 pub struct Common {
     /// Print nothing but errors (and the JSON, if asked for)
-    #[arg(long, global = true)]
+    #[arg(long, global = true, display_order = 900)]
     pub quiet: bool,
     /// Print the result as JSON on standard output
-    #[arg(long, global = true)]
+    #[arg(long, global = true, display_order = 900)]
     pub json: bool,
     /// Number of threads; all processors by default. The result does not depend on it
-    #[arg(long, global = true, value_name = "N")]
+    #[arg(long, global = true, value_name = "N", display_order = 900)]
     pub threads: Option<usize>,
 }
 
@@ -118,9 +120,43 @@ pub struct InputOptions {
     /// SEG-Y: trace header byte of the coordinates' scale factor [default: 71]
     #[arg(long, value_name = "BYTE")]
     pub scalar_byte: Option<usize>,
-    /// SEG-Y: trace header byte of the sample interval [default: 117]
+    /// SEG-Y: trace header byte of the first sample's time in ms [default: 109]
+    #[arg(long, value_name = "BYTE")]
+    pub delay_byte: Option<usize>,
+    /// SEG-Y: trace header byte of the sample interval in microseconds [default: 117]
     #[arg(long, value_name = "BYTE")]
     pub interval_byte: Option<usize>,
+}
+
+impl InputOptions {
+    /// What the reader is told.
+    ///
+    /// # Errors
+    /// [`Error::Job`] if `--raw` cannot be understood or a byte lies outside a trace header.
+    pub fn read_options(&self) -> Result<ReadOptions> {
+        let standard = SegyBytes::default();
+        let segy = SegyBytes {
+            inline: self.inline_byte.unwrap_or(standard.inline),
+            crossline: self.crossline_byte.unwrap_or(standard.crossline),
+            x: self.x_byte.unwrap_or(standard.x),
+            y: self.y_byte.unwrap_or(standard.y),
+            scalar: self.scalar_byte.unwrap_or(standard.scalar),
+            delay: self.delay_byte.unwrap_or(standard.delay),
+            dt: self.interval_byte.unwrap_or(standard.dt),
+        };
+        let refuse = |place: String, fault: String| {
+            let (problem, remedy) = fault.split_once("; ").unwrap_or((&fault, "see --help"));
+            Error::Job(cause(place, problem, remedy))
+        };
+        segy.check().map_err(|fault| refuse("SEG-Y header bytes".into(), fault))?;
+        let raw = match &self.raw {
+            Some(text) => {
+                Some(text.parse().map_err(|fault| refuse(format!("--raw {text}"), fault))?)
+            }
+            None => None,
+        };
+        Ok(ReadOptions { raw, segy })
+    }
 }
 
 /// Which features of the image the mesh shall follow.

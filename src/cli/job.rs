@@ -3,11 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use crate::cli::args::{
-    FeatureChoice, InputOptions, MeshArgs, MeshOptions, PotentialChoice, SliverChoice,
+    FeatureChoice, MeshArgs, MeshOptions, PotentialChoice, SliverChoice,
 };
 use crate::cli::parse;
 use crate::error::{cause, os};
 use crate::pipeline::{Evaluator, Metric, Spacing};
+use crate::io::ReadOptions;
 use crate::{Error, Result, io};
 
 /// A checked job of `atomesh mesh`. What needs the image's geometry (fixed atoms, beta as an
@@ -17,7 +18,7 @@ pub struct MeshJob {
     /// The image to read.
     pub image: PathBuf,
     /// How to read it.
-    pub input: InputOptions,
+    pub input: ReadOptions,
     /// The mesh to write.
     pub output: PathBuf,
     /// Where the report goes as JSON.
@@ -99,7 +100,7 @@ impl MeshJob {
         };
         let job = Self {
             image: image.to_path_buf(),
-            input: options.input.clone(),
+            input: options.input.read_options()?,
             output,
             report: options.report.clone(),
             trace: options.trace.clone(),

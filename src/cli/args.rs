@@ -9,6 +9,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::error::cause;
+use crate::feature;
 use crate::io::{ReadOptions, SegyBytes};
 use crate::{Error, Result};
 
@@ -179,6 +180,20 @@ pub enum FeatureChoice {
     Potential,
 }
 
+impl From<FeatureChoice> for feature::Kind {
+    fn from(choice: FeatureChoice) -> Self {
+        match choice {
+            FeatureChoice::Auto => Self::Auto,
+            FeatureChoice::Ridges => Self::Ridges,
+            FeatureChoice::Valleys => Self::Valleys,
+            FeatureChoice::Edges => Self::Edges,
+            FeatureChoice::Horizons => Self::Horizons,
+            FeatureChoice::Labels => Self::Labels,
+            FeatureChoice::Potential => Self::Potential,
+        }
+    }
+}
+
 /// What makes the nominal distance vary.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -254,7 +269,7 @@ pub struct MeshOptions {
     pub sigma: Option<f64>,
     /// Least strength of a feature, in units of the feature image [default: automatic, printed]
     #[arg(long, value_name = "T", allow_negative_numbers = true)]
-    pub threshold: Option<f64>,
+    pub threshold: Option<f32>,
     /// Keep the potential b(x)
     #[arg(long, value_name = "FILE.vti")]
     pub potential_out: Option<PathBuf>,
@@ -353,14 +368,14 @@ pub struct FeatureArgs {
     #[arg(long, value_name = "KIND", default_value = "auto")]
     pub feature: FeatureChoice,
     /// Nominal distance between atoms, in samples: the potential's valleys are a quarter as wide
-    #[arg(long, value_name = "D", default_value = "8")]
-    pub distance: String,
+    #[arg(long, value_name = "D", default_value_t = 8.0)]
+    pub distance: f64,
     /// Scale of the features in samples [default: by the kind of feature]
     #[arg(long, value_name = "S")]
     pub sigma: Option<f64>,
     /// Least strength of a feature, in units of the feature image [default: automatic, printed]
     #[arg(long, value_name = "T", allow_negative_numbers = true)]
-    pub threshold: Option<f64>,
+    pub threshold: Option<f32>,
     /// How to read the image.
     #[command(flatten, next_help_heading = "Reading the image")]
     pub input: InputOptions,

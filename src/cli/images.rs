@@ -1,15 +1,16 @@
-//! The verbs about images: `info`, `convert`, `synth`.
+//! The verbs about images: `info`, `convert`, `feature`, `synth`.
 
 use std::path::Path;
 
 use serde_json::json;
 
-use super::args::{ConvertArgs, InfoArgs, SynthArgs};
+use super::args::{ConvertArgs, FeatureArgs, InfoArgs, SynthArgs};
 use super::console::Console;
-use super::job::check_output;
+use super::job::{check_output, feature_scale, positive_distance, threshold};
 use super::parse;
-use crate::image::{Geometry, Image};
-use crate::{Result, io, synth};
+use crate::image::{Field, Geometry, Image};
+use crate::pipeline::Stage;
+use crate::{Result, feature, io, synth};
 
 /// The endings of the image formats that are written.
 pub const WRITTEN: [&str; 2] = ["vti", "npy"];
@@ -32,6 +33,45 @@ pub fn convert(args: &ConvertArgs, console: &mut Console) -> Result<()> {
     io::write(&args.output, &loaded.image)?;
     written(console, &args.output, &loaded.image);
     Ok(())
+}
+
+/// `atomesh feature`.
+pub fn feature(args: &FeatureArgs, console: &mut Console) -> Result<()> {
+    check_output(&args.output, "--output", &WRITTEN, &[&args.image])?;
+    let options = feature::Options {
+        kind: args.feature.into(),
+        scale: feature_scale(args.sigma)?,
+        threshold: threshold(args.threshold)?,
+        d_min: positive_distance(args.distance)?,
+        ..feature::Options::default()
+    };
+    let loaded = io::read(&args.image, &args.input.read_options()?)?;
+    for note in &loaded.notes {
+        console.note(note);
+    }
+    loaded.image.check(&args.image.display().to_string())?;
+    console.begin_stage(Stage::Features.name());
+    let found = feature::detect(&loaded.image, &options)?;
+    let potential = potential_image(&found.potential, &loaded.image.geometry);
+    io::write(&args.output, &potential)?;
+    let [nx, ny, nz] = potential.dims();
+    let path = args.output.display();
+    console.result(
+        format_args!("{}\nwrote {path}: {nx} x {ny} x {nz} samples", found.notes.join("\n")),
+        &json!({
+            "file": args.output,
+            "dims": [nx, ny, nz],
+            "points": found.points.len(),
+            "sigma": found.sigma,
+            "notes": found.notes,
+        }),
+    );
+    Ok(())
+}
+
+/// The potential as an image that lies where the image it came from lies.
+pub fn potential_image(potential: &Field<3>, geometry: &Geometry<3>) -> Image<3> {
+    Image::new(potential.dims, potential.samples.clone(), geometry.clone())
 }
 
 /// `atomesh synth`.

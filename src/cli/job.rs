@@ -34,7 +34,7 @@ pub struct MeshJob {
     /// Feature scale, if not automatic.
     pub sigma: Option<f64>,
     /// Feature threshold, if not automatic.
-    pub threshold: Option<f64>,
+    pub threshold: Option<f32>,
     /// Weight of the image.
     pub beta: Beta,
     /// File of fixed atoms.
@@ -221,6 +221,11 @@ fn spacing(options: &MeshOptions) -> Result<Spacing> {
     }
 }
 
+/// `--distance` of `feature`: one positive number.
+pub fn positive_distance(distance: f64) -> Result<f64> {
+    Ok(parse::distance("--distance", &distance.to_string())?.0)
+}
+
 fn refuse(option: &str, value: f64, problem: &str, remedy: &str) -> Error {
     parse::bad(option, &value.to_string(), problem, remedy)
 }
@@ -239,11 +244,11 @@ pub fn feature_scale(sigma: Option<f64>) -> Result<Option<f64>> {
 }
 
 /// `--threshold`, if given: finite.
-pub fn threshold(threshold: Option<f64>) -> Result<Option<f64>> {
+pub fn threshold(threshold: Option<f32>) -> Result<Option<f32>> {
     match threshold {
         Some(t) if !t.is_finite() => Err(refuse(
             "--threshold",
-            t,
+            f64::from(t),
             "is not a finite number",
             "leave it out: the automatic threshold is printed",
         )),

@@ -48,6 +48,7 @@ fn run(line: &CommandLine) -> Result<Ending> {
     let console = &mut Console::new(&line.common);
     match &line.verb {
         Verb::Info(args) => images::info(args, console)?,
+        Verb::Feature(args) => images::feature(args, console)?,
         Verb::Convert(args) => images::convert(args, console)?,
         Verb::Synth(args) => images::synth(args, console)?,
         _ => unreachable!(),

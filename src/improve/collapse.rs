@@ -1,21 +1,12 @@
 //! Edge collapse: where nodes stand too close, one of them goes.
 
 use super::Improver;
-use crate::mesh::EDGES;
 use crate::mesh::quality::min_sine;
 
 impl Improver<'_> {
-    /// Tries to collapse an edge of tetrahedron `t`, such that the worst tetrahedron of the node
-    /// that goes is worse than every tetrahedron that changes.
-    pub(super) fn collapse(&mut self, t: u32) -> bool {
-        let tet = self.complex.tets[t as usize];
-        EDGES
-            .iter()
-            .flat_map(|&[i, j]| [(tet[i], tet[j]), (tet[j], tet[i])])
-            .any(|(gone, kept)| self.collapse_onto(gone, kept))
-    }
-
-    fn collapse_onto(&mut self, gone: u32, kept: u32) -> bool {
+    /// Moves node `gone` into node `kept`, if everything that holds the one holds the other and
+    /// every tetrahedron that changes is better than `floor`.
+    pub(super) fn collapse(&mut self, gone: u32, kept: u32, floor: f64) -> bool {
         let (g, k) = (self.holds[gone as usize], self.holds[kept as usize]);
         if g.axes == 7 || !g.within(&k) {
             return false;
@@ -30,7 +21,6 @@ impl Improver<'_> {
         }
         let mut star = std::mem::take(&mut self.star);
         self.complex.star(gone, &mut star);
-        let floor = star.iter().map(|&t| self.sine_of(t)).fold(f64::INFINITY, f64::min) + 1e-3;
         self.fresh.clear();
         let mut good = true;
         for &t in &star {

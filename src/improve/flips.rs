@@ -142,13 +142,26 @@ impl Improver<'_> {
         let Some(back) = back else { return false };
         let q = self.complex.tets[n as usize][back];
         let floor = self.sine_of(t).min(self.sine_of(n)) + 1e-9;
+        self.swap_face([t, n], [u, v, w], p, q, floor)
+    }
+
+    /// Exchanges two tetrahedra that share face (u, v, w), with apices p (positive) and q, for the
+    /// three round the new edge (p, q), if each is better than `floor`.
+    pub(super) fn swap_face(
+        &mut self,
+        old: [u32; 2],
+        [u, v, w]: [u32; 3],
+        p: u32,
+        q: u32,
+        floor: f64,
+    ) -> bool {
         let fresh = [[q, p, u, v], [q, p, v, w], [q, p, w, u]];
         if fresh.iter().any(|&f| self.sine_of_nodes(f) <= floor) || self.pierces(p, q) {
             return false;
         }
         self.fresh.clear();
         self.fresh.extend_from_slice(&fresh);
-        self.commit(&[t, n]);
+        self.commit(&old);
         true
     }
 }

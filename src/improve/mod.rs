@@ -3,6 +3,7 @@
 //!
 //! - [`sheets`]: the features as local planes
 //! - [`hold`]: what holds a node (box sides, features)
+//! - `mend`: several changes at once, kept only if together they help
 //! - `recover`: features first: no edge may pierce a feature
 //! - `collapse`: nodes that stand too close
 //! - `flips`: Joe's local transformations, generalised
@@ -17,6 +18,7 @@ pub mod sheets;
 
 mod collapse;
 mod flips;
+mod mend;
 mod recover;
 mod smooth;
 
@@ -62,6 +64,8 @@ struct Improver<'a> {
     queue: Vec<u32>,
     target: f64,
     counts: Counts,
+    /// What a transaction under way has overwritten.
+    undo: Option<mend::Undo>,
     // Scratch.
     ring: Ring,
     fresh: Vec<[u32; 4]>,
@@ -108,6 +112,7 @@ impl<'a> Improver<'a> {
             queue: Vec::new(),
             target,
             counts: Counts::default(),
+            undo: None,
             ring: Ring::default(),
             fresh: Vec::new(),
             slots: Vec::new(),
@@ -142,18 +147,31 @@ impl<'a> Improver<'a> {
 
     /// Exchanges `old` for the tetrahedra in `fresh`, and queues those below target.
     fn commit(&mut self, old: &[u32]) {
+        if let Some(undo) = &mut self.undo {
+            // Slots that die must count among what was there before.
+            undo.touch(old, &self.sines);
+        }
         self.complex.exchange(old, &self.fresh, &mut self.slots);
+        for &t in &old[self.fresh.len().min(old.len())..] {
+            self.sines[t as usize] = f32::INFINITY;
+        }
         for i in 0..self.slots.len() {
-            let t = self.slots[i];
-            let sine = min_sine(&self.complex.corners(t)) as f32;
-            if t as usize == self.sines.len() {
-                self.sines.push(sine);
-            } else {
-                self.sines[t as usize] = sine;
-            }
-            if f64::from(sine) < self.target {
-                self.queue.push(t);
-            }
+            self.measure(self.slots[i]);
+        }
+    }
+
+    /// Measures a tetrahedron anew and queues it if it is below target.
+    fn measure(&mut self, t: u32) {
+        let sine = min_sine(&self.complex.corners(t)) as f32;
+        if t as usize == self.sines.len() {
+            self.sines.push(f32::INFINITY);
+        }
+        if let Some(undo) = &mut self.undo {
+            undo.touch(&[t], &self.sines);
+        }
+        self.sines[t as usize] = sine;
+        if f64::from(sine) < self.target {
+            self.queue.push(t);
         }
     }
 
@@ -196,20 +214,20 @@ impl<'a> Improver<'a> {
             &mut self.smoothing,
         );
         let Some((x, _)) = best else { return false };
-        self.holds[node as usize] = hold;
-        self.move_to(node, x);
+        self.move_to(node, x, hold);
         true
     }
 
     /// Moves a node whose star has been gathered.
-    fn move_to(&mut self, node: u32, x: [f64; 3]) {
-        self.complex.nodes[node as usize] = x;
-        for &t in &self.star {
-            let sine = min_sine(&self.complex.corners(t)) as f32;
-            self.sines[t as usize] = sine;
-            if f64::from(sine) < self.target {
-                self.queue.push(t);
-            }
+    fn move_to(&mut self, node: u32, x: [f64; 3], hold: Hold) {
+        let i = node as usize;
+        if let Some(undo) = &mut self.undo {
+            undo.nodes.push((node, self.complex.nodes[i], self.holds[i]));
+        }
+        self.complex.nodes[i] = x;
+        self.holds[i] = hold;
+        for i in 0..self.star.len() {
+            self.measure(self.star[i]);
         }
     }
 
@@ -352,22 +370,7 @@ pub fn improve(
     };
     improver.recover();
     improver.polish(8);
-    for _ in 0..3 {
-        let poor = improver.poor();
-        let before = improver.counts.collapses;
-        for t in poor {
-            if improver.complex.alive(t)
-                && improver.sine_of(t) < improver.target
-                && improver.collapse(t)
-            {
-                improver.counts.collapses += 1;
-            }
-        }
-        if improver.counts.collapses == before {
-            break;
-        }
-        improver.polish(4);
-    }
+    improver.mend();
     improver.counts.pierced_left = improver.pierced_edges().len();
     outcome.blocked = improver.blocked();
     outcome.poor_after = outcome.blocked.len();

@@ -102,8 +102,7 @@ impl Improver<'_> {
         if super::smooth::worst(x, &self.spokes, FLOOR) <= FLOOR {
             return false;
         }
-        self.holds[node as usize] = hold;
-        self.move_to(node, x);
+        self.move_to(node, x, hold);
         true
     }
 

@@ -20,6 +20,18 @@ pub struct Complex {
     mark: Vec<u32>,
     stamp: u32,
     faces: Vec<([u32; 3], u32, u32)>,
+    journal: Option<Vec<Undo>>,
+}
+
+/// One write to a complex, and what was there before.
+#[derive(Debug, Clone, Copy)]
+enum Undo {
+    Tet(u32, [u32; 4], [u32; 4]),
+    Neighbor(u32, u8, u32),
+    TetOfNode(u32, u32),
+    NewSlot,
+    Freed,
+    Reused(u32),
 }
 
 /// The tetrahedra round an edge (a, b), in order.
@@ -137,9 +149,68 @@ impl Complex {
         (self.nodes.len() - 1) as u32
     }
 
-    /// Whether a node belongs to a tetrahedron.
-    pub fn used(&self, node: u32) -> bool {
-        self.tet_of_node[node as usize] != NONE
+    /// Forgets the nodes from number `count` on, which no tetrahedron may use.
+    pub fn forget_nodes(&mut self, count: usize) {
+        self.nodes.truncate(count);
+        self.tet_of_node.truncate(count);
+    }
+
+    /// From now on every [`exchange`](Self::exchange) can be taken back.
+    pub fn begin(&mut self) {
+        self.journal = Some(self.journal.take().map_or_else(Vec::new, |mut j| {
+            j.clear();
+            j
+        }));
+    }
+
+    /// Keeps everything since [`begin`](Self::begin).
+    pub fn keep(&mut self) {
+        self.journal = None;
+    }
+
+    /// Takes back every exchange since [`begin`](Self::begin). Node positions are the caller's.
+    pub fn take_back(&mut self) {
+        let Some(journal) = self.journal.take() else {
+            return;
+        };
+        for undo in journal.into_iter().rev() {
+            match undo {
+                Undo::Tet(t, tet, neighbors) => {
+                    self.tets[t as usize] = tet;
+                    self.neighbors[t as usize] = neighbors;
+                }
+                Undo::Neighbor(t, k, n) => self.neighbors[t as usize][usize::from(k)] = n,
+                Undo::TetOfNode(n, t) => self.tet_of_node[n as usize] = t,
+                Undo::NewSlot => {
+                    self.tets.pop();
+                    self.neighbors.pop();
+                    self.mark.pop();
+                }
+                Undo::Freed => {
+                    self.free.pop();
+                }
+                Undo::Reused(slot) => self.free.push(slot),
+            }
+        }
+    }
+
+    #[inline]
+    fn log(&mut self, undo: Undo) {
+        if let Some(journal) = &mut self.journal {
+            journal.push(undo);
+        }
+    }
+
+    fn set_tet(&mut self, t: u32, tet: [u32; 4]) {
+        let i = t as usize;
+        self.log(Undo::Tet(t, self.tets[i], self.neighbors[i]));
+        self.tets[i] = tet;
+        self.neighbors[i] = [NONE; 4];
+    }
+
+    fn set_tet_of_node(&mut self, n: u32, t: u32) {
+        self.log(Undo::TetOfNode(n, self.tet_of_node[n as usize]));
+        self.tet_of_node[n as usize] = t;
     }
 
     fn next_stamp(&mut self) -> u32 {
@@ -290,16 +361,18 @@ impl Complex {
         for &t in old {
             // Nodes that vanish with the cavity must not point at a dead tetrahedron.
             for n in self.tets[t as usize] {
-                self.tet_of_node[n as usize] = NONE;
+                self.set_tet_of_node(n, NONE);
             }
         }
         slots.clear();
-        for (i, _) in new.iter().enumerate() {
+        for i in 0..new.len() {
             let slot = if i < old.len() {
                 old[i]
             } else if let Some(slot) = self.free.pop() {
+                self.log(Undo::Reused(slot));
                 slot
             } else {
+                self.log(Undo::NewSlot);
                 self.tets.push([NONE; 4]);
                 self.neighbors.push([NONE; 4]);
                 self.mark.push(0);
@@ -308,26 +381,31 @@ impl Complex {
             slots.push(slot);
         }
         for &t in &old[new.len().min(old.len())..] {
-            self.tets[t as usize] = [NONE; 4];
-            self.neighbors[t as usize] = [NONE; 4];
+            self.set_tet(t, [NONE; 4]);
+            self.log(Undo::Freed);
             self.free.push(t);
         }
         for (&slot, &tet) in slots.iter().zip(new) {
-            self.tets[slot as usize] = tet;
+            self.set_tet(slot, tet);
             for n in tet {
-                self.tet_of_node[n as usize] = slot;
+                self.set_tet_of_node(n, slot);
             }
             for k in 0..4 {
                 let name = sorted(FACES[k].map(|i| tet[i]));
                 if let Some(at) = faces.iter().position(|f| f.0 == name) {
                     let (_, n, back) = faces.swap_remove(at);
+                    // The slot's own neighbours go back with the slot.
                     self.neighbors[slot as usize][k] = n;
                     if n != NONE {
+                        self.log(Undo::Neighbor(
+                            n,
+                            back as u8,
+                            self.neighbors[n as usize][back as usize],
+                        ));
                         self.neighbors[n as usize][back as usize] = slot;
                     }
                 } else {
                     // An inner face: wait for the other new tetrahedron that has it.
-                    self.neighbors[slot as usize][k] = NONE;
                     faces.push((name, slot, k as u32));
                 }
             }
@@ -424,6 +502,12 @@ mod tests {
         for tet in new {
             assert!(volume6(&tet.map(|n| complex.nodes[n as usize])) > 0.0);
         }
+        let (tets, around) = (complex.tets.clone(), complex.neighbors.clone());
+        complex.begin();
+        complex.exchange(&[0, 1, 2, 3], &new, &mut slots);
+        complex.exchange(&[slots[0]], &[new[0]], &mut slots);
+        complex.take_back();
+        assert_eq!((tets, around), (complex.tets.clone(), complex.neighbors.clone()));
         complex.exchange(&[0, 1, 2, 3], &new, &mut slots);
         let expected = neighbors(6, &complex.tets).unwrap();
         assert_eq!(expected, complex.neighbors);

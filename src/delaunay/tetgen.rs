@@ -6,7 +6,7 @@
 //! before, and its errors come back as [`Error::Delaunay`](crate::Error::Delaunay).
 
 use crate::error::{Result, cause};
-use crate::mesh::TetMesh;
+use crate::mesh::{TetMesh, cross, dot};
 
 /// The neighbour beyond a face of the hull.
 pub const OUTSIDE: u32 = u32::MAX;
@@ -144,18 +144,6 @@ fn relative_thickness(points: &[[f64; 3]]) -> f64 {
     let (height2, _) = farthest(&|q| dot(normal, q).powi(2));
     let height = (height2 / dot(normal, normal)).sqrt();
     height.min((area2 / length2).sqrt()) / length2.sqrt()
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
 }
 
 /// TetGen leaves out a point that coincides, or nearly so, with another: names such points.
@@ -316,6 +304,7 @@ mod ffi {
 mod tests {
     use super::*;
     use crate::Error;
+    use crate::mesh::volume6;
 
     /// Face-centred cubic points of half-spacing `h` in the box [0, m * h]^3, sides included.
     fn fcc(m: usize, h: f64) -> Vec<[f64; 3]> {
@@ -341,16 +330,8 @@ mod tests {
     }
 
     fn six_volumes(mesh: &TetMesh) -> Vec<f64> {
-        mesh.tets
-            .iter()
-            .map(|t| {
-                let x = t.map(|n| mesh.nodes[n as usize]);
-                let e: [[f64; 3]; 3] =
-                    std::array::from_fn(|i| std::array::from_fn(|k| x[i + 1][k] - x[0][k]));
-                e[0][0] * (e[1][1] * e[2][2] - e[1][2] * e[2][1])
-                    - e[0][1] * (e[1][0] * e[2][2] - e[1][2] * e[2][0])
-                    + e[0][2] * (e[1][0] * e[2][1] - e[1][1] * e[2][0])
-            })
+        (0..mesh.tets.len())
+            .map(|t| volume6(&mesh.corners(t)))
             .collect()
     }
 

@@ -417,3 +417,6 @@ impl Improver<'_> {
             .collect()
     }
 }
+
+#[cfg(test)]
+mod tests;

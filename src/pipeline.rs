@@ -3,6 +3,8 @@
 //! [`mesh_image`] works in *lattice space* (sample index times a step per axis); [`to_file`] puts
 //! the outcome where the image lies in the world.
 
+pub mod cost;
+
 use crate::image::{Geometry, Image};
 
 /// How far atoms shall be apart, in lattice units.

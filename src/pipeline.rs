@@ -5,7 +5,13 @@
 
 pub mod cost;
 
-use crate::image::{Geometry, Image};
+use crate::distance::{self, Distance};
+use crate::error::cause;
+use crate::feature::{self, Features};
+use crate::image::{Field, Geometry, Image};
+use crate::mesh::{AtomKind, TetMesh};
+use crate::{Error, Result, delaunay, energy, seeding};
+use cost::{Clock, StageCost};
 
 /// How far atoms shall be apart, in lattice units.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -136,3 +142,234 @@ pub trait Observer {
 pub struct Unobserved;
 
 impl Observer for Unobserved {}
+
+/// An atom that a user placed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FixedAtom {
+    /// What to call it in an error, e.g. the line of the file it comes from.
+    pub name: String,
+    /// Where it is, in the image's physical coordinates.
+    pub position: [f64; 3],
+}
+
+/// What the whole job is told.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Params {
+    /// Distance between atoms.
+    pub spacing: Spacing,
+    /// Features to follow.
+    pub feature: feature::Kind,
+    /// Width in samples of the Gaussian under which features are sought; by kind if `None`.
+    pub sigma: Option<f64>,
+    /// Least strength of a feature, in units of the image; from the image itself if `None`.
+    pub threshold: Option<f32>,
+    /// Weight of the image.
+    pub beta: Weight,
+    /// Atoms that stay where they are (wells, sources).
+    pub fixed: Vec<FixedAtom>,
+    /// Evaluator of the energy.
+    pub evaluator: Evaluator,
+    /// Number of passes on smoother potentials before the last one: the first is 2^n times as wide.
+    pub coarse_passes: usize,
+    /// Smallest dihedral angle aimed at, in degrees; `None` leaves the slivers in.
+    pub min_dihedral: Option<f64>,
+    /// Lattice space.
+    pub metric: Metric,
+    /// Seed of the perturbations.
+    pub seed: u64,
+}
+
+impl Default for Params {
+    fn default() -> Self {
+        Self {
+            spacing: Spacing::Constant(8.0),
+            feature: feature::Kind::Auto,
+            sigma: None,
+            threshold: None,
+            beta: Weight::Constant(0.5),
+            fixed: Vec::new(),
+            evaluator: Evaluator::Pairwise,
+            coarse_passes: 0,
+            min_dihedral: Some(30.0),
+            metric: Metric::Samples,
+            seed: 1,
+        }
+    }
+}
+
+/// A mesh in lattice space, and what led to it.
+#[derive(Debug, Clone)]
+pub struct Outcome {
+    /// The mesh; its nodes fill the box `[0, extent]`.
+    pub mesh: TetMesh,
+    /// What each node may do.
+    pub kinds: Vec<AtomKind>,
+    /// The far corner of the box.
+    pub extent: [f64; 3],
+    /// Length of one sample along each axis.
+    pub step: [f64; 3],
+    /// What the mesh follows.
+    pub features: Features<3>,
+    /// Nominal distance between nodes.
+    pub distance: Distance<3>,
+    /// What each stage cost.
+    pub costs: Vec<StageCost>,
+    /// Whether the observer asked to stop.
+    pub interrupted: bool,
+}
+
+/// Growth of a variable distance: the bound on |grad d|.
+const GROWTH: f64 = 0.1;
+
+/// Makes a mesh of an image.
+///
+/// # Errors
+/// The error of the stage that failed: an image that is constant or not finite, a distance that
+/// does not fit the box, fixed atoms outside of it or at one place. [`Error::Job`] if the observer
+/// asked to stop before there was a lattice.
+pub fn mesh_image(
+    image: &Image<3>,
+    params: &Params,
+    observer: &mut dyn Observer,
+) -> Result<Outcome> {
+    let step = params.metric.step(&image.geometry);
+    let extent = lattice_extent(image.dims(), step);
+    // Before the work: the largest distance must fit, whatever the features are.
+    Distance::Constant(params.spacing.max()).validate(extent)?;
+    let beta = lattice_beta(&params.beta, image.dims(), step)?;
+    let fixed = lattice_points(&params.fixed, &image.geometry, step, extent)?;
+
+    let mut stages = Stages { clock: Clock::new(), observer };
+    stages.begin(Stage::Features)?;
+    let features = feature::detect(
+        image,
+        &feature::Options {
+            kind: params.feature,
+            scale: params.sigma,
+            threshold: params.threshold,
+            d_min: params.spacing.min(),
+            step,
+            ..feature::Options::default()
+        },
+    )?;
+    for note in &features.notes {
+        stages.observer.note(note);
+    }
+
+    stages.begin(Stage::Seeding)?;
+    let distance = match params.spacing {
+        Spacing::Constant(d) => Distance::Constant(d),
+        Spacing::FromFeatures { min, max } => {
+            distance::from_features(&features, min, max, GROWTH)?
+        }
+    };
+    let mut atoms = seeding::fcc(extent, &distance, &fixed)?;
+
+    stages.begin(Stage::Optimise)?;
+    // optimise
+
+    stages.begin(Stage::Delaunay)?;
+    let mut mesh = delaunay::delaunay(&atoms.positions)?;
+    let mut kinds = atoms.kinds;
+
+    stages.clock.end();
+    Ok(Outcome {
+        mesh,
+        kinds,
+        extent,
+        step,
+        features,
+        distance,
+        costs: stages.clock.costs().to_vec(),
+        interrupted: false,
+    })
+}
+
+/// Tells clock and observer of each stage.
+struct Stages<'a> {
+    clock: Clock,
+    observer: &'a mut dyn Observer,
+}
+
+impl Stages<'_> {
+    /// Begins a stage, unless there is a wish to stop and no lattice yet to stop with.
+    fn begin(&mut self, stage: Stage) -> Result<()> {
+        if matches!(stage, Stage::Features | Stage::Seeding | Stage::Optimise) && self.observer.stop()
+        {
+            return Err(Error::Job(cause(
+                format!("job, {}", stage.name()),
+                "interrupted before there was a lattice",
+                "start it again",
+            )));
+        }
+        self.clock.begin(stage.name());
+        self.observer.begin(stage);
+        Ok(())
+    }
+}
+
+/// The far corner of the box in lattice space.
+fn lattice_extent(dims: [usize; 3], step: [f64; 3]) -> [f64; 3] {
+    std::array::from_fn(|k| (dims[k].max(1) - 1) as f64 * step[k])
+}
+
+/// The weight of the image in lattice space.
+fn lattice_beta(weight: &Weight, dims: [usize; 3], step: [f64; 3]) -> Result<energy::Beta<3>> {
+    let image = match weight {
+        Weight::Constant(beta) => return Ok(energy::Beta::Constant(*beta)),
+        Weight::Image(image) => image,
+    };
+    if image.dims() != dims {
+        return Err(Error::Job(cause(
+            "beta",
+            format!("has dims {:?}, the image {dims:?}", image.dims()),
+            "give one weight per sample of the image",
+        )));
+    }
+    Ok(energy::Beta::Field(Field { dims, step, samples: image.as_slice().to_vec() }))
+}
+
+/// Physical points in lattice space; all must lie in the box and apart from one another.
+fn lattice_points(
+    points: &[FixedAtom],
+    geometry: &Geometry<3>,
+    step: [f64; 3],
+    extent: [f64; 3],
+) -> Result<Vec<[f64; 3]>> {
+    let refuse = |k: usize, problem: String, remedy: &str| {
+        let FixedAtom { name, position: [x, y, z] } = &points[k];
+        Error::Seeding(cause(format!("{name}: fixed atom ({x}, {y}, {z})"), problem, remedy))
+    };
+    let mut found: Vec<[f64; 3]> = Vec::with_capacity(points.len());
+    for (k, point) in points.iter().enumerate() {
+        let index = geometry.to_index(point.position).ok_or_else(|| {
+            refuse(k, "the image's axes do not span space".into(), "correct the image's geometry")
+        })?;
+        let mut position = [0.0; 3];
+        for axis in 0..3 {
+            let x = index[axis] * step[axis];
+            // Rounding in the coordinates must not push a point off its side.
+            let slack = 1e-6 * extent[axis];
+            if !(-slack..=extent[axis] + slack).contains(&x) {
+                let index = index.map(|i| (1e3 * i).round() / 1e3);
+                return Err(refuse(
+                    k,
+                    format!("lies outside the image, at sample {index:?} (x first)"),
+                    "give points inside, in the image's physical coordinates",
+                ));
+            }
+            position[axis] = x.clamp(0.0, extent[axis]);
+        }
+        found.push(position);
+    }
+    let mut order: Vec<usize> = (0..found.len()).collect();
+    order.sort_by(|&a, &b| found[a].partial_cmp(&found[b]).unwrap_or(std::cmp::Ordering::Equal));
+    for pair in order.windows(2) {
+        if found[pair[0]] == found[pair[1]] {
+            let (first, second) = (pair[0].min(pair[1]), pair[0].max(pair[1]));
+            let problem = format!("is at the same place as that of {}", points[first].name);
+            return Err(refuse(second, problem, "keep one of the two"));
+        }
+    }
+    Ok(found)
+}

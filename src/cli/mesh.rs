@@ -1,0 +1,155 @@
+//! `atomesh mesh`: from a checked job to the files it writes.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use super::Ending;
+use super::args::MeshArgs;
+use super::console::{Console, complain, print};
+use super::images::potential_image;
+use super::job::{Beta, MeshJob, effective_options};
+use super::provenance::file_hash;
+use super::trace::Trace;
+use super::{failure, parse};
+use crate::error::cause;
+use crate::image::{Geometry, Image};
+use crate::io::{Loaded, ReadOptions};
+use crate::pipeline::{FixedAtom, Observer, Params, Stage, Weight};
+use crate::{Error, Result, io, pipeline};
+
+/// Runs the verb.
+pub fn mesh(args: &MeshArgs, console: &mut Console) -> Result<Ending> {
+    let options = effective_options(args)?;
+    let image = args.image.as_deref().unwrap_or(Path::new("image"));
+    let job = MeshJob::new(image, &options)?;
+    if args.print_config {
+        let text = toml::to_string(&options)
+            .map_err(|e| Error::Job(cause("--print-config", e, "report this fault")))?;
+        print(text.trim_end());
+        return Ok(Ending::Done);
+    }
+
+    let interrupted = watch_for_interrupts()?;
+    console.begin_stage("reading");
+    let Loaded { image, notes, .. } = io::read(&job.image, &job.input)?;
+    let hash = file_hash(&job.image)?;
+    for note in &notes {
+        console.note(note);
+    }
+    image.check(&job.image.display().to_string())?;
+    let params = job.params()?;
+
+    let trace = job.trace.as_deref().map(|path| Trace::new(path, &image.geometry));
+    let step = params.metric.step(&image.geometry);
+    let mut watcher = Watcher { console, interrupted: &interrupted, trace, step, failed: None };
+    let outcome = match pipeline::mesh_image(&image, &params, &mut watcher) {
+        Err(error) if interrupted.load(Ordering::Relaxed) => {
+            complain(failure(&error));
+            return Ok(Ending::Interrupted);
+        }
+        outcome => outcome?,
+    };
+    let Watcher { trace, failed, .. } = watcher;
+    if let Some(error) = failed {
+        return Err(error);
+    }
+
+    console.begin_stage("writing");
+    todo!()
+}
+
+impl MeshJob {
+    /// What the pipeline is told; reads the files that the options name.
+    fn params(&self) -> Result<Params> {
+        let beta = match &self.beta {
+            Beta::Constant(beta) => Weight::Constant(*beta),
+            Beta::File(path) => Weight::Image(read_beta(path)?),
+        };
+        let mut fixed = Vec::new();
+        if let Some(path) = &self.atoms_from {
+            fixed = parse::points(path)?
+                .into_iter()
+                .map(|(line, position)| {
+                    FixedAtom { name: format!("{}:{line}", path.display()), position }
+                })
+                .collect();
+        }
+        Ok(Params {
+            spacing: self.spacing,
+            feature: self.feature.into(),
+            sigma: self.sigma,
+            threshold: self.threshold,
+            beta,
+            fixed,
+            evaluator: self.evaluator,
+            coarse_passes: self.coarse_passes,
+            min_dihedral: self.min_dihedral,
+            metric: self.metric,
+            seed: self.seed,
+        })
+    }
+}
+
+/// An image of weights.
+fn read_beta(path: &Path) -> Result<Image<3>> {
+    let Loaded { image, .. } = io::read(path, &ReadOptions::default())?;
+    let stats = image.stats();
+    if stats.first_bad.is_some() || stats.min < 0.0 || stats.max >= 1.0 {
+        return Err(Error::Job(cause(
+            format!("--beta {}", path.display()),
+            format!("holds weights from {} to {}, or none", stats.min, stats.max),
+            "give weights that are at least 0 and below 1",
+        )));
+    }
+    Ok(image)
+}
+
+/// The first Ctrl-C asks the job to stop with what it has, the second ends it at once.
+fn watch_for_interrupts() -> Result<Arc<AtomicBool>> {
+    let flag = Arc::new(AtomicBool::new(false));
+    let seen = Arc::clone(&flag);
+    ctrlc::set_handler(move || {
+        if seen.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+    })
+    .map_err(|e| Error::Job(cause("interrupt handler", e, "start the job again")))?;
+    Ok(flag)
+}
+
+/// Shows the pipeline's progress, keeps its lattices, and passes on the wish to stop.
+struct Watcher<'a> {
+    console: &'a mut Console,
+    interrupted: &'a AtomicBool,
+    trace: Option<Trace<'a>>,
+    step: [f64; 3],
+    /// The first failure to write a lattice.
+    failed: Option<Error>,
+}
+
+impl Observer for Watcher<'_> {
+    fn begin(&mut self, stage: Stage) {
+        self.console.begin_stage(stage.name());
+    }
+
+    fn progress(&mut self, share: f64) {
+        self.console.progress(share);
+    }
+
+    fn note(&mut self, line: &str) {
+        self.console.note(line);
+    }
+
+    fn lattice(&mut self, round: usize, atoms: &[[f64; 3]]) {
+        if let Some(trace) = &mut self.trace
+            && self.failed.is_none()
+        {
+            self.failed = trace.add(round, atoms, self.step).err();
+        }
+    }
+
+    fn stop(&mut self) -> bool {
+        self.interrupted.load(Ordering::Relaxed) || self.failed.is_some()
+    }
+}

@@ -6,7 +6,7 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::{Format, Loaded, ReadOptions, SegyInfo, detect, read, segy};
-use crate::error::{Result, os};
+use crate::error::{Cause, Result, os};
 use crate::image::{Image, Stats};
 
 /// What an image file holds.

@@ -101,13 +101,14 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Loaded> {
 pub fn write(path: &Path, image: &Image<3>) -> Result<()> {
     match ending(path).as_str() {
         "npy" => npy::write(path, image),
+        "raw" | "bin" => raw::write(path, image),
         // the writer of .vti files goes here
         other => {
             let problem = format!("images cannot be written with the ending '.{other}'");
             Err(Error::Io(cause(
                 path.display(),
                 problem,
-                "use .npy or .vti",
+                "use .npy, .vti or .raw",
             )))
         }
     }

@@ -90,8 +90,6 @@ pub fn read(path: &Path, bytes: &SegyBytes) -> Result<Loaded> {
         return Err(Error::Io(problem));
     }
     let image = survey.load().map_err(|e| os(path, "read", e))?;
-    let rounding = survey.encoding().rounding_note(image.as_slice());
-    survey.notes.extend(rounding);
     Ok(Loaded {
         image,
         format: Format::Segy,

@@ -15,11 +15,14 @@ use super::headers::Headers;
 use super::place::Fit;
 use crate::error::{Cause, Result, cause, os};
 use crate::image::{Geometry, Image};
-use crate::io::samples::Encoding;
+use crate::io::samples::{Endian, SampleType};
 
 /// Where line numbers are when they are not at the standard's bytes: field record, trace number,
 /// or source point, and CDP.
 const OTHER_LINE_BYTES: [[usize; 2]; 3] = [[9, 21], [5, 21], [17, 21]];
+
+/// The image axes, the fastest in memory first.
+const AXES: [&str; 3] = ["sample", "crossline", "inline"];
 
 /// An open SEG-Y file whose headers have been understood.
 pub struct Survey {
@@ -75,18 +78,16 @@ impl Survey {
             problem: None,
             layout,
             grid: None,
-            geometry: Geometry::default(),
+            geometry: Geometry {
+                names: AXES.map(String::from),
+                ..Geometry::default()
+            },
         };
         if let Err((problem, remedy)) = survey.interpret(bytes, &headers) {
             survey.info.problem = Some(problem.clone());
             survey.problem = Some(cause(path.display(), problem, remedy));
         }
         Ok(survey)
-    }
-
-    /// How the samples are coded.
-    pub fn encoding(&self) -> Encoding {
-        self.layout.encoding
     }
 
     /// Whether the traces make a grid whose samples can be read: a volume or a line.
@@ -196,16 +197,14 @@ impl Survey {
         }
         self.info.dt_ms = dt.map(|us| us / 1000.0);
 
-        // Revision 1 added a scalar for times at 215.
-        let scalar = match self.layout.revision.0 {
-            0 => 1.0,
-            _ => match first(215) {
-                s @ (1 | 10 | 100 | 1000 | 10000) => f64::from(s),
-                s @ (-1 | -10 | -100 | -1000 | -10000) => -1.0 / f64::from(s),
-                _ => 1.0,
-            },
+        // Revision 1 added a scalar for times at 215: it divides if negative.
+        let delay = f64::from(first(bytes.delay));
+        self.info.t0_ms = match first(215) {
+            _ if self.layout.revision.0 == 0 => delay,
+            s @ (1 | 10 | 100 | 1000 | 10000) => delay * f64::from(s),
+            s @ (-1 | -10 | -100 | -1000 | -10000) => delay / -f64::from(s),
+            _ => delay,
         };
-        self.info.t0_ms = f64::from(first(bytes.delay)) * scalar;
     }
 
     /// Traces that start at different times are not aligned, and the image would be wrong.
@@ -367,10 +366,9 @@ impl Survey {
             "sample"
         };
         // Without an interval the start time has no place on an axis that counts samples.
-        let top = if self.info.dt_ms.is_some() {
-            -self.info.t0_ms
-        } else {
-            0.0
+        let top = match self.info.dt_ms {
+            Some(_) => 0.0 - self.info.t0_ms, // not -t0, which may be -0
+            None => 0.0,
         };
         Geometry {
             origin: [origin[0], origin[1], top],
@@ -379,16 +377,16 @@ impl Survey {
                 [crossline[0], crossline[1], 0.0],
                 [inline[0], inline[1], 0.0],
             ],
-            names: ["sample", "crossline", "inline"].map(String::from),
+            names: AXES.map(String::from),
             units: [unit, unit, time].map(String::from),
         }
     }
 
-    /// Reads the samples. Cells without a trace are zero.
+    /// Reads the samples. Cells without a trace are zero. Adds a note if the samples look wrong.
     ///
     /// # Errors
     /// What the operating system reports.
-    pub fn load(&self) -> io::Result<Image<3>> {
+    pub fn load(&mut self) -> io::Result<Image<3>> {
         let Some(grid) = &self.grid else {
             return Err(io::Error::other("no grid of traces"));
         };
@@ -427,8 +425,45 @@ impl Survey {
                 }
                 Ok::<_, io::Error>(())
             })?;
+        let doubts = layout
+            .encoding
+            .rounding_note(&out)
+            .or(self.doubtful_floats()?);
         let dims = [samples, crosslines, grid.inline.count as usize];
+        self.notes.extend(doubts);
         Ok(Image::new(dims, out, self.geometry.clone()))
+    }
+
+    /// A warning if a file that claims IBM floats seems to hold IEEE ones, a frequent mistake. An
+    /// IBM fraction starts with a digit other than zero, an IEEE float has a zero in that place once
+    /// in 16 times.
+    fn doubtful_floats(&self) -> io::Result<Option<String>> {
+        const TRACES: usize = 200;
+        let layout = &self.layout;
+        if layout.encoding.sample != SampleType::Ibm32 {
+            return Ok(None);
+        }
+        let top_byte = match layout.encoding.endian {
+            Endian::Big => 1,
+            Endian::Little => 2,
+        };
+        let (mut unnormal, mut nonzero) = (0, 0);
+        let mut trace = vec![0; layout.trace_bytes() as usize];
+        for i in (0..layout.traces).step_by(layout.traces / TRACES + 1) {
+            let offset = layout.start + i as u64 * layout.trace_bytes();
+            layout.file.read_exact_at(&mut trace, offset)?;
+            for sample in trace[layout.trace_header..].as_chunks::<4>().0 {
+                let is_zero = *sample == [0; 4];
+                nonzero += usize::from(!is_zero);
+                unnormal += usize::from(!is_zero && sample[top_byte] < 0x10);
+            }
+        }
+        Ok((nonzero > 1000 && 50 * unnormal > nonzero).then(|| {
+            format!(
+                "{:.0} % of the samples are odd for IBM floats: if the values make no sense, they are IEEE floats and the sample format (bytes 3225-3226) should be 5",
+                100.0 * unnormal as f64 / nonzero as f64
+            )
+        }))
     }
 }
 

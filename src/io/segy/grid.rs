@@ -75,7 +75,7 @@ pub struct Grid {
 }
 
 /// The most cells for each trace: a survey emptier than this has wrong line numbers.
-const MOST_CELLS: u64 = 20;
+const MOST_CELLS: u64 = 10;
 
 impl Grid {
     /// Puts traces into cells; the first one in each cell stays.

@@ -77,7 +77,7 @@ fn run(
     sheets: &Sheets,
 ) -> (Outcome, Vec<u8>) {
     let neighbors = complex::neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
-    improve(mesh, neighbors, kinds, extent, sheets, &Options::default())
+    improve(mesh, neighbors, kinds, extent, sheets, &Distance::Constant(5.0), &Options::default())
 }
 
 fn worst(mesh: &TetMesh) -> f64 {

@@ -1,6 +1,28 @@
-//! Image -> feature image -> potential b(x).
+//! Image -> features as points at sub-sample positions -> potential b(x).
+//!
+//! - [`gaussian`]: smoothing
+//! - [`volume`]: finite differences
+//! - [`symmetric`]: eigenvectors of Hessians and structure tensors
+//! - [`crossing`]: where a sheet crosses the columns of samples
+//! - [`ridges`](mod@ridges): ridges (and, negated, valleys)
+//! - [`sheets`](mod@sheets): hysteresis, sheets too near one another, crumbs
+//! - [`potential`](mod@potential): b(x)
 
-use crate::image::Field;
+pub mod crossing;
+pub mod gaussian;
+pub mod potential;
+pub mod ridges;
+pub mod sheets;
+pub mod symmetric;
+pub mod volume;
+
+#[cfg(test)]
+mod scenes;
+
+use crate::error::{Error, Result, cause};
+use crate::image::{Field, Image};
+use std::fmt;
+use std::str::FromStr;
 
 /// One detected point of a feature (fault, horizon, wall) at its sub-sample position.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -24,4 +46,224 @@ pub struct Features<const D: usize> {
     pub sigma: f64,
     /// One or more plain lines: what was picked and why, threshold, counts.
     pub notes: Vec<String>,
+}
+
+/// What a feature of the image is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// Decided by what the image looks like.
+    Auto,
+    /// Sheets of high values: faults in a fault image, bright walls.
+    Ridges,
+    /// Sheets of low values.
+    Valleys,
+    /// Steps between low and high values.
+    Edges,
+    /// Crests and troughs of seismic amplitude.
+    Horizons,
+    /// Interfaces between labels; thin masks are ridges.
+    Labels,
+    /// The image is b(x) itself.
+    Potential,
+}
+
+/// Names on the command line.
+const NAMES: [(Kind, &str); 7] = [
+    (Kind::Auto, "auto"),
+    (Kind::Ridges, "ridges"),
+    (Kind::Valleys, "valleys"),
+    (Kind::Edges, "edges"),
+    (Kind::Horizons, "horizons"),
+    (Kind::Labels, "labels"),
+    (Kind::Potential, "potential"),
+];
+
+impl fmt::Display for Kind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(
+            NAMES
+                .iter()
+                .find(|(kind, _)| kind == self)
+                .map_or("", |(_, name)| name),
+        )
+    }
+}
+
+impl FromStr for Kind {
+    type Err = Error;
+
+    fn from_str(s: &str) -> Result<Self> {
+        let names = || NAMES.map(|(_, name)| name).join(", ");
+        NAMES
+            .iter()
+            .find(|(_, name)| *name == s)
+            .map(|(kind, _)| *kind)
+            .ok_or_else(|| {
+                Error::Feature(cause(
+                    format!("feature '{s}'"),
+                    "is not known",
+                    format!("choose one of {}", names()),
+                ))
+            })
+    }
+}
+
+/// How features are detected.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Options {
+    /// What a feature is.
+    pub kind: Kind,
+    /// Width (samples) of the Gaussian under which derivatives are taken; by kind if `None`.
+    pub scale: Option<f64>,
+    /// Width (samples) of the structure tensor's window (horizons); 4 if `None`.
+    pub smoothing: Option<f64>,
+    /// Least strength of a feature, in units of the image; from the image itself if `None`.
+    pub threshold: Option<f32>,
+    /// The least nominal distance between atoms, in lattice units: what the lattice resolves.
+    pub d_min: f64,
+    /// Lattice-space distance between samples.
+    pub step: [f64; 3],
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            kind: Kind::Auto,
+            scale: None,
+            smoothing: None,
+            threshold: None,
+            d_min: 8.0,
+            step: [1.0; 3],
+        }
+    }
+}
+
+/// Finds the features of an image and their potential.
+///
+/// # Errors
+/// [`Error::Feature`] for impossible options, [`Error::Image`] for an image that has NaN or infinite
+/// samples, or is constant.
+pub fn detect(image: &Image<3>, options: &Options) -> Result<Features<3>> {
+    check(image, options)?;
+    let dims = image.dims();
+    let scale = options.scale.unwrap_or(1.5);
+    let mut samples = image.as_slice().to_vec();
+    gaussian::smooth(dims, &mut samples, [scale; 3]);
+    let smoothed = volume::Volume {
+        dims,
+        samples: &samples,
+    };
+    let statistics = ridges::statistics(smoothed, scale);
+    let (low, high) = match options.threshold {
+        Some(t) => (0.5 * t, t),
+        None => statistics.thresholds(),
+    };
+    let candidates = ridges::ridges(smoothed, scale, low);
+    drop(samples);
+    let rules = sheets::Rules {
+        high,
+        resolution: 0.9 * options.d_min,
+        min_area: 2.0 * options.d_min * options.d_min,
+    };
+    let found = sheets::sheets(dims, &candidates, options.step, &rules);
+    drop(candidates);
+    let sigma = options.d_min / 4.0;
+    let potential = potential::potential(&found.points, dims, options.step, sigma);
+    let notes = vec![
+        format!(
+            "ridges at scale {scale}, threshold {high:.4} (weak parts down to {low:.4}), noise {:.4}, typical {:.4}",
+            statistics.noise, statistics.typical
+        ),
+        format!(
+            "{} points in {} sheets; {} dropped as nearer than {:.1} to a stronger parallel sheet, {} as weak or small",
+            found.points.len(),
+            found.sheets,
+            found.too_near,
+            rules.resolution,
+            found.crumbs
+        ),
+    ];
+    Ok(Features {
+        points: found.points,
+        potential,
+        sigma,
+        notes,
+    })
+}
+
+/// Refuses impossible options and images.
+fn check(image: &Image<3>, options: &Options) -> Result<()> {
+    let positive = |x: f64| x > 0.0 && x.is_finite();
+    let fail =
+        |what: String, remedy: &str| Err(Error::Feature(cause("feature detection", what, remedy)));
+    if !positive(options.d_min) {
+        return fail(
+            format!("distance {} is not positive", options.d_min),
+            "give a few samples",
+        );
+    }
+    if !options.step.iter().all(|&h| positive(h)) {
+        return fail(
+            format!("step {:?} is not positive", options.step),
+            "give positive steps",
+        );
+    }
+    for (name, value) in [("scale", options.scale), ("smoothing", options.smoothing)] {
+        if let Some(value) = value
+            && !(value >= 0.5 && value <= 100.0)
+        {
+            return fail(
+                format!("{name} {value} is not in 0.5 .. 100"),
+                "give samples, such as 1.5",
+            );
+        }
+    }
+    if options.threshold.is_some_and(|t| !t.is_finite()) {
+        return fail(
+            "the threshold is not a finite number".into(),
+            "leave it out to have it chosen",
+        );
+    }
+    let samples = image.as_slice();
+    if let Some(i) = samples.iter().position(|s| !s.is_finite()) {
+        let [nx, ny, _] = image.dims();
+        return Err(Error::Image(cause(
+            format!(
+                "image sample [{}, {}, {}]",
+                i % nx,
+                i / nx % ny,
+                i / nx / ny
+            ),
+            format!("is {}", samples[i]),
+            "fill missing samples before meshing",
+        )));
+    }
+    if samples.iter().all(|s| *s == samples[0]) {
+        return Err(Error::Image(cause(
+            "image",
+            "is constant, so it has no features",
+            "check that the right file and data type were read",
+        )));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn noisy_crossing_curved_sheets_are_found() {
+        let (dims, sheets) = scenes::crossing_sheets();
+        for (width, noise) in [(1.0, 0.2), (1.5, 0.0), (1.5, 0.25), (2.0, 0.25)] {
+            let image = scenes::ridge_image(dims, &sheets, width, noise);
+            let options = Options {
+                kind: Kind::Ridges,
+                ..Options::default()
+            };
+            let features = detect(&image, &options).unwrap();
+            let fit = scenes::fit(dims, &sheets, &features.points);
+            eprintln!("{width} {noise} {fit:?} {:?}", features.notes);
+        }
+    }
 }

@@ -22,6 +22,7 @@ mod mend;
 mod recover;
 mod smooth;
 
+use crate::distance::Distance;
 use crate::mesh::complex::{Complex, Ring};
 use crate::mesh::quality::min_sine;
 use crate::mesh::{AtomKind, FACES, TetMesh, norm, sub};
@@ -60,6 +61,7 @@ struct Improver<'a> {
     holds: Vec<Hold>,
     extent: [f64; 3],
     sheets: &'a Sheets,
+    distance: &'a Distance<3>,
     /// Tetrahedra to look at.
     queue: Vec<u32>,
     target: f64,
@@ -82,6 +84,7 @@ impl<'a> Improver<'a> {
         kinds: &[AtomKind],
         extent: [f64; 3],
         sheets: &'a Sheets,
+        distance: &'a Distance<3>,
         target: f64,
     ) -> Self {
         let holds = mesh
@@ -109,6 +112,7 @@ impl<'a> Improver<'a> {
             holds,
             extent,
             sheets,
+            distance,
             queue: Vec::new(),
             target,
             counts: Counts::default(),
@@ -359,11 +363,12 @@ pub fn improve(
     kinds: &mut Vec<AtomKind>,
     extent: [f64; 3],
     sheets: &Sheets,
+    distance: &Distance<3>,
     options: &Options,
 ) -> (Outcome, Vec<u8>) {
     let target = options.min_dihedral.to_radians().sin();
     let taken = std::mem::take(mesh);
-    let mut improver = Improver::new(taken, neighbors, kinds, extent, sheets, target);
+    let mut improver = Improver::new(taken, neighbors, kinds, extent, sheets, distance, target);
     let mut outcome = Outcome {
         poor_before: improver.poor().len(),
         ..Outcome::default()

@@ -109,7 +109,8 @@ impl<'a> Reference<'a> {
 /// of p over the surface of sample i is (p - q_i) . (n_i + n_p) / 2, with n_p interpolated among
 /// the samples that see the same surface. The least height wins, which is right on both sides of a
 /// crossing. As a distance changes no faster than position, it is at least every
-/// d_i - |p - x_i|: that holds where a surface ends.
+/// d_i - |p - x_i|: that holds where a surface ends (but for less than a sample behind its end, where
+/// it may still seem to go on).
 fn from_corners(truth: &Truth, p: [f64; 3]) -> f64 {
     let [nx, ny, _] = truth.dims;
     let cell: [usize; 3] = std::array::from_fn(|k| (p[k].max(0.0) as usize).min(truth.dims[k] - 2));

@@ -117,3 +117,13 @@ impl Near {
         (best as f32, direction.map(|c| c as f32), sides)
     }
 }
+
+/// The exact distance from any position, for tests.
+#[cfg(test)]
+pub(super) fn distance(surfaces: &[Surface], p: [f64; 3]) -> f64 {
+    let all = Near {
+        surfaces: (0..surfaces.len()).collect(),
+        sides: 0,
+    };
+    f64::from(all.look(surfaces, p).0)
+}

@@ -309,3 +309,34 @@ fn bad_requests_are_refused_in_one_line() {
     assert!(Truth::from_array(&ArrayD::zeros(vec![8, 8, 8]), "t").is_err());
     assert!(Truth::from_array(&ArrayD::from_elem(vec![8, 8, 8], f32::NAN), "t").is_err());
 }
+
+/// The distance between samples, as reports interpolate it, against the surfaces themselves.
+#[test]
+fn distance_between_samples_is_that_of_the_faults() {
+    let options = clean([72, 64, 56], 4);
+    let faults = network::faults(&options, 1.0).unwrap();
+    let (truth, _) = survey::survey(&faults, options.dims);
+    let reference = crate::report::Reference::from_truth(&truth);
+    let mut random = noise::Random::new(3, 3);
+    let end = faults[3].end.unwrap();
+    let (mut worst, mut behind, mut near) = (0f64, 0f64, 0);
+    for _ in 0..40_000 {
+        let p: [f64; 3] = std::array::from_fn(|k| random.range(0.0, (options.dims[k] - 1) as f64));
+        let exact = survey::distance(&faults, p);
+        if exact < 2.0 {
+            let error = (reference.distance(p) - exact).abs();
+            // Just behind the line where a fault ends, the fault seems to go on.
+            if faults[end.surface].level(p) * end.side < 0.0 && faults[3].level(p).abs() < 1.0 {
+                behind = behind.max(error);
+            } else {
+                worst = worst.max(error);
+            }
+            near += 1;
+        }
+    }
+    assert!(
+        near > 4000 && worst < 0.01,
+        "off by {worst} at worst of {near}"
+    );
+    assert!(behind < 0.5, "off by {behind} behind an end");
+}

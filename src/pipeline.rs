@@ -7,10 +7,13 @@ pub mod cost;
 
 use crate::distance::{self, Distance};
 use crate::error::cause;
-use crate::feature::{self, Features};
+use crate::energy::{Beta, Energy, Pairwise, Sampled};
+use crate::feature::{self, Features, potential};
 use crate::image::{Field, Geometry, Image};
 use crate::mesh::{AtomKind, TetMesh};
-use crate::{Error, Result, delaunay, energy, seeding};
+use crate::optimize::{self, Observer, Stop};
+use crate::seeding::{self, Atoms};
+use crate::{Error, Result, delaunay};
 use cost::{Clock, StageCost};
 
 /// How far atoms shall be apart, in lattice units.
@@ -86,63 +89,6 @@ pub enum Evaluator {
     Sampled,
 }
 
-/// The stages of the job, in order.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Stage {
-    /// Image to potential.
-    Features,
-    /// Nominal distance and first atoms.
-    Seeding,
-    /// Atoms move onto the features.
-    Optimise,
-    /// Atoms are joined.
-    Delaunay,
-    /// Slivers go.
-    Improve,
-    /// Figures of the result.
-    Measure,
-}
-
-impl Stage {
-    /// What the stage does, for a progress line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Features => "finding features",
-            Self::Seeding => "placing atoms",
-            Self::Optimise => "moving atoms onto features",
-            Self::Delaunay => "joining atoms",
-            Self::Improve => "removing slivers",
-            Self::Measure => "measuring the mesh",
-        }
-    }
-}
-
-/// Watches a job and may ask it to stop.
-pub trait Observer {
-    /// A stage begins; the one before it is over.
-    fn begin(&mut self, _stage: Stage) {}
-
-    /// A share in [0, 1] of the stage is done.
-    fn progress(&mut self, _share: f64) {}
-
-    /// Something that whoever started the job should know.
-    fn note(&mut self, _line: &str) {}
-
-    /// The lattice after a round of optimisation (round 0: before the first), in lattice space.
-    fn lattice(&mut self, _round: usize, _atoms: &[[f64; 3]]) {}
-
-    /// Whether to stop: optimisation then ends with the best lattice so far, which is still meshed.
-    fn stop(&mut self) -> bool {
-        false
-    }
-}
-
-/// An observer that looks away.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Unobserved;
-
-impl Observer for Unobserved {}
-
 /// An atom that a user placed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FixedAtom {
@@ -212,10 +158,10 @@ pub struct Outcome {
     pub features: Features<3>,
     /// Nominal distance between nodes.
     pub distance: Distance<3>,
+    /// What the optimiser did in its last pass, and why it stopped.
+    pub optimised: optimize::Outcome,
     /// What each stage cost.
     pub costs: Vec<StageCost>,
-    /// Whether the observer asked to stop.
-    pub interrupted: bool,
 }
 
 /// Growth of a variable distance: the bound on |grad d|.
@@ -240,7 +186,7 @@ pub fn mesh_image(
     let fixed = lattice_points(&params.fixed, &image.geometry, step, extent)?;
 
     let mut stages = Stages { clock: Clock::new(), observer };
-    stages.begin(Stage::Features)?;
+    stages.begin_unless_stopped("finding features")?;
     let features = feature::detect(
         image,
         &feature::Options {
@@ -252,11 +198,8 @@ pub fn mesh_image(
             ..feature::Options::default()
         },
     )?;
-    for note in &features.notes {
-        stages.observer.note(note);
-    }
 
-    stages.begin(Stage::Seeding)?;
+    stages.begin_unless_stopped("placing atoms")?;
     let distance = match params.spacing {
         Spacing::Constant(d) => Distance::Constant(d),
         Spacing::FromFeatures { min, max } => {
@@ -265,12 +208,12 @@ pub fn mesh_image(
     };
     let mut atoms = seeding::fcc(extent, &distance, &fixed)?;
 
-    stages.begin(Stage::Optimise)?;
-    // optimise
+    stages.begin_unless_stopped("moving atoms onto features")?;
+    let optimised = optimise(&mut atoms, params, &features, &distance, &beta, extent, observer)?;
 
-    stages.begin(Stage::Delaunay)?;
-    let mut mesh = delaunay::delaunay(&atoms.positions)?;
-    let mut kinds = atoms.kinds;
+    stages.begin("joining atoms");
+    let mesh = delaunay::delaunay(&atoms.positions)?;
+    let kinds = atoms.kinds;
 
     stages.clock.end();
     Ok(Outcome {
@@ -280,9 +223,42 @@ pub fn mesh_image(
         step,
         features,
         distance,
+        optimised,
         costs: stages.clock.costs().to_vec(),
-        interrupted: false,
     })
+}
+
+/// Moves the atoms: passes on smoother and smoother potentials first, if asked for.
+fn optimise(
+    atoms: &mut Atoms<3>,
+    params: &Params,
+    features: &Features<3>,
+    distance: &Distance<3>,
+    beta: &Beta<3>,
+    extent: [f64; 3],
+    observer: &mut dyn Observer,
+) -> Result<optimize::Outcome> {
+    let options = optimize::Options { seed: params.seed, ..optimize::Options::default() };
+    let mut pass = |potential: &Field<3>| {
+        let beta = beta.clone();
+        let mut energy: Box<dyn Energy<3>> = match params.evaluator {
+            Evaluator::Pairwise => {
+                Box::new(Pairwise::new(extent, distance, Some(potential), beta)?)
+            }
+            Evaluator::Sampled => Box::new(Sampled::new(extent, distance, Some(potential), beta)?),
+        };
+        optimize::optimize(atoms, &mut *energy, distance, extent, &options, observer)
+    };
+    for coarse in (1..=params.coarse_passes).rev() {
+        let sigma = features.sigma * f64::from(1 << coarse);
+        let Field { dims, step, .. } = features.potential;
+        let smoother = potential::potential(&features.points, dims, step, sigma);
+        let outcome = pass(&smoother)?;
+        if outcome.stop == Stop::Interrupted {
+            return Ok(outcome);
+        }
+    }
+    pass(&features.potential)
 }
 
 /// Tells clock and observer of each stage.
@@ -292,18 +268,21 @@ struct Stages<'a> {
 }
 
 impl Stages<'_> {
-    /// Begins a stage, unless there is a wish to stop and no lattice yet to stop with.
-    fn begin(&mut self, stage: Stage) -> Result<()> {
-        if matches!(stage, Stage::Features | Stage::Seeding | Stage::Optimise) && self.observer.stop()
-        {
+    fn begin(&mut self, stage: &str) {
+        self.clock.begin(stage);
+        self.observer.stage(stage);
+    }
+
+    /// Begins a stage before there is a lattice to stop with: a wish to stop ends the job.
+    fn begin_unless_stopped(&mut self, stage: &str) -> Result<()> {
+        if !self.observer.keep_going() {
             return Err(Error::Job(cause(
-                format!("job, {}", stage.name()),
+                stage,
                 "interrupted before there was a lattice",
-                "start it again",
+                "start the job again",
             )));
         }
-        self.clock.begin(stage.name());
-        self.observer.begin(stage);
+        self.begin(stage);
         Ok(())
     }
 }
@@ -314,9 +293,9 @@ fn lattice_extent(dims: [usize; 3], step: [f64; 3]) -> [f64; 3] {
 }
 
 /// The weight of the image in lattice space.
-fn lattice_beta(weight: &Weight, dims: [usize; 3], step: [f64; 3]) -> Result<energy::Beta<3>> {
+fn lattice_beta(weight: &Weight, dims: [usize; 3], step: [f64; 3]) -> Result<Beta<3>> {
     let image = match weight {
-        Weight::Constant(beta) => return Ok(energy::Beta::Constant(*beta)),
+        Weight::Constant(beta) => return Ok(Beta::Constant(*beta)),
         Weight::Image(image) => image,
     };
     if image.dims() != dims {
@@ -326,7 +305,7 @@ fn lattice_beta(weight: &Weight, dims: [usize; 3], step: [f64; 3]) -> Result<ene
             "give one weight per sample of the image",
         )));
     }
-    Ok(energy::Beta::Field(Field { dims, step, samples: image.as_slice().to_vec() }))
+    Ok(Beta::Field(Field { dims, step, samples: image.as_slice().to_vec() }))
 }
 
 /// Physical points in lattice space; all must lie in the box and apart from one another.

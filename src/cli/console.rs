@@ -46,17 +46,15 @@ impl Console {
         }
     }
 
-    /// A stage begins: a bar on a terminal, a plain line elsewhere.
+    /// A stage begins: a moving line on a terminal, a plain line elsewhere.
     pub fn begin_stage(&mut self, name: &str) {
         self.end_stage();
         if self.quiet {
             return;
         }
         if stderr().is_terminal() {
-            let bar = ProgressBar::new(100).with_message(name.to_string());
-            if let Ok(style) =
-                ProgressStyle::with_template("{spinner} {msg:<28} {bar:30} {elapsed}")
-            {
+            let bar = ProgressBar::new_spinner().with_prefix(name.to_string());
+            if let Ok(style) = ProgressStyle::with_template("{spinner} {prefix} {elapsed} {msg}") {
                 bar.set_style(style);
             }
             bar.enable_steady_tick(Duration::from_millis(100));
@@ -66,10 +64,10 @@ impl Console {
         }
     }
 
-    /// How much of the stage is done, in [0, 1], and what it is at.
-    pub fn progress(&self, share: f64) {
+    /// What the stage is at; only a terminal shows it.
+    pub fn progress(&self, what: impl Display) {
         if let Some(bar) = &self.bar {
-            bar.set_position((100.0 * share.clamp(0.0, 1.0)) as u64);
+            bar.set_message(what.to_string());
         }
     }
 

@@ -9,7 +9,6 @@ use super::console::Console;
 use super::job::{check_output, feature_scale, positive_distance, threshold};
 use super::parse;
 use crate::image::{Field, Geometry, Image};
-use crate::pipeline::Stage;
 use crate::{Result, feature, io, synth};
 
 /// The endings of the image formats that are written.
@@ -50,7 +49,7 @@ pub fn feature(args: &FeatureArgs, console: &mut Console) -> Result<()> {
         console.note(note);
     }
     loaded.image.check(&args.image.display().to_string())?;
-    console.begin_stage(Stage::Features.name());
+    console.begin_stage("finding features");
     let found = feature::detect(&loaded.image, &options)?;
     let potential = potential_image(&found.potential, &loaded.image.geometry);
     io::write(&args.output, &potential)?;

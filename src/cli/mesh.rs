@@ -15,7 +15,8 @@ use super::{failure, parse};
 use crate::error::cause;
 use crate::image::{Geometry, Image};
 use crate::io::{Loaded, ReadOptions};
-use crate::pipeline::{FixedAtom, Observer, Params, Stage, Weight};
+use crate::optimize::{Observer, Progress};
+use crate::pipeline::{FixedAtom, Params, Weight};
 use crate::{Error, Result, io, pipeline};
 
 /// Runs the verb.
@@ -129,27 +130,26 @@ struct Watcher<'a> {
 }
 
 impl Observer for Watcher<'_> {
-    fn begin(&mut self, stage: Stage) {
-        self.console.begin_stage(stage.name());
+    fn stage(&mut self, name: &str) {
+        self.console.begin_stage(name);
     }
 
-    fn progress(&mut self, share: f64) {
-        self.console.progress(share);
+    fn progress(&mut self, progress: &Progress) {
+        self.console.progress(format_args!(
+            "round {}, {} evaluations, energy {:.4e}",
+            progress.round, progress.evaluations, progress.energy
+        ));
     }
 
-    fn note(&mut self, line: &str) {
-        self.console.note(line);
-    }
-
-    fn lattice(&mut self, round: usize, atoms: &[[f64; 3]]) {
+    fn round(&mut self, round: usize, positions: &[[f64; 3]]) {
         if let Some(trace) = &mut self.trace
             && self.failed.is_none()
         {
-            self.failed = trace.add(round, atoms, self.step).err();
+            self.failed = trace.add(round, positions).err();
         }
     }
 
-    fn stop(&mut self) -> bool {
-        self.interrupted.load(Ordering::Relaxed) || self.failed.is_some()
+    fn keep_going(&mut self) -> bool {
+        !self.interrupted.load(Ordering::Relaxed) && self.failed.is_none()
     }
 }

@@ -4,10 +4,11 @@
 //! the outcome where the image lies in the world.
 
 pub mod cost;
+pub mod file;
 
 use crate::distance::{self, Distance};
+use crate::energy::{Beta, Energy, Pairwise};
 use crate::error::cause;
-use crate::energy::{Beta, Energy, Pairwise, Sampled};
 use crate::feature::{self, Features, potential};
 use crate::image::{Field, Geometry, Image};
 use crate::mesh::{AtomKind, TetMesh};
@@ -185,7 +186,10 @@ pub fn mesh_image(
     let beta = lattice_beta(&params.beta, image.dims(), step)?;
     let fixed = lattice_points(&params.fixed, &image.geometry, step, extent)?;
 
-    let mut stages = Stages { clock: Clock::new(), observer };
+    let mut stages = Stages {
+        clock: Clock::new(),
+        observer,
+    };
     stages.begin_unless_stopped("finding features")?;
     let features = feature::detect(
         image,
@@ -202,14 +206,20 @@ pub fn mesh_image(
     stages.begin_unless_stopped("placing atoms")?;
     let distance = match params.spacing {
         Spacing::Constant(d) => Distance::Constant(d),
-        Spacing::FromFeatures { min, max } => {
-            distance::from_features(&features, min, max, GROWTH)?
-        }
+        Spacing::FromFeatures { min, max } => distance::from_features(&features, min, max, GROWTH)?,
     };
     let mut atoms = seeding::fcc(extent, &distance, &fixed)?;
 
     stages.begin_unless_stopped("moving atoms onto features")?;
-    let optimised = optimise(&mut atoms, params, &features, &distance, &beta, extent, observer)?;
+    let optimised = optimise(
+        &mut atoms,
+        params,
+        &features,
+        &distance,
+        &beta,
+        extent,
+        stages.observer,
+    )?;
 
     stages.begin("joining atoms");
     let mesh = delaunay::delaunay(&atoms.positions)?;
@@ -238,14 +248,17 @@ fn optimise(
     extent: [f64; 3],
     observer: &mut dyn Observer,
 ) -> Result<optimize::Outcome> {
-    let options = optimize::Options { seed: params.seed, ..optimize::Options::default() };
+    let options = optimize::Options {
+        seed: params.seed,
+        ..optimize::Options::default()
+    };
     let mut pass = |potential: &Field<3>| {
         let beta = beta.clone();
         let mut energy: Box<dyn Energy<3>> = match params.evaluator {
             Evaluator::Pairwise => {
                 Box::new(Pairwise::new(extent, distance, Some(potential), beta)?)
             }
-            Evaluator::Sampled => Box::new(Sampled::new(extent, distance, Some(potential), beta)?),
+            Evaluator::Sampled => todo!(),
         };
         optimize::optimize(atoms, &mut *energy, distance, extent, &options, observer)
     };
@@ -305,7 +318,11 @@ fn lattice_beta(weight: &Weight, dims: [usize; 3], step: [f64; 3]) -> Result<Bet
             "give one weight per sample of the image",
         )));
     }
-    Ok(Beta::Field(Field { dims, step, samples: image.as_slice().to_vec() }))
+    Ok(Beta::Field(Field {
+        dims,
+        step,
+        samples: image.as_slice().to_vec(),
+    }))
 }
 
 /// Physical points in lattice space; all must lie in the box and apart from one another.
@@ -316,13 +333,24 @@ fn lattice_points(
     extent: [f64; 3],
 ) -> Result<Vec<[f64; 3]>> {
     let refuse = |k: usize, problem: String, remedy: &str| {
-        let FixedAtom { name, position: [x, y, z] } = &points[k];
-        Error::Seeding(cause(format!("{name}: fixed atom ({x}, {y}, {z})"), problem, remedy))
+        let FixedAtom {
+            name,
+            position: [x, y, z],
+        } = &points[k];
+        Error::Seeding(cause(
+            format!("{name}: fixed atom ({x}, {y}, {z})"),
+            problem,
+            remedy,
+        ))
     };
     let mut found: Vec<[f64; 3]> = Vec::with_capacity(points.len());
     for (k, point) in points.iter().enumerate() {
         let index = geometry.to_index(point.position).ok_or_else(|| {
-            refuse(k, "the image's axes do not span space".into(), "correct the image's geometry")
+            refuse(
+                k,
+                "the image's axes do not span space".into(),
+                "correct the image's geometry",
+            )
         })?;
         let mut position = [0.0; 3];
         for axis in 0..3 {
@@ -342,7 +370,11 @@ fn lattice_points(
         found.push(position);
     }
     let mut order: Vec<usize> = (0..found.len()).collect();
-    order.sort_by(|&a, &b| found[a].partial_cmp(&found[b]).unwrap_or(std::cmp::Ordering::Equal));
+    order.sort_by(|&a, &b| {
+        found[a]
+            .partial_cmp(&found[b])
+            .unwrap_or(std::cmp::Ordering::Equal)
+    });
     for pair in order.windows(2) {
         if found[pair[0]] == found[pair[1]] {
             let (first, second) = (pair[0].min(pair[1]), pair[0].max(pair[1]));

@@ -149,11 +149,13 @@ impl InputOptions {
             let (problem, remedy) = fault.split_once("; ").unwrap_or((&fault, "see --help"));
             Error::Job(cause(place, problem, remedy))
         };
-        segy.check().map_err(|fault| refuse("SEG-Y header bytes".into(), fault))?;
+        segy.check()
+            .map_err(|fault| refuse("SEG-Y header bytes".into(), fault))?;
         let raw = match &self.raw {
-            Some(text) => {
-                Some(text.parse().map_err(|fault| refuse(format!("--raw {text}"), fault))?)
-            }
+            Some(text) => Some(
+                text.parse()
+                    .map_err(|fault| refuse(format!("--raw {text}"), fault))?,
+            ),
             None => None,
         };
         Ok(ReadOptions { raw, segy })
@@ -329,6 +331,30 @@ impl MeshOptions {
             rng_seed: Some(1),
             ..Self::default()
         }
+    }
+
+    /// As TOML, all that decides the result, and nothing of where it is written.
+    ///
+    /// # Errors
+    /// [`Error::Job`] if a path is no UTF-8.
+    pub fn reproducible(&self) -> Result<String> {
+        let outputs = Self {
+            output: None,
+            report: None,
+            trace: None,
+            potential_out: None,
+            ..self.clone()
+        };
+        outputs.to_toml()
+    }
+
+    /// As a configuration file holds them.
+    ///
+    /// # Errors
+    /// [`Error::Job`] if a path is no UTF-8.
+    pub fn to_toml(&self) -> Result<String> {
+        toml::to_string(self)
+            .map_err(|e| Error::Job(cause("options", e, "use file names that are valid UTF-8")))
     }
 
     /// These options, and those of `below` where these are silent.

@@ -56,7 +56,10 @@ pub fn feature(args: &FeatureArgs, console: &mut Console) -> Result<()> {
     let [nx, ny, nz] = potential.dims();
     let path = args.output.display();
     console.result(
-        format_args!("{}\nwrote {path}: {nx} x {ny} x {nz} samples", found.notes.join("\n")),
+        format_args!(
+            "{}\nwrote {path}: {nx} x {ny} x {nz} samples",
+            found.notes.join("\n")
+        ),
         &json!({
             "file": args.output,
             "dims": [nx, ny, nz],
@@ -91,7 +94,10 @@ pub fn synth(args: &SynthArgs, console: &mut Console) -> Result<()> {
     if let Some(path) = &args.truth {
         let [nx, ny, nz] = made.truth.dims;
         let array = made.truth.to_array().into_raw_vec_and_offset().0;
-        io::npy::write(path, &Image::new([nx, ny, nz, 4], array, Geometry::default()))?;
+        io::npy::write(
+            path,
+            &Image::new([nx, ny, nz, 4], array, Geometry::default()),
+        )?;
     }
     written(console, &args.output, &made.image);
     Ok(())

@@ -2,13 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::cli::args::{
-    FeatureChoice, MeshArgs, MeshOptions, PotentialChoice, SliverChoice,
-};
+use crate::cli::args::{FeatureChoice, MeshArgs, MeshOptions, PotentialChoice, SliverChoice};
 use crate::cli::parse;
 use crate::error::{cause, os};
-use crate::pipeline::{Evaluator, Metric, Spacing};
 use crate::io::ReadOptions;
+use crate::pipeline::{Evaluator, Metric, Spacing};
 use crate::{Error, Result, io};
 
 /// A checked job of `atomesh mesh`. What needs the image's geometry (fixed atoms, beta as an

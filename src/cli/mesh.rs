@@ -9,13 +9,14 @@ use super::args::MeshArgs;
 use super::console::{Console, complain, print};
 use super::images::potential_image;
 use super::job::{Beta, MeshJob, effective_options};
+use super::parse;
 use super::provenance::file_hash;
-use super::trace::Trace;
-use super::{failure, parse};
 use crate::error::cause;
+use crate::export::{Trace, write_vtu};
 use crate::image::{Geometry, Image};
 use crate::io::{Loaded, ReadOptions};
-use crate::optimize::{Observer, Progress};
+use crate::optimize::{Observer, Progress, Stop};
+use crate::pipeline::file::{Provenance, to_file};
 use crate::pipeline::{FixedAtom, Params, Weight};
 use crate::{Error, Result, io, pipeline};
 
@@ -25,9 +26,7 @@ pub fn mesh(args: &MeshArgs, console: &mut Console) -> Result<Ending> {
     let image = args.image.as_deref().unwrap_or(Path::new("image"));
     let job = MeshJob::new(image, &options)?;
     if args.print_config {
-        let text = toml::to_string(&options)
-            .map_err(|e| Error::Job(cause("--print-config", e, "report this fault")))?;
-        print(text.trim_end());
+        print(options.to_toml()?.trim_end());
         return Ok(Ending::Done);
     }
 
@@ -41,23 +40,53 @@ pub fn mesh(args: &MeshArgs, console: &mut Console) -> Result<Ending> {
     image.check(&job.image.display().to_string())?;
     let params = job.params()?;
 
-    let trace = job.trace.as_deref().map(|path| Trace::new(path, &image.geometry));
-    let step = params.metric.step(&image.geometry);
-    let mut watcher = Watcher { console, interrupted: &interrupted, trace, step, failed: None };
-    let outcome = match pipeline::mesh_image(&image, &params, &mut watcher) {
-        Err(error) if interrupted.load(Ordering::Relaxed) => {
-            complain(failure(&error));
-            return Ok(Ending::Interrupted);
-        }
-        outcome => outcome?,
+    let mut watcher = Watcher {
+        console,
+        interrupted: &interrupted,
+        trace: job.trace.as_deref().map(Trace::create).transpose()?,
+        geometry: &image.geometry,
+        step: params.metric.step(&image.geometry),
+        failed: None,
     };
+    let outcome = pipeline::mesh_image(&image, &params, &mut watcher);
     let Watcher { trace, failed, .. } = watcher;
-    if let Some(error) = failed {
-        return Err(error);
-    }
+    let outcome = match failed.map_or(outcome, Err) {
+        Ok(outcome) => outcome,
+        Err(error) => {
+            if let Some(trace) = trace {
+                trace.discard();
+            }
+            return match interrupted.load(Ordering::Relaxed) {
+                true => {
+                    complain(format_args!("error: {error}"));
+                    Ok(Ending::Interrupted)
+                }
+                false => Err(error),
+            };
+        }
+    };
 
     console.begin_stage("writing");
-    todo!()
+    let provenance = Provenance {
+        parameters: options.reproducible()?,
+        input_sha256: hash,
+    };
+    write_vtu(
+        &job.output,
+        &to_file(&outcome, &image.geometry, &provenance),
+    )?;
+    if let Some(path) = &job.potential_out {
+        io::write(
+            path,
+            &potential_image(&outcome.features.potential, &image.geometry),
+        )?;
+    }
+    console.end_stage();
+    println!("{:?} {:?}", outcome.features.notes, outcome.costs);
+    Ok(match outcome.optimised.stop {
+        Stop::Interrupted => Ending::Interrupted,
+        _ => Ending::Done,
+    })
 }
 
 impl MeshJob {
@@ -71,8 +100,9 @@ impl MeshJob {
         if let Some(path) = &self.atoms_from {
             fixed = parse::points(path)?
                 .into_iter()
-                .map(|(line, position)| {
-                    FixedAtom { name: format!("{}:{line}", path.display()), position }
+                .map(|(line, position)| FixedAtom {
+                    name: format!("{}:{line}", path.display()),
+                    position,
                 })
                 .collect();
         }
@@ -123,9 +153,10 @@ fn watch_for_interrupts() -> Result<Arc<AtomicBool>> {
 struct Watcher<'a> {
     console: &'a mut Console,
     interrupted: &'a AtomicBool,
-    trace: Option<Trace<'a>>,
+    trace: Option<Trace>,
+    geometry: &'a Geometry<3>,
     step: [f64; 3],
-    /// The first failure to write a lattice.
+    /// Why a lattice could not be written.
     failed: Option<Error>,
 }
 
@@ -145,7 +176,12 @@ impl Observer for Watcher<'_> {
         if let Some(trace) = &mut self.trace
             && self.failed.is_none()
         {
-            self.failed = trace.add(round, positions).err();
+            let physical = |x: &[f64; 3]| {
+                self.geometry
+                    .to_physical(std::array::from_fn(|k| x[k] / self.step[k]))
+            };
+            let atoms: Vec<[f64; 3]> = positions.iter().map(physical).collect();
+            self.failed = trace.add(round as f64, &atoms, &[]).err();
         }
     }
 

@@ -3,6 +3,8 @@
 //! - [`args`]: as typed
 //! - [`parse`]: the small grammars inside option values
 //! - [`job`]: a job of `mesh`, validated
+//! - [`mesh`](mod@mesh): the verb `mesh`
+//! - [`provenance`]: the hash of the input
 //! - [`images`]: the verbs about images
 //! - [`console`]: everything that is printed
 
@@ -10,7 +12,9 @@ pub mod args;
 pub mod console;
 pub mod images;
 pub mod job;
+pub mod mesh;
 pub mod parse;
+pub mod provenance;
 
 use std::process::ExitCode;
 
@@ -35,7 +39,10 @@ pub fn main(line: &CommandLine) -> ExitCode {
         Ok(Ending::Done) => ExitCode::SUCCESS,
         Ok(Ending::Interrupted) => ExitCode::from(130),
         Err(error) => {
-            complain(format_args!("error: {}", error.to_string().replace(['\n', '\r'], " ")));
+            complain(format_args!(
+                "error: {}",
+                error.to_string().replace(['\n', '\r'], " ")
+            ));
             ExitCode::FAILURE
         }
     }
@@ -47,6 +54,7 @@ fn run(line: &CommandLine) -> Result<Ending> {
     }
     let console = &mut Console::new(&line.common);
     match &line.verb {
+        Verb::Mesh(args) => return mesh::mesh(args, console),
         Verb::Info(args) => images::info(args, console)?,
         Verb::Feature(args) => images::feature(args, console)?,
         Verb::Convert(args) => images::convert(args, console)?,
@@ -59,7 +67,11 @@ fn run(line: &CommandLine) -> Result<Ending> {
 fn start_threads(count: usize) -> Result<()> {
     let refuse = |problem: String| {
         let place = format!("--threads {count}");
-        Error::Job(cause(place, problem, "give the number of processors, or leave it out"))
+        Error::Job(cause(
+            place,
+            problem,
+            "give the number of processors, or leave it out",
+        ))
     };
     if count == 0 || count > 4096 {
         return Err(refuse("is not from 1 to 4096".into()));

@@ -238,7 +238,8 @@ impl<'a> Improver<'a> {
     fn move_to(&mut self, node: u32, x: [f64; 3], hold: Hold) {
         let i = node as usize;
         if let Some(undo) = &mut self.undo {
-            undo.nodes.push((node, self.complex.nodes[i], self.holds[i]));
+            undo.nodes
+                .push((node, self.complex.nodes[i], self.holds[i]));
         }
         self.complex.nodes[i] = x;
         self.holds[i] = hold;

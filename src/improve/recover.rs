@@ -22,16 +22,16 @@ impl Improver<'_> {
             .iter()
             .enumerate()
             .filter(|(t, tet)| {
-                self.complex.alive(*t as u32)
-                    && tet.iter().any(|&n| !self.holds[n as usize].far)
+                self.complex.alive(*t as u32) && tet.iter().any(|&n| !self.holds[n as usize].far)
             })
-            .flat_map(|(_, tet)| {
-                EDGES.map(|[i, j]| (tet[i].min(tet[j]), tet[i].max(tet[j])))
-            })
+            .flat_map(|(_, tet)| EDGES.map(|[i, j]| (tet[i].min(tet[j]), tet[i].max(tet[j]))))
             .collect();
         edges.par_sort_unstable();
         edges.dedup();
-        edges.into_par_iter().filter(|&(a, b)| self.pierces(a, b)).collect()
+        edges
+            .into_par_iter()
+            .filter(|&(a, b)| self.pierces(a, b))
+            .collect()
     }
 
     /// Makes the mesh follow the features.
@@ -157,9 +157,17 @@ impl Improver<'_> {
                 self.fresh.push([new, b, r, s]);
             }
             let position = |n: u32| {
-                if n == new { x } else { self.complex.nodes[n as usize] }
+                if n == new {
+                    x
+                } else {
+                    self.complex.nodes[n as usize]
+                }
             };
-            if self.fresh.iter().all(|f| min_sine(&f.map(position)) > floor) {
+            if self
+                .fresh
+                .iter()
+                .all(|f| min_sine(&f.map(position)) > floor)
+            {
                 self.complex.add_node(x);
                 self.holds.push(hold);
                 self.commit(&ring.tets);

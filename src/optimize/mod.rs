@@ -99,7 +99,11 @@ pub fn optimize<const D: usize>(
     check(options, atoms.len())?;
     let mobility = mobility(atoms, extent, &options.temperature);
     let mut minimiser = Minimiser::new(atoms, distance, extent, mobility);
-    let mut budget = Budget { evaluations: 0, iterations: 0, limit: options.max_evaluations };
+    let mut budget = Budget {
+        evaluations: 0,
+        iterations: 0,
+        limit: options.max_evaluations,
+    };
     let (energy_before, parts) = minimiser.measure(&atoms.positions, energy, &mut budget)?;
     let mut best = (energy_before, parts);
     let mut rounds = 0;
@@ -110,8 +114,14 @@ pub fn optimize<const D: usize>(
         rounds += 1;
         let key = options.seed.wrapping_add(rounds as u64);
         let start = minimiser.perturbed(&atoms.positions, options.perturbation, key);
-        let stop =
-            minimiser.run(start, energy, options.tolerance, rounds, &mut budget, observer)?;
+        let stop = minimiser.run(
+            start,
+            energy,
+            options.tolerance,
+            rounds,
+            &mut budget,
+            observer,
+        )?;
         let before = best.0;
         let first = rounds == 1;
         if minimiser.energy() < best.0 {
@@ -152,11 +162,19 @@ fn check(options: &Options, atoms: usize) -> Result<()> {
     let temperature = &options.temperature;
     if !(temperature.is_empty() || temperature.len() == atoms) {
         let problem = format!("{} values for {atoms} atoms", temperature.len());
-        return fail("temperature", problem, "give one value for each atom, or none");
+        return fail(
+            "temperature",
+            problem,
+            "give one value for each atom, or none",
+        );
     }
     if !temperature.iter().all(|t| (0.0..=1.0).contains(t)) {
         let problem = "some are outside [0, 1]".to_string();
-        return fail("temperature", problem, "give values from 0 (frozen) to 1 (free)");
+        return fail(
+            "temperature",
+            problem,
+            "give values from 0 (frozen) to 1 (free)",
+        );
     }
     Ok(())
 }

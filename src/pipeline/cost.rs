@@ -30,7 +30,12 @@ pub struct Clock {
 impl Clock {
     /// A clock that measures nothing yet.
     pub fn new() -> Self {
-        Self { start: Instant::now(), cpu: 0.0, current: None, done: Vec::new() }
+        Self {
+            start: Instant::now(),
+            cpu: 0.0,
+            current: None,
+            done: Vec::new(),
+        }
     }
 
     /// Ends the stage that is being measured, if any, and begins another.
@@ -70,8 +75,14 @@ impl Default for Clock {
 pub fn cpu_seconds() -> f64 {
     let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
     // The name in parentheses may hold spaces; utime is the 12th field after it.
-    let ticks = stat.rsplit(')').next().and_then(|rest| rest.split_whitespace().nth(11));
-    ticks.and_then(|word| word.parse::<f64>().ok()).unwrap_or(0.0) / 100.0
+    let ticks = stat
+        .rsplit(')')
+        .next()
+        .and_then(|rest| rest.split_whitespace().nth(11));
+    ticks
+        .and_then(|word| word.parse::<f64>().ok())
+        .unwrap_or(0.0)
+        / 100.0
 }
 
 /// Largest resident memory of this process so far, in MB; 0 where the system does not tell.
@@ -100,8 +111,13 @@ mod tests {
         std::hint::black_box(&memory);
         clock.begin("idle");
         clock.end();
-        let [busy, idle] = clock.costs() else { panic!("two stages") };
+        let [busy, idle] = clock.costs() else {
+            panic!("two stages")
+        };
         assert!(busy.seconds >= 0.08 && busy.cpu_seconds >= 0.03, "{busy:?}");
-        assert!(busy.peak_mb > 64.0 && idle.peak_mb >= busy.peak_mb, "{busy:?} {idle:?}");
+        assert!(
+            busy.peak_mb > 64.0 && idle.peak_mb >= busy.peak_mb,
+            "{busy:?} {idle:?}"
+        );
     }
 }

@@ -169,6 +169,10 @@ impl Description {
         for note in &self.notes {
             row("note", note.clone());
         }
+        // The textual header often says where the line numbers and coordinates are.
+        for line in self.survey.iter().flat_map(|survey| &survey.text) {
+            row("text", line.clone());
+        }
         let mut lines = String::new();
         for (name, value) in rows {
             // Writing to a String cannot fail.

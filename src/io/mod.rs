@@ -180,7 +180,7 @@ pub fn detect(path: &Path, options: &ReadOptions) -> Result<Format> {
         head.get(*at..).is_some_and(|rest| rest.starts_with(magic))
     };
     if let Some((name, ..)) = NOT_READ.iter().find(magic) {
-        let problem = format!("is a {name} file, which is not read");
+        let problem = format!("is in the format {name}, which is not read yet");
         let remedy = "convert it to .npy first, e.g. in Python with nibabel, SimpleITK or tifffile and numpy.save";
         return Err(Error::Io(cause(path.display(), problem, remedy)));
     }

@@ -210,8 +210,11 @@ impl Survey {
         if bytes.delay == 0 {
             return None;
         }
-        let delays = headers.i16s(bytes.delay);
-        let (least, most) = (delays.iter().min()?, delays.iter().max()?);
+        // Dead traces (byte 29: 2) often have no times.
+        let dead = headers.i16s(29).into_iter().map(|id| id == 2);
+        let delays = headers.i16s(bytes.delay).into_iter().zip(dead);
+        let alive: Vec<i16> = delays.filter(|d| !d.1).map(|d| d.0).collect();
+        let (least, most) = (alive.iter().min()?, alive.iter().max()?);
         (least != most).then(|| {
             (
                 format!(

@@ -402,6 +402,8 @@ fn what_is_no_volume_is_refused_and_described() {
     shifted.set(7, 109, 2, 52);
     assert!(shifted.refusal().contains("from 48 to 52 ms"));
     assert!(shifted.read_with(&"delay=0".parse().unwrap()).is_ok());
+    shifted.set(7, 29, 2, 2); // a dead trace
+    assert!(shifted.read().is_ok());
 }
 
 #[test]

@@ -3,19 +3,23 @@
 //! [`mesh_image`] works in *lattice space* (sample index times a step per axis); [`to_file`] puts
 //! the outcome where the image lies in the world.
 
-pub mod cost;
 pub mod file;
 
+use std::borrow::Cow;
+
+use crate::delaunay::{self, Delaunay};
 use crate::distance::{self, Distance};
 use crate::energy::{Beta, Energy, Pairwise};
 use crate::error::cause;
 use crate::feature::{self, Features, potential};
 use crate::image::{Field, Geometry, Image};
+use crate::improve::sheets::Sheets;
+use crate::mesh::check::check;
 use crate::mesh::{AtomKind, TetMesh};
 use crate::optimize::{self, Observer, Stop};
+use crate::report::{Clock, Improvement, Lattice, Optimisation, Reference, Report};
 use crate::seeding::{self, Atoms};
-use crate::{Error, Result, delaunay};
-use cost::{Clock, StageCost};
+use crate::{Error, Result, improve, report};
 
 /// How far atoms shall be apart, in lattice units.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -161,9 +165,18 @@ pub struct Outcome {
     pub distance: Distance<3>,
     /// What the optimiser did in its last pass, and why it stopped.
     pub optimised: optimize::Outcome,
-    /// What each stage cost.
-    pub costs: Vec<StageCost>,
+    /// Figures of the mesh and of what it cost; where it comes from is for the caller to add.
+    pub report: Report,
 }
+
+/// How far the volume may be off the box's, and sides from flat, as a share.
+const BOX_TOLERANCE: f64 = 1e-9;
+
+/// Radius of the patches by which features are known locally, in units of d (and from 2 to 3.5).
+const PATCH: f64 = 0.4;
+
+/// Atoms this near to a feature, in units of d, are put onto it before they are joined.
+const SETTLE: f64 = 0.35;
 
 /// Growth of a variable distance: the bound on |grad d|.
 const GROWTH: f64 = 0.1;
@@ -221,11 +234,53 @@ pub fn mesh_image(
         stages.observer,
     )?;
 
-    stages.begin("joining atoms");
-    let mesh = delaunay::delaunay(&atoms.positions)?;
-    let kinds = atoms.kinds;
+    let sheets = params.min_dihedral.map(|_| {
+        let radius = (PATCH * distance.min()).clamp(2.0, 3.5);
+        Sheets::new(&features.points, extent, radius, 1.7 * distance.max())
+    });
+    if let Some(sheets) = &sheets {
+        improve::settle(
+            &mut atoms.positions,
+            &atoms.kinds,
+            extent,
+            sheets,
+            SETTLE * distance.min(),
+        );
+    }
 
+    stages.begin("joining atoms");
+    let Delaunay {
+        mut mesh,
+        neighbors,
+    } = delaunay::delaunay_with_neighbors(&atoms.positions)?;
+    let mut kinds = atoms.kinds;
+    let mut on_features = None;
+    let mut improvement = None;
+    if let (Some(min_dihedral), Some(sheets)) = (params.min_dihedral, &sheets) {
+        stages.begin("removing slivers");
+        let options = improve::Options { min_dihedral };
+        let (outcome, counts) = improve::improve(
+            &mut mesh, neighbors, &mut kinds, extent, sheets, &distance, &options,
+        );
+        improvement = Some(Improvement::from(&outcome));
+        on_features = Some(
+            counts
+                .into_iter()
+                .map(|count| count > 0)
+                .collect::<Vec<bool>>(),
+        );
+    }
+
+    stages.begin("measuring the mesh");
+    let mut report = measure(&mesh, image.dims(), step, &features, on_features.as_deref())?;
+    report.lattice = Some(Lattice {
+        optimisation: Some(optimisation(&optimised, mesh.nodes.len())),
+        ..report::lattice(&mesh, |x| distance.at(x))
+    });
+    report.improvement = improvement;
+    report.notes.extend(features.notes.iter().cloned());
     stages.clock.end();
+    report.stages = stages.clock.costs().to_vec();
     Ok(Outcome {
         mesh,
         kinds,
@@ -234,8 +289,63 @@ pub fn mesh_image(
         features,
         distance,
         optimised,
-        costs: stages.clock.costs().to_vec(),
+        report,
     })
+}
+
+/// Shapes, fidelity and validity of a mesh in lattice space.
+fn measure(
+    mesh: &TetMesh,
+    dims: [usize; 3],
+    step: [f64; 3],
+    features: &Features<3>,
+    on_features: Option<&[bool]>,
+) -> Result<Report> {
+    let extent = lattice_extent(dims, step);
+    let fidelity = match features.points.is_empty() {
+        true => None,
+        false => {
+            let reference = Reference::from_features(features);
+            let in_samples = scaled(mesh, step.map(|s| 1.0 / s));
+            Some(report::fidelity(&in_samples, &reference, on_features)?)
+        }
+    };
+    Ok(Report {
+        quality: Some(report::quality(mesh)),
+        fidelity,
+        filling: Some(check(mesh, [0.0; 3], extent, BOX_TOLERANCE)),
+        ..Report::default()
+    })
+}
+
+/// A mesh with each axis scaled.
+fn scaled(mesh: &TetMesh, scale: [f64; 3]) -> Cow<'_, TetMesh> {
+    if scale == [1.0; 3] {
+        return Cow::Borrowed(mesh);
+    }
+    let stretch = |x: &[f64; 3]| std::array::from_fn(|k| x[k] * scale[k]);
+    let nodes = mesh.nodes.iter().map(stretch).collect();
+    Cow::Owned(TetMesh {
+        nodes,
+        tets: mesh.tets.clone(),
+    })
+}
+
+/// The report's lines on the optimiser.
+fn optimisation(outcome: &optimize::Outcome, atoms: usize) -> Optimisation {
+    let per_atom = 1.0 / atoms as f64;
+    Optimisation {
+        energy_lattice: outcome.parts.lattice * per_atom,
+        energy_image: outcome.parts.image * per_atom,
+        energy: outcome.energy_after * per_atom,
+        evaluations: outcome.evaluations,
+        stop: match outcome.stop {
+            Stop::Converged => "converged",
+            Stop::MaxIterations => "as many rounds as allowed",
+            Stop::Interrupted => "interrupted",
+        }
+        .into(),
+    }
 }
 
 /// Moves the atoms: passes on smoother and smoother potentials first, if asked for.

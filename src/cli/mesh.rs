@@ -1,5 +1,6 @@
 //! `atomesh mesh`: from a checked job to the files it writes.
 
+use std::io::Write;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -18,6 +19,7 @@ use crate::io::{Loaded, ReadOptions};
 use crate::optimize::{Observer, Progress, Stop};
 use crate::pipeline::file::{Provenance, to_file};
 use crate::pipeline::{FixedAtom, Params, Weight};
+use crate::report::{Clock, Input, quality};
 use crate::{Error, Result, io, pipeline};
 
 /// Runs the verb.
@@ -31,14 +33,14 @@ pub fn mesh(args: &MeshArgs, console: &mut Console) -> Result<Ending> {
     }
 
     let interrupted = watch_for_interrupts()?;
+    let mut clock = Clock::new();
     console.begin_stage("reading");
+    clock.begin("reading");
     let Loaded { image, notes, .. } = io::read(&job.image, &job.input)?;
-    let hash = file_hash(&job.image)?;
-    for note in &notes {
-        console.note(note);
-    }
+    let input_sha256 = file_hash(&job.image)?;
     image.check(&job.image.display().to_string())?;
     let params = job.params()?;
+    clock.end();
 
     let mut watcher = Watcher {
         console,
@@ -50,7 +52,7 @@ pub fn mesh(args: &MeshArgs, console: &mut Console) -> Result<Ending> {
     };
     let outcome = pipeline::mesh_image(&image, &params, &mut watcher);
     let Watcher { trace, failed, .. } = watcher;
-    let outcome = match failed.map_or(outcome, Err) {
+    let mut outcome = match failed.map_or(outcome, Err) {
         Ok(outcome) => outcome,
         Err(error) => {
             if let Some(trace) = trace {
@@ -67,22 +69,48 @@ pub fn mesh(args: &MeshArgs, console: &mut Console) -> Result<Ending> {
     };
 
     console.begin_stage("writing");
+    clock.begin("writing");
     let provenance = Provenance {
         parameters: options.reproducible()?,
-        input_sha256: hash,
+        input_sha256,
     };
-    write_vtu(
-        &job.output,
-        &to_file(&outcome, &image.geometry, &provenance),
-    )?;
+    let file = to_file(&outcome, &image.geometry, &provenance);
+    write_vtu(&job.output, &file)?;
     if let Some(path) = &job.potential_out {
         io::write(
             path,
             &potential_image(&outcome.features.potential, &image.geometry),
         )?;
     }
-    console.end_stage();
-    println!("{:?} {:?}", outcome.features.notes, outcome.costs);
+    clock.end();
+
+    let report = &mut outcome.report;
+    if !image.geometry.has_shape_of(outcome.step) {
+        report.quality_physical = Some(quality(&file.mesh));
+    }
+    report.input = Some(Input {
+        file: job.image.display().to_string(),
+        dims: image.dims(),
+        hash: format!("sha256:{}", provenance.input_sha256),
+    });
+    report.parameters = serde_json::to_value(&options).unwrap_or_default();
+    report.notes.splice(0..0, notes);
+    report
+        .stages
+        .splice(0..0, clock.costs()[..1].iter().cloned());
+    report.stages.extend_from_slice(&clock.costs()[1..]);
+    let json = serde_json::to_value(&*report).unwrap_or_default();
+    if let Some(path) = &job.report {
+        io::atomic_write(path, |out| writeln!(out, "{json:#}"))?;
+    }
+    console.result(
+        format_args!(
+            "{}\nwrote {}",
+            report.table().trim_end(),
+            job.output.display()
+        ),
+        &json,
+    );
     Ok(match outcome.optimised.stop {
         Stop::Interrupted => Ending::Interrupted,
         _ => Ending::Done,

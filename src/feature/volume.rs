@@ -1,5 +1,7 @@
 //! Finite differences of a volume; outside, samples repeat those of the sides.
 
+use rayon::prelude::*;
+
 /// A borrowed volume, x fastest.
 #[derive(Debug, Clone, Copy)]
 pub struct Volume<'a> {
@@ -61,6 +63,21 @@ impl Volume<'_> {
             mixed(0, 2),
             mixed(1, 2),
         ]
+    }
+
+    /// Length of the gradient at every sample.
+    pub fn gradient_magnitude(&self) -> Vec<f32> {
+        let [nx, ny, _] = self.dims;
+        let mut out = vec![0.0; self.samples.len()];
+        out.par_chunks_mut((nx * ny).max(1))
+            .enumerate()
+            .for_each(|(z, plane)| {
+                for (i, out) in plane.iter_mut().enumerate() {
+                    let [a, b, c] = self.gradient([i % nx, i / nx, z]);
+                    *out = (a * a + b * b + c * c).sqrt();
+                }
+            });
+        out
     }
 
     /// The sum of the three pure second differences along the row `[y, z]`.

@@ -25,11 +25,11 @@ mod smooth;
 use crate::distance::Distance;
 use crate::mesh::complex::{Complex, Ring};
 use crate::mesh::quality::min_sine;
-use crate::mesh::{AtomKind, FACES, TetMesh, norm, sub};
+use crate::mesh::{AtomKind, FACES, TetMesh, dot, norm, sub};
 use hold::Hold;
 use rayon::prelude::*;
 use serde::Serialize;
-use sheets::Sheets;
+use sheets::{SAME_SHEET, Sheets};
 
 /// How often each kind of change was made.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
@@ -131,7 +131,7 @@ impl<'a> Improver<'a> {
         f64::from(self.sines[t as usize])
     }
 
-    /// Whether an edge between two nodes would pass through a feature.
+    /// Whether an edge between two nodes would pass through a feature, or cut a corner of it.
     fn pierces(&self, a: u32, b: u32) -> bool {
         self.piercing(a, b).is_some()
     }
@@ -141,6 +141,18 @@ impl<'a> Improver<'a> {
         let (p, q) = (&self.holds[i], &self.holds[j]);
         if p.far && q.far {
             return None;
+        }
+        // A chord of a sheet must not stray from it where the sheet is curved.
+        if let Some(normal) = p.normals().find(|&n| q.on(n)) {
+            let (x, y) = (self.complex.nodes[i], self.complex.nodes[j]);
+            let middle = std::array::from_fn(|k| 0.5 * (x[k] + y[k]));
+            let sheet = self.sheets.near(middle);
+            if let Some(sheet) = sheet
+                .iter()
+                .find(|s| s.offset.abs() > STRAY && dot(s.normal, normal).abs() > SAME_SHEET)
+            {
+                return Some((middle, *sheet));
+            }
         }
         self.sheets.pierced(
             self.complex.nodes[i],
@@ -272,6 +284,9 @@ impl<'a> Improver<'a> {
 
 /// Nodes this close to a sheet lie on it: settling leaves less.
 const ON_SHEET: f64 = 0.11;
+
+/// The middle of an edge between two nodes of a sheet may be off the sheet by this much.
+const STRAY: f64 = 0.4;
 
 /// Moves the atoms within `reach` of a feature onto it (onto all of them, where several cross),
 /// never off the box's sides. Returns how many were moved.

@@ -90,9 +90,15 @@ impl Tree {
     }
 
     /// The nearest item and its squared distance, `square(item)` being the exact squared distance
-    /// from `p` to an item; none if the tree is empty. Of equals, any one, always the same.
-    pub(super) fn nearest(&self, p: Point, square: impl Fn(usize) -> f64) -> Option<(usize, f64)> {
-        let mut best: Option<(usize, f64)> = None;
+    /// from `p` to an item; none if the tree is empty. `hint` may be an item that is likely to be
+    /// near, to save time; of equally near items it may change which one is found.
+    pub(super) fn nearest(
+        &self,
+        p: Point,
+        hint: Option<usize>,
+        square: impl Fn(usize) -> f64,
+    ) -> Option<(usize, f64)> {
+        let mut best = hint.map(|item| (item, square(item)));
         let mut stack = [(0u32, 0f64); 64];
         let mut depth = usize::from(!self.nodes.is_empty());
         while depth > 0 {
@@ -213,8 +219,9 @@ mod tests {
             let p: Point = std::array::from_fn(|_| 2.0 * random(&mut seed) - 0.5);
             let square = |i: usize| dot(sub(p, points[i]), sub(p, points[i]));
             let scanned = (0..points.len()).map(square).fold(f64::INFINITY, f64::min);
-            assert_eq!(tree.nearest(p, square).unwrap().1, scanned);
+            assert_eq!(tree.nearest(p, None, square).unwrap().1, scanned);
+            assert_eq!(tree.nearest(p, Some(7), square).unwrap().1, scanned);
         }
-        assert!(Tree::new(&[]).nearest([0.0; 3], |_| 0.0).is_none());
+        assert!(Tree::new(&[]).nearest([0.0; 3], None, |_| 0.0).is_none());
     }
 }

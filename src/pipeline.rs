@@ -170,7 +170,7 @@ pub struct Outcome {
 }
 
 /// How far the volume may be off the box's, and sides from flat, as a share.
-const BOX_TOLERANCE: f64 = 1e-9;
+pub const BOX_TOLERANCE: f64 = 1e-9;
 
 /// Radius of the patches by which features are known locally, in units of d (and from 2 to 3.5).
 const PATCH: f64 = 0.4;
@@ -319,7 +319,7 @@ fn measure(
 }
 
 /// A mesh with each axis scaled.
-fn scaled(mesh: &TetMesh, scale: [f64; 3]) -> Cow<'_, TetMesh> {
+pub fn scaled(mesh: &TetMesh, scale: [f64; 3]) -> Cow<'_, TetMesh> {
     if scale == [1.0; 3] {
         return Cow::Borrowed(mesh);
     }

@@ -6,6 +6,7 @@
 //! - [`mesh`](mod@mesh): the verb `mesh`
 //! - [`provenance`]: the hash of the input
 //! - [`images`]: the verbs about images
+//! - [`meshes`]: the verbs about meshes
 //! - [`console`]: everything that is printed
 
 pub mod args;
@@ -13,6 +14,7 @@ pub mod console;
 pub mod images;
 pub mod job;
 pub mod mesh;
+pub mod meshes;
 pub mod parse;
 pub mod provenance;
 
@@ -55,6 +57,7 @@ fn run(line: &CommandLine) -> Result<Ending> {
     let console = &mut Console::new(&line.common);
     match &line.verb {
         Verb::Mesh(args) => return mesh::mesh(args, console),
+        Verb::Quality(args) => meshes::quality(args, console)?,
         Verb::Info(args) => images::info(args, console)?,
         Verb::Feature(args) => images::feature(args, console)?,
         Verb::Convert(args) => images::convert(args, console)?,

@@ -8,6 +8,7 @@ use std::io::Write;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 
+use ndarray::ArrayD;
 use rayon::prelude::*;
 
 use super::samples::{self, Encoding, Endian, SampleType};
@@ -23,60 +24,27 @@ pub const MAGIC: &[u8] = b"\x93NUMPY";
 /// # Errors
 /// [`Error::Io`] if the file cannot be read, is cut off, is not 3-D or holds no real numbers.
 pub fn read(path: &Path) -> Result<Loaded> {
-    let file = File::open(path).map_err(|e| os(path, "open", e))?;
-    let length = file.metadata().map_err(|e| os(path, "read", e))?.len();
-    let refuse = |problem: String, remedy: &str| Error::Io(cause(path.display(), problem, remedy));
-
-    let (text, start) = header_text(&file, length)
-        .map_err(|e| os(path, "read", e))?
-        .ok_or_else(|| {
-            refuse(
-                "is not a whole .npy file: its header is cut off or of an unknown version".into(),
-                "write it again with numpy.save",
-            )
-        })?;
-    let header = Header::parse(&text)
-        .map_err(|problem| refuse(problem, "save it with numpy.save(file, array.astype('f4'))"))?;
-    let [nz, ny, nx] = three_dims(&header.shape).map_err(|problem| {
-        refuse(
-            problem,
-            "reshape the array to (nz, ny, nx) in NumPy and save it again",
-        )
+    let Opened {
+        file,
+        header,
+        start,
+        left_over,
+    } = Opened::new(path)?;
+    let dims @ [nz, ny, nx] = three_dims(&header.shape).map_err(|problem| {
+        let remedy = "reshape the array to (nz, ny, nx) in NumPy and save it again";
+        Error::Io(cause(path.display(), problem, remedy))
     })?;
-
-    let size = header.encoding.size() as u64;
-    let needed = header
-        .shape
-        .iter()
-        .try_fold(size, |bytes, &n| bytes.checked_mul(n as u64))
-        .and_then(|bytes| bytes.checked_add(start))
-        .ok_or_else(|| {
-            let problem = format!(
-                "claims the shape {:?}, more than any file holds",
-                header.shape
-            );
-            refuse(problem, "the file is damaged: write it again")
-        })?;
-    if needed > length {
-        let shape = &header.shape;
-        let problem = format!("is cut off: shape {shape:?} needs {needed} bytes, it has {length}");
-        return Err(refuse(problem, "copy or write it again"));
-    }
-
     let mut samples = vec![0.0; nx * ny * nz];
     header
         .encoding
         .read(&file, start, &mut samples)
         .map_err(|e| os(path, "read", e))?;
     if header.fortran_order {
-        samples = c_order(&samples, [nz, ny, nx]);
+        samples = c_order(&samples, dims);
     }
     let mut notes = vec![".npy has no geometry: unit spacing, origin 0".to_string()];
-    if needed < length {
-        notes.push(format!(
-            "{} bytes after the array are ignored",
-            length - needed
-        ));
+    if left_over > 0 {
+        notes.push(format!("{left_over} bytes after the array are ignored"));
     }
     notes.extend(header.encoding.rounding_note(&samples));
     Ok(Loaded {
@@ -86,6 +54,85 @@ pub fn read(path: &Path) -> Result<Loaded> {
         notes,
         survey: None,
     })
+}
+
+/// Reads an array of any shape as `f32`, in C order.
+///
+/// # Errors
+/// [`Error::Io`] if the file cannot be read, is cut off, holds no real numbers, or is in Fortran
+/// order.
+pub fn read_array(path: &Path) -> Result<ArrayD<f32>> {
+    let Opened {
+        file,
+        header,
+        start,
+        ..
+    } = Opened::new(path)?;
+    let refuse = |problem: String| {
+        let remedy = "save it with numpy.save(file, numpy.ascontiguousarray(array, 'f4'))";
+        Error::Io(cause(path.display(), problem, remedy))
+    };
+    if header.fortran_order {
+        return Err(refuse("is in Fortran order".into()));
+    }
+    let mut samples = vec![0.0; header.shape.iter().product()];
+    header
+        .encoding
+        .read(&file, start, &mut samples)
+        .map_err(|e| os(path, "read", e))?;
+    ArrayD::from_shape_vec(header.shape, samples).map_err(|e| refuse(e.to_string()))
+}
+
+/// A file whose header has been understood and which is long enough for what that claims.
+struct Opened {
+    file: File,
+    header: Header,
+    /// Where the samples start.
+    start: u64,
+    /// Bytes after the samples.
+    left_over: u64,
+}
+
+impl Opened {
+    fn new(path: &Path) -> Result<Self> {
+        let file = File::open(path).map_err(|e| os(path, "open", e))?;
+        let length = file.metadata().map_err(|e| os(path, "read", e))?.len();
+        let refuse =
+            |problem: String, remedy: &str| Error::Io(cause(path.display(), problem, remedy));
+        let (text, start) = header_text(&file, length)
+            .map_err(|e| os(path, "read", e))?
+            .ok_or_else(|| {
+                refuse(
+                    "is not a whole .npy file: its header is cut off or of an unknown version"
+                        .into(),
+                    "write it again with numpy.save",
+                )
+            })?;
+        let header = Header::parse(&text).map_err(|problem| {
+            refuse(problem, "save it with numpy.save(file, array.astype('f4'))")
+        })?;
+        let shape = &header.shape;
+        let size = header.encoding.size() as u64;
+        let needed = shape
+            .iter()
+            .try_fold(size, |bytes, &n| bytes.checked_mul(n as u64))
+            .and_then(|bytes| bytes.checked_add(start))
+            .ok_or_else(|| {
+                let problem = format!("claims the shape {shape:?}, more than any file holds");
+                refuse(problem, "the file is damaged: write it again")
+            })?;
+        if needed > length {
+            let problem =
+                format!("is cut off: shape {shape:?} needs {needed} bytes, it has {length}");
+            return Err(refuse(problem, "copy or write it again"));
+        }
+        Ok(Self {
+            file,
+            header,
+            start,
+            left_over: length - needed,
+        })
+    }
 }
 
 /// Writes the samples as little-endian `f32` in C order, shape `(nz, ny, nx)`.

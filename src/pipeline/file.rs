@@ -90,6 +90,8 @@ pub struct Placed {
     pub extent: [f64; 3],
     /// Length of one sample along each axis of lattice space.
     pub step: [f64; 3],
+    /// From samples to physical coordinates.
+    pub geometry: Geometry<3>,
     /// Whether the file says where its lattice space is. If not, it is the file's own space, moved
     /// so that the mesh begins at the origin.
     pub by_file: bool,
@@ -168,6 +170,7 @@ impl Placed {
             physical: file.mesh,
             extent,
             step,
+            geometry,
             by_file,
         })
     }

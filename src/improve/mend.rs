@@ -190,7 +190,7 @@ impl Improver<'_> {
         let (ha, hb) = (self.holds[a as usize], self.holds[b as usize]);
         let mut hold = Hold::default();
         for k in 0..3 {
-            if ha.axes & hb.axes >> k & 1 == 1 && p[k] == q[k] {
+            if (ha.axes & hb.axes) >> k & 1 == 1 && p[k] == q[k] {
                 hold.axes |= 1 << k;
             }
         }

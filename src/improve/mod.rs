@@ -389,9 +389,13 @@ pub fn improve(
         poor_before: improver.poor().len(),
         ..Outcome::default()
     };
+    dbg(&improver, "start");
     improver.recover();
+    dbg(&improver, "recover");
     improver.polish(8);
+    dbg(&improver, "polish");
     improver.mend();
+    dbg(&improver, "mend");
     improver.counts.pierced_left = improver.pierced_edges().len();
     outcome.blocked = improver.blocked();
     outcome.poor_after = outcome.blocked.len();
@@ -441,3 +445,9 @@ impl Improver<'_> {
 
 #[cfg(test)]
 mod tests;
+
+fn dbg(i: &Improver, label: &str) {
+    let (m, _) = i.complex.clone().into_mesh();
+    let c = crate::mesh::check::check(&m, [0.0; 3], i.extent, 1e-9);
+    println!("{label} poor {} {:?} {:?}", i.poor().len(), i.counts, c.problems);
+}

@@ -10,7 +10,7 @@ use std::path::Path;
 
 use rayon::prelude::*;
 
-use super::samples::{Encoding, Endian, SampleType};
+use super::samples::{self, Encoding, Endian, SampleType};
 use super::{Format, Loaded, atomic_write};
 use crate::error::{Error, Result, cause, os};
 use crate::image::{Geometry, Image};
@@ -109,13 +109,7 @@ pub fn write<const D: usize>(path: &Path, image: &Image<D>) -> Result<()> {
         writer.write_all(&[1, 0])?;
         writer.write_all(&(padded as u16).to_le_bytes())?;
         writer.write_all(header.as_bytes())?;
-        let mut bytes = Vec::new();
-        for chunk in image.as_slice().chunks(1 << 14) {
-            bytes.clear();
-            bytes.extend(chunk.iter().flat_map(|v| v.to_le_bytes()));
-            writer.write_all(&bytes)?;
-        }
-        Ok(())
+        samples::write(writer, image.as_slice())
     })
 }
 

@@ -101,9 +101,10 @@ mod tests {
     fn work_and_memory_are_seen() {
         let mut clock = Clock::new();
         clock.begin("busy");
-        let start = Instant::now();
+        // Until the processor has worked, however busy the machine is; but not for ever.
+        let (start, cpu) = (Instant::now(), cpu_seconds());
         let mut memory = vec![0u8; 64 << 20];
-        while start.elapsed().as_millis() < 80 {
+        while cpu_seconds() < cpu + 0.05 && start.elapsed().as_secs() < 20 {
             for (k, byte) in memory.iter_mut().enumerate() {
                 *byte = byte.wrapping_add(k as u8);
             }
@@ -114,7 +115,7 @@ mod tests {
         let [busy, idle] = clock.costs() else {
             panic!("two stages")
         };
-        assert!(busy.seconds >= 0.08 && busy.cpu_seconds >= 0.03, "{busy:?}");
+        assert!(busy.seconds > 0.0 && busy.cpu_seconds >= 0.049, "{busy:?}");
         assert!(
             busy.peak_mb > 64.0 && idle.peak_mb >= busy.peak_mb,
             "{busy:?} {idle:?}"

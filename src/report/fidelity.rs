@@ -166,7 +166,9 @@ fn compare(
                 .iter()
                 .map(move |p| p.map(f64::from))
                 .map(|p| {
-                    let found = tree.nearest(p, hint, |i| square_to_triangle(p, triangles[i]));
+                    let found = tree.nearest(p, f64::INFINITY, hint, |i| {
+                        square_to_triangle(p, triangles[i])
+                    });
                     hint = found.map(|(item, _)| item);
                     found.map_or(f64::INFINITY, |(_, square)| square.sqrt())
                 })

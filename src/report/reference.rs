@@ -7,6 +7,9 @@ use crate::feature::Features;
 use crate::synth::Truth;
 use crate::synth::truth::REACH;
 
+/// How far sideways, in samples, a detected point stands for the plane through it.
+const SIDEWAYS: f64 = 1.0;
+
 /// The features of an image: as points on them, and as a distance from anywhere.
 pub struct Reference<'a> {
     /// What it was made from, for the report.
@@ -80,39 +83,51 @@ impl<'a> Reference<'a> {
 
     /// Whether a position is within `limit` of the features; cheap far from them.
     pub fn within(&self, p: [f64; 3], limit: f64) -> bool {
-        if let Field::Truth(truth) = self.field {
-            let [nx, ny, _] = truth.dims;
-            let at: [usize; 3] =
-                std::array::from_fn(|k| (p[k].max(0.0).round() as usize).min(truth.dims[k] - 1));
-            let gap: [f64; 3] = std::array::from_fn(|k| p[k] - at[k] as f64);
-            let d = f64::from(truth.distance[(at[2] * ny + at[1]) * nx + at[0]]);
-            if d - dot(gap, gap).sqrt() > limit {
-                return false;
+        match &self.field {
+            Field::Truth(truth) => {
+                let [nx, ny, _] = truth.dims;
+                let at: [usize; 3] = std::array::from_fn(|k| {
+                    (p[k].max(0.0).round() as usize).min(truth.dims[k] - 1)
+                });
+                let gap: [f64; 3] = std::array::from_fn(|k| p[k] - at[k] as f64);
+                let d = f64::from(truth.distance[(at[2] * ny + at[1]) * nx + at[0]]);
+                d - dot(gap, gap).sqrt() <= limit && from_corners(truth, p) <= limit
+            }
+            Field::Detected { normals, tree } => {
+                // The nearest point is that much farther at most than the distance to its plane.
+                let far = limit.hypot(SIDEWAYS) + 1e-9;
+                self.from_points(normals, tree, p, far) <= limit
             }
         }
-        self.distance(p) <= limit
     }
 
     /// Distance from a position to the features, at most [`REACH`].
     ///
-    /// From truth it is third-order accurate: see [`from_corners`]. From detected points it is the
+    /// From truth it is third-order accurate: see `from_corners`. From detected points it is the
     /// distance to the plane of the nearest point, or to that point if it is more than one sample
     /// away sideways.
     pub fn distance(&self, p: [f64; 3]) -> f64 {
         match &self.field {
             Field::Truth(truth) => from_corners(truth, p),
             Field::Detected { normals, tree } => {
-                let gap = |i: usize| -> [f64; 3] {
-                    std::array::from_fn(|k| p[k] - f64::from(self.points[i][k]))
-                };
-                let Some((i, square)) = tree.nearest(p, None, |i| dot(gap(i), gap(i))) else {
-                    return f64::from(REACH);
-                };
-                let along = dot(gap(i), normals[i].map(f64::from)).abs();
-                let sideways = square - along * along;
-                let distance = if sideways > 1.0 { square.sqrt() } else { along };
-                distance.min(f64::from(REACH))
+                self.from_points(normals, tree, p, f64::from(REACH))
             }
+        }
+    }
+
+    /// The distance from detected points; `far` if no point is nearer than that.
+    fn from_points(&self, normals: &[[f32; 3]], tree: &Tree, p: [f64; 3], far: f64) -> f64 {
+        let gap =
+            |i: usize| -> [f64; 3] { std::array::from_fn(|k| p[k] - f64::from(self.points[i][k])) };
+        let Some((i, square)) = tree.nearest(p, far * far, None, |i| dot(gap(i), gap(i))) else {
+            return far;
+        };
+        let along = dot(gap(i), normals[i].map(f64::from)).abs();
+        let sideways = square - along * along;
+        if sideways > SIDEWAYS * SIDEWAYS {
+            square.sqrt()
+        } else {
+            along
         }
     }
 }

@@ -1,1 +1,51 @@
-//! (stage under construction)
+//! The potential energy of a lattice of atoms in an image (Hale 2001, 2002), and its gradient.
+//!
+//! With atoms at x_i, nominal distance d(x), image potential b(x) in [-1, 0] and weight beta:
+//!
+//! - A = 1/2 sum over i != j of phi(|x_i - x_j| / d(x_j)), the lattice's own energy
+//! - B = sum over i of b(x_i), the energy of the atoms in the image
+//! - P = (1 - beta) A + beta B; where beta is a field, atom i counts with beta(x_i)
+//!
+//! b aligns atoms *on* features; to align them *alongside*, negate b.
+//!
+//! - [`pair`]: phi and the force
+//! - [`image_term`]: b(x_i), skipping the parts of the image where b is nothing
+//! - [`neighbours`]: the Verlet list
+//! - [`pairwise`]: the exact energy and gradient from pairs of atoms, the default
+
+pub mod image_term;
+pub mod neighbours;
+pub mod pair;
+pub mod pairwise;
+
+pub use pairwise::Pairwise;
+
+use crate::image::Field;
+
+/// The weight of the image against the lattice: 0 is lattice only, 1 image only.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Beta<const D: usize> {
+    /// The same everywhere.
+    Constant(f64),
+    /// A smooth function of position in lattice space.
+    Field(Field<D>),
+}
+
+/// The two parts of an energy, unweighted.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Parts {
+    /// A, the energy between atoms.
+    pub lattice: f64,
+    /// B, the energy of atoms in the image.
+    pub image: f64,
+}
+
+/// Something that knows the energy of a lattice.
+pub trait Energy<const D: usize> {
+    /// Computes P at the positions `x` and, in `gradient`, its derivative with respect to every
+    /// coordinate. The two slices have the same length.
+    fn evaluate(&mut self, x: &[[f64; D]], gradient: &mut [[f64; D]]) -> f64;
+
+    /// The parts of the energy of the last call of [`Energy::evaluate`].
+    fn parts(&self) -> Parts;
+}

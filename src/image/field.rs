@@ -2,6 +2,12 @@
 //!
 //! Lattice space is sample index times a step per axis (`step`, 1 by default); the field fills the
 //! box `[0, (dims[k] - 1) * step[k]]`.
+//!
+//! Interpolation is cubic convolution (Keys 1981, a = -1/2; the Catmull-Rom spline), a tensor
+//! product over the axes: it passes through the samples, has a continuous gradient, and reproduces
+//! quadratic functions away from the sides. Beyond the box's sides the outermost sample repeats, and
+//! positions outside are moved to the nearest point of the box. The gradient is the exact derivative
+//! of the interpolant, so a minimiser sees a function and its own slope.
 
 /// Samples of a scalar function over the lattice-space box, x fastest.
 #[derive(Debug, Clone, PartialEq)]
@@ -14,9 +20,242 @@ pub struct Field<const D: usize> {
     pub samples: Vec<f32>,
 }
 
+/// Where a coordinate falls along one axis: four taps and their weights.
+#[derive(Clone, Copy)]
+struct Taps {
+    /// Index of the sample at or before the coordinate.
+    cell: usize,
+    /// The four taps' offsets in the sample array.
+    offset: [usize; 4],
+    /// Weights of the value.
+    value: [f32; 4],
+    /// Weights of the derivative along this axis.
+    slope: [f32; 4],
+}
+
+impl Taps {
+    fn new(x: f64, n: usize, step: f64, stride: usize) -> Self {
+        let last = n.max(1) - 1;
+        let index = x / step;
+        let inside = index >= 0.0 && index <= last as f64;
+        let index = index.clamp(0.0, last as f64);
+        let cell = (index as usize).min(last.saturating_sub(1));
+        let t = (index - cell as f64) as f32;
+        let offset = std::array::from_fn(|k| (cell + k).saturating_sub(1).min(last) * stride);
+        // Catmull-Rom basis and its derivative.
+        let value = [
+            t * (-0.5 + t * (1.0 - 0.5 * t)),
+            1.0 + t * t * (-2.5 + 1.5 * t),
+            t * (0.5 + t * (2.0 - 1.5 * t)),
+            t * t * (-0.5 + 0.5 * t),
+        ];
+        let scale = if inside { (1.0 / step) as f32 } else { 0.0 };
+        let slope = [
+            (-0.5 + t * (2.0 - 1.5 * t)) * scale,
+            t * (-5.0 + 4.5 * t) * scale,
+            (0.5 + t * (4.0 - 4.5 * t)) * scale,
+            t * (-1.0 + 1.5 * t) * scale,
+        ];
+        Self {
+            cell,
+            offset,
+            value,
+            slope,
+        }
+    }
+}
+
 impl<const D: usize> Field<D> {
+    /// Samples a function of position in lattice space.
+    pub fn from_fn(dims: [usize; D], step: [f64; D], mut f: impl FnMut([f64; D]) -> f64) -> Self {
+        let count = dims.iter().product();
+        let mut samples = Vec::with_capacity(count);
+        for flat in 0..count {
+            let mut rest = flat;
+            let position = std::array::from_fn(|k| {
+                let index = rest % dims[k];
+                rest /= dims[k];
+                index as f64 * step[k]
+            });
+            samples.push(f(position) as f32);
+        }
+        Self {
+            dims,
+            step,
+            samples,
+        }
+    }
+
     /// The far corner of the box; the near one is the origin.
     pub fn extent(&self) -> [f64; D] {
         std::array::from_fn(|k| (self.dims[k].max(1) - 1) as f64 * self.step[k])
+    }
+
+    /// The interpolated value at a position in lattice space.
+    pub fn value(&self, position: [f64; D]) -> f64 {
+        self.value_and_gradient(position).0
+    }
+
+    /// The interpolated value and its exact gradient at a position in lattice space. Along an axis
+    /// on which the position lies outside the box the gradient is zero.
+    ///
+    /// Arithmetic is `f32` (the samples are): absolute error about 1e-7 of the spread of
+    /// the taps.
+    #[inline]
+    pub fn value_and_gradient(&self, position: [f64; D]) -> (f64, [f64; D]) {
+        let mut stride = 1;
+        let taps: [Taps; D] = std::array::from_fn(|k| {
+            let taps = Taps::new(position[k], self.dims[k], self.step[k], stride);
+            stride *= self.dims[k];
+            taps
+        });
+        // Sums over all axes but x, one lane per x tap: sums[0] for the value, sums[k] for axis k.
+        let mut sums = [[0.0f32; 4]; D];
+        // Weights of the value sum to one and those of slopes to zero, so only differences from one
+        // of the taps need be summed, which loses fewer digits.
+        let base = self.samples[taps.iter().map(|t| t.offset[1]).sum::<usize>()];
+        let contiguous = taps[0].cell >= 1 && taps[0].cell + 2 < self.dims[0];
+        for row in 0..1usize << (2 * (D - 1)) {
+            let tap = |k: usize| (row >> (2 * (k - 1))) & 3;
+            let start: usize = (1..D).map(|k| taps[k].offset[tap(k)]).sum();
+            let line: [f32; 4] = if contiguous {
+                let first = start + taps[0].cell - 1;
+                let line = &self.samples[first..first + 4];
+                [line[0], line[1], line[2], line[3]]
+            } else {
+                taps[0].offset.map(|x| self.samples[start + x])
+            };
+            for axis in 0..D {
+                let weight: f32 = (1..D)
+                    .map(|k| {
+                        if k == axis {
+                            taps[k].slope[tap(k)]
+                        } else {
+                            taps[k].value[tap(k)]
+                        }
+                    })
+                    .product();
+                for lane in 0..4 {
+                    sums[axis][lane] += weight * (line[lane] - base);
+                }
+            }
+        }
+        let dot = |a: &[f32; 4], b: &[f32; 4]| -> f64 {
+            (f64::from(a[0] * b[0]) + f64::from(a[1] * b[1]))
+                + (f64::from(a[2] * b[2]) + f64::from(a[3] * b[3]))
+        };
+        let gradient = std::array::from_fn(|axis| {
+            if axis == 0 {
+                dot(&sums[0], &taps[0].slope)
+            } else {
+                dot(&sums[axis], &taps[0].value)
+            }
+        });
+        (f64::from(base) + dot(&sums[0], &taps[0].value), gradient)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn quadratic(x: [f64; 3]) -> f64 {
+        1.0 + 0.3 * x[0] - 0.2 * x[1] + 0.1 * x[2] + 0.05 * x[0] * x[1] - 0.02 * x[2] * x[2]
+            + 0.03 * x[0] * x[0]
+    }
+
+    #[test]
+    fn passes_through_the_samples_and_repeats_them_outside() {
+        let field = Field::from_fn([7, 6, 5], [1.0, 0.5, 2.0], |x| {
+            (x[0] * 1.3 + x[1] - x[2]).sin()
+        });
+        for z in 0..5 {
+            for y in 0..6 {
+                for x in 0..7 {
+                    let at = [x as f64, 0.5 * y as f64, 2.0 * z as f64];
+                    let sample = f64::from(field.samples[x + 7 * (y + 6 * z)]);
+                    assert!((field.value(at) - sample).abs() < 1e-6);
+                }
+            }
+        }
+        let (value, gradient) = field.value_and_gradient([-3.0, 1.2, 99.0]);
+        assert!((value - field.value([0.0, 1.2, 8.0])).abs() < 1e-7);
+        assert_eq!([gradient[0], gradient[2]], [0.0, 0.0]);
+        assert!(gradient[1].abs() > 1e-3);
+    }
+
+    #[test]
+    fn reproduces_quadratics_away_from_the_sides() {
+        let field = Field::from_fn([12, 11, 10], [1.0, 2.0, 0.5], quadratic);
+        for n in 0..200 {
+            let t = |k: u32| f64::from((n * 7919 + k * 104_729) % 1000) / 1000.0;
+            let x = [1.0 + 9.0 * t(1), 2.0 + 16.0 * t(2), 0.5 + 3.5 * t(3)];
+            let (value, gradient) = field.value_and_gradient(x);
+            assert!((value - quadratic(x)).abs() < 2e-5, "{x:?}");
+            let truth = [
+                0.3 + 0.05 * x[1] + 0.06 * x[0],
+                -0.2 + 0.05 * x[0],
+                0.1 - 0.04 * x[2],
+            ];
+            for k in 0..3 {
+                assert!((gradient[k] - truth[k]).abs() < 5e-5, "{x:?} axis {k}");
+            }
+        }
+    }
+
+    /// The interpolant is piecewise polynomial, so a central difference of the same f32 function
+    /// over a step that stays in one cell tells its slope to the rounding of f32.
+    #[test]
+    fn gradient_is_the_derivative_of_the_interpolant() {
+        let mut seed = 1u32;
+        let mut random = || {
+            seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            f64::from(seed >> 8) / f64::from(1 << 24)
+        };
+        let field = Field::from_fn([6, 7, 8], [1.0, 1.5, 0.75], |_| 0.0);
+        let samples = field
+            .samples
+            .iter()
+            .map(|_| random() as f32 - 0.5)
+            .collect();
+        let field = Field { samples, ..field };
+        let extent = field.extent();
+        for _ in 0..300 {
+            let x: [f64; 3] = std::array::from_fn(|k| random() * extent[k]);
+            let (_, gradient) = field.value_and_gradient(x);
+            for k in 0..3 {
+                // Five-point difference: exact for the cubic inside one cell.
+                let h = 0.02 * field.step[k];
+                let at = |shift: f64| {
+                    let mut y = x;
+                    y[k] += shift * h;
+                    field.value(y)
+                };
+                let cell = |shift: f64| ((x[k] + shift * h) / field.step[k]).floor();
+                if cell(-2.0) != cell(2.0) || x[k] - 2.0 * h < 0.0 || x[k] + 2.0 * h > extent[k] {
+                    continue;
+                }
+                let slope = (8.0 * (at(1.0) - at(-1.0)) - (at(2.0) - at(-2.0))) / (12.0 * h);
+                assert!(
+                    (slope - gradient[k]).abs() < 3e-5,
+                    "{slope} {}",
+                    gradient[k]
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn works_in_two_dimensions_and_on_single_samples() {
+        let field = Field::from_fn([9, 9], [1.0, 1.0], |x| x[0] * x[1]);
+        let (value, gradient) = field.value_and_gradient([3.25, 4.5]);
+        assert!((value - 3.25 * 4.5).abs() < 1e-5);
+        assert!((gradient[0] - 4.5).abs() < 1e-5 && (gradient[1] - 3.25).abs() < 1e-5);
+        let one = Field {
+            dims: [1, 1],
+            step: [1.0, 1.0],
+            samples: vec![5.0],
+        };
+        assert_eq!(one.value_and_gradient([0.3, -2.0]), (5.0, [0.0, 0.0]));
     }
 }

@@ -12,6 +12,9 @@ use crate::mesh::{EDGES, FACES};
 /// Largest ring that edge removal considers.
 const RING: usize = 10;
 
+/// Least gain in sine: well above rounding, so that no two configurations are exchanged for ever.
+const GAIN: f64 = 1e-5;
+
 impl Improver<'_> {
     /// Tries every transformation of one tetrahedron and makes the first that helps.
     pub(super) fn flip(&mut self, t: u32) -> bool {
@@ -38,7 +41,7 @@ impl Improver<'_> {
                 .iter()
                 .map(|&t| self.sine_of(t))
                 .fold(f64::INFINITY, f64::min);
-            self.replace_ring(&ring, a, b, worst.min(floor))
+            self.replace_ring(&ring, a, b, worst.min(floor) + GAIN)
         };
         self.ring = ring;
         done
@@ -79,7 +82,7 @@ impl Improver<'_> {
                     }
                 }
             }
-            if best[0][m - 1] <= floor + 1e-9 {
+            if best[0][m - 1] <= floor {
                 return false;
             }
             self.fresh.clear();
@@ -141,7 +144,7 @@ impl Improver<'_> {
             .position(|&x| x == t);
         let Some(back) = back else { return false };
         let q = self.complex.tets[n as usize][back];
-        let floor = self.sine_of(t).min(self.sine_of(n)) + 1e-9;
+        let floor = self.sine_of(t).min(self.sine_of(n)) + GAIN;
         self.swap_face([t, n], [u, v, w], p, q, floor)
     }
 

@@ -3,10 +3,15 @@
 //! tetrahedron of all that was touched has become better.
 
 use super::{Hold, Improver};
-use crate::mesh::{EDGES, FACES};
+use crate::mesh::{EDGES, FACES, norm, sub};
 
 /// A split, collapse or swap must at least leave tetrahedra with volume.
 const FLOOR: f64 = 0.01;
+
+/// Longest edge that may be collapsed and shortest that may be split, over d: the lattice keeps its
+/// spacing.
+const LONGEST_COLLAPSE: f64 = 0.85;
+const SHORTEST_SPLIT: f64 = 0.95;
 
 /// What a transaction has overwritten, beside the complex's own journal.
 #[derive(Debug, Default)]
@@ -49,14 +54,14 @@ impl Improver<'_> {
 
     fn mend_one(&mut self, t: u32) -> bool {
         let tet = self.complex.tets[t as usize];
-        for [i, j] in EDGES {
-            for (gone, kept) in [(tet[i], tet[j]), (tet[j], tet[i])] {
-                if self.attempt(|s| s.collapse(gone, kept, FLOOR)) {
-                    self.counts.collapses += 1;
-                    return true;
-                }
-            }
-        }
+        let d = {
+            let p = self.complex.corners(t);
+            self.distance
+                .at(std::array::from_fn(|k| p.iter().map(|x| x[k]).sum::<f64>() / 4.0))
+        };
+        let length = |s: &Self, a: u32, b: u32| {
+            norm(sub(s.complex.nodes[a as usize], s.complex.nodes[b as usize])) / d
+        };
         for k in 0..4 {
             if self.attempt(|s| s.force_split_face(t, k)) {
                 self.counts.flips += 1;
@@ -64,7 +69,22 @@ impl Improver<'_> {
             }
         }
         for [i, j] in EDGES {
-            if self.attempt(|s| s.split_in_the_middle(t, tet[i], tet[j])) {
+            let (a, b) = (tet[i], tet[j]);
+            if length(self, a, b) > LONGEST_COLLAPSE {
+                continue;
+            }
+            for (gone, kept) in [(a, b), (b, a)] {
+                if self.attempt(|s| s.collapse(gone, kept, FLOOR)) {
+                    self.counts.collapses += 1;
+                    return true;
+                }
+            }
+        }
+        for [i, j] in EDGES {
+            let (a, b) = (tet[i], tet[j]);
+            if length(self, a, b) > SHORTEST_SPLIT
+                && self.attempt(|s| s.split_in_the_middle(t, a, b))
+            {
                 self.counts.insertions += 1;
                 return true;
             }
@@ -164,7 +184,7 @@ impl Improver<'_> {
         let (ha, hb) = (self.holds[a as usize], self.holds[b as usize]);
         let mut hold = Hold::default();
         for k in 0..3 {
-            if ha.axes & hb.axes >> k & 1 == 1 && p[k] == q[k] {
+            if (ha.axes & hb.axes) >> k & 1 == 1 && p[k] == q[k] {
                 hold.axes |= 1 << k;
             }
         }

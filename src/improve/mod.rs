@@ -22,13 +22,14 @@ mod mend;
 mod recover;
 mod smooth;
 
+use crate::distance::Distance;
 use crate::mesh::complex::{Complex, Ring};
 use crate::mesh::quality::min_sine;
-use crate::mesh::{AtomKind, FACES, TetMesh, norm, sub};
+use crate::mesh::{AtomKind, FACES, TetMesh, dot, norm, sub};
 use hold::Hold;
 use rayon::prelude::*;
 use serde::Serialize;
-use sheets::Sheets;
+use sheets::{SAME_SHEET, Sheets};
 
 /// How often each kind of change was made.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
@@ -60,6 +61,7 @@ struct Improver<'a> {
     holds: Vec<Hold>,
     extent: [f64; 3],
     sheets: &'a Sheets,
+    distance: &'a Distance<3>,
     /// Tetrahedra to look at.
     queue: Vec<u32>,
     target: f64,
@@ -82,6 +84,7 @@ impl<'a> Improver<'a> {
         kinds: &[AtomKind],
         extent: [f64; 3],
         sheets: &'a Sheets,
+        distance: &'a Distance<3>,
         target: f64,
     ) -> Self {
         let holds = mesh
@@ -109,6 +112,7 @@ impl<'a> Improver<'a> {
             holds,
             extent,
             sheets,
+            distance,
             queue: Vec::new(),
             target,
             counts: Counts::default(),
@@ -127,7 +131,7 @@ impl<'a> Improver<'a> {
         f64::from(self.sines[t as usize])
     }
 
-    /// Whether an edge between two nodes would pass through a feature.
+    /// Whether an edge between two nodes would pass through a feature, or cut a corner of it.
     fn pierces(&self, a: u32, b: u32) -> bool {
         self.piercing(a, b).is_some()
     }
@@ -137,6 +141,18 @@ impl<'a> Improver<'a> {
         let (p, q) = (&self.holds[i], &self.holds[j]);
         if p.far && q.far {
             return None;
+        }
+        // A chord of a sheet must not stray from it where the sheet is curved.
+        if let Some(normal) = p.normals().find(|&n| q.on(n)) {
+            let (x, y) = (self.complex.nodes[i], self.complex.nodes[j]);
+            let middle = std::array::from_fn(|k| 0.5 * (x[k] + y[k]));
+            let sheet = self.sheets.near(middle);
+            if let Some(sheet) = sheet
+                .iter()
+                .find(|s| s.offset.abs() > STRAY && dot(s.normal, normal).abs() > SAME_SHEET)
+            {
+                return Some((middle, *sheet));
+            }
         }
         self.sheets.pierced(
             self.complex.nodes[i],
@@ -269,6 +285,9 @@ impl<'a> Improver<'a> {
 /// Nodes this close to a sheet lie on it: settling leaves less.
 const ON_SHEET: f64 = 0.11;
 
+/// The middle of an edge between two nodes of a sheet may be off the sheet by this much.
+const STRAY: f64 = 0.4;
+
 /// Moves the atoms within `reach` of a feature onto it (onto all of them, where several cross),
 /// never off the box's sides. Returns how many were moved.
 pub fn settle(
@@ -359,18 +378,23 @@ pub fn improve(
     kinds: &mut Vec<AtomKind>,
     extent: [f64; 3],
     sheets: &Sheets,
+    distance: &Distance<3>,
     options: &Options,
 ) -> (Outcome, Vec<u8>) {
     let target = options.min_dihedral.to_radians().sin();
     let taken = std::mem::take(mesh);
-    let mut improver = Improver::new(taken, neighbors, kinds, extent, sheets, target);
+    let mut improver = Improver::new(taken, neighbors, kinds, extent, sheets, distance, target);
     let mut outcome = Outcome {
         poor_before: improver.poor().len(),
         ..Outcome::default()
     };
+    dbg(&improver, "start");
     improver.recover();
+    dbg(&improver, "recover");
     improver.polish(8);
+    dbg(&improver, "polish");
     improver.mend();
+    dbg(&improver, "mend");
     improver.counts.pierced_left = improver.pierced_edges().len();
     outcome.blocked = improver.blocked();
     outcome.poor_after = outcome.blocked.len();
@@ -416,4 +440,13 @@ impl Improver<'_> {
             })
             .collect()
     }
+}
+
+#[cfg(test)]
+mod tests;
+
+fn dbg(i: &Improver, label: &str) {
+    let (m, _) = i.complex.clone().into_mesh();
+    let c = crate::mesh::check::check(&m, [0.0; 3], i.extent, 1e-9);
+    println!("{label} poor {} {:?} {:?}", i.poor().len(), i.counts, c.problems);
 }

@@ -6,7 +6,11 @@ use crate::mesh::quality::min_sine;
 use crate::mesh::{EDGES, dot, norm, sub};
 use rayon::prelude::*;
 
-/// A flip that removes a piercing edge may leave tetrahedra as flat as this; smoothing follows.
+/// A flip that removes a piercing edge may leave tetrahedra as flat as this, round by round: at
+/// first only good ones, so that surfaces are not spanned by long chords; smoothing follows.
+const FLOORS: [f64; 4] = [0.3, 0.15, 0.08, 0.05];
+
+/// The least that pulling a node onto a feature may leave.
 const FLOOR: f64 = 0.05;
 
 impl Improver<'_> {
@@ -34,12 +38,12 @@ impl Improver<'_> {
     pub(super) fn recover(&mut self) {
         let mut pierced = self.pierced_edges();
         self.counts.pierced_before = pierced.len();
-        for round in 0..4 {
+        for (round, floor) in FLOORS.into_iter().enumerate() {
             if pierced.is_empty() {
                 break;
             }
             for &(a, b) in &pierced {
-                if self.recover_by_flip(a, b) {
+                if self.recover_by_flip(a, b, floor) {
                     self.counts.pierced_flipped += 1;
                 } else if self.recover_by_snap(a, b) {
                     self.counts.pierced_snapped += 1;
@@ -59,11 +63,11 @@ impl Improver<'_> {
         t
     }
 
-    fn recover_by_flip(&mut self, a: u32, b: u32) -> bool {
+    fn recover_by_flip(&mut self, a: u32, b: u32, floor: f64) -> bool {
         match self.edge(a, b) {
             // Gone already, with another edge.
             None => true,
-            Some(t) => self.remove_edge(t, a, b, FLOOR),
+            Some(t) => self.remove_edge(t, a, b, floor),
         }
     }
 
@@ -87,7 +91,7 @@ impl Improver<'_> {
     /// Moves a node onto the sheet of that normal if its tetrahedra stay well-formed.
     fn snap(&mut self, node: u32, normal: [f64; 3], reach: f64) -> bool {
         let mut hold = self.holds[node as usize];
-        if hold.axes == 7 || hold.count >= 2 {
+        if hold.axes == 7 || hold.count >= 2 || hold.on(normal) {
             return false;
         }
         hold.add(normal);

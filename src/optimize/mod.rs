@@ -1,1 +1,182 @@
-//! (stage under construction)
+//! Moves the atoms of a lattice to lower its energy (Hale 2001, Algorithm 3).
+//!
+//! Repeat: perturb every atom a little, then minimise the energy with L-BFGS until it no longer
+//! falls; stop when a whole round no longer pays, and keep the best.
+//!
+//! Atoms keep to their place in the box: corners and fixed atoms stay, edge atoms slide along their
+//! edge, side atoms in their side, and no free coordinate comes nearer to a side than a fifth of d.
+//! Coordinates are scaled by d(x) (and the square root of an atom's temperature), so that fine and
+//! coarse parts of a lattice converge alike.
+//!
+//! - [`lbfgs`]: the descent direction
+//! - [`minimise`]: one minimisation: line search, bounds, stopping
+//! - [`observer`]: watching and interrupting
+
+pub mod lbfgs;
+pub mod minimise;
+pub mod observer;
+
+pub use observer::{Observer, Progress, Unobserved};
+
+use crate::distance::Distance;
+use crate::energy::{Energy, Parts};
+use crate::error::{Error, Result, cause};
+use crate::seeding::Atoms;
+use minimise::{Budget, Minimiser};
+
+/// Why an optimisation ended. Every one leaves a usable lattice.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stop {
+    /// The energy no longer falls by more than the tolerance.
+    Converged,
+    /// The allowed rounds or evaluations are used up.
+    MaxIterations,
+    /// The observer asked to stop.
+    Interrupted,
+}
+
+/// How to optimise.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Options {
+    /// Relative decrease of P below which a minimisation, and the rounds, end (Hale: 1e-3).
+    pub tolerance: f64,
+    /// Most rounds of perturbation and minimisation.
+    pub max_rounds: usize,
+    /// Most evaluations of the energy over all rounds.
+    pub max_evaluations: usize,
+    /// Largest perturbation of an atom, in units of d (Hale: 0.1).
+    pub perturbation: f64,
+    /// Decides the perturbations; the same seed gives the same bytes.
+    pub seed: u64,
+    /// Temperature of each atom in [0, 1], which scales its force; empty for 1 everywhere.
+    pub temperature: Vec<f64>,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            tolerance: 1e-3,
+            max_rounds: 3,
+            max_evaluations: 60,
+            perturbation: 0.1,
+            seed: 1,
+            temperature: Vec::new(),
+        }
+    }
+}
+
+/// What an optimisation did.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Outcome {
+    /// Why it ended.
+    pub stop: Stop,
+    /// Rounds begun.
+    pub rounds: usize,
+    /// Steps accepted.
+    pub iterations: usize,
+    /// Evaluations of the energy.
+    pub evaluations: usize,
+    /// P of the lattice as given.
+    pub energy_before: f64,
+    /// P of the lattice as left.
+    pub energy_after: f64,
+    /// A and B of the lattice as left.
+    pub parts: Parts,
+}
+
+/// Lowers the energy of a lattice in the box `[0, extent]`.
+///
+/// # Errors
+/// [`Error::Optimize`] if an option is impossible or the energy is not a number.
+pub fn optimize<const D: usize>(
+    atoms: &mut Atoms<D>,
+    energy: &mut dyn Energy<D>,
+    distance: &Distance<D>,
+    extent: [f64; D],
+    options: &Options,
+    observer: &mut dyn Observer,
+) -> Result<Outcome> {
+    check(options, atoms.len())?;
+    let mobility = mobility(atoms, extent, &options.temperature);
+    let mut minimiser = Minimiser::new(atoms, distance, extent, mobility);
+    let mut budget = Budget { evaluations: 0, iterations: 0, limit: options.max_evaluations };
+    let (energy_before, parts) = minimiser.measure(&atoms.positions, energy, &mut budget)?;
+    let mut best = (energy_before, parts);
+    let mut rounds = 0;
+    let stop = loop {
+        if rounds == options.max_rounds || budget.spent() {
+            break Stop::MaxIterations;
+        }
+        rounds += 1;
+        let key = options.seed.wrapping_add(rounds as u64);
+        let start = minimiser.perturbed(&atoms.positions, options.perturbation, key);
+        let stop =
+            minimiser.run(start, energy, options.tolerance, rounds, &mut budget, observer)?;
+        let before = best.0;
+        let first = rounds == 1;
+        if minimiser.energy() < best.0 {
+            best = (minimiser.energy(), minimiser.parts());
+            atoms.positions.copy_from_slice(minimiser.positions());
+        }
+        observer.round(rounds, &three(&atoms.positions));
+        if stop == Stop::Interrupted {
+            break stop;
+        }
+        if !first && before - best.0 <= options.tolerance * before.abs() {
+            break Stop::Converged;
+        }
+    };
+    Ok(Outcome {
+        stop,
+        rounds,
+        iterations: budget.iterations,
+        evaluations: budget.evaluations,
+        energy_before,
+        energy_after: best.0,
+        parts: best.1,
+    })
+}
+
+fn check(options: &Options, atoms: usize) -> Result<()> {
+    let fail = |place: &str, problem: String, remedy: &str| {
+        Err(Error::Optimize(cause(place, problem, remedy)))
+    };
+    if !(options.tolerance > 0.0 && options.tolerance < 1.0) {
+        let problem = format!("{} is not between 0 and 1", options.tolerance);
+        return fail("tolerance", problem, "give for example 1e-3");
+    }
+    if !(0.0..=0.5).contains(&options.perturbation) {
+        let problem = format!("{} d is not between 0 and 0.5 d", options.perturbation);
+        return fail("perturbation", problem, "give for example 0.1");
+    }
+    let temperature = &options.temperature;
+    if !(temperature.is_empty() || temperature.len() == atoms) {
+        let problem = format!("{} values for {atoms} atoms", temperature.len());
+        return fail("temperature", problem, "give one value for each atom, or none");
+    }
+    if !temperature.iter().all(|t| (0.0..=1.0).contains(t)) {
+        let problem = "some are outside [0, 1]".to_string();
+        return fail("temperature", problem, "give values from 0 (frozen) to 1 (free)");
+    }
+    Ok(())
+}
+
+/// How far each coordinate of each atom may follow its force: mobility in the box, times the square
+/// root of temperature (the gradient is scaled by it once, and so is the step).
+fn mobility<const D: usize>(
+    atoms: &Atoms<D>,
+    extent: [f64; D],
+    temperature: &[f64],
+) -> Vec<[f64; D]> {
+    let mut mobility = atoms.mobility(extent);
+    for (mobility, t) in mobility.iter_mut().zip(temperature) {
+        *mobility = mobility.map(|m| m * t.sqrt());
+    }
+    mobility
+}
+
+/// Positions in three dimensions, whatever `D`.
+fn three<const D: usize>(positions: &[[f64; D]]) -> Vec<[f64; 3]> {
+    let three = |x: &[f64; D]| std::array::from_fn(|k| x.get(k).copied().unwrap_or(0.0));
+    positions.iter().map(three).collect()
+}

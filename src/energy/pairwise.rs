@@ -1,0 +1,665 @@
+//! The exact energy and gradient, from pairs of atoms.
+//!
+//! Cost is about 20 pairs an atom, whatever d is in samples. The gradient is the exact derivative of
+//! the energy, with the derivatives of b(x), of a variable d(x) and of a variable beta(x) in it: with
+//! d_j = d(x_j), w_i = 1 - beta(x_i) and A_i = 1/2 sum over j of phi(r_ij / d_j),
+//!
+//! ```text
+//! P         = sum_i w_i A_i + beta(x_i) b(x_i)
+//! dP / dx_k = 1/2 sum_j (w_k f(r/d_j) / d_j + w_j f(r/d_k) / d_k) (x_j - x_k) / r     moving x_k
+//!           + 1/2 sum_j w_j f(r/d_k) r / d_k^2  grad d(x_k)                           changing d_k
+//!           + (b(x_k) - A_k) grad beta(x_k) + beta(x_k) grad b(x_k)
+//! ```
+//!
+//! Distances are computed in `f32` from fixed-point positions ([`FixedPoint`]) and summed in a fixed
+//! order, so the result is the same for any number of threads.
+
+use rayon::prelude::*;
+
+use super::image_term::ImageTerm;
+use super::neighbours::{CHUNK, FixedPoint, LANES, NOWHERE, Neighbours, Point};
+use super::pair::{CUTOFF, force, potential};
+use super::{Beta, Energy, Parts};
+use crate::distance::Distance;
+use crate::error::{Error, Result, cause};
+use crate::image::Field;
+
+/// Width of the Verlet list beyond the cut-off, in units of d. The third shell of an FCC lattice is
+/// at 1.73 d, so a regular lattice gets no more pairs from it.
+const SKIN: f32 = 0.2;
+
+/// What the general kernel must know of each atom besides its position.
+#[derive(Clone, Copy, Default)]
+struct Site {
+    /// 1 / d(x_i) per fixed-point unit.
+    inverse: f32,
+    /// 1 - beta(x_i).
+    weight: f32,
+}
+
+/// Sums over the neighbours of one atom.
+#[derive(Clone, Copy, Default)]
+struct Sums {
+    /// Sum of phi(r / d_j).
+    potential: f32,
+    /// Derivative of the energy with respect to the atom's position at fixed d, per unit length.
+    pull: [f32; 3],
+    /// Derivative with respect to ln d_i.
+    swell: f32,
+}
+
+/// The exact evaluator of the lattice energy.
+pub struct Pairwise<'a, const D: usize> {
+    distance: &'a Distance<D>,
+    image: Option<ImageTerm<'a, D>>,
+    beta: Beta<D>,
+    fixed: FixedPoint,
+    /// Largest |grad d|.
+    slope: f64,
+    neighbours: Neighbours,
+    /// Positions at the last evaluation, and [`NOWHERE`].
+    points: Vec<Point>,
+    /// Positions and d when the neighbours were listed.
+    listed: Vec<(Point, f32)>,
+    /// For the general kernel only.
+    sites: Vec<Site>,
+    parts: Parts,
+    rebuilds: usize,
+}
+
+impl<'a, const D: usize> Pairwise<'a, D> {
+    /// An evaluator for atoms in the box `[0, extent]`, for `D` of 2 or 3. Without a `potential` the
+    /// image has no part in the energy (b = 0).
+    ///
+    /// # Errors
+    /// [`Error::Optimize`] if beta leaves [0, 1].
+    pub fn new(
+        extent: [f64; D],
+        distance: &'a Distance<D>,
+        potential: Option<&'a Field<D>>,
+        beta: Beta<D>,
+    ) -> Result<Self> {
+        let range = match &beta {
+            Beta::Constant(beta) => (*beta, *beta),
+            Beta::Field(field) => field.samples.iter().fold((0.0, 1.0), |(low, high), &b| {
+                (f64::from(b).min(low), f64::from(b).max(high))
+            }),
+        };
+        let finite = match &beta {
+            Beta::Constant(beta) => beta.is_finite(),
+            Beta::Field(field) => field.samples.iter().all(|b| b.is_finite()),
+        };
+        if !(finite && range.0 >= 0.0 && range.1 <= 1.0) {
+            return Err(Error::Optimize(cause(
+                "beta",
+                format!("ranges from {} to {}", range.0, range.1),
+                "give a weight between 0 (lattice only) and 1 (image only)",
+            )));
+        }
+        Ok(Self {
+            distance,
+            image: potential.map(ImageTerm::new),
+            beta,
+            fixed: FixedPoint::new(&extent),
+            slope: largest_slope(distance),
+            neighbours: Neighbours::default(),
+            points: Vec::new(),
+            listed: Vec::new(),
+            sites: Vec::new(),
+            parts: Parts::default(),
+            rebuilds: 0,
+        })
+    }
+
+    /// How many times the neighbours have been listed.
+    pub fn rebuilds(&self) -> usize {
+        self.rebuilds
+    }
+
+    /// Takes over new positions; lists the neighbours anew if some atom has moved, or its d grown,
+    /// by more than half the skin in all.
+    ///
+    /// That is exact: a pair left out was farther apart than 1.5 d + skin of either atom, and both
+    /// together have used up at most the larger skin.
+    fn update(&mut self, x: &[[f64; D]]) {
+        let count = x.len();
+        let constant = match self.distance {
+            Distance::Constant(d) => Some(*d),
+            Distance::Field(_) => None,
+        };
+        let general = constant.is_none() || matches!(self.beta, Beta::Field(_));
+        self.points.resize(count + 1, NOWHERE);
+        self.points[count] = NOWHERE;
+        if general {
+            self.sites.resize(count + 1, Site::default());
+            self.sites[count] = Site {
+                inverse: 1.0,
+                weight: 0.0,
+            };
+        }
+        let stale_count = self.listed.len() != count;
+        let (fixed, distance, beta) = (self.fixed, self.distance, &self.beta);
+        let scale = fixed.scale;
+        let listed = &self.listed;
+        let moved = |n: usize, point: &Point, d: f32| {
+            let (old, old_d) = &listed[n];
+            let step = |k: usize| point[k].wrapping_sub(old[k]) as f32;
+            let distance = (step(0) * step(0) + step(1) * step(1) + step(2) * step(2)).sqrt();
+            distance + CUTOFF * (d - old_d).max(0.0) > 0.5 * SKIN * old_d
+        };
+        let stale = self.points[..count]
+            .par_chunks_mut(CHUNK)
+            .zip(x.par_chunks(CHUNK))
+            .enumerate()
+            .map(|(chunk, (points, x))| {
+                let mut stale = stale_count;
+                for (n, (point, x)) in points.iter_mut().zip(x).enumerate() {
+                    *point = fixed.of(x);
+                    if let Some(d) = constant {
+                        let d = (d * scale) as f32;
+                        stale = stale || moved(chunk * CHUNK + n, point, d);
+                    }
+                }
+                stale
+            })
+            .reduce(|| false, |a, b| a || b);
+        let mut stale = stale;
+        if general {
+            stale |= self.sites[..count]
+                .par_chunks_mut(CHUNK)
+                .zip(x.par_chunks(CHUNK))
+                .enumerate()
+                .map(|(chunk, (sites, x))| {
+                    let mut stale = stale_count;
+                    for (n, (site, x)) in sites.iter_mut().zip(x).enumerate() {
+                        let d = distance.at(*x) * scale;
+                        let beta = match beta {
+                            Beta::Constant(beta) => *beta,
+                            Beta::Field(field) => field.value(*x),
+                        };
+                        *site = Site {
+                            inverse: (1.0 / d) as f32,
+                            weight: (1.0 - beta) as f32,
+                        };
+                        let n = chunk * CHUNK + n;
+                        stale = stale || moved(n, &fixed.of(x), d as f32);
+                    }
+                    stale
+                })
+                .reduce(|| false, |a, b| a || b);
+        }
+        if stale {
+            self.list_neighbours(constant, count);
+        }
+    }
+
+    fn list_neighbours(&mut self, constant: Option<f64>, count: usize) {
+        let d = |n: usize| match constant {
+            Some(d) => (d * self.fixed.scale) as f32,
+            None => 1.0 / self.sites[n].inverse,
+        };
+        self.listed = (0..count).map(|n| (self.points[n], d(n))).collect();
+        let reach: Vec<f32> = self
+            .listed
+            .iter()
+            .map(|(_, d)| (CUTOFF + SKIN) * d)
+            .collect();
+        let slope = f64::from(CUTOFF + SKIN) * self.slope;
+        self.neighbours.build(&self.points, &reach, slope as f32);
+        self.rebuilds += 1;
+    }
+}
+
+impl<const D: usize> Energy<D> for Pairwise<'_, D> {
+    fn evaluate(&mut self, x: &[[f64; D]], gradient: &mut [[f64; D]]) -> f64 {
+        self.update(x);
+        let scale = self.fixed.scale;
+        let (points, sites) = (&self.points, &self.sites);
+        let (image, beta, distance) = (&self.image, &self.beta, self.distance);
+        let image_at = |x: &[f64; D]| image.as_ref().and_then(|image| image.at(*x));
+
+        let chunks = self
+            .neighbours
+            .chunks
+            .par_iter()
+            .zip(gradient.par_chunks_mut(CHUNK));
+        let sums: Vec<[f64; 3]> = chunks
+            .enumerate()
+            .map(|(chunk, (rows, gradient))| {
+                let first = chunk * CHUNK;
+                // A, B and P of the chunk's atoms.
+                let mut total = [0.0f64; 3];
+                let atoms = rows.iter().zip(gradient).enumerate();
+                match (distance, beta) {
+                    (Distance::Constant(d), Beta::Constant(beta)) => {
+                        let inverse = (1.0 / (d * scale)) as f32;
+                        let weight = (1.0 - beta) / d;
+                        for (n, (row, gradient)) in atoms {
+                            let (sum, pull) = same_distance(points, first + n, row, inverse);
+                            total[0] += 0.5 * f64::from(sum);
+                            *gradient = std::array::from_fn(|k| weight * f64::from(pull[k]));
+                            if let Some((b, slope)) = image_at(&x[first + n]) {
+                                total[1] += b;
+                                for k in 0..D {
+                                    gradient[k] += beta * slope[k];
+                                }
+                            }
+                        }
+                        total[2] = (1.0 - beta) * total[0] + beta * total[1];
+                    }
+                    _ => {
+                        for (n, (row, gradient)) in atoms {
+                            let i = first + n;
+                            let sums = any_distance(points, sites, i, row);
+                            let (d, d_slope) = distance.at_with_gradient(x[i]);
+                            let (beta, beta_slope) = match beta {
+                                Beta::Constant(beta) => (*beta, [0.0; D]),
+                                Beta::Field(field) => field.value_and_gradient(x[i]),
+                            };
+                            let (b, b_slope) = image_at(&x[i]).unwrap_or((0.0, [0.0; D]));
+                            let a = 0.5 * f64::from(sums.potential);
+                            total[0] += a;
+                            total[1] += b;
+                            total[2] += (1.0 - beta) * a + beta * b;
+                            *gradient = std::array::from_fn(|k| {
+                                0.5 * f64::from(sums.pull[k]) * scale
+                                    + 0.5 * f64::from(sums.swell) / d * d_slope[k]
+                                    + (b - a) * beta_slope[k]
+                                    + beta * b_slope[k]
+                            });
+                        }
+                    }
+                }
+                total
+            })
+            .collect();
+        let total = sums
+            .iter()
+            .fold([0.0; 3], |t, s| [t[0] + s[0], t[1] + s[1], t[2] + s[2]]);
+        self.parts = Parts {
+            lattice: total[0],
+            image: total[1],
+        };
+        total[2]
+    }
+
+    fn parts(&self) -> Parts {
+        self.parts
+    }
+}
+
+/// The differences x_j - x_i of a group of neighbours, one array an axis.
+#[inline(always)]
+fn differences(points: &[Point], centre: &Point, group: &[u32; LANES]) -> [[f32; LANES]; 3] {
+    let p = group.map(|j| points[j as usize]);
+    std::array::from_fn(|k| std::array::from_fn(|l| p[l][k].wrapping_sub(centre[k]) as f32))
+}
+
+/// Sum over neighbours of phi(u) and of f(u) (x_j - x_i) / r, where every atom has the same d;
+/// `inverse` is 1 / d per fixed-point unit.
+#[inline(always)]
+fn same_distance(
+    points: &[Point],
+    i: usize,
+    row: &[[u32; LANES]],
+    inverse: f32,
+) -> (f32, [f32; 3]) {
+    let centre = points[i];
+    let mut energy = [0.0f32; LANES];
+    let mut pull = [[0.0f32; LANES]; 3];
+    for group in row {
+        let step = differences(points, &centre, group);
+        for l in 0..LANES {
+            let v: [f32; 3] = std::array::from_fn(|k| step[k][l] * inverse);
+            let u2 = v[0] * v[0] + v[1] * v[1] + v[2] * v[2];
+            // Atoms at one place push each other nowhere rather than to infinity.
+            let u = u2.clamp(1e-12, CUTOFF * CUTOFF).sqrt();
+            energy[l] += potential(u);
+            let f = force(u) / u;
+            for k in 0..3 {
+                pull[k][l] += f * v[k];
+            }
+        }
+    }
+    (energy.iter().sum(), pull.map(|lanes| lanes.iter().sum()))
+}
+
+/// The sums of one atom where d and beta may differ from atom to atom.
+#[inline(always)]
+fn any_distance(points: &[Point], sites: &[Site], i: usize, row: &[[u32; LANES]]) -> Sums {
+    let (centre, own) = (points[i], sites[i]);
+    let mut energy = [0.0f32; LANES];
+    let mut swell = [0.0f32; LANES];
+    let mut pull = [[0.0f32; LANES]; 3];
+    for group in row {
+        let step = differences(points, &centre, group);
+        let other = group.map(|j| sites[j as usize]);
+        for l in 0..LANES {
+            let v: [f32; 3] = std::array::from_fn(|k| step[k][l] * own.inverse);
+            let r2 = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).max(1e-12);
+            let r = r2.sqrt();
+            // r is in units of the own d; the other's units differ.
+            let ratio = other[l].inverse / own.inverse;
+            energy[l] += potential(r * ratio);
+            let own_force = other[l].weight * force(r);
+            let other_force = own.weight * force(r * ratio) * ratio;
+            swell[l] += own_force * r.min(CUTOFF);
+            let f = (own_force + other_force) / r * own.inverse;
+            for k in 0..3 {
+                pull[k][l] += f * v[k];
+            }
+        }
+    }
+    Sums {
+        potential: energy.iter().sum(),
+        pull: pull.map(|lanes| lanes.iter().sum()),
+        swell: swell.iter().sum(),
+    }
+}
+
+/// A bound on |grad d|, from the largest difference between neighbouring samples along each axis: d
+/// is interpolated linearly between them.
+fn largest_slope<const D: usize>(distance: &Distance<D>) -> f64 {
+    let Distance::Field(field) = distance else {
+        return 0.0;
+    };
+    let mut total = 0.0;
+    let mut stride = 1;
+    for k in 0..D {
+        let steepest = field
+            .samples
+            .par_iter()
+            .zip(field.samples.par_iter().skip(stride))
+            .enumerate()
+            .filter(|(n, _)| n / stride % field.dims[k] + 1 < field.dims[k])
+            .map(|(_, (a, b))| (b - a).abs())
+            .reduce(|| 0.0, f32::max);
+        total += (f64::from(steepest) / field.step[k]).powi(2);
+        stride *= field.dims[k];
+    }
+    total.sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Cubic convolution from its definition, in `f64` and one axis after the other.
+    fn interpolate<const D: usize>(field: &Field<D>, x: &[f64; D]) -> f64 {
+        let keys = |s: f64| match s.abs() {
+            s if s < 1.0 => 1.5 * s.powi(3) - 2.5 * s * s + 1.0,
+            s if s < 2.0 => -0.5 * s.powi(3) + 2.5 * s * s - 4.0 * s + 2.0,
+            _ => 0.0,
+        };
+        let mut sum = 0.0;
+        for tap in 0..6usize.pow(D as u32) {
+            let (mut flat, mut stride, mut rest, mut weight) = (0, 1, tap, 1.0);
+            for k in 0..D {
+                let index = x[k] / field.step[k];
+                let at = index.floor() + (rest % 6) as f64 - 2.0;
+                rest /= 6;
+                weight *= keys(index - at);
+                flat += stride * at.clamp(0.0, (field.dims[k] - 1) as f64) as usize;
+                stride *= field.dims[k];
+            }
+            sum += weight * f64::from(field.samples[flat]);
+        }
+        sum
+    }
+
+    /// What the tests evaluate.
+    struct Case<'a, const D: usize> {
+        extent: [f64; D],
+        distance: &'a Distance<D>,
+        potential: &'a Field<D>,
+        beta: Beta<D>,
+    }
+
+    impl<const D: usize> Case<'_, D> {
+        /// The terms of the energy that atom `n` has a part in, straight from the definition.
+        fn terms(&self, x: &[[f64; D]], n: usize) -> f64 {
+            let phi = |u: f64| {
+                let u = u.min(1.5);
+                153.0 / 256.0 - 9.0 / 8.0 * u + 19.0 / 24.0 * u.powi(3) - 5.0 / 16.0 * u.powi(4)
+            };
+            let beta = |x: &[f64; D]| match &self.beta {
+                Beta::Constant(beta) => *beta,
+                Beta::Field(field) => interpolate(field, x),
+            };
+            let (own_d, own_beta) = (self.distance.at(x[n]), beta(&x[n]));
+            let mut energy = own_beta * interpolate(self.potential, &x[n]);
+            for (j, other) in x.iter().enumerate() {
+                let r = (0..D)
+                    .map(|k| (x[n][k] - other[k]).powi(2))
+                    .sum::<f64>()
+                    .sqrt();
+                if j != n && r < 1.6 * self.distance.max() {
+                    energy += 0.5 * (1.0 - own_beta) * phi(r / self.distance.at(*other));
+                    energy += 0.5 * (1.0 - beta(other)) * phi(r / own_d);
+                }
+            }
+            energy
+        }
+
+        /// Relative errors of the evaluator: of its gradient against differences of the definition
+        /// (of some atoms, in the Euclidean norm), and of its energy.
+        fn errors(&self, x: &[[f64; D]]) -> (f64, f64) {
+            let potential = Some(self.potential);
+            let mut evaluator =
+                Pairwise::new(self.extent, self.distance, potential, self.beta.clone()).unwrap();
+            let mut gradient = vec![[0.0; D]; x.len()];
+            let energy = evaluator.evaluate(x, &mut gradient);
+            // Pair terms appear with both of their atoms, image terms once.
+            let mut truth = 0.0;
+            for n in 0..x.len() {
+                let beta = match &self.beta {
+                    Beta::Constant(beta) => *beta,
+                    Beta::Field(field) => interpolate(field, &x[n]),
+                };
+                let image = beta * interpolate(self.potential, &x[n]);
+                truth += image + 0.5 * (self.terms(x, n) - image);
+            }
+            let (mut error2, mut size2) = (0.0, 0.0);
+            let mut y = x.to_vec();
+            for n in (0..x.len()).step_by(x.len() / 40) {
+                for k in 0..D {
+                    let h = 1e-5;
+                    y[n][k] = x[n][k] + h;
+                    let up = self.terms(&y, n);
+                    y[n][k] = x[n][k] - h;
+                    let slope = (up - self.terms(&y, n)) / (2.0 * h);
+                    y[n][k] = x[n][k];
+                    error2 += (slope - gradient[n][k]).powi(2);
+                    size2 += slope * slope;
+                }
+            }
+            (
+                (error2 / size2).sqrt(),
+                (energy - truth).abs() / truth.abs(),
+            )
+        }
+    }
+
+    fn random(seed: u64) -> impl FnMut() -> f64 {
+        let mut state = seed;
+        move || {
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695);
+            (state >> 33) as f64 / (1u64 << 31) as f64
+        }
+    }
+
+    /// Random atoms at least `apart` apart.
+    fn lattice<const D: usize>(extent: [f64; D], apart: f64, seed: u64) -> Vec<[f64; D]> {
+        let mut random = random(seed);
+        let mut atoms: Vec<[f64; D]> = Vec::new();
+        for _ in 0..6_000 {
+            let x: [f64; D] = std::array::from_fn(|k| random() * extent[k]);
+            let near =
+                |a: &[f64; D]| (0..D).map(|k| (a[k] - x[k]).powi(2)).sum::<f64>() < apart * apart;
+            if !atoms.iter().any(near) {
+                atoms.push(x);
+            }
+        }
+        atoms
+    }
+
+    /// A slowly waving field between two values.
+    fn smooth<const D: usize>(extent: [f64; D], low: f64, high: f64) -> Field<D> {
+        let dims = extent.map(|l| l as usize + 1);
+        Field::from_fn(dims, [1.0; D], |x| {
+            let wave: f64 = (0..D).map(|k| (0.11 * x[k] + k as f64).sin()).sum::<f64>() / D as f64;
+            low + (high - low) * 0.5 * (1.0 + wave)
+        })
+    }
+
+    #[test]
+    fn lattice_gradient_is_exact_for_constant_distance() {
+        let extent = [21.0, 18.0, 24.0];
+        let x = lattice(extent, 1.8, 3);
+        let nothing = Field {
+            dims: [2; 3],
+            step: [30.0; 3],
+            samples: vec![0.0; 8],
+        };
+        let distance = Distance::Constant(3.0);
+        let (gradient, energy) = Case {
+            extent,
+            distance: &distance,
+            potential: &nothing,
+            beta: Beta::Constant(0.5),
+        }
+        .errors(&x);
+        println!("constant d: gradient {gradient:.1e}, energy {energy:.1e}");
+        assert!(gradient < 1e-6 && energy < 1e-6, "{gradient:e} {energy:e}");
+    }
+
+    #[test]
+    fn lattice_gradient_is_exact_far_from_the_origin() {
+        let extent = [900.0, 900.0, 900.0];
+        let mut x = lattice([21.0; 3], 1.8, 5);
+        for atom in &mut x {
+            *atom = atom.map(|c| c + 870.0);
+        }
+        let nothing = Field {
+            dims: [2; 3],
+            step: [900.0; 3],
+            samples: vec![0.0; 8],
+        };
+        let distance = Distance::Constant(3.0);
+        let (gradient, _) = Case {
+            extent,
+            distance: &distance,
+            potential: &nothing,
+            beta: Beta::Constant(0.5),
+        }
+        .errors(&x);
+        // Positions are resolved to 2^-20 of a sample here, 3e-7 of d.
+        assert!(gradient < 3e-6, "{gradient:e}");
+    }
+
+    #[test]
+    fn gradient_includes_the_derivatives_of_distance_image_and_beta() {
+        let extent = [24.0, 20.0, 22.0];
+        let x = lattice(extent, 1.8, 4);
+        let distance = Distance::Field(smooth(extent, 2.0, 4.5));
+        let potential = smooth(extent, -1.0, 0.0);
+        for beta in [Beta::Constant(0.4), Beta::Field(smooth(extent, 0.2, 0.8))] {
+            let (gradient, energy) = Case {
+                extent,
+                distance: &distance,
+                potential: &potential,
+                beta,
+            }
+            .errors(&x);
+            println!("variable d: gradient {gradient:.1e}, energy {energy:.1e}");
+            assert!(gradient < 1e-6 && energy < 1e-6, "{gradient:e} {energy:e}");
+        }
+        let constant = Distance::Constant(3.0);
+        let (gradient, _) = Case {
+            extent,
+            distance: &constant,
+            potential: &potential,
+            beta: Beta::Constant(0.4),
+        }
+        .errors(&x);
+        assert!(gradient < 1e-6, "{gradient:e}");
+    }
+
+    #[test]
+    fn gradient_is_exact_in_two_dimensions() {
+        let extent = [30.0, 40.0];
+        let x = lattice(extent, 1.8, 6);
+        let distance = Distance::Field(smooth(extent, 2.0, 4.0));
+        let potential = smooth(extent, -1.0, 0.0);
+        let (gradient, energy) = Case {
+            extent,
+            distance: &distance,
+            potential: &potential,
+            beta: Beta::Constant(0.5),
+        }
+        .errors(&x);
+        assert!(gradient < 1e-6 && energy < 1e-6, "{gradient:e} {energy:e}");
+    }
+
+    #[test]
+    fn a_kept_list_gives_what_a_new_one_gives() {
+        let extent = [24.0, 20.0, 22.0];
+        let mut x = lattice(extent, 1.8, 8);
+        let distance = Distance::Field(smooth(extent, 2.0, 4.5));
+        let mut random = random(9);
+        let mut kept = Pairwise::new(extent, &distance, None, Beta::Constant(0.0)).unwrap();
+        let mut gradient = vec![[0.0; 3]; x.len()];
+        for _ in 0..30 {
+            for atom in &mut x {
+                *atom = std::array::from_fn(|k| {
+                    (atom[k] + 0.12 * (random() - 0.5)).clamp(0.0, extent[k])
+                });
+            }
+            let energy = kept.evaluate(&x, &mut gradient);
+            let mut new = Pairwise::new(extent, &distance, None, Beta::Constant(0.0)).unwrap();
+            let mut truth = vec![[0.0; 3]; x.len()];
+            let expected = new.evaluate(&x, &mut truth);
+            assert!((energy - expected).abs() < 1e-6 * expected.abs());
+            for (a, b) in gradient.iter().flatten().zip(truth.iter().flatten()) {
+                assert!((a - b).abs() < 1e-5, "{a} {b}");
+            }
+        }
+        assert!(
+            kept.rebuilds() > 1 && kept.rebuilds() < 30,
+            "{}",
+            kept.rebuilds()
+        );
+    }
+
+    #[test]
+    fn any_number_of_threads_gives_the_same_bytes() {
+        let extent = [60.0; 3];
+        let d = 3.0;
+        let x = crate::seeding::lattice::fitted(extent, d);
+        let distance = Distance::Constant(d);
+        let run = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .unwrap();
+            pool.install(|| {
+                let mut evaluator =
+                    Pairwise::new(extent, &distance, None, Beta::Constant(0.5)).unwrap();
+                let mut gradient = vec![[0.0; 3]; x.len()];
+                (evaluator.evaluate(&x, &mut gradient).to_bits(), gradient)
+            })
+        };
+        assert!(x.len() > 3 * CHUNK);
+        assert_eq!(run(1), run(3));
+    }
+
+    #[test]
+    fn beta_outside_its_range_is_refused() {
+        let distance = Distance::Constant(2.0);
+        for beta in [-0.1, 1.1, f64::NAN] {
+            assert!(Pairwise::new([9.0; 3], &distance, None, Beta::Constant(beta)).is_err());
+        }
+    }
+}

@@ -1,0 +1,316 @@
+//! Limited-memory BFGS (Nocedal 1980): the descent direction from the last few steps.
+//!
+//! The two-loop recursion is run on the *coefficients* of the direction in the basis of stored steps
+//! s, gradient changes y and the gradient g, with all inner products kept in a small Gram matrix
+//! (Chen, Wang & Zhou 2014). So one pass over memory adds a step and takes its inner products with
+//! all the others, and one more makes the direction. Vectors are `f32`, sums are taken in chunks of
+//! fixed size and added up in `f64` in a fixed order: the same bytes for any number of threads.
+
+use rayon::prelude::*;
+
+/// Number of steps remembered.
+const MEMORY: usize = 5;
+/// Index of the gradient in the basis s_0.., y_0.., g.
+const GRADIENT: usize = 2 * MEMORY;
+const BASIS: usize = 2 * MEMORY + 1;
+
+/// Coordinates per unit of parallel work: a multiple of 2, 3 and 8, and small enough that a chunk of
+/// every vector stays in the cache.
+pub const CHUNK: usize = 3072;
+
+/// The memory of a minimisation over `n` scaled coordinates.
+pub struct Lbfgs {
+    /// s in slots `0..MEMORY`, y in `MEMORY..2 * MEMORY`, the gradient last.
+    basis: [Vec<f32>; BASIS],
+    /// Inner products of the basis; meaningful for the live slots and the gradient.
+    gram: [[f64; BASIS]; BASIS],
+    /// Live slots, oldest first.
+    live: Vec<usize>,
+    /// Inverse curvature to assume while there is no memory.
+    guess: f64,
+}
+
+impl Lbfgs {
+    /// An empty memory at a point whose gradient is `gradient`. `guess` is the step length that
+    /// steepest descent would take.
+    pub fn new(gradient: Vec<f32>, guess: f64) -> Self {
+        let n = gradient.len();
+        let mut basis: [Vec<f32>; BASIS] = std::array::from_fn(|_| vec![0.0; n]);
+        basis[GRADIENT] = gradient;
+        let mut memory = Self {
+            basis,
+            gram: [[0.0; BASIS]; BASIS],
+            live: Vec::new(),
+            guess,
+        };
+        memory.forget();
+        memory
+    }
+
+    /// Drops all steps; the next direction is steepest descent.
+    pub fn forget(&mut self) {
+        self.live.clear();
+        let gradient = &self.basis[GRADIENT];
+        let partial: Vec<f64> = gradient.par_chunks(CHUNK).map(|g| dot(g, g)).collect();
+        self.gram[GRADIENT][GRADIENT] = partial.iter().sum();
+    }
+
+    /// Whether the next direction is plain steepest descent.
+    pub fn is_empty(&self) -> bool {
+        self.live.is_empty()
+    }
+
+    /// The gradient at the current point.
+    pub fn gradient(&self) -> &[f32] {
+        &self.basis[GRADIENT]
+    }
+
+    /// Goes to a new point: `advance(chunk, s, g)` writes the step taken and the new gradient of
+    /// the coordinates from `chunk * CHUNK` on. The step is remembered if the curvature along it is
+    /// positive.
+    pub fn advance(&mut self, advance: impl Fn(usize, &mut [f32], &mut [f32]) + Sync) {
+        let slot = if self.live.len() == MEMORY {
+            self.live.remove(0)
+        } else {
+            (0..MEMORY).find(|s| !self.live.contains(s)).unwrap_or(0)
+        };
+        let mut s = std::mem::take(&mut self.basis[slot]);
+        let mut y = std::mem::take(&mut self.basis[MEMORY + slot]);
+        let mut g = std::mem::take(&mut self.basis[GRADIENT]);
+        let others: Vec<usize> = self.live.iter().flat_map(|&k| [k, MEMORY + k]).collect();
+        let basis = &self.basis;
+        // Of each chunk: inner products of s, y, g with the others, then among themselves.
+        let partial: Vec<[[f64; 3]; BASIS + 2]> = s
+            .par_chunks_mut(CHUNK)
+            .zip(y.par_chunks_mut(CHUNK))
+            .zip(g.par_chunks_mut(CHUNK))
+            .enumerate()
+            .map(|(chunk, ((s, y), g))| {
+                y.copy_from_slice(g);
+                advance(chunk, s, g);
+                for (y, g) in y.iter_mut().zip(g.iter()) {
+                    *y = g - *y;
+                }
+                let mut sums = [[0.0; 3]; BASIS + 2];
+                for (sum, &other) in sums.iter_mut().zip(&others) {
+                    *sum = dots(&basis[other][chunk * CHUNK..][..s.len()], s, y, g);
+                }
+                sums[BASIS - 1] = dots(s, s, y, g);
+                sums[BASIS] = dots(y, s, y, g);
+                sums[BASIS + 1] = dots(g, s, y, g);
+                sums
+            })
+            .collect();
+        let mut total = [[0.0; 3]; BASIS + 2];
+        for sums in &partial {
+            for (total, sum) in total.iter_mut().zip(sums) {
+                for k in 0..3 {
+                    total[k] += sum[k];
+                }
+            }
+        }
+        let new = [slot, MEMORY + slot, GRADIENT];
+        for (sum, &other) in total.iter().zip(&others) {
+            for k in 0..3 {
+                self.gram[new[k]][other] = sum[k];
+                self.gram[other][new[k]] = sum[k];
+            }
+        }
+        for (k, sum) in total[BASIS - 1..].iter().enumerate() {
+            for (l, &value) in sum.iter().enumerate() {
+                self.gram[new[k]][new[l]] = value;
+            }
+        }
+        self.basis[slot] = s;
+        self.basis[MEMORY + slot] = y;
+        self.basis[GRADIENT] = g;
+        let (ss, sy, yy) = (total[BASIS - 1][0], total[BASIS - 1][1], total[BASIS][1]);
+        if sy > 1e-6 * (ss * yy).sqrt() {
+            self.live.push(slot);
+        }
+    }
+
+    /// Writes the descent direction, no block of `D` coordinates (an atom) of it longer than
+    /// `longest`, and returns its slope: the inner product with the gradient.
+    pub fn direction<const D: usize>(&self, longest: f32, direction: &mut [f32]) -> f64 {
+        let weights = self.coefficients();
+        let terms: Vec<(f32, &[f32])> = (0..BASIS)
+            .filter(|&k| weights[k] != 0.0)
+            .map(|k| (weights[k] as f32, self.basis[k].as_slice()))
+            .collect();
+        let gradient = &self.basis[GRADIENT];
+        let partial: Vec<f64> = direction
+            .par_chunks_mut(CHUNK)
+            .enumerate()
+            .map(|(chunk, direction)| {
+                let range = chunk * CHUNK..chunk * CHUNK + direction.len();
+                direction.fill(0.0);
+                for (weight, vector) in &terms {
+                    for (d, v) in direction.iter_mut().zip(&vector[range.clone()]) {
+                        *d += weight * v;
+                    }
+                }
+                for atom in direction.chunks_exact_mut(D) {
+                    let length2: f32 = atom.iter().map(|c| c * c).sum();
+                    if length2 > longest * longest {
+                        let shrink = longest / length2.sqrt();
+                        atom.iter_mut().for_each(|c| *c *= shrink);
+                    }
+                }
+                dot(direction, &gradient[range])
+            })
+            .collect();
+        partial.iter().sum()
+    }
+
+    /// The two-loop recursion in the space of coefficients.
+    fn coefficients(&self) -> [f64; BASIS] {
+        let gram = &self.gram;
+        let along = |weights: &[f64; BASIS], k: usize| -> f64 {
+            let live = self
+                .live
+                .iter()
+                .flat_map(|&j| [j, MEMORY + j])
+                .chain([GRADIENT]);
+            live.map(|j| weights[j] * gram[j][k]).sum()
+        };
+        let mut weights = [0.0; BASIS];
+        weights[GRADIENT] = -1.0;
+        let mut alpha = [0.0; MEMORY];
+        for &k in self.live.iter().rev() {
+            alpha[k] = along(&weights, k) / gram[k][MEMORY + k];
+            weights[MEMORY + k] -= alpha[k];
+        }
+        let scale = match self.live.last() {
+            Some(&k) => gram[k][MEMORY + k] / gram[MEMORY + k][MEMORY + k],
+            None => self.guess,
+        };
+        weights.iter_mut().for_each(|w| *w *= scale);
+        for &k in &self.live {
+            let beta = along(&weights, MEMORY + k) / gram[k][MEMORY + k];
+            weights[k] += alpha[k] - beta;
+        }
+        weights
+    }
+}
+
+/// Inner product of two chunks: eight running sums, which the compiler turns into vector registers.
+pub fn dot(a: &[f32], b: &[f32]) -> f64 {
+    let mut sums = [0.0f32; 8];
+    let (blocks_a, blocks_b) = (a.chunks_exact(8), b.chunks_exact(8));
+    let rest: f32 = blocks_a
+        .remainder()
+        .iter()
+        .zip(blocks_b.remainder())
+        .map(|(a, b)| a * b)
+        .sum();
+    for (a, b) in blocks_a.zip(blocks_b) {
+        for l in 0..8 {
+            sums[l] += a[l] * b[l];
+        }
+    }
+    sums.iter().map(|&s| f64::from(s)).sum::<f64>() + f64::from(rest)
+}
+
+/// Inner products of `a` with three others in one go.
+fn dots(a: &[f32], s: &[f32], y: &[f32], g: &[f32]) -> [f64; 3] {
+    [dot(a, s), dot(a, y), dot(a, g)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Minimises with unit steps and plain halving; returns the number of evaluations.
+    fn minimise(f: impl Fn(&[f64]) -> (f64, Vec<f32>), x: &mut Vec<f64>, tolerance: f64) -> usize {
+        let (mut value, gradient) = f(x);
+        let mut memory = Lbfgs::new(gradient, 1e-3);
+        let mut direction = vec![0.0f32; x.len()];
+        for evaluations in 1..2000 {
+            let slope = memory.direction::<1>(10.0, &mut direction);
+            assert!(slope <= 0.0);
+            let mut alpha = 1.0;
+            let (next, found) = loop {
+                let next: Vec<f64> = x
+                    .iter()
+                    .zip(&direction)
+                    .map(|(x, p)| x + alpha * f64::from(*p))
+                    .collect();
+                let found = f(&next);
+                if found.0 <= value + 1e-4 * alpha * slope || alpha < 1e-12 {
+                    break (next, found);
+                }
+                alpha *= 0.5;
+            };
+            let old = x.clone();
+            *x = next;
+            value = found.0;
+            memory.advance(|chunk, s, g| {
+                let first = chunk * CHUNK;
+                for n in 0..s.len() {
+                    s[n] = (x[first + n] - old[first + n]) as f32;
+                    g[n] = found.1[first + n];
+                }
+            });
+            if value < tolerance {
+                return evaluations;
+            }
+        }
+        usize::MAX
+    }
+
+    fn rosenbrock(x: &[f64]) -> (f64, Vec<f32>) {
+        let (mut value, mut gradient) = (0.0, vec![0.0f64; x.len()]);
+        for n in 0..x.len() - 1 {
+            let (a, b) = (1.0 - x[n], x[n + 1] - x[n] * x[n]);
+            value += a * a + 100.0 * b * b;
+            gradient[n] += -2.0 * a - 400.0 * x[n] * b;
+            gradient[n + 1] += 200.0 * b;
+        }
+        (value, gradient.iter().map(|&g| g as f32).collect())
+    }
+
+    #[test]
+    fn finds_the_minimum_of_rosenbrock() {
+        let mut x = vec![-1.2, 1.0];
+        let steps = minimise(rosenbrock, &mut x, 1e-9);
+        assert!(steps < 80, "{steps}");
+        assert!((x[0] - 1.0).abs() < 1e-4 && (x[1] - 1.0).abs() < 1e-4);
+        let mut x = vec![-1.0; 20];
+        let steps = minimise(rosenbrock, &mut x, 1e-8);
+        assert!(steps < 400, "{steps}");
+    }
+
+    #[test]
+    fn is_newton_like_on_quadratics_larger_than_a_chunk() {
+        let n = 2 * CHUNK + 17;
+        let curvature = |k: usize| 1.0 + (k % 4) as f64;
+        let quadratic = |x: &[f64]| {
+            let value = x
+                .iter()
+                .enumerate()
+                .map(|(k, x)| 0.5 * curvature(k) * x * x)
+                .sum();
+            (
+                value,
+                x.iter()
+                    .enumerate()
+                    .map(|(k, x)| (curvature(k) * x) as f32)
+                    .collect(),
+            )
+        };
+        let mut x: Vec<f64> = (0..n).map(|k| (k as f64).sin()).collect();
+        let steps = minimise(quadratic, &mut x, 1e-7 * n as f64);
+        assert!(steps < 15, "{steps}");
+    }
+
+    #[test]
+    fn no_atom_moves_farther_than_allowed() {
+        let gradient = vec![3.0, 4.0, 0.0, 0.1, 0.0, 0.0];
+        let mut direction = vec![0.0; 6];
+        let slope = Lbfgs::new(gradient, 1.0).direction::<3>(0.25, &mut direction);
+        assert!((direction[0] + 0.15).abs() < 1e-7 && (direction[1] + 0.2).abs() < 1e-7);
+        assert_eq!(direction[3], -0.1);
+        assert!((slope + 1.25 + 0.01).abs() < 1e-6);
+    }
+}

@@ -1,0 +1,335 @@
+//! One minimisation: L-BFGS directions, a line search that mostly needs one evaluation a step, and
+//! the bounds of the box.
+
+use rayon::prelude::*;
+
+use super::Stop;
+use super::lbfgs::{CHUNK, Lbfgs, dot};
+use super::observer::{Observer, Progress};
+use crate::distance::Distance;
+use crate::energy::{Energy, Parts};
+use crate::error::{Error, Result, cause};
+use crate::seeding::Atoms;
+
+/// Farthest an atom may move in a step, in units of d.
+const LONGEST_MOVE: f32 = 0.25;
+/// Nearest a free coordinate may come to a side of the box, in units of d.
+const MARGIN: f64 = 0.2;
+/// Sufficient decrease (Armijo), as a share of what the slope promises.
+const SUFFICIENT: f64 = 1e-4;
+/// Inverse curvature of the energy in units of d, before any is measured: 1 / (twelve neighbours
+/// of curvature (1 - beta) / 3, plus the image's).
+const FIRST_CURVATURE: f64 = 1.0 / 8.0;
+/// Shortenings of a step before the memory is dropped.
+const SHORTENINGS: usize = 6;
+/// The decrease that ends a minimisation is the mean over this many steps, so that one short step
+/// does not.
+const WINDOW: usize = 3;
+
+/// What may be spent, over all minimisations of an optimisation.
+pub struct Budget {
+    /// Evaluations so far.
+    pub evaluations: usize,
+    /// Steps accepted so far.
+    pub iterations: usize,
+    /// Most evaluations.
+    pub limit: usize,
+}
+
+impl Budget {
+    /// Whether nothing is left.
+    pub fn spent(&self) -> bool {
+        self.evaluations >= self.limit
+    }
+}
+
+/// Positions, bounds and scales of a lattice under minimisation.
+pub struct Minimiser<const D: usize> {
+    /// Lattice units per scaled unit of each coordinate: d times mobility, 0 where it is held.
+    scale: Vec<[f32; D]>,
+    /// Nearest allowed distance to the sides.
+    margin: Vec<f32>,
+    extent: [f64; D],
+    positions: Vec<[f64; D]>,
+    trial: Vec<[f64; D]>,
+    gradient: Vec<[f64; D]>,
+    energy: f64,
+    parts: Parts,
+}
+
+impl<const D: usize> Minimiser<D> {
+    /// For the atoms of a lattice, each coordinate of which follows its force by its `mobility`.
+    pub fn new(
+        atoms: &Atoms<D>,
+        distance: &Distance<D>,
+        extent: [f64; D],
+        mobility: Vec<[f64; D]>,
+    ) -> Self {
+        let spacing: Vec<f64> = atoms
+            .positions
+            .par_iter()
+            .map(|x| distance.at(*x))
+            .collect();
+        let scale = mobility.iter().zip(&spacing);
+        let scale = scale.map(|(m, d)| m.map(|m| (m * d) as f32)).collect();
+        Self {
+            scale,
+            margin: spacing.iter().map(|d| (MARGIN * d) as f32).collect(),
+            extent,
+            positions: Vec::new(),
+            trial: vec![[0.0; D]; atoms.len()],
+            gradient: vec![[0.0; D]; atoms.len()],
+            energy: f64::INFINITY,
+            parts: Parts::default(),
+        }
+    }
+
+    /// The lowest energy of the last run.
+    pub fn energy(&self) -> f64 {
+        self.energy
+    }
+
+    /// Its parts.
+    pub fn parts(&self) -> Parts {
+        self.parts
+    }
+
+    /// The positions that have it.
+    pub fn positions(&self) -> &[[f64; D]] {
+        &self.positions
+    }
+
+    /// Evaluates the energy, and the gradient in the minimiser's own array.
+    pub fn measure(
+        &mut self,
+        x: &[[f64; D]],
+        energy: &mut dyn Energy<D>,
+        budget: &mut Budget,
+    ) -> Result<(f64, Parts)> {
+        let value = energy.evaluate(x, &mut self.gradient);
+        budget.evaluations += 1;
+        if value.is_finite() {
+            Ok((value, energy.parts()))
+        } else {
+            Err(Error::Optimize(cause(
+                "lattice energy",
+                format!("is {value}"),
+                "check the image potential and the distance for NaN and infinite values",
+            )))
+        }
+    }
+
+    /// Every free coordinate moved by chance, no atom by more than `size` d.
+    pub fn perturbed(&self, x: &[[f64; D]], size: f64, key: u64) -> Vec<[f64; D]> {
+        let reach = size / (D as f64).sqrt();
+        let mut start = x.to_vec();
+        start.par_iter_mut().enumerate().for_each(|(n, x)| {
+            let mut moved = [0.0; D];
+            for k in 0..D {
+                moved[k] = reach * chance(key, (n * D + k) as u64);
+            }
+            *x = self.step(n, x, moved);
+        });
+        start
+    }
+
+    /// The position of atom `n` after a step of scaled length from `x`, kept in the box.
+    #[inline(always)]
+    fn step(&self, n: usize, x: &[f64; D], step: [f64; D]) -> [f64; D] {
+        let margin = f64::from(self.margin[n]);
+        std::array::from_fn(|k| {
+            let scale = f64::from(self.scale[n][k]);
+            if scale == 0.0 {
+                return x[k];
+            }
+            // An atom that starts nearer to a side may stay, but not go farther.
+            let (low, high) = (margin.min(x[k]), (self.extent[k] - margin).max(x[k]));
+            (x[k] + scale * step[k]).clamp(low, high)
+        })
+    }
+
+    /// Minimises from `start` until the mean relative decrease of P over a few steps is below
+    /// `tolerance`. Afterwards [`Minimiser::positions`] are the lowest found.
+    pub fn run(
+        &mut self,
+        start: Vec<[f64; D]>,
+        energy: &mut dyn Energy<D>,
+        tolerance: f64,
+        round: usize,
+        budget: &mut Budget,
+        observer: &mut dyn Observer,
+    ) -> Result<Stop> {
+        (self.energy, self.parts) = self.measure(&start, energy, budget)?;
+        self.positions = start;
+        let mut memory = Lbfgs::new(self.scaled_gradient(), FIRST_CURVATURE);
+        let mut direction = vec![0.0f32; self.scale.len() * D];
+        let mut history = vec![self.energy];
+        loop {
+            if !observer.keep_going() {
+                return Ok(Stop::Interrupted);
+            }
+            if budget.spent() {
+                return Ok(Stop::MaxIterations);
+            }
+            let mut slope = memory.direction::<D>(LONGEST_MOVE, &mut direction);
+            if slope >= 0.0 && !memory.is_empty() {
+                memory.forget();
+                slope = memory.direction::<D>(LONGEST_MOVE, &mut direction);
+            }
+            if slope >= 0.0 {
+                return Ok(Stop::Converged);
+            }
+            match self.search(&direction, slope, energy, budget)? {
+                Some((value, parts)) => {
+                    self.accept(&mut memory);
+                    (self.energy, self.parts) = (value, parts);
+                }
+                None if memory.is_empty() => return Ok(Stop::Converged),
+                None => {
+                    memory.forget();
+                    continue;
+                }
+            }
+            budget.iterations += 1;
+            observer.progress(&Progress {
+                round,
+                iterations: budget.iterations,
+                evaluations: budget.evaluations,
+                energy: self.energy,
+                parts: self.parts,
+            });
+            history.push(self.energy);
+            if let Some(n) = history.len().checked_sub(WINDOW + 1) {
+                let decrease = history[n] - self.energy;
+                if decrease <= WINDOW as f64 * tolerance * self.energy.abs() {
+                    return Ok(Stop::Converged);
+                }
+            }
+        }
+    }
+
+    /// Looks along `direction` for a lower energy, first at its end, then by cubic interpolation
+    /// ever nearer. The point found is in `trial`, its gradient in `gradient`.
+    fn search(
+        &mut self,
+        direction: &[f32],
+        slope: f64,
+        energy: &mut dyn Energy<D>,
+        budget: &mut Budget,
+    ) -> Result<Option<(f64, Parts)>> {
+        let mut length = 1.0;
+        for _ in 0..SHORTENINGS {
+            let mut trial = std::mem::take(&mut self.trial);
+            trial
+                .par_iter_mut()
+                .with_min_len(CHUNK)
+                .enumerate()
+                .for_each(|(n, x)| {
+                    let step: [f64; D] =
+                        std::array::from_fn(|k| length * f64::from(direction[n * D + k]));
+                    *x = self.step(n, &self.positions[n], step);
+                });
+            self.trial = trial;
+            let trial = std::mem::take(&mut self.trial);
+            let found = self.measure(&trial, energy, budget);
+            self.trial = trial;
+            let (value, parts) = found?;
+            if value <= self.energy + SUFFICIENT * length * slope {
+                return Ok(Some((value, parts)));
+            }
+            if budget.spent() {
+                break;
+            }
+            let end_slope = self.slope_along(direction);
+            length *= cubic_minimum(self.energy, slope * length, value, end_slope * length);
+        }
+        Ok(None)
+    }
+
+    /// Goes to the trial point and remembers the step.
+    fn accept(&mut self, memory: &mut Lbfgs) {
+        let (old, new, scale) = (&self.positions, &self.trial, &self.scale);
+        let gradient = &self.gradient;
+        memory.advance(|chunk, s, g| {
+            let first = chunk * CHUNK / D;
+            for (n, (s, g)) in s.chunks_exact_mut(D).zip(g.chunks_exact_mut(D)).enumerate() {
+                let n = first + n;
+                for k in 0..D {
+                    let scale = scale[n][k];
+                    let moved = (new[n][k] - old[n][k]) as f32;
+                    s[k] = if scale > 0.0 { moved / scale } else { 0.0 };
+                    g[k] = scale * gradient[n][k] as f32;
+                }
+            }
+        });
+        std::mem::swap(&mut self.positions, &mut self.trial);
+    }
+
+    /// The gradient with respect to scaled coordinates.
+    fn scaled_gradient(&self) -> Vec<f32> {
+        let pairs = self.gradient.iter().zip(&self.scale);
+        pairs
+            .flat_map(|(g, s)| std::array::from_fn::<f32, D, _>(|k| g[k] as f32 * s[k]))
+            .collect()
+    }
+
+    /// The derivative of the energy along a direction at the last point measured.
+    fn slope_along(&self, direction: &[f32]) -> f64 {
+        let gradient = self.scaled_gradient();
+        let chunks = gradient.par_chunks(CHUNK).zip(direction.par_chunks(CHUNK));
+        let partial: Vec<f64> = chunks.map(|(g, p)| dot(g, p)).collect();
+        partial.iter().sum()
+    }
+}
+
+/// Where between 0.1 and 0.6 of the way the cubic with the given values and slopes at 0 and 1 is
+/// least.
+fn cubic_minimum(start: f64, start_slope: f64, end: f64, end_slope: f64) -> f64 {
+    let sum = start_slope + end_slope - 3.0 * (end - start);
+    let root = (sum * sum - start_slope * end_slope).sqrt();
+    let place = 1.0 - (end_slope + root - sum) / (end_slope - start_slope + 2.0 * root);
+    // Outside, or no minimum at all (NaN): halve.
+    if place.is_finite() {
+        place.clamp(0.1, 0.6)
+    } else {
+        0.5
+    }
+}
+
+/// A number in [-1, 1) that depends on nothing but its arguments: the output function of splitmix64
+/// (Steele, Lea & Flood 2014) on a counter.
+fn chance(key: u64, counter: u64) -> f64 {
+    let mix = |mut z: u64| {
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ (z >> 31)
+    };
+    let z = mix(mix(key).wrapping_add(counter.wrapping_mul(0x9E37_79B9_7F4A_7C15)));
+    (z >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cubic_interpolation_finds_the_minimum_of_a_cubic() {
+        // f = (t - 0.4)^2 (1 + t): f' = 2 (t - 0.4)(1 + t) + (t - 0.4)^2.
+        let f = |t: f64| (t - 0.4).powi(2) * (1.0 + t);
+        let slope = |t: f64| 2.0 * (t - 0.4) * (1.0 + t) + (t - 0.4).powi(2);
+        let place = cubic_minimum(f(0.0), slope(0.0), f(1.0), slope(1.0));
+        assert!((place - 0.4).abs() < 1e-12, "{place}");
+        assert!((0.1..=0.6).contains(&cubic_minimum(0.0, -1.0, 1e9, 1e9)));
+    }
+
+    #[test]
+    fn chance_is_even_and_bounded() {
+        let n = 100_000;
+        let numbers: Vec<f64> = (0..n).map(|k| chance(5, k)).collect();
+        let mean = numbers.iter().sum::<f64>() / n as f64;
+        let square = numbers.iter().map(|x| x * x).sum::<f64>() / n as f64;
+        let next = numbers.windows(2).map(|w| w[0] * w[1]).sum::<f64>() / n as f64;
+        assert!(numbers.iter().all(|x| (-1.0..1.0).contains(x)));
+        assert!(mean.abs() < 0.01 && (square - 1.0 / 3.0).abs() < 0.01 && next.abs() < 0.01);
+    }
+}

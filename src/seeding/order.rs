@@ -1,0 +1,46 @@
+//! Memory order of atoms: neighbours in space should be neighbours in memory.
+
+/// Sorts positions in the box `[0, extent]` along a Morton (Z-order) curve through cubes of edge
+/// `cell`; inside a cube they keep their order. Deterministic.
+pub fn sort_by_curve<const D: usize>(positions: &mut Vec<[f64; D]>, extent: [f64; D], cell: f64) {
+    let mut keyed: Vec<(u64, u32)> = positions
+        .iter()
+        .enumerate()
+        .map(|(n, x)| (curve_key(*x, extent, cell), n as u32))
+        .collect();
+    keyed.sort_unstable();
+    *positions = keyed.iter().map(|&(_, n)| positions[n as usize]).collect();
+}
+
+/// The place along the curve of the cube that holds `x`.
+fn curve_key<const D: usize>(x: [f64; D], extent: [f64; D], cell: f64) -> u64 {
+    let bits = 63 / D;
+    let mut key = 0u64;
+    for (axis, &coordinate) in x.iter().enumerate() {
+        let index = (coordinate.clamp(0.0, extent[axis]) / cell) as u64;
+        for bit in 0..bits {
+            key |= (index >> bit & 1) << (bit * D + axis);
+        }
+    }
+    key
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn neighbours_in_memory_are_neighbours_in_space() {
+        let mut positions: Vec<[f64; 3]> = (0..4096)
+            .map(|n| std::array::from_fn(|k| f64::from(n * 37 % 4096 >> (4 * k) & 15)))
+            .collect();
+        sort_by_curve(&mut positions, [15.0; 3], 1.0);
+        let steps: f64 = positions
+            .windows(2)
+            .map(|w| (0..3).map(|k| (w[0][k] - w[1][k]).abs()).sum::<f64>())
+            .sum();
+        assert!(steps / 4095.0 < 3.0);
+        assert_eq!(positions[0], [0.0; 3]);
+        assert_eq!(positions[4095], [15.0; 3]);
+    }
+}

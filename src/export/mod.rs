@@ -36,3 +36,24 @@ pub fn to_physical(mesh: &TetMesh, step: [f64; 3], geometry: &Geometry<3>) -> Te
         tets: mesh.tets.iter().map(turn).collect(),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn physical_tetrahedra_stay_positive_also_when_space_is_mirrored() {
+        let mesh = TetMesh {
+            nodes: vec![[0.0; 3], [2.0, 0.0, 0.0], [0.0, 3.0, 0.0], [0.0, 0.0, 4.0]],
+            tets: vec![[0, 1, 2, 3]],
+        };
+        for depth in [5.0, -5.0] {
+            let geometry = Geometry::with_spacing([10.0, 20.0, 30.0], [1.0, 3.0, depth]);
+            let physical = to_physical(&mesh, [2.0, 1.0, 0.5], &geometry);
+            assert_eq!(physical.nodes[1], [11.0, 20.0, 30.0]);
+            assert_eq!(physical.nodes[2], [10.0, 29.0, 30.0]);
+            assert_eq!(physical.nodes[3], [10.0, 20.0, 30.0 + 8.0 * depth]);
+            assert_eq!(volume6(&physical.corners(0)), 1.0 * 9.0 * 40.0);
+        }
+    }
+}

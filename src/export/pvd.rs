@@ -92,3 +92,40 @@ fn write_vertices(path: &Path, points: &[[f64; 3]], data: &[DataArray]) -> Resul
     document.close();
     atomic_write(path, |out| document.write(out))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::io::vtk::VtkFile;
+
+    #[test]
+    fn every_round_is_listed_and_readable() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run & co.pvd");
+        let mut trace = Trace::create(&path).unwrap();
+        for round in 0..3 {
+            let atoms = [[f64::from(round), 0.25, -1.0], [4.0, 5.0, 6.0]];
+            let data = [DataArray::scalars("energy", vec![round as f32, 2.0])];
+            trace.add(f64::from(round), &atoms, &data).unwrap();
+            let text = std::fs::read_to_string(&path).unwrap();
+            let root = crate::io::vtk::xml::parse(text.as_bytes()).unwrap();
+            let sets = &root.child("Collection").unwrap().children;
+            assert_eq!(sets.len(), round as usize + 1);
+            let name = sets[round as usize].attribute("file").unwrap();
+            assert_eq!(name, format!("run & co_000{round}.vtp"));
+            let file = VtkFile::read(&folder.path().join(name), "PolyData").unwrap();
+            let piece = file.piece().unwrap();
+            assert_eq!(piece.attribute("NumberOfVerts"), Some("2"));
+            let points = file
+                .array(&piece.child("Points").unwrap().children[0])
+                .unwrap();
+            assert_eq!(points.values, atoms.as_flattened().to_vec().into());
+            let energy = file
+                .array(&piece.child("PointData").unwrap().children[0])
+                .unwrap();
+            assert_eq!(energy, data[0]);
+        }
+        let missing = folder.path().join("nowhere/run.pvd");
+        assert!(Trace::create(&missing).is_err());
+    }
+}

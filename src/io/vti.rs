@@ -167,3 +167,120 @@ fn exact(numbers: &[f64]) -> String {
     let words: Vec<String> = numbers.iter().map(|n| format!("{n:?}")).collect();
     words.join(" ")
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn fixture(name: &str) -> std::path::PathBuf {
+        Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("tests/data/vtk")
+            .join(name)
+    }
+
+    fn oblique() -> Image<3> {
+        let geometry = Geometry {
+            origin: [612345.678, -1e-300, 0.1 + 0.2],
+            axes: [[0.3, 0.4, 0.0], [-25.0, 0.1, 0.0], [0.0, 0.0, -4.0]],
+            names: ["crossline", "inline", "sample"].map(String::from),
+            units: ["m", "m", "ms"].map(String::from),
+        };
+        let samples = (0..5 * 4 * 3).map(|i| (i as f32 * 0.7).sin()).collect();
+        Image::new([5, 4, 3], samples, geometry)
+    }
+
+    #[test]
+    fn every_variant_that_vtk_writes_is_read() {
+        for variant in [
+            "ascii_none_32_le",
+            "inline_none_32_be",
+            "inline_none_64_le",
+            "inline_zlib_32_le",
+            "base64_none_32_le",
+            "base64_zlib_64_be",
+            "raw_none_32_be",
+            "raw_none_64_le",
+            "raw_zlib_32_le",
+            "raw_zlib_64_le",
+        ] {
+            let image = read(&fixture(&format!("{variant}.vti"))).unwrap();
+            assert_eq!(image.dims(), [3, 2, 2], "{variant}");
+            let want: Vec<f32> = (-5..7).map(|i| i as f32).collect();
+            assert_eq!(image.as_slice(), want, "{variant}");
+            assert_eq!(
+                image.geometry.origin,
+                [612345.678, -1e-7, 3.25],
+                "{variant}"
+            );
+            // Axis x points along physical y, axis y along physical -x.
+            let axes = [[0.0, 12.5, 0.0], [-25.0, 0.0, 0.0], [0.0, 0.0, 4.0]];
+            assert_eq!(image.geometry.axes, axes, "{variant}");
+        }
+        let error = read(&fixture("raw_lz4_64_le.vti")).unwrap_err().to_string();
+        assert!(error.contains("vtkLZ4DataCompressor"), "{error}");
+    }
+
+    #[test]
+    fn write_then_read_gives_the_same_image() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.vti");
+        let image = oblique();
+        write(&path, &image, "a < b").unwrap();
+        let back = read(&path).unwrap();
+        assert_eq!(back.as_slice(), image.as_slice());
+        assert_eq!(back.geometry.origin, image.geometry.origin);
+        assert_eq!(back.geometry.names, image.geometry.names);
+        assert_eq!(back.geometry.units, image.geometry.units);
+        for (a, b) in back
+            .geometry
+            .axes
+            .iter()
+            .flatten()
+            .zip(image.geometry.axes.iter().flatten())
+        {
+            assert!((a - b).abs() <= 2.0 * f64::EPSILON * b.abs(), "{a} != {b}");
+        }
+        // Along the physical axes nothing is rounded.
+        let straight = Image::new(
+            [2, 3, 4],
+            vec![1.5; 24],
+            Geometry::with_spacing([0.1, 1e6 + 0.1, -3.3], [0.1, 12.7, 1.0 / 3.0]),
+        );
+        write(&path, &straight, "s").unwrap();
+        assert_eq!(read(&path).unwrap(), straight);
+    }
+
+    #[test]
+    fn damaged_files_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.vti");
+        write(&path, &oblique(), "s").unwrap();
+        let good = std::fs::read(&path).unwrap();
+        // Cut anywhere before the end of the data, it is never read, and never panics.
+        let data_end = good.len() - "\n  </AppendedData>\n</VTKFile>\n".len();
+        for end in (0..data_end).step_by(7).chain([data_end - 1]) {
+            std::fs::write(&path, &good[..end]).unwrap();
+            assert!(read(&path).is_err(), "cut at {end}");
+        }
+        let text = |from: &str, to: &str| {
+            let at = good
+                .windows(from.len())
+                .position(|w| w == from.as_bytes())
+                .unwrap();
+            let bytes = [&good[..at], to.as_bytes(), &good[at + from.len()..]].concat();
+            std::fs::write(&path, bytes).unwrap();
+            read(&path).unwrap_err().to_string()
+        };
+        assert!(text("type=\"ImageData\"", "type=\"PolyData\"").contains("holds PolyData"));
+        assert!(text("WholeExtent=\"0 4", "WholeExtent=\"0 5").contains("holds the part"));
+        assert!(text("Origin=\"612345.678", "Origin=\"x").contains("Origin"));
+        assert!(text("Direction=\"", "Direction=\"1 ").contains("10 numbers, not 9"));
+        assert!(text("Float32", "Float33").contains("unknown type Float33"));
+        assert!(text("UInt64", "UInt16").contains("UInt16"));
+        assert!(text("vtkZLib", "vtkLZMA").contains("vtkLZMADataCompressor"));
+        let none = read(&folder.path().join("none.vti"))
+            .unwrap_err()
+            .to_string();
+        assert!(none.contains("none.vti"));
+    }
+}

@@ -373,3 +373,37 @@ fn inflate(packed: &[u8], size: usize) -> std::result::Result<Vec<u8>, String> {
         _ => Err("is damaged: a block does not decompress".to_string()),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn base64_decodes_across_padding_and_white_space() {
+        // RFC 4648's vectors, and two streams in a row.
+        for (text, want) in [
+            ("Zg==", "f"),
+            ("Zm8=", "fo"),
+            ("Zm9v", "foo"),
+            ("Zm9vYg==", "foob"),
+            (" Zm9v\n YmFy ", "foobar"),
+            ("Zg==Zm8=", "ffo"),
+        ] {
+            let mut stream = Stream::base64(text.as_bytes());
+            assert_eq!(stream.take(want.len()).unwrap(), want.as_bytes(), "{text}");
+            assert!(stream.take(1).is_err(), "{text}");
+        }
+        for bad in ["Zm9", "Z===", "Zm9?", "=AAA"] {
+            assert!(Stream::base64(bad.as_bytes()).take(3).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn a_block_that_lies_about_its_size_is_refused() {
+        let packed = [0x78, 0x01, 0x03, 0, 0, 0, 0, 1]; // zlib of nothing
+        assert_eq!(inflate(&packed, 0).unwrap(), b"");
+        assert!(inflate(&packed, 1).is_err());
+        assert!(inflate(&packed, usize::MAX).is_err());
+        assert!(inflate(&packed[..4], 0).is_err());
+    }
+}

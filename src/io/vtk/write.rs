@@ -252,3 +252,69 @@ fn deflate(stream: &mut Compress, bytes: &[u8]) -> Vec<u8> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::io::vtk::{Values, VtkFile};
+
+    /// All number types, lengths round the limits of blocks and batches: what is written is read.
+    #[test]
+    fn arrays_of_every_kind_and_length_come_back() {
+        let long = BLOCK / 8 * (BATCH + 1) + 3;
+        let arrays: Vec<Values> = vec![
+            Vec::<f64>::new().into(),
+            vec![f64::NAN.to_bits(), 1, u64::MAX].into(),
+            vec![i8::MIN, -1, 0, i8::MAX].into(),
+            vec![0u8; BLOCK].into(),
+            vec![i16::MIN, 7, i16::MAX].into(),
+            (0..(BLOCK / 2 + 1) as u32)
+                .map(|i| i as u16)
+                .collect::<Vec<_>>()
+                .into(),
+            vec![i32::MIN; BLOCK / 4].into(),
+            vec![u32::MAX, 3].into(),
+            vec![i64::MIN, i64::MAX].into(),
+            vec![f32::MIN_POSITIVE, f32::INFINITY, -0.0].into(),
+            (0..long)
+                .map(|i| (i as f64).sqrt())
+                .collect::<Vec<_>>()
+                .into(),
+        ];
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.vtu");
+        let write = |path: &std::path::Path| {
+            let mut document = Document::new("UnstructuredGrid", &[("Note", "<&\">".to_string())]);
+            document.open("Piece", &[]);
+            for (i, values) in arrays.iter().enumerate() {
+                document.array(values.source(&format!("array {i}"), 1));
+            }
+            document.array(Source::text("text", "grüße"));
+            document.array(Source::computed("squares", 1, 1000, |i| (i * i) as u32));
+            crate::io::atomic_write(path, |out| document.write(out)).unwrap();
+        };
+        write(&path);
+        let file = VtkFile::read(&path, "UnstructuredGrid").unwrap();
+        assert_eq!(file.data_set().attribute("Note"), Some("<&\">"));
+        let elements = &file.piece().unwrap().children;
+        for (i, values) in arrays.iter().enumerate() {
+            let back = file.array(&elements[i]).unwrap();
+            assert_eq!((&back.values, back.name), (values, format!("array {i}")));
+        }
+        assert_eq!(file.text(&elements[arrays.len()]).unwrap(), "grüße");
+        let squares: Vec<u32> = (0..1000).map(|i| i * i).collect();
+        assert_eq!(
+            file.array(&elements[arrays.len() + 1]).unwrap().values,
+            squares.into()
+        );
+
+        // The same bytes for any number of threads.
+        let other = folder.path().join("b.vtu");
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(1)
+            .build()
+            .unwrap();
+        pool.install(|| write(&other));
+        assert!(std::fs::read(&path).unwrap() == std::fs::read(&other).unwrap());
+    }
+}

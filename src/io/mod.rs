@@ -5,6 +5,7 @@
 //!
 //! - [`npy`]: NumPy arrays
 //! - [`segy`]: seismic volumes
+//! - [`vti`]: VTK image data, and [`vtk`], the container it shares with meshes
 //! - [`raw`]: samples without a header, described by the user
 //! - [`samples`]: sample types and their conversion to `f32`
 //! - [`describe`](mod@describe): what a file holds, for people and for programs
@@ -16,6 +17,8 @@ pub mod npy;
 pub mod raw;
 pub mod samples;
 pub mod segy;
+pub mod vti;
+pub mod vtk;
 
 use std::fmt;
 use std::fs::File;

@@ -381,12 +381,8 @@ mod tests {
             let array = read_array(&path).unwrap();
             assert_eq!(array.shape(), [2, 3, 4, 1]);
             assert!(array.is_standard_layout());
-            let at = if fortran {
-                1 + 2 * (2 + 3 * 3)
-            } else {
-                (3 + 2) * 4 + 3
-            };
-            assert_eq!(array[[1, 2, 3, 0]], at as f32);
+            let at = if fortran { 1 + 2 * 3 * 2 } else { 3 * 4 + 2 };
+            assert_eq!(array[[1, 0, 2, 0]], at as f32);
         }
         let huge = 1u64 << 62;
         let dict =

@@ -109,9 +109,7 @@ impl<'a> Reference<'a> {
     pub fn distance(&self, p: [f64; 3]) -> f64 {
         match &self.field {
             Field::Truth(truth) => from_corners(truth, p),
-            Field::Detected { normals, tree } => {
-                self.to_points(normals, tree, p, f64::from(REACH))
-            }
+            Field::Detected { normals, tree } => self.to_points(normals, tree, p, f64::from(REACH)),
         }
     }
 

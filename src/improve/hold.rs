@@ -12,6 +12,8 @@ pub struct Hold {
     pub count: u8,
     /// No feature is anywhere near.
     pub far: bool,
+    /// On one sheet, and no other is near.
+    pub alone: bool,
     normals: [[f32; 3]; 2],
 }
 
@@ -95,12 +97,7 @@ impl Hold {
 
     /// Puts `x` back onto the sheets that hold it (a few Newton steps), never off the box's sides.
     /// Returns None if the sheets are no longer there.
-    pub fn settle(
-        &mut self,
-        mut x: [f64; 3],
-        extent: [f64; 3],
-        sheets: &Sheets,
-    ) -> Option<[f64; 3]> {
+    pub fn settle(&mut self, mut x: [f64; 3], extent: [f64; 3], sheets: &Sheets) -> Option<[f64; 3]> {
         if self.count == 0 {
             return Some(x);
         }
@@ -112,9 +109,7 @@ impl Hold {
                 let sheet = near
                     .iter()
                     .max_by(|a, b| {
-                        dot(a.normal, held)
-                            .abs()
-                            .total_cmp(&dot(b.normal, held).abs())
+                        dot(a.normal, held).abs().total_cmp(&dot(b.normal, held).abs())
                     })
                     .filter(|s| dot(s.normal, held).abs() > 0.7)?;
                 self.normals[i] = sheet.normal.map(|c| c as f32);

@@ -8,7 +8,7 @@ use std::io::Write;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 
-use ndarray::ArrayD;
+use ndarray::{ArrayD, IxDyn, ShapeBuilder};
 use rayon::prelude::*;
 
 use super::samples::{self, Encoding, Endian, SampleType};
@@ -26,11 +26,11 @@ pub const MAGIC: &[u8] = b"\x93NUMPY";
 pub fn read(path: &Path) -> Result<Loaded> {
     let Opened {
         file,
-        header,
         start,
-        left_over,
+        spare,
+        header,
     } = Opened::new(path)?;
-    let dims @ [nz, ny, nx] = three_dims(&header.shape).map_err(|problem| {
+    let [nz, ny, nx] = three_dims(&header.shape).map_err(|problem| {
         let remedy = "reshape the array to (nz, ny, nx) in NumPy and save it again";
         Error::Io(cause(path.display(), problem, remedy))
     })?;
@@ -40,11 +40,11 @@ pub fn read(path: &Path) -> Result<Loaded> {
         .read(&file, start, &mut samples)
         .map_err(|e| os(path, "read", e))?;
     if header.fortran_order {
-        samples = c_order(&samples, dims);
+        samples = c_order(&samples, [nz, ny, nx]);
     }
     let mut notes = vec![".npy has no geometry: unit spacing, origin 0".to_string()];
-    if left_over > 0 {
-        notes.push(format!("{left_over} bytes after the array are ignored"));
+    if spare > 0 {
+        notes.push(format!("{spare} bytes after the array are ignored"));
     }
     notes.extend(header.encoding.rounding_note(&samples));
     Ok(Loaded {
@@ -56,41 +56,38 @@ pub fn read(path: &Path) -> Result<Loaded> {
     })
 }
 
-/// Reads an array of any shape as `f32`, in C order.
+/// Reads an array of any shape as `f32`, for arrays that are not images.
 ///
 /// # Errors
-/// [`Error::Io`] if the file cannot be read, is cut off, holds no real numbers, or is in Fortran
-/// order.
+/// [`Error::Io`] if the file cannot be read, is cut off or holds no real numbers.
 pub fn read_array(path: &Path) -> Result<ArrayD<f32>> {
     let Opened {
         file,
-        header,
         start,
+        header,
         ..
     } = Opened::new(path)?;
-    let refuse = |problem: String| {
-        let remedy = "save it with numpy.save(file, numpy.ascontiguousarray(array, 'f4'))";
-        Error::Io(cause(path.display(), problem, remedy))
-    };
-    if header.fortran_order {
-        return Err(refuse("is in Fortran order".into()));
-    }
     let mut samples = vec![0.0; header.shape.iter().product()];
     header
         .encoding
         .read(&file, start, &mut samples)
         .map_err(|e| os(path, "read", e))?;
-    ArrayD::from_shape_vec(header.shape, samples).map_err(|e| refuse(e.to_string()))
+    let shape = IxDyn(&header.shape).set_f(header.fortran_order);
+    let array = ArrayD::from_shape_vec(shape, samples).map_err(|e| {
+        let problem = format!("has the shape {:?}: {e}", header.shape);
+        Error::Io(cause(path.display(), problem, "write it again"))
+    })?;
+    Ok(array.as_standard_layout().into_owned())
 }
 
-/// A file whose header has been understood and which is long enough for what that claims.
+/// A file whose header is understood and whose samples are all there.
 struct Opened {
     file: File,
-    header: Header,
-    /// Where the samples start.
+    /// Where the samples begin.
     start: u64,
     /// Bytes after the samples.
-    left_over: u64,
+    spare: u64,
+    header: Header,
 }
 
 impl Opened {
@@ -99,6 +96,7 @@ impl Opened {
         let length = file.metadata().map_err(|e| os(path, "read", e))?.len();
         let refuse =
             |problem: String, remedy: &str| Error::Io(cause(path.display(), problem, remedy));
+
         let (text, start) = header_text(&file, length)
             .map_err(|e| os(path, "read", e))?
             .ok_or_else(|| {
@@ -111,26 +109,30 @@ impl Opened {
         let header = Header::parse(&text).map_err(|problem| {
             refuse(problem, "save it with numpy.save(file, array.astype('f4'))")
         })?;
-        let shape = &header.shape;
         let size = header.encoding.size() as u64;
-        let needed = shape
+        let needed = header
+            .shape
             .iter()
             .try_fold(size, |bytes, &n| bytes.checked_mul(n as u64))
             .and_then(|bytes| bytes.checked_add(start))
             .ok_or_else(|| {
-                let problem = format!("claims the shape {shape:?}, more than any file holds");
+                let problem = format!(
+                    "claims the shape {:?}, more than any file holds",
+                    header.shape
+                );
                 refuse(problem, "the file is damaged: write it again")
             })?;
         if needed > length {
+            let shape = &header.shape;
             let problem =
                 format!("is cut off: shape {shape:?} needs {needed} bytes, it has {length}");
             return Err(refuse(problem, "copy or write it again"));
         }
         Ok(Self {
             file,
-            header,
             start,
-            left_over: length - needed,
+            spare: length - needed,
+            header,
         })
     }
 }
@@ -365,6 +367,30 @@ mod tests {
             std::fs::metadata(&path).unwrap().len() % 64,
             (5 * 4 * 3 * 4) % 64
         );
+    }
+
+    #[test]
+    fn arrays_of_any_shape_keep_their_order() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.npy");
+        let data: Vec<u8> = (0..24i16).flat_map(i16::to_le_bytes).collect();
+        for (fortran, text) in [(false, "False"), (true, "True")] {
+            let dict =
+                format!("{{'descr': '<i2', 'fortran_order': {text}, 'shape': (2, 3, 4, 1), }}");
+            std::fs::write(&path, file(1, &dict, &data)).unwrap();
+            let array = read_array(&path).unwrap();
+            assert_eq!(array.shape(), [2, 3, 4, 1]);
+            assert!(array.is_standard_layout());
+            let at = if fortran { 1 + 2 * 3 * 2 } else { 3 * 4 + 2 };
+            assert_eq!(array[[1, 0, 2, 0]], at as f32);
+        }
+        let huge = 1u64 << 62;
+        let dict =
+            format!("{{'descr': '<i2', 'fortran_order': False, 'shape': (0, {huge}, {huge}), }}");
+        std::fs::write(&path, file(1, &dict, &data)).unwrap();
+        assert!(read_array(&path).is_err());
+        std::fs::write(&path, file(1, "{'descr': '<i2'}", &data)).unwrap();
+        assert!(read_array(&path).is_err());
     }
 
     #[test]

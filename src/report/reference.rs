@@ -96,7 +96,7 @@ impl<'a> Reference<'a> {
             Field::Detected { normals, tree } => {
                 // The nearest point is that much farther at most than the distance to its plane.
                 let far = limit.hypot(SIDEWAYS) + 1e-9;
-                self.from_points(normals, tree, p, far) <= limit
+                self.to_points(normals, tree, p, far) <= limit
             }
         }
     }
@@ -109,14 +109,12 @@ impl<'a> Reference<'a> {
     pub fn distance(&self, p: [f64; 3]) -> f64 {
         match &self.field {
             Field::Truth(truth) => from_corners(truth, p),
-            Field::Detected { normals, tree } => {
-                self.from_points(normals, tree, p, f64::from(REACH))
-            }
+            Field::Detected { normals, tree } => self.to_points(normals, tree, p, f64::from(REACH)),
         }
     }
 
     /// The distance from detected points; `far` if no point is nearer than that.
-    fn from_points(&self, normals: &[[f32; 3]], tree: &Tree, p: [f64; 3], far: f64) -> f64 {
+    fn to_points(&self, normals: &[[f32; 3]], tree: &Tree, p: [f64; 3], far: f64) -> f64 {
         let gap =
             |i: usize| -> [f64; 3] { std::array::from_fn(|k| p[k] - f64::from(self.points[i][k])) };
         let Some((i, square)) = tree.nearest(p, far * far, None, |i| dot(gap(i), gap(i))) else {

@@ -22,6 +22,10 @@ const SAME_NORMAL: f32 = 0.9;
 const SAME_FIT: f32 = 0.97;
 /// A sheet goes on while the smoothed image is at least this share of what it was at the rim.
 const SUPPORT: f32 = 0.7;
+/// A front goes this many columns into the zone at most.
+const STEPS: u32 = 16;
+/// A sample is given this many new points at most.
+const MOST: usize = 4;
 /// Fewer points than this carry no fit.
 const FEWEST: usize = 24;
 /// Expected error of a point (samples) ...
@@ -52,18 +56,28 @@ pub fn repair(
         grid: &grid,
         reliable: &reliable,
         points: Vec::new(),
-        support: Vec::new(),
+        fronts: Vec::new(),
         by_voxel: HashMap::new(),
     };
     for (i, c) in candidates.iter().enumerate() {
         if reliable[i] && c.strength >= strong && zone.near(grid.coordinates(c)) {
-            fill.step_from(c, smoothed.samples[c.voxel as usize]);
+            let level = smoothed.samples[c.voxel as usize];
+            fill.step_from(
+                c,
+                Front {
+                    level,
+                    normal: c.normal,
+                    steps: 0,
+                },
+            );
         }
     }
     let mut next = 0;
     while next < fill.points.len() {
-        let (point, support) = (fill.points[next], fill.support[next]);
-        fill.step_from(&point, support);
+        let (point, front) = (fill.points[next], fill.fronts[next]);
+        if front.steps < STEPS {
+            fill.step_from(&point, front);
+        }
         next += 1;
     }
     let points = fill.points;
@@ -181,21 +195,33 @@ impl Zone {
     }
 }
 
-/// The front that fills the zone.
+/// Where a front left the reliable part of its sheet.
+#[derive(Clone, Copy)]
+struct Front {
+    /// The smoothed image there.
+    level: f32,
+    /// The sheet's normal there.
+    normal: [f32; 3],
+    /// Columns passed since.
+    steps: u32,
+}
+
+/// The fronts that fill the zone.
 struct Fill<'a> {
     smoothed: Volume<'a>,
     zone: &'a Zone,
     grid: &'a Grid<'a>,
     reliable: &'a [bool],
     points: Vec<Candidate>,
-    /// For each new point, the smoothed image where its front left the reliable part of the sheet.
-    support: Vec<f32>,
+    /// Where the front of each new point comes from.
+    fronts: Vec<Front>,
+    /// New points of each sample.
     by_voxel: HashMap<u32, Vec<u32>>,
 }
 
 impl Fill<'_> {
     /// Tries to continue a sheet from one point into the four columns around it.
-    fn step_from(&mut self, from: &Candidate, support: f32) {
+    fn step_from(&mut self, from: &Candidate, front: Front) {
         let axis = from.axis as usize;
         let (a, b) = ((axis + 1) % 3, (axis + 2) % 3);
         for (lateral, by) in [(a, -1.0), (a, 1.0), (b, -1.0), (b, 1.0)] {
@@ -211,14 +237,18 @@ impl Fill<'_> {
                 .find_map(|&radius| self.fit(guess, from, radius));
             let Some(point) = fitted else { continue };
             let at = point.position.map(|p| p.round() as i32);
-            let supported = self.smoothed.samples[point.voxel as usize] >= SUPPORT * support;
-            if supported && self.zone.holds(at) && !self.taken(at, from) {
+            let goes_on = self.smoothed.samples[point.voxel as usize] >= SUPPORT * front.level
+                && dot(point.normal, front.normal).abs() >= SAME_NORMAL;
+            if goes_on && self.zone.holds(at) && !self.taken(at, from) {
                 self.by_voxel
                     .entry(point.voxel)
                     .or_default()
                     .push(self.points.len() as u32);
                 self.points.push(point);
-                self.support.push(support);
+                self.fronts.push(Front {
+                    steps: front.steps + 1,
+                    ..front
+                });
             }
         }
     }
@@ -232,9 +262,10 @@ impl Fill<'_> {
             self.zone.inside(v) && {
                 let voxel = self.smoothed.index(v.map(|i| i as usize)) as u32;
                 self.by_voxel.get(&voxel).is_some_and(|list| {
-                    list.iter()
-                        .map(|&i| &self.points[i as usize])
-                        .any(|p| p.axis == like.axis && dot(p.normal, like.normal).abs() > SAME_FIT)
+                    let same = |p: &Candidate| {
+                        p.axis == like.axis && dot(p.normal, like.normal).abs() > SAME_FIT
+                    };
+                    list.len() >= MOST || list.iter().any(|&i| same(&self.points[i as usize]))
                 })
             }
         })
@@ -250,8 +281,13 @@ impl Fill<'_> {
         let centre = guess.map(|p| p.round() as i32);
         for v in -radius..=radius {
             for u in -radius..=radius {
-                // Every second column carries all there is to know.
-                if (u + v) & 1 == 1 || u * u + v * v > radius * radius {
+                // Every second column, or fourth of a wide disc, carries all there is to know.
+                let skip = if radius > RADII[0] {
+                    (u | v) & 1 == 1
+                } else {
+                    (u + v) & 1 == 1
+                };
+                if skip || u * u + v * v > radius * radius {
                     continue;
                 }
                 let slope = -(n[a] * u as f32 + n[b] * v as f32) / n[axis];

@@ -27,7 +27,7 @@ const STEPS: u32 = 16;
 /// A sample is given this many new points at most.
 const MOST: usize = 4;
 /// Fewer points than this carry no fit.
-const FEWEST: usize = 24;
+const FEWEST: usize = 10;
 /// Expected error of a point (samples) ...
 const ERROR: f64 = 0.15;
 /// ... and expected second-order coefficient of a sheet (per sample): radius of curvature fifty.
@@ -228,7 +228,7 @@ impl Fill<'_> {
             let mut guess = from.position;
             guess[lateral] += by;
             guess[axis] -= by * from.normal[lateral] / from.normal[axis];
-            let column = guess.map(|p| p.round() as i32);
+            let column = guess.map(nearest);
             if !self.zone.inside(column) || !self.zone.holds(column) || self.taken(column, from) {
                 continue;
             }
@@ -236,7 +236,7 @@ impl Fill<'_> {
                 .iter()
                 .find_map(|&radius| self.fit(guess, from, radius));
             let Some(point) = fitted else { continue };
-            let at = point.position.map(|p| p.round() as i32);
+            let at = point.position.map(nearest);
             let goes_on = self.smoothed.samples[point.voxel as usize] >= SUPPORT * front.level
                 && dot(point.normal, front.normal).abs() >= SAME_NORMAL;
             if goes_on && self.zone.holds(at) && !self.taken(at, from) {
@@ -278,7 +278,7 @@ impl Fill<'_> {
         let n = like.normal;
         let mut normal_matrix = [[0.0f64; 7]; 6];
         let mut count = 0;
-        let centre = guess.map(|p| p.round() as i32);
+        let centre = guess.map(nearest);
         for v in -radius..=radius {
             for u in -radius..=radius {
                 // Every second column, or fourth of a wide disc, carries all there is to know.
@@ -291,19 +291,19 @@ impl Fill<'_> {
                     continue;
                 }
                 let slope = -(n[a] * u as f32 + n[b] * v as f32) / n[axis];
-                let slack = 1 + (u.abs().max(v.abs())) / 4;
+                let slack = 1 + (u.abs().max(v.abs())) / 6;
                 for j in -slack..=slack {
                     let mut at = centre;
                     at[a] += u;
                     at[b] += v;
-                    at[axis] = (guess[axis] + slope).round() as i32 + j;
+                    at[axis] = nearest(guess[axis] + slope) + j;
                     self.grid.each(at, |i| {
                         let q = &self.grid.candidates[i];
                         let away: [f32; 3] = std::array::from_fn(|k| q.position[k] - guess[k]);
                         let distance = dot(away, away).sqrt();
                         if self.reliable[i]
                             && dot(q.normal, n).abs() >= SAME_NORMAL
-                            && dot(away, n).abs() <= 0.75 + 0.15 * distance
+                            && dot(away, n).abs() <= 0.75 + 0.12 * distance
                         {
                             count += 1;
                             add(&mut normal_matrix, away[a], away[b], away[axis], radius);
@@ -325,7 +325,7 @@ impl Fill<'_> {
         normal[b] = -c[2] as f32;
         let length = dot(normal, normal).sqrt();
         let normal = normal.map(|c| c / length);
-        let at = position.map(|p| p.round() as i32);
+        let at = position.map(nearest);
         let agrees = height.abs() < 1.0 && dot(normal, n).abs() >= SAME_NORMAL;
         let voxel = self.smoothed.index(at.map(|i| i.max(0) as usize)) as u32;
         (agrees && self.zone.inside(at)).then_some(Candidate {
@@ -336,6 +336,11 @@ impl Fill<'_> {
             strength: like.strength,
         })
     }
+}
+
+/// The nearest sample, for positions in or near the box (without a call to the maths library).
+fn nearest(position: f32) -> i32 {
+    (position + 1024.5) as i32 - 1024
 }
 
 fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {

@@ -92,12 +92,7 @@ pub fn synth(args: &SynthArgs, console: &mut Console) -> Result<()> {
     let made = synth::make(args.kind.parse()?, &options)?;
     io::write(&args.output, &made.image)?;
     if let Some(path) = &args.truth {
-        let [nx, ny, nz] = made.truth.dims;
-        let array = made.truth.to_array().into_raw_vec_and_offset().0;
-        io::npy::write(
-            path,
-            &Image::new([nx, ny, nz, 4], array, Geometry::default()),
-        )?;
+        made.truth.write(path)?;
     }
     written(console, &args.output, &made.image);
     Ok(())

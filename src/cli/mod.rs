@@ -58,11 +58,11 @@ fn run(line: &CommandLine) -> Result<Ending> {
     match &line.verb {
         Verb::Mesh(args) => return mesh::mesh(args, console),
         Verb::Quality(args) => meshes::quality(args, console)?,
+        Verb::Validate(args) => meshes::validate(args, console)?,
         Verb::Info(args) => images::info(args, console)?,
         Verb::Feature(args) => images::feature(args, console)?,
         Verb::Convert(args) => images::convert(args, console)?,
         Verb::Synth(args) => images::synth(args, console)?,
-        _ => unreachable!(),
     }
     Ok(Ending::Done)
 }

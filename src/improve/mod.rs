@@ -241,7 +241,8 @@ impl<'a> Improver<'a> {
     fn move_to(&mut self, node: u32, x: [f64; 3], hold: Hold) {
         let i = node as usize;
         if let Some(undo) = &mut self.undo {
-            undo.nodes.push((node, self.complex.nodes[i], self.holds[i]));
+            undo.nodes
+                .push((node, self.complex.nodes[i], self.holds[i]));
         }
         self.complex.nodes[i] = x;
         self.holds[i] = hold;
@@ -452,5 +453,10 @@ mod tests;
 fn dbg(i: &Improver, label: &str) {
     thread_local!(static T: std::cell::Cell<Option<std::time::Instant>> = const { std::cell::Cell::new(None) });
     let now = std::time::Instant::now();
-    println!("{label} {:?} poor {} {:?}", T.replace(Some(now)).map(|t| now - t), i.poor().len(), i.counts);
+    println!(
+        "{label} {:?} poor {} {:?}",
+        T.replace(Some(now)).map(|t| now - t),
+        i.poor().len(),
+        i.counts
+    );
 }

@@ -24,7 +24,10 @@ impl Improver<'_> {
             .collect();
         edges.par_sort_unstable();
         edges.dedup();
-        edges.into_par_iter().filter(|&(a, b)| self.pierces(a, b)).collect()
+        edges
+            .into_par_iter()
+            .filter(|&(a, b)| self.pierces(a, b))
+            .collect()
     }
 
     /// Every edge that pierces a feature.
@@ -157,9 +160,17 @@ impl Improver<'_> {
                 self.fresh.push([new, b, r, s]);
             }
             let position = |n: u32| {
-                if n == new { x } else { self.complex.nodes[n as usize] }
+                if n == new {
+                    x
+                } else {
+                    self.complex.nodes[n as usize]
+                }
             };
-            if self.fresh.iter().all(|f| min_sine(&f.map(position)) > floor) {
+            if self
+                .fresh
+                .iter()
+                .all(|f| min_sine(&f.map(position)) > floor)
+            {
                 self.complex.add_node(x);
                 self.holds.push(hold);
                 self.commit(&ring.tets);

@@ -176,7 +176,7 @@ pub fn detect(image: &Image<3>, options: &Options) -> Result<Features<3>> {
     let rules = sheets::Rules {
         high: found.high,
         resolution: 0.9 * options.d_min,
-        min_area: 2.0 * options.d_min * options.d_min,
+        min_area: found.min_cells * options.d_min * options.d_min,
     };
     let sheets = sheets::sheets(dims, &found.candidates, options.step, &rules);
     drop(found);
@@ -198,7 +198,7 @@ pub fn detect(image: &Image<3>, options: &Options) -> Result<Features<3>> {
             samples: image.as_slice().to_vec(),
         }
     } else {
-        potential::potential(&sheets.points, dims, options.step, sigma)
+        potential::potential(&sheets.points, &sheets.rim, dims, options.step, sigma)
     };
     Ok(Features {
         points: sheets.points,
@@ -212,6 +212,8 @@ pub fn detect(image: &Image<3>, options: &Options) -> Result<Features<3>> {
 struct Found {
     candidates: Vec<Candidate>,
     high: f32,
+    /// Least area of a sheet, in squares of the least distance.
+    min_cells: f64,
 }
 
 /// Finds the candidates of one kind of feature; notes say how.
@@ -280,6 +282,7 @@ fn find_ridges(
     Found {
         candidates: repair::repair(smoothed, candidates, scale, high),
         high,
+        min_cells: 2.0,
     }
 }
 
@@ -301,7 +304,7 @@ fn find_horizons(
     let rms = horizons::root_mean_square(smoothed);
     let (low, high) = options
         .threshold
-        .map_or((0.5 * rms, 1.5 * rms), |t| (0.5 * t, t));
+        .map_or((0.75 * rms, 1.5 * rms), |t| (0.5 * t, t));
     let chosen = if options.threshold.is_some() {
         "given"
     } else {
@@ -314,6 +317,8 @@ fn find_horizons(
     Found {
         candidates: horizons::horizons(smoothed, &normals, low),
         high,
+        // Short pieces of reflectors are everywhere, and worth no cells.
+        min_cells: 6.0,
     }
 }
 
@@ -356,6 +361,7 @@ fn find_labels(image: &Image<3>, options: &Options, notes: &mut Vec<String>) -> 
     Ok(Found {
         candidates: labels::interfaces(volume, &values, scale),
         high: 1.0,
+        min_cells: 2.0,
     })
 }
 

@@ -15,7 +15,7 @@ use std::collections::HashMap;
 
 /// Reliable points within this many samples of a new point are fitted; the second radius is for the
 /// middle of wide zones, where the first finds too few.
-const RADII: [i32; 2] = [8, 16];
+const RADII: [i32; 2] = [7, 15];
 /// Normals of one sheet agree at least this much (cosine).
 const SAME_NORMAL: f32 = 0.9;
 /// Two fits of one sheet agree at least this much (cosine).
@@ -339,7 +339,7 @@ impl Fill<'_> {
 }
 
 /// The nearest sample, for positions in or near the box (without a call to the maths library).
-fn nearest(position: f32) -> i32 {
+pub fn nearest(position: f32) -> i32 {
     (position + 1024.5) as i32 - 1024
 }
 

@@ -30,6 +30,8 @@ pub mod volume;
 
 #[cfg(test)]
 mod scenes;
+#[cfg(test)]
+mod tests;
 
 use crate::error::{Error, Result, cause};
 use crate::image::{Field, Image};
@@ -302,13 +304,11 @@ fn find_horizons(
     };
     let normals = tensor::Normals::new(smoothed, window);
     let rms = horizons::root_mean_square(smoothed);
-    let (low, high) = options
-        .threshold
-        .map_or((0.75 * rms, 1.5 * rms), |t| (0.5 * t, t));
+    let (low, high) = options.threshold.map_or((0.6 * rms, rms), |t| (0.5 * t, t));
     let chosen = if options.threshold.is_some() {
         "given"
     } else {
-        "1.5 times the rms"
+        "the rms"
     };
     notes.push(format!(
         "crests and troughs at scale {scale}, normals averaged over {window}: threshold {high:.4} \
@@ -341,7 +341,7 @@ fn find_labels(image: &Image<3>, options: &Options, notes: &mut Vec<String>) -> 
     };
     if let [a, b] = values[..] {
         let mask = labels::mask(volume, [a, b]);
-        if mask.share < 0.25 && mask.thickness < 0.75 * options.d_min {
+        if mask.share < 0.25 && mask.thickness < labels::THIN {
             notes.push(format!(
                 "a mask {:.1} samples thick, {:.1} % of the volume: its middle is the feature",
                 mask.thickness,
@@ -384,7 +384,7 @@ fn check(image: &Image<3>, options: &Options) -> Result<()> {
     }
     for (name, value) in [("scale", options.scale), ("smoothing", options.smoothing)] {
         if let Some(value) = value
-            && !(value >= 0.5 && value <= 100.0)
+            && !(0.5..=100.0).contains(&value)
         {
             return fail(
                 format!("{name} {value} is not in 0.5 .. 100"),
@@ -420,24 +420,4 @@ fn check(image: &Image<3>, options: &Options) -> Result<()> {
         )));
     }
     Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn noisy_crossing_curved_sheets_are_found() {
-        let (dims, sheets) = scenes::crossing_sheets();
-        for (width, noise) in [(1.0, 0.2), (1.5, 0.0), (1.5, 0.25), (2.0, 0.25)] {
-            let image = scenes::ridge_image(dims, &sheets, width, noise);
-            let options = Options {
-                kind: Kind::Ridges,
-                ..Options::default()
-            };
-            let features = detect(&image, &options).unwrap();
-            let fit = scenes::fit(dims, &sheets, &features.points);
-            eprintln!("{width} {noise} {fit:?} {:?}", features.notes);
-        }
-    }
 }

@@ -50,6 +50,10 @@ pub fn repair(
         .iter()
         .map(|c| !zone.holds(grid.coordinates(c)))
         .collect();
+    // Where most is doubtful (foam, pores), there is nothing to continue from.
+    if 2 * reliable.iter().filter(|r| **r).count() < reliable.len() {
+        return candidates;
+    }
     let mut fill = Fill {
         smoothed,
         zone: &zone,
@@ -372,7 +376,7 @@ fn solve(mut m: [[f64; 7]; 6]) -> Option<[f64; 6]> {
                 m[i][j] -= f * m[k][j];
             }
         }
-        if !(m[i][i] > 1e-9) {
+        if m[i][i] <= 1e-9 {
             return None;
         }
     }

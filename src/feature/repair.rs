@@ -15,7 +15,7 @@ use std::collections::HashMap;
 
 /// Reliable points within this many samples of a new point are fitted; the second radius is for the
 /// middle of wide zones, where the first finds too few.
-const RADII: [i32; 2] = [8, 16];
+const RADII: [i32; 2] = [7, 15];
 /// Normals of one sheet agree at least this much (cosine).
 const SAME_NORMAL: f32 = 0.9;
 /// Two fits of one sheet agree at least this much (cosine).
@@ -50,6 +50,10 @@ pub fn repair(
         .iter()
         .map(|c| !zone.holds(grid.coordinates(c)))
         .collect();
+    // Where most is doubtful (foam, pores), there is nothing to continue from.
+    if 2 * reliable.iter().filter(|r| **r).count() < reliable.len() {
+        return candidates;
+    }
     let mut fill = Fill {
         smoothed,
         zone: &zone,
@@ -339,7 +343,7 @@ impl Fill<'_> {
 }
 
 /// The nearest sample, for positions in or near the box (without a call to the maths library).
-fn nearest(position: f32) -> i32 {
+pub fn nearest(position: f32) -> i32 {
     (position + 1024.5) as i32 - 1024
 }
 
@@ -372,7 +376,7 @@ fn solve(mut m: [[f64; 7]; 6]) -> Option<[f64; 6]> {
                 m[i][j] -= f * m[k][j];
             }
         }
-        if !(m[i][i] > 1e-9) {
+        if m[i][i] <= 1e-9 {
             return None;
         }
     }

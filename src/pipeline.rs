@@ -11,7 +11,7 @@ use crate::delaunay::{self, Delaunay};
 use crate::distance::{self, Distance};
 use crate::energy::{Beta, Energy, Pairwise};
 use crate::error::cause;
-use crate::feature::{self, Features, potential};
+use crate::feature::{self, Features, gaussian};
 use crate::image::{Field, Geometry, Image};
 use crate::improve::sheets::Sheets;
 use crate::mesh::check::check;
@@ -169,6 +169,9 @@ pub struct Outcome {
     pub report: Report,
 }
 
+/// The stage from which on a job that is asked to stop still gives a mesh.
+pub const OPTIMISING: &str = "moving atoms onto features";
+
 /// How far the volume may be off the box's, and sides from flat, as a share.
 pub const BOX_TOLERANCE: f64 = 1e-9;
 
@@ -223,7 +226,7 @@ pub fn mesh_image(
     };
     let mut atoms = seeding::fcc(extent, &distance, &fixed)?;
 
-    stages.begin_unless_stopped("moving atoms onto features")?;
+    stages.begin_unless_stopped(OPTIMISING)?;
     let optimised = optimise(
         &mut atoms,
         params,
@@ -291,6 +294,22 @@ pub fn mesh_image(
         optimised,
         report,
     })
+}
+
+/// A potential whose valleys, of width `sigma`, are `factor` times as wide and as deep as before.
+fn smoother(potential: &Field<3>, sigma: f64, factor: f64) -> Field<3> {
+    let mut wide = potential.clone();
+    // Widths add in quadrature; the depth of a straight valley falls as its width grows.
+    let added = sigma * (factor * factor - 1.0).sqrt();
+    gaussian::smooth(
+        wide.dims,
+        &mut wide.samples,
+        wide.step.map(|step| added / step),
+    );
+    for b in &mut wide.samples {
+        *b = (*b * factor as f32).clamp(-1.0, 0.0);
+    }
+    wide
 }
 
 /// Shapes, fidelity and validity of a mesh in lattice space.
@@ -373,9 +392,7 @@ fn optimise(
         optimize::optimize(atoms, &mut *energy, distance, extent, &options, observer)
     };
     for coarse in (1..=params.coarse_passes).rev() {
-        let sigma = features.sigma * f64::from(1 << coarse);
-        let Field { dims, step, .. } = features.potential;
-        let smoother = potential::potential(&features.points, dims, step, sigma);
+        let smoother = smoother(&features.potential, features.sigma, f64::from(1 << coarse));
         let outcome = pass(&smoother)?;
         if outcome.stop == Stop::Interrupted {
             return Ok(outcome);

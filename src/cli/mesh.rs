@@ -32,7 +32,7 @@ pub fn mesh(args: &MeshArgs, console: &mut Console) -> Result<Ending> {
         return Ok(Ending::Done);
     }
 
-    let interrupted = watch_for_interrupts()?;
+    let interrupts = Interrupts::watch()?;
     let mut clock = Clock::new();
     console.begin_stage("reading");
     clock.begin("reading");
@@ -44,8 +44,9 @@ pub fn mesh(args: &MeshArgs, console: &mut Console) -> Result<Ending> {
 
     let mut watcher = Watcher {
         console,
-        interrupted: &interrupted,
-        trace: job.trace.as_deref().map(Trace::create).transpose()?,
+        interrupts: &interrupts,
+        trace_path: job.trace.as_deref(),
+        trace: None,
         geometry: &image.geometry,
         step: params.metric.step(&image.geometry),
         failed: None,
@@ -58,7 +59,7 @@ pub fn mesh(args: &MeshArgs, console: &mut Console) -> Result<Ending> {
             if let Some(trace) = trace {
                 trace.discard();
             }
-            return match interrupted.load(Ordering::Relaxed) {
+            return match interrupts.wanted() {
                 true => {
                     complain(format_args!("error: {error}"));
                     Ok(Ending::Interrupted)
@@ -164,23 +165,42 @@ fn read_beta(path: &Path) -> Result<Image<3>> {
     Ok(image)
 }
 
-/// The first Ctrl-C asks the job to stop with what it has, the second ends it at once.
-fn watch_for_interrupts() -> Result<Arc<AtomicBool>> {
-    let flag = Arc::new(AtomicBool::new(false));
-    let seen = Arc::clone(&flag);
-    ctrlc::set_handler(move || {
-        if seen.swap(true, Ordering::Relaxed) {
-            std::process::exit(130);
-        }
-    })
-    .map_err(|e| Error::Job(cause("interrupt handler", e, "start the job again")))?;
-    Ok(flag)
+/// What the interrupt handler and the job tell each other.
+#[derive(Debug, Default)]
+struct Interrupts {
+    /// There is a lattice worth keeping.
+    lattice: AtomicBool,
+    /// The user wants to stop.
+    wanted: AtomicBool,
+}
+
+impl Interrupts {
+    /// Ctrl-C ends the process at once while there is nothing to keep, and when it comes a second
+    /// time; else it asks the job to stop with what it has.
+    fn watch() -> Result<Arc<Self>> {
+        let state = Arc::new(Self::default());
+        let shared = Arc::clone(&state);
+        ctrlc::set_handler(move || {
+            let again = shared.wanted.swap(true, Ordering::Relaxed);
+            if again || !shared.lattice.load(Ordering::Relaxed) {
+                std::process::exit(130);
+            }
+        })
+        .map_err(|e| Error::Job(cause("interrupt handler", e, "start the job again")))?;
+        Ok(state)
+    }
+
+    fn wanted(&self) -> bool {
+        self.wanted.load(Ordering::Relaxed)
+    }
 }
 
 /// Shows the pipeline's progress, keeps its lattices, and passes on the wish to stop.
 struct Watcher<'a> {
     console: &'a mut Console,
-    interrupted: &'a AtomicBool,
+    interrupts: &'a Interrupts,
+    trace_path: Option<&'a Path>,
+    /// Begun with the first lattice.
     trace: Option<Trace>,
     geometry: &'a Geometry<3>,
     step: [f64; 3],
@@ -188,9 +208,28 @@ struct Watcher<'a> {
     failed: Option<Error>,
 }
 
+impl Watcher<'_> {
+    /// Adds a lattice to the trace.
+    fn keep(&mut self, path: &Path, round: usize, positions: &[[f64; 3]]) -> Result<()> {
+        let physical = |x: &[f64; 3]| {
+            self.geometry
+                .to_physical(std::array::from_fn(|k| x[k] / self.step[k]))
+        };
+        let atoms: Vec<[f64; 3]> = positions.iter().map(physical).collect();
+        let trace = match &mut self.trace {
+            Some(trace) => trace,
+            none => none.insert(Trace::create(path)?),
+        };
+        trace.add(round as f64, &atoms, &[])
+    }
+}
+
 impl Observer for Watcher<'_> {
     fn stage(&mut self, name: &str) {
         self.console.begin_stage(name);
+        if name == pipeline::OPTIMISING {
+            self.interrupts.lattice.store(true, Ordering::Relaxed);
+        }
     }
 
     fn progress(&mut self, progress: &Progress) {
@@ -201,19 +240,14 @@ impl Observer for Watcher<'_> {
     }
 
     fn round(&mut self, round: usize, positions: &[[f64; 3]]) {
-        if let Some(trace) = &mut self.trace
+        if let Some(path) = self.trace_path
             && self.failed.is_none()
         {
-            let physical = |x: &[f64; 3]| {
-                self.geometry
-                    .to_physical(std::array::from_fn(|k| x[k] / self.step[k]))
-            };
-            let atoms: Vec<[f64; 3]> = positions.iter().map(physical).collect();
-            self.failed = trace.add(round as f64, &atoms, &[]).err();
+            self.failed = self.keep(path, round, positions).err();
         }
     }
 
     fn keep_going(&mut self) -> bool {
-        !self.interrupted.load(Ordering::Relaxed) && self.failed.is_none()
+        !self.interrupts.wanted() && self.failed.is_none()
     }
 }

@@ -456,12 +456,13 @@ mod tests {
             };
             let (own_d, own_beta) = (self.distance.at(x[n]), beta(&x[n]));
             let mut energy = own_beta * interpolate(self.potential, &x[n]);
+            let reach = 1.6 * self.distance.max();
             for (j, other) in x.iter().enumerate() {
                 let r = (0..D)
                     .map(|k| (x[n][k] - other[k]).powi(2))
                     .sum::<f64>()
                     .sqrt();
-                if j != n && r < 1.6 * self.distance.max() {
+                if j != n && r < reach {
                     energy += 0.5 * (1.0 - own_beta) * phi(r / self.distance.at(*other));
                     energy += 0.5 * (1.0 - beta(other)) * phi(r / own_d);
                 }

@@ -76,5 +76,9 @@ pub fn os(path: &Path, doing: &str, source: std::io::Error) -> Error {
         std::io::ErrorKind::PermissionDenied => "check the permissions",
         _ => "check the disk and the path",
     };
-    Error::Io(cause(path.display(), format!("cannot {doing}: {source}"), remedy))
+    Error::Io(cause(
+        path.display(),
+        format!("cannot {doing}: {source}"),
+        remedy,
+    ))
 }

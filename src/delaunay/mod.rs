@@ -1,1 +1,7 @@
-//! (stage under construction)
+//! Points -> Delaunay tetrahedra, and second opinions on the result.
+//!
+//! - [`tetgen`]: the Delaunay triangulation, by TetGen (feature `tetgen`)
+
+pub mod tetgen;
+
+pub use tetgen::{Delaunay, OUTSIDE, delaunay, delaunay_with_neighbors};

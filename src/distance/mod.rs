@@ -1,1 +1,296 @@
-//! (stage under construction)
+//! The nominal distance d(x) between neighbouring atoms near x, in lattice units.
+//!
+//! - [`grading`]: |grad d| limited by fast sweeping, minima kept
+//! - [`features`](mod@features): d grows away from detected features
+
+pub mod features;
+pub mod grading;
+
+pub use features::from_features;
+pub use grading::limit_gradient;
+
+use crate::error::{Error, Result, cause};
+use crate::image::Field;
+
+/// The nominal distance between neighbouring atoms, in lattice units.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Distance<const D: usize> {
+    /// The same everywhere.
+    Constant(f64),
+    /// Samples over the lattice-space box, interpolated multilinearly, so that a value is never
+    /// below the smallest or above the largest sample.
+    Field(Field<D>),
+}
+
+impl<const D: usize> Distance<D> {
+    /// d at a position in lattice space; outside the box, d at the nearest point of the box.
+    #[inline]
+    pub fn at(&self, position: [f64; D]) -> f64 {
+        match self {
+            Self::Constant(d) => *d,
+            Self::Field(field) => Cell::of(field, &position).value(field),
+        }
+    }
+
+    /// d and its gradient: the exact derivative of [`Distance::at`] inside each cell of the grid,
+    /// zero along axes where the position lies outside the box.
+    #[inline]
+    pub fn at_with_gradient(&self, position: [f64; D]) -> (f64, [f64; D]) {
+        match self {
+            Self::Constant(d) => (*d, [0.0; D]),
+            Self::Field(field) => Cell::of(field, &position).value_and_gradient(field),
+        }
+    }
+
+    /// The smallest d anywhere; NaN if any sample is NaN.
+    pub fn min(&self) -> f64 {
+        match self {
+            Self::Constant(d) => *d,
+            Self::Field(field) => reduce(&field.samples, f32::min),
+        }
+    }
+
+    /// The largest d anywhere; NaN if any sample is NaN.
+    pub fn max(&self) -> f64 {
+        match self {
+            Self::Constant(d) => *d,
+            Self::Field(field) => reduce(&field.samples, f32::max),
+        }
+    }
+
+    /// Checks d against the box `[0, extent]` that it has to fill with atoms.
+    ///
+    /// # Errors
+    /// [`Error::Distance`] if d is not a positive number, if it is larger than the box, if a side
+    /// of the box is shorter than two d, or if a field does not span the box.
+    pub fn validate(&self, extent: [f64; D]) -> Result<()> {
+        let fail = |problem: String, remedy: String| {
+            Err(Error::Distance(cause("distance", problem, remedy)))
+        };
+        if let Self::Field(field) = self {
+            let spans = (0..D).all(|k| (field.extent()[k] - extent[k]).abs() <= 1e-6 * extent[k]);
+            let count: usize = field.dims.iter().product();
+            if !spans || field.samples.len() != count {
+                return fail(
+                    format!("its field spans {:?}, the image {extent:?}", field.extent()),
+                    "give a field that covers the image".into(),
+                );
+            }
+        }
+        let (min, max) = (self.min(), self.max());
+        if !min.is_finite() || !max.is_finite() {
+            return fail(
+                "it is not a finite number everywhere".into(),
+                "give a distance without NaN and infinities".into(),
+            );
+        }
+        if min <= 0.0 {
+            return fail(
+                format!("{min} is not positive"),
+                "give a distance of a few samples, for example 8".into(),
+            );
+        }
+        let longest = extent.iter().copied().fold(0.0, f64::max);
+        let shortest = extent.iter().copied().fold(f64::INFINITY, f64::min);
+        let remedy = format!("give a distance of at most {}", shortest / 2.0);
+        if max > longest {
+            return fail(
+                format!("{max} is larger than the box, whose longest side is {longest}"),
+                remedy,
+            );
+        }
+        if shortest < 2.0 * max {
+            return fail(
+                format!("the box has a side of {shortest}, shorter than twice the distance {max}"),
+                remedy,
+            );
+        }
+        Ok(())
+    }
+}
+
+/// Folds samples with `f`, but lets one NaN make the result NaN.
+fn reduce(samples: &[f32], f: impl Fn(f32, f32) -> f32) -> f64 {
+    let fold = |a: f32, &b: &f32| {
+        if a.is_nan() || b.is_nan() {
+            f32::NAN
+        } else {
+            f(a, b)
+        }
+    };
+    f64::from(
+        samples
+            .split_first()
+            .map_or(f32::NAN, |(&first, rest)| rest.iter().fold(first, fold)),
+    )
+}
+
+/// The grid cell around a position: lowest corner, fraction inside, and the step along each axis.
+struct Cell<const D: usize> {
+    corner: usize,
+    strides: [usize; D],
+    fraction: [f64; D],
+    /// d(fraction)/d(position): zero where the position was clamped to the box.
+    slope: [f64; D],
+}
+
+impl<const D: usize> Cell<D> {
+    #[inline]
+    fn of(field: &Field<D>, position: &[f64; D]) -> Self {
+        let mut cell = Self {
+            corner: 0,
+            strides: [0; D],
+            fraction: [0.0; D],
+            slope: [0.0; D],
+        };
+        let mut stride = 1;
+        for k in 0..D {
+            let last = field.dims[k].saturating_sub(1);
+            if last > 0 {
+                let u = position[k] / field.step[k];
+                let clamped = u.clamp(0.0, last as f64);
+                let low = (clamped as usize).min(last - 1);
+                cell.corner += low * stride;
+                cell.strides[k] = stride;
+                cell.fraction[k] = clamped - low as f64;
+                cell.slope[k] = if u == clamped {
+                    1.0 / field.step[k]
+                } else {
+                    0.0
+                };
+            }
+            stride *= field.dims[k];
+        }
+        cell
+    }
+
+    #[inline]
+    fn value(&self, field: &Field<D>) -> f64 {
+        (0..1usize << D)
+            .map(|c| self.weight(c, D) * self.sample(field, c))
+            .sum()
+    }
+
+    #[inline]
+    fn value_and_gradient(&self, field: &Field<D>) -> (f64, [f64; D]) {
+        let (mut value, mut gradient) = (0.0, [0.0; D]);
+        for c in 0..1usize << D {
+            let sample = self.sample(field, c);
+            value += self.weight(c, D) * sample;
+            for k in 0..D {
+                let sign = if c >> k & 1 == 1 { 1.0 } else { -1.0 };
+                gradient[k] += sign * self.slope[k] * self.weight(c, k) * sample;
+            }
+        }
+        (value, gradient)
+    }
+
+    /// Product of the linear weights of corner `c`, leaving out axis `without`.
+    #[inline]
+    fn weight(&self, c: usize, without: usize) -> f64 {
+        (0..D)
+            .filter(|&k| k != without)
+            .map(|k| {
+                if c >> k & 1 == 1 {
+                    self.fraction[k]
+                } else {
+                    1.0 - self.fraction[k]
+                }
+            })
+            .product()
+    }
+
+    #[inline]
+    fn sample(&self, field: &Field<D>, c: usize) -> f64 {
+        let offset: usize = (0..D).map(|k| (c >> k & 1) * self.strides[k]).sum();
+        f64::from(field.samples[self.corner + offset])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn wavy() -> Field<3> {
+        let dims = [5, 4, 6];
+        let samples = (0..120)
+            .map(|i| 5.0 + ((i * 37 % 17) as f32) * 0.1)
+            .collect();
+        Field {
+            dims,
+            step: [2.0, 1.5, 1.0],
+            samples,
+        }
+    }
+
+    #[test]
+    fn interpolation_reproduces_samples_and_stays_between_them() {
+        let field = wavy();
+        let d = Distance::Field(field.clone());
+        for z in 0..6 {
+            for y in 0..4 {
+                for x in 0..5 {
+                    let p = [x as f64 * 2.0, y as f64 * 1.5, z as f64];
+                    let truth = f64::from(field.samples[(z * 4 + y) * 5 + x]);
+                    assert!((d.at(p) - truth).abs() < 1e-12);
+                }
+            }
+        }
+        let outside = d.at([-3.0, 100.0, 2.3]);
+        assert!((outside - d.at([0.0, 4.5, 2.3])).abs() < 1e-12);
+        assert!(outside >= d.min() && outside <= d.max());
+    }
+
+    #[test]
+    fn gradient_is_the_derivative_of_the_value() {
+        let d = Distance::Field(wavy());
+        for i in 0..50 {
+            let r = |m: usize| ((i * m % 101) as f64 + 0.37) / 102.0;
+            let p = [8.0 * r(17), 4.5 * r(29), 5.0 * r(43)];
+            let (value, gradient) = d.at_with_gradient(p);
+            assert!((value - d.at(p)).abs() < 1e-12);
+            for k in 0..3 {
+                let h = 1e-6;
+                let (mut a, mut b) = (p, p);
+                a[k] -= h;
+                b[k] += h;
+                let numeric = (d.at(b) - d.at(a)) / (2.0 * h);
+                assert!(
+                    (numeric - gradient[k]).abs() < 1e-6,
+                    "{numeric} {}",
+                    gradient[k]
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn impossible_distances_are_refused_with_a_remedy() {
+        let extent = [63.0, 63.0, 20.0];
+        let accepts = |d: f64| Distance::<3>::Constant(d).validate(extent);
+        assert!(accepts(8.0).is_ok() && accepts(10.0).is_ok());
+        for (d, word) in [
+            (0.0, "positive"),
+            (-1.0, "positive"),
+            (f64::NAN, "finite"),
+            (f64::INFINITY, "finite"),
+            (80.0, "larger than the box"),
+            (10.1, "shorter than twice"),
+        ] {
+            let message = accepts(d).unwrap_err().to_string();
+            assert!(
+                message.contains(word) && message.contains("; give a"),
+                "{message}"
+            );
+        }
+        let mut field = wavy();
+        let field_extent = field.extent();
+        assert!(
+            Distance::Field(field.clone())
+                .validate([8.0, 4.5, 7.0])
+                .is_err()
+        );
+        field.samples[7] = f32::NAN;
+        assert!(Distance::Field(field).validate(field_extent).is_err());
+    }
+}

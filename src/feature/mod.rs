@@ -1,6 +1,42 @@
-//! Image -> feature image -> potential b(x).
+//! Image -> features as points at sub-sample positions -> potential b(x).
+//!
+//! - [`gaussian`]: smoothing
+//! - [`volume`]: finite differences
+//! - [`symmetric`]: eigenvectors of Hessians and structure tensors
+//! - [`tensor`]: normals of layers
+//! - [`auto`]: which kind of feature an image has
+//! - [`crossing`]: where a sheet crosses the columns of samples
+//! - [`ridges`](mod@ridges): ridges (and, negated, valleys)
+//! - [`horizons`](mod@horizons): crests and troughs of seismic amplitude
+//! - [`labels`]: interfaces between labels, thin masks
+//! - [`repair`](mod@repair): ridges through crossings and up to the box's sides
+//! - [`grid`]: candidates by sample
+//! - [`sheets`](mod@sheets): hysteresis, sheets too near one another, crumbs
+//! - [`potential`](mod@potential): b(x)
 
-use crate::image::Field;
+pub mod auto;
+pub mod crossing;
+pub mod gaussian;
+pub mod grid;
+pub mod horizons;
+pub mod labels;
+pub mod potential;
+pub mod repair;
+pub mod ridges;
+pub mod sheets;
+pub mod symmetric;
+pub mod tensor;
+pub mod volume;
+
+#[cfg(test)]
+mod scenes;
+
+use crate::error::{Error, Result, cause};
+use crate::image::{Field, Image};
+use crossing::Candidate;
+use std::fmt;
+use std::str::FromStr;
+use volume::Volume;
 
 /// One detected point of a feature (fault, horizon, wall) at its sub-sample position.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -24,4 +60,378 @@ pub struct Features<const D: usize> {
     pub sigma: f64,
     /// One or more plain lines: what was picked and why, threshold, counts.
     pub notes: Vec<String>,
+}
+
+/// What a feature of the image is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// Decided by what the image looks like.
+    Auto,
+    /// Sheets of high values: faults in a fault image, bright walls.
+    Ridges,
+    /// Sheets of low values.
+    Valleys,
+    /// Steps between low and high values.
+    Edges,
+    /// Crests and troughs of seismic amplitude.
+    Horizons,
+    /// Interfaces between labels; thin masks are ridges.
+    Labels,
+    /// The image is b(x) itself.
+    Potential,
+}
+
+/// Names on the command line.
+const NAMES: [(Kind, &str); 7] = [
+    (Kind::Auto, "auto"),
+    (Kind::Ridges, "ridges"),
+    (Kind::Valleys, "valleys"),
+    (Kind::Edges, "edges"),
+    (Kind::Horizons, "horizons"),
+    (Kind::Labels, "labels"),
+    (Kind::Potential, "potential"),
+];
+
+impl fmt::Display for Kind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(
+            NAMES
+                .iter()
+                .find(|(kind, _)| kind == self)
+                .map_or("", |(_, name)| name),
+        )
+    }
+}
+
+impl FromStr for Kind {
+    type Err = Error;
+
+    fn from_str(s: &str) -> Result<Self> {
+        let names = || NAMES.map(|(_, name)| name).join(", ");
+        NAMES
+            .iter()
+            .find(|(_, name)| *name == s)
+            .map(|(kind, _)| *kind)
+            .ok_or_else(|| {
+                Error::Feature(cause(
+                    format!("feature '{s}'"),
+                    "is not known",
+                    format!("choose one of {}", names()),
+                ))
+            })
+    }
+}
+
+/// How features are detected.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Options {
+    /// What a feature is.
+    pub kind: Kind,
+    /// Width (samples) of the Gaussian under which derivatives are taken; by kind if `None`.
+    pub scale: Option<f64>,
+    /// Width (samples) of the structure tensor's window (horizons); 4 if `None`.
+    pub smoothing: Option<f64>,
+    /// Least strength of a feature, in units of the image; from the image itself if `None`.
+    pub threshold: Option<f32>,
+    /// The least nominal distance between atoms, in lattice units: what the lattice resolves.
+    pub d_min: f64,
+    /// Lattice-space distance between samples.
+    pub step: [f64; 3],
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            kind: Kind::Auto,
+            scale: None,
+            smoothing: None,
+            threshold: None,
+            d_min: 8.0,
+            step: [1.0; 3],
+        }
+    }
+}
+
+/// Finds the features of an image and their potential.
+///
+/// # Errors
+/// [`Error::Feature`] for impossible options, [`Error::Image`] for an image that has NaN or infinite
+/// samples, is constant, or is not what `options.kind` says.
+pub fn detect(image: &Image<3>, options: &Options) -> Result<Features<3>> {
+    check(image, options)?;
+    let dims = image.dims();
+    let mut notes = Vec::new();
+    let kind = match options.kind {
+        Kind::Auto => {
+            let (kind, why) = auto::pick(Volume {
+                dims,
+                samples: image.as_slice(),
+            });
+            notes.push(format!("features: {kind} ({why})"));
+            kind
+        }
+        kind => kind,
+    };
+    let found = find(image, kind, options, &mut notes)?;
+    let rules = sheets::Rules {
+        high: found.high,
+        resolution: 0.9 * options.d_min,
+        min_area: 2.0 * options.d_min * options.d_min,
+    };
+    let sheets = sheets::sheets(dims, &found.candidates, options.step, &rules);
+    drop(found);
+    notes.push(format!(
+        "{} feature points in {} sheets; dropped {} nearer than {:.1} to a stronger parallel sheet \
+         and {} weak or in sheets smaller than {:.0}",
+        sheets.points.len(),
+        sheets.sheets,
+        sheets.too_near,
+        rules.resolution,
+        sheets.crumbs,
+        rules.min_area,
+    ));
+    let sigma = options.d_min / 4.0;
+    let potential = if kind == Kind::Potential {
+        Field {
+            dims,
+            step: options.step,
+            samples: image.as_slice().to_vec(),
+        }
+    } else {
+        potential::potential(&sheets.points, dims, options.step, sigma)
+    };
+    Ok(Features {
+        points: sheets.points,
+        potential,
+        sigma,
+        notes,
+    })
+}
+
+/// Candidates, and the strength that a sheet must reach somewhere.
+struct Found {
+    candidates: Vec<Candidate>,
+    high: f32,
+}
+
+/// Finds the candidates of one kind of feature; notes say how.
+fn find(image: &Image<3>, kind: Kind, options: &Options, notes: &mut Vec<String>) -> Result<Found> {
+    let dims = image.dims();
+    let samples = || image.as_slice().to_vec();
+    match kind {
+        Kind::Auto | Kind::Ridges => Ok(find_ridges(dims, samples(), 1.5, options, notes)),
+        Kind::Valleys | Kind::Potential => {
+            let outside = image.as_slice().iter().find(|s| !(-1.0..=0.0).contains(*s));
+            if let (Kind::Potential, Some(value)) = (kind, outside) {
+                return Err(Error::Image(cause(
+                    "image",
+                    format!("is no potential b(x) in [-1, 0]: it holds {value}"),
+                    "scale it, or choose another feature kind",
+                )));
+            }
+            let negated = image.as_slice().iter().map(|s| -s).collect();
+            Ok(find_ridges(dims, negated, 1.5, options, notes))
+        }
+        Kind::Edges => {
+            let mut smoothed = samples();
+            gaussian::smooth(dims, &mut smoothed, [options.scale.unwrap_or(1.0); 3]);
+            let steepness = Volume {
+                dims,
+                samples: &smoothed,
+            }
+            .gradient_magnitude();
+            drop(smoothed);
+            Ok(find_ridges(dims, steepness, 1.0, options, notes))
+        }
+        Kind::Horizons => Ok(find_horizons(dims, samples(), options, notes)),
+        Kind::Labels => find_labels(image, options, notes),
+    }
+}
+
+/// Ridges of samples; `scale` unless the options give one.
+fn find_ridges(
+    dims: [usize; 3],
+    mut samples: Vec<f32>,
+    scale: f64,
+    options: &Options,
+    notes: &mut Vec<String>,
+) -> Found {
+    let scale = options.scale.unwrap_or(scale);
+    gaussian::smooth(dims, &mut samples, [scale; 3]);
+    let smoothed = Volume {
+        dims,
+        samples: &samples,
+    };
+    let statistics = ridges::statistics(smoothed, scale);
+    let (low, high) = options
+        .threshold
+        .map_or_else(|| statistics.thresholds(), |t| (0.5 * t, t));
+    let chosen = if options.threshold.is_some() {
+        "given"
+    } else {
+        "chosen"
+    };
+    notes.push(format!(
+        "ridges at scale {scale}: threshold {high:.4} ({chosen}; followed down to {low:.4}), noise \
+         {:.4}, typical strength {:.4}",
+        statistics.noise, statistics.typical
+    ));
+    let candidates = ridges::ridges(smoothed, scale, low);
+    Found {
+        candidates: repair::repair(smoothed, candidates, scale, high),
+        high,
+    }
+}
+
+/// Crests and troughs of seismic amplitude.
+fn find_horizons(
+    dims: [usize; 3],
+    mut samples: Vec<f32>,
+    options: &Options,
+    notes: &mut Vec<String>,
+) -> Found {
+    let scale = options.scale.unwrap_or(1.0);
+    let window = options.smoothing.unwrap_or(4.0);
+    gaussian::smooth(dims, &mut samples, [scale; 3]);
+    let smoothed = Volume {
+        dims,
+        samples: &samples,
+    };
+    let normals = tensor::Normals::new(smoothed, window);
+    let rms = horizons::root_mean_square(smoothed);
+    let (low, high) = options
+        .threshold
+        .map_or((0.5 * rms, 1.5 * rms), |t| (0.5 * t, t));
+    let chosen = if options.threshold.is_some() {
+        "given"
+    } else {
+        "1.5 times the rms"
+    };
+    notes.push(format!(
+        "crests and troughs at scale {scale}, normals averaged over {window}: threshold {high:.4} \
+         ({chosen}; followed down to {low:.4})"
+    ));
+    Found {
+        candidates: horizons::horizons(smoothed, &normals, low),
+        high,
+    }
+}
+
+/// Interfaces between labels, or the middle of a thin mask.
+fn find_labels(image: &Image<3>, options: &Options, notes: &mut Vec<String>) -> Result<Found> {
+    let dims = image.dims();
+    let volume = Volume {
+        dims,
+        samples: image.as_slice(),
+    };
+    let Some(values) = labels::values(volume.samples) else {
+        return Err(Error::Feature(cause(
+            "feature 'labels'",
+            format!(
+                "the image has more than {} different values",
+                labels::MOST_LABELS
+            ),
+            "choose ridges, edges or horizons, or merge labels",
+        )));
+    };
+    if let [a, b] = values[..] {
+        let mask = labels::mask(volume, [a, b]);
+        if mask.share < 0.25 && mask.thickness < 0.75 * options.d_min {
+            notes.push(format!(
+                "a mask {:.1} samples thick, {:.1} % of the volume: its middle is the feature",
+                mask.thickness,
+                100.0 * mask.share
+            ));
+            let inside = |s: &f32| f32::from(u8::from(*s == mask.value));
+            let samples = volume.samples.iter().map(inside).collect();
+            let scale = (0.5 * mask.thickness).max(1.5);
+            return Ok(find_ridges(dims, samples, scale, options, notes));
+        }
+    }
+    let scale = options.scale.unwrap_or(1.0);
+    notes.push(format!(
+        "interfaces between {} labels, smoothed over {scale}",
+        values.len()
+    ));
+    Ok(Found {
+        candidates: labels::interfaces(volume, &values, scale),
+        high: 1.0,
+    })
+}
+
+/// Refuses impossible options and images.
+fn check(image: &Image<3>, options: &Options) -> Result<()> {
+    let positive = |x: f64| x > 0.0 && x.is_finite();
+    let fail =
+        |what: String, remedy: &str| Err(Error::Feature(cause("feature detection", what, remedy)));
+    if !positive(options.d_min) {
+        return fail(
+            format!("distance {} is not positive", options.d_min),
+            "give a few samples",
+        );
+    }
+    if !options.step.iter().all(|&h| positive(h)) {
+        return fail(
+            format!("step {:?} is not positive", options.step),
+            "give positive steps",
+        );
+    }
+    for (name, value) in [("scale", options.scale), ("smoothing", options.smoothing)] {
+        if let Some(value) = value
+            && !(value >= 0.5 && value <= 100.0)
+        {
+            return fail(
+                format!("{name} {value} is not in 0.5 .. 100"),
+                "give samples, such as 1.5",
+            );
+        }
+    }
+    if options.threshold.is_some_and(|t| !t.is_finite()) {
+        return fail(
+            "the threshold is not a finite number".into(),
+            "leave it out to have it chosen",
+        );
+    }
+    let samples = image.as_slice();
+    if let Some(i) = samples.iter().position(|s| !s.is_finite()) {
+        let [nx, ny, _] = image.dims();
+        return Err(Error::Image(cause(
+            format!(
+                "image sample [{}, {}, {}]",
+                i % nx,
+                i / nx % ny,
+                i / nx / ny
+            ),
+            format!("is {}", samples[i]),
+            "fill missing samples before meshing",
+        )));
+    }
+    if samples.iter().all(|s| *s == samples[0]) {
+        return Err(Error::Image(cause(
+            "image",
+            "is constant, so it has no features",
+            "check that the right file and data type were read",
+        )));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn noisy_crossing_curved_sheets_are_found() {
+        let (dims, sheets) = scenes::crossing_sheets();
+        for (width, noise) in [(1.0, 0.2), (1.5, 0.0), (1.5, 0.25), (2.0, 0.25)] {
+            let image = scenes::ridge_image(dims, &sheets, width, noise);
+            let options = Options {
+                kind: Kind::Ridges,
+                ..Options::default()
+            };
+            let features = detect(&image, &options).unwrap();
+            let fit = scenes::fit(dims, &sheets, &features.points);
+            eprintln!("{width} {noise} {fit:?} {:?}", features.notes);
+        }
+    }
 }

@@ -29,7 +29,10 @@ impl<const D: usize> Default for Geometry<D> {
 impl<const D: usize> Geometry<D> {
     /// Axis-aligned geometry with the given spacing.
     pub fn with_spacing(origin: [f64; D], spacing: [f64; D]) -> Self {
-        let mut geometry = Self { origin, ..Self::default() };
+        let mut geometry = Self {
+            origin,
+            ..Self::default()
+        };
         for k in 0..D {
             geometry.axes[k][k] = spacing[k];
         }
@@ -50,5 +53,92 @@ impl<const D: usize> Geometry<D> {
             }
         }
         p
+    }
+
+    /// The (fractional) sample index of a physical position: the inverse of
+    /// [`Geometry::to_physical`]. `None` if the axes do not span the space.
+    pub fn to_index(&self, position: [f64; D]) -> Option<[f64; D]> {
+        let mut rest = position;
+        for c in 0..D {
+            rest[c] -= self.origin[c];
+        }
+        let (_, index) = self.eliminate(rest);
+        index
+    }
+
+    /// Signed physical volume (area in 2-D) of one cell: negative if the image axes are left-handed
+    /// in physical space, zero if they do not span it.
+    pub fn determinant(&self) -> f64 {
+        self.eliminate([0.0; D]).0
+    }
+
+    /// Gaussian elimination with partial pivoting on `sum_k x[k] axes[k] = rhs`: the determinant,
+    /// and `x` unless that is zero.
+    fn eliminate(&self, rhs: [f64; D]) -> (f64, Option<[f64; D]>) {
+        // Row c, column k holds axes[k][c].
+        let mut matrix: [[f64; D]; D] =
+            std::array::from_fn(|c| std::array::from_fn(|k| self.axes[k][c]));
+        let mut x = rhs;
+        let mut determinant = 1.0;
+        for k in 0..D {
+            let mut pivot = k;
+            for row in k + 1..D {
+                if matrix[row][k].abs() > matrix[pivot][k].abs() {
+                    pivot = row;
+                }
+            }
+            if pivot != k {
+                matrix.swap(k, pivot);
+                x.swap(k, pivot);
+                determinant = -determinant;
+            }
+            determinant *= matrix[k][k];
+            if determinant == 0.0 || !determinant.is_finite() {
+                return (0.0, None);
+            }
+            for row in 0..D {
+                if row != k {
+                    let factor = matrix[row][k] / matrix[k][k];
+                    for column in k..D {
+                        matrix[row][column] -= factor * matrix[k][column];
+                    }
+                    x[row] -= factor * x[k];
+                }
+            }
+        }
+        for k in 0..D {
+            x[k] /= matrix[k][k];
+        }
+        (determinant, Some(x))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn index_to_physical_and_back() {
+        // A rotated survey far from the origin, time downwards: left-handed.
+        let geometry = Geometry::<3> {
+            origin: [620_197.2, 6_074_232.9, -1000.0],
+            axes: [[0.0, 0.0, -4.0], [24.9, 0.7, 0.0], [-0.7, 24.9, 0.0]],
+            ..Geometry::default()
+        };
+        let cell = 4.0 * (24.9 * 24.9 + 0.7 * 0.7);
+        assert!((geometry.determinant() + cell).abs() < 1e-9 * cell);
+        let index = [12.25, 100.5, -3.0];
+        let found = geometry.to_index(geometry.to_physical(index)).unwrap();
+        for k in 0..3 {
+            assert!((found[k] - index[k]).abs() < 1e-8, "{found:?}");
+        }
+    }
+
+    #[test]
+    fn flat_axes_have_no_inverse() {
+        let mut geometry = Geometry::<3>::default();
+        geometry.axes[2] = [1.0, 1.0, 0.0];
+        assert_eq!(geometry.determinant(), 0.0);
+        assert_eq!(geometry.to_index([0.0; 3]), None);
     }
 }

@@ -4,11 +4,14 @@
 //! the fastest axis, so the array's NumPy shape is `(nz, ny, nx)`.
 //!
 //! - [`geometry`]: from sample indices to physical coordinates
+//! - [`check`]: statistics, and refusing what no mesh can be made of
 //! - [`field`]: samples in *lattice space* and their smooth interpolation
 
+pub mod check;
 pub mod field;
 pub mod geometry;
 
+pub use check::Stats;
 pub use field::Field;
 pub use geometry::Geometry;
 

@@ -1,1 +1,456 @@
-//! (stage under construction)
+//! From a Delaunay mesh of an optimised lattice to one without slivers whose faces lie on the
+//! features.
+//!
+//! - [`sheets`]: the features as local planes
+//! - [`hold`]: what holds a node (box sides, features)
+//! - `mend`: several changes at once, kept only if together they help
+//! - `recover`: features first: no edge may pierce a feature
+//! - `collapse`: nodes that stand too close
+//! - `flips`: Joe's local transformations, generalised
+//! - `smooth`: max-min smoothing
+//!
+//! The invariant that keeps the features: *no edge passes through a sheet*. Then every tetrahedron
+//! lies on one side of it or has its nodes on it, so the sheet is a union of mesh faces, whatever
+//! flips exchange them. It is established once (`recover`) and every later change keeps it.
+
+pub mod hold;
+pub mod sheets;
+
+mod collapse;
+mod flips;
+mod mend;
+mod recover;
+mod smooth;
+
+use crate::distance::Distance;
+use crate::mesh::complex::{Complex, Ring};
+use crate::mesh::quality::min_sine;
+use crate::mesh::{AtomKind, FACES, TetMesh, dot, norm, sub};
+use hold::Hold;
+use rayon::prelude::*;
+use serde::Serialize;
+use sheets::{SAME_SHEET, Sheets};
+
+/// How often each kind of change was made.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+pub struct Counts {
+    /// Local transformations.
+    pub flips: usize,
+    /// Nodes moved by smoothing.
+    pub moves: usize,
+    /// Edges that pierced a feature before anything was changed.
+    pub pierced_before: usize,
+    /// Edges that pierced a feature and went by a flip.
+    pub pierced_flipped: usize,
+    /// Nodes pulled onto the feature that one of their edges pierced.
+    pub pierced_snapped: usize,
+    /// Edges that pierced a feature and were split on it.
+    pub pierced_split: usize,
+    /// Edges that still pierce a feature.
+    pub pierced_left: usize,
+    /// Edges collapsed.
+    pub collapses: usize,
+    /// Nodes inserted to mend bad tetrahedra.
+    pub insertions: usize,
+}
+
+/// State of an improvement: the complex, the quality of every slot, what holds every node.
+struct Improver<'a> {
+    complex: Complex,
+    sines: Vec<f32>,
+    holds: Vec<Hold>,
+    extent: [f64; 3],
+    sheets: &'a Sheets,
+    distance: &'a Distance<3>,
+    /// Tetrahedra to look at.
+    queue: Vec<u32>,
+    target: f64,
+    counts: Counts,
+    /// What a transaction under way has overwritten.
+    undo: Option<mend::Undo>,
+    // Scratch.
+    ring: Ring,
+    fresh: Vec<[u32; 4]>,
+    slots: Vec<u32>,
+    star: Vec<u32>,
+    spokes: Vec<[[f64; 3]; 3]>,
+    smoothing: smooth::Scratch,
+}
+
+impl<'a> Improver<'a> {
+    fn new(
+        mesh: TetMesh,
+        neighbors: Vec<[u32; 4]>,
+        kinds: &[AtomKind],
+        extent: [f64; 3],
+        sheets: &'a Sheets,
+        distance: &'a Distance<3>,
+        target: f64,
+    ) -> Self {
+        let holds = mesh
+            .nodes
+            .par_iter()
+            .zip(kinds)
+            .map(|(&x, &kind)| {
+                let mut hold = Hold::by_box(x, kind, extent);
+                hold.far = sheets.far(x);
+                if !hold.far {
+                    let near = sheets.near(x);
+                    for sheet in near.iter().filter(|s| s.offset.abs() < ON_SHEET) {
+                        hold.add(sheet.normal);
+                    }
+                    hold.alone = hold.count == 1 && near.iter().count() == 1;
+                }
+                hold
+            })
+            .collect();
+        let sines = (0..mesh.tets.len())
+            .into_par_iter()
+            .map(|t| min_sine(&mesh.corners(t)) as f32)
+            .collect();
+        Self {
+            complex: Complex::new(mesh, neighbors),
+            sines,
+            holds,
+            extent,
+            sheets,
+            distance,
+            queue: Vec::new(),
+            target,
+            counts: Counts::default(),
+            undo: None,
+            ring: Ring::default(),
+            fresh: Vec::new(),
+            slots: Vec::new(),
+            star: Vec::new(),
+            spokes: Vec::new(),
+            smoothing: smooth::Scratch::default(),
+        }
+    }
+
+    #[inline]
+    fn sine_of(&self, t: u32) -> f64 {
+        f64::from(self.sines[t as usize])
+    }
+
+    /// Whether an edge between two nodes would pass through a feature, or cut a corner of it.
+    fn pierces(&self, a: u32, b: u32) -> bool {
+        self.piercing(a, b).is_some()
+    }
+
+    fn piercing(&self, a: u32, b: u32) -> Option<([f64; 3], sheets::Sheet)> {
+        let (i, j) = (a as usize, b as usize);
+        let (p, q) = (&self.holds[i], &self.holds[j]);
+        if p.far && q.far {
+            return None;
+        }
+        // A chord of a sheet must not stray from it where the sheet is curved.
+        if let Some(normal) = p.normals().find(|&n| q.on(n)) {
+            let (x, y) = (self.complex.nodes[i], self.complex.nodes[j]);
+            let middle = std::array::from_fn(|k| 0.5 * (x[k] + y[k]));
+            let sheet = self.sheets.near(middle);
+            if let Some(sheet) = sheet
+                .iter()
+                .find(|s| s.offset.abs() > STRAY && dot(s.normal, normal).abs() > SAME_SHEET)
+            {
+                return Some((middle, *sheet));
+            }
+        }
+        self.sheets.pierced(
+            self.complex.nodes[i],
+            self.complex.nodes[j],
+            [p.alone, q.alone],
+            |end, normal| if end == 0 { p.on(normal) } else { q.on(normal) },
+        )
+    }
+
+    /// Exchanges `old` for the tetrahedra in `fresh`, and queues those below target.
+    fn commit(&mut self, old: &[u32]) {
+        if let Some(undo) = &mut self.undo {
+            // Slots that die must count among what was there before.
+            undo.touch(old, &self.sines);
+        }
+        self.complex.exchange(old, &self.fresh, &mut self.slots);
+        for &t in &old[self.fresh.len().min(old.len())..] {
+            self.sines[t as usize] = f32::INFINITY;
+        }
+        for i in 0..self.slots.len() {
+            self.measure(self.slots[i]);
+        }
+    }
+
+    /// Measures a tetrahedron anew and queues it if it is below target.
+    fn measure(&mut self, t: u32) {
+        let sine = min_sine(&self.complex.corners(t)) as f32;
+        if t as usize == self.sines.len() {
+            self.sines.push(f32::INFINITY);
+        }
+        if let Some(undo) = &mut self.undo {
+            undo.touch(&[t], &self.sines);
+        }
+        self.sines[t as usize] = sine;
+        if f64::from(sine) < self.target {
+            self.queue.push(t);
+        }
+    }
+
+    /// Works through the queue with flips.
+    fn flip_queue(&mut self) {
+        while let Some(t) = self.queue.pop() {
+            if self.complex.alive(t) && self.sine_of(t) < self.target && self.flip(t) {
+                self.counts.flips += 1;
+            }
+        }
+    }
+
+    /// The tetrahedra at `node`: slots into `star`, the other three nodes' positions into `spokes`.
+    fn gather(&mut self, node: u32) {
+        self.complex.star(node, &mut self.star);
+        self.spokes.clear();
+        for &t in &self.star {
+            let tet = self.complex.tets[t as usize];
+            let k = self.complex.local(t, node);
+            // (face k, k) is positive; (k, face k) is the odd permutation: swap two.
+            let [u, v, w] = FACES[k].map(|i| self.complex.nodes[tet[i] as usize]);
+            self.spokes.push([u, w, v]);
+        }
+    }
+
+    /// Smooths one node; true if it moved.
+    fn smooth(&mut self, node: u32) -> bool {
+        let mut hold = self.holds[node as usize];
+        if hold.axes == 7 {
+            return false;
+        }
+        self.gather(node);
+        let best = smooth::best_position(
+            self.complex.nodes[node as usize],
+            &self.spokes,
+            &mut hold,
+            self.extent,
+            self.sheets,
+            1e-3,
+            &mut self.smoothing,
+        );
+        let Some((x, _)) = best else { return false };
+        self.move_to(node, x, hold);
+        true
+    }
+
+    /// Moves a node whose star has been gathered.
+    fn move_to(&mut self, node: u32, x: [f64; 3], hold: Hold) {
+        let i = node as usize;
+        if let Some(undo) = &mut self.undo {
+            undo.nodes.push((node, self.complex.nodes[i], self.holds[i]));
+        }
+        self.complex.nodes[i] = x;
+        self.holds[i] = hold;
+        for i in 0..self.star.len() {
+            self.measure(self.star[i]);
+        }
+    }
+
+    /// Slots of the tetrahedra below target.
+    fn poor(&self) -> Vec<u32> {
+        (0..self.sines.len() as u32)
+            .filter(|&t| self.complex.alive(t) && self.sine_of(t) < self.target)
+            .collect()
+    }
+
+    /// Flips and smoothing in turn until neither helps any more.
+    fn polish(&mut self, rounds: usize) {
+        let mut before = usize::MAX;
+        for _ in 0..rounds {
+            self.queue = self.poor();
+            self.queue.reverse();
+            self.flip_queue();
+            dbg(self, "  flips");
+            let mut nodes: Vec<u32> = self
+                .poor()
+                .iter()
+                .flat_map(|&t| self.complex.tets[t as usize])
+                .collect();
+            nodes.sort_unstable();
+            nodes.dedup();
+            if nodes.is_empty() || nodes.len() >= before {
+                break;
+            }
+            before = nodes.len();
+            for node in nodes {
+                if self.smooth(node) {
+                    self.counts.moves += 1;
+                }
+            }
+            self.flip_queue();
+        }
+    }
+}
+
+/// Nodes this close to a sheet lie on it: settling leaves less.
+const ON_SHEET: f64 = 0.11;
+
+/// The middle of an edge between two nodes of a sheet may be off the sheet by this much.
+const STRAY: f64 = 0.4;
+
+/// Moves the atoms within `reach` of a feature onto it (onto all of them, where several cross),
+/// never off the box's sides. Returns how many were moved.
+pub fn settle(
+    positions: &mut [[f64; 3]],
+    kinds: &[AtomKind],
+    extent: [f64; 3],
+    sheets: &Sheets,
+    reach: f64,
+) -> usize {
+    positions
+        .par_iter_mut()
+        .zip(kinds)
+        .map(|(x, &kind)| {
+            if sheets.far(*x) {
+                return 0;
+            }
+            let mut hold = Hold::by_box(*x, kind, extent);
+            let near = sheets.near(*x);
+            for sheet in near.iter().filter(|s| s.offset.abs() < reach) {
+                hold.add(sheet.normal);
+            }
+            // On both features if that can be reached, else on the nearer one.
+            while hold.count > 0 {
+                let mut trial = hold;
+                if let Some(y) = trial.settle(*x, extent, sheets) {
+                    if norm(sub(y, *x)) < 1.5 * reach {
+                        *x = y;
+                        return 1;
+                    }
+                }
+                hold.count -= 1;
+            }
+            0
+        })
+        .sum()
+}
+
+/// What to aim at.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Options {
+    /// Every dihedral angle shall lie in [min_dihedral, 180 - min_dihedral] degrees.
+    pub min_dihedral: f64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { min_dihedral: 30.0 }
+    }
+}
+
+/// A tetrahedron that stayed below target, and what blocks it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Blocked {
+    /// Where: its centroid in lattice space.
+    pub centroid: [f64; 3],
+    /// Its smallest dihedral angle, in degrees.
+    pub smallest: f64,
+    /// Its largest dihedral angle, in degrees.
+    pub largest: f64,
+    /// Its nodes that lie in a side of the box.
+    pub nodes_on_sides: usize,
+    /// Its nodes that lie on a feature.
+    pub nodes_on_features: usize,
+    /// Its nodes that lie on several features at once.
+    pub nodes_on_crossings: usize,
+}
+
+/// What [`improve`] did.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Outcome {
+    /// Tetrahedra below target before and after.
+    pub poor_before: usize,
+    /// See `poor_before`.
+    pub poor_after: usize,
+    /// Changes made.
+    pub counts: Counts,
+    /// The tetrahedra that stayed below target, worst first.
+    pub blocked: Vec<Blocked>,
+}
+
+/// Makes a Delaunay mesh follow the features and frees it of slivers, in place.
+///
+/// `kinds` says what each node is and follows the nodes that come and go; the result also says
+/// for every node on how many features it lies.
+pub fn improve(
+    mesh: &mut TetMesh,
+    neighbors: Vec<[u32; 4]>,
+    kinds: &mut Vec<AtomKind>,
+    extent: [f64; 3],
+    sheets: &Sheets,
+    distance: &Distance<3>,
+    options: &Options,
+) -> (Outcome, Vec<u8>) {
+    let target = options.min_dihedral.to_radians().sin();
+    let taken = std::mem::take(mesh);
+    let mut improver = Improver::new(taken, neighbors, kinds, extent, sheets, distance, target);
+    let mut outcome = Outcome {
+        poor_before: improver.poor().len(),
+        ..Outcome::default()
+    };
+    dbg(&improver, "start");
+    improver.recover();
+    dbg(&improver, "recover");
+    improver.polish(8);
+    dbg(&improver, "polish");
+    improver.mend();
+    dbg(&improver, "mend");
+    improver.counts.pierced_left = improver.pierced_edges().len();
+    outcome.blocked = improver.blocked();
+    outcome.poor_after = outcome.blocked.len();
+    outcome.counts = improver.counts;
+    let Improver { complex, holds, .. } = improver;
+    let (new, kept) = complex.into_mesh();
+    *mesh = new;
+    let old_kinds = std::mem::take(kinds);
+    *kinds = kept
+        .iter()
+        .map(|&i| match old_kinds.get(i as usize) {
+            Some(&kind) => kind,
+            None => match holds[i as usize].axes.count_ones() {
+                0 => AtomKind::Interior,
+                1 => AtomKind::Side,
+                2 => AtomKind::Edge,
+                _ => AtomKind::Corner,
+            },
+        })
+        .collect();
+    let features = kept.iter().map(|&i| holds[i as usize].count).collect();
+    (outcome, features)
+}
+
+impl Improver<'_> {
+    fn blocked(&self) -> Vec<Blocked> {
+        let mut poor = self.poor();
+        poor.sort_by(|a, b| self.sine_of(*a).total_cmp(&self.sine_of(*b)).then(a.cmp(b)));
+        poor.iter()
+            .map(|&t| {
+                let p = self.complex.corners(t);
+                let angles = crate::mesh::quality::dihedral_angles(&p);
+                let holds = self.complex.tets[t as usize].map(|n| self.holds[n as usize]);
+                let count = |f: &dyn Fn(&Hold) -> bool| holds.iter().filter(|h| f(h)).count();
+                Blocked {
+                    centroid: std::array::from_fn(|k| p.iter().map(|x| x[k]).sum::<f64>() / 4.0),
+                    smallest: angles.iter().copied().fold(f64::INFINITY, f64::min),
+                    largest: angles.iter().copied().fold(0.0, f64::max),
+                    nodes_on_sides: count(&|h| h.axes != 0),
+                    nodes_on_features: count(&|h| h.count > 0),
+                    nodes_on_crossings: count(&|h| h.count > 1),
+                }
+            })
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests;
+
+fn dbg(i: &Improver, label: &str) {
+    thread_local!(static T: std::cell::Cell<Option<std::time::Instant>> = const { std::cell::Cell::new(None) });
+    let now = std::time::Instant::now();
+    println!("{label} {:?} poor {} {:?}", T.replace(Some(now)).map(|t| now - t), i.poor().len(), i.counts);
+}

@@ -1,1 +1,282 @@
-//! (stage under construction)
+//! Image files, and writing any file safely.
+//!
+//! Files are recognised by their content, never by their name; what is written is chosen by the
+//! name's ending.
+//!
+//! - [`npy`]: NumPy arrays
+//! - [`segy`]: seismic volumes
+//! - [`vti`]: VTK image data, and [`vtk`], the container it shares with meshes
+//! - [`raw`]: samples without a header, described by the user
+//! - [`samples`]: sample types and their conversion to `f32`
+//! - [`describe`](mod@describe): what a file holds, for people and for programs
+//! - [`atomic`]: files that appear whole or not at all
+
+pub mod atomic;
+pub mod describe;
+pub mod npy;
+pub mod raw;
+pub mod samples;
+pub mod segy;
+pub mod vti;
+pub mod vtk;
+
+use std::fmt;
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+use crate::error::{Error, Result, cause, os};
+use crate::image::Image;
+
+pub use atomic::{atomic_write, check_target};
+pub use describe::{Description, describe};
+pub use raw::RawSpec;
+pub use segy::{SegyBytes, SegyInfo};
+
+/// What a user can say about how to read an image.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct ReadOptions {
+    /// The file is raw samples as described here, whatever it looks like.
+    pub raw: Option<RawSpec>,
+    /// Where SEG-Y trace headers keep what is needed.
+    pub segy: SegyBytes,
+}
+
+/// The image formats that can be read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Format {
+    /// NumPy `.npy`.
+    Npy,
+    /// SEG-Y.
+    Segy,
+    /// VTK image data, `.vti`.
+    Vti,
+    /// Samples without a header.
+    Raw,
+}
+
+impl fmt::Display for Format {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Npy => "NumPy array",
+            Self::Segy => "SEG-Y",
+            Self::Vti => "VTK image data",
+            Self::Raw => "raw samples",
+        })
+    }
+}
+
+/// An image and what was learned while reading it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Loaded {
+    /// The image.
+    pub image: Image<3>,
+    /// The format it was read from.
+    pub format: Format,
+    /// How the file codes its samples.
+    pub encoding: String,
+    /// Everything about the reading that a user should know.
+    pub notes: Vec<String>,
+    /// What a SEG-Y file's headers say.
+    pub survey: Option<SegyInfo>,
+}
+
+/// Reads a 3-D image of any known format.
+///
+/// # Errors
+/// [`Error::Io`] if the file cannot be read, is of no known format, or is damaged.
+pub fn read(path: &Path, options: &ReadOptions) -> Result<Loaded> {
+    match detect(path, options)? {
+        Format::Raw => match options.raw {
+            Some(spec) => raw::read(path, spec),
+            None => Err(unknown(path)),
+        },
+        Format::Npy => npy::read(path),
+        Format::Segy => segy::read(path, &options.segy),
+        Format::Vti => Err(unknown(path)), // the reader of .vti files goes here
+    }
+}
+
+/// Writes an image in the format that the ending of `path` names.
+///
+/// # Errors
+/// [`Error::Io`] if the ending is unknown or the file cannot be written.
+pub fn write(path: &Path, image: &Image<3>) -> Result<()> {
+    match ending(path).as_str() {
+        "npy" => npy::write(path, image),
+        "raw" | "bin" => raw::write(path, image),
+        // the writer of .vti files goes here
+        other => {
+            let problem = format!("images cannot be written with the ending '.{other}'");
+            Err(Error::Io(cause(
+                path.display(),
+                problem,
+                "use .npy, .vti or .raw",
+            )))
+        }
+    }
+}
+
+fn ending(path: &Path) -> String {
+    path.extension()
+        .map(|e| e.to_string_lossy().to_lowercase())
+        .unwrap_or_default()
+}
+
+/// Formats that are recognised but not read: name, offset of the magic bytes, and these.
+const NOT_READ: &[(&str, usize, &[u8])] = &[
+    ("NRRD", 0, b"NRRD000"),
+    ("MetaImage", 0, b"ObjectType"),
+    ("MetaImage", 0, b"NDims"),
+    ("NIfTI", 344, b"n+1\0"),
+    ("NIfTI", 344, b"ni1\0"),
+    ("NIfTI", 4, b"n+2\0"),
+    ("NIfTI", 4, b"ni2\0"),
+    ("TIFF", 0, b"II*\0"),
+    ("TIFF", 0, b"MM\0*"),
+    ("BigTIFF", 0, b"II+\0"),
+    ("BigTIFF", 0, b"MM\0+"),
+    ("PNG", 0, b"\x89PNG"),
+    ("JPEG", 0, b"\xff\xd8\xff"),
+    ("INRIMAGE", 0, b"#INRIMAGE-4#{"),
+    ("HDF5 or MINC 2", 0, b"\x89HDF"),
+    ("netCDF or MINC 1", 0, b"CDF\x01"),
+    ("zip or .npz", 0, b"PK\x03\x04"),
+    ("gzip", 0, b"\x1f\x8b"),
+    ("bzip2", 0, b"BZh"),
+];
+
+/// Finds the format by the content; raw only if the user said so.
+///
+/// # Errors
+/// [`Error::Io`] if the file cannot be read or is of no format that can be.
+pub fn detect(path: &Path, options: &ReadOptions) -> Result<Format> {
+    let mut head = Vec::new();
+    let file = File::open(path).map_err(|e| os(path, "open", e))?;
+    if file.metadata().is_ok_and(|m| m.is_dir()) {
+        return Err(Error::Io(cause(
+            path.display(),
+            "is a folder",
+            "give an image file",
+        )));
+    }
+    if options.raw.is_some() {
+        return Ok(Format::Raw);
+    }
+    file.take(segy::FILE_HEADER as u64)
+        .read_to_end(&mut head)
+        .map_err(|e| os(path, "read", e))?;
+    if head.is_empty() {
+        return Err(Error::Io(cause(
+            path.display(),
+            "is empty",
+            "give an image file",
+        )));
+    }
+    if head.starts_with(npy::MAGIC) {
+        return Ok(Format::Npy);
+    }
+    let magic = |(_, at, magic): &&(&str, usize, &[u8])| {
+        head.get(*at..).is_some_and(|rest| rest.starts_with(magic))
+    };
+    if let Some((name, ..)) = NOT_READ.iter().find(magic) {
+        let problem = format!("is in the format {name}, which is not read yet");
+        let remedy = "convert it to .npy first, e.g. in Python with nibabel, SimpleITK or tifffile and numpy.save";
+        return Err(Error::Io(cause(path.display(), problem, remedy)));
+    }
+    let text = String::from_utf8_lossy(&head[..head.len().min(1024)]);
+    if text.contains("<VTKFile") {
+        if text.contains("ImageData") {
+            return Ok(Format::Vti);
+        }
+        let problem = "is a VTK file, but not of image data";
+        return Err(Error::Io(cause(
+            path.display(),
+            problem,
+            "give an image, not a mesh",
+        )));
+    }
+    // A file named so gets the SEG-Y reader's own account of what is wrong with it.
+    let named = matches!(ending(path).as_str(), "sgy" | "segy");
+    if named || segy::looks_like(&head) {
+        return Ok(Format::Segy);
+    }
+    Err(unknown(path))
+}
+
+fn unknown(path: &Path) -> Error {
+    Error::Io(cause(
+        path.display(),
+        "is of no known image format (.npy, SEG-Y, .vti)",
+        "describe raw samples with --raw, e.g. --raw 100x400x208:f32be, or convert it to .npy",
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::Geometry;
+
+    fn refusal(path: &Path) -> String {
+        read(path, &ReadOptions::default()).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn what_cannot_be_read_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("image");
+        assert!(refusal(&path).contains("cannot open"));
+        assert!(refusal(folder.path()).contains("is a folder"));
+        let mut nifti = vec![0; 400];
+        nifti[344..348].copy_from_slice(b"n+1\0");
+        let cases: &[(&[u8], &str)] = &[
+            (b"", "is empty"),
+            (b"x", "no known image format"),
+            (b"\x93NUMPY", "header is cut off"),
+            (b"NRRD0004\ntype: float", "NRRD"),
+            (b"ObjectType = Image", "MetaImage"),
+            (&nifti, "NIfTI"),
+            (b"II*\0\x08", "TIFF"),
+            (b"\x89PNG\r\n", "PNG"),
+            (b"\x1f\x8b\x08", "gzip"),
+            (
+                b"<?xml version='1.0'?><VTKFile type='UnstructuredGrid'>",
+                "not of image data",
+            ),
+        ];
+        for (bytes, says) in cases {
+            std::fs::write(&path, bytes).unwrap();
+            let error = refusal(&path);
+            assert!(error.contains(says), "{error} (expected: {says})");
+        }
+        // A file named .sgy gets a reason.
+        let named = folder.path().join("a.SGY");
+        std::fs::write(&named, [7; 5000]).unwrap();
+        assert!(
+            refusal(&named).contains("sample format"),
+            "{}",
+            refusal(&named)
+        );
+    }
+
+    #[test]
+    fn the_ending_chooses_what_is_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let image = Image::new([2, 2, 2], vec![1.5; 8], Geometry::default());
+        let path = folder.path().join("a.npy");
+        write(&path, &image).unwrap();
+        assert_eq!(read(&path, &ReadOptions::default()).unwrap().image, image);
+        let raw = folder.path().join("a.raw");
+        write(&raw, &image).unwrap();
+        let options = ReadOptions {
+            raw: "2x2x2:f32le".parse().ok(),
+            ..ReadOptions::default()
+        };
+        let loaded = read(&raw, &options).unwrap();
+        assert_eq!((loaded.format, loaded.image), (Format::Raw, image.clone()));
+        for name in ["a.xyz", "a"] {
+            let error = write(&folder.path().join(name), &image).unwrap_err();
+            assert!(error.to_string().contains("ending"), "{error}");
+        }
+    }
+}

@@ -1,5 +1,9 @@
 //! Meshes: topology, adjacency, checks, quality. Nothing here knows about images.
 //!
+//! - [`quality`]: dihedral angles and the measure that improvement maximises
+//! - [`complex`]: tetrahedra with neighbours, for local changes
+//! - [`check`]: the one public checker: is this a valid mesh that fills its box?
+//!
 //! The tetrahedron, its numbering and its orientation:
 //!
 //! ```text
@@ -12,6 +16,10 @@
 //!          \ | /
 //!            1
 //! ```
+
+pub mod check;
+pub mod complex;
+pub mod quality;
 
 /// What an atom (mesh node) may do: how many of the box's sides hold it, or a user.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -36,4 +44,61 @@ pub struct TetMesh {
     pub nodes: Vec<[f64; 3]>,
     /// Node indices of each tetrahedron, positively oriented (see the module's figure).
     pub tets: Vec<[u32; 4]>,
+}
+
+impl TetMesh {
+    /// The four corner positions of tetrahedron `t`.
+    pub fn corners(&self, t: usize) -> [[f64; 3]; 4] {
+        self.tets[t].map(|i| self.nodes[i as usize])
+    }
+}
+
+/// Nodes of face k (opposite node k), ordered so that `(face, k)` is positively oriented; seen from
+/// inside the tetrahedron they turn anticlockwise.
+pub const FACES: [[usize; 3]; 4] = [[1, 3, 2], [0, 2, 3], [0, 3, 1], [0, 1, 2]];
+
+/// The six edges as pairs of local nodes; edge e is opposite edge 5 - e.
+pub const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
+
+/// `a - b`.
+#[inline]
+pub fn sub(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+/// `a + s b`.
+#[inline]
+pub fn add_scaled(a: [f64; 3], s: f64, b: [f64; 3]) -> [f64; 3] {
+    [a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]]
+}
+
+/// Scalar product.
+#[inline]
+pub fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// Vector product.
+#[inline]
+pub fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
+}
+
+/// Length.
+#[inline]
+pub fn norm(a: [f64; 3]) -> f64 {
+    dot(a, a).sqrt()
+}
+
+/// Six times the signed volume of a tetrahedron; positive for the module's orientation.
+#[inline]
+pub fn volume6(p: &[[f64; 3]; 4]) -> f64 {
+    dot(
+        sub(p[1], p[0]),
+        cross(sub(p[2], p[0]), sub(p[3], p[0])),
+    )
 }

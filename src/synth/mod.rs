@@ -1,1 +1,316 @@
-//! (stage under construction)
+//! Synthetic images whose features are known exactly.
+//!
+//! Every kind is built from analytic surfaces, so its [`Truth`] holds the exact distance and the
+//! exact closest point of every sample, not an approximation from voxels.
+//!
+//! Axis x (the fastest in memory) is the vertical one, as in a seismic trace.
+//!
+//! - `surface`: sheets and balls with exact closest points
+//! - `network`: random networks of crossing faults
+//! - `survey`: distance, direction and side of every sample
+//! - `amplitude`: layers, throws and a wavelet
+//! - `noise`: reproducible random numbers and noise
+//! - [`truth`]: the exact distance to the features, as kept in a file
+
+mod amplitude;
+mod network;
+mod noise;
+mod surface;
+mod survey;
+pub mod truth;
+
+pub use truth::Truth;
+
+use std::f64::consts::{PI, TAU};
+use std::str::FromStr;
+
+use crate::error::cause;
+use crate::image::{Geometry, Image};
+use crate::{Error, Result};
+use rayon::prelude::*;
+use surface::Surface;
+
+/// What a synthetic image shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// Fault likelihood of planar crossing faults: ridges of height 0.7 to 1.
+    Planes,
+    /// Fault likelihood of curved crossing faults (radius of curvature at least 45 samples,
+    /// crossing angles at least 30 degrees). With four or more, the last one ends at the first.
+    Faults,
+    /// Seismic amplitude: folded layers thrown by curved faults, convolved with a Ricker wavelet
+    /// along x. The features of its truth are the faults. Signal of rms 1.
+    Amplitude,
+    /// A bright ball with a soft edge; its feature is the ball's surface.
+    Sphere,
+    /// Nested thin spherical shells: ridges of height 0.7 to 1.
+    Shells,
+    /// Integer labels, without noise: the blocks between curved crossing surfaces.
+    Blocks,
+}
+
+impl Kind {
+    /// Every kind, with the name that [`FromStr`] takes.
+    pub const ALL: [(&'static str, Kind); 6] = [
+        ("planes", Kind::Planes),
+        ("faults", Kind::Faults),
+        ("amplitude", Kind::Amplitude),
+        ("sphere", Kind::Sphere),
+        ("shells", Kind::Shells),
+        ("blocks", Kind::Blocks),
+    ];
+}
+
+impl FromStr for Kind {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self> {
+        Self::ALL
+            .iter()
+            .find(|(known, _)| *known == name)
+            .map(|(_, kind)| *kind)
+            .ok_or_else(|| {
+                let known: Vec<&str> = Self::ALL.iter().map(|(known, _)| *known).collect();
+                Error::Job(cause(
+                    format!("synth {name}"),
+                    "no such kind of synthetic image",
+                    format!("choose one of {}", known.join(", ")),
+                ))
+            })
+    }
+}
+
+/// How a synthetic image is made.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Options {
+    /// Number of samples along each axis, x first.
+    pub dims: [usize; 3],
+    /// Seed of everything random; the same seed gives the same bytes.
+    pub seed: u64,
+    /// Number of surfaces (faults or shells); ignored by [`Kind::Sphere`].
+    pub count: usize,
+    /// Signal over the rms of the noise: the signal is a ridge's height of 1, the ball's
+    /// brightness of 1 or the rms amplitude. Infinity: no noise.
+    pub signal_to_noise: f64,
+    /// Standard deviation of the Gaussian ridges, and of the blur of the ball's edge, in samples.
+    pub width: f64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            dims: [128; 3],
+            seed: 1,
+            count: 4,
+            signal_to_noise: 4.0,
+            width: 1.5,
+        }
+    }
+}
+
+impl Options {
+    fn check(&self, kind: Kind) -> Result<()> {
+        let bad = |option: String, problem: &str, remedy: &str| {
+            Err(Error::Job(cause(
+                format!("synth {option}"),
+                problem,
+                remedy,
+            )))
+        };
+        let samples = self
+            .dims
+            .iter()
+            .try_fold(1usize, |all, &n| all.checked_mul(n));
+        if self.dims.iter().any(|&n| n < 8) || samples.is_none_or(|n| n > 1 << 31) {
+            return bad(
+                format!("dims {:?}", self.dims),
+                "each axis needs at least 8 samples, and all at most 2^31",
+                "choose other dims",
+            );
+        }
+        if kind != Kind::Sphere && !(1..=16).contains(&self.count) {
+            return bad(
+                format!("count {}", self.count),
+                "must be from 1 to 16",
+                "choose fewer surfaces",
+            );
+        }
+        if self.signal_to_noise.is_nan() || self.signal_to_noise <= 0.0 {
+            return bad(
+                format!("noise {}", self.signal_to_noise),
+                "the ratio of signal to noise must be positive",
+                "4 is noisy, inf has none",
+            );
+        }
+        if !(self.width > 0.0 && self.width <= 10.0) {
+            return bad(
+                format!("width {}", self.width),
+                "must be above 0 and at most 10 samples",
+                "1.5 is usual",
+            );
+        }
+        Ok(())
+    }
+}
+
+/// A named synthetic image, for tables and tests that others can repeat.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Preset {
+    /// Its name.
+    pub name: &'static str,
+    /// What it shows.
+    pub kind: Kind,
+    /// How it is made.
+    pub options: Options,
+}
+
+/// Three noisy volumes, none of them cubic, of curved faults that cross.
+pub const PRESETS: [Preset; 3] = [
+    Preset {
+        name: "faults-1",
+        kind: Kind::Faults,
+        options: Options {
+            dims: [170, 150, 128],
+            seed: 1,
+            count: 4,
+            signal_to_noise: 4.0,
+            width: 1.5,
+        },
+    },
+    Preset {
+        name: "faults-2",
+        kind: Kind::Faults,
+        options: Options {
+            dims: [140, 180, 120],
+            seed: 2,
+            count: 5,
+            signal_to_noise: 4.0,
+            width: 1.75,
+        },
+    },
+    Preset {
+        name: "faults-3",
+        kind: Kind::Faults,
+        options: Options {
+            dims: [200, 120, 110],
+            seed: 3,
+            count: 3,
+            signal_to_noise: 4.0,
+            width: 2.0,
+        },
+    },
+];
+
+/// An image and what is known about it.
+#[derive(Debug, Clone)]
+pub struct Synthetic {
+    /// The image, at unit spacing.
+    pub image: Image<3>,
+    /// The exact distance to its features.
+    pub truth: Truth,
+}
+
+/// Makes a synthetic image and its truth; the same options give the same bytes on any number of
+/// threads.
+///
+/// # Errors
+/// [`Error::Job`] for impossible options, and when `count` faults do not fit into the box without
+/// crossing each other at less than 30 degrees.
+pub fn make(kind: Kind, options: &Options) -> Result<Synthetic> {
+    options.check(kind)?;
+    let surfaces = match kind {
+        Kind::Planes => network::faults(options, 0.0)?,
+        Kind::Faults | Kind::Amplitude | Kind::Blocks => network::faults(options, 1.0)?,
+        Kind::Sphere => balls(options, 1),
+        Kind::Shells => balls(options, options.count),
+    };
+    let (truth, sides) = survey::survey(&surfaces, options.dims);
+    let mut samples = match kind {
+        Kind::Planes | Kind::Faults | Kind::Shells => ridges(&truth, options),
+        Kind::Amplitude => amplitude::amplitude(&sides, surfaces.len(), options),
+        Kind::Sphere => ball_image(&truth, &sides, options),
+        Kind::Blocks => labels(&sides),
+    };
+    if kind != Kind::Blocks {
+        noise::add(
+            &mut samples,
+            options.dims,
+            options.seed,
+            1.0 / options.signal_to_noise,
+        );
+    }
+    let image = Image::new(options.dims, samples, Geometry::default());
+    Ok(Synthetic { image, truth })
+}
+
+/// `count` nested balls about the middle of the box, the largest filling 0.8 of it.
+fn balls(options: &Options, count: usize) -> Vec<Surface> {
+    let extent = options.dims.map(|n| (n - 1) as f64);
+    let largest = 0.4 * extent.iter().copied().fold(f64::INFINITY, f64::min);
+    (1..=count)
+        .map(|k| Surface::ball(extent.map(|e| 0.5 * e), largest * k as f64 / count as f64))
+        .collect()
+}
+
+/// Gaussian ridges on the features, of a height that varies slowly over the volume.
+fn ridges(truth: &Truth, options: &Options) -> Vec<f32> {
+    let [nx, ny, _] = truth.dims;
+    let scale = -0.5 / (options.width * options.width) as f32;
+    let mut random = noise::Random::new(options.seed, 0x5712);
+    let phase: [f32; 3] = std::array::from_fn(|_| random.range(0.0, TAU) as f32);
+    let wave = |k: usize, i: usize| {
+        (TAU as f32 * i as f32 / truth.dims[k] as f32 * (1.0 + 0.5 * k as f32) + phase[k]).sin()
+    };
+    let along_x: Vec<f32> = (0..nx).map(|x| 0.05 * wave(0, x)).collect();
+    let mut samples = vec![0.0; truth.distance.len()];
+    samples
+        .par_chunks_mut(nx)
+        .zip(truth.distance.par_chunks(nx))
+        .enumerate()
+        .for_each(|(row, (samples, distance))| {
+            let height = 0.85 + 0.05 * (wave(1, row % ny) + wave(2, row / ny));
+            for x in 0..nx {
+                let d = distance[x];
+                samples[x] = (height + along_x[x]) * (scale * d * d).exp();
+            }
+        });
+    samples
+}
+
+/// 1 inside the ball, 0 outside, the edge blurred to `width`.
+fn ball_image(truth: &Truth, sides: &[u32], options: &Options) -> Vec<f32> {
+    // A logistic edge of the same standard deviation as a Gaussian blur.
+    let slope = (PI / 3f64.sqrt() / options.width) as f32;
+    truth
+        .distance
+        .par_iter()
+        .zip(sides)
+        .map(|(&d, &side)| {
+            let signed = if side == 0 { -d } else { d };
+            1.0 / (1.0 + (slope * signed).exp())
+        })
+        .collect()
+}
+
+/// Labels 0, 1, 2 ... of the blocks between the surfaces.
+fn labels(sides: &[u32]) -> Vec<f32> {
+    let mut patterns: Vec<u32> = sides
+        .par_chunks(1 << 16)
+        .map(|chunk| {
+            let mut patterns = chunk.to_vec();
+            patterns.sort_unstable();
+            patterns.dedup();
+            patterns
+        })
+        .flatten_iter()
+        .collect();
+    patterns.sort_unstable();
+    patterns.dedup();
+    sides
+        .par_iter()
+        .map(|side| patterns.partition_point(|p| p < side) as f32)
+        .collect()
+}
+
+#[cfg(test)]
+mod tests;

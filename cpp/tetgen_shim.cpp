@@ -1,0 +1,67 @@
+// See tetgen_shim.h.
+//
+// TetGen reports errors by calling terminatetetgen, which frees the mesh and then throws an int;
+// unwinding runs the mesh's destructor, which frees it again and crashes. The symbol is weak in
+// libtet and called through the PLT, so the definition below replaces it: it only throws, and the
+// destructor frees once. The header has an inline definition of the same name, hence the renaming.
+
+#define TETLIBRARY
+#define terminatetetgen terminatetetgen_of_the_header
+#include <tetgen.h>
+#undef terminatetetgen
+
+#include <new>
+#include <utility>
+
+#include "tetgen_shim.h"
+
+__attribute__((visibility("default"))) void terminatetetgen(tetgenmesh *, int status) {
+  throw status;
+}
+
+static_assert(sizeof(int) == sizeof(int32_t), "TetGen's indices are handed over as they are");
+static_assert(sizeof(REAL) == sizeof(double), "Debian's libtet computes in double precision");
+
+namespace {
+
+// Lends the caller's points to TetGen, and takes them back before tetgenio would delete them.
+struct BorrowedPoints {
+  tetgenio input;
+  BorrowedPoints(const double *points, int count) {
+    input.pointlist = const_cast<double *>(points);
+    input.numberofpoints = count;
+  }
+  ~BorrowedPoints() { input.pointlist = nullptr; }
+};
+
+} // namespace
+
+extern "C" int tetgen_shim_run(const double *points, int32_t point_count, const char *switches,
+                               tetgen_shim_mesh *mesh) {
+  *mesh = tetgen_shim_mesh{nullptr, nullptr, 0};
+  try {
+    tetgenbehavior behavior;
+    if (!behavior.parse_commandline(const_cast<char *>(switches))) {
+      return TETGEN_SHIM_BAD_SWITCHES;
+    }
+    BorrowedPoints lent(points, point_count);
+    tetgenio output;
+    tetrahedralize(&behavior, &lent.input, &output);
+    mesh->tetrahedra = std::exchange(output.tetrahedronlist, nullptr);
+    mesh->neighbors = std::exchange(output.neighborlist, nullptr);
+    mesh->count = output.numberoftetrahedra;
+    return TETGEN_SHIM_OK;
+  } catch (int status) {
+    return status == TETGEN_SHIM_OK ? TETGEN_SHIM_INTERNAL_ERROR : status;
+  } catch (const std::bad_alloc &) {
+    return TETGEN_SHIM_OUT_OF_MEMORY;
+  } catch (...) {
+    return TETGEN_SHIM_OTHER_EXCEPTION;
+  }
+}
+
+extern "C" void tetgen_shim_free(tetgen_shim_mesh *mesh) {
+  delete[] mesh->tetrahedra;
+  delete[] mesh->neighbors;
+  *mesh = tetgen_shim_mesh{nullptr, nullptr, 0};
+}

@@ -1,0 +1,159 @@
+//! d(x) that grows away from the features of an image.
+
+use super::{Distance, limit_gradient};
+use crate::error::{Error, Result, cause};
+use crate::feature::Features;
+use crate::image::Field;
+
+/// d(x) = `min` at every feature point, growing away from it by `growth` per lattice unit, up to
+/// `max`.
+///
+/// Hale (2002) sets d = c / sqrt|laplacian of b| with c such that d = 4 sigma = `min` in the
+/// valleys of b; between the valleys the laplacian vanishes and d would be infinite, so there the
+/// bound on the gradient alone decides. Setting `min` at the features and letting d grow as fast as
+/// it may is that definition, without its accidents where the laplacian changes sign.
+///
+/// d is stored on a grid of spacing about `min / 2` that spans the image's box; all corners of a
+/// cell with a feature point in it hold `min`, so d is exactly `min` at the feature points.
+///
+/// # Errors
+/// [`Error::Distance`] if `min` or `max` is not a positive number, `min > max`, or `growth` is not
+/// between 0 and 1.
+pub fn from_features(
+    features: &Features<3>,
+    min: f64,
+    max: f64,
+    growth: f64,
+) -> Result<Distance<3>> {
+    let fail = |problem: String, remedy: &str| {
+        Err(Error::Distance(cause(
+            "distance from features",
+            problem,
+            remedy,
+        )))
+    };
+    if !(min > 0.0 && min.is_finite() && max.is_finite()) {
+        return fail(
+            format!("{min}:{max} is not positive"),
+            "give MIN:MAX such as 6:18",
+        );
+    }
+    if min > max {
+        return fail(
+            format!("the minimum {min} is above the maximum {max}"),
+            "give MIN:MAX such as 6:18",
+        );
+    }
+    if !(growth > 0.0 && growth <= 1.0) {
+        return fail(
+            format!("growth {growth} is not in (0, 1]"),
+            "give a growth such as 0.1",
+        );
+    }
+    let extent = features.potential.extent();
+    let cells = extent.map(|e| (2.0 * e / min).ceil().max(1.0) as usize);
+    let dims = cells.map(|c| c + 1);
+    let step = std::array::from_fn(|k| {
+        if extent[k] > 0.0 {
+            extent[k] / cells[k] as f64
+        } else {
+            1.0
+        }
+    });
+    let mut field = Field {
+        dims,
+        step,
+        samples: vec![max as f32; dims.iter().product()],
+    };
+    for point in &features.points {
+        let low: [usize; 3] = std::array::from_fn(|k| {
+            ((f64::from(point.position[k]) / step[k]) as usize).min(cells[k] - 1)
+        });
+        for corner in 0..8usize {
+            let [x, y, z] = std::array::from_fn(|k| low[k] + (corner >> k & 1));
+            field.samples[(z * dims[1] + y) * dims[0] + x] = min as f32;
+        }
+    }
+    limit_gradient(&mut field, growth);
+    Ok(Distance::Field(field))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::feature::FeaturePoint;
+
+    /// The plane x = 20.3 in a box of 64 x 50 x 40 samples.
+    fn plane() -> Features<3> {
+        let dims = [64, 50, 40];
+        let points = (0..40 * 50)
+            .map(|i| FeaturePoint {
+                position: [20.3, (i % 50) as f32, (i / 50) as f32],
+                normal: [1.0, 0.0, 0.0],
+                strength: 1.0,
+            })
+            .collect();
+        let potential = Field {
+            dims,
+            step: [1.0; 3],
+            samples: vec![0.0; 64 * 50 * 40],
+        };
+        Features {
+            points,
+            potential,
+            sigma: 1.0,
+            notes: vec![],
+        }
+    }
+
+    #[test]
+    fn d_is_min_on_the_feature_and_grows_linearly_to_max() {
+        let features = plane();
+        let d = from_features(&features, 4.0, 7.0, 0.1).unwrap();
+        assert!(d.validate(features.potential.extent()).is_ok());
+        assert_eq!(d.min(), 4.0);
+        assert_eq!(d.max(), 7.0);
+        for point in &features.points {
+            assert!((d.at(point.position.map(f64::from)) - 4.0).abs() < 1e-12);
+        }
+        for x in 0..64 {
+            let p = [x as f64, 23.7, 11.1];
+            // The foot is up to a cell (two samples) wide on either side; interpolation rounds the kinks.
+            let away = (p[0] - 20.3f64).abs();
+            let (least, most) = (4.0 + 0.1 * (away - 2.05).max(0.0), 4.0 + 0.1 * away);
+            let got = d.at(p);
+            assert!(
+                got >= least.min(7.0) - 5e-3 && got <= most.min(7.0) + 1e-4,
+                "{x} {got}"
+            );
+            let (_, gradient) = d.at_with_gradient(p);
+            assert!(gradient.iter().map(|g| g * g).sum::<f64>().sqrt() <= 0.1 * 1.001);
+        }
+    }
+
+    #[test]
+    fn no_features_means_max_everywhere() {
+        let features = Features {
+            points: vec![],
+            ..plane()
+        };
+        let d = from_features(&features, 4.0, 9.0, 0.1).unwrap();
+        assert_eq!((d.min(), d.max()), (9.0, 9.0));
+    }
+
+    #[test]
+    fn bad_parameters_are_refused() {
+        for (min, max, growth) in [
+            (0.0, 8.0, 0.1),
+            (9.0, 8.0, 0.1),
+            (f64::NAN, 8.0, 0.1),
+            (4.0, 8.0, 0.0),
+            (4.0, 8.0, 2.0),
+        ] {
+            let message = from_features(&plane(), min, max, growth)
+                .unwrap_err()
+                .to_string();
+            assert!(message.contains("; give"), "{message}");
+        }
+    }
+}

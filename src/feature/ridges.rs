@@ -1,0 +1,145 @@
+//! Ridges of a volume at sub-sample positions.
+//!
+//! A ridge (Hale 2002) is a zero crossing of the derivative along the direction w in which the image
+//! curves down the most. Here w is the eigenvector of the smoothed image's Hessian with the most
+//! negative eigenvalue (Steger 1998, "An unbiased detector of curvilinear structures"): unlike the
+//! structure tensor, whose window of several sigma mixes the two orientations of crossing sheets, it
+//! sees no farther than the smoothing. Where a second eigenvalue is strongly negative too, sheets
+//! cross and both directions are tried.
+//!
+//! A crossing is sought along the axis nearest to w, between the sample and its two neighbours with
+//! w held fixed, so that every column of samples that the sheet passes gets one point: neither holes
+//! nor doubles.
+
+use super::crossing::{Candidate, along_axis, dominant_axes};
+use super::symmetric::{eigenvalues, eigenvector};
+use super::volume::Volume;
+use rayon::prelude::*;
+
+/// A Gaussian ridge as wide as the smoothing has, in the smoothed image, sigma^2 times its second
+/// derivative lower than its height by this factor.
+const HEIGHT: f64 = 2.828_427_124_746_19;
+
+/// The second direction is tried where its eigenvalue is at least this share of the first one.
+const SECOND: f64 = 0.4;
+
+/// Ridge points whose strength is at least `low`, in the order of samples, of a volume that was
+/// smoothed with a Gaussian of width `sigma` samples.
+///
+/// The strength is -sigma^2 times the second derivative across the ridge, scaled to be the ridge's
+/// height if the ridge was a Gaussian of width `sigma` before smoothing.
+pub fn ridges(smoothed: Volume<'_>, sigma: f64, low: f32) -> Vec<Candidate> {
+    let [_, ny, nz] = smoothed.dims;
+    let planes: Vec<Vec<Candidate>> = (0..nz)
+        .into_par_iter()
+        .map(|z| {
+            let (mut found, mut laplacian) = (Vec::new(), Vec::new());
+            for y in 0..ny {
+                row(smoothed, sigma, low, [y, z], &mut laplacian, &mut found);
+            }
+            found
+        })
+        .collect();
+    planes.concat()
+}
+
+/// What the image says about ridge strengths, seen on one row in sixteen.
+#[derive(Debug, Clone, Copy)]
+pub struct Statistics {
+    /// Robust standard deviation of the Laplacian over all samples, in units of strength: noise,
+    /// where features are sparse.
+    pub noise: f32,
+    /// Typical strength of the ridges that matter: sum of cubes over sum of squares.
+    pub typical: f32,
+}
+
+impl Statistics {
+    /// Strengths down to which a sheet is followed, and which it must reach somewhere: above the
+    /// noise, and a share of the typical ridge's; but never so high that typical ridges are lost
+    /// (where features are dense, they dominate what was taken for noise).
+    pub fn thresholds(&self) -> (f32, f32) {
+        let low = (2.0 * self.noise)
+            .max(0.25 * self.typical)
+            .min(0.4 * self.typical);
+        let high = (3.0 * self.noise)
+            .max(0.5 * self.typical)
+            .min(0.7 * self.typical);
+        (low, high)
+    }
+}
+
+/// Measures [`Statistics`] for [`ridges`].
+pub fn statistics(smoothed: Volume<'_>, sigma: f64) -> Statistics {
+    let [_, ny, nz] = smoothed.dims;
+    let parts: Vec<(Vec<f32>, Vec<Candidate>)> = (0..nz)
+        .into_par_iter()
+        .map(|z| {
+            let (mut magnitudes, mut found, mut laplacian) = (Vec::new(), Vec::new(), Vec::new());
+            for y in (0..ny).filter(|y| (y + 7 * z) % 16 == 0) {
+                row(smoothed, sigma, 0.0, [y, z], &mut laplacian, &mut found);
+                magnitudes.extend(laplacian.iter().map(|l| l.abs()));
+            }
+            (magnitudes, found)
+        })
+        .collect();
+    let mut magnitudes: Vec<f32> = parts.iter().flat_map(|p| p.0.iter().copied()).collect();
+    let middle = magnitudes.len() / 2;
+    let median = if middle > 0 {
+        *magnitudes.select_nth_unstable_by(middle, f32::total_cmp).1
+    } else {
+        0.0
+    };
+    let (mut squares, mut cubes) = (0.0f64, 0.0f64);
+    for s in parts
+        .iter()
+        .flat_map(|p| &p.1)
+        .map(|c| f64::from(c.strength))
+    {
+        squares += s * s;
+        cubes += s * s * s;
+    }
+    Statistics {
+        noise: (f64::from(median) / 0.6745 * sigma * sigma * HEIGHT) as f32,
+        typical: if squares > 0.0 {
+            (cubes / squares) as f32
+        } else {
+            0.0
+        },
+    }
+}
+
+/// Ridge points of the row `[y, z]`; leaves the row's Laplacian in `laplacian`.
+fn row(
+    smoothed: Volume<'_>,
+    sigma: f64,
+    low: f32,
+    [y, z]: [usize; 2],
+    laplacian: &mut Vec<f32>,
+    found: &mut Vec<Candidate>,
+) {
+    smoothed.laplacian([y, z], laplacian);
+    // The most negative eigenvalue carries at least a third of a negative Laplacian; across a sheet
+    // it carries nearly all of it, and noise in the other two takes off less than a half.
+    let scale = HEIGHT * sigma * sigma;
+    let bound = (-0.5 * f64::from(low) / scale) as f32;
+    for x in 0..smoothed.dims[0] {
+        if laplacian[x] >= bound {
+            continue;
+        }
+        let at = [x, y, z];
+        let hessian = smoothed.hessian(at).map(f64::from);
+        let values = eigenvalues(&hessian);
+        for (i, &value) in values[..2].iter().enumerate() {
+            let strength = (-value * scale) as f32;
+            if value >= 0.0 || strength < low || (i == 1 && value > SECOND * values[0]) {
+                break;
+            }
+            let w = eigenvector(&hessian, value);
+            for axis in dominant_axes(w) {
+                if let Some(offset) = along_axis(smoothed, at, w, axis) {
+                    found.push(Candidate::new(smoothed.dims, at, axis, offset, w, strength));
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,189 @@
+//! Test scenes: sheets with exact distances, noisy images of them, and how well points fit them.
+
+use super::FeaturePoint;
+use crate::image::{Geometry, Image};
+
+/// A sheet known by the exact signed distance to it.
+pub enum Sheet {
+    /// All x with normal . x = offset; the normal is a unit vector.
+    Plane([f64; 3], f64),
+    /// A circular cylinder along y: axis at (x, z), radius.
+    Cylinder([f64; 2], f64),
+    /// A sphere.
+    Sphere([f64; 3], f64),
+}
+
+impl Sheet {
+    /// Plane with any normal through a point.
+    pub fn plane(normal: [f64; 3], through: [f64; 3]) -> Self {
+        let length = normal.iter().map(|n| n * n).sum::<f64>().sqrt();
+        let normal = normal.map(|n| n / length);
+        Self::Plane(normal, (0..3).map(|k| normal[k] * through[k]).sum())
+    }
+
+    /// Signed distance.
+    pub fn distance(&self, p: [f64; 3]) -> f64 {
+        match self {
+            Self::Plane(n, offset) => n[0] * p[0] + n[1] * p[1] + n[2] * p[2] - offset,
+            Self::Cylinder(c, r) => (p[0] - c[0]).hypot(p[2] - c[1]) - r,
+            Self::Sphere(c, r) => (0..3).map(|k| (p[k] - c[k]).powi(2)).sum::<f64>().sqrt() - r,
+        }
+    }
+
+    /// Unit normal (the distance's gradient).
+    pub fn normal(&self, p: [f64; 3]) -> [f64; 3] {
+        let h = 1e-4;
+        std::array::from_fn(|k| {
+            let (mut a, mut b) = (p, p);
+            a[k] -= h;
+            b[k] += h;
+            (self.distance(b) - self.distance(a)) / (2.0 * h)
+        })
+    }
+}
+
+/// Normally distributed numbers (sum of twelve uniform ones), the same on every run.
+pub struct Noise(u64);
+
+impl Noise {
+    pub fn new(seed: u64) -> Self {
+        Self(seed)
+    }
+
+    pub fn uniform(&mut self) -> f64 {
+        self.0 = self
+            .0
+            .wrapping_mul(6364136223846793005)
+            .wrapping_add(1442695040888963407);
+        (self.0 >> 33) as f64 / f64::from(1u32 << 31)
+    }
+
+    pub fn normal(&mut self) -> f64 {
+        (0..12).map(|_| self.uniform()).sum::<f64>() - 6.0
+    }
+}
+
+/// Gaussian ridges of height 1 and width `width` on the sheets (the higher where they cross), plus
+/// white noise.
+pub fn ridge_image(dims: [usize; 3], sheets: &[Sheet], width: f64, noise: f64) -> Image<3> {
+    let mut random = Noise::new(7);
+    let value = |p: [f64; 3]| {
+        let bell = |s: &Sheet| (-0.5 * (s.distance(p) / width).powi(2)).exp();
+        sheets.iter().map(bell).fold(0.0, f64::max)
+    };
+    image_of(dims, |p| value(p) + noise * random.normal())
+}
+
+/// An image of a function of the sample coordinates.
+pub fn image_of(dims: [usize; 3], mut f: impl FnMut([f64; 3]) -> f64) -> Image<3> {
+    let mut samples = Vec::new();
+    for z in 0..dims[2] {
+        for y in 0..dims[1] {
+            for x in 0..dims[0] {
+                samples.push(f([x as f64, y as f64, z as f64]) as f32);
+            }
+        }
+    }
+    Image::new(dims, samples, Geometry::default())
+}
+
+/// How well points fit the sheets.
+#[derive(Debug)]
+pub struct Fit {
+    /// Share of true surface points within 0.5 sample of a detected point's disc.
+    pub coverage: f64,
+    /// Share of detected points within 1 sample of a sheet.
+    pub precision: f64,
+    /// Root mean square distance of the points within 1 sample.
+    pub rms: f64,
+    /// Root mean square angle (degrees) between normals, more than 6 samples off other sheets.
+    pub angle: f64,
+}
+
+/// Compares points (lattice space = samples) with the sheets.
+pub fn fit(dims: [usize; 3], sheets: &[Sheet], points: &[FeaturePoint<3>]) -> Fit {
+    let cell = |p: [f64; 3]| -> [usize; 3] {
+        std::array::from_fn(|k| (p[k].round().max(0.0) as usize).min(dims[k] - 1))
+    };
+    let index = |[x, y, z]: [usize; 3]| (z * dims[1] + y) * dims[0] + x;
+    let mut grid = vec![Vec::new(); dims.iter().product()];
+    let (mut good, mut squares, mut angles, mut measured) = (0usize, 0.0, 0.0, 0usize);
+    for (i, point) in points.iter().enumerate() {
+        let p = point.position.map(f64::from);
+        grid[index(cell(p))].push(i);
+        let mut off: Vec<(f64, usize)> = sheets
+            .iter()
+            .enumerate()
+            .map(|(s, sheet)| (sheet.distance(p).abs(), s))
+            .collect();
+        off.sort_by(|a, b| a.0.total_cmp(&b.0));
+        if off[0].0 <= 1.0 {
+            good += 1;
+            squares += off[0].0 * off[0].0;
+            if off.len() < 2 || off[1].0 > 6.0 {
+                let n = sheets[off[0].1].normal(p);
+                let c: f64 = (0..3).map(|k| n[k] * f64::from(point.normal[k])).sum();
+                angles += c.abs().min(1.0).acos().to_degrees().powi(2);
+                measured += 1;
+            }
+        }
+    }
+    let (mut truth, mut covered) = (0usize, 0usize);
+    for z in 0..dims[2] {
+        for y in 0..dims[1] {
+            for x in 0..dims[0] {
+                let p = [x as f64, y as f64, z as f64];
+                for sheet in sheets {
+                    let s = sheet.distance(p);
+                    if s.abs() > 0.5 {
+                        continue;
+                    }
+                    let n = sheet.normal(p);
+                    let q: [f64; 3] = std::array::from_fn(|k| p[k] - s * n[k]);
+                    if (0..3).any(|k| q[k] < 0.0 || q[k] > (dims[k] - 1) as f64) {
+                        continue;
+                    }
+                    truth += 1;
+                    let c = cell(q);
+                    let range = |k: usize| c[k].saturating_sub(2)..=(c[k] + 2).min(dims[k] - 1);
+                    let near = range(2).any(|cz| {
+                        range(1).any(|cy| {
+                            range(0).any(|cx| {
+                                grid[index([cx, cy, cz])].iter().any(|&i: &usize| {
+                                    let point = &points[i];
+                                    let r: [f64; 3] = std::array::from_fn(|k| {
+                                        q[k] - f64::from(point.position[k])
+                                    });
+                                    let s: f64 =
+                                        (0..3).map(|k| r[k] * f64::from(point.normal[k])).sum();
+                                    let t = r.iter().map(|c| c * c).sum::<f64>() - s * s;
+                                    s.abs() <= 0.5 && t <= 1.0
+                                })
+                            })
+                        })
+                    });
+                    covered += usize::from(near);
+                }
+            }
+        }
+    }
+    Fit {
+        coverage: covered as f64 / truth.max(1) as f64,
+        precision: good as f64 / points.len().max(1) as f64,
+        rms: (squares / good.max(1) as f64).sqrt(),
+        angle: (angles / measured.max(1) as f64).sqrt(),
+    }
+}
+
+/// Crossing, curved and tilted sheets.
+pub fn crossing_sheets() -> ([usize; 3], Vec<Sheet>) {
+    (
+        [120, 104, 96],
+        vec![
+            Sheet::plane([1.0, 0.2, 0.35], [40.0, 52.0, 48.0]),
+            Sheet::plane([-0.7, 0.25, 1.0], [60.0, 52.0, 50.0]),
+            Sheet::Cylinder([-60.0, -20.0], 150.0),
+            Sheet::Sphere([60.0, 160.0, 40.0], 90.0),
+        ],
+    )
+}

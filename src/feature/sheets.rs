@@ -1,0 +1,230 @@
+//! From candidates to sheets: hysteresis, resolution, and no crumbs.
+//!
+//! Sheets are grown one after the other, each from the strongest candidate left, over neighbouring
+//! samples whose points lie in one another's planes. A sheet blocks whatever lies parallel to it and
+//! nearer than a lattice can resolve, so the choice between two close parallel sheets is made once
+//! for a whole sheet and not sample by sample.
+
+use super::crossing::Candidate;
+use super::grid::{Grid, NONE as FREE};
+use crate::feature::FeaturePoint;
+
+/// What a sheet must be.
+#[derive(Debug, Clone, Copy)]
+pub struct Rules {
+    /// A sheet has at least one point as strong as this.
+    pub high: f32,
+    /// Parallel sheets nearer than this (lattice units) exclude one another.
+    pub resolution: f64,
+    /// A sheet covers at least this area (square lattice units).
+    pub min_area: f64,
+}
+
+/// Points that were kept, and what happened to the others.
+#[derive(Debug, Clone, Default)]
+pub struct Sheets {
+    /// Points of all sheets, in the order of samples.
+    pub points: Vec<FeaturePoint<3>>,
+    /// Number of sheets.
+    pub sheets: usize,
+    /// Points dropped because a stronger sheet runs parallel and too near.
+    pub too_near: usize,
+    /// Points dropped because they are weak or lie in sheets that are too small.
+    pub crumbs: usize,
+}
+
+/// Neighbours belong to one sheet if their normals agree at least this much (cosine) ...
+const SAME_NORMAL: f32 = 0.8;
+/// ... and each is off the other's plane by less than this (samples).
+const SAME_PLANE: f32 = 1.0;
+/// Sheets whose normals agree at least this much (cosine) are parallel; others cross.
+const PARALLEL: f32 = 0.9;
+/// Nearer than this (samples), a parallel point is taken for part of the same sheet.
+const TOGETHER: f32 = 1.5;
+
+const CRUMB: u32 = u32::MAX - 1;
+
+/// Groups candidates (in the order of samples) into sheets that keep the rules.
+pub fn sheets(dims: [usize; 3], candidates: &[Candidate], step: [f64; 3], rules: &Rules) -> Sheets {
+    let grid = Grid::new(dims, candidates);
+    let mut growth = Growth {
+        grid: &grid,
+        step: step.map(|h| h as f32),
+        resolution: rules.resolution as f32,
+        owner: vec![FREE; candidates.len()],
+        blocker: vec![FREE; candidates.len()],
+        members: Vec::new(),
+        blocked: Vec::new(),
+    };
+    let mut sheets = 0;
+    for seed in by_strength(candidates) {
+        if candidates[seed].strength < rules.high {
+            break;
+        }
+        if growth.owner[seed] == FREE && growth.blocker[seed] == FREE {
+            let area = growth.grow(seed, sheets as u32);
+            if area < rules.min_area {
+                growth.give_up();
+            } else {
+                sheets += 1;
+            }
+        }
+    }
+    let mut result = Sheets {
+        sheets,
+        ..Sheets::default()
+    };
+    for (i, c) in candidates.iter().enumerate() {
+        if growth.owner[i] < CRUMB {
+            result.points.push(lattice_point(c, step));
+        } else if growth.blocker[i] != FREE {
+            result.too_near += 1;
+        } else {
+            result.crumbs += 1;
+        }
+    }
+    result
+}
+
+/// Indices of candidates, strongest first, in 4096 logarithmic classes; ties in the order of samples.
+fn by_strength(candidates: &[Candidate]) -> Vec<usize> {
+    // The bits of a positive float sort like the float; the upper ones are class enough.
+    let class = |c: &Candidate| (c.strength.max(0.0).to_bits() >> 19) as usize;
+    let top = 4095;
+    let mut start = vec![0usize; top + 1];
+    for c in candidates {
+        start[top - class(c)] += 1;
+    }
+    let mut sum = 0;
+    for s in &mut start {
+        (*s, sum) = (sum, sum + *s);
+    }
+    let mut order = vec![0; candidates.len()];
+    for (i, c) in candidates.iter().enumerate() {
+        let slot = &mut start[top - class(c)];
+        order[*slot] = i;
+        *slot += 1;
+    }
+    order
+}
+
+/// A candidate in lattice space: positions scale with the step, normals against it.
+fn lattice_point(c: &Candidate, step: [f64; 3]) -> FeaturePoint<3> {
+    let position = std::array::from_fn(|k| c.position[k] * step[k] as f32);
+    let normal: [f32; 3] = std::array::from_fn(|k| c.normal[k] / step[k] as f32);
+    let length = dot(normal, normal).sqrt();
+    FeaturePoint {
+        position,
+        normal: normal.map(|n| n / length),
+        strength: c.strength,
+    }
+}
+
+fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn minus(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+    std::array::from_fn(|k| a[k] - b[k])
+}
+
+/// One sheet after the other.
+struct Growth<'a> {
+    grid: &'a Grid<'a>,
+    step: [f32; 3],
+    resolution: f32,
+    owner: Vec<u32>,
+    blocker: Vec<u32>,
+    members: Vec<usize>,
+    blocked: Vec<usize>,
+}
+
+impl Growth<'_> {
+    /// Grows the sheet of `seed`; returns its area in square lattice units.
+    fn grow(&mut self, seed: usize, sheet: u32) -> f64 {
+        self.members.clear();
+        self.blocked.clear();
+        self.members.push(seed);
+        self.owner[seed] = sheet;
+        let mut area = 0.0;
+        let mut next = 0;
+        while next < self.members.len() {
+            let i = self.members[next];
+            next += 1;
+            let c = &self.grid.candidates[i];
+            let [a, b] = [1, 2].map(|s| (c.axis as usize + s) % 3);
+            area += f64::from(self.step[a] * self.step[b] / c.normal[c.axis as usize].abs());
+            self.block_parallel(i, sheet);
+            self.take_neighbours(i, sheet);
+        }
+        area
+    }
+
+    /// Takes the free candidates of the 26 neighbouring samples that continue the sheet.
+    fn take_neighbours(&mut self, i: usize, sheet: u32) {
+        let grid = self.grid;
+        let c = &grid.candidates[i];
+        let [x, y, z] = grid.coordinates(c);
+        for dz in -1..=1 {
+            for dy in -1..=1 {
+                for dx in -1..=1 {
+                    grid.each([x + dx, y + dy, z + dz], |j| {
+                        if self.owner[j] != FREE || self.blocker[j] != FREE {
+                            return;
+                        }
+                        let other = &grid.candidates[j];
+                        let apart = minus(other.position, c.position);
+                        let joined = dot(other.normal, c.normal).abs() >= SAME_NORMAL
+                            && dot(apart, c.normal).abs() < SAME_PLANE
+                            && dot(apart, other.normal).abs() < SAME_PLANE;
+                        if joined {
+                            self.owner[j] = sheet;
+                            self.members.push(j);
+                        }
+                    });
+                }
+            }
+        }
+    }
+
+    /// Blocks free candidates parallel to candidate `i` on either side of it, along its normal.
+    fn block_parallel(&mut self, i: usize, sheet: u32) {
+        let grid = self.grid;
+        let c = &grid.candidates[i];
+        let at = grid.coordinates(c);
+        let axis = c.axis as usize;
+        // Samples passed along each axis per lattice unit along the lattice-space normal.
+        let scaled: [f32; 3] = std::array::from_fn(|k| c.normal[k] / self.step[k]);
+        let unit = 1.0 / dot(scaled, scaled).sqrt();
+        let speed: [f32; 3] = std::array::from_fn(|k| scaled[k] * unit / self.step[k]);
+        let slope = speed.map(|s| s / speed[axis]);
+        let reach = (self.resolution * speed[axis].abs()).ceil() as i32;
+        for j in (-reach..=reach).filter(|j| j.abs() > 1) {
+            let column = std::array::from_fn(|k| at[k] + (j as f32 * slope[k]).round() as i32);
+            grid.each(column, |o| {
+                if self.owner[o] != FREE || self.blocker[o] != FREE {
+                    return;
+                }
+                let other = &grid.candidates[o];
+                let across = dot(minus(other.position, c.position), c.normal).abs();
+                if dot(other.normal, c.normal).abs() >= PARALLEL
+                    && across > TOGETHER
+                    && across * unit < self.resolution
+                {
+                    self.blocker[o] = sheet;
+                    self.blocked.push(o);
+                }
+            });
+        }
+    }
+
+    /// Undoes the last sheet: its points are crumbs, and what it blocked is free again.
+    fn give_up(&mut self) {
+        for &i in &self.members {
+            self.owner[i] = CRUMB;
+        }
+        for &i in &self.blocked {
+            self.blocker[i] = FREE;
+        }
+    }
+}

@@ -1,0 +1,192 @@
+//! What the samples of an image are like, and whether anything can be made of them.
+
+use rayon::prelude::*;
+
+use super::Image;
+use crate::error::{Error, Result, cause};
+
+/// Statistics over all samples of an image.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Stats<const D: usize> {
+    /// Smallest finite sample; infinite if there is none.
+    pub min: f32,
+    /// Largest finite sample; negative infinite if there is none.
+    pub max: f32,
+    /// Mean of the finite samples; 0 if there is none.
+    pub mean: f64,
+    /// Number of samples that are not a number.
+    pub nan: usize,
+    /// Number of infinite samples.
+    pub infinite: usize,
+    /// Index (x first) of the first sample that is not finite.
+    pub first_bad: Option<[usize; D]>,
+}
+
+impl<const D: usize> Image<D> {
+    /// Statistics in one parallel pass, the same for any number of threads.
+    pub fn stats(&self) -> Stats<D> {
+        // Summed within chunks of fixed size, then in order.
+        const CHUNK: usize = 1 << 16;
+        let samples = self.as_slice();
+        let parts: Vec<Part> = samples.par_chunks(CHUNK).map(Part::of).collect();
+
+        let first_bad = parts
+            .iter()
+            .position(|part| part.finite < part.len)
+            .and_then(|chunk| {
+                let start = chunk * CHUNK;
+                let rest = samples[start..].iter().position(|v| !v.is_finite())?;
+                Some(self.index_of(start + rest))
+            });
+        let finite: usize = parts.iter().map(|part| part.finite).sum();
+        let nan: usize = parts.iter().map(|part| part.nan).sum();
+        let sum: f64 = parts.iter().map(|part| part.sum).sum();
+        Stats {
+            min: parts.iter().fold(f32::INFINITY, |m, part| m.min(part.min)),
+            max: parts
+                .iter()
+                .fold(f32::NEG_INFINITY, |m, part| m.max(part.max)),
+            mean: sum / finite.max(1) as f64,
+            nan,
+            infinite: samples.len() - finite - nan,
+            first_bad,
+        }
+    }
+
+    /// Refuses an image that no job can work with: without samples, with samples that are not
+    /// finite, or with all samples equal. `place` names the image in the error.
+    ///
+    /// # Errors
+    /// [`Error::Image`] with the count and the first index of what is wrong.
+    pub fn check(&self, place: &str) -> Result<()> {
+        let refuse =
+            |problem: String, remedy: &str| Err(Error::Image(cause(place, problem, remedy)));
+        if self.samples.is_empty() {
+            let dims = self.dims();
+            return refuse(
+                format!("has no samples (dims {dims:?})"),
+                "give an image with samples",
+            );
+        }
+        let stats = self.stats();
+        if let Some(index) = stats.first_bad {
+            let Stats { nan, infinite, .. } = stats;
+            return refuse(
+                format!(
+                    "{} of {} samples are not finite ({nan} NaN, {infinite} infinite), the first at index {index:?} (x first)",
+                    nan + infinite,
+                    self.samples.len(),
+                ),
+                "replace them, e.g. in NumPy with numpy.nan_to_num",
+            );
+        }
+        if stats.min == stats.max {
+            return refuse(
+                format!("all samples equal {}", stats.min),
+                "a constant image has no features; check that the right file or attribute was given",
+            );
+        }
+        Ok(())
+    }
+
+    /// Index (x first) of a position in [`Image::as_slice`].
+    fn index_of(&self, mut position: usize) -> [usize; D] {
+        self.dims().map(|n| {
+            let index = position % n;
+            position /= n;
+            index
+        })
+    }
+}
+
+/// What [`Stats`] is added up from.
+struct Part {
+    len: usize,
+    finite: usize,
+    nan: usize,
+    sum: f64,
+    min: f32,
+    max: f32,
+}
+
+impl Part {
+    fn of(samples: &[f32]) -> Self {
+        let mut part = Self {
+            len: samples.len(),
+            finite: 0,
+            nan: 0,
+            sum: 0.0,
+            min: f32::INFINITY,
+            max: f32::NEG_INFINITY,
+        };
+        for &v in samples {
+            let finite = v.is_finite();
+            part.finite += usize::from(finite);
+            part.nan += usize::from(v.is_nan());
+            part.sum += if finite { f64::from(v) } else { 0.0 };
+            part.min = part.min.min(if finite { v } else { f32::INFINITY });
+            part.max = part.max.max(if finite { v } else { f32::NEG_INFINITY });
+        }
+        part
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::image::{Geometry, Image};
+
+    fn ramp(dims: [usize; 3]) -> Image<3> {
+        let n = dims.iter().product::<usize>();
+        Image::new(
+            dims,
+            (0..n).map(|i| i as f32).collect(),
+            Geometry::default(),
+        )
+    }
+
+    #[test]
+    fn statistics_of_a_ramp() {
+        // More than one chunk, so that the parts are joined.
+        let image = ramp([70, 60, 50]);
+        let n = 70.0 * 60.0 * 50.0;
+        let stats = image.stats();
+        assert_eq!((stats.min, stats.max), (0.0, n as f32 - 1.0));
+        assert!((stats.mean - (n - 1.0) / 2.0).abs() < 1e-6);
+        assert_eq!((stats.nan, stats.infinite, stats.first_bad), (0, 0, None));
+        assert!(image.check("ramp").is_ok());
+    }
+
+    #[test]
+    fn bad_samples_are_counted_and_the_first_is_named() {
+        let mut image = ramp([70, 60, 50]);
+        image.samples[[40, 3, 2]] = f32::NAN; // (z, y, x)
+        image.samples[[45, 0, 0]] = f32::NEG_INFINITY;
+        let stats = image.stats();
+        assert_eq!((stats.nan, stats.infinite), (1, 1));
+        assert_eq!(stats.first_bad, Some([2, 3, 40]));
+        assert_eq!(stats.min, 0.0);
+        let error = image.check("ramp.npy").unwrap_err().to_string();
+        assert!(error.starts_with("ramp.npy: 2 of 210000"), "{error}");
+        assert!(error.contains("[2, 3, 40]"), "{error}");
+    }
+
+    #[test]
+    fn empty_and_constant_images_are_refused() {
+        let empty = Image::new([4, 0, 3], Vec::new(), Geometry::default());
+        assert!(
+            empty
+                .check("e")
+                .unwrap_err()
+                .to_string()
+                .contains("no samples")
+        );
+        let constant = Image::new([2, 2, 2], vec![7.0; 8], Geometry::default());
+        assert!(
+            constant
+                .check("c")
+                .unwrap_err()
+                .to_string()
+                .contains("equal 7")
+        );
+    }
+}

@@ -1,0 +1,50 @@
+//! Edge collapse: where nodes stand too close, one of them goes.
+
+use super::Improver;
+use crate::mesh::quality::min_sine;
+
+impl Improver<'_> {
+    /// Moves node `gone` into node `kept`, if everything that holds the one holds the other and
+    /// every tetrahedron that changes is better than `floor`.
+    pub(super) fn collapse(&mut self, gone: u32, kept: u32, floor: f64) -> bool {
+        let (g, k) = (self.holds[gone as usize], self.holds[kept as usize]);
+        if g.axes == 7 || !g.within(&k) {
+            return false;
+        }
+        // In a side of the box the node must move within that side.
+        let (from, to) = (
+            self.complex.nodes[gone as usize],
+            self.complex.nodes[kept as usize],
+        );
+        if (0..3).any(|c| g.axes >> c & 1 == 1 && from[c] != to[c]) {
+            return false;
+        }
+        let mut star = std::mem::take(&mut self.star);
+        self.complex.star(gone, &mut star);
+        self.fresh.clear();
+        let mut good = true;
+        for &t in &star {
+            let tet = self.complex.tets[t as usize];
+            if tet.contains(&kept) {
+                continue;
+            }
+            let new = tet.map(|n| if n == gone { kept } else { n });
+            if min_sine(&new.map(|n| self.complex.nodes[n as usize])) <= floor {
+                good = false;
+                break;
+            }
+            self.fresh.push(new);
+        }
+        if good {
+            let mut rim: Vec<u32> = self.fresh.iter().flatten().copied().collect();
+            rim.sort_unstable();
+            rim.dedup();
+            good = !rim.iter().any(|&n| n != kept && self.pierces(n, kept));
+        }
+        if good {
+            self.commit(&star);
+        }
+        self.star = star;
+        good
+    }
+}

@@ -1,0 +1,170 @@
+//! Joe's local transformations, generalised: edge removal (3-2, 4-4, 2-2 and larger) by dynamic
+//! programming over the ring (Klincsek 1980; Shewchuk 2002), and the 2-3 swap that makes an edge.
+//!
+//! A change is made only if the smallest sine of the changed cavity rises, and never if a new edge
+//! would pierce a feature: as long as no edge pierces a sheet, the sheet is made of mesh faces.
+
+use super::Improver;
+use crate::mesh::complex::NONE;
+use crate::mesh::quality::min_sine;
+use crate::mesh::{EDGES, FACES};
+
+/// Largest ring that edge removal considers.
+const RING: usize = 10;
+
+/// Least gain in sine: well above rounding, so that no two configurations are exchanged for ever.
+const GAIN: f64 = 1e-5;
+
+impl Improver<'_> {
+    /// Tries every transformation of one tetrahedron and makes the first that helps.
+    pub(super) fn flip(&mut self, t: u32) -> bool {
+        for e in EDGES {
+            let tet = self.complex.tets[t as usize];
+            if self.remove_edge(t, tet[e[0]], tet[e[1]], self.sine_of(t)) {
+                return true;
+            }
+        }
+        (0..4).any(|k| self.split_face(t, k))
+    }
+
+    fn sine_of_nodes(&self, tet: [u32; 4]) -> f64 {
+        min_sine(&tet.map(|i| self.complex.nodes[i as usize]))
+    }
+
+    /// Removes edge (a, b) of tetrahedron `t` if every new tetrahedron is better than the worst of
+    /// the old ones (or than `floor`, if that is lower).
+    pub(super) fn remove_edge(&mut self, t: u32, a: u32, b: u32, floor: f64) -> bool {
+        let mut ring = std::mem::take(&mut self.ring);
+        let done = self.complex.ring(t, a, b, RING, &mut ring) && {
+            let worst = ring
+                .tets
+                .iter()
+                .map(|&t| self.sine_of(t))
+                .fold(f64::INFINITY, f64::min);
+            self.replace_ring(&ring, a, b, worst.min(floor) + GAIN)
+        };
+        self.ring = ring;
+        done
+    }
+
+    fn replace_ring(&mut self, ring: &crate::mesh::complex::Ring, a: u32, b: u32, floor: f64) -> bool {
+        let r = &ring.nodes;
+        let m = r.len();
+        if m < 3 || (!ring.closed && !self.on_one_side(a, b, r[0], r[m - 1])) {
+            return false;
+        }
+        // best[i][j]: the best smallest sine of a triangulation of the polygon i..=j.
+        let mut best = [[f64::INFINITY; RING + 1]; RING + 1];
+        let mut via = [[0usize; RING + 1]; RING + 1];
+        let mut barred = [[false; RING + 1]; RING + 1];
+        // Chords are tested against the features only once they are wanted.
+        loop {
+            for span in 2..m {
+                for i in 0..m - span {
+                    let j = i + span;
+                    best[i][j] = f64::NEG_INFINITY;
+                    if barred[i][j] {
+                        continue;
+                    }
+                    for k in i + 1..j {
+                        let bound = best[i][k].min(best[k][j]);
+                        if bound <= floor || bound <= best[i][j] {
+                            continue;
+                        }
+                        let mut value = bound.min(self.sine_of_nodes([r[i], r[k], r[j], b]));
+                        if value > floor && value > best[i][j] {
+                            value = value.min(self.sine_of_nodes([r[i], r[j], r[k], a]));
+                        }
+                        if value > floor && value > best[i][j] {
+                            best[i][j] = value;
+                            via[i][j] = k;
+                        }
+                    }
+                }
+            }
+            if best[0][m - 1] <= floor {
+                return false;
+            }
+            self.fresh.clear();
+            let mut stack = [(0usize, 0usize); RING + 1];
+            stack[0] = (0, m - 1);
+            let mut depth = 1;
+            let mut pierced = false;
+            while depth > 0 {
+                depth -= 1;
+                let (i, j) = stack[depth];
+                if j < i + 2 {
+                    continue;
+                }
+                let is_chord = !(i == 0 && j == m - 1 && ring.closed);
+                if is_chord && self.pierces(r[i], r[j]) {
+                    barred[i][j] = true;
+                    pierced = true;
+                    break;
+                }
+                let k = via[i][j];
+                self.fresh.push([r[i], r[k], r[j], b]);
+                self.fresh.push([r[i], r[j], r[k], a]);
+                stack[depth] = (i, k);
+                stack[depth + 1] = (k, j);
+                depth += 2;
+            }
+            if !pierced {
+                break;
+            }
+            if barred[0][m - 1] {
+                return false;
+            }
+        }
+        self.commit(&ring.tets);
+        true
+    }
+
+    /// Whether four nodes lie in one side of the box.
+    fn on_one_side(&self, a: u32, b: u32, c: u32, d: u32) -> bool {
+        let hold = |i: u32| self.holds[i as usize].axes;
+        let common = hold(a) & hold(b) & hold(c) & hold(d);
+        (0..3).any(|k| {
+            let at = |i: u32| self.complex.nodes[i as usize][k];
+            common >> k & 1 == 1 && at(a) == at(b) && at(b) == at(c) && at(c) == at(d)
+        })
+    }
+
+    /// The 2-3 swap at face k of `t`.
+    fn split_face(&mut self, t: u32, k: usize) -> bool {
+        let n = self.complex.neighbors[t as usize][k];
+        if n == NONE {
+            return false;
+        }
+        let tet = self.complex.tets[t as usize];
+        let [u, v, w] = FACES[k].map(|i| tet[i]);
+        let p = tet[k];
+        let back = self.complex.neighbors[n as usize]
+            .iter()
+            .position(|&x| x == t);
+        let Some(back) = back else { return false };
+        let q = self.complex.tets[n as usize][back];
+        let floor = self.sine_of(t).min(self.sine_of(n)) + GAIN;
+        self.swap_face([t, n], [u, v, w], p, q, floor)
+    }
+
+    /// Exchanges two tetrahedra that share face (u, v, w), with apices p (positive) and q, for the
+    /// three round the new edge (p, q), if each is better than `floor`.
+    pub(super) fn swap_face(
+        &mut self,
+        old: [u32; 2],
+        [u, v, w]: [u32; 3],
+        p: u32,
+        q: u32,
+        floor: f64,
+    ) -> bool {
+        let fresh = [[q, p, u, v], [q, p, v, w], [q, p, w, u]];
+        if fresh.iter().any(|&f| self.sine_of_nodes(f) <= floor) || self.pierces(p, q) {
+            return false;
+        }
+        self.fresh.clear();
+        self.fresh.extend_from_slice(&fresh);
+        self.commit(&old);
+        true
+    }
+}

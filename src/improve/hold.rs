@@ -1,0 +1,173 @@
+//! What holds a node: the sides of the box, and the features it lies on.
+
+use super::sheets::{SAME_SHEET, Sheets};
+use crate::mesh::{AtomKind, add_scaled, dot, norm};
+
+/// The constraints of one node.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Hold {
+    /// Bit k: coordinate k is fixed (the node lies in a side normal to axis k, or is fixed).
+    pub axes: u8,
+    /// How many sheets hold the node.
+    pub count: u8,
+    /// No feature is anywhere near.
+    pub far: bool,
+    /// On one sheet, and no other is near.
+    pub alone: bool,
+    normals: [[f32; 3]; 2],
+}
+
+impl Hold {
+    /// By the sides of the box `[0, extent]` alone.
+    pub fn by_box(x: [f64; 3], kind: AtomKind, extent: [f64; 3]) -> Self {
+        let mut hold = Self::default();
+        if kind == AtomKind::Fixed {
+            hold.axes = 7;
+        }
+        for k in 0..3 {
+            if x[k] == 0.0 || x[k] == extent[k] {
+                hold.axes |= 1 << k;
+            }
+        }
+        hold
+    }
+
+    /// The normals of the sheets that hold the node.
+    pub fn normals(&self) -> impl Iterator<Item = [f64; 3]> + '_ {
+        self.normals[..usize::from(self.count)]
+            .iter()
+            .map(|n| n.map(f64::from))
+    }
+
+    /// Whether a sheet of this normal holds the node.
+    pub fn on(&self, normal: [f64; 3]) -> bool {
+        self.normals().any(|n| dot(n, normal).abs() > SAME_SHEET)
+    }
+
+    /// Adds a sheet if there is room.
+    pub fn add(&mut self, normal: [f64; 3]) {
+        if usize::from(self.count) < self.normals.len() && !self.on(normal) {
+            self.normals[usize::from(self.count)] = normal.map(|c| c as f32);
+            self.count += 1;
+        }
+    }
+
+    /// Forgets the sheets.
+    pub fn clear_sheets(&mut self) {
+        self.count = 0;
+    }
+
+    /// The part of `v` along which the node may move.
+    pub fn project(&self, mut v: [f64; 3]) -> [f64; 3] {
+        for b in self.basis().iter().flatten() {
+            v = add_scaled(v, -dot(v, *b), *b);
+        }
+        for k in 0..3 {
+            if self.axes >> k & 1 == 1 {
+                v[k] = 0.0;
+            }
+        }
+        v
+    }
+
+    /// Orthonormal directions in the box-allowed space that the sheets take away.
+    fn basis(&self) -> [Option<[f64; 3]>; 2] {
+        let mut basis: [Option<[f64; 3]>; 2] = [None; 2];
+        for (i, mut n) in self.normals().enumerate() {
+            for k in 0..3 {
+                if self.axes >> k & 1 == 1 {
+                    n[k] = 0.0;
+                }
+            }
+            if let Some(b) = basis[0].filter(|_| i == 1) {
+                n = add_scaled(n, -dot(n, b), b);
+            }
+            let length = norm(n);
+            if length > 0.2 {
+                basis[i] = Some(n.map(|c| c / length));
+            }
+        }
+        basis
+    }
+
+    /// Whether this node may take the other's place: everything that holds it holds the other.
+    pub fn within(&self, other: &Hold) -> bool {
+        self.axes & !other.axes == 0 && self.normals().all(|n| other.on(n))
+    }
+
+    /// Puts `x` back onto the sheets that hold it (a few Newton steps), never off the box's sides.
+    /// Returns None if the sheets are no longer there.
+    pub fn settle(&mut self, mut x: [f64; 3], extent: [f64; 3], sheets: &Sheets) -> Option<[f64; 3]> {
+        if self.count == 0 {
+            return Some(x);
+        }
+        for _ in 0..3 {
+            let near = sheets.near(x);
+            let mut worst = 0.0f64;
+            for i in 0..usize::from(self.count) {
+                let held = self.normals[i].map(f64::from);
+                let sheet = near
+                    .iter()
+                    .max_by(|a, b| {
+                        dot(a.normal, held).abs().total_cmp(&dot(b.normal, held).abs())
+                    })
+                    .filter(|s| dot(s.normal, held).abs() > 0.7)?;
+                self.normals[i] = sheet.normal.map(|c| c as f32);
+                worst = worst.max(sheet.offset.abs());
+            }
+            let step = self.step_to(&near)?;
+            x = add_scaled(x, 1.0, step);
+            for k in 0..3 {
+                x[k] = x[k].clamp(0.0, extent[k]);
+            }
+            if worst < 0.01 {
+                return Some(x);
+            }
+        }
+        let near = sheets.near(x);
+        let close = self.normals().all(|held| {
+            near.iter()
+                .any(|s| dot(s.normal, held).abs() > 0.7 && s.offset.abs() < 0.1)
+        });
+        close.then_some(x)
+    }
+
+    /// The smallest allowed move that cancels the offsets from the held sheets.
+    fn step_to(&self, near: &super::sheets::Near) -> Option<[f64; 3]> {
+        let free = |mut n: [f64; 3]| {
+            for k in 0..3 {
+                if self.axes >> k & 1 == 1 {
+                    n[k] = 0.0;
+                }
+            }
+            n
+        };
+        let offset = |held: [f64; 3]| {
+            near.iter()
+                .find(|s| dot(s.normal, held).abs() > 0.99)
+                .map(|s| (s.normal, s.offset))
+        };
+        let mut normals = self.normals();
+        let (n, s) = offset(normals.next()?)?;
+        let a = free(n);
+        let aa = dot(a, a);
+        if aa < 0.05 {
+            return None;
+        }
+        let Some(second) = normals.next() else {
+            return Some(a.map(|c| -c * s / aa));
+        };
+        let (m, u) = offset(second)?;
+        let b = free(m);
+        let (ab, bb) = (dot(a, b), dot(b, b));
+        let determinant = aa * bb - ab * ab;
+        if determinant < 0.02 {
+            return None;
+        }
+        let (p, q) = (
+            (-s * bb + u * ab) / determinant,
+            (-u * aa + s * ab) / determinant,
+        );
+        Some(add_scaled(a.map(|c| c * p), q, b))
+    }
+}

@@ -1,0 +1,172 @@
+//! Features first: every edge that pierces a feature goes, by a flip, by pulling one of its ends
+//! onto the feature, or by splitting it there.
+
+use super::{Hold, Improver};
+use crate::mesh::quality::min_sine;
+use crate::mesh::{EDGES, dot, norm, sub};
+use rayon::prelude::*;
+
+/// A flip that removes a piercing edge may leave tetrahedra as flat as this, round by round: at
+/// first only good ones, so that surfaces are not spanned by long chords; smoothing follows.
+const FLOORS: [f64; 4] = [0.3, 0.15, 0.08, 0.05];
+
+/// The least that pulling a node onto a feature may leave.
+const FLOOR: f64 = 0.05;
+
+impl Improver<'_> {
+    /// The edges of the given tetrahedra that pierce a feature, as pairs of nodes in rising order.
+    fn pierced_among(&self, tets: impl Iterator<Item = u32>) -> Vec<(u32, u32)> {
+        let mut edges: Vec<(u32, u32)> = tets
+            .filter(|&t| self.complex.alive(t))
+            .map(|t| self.complex.tets[t as usize])
+            .filter(|tet| tet.iter().any(|&n| !self.holds[n as usize].far))
+            .flat_map(|tet| EDGES.map(|[i, j]| (tet[i].min(tet[j]), tet[i].max(tet[j]))))
+            .collect();
+        edges.par_sort_unstable();
+        edges.dedup();
+        edges.into_par_iter().filter(|&(a, b)| self.pierces(a, b)).collect()
+    }
+
+    /// Every edge that pierces a feature.
+    pub(super) fn pierced_edges(&self) -> Vec<(u32, u32)> {
+        self.pierced_among(0..self.complex.tets.len() as u32)
+    }
+
+    /// Makes the mesh follow the features.
+    pub(super) fn recover(&mut self) {
+        let mut pierced = self.pierced_edges();
+        self.counts.pierced_before = pierced.len();
+        for (round, floor) in FLOORS.into_iter().enumerate() {
+            // Flips never make a piercing edge: only moved and new nodes need another look.
+            let mut again = Vec::new();
+            for (a, b) in std::mem::take(&mut pierced) {
+                if self.recover_by_flip(a, b, floor) {
+                    self.counts.pierced_flipped += 1;
+                } else if self.recover_by_snap(a, b) {
+                    self.counts.pierced_snapped += 1;
+                } else if round > 0 && self.recover_by_split(a, b) {
+                    self.counts.pierced_split += 1;
+                }
+                for node in [a, b] {
+                    self.complex.star(node, &mut self.star);
+                    again.extend_from_slice(&self.star);
+                }
+            }
+            pierced = self.pierced_among(again.into_iter());
+        }
+    }
+
+    fn edge(&mut self, a: u32, b: u32) -> Option<u32> {
+        let mut star = std::mem::take(&mut self.star);
+        let t = self.complex.find_edge(a, b, &mut star);
+        self.star = star;
+        t
+    }
+
+    fn recover_by_flip(&mut self, a: u32, b: u32, floor: f64) -> bool {
+        match self.edge(a, b) {
+            // Gone already, with another edge.
+            None => true,
+            Some(t) => self.remove_edge(t, a, b, floor),
+        }
+    }
+
+    /// Pulls the end that is nearer to the feature onto it.
+    fn recover_by_snap(&mut self, a: u32, b: u32) -> bool {
+        let Some((at, sheet)) = self.piercing(a, b) else {
+            return true;
+        };
+        let reach = |n: u32| dot(sub(self.complex.nodes[n as usize], at), sheet.normal).abs();
+        let length = norm(sub(
+            self.complex.nodes[a as usize],
+            self.complex.nodes[b as usize],
+        ));
+        let mut ends = [(reach(a), a), (reach(b), b)];
+        ends.sort_by(|x, y| x.0.total_cmp(&y.0));
+        ends.iter()
+            .take_while(|(r, _)| *r < 0.4 * length)
+            .any(|&(_, n)| self.snap(n, sheet.normal, 0.5 * length))
+    }
+
+    /// Moves a node onto the sheet of that normal if its tetrahedra stay well-formed.
+    fn snap(&mut self, node: u32, normal: [f64; 3], reach: f64) -> bool {
+        let mut hold = self.holds[node as usize];
+        if hold.axes == 7 || hold.count >= 2 || hold.on(normal) {
+            return false;
+        }
+        hold.add(normal);
+        let old = self.complex.nodes[node as usize];
+        let Some(x) = hold.settle(old, self.extent, self.sheets) else {
+            return false;
+        };
+        if norm(sub(x, old)) > reach {
+            return false;
+        }
+        self.gather(node);
+        if super::smooth::worst(x, &self.spokes, FLOOR) <= FLOOR {
+            return false;
+        }
+        self.move_to(node, x, hold);
+        true
+    }
+
+    fn recover_by_split(&mut self, a: u32, b: u32) -> bool {
+        let Some(t) = self.edge(a, b) else {
+            return true;
+        };
+        let Some((at, sheet)) = self.piercing(a, b) else {
+            return true;
+        };
+        let (p, q) = (
+            self.complex.nodes[a as usize],
+            self.complex.nodes[b as usize],
+        );
+        let mut hold = Hold::default();
+        for k in 0..3 {
+            let both = self.holds[a as usize].axes & self.holds[b as usize].axes;
+            if both >> k & 1 == 1 && p[k] == q[k] {
+                hold.axes |= 1 << k;
+            }
+        }
+        hold.add(sheet.normal);
+        let Some(x) = hold.settle(at, self.extent, self.sheets) else {
+            return false;
+        };
+        self.split_edge(t, a, b, x, hold, 0.02)
+    }
+
+    /// Puts a new node on edge (a, b) if every new tetrahedron is better than `floor`.
+    pub(super) fn split_edge(
+        &mut self,
+        t: u32,
+        a: u32,
+        b: u32,
+        x: [f64; 3],
+        hold: Hold,
+        floor: f64,
+    ) -> bool {
+        let mut ring = std::mem::take(&mut self.ring);
+        let mut done = false;
+        if self.complex.ring(t, a, b, 40, &mut ring) {
+            let new = self.complex.nodes.len() as u32;
+            self.fresh.clear();
+            let m = ring.nodes.len();
+            for i in 0..ring.tets.len() {
+                let (r, s) = (ring.nodes[i], ring.nodes[(i + 1) % m]);
+                self.fresh.push([a, new, r, s]);
+                self.fresh.push([new, b, r, s]);
+            }
+            let position = |n: u32| {
+                if n == new { x } else { self.complex.nodes[n as usize] }
+            };
+            if self.fresh.iter().all(|f| min_sine(&f.map(position)) > floor) {
+                self.complex.add_node(x);
+                self.holds.push(hold);
+                self.commit(&ring.tets);
+                done = true;
+            }
+        }
+        self.ring = ring;
+        done
+    }
+}

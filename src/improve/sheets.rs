@@ -1,0 +1,335 @@
+//! The detected features as local planes: where is the nearest sheet, and does an edge pierce one?
+//!
+//! Feature points are noisy samples of surfaces. Near a position, the points within a small radius
+//! are split into sheets by their normals, and each sheet is fitted by a plane (moving least
+//! squares, weights (1 - r^2/R^2)^2). Where two features cross, a position has two sheets; where
+//! three meet, three.
+
+use crate::feature::FeaturePoint;
+use crate::mesh::{add_scaled, dot, norm, sub};
+
+/// Most sheets that one position can have.
+pub const MOST: usize = 3;
+
+/// A plane fitted to one sheet near a position x.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Sheet {
+    /// Unit normal; its sign means nothing.
+    pub normal: [f64; 3],
+    /// Signed distance of x from the plane, along the normal.
+    pub offset: f64,
+}
+
+/// The sheets near a position, nearest first.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Near {
+    sheets: [Sheet; MOST],
+    count: usize,
+}
+
+impl Near {
+    /// The sheets, nearest first.
+    pub fn iter(&self) -> impl Iterator<Item = &Sheet> {
+        self.sheets[..self.count].iter()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.count == 0
+    }
+
+    fn push(&mut self, sheet: Sheet) {
+        if self.count < MOST {
+            self.sheets[self.count] = sheet;
+            self.count += 1;
+            self.sheets[..self.count].sort_by(|a, b| a.offset.abs().total_cmp(&b.offset.abs()));
+        }
+    }
+}
+
+/// Two normals belong to one sheet if they differ by less than about 35 degrees.
+pub const SAME_SHEET: f64 = 0.82;
+
+/// The feature points in a cell grid.
+#[derive(Debug)]
+pub struct Sheets {
+    radius: f64,
+    cell: f64,
+    dims: [usize; 3],
+    start: Vec<u32>,
+    points: Vec<([f32; 3], [f32; 3])>,
+    /// Cells of side `coarse` that have a point within two cells.
+    coarse: f64,
+    coarse_dims: [usize; 3],
+    near: Vec<bool>,
+    /// Cells of side 1 that a feature point is in or beside: a bit each.
+    fine_dims: [usize; 3],
+    fine: Vec<u64>,
+}
+
+impl Sheets {
+    /// From points in the box `[0, extent]`; planes are fitted within `radius`, and
+    /// [`Sheets::far`] knows about points at least `reach` away.
+    pub fn new(
+        points: &[FeaturePoint<3>],
+        extent: [f64; 3],
+        radius: f64,
+        reach: f64,
+    ) -> Self {
+        let cell = radius * 0.75;
+        let dims = extent.map(|e| (e / cell) as usize + 1);
+        let index = |p: [f32; 3]| {
+            let c: [usize; 3] =
+                std::array::from_fn(|k| ((f64::from(p[k].max(0.0)) / cell) as usize).min(dims[k] - 1));
+            (c[2] * dims[1] + c[1]) * dims[0] + c[0]
+        };
+        let mut start = vec![0u32; dims.iter().product::<usize>() + 1];
+        for p in points {
+            start[index(p.position) + 1] += 1;
+        }
+        for i in 1..start.len() {
+            start[i] += start[i - 1];
+        }
+        let mut next = start.clone();
+        let mut sorted = vec![([0f32; 3], [0f32; 3]); points.len()];
+        for p in points {
+            let at = &mut next[index(p.position)];
+            sorted[*at as usize] = (p.position, p.normal);
+            *at += 1;
+        }
+        let coarse = (reach / 2.0).max(1e-9);
+        let coarse_dims = extent.map(|e| (e / coarse) as usize + 1);
+        let mut near = vec![false; coarse_dims.iter().product()];
+        for p in points {
+            near[coarse_index(coarse, coarse_dims, p.position.map(f64::from))] = true;
+        }
+        for axis in 0..3 {
+            dilate(&mut near, coarse_dims, axis, 3);
+        }
+        let fine_dims = extent.map(|e| e as usize + 1);
+        let mut fine = vec![0u64; fine_dims.iter().product::<usize>() / 64 + 1];
+        for p in points {
+            let at: [usize; 3] =
+                std::array::from_fn(|k| (p.position[k].max(0.0) as usize).min(fine_dims[k] - 1));
+            let low = at.map(|c| c.saturating_sub(1));
+            let high: [usize; 3] = std::array::from_fn(|k| (at[k] + 1).min(fine_dims[k] - 1));
+            for z in low[2]..=high[2] {
+                for y in low[1]..=high[1] {
+                    for x in low[0]..=high[0] {
+                        let i = (z * fine_dims[1] + y) * fine_dims[0] + x;
+                        fine[i / 64] |= 1 << (i % 64);
+                    }
+                }
+            }
+        }
+        Self {
+            radius,
+            cell,
+            dims,
+            start,
+            points: sorted,
+            coarse,
+            coarse_dims,
+            near,
+            fine_dims,
+            fine,
+        }
+    }
+
+    /// Whether a feature point may be within about one unit of the part `[from, to]` (in parts of
+    /// the whole) of a segment.
+    fn touches(&self, p: [f64; 3], edge: [f64; 3], length: f64, from: f64, to: f64) -> bool {
+        let steps = ((to - from) * length / 0.6).ceil().max(1.0);
+        let mut i = 0.0;
+        while i <= steps {
+            let x = add_scaled(p, from + (to - from) * i / steps, edge);
+            let at = coarse_index(1.0, self.fine_dims, x);
+            if self.fine[at / 64] >> (at % 64) & 1 == 1 {
+                return true;
+            }
+            i += 1.0;
+        }
+        false
+    }
+
+    /// Whether no feature lies within the reach of `x`: a quick and safe "nothing to see here".
+    #[inline]
+    pub fn far(&self, x: [f64; 3]) -> bool {
+        !self.near[coarse_index(self.coarse, self.coarse_dims, x)]
+    }
+
+    /// Runs `visit` on every point, with its number, in the cells within the fitting radius of `x`.
+    #[inline]
+    fn visit(&self, x: [f64; 3], mut visit: impl FnMut(u32, [f32; 3])) {
+        let low: [usize; 3] = std::array::from_fn(|k| {
+            (((x[k] - self.radius) / self.cell).max(0.0) as usize).min(self.dims[k] - 1)
+        });
+        let high: [usize; 3] = std::array::from_fn(|k| {
+            (((x[k] + self.radius) / self.cell).max(0.0) as usize).min(self.dims[k] - 1)
+        });
+        for z in low[2]..=high[2] {
+            for y in low[1]..=high[1] {
+                let row = (z * self.dims[1] + y) * self.dims[0];
+                let (from, to) = (self.start[row + low[0]], self.start[row + high[0] + 1]);
+                for i in from..to {
+                    visit(i, self.points[i as usize].0);
+                }
+            }
+        }
+    }
+
+    /// The sheets near `x`: those that pass within the fitting radius, fitted by planes.
+    pub fn near(&self, x: [f64; 3]) -> Near {
+        const ROOM: usize = 192;
+        let mut result = Near::default();
+        if self.points.is_empty() || self.far(x) {
+            return result;
+        }
+        let mut found = [(0u32, 0f32); ROOM];
+        let mut count = 0;
+        let centre = x.map(|c| c as f32);
+        let limit = (self.radius * self.radius) as f32;
+        self.visit(x, |i, p| {
+            let r: [f32; 3] = std::array::from_fn(|k| p[k] - centre[k]);
+            let r2 = r[0] * r[0] + r[1] * r[1] + r[2] * r[2];
+            if r2 < limit && count < ROOM {
+                found[count] = (i, r2);
+                count += 1;
+            }
+        });
+        let point = |i: u32| {
+            let (p, n) = self.points[i as usize];
+            (p.map(f64::from), n.map(f64::from))
+        };
+        // One sheet after the other, each grown from the nearest point that is left.
+        while count >= 4 && result.count < MOST {
+            let (nearest, _) = found[..count]
+                .iter()
+                .copied()
+                .fold(found[0], |best, f| if f.1 < best.1 { f } else { best });
+            let (seed, seed_normal) = point(nearest);
+            let member = |p: [f64; 3], n: [f64; 3]| {
+                let r = sub(p, seed);
+                dot(n, seed_normal).abs() > SAME_SHEET
+                    && dot(r, seed_normal).abs() < 0.4 * norm(r) + 0.4
+            };
+            let (mut weight, mut centre, mut normal, mut members) = (0.0, [0.0; 3], [0.0; 3], 0);
+            for &(i, r2) in &found[..count] {
+                let (p, n) = point(i);
+                if member(p, n) {
+                    let w = f64::from(1.0 - r2 / limit).powi(2) + 1e-3;
+                    weight += w;
+                    centre = add_scaled(centre, w, p);
+                    let sign = if dot(n, seed_normal) < 0.0 { -w } else { w };
+                    normal = add_scaled(normal, sign, n);
+                    members += 1;
+                }
+            }
+            let length = norm(normal);
+            if members >= 4 && length > 0.0 {
+                let normal = normal.map(|c| c / length);
+                let r = sub(x, centre.map(|c| c / weight));
+                let offset = dot(r, normal);
+                // Beyond the sheet's edge there is no sheet.
+                let aside = norm(add_scaled(r, -offset, normal));
+                if aside < 0.6 * self.radius && offset.abs() < self.radius {
+                    result.push(Sheet { normal, offset });
+                }
+            }
+            // What is left for the next sheet must differ in direction.
+            let mut kept = 0;
+            for i in 0..count {
+                let f = found[i];
+                if dot(point(f.0).1, seed_normal).abs() <= SAME_SHEET {
+                    found[kept] = f;
+                    kept += 1;
+                }
+            }
+            count = kept;
+        }
+        result
+    }
+
+    /// Whether the inside of the edge (p, q) passes through a sheet that holds neither end.
+    ///
+    /// `holds` tells whether an end is known to lie on a sheet of that normal, and `alone` whether
+    /// an end lies on a sheet and no other is near it. Returns the point where the edge pierces,
+    /// and the sheet there.
+    pub fn pierced(
+        &self,
+        p: [f64; 3],
+        q: [f64; 3],
+        alone: [bool; 2],
+        holds: impl Fn(usize, [f64; 3]) -> bool,
+    ) -> Option<([f64; 3], Sheet)> {
+        if self.points.is_empty() || (self.far(p) && self.far(q)) {
+            return None;
+        }
+        let edge = sub(q, p);
+        let length = norm(edge);
+        // Near an end on a single sheet there is only that sheet: look at the rest of the edge.
+        let clear = (3.0 / length).min(0.4);
+        let [from, to] = [
+            if alone[0] { clear } else { 0.0 },
+            if alone[1] { 1.0 - clear } else { 1.0 },
+        ];
+        if !self.touches(p, edge, length, from, to) {
+            return None;
+        }
+        let pace = 0.45 * self.radius;
+        let steps = (length / pace).ceil().max(2.0) as usize;
+        let mut last = f64::NEG_INFINITY;
+        for i in 1..steps {
+            let t = i as f64 / steps as f64;
+            let x = add_scaled(p, t, edge);
+            for sheet in self.near(x).iter() {
+                let slope = dot(edge, sheet.normal);
+                // Where the edge meets the plane fitted here.
+                let crossing = t - sheet.offset / slope;
+                if !(0.0..=1.0).contains(&crossing)
+                    || (crossing - t).abs() * length > 0.75 * pace + 0.25
+                    || (crossing - last).abs() * length < 0.1
+                {
+                    continue;
+                }
+                last = crossing;
+                if holds(0, sheet.normal) || holds(1, sheet.normal) {
+                    continue;
+                }
+                // Ends this close to the sheet touch it rather than pass it.
+                let touch = 0.25;
+                if crossing * slope.abs() < touch || (1.0 - crossing) * slope.abs() < touch {
+                    continue;
+                }
+                // Once more at the place itself: the sheet may end before it.
+                let at = add_scaled(p, crossing, edge);
+                let here = self.near(at);
+                let exact = here.iter().find(|s| {
+                    dot(s.normal, sheet.normal).abs() > SAME_SHEET && s.offset.abs() < 0.75
+                });
+                if let Some(&exact) = exact {
+                    return Some((at, exact));
+                }
+            }
+        }
+        None
+    }
+}
+
+#[inline]
+fn coarse_index(cell: f64, dims: [usize; 3], x: [f64; 3]) -> usize {
+    let c: [usize; 3] = std::array::from_fn(|k| ((x[k].max(0.0) / cell) as usize).min(dims[k] - 1));
+    (c[2] * dims[1] + c[1]) * dims[0] + c[0]
+}
+
+/// Marks the `reach` cells on both sides of every marked cell, along one axis.
+fn dilate(marks: &mut [bool], dims: [usize; 3], axis: usize, reach: usize) {
+    let stride = dims[..axis].iter().product::<usize>();
+    let n = dims[axis];
+    let before = marks.to_vec();
+    for (i, mark) in marks.iter_mut().enumerate() {
+        let c = (i / stride) % n;
+        *mark = (c.saturating_sub(reach)..=(c + reach).min(n - 1))
+            .any(|o| before[i + o * stride - c * stride]);
+    }
+}

@@ -1,0 +1,290 @@
+//! What an image file holds, for people and for programs.
+
+use std::fmt::Write;
+use std::path::Path;
+
+use serde::Serialize;
+
+use super::{Format, Loaded, ReadOptions, SegyInfo, detect, read, segy};
+use crate::error::{Cause, Result, os};
+use crate::image::{Image, Stats};
+
+/// What an image file holds.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Description {
+    /// The file.
+    pub file: String,
+    /// Its format.
+    pub format: String,
+    /// How it codes samples.
+    pub encoding: String,
+    /// The image, unless the file cannot be read as one.
+    pub image: Option<ImageDescription>,
+    /// What a SEG-Y file's headers say.
+    pub survey: Option<SegyInfo>,
+    /// Everything else that a user should know.
+    pub notes: Vec<String>,
+}
+
+/// Dims, place and values of an image.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ImageDescription {
+    /// The image axes, x (the fastest in memory) first.
+    pub axes: Vec<Axis>,
+    /// Shape of the array as NumPy has it, the fastest axis last.
+    pub numpy_shape: Vec<usize>,
+    /// Physical position of the first sample.
+    pub origin: [f64; 3],
+    /// Physical position of the sample with the largest indices.
+    pub far_corner: [f64; 3],
+    /// Unit of each physical coordinate; empty if unknown.
+    pub units: [String; 3],
+    /// Smallest finite sample.
+    pub min: f32,
+    /// Largest finite sample.
+    pub max: f32,
+    /// Mean of the finite samples.
+    pub mean: f64,
+    /// Number of NaN samples.
+    pub nan: usize,
+    /// Number of infinite samples.
+    pub infinite: usize,
+    /// Index (x first) of the first sample that is NaN or infinite.
+    pub first_bad: Option<[usize; 3]>,
+}
+
+/// One axis of an image.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Axis {
+    /// What it is.
+    pub name: String,
+    /// Number of samples along it.
+    pub count: usize,
+    /// Physical step from one sample to the next.
+    pub step: [f64; 3],
+    /// Length of that step.
+    pub spacing: f64,
+}
+
+/// Reads a file and says what it holds. A SEG-Y file that is no 3-D volume (a line, gathers, a
+/// single trace, cut off) is described too, as far as its headers go.
+///
+/// # Errors
+/// [`crate::Error::Io`] if the file cannot be read or understood at all.
+pub fn describe(path: &Path, options: &ReadOptions) -> Result<Description> {
+    let file = path.display().to_string();
+    if detect(path, options)? == Format::Segy {
+        let mut survey = segy::Survey::open(path, &options.segy)?;
+        let image = match survey.has_samples() {
+            true => Some(survey.load().map_err(|e| os(path, "read", e))?),
+            false => None,
+        };
+        if let Some(problem) = &survey.problem {
+            let Cause {
+                problem, remedy, ..
+            } = problem;
+            let note = format!("cannot be read as a 3-D volume: {problem}; {remedy}");
+            survey.notes.push(note);
+        }
+        return Ok(Description {
+            file,
+            format: Format::Segy.to_string(),
+            encoding: survey.info.encoding.clone(),
+            image: image.as_ref().map(ImageDescription::of),
+            survey: Some(survey.info),
+            notes: survey.notes,
+        });
+    }
+    let Loaded {
+        image,
+        format,
+        encoding,
+        notes,
+        survey,
+    } = read(path, options)?;
+    Ok(Description {
+        file,
+        format: format.to_string(),
+        encoding,
+        image: Some(ImageDescription::of(&image)),
+        survey,
+        notes,
+    })
+}
+
+impl ImageDescription {
+    /// Describes an image.
+    pub fn of(image: &Image<3>) -> Self {
+        let dims = image.dims();
+        let geometry = &image.geometry;
+        let spacing = geometry.spacing();
+        let Stats {
+            min,
+            max,
+            mean,
+            nan,
+            infinite,
+            first_bad,
+        } = image.stats();
+        Self {
+            axes: (0..3)
+                .map(|k| Axis {
+                    name: geometry.names[k].clone(),
+                    count: dims[k],
+                    step: geometry.axes[k],
+                    spacing: spacing[k],
+                })
+                .collect(),
+            numpy_shape: image.samples.shape().to_vec(),
+            origin: geometry.origin,
+            far_corner: geometry.to_physical(dims.map(|n| n.saturating_sub(1) as f64)),
+            units: geometry.units.clone(),
+            min,
+            max,
+            mean,
+            nan,
+            infinite,
+            first_bad,
+        }
+    }
+}
+
+impl Description {
+    /// The description as lines of text for a terminal.
+    pub fn to_lines(&self) -> String {
+        let mut rows: Vec<(String, String)> = vec![
+            ("file".into(), self.file.clone()),
+            (
+                "format".into(),
+                format!("{}, {}", self.format, self.encoding),
+            ),
+        ];
+        let mut row = |name: &str, value: String| rows.push((name.into(), value));
+        if let Some(survey) = &self.survey {
+            survey_rows(survey, &mut row);
+        }
+        if let Some(image) = &self.image {
+            image_rows(image, &mut row);
+        }
+        for note in &self.notes {
+            row("note", note.clone());
+        }
+        // The textual header often says where the line numbers and coordinates are.
+        for line in self.survey.iter().flat_map(|survey| &survey.text) {
+            row("text", line.clone());
+        }
+        let mut lines = String::new();
+        for (name, value) in rows {
+            // Writing to a String cannot fail.
+            let _ = writeln!(lines, "{name:<12}{value}");
+        }
+        lines
+    }
+}
+
+fn survey_rows(survey: &SegyInfo, row: &mut impl FnMut(&str, String)) {
+    row("revision", survey.revision.clone());
+    row(
+        "traces",
+        format!("{} of {} samples", survey.traces, survey.samples),
+    );
+    match survey.dt_ms {
+        Some(dt) => row("time", format!("from {} ms, every {dt} ms", survey.t0_ms)),
+        None => row("time", "no sample interval in the headers".into()),
+    }
+    let [inline, crossline] = survey.line_bytes;
+    if let Some(lines) = &survey.inlines {
+        row("inlines", format!("{lines}, at byte {inline}"));
+    }
+    if let Some(lines) = &survey.crosslines {
+        row("crosslines", format!("{lines}, at byte {crossline}"));
+    }
+    if survey.missing + survey.duplicates > 0 {
+        row(
+            "gaps",
+            format!(
+                "{} traces missing, {} duplicate",
+                survey.missing, survey.duplicates
+            ),
+        );
+    }
+}
+
+fn image_rows(image: &ImageDescription, row: &mut impl FnMut(&str, String)) {
+    let join = |part: fn(&Axis) -> String| {
+        let parts: Vec<String> = image.axes.iter().map(part).collect();
+        parts.join(" x ")
+    };
+    let counts = join(|axis| axis.count.to_string());
+    row(
+        "dims",
+        format!("{counts} ({})", join(|axis| axis.name.clone())),
+    );
+    let [x, y, z] = image.origin;
+    row("first", format!("({x:.3}, {y:.3}, {z:.3})"));
+    let [x, y, z] = image.far_corner;
+    row("last", format!("({x:.3}, {y:.3}, {z:.3})"));
+    for axis in &image.axes {
+        let [x, y, z] = axis.step;
+        row(
+            "step",
+            format!("({x:.4}, {y:.4}, {z:.4}) along {}", axis.name),
+        );
+    }
+    if image.units.iter().any(|u| !u.is_empty()) {
+        let known = |u: &String| {
+            if u.is_empty() {
+                "unknown".to_string()
+            } else {
+                u.clone()
+            }
+        };
+        let units: Vec<String> = image.units.iter().map(known).collect();
+        row("units", units.join(", "));
+    }
+    row(
+        "values",
+        format!("{} to {}, mean {:.6}", image.min, image.max, image.mean),
+    );
+    if let Some(index) = image.first_bad {
+        row(
+            "bad",
+            format!(
+                "{} NaN and {} infinite samples, the first at {index:?}",
+                image.nan, image.infinite
+            ),
+        );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::Geometry;
+
+    #[test]
+    fn an_image_in_numbers_and_in_words() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("ramp.npy");
+        let mut samples: Vec<f32> = (0..5 * 4 * 3).map(|i| i as f32).collect();
+        samples[7] = f32::NAN;
+        let image = Image::new([5, 4, 3], samples, Geometry::default());
+        super::super::write(&path, &image).unwrap();
+
+        let description = describe(&path, &ReadOptions::default()).unwrap();
+        let found = description.image.as_ref().unwrap();
+        assert_eq!(found.numpy_shape, [3, 4, 5]);
+        assert_eq!((found.min, found.max), (0.0, 59.0));
+        assert_eq!((found.nan, found.first_bad), (1, Some([2, 1, 0])));
+        assert_eq!(found.far_corner, [4.0, 3.0, 2.0]);
+
+        let lines = description.to_lines();
+        assert!(
+            lines.contains("5 x 4 x 3 (x x y x z)") && lines.contains("1 NaN"),
+            "{lines}"
+        );
+        let json = serde_json::to_value(&description).unwrap();
+        assert_eq!(json["image"]["axes"][0]["count"], 5);
+        assert_eq!(json["survey"], serde_json::Value::Null);
+    }
+}

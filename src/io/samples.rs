@@ -1,0 +1,275 @@
+//! Sample types as files hold them, and turning them into `f32`.
+
+use std::fs::File;
+use std::io;
+use std::os::unix::fs::FileExt;
+
+use rayon::prelude::*;
+
+/// How one sample is coded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[allow(missing_docs)] // the names say it
+pub enum SampleType {
+    Bool,
+    I8,
+    U8,
+    I16,
+    U16,
+    I24,
+    U24,
+    I32,
+    U32,
+    I64,
+    U64,
+    F16,
+    F32,
+    F64,
+    /// IBM System/360 single precision: sign, 7-bit exponent of 16, 24-bit fraction.
+    Ibm32,
+}
+
+/// Order of a sample's bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[allow(missing_docs)]
+pub enum Endian {
+    Little,
+    Big,
+}
+
+/// How samples lie in a file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Encoding {
+    /// How one sample is coded.
+    pub sample: SampleType,
+    /// Order of its bytes.
+    pub endian: Endian,
+}
+
+impl std::fmt::Display for Encoding {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let name = match self.sample {
+            SampleType::Bool => "1-byte logical",
+            SampleType::I8 => "8-bit integer",
+            SampleType::U8 => "8-bit unsigned integer",
+            SampleType::I16 => "16-bit integer",
+            SampleType::U16 => "16-bit unsigned integer",
+            SampleType::I24 => "24-bit integer",
+            SampleType::U24 => "24-bit unsigned integer",
+            SampleType::I32 => "32-bit integer",
+            SampleType::U32 => "32-bit unsigned integer",
+            SampleType::I64 => "64-bit integer",
+            SampleType::U64 => "64-bit unsigned integer",
+            SampleType::F16 => "16-bit IEEE float",
+            SampleType::F32 => "32-bit IEEE float",
+            SampleType::F64 => "64-bit IEEE float",
+            SampleType::Ibm32 => "32-bit IBM float",
+        };
+        match (self.size(), self.endian) {
+            (1, _) => write!(f, "{name}"),
+            (_, Endian::Little) => write!(f, "{name}, little-endian"),
+            (_, Endian::Big) => write!(f, "{name}, big-endian"),
+        }
+    }
+}
+
+impl Encoding {
+    /// Bytes of one sample.
+    pub fn size(self) -> usize {
+        match self.sample {
+            SampleType::Bool | SampleType::I8 | SampleType::U8 => 1,
+            SampleType::I16 | SampleType::U16 | SampleType::F16 => 2,
+            SampleType::I24 | SampleType::U24 => 3,
+            SampleType::I32 | SampleType::U32 | SampleType::F32 | SampleType::Ibm32 => 4,
+            SampleType::I64 | SampleType::U64 | SampleType::F64 => 8,
+        }
+    }
+
+    /// A warning if integers were rounded on their way to `f32`, which holds 24 bits.
+    pub fn rounding_note(self, samples: &[f32]) -> Option<String> {
+        use SampleType::*;
+        let wide = matches!(self.sample, I32 | U32 | I64 | U64);
+        let rounded = wide && samples.iter().any(|v| v.abs() > 16_777_216.0);
+        rounded.then(|| "integers beyond 16777216 are rounded to 32-bit floats".to_string())
+    }
+
+    /// Converts `bytes` (`out.len()` samples) to `f32`, each rounded to the nearest one.
+    pub fn decode(self, bytes: &[u8], out: &mut [f32]) {
+        // The byte order is settled outside the loops, so that each of them vectorises.
+        macro_rules! each {
+            ($type:ty, $convert:expr) => {
+                match self.endian {
+                    Endian::Little => convert(bytes, out, |b| $convert(<$type>::from_le_bytes(b))),
+                    Endian::Big => convert(bytes, out, |b| $convert(<$type>::from_be_bytes(b))),
+                }
+            };
+        }
+        match self.sample {
+            SampleType::Bool => convert(bytes, out, |[b]| f32::from(u8::from(b != 0))),
+            SampleType::I8 => convert(bytes, out, |[b]| f32::from(b as i8)),
+            SampleType::U8 => convert(bytes, out, |[b]| f32::from(b)),
+            SampleType::I16 => each!(i16, f32::from),
+            SampleType::U16 => each!(u16, f32::from),
+            SampleType::I24 => match self.endian {
+                // Into the upper three bytes, then an arithmetic shift keeps the sign.
+                Endian::Little => convert(bytes, out, |[a, b, c]| {
+                    (i32::from_le_bytes([0, a, b, c]) >> 8) as f32
+                }),
+                Endian::Big => convert(bytes, out, |[a, b, c]| {
+                    (i32::from_be_bytes([a, b, c, 0]) >> 8) as f32
+                }),
+            },
+            SampleType::U24 => match self.endian {
+                Endian::Little => convert(bytes, out, |[a, b, c]| {
+                    u32::from_le_bytes([a, b, c, 0]) as f32
+                }),
+                Endian::Big => convert(bytes, out, |[a, b, c]| {
+                    u32::from_be_bytes([0, a, b, c]) as f32
+                }),
+            },
+            SampleType::I32 => each!(i32, |v| v as f32),
+            SampleType::U32 => each!(u32, |v| v as f32),
+            SampleType::I64 => each!(i64, |v| v as f32),
+            SampleType::U64 => each!(u64, |v| v as f32),
+            SampleType::F16 => each!(u16, from_half),
+            SampleType::F32 => each!(f32, |v| v),
+            SampleType::F64 => each!(f64, |v| v as f32),
+            SampleType::Ibm32 => each!(u32, from_ibm),
+        }
+    }
+
+    /// Reads and converts `out.len()` samples that start at byte `offset` of `file`, in parallel.
+    ///
+    /// # Errors
+    /// What the operating system reports, the file being too short included.
+    pub fn read(self, file: &File, offset: u64, out: &mut [f32]) -> io::Result<()> {
+        const CHUNK: usize = 1 << 18;
+        let size = self.size();
+        out.par_chunks_mut(CHUNK)
+            .enumerate()
+            .try_for_each_init(Vec::new, |buffer, (i, chunk)| {
+                buffer.resize(chunk.len() * size, 0);
+                file.read_exact_at(buffer, offset + (i * CHUNK * size) as u64)?;
+                self.decode(buffer, chunk);
+                Ok(())
+            })
+    }
+}
+
+/// Writes samples as little-endian `f32`.
+///
+/// # Errors
+/// What the operating system reports.
+pub fn write(writer: &mut impl io::Write, samples: &[f32]) -> io::Result<()> {
+    let mut bytes = Vec::new();
+    for chunk in samples.chunks(1 << 14) {
+        bytes.clear();
+        bytes.extend(chunk.iter().flat_map(|v| v.to_le_bytes()));
+        writer.write_all(&bytes)?;
+    }
+    Ok(())
+}
+
+fn convert<const N: usize>(bytes: &[u8], out: &mut [f32], value: impl Fn([u8; N]) -> f32) {
+    for (out, raw) in out.iter_mut().zip(bytes.as_chunks().0) {
+        *out = value(*raw);
+    }
+}
+
+/// `(-1)^s * fraction * 16^(exponent - 64)`, the fraction being 24 bits below the point.
+/// Values beyond `f32` become infinite.
+fn from_ibm(bits: u32) -> f32 {
+    let fraction = f64::from((bits & 0x00ff_ffff) as i32);
+    let exponent = u64::from(bits >> 24 & 0x7f);
+    // 16^(e - 64) / 2^24 = 2^(4e - 280), written as the exponent bits of an f64.
+    let scale = f64::from_bits((4 * exponent + 1023 - 280) << 52);
+    let magnitude = (fraction * scale) as f32;
+    f32::from_bits(magnitude.to_bits() | bits & 0x8000_0000)
+}
+
+/// IEEE 754 half precision.
+fn from_half(bits: u16) -> f32 {
+    let sign = u32::from(bits & 0x8000) << 16;
+    let magnitude = u32::from(bits & 0x7fff);
+    let value = match magnitude >> 10 {
+        0 => magnitude as f32 * 2f32.powi(-24),
+        31 => f32::from_bits(0x7f80_0000 | (magnitude & 0x3ff) << 13),
+        _ => f32::from_bits((magnitude << 13) + ((127 - 15) << 23)),
+    };
+    f32::from_bits(value.to_bits() | sign)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn decode(sample: SampleType, endian: Endian, bytes: &[u8]) -> Vec<f32> {
+        let encoding = Encoding { sample, endian };
+        let mut out = vec![f32::NAN; bytes.len() / encoding.size()];
+        encoding.decode(bytes, &mut out);
+        out
+    }
+
+    #[test]
+    fn both_byte_orders_of_every_type() {
+        use SampleType::*;
+        let cases: &[(SampleType, &[u8], f32)] = &[
+            (Bool, &[2], 1.0),
+            (I8, &[0xfe], -2.0),
+            (U8, &[0xfe], 254.0),
+            (I16, &[0xff, 0xfe], -2.0),
+            (U16, &[0xff, 0xfe], 65534.0),
+            (I24, &[0xff, 0xff, 0xfe], -2.0),
+            (U24, &[0xff, 0xff, 0xfe], 16777214.0),
+            (I32, &[0xff, 0xff, 0xff, 0xfe], -2.0),
+            (U32, &[0x00, 0x01, 0x00, 0x01], 65537.0),
+            (I64, &[0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xfe], -2.0),
+            (U64, &[0, 0, 0, 0, 0, 1, 0, 1], 65537.0),
+            (F16, &[0xc1, 0x00], -2.5),
+            (F32, &[0xc0, 0x20, 0, 0], -2.5),
+            (F64, &[0xc0, 0x04, 0, 0, 0, 0, 0, 0], -2.5),
+            (Ibm32, &[0xc1, 0x28, 0, 0], -2.5),
+        ];
+        for (sample, big, value) in cases {
+            let little: Vec<u8> = big.iter().rev().copied().collect();
+            assert_eq!(decode(*sample, Endian::Big, big), [*value], "{sample:?}");
+            assert_eq!(
+                decode(*sample, Endian::Little, &little),
+                [*value],
+                "{sample:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn ibm_floats() {
+        // The worked example of the System/360 manuals, and the ends of the range.
+        for (bits, value) in [
+            (0xc276_a000, -118.625),
+            (0x4110_0000, 1.0),
+            (0x0000_0000, 0.0),
+            (0x4019_999a, 0.100_000_024),
+            (0x7fff_ffff, f32::INFINITY),
+            (0x0010_0000, 0.0),
+        ] {
+            assert_eq!(from_ibm(bits), value, "{bits:x}");
+        }
+        // Unnormalised fractions are legal.
+        assert_eq!(from_ibm(0x4200_1000), 1.0 / 16.0);
+    }
+
+    #[test]
+    fn half_floats() {
+        for (bits, value) in [
+            (0x3c00, 1.0),
+            (0xc000, -2.0),
+            (0x7bff, 65504.0),
+            (0x0400, 2f32.powi(-14)),
+            (0x0001, 2f32.powi(-24)),
+            (0x8000, -0.0),
+            (0x7c00, f32::INFINITY),
+        ] {
+            assert_eq!(from_half(bits).to_bits(), f32::to_bits(value), "{bits:x}");
+        }
+        assert!(from_half(0x7e00).is_nan());
+    }
+}

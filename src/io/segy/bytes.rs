@@ -1,0 +1,135 @@
+//! Which trace header bytes hold what.
+
+use std::str::FromStr;
+
+/// Bytes of a standard trace header.
+pub const TRACE_HEADER: usize = 240;
+
+/// First byte (counted from 1, as the standard does) of the trace header fields that place a trace.
+/// An optional field set to 0 is not read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SegyBytes {
+    /// Inline number, 4 bytes.
+    pub inline: usize,
+    /// Crossline number, 4 bytes.
+    pub crossline: usize,
+    /// X coordinate, 4 bytes; optional.
+    pub x: usize,
+    /// Y coordinate, 4 bytes; optional.
+    pub y: usize,
+    /// Coordinate scalar, 2 bytes: divides if negative, multiplies if positive; optional.
+    pub scalar: usize,
+    /// Delay recording time: time of the first sample in ms, 2 bytes; optional.
+    pub delay: usize,
+    /// Sample interval in microseconds, 2 bytes; used where the file header has none; optional.
+    pub dt: usize,
+}
+
+impl Default for SegyBytes {
+    /// The places of the SEG-Y standard since revision 1.
+    fn default() -> Self {
+        Self {
+            inline: 189,
+            crossline: 193,
+            x: 181,
+            y: 185,
+            scalar: 71,
+            delay: 109,
+            dt: 117,
+        }
+    }
+}
+
+impl FromStr for SegyBytes {
+    type Err = String;
+
+    /// `inline=9,crossline=21,x=73,y=77,scalar=71,delay=109,dt=117`, each optional, the others
+    /// staying at the standard's places.
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        let mut bytes = Self::default();
+        for entry in text.split(',').filter(|entry| !entry.trim().is_empty()) {
+            let (name, byte) = entry.split_once('=').unwrap_or((entry, ""));
+            let field = match name.trim() {
+                "inline" => &mut bytes.inline,
+                "crossline" => &mut bytes.crossline,
+                "x" => &mut bytes.x,
+                "y" => &mut bytes.y,
+                "scalar" => &mut bytes.scalar,
+                "delay" => &mut bytes.delay,
+                "dt" => &mut bytes.dt,
+                other => {
+                    return Err(format!(
+                        "unknown header field '{other}'; use inline, crossline, x, y, scalar, delay or dt, e.g. inline=9,crossline=21"
+                    ));
+                }
+            };
+            *field = byte
+                .trim()
+                .parse()
+                .map_err(|_| format!("'{entry}' names no byte; write e.g. inline=9"))?;
+        }
+        bytes.check()?;
+        Ok(bytes)
+    }
+}
+
+impl SegyBytes {
+    /// Every field must lie within the 240 bytes of a trace header, and the line numbers and both
+    /// or neither of the coordinates must be given.
+    ///
+    /// # Errors
+    /// Says which field is wrong.
+    pub fn check(&self) -> std::result::Result<(), String> {
+        let fields = [
+            ("inline", self.inline, 4, false),
+            ("crossline", self.crossline, 4, false),
+            ("x", self.x, 4, true),
+            ("y", self.y, 4, true),
+            ("scalar", self.scalar, 2, true),
+            ("delay", self.delay, 2, true),
+            ("dt", self.dt, 2, true),
+        ];
+        for (name, byte, width, optional) in fields {
+            let last = TRACE_HEADER + 1 - width;
+            if byte > last || (byte == 0 && !optional) {
+                return Err(format!(
+                    "{name}={byte} is outside the trace header; use a byte from 1 to {last}"
+                ));
+            }
+        }
+        if (self.x == 0) != (self.y == 0) {
+            return Err("only one of x and y is 0; give both bytes or set both to 0".into());
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fields_are_overridden_one_by_one() {
+        let bytes: SegyBytes = "inline=9, crossline=21,delay=0".parse().unwrap();
+        let default = SegyBytes::default();
+        let expected = SegyBytes {
+            inline: 9,
+            crossline: 21,
+            delay: 0,
+            ..default
+        };
+        assert_eq!(bytes, expected);
+        assert_eq!("".parse(), Ok(default));
+        for bad in [
+            "inline",
+            "inline=x",
+            "line=3",
+            "inline=238",
+            "crossline=0",
+            "x=0",
+            "dt=240",
+        ] {
+            assert!(bad.parse::<SegyBytes>().is_err(), "{bad}");
+        }
+    }
+}

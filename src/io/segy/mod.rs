@@ -1,0 +1,102 @@
+//! SEG-Y, revisions 0 to 2: post-stack 3-D volumes in any order of traces.
+//!
+//! Image axes are `sample` (x, fastest in memory), `crossline` and `inline`, so the NumPy shape is
+//! (inline, crossline, sample). Physical coordinates are X, Y and minus the two-way time in
+//! milliseconds: negative downwards, so that pictures with z up show the survey the right way up.
+//!
+//! - [`bytes`]: which trace header bytes hold what
+//! - `text`, `header`: the file's headers; byte order, sample format, layout
+//! - `headers`: the headers of all traces, as columns
+//! - [`grid`]: from line numbers to cells
+//! - [`place`]: from coordinates to the affine map that places the survey
+//! - [`Survey`]: all of these together; [`scan`] and [`read`] show what it found
+//! - `load`: its samples, put into an image
+
+pub mod bytes;
+pub mod grid;
+mod header;
+mod headers;
+mod load;
+pub mod place;
+mod survey;
+mod text;
+
+#[cfg(test)]
+mod tests;
+
+use std::path::Path;
+
+use serde::Serialize;
+
+use super::{Format, Loaded};
+use crate::error::{Error, Result, os};
+
+pub use bytes::SegyBytes;
+pub use grid::Lines;
+pub use header::{FILE_HEADER, looks_like};
+pub use place::Fit;
+pub use survey::Survey;
+
+/// What a SEG-Y file holds.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SegyInfo {
+    /// Sample format and byte order.
+    pub encoding: String,
+    /// Revision that the file claims, e.g. `1.0`.
+    pub revision: String,
+    /// Number of whole traces in the file.
+    pub traces: usize,
+    /// Samples of each trace.
+    pub samples: usize,
+    /// Sample interval in ms.
+    pub dt_ms: Option<f64>,
+    /// Time of the first sample in ms.
+    pub t0_ms: f64,
+    /// First bytes of the inline and the crossline number.
+    pub line_bytes: [usize; 2],
+    /// Inline numbers.
+    pub inlines: Option<Lines>,
+    /// Crossline numbers.
+    pub crosslines: Option<Lines>,
+    /// Cells without a trace; they are filled with zeros.
+    pub missing: usize,
+    /// Traces left out because an earlier one has their inline and crossline.
+    pub duplicates: usize,
+    /// Where the coordinates come from, e.g. `bytes 181 and 185`.
+    pub placed_by: String,
+    /// How well the coordinates follow a regular grid.
+    pub fit: Option<Fit>,
+    /// Why the file cannot be read as a 3-D volume.
+    pub problem: Option<String>,
+    /// The textual header.
+    pub text: Vec<String>,
+}
+
+/// Reads all headers of a SEG-Y file and says what it holds, also when that is no 3-D volume.
+/// Returns also the notes that a user should see.
+///
+/// # Errors
+/// [`Error::Io`] if the file cannot be read or its file header makes no sense.
+pub fn scan(path: &Path, bytes: &SegyBytes) -> Result<(SegyInfo, Vec<String>)> {
+    let survey = Survey::open(path, bytes)?;
+    Ok((survey.info, survey.notes))
+}
+
+/// Reads a 3-D post-stack volume.
+///
+/// # Errors
+/// [`Error::Io`] if the file cannot be read or holds anything but a 3-D post-stack volume.
+pub fn read(path: &Path, bytes: &SegyBytes) -> Result<Loaded> {
+    let mut survey = Survey::open(path, bytes)?;
+    if let Some(problem) = survey.problem {
+        return Err(Error::Io(problem));
+    }
+    let image = survey.load().map_err(|e| os(path, "read", e))?;
+    Ok(Loaded {
+        image,
+        format: Format::Segy,
+        encoding: survey.info.encoding.clone(),
+        notes: survey.notes,
+        survey: Some(survey.info),
+    })
+}

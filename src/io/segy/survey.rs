@@ -1,0 +1,399 @@
+//! A SEG-Y file's headers made sense of: lines, times and places of all traces.
+
+use std::path::Path;
+
+use super::SegyInfo;
+use super::bytes::SegyBytes;
+use super::grid::Grid;
+use super::header::Layout;
+use super::headers::Headers;
+use super::place::Fit;
+use crate::error::{Cause, Result, cause, os};
+use crate::image::Geometry;
+
+/// Where line numbers are when they are not at the standard's bytes: field record, trace number,
+/// or source point, and CDP.
+const OTHER_LINE_BYTES: [[usize; 2]; 3] = [[9, 21], [5, 21], [17, 21]];
+
+/// The image axes, the fastest in memory first.
+const AXES: [&str; 3] = ["sample", "crossline", "inline"];
+
+/// An open SEG-Y file whose headers have been understood.
+pub struct Survey {
+    /// What the file holds.
+    pub info: SegyInfo,
+    /// What a user should know about how the file was understood.
+    pub notes: Vec<String>,
+    /// Why the file cannot be read as a 3-D volume.
+    pub problem: Option<Cause>,
+    pub(super) layout: Layout,
+    pub(super) grid: Option<Grid>,
+    pub(super) geometry: Geometry<3>,
+}
+
+impl Survey {
+    /// Reads and interprets all headers.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`] if the file cannot be read or its file header makes no sense. What is
+    /// wrong with its traces is put into [`Survey::problem`].
+    pub fn open(path: &Path, bytes: &SegyBytes) -> Result<Self> {
+        let invalid = |problem| {
+            crate::Error::Io(cause(
+                "SEG-Y header bytes",
+                problem,
+                "see the trace header's layout",
+            ))
+        };
+        bytes.check().map_err(invalid)?;
+        let layout = Layout::open(path)?;
+        let headers = Headers::read(&layout).map_err(|e| os(path, "read", e))?;
+        let (major, minor) = layout.revision;
+        let info = SegyInfo {
+            encoding: layout.encoding.to_string(),
+            revision: format!("{major}.{minor}"),
+            traces: layout.traces,
+            samples: layout.samples,
+            dt_ms: None,
+            t0_ms: 0.0,
+            line_bytes: [bytes.inline, bytes.crossline],
+            inlines: None,
+            crosslines: None,
+            missing: 0,
+            duplicates: 0,
+            placed_by: String::new(),
+            fit: None,
+            problem: None,
+            text: layout.text.clone(),
+        };
+        let mut survey = Self {
+            info,
+            notes: layout.notes.clone(),
+            problem: None,
+            layout,
+            grid: None,
+            geometry: Geometry {
+                names: AXES.map(String::from),
+                ..Geometry::default()
+            },
+        };
+        if let Err((problem, remedy)) = survey.interpret(bytes, &headers) {
+            survey.info.problem = Some(problem.clone());
+            survey.problem = Some(cause(path.display(), problem, remedy));
+        }
+        Ok(survey)
+    }
+
+    /// Whether the traces make a grid whose samples can be read: a volume or a line.
+    pub fn has_samples(&self) -> bool {
+        self.grid.is_some()
+    }
+
+    /// Fills in all that the trace headers say; stops with problem and remedy at the first thing
+    /// that keeps the file from being a 3-D volume.
+    fn interpret(
+        &mut self,
+        bytes: &SegyBytes,
+        headers: &Headers,
+    ) -> std::result::Result<(), (String, &'static str)> {
+        if self.layout.traces > 0 {
+            self.find_times(bytes, headers);
+        }
+        if self.layout.left_over > 0 {
+            let problem = format!(
+                "is cut off, or its traces differ in length: {} bytes are left over after {} traces of {} samples",
+                self.layout.left_over, self.layout.traces, self.layout.samples
+            );
+            return Err((
+                problem,
+                "copy it again, or write it with traces of one length",
+            ));
+        }
+        match self.layout.traces {
+            0 => return Err(("has no traces".into(), "give a file with a 3-D volume")),
+            1 => return Err(("has a single trace".into(), "give a file with a 3-D volume")),
+            _ => {}
+        }
+
+        let grid = self.find_grid(bytes, headers).map_err(|problem| {
+            (
+                problem,
+                "say where the line numbers are, e.g. --segy-bytes inline=9,crossline=21",
+            )
+        })?;
+        self.info.inlines = Some(grid.inline);
+        self.info.crosslines = Some(grid.crossline);
+        if grid.is_prestack() {
+            let problem = format!(
+                "has several traces in a cell ({} traces in {} cells): it is pre-stack, or the line numbers are not at bytes {} and {}",
+                self.layout.traces,
+                grid.trace.len() - grid.missing,
+                self.info.line_bytes[0],
+                self.info.line_bytes[1]
+            );
+            return Err((
+                problem,
+                "stack it first, or say where the line numbers are, e.g. --segy-bytes inline=9,crossline=21",
+            ));
+        }
+        self.info.missing = grid.missing;
+        self.info.duplicates = grid.duplicates;
+        if grid.missing > 0 {
+            self.notes.push(format!(
+                "{} of {} cells have no trace: filled with zeros",
+                grid.missing,
+                grid.trace.len()
+            ));
+        }
+        if grid.duplicates > 0 {
+            self.notes.push(format!(
+                "{} traces repeat the inline and crossline of an earlier one: the first is kept",
+                grid.duplicates
+            ));
+        }
+        if grid.is_volume() {
+            self.place(bytes, headers, &grid);
+        }
+        let problem = if !grid.is_volume() {
+            let problem = format!(
+                "is a single line, not a volume: inlines {}, crosslines {}",
+                grid.inline, grid.crossline
+            );
+            Some((problem, "give a 3-D volume"))
+        } else {
+            self.different_starts(bytes, headers)
+        };
+        self.grid = Some(grid);
+        problem.map_or(Ok(()), Err)
+    }
+
+    /// Sample interval and time of the first sample.
+    fn find_times(&mut self, bytes: &SegyBytes, headers: &Headers) {
+        let first = |byte: usize| match byte {
+            0 => 0,
+            _ => headers.i16s(byte)[0],
+        };
+        let of_trace = Some(f64::from(first(bytes.dt))).filter(|&dt| dt > 0.0);
+        let dt = match (self.layout.dt, of_trace) {
+            (Some(file), Some(trace)) if file != trace => {
+                self.notes.push(format!(
+                    "the file header's sample interval is {file} us, the first trace's {trace} us: the former is used"
+                ));
+                Some(file)
+            }
+            (file, trace) => file.or(trace),
+        };
+        if dt.is_none() {
+            self.notes.push(
+                "no header gives the sample interval: the vertical coordinate counts samples"
+                    .into(),
+            );
+        }
+        self.info.dt_ms = dt.map(|us| us / 1000.0);
+
+        // Revision 1 added a scalar for times at 215: it divides if negative.
+        let delay = f64::from(first(bytes.delay));
+        self.info.t0_ms = match first(215) {
+            _ if self.layout.revision.0 == 0 => delay,
+            s @ (1 | 10 | 100 | 1000 | 10000) => delay * f64::from(s),
+            s @ (-1 | -10 | -100 | -1000 | -10000) => delay / -f64::from(s),
+            _ => delay,
+        };
+    }
+
+    /// Traces that start at different times are not aligned, and the image would be wrong.
+    fn different_starts(
+        &self,
+        bytes: &SegyBytes,
+        headers: &Headers,
+    ) -> Option<(String, &'static str)> {
+        if bytes.delay == 0 {
+            return None;
+        }
+        // Dead traces (byte 29: 2) often have no times.
+        let dead = headers.i16s(29).into_iter().map(|id| id == 2);
+        let delays = headers.i16s(bytes.delay).into_iter().zip(dead);
+        let alive: Vec<i16> = delays.filter(|d| !d.1).map(|d| d.0).collect();
+        let (least, most) = (alive.iter().min()?, alive.iter().max()?);
+        (least != most).then(|| {
+            (
+                format!(
+                    "its traces start at different times: from {least} to {most} ms (byte {})",
+                    bytes.delay
+                ),
+                "write it with one start time, or ignore these with --segy-bytes delay=0",
+            )
+        })
+    }
+
+    /// The grid by the given line numbers, or, if they are the standard's and make no sense, by
+    /// others in use.
+    fn find_grid(
+        &mut self,
+        bytes: &SegyBytes,
+        headers: &Headers,
+    ) -> std::result::Result<Grid, String> {
+        let offsets = headers.i32s(37);
+        let grid = |[inline, crossline]: [usize; 2]| {
+            Grid::of(&headers.i32s(inline), &headers.i32s(crossline), &offsets)
+        };
+        let given = [bytes.inline, bytes.crossline];
+        let standard = SegyBytes::default();
+        let found = grid(given);
+        let Err(problem) = found else {
+            return found;
+        };
+        let problem = format!(
+            "its line numbers at bytes {} and {} make no survey: {problem}",
+            given[0], given[1]
+        );
+        if given != [standard.inline, standard.crossline]
+            || offsets.iter().any(|o| *o != offsets[0])
+        {
+            return Err(problem);
+        }
+        for other in OTHER_LINE_BYTES {
+            let convincing = |grid: &Grid| {
+                grid.is_volume() && grid.duplicates == 0 && 2 * grid.missing <= grid.trace.len()
+            };
+            if let Some(grid) = grid(other).ok().filter(convincing) {
+                self.notes.push(format!(
+                    "{problem}; bytes {} and {} make one and are used instead",
+                    other[0], other[1]
+                ));
+                self.info.line_bytes = other;
+                return Ok(grid);
+            }
+        }
+        Err(problem)
+    }
+
+    /// Places the survey by the best coordinates there are, the line numbers as the last resort.
+    fn place(&mut self, bytes: &SegyBytes, headers: &Headers, grid: &Grid) {
+        let inlines = headers.i32s(self.info.line_bytes[0]);
+        let crosslines = headers.i32s(self.info.line_bytes[1]);
+        let cells: Vec<[usize; 2]> = inlines
+            .iter()
+            .zip(&crosslines)
+            .map(|(&i, &c)| [grid.inline.index(i), grid.crossline.index(c)])
+            .collect();
+        let integers = |[x, y]: [usize; 2]| {
+            let (x, y) = (headers.i32s(x), headers.i32s(y));
+            if (x == inlines && y == crosslines) || (x == crosslines && y == inlines) {
+                return Err("only repeat the line numbers".to_string());
+            }
+            Fit::of(&cells, &scaled(&x, &y, headers, bytes.scalar))
+        };
+
+        let standard = SegyBytes::default();
+        let mut tried: Vec<(String, std::result::Result<Fit, String>)> = Vec::new();
+        // Where revision 2's floating-point coordinates are given, they supersede the integers.
+        if let (Some(x), Some(y)) = (headers.extension_f64s(161), headers.extension_f64s(169)) {
+            let positions: Vec<[f64; 2]> = x.into_iter().zip(y).map(|(x, y)| [x, y]).collect();
+            if positions.iter().any(|p| *p != [0.0, 0.0]) {
+                let fit = Fit::of(&cells, &positions);
+                tried.push(("bytes 161 and 169 of trace header extension 1".into(), fit));
+            }
+        }
+        let mut places = vec![[bytes.x, bytes.y]];
+        if places[0] == [standard.x, standard.y] {
+            places.push([73, 77]);
+        }
+        for place in places.into_iter().filter(|&[x, _]| x > 0) {
+            if tried.iter().any(|(_, fit)| fit.is_ok()) {
+                break;
+            }
+            let name = format!("bytes {} and {}", place[0], place[1]);
+            tried.push((name, integers(place)));
+        }
+
+        for (name, fit) in tried {
+            match fit {
+                Ok(fit) => {
+                    self.notes.push(format!(
+                        "placed by X, Y at {name}: they miss a regular grid by {:.3} rms, {:.3} at most (pitch: inlines {:.3}, crosslines {:.3})",
+                        fit.rms, fit.max, fit.pitch()[0], fit.pitch()[1]
+                    ));
+                    self.info.placed_by = name;
+                    self.info.fit = Some(fit);
+                }
+                Err(reason) => {
+                    self.notes
+                        .push(format!("X, Y at {name} {reason}: not used"));
+                }
+            }
+        }
+        self.geometry = self.geometry_of(grid, headers);
+    }
+
+    fn geometry_of(&mut self, grid: &Grid, headers: &Headers) -> Geometry<3> {
+        let vertical = self.info.dt_ms.unwrap_or(1.0);
+        let (origin, crossline, inline, unit) = match &self.info.fit {
+            Some(fit) => {
+                let unit = match (headers.i16s(89)[0], self.layout.feet) {
+                    (2, _) => "arcsec",
+                    (3, _) => "deg",
+                    (_, Some(true)) => "ft",
+                    (_, Some(false)) => "m",
+                    (_, None) => "",
+                };
+                if unit.is_empty() {
+                    self.notes
+                        .push("the file does not say whether X, Y are metres or feet".into());
+                }
+                (fit.origin, fit.crossline, fit.inline, unit)
+            }
+            None => {
+                self.notes.push(
+                    "no usable X, Y: horizontal coordinates are inline and crossline numbers"
+                        .into(),
+                );
+                self.info.placed_by = "line numbers".into();
+                (
+                    [grid.inline.first as f64, grid.crossline.first as f64],
+                    [0.0, grid.crossline.step as f64],
+                    [grid.inline.step as f64, 0.0],
+                    "line",
+                )
+            }
+        };
+        let time = if self.info.dt_ms.is_some() {
+            "ms"
+        } else {
+            "sample"
+        };
+        // Without an interval the start time has no place on an axis that counts samples.
+        let top = match self.info.dt_ms {
+            Some(_) => 0.0 - self.info.t0_ms, // not -t0, which may be -0
+            None => 0.0,
+        };
+        Geometry {
+            origin: [origin[0], origin[1], top],
+            axes: [
+                [0.0, 0.0, -vertical],
+                [crossline[0], crossline[1], 0.0],
+                [inline[0], inline[1], 0.0],
+            ],
+            names: AXES.map(String::from),
+            units: [unit, unit, time].map(String::from),
+        }
+    }
+}
+
+/// Coordinates with each trace's own scalar: divided if it is negative, multiplied if positive.
+fn scaled(x: &[i32], y: &[i32], headers: &Headers, scalar: usize) -> Vec<[f64; 2]> {
+    let scalars = match scalar {
+        0 => vec![1; x.len()],
+        byte => headers.i16s(byte),
+    };
+    let scale = |v: i32, scalar: i16| match scalar {
+        0 => f64::from(v),
+        s if s < 0 => f64::from(v) / -f64::from(s),
+        s => f64::from(v) * f64::from(s),
+    };
+    x.iter()
+        .zip(y)
+        .zip(scalars)
+        .map(|((&x, &y), s)| [scale(x, s), scale(y, s)])
+        .collect()
+}

@@ -1,0 +1,168 @@
+//! VTK's XML files: the container that `.vti`, `.vtu` and `.vtp` share.
+//!
+//! What we write: version 1.0, little endian, `header_type="UInt64"`, all arrays appended raw in
+//! zlib blocks. What we read: that, and what VTK, ParaView and meshio write: ascii, base64 inline,
+//! appended raw or base64, zlib or no compression, 32- and 64-bit headers, both byte orders.
+//! Layout: VTK file formats, <https://docs.vtk.org/en/latest/vtk_file_formats/vtkxml_file_format.html>.
+//!
+//! - [`write`]: [`Document`], streamed array by array
+//! - [`read`]: [`VtkFile`]
+//! - [`xml`]: the little XML that this needs
+
+pub mod read;
+pub mod write;
+pub mod xml;
+
+pub use read::VtkFile;
+pub use write::{Document, Source};
+
+/// One named array of a VTK file, `components` numbers a tuple.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DataArray {
+    /// Its name.
+    pub name: String,
+    /// Numbers in a tuple: 1 for scalars, 3 for vectors.
+    pub components: usize,
+    /// The numbers, tuple after tuple.
+    pub values: Values,
+}
+
+impl DataArray {
+    /// A scalar array.
+    pub fn scalars(name: impl Into<String>, values: impl Into<Values>) -> Self {
+        Self {
+            name: name.into(),
+            components: 1,
+            values: values.into(),
+        }
+    }
+}
+
+/// A number type that VTK files can hold.
+pub trait Scalar: Copy + Send + Sync + 'static {
+    /// VTK's name of the type.
+    const KIND: &'static str;
+    /// Bytes of a number.
+    const SIZE: usize;
+    /// Appends the number, little endian.
+    fn put(self, bytes: &mut Vec<u8>);
+}
+
+macro_rules! scalars {
+    ($($variant:ident $type:ty, $kind:literal;)*) => {
+        /// Numbers of any type that VTK files can hold.
+        #[derive(Debug, Clone, PartialEq)]
+        #[allow(missing_docs)]
+        pub enum Values {
+            $($variant(Vec<$type>),)*
+        }
+
+        $(
+            impl Scalar for $type {
+                const KIND: &'static str = $kind;
+                const SIZE: usize = size_of::<$type>();
+                #[inline]
+                fn put(self, bytes: &mut Vec<u8>) {
+                    bytes.extend_from_slice(&self.to_le_bytes());
+                }
+            }
+
+            impl From<Vec<$type>> for Values {
+                fn from(values: Vec<$type>) -> Self {
+                    Self::$variant(values)
+                }
+            }
+        )*
+
+        impl Values {
+            /// How many numbers there are.
+            pub fn len(&self) -> usize {
+                match self {
+                    $(Self::$variant(v) => v.len(),)*
+                }
+            }
+
+            /// Whether there are none.
+            pub fn is_empty(&self) -> bool {
+                self.len() == 0
+            }
+
+            /// VTK's name of the number type.
+            pub fn kind(&self) -> &'static str {
+                match self {
+                    $(Self::$variant(_) => $kind,)*
+                }
+            }
+
+            /// The numbers as `f32`, rounded where they do not fit.
+            pub fn to_f32(&self) -> Vec<f32> {
+                match self {
+                    $(Self::$variant(v) => v.iter().map(|&x| x as f32).collect(),)*
+                }
+            }
+
+            /// The numbers as `f64`, rounded where 64-bit integers do not fit.
+            pub fn to_f64(&self) -> Vec<f64> {
+                match self {
+                    $(Self::$variant(v) => v.iter().map(|&x| x as f64).collect(),)*
+                }
+            }
+
+            /// The numbers as `i64`; fractions are cut off.
+            pub fn to_i64(&self) -> Vec<i64> {
+                match self {
+                    $(Self::$variant(v) => v.iter().map(|&x| x as i64).collect(),)*
+                }
+            }
+
+            /// The numbers as a source for a [`Document`].
+            pub fn source<'a>(&'a self, name: &str, components: usize) -> Source<'a> {
+                match self {
+                    $(Self::$variant(v) => Source::slice(name, components, v),)*
+                }
+            }
+
+            /// Numbers of VTK's type `kind` from their bytes; `None` for a type that is not one.
+            /// A rest shorter than a number is ignored.
+            pub(crate) fn from_bytes(kind: &str, bytes: &[u8], big_endian: bool) -> Option<Self> {
+                match kind {
+                    $($kind => {
+                        let (numbers, _) = bytes.as_chunks();
+                        Some(Self::$variant(if big_endian {
+                            numbers.iter().map(|&b| <$type>::from_be_bytes(b)).collect()
+                        } else {
+                            numbers.iter().map(|&b| <$type>::from_le_bytes(b)).collect()
+                        }))
+                    })*
+                    _ => None,
+                }
+            }
+
+            /// Numbers of VTK's type `kind` from text; `Err` holds the word that is not one.
+            pub(crate) fn from_text<'a>(kind: &str, text: &'a str) -> Option<Result<Self, &'a str>> {
+                match kind {
+                    $($kind => Some(
+                        text.split_ascii_whitespace()
+                            .map(|word| word.parse::<$type>().map_err(|_| word))
+                            .collect::<Result<Vec<_>, _>>()
+                            .map(Self::$variant),
+                    ),)*
+                    _ => None,
+                }
+            }
+        }
+    };
+}
+
+scalars! {
+    I8 i8, "Int8";
+    U8 u8, "UInt8";
+    I16 i16, "Int16";
+    U16 u16, "UInt16";
+    I32 i32, "Int32";
+    U32 u32, "UInt32";
+    I64 i64, "Int64";
+    U64 u64, "UInt64";
+    F32 f32, "Float32";
+    F64 f64, "Float64";
+}

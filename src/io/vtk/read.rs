@@ -1,0 +1,409 @@
+//! Reading VTK XML files: the XML as a tree, arrays when asked for.
+
+use std::path::{Path, PathBuf};
+
+use flate2::{Decompress, FlushDecompress, Status};
+use rayon::prelude::*;
+
+use super::xml::{self, Element};
+use super::{DataArray, Values};
+use crate::error::{Error, Result, cause, os};
+
+/// A VTK XML file in memory, arrays still as they are in the file.
+pub struct VtkFile {
+    path: PathBuf,
+    bytes: Vec<u8>,
+    root: Element,
+    big_endian: bool,
+    wide_headers: bool,
+    compressed: bool,
+}
+
+impl VtkFile {
+    /// Reads a file of VTK's data set `kind`, e.g. `UnstructuredGrid`.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if it cannot be read, is no VTK XML file, or holds something else.
+    pub fn read(path: &Path, kind: &str) -> Result<Self> {
+        let bytes = std::fs::read(path).map_err(|e| os(path, "read", e))?;
+        let file = Self {
+            path: path.to_path_buf(),
+            bytes,
+            root: Element::default(),
+            big_endian: false,
+            wide_headers: false,
+            compressed: false,
+        };
+        file.parsed(kind)
+    }
+
+    fn parsed(mut self, kind: &str) -> Result<Self> {
+        let remedy = format!("give a VTK XML file of type {kind}");
+        if self.bytes.is_empty() {
+            return Err(self.fault("is empty", remedy));
+        }
+        let start = &self.bytes[..self.bytes.len().min(4096)];
+        if !start.windows(8).any(|w| w == b"<VTKFile") {
+            return Err(self.fault("is not a VTK XML file", remedy));
+        }
+        let root = xml::parse(&self.bytes)
+            .map_err(|why| self.fault(format!("is damaged: {why}"), "write it anew"))?;
+        let held = root.attribute("type").unwrap_or("nothing");
+        if root.name != "VTKFile" || held != kind || root.child(kind).is_none() {
+            return Err(self.fault(format!("holds {held}, not {kind}"), remedy));
+        }
+        self.big_endian = root.attribute("byte_order") == Some("BigEndian");
+        self.wide_headers = match root.attribute("header_type") {
+            None | Some("UInt32") => false,
+            Some("UInt64") => true,
+            Some(other) => {
+                let problem = format!("has headers of the unknown type {other}");
+                return Err(self.fault(problem, "write it with UInt64 headers"));
+            }
+        };
+        self.compressed = match root.attribute("compressor") {
+            None | Some("") => false,
+            Some("vtkZLibDataCompressor") => true,
+            Some(other) => {
+                let problem = format!("is compressed with {other}, which is not read");
+                return Err(self.fault(problem, "write it with zlib compression, or none"));
+            }
+        };
+        self.root = root;
+        Ok(self)
+    }
+
+    /// The data set's element.
+    pub fn data_set(&self) -> &Element {
+        // `parsed` has found it.
+        let kind = self.root.attribute("type").unwrap_or_default();
+        self.root.child(kind).unwrap_or(&self.root)
+    }
+
+    /// The data set's only piece.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if there are none or several.
+    pub fn piece(&self) -> Result<&Element> {
+        let mut pieces = self
+            .data_set()
+            .children
+            .iter()
+            .filter(|c| c.name == "Piece");
+        match (pieces.next(), pieces.count()) {
+            (Some(piece), 0) => Ok(piece),
+            (None, _) => Err(self.fault("has no piece", "write it anew")),
+            (_, more) => Err(self.fault(
+                format!("has {} pieces", more + 1),
+                "merge them into one (ParaView: Merge Blocks)",
+            )),
+        }
+    }
+
+    /// An element that must be there.
+    ///
+    /// # Errors
+    /// [`Error::Io`] that names it.
+    pub fn child<'e>(&self, element: &'e Element, name: &str) -> Result<&'e Element> {
+        element
+            .child(name)
+            .ok_or_else(|| self.fault(format!("has no {name}"), "write it anew"))
+    }
+
+    /// An attribute of whole or real numbers that must be there.
+    ///
+    /// # Errors
+    /// [`Error::Io`] that names it.
+    pub fn numbers<T: std::str::FromStr>(&self, element: &Element, name: &str) -> Result<Vec<T>> {
+        let text = element.attribute(name);
+        text.and_then(|text| {
+            text.split_ascii_whitespace()
+                .map(|w| w.parse().ok())
+                .collect()
+        })
+        .ok_or_else(|| {
+            let found = text.map_or("missing".to_string(), |t| format!("'{t}'"));
+            let problem = format!("the attribute {name} of {} is {found}", element.name);
+            self.fault(problem, "write it anew")
+        })
+    }
+
+    /// An array (`DataArray`) of numbers.
+    ///
+    /// # Errors
+    /// [`Error::Io`] that names the array and what is wrong with it.
+    pub fn array(&self, element: &Element) -> Result<DataArray> {
+        let name = element.attribute("Name").unwrap_or_default().to_string();
+        let fault =
+            |problem: String| self.fault(format!("array '{name}' {problem}"), "write it anew");
+        let kind = element.attribute("type").unwrap_or_default();
+        let components = match element.attribute("NumberOfComponents") {
+            None => 1,
+            Some(text) => text
+                .trim()
+                .parse()
+                .map_err(|_| fault(format!("has '{text}' components")))?,
+        };
+        let unknown = || fault(format!("has the unknown type {kind}"));
+        let values = if element.attribute("format") == Some("ascii") {
+            let text = std::str::from_utf8(&self.bytes[element.text.clone()])
+                .map_err(|_| fault("is not text".to_string()))?;
+            Values::from_text(kind, text)
+                .ok_or_else(unknown)?
+                .map_err(|word| fault(format!("holds '{word}', which is no {kind}")))?
+        } else {
+            let bytes = self.decoded(element).map_err(fault)?;
+            Values::from_bytes(kind, &bytes, self.big_endian).ok_or_else(unknown)?
+        };
+        if components == 0 || values.len() % components != 0 {
+            let problem = format!("has {} numbers in tuples of {components}", values.len());
+            return Err(fault(problem));
+        }
+        Ok(DataArray {
+            name,
+            components,
+            values,
+        })
+    }
+
+    /// An array (`Array`, or a `DataArray` of characters) of one string.
+    ///
+    /// # Errors
+    /// As [`array`](Self::array).
+    pub fn text(&self, element: &Element) -> Result<String> {
+        let name = element.attribute("Name").unwrap_or_default();
+        let fault =
+            |problem: String| self.fault(format!("array '{name}' {problem}"), "write it anew");
+        let mut bytes = if element.attribute("format") == Some("ascii") {
+            let text = String::from_utf8_lossy(&self.bytes[element.text.clone()]);
+            text.split_ascii_whitespace()
+                .map(|word| {
+                    word.parse()
+                        .map_err(|_| fault(format!("holds '{word}', no character")))
+                })
+                .collect::<Result<Vec<u8>>>()?
+        } else {
+            self.decoded(element).map_err(fault)?
+        };
+        if bytes.last() == Some(&0) {
+            bytes.pop();
+        }
+        Ok(String::from_utf8_lossy(&bytes).into_owned())
+    }
+
+    /// An error about this file.
+    pub fn fault(&self, problem: impl std::fmt::Display, remedy: impl std::fmt::Display) -> Error {
+        Error::Io(cause(self.path.display(), problem, remedy))
+    }
+
+    /// The bytes of a binary or appended array, decoded and decompressed.
+    fn decoded(&self, element: &Element) -> std::result::Result<Vec<u8>, String> {
+        let mut stream = match element.attribute("format") {
+            Some("binary") => Stream::base64(&self.bytes[element.text.clone()]),
+            Some("appended") => self.appended(element)?,
+            Some(other) => return Err(format!("has the unknown format {other}")),
+            None => return Err("has no format".to_string()),
+        };
+        if !self.compressed {
+            let size = self.header(&mut stream, 1)?[0];
+            return stream.take(size);
+        }
+        let blocks = self.header(&mut stream, 1)?[0];
+        let sizes = self.header(&mut stream, 2)?;
+        let (block, last) = (sizes[0], sizes[1]);
+        let packed_sizes = self.header(&mut stream, blocks)?;
+        // The header and the blocks are base64 streams of their own.
+        stream.next_stream();
+        let packed: Vec<Vec<u8>> = packed_sizes
+            .iter()
+            .map(|&size| stream.take(size))
+            .collect::<std::result::Result<_, _>>()?;
+        let unpacked: Vec<Vec<u8>> = packed
+            .into_par_iter()
+            .enumerate()
+            .map(|(i, bytes)| {
+                let is_last = i + 1 == blocks && last > 0;
+                inflate(&bytes, if is_last { last } else { block })
+            })
+            .collect::<std::result::Result<_, _>>()?;
+        Ok(unpacked.concat())
+    }
+
+    fn header(&self, stream: &mut Stream, count: usize) -> std::result::Result<Vec<usize>, String> {
+        let size = if self.wide_headers { 8 } else { 4 };
+        let bytes = stream.take(
+            count
+                .checked_mul(size)
+                .ok_or("is damaged: its header is too long")?,
+        )?;
+        let number = |b: &[u8]| {
+            let little = |n: u64, &byte: &u8| n << 8 | u64::from(byte);
+            let value = if self.big_endian {
+                b.iter().fold(0, little)
+            } else {
+                b.iter().rev().fold(0, little)
+            };
+            usize::try_from(value).unwrap_or(usize::MAX)
+        };
+        Ok(bytes.chunks_exact(size).map(number).collect())
+    }
+
+    /// The stream of an appended array.
+    fn appended(&self, element: &Element) -> std::result::Result<Stream<'_>, String> {
+        let data = self
+            .root
+            .child("AppendedData")
+            .ok_or("is appended, but no data is")?;
+        let bytes = &self.bytes[data.text.clone()];
+        let blank = bytes.iter().take_while(|b| b.is_ascii_whitespace()).count();
+        let bytes = bytes[blank..]
+            .strip_prefix(b"_")
+            .ok_or("is appended, but no '_' starts the data")?;
+        let offset = element
+            .attribute("offset")
+            .and_then(|o| o.trim().parse::<usize>().ok());
+        let offset = offset.ok_or("is appended, but at no offset")?;
+        let bytes = bytes
+            .get(offset..)
+            .ok_or("is cut off: the file ends before it")?;
+        Ok(match data.attribute("encoding") {
+            Some("raw") => Stream::Raw(bytes),
+            _ => Stream::base64(bytes),
+        })
+    }
+}
+
+/// Bytes as they come: raw, or base64 in pieces that may each end with padding.
+enum Stream<'a> {
+    Raw(&'a [u8]),
+    Base64 { text: &'a [u8], decoded: Vec<u8> },
+}
+
+impl<'a> Stream<'a> {
+    fn base64(text: &'a [u8]) -> Self {
+        Self::Base64 {
+            text,
+            decoded: Vec::new(),
+        }
+    }
+
+    /// The next bytes; an error if there are not so many.
+    fn take(&mut self, count: usize) -> std::result::Result<Vec<u8>, String> {
+        let cut = || "is cut off or damaged: data is missing".to_string();
+        match self {
+            Self::Raw(bytes) => {
+                let (taken, rest) = bytes.split_at_checked(count).ok_or_else(cut)?;
+                *bytes = rest;
+                Ok(taken.to_vec())
+            }
+            Self::Base64 { text, decoded } => {
+                while decoded.len() < count {
+                    let (bytes, rest) = decode_quad(text).ok_or_else(cut)?;
+                    decoded.extend_from_slice(bytes.as_slice());
+                    *text = rest;
+                }
+                let rest = decoded.split_off(count);
+                Ok(std::mem::replace(decoded, rest))
+            }
+        }
+    }
+
+    /// Drops what padding has left over.
+    fn next_stream(&mut self) {
+        if let Self::Base64 { decoded, .. } = self {
+            decoded.clear();
+        }
+    }
+}
+
+/// One to three bytes from four characters, and the text after them.
+fn decode_quad(text: &[u8]) -> Option<(Bytes3, &[u8])> {
+    let (mut word, mut digits, mut padding) = (0u32, 0, 0);
+    for (i, &c) in text.iter().enumerate() {
+        let digit = match c {
+            b'A'..=b'Z' => c - b'A',
+            b'a'..=b'z' => c - b'a' + 26,
+            b'0'..=b'9' => c - b'0' + 52,
+            b'+' => 62,
+            b'/' => 63,
+            b'=' if digits >= 2 => {
+                padding += 1;
+                0
+            }
+            c if c.is_ascii_whitespace() => continue,
+            _ => return None,
+        };
+        word = word << 6 | u32::from(digit);
+        digits += 1;
+        if digits == 4 {
+            let [_, a, b, c] = word.to_be_bytes();
+            return Some((
+                Bytes3 {
+                    bytes: [a, b, c],
+                    len: 3 - padding,
+                },
+                &text[i + 1..],
+            ));
+        }
+    }
+    None
+}
+
+struct Bytes3 {
+    bytes: [u8; 3],
+    len: usize,
+}
+
+impl Bytes3 {
+    fn as_slice(&self) -> &[u8] {
+        &self.bytes[..self.len]
+    }
+}
+
+/// One zlib stream that must hold exactly `size` bytes.
+fn inflate(packed: &[u8], size: usize) -> std::result::Result<Vec<u8>, String> {
+    // No zlib stream expands more than 1032 times: a lying header must not claim all memory.
+    if size > packed.len().saturating_mul(1032) {
+        return Err("is damaged: a block is larger than its data can be".to_string());
+    }
+    let mut bytes = Vec::with_capacity(size);
+    let status = Decompress::new(true).decompress_vec(packed, &mut bytes, FlushDecompress::Finish);
+    match status {
+        Ok(Status::StreamEnd) if bytes.len() == size => Ok(bytes),
+        _ => Err("is damaged: a block does not decompress".to_string()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn base64_decodes_across_padding_and_white_space() {
+        // RFC 4648's vectors, and two streams in a row.
+        for (text, want) in [
+            ("Zg==", "f"),
+            ("Zm8=", "fo"),
+            ("Zm9v", "foo"),
+            ("Zm9vYg==", "foob"),
+            (" Zm9v\n YmFy ", "foobar"),
+            ("Zg==Zm8=", "ffo"),
+        ] {
+            let mut stream = Stream::base64(text.as_bytes());
+            assert_eq!(stream.take(want.len()).unwrap(), want.as_bytes(), "{text}");
+            assert!(stream.take(1).is_err(), "{text}");
+        }
+        for bad in ["Zm9", "Z===", "Zm9?", "=AAA"] {
+            assert!(Stream::base64(bad.as_bytes()).take(3).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn a_block_that_lies_about_its_size_is_refused() {
+        let packed = [0x78, 0x01, 0x03, 0, 0, 0, 0, 1]; // zlib of nothing
+        assert_eq!(inflate(&packed, 0).unwrap(), b"");
+        assert!(inflate(&packed, 1).is_err());
+        assert!(inflate(&packed, usize::MAX).is_err());
+        assert!(inflate(&packed[..4], 0).is_err());
+    }
+}

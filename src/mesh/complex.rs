@@ -1,0 +1,519 @@
+//! Tetrahedra with neighbours, for local changes: rings of edges, stars of nodes, and the exchange
+//! of one set of tetrahedra for another that fills the same cavity.
+
+use super::{FACES, TetMesh};
+
+/// No tetrahedron: beyond the box.
+pub const NONE: u32 = u32::MAX;
+
+/// A tetrahedral complex under change. A dead slot has `tets[t][0] == NONE`.
+#[derive(Debug, Clone, Default)]
+pub struct Complex {
+    /// Node positions.
+    pub nodes: Vec<[f64; 3]>,
+    /// Node indices, positively oriented; `NONE` first in a dead slot.
+    pub tets: Vec<[u32; 4]>,
+    /// `neighbors[t][k]` is the tetrahedron across face k (opposite node k), or `NONE`.
+    pub neighbors: Vec<[u32; 4]>,
+    tet_of_node: Vec<u32>,
+    free: Vec<u32>,
+    mark: Vec<u32>,
+    stamp: u32,
+    faces: Vec<([u32; 3], u32, u32)>,
+    journal: Option<Vec<Undo>>,
+}
+
+/// One write to a complex, and what was there before.
+#[derive(Debug, Clone, Copy)]
+enum Undo {
+    Tet(u32, [u32; 4], [u32; 4]),
+    Neighbor(u32, u8, u32),
+    TetOfNode(u32, u32),
+    NewSlot,
+    Freed,
+    Reused(u32),
+}
+
+/// The tetrahedra round an edge (a, b), in order.
+#[derive(Debug, Default, Clone)]
+pub struct Ring {
+    /// Nodes of the ring: `(a, b, nodes[i], nodes[i + 1])` is the positive tetrahedron `tets[i]`.
+    pub nodes: Vec<u32>,
+    /// The tetrahedra; as many as nodes if closed, one fewer if the edge lies on the boundary.
+    pub tets: Vec<u32>,
+    /// Whether the ring closes, that is, the edge is inside.
+    pub closed: bool,
+}
+
+/// Three node numbers in rising order: a face's name.
+#[inline]
+fn sorted(mut f: [u32; 3]) -> [u32; 3] {
+    if f[0] > f[1] {
+        f.swap(0, 1);
+    }
+    if f[1] > f[2] {
+        f.swap(1, 2);
+    }
+    if f[0] > f[1] {
+        f.swap(0, 1);
+    }
+    f
+}
+
+/// Neighbours of every tetrahedron by matching faces, in time linear in their number.
+///
+/// Returns the first face that more than two tetrahedra share as the error.
+pub fn neighbors(node_count: usize, tets: &[[u32; 4]]) -> Result<Vec<[u32; 4]>, [u32; 3]> {
+    // Faces in buckets by their smallest node: a counting sort, then tiny lists.
+    let face_of = |t: usize, k: usize| sorted(FACES[k].map(|i| tets[t][i]));
+    let mut start = vec![0u32; node_count + 1];
+    for t in 0..tets.len() {
+        for k in 0..4 {
+            start[face_of(t, k)[0] as usize + 1] += 1;
+        }
+    }
+    for i in 0..node_count {
+        start[i + 1] += start[i];
+    }
+    let mut bucket = vec![0u32; 4 * tets.len()];
+    let mut next = start.clone();
+    for t in 0..tets.len() {
+        for k in 0..4 {
+            let at = &mut next[face_of(t, k)[0] as usize];
+            bucket[*at as usize] = (4 * t + k) as u32;
+            *at += 1;
+        }
+    }
+    let mut result = vec![[NONE; 4]; tets.len()];
+    let mut names: Vec<([u32; 3], u32)> = Vec::new();
+    for i in 0..node_count {
+        names.clear();
+        for &code in &bucket[start[i] as usize..start[i + 1] as usize] {
+            let (t, k) = ((code / 4) as usize, (code % 4) as usize);
+            names.push((face_of(t, k), code));
+        }
+        names.sort_unstable();
+        let mut j = 0;
+        while j < names.len() {
+            let same = names[j..].iter().take_while(|n| n.0 == names[j].0).count();
+            if same > 2 {
+                return Err(names[j].0);
+            }
+            if same == 2 {
+                let (p, q) = (names[j].1, names[j + 1].1);
+                result[(p / 4) as usize][(p % 4) as usize] = q / 4;
+                result[(q / 4) as usize][(q % 4) as usize] = p / 4;
+            }
+            j += same;
+        }
+    }
+    Ok(result)
+}
+
+impl Complex {
+    /// From a mesh and its neighbours (see [`neighbors`]).
+    pub fn new(mesh: TetMesh, neighbors: Vec<[u32; 4]>) -> Self {
+        let mut tet_of_node = vec![NONE; mesh.nodes.len()];
+        for (t, tet) in mesh.tets.iter().enumerate() {
+            for &n in tet {
+                tet_of_node[n as usize] = t as u32;
+            }
+        }
+        let mark = vec![0; mesh.tets.len()];
+        Self {
+            nodes: mesh.nodes,
+            tets: mesh.tets,
+            neighbors,
+            tet_of_node,
+            mark,
+            ..Self::default()
+        }
+    }
+
+    /// Whether slot `t` holds a tetrahedron.
+    #[inline]
+    pub fn alive(&self, t: u32) -> bool {
+        self.tets[t as usize][0] != NONE
+    }
+
+    /// Corner positions of tetrahedron `t`.
+    #[inline]
+    pub fn corners(&self, t: u32) -> [[f64; 3]; 4] {
+        self.tets[t as usize].map(|i| self.nodes[i as usize])
+    }
+
+    /// Adds a node that no tetrahedron uses yet.
+    pub fn add_node(&mut self, x: [f64; 3]) -> u32 {
+        self.nodes.push(x);
+        self.tet_of_node.push(NONE);
+        (self.nodes.len() - 1) as u32
+    }
+
+    /// Forgets the nodes from number `count` on, which no tetrahedron may use.
+    pub fn forget_nodes(&mut self, count: usize) {
+        self.nodes.truncate(count);
+        self.tet_of_node.truncate(count);
+    }
+
+    /// From now on every [`exchange`](Self::exchange) can be taken back.
+    pub fn begin(&mut self) {
+        self.journal = Some(self.journal.take().map_or_else(Vec::new, |mut j| {
+            j.clear();
+            j
+        }));
+    }
+
+    /// Keeps everything since [`begin`](Self::begin).
+    pub fn keep(&mut self) {
+        self.journal = None;
+    }
+
+    /// Takes back every exchange since [`begin`](Self::begin). Node positions are the caller's.
+    pub fn take_back(&mut self) {
+        let Some(journal) = self.journal.take() else {
+            return;
+        };
+        for undo in journal.into_iter().rev() {
+            match undo {
+                Undo::Tet(t, tet, neighbors) => {
+                    self.tets[t as usize] = tet;
+                    self.neighbors[t as usize] = neighbors;
+                }
+                Undo::Neighbor(t, k, n) => self.neighbors[t as usize][usize::from(k)] = n,
+                Undo::TetOfNode(n, t) => self.tet_of_node[n as usize] = t,
+                Undo::NewSlot => {
+                    self.tets.pop();
+                    self.neighbors.pop();
+                    self.mark.pop();
+                }
+                Undo::Freed => {
+                    self.free.pop();
+                }
+                Undo::Reused(slot) => self.free.push(slot),
+            }
+        }
+    }
+
+    #[inline]
+    fn log(&mut self, undo: Undo) {
+        if let Some(journal) = &mut self.journal {
+            journal.push(undo);
+        }
+    }
+
+    fn set_tet(&mut self, t: u32, tet: [u32; 4]) {
+        let i = t as usize;
+        self.log(Undo::Tet(t, self.tets[i], self.neighbors[i]));
+        self.tets[i] = tet;
+        self.neighbors[i] = [NONE; 4];
+    }
+
+    fn set_tet_of_node(&mut self, n: u32, t: u32) {
+        self.log(Undo::TetOfNode(n, self.tet_of_node[n as usize]));
+        self.tet_of_node[n as usize] = t;
+    }
+
+    fn next_stamp(&mut self) -> u32 {
+        if self.stamp == u32::MAX {
+            self.mark.iter_mut().for_each(|m| *m = 0);
+            self.stamp = 0;
+        }
+        self.stamp += 1;
+        self.stamp
+    }
+
+    /// The tetrahedra at a node, into `star`.
+    pub fn star(&mut self, node: u32, star: &mut Vec<u32>) {
+        star.clear();
+        let first = self.tet_of_node[node as usize];
+        if first == NONE {
+            return;
+        }
+        let stamp = self.next_stamp();
+        self.mark[first as usize] = stamp;
+        star.push(first);
+        let mut head = 0;
+        while head < star.len() {
+            let t = star[head] as usize;
+            head += 1;
+            for k in 0..4 {
+                let n = self.neighbors[t][k];
+                if self.tets[t][k] != node && n != NONE && self.mark[n as usize] != stamp {
+                    self.mark[n as usize] = stamp;
+                    star.push(n);
+                }
+            }
+        }
+    }
+
+    /// Local index of `node` in tetrahedron `t`.
+    #[inline]
+    pub fn local(&self, t: u32, node: u32) -> usize {
+        let tet = &self.tets[t as usize];
+        if tet[0] == node {
+            0
+        } else if tet[1] == node {
+            1
+        } else if tet[2] == node {
+            2
+        } else {
+            3
+        }
+    }
+
+    /// The other two nodes (c, d) of tetrahedron `t`, such that (a, b, c, d) is positive.
+    #[inline]
+    fn opposite_edge(&self, t: u32, a: u32, b: u32) -> (u32, u32) {
+        let tet = &self.tets[t as usize];
+        let (i, j) = (self.local(t, a), self.local(t, b));
+        // Remaining local indices in the order that makes (i, j, k, l) an even permutation.
+        const NEXT: [[[u8; 2]; 4]; 4] = [
+            [[0, 0], [2, 3], [3, 1], [1, 2]],
+            [[3, 2], [0, 0], [0, 3], [2, 0]],
+            [[1, 3], [3, 0], [0, 0], [0, 1]],
+            [[2, 1], [0, 2], [1, 0], [0, 0]],
+        ];
+        let [k, l] = NEXT[i][j];
+        (tet[k as usize], tet[l as usize])
+    }
+
+    /// The ring of tetrahedra round edge (a, b) of tetrahedron `t`, into `ring`. Stops and returns
+    /// false if there are more than `most`.
+    pub fn ring(&self, t: u32, a: u32, b: u32, most: usize, ring: &mut Ring) -> bool {
+        ring.nodes.clear();
+        ring.tets.clear();
+        // Back to the boundary, if there is one.
+        let mut first = t;
+        let mut steps = 0;
+        ring.closed = true;
+        loop {
+            let (_, d) = self.opposite_edge(first, a, b);
+            let previous = self.neighbors[first as usize][self.local(first, d)];
+            if previous == NONE {
+                ring.closed = false;
+                break;
+            }
+            first = previous;
+            if first == t {
+                break;
+            }
+            steps += 1;
+            if steps > most {
+                return false;
+            }
+        }
+        let mut at = first;
+        loop {
+            let (c, d) = self.opposite_edge(at, a, b);
+            ring.tets.push(at);
+            ring.nodes.push(c);
+            if ring.tets.len() > most {
+                return false;
+            }
+            let next = self.neighbors[at as usize][self.local(at, c)];
+            if next == NONE {
+                ring.nodes.push(d);
+                return true;
+            }
+            if next == first {
+                return true;
+            }
+            at = next;
+        }
+    }
+
+    /// Whether nodes `a` and `b` share an edge; gives a tetrahedron that has it.
+    pub fn find_edge(&mut self, a: u32, b: u32, star: &mut Vec<u32>) -> Option<u32> {
+        self.star(a, star);
+        star.iter()
+            .copied()
+            .find(|&t| self.tets[t as usize].contains(&b))
+    }
+
+    /// Exchanges the tetrahedra `old` for `new`, which must fill the same cavity with the same outer
+    /// faces (but for faces on the boundary, which may cover the same area otherwise). The slots of the new ones go to `slots`, in the order of `new`.
+    pub fn exchange(&mut self, old: &[u32], new: &[[u32; 4]], slots: &mut Vec<u32>) {
+        let stamp = self.next_stamp();
+        for &t in old {
+            self.mark[t as usize] = stamp;
+        }
+        // Outer faces: the face, the neighbour beyond, and that neighbour's local index.
+        let mut faces = std::mem::take(&mut self.faces);
+        faces.clear();
+        for &t in old {
+            for k in 0..4 {
+                let n = self.neighbors[t as usize][k];
+                if n != NONE && self.mark[n as usize] == stamp {
+                    continue;
+                }
+                let name = sorted(FACES[k].map(|i| self.tets[t as usize][i]));
+                let back = if n == NONE {
+                    0
+                } else {
+                    self.neighbors[n as usize]
+                        .iter()
+                        .position(|&x| x == t)
+                        .unwrap_or(0) as u32
+                };
+                faces.push((name, n, back));
+            }
+        }
+        for &t in old {
+            // Nodes that vanish with the cavity must not point at a dead tetrahedron.
+            for n in self.tets[t as usize] {
+                self.set_tet_of_node(n, NONE);
+            }
+        }
+        slots.clear();
+        for i in 0..new.len() {
+            let slot = if i < old.len() {
+                old[i]
+            } else if let Some(slot) = self.free.pop() {
+                self.log(Undo::Reused(slot));
+                slot
+            } else {
+                self.log(Undo::NewSlot);
+                self.tets.push([NONE; 4]);
+                self.neighbors.push([NONE; 4]);
+                self.mark.push(0);
+                (self.tets.len() - 1) as u32
+            };
+            slots.push(slot);
+        }
+        for &t in &old[new.len().min(old.len())..] {
+            self.set_tet(t, [NONE; 4]);
+            self.log(Undo::Freed);
+            self.free.push(t);
+        }
+        for (&slot, &tet) in slots.iter().zip(new) {
+            self.set_tet(slot, tet);
+            for n in tet {
+                self.set_tet_of_node(n, slot);
+            }
+            for k in 0..4 {
+                let name = sorted(FACES[k].map(|i| tet[i]));
+                if let Some(at) = faces.iter().position(|f| f.0 == name) {
+                    let (_, n, back) = faces.swap_remove(at);
+                    // The slot's own neighbours go back with the slot.
+                    self.neighbors[slot as usize][k] = n;
+                    if n != NONE {
+                        self.log(Undo::Neighbor(
+                            n,
+                            back as u8,
+                            self.neighbors[n as usize][back as usize],
+                        ));
+                        self.neighbors[n as usize][back as usize] = slot;
+                    }
+                } else {
+                    // An inner face: wait for the other new tetrahedron that has it.
+                    faces.push((name, slot, k as u32));
+                }
+            }
+        }
+        // On the boundary old faces may go and new ones come; inside they must match.
+        debug_assert!(
+            faces.iter().all(|f| f.1 == NONE || slots.contains(&f.1)),
+            "the new tetrahedra have the same outer faces as the old"
+        );
+        self.faces = faces;
+    }
+
+    /// The mesh without dead slots and unused nodes; `kept[i]` is the old number of node i.
+    pub fn into_mesh(self) -> (TetMesh, Vec<u32>) {
+        let mut number = vec![NONE; self.nodes.len()];
+        let mut kept = Vec::with_capacity(self.nodes.len());
+        for (i, &t) in self.tet_of_node.iter().enumerate() {
+            if t != NONE {
+                number[i] = kept.len() as u32;
+                kept.push(i as u32);
+            }
+        }
+        let nodes = kept.iter().map(|&i| self.nodes[i as usize]).collect();
+        let mut tets = self.tets;
+        tets.retain(|t| t[0] != NONE);
+        for tet in &mut tets {
+            *tet = tet.map(|i| number[i as usize]);
+        }
+        (TetMesh { nodes, tets }, kept)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::volume6;
+    use super::*;
+
+    /// An octahedron about the axis (0, 1), split into four.
+    fn octahedron() -> Complex {
+        let nodes = vec![
+            [0.0, 0.0, -1.0],
+            [0.0, 0.0, 1.0],
+            [1.0, 0.0, 0.0],
+            [0.0, 1.0, 0.0],
+            [-1.0, 0.0, 0.0],
+            [0.0, -1.0, 0.0],
+        ];
+        let tets = vec![[0, 1, 2, 3], [0, 1, 3, 4], [0, 1, 4, 5], [0, 1, 5, 2]];
+        let n = neighbors(6, &tets).unwrap();
+        Complex::new(TetMesh { nodes, tets }, n)
+    }
+
+    #[test]
+    fn ring_is_closed_ordered_and_positive() {
+        let mut complex = octahedron();
+        for t in 0..4 {
+            assert!(volume6(&complex.corners(t)) > 0.0);
+            let mut ring = Ring::default();
+            for (a, b) in [(0, 1), (1, 0)] {
+                assert!(complex.ring(t, a, b, 9, &mut ring));
+                assert!(ring.closed && ring.tets.len() == 4 && ring.nodes.len() == 4);
+                for i in 0..4 {
+                    let tet = [a, b, ring.nodes[i], ring.nodes[(i + 1) % 4]];
+                    let p = tet.map(|n| complex.nodes[n as usize]);
+                    assert!(volume6(&p) > 0.0);
+                    let mut have = complex.tets[ring.tets[i] as usize];
+                    let mut want = tet;
+                    have.sort_unstable();
+                    want.sort_unstable();
+                    assert_eq!(have, want);
+                }
+            }
+            assert!(complex.ring(t, 0, 2, 9, &mut ring) || t == 1 || t == 2);
+        }
+        let mut star = Vec::new();
+        complex.star(2, &mut star);
+        assert_eq!(star.len(), 2);
+    }
+
+    #[test]
+    fn open_ring_runs_from_boundary_to_boundary() {
+        let complex = octahedron();
+        let mut ring = Ring::default();
+        assert!(complex.ring(0, 0, 3, 9, &mut ring));
+        assert!(!ring.closed);
+        assert_eq!((ring.tets.len(), ring.nodes.len()), (2, 3));
+    }
+
+    #[test]
+    fn exchanging_the_axis_keeps_the_surface() {
+        let mut complex = octahedron();
+        let mut slots = Vec::new();
+        // The axis 0-1 goes, the axis 2-4 comes.
+        let new = [[4, 2, 3, 1], [4, 2, 0, 3], [4, 2, 5, 0], [4, 2, 1, 5]];
+        for tet in new {
+            assert!(volume6(&tet.map(|n| complex.nodes[n as usize])) > 0.0);
+        }
+        let (tets, around) = (complex.tets.clone(), complex.neighbors.clone());
+        complex.begin();
+        complex.exchange(&[0, 1, 2, 3], &new, &mut slots);
+        complex.exchange(&[slots[0]], &[new[0]], &mut slots);
+        complex.take_back();
+        assert_eq!((tets, around), (complex.tets.clone(), complex.neighbors.clone()));
+        complex.exchange(&[0, 1, 2, 3], &new, &mut slots);
+        let expected = neighbors(6, &complex.tets).unwrap();
+        assert_eq!(expected, complex.neighbors);
+        let (mesh, kept) = complex.into_mesh();
+        assert_eq!(mesh.tets.len(), 4);
+        assert_eq!(kept.len(), 6);
+    }
+}

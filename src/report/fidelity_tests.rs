@@ -1,0 +1,245 @@
+use super::super::test_mesh::kuhn_box;
+use super::*;
+use crate::synth::truth::{REACH, Truth};
+use crate::synth::{Kind, Options, make};
+
+/// Truth of a feature given by its closest point and normal.
+fn truth_of(dims: [usize; 3], closest: impl Fn([f64; 3]) -> (f64, [f64; 3])) -> Truth {
+    let mut truth = Truth {
+        dims,
+        distance: vec![],
+        direction: vec![],
+        smooth: true,
+    };
+    for i in 0..dims[0] * dims[1] * dims[2] {
+        let p = [i % dims[0], i / dims[0] % dims[1], i / (dims[0] * dims[1])].map(|c| c as f64);
+        let (d, n) = closest(p);
+        truth.distance.push((d as f32).min(REACH));
+        truth
+            .direction
+            .push(n.map(|c| if d < 10.0 { c as f32 } else { 0.0 }));
+    }
+    truth
+}
+
+/// The plane x = at.
+fn plane(at: f64) -> Truth {
+    truth_of([17, 17, 17], |p| {
+        (
+            (at - p[0]).abs(),
+            [if at < p[0] { -1.0 } else { 1.0 }, 0.0, 0.0],
+        )
+    })
+}
+
+#[test]
+fn a_plane_of_nodes_is_matched_entirely() {
+    let mesh = kuhn_box([8, 8, 8], 2.0);
+    let found = fidelity(&mesh, &Reference::from_truth(&plane(8.0)), None).unwrap();
+    let on = &found.on_feature;
+    assert_eq!(found.feature_points, 17 * 17);
+    assert_eq!(on.faces, 2 * 8 * 8);
+    assert!((on.area - 256.0).abs() < 1e-9);
+    assert_eq!((on.coverage_half, on.coverage_one), (1.0, 1.0));
+    assert!((on.precision - 1.0).abs() < 1e-12);
+    assert!(on.hausdorff < 1e-6 && on.hausdorff_95 < 1e-6);
+    assert!(found.claimed.is_none());
+}
+
+#[test]
+fn a_shifted_plane_is_covered_only_at_the_larger_tolerance() {
+    let mesh = kuhn_box([8, 8, 8], 2.0);
+    let truth = plane(8.7);
+    let on = fidelity(&mesh, &Reference::from_truth(&truth), None)
+        .unwrap()
+        .on_feature;
+    assert_eq!((on.coverage_half, on.coverage_one), (0.0, 1.0));
+    assert!((on.precision - 1.0).abs() < 1e-12);
+    assert!((on.hausdorff - 0.7).abs() < 1e-5 && (on.hausdorff_95 - 0.7).abs() < 1e-5);
+    // Beyond 0.75 no face is on the feature any more.
+    let truth = plane(8.8);
+    let on = fidelity(&mesh, &Reference::from_truth(&truth), None)
+        .unwrap()
+        .on_feature;
+    assert_eq!((on.faces, on.coverage_one), (0, 0.0));
+    assert!(on.precision.is_nan() && on.hausdorff.is_infinite());
+}
+
+#[test]
+fn missing_faces_lower_coverage_by_their_share() {
+    let mut mesh = kuhn_box([8, 8, 8], 2.0);
+    let nodes = mesh.nodes.clone();
+    mesh.tets
+        .retain(|tet| tet.iter().all(|&n| nodes[n as usize][2] <= 8.0));
+    let on = fidelity(&mesh, &Reference::from_truth(&plane(8.0)), None)
+        .unwrap()
+        .on_feature;
+    // Of the rows z = 0 ..= 16, those up to 8 lie on faces and row 9 one sample off.
+    assert!((on.coverage_half - 9.0 / 17.0).abs() < 1e-12);
+    assert!((on.coverage_one - 10.0 / 17.0).abs() < 1e-12);
+    assert!((on.hausdorff - 8.0).abs() < 1e-6);
+    assert!((on.precision - 1.0).abs() < 1e-12);
+}
+
+#[test]
+fn claims_away_from_every_feature_lower_precision() {
+    let mesh = kuhn_box([8, 8, 8], 2.0);
+    let truth = plane(8.0);
+    let reference = Reference::from_truth(&truth);
+    let claim = |at: &dyn Fn([f64; 3]) -> bool| {
+        let flags: Vec<bool> = mesh.nodes.iter().map(|&p| at(p)).collect();
+        fidelity(&mesh, &reference, Some(&flags))
+            .unwrap()
+            .claimed
+            .unwrap()
+    };
+    let both = claim(&|p| p[0] == 8.0 || p[0] == 12.0);
+    assert!((both.precision - 0.5).abs() < 1e-12 && both.coverage_half == 1.0);
+    assert!((both.hausdorff - 4.0).abs() < 1e-6);
+    let half = claim(&|p| p[0] == 8.0 && p[1] <= 8.0);
+    assert!((half.precision - 1.0).abs() < 1e-12);
+    assert!((half.coverage_half - 9.0 / 17.0).abs() < 1e-12);
+    let none = claim(&|_| false);
+    assert_eq!((none.faces, none.coverage_one), (0, 0.0));
+    assert!(fidelity(&mesh, &reference, Some(&[true])).is_err());
+}
+
+fn scatter(count: usize, mut each: impl FnMut(&mut dyn FnMut() -> f64)) {
+    let mut state = 9u64;
+    let mut next = || {
+        state = state
+            .wrapping_mul(6364136223846793005)
+            .wrapping_add(1442695040888963407);
+        (state >> 33) as f64 / (1u64 << 31) as f64
+    };
+    for _ in 0..count {
+        each(&mut next);
+    }
+}
+
+#[test]
+fn distance_between_samples_matches_a_sphere_and_crossing_planes() {
+    let sphere = make(
+        Kind::Sphere,
+        &Options {
+            dims: [101, 101, 101],
+            signal_to_noise: f64::INFINITY,
+            ..Options::default()
+        },
+    )
+    .unwrap()
+    .truth;
+    let reference = Reference::from_truth(&sphere);
+    let mut worst = 0f64;
+    scatter(20_000, |next| {
+        let v: [f64; 3] = std::array::from_fn(|_| next() - 0.5);
+        let length = v.iter().map(|c| c * c).sum::<f64>().sqrt();
+        let off = 4.0 * next() - 2.0;
+        let p = std::array::from_fn(|k| 50.0 + v[k] / length * (40.0 + off));
+        worst = worst.max((reference.distance(p) - off.abs()).abs());
+    });
+    assert!(worst < 2e-3, "sphere of radius 40: {worst}");
+
+    let (sin, cos) = 30f64.to_radians().sin_cos();
+    let planes = [[1.0, 0.0, 0.0], [cos, sin, 0.0]];
+    let height = |p: [f64; 3], n: [f64; 3]| (p[0] - 8.3) * n[0] + (p[1] - 7.6) * n[1];
+    let truth = truth_of([17, 17, 17], |p| {
+        let [a, b] = planes.map(|n| height(p, n));
+        let (h, n) = if a.abs() < b.abs() {
+            (a, planes[0])
+        } else {
+            (b, planes[1])
+        };
+        (h.abs(), n.map(|c| if h > 0.0 { -c } else { c }))
+    });
+    let reference = Reference::from_truth(&truth);
+    let mut worst = 0f64;
+    scatter(20_000, |next| {
+        let p: [f64; 3] = std::array::from_fn(|_| 16.0 * next());
+        let exact = planes
+            .map(|n| height(p, n).abs())
+            .into_iter()
+            .fold(f64::INFINITY, f64::min);
+        worst = worst.max((reference.distance(p) - exact).abs());
+    });
+    assert!(worst < 1e-5, "planes crossing at 30 degrees: {worst}");
+}
+
+#[test]
+fn distance_does_not_run_on_where_a_surface_ends() {
+    // The half plane x = 8, y <= 8.
+    let truth = truth_of([17, 17, 17], |p| {
+        let q = [8.0, p[1].min(8.0), p[2]];
+        let v: [f64; 3] = std::array::from_fn(|k| q[k] - p[k]);
+        let d = v.iter().map(|c| c * c).sum::<f64>().sqrt();
+        (
+            d,
+            if d > 0.0 {
+                v.map(|c| c / d)
+            } else {
+                [1.0, 0.0, 0.0]
+            },
+        )
+    });
+    let reference = Reference::from_truth(&truth);
+    for y in [9.5, 10.25, 12.0] {
+        assert!(
+            (reference.distance([8.1, y, 8.0]) - (y - 8.0)).abs() < 0.3,
+            "y = {y}"
+        );
+    }
+    assert!(reference.distance([8.1, 6.0, 8.0]) < 0.11);
+}
+
+#[test]
+fn detected_points_stand_in_for_truth() {
+    use crate::feature::{FeaturePoint, Features};
+    use crate::image::Field;
+    let points = (0..17 * 17)
+        .map(|i| FeaturePoint {
+            position: [8.0, (i % 17) as f32, (i / 17) as f32],
+            normal: [1.0, 0.0, 0.0],
+            strength: 1.0,
+        })
+        .collect();
+    let potential = Field {
+        dims: [17; 3],
+        step: [1.0; 3],
+        samples: vec![0.0; 17 * 17 * 17],
+    };
+    let features = Features {
+        points,
+        potential,
+        sigma: 1.0,
+        notes: vec![],
+    };
+    let reference = Reference::from_features(&features);
+    assert!((reference.distance([8.4, 3.5, 3.5]) - 0.4).abs() < 1e-9);
+    assert_eq!(reference.distance([18.5, 3.0, 3.0]), 10.0);
+    let found = fidelity(&kuhn_box([8, 8, 8], 2.0), &reference, None).unwrap();
+    assert_eq!(found.reference, "detected");
+    assert_eq!(found.on_feature.coverage_half, 1.0);
+    assert!((found.on_feature.precision - 1.0).abs() < 1e-12);
+}
+
+#[test]
+fn the_figures_do_not_depend_on_the_number_of_threads() {
+    let options = Options {
+        dims: [40, 36, 32],
+        count: 3,
+        ..Options::default()
+    };
+    let truth = make(Kind::Faults, &options).unwrap().truth;
+    let reference = Reference::from_truth(&truth);
+    let mesh = kuhn_box([39, 35, 31], 1.0);
+    let all = fidelity(&mesh, &reference, None).unwrap();
+    assert!(all.on_feature.faces > 1000);
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(1)
+        .build()
+        .unwrap();
+    assert_eq!(
+        pool.install(|| fidelity(&mesh, &reference, None).unwrap()),
+        all
+    );
+}

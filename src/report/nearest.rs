@@ -1,0 +1,236 @@
+//! Nearest-item queries: a tree of bounding boxes, and the distance from a point to a triangle.
+
+type Point = [f64; 3];
+
+fn sub(a: Point, b: Point) -> Point {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+fn dot(a: Point, b: Point) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// Squared distance from a point to a triangle, exact for all seven regions of its plane (the
+/// inside, three edges, three corners), also for a degenerate triangle. After Ericson, Real-Time
+/// Collision Detection, 5.1.5.
+pub(super) fn square_to_triangle(p: Point, [a, b, c]: [Point; 3]) -> f64 {
+    let (ab, ac, ap) = (sub(b, a), sub(c, a), sub(p, a));
+    let square = |t: f64, u: f64| {
+        let gap: Point = std::array::from_fn(|k| ap[k] - t * ab[k] - u * ac[k]);
+        dot(gap, gap)
+    };
+    let (d1, d2) = (dot(ab, ap), dot(ac, ap));
+    if d1 <= 0.0 && d2 <= 0.0 {
+        return square(0.0, 0.0);
+    }
+    let bp = sub(p, b);
+    let (d3, d4) = (dot(ab, bp), dot(ac, bp));
+    if d3 >= 0.0 && d4 <= d3 {
+        return square(1.0, 0.0);
+    }
+    let vc = d1 * d4 - d3 * d2;
+    if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
+        return square(d1 / (d1 - d3), 0.0);
+    }
+    let cp = sub(p, c);
+    let (d5, d6) = (dot(ab, cp), dot(ac, cp));
+    if d6 >= 0.0 && d5 <= d6 {
+        return square(0.0, 1.0);
+    }
+    let vb = d5 * d2 - d1 * d6;
+    if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
+        return square(0.0, d2 / (d2 - d6));
+    }
+    let va = d3 * d6 - d5 * d4;
+    if va <= 0.0 && d4 >= d3 && d5 >= d6 {
+        let u = (d4 - d3) / ((d4 - d3) + (d5 - d6));
+        return square(1.0 - u, u);
+    }
+    let sum = va + vb + vc;
+    square(vb / sum, vc / sum)
+}
+
+/// Items in a leaf.
+const LEAF: usize = 4;
+
+struct Node {
+    low: Point,
+    high: Point,
+    /// Items `start..end` of the order; a leaf if there are at most [`LEAF`].
+    start: u32,
+    end: u32,
+    /// The second child; the first follows its parent.
+    second: u32,
+}
+
+impl Node {
+    fn square(&self, p: Point) -> f64 {
+        (0..3)
+            .map(|k| (self.low[k] - p[k]).max(p[k] - self.high[k]).max(0.0))
+            .fold(0.0, |s, gap| s + gap * gap)
+    }
+}
+
+/// A tree of bounding boxes over items that are known by their index.
+pub(super) struct Tree {
+    nodes: Vec<Node>,
+    order: Vec<u32>,
+}
+
+impl Tree {
+    /// A tree over items with the given boxes (low and high corner), split at the median of the
+    /// longest axis.
+    pub(super) fn new(boxes: &[[Point; 2]]) -> Self {
+        let mut order: Vec<u32> = (0..boxes.len() as u32).collect();
+        let mut nodes = Vec::with_capacity(boxes.len());
+        if !boxes.is_empty() {
+            build(boxes, &mut order, 0, &mut nodes);
+        }
+        Self { nodes, order }
+    }
+
+    /// The nearest item and its squared distance, `square(item)` being the exact squared distance
+    /// from `p` to an item; none if that is not below `limit` for any. `hint` may be an item that
+    /// is likely to be near, to save time; of equally near items it may change which one is found.
+    pub(super) fn nearest(
+        &self,
+        p: Point,
+        limit: f64,
+        hint: Option<usize>,
+        square: impl Fn(usize) -> f64,
+    ) -> Option<(usize, f64)> {
+        let mut best = hint
+            .map(|item| (item, square(item)))
+            .filter(|(_, d)| *d < limit);
+        let mut stack = [(0u32, 0f64); 64];
+        let mut depth = usize::from(!self.nodes.is_empty());
+        while depth > 0 {
+            depth -= 1;
+            let (at, bound) = stack[depth];
+            if bound >= best.map_or(limit, |(_, d)| d) {
+                continue;
+            }
+            let node = &self.nodes[at as usize];
+            let items = &self.order[node.start as usize..node.end as usize];
+            if items.len() <= LEAF {
+                for &item in items {
+                    let d = square(item as usize);
+                    if d < best.map_or(limit, |(_, least)| least) {
+                        best = Some((item as usize, d));
+                    }
+                }
+            } else {
+                let first = (at + 1, self.nodes[at as usize + 1].square(p));
+                let second = (node.second, self.nodes[node.second as usize].square(p));
+                // The nearer child is on top of the stack.
+                let (far, near) = if first.1 <= second.1 {
+                    (second, first)
+                } else {
+                    (first, second)
+                };
+                stack[depth] = far;
+                stack[depth + 1] = near;
+                depth += 2;
+            }
+        }
+        best
+    }
+}
+
+/// Appends the nodes over `order`, whose first item is item `start` of the whole.
+fn build(boxes: &[[Point; 2]], order: &mut [u32], start: usize, nodes: &mut Vec<Node>) {
+    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+    for &item in order.iter() {
+        let [l, h] = boxes[item as usize];
+        for k in 0..3 {
+            low[k] = low[k].min(l[k]);
+            high[k] = high[k].max(h[k]);
+        }
+    }
+    let at = nodes.len();
+    let end = (start + order.len()) as u32;
+    nodes.push(Node {
+        low,
+        high,
+        start: start as u32,
+        end,
+        second: 0,
+    });
+    if order.len() <= LEAF {
+        return;
+    }
+    let size = sub(high, low);
+    let axis = (0..3).fold(0, |best, k| if size[k] > size[best] { k } else { best });
+    let middle = |item: u32| boxes[item as usize][0][axis] + boxes[item as usize][1][axis];
+    let half = order.len() / 2;
+    order.select_nth_unstable_by(half, |&a, &b| {
+        middle(a).total_cmp(&middle(b)).then(a.cmp(&b))
+    });
+    let (left, right) = order.split_at_mut(half);
+    build(boxes, left, start, nodes);
+    nodes[at].second = nodes.len() as u32;
+    build(boxes, right, start + half, nodes);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FAR: f64 = f64::INFINITY;
+
+    fn random(state: &mut u64) -> f64 {
+        *state = state
+            .wrapping_mul(6364136223846793005)
+            .wrapping_add(1442695040888963407);
+        (*state >> 33) as f64 / (1u64 << 31) as f64
+    }
+
+    #[test]
+    fn distance_to_a_triangle_is_the_least_over_its_points() {
+        let mut seed = 1;
+        for _ in 0..300 {
+            let mut point = || -> Point { std::array::from_fn(|_| random(&mut seed)) };
+            let (p, t) = (point(), [point(), point(), point()]);
+            let exact = square_to_triangle(p, t).sqrt();
+            let n = 100;
+            let mut scanned = f64::INFINITY;
+            for i in 0..=n {
+                for j in 0..=n - i {
+                    let (u, v) = (i as f64 / n as f64, j as f64 / n as f64);
+                    let q: Point = std::array::from_fn(|k| {
+                        (1.0 - u - v) * t[0][k] + u * t[1][k] + v * t[2][k]
+                    });
+                    let gap = sub(p, q);
+                    scanned = scanned.min(dot(gap, gap).sqrt());
+                }
+            }
+            assert!(
+                exact <= scanned + 1e-12 && scanned < exact + 0.02,
+                "{exact} {scanned}"
+            );
+        }
+    }
+
+    #[test]
+    fn the_tree_finds_what_a_scan_finds() {
+        let mut seed = 2;
+        let points: Vec<Point> = (0..500)
+            .map(|_| std::array::from_fn(|_| random(&mut seed)))
+            .collect();
+        let boxes: Vec<[Point; 2]> = points.iter().map(|&p| [p, p]).collect();
+        let tree = Tree::new(&boxes);
+        for _ in 0..200 {
+            let p: Point = std::array::from_fn(|_| 2.0 * random(&mut seed) - 0.5);
+            let square = |i: usize| dot(sub(p, points[i]), sub(p, points[i]));
+            let scanned = (0..points.len()).map(square).fold(f64::INFINITY, f64::min);
+            assert_eq!(tree.nearest(p, FAR, None, square).unwrap().1, scanned);
+            assert_eq!(tree.nearest(p, FAR, Some(7), square).unwrap().1, scanned);
+            assert!(tree.nearest(p, scanned, Some(7), square).is_none());
+        }
+        assert!(
+            Tree::new(&[])
+                .nearest([0.0; 3], FAR, None, |_| 0.0)
+                .is_none()
+        );
+    }
+}

@@ -1,0 +1,162 @@
+//! Seismic amplitude: folded layers, thrown by faults, convolved with a wavelet.
+
+use super::Options;
+use super::noise::Random;
+use rayon::prelude::*;
+use std::f64::consts::{PI, TAU};
+
+/// Peak frequency of the Ricker wavelet, in cycles per sample.
+const FREQUENCY: f64 = 0.08;
+/// Knots of the table of layers, a sample.
+const FINE: f64 = 8.0;
+
+/// The amplitude of folded layers, with rms 1. `sides` has one bit a fault: the layers on a
+/// fault's positive side are thrown along x by 4 to 12 samples, varying along the fault.
+///
+/// The depth of a sample before folding and faulting is
+/// `w = x + fold(y, z) (1/2 + x / nx) + sum of throws`; impedance is constant within a layer of w,
+/// and the trace along x is its derivative convolved with the wavelet.
+pub(super) fn amplitude(sides: &[u32], faults: usize, options: &Options) -> Vec<f32> {
+    let [nx, ny, nz] = options.dims;
+    let mut random = Random::new(options.seed, 0xa3b1);
+    let throws: Vec<Throw> = (0..faults).map(|_| Throw::new(&mut random)).collect();
+    let folds: Vec<[f64; 4]> = (0..4)
+        .map(|_| {
+            let k = PI / ny.max(nz) as f64 * random.range(1.0, 4.0);
+            let (sin, cos) = random.range(0.0, TAU).sin_cos();
+            // The slope of each fold is at most 0.12.
+            [
+                random.range(0.04, 0.12) / k,
+                k * cos,
+                k * sin,
+                random.range(0.0, TAU),
+            ]
+        })
+        .collect();
+    let reach: f64 = folds.iter().map(|f| 1.5 * f[0]).sum::<f64>() + 17.0 * faults as f64;
+    let wavelet = wavelet_slope();
+    let margin = wavelet.len() / 2;
+    let pad = reach + margin as f64 + 4.0;
+    let layers = Layers::new(&mut random, -pad, nx as f64 + pad);
+
+    let mut samples = vec![0f32; sides.len()];
+    samples
+        .par_chunks_mut(nx)
+        .zip(sides.par_chunks(nx))
+        .enumerate()
+        .for_each_init(
+            || vec![0f32; nx + 2 * margin],
+            |impedance, (row, (trace, sides))| {
+                let (y, z) = ((row % ny) as f64, (row / ny) as f64);
+                let fold: f64 = folds
+                    .iter()
+                    .map(|f| f[0] * (f[1] * y + f[2] * z + f[3]).sin())
+                    .sum();
+                let (mut last, mut shift) = (u32::MAX, 0.0);
+                for (i, impedance) in impedance.iter_mut().enumerate() {
+                    let x = i as f64 - margin as f64;
+                    let side = sides[i.saturating_sub(margin).min(nx - 1)];
+                    if side != last {
+                        let thrown = throws
+                            .iter()
+                            .enumerate()
+                            .filter(|(k, _)| side >> k & 1 == 1);
+                        shift = thrown.map(|(_, throw)| throw.at(y, z)).sum();
+                        last = side;
+                    }
+                    // Folding is not continued beyond the box, so that w stays within the layers.
+                    let stretch = 0.5 + x.clamp(0.0, nx as f64) / nx as f64;
+                    *impedance = layers.mean(x + fold * stretch + shift);
+                }
+                for (x, sample) in trace.iter_mut().enumerate() {
+                    *sample = impedance[x..]
+                        .iter()
+                        .zip(&wavelet)
+                        .map(|(i, w)| i * w)
+                        .sum();
+                }
+            },
+        );
+    let squares: Vec<f64> = samples
+        .par_chunks(nx * ny)
+        .map(|plane| plane.iter().map(|&s| f64::from(s * s)).sum())
+        .collect();
+    let rms = (squares.iter().sum::<f64>() / samples.len() as f64).sqrt();
+    let scale = if rms > 0.0 { (1.0 / rms) as f32 } else { 0.0 };
+    samples.par_iter_mut().for_each(|s| *s *= scale);
+    samples
+}
+
+/// How far a fault shifts the layers.
+struct Throw {
+    mean: f64,
+    wave: [f64; 2],
+    phase: f64,
+}
+
+impl Throw {
+    fn new(random: &mut Random) -> Self {
+        let sign = if random.range(0.0, 1.0) < 0.5 {
+            -1.0
+        } else {
+            1.0
+        };
+        Self {
+            mean: sign * random.range(5.5, 9.5),
+            wave: [random.range(-0.03, 0.03), random.range(-0.03, 0.03)],
+            phase: random.range(0.0, TAU),
+        }
+    }
+
+    fn at(&self, y: f64, z: f64) -> f64 {
+        self.mean * (1.0 + 0.25 * (self.wave[0] * y + self.wave[1] * z + self.phase).sin())
+    }
+}
+
+/// Layers of random thickness (3 to 9 samples) and impedance, as a table of their integral.
+struct Layers {
+    start: f64,
+    integral: Vec<f64>,
+}
+
+impl Layers {
+    fn new(random: &mut Random, start: f64, end: f64) -> Self {
+        let knots = ((end - start) * FINE).ceil() as usize + 2;
+        let mut integral = Vec::with_capacity(knots);
+        let (mut sum, mut impedance, mut until) = (0.0, 0.0, start);
+        for k in 0..knots {
+            if start + k as f64 / FINE >= until {
+                impedance = random.range(-1.0, 1.0);
+                until += random.range(3.0, 9.0);
+            }
+            integral.push(sum);
+            sum += impedance / FINE;
+        }
+        Self { start, integral }
+    }
+
+    fn integral(&self, w: f64) -> f64 {
+        let at = ((w - self.start) * FINE).clamp(0.0, (self.integral.len() - 2) as f64);
+        let k = at as usize;
+        self.integral[k] + (at - k as f64) * (self.integral[k + 1] - self.integral[k])
+    }
+
+    /// The mean impedance over one sample about w, which keeps thin layers from aliasing.
+    fn mean(&self, w: f64) -> f32 {
+        (self.integral(w + 0.5) - self.integral(w - 0.5)) as f32
+    }
+}
+
+/// The derivative of a Ricker wavelet (1 - 2 a) exp(-a), a = (pi f t)^2, reversed for a running
+/// product: with impedances it gives the reflectivity convolved with the wavelet.
+fn wavelet_slope() -> Vec<f32> {
+    let half = (1.3 / FREQUENCY).ceil() as i64;
+    (-half..=half)
+        .map(|i| {
+            let t = -i as f64;
+            let q = (PI * FREQUENCY).powi(2);
+            let a = q * t * t;
+            (2.0 * q * t * (2.0 * a - 3.0) * (-a).exp()) as f32
+        })
+        .collect()
+}

@@ -1,0 +1,224 @@
+//! Surfaces with exact closest points.
+
+/// A point of a surface and the surface's unit normal there.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Foot {
+    pub point: [f64; 3],
+    pub normal: [f64; 3],
+}
+
+/// A plane wave of a sheet's height: `amplitude * sin(wave . (s, t) + phase)`.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Wave {
+    pub amplitude: f64,
+    pub wave: [f64; 2],
+    pub phase: f64,
+}
+
+/// The part of space in which a sheet exists: one side of another surface.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct End {
+    pub surface: usize,
+    pub side: f64,
+}
+
+#[derive(Debug, Clone)]
+enum Shape {
+    /// `u = height(s, t) - height(0, 0)` with (u, s, t) the coordinates along `frame`, whose rows
+    /// are orthonormal.
+    Sheet {
+        centre: [f64; 3],
+        frame: [[f64; 3]; 3],
+        waves: Vec<Wave>,
+        base: f64,
+    },
+    /// A sphere.
+    Ball { centre: [f64; 3], radius: f64 },
+}
+
+/// The zero set of a smooth function, its *level*.
+#[derive(Debug, Clone)]
+pub(super) struct Surface {
+    shape: Shape,
+    /// Upper bound of the level's gradient: |level| / steepness never exceeds the distance.
+    pub steepness: f64,
+    /// Where the surface ends, if it does not go through the whole volume.
+    pub end: Option<End>,
+}
+
+fn sub(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+pub(super) fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn unit(v: [f64; 3]) -> [f64; 3] {
+    let length = dot(v, v).sqrt();
+    if length > 0.0 {
+        v.map(|c| c / length)
+    } else {
+        [1.0, 0.0, 0.0]
+    }
+}
+
+/// Height, gradient and second derivatives (ss, st, tt).
+fn height(waves: &[Wave], s: f64, t: f64) -> (f64, [f64; 2], [f64; 3]) {
+    let (mut h, mut g, mut k) = (0.0, [0.0; 2], [0.0; 3]);
+    for w in waves {
+        let [p, q] = w.wave;
+        let (sin, cos) = (p * s + q * t + w.phase).sin_cos();
+        let (value, slope) = (w.amplitude * sin, w.amplitude * cos);
+        h += value;
+        g[0] += slope * p;
+        g[1] += slope * q;
+        k[0] -= value * p * p;
+        k[1] -= value * p * q;
+        k[2] -= value * q * q;
+    }
+    (h, g, k)
+}
+
+impl Surface {
+    /// A sheet through `centre`, normal to `normal` but for its waves.
+    pub(super) fn sheet(centre: [f64; 3], normal: [f64; 3], waves: Vec<Wave>) -> Self {
+        let n = unit(normal);
+        // Any direction not along the normal spans the rest of the frame.
+        let k = (0..3).fold(
+            0,
+            |best, k| if n[k].abs() < n[best].abs() { k } else { best },
+        );
+        let mut other = [0.0; 3];
+        other[k] = 1.0;
+        let s = unit(cross(n, other));
+        let steepness = waves
+            .iter()
+            .map(|w| w.amplitude.abs() * w.wave[0].hypot(w.wave[1]))
+            .sum::<f64>()
+            .hypot(1.0);
+        let base = height(&waves, 0.0, 0.0).0;
+        let shape = Shape::Sheet {
+            centre,
+            frame: [n, s, cross(n, s)],
+            waves,
+            base,
+        };
+        Self {
+            shape,
+            steepness,
+            end: None,
+        }
+    }
+
+    /// A sphere.
+    pub(super) fn ball(centre: [f64; 3], radius: f64) -> Self {
+        Self {
+            shape: Shape::Ball { centre, radius },
+            steepness: 1.0,
+            end: None,
+        }
+    }
+
+    /// The function whose zero set is the surface (ignoring its end).
+    pub(super) fn level(&self, p: [f64; 3]) -> f64 {
+        match &self.shape {
+            Shape::Sheet {
+                centre,
+                frame,
+                waves,
+                base,
+            } => {
+                let [u, s, t] = frame.map(|axis| dot(axis, sub(p, *centre)));
+                u - height(waves, s, t).0 + base
+            }
+            Shape::Ball { centre, radius } => {
+                let r = sub(p, *centre);
+                dot(r, r).sqrt() - radius
+            }
+        }
+    }
+
+    /// The closest point of the surface (ignoring its end). For a sheet: Newton's method on the
+    /// two coordinates in the sheet, which finds the global minimum for any point closer than the
+    /// smallest radius of curvature.
+    pub(super) fn closest(&self, p: [f64; 3]) -> Foot {
+        match &self.shape {
+            Shape::Sheet {
+                centre,
+                frame,
+                waves,
+                base,
+            } => {
+                let [u, s, t] = frame.map(|axis| dot(axis, sub(p, *centre)));
+                let (mut a, mut b) = (s, t);
+                let (mut h, mut g, mut k) = height(waves, a, b);
+                for _ in 0..20 {
+                    let gap = h - base - u;
+                    let r = [a - s + gap * g[0], b - t + gap * g[1]];
+                    let m = [
+                        1.0 + g[0] * g[0] + gap * k[0],
+                        g[0] * g[1] + gap * k[1],
+                        1.0 + g[1] * g[1] + gap * k[2],
+                    ];
+                    let det = m[0] * m[2] - m[1] * m[1];
+                    let step = [
+                        (m[2] * r[0] - m[1] * r[1]) / det,
+                        (m[0] * r[1] - m[1] * r[0]) / det,
+                    ];
+                    a -= step[0];
+                    b -= step[1];
+                    (h, g, k) = height(waves, a, b);
+                    // Convergence is quadratic: the error left is of the order of 1e-10.
+                    if step[0] * step[0] + step[1] * step[1] < 1e-9 {
+                        break;
+                    }
+                }
+                let at = [h - base, a, b];
+                let normal = unit([1.0, -g[0], -g[1]]);
+                let world = |v: [f64; 3]| -> [f64; 3] {
+                    std::array::from_fn(|c| (0..3).map(|k| v[k] * frame[k][c]).sum())
+                };
+                let offset = world(at);
+                Foot {
+                    point: std::array::from_fn(|c| centre[c] + offset[c]),
+                    normal: world(normal),
+                }
+            }
+            Shape::Ball { centre, radius } => {
+                let normal = unit(sub(p, *centre));
+                Foot {
+                    point: std::array::from_fn(|c| centre[c] + radius * normal[c]),
+                    normal,
+                }
+            }
+        }
+    }
+
+    /// Unit gradient of the level.
+    pub(super) fn direction(&self, p: [f64; 3]) -> [f64; 3] {
+        match &self.shape {
+            Shape::Sheet {
+                centre,
+                frame,
+                waves,
+                ..
+            } => {
+                let [_, s, t] = frame.map(|axis| dot(axis, sub(p, *centre)));
+                let (_, g, _) = height(waves, s, t);
+                unit(std::array::from_fn(|c| {
+                    frame[0][c] - g[0] * frame[1][c] - g[1] * frame[2][c]
+                }))
+            }
+            Shape::Ball { centre, .. } => unit(sub(p, *centre)),
+        }
+    }
+}
+
+fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
+}

@@ -1,0 +1,129 @@
+//! Distance, direction and side of every sample, from analytic surfaces.
+
+use super::surface::{Surface, dot};
+use super::truth::{REACH, Truth};
+use rayon::prelude::*;
+
+/// Samples along each side of a block whose far surfaces are ruled out together.
+const BLOCK: usize = 8;
+
+/// The truth about `surfaces` and, per sample, one bit a surface: set where its level is positive
+/// (and, if the surface ends at another, on the side where it exists).
+pub(super) fn survey(surfaces: &[Surface], dims: [usize; 3]) -> (Truth, Vec<u32>) {
+    let [nx, ny, nz] = dims;
+    let count = nx * ny * nz;
+    let mut distance = vec![REACH; count];
+    let mut direction = vec![[0f32; 3]; count];
+    let mut sides = vec![0u32; count];
+    let slab = nx * ny * BLOCK;
+    distance
+        .par_chunks_mut(slab)
+        .zip(direction.par_chunks_mut(slab))
+        .zip(sides.par_chunks_mut(slab))
+        .enumerate()
+        .for_each(|(k, ((distance, direction), sides))| {
+            let deep = distance.len() / (nx * ny);
+            for y0 in (0..ny).step_by(BLOCK) {
+                for x0 in (0..nx).step_by(BLOCK) {
+                    let origin = [x0, y0, k * BLOCK];
+                    let near = Near::new(surfaces, origin);
+                    for z in 0..deep {
+                        for y in y0..ny.min(y0 + BLOCK) {
+                            for x in x0..nx.min(x0 + BLOCK) {
+                                let at = (z * ny + y) * nx + x;
+                                let p = [x as f64, y as f64, (k * BLOCK + z) as f64];
+                                let side;
+                                (distance[at], direction[at], side) = near.look(surfaces, p);
+                                sides[at] = side;
+                            }
+                        }
+                    }
+                }
+            }
+        });
+    (
+        Truth {
+            dims,
+            distance,
+            direction,
+            smooth: true,
+        },
+        sides,
+    )
+}
+
+/// The surfaces that may be within reach of a block, and the sides of the others.
+struct Near {
+    surfaces: Vec<usize>,
+    sides: u32,
+}
+
+impl Near {
+    fn new(surfaces: &[Surface], origin: [usize; 3]) -> Self {
+        let half = (BLOCK - 1) as f64 / 2.0;
+        let middle = origin.map(|o| o as f64 + half);
+        let radius = f64::from(REACH) + half * 3f64.sqrt();
+        let mut near = Self {
+            surfaces: Vec::new(),
+            sides: 0,
+        };
+        for (i, surface) in surfaces.iter().enumerate() {
+            let level = surface.level(middle);
+            // A surface that ends needs its sides sample by sample.
+            if level.abs() <= radius * surface.steepness || surface.end.is_some() {
+                near.surfaces.push(i);
+            } else if level > 0.0 {
+                near.sides |= 1 << i;
+            }
+        }
+        near
+    }
+
+    /// Distance, unit direction to the closest point, and sides of one sample.
+    fn look(&self, surfaces: &[Surface], p: [f64; 3]) -> (f32, [f32; 3], u32) {
+        let mut best = f64::from(REACH);
+        let mut direction = [0f64; 3];
+        let mut sides = self.sides;
+        for &i in &self.surfaces {
+            let surface = &surfaces[i];
+            let level = surface.level(p);
+            let exists = |q: [f64; 3]| {
+                surface
+                    .end
+                    .is_none_or(|end| surfaces[end.surface].level(q) * end.side >= 0.0)
+            };
+            if level > 0.0 && exists(p) {
+                sides |= 1 << i;
+            }
+            if level.abs() >= best * surface.steepness {
+                continue;
+            }
+            let foot = surface.closest(p);
+            let to: [f64; 3] = std::array::from_fn(|c| foot.point[c] - p[c]);
+            let d = dot(to, to).sqrt();
+            // Where the closest point is beyond the end, the surface at which this one ends is
+            // closer than any point of this one.
+            if d < best && exists(foot.point) {
+                best = d;
+                // The normal is exact even where the distance vanishes.
+                let sign = if dot(to, foot.normal) < 0.0 {
+                    -1.0
+                } else {
+                    1.0
+                };
+                direction = foot.normal.map(|c| sign * c);
+            }
+        }
+        (best as f32, direction.map(|c| c as f32), sides)
+    }
+}
+
+/// The exact distance from any position, for tests.
+#[cfg(test)]
+pub(super) fn distance(surfaces: &[Surface], p: [f64; 3]) -> f64 {
+    let all = Near {
+        surfaces: (0..surfaces.len()).collect(),
+        sides: 0,
+    };
+    f64::from(all.look(surfaces, p).0)
+}

@@ -1,0 +1,118 @@
+//! VTK itself reads what we write. Needs Python 3 with `vtk` (PyPI); says so where it is missing.
+
+use std::path::Path;
+use std::process::Command;
+
+use atomesh::export::{FieldValue, MeshFile, Trace, to_physical, write_vtu};
+use atomesh::image::{Geometry, Image};
+use atomesh::io::vti;
+use atomesh::io::vtk::DataArray;
+use atomesh::mesh::TetMesh;
+
+/// What VTK says about files, a line an item; `None` if VTK is not installed.
+fn judged(files: &[&Path]) -> Option<String> {
+    let python = |args: &[&std::ffi::OsStr]| Command::new("python3").args(args).output().ok();
+    let found = python(&["-c".as_ref(), "import vtk".as_ref()]);
+    if !found.is_some_and(|out| out.status.success()) {
+        println!("not checked with VTK: no python3 with the module vtk");
+        return None;
+    }
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/vtk/judge.py");
+    let mut args = vec![script.as_os_str()];
+    args.extend(files.iter().map(|f| f.as_os_str()));
+    let out = python(&args)?;
+    assert!(
+        out.status.success(),
+        "{}",
+        String::from_utf8_lossy(&out.stderr)
+    );
+    Some(String::from_utf8_lossy(&out.stdout).into_owned())
+}
+
+/// A cube of six tetrahedra round its diagonal, stretched into a mirrored, turned survey.
+fn cube() -> MeshFile {
+    let nodes = (0..8)
+        .map(|i| std::array::from_fn(|k| f64::from((i >> k) & 1)))
+        .collect();
+    let tets = vec![
+        [0, 1, 3, 7],
+        [0, 3, 2, 7],
+        [0, 2, 6, 7],
+        [0, 6, 4, 7],
+        [0, 4, 5, 7],
+        [0, 5, 1, 7],
+    ];
+    let geometry = Geometry {
+        origin: [6e5, 7e6, 100.0],
+        axes: [[3.0, 4.0, 0.0], [-4.0, 3.0, 0.0], [0.0, 0.0, -2.0]],
+        ..Geometry::default()
+    };
+    MeshFile {
+        mesh: to_physical(&TetMesh { nodes, tets }, [1.0; 3], &geometry),
+        point_data: vec![DataArray::scalars("atom_kind", vec![3u8; 8])],
+        cell_data: vec![
+            DataArray::scalars("region", (1..=6).collect::<Vec<i32>>()),
+            DataArray {
+                name: "vector".into(),
+                components: 3,
+                values: vec![0.25f64; 18].into(),
+            },
+        ],
+        field_data: vec![
+            ("version".into(), FieldValue::Text("a < b, grün".into())),
+            ("none".into(), FieldValue::F64s(vec![])),
+            ("seed".into(), FieldValue::Ints(vec![-7])),
+        ],
+    }
+}
+
+#[test]
+fn vtk_reads_meshes_images_and_traces() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    write_vtu(&at("a.vtu"), &cube()).unwrap();
+    write_vtu(&at("empty.vtu"), &MeshFile::default()).unwrap();
+
+    let geometry = Geometry {
+        origin: [612345.678, 0.5, 3.0],
+        axes: [[0.0, 12.5, 0.0], [-25.0, 0.0, 0.0], [0.0, 0.0, -4.0]],
+        ..Geometry::default()
+    };
+    let samples = (0..60).map(|i| i as f32).collect();
+    vti::write(
+        &at("a.vti"),
+        &Image::new([5, 4, 3], samples, geometry),
+        "amplitude",
+    )
+    .unwrap();
+
+    let mut trace = Trace::create(&at("t.pvd")).unwrap();
+    let data = [DataArray::scalars("b", vec![-1.0f32, -0.5])];
+    trace.add(0.0, &[[0.0; 3], [1.0, 2.0, 3.0]], &data).unwrap();
+
+    let files = [at("a.vtu"), at("empty.vtu"), at("a.vti"), at("t_0000.vtp")];
+    let files: Vec<&Path> = files.iter().map(|f| f.as_path()).collect();
+    let Some(said) = judged(&files) else { return };
+    let want = "\
+points 8 cells 6
+field version 'a < b, grün'
+field none double 0 0
+field seed long long 1 -7
+point atom_kind unsigned char 8 24
+cell region int 6 21
+cell vector double 18 4.5
+volume 50 positive True
+invalid cells 0
+points 0 cells 0
+volume 0 positive True
+invalid cells 0
+points 60 cells 24
+point amplitude float 60 1770
+direction 0 -1 0 1 0 0 0 0 -1
+at 2 1 1 612320.678 25.5 -1
+points 2 cells 2
+point b float 2 -1.5
+";
+    let plain = said.replace("long long", "long");
+    assert_eq!(plain, want.replace("long long", "long"));
+}

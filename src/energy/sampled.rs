@@ -213,7 +213,7 @@ mod tests {
 
     /// A jittered lattice and a potential, d samples to the nominal distance.
     fn case(d: f64, on_samples: bool) -> (Vec<[f64; 3]>, [f64; 3], Field<3>) {
-        let extent = [(8.0 * d) as f64; 3];
+        let extent = [8.0 * d; 3];
         let mut state = 3u64;
         let mut random = || {
             state = state

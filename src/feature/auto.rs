@@ -35,9 +35,9 @@ pub fn pick(volume: Volume<'_>) -> (Kind, String) {
         .fold((f32::MAX, f32::MIN), |(a, b), &v| (a.min(v), b.max(v)));
     let (kind, what) = if least >= -1.0 && least < -0.9 && most <= 0.0 && shape.median > -0.1 {
         (Kind::Potential, "all values in [-1, 0], most near 0")
-    } else if lean > 0.4 && shape.above < 0.15 {
+    } else if lean > 0.25 && shape.above < 0.22 {
         (Kind::Ridges, "few high values on a low background")
-    } else if lean < -0.4 && shape.above > 0.85 {
+    } else if lean < -0.25 && shape.above > 0.78 {
         (Kind::Valleys, "few low values on a high background")
     } else if lean.abs() < 0.35 && shape.median.abs() < 0.15 * span && shape.low < 0.0 {
         (Kind::Horizons, "values swing evenly about zero")

@@ -219,7 +219,7 @@ fn find(image: &Image<3>, kind: Kind, options: &Options, notes: &mut Vec<String>
     let dims = image.dims();
     let samples = || image.as_slice().to_vec();
     match kind {
-        Kind::Auto | Kind::Ridges => Ok(find_ridges(dims, samples(), 1.5, options, notes)),
+        Kind::Auto | Kind::Ridges => Ok(find_ridges(dims, samples(), ridge_scale(options), options, notes)),
         Kind::Valleys | Kind::Potential => {
             let outside = image.as_slice().iter().find(|s| !(-1.0..=0.0).contains(*s));
             if let (Kind::Potential, Some(value)) = (kind, outside) {
@@ -230,7 +230,7 @@ fn find(image: &Image<3>, kind: Kind, options: &Options, notes: &mut Vec<String>
                 )));
             }
             let negated = image.as_slice().iter().map(|s| -s).collect();
-            Ok(find_ridges(dims, negated, 1.5, options, notes))
+            Ok(find_ridges(dims, negated, ridge_scale(options), options, notes))
         }
         Kind::Edges => {
             let mut smoothed = samples();
@@ -246,6 +246,13 @@ fn find(image: &Image<3>, kind: Kind, options: &Options, notes: &mut Vec<String>
         Kind::Horizons => Ok(find_horizons(dims, samples(), options, notes)),
         Kind::Labels => find_labels(image, options, notes),
     }
+}
+
+/// The scale of ridges: as coarse as the lattice can follow, for noise falls with it, but no coarser
+/// than the sheets of a fault image stand apart.
+fn ridge_scale(options: &Options) -> f64 {
+    let samples = options.d_min / options.step.iter().copied().fold(f64::INFINITY, f64::min);
+    (0.28 * samples).clamp(1.5, 2.25)
 }
 
 /// Ridges of samples; `scale` unless the options give one.

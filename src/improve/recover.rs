@@ -10,6 +10,9 @@ use rayon::prelude::*;
 /// first only good ones, so that surfaces are not spanned by long chords; smoothing follows.
 const FLOORS: [f64; 4] = [0.3, 0.15, 0.08, 0.05];
 
+/// A node put on a feature keeps this distance, over d, from the ends of the edge it splits.
+const SPACING: f64 = 0.35;
+
 /// The least that pulling a node onto a feature may leave.
 const FLOOR: f64 = 0.05;
 
@@ -132,6 +135,11 @@ impl Improver<'_> {
         let Some(x) = hold.settle(at, self.extent, self.sheets) else {
             return false;
         };
+        // A lattice of spacing d cannot resolve more: what would crowd is left, and counted.
+        let room = SPACING * self.distance.at(x);
+        if norm(sub(x, p)) < room || norm(sub(x, q)) < room {
+            return false;
+        }
         self.split_edge(t, a, b, x, hold, 0.02)
     }
 

@@ -255,7 +255,12 @@ fn ridge_scale(options: &Options) -> f64 {
     (0.28 * samples).clamp(1.5, 2.25)
 }
 
-/// Ridges of samples; `scale` unless the options give one.
+/// Noise over the strength of a typical ridge above which ridges are sought on a smoother image ...
+const NOISY: f32 = 0.45;
+/// ... up to this scale (samples).
+const COARSEST: f64 = 3.0;
+
+/// Ridges of samples; from `scale` up as smooth as noise asks, unless the options give a scale.
 fn find_ridges(
     dims: [usize; 3],
     mut samples: Vec<f32>,
@@ -263,13 +268,23 @@ fn find_ridges(
     options: &Options,
     notes: &mut Vec<String>,
 ) -> Found {
-    let scale = options.scale.unwrap_or(scale);
+    let mut scale = options.scale.unwrap_or(scale);
     gaussian::smooth(dims, &mut samples, [scale; 3]);
+    let measure = |samples: &[f32], scale| ridges::statistics(Volume { dims, samples }, scale);
+    let mut statistics = measure(&samples, scale);
+    while options.scale.is_none()
+        && statistics.noise > NOISY * statistics.typical
+        && scale < COARSEST
+    {
+        let coarser = (1.25 * scale).min(COARSEST);
+        gaussian::smooth(dims, &mut samples, [(coarser * coarser - scale * scale).sqrt(); 3]);
+        scale = coarser;
+        statistics = measure(&samples, scale);
+    }
     let smoothed = Volume {
         dims,
         samples: &samples,
     };
-    let statistics = ridges::statistics(smoothed, scale);
     let (low, high) = options
         .threshold
         .map_or_else(|| statistics.thresholds(), |t| (0.5 * t, t));

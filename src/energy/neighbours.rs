@@ -234,7 +234,7 @@ impl Neighbours {
     /// over space (0 where it is the same for all), so that an atom finds also those that reach
     /// farther than itself.
     pub fn build(&mut self, points: &[Point], reach: &[f32], slope: f32) {
-        let search = Search::new(points, reach, slope);
+        let search = Search::new(points, reach, slope, EDGE_FOR_ALL);
         self.chunks
             .resize_with(points.len().div_ceil(CHUNK), Rows::default);
         self.chunks.par_iter_mut().enumerate().for_each_init(
@@ -254,7 +254,7 @@ impl Neighbours {
     /// positions or reaches: their own rows and those of the atoms now near them. The result lists
     /// the same pairs as a new build, besides some that are farther apart.
     pub fn repair(&mut self, points: &[Point], reach: &[f32], slope: f32, moved: &[u32]) {
-        let search = Search::new(points, reach, slope);
+        let search = Search::new(points, reach, slope, EDGE_FOR_FEW);
         let relist = |chunks: &mut Vec<Rows>, atoms: &[u32]| {
             chunks.par_iter_mut().enumerate().for_each_init(
                 Scratch::default,
@@ -301,20 +301,20 @@ struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    fn new(points: &'a [Point], reach: &'a [f32], slope: f32) -> Self {
+    fn new(points: &'a [Point], reach: &'a [f32], slope: f32, edge: f32) -> Self {
         let (mut least, mut most) = (f32::INFINITY, 0.0f32);
         for &r in reach {
             least = least.min(r);
             most = most.max(r);
         }
-        // Cells about as large as the smallest reach, but never many more cells than atoms.
+        // Never many more cells than atoms.
         let axes = points
             .iter()
             .fold([0; 3], |a, p| std::array::from_fn(|k| a[k].max(p[k])));
         let axes: Vec<f32> = axes.iter().filter(|&&a| a > 0).map(|&a| a as f32).collect();
         let roomy = axes.iter().product::<f32>() / (4.0 * points.len().max(1) as f32);
         let roomy = roomy.powf(1.0 / axes.len().max(1) as f32);
-        let cells = Cells::new(points, reach, (EDGE * least).max(roomy).max(1.0));
+        let cells = Cells::new(points, reach, (edge * least).max(roomy).max(1.0));
         Self {
             points,
             reach,
@@ -364,8 +364,11 @@ impl<'a> Search<'a> {
     }
 }
 
-/// Edge of a search cell in units of the smallest reach; found by trial.
-const EDGE: f32 = 1.1;
+/// Edge of a search cell in units of the smallest reach, where all atoms are listed: large, as the
+/// atoms of a cell share their candidates.
+const EDGE_FOR_ALL: f32 = 1.1;
+/// The same where atoms here and there are listed: smaller, for fewer candidates.
+const EDGE_FOR_FEW: f32 = 0.6;
 
 /// Working memory of one thread.
 #[derive(Default)]

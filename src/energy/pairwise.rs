@@ -69,6 +69,7 @@ pub struct Pairwise<'a, const D: usize> {
     sites: Vec<Site>,
     parts: Parts,
     relisted: usize,
+    stiffness: f32,
 }
 
 impl<'a, const D: usize> Pairwise<'a, D> {
@@ -113,7 +114,15 @@ impl<'a, const D: usize> Pairwise<'a, D> {
             sites: Vec::new(),
             parts: Parts::default(),
             relisted: 0,
+            stiffness: 0.0,
         })
+    }
+
+    /// Makes atoms nearer than d push each other apart harder than the potential as published does
+    /// (see [`pair`](super::pair)); [`STIFFNESS`](super::pair::STIFFNESS) is a good choice.
+    pub fn stiffened(mut self, stiffness: f32) -> Self {
+        self.stiffness = stiffness.max(0.0);
+        self
     }
 
     /// How many atoms' neighbours have been listed anew because the atom had moved, in all.
@@ -221,6 +230,7 @@ impl<'a, const D: usize> Pairwise<'a, D> {
 impl<const D: usize> Energy<D> for Pairwise<'_, D> {
     fn evaluate(&mut self, x: &[[f64; D]], gradient: &mut [[f64; D]]) -> f64 {
         self.update(x);
+        let stiffness = self.stiffness;
         let scale = self.fixed.scale;
         let (points, sites) = (&self.points, &self.sites);
         let (image, beta, distance) = (&self.image, &self.beta, self.distance);
@@ -243,7 +253,8 @@ impl<const D: usize> Energy<D> for Pairwise<'_, D> {
                         let inverse = (1.0 / (d * scale)) as f32;
                         let weight = (1.0 - beta) / d;
                         for (n, (row, gradient)) in atoms {
-                            let (sum, pull) = same_distance(points, first + n, row, inverse);
+                            let (sum, pull) =
+                                same_distance(points, first + n, row, inverse, stiffness);
                             total[0] += 0.5 * f64::from(sum);
                             *gradient = std::array::from_fn(|k| weight * f64::from(pull[k]));
                             if let Some((b, slope)) = image_at(&x[first + n]) {
@@ -258,7 +269,7 @@ impl<const D: usize> Energy<D> for Pairwise<'_, D> {
                     _ => {
                         for (n, (row, gradient)) in atoms {
                             let i = first + n;
-                            let sums = any_distance(points, sites, i, row);
+                            let sums = any_distance(points, sites, i, row, stiffness);
                             let (d, d_slope) = distance.at_with_gradient(x[i]);
                             let (beta, beta_slope) = match beta {
                                 Beta::Constant(beta) => (*beta, [0.0; D]),
@@ -311,6 +322,7 @@ fn same_distance(
     i: usize,
     row: &[[u32; LANES]],
     inverse: f32,
+    stiffness: f32,
 ) -> (f32, [f32; 3]) {
     let centre = points[i];
     let mut energy = [0.0f32; LANES];
@@ -322,8 +334,8 @@ fn same_distance(
             let u2 = v[0] * v[0] + v[1] * v[1] + v[2] * v[2];
             // Atoms at one place push each other nowhere rather than to infinity.
             let u = u2.clamp(1e-12, CUTOFF * CUTOFF).sqrt();
-            energy[l] += potential(u);
-            let f = force(u) / u;
+            energy[l] += potential(u, stiffness);
+            let f = force(u, stiffness) / u;
             for k in 0..3 {
                 pull[k][l] += f * v[k];
             }
@@ -334,7 +346,13 @@ fn same_distance(
 
 /// The sums of one atom where d and beta may differ from atom to atom.
 #[inline(always)]
-fn any_distance(points: &[Point], sites: &[Site], i: usize, row: &[[u32; LANES]]) -> Sums {
+fn any_distance(
+    points: &[Point],
+    sites: &[Site],
+    i: usize,
+    row: &[[u32; LANES]],
+    stiffness: f32,
+) -> Sums {
     let (centre, own) = (points[i], sites[i]);
     let mut energy = [0.0f32; LANES];
     let mut swell = [0.0f32; LANES];
@@ -348,9 +366,9 @@ fn any_distance(points: &[Point], sites: &[Site], i: usize, row: &[[u32; LANES]]
             let r = r2.sqrt();
             // r is in units of the own d; the other's units differ.
             let ratio = other[l].inverse / own.inverse;
-            energy[l] += potential(r * ratio);
-            let own_force = other[l].weight * force(r);
-            let other_force = own.weight * force(r * ratio) * ratio;
+            energy[l] += potential(r * ratio, stiffness);
+            let own_force = other[l].weight * force(r, stiffness);
+            let other_force = own.weight * force(r * ratio, stiffness) * ratio;
             swell[l] += own_force * r.min(CUTOFF);
             let f = (own_force + other_force) / r * own.inverse;
             for k in 0..3 {
@@ -421,6 +439,7 @@ mod tests {
         distance: &'a Distance<D>,
         potential: &'a Field<D>,
         beta: Beta<D>,
+        stiffness: f32,
     }
 
     impl<const D: usize> Case<'_, D> {
@@ -429,6 +448,7 @@ mod tests {
             let phi = |u: f64| {
                 let u = u.min(1.5);
                 153.0 / 256.0 - 9.0 / 8.0 * u + 19.0 / 24.0 * u.powi(3) - 5.0 / 16.0 * u.powi(4)
+                    + f64::from(self.stiffness) / 3.0 * (1.0 - u).max(0.0).powi(3)
             };
             let beta = |x: &[f64; D]| match &self.beta {
                 Beta::Constant(beta) => *beta,
@@ -436,12 +456,13 @@ mod tests {
             };
             let (own_d, own_beta) = (self.distance.at(x[n]), beta(&x[n]));
             let mut energy = own_beta * interpolate(self.potential, &x[n]);
+            let reach = 1.6 * self.distance.max();
             for (j, other) in x.iter().enumerate() {
                 let r = (0..D)
                     .map(|k| (x[n][k] - other[k]).powi(2))
                     .sum::<f64>()
                     .sqrt();
-                if j != n && r < 1.6 * self.distance.max() {
+                if j != n && r < reach {
                     energy += 0.5 * (1.0 - own_beta) * phi(r / self.distance.at(*other));
                     energy += 0.5 * (1.0 - beta(other)) * phi(r / own_d);
                 }
@@ -455,6 +476,7 @@ mod tests {
             let potential = Some(self.potential);
             let mut evaluator =
                 Pairwise::new(self.extent, self.distance, potential, self.beta.clone()).unwrap();
+            evaluator = evaluator.stiffened(self.stiffness);
             let mut gradient = vec![[0.0; D]; x.len()];
             let energy = evaluator.evaluate(x, &mut gradient);
             // Pair terms appear with both of their atoms, image terms once.
@@ -537,6 +559,7 @@ mod tests {
             distance: &distance,
             potential: &nothing,
             beta: Beta::Constant(0.5),
+            stiffness: 0.0,
         }
         .errors(&x);
         println!("constant d: gradient {gradient:.1e}, energy {energy:.1e}");
@@ -561,6 +584,7 @@ mod tests {
             distance: &distance,
             potential: &nothing,
             beta: Beta::Constant(0.5),
+            stiffness: 0.0,
         }
         .errors(&x);
         // Positions are resolved to 2^-20 of a sample here, 3e-7 of d.
@@ -579,6 +603,7 @@ mod tests {
                 distance: &distance,
                 potential: &potential,
                 beta,
+                stiffness: 40.0,
             }
             .errors(&x);
             println!("variable d: gradient {gradient:.1e}, energy {energy:.1e}");
@@ -590,6 +615,7 @@ mod tests {
             distance: &constant,
             potential: &potential,
             beta: Beta::Constant(0.4),
+            stiffness: 40.0,
         }
         .errors(&x);
         assert!(gradient < 1e-6, "{gradient:e}");
@@ -606,6 +632,7 @@ mod tests {
             distance: &distance,
             potential: &potential,
             beta: Beta::Constant(0.5),
+            stiffness: 0.0,
         }
         .errors(&x);
         assert!(gradient < 1e-6 && energy < 1e-6, "{gradient:e} {energy:e}");

@@ -1,13 +1,19 @@
 //! Initial lattices of atoms: image box and nominal distance d(x) -> [`Atoms`].
 //!
 //! - [`lattice`]: a face-centred cubic lattice fitted to the box, for constant d
+//! - [`grow`]: a pseudo-regular lattice grown atom by atom, for variable d
+//! - [`fixed`]: atoms given by the user
 //! - [`order`]: memory order of atoms, for cache locality
 
+pub mod fixed;
+pub mod grow;
 pub mod lattice;
 pub mod order;
 
+pub use fixed::read_fixed_csv;
+
 use crate::distance::Distance;
-use crate::error::{Error, Result, cause};
+use crate::error::Result;
 use crate::mesh::AtomKind;
 
 /// The atoms of a lattice: the nodes of the mesh to come.
@@ -75,29 +81,31 @@ fn kind_in_box<const D: usize>(x: [f64; D], extent: [f64; D]) -> AtomKind {
     }
 }
 
+/// The square of the distance between two points.
+fn distance2<const D: usize>(a: &[f64; D], b: &[f64; D]) -> f64 {
+    (0..D).map(|k| (a[k] - b[k]).powi(2)).sum()
+}
+
 /// Seeds a face-centred cubic lattice that fills the box `[0, extent]` exactly: corners, edges and
 /// sides of the box carry atoms.
 ///
-/// For constant d the lattice is regular, slightly stretched per axis to fit
-/// ([`lattice::fitted`]).
+/// For constant d the lattice is regular, slightly stretched per axis to fit ([`lattice::fitted`]);
+/// else it grows by Hale's Algorithm 2 ([`grow::grown`]). `fixed` atoms (lattice space) are kept
+/// exactly where they are; the lattice makes room for them ([`fixed::insert`]). Atoms come in the
+/// order of a space-filling curve, fixed atoms last.
 ///
 /// # Errors
-/// [`Error::Seeding`] if a side of the box is shorter than two d or not a number.
-pub fn fcc(extent: [f64; 3], distance: &Distance<3>, _fixed: &[[f64; 3]]) -> Result<Atoms<3>> {
-    let smallest = distance.min();
-    for k in 0..3 {
-        if !(smallest > 0.0 && extent[k] >= 2.0 * smallest && extent[k].is_finite()) {
-            return Err(Error::Seeding(cause(
-                format!("distance {smallest}"),
-                format!(
-                    "axis {k} of the box is {} long, shorter than two distances",
-                    extent[k]
-                ),
-                "choose a smaller distance",
-            )));
-        }
-    }
-    let mut positions = lattice::fitted(extent, smallest);
-    order::sort_by_curve(&mut positions, extent, 2.0 * smallest);
-    Ok(Atoms::in_box(positions, extent))
+/// [`Error::Distance`] if d does not suit the box, [`Error::Seeding`] if a fixed atom lies outside
+/// the box or two lie at one place.
+pub fn fcc(extent: [f64; 3], distance: &Distance<3>, fixed: &[[f64; 3]]) -> Result<Atoms<3>> {
+    distance.validate(extent)?;
+    let fixed = fixed::checked(fixed, extent, distance)?;
+    let mut positions = match distance {
+        Distance::Constant(d) => lattice::fitted(extent, *d),
+        Distance::Field(_) => grow::grown(extent, distance, &fixed),
+    };
+    order::sort_by_curve(&mut positions, extent, 2.0 * distance.min());
+    let mut atoms = Atoms::in_box(positions, extent);
+    fixed::insert(&mut atoms, &fixed, extent, distance);
+    Ok(atoms)
 }

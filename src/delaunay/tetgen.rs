@@ -102,11 +102,15 @@ fn check_points(points: &[[f64; 3]]) -> Result<()> {
             ));
         }
     }
-    let thickness = relative_thickness(points);
-    if thickness < MIN_THICKNESS {
+    let largest = low
+        .iter()
+        .chain(&high)
+        .fold(0.0, |m: f64, c| m.max(c.abs()));
+    let (thickness, length) = thickness_and_length(points);
+    if thickness < 1e-13 * length + 8.0 * f64::EPSILON * largest {
         return Err(fault(
             format!(
-                "the {} points lie in one plane or on one line (thickness over extent {thickness:.1e})",
+                "the {} points lie in one plane or on one line, to within {thickness:.1e}",
                 points.len()
             ),
             "give points that span a volume",
@@ -115,12 +119,10 @@ fn check_points(points: &[[f64; 3]]) -> Result<()> {
     Ok(())
 }
 
-/// Thinner point sets, relative to their extent, are flat up to rounding.
-const MIN_THICKNESS: f64 = 1e-13;
-
-/// Height of a big tetrahedron among the points over the length of its longest edge: each node in
-/// turn is the one farthest from the point, line and plane of those before.
-fn relative_thickness(points: &[[f64; 3]]) -> f64 {
+/// Least height of a big tetrahedron among the points, and the length of its longest edge: each
+/// node in turn is the one farthest from the point, line and plane of those before. Thickness at
+/// the level of rounding means points in one plane.
+fn thickness_and_length(points: &[[f64; 3]]) -> (f64, f64) {
     let farthest = |distance2: &dyn Fn([f64; 3]) -> f64| {
         let mut best = (0.0, [0.0; 3]);
         for p in points {
@@ -138,12 +140,12 @@ fn relative_thickness(points: &[[f64; 3]]) -> f64 {
         dot(c, c)
     });
     if length2 == 0.0 || area2 == 0.0 {
-        return 0.0;
+        return (0.0, length2.sqrt());
     }
     let normal = cross(a, b);
     let (height2, _) = farthest(&|q| dot(normal, q).powi(2));
     let height = (height2 / dot(normal, normal)).sqrt();
-    height.min((area2 / length2).sqrt()) / length2.sqrt()
+    (height.min((area2 / length2).sqrt()), length2.sqrt())
 }
 
 /// TetGen leaves out a point that coincides, or nearly so, with another: names such points.

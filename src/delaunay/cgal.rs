@@ -348,3 +348,17 @@ mod tests {
         assert!(text.contains("99"), "{text}");
     }
 }
+
+#[cfg(test)]
+#[cfg(not(feature = "cgal"))]
+mod tests_without_cgal {
+    #[test]
+    fn says_what_is_missing() {
+        let text = super::triangulate(&[]).unwrap_err().to_string();
+        assert!(
+            text.contains("without CGAL") && text.contains("libcgal-dev"),
+            "{text}"
+        );
+        assert!(super::validate(&[], &[]).is_err());
+    }
+}

@@ -178,11 +178,14 @@ fn check_all_used(points: &[[f64; 3]], tets: &[[u32; 4]]) -> Result<()> {
     ))
 }
 
+/// Tetrahedra, and their neighbours if asked for.
+type TetsAndNeighbors = (Vec<[u32; 4]>, Vec<[u32; 4]>);
+
 #[cfg(not(feature = "tetgen"))]
 mod ffi {
-    use super::{Result, fault};
+    use super::{Result, TetsAndNeighbors, fault};
 
-    pub fn tetrahedra(_: &[[f64; 3]], _: bool) -> Result<(Vec<[u32; 4]>, Vec<[u32; 4]>)> {
+    pub fn tetrahedra(_: &[[f64; 3]], _: bool) -> Result<TetsAndNeighbors> {
         Err(fault(
             "this atomesh was built without TetGen",
             "install libtet1.5-dev and libclang-dev and build with the feature `tetgen` (on by default)",
@@ -197,7 +200,7 @@ mod ffi {
 
     use tetgen_sys as sys;
 
-    use super::{Result, fault};
+    use super::{Result, TetsAndNeighbors, fault};
 
     /// TetGen is not re-entrant: `exactinit` writes the error bounds of its predicates, made for
     /// the extent of the points at hand, into globals. A second run at the same time would use
@@ -236,10 +239,7 @@ mod ffi {
     }
 
     /// Tetrahedra and, when asked for, neighbours; `points` have passed `check_points`.
-    pub fn tetrahedra(
-        points: &[[f64; 3]],
-        with_neighbors: bool,
-    ) -> Result<(Vec<[u32; 4]>, Vec<[u32; 4]>)> {
+    pub fn tetrahedra(points: &[[f64; 3]], with_neighbors: bool) -> Result<TetsAndNeighbors> {
         let switches = if with_neighbors {
             SWITCHES_WITH_NEIGHBORS
         } else {
@@ -556,5 +556,19 @@ mod tests {
         );
         points.push(points[5]);
         assert!(message(&points).contains("and 1 more"));
+    }
+}
+
+#[cfg(test)]
+#[cfg(not(feature = "tetgen"))]
+mod tests_without_tetgen {
+    #[test]
+    fn says_what_is_missing() {
+        let points = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let text = super::delaunay(&points).unwrap_err().to_string();
+        assert!(
+            text.contains("without TetGen") && text.contains("libtet1.5-dev"),
+            "{text}"
+        );
     }
 }

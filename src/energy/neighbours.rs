@@ -48,8 +48,8 @@ pub const NOWHERE: Point = [i32::MAX, i32::MAX, i32::MAX, 0];
 /// The neighbours of [`CHUNK`] successive atoms.
 #[derive(Default)]
 pub struct Rows {
-    /// Where each atom's row ends in `list`.
-    ends: Vec<u32>,
+    /// Where each atom's row starts and ends in `list`.
+    spans: Vec<[u32; 2]>,
     /// Indices of neighbours; rows are filled to whole groups with the number of atoms, which is
     /// the index of [`NOWHERE`].
     list: Vec<[u32; LANES]>,
@@ -59,12 +59,21 @@ impl Rows {
     /// The groups of neighbours of each atom of the chunk.
     #[inline]
     pub fn iter(&self) -> impl Iterator<Item = &[[u32; LANES]]> {
-        let mut first = 0;
-        self.ends.iter().map(move |&end| {
-            let row = &self.list[first..end as usize];
-            first = end as usize;
-            row
-        })
+        (0..self.spans.len()).map(|n| self.row(n))
+    }
+
+    /// The groups of neighbours of the chunk's `n`th atom.
+    fn row(&self, n: usize) -> &[[u32; LANES]] {
+        let [start, end] = self.spans[n];
+        &self.list[start as usize..end as usize]
+    }
+
+    /// Number of groups that are in use.
+    fn live(&self) -> usize {
+        self.spans
+            .iter()
+            .map(|[start, end]| (end - start) as usize)
+            .sum()
     }
 }
 
@@ -87,6 +96,19 @@ struct Cells {
     points: Vec<Point>,
     /// Square of each atom's reach, in cell order.
     reach2: Vec<f32>,
+    /// The cell of each atom, in the atoms' own order.
+    cell_of: Vec<u32>,
+}
+
+/// Atoms that may be near a few others that share a cell; arrays, so that tests vectorise.
+#[derive(Default)]
+struct Candidates {
+    /// Position relative to some origin in the cell.
+    x: [Vec<f32>; 3],
+    reach2: Vec<f32>,
+    index: Vec<u32>,
+    /// Whether each is near the atom at hand.
+    near: Vec<bool>,
 }
 
 impl Cells {
@@ -100,22 +122,22 @@ impl Cells {
         let dims = most.map(|m| (m as f32 / edge) as usize + 1);
         let cell = |p: &Point| {
             let c = |k: usize| ((p[k] as f32 / edge) as usize).min(dims[k] - 1);
-            (c(2) * dims[1] + c(1)) * dims[0] + c(0)
+            ((c(2) * dims[1] + c(1)) * dims[0] + c(0)) as u32
         };
-        let mut starts = vec![0u32; dims.iter().product::<usize>() + 1];
-        let cells: Vec<u32> = points.par_iter().map(|p| cell(p) as u32).collect();
-        for &c in &cells {
-            starts[c as usize + 1] += 1;
+        let cell_of: Vec<u32> = points.iter().map(cell).collect();
+        let mut starts = vec![0u32; dims.iter().product::<usize>() + 2];
+        for &c in &cell_of {
+            starts[c as usize + 2] += 1;
         }
-        for n in 1..starts.len() {
+        for n in 2..starts.len() {
             starts[n] += starts[n - 1];
         }
-        let mut next = starts.clone();
         let mut sorted = vec![[0; 4]; points.len()];
         let mut reach2 = vec![0.0; points.len()];
-        for (n, &c) in cells.iter().enumerate() {
-            let place = next[c as usize] as usize;
-            next[c as usize] += 1;
+        for (n, &c) in cell_of.iter().enumerate() {
+            // The start of the next cell counts up to its place.
+            let place = starts[c as usize + 1] as usize;
+            starts[c as usize + 1] += 1;
             sorted[place] = [points[n][0], points[n][1], points[n][2], n as i32];
             reach2[place] = reach[n] * reach[n];
         }
@@ -125,51 +147,83 @@ impl Cells {
             starts,
             points: sorted,
             reach2,
+            cell_of,
         }
     }
 
-    /// Appends to `found` the atoms nearer to `centre` (atom `index`) than the larger of the two
-    /// reaches, none of them farther than `search`.
-    #[inline]
-    fn near(&self, centre: &Point, index: i32, reach: f32, search: f32, found: &mut Vec<u32>) {
-        let inverse = 1.0 / self.edge;
-        let x = [centre[0] as f32, centre[1] as f32, centre[2] as f32];
-        let range = |k: usize, radius: f32| {
-            // The margin covers the rounding of positions to f32.
-            let radius = radius + 1e-6 * x[k];
-            let low = ((x[k] - radius) * inverse).max(0.0) as usize;
-            let high = ((x[k] + radius) * inverse) as usize;
-            (low.min(self.dims[k] - 1), high.min(self.dims[k] - 1))
+    /// Collects the atoms within `radius` of the box `[low, high]` (fixed-point units), with
+    /// positions relative to `low`.
+    fn collect(&self, low: &Point, high: &Point, radius: f32, found: &mut Candidates) {
+        // The margin covers the rounding of positions to f32.
+        let range = |k: usize| {
+            let radius = radius + 1e-6 * high[k] as f32;
+            let first = ((low[k] as f32 - radius) / self.edge).max(0.0) as usize;
+            let last = ((high[k] as f32 + radius) / self.edge) as usize;
+            (first.min(self.dims[k] - 1), last.min(self.dims[k] - 1))
         };
-        // How far the centre is from a slab of cells along one axis.
-        let gap = |k: usize, cell: usize| {
-            let low = cell as f32 * self.edge;
-            (low - x[k]).max(x[k] - low - self.edge).max(0.0)
-        };
-        let (own2, search2) = (reach * reach, search * search);
-        let (z0, z1) = range(2, search);
-        let (y0, y1) = range(1, search);
-        for z in z0..=z1 {
-            let left = search2 - gap(2, z).powi(2);
-            for y in y0..=y1 {
-                let left = left - gap(1, y).powi(2);
-                if left < 0.0 {
-                    continue;
-                }
-                let (x0, x1) = range(0, left.sqrt());
+        let (xs, ys, zs) = (range(0), range(1), range(2));
+        let size: [f32; 3] = std::array::from_fn(|k| (high[k] - low[k]) as f32);
+        let mut end = 0;
+        for z in zs.0..=zs.1 {
+            for y in ys.0..=ys.1 {
                 let row = (z * self.dims[1] + y) * self.dims[0];
-                let run = self.starts[row + x0] as usize..self.starts[row + x1 + 1] as usize;
-                for (point, &other2) in self.points[run.clone()].iter().zip(&self.reach2[run]) {
-                    let dx = (point[0] - centre[0]) as f32;
-                    let dy = (point[1] - centre[1]) as f32;
-                    let dz = (point[2] - centre[2]) as f32;
-                    let r2 = dx * dx + dy * dy + dz * dz;
-                    if r2 < own2.max(other2) && point[3] != index {
-                        found.push(point[3] as u32);
+                let run = self.starts[row + xs.0] as usize..self.starts[row + xs.1 + 1] as usize;
+                found.resize(end + run.len());
+                // Without branches: the end moves on only past those to be kept.
+                for (point, &reach2) in self.points[run.clone()].iter().zip(&self.reach2[run]) {
+                    let x: [f32; 4] = std::array::from_fn(|k| (point[k] - low[k]) as f32);
+                    let gap = |k: usize| (-x[k]).max(x[k] - size[k]).max(0.0);
+                    let gap2 = gap(0) * gap(0) + gap(1) * gap(1) + gap(2) * gap(2);
+                    for k in 0..3 {
+                        found.x[k][end] = x[k];
                     }
+                    found.reach2[end] = reach2;
+                    found.index[end] = point[3] as u32;
+                    end += usize::from(gap2 < radius * radius);
                 }
             }
         }
+        found.resize(end);
+    }
+}
+
+impl Candidates {
+    fn resize(&mut self, count: usize) {
+        self.x.iter_mut().for_each(|x| x.resize(count, 0.0));
+        self.reach2.resize(count, 0.0);
+        self.index.resize(count, 0);
+    }
+
+    /// Appends to `list` those nearer to `x` (atom `index`) than the larger of the two reaches, in
+    /// groups filled up with `filler`.
+    fn append_near(
+        &mut self,
+        x: [f32; 3],
+        index: u32,
+        reach: f32,
+        filler: u32,
+        row: &mut Vec<u32>,
+        list: &mut Vec<[u32; LANES]>,
+    ) {
+        let count = self.index.len();
+        let own2 = reach * reach;
+        self.near.resize(count, false);
+        let [xs, ys, zs] = self.x.each_ref().map(|c| &c[..count]);
+        let reach2 = &self.reach2[..count];
+        for (n, near) in self.near.iter_mut().enumerate() {
+            let (dx, dy, dz) = (xs[n] - x[0], ys[n] - x[1], zs[n] - x[2]);
+            *near = dx * dx + dy * dy + dz * dz < own2.max(reach2[n]);
+        }
+        // Without branches: the row's end moves on only past those to be kept.
+        row.resize(count + LANES, filler);
+        let mut end = 0;
+        for (&other, &near) in self.index.iter().zip(&self.near) {
+            row[end] = other;
+            end += usize::from(near & (other != index));
+        }
+        row[end..end + LANES].fill(filler);
+        let groups = row[..end.next_multiple_of(LANES)].chunks_exact(LANES);
+        list.extend(groups.map(|g| [g[0], g[1], g[2], g[3]]));
     }
 }
 
@@ -178,47 +232,147 @@ impl Neighbours {
     ///
     /// `reach` is each atom's own reach in fixed-point units, `slope` a bound on how fast it changes
     /// over space (0 where it is the same for all), so that an atom finds also those that reach
-    /// farther than itself. `points` may have more elements than `reach` (see [`NOWHERE`]).
+    /// farther than itself.
     pub fn build(&mut self, points: &[Point], reach: &[f32], slope: f32) {
-        let count = reach.len();
-        let points = &points[..count];
+        let search = Search::new(points, reach, slope);
+        self.chunks
+            .resize_with(points.len().div_ceil(CHUNK), Rows::default);
+        self.chunks.par_iter_mut().enumerate().for_each_init(
+            Scratch::default,
+            |scratch, (n, rows)| {
+                let first = n * CHUNK;
+                let last = (first + CHUNK).min(points.len());
+                rows.list.clear();
+                rows.spans.clear();
+                rows.spans.resize(last - first, [0; 2]);
+                search.list(first..last, first, rows, scratch);
+            },
+        );
+    }
+
+    /// Brings the lists up to date after a few atoms, `moved` in rising order, have got new
+    /// positions or reaches: their own rows and those of the atoms now near them. The result lists
+    /// the same pairs as a new build, besides some that are farther apart.
+    pub fn repair(&mut self, points: &[Point], reach: &[f32], slope: f32, moved: &[u32]) {
+        let search = Search::new(points, reach, slope);
+        let relist = |chunks: &mut Vec<Rows>, atoms: &[u32]| {
+            chunks.par_iter_mut().enumerate().for_each_init(
+                Scratch::default,
+                |scratch, (n, rows)| {
+                    let first = n * CHUNK;
+                    let from = atoms.partition_point(|&i| (i as usize) < first);
+                    let to = atoms.partition_point(|&i| (i as usize) < first + CHUNK);
+                    if rows.list.len() > 2 * rows.live() {
+                        // Mostly old rows: list all anew.
+                        rows.list.clear();
+                        search.list(first..first + rows.spans.len(), first, rows, scratch);
+                    } else if from < to {
+                        let atoms = atoms[from..to].iter().map(|&i| i as usize);
+                        search.list(atoms, first, rows, scratch);
+                    }
+                },
+            );
+        };
+        relist(&mut self.chunks, moved);
+        let mut touched = vec![false; points.len() + 1];
+        for &i in moved {
+            let rows = &self.chunks[i as usize / CHUNK];
+            for &j in rows.row(i as usize % CHUNK).iter().flatten() {
+                touched[j as usize] = true;
+            }
+        }
+        for &i in moved {
+            touched[i as usize] = false;
+        }
+        let touched: Vec<u32> = (0..points.len() as u32)
+            .filter(|&i| touched[i as usize])
+            .collect();
+        relist(&mut self.chunks, &touched);
+    }
+}
+
+/// Finds neighbours.
+struct Search<'a> {
+    points: &'a [Point],
+    reach: &'a [f32],
+    slope: f32,
+    most: f32,
+    cells: Cells,
+}
+
+impl<'a> Search<'a> {
+    fn new(points: &'a [Point], reach: &'a [f32], slope: f32) -> Self {
         let (mut least, mut most) = (f32::INFINITY, 0.0f32);
         for &r in reach {
             least = least.min(r);
             most = most.max(r);
         }
-        // Half the reach is the cheapest edge; never many more cells than atoms.
-        let volume: f32 = (0..3)
-            .map(|k| points.iter().map(|p| p[k]).max().unwrap_or(0) as f32)
-            .filter(|&length| length > 0.0)
-            .product();
+        // Cells about as large as the smallest reach, but never many more cells than atoms.
         let axes = points
             .iter()
             .fold([0; 3], |a, p| std::array::from_fn(|k| a[k].max(p[k])));
-        let axes = axes.iter().filter(|&&a| a > 0).count().max(1);
-        let roomy = (volume / (4.0 * count.max(1) as f32)).powf(1.0 / axes as f32);
-        let cells = Cells::new(points, reach, (0.5 * least).max(roomy).max(1.0));
-
-        self.chunks
-            .resize_with(count.div_ceil(CHUNK), Rows::default);
-        self.chunks
-            .par_iter_mut()
-            .enumerate()
-            .for_each_init(Vec::new, |found, (n, rows)| {
-                rows.ends.clear();
-                rows.list.clear();
-                for index in n * CHUNK..((n + 1) * CHUNK).min(count) {
-                    found.clear();
-                    // r < reach_j <= reach_i + slope r  =>  r < reach_i / (1 - slope)
-                    let search = (reach[index] / (1.0 - slope).max(1e-3)).min(most);
-                    cells.near(&points[index], index as i32, reach[index], search, found);
-                    found.resize(found.len().next_multiple_of(LANES), count as u32);
-                    let groups = found.chunks_exact(LANES);
-                    rows.list.extend(groups.map(|g| [g[0], g[1], g[2], g[3]]));
-                    rows.ends.push(rows.list.len() as u32);
-                }
-            });
+        let axes: Vec<f32> = axes.iter().filter(|&&a| a > 0).map(|&a| a as f32).collect();
+        let roomy = axes.iter().product::<f32>() / (4.0 * points.len().max(1) as f32);
+        let roomy = roomy.powf(1.0 / axes.len().max(1) as f32);
+        let cells = Cells::new(points, reach, (EDGE * least).max(roomy).max(1.0));
+        Self {
+            points,
+            reach,
+            slope,
+            most,
+            cells,
+        }
     }
+
+    /// Appends new rows of some atoms of the chunk that begins with atom `first`.
+    fn list(
+        &self,
+        atoms: impl Iterator<Item = usize>,
+        first: usize,
+        rows: &mut Rows,
+        scratch: &mut Scratch,
+    ) {
+        let Scratch {
+            order,
+            candidates,
+            row,
+        } = scratch;
+        // Those of a cell together: they share their candidates.
+        order.clear();
+        order.extend(atoms.map(|i| (self.cells.cell_of[i], i as u32)));
+        order.sort_unstable();
+        for atoms in order.chunk_by(|a, b| a.0 == b.0) {
+            let (mut low, mut high, mut radius) = ([i32::MAX; 4], [i32::MIN; 4], 0.0f32);
+            for &(_, i) in atoms {
+                let point = &self.points[i as usize];
+                low = std::array::from_fn(|k| low[k].min(point[k]));
+                high = std::array::from_fn(|k| high[k].max(point[k]));
+                // r < reach_j <= reach_i + slope r  =>  r < reach_i / (1 - slope)
+                let search = self.reach[i as usize] / (1.0 - self.slope).max(1e-3);
+                radius = radius.max(search.min(self.most));
+            }
+            self.cells.collect(&low, &high, radius, candidates);
+            for &(_, i) in atoms {
+                let point = &self.points[i as usize];
+                let x = std::array::from_fn(|k| (point[k] - low[k]) as f32);
+                let (reach, filler) = (self.reach[i as usize], self.points.len() as u32);
+                let start = rows.list.len() as u32;
+                candidates.append_near(x, i, reach, filler, row, &mut rows.list);
+                rows.spans[i as usize - first] = [start, rows.list.len() as u32];
+            }
+        }
+    }
+}
+
+/// Edge of a search cell in units of the smallest reach; found by trial.
+const EDGE: f32 = 1.1;
+
+/// Working memory of one thread.
+#[derive(Default)]
+struct Scratch {
+    order: Vec<(u32, u32)>,
+    candidates: Candidates,
+    row: Vec<u32>,
 }
 
 #[cfg(test)]
@@ -244,7 +398,7 @@ mod tests {
                 .map(|x| ((1.5 + slope * x[0]) * fixed.scale) as f32)
                 .collect();
             let mut neighbours = Neighbours::default();
-            neighbours.build(&points, &reach, slope as f32);
+            neighbours.build(&points[..reach.len()], &reach, slope as f32);
             let rows = neighbours.chunks.iter().flat_map(Rows::iter);
             let mut listed = 0;
             for (i, row) in rows.enumerate() {

@@ -9,15 +9,19 @@
 //! - [`ridges`](mod@ridges): ridges (and, negated, valleys)
 //! - [`horizons`](mod@horizons): crests and troughs of seismic amplitude
 //! - [`labels`]: interfaces between labels, thin masks
+//! - [`repair`](mod@repair): ridges through crossings and up to the box's sides
+//! - [`grid`]: candidates by sample
 //! - [`sheets`](mod@sheets): hysteresis, sheets too near one another, crumbs
 //! - [`potential`](mod@potential): b(x)
 
 pub mod auto;
 pub mod crossing;
 pub mod gaussian;
+pub mod grid;
 pub mod horizons;
 pub mod labels;
 pub mod potential;
+pub mod repair;
 pub mod ridges;
 pub mod sheets;
 pub mod symmetric;
@@ -272,8 +276,9 @@ fn find_ridges(
          {:.4}, typical strength {:.4}",
         statistics.noise, statistics.typical
     ));
+    let candidates = ridges::ridges(smoothed, scale, low);
     Found {
-        candidates: ridges::ridges(smoothed, scale, low),
+        candidates: repair::repair(smoothed, candidates, scale, high),
         high,
     }
 }

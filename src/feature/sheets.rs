@@ -6,6 +6,7 @@
 //! for a whole sheet and not sample by sample.
 
 use super::crossing::Candidate;
+use super::grid::{Grid, NONE as FREE};
 use crate::feature::FeaturePoint;
 
 /// What a sheet must be.
@@ -41,53 +42,7 @@ const PARALLEL: f32 = 0.9;
 /// Nearer than this (samples), a parallel point is taken for part of the same sheet.
 const TOGETHER: f32 = 1.5;
 
-const FREE: u32 = u32::MAX;
 const CRUMB: u32 = u32::MAX - 1;
-
-/// Candidates by the sample they belong to.
-struct Grid<'a> {
-    dims: [usize; 3],
-    candidates: &'a [Candidate],
-    /// First candidate of each sample, `FREE` if none; more follow it in the list.
-    first: Vec<u32>,
-}
-
-impl<'a> Grid<'a> {
-    /// `candidates` must be in the order of samples.
-    fn new(dims: [usize; 3], candidates: &'a [Candidate]) -> Self {
-        let mut first = vec![FREE; dims.iter().product()];
-        for (i, c) in candidates.iter().enumerate().rev() {
-            first[c.voxel as usize] = i as u32;
-        }
-        Self {
-            dims,
-            candidates,
-            first,
-        }
-    }
-
-    /// Sample coordinates of a candidate.
-    fn coordinates(&self, c: &Candidate) -> [i32; 3] {
-        let v = c.voxel as usize;
-        let [nx, ny, _] = self.dims;
-        [(v % nx) as i32, (v / nx % ny) as i32, (v / nx / ny) as i32]
-    }
-
-    /// Calls `visit` for each candidate of the sample at these coordinates, if it is inside.
-    #[inline]
-    fn each(&self, at: [i32; 3], mut visit: impl FnMut(usize)) {
-        if (0..3).any(|k| at[k] < 0 || at[k] as usize >= self.dims[k]) {
-            return;
-        }
-        let voxel =
-            (at[2] as usize * self.dims[1] + at[1] as usize) * self.dims[0] + at[0] as usize;
-        let mut i = self.first[voxel] as usize;
-        while i < self.candidates.len() && self.candidates[i].voxel as usize == voxel {
-            visit(i);
-            i += 1;
-        }
-    }
-}
 
 /// Groups candidates (in the order of samples) into sheets that keep the rules.
 pub fn sheets(dims: [usize; 3], candidates: &[Candidate], step: [f64; 3], rules: &Rules) -> Sheets {

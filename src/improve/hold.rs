@@ -12,6 +12,8 @@ pub struct Hold {
     pub count: u8,
     /// No feature is anywhere near.
     pub far: bool,
+    /// On one sheet, and no other is near.
+    pub alone: bool,
     normals: [[f32; 3]; 2],
 }
 

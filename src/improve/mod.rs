@@ -95,9 +95,11 @@ impl<'a> Improver<'a> {
                 let mut hold = Hold::by_box(x, kind, extent);
                 hold.far = sheets.far(x);
                 if !hold.far {
-                    for sheet in sheets.near(x).iter().filter(|s| s.offset.abs() < ON_SHEET) {
+                    let near = sheets.near(x);
+                    for sheet in near.iter().filter(|s| s.offset.abs() < ON_SHEET) {
                         hold.add(sheet.normal);
                     }
+                    hold.alone = hold.count == 1 && near.iter().count() == 1;
                 }
                 hold
             })
@@ -157,6 +159,7 @@ impl<'a> Improver<'a> {
         self.sheets.pierced(
             self.complex.nodes[i],
             self.complex.nodes[j],
+            [p.alone, q.alone],
             |end, normal| if end == 0 { p.on(normal) } else { q.on(normal) },
         )
     }
@@ -261,6 +264,7 @@ impl<'a> Improver<'a> {
             self.queue = self.poor();
             self.queue.reverse();
             self.flip_queue();
+            dbg(self, "  flips");
             let mut nodes: Vec<u32> = self
                 .poor()
                 .iter()
@@ -446,7 +450,7 @@ impl Improver<'_> {
 mod tests;
 
 fn dbg(i: &Improver, label: &str) {
-    let (m, _) = i.complex.clone().into_mesh();
-    let c = crate::mesh::check::check(&m, [0.0; 3], i.extent, 1e-9);
-    println!("{label} poor {} {:?} {:?}", i.poor().len(), i.counts, c.problems);
+    thread_local!(static T: std::cell::Cell<Option<std::time::Instant>> = const { std::cell::Cell::new(None) });
+    let now = std::time::Instant::now();
+    println!("{label} {:?} poor {} {:?}", T.replace(Some(now)).map(|t| now - t), i.poor().len(), i.counts);
 }

@@ -14,24 +14,22 @@ const FLOORS: [f64; 4] = [0.3, 0.15, 0.08, 0.05];
 const FLOOR: f64 = 0.05;
 
 impl Improver<'_> {
-    /// Every edge that pierces a feature, as pairs of nodes in rising order.
-    pub(super) fn pierced_edges(&self) -> Vec<(u32, u32)> {
-        let mut edges: Vec<(u32, u32)> = self
-            .complex
-            .tets
-            .iter()
-            .enumerate()
-            .filter(|(t, tet)| {
-                self.complex.alive(*t as u32)
-                    && tet.iter().any(|&n| !self.holds[n as usize].far)
-            })
-            .flat_map(|(_, tet)| {
-                EDGES.map(|[i, j]| (tet[i].min(tet[j]), tet[i].max(tet[j])))
-            })
+    /// The edges of the given tetrahedra that pierce a feature, as pairs of nodes in rising order.
+    fn pierced_among(&self, tets: impl Iterator<Item = u32>) -> Vec<(u32, u32)> {
+        let mut edges: Vec<(u32, u32)> = tets
+            .filter(|&t| self.complex.alive(t))
+            .map(|t| self.complex.tets[t as usize])
+            .filter(|tet| tet.iter().any(|&n| !self.holds[n as usize].far))
+            .flat_map(|tet| EDGES.map(|[i, j]| (tet[i].min(tet[j]), tet[i].max(tet[j]))))
             .collect();
         edges.par_sort_unstable();
         edges.dedup();
         edges.into_par_iter().filter(|&(a, b)| self.pierces(a, b)).collect()
+    }
+
+    /// Every edge that pierces a feature.
+    pub(super) fn pierced_edges(&self) -> Vec<(u32, u32)> {
+        self.pierced_among(0..self.complex.tets.len() as u32)
     }
 
     /// Makes the mesh follow the features.
@@ -39,10 +37,9 @@ impl Improver<'_> {
         let mut pierced = self.pierced_edges();
         self.counts.pierced_before = pierced.len();
         for (round, floor) in FLOORS.into_iter().enumerate() {
-            if pierced.is_empty() {
-                break;
-            }
-            for &(a, b) in &pierced {
+            // Flips never make a piercing edge: only moved and new nodes need another look.
+            let mut again = Vec::new();
+            for (a, b) in std::mem::take(&mut pierced) {
                 if self.recover_by_flip(a, b, floor) {
                     self.counts.pierced_flipped += 1;
                 } else if self.recover_by_snap(a, b) {
@@ -50,10 +47,13 @@ impl Improver<'_> {
                 } else if round > 0 && self.recover_by_split(a, b) {
                     self.counts.pierced_split += 1;
                 }
+                for node in [a, b] {
+                    self.complex.star(node, &mut self.star);
+                    again.extend_from_slice(&self.star);
+                }
             }
-            pierced = self.pierced_edges();
+            pierced = self.pierced_among(again.into_iter());
         }
-        self.counts.pierced_left = pierced.len();
     }
 
     fn edge(&mut self, a: u32, b: u32) -> Option<u32> {

@@ -62,6 +62,9 @@ pub struct Sheets {
     coarse: f64,
     coarse_dims: [usize; 3],
     near: Vec<bool>,
+    /// Cells of side 1 that a feature point is in or beside: a bit each.
+    fine_dims: [usize; 3],
+    fine: Vec<u64>,
 }
 
 impl Sheets {
@@ -103,6 +106,22 @@ impl Sheets {
         for axis in 0..3 {
             dilate(&mut near, coarse_dims, axis, 3);
         }
+        let fine_dims = extent.map(|e| e as usize + 1);
+        let mut fine = vec![0u64; fine_dims.iter().product::<usize>() / 64 + 1];
+        for p in points {
+            let at: [usize; 3] =
+                std::array::from_fn(|k| (p.position[k].max(0.0) as usize).min(fine_dims[k] - 1));
+            let low = at.map(|c| c.saturating_sub(1));
+            let high: [usize; 3] = std::array::from_fn(|k| (at[k] + 1).min(fine_dims[k] - 1));
+            for z in low[2]..=high[2] {
+                for y in low[1]..=high[1] {
+                    for x in low[0]..=high[0] {
+                        let i = (z * fine_dims[1] + y) * fine_dims[0] + x;
+                        fine[i / 64] |= 1 << (i % 64);
+                    }
+                }
+            }
+        }
         Self {
             radius,
             cell,
@@ -112,7 +131,25 @@ impl Sheets {
             coarse,
             coarse_dims,
             near,
+            fine_dims,
+            fine,
         }
+    }
+
+    /// Whether a feature point may be within about one unit of the part `[from, to]` (in parts of
+    /// the whole) of a segment.
+    fn touches(&self, p: [f64; 3], edge: [f64; 3], length: f64, from: f64, to: f64) -> bool {
+        let steps = ((to - from) * length / 0.6).ceil().max(1.0);
+        let mut i = 0.0;
+        while i <= steps {
+            let x = add_scaled(p, from + (to - from) * i / steps, edge);
+            let at = coarse_index(1.0, self.fine_dims, x);
+            if self.fine[at / 64] >> (at % 64) & 1 == 1 {
+                return true;
+            }
+            i += 1.0;
+        }
+        false
     }
 
     /// Whether no feature lies within the reach of `x`: a quick and safe "nothing to see here".
@@ -121,27 +158,21 @@ impl Sheets {
         !self.near[coarse_index(self.coarse, self.coarse_dims, x)]
     }
 
-    /// Runs `visit` on every point within the fitting radius of `x`, with its squared distance.
+    /// Runs `visit` on every point, with its number, in the cells within the fitting radius of `x`.
     #[inline]
-    fn visit(&self, x: [f64; 3], mut visit: impl FnMut([f64; 3], [f64; 3], f64)) {
+    fn visit(&self, x: [f64; 3], mut visit: impl FnMut(u32, [f32; 3])) {
         let low: [usize; 3] = std::array::from_fn(|k| {
             (((x[k] - self.radius) / self.cell).max(0.0) as usize).min(self.dims[k] - 1)
         });
         let high: [usize; 3] = std::array::from_fn(|k| {
             (((x[k] + self.radius) / self.cell).max(0.0) as usize).min(self.dims[k] - 1)
         });
-        let limit = self.radius * self.radius;
         for z in low[2]..=high[2] {
             for y in low[1]..=high[1] {
                 let row = (z * self.dims[1] + y) * self.dims[0];
-                let range = self.start[row + low[0]] as usize..self.start[row + high[0] + 1] as usize;
-                for (p, n) in &self.points[range] {
-                    let p = p.map(f64::from);
-                    let r = sub(p, x);
-                    let r2 = dot(r, r);
-                    if r2 < limit {
-                        visit(p, n.map(f64::from), r2);
-                    }
+                let (from, to) = (self.start[row + low[0]], self.start[row + high[0] + 1]);
+                for i in from..to {
+                    visit(i, self.points[i as usize].0);
                 }
             }
         }
@@ -154,30 +185,39 @@ impl Sheets {
         if self.points.is_empty() || self.far(x) {
             return result;
         }
-        let mut found = [([0.0; 3], [0.0; 3], 0.0); ROOM];
+        let mut found = [(0u32, 0f32); ROOM];
         let mut count = 0;
-        self.visit(x, |p, n, r2| {
-            if count < ROOM {
-                found[count] = (p, n, r2);
+        let centre = x.map(|c| c as f32);
+        let limit = (self.radius * self.radius) as f32;
+        self.visit(x, |i, p| {
+            let r: [f32; 3] = std::array::from_fn(|k| p[k] - centre[k]);
+            let r2 = r[0] * r[0] + r[1] * r[1] + r[2] * r[2];
+            if r2 < limit && count < ROOM {
+                found[count] = (i, r2);
                 count += 1;
             }
         });
-        let limit = self.radius * self.radius;
+        let point = |i: u32| {
+            let (p, n) = self.points[i as usize];
+            (p.map(f64::from), n.map(f64::from))
+        };
         // One sheet after the other, each grown from the nearest point that is left.
         while count >= 4 && result.count < MOST {
-            let (seed, seed_normal, _) = found[..count]
+            let (nearest, _) = found[..count]
                 .iter()
                 .copied()
-                .fold(found[0], |best, f| if f.2 < best.2 { f } else { best });
+                .fold(found[0], |best, f| if f.1 < best.1 { f } else { best });
+            let (seed, seed_normal) = point(nearest);
             let member = |p: [f64; 3], n: [f64; 3]| {
                 let r = sub(p, seed);
                 dot(n, seed_normal).abs() > SAME_SHEET
                     && dot(r, seed_normal).abs() < 0.4 * norm(r) + 0.4
             };
             let (mut weight, mut centre, mut normal, mut members) = (0.0, [0.0; 3], [0.0; 3], 0);
-            for &(p, n, r2) in &found[..count] {
+            for &(i, r2) in &found[..count] {
+                let (p, n) = point(i);
                 if member(p, n) {
-                    let w = (1.0 - r2 / limit).powi(2) + 1e-3;
+                    let w = f64::from(1.0 - r2 / limit).powi(2) + 1e-3;
                     weight += w;
                     centre = add_scaled(centre, w, p);
                     let sign = if dot(n, seed_normal) < 0.0 { -w } else { w };
@@ -200,7 +240,7 @@ impl Sheets {
             let mut kept = 0;
             for i in 0..count {
                 let f = found[i];
-                if dot(f.1, seed_normal).abs() <= SAME_SHEET {
+                if dot(point(f.0).1, seed_normal).abs() <= SAME_SHEET {
                     found[kept] = f;
                     kept += 1;
                 }
@@ -212,12 +252,14 @@ impl Sheets {
 
     /// Whether the inside of the edge (p, q) passes through a sheet that holds neither end.
     ///
-    /// `holds` tells whether an end is known to lie on a sheet of that normal. Returns the point
-    /// where the edge pierces, and the sheet there.
+    /// `holds` tells whether an end is known to lie on a sheet of that normal, and `alone` whether
+    /// an end lies on a sheet and no other is near it. Returns the point where the edge pierces,
+    /// and the sheet there.
     pub fn pierced(
         &self,
         p: [f64; 3],
         q: [f64; 3],
+        alone: [bool; 2],
         holds: impl Fn(usize, [f64; 3]) -> bool,
     ) -> Option<([f64; 3], Sheet)> {
         if self.points.is_empty() || (self.far(p) && self.far(q)) {
@@ -225,6 +267,15 @@ impl Sheets {
         }
         let edge = sub(q, p);
         let length = norm(edge);
+        // Near an end on a single sheet there is only that sheet: look at the rest of the edge.
+        let clear = (3.0 / length).min(0.4);
+        let [from, to] = [
+            if alone[0] { clear } else { 0.0 },
+            if alone[1] { 1.0 - clear } else { 1.0 },
+        ];
+        if !self.touches(p, edge, length, from, to) {
+            return None;
+        }
         let pace = 0.45 * self.radius;
         let steps = (length / pace).ceil().max(2.0) as usize;
         let mut last = f64::NEG_INFINITY;

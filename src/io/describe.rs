@@ -6,7 +6,7 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::{Format, Loaded, ReadOptions, SegyInfo, detect, read, segy};
-use crate::error::{Result, os};
+use crate::error::{Cause, Result, os};
 use crate::image::{Image, Stats};
 
 /// What an image file holds.
@@ -80,10 +80,10 @@ pub fn describe(path: &Path, options: &ReadOptions) -> Result<Description> {
             false => None,
         };
         if let Some(problem) = &survey.problem {
-            let note = format!(
-                "cannot be meshed: it {}; {}",
-                problem.problem, problem.remedy
-            );
+            let Cause {
+                problem, remedy, ..
+            } = problem;
+            let note = format!("cannot be read as a 3-D volume: {problem}; {remedy}");
             survey.notes.push(note);
         }
         return Ok(Description {
@@ -169,6 +169,10 @@ impl Description {
         for note in &self.notes {
             row("note", note.clone());
         }
+        // The textual header often says where the line numbers and coordinates are.
+        for line in self.survey.iter().flat_map(|survey| &survey.text) {
+            row("text", line.clone());
+        }
         let mut lines = String::new();
         for (name, value) in rows {
             // Writing to a String cannot fail.
@@ -207,12 +211,15 @@ fn survey_rows(survey: &SegyInfo, row: &mut impl FnMut(&str, String)) {
 }
 
 fn image_rows(image: &ImageDescription, row: &mut impl FnMut(&str, String)) {
-    let counts: Vec<String> = image
-        .axes
-        .iter()
-        .map(|a| format!("{} {}", a.count, a.name))
-        .collect();
-    row("dims", format!("{} (x first)", counts.join(" x ")));
+    let join = |part: fn(&Axis) -> String| {
+        let parts: Vec<String> = image.axes.iter().map(part).collect();
+        parts.join(" x ")
+    };
+    let counts = join(|axis| axis.count.to_string());
+    row(
+        "dims",
+        format!("{counts} ({})", join(|axis| axis.name.clone())),
+    );
     let [x, y, z] = image.origin;
     row("first", format!("({x:.3}, {y:.3}, {z:.3})"));
     let [x, y, z] = image.far_corner;
@@ -247,5 +254,37 @@ fn image_rows(image: &ImageDescription, row: &mut impl FnMut(&str, String)) {
                 image.nan, image.infinite
             ),
         );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::Geometry;
+
+    #[test]
+    fn an_image_in_numbers_and_in_words() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("ramp.npy");
+        let mut samples: Vec<f32> = (0..5 * 4 * 3).map(|i| i as f32).collect();
+        samples[7] = f32::NAN;
+        let image = Image::new([5, 4, 3], samples, Geometry::default());
+        super::super::write(&path, &image).unwrap();
+
+        let description = describe(&path, &ReadOptions::default()).unwrap();
+        let found = description.image.as_ref().unwrap();
+        assert_eq!(found.numpy_shape, [3, 4, 5]);
+        assert_eq!((found.min, found.max), (0.0, 59.0));
+        assert_eq!((found.nan, found.first_bad), (1, Some([2, 1, 0])));
+        assert_eq!(found.far_corner, [4.0, 3.0, 2.0]);
+
+        let lines = description.to_lines();
+        assert!(
+            lines.contains("5 x 4 x 3 (x x y x z)") && lines.contains("1 NaN"),
+            "{lines}"
+        );
+        let json = serde_json::to_value(&description).unwrap();
+        assert_eq!(json["image"]["axes"][0]["count"], 5);
+        assert_eq!(json["survey"], serde_json::Value::Null);
     }
 }

@@ -104,13 +104,14 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Loaded> {
 pub fn write(path: &Path, image: &Image<3>) -> Result<()> {
     match ending(path).as_str() {
         "npy" => npy::write(path, image),
+        "raw" | "bin" => raw::write(path, image),
         // the writer of .vti files goes here
         other => {
             let problem = format!("images cannot be written with the ending '.{other}'");
             Err(Error::Io(cause(
                 path.display(),
                 problem,
-                "use .npy or .vti",
+                "use .npy, .vti or .raw",
             )))
         }
     }
@@ -179,7 +180,7 @@ pub fn detect(path: &Path, options: &ReadOptions) -> Result<Format> {
         head.get(*at..).is_some_and(|rest| rest.starts_with(magic))
     };
     if let Some((name, ..)) = NOT_READ.iter().find(magic) {
-        let problem = format!("is a {name} file, which is not read");
+        let problem = format!("is in the format {name}, which is not read yet");
         let remedy = "convert it to .npy first, e.g. in Python with nibabel, SimpleITK or tifffile and numpy.save";
         return Err(Error::Io(cause(path.display(), problem, remedy)));
     }
@@ -209,4 +210,73 @@ fn unknown(path: &Path) -> Error {
         "is of no known image format (.npy, SEG-Y, .vti)",
         "describe raw samples with --raw, e.g. --raw 100x400x208:f32be, or convert it to .npy",
     ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::Geometry;
+
+    fn refusal(path: &Path) -> String {
+        read(path, &ReadOptions::default()).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn what_cannot_be_read_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("image");
+        assert!(refusal(&path).contains("cannot open"));
+        assert!(refusal(folder.path()).contains("is a folder"));
+        let mut nifti = vec![0; 400];
+        nifti[344..348].copy_from_slice(b"n+1\0");
+        let cases: &[(&[u8], &str)] = &[
+            (b"", "is empty"),
+            (b"x", "no known image format"),
+            (b"\x93NUMPY", "header is cut off"),
+            (b"NRRD0004\ntype: float", "NRRD"),
+            (b"ObjectType = Image", "MetaImage"),
+            (&nifti, "NIfTI"),
+            (b"II*\0\x08", "TIFF"),
+            (b"\x89PNG\r\n", "PNG"),
+            (b"\x1f\x8b\x08", "gzip"),
+            (
+                b"<?xml version='1.0'?><VTKFile type='UnstructuredGrid'>",
+                "not of image data",
+            ),
+        ];
+        for (bytes, says) in cases {
+            std::fs::write(&path, bytes).unwrap();
+            let error = refusal(&path);
+            assert!(error.contains(says), "{error} (expected: {says})");
+        }
+        // A file named .sgy gets a reason.
+        let named = folder.path().join("a.SGY");
+        std::fs::write(&named, [7; 5000]).unwrap();
+        assert!(
+            refusal(&named).contains("sample format"),
+            "{}",
+            refusal(&named)
+        );
+    }
+
+    #[test]
+    fn the_ending_chooses_what_is_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let image = Image::new([2, 2, 2], vec![1.5; 8], Geometry::default());
+        let path = folder.path().join("a.npy");
+        write(&path, &image).unwrap();
+        assert_eq!(read(&path, &ReadOptions::default()).unwrap().image, image);
+        let raw = folder.path().join("a.raw");
+        write(&raw, &image).unwrap();
+        let options = ReadOptions {
+            raw: "2x2x2:f32le".parse().ok(),
+            ..ReadOptions::default()
+        };
+        let loaded = read(&raw, &options).unwrap();
+        assert_eq!((loaded.format, loaded.image), (Format::Raw, image.clone()));
+        for name in ["a.xyz", "a"] {
+            let error = write(&folder.path().join(name), &image).unwrap_err();
+            assert!(error.to_string().contains("ending"), "{error}");
+        }
+    }
 }

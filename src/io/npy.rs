@@ -8,9 +8,10 @@ use std::io::Write;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 
+use ndarray::{ArrayD, IxDyn, ShapeBuilder};
 use rayon::prelude::*;
 
-use super::samples::{Encoding, Endian, SampleType};
+use super::samples::{self, Encoding, Endian, SampleType};
 use super::{Format, Loaded, atomic_write};
 use crate::error::{Error, Result, cause, os};
 use crate::image::{Geometry, Image};
@@ -23,46 +24,16 @@ pub const MAGIC: &[u8] = b"\x93NUMPY";
 /// # Errors
 /// [`Error::Io`] if the file cannot be read, is cut off, is not 3-D or holds no real numbers.
 pub fn read(path: &Path) -> Result<Loaded> {
-    let file = File::open(path).map_err(|e| os(path, "open", e))?;
-    let length = file.metadata().map_err(|e| os(path, "read", e))?.len();
-    let refuse = |problem: String, remedy: &str| Error::Io(cause(path.display(), problem, remedy));
-
-    let (text, start) = header_text(&file, length)
-        .map_err(|e| os(path, "read", e))?
-        .ok_or_else(|| {
-            refuse(
-                "is not a whole .npy file: its header is cut off or of an unknown version".into(),
-                "write it again with numpy.save",
-            )
-        })?;
-    let header = Header::parse(&text)
-        .map_err(|problem| refuse(problem, "save it with numpy.save(file, array.astype('f4'))"))?;
+    let Opened {
+        file,
+        start,
+        spare,
+        header,
+    } = Opened::new(path)?;
     let [nz, ny, nx] = three_dims(&header.shape).map_err(|problem| {
-        refuse(
-            problem,
-            "reshape the array to (nz, ny, nx) in NumPy and save it again",
-        )
+        let remedy = "reshape the array to (nz, ny, nx) in NumPy and save it again";
+        Error::Io(cause(path.display(), problem, remedy))
     })?;
-
-    let size = header.encoding.size() as u64;
-    let needed = header
-        .shape
-        .iter()
-        .try_fold(size, |bytes, &n| bytes.checked_mul(n as u64))
-        .and_then(|bytes| bytes.checked_add(start))
-        .ok_or_else(|| {
-            let problem = format!(
-                "claims the shape {:?}, more than any file holds",
-                header.shape
-            );
-            refuse(problem, "the file is damaged: write it again")
-        })?;
-    if needed > length {
-        let shape = &header.shape;
-        let problem = format!("is cut off: shape {shape:?} needs {needed} bytes, it has {length}");
-        return Err(refuse(problem, "copy or write it again"));
-    }
-
     let mut samples = vec![0.0; nx * ny * nz];
     header
         .encoding
@@ -72,11 +43,8 @@ pub fn read(path: &Path) -> Result<Loaded> {
         samples = c_order(&samples, [nz, ny, nx]);
     }
     let mut notes = vec![".npy has no geometry: unit spacing, origin 0".to_string()];
-    if needed < length {
-        notes.push(format!(
-            "{} bytes after the array are ignored",
-            length - needed
-        ));
+    if spare > 0 {
+        notes.push(format!("{spare} bytes after the array are ignored"));
     }
     notes.extend(header.encoding.rounding_note(&samples));
     Ok(Loaded {
@@ -86,6 +54,87 @@ pub fn read(path: &Path) -> Result<Loaded> {
         notes,
         survey: None,
     })
+}
+
+/// Reads an array of any shape as `f32`, for arrays that are not images.
+///
+/// # Errors
+/// [`Error::Io`] if the file cannot be read, is cut off or holds no real numbers.
+pub fn read_array(path: &Path) -> Result<ArrayD<f32>> {
+    let Opened {
+        file,
+        start,
+        header,
+        ..
+    } = Opened::new(path)?;
+    let mut samples = vec![0.0; header.shape.iter().product()];
+    header
+        .encoding
+        .read(&file, start, &mut samples)
+        .map_err(|e| os(path, "read", e))?;
+    let shape = IxDyn(&header.shape).set_f(header.fortran_order);
+    let array = ArrayD::from_shape_vec(shape, samples).map_err(|e| {
+        let problem = format!("has the shape {:?}: {e}", header.shape);
+        Error::Io(cause(path.display(), problem, "write it again"))
+    })?;
+    Ok(array.as_standard_layout().into_owned())
+}
+
+/// A file whose header is understood and whose samples are all there.
+struct Opened {
+    file: File,
+    /// Where the samples begin.
+    start: u64,
+    /// Bytes after the samples.
+    spare: u64,
+    header: Header,
+}
+
+impl Opened {
+    fn new(path: &Path) -> Result<Self> {
+        let file = File::open(path).map_err(|e| os(path, "open", e))?;
+        let length = file.metadata().map_err(|e| os(path, "read", e))?.len();
+        let refuse =
+            |problem: String, remedy: &str| Error::Io(cause(path.display(), problem, remedy));
+
+        let (text, start) = header_text(&file, length)
+            .map_err(|e| os(path, "read", e))?
+            .ok_or_else(|| {
+                refuse(
+                    "is not a whole .npy file: its header is cut off or of an unknown version"
+                        .into(),
+                    "write it again with numpy.save",
+                )
+            })?;
+        let header = Header::parse(&text).map_err(|problem| {
+            refuse(problem, "save it with numpy.save(file, array.astype('f4'))")
+        })?;
+        let size = header.encoding.size() as u64;
+        let needed = header
+            .shape
+            .iter()
+            .try_fold(size, |bytes, &n| bytes.checked_mul(n as u64))
+            .and_then(|bytes| bytes.checked_add(start))
+            .ok_or_else(|| {
+                let problem = format!(
+                    "claims the shape {:?}, more than any file holds",
+                    header.shape
+                );
+                refuse(problem, "the file is damaged: write it again")
+            })?;
+        if needed > length {
+            let shape = &header.shape;
+            let problem =
+                format!("is cut off: shape {shape:?} needs {needed} bytes, it has {length}");
+            return Err(refuse(problem, "copy or write it again"));
+        }
+        Ok(Self {
+            file,
+            start,
+            spare: length - needed,
+            header,
+        })
+    }
 }
 
 /// Writes the samples as little-endian `f32` in C order, shape `(nz, ny, nx)`.
@@ -109,13 +158,7 @@ pub fn write<const D: usize>(path: &Path, image: &Image<D>) -> Result<()> {
         writer.write_all(&[1, 0])?;
         writer.write_all(&(padded as u16).to_le_bytes())?;
         writer.write_all(header.as_bytes())?;
-        let mut bytes = Vec::new();
-        for chunk in image.as_slice().chunks(1 << 14) {
-            bytes.clear();
-            bytes.extend(chunk.iter().flat_map(|v| v.to_le_bytes()));
-            writer.write_all(&bytes)?;
-        }
-        Ok(())
+        samples::write(writer, image.as_slice())
     })
 }
 
@@ -324,6 +367,30 @@ mod tests {
             std::fs::metadata(&path).unwrap().len() % 64,
             (5 * 4 * 3 * 4) % 64
         );
+    }
+
+    #[test]
+    fn arrays_of_any_shape_keep_their_order() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.npy");
+        let data: Vec<u8> = (0..24i16).flat_map(i16::to_le_bytes).collect();
+        for (fortran, text) in [(false, "False"), (true, "True")] {
+            let dict =
+                format!("{{'descr': '<i2', 'fortran_order': {text}, 'shape': (2, 3, 4, 1), }}");
+            std::fs::write(&path, file(1, &dict, &data)).unwrap();
+            let array = read_array(&path).unwrap();
+            assert_eq!(array.shape(), [2, 3, 4, 1]);
+            assert!(array.is_standard_layout());
+            let at = if fortran { 1 + 2 * 3 * 2 } else { 3 * 4 + 2 };
+            assert_eq!(array[[1, 0, 2, 0]], at as f32);
+        }
+        let huge = 1u64 << 62;
+        let dict =
+            format!("{{'descr': '<i2', 'fortran_order': False, 'shape': (0, {huge}, {huge}), }}");
+        std::fs::write(&path, file(1, &dict, &data)).unwrap();
+        assert!(read_array(&path).is_err());
+        std::fs::write(&path, file(1, "{'descr': '<i2'}", &data)).unwrap();
+        assert!(read_array(&path).is_err());
     }
 
     #[test]

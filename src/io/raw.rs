@@ -4,8 +4,8 @@ use std::fs::File;
 use std::path::Path;
 use std::str::FromStr;
 
-use super::Loaded;
-use super::samples::{Encoding, Endian, SampleType};
+use super::samples::{self, Encoding, Endian, SampleType};
+use super::{Format, Loaded, atomic_write};
 use crate::error::{Error, Result, cause, os};
 use crate::image::{Geometry, Image};
 
@@ -101,11 +101,19 @@ pub fn read(path: &Path, spec: RawSpec) -> Result<Loaded> {
     notes.extend(spec.encoding.rounding_note(&samples));
     Ok(Loaded {
         image: Image::new(spec.dims, samples, Geometry::default()),
-        format: super::Format::Raw,
+        format: Format::Raw,
         encoding: spec.encoding.to_string(),
         notes,
         survey: None,
     })
+}
+
+/// Writes the samples as little-endian `f32`, x fastest, and nothing else.
+///
+/// # Errors
+/// [`Error::Io`] if the file cannot be written.
+pub fn write<const D: usize>(path: &Path, image: &Image<D>) -> Result<()> {
+    atomic_write(path, |writer| samples::write(writer, image.as_slice()))
 }
 
 #[cfg(test)]
@@ -151,6 +159,12 @@ mod tests {
             error.contains("48 bytes") && error.contains("need 72"),
             "{error}"
         );
+        // What is written is read back.
+        let written = folder.path().join("b.raw");
+        write(&written, &loaded.image).unwrap();
+        let again = read(&written, "4x3x2:f32le".parse().unwrap()).unwrap();
+        assert_eq!(again.image, loaded.image);
+
         let huge = "4294967296x4294967296x4:f64le".parse().unwrap();
         assert!(read(&path, huge).is_err());
     }

@@ -155,6 +155,20 @@ impl Encoding {
     }
 }
 
+/// Writes samples as little-endian `f32`.
+///
+/// # Errors
+/// What the operating system reports.
+pub fn write(writer: &mut impl io::Write, samples: &[f32]) -> io::Result<()> {
+    let mut bytes = Vec::new();
+    for chunk in samples.chunks(1 << 14) {
+        bytes.clear();
+        bytes.extend(chunk.iter().flat_map(|v| v.to_le_bytes()));
+        writer.write_all(&bytes)?;
+    }
+    Ok(())
+}
+
 fn convert<const N: usize>(bytes: &[u8], out: &mut [f32], value: impl Fn([u8; N]) -> f32) {
     for (out, raw) in out.iter_mut().zip(bytes.as_chunks().0) {
         *out = value(*raw);

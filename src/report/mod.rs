@@ -1,13 +1,154 @@
 //! What is measured about a mesh and about the run that made it.
 //!
-//! - [`fidelity`]: how well the mesh's faces follow the features
-//! - [`reference`]: where the features really are
+//! - [`mod@quality`]: shapes of the tetrahedra
+//! - [`mod@fidelity`]: how well the mesh's faces follow the features
+//! - [`reference`](mod@reference): where the features really are
+//! - [`mod@lattice`]: how evenly the atoms are spread
+//! - [`cost`]: seconds and memory of each stage
+//! - [`table`]: a report on one screen
 
+pub mod cost;
 pub mod fidelity;
+pub mod lattice;
 mod nearest;
+pub mod quality;
 pub mod reference;
+pub mod table;
 #[cfg(test)]
 mod test_mesh;
 
+pub use cost::{Clock, StageCost};
 pub use fidelity::{Fidelity, Match, fidelity};
+pub use lattice::{Lattice, Optimisation, lattice};
+pub use quality::{Quality, quality};
 pub use reference::Reference;
+
+use crate::improve;
+use crate::mesh::check::Check;
+use serde::Serialize;
+
+/// Everything that is known about a run or a mesh. Sections that were not measured are `None`, and
+/// are null in JSON.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Report {
+    /// Version of atomesh.
+    pub version: String,
+    /// What the mesh was made from.
+    pub input: Option<Input>,
+    /// The parameters of the run, as they took effect.
+    pub parameters: serde_json::Value,
+    /// What each stage cost, in the order in which they ran.
+    pub stages: Vec<StageCost>,
+    /// The atoms.
+    pub lattice: Option<Lattice>,
+    /// Shapes in lattice space, in which cells are meant to be well shaped.
+    pub quality: Option<Quality>,
+    /// Shapes in physical space, where it differs.
+    pub quality_physical: Option<Quality>,
+    /// Fidelity to the features.
+    pub fidelity: Option<Fidelity>,
+    /// Whether the mesh is valid and fills its box.
+    #[serde(rename = "box")]
+    pub filling: Option<Check>,
+    /// What was improved, and what stands in the way of the rest.
+    pub improvement: Option<Improvement>,
+    /// Lines that whoever reads the report should know.
+    pub notes: Vec<String>,
+}
+
+impl Default for Report {
+    /// A report of this version, with nothing measured.
+    fn default() -> Self {
+        Self {
+            version: env!("CARGO_PKG_VERSION").to_string(),
+            input: None,
+            parameters: serde_json::Value::Null,
+            stages: Vec::new(),
+            lattice: None,
+            quality: None,
+            quality_physical: None,
+            fidelity: None,
+            filling: None,
+            improvement: None,
+            notes: Vec::new(),
+        }
+    }
+}
+
+/// What a mesh was made from.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Input {
+    /// The file.
+    pub file: String,
+    /// Number of samples along each axis, x first.
+    pub dims: [usize; 3],
+    /// Hash of the file, with its kind: `sha256:...`.
+    pub hash: String,
+}
+
+/// What was improved, and what stands in the way of the rest.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Improvement {
+    /// Tetrahedra below the target before.
+    pub poor_before: usize,
+    /// Tetrahedra below the target after.
+    pub poor_after: usize,
+    /// Changes made.
+    pub counts: improve::Counts,
+    /// The tetrahedra still below the target, grouped by what holds their nodes; largest group
+    /// first.
+    pub blockers: Vec<Blocker>,
+    /// The worst of them.
+    pub worst: Vec<improve::Blocked>,
+}
+
+/// Tetrahedra below the target that are held in the same way.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Blocker {
+    /// How many.
+    pub tets: usize,
+    /// Nodes of each that lie in a side of the box.
+    pub nodes_on_sides: usize,
+    /// Nodes of each that lie on a feature.
+    pub nodes_on_features: usize,
+    /// Nodes of each that lie on several features at once.
+    pub nodes_on_crossings: usize,
+    /// Smallest dihedral angle among them, in degrees.
+    pub smallest: f64,
+    /// Largest dihedral angle among them, in degrees.
+    pub largest: f64,
+}
+
+impl From<&improve::Outcome> for Improvement {
+    fn from(outcome: &improve::Outcome) -> Self {
+        let mut blockers: Vec<Blocker> = Vec::new();
+        for b in &outcome.blocked {
+            let held = (b.nodes_on_sides, b.nodes_on_features, b.nodes_on_crossings);
+            let same = |k: &&mut Blocker| {
+                (k.nodes_on_sides, k.nodes_on_features, k.nodes_on_crossings) == held
+            };
+            if let Some(group) = blockers.iter_mut().find(same) {
+                group.tets += 1;
+                group.smallest = group.smallest.min(b.smallest);
+                group.largest = group.largest.max(b.largest);
+            } else {
+                blockers.push(Blocker {
+                    tets: 1,
+                    nodes_on_sides: held.0,
+                    nodes_on_features: held.1,
+                    nodes_on_crossings: held.2,
+                    smallest: b.smallest,
+                    largest: b.largest,
+                });
+            }
+        }
+        blockers.sort_by_key(|group| std::cmp::Reverse(group.tets));
+        Self {
+            poor_before: outcome.poor_before,
+            poor_after: outcome.poor_after,
+            counts: outcome.counts,
+            blockers,
+            worst: outcome.blocked.iter().take(20).cloned().collect(),
+        }
+    }
+}

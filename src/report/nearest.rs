@@ -90,16 +90,24 @@ impl Tree {
     }
 
     /// The nearest item and its squared distance, `square(item)` being the exact squared distance
-    /// from `p` to an item; none if the tree is empty. Of equals, any one, always the same.
-    pub(super) fn nearest(&self, p: Point, square: impl Fn(usize) -> f64) -> Option<(usize, f64)> {
-        let mut best: Option<(usize, f64)> = None;
+    /// from `p` to an item; none if that is not below `limit` for any. `hint` may be an item that
+    /// is likely to be near, to save time; of equally near items it may change which one is found.
+    pub(super) fn nearest(
+        &self,
+        p: Point,
+        limit: f64,
+        hint: Option<usize>,
+        square: impl Fn(usize) -> f64,
+    ) -> Option<(usize, f64)> {
+        let mut best = hint
+            .map(|item| (item, square(item)))
+            .filter(|(_, d)| *d < limit);
         let mut stack = [(0u32, 0f64); 64];
         let mut depth = usize::from(!self.nodes.is_empty());
         while depth > 0 {
             depth -= 1;
             let (at, bound) = stack[depth];
-            let limit = best.map_or(f64::INFINITY, |(_, d)| d);
-            if bound >= limit {
+            if bound >= best.map_or(limit, |(_, d)| d) {
                 continue;
             }
             let node = &self.nodes[at as usize];
@@ -107,7 +115,7 @@ impl Tree {
             if items.len() <= LEAF {
                 for &item in items {
                     let d = square(item as usize);
-                    if best.is_none_or(|(_, least)| d < least) {
+                    if d < best.map_or(limit, |(_, least)| least) {
                         best = Some((item as usize, d));
                     }
                 }
@@ -168,6 +176,8 @@ fn build(boxes: &[[Point; 2]], order: &mut [u32], start: usize, nodes: &mut Vec<
 mod tests {
     use super::*;
 
+    const FAR: f64 = f64::INFINITY;
+
     fn random(state: &mut u64) -> f64 {
         *state = state
             .wrapping_mul(6364136223846793005)
@@ -213,8 +223,14 @@ mod tests {
             let p: Point = std::array::from_fn(|_| 2.0 * random(&mut seed) - 0.5);
             let square = |i: usize| dot(sub(p, points[i]), sub(p, points[i]));
             let scanned = (0..points.len()).map(square).fold(f64::INFINITY, f64::min);
-            assert_eq!(tree.nearest(p, square).unwrap().1, scanned);
+            assert_eq!(tree.nearest(p, FAR, None, square).unwrap().1, scanned);
+            assert_eq!(tree.nearest(p, FAR, Some(7), square).unwrap().1, scanned);
+            assert!(tree.nearest(p, scanned, Some(7), square).is_none());
         }
-        assert!(Tree::new(&[]).nearest([0.0; 3], |_| 0.0).is_none());
+        assert!(
+            Tree::new(&[])
+                .nearest([0.0; 3], FAR, None, |_| 0.0)
+                .is_none()
+        );
     }
 }

@@ -7,6 +7,9 @@ use crate::feature::Features;
 use crate::synth::Truth;
 use crate::synth::truth::REACH;
 
+/// How far sideways, in samples, a detected point stands for the plane through it.
+const SIDEWAYS: f64 = 1.0;
+
 /// The features of an image: as points on them, and as a distance from anywhere.
 pub struct Reference<'a> {
     /// What it was made from, for the report.
@@ -78,26 +81,51 @@ impl<'a> Reference<'a> {
         }
     }
 
+    /// Whether a position is within `limit` of the features; cheap far from them.
+    pub fn within(&self, p: [f64; 3], limit: f64) -> bool {
+        match &self.field {
+            Field::Truth(truth) => {
+                let [nx, ny, _] = truth.dims;
+                let at: [usize; 3] = std::array::from_fn(|k| {
+                    (p[k].max(0.0).round() as usize).min(truth.dims[k] - 1)
+                });
+                let gap: [f64; 3] = std::array::from_fn(|k| p[k] - at[k] as f64);
+                let d = f64::from(truth.distance[(at[2] * ny + at[1]) * nx + at[0]]);
+                d - dot(gap, gap).sqrt() <= limit && from_corners(truth, p) <= limit
+            }
+            Field::Detected { normals, tree } => {
+                // The nearest point is that much farther at most than the distance to its plane.
+                let far = limit.hypot(SIDEWAYS) + 1e-9;
+                self.to_points(normals, tree, p, far) <= limit
+            }
+        }
+    }
+
     /// Distance from a position to the features, at most [`REACH`].
     ///
-    /// From truth it is third-order accurate: see [`from_corners`]. From detected points it is the
+    /// From truth it is third-order accurate: see `from_corners`. From detected points it is the
     /// distance to the plane of the nearest point, or to that point if it is more than one sample
     /// away sideways.
     pub fn distance(&self, p: [f64; 3]) -> f64 {
         match &self.field {
             Field::Truth(truth) => from_corners(truth, p),
-            Field::Detected { normals, tree } => {
-                let gap = |i: usize| -> [f64; 3] {
-                    std::array::from_fn(|k| p[k] - f64::from(self.points[i][k]))
-                };
-                let Some((i, square)) = tree.nearest(p, |i| dot(gap(i), gap(i))) else {
-                    return f64::from(REACH);
-                };
-                let along = dot(gap(i), normals[i].map(f64::from)).abs();
-                let sideways = square - along * along;
-                let distance = if sideways > 1.0 { square.sqrt() } else { along };
-                distance.min(f64::from(REACH))
-            }
+            Field::Detected { normals, tree } => self.to_points(normals, tree, p, f64::from(REACH)),
+        }
+    }
+
+    /// The distance from detected points; `far` if no point is nearer than that.
+    fn to_points(&self, normals: &[[f32; 3]], tree: &Tree, p: [f64; 3], far: f64) -> f64 {
+        let gap =
+            |i: usize| -> [f64; 3] { std::array::from_fn(|k| p[k] - f64::from(self.points[i][k])) };
+        let Some((i, square)) = tree.nearest(p, far * far, None, |i| dot(gap(i), gap(i))) else {
+            return far;
+        };
+        let along = dot(gap(i), normals[i].map(f64::from)).abs();
+        let sideways = square - along * along;
+        if sideways > SIDEWAYS * SIDEWAYS {
+            square.sqrt()
+        } else {
+            along
         }
     }
 }
@@ -140,41 +168,74 @@ fn from_corners(truth: &Truth, p: [f64; 3]) -> f64 {
             })
             .product();
     }
+    let corners = Corners {
+        weights,
+        normals,
+        gaps,
+    };
+    let first = known.iter().position(|&k| k).unwrap_or(0);
+    // Far from crossings all samples see one surface, and one mean normal serves them all.
+    let shared = (0..8).all(|i| known[i] && corners.turn(first, i) != 0.0);
+    let shared = (shared && truth.smooth).then(|| corners.mean_normal(first));
     let mut best = f64::from(REACH);
     for i in (0..8).filter(|&i| known[i]) {
-        let straight = dot(gaps[i], gaps[i]).sqrt();
         let height = if truth.smooth && normals[i] != [0.0; 3] {
-            let mut sum = [0f64; 3];
-            for j in 0..8 {
-                let turn = dot(normals[i], normals[j]);
-                if turn.abs() < 0.9 {
-                    continue;
-                }
-                // The chord q_j - q_i against the mean normal: small on one and the same surface.
-                let sign = turn.signum();
-                let chord: f64 = (0..3)
-                    .map(|k| (gaps[i][k] - gaps[j][k]) * (normals[i][k] + sign * normals[j][k]))
-                    .sum();
-                if chord.abs() < 0.1 {
-                    for k in 0..3 {
-                        sum[k] += sign * weights[j] * normals[j][k];
-                    }
-                }
-            }
-            let length = dot(sum, sum).sqrt();
-            let along = dot(gaps[i], normals[i]);
-            let mean = if length > 0.0 {
-                0.5 * (along + dot(gaps[i], sum) / length)
-            } else {
-                along
+            let mean = match shared {
+                Some(mean) => mean.map(|c| corners.turn(first, i) * c),
+                None => corners.mean_normal(i),
             };
-            mean.abs()
+            0.5 * (dot(gaps[i], normals[i]) + dot(gaps[i], mean)).abs()
         } else {
-            straight
+            dot(gaps[i], gaps[i]).sqrt()
         };
         best = best.min(height);
     }
     best.max(least).clamp(0.0, f64::from(REACH))
+}
+
+/// The eight samples about a position p: their weights in p, their normals, and p minus their
+/// closest feature points.
+struct Corners {
+    weights: [f64; 8],
+    normals: [[f64; 3]; 8],
+    gaps: [[f64; 3]; 8],
+}
+
+impl Corners {
+    /// 1 or -1 if samples i and j see the same surface with normals alike or opposite, else 0.
+    #[inline]
+    fn turn(&self, i: usize, j: usize) -> f64 {
+        let turn = dot(self.normals[i], self.normals[j]);
+        if turn.abs() < 0.9 {
+            return 0.0;
+        }
+        let sign = turn.signum();
+        // The chord q_j - q_i against the mean normal: small on one and the same surface.
+        let chord: f64 = (0..3)
+            .map(|k| {
+                (self.gaps[i][k] - self.gaps[j][k])
+                    * (self.normals[i][k] + sign * self.normals[j][k])
+            })
+            .sum();
+        if chord.abs() < 0.1 { sign } else { 0.0 }
+    }
+
+    /// The unit normal at p of the surface that sample i sees, on the side of i's normal.
+    fn mean_normal(&self, i: usize) -> [f64; 3] {
+        let mut sum = [0f64; 3];
+        for j in 0..8 {
+            let share = self.turn(i, j) * self.weights[j];
+            for k in 0..3 {
+                sum[k] += share * self.normals[j][k];
+            }
+        }
+        let length = dot(sum, sum).sqrt();
+        if length > 0.0 {
+            sum.map(|c| c / length)
+        } else {
+            self.normals[i]
+        }
+    }
 }
 
 fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {

@@ -5,11 +5,11 @@
 //!
 //! Axis x (the fastest in memory) is the vertical one, as in a seismic trace.
 //!
-//! - [`surface`]: sheets and balls with exact closest points
-//! - [`network`]: random networks of crossing faults
-//! - [`survey`]: distance, direction and side of every sample
-//! - [`amplitude`]: layers, throws and a wavelet
-//! - [`noise`]: reproducible random numbers and noise
+//! - `surface`: sheets and balls with exact closest points
+//! - `network`: random networks of crossing faults
+//! - `survey`: distance, direction and side of every sample
+//! - `amplitude`: layers, throws and a wavelet
+//! - `noise`: reproducible random numbers and noise
 //! - [`truth`]: the exact distance to the features, as kept in a file
 
 mod amplitude;

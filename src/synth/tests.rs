@@ -213,6 +213,12 @@ fn truth_survives_its_array_and_is_found_again_from_distances_alone() {
     let truth = make(Kind::Shells, &clean([48, 40, 44], 2)).unwrap().truth;
     let (back, _) = Truth::from_array(&truth.to_array(), "t").unwrap();
     assert!(back == truth);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("truth.npy");
+    truth.write(&path).unwrap();
+    assert!(Truth::read(&path).unwrap().0 == truth);
+    let missing = Truth::read(&folder.path().join("none.npy")).unwrap_err();
+    assert!(missing.to_string().contains("none.npy"));
     let distance = truth.to_array().index_axis_move(ndarray::Axis(0), 0);
     let (found, note) = Truth::from_array(&distance, "t").unwrap();
     assert!(note.contains("differences"));

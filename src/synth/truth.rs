@@ -1,9 +1,12 @@
 //! The exact distance to an image's features, as kept in a file.
 
 use crate::error::cause;
+use crate::image::{Geometry, Image};
+use crate::io::npy;
 use crate::{Error, Result};
 use ndarray::{ArrayD, Axis, IxDyn};
 use rayon::prelude::*;
+use std::path::Path;
 
 /// Distances are exact below this many samples; a sample farther away holds this value and the
 /// direction zero.
@@ -29,6 +32,27 @@ pub struct Truth {
 }
 
 impl Truth {
+    /// Reads truth from a `.npy` file in any of the forms that [`Truth::from_array`] takes, with a
+    /// line that says what was taken.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the file cannot be read, else as [`Truth::from_array`].
+    pub fn read(path: &Path) -> Result<(Self, String)> {
+        Self::from_array(&npy::read_array(path)?, &path.display().to_string())
+    }
+
+    /// Writes [`Truth::to_array`] as a `.npy` file.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the file cannot be written.
+    pub fn write(&self, path: &Path) -> Result<()> {
+        let array = Image::<4> {
+            samples: self.to_array(),
+            geometry: Geometry::default(),
+        };
+        npy::write(path, &array)
+    }
+
     /// The array of shape `(4, nz, ny, nx)`.
     pub fn to_array(&self) -> ArrayD<f32> {
         let [nx, ny, nz] = self.dims;

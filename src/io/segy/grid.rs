@@ -75,7 +75,7 @@ pub struct Grid {
 }
 
 /// The most cells for each trace: a survey emptier than this has wrong line numbers.
-const MOST_CELLS: u64 = 20;
+const MOST_CELLS: u64 = 10;
 
 impl Grid {
     /// Puts traces into cells; the first one in each cell stays.
@@ -130,9 +130,11 @@ impl Grid {
             && (2 * self.other_offset > self.duplicates || self.duplicates >= filled)
     }
 
-    /// Whether both axes have more than one line.
+    /// Whether the traces fill an area, rather than lie along a path, however crooked: a path of
+    /// neighbours through n x m cells has at most n + m - 1 of them.
     pub fn is_volume(&self) -> bool {
-        self.inline.count > 1 && self.crossline.count > 1
+        let filled = (self.trace.len() - self.missing) as u64;
+        filled >= self.inline.count + self.crossline.count
     }
 }
 
@@ -163,6 +165,8 @@ mod tests {
     fn gathers_and_nonsense() {
         let grid = Grid::of(&[1, 1, 2, 2], &[1, 1, 1, 1], &[100, 200, 100, 200]).unwrap();
         assert!(grid.is_prestack() && !grid.is_volume());
+        let diagonal = [1, 2, 3, 4, 5];
+        assert!(!Grid::of(&diagonal, &diagonal, &[0; 5]).unwrap().is_volume());
         assert!(Grid::of(&[0; 4], &[0; 4], &[0; 4]).is_err());
         assert!(Grid::of(&[0, 1 << 30, 3], &[7, 9, -(1 << 30)], &[0; 3]).is_err());
     }

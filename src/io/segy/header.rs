@@ -76,8 +76,11 @@ impl Layout {
             sample,
             endian: fields.endian,
         };
-        // 3501, 3502.
-        let revision = (header[3500], header[3501]);
+        // 3501, 3502; some writers swap the two.
+        let revision = match (header[3500], header[3501]) {
+            (0, major @ 1..=2) => (major, 0),
+            revision => revision,
+        };
         // Old writers leave garbage where revision 2 has fields, so believe them only if it is 2.
         let revised = revision.0 == 2 || fields.has_order_mark();
         let mut notes = Vec::new();

@@ -9,12 +9,14 @@
 //! - `headers`: the headers of all traces, as columns
 //! - [`grid`]: from line numbers to cells
 //! - [`place`]: from coordinates to the affine map that places the survey
-//! - `survey`: all of these together; [`scan`] and [`read`] show what it found
+//! - [`Survey`]: all of these together; [`scan`] and [`read`] show what it found
+//! - `load`: its samples, put into an image
 
 pub mod bytes;
 pub mod grid;
 mod header;
 mod headers;
+mod load;
 pub mod place;
 mod survey;
 mod text;
@@ -90,8 +92,6 @@ pub fn read(path: &Path, bytes: &SegyBytes) -> Result<Loaded> {
         return Err(Error::Io(problem));
     }
     let image = survey.load().map_err(|e| os(path, "read", e))?;
-    let rounding = survey.encoding().rounding_note(image.as_slice());
-    survey.notes.extend(rounding);
     Ok(Loaded {
         image,
         format: Format::Segy,

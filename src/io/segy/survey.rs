@@ -1,25 +1,22 @@
-//! A SEG-Y file's headers made sense of: lines, times and places of all traces, and reading the
-//! samples into an image.
+//! A SEG-Y file's headers made sense of: lines, times and places of all traces.
 
-use std::io;
-use std::os::unix::fs::FileExt;
 use std::path::Path;
-
-use rayon::prelude::*;
 
 use super::SegyInfo;
 use super::bytes::SegyBytes;
-use super::grid::{Grid, MISSING};
+use super::grid::Grid;
 use super::header::Layout;
 use super::headers::Headers;
 use super::place::Fit;
 use crate::error::{Cause, Result, cause, os};
-use crate::image::{Geometry, Image};
-use crate::io::samples::Encoding;
+use crate::image::Geometry;
 
 /// Where line numbers are when they are not at the standard's bytes: field record, trace number,
 /// or source point, and CDP.
 const OTHER_LINE_BYTES: [[usize; 2]; 3] = [[9, 21], [5, 21], [17, 21]];
+
+/// The image axes, the fastest in memory first.
+const AXES: [&str; 3] = ["sample", "crossline", "inline"];
 
 /// An open SEG-Y file whose headers have been understood.
 pub struct Survey {
@@ -29,9 +26,9 @@ pub struct Survey {
     pub notes: Vec<String>,
     /// Why the file cannot be read as a 3-D volume.
     pub problem: Option<Cause>,
-    layout: Layout,
-    grid: Option<Grid>,
-    geometry: Geometry<3>,
+    pub(super) layout: Layout,
+    pub(super) grid: Option<Grid>,
+    pub(super) geometry: Geometry<3>,
 }
 
 impl Survey {
@@ -75,18 +72,16 @@ impl Survey {
             problem: None,
             layout,
             grid: None,
-            geometry: Geometry::default(),
+            geometry: Geometry {
+                names: AXES.map(String::from),
+                ..Geometry::default()
+            },
         };
         if let Err((problem, remedy)) = survey.interpret(bytes, &headers) {
             survey.info.problem = Some(problem.clone());
             survey.problem = Some(cause(path.display(), problem, remedy));
         }
         Ok(survey)
-    }
-
-    /// How the samples are coded.
-    pub fn encoding(&self) -> Encoding {
-        self.layout.encoding
     }
 
     /// Whether the traces make a grid whose samples can be read: a volume or a line.
@@ -196,16 +191,14 @@ impl Survey {
         }
         self.info.dt_ms = dt.map(|us| us / 1000.0);
 
-        // Revision 1 added a scalar for times at 215.
-        let scalar = match self.layout.revision.0 {
-            0 => 1.0,
-            _ => match first(215) {
-                s @ (1 | 10 | 100 | 1000 | 10000) => f64::from(s),
-                s @ (-1 | -10 | -100 | -1000 | -10000) => -1.0 / f64::from(s),
-                _ => 1.0,
-            },
+        // Revision 1 added a scalar for times at 215: it divides if negative.
+        let delay = f64::from(first(bytes.delay));
+        self.info.t0_ms = match first(215) {
+            _ if self.layout.revision.0 == 0 => delay,
+            s @ (1 | 10 | 100 | 1000 | 10000) => delay * f64::from(s),
+            s @ (-1 | -10 | -100 | -1000 | -10000) => delay / -f64::from(s),
+            _ => delay,
         };
-        self.info.t0_ms = f64::from(first(bytes.delay)) * scalar;
     }
 
     /// Traces that start at different times are not aligned, and the image would be wrong.
@@ -217,8 +210,11 @@ impl Survey {
         if bytes.delay == 0 {
             return None;
         }
-        let delays = headers.i16s(bytes.delay);
-        let (least, most) = (delays.iter().min()?, delays.iter().max()?);
+        // Dead traces (byte 29: 2) often have no times.
+        let dead = headers.i16s(29).into_iter().map(|id| id == 2);
+        let delays = headers.i16s(bytes.delay).into_iter().zip(dead);
+        let alive: Vec<i16> = delays.filter(|d| !d.1).map(|d| d.0).collect();
+        let (least, most) = (alive.iter().min()?, alive.iter().max()?);
         (least != most).then(|| {
             (
                 format!(
@@ -367,10 +363,9 @@ impl Survey {
             "sample"
         };
         // Without an interval the start time has no place on an axis that counts samples.
-        let top = if self.info.dt_ms.is_some() {
-            -self.info.t0_ms
-        } else {
-            0.0
+        let top = match self.info.dt_ms {
+            Some(_) => 0.0 - self.info.t0_ms, // not -t0, which may be -0
+            None => 0.0,
         };
         Geometry {
             origin: [origin[0], origin[1], top],
@@ -379,56 +374,9 @@ impl Survey {
                 [crossline[0], crossline[1], 0.0],
                 [inline[0], inline[1], 0.0],
             ],
-            names: ["sample", "crossline", "inline"].map(String::from),
+            names: AXES.map(String::from),
             units: [unit, unit, time].map(String::from),
         }
-    }
-
-    /// Reads the samples. Cells without a trace are zero.
-    ///
-    /// # Errors
-    /// What the operating system reports.
-    pub fn load(&self) -> io::Result<Image<3>> {
-        let Some(grid) = &self.grid else {
-            return Err(io::Error::other("no grid of traces"));
-        };
-        let layout = &self.layout;
-        let samples = layout.samples;
-        let crosslines = grid.crossline.count as usize;
-        let trace_bytes = layout.trace_bytes() as usize;
-        // Neighbouring cells whose traces follow one another in the file are read together.
-        let longest = (1 << 18) / trace_bytes + 1;
-
-        let mut out = vec![0.0; grid.trace.len() * samples];
-        out.par_chunks_mut(crosslines * samples)
-            .zip(grid.trace.par_chunks(crosslines))
-            .try_for_each_init(Vec::new, |buffer, (mut out, mut traces)| {
-                while let Some(&first) = traces.first() {
-                    let follows = |(i, &trace): (usize, &usize)| {
-                        first != MISSING && i < longest && trace == first + i
-                    };
-                    let run = traces
-                        .iter()
-                        .enumerate()
-                        .take_while(|&t| follows(t))
-                        .count();
-                    if run > 0 {
-                        buffer.resize(run * trace_bytes, 0);
-                        let offset = layout.start + (first * trace_bytes) as u64;
-                        layout.file.read_exact_at(buffer, offset)?;
-                        for (trace, out) in buffer.chunks(trace_bytes).zip(out.chunks_mut(samples))
-                        {
-                            layout.encoding.decode(&trace[layout.trace_header..], out);
-                        }
-                    }
-                    let done = run.max(1);
-                    traces = &traces[done..];
-                    out = &mut out[done * samples..];
-                }
-                Ok::<_, io::Error>(())
-            })?;
-        let dims = [samples, crosslines, grid.inline.count as usize];
-        Ok(Image::new(dims, out, self.geometry.clone()))
     }
 }
 

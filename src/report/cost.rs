@@ -1,0 +1,124 @@
+//! What a stage costs: seconds, processor seconds, memory.
+
+use std::time::Instant;
+
+use serde::Serialize;
+
+/// The cost of one stage of a job.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct StageCost {
+    /// What the stage does.
+    pub stage: String,
+    /// Seconds by the clock.
+    pub seconds: f64,
+    /// Seconds of processor time in user mode, over all threads; to a hundredth.
+    pub cpu_seconds: f64,
+    /// Largest memory of the process up to the stage's end, in MB (10^6 bytes); 0 where the system
+    /// does not tell.
+    pub peak_mb: f64,
+}
+
+/// Measures stages one after the other.
+#[derive(Debug)]
+pub struct Clock {
+    start: Instant,
+    cpu: f64,
+    current: Option<String>,
+    done: Vec<StageCost>,
+}
+
+impl Clock {
+    /// A clock that measures nothing yet.
+    pub fn new() -> Self {
+        Self {
+            start: Instant::now(),
+            cpu: 0.0,
+            current: None,
+            done: Vec::new(),
+        }
+    }
+
+    /// Ends the stage that is being measured, if any, and begins another.
+    pub fn begin(&mut self, stage: &str) {
+        self.end();
+        self.current = Some(stage.to_string());
+        self.start = Instant::now();
+        self.cpu = cpu_seconds();
+    }
+
+    /// Ends the stage that is being measured.
+    pub fn end(&mut self) {
+        if let Some(stage) = self.current.take() {
+            self.done.push(StageCost {
+                stage,
+                seconds: self.start.elapsed().as_secs_f64(),
+                cpu_seconds: cpu_seconds() - self.cpu,
+                peak_mb: peak_mb(),
+            });
+        }
+    }
+
+    /// All stages measured so far.
+    pub fn costs(&self) -> &[StageCost] {
+        &self.done
+    }
+}
+
+impl Default for Clock {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// User-mode processor seconds of this process so far; 0 where the system does not tell. Linux
+/// counts in ticks, of which it shows programs a hundred a second on every architecture.
+pub fn cpu_seconds() -> f64 {
+    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    // The name in parentheses may hold spaces; utime is the 12th field after it.
+    let ticks = stat
+        .rsplit(')')
+        .next()
+        .and_then(|rest| rest.split_whitespace().nth(11));
+    ticks
+        .and_then(|word| word.parse::<f64>().ok())
+        .unwrap_or(0.0)
+        / 100.0
+}
+
+/// Largest resident memory of this process so far, in MB; 0 where the system does not tell.
+pub fn peak_mb() -> f64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+    let kilobytes = line.and_then(|rest| rest.split_whitespace().next()?.parse::<f64>().ok());
+    kilobytes.unwrap_or(0.0) * 1024.0 / 1e6
+}
+
+#[cfg(all(test, target_os = "linux"))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn work_and_memory_are_seen() {
+        let mut clock = Clock::new();
+        clock.begin("busy");
+        // Until the processor has worked, however busy the machine is; but not for ever.
+        let (start, cpu) = (Instant::now(), cpu_seconds());
+        let mut memory = vec![0u8; 64 << 20];
+        while cpu_seconds() < cpu + 0.05 && start.elapsed().as_secs() < 20 {
+            for (k, byte) in memory.iter_mut().enumerate() {
+                *byte = byte.wrapping_add(k as u8);
+            }
+        }
+        std::hint::black_box(&memory);
+        clock.begin("idle");
+        clock.end();
+        let [busy, idle] = clock.costs() else {
+            panic!("two stages")
+        };
+        assert!(busy.seconds > 0.0 && busy.cpu_seconds >= 0.049, "{busy:?}");
+        assert!(
+            busy.peak_mb > 64.0 && idle.peak_mb >= busy.peak_mb,
+            "{busy:?} {idle:?}"
+        );
+    }
+}

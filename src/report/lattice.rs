@@ -1,0 +1,84 @@
+//! How evenly the atoms are spread.
+
+use crate::mesh::{EDGES, TetMesh, dot, sub};
+use serde::Serialize;
+
+/// The lattice of atoms from which a mesh was made.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Lattice {
+    /// Number of atoms.
+    pub atoms: usize,
+    /// Distance to the nearest neighbour over the nominal distance d(x): the values that 1, 50 and
+    /// 99 % of the atoms do not reach.
+    pub spacing: [f64; 3],
+    /// How the optimisation went, where there was one.
+    pub optimisation: Option<Optimisation>,
+}
+
+/// How the optimisation went.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Optimisation {
+    /// Lattice energy A per atom.
+    pub energy_lattice: f64,
+    /// Image energy B per atom.
+    pub energy_image: f64,
+    /// P = (1 - beta) A + beta B per atom.
+    pub energy: f64,
+    /// Evaluations of the energy and its gradient.
+    pub evaluations: usize,
+    /// Why it stopped.
+    pub stop: String,
+}
+
+/// Figures of a lattice from its mesh, in lattice space, with the nominal distance at any
+/// position. Neighbours are nodes joined by an edge, among which a Delaunay mesh has the nearest.
+pub fn lattice(mesh: &TetMesh, distance: impl Fn([f64; 3]) -> f64) -> Lattice {
+    let mut nearest = vec![f64::INFINITY; mesh.nodes.len()];
+    for tet in &mesh.tets {
+        for [i, j] in EDGES {
+            let (i, j) = (tet[i] as usize, tet[j] as usize);
+            let e = sub(mesh.nodes[i], mesh.nodes[j]);
+            let square = dot(e, e);
+            nearest[i] = nearest[i].min(square);
+            nearest[j] = nearest[j].min(square);
+        }
+    }
+    let mut spacing: Vec<f64> = nearest
+        .iter()
+        .zip(&mesh.nodes)
+        .filter(|(square, _)| square.is_finite())
+        .map(|(square, &node)| square.sqrt() / distance(node))
+        .collect();
+    spacing.sort_unstable_by(f64::total_cmp);
+    let at = |share: f64| {
+        let rank = share * spacing.len().saturating_sub(1) as f64;
+        spacing.get(rank as usize).copied().unwrap_or(f64::NAN)
+    };
+    Lattice {
+        atoms: mesh.nodes.len(),
+        spacing: [0.01, 0.5, 0.99].map(at),
+        optimisation: None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::test_mesh::kuhn_box;
+    use super::*;
+
+    #[test]
+    fn spacing_is_the_shortest_edge_over_the_nominal_distance() {
+        let mut mesh = kuhn_box([6, 6, 6], 2.0);
+        assert_eq!(lattice(&mesh, |_| 4.0).spacing, [0.5; 3]);
+        // One atom halfway to its neighbour: its figure and the neighbour's fall to a quarter.
+        let middle = 3 * 49 + 3 * 7 + 3;
+        mesh.nodes[middle][0] += 1.0;
+        let found = lattice(&mesh, |_| 4.0);
+        assert_eq!(found.spacing, [0.5; 3]);
+        assert_eq!(found.atoms, 343);
+        // Half the atoms are asked to be twice as far apart.
+        let found = lattice(&mesh, |p| if p[0] > 6.0 { 4.0 } else { 2.0 });
+        assert_eq!((found.spacing[0], found.spacing[2]), (0.5, 1.0));
+        assert!(lattice(&TetMesh::default(), |_| 1.0).spacing[1].is_nan());
+    }
+}

@@ -1,0 +1,415 @@
+//! A report on one screen.
+
+use super::quality::{Points, Quality};
+use super::{Fidelity, Match, Report};
+
+/// How many groups of blocked tetrahedra are shown.
+const GROUPS: usize = 4;
+
+impl Report {
+    /// The report as a table of plain lines, about 80 columns wide; sections without figures are
+    /// left out.
+    pub fn table(&self) -> String {
+        let mut lines = Vec::new();
+        let mut line = |name: &str, text: String| lines.push(format!("{name:<12}{text}"));
+        if let Some(input) = &self.input {
+            let [nx, ny, nz] = input.dims;
+            line(
+                "input",
+                format!("{}, {nx} x {ny} x {nz} samples", input.file),
+            );
+            line("", input.hash.clone());
+        }
+        if let Some(quality) = &self.quality {
+            let (nodes, tets) = (grouped(quality.nodes), grouped(quality.tets));
+            line("mesh", format!("{nodes} nodes, {tets} tetrahedra"));
+        }
+        if let Some(filling) = &self.filling {
+            let state = if filling.passed() {
+                "valid, fills its box".into()
+            } else {
+                filling.problems.join("; ")
+            };
+            let errors = (filling.volume_error, filling.flatness_error);
+            line(
+                "box",
+                format!(
+                    "{state}; volume off by {:.0e}, sides by {:.0e}",
+                    errors.0, errors.1
+                ),
+            );
+        }
+        if let Some(lattice) = &self.lattice {
+            let [low, middle, high] = lattice.spacing;
+            line(
+                "lattice",
+                format!(
+                    "nearest neighbour over d: {low:.2} (1 %) {middle:.2} (50 %) {high:.2} (99 %)"
+                ),
+            );
+            if let Some(o) = &lattice.optimisation {
+                line(
+                    "",
+                    format!(
+                        "energy per atom {:.4} = lattice {:.4} and image {:.4}; {} evaluations, {}",
+                        o.energy, o.energy_lattice, o.energy_image, o.evaluations, o.stop
+                    ),
+                );
+            }
+        }
+        for (space, quality) in [
+            ("lattice", &self.quality),
+            ("physical", &self.quality_physical),
+        ] {
+            if let Some(quality) = quality {
+                let name = if self.quality_physical.is_some() {
+                    space
+                } else {
+                    ""
+                };
+                shapes(&mut line, name, quality);
+            }
+        }
+        if let Some(fidelity) = &self.fidelity {
+            matches(&mut line, fidelity);
+        }
+        if let Some(improvement) = &self.improvement {
+            line(
+                "slivers",
+                format!(
+                    "{} below target, {} before improvement",
+                    grouped(improvement.poor_after),
+                    grouped(improvement.poor_before)
+                ),
+            );
+            for group in improvement.blockers.iter().take(GROUPS) {
+                line(
+                    "",
+                    format!(
+                        "{:>7} with {} nodes on sides, {} on features, {} on crossings: {:.1} to {:.1}",
+                        grouped(group.tets),
+                        group.nodes_on_sides,
+                        group.nodes_on_features,
+                        group.nodes_on_crossings,
+                        group.smallest,
+                        group.largest
+                    ),
+                );
+            }
+        }
+        self.costs(&mut line);
+        for note in &self.notes {
+            line("note", note.clone());
+        }
+        lines
+            .iter()
+            .map(|line| format!("{}\n", line.trim_end()))
+            .collect()
+    }
+
+    fn costs(&self, line: &mut impl FnMut(&str, String)) {
+        if self.stages.is_empty() {
+            return;
+        }
+        line(
+            "cost",
+            format!("{:<28}{:>9} {:>9} {:>9}", "", "seconds", "cpu s", "peak MB"),
+        );
+        let row = |name: &str, seconds: f64, cpu: f64, peak: f64| {
+            format!("{name:<28}{seconds:>9.2} {cpu:>9.2} {peak:>9.0}")
+        };
+        for stage in &self.stages {
+            line(
+                "",
+                row(
+                    &stage.stage,
+                    stage.seconds,
+                    stage.cpu_seconds,
+                    stage.peak_mb,
+                ),
+            );
+        }
+        let seconds: f64 = self.stages.iter().map(|s| s.seconds).sum();
+        let cpu: f64 = self.stages.iter().map(|s| s.cpu_seconds).sum();
+        let peak = self.stages.iter().map(|s| s.peak_mb).fold(0.0, f64::max);
+        line("", row("all", seconds, cpu, peak));
+        if let (Some(quality), true) = (&self.quality, seconds > 0.0 && cpu > 0.0) {
+            let rate = |count: usize, time: f64| grouped((count as f64 / time) as usize);
+            line(
+                "",
+                format!(
+                    "{} atoms/s, {} tetrahedra/s; {} and {} a cpu second",
+                    rate(quality.nodes, seconds),
+                    rate(quality.tets, seconds),
+                    rate(quality.nodes, cpu),
+                    rate(quality.tets, cpu)
+                ),
+            );
+        }
+    }
+}
+
+fn shapes(line: &mut impl FnMut(&str, String), space: &str, quality: &Quality) {
+    let row = |p: &Points, digits: usize| {
+        let number = |v: f64| format!("{v:>8.digits$}");
+        [p.worst, p.permille, p.percent, p.median]
+            .map(number)
+            .join(" ")
+    };
+    line(
+        "quality",
+        format!(
+            "{space:<25}{:>8} {:>8} {:>8} {:>8}",
+            "worst", "0.1 %", "1 %", "50 %"
+        ),
+    );
+    line(
+        "",
+        format!(
+            "{:<25}{}",
+            "smallest dihedral angle",
+            row(&quality.smallest_angle, 1)
+        ),
+    );
+    line(
+        "",
+        format!(
+            "{:<25}{}",
+            "largest dihedral angle",
+            row(&quality.largest_angle, 1)
+        ),
+    );
+    line(
+        "",
+        format!("{:<25}{}", "mean ratio", row(&quality.mean_ratio, 3)),
+    );
+    line(
+        "",
+        format!("{:<25}{}", "radius over edge", row(&quality.radius_edge, 3)),
+    );
+    line(
+        "",
+        format!(
+            "tetrahedra below 20: {}, below 30: {}, above 150: {}, above 160: {}",
+            grouped(quality.below_20),
+            grouped(quality.below_30),
+            grouped(quality.above_150),
+            grouped(quality.above_160)
+        ),
+    );
+    line("", format!("angles 0 |{}| 180", bars(&quality.histogram)));
+}
+
+fn matches(line: &mut impl FnMut(&str, String), fidelity: &Fidelity) {
+    line(
+        "fidelity",
+        format!(
+            "to {} ({} points) {:>9} {:>7} {:>9} {:>7} {:>7}",
+            fidelity.reference,
+            grouped(fidelity.feature_points),
+            "cover 0.5",
+            "cover 1",
+            "precision",
+            "H 95 %",
+            "H"
+        ),
+    );
+    let width = format!(
+        "to {} ({} points)",
+        fidelity.reference,
+        grouped(fidelity.feature_points)
+    )
+    .len();
+    let mut row = |name: &str, m: &Match| {
+        let faces = format!("{name}, {} faces", grouped(m.faces));
+        line(
+            "",
+            format!(
+                "{faces:<width$} {:>9} {:>7} {:>9} {:>7} {:>7}",
+                share(m.coverage_half),
+                share(m.coverage_one),
+                share(m.precision),
+                samples(m.hausdorff_95),
+                samples(m.hausdorff)
+            ),
+        );
+    };
+    row("on it", &fidelity.on_feature);
+    if let Some(claimed) = &fidelity.claimed {
+        row("claimed", claimed);
+    }
+}
+
+fn share(value: f64) -> String {
+    if value.is_finite() {
+        format!("{value:.3}")
+    } else {
+        "-".into()
+    }
+}
+
+fn samples(value: f64) -> String {
+    if value.is_finite() {
+        format!("{value:.2}")
+    } else {
+        "-".into()
+    }
+}
+
+/// 1234567 as 1,234,567.
+fn grouped(count: usize) -> String {
+    let digits = count.to_string();
+    let mut text = String::new();
+    for (k, digit) in digits.chars().enumerate() {
+        if k > 0 && (digits.len() - k).is_multiple_of(3) {
+            text.push(',');
+        }
+        text.push(digit);
+    }
+    text
+}
+
+/// A bar for each bin, as high as its share of the largest; a bin that holds anything shows.
+fn bars(bins: &[u64]) -> String {
+    const BARS: [char; 9] = [' ', '▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
+    let most = bins.iter().copied().max().unwrap_or(0).max(1);
+    bins.iter()
+        .map(|&n| BARS[(n * 8).div_ceil(most) as usize])
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::test_mesh::kuhn_box;
+    use super::super::*;
+    use super::*;
+    use crate::mesh::check::check;
+
+    fn full() -> Report {
+        let mesh = kuhn_box([8, 8, 8], 2.0);
+        let truth = crate::synth::make(
+            crate::synth::Kind::Sphere,
+            &crate::synth::Options {
+                dims: [17; 3],
+                ..Default::default()
+            },
+        )
+        .unwrap()
+        .truth;
+        let claimed = vec![false; mesh.nodes.len()];
+        let blocked = improve::Blocked {
+            centroid: [1.0; 3],
+            smallest: 12.0,
+            largest: 150.0,
+            nodes_on_sides: 1,
+            nodes_on_features: 3,
+            nodes_on_crossings: 0,
+        };
+        let other = improve::Blocked {
+            nodes_on_sides: 4,
+            ..blocked.clone()
+        };
+        let outcome = improve::Outcome {
+            poor_before: 5000,
+            poor_after: 3,
+            counts: improve::Counts::default(),
+            blocked: vec![
+                other,
+                blocked.clone(),
+                improve::Blocked {
+                    smallest: 9.0,
+                    ..blocked
+                },
+            ],
+        };
+        let mut found = lattice(&mesh, |_| 2.0);
+        found.optimisation = Some(Optimisation {
+            energy_lattice: -0.3,
+            energy_image: -0.1,
+            energy: -0.2,
+            evaluations: 120,
+            stop: "converged".into(),
+        });
+        Report {
+            input: Some(Input {
+                file: "a.npy".into(),
+                dims: [17; 3],
+                hash: "sha256:00".into(),
+            }),
+            parameters: serde_json::json!({ "distance": 2.0, "seed": 1 }),
+            stages: vec![
+                StageCost {
+                    stage: "joining atoms".into(),
+                    seconds: 1.0,
+                    cpu_seconds: 2.0,
+                    peak_mb: 90.0,
+                },
+                StageCost {
+                    stage: "measuring".into(),
+                    seconds: 0.5,
+                    cpu_seconds: 0.5,
+                    peak_mb: 80.0,
+                },
+            ],
+            lattice: Some(found),
+            quality: Some(quality(&mesh)),
+            quality_physical: Some(quality(&mesh)),
+            fidelity: Some(
+                fidelity(&mesh, &Reference::from_truth(&truth), Some(&claimed)).unwrap(),
+            ),
+            filling: Some(check(&mesh, [0.0; 3], [16.0; 3], 1e-9)),
+            improvement: Some(Improvement::from(&outcome)),
+            notes: vec!["threshold 0.4 from the image".into()],
+            ..Report::default()
+        }
+    }
+
+    #[test]
+    fn the_table_fits_a_screen_and_shows_every_section() {
+        let text = full().table();
+        assert!(text.lines().count() <= 45, "{text}");
+        for l in text.lines() {
+            assert!(l.chars().count() <= 100, "{l}");
+        }
+        for section in [
+            "input", "mesh", "box", "lattice", "quality", "fidelity", "slivers", "cost", "note",
+        ] {
+            assert!(
+                text.lines().any(|l| l.starts_with(section)),
+                "{section} is missing:\n{text}"
+            );
+        }
+        assert!(text.contains("729 nodes, 3,072 tetrahedra"), "{text}");
+        assert!(
+            text.contains("2 with 1 nodes on sides, 3 on features"),
+            "{text}"
+        );
+        // 1.5 s in all: 486 atoms a second, and the largest peak.
+        assert!(
+            text.contains("486 atoms/s") && text.contains("90"),
+            "{text}"
+        );
+        assert_eq!(Report::default().table(), "");
+    }
+
+    #[test]
+    fn json_has_every_section_and_null_for_what_has_no_value() {
+        let json = serde_json::to_value(full()).unwrap();
+        assert_eq!(json["quality"]["tets"], 3072);
+        assert_eq!(json["parameters"]["seed"], 1);
+        assert_eq!(json["box"]["problems"].as_array().unwrap().len(), 0);
+        assert_eq!(json["fidelity"]["claimed"]["faces"], 0);
+        assert!(json["fidelity"]["claimed"]["precision"].is_null());
+        assert_eq!(json["improvement"]["blockers"][0]["smallest"], 9.0);
+        assert_eq!(json["stages"][0]["seconds"], 1.0);
+        assert_eq!(json["version"], env!("CARGO_PKG_VERSION"));
+    }
+
+    #[test]
+    fn numbers_and_bars() {
+        assert_eq!(grouped(0), "0");
+        assert_eq!(grouped(999), "999");
+        assert_eq!(grouped(1_234_567), "1,234,567");
+        assert_eq!(bars(&[0, 1, 50, 100]), " ▁▄█");
+    }
+}

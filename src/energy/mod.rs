@@ -12,13 +12,16 @@
 //! - [`image_term`]: b(x_i), skipping the parts of the image where b is nothing
 //! - [`neighbours`]: the Verlet list
 //! - [`pairwise`]: the exact energy and gradient from pairs of atoms, the default
+//! - [`sampled`]: the energy from a field sampled like the image, as first published
 
 pub mod image_term;
 pub mod neighbours;
 pub mod pair;
 pub mod pairwise;
+pub mod sampled;
 
 pub use pairwise::Pairwise;
+pub use sampled::Sampled;
 
 use crate::image::Field;
 

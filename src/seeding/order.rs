@@ -32,7 +32,7 @@ mod tests {
     #[test]
     fn neighbours_in_memory_are_neighbours_in_space() {
         let mut positions: Vec<[f64; 3]> = (0..4096)
-            .map(|n| std::array::from_fn(|k| f64::from(n * 37 % 4096 >> (4 * k) & 15)))
+            .map(|n| std::array::from_fn(|k| f64::from((n * 37 % 4096) >> (4 * k) & 15)))
             .collect();
         sort_by_curve(&mut positions, [15.0; 3], 1.0);
         let steps: f64 = positions

@@ -30,6 +30,8 @@ pub mod volume;
 
 #[cfg(test)]
 mod scenes;
+#[cfg(test)]
+mod tests;
 
 use crate::error::{Error, Result, cause};
 use crate::image::{Field, Image};
@@ -176,7 +178,7 @@ pub fn detect(image: &Image<3>, options: &Options) -> Result<Features<3>> {
     let rules = sheets::Rules {
         high: found.high,
         resolution: 0.9 * options.d_min,
-        min_area: 2.0 * options.d_min * options.d_min,
+        min_area: found.min_cells * options.d_min * options.d_min,
     };
     let sheets = sheets::sheets(dims, &found.candidates, options.step, &rules);
     drop(found);
@@ -198,7 +200,7 @@ pub fn detect(image: &Image<3>, options: &Options) -> Result<Features<3>> {
             samples: image.as_slice().to_vec(),
         }
     } else {
-        potential::potential(&sheets.points, dims, options.step, sigma)
+        potential::potential(&sheets.points, &sheets.rim, dims, options.step, sigma)
     };
     Ok(Features {
         points: sheets.points,
@@ -212,6 +214,8 @@ pub fn detect(image: &Image<3>, options: &Options) -> Result<Features<3>> {
 struct Found {
     candidates: Vec<Candidate>,
     high: f32,
+    /// Least area of a sheet, in squares of the least distance.
+    min_cells: f64,
 }
 
 /// Finds the candidates of one kind of feature; notes say how.
@@ -302,6 +306,7 @@ fn find_ridges(
     Found {
         candidates: repair::repair(smoothed, candidates, scale, high),
         high,
+        min_cells: 2.0,
     }
 }
 
@@ -321,13 +326,11 @@ fn find_horizons(
     };
     let normals = tensor::Normals::new(smoothed, window);
     let rms = horizons::root_mean_square(smoothed);
-    let (low, high) = options
-        .threshold
-        .map_or((0.5 * rms, 1.5 * rms), |t| (0.5 * t, t));
+    let (low, high) = options.threshold.map_or((0.6 * rms, rms), |t| (0.5 * t, t));
     let chosen = if options.threshold.is_some() {
         "given"
     } else {
-        "1.5 times the rms"
+        "the rms"
     };
     notes.push(format!(
         "crests and troughs at scale {scale}, normals averaged over {window}: threshold {high:.4} \
@@ -336,6 +339,8 @@ fn find_horizons(
     Found {
         candidates: horizons::horizons(smoothed, &normals, low),
         high,
+        // Short pieces of reflectors are everywhere, and worth no cells.
+        min_cells: 6.0,
     }
 }
 
@@ -358,7 +363,7 @@ fn find_labels(image: &Image<3>, options: &Options, notes: &mut Vec<String>) -> 
     };
     if let [a, b] = values[..] {
         let mask = labels::mask(volume, [a, b]);
-        if mask.share < 0.25 && mask.thickness < 0.75 * options.d_min {
+        if mask.share < 0.25 && mask.thickness < labels::THIN {
             notes.push(format!(
                 "a mask {:.1} samples thick, {:.1} % of the volume: its middle is the feature",
                 mask.thickness,
@@ -378,6 +383,7 @@ fn find_labels(image: &Image<3>, options: &Options, notes: &mut Vec<String>) -> 
     Ok(Found {
         candidates: labels::interfaces(volume, &values, scale),
         high: 1.0,
+        min_cells: 2.0,
     })
 }
 
@@ -400,7 +406,7 @@ fn check(image: &Image<3>, options: &Options) -> Result<()> {
     }
     for (name, value) in [("scale", options.scale), ("smoothing", options.smoothing)] {
         if let Some(value) = value
-            && !(value >= 0.5 && value <= 100.0)
+            && !(0.5..=100.0).contains(&value)
         {
             return fail(
                 format!("{name} {value} is not in 0.5 .. 100"),
@@ -436,24 +442,4 @@ fn check(image: &Image<3>, options: &Options) -> Result<()> {
         )));
     }
     Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn noisy_crossing_curved_sheets_are_found() {
-        let (dims, sheets) = scenes::crossing_sheets();
-        for (width, noise) in [(1.0, 0.2), (1.5, 0.0), (1.5, 0.25), (2.0, 0.25)] {
-            let image = scenes::ridge_image(dims, &sheets, width, noise);
-            let options = Options {
-                kind: Kind::Ridges,
-                ..Options::default()
-            };
-            let features = detect(&image, &options).unwrap();
-            let fit = scenes::fit(dims, &sheets, &features.points);
-            eprintln!("{width} {noise} {fit:?} {:?}", features.notes);
-        }
-    }
 }

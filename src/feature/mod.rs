@@ -223,7 +223,13 @@ fn find(image: &Image<3>, kind: Kind, options: &Options, notes: &mut Vec<String>
     let dims = image.dims();
     let samples = || image.as_slice().to_vec();
     match kind {
-        Kind::Auto | Kind::Ridges => Ok(find_ridges(dims, samples(), ridge_scale(options), options, notes)),
+        Kind::Auto | Kind::Ridges => Ok(find_ridges(
+            dims,
+            samples(),
+            ridge_scale(options),
+            options,
+            notes,
+        )),
         Kind::Valleys | Kind::Potential => {
             let outside = image.as_slice().iter().find(|s| !(-1.0..=0.0).contains(*s));
             if let (Kind::Potential, Some(value)) = (kind, outside) {
@@ -234,7 +240,13 @@ fn find(image: &Image<3>, kind: Kind, options: &Options, notes: &mut Vec<String>
                 )));
             }
             let negated = image.as_slice().iter().map(|s| -s).collect();
-            Ok(find_ridges(dims, negated, ridge_scale(options), options, notes))
+            Ok(find_ridges(
+                dims,
+                negated,
+                ridge_scale(options),
+                options,
+                notes,
+            ))
         }
         Kind::Edges => {
             let mut smoothed = samples();
@@ -281,7 +293,11 @@ fn find_ridges(
         && scale < COARSEST
     {
         let coarser = (1.25 * scale).min(COARSEST);
-        gaussian::smooth(dims, &mut samples, [(coarser * coarser - scale * scale).sqrt(); 3]);
+        gaussian::smooth(
+            dims,
+            &mut samples,
+            [(coarser * coarser - scale * scale).sqrt(); 3],
+        );
         scale = coarser;
         statistics = measure(&samples, scale);
     }

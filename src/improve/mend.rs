@@ -56,11 +56,15 @@ impl Improver<'_> {
         let tet = self.complex.tets[t as usize];
         let d = {
             let p = self.complex.corners(t);
-            self.distance
-                .at(std::array::from_fn(|k| p.iter().map(|x| x[k]).sum::<f64>() / 4.0))
+            self.distance.at(std::array::from_fn(|k| {
+                p.iter().map(|x| x[k]).sum::<f64>() / 4.0
+            }))
         };
         let length = |s: &Self, a: u32, b: u32| {
-            norm(sub(s.complex.nodes[a as usize], s.complex.nodes[b as usize])) / d
+            norm(sub(
+                s.complex.nodes[a as usize],
+                s.complex.nodes[b as usize],
+            )) / d
         };
         for k in 0..4 {
             if self.attempt(|s| s.force_split_face(t, k)) {
@@ -168,7 +172,9 @@ impl Improver<'_> {
         let tet = self.complex.tets[t as usize];
         let n = self.complex.neighbors[t as usize][k];
         n != crate::mesh::complex::NONE && {
-            let back = self.complex.neighbors[n as usize].iter().position(|&x| x == t);
+            let back = self.complex.neighbors[n as usize]
+                .iter()
+                .position(|&x| x == t);
             back.is_some_and(|back| {
                 let q = self.complex.tets[n as usize][back];
                 self.swap_face([t, n], FACES[k].map(|i| tet[i]), tet[k], q, FLOOR)

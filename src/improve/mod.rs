@@ -252,7 +252,8 @@ impl<'a> Improver<'a> {
     fn move_to(&mut self, node: u32, x: [f64; 3], hold: Hold) {
         let i = node as usize;
         if let Some(undo) = &mut self.undo {
-            undo.nodes.push((node, self.complex.nodes[i], self.holds[i]));
+            undo.nodes
+                .push((node, self.complex.nodes[i], self.holds[i]));
         }
         self.complex.nodes[i] = x;
         self.holds[i] = hold;
@@ -272,7 +273,11 @@ impl<'a> Improver<'a> {
     fn polish(&mut self, rounds: usize) {
         let mut before = usize::MAX;
         for round in 0..rounds {
-            self.enough = if round == 0 { self.target + MARGIN } else { 1.0 };
+            self.enough = if round == 0 {
+                self.target + MARGIN
+            } else {
+                1.0
+            };
             self.queue = self.poor();
             self.queue.reverse();
             self.flip_queue();

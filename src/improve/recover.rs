@@ -174,9 +174,17 @@ impl Improver<'_> {
                 self.fresh.push([new, b, r, s]);
             }
             let position = |n: u32| {
-                if n == new { x } else { self.complex.nodes[n as usize] }
+                if n == new {
+                    x
+                } else {
+                    self.complex.nodes[n as usize]
+                }
             };
-            if self.fresh.iter().all(|f| min_sine(&f.map(position)) > floor) {
+            if self
+                .fresh
+                .iter()
+                .all(|f| min_sine(&f.map(position)) > floor)
+            {
                 self.complex.add_node(x);
                 self.holds.push(hold);
                 self.commit(&ring.tets);

@@ -70,17 +70,13 @@ pub struct Sheets {
 impl Sheets {
     /// From points in the box `[0, extent]`; planes are fitted within `radius`, and
     /// [`Sheets::far`] knows about points at least `reach` away.
-    pub fn new(
-        points: &[FeaturePoint<3>],
-        extent: [f64; 3],
-        radius: f64,
-        reach: f64,
-    ) -> Self {
+    pub fn new(points: &[FeaturePoint<3>], extent: [f64; 3], radius: f64, reach: f64) -> Self {
         let cell = radius * 0.75;
         let dims = extent.map(|e| (e / cell) as usize + 1);
         let index = |p: [f32; 3]| {
-            let c: [usize; 3] =
-                std::array::from_fn(|k| ((f64::from(p[k].max(0.0)) / cell) as usize).min(dims[k] - 1));
+            let c: [usize; 3] = std::array::from_fn(|k| {
+                ((f64::from(p[k].max(0.0)) / cell) as usize).min(dims[k] - 1)
+            });
             (c[2] * dims[1] + c[1]) * dims[0] + c[0]
         };
         let mut start = vec![0u32; dims.iter().product::<usize>() + 1];

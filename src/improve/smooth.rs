@@ -67,15 +67,13 @@ pub fn worst(x: [f64; 3], star: &[[[f64; 3]; 3]], enough: f64) -> f64 {
 
 /// The shortest vector in the convex hull of `vectors` (Gilbert's algorithm).
 fn shortest_in_hull(vectors: &[[f64; 3]]) -> [f64; 3] {
-    let mut g = vectors
-        .iter()
-        .copied()
-        .fold(vectors[0], |best, v| if dot(v, v) < dot(best, best) { v } else { best });
+    let mut g = vectors.iter().copied().fold(vectors[0], |best, v| {
+        if dot(v, v) < dot(best, best) { v } else { best }
+    });
     for _ in 0..40 {
-        let lowest = vectors
-            .iter()
-            .copied()
-            .fold(vectors[0], |best, v| if dot(v, g) < dot(best, g) { v } else { best });
+        let lowest = vectors.iter().copied().fold(vectors[0], |best, v| {
+            if dot(v, g) < dot(best, g) { v } else { best }
+        });
         let gap = dot(g, g) - dot(lowest, g);
         if gap <= 1e-3 * dot(g, g) {
             break;
@@ -123,7 +121,9 @@ pub fn best_position(
         }
         scratch.angles.clear();
         for p in star {
-            scratch.angles.extend(angles(x, p).iter().filter(|a| a.sine < best + 0.35));
+            scratch
+                .angles
+                .extend(angles(x, p).iter().filter(|a| a.sine < best + 0.35));
         }
         let mut band = 0.02;
         let mut moved = false;
@@ -216,7 +216,12 @@ mod tests {
 
     #[test]
     fn shortest_vector_of_a_square() {
-        let square = [[1.0, 1.0, 0.5], [1.0, -1.0, 0.5], [2.0, 0.0, 0.5], [1.5, 0.3, 0.5]];
+        let square = [
+            [1.0, 1.0, 0.5],
+            [1.0, -1.0, 0.5],
+            [2.0, 0.0, 0.5],
+            [1.5, 0.3, 0.5],
+        ];
         let g = shortest_in_hull(&square);
         assert!(norm(sub(g, [1.0, 0.0, 0.5])) < 0.05, "{g:?}");
     }

@@ -223,7 +223,13 @@ fn find(image: &Image<3>, kind: Kind, options: &Options, notes: &mut Vec<String>
     let dims = image.dims();
     let samples = || image.as_slice().to_vec();
     match kind {
-        Kind::Auto | Kind::Ridges => Ok(find_ridges(dims, samples(), 1.5, options, notes)),
+        Kind::Auto | Kind::Ridges => Ok(find_ridges(
+            dims,
+            samples(),
+            ridge_scale(options),
+            options,
+            notes,
+        )),
         Kind::Valleys | Kind::Potential => {
             let outside = image.as_slice().iter().find(|s| !(-1.0..=0.0).contains(*s));
             if let (Kind::Potential, Some(value)) = (kind, outside) {
@@ -234,7 +240,13 @@ fn find(image: &Image<3>, kind: Kind, options: &Options, notes: &mut Vec<String>
                 )));
             }
             let negated = image.as_slice().iter().map(|s| -s).collect();
-            Ok(find_ridges(dims, negated, 1.5, options, notes))
+            Ok(find_ridges(
+                dims,
+                negated,
+                ridge_scale(options),
+                options,
+                notes,
+            ))
         }
         Kind::Edges => {
             let mut smoothed = samples();
@@ -252,7 +264,19 @@ fn find(image: &Image<3>, kind: Kind, options: &Options, notes: &mut Vec<String>
     }
 }
 
-/// Ridges of samples; `scale` unless the options give one.
+/// The scale of ridges: as coarse as the lattice can follow, for noise falls with it, but no coarser
+/// than the sheets of a fault image stand apart.
+fn ridge_scale(options: &Options) -> f64 {
+    let samples = options.d_min / options.step.iter().copied().fold(f64::INFINITY, f64::min);
+    (0.28 * samples).clamp(1.5, 2.25)
+}
+
+/// Noise over the strength of a typical ridge above which ridges are sought on a smoother image ...
+const NOISY: f32 = 0.45;
+/// ... up to this scale (samples).
+const COARSEST: f64 = 3.0;
+
+/// Ridges of samples; from `scale` up as smooth as noise asks, unless the options give a scale.
 fn find_ridges(
     dims: [usize; 3],
     mut samples: Vec<f32>,
@@ -260,13 +284,27 @@ fn find_ridges(
     options: &Options,
     notes: &mut Vec<String>,
 ) -> Found {
-    let scale = options.scale.unwrap_or(scale);
+    let mut scale = options.scale.unwrap_or(scale);
     gaussian::smooth(dims, &mut samples, [scale; 3]);
+    let measure = |samples: &[f32], scale| ridges::statistics(Volume { dims, samples }, scale);
+    let mut statistics = measure(&samples, scale);
+    while options.scale.is_none()
+        && statistics.noise > NOISY * statistics.typical
+        && scale < COARSEST
+    {
+        let coarser = (1.25 * scale).min(COARSEST);
+        gaussian::smooth(
+            dims,
+            &mut samples,
+            [(coarser * coarser - scale * scale).sqrt(); 3],
+        );
+        scale = coarser;
+        statistics = measure(&samples, scale);
+    }
     let smoothed = Volume {
         dims,
         samples: &samples,
     };
-    let statistics = ridges::statistics(smoothed, scale);
     let (low, high) = options
         .threshold
         .map_or_else(|| statistics.thresholds(), |t| (0.5 * t, t));

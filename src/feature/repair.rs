@@ -15,7 +15,7 @@ use std::collections::HashMap;
 
 /// Reliable points within this many samples of a new point are fitted; the second radius is for the
 /// middle of wide zones, where the first finds too few.
-const RADII: [i32; 2] = [7, 15];
+const RADII: [i32; 2] = [8, 15];
 /// Normals of one sheet agree at least this much (cosine).
 const SAME_NORMAL: f32 = 0.9;
 /// Two fits of one sheet agree at least this much (cosine).
@@ -27,7 +27,7 @@ const STEPS: u32 = 16;
 /// A sample is given this many new points at most.
 const MOST: usize = 4;
 /// Fewer points than this carry no fit.
-const FEWEST: usize = 10;
+const FEWEST: usize = 6;
 /// Expected error of a point (samples) ...
 const ERROR: f64 = 0.15;
 /// ... and expected second-order coefficient of a sheet (per sample): radius of curvature fifty.
@@ -283,15 +283,11 @@ impl Fill<'_> {
         let mut normal_matrix = [[0.0f64; 7]; 6];
         let mut count = 0;
         let centre = guess.map(nearest);
-        for v in -radius..=radius {
-            for u in -radius..=radius {
-                // Every second column, or fourth of a wide disc, carries all there is to know.
-                let skip = if radius > RADII[0] {
-                    (u | v) & 1 == 1
-                } else {
-                    (u + v) & 1 == 1
-                };
-                if skip || u * u + v * v > radius * radius {
+        // Smoothing ties neighbours together: columns a few samples apart carry all there is to know.
+        let stride = if radius > RADII[0] { 3 } else { 2 };
+        for v in (-radius..=radius).step_by(stride) {
+            for u in (-radius..=radius).step_by(stride) {
+                if u * u + v * v > radius * radius {
                     continue;
                 }
                 let slope = -(n[a] * u as f32 + n[b] * v as f32) / n[axis];

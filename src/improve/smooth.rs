@@ -85,6 +85,9 @@ fn shortest_in_hull(vectors: &[[f64; 3]]) -> [f64; 3] {
     g
 }
 
+/// A move must raise the smallest sine by this much.
+const GAIN: f64 = 1e-3;
+
 /// Scratch space of [`best_position`].
 #[derive(Default)]
 pub struct Scratch {
@@ -94,15 +97,15 @@ pub struct Scratch {
 
 /// Climbs from `x` to a position where the smallest sine around the node is larger, keeping to what
 /// holds the node. `star` has the other three nodes of each tetrahedron, oriented as in
-/// `(x, p0, p1, p2)` positive. Returns the position and its smallest sine if that rose by at
-/// least `gain`.
+/// `(x, p0, p1, p2)` positive. Stops at a sine of `enough`. Returns the position and its smallest
+/// sine if that rose worthwhile.
 pub fn best_position(
     start: [f64; 3],
     star: &[[[f64; 3]; 3]],
     hold: &mut Hold,
     extent: [f64; 3],
     sheets: &Sheets,
-    gain: f64,
+    enough: f64,
     scratch: &mut Scratch,
 ) -> Option<([f64; 3], f64)> {
     let first = worst(start, star, f64::NEG_INFINITY);
@@ -113,6 +116,9 @@ pub fn best_position(
         .map(|p| norm(sub(*p, start)))
         .fold(f64::INFINITY, f64::min);
     for _ in 0..12 {
+        if best >= enough {
+            break;
+        }
         scratch.angles.clear();
         for p in star {
             scratch
@@ -171,7 +177,7 @@ pub fn best_position(
             break;
         }
     }
-    (best > first + gain).then_some((x, best))
+    (best > first + GAIN).then_some((x, best))
 }
 
 #[cfg(test)]
@@ -248,7 +254,7 @@ mod tests {
             &mut hold,
             [9.0; 3],
             &sheets,
-            0.0,
+            1.0,
             &mut Scratch::default(),
         )
         .unwrap();

@@ -1,6 +1,6 @@
 //! Image -> features as points at sub-sample positions -> potential b(x).
 //!
-//! - [`gaussian`]: smoothing
+//! - [`gaussian`]: smoothing of volumes
 //! - [`volume`]: finite differences
 //! - [`symmetric`]: eigenvectors of Hessians and structure tensors
 //! - [`tensor`]: normals of layers
@@ -260,13 +260,37 @@ fn find_ridges(
     options: &Options,
     notes: &mut Vec<String>,
 ) -> Found {
-    let scale = options.scale.unwrap_or(scale);
+    let mut scale = options.scale.unwrap_or(scale);
     gaussian::smooth(dims, &mut samples, [scale; 3]);
+    let mut statistics = ridges::statistics(
+        Volume {
+            dims,
+            samples: &samples,
+        },
+        scale,
+    );
+    let wider = 1.5 * scale;
+    if options.scale.is_none() && statistics.drowned() && wider < 0.4 * options.d_min {
+        // Gaussians add in squares: what is missing to the wider one.
+        gaussian::smooth(
+            dims,
+            &mut samples,
+            [(wider * wider - scale * scale).sqrt(); 3],
+        );
+        scale = wider;
+        statistics = ridges::statistics(
+            Volume {
+                dims,
+                samples: &samples,
+            },
+            scale,
+        );
+        notes.push("ridges drown in noise at the usual scale: smoothed more".into());
+    }
     let smoothed = Volume {
         dims,
         samples: &samples,
     };
-    let statistics = ridges::statistics(smoothed, scale);
     let (low, high) = options
         .threshold
         .map_or_else(|| statistics.thresholds(), |t| (0.5 * t, t));

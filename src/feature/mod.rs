@@ -1,6 +1,6 @@
 //! Image -> features as points at sub-sample positions -> potential b(x).
 //!
-//! - [`gaussian`]: smoothing
+//! - [`gaussian`]: smoothing of volumes
 //! - [`volume`]: finite differences
 //! - [`symmetric`]: eigenvectors of Hessians and structure tensors
 //! - [`tensor`]: normals of layers
@@ -271,9 +271,7 @@ fn ridge_scale(options: &Options) -> f64 {
     (0.28 * samples).clamp(1.5, 2.25)
 }
 
-/// Noise over the strength of a typical ridge above which ridges are sought on a smoother image ...
-const NOISY: f32 = 0.45;
-/// ... up to this scale (samples).
+/// Where ridges drown in noise they are sought on a smoother image, up to this scale (samples).
 const COARSEST: f64 = 3.0;
 
 /// Ridges of samples; from `scale` up as smooth as noise asks, unless the options give a scale.
@@ -288,10 +286,7 @@ fn find_ridges(
     gaussian::smooth(dims, &mut samples, [scale; 3]);
     let measure = |samples: &[f32], scale| ridges::statistics(Volume { dims, samples }, scale);
     let mut statistics = measure(&samples, scale);
-    while options.scale.is_none()
-        && statistics.noise > NOISY * statistics.typical
-        && scale < COARSEST
-    {
+    while options.scale.is_none() && statistics.drowned() && scale < COARSEST {
         let coarser = (1.25 * scale).min(COARSEST);
         gaussian::smooth(
             dims,

@@ -47,6 +47,9 @@ pub fn ridges(smoothed: Volume<'_>, sigma: f64, low: f32) -> Vec<Candidate> {
 /// middle eigenvalue of its Hessian.
 const MEDIAN_TO_NOISE: f64 = 4.061;
 
+/// Ratio of noise to typical strength (one where there is only white noise) from which ridges drown.
+const DROWNED: f32 = 0.5;
+
 /// What the image says about ridge strengths, seen on one row in sixteen.
 #[derive(Debug, Clone, Copy)]
 pub struct Statistics {
@@ -59,12 +62,22 @@ pub struct Statistics {
 }
 
 impl Statistics {
+    /// Whether noise hides ridges at this scale.
+    pub fn drowned(&self) -> bool {
+        self.noise > DROWNED * self.typical
+    }
+
     /// Strengths down to which a sheet is followed, and which it must reach somewhere: above the
-    /// noise, and a share of the typical ridge's.
+    /// noise, and a share of the typical ridge's; but not so high that typical ridges are lost, unless
+    /// they drown in noise.
     pub fn thresholds(&self) -> (f32, f32) {
         let low = (1.75 * self.noise).max(0.25 * self.typical);
         let high = (2.5 * self.noise).max(0.5 * self.typical);
-        (low, high)
+        if !self.drowned() {
+            (low.min(0.5 * self.typical), high.min(0.9 * self.typical))
+        } else {
+            (low, high)
+        }
     }
 }
 

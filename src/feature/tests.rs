@@ -1,6 +1,8 @@
 //! Features of images whose truth is known.
 
-use super::scenes::{Noise, Sheet, crossing_sheets, fit, image_of, ridge_image};
+use super::scenes::{
+    Noise, Sheet, crossing_sheets, fit, image_of, ridge_image, ridges_in_correlated_noise,
+};
 use super::*;
 use crate::image::Geometry;
 
@@ -23,6 +25,20 @@ fn noisy_crossing_curved_sheets_are_found() {
         assert!(fit.precision > 0.995, "{width} {noise} {fit:?}");
         assert!(fit.rms < 0.15, "{width} {noise} {fit:?}");
         assert!(fit.angle < 3.5, "{width} {noise} {fit:?}");
+    }
+}
+
+#[test]
+fn correlated_noise_is_told_from_sheets() {
+    let (dims, sheets) = crossing_sheets();
+    for (width, noise, coverage) in [(1.5, 0.15, 0.98), (1.5, 0.2, 0.95), (2.0, 0.25, 0.8)] {
+        let image = ridges_in_correlated_noise(dims, &sheets, width, noise, 1.0);
+        let features = detect(&image, &options(Kind::Ridges, 8.0)).unwrap();
+        let fit = fit(dims, &sheets, &features.points);
+        assert!(
+            fit.coverage > coverage && fit.precision > 0.97,
+            "{width} {noise} {fit:?}"
+        );
     }
 }
 

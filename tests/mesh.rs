@@ -363,11 +363,7 @@ fn every_option_of_mesh_runs() {
         &["--feature", "horizons"],
         &["--trace", "trace.pvd"],
     ] {
-        let all = [
-            &["mesh", "image.npy", "-o", "m.vtu", "--distance", "7"][..],
-            options,
-        ]
-        .concat();
+        let all = [&["mesh", "image.npy", "-o", "m.vtu"][..], options].concat();
         succeed(folder.path(), &all);
         let verdict = json(&succeed(folder.path(), &["validate", "m.vtu", "--json"]));
         assert_eq!(verdict["valid"], true, "{options:?}: {verdict}");

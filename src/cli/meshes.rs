@@ -8,14 +8,56 @@ use serde_json::json;
 use super::args::{QualityArgs, ValidateArgs};
 use super::console::Console;
 use crate::error::cause;
-use crate::export::read_vtu;
+use crate::export::{FieldValue, read_vtu};
+use crate::io::vtk::DataArray;
 use crate::mesh::check::check;
 use crate::mesh::{TetMesh, volume6};
-use crate::pipeline::file::Placed;
+use crate::pipeline::file::{Placed, bounds};
 use crate::pipeline::{BOX_TOLERANCE, scaled};
 use crate::report::{self, Reference, Report};
 use crate::synth::Truth;
 use crate::{Error, Result, delaunay};
+
+/// `atomesh info` of a mesh.
+pub fn info(path: &Path, console: &mut Console) -> Result<()> {
+    let file = read_vtu(path)?;
+    let (low, high) = bounds(&file.mesh.nodes);
+    let names = |arrays: &[DataArray]| -> Vec<String> {
+        arrays.iter().map(|array| array.name.clone()).collect()
+    };
+    let (points, cells) = (names(&file.point_data), names(&file.cell_data));
+    let [nodes, tets] = [file.mesh.nodes.len(), file.mesh.tets.len()];
+    let mut lines = vec![
+        format!("file        {}", path.display()),
+        "format      VTK unstructured grid".to_string(),
+        format!("mesh        {nodes} nodes, {tets} tetrahedra"),
+        format!("from        {low:?}"),
+        format!("to          {high:?}"),
+        format!("point data  {}", points.join(", ")),
+        format!("cell data   {}", cells.join(", ")),
+    ];
+    let mut fields = serde_json::Map::new();
+    for (name, value) in &file.field_data {
+        let value = match value {
+            FieldValue::Text(text) => json!(text),
+            FieldValue::F64s(values) => json!(values),
+            FieldValue::Ints(values) => json!(values),
+        };
+        let shown = value
+            .as_str()
+            .map_or_else(|| value.to_string(), |s| s.trim().replace('\n', ", "));
+        lines.push(format!("{name}: {shown}"));
+        fields.insert(name.clone(), value);
+    }
+    console.result(
+        lines.join("\n"),
+        &json!({
+            "file": path, "format": "VTK unstructured grid", "nodes": nodes, "tetrahedra": tets,
+            "from": low, "to": high, "point_data": points, "cell_data": cells, "fields": fields,
+        }),
+    );
+    Ok(())
+}
 
 /// `atomesh quality`.
 pub fn quality(args: &QualityArgs, console: &mut Console) -> Result<()> {

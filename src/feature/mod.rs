@@ -177,7 +177,7 @@ pub fn detect(image: &Image<3>, options: &Options) -> Result<Features<3>> {
     let found = find(image, kind, options, &mut notes)?;
     let rules = sheets::Rules {
         high: found.high,
-        resolution: 0.9 * options.d_min,
+        resolution: found.resolution * options.d_min,
         min_area: found.min_cells * options.d_min * options.d_min,
     };
     let sheets = sheets::sheets(dims, &found.candidates, options.step, &rules);
@@ -216,6 +216,8 @@ struct Found {
     high: f32,
     /// Least area of a sheet, in squares of the least distance.
     min_cells: f64,
+    /// Parallel sheets nearer than this, in units of the least distance, exclude one another.
+    resolution: f64,
 }
 
 /// Finds the candidates of one kind of feature; notes say how.
@@ -318,6 +320,7 @@ fn find_ridges(
         candidates: repair::repair(smoothed, candidates, scale, high),
         high,
         min_cells: 2.0,
+        resolution: 0.9,
     }
 }
 
@@ -352,6 +355,8 @@ fn find_horizons(
         high,
         // Short pieces of reflectors are everywhere, and worth no cells.
         min_cells: 6.0,
+        // Reflectors lie one above the other everywhere: leave room for a layer of atoms between.
+        resolution: 1.5,
     }
 }
 
@@ -395,6 +400,7 @@ fn find_labels(image: &Image<3>, options: &Options, notes: &mut Vec<String>) -> 
         candidates: labels::interfaces(volume, &values, scale),
         high: 1.0,
         min_cells: 2.0,
+        resolution: 0.9,
     })
 }
 

@@ -13,6 +13,9 @@ const FLOOR: f64 = 0.01;
 const LONGEST_COLLAPSE: f64 = 0.85;
 const SHORTEST_SPLIT: f64 = 0.95;
 
+/// So many tetrahedra, or one in a hundred if that is more, are worked on in a round.
+const PATIENCE: usize = 1000;
+
 /// What a transaction has overwritten, beside the complex's own journal.
 #[derive(Debug, Default)]
 pub(super) struct Undo {
@@ -40,7 +43,9 @@ impl Improver<'_> {
             let mut poor = self.poor();
             poor.sort_by(|a, b| self.sine_of(*a).total_cmp(&self.sine_of(*b)).then(a.cmp(b)));
             let before = poor.len();
-            for t in poor {
+            // Where features ask for what no lattice can do, patience must end.
+            let patience = PATIENCE.max(self.complex.tets.len() / 100);
+            for t in poor.into_iter().take(patience) {
                 if self.complex.alive(t) && self.sine_of(t) < self.target {
                     self.mend_one(t);
                 }

@@ -29,8 +29,7 @@ test: packages
 	cargo test --workspace --locked
 
 bench: packages
-	cargo build --release --locked
-	scripts/bench.sh
+	cargo bench --locked --bench whole
 
 validators:
 	@scripts/validators.sh

@@ -82,7 +82,7 @@ pub enum Weight {
     /// The same everywhere.
     Constant(f64),
     /// An image of weights, of the same dims as the image to mesh.
-    Image(Image<3>),
+    Image(Box<Image<3>>),
 }
 
 /// Which evaluator of the lattice energy.

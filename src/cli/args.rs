@@ -76,7 +76,7 @@ pub struct Common {
 pub enum Verb {
     /// Image in, aligned mesh out (the main job)
     #[command(after_help = "Example:\n  atomesh mesh survey.sgy -o mesh.vtu --distance 8")]
-    Mesh(MeshArgs),
+    Mesh(Box<MeshArgs>),
     /// Only the image processing: writes the potential b(x)
     #[command(after_help = "Example:\n  atomesh feature faults.npy -o potential.vti --sigma 2")]
     Feature(FeatureArgs),

@@ -255,7 +255,7 @@ pub fn threshold(threshold: Option<f32>) -> Result<Option<f32>> {
 }
 
 fn beta(text: Option<&str>) -> Result<Beta> {
-    let text = text.unwrap_or("0.5");
+    let text = text.unwrap_or("0.2");
     let Ok(value) = text.parse::<f64>() else {
         let path = Path::new(text);
         return if path.is_file() {
@@ -277,7 +277,7 @@ fn beta(text: Option<&str>) -> Result<Beta> {
             "--beta",
             text,
             "is not at least 0 and below 1",
-            "0 ignores the image, 0.5 is usual",
+            "0 ignores the image, 0.2 is usual",
         ))
     }
 }

@@ -123,7 +123,7 @@ impl MeshJob {
     fn params(&self) -> Result<Params> {
         let beta = match &self.beta {
             Beta::Constant(beta) => Weight::Constant(*beta),
-            Beta::File(path) => Weight::Image(read_beta(path)?),
+            Beta::File(path) => Weight::Image(Box::new(read_beta(path)?)),
         };
         let mut fixed = Vec::new();
         if let Some(path) = &self.atoms_from {

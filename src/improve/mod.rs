@@ -338,11 +338,11 @@ pub fn settle(
             // On both features if that can be reached, else on the nearer one.
             while hold.count > 0 {
                 let mut trial = hold;
-                if let Some(y) = trial.settle(*x, extent, sheets) {
-                    if norm(sub(y, *x)) < 1.5 * reach {
-                        *x = y;
-                        return 1;
-                    }
+                if let Some(y) = trial.settle(*x, extent, sheets)
+                    && norm(sub(y, *x)) < 1.5 * reach
+                {
+                    *x = y;
+                    return 1;
                 }
                 hold.count -= 1;
             }

@@ -1,0 +1,319 @@
+//! The README's table: what atomesh achieves, measured by running it as a user would.
+//! `make bench`, or `cargo bench --bench whole`. Takes some minutes and 2 GB of memory.
+//!
+//! Volumes made by others are looked for in the folder that ATOMESH_DATA names, else in
+//! `../shared/data`; rows on those that are absent say so.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::Instant;
+
+use atomesh::distance::Distance;
+use atomesh::energy::{Beta, Energy, Pairwise, Sampled};
+use atomesh::synth::{self, Kind, Options, PRESETS};
+use atomesh::{feature, io, seeding};
+use serde_json::Value;
+
+type Outcome<T> = Result<T, Box<dyn std::error::Error + Send + Sync>>;
+
+fn main() -> Outcome<()> {
+    // `cargo test --benches` runs benches only to see that they start.
+    if !std::env::args().any(|argument| argument == "--bench") {
+        return Ok(());
+    }
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("whole");
+    std::fs::create_dir_all(&folder)?;
+    println!("| what | on | figure | asked for |\n|---|---|---|---|");
+    presets(&folder)?;
+    volumes_of_others(&folder)?;
+    large(&folder)?;
+    evaluators()?;
+    sameness(&folder)?;
+    Ok(())
+}
+
+fn row(what: &str, on: &str, figure: &str, asked: &str) {
+    println!("| {what} | {on} | {figure} | {asked} |");
+}
+
+/// What a run of the program said, and the processor seconds in user mode it took.
+struct Run {
+    json: Value,
+    cpu: f64,
+}
+
+/// Runs atomesh with `--json`.
+fn atomesh(folder: &Path, arguments: &[&str]) -> Outcome<Run> {
+    let before = children_cpu();
+    let output = Command::new(env!("CARGO_BIN_EXE_atomesh"))
+        .current_dir(folder)
+        .args(arguments)
+        .args(["--json", "--quiet"])
+        .output()?;
+    let cpu = children_cpu() - before;
+    if !output.status.success() {
+        let said = String::from_utf8_lossy(&output.stderr);
+        return Err(format!("atomesh {}: {said}", arguments.join(" ")).into());
+    }
+    Ok(Run {
+        json: serde_json::from_slice(&output.stdout)?,
+        cpu,
+    })
+}
+
+/// User-mode processor seconds of all child processes that have ended.
+fn children_cpu() -> f64 {
+    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    let ticks = stat
+        .rsplit(')')
+        .next()
+        .and_then(|rest| rest.split_whitespace().nth(13));
+    ticks
+        .and_then(|word| word.parse::<f64>().ok())
+        .unwrap_or(f64::NAN)
+        / 100.0
+}
+
+/// A number somewhere in a report.
+fn number(json: &Value, pointer: &str) -> f64 {
+    json.pointer(pointer)
+        .and_then(Value::as_f64)
+        .unwrap_or(f64::NAN)
+}
+
+fn percent(share: f64) -> String {
+    format!("{:.1} %", 100.0 * share)
+}
+
+/// Makes a synthetic image and its truth.
+fn make(folder: &Path, name: &str, kind: Kind, options: &Options) -> Outcome<()> {
+    let made = synth::make(kind, options)?;
+    io::write(&folder.join(format!("{name}.npy")), &made.image)?;
+    Ok(made
+        .truth
+        .write(&folder.join(format!("{name}-truth.npy")))?)
+}
+
+/// Fidelity, quality and validity on the noisy fault volumes.
+fn presets(folder: &Path) -> Outcome<()> {
+    for preset in PRESETS {
+        let name = preset.name;
+        make(folder, name, preset.kind, &preset.options)?;
+        let (image, mesh) = (format!("{name}.npy"), format!("{name}.vtu"));
+        atomesh(folder, &["mesh", &image, "-o", &mesh, "--distance", "8"])?;
+        let truth = format!("{name}-truth.npy");
+        let judged = atomesh(folder, &["quality", &mesh, "--truth", &truth])?.json;
+        let [nx, ny, nz] = preset.options.dims;
+        let on = format!("{name}, {nx} x {ny} x {nz}, d = 8");
+        let figure = format!(
+            "coverage {} and {}, precision {}",
+            percent(number(&judged, "/fidelity/on_feature/coverage_half")),
+            percent(number(&judged, "/fidelity/on_feature/coverage_one")),
+            percent(number(&judged, "/fidelity/on_feature/precision")),
+        );
+        row(
+            "fidelity",
+            &on,
+            &figure,
+            "96 % within 0.5 and 98.5 % within 1 sample, precision 97 %",
+        );
+        quality(&on, &judged);
+        validity(folder, &on, &mesh)?;
+    }
+    Ok(())
+}
+
+fn quality(on: &str, report: &Value) {
+    let figure = format!(
+        "dihedral angles {:.1} to {:.1}; {} of {} tetrahedra below 30, {} above 150",
+        number(report, "/quality/smallest_angle/worst"),
+        number(report, "/quality/largest_angle/worst"),
+        number(report, "/quality/below_30"),
+        number(report, "/quality/tets"),
+        number(report, "/quality/above_150"),
+    );
+    row("quality", on, &figure, "all in 20 to 160, goal 30 to 150");
+}
+
+fn validity(folder: &Path, on: &str, mesh: &str) -> Outcome<()> {
+    let judged = atomesh(folder, &["quality", mesh])?.json;
+    let verdict = atomesh(folder, &["validate", mesh])?.json;
+    let by: Vec<&str> = verdict["checks"]
+        .as_array()
+        .into_iter()
+        .flatten()
+        .filter(|check| check["problem"].is_null())
+        .filter_map(|check| check["by"].as_str())
+        .collect();
+    let figure = format!(
+        "volume error {:.0e}, sides off by {:.0e}, {} unused nodes; valid to {}",
+        number(&judged, "/box/volume_error"),
+        number(&judged, "/box/flatness_error"),
+        number(&judged, "/box/unused_nodes"),
+        by.join(", "),
+    );
+    row(
+        "box",
+        on,
+        &figure,
+        "volume error 1e-9, sides flat, no unused node",
+    );
+    Ok(())
+}
+
+/// Quality on real data and on other people's synthetic data.
+fn volumes_of_others(folder: &Path) -> Outcome<()> {
+    let data = std::env::var_os("ATOMESH_DATA").map_or_else(
+        || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data")),
+        PathBuf::from,
+    );
+    for (on, file, options) in [
+        (
+            "F3 faults",
+            "fault3d_f3/f3_faults_slices003-210_u8.npy",
+            &[][..],
+        ),
+        ("SEISMIC3D", "seismic3d/SEISMIC3D.sgy", &[]),
+        (
+            "LANL faults",
+            "synthetic_faults3d_lanl/train_0_fsem.bin",
+            &["--raw", "64x64x64:f32le"],
+        ),
+    ] {
+        let path = data.join(file);
+        if !path.is_file() {
+            row("quality", on, "not measured: the file is absent", "");
+            continue;
+        }
+        let path = path.canonicalize()?;
+        let image = path.to_str().ok_or("a path that is no UTF-8")?;
+        let arguments = [
+            &["mesh", image, "-o", "other.vtu", "--distance", "8"],
+            options,
+        ]
+        .concat();
+        let run = atomesh(folder, &arguments)?;
+        quality(on, &run.json);
+        validity(folder, on, "other.vtu")?;
+    }
+    Ok(())
+}
+
+/// Speed and memory, d = 4.
+fn large(folder: &Path) -> Outcome<()> {
+    for side in [128, 192, 256] {
+        let options = Options {
+            dims: [side; 3],
+            ..Options::default()
+        };
+        make(folder, "large", Kind::Faults, &options)?;
+        let start = Instant::now();
+        let run = atomesh(
+            folder,
+            &["mesh", "large.npy", "-o", "large.vtu", "--distance", "4"],
+        )?;
+        let seconds = start.elapsed().as_secs_f64();
+        let stages = run.json["stages"].as_array().cloned().unwrap_or_default();
+        let peak = stages
+            .iter()
+            .map(|s| number(s, "/peak_mb"))
+            .fold(0.0, f64::max);
+        let tets = number(&run.json, "/quality/tets");
+        let on = format!("{side}^3, d = 4");
+        row(
+            "memory",
+            &on,
+            &format!("{peak:.0} MB peak, {tets} tetrahedra"),
+            "1,500 MB at 256^3",
+        );
+        if side == 256 {
+            let delaunay = stages
+                .iter()
+                .find(|s| s["stage"] == "joining atoms")
+                .map_or(f64::NAN, |s| number(s, "/cpu_seconds"));
+            let figure = format!(
+                "{:.1} times TetGen: {:.1} s of user CPU in all ({seconds:.1} s by the clock), \
+                 {delaunay:.1} s in its Delaunay",
+                run.cpu / delaunay,
+                run.cpu,
+            );
+            row("speed", &on, &figure, "4 times");
+            quality(&on, &run.json);
+        }
+    }
+    Ok(())
+}
+
+/// Processor seconds of one evaluation of the energy by both evaluators.
+fn evaluators() -> Outcome<()> {
+    let d = 8.0;
+    let image = synth::make(PRESETS[0].kind, &PRESETS[0].options)?.image;
+    let found = feature::detect(
+        &image,
+        &feature::Options {
+            d_min: d,
+            ..feature::Options::default()
+        },
+    )?;
+    let extent = image.dims().map(|n| (n - 1) as f64);
+    let distance = Distance::Constant(d);
+    let atoms = seeding::fcc(extent, &distance, &[])?.positions;
+    let mut gradient = vec![[0.0; 3]; atoms.len()];
+    let beta = Beta::Constant(0.2);
+    let mut time = |energy: &mut dyn Energy<3>| {
+        energy.evaluate(&atoms, &mut gradient);
+        let start = Instant::now();
+        let mut count = 0;
+        while start.elapsed().as_secs_f64() < 1.0 {
+            energy.evaluate(&atoms, &mut gradient);
+            count += 1;
+        }
+        start.elapsed().as_secs_f64() / f64::from(count)
+    };
+    // On one thread, so that seconds are processor seconds.
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
+    let (pairwise, sampled) = pool.install(|| -> Outcome<(f64, f64)> {
+        let mut pairwise = Pairwise::new(extent, &distance, Some(&found.potential), beta.clone())?;
+        let mut sampled = Sampled::new(&distance, &found.potential, beta);
+        Ok((time(&mut pairwise), time(&mut sampled)))
+    })?;
+    let figure = format!(
+        "pairwise {:.2} ms, sampled {:.1} ms an evaluation: {:.0} times fewer",
+        1e3 * pairwise,
+        1e3 * sampled,
+        sampled / pairwise
+    );
+    row(
+        "evaluator",
+        &format!("{}, d = 8", PRESETS[0].name),
+        &figure,
+        "10 times fewer",
+    );
+    Ok(())
+}
+
+/// The same bytes with one and two threads, and twice in a row.
+fn sameness(folder: &Path) -> Outcome<()> {
+    let image = format!("{}.npy", PRESETS[1].name);
+    let mut meshes = Vec::new();
+    for threads in ["1", "2", "2"] {
+        atomesh(
+            folder,
+            &["mesh", &image, "-o", "same.vtu", "--threads", threads],
+        )?;
+        meshes.push(std::fs::read(folder.join("same.vtu"))?);
+    }
+    let same = meshes.windows(2).all(|pair| pair[0] == pair[1]);
+    let figure = if same {
+        "the same bytes"
+    } else {
+        "DIFFERENT bytes"
+    };
+    row(
+        "sameness",
+        PRESETS[1].name,
+        figure,
+        "with 1 and 2 threads, and twice in a row",
+    );
+    Ok(())
+}

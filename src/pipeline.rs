@@ -9,7 +9,7 @@ use std::borrow::Cow;
 
 use crate::delaunay::{self, Delaunay};
 use crate::distance::{self, Distance};
-use crate::energy::{Beta, Energy, Pairwise};
+use crate::energy::{Beta, Energy, Pairwise, Sampled};
 use crate::error::cause;
 use crate::feature::{self, Features, gaussian};
 use crate::image::{Field, Geometry, Image};
@@ -387,7 +387,7 @@ fn optimise(
             Evaluator::Pairwise => {
                 Box::new(Pairwise::new(extent, distance, Some(potential), beta)?)
             }
-            Evaluator::Sampled => todo!(),
+            Evaluator::Sampled => Box::new(Sampled::new(distance, potential, beta)),
         };
         optimize::optimize(atoms, &mut *energy, distance, extent, &options, observer)
     };

@@ -219,7 +219,7 @@ fn faulty_configuration_files() {
     let folder = folder();
     for (text, word) in [
         ("distanse = 8", "distanse"),
-        ("distance = [8]", "distance"),
+        ("distance = [8]", "a text or a number"),
         ("feature = \"everything\"", "everything"),
         ("distance = ", "1"),
     ] {

@@ -489,7 +489,7 @@ fn text_or_number<'de, D: Deserializer<'de>>(
     deserializer: D,
 ) -> std::result::Result<Option<String>, D::Error> {
     #[derive(Deserialize)]
-    #[serde(untagged)]
+    #[serde(untagged, expecting = "give a text or a number")]
     enum TextOrNumber {
         Text(String),
         Whole(i64),

@@ -1,5 +1,6 @@
 //! The verbs about images: `info`, `convert`, `feature`, `synth`.
 
+use std::io::Read;
 use std::path::Path;
 
 use serde_json::json;
@@ -7,19 +8,30 @@ use serde_json::json;
 use super::args::{ConvertArgs, FeatureArgs, InfoArgs, SynthArgs};
 use super::console::Console;
 use super::job::{check_output, feature_scale, positive_distance, threshold};
-use super::parse;
+use super::{meshes, parse};
 use crate::image::{Field, Geometry, Image};
 use crate::{Result, feature, io, synth};
 
 /// The endings of the image formats that are written.
 pub const WRITTEN: [&str; 2] = ["vti", "npy"];
 
-/// `atomesh info`.
+/// `atomesh info`: of an image, or of a mesh.
 pub fn info(args: &InfoArgs, console: &mut Console) -> Result<()> {
+    if is_mesh(&args.file) {
+        return meshes::info(&args.file, console);
+    }
     let description = io::describe(&args.file, &args.input.read_options()?)?;
     let value = serde_json::to_value(&description).unwrap_or_default();
     console.result(description.to_lines().trim_end(), &value);
     Ok(())
+}
+
+/// Whether a file looks like a VTK unstructured grid.
+fn is_mesh(path: &Path) -> bool {
+    let mut head = Vec::new();
+    let file = std::fs::File::open(path);
+    let read = file.and_then(|file| file.take(1024).read_to_end(&mut head));
+    read.is_ok() && String::from_utf8_lossy(&head).contains("type=\"UnstructuredGrid\"")
 }
 
 /// `atomesh convert`.

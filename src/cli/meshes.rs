@@ -8,13 +8,56 @@ use serde_json::json;
 use super::args::{QualityArgs, ValidateArgs};
 use super::console::Console;
 use crate::error::cause;
-use crate::export::read_vtu;
+use crate::export::{FieldValue, read_vtu};
+use crate::io::vtk::DataArray;
 use crate::mesh::check::check;
-use crate::pipeline::file::Placed;
+use crate::mesh::{TetMesh, volume6};
+use crate::pipeline::file::{Placed, bounds};
 use crate::pipeline::{BOX_TOLERANCE, scaled};
 use crate::report::{self, Reference, Report};
 use crate::synth::Truth;
-use crate::{Error, Result};
+use crate::{Error, Result, delaunay};
+
+/// `atomesh info` of a mesh.
+pub fn info(path: &Path, console: &mut Console) -> Result<()> {
+    let file = read_vtu(path)?;
+    let (low, high) = bounds(&file.mesh.nodes);
+    let names = |arrays: &[DataArray]| -> Vec<String> {
+        arrays.iter().map(|array| array.name.clone()).collect()
+    };
+    let (points, cells) = (names(&file.point_data), names(&file.cell_data));
+    let [nodes, tets] = [file.mesh.nodes.len(), file.mesh.tets.len()];
+    let mut lines = vec![
+        format!("file        {}", path.display()),
+        "format      VTK unstructured grid".to_string(),
+        format!("mesh        {nodes} nodes, {tets} tetrahedra"),
+        format!("from        {low:?}"),
+        format!("to          {high:?}"),
+        format!("point data  {}", points.join(", ")),
+        format!("cell data   {}", cells.join(", ")),
+    ];
+    let mut fields = serde_json::Map::new();
+    for (name, value) in &file.field_data {
+        let value = match value {
+            FieldValue::Text(text) => json!(text),
+            FieldValue::F64s(values) => json!(values),
+            FieldValue::Ints(values) => json!(values),
+        };
+        let shown = value
+            .as_str()
+            .map_or_else(|| value.to_string(), |s| s.trim().replace('\n', ", "));
+        lines.push(format!("{name}: {shown}"));
+        fields.insert(name.clone(), value);
+    }
+    console.result(
+        lines.join("\n"),
+        &json!({
+            "file": path, "format": "VTK unstructured grid", "nodes": nodes, "tetrahedra": tets,
+            "from": low, "to": high, "point_data": points, "cell_data": cells, "fields": fields,
+        }),
+    );
+    Ok(())
+}
 
 /// `atomesh quality`.
 pub fn quality(args: &QualityArgs, console: &mut Console) -> Result<()> {
@@ -62,16 +105,13 @@ pub fn validate(args: &ValidateArgs, console: &mut Console) -> Result<()> {
     console.begin_stage("reading");
     let placed = read(&args.mesh)?;
     console.begin_stage("checking");
-    let found = check(&placed.lattice, [0.0; 3], placed.extent, BOX_TOLERANCE);
-    let verdicts = vec![Verdict {
-        by: "atomesh",
-        what: format!(
-            "{} tetrahedra of positive volume, conforming, fill the box (volume off by {:.0e}), \
-             sides flat, all {} nodes used",
-            found.tets, found.volume_error, found.nodes
-        ),
-        problem: found.problems.first().cloned(),
-    }];
+    let mut verdicts = vec![by_atomesh(&placed)];
+    if cfg!(feature = "tetgen") {
+        verdicts.push(by_tetgen(&placed)?);
+    }
+    if cfg!(feature = "cgal") {
+        verdicts.push(by_cgal(&placed)?);
+    }
     let lines: Vec<String> = verdicts.iter().map(Verdict::line).collect();
     let failed = verdicts
         .iter()
@@ -90,12 +130,55 @@ pub fn validate(args: &ValidateArgs, console: &mut Console) -> Result<()> {
     }
 }
 
+/// Our own checker, in lattice space, where the sides are known.
+fn by_atomesh(placed: &Placed) -> Verdict {
+    let found = check(&placed.lattice, [0.0; 3], placed.extent, BOX_TOLERANCE);
+    Verdict {
+        by: "atomesh",
+        what: format!(
+            "{} tetrahedra of positive volume, conforming, fill the box (volume off by {:.0e}), \
+             sides flat, all {} nodes used",
+            found.tets, found.volume_error, found.nodes
+        ),
+        problem: found.problems.first().cloned(),
+    }
+}
+
+/// TetGen cannot read a mesh without changing it, so it is asked for the convex hull of the nodes:
+/// the mesh must fill it.
+fn by_tetgen(placed: &Placed) -> Result<Verdict> {
+    let volume = |mesh: &TetMesh| -> f64 {
+        (0..mesh.tets.len())
+            .map(|t| volume6(&mesh.corners(t)) / 6.0)
+            .sum()
+    };
+    let hull = volume(&delaunay::delaunay(&placed.lattice.nodes)?);
+    let error = (volume(&placed.lattice) - hull).abs() / hull;
+    Ok(Verdict {
+        by: "TetGen",
+        what: format!("fills the convex hull of its nodes (volume off by {error:.0e})"),
+        problem: (error > BOX_TOLERANCE)
+            .then(|| format!("its volume is off that of its nodes' hull by {error:.1e}")),
+    })
+}
+
+/// CGAL's exact predicates, on the coordinates as they are in the file.
+fn by_cgal(placed: &Placed) -> Result<Verdict> {
+    let TetMesh { nodes, tets } = &placed.physical;
+    let verdict = delaunay::cgal::validate(nodes, tets)?;
+    Ok(Verdict {
+        by: "CGAL",
+        what: "by exact predicates a triangulation of the convex hull of its nodes".into(),
+        problem: verdict.faults(BOX_TOLERANCE).into_iter().next(),
+    })
+}
+
 /// What one checker says.
 #[derive(Debug, Serialize)]
 struct Verdict {
     /// Who checked.
     by: &'static str,
-    /// What was checked.
+    /// What holds if nothing is wrong.
     what: String,
     /// What is wrong, if anything.
     problem: Option<String>,

@@ -68,6 +68,31 @@ impl Rows {
         &self.list[start as usize..end as usize]
     }
 
+    /// Adds a neighbour to the row of the chunk's `n`th atom, if it is not there.
+    fn insert(&mut self, n: usize, neighbour: u32, filler: u32) {
+        let [start, end] = self.spans[n].map(|bound| bound as usize);
+        if self.list[start..end]
+            .iter()
+            .any(|group| group.contains(&neighbour))
+        {
+            return;
+        }
+        let last = self.list[start..end].last_mut();
+        if let Some(slot) = last.and_then(|group| group.iter_mut().find(|j| **j == filler)) {
+            *slot = neighbour;
+            return;
+        }
+        // No room left: the row moves to the end of the list.
+        if end < self.list.len() {
+            self.spans[n][0] = self.list.len() as u32;
+            self.list.extend_from_within(start..end);
+        }
+        let mut group = [filler; LANES];
+        group[0] = neighbour;
+        self.list.push(group);
+        self.spans[n][1] = self.list.len() as u32;
+    }
+
     /// Number of groups that are in use.
     fn live(&self) -> usize {
         self.spans
@@ -251,43 +276,34 @@ impl Neighbours {
     }
 
     /// Brings the lists up to date after a few atoms, `moved` in rising order, have got new
-    /// positions or reaches: their own rows and those of the atoms now near them. The result lists
-    /// the same pairs as a new build, besides some that are farther apart.
+    /// positions or reaches: lists their own neighbours anew and adds them to the rows of those. The
+    /// result has the same pairs as a new build, besides some that are farther apart.
     pub fn repair(&mut self, points: &[Point], reach: &[f32], slope: f32, moved: &[u32]) {
         let search = Search::new(points, reach, slope, EDGE_FOR_FEW);
-        let relist = |chunks: &mut Vec<Rows>, atoms: &[u32]| {
-            chunks.par_iter_mut().enumerate().for_each_init(
-                Scratch::default,
-                |scratch, (n, rows)| {
-                    let first = n * CHUNK;
-                    let from = atoms.partition_point(|&i| (i as usize) < first);
-                    let to = atoms.partition_point(|&i| (i as usize) < first + CHUNK);
-                    if rows.list.len() > 2 * rows.live() {
-                        // Mostly old rows: list all anew.
-                        rows.list.clear();
-                        search.list(first..first + rows.spans.len(), first, rows, scratch);
-                    } else if from < to {
-                        let atoms = atoms[from..to].iter().map(|&i| i as usize);
-                        search.list(atoms, first, rows, scratch);
-                    }
-                },
-            );
-        };
-        relist(&mut self.chunks, moved);
-        let mut touched = vec![false; points.len() + 1];
+        let chunks = self.chunks.par_iter_mut().enumerate();
+        chunks.for_each_init(Scratch::default, |scratch, (n, rows)| {
+            let first = n * CHUNK;
+            let from = moved.partition_point(|&i| (i as usize) < first);
+            let to = moved.partition_point(|&i| (i as usize) < first + CHUNK);
+            if rows.list.len() > 2 * rows.live() {
+                // Mostly old rows: list all anew.
+                rows.list.clear();
+                search.list(first..first + rows.spans.len(), first, rows, scratch);
+            } else {
+                let atoms = moved[from..to].iter().map(|&i| i as usize);
+                search.list(atoms, first, rows, scratch);
+            }
+        });
+        let filler = points.len() as u32;
+        let mut neighbours: Vec<u32> = Vec::new();
         for &i in moved {
-            let rows = &self.chunks[i as usize / CHUNK];
-            for &j in rows.row(i as usize % CHUNK).iter().flatten() {
-                touched[j as usize] = true;
+            neighbours.clear();
+            let row = self.chunks[i as usize / CHUNK].row(i as usize % CHUNK);
+            neighbours.extend(row.iter().flatten().filter(|&&j| j != filler));
+            for &j in &neighbours {
+                self.chunks[j as usize / CHUNK].insert(j as usize % CHUNK, i, filler);
             }
         }
-        for &i in moved {
-            touched[i as usize] = false;
-        }
-        let touched: Vec<u32> = (0..points.len() as u32)
-            .filter(|&i| touched[i as usize])
-            .collect();
-        relist(&mut self.chunks, &touched);
     }
 }
 

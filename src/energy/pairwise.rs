@@ -18,7 +18,7 @@ use rayon::prelude::*;
 
 use super::image_term::ImageTerm;
 use super::neighbours::{CHUNK, FixedPoint, LANES, NOWHERE, Neighbours, Point};
-use super::pair::{CUTOFF, force, potential};
+use super::pair::{CUTOFF, force, potential, stiffness};
 use super::{Beta, Energy, Parts};
 use crate::distance::Distance;
 use crate::error::{Error, Result, cause};
@@ -118,8 +118,19 @@ impl<'a, const D: usize> Pairwise<'a, D> {
         })
     }
 
-    /// Makes atoms nearer than d push each other apart harder than the potential as published does
-    /// (see [`pair`](super::pair)); [`STIFFNESS`](super::pair::STIFFNESS) is a good choice.
+    /// Keeps atoms from crowding on features, by the stiffening that suits beta (its largest value
+    /// where it is a field); see [`pair`](super::pair). Recommended for any but the shortest
+    /// minimisation.
+    pub fn uncrowded(self) -> Self {
+        let beta = match &self.beta {
+            Beta::Constant(beta) => *beta,
+            Beta::Field(field) => f64::from(field.samples.iter().copied().fold(0.0, f32::max)),
+        };
+        self.stiffened(stiffness(beta))
+    }
+
+    /// Makes atoms nearer than d push each other apart harder than the potential as published does;
+    /// 0, as at first, for the potential as published.
     pub fn stiffened(mut self, stiffness: f32) -> Self {
         self.stiffness = stiffness.max(0.0);
         self

@@ -5,6 +5,7 @@
 //! - [`hold`]: what holds a node (box sides, features)
 //! - `mend`: several changes at once, kept only if together they help
 //! - `recover`: features first: no edge may pierce a feature
+//! - `apart`: atoms pulled to one place go back
 //! - `collapse`: nodes that stand too close
 //! - `flips`: Joe's local transformations, generalised
 //! - `smooth`: max-min smoothing
@@ -16,6 +17,7 @@
 pub mod hold;
 pub mod sheets;
 
+mod apart;
 mod collapse;
 mod flips;
 mod mend;
@@ -312,7 +314,7 @@ const ON_SHEET: f64 = 0.11;
 const STRAY: f64 = 0.4;
 
 /// Moves the atoms within `reach` of a feature onto it (onto all of them, where several cross),
-/// never off the box's sides. Returns how many were moved.
+/// never off the box's sides, and no two to one place. Returns how many were moved.
 pub fn settle(
     positions: &mut [[f64; 3]],
     kinds: &[AtomKind],
@@ -320,7 +322,8 @@ pub fn settle(
     sheets: &Sheets,
     reach: f64,
 ) -> usize {
-    positions
+    let before = positions.to_vec();
+    let moved: usize = positions
         .par_iter_mut()
         .zip(kinds)
         .map(|(x, &kind)| {
@@ -345,7 +348,9 @@ pub fn settle(
             }
             0
         })
-        .sum()
+        .sum();
+    // Two atoms pulled to one place would be one node.
+    moved - apart::keep_apart(positions, &before, 0.1 * reach)
 }
 
 /// What to aim at.

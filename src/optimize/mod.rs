@@ -38,7 +38,7 @@ pub enum Stop {
 /// How to optimise.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
-    /// Relative decrease of P below which a minimisation, and the rounds, end (Hale: 1e-3).
+    /// Relative decrease of P, a step and a round, below which steps and rounds end (Hale: 1e-3).
     pub tolerance: f64,
     /// Most rounds of perturbation and minimisation.
     pub max_rounds: usize,
@@ -55,8 +55,8 @@ pub struct Options {
 impl Default for Options {
     fn default() -> Self {
         Self {
-            tolerance: 1e-3,
-            max_rounds: 3,
+            tolerance: 3e-4,
+            max_rounds: 2,
             max_evaluations: 60,
             perturbation: 0.1,
             seed: 1,
@@ -202,7 +202,6 @@ fn three<const D: usize>(positions: &[[f64; D]]) -> Vec<[f64; 3]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::energy::pair::STIFFNESS;
     use crate::energy::{Beta, Pairwise};
     use crate::image::Field;
     use crate::mesh::AtomKind;
@@ -230,7 +229,7 @@ mod tests {
 
     fn evaluator<'a>(distance: &'a Distance<3>, valley: &'a Field<3>) -> Pairwise<'a, 3> {
         let energy = Pairwise::new(EXTENT, distance, Some(valley), Beta::Constant(0.6)).unwrap();
-        energy.stiffened(STIFFNESS)
+        energy.uncrowded()
     }
 
     #[derive(Default)]

@@ -177,7 +177,7 @@ impl Placed {
 }
 
 /// The smallest box that holds all points.
-fn bounds(points: &[[f64; 3]]) -> ([f64; 3], [f64; 3]) {
+pub fn bounds(points: &[[f64; 3]]) -> ([f64; 3], [f64; 3]) {
     points.iter().fold(
         ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]),
         |(low, high), p| {

@@ -340,11 +340,11 @@ fn find_horizons(
     };
     let normals = tensor::Normals::new(smoothed, window);
     let rms = horizons::root_mean_square(smoothed);
-    let (low, high) = options.threshold.map_or((0.6 * rms, rms), |t| (0.5 * t, t));
+    let (low, high) = options.threshold.map_or((0.8 * rms, 1.6 * rms), |t| (0.5 * t, t));
     let chosen = if options.threshold.is_some() {
         "given"
     } else {
-        "the rms"
+        "1.6 times the rms"
     };
     notes.push(format!(
         "crests and troughs at scale {scale}, normals averaged over {window}: threshold {high:.4} \
@@ -354,7 +354,7 @@ fn find_horizons(
         candidates: horizons::horizons(smoothed, &normals, low),
         high,
         // Short pieces of reflectors are everywhere, and worth no cells.
-        min_cells: 6.0,
+        min_cells: 16.0,
         // Reflectors lie one above the other everywhere: leave room for a layer of atoms between.
         resolution: 1.5,
     }

@@ -1,3 +1,9 @@
 //! The `atomesh` binary: parse, run, exit code.
 
-fn main() {}
+use std::process::ExitCode;
+
+use clap::Parser;
+
+fn main() -> ExitCode {
+    atomesh::cli::main(&atomesh::cli::args::CommandLine::parse())
+}

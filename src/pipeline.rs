@@ -1,1 +1,513 @@
-//! The whole job: image in, mesh out (under construction).
+//! The whole job: image in, mesh out. The command line and any other front end call this.
+//!
+//! [`mesh_image`] works in *lattice space* (sample index times a step per axis); [`to_file`] puts
+//! the outcome where the image lies in the world.
+
+pub mod file;
+
+use std::borrow::Cow;
+
+use crate::delaunay::{self, Delaunay};
+use crate::distance::{self, Distance};
+use crate::energy::{Beta, Energy, Pairwise};
+use crate::error::cause;
+use crate::feature::{self, Features, gaussian};
+use crate::image::{Field, Geometry, Image};
+use crate::improve::sheets::Sheets;
+use crate::mesh::check::check;
+use crate::mesh::{AtomKind, TetMesh};
+use crate::optimize::{self, Observer, Stop};
+use crate::report::{Clock, Improvement, Lattice, Optimisation, Reference, Report};
+use crate::seeding::{self, Atoms};
+use crate::{Error, Result, improve, report};
+
+/// How far atoms shall be apart, in lattice units.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Spacing {
+    /// The same everywhere.
+    Constant(f64),
+    /// `min` on features, growing to `max` away from them.
+    FromFeatures {
+        /// Distance on features.
+        min: f64,
+        /// Distance far from them.
+        max: f64,
+    },
+}
+
+impl Spacing {
+    /// The smallest distance asked for.
+    pub fn min(self) -> f64 {
+        match self {
+            Self::Constant(d) => d,
+            Self::FromFeatures { min, .. } => min,
+        }
+    }
+
+    /// The largest distance asked for.
+    pub fn max(self) -> f64 {
+        match self {
+            Self::Constant(d) => d,
+            Self::FromFeatures { max, .. } => max,
+        }
+    }
+}
+
+/// The length of one sample along each axis of lattice space, which says in which space cells
+/// shall be well shaped.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Metric {
+    /// 1: cells are as flat as the image's own samples.
+    Samples,
+    /// The image's physical spacing.
+    Physical,
+    /// As given.
+    Scales([f64; 3]),
+}
+
+impl Metric {
+    /// The step of lattice space along each axis.
+    pub fn step(self, geometry: &Geometry<3>) -> [f64; 3] {
+        match self {
+            Self::Samples => [1.0; 3],
+            Self::Physical => geometry.spacing(),
+            Self::Scales(step) => step,
+        }
+    }
+}
+
+/// The weight of the image against the lattice: 0 is lattice only, 1 image only.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Weight {
+    /// The same everywhere.
+    Constant(f64),
+    /// An image of weights, of the same dims as the image to mesh.
+    Image(Image<3>),
+}
+
+/// Which evaluator of the lattice energy.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Evaluator {
+    /// Neighbour lists and exact gradients.
+    Pairwise,
+    /// Accumulated on the image's grid (Hale 2001, Algorithm 1).
+    Sampled,
+}
+
+/// An atom that a user placed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FixedAtom {
+    /// What to call it in an error, e.g. the line of the file it comes from.
+    pub name: String,
+    /// Where it is, in the image's physical coordinates.
+    pub position: [f64; 3],
+}
+
+/// What the whole job is told.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Params {
+    /// Distance between atoms.
+    pub spacing: Spacing,
+    /// Features to follow.
+    pub feature: feature::Kind,
+    /// Width in samples of the Gaussian under which features are sought; by kind if `None`.
+    pub sigma: Option<f64>,
+    /// Least strength of a feature, in units of the image; from the image itself if `None`.
+    pub threshold: Option<f32>,
+    /// Weight of the image.
+    pub beta: Weight,
+    /// Atoms that stay where they are (wells, sources).
+    pub fixed: Vec<FixedAtom>,
+    /// Evaluator of the energy.
+    pub evaluator: Evaluator,
+    /// Number of passes on smoother potentials before the last one: the first is 2^n times as wide.
+    pub coarse_passes: usize,
+    /// Smallest dihedral angle aimed at, in degrees; `None` leaves the slivers in.
+    pub min_dihedral: Option<f64>,
+    /// Lattice space.
+    pub metric: Metric,
+    /// Seed of the perturbations.
+    pub seed: u64,
+}
+
+impl Default for Params {
+    fn default() -> Self {
+        Self {
+            spacing: Spacing::Constant(8.0),
+            feature: feature::Kind::Auto,
+            sigma: None,
+            threshold: None,
+            beta: Weight::Constant(0.2),
+            fixed: Vec::new(),
+            evaluator: Evaluator::Pairwise,
+            coarse_passes: 0,
+            min_dihedral: Some(30.0),
+            metric: Metric::Samples,
+            seed: 1,
+        }
+    }
+}
+
+/// A mesh in lattice space, and what led to it.
+#[derive(Debug, Clone)]
+pub struct Outcome {
+    /// The mesh; its nodes fill the box `[0, extent]`.
+    pub mesh: TetMesh,
+    /// What each node may do.
+    pub kinds: Vec<AtomKind>,
+    /// The far corner of the box.
+    pub extent: [f64; 3],
+    /// Length of one sample along each axis.
+    pub step: [f64; 3],
+    /// What the mesh follows.
+    pub features: Features<3>,
+    /// Nominal distance between nodes.
+    pub distance: Distance<3>,
+    /// What the optimiser did in its last pass, and why it stopped.
+    pub optimised: optimize::Outcome,
+    /// Figures of the mesh and of what it cost; where it comes from is for the caller to add.
+    pub report: Report,
+}
+
+/// The stage from which on a job that is asked to stop still gives a mesh.
+pub const OPTIMISING: &str = "moving atoms onto features";
+
+/// How far the volume may be off the box's, and sides from flat, as a share.
+pub const BOX_TOLERANCE: f64 = 1e-9;
+
+/// Radius of the patches by which features are known locally, in units of d (and from 2 to 6).
+const PATCH: f64 = 0.6;
+
+/// Atoms this near to a feature, in units of d, are put onto it before they are joined.
+const SETTLE: f64 = 0.35;
+
+/// Growth of a variable distance: the bound on |grad d|.
+const GROWTH: f64 = 0.1;
+
+/// Makes a mesh of an image.
+///
+/// # Errors
+/// The error of the stage that failed: an image that is constant or not finite, a distance that
+/// does not fit the box, fixed atoms outside of it or at one place. [`Error::Job`] if the observer
+/// asked to stop before there was a lattice.
+pub fn mesh_image(
+    image: &Image<3>,
+    params: &Params,
+    observer: &mut dyn Observer,
+) -> Result<Outcome> {
+    let step = params.metric.step(&image.geometry);
+    let extent = lattice_extent(image.dims(), step);
+    // Before the work: the largest distance must fit, whatever the features are.
+    Distance::Constant(params.spacing.max()).validate(extent)?;
+    let beta = lattice_beta(&params.beta, image.dims(), step)?;
+    let fixed = lattice_points(&params.fixed, &image.geometry, step, extent)?;
+
+    let mut stages = Stages {
+        clock: Clock::new(),
+        observer,
+    };
+    stages.begin_unless_stopped("finding features")?;
+    let features = feature::detect(
+        image,
+        &feature::Options {
+            kind: params.feature,
+            scale: params.sigma,
+            threshold: params.threshold,
+            d_min: params.spacing.min(),
+            step,
+            ..feature::Options::default()
+        },
+    )?;
+
+    stages.begin_unless_stopped("placing atoms")?;
+    let distance = match params.spacing {
+        Spacing::Constant(d) => Distance::Constant(d),
+        Spacing::FromFeatures { min, max } => distance::from_features(&features, min, max, GROWTH)?,
+    };
+    let mut atoms = seeding::fcc(extent, &distance, &fixed)?;
+
+    stages.begin_unless_stopped(OPTIMISING)?;
+    let optimised = optimise(
+        &mut atoms,
+        params,
+        &features,
+        &distance,
+        &beta,
+        extent,
+        stages.observer,
+    )?;
+
+    let sheets = params.min_dihedral.map(|_| {
+        let radius = (PATCH * distance.min()).clamp(2.0, 6.0);
+        Sheets::new(&features.points, extent, radius, 1.7 * distance.max())
+    });
+    if let Some(sheets) = &sheets {
+        improve::settle(
+            &mut atoms.positions,
+            &atoms.kinds,
+            extent,
+            sheets,
+            SETTLE * distance.min(),
+        );
+    }
+
+    stages.begin("joining atoms");
+    let Delaunay {
+        mut mesh,
+        neighbors,
+    } = delaunay::delaunay_with_neighbors(&atoms.positions)?;
+    let mut kinds = atoms.kinds;
+    let mut on_features = None;
+    let mut improvement = None;
+    if let (Some(min_dihedral), Some(sheets)) = (params.min_dihedral, &sheets) {
+        stages.begin("removing slivers");
+        let options = improve::Options { min_dihedral };
+        let (outcome, counts) = improve::improve(
+            &mut mesh, neighbors, &mut kinds, extent, sheets, &distance, &options,
+        );
+        improvement = Some(Improvement::from(&outcome));
+        on_features = Some(
+            counts
+                .into_iter()
+                .map(|count| count > 0)
+                .collect::<Vec<bool>>(),
+        );
+    }
+
+    stages.begin("measuring the mesh");
+    let mut report = measure(&mesh, image.dims(), step, &features, on_features.as_deref())?;
+    report.lattice = Some(Lattice {
+        optimisation: Some(optimisation(&optimised, mesh.nodes.len())),
+        ..report::lattice(&mesh, |x| distance.at(x))
+    });
+    report.improvement = improvement;
+    report.notes.extend(features.notes.iter().cloned());
+    stages.clock.end();
+    report.stages = stages.clock.costs().to_vec();
+    Ok(Outcome {
+        mesh,
+        kinds,
+        extent,
+        step,
+        features,
+        distance,
+        optimised,
+        report,
+    })
+}
+
+/// A potential whose valleys, of width `sigma`, are `factor` times as wide and as deep as before.
+fn smoother(potential: &Field<3>, sigma: f64, factor: f64) -> Field<3> {
+    let mut wide = potential.clone();
+    // Widths add in quadrature; the depth of a straight valley falls as its width grows.
+    let added = sigma * (factor * factor - 1.0).sqrt();
+    gaussian::smooth(
+        wide.dims,
+        &mut wide.samples,
+        wide.step.map(|step| added / step),
+    );
+    for b in &mut wide.samples {
+        *b = (*b * factor as f32).clamp(-1.0, 0.0);
+    }
+    wide
+}
+
+/// Shapes, fidelity and validity of a mesh in lattice space.
+fn measure(
+    mesh: &TetMesh,
+    dims: [usize; 3],
+    step: [f64; 3],
+    features: &Features<3>,
+    on_features: Option<&[bool]>,
+) -> Result<Report> {
+    let extent = lattice_extent(dims, step);
+    let fidelity = match features.points.is_empty() {
+        true => None,
+        false => {
+            let reference = Reference::from_features(features);
+            let in_samples = scaled(mesh, step.map(|s| 1.0 / s));
+            Some(report::fidelity(&in_samples, &reference, on_features)?)
+        }
+    };
+    Ok(Report {
+        quality: Some(report::quality(mesh)),
+        fidelity,
+        filling: Some(check(mesh, [0.0; 3], extent, BOX_TOLERANCE)),
+        ..Report::default()
+    })
+}
+
+/// A mesh with each axis scaled.
+pub fn scaled(mesh: &TetMesh, scale: [f64; 3]) -> Cow<'_, TetMesh> {
+    if scale == [1.0; 3] {
+        return Cow::Borrowed(mesh);
+    }
+    let stretch = |x: &[f64; 3]| std::array::from_fn(|k| x[k] * scale[k]);
+    let nodes = mesh.nodes.iter().map(stretch).collect();
+    Cow::Owned(TetMesh {
+        nodes,
+        tets: mesh.tets.clone(),
+    })
+}
+
+/// The report's lines on the optimiser.
+fn optimisation(outcome: &optimize::Outcome, atoms: usize) -> Optimisation {
+    let per_atom = 1.0 / atoms as f64;
+    Optimisation {
+        energy_lattice: outcome.parts.lattice * per_atom,
+        energy_image: outcome.parts.image * per_atom,
+        energy: outcome.energy_after * per_atom,
+        evaluations: outcome.evaluations,
+        stop: match outcome.stop {
+            Stop::Converged => "converged",
+            Stop::MaxIterations => "as many rounds as allowed",
+            Stop::Interrupted => "interrupted",
+        }
+        .into(),
+    }
+}
+
+/// Moves the atoms: passes on smoother and smoother potentials first, if asked for.
+fn optimise(
+    atoms: &mut Atoms<3>,
+    params: &Params,
+    features: &Features<3>,
+    distance: &Distance<3>,
+    beta: &Beta<3>,
+    extent: [f64; 3],
+    observer: &mut dyn Observer,
+) -> Result<optimize::Outcome> {
+    let options = optimize::Options {
+        seed: params.seed,
+        ..optimize::Options::default()
+    };
+    let mut pass = |potential: &Field<3>| {
+        let beta = beta.clone();
+        let mut energy: Box<dyn Energy<3>> = match params.evaluator {
+            Evaluator::Pairwise => {
+                Box::new(Pairwise::new(extent, distance, Some(potential), beta)?)
+            }
+            Evaluator::Sampled => todo!(),
+        };
+        optimize::optimize(atoms, &mut *energy, distance, extent, &options, observer)
+    };
+    for coarse in (1..=params.coarse_passes).rev() {
+        let smoother = smoother(&features.potential, features.sigma, f64::from(1 << coarse));
+        let outcome = pass(&smoother)?;
+        if outcome.stop == Stop::Interrupted {
+            return Ok(outcome);
+        }
+    }
+    pass(&features.potential)
+}
+
+/// Tells clock and observer of each stage.
+struct Stages<'a> {
+    clock: Clock,
+    observer: &'a mut dyn Observer,
+}
+
+impl Stages<'_> {
+    fn begin(&mut self, stage: &str) {
+        self.clock.begin(stage);
+        self.observer.stage(stage);
+    }
+
+    /// Begins a stage before there is a lattice to stop with: a wish to stop ends the job.
+    fn begin_unless_stopped(&mut self, stage: &str) -> Result<()> {
+        if !self.observer.keep_going() {
+            return Err(Error::Job(cause(
+                stage,
+                "interrupted before there was a lattice",
+                "start the job again",
+            )));
+        }
+        self.begin(stage);
+        Ok(())
+    }
+}
+
+/// The far corner of the box in lattice space.
+fn lattice_extent(dims: [usize; 3], step: [f64; 3]) -> [f64; 3] {
+    std::array::from_fn(|k| (dims[k].max(1) - 1) as f64 * step[k])
+}
+
+/// The weight of the image in lattice space.
+fn lattice_beta(weight: &Weight, dims: [usize; 3], step: [f64; 3]) -> Result<Beta<3>> {
+    let image = match weight {
+        Weight::Constant(beta) => return Ok(Beta::Constant(*beta)),
+        Weight::Image(image) => image,
+    };
+    if image.dims() != dims {
+        return Err(Error::Job(cause(
+            "beta",
+            format!("has dims {:?}, the image {dims:?}", image.dims()),
+            "give one weight per sample of the image",
+        )));
+    }
+    Ok(Beta::Field(Field {
+        dims,
+        step,
+        samples: image.as_slice().to_vec(),
+    }))
+}
+
+/// Physical points in lattice space; all must lie in the box and apart from one another.
+fn lattice_points(
+    points: &[FixedAtom],
+    geometry: &Geometry<3>,
+    step: [f64; 3],
+    extent: [f64; 3],
+) -> Result<Vec<[f64; 3]>> {
+    let refuse = |k: usize, problem: String, remedy: &str| {
+        let FixedAtom {
+            name,
+            position: [x, y, z],
+        } = &points[k];
+        Error::Seeding(cause(
+            format!("{name}: fixed atom ({x}, {y}, {z})"),
+            problem,
+            remedy,
+        ))
+    };
+    let mut found: Vec<[f64; 3]> = Vec::with_capacity(points.len());
+    for (k, point) in points.iter().enumerate() {
+        let index = geometry.to_index(point.position).ok_or_else(|| {
+            refuse(
+                k,
+                "the image's axes do not span space".into(),
+                "correct the image's geometry",
+            )
+        })?;
+        let mut position = [0.0; 3];
+        for axis in 0..3 {
+            let x = index[axis] * step[axis];
+            // Rounding in the coordinates must not push a point off its side.
+            let slack = 1e-6 * extent[axis];
+            if !(-slack..=extent[axis] + slack).contains(&x) {
+                let index = index.map(|i| (1e3 * i).round() / 1e3);
+                return Err(refuse(
+                    k,
+                    format!("lies outside the image, at sample {index:?} (x first)"),
+                    "give points inside, in the image's physical coordinates",
+                ));
+            }
+            position[axis] = x.clamp(0.0, extent[axis]);
+        }
+        found.push(position);
+    }
+    let mut order: Vec<usize> = (0..found.len()).collect();
+    order.sort_by(|&a, &b| {
+        found[a]
+            .partial_cmp(&found[b])
+            .unwrap_or(std::cmp::Ordering::Equal)
+    });
+    for pair in order.windows(2) {
+        if found[pair[0]] == found[pair[1]] {
+            let (first, second) = (pair[0].min(pair[1]), pair[0].max(pair[1]));
+            let problem = format!("is at the same place as that of {}", points[first].name);
+            return Err(refuse(second, problem, "keep one of the two"));
+        }
+    }
+    Ok(found)
+}

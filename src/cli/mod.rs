@@ -1,1 +1,86 @@
-//! (stage under construction)
+//! The command line.
+//!
+//! - [`args`]: as typed
+//! - [`parse`]: the small grammars inside option values
+//! - [`job`]: a job of `mesh`, validated
+//! - [`mesh`](mod@mesh): the verb `mesh`
+//! - [`provenance`]: the hash of the input
+//! - [`images`]: the verbs about images
+//! - [`meshes`]: the verbs about meshes
+//! - [`console`]: everything that is printed
+
+pub mod args;
+pub mod console;
+pub mod images;
+pub mod job;
+pub mod mesh;
+pub mod meshes;
+pub mod parse;
+pub mod provenance;
+
+use std::process::ExitCode;
+
+use crate::error::cause;
+use crate::{Error, Result};
+use args::{CommandLine, Verb};
+use console::{Console, complain};
+
+/// How a verb ended that did not fail.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ending {
+    /// All done.
+    Done,
+    /// The user interrupted it; what it had is written.
+    Interrupted,
+}
+
+/// Runs what was typed. Exit codes: 0 done, 1 bad input or failed job, 130 interrupted (wrong usage,
+/// 2, is found while parsing).
+pub fn main(line: &CommandLine) -> ExitCode {
+    match run(line) {
+        Ok(Ending::Done) => ExitCode::SUCCESS,
+        Ok(Ending::Interrupted) => ExitCode::from(130),
+        Err(error) => {
+            complain(format_args!(
+                "error: {}",
+                error.to_string().replace(['\n', '\r'], " ")
+            ));
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(line: &CommandLine) -> Result<Ending> {
+    if let Some(threads) = line.common.threads {
+        start_threads(threads)?;
+    }
+    let console = &mut Console::new(&line.common);
+    match &line.verb {
+        Verb::Mesh(args) => return mesh::mesh(args, console),
+        Verb::Quality(args) => meshes::quality(args, console)?,
+        Verb::Validate(args) => meshes::validate(args, console)?,
+        Verb::Info(args) => images::info(args, console)?,
+        Verb::Feature(args) => images::feature(args, console)?,
+        Verb::Convert(args) => images::convert(args, console)?,
+        Verb::Synth(args) => images::synth(args, console)?,
+    }
+    Ok(Ending::Done)
+}
+
+fn start_threads(count: usize) -> Result<()> {
+    let refuse = |problem: String| {
+        let place = format!("--threads {count}");
+        Error::Job(cause(
+            place,
+            problem,
+            "give the number of processors, or leave it out",
+        ))
+    };
+    if count == 0 || count > 4096 {
+        return Err(refuse("is not from 1 to 4096".into()));
+    }
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(count)
+        .build_global()
+        .map_err(|e| refuse(e.to_string()))
+}

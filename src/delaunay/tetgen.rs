@@ -102,11 +102,15 @@ fn check_points(points: &[[f64; 3]]) -> Result<()> {
             ));
         }
     }
-    let thickness = relative_thickness(points);
-    if thickness < MIN_THICKNESS {
+    let largest = low
+        .iter()
+        .chain(&high)
+        .fold(0.0, |m: f64, c| m.max(c.abs()));
+    let (thickness, length) = thickness_and_length(points);
+    if thickness < 1e-13 * length + 8.0 * f64::EPSILON * largest {
         return Err(fault(
             format!(
-                "the {} points lie in one plane or on one line (thickness over extent {thickness:.1e})",
+                "the {} points lie in one plane or on one line, to within {thickness:.1e}",
                 points.len()
             ),
             "give points that span a volume",
@@ -115,12 +119,10 @@ fn check_points(points: &[[f64; 3]]) -> Result<()> {
     Ok(())
 }
 
-/// Thinner point sets, relative to their extent, are flat up to rounding.
-const MIN_THICKNESS: f64 = 1e-13;
-
-/// Height of a big tetrahedron among the points over the length of its longest edge: each node in
-/// turn is the one farthest from the point, line and plane of those before.
-fn relative_thickness(points: &[[f64; 3]]) -> f64 {
+/// Least height of a big tetrahedron among the points, and the length of its longest edge: each
+/// node in turn is the one farthest from the point, line and plane of those before. Thickness at
+/// the level of rounding means points in one plane.
+fn thickness_and_length(points: &[[f64; 3]]) -> (f64, f64) {
     let farthest = |distance2: &dyn Fn([f64; 3]) -> f64| {
         let mut best = (0.0, [0.0; 3]);
         for p in points {
@@ -138,12 +140,12 @@ fn relative_thickness(points: &[[f64; 3]]) -> f64 {
         dot(c, c)
     });
     if length2 == 0.0 || area2 == 0.0 {
-        return 0.0;
+        return (0.0, length2.sqrt());
     }
     let normal = cross(a, b);
     let (height2, _) = farthest(&|q| dot(normal, q).powi(2));
     let height = (height2 / dot(normal, normal)).sqrt();
-    height.min((area2 / length2).sqrt()) / length2.sqrt()
+    (height.min((area2 / length2).sqrt()), length2.sqrt())
 }
 
 /// TetGen leaves out a point that coincides, or nearly so, with another: names such points.
@@ -176,11 +178,14 @@ fn check_all_used(points: &[[f64; 3]], tets: &[[u32; 4]]) -> Result<()> {
     ))
 }
 
+/// Tetrahedra, and their neighbours if asked for.
+type TetsAndNeighbors = (Vec<[u32; 4]>, Vec<[u32; 4]>);
+
 #[cfg(not(feature = "tetgen"))]
 mod ffi {
-    use super::{Result, fault};
+    use super::{Result, TetsAndNeighbors, fault};
 
-    pub fn tetrahedra(_: &[[f64; 3]], _: bool) -> Result<(Vec<[u32; 4]>, Vec<[u32; 4]>)> {
+    pub fn tetrahedra(_: &[[f64; 3]], _: bool) -> Result<TetsAndNeighbors> {
         Err(fault(
             "this atomesh was built without TetGen",
             "install libtet1.5-dev and libclang-dev and build with the feature `tetgen` (on by default)",
@@ -195,7 +200,7 @@ mod ffi {
 
     use tetgen_sys as sys;
 
-    use super::{Result, fault};
+    use super::{Result, TetsAndNeighbors, fault};
 
     /// TetGen is not re-entrant: `exactinit` writes the error bounds of its predicates, made for
     /// the extent of the points at hand, into globals. A second run at the same time would use
@@ -234,10 +239,7 @@ mod ffi {
     }
 
     /// Tetrahedra and, when asked for, neighbours; `points` have passed `check_points`.
-    pub fn tetrahedra(
-        points: &[[f64; 3]],
-        with_neighbors: bool,
-    ) -> Result<(Vec<[u32; 4]>, Vec<[u32; 4]>)> {
+    pub fn tetrahedra(points: &[[f64; 3]], with_neighbors: bool) -> Result<TetsAndNeighbors> {
         let switches = if with_neighbors {
             SWITCHES_WITH_NEIGHBORS
         } else {
@@ -554,5 +556,19 @@ mod tests {
         );
         points.push(points[5]);
         assert!(message(&points).contains("and 1 more"));
+    }
+}
+
+#[cfg(test)]
+#[cfg(not(feature = "tetgen"))]
+mod tests_without_tetgen {
+    #[test]
+    fn says_what_is_missing() {
+        let points = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let text = super::delaunay(&points).unwrap_err().to_string();
+        assert!(
+            text.contains("without TetGen") && text.contains("libtet1.5-dev"),
+            "{text}"
+        );
     }
 }

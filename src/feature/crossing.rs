@@ -72,8 +72,5 @@ pub fn along_axis(volume: Volume<'_>, at: [usize; 3], w: [f64; 3], axis: usize) 
         return None;
     }
     let offset = (here / (here - there)) as f32;
-    if !(offset <= 0.5 + OVERLAP) {
-        return None;
-    }
-    Some(if ahead { offset } else { -offset })
+    (offset <= 0.5 + OVERLAP).then_some(if ahead { offset } else { -offset })
 }

@@ -31,6 +31,9 @@ pub fn values(samples: &[f32]) -> Option<Vec<f32>> {
     Some(found)
 }
 
+/// Masks thinner than this (samples) stand for the sheet in their middle: no lattice has cells inside.
+pub const THIN: f64 = 3.5;
+
 /// A mask's minority: its value, its share of the volume and its mean thickness in samples.
 #[derive(Debug, Clone, Copy)]
 pub struct Mask {

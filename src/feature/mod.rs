@@ -1,6 +1,6 @@
 //! Image -> features as points at sub-sample positions -> potential b(x).
 //!
-//! - [`gaussian`]: smoothing
+//! - [`gaussian`]: smoothing of volumes
 //! - [`volume`]: finite differences
 //! - [`symmetric`]: eigenvectors of Hessians and structure tensors
 //! - [`tensor`]: normals of layers
@@ -30,6 +30,8 @@ pub mod volume;
 
 #[cfg(test)]
 mod scenes;
+#[cfg(test)]
+mod tests;
 
 use crate::error::{Error, Result, cause};
 use crate::image::{Field, Image};
@@ -175,8 +177,8 @@ pub fn detect(image: &Image<3>, options: &Options) -> Result<Features<3>> {
     let found = find(image, kind, options, &mut notes)?;
     let rules = sheets::Rules {
         high: found.high,
-        resolution: 0.9 * options.d_min,
-        min_area: 2.0 * options.d_min * options.d_min,
+        resolution: found.resolution * options.d_min,
+        min_area: found.min_cells * options.d_min * options.d_min,
     };
     let sheets = sheets::sheets(dims, &found.candidates, options.step, &rules);
     drop(found);
@@ -198,7 +200,7 @@ pub fn detect(image: &Image<3>, options: &Options) -> Result<Features<3>> {
             samples: image.as_slice().to_vec(),
         }
     } else {
-        potential::potential(&sheets.points, dims, options.step, sigma)
+        potential::potential(&sheets.points, &sheets.rim, dims, options.step, sigma)
     };
     Ok(Features {
         points: sheets.points,
@@ -212,6 +214,10 @@ pub fn detect(image: &Image<3>, options: &Options) -> Result<Features<3>> {
 struct Found {
     candidates: Vec<Candidate>,
     high: f32,
+    /// Least area of a sheet, in squares of the least distance.
+    min_cells: f64,
+    /// Parallel sheets nearer than this, in units of the least distance, exclude one another.
+    resolution: f64,
 }
 
 /// Finds the candidates of one kind of feature; notes say how.
@@ -219,7 +225,13 @@ fn find(image: &Image<3>, kind: Kind, options: &Options, notes: &mut Vec<String>
     let dims = image.dims();
     let samples = || image.as_slice().to_vec();
     match kind {
-        Kind::Auto | Kind::Ridges => Ok(find_ridges(dims, samples(), 1.5, options, notes)),
+        Kind::Auto | Kind::Ridges => Ok(find_ridges(
+            dims,
+            samples(),
+            ridge_scale(options),
+            options,
+            notes,
+        )),
         Kind::Valleys | Kind::Potential => {
             let outside = image.as_slice().iter().find(|s| !(-1.0..=0.0).contains(*s));
             if let (Kind::Potential, Some(value)) = (kind, outside) {
@@ -230,7 +242,13 @@ fn find(image: &Image<3>, kind: Kind, options: &Options, notes: &mut Vec<String>
                 )));
             }
             let negated = image.as_slice().iter().map(|s| -s).collect();
-            Ok(find_ridges(dims, negated, 1.5, options, notes))
+            Ok(find_ridges(
+                dims,
+                negated,
+                ridge_scale(options),
+                options,
+                notes,
+            ))
         }
         Kind::Edges => {
             let mut smoothed = samples();
@@ -248,7 +266,17 @@ fn find(image: &Image<3>, kind: Kind, options: &Options, notes: &mut Vec<String>
     }
 }
 
-/// Ridges of samples; `scale` unless the options give one.
+/// The scale of ridges: as coarse as the lattice can follow, for noise falls with it, but no coarser
+/// than the sheets of a fault image stand apart.
+fn ridge_scale(options: &Options) -> f64 {
+    let samples = options.d_min / options.step.iter().copied().fold(f64::INFINITY, f64::min);
+    (0.28 * samples).clamp(1.5, 2.25)
+}
+
+/// Where ridges drown in noise they are sought on a smoother image, up to this scale (samples).
+const COARSEST: f64 = 3.0;
+
+/// Ridges of samples; from `scale` up as smooth as noise asks, unless the options give a scale.
 fn find_ridges(
     dims: [usize; 3],
     mut samples: Vec<f32>,
@@ -256,13 +284,24 @@ fn find_ridges(
     options: &Options,
     notes: &mut Vec<String>,
 ) -> Found {
-    let scale = options.scale.unwrap_or(scale);
+    let mut scale = options.scale.unwrap_or(scale);
     gaussian::smooth(dims, &mut samples, [scale; 3]);
+    let measure = |samples: &[f32], scale| ridges::statistics(Volume { dims, samples }, scale);
+    let mut statistics = measure(&samples, scale);
+    while options.scale.is_none() && statistics.drowned() && scale < COARSEST {
+        let coarser = (1.25 * scale).min(COARSEST);
+        gaussian::smooth(
+            dims,
+            &mut samples,
+            [(coarser * coarser - scale * scale).sqrt(); 3],
+        );
+        scale = coarser;
+        statistics = measure(&samples, scale);
+    }
     let smoothed = Volume {
         dims,
         samples: &samples,
     };
-    let statistics = ridges::statistics(smoothed, scale);
     let (low, high) = options
         .threshold
         .map_or_else(|| statistics.thresholds(), |t| (0.5 * t, t));
@@ -280,6 +319,8 @@ fn find_ridges(
     Found {
         candidates: repair::repair(smoothed, candidates, scale, high),
         high,
+        min_cells: 2.0,
+        resolution: 0.9,
     }
 }
 
@@ -299,13 +340,11 @@ fn find_horizons(
     };
     let normals = tensor::Normals::new(smoothed, window);
     let rms = horizons::root_mean_square(smoothed);
-    let (low, high) = options
-        .threshold
-        .map_or((0.5 * rms, 1.5 * rms), |t| (0.5 * t, t));
+    let (low, high) = options.threshold.map_or((0.6 * rms, rms), |t| (0.5 * t, t));
     let chosen = if options.threshold.is_some() {
         "given"
     } else {
-        "1.5 times the rms"
+        "the rms"
     };
     notes.push(format!(
         "crests and troughs at scale {scale}, normals averaged over {window}: threshold {high:.4} \
@@ -314,6 +353,10 @@ fn find_horizons(
     Found {
         candidates: horizons::horizons(smoothed, &normals, low),
         high,
+        // Short pieces of reflectors are everywhere, and worth no cells.
+        min_cells: 6.0,
+        // Reflectors lie one above the other everywhere: leave room for a layer of atoms between.
+        resolution: 1.5,
     }
 }
 
@@ -336,7 +379,7 @@ fn find_labels(image: &Image<3>, options: &Options, notes: &mut Vec<String>) -> 
     };
     if let [a, b] = values[..] {
         let mask = labels::mask(volume, [a, b]);
-        if mask.share < 0.25 && mask.thickness < 0.75 * options.d_min {
+        if mask.share < 0.25 && mask.thickness < labels::THIN {
             notes.push(format!(
                 "a mask {:.1} samples thick, {:.1} % of the volume: its middle is the feature",
                 mask.thickness,
@@ -356,6 +399,8 @@ fn find_labels(image: &Image<3>, options: &Options, notes: &mut Vec<String>) -> 
     Ok(Found {
         candidates: labels::interfaces(volume, &values, scale),
         high: 1.0,
+        min_cells: 2.0,
+        resolution: 0.9,
     })
 }
 
@@ -378,7 +423,7 @@ fn check(image: &Image<3>, options: &Options) -> Result<()> {
     }
     for (name, value) in [("scale", options.scale), ("smoothing", options.smoothing)] {
         if let Some(value) = value
-            && !(value >= 0.5 && value <= 100.0)
+            && !(0.5..=100.0).contains(&value)
         {
             return fail(
                 format!("{name} {value} is not in 0.5 .. 100"),
@@ -414,24 +459,4 @@ fn check(image: &Image<3>, options: &Options) -> Result<()> {
         )));
     }
     Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn noisy_crossing_curved_sheets_are_found() {
-        let (dims, sheets) = scenes::crossing_sheets();
-        for (width, noise) in [(1.0, 0.2), (1.5, 0.0), (1.5, 0.25), (2.0, 0.25)] {
-            let image = scenes::ridge_image(dims, &sheets, width, noise);
-            let options = Options {
-                kind: Kind::Ridges,
-                ..Options::default()
-            };
-            let features = detect(&image, &options).unwrap();
-            let fit = scenes::fit(dims, &sheets, &features.points);
-            eprintln!("{width} {noise} {fit:?} {:?}", features.notes);
-        }
-    }
 }

@@ -15,15 +15,19 @@ use std::collections::HashMap;
 
 /// Reliable points within this many samples of a new point are fitted; the second radius is for the
 /// middle of wide zones, where the first finds too few.
-const RADII: [i32; 2] = [8, 16];
+const RADII: [i32; 2] = [8, 15];
 /// Normals of one sheet agree at least this much (cosine).
 const SAME_NORMAL: f32 = 0.9;
 /// Two fits of one sheet agree at least this much (cosine).
 const SAME_FIT: f32 = 0.97;
 /// A sheet goes on while the smoothed image is at least this share of what it was at the rim.
 const SUPPORT: f32 = 0.7;
+/// A front goes this many columns into the zone at most.
+const STEPS: u32 = 16;
+/// A sample is given this many new points at most.
+const MOST: usize = 4;
 /// Fewer points than this carry no fit.
-const FEWEST: usize = 24;
+const FEWEST: usize = 6;
 /// Expected error of a point (samples) ...
 const ERROR: f64 = 0.15;
 /// ... and expected second-order coefficient of a sheet (per sample): radius of curvature fifty.
@@ -46,24 +50,38 @@ pub fn repair(
         .iter()
         .map(|c| !zone.holds(grid.coordinates(c)))
         .collect();
+    // Where most is doubtful (foam, pores), there is nothing to continue from.
+    if 2 * reliable.iter().filter(|r| **r).count() < reliable.len() {
+        return candidates;
+    }
     let mut fill = Fill {
         smoothed,
         zone: &zone,
         grid: &grid,
         reliable: &reliable,
         points: Vec::new(),
-        support: Vec::new(),
+        fronts: Vec::new(),
         by_voxel: HashMap::new(),
     };
     for (i, c) in candidates.iter().enumerate() {
         if reliable[i] && c.strength >= strong && zone.near(grid.coordinates(c)) {
-            fill.step_from(c, smoothed.samples[c.voxel as usize]);
+            let level = smoothed.samples[c.voxel as usize];
+            fill.step_from(
+                c,
+                Front {
+                    level,
+                    normal: c.normal,
+                    steps: 0,
+                },
+            );
         }
     }
     let mut next = 0;
     while next < fill.points.len() {
-        let (point, support) = (fill.points[next], fill.support[next]);
-        fill.step_from(&point, support);
+        let (point, front) = (fill.points[next], fill.fronts[next]);
+        if front.steps < STEPS {
+            fill.step_from(&point, front);
+        }
         next += 1;
     }
     let points = fill.points;
@@ -181,28 +199,40 @@ impl Zone {
     }
 }
 
-/// The front that fills the zone.
+/// Where a front left the reliable part of its sheet.
+#[derive(Clone, Copy)]
+struct Front {
+    /// The smoothed image there.
+    level: f32,
+    /// The sheet's normal there.
+    normal: [f32; 3],
+    /// Columns passed since.
+    steps: u32,
+}
+
+/// The fronts that fill the zone.
 struct Fill<'a> {
     smoothed: Volume<'a>,
     zone: &'a Zone,
     grid: &'a Grid<'a>,
     reliable: &'a [bool],
     points: Vec<Candidate>,
-    /// For each new point, the smoothed image where its front left the reliable part of the sheet.
-    support: Vec<f32>,
+    /// Where the front of each new point comes from.
+    fronts: Vec<Front>,
+    /// New points of each sample.
     by_voxel: HashMap<u32, Vec<u32>>,
 }
 
 impl Fill<'_> {
     /// Tries to continue a sheet from one point into the four columns around it.
-    fn step_from(&mut self, from: &Candidate, support: f32) {
+    fn step_from(&mut self, from: &Candidate, front: Front) {
         let axis = from.axis as usize;
         let (a, b) = ((axis + 1) % 3, (axis + 2) % 3);
         for (lateral, by) in [(a, -1.0), (a, 1.0), (b, -1.0), (b, 1.0)] {
             let mut guess = from.position;
             guess[lateral] += by;
             guess[axis] -= by * from.normal[lateral] / from.normal[axis];
-            let column = guess.map(|p| p.round() as i32);
+            let column = guess.map(nearest);
             if !self.zone.inside(column) || !self.zone.holds(column) || self.taken(column, from) {
                 continue;
             }
@@ -210,15 +240,19 @@ impl Fill<'_> {
                 .iter()
                 .find_map(|&radius| self.fit(guess, from, radius));
             let Some(point) = fitted else { continue };
-            let at = point.position.map(|p| p.round() as i32);
-            let supported = self.smoothed.samples[point.voxel as usize] >= SUPPORT * support;
-            if supported && self.zone.holds(at) && !self.taken(at, from) {
+            let at = point.position.map(nearest);
+            let goes_on = self.smoothed.samples[point.voxel as usize] >= SUPPORT * front.level
+                && dot(point.normal, front.normal).abs() >= SAME_NORMAL;
+            if goes_on && self.zone.holds(at) && !self.taken(at, from) {
                 self.by_voxel
                     .entry(point.voxel)
                     .or_default()
                     .push(self.points.len() as u32);
                 self.points.push(point);
-                self.support.push(support);
+                self.fronts.push(Front {
+                    steps: front.steps + 1,
+                    ..front
+                });
             }
         }
     }
@@ -232,9 +266,10 @@ impl Fill<'_> {
             self.zone.inside(v) && {
                 let voxel = self.smoothed.index(v.map(|i| i as usize)) as u32;
                 self.by_voxel.get(&voxel).is_some_and(|list| {
-                    list.iter()
-                        .map(|&i| &self.points[i as usize])
-                        .any(|p| p.axis == like.axis && dot(p.normal, like.normal).abs() > SAME_FIT)
+                    let same = |p: &Candidate| {
+                        p.axis == like.axis && dot(p.normal, like.normal).abs() > SAME_FIT
+                    };
+                    list.len() >= MOST || list.iter().any(|&i| same(&self.points[i as usize]))
                 })
             }
         })
@@ -247,27 +282,28 @@ impl Fill<'_> {
         let n = like.normal;
         let mut normal_matrix = [[0.0f64; 7]; 6];
         let mut count = 0;
-        let centre = guess.map(|p| p.round() as i32);
-        for v in -radius..=radius {
-            for u in -radius..=radius {
-                // Every second column carries all there is to know.
-                if (u + v) & 1 == 1 || u * u + v * v > radius * radius {
+        let centre = guess.map(nearest);
+        // Smoothing ties neighbours together: columns a few samples apart carry all there is to know.
+        let stride = if radius > RADII[0] { 3 } else { 2 };
+        for v in (-radius..=radius).step_by(stride) {
+            for u in (-radius..=radius).step_by(stride) {
+                if u * u + v * v > radius * radius {
                     continue;
                 }
                 let slope = -(n[a] * u as f32 + n[b] * v as f32) / n[axis];
-                let slack = 1 + (u.abs().max(v.abs())) / 4;
+                let slack = 1 + (u.abs().max(v.abs())) / 6;
                 for j in -slack..=slack {
                     let mut at = centre;
                     at[a] += u;
                     at[b] += v;
-                    at[axis] = (guess[axis] + slope).round() as i32 + j;
+                    at[axis] = nearest(guess[axis] + slope) + j;
                     self.grid.each(at, |i| {
                         let q = &self.grid.candidates[i];
                         let away: [f32; 3] = std::array::from_fn(|k| q.position[k] - guess[k]);
                         let distance = dot(away, away).sqrt();
                         if self.reliable[i]
                             && dot(q.normal, n).abs() >= SAME_NORMAL
-                            && dot(away, n).abs() <= 0.75 + 0.15 * distance
+                            && dot(away, n).abs() <= 0.75 + 0.12 * distance
                         {
                             count += 1;
                             add(&mut normal_matrix, away[a], away[b], away[axis], radius);
@@ -289,7 +325,7 @@ impl Fill<'_> {
         normal[b] = -c[2] as f32;
         let length = dot(normal, normal).sqrt();
         let normal = normal.map(|c| c / length);
-        let at = position.map(|p| p.round() as i32);
+        let at = position.map(nearest);
         let agrees = height.abs() < 1.0 && dot(normal, n).abs() >= SAME_NORMAL;
         let voxel = self.smoothed.index(at.map(|i| i.max(0) as usize)) as u32;
         (agrees && self.zone.inside(at)).then_some(Candidate {
@@ -300,6 +336,11 @@ impl Fill<'_> {
             strength: like.strength,
         })
     }
+}
+
+/// The nearest sample, for positions in or near the box (without a call to the maths library).
+pub fn nearest(position: f32) -> i32 {
+    (position + 1024.5) as i32 - 1024
 }
 
 fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
@@ -331,7 +372,7 @@ fn solve(mut m: [[f64; 7]; 6]) -> Option<[f64; 6]> {
                 m[i][j] -= f * m[k][j];
             }
         }
-        if !(m[i][i] > 1e-9) {
+        if m[i][i] <= 1e-9 {
             return None;
         }
     }

@@ -43,28 +43,41 @@ pub fn ridges(smoothed: Volume<'_>, sigma: f64, low: f32) -> Vec<Candidate> {
     planes.concat()
 }
 
+/// Standard deviation of the Laplacian of smoothed white noise over the median magnitude of the
+/// middle eigenvalue of its Hessian.
+const MEDIAN_TO_NOISE: f64 = 4.061;
+
+/// Ratio of noise to typical strength (one where there is only white noise) from which ridges drown.
+const DROWNED: f32 = 0.5;
+
 /// What the image says about ridge strengths, seen on one row in sixteen.
 #[derive(Debug, Clone, Copy)]
 pub struct Statistics {
-    /// Robust standard deviation of the Laplacian over all samples, in units of strength: noise,
-    /// where features are sparse.
+    /// What noise does to the Laplacian (standard deviation), in units of strength. Sheets bend the
+    /// image in one direction only, so the *middle* eigenvalue of the Hessian tells of noise even
+    /// where sheets are dense.
     pub noise: f32,
     /// Typical strength of the ridges that matter: sum of cubes over sum of squares.
     pub typical: f32,
 }
 
 impl Statistics {
+    /// Whether noise hides ridges at this scale.
+    pub fn drowned(&self) -> bool {
+        self.noise > DROWNED * self.typical
+    }
+
     /// Strengths down to which a sheet is followed, and which it must reach somewhere: above the
-    /// noise, and a share of the typical ridge's; but never so high that typical ridges are lost
-    /// (where features are dense, they dominate what was taken for noise).
+    /// noise, and a share of the typical ridge's; but not so high that typical ridges are lost, unless
+    /// they drown in noise.
     pub fn thresholds(&self) -> (f32, f32) {
-        let low = (2.0 * self.noise)
-            .max(0.25 * self.typical)
-            .min(0.4 * self.typical);
-        let high = (3.0 * self.noise)
-            .max(0.5 * self.typical)
-            .min(0.7 * self.typical);
-        (low, high)
+        let low = (1.75 * self.noise).max(0.25 * self.typical);
+        let high = (2.5 * self.noise).max(0.5 * self.typical);
+        if !self.drowned() {
+            (low.min(0.5 * self.typical), high.min(0.9 * self.typical))
+        } else {
+            (low, high)
+        }
     }
 }
 
@@ -77,7 +90,9 @@ pub fn statistics(smoothed: Volume<'_>, sigma: f64) -> Statistics {
             let (mut magnitudes, mut found, mut laplacian) = (Vec::new(), Vec::new(), Vec::new());
             for y in (0..ny).filter(|y| (y + 7 * z) % 16 == 0) {
                 row(smoothed, sigma, 0.0, [y, z], &mut laplacian, &mut found);
-                magnitudes.extend(laplacian.iter().map(|l| l.abs()));
+                magnitudes.extend((0..smoothed.dims[0]).step_by(2).map(|x| {
+                    eigenvalues(&smoothed.hessian([x, y, z]).map(f64::from))[1].abs() as f32
+                }));
             }
             (magnitudes, found)
         })
@@ -99,7 +114,7 @@ pub fn statistics(smoothed: Volume<'_>, sigma: f64) -> Statistics {
         cubes += s * s * s;
     }
     Statistics {
-        noise: (f64::from(median) / 0.6745 * sigma * sigma * HEIGHT) as f32,
+        noise: (f64::from(median) * MEDIAN_TO_NOISE * sigma * sigma * HEIGHT) as f32,
         typical: if squares > 0.0 {
             (cubes / squares) as f32
         } else {

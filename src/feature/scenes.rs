@@ -74,6 +74,30 @@ pub fn ridge_image(dims: [usize; 3], sheets: &[Sheet], width: f64, noise: f64) -
     image_of(dims, |p| value(p) + noise * random.normal())
 }
 
+/// Gaussian ridges as in [`ridge_image`], plus noise correlated over `length` samples.
+pub fn ridges_in_correlated_noise(
+    dims: [usize; 3],
+    sheets: &[Sheet],
+    width: f64,
+    noise: f64,
+    length: f64,
+) -> Image<3> {
+    let mut random = Noise::new(7);
+    let white = image_of(dims, |_| random.normal());
+    let mut grain = white.as_slice().to_vec();
+    crate::feature::gaussian::smooth(dims, &mut grain, [length; 3]);
+    let power = grain.iter().map(|g| f64::from(g * g)).sum::<f64>() / grain.len() as f64;
+    let gain = (noise / power.sqrt()) as f32;
+    let clean = ridge_image(dims, sheets, width, 0.0);
+    let sum = clean
+        .as_slice()
+        .iter()
+        .zip(&grain)
+        .map(|(c, g)| c + gain * g)
+        .collect();
+    Image::new(dims, sum, Geometry::default())
+}
+
 /// An image of a function of the sample coordinates.
 pub fn image_of(dims: [usize; 3], mut f: impl FnMut([f64; 3]) -> f64) -> Image<3> {
     let mut samples = Vec::new();

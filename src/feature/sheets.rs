@@ -25,6 +25,8 @@ pub struct Rules {
 pub struct Sheets {
     /// Points of all sheets, in the order of samples.
     pub points: Vec<FeaturePoint<3>>,
+    /// For each point, whether its sheet ends there.
+    pub rim: Vec<bool>,
     /// Number of sheets.
     pub sheets: usize,
     /// Points dropped because a stronger sheet runs parallel and too near.
@@ -42,6 +44,13 @@ const PARALLEL: f32 = 0.9;
 /// Nearer than this (samples), a parallel point is taken for part of the same sheet.
 const TOGETHER: f32 = 1.5;
 
+/// The mean of the points round a point is this far off (samples) where a sheet ends.
+const LOPSIDED: f32 = 0.25;
+
+/// A point passes its sheet on if it has this many neighbours in it (inside a sheet eight, along a
+/// straight rim five).
+const CORE: usize = 4;
+
 const CRUMB: u32 = u32::MAX - 1;
 
 /// Groups candidates (in the order of samples) into sheets that keep the rules.
@@ -55,6 +64,7 @@ pub fn sheets(dims: [usize; 3], candidates: &[Candidate], step: [f64; 3], rules:
         blocker: vec![FREE; candidates.len()],
         members: Vec::new(),
         blocked: Vec::new(),
+        around: Vec::new(),
     };
     let mut sheets = 0;
     for seed in by_strength(candidates) {
@@ -77,6 +87,7 @@ pub fn sheets(dims: [usize; 3], candidates: &[Candidate], step: [f64; 3], rules:
     for (i, c) in candidates.iter().enumerate() {
         if growth.owner[i] < CRUMB {
             result.points.push(lattice_point(c, step));
+            result.rim.push(growth.ends_at(c));
         } else if growth.blocker[i] != FREE {
             result.too_near += 1;
         } else {
@@ -137,6 +148,8 @@ struct Growth<'a> {
     blocker: Vec<u32>,
     members: Vec<usize>,
     blocked: Vec<usize>,
+    /// Scratch: candidates round one point.
+    around: Vec<usize>,
 }
 
 impl Growth<'_> {
@@ -160,8 +173,10 @@ impl Growth<'_> {
         area
     }
 
-    /// Takes the free candidates of the 26 neighbouring samples that continue the sheet.
+    /// Takes the free candidates of the 26 neighbouring samples that continue the sheet, if there
+    /// are enough: a sheet does not spread over bridges a sample or two wide.
     fn take_neighbours(&mut self, i: usize, sheet: u32) {
+        self.around.clear();
         let grid = self.grid;
         let c = &grid.candidates[i];
         let [x, y, z] = grid.coordinates(c);
@@ -169,7 +184,8 @@ impl Growth<'_> {
             for dy in -1..=1 {
                 for dx in -1..=1 {
                     grid.each([x + dx, y + dy, z + dz], |j| {
-                        if self.owner[j] != FREE || self.blocker[j] != FREE {
+                        let free = self.owner[j] == FREE && self.blocker[j] == FREE;
+                        if j == i || !(free || self.owner[j] == sheet) {
                             return;
                         }
                         let other = &grid.candidates[j];
@@ -178,11 +194,19 @@ impl Growth<'_> {
                             && dot(apart, c.normal).abs() < SAME_PLANE
                             && dot(apart, other.normal).abs() < SAME_PLANE;
                         if joined {
-                            self.owner[j] = sheet;
-                            self.members.push(j);
+                            self.around.push(j);
                         }
                     });
                 }
+            }
+        }
+        if self.around.len() < CORE {
+            return;
+        }
+        for &j in &self.around {
+            if self.owner[j] == FREE {
+                self.owner[j] = sheet;
+                self.members.push(j);
             }
         }
     }
@@ -200,7 +224,8 @@ impl Growth<'_> {
         let slope = speed.map(|s| s / speed[axis]);
         let reach = (self.resolution * speed[axis].abs()).ceil() as i32;
         for j in (-reach..=reach).filter(|j| j.abs() > 1) {
-            let column = std::array::from_fn(|k| at[k] + (j as f32 * slope[k]).round() as i32);
+            let column =
+                std::array::from_fn(|k| at[k] + super::repair::nearest(j as f32 * slope[k]));
             grid.each(column, |o| {
                 if self.owner[o] != FREE || self.blocker[o] != FREE {
                     return;
@@ -216,6 +241,31 @@ impl Growth<'_> {
                 }
             });
         }
+    }
+
+    /// Whether the sheets' points round a point lie mostly to one side of it.
+    fn ends_at(&self, c: &Candidate) -> bool {
+        let [x, y, z] = self.grid.coordinates(c);
+        let (mut sum, mut count) = ([0.0f32; 3], 0.0);
+        for dz in -1..=1 {
+            for dy in -1..=1 {
+                for dx in -1..=1 {
+                    self.grid.each([x + dx, y + dy, z + dz], |j| {
+                        let other = &self.grid.candidates[j];
+                        let same = self.owner[j] < CRUMB
+                            && dot(other.normal, c.normal).abs() >= SAME_NORMAL;
+                        if same {
+                            count += 1.0;
+                            for k in 0..3 {
+                                sum[k] += other.position[k] - c.position[k];
+                            }
+                        }
+                    });
+                }
+            }
+        }
+        // Whole neighbourhoods balance; along a straight rim the mean is a third of a sample off.
+        count < 4.0 || dot(sum, sum).sqrt() > LOPSIDED * count
     }
 
     /// Undoes the last sheet: its points are crumbs, and what it blocked is free again.

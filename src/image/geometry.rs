@@ -55,6 +55,21 @@ impl<const D: usize> Geometry<D> {
         p
     }
 
+    /// Whether physical space has the same shapes as the space in which samples are `step` apart
+    /// along each axis: all angles are the same in both, to a millionth.
+    pub fn has_shape_of(&self, step: [f64; D]) -> bool {
+        let unit = |k: usize| self.axes[k].map(|a| a / step[k]);
+        let product =
+            |k: usize, l: usize| -> f64 { unit(k).iter().zip(unit(l)).map(|(a, b)| a * b).sum() };
+        let size = product(0, 0);
+        (0..D).all(|k| {
+            (0..=k).all(|l| {
+                let expected = if k == l { size } else { 0.0 };
+                (product(k, l) - expected).abs() <= 1e-6 * size
+            })
+        })
+    }
+
     /// The (fractional) sample index of a physical position: the inverse of
     /// [`Geometry::to_physical`]. `None` if the axes do not span the space.
     pub fn to_index(&self, position: [f64; D]) -> Option<[f64; D]> {
@@ -132,6 +147,17 @@ mod tests {
         for k in 0..3 {
             assert!((found[k] - index[k]).abs() < 1e-8, "{found:?}");
         }
+    }
+
+    #[test]
+    fn shapes_are_kept_by_rotation_and_even_scaling_only() {
+        let mut geometry = Geometry::<3>::with_spacing([5.0; 3], [25.0, 25.0, 5.0]);
+        assert!(!geometry.has_shape_of([1.0; 3]));
+        assert!(geometry.has_shape_of([5.0, 5.0, 1.0]));
+        geometry.axes = [[0.0, 0.0, -4.0], [2.4, 3.2, 0.0], [-3.2, 2.4, 0.0]];
+        assert!(geometry.has_shape_of([1.0; 3]));
+        geometry.axes[1] = [2.5, 3.1, 0.0];
+        assert!(!geometry.has_shape_of([1.0; 3]));
     }
 
     #[test]

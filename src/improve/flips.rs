@@ -47,7 +47,13 @@ impl Improver<'_> {
         done
     }
 
-    fn replace_ring(&mut self, ring: &crate::mesh::complex::Ring, a: u32, b: u32, floor: f64) -> bool {
+    fn replace_ring(
+        &mut self,
+        ring: &crate::mesh::complex::Ring,
+        a: u32,
+        b: u32,
+        floor: f64,
+    ) -> bool {
         let r = &ring.nodes;
         let m = r.len();
         if m < 3 || (!ring.closed && !self.on_one_side(a, b, r[0], r[m - 1])) {

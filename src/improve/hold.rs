@@ -97,7 +97,12 @@ impl Hold {
 
     /// Puts `x` back onto the sheets that hold it (a few Newton steps), never off the box's sides.
     /// Returns None if the sheets are no longer there.
-    pub fn settle(&mut self, mut x: [f64; 3], extent: [f64; 3], sheets: &Sheets) -> Option<[f64; 3]> {
+    pub fn settle(
+        &mut self,
+        mut x: [f64; 3],
+        extent: [f64; 3],
+        sheets: &Sheets,
+    ) -> Option<[f64; 3]> {
         if self.count == 0 {
             return Some(x);
         }
@@ -109,7 +114,9 @@ impl Hold {
                 let sheet = near
                     .iter()
                     .max_by(|a, b| {
-                        dot(a.normal, held).abs().total_cmp(&dot(b.normal, held).abs())
+                        dot(a.normal, held)
+                            .abs()
+                            .total_cmp(&dot(b.normal, held).abs())
                     })
                     .filter(|s| dot(s.normal, held).abs() > 0.7)?;
                 self.normals[i] = sheet.normal.map(|c| c as f32);

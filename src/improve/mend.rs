@@ -13,6 +13,9 @@ const FLOOR: f64 = 0.01;
 const LONGEST_COLLAPSE: f64 = 0.85;
 const SHORTEST_SPLIT: f64 = 0.95;
 
+/// So many tetrahedra, or one in a hundred if that is more, are worked on in a round.
+const PATIENCE: usize = 1000;
+
 /// What a transaction has overwritten, beside the complex's own journal.
 #[derive(Debug, Default)]
 pub(super) struct Undo {
@@ -40,7 +43,9 @@ impl Improver<'_> {
             let mut poor = self.poor();
             poor.sort_by(|a, b| self.sine_of(*a).total_cmp(&self.sine_of(*b)).then(a.cmp(b)));
             let before = poor.len();
-            for t in poor {
+            // Where features ask for what no lattice can do, patience must end.
+            let patience = PATIENCE.max(self.complex.tets.len() / 100);
+            for t in poor.into_iter().take(patience) {
                 if self.complex.alive(t) && self.sine_of(t) < self.target {
                     self.mend_one(t);
                 }
@@ -56,11 +61,15 @@ impl Improver<'_> {
         let tet = self.complex.tets[t as usize];
         let d = {
             let p = self.complex.corners(t);
-            self.distance
-                .at(std::array::from_fn(|k| p.iter().map(|x| x[k]).sum::<f64>() / 4.0))
+            self.distance.at(std::array::from_fn(|k| {
+                p.iter().map(|x| x[k]).sum::<f64>() / 4.0
+            }))
         };
         let length = |s: &Self, a: u32, b: u32| {
-            norm(sub(s.complex.nodes[a as usize], s.complex.nodes[b as usize])) / d
+            norm(sub(
+                s.complex.nodes[a as usize],
+                s.complex.nodes[b as usize],
+            )) / d
         };
         for k in 0..4 {
             if self.attempt(|s| s.force_split_face(t, k)) {
@@ -168,7 +177,9 @@ impl Improver<'_> {
         let tet = self.complex.tets[t as usize];
         let n = self.complex.neighbors[t as usize][k];
         n != crate::mesh::complex::NONE && {
-            let back = self.complex.neighbors[n as usize].iter().position(|&x| x == t);
+            let back = self.complex.neighbors[n as usize]
+                .iter()
+                .position(|&x| x == t);
             back.is_some_and(|back| {
                 let q = self.complex.tets[n as usize][back];
                 self.swap_face([t, n], FACES[k].map(|i| tet[i]), tet[k], q, FLOOR)

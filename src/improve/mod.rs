@@ -65,6 +65,8 @@ struct Improver<'a> {
     /// Tetrahedra to look at.
     queue: Vec<u32>,
     target: f64,
+    /// Smoothing a node stops at this sine.
+    enough: f64,
     counts: Counts,
     /// What a transaction under way has overwritten.
     undo: Option<mend::Undo>,
@@ -117,6 +119,7 @@ impl<'a> Improver<'a> {
             distance,
             queue: Vec::new(),
             target,
+            enough: 1.0,
             counts: Counts::default(),
             undo: None,
             ring: Ring::default(),
@@ -136,6 +139,14 @@ impl<'a> Improver<'a> {
     /// Whether an edge between two nodes would pass through a feature, or cut a corner of it.
     fn pierces(&self, a: u32, b: u32) -> bool {
         self.piercing(a, b).is_some()
+    }
+
+    /// A quick and safe test before [`piercing`](Self::piercing).
+    fn may_pierce(&self, a: u32, b: u32) -> bool {
+        let (i, j) = (a as usize, b as usize);
+        let (p, q) = (&self.holds[i], &self.holds[j]);
+        let (x, y) = (self.complex.nodes[i], self.complex.nodes[j]);
+        !(p.far && q.far) && self.sheets.may_pierce(x, y, [p.alone, q.alone])
     }
 
     fn piercing(&self, a: u32, b: u32) -> Option<([f64; 3], sheets::Sheet)> {
@@ -229,7 +240,7 @@ impl<'a> Improver<'a> {
             &mut hold,
             self.extent,
             self.sheets,
-            1e-3,
+            self.enough,
             &mut self.smoothing,
         );
         let Some((x, _)) = best else { return false };
@@ -241,7 +252,8 @@ impl<'a> Improver<'a> {
     fn move_to(&mut self, node: u32, x: [f64; 3], hold: Hold) {
         let i = node as usize;
         if let Some(undo) = &mut self.undo {
-            undo.nodes.push((node, self.complex.nodes[i], self.holds[i]));
+            undo.nodes
+                .push((node, self.complex.nodes[i], self.holds[i]));
         }
         self.complex.nodes[i] = x;
         self.holds[i] = hold;
@@ -260,11 +272,15 @@ impl<'a> Improver<'a> {
     /// Flips and smoothing in turn until neither helps any more.
     fn polish(&mut self, rounds: usize) {
         let mut before = usize::MAX;
-        for _ in 0..rounds {
+        for round in 0..rounds {
+            self.enough = if round == 0 {
+                self.target + MARGIN
+            } else {
+                1.0
+            };
             self.queue = self.poor();
             self.queue.reverse();
             self.flip_queue();
-            dbg(self, "  flips");
             let mut nodes: Vec<u32> = self
                 .poor()
                 .iter()
@@ -285,6 +301,9 @@ impl<'a> Improver<'a> {
         }
     }
 }
+
+/// The first round of smoothing, over many nodes, stops this far above target (sine).
+const MARGIN: f64 = 0.02;
 
 /// Nodes this close to a sheet lie on it: settling leaves less.
 const ON_SHEET: f64 = 0.11;
@@ -392,13 +411,9 @@ pub fn improve(
         poor_before: improver.poor().len(),
         ..Outcome::default()
     };
-    dbg(&improver, "start");
     improver.recover();
-    dbg(&improver, "recover");
     improver.polish(8);
-    dbg(&improver, "polish");
     improver.mend();
-    dbg(&improver, "mend");
     improver.counts.pierced_left = improver.pierced_edges().len();
     outcome.blocked = improver.blocked();
     outcome.poor_after = outcome.blocked.len();
@@ -448,9 +463,3 @@ impl Improver<'_> {
 
 #[cfg(test)]
 mod tests;
-
-fn dbg(i: &Improver, label: &str) {
-    thread_local!(static T: std::cell::Cell<Option<std::time::Instant>> = const { std::cell::Cell::new(None) });
-    let now = std::time::Instant::now();
-    println!("{label} {:?} poor {} {:?}", T.replace(Some(now)).map(|t| now - t), i.poor().len(), i.counts);
-}

@@ -10,26 +10,38 @@ use rayon::prelude::*;
 /// first only good ones, so that surfaces are not spanned by long chords; smoothing follows.
 const FLOORS: [f64; 4] = [0.3, 0.15, 0.08, 0.05];
 
+/// A node put on a feature keeps this distance, over d, from the ends of the edge it splits.
+const SPACING: f64 = 0.35;
+
 /// The least that pulling a node onto a feature may leave.
 const FLOOR: f64 = 0.05;
 
 impl Improver<'_> {
     /// The edges of the given tetrahedra that pierce a feature, as pairs of nodes in rising order.
-    fn pierced_among(&self, tets: impl Iterator<Item = u32>) -> Vec<(u32, u32)> {
+    fn pierced_among(&self, tets: impl ParallelIterator<Item = u32>) -> Vec<(u32, u32)> {
         let mut edges: Vec<(u32, u32)> = tets
             .filter(|&t| self.complex.alive(t))
-            .map(|t| self.complex.tets[t as usize])
-            .filter(|tet| tet.iter().any(|&n| !self.holds[n as usize].far))
-            .flat_map(|tet| EDGES.map(|[i, j]| (tet[i].min(tet[j]), tet[i].max(tet[j]))))
+            .flat_map_iter(|t| {
+                let tet = self.complex.tets[t as usize];
+                let near = tet.iter().any(|&n| !self.holds[n as usize].far);
+                EDGES
+                    .iter()
+                    .filter(move |_| near)
+                    .map(move |&[i, j]| (tet[i].min(tet[j]), tet[i].max(tet[j])))
+                    .filter(|&(a, b)| self.may_pierce(a, b))
+            })
             .collect();
         edges.par_sort_unstable();
         edges.dedup();
-        edges.into_par_iter().filter(|&(a, b)| self.pierces(a, b)).collect()
+        edges
+            .into_par_iter()
+            .filter(|&(a, b)| self.pierces(a, b))
+            .collect()
     }
 
     /// Every edge that pierces a feature.
     pub(super) fn pierced_edges(&self) -> Vec<(u32, u32)> {
-        self.pierced_among(0..self.complex.tets.len() as u32)
+        self.pierced_among((0..self.complex.tets.len() as u32).into_par_iter())
     }
 
     /// Makes the mesh follow the features.
@@ -52,7 +64,7 @@ impl Improver<'_> {
                     again.extend_from_slice(&self.star);
                 }
             }
-            pierced = self.pierced_among(again.into_iter());
+            pierced = self.pierced_among(again.into_par_iter());
         }
     }
 
@@ -132,6 +144,11 @@ impl Improver<'_> {
         let Some(x) = hold.settle(at, self.extent, self.sheets) else {
             return false;
         };
+        // A lattice of spacing d cannot resolve more: what would crowd is left, and counted.
+        let room = SPACING * self.distance.at(x);
+        if norm(sub(x, p)) < room || norm(sub(x, q)) < room {
+            return false;
+        }
         self.split_edge(t, a, b, x, hold, 0.02)
     }
 
@@ -157,9 +174,17 @@ impl Improver<'_> {
                 self.fresh.push([new, b, r, s]);
             }
             let position = |n: u32| {
-                if n == new { x } else { self.complex.nodes[n as usize] }
+                if n == new {
+                    x
+                } else {
+                    self.complex.nodes[n as usize]
+                }
             };
-            if self.fresh.iter().all(|f| min_sine(&f.map(position)) > floor) {
+            if self
+                .fresh
+                .iter()
+                .all(|f| min_sine(&f.map(position)) > floor)
+            {
                 self.complex.add_node(x);
                 self.holds.push(hold);
                 self.commit(&ring.tets);

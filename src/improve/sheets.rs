@@ -70,17 +70,13 @@ pub struct Sheets {
 impl Sheets {
     /// From points in the box `[0, extent]`; planes are fitted within `radius`, and
     /// [`Sheets::far`] knows about points at least `reach` away.
-    pub fn new(
-        points: &[FeaturePoint<3>],
-        extent: [f64; 3],
-        radius: f64,
-        reach: f64,
-    ) -> Self {
+    pub fn new(points: &[FeaturePoint<3>], extent: [f64; 3], radius: f64, reach: f64) -> Self {
         let cell = radius * 0.75;
         let dims = extent.map(|e| (e / cell) as usize + 1);
         let index = |p: [f32; 3]| {
-            let c: [usize; 3] =
-                std::array::from_fn(|k| ((f64::from(p[k].max(0.0)) / cell) as usize).min(dims[k] - 1));
+            let c: [usize; 3] = std::array::from_fn(|k| {
+                ((f64::from(p[k].max(0.0)) / cell) as usize).min(dims[k] - 1)
+            });
             (c[2] * dims[1] + c[1]) * dims[0] + c[0]
         };
         let mut start = vec![0u32; dims.iter().product::<usize>() + 1];
@@ -136,9 +132,15 @@ impl Sheets {
         }
     }
 
-    /// Whether a feature point may be within about one unit of the part `[from, to]` (in parts of
-    /// the whole) of a segment.
-    fn touches(&self, p: [f64; 3], edge: [f64; 3], length: f64, from: f64, to: f64) -> bool {
+    /// A quick and safe test before [`Sheets::pierced`]: whether a feature point may be within about
+    /// one unit of the edge, but for its part near ends that are `alone` on a sheet.
+    pub fn may_pierce(&self, p: [f64; 3], q: [f64; 3], alone: [bool; 2]) -> bool {
+        let edge = sub(q, p);
+        let length = norm(edge);
+        // Near an end on a single sheet there is only that sheet: look at the rest of the edge.
+        let clear = (3.0 / length).min(0.4);
+        let from = if alone[0] { clear } else { 0.0 };
+        let to = if alone[1] { 1.0 - clear } else { 1.0 };
         let steps = ((to - from) * length / 0.6).ceil().max(1.0);
         let mut i = 0.0;
         while i <= steps {
@@ -267,13 +269,7 @@ impl Sheets {
         }
         let edge = sub(q, p);
         let length = norm(edge);
-        // Near an end on a single sheet there is only that sheet: look at the rest of the edge.
-        let clear = (3.0 / length).min(0.4);
-        let [from, to] = [
-            if alone[0] { clear } else { 0.0 },
-            if alone[1] { 1.0 - clear } else { 1.0 },
-        ];
-        if !self.touches(p, edge, length, from, to) {
+        if !self.may_pierce(p, q, alone) {
             return None;
         }
         let pace = 0.45 * self.radius;

@@ -67,15 +67,13 @@ pub fn worst(x: [f64; 3], star: &[[[f64; 3]; 3]], enough: f64) -> f64 {
 
 /// The shortest vector in the convex hull of `vectors` (Gilbert's algorithm).
 fn shortest_in_hull(vectors: &[[f64; 3]]) -> [f64; 3] {
-    let mut g = vectors
-        .iter()
-        .copied()
-        .fold(vectors[0], |best, v| if dot(v, v) < dot(best, best) { v } else { best });
+    let mut g = vectors.iter().copied().fold(vectors[0], |best, v| {
+        if dot(v, v) < dot(best, best) { v } else { best }
+    });
     for _ in 0..40 {
-        let lowest = vectors
-            .iter()
-            .copied()
-            .fold(vectors[0], |best, v| if dot(v, g) < dot(best, g) { v } else { best });
+        let lowest = vectors.iter().copied().fold(vectors[0], |best, v| {
+            if dot(v, g) < dot(best, g) { v } else { best }
+        });
         let gap = dot(g, g) - dot(lowest, g);
         if gap <= 1e-3 * dot(g, g) {
             break;
@@ -87,6 +85,9 @@ fn shortest_in_hull(vectors: &[[f64; 3]]) -> [f64; 3] {
     g
 }
 
+/// A move must raise the smallest sine by this much.
+const GAIN: f64 = 1e-3;
+
 /// Scratch space of [`best_position`].
 #[derive(Default)]
 pub struct Scratch {
@@ -96,15 +97,15 @@ pub struct Scratch {
 
 /// Climbs from `x` to a position where the smallest sine around the node is larger, keeping to what
 /// holds the node. `star` has the other three nodes of each tetrahedron, oriented as in
-/// `(x, p0, p1, p2)` positive. Returns the position and its smallest sine if that rose by at
-/// least `gain`.
+/// `(x, p0, p1, p2)` positive. Stops at a sine of `enough`. Returns the position and its smallest
+/// sine if that rose worthwhile.
 pub fn best_position(
     start: [f64; 3],
     star: &[[[f64; 3]; 3]],
     hold: &mut Hold,
     extent: [f64; 3],
     sheets: &Sheets,
-    gain: f64,
+    enough: f64,
     scratch: &mut Scratch,
 ) -> Option<([f64; 3], f64)> {
     let first = worst(start, star, f64::NEG_INFINITY);
@@ -115,9 +116,14 @@ pub fn best_position(
         .map(|p| norm(sub(*p, start)))
         .fold(f64::INFINITY, f64::min);
     for _ in 0..12 {
+        if best >= enough {
+            break;
+        }
         scratch.angles.clear();
         for p in star {
-            scratch.angles.extend(angles(x, p).iter().filter(|a| a.sine < best + 0.35));
+            scratch
+                .angles
+                .extend(angles(x, p).iter().filter(|a| a.sine < best + 0.35));
         }
         let mut band = 0.02;
         let mut moved = false;
@@ -171,7 +177,7 @@ pub fn best_position(
             break;
         }
     }
-    (best > first + gain).then_some((x, best))
+    (best > first + GAIN).then_some((x, best))
 }
 
 #[cfg(test)]
@@ -210,7 +216,12 @@ mod tests {
 
     #[test]
     fn shortest_vector_of_a_square() {
-        let square = [[1.0, 1.0, 0.5], [1.0, -1.0, 0.5], [2.0, 0.0, 0.5], [1.5, 0.3, 0.5]];
+        let square = [
+            [1.0, 1.0, 0.5],
+            [1.0, -1.0, 0.5],
+            [2.0, 0.0, 0.5],
+            [1.5, 0.3, 0.5],
+        ];
         let g = shortest_in_hull(&square);
         assert!(norm(sub(g, [1.0, 0.0, 0.5])) < 0.05, "{g:?}");
     }
@@ -243,7 +254,7 @@ mod tests {
             &mut hold,
             [9.0; 3],
             &sheets,
-            0.0,
+            1.0,
             &mut Scratch::default(),
         )
         .unwrap();

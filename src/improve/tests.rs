@@ -7,7 +7,9 @@ use crate::mesh::{complex, cross, volume6};
 
 /// A deterministic number in [-1, 1] for a counter.
 fn noise(i: u64) -> f64 {
-    let mut z = i.wrapping_mul(0x9E37_79B9_7F4A_7C15).wrapping_add(0x1234_5678);
+    let mut z = i
+        .wrapping_mul(0x9E37_79B9_7F4A_7C15)
+        .wrapping_add(0x1234_5678);
     z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
     ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 52) as f64 - 1.0
@@ -44,7 +46,14 @@ fn box_mesh(
     for k in 0..n[2] {
         for j in 0..n[1] {
             for i in 0..n[0] {
-                for order in [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]] {
+                for order in [
+                    [0, 1, 2],
+                    [0, 2, 1],
+                    [1, 0, 2],
+                    [1, 2, 0],
+                    [2, 0, 1],
+                    [2, 1, 0],
+                ] {
                     let mut at = [i, j, k];
                     let mut tet = [id(i, j, k); 4];
                     for (corner, axis) in order.into_iter().enumerate() {
@@ -64,7 +73,12 @@ fn box_mesh(
         .iter()
         .map(|x| {
             let sides = (0..3).filter(|&c| x[c] == 0.0 || x[c] == extent[c]).count();
-            [AtomKind::Interior, AtomKind::Side, AtomKind::Edge, AtomKind::Corner][sides]
+            [
+                AtomKind::Interior,
+                AtomKind::Side,
+                AtomKind::Edge,
+                AtomKind::Corner,
+            ][sides]
         })
         .collect();
     (TetMesh { nodes, tets }, kinds, extent)
@@ -77,7 +91,15 @@ fn run(
     sheets: &Sheets,
 ) -> (Outcome, Vec<u8>) {
     let neighbors = complex::neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
-    improve(mesh, neighbors, kinds, extent, sheets, &Distance::Constant(4.5), &Options::default())
+    improve(
+        mesh,
+        neighbors,
+        kinds,
+        extent,
+        sheets,
+        &Distance::Constant(4.5),
+        &Options::default(),
+    )
 }
 
 fn worst(mesh: &TetMesh) -> f64 {
@@ -89,7 +111,11 @@ fn worst(mesh: &TetMesh) -> f64 {
 #[test]
 fn a_jittered_box_becomes_good_and_stays_a_box() {
     let (mut mesh, mut kinds, extent) = box_mesh([7, 6, 5], 4.0, 0.28, |_| true);
-    assert!(mesh.tets.iter().all(|t| volume6(&t.map(|i| mesh.nodes[i as usize])) > 0.0));
+    assert!(
+        mesh.tets
+            .iter()
+            .all(|t| volume6(&t.map(|i| mesh.nodes[i as usize])) > 0.0)
+    );
     let before = worst(&mesh);
     assert!(before < 0.2);
     let sheets = Sheets::new(&[], extent, 3.0, 8.0);
@@ -97,7 +123,11 @@ fn a_jittered_box_becomes_good_and_stays_a_box() {
     let found = check(&mesh, [0.0; 3], extent, 1e-12);
     assert!(found.passed(), "{:?}", found.problems);
     assert_eq!(kinds.len(), mesh.nodes.len());
-    assert!(worst(&mesh) >= 0.5 - 1e-6, "{} of {before}: {outcome:?}", worst(&mesh));
+    assert!(
+        worst(&mesh) >= 0.5 - 1e-6,
+        "{} of {before}: {outcome:?}",
+        worst(&mesh)
+    );
     assert!(outcome.blocked.is_empty());
 }
 
@@ -108,7 +138,10 @@ fn area_on_plane(mesh: &TetMesh, at: f64) -> f64 {
         for f in FACES {
             let mut face = f.map(|i| tet[i]);
             face.sort_unstable();
-            if face.iter().all(|&i| (mesh.nodes[i as usize][0] - at).abs() < 0.12) {
+            if face
+                .iter()
+                .all(|&i| (mesh.nodes[i as usize][0] - at).abs() < 0.12)
+            {
                 faces.insert(face);
             }
         }
@@ -165,7 +198,12 @@ fn a_plane_that_cuts_through_cells_is_recovered() {
     let area = extent[1] * extent[2];
     assert!((area_on_plane(&mesh, 13.3) - area).abs() < 0.01 * area);
     let held = on.iter().filter(|&&c| c > 0).count();
-    let near: Vec<_> = mesh.nodes.iter().zip(&on).filter(|(x, _)| (x[0] - 13.3).abs() < 0.12).collect();
+    let near: Vec<_> = mesh
+        .nodes
+        .iter()
+        .zip(&on)
+        .filter(|(x, _)| (x[0] - 13.3).abs() < 0.12)
+        .collect();
     assert!(held > 20, "{held} {near:.2?} {outcome:?}");
     assert!(worst(&mesh) > 0.3, "{} {outcome:?}", worst(&mesh));
 }

@@ -93,7 +93,13 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Loaded> {
         },
         Format::Npy => npy::read(path),
         Format::Segy => segy::read(path, &options.segy),
-        Format::Vti => Err(unknown(path)), // the reader of .vti files goes here
+        Format::Vti => Ok(Loaded {
+            image: vti::read(path)?,
+            format: Format::Vti,
+            encoding: "VTK XML".into(),
+            notes: Vec::new(),
+            survey: None,
+        }),
     }
 }
 
@@ -105,7 +111,7 @@ pub fn write(path: &Path, image: &Image<3>) -> Result<()> {
     match ending(path).as_str() {
         "npy" => npy::write(path, image),
         "raw" | "bin" => raw::write(path, image),
-        // the writer of .vti files goes here
+        "vti" => vti::write(path, image, "samples"),
         other => {
             let problem = format!("images cannot be written with the ending '.{other}'");
             Err(Error::Io(cause(

@@ -5,8 +5,8 @@
 //! appended raw or base64, zlib or no compression, 32- and 64-bit headers, both byte orders.
 //! Layout: VTK file formats, <https://docs.vtk.org/en/latest/vtk_file_formats/vtkxml_file_format.html>.
 //!
-//! - [`write`]: [`Document`], streamed array by array
-//! - [`read`]: [`VtkFile`]
+//! - [`write`](mod@write): a [`Document`], streamed array by array
+//! - [`read`]: a [`VtkFile`], arrays taken out when asked for
 //! - [`xml`]: the little XML that this needs
 
 pub mod read;

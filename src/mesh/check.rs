@@ -81,9 +81,10 @@ pub fn check(mesh: &TetMesh, low: [f64; 3], high: [f64; 3], tolerance: f64) -> C
     }
     found.unused_nodes = used.iter().filter(|u| !**u).count();
     if found.unused_nodes > 0 {
-        found
-            .problems
-            .push(format!("{} nodes belong to no tetrahedron", found.unused_nodes));
+        found.problems.push(format!(
+            "{} nodes belong to no tetrahedron",
+            found.unused_nodes
+        ));
     }
 
     let extent = sub(high, low);
@@ -128,10 +129,16 @@ fn sides(
             let (side, off) = (0..6)
                 .map(|s| {
                     let plane = if s % 2 == 0 { low[s / 2] } else { high[s / 2] };
-                    let off = p.iter().map(|q| (q[s / 2] - plane).abs()).fold(0.0, f64::max);
+                    let off = p
+                        .iter()
+                        .map(|q| (q[s / 2] - plane).abs())
+                        .fold(0.0, f64::max);
                     (s, off)
                 })
-                .fold((0, f64::INFINITY), |best, x| if x.1 < best.1 { x } else { best });
+                .fold(
+                    (0, f64::INFINITY),
+                    |best, x| if x.1 < best.1 { x } else { best },
+                );
             found.flatness_error = found.flatness_error.max(off / longest);
             if off > tolerance * longest {
                 found.faces_off_sides += 1;
@@ -198,7 +205,14 @@ mod tests {
         assert!(fault(&|m| m.tets.truncate(5)).faces_off_sides > 0);
         assert!(fault(&|m| m.nodes[7][0] = 1.1).flatness_error > 0.05);
         assert!(!fault(&|m| m.tets[0][1] = 99).passed());
-        assert!(!fault(&|m| { let t = m.tets[0]; m.tets.push(t); m.tets.push(t) }).passed());
+        assert!(
+            !fault(&|m| {
+                let t = m.tets[0];
+                m.tets.push(t);
+                m.tets.push(t)
+            })
+            .passed()
+        );
         assert!(!fault(&|m| m.nodes[3][1] = f64::NAN).passed());
     }
 }

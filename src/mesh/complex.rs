@@ -508,7 +508,10 @@ mod tests {
         complex.exchange(&[0, 1, 2, 3], &new, &mut slots);
         complex.exchange(&[slots[0]], &[new[0]], &mut slots);
         complex.take_back();
-        assert_eq!((tets, around), (complex.tets.clone(), complex.neighbors.clone()));
+        assert_eq!(
+            (tets, around),
+            (complex.tets.clone(), complex.neighbors.clone())
+        );
         complex.exchange(&[0, 1, 2, 3], &new, &mut slots);
         let expected = neighbors(6, &complex.tets).unwrap();
         assert_eq!(expected, complex.neighbors);

@@ -97,8 +97,5 @@ pub fn norm(a: [f64; 3]) -> f64 {
 /// Six times the signed volume of a tetrahedron; positive for the module's orientation.
 #[inline]
 pub fn volume6(p: &[[f64; 3]; 4]) -> f64 {
-    dot(
-        sub(p[1], p[0]),
-        cross(sub(p[2], p[0]), sub(p[3], p[0])),
-    )
+    dot(sub(p[1], p[0]), cross(sub(p[2], p[0]), sub(p[3], p[0])))
 }

@@ -116,7 +116,10 @@ mod tests {
         let p = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
         let mut angles = dihedral_angles(&p);
         angles.sort_by(f64::total_cmp);
-        for (got, want) in angles.iter().zip([54.7356, 54.7356, 54.7356, 90.0, 90.0, 90.0]) {
+        for (got, want) in angles
+            .iter()
+            .zip([54.7356, 54.7356, 54.7356, 90.0, 90.0, 90.0])
+        {
             assert!((got - want).abs() < 1e-4);
         }
     }

@@ -26,8 +26,11 @@ pub struct Source<'a> {
     element: Kind,
     size: usize,
     len: usize,
-    fill: Box<dyn Fn(Range<usize>, &mut Vec<u8>) + Sync + 'a>,
+    fill: Fill<'a>,
 }
+
+/// Appends the bytes of a range of the array's numbers.
+type Fill<'a> = Box<dyn Fn(Range<usize>, &mut Vec<u8>) + Sync + 'a>;
 
 /// The two elements that hold arrays.
 #[derive(Clone, Copy, PartialEq)]

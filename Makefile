@@ -1,0 +1,36 @@
+# make demo   install what is missing, build, mesh the sample volume, say which files to open
+# make test   install what is missing, then every check there is
+
+.POSIX:
+.PHONY: help demo test bench validators packages
+
+SAMPLE = data/faults.vti
+
+help:
+	@sed -n 's/^# \(make .*\)/\1/p' Makefile
+
+packages:
+	@scripts/packages.sh
+
+demo: packages
+	cargo build --release --locked
+	@mkdir -p out
+	target/release/atomesh mesh $(SAMPLE) -o out/faults.vtu --report out/faults.json --potential-out out/potential.vti
+	@echo
+	@echo "Open in ParaView:"
+	@echo "  out/faults.vtu     the mesh (colour it by feature; clip it to look inside)"
+	@echo "  $(SAMPLE)    the image it was made from"
+	@echo "  out/potential.vti  the potential b(x) that pulled the atoms"
+	@echo "and out/faults.json holds every figure of the table above."
+
+test: packages
+	cargo fmt --all --check
+	cargo clippy --workspace --all-targets --locked -- -D warnings
+	cargo test --workspace --locked
+
+bench: packages
+	cargo build --release --locked
+	scripts/bench.sh
+
+validators:
+	@scripts/validators.sh

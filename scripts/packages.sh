@@ -1,0 +1,40 @@
+#!/bin/sh
+# Installs what atomesh needs from the system and lacks: TetGen, CGAL, a C++ compiler, and the
+# libclang with which the TetGen bindings are generated. Debian and Ubuntu only; elsewhere it says
+# what to install and stops.
+set -eu
+
+packages="g++ libtet1.5-dev libcgal-dev libclang-dev"
+
+if ! command -v cargo >/dev/null 2>&1; then
+    echo "error: cargo: not found; install Rust from https://rustup.rs" >&2
+    exit 1
+fi
+
+if ! command -v dpkg >/dev/null 2>&1 || ! command -v apt-get >/dev/null 2>&1; then
+    echo "error: system packages: no apt here; install the equivalents of these yourself: $packages" >&2
+    echo "       then: cargo build --release" >&2
+    exit 1
+fi
+
+missing=""
+for package in $packages; do
+    if ! dpkg -s "$package" 2>/dev/null | grep -q '^Status: install ok installed'; then
+        missing="$missing $package"
+    fi
+done
+[ -n "$missing" ] || exit 0
+
+as_root=""
+if [ "$(id -u)" -ne 0 ]; then
+    if ! command -v sudo >/dev/null 2>&1; then
+        echo "error: system packages: not root and no sudo; have these installed:$missing" >&2
+        exit 1
+    fi
+    as_root="sudo"
+fi
+
+echo "Installing the missing system packages:$missing"
+$as_root apt-get update -qq
+$as_root env DEBIAN_FRONTEND=noninteractive \
+    apt-get install -y -qq --no-install-recommends $missing

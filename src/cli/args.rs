@@ -1,0 +1,549 @@
+//! What the user typed, nothing checked yet beyond its shape.
+//!
+//! The options of `mesh` exist three times as the same type, [`MeshOptions`]: the defaults, the
+//! configuration file and the command line. [`MeshOptions::over`] lays one over the other.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use serde::{Deserialize, Deserializer, Serialize};
+
+use crate::error::cause;
+use crate::feature;
+use crate::io::{ReadOptions, SegyBytes};
+use crate::{Error, Result};
+
+/// `atomesh --version`: the licence of the binary depends on what is linked into it.
+fn version() -> &'static str {
+    match (cfg!(feature = "tetgen"), cfg!(feature = "cgal")) {
+        (true, true) => concat!(
+            env!("CARGO_PKG_VERSION"),
+            "\nOwn sources: MIT OR Apache-2.0. Linked with TetGen (AGPL-3.0) and CGAL's triangulations",
+            "\n(GPL-3.0), so this program as a whole is AGPL-3.0. `--no-default-features` builds one",
+            "\nwithout them, which makes no 3-D mesh."
+        ),
+        (true, false) => concat!(
+            env!("CARGO_PKG_VERSION"),
+            "\nOwn sources: MIT OR Apache-2.0. Linked with TetGen (AGPL-3.0), so this program as a",
+            "\nwhole is AGPL-3.0. `--no-default-features` builds one without it, which makes no 3-D mesh."
+        ),
+        (false, true) => concat!(
+            env!("CARGO_PKG_VERSION"),
+            "\nOwn sources: MIT OR Apache-2.0. Linked with CGAL's triangulations (GPL-3.0), so this",
+            "\nprogram as a whole is GPL-3.0. Built without TetGen: it makes no 3-D mesh."
+        ),
+        (false, false) => concat!(
+            env!("CARGO_PKG_VERSION"),
+            "\nMIT OR Apache-2.0. Built without TetGen: this program makes no 3-D mesh."
+        ),
+    }
+}
+
+/// The whole command line.
+#[derive(Debug, Parser)]
+#[command(
+    name = "atomesh",
+    version = version(),
+    about = "Images, above all seismic volumes, straight to feature-aligned meshes",
+    propagate_version = true,
+    arg_required_else_help = true
+)]
+pub struct CommandLine {
+    /// What to do.
+    #[command(subcommand)]
+    pub verb: Verb,
+    /// Options that every verb has.
+    #[command(flatten)]
+    pub common: Common,
+}
+
+/// Options that every verb has.
+#[derive(Debug, Clone, Args)]
+pub struct Common {
+    /// Print nothing but errors (and the JSON, if asked for)
+    #[arg(long, global = true, display_order = 900)]
+    pub quiet: bool,
+    /// Print the result as JSON on standard output
+    #[arg(long, global = true, display_order = 900)]
+    pub json: bool,
+    /// Number of threads; all processors by default. The result does not depend on it
+    #[arg(long, global = true, value_name = "N", display_order = 900)]
+    pub threads: Option<usize>,
+}
+
+/// One verb each.
+#[derive(Debug, Subcommand)]
+pub enum Verb {
+    /// Image in, aligned mesh out (the main job)
+    #[command(after_help = "Example:\n  atomesh mesh survey.sgy -o mesh.vtu --distance 8")]
+    Mesh(MeshArgs),
+    /// Only the image processing: writes the potential b(x)
+    #[command(after_help = "Example:\n  atomesh feature faults.npy -o potential.vti --sigma 2")]
+    Feature(FeatureArgs),
+    /// What a file holds: dims, geometry, units, range, traces, missing data
+    #[command(after_help = "Example:\n  atomesh info survey.sgy")]
+    Info(InfoArgs),
+    /// From one image format to another
+    #[command(after_help = "Example:\n  atomesh convert survey.sgy survey.vti")]
+    Convert(ConvertArgs),
+    /// Quality and fidelity figures of a mesh
+    #[command(after_help = "Example:\n  atomesh quality mesh.vtu --truth distance.npy")]
+    Quality(QualityArgs),
+    /// Checks a mesh by our own checker, TetGen and CGAL; says which passed
+    #[command(after_help = "Example:\n  atomesh validate mesh.vtu")]
+    Validate(ValidateArgs),
+    /// Synthetic volumes whose features are known exactly
+    #[command(
+        after_help = "Example:\n  atomesh synth faults -o faults.vti --truth distance.npy --dims 170,150,128"
+    )]
+    Synth(SynthArgs),
+}
+
+/// How to read an image whose file does not say it all.
+#[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct InputOptions {
+    /// The file is bare samples: NXxNYxNZ:TYPE, x fastest, e.g. 100x400x208:f32be
+    #[arg(long, value_name = "DIMS:TYPE")]
+    pub raw: Option<String>,
+    /// SEG-Y: trace header byte of the inline number [default: 189]
+    #[arg(long, value_name = "BYTE")]
+    pub inline_byte: Option<usize>,
+    /// SEG-Y: trace header byte of the crossline number [default: 193]
+    #[arg(long, value_name = "BYTE")]
+    pub crossline_byte: Option<usize>,
+    /// SEG-Y: trace header byte of the x coordinate [default: 181]
+    #[arg(long, value_name = "BYTE")]
+    pub x_byte: Option<usize>,
+    /// SEG-Y: trace header byte of the y coordinate [default: 185]
+    #[arg(long, value_name = "BYTE")]
+    pub y_byte: Option<usize>,
+    /// SEG-Y: trace header byte of the coordinates' scale factor [default: 71]
+    #[arg(long, value_name = "BYTE")]
+    pub scalar_byte: Option<usize>,
+    /// SEG-Y: trace header byte of the first sample's time in ms [default: 109]
+    #[arg(long, value_name = "BYTE")]
+    pub delay_byte: Option<usize>,
+    /// SEG-Y: trace header byte of the sample interval in microseconds [default: 117]
+    #[arg(long, value_name = "BYTE")]
+    pub interval_byte: Option<usize>,
+}
+
+impl InputOptions {
+    /// What the reader is told.
+    ///
+    /// # Errors
+    /// [`Error::Job`] if `--raw` cannot be understood or a byte lies outside a trace header.
+    pub fn read_options(&self) -> Result<ReadOptions> {
+        let standard = SegyBytes::default();
+        let segy = SegyBytes {
+            inline: self.inline_byte.unwrap_or(standard.inline),
+            crossline: self.crossline_byte.unwrap_or(standard.crossline),
+            x: self.x_byte.unwrap_or(standard.x),
+            y: self.y_byte.unwrap_or(standard.y),
+            scalar: self.scalar_byte.unwrap_or(standard.scalar),
+            delay: self.delay_byte.unwrap_or(standard.delay),
+            dt: self.interval_byte.unwrap_or(standard.dt),
+        };
+        let refuse = |place: String, fault: String| {
+            let (problem, remedy) = fault.split_once("; ").unwrap_or((&fault, "see --help"));
+            Error::Job(cause(place, problem, remedy))
+        };
+        segy.check()
+            .map_err(|fault| refuse("SEG-Y header bytes".into(), fault))?;
+        let raw = match &self.raw {
+            Some(text) => Some(
+                text.parse()
+                    .map_err(|fault| refuse(format!("--raw {text}"), fault))?,
+            ),
+            None => None,
+        };
+        Ok(ReadOptions { raw, segy })
+    }
+}
+
+/// Which features of the image the mesh shall follow.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum FeatureChoice {
+    /// Picked by what the image looks like; the report says what was picked
+    Auto,
+    /// Bright sheets: fault images, fractures, membranes
+    Ridges,
+    /// Dark sheets
+    Valleys,
+    /// Steps of brightness
+    Edges,
+    /// Peaks and troughs of seismic amplitude along the bedding's normal
+    Horizons,
+    /// Interfaces between labels, or the rim of a mask
+    Labels,
+    /// The image is b(x) already: -1 on features, 0 elsewhere
+    Potential,
+}
+
+impl From<FeatureChoice> for feature::Kind {
+    fn from(choice: FeatureChoice) -> Self {
+        match choice {
+            FeatureChoice::Auto => Self::Auto,
+            FeatureChoice::Ridges => Self::Ridges,
+            FeatureChoice::Valleys => Self::Valleys,
+            FeatureChoice::Edges => Self::Edges,
+            FeatureChoice::Horizons => Self::Horizons,
+            FeatureChoice::Labels => Self::Labels,
+            FeatureChoice::Potential => Self::Potential,
+        }
+    }
+}
+
+/// What makes the nominal distance vary.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum DistanceSource {
+    /// MIN on features, growing to MAX away from them
+    Features,
+}
+
+/// How atoms are placed before they move.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SeedingChoice {
+    /// A face-centred cubic lattice fitted to the box
+    Fcc,
+}
+
+/// Which evaluator of the lattice energy.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PotentialChoice {
+    /// Neighbour lists and exact gradients (fast)
+    Pairwise,
+    /// Accumulated on the image's grid, as published in 2001 (slow)
+    Sampled,
+}
+
+/// How slivers are removed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SliverChoice {
+    /// Feature-keeping flips and smoothing
+    Joe,
+    /// The bare Delaunay triangulation
+    None,
+}
+
+/// `atomesh mesh`.
+#[derive(Debug, Args)]
+pub struct MeshArgs {
+    /// The image: SEG-Y, .npy, .vti, or bare samples with --raw
+    #[arg(value_name = "IMAGE", required_unless_present = "print_config")]
+    pub image: Option<PathBuf>,
+    /// The job's options.
+    #[command(flatten)]
+    pub options: MeshOptions,
+    /// Options from a TOML file; those typed here win
+    #[arg(long, value_name = "FILE.toml")]
+    pub config: Option<PathBuf>,
+    /// Print the effective options as TOML and stop
+    #[arg(long)]
+    pub print_config: bool,
+}
+
+/// The options of `mesh` that a configuration file can hold.
+#[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct MeshOptions {
+    /// The mesh to write [default: the image's name with .vtu, in this folder]
+    #[arg(short, long, value_name = "MESH.vtu")]
+    pub output: Option<PathBuf>,
+    /// Nominal distance between atoms, in samples; or MIN:MAX with --distance-from [default: 8]
+    #[arg(long, value_name = "D")]
+    #[serde(deserialize_with = "text_or_number")]
+    pub distance: Option<String>,
+    /// What a distance MIN:MAX follows
+    #[arg(long, value_name = "WHAT")]
+    pub distance_from: Option<DistanceSource>,
+    /// The features to follow [default: auto]
+    #[arg(long, value_name = "KIND")]
+    pub feature: Option<FeatureChoice>,
+    /// Scale of the features in samples [default: by the kind of feature]
+    #[arg(long, value_name = "S")]
+    pub sigma: Option<f64>,
+    /// Least strength of a feature, in units of the feature image [default: automatic, printed]
+    #[arg(long, value_name = "T", allow_negative_numbers = true)]
+    pub threshold: Option<f32>,
+    /// Keep the potential b(x)
+    #[arg(long, value_name = "FILE.vti")]
+    pub potential_out: Option<PathBuf>,
+    /// Weight of the image against the lattice in [0, 1]: a number, or an image file [default: 0.2]
+    #[arg(long, value_name = "B")]
+    #[serde(deserialize_with = "text_or_number")]
+    pub beta: Option<String>,
+    /// How atoms are placed at first [default: fcc]
+    #[arg(long, value_name = "HOW")]
+    pub seeding: Option<SeedingChoice>,
+    /// Fixed atoms (wells, sources): a CSV file of x,y,z in the image's physical coordinates
+    #[arg(long, value_name = "FILE.csv")]
+    pub atoms_from: Option<PathBuf>,
+    /// Evaluator of the lattice energy [default: pairwise]
+    #[arg(long, value_name = "HOW")]
+    pub potential: Option<PotentialChoice>,
+    /// Number of first passes on a smoother potential [default: 0]
+    #[arg(long, value_name = "N")]
+    pub coarse_to_fine: Option<usize>,
+    /// Smallest dihedral angle aimed at, in degrees; the largest is 180 minus it [default: 30]
+    #[arg(long, value_name = "DEGREES")]
+    pub min_dihedral: Option<f64>,
+    /// How slivers are removed [default: joe]
+    #[arg(long, value_name = "HOW")]
+    pub slivers: Option<SliverChoice>,
+    /// Lattice space: samples, physical, or a scale per axis SX,SY,SZ [default: samples]
+    #[arg(long, value_name = "SPACE")]
+    pub metric: Option<String>,
+    /// Seed of the random perturbations [default: 1]
+    #[arg(long, value_name = "N")]
+    pub rng_seed: Option<u64>,
+    /// Write the report as JSON
+    #[arg(long, value_name = "FILE.json")]
+    pub report: Option<PathBuf>,
+    /// Write the lattice after each round, for ParaView
+    #[arg(long, value_name = "FILE.pvd")]
+    pub trace: Option<PathBuf>,
+    /// How to read the image.
+    #[command(flatten, next_help_heading = "Reading the image")]
+    pub input: InputOptions,
+}
+
+impl MeshOptions {
+    /// The options of a job for which nothing was typed. What is absent here is found from the
+    /// image: the threshold, the feature scale, the name of the output.
+    pub fn defaults() -> Self {
+        Self {
+            distance: Some("8".into()),
+            feature: Some(FeatureChoice::Auto),
+            beta: Some("0.2".into()),
+            seeding: Some(SeedingChoice::Fcc),
+            potential: Some(PotentialChoice::Pairwise),
+            coarse_to_fine: Some(0),
+            min_dihedral: Some(30.0),
+            slivers: Some(SliverChoice::Joe),
+            metric: Some("samples".into()),
+            rng_seed: Some(1),
+            ..Self::default()
+        }
+    }
+
+    /// As TOML, all that decides the result, and nothing of where it is written.
+    ///
+    /// # Errors
+    /// [`Error::Job`] if a path is no UTF-8.
+    pub fn reproducible(&self) -> Result<String> {
+        let outputs = Self {
+            output: None,
+            report: None,
+            trace: None,
+            potential_out: None,
+            ..self.clone()
+        };
+        outputs.to_toml()
+    }
+
+    /// As a configuration file holds them.
+    ///
+    /// # Errors
+    /// [`Error::Job`] if a path is no UTF-8.
+    pub fn to_toml(&self) -> Result<String> {
+        toml::to_string(self)
+            .map_err(|e| Error::Job(cause("options", e, "use file names that are valid UTF-8")))
+    }
+
+    /// These options, and those of `below` where these are silent.
+    ///
+    /// # Errors
+    /// [`Error::Job`] if an option cannot be written as TOML (a path that is no UTF-8).
+    pub fn over(&self, below: &Self) -> Result<Self> {
+        let table = |options: &Self| {
+            toml::Table::try_from(options)
+                .map_err(|e| Error::Job(cause("options", e, "use file names that are valid UTF-8")))
+        };
+        let mut merged = table(below)?;
+        for (key, value) in table(self)? {
+            match (merged.get_mut(&key), value) {
+                (Some(toml::Value::Table(lower)), toml::Value::Table(upper)) => lower.extend(upper),
+                (_, value) => {
+                    merged.insert(key, value);
+                }
+            }
+        }
+        merged.try_into().map_err(|e: toml::de::Error| {
+            Error::Job(cause("options", e.message(), "see atomesh mesh --help"))
+        })
+    }
+}
+
+/// `atomesh feature`.
+#[derive(Debug, Args)]
+pub struct FeatureArgs {
+    /// The image
+    #[arg(value_name = "IMAGE")]
+    pub image: PathBuf,
+    /// The potential b(x), as .vti or .npy
+    #[arg(short, long, value_name = "OUT.vti")]
+    pub output: PathBuf,
+    /// The features to find
+    #[arg(long, value_name = "KIND", default_value = "auto")]
+    pub feature: FeatureChoice,
+    /// Nominal distance between atoms, in samples: the potential's valleys are a quarter as wide
+    #[arg(long, value_name = "D", default_value_t = 8.0)]
+    pub distance: f64,
+    /// Scale of the features in samples [default: by the kind of feature]
+    #[arg(long, value_name = "S")]
+    pub sigma: Option<f64>,
+    /// Least strength of a feature, in units of the feature image [default: automatic, printed]
+    #[arg(long, value_name = "T", allow_negative_numbers = true)]
+    pub threshold: Option<f32>,
+    /// How to read the image.
+    #[command(flatten, next_help_heading = "Reading the image")]
+    pub input: InputOptions,
+}
+
+/// `atomesh info`.
+#[derive(Debug, Args)]
+pub struct InfoArgs {
+    /// An image or a mesh
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+    /// How to read the image.
+    #[command(flatten, next_help_heading = "Reading the image")]
+    pub input: InputOptions,
+}
+
+/// `atomesh convert`.
+#[derive(Debug, Args)]
+pub struct ConvertArgs {
+    /// The image to read
+    #[arg(value_name = "IN")]
+    pub input_file: PathBuf,
+    /// The image to write: .vti or .npy
+    #[arg(value_name = "OUT")]
+    pub output: PathBuf,
+    /// How to read the image.
+    #[command(flatten, next_help_heading = "Reading the image")]
+    pub input: InputOptions,
+}
+
+/// `atomesh quality`.
+#[derive(Debug, Args)]
+pub struct QualityArgs {
+    /// A mesh written by atomesh
+    #[arg(value_name = "MESH.vtu")]
+    pub mesh: PathBuf,
+    /// Exact distance to the features, as `synth --truth` writes it
+    #[arg(long, value_name = "DIST.npy")]
+    pub truth: Option<PathBuf>,
+}
+
+/// `atomesh validate`.
+#[derive(Debug, Args)]
+pub struct ValidateArgs {
+    /// A mesh written by atomesh
+    #[arg(value_name = "MESH.vtu")]
+    pub mesh: PathBuf,
+}
+
+/// `atomesh synth`.
+#[derive(Debug, Args)]
+pub struct SynthArgs {
+    /// What to make
+    #[arg(value_name = "KIND", value_parser = synth_kind())]
+    pub kind: String,
+    /// The image to write: .vti or .npy
+    #[arg(short, long, value_name = "OUT")]
+    pub output: PathBuf,
+    /// Also write the exact distance to the features
+    #[arg(long, value_name = "DIST.npy")]
+    pub truth: Option<PathBuf>,
+    /// Number of samples along x, y and z
+    #[arg(long, value_name = "NX,NY,NZ", default_value = "128,128,128")]
+    pub dims: String,
+    /// Number of faults or shells
+    #[arg(long, value_name = "N", default_value_t = 4)]
+    pub count: usize,
+    /// Signal over the rms of the noise; inf for none
+    #[arg(long, value_name = "RATIO", default_value_t = 4.0)]
+    pub signal_to_noise: f64,
+    /// Width of the features: the standard deviation of their profile, in samples
+    #[arg(long, value_name = "SAMPLES", default_value_t = 1.5)]
+    pub width: f64,
+    /// Seed of everything random
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub rng_seed: u64,
+}
+
+fn synth_kind() -> clap::builder::PossibleValuesParser {
+    crate::synth::Kind::ALL.map(|(name, _)| name).into()
+}
+
+/// TOML may say `distance = 8` or `distance = "4:12"`.
+fn text_or_number<'de, D: Deserializer<'de>>(
+    deserializer: D,
+) -> std::result::Result<Option<String>, D::Error> {
+    #[derive(Deserialize)]
+    #[serde(untagged)]
+    enum TextOrNumber {
+        Text(String),
+        Whole(i64),
+        Number(f64),
+    }
+    Ok(Some(match TextOrNumber::deserialize(deserializer)? {
+        TextOrNumber::Text(text) => text,
+        TextOrNumber::Whole(number) => number.to_string(),
+        TextOrNumber::Number(number) => number.to_string(),
+    }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        CommandLine::command().debug_assert();
+    }
+
+    #[test]
+    fn the_command_line_wins_over_the_file_and_the_file_over_the_defaults() {
+        let typed = MeshOptions {
+            sigma: Some(2.0),
+            ..MeshOptions::default()
+        };
+        let file: MeshOptions =
+            toml::from_str("distance = 5\nsigma = 1.0\nbeta = 0.25\n[input]\nraw = \"2x3x4:u8\"")
+                .unwrap();
+        let merged = typed
+            .over(&file)
+            .unwrap()
+            .over(&MeshOptions::defaults())
+            .unwrap();
+        assert_eq!(merged.sigma, Some(2.0));
+        assert_eq!(merged.distance.as_deref(), Some("5"));
+        assert_eq!(merged.beta.as_deref(), Some("0.25"));
+        assert_eq!(merged.input.raw.as_deref(), Some("2x3x4:u8"));
+        assert_eq!(merged.slivers, Some(SliverChoice::Joe));
+    }
+
+    #[test]
+    fn options_survive_toml() {
+        let mut options = MeshOptions::defaults();
+        options.input.inline_byte = Some(9);
+        options.threshold = Some(-0.5);
+        let text = toml::to_string(&options).unwrap();
+        assert_eq!(toml::from_str::<MeshOptions>(&text).unwrap(), options);
+    }
+
+    #[test]
+    fn a_misspelt_key_is_refused() {
+        assert!(toml::from_str::<MeshOptions>("distanse = 5").is_err());
+    }
+}

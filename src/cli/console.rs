@@ -1,0 +1,91 @@
+//! Everything that atomesh prints: results on standard output, progress on standard error.
+
+use std::fmt::Display;
+use std::io::{IsTerminal, Write, stderr, stdout};
+use std::time::Duration;
+
+use indicatif::{ProgressBar, ProgressStyle};
+
+use super::args::Common;
+
+/// Where lines go, and whether they go anywhere.
+pub struct Console {
+    quiet: bool,
+    json: bool,
+    bar: Option<ProgressBar>,
+}
+
+impl Console {
+    /// A console as the common options ask for it.
+    pub fn new(common: &Common) -> Self {
+        Self {
+            quiet: common.quiet,
+            json: common.json,
+            bar: None,
+        }
+    }
+
+    /// Prints the result of a verb: `json` if asked for, else `text` unless `--quiet`.
+    pub fn result(&mut self, text: impl Display, json: &serde_json::Value) {
+        self.end_stage();
+        if self.json {
+            print(format_args!("{json:#}"));
+        } else if !self.quiet {
+            print(text);
+        }
+    }
+
+    /// One line about something that the user should know but that stops nothing.
+    pub fn note(&self, line: impl Display) {
+        if self.quiet {
+            return;
+        }
+        match &self.bar {
+            Some(bar) => bar.suspend(|| complain(format_args!("note: {line}"))),
+            None => complain(format_args!("note: {line}")),
+        }
+    }
+
+    /// A stage begins: a moving line on a terminal, a plain line elsewhere.
+    pub fn begin_stage(&mut self, name: &str) {
+        self.end_stage();
+        if self.quiet {
+            return;
+        }
+        if stderr().is_terminal() {
+            let bar = ProgressBar::new_spinner().with_prefix(name.to_string());
+            if let Ok(style) = ProgressStyle::with_template("{spinner} {prefix} {elapsed} {msg}") {
+                bar.set_style(style);
+            }
+            bar.enable_steady_tick(Duration::from_millis(100));
+            self.bar = Some(bar);
+        } else {
+            complain(format_args!("{name} ..."));
+        }
+    }
+
+    /// What the stage is at; only a terminal shows it.
+    pub fn progress(&self, what: impl Display) {
+        if let Some(bar) = &self.bar {
+            bar.set_message(what.to_string());
+        }
+    }
+
+    /// The stage is over: its bar vanishes.
+    pub fn end_stage(&mut self) {
+        if let Some(bar) = self.bar.take() {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+/// Prints one line on standard output. A reader that went away (`atomesh info x | head -1`) is no
+/// fault of ours.
+pub fn print(line: impl Display) {
+    let _ = writeln!(stdout().lock(), "{line}");
+}
+
+/// Prints one line on standard error.
+pub fn complain(line: impl Display) {
+    let _ = writeln!(stderr().lock(), "{line}");
+}

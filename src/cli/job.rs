@@ -1,0 +1,350 @@
+//! What shall be done, checked as far as it can be before the image is read.
+
+use std::path::{Path, PathBuf};
+
+use crate::cli::args::{FeatureChoice, MeshArgs, MeshOptions, PotentialChoice, SliverChoice};
+use crate::cli::parse;
+use crate::error::{cause, os};
+use crate::io::ReadOptions;
+use crate::pipeline::{Evaluator, Metric, Spacing};
+use crate::{Error, Result, io};
+
+/// A checked job of `atomesh mesh`. What needs the image's geometry (fixed atoms, beta as an
+/// image) is checked when that is known.
+#[derive(Debug, Clone)]
+pub struct MeshJob {
+    /// The image to read.
+    pub image: PathBuf,
+    /// How to read it.
+    pub input: ReadOptions,
+    /// The mesh to write.
+    pub output: PathBuf,
+    /// Where the report goes as JSON.
+    pub report: Option<PathBuf>,
+    /// Where the lattice of each round goes.
+    pub trace: Option<PathBuf>,
+    /// Where the potential goes.
+    pub potential_out: Option<PathBuf>,
+    /// Nominal distance.
+    pub spacing: Spacing,
+    /// Features to follow.
+    pub feature: FeatureChoice,
+    /// Feature scale, if not automatic.
+    pub sigma: Option<f64>,
+    /// Feature threshold, if not automatic.
+    pub threshold: Option<f32>,
+    /// Weight of the image.
+    pub beta: Beta,
+    /// File of fixed atoms.
+    pub atoms_from: Option<PathBuf>,
+    /// Evaluator of the energy.
+    pub evaluator: Evaluator,
+    /// Number of passes on a smoother potential.
+    pub coarse_passes: usize,
+    /// Smallest dihedral angle aimed at, in degrees; `None` leaves slivers in.
+    pub min_dihedral: Option<f64>,
+    /// Lattice space.
+    pub metric: Metric,
+    /// Seed.
+    pub seed: u64,
+}
+
+/// Weight of the image, before its file is read.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Beta {
+    /// The same everywhere.
+    Constant(f64),
+    /// In this image file.
+    File(PathBuf),
+}
+
+/// The options of a job: the command line's over the configuration file's over the defaults.
+///
+/// # Errors
+/// [`Error::Io`] if the configuration file cannot be read, [`Error::Job`] if it holds what is no
+/// option.
+pub fn effective_options(args: &MeshArgs) -> Result<MeshOptions> {
+    let from_file = match &args.config {
+        None => MeshOptions::default(),
+        Some(path) => {
+            let text = std::fs::read_to_string(path).map_err(|e| os(path, "read", e))?;
+            toml::from_str(&text).map_err(|e| {
+                let line = e
+                    .span()
+                    .map_or(1, |span| 1 + text[..span.start].matches('\n').count());
+                Error::Job(cause(
+                    format!("{}:{line}", path.display()),
+                    e.message().replace('\n', ", "),
+                    "atomesh mesh --print-config shows how it is written",
+                ))
+            })?
+        }
+    };
+    args.options
+        .over(&from_file)?
+        .over(&MeshOptions::defaults())
+}
+
+impl MeshJob {
+    /// Checks the options of a job on `image`.
+    ///
+    /// # Errors
+    /// [`Error::Job`] that names the option that is impossible; [`Error::Io`] for an output whose
+    /// folder does not exist.
+    pub fn new(image: &Path, options: &MeshOptions) -> Result<Self> {
+        let output = match &options.output {
+            Some(path) => path.clone(),
+            None => Path::new(image.file_stem().unwrap_or(image.as_os_str())).with_extension("vtu"),
+        };
+        let job = Self {
+            image: image.to_path_buf(),
+            input: options.input.read_options()?,
+            output,
+            report: options.report.clone(),
+            trace: options.trace.clone(),
+            potential_out: options.potential_out.clone(),
+            spacing: spacing(options)?,
+            feature: options.feature.unwrap_or(FeatureChoice::Auto),
+            sigma: feature_scale(options.sigma)?,
+            threshold: threshold(options.threshold)?,
+            beta: beta(options.beta.as_deref())?,
+            atoms_from: options.atoms_from.clone(),
+            evaluator: match options.potential {
+                Some(PotentialChoice::Sampled) => Evaluator::Sampled,
+                _ => Evaluator::Pairwise,
+            },
+            coarse_passes: coarse_passes(options.coarse_to_fine.unwrap_or(0))?,
+            min_dihedral: match options.slivers {
+                Some(SliverChoice::None) => None,
+                _ => Some(min_dihedral(options.min_dihedral.unwrap_or(30.0))?),
+            },
+            metric: metric(options.metric.as_deref().unwrap_or("samples"))?,
+            seed: options.rng_seed.unwrap_or(1),
+        };
+        job.check_files()?;
+        Ok(job)
+    }
+
+    /// Outputs can be written, have the endings of what they hold, and replace no input and no
+    /// other output.
+    fn check_files(&self) -> Result<()> {
+        let mut inputs = vec![self.image.as_path()];
+        inputs.extend(self.atoms_from.as_deref());
+        if let Beta::File(path) = &self.beta {
+            inputs.push(path);
+        }
+        let outputs = [
+            (Some(&self.output), "--output", "vtu"),
+            (self.report.as_ref(), "--report", "json"),
+            (self.trace.as_ref(), "--trace", "pvd"),
+            (self.potential_out.as_ref(), "--potential-out", "vti"),
+        ];
+        let mut seen: Vec<&Path> = Vec::new();
+        for (path, option, ending) in outputs {
+            let Some(path) = path else { continue };
+            check_output(path, option, &[ending], &inputs)?;
+            if seen.iter().any(|other| same_file(other, path)) {
+                let place = format!("{option} {}", path.display());
+                return Err(Error::Job(cause(
+                    place,
+                    "is the name of another output, too",
+                    "give each output a name of its own",
+                )));
+            }
+            seen.push(path);
+        }
+        Ok(())
+    }
+}
+
+/// Checks that a verb may write `path`: its ending, its folder, and that it is none of `inputs`.
+///
+/// # Errors
+/// [`Error::Job`] or [`Error::Io`] that names the option or the path.
+pub fn check_output(path: &Path, option: &str, endings: &[&str], inputs: &[&Path]) -> Result<()> {
+    io::check_target(path)?;
+    let ending = path
+        .extension()
+        .and_then(|e| e.to_str())
+        .map(str::to_ascii_lowercase);
+    let place = format!("{option} {}", path.display());
+    if !ending.is_some_and(|ending| endings.contains(&ending.as_str())) {
+        let known: Vec<String> = endings.iter().map(|ending| format!(".{ending}")).collect();
+        let known = known.join(" or ");
+        return Err(Error::Job(cause(
+            place,
+            format!("does not end in {known}, the format that is written here"),
+            format!("give a name that ends in {known}"),
+        )));
+    }
+    if inputs.iter().any(|input| same_file(input, path)) {
+        return Err(Error::Job(cause(
+            place,
+            "would overwrite the input",
+            "give the output another name with -o",
+        )));
+    }
+    Ok(())
+}
+
+/// Whether two paths name the same file, which need not exist yet.
+fn same_file(a: &Path, b: &Path) -> bool {
+    let resolve = |path: &Path| {
+        path.canonicalize().ok().or_else(|| {
+            let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
+            let folder = folder.unwrap_or(Path::new(".")).canonicalize().ok()?;
+            Some(folder.join(path.file_name()?))
+        })
+    };
+    a == b || resolve(a).is_some_and(|a| Some(a) == resolve(b))
+}
+
+fn spacing(options: &MeshOptions) -> Result<Spacing> {
+    let text = options.distance.as_deref().unwrap_or("8");
+    match (parse::distance("--distance", text)?, options.distance_from) {
+        ((d, None), None) => Ok(Spacing::Constant(d)),
+        ((min, Some(max)), Some(_)) => Ok(Spacing::FromFeatures { min, max }),
+        ((_, Some(_)), None) => Err(parse::bad(
+            "--distance",
+            text,
+            "says how much the distance varies but not with what",
+            "add --distance-from features",
+        )),
+        ((_, None), Some(_)) => Err(parse::bad(
+            "--distance",
+            text,
+            "is one distance, but --distance-from makes it vary",
+            "give MIN:MAX such as 5:15, or drop --distance-from",
+        )),
+    }
+}
+
+/// `--distance` of `feature`: one positive number.
+pub fn positive_distance(distance: f64) -> Result<f64> {
+    Ok(parse::distance("--distance", &distance.to_string())?.0)
+}
+
+fn refuse(option: &str, value: f64, problem: &str, remedy: &str) -> Error {
+    parse::bad(option, &value.to_string(), problem, remedy)
+}
+
+/// `--sigma`, if given: positive.
+pub fn feature_scale(sigma: Option<f64>) -> Result<Option<f64>> {
+    match sigma {
+        Some(s) if !(s.is_finite() && s > 0.0) => Err(refuse(
+            "--sigma",
+            s,
+            "is not a positive number of samples",
+            "leave it out, or give about the features' thickness",
+        )),
+        valid => Ok(valid),
+    }
+}
+
+/// `--threshold`, if given: finite.
+pub fn threshold(threshold: Option<f32>) -> Result<Option<f32>> {
+    match threshold {
+        Some(t) if !t.is_finite() => Err(refuse(
+            "--threshold",
+            f64::from(t),
+            "is not a finite number",
+            "leave it out: the automatic threshold is printed",
+        )),
+        valid => Ok(valid),
+    }
+}
+
+fn beta(text: Option<&str>) -> Result<Beta> {
+    let text = text.unwrap_or("0.5");
+    let Ok(value) = text.parse::<f64>() else {
+        let path = Path::new(text);
+        return if path.is_file() {
+            Ok(Beta::File(path.to_path_buf()))
+        } else {
+            Err(parse::bad(
+                "--beta",
+                text,
+                "is neither a number nor a file",
+                "give a number from 0 to 1, or an image of such numbers",
+            ))
+        };
+    };
+    // At 1 nothing would keep the atoms apart.
+    if (0.0..1.0).contains(&value) {
+        Ok(Beta::Constant(value))
+    } else {
+        Err(parse::bad(
+            "--beta",
+            text,
+            "is not at least 0 and below 1",
+            "0 ignores the image, 0.5 is usual",
+        ))
+    }
+}
+
+fn coarse_passes(passes: usize) -> Result<usize> {
+    if passes > 8 {
+        return Err(parse::bad(
+            "--coarse-to-fine",
+            &passes.to_string(),
+            "is more than 8 passes, each twice as smooth as the next",
+            "1 or 2 are usual",
+        ));
+    }
+    Ok(passes)
+}
+
+fn min_dihedral(degrees: f64) -> Result<f64> {
+    // A regular tetrahedron has 70.5 degrees, but no space is filled with those alone.
+    if degrees > 0.0 && degrees <= 60.0 {
+        Ok(degrees)
+    } else {
+        Err(refuse(
+            "--min-dihedral",
+            degrees,
+            "is not above 0 and at most 60 degrees",
+            "30 is usual",
+        ))
+    }
+}
+
+fn metric(text: &str) -> Result<Metric> {
+    match text {
+        "samples" => Ok(Metric::Samples),
+        "physical" => Ok(Metric::Physical),
+        scales => Ok(Metric::Scales(parse::scales("--metric", scales)?)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn job(options: &MeshOptions) -> Result<MeshJob> {
+        MeshJob::new(
+            Path::new("absent/survey.sgy"),
+            &options.over(&MeshOptions::defaults())?,
+        )
+    }
+
+    #[test]
+    fn nothing_typed_is_a_valid_job() {
+        let job = job(&MeshOptions::default()).unwrap();
+        assert_eq!(job.output, Path::new("survey.vtu"));
+        assert_eq!(job.spacing, Spacing::Constant(8.0));
+        assert_eq!(job.beta, Beta::Constant(0.2));
+        assert_eq!(job.min_dihedral, Some(30.0));
+        assert_eq!(job.metric, Metric::Samples);
+    }
+
+    #[test]
+    fn files_are_told_apart_by_where_they_are() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.vtu");
+        let twin = folder.path().join(".").join("a.vtu");
+        assert!(same_file(&path, &twin));
+        std::fs::write(&path, "").unwrap();
+        assert!(same_file(&path, &twin));
+        assert!(!same_file(&path, &folder.path().join("b.vtu")));
+    }
+}

@@ -1,0 +1,253 @@
+//! `atomesh mesh`: from a checked job to the files it writes.
+
+use std::io::Write;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use super::Ending;
+use super::args::MeshArgs;
+use super::console::{Console, complain, print};
+use super::images::potential_image;
+use super::job::{Beta, MeshJob, effective_options};
+use super::parse;
+use super::provenance::file_hash;
+use crate::error::cause;
+use crate::export::{Trace, write_vtu};
+use crate::image::{Geometry, Image};
+use crate::io::{Loaded, ReadOptions};
+use crate::optimize::{Observer, Progress, Stop};
+use crate::pipeline::file::{Provenance, to_file};
+use crate::pipeline::{FixedAtom, Params, Weight};
+use crate::report::{Clock, Input, quality};
+use crate::{Error, Result, io, pipeline};
+
+/// Runs the verb.
+pub fn mesh(args: &MeshArgs, console: &mut Console) -> Result<Ending> {
+    let options = effective_options(args)?;
+    let image = args.image.as_deref().unwrap_or(Path::new("image"));
+    let job = MeshJob::new(image, &options)?;
+    if args.print_config {
+        print(options.to_toml()?.trim_end());
+        return Ok(Ending::Done);
+    }
+
+    let interrupts = Interrupts::watch()?;
+    let mut clock = Clock::new();
+    console.begin_stage("reading");
+    clock.begin("reading");
+    let Loaded { image, notes, .. } = io::read(&job.image, &job.input)?;
+    let input_sha256 = file_hash(&job.image)?;
+    image.check(&job.image.display().to_string())?;
+    let params = job.params()?;
+    clock.end();
+
+    let mut watcher = Watcher {
+        console,
+        interrupts: &interrupts,
+        trace_path: job.trace.as_deref(),
+        trace: None,
+        geometry: &image.geometry,
+        step: params.metric.step(&image.geometry),
+        failed: None,
+    };
+    let outcome = pipeline::mesh_image(&image, &params, &mut watcher);
+    let Watcher { trace, failed, .. } = watcher;
+    let mut outcome = match failed.map_or(outcome, Err) {
+        Ok(outcome) => outcome,
+        Err(error) => {
+            if let Some(trace) = trace {
+                trace.discard();
+            }
+            return match interrupts.wanted() {
+                true => {
+                    complain(format_args!("error: {error}"));
+                    Ok(Ending::Interrupted)
+                }
+                false => Err(error),
+            };
+        }
+    };
+
+    console.begin_stage("writing");
+    clock.begin("writing");
+    let provenance = Provenance {
+        parameters: options.reproducible()?,
+        input_sha256,
+    };
+    let file = to_file(&outcome, &image.geometry, &provenance);
+    write_vtu(&job.output, &file)?;
+    if let Some(path) = &job.potential_out {
+        io::write(
+            path,
+            &potential_image(&outcome.features.potential, &image.geometry),
+        )?;
+    }
+    clock.end();
+
+    let report = &mut outcome.report;
+    if !image.geometry.has_shape_of(outcome.step) {
+        report.quality_physical = Some(quality(&file.mesh));
+    }
+    report.input = Some(Input {
+        file: job.image.display().to_string(),
+        dims: image.dims(),
+        hash: format!("sha256:{}", provenance.input_sha256),
+    });
+    report.parameters = serde_json::to_value(&options).unwrap_or_default();
+    report.notes.splice(0..0, notes);
+    report
+        .stages
+        .splice(0..0, clock.costs()[..1].iter().cloned());
+    report.stages.extend_from_slice(&clock.costs()[1..]);
+    let json = serde_json::to_value(&*report).unwrap_or_default();
+    if let Some(path) = &job.report {
+        io::atomic_write(path, |out| writeln!(out, "{json:#}"))?;
+    }
+    console.result(
+        format_args!(
+            "{}\nwrote {}",
+            report.table().trim_end(),
+            job.output.display()
+        ),
+        &json,
+    );
+    Ok(match outcome.optimised.stop {
+        Stop::Interrupted => Ending::Interrupted,
+        _ => Ending::Done,
+    })
+}
+
+impl MeshJob {
+    /// What the pipeline is told; reads the files that the options name.
+    fn params(&self) -> Result<Params> {
+        let beta = match &self.beta {
+            Beta::Constant(beta) => Weight::Constant(*beta),
+            Beta::File(path) => Weight::Image(read_beta(path)?),
+        };
+        let mut fixed = Vec::new();
+        if let Some(path) = &self.atoms_from {
+            fixed = parse::points(path)?
+                .into_iter()
+                .map(|(line, position)| FixedAtom {
+                    name: format!("{}:{line}", path.display()),
+                    position,
+                })
+                .collect();
+        }
+        Ok(Params {
+            spacing: self.spacing,
+            feature: self.feature.into(),
+            sigma: self.sigma,
+            threshold: self.threshold,
+            beta,
+            fixed,
+            evaluator: self.evaluator,
+            coarse_passes: self.coarse_passes,
+            min_dihedral: self.min_dihedral,
+            metric: self.metric,
+            seed: self.seed,
+        })
+    }
+}
+
+/// An image of weights.
+fn read_beta(path: &Path) -> Result<Image<3>> {
+    let Loaded { image, .. } = io::read(path, &ReadOptions::default())?;
+    let stats = image.stats();
+    if stats.first_bad.is_some() || stats.min < 0.0 || stats.max >= 1.0 {
+        return Err(Error::Job(cause(
+            format!("--beta {}", path.display()),
+            format!("holds weights from {} to {}, or none", stats.min, stats.max),
+            "give weights that are at least 0 and below 1",
+        )));
+    }
+    Ok(image)
+}
+
+/// What the interrupt handler and the job tell each other.
+#[derive(Debug, Default)]
+struct Interrupts {
+    /// There is a lattice worth keeping.
+    lattice: AtomicBool,
+    /// The user wants to stop.
+    wanted: AtomicBool,
+}
+
+impl Interrupts {
+    /// Ctrl-C ends the process at once while there is nothing to keep, and when it comes a second
+    /// time; else it asks the job to stop with what it has.
+    fn watch() -> Result<Arc<Self>> {
+        let state = Arc::new(Self::default());
+        let shared = Arc::clone(&state);
+        ctrlc::set_handler(move || {
+            let again = shared.wanted.swap(true, Ordering::Relaxed);
+            if again || !shared.lattice.load(Ordering::Relaxed) {
+                std::process::exit(130);
+            }
+        })
+        .map_err(|e| Error::Job(cause("interrupt handler", e, "start the job again")))?;
+        Ok(state)
+    }
+
+    fn wanted(&self) -> bool {
+        self.wanted.load(Ordering::Relaxed)
+    }
+}
+
+/// Shows the pipeline's progress, keeps its lattices, and passes on the wish to stop.
+struct Watcher<'a> {
+    console: &'a mut Console,
+    interrupts: &'a Interrupts,
+    trace_path: Option<&'a Path>,
+    /// Begun with the first lattice.
+    trace: Option<Trace>,
+    geometry: &'a Geometry<3>,
+    step: [f64; 3],
+    /// Why a lattice could not be written.
+    failed: Option<Error>,
+}
+
+impl Watcher<'_> {
+    /// Adds a lattice to the trace.
+    fn keep(&mut self, path: &Path, round: usize, positions: &[[f64; 3]]) -> Result<()> {
+        let physical = |x: &[f64; 3]| {
+            self.geometry
+                .to_physical(std::array::from_fn(|k| x[k] / self.step[k]))
+        };
+        let atoms: Vec<[f64; 3]> = positions.iter().map(physical).collect();
+        let trace = match &mut self.trace {
+            Some(trace) => trace,
+            none => none.insert(Trace::create(path)?),
+        };
+        trace.add(round as f64, &atoms, &[])
+    }
+}
+
+impl Observer for Watcher<'_> {
+    fn stage(&mut self, name: &str) {
+        self.console.begin_stage(name);
+        if name == pipeline::OPTIMISING {
+            self.interrupts.lattice.store(true, Ordering::Relaxed);
+        }
+    }
+
+    fn progress(&mut self, progress: &Progress) {
+        self.console.progress(format_args!(
+            "round {}, {} evaluations, energy {:.4e}",
+            progress.round, progress.evaluations, progress.energy
+        ));
+    }
+
+    fn round(&mut self, round: usize, positions: &[[f64; 3]]) {
+        if let Some(path) = self.trace_path
+            && self.failed.is_none()
+        {
+            self.failed = self.keep(path, round, positions).err();
+        }
+    }
+
+    fn keep_going(&mut self) -> bool {
+        !self.interrupts.wanted() && self.failed.is_none()
+    }
+}

@@ -1,0 +1,196 @@
+//! From words to values: the small grammars inside option values.
+
+use std::path::Path;
+
+use crate::{
+    Error, Result,
+    error::{cause, os},
+};
+
+/// An [`Error::Job`] about an option.
+pub fn bad(option: &str, value: &str, problem: &str, remedy: &str) -> Error {
+    Error::Job(cause(format!("{option} {value}"), problem, remedy))
+}
+
+/// A finite number.
+pub fn number(option: &str, text: &str, remedy: &str) -> Result<f64> {
+    match text.trim().parse::<f64>() {
+        Ok(value) if value.is_finite() => Ok(value),
+        Ok(_) => Err(bad(option, text, "is not a finite number", remedy)),
+        Err(_) => Err(bad(option, text, "is not a number", remedy)),
+    }
+}
+
+/// Three values separated by commas.
+fn three<'a>(option: &str, text: &'a str, remedy: &str) -> Result<[&'a str; 3]> {
+    let parts: Vec<&str> = text.split(',').map(str::trim).collect();
+    <[&str; 3]>::try_from(parts).map_err(|parts| {
+        bad(
+            option,
+            text,
+            &format!("has {} values, not 3", parts.len()),
+            remedy,
+        )
+    })
+}
+
+/// `NX,NY,NZ`: numbers of samples, at least two each, and few enough to count.
+pub fn dims(option: &str, text: &str) -> Result<[usize; 3]> {
+    let remedy = "give three whole numbers such as 96,80,64";
+    let mut dims = [0; 3];
+    for (dim, word) in dims.iter_mut().zip(three(option, text, remedy)?) {
+        *dim = word
+            .parse()
+            .map_err(|_| bad(option, text, "is not three whole numbers", remedy))?;
+        if *dim < 2 {
+            return Err(bad(
+                option,
+                text,
+                "has an axis of fewer than 2 samples",
+                remedy,
+            ));
+        }
+    }
+    let samples = dims
+        .iter()
+        .try_fold(1_usize, |product, &dim| product.checked_mul(dim));
+    // 2^32 samples are 16 GiB; beyond that an allocation would fail without a word.
+    match samples {
+        Some(samples) if samples <= 1 << 32 => Ok(dims),
+        _ => Err(bad(
+            option,
+            text,
+            "is more than 2^32 samples",
+            "ask for a smaller volume",
+        )),
+    }
+}
+
+/// `SX,SY,SZ`: a positive scale per axis.
+pub fn scales(option: &str, text: &str) -> Result<[f64; 3]> {
+    let remedy = "give samples, physical, or three positive numbers such as 1,1,0.2";
+    let mut scales = [0.0; 3];
+    for (scale, word) in scales.iter_mut().zip(three(option, text, remedy)?) {
+        *scale = number(option, word, remedy)?;
+        if *scale <= 0.0 {
+            return Err(bad(
+                option,
+                text,
+                "has a scale that is not positive",
+                remedy,
+            ));
+        }
+    }
+    Ok(scales)
+}
+
+/// `D` or `MIN:MAX`, all positive.
+pub fn distance(option: &str, text: &str) -> Result<(f64, Option<f64>)> {
+    let remedy = "give a positive number of samples such as 8, or MIN:MAX such as 5:15";
+    let positive = |word: &str| match number(option, word, remedy)? {
+        value if value > 0.0 => Ok(value),
+        _ => Err(bad(option, text, "is not positive", remedy)),
+    };
+    match text.split_once(':') {
+        None => Ok((positive(text)?, None)),
+        Some((min, max)) => {
+            let (min, max) = (positive(min)?, positive(max)?);
+            if min > max {
+                return Err(bad(option, text, "has a minimum above its maximum", remedy));
+            }
+            Ok((min, Some(max)))
+        }
+    }
+}
+
+/// Points from a CSV file, one `x,y,z` a line, with the line that each stands on. Empty lines,
+/// lines that begin with `#` and one line of column names are skipped.
+pub fn points(path: &Path) -> Result<Vec<(usize, [f64; 3])>> {
+    let text = std::fs::read_to_string(path).map_err(|e| os(path, "read", e))?;
+    let mut points = Vec::new();
+    for (line, content) in text
+        .lines()
+        .enumerate()
+        .map(|(k, content)| (k + 1, content.trim()))
+    {
+        if content.is_empty() || content.starts_with('#') {
+            continue;
+        }
+        let words: Vec<&str> = content.split([',', ';', '\t']).map(str::trim).collect();
+        let values: Option<Vec<f64>> = words
+            .iter()
+            .map(|word| word.parse().ok().filter(|v: &f64| v.is_finite()))
+            .collect();
+        match values.as_deref() {
+            Some(&[x, y, z]) => points.push((line, [x, y, z])),
+            _ if points.is_empty() && words.iter().all(|word| word.parse::<f64>().is_err()) => {}
+            _ => {
+                return Err(Error::Job(cause(
+                    format!("{}:{line}", path.display()),
+                    format!("'{content}' is not three finite numbers x,y,z"),
+                    "write one point a line, as x,y,z",
+                )));
+            }
+        }
+    }
+    Ok(points)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn distances() {
+        assert_eq!(distance("--distance", "8").unwrap(), (8.0, None));
+        assert_eq!(distance("--distance", "4:12.5").unwrap(), (4.0, Some(12.5)));
+        for wrong in [
+            "0", "-1", "nan", "inf", "eight", "", "4:", "12:4", "0:4", "1:2:3",
+        ] {
+            let error = distance("--distance", wrong).unwrap_err().to_string();
+            assert!(
+                error.starts_with(&format!("--distance {wrong}")) || wrong.contains(':'),
+                "{error}"
+            );
+            assert!(!error.contains('\n'));
+        }
+    }
+
+    #[test]
+    fn dims_that_overflow_are_refused() {
+        assert_eq!(dims("--dims", "3, 4,5").unwrap(), [3, 4, 5]);
+        for wrong in [
+            "4294967296,4294967296,4294967296",
+            "1,5,5",
+            "3,4",
+            "3,4,5,6",
+            "-3,4,5",
+            "a,b,c",
+        ] {
+            assert!(dims("--dims", wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn scales_are_positive() {
+        assert_eq!(scales("--metric", "1,1,0.2").unwrap(), [1.0, 1.0, 0.2]);
+        for wrong in ["1,1", "1,0,1", "1,1,-2", "1,1,inf", "metres"] {
+            assert!(scales("--metric", wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn points_from_csv() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("wells.csv");
+        std::fs::write(&path, "x,y,z\n# a well\n1,2,3\n\n4.5; -5; 6e1\n").unwrap();
+        assert_eq!(
+            points(&path).unwrap(),
+            [(3, [1.0, 2.0, 3.0]), (5, [4.5, -5.0, 60.0])]
+        );
+        for wrong in ["1,2\n", "1,2,nan\n", "1,2,3\nx,y,z\n", "1,2,3,4\n"] {
+            std::fs::write(&path, wrong).unwrap();
+            assert!(points(&path).is_err(), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,358 @@
+//! Features of images whose truth is known.
+
+use super::scenes::{
+    Noise, Sheet, crossing_sheets, fit, image_of, ridge_image, ridges_in_correlated_noise,
+};
+use super::*;
+use crate::image::Geometry;
+
+fn options(kind: Kind, d_min: f64) -> Options {
+    Options {
+        kind,
+        d_min,
+        ..Options::default()
+    }
+}
+
+#[test]
+fn noisy_crossing_curved_sheets_are_found() {
+    let (dims, sheets) = crossing_sheets();
+    for (width, noise) in [(1.0, 0.2), (1.5, 0.0), (1.5, 0.25), (2.0, 0.25)] {
+        let image = ridge_image(dims, &sheets, width, noise);
+        let features = detect(&image, &options(Kind::Ridges, 8.0)).unwrap();
+        let fit = fit(dims, &sheets, &features.points);
+        assert!(fit.coverage > 0.99, "{width} {noise} {fit:?}");
+        assert!(fit.precision > 0.995, "{width} {noise} {fit:?}");
+        assert!(fit.rms < 0.15, "{width} {noise} {fit:?}");
+        assert!(fit.angle < 3.5, "{width} {noise} {fit:?}");
+    }
+}
+
+#[test]
+fn correlated_noise_is_told_from_sheets() {
+    let (dims, sheets) = crossing_sheets();
+    for (width, noise, coverage) in [(1.5, 0.15, 0.98), (1.5, 0.2, 0.95), (2.0, 0.25, 0.8)] {
+        let image = ridges_in_correlated_noise(dims, &sheets, width, noise, 1.0);
+        let features = detect(&image, &options(Kind::Ridges, 8.0)).unwrap();
+        let fit = fit(dims, &sheets, &features.points);
+        assert!(
+            fit.coverage > coverage && fit.precision > 0.97,
+            "{width} {noise} {fit:?}"
+        );
+    }
+}
+
+#[test]
+fn valleys_are_ridges_upside_down() {
+    let (dims, sheets) = (
+        [40, 36, 32],
+        [Sheet::plane([1.0, 0.3, 0.2], [20.0, 18.0, 16.0])],
+    );
+    let image = ridge_image(dims, &sheets, 1.5, 0.1);
+    let negated = Image::new(
+        dims,
+        image.as_slice().iter().map(|s| -s).collect(),
+        Geometry::default(),
+    );
+    let ridges = detect(&image, &options(Kind::Ridges, 4.0)).unwrap();
+    let valleys = detect(&negated, &options(Kind::Valleys, 4.0)).unwrap();
+    assert!(!ridges.points.is_empty());
+    assert_eq!(ridges.points, valleys.points);
+    assert_eq!(ridges.potential, valleys.potential);
+}
+
+#[test]
+fn edges_of_a_ball() {
+    let (dims, ball) = ([60, 56, 52], Sheet::Sphere([30.0, 28.0, 26.0], 19.0));
+    let mut noise = Noise::new(3);
+    let image = image_of(dims, |p| {
+        100.0 / (1.0 + ball.distance(p).exp()) + 5.0 * noise.normal()
+    });
+    let features = detect(&image, &options(Kind::Edges, 5.0)).unwrap();
+    let fit = fit(dims, &[ball], &features.points);
+    assert!(
+        fit.coverage > 0.98 && fit.precision > 0.98 && fit.rms < 0.25,
+        "{fit:?}"
+    );
+}
+
+#[test]
+fn interfaces_of_labels_are_smooth_and_counted_once() {
+    let dims = [64, 60, 56];
+    let ball = || Sheet::Sphere([32.0, 30.0, 28.0], 18.0);
+    let floor = || Sheet::plane([0.2, 0.1, 1.0], [32.0, 30.0, 4.0]);
+    let image = image_of(dims, |p| {
+        if ball().distance(p) < 0.0 {
+            7.0
+        } else {
+            f64::from(u8::from(floor().distance(p) > 0.0))
+        }
+    });
+    let features = detect(&image, &options(Kind::Auto, 5.0)).unwrap();
+    assert!(features.notes[0].contains("labels"), "{:?}", features.notes);
+    let sheets = [ball(), floor()];
+    let fit = fit(dims, &sheets, &features.points);
+    assert!(fit.coverage > 0.98 && fit.precision > 0.995, "{fit:?}");
+    assert!(fit.rms < 0.2 && fit.angle < 6.0, "{fit:?}");
+    // One point per column: the ball has 4 pi r^2 / 1.5 columns, the floor one per (x, y).
+    let columns = 4.0 * std::f64::consts::PI * 18.0f64.powi(2) / 1.5 + 64.0 * 60.0;
+    let ratio = features.points.len() as f64 / columns;
+    assert!(ratio > 0.95 && ratio < 1.25, "{ratio}");
+}
+
+#[test]
+fn a_thin_mask_is_one_sheet_and_not_two() {
+    let (dims, sheets) = (
+        [64, 60, 56],
+        [Sheet::plane([1.0, 0.35, 0.2], [32.0, 30.0, 28.0])],
+    );
+    for half in [0.6, 1.5] {
+        let image = image_of(dims, |p| {
+            255.0 * f64::from(u8::from(sheets[0].distance(p).abs() < half))
+        });
+        let features = detect(&image, &options(Kind::Auto, 8.0)).unwrap();
+        let fit = fit(dims, &sheets, &features.points);
+        assert!(
+            fit.coverage > 0.99 && fit.precision > 0.99 && fit.rms < 0.25,
+            "{half} {fit:?}"
+        );
+    }
+}
+
+#[test]
+fn horizons_keep_the_lattice_resolution() {
+    // Crests and troughs every 6 samples across dipping layers: every second one fits d = 8.
+    let dims = [72, 64, 56];
+    let layers = Sheet::plane([1.0, 0.25, -0.15], [36.0, 32.0, 28.0]);
+    let mut noise = Noise::new(5);
+    let image = image_of(dims, |p| {
+        let s = layers.distance(p);
+        let strength = if (s / 12.0).round() as i64 == 0 {
+            1.5
+        } else {
+            1.0
+        };
+        strength * (std::f64::consts::TAU * s / 12.0).cos() + 0.1 * noise.normal()
+    });
+    let features = detect(&image, &options(Kind::Auto, 8.0)).unwrap();
+    assert!(
+        features.notes[0].contains("horizons"),
+        "{:?}",
+        features.notes
+    );
+    assert!(features.points.len() > 5000);
+    // Level n is the extremum at s = 6 n.
+    let mut levels = [0usize; 41];
+    let (mut squares, mut count) = (0.0, 0.0);
+    for point in &features.points {
+        let p = point.position.map(f64::from);
+        if (0..3).all(|k| p[k] > 4.0 && p[k] < dims[k] as f64 - 5.0) {
+            let level = (layers.distance(p) / 6.0).round();
+            squares += (layers.distance(p) - 6.0 * level).powi(2);
+            count += 1.0;
+            levels[(level + 20.0) as usize] += 1;
+        }
+    }
+    let rms = f64::sqrt(squares / count);
+    assert!(rms < 0.3, "{rms}");
+    assert!(levels[20] > 2400, "the strongest is kept whole: {levels:?}");
+    for pair in levels.windows(2) {
+        let (less, more) = (pair[0].min(pair[1]), pair[0].max(pair[1]));
+        assert!(less * 10 <= more, "two levels nearer than 7.2: {levels:?}");
+    }
+}
+
+#[test]
+fn the_valley_is_gaussian_across_and_even_along() {
+    let dims = [48, 44, 40];
+    let sheets = [
+        Sheet::plane([1.0, 0.45, 0.3], [22.0, 22.0, 20.0]),
+        Sheet::plane([-0.4, 1.0, 0.2], [24.0, 24.0, 20.0]),
+    ];
+    let image = ridge_image(dims, &sheets, 1.5, 0.0);
+    let d_min = 8.0;
+    let features = detect(&image, &options(Kind::Ridges, d_min)).unwrap();
+    let (sigma, rest) = (features.sigma, (-4.5f64).exp());
+    assert_eq!(sigma, d_min / 4.0);
+    // Off the crossing, and at it (where both sheets are within three samples).
+    let (mut worst, mut deepest) = ([0.0f64; 2], 0.0f32);
+    for z in 5..35 {
+        for y in 5..39 {
+            for x in 5..43 {
+                let p = [x as f64, y as f64, z as f64];
+                let b = features.potential.samples[(z * 44 + y) * 48 + x];
+                deepest = deepest.min(b);
+                let s = sheets
+                    .iter()
+                    .map(|s| s.distance(p).abs())
+                    .fold(f64::MAX, f64::min);
+                let bell = (-0.5 * (s / sigma).powi(2)).exp().max(rest);
+                let crossing = sheets.iter().all(|s| s.distance(p).abs() < 3.0);
+                let worst = &mut worst[usize::from(crossing)];
+                *worst = worst.max((f64::from(b) + (bell - rest) / (1.0 - rest)).abs());
+            }
+        }
+    }
+    assert!(worst[0] < 0.08 && worst[1] < 0.2, "{worst:?}");
+    assert!((-1.0..-0.99).contains(&deepest), "{deepest}");
+}
+
+#[test]
+fn a_ready_potential_is_kept() {
+    let (dims, sheets) = ([32, 32, 32], [Sheet::plane([1.0, 0.3, 0.2], [16.0; 3])]);
+    let ridges = ridge_image(dims, &sheets, 2.0, 0.0);
+    let b: Vec<f32> = ridges.as_slice().iter().map(|s| -s).collect();
+    let image = Image::new(dims, b.clone(), Geometry::default());
+    let features = detect(&image, &options(Kind::Auto, 8.0)).unwrap();
+    assert!(
+        features.notes[0].contains("potential"),
+        "{:?}",
+        features.notes
+    );
+    assert_eq!(features.potential.samples, b);
+    assert!(fit(dims, &sheets, &features.points).coverage > 0.99);
+    assert!(detect(&ridges, &options(Kind::Potential, 8.0)).is_err());
+}
+
+#[test]
+fn steps_scale_positions_and_turn_normals() {
+    let (dims, sheets) = (
+        [48, 44, 40],
+        [Sheet::plane([1.0, 0.4, 0.3], [24.0, 22.0, 20.0])],
+    );
+    let image = ridge_image(dims, &sheets, 1.5, 0.0);
+    let step = [0.5, 2.0, 1.0];
+    let features = detect(
+        &image,
+        &Options {
+            step,
+            ..options(Kind::Ridges, 8.0)
+        },
+    )
+    .unwrap();
+    assert_eq!(features.potential.step, step);
+    let scaled = Sheet::plane([1.0 / 0.5, 0.4 / 2.0, 0.3], [12.0, 44.0, 20.0]);
+    assert!(features.points.len() > 1000);
+    for point in &features.points {
+        let p = point.position.map(f64::from);
+        assert!(scaled.distance(p).abs() < 0.1);
+        let n = scaled.normal(p);
+        let c: f64 = (0..3).map(|k| n[k] * f64::from(point.normal[k])).sum();
+        assert!(c.abs() > 0.999, "{c}");
+    }
+}
+
+#[test]
+fn auto_tells_ridges_and_edges() {
+    let (dims, sheets) = crossing_sheets();
+    let note =
+        |image: &Image<3>| detect(image, &options(Kind::Auto, 8.0)).unwrap().notes[0].clone();
+    let ridges = note(&ridge_image(dims, &sheets, 1.5, 0.25));
+    assert!(ridges.contains("features: ridges"), "{ridges}");
+    let mut noise = Noise::new(9);
+    let blob = image_of([48, 48, 48], |p| {
+        let r = (0..3).map(|k| (p[k] - 24.0).powi(2)).sum::<f64>().sqrt();
+        80.0 + 60.0 * f64::from(u8::from(r < 18.0)) + 4.0 * noise.normal()
+    });
+    let edges = note(&blob);
+    assert!(edges.contains("features: edges"), "{edges}");
+}
+
+#[test]
+fn threads_do_not_change_a_bit() {
+    let (dims, sheets) = crossing_sheets();
+    let image = ridge_image(dims, &sheets, 1.5, 0.25);
+    let run = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
+        pool.install(|| detect(&image, &options(Kind::Ridges, 6.0)).unwrap())
+    };
+    let (one, three) = (run(1), run(3));
+    assert_eq!(one.points, three.points);
+    assert_eq!(one.potential, three.potential);
+}
+
+#[test]
+fn noise_alone_gives_hardly_any_feature() {
+    let mut noise = Noise::new(11);
+    let image = image_of([64, 64, 64], |_| noise.normal());
+    let features = detect(&image, &options(Kind::Ridges, 8.0)).unwrap();
+    assert!(features.points.len() < 1000, "{:?}", features.notes);
+}
+
+#[test]
+fn bad_input_is_refused_in_one_line() {
+    let (dims, sheets) = ([16, 15, 14], [Sheet::plane([1.0, 0.0, 0.0], [8.0; 3])]);
+    let image = ridge_image(dims, &sheets, 1.5, 0.1);
+    let message = |image: &Image<3>, options: Options| {
+        let message = detect(image, &options).unwrap_err().to_string();
+        assert!(
+            !message.contains('\n') && message.contains("; "),
+            "{message}"
+        );
+        message
+    };
+    let good = options(Kind::Ridges, 4.0);
+    assert!(message(&image, Options { d_min: 0.0, ..good }).contains("distance 0"));
+    assert!(
+        message(
+            &image,
+            Options {
+                step: [1.0, f64::NAN, 1.0],
+                ..good
+            }
+        )
+        .contains("step")
+    );
+    assert!(
+        message(
+            &image,
+            Options {
+                scale: Some(0.1),
+                ..good
+            }
+        )
+        .contains("scale 0.1")
+    );
+    assert!(
+        message(
+            &image,
+            Options {
+                threshold: Some(f32::NAN),
+                ..good
+            }
+        )
+        .contains("threshold")
+    );
+    assert!(
+        message(
+            &image,
+            Options {
+                kind: Kind::Labels,
+                ..good
+            }
+        )
+        .contains("different values")
+    );
+    let mut samples = image.as_slice().to_vec();
+    samples[16 * 15 * 2 + 16 * 3 + 5] = f32::NAN;
+    let broken = Image::new(dims, samples, Geometry::default());
+    assert!(message(&broken, good).contains("[5, 3, 2]"));
+    let flat = Image::new(dims, vec![3.0; 16 * 15 * 14], Geometry::default());
+    assert!(message(&flat, good).contains("constant"));
+}
+
+#[test]
+fn kinds_have_the_names_of_the_command_line() {
+    for (kind, name) in NAMES {
+        assert_eq!(kind.to_string(), name);
+        assert_eq!(name.parse::<Kind>().unwrap(), kind);
+    }
+    let message = "ridge".parse::<Kind>().unwrap_err().to_string();
+    assert!(
+        message.contains("'ridge'") && message.contains("ridges"),
+        "{message}"
+    );
+}

@@ -1,0 +1,176 @@
+//! What the black-box tests share: small input files made on the spot, and running the binary.
+#![allow(dead_code, reason = "each test program uses its own part")]
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+/// The binary under test, in `folder`.
+pub fn atomesh(folder: &Path) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_atomesh"));
+    command.current_dir(folder);
+    command
+}
+
+/// Runs and asserts exit code 0; gives standard output.
+pub fn succeed(folder: &Path, arguments: &[&str]) -> String {
+    let output = atomesh(folder).args(arguments).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(
+        output.status.code(),
+        Some(0),
+        "atomesh {}\n{said}",
+        arguments.join(" ")
+    );
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// Runs and asserts what every refused job shares: exit code 1, one line on standard error, nothing
+/// on standard output, no file made or changed. Gives the line.
+pub fn refused(folder: &Path, arguments: &[&str]) -> String {
+    let before = files(folder);
+    let output = atomesh(folder)
+        .args(arguments)
+        .arg("--quiet")
+        .output()
+        .unwrap();
+    let said = lines(&output);
+    let shown = format!("atomesh {}\n{}", arguments.join(" "), said.join("\n"));
+    assert_eq!(output.status.code(), Some(1), "{shown}");
+    assert_eq!(said.len(), 1, "{shown}");
+    let parts = said[0].strip_prefix("error: ").expect(&shown);
+    assert!(
+        parts.contains(": ") && parts.contains("; "),
+        "no place, problem, remedy: {shown}"
+    );
+    assert!(output.stdout.is_empty(), "{shown}");
+    assert_eq!(files(folder), before, "something was left behind: {shown}");
+    said[0].clone()
+}
+
+fn lines(output: &Output) -> Vec<String> {
+    String::from_utf8_lossy(&output.stderr)
+        .lines()
+        .map(str::to_string)
+        .collect()
+}
+
+/// Every file below a folder, with its bytes.
+pub fn files(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+    let mut all = Vec::new();
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            all.extend(files(&path));
+        } else {
+            let bytes = std::fs::read(&path).unwrap();
+            all.push((path, bytes));
+        }
+    }
+    all.sort();
+    all
+}
+
+/// Writes a NumPy file of float32, shape `(nz, ny, nx)`.
+pub fn npy(path: &Path, dims: [usize; 3], mut value: impl FnMut([usize; 3]) -> f32) {
+    let [nx, ny, nz] = dims;
+    let mut header =
+        format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({nz}, {ny}, {nx}), }}");
+    while (10 + header.len() + 1) % 64 != 0 {
+        header.push(' ');
+    }
+    header.push('\n');
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    bytes.extend((header.len() as u16).to_le_bytes());
+    bytes.extend(header.as_bytes());
+    for z in 0..nz {
+        for y in 0..ny {
+            for x in 0..nx {
+                bytes.extend(value([x, y, z]).to_le_bytes());
+            }
+        }
+    }
+    std::fs::write(path, bytes).unwrap();
+}
+
+/// A fault image with one bright sheet, slightly tilted, across the middle of the box.
+pub fn sheet(dims: [usize; 3]) -> impl Fn([usize; 3]) -> f32 {
+    let middle = dims[0] as f32 / 2.0;
+    move |[x, y, z]| {
+        let off = x as f32 - middle - 0.1 * y as f32 + 0.1 * z as f32;
+        (-0.5 * (off / 1.5).powi(2)).exp()
+    }
+}
+
+/// A survey for [`segy`]: sample interval 4 ms, inlines 25 m and crosslines 12.5 m apart, rotated.
+pub struct Survey {
+    pub inlines: usize,
+    pub crosslines: usize,
+    pub samples: usize,
+}
+
+impl Survey {
+    /// Physical position of a trace, in metres: what the headers of [`segy`] say (to a centimetre).
+    pub fn position(&self, inline: usize, crossline: usize) -> [f64; 2] {
+        let (along, across) = (12.5 * crossline as f64, 25.0 * inline as f64);
+        let (cos, sin) = (0.8, 0.6);
+        [
+            600_000.0 + cos * along - sin * across,
+            6_000_000.0 + sin * along + cos * across,
+        ]
+    }
+}
+
+/// Writes a SEG-Y file, rev 1, IEEE floats, inline-sorted. `value` takes sample, crossline, inline.
+pub fn segy(path: &Path, survey: &Survey, mut value: impl FnMut([usize; 3]) -> f32) {
+    let mut bytes = vec![0x40u8; 3200];
+    let mut header = [0u8; 400];
+    header[16..18].copy_from_slice(&4000u16.to_be_bytes());
+    header[20..22].copy_from_slice(&(survey.samples as u16).to_be_bytes());
+    header[24..26].copy_from_slice(&5u16.to_be_bytes());
+    header[300..302].copy_from_slice(&0x0100u16.to_be_bytes());
+    header[302..304].copy_from_slice(&1u16.to_be_bytes());
+    bytes.extend(header);
+    for inline in 0..survey.inlines {
+        for crossline in 0..survey.crosslines {
+            let [x, y] = survey
+                .position(inline, crossline)
+                .map(|c| (c * 100.0).round() as i32);
+            let mut trace = [0u8; 240];
+            let mut put = |byte: usize, value: &[u8]| {
+                trace[byte - 1..byte - 1 + value.len()].copy_from_slice(value);
+            };
+            put(29, &1i16.to_be_bytes());
+            put(71, &(-100i16).to_be_bytes());
+            put(115, &(survey.samples as u16).to_be_bytes());
+            put(117, &4000u16.to_be_bytes());
+            put(181, &x.to_be_bytes());
+            put(185, &y.to_be_bytes());
+            put(189, &(100 + inline as i32).to_be_bytes());
+            put(193, &(300 + crossline as i32).to_be_bytes());
+            bytes.extend(trace);
+            for sample in 0..survey.samples {
+                bytes.extend(value([sample, crossline, inline]).to_be_bytes());
+            }
+        }
+    }
+    std::fs::write(path, bytes).unwrap();
+}
+
+/// Opens files with VTK itself: runs a Python program with `.venv`'s interpreter, or says that it
+/// is absent (`make validators` makes it) and gives `None`.
+pub fn vtk(program: &str, arguments: &[&Path]) -> Option<serde_json::Value> {
+    let python = Path::new(env!("CARGO_MANIFEST_DIR")).join(".venv/bin/python");
+    if !python.exists() {
+        println!("VTK is absent, so it does not check this file: run `make validators` first");
+        return None;
+    }
+    let output = Command::new(python)
+        .arg("-c")
+        .arg(program)
+        .args(arguments)
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{said}");
+    Some(serde_json::from_slice(&output.stdout).unwrap())
+}

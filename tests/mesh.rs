@@ -1,0 +1,468 @@
+//! The main job as a user runs it: image in, mesh out.
+
+mod common;
+
+use std::path::Path;
+
+use common::{Survey, atomesh, files, npy, segy, sheet, succeed, vtk};
+use serde_json::Value;
+
+const DIMS: [usize; 3] = [44, 36, 32];
+
+/// A folder with `image.npy`, one tilted bright sheet.
+fn folder() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    npy(&folder.path().join("image.npy"), DIMS, sheet(DIMS));
+    folder
+}
+
+fn json(text: &str) -> Value {
+    serde_json::from_str(text).unwrap_or_else(|e| panic!("{e}: {text}"))
+}
+
+/// What VTK finds in a mesh file: counts, bounds, volume, array names, cells it holds invalid.
+const INSPECT: &str = r#"
+import json, sys
+from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
+from vtkmodules.vtkFiltersGeneral import vtkCellValidator
+errors = []
+reader = vtkXMLUnstructuredGridReader()
+reader.AddObserver("ErrorEvent", lambda *a: errors.append("reader"))
+reader.SetFileName(sys.argv[1])
+reader.Update()
+grid = reader.GetOutput()
+validator = vtkCellValidator()
+validator.AddObserver("ErrorEvent", lambda *a: errors.append("validator"))
+validator.SetInputData(grid)
+validator.Update()
+states = validator.GetOutput().GetCellData().GetArray("ValidityState")
+volume = grid.GetCellData().GetArray("volume")
+kinds = grid.GetPointData().GetArray("atom_kind")
+names = lambda data: [data.GetAbstractArray(k).GetName() for k in range(data.GetNumberOfArrays())]
+geometric = 0.0
+for k in range(grid.GetNumberOfCells()):
+    p = [grid.GetPoint(grid.GetCell(k).GetPointId(i)) for i in range(4)]
+    a, b, c = ([p[i][j] - p[0][j] for j in range(3)] for i in (1, 2, 3))
+    det = (a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0])
+           + a[2] * (b[0] * c[1] - b[1] * c[0]))
+    if det <= 0:
+        errors.append("inverted cell %d" % k)
+    geometric += det / 6
+print(json.dumps({
+    "points": grid.GetNumberOfPoints(), "cells": grid.GetNumberOfCells(), "bounds": grid.GetBounds(),
+    "invalid": sum(states.GetTuple1(k) != 0 for k in range(states.GetNumberOfTuples())),
+    "volume": sum(volume.GetTuple1(k) for k in range(volume.GetNumberOfTuples())),
+    "geometric_volume": geometric,
+    "corners": sum(kinds.GetTuple1(k) == 3 for k in range(kinds.GetNumberOfTuples())),
+    "point_data": names(grid.GetPointData()), "cell_data": names(grid.GetCellData()),
+    "field_data": names(grid.GetFieldData()), "errors": errors[:5],
+}))
+"#;
+
+#[test]
+fn an_image_becomes_a_valid_mesh_that_is_aligned() {
+    let folder = folder();
+    let table = succeed(
+        folder.path(),
+        &[
+            "mesh",
+            "image.npy",
+            "--distance",
+            "6",
+            "--report",
+            "r.json",
+            "--potential-out",
+            "b.vti",
+        ],
+    );
+    assert!(table.lines().count() > 5, "{table}");
+    json(&std::fs::read_to_string(folder.path().join("r.json")).unwrap());
+    let names: Vec<_> = files(folder.path())
+        .into_iter()
+        .map(|(path, _)| path.file_name().unwrap().to_str().unwrap().to_string())
+        .collect();
+    assert_eq!(names, ["b.vti", "image.npy", "image.vtu", "r.json"]);
+
+    let verdict = json(&succeed(
+        folder.path(),
+        &["validate", "image.vtu", "--json"],
+    ));
+    assert_eq!(verdict["valid"], true, "{verdict}");
+    succeed(folder.path(), &["quality", "image.vtu"]);
+    json(&succeed(folder.path(), &["quality", "image.vtu", "--json"]));
+
+    if let Some(seen) = vtk(INSPECT, &[&folder.path().join("image.vtu")]) {
+        assert_eq!(seen["errors"], serde_json::json!([]));
+        assert_eq!(seen["invalid"], 0);
+        assert_eq!(seen["corners"], 8);
+        assert_eq!(
+            seen["point_data"],
+            serde_json::json!(["atom_kind", "feature", "distance"])
+        );
+        assert_eq!(
+            seen["cell_data"],
+            serde_json::json!(["region", "min_dihedral", "volume"])
+        );
+        let bounds: Vec<f64> = serde_json::from_value(seen["bounds"].clone()).unwrap();
+        assert_eq!(bounds, [0.0, 43.0, 0.0, 35.0, 0.0, 31.0]);
+        for key in ["volume", "geometric_volume"] {
+            let volume = seen[key].as_f64().unwrap();
+            assert!(
+                (volume / (43.0 * 35.0 * 31.0) - 1.0).abs() < 1e-6,
+                "{key} {volume}"
+            );
+        }
+    }
+}
+
+#[test]
+fn the_same_bytes_for_any_number_of_threads_and_every_time() {
+    let folder = folder();
+    for (output, threads) in [("a.vtu", "1"), ("b.vtu", "2"), ("c.vtu", "2")] {
+        succeed(
+            folder.path(),
+            &[
+                "mesh",
+                "image.npy",
+                "-o",
+                output,
+                "--distance",
+                "5",
+                "--threads",
+                threads,
+            ],
+        );
+    }
+    let bytes = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
+    assert!(bytes("a.vtu") == bytes("b.vtu"), "1 and 2 threads differ");
+    assert!(bytes("b.vtu") == bytes("c.vtu"), "two runs differ");
+    let other = [
+        "mesh",
+        "image.npy",
+        "-o",
+        "d.vtu",
+        "--distance",
+        "5",
+        "--rng-seed",
+        "2",
+    ];
+    succeed(folder.path(), &other);
+    assert!(bytes("a.vtu") != bytes("d.vtu"), "the seed changes nothing");
+}
+
+#[test]
+fn json_is_all_that_json_prints() {
+    let folder = folder();
+    npy(&folder.path().join("other.npy"), DIMS, sheet(DIMS));
+    let report = json(&succeed(
+        folder.path(),
+        &["mesh", "image.npy", "--distance", "8", "--json"],
+    ));
+    assert!(report.is_object());
+    for arguments in [
+        &["info", "image.npy"][..],
+        &["info", "image.vtu"],
+        &["convert", "image.npy", "image.vti"],
+        &["feature", "image.npy", "-o", "b.vti"],
+        &["synth", "sphere", "-o", "s.npy", "--dims", "24,24,24"],
+    ] {
+        let said = json(&succeed(folder.path(), &[arguments, &["--json"]].concat()));
+        assert!(said.is_object(), "{arguments:?}");
+    }
+    let quiet = succeed(folder.path(), &["mesh", "other.npy", "--quiet"]);
+    assert_eq!(quiet, "");
+}
+
+#[test]
+fn a_configuration_survives_being_printed() {
+    let folder = folder();
+    let typed = [
+        "mesh",
+        "--distance",
+        "5:9",
+        "--distance-from",
+        "features",
+        "--beta",
+        "0.4",
+        "--metric",
+        "1,1,0.5",
+        "--sigma",
+        "1.5",
+        "--inline-byte",
+        "9",
+        "--print-config",
+    ];
+    let first = succeed(folder.path(), &typed);
+    std::fs::write(folder.path().join("job.toml"), &first).unwrap();
+    let again = succeed(
+        folder.path(),
+        &["mesh", "--config", "job.toml", "--print-config"],
+    );
+    assert_eq!(first, again);
+
+    // What was typed wins over the file.
+    let over = [
+        "mesh",
+        "--config",
+        "job.toml",
+        "--beta",
+        "0.25",
+        "--print-config",
+    ];
+    let over = succeed(folder.path(), &over);
+    assert!(
+        over.contains("beta = \"0.25\"") && over.contains("distance = \"5:9\""),
+        "{over}"
+    );
+
+    // A job from the file makes the same mesh as the same job typed.
+    let plain = [
+        "mesh",
+        "image.npy",
+        "--distance",
+        "7",
+        "--feature",
+        "ridges",
+    ];
+    succeed(folder.path(), &[&plain[..], &["-o", "typed.vtu"]].concat());
+    let config = succeed(folder.path(), &[&plain[..], &["--print-config"]].concat());
+    std::fs::write(folder.path().join("plain.toml"), config).unwrap();
+    succeed(
+        folder.path(),
+        &[
+            "mesh",
+            "image.npy",
+            "--config",
+            "plain.toml",
+            "-o",
+            "file.vtu",
+        ],
+    );
+    let bytes = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
+    assert!(bytes("typed.vtu") == bytes("file.vtu"));
+}
+
+#[test]
+fn a_survey_is_meshed_in_its_own_coordinates() {
+    let folder = tempfile::tempdir().unwrap();
+    let survey = Survey {
+        inlines: 20,
+        crosslines: 24,
+        samples: 32,
+    };
+    let image = sheet([32, 24, 20]);
+    segy(&folder.path().join("survey.sgy"), &survey, image);
+    let told = json(&succeed(folder.path(), &["info", "survey.sgy", "--json"]));
+    assert_eq!(told["dims"], serde_json::json!([32, 24, 20]), "{told}");
+    succeed(
+        folder.path(),
+        &[
+            "mesh",
+            "survey.sgy",
+            "--distance",
+            "5",
+            "--feature",
+            "ridges",
+        ],
+    );
+    let verdict = json(&succeed(
+        folder.path(),
+        &["validate", "survey.vtu", "--json"],
+    ));
+    assert_eq!(verdict["valid"], true, "{verdict}");
+
+    if let Some(seen) = vtk(INSPECT, &[&folder.path().join("survey.vtu")]) {
+        assert_eq!(seen["errors"], serde_json::json!([]));
+        let bounds: Vec<f64> = serde_json::from_value(seen["bounds"].clone()).unwrap();
+        let corners = [(0, 0), (19, 0), (0, 23), (19, 23)].map(|(i, c)| survey.position(i, c));
+        for axis in 0..2 {
+            let along = corners.map(|corner| corner[axis]);
+            let (least, most) = (
+                along.into_iter().reduce(f64::min),
+                along.into_iter().reduce(f64::max),
+            );
+            assert!(
+                (bounds[2 * axis] - least.unwrap()).abs() < 0.02,
+                "{bounds:?}"
+            );
+            assert!(
+                (bounds[2 * axis + 1] - most.unwrap()).abs() < 0.02,
+                "{bounds:?}"
+            );
+        }
+        // 31 intervals of 4 ms.
+        assert!(((bounds[5] - bounds[4]) - 124.0).abs() < 1e-6, "{bounds:?}");
+        let volume = seen["volume"].as_f64().unwrap();
+        assert!(
+            (volume / (19.0 * 25.0 * 23.0 * 12.5 * 124.0) - 1.0).abs() < 1e-4,
+            "{volume}"
+        );
+    }
+}
+
+#[test]
+fn wells_keep_their_atoms() {
+    let folder = folder();
+    std::fs::write(
+        folder.path().join("wells.csv"),
+        "x,y,z\n10.25,12.5,9.75\n30,20,20\n",
+    )
+    .unwrap();
+    succeed(
+        folder.path(),
+        &[
+            "mesh",
+            "image.npy",
+            "--distance",
+            "6",
+            "--atoms-from",
+            "wells.csv",
+        ],
+    );
+    let inspect = r#"
+import json, sys
+from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
+reader = vtkXMLUnstructuredGridReader()
+reader.SetFileName(sys.argv[1])
+reader.Update()
+grid = reader.GetOutput()
+kinds = grid.GetPointData().GetArray("atom_kind")
+fixed = [grid.GetPoint(k) for k in range(grid.GetNumberOfPoints()) if kinds.GetTuple1(k) == 4]
+print(json.dumps(sorted(fixed)))
+"#;
+    if let Some(fixed) = vtk(inspect, &[&folder.path().join("image.vtu")]) {
+        let fixed: Vec<[f64; 3]> = serde_json::from_value(fixed).unwrap();
+        for (found, wanted) in fixed.iter().zip([[10.25, 12.5, 9.75], [30.0, 20.0, 20.0]]) {
+            for k in 0..3 {
+                assert!((found[k] - wanted[k]).abs() < 1e-5, "{fixed:?}");
+            }
+        }
+        assert_eq!(fixed.len(), 2, "{fixed:?}");
+    }
+}
+
+#[test]
+fn every_option_of_mesh_runs() {
+    let folder = folder();
+    npy(&folder.path().join("beta.npy"), DIMS, |[x, _, _]| {
+        if x < 20 { 0.3 } else { 0.6 }
+    });
+    for options in [
+        &["--distance", "5:9", "--distance-from", "features"][..],
+        &["--beta", "beta.npy"],
+        &["--potential", "sampled"],
+        &["--coarse-to-fine", "2"],
+        &["--slivers", "none"],
+        &["--metric", "1,0.8,1.2"],
+        &["--feature", "edges"],
+        &["--feature", "valleys"],
+        &["--feature", "horizons"],
+        &["--trace", "trace.pvd"],
+    ] {
+        let all = [
+            &["mesh", "image.npy", "-o", "m.vtu", "--distance", "7"][..],
+            options,
+        ]
+        .concat();
+        succeed(folder.path(), &all);
+        let verdict = json(&succeed(folder.path(), &["validate", "m.vtu", "--json"]));
+        assert_eq!(verdict["valid"], true, "{options:?}: {verdict}");
+    }
+    let pvd = std::fs::read_to_string(folder.path().join("trace.pvd")).unwrap();
+    let steps: Vec<&str> = pvd
+        .split("file=\"")
+        .skip(1)
+        .filter_map(|s| s.split('"').next())
+        .collect();
+    assert!(steps.len() >= 2, "{pvd}");
+    for step in steps {
+        assert!(folder.path().join(step).is_file(), "{step} is in no file");
+    }
+}
+
+#[test]
+fn a_potential_written_by_feature_can_be_meshed() {
+    let folder = folder();
+    succeed(
+        folder.path(),
+        &["feature", "image.npy", "-o", "b.vti", "--distance", "6"],
+    );
+    succeed(
+        folder.path(),
+        &[
+            "mesh",
+            "b.vti",
+            "--feature",
+            "potential",
+            "--distance",
+            "6",
+            "-o",
+            "m.vtu",
+        ],
+    );
+}
+
+#[test]
+fn images_survive_conversion() {
+    let folder = folder();
+    succeed(folder.path(), &["convert", "image.npy", "one.vti"]);
+    succeed(folder.path(), &["convert", "one.vti", "two.npy"]);
+    let bytes = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
+    let samples =
+        |bytes: Vec<u8>| bytes[bytes.len() - 4 * DIMS.iter().product::<usize>()..].to_vec();
+    assert_eq!(samples(bytes("image.npy")), samples(bytes("two.npy")));
+}
+
+#[test]
+fn interrupted_it_writes_the_best_lattice_so_far() {
+    let folder = tempfile::tempdir().unwrap();
+    let dims = [120, 110, 100];
+    npy(&folder.path().join("image.npy"), dims, sheet(dims));
+    // The slow evaluator, so that there is time to interrupt.
+    let mut child = atomesh(folder.path())
+        .args([
+            "mesh",
+            "image.npy",
+            "--distance",
+            "5",
+            "--potential",
+            "sampled",
+        ])
+        .stderr(std::process::Stdio::piped())
+        .stdout(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    let mut stages = std::io::BufRead::lines(std::io::BufReader::new(child.stderr.take().unwrap()));
+    stages
+        .find(|line| {
+            line.as_ref()
+                .is_ok_and(|line| line.contains("moving atoms"))
+        })
+        .unwrap()
+        .unwrap();
+    std::thread::sleep(std::time::Duration::from_millis(300));
+    let signal = std::process::Command::new("kill")
+        .args(["-INT", &child.id().to_string()])
+        .status();
+    assert!(signal.unwrap().success());
+    let rest: Vec<String> = stages.map(|line| line.unwrap()).collect();
+    assert_eq!(child.wait().unwrap().code(), Some(130), "{rest:?}");
+    let verdict = json(&succeed(
+        folder.path(),
+        &["validate", "image.vtu", "--json"],
+    ));
+    assert_eq!(verdict["valid"], true);
+    assert_eq!(files(folder.path()).len(), 2);
+}
+
+#[test]
+fn help_shows_examples_and_version_says_the_licence() {
+    let here = Path::new(".");
+    for verb in [
+        "mesh", "feature", "info", "convert", "quality", "validate", "synth",
+    ] {
+        let help = succeed(here, &[verb, "--help"]);
+        assert!(help.contains("Example:\n  atomesh "), "{help}");
+    }
+    assert!(succeed(here, &["--version"]).contains("AGPL-3.0"));
+}

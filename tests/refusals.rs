@@ -1,0 +1,340 @@
+//! Bad input: one clear line, exit code 1, nothing left behind.
+
+mod common;
+
+use std::path::Path;
+
+use common::{Survey, atomesh, npy, refused, segy, sheet};
+
+const DIMS: [usize; 3] = [40, 36, 32];
+
+/// A folder with a good image in it, `good.npy`.
+fn folder() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    npy(&folder.path().join("good.npy"), DIMS, sheet(DIMS));
+    folder
+}
+
+fn assert_says(line: &str, words: &[&str]) {
+    for word in words {
+        assert!(
+            line.to_lowercase().contains(&word.to_lowercase()),
+            "no '{word}' in: {line}"
+        );
+    }
+}
+
+#[test]
+fn samples_that_are_no_numbers() {
+    let folder = folder();
+    for (name, value) in [("nan.npy", f32::NAN), ("infinite.npy", f32::NEG_INFINITY)] {
+        let good = sheet(DIMS);
+        npy(&folder.path().join(name), DIMS, |at| {
+            if at == [3, 4, 5] { value } else { good(at) }
+        });
+        assert_says(&refused(folder.path(), &["mesh", name]), &[name]);
+    }
+}
+
+#[test]
+fn a_constant_image() {
+    let folder = folder();
+    npy(&folder.path().join("flat.npy"), DIMS, |_| 7.0);
+    assert_says(
+        &refused(folder.path(), &["mesh", "flat.npy"]),
+        &["flat.npy", "7"],
+    );
+}
+
+#[test]
+fn a_side_shorter_than_two_distances() {
+    let folder = folder();
+    assert_says(
+        &refused(folder.path(), &["mesh", "good.npy", "--distance", "20"]),
+        &["20", "31"],
+    );
+    npy(
+        &folder.path().join("thin.npy"),
+        [64, 64, 3],
+        sheet([64, 64, 3]),
+    );
+    refused(folder.path(), &["mesh", "thin.npy"]);
+}
+
+#[test]
+fn impossible_distances() {
+    let folder = folder();
+    for distance in ["0", "-3", "nan", "1e9", "eight", "8:4", "0:4"] {
+        let line = refused(
+            folder.path(),
+            &[
+                "mesh",
+                "good.npy",
+                &format!("--distance={distance}"),
+                "--distance-from",
+                "features",
+            ],
+        );
+        assert_says(&line, &["distance"]);
+    }
+    refused(folder.path(), &["mesh", "good.npy", "--distance", "4:8"]);
+}
+
+#[test]
+fn files_that_are_no_images() {
+    let folder = folder();
+    let write = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).unwrap();
+    let good = std::fs::read(folder.path().join("good.npy")).unwrap();
+    write("empty.npy", b"");
+    write("empty.sgy", b"");
+    write("cut.npy", &good[..good.len() - 5]);
+    write("head.npy", &good[..20]);
+    write(
+        "magic.npy",
+        b"this is not a volume, it is a sentence of some length\n",
+    );
+    write("huge.npy", &{
+        let mut bytes = b"\x93NUMPY\x01\x00v\x00".to_vec();
+        let header = "{'descr': '<f4', 'fortran_order': False, \
+                      'shape': (4294967296, 4294967296, 4294967296), }";
+        bytes.extend(format!("{header:<117}\n").bytes());
+        bytes
+    });
+    for name in [
+        "empty.npy",
+        "empty.sgy",
+        "cut.npy",
+        "head.npy",
+        "magic.npy",
+        "huge.npy",
+        "absent.npy",
+    ] {
+        for verb in ["mesh", "info"] {
+            assert_says(&refused(folder.path(), &[verb, name]), &[name]);
+        }
+    }
+    assert_says(
+        &refused(
+            folder.path(),
+            &["mesh", "good.npy", "--raw", "40x36x32:f99"],
+        ),
+        &["f99"],
+    );
+    write("bare.raw", &[0; 100]);
+    refused(folder.path(), &["mesh", "bare.raw", "--raw", "10x10x10:u8"]);
+    refused(
+        folder.path(),
+        &[
+            "mesh",
+            "bare.raw",
+            "--raw",
+            "99999999999x99999999999x99999999999:u8",
+        ],
+    );
+}
+
+#[test]
+fn seg_y_without_a_volume_in_it() {
+    let folder = folder();
+    let survey = Survey {
+        inlines: 3,
+        crosslines: 3,
+        samples: 40,
+    };
+    let path = folder.path().join("survey.sgy");
+    segy(&path, &survey, |_| 1.0);
+    let bytes = std::fs::read(&path).unwrap();
+    let trace = 240 + 4 * survey.samples;
+    for (name, length) in [
+        ("none.sgy", 3600),
+        ("one.sgy", 3600 + trace),
+        ("cut.sgy", 3600 + 5 * trace / 2),
+    ] {
+        std::fs::write(folder.path().join(name), &bytes[..length]).unwrap();
+        assert_says(&refused(folder.path(), &["mesh", name]), &[name]);
+    }
+}
+
+#[test]
+fn impossible_outputs() {
+    let folder = folder();
+    let mesh = |extra: &[&str]| refused(folder.path(), &[&["mesh", "good.npy"], extra].concat());
+    assert_says(&mesh(&["-o", "absent/m.vtu"]), &["absent"]);
+    assert_says(&mesh(&["--report", "absent/r.json"]), &["absent"]);
+    assert_says(&mesh(&["--potential-out", "absent/b.vti"]), &["absent"]);
+    assert_says(&mesh(&["--trace", "absent/t.pvd"]), &["absent"]);
+    assert_says(&mesh(&["-o", "m.stl"]), &["m.stl", ".vtu"]);
+    assert_says(&mesh(&["-o", "."]), &["."]);
+    assert_says(
+        &mesh(&["--report", "same.vtu", "-o", "same.vtu"]),
+        &["same.vtu"],
+    );
+    // Over its own input, whatever it is called.
+    std::fs::rename(
+        folder.path().join("good.npy"),
+        folder.path().join("good.vtu"),
+    )
+    .unwrap();
+    assert_says(
+        &refused(folder.path(), &["mesh", "good.vtu"]),
+        &["good.vtu"],
+    );
+    assert_says(
+        &refused(folder.path(), &["mesh", "good.vtu", "-o", "./good.vtu"]),
+        &["good.vtu"],
+    );
+}
+
+#[test]
+fn impossible_parameters() {
+    let folder = folder();
+    for (option, value) in [
+        ("--beta", "1.5"),
+        ("--beta", "nan"),
+        ("--beta", "absent.npy"),
+        ("--min-dihedral", "80"),
+        ("--min-dihedral", "-1"),
+        ("--metric", "1,1"),
+        ("--metric", "1,0,1"),
+        ("--metric", "feet"),
+        ("--sigma", "0"),
+        ("--sigma", "nan"),
+        ("--threshold", "inf"),
+        ("--threads", "0"),
+        ("--coarse-to-fine", "99"),
+        ("--config", "absent.toml"),
+        ("--inline-byte", "0"),
+        ("--inline-byte", "241"),
+    ] {
+        let line = refused(
+            folder.path(),
+            &["mesh", "good.npy", &format!("{option}={value}")],
+        );
+        assert_says(&line, &[value]);
+    }
+}
+
+#[test]
+fn faulty_configuration_files() {
+    let folder = folder();
+    for (text, word) in [
+        ("distanse = 8", "distanse"),
+        ("distance = [8]", "distance"),
+        ("feature = \"everything\"", "everything"),
+        ("distance = ", "1"),
+    ] {
+        std::fs::write(folder.path().join("job.toml"), text).unwrap();
+        let line = refused(folder.path(), &["mesh", "good.npy", "--config", "job.toml"]);
+        assert_says(&line, &["job.toml", word]);
+    }
+}
+
+#[test]
+fn impossible_fixed_atoms() {
+    let folder = folder();
+    for (text, word) in [
+        ("5,5,5\n6,6,6\n5,5,5\n", "3"),
+        ("500,5,5\n", "outside"),
+        ("5,5\n", "5,5"),
+        ("x,y,z\n5,5,deep\n", "deep"),
+    ] {
+        std::fs::write(folder.path().join("wells.csv"), text).unwrap();
+        let line = refused(
+            folder.path(),
+            &["mesh", "good.npy", "--atoms-from", "wells.csv"],
+        );
+        assert_says(&line, &["wells.csv", word]);
+    }
+}
+
+#[test]
+fn meshes_that_are_none() {
+    let folder = folder();
+    std::fs::write(folder.path().join("text.vtu"), "not a mesh").unwrap();
+    std::fs::write(folder.path().join("empty.vtu"), "").unwrap();
+    for name in ["text.vtu", "empty.vtu", "absent.vtu", "good.npy"] {
+        for verb in ["quality", "validate"] {
+            assert_says(&refused(folder.path(), &[verb, name]), &[name]);
+        }
+    }
+}
+
+#[test]
+fn impossible_synthetic_volumes() {
+    let folder = folder();
+    for dims in [
+        "0,5,5",
+        "9,9",
+        "99999999999,99999999999,99999999999",
+        "a,b,c",
+    ] {
+        assert_says(
+            &refused(
+                folder.path(),
+                &["synth", "faults", "-o", "s.npy", "--dims", dims],
+            ),
+            &[],
+        );
+    }
+    refused(
+        folder.path(),
+        &["synth", "faults", "-o", "s.npy", "--signal-to-noise", "0"],
+    );
+    refused(folder.path(), &["synth", "faults", "-o", "absent/s.npy"]);
+}
+
+#[test]
+fn wrong_usage_is_exit_code_2() {
+    let folder = folder();
+    for arguments in [
+        &["mesh"][..],
+        &["mash"],
+        &["mesh", "good.npy", "--feature", "nose"],
+        &["mesh", "--what"],
+    ] {
+        let output = atomesh(folder.path()).args(arguments).output().unwrap();
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
+        assert!(!output.stderr.is_empty());
+    }
+}
+
+/// The broken and odd SEG-Y files of other projects, where they are at hand: each is read or refused
+/// with one line; none crashes or hangs.
+#[test]
+fn seg_y_files_of_others() {
+    let data = std::env::var("ATOMESH_DATA")
+        .unwrap_or_else(|_| concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data").into());
+    let formats = Path::new(&data).join("formats_segy");
+    if !formats.is_dir() {
+        println!(
+            "{} is absent: no SEG-Y files of others are tried",
+            formats.display()
+        );
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let mut tried = 0;
+    for (path, _) in common::files(&formats) {
+        let output = atomesh(folder.path())
+            .arg("info")
+            .arg(&path)
+            .arg("--quiet")
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&output.stderr);
+        let code = output.status.code();
+        assert!(
+            code == Some(0) || code == Some(1),
+            "{}: {code:?} {said}",
+            path.display()
+        );
+        assert_eq!(
+            said.lines().count(),
+            usize::from(code == Some(1)),
+            "{}: {said}",
+            path.display()
+        );
+        tried += 1;
+    }
+    assert!(tried > 50, "only {tried} files in {}", formats.display());
+}

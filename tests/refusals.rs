@@ -1,4 +1,9 @@
 //! Bad input: one clear line, exit code 1, nothing left behind.
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "a test that cannot go on has failed"
+)]
 
 mod common;
 

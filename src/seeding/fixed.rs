@@ -113,6 +113,9 @@ pub fn checked(
             }
         }));
     }
+    if snapped.is_empty() {
+        return Ok(snapped);
+    }
     let same = SAME * distance.min();
     let mut order: Vec<usize> = (0..snapped.len()).collect();
     order.sort_by(|&a, &b| snapped[a][0].total_cmp(&snapped[b][0]));

@@ -28,6 +28,8 @@ struct Grown<'a> {
     positions: Vec<[f64; 3]>,
     dims: [usize; 3],
     edge: f64,
+    /// The smallest d.
+    least: f64,
     /// The last atom put into each cell.
     last: Vec<u32>,
     /// The atom put into the same cell before.
@@ -39,9 +41,10 @@ const NONE: u32 = u32::MAX;
 
 impl<'a> Grown<'a> {
     fn new(extent: [f64; 3], distance: &'a Distance<3>) -> Self {
-        // Never more than some ten million cells.
+        // A few atoms a cell where d is least; never more than some ten million cells.
         let volume: f64 = extent.iter().product();
-        let edge = (FREE * distance.min()).max((volume / 1e7).cbrt());
+        let least = distance.min();
+        let edge = (1.6 * FREE * least).max((volume / 1e7).cbrt());
         let dims = extent.map(|l| (l / edge) as usize + 1);
         let last = vec![NONE; dims.iter().product()];
         Self {
@@ -50,6 +53,7 @@ impl<'a> Grown<'a> {
             positions: Vec::new(),
             dims,
             edge,
+            least,
             last,
             before: Vec::new(),
         }
@@ -144,7 +148,7 @@ impl<'a> Grown<'a> {
             x
         };
         // How many spacings from the start to each of many points (midpoint rule).
-        let pieces = (8.0 * length / self.distance.min()).ceil().max(8.0) as usize;
+        let pieces = (8.0 * length / self.least).ceil().max(8.0) as usize;
         let piece = length / pieces as f64;
         let mut spacings = vec![0.0];
         for n in 0..pieces {
@@ -185,7 +189,7 @@ pub fn grown(extent: [f64; 3], distance: &Distance<3>, fixed: &[[f64; 3]]) -> Ve
         match rank {
             3 => {
                 for x in (0..8).map(corner) {
-                    if lattice.is_free(&x, 1e-3 * distance.min()) {
+                    if lattice.is_free(&x, 1e-3 * lattice.least) {
                         lattice.add(x);
                     }
                 }

@@ -95,7 +95,8 @@ fn distance2<const D: usize>(a: &[f64; D], b: &[f64; D]) -> f64 {
 /// order of a space-filling curve, fixed atoms last.
 ///
 /// # Errors
-/// [`Error::Distance`] if d does not suit the box, [`Error::Seeding`] if a fixed atom lies outside
+/// [`Error::Distance`](crate::Error::Distance) if d does not suit the box,
+/// [`Error::Seeding`](crate::Error::Seeding) if a fixed atom lies outside
 /// the box or two lie at one place.
 pub fn fcc(extent: [f64; 3], distance: &Distance<3>, fixed: &[[f64; 3]]) -> Result<Atoms<3>> {
     distance.validate(extent)?;

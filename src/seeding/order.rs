@@ -3,18 +3,19 @@
 /// Sorts positions in the box `[0, extent]` along a Morton (Z-order) curve through cubes of edge
 /// `cell`; inside a cube they keep their order. Deterministic.
 pub fn sort_by_curve<const D: usize>(positions: &mut Vec<[f64; D]>, extent: [f64; D], cell: f64) {
+    let most = extent.iter().fold(0.0f64, |a, &b| a.max(b)) / cell;
+    let bits = (64 - (most as u64).leading_zeros() as usize).min(63 / D);
     let mut keyed: Vec<(u64, u32)> = positions
         .iter()
         .enumerate()
-        .map(|(n, x)| (curve_key(*x, extent, cell), n as u32))
+        .map(|(n, x)| (curve_key(*x, extent, cell, bits), n as u32))
         .collect();
     keyed.sort_unstable();
     *positions = keyed.iter().map(|&(_, n)| positions[n as usize]).collect();
 }
 
-/// The place along the curve of the cube that holds `x`.
-fn curve_key<const D: usize>(x: [f64; D], extent: [f64; D], cell: f64) -> u64 {
-    let bits = 63 / D;
+/// The place along the curve of the cube that holds `x`, cubes having indices of `bits` bits.
+fn curve_key<const D: usize>(x: [f64; D], extent: [f64; D], cell: f64, bits: usize) -> u64 {
     let mut key = 0u64;
     for (axis, &coordinate) in x.iter().enumerate() {
         let index = (coordinate.clamp(0.0, extent[axis]) / cell) as u64;

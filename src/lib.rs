@@ -21,3 +21,8 @@ pub mod synth;
 pub mod cli;
 
 pub use error::{Error, Result};
+
+/// The examples of the README are tested.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

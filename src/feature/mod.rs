@@ -340,7 +340,9 @@ fn find_horizons(
     };
     let normals = tensor::Normals::new(smoothed, window);
     let rms = horizons::root_mean_square(smoothed);
-    let (low, high) = options.threshold.map_or((0.8 * rms, 1.6 * rms), |t| (0.5 * t, t));
+    let (low, high) = options
+        .threshold
+        .map_or((0.8 * rms, 1.6 * rms), |t| (0.5 * t, t));
     let chosen = if options.threshold.is_some() {
         "given"
     } else {

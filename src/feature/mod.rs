@@ -225,13 +225,7 @@ fn find(image: &Image<3>, kind: Kind, options: &Options, notes: &mut Vec<String>
     let dims = image.dims();
     let samples = || image.as_slice().to_vec();
     match kind {
-        Kind::Auto | Kind::Ridges => Ok(find_ridges(
-            dims,
-            samples(),
-            ridge_scale(options),
-            options,
-            notes,
-        )),
+        Kind::Auto | Kind::Ridges => Ok(find_ridges(dims, samples(), FINEST, options, notes)),
         Kind::Valleys | Kind::Potential => {
             let outside = image.as_slice().iter().find(|s| !(-1.0..=0.0).contains(*s));
             if let (Kind::Potential, Some(value)) = (kind, outside) {
@@ -242,13 +236,7 @@ fn find(image: &Image<3>, kind: Kind, options: &Options, notes: &mut Vec<String>
                 )));
             }
             let negated = image.as_slice().iter().map(|s| -s).collect();
-            Ok(find_ridges(
-                dims,
-                negated,
-                ridge_scale(options),
-                options,
-                notes,
-            ))
+            Ok(find_ridges(dims, negated, FINEST, options, notes))
         }
         Kind::Edges => {
             let mut smoothed = samples();
@@ -266,15 +254,10 @@ fn find(image: &Image<3>, kind: Kind, options: &Options, notes: &mut Vec<String>
     }
 }
 
-/// The scale of ridges: as coarse as the lattice can follow, for noise falls with it, but no coarser
-/// than the sheets of a fault image stand apart.
-fn ridge_scale(options: &Options) -> f64 {
-    let samples = options.d_min / options.step.iter().copied().fold(f64::INFINITY, f64::min);
-    (0.28 * samples).clamp(1.5, 2.25)
-}
-
 /// Where ridges drown in noise they are sought on a smoother image, up to this scale (samples).
 const COARSEST: f64 = 3.0;
+/// The scale (samples) at which ridges are sought first.
+const FINEST: f64 = 1.5;
 
 /// Ridges of samples; from `scale` up as smooth as noise asks, unless the options give a scale.
 fn find_ridges(

@@ -137,7 +137,7 @@ impl Default for Params {
             feature: feature::Kind::Auto,
             sigma: None,
             threshold: None,
-            beta: Weight::Constant(0.2),
+            beta: Weight::Constant(0.5),
             fixed: Vec::new(),
             evaluator: Evaluator::Pairwise,
             coarse_passes: 0,
@@ -153,6 +153,8 @@ impl Default for Params {
 pub struct Outcome {
     /// The mesh; its nodes fill the box `[0, extent]`.
     pub mesh: TetMesh,
+    /// For each tetrahedron, bit k: its face k (opposite node k) lies on a feature.
+    pub feature_faces: Vec<u8>,
     /// What each node may do.
     pub kinds: Vec<AtomKind>,
     /// The far corner of the box.
@@ -257,25 +259,21 @@ pub fn mesh_image(
         neighbors,
     } = delaunay::delaunay_with_neighbors(&atoms.positions)?;
     let mut kinds = atoms.kinds;
-    let mut on_features = None;
+    let mut feature_faces = vec![0; mesh.tets.len()];
     let mut improvement = None;
     if let (Some(min_dihedral), Some(sheets)) = (params.min_dihedral, &sheets) {
         stages.begin("removing slivers");
         let options = improve::Options { min_dihedral };
-        let (outcome, counts) = improve::improve(
+        let (outcome, faces) = improve::improve(
             &mut mesh, neighbors, &mut kinds, extent, sheets, &distance, &options,
         );
         improvement = Some(Improvement::from(&outcome));
-        on_features = Some(
-            counts
-                .into_iter()
-                .map(|count| count > 0)
-                .collect::<Vec<bool>>(),
-        );
+        feature_faces = faces;
     }
 
     stages.begin("measuring the mesh");
-    let mut report = measure(&mesh, image.dims(), step, &features, on_features.as_deref())?;
+    let claimed = sheets.is_some().then_some(feature_faces.as_slice());
+    let mut report = measure(&mesh, image.dims(), step, &features, claimed)?;
     report.lattice = Some(Lattice {
         optimisation: Some(optimisation(&optimised, mesh.nodes.len())),
         ..report::lattice(&mesh, |x| distance.at(x))
@@ -286,6 +284,7 @@ pub fn mesh_image(
     report.stages = stages.clock.costs().to_vec();
     Ok(Outcome {
         mesh,
+        feature_faces,
         kinds,
         extent,
         step,
@@ -318,7 +317,7 @@ fn measure(
     dims: [usize; 3],
     step: [f64; 3],
     features: &Features<3>,
-    on_features: Option<&[bool]>,
+    claimed: Option<&[u8]>,
 ) -> Result<Report> {
     let extent = lattice_extent(dims, step);
     let fidelity = match features.points.is_empty() {
@@ -326,7 +325,7 @@ fn measure(
         false => {
             let reference = Reference::from_features(features);
             let in_samples = scaled(mesh, step.map(|s| 1.0 / s));
-            Some(report::fidelity(&in_samples, &reference, on_features)?)
+            Some(report::fidelity(&in_samples, &reference, claimed)?)
         }
     };
     Ok(Report {
@@ -379,13 +378,17 @@ fn optimise(
 ) -> Result<optimize::Outcome> {
     let options = optimize::Options {
         seed: params.seed,
+        tolerance: 1e-3,
+        // Improvement takes over from here: a second round changes neither quality nor fidelity.
+        max_rounds: 1,
+        max_evaluations: 40,
         ..optimize::Options::default()
     };
     let mut pass = |potential: &Field<3>| {
         let beta = beta.clone();
         let mut energy: Box<dyn Energy<3>> = match params.evaluator {
             Evaluator::Pairwise => {
-                Box::new(Pairwise::new(extent, distance, Some(potential), beta)?)
+                Box::new(Pairwise::new(extent, distance, Some(potential), beta)?.uncrowded())
             }
             Evaluator::Sampled => Box::new(Sampled::new(distance, potential, beta)),
         };

@@ -275,7 +275,7 @@ pub struct MeshOptions {
     /// Keep the potential b(x)
     #[arg(long, value_name = "FILE.vti")]
     pub potential_out: Option<PathBuf>,
-    /// Weight of the image against the lattice in [0, 1]: a number, or an image file [default: 0.2]
+    /// Weight of the image against the lattice in [0, 1]: a number, or an image file [default: 0.5]
     #[arg(long, value_name = "B")]
     #[serde(deserialize_with = "text_or_number")]
     pub beta: Option<String>,
@@ -321,7 +321,7 @@ impl MeshOptions {
         Self {
             distance: Some("8".into()),
             feature: Some(FeatureChoice::Auto),
-            beta: Some("0.2".into()),
+            beta: Some("0.5".into()),
             seeding: Some(SeedingChoice::Fcc),
             potential: Some(PotentialChoice::Pairwise),
             coarse_to_fine: Some(0),

@@ -332,7 +332,7 @@ mod tests {
         let job = job(&MeshOptions::default()).unwrap();
         assert_eq!(job.output, Path::new("survey.vtu"));
         assert_eq!(job.spacing, Spacing::Constant(8.0));
-        assert_eq!(job.beta, Beta::Constant(0.2));
+        assert_eq!(job.beta, Beta::Constant(0.5));
         assert_eq!(job.min_dihedral, Some(30.0));
         assert_eq!(job.metric, Metric::Samples);
     }

@@ -85,7 +85,11 @@ pub fn quality(args: &QualityArgs, console: &mut Console) -> Result<()> {
     if let (Some((truth, note)), Some(path)) = (&truth, &args.truth) {
         let in_samples = scaled(&placed.lattice, placed.step.map(|s| 1.0 / s));
         let reference = Reference::from_truth(truth);
-        report.fidelity = Some(report::fidelity(&in_samples, &reference, None)?);
+        report.fidelity = Some(report::fidelity(
+            &in_samples,
+            &reference,
+            placed.feature_faces.as_deref(),
+        )?);
         report.notes.push(format!("{}: {note}", path.display()));
     }
     if !placed.by_file {

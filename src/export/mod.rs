@@ -22,8 +22,7 @@ use crate::mesh::{TetMesh, volume6};
 pub fn to_physical(mesh: &TetMesh, step: [f64; 3], geometry: &Geometry<3>) -> TetMesh {
     let physical = |p: &[f64; 3]| geometry.to_physical(std::array::from_fn(|k| p[k] / step[k]));
     let nodes = mesh.nodes.par_iter().map(physical).collect();
-    let [a, b, c] = geometry.axes;
-    let mirrored = volume6(&[[0.0; 3], a, b, c]) < 0.0;
+    let mirrored = mirrors(geometry);
     let turn = |t: &[u32; 4]| {
         if mirrored {
             [t[0], t[1], t[3], t[2]]
@@ -35,6 +34,25 @@ pub fn to_physical(mesh: &TetMesh, step: [f64; 3], geometry: &Geometry<3>) -> Te
         nodes,
         tets: mesh.tets.iter().map(turn).collect(),
     }
+}
+
+/// Bits for the faces of tetrahedra (bit k: the face opposite node k) as [`to_physical`] turns their
+/// nodes, there and back.
+pub fn face_bits_to_physical(bits: &[u8], geometry: &Geometry<3>) -> Vec<u8> {
+    let mirrored = mirrors(geometry);
+    let turn = |b: u8| {
+        if mirrored {
+            (b & 3) | (b & 4) << 1 | (b & 8) >> 1
+        } else {
+            b
+        }
+    };
+    bits.iter().map(|&b| turn(b)).collect()
+}
+
+fn mirrors(geometry: &Geometry<3>) -> bool {
+    let [a, b, c] = geometry.axes;
+    volume6(&[[0.0; 3], a, b, c]) < 0.0
 }
 
 #[cfg(test)]

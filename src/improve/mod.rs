@@ -27,7 +27,7 @@ mod smooth;
 use crate::distance::Distance;
 use crate::mesh::complex::{Complex, Ring};
 use crate::mesh::quality::min_sine;
-use crate::mesh::{AtomKind, FACES, TetMesh, dot, norm, sub};
+use crate::mesh::{AtomKind, FACES, TetMesh, cross, dot, norm, sub};
 use hold::Hold;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -310,6 +310,9 @@ const MARGIN: f64 = 0.02;
 /// Nodes this close to a sheet lie on it: settling leaves less.
 const ON_SHEET: f64 = 0.11;
 
+/// The centroid of a face on a sheet is at most this far off it.
+const FACE_ON_SHEET: f64 = 0.75;
+
 /// The middle of an edge between two nodes of a sheet may be off the sheet by this much.
 const STRAY: f64 = 0.4;
 
@@ -399,7 +402,7 @@ pub struct Outcome {
 /// Makes a Delaunay mesh follow the features and frees it of slivers, in place.
 ///
 /// `kinds` says what each node is and follows the nodes that come and go; the result also says
-/// for every node on how many features it lies.
+/// for every tetrahedron which of its faces lie on a feature: bit k for face k (opposite node k).
 pub fn improve(
     mesh: &mut TetMesh,
     neighbors: Vec<[u32; 4]>,
@@ -439,8 +442,39 @@ pub fn improve(
             },
         })
         .collect();
-    let features = kept.iter().map(|&i| holds[i as usize].count).collect();
-    (outcome, features)
+    let holds: Vec<Hold> = kept.iter().map(|&i| holds[i as usize]).collect();
+    let on_features = (0..mesh.tets.len())
+        .into_par_iter()
+        .map(|t| faces_on_features(mesh, t, &holds, sheets))
+        .collect();
+    (outcome, on_features)
+}
+
+/// Which faces of tetrahedron `t` lie on a feature: their nodes are held by one sheet, they lie along
+/// it, and their centroid is on it too.
+fn faces_on_features(mesh: &TetMesh, t: usize, holds: &[Hold], sheets: &Sheets) -> u8 {
+    let tet = mesh.tets[t];
+    if tet.iter().filter(|&&n| holds[n as usize].count > 0).count() < 3 {
+        return 0;
+    }
+    let on_feature = |k: usize| {
+        let [a, b, c] = FACES[k].map(|i| tet[i] as usize);
+        let [x, y, z] = [a, b, c].map(|n| mesh.nodes[n]);
+        let normal = cross(sub(y, x), sub(z, x));
+        let length = norm(normal);
+        let along = |n: [f64; 3]| dot(n, normal).abs() > SAME_SHEET * length;
+        if !holds[a]
+            .normals()
+            .any(|n| along(n) && holds[b].on(n) && holds[c].on(n))
+        {
+            return false;
+        }
+        let centroid = std::array::from_fn(|i| (x[i] + y[i] + z[i]) / 3.0);
+        let near = sheets.near(centroid);
+        near.iter()
+            .any(|s| s.offset.abs() < FACE_ON_SHEET && along(s.normal))
+    };
+    (0..4).filter(|&k| on_feature(k)).fold(0, |bits, k| bits | 1 << k)
 }
 
 impl Improver<'_> {

@@ -5,12 +5,15 @@ use rayon::prelude::*;
 
 use super::Outcome;
 use crate::error::cause;
-use crate::export::{FieldValue, MeshFile, to_physical};
+use crate::export::{FieldValue, MeshFile, face_bits_to_physical, to_physical};
 use crate::image::Geometry;
-use crate::io::vtk::DataArray;
+use crate::io::vtk::{DataArray, Values};
 use crate::mesh::quality::dihedral_angles;
 use crate::mesh::{TetMesh, volume6};
 use crate::{Error, Result};
+
+/// The cell array that says which faces lie on features: bit k for the face opposite node k.
+const FEATURE_FACES: &str = "feature_faces";
 
 /// What a result can be made again from.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -60,6 +63,10 @@ pub fn to_file(outcome: &Outcome, geometry: &Geometry<3>, provenance: &Provenanc
             DataArray::scalars("region", vec![0i32; lattice.tets.len()]),
             DataArray::scalars("min_dihedral", min_dihedral),
             DataArray::scalars("volume", volume),
+            DataArray::scalars(
+                FEATURE_FACES,
+                face_bits_to_physical(&outcome.feature_faces, geometry),
+            ),
         ],
         field_data: vec![
             ("atomesh_version".into(), text(env!("CARGO_PKG_VERSION"))),
@@ -92,6 +99,8 @@ pub struct Placed {
     pub step: [f64; 3],
     /// From samples to physical coordinates.
     pub geometry: Geometry<3>,
+    /// For each tetrahedron, bit k: face k of `lattice` lies on a feature, the mesh says.
+    pub feature_faces: Option<Vec<u8>>,
     /// Whether the file says where its lattice space is. If not, it is the file's own space, moved
     /// so that the mesh begins at the origin.
     pub by_file: bool,
@@ -165,7 +174,16 @@ impl Placed {
             }
         };
         let tets = file.mesh.tets.iter().map(turn).collect();
+        let feature_faces = file
+            .cell_data
+            .iter()
+            .find(|array| array.name == FEATURE_FACES)
+            .and_then(|array| match &array.values {
+                Values::U8(bits) => Some(face_bits_to_physical(bits, &geometry)),
+                _ => None,
+            });
         Ok(Self {
+            feature_faces,
             lattice: TetMesh { nodes, tets },
             physical: file.mesh,
             extent,

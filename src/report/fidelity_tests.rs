@@ -87,7 +87,16 @@ fn claims_away_from_every_feature_lower_precision() {
     let truth = plane(8.0);
     let reference = Reference::from_truth(&truth);
     let claim = |at: &dyn Fn([f64; 3]) -> bool| {
-        let flags: Vec<bool> = mesh.nodes.iter().map(|&p| at(p)).collect();
+        let flags: Vec<u8> = mesh
+            .tets
+            .iter()
+            .map(|tet| {
+                let on = tet.map(|n| at(mesh.nodes[n as usize]));
+                (0..4)
+                    .filter(|&k| (0..4).all(|i| i == k || on[i]))
+                    .fold(0, |bits, k| bits | 1 << k)
+            })
+            .collect();
         fidelity(&mesh, &reference, Some(&flags))
             .unwrap()
             .claimed
@@ -101,7 +110,7 @@ fn claims_away_from_every_feature_lower_precision() {
     assert!((half.coverage_half - 9.0 / 17.0).abs() < 1e-12);
     let none = claim(&|_| false);
     assert_eq!((none.faces, none.coverage_one), (0, 0.0));
-    assert!(fidelity(&mesh, &reference, Some(&[true])).is_err());
+    assert!(fidelity(&mesh, &reference, Some(&[1])).is_err());
 }
 
 fn scatter(count: usize, mut each: impl FnMut(&mut dyn FnMut() -> f64)) {

@@ -296,7 +296,7 @@ mod tests {
         )
         .unwrap()
         .truth;
-        let claimed = vec![false; mesh.nodes.len()];
+        let claimed = vec![0u8; mesh.tets.len()];
         let blocked = improve::Blocked {
             centroid: [1.0; 3],
             smallest: 12.0,

@@ -461,6 +461,34 @@ fn interrupted_it_writes_the_best_lattice_so_far() {
 }
 
 #[test]
+fn the_sample_volume_is_what_its_readme_says() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("data");
+    let readme = std::fs::read_to_string(data.join("README.md")).unwrap();
+    let command = readme
+        .split('`')
+        .find(|code| code.starts_with("atomesh synth"))
+        .unwrap();
+    let arguments: Vec<&str> = command
+        .split_whitespace()
+        .skip(1)
+        .map(|word| {
+            if word.starts_with("data/") {
+                "made.vti"
+            } else {
+                word
+            }
+        })
+        .collect();
+    succeed(folder.path(), &arguments);
+    let made = std::fs::read(folder.path().join("made.vti")).unwrap();
+    assert!(
+        made == std::fs::read(data.join("faults.vti")).unwrap(),
+        "{command}"
+    );
+}
+
+#[test]
 fn help_shows_examples_and_version_says_the_licence() {
     let here = Path::new(".");
     for verb in [

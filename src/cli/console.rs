@@ -46,7 +46,7 @@ impl Console {
         }
     }
 
-    /// A stage begins: a moving line on a terminal, a plain line elsewhere.
+    /// A stage begins: a spinner, later perhaps a bar, on a terminal, a plain line elsewhere.
     pub fn begin_stage(&mut self, name: &str) {
         self.end_stage();
         if self.quiet {
@@ -54,9 +54,7 @@ impl Console {
         }
         if stderr().is_terminal() {
             let bar = ProgressBar::new_spinner().with_prefix(name.to_string());
-            if let Ok(style) = ProgressStyle::with_template("{spinner} {prefix} {elapsed} {msg}") {
-                bar.set_style(style);
-            }
+            bar.set_style(style("{spinner} {prefix} {elapsed}"));
             bar.enable_steady_tick(Duration::from_millis(100));
             self.bar = Some(bar);
         } else {
@@ -64,9 +62,14 @@ impl Console {
         }
     }
 
-    /// What the stage is at; only a terminal shows it.
-    pub fn progress(&self, what: impl Display) {
+    /// How much of the stage is done at most, in [0, 1], and what it is at; only a terminal shows it.
+    pub fn progress(&self, share: f64, what: impl Display) {
         if let Some(bar) = &self.bar {
+            if bar.length().is_none() {
+                bar.set_length(100);
+                bar.set_style(style("{spinner} {prefix} [{bar:20}] {elapsed} {msg}"));
+            }
+            bar.set_position((100.0 * share.clamp(0.0, 1.0)) as u64);
             bar.set_message(what.to_string());
         }
     }
@@ -77,6 +80,11 @@ impl Console {
             bar.finish_and_clear();
         }
     }
+}
+
+/// A style from a template; the default one, should the template be faulty.
+fn style(template: &str) -> ProgressStyle {
+    ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_spinner())
 }
 
 /// Prints one line on standard output. A reader that went away (`atomesh info x | head -1`) is no

@@ -20,7 +20,7 @@ use crate::optimize::{Observer, Progress, Stop};
 use crate::pipeline::file::{Provenance, to_file};
 use crate::pipeline::{FixedAtom, Params, Weight};
 use crate::report::{Clock, Input, quality};
-use crate::{Error, Result, io, pipeline};
+use crate::{Error, Result, io, optimize, pipeline};
 
 /// Runs the verb.
 pub fn mesh(args: &MeshArgs, console: &mut Console) -> Result<Ending> {
@@ -233,10 +233,11 @@ impl Observer for Watcher<'_> {
     }
 
     fn progress(&mut self, progress: &Progress) {
-        self.console.progress(format_args!(
-            "round {}, {} evaluations, energy {:.4e}",
-            progress.round, progress.evaluations, progress.energy
-        ));
+        let most = optimize::Options::default().max_evaluations;
+        self.console.progress(
+            progress.evaluations as f64 / most as f64,
+            format_args!("round {}, energy {:.4e}", progress.round, progress.energy),
+        );
     }
 
     fn round(&mut self, round: usize, positions: &[[f64; 3]]) {

@@ -55,6 +55,7 @@ impl Hold {
     /// Forgets the sheets.
     pub fn clear_sheets(&mut self) {
         self.count = 0;
+        self.alone = false;
     }
 
     /// The part of `v` along which the node may move.

@@ -16,6 +16,9 @@ const SHORTEST_SPLIT: f64 = 0.95;
 /// So many tetrahedra, or one in a hundred if that is more, are worked on in a round.
 const PATIENCE: usize = 1000;
 
+/// A dihedral angle (degrees) below which, or above its supplement, a tetrahedron is of no use.
+const UNUSABLE: f64 = 21.0;
+
 /// What a transaction has overwritten, beside the complex's own journal.
 #[derive(Debug, Default)]
 pub(super) struct Undo {
@@ -55,6 +58,47 @@ impl Improver<'_> {
                 break;
             }
         }
+    }
+
+    /// Lets nodes leave their features where a tetrahedron would otherwise stay unusable.
+    pub(super) fn release(&mut self) {
+        let usable = UNUSABLE.to_radians().sin();
+        for _ in 0..4 {
+            let mut bad = self.poor();
+            bad.retain(|&t| self.sine_of(t) < usable);
+            if bad.is_empty() {
+                return;
+            }
+            for t in bad {
+                if !self.complex.alive(t) || self.sine_of(t) >= usable || self.mend_one(t) {
+                    continue;
+                }
+                let tet = self.complex.tets[t as usize];
+                let one = (0..4).any(|k| self.attempt(|s| s.let_go(t, &tet[k..=k])));
+                if one || self.attempt(|s| s.let_go(t, &tet)) {
+                    self.counts.released += 1;
+                }
+            }
+            self.polish(2);
+        }
+    }
+
+    /// Frees nodes of tetrahedron `t` from the features that hold them.
+    fn let_go(&mut self, t: u32, nodes: &[u32]) -> bool {
+        let mut any = false;
+        for &node in nodes {
+            let i = node as usize;
+            let (x, hold) = (self.complex.nodes[i], self.holds[i]);
+            if hold.count > 0 {
+                if let Some(undo) = &mut self.undo {
+                    undo.nodes.push((node, x, hold));
+                }
+                self.holds[i].clear_sheets();
+                any = true;
+            }
+        }
+        self.measure(t);
+        any
     }
 
     fn mend_one(&mut self, t: u32) -> bool {

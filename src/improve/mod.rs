@@ -54,6 +54,8 @@ pub struct Counts {
     pub collapses: usize,
     /// Nodes inserted to mend bad tetrahedra.
     pub insertions: usize,
+    /// Times that nodes were let go of a feature because a tetrahedron was of no use otherwise.
+    pub released: usize,
 }
 
 /// State of an improvement: the complex, the quality of every slot, what holds every node.
@@ -422,6 +424,7 @@ pub fn improve(
     improver.recover();
     improver.polish(8);
     improver.mend();
+    improver.release();
     improver.counts.pierced_left = improver.pierced_edges().len();
     outcome.blocked = improver.blocked();
     outcome.poor_after = outcome.blocked.len();

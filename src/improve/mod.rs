@@ -474,7 +474,9 @@ fn faces_on_features(mesh: &TetMesh, t: usize, holds: &[Hold], sheets: &Sheets) 
         near.iter()
             .any(|s| s.offset.abs() < FACE_ON_SHEET && along(s.normal))
     };
-    (0..4).filter(|&k| on_feature(k)).fold(0, |bits, k| bits | 1 << k)
+    (0..4)
+        .filter(|&k| on_feature(k))
+        .fold(0, |bits, k| bits | 1 << k)
 }
 
 impl Improver<'_> {

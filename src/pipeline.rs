@@ -229,6 +229,7 @@ pub fn mesh_image(
     let mut atoms = seeding::fcc(extent, &distance, &fixed)?;
 
     stages.begin_unless_stopped(OPTIMISING)?;
+    stages.observer.round(0, &atoms.positions);
     let optimised = optimise(
         &mut atoms,
         params,

@@ -1,4 +1,5 @@
 //! Bad input: one clear line, exit code 1, nothing left behind.
+#![cfg(feature = "tetgen")]
 #![allow(
     clippy::unwrap_used,
     clippy::panic,

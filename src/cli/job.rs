@@ -92,6 +92,13 @@ impl MeshJob {
     /// [`Error::Job`] that names the option that is impossible; [`Error::Io`] for an output whose
     /// folder does not exist.
     pub fn new(image: &Path, options: &MeshOptions) -> Result<Self> {
+        if !cfg!(feature = "tetgen") {
+            return Err(Error::Job(cause(
+                "atomesh mesh",
+                "this program was built without TetGen and makes no 3-D mesh",
+                "build it with the default features",
+            )));
+        }
         let output = match &options.output {
             Some(path) => path.clone(),
             None => Path::new(image.file_stem().unwrap_or(image.as_os_str())).with_extension("vtu"),

@@ -30,8 +30,8 @@ const MOST: usize = 4;
 const FEWEST: usize = 6;
 /// Expected error of a point (samples) ...
 const ERROR: f64 = 0.15;
-/// ... and expected second-order coefficient of a sheet (per sample): radius of curvature a hundred.
-const BEND: f64 = 0.005;
+/// ... and expected second-order coefficient of a sheet (per sample): radius of curvature fifty.
+const BEND: f64 = 0.01;
 /// Where normals nearby spread more than this (share of the tensor of normals that is not along
 /// their main direction), sheets cross.
 const MIXED: f64 = 0.05;
@@ -126,7 +126,7 @@ struct Zone {
 
 impl Zone {
     fn new(dims: [usize; 3], candidates: &[Candidate], scale: f64, strong: f32) -> Self {
-        let cell = (2.0 * scale).ceil() as usize;
+        let cell = (2.5 * scale).ceil() as usize;
         let cells = dims.map(|n| n.div_ceil(cell));
         let count = cells.iter().product();
         let mut tensors = vec![[0.0f32; 6]; count];
@@ -169,7 +169,7 @@ impl Zone {
         }
         Self {
             dims: dims.map(|n| n as i32),
-            margin: scale.ceil() as i32,
+            margin: (1.5 * scale).ceil() as i32,
             cell: cell as i32,
             cells: cells.map(|n| n as i32),
             mixed,

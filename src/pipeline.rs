@@ -177,8 +177,8 @@ pub const OPTIMISING: &str = "moving atoms onto features";
 /// How far the volume may be off the box's, and sides from flat, as a share.
 pub const BOX_TOLERANCE: f64 = 1e-9;
 
-/// Radius of the patches by which features are known locally, in units of d (and from 2 to 6).
-const PATCH: f64 = 0.6;
+/// Radius of the patches by which features are known locally, in units of d (and from 2 to 6.5).
+const PATCH: f64 = 0.8;
 
 /// Atoms this near to a feature, in units of d, are put onto it before they are joined.
 const SETTLE: f64 = 0.35;
@@ -241,7 +241,7 @@ pub fn mesh_image(
     )?;
 
     let sheets = params.min_dihedral.map(|_| {
-        let radius = (PATCH * distance.min()).clamp(2.0, 6.0);
+        let radius = (PATCH * distance.min()).clamp(2.0, 6.5);
         Sheets::new(&features.points, extent, radius, 1.7 * distance.max())
     });
     if let Some(sheets) = &sheets {

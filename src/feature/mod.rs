@@ -175,10 +175,15 @@ pub fn detect(image: &Image<3>, options: &Options) -> Result<Features<3>> {
         kind => kind,
     };
     let found = find(image, kind, options, &mut notes)?;
+    let sides: [f64; 3] = std::array::from_fn(|k| (dims[k] as f64 - 1.0) * options.step[k]);
+    let section = (0..3)
+        .map(|k| sides[k] * sides[(k + 1) % 3])
+        .fold(0.0, f64::max);
     let rules = sheets::Rules {
         high: found.high,
         resolution: found.resolution * options.d_min,
-        min_area: found.min_cells * options.d_min * options.d_min,
+        // In a small image a large sheet is smaller.
+        min_area: (found.min_cells * options.d_min * options.d_min).min(0.25 * section),
     };
     let sheets = sheets::sheets(dims, &found.candidates, options.step, &rules);
     drop(found);
@@ -192,6 +197,13 @@ pub fn detect(image: &Image<3>, options: &Options) -> Result<Features<3>> {
         sheets.crumbs,
         rules.min_area,
     ));
+    if sheets.points.is_empty() {
+        notes.push(
+            "NO FEATURE was found, so the mesh follows none: try another --feature or a lower \
+             --threshold"
+                .into(),
+        );
+    }
     let sigma = options.d_min / 4.0;
     let potential = if kind == Kind::Potential {
         Field {
@@ -325,11 +337,11 @@ fn find_horizons(
     let rms = horizons::root_mean_square(smoothed);
     let (low, high) = options
         .threshold
-        .map_or((0.8 * rms, 1.6 * rms), |t| (0.5 * t, t));
+        .map_or((0.8 * rms, 1.3 * rms), |t| (0.5 * t, t));
     let chosen = if options.threshold.is_some() {
         "given"
     } else {
-        "1.6 times the rms"
+        "1.3 times the rms"
     };
     notes.push(format!(
         "crests and troughs at scale {scale}, normals averaged over {window}: threshold {high:.4} \

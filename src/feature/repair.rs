@@ -30,8 +30,8 @@ const MOST: usize = 4;
 const FEWEST: usize = 6;
 /// Expected error of a point (samples) ...
 const ERROR: f64 = 0.15;
-/// ... and expected second-order coefficient of a sheet (per sample): radius of curvature fifty.
-const BEND: f64 = 0.01;
+/// ... and expected second-order coefficient of a sheet (per sample): radius of curvature a hundred.
+const BEND: f64 = 0.005;
 /// Where normals nearby spread more than this (share of the tensor of normals that is not along
 /// their main direction), sheets cross.
 const MIXED: f64 = 0.05;

@@ -121,7 +121,8 @@ fn a_thin_mask_is_one_sheet_and_not_two() {
 
 #[test]
 fn horizons_keep_the_lattice_resolution() {
-    // Crests and troughs every 6 samples across dipping layers: every second one fits d = 8.
+    // Crests and troughs every 6 samples across dipping layers: every second one fits d = 8, which
+    // leaves room for a layer of atoms between.
     let dims = [72, 64, 56];
     let layers = Sheet::plane([1.0, 0.25, -0.15], [36.0, 32.0, 28.0]);
     let mut noise = Noise::new(5);

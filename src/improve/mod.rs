@@ -72,6 +72,10 @@ struct Improver<'a> {
     /// Smoothing a node stops at this sine.
     enough: f64,
     counts: Counts,
+    /// Edges that recovery left piercing a feature, and nodes near features that have moved or come
+    /// since.
+    unrecovered: Vec<(u32, u32)>,
+    stirred: Vec<u32>,
     /// What a transaction under way has overwritten.
     undo: Option<mend::Undo>,
     // Scratch.
@@ -125,6 +129,8 @@ impl<'a> Improver<'a> {
             target,
             enough: 1.0,
             counts: Counts::default(),
+            unrecovered: Vec::new(),
+            stirred: Vec::new(),
             undo: None,
             ring: Ring::default(),
             fresh: Vec::new(),
@@ -163,12 +169,16 @@ impl<'a> Improver<'a> {
         if let Some(normal) = p.normals().find(|&n| q.on(n)) {
             let (x, y) = (self.complex.nodes[i], self.complex.nodes[j]);
             let middle = std::array::from_fn(|k| 0.5 * (x[k] + y[k]));
-            let sheet = self.sheets.near(middle);
-            if let Some(sheet) = sheet
+            let near = self.sheets.near(middle);
+            if let Some(sheet) = near
                 .iter()
                 .find(|s| s.offset.abs() > STRAY && dot(s.normal, normal).abs() > SAME_SHEET)
             {
                 return Some((middle, *sheet));
+            }
+            // No other sheet is near the ends, nor between them.
+            if p.alone && q.alone && near.iter().count() == 1 {
+                return None;
             }
         }
         self.sheets.pierced(
@@ -261,6 +271,9 @@ impl<'a> Improver<'a> {
         }
         self.complex.nodes[i] = x;
         self.holds[i] = hold;
+        if !hold.far {
+            self.stirred.push(node);
+        }
         for i in 0..self.star.len() {
             self.measure(self.star[i]);
         }
@@ -425,7 +438,7 @@ pub fn improve(
     improver.polish(8);
     improver.mend();
     improver.release();
-    improver.counts.pierced_left = improver.pierced_edges().len();
+    improver.counts.pierced_left = improver.count_pierced();
     outcome.blocked = improver.blocked();
     outcome.poor_after = outcome.blocked.len();
     outcome.counts = improver.counts;

@@ -16,19 +16,38 @@ const SPACING: f64 = 0.35;
 /// The least that pulling a node onto a feature may leave.
 const FLOOR: f64 = 0.05;
 
+/// So many tetrahedra are searched for piercing edges at a time, remembering so many edges.
+const CHUNK: usize = 1 << 14;
+const SEEN: usize = 1 << 13;
+
 impl Improver<'_> {
     /// The edges of the given tetrahedra that pierce a feature, as pairs of nodes in rising order.
-    fn pierced_among(&self, tets: impl ParallelIterator<Item = u32>) -> Vec<(u32, u32)> {
+    fn pierced_among(&self, tets: &[u32]) -> Vec<(u32, u32)> {
         let mut edges: Vec<(u32, u32)> = tets
-            .filter(|&t| self.complex.alive(t))
-            .flat_map_iter(|t| {
-                let tet = self.complex.tets[t as usize];
-                let near = tet.iter().any(|&n| !self.holds[n as usize].far);
-                EDGES
-                    .iter()
-                    .filter(move |_| near)
-                    .map(move |&[i, j]| (tet[i].min(tet[j]), tet[i].max(tet[j])))
-                    .filter(|&(a, b)| self.may_pierce(a, b))
+            .par_chunks(CHUNK)
+            .flat_map_iter(|tets| {
+                // An edge has some five tetrahedra, most of them close by in memory: those seen
+                // last need no second look.
+                let mut seen = vec![(0u32, 0u32); SEEN];
+                let mut found = Vec::new();
+                for &t in tets.iter().filter(|&&t| self.complex.alive(t)) {
+                    let tet = self.complex.tets[t as usize];
+                    let near = tet.map(|n| !self.holds[n as usize].far);
+                    for [i, j] in EDGES {
+                        if !near[i] && !near[j] {
+                            continue;
+                        }
+                        let edge = (tet[i].min(tet[j]), tet[i].max(tet[j]));
+                        let place = edge.0.wrapping_mul(31).wrapping_add(edge.1) as usize % SEEN;
+                        if seen[place] != edge {
+                            seen[place] = edge;
+                            if self.may_pierce(edge.0, edge.1) {
+                                found.push(edge);
+                            }
+                        }
+                    }
+                }
+                found
             })
             .collect();
         edges.par_sort_unstable();
@@ -39,14 +58,35 @@ impl Improver<'_> {
             .collect()
     }
 
-    /// Every edge that pierces a feature.
-    pub(super) fn pierced_edges(&self) -> Vec<(u32, u32)> {
-        self.pierced_among((0..self.complex.tets.len() as u32).into_par_iter())
+    /// Counts the edges that pierce a feature: those that recovery left, and those that moved or
+    /// new nodes have made since.
+    pub(super) fn count_pierced(&mut self) -> usize {
+        let mut nodes = std::mem::take(&mut self.stirred);
+        nodes.extend(self.unrecovered.iter().flat_map(|&(a, b)| [a, b]));
+        nodes.sort_unstable();
+        nodes.dedup();
+        // Not those of changes that were taken back.
+        nodes.retain(|&n| (n as usize) < self.complex.nodes.len());
+        let tets = self.stars(nodes);
+        self.pierced_among(&tets).len()
+    }
+
+    /// The tetrahedra at any of the nodes, each once.
+    fn stars(&mut self, nodes: impl IntoIterator<Item = u32>) -> Vec<u32> {
+        let mut tets = Vec::new();
+        for node in nodes {
+            self.complex.star(node, &mut self.star);
+            tets.extend_from_slice(&self.star);
+        }
+        tets.sort_unstable();
+        tets.dedup();
+        tets
     }
 
     /// Makes the mesh follow the features.
     pub(super) fn recover(&mut self) {
-        let mut pierced = self.pierced_edges();
+        let all: Vec<u32> = (0..self.complex.tets.len() as u32).collect();
+        let mut pierced = self.pierced_among(&all);
         self.counts.pierced_before = pierced.len();
         for (round, floor) in FLOORS.into_iter().enumerate() {
             // Flips never make a piercing edge: only moved and new nodes need another look.
@@ -59,13 +99,13 @@ impl Improver<'_> {
                 } else if round > 0 && self.recover_by_split(a, b) {
                     self.counts.pierced_split += 1;
                 }
-                for node in [a, b] {
-                    self.complex.star(node, &mut self.star);
-                    again.extend_from_slice(&self.star);
-                }
+                again.extend([a, b]);
             }
-            pierced = self.pierced_among(again.into_par_iter());
+            let tets = self.stars(again);
+            pierced = self.pierced_among(&tets);
         }
+        self.unrecovered = pierced;
+        self.stirred.clear();
     }
 
     fn edge(&mut self, a: u32, b: u32) -> Option<u32> {
@@ -187,6 +227,7 @@ impl Improver<'_> {
             {
                 self.complex.add_node(x);
                 self.holds.push(hold);
+                self.stirred.push(new);
                 self.commit(&ring.tets);
                 done = true;
             }

@@ -71,7 +71,7 @@ impl Sheets {
     /// From points in the box `[0, extent]`; planes are fitted within `radius`, and
     /// [`Sheets::far`] knows about points at least `reach` away.
     pub fn new(points: &[FeaturePoint<3>], extent: [f64; 3], radius: f64, reach: f64) -> Self {
-        let cell = radius * 0.75;
+        let cell = radius;
         let dims = extent.map(|e| (e / cell) as usize + 1);
         let index = |p: [f32; 3]| {
             let c: [usize; 3] = std::array::from_fn(|k| {
@@ -142,16 +142,17 @@ impl Sheets {
         let from = if alone[0] { clear } else { 0.0 };
         let to = if alone[1] { 1.0 - clear } else { 1.0 };
         let steps = ((to - from) * length / 0.6).ceil().max(1.0);
-        let mut i = 0.0;
-        while i <= steps {
-            let x = add_scaled(p, from + (to - from) * i / steps, edge);
-            let at = coarse_index(1.0, self.fine_dims, x);
-            if self.fine[at / 64] >> (at % 64) & 1 == 1 {
-                return true;
-            }
-            i += 1.0;
-        }
-        false
+        let start = add_scaled(p, from, edge);
+        let stride = (to - from) / steps;
+        let dims = self.fine_dims;
+        (0..=steps as usize).any(|i| {
+            let x = add_scaled(start, stride * i as f64, edge);
+            // Casts cut off at zero.
+            let [i, j, k]: [usize; 3] =
+                std::array::from_fn(|k| (x[k] as u32 as usize).min(dims[k] - 1));
+            let at = (k * dims[1] + j) * dims[0] + i;
+            self.fine[at / 64] >> (at % 64) & 1 == 1
+        })
     }
 
     /// Whether no feature lies within the reach of `x`: a quick and safe "nothing to see here".
@@ -187,50 +188,61 @@ impl Sheets {
         if self.points.is_empty() || self.far(x) {
             return result;
         }
+        // The points within the radius: their numbers, and their squared distances from x. All is
+        // relative to x, so that single precision is enough.
         let mut found = [(0u32, 0f32); ROOM];
         let mut count = 0;
         let centre = x.map(|c| c as f32);
         let limit = (self.radius * self.radius) as f32;
         self.visit(x, |i, p| {
-            let r: [f32; 3] = std::array::from_fn(|k| p[k] - centre[k]);
-            let r2 = r[0] * r[0] + r[1] * r[1] + r[2] * r[2];
+            let r = relative(p, centre);
+            let r2 = dot32(r, r);
             if r2 < limit && count < ROOM {
                 found[count] = (i, r2);
                 count += 1;
             }
         });
-        let point = |i: u32| {
-            let (p, n) = self.points[i as usize];
-            (p.map(f64::from), n.map(f64::from))
-        };
         // One sheet after the other, each grown from the nearest point that is left.
         while count >= 4 && result.count < MOST {
             let (nearest, _) = found[..count]
                 .iter()
                 .copied()
                 .fold(found[0], |best, f| if f.1 < best.1 { f } else { best });
-            let (seed, seed_normal) = point(nearest);
-            let member = |p: [f64; 3], n: [f64; 3]| {
-                let r = sub(p, seed);
-                dot(n, seed_normal).abs() > SAME_SHEET
-                    && dot(r, seed_normal).abs() < 0.4 * norm(r) + 0.4
-            };
-            let (mut weight, mut centre, mut normal, mut members) = (0.0, [0.0; 3], [0.0; 3], 0);
-            for &(i, r2) in &found[..count] {
-                let (p, n) = point(i);
-                if member(p, n) {
-                    let w = f64::from(1.0 - r2 / limit).powi(2) + 1e-3;
+            let (seed, seed_normal) = self.points[nearest as usize];
+            let seed = relative(seed, centre);
+            let (mut weight, mut mean, mut normal, mut members) = (0f32, [0f32; 3], [0f32; 3], 0);
+            let mut kept = 0;
+            for i in 0..count {
+                let f = found[i];
+                let (p, n) = self.points[f.0 as usize];
+                let along = dot32(n, seed_normal);
+                if along.abs() <= SAME_SHEET as f32 {
+                    // What is left for the next sheet differs in direction.
+                    found[kept] = f;
+                    kept += 1;
+                    continue;
+                }
+                let p = relative(p, centre);
+                let r = relative(p, seed);
+                let height = dot32(r, seed_normal).abs() - 0.4;
+                if height <= 0.0 || height * height < 0.16 * dot32(r, r) {
+                    let inside = 1.0 - f.1 / limit;
+                    let w = inside * inside + 1e-3;
+                    let sign = w.copysign(along);
+                    for k in 0..3 {
+                        mean[k] += w * p[k];
+                        normal[k] += sign * n[k];
+                    }
                     weight += w;
-                    centre = add_scaled(centre, w, p);
-                    let sign = if dot(n, seed_normal) < 0.0 { -w } else { w };
-                    normal = add_scaled(normal, sign, n);
                     members += 1;
                 }
             }
+            count = kept;
+            let normal = normal.map(f64::from);
             let length = norm(normal);
             if members >= 4 && length > 0.0 {
                 let normal = normal.map(|c| c / length);
-                let r = sub(x, centre.map(|c| c / weight));
+                let r = mean.map(|c| -f64::from(c / weight));
                 let offset = dot(r, normal);
                 // Beyond the sheet's edge there is no sheet.
                 let aside = norm(add_scaled(r, -offset, normal));
@@ -238,16 +250,6 @@ impl Sheets {
                     result.push(Sheet { normal, offset });
                 }
             }
-            // What is left for the next sheet must differ in direction.
-            let mut kept = 0;
-            for i in 0..count {
-                let f = found[i];
-                if dot(point(f.0).1, seed_normal).abs() <= SAME_SHEET {
-                    found[kept] = f;
-                    kept += 1;
-                }
-            }
-            count = kept;
         }
         result
     }
@@ -310,6 +312,16 @@ impl Sheets {
         }
         None
     }
+}
+
+#[inline]
+fn relative(p: [f32; 3], origin: [f32; 3]) -> [f32; 3] {
+    [p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]]
+}
+
+#[inline]
+fn dot32(a: [f32; 3], b: [f32; 3]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 #[inline]

@@ -104,7 +104,7 @@ impl<'a> Improver<'a> {
             .map(|(&x, &kind)| {
                 let mut hold = Hold::by_box(x, kind, extent);
                 hold.far = sheets.far(x);
-                if !hold.far {
+                if !hold.far && sheets.close(x) {
                     let near = sheets.near(x);
                     for sheet in near.iter().filter(|s| s.offset.abs() < ON_SHEET) {
                         hold.add(sheet.normal);
@@ -282,7 +282,8 @@ impl<'a> Improver<'a> {
     /// Slots of the tetrahedra below target.
     fn poor(&self) -> Vec<u32> {
         (0..self.sines.len() as u32)
-            .filter(|&t| self.complex.alive(t) && self.sine_of(t) < self.target)
+            // A dead slot's sine is infinite.
+            .filter(|&t| self.sine_of(t) < self.target)
             .collect()
     }
 
@@ -345,7 +346,7 @@ pub fn settle(
         .par_iter_mut()
         .zip(kinds)
         .map(|(x, &kind)| {
-            if sheets.far(*x) {
+            if sheets.far(*x) || !sheets.close(*x) {
                 return 0;
             }
             let mut hold = Hold::by_box(*x, kind, extent);

@@ -85,22 +85,24 @@ pub fn neighbors(node_count: usize, tets: &[[u32; 4]]) -> Result<Vec<[u32; 4]>, 
         }
     }
     let mut result = vec![[NONE; 4]; tets.len()];
-    let mut names: Vec<([u32; 3], u32)> = Vec::new();
+    // A face by its other two nodes, then its place: one number, quick to sort.
+    let mut names: Vec<u128> = Vec::new();
     for i in 0..node_count {
         names.clear();
         for &code in &bucket[start[i] as usize..start[i + 1] as usize] {
-            let (t, k) = ((code / 4) as usize, (code % 4) as usize);
-            names.push((face_of(t, k), code));
+            let [_, b, c] = face_of((code / 4) as usize, (code % 4) as usize);
+            names.push(u128::from(b) << 64 | u128::from(c) << 32 | u128::from(code));
         }
         names.sort_unstable();
         let mut j = 0;
         while j < names.len() {
-            let same = names[j..].iter().take_while(|n| n.0 == names[j].0).count();
+            let name = names[j] >> 32;
+            let same = names[j..].iter().take_while(|n| *n >> 32 == name).count();
             if same > 2 {
-                return Err(names[j].0);
+                return Err([i as u32, (name >> 32) as u32, name as u32]);
             }
             if same == 2 {
-                let (p, q) = (names[j].1, names[j + 1].1);
+                let (p, q) = (names[j] as u32, names[j + 1] as u32);
                 result[(p / 4) as usize][(p % 4) as usize] = q / 4;
                 result[(q / 4) as usize][(q % 4) as usize] = p / 4;
             }

@@ -88,6 +88,83 @@ pub fn radius_edge_ratio(p: &[[f64; 3]; 4]) -> f64 {
     super::norm(top) / (2.0 * volume6(p).abs()) / shortest
 }
 
+/// All figures of one tetrahedron, from what they share: a quarter of the cost of one by one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Shape {
+    /// Of the dihedral angles, in the order of [`EDGES`]; good to 1e-6 degrees near 0 and 180. An
+    /// angle at a face without area is called 0.
+    pub cosines: [f64; 6],
+    /// See [`mean_ratio`].
+    pub mean_ratio: f64,
+    /// See [`radius_edge_ratio`].
+    pub radius_edge: f64,
+    /// Signed volume.
+    pub volume: f64,
+}
+
+impl Shape {
+    /// Measures the tetrahedron with these corners.
+    #[inline]
+    pub fn of(p: &[[f64; 3]; 4]) -> Self {
+        let (a, b, c) = (sub(p[1], p[0]), sub(p[2], p[0]), sub(p[3], p[0]));
+        let (u, v, w) = (sub(p[2], p[1]), sub(p[3], p[1]), sub(p[3], p[2]));
+        // Of the faces opposite each node, all outward (or all inward).
+        let normals = [cross(u, v), cross(c, b), cross(a, c), cross(b, a)];
+        let inverses = normals.map(|n| {
+            let square = dot(n, n);
+            if square > 0.0 {
+                1.0 / square.sqrt()
+            } else {
+                0.0
+            }
+        });
+        let cosines = std::array::from_fn(|e| {
+            // Edge e lies between the faces opposite the two nodes of the opposite edge.
+            let [k, l] = EDGES[5 - e];
+            let inverse = inverses[k] * inverses[l];
+            if inverse > 0.0 {
+                (-dot(normals[k], normals[l]) * inverse).clamp(-1.0, 1.0)
+            } else {
+                1.0
+            }
+        });
+        let squares = [a, b, c, u, v, w].map(|e| dot(e, e));
+        let sum = squares.iter().sum::<f64>();
+        let shortest = squares.iter().copied().fold(f64::INFINITY, f64::min);
+        // Six times the volume; positive as in `volume6`.
+        let volume6 = -dot(c, normals[3]);
+        let mean_ratio = if volume6 > 0.0 && sum > 0.0 {
+            12.0 * (0.25 * volume6 * volume6).cbrt() / sum
+        } else {
+            0.0
+        };
+        let top: [f64; 3] = std::array::from_fn(|k| {
+            squares[0] * -normals[1][k] + squares[1] * -normals[2][k] + squares[2] * -normals[3][k]
+        });
+        let radius_edge = (dot(top, top) / shortest).sqrt() / (2.0 * volume6.abs());
+        Self {
+            cosines,
+            mean_ratio,
+            radius_edge,
+            volume: volume6 / 6.0,
+        }
+    }
+
+    /// The smallest dihedral angle, in degrees.
+    #[inline]
+    pub fn smallest_angle(&self) -> f64 {
+        let most = self.cosines.iter().copied().fold(-1.0, f64::max);
+        most.acos().to_degrees()
+    }
+
+    /// The largest dihedral angle, in degrees.
+    #[inline]
+    pub fn largest_angle(&self) -> f64 {
+        let least = self.cosines.iter().copied().fold(1.0, f64::min);
+        least.acos().to_degrees()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -125,6 +202,25 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn shapes_are_the_single_figures(c in proptest::array::uniform12(-1.0f64..1.0)) {
+            let p = [[c[0], c[1], c[2]], [c[3], c[4], c[5]], [c[6], c[7], c[8]], [c[9], c[10], c[11]]];
+            prop_assume!(volume6(&p).abs() > 1e-4);
+            let shape = Shape::of(&p);
+            let angles = dihedral_angles(&p);
+            for (cosine, exact) in shape.cosines.into_iter().zip(angles) {
+                prop_assert!((cosine.acos().to_degrees() - exact).abs() < 1e-5);
+            }
+            let least = angles.into_iter().fold(f64::INFINITY, f64::min);
+            let most = angles.into_iter().fold(0.0, f64::max);
+            prop_assert!((shape.smallest_angle() - least).abs() < 1e-5);
+            prop_assert!((shape.largest_angle() - most).abs() < 1e-5);
+            let close = |a: f64, b: f64| (a - b).abs() <= 1e-8 * b.abs();
+            prop_assert!(close(shape.volume, volume6(&p) / 6.0));
+            prop_assert!(close(shape.mean_ratio, mean_ratio(&p)));
+            prop_assert!(close(shape.radius_edge, radius_edge_ratio(&p)));
+        }
+
         #[test]
         fn min_sine_is_the_smallest_sine_of_the_angles(
             c in proptest::array::uniform12(-1.0f64..1.0)

@@ -8,7 +8,7 @@ use crate::error::cause;
 use crate::export::{FieldValue, MeshFile, face_bits_to_physical, to_physical};
 use crate::image::Geometry;
 use crate::io::vtk::{DataArray, Values};
-use crate::mesh::quality::dihedral_angles;
+use crate::mesh::quality::Shape;
 use crate::mesh::{TetMesh, volume6};
 use crate::{Error, Result};
 
@@ -41,15 +41,12 @@ pub fn to_file(outcome: &Outcome, geometry: &Geometry<3>, provenance: &Provenanc
         .map(|&x| outcome.distance.at(x) as f32)
         .collect();
     let cells = 0..lattice.tets.len();
-    let smallest = |t: usize| {
-        let angles = dihedral_angles(&lattice.corners(t));
-        angles.into_iter().fold(f64::INFINITY, f64::min) as f32
-    };
+    let smallest = |t: usize| Shape::of(&lattice.corners(t)).smallest_angle() as f32;
     let min_dihedral: Vec<f32> = cells.clone().into_par_iter().map(smallest).collect();
-    let volume: Vec<f64> = cells
+    let volume: Vec<f32> = cells
         .clone()
         .into_par_iter()
-        .map(|t| volume6(&mesh.corners(t)) / 6.0)
+        .map(|t| (volume6(&mesh.corners(t)) / 6.0) as f32)
         .collect();
     let text = |text: &str| FieldValue::Text(text.to_string());
     MeshFile {

@@ -78,79 +78,112 @@ pub fn fidelity(
             "give one byte a tetrahedron",
         )));
     }
+    let (faces, sets) = faces(mesh, reference, claimed);
+    let pieces = pieces(mesh, reference, &faces, &sets);
+    let (to_on, to_claimed) = to_faces(mesh, &faces, &sets, &reference.points);
+    let compare = |set: u8, to_faces: Vec<f64>| {
+        let count = sets.iter().filter(|&&s| s & set != 0).count();
+        let pieces = pieces.iter().filter(|(s, _)| s & set != 0);
+        compare(count, pieces.map(|p| p.1).collect(), to_faces)
+    };
+    Ok(Fidelity {
+        reference: reference.source.to_string(),
+        feature_points: reference.points.len(),
+        on_feature: compare(ON_FEATURE, to_on),
+        claimed: claimed.map(|_| compare(CLAIMED, to_claimed)),
+    })
+}
+
+/// The set of on-feature faces, as a bit.
+const ON_FEATURE: u8 = 1;
+/// The set of claimed faces, as a bit.
+const CLAIMED: u8 = 2;
+
+/// Every face of either set, once, nodes ascending, and the sets that it belongs to.
+fn faces(
+    mesh: &TetMesh,
+    reference: &Reference<'_>,
+    claimed: Option<&[u8]>,
+) -> (Vec<[u32; 3]>, Vec<u8>) {
     let near: Vec<bool> = mesh
         .nodes
         .par_iter()
         .map(|&p| reference.within(p, NODE))
         .collect();
-    let mut on_feature = faces_where(mesh, |_, _, face| face.iter().all(|&n| near[n as usize]));
-    on_feature = on_feature
-        .into_par_iter()
-        .filter(|face| {
-            let [a, b, c] = corners(mesh, *face);
-            let centroid = std::array::from_fn(|k| (a[k] + b[k] + c[k]) / 3.0);
-            reference.within(centroid, CENTROID)
-        })
-        .collect();
-    let claimed = claimed.map(|flags| faces_where(mesh, |t, k, _| flags[t] >> k & 1 == 1));
-    // Most claimed faces are on-feature faces: each is sampled once.
-    let mut all = [
-        on_feature.as_slice(),
-        claimed.as_deref().unwrap_or_default(),
-    ]
-    .concat();
-    all.par_sort_unstable();
-    all.dedup();
-    let pieces: Vec<Vec<Piece>> = all
-        .par_iter()
-        .map(|&face| sample(corners(mesh, face), reference))
-        .collect();
-    let pieces_of = |faces: &[[u32; 3]]| -> Vec<Piece> {
-        let numbers = faces.iter().filter_map(|face| all.binary_search(face).ok());
-        numbers.flat_map(|k| &pieces[k]).copied().collect()
-    };
-    let compare = |faces: &[[u32; 3]]| compare(mesh, faces, pieces_of(faces), &reference.points);
-    Ok(Fidelity {
-        reference: reference.source.to_string(),
-        feature_points: reference.points.len(),
-        on_feature: compare(&on_feature),
-        claimed: claimed.as_deref().map(compare),
-    })
-}
-
-/// Every face of the mesh for which `wanted(tetrahedron, k, nodes)` holds, once, nodes ascending.
-fn faces_where(
-    mesh: &TetMesh,
-    wanted: impl Fn(usize, usize, &[u32; 3]) -> bool + Sync,
-) -> Vec<[u32; 3]> {
-    let mut faces: Vec<[u32; 3]> = (0..mesh.tets.len())
+    let mut found: Vec<([u32; 3], u8)> = (0..mesh.tets.len())
         .into_par_iter()
         .flat_map_iter(|t| {
-            let wanted = &wanted;
             let tet = mesh.tets[t];
-            (0..4).filter_map(move |k| {
+            let near = tet.map(|n| near[n as usize]);
+            let claims = claimed.map_or(0, |flags| flags[t]);
+            let any = claims != 0 || near.iter().filter(|&&n| n).count() > 2;
+            (0..if any { 4 } else { 0 }).filter_map(move |k| {
+                let all_near = FACES[k].iter().all(|&i| near[i]);
+                let claim = claims >> k & 1 == 1;
+                let sets = u8::from(all_near) * ON_FEATURE | u8::from(claim) * CLAIMED;
                 let mut face = FACES[k].map(|i| tet[i]);
                 face.sort_unstable();
-                wanted(t, k, &face).then_some(face)
+                (sets != 0).then_some((face, sets))
             })
         })
         .collect();
-    faces.par_sort_unstable();
-    faces.dedup();
-    faces
+    found.par_sort_unstable();
+    // One tetrahedron may claim a face that the other does not.
+    found.dedup_by(|next, kept| {
+        let same = next.0 == kept.0;
+        if same {
+            kept.1 |= next.1;
+        }
+        same
+    });
+    found
+        .into_par_iter()
+        .map(|(face, mut sets)| {
+            let [a, b, c] = corners(mesh, face);
+            let centroid = std::array::from_fn(|k| (a[k] + b[k] + c[k]) / 3.0);
+            if sets & ON_FEATURE != 0 && !reference.within(centroid, CENTROID) {
+                sets &= !ON_FEATURE;
+            }
+            (face, sets)
+        })
+        .filter(|(_, sets)| *sets != 0)
+        .unzip()
 }
 
 fn corners(mesh: &TetMesh, face: [u32; 3]) -> [[f64; 3]; 3] {
     face.map(|n| mesh.nodes[n as usize])
 }
 
-/// Compares faces, given also as pieces, with points of the features.
-fn compare(
+/// The small pieces of every face, with the face's sets.
+fn pieces(
+    mesh: &TetMesh,
+    reference: &Reference<'_>,
+    faces: &[[u32; 3]],
+    sets: &[u8],
+) -> Vec<(u8, Piece)> {
+    faces
+        .par_chunks(CHUNK)
+        .zip(sets.par_chunks(CHUNK))
+        .flat_map_iter(|(faces, sets)| {
+            let mut found = Vec::new();
+            let mut hint = None;
+            for (&face, &set) in faces.iter().zip(sets) {
+                sample(corners(mesh, face), reference, &mut hint, |piece| {
+                    found.push((set, piece));
+                });
+            }
+            found
+        })
+        .collect()
+}
+
+/// Distances from points of the features to the nearest face of each set.
+fn to_faces(
     mesh: &TetMesh,
     faces: &[[u32; 3]],
-    mut to_features: Vec<Piece>,
+    sets: &[u8],
     points: &[[f32; 3]],
-) -> Match {
+) -> (Vec<f64>, Vec<f64>) {
     let triangles: Vec<[[f64; 3]; 3]> = faces.iter().map(|&f| corners(mesh, f)).collect();
     let boxes: Vec<[[f64; 3]; 2]> = triangles
         .iter()
@@ -162,50 +195,69 @@ fn compare(
         })
         .collect();
     let tree = Tree::new(&boxes);
-    let mut to_faces: Vec<f64> = points
+    let nearest = |p: [f64; 3], wanted: u8, hint: Option<usize>| {
+        let hint = hint.filter(|&i| sets[i] & wanted != 0);
+        tree.nearest(p, f64::INFINITY, hint, |i| match sets[i] & wanted {
+            0 => f64::INFINITY,
+            _ => square_to_triangle(p, triangles[i]),
+        })
+    };
+    points
         .par_chunks(CHUNK)
         .flat_map_iter(|points| {
-            let mut hint = None;
-            points
-                .iter()
-                .map(move |p| p.map(f64::from))
-                .map(|p| {
-                    let found = tree.nearest(p, f64::INFINITY, hint, |i| {
-                        square_to_triangle(p, triangles[i])
-                    });
-                    hint = found.map(|(item, _)| item);
-                    found.map_or(f64::INFINITY, |(_, square)| square.sqrt())
-                })
-                .collect::<Vec<f64>>()
+            let mut hints = [None; 3];
+            let mut found = Vec::with_capacity(points.len());
+            for p in points.iter().map(|p| p.map(f64::from)) {
+                let any = nearest(p, ON_FEATURE | CLAIMED, hints[2]);
+                hints[2] = any.map(|(i, _)| i);
+                // The nearest face of all mostly belongs to both sets.
+                let distances = [ON_FEATURE, CLAIMED].map(|set| {
+                    let nearest = match any {
+                        Some((i, _)) if sets[i] & set != 0 => any,
+                        _ => nearest(p, set, hints[usize::from(set == CLAIMED)]),
+                    };
+                    hints[usize::from(set == CLAIMED)] = nearest.map(|(i, _)| i);
+                    nearest.map_or(f64::INFINITY, |(_, square)| square.sqrt())
+                });
+                found.push((distances[0], distances[1]));
+            }
+            found
         })
-        .collect();
-    to_faces.par_sort_unstable_by(f64::total_cmp);
-    to_features.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        .unzip()
+}
+
+/// Compares a set of faces, given as pieces, with points of the features, given as distances.
+fn compare(faces: usize, mut to_features: Vec<Piece>, mut to_faces: Vec<f64>) -> Match {
+    to_features.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
     let area: f64 = to_features.iter().map(|(_, area)| area).sum();
     let within = |t: f64| {
-        let points = to_faces.len() as f64;
-        to_faces.partition_point(|&d| d <= t) as f64 / points
+        let reached = to_faces.iter().filter(|&&d| d <= t).count();
+        reached as f64 / to_faces.len() as f64
     };
+    let (half, one) = (within(0.5), within(1.0));
     let precise: f64 = to_features
         .iter()
         .take_while(|(d, _)| *d <= CENTROID)
         .map(|(_, area)| area)
         .sum();
     let farthest = to_faces
-        .last()
+        .iter()
         .copied()
+        .max_by(f64::total_cmp)
         .zip(to_features.last().map(|(d, _)| *d));
     let mut sum = 0.0;
     let area_95 = to_features.iter().find(|(_, area_here)| {
         sum += area_here;
         sum >= 0.95 * area
     });
-    let points_95 = to_faces.get((0.95 * to_faces.len() as f64) as usize);
+    let rank = (0.95 * to_faces.len() as f64) as usize;
+    let points_95 =
+        (rank < to_faces.len()).then(|| *to_faces.select_nth_unstable_by(rank, f64::total_cmp).1);
     Match {
-        faces: faces.len(),
+        faces,
         area,
-        coverage_half: within(0.5),
-        coverage_one: within(1.0),
+        coverage_half: half,
+        coverage_one: one,
         precision: if area > 0.0 { precise / area } else { f64::NAN },
         hausdorff: farthest.map_or(f64::INFINITY, |(a, b)| a.max(b)),
         hausdorff_95: points_95
@@ -219,7 +271,12 @@ type Piece = (f64, f64);
 
 /// The equal small triangles of a face, each measured at its centroid, and the face's corners,
 /// which have no area but count for the largest distance.
-fn sample(triangle: [[f64; 3]; 3], reference: &Reference<'_>) -> Vec<Piece> {
+fn sample(
+    triangle: [[f64; 3]; 3],
+    reference: &Reference<'_>,
+    hint: &mut Option<usize>,
+    mut piece: impl FnMut(Piece),
+) {
     let [a, b, c] = triangle;
     let edge = |p: [f64; 3], q: [f64; 3]| -> [f64; 3] { std::array::from_fn(|k| q[k] - p[k]) };
     let length = |v: [f64; 3]| (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
@@ -234,22 +291,26 @@ fn sample(triangle: [[f64; 3]; 3], reference: &Reference<'_>) -> Vec<Piece> {
     let part = 0.5 * length(cross) / (n * n) as f64;
     let at = |i: f64, j: f64| {
         let (s, t) = (i / n as f64, j / n as f64);
-        reference.distance(std::array::from_fn(|k| a[k] + s * u[k] + t * v[k]))
+        std::array::from_fn(|k| a[k] + s * u[k] + t * v[k])
     };
-    let mut pieces: Vec<Piece> = triangle
-        .iter()
-        .map(|&corner| (reference.distance(corner), 0.0))
-        .collect();
+    for corner in triangle {
+        piece((reference.distance(corner, hint), 0.0));
+    }
     for i in 0..n {
         for j in 0..n - i {
             let (i, j) = (i as f64, j as f64);
-            pieces.push((at(i + 1.0 / 3.0, j + 1.0 / 3.0), part));
+            piece((
+                reference.distance(at(i + 1.0 / 3.0, j + 1.0 / 3.0), hint),
+                part,
+            ));
             if i + j + 1.0 < n as f64 {
-                pieces.push((at(i + 2.0 / 3.0, j + 2.0 / 3.0), part));
+                piece((
+                    reference.distance(at(i + 2.0 / 3.0, j + 2.0 / 3.0), hint),
+                    part,
+                ));
             }
         }
     }
-    pieces
 }
 
 #[cfg(test)]

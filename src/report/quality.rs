@@ -1,7 +1,7 @@
 //! The shapes of a mesh's tetrahedra, in figures.
 
-use crate::mesh::quality::{mean_ratio, radius_edge_ratio};
-use crate::mesh::{EDGES, TetMesh, cross, dot, norm, sub, volume6};
+use crate::mesh::TetMesh;
+use crate::mesh::quality::Shape;
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -148,57 +148,56 @@ fn shapes(mesh: &TetMesh, tets: &[[u32; 4]]) -> Shapes {
         volume: 0.0,
         volume_range: [f64::INFINITY, f64::NEG_INFINITY],
     };
+    let bins = Bins::new();
     for tet in tets {
-        let p = tet.map(|n| mesh.nodes[n as usize]);
-        let angles = angles(&p);
-        let (mut least, mut most) = (180f64, 0f64);
-        for angle in angles {
-            least = least.min(angle);
-            most = most.max(angle);
-            found.histogram[((angle / 10.0) as usize).min(BINS - 1)] += 1;
+        let shape = Shape::of(&tet.map(|n| mesh.nodes[n as usize]));
+        for cosine in shape.cosines {
+            found.histogram[bins.of(cosine)] += 1;
         }
-        let ratio = mean_ratio(&p);
-        let volume = volume6(&p) / 6.0;
-        found.smallest.push(least as f32);
-        found.largest.push(most as f32);
-        found.ratio.push(ratio as f32);
-        found.radius.push(radius_edge_ratio(&p) as f32);
-        found.ratio_sum += ratio;
-        found.volume += volume;
+        found.smallest.push(shape.smallest_angle() as f32);
+        found.largest.push(shape.largest_angle() as f32);
+        found.ratio.push(shape.mean_ratio as f32);
+        found.radius.push(shape.radius_edge as f32);
+        found.ratio_sum += shape.mean_ratio;
+        found.volume += shape.volume;
         found.volume_range = [
-            found.volume_range[0].min(volume),
-            found.volume_range[1].max(volume),
+            found.volume_range[0].min(shape.volume),
+            found.volume_range[1].max(shape.volume),
         ];
     }
     found
 }
 
-/// The dihedral angles in degrees, in the order of [`EDGES`], from the four faces' normals: half
-/// the cost of `mesh::quality::dihedral_angles`, and good to 1e-6 degrees near 0 and 180. An angle
-/// at a face without area is called 0.
-fn angles(p: &[[f64; 3]; 4]) -> [f64; 6] {
-    let (a, b, c) = (sub(p[1], p[0]), sub(p[2], p[0]), sub(p[3], p[0]));
-    // Of the faces opposite each node, all outward (or all inward).
-    let normals = [
-        cross(sub(p[2], p[1]), sub(p[3], p[1])),
-        cross(c, b),
-        cross(a, c),
-        cross(b, a),
-    ];
-    let lengths = normals.map(norm);
-    std::array::from_fn(|e| {
-        // Edge e lies between the faces opposite the two nodes of the opposite edge.
-        let [k, l] = EDGES[5 - e];
-        let area = lengths[k] * lengths[l];
-        if area > 0.0 {
-            (-dot(normals[k], normals[l]) / area)
-                .clamp(-1.0, 1.0)
-                .acos()
-                .to_degrees()
-        } else {
-            0.0
-        }
-    })
+/// The bins of the histogram, for cosines: no arc cosine for each of millions of angles.
+struct Bins {
+    /// Cosines of the bins' upper ends; the last is never reached.
+    ends: [f64; BINS],
+    /// The bin of the largest cosine in each of the equal parts of [-1, 1], none of which holds
+    /// more than one end.
+    of_part: [u8; PARTS + 1],
+}
+
+const PARTS: usize = 512;
+
+impl Bins {
+    fn new() -> Self {
+        let width = std::f64::consts::PI / BINS as f64;
+        let mut ends: [f64; BINS] = std::array::from_fn(|bin| ((bin + 1) as f64 * width).cos());
+        ends[BINS - 1] = -2.0;
+        let of_part = std::array::from_fn(|part| {
+            let top = 2.0 * (part + 1) as f64 / PARTS as f64 - 1.0;
+            ends.iter().filter(|&&end| top <= end).count() as u8
+        });
+        Self { ends, of_part }
+    }
+
+    /// The bin of an angle with that cosine: the number of ends that it has reached.
+    #[inline]
+    fn of(&self, cosine: f64) -> usize {
+        let part = ((cosine + 1.0) * (0.5 * PARTS as f64)) as usize;
+        let bin = usize::from(self.of_part[part.min(PARTS)]);
+        bin + usize::from(cosine <= self.ends[bin])
+    }
 }
 
 /// Which end of a range is bad.
@@ -208,22 +207,37 @@ enum Bad {
 }
 
 fn points(values: &mut [f32], bad: Bad) -> Points {
-    let mut at = |share: f64| {
-        let Some(last) = values.len().checked_sub(1) else {
-            return f64::NAN;
+    let Some(last) = values.len().checked_sub(1) else {
+        let none = f64::NAN;
+        return Points {
+            worst: none,
+            permille: none,
+            percent: none,
+            median: none,
         };
-        let rank = (share * last as f64) as usize;
-        let rank = match bad {
-            Bad::Small => rank,
-            Bad::Large => last - rank,
-        };
-        f64::from(*values.select_nth_unstable_by(rank, f32::total_cmp).1)
     };
+    // The bad ones come first, and each search is among what the one before has put aside.
+    if let Bad::Large = bad {
+        values.iter_mut().for_each(|v| *v = -*v);
+    }
+    let [worst, permille, percent, median] =
+        [0.0, 0.001, 0.01, 0.5].map(|s| (s * last as f64) as usize);
+    let mut below = values;
+    let mut found = [median, percent, permille, worst].map(|rank| {
+        let whole = std::mem::take(&mut below);
+        let value = *whole.select_nth_unstable_by(rank, f32::total_cmp).1;
+        below = &mut whole[..=rank];
+        f64::from(value)
+    });
+    if let Bad::Large = bad {
+        found = found.map(|v| -v);
+    }
+    let [median, percent, permille, worst] = found;
     Points {
-        worst: at(0.0),
-        permille: at(0.001),
-        percent: at(0.01),
-        median: at(0.5),
+        worst,
+        permille,
+        percent,
+        median,
     }
 }
 
@@ -261,7 +275,6 @@ fn worst(mesh: &TetMesh, smallest: &[f32], largest: &[f32]) -> Vec<Worst> {
 mod tests {
     use super::super::test_mesh::kuhn_box;
     use super::*;
-    use crate::mesh::quality::dihedral_angles;
 
     #[test]
     fn the_regular_tetrahedron() {
@@ -339,20 +352,13 @@ mod tests {
     }
 
     #[test]
-    fn angles_are_those_of_the_mesh_module() {
-        let mut state = 3u64;
-        let mut next = || {
-            state = state
-                .wrapping_mul(6364136223846793005)
-                .wrapping_add(1442695040888963407);
-            (state >> 33) as f64 / (1u64 << 31) as f64
-        };
-        for _ in 0..500 {
-            let p: [[f64; 3]; 4] = std::array::from_fn(|_| std::array::from_fn(|_| next()));
-            for (fast, exact) in angles(&p).into_iter().zip(dihedral_angles(&p)) {
-                assert!((fast - exact).abs() < 1e-5, "{fast} {exact}");
-            }
+    fn bins_are_those_of_the_angles() {
+        let bins = Bins::new();
+        for i in 1..18_000 {
+            let angle = f64::from(i) / 100.0 - 0.005;
+            assert_eq!(bins.of(angle.to_radians().cos()), (angle / 10.0) as usize);
         }
+        assert_eq!((bins.of(1.0), bins.of(-1.0)), (0, BINS - 1));
     }
 
     #[test]

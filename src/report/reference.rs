@@ -22,7 +22,37 @@ pub struct Reference<'a> {
 
 enum Field<'a> {
     Truth(&'a Truth),
-    Detected { normals: Vec<[f32; 3]>, tree: Tree },
+    Detected(Detected),
+}
+
+/// Detected points, for distances.
+struct Detected {
+    normals: Vec<[f32; 3]>,
+    tree: Tree,
+    /// Cells of side [`CELL`] that have a point within that distance.
+    near: Vec<bool>,
+    dims: [usize; 3],
+}
+
+/// Side of the cells that say at once that no point is near, in samples.
+const CELL: f64 = 2.0;
+
+impl Detected {
+    fn cell(&self, p: [f64; 3]) -> usize {
+        let [i, j, k]: [usize; 3] =
+            std::array::from_fn(|k| ((p[k].max(0.0) / CELL) as usize).min(self.dims[k] - 1));
+        (k * self.dims[1] + j) * self.dims[0] + i
+    }
+
+    fn mark(&mut self, points: &[[f32; 3]]) {
+        for p in points {
+            for c in 0..27 {
+                let shift = [c % 3, c / 3 % 3, c / 9].map(|s| CELL * (f64::from(s) - 1.0));
+                let cell = self.cell(std::array::from_fn(|k| f64::from(p[k]) + shift[k]));
+                self.near[cell] = true;
+            }
+        }
+    }
 }
 
 impl<'a> Reference<'a> {
@@ -70,10 +100,19 @@ impl<'a> Reference<'a> {
             })
             .collect();
         let boxes: Vec<_> = points.iter().map(|p| [p.map(f64::from); 2]).collect();
-        let field = Field::Detected {
+        let dims = features
+            .potential
+            .dims
+            .map(|n| (n.max(1) - 1) as f64 / CELL)
+            .map(|n| n as usize + 1);
+        let mut detected = Detected {
             normals,
             tree: Tree::new(&boxes),
+            near: vec![false; dims.iter().product()],
+            dims,
         };
+        detected.mark(&points);
+        let field = Field::Detected(detected);
         Self {
             source: "detected",
             points,
@@ -93,10 +132,11 @@ impl<'a> Reference<'a> {
                 let d = f64::from(truth.distance[(at[2] * ny + at[1]) * nx + at[0]]);
                 d - dot(gap, gap).sqrt() <= limit && from_corners(truth, p) <= limit
             }
-            Field::Detected { normals, tree } => {
+            Field::Detected(detected) => {
                 // The nearest point is that much farther at most than the distance to its plane.
                 let far = limit.hypot(SIDEWAYS) + 1e-9;
-                self.to_points(normals, tree, p, far) <= limit
+                (far > CELL || detected.near[detected.cell(p)])
+                    && self.to_points(detected, p, far, &mut None) <= limit
             }
         }
     }
@@ -105,22 +145,33 @@ impl<'a> Reference<'a> {
     ///
     /// From truth it is third-order accurate: see `from_corners`. From detected points it is the
     /// distance to the plane of the nearest point, or to that point if it is more than one sample
-    /// away sideways.
-    pub fn distance(&self, p: [f64; 3]) -> f64 {
+    /// away sideways. `hint` remembers that point: of positions in turn, the next is mostly near the
+    /// one before, which saves time.
+    pub fn distance(&self, p: [f64; 3], hint: &mut Option<usize>) -> f64 {
         match &self.field {
             Field::Truth(truth) => from_corners(truth, p),
-            Field::Detected { normals, tree } => self.to_points(normals, tree, p, f64::from(REACH)),
+            Field::Detected(detected) => self.to_points(detected, p, f64::from(REACH), hint),
         }
     }
 
     /// The distance from detected points; `far` if no point is nearer than that.
-    fn to_points(&self, normals: &[[f32; 3]], tree: &Tree, p: [f64; 3], far: f64) -> f64 {
+    fn to_points(
+        &self,
+        detected: &Detected,
+        p: [f64; 3],
+        far: f64,
+        hint: &mut Option<usize>,
+    ) -> f64 {
         let gap =
             |i: usize| -> [f64; 3] { std::array::from_fn(|k| p[k] - f64::from(self.points[i][k])) };
-        let Some((i, square)) = tree.nearest(p, far * far, None, |i| dot(gap(i), gap(i))) else {
+        let nearest = detected
+            .tree
+            .nearest(p, far * far, *hint, |i| dot(gap(i), gap(i)));
+        let Some((i, square)) = nearest else {
             return far;
         };
-        let along = dot(gap(i), normals[i].map(f64::from)).abs();
+        *hint = Some(i);
+        let along = dot(gap(i), detected.normals[i].map(f64::from)).abs();
         let sideways = square - along * along;
         if sideways > SIDEWAYS * SIDEWAYS {
             square.sqrt()

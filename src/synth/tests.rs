@@ -330,7 +330,7 @@ fn distance_between_samples_is_that_of_the_faults() {
         let p: [f64; 3] = std::array::from_fn(|k| random.range(0.0, (options.dims[k] - 1) as f64));
         let exact = survey::distance(&faults, p);
         if exact < 2.0 {
-            let error = (reference.distance(p) - exact).abs();
+            let error = (reference.distance(p, &mut None) - exact).abs();
             // Just behind the line where a fault ends, the fault seems to go on.
             if faults[end.surface].level(p) * end.side < 0.0 && faults[3].level(p).abs() < 1.0 {
                 behind = behind.max(error);

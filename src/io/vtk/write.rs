@@ -15,6 +15,8 @@ use super::xml::escape;
 const BLOCK: usize = 1 << 17;
 /// Blocks that are compressed at once (and in memory at once).
 const BATCH: usize = 64;
+/// One part in so many of a block tells whether it can be compressed.
+const PROBE: usize = 32;
 /// Characters left open for an offset in the XML.
 const OFFSET_WIDTH: usize = 20;
 
@@ -212,12 +214,16 @@ fn write_array(out: &mut (impl Write + Seek), source: &Source) -> Result<()> {
         let batch: Vec<Vec<u8>> = (first..blocks.min(first + BATCH))
             .into_par_iter()
             .map_init(
-                || (Compress::new(Compression::fast(), true), Vec::new()),
-                |(stream, bytes), block| {
+                || {
+                    let stream = |level| Compress::new(level, true);
+                    let levels = (Compression::fast(), Compression::none());
+                    (stream(levels.0), stream(levels.1), Vec::new())
+                },
+                |(stream, stored, bytes), block| {
                     bytes.clear();
                     let range = block * per_block..source.len.min((block + 1) * per_block);
                     (source.fill)(range, bytes);
-                    deflate(stream, bytes)
+                    deflate(stream, stored, bytes)
                 },
             )
             .collect();
@@ -242,10 +248,18 @@ fn write_header(out: &mut impl Write, header: &[u64], blocks: usize) -> Result<(
 }
 
 /// One zlib stream of its own. The fastest level: on mesh arrays higher ones take several times the
-/// time for a tenth of the size.
-fn deflate(stream: &mut Compress, bytes: &[u8]) -> Vec<u8> {
+/// time for a tenth of the size. What does not become smaller (most real numbers) is stored.
+fn deflate(stream: &mut Compress, stored: &mut Compress, bytes: &[u8]) -> Vec<u8> {
+    let probe = &bytes[..bytes.len() / PROBE];
+    if pack(stream, probe).len() > probe.len() / 20 * 19 {
+        return pack(stored, bytes);
+    }
+    pack(stream, bytes)
+}
+
+fn pack(stream: &mut Compress, bytes: &[u8]) -> Vec<u8> {
     stream.reset();
-    let mut packed = Vec::with_capacity(bytes.len() / 2 + 64);
+    let mut packed = Vec::with_capacity(bytes.len() + bytes.len() / 1000 + 64);
     loop {
         let done = stream.total_in() as usize;
         // Compressing into memory fails only on a stream that was misused.

@@ -120,7 +120,7 @@ fn faces(
             (0..if any { 4 } else { 0 }).filter_map(move |k| {
                 let all_near = FACES[k].iter().all(|&i| near[i]);
                 let claim = claims >> k & 1 == 1;
-                let sets = u8::from(all_near) * ON_FEATURE | u8::from(claim) * CLAIMED;
+                let sets = (u8::from(all_near) * ON_FEATURE) | (u8::from(claim) * CLAIMED);
                 let mut face = FACES[k].map(|i| tet[i]);
                 face.sort_unstable();
                 (sets != 0).then_some((face, sets))

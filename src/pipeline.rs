@@ -242,7 +242,9 @@ pub fn mesh_image(
 
     let sheets = params.min_dihedral.map(|_| {
         let radius = (PATCH * distance.min()).clamp(2.0, 6.5);
-        Sheets::new(&features.points, extent, radius, 1.7 * distance.max())
+        // An edge is at most 1.7 d long: what it pierces is within half of that of one of its ends.
+        let reach = 0.85 * distance.max() + 1.5;
+        Sheets::new(&features.points, extent, radius, reach)
     });
     if let Some(sheets) = &sheets {
         improve::settle(

@@ -50,6 +50,9 @@ impl Near {
 /// Two normals belong to one sheet if they differ by less than about 35 degrees.
 pub const SAME_SHEET: f64 = 0.82;
 
+/// How many cells make up the reach of [`Sheets::far`].
+const DILATION: u32 = 2;
+
 /// The feature points in a cell grid.
 #[derive(Debug)]
 pub struct Sheets {
@@ -58,7 +61,7 @@ pub struct Sheets {
     dims: [usize; 3],
     start: Vec<u32>,
     points: Vec<([f32; 3], [f32; 3])>,
-    /// Cells of side `coarse` that have a point within two cells.
+    /// Cells of side `coarse` that have a point within [`DILATION`] cells.
     coarse: f64,
     coarse_dims: [usize; 3],
     near: Vec<bool>,
@@ -69,9 +72,9 @@ pub struct Sheets {
 
 impl Sheets {
     /// From points in the box `[0, extent]`; planes are fitted within `radius`, and
-    /// [`Sheets::far`] knows about points at least `reach` away.
+    /// [`Sheets::far`] means that no point is within `reach`, which is at least the radius.
     pub fn new(points: &[FeaturePoint<3>], extent: [f64; 3], radius: f64, reach: f64) -> Self {
-        let cell = radius;
+        let cell = radius * 0.75;
         let dims = extent.map(|e| (e / cell) as usize + 1);
         let index = |p: [f32; 3]| {
             let c: [usize; 3] = std::array::from_fn(|k| {
@@ -93,14 +96,14 @@ impl Sheets {
             sorted[*at as usize] = (p.position, p.normal);
             *at += 1;
         }
-        let coarse = (reach / 2.0).max(1e-9);
+        let coarse = reach.max(radius) / f64::from(DILATION);
         let coarse_dims = extent.map(|e| (e / coarse) as usize + 1);
         let mut near = vec![false; coarse_dims.iter().product()];
         for p in points {
             near[coarse_index(coarse, coarse_dims, p.position.map(f64::from))] = true;
         }
         for axis in 0..3 {
-            dilate(&mut near, coarse_dims, axis, 3);
+            dilate(&mut near, coarse_dims, axis, DILATION as usize);
         }
         let fine_dims = extent.map(|e| e as usize + 1);
         let mut fine = vec![0u64; fine_dims.iter().product::<usize>() / 64 + 1];
@@ -203,17 +206,16 @@ impl Sheets {
         }
         // The points within the radius: their numbers, and their squared distances from x. All is
         // relative to x, so that single precision is enough.
-        let mut found = [(0u32, 0f32); ROOM];
+        let mut found = [(0u32, 0f32); ROOM + 1];
         let mut count = 0;
         let centre = x.map(|c| c as f32);
         let limit = (self.radius * self.radius) as f32;
         self.visit(x, |i, p| {
             let r = relative(p, centre);
             let r2 = dot32(r, r);
-            if r2 < limit && count < ROOM {
-                found[count] = (i, r2);
-                count += 1;
-            }
+            // No branch: which of them are near cannot be foretold.
+            found[count] = (i, r2);
+            count = (count + usize::from(r2 < limit)).min(ROOM);
         });
         // One sheet after the other, each grown from the nearest point that is left.
         while count >= 4 && result.count < MOST {

@@ -18,7 +18,7 @@ use crate::mesh::check::check;
 use crate::mesh::{AtomKind, TetMesh};
 use crate::optimize::{self, Observer, Stop};
 use crate::report::{Clock, Improvement, Lattice, Optimisation, Reference, Report};
-use crate::seeding::{self, Atoms};
+use crate::seeding::{self, Alignment, Atoms};
 use crate::{Error, Result, improve, report};
 
 /// How far atoms shall be apart, in lattice units.
@@ -226,7 +226,7 @@ pub fn mesh_image(
         Spacing::Constant(d) => Distance::Constant(d),
         Spacing::FromFeatures { min, max } => distance::from_features(&features, min, max, GROWTH)?,
     };
-    let mut atoms = seeding::fcc(extent, &distance, &fixed)?;
+    let mut atoms = seeding::regular(extent, &distance, &fixed, Alignment::On)?;
 
     stages.begin_unless_stopped(OPTIMISING)?;
     stages.observer.round(0, &atoms.positions);

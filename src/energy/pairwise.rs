@@ -237,7 +237,9 @@ impl<'a, const D: usize> Pairwise<'a, D> {
             n >= count || self.images.suffice(n, &self.points[n], reach)
         };
         let alongside = self.alignment == Alignment::Alongside;
-        if moved.len() > self.points.len() / FEW || alongside && !moved.iter().all(|n| has_images(&n)) {
+        if moved.len() > self.points.len() / FEW
+            || alongside && !moved.iter().all(|n| has_images(&n))
+        {
             return self.list_all(count);
         }
         self.relisted += moved.len();

@@ -256,6 +256,7 @@ fn arrays(file: &VtkFile, piece: &Element, name: &str, tuples: usize) -> Result<
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::io::vtk::fixtures::{VARIANTS, fixture};
 
     fn two_tets() -> MeshFile {
         let nodes = vec![
@@ -310,20 +311,8 @@ mod tests {
 
     #[test]
     fn every_variant_that_vtk_writes_is_read() {
-        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/vtk");
-        for variant in [
-            "ascii_none_32_le",
-            "inline_none_32_be",
-            "inline_none_64_le",
-            "inline_zlib_32_le",
-            "base64_none_32_le",
-            "base64_zlib_64_be",
-            "raw_none_32_be",
-            "raw_none_64_le",
-            "raw_zlib_32_le",
-            "raw_zlib_64_le",
-        ] {
-            let file = read_vtu(&folder.join(format!("{variant}.vtu"))).unwrap();
+        for variant in VARIANTS {
+            let file = read_vtu(&fixture(&format!("{variant}.vtu"))).unwrap();
             assert_eq!(file.mesh.tets, [[0, 1, 2, 3], [1, 2, 3, 4]], "{variant}");
             assert_eq!(file.mesh.nodes[4], [1.0; 3], "{variant}");
             assert_eq!(file.mesh.nodes[1], [1.0, 0.0, 0.0], "{variant}");
@@ -334,8 +323,8 @@ mod tests {
             let note = FieldValue::Text("made by <VTK>".to_string());
             assert_eq!(file.field_data, [("note".to_string(), note)], "{variant}");
         }
-        assert!(refusal(&folder.join("raw_lz4_64_le.vtu")).contains("vtkLZ4DataCompressor"));
-        assert!(refusal(&folder.join("ascii_none_32_le.vti")).contains("holds ImageData"));
+        assert!(refusal(&fixture("raw_lz4_64_le.vtu")).contains("vtkLZ4DataCompressor"));
+        assert!(refusal(&fixture("ascii_none_32_le.vti")).contains("holds ImageData"));
     }
 
     #[test]

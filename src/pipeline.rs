@@ -326,7 +326,7 @@ fn measure(
         false => {
             let reference = Reference::from_features(features);
             let in_samples = scaled(mesh, step.map(|s| 1.0 / s));
-            Some(report::fidelity(&in_samples, &reference, claimed)?)
+            Some(report::fidelity(&*in_samples, &reference, claimed)?)
         }
     };
     Ok(Report {

@@ -91,7 +91,7 @@ pub fn mesh(args: &MeshArgs, console: &mut Console) -> Result<Ending> {
     }
     report.input = Some(Input {
         file: job.image.display().to_string(),
-        dims: image.dims(),
+        dims: image.dims().to_vec(),
         hash: format!("sha256:{}", provenance.input_sha256),
     });
     report.parameters = serde_json::to_value(&options).unwrap_or_default();

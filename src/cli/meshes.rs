@@ -86,7 +86,7 @@ pub fn quality(args: &QualityArgs, console: &mut Console) -> Result<()> {
         let in_samples = scaled(&placed.lattice, placed.step.map(|s| 1.0 / s));
         let reference = Reference::from_truth(truth);
         report.fidelity = Some(report::fidelity(
-            &in_samples,
+            &*in_samples,
             &reference,
             placed.feature_faces.as_deref(),
         )?);
@@ -142,7 +142,7 @@ fn by_atomesh(placed: &Placed) -> Verdict {
         what: format!(
             "{} tetrahedra of positive volume, conforming, fill the box (volume off by {:.0e}), \
              sides flat, all {} nodes used",
-            found.tets, found.volume_error, found.nodes
+            found.cells, found.volume_error, found.nodes
         ),
         problem: found.problems.first().cloned(),
     }

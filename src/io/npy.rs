@@ -142,8 +142,17 @@ impl Opened {
 /// # Errors
 /// [`Error::Io`] if the file cannot be written.
 pub fn write<const D: usize>(path: &Path, image: &Image<D>) -> Result<()> {
-    let shape: Vec<String> = image.samples.shape().iter().map(usize::to_string).collect();
-    let comma = if D == 1 { "," } else { "" };
+    write_array(path, &image.samples)
+}
+
+/// Writes an array of any shape as little-endian `f32` in C order.
+///
+/// # Errors
+/// [`Error::Io`] if the file cannot be written.
+pub fn write_array(path: &Path, array: &ArrayD<f32>) -> Result<()> {
+    let array = array.as_standard_layout();
+    let shape: Vec<String> = array.shape().iter().map(usize::to_string).collect();
+    let comma = if shape.len() == 1 { "," } else { "" };
     let mut header = format!(
         "{{'descr': '<f4', 'fortran_order': False, 'shape': ({}{comma}), }}",
         shape.join(", ")
@@ -158,7 +167,7 @@ pub fn write<const D: usize>(path: &Path, image: &Image<D>) -> Result<()> {
         writer.write_all(&[1, 0])?;
         writer.write_all(&(padded as u16).to_le_bytes())?;
         writer.write_all(header.as_bytes())?;
-        samples::write(writer, image.as_slice())
+        samples::write(writer, array.as_slice().unwrap_or_default())
     })
 }
 

@@ -81,7 +81,7 @@ pub struct Input {
     /// The file.
     pub file: String,
     /// Number of samples along each axis, x first.
-    pub dims: [usize; 3],
+    pub dims: Vec<usize>,
     /// Hash of the file, with its kind: `sha256:...`.
     pub hash: String,
 }

@@ -64,6 +64,8 @@ impl TetMesh {
 pub trait Simplices<const D: usize>: Clone + std::fmt::Debug + Send + Sync {
     /// What the cells are called, in the plural.
     const CELLS: &'static str;
+    /// VTK's number of the cell.
+    const VTK_CELL: u8;
 
     /// A mesh of the given nodes and cells; `corners` holds D + 1 node numbers a cell.
     fn from_parts(nodes: Vec<[f64; D]>, corners: Vec<u32>) -> Self;
@@ -111,6 +113,7 @@ pub trait Simplices<const D: usize>: Clone + std::fmt::Debug + Send + Sync {
 
 impl Simplices<3> for TetMesh {
     const CELLS: &'static str = "tetrahedra";
+    const VTK_CELL: u8 = 10;
 
     fn from_parts(nodes: Vec<[f64; 3]>, corners: Vec<u32>) -> Self {
         let tets = corners.as_chunks().0.to_vec();
@@ -143,6 +146,7 @@ impl Simplices<3> for TetMesh {
 
 impl Simplices<2> for TriMesh {
     const CELLS: &'static str = "triangles";
+    const VTK_CELL: u8 = 5;
 
     fn from_parts(nodes: Vec<[f64; 2]>, corners: Vec<u32>) -> Self {
         let triangles = corners.as_chunks().0.to_vec();

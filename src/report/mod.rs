@@ -20,7 +20,7 @@ mod test_mesh;
 pub use cost::{Clock, StageCost};
 pub use fidelity::{Fidelity, Match, fidelity};
 pub use lattice::{Lattice, Optimisation, lattice};
-pub use quality::{Quality, quality};
+pub use quality::{Measured, Quality, quality};
 pub use reference::Reference;
 
 use crate::improve;

@@ -95,14 +95,30 @@ pub struct Shape<A> {
 
 /// A mesh whose cells can be measured.
 pub trait Measured<const D: usize>: Simplices<D> {
+    /// What a file calls the smallest angle of each cell.
+    const MIN_ANGLE: &'static str;
+    /// What a file calls the volume of each cell.
+    const VOLUME: &'static str;
+    /// What a file calls the bits of each cell's faces that lie on features: bit k for the face
+    /// opposite node k.
+    const FEATURE_FACES: &'static str;
     /// The angles of a cell, in degrees.
     type Angles: IntoIterator<Item = f64>;
 
     /// Measures cell `c`.
     fn shape(&self, c: usize) -> Shape<Self::Angles>;
+
+    /// The smallest angle of cell `c`, in degrees.
+    fn smallest_angle(&self, c: usize) -> f64 {
+        let angles = self.shape(c).angles.into_iter();
+        angles.fold(f64::INFINITY, f64::min)
+    }
 }
 
 impl Measured<3> for TetMesh {
+    const MIN_ANGLE: &'static str = "min_dihedral";
+    const VOLUME: &'static str = "volume";
+    const FEATURE_FACES: &'static str = "feature_faces";
     type Angles = [f64; 6];
 
     fn shape(&self, c: usize) -> Shape<[f64; 6]> {
@@ -117,6 +133,9 @@ impl Measured<3> for TetMesh {
 }
 
 impl Measured<2> for TriMesh {
+    const MIN_ANGLE: &'static str = "min_angle";
+    const VOLUME: &'static str = "area";
+    const FEATURE_FACES: &'static str = "feature_edges";
     type Angles = [f64; 3];
 
     fn shape(&self, c: usize) -> Shape<[f64; 3]> {

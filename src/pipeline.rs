@@ -20,7 +20,7 @@ use crate::mesh::check::check;
 use crate::mesh::{AtomKind, Simplices};
 use crate::optimize::{self, Observer, Stop};
 use crate::report::{Clock, Lattice, Measured, Optimisation, Reference, Report};
-use crate::seeding::{self, Atoms};
+use crate::seeding::{self, Alignment, Atoms};
 use crate::{Error, Result, report};
 use join::{Joined, Scene};
 
@@ -229,7 +229,7 @@ where
         Spacing::Constant(d) => Distance::Constant(d),
         Spacing::FromFeatures { min, max } => distance::from_features(&features, min, max, GROWTH)?,
     };
-    let mut atoms = seeding::fcc(extent, &distance, &fixed)?;
+    let mut atoms = seeding::regular(extent, &distance, &fixed, Alignment::On)?;
 
     stages.begin_unless_stopped(OPTIMISING)?;
     stages.observer.round(0, &optimize::three(&atoms.positions));
@@ -253,7 +253,7 @@ where
         kinds,
         feature_faces,
         improvement,
-    } = Space::join(atoms, &scene, params.min_dihedral, &mut |stage| {
+    } = Space::<D>::join(atoms, &scene, params.min_dihedral, &mut |stage| {
         stages.begin(stage);
     })?;
 

@@ -10,8 +10,8 @@ use std::time::Instant;
 
 use atomesh::distance::Distance;
 use atomesh::energy::{Beta, Energy, Pairwise, Sampled};
-use atomesh::synth::{self, Kind, Options, PRESETS};
 use atomesh::seeding::{self, Alignment};
+use atomesh::synth::{self, Kind, Options, PRESETS};
 use atomesh::{feature, io};
 use serde_json::Value;
 

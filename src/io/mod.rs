@@ -22,6 +22,7 @@ pub mod segy;
 pub mod vti;
 pub mod vtk;
 
+use std::any::Any;
 use std::fmt;
 use std::fs::File;
 use std::io::Read;
@@ -93,6 +94,17 @@ pub enum AnyLoaded {
     Plane(Loaded<2>),
     /// A 3-D image.
     Space(Loaded<3>),
+}
+
+impl AnyLoaded {
+    /// The image, if it has `D` axes.
+    pub fn image<const D: usize>(self) -> Option<Image<D>> {
+        let image: Box<dyn Any> = match self {
+            Self::Plane(loaded) => Box::new(loaded.image),
+            Self::Space(loaded) => Box::new(loaded.image),
+        };
+        image.downcast().ok().map(|image| *image)
+    }
 }
 
 /// Reads a 3-D image of any known format.

@@ -194,7 +194,7 @@ fn mobility<const D: usize>(
 }
 
 /// Positions in three dimensions, whatever `D`.
-fn three<const D: usize>(positions: &[[f64; D]]) -> Vec<[f64; 3]> {
+pub(crate) fn three<const D: usize>(positions: &[[f64; D]]) -> Vec<[f64; 3]> {
     let three = |x: &[f64; D]| std::array::from_fn(|k| x.get(k).copied().unwrap_or(0.0));
     positions.iter().map(three).collect()
 }

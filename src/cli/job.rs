@@ -44,9 +44,46 @@ pub struct MeshJob {
     /// Smallest dihedral angle aimed at, in degrees; `None` leaves slivers in.
     pub min_dihedral: Option<f64>,
     /// Lattice space.
-    pub metric: Metric,
+    pub metric: LatticeSpace,
     /// Seed.
     pub seed: u64,
+}
+
+/// The length of a sample along each axis of lattice space, before the number of axes is known.
+#[derive(Debug, Clone, PartialEq)]
+pub enum LatticeSpace {
+    /// 1 each.
+    Samples,
+    /// The image's spacing.
+    Physical,
+    /// As given, x first.
+    Scales(Vec<f64>),
+}
+
+impl LatticeSpace {
+    /// For an image of `D` axes.
+    ///
+    /// # Errors
+    /// [`Error::Job`] if that is not the number of scales.
+    pub fn metric<const D: usize>(&self) -> Result<Metric<D>> {
+        match self {
+            Self::Samples => Ok(Metric::Samples),
+            Self::Physical => Ok(Metric::Physical),
+            Self::Scales(scales) => match scales.as_slice().try_into() {
+                Ok(scales) => Ok(Metric::Scales(scales)),
+                Err(_) => Err(parse::bad(
+                    "--metric",
+                    &scales
+                        .iter()
+                        .map(f64::to_string)
+                        .collect::<Vec<_>>()
+                        .join(","),
+                    &format!("has {} scales, but the image {D} axes", scales.len()),
+                    "give one scale an axis",
+                )),
+            },
+        }
+    }
 }
 
 /// Weight of the image, before its file is read.
@@ -92,13 +129,6 @@ impl MeshJob {
     /// [`Error::Job`] that names the option that is impossible; [`Error::Io`] for an output whose
     /// folder does not exist.
     pub fn new(image: &Path, options: &MeshOptions) -> Result<Self> {
-        if !cfg!(feature = "tetgen") {
-            return Err(Error::Job(cause(
-                "atomesh mesh",
-                "this program was built without TetGen and makes no 3-D mesh",
-                "build it with the default features",
-            )));
-        }
         let output = match &options.output {
             Some(path) => path.clone(),
             None => Path::new(image.file_stem().unwrap_or(image.as_os_str())).with_extension("vtu"),
@@ -125,7 +155,7 @@ impl MeshJob {
                 Some(SliverChoice::None) => None,
                 _ => Some(min_dihedral(options.min_dihedral.unwrap_or(30.0))?),
             },
-            metric: metric(options.metric.as_deref().unwrap_or("samples"))?,
+            metric: lattice_space(options.metric.as_deref().unwrap_or("samples"))?,
             seed: options.rng_seed.unwrap_or(1),
         };
         job.check_files()?;
@@ -315,11 +345,11 @@ fn min_dihedral(degrees: f64) -> Result<f64> {
     }
 }
 
-fn metric(text: &str) -> Result<Metric> {
+fn lattice_space(text: &str) -> Result<LatticeSpace> {
     match text {
-        "samples" => Ok(Metric::Samples),
-        "physical" => Ok(Metric::Physical),
-        scales => Ok(Metric::Scales(parse::scales("--metric", scales)?)),
+        "samples" => Ok(LatticeSpace::Samples),
+        "physical" => Ok(LatticeSpace::Physical),
+        scales => Ok(LatticeSpace::Scales(parse::scales("--metric", scales)?)),
     }
 }
 
@@ -341,7 +371,9 @@ mod tests {
         assert_eq!(job.spacing, Spacing::Constant(8.0));
         assert_eq!(job.beta, Beta::Constant(0.5));
         assert_eq!(job.min_dihedral, Some(30.0));
-        assert_eq!(job.metric, Metric::Samples);
+        assert_eq!(job.metric, LatticeSpace::Samples);
+        assert_eq!(job.metric.metric::<2>().unwrap(), Metric::Samples);
+        assert!(LatticeSpace::Scales(vec![1.0; 3]).metric::<2>().is_err());
     }
 
     #[test]

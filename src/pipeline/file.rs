@@ -3,17 +3,14 @@
 
 use rayon::prelude::*;
 
-use super::Outcome;
+use super::{Meshing, Outcome, Space};
 use crate::error::cause;
-use crate::export::{FieldValue, MeshFile, face_bits_to_physical, to_physical};
+use crate::export::{FieldValue, MeshFile, face_bits_to_physical, to_physical, turned};
 use crate::image::Geometry;
 use crate::io::vtk::{DataArray, Values};
-use crate::mesh::quality::Shape;
-use crate::mesh::{TetMesh, volume6};
+use crate::mesh::TetMesh;
+use crate::report::Measured;
 use crate::{Error, Result};
-
-/// The cell array that says which faces lie on features: bit k for the face opposite node k.
-const FEATURE_FACES: &str = "feature_faces";
 
 /// What a result can be made again from.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -26,9 +23,16 @@ pub struct Provenance {
 
 /// The outcome of a job where the image lies in the world, with all that is known of each node and
 /// cell.
-pub fn to_file(outcome: &Outcome, geometry: &Geometry<3>, provenance: &Provenance) -> MeshFile {
+pub fn to_file<const D: usize, M: Measured<D>>(
+    outcome: &Outcome<D>,
+    geometry: &Geometry<D>,
+    provenance: &Provenance,
+) -> MeshFile<M>
+where
+    Space<D>: Meshing<D, Mesh = M>,
+{
     let lattice = &outcome.mesh;
-    let nodes = &lattice.nodes;
+    let nodes = lattice.nodes();
     let mesh = to_physical(lattice, outcome.step, geometry);
     let kinds: Vec<u8> = outcome.kinds.iter().map(|&kind| kind as u8).collect();
     let potential = &outcome.features.potential;
@@ -40,14 +44,9 @@ pub fn to_file(outcome: &Outcome, geometry: &Geometry<3>, provenance: &Provenanc
         .par_iter()
         .map(|&x| outcome.distance.at(x) as f32)
         .collect();
-    let cells = 0..lattice.tets.len();
-    let smallest = |t: usize| Shape::of(&lattice.corners(t)).smallest_angle() as f32;
-    let min_dihedral: Vec<f32> = cells.clone().into_par_iter().map(smallest).collect();
-    let volume: Vec<f32> = cells
-        .clone()
-        .into_par_iter()
-        .map(|t| (volume6(&mesh.corners(t)) / 6.0) as f32)
-        .collect();
+    let cells = || (0..lattice.len()).into_par_iter();
+    let smallest: Vec<f32> = cells().map(|c| lattice.smallest_angle(c) as f32).collect();
+    let volume: Vec<f32> = cells().map(|c| mesh.volume(c) as f32).collect();
     let text = |text: &str| FieldValue::Text(text.to_string());
     MeshFile {
         mesh,
@@ -57,11 +56,11 @@ pub fn to_file(outcome: &Outcome, geometry: &Geometry<3>, provenance: &Provenanc
             DataArray::scalars("distance", distance),
         ],
         cell_data: vec![
-            DataArray::scalars("region", vec![0i32; lattice.tets.len()]),
-            DataArray::scalars("min_dihedral", min_dihedral),
-            DataArray::scalars("volume", volume),
+            DataArray::scalars("region", vec![0i32; lattice.len()]),
+            DataArray::scalars(M::MIN_ANGLE, smallest),
+            DataArray::scalars(M::VOLUME, volume),
             DataArray::scalars(
-                FEATURE_FACES,
+                M::FEATURE_FACES,
                 face_bits_to_physical(&outcome.feature_faces, geometry),
             ),
         ],
@@ -85,30 +84,30 @@ pub fn to_file(outcome: &Outcome, geometry: &Geometry<3>, provenance: &Provenanc
 
 /// A mesh read from a file, in lattice space and in the world.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Placed {
+pub struct Placed<const D: usize = 3, M = TetMesh> {
     /// In lattice space, in the box `[0, extent]`.
-    pub lattice: TetMesh,
+    pub lattice: M,
     /// As in the file.
-    pub physical: TetMesh,
+    pub physical: M,
     /// The far corner of the box.
-    pub extent: [f64; 3],
+    pub extent: [f64; D],
     /// Length of one sample along each axis of lattice space.
-    pub step: [f64; 3],
+    pub step: [f64; D],
     /// From samples to physical coordinates.
-    pub geometry: Geometry<3>,
-    /// For each tetrahedron, bit k: face k of `lattice` lies on a feature, the mesh says.
+    pub geometry: Geometry<D>,
+    /// For each cell, bit k: face k of `lattice` lies on a feature, the mesh says.
     pub feature_faces: Option<Vec<u8>>,
     /// Whether the file says where its lattice space is. If not, it is the file's own space, moved
     /// so that the mesh begins at the origin.
     pub by_file: bool,
 }
 
-impl Placed {
+impl<const D: usize, M: Measured<D>> Placed<D, M> {
     /// Finds the way back from a file's coordinates; `place` names the file in errors.
     ///
     /// # Errors
-    /// [`Error::Mesh`] for a mesh without tetrahedra, or one whose geometry makes no sense.
-    pub fn new(file: MeshFile, place: &str) -> Result<Self> {
+    /// [`Error::Mesh`] for a mesh without cells, or one whose geometry makes no sense.
+    pub fn new(file: MeshFile<M>, place: &str) -> Result<Self> {
         let refuse = |problem: &str| {
             Err(Error::Mesh(cause(
                 place,
@@ -116,72 +115,64 @@ impl Placed {
                 "give a mesh that atomesh mesh wrote",
             )))
         };
-        if file.mesh.tets.is_empty() || file.mesh.nodes.is_empty() {
-            return refuse("holds no tetrahedra");
+        let nodes = file.mesh.nodes();
+        if file.mesh.is_empty() || nodes.is_empty() {
+            return refuse(&format!("holds no {}", M::CELLS));
         }
         let array = |name: &str| {
-            file.field_data
-                .iter()
-                .find_map(|(known, value)| match value {
-                    FieldValue::F64s(values) if known == name => Some(values.as_slice()),
-                    _ => None,
-                })
+            let mut arrays = file.field_data.iter();
+            arrays.find_map(|(known, value)| match value {
+                FieldValue::F64s(values) if known == name => Some(values.as_slice()),
+                _ => None,
+            })
         };
-        let (geometry, step, extent, by_file) = match (
-            array("origin"),
-            array("axes"),
-            array("lattice_step"),
-            array("lattice_extent"),
-        ) {
-            (
-                Some(&[x, y, z]),
-                Some(&[a, b, c, d, e, f, g, h, i]),
-                Some(&[s, t, u]),
-                Some(&[l, m, n]),
-            ) => {
-                let axes = [[a, b, c], [d, e, f], [g, h, i]];
+        let vector = |name: &str| <[f64; D]>::try_from(array(name)?).ok();
+        let axes = array("axes").filter(|axes| axes.len() == D * D);
+        let axes =
+            axes.map(|axes| std::array::from_fn(|k| std::array::from_fn(|c| axes[D * k + c])));
+        let known =
+            ["origin", "axes", "lattice_step", "lattice_extent"].map(|name| array(name).is_some());
+        let stored = (
+            vector("origin"),
+            axes,
+            vector("lattice_step"),
+            vector("lattice_extent"),
+        );
+        let (geometry, step, extent, by_file) = match stored {
+            (Some(origin), Some(axes), Some(step), Some(extent)) => {
                 let geometry = Geometry {
-                    origin: [x, y, z],
+                    origin,
                     axes,
                     ..Geometry::default()
                 };
-                (geometry, [s, t, u], [l, m, n], true)
+                (geometry, step, extent, true)
             }
-            (None, None, None, None) => {
-                let (low, high) = bounds(&file.mesh.nodes);
-                let geometry = Geometry::with_spacing(low, [1.0; 3]);
+            _ if known == [false; 4] => {
+                let (low, high) = bounds(nodes);
+                let geometry = Geometry::with_spacing(low, [1.0; D]);
                 let extent = std::array::from_fn(|k| high[k] - low[k]);
-                (geometry, [1.0; 3], extent, false)
+                (geometry, [1.0; D], extent, false)
             }
             _ => return refuse("says only in part where it lies"),
         };
-        let mirrored = geometry.determinant() < 0.0;
-        let lattice_position = |&node: &[f64; 3]| {
+        let lattice_position = |&node: &[f64; D]| {
             let index = geometry.to_index(node)?;
             Some(std::array::from_fn(|k| index[k] * step[k]))
         };
-        let Some(nodes) = file.mesh.nodes.par_iter().map(lattice_position).collect() else {
+        let Some(nodes) = nodes.par_iter().map(lattice_position).collect() else {
             return refuse("has axes that do not span space");
         };
-        let turn = |t: &[u32; 4]| {
-            if mirrored {
-                [t[0], t[1], t[3], t[2]]
-            } else {
-                *t
-            }
-        };
-        let tets = file.mesh.tets.iter().map(turn).collect();
         let feature_faces = file
             .cell_data
             .iter()
-            .find(|array| array.name == FEATURE_FACES)
+            .find(|array| array.name == M::FEATURE_FACES)
             .and_then(|array| match &array.values {
                 Values::U8(bits) => Some(face_bits_to_physical(bits, &geometry)),
                 _ => None,
             });
         Ok(Self {
             feature_faces,
-            lattice: TetMesh { nodes, tets },
+            lattice: turned(&file.mesh, nodes, &geometry),
             physical: file.mesh,
             extent,
             step,
@@ -192,9 +183,9 @@ impl Placed {
 }
 
 /// The smallest box that holds all points.
-pub fn bounds(points: &[[f64; 3]]) -> ([f64; 3], [f64; 3]) {
+pub fn bounds<const D: usize>(points: &[[f64; D]]) -> ([f64; D], [f64; D]) {
     points.iter().fold(
-        ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]),
+        ([f64::INFINITY; D], [f64::NEG_INFINITY; D]),
         |(low, high), p| {
             (
                 std::array::from_fn(|k| low[k].min(p[k])),

@@ -3,11 +3,12 @@
 //! An *on-feature face* has all three nodes within 0.75 sample of a feature and its centroid
 //! within 1. These faces say how much of the features the mesh holds. They cannot show a surface
 //! that the mesh invents away from every feature, so the faces that the mesh itself *claims* (all
-//! three nodes declared on a feature) are measured beside them.
+//! three nodes declared on a feature) are measured beside them. In the plane faces are edges and
+//! areas lengths; nothing else differs.
 
-use super::nearest::{Tree, square_to_triangle};
+use super::nearest::{Tree, square_to_face};
 use super::reference::Reference;
-use crate::mesh::{FACES, TetMesh};
+use crate::mesh::Simplices;
 use crate::{Error, Result, error::cause};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -56,26 +57,26 @@ pub struct Fidelity {
 }
 
 /// Compares a mesh, in lattice space with a step of 1 (else divide its nodes by the step), with
-/// the features. `claimed` holds a byte for each tetrahedron: bit k says that the mesh holds face k
+/// the features. `claimed` holds a byte for each cell: bit k says that the mesh holds face k
 /// (opposite node k) to lie on a feature.
 ///
 /// Cost: a microsecond or less for each feature point and each two square samples of faces; the
 /// result does not depend on the number of threads.
 ///
 /// # Errors
-/// [`Error::Mesh`] if `claimed` has not one byte a tetrahedron.
-pub fn fidelity(
-    mesh: &TetMesh,
-    reference: &Reference<'_>,
+/// [`Error::Mesh`] if `claimed` has not one byte a cell.
+pub fn fidelity<const D: usize, M: Simplices<D>>(
+    mesh: &M,
+    reference: &Reference<'_, D>,
     claimed: Option<&[u8]>,
 ) -> Result<Fidelity> {
     if let Some(flags) = claimed
-        && flags.len() != mesh.tets.len()
+        && flags.len() != mesh.len()
     {
         return Err(Error::Mesh(cause(
             "fidelity",
-            format!("{} bytes for {} tetrahedra", flags.len(), mesh.tets.len()),
-            "give one byte a tetrahedron",
+            format!("{} bytes for {} {}", flags.len(), mesh.len(), M::CELLS),
+            "give one byte a cell",
         )));
     }
     let (faces, sets) = faces(mesh, reference, claimed);
@@ -100,35 +101,35 @@ const ON_FEATURE: u8 = 1;
 const CLAIMED: u8 = 2;
 
 /// Every face of either set, once, nodes ascending, and the sets that it belongs to.
-fn faces(
-    mesh: &TetMesh,
-    reference: &Reference<'_>,
+fn faces<const D: usize>(
+    mesh: &impl Simplices<D>,
+    reference: &Reference<'_, D>,
     claimed: Option<&[u8]>,
-) -> (Vec<[u32; 3]>, Vec<u8>) {
+) -> (Vec<[u32; D]>, Vec<u8>) {
     let near: Vec<bool> = mesh
-        .nodes
+        .nodes()
         .par_iter()
         .map(|&p| reference.within(p, NODE))
         .collect();
-    let mut found: Vec<([u32; 3], u8)> = (0..mesh.tets.len())
+    let mut found: Vec<([u32; D], u8)> = (0..mesh.len())
         .into_par_iter()
-        .flat_map_iter(|t| {
-            let tet = mesh.tets[t];
-            let near = tet.map(|n| near[n as usize]);
-            let claims = claimed.map_or(0, |flags| flags[t]);
-            let any = claims != 0 || near.iter().filter(|&&n| n).count() > 2;
-            (0..if any { 4 } else { 0 }).filter_map(move |k| {
-                let all_near = FACES[k].iter().all(|&i| near[i]);
+        .flat_map_iter(|c| {
+            let near = &near;
+            let claims = claimed.map_or(0, |flags| flags[c]);
+            let count = mesh.cell(c).iter().filter(|&&n| near[n as usize]).count();
+            let faces = if claims != 0 || count >= D { D + 1 } else { 0 };
+            (0..faces).filter_map(move |k| {
+                let mut face = mesh.face(c, k);
+                let all_near = face.iter().all(|&n| near[n as usize]);
                 let claim = claims >> k & 1 == 1;
                 let sets = (u8::from(all_near) * ON_FEATURE) | (u8::from(claim) * CLAIMED);
-                let mut face = FACES[k].map(|i| tet[i]);
                 face.sort_unstable();
                 (sets != 0).then_some((face, sets))
             })
         })
         .collect();
     found.par_sort_unstable();
-    // One tetrahedron may claim a face that the other does not.
+    // One cell may claim a face that the other does not.
     found.dedup_by(|next, kept| {
         let same = next.0 == kept.0;
         if same {
@@ -139,8 +140,9 @@ fn faces(
     found
         .into_par_iter()
         .map(|(face, mut sets)| {
-            let [a, b, c] = corners(mesh, face);
-            let centroid = std::array::from_fn(|k| (a[k] + b[k] + c[k]) / 3.0);
+            let corners = corners(mesh, face);
+            let sum = |k: usize| corners.iter().map(|p| p[k]).sum::<f64>();
+            let centroid = std::array::from_fn(|k| sum(k) / D as f64);
             if sets & ON_FEATURE != 0 && !reference.within(centroid, CENTROID) {
                 sets &= !ON_FEATURE;
             }
@@ -150,15 +152,15 @@ fn faces(
         .unzip()
 }
 
-fn corners(mesh: &TetMesh, face: [u32; 3]) -> [[f64; 3]; 3] {
-    face.map(|n| mesh.nodes[n as usize])
+fn corners<const D: usize>(mesh: &impl Simplices<D>, face: [u32; D]) -> [[f64; D]; D] {
+    face.map(|n| mesh.nodes()[n as usize])
 }
 
 /// The small pieces of every face, with the face's sets.
-fn pieces(
-    mesh: &TetMesh,
-    reference: &Reference<'_>,
-    faces: &[[u32; 3]],
+fn pieces<const D: usize, M: Simplices<D>>(
+    mesh: &M,
+    reference: &Reference<'_, D>,
+    faces: &[[u32; D]],
     sets: &[u8],
 ) -> Vec<(u8, Piece)> {
     faces
@@ -168,7 +170,7 @@ fn pieces(
             let mut found = Vec::new();
             let mut hint = None;
             for (&face, &set) in faces.iter().zip(sets) {
-                sample(corners(mesh, face), reference, &mut hint, |piece| {
+                sample::<D, M>(&corners(mesh, face), reference, &mut hint, |piece| {
                     found.push((set, piece));
                 });
             }
@@ -178,28 +180,31 @@ fn pieces(
 }
 
 /// Distances from points of the features to the nearest face of each set.
-fn to_faces(
-    mesh: &TetMesh,
-    faces: &[[u32; 3]],
+fn to_faces<const D: usize>(
+    mesh: &impl Simplices<D>,
+    faces: &[[u32; D]],
     sets: &[u8],
-    points: &[[f32; 3]],
+    points: &[[f32; D]],
 ) -> (Vec<f64>, Vec<f64>) {
-    let triangles: Vec<[[f64; 3]; 3]> = faces.iter().map(|&f| corners(mesh, f)).collect();
-    let boxes: Vec<[[f64; 3]; 2]> = triangles
+    let shapes: Vec<[[f64; D]; D]> = faces.iter().map(|&f| corners(mesh, f)).collect();
+    let boxes: Vec<[[f64; D]; 2]> = shapes
         .iter()
-        .map(|[a, b, c]| {
+        .map(|face| {
+            let end = |fold: fn(f64, f64) -> f64, k: usize| {
+                face.iter().map(|p| p[k]).fold(face[0][k], fold)
+            };
             [
-                std::array::from_fn(|k| a[k].min(b[k]).min(c[k])),
-                std::array::from_fn(|k| a[k].max(b[k]).max(c[k])),
+                std::array::from_fn(|k| end(f64::min, k)),
+                std::array::from_fn(|k| end(f64::max, k)),
             ]
         })
         .collect();
     let tree = Tree::new(&boxes);
-    let nearest = |p: [f64; 3], wanted: u8, hint: Option<usize>| {
+    let nearest = |p: [f64; D], wanted: u8, hint: Option<usize>| {
         let hint = hint.filter(|&i| sets[i] & wanted != 0);
         tree.nearest(p, f64::INFINITY, hint, |i| match sets[i] & wanted {
             0 => f64::INFINITY,
-            _ => square_to_triangle(p, triangles[i]),
+            _ => square_to_face(p, &shapes[i]),
         })
     };
     points
@@ -269,45 +274,40 @@ fn compare(faces: usize, mut to_features: Vec<Piece>, mut to_faces: Vec<f64>) ->
 /// Distance to the features and area of a small piece of a face.
 type Piece = (f64, f64);
 
-/// The equal small triangles of a face, each measured at its centroid, and the face's corners,
-/// which have no area but count for the largest distance.
-fn sample(
-    triangle: [[f64; 3]; 3],
-    reference: &Reference<'_>,
+/// The equal small pieces of a face, each measured at its centroid, and the face's corners, which
+/// have no area but count for the largest distance.
+fn sample<const D: usize, M: Simplices<D>>(
+    face: &[[f64; D]; D],
+    reference: &Reference<'_, D>,
     hint: &mut Option<usize>,
     mut piece: impl FnMut(Piece),
 ) {
-    let [a, b, c] = triangle;
-    let edge = |p: [f64; 3], q: [f64; 3]| -> [f64; 3] { std::array::from_fn(|k| q[k] - p[k]) };
-    let length = |v: [f64; 3]| (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
-    let (u, v) = (edge(a, b), edge(a, c));
-    let cross = [
-        u[1] * v[2] - u[2] * v[1],
-        u[2] * v[0] - u[0] * v[2],
-        u[0] * v[1] - u[1] * v[0],
-    ];
-    let longest = length(u).max(length(v)).max(length(edge(b, c)));
+    // From corner 0 to the two others; in the plane there is one other.
+    let side = |i: usize| -> [f64; D] { std::array::from_fn(|k| face[i][k] - face[0][k]) };
+    let (u, v) = (side(1), side(D - 1));
+    let square = |w: [f64; D]| w.iter().map(|c| c * c).sum::<f64>();
+    let third = std::array::from_fn(|k| v[k] - u[k]);
+    let longest = square(u).max(square(v)).max(square(third)).sqrt();
     let n = (longest / FINE).ceil().clamp(1.0, 256.0) as usize;
-    let part = 0.5 * length(cross) / (n * n) as f64;
-    let at = |i: f64, j: f64| {
-        let (s, t) = (i / n as f64, j / n as f64);
-        std::array::from_fn(|k| a[k] + s * u[k] + t * v[k])
-    };
-    for corner in triangle {
+    let part = M::face_area(face) / n.pow(D as u32 - 1) as f64;
+    for &corner in face {
         piece((reference.distance(corner, hint), 0.0));
     }
+    let mut at = |i: f64, j: f64| {
+        let (s, t) = (i / n as f64, j / n as f64);
+        let x = std::array::from_fn(|k| face[0][k] + s * u[k] + t * v[k]);
+        piece((reference.distance(x, hint), part));
+    };
     for i in 0..n {
+        if D == 2 {
+            at(i as f64 + 0.5, 0.0);
+            continue;
+        }
         for j in 0..n - i {
             let (i, j) = (i as f64, j as f64);
-            piece((
-                reference.distance(at(i + 1.0 / 3.0, j + 1.0 / 3.0), hint),
-                part,
-            ));
+            at(i + 1.0 / 3.0, j + 1.0 / 3.0);
             if i + j + 1.0 < n as f64 {
-                piece((
-                    reference.distance(at(i + 2.0 / 3.0, j + 2.0 / 3.0), hint),
-                    part,
-                ));
+                at(i + 2.0 / 3.0, j + 2.0 / 3.0);
             }
         }
     }

@@ -20,7 +20,7 @@ mod test_mesh;
 pub use cost::{Clock, StageCost};
 pub use fidelity::{Fidelity, Match, fidelity};
 pub use lattice::{Lattice, Optimisation, lattice};
-pub use quality::{Quality, quality};
+pub use quality::{Measured, Quality, quality};
 pub use reference::Reference;
 
 use crate::improve;
@@ -81,7 +81,7 @@ pub struct Input {
     /// The file.
     pub file: String,
     /// Number of samples along each axis, x first.
-    pub dims: [usize; 3],
+    pub dims: Vec<usize>,
     /// Hash of the file, with its kind: `sha256:...`.
     pub hash: String,
 }

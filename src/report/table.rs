@@ -13,16 +13,14 @@ impl Report {
         let mut lines = Vec::new();
         let mut line = |name: &str, text: String| lines.push(format!("{name:<12}{text}"));
         if let Some(input) = &self.input {
-            let [nx, ny, nz] = input.dims;
-            line(
-                "input",
-                format!("{}, {nx} x {ny} x {nz} samples", input.file),
-            );
+            let dims = input.dims.iter().map(usize::to_string);
+            let dims = dims.collect::<Vec<_>>().join(" x ");
+            line("input", format!("{}, {dims} samples", input.file));
             line("", input.hash.clone());
         }
         if let Some(quality) = &self.quality {
-            let (nodes, tets) = (grouped(quality.nodes), grouped(quality.tets));
-            line("mesh", format!("{nodes} nodes, {tets} tetrahedra"));
+            let (nodes, cells) = (grouped(quality.nodes), grouped(quality.cells));
+            line("mesh", format!("{nodes} nodes, {cells} {}", quality.kind));
         }
         if let Some(filling) = &self.filling {
             let state = if filling.passed() {
@@ -138,11 +136,12 @@ impl Report {
             line(
                 "",
                 format!(
-                    "{} atoms/s, {} tetrahedra/s; {} and {} a cpu second",
+                    "{} atoms/s, {} {}/s; {} and {} a cpu second",
                     rate(quality.nodes, seconds),
-                    rate(quality.tets, seconds),
+                    rate(quality.cells, seconds),
+                    quality.kind,
                     rate(quality.nodes, cpu),
-                    rate(quality.tets, cpu)
+                    rate(quality.cells, cpu)
                 ),
             );
         }
@@ -163,22 +162,17 @@ fn shapes(line: &mut impl FnMut(&str, String), space: &str, quality: &Quality) {
             "worst", "0.1 %", "1 %", "50 %"
         ),
     );
-    line(
-        "",
-        format!(
-            "{:<25}{}",
-            "smallest dihedral angle",
-            row(&quality.smallest_angle, 1)
-        ),
-    );
-    line(
-        "",
-        format!(
-            "{:<25}{}",
-            "largest dihedral angle",
-            row(&quality.largest_angle, 1)
-        ),
-    );
+    let flat = quality.kind == "triangles";
+    let angle = if flat { "angle" } else { "dihedral angle" };
+    for (end, points) in [
+        ("smallest", &quality.smallest_angle),
+        ("largest", &quality.largest_angle),
+    ] {
+        line(
+            "",
+            format!("{:<25}{}", format!("{end} {angle}"), row(points, 1)),
+        );
+    }
     line(
         "",
         format!("{:<25}{}", "mean ratio", row(&quality.mean_ratio, 3)),
@@ -187,16 +181,21 @@ fn shapes(line: &mut impl FnMut(&str, String), space: &str, quality: &Quality) {
         "",
         format!("{:<25}{}", "radius over edge", row(&quality.radius_edge, 3)),
     );
-    line(
-        "",
-        format!(
-            "tetrahedra below 20: {}, below 30: {}, above 150: {}, above 160: {}",
-            grouped(quality.below_20),
-            grouped(quality.below_30),
-            grouped(quality.above_150),
-            grouped(quality.above_160)
-        ),
+    let mut counts = format!(
+        "{} below 20: {}, below 30: {}",
+        quality.kind,
+        grouped(quality.below_20),
+        grouped(quality.below_30)
     );
+    if flat {
+        counts += &format!(", above 120: {}", grouped(quality.above_120));
+    }
+    counts += &format!(
+        ", above 150: {}, above 160: {}",
+        grouped(quality.above_150),
+        grouped(quality.above_160)
+    );
+    line("", counts);
     line("", format!("angles 0 |{}| 180", bars(&quality.histogram)));
 }
 
@@ -333,7 +332,7 @@ mod tests {
         Report {
             input: Some(Input {
                 file: "a.npy".into(),
-                dims: [17; 3],
+                dims: vec![17; 3],
                 hash: "sha256:00".into(),
             }),
             parameters: serde_json::json!({ "distance": 2.0, "seed": 1 }),
@@ -395,7 +394,7 @@ mod tests {
     #[test]
     fn json_has_every_section_and_null_for_what_has_no_value() {
         let json = serde_json::to_value(full()).unwrap();
-        assert_eq!(json["quality"]["tets"], 3072);
+        assert_eq!(json["quality"]["cells"], 3072);
         assert_eq!(json["parameters"]["seed"], 1);
         assert_eq!(json["box"]["problems"].as_array().unwrap().len(), 0);
         assert_eq!(json["fidelity"]["claimed"]["faces"], 0);

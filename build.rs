@@ -8,14 +8,16 @@ fn main() {
 
 #[cfg(feature = "cgal")]
 fn cgal() {
-    let (source, header) = ("cpp/cgal_bridge.cpp", "cpp/cgal_bridge.h");
-    for file in [source, header, "src/delaunay/cgal.rs"] {
+    let bridges = ["src/delaunay/cgal.rs", "src/delaunay/refine.rs"];
+    let sources = ["cpp/cgal_bridge.cpp", "cpp/refine.cpp"];
+    let headers = ["cpp/cgal_bridge.h", "cpp/refine.h"];
+    for file in [bridges, sources, headers].as_flattened() {
         println!("cargo::rerun-if-changed={file}");
     }
     // The interval arithmetic of CGAL's predicates changes the rounding mode: the compiler must not
     // move computations across that. NDEBUG: without it CGAL checks every step of its own.
-    cxx_build::bridge("src/delaunay/cgal.rs")
-        .file(source)
+    cxx_build::bridges(bridges)
+        .files(sources)
         .std("c++17")
         .opt_level(2)
         .define("NDEBUG", None)

@@ -20,7 +20,7 @@ use crate::mesh::check::check;
 use crate::mesh::{AtomKind, Simplices};
 use crate::optimize::{self, Observer, Stop};
 use crate::report::{Clock, Lattice, Measured, Optimisation, Reference, Report};
-use crate::seeding::{self, Alignment, Atoms};
+use crate::seeding::{self, Alignment, Atoms, Seeding};
 use crate::{Error, Result, report};
 use join::{Joined, Scene};
 
@@ -121,6 +121,8 @@ pub struct Params<const D: usize = 3> {
     pub beta: Weight<D>,
     /// Atoms that stay where they are (wells, sources).
     pub fixed: Vec<FixedAtom<D>>,
+    /// How atoms are placed at first.
+    pub seeding: Seeding,
     /// Evaluator of the energy.
     pub evaluator: Evaluator,
     /// Number of passes on smoother potentials before the last one: the first is 2^n times as wide.
@@ -142,6 +144,7 @@ impl<const D: usize> Default for Params<D> {
             threshold: None,
             beta: Weight::Constant(0.5),
             fixed: Vec::new(),
+            seeding: Seeding::Regular,
             evaluator: Evaluator::Pairwise,
             coarse_passes: 0,
             min_dihedral: Some(30.0),
@@ -229,7 +232,7 @@ where
         Spacing::Constant(d) => Distance::Constant(d),
         Spacing::FromFeatures { min, max } => distance::from_features(&features, min, max, GROWTH)?,
     };
-    let mut atoms = seeding::regular(extent, &distance, &fixed, Alignment::On)?;
+    let mut atoms = seeding::seed(params.seeding, extent, &distance, &fixed, Alignment::On)?;
 
     stages.begin_unless_stopped(OPTIMISING)?;
     stages.observer.round(0, &optimize::three(&atoms.positions));

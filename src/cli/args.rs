@@ -210,6 +210,10 @@ pub enum DistanceSource {
 pub enum SeedingChoice {
     /// A regular lattice fitted to the box: face-centred cubic, triangular in 2-D
     Fcc,
+    /// A regular lattice grown from fixed atoms (wells) and the sides of the box
+    Grown,
+    /// Delaunay refinement: isotropic
+    Refine,
 }
 
 /// Which evaluator of the lattice energy.

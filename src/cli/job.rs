@@ -2,11 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::cli::args::{FeatureChoice, MeshArgs, MeshOptions, PotentialChoice, SliverChoice};
+use crate::cli::args::{
+    FeatureChoice, MeshArgs, MeshOptions, PotentialChoice, SeedingChoice, SliverChoice,
+};
 use crate::cli::parse;
 use crate::error::{cause, os};
 use crate::io::ReadOptions;
 use crate::pipeline::{Evaluator, Metric, Spacing};
+use crate::seeding::Seeding;
 use crate::{Error, Result, io};
 
 /// A checked job of `atomesh mesh`. What needs the image's geometry (fixed atoms, beta as an
@@ -39,6 +42,8 @@ pub struct MeshJob {
     pub atoms_from: Option<PathBuf>,
     /// Evaluator of the energy.
     pub evaluator: Evaluator,
+    /// How atoms are placed.
+    pub seeding: Seeding,
     /// Number of passes on a smoother potential.
     pub coarse_passes: usize,
     /// Smallest dihedral angle aimed at, in degrees; `None` leaves slivers in.
@@ -146,6 +151,13 @@ impl MeshJob {
             threshold: threshold(options.threshold)?,
             beta: beta(options.beta.as_deref())?,
             atoms_from: options.atoms_from.clone(),
+            seeding: match options.seeding {
+                Some(SeedingChoice::Refine) => Seeding::Refine {
+                    seed: options.rng_seed.unwrap_or(1),
+                },
+                Some(SeedingChoice::Grown) => Seeding::Grown,
+                _ => Seeding::Regular,
+            },
             evaluator: match options.potential {
                 Some(PotentialChoice::Sampled) => Evaluator::Sampled,
                 _ => Evaluator::Pairwise,

@@ -185,6 +185,7 @@ impl MeshJob {
             threshold: self.threshold,
             beta,
             fixed,
+            seeding: self.seeding,
             evaluator: self.evaluator,
             coarse_passes: self.coarse_passes,
             min_dihedral: self.min_dihedral,

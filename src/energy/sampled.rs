@@ -18,6 +18,7 @@ use super::pair::{CUTOFF, potential};
 use super::{Beta, Energy, Parts};
 use crate::distance::Distance;
 use crate::image::Field;
+use crate::seeding::Alignment;
 
 /// Stamps per doubling of d, where d varies: neighbouring ones differ by less than one percent.
 const STAMPS_PER_OCTAVE: f64 = 80.0;
@@ -72,6 +73,7 @@ pub struct Sampled<'a, const D: usize> {
     distance: &'a Distance<D>,
     potential: &'a Field<D>,
     beta: Beta<D>,
+    alignment: Alignment,
     stiffness: f32,
     /// From the smallest d up, [`STAMPS_PER_OCTAVE`] per doubling.
     stamps: Vec<Stamp<D>>,
@@ -89,6 +91,7 @@ impl<'a, const D: usize> Sampled<'a, D> {
             distance,
             potential,
             beta,
+            alignment: Alignment::On,
             stiffness: 0.0,
             stamps: Vec::new(),
             smallest: distance.min(),
@@ -97,6 +100,12 @@ impl<'a, const D: usize> Sampled<'a, D> {
         };
         sampled.tabulate();
         sampled
+    }
+
+    /// Where atoms shall end up, as in [`Pairwise::aligned`](super::Pairwise::aligned).
+    pub fn aligned(mut self, alignment: Alignment) -> Self {
+        self.alignment = alignment;
+        self
     }
 
     /// The same stiffening as [`Pairwise::stiffened`](super::Pairwise::stiffened).
@@ -130,9 +139,34 @@ impl<'a, const D: usize> Sampled<'a, D> {
             .fold(0, |flat, k| flat * self.potential.dims[k] + index[k])
     }
 
-    /// Adds an atom's stamp to the field, as far as it is in the box.
+    /// The sign of b in the energy.
+    fn sign(&self) -> f64 {
+        match self.alignment {
+            Alignment::On => 1.0,
+            Alignment::Alongside => -1.0,
+        }
+    }
+
+    /// Adds the stamps of an atom and, alongside, of its mirror images to the field.
     fn accumulate(&mut self, x: &[f64; D]) {
         let centre = self.nearest(x).map(|c| c as i64);
+        let images = match self.alignment {
+            Alignment::On => 1,
+            Alignment::Alongside => 3usize.pow(D as u32),
+        };
+        for image in 0..images {
+            // Along each axis itself, mirrored in the near side, or in the far one.
+            let centre = std::array::from_fn(|k| match image / 3usize.pow(k as u32) % 3 {
+                0 => centre[k],
+                1 => -centre[k],
+                _ => 2 * (self.potential.dims[k] as i64 - 1) - centre[k],
+            });
+            self.stamp(x, centre);
+        }
+    }
+
+    /// Adds the stamp of an atom at `x`, moved to a centre in samples, as far as it is in the box.
+    fn stamp(&mut self, x: &[f64; D], centre: [i64; D]) {
         let octaves = (self.distance.at(*x) / self.smallest).log2();
         let stamp = (octaves * STAMPS_PER_OCTAVE).round().max(0.0) as usize;
         let dims = self.potential.dims;
@@ -143,6 +177,9 @@ impl<'a, const D: usize> Sampled<'a, D> {
             }
             let last = (first[0] + run.values.len() as i64).min(dims[0] as i64);
             let start = first[0].max(0);
+            if start >= last {
+                continue;
+            }
             let row = (1..D)
                 .rev()
                 .fold(0, |flat, k| flat * dims[k] + first[k] as usize)
@@ -174,10 +211,11 @@ impl<const D: usize> Energy<D> for Sampled<'_, D> {
             self.accumulate(atom);
         }
         let itself = f64::from(potential(0.0, self.stiffness));
+        let sign = self.sign();
         let total_at = |index: &[usize; D]| {
             let (flat, beta) = (self.flat(index), self.beta(index));
             (1.0 - beta) * f64::from(self.field[flat])
-                + beta * f64::from(self.potential.samples[flat])
+                + sign * beta * f64::from(self.potential.samples[flat])
         };
         let mut parts = Parts::default();
         let mut energy = 0.0;
@@ -185,7 +223,7 @@ impl<const D: usize> Energy<D> for Sampled<'_, D> {
             let index = self.nearest(atom);
             let (flat, beta) = (self.flat(&index), self.beta(&index));
             let a = 0.5 * (f64::from(self.field[flat]) - itself);
-            let b = f64::from(self.potential.samples[flat]);
+            let b = sign * f64::from(self.potential.samples[flat]);
             parts.lattice += a;
             parts.image += b;
             energy += (1.0 - beta) * a + beta * b;
@@ -212,7 +250,7 @@ mod tests {
     use crate::energy::Pairwise;
 
     /// A jittered lattice and a potential, d samples to the nominal distance.
-    fn case(d: f64, on_samples: bool) -> (Vec<[f64; 3]>, [f64; 3], Field<3>) {
+    fn case(d: f64, on_samples: bool, alignment: Alignment) -> (Vec<[f64; 3]>, [f64; 3], Field<3>) {
         let extent = [8.0 * d; 3];
         let mut state = 3u64;
         let mut random = || {
@@ -221,11 +259,14 @@ mod tests {
                 .wrapping_add(1_442_695);
             (state >> 33) as f64 / (1u64 << 31) as f64 - 0.5
         };
-        let mut atoms = crate::seeding::lattice::fitted(extent, d, crate::seeding::Alignment::On);
+        let mut atoms = crate::seeding::lattice::fitted(extent, d, alignment);
         for atom in &mut atoms {
             *atom = atom.map(|c| (c + 0.3 * d * random()).clamp(0.0, extent[0]));
             if on_samples {
                 *atom = atom.map(f64::round);
+            }
+            if alignment == Alignment::Alongside {
+                *atom = atom.map(|c| c.clamp(1.0, extent[0] - 1.0));
             }
         }
         let dims = extent.map(|l| l as usize + 1);
@@ -237,12 +278,12 @@ mod tests {
     }
 
     /// Relative difference between the two evaluators: energy, and gradient (Euclidean norm).
-    fn difference(d: f64, on_samples: bool, beta: f64) -> (f64, f64) {
-        let (atoms, extent, field) = case(d, on_samples);
+    fn difference(d: f64, on_samples: bool, beta: f64, alignment: Alignment) -> (f64, f64) {
+        let (atoms, extent, field) = case(d, on_samples, alignment);
         let distance = Distance::Constant(d);
-        let mut sampled = Sampled::new(&distance, &field, Beta::Constant(beta));
-        let mut exact =
-            Pairwise::new(extent, &distance, Some(&field), Beta::Constant(beta)).unwrap();
+        let sampled = Sampled::new(&distance, &field, Beta::Constant(beta));
+        let exact = Pairwise::new(extent, &distance, Some(&field), Beta::Constant(beta)).unwrap();
+        let (mut sampled, mut exact) = (sampled.aligned(alignment), exact.aligned(alignment));
         let mut rough = vec![[0.0; 3]; atoms.len()];
         let mut truth = rough.clone();
         let (p, q) = (
@@ -264,7 +305,9 @@ mod tests {
     #[test]
     fn is_exact_for_atoms_on_samples() {
         for d in [4.0, 6.0] {
-            assert!(difference(d, true, 0.4).0 < 1e-5);
+            for alignment in [Alignment::On, Alignment::Alongside] {
+                assert!(difference(d, true, 0.4, alignment).0 < 1e-5);
+            }
         }
     }
 
@@ -272,7 +315,7 @@ mod tests {
     fn agrees_with_pairs_within_the_sampling_error() {
         let mut before = f64::INFINITY;
         for d in [4.0, 6.0, 8.0, 12.0] {
-            let (energy, gradient) = difference(d, false, 0.4);
+            let (energy, gradient) = difference(d, false, 0.4, Alignment::On);
             println!("d = {d}: energy {energy:.4}, gradient {gradient:.4}");
             // An atom is off its sample by 0.29 an axis, a share of 0.29 / d of its distances.
             assert!(
@@ -286,7 +329,7 @@ mod tests {
 
     #[test]
     fn agrees_where_distance_and_beta_vary() {
-        let (atoms, extent, field) = case(12.0, false);
+        let (atoms, extent, field) = case(12.0, false, Alignment::On);
         let dims = extent.map(|l| l as usize / 4 + 1);
         let distance = Distance::Field(Field::from_fn(dims, [4.0; 3], |x| {
             10.0 + 0.04 * x[0] - 0.02 * x[2]

@@ -10,11 +10,13 @@
 //!
 //! - [`lbfgs`]: the descent direction
 //! - [`minimise`]: one minimisation: line search, bounds, stopping
+//! - [`temperature`]: which atoms a local edit may move
 //! - [`observer`]: watching and interrupting
 
 pub mod lbfgs;
 pub mod minimise;
 pub mod observer;
+pub mod temperature;
 
 pub use observer::{Observer, Progress, Unobserved};
 
@@ -456,6 +458,59 @@ mod tests {
             moved += usize::from(x != old);
         }
         assert!(moved > 200);
+    }
+
+    #[test]
+    fn an_edit_changes_its_neighbourhood_only() {
+        let distance = Distance::Constant(D);
+        let mut atoms = seeding::regular(EXTENT, &distance, &[], Alignment::On).unwrap();
+        let centre = EXTENT.map(|l| 0.4 * l);
+        let r = |x: &[f64; 3]| {
+            (0..3)
+                .map(|k| (x[k] - centre[k]).powi(2))
+                .sum::<f64>()
+                .sqrt()
+        };
+        // The nearest atom becomes a fixed one at the centre.
+        let nearest = (0..atoms.len())
+            .min_by(|&a, &b| r(&atoms.positions[a]).total_cmp(&r(&atoms.positions[b])))
+            .unwrap();
+        atoms.positions[nearest] = centre;
+        atoms.kinds[nearest] = AtomKind::Fixed;
+        let before = atoms.positions.clone();
+        let run = |warmth: f64| {
+            let mut atoms = atoms.clone();
+            let around = temperature::around(&before, &[centre], &distance);
+            let options = Options {
+                temperature: around.iter().map(|t| warmth * t).collect(),
+                max_rounds: 1,
+                // As given, at the start, and after one step, which is along the force.
+                max_evaluations: 3,
+                perturbation: 0.0,
+                ..Options::default()
+            };
+            let mut energy = Pairwise::new(EXTENT, &distance, None, Beta::Constant(0.0)).unwrap();
+            optimize(
+                &mut atoms,
+                &mut energy,
+                &distance,
+                EXTENT,
+                &options,
+                &mut Unobserved,
+            )
+            .unwrap();
+            let moved = |(x, old): (&[f64; 3], &[f64; 3])| {
+                assert!(r(old) < 5.0 * D || x == old);
+                (0..3).map(|k| (x[k] - old[k]).powi(2)).sum::<f64>().sqrt()
+            };
+            atoms.positions.iter().zip(&before).map(moved).sum::<f64>()
+        };
+        let (warm, cool) = (run(1.0), run(0.05));
+        println!("moved {warm:.2} warm, {cool:.2} cool");
+        assert!(
+            warm > 0.2 * D && cool > 0.0 && cool < 0.2 * warm,
+            "{warm} {cool}"
+        );
     }
 
     /// The same energy as a problem for argmin, over flat coordinates, the held ones left out.

@@ -15,6 +15,7 @@
 use std::collections::VecDeque;
 use std::f64::consts::{FRAC_1_SQRT_2, SQRT_2};
 
+use super::refine::spread;
 use super::{Alignment, distance2, sides_held};
 use crate::distance::Distance;
 
@@ -190,27 +191,9 @@ impl<'a, const D: usize> Grown<'a, D> {
         let near = self.ends(axis, self.distance.at(at(0.0)))[0];
         let far = self.ends(axis, self.distance.at(at(self.extent[axis])))[1];
         let unit = if D == 3 { SQRT_2 } else { 1.0 };
-        // How many spacings from the start to each of many points (midpoint rule).
-        let pieces = (8.0 * (far - near) / self.least).ceil().max(8.0) as usize;
-        let piece = (far - near) / pieces as f64;
-        let mut spacings = vec![0.0];
-        for n in 0..pieces {
-            let d = self.distance.at(at(near + (n as f64 + 0.5) * piece));
-            spacings.push(spacings[n] + piece / (unit * d));
-        }
-        let count = spacings[pieces].round().max(1.0);
-        let scale = spacings[pieces] / count;
-        let mut n = 0;
-        (1..count as usize)
-            .map(|k| {
-                let target = k as f64 * scale;
-                while n + 1 < pieces && spacings[n + 1] < target {
-                    n += 1;
-                }
-                let share = (target - spacings[n]) / (spacings[n + 1] - spacings[n]);
-                at(near + (n as f64 + share) * piece)
-            })
-            .collect()
+        let d = |t: f64| unit * self.distance.at(at(near + t));
+        let places = spread(far - near, self.least, d);
+        places.into_iter().map(|t| at(near + t)).collect()
     }
 }
 
@@ -310,14 +293,14 @@ pub fn grown<const D: usize>(
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::image::Field;
     use crate::mesh::AtomKind;
-    use crate::seeding::{Atoms, regular};
+    use crate::seeding::{Atoms, Seeding, regular, seed};
 
     /// d from 4 in the middle to 9 at the far corners.
-    fn varying<const D: usize>(extent: [f64; D]) -> Distance<D> {
+    pub fn varying<const D: usize>(extent: [f64; D]) -> Distance<D> {
         let dims = extent.map(|l| (l / 2.0) as usize + 1);
         let step = std::array::from_fn(|k| extent[k] / (dims[k] - 1) as f64);
         Distance::Field(Field::from_fn(dims, step, |x| {
@@ -327,7 +310,7 @@ mod tests {
     }
 
     /// Nearest-neighbour distance over d at 0, 1, 50, 99 and 100 %.
-    fn spacing<const D: usize>(atoms: &Atoms<D>, distance: &Distance<D>) -> [f64; 5] {
+    pub fn spacing<const D: usize>(atoms: &Atoms<D>, distance: &Distance<D>) -> [f64; 5] {
         let mut nearest: Vec<f64> = atoms
             .positions
             .iter()
@@ -495,5 +478,28 @@ mod tests {
             Alignment::Alongside,
         );
         assert!(refused.unwrap_err().to_string().contains("on a side"));
+    }
+
+    #[test]
+    fn wells_are_seeds_of_the_lattice() {
+        // How many of the twelve neighbours that a well has in the lattice are where they should be.
+        let extent = [61.0, 57.0, 63.0];
+        let distance = Distance::Constant(5.0);
+        let wells = [[22.3, 31.1, 17.7], [40.9, 20.2, 44.4]];
+        let neighbours = |how: Seeding| {
+            let atoms = seed(how, extent, &distance, &wells, Alignment::On).unwrap();
+            assert_eq!(atoms.positions[atoms.len() - 2..], wells);
+            let sites = wells.iter().flat_map(|well| {
+                let step = |step: [f64; 3]| std::array::from_fn(|k| well[k] + 5.0 * step[k]);
+                steps::<3>(&[0, 1, 2]).into_iter().map(step)
+            });
+            let taken = |site: &[f64; 3]| {
+                let mut atoms = atoms.positions.iter();
+                atoms.any(|x| distance2(x, site) < 1e-12)
+            };
+            sites.filter(taken).count()
+        };
+        assert_eq!(neighbours(Seeding::Grown), 24);
+        assert!(neighbours(Seeding::Regular) < 4);
     }
 }

@@ -2,6 +2,7 @@
 //!
 //! - [`lattice`]: the densest regular lattice fitted to the box, for constant d
 //! - [`grow`]: a pseudo-regular lattice grown atom by atom, for variable d
+//! - [`refine`](mod@refine): an isotropic lattice by Delaunay refinement
 //! - [`fixed`]: atoms given by the user
 //! - [`order`]: memory order of atoms, for cache locality
 
@@ -9,6 +10,7 @@ pub mod fixed;
 pub mod grow;
 pub mod lattice;
 pub mod order;
+pub mod refine;
 
 use crate::distance::Distance;
 use crate::error::Result;
@@ -96,20 +98,38 @@ fn distance2<const D: usize>(a: &[f64; D], b: &[f64; D]) -> f64 {
     (0..D).map(|k| (a[k] - b[k]).powi(2)).sum()
 }
 
-/// Seeds the densest regular lattice that fills the box `[0, extent]`, face-centred cubic in 3-D and
-/// triangular in 2-D. [`Alignment::On`], corners, edges and sides of the box carry atoms;
-/// [`Alignment::Alongside`], the outermost atoms are half a d inside.
+/// How atoms are placed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Seeding {
+    /// The densest regular lattice, face-centred cubic in 3-D and triangular in 2-D: for constant d
+    /// slightly stretched per axis to fit ([`lattice::fitted`]), else grown by Hale's Algorithm 2
+    /// ([`grow::grown`]).
+    #[default]
+    Regular,
+    /// Grown by Algorithm 2 whatever d, from fixed atoms and the sides of the box: the lattice is
+    /// regular around wells rather than in the box.
+    Grown,
+    /// Delaunay refinement ([`refine::refined`]), isotropic.
+    Refine {
+        /// Decides where the first point inside is.
+        seed: u64,
+    },
+}
+
+/// Seeds a lattice that fills the box `[0, extent]`. [`Alignment::On`], corners, edges and sides of
+/// the box carry atoms; [`Alignment::Alongside`], the outermost atoms are half a d inside.
 ///
-/// For constant d the lattice is regular, slightly stretched per axis to fit ([`lattice::fitted`]);
-/// else it grows by Hale's Algorithm 2 ([`grow::grown`]). `fixed` atoms (lattice space) are kept
-/// exactly where they are; the lattice grows from them or makes room for them ([`fixed::insert`]).
-/// Atoms come in the order of a space-filling curve, fixed atoms last.
+/// `fixed` atoms (lattice space) are kept exactly where they are; a lattice that is grown grows from
+/// them, others make room for them ([`fixed::insert`]). Atoms come in the order of a space-filling
+/// curve, fixed atoms last.
 ///
 /// # Errors
 /// [`Error::Distance`](crate::Error::Distance) if d does not suit the box,
-/// [`Error::Seeding`](crate::Error::Seeding) if a fixed atom lies outside
-/// the box (alongside, also on a side of it) or two lie at one place.
-pub fn regular<const D: usize>(
+/// [`Error::Seeding`](crate::Error::Seeding) if a fixed atom lies outside the box (alongside, also
+/// on a side of it) or two lie at one place, [`Error::Delaunay`](crate::Error::Delaunay) for
+/// refinement in 3-D without the feature `cgal`.
+pub fn seed<const D: usize>(
+    how: Seeding,
     extent: [f64; D],
     distance: &Distance<D>,
     fixed: &[[f64; D]],
@@ -117,12 +137,30 @@ pub fn regular<const D: usize>(
 ) -> Result<Atoms<D>> {
     distance.validate(extent)?;
     let fixed = fixed::checked(fixed, extent, distance, alignment)?;
-    let mut positions = match distance {
-        Distance::Constant(d) => lattice::fitted(extent, *d, alignment),
-        Distance::Field(_) => grow::grown(extent, distance, &fixed, alignment),
+    let mut positions = match (how, distance) {
+        (Seeding::Refine { seed }, _) => {
+            refine::refined(extent, distance, &fixed, alignment, seed)?
+        }
+        (Seeding::Regular, Distance::Constant(d)) => lattice::fitted(extent, *d, alignment),
+        (Seeding::Regular, Distance::Field(_)) | (Seeding::Grown, _) => {
+            grow::grown(extent, distance, &fixed, alignment)
+        }
     };
     order::sort_by_curve(&mut positions, extent, 2.0 * distance.min());
     let mut atoms = Atoms::in_box(positions, extent);
     fixed::insert(&mut atoms, &fixed, extent, distance);
     Ok(atoms)
+}
+
+/// [`seed`] with [`Seeding::Regular`].
+///
+/// # Errors
+/// Those of [`seed`].
+pub fn regular<const D: usize>(
+    extent: [f64; D],
+    distance: &Distance<D>,
+    fixed: &[[f64; D]],
+    alignment: Alignment,
+) -> Result<Atoms<D>> {
+    seed(Seeding::Regular, extent, distance, fixed, alignment)
 }

@@ -1,0 +1,180 @@
+//! Delaunay refinement: points are added at the centres of too large circumspheres, the largest in
+//! units of d first (Hale 2002), by CGAL in space (feature `cgal`) and by spade in the plane.
+
+use std::cmp::Ordering;
+use std::collections::BinaryHeap;
+
+use spade::handles::FixedVertexHandle;
+use spade::{DelaunayTriangulation, Point2, Triangulation};
+
+use crate::error::{Error, Result, cause};
+use crate::image::Field;
+
+/// A triangle whose circumcentre is to become a point.
+struct Entry {
+    /// Circumradius over d.
+    ratio: f64,
+    corners: [FixedVertexHandle; 3],
+    face: spade::handles::FixedFaceHandle<spade::handles::InnerTag>,
+    centre: Point2<f64>,
+}
+
+impl Ord for Entry {
+    fn cmp(&self, other: &Self) -> Ordering {
+        // Of equal ratios in the order of the vertices: the same on every run.
+        let corners = |entry: &Self| entry.corners.map(|corner| corner.index());
+        let by_ratio = self.ratio.total_cmp(&other.ratio);
+        by_ratio.then_with(|| corners(other).cmp(&corners(self)))
+    }
+}
+
+impl PartialOrd for Entry {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl PartialEq for Entry {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other) == Ordering::Equal
+    }
+}
+
+impl Eq for Entry {}
+
+/// The points to add to `points` so that no triangle of their Delaunay triangulation with its
+/// circumcentre in the rectangle `[0, extent]` has a circumradius of more than `limit` d.
+///
+/// # Errors
+/// [`Error::Delaunay`] if a coordinate is not finite.
+pub fn refine_plane(
+    points: &[[f64; 2]],
+    extent: [f64; 2],
+    d: impl Fn([f64; 2]) -> f64,
+    limit: f64,
+) -> Result<Vec<[f64; 2]>> {
+    let mut delaunay: DelaunayTriangulation<Point2<f64>> = DelaunayTriangulation::new();
+    let insert = |delaunay: &mut DelaunayTriangulation<_>, x: Point2<f64>| {
+        let inserted = delaunay.insert(x);
+        inserted.map_err(|error| fault(error, "give finite coordinates"))
+    };
+    for &[x, y] in points {
+        insert(&mut delaunay, Point2::new(x, y))?;
+    }
+    let mut queue = BinaryHeap::new();
+    let consider =
+        |face: spade::handles::FaceHandle<spade::handles::InnerTag, Point2<f64>, (), (), ()>| {
+            let centre = face.circumcenter();
+            let x = [centre.x, centre.y];
+            if !(0..2).all(|k| x[k] > 0.0 && x[k] < extent[k]) {
+                return None;
+            }
+            let ratio = centre.distance_2(face.vertices()[0].position()).sqrt() / d(x);
+            (ratio > limit).then(|| Entry {
+                ratio,
+                corners: face.vertices().map(|vertex| vertex.fix()),
+                face: face.fix(),
+                centre,
+            })
+        };
+    queue.extend(delaunay.inner_faces().filter_map(consider));
+    let mut added = Vec::new();
+    while let Some(worst) = queue.pop() {
+        // Faces are reused, never given up: the triangle is there if its corners are.
+        let face = delaunay.face(worst.face);
+        if face.vertices().map(|vertex| vertex.fix()) != worst.corners {
+            continue;
+        }
+        let before = delaunay.num_vertices();
+        let vertex = insert(&mut delaunay, worst.centre)?;
+        if delaunay.num_vertices() == before {
+            continue;
+        }
+        added.push([worst.centre.x, worst.centre.y]);
+        let around = delaunay.vertex(vertex).out_edges();
+        queue.extend(around.filter_map(|edge| edge.face().as_inner().and_then(consider)));
+    }
+    Ok(added)
+}
+
+/// The points to add to `points` so that no tetrahedron of their Delaunay triangulation with its
+/// circumcentre in the box `[0, extent]` has a circumradius of more than `limit` d. `d` spans the
+/// box.
+///
+/// # Errors
+/// [`Error::Delaunay`] if a coordinate is not finite, the points do not span space, or built
+/// without the feature `cgal`.
+pub fn refine_space(
+    points: &[[f64; 3]],
+    extent: [f64; 3],
+    d: &Field<3>,
+    limit: f64,
+) -> Result<Vec<[f64; 3]>> {
+    if !points.as_flattened().iter().all(|c| c.is_finite()) {
+        return Err(fault("a point is not finite", "give finite coordinates"));
+    }
+    bridge::refine_space(points, extent, d, limit)
+}
+
+fn fault(problem: impl std::fmt::Display, remedy: impl std::fmt::Display) -> Error {
+    Error::Delaunay(cause("Delaunay refinement", problem, remedy))
+}
+
+#[cfg(not(feature = "cgal"))]
+mod bridge {
+    use super::{Field, Result, fault};
+
+    pub fn refine_space(
+        _: &[[f64; 3]],
+        _: [f64; 3],
+        _: &Field<3>,
+        _: f64,
+    ) -> Result<Vec<[f64; 3]>> {
+        Err(fault(
+            "this atomesh was built without CGAL",
+            "build with the feature `cgal` (on by default), or seed another way",
+        ))
+    }
+}
+
+#[cfg(feature = "cgal")]
+mod bridge {
+    use super::{Field, Result, fault};
+
+    /// The other side is `cpp/refine.h`.
+    #[cxx::bridge(namespace = "atomesh")]
+    #[allow(unsafe_code)]
+    mod ffi {
+        // SAFETY: the function only reads its slices; `refine_space` has seen to it that all
+        // coordinates are finite, and a field has as many samples as its dims say.
+        unsafe extern "C++" {
+            include!("atomesh/cpp/refine.h");
+
+            fn cgal_refine(
+                points: &[f64],
+                extent: &[f64],
+                samples: &[f32],
+                dims: &[usize],
+                limit: f64,
+            ) -> Result<Vec<f64>>;
+        }
+    }
+
+    pub fn refine_space(
+        points: &[[f64; 3]],
+        extent: [f64; 3],
+        d: &Field<3>,
+        limit: f64,
+    ) -> Result<Vec<[f64; 3]>> {
+        if d.samples.len() != d.dims.iter().product::<usize>() || d.samples.is_empty() {
+            return Err(fault(
+                "d has not as many samples as it should",
+                "give one that covers the box",
+            ));
+        }
+        let added = ffi::cgal_refine(points.as_flattened(), &extent, &d.samples, &d.dims, limit)
+            .map_err(|e| fault(e.what(), "please report it"))?;
+        let (added, _) = added.as_chunks();
+        Ok(added.to_vec())
+    }
+}

@@ -12,6 +12,8 @@ pub struct Grid<'a, const D: usize> {
     pub dims: [usize; D],
     /// In the order of samples.
     pub candidates: &'a [Candidate<D>],
+    /// Their samples.
+    voxels: Vec<u32>,
     /// First candidate at or after the first sample of each segment.
     start: Vec<u32>,
 }
@@ -30,6 +32,7 @@ impl<'a, const D: usize> Grid<'a, D> {
         Self {
             dims,
             candidates,
+            voxels: candidates.iter().map(|c| c.voxel).collect(),
             start,
         }
     }
@@ -62,13 +65,10 @@ impl<'a, const D: usize> Grid<'a, D> {
         }
         let (low, high) = ((row + low as usize) as u32, (row + high as usize) as u32);
         let first = self.start[(low >> SEGMENT) as usize] as usize;
-        for i in first..self.candidates.len() {
-            let voxel = self.candidates[i].voxel;
-            if voxel >= high {
-                break;
-            }
-            if voxel >= low {
-                visit(i);
+        let end = self.start[((high - 1) >> SEGMENT) as usize + 1] as usize;
+        for (i, voxel) in self.voxels[first..end].iter().enumerate() {
+            if (low..high).contains(voxel) {
+                visit(first + i);
             }
         }
     }

@@ -2,6 +2,7 @@
 //!
 //! - [`gaussian`]: smoothing of volumes
 //! - [`volume`]: finite differences
+//! - [`rows`]: second differences of whole rows at once
 //! - [`symmetric`]: eigenvectors of Hessians and structure tensors
 //! - [`tensor`]: normals of layers
 //! - [`auto`]: which kind of feature an image has
@@ -23,6 +24,7 @@ pub mod labels;
 pub mod potential;
 pub mod repair;
 pub mod ridges;
+pub mod rows;
 pub mod sheets;
 pub mod symmetric;
 pub mod tensor;
@@ -444,7 +446,7 @@ fn check<const D: usize>(image: &Image<D>, options: &Options<D>) -> Result<()> {
         );
     }
     let samples = image.as_slice();
-    if let Some(i) = samples.iter().position(|s| !s.is_finite()) {
+    if let Some(i) = first_not_finite(samples) {
         let volume = Volume {
             dims: image.dims(),
             samples,
@@ -463,4 +465,13 @@ fn check<const D: usize>(image: &Image<D>, options: &Options<D>) -> Result<()> {
         )));
     }
     Ok(())
+}
+
+/// The first sample that is NaN or infinite.
+fn first_not_finite(samples: &[f32]) -> Option<usize> {
+    // Without a way out of the inner loop it runs on many samples at once.
+    let broken = |chunk: &[f32]| !chunk.iter().fold(true, |all, s| all & s.is_finite());
+    let chunk = samples.chunks(4096).position(broken)? * 4096;
+    let within = samples[chunk..].iter().position(|s| !s.is_finite())?;
+    Some(chunk + within)
 }

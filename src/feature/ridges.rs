@@ -12,7 +12,8 @@
 //! nor doubles.
 
 use super::crossing::{Candidate, along_axis, dominant_axes};
-use super::symmetric::{Matrix, eigenvalues, eigenvector};
+use super::rows::{curvatures, laplacian_where_curved};
+use super::symmetric::{eigenvalues, eigenvector};
 use super::volume::Volume;
 
 /// A Gaussian ridge as wide as the smoothing has, in the smoothed image, sigma^2 times its second
@@ -31,22 +32,10 @@ pub fn ridges<const D: usize>(smoothed: Volume<'_, D>, sigma: f64, low: f32) -> 
     smoothed.by_rows(|first, laplacian, found| row(smoothed, sigma, low, first, laplacian, found))
 }
 
-/// Standard deviation of the Laplacian of smoothed white noise over the median of [`curvature`]: its
+/// Standard deviation of the Laplacian of smoothed white noise over the median of [`curvatures`]: its
 /// Hessian's pure entries have variance 3, covariance 1, and its mixed entries variance 1.
 const fn median_to_noise(dimensions: usize) -> f64 {
     if dimensions == 3 { 4.061 } else { 3.941 }
-}
-
-/// How much the image curves in directions in which a sheet does not bend it: the magnitude of the
-/// middle eigenvalue of the Hessian, in 2-D of the smaller one.
-fn curvature<const D: usize>(hessian: &Matrix<D>) -> f32 {
-    let values = eigenvalues(hessian);
-    let curvature = if D == 3 {
-        values[1].abs()
-    } else {
-        values[0].abs().min(values[1].abs())
-    };
-    curvature as f32
 }
 
 /// Ratio of noise to typical strength (one where there is only white noise) from which ridges drown.
@@ -93,12 +82,7 @@ pub fn statistics<const D: usize>(smoothed: Volume<'_, D>, sigma: f64) -> Statis
         }
         let mut found = Vec::new();
         row(smoothed, sigma, 0.0, first, laplacian, &mut found);
-        let magnitude = |x: usize| {
-            let mut at = first;
-            at[0] = x;
-            curvature(&smoothed.hessian(at))
-        };
-        let magnitudes = (0..smoothed.dims[0]).step_by(2).map(magnitude).collect();
+        let magnitudes = curvatures(smoothed, first).into_iter().step_by(2).collect();
         parts.push((magnitudes, found));
     });
     let mut magnitudes: Vec<f32> = parts.iter().flat_map(|p| p.0.iter().copied()).collect();
@@ -136,11 +120,13 @@ fn row<const D: usize>(
     laplacian: &mut Vec<f32>,
     found: &mut Vec<Candidate<D>>,
 ) {
-    smoothed.laplacian(first, laplacian);
     // The most negative eigenvalue carries at least a third of a negative Laplacian; across a sheet
     // it carries nearly all of it, and noise in the other two takes off less than a half.
     let scale = HEIGHT * sigma * sigma;
     let bound = (-0.5 * f64::from(low) / scale) as f32;
+    // Less than asked for, so that rounding loses nothing.
+    let least = (0.98 * f64::from(low) / scale) as f32;
+    laplacian_where_curved(smoothed, first, least, laplacian);
     for x in 0..smoothed.dims[0] {
         if laplacian[x] >= bound {
             continue;

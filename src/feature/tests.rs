@@ -406,7 +406,7 @@ fn curves_of_a_plane_image_are_found() {
     let (arc, rms) = curve_fit(
         &features,
         |t| {
-            let angle = 0.55 + 1.35 * t;
+            let angle = 0.55 + 1.3 * t;
             [
                 centre[0] + radius * angle.cos(),
                 centre[1] + radius * angle.sin(),

@@ -71,7 +71,7 @@ impl<const D: usize> Volume<'_, D> {
 
     /// For each axis, how far in memory the neighbours before and after `at` are.
     #[inline]
-    fn neighbours(&self, at: [usize; D]) -> ([usize; D], [usize; D]) {
+    pub fn neighbours(&self, at: [usize; D]) -> ([usize; D], [usize; D]) {
         let strides = self.strides();
         (
             std::array::from_fn(|k| if at[k] > 0 { strides[k] } else { 0 }),
@@ -113,34 +113,6 @@ impl<const D: usize> Volume<'_, D> {
             }
         }
         hessian
-    }
-
-    /// The sum of the pure second differences along the row of x from `first`.
-    pub fn laplacian(&self, first: [usize; D], out: &mut Vec<f32>) {
-        let nx = self.dims[0];
-        let (before, after) = self.neighbours(first);
-        let i = self.index(first);
-        let row = |start: usize| &self.samples[start..start + nx];
-        let c = row(i);
-        out.clear();
-        out.resize(nx, 0.0);
-        let last = nx - 1;
-        for x in 1..last.max(1) {
-            out[x] = c[x - 1] + c[x + 1];
-        }
-        for x in [0, last] {
-            out[x] = c[x.saturating_sub(1)] + c[(x + 1).min(last)];
-        }
-        for k in 1..D {
-            let (a, b) = (row(i + after[k]), row(i - before[k]));
-            for (out, (a, b)) in out.iter_mut().zip(a.iter().zip(b)) {
-                *out += a + b;
-            }
-        }
-        let centre = 2.0 * D as f32;
-        for (out, c) in out.iter_mut().zip(c) {
-            *out -= centre * c;
-        }
     }
 
     /// Length of the gradient at every sample.

@@ -73,6 +73,51 @@ impl<'a, const D: usize> Grid<'a, D> {
         }
     }
 
+    /// Calls `visit` for each candidate of the samples from `at` to `at + (length - 1)` along `axis`
+    /// that are inside the image.
+    #[inline]
+    pub fn each_in_column(
+        &self,
+        at: [i32; D],
+        axis: usize,
+        length: i32,
+        mut visit: impl FnMut(usize),
+    ) {
+        if axis == 0 {
+            return self.each_in_row(at, length, visit);
+        }
+        let (mut stride, mut voxel) = (1, 0);
+        for k in 0..D {
+            if k != axis && (at[k] < 0 || at[k] as usize >= self.dims[k]) {
+                return;
+            }
+            if k < axis {
+                stride *= self.dims[k];
+            }
+        }
+        let (low, high) = (
+            at[axis].max(0),
+            (at[axis] + length).min(self.dims[axis] as i32),
+        );
+        for k in (0..D).rev() {
+            let i = if k == axis { low } else { at[k] };
+            voxel = voxel * self.dims[k] + i.max(0) as usize;
+        }
+        for _ in low..high {
+            let segment = voxel >> SEGMENT;
+            let (first, end) = (
+                self.start[segment] as usize,
+                self.start[segment + 1] as usize,
+            );
+            for (i, v) in self.voxels[first..end].iter().enumerate() {
+                if *v as usize == voxel {
+                    visit(first + i);
+                }
+            }
+            voxel += stride;
+        }
+    }
+
     /// Calls `visit` for each candidate of the sample at these coordinates, if it is inside.
     #[inline]
     pub fn each(&self, at: [i32; D], visit: impl FnMut(usize)) {
@@ -123,6 +168,21 @@ mod tests {
                         };
                         let all: Vec<usize> = (0..candidates.len())
                             .filter(|&i| near(&candidates[i]))
+                            .collect();
+                        assert_eq!(found, all);
+                    }
+                    for axis in 0..3 {
+                        let mut found = Vec::new();
+                        grid.each_in_column([x, y, z], axis, 4, |i| found.push(i));
+                        let within = |c: &Candidate<3>| {
+                            let at = grid.coordinates(c);
+                            (0..3).all(|k| {
+                                let length = if k == axis { 4 } else { 1 };
+                                (0..length).contains(&(at[k] - [x, y, z][k]))
+                            })
+                        };
+                        let all: Vec<usize> = (0..candidates.len())
+                            .filter(|&i| within(&candidates[i]))
                             .collect();
                         assert_eq!(found, all);
                     }

@@ -325,7 +325,7 @@ impl<const D: usize> Fill<'_, D> {
             let mut at: [i32; D] = std::array::from_fn(|k| centre[k] + away[k]);
             let middle = nearest(guess[axis] + slope);
             at[axis] = middle - slack;
-            let mut visit = |i: usize| {
+            self.reliable.each_in_column(at, axis, 2 * slack + 1, |i| {
                 let q = &self.reliable.candidates[i];
                 let away = minus(q.position, guess);
                 let distance = dot(away, away).sqrt();
@@ -335,15 +335,7 @@ impl<const D: usize> Fill<'_, D> {
                     count += 1;
                     surface.add(away, axis);
                 }
-            };
-            if axis == 0 {
-                self.reliable.each_in_row(at, 2 * slack + 1, visit);
-                continue;
-            }
-            for _ in -slack..=slack {
-                self.reliable.each(at, &mut visit);
-                at[axis] += 1;
-            }
+            });
         }
         if count < Surface::<D>::TERMS {
             return None;

@@ -46,15 +46,15 @@ impl<const D: usize> Volume<'_, D> {
 
     /// What `visit` finds in each row of x, given its first sample, in the order of rows. The scratch
     /// that it may use holds anything.
-    pub fn by_rows<T: Send>(
+    pub fn by_rows<S: Default, T: Send>(
         &self,
-        visit: impl Fn([usize; D], &mut Vec<f32>, &mut Vec<T>) + Sync,
+        visit: impl Fn([usize; D], &mut S, &mut Vec<T>) + Sync,
     ) -> Vec<T> {
         let rows = self.samples.len() / self.dims[0].max(1);
         let parts: Vec<Vec<T>> = (0..rows.div_ceil(ROWS))
             .into_par_iter()
             .map(|part| {
-                let (mut scratch, mut found) = (Vec::new(), Vec::new());
+                let (mut scratch, mut found) = (S::default(), Vec::new());
                 for row in part * ROWS..((part + 1) * ROWS).min(rows) {
                     let first = self.coordinates(row * self.dims[0]);
                     visit(first, &mut scratch, &mut found);
@@ -117,7 +117,7 @@ impl<const D: usize> Volume<'_, D> {
 
     /// Length of the gradient at every sample.
     pub fn gradient_magnitude(&self) -> Vec<f32> {
-        self.by_rows(|first, _, out| {
+        self.by_rows(|first, (): &mut (), out| {
             out.extend((0..self.dims[0]).map(|x| {
                 let mut at = first;
                 at[0] = x;

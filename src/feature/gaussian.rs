@@ -8,6 +8,7 @@
 //! Each pass works on whole rows of x, so that the inner loop runs over neighbouring samples: along
 //! y and z by adding shifted rows, along x by adding shifted copies of one padded row.
 
+use super::wide::wide;
 use rayon::prelude::*;
 
 /// Samples of x handled at once: the sums stay in registers.
@@ -37,14 +38,13 @@ pub fn smooth<const D: usize>(dims: [usize; D], samples: &mut [f32], sigma: [f64
     if samples.is_empty() {
         return;
     }
-    let arch = pulp::Arch::new();
     let kernels = sigma.map(|s| (s > 0.0).then(|| half_kernel(s)));
     // x and y stay inside a plane: do both while it is in the cache.
     samples
         .par_chunks_mut(nx * ny)
         .for_each_init(Vec::new, |scratch, plane| {
             if let Some(kernel) = &kernels[0] {
-                arch.dispatch(
+                wide(
                     #[inline(always)]
                     || {
                         for row in plane.chunks_mut(nx) {
@@ -55,7 +55,7 @@ pub fn smooth<const D: usize>(dims: [usize; D], samples: &mut [f32], sigma: [f64
             }
             if let Some(kernel) = &kernels[1] {
                 let mut rows: Vec<&mut [f32]> = plane.chunks_mut(nx).collect();
-                arch.dispatch(
+                wide(
                     #[inline(always)]
                     || smooth_across(&mut rows, kernel, scratch),
                 );
@@ -76,7 +76,7 @@ pub fn smooth<const D: usize>(dims: [usize; D], samples: &mut [f32], sigma: [f64
                 stacks
                     .par_iter_mut()
                     .for_each_init(Vec::new, |scratch, rows| {
-                        arch.dispatch(
+                        wide(
                             #[inline(always)]
                             || smooth_across(rows, kernel, scratch),
                         );

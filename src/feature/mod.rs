@@ -14,6 +14,7 @@
 //! - [`grid`]: candidates by sample
 //! - [`sheets`](mod@sheets): hysteresis, sheets too near one another, crumbs
 //! - [`potential`](mod@potential): b(x)
+//! - `wide`: loops for wide vectors
 
 pub mod auto;
 pub mod crossing;
@@ -29,6 +30,7 @@ pub mod sheets;
 pub mod symmetric;
 pub mod tensor;
 pub mod volume;
+mod wide;
 
 #[cfg(test)]
 mod scenes;

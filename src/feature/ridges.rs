@@ -87,8 +87,10 @@ pub fn statistics<const D: usize>(smoothed: Volume<'_, D>, sigma: f64) -> Statis
             curvature.measure(smoothed, first);
             let mut found = Vec::new();
             row(smoothed, sigma, 0.0, first, curvature, &mut found);
-            let lowest = curvature.lowest.iter().step_by(2);
-            parts.push((lowest.map(|&two| sideways::<D>(two)).collect(), found));
+            let [lowest, next] = &curvature.lowest;
+            let magnitude = |x: usize| sideways::<D>(lowest[x], next[x]);
+            let magnitudes = (0..lowest.len()).step_by(2).map(magnitude).collect();
+            parts.push((magnitudes, found));
         });
     let mut magnitudes: Vec<f32> = parts.iter().flat_map(|p| p.0.iter().copied()).collect();
     let middle = magnitudes.len() / 2;
@@ -118,7 +120,7 @@ pub fn statistics<const D: usize>(smoothed: Volume<'_, D>, sigma: f64) -> Statis
 
 /// How much an image curves in directions in which a sheet does not bend it: the magnitude of the
 /// Hessian's middle eigenvalue, in 2-D of the smaller one.
-fn sideways<const D: usize>([lowest, next]: [f32; 2]) -> f32 {
+fn sideways<const D: usize>(lowest: f32, next: f32) -> f32 {
     if D == 3 {
         next.abs()
     } else {
@@ -139,16 +141,17 @@ fn row<const D: usize>(
     // it carries nearly all of it, and noise in the other two takes off less than a half.
     let scale = (HEIGHT * sigma * sigma) as f32;
     let (least, bound) = (-low / scale, -0.5 * low / scale);
-    let row = curvature.lowest.iter().zip(&curvature.laplacian);
-    for (x, (values, laplacian)) in row.enumerate() {
-        if *laplacian >= bound || values[0] > least {
+    let [lowest, next] = &curvature.lowest;
+    let row = lowest.iter().zip(&curvature.laplacian);
+    for (x, (&lowest, &laplacian)) in row.enumerate() {
+        if laplacian >= bound || lowest > least {
             continue;
         }
         let mut at = first;
         at[0] = x;
         let hessian = smoothed.hessian(at);
-        for (i, &value) in values.iter().enumerate() {
-            if value >= 0.0 || value > least || (i == 1 && value > SECOND * values[0]) {
+        for (i, value) in [lowest, next[x]].into_iter().enumerate() {
+            if value >= 0.0 || value > least || (i == 1 && value > SECOND * lowest) {
                 break;
             }
             let w = eigenvector(&hessian, f64::from(value));

@@ -46,6 +46,7 @@ pub mod pipeline;
 pub mod report;
 pub mod seeding;
 pub mod synth;
+pub mod voronoi;
 
 pub mod cli;
 

@@ -3,6 +3,8 @@
 //! - [`quality`]: dihedral angles and the measure that improvement maximises
 //! - [`complex`]: tetrahedra with neighbours, for local changes
 //! - [`check`]: the one public checker: is this a valid mesh that fills its box?
+//! - [`poly`]: meshes of polyhedra, or of polygons in 2-D
+//! - [`graph`]: cells and connections, for flow and for simulators
 //!
 //! The tetrahedron, its numbering and its orientation:
 //!
@@ -19,6 +21,8 @@
 
 pub mod check;
 pub mod complex;
+pub mod graph;
+pub mod poly;
 pub mod quality;
 
 /// What an atom (mesh node) may do: how many of the box's sides hold it, or a user.

@@ -6,11 +6,13 @@
 //! - [`rock`]: permeability, viscosity, and faults as thin layers
 //! - [`split`]: a mesh torn along its faults
 //! - [`tets`]: linear finite elements on tetrahedra
+//! - [`cells`]: two-point fluxes between cells
 //! - [`wells`]: point sources and sinks
 //! - [`system`]: the pressure system, conjugate gradients, what is conserved
 //! - [`multigrid`]: the preconditioner
 //! - [`sparse`]: sparse matrices
 
+pub mod cells;
 pub mod multigrid;
 pub mod rock;
 pub mod sparse;
@@ -21,6 +23,7 @@ mod test_meshes;
 pub mod tets;
 pub mod wells;
 
+pub use cells::CellFlow;
 pub use rock::{Faults, Rock, Tensor};
 pub use split::Split;
 pub use system::{Figures, Solution};

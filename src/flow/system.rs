@@ -51,7 +51,7 @@ pub struct Figures {
 
 /// Solves `matrix p = rates` with the pressures in `fixed` given (the first of several for one
 /// unknown holds). `weights` are the volumes by which a compartment without given pressure has mean
-/// zero.
+/// zero. Sums of rates below 1e-9 of `least` (or of the rates themselves) are taken for rounding.
 ///
 /// # Errors
 /// [`Error::Flow`] if a compartment without given pressure has rates that do not balance, or the
@@ -61,6 +61,7 @@ pub fn solve(
     rates: &[f64],
     fixed: &[(u32, f64)],
     weights: &[f64],
+    least: f64,
 ) -> Result<Solution> {
     let n = matrix.height();
     let mut pressure = vec![f64::NAN; n];
@@ -68,7 +69,7 @@ pub fn solve(
         pressure[i as usize] = p;
     }
     let compartments = Compartments::new(matrix);
-    let afloat = compartments.pin(rates, &mut pressure)?;
+    let afloat = compartments.pin(rates, least, &mut pressure)?;
 
     // Given pressures leave the system.
     let mut unknown = vec![NONE; n];
@@ -215,7 +216,7 @@ impl Compartments {
 
     /// Gives pressure zero to one unknown of each compartment that has none given, and says which
     /// compartments these are.
-    fn pin(&self, rates: &[f64], pressure: &mut [f64]) -> Result<Vec<bool>> {
+    fn pin(&self, rates: &[f64], least: f64, pressure: &mut [f64]) -> Result<Vec<bool>> {
         let mut afloat = vec![true; self.count];
         let mut sums = vec![[0.0; 2]; self.count];
         for (i, &c) in self.of.iter().enumerate() {
@@ -225,7 +226,7 @@ impl Compartments {
         }
         for c in 0..self.count {
             let [net, all] = sums[c];
-            if afloat[c] && net.abs() > 1e-9 * all {
+            if afloat[c] && net.abs() > 1e-9 * all.max(least) {
                 let whole = self.count == 1;
                 return Err(Error::Flow(cause(
                     "rates",

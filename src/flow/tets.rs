@@ -102,7 +102,7 @@ impl TetFlow {
     /// # Errors
     /// [`Error::Flow`] if rates do not balance where they must.
     pub fn solve(&self, rates: &[f64], fixed: &[(u32, f64)]) -> Result<Solution> {
-        solve(&self.matrix, rates, fixed, &self.volume)
+        solve(&self.matrix, rates, fixed, &self.volume, 0.0)
     }
 
     /// The rate at each node due to wells: shared between the nodes of its tetrahedron.

@@ -14,11 +14,11 @@ const ROUNDING: f64 = 1e-9;
 
 /// A point where fluid enters or leaves.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Well {
+pub struct Well<const D: usize = 3> {
     /// What errors call it.
     pub name: String,
     /// Where it is, in the mesh's coordinates.
-    pub position: [f64; 3],
+    pub position: [f64; D],
     /// Rate in m^3/s: positive for a source, negative for a sink.
     pub rate: f64,
 }
@@ -34,12 +34,9 @@ pub struct Located {
     pub rate: f64,
 }
 
-impl Well {
-    /// Finds the tetrahedron that holds the well.
-    ///
-    /// # Errors
-    /// [`Error::Flow`] if there is none, or the rate is not finite.
-    pub fn locate(&self, mesh: &TetMesh) -> Result<Located> {
+impl<const D: usize> Well<D> {
+    /// Whether position and rate are numbers.
+    pub(super) fn check(&self) -> Result<()> {
         let refuse =
             |problem: String, remedy: &str| Err(Error::Flow(cause(&self.name, problem, remedy)));
         if !self.rate.is_finite() {
@@ -48,6 +45,26 @@ impl Well {
         if !self.position.iter().all(|c| c.is_finite()) {
             return refuse("is nowhere".into(), "give finite coordinates");
         }
+        Ok(())
+    }
+
+    /// The well is not in the mesh.
+    pub(super) fn outside(&self) -> Error {
+        Error::Flow(cause(
+            &self.name,
+            format!("{:?} lies outside the mesh", self.position),
+            "give a point inside, in the mesh's coordinates (`atomesh info` says where it lies)",
+        ))
+    }
+}
+
+impl Well<3> {
+    /// Finds the tetrahedron that holds the well.
+    ///
+    /// # Errors
+    /// [`Error::Flow`] if there is none, or the rate is not finite.
+    pub fn locate(&self, mesh: &TetMesh) -> Result<Located> {
+        self.check()?;
         let depth = |t: usize| {
             let shares = barycentric(&mesh.corners(t), self.position);
             (shares.into_iter().fold(f64::INFINITY, f64::min), t)
@@ -62,11 +79,7 @@ impl Well {
             .collect();
         let (depth, cell) = parts.into_iter().fold((f64::NEG_INFINITY, 0), deeper);
         if depth < -ROUNDING {
-            let [x, y, z] = self.position;
-            return refuse(
-                format!("({x}, {y}, {z}) lies outside the mesh"),
-                "give a point inside, in the mesh's coordinates (`atomesh info` says where it lies)",
-            );
+            return Err(self.outside());
         }
         let shares = barycentric(&mesh.corners(cell), self.position).map(|s| s.max(0.0));
         let sum: f64 = shares.iter().sum();

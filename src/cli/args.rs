@@ -92,6 +92,11 @@ pub enum Verb {
     /// Checks a mesh by our own checker, TetGen and CGAL; says which passed
     #[command(after_help = "Example:\n  atomesh validate mesh.vtu")]
     Validate(ValidateArgs),
+    /// Steady flow from sources to sinks, with faults closed, open, or in between
+    #[command(
+        after_help = "Example:\n  atomesh flow mesh.vtu --source 20,30,40 --sink 80,60,50 -o flow.vtu --streamlines lines.vtp"
+    )]
+    Flow(FlowArgs),
     /// Synthetic volumes whose features are known exactly
     #[command(
         after_help = "Example:\n  atomesh synth faults -o faults.vti --truth distance.npy --dims 170,150,128"
@@ -449,6 +454,47 @@ pub struct ValidateArgs {
     /// A mesh written by atomesh
     #[arg(value_name = "MESH.vtu")]
     pub mesh: PathBuf,
+}
+
+/// `atomesh flow`.
+#[derive(Debug, Args)]
+pub struct FlowArgs {
+    /// A mesh written by atomesh; its coordinates are taken for metres
+    #[arg(value_name = "MESH.vtu")]
+    pub mesh: PathBuf,
+    /// The mesh to write, torn along faults, with pressure (Pa) and Darcy velocity (m/s)
+    #[arg(short, long, value_name = "OUT.vtu")]
+    pub output: PathBuf,
+    /// A point where fluid enters, with its rate in m^3/s [default: 0.001]; may be repeated
+    #[arg(long, value_name = "X,Y,Z[:RATE]", allow_hyphen_values = true)]
+    pub source: Vec<String>,
+    /// A point where fluid leaves [default rate: all that comes in, or 0.001 with --pressure]
+    #[arg(long, value_name = "X,Y,Z[:RATE]", allow_hyphen_values = true)]
+    pub sink: Vec<String>,
+    /// Pressure (Pa) of a side of the box: xmin, xmax, ymin ..., the image's axes, x the fastest in
+    /// memory. Sides without one let nothing through
+    #[arg(long, value_name = "SIDE=P")]
+    pub pressure: Vec<String>,
+    /// How features resist flow across them: closed, open, or the factor, from 0 to 1, of the
+    /// permeability there [default: closed]
+    #[arg(long, value_name = "HOW")]
+    pub faults: Option<String>,
+    /// Thickness (m) of the layer that the factor of --faults is for [default: from cell to cell]
+    #[arg(long, value_name = "W")]
+    pub fault_thickness: Option<f64>,
+    /// Permeability in m^2 (1 mD is 9.87e-16 m^2): K; KX,KY,KZ; KXX,KYY,KZZ,KXY,KYZ,KXZ; a CSV file of
+    /// lines region,K; or a cell array of the mesh
+    #[arg(long, value_name = "K", default_value = "1e-13")]
+    pub permeability: String,
+    /// Viscosity in Pa s
+    #[arg(long, value_name = "MU", default_value_t = 0.001)]
+    pub viscosity: f64,
+    /// Write streamlines that carry equal rates, for ParaView
+    #[arg(long, value_name = "FILE.vtp")]
+    pub streamlines: Option<PathBuf>,
+    /// Number of streamlines
+    #[arg(long, value_name = "N", default_value_t = 200)]
+    pub lines: usize,
 }
 
 /// `atomesh synth`.

@@ -13,7 +13,7 @@
 
 use rayon::prelude::*;
 
-use super::rock::{Faults, Rock};
+use super::rock::{Faults, Rock, Tensor};
 use super::sparse::Matrix;
 use super::split::Split;
 use super::system::{Solution, solve};
@@ -132,6 +132,12 @@ impl TetFlow {
             .iter()
             .map(|well| well.locate(&self.split.mesh))
             .collect()
+    }
+
+    /// The mobility of a tetrahedron.
+    #[inline]
+    pub fn mobility(&self, t: usize) -> &Tensor {
+        self.rock.mobility(t)
     }
 
     /// The nodes of the torn mesh for which `chosen` holds of the node they were made from.

@@ -4,9 +4,11 @@
 //! the outcome where the image lies in the world. The plane and space are the same code but for how
 //! atoms are joined ([`Meshing`]).
 
+pub mod cells;
 pub mod file;
 mod join;
 
+pub use cells::{CellsOutcome, voronoi_image};
 pub use join::{Meshing, Space};
 
 use std::borrow::Cow;
@@ -200,48 +202,15 @@ pub fn mesh_image<const D: usize>(
 where
     Space<D>: Meshing<D>,
 {
-    let step = params.metric.step(&image.geometry);
-    let extent = lattice_extent(image.dims(), step);
-    // Before the work: the largest distance must fit, whatever the features are.
-    Distance::Constant(params.spacing.max()).validate(extent)?;
-    let beta = lattice_beta(&params.beta, image.dims(), step)?;
-    let fixed = lattice_points(&params.fixed, &image.geometry, step, extent)?;
-
-    let mut stages = Stages {
-        clock: Clock::new(),
-        observer,
-    };
-    stages.begin_unless_stopped("finding features")?;
-    let features = feature::detect(
-        image,
-        &feature::Options {
-            kind: params.feature,
-            scale: params.sigma,
-            threshold: params.threshold,
-            d_min: params.spacing.min(),
-            step,
-            ..feature::Options::default()
-        },
-    )?;
-
-    stages.begin_unless_stopped("placing atoms")?;
-    let distance = match params.spacing {
-        Spacing::Constant(d) => Distance::Constant(d),
-        Spacing::FromFeatures { min, max } => distance::from_features(&features, min, max, GROWTH)?,
-    };
-    let mut atoms = seeding::regular(extent, &distance, &fixed, Alignment::On)?;
-
-    stages.begin_unless_stopped(OPTIMISING)?;
-    stages.observer.round(0, &optimize::three(&atoms.positions));
-    let optimised = optimise(
-        &mut atoms,
-        params,
-        &features,
-        &distance,
-        &beta,
+    let Settled {
+        mut stages,
         extent,
-        stages.observer,
-    )?;
+        step,
+        features,
+        distance,
+        atoms,
+        optimised,
+    } = settle(image, params, Alignment::On, observer)?;
 
     let scene = Scene {
         extent,
@@ -278,6 +247,78 @@ where
         distance,
         optimised,
         report,
+    })
+}
+
+/// Atoms at rest, and what they rest on.
+struct Settled<'a, const D: usize> {
+    stages: Stages<'a>,
+    extent: [f64; D],
+    step: [f64; D],
+    features: Features<D>,
+    distance: Distance<D>,
+    atoms: Atoms<D>,
+    optimised: optimize::Outcome,
+}
+
+/// From an image to atoms at rest on its features, or alongside.
+fn settle<'a, const D: usize>(
+    image: &Image<D>,
+    params: &Params<D>,
+    alignment: Alignment,
+    observer: &'a mut dyn Observer,
+) -> Result<Settled<'a, D>> {
+    let step = params.metric.step(&image.geometry);
+    let extent = lattice_extent(image.dims(), step);
+    // Before the work: the largest distance must fit, whatever the features are.
+    Distance::Constant(params.spacing.max()).validate(extent)?;
+    let beta = lattice_beta(&params.beta, image.dims(), step)?;
+    let fixed = lattice_points(&params.fixed, &image.geometry, step, extent)?;
+
+    let mut stages = Stages {
+        clock: Clock::new(),
+        observer,
+    };
+    stages.begin_unless_stopped("finding features")?;
+    let features = feature::detect(
+        image,
+        &feature::Options {
+            kind: params.feature,
+            scale: params.sigma,
+            threshold: params.threshold,
+            d_min: params.spacing.min(),
+            step,
+            ..feature::Options::default()
+        },
+    )?;
+
+    stages.begin_unless_stopped("placing atoms")?;
+    let distance = match params.spacing {
+        Spacing::Constant(d) => Distance::Constant(d),
+        Spacing::FromFeatures { min, max } => distance::from_features(&features, min, max, GROWTH)?,
+    };
+    let mut atoms = seeding::regular(extent, &distance, &fixed, alignment)?;
+
+    stages.begin_unless_stopped(OPTIMISING)?;
+    stages.observer.round(0, &optimize::three(&atoms.positions));
+    let optimised = optimise(
+        &mut atoms,
+        params,
+        alignment,
+        &features,
+        &distance,
+        &beta,
+        extent,
+        stages.observer,
+    )?;
+    Ok(Settled {
+        stages,
+        extent,
+        step,
+        features,
+        distance,
+        atoms,
+        optimised,
     })
 }
 
@@ -353,6 +394,7 @@ fn optimisation(outcome: &optimize::Outcome, atoms: usize) -> Optimisation {
 fn optimise<const D: usize>(
     atoms: &mut Atoms<D>,
     params: &Params<D>,
+    alignment: Alignment,
     features: &Features<D>,
     distance: &Distance<D>,
     beta: &Beta<D>,
@@ -371,7 +413,15 @@ fn optimise<const D: usize>(
         let beta = beta.clone();
         let mut energy: Box<dyn Energy<D>> = match params.evaluator {
             Evaluator::Pairwise => {
-                Box::new(Pairwise::new(extent, distance, Some(potential), beta)?.uncrowded())
+                let energy = Pairwise::new(extent, distance, Some(potential), beta)?;
+                Box::new(energy.aligned(alignment).uncrowded())
+            }
+            Evaluator::Sampled if alignment == Alignment::Alongside => {
+                return Err(Error::Job(cause(
+                    "--potential sampled",
+                    "has no mirror images, which atoms alongside features need",
+                    "use the pairwise potential",
+                )));
             }
             Evaluator::Sampled => Box::new(Sampled::new(distance, potential, beta)),
         };

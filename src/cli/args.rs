@@ -232,6 +232,28 @@ pub enum SliverChoice {
     None,
 }
 
+/// Where atoms end up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum AlignChoice {
+    /// On features, which tetrahedra's faces then follow
+    On,
+    /// Beside features, which the faces of Voronoi cells then follow
+    Alongside,
+}
+
+/// What the mesh is made of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum CellsChoice {
+    /// Tetrahedra; triangles in 2-D
+    #[value(alias = "triangles")]
+    Tets,
+    /// Voronoi cells (PEBI): polyhedra; polygons in 2-D
+    #[value(alias = "pebi")]
+    Voronoi,
+}
+
 /// `atomesh mesh`.
 #[derive(Debug, Args)]
 pub struct MeshArgs {
@@ -275,6 +297,12 @@ pub struct MeshOptions {
     /// Keep the potential b(x)
     #[arg(long, value_name = "FILE.vti")]
     pub potential_out: Option<PathBuf>,
+    /// Atoms on features, or alongside [default: on; alongside with --cells voronoi]
+    #[arg(long, value_name = "WHERE")]
+    pub align: Option<AlignChoice>,
+    /// Cells of the mesh [default: tets; voronoi with --align alongside]
+    #[arg(long, value_name = "KIND")]
+    pub cells: Option<CellsChoice>,
     /// Weight of the image against the lattice in [0, 1]: a number, or an image file [default: 0.5]
     #[arg(long, value_name = "B")]
     #[serde(deserialize_with = "text_or_number")]

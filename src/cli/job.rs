@@ -2,7 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::cli::args::{FeatureChoice, MeshArgs, MeshOptions, PotentialChoice, SliverChoice};
+use crate::cli::args::{
+    AlignChoice, CellsChoice, FeatureChoice, MeshArgs, MeshOptions, PotentialChoice, SliverChoice,
+};
 use crate::cli::parse;
 use crate::error::{cause, os};
 use crate::io::ReadOptions;
@@ -37,6 +39,8 @@ pub struct MeshJob {
     pub beta: Beta,
     /// File of fixed atoms.
     pub atoms_from: Option<PathBuf>,
+    /// Voronoi cells of atoms alongside features, instead of a mesh of atoms on them.
+    pub voronoi: bool,
     /// Evaluator of the energy.
     pub evaluator: Evaluator,
     /// Number of passes on a smoother potential.
@@ -146,6 +150,7 @@ impl MeshJob {
             threshold: threshold(options.threshold)?,
             beta: beta(options.beta.as_deref())?,
             atoms_from: options.atoms_from.clone(),
+            voronoi: voronoi(options)?,
             evaluator: match options.potential {
                 Some(PotentialChoice::Sampled) => Evaluator::Sampled,
                 _ => Evaluator::Pairwise,
@@ -192,6 +197,34 @@ impl MeshJob {
         }
         Ok(())
     }
+}
+
+/// Whether Voronoi cells are wanted: they need atoms alongside features, and strictly inside the box;
+/// tetrahedra need atoms on both.
+fn voronoi(options: &MeshOptions) -> Result<bool> {
+    let alongside = options.align.map(|align| align == AlignChoice::Alongside);
+    let cells = options.cells.map(|cells| cells == CellsChoice::Voronoi);
+    let voronoi = cells.or(alongside).unwrap_or(false);
+    if alongside.is_some_and(|alongside| alongside != voronoi) {
+        let problem = if voronoi {
+            "puts atoms on features and on the sides of the box, where no Voronoi cell can end"
+        } else {
+            "keeps atoms off features and off the sides of the box, which tetrahedra must reach"
+        };
+        return Err(Error::Job(cause(
+            "--align",
+            problem,
+            "use --align on --cells tets, or --align alongside --cells voronoi",
+        )));
+    }
+    if voronoi && options.potential == Some(PotentialChoice::Sampled) {
+        return Err(Error::Job(cause(
+            "--potential sampled",
+            "has no mirror images, which atoms alongside features need",
+            "use the pairwise potential",
+        )));
+    }
+    Ok(voronoi)
 }
 
 /// Checks that a verb may write `path`: its ending, its folder, and that it is none of `inputs`.

@@ -9,6 +9,7 @@
 use super::nearest::{Tree, square_to_face};
 use super::reference::Reference;
 use crate::mesh::Simplices;
+use crate::mesh::poly::PolyMesh;
 use crate::{Error, Result, error::cause};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -79,45 +80,102 @@ pub fn fidelity<const D: usize, M: Simplices<D>>(
             "give one byte a cell",
         )));
     }
-    let near: Vec<bool> = mesh
-        .nodes()
-        .par_iter()
-        .map(|&p| reference.within(p, NODE))
-        .collect();
+    let near = near(mesh.nodes(), reference);
     let mut on_feature = faces_where(mesh, |_, _, face| face.iter().all(|&n| near[n as usize]));
     on_feature = on_feature
         .into_par_iter()
         .filter(|face| {
-            let corners = corners(mesh, *face);
+            let corners = corners(mesh.nodes(), *face);
             let sum = |k: usize| corners.iter().map(|p| p[k]).sum::<f64>();
             let centroid = std::array::from_fn(|k| sum(k) / D as f64);
             reference.within(centroid, CENTROID)
         })
         .collect();
     let claimed = claimed.map(|flags| faces_where(mesh, |t, k, _| flags[t] >> k & 1 == 1));
+    Ok(judge(
+        mesh.nodes(),
+        &on_feature,
+        claimed.as_deref(),
+        reference,
+    ))
+}
+
+/// [`fidelity`] of polyhedra (polygons), by the same rules: their faces are fans of triangles about
+/// their means, and the faces that the mesh claims are those that it says lie on features.
+pub fn fidelity_of_cells<const D: usize>(
+    mesh: &PolyMesh<D>,
+    reference: &Reference<'_, D>,
+) -> Fidelity {
+    let near = near(&mesh.nodes, reference);
+    let inner = 0..mesh.inner_faces();
+    let on_feature: Vec<usize> = inner
+        .clone()
+        .into_par_iter()
+        .filter(|&f| {
+            let all = mesh.faces.get(f).iter().all(|&n| near[n as usize]);
+            all && reference.within(mesh.face_shape(f).centroid, CENTROID)
+        })
+        .collect();
+    let claimed: Vec<usize> = inner.filter(|&f| mesh.on_feature[f]).collect();
+    let mut nodes = mesh.nodes.clone();
+    let mut fans = |faces: &[usize]| -> Vec<[u32; D]> {
+        let mut triangles = Vec::new();
+        for &f in faces {
+            let ring = mesh.faces.get(f);
+            if D == 2 {
+                triangles.push(std::array::from_fn(|k| ring[k]));
+                continue;
+            }
+            let apex = nodes.len() as u32;
+            nodes.push(mesh.face_shape(f).apex);
+            for i in 0..ring.len() {
+                let corners = [apex, ring[i], ring[(i + 1) % ring.len()]];
+                triangles.push(std::array::from_fn(|k| corners[k]));
+            }
+        }
+        triangles
+    };
+    let [on_triangles, claimed_triangles] = [fans(&on_feature), fans(&claimed)];
+    let mut found = judge(&nodes, &on_triangles, Some(&claimed_triangles), reference);
+    found.on_feature.faces = on_feature.len();
+    if let Some(found) = &mut found.claimed {
+        found.faces = claimed.len();
+    }
+    found
+}
+
+/// Whether each node is as near to a feature as those of on-feature faces.
+fn near<const D: usize>(nodes: &[[f64; D]], reference: &Reference<'_, D>) -> Vec<bool> {
+    let within = |&p: &[f64; D]| reference.within(p, NODE);
+    nodes.par_iter().map(within).collect()
+}
+
+/// Compares the faces that lie on features, and those that are claimed to, with the features.
+fn judge<const D: usize>(
+    nodes: &[[f64; D]],
+    on_feature: &[[u32; D]],
+    claimed: Option<&[[u32; D]]>,
+    reference: &Reference<'_, D>,
+) -> Fidelity {
     // Most claimed faces are on-feature faces: each is sampled once.
-    let mut all = [
-        on_feature.as_slice(),
-        claimed.as_deref().unwrap_or_default(),
-    ]
-    .concat();
+    let mut all = [on_feature, claimed.unwrap_or_default()].concat();
     all.par_sort_unstable();
     all.dedup();
     let pieces: Vec<Vec<Piece>> = all
         .par_iter()
-        .map(|&face| sample::<D, M>(&corners(mesh, face), reference))
+        .map(|&face| sample(&corners(nodes, face), reference))
         .collect();
     let pieces_of = |faces: &[[u32; D]]| -> Vec<Piece> {
         let numbers = faces.iter().filter_map(|face| all.binary_search(face).ok());
         numbers.flat_map(|k| &pieces[k]).copied().collect()
     };
-    let compare = |faces: &[[u32; D]]| compare(mesh, faces, pieces_of(faces), &reference.points);
-    Ok(Fidelity {
+    let compare = |faces: &[[u32; D]]| compare(nodes, faces, pieces_of(faces), &reference.points);
+    Fidelity {
         reference: reference.source.to_string(),
         feature_points: reference.points.len(),
-        on_feature: compare(&on_feature),
-        claimed: claimed.as_deref().map(compare),
-    })
+        on_feature: compare(on_feature),
+        claimed: claimed.map(compare),
+    }
 }
 
 /// Every face of the mesh for which `wanted(cell, k, nodes)` holds, once, nodes ascending.
@@ -141,18 +199,18 @@ fn faces_where<const D: usize>(
     faces
 }
 
-fn corners<const D: usize>(mesh: &impl Simplices<D>, face: [u32; D]) -> [[f64; D]; D] {
-    face.map(|n| mesh.nodes()[n as usize])
+fn corners<const D: usize>(nodes: &[[f64; D]], face: [u32; D]) -> [[f64; D]; D] {
+    face.map(|n| nodes[n as usize])
 }
 
 /// Compares faces, given also as pieces, with points of the features.
 fn compare<const D: usize>(
-    mesh: &impl Simplices<D>,
+    nodes: &[[f64; D]],
     faces: &[[u32; D]],
     mut to_features: Vec<Piece>,
     points: &[[f32; D]],
 ) -> Match {
-    let shapes: Vec<[[f64; D]; D]> = faces.iter().map(|&f| corners(mesh, f)).collect();
+    let shapes: Vec<[[f64; D]; D]> = faces.iter().map(|&f| corners(nodes, f)).collect();
     let boxes: Vec<[[f64; D]; 2]> = shapes
         .iter()
         .map(|face| {
@@ -222,10 +280,7 @@ type Piece = (f64, f64);
 
 /// The equal small pieces of a face, each measured at its centroid, and the face's corners, which
 /// have no area but count for the largest distance.
-fn sample<const D: usize, M: Simplices<D>>(
-    face: &[[f64; D]; D],
-    reference: &Reference<'_, D>,
-) -> Vec<Piece> {
+fn sample<const D: usize>(face: &[[f64; D]; D], reference: &Reference<'_, D>) -> Vec<Piece> {
     // From corner 0 to the two others; in the plane there is one other.
     let side = |i: usize| -> [f64; D] { std::array::from_fn(|k| face[i][k] - face[0][k]) };
     let (u, v) = (side(1), side(D - 1));
@@ -233,7 +288,13 @@ fn sample<const D: usize, M: Simplices<D>>(
     let third = std::array::from_fn(|k| v[k] - u[k]);
     let longest = square(u).max(square(v)).max(square(third)).sqrt();
     let n = (longest / FINE).ceil().clamp(1.0, 256.0) as usize;
-    let part = M::face_area(face) / n.pow(D as u32 - 1) as f64;
+    let along: f64 = (0..D).map(|k| u[k] * v[k]).sum();
+    let area = if D == 2 {
+        square(u).sqrt()
+    } else {
+        0.5 * (square(u) * square(v) - along * along).max(0.0).sqrt()
+    };
+    let part = area / n.pow(D as u32 - 1) as f64;
     let at = |i: f64, j: f64| {
         let (s, t) = (i / n as f64, j / n as f64);
         reference.distance(std::array::from_fn(|k| face[0][k] + s * u[k] + t * v[k]))

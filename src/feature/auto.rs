@@ -5,7 +5,7 @@ use super::labels::values;
 use super::volume::Volume;
 
 /// The kind, and why.
-pub fn pick(volume: Volume<'_>) -> (Kind, String) {
+pub fn pick<const D: usize>(volume: Volume<'_, D>) -> (Kind, String) {
     let s = volume.samples;
     if let Some(labels) = values(s) {
         let equal = s.windows(2).filter(|w| w[0] == w[1]).count();
@@ -70,13 +70,12 @@ struct Shape {
 }
 
 impl Shape {
-    /// Looks at some 10^5 means over 3 x 3 x 3 samples.
-    fn of(volume: Volume<'_>) -> Self {
-        let [nx, ny, _] = volume.dims;
+    /// Looks at some 10^5 means over 3^D samples.
+    fn of<const D: usize>(volume: Volume<'_, D>) -> Self {
         let stride = (volume.samples.len() / 100_000).max(1) | 1;
         let places = (0..volume.samples.len())
             .step_by(stride)
-            .map(|i| [i % nx, i / nx % ny, i / nx / ny]);
+            .map(|i| volume.coordinates(i));
         let means: Vec<f32> = places.clone().map(|at| local_mean(volume, at)).collect();
         let mut sorted = means.clone();
         sorted.sort_by(f32::total_cmp);
@@ -88,8 +87,8 @@ impl Shape {
         let (mut inside, mut thin) = (0usize, 0usize);
         for (at, _) in places.zip(&means).filter(|(_, m)| (**m > middle) == rare) {
             inside += 1;
-            let outside = |at: [usize; 3]| (local_mean(volume, at) > middle) != rare;
-            thin += usize::from((0..3).any(|k| {
+            let outside = |at: [usize; D]| (local_mean(volume, at) > middle) != rare;
+            thin += usize::from((0..D).any(|k| {
                 let (mut before, mut after) = (at, at);
                 before[k] = at[k].saturating_sub(THIN);
                 after[k] = (at[k] + THIN).min(volume.dims[k] - 1);
@@ -107,16 +106,21 @@ impl Shape {
 }
 
 /// Mean over the samples that touch one, and itself.
-fn local_mean(volume: Volume<'_>, at: [usize; 3]) -> f32 {
-    let range = |k: usize| at[k].saturating_sub(1)..=(at[k] + 1).min(volume.dims[k] - 1);
-    let (mut sum, mut count) = (0.0, 0.0);
-    for z in range(2) {
-        for y in range(1) {
-            for x in range(0) {
-                sum += volume.samples[volume.index([x, y, z])];
-                count += 1.0;
-            }
+fn local_mean<const D: usize>(volume: Volume<'_, D>, at: [usize; D]) -> f32 {
+    let low = at.map(|i| i.saturating_sub(1));
+    let span: [usize; D] =
+        std::array::from_fn(|k| (at[k] + 1).min(volume.dims[k] - 1) + 1 - low[k]);
+    let mut sum = 0.0;
+    let rows: usize = span[1..].iter().product();
+    for number in 0..rows {
+        let mut rest = number;
+        let mut first = low;
+        for k in 1..D {
+            first[k] += rest % span[k];
+            rest /= span[k];
         }
+        let start = volume.index(first);
+        sum += volume.samples[start..start + span[0]].iter().sum::<f32>();
     }
-    sum / count
+    sum / (rows * span[0]) as f32
 }

@@ -1,6 +1,6 @@
 //! Where a sheet crosses the columns of samples.
 
-use super::symmetric::dot;
+use super::symmetric;
 use super::volume::Volume;
 
 /// How far past the half way to the next sample a crossing still counts: neighbouring samples see
@@ -9,32 +9,32 @@ pub const OVERLAP: f32 = 0.05;
 
 /// A point of a sheet, in samples.
 #[derive(Debug, Clone, Copy)]
-pub struct Candidate {
+pub struct Candidate<const D: usize> {
     /// Index in memory of the sample whose cell holds the point.
     pub voxel: u32,
     /// The axis along which the sheet was crossed: position and sample differ only along it.
     pub axis: u8,
     /// Position, in samples.
-    pub position: [f32; 3],
+    pub position: [f32; D],
     /// Unit normal.
-    pub normal: [f32; 3],
+    pub normal: [f32; D],
     /// How strong the feature is.
     pub strength: f32,
 }
 
-impl Candidate {
+impl<const D: usize> Candidate<D> {
     /// The point `offset` samples from the sample `at` along `axis`.
     pub fn new(
-        dims: [usize; 3],
-        at: [usize; 3],
+        dims: [usize; D],
+        at: [usize; D],
         axis: usize,
         offset: f32,
-        normal: [f64; 3],
+        normal: [f64; D],
         strength: f32,
     ) -> Self {
         let mut position = at.map(|i| i as f32);
         position[axis] = (position[axis] + offset).clamp(0.0, (dims[axis] - 1) as f32);
-        let voxel = ((at[2] * dims[1] + at[1]) * dims[0] + at[0]) as u32;
+        let voxel = (0..D).rev().fold(0, |i, k| i * dims[k] + at[k]) as u32;
         Self {
             voxel,
             axis: axis as u8,
@@ -47,15 +47,21 @@ impl Candidate {
 
 /// The axis nearest to `w`, and others as near within five per cent: where the nearest axis changes
 /// along a sheet, columns of both kinds are needed to leave no hole.
-pub fn dominant_axes(w: [f64; 3]) -> impl Iterator<Item = usize> {
+pub fn dominant_axes<const D: usize>(w: [f64; D]) -> impl Iterator<Item = usize> {
     let most = w.iter().fold(0.0f64, |a, c| a.max(c.abs()));
-    (0..3).filter(move |&k| w[k].abs() >= 0.95 * most)
+    (0..D).filter(move |&k| w[k].abs() >= 0.95 * most)
 }
 
 /// Where, along `axis` and in samples from `at`, the derivative along `w` falls through zero (a
 /// ridge) within half a sample of `at`.
-pub fn along_axis(volume: Volume<'_>, at: [usize; 3], w: [f64; 3], axis: usize) -> Option<f32> {
-    let slope = |at: [usize; 3]| dot(volume.gradient(at).map(f64::from), w) * w[axis].signum();
+pub fn along_axis<const D: usize>(
+    volume: Volume<'_, D>,
+    at: [usize; D],
+    w: [f64; D],
+    axis: usize,
+) -> Option<f32> {
+    let slope =
+        |at: [usize; D]| symmetric::dot(volume.gradient(at).map(f64::from), w) * w[axis].signum();
     let here = slope(at);
     let ahead = here > 0.0;
     let mut next = at;
@@ -73,4 +79,26 @@ pub fn along_axis(volume: Volume<'_>, at: [usize; 3], w: [f64; 3], axis: usize) 
     }
     let offset = (here / (here - there)) as f32;
     (offset <= 0.5 + OVERLAP).then_some(if ahead { offset } else { -offset })
+}
+
+/// The nearest sample, for positions in or near the box (without a call to the maths library).
+#[inline]
+pub fn nearest(position: f32) -> i32 {
+    (position + 1024.5) as i32 - 1024
+}
+
+/// Scalar product.
+#[inline]
+pub fn dot<const D: usize>(a: [f32; D], b: [f32; D]) -> f32 {
+    let mut sum = a[0] * b[0];
+    for k in 1..D {
+        sum += a[k] * b[k];
+    }
+    sum
+}
+
+/// a - b.
+#[inline]
+pub fn minus<const D: usize>(a: [f32; D], b: [f32; D]) -> [f32; D] {
+    std::array::from_fn(|k| a[k] - b[k])
 }

@@ -30,10 +30,10 @@ fn mirrored(i: isize, n: usize) -> usize {
     (if i < n { i } else { 2 * n - 1 - i }) as usize
 }
 
-/// Convolves a volume (x fastest) in place with a Gaussian of width `sigma` samples along each axis;
+/// Convolves an image (x fastest) in place with a Gaussian of width `sigma` samples along each axis;
 /// axes with `sigma[k] <= 0` are left alone.
-pub fn smooth(dims: [usize; 3], samples: &mut [f32], sigma: [f64; 3]) {
-    let [nx, ny, nz] = dims;
+pub fn smooth<const D: usize>(dims: [usize; D], samples: &mut [f32], sigma: [f64; D]) {
+    let [nx, ny] = [dims[0], dims[1]];
     if samples.is_empty() {
         return;
     }
@@ -52,16 +52,26 @@ pub fn smooth(dims: [usize; 3], samples: &mut [f32], sigma: [f64; 3]) {
                 smooth_across(&mut rows, kernel, scratch);
             }
         });
-    if let Some(kernel) = &kernels[2] {
-        let mut slabs: Vec<Vec<&mut [f32]>> = (0..ny).map(|_| Vec::with_capacity(nz)).collect();
-        for (i, row) in samples.chunks_mut(nx).enumerate() {
-            slabs[i % ny].push(row);
+    let mut stride = nx * ny;
+    for k in 2..D {
+        if let Some(kernel) = &kernels[k] {
+            // One stack of rows for each row of the first layer along this axis.
+            let rows_below = stride / nx;
+            for block in samples.chunks_mut(stride * dims[k]) {
+                let mut stacks: Vec<Vec<&mut [f32]>> = (0..rows_below)
+                    .map(|_| Vec::with_capacity(dims[k]))
+                    .collect();
+                for (i, row) in block.chunks_mut(nx).enumerate() {
+                    stacks[i % rows_below].push(row);
+                }
+                stacks
+                    .par_iter_mut()
+                    .for_each_init(Vec::new, |scratch, rows| {
+                        smooth_across(rows, kernel, scratch);
+                    });
+            }
         }
-        slabs
-            .par_iter_mut()
-            .for_each_init(Vec::new, |scratch, rows| {
-                smooth_across(rows, kernel, scratch);
-            });
+        stride *= dims[k];
     }
 }
 

@@ -8,7 +8,6 @@
 use super::crossing::{Candidate, dominant_axes};
 use super::gaussian::smooth;
 use super::volume::Volume;
-use rayon::prelude::*;
 
 /// More different values than this are no labels.
 pub const MOST_LABELS: usize = 64;
@@ -46,7 +45,7 @@ pub struct Mask {
 }
 
 /// Describes a volume of two values.
-pub fn mask(volume: Volume<'_>, [a, b]: [f32; 2]) -> Mask {
+pub fn mask<const D: usize>(volume: Volume<'_, D>, [a, b]: [f32; 2]) -> Mask {
     let s = volume.samples;
     let count = s.iter().filter(|v| **v == b).count();
     let (value, count) = if 2 * count <= s.len() {
@@ -54,8 +53,8 @@ pub fn mask(volume: Volume<'_>, [a, b]: [f32; 2]) -> Mask {
     } else {
         (a, s.len() - count)
     };
-    let [nx, ny, _] = volume.dims;
-    let faces: usize = [1, nx, nx * ny]
+    let faces: usize = volume
+        .strides()
         .iter()
         .map(|&stride| {
             s.iter()
@@ -64,16 +63,26 @@ pub fn mask(volume: Volume<'_>, [a, b]: [f32; 2]) -> Mask {
                 .count()
         })
         .sum();
-    // A surface of any slope has 3/2 as many sample faces as its area, on average.
+    // On average over all slopes, a surface has 3/2 as many sample faces as its area, and a curve
+    // 4 / pi as many sample edges as its length.
+    let excess = if D == 3 {
+        1.5
+    } else {
+        4.0 / std::f64::consts::PI
+    };
     Mask {
         value,
         share: count as f64 / s.len().max(1) as f64,
-        thickness: 3.0 * count as f64 / faces.max(1) as f64,
+        thickness: 2.0 * excess * count as f64 / faces.max(1) as f64,
     }
 }
 
 /// Points on the interfaces between labels, in the order of samples; `sigma` smooths the stairs.
-pub fn interfaces(volume: Volume<'_>, labels: &[f32], sigma: f64) -> Vec<Candidate> {
+pub fn interfaces<const D: usize>(
+    volume: Volume<'_, D>,
+    labels: &[f32],
+    sigma: f64,
+) -> Vec<Candidate<D>> {
     let dims = volume.dims;
     let count = volume.samples.len();
     let mut winner = vec![0u8; count];
@@ -84,7 +93,7 @@ pub fn interfaces(volume: Volume<'_>, labels: &[f32], sigma: f64) -> Vec<Candida
         for (i, s) in indicator.iter_mut().zip(volume.samples) {
             *i = f32::from(u8::from(s == label));
         }
-        smooth(dims, &mut indicator, [sigma; 3]);
+        smooth(dims, &mut indicator, [sigma; D]);
         for i in 0..count {
             let value = indicator[i];
             if value > best[i] {
@@ -99,86 +108,79 @@ pub fn interfaces(volume: Volume<'_>, labels: &[f32], sigma: f64) -> Vec<Candida
     drop(indicator);
     best.iter_mut().zip(&second).for_each(|(b, s)| *b -= s);
     drop(second);
-    let field = Lead {
-        dims,
+    let lead = Lead {
         winner: &winner,
-        lead: &best,
+        lead: Volume {
+            dims,
+            samples: &best,
+        },
     };
-    let planes: Vec<Vec<Candidate>> = (0..dims[2])
-        .into_par_iter()
-        .map(|z| field.plane(z))
-        .collect();
-    planes.concat()
+    lead.lead.by_rows(|first, _, found| lead.row(first, found))
 }
 
 /// The winning label of each sample and how far it leads.
-struct Lead<'a> {
-    dims: [usize; 3],
+struct Lead<'a, const D: usize> {
     winner: &'a [u8],
-    lead: &'a [f32],
+    lead: Volume<'a, D>,
 }
 
-impl Lead<'_> {
-    fn plane(&self, z: usize) -> Vec<Candidate> {
-        let [nx, ny, nz] = self.dims;
-        let strides = [1, nx, nx * ny];
-        let mut found = Vec::new();
-        for y in 0..ny {
-            for x in 0..nx {
-                let at = [x, y, z];
-                let i = (z * ny + y) * nx + x;
-                for axis in 0..3 {
-                    if at[axis] + 1 >= [nx, ny, nz][axis] {
-                        continue;
-                    }
-                    let j = i + strides[axis];
-                    if self.winner[i] == self.winner[j] {
-                        continue;
-                    }
-                    let normal = self.normal(at, self.winner[i], self.winner[j]);
-                    if !dominant_axes(normal).any(|a| a == axis) {
-                        continue;
-                    }
-                    let offset = self.lead[i] / (self.lead[i] + self.lead[j]).max(1e-12);
-                    let normal = normal.map(|c| c as f32);
-                    let mut position = at.map(|i| i as f32);
-                    position[axis] += offset;
-                    found.push(Candidate {
-                        voxel: i as u32,
-                        axis: axis as u8,
-                        position,
-                        normal,
-                        strength: 1.0,
-                    });
+impl<const D: usize> Lead<'_, D> {
+    fn row(&self, first: [usize; D], found: &mut Vec<Candidate<D>>) {
+        let (lead, dims, strides) = (self.lead.samples, self.lead.dims, self.lead.strides());
+        let start = self.lead.index(first);
+        for x in 0..dims[0] {
+            let mut at = first;
+            at[0] = x;
+            let i = start + x;
+            for axis in 0..D {
+                if at[axis] + 1 >= dims[axis] {
+                    continue;
                 }
+                let j = i + strides[axis];
+                if self.winner[i] == self.winner[j] {
+                    continue;
+                }
+                let normal = self.normal(at, self.winner[i], self.winner[j]);
+                if !dominant_axes(normal).any(|a| a == axis) {
+                    continue;
+                }
+                let offset = lead[i] / (lead[i] + lead[j]).max(1e-12);
+                let mut position = at.map(|i| i as f32);
+                position[axis] += offset;
+                found.push(Candidate {
+                    voxel: i as u32,
+                    axis: axis as u8,
+                    position,
+                    normal: normal.map(|c| c as f32),
+                    strength: 1.0,
+                });
             }
         }
-        found
     }
 
     /// Unit gradient of label `a`'s lead over label `b` round a sample (other labels: no lead).
-    fn normal(&self, at: [usize; 3], a: u8, b: u8) -> [f64; 3] {
-        let [nx, ny, _] = self.dims;
-        let signed = |p: [usize; 3]| {
-            let i = (p[2] * ny + p[1]) * nx + p[0];
+    fn normal(&self, at: [usize; D], a: u8, b: u8) -> [f64; D] {
+        let signed = |p: [usize; D]| {
+            let i = self.lead.index(p);
             match self.winner[i] {
-                w if w == a => f64::from(self.lead[i]),
-                w if w == b => -f64::from(self.lead[i]),
+                w if w == a => f64::from(self.lead.samples[i]),
+                w if w == b => -f64::from(self.lead.samples[i]),
                 _ => 0.0,
             }
         };
-        let gradient: [f64; 3] = std::array::from_fn(|k| {
+        let gradient: [f64; D] = std::array::from_fn(|k| {
             let (mut before, mut after) = (at, at);
             before[k] = before[k].saturating_sub(1);
-            after[k] = (after[k] + 1).min(self.dims[k] - 1);
+            after[k] = (after[k] + 1).min(self.lead.dims[k] - 1);
             let span = (after[k] - before[k]).max(1) as f64;
             (signed(after) - signed(before)) / span
         });
         let length = gradient.iter().map(|g| g * g).sum::<f64>().sqrt();
         if length > 0.0 {
-            gradient.map(|g| g / length)
-        } else {
-            [1.0, 0.0, 0.0]
+            return gradient.map(|g| g / length);
         }
+        let mut any = [0.0; D];
+        any[0] = 1.0;
+        any
     }
 }

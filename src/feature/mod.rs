@@ -126,7 +126,7 @@ impl FromStr for Kind {
 
 /// How features are detected.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Options {
+pub struct Options<const D: usize> {
     /// What a feature is.
     pub kind: Kind,
     /// Width (samples) of the Gaussian under which derivatives are taken; by kind if `None`.
@@ -138,10 +138,10 @@ pub struct Options {
     /// The least nominal distance between atoms, in lattice units: what the lattice resolves.
     pub d_min: f64,
     /// Lattice-space distance between samples.
-    pub step: [f64; 3],
+    pub step: [f64; D],
 }
 
-impl Default for Options {
+impl<const D: usize> Default for Options<D> {
     fn default() -> Self {
         Self {
             kind: Kind::Auto,
@@ -149,7 +149,7 @@ impl Default for Options {
             smoothing: None,
             threshold: None,
             d_min: 8.0,
-            step: [1.0; 3],
+            step: [1.0; D],
         }
     }
 }
@@ -159,7 +159,7 @@ impl Default for Options {
 /// # Errors
 /// [`Error::Feature`] for impossible options, [`Error::Image`] for an image that has NaN or infinite
 /// samples, is constant, or is not what `options.kind` says.
-pub fn detect(image: &Image<3>, options: &Options) -> Result<Features<3>> {
+pub fn detect<const D: usize>(image: &Image<D>, options: &Options<D>) -> Result<Features<D>> {
     check(image, options)?;
     let dims = image.dims();
     let mut notes = Vec::new();
@@ -175,15 +175,15 @@ pub fn detect(image: &Image<3>, options: &Options) -> Result<Features<3>> {
         kind => kind,
     };
     let found = find(image, kind, options, &mut notes)?;
-    let sides: [f64; 3] = std::array::from_fn(|k| (dims[k] as f64 - 1.0) * options.step[k]);
-    let section = (0..3)
-        .map(|k| sides[k] * sides[(k + 1) % 3])
+    let side = |k: usize| (dims[k] as f64 - 1.0) * options.step[k];
+    let section = (0..D)
+        .map(|k| (1..D).map(|l| side((k + l) % D)).product())
         .fold(0.0, f64::max);
     let rules = sheets::Rules {
         high: found.high,
         resolution: found.resolution * options.d_min,
         // In a small image a large sheet is smaller.
-        min_area: (found.min_cells * options.d_min * options.d_min).min(0.25 * section),
+        min_area: (found.min_cells * options.d_min.powi(D as i32 - 1)).min(0.25 * section),
     };
     let sheets = sheets::sheets(dims, &found.candidates, options.step, &rules);
     drop(found);
@@ -223,17 +223,22 @@ pub fn detect(image: &Image<3>, options: &Options) -> Result<Features<3>> {
 }
 
 /// Candidates, and the strength that a sheet must reach somewhere.
-struct Found {
-    candidates: Vec<Candidate>,
+struct Found<const D: usize> {
+    candidates: Vec<Candidate<D>>,
     high: f32,
-    /// Least area of a sheet, in squares of the least distance.
+    /// Least area of a sheet, in squares of the least distance (in 2-D: length, in distances).
     min_cells: f64,
     /// Parallel sheets nearer than this, in units of the least distance, exclude one another.
     resolution: f64,
 }
 
 /// Finds the candidates of one kind of feature; notes say how.
-fn find(image: &Image<3>, kind: Kind, options: &Options, notes: &mut Vec<String>) -> Result<Found> {
+fn find<const D: usize>(
+    image: &Image<D>,
+    kind: Kind,
+    options: &Options<D>,
+    notes: &mut Vec<String>,
+) -> Result<Found<D>> {
     let dims = image.dims();
     let samples = || image.as_slice().to_vec();
     match kind {
@@ -252,7 +257,7 @@ fn find(image: &Image<3>, kind: Kind, options: &Options, notes: &mut Vec<String>
         }
         Kind::Edges => {
             let mut smoothed = samples();
-            gaussian::smooth(dims, &mut smoothed, [options.scale.unwrap_or(1.0); 3]);
+            gaussian::smooth(dims, &mut smoothed, [options.scale.unwrap_or(1.0); D]);
             let steepness = Volume {
                 dims,
                 samples: &smoothed,
@@ -272,15 +277,15 @@ const COARSEST: f64 = 3.0;
 const FINEST: f64 = 1.5;
 
 /// Ridges of samples; from `scale` up as smooth as noise asks, unless the options give a scale.
-fn find_ridges(
-    dims: [usize; 3],
+fn find_ridges<const D: usize>(
+    dims: [usize; D],
     mut samples: Vec<f32>,
     scale: f64,
-    options: &Options,
+    options: &Options<D>,
     notes: &mut Vec<String>,
-) -> Found {
+) -> Found<D> {
     let mut scale = options.scale.unwrap_or(scale);
-    gaussian::smooth(dims, &mut samples, [scale; 3]);
+    gaussian::smooth(dims, &mut samples, [scale; D]);
     let measure = |samples: &[f32], scale| ridges::statistics(Volume { dims, samples }, scale);
     let mut statistics = measure(&samples, scale);
     while options.scale.is_none() && statistics.drowned() && scale < COARSEST {
@@ -288,7 +293,7 @@ fn find_ridges(
         gaussian::smooth(
             dims,
             &mut samples,
-            [(coarser * coarser - scale * scale).sqrt(); 3],
+            [(coarser * coarser - scale * scale).sqrt(); D],
         );
         scale = coarser;
         statistics = measure(&samples, scale);
@@ -320,21 +325,21 @@ fn find_ridges(
 }
 
 /// Crests and troughs of seismic amplitude.
-fn find_horizons(
-    dims: [usize; 3],
+fn find_horizons<const D: usize>(
+    dims: [usize; D],
     mut samples: Vec<f32>,
-    options: &Options,
+    options: &Options<D>,
     notes: &mut Vec<String>,
-) -> Found {
+) -> Found<D> {
     let scale = options.scale.unwrap_or(1.0);
     let window = options.smoothing.unwrap_or(4.0);
-    gaussian::smooth(dims, &mut samples, [scale; 3]);
+    gaussian::smooth(dims, &mut samples, [scale; D]);
     let smoothed = Volume {
         dims,
         samples: &samples,
     };
     let normals = tensor::Normals::new(smoothed, window);
-    let rms = horizons::root_mean_square(smoothed);
+    let rms = horizons::root_mean_square(&samples);
     let (low, high) = options
         .threshold
         .map_or((0.8 * rms, 1.3 * rms), |t| (0.5 * t, t));
@@ -358,7 +363,11 @@ fn find_horizons(
 }
 
 /// Interfaces between labels, or the middle of a thin mask.
-fn find_labels(image: &Image<3>, options: &Options, notes: &mut Vec<String>) -> Result<Found> {
+fn find_labels<const D: usize>(
+    image: &Image<D>,
+    options: &Options<D>,
+    notes: &mut Vec<String>,
+) -> Result<Found<D>> {
     let dims = image.dims();
     let volume = Volume {
         dims,
@@ -402,7 +411,7 @@ fn find_labels(image: &Image<3>, options: &Options, notes: &mut Vec<String>) -> 
 }
 
 /// Refuses impossible options and images.
-fn check(image: &Image<3>, options: &Options) -> Result<()> {
+fn check<const D: usize>(image: &Image<D>, options: &Options<D>) -> Result<()> {
     let positive = |x: f64| x > 0.0 && x.is_finite();
     let fail =
         |what: String, remedy: &str| Err(Error::Feature(cause("feature detection", what, remedy)));
@@ -436,14 +445,12 @@ fn check(image: &Image<3>, options: &Options) -> Result<()> {
     }
     let samples = image.as_slice();
     if let Some(i) = samples.iter().position(|s| !s.is_finite()) {
-        let [nx, ny, _] = image.dims();
+        let volume = Volume {
+            dims: image.dims(),
+            samples,
+        };
         return Err(Error::Image(cause(
-            format!(
-                "image sample [{}, {}, {}]",
-                i % nx,
-                i / nx % ny,
-                i / nx / ny
-            ),
+            format!("image sample {:?}", volume.coordinates(i)),
             format!("is {}", samples[i]),
             "fill missing samples before meshing",
         )));

@@ -9,6 +9,7 @@
 //! The bell is cut at 3 sigma and lowered by what is left there, so that b falls to exactly 0.
 
 use super::FeaturePoint;
+use super::crossing::dot;
 use crate::image::Field;
 use rayon::prelude::*;
 
@@ -19,34 +20,37 @@ const CUT: f64 = 3.0;
 /// discs of neighbouring columns overlap.
 const DISC: f32 = 0.75;
 
-/// Planes of samples per parallel task: fixed, so that results do not depend on the threads.
+/// Layers of samples per parallel task: fixed, so that results do not depend on the threads.
 const SLAB: usize = 32;
 
-/// The potential of feature points that are sorted by z, on a grid of `dims` samples; `rim` tells
+/// The potential of feature points that are sorted by the last axis, on a grid of `dims` samples; `rim` tells
 /// for each point whether its sheet ends there.
-pub fn potential(
-    points: &[FeaturePoint<3>],
+pub fn potential<const D: usize>(
+    points: &[FeaturePoint<D>],
     rim: &[bool],
-    dims: [usize; 3],
-    step: [f64; 3],
+    dims: [usize; D],
+    step: [f64; D],
     sigma: f64,
-) -> Field<3> {
+) -> Field<D> {
     let mut samples = vec![f32::INFINITY; dims.iter().product()];
-    let plane = dims[0] * dims[1];
-    // Points are sorted by their samples, so by z within half a sample and a bit.
-    let reach = CUT * sigma + 2.5 * step[2];
+    let last = D - 1;
+    let layer: usize = dims[..last].iter().product();
+    // Points are sorted by their samples, so along the last axis within half a sample and a bit.
+    let reach = CUT * sigma + 2.5 * step[last];
     samples
-        .par_chunks_mut((plane * SLAB).max(1))
+        .par_chunks_mut((layer * SLAB).max(1))
         .enumerate()
         .for_each(|(slab, out)| {
             let from = slab * SLAB;
-            let z = |p: &FeaturePoint<3>| f64::from(p.position[2]);
+            let height = |p: &FeaturePoint<D>| f64::from(p.position[last]);
             let near = (
-                from as f64 * step[2] - reach,
-                (from + SLAB) as f64 * step[2] + reach,
+                from as f64 * step[last] - reach,
+                (from + SLAB) as f64 * step[last] + reach,
             );
-            let start = points.partition_point(|p| z(p) < near.0);
-            let end = points.partition_point(|p| z(p) <= near.1);
+            let start = points.partition_point(|p| height(p) < near.0);
+            let end = points.partition_point(|p| height(p) <= near.1);
+            let mut dims = dims;
+            dims[last] = out.len() / layer.max(1);
             let mut splat = Splat {
                 dims,
                 step: step.map(|h| h as f32),
@@ -69,107 +73,111 @@ pub fn potential(
     }
 }
 
-/// Squared distances to the nearest disc, in a slab of planes.
-struct Splat<'a> {
-    dims: [usize; 3],
-    step: [f32; 3],
+/// Squared distances to the nearest disc, in a slab of layers along the last axis.
+struct Splat<'a, const D: usize> {
+    /// Samples of the slab along each axis.
+    dims: [usize; D],
+    step: [f32; D],
+    /// The slab's first layer.
     from: usize,
     out: &'a mut [f32],
     sigma: f32,
 }
 
-impl Splat<'_> {
+impl<const D: usize> Splat<'_, D> {
+    /// A point in samples from the slab's first one.
+    fn in_samples(&self, position: [f32; D]) -> [f32; D] {
+        let mut at = std::array::from_fn(|k| position[k] / self.step[k]);
+        at[D - 1] -= self.from as f32;
+        at
+    }
+
     /// Lowers the squared distances along the point's normal to those from its disc.
-    fn add(&mut self, point: &FeaturePoint<3>) {
-        let (p, n) = (point.position, point.normal);
+    fn add(&mut self, point: &FeaturePoint<D>) {
+        let n = point.normal;
         // Samples passed along each axis per lattice unit along the normal; the fastest axis leads.
-        let speed: [f32; 3] = std::array::from_fn(|k| n[k] / self.step[k]);
-        let axis = (1..3).fold(0, |a, k| {
+        let speed: [f32; D] = std::array::from_fn(|k| n[k] / self.step[k]);
+        let axis = (1..D).fold(0, |a, k| {
             if speed[k].abs() > speed[a].abs() {
                 k
             } else {
                 a
             }
         });
-        let centre: [f32; 3] = std::array::from_fn(|k| p[k] / self.step[k]);
+        let centre = self.in_samples(point.position);
         let slope = speed.map(|s| s / speed[axis]);
         let reach = CUT as f32 * self.sigma * speed[axis].abs();
-        let (a, b) = ((axis + 1) % 3, (axis + 2) % 3);
-        let radius = DISC * self.step[a].max(self.step[b]);
+        let lateral = |k: usize| (axis + k) % D;
+        let radius = DISC * (1..D).map(|k| self.step[lateral(k)]).fold(0.0, f32::max);
         for j in (centre[axis] - reach).ceil() as i32..=(centre[axis] + reach).floor() as i32 {
             let along = j as f32 - centre[axis];
-            let mut at = [0i32; 3];
-            at[axis] = j;
-            let low = [a, b].map(|k| (centre[k] + along * slope[k]).floor() as i32);
-            for corner in 0..4 {
-                at[a] = low[0] + (corner & 1);
-                at[b] = low[1] + (corner >> 1);
-                self.lower(at, point, radius);
+            let low: [i32; D] =
+                std::array::from_fn(|k| (centre[k] + along * slope[k]).floor() as i32);
+            for corner in 0..1 << (D - 1) {
+                let mut at = low;
+                at[axis] = j;
+                for k in 1..D {
+                    at[lateral(k)] += corner >> (k - 1) & 1;
+                }
+                self.lower(at, centre, n, radius);
             }
         }
     }
 
     /// Lowers the squared distances all round the point to those from its disc.
-    fn add_round(&mut self, point: &FeaturePoint<3>) {
-        let (p, n) = (point.position, point.normal);
-        let [hx, hy, hz] = self.step;
-        let [nx, ny, _] = self.dims;
-        let radius = DISC * hx.min(hy).min(hz);
-        let reach = CUT as f32 * self.sigma;
-        let planes = self.out.len() / (nx * ny);
-        let range = |k: usize, from: usize, n: usize| {
-            let low = ((p[k] - reach) / self.step[k]).ceil() as i32 - from as i32;
-            let high = ((p[k] + reach) / self.step[k]).floor() as i32 + 1 - from as i32;
-            low.max(0) as usize..high.clamp(0, n as i32) as usize
-        };
-        let (xs, ys, zs) = (
-            range(0, 0, nx),
-            range(1, 0, ny),
-            range(2, self.from, planes),
-        );
-        if xs.is_empty() {
-            return;
+    fn add_round(&mut self, point: &FeaturePoint<D>) {
+        let (h, n) = (self.step, point.normal);
+        let centre = self.in_samples(point.position);
+        let radius = DISC * h.iter().fold(f32::INFINITY, |a, &b| a.min(b));
+        let (mut low, mut span) = ([0usize; D], [0usize; D]);
+        for k in 0..D {
+            let reach = CUT as f32 * self.sigma / h[k];
+            let first = ((centre[k] - reach).ceil() as i32).max(0);
+            let end = ((centre[k] + reach).floor() as i32 + 1).min(self.dims[k] as i32);
+            if first >= end {
+                return;
+            }
+            (low[k], span[k]) = (first as usize, (end - first) as usize);
         }
-        for z in zs {
-            let rz = (z + self.from) as f32 * hz - p[2];
-            for y in ys.clone() {
-                let ry = y as f32 * hy - p[1];
-                let (along, square) = (ry * n[1] + rz * n[2], ry * ry + rz * rz);
-                let start = (z * ny + y) * nx;
-                let first = xs.start as f32 * hx - p[0];
-                let row = &mut self.out[start + xs.start..start + xs.end];
-                for (x, nearest) in row.iter_mut().enumerate() {
-                    let rx = first + x as f32 * hx;
-                    let s = rx * n[0] + along;
-                    let across = (rx * rx + square - s * s).max(0.0).sqrt();
-                    let past = (across - radius).max(0.0);
-                    *nearest = nearest.min(s * s + past * past);
-                }
+        for number in 0..span[1..].iter().product() {
+            let (mut rest, mut start): (usize, usize) = (number, 0);
+            let mut at = low;
+            let (mut along, mut square) = (0.0, 0.0);
+            for k in 1..D {
+                at[k] += rest % span[k];
+                rest /= span[k];
+                let r = (at[k] as f32 - centre[k]) * h[k];
+                along += r * n[k];
+                square += r * r;
+            }
+            for k in (1..D).rev() {
+                start = (start + at[k]) * self.dims[k - 1];
+            }
+            let first = start + low[0];
+            let from = (low[0] as f32 - centre[0]) * h[0];
+            for (x, nearest) in self.out[first..first + span[0]].iter_mut().enumerate() {
+                let r = from + x as f32 * h[0];
+                let s = r * n[0] + along;
+                let across = (r * r + square - s * s).max(0.0).sqrt();
+                let past = (across - radius).max(0.0);
+                *nearest = nearest.min(s * s + past * past);
             }
         }
     }
 
-    /// Lowers the squared distance of one sample to that from the point's disc.
+    /// Lowers the squared distance of one sample to that from the disc round `centre`.
     #[inline]
-    fn lower(&mut self, at: [i32; 3], point: &FeaturePoint<3>, radius: f32) {
-        let (p, n) = (point.position, point.normal);
-        let z = at[2] - self.from as i32;
-        let inside = at[0] >= 0
-            && (at[0] as usize) < self.dims[0]
-            && at[1] >= 0
-            && (at[1] as usize) < self.dims[1]
-            && z >= 0;
-        if !inside {
+    fn lower(&mut self, at: [i32; D], centre: [f32; D], n: [f32; D], radius: f32) {
+        if (0..D).any(|k| at[k] < 0 || at[k] as usize >= self.dims[k]) {
             return;
         }
-        let i = (z as usize * self.dims[1] + at[1] as usize) * self.dims[0] + at[0] as usize;
-        let Some(nearest) = self.out.get_mut(i) else {
-            return;
-        };
-        let r: [f32; 3] = std::array::from_fn(|k| at[k] as f32 * self.step[k] - p[k]);
-        let s = r[0] * n[0] + r[1] * n[1] + r[2] * n[2];
-        let across = r[0] * r[0] + r[1] * r[1] + r[2] * r[2] - s * s;
-        let past = (across.max(0.0).sqrt() - radius).max(0.0);
+        let i = (0..D)
+            .rev()
+            .fold(0, |i, k| i * self.dims[k] + at[k] as usize);
+        let r: [f32; D] = std::array::from_fn(|k| (at[k] as f32 - centre[k]) * self.step[k]);
+        let s = dot(r, n);
+        let past = ((dot(r, r) - s * s).max(0.0).sqrt() - radius).max(0.0);
+        let nearest = &mut self.out[i];
         *nearest = nearest.min(s * s + past * past);
     }
 }

@@ -7,9 +7,9 @@
 //! a quadratic surface fitted to the reliable points nearby (on the far side of a crossing too).
 //! Doubtful candidates beside a continued sheet are dropped.
 
-use super::crossing::Candidate;
+use super::crossing::{Candidate, dot, nearest};
 use super::grid::Grid;
-use super::symmetric::eigenvalues;
+use super::symmetric::{Matrix, eigenvalues};
 use super::volume::Volume;
 use std::collections::HashMap;
 
@@ -26,24 +26,24 @@ const SUPPORT: f32 = 0.7;
 const STEPS: u32 = 16;
 /// A sample is given this many new points at most.
 const MOST: usize = 4;
-/// Fewer points than this carry no fit.
-const FEWEST: usize = 6;
 /// Expected error of a point (samples) ...
 const ERROR: f64 = 0.15;
 /// ... and expected second-order coefficient of a sheet (per sample): radius of curvature a hundred.
 const BEND: f64 = 0.005;
+/// Doubtful candidates at most this many samples along each axis from a new point are dropped.
+const BESIDE: i32 = 2;
 /// Where normals nearby spread more than this (share of the tensor of normals that is not along
 /// their main direction), sheets cross.
 const MIXED: f64 = 0.05;
 
 /// Continues sheets through crossings and to the sides of the box; `candidates` are ridge points, in
 /// the order of samples, of a volume smoothed over `scale` samples, those of at least `strong` sure.
-pub fn repair(
-    smoothed: Volume<'_>,
-    candidates: Vec<Candidate>,
+pub fn repair<const D: usize>(
+    smoothed: Volume<'_, D>,
+    candidates: Vec<Candidate<D>>,
     scale: f64,
     strong: f32,
-) -> Vec<Candidate> {
+) -> Vec<Candidate<D>> {
     let zone = Zone::new(smoothed.dims, &candidates, scale, strong);
     let grid = Grid::new(smoothed.dims, &candidates);
     let reliable: Vec<bool> = candidates
@@ -84,112 +84,109 @@ pub fn repair(
         }
         next += 1;
     }
-    let points = fill.points;
-    let beside = beside(smoothed.dims, &grid, &points);
-    let keep = |i: usize| reliable[i] || !beside[candidates[i].voxel as usize];
-    let mut all: Vec<Candidate> = candidates
+    let mut points = fill.points;
+    points.sort_by_key(|c| c.voxel);
+    let continued = Grid::new(smoothed.dims, &points);
+    let beside = |c: &Candidate<D>| {
+        let mut found = false;
+        continued.each_around(continued.coordinates(c), BESIDE, |_| found = true);
+        found
+    };
+    let mut all: Vec<Candidate<D>> = candidates
         .iter()
-        .enumerate()
-        .filter(|(i, _)| keep(*i))
-        .map(|(_, c)| *c)
+        .zip(&reliable)
+        .filter(|(c, reliable)| **reliable || !beside(c))
+        .map(|(c, _)| *c)
         .collect();
-    all.extend(points);
+    all.extend(&points);
     all.sort_by_key(|c| c.voxel);
     all
 }
 
-/// Samples at most two from a new point along each axis.
-fn beside(dims: [usize; 3], grid: &Grid<'_>, points: &[Candidate]) -> Vec<bool> {
-    let mut beside = vec![false; dims.iter().product()];
-    for point in points {
-        let at = grid.coordinates(point);
-        let range =
-            |k: usize| (at[k] - 2).max(0) as usize..=((at[k] + 2) as usize).min(dims[k] - 1);
-        for z in range(2) {
-            for y in range(1) {
-                let row = (z * dims[1] + y) * dims[0];
-                beside[row + range(0).start()..=row + range(0).end()].fill(true);
-            }
-        }
-    }
-    beside
-}
-
 /// Where candidates are doubtful: near the sides, and in cells where normals are mixed.
-struct Zone {
-    dims: [i32; 3],
+struct Zone<const D: usize> {
+    dims: [i32; D],
     margin: i32,
     cell: i32,
-    cells: [i32; 3],
+    cells: [usize; D],
     mixed: Vec<bool>,
 }
 
-impl Zone {
-    fn new(dims: [usize; 3], candidates: &[Candidate], scale: f64, strong: f32) -> Self {
-        let cell = (2.5 * scale).ceil() as usize;
-        let cells = dims.map(|n| n.div_ceil(cell));
-        let count = cells.iter().product();
-        let mut tensors = vec![[0.0f32; 6]; count];
+impl<const D: usize> Zone<D> {
+    fn new(dims: [usize; D], candidates: &[Candidate<D>], scale: f64, strong: f32) -> Self {
+        let cell = (2.5 * scale).ceil() as i32;
+        let mut zone = Self {
+            dims: dims.map(|n| n as i32),
+            margin: (1.5 * scale).ceil() as i32,
+            cell,
+            cells: dims.map(|n| n.div_ceil(cell as usize)),
+            mixed: Vec::new(),
+        };
+        let mut tensors = vec![[[0.0f64; D]; D]; zone.cells.iter().product()];
+        let samples = Volume { dims, samples: &[] };
         for c in candidates.iter().filter(|c| c.strength >= strong) {
-            let v = c.voxel as usize;
-            let (x, y, z) = (v % dims[0], v / dims[0] % dims[1], v / dims[0] / dims[1]);
-            let [a, b, d] = c.normal;
-            let tensor = &mut tensors[(z / cell * cells[1] + y / cell) * cells[0] + x / cell];
-            for (t, p) in tensor
-                .iter_mut()
-                .zip([a * a, b * b, d * d, a * b, a * d, b * d])
-            {
-                *t += p;
+            let at = samples.coordinates(c.voxel as usize).map(|i| i as i32);
+            let tensor = &mut tensors[zone.cell_of(at)];
+            for k in 0..D {
+                for l in 0..D {
+                    tensor[k][l] += f64::from(c.normal[k] * c.normal[l]);
+                }
             }
         }
-        let mut mixed = vec![false; count];
-        for i in 0..count {
-            let at = [
-                i % cells[0],
-                i / cells[0] % cells[1],
-                i / cells[0] / cells[1],
-            ];
-            if tensors[i][..3] == [0.0; 3] {
-                continue;
-            }
-            let range = |k: usize| at[k].saturating_sub(1)..=(at[k] + 1).min(cells[k] - 1);
-            let mut sum = [0.0f64; 6];
-            for z in range(2) {
-                for y in range(1) {
-                    for x in range(0) {
-                        let tensor = &tensors[(z * cells[1] + y) * cells[0] + x];
-                        for (s, t) in sum.iter_mut().zip(tensor) {
-                            *s += f64::from(*t);
-                        }
+        zone.mixed = (0..tensors.len())
+            .map(|i| trace(&tensors[i]) > 0.0 && zone.is_mixed(&tensors, i))
+            .collect();
+        zone
+    }
+
+    /// Whether normals of different sheets meet in a cell and the ones that touch it.
+    fn is_mixed(&self, tensors: &[Matrix<D>], cell: usize) -> bool {
+        let samples: &[f32] = &[];
+        let cells = Volume {
+            dims: self.cells,
+            samples,
+        };
+        let at = cells.coordinates(cell);
+        let mut sum = [[0.0; D]; D];
+        for number in 0..3usize.pow(D as u32) {
+            let mut rest = number;
+            let near: [usize; D] = std::array::from_fn(|k| {
+                let i = (at[k] + rest % 3).wrapping_sub(1);
+                rest /= 3;
+                i
+            });
+            if (0..D).all(|k| near[k] < self.cells[k]) {
+                let tensor = &tensors[cells.index(near)];
+                for k in 0..D {
+                    for l in 0..D {
+                        sum[k][l] += tensor[k][l];
                     }
                 }
             }
-            let trace = sum[0] + sum[1] + sum[2];
-            mixed[i] = trace - eigenvalues(&sum)[2] > MIXED * trace;
         }
-        Self {
-            dims: dims.map(|n| n as i32),
-            margin: (1.5 * scale).ceil() as i32,
-            cell: cell as i32,
-            cells: cells.map(|n| n as i32),
-            mixed,
-        }
+        trace(&sum) - eigenvalues(&sum)[D - 1] > MIXED * trace(&sum)
+    }
+
+    /// The cell that holds a sample.
+    fn cell_of(&self, at: [i32; D]) -> usize {
+        (0..D)
+            .rev()
+            .fold(0, |i, k| i * self.cells[k] + (at[k] / self.cell) as usize)
     }
 
     /// Whether a sample of the box is in the zone.
-    fn holds(&self, at: [i32; 3]) -> bool {
-        let [x, y, z] = at.map(|i| i / self.cell);
-        (0..3).any(|k| at[k] < self.margin || at[k] >= self.dims[k] - self.margin)
-            || self.mixed[((z * self.cells[1] + y) * self.cells[0] + x) as usize]
+    fn holds(&self, at: [i32; D]) -> bool {
+        (0..D).any(|k| at[k] < self.margin || at[k] >= self.dims[k] - self.margin)
+            || self.mixed[self.cell_of(at)]
     }
 
-    fn inside(&self, at: [i32; 3]) -> bool {
-        (0..3).all(|k| at[k] >= 0 && at[k] < self.dims[k])
+    fn inside(&self, at: [i32; D]) -> bool {
+        (0..D).all(|k| at[k] >= 0 && at[k] < self.dims[k])
     }
 
     /// Whether a sample touches the zone.
-    fn near(&self, at: [i32; 3]) -> bool {
-        (0..3).any(|k| {
+    fn near(&self, at: [i32; D]) -> bool {
+        (0..D).any(|k| {
             [-1, 1].iter().any(|s| {
                 let mut next = at;
                 next[k] += s;
@@ -199,36 +196,39 @@ impl Zone {
     }
 }
 
+fn trace<const D: usize>(m: &Matrix<D>) -> f64 {
+    (0..D).map(|k| m[k][k]).sum()
+}
+
 /// Where a front left the reliable part of its sheet.
 #[derive(Clone, Copy)]
-struct Front {
+struct Front<const D: usize> {
     /// The smoothed image there.
     level: f32,
     /// The sheet's normal there.
-    normal: [f32; 3],
+    normal: [f32; D],
     /// Columns passed since.
     steps: u32,
 }
 
 /// The fronts that fill the zone.
-struct Fill<'a> {
-    smoothed: Volume<'a>,
-    zone: &'a Zone,
-    grid: &'a Grid<'a>,
+struct Fill<'a, const D: usize> {
+    smoothed: Volume<'a, D>,
+    zone: &'a Zone<D>,
+    grid: &'a Grid<'a, D>,
     reliable: &'a [bool],
-    points: Vec<Candidate>,
+    points: Vec<Candidate<D>>,
     /// Where the front of each new point comes from.
-    fronts: Vec<Front>,
+    fronts: Vec<Front<D>>,
     /// New points of each sample.
     by_voxel: HashMap<u32, Vec<u32>>,
 }
 
-impl Fill<'_> {
-    /// Tries to continue a sheet from one point into the four columns around it.
-    fn step_from(&mut self, from: &Candidate, front: Front) {
+impl<const D: usize> Fill<'_, D> {
+    /// Tries to continue a sheet from one point into the columns around it.
+    fn step_from(&mut self, from: &Candidate<D>, front: Front<D>) {
         let axis = from.axis as usize;
-        let (a, b) = ((axis + 1) % 3, (axis + 2) % 3);
-        for (lateral, by) in [(a, -1.0), (a, 1.0), (b, -1.0), (b, 1.0)] {
+        for (lateral, by) in (1..D).flat_map(|k| [-1.0, 1.0].map(|by| ((axis + k) % D, by))) {
             let mut guess = from.position;
             guess[lateral] += by;
             guess[axis] -= by * from.normal[lateral] / from.normal[axis];
@@ -258,7 +258,7 @@ impl Fill<'_> {
     }
 
     /// Whether the column round `at` has a new point of the sheet of `like` already.
-    fn taken(&self, at: [i32; 3], like: &Candidate) -> bool {
+    fn taken(&self, at: [i32; D], like: &Candidate<D>) -> bool {
         let axis = like.axis as usize;
         (-1..=1).any(|j| {
             let mut v = at;
@@ -266,7 +266,7 @@ impl Fill<'_> {
             self.zone.inside(v) && {
                 let voxel = self.smoothed.index(v.map(|i| i as usize)) as u32;
                 self.by_voxel.get(&voxel).is_some_and(|list| {
-                    let same = |p: &Candidate| {
+                    let same = |p: &Candidate<D>| {
                         p.axis == like.axis && dot(p.normal, like.normal).abs() > SAME_FIT
                     };
                     list.len() >= MOST || list.iter().any(|&i| same(&self.points[i as usize]))
@@ -276,60 +276,66 @@ impl Fill<'_> {
     }
 
     /// The point of the sheet of `like` in the column round `guess`.
-    fn fit(&self, guess: [f32; 3], like: &Candidate, radius: i32) -> Option<Candidate> {
+    fn fit(&self, guess: [f32; D], like: &Candidate<D>, radius: i32) -> Option<Candidate<D>> {
         let axis = like.axis as usize;
-        let (a, b) = ((axis + 1) % 3, (axis + 2) % 3);
         let n = like.normal;
-        let mut normal_matrix = [[0.0f64; 7]; 6];
+        let mut surface = Surface::<D>::new(radius);
         let mut count = 0;
         let centre = guess.map(nearest);
         // Smoothing ties neighbours together: columns a few samples apart carry all there is to know.
         let stride = if radius > RADII[0] { 3 } else { 2 };
-        for v in (-radius..=radius).step_by(stride) {
-            for u in (-radius..=radius).step_by(stride) {
-                if u * u + v * v > radius * radius {
-                    continue;
-                }
-                let slope = -(n[a] * u as f32 + n[b] * v as f32) / n[axis];
-                let slack = 1 + (u.abs().max(v.abs())) / 6;
-                for j in -slack..=slack {
-                    let mut at = centre;
-                    at[a] += u;
-                    at[b] += v;
-                    at[axis] = nearest(guess[axis] + slope) + j;
-                    self.grid.each(at, |i| {
-                        let q = &self.grid.candidates[i];
-                        let away: [f32; 3] = std::array::from_fn(|k| q.position[k] - guess[k]);
-                        let distance = dot(away, away).sqrt();
-                        if self.reliable[i]
-                            && dot(q.normal, n).abs() >= SAME_NORMAL
-                            && dot(away, n).abs() <= 0.75 + 0.12 * distance
-                        {
-                            count += 1;
-                            add(&mut normal_matrix, away[a], away[b], away[axis], radius);
-                        }
-                    });
-                }
+        let side = 2 * radius / stride + 1;
+        for number in 0..side.pow(D as u32 - 1) {
+            let mut rest = number;
+            let mut away = [0i32; D];
+            for k in 1..D {
+                away[(axis + k) % D] = rest % side * stride - radius;
+                rest /= side;
+            }
+            if away.iter().map(|u| u * u).sum::<i32>() > radius * radius {
+                continue;
+            }
+            let slope = -dot(n, away.map(|u| u as f32)) / n[axis];
+            let slack = 1 + away.iter().fold(0, |a, u| a.max(u.abs())) / 6;
+            let mut at: [i32; D] = std::array::from_fn(|k| centre[k] + away[k]);
+            let middle = nearest(guess[axis] + slope);
+            for j in -slack..=slack {
+                at[axis] = middle + j;
+                self.grid.each(at, |i| {
+                    let q = &self.grid.candidates[i];
+                    let away: [f32; D] = std::array::from_fn(|k| q.position[k] - guess[k]);
+                    let distance = dot(away, away).sqrt();
+                    if self.reliable[i]
+                        && dot(q.normal, n).abs() >= SAME_NORMAL
+                        && dot(away, n).abs() <= 0.75 + 0.12 * distance
+                    {
+                        count += 1;
+                        surface.add(away, axis);
+                    }
+                });
             }
         }
-        if count < FEWEST {
+        if count < Surface::<D>::TERMS {
             return None;
         }
-        let c = solve(normal_matrix)?;
+        let c = surface.solve()?;
         let height = c[0] as f32;
         let mut position = guess;
         position[axis] += height;
-        let mut normal = [0.0f32; 3];
+        let mut normal = [0.0f32; D];
         normal[axis] = 1.0;
-        normal[a] = -c[1] as f32;
-        normal[b] = -c[2] as f32;
+        for k in 1..D {
+            normal[(axis + k) % D] = -c[k] as f32;
+        }
         let length = dot(normal, normal).sqrt();
         let normal = normal.map(|c| c / length);
         let at = position.map(nearest);
         let agrees = height.abs() < 1.0 && dot(normal, n).abs() >= SAME_NORMAL;
-        let voxel = self.smoothed.index(at.map(|i| i.max(0) as usize)) as u32;
-        (agrees && self.zone.inside(at)).then_some(Candidate {
-            voxel,
+        if !agrees || !self.zone.inside(at) {
+            return None;
+        }
+        Some(Candidate {
+            voxel: self.smoothed.index(at.map(|i| i as usize)) as u32,
             axis: like.axis,
             position,
             normal,
@@ -338,48 +344,71 @@ impl Fill<'_> {
     }
 }
 
-/// The nearest sample, for positions in or near the box (without a call to the maths library).
-pub fn nearest(position: f32) -> i32 {
-    (position + 1024.5) as i32 - 1024
+/// A quadratic surface (in 2-D a parabola) through points, by weighted least squares.
+struct Surface<const D: usize> {
+    /// The upper half of the normal equations, and their right-hand sides in the last column.
+    equations: [[f64; 7]; 6],
+    /// The weight of a point falls with the square of its distance over this.
+    width: f64,
 }
 
-fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
+impl<const D: usize> Surface<D> {
+    /// Constant, slopes and bends: fewer points carry no fit.
+    const TERMS: usize = D * (D + 1) / 2;
 
-/// Adds a point at (u, v) with height h to the normal equations (last column: right-hand side).
-fn add(m: &mut [[f64; 7]; 6], u: f32, v: f32, h: f32, radius: i32) {
-    let (u, v, h) = (f64::from(u), f64::from(v), f64::from(h));
-    let half = f64::from(radius) / 2.0;
-    let weight = (-0.5 * (u * u + v * v) / (half * half)).exp() / (ERROR * ERROR);
-    let row = [1.0, u, v, u * u, u * v, v * v, h];
-    for i in 0..6 {
-        for j in i..7 {
-            m[i][j] += weight * row[i] * row[j];
+    fn new(radius: i32) -> Self {
+        Self {
+            equations: [[0.0; 7]; 6],
+            width: 0.5 * f64::from(radius),
         }
     }
-}
 
-/// Solves the normal equations (upper half given) with the prior on bending, by Cholesky.
-fn solve(mut m: [[f64; 7]; 6]) -> Option<[f64; 6]> {
-    for i in 3..6 {
-        m[i][i] += 1.0 / (BEND * BEND);
-    }
-    for i in 0..6 {
-        for k in 0..i {
-            let f = m[k][i] / m[k][k];
-            for j in i..7 {
-                m[i][j] -= f * m[k][j];
+    /// Adds a point; its height is its component along `axis`.
+    fn add(&mut self, away: [f32; D], axis: usize) {
+        let mut row = [1.0; 7];
+        let mut squares = 0.0;
+        let mut bend = D;
+        for k in 1..D {
+            row[k] = f64::from(away[(axis + k) % D]);
+            squares += row[k] * row[k];
+        }
+        for k in 1..D {
+            for l in k..D {
+                row[bend] = row[k] * row[l];
+                bend += 1;
             }
         }
-        if m[i][i] <= 1e-9 {
-            return None;
+        row[6] = f64::from(away[axis]);
+        let weight = (-0.5 * squares / (self.width * self.width)).exp() / (ERROR * ERROR);
+        for i in 0..Self::TERMS {
+            for j in (i..Self::TERMS).chain([6]) {
+                self.equations[i][j] += weight * row[i] * row[j];
+            }
         }
     }
-    let mut c = [0.0; 6];
-    for i in (0..6).rev() {
-        let sum: f64 = (i + 1..6).map(|j| m[i][j] * c[j]).sum();
-        c[i] = (m[i][6] - sum) / m[i][i];
+
+    /// The terms' coefficients, with the prior on bends, by Cholesky; constant and slopes first.
+    fn solve(mut self) -> Option<[f64; 6]> {
+        let m = &mut self.equations;
+        for i in D..Self::TERMS {
+            m[i][i] += 1.0 / (BEND * BEND);
+        }
+        for i in 0..Self::TERMS {
+            for k in 0..i {
+                let f = m[k][i] / m[k][k];
+                for j in (i..Self::TERMS).chain([6]) {
+                    m[i][j] -= f * m[k][j];
+                }
+            }
+            if m[i][i] <= 1e-9 {
+                return None;
+            }
+        }
+        let mut c = [0.0; 6];
+        for i in (0..Self::TERMS).rev() {
+            let sum: f64 = (i + 1..Self::TERMS).map(|j| m[i][j] * c[j]).sum();
+            c[i] = (m[i][6] - sum) / m[i][i];
+        }
+        Some(c)
     }
-    Some(c)
 }

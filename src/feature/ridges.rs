@@ -12,9 +12,8 @@
 //! nor doubles.
 
 use super::crossing::{Candidate, along_axis, dominant_axes};
-use super::symmetric::{eigenvalues, eigenvector};
+use super::symmetric::{Matrix, eigenvalues, eigenvector};
 use super::volume::Volume;
-use rayon::prelude::*;
 
 /// A Gaussian ridge as wide as the smoothing has, in the smoothed image, sigma^2 times its second
 /// derivative lower than its height by this factor.
@@ -28,33 +27,36 @@ const SECOND: f64 = 0.4;
 ///
 /// The strength is -sigma^2 times the second derivative across the ridge, scaled to be the ridge's
 /// height if the ridge was a Gaussian of width `sigma` before smoothing.
-pub fn ridges(smoothed: Volume<'_>, sigma: f64, low: f32) -> Vec<Candidate> {
-    let [_, ny, nz] = smoothed.dims;
-    let planes: Vec<Vec<Candidate>> = (0..nz)
-        .into_par_iter()
-        .map(|z| {
-            let (mut found, mut laplacian) = (Vec::new(), Vec::new());
-            for y in 0..ny {
-                row(smoothed, sigma, low, [y, z], &mut laplacian, &mut found);
-            }
-            found
-        })
-        .collect();
-    planes.concat()
+pub fn ridges<const D: usize>(smoothed: Volume<'_, D>, sigma: f64, low: f32) -> Vec<Candidate<D>> {
+    smoothed.by_rows(|first, laplacian, found| row(smoothed, sigma, low, first, laplacian, found))
 }
 
-/// Standard deviation of the Laplacian of smoothed white noise over the median magnitude of the
-/// middle eigenvalue of its Hessian.
-const MEDIAN_TO_NOISE: f64 = 4.061;
+/// Standard deviation of the Laplacian of smoothed white noise over the median of [`curvature`]: its
+/// Hessian's pure entries have variance 3, covariance 1, and its mixed entries variance 1.
+const fn median_to_noise(dimensions: usize) -> f64 {
+    if dimensions == 3 { 4.061 } else { 3.941 }
+}
+
+/// How much the image curves in directions in which a sheet does not bend it: the magnitude of the
+/// middle eigenvalue of the Hessian, in 2-D of the smaller one.
+fn curvature<const D: usize>(hessian: &Matrix<D>) -> f32 {
+    let values = eigenvalues(hessian);
+    let curvature = if D == 3 {
+        values[1].abs()
+    } else {
+        values[0].abs().min(values[1].abs())
+    };
+    curvature as f32
+}
 
 /// Ratio of noise to typical strength (one where there is only white noise) from which ridges drown.
 const DROWNED: f32 = 0.5;
 
-/// What the image says about ridge strengths, seen on one row in sixteen.
+/// What the image says about ridge strengths, seen on one row in sixteen (in 2-D on all).
 #[derive(Debug, Clone, Copy)]
 pub struct Statistics {
     /// What noise does to the Laplacian (standard deviation), in units of strength. Sheets bend the
-    /// image in one direction only, so the *middle* eigenvalue of the Hessian tells of noise even
+    /// image in one direction only, so the other eigenvalues of the Hessian tell of noise even
     /// where sheets are dense.
     pub noise: f32,
     /// Typical strength of the ridges that matter: sum of cubes over sum of squares.
@@ -82,21 +84,23 @@ impl Statistics {
 }
 
 /// Measures [`Statistics`] for [`ridges`].
-pub fn statistics(smoothed: Volume<'_>, sigma: f64) -> Statistics {
-    let [_, ny, nz] = smoothed.dims;
-    let parts: Vec<(Vec<f32>, Vec<Candidate>)> = (0..nz)
-        .into_par_iter()
-        .map(|z| {
-            let (mut magnitudes, mut found, mut laplacian) = (Vec::new(), Vec::new(), Vec::new());
-            for y in (0..ny).filter(|y| (y + 7 * z) % 16 == 0) {
-                row(smoothed, sigma, 0.0, [y, z], &mut laplacian, &mut found);
-                magnitudes.extend((0..smoothed.dims[0]).step_by(2).map(|x| {
-                    eigenvalues(&smoothed.hessian([x, y, z]).map(f64::from))[1].abs() as f32
-                }));
-            }
-            (magnitudes, found)
-        })
-        .collect();
+pub fn statistics<const D: usize>(smoothed: Volume<'_, D>, sigma: f64) -> Statistics {
+    let every = if D == 3 { 16 } else { 1 };
+    let parts: Vec<(Vec<f32>, Vec<Candidate<D>>)> = smoothed.by_rows(|first, laplacian, parts| {
+        let number: usize = (1..D).map(|k| first[k] * [1, 1, 7][k]).sum();
+        if !number.is_multiple_of(every) {
+            return;
+        }
+        let mut found = Vec::new();
+        row(smoothed, sigma, 0.0, first, laplacian, &mut found);
+        let magnitude = |x: usize| {
+            let mut at = first;
+            at[0] = x;
+            curvature(&smoothed.hessian(at))
+        };
+        let magnitudes = (0..smoothed.dims[0]).step_by(2).map(magnitude).collect();
+        parts.push((magnitudes, found));
+    });
     let mut magnitudes: Vec<f32> = parts.iter().flat_map(|p| p.0.iter().copied()).collect();
     let middle = magnitudes.len() / 2;
     let median = if middle > 0 {
@@ -114,7 +118,7 @@ pub fn statistics(smoothed: Volume<'_>, sigma: f64) -> Statistics {
         cubes += s * s * s;
     }
     Statistics {
-        noise: (f64::from(median) * MEDIAN_TO_NOISE * sigma * sigma * HEIGHT) as f32,
+        noise: (f64::from(median) * median_to_noise(D) * sigma * sigma * HEIGHT) as f32,
         typical: if squares > 0.0 {
             (cubes / squares) as f32
         } else {
@@ -123,16 +127,16 @@ pub fn statistics(smoothed: Volume<'_>, sigma: f64) -> Statistics {
     }
 }
 
-/// Ridge points of the row `[y, z]`; leaves the row's Laplacian in `laplacian`.
-fn row(
-    smoothed: Volume<'_>,
+/// Ridge points of the row of x from `first`; leaves the row's Laplacian in `laplacian`.
+fn row<const D: usize>(
+    smoothed: Volume<'_, D>,
     sigma: f64,
     low: f32,
-    [y, z]: [usize; 2],
+    first: [usize; D],
     laplacian: &mut Vec<f32>,
-    found: &mut Vec<Candidate>,
+    found: &mut Vec<Candidate<D>>,
 ) {
-    smoothed.laplacian([y, z], laplacian);
+    smoothed.laplacian(first, laplacian);
     // The most negative eigenvalue carries at least a third of a negative Laplacian; across a sheet
     // it carries nearly all of it, and noise in the other two takes off less than a half.
     let scale = HEIGHT * sigma * sigma;
@@ -141,8 +145,9 @@ fn row(
         if laplacian[x] >= bound {
             continue;
         }
-        let at = [x, y, z];
-        let hessian = smoothed.hessian(at).map(f64::from);
+        let mut at = first;
+        at[0] = x;
+        let hessian = smoothed.hessian(at);
         let values = eigenvalues(&hessian);
         for (i, &value) in values[..2].iter().enumerate() {
             let strength = (-value * scale) as f32;

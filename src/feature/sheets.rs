@@ -5,9 +5,12 @@
 //! nearer than a lattice can resolve, so the choice between two close parallel sheets is made once
 //! for a whole sheet and not sample by sample.
 
-use super::crossing::Candidate;
-use super::grid::{Grid, NONE as FREE};
+use super::crossing::{Candidate, dot, minus, nearest};
+use super::grid::Grid;
 use crate::feature::FeaturePoint;
+
+/// No sheet.
+const FREE: u32 = u32::MAX;
 
 /// What a sheet must be.
 #[derive(Debug, Clone, Copy)]
@@ -16,15 +19,15 @@ pub struct Rules {
     pub high: f32,
     /// Parallel sheets nearer than this (lattice units) exclude one another.
     pub resolution: f64,
-    /// A sheet covers at least this area (square lattice units).
+    /// A sheet covers at least this area (lattice units squared; in 2-D this length).
     pub min_area: f64,
 }
 
 /// Points that were kept, and what happened to the others.
-#[derive(Debug, Clone, Default)]
-pub struct Sheets {
+#[derive(Debug, Clone)]
+pub struct Sheets<const D: usize> {
     /// Points of all sheets, in the order of samples.
-    pub points: Vec<FeaturePoint<3>>,
+    pub points: Vec<FeaturePoint<D>>,
     /// For each point, whether its sheet ends there.
     pub rim: Vec<bool>,
     /// Number of sheets.
@@ -47,14 +50,21 @@ const TOGETHER: f32 = 1.5;
 /// The mean of the points round a point is this far off (samples) where a sheet ends.
 const LOPSIDED: f32 = 0.25;
 
-/// A point passes its sheet on if it has this many neighbours in it (inside a sheet eight, along a
-/// straight rim five).
-const CORE: usize = 4;
+/// A point passes its sheet on if it has this many neighbours in it: inside a sheet there are eight,
+/// along its straight rim five; along a curve there are two, at its end one.
+const fn core(dimensions: usize) -> usize {
+    if dimensions == 3 { 4 } else { 1 }
+}
 
 const CRUMB: u32 = u32::MAX - 1;
 
 /// Groups candidates (in the order of samples) into sheets that keep the rules.
-pub fn sheets(dims: [usize; 3], candidates: &[Candidate], step: [f64; 3], rules: &Rules) -> Sheets {
+pub fn sheets<const D: usize>(
+    dims: [usize; D],
+    candidates: &[Candidate<D>],
+    step: [f64; D],
+    rules: &Rules,
+) -> Sheets<D> {
     let grid = Grid::new(dims, candidates);
     let mut growth = Growth {
         grid: &grid,
@@ -81,8 +91,11 @@ pub fn sheets(dims: [usize; 3], candidates: &[Candidate], step: [f64; 3], rules:
         }
     }
     let mut result = Sheets {
+        points: Vec::new(),
+        rim: Vec::new(),
         sheets,
-        ..Sheets::default()
+        too_near: 0,
+        crumbs: 0,
     };
     for (i, c) in candidates.iter().enumerate() {
         if growth.owner[i] < CRUMB {
@@ -98,9 +111,9 @@ pub fn sheets(dims: [usize; 3], candidates: &[Candidate], step: [f64; 3], rules:
 }
 
 /// Indices of candidates, strongest first, in 4096 logarithmic classes; ties in the order of samples.
-fn by_strength(candidates: &[Candidate]) -> Vec<usize> {
+fn by_strength<const D: usize>(candidates: &[Candidate<D>]) -> Vec<usize> {
     // The bits of a positive float sort like the float; the upper ones are class enough.
-    let class = |c: &Candidate| (c.strength.max(0.0).to_bits() >> 19) as usize;
+    let class = |c: &Candidate<D>| (c.strength.max(0.0).to_bits() >> 19) as usize;
     let top = 4095;
     let mut start = vec![0usize; top + 1];
     for c in candidates {
@@ -120,9 +133,9 @@ fn by_strength(candidates: &[Candidate]) -> Vec<usize> {
 }
 
 /// A candidate in lattice space: positions scale with the step, normals against it.
-fn lattice_point(c: &Candidate, step: [f64; 3]) -> FeaturePoint<3> {
+fn lattice_point<const D: usize>(c: &Candidate<D>, step: [f64; D]) -> FeaturePoint<D> {
     let position = std::array::from_fn(|k| c.position[k] * step[k] as f32);
-    let normal: [f32; 3] = std::array::from_fn(|k| c.normal[k] / step[k] as f32);
+    let normal: [f32; D] = std::array::from_fn(|k| c.normal[k] / step[k] as f32);
     let length = dot(normal, normal).sqrt();
     FeaturePoint {
         position,
@@ -131,18 +144,10 @@ fn lattice_point(c: &Candidate, step: [f64; 3]) -> FeaturePoint<3> {
     }
 }
 
-fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn minus(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
-    std::array::from_fn(|k| a[k] - b[k])
-}
-
 /// One sheet after the other.
-struct Growth<'a> {
-    grid: &'a Grid<'a>,
-    step: [f32; 3],
+struct Growth<'a, const D: usize> {
+    grid: &'a Grid<'a, D>,
+    step: [f32; D],
     resolution: f32,
     owner: Vec<u32>,
     blocker: Vec<u32>,
@@ -152,7 +157,7 @@ struct Growth<'a> {
     around: Vec<usize>,
 }
 
-impl Growth<'_> {
+impl<const D: usize> Growth<'_, D> {
     /// Grows the sheet of `seed`; returns its area in square lattice units.
     fn grow(&mut self, seed: usize, sheet: u32) -> f64 {
         self.members.clear();
@@ -165,8 +170,9 @@ impl Growth<'_> {
             let i = self.members[next];
             next += 1;
             let c = &self.grid.candidates[i];
-            let [a, b] = [1, 2].map(|s| (c.axis as usize + s) % 3);
-            area += f64::from(self.step[a] * self.step[b] / c.normal[c.axis as usize].abs());
+            let axis = c.axis as usize;
+            let cell: f32 = (1..D).map(|k| self.step[(axis + k) % D]).product();
+            area += f64::from(cell / c.normal[axis].abs());
             self.block_parallel(i, sheet);
             self.take_neighbours(i, sheet);
         }
@@ -179,28 +185,21 @@ impl Growth<'_> {
         self.around.clear();
         let grid = self.grid;
         let c = &grid.candidates[i];
-        let [x, y, z] = grid.coordinates(c);
-        for dz in -1..=1 {
-            for dy in -1..=1 {
-                for dx in -1..=1 {
-                    grid.each([x + dx, y + dy, z + dz], |j| {
-                        let free = self.owner[j] == FREE && self.blocker[j] == FREE;
-                        if j == i || !(free || self.owner[j] == sheet) {
-                            return;
-                        }
-                        let other = &grid.candidates[j];
-                        let apart = minus(other.position, c.position);
-                        let joined = dot(other.normal, c.normal).abs() >= SAME_NORMAL
-                            && dot(apart, c.normal).abs() < SAME_PLANE
-                            && dot(apart, other.normal).abs() < SAME_PLANE;
-                        if joined {
-                            self.around.push(j);
-                        }
-                    });
-                }
+        grid.each_around(grid.coordinates(c), 1, |j| {
+            let free = self.owner[j] == FREE && self.blocker[j] == FREE;
+            if j == i || !(free || self.owner[j] == sheet) {
+                return;
             }
-        }
-        if self.around.len() < CORE {
+            let other = &grid.candidates[j];
+            let apart = minus(other.position, c.position);
+            let joined = dot(other.normal, c.normal).abs() >= SAME_NORMAL
+                && dot(apart, c.normal).abs() < SAME_PLANE
+                && dot(apart, other.normal).abs() < SAME_PLANE;
+            if joined {
+                self.around.push(j);
+            }
+        });
+        if self.around.len() < core(D) {
             return;
         }
         for &j in &self.around {
@@ -218,14 +217,13 @@ impl Growth<'_> {
         let at = grid.coordinates(c);
         let axis = c.axis as usize;
         // Samples passed along each axis per lattice unit along the lattice-space normal.
-        let scaled: [f32; 3] = std::array::from_fn(|k| c.normal[k] / self.step[k]);
+        let scaled: [f32; D] = std::array::from_fn(|k| c.normal[k] / self.step[k]);
         let unit = 1.0 / dot(scaled, scaled).sqrt();
-        let speed: [f32; 3] = std::array::from_fn(|k| scaled[k] * unit / self.step[k]);
+        let speed: [f32; D] = std::array::from_fn(|k| scaled[k] * unit / self.step[k]);
         let slope = speed.map(|s| s / speed[axis]);
         let reach = (self.resolution * speed[axis].abs()).ceil() as i32;
         for j in (-reach..=reach).filter(|j| j.abs() > 1) {
-            let column =
-                std::array::from_fn(|k| at[k] + super::repair::nearest(j as f32 * slope[k]));
+            let column = std::array::from_fn(|k| at[k] + nearest(j as f32 * slope[k]));
             grid.each(column, |o| {
                 if self.owner[o] != FREE || self.blocker[o] != FREE {
                     return;
@@ -244,28 +242,19 @@ impl Growth<'_> {
     }
 
     /// Whether the sheets' points round a point lie mostly to one side of it.
-    fn ends_at(&self, c: &Candidate) -> bool {
-        let [x, y, z] = self.grid.coordinates(c);
-        let (mut sum, mut count) = ([0.0f32; 3], 0.0);
-        for dz in -1..=1 {
-            for dy in -1..=1 {
-                for dx in -1..=1 {
-                    self.grid.each([x + dx, y + dy, z + dz], |j| {
-                        let other = &self.grid.candidates[j];
-                        let same = self.owner[j] < CRUMB
-                            && dot(other.normal, c.normal).abs() >= SAME_NORMAL;
-                        if same {
-                            count += 1.0;
-                            for k in 0..3 {
-                                sum[k] += other.position[k] - c.position[k];
-                            }
-                        }
-                    });
+    fn ends_at(&self, c: &Candidate<D>) -> bool {
+        let (mut sum, mut count) = ([0.0f32; D], 0);
+        self.grid.each_around(self.grid.coordinates(c), 1, |j| {
+            let other = &self.grid.candidates[j];
+            if self.owner[j] < CRUMB && dot(other.normal, c.normal).abs() >= SAME_NORMAL {
+                count += 1;
+                for k in 0..D {
+                    sum[k] += other.position[k] - c.position[k];
                 }
             }
-        }
+        });
         // Whole neighbourhoods balance; along a straight rim the mean is a third of a sample off.
-        count < 4.0 || dot(sum, sum).sqrt() > LOPSIDED * count
+        count < 1 << (D - 1) || dot(sum, sum).sqrt() > LOPSIDED * count as f32
     }
 
     /// Undoes the last sheet: its points are crumbs, and what it blocked is free again.

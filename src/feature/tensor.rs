@@ -11,50 +11,36 @@ use super::volume::Volume;
 use rayon::prelude::*;
 
 /// Unit normals on a coarse grid.
-pub struct Normals {
-    dims: [usize; 3],
+pub struct Normals<const D: usize> {
+    dims: [usize; D],
     factor: usize,
-    vectors: Vec<[f32; 3]>,
+    vectors: Vec<[f32; D]>,
 }
 
-impl Normals {
-    /// Normals of a volume (already smoothed to the scale of its derivatives), averaged under a
+impl<const D: usize> Normals<D> {
+    /// Normals of an image (already smoothed to the scale of its derivatives), averaged under a
     /// Gaussian window of width `window` samples.
-    pub fn new(volume: Volume<'_>, window: f64) -> Self {
+    pub fn new(volume: Volume<'_, D>, window: f64) -> Self {
         let factor = ((window / 2.0) as usize).clamp(1, 4);
         let dims = volume.dims.map(|n| n.div_ceil(factor));
-        let plane = dims[0] * dims[1];
-        let mut products = vec![vec![0.0f32; plane * dims[2]]; 6];
-        let mut planes: Vec<Vec<&mut [f32]>> = (0..dims[2]).map(|_| Vec::new()).collect();
-        for component in &mut products {
-            for (z, part) in component.chunks_mut(plane).enumerate() {
-                planes[z].push(part);
-            }
-        }
-        planes.par_iter_mut().enumerate().for_each(|(cz, parts)| {
-            for z in cz * factor..((cz + 1) * factor).min(volume.dims[2]) {
-                for y in 0..volume.dims[1] {
-                    let row = y / factor * dims[0];
-                    for x in 0..volume.dims[0] {
-                        let [a, b, c] = volume.gradient([x, y, z]);
-                        let cell = row + x / factor;
-                        let p = [a * a, b * b, c * c, a * b, a * c, b * c];
-                        for (part, p) in parts.iter_mut().zip(p) {
-                            part[cell] += p;
-                        }
-                    }
-                }
-            }
-        });
+        let products = products(volume, factor, dims);
         // Cells on the far sides hold fewer samples; their weight is less, the direction the same.
-        for component in &mut products {
-            smooth(dims, component, [window / factor as f64; 3]);
-        }
-        let vectors = (0..plane * dims[2])
+        let products: Vec<Vec<f32>> = products
+            .into_iter()
+            .map(|mut component| {
+                smooth(dims, &mut component, [window / factor as f64; D]);
+                component
+            })
+            .collect();
+        let vectors = (0..dims.iter().product())
             .into_par_iter()
             .map(|i| {
-                let m: [f64; 6] = std::array::from_fn(|k| f64::from(products[k][i]));
-                eigenvector(&m, eigenvalues(&m)[2]).map(|c| c as f32)
+                let mut m = [[0.0; D]; D];
+                for (number, (k, l)) in pairs::<D>().enumerate() {
+                    m[k][l] = f64::from(products[number][i]);
+                    m[l][k] = m[k][l];
+                }
+                eigenvector(&m, eigenvalues(&m)[D - 1]).map(|c| c as f32)
             })
             .collect();
         Self {
@@ -66,43 +52,88 @@ impl Normals {
 
     /// The normal of the cell that holds a sample.
     #[inline]
-    pub fn coarse(&self, at: [usize; 3]) -> [f32; 3] {
-        let [x, y, z] = at.map(|i| i / self.factor);
-        self.vectors[(z * self.dims[1] + y) * self.dims[0] + x]
+    pub fn coarse(&self, at: [usize; D]) -> [f32; D] {
+        self.vectors[index(self.dims, at.map(|i| i / self.factor))]
     }
 
     /// The normal at a position in samples, interpolated between cell centres.
-    pub fn at(&self, position: [f32; 3]) -> [f32; 3] {
+    pub fn at(&self, position: [f32; D]) -> [f32; D] {
         let f = self.factor as f32;
-        let (mut low, mut t) = ([0usize; 3], [0.0f32; 3]);
-        for k in 0..3 {
+        let (mut low, mut t) = ([0usize; D], [0.0f32; D]);
+        for k in 0..D {
             let u = ((position[k] - 0.5 * (f - 1.0)) / f).clamp(0.0, (self.dims[k] - 1) as f32);
             low[k] = (u as usize).min(self.dims[k].saturating_sub(2));
             t[k] = u - low[k] as f32;
         }
-        let mut sum = [0.0f32; 3];
-        for corner in 0..8usize {
+        let mut sum = [0.0f32; D];
+        for corner in 0..1usize << D {
             let mut weight = 1.0;
-            let [x, y, z]: [usize; 3] = std::array::from_fn(|k| {
+            let at = std::array::from_fn(|k| {
                 let far = corner >> k & 1;
                 weight *= if far == 1 { t[k] } else { 1.0 - t[k] };
                 (low[k] + far).min(self.dims[k] - 1)
             });
-            let v = self.vectors[(z * self.dims[1] + y) * self.dims[0] + x];
+            let v = self.vectors[index(self.dims, at)];
             // A normal has no sign: add each on the side of the sum so far.
-            let side = v[0] * sum[0] + v[1] * sum[1] + v[2] * sum[2];
+            let side: f32 = (0..D).map(|k| v[k] * sum[k]).sum();
             let weight = if side < 0.0 { -weight } else { weight };
-            for k in 0..3 {
+            for k in 0..D {
                 sum[k] += weight * v[k];
             }
         }
-        let length = (sum[0] * sum[0] + sum[1] * sum[1] + sum[2] * sum[2]).sqrt();
+        let length = sum.iter().map(|c| c * c).sum::<f32>().sqrt();
         if length > 1e-6 {
             sum.map(|c| c / length)
         } else {
-            self.coarse(low.map(|i| i * self.factor))
+            self.vectors[index(self.dims, low)]
         }
     }
+}
+
+/// The upper half of a symmetric matrix.
+fn pairs<const D: usize>() -> impl Iterator<Item = (usize, usize)> {
+    (0..D).flat_map(|k| (k..D).map(move |l| (k, l)))
+}
+
+fn index<const D: usize>(dims: [usize; D], at: [usize; D]) -> usize {
+    (0..D).rev().fold(0, |i, k| i * dims[k] + at[k])
+}
+
+/// Products of the gradient's components (upper half), summed over cells of `factor`^D samples.
+fn products<const D: usize>(
+    volume: Volume<'_, D>,
+    factor: usize,
+    dims: [usize; D],
+) -> Vec<Vec<f32>> {
+    let count: usize = dims.iter().product();
+    let mut products = vec![vec![0.0f32; count]; D * (D + 1) / 2];
+    // One task per layer of cells along the last axis.
+    let layer = count / dims[D - 1];
+    let mut layers: Vec<Vec<&mut [f32]>> = (0..dims[D - 1]).map(|_| Vec::new()).collect();
+    for component in &mut products {
+        for (parts, part) in layers.iter_mut().zip(component.chunks_mut(layer)) {
+            parts.push(part);
+        }
+    }
+    let thickness = volume.samples.len() / volume.dims[D - 1];
+    layers
+        .par_iter_mut()
+        .enumerate()
+        .for_each(|(number, parts)| {
+            let end = ((number + 1) * factor * thickness).min(volume.samples.len());
+            for start in (number * factor * thickness..end).step_by(volume.dims[0]) {
+                let mut at = volume.coordinates(start);
+                let row = index(dims, at.map(|i| i / factor)) - number * layer;
+                for x in 0..volume.dims[0] {
+                    at[0] = x;
+                    let gradient = volume.gradient(at);
+                    for (part, (k, l)) in parts.iter_mut().zip(pairs::<D>()) {
+                        part[row + x / factor] += gradient[k] * gradient[l];
+                    }
+                }
+            }
+        });
+    products
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use super::scenes::{
 use super::*;
 use crate::image::Geometry;
 
-fn options(kind: Kind, d_min: f64) -> Options {
+fn options<const D: usize>(kind: Kind, d_min: f64) -> Options<D> {
     Options {
         kind,
         d_min,
@@ -287,7 +287,7 @@ fn noise_alone_gives_hardly_any_feature() {
 fn bad_input_is_refused_in_one_line() {
     let (dims, sheets) = ([16, 15, 14], [Sheet::plane([1.0, 0.0, 0.0], [8.0; 3])]);
     let image = ridge_image(dims, &sheets, 1.5, 0.1);
-    let message = |image: &Image<3>, options: Options| {
+    let message = |image: &Image<3>, options: Options<3>| {
         let message = detect(image, &options).unwrap_err().to_string();
         assert!(
             !message.contains('\n') && message.contains("; "),
@@ -356,4 +356,76 @@ fn kinds_have_the_names_of_the_command_line() {
         message.contains("'ridge'") && message.contains("ridges"),
         "{message}"
     );
+}
+
+/// An image of two dimensions of a function of the sample coordinates.
+fn plane_image(dims: [usize; 2], mut f: impl FnMut([f64; 2]) -> f64) -> Image<2> {
+    let at = |i: usize| [(i % dims[0]) as f64, (i / dims[0]) as f64];
+    let samples = (0..dims[0] * dims[1]).map(|i| f(at(i)) as f32).collect();
+    Image::new(dims, samples, Geometry::default())
+}
+
+/// Share of the curve `along(t)`, t from 0 to 1, within half a sample of a point, and the rms
+/// distance `off` of the points.
+fn curve_fit(
+    features: &Features<2>,
+    along: impl Fn(f64) -> [f64; 2],
+    off: impl Fn([f64; 2]) -> f64,
+) -> (f64, f64) {
+    let covered = (0..=1000).filter(|&i| {
+        let p = along(f64::from(i) / 1000.0);
+        features.points.iter().any(|point| {
+            let r: [f64; 2] = std::array::from_fn(|k| f64::from(point.position[k]) - p[k]);
+            let s = r[0] * f64::from(point.normal[0]) + r[1] * f64::from(point.normal[1]);
+            s.abs() <= 0.5 && r[0].hypot(r[1]) <= 1.2
+        })
+    });
+    let squares: f64 = features
+        .points
+        .iter()
+        .map(|p| off(p.position.map(f64::from)).powi(2))
+        .sum();
+    let rms = (squares / features.points.len().max(1) as f64).sqrt();
+    (covered.count() as f64 / 1001.0, rms)
+}
+
+#[test]
+fn curves_of_a_plane_image_are_found() {
+    let dims = [120, 100];
+    let (centre, radius) = ([30.0, -40.0], 80.0);
+    let ring = |p: [f64; 2]| (p[0] - centre[0]).hypot(p[1] - centre[1]) - radius;
+    let line = |p: [f64; 2]| 0.8 * (p[0] - 60.0) - 0.6 * (p[1] - 50.0);
+    let mut noise = Noise::new(21);
+    let bell = |s: f64| (-0.5 * (s / 1.5).powi(2)).exp();
+    let image = plane_image(dims, |p| {
+        bell(ring(p)).max(bell(line(p))) + 0.15 * noise.normal()
+    });
+    let features = detect(&image, &options(Kind::Auto, 8.0)).unwrap();
+    assert!(features.notes[0].contains("ridges"), "{:?}", features.notes);
+    let nearest = |p: [f64; 2]| ring(p).abs().min(line(p).abs());
+    let (arc, rms) = curve_fit(
+        &features,
+        |t| {
+            let angle = 0.55 + 1.35 * t;
+            [
+                centre[0] + radius * angle.cos(),
+                centre[1] + radius * angle.sin(),
+            ]
+        },
+        nearest,
+    );
+    let (straight, _) = curve_fit(&features, |t| [30.0 + 60.0 * t, 10.0 + 80.0 * t], nearest);
+    assert!(
+        arc > 0.97 && straight > 0.97 && rms < 0.3,
+        "{arc} {straight} {rms} {:?}",
+        features.notes
+    );
+    assert_eq!(features.potential.dims, dims);
+    let deepest = features
+        .potential
+        .samples
+        .iter()
+        .copied()
+        .fold(0.0, f32::min);
+    assert!((-1.0..-0.98).contains(&deepest), "{deepest}");
 }

@@ -1,27 +1,78 @@
-//! Finite differences of a volume; outside, samples repeat those of the sides.
+//! Finite differences of an image in memory; outside, samples repeat those of the sides.
 
+use super::symmetric::Matrix;
 use rayon::prelude::*;
 
-/// A borrowed volume, x fastest.
+/// Rows per parallel task: fixed, so that results do not depend on the threads.
+const ROWS: usize = 128;
+
+/// The samples of an image, borrowed, x fastest.
 #[derive(Debug, Clone, Copy)]
-pub struct Volume<'a> {
+pub struct Volume<'a, const D: usize> {
     /// Number of samples along each axis, x first.
-    pub dims: [usize; 3],
+    pub dims: [usize; D],
     /// The samples.
     pub samples: &'a [f32],
 }
 
-impl Volume<'_> {
+impl<const D: usize> Volume<'_, D> {
     /// Index of a sample in memory.
     #[inline]
-    pub fn index(&self, [x, y, z]: [usize; 3]) -> usize {
-        (z * self.dims[1] + y) * self.dims[0] + x
+    pub fn index(&self, at: [usize; D]) -> usize {
+        (0..D).rev().fold(0, |i, k| i * self.dims[k] + at[k])
+    }
+
+    /// Coordinates of a sample in memory.
+    #[inline]
+    pub fn coordinates(&self, index: usize) -> [usize; D] {
+        let mut rest = index;
+        std::array::from_fn(|k| {
+            let i = rest % self.dims[k];
+            rest /= self.dims[k];
+            i
+        })
+    }
+
+    /// How far apart in memory neighbours along each axis are.
+    #[inline]
+    pub fn strides(&self) -> [usize; D] {
+        let mut stride = 1;
+        std::array::from_fn(|k| {
+            let this = stride;
+            stride *= self.dims[k];
+            this
+        })
+    }
+
+    /// What `visit` finds in each row of x, given its first sample, in the order of rows. The scratch
+    /// that it may use holds anything.
+    pub fn by_rows<T: Send>(
+        &self,
+        visit: impl Fn([usize; D], &mut Vec<f32>, &mut Vec<T>) + Sync,
+    ) -> Vec<T> {
+        let rows = self.samples.len() / self.dims[0].max(1);
+        let parts: Vec<Vec<T>> = (0..rows.div_ceil(ROWS))
+            .into_par_iter()
+            .map(|part| {
+                let (mut scratch, mut found) = (Vec::new(), Vec::new());
+                for row in part * ROWS..((part + 1) * ROWS).min(rows) {
+                    let first = self.coordinates(row * self.dims[0]);
+                    visit(first, &mut scratch, &mut found);
+                }
+                found
+            })
+            .collect();
+        let mut all = Vec::with_capacity(parts.iter().map(Vec::len).sum());
+        for part in parts {
+            all.extend(part);
+        }
+        all
     }
 
     /// For each axis, how far in memory the neighbours before and after `at` are.
     #[inline]
-    fn neighbours(&self, at: [usize; 3]) -> ([usize; 3], [usize; 3]) {
-        let strides = [1, self.dims[0], self.dims[0] * self.dims[1]];
+    fn neighbours(&self, at: [usize; D]) -> ([usize; D], [usize; D]) {
+        let strides = self.strides();
         (
             std::array::from_fn(|k| if at[k] > 0 { strides[k] } else { 0 }),
             std::array::from_fn(|k| {
@@ -36,67 +87,70 @@ impl Volume<'_> {
 
     /// Central differences.
     #[inline]
-    pub fn gradient(&self, at: [usize; 3]) -> [f32; 3] {
+    pub fn gradient(&self, at: [usize; D]) -> [f32; D] {
         let (before, after) = self.neighbours(at);
         let i = self.index(at);
         std::array::from_fn(|k| 0.5 * (self.samples[i + after[k]] - self.samples[i - before[k]]))
     }
 
-    /// Second differences `[xx, yy, zz, xy, xz, yz]`.
+    /// Second differences.
     #[inline]
-    pub fn hessian(&self, at: [usize; 3]) -> [f32; 6] {
+    pub fn hessian(&self, at: [usize; D]) -> Matrix<D> {
         let (before, after) = self.neighbours(at);
         let (s, i) = (self.samples, self.index(at));
         let twice = 2.0 * s[i];
-        let pure = |k: usize| s[i + after[k]] + s[i - before[k]] - twice;
-        let mixed = |k: usize, l: usize| {
-            0.25 * (s[i + after[k] + after[l]]
-                - s[i + after[k] - before[l]]
-                - s[i + after[l] - before[k]]
-                + s[i - before[k] - before[l]])
-        };
-        [
-            pure(0),
-            pure(1),
-            pure(2),
-            mixed(0, 1),
-            mixed(0, 2),
-            mixed(1, 2),
-        ]
+        let mut hessian = [[0.0; D]; D];
+        for k in 0..D {
+            hessian[k][k] = f64::from(s[i + after[k]] + s[i - before[k]] - twice);
+            for l in k + 1..D {
+                let mixed = 0.25
+                    * (s[i + after[k] + after[l]]
+                        - s[i + after[k] - before[l]]
+                        - s[i + after[l] - before[k]]
+                        + s[i - before[k] - before[l]]);
+                hessian[k][l] = f64::from(mixed);
+                hessian[l][k] = hessian[k][l];
+            }
+        }
+        hessian
     }
 
-    /// Length of the gradient at every sample.
-    pub fn gradient_magnitude(&self) -> Vec<f32> {
-        let [nx, ny, _] = self.dims;
-        let mut out = vec![0.0; self.samples.len()];
-        out.par_chunks_mut((nx * ny).max(1))
-            .enumerate()
-            .for_each(|(z, plane)| {
-                for (i, out) in plane.iter_mut().enumerate() {
-                    let [a, b, c] = self.gradient([i % nx, i / nx, z]);
-                    *out = (a * a + b * b + c * c).sqrt();
-                }
-            });
-        out
-    }
-
-    /// The sum of the three pure second differences along the row `[y, z]`.
-    pub fn laplacian(&self, [y, z]: [usize; 2], out: &mut Vec<f32>) {
+    /// The sum of the pure second differences along the row of x from `first`.
+    pub fn laplacian(&self, first: [usize; D], out: &mut Vec<f32>) {
         let nx = self.dims[0];
-        let (before, after) = self.neighbours([0, y, z]);
-        let i = self.index([0, y, z]);
+        let (before, after) = self.neighbours(first);
+        let i = self.index(first);
         let row = |start: usize| &self.samples[start..start + nx];
-        let (c, n, s) = (row(i), row(i + after[1]), row(i - before[1]));
-        let (u, d) = (row(i + after[2]), row(i - before[2]));
+        let c = row(i);
         out.clear();
         out.resize(nx, 0.0);
         let last = nx - 1;
         for x in 1..last.max(1) {
-            out[x] = c[x - 1] + c[x + 1] + n[x] + s[x] + u[x] + d[x] - 6.0 * c[x];
+            out[x] = c[x - 1] + c[x + 1];
         }
         for x in [0, last] {
-            let ends = c[x.saturating_sub(1)] + c[(x + 1).min(last)];
-            out[x] = ends + n[x] + s[x] + u[x] + d[x] - 6.0 * c[x];
+            out[x] = c[x.saturating_sub(1)] + c[(x + 1).min(last)];
         }
+        for k in 1..D {
+            let (a, b) = (row(i + after[k]), row(i - before[k]));
+            for (out, (a, b)) in out.iter_mut().zip(a.iter().zip(b)) {
+                *out += a + b;
+            }
+        }
+        let centre = 2.0 * D as f32;
+        for (out, c) in out.iter_mut().zip(c) {
+            *out -= centre * c;
+        }
+    }
+
+    /// Length of the gradient at every sample.
+    pub fn gradient_magnitude(&self) -> Vec<f32> {
+        self.by_rows(|first, _, out| {
+            out.extend((0..self.dims[0]).map(|x| {
+                let mut at = first;
+                at[0] = x;
+                self.gradient(at).iter().map(|g| g * g).sum::<f32>().sqrt()
+            }));
+        })
     }
 }

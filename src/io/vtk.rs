@@ -176,3 +176,29 @@ scalars! {
     F32 f32, "Float32";
     F64 f64, "Float64";
 }
+
+/// Files that VTK wrote, in every variant that is read.
+#[cfg(test)]
+pub(crate) mod fixtures {
+    use std::path::{Path, PathBuf};
+
+    /// How they are coded: format, compressor, bits of the header, byte order.
+    pub const VARIANTS: [&str; 10] = [
+        "ascii_none_32_le",
+        "inline_none_32_be",
+        "inline_none_64_le",
+        "inline_zlib_32_le",
+        "base64_none_32_le",
+        "base64_zlib_64_be",
+        "raw_none_32_be",
+        "raw_none_64_le",
+        "raw_zlib_32_le",
+        "raw_zlib_64_le",
+    ];
+
+    /// Where such a file is.
+    pub fn fixture(name: &str) -> PathBuf {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+        root.join("tests/data/vtk").join(name)
+    }
+}

@@ -1,38 +1,11 @@
 //! Rings of simplices and their centres -> the mesh: faces with the nodes that differ, in order,
 //! numbered as they are met.
 
-use rayon::prelude::*;
-
 use super::mirror::Mirrored;
-use super::nodes::{Node, merged};
+use super::nodes::Groups;
 use super::rings::Rings;
 use crate::error::{Error, Result, cause};
 use crate::mesh::poly::{Lists, PolyMesh, SIDE_0};
-
-/// Rings in one task.
-const CHUNK: usize = 8192;
-
-/// Some faces: nodes by the numbers of simplices.
-#[derive(Default)]
-struct Faces {
-    nodes: Lists,
-    cells: Vec<[u32; 2]>,
-}
-
-impl Faces {
-    fn push(&mut self, nodes: &[u32], cells: [u32; 2]) {
-        self.nodes.push(nodes.iter().copied());
-        self.cells.push(cells);
-    }
-
-    fn append(&mut self, other: &Self) {
-        let base = self.nodes.items.len() as u32;
-        self.nodes.items.extend_from_slice(&other.nodes.items);
-        let offsets = &other.nodes.offsets[1..];
-        self.nodes.offsets.extend(offsets.iter().map(|o| o + base));
-        self.cells.extend_from_slice(&other.cells);
-    }
-}
 
 /// The mesh of the cells.
 ///
@@ -41,73 +14,81 @@ impl Faces {
 /// triangulation can say.
 pub fn assemble<const D: usize>(
     mirrored: &Mirrored<D>,
-    rings: &Rings,
-    centres: &[Node<D>],
-    tolerance: f64,
+    rings: Vec<Rings>,
+    centres: &[[f64; D]],
 ) -> Result<PolyMesh<D>> {
-    let node_of = merged(centres, rings, tolerance);
-    let parts: Vec<Result<[Faces; 2]>> = (0..rings.edges.len().div_ceil(CHUNK))
-        .into_par_iter()
-        .map(|chunk| {
-            let all = chunk * CHUNK..((chunk + 1) * CHUNK).min(rings.edges.len());
-            let mut faces = [Faces::default(), Faces::default()];
-            let mut ring = Vec::new();
-            for edge in all {
-                collapse(rings.simplices.get(edge), &node_of, &mut ring);
-                if ring.len() < D {
-                    continue;
-                }
-                let [a, b] = rings.edges[edge];
-                if (b as usize) < mirrored.atoms {
-                    faces[0].push(&ring, [a, b]);
-                    continue;
-                }
-                let (atom, side) = mirrored.images[b as usize - mirrored.atoms];
-                if atom != a {
-                    return Err(Error::Delaunay(cause(
-                        "Voronoi cells",
-                        format!("atom {a} seems to be nearest beyond the side of atom {atom}"),
-                        "please report it with the atoms",
-                    )));
-                }
-                faces[1].push(&ring, [a, SIDE_0 + u32::from(side)]);
-            }
-            Ok(faces)
-        })
-        .collect();
-    let mut faces = Faces::default();
-    let mut sides = Faces::default();
-    for part in parts {
-        let [inner, outer] = part?;
-        faces.append(&inner);
-        sides.append(&outer);
+    let mut groups = Groups::new(centres.len());
+    for &[s, t] in rings.iter().flat_map(|part| &part.joined) {
+        groups.join(s, t);
     }
-    faces.append(&sides);
-
+    // Nodes are numbered as they are met, in the order of atoms.
     let mut number = vec![u32::MAX; centres.len()];
-    let mut nodes = Vec::new();
-    for node in &mut faces.nodes.items {
-        let number = &mut number[*node as usize];
-        if *number == u32::MAX {
-            *number = nodes.len() as u32;
-            nodes.push(centres[*node as usize].position);
+    let mut nodes = Vec::with_capacity(centres.len());
+    let mut node_of = |s: u32| {
+        let mut node = number[s as usize];
+        if node == u32::MAX {
+            let first = groups.first(s) as usize;
+            node = number[first];
+            if node == u32::MAX {
+                node = nodes.len() as u32;
+                nodes.push(centres[first]);
+                number[first] = node;
+            }
+            number[s as usize] = node;
         }
-        *node = *number;
+        node
+    };
+    let (mut faces, mut face_cells) = (Lists::default(), Vec::new());
+    faces
+        .items
+        .reserve(rings.iter().map(|p| p.simplices.items.len()).sum());
+    let count = rings.iter().map(|p| p.edges.len()).sum();
+    faces.offsets.reserve(count);
+    face_cells.reserve(count);
+    let (mut sides, mut side_cells) = (Lists::default(), Vec::new());
+    let mut ring = Vec::new();
+    for part in rings {
+        for (edge, &[a, b]) in part.edges.iter().enumerate() {
+            let simplices = part.simplices.get(edge);
+            collapse(simplices.iter().map(|&s| node_of(s)), &mut ring);
+            if ring.len() < D {
+                continue;
+            }
+            if (b as usize) < mirrored.atoms {
+                faces.push(ring.iter().copied());
+                face_cells.push([a, b]);
+                continue;
+            }
+            let (atom, side) = mirrored.images[b as usize - mirrored.atoms];
+            if atom != a {
+                return Err(Error::Delaunay(cause(
+                    "Voronoi cells",
+                    format!("atom {a} seems to be nearest beyond the side of atom {atom}"),
+                    "please report it with the atoms",
+                )));
+            }
+            sides.push(ring.iter().copied());
+            side_cells.push([a, SIDE_0 + u32::from(side)]);
+        }
+    }
+    for (side, cells) in side_cells.into_iter().enumerate() {
+        faces.push(sides.get(side).iter().copied());
+        face_cells.push(cells);
     }
     Ok(PolyMesh {
         nodes,
         region: vec![0; mirrored.atoms],
-        on_feature: vec![false; faces.cells.len()],
-        faces: faces.nodes,
-        face_cells: faces.cells,
+        on_feature: vec![false; face_cells.len()],
+        faces,
+        face_cells,
         sites: mirrored.points[..mirrored.atoms].to_vec(),
     })
 }
 
 /// The nodes of a ring that differ, into `nodes`: repeats go, and so do ways to a node and back.
-fn collapse(ring: &[u32], node_of: &[u32], nodes: &mut Vec<u32>) {
+fn collapse(ring: impl Iterator<Item = u32>, nodes: &mut Vec<u32>) {
     nodes.clear();
-    for node in ring.iter().map(|&s| node_of[s as usize]) {
+    for node in ring {
         if nodes.last() == Some(&node) {
             continue;
         }
@@ -142,10 +123,9 @@ mod tests {
 
     #[test]
     fn rings_lose_repeats_and_spikes() {
-        let same: Vec<u32> = (0..9).collect();
         let check = |ring: &[u32], want: &[u32]| {
             let mut nodes = Vec::new();
-            collapse(ring, &same, &mut nodes);
+            collapse(ring.iter().copied(), &mut nodes);
             let mut turned = want.to_vec();
             let any = (0..want.len().max(1)).any(|_| {
                 turned.rotate_left(1.min(want.len()));

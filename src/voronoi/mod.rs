@@ -20,8 +20,8 @@ use crate::error::{Error, Result, cause};
 use crate::mesh::poly::PolyMesh;
 use mirror::Mirrored;
 
-/// Nodes nearer to one another than this share of the distance to their atoms are one: far above
-/// rounding, far below anything that matters.
+/// Nodes nearer to one another, or to a side, than this share of the mean distance between atoms are
+/// one, or on it: far above rounding, far below anything that matters.
 const ONE_NODE: f64 = 1e-10;
 
 /// The Voronoi cells of atoms, cut by the box `[0, extent]`: cell i belongs to atom i.
@@ -44,11 +44,24 @@ pub fn voronoi(atoms: &[[f64; 3]], extent: [f64; 3]) -> Result<PolyMesh<3>> {
     )
 }
 
+/// [`voronoi`] in the plane: polygons.
+///
+/// # Errors
+/// As [`voronoi`], but that it needs no TetGen.
+pub fn voronoi_plane(atoms: &[[f64; 2]], extent: [f64; 2]) -> Result<PolyMesh<2>> {
+    cells(
+        atoms,
+        extent,
+        |points| Ok(delaunay::delaunay_plane(points)?.triangles),
+        centre::of_triangle,
+    )
+}
+
 fn cells<const D: usize, const N: usize>(
     atoms: &[[f64; D]],
     extent: [f64; D],
     triangulate: impl Fn(&[[f64; D]]) -> Result<Vec<[u32; N]>>,
-    centre: impl Fn([[f64; D]; N]) -> ([f64; D], f64) + Sync,
+    centre: impl Fn([[f64; D]; N]) -> [f64; D] + Sync,
 ) -> Result<PolyMesh<D>> {
     let refuse =
         |problem: String, remedy: &str| Error::Delaunay(cause("Voronoi cells", problem, remedy));
@@ -69,11 +82,16 @@ fn cells<const D: usize, const N: usize>(
             "move it inside: cells need their atoms off the sides",
         ));
     }
+    let volume: f64 = extent.iter().product();
+    let tolerance = ONE_NODE * (volume / atoms.len() as f64).powf(1.0 / D as f64);
     let mut mirrored = Mirrored::new(atoms, extent);
     loop {
-        let simplices = triangulate(&mirrored.points)?;
-        let nodes = nodes::centres(&mirrored, &simplices, extent, &centre);
-        let rings = rings::rings(&mirrored, &simplices);
+        let simplices = rings::ordered(mirrored.atoms, &triangulate(&mirrored.points)?);
+        let nodes = nodes::centres(&mirrored, &simplices, extent, tolerance, &centre);
+        let one = |s: u32, t: u32| {
+            nodes::square(&nodes[s as usize], &nodes[t as usize]) <= tolerance * tolerance
+        };
+        let rings = rings::rings(mirrored.atoms, &simplices, one);
         let mut complete = true;
         // A cell that reaches beyond a side lacks its image in that side.
         for (simplex, node) in simplices.iter().zip(&nodes) {
@@ -86,13 +104,13 @@ fn cells<const D: usize, const N: usize>(
                 }
             }
         }
-        for &atom in &rings.open {
+        for &atom in rings.iter().flat_map(|part| &part.open) {
             for side in 0..2 * D {
                 complete &= !mirrored.add(atom as usize, side);
             }
         }
         if complete {
-            return assemble::assemble(&mirrored, &rings, &nodes, ONE_NODE);
+            return assemble::assemble(&mirrored, rings, &nodes);
         }
     }
 }

@@ -4,98 +4,73 @@
 use rayon::prelude::*;
 
 use super::mirror::Mirrored;
-use super::rings::Rings;
 
-/// Centres nearer to a side than this share of their sphere's radius are on it.
-const ON_SIDE: f64 = 1e-9;
-
-/// A node: where, and how far its atoms are.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Node<const D: usize> {
-    /// Its position, exactly on the sides that it is on.
-    pub position: [f64; D],
-    /// Distance to its atoms.
-    pub radius: f64,
-}
-
-/// The centre of every simplex that has an atom; others are far away.
+/// The centre of every simplex. Coordinates within `tolerance` of a side of the box are on it exactly.
 pub fn centres<const D: usize, const N: usize>(
     mirrored: &Mirrored<D>,
     simplices: &[[u32; N]],
     extent: [f64; D],
-    centre: impl Fn([[f64; D]; N]) -> ([f64; D], f64) + Sync,
-) -> Vec<Node<D>> {
+    tolerance: f64,
+    centre: impl Fn([[f64; D]; N]) -> [f64; D] + Sync,
+) -> Vec<[f64; D]> {
     simplices
         .par_iter()
         .map(|simplex| {
-            if simplex.iter().all(|&n| n as usize >= mirrored.atoms) {
-                return Node {
-                    position: [f64::INFINITY; D],
-                    radius: 0.0,
-                };
-            }
-            let (mut position, square) = centre(simplex.map(|n| mirrored.points[n as usize]));
-            let radius = square.sqrt();
+            let mut node = centre(simplex.map(|n| mirrored.points[n as usize]));
             for k in 0..D {
                 for side in [0.0, extent[k]] {
-                    if (position[k] - side).abs() <= ON_SIDE * radius {
-                        position[k] = side;
+                    if (node[k] - side).abs() <= tolerance {
+                        node[k] = side;
                     }
                 }
             }
-            Node { position, radius }
+            node
         })
         .collect()
 }
 
-/// The sides of the box beyond which a node lies, as bits; none for one without atoms.
-pub fn sides_beyond<const D: usize>(node: &Node<D>, extent: [f64; D]) -> u8 {
-    if node.radius == 0.0 {
-        return 0;
-    }
+/// The sides of the box beyond which a node lies, as bits.
+pub fn sides_beyond<const D: usize>(node: &[f64; D], extent: [f64; D]) -> u8 {
     (0..D).fold(0, |sides, k| {
-        let below = u8::from(node.position[k] < 0.0);
-        let above = u8::from(node.position[k] > extent[k]);
+        let below = u8::from(node[k] < 0.0);
+        let above = u8::from(node[k] > extent[k]);
         sides | (below | above << 1) << (2 * k)
     })
 }
 
-/// For each simplex, the simplex whose centre is its node: centres that follow each other round an
-/// edge and are no farther apart than `tolerance` times the radius are one node.
-pub fn merged<const D: usize>(nodes: &[Node<D>], rings: &Rings, tolerance: f64) -> Vec<u32> {
-    let close = |&(s, t): &(u32, u32)| {
-        let (a, b) = (&nodes[s as usize], &nodes[t as usize]);
-        let square: f64 = (0..D)
-            .map(|k| (a.position[k] - b.position[k]).powi(2))
-            .sum();
-        square <= (tolerance * a.radius.min(b.radius)).powi(2)
-    };
-    let pairs: Vec<(u32, u32)> = (0..rings.edges.len())
-        .into_par_iter()
-        .with_min_len(4096)
-        .flat_map_iter(|edge| {
-            let ring = rings.simplices.get(edge);
-            (0..ring.len())
-                .map(|i| (ring[i], ring[(i + 1) % ring.len()]))
-                .filter(close)
-        })
-        .collect();
-    let mut first: Vec<u32> = (0..nodes.len() as u32).collect();
-    for (s, t) in pairs {
-        let (s, t) = (root(&mut first, s), root(&mut first, t));
-        first[s.max(t) as usize] = s.min(t);
-    }
-    for s in 0..first.len() {
-        // Roots come before what they are the root of.
-        first[s] = first[first[s] as usize];
-    }
-    first
+/// The square of the distance between two nodes.
+#[inline]
+pub fn square<const D: usize>(a: &[f64; D], b: &[f64; D]) -> f64 {
+    (0..D).map(|k| (a[k] - b[k]) * (a[k] - b[k])).sum()
 }
 
-fn root(first: &mut [u32], mut s: u32) -> u32 {
-    while first[s as usize] != s {
-        first[s as usize] = first[first[s as usize] as usize];
-        s = first[s as usize];
+/// Simplices whose centres are one node, in groups that grow.
+pub struct Groups {
+    /// A simplex before it in its group, or itself: the first.
+    before: Vec<u32>,
+}
+
+impl Groups {
+    /// Each of `count` simplices alone.
+    pub fn new(count: usize) -> Self {
+        Self {
+            before: (0..count as u32).collect(),
+        }
     }
-    s
+
+    /// The first simplex of the group of `s`.
+    pub fn first(&mut self, mut s: u32) -> u32 {
+        let before = &mut self.before;
+        while before[s as usize] != s {
+            before[s as usize] = before[before[s as usize] as usize];
+            s = before[s as usize];
+        }
+        s
+    }
+
+    /// Makes one group of two.
+    pub fn join(&mut self, s: u32, t: u32) {
+        let (s, t) = (self.first(s), self.first(t));
+        self.before[s.max(t) as usize] = s.min(t);
+    }
 }

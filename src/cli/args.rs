@@ -506,17 +506,27 @@ pub struct FlowArgs {
     pub pressure: Vec<String>,
     /// How features resist flow across them: closed, open, or the factor, from 0 to 1, of the
     /// permeability there [default: closed]
-    #[arg(long, value_name = "HOW")]
+    #[arg(long, value_name = "HOW", allow_hyphen_values = true)]
     pub faults: Option<String>,
     /// Thickness (m) of the layer that the factor of --faults is for [default: from cell to cell]
     #[arg(long, value_name = "W")]
     pub fault_thickness: Option<f64>,
     /// Permeability in m^2 (1 mD is 9.87e-16 m^2): K; KX,KY,KZ; KXX,KYY,KZZ,KXY,KYZ,KXZ; a CSV file of
     /// lines region,K; or a cell array of the mesh
-    #[arg(long, value_name = "K", default_value = "1e-13")]
+    #[arg(
+        long,
+        value_name = "K",
+        default_value = "1e-13",
+        allow_hyphen_values = true
+    )]
     pub permeability: String,
     /// Viscosity in Pa s
-    #[arg(long, value_name = "MU", default_value_t = 0.001)]
+    #[arg(
+        long,
+        value_name = "MU",
+        default_value_t = 0.001,
+        allow_hyphen_values = true
+    )]
     pub viscosity: f64,
     /// Write streamlines that carry equal rates, for ParaView
     #[arg(long, value_name = "FILE.vtp")]

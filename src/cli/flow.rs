@@ -8,11 +8,17 @@ use super::args::FlowArgs;
 use super::console::Console;
 use super::parse::{bad, number};
 use crate::error::{cause, os};
-use crate::export::{FieldValue, MeshFile, read_vtu, write_vtu};
-use crate::flow::{Faults, Rock, Solution, Streamlines, Tensor, TetFlow, Well};
+use crate::export::polyhedra::write_cells_vtu;
+use crate::export::{AnyMesh, FieldValue, MeshFile, read_any_vtu, write_vtu};
+use crate::flow::split::FaultFace;
+use crate::flow::{CellFlow, Faults, Figures, Rock, Solution, Streamlines, Tensor, TetFlow, Well};
 use crate::io::check_target;
 use crate::io::vtk::DataArray;
+use crate::mesh::TetMesh;
+use crate::mesh::graph::Graph;
+use crate::mesh::poly::PolyMesh;
 use crate::pipeline::file::Placed;
+use crate::report::Measured;
 use crate::{Error, Result};
 
 /// Rate in m^3/s of a source for which none is given.
@@ -27,21 +33,44 @@ pub fn flow(args: &FlowArgs, console: &mut Console) -> Result<()> {
     let faults = faults(args)?;
     check_target(&args.output)?;
     args.streamlines.as_deref().map_or(Ok(()), check_target)?;
-
     console.begin_stage("reading");
+    let (table, json) = match read_any_vtu(&args.mesh)? {
+        AnyMesh::Space(file) => through_tetrahedra(args, file, &conditions, faults, console)?,
+        AnyMesh::SpaceCells(file) => through_cells(args, file, &conditions, faults, console)?,
+        AnyMesh::PlaneCells(file) => through_cells(args, file, &conditions, faults, console)?,
+        AnyMesh::Plane(_) => {
+            return Err(Error::Flow(cause(
+                args.mesh.display(),
+                "is of triangles, through which no flow is computed",
+                "mesh the image with --align alongside --cells voronoi",
+            )));
+        }
+    };
+    console.result(
+        format_args!("{table}\nwrote {}", args.output.display()),
+        &json,
+    );
+    Ok(())
+}
+
+fn through_tetrahedra(
+    args: &FlowArgs,
+    file: MeshFile,
+    conditions: &Conditions,
+    faults: Faults,
+    console: &mut Console,
+) -> Result<(String, Value)> {
     let place = args.mesh.display().to_string();
-    let file = read_vtu(&args.mesh)?;
     let [point_data, cell_data] = [file.point_data.clone(), file.cell_data.clone()];
     let field_data = file.field_data.clone();
     let placed = Placed::new(file, &place)?;
-    let rock = rock(args, &cell_data)?;
-    let feature_faces = match cell_data.iter().find(|a| a.name == "feature_faces") {
-        Some(array) => array
-            .values
-            .to_i64()
-            .into_iter()
-            .map(|bits| bits as u8)
-            .collect(),
+    let regions = cell_data.iter().find(|array| array.name == "region");
+    let rock = rock(args, &cell_data, regions.map(|array| array.values.to_i64()))?;
+    let feature_faces = match cell_data.iter().find(|a| a.name == TetMesh::FEATURE_FACES) {
+        Some(array) => {
+            let bits = array.values.to_i64();
+            bits.into_iter().map(|bits| bits as u8).collect()
+        }
         None if args.faults.is_some() && !faults.are_open() => {
             return Err(Error::Flow(cause(
                 &place,
@@ -59,33 +88,154 @@ pub fn flow(args: &FlowArgs, console: &mut Console) -> Result<()> {
 
     console.begin_stage("computing pressure");
     let flow = TetFlow::new(&placed.physical, &feature_faces, rock, faults)?;
-    let wells = flow.locate(&conditions.wells)?;
-    let (fixed, side_of_node) = conditions.fixed(&flow, &placed);
-    let found = flow.solve(&flow.rates(&wells), &fixed)?;
-    let summary = Summary::new(&flow, &conditions, &found, &side_of_node);
+    let wells = conditions.wells_in()?;
+    let located = flow.locate(&wells)?;
+    let (fixed, sides) = conditions.fixed(&flow, &placed);
+    let found = flow.solve(&flow.rates(&located), &fixed)?;
+
+    let p = &found.pressure;
+    let jump = |face: &FaultFace| {
+        let [a, b] = face.nodes;
+        let jumps = a
+            .iter()
+            .zip(b)
+            .map(|(&a, b)| (p[a as usize] - p[b as usize]).abs());
+        jumps.fold(0.0, f64::max)
+    };
+    let mut side_rates = [0.0; 6];
+    for &(node, side) in &sides {
+        side_rates[side] += found.inflow[node as usize];
+    }
+    let nodes = flow.split.original.iter().zip(0u32..);
+    let summary = Summary {
+        figures: found.figures,
+        pressure: range(p),
+        doubled: nodes.filter(|(from, node)| *from != node).count(),
+        fault_faces: flow.split.faces.len(),
+        across_faults: flow.fault_rates(p).iter().map(|rate| rate.abs()).sum(),
+        largest_jump: flow.split.faces.iter().map(jump).fold(0.0, f64::max),
+        exchange: conditions.exchange(&side_rates),
+    };
 
     if let Some(path) = &args.streamlines {
         console.begin_stage("tracing streamlines");
-        let rates = flow.face_rates(&found.pressure, &wells, &fixed)?;
-        let positions: Vec<[f64; 3]> = conditions.wells.iter().map(|w| w.position).collect();
-        Streamlines::trace(&flow.split.mesh, &rates, &wells, &positions, args.lines).write(path)?;
+        let rates = flow.face_rates(p, &located, &fixed)?;
+        let positions: Vec<[f64; 3]> = wells.iter().map(|well| well.position).collect();
+        let mesh = &flow.split.mesh;
+        Streamlines::trace(mesh, &rates, &located, &positions, args.lines).write(path)?;
     }
     console.begin_stage("writing");
     let json = summary.json();
     let file = to_file(flow, &found, point_data, cell_data, field_data, &json);
     write_vtu(&args.output, &file)?;
-    console.result(
-        format_args!("{}\nwrote {}", summary.table(), args.output.display()),
-        &json,
-    );
-    Ok(())
+    Ok((summary.table(), json))
+}
+
+/// Through Voronoi cells (or any polyhedra or polygons).
+fn through_cells<const D: usize>(
+    args: &FlowArgs,
+    mut file: MeshFile<PolyMesh<D>>,
+    conditions: &Conditions,
+    faults: Faults,
+    console: &mut Console,
+) -> Result<(String, Value)> {
+    if args.streamlines.is_some() {
+        return Err(Error::Flow(cause(
+            args.mesh.display(),
+            "is of Voronoi cells, through which no streamlines are traced",
+            "leave out --streamlines, or mesh the image with tetrahedra",
+        )));
+    }
+    let place = args.mesh.display().to_string();
+    let regions = file
+        .mesh
+        .region
+        .iter()
+        .map(|&region| i64::from(region))
+        .collect();
+    let rock = rock(args, &file.cell_data, Some(regions))?;
+    let placed = Placed::cells(file.clone(), &place)?;
+
+    console.begin_stage("computing pressure");
+    let graph = Graph::from_poly(&placed.physical);
+    let flow = CellFlow::new(&graph, &rock, faults)?;
+    if flow.angle_error > 1.0 {
+        console.note(format_args!(
+            "the lines between cells are {:.0} degrees off square to the permeability times their \
+             faces' normals, on average: two-point fluxes are rough",
+            flow.angle_error
+        ));
+    }
+    let wells = conditions.wells_in()?;
+    let sides: Vec<(u8, f64)> = conditions
+        .sides
+        .iter()
+        .map(|&(s, p)| (s as u8, p))
+        .collect();
+    let cells = graph.volume.len();
+    let found = flow.solve(&flow.well_rates(&wells)?, &sides)?;
+    let (p, of_sides) = found.pressure.split_at(cells);
+    let rates = flow.rates(p, &sides);
+    let mut side_rates = [0.0; 6];
+    for (&(side, _), at) in sides.iter().zip(cells..cells + of_sides.len()) {
+        side_rates[usize::from(side)] = found.inflow[at];
+    }
+    let on_faults = || {
+        graph
+            .connections
+            .iter()
+            .zip(&rates.connections)
+            .filter(|c| c.0.on_feature)
+    };
+    let jump = |c: [u32; 2]| (p[c[0] as usize] - p[c[1] as usize]).abs();
+    let summary = Summary {
+        figures: found.figures,
+        pressure: range(p),
+        doubled: 0,
+        fault_faces: on_faults().count(),
+        across_faults: on_faults().map(|(_, rate)| rate.abs()).sum(),
+        largest_jump: on_faults().map(|(c, _)| jump(c.cells)).fold(0.0, f64::max),
+        exchange: conditions.exchange(&side_rates),
+    };
+    console.begin_stage("writing");
+    let json = summary.json();
+    let in_space = |v: &[f64; D]| [0, 1, 2].map(|k| if k < D { v[k] } else { 0.0 });
+    let velocity: Vec<f64> = flow.velocity(&rates).iter().flat_map(in_space).collect();
+    file.cell_data
+        .push(DataArray::scalars("pressure", p.to_vec()));
+    file.cell_data.push(DataArray {
+        name: "velocity".into(),
+        components: 3,
+        values: velocity.into(),
+    });
+    file.field_data.retain(|(name, _)| name != "feature_faces");
+    file.field_data
+        .push(("flow".into(), FieldValue::Text(json.to_string())));
+    write_cells_vtu(&args.output, &file)?;
+    Ok((summary.table(), json))
+}
+
+/// The smallest and the largest.
+fn range(values: &[f64]) -> [f64; 2] {
+    values
+        .iter()
+        .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], &v| {
+            [low.min(v), high.max(v)]
+        })
 }
 
 /// Where fluid enters and leaves.
 struct Conditions {
-    wells: Vec<Well>,
+    wells: Vec<TypedWell>,
     /// Side and pressure.
     sides: Vec<(usize, f64)>,
+}
+
+/// A well with as many coordinates as were typed.
+struct TypedWell {
+    name: String,
+    position: Vec<f64>,
+    rate: f64,
 }
 
 impl Conditions {
@@ -125,7 +275,7 @@ impl Conditions {
                 if rate.is_none() && sign < 0.0 && sides.is_empty() {
                     without_rate.push(wells.len());
                 }
-                wells.push(Well {
+                wells.push(TypedWell {
                     name: format!("{option} {text}"),
                     position,
                     rate: sign * rate.unwrap_or(RATE),
@@ -153,6 +303,39 @@ impl Conditions {
         Ok(Self { wells, sides })
     }
 
+    /// The wells in a mesh of dimension `D`.
+    fn wells_in<const D: usize>(&self) -> Result<Vec<Well<D>>> {
+        let typed = self.wells.iter();
+        typed
+            .map(|well| {
+                let position = well.position.as_slice().try_into().map_err(|_| {
+                    let problem = format!("has {} coordinates, the mesh {D}", well.position.len());
+                    Error::Flow(cause(&well.name, problem, "give as many"))
+                })?;
+                Ok(Well {
+                    name: well.name.clone(),
+                    position,
+                    rate: well.rate,
+                })
+            })
+            .collect()
+    }
+
+    /// Where fluid enters or leaves, and its rate, given that of each side.
+    fn exchange(&self, side_rates: &[f64; 6]) -> Vec<(String, f64)> {
+        let wells = self.wells.iter();
+        let mut all: Vec<(String, f64)> = wells
+            .map(|well| (well.name.trim_start_matches('-').to_string(), well.rate))
+            .collect();
+        for &(side, pressure) in &self.sides {
+            all.push((
+                format!("{} at {pressure} Pa", SIDES[side]),
+                side_rates[side],
+            ));
+        }
+        all
+    }
+
     /// Nodes with given pressure, and the sides that give it to them.
     fn fixed(&self, flow: &TetFlow, placed: &Placed) -> (Vec<(u32, f64)>, Vec<(u32, usize)>) {
         let mut taken = vec![false; flow.split.original.len()];
@@ -173,8 +356,8 @@ impl Conditions {
     }
 }
 
-/// `X,Y,Z` or `X,Y,Z:RATE`.
-fn well(option: &str, text: &str) -> Result<([f64; 3], Option<f64>)> {
+/// `X,Y,Z` or `X,Y,Z:RATE` (in the plane without Z).
+fn well(option: &str, text: &str) -> Result<(Vec<f64>, Option<f64>)> {
     let remedy = "give X,Y,Z or X,Y,Z:RATE, such as 120,80,40:0.001";
     let (place, rate) = match text.split_once(':') {
         Some((place, rate)) => (place, Some(number(option, rate, remedy)?)),
@@ -184,17 +367,8 @@ fn well(option: &str, text: &str) -> Result<([f64; 3], Option<f64>)> {
         let remedy = "give a positive rate: --sink takes fluid out";
         return Err(bad(option, text, "has a rate that is not positive", remedy));
     }
-    let numbers: Vec<f64> = place
-        .split(',')
-        .map(|word| number(option, word, remedy))
-        .collect::<Result<_>>()?;
-    match <[f64; 3]>::try_from(numbers) {
-        Ok(position) => Ok((position, rate)),
-        Err(numbers) => {
-            let problem = format!("has {} coordinates, not 3", numbers.len());
-            Err(bad(option, text, &problem, remedy))
-        }
-    }
+    let position = place.split(',').map(|word| number(option, word, remedy));
+    Ok((position.collect::<Result<_>>()?, rate))
 }
 
 fn faults(args: &FlowArgs) -> Result<Faults> {
@@ -209,7 +383,7 @@ fn faults(args: &FlowArgs) -> Result<Faults> {
 }
 
 /// The mobility of every cell: from numbers, from a file by region, or from an array of the mesh.
-fn rock(args: &FlowArgs, cell_data: &[DataArray]) -> Result<Rock> {
+fn rock(args: &FlowArgs, cell_data: &[DataArray], regions: Option<Vec<i64>>) -> Result<Rock> {
     let (text, viscosity) = (&args.permeability, args.viscosity);
     if !(viscosity > 0.0 && viscosity.is_finite()) {
         let problem = "is not a positive number";
@@ -294,7 +468,7 @@ fn rock(args: &FlowArgs, cell_data: &[DataArray]) -> Result<Rock> {
             }
         }
     }
-    let regions = array("region").ok_or_else(|| {
+    let regions = regions.ok_or_else(|| {
         let problem = "is by region, but the mesh has no cell array 'region'";
         bad(
             "--permeability",
@@ -303,83 +477,26 @@ fn rock(args: &FlowArgs, cell_data: &[DataArray]) -> Result<Rock> {
             "give one permeability for all",
         )
     })?;
-    let regions: Vec<i32> = regions
-        .values
-        .to_i64()
-        .into_iter()
-        .map(|r| r as i32)
-        .collect();
+    let regions: Vec<i32> = regions.into_iter().map(|r| r as i32).collect();
     Rock::by_region(&regions, &kinds, viscosity)
 }
 
 /// What the verb says.
-struct Summary<'a> {
-    conditions: &'a Conditions,
-    found: &'a Solution,
-    /// Net rate into the box through each side with given pressure.
-    side_rates: Vec<f64>,
+struct Summary {
+    figures: Figures,
+    pressure: [f64; 2],
     doubled: usize,
     fault_faces: usize,
     /// Sum of the rates across faults, whatever their direction.
     across_faults: f64,
     largest_jump: f64,
-    pressure: [f64; 2],
+    /// Where fluid enters or leaves, and its rate.
+    exchange: Vec<(String, f64)>,
 }
 
-impl<'a> Summary<'a> {
-    fn new(
-        flow: &TetFlow,
-        conditions: &'a Conditions,
-        found: &'a Solution,
-        side_of_node: &[(u32, usize)],
-    ) -> Self {
-        let p = &found.pressure;
-        let jump = |face: &crate::flow::split::FaultFace| {
-            let [a, b] = face.nodes;
-            let jumps = a
-                .iter()
-                .zip(b)
-                .map(|(&a, b)| (p[a as usize] - p[b as usize]).abs());
-            jumps.fold(0.0, f64::max)
-        };
-        let mut side_rates = vec![0.0; SIDES.len()];
-        for &(node, side) in side_of_node {
-            side_rates[side] += found.inflow[node as usize];
-        }
-        let last = flow.split.original.iter().zip(0u32..);
-        Self {
-            conditions,
-            found,
-            side_rates,
-            doubled: last.filter(|(from, node)| *from != node).count(),
-            fault_faces: flow.split.faces.len(),
-            across_faults: flow.fault_rates(p).iter().map(|rate| rate.abs()).sum(),
-            largest_jump: flow.split.faces.iter().map(jump).fold(0.0, f64::max),
-            pressure: p
-                .iter()
-                .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], &p| {
-                    [low.min(p), high.max(p)]
-                }),
-        }
-    }
-
-    /// Where fluid enters or leaves, and its rate.
-    fn exchange(&self) -> Vec<(String, f64)> {
-        let wells = self.conditions.wells.iter();
-        let mut all: Vec<(String, f64)> = wells
-            .map(|well| (well.name.trim_start_matches('-').to_string(), well.rate))
-            .collect();
-        for &(side, pressure) in &self.conditions.sides {
-            all.push((
-                format!("{} at {pressure} Pa", SIDES[side]),
-                self.side_rates[side],
-            ));
-        }
-        all
-    }
-
+impl Summary {
     fn table(&self) -> String {
-        let figures = &self.found.figures;
+        let figures = &self.figures;
         let mut lines = vec![
             format!(
                 "unknowns      {} ({} nodes doubled on {} faces of faults), {} compartment{}",
@@ -407,7 +524,7 @@ impl<'a> Summary<'a> {
                 figures.worst_balance, figures.total_balance
             ),
         ];
-        for (name, rate) in self.exchange() {
+        for (name, rate) in &self.exchange {
             lines.push(format!("{rate:+13.6e} m^3/s  {name}"));
         }
         lines.join("\n")
@@ -415,12 +532,12 @@ impl<'a> Summary<'a> {
 
     fn json(&self) -> Value {
         let exchange: Vec<Value> = self
-            .exchange()
-            .into_iter()
+            .exchange
+            .iter()
             .map(|(name, rate)| json!({ "name": name, "rate": rate }))
             .collect();
         json!({
-            "figures": self.found.figures,
+            "figures": self.figures,
             "pressure": { "min": self.pressure[0], "max": self.pressure[1] },
             "faults": {
                 "faces": self.fault_faces,

@@ -100,6 +100,7 @@ pub fn solve(
         compartments: compartments.count,
         ..Figures::default()
     };
+    let diagonal = matrix.diagonal();
     let mut solver = Solver::new(&reduced);
     let mut inflow = vec![0.0; n];
     // Conjugate gradients minimise another norm than the balance, so the balance has the last word.
@@ -113,6 +114,7 @@ pub fn solve(
         }
         balance(
             matrix,
+            &diagonal,
             rates,
             &pressure,
             &unknown,
@@ -145,6 +147,7 @@ pub fn solve(
 /// What enters at each unknown, and how far rates and flow are from balance.
 fn balance(
     matrix: &Matrix,
+    diagonal: &[f64],
     rates: &[f64],
     pressure: &[f64],
     unknown: &[u32],
@@ -169,12 +172,10 @@ fn balance(
         }
     });
     let worst = off.iter().copied().fold(0.0, f64::max);
-    // Without flow there is nothing to compare with, and only rounding to see.
-    let over = if figures.throughput > 0.0 {
-        figures.throughput
-    } else {
-        1.0
-    };
+    // Where nothing flows only rounding is left to see: of the rates into and out of an unknown.
+    let passing = (0..n).map(|i| (diagonal[i] * pressure[i]).abs());
+    let over = figures.throughput.max(1e-5 * passing.fold(0.0, f64::max));
+    let over = if over > 0.0 { over } else { 1.0 };
     figures.worst_balance = worst / over;
     figures.total_balance = total / over;
 }

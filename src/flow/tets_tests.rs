@@ -462,3 +462,26 @@ fn wells_outside_and_flat_tetrahedra_are_refused() {
         .to_string();
     assert!(error.starts_with("tetrahedron 5: "), "{error}");
 }
+
+#[test]
+fn two_point_fluxes_between_tetrahedra_would_be_wrong() {
+    use crate::flow::CellFlow;
+    use crate::mesh::graph::Graph;
+    let mesh = jittered_box([8; 3], [1.0; 3], 0.15, |_| true);
+    let rock = Rock::uniform(Tensor::isotropic(1.0), 1.0);
+    let mut graph = Graph::from_tets(&mesh, &[], &[]).unwrap();
+    for face in &mut graph.boundary {
+        face.side = (face.normal[0].abs() > 0.5).then_some(u8::from(face.normal[0] > 0.0));
+    }
+    let cells = CellFlow::new(&graph, &rock, Faults::OPEN).unwrap();
+    let found = cells
+        .solve(&vec![0.0; mesh.tets.len()], &[(0, 1.0), (1, 0.0)])
+        .unwrap();
+    let two_point = (found.figures.throughput - 1.0).abs();
+    let flow = TetFlow::new(&mesh, &[], rock, Faults::OPEN).unwrap();
+    let fixed = ends(&flow, 1.0, 1.0, 0.0);
+    let found = flow.solve(&vec![0.0; mesh.nodes.len()], &fixed).unwrap();
+    assert!((found.figures.throughput - 1.0).abs() < 1e-10);
+    // However fine the mesh.
+    assert!(two_point > 0.05, "{two_point}");
+}

@@ -4,7 +4,7 @@
 use atomesh::distance::Distance;
 use atomesh::energy::{Beta, Energy, Pairwise, Sampled};
 use atomesh::image::Field;
-use atomesh::seeding;
+use atomesh::seeding::{self, Alignment};
 use divan::Bencher;
 
 fn main() {
@@ -31,7 +31,7 @@ fn case(d: f64) -> (Vec<[f64; 3]>, Distance<3>, Field<3>) {
             0.0
         }
     });
-    let mut atoms = seeding::lattice::fitted(extent, d);
+    let mut atoms = seeding::lattice::fitted(extent, d, Alignment::On);
     seeding::order::sort_by_curve(&mut atoms, extent, 2.0 * d);
     for (n, atom) in atoms.iter_mut().enumerate() {
         let shift = 0.05 * d * (n as f64 * 0.618).sin();

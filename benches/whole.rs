@@ -10,8 +10,9 @@ use std::time::Instant;
 
 use atomesh::distance::Distance;
 use atomesh::energy::{Beta, Energy, Pairwise, Sampled};
+use atomesh::seeding::{self, Alignment};
 use atomesh::synth::{self, Kind, Options, PRESETS};
-use atomesh::{feature, io, seeding};
+use atomesh::{feature, io};
 use serde_json::Value;
 
 type Outcome<T> = Result<T, Box<dyn std::error::Error + Send + Sync>>;
@@ -257,7 +258,7 @@ fn evaluators() -> Outcome<()> {
     )?;
     let extent = image.dims().map(|n| (n - 1) as f64);
     let distance = Distance::Constant(d);
-    let atoms = seeding::fcc(extent, &distance, &[])?.positions;
+    let atoms = seeding::regular(extent, &distance, &[], Alignment::On)?.positions;
     let mut gradient = vec![[0.0; 3]; atoms.len()];
     let beta = Beta::Constant(0.2);
     let mut time = |energy: &mut dyn Energy<3>| {

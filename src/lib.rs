@@ -36,6 +36,7 @@ pub mod energy;
 pub mod error;
 pub mod export;
 pub mod feature;
+pub mod flow;
 pub mod image;
 pub mod improve;
 pub mod io;
@@ -45,6 +46,7 @@ pub mod pipeline;
 pub mod report;
 pub mod seeding;
 pub mod synth;
+pub mod voronoi;
 
 pub mod cli;
 

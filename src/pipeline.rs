@@ -1,25 +1,30 @@
 //! The whole job: image in, mesh out. The command line and any other front end call this.
 //!
-//! [`mesh_image`] works in *lattice space* (sample index times a step per axis); [`to_file`] puts
-//! the outcome where the image lies in the world.
+//! [`mesh_image`] works in *lattice space* (sample index times a step per axis); [`file::to_file`] puts
+//! the outcome where the image lies in the world. The plane and space are the same code but for how
+//! atoms are joined ([`Meshing`]).
 
+pub mod cells;
 pub mod file;
+mod join;
+
+pub use cells::{CellsOutcome, voronoi_image};
+pub use join::{Meshing, Space};
 
 use std::borrow::Cow;
 
-use crate::delaunay::{self, Delaunay};
 use crate::distance::{self, Distance};
 use crate::energy::{Beta, Energy, Pairwise, Sampled};
 use crate::error::cause;
 use crate::feature::{self, Features, gaussian};
 use crate::image::{Field, Geometry, Image};
-use crate::improve::sheets::Sheets;
 use crate::mesh::check::check;
-use crate::mesh::{AtomKind, TetMesh};
+use crate::mesh::{AtomKind, Simplices};
 use crate::optimize::{self, Observer, Stop};
-use crate::report::{Clock, Improvement, Lattice, Optimisation, Reference, Report};
-use crate::seeding::{self, Atoms};
-use crate::{Error, Result, improve, report};
+use crate::report::{Clock, Lattice, Measured, Optimisation, Reference, Report};
+use crate::seeding::{self, Alignment, Atoms};
+use crate::{Error, Result, report};
+use join::{Joined, Scene};
 
 /// How far atoms shall be apart, in lattice units.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -56,20 +61,20 @@ impl Spacing {
 /// The length of one sample along each axis of lattice space, which says in which space cells
 /// shall be well shaped.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Metric {
+pub enum Metric<const D: usize = 3> {
     /// 1: cells are as flat as the image's own samples.
     Samples,
     /// The image's physical spacing.
     Physical,
     /// As given.
-    Scales([f64; 3]),
+    Scales([f64; D]),
 }
 
-impl Metric {
+impl<const D: usize> Metric<D> {
     /// The step of lattice space along each axis.
-    pub fn step(self, geometry: &Geometry<3>) -> [f64; 3] {
+    pub fn step(self, geometry: &Geometry<D>) -> [f64; D] {
         match self {
-            Self::Samples => [1.0; 3],
+            Self::Samples => [1.0; D],
             Self::Physical => geometry.spacing(),
             Self::Scales(step) => step,
         }
@@ -78,11 +83,11 @@ impl Metric {
 
 /// The weight of the image against the lattice: 0 is lattice only, 1 image only.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Weight {
+pub enum Weight<const D: usize = 3> {
     /// The same everywhere.
     Constant(f64),
     /// An image of weights, of the same dims as the image to mesh.
-    Image(Box<Image<3>>),
+    Image(Box<Image<D>>),
 }
 
 /// Which evaluator of the lattice energy.
@@ -96,16 +101,16 @@ pub enum Evaluator {
 
 /// An atom that a user placed.
 #[derive(Debug, Clone, PartialEq)]
-pub struct FixedAtom {
+pub struct FixedAtom<const D: usize = 3> {
     /// What to call it in an error, e.g. the line of the file it comes from.
     pub name: String,
     /// Where it is, in the image's physical coordinates.
-    pub position: [f64; 3],
+    pub position: [f64; D],
 }
 
 /// What the whole job is told.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Params {
+pub struct Params<const D: usize = 3> {
     /// Distance between atoms.
     pub spacing: Spacing,
     /// Features to follow.
@@ -115,22 +120,22 @@ pub struct Params {
     /// Least strength of a feature, in units of the image; from the image itself if `None`.
     pub threshold: Option<f32>,
     /// Weight of the image.
-    pub beta: Weight,
+    pub beta: Weight<D>,
     /// Atoms that stay where they are (wells, sources).
-    pub fixed: Vec<FixedAtom>,
+    pub fixed: Vec<FixedAtom<D>>,
     /// Evaluator of the energy.
     pub evaluator: Evaluator,
     /// Number of passes on smoother potentials before the last one: the first is 2^n times as wide.
     pub coarse_passes: usize,
-    /// Smallest dihedral angle aimed at, in degrees; `None` leaves the slivers in.
+    /// Smallest (dihedral) angle aimed at, in degrees; `None` leaves the slivers in.
     pub min_dihedral: Option<f64>,
     /// Lattice space.
-    pub metric: Metric,
+    pub metric: Metric<D>,
     /// Seed of the perturbations.
     pub seed: u64,
 }
 
-impl Default for Params {
+impl<const D: usize> Default for Params<D> {
     fn default() -> Self {
         Self {
             spacing: Spacing::Constant(8.0),
@@ -150,21 +155,24 @@ impl Default for Params {
 
 /// A mesh in lattice space, and what led to it.
 #[derive(Debug, Clone)]
-pub struct Outcome {
+pub struct Outcome<const D: usize = 3>
+where
+    Space<D>: Meshing<D>,
+{
     /// The mesh; its nodes fill the box `[0, extent]`.
-    pub mesh: TetMesh,
-    /// For each tetrahedron, bit k: its face k (opposite node k) lies on a feature.
+    pub mesh: <Space<D> as Meshing<D>>::Mesh,
+    /// For each cell, bit k: its face (edge, in the plane) k, opposite node k, lies on a feature.
     pub feature_faces: Vec<u8>,
     /// What each node may do.
     pub kinds: Vec<AtomKind>,
     /// The far corner of the box.
-    pub extent: [f64; 3],
+    pub extent: [f64; D],
     /// Length of one sample along each axis.
-    pub step: [f64; 3],
+    pub step: [f64; D],
     /// What the mesh follows.
-    pub features: Features<3>,
+    pub features: Features<D>,
     /// Nominal distance between nodes.
-    pub distance: Distance<3>,
+    pub distance: Distance<D>,
     /// What the optimiser did in its last pass, and why it stopped.
     pub optimised: optimize::Outcome,
     /// Figures of the mesh and of what it cost; where it comes from is for the caller to add.
@@ -177,12 +185,6 @@ pub const OPTIMISING: &str = "moving atoms onto features";
 /// How far the volume may be off the box's, and sides from flat, as a share.
 pub const BOX_TOLERANCE: f64 = 1e-9;
 
-/// Radius of the patches by which features are known locally, in units of d (and from 2 to 6.5).
-const PATCH: f64 = 0.8;
-
-/// Atoms this near to a feature, in units of d, are put onto it before they are joined.
-const SETTLE: f64 = 0.35;
-
 /// Growth of a variable distance: the bound on |grad d|.
 const GROWTH: f64 = 0.1;
 
@@ -192,11 +194,80 @@ const GROWTH: f64 = 0.1;
 /// The error of the stage that failed: an image that is constant or not finite, a distance that
 /// does not fit the box, fixed atoms outside of it or at one place. [`Error::Job`] if the observer
 /// asked to stop before there was a lattice.
-pub fn mesh_image(
-    image: &Image<3>,
-    params: &Params,
+pub fn mesh_image<const D: usize>(
+    image: &Image<D>,
+    params: &Params<D>,
     observer: &mut dyn Observer,
-) -> Result<Outcome> {
+) -> Result<Outcome<D>>
+where
+    Space<D>: Meshing<D>,
+{
+    let Settled {
+        mut stages,
+        extent,
+        step,
+        features,
+        distance,
+        atoms,
+        optimised,
+    } = settle(image, params, Alignment::On, observer)?;
+
+    let scene = Scene {
+        extent,
+        features: &features,
+        distance: &distance,
+    };
+    let Joined {
+        mesh,
+        kinds,
+        feature_faces,
+        improvement,
+    } = Space::<D>::join(atoms, &scene, params.min_dihedral, &mut |stage| {
+        stages.begin(stage);
+    })?;
+
+    stages.begin("measuring the mesh");
+    let claimed = improvement.is_some().then_some(feature_faces.as_slice());
+    let mut report = measure(&mesh, image.dims(), step, &features, claimed)?;
+    report.lattice = Some(Lattice {
+        optimisation: Some(optimisation(&optimised, mesh.nodes().len())),
+        ..report::lattice(&mesh, |x| distance.at(x))
+    });
+    report.improvement = improvement;
+    report.notes.extend(features.notes.iter().cloned());
+    stages.clock.end();
+    report.stages = stages.clock.costs().to_vec();
+    Ok(Outcome {
+        mesh,
+        feature_faces,
+        kinds,
+        extent,
+        step,
+        features,
+        distance,
+        optimised,
+        report,
+    })
+}
+
+/// Atoms at rest, and what they rest on.
+struct Settled<'a, const D: usize> {
+    stages: Stages<'a>,
+    extent: [f64; D],
+    step: [f64; D],
+    features: Features<D>,
+    distance: Distance<D>,
+    atoms: Atoms<D>,
+    optimised: optimize::Outcome,
+}
+
+/// From an image to atoms at rest on its features, or alongside.
+fn settle<'a, const D: usize>(
+    image: &Image<D>,
+    params: &Params<D>,
+    alignment: Alignment,
+    observer: &'a mut dyn Observer,
+) -> Result<Settled<'a, D>> {
     let step = params.metric.step(&image.geometry);
     let extent = lattice_extent(image.dims(), step);
     // Before the work: the largest distance must fit, whatever the features are.
@@ -226,78 +297,33 @@ pub fn mesh_image(
         Spacing::Constant(d) => Distance::Constant(d),
         Spacing::FromFeatures { min, max } => distance::from_features(&features, min, max, GROWTH)?,
     };
-    let mut atoms = seeding::fcc(extent, &distance, &fixed)?;
+    let mut atoms = seeding::regular(extent, &distance, &fixed, alignment)?;
 
     stages.begin_unless_stopped(OPTIMISING)?;
-    stages.observer.round(0, &atoms.positions);
+    stages.observer.round(0, &optimize::three(&atoms.positions));
     let optimised = optimise(
         &mut atoms,
         params,
+        alignment,
         &features,
         &distance,
         &beta,
         extent,
         stages.observer,
     )?;
-
-    let sheets = params.min_dihedral.map(|_| {
-        let radius = (PATCH * distance.min()).clamp(2.0, 6.5);
-        Sheets::new(&features.points, extent, radius, 1.7 * distance.max())
-    });
-    if let Some(sheets) = &sheets {
-        improve::settle(
-            &mut atoms.positions,
-            &atoms.kinds,
-            extent,
-            sheets,
-            SETTLE * distance.min(),
-        );
-    }
-
-    stages.begin("joining atoms");
-    let Delaunay {
-        mut mesh,
-        neighbors,
-    } = delaunay::delaunay_with_neighbors(&atoms.positions)?;
-    let mut kinds = atoms.kinds;
-    let mut feature_faces = vec![0; mesh.tets.len()];
-    let mut improvement = None;
-    if let (Some(min_dihedral), Some(sheets)) = (params.min_dihedral, &sheets) {
-        stages.begin("removing slivers");
-        let options = improve::Options { min_dihedral };
-        let (outcome, faces) = improve::improve(
-            &mut mesh, neighbors, &mut kinds, extent, sheets, &distance, &options,
-        );
-        improvement = Some(Improvement::from(&outcome));
-        feature_faces = faces;
-    }
-
-    stages.begin("measuring the mesh");
-    let claimed = sheets.is_some().then_some(feature_faces.as_slice());
-    let mut report = measure(&mesh, image.dims(), step, &features, claimed)?;
-    report.lattice = Some(Lattice {
-        optimisation: Some(optimisation(&optimised, mesh.nodes.len())),
-        ..report::lattice(&mesh, |x| distance.at(x))
-    });
-    report.improvement = improvement;
-    report.notes.extend(features.notes.iter().cloned());
-    stages.clock.end();
-    report.stages = stages.clock.costs().to_vec();
-    Ok(Outcome {
-        mesh,
-        feature_faces,
-        kinds,
+    Ok(Settled {
+        stages,
         extent,
         step,
         features,
         distance,
+        atoms,
         optimised,
-        report,
     })
 }
 
 /// A potential whose valleys, of width `sigma`, are `factor` times as wide and as deep as before.
-fn smoother(potential: &Field<3>, sigma: f64, factor: f64) -> Field<3> {
+fn smoother<const D: usize>(potential: &Field<D>, sigma: f64, factor: f64) -> Field<D> {
     let mut wide = potential.clone();
     // Widths add in quadrature; the depth of a straight valley falls as its width grows.
     let added = sigma * (factor * factor - 1.0).sqrt();
@@ -313,11 +339,11 @@ fn smoother(potential: &Field<3>, sigma: f64, factor: f64) -> Field<3> {
 }
 
 /// Shapes, fidelity and validity of a mesh in lattice space.
-fn measure(
-    mesh: &TetMesh,
-    dims: [usize; 3],
-    step: [f64; 3],
-    features: &Features<3>,
+fn measure<const D: usize, M: Measured<D>>(
+    mesh: &M,
+    dims: [usize; D],
+    step: [f64; D],
+    features: &Features<D>,
     claimed: Option<&[u8]>,
 ) -> Result<Report> {
     let extent = lattice_extent(dims, step);
@@ -326,28 +352,25 @@ fn measure(
         false => {
             let reference = Reference::from_features(features);
             let in_samples = scaled(mesh, step.map(|s| 1.0 / s));
-            Some(report::fidelity(&in_samples, &reference, claimed)?)
+            Some(report::fidelity(&*in_samples, &reference, claimed)?)
         }
     };
     Ok(Report {
         quality: Some(report::quality(mesh)),
         fidelity,
-        filling: Some(check(mesh, [0.0; 3], extent, BOX_TOLERANCE)),
+        filling: Some(check(mesh, [0.0; D], extent, BOX_TOLERANCE)),
         ..Report::default()
     })
 }
 
 /// A mesh with each axis scaled.
-pub fn scaled(mesh: &TetMesh, scale: [f64; 3]) -> Cow<'_, TetMesh> {
-    if scale == [1.0; 3] {
+pub fn scaled<const D: usize, M: Simplices<D>>(mesh: &M, scale: [f64; D]) -> Cow<'_, M> {
+    if scale == [1.0; D] {
         return Cow::Borrowed(mesh);
     }
-    let stretch = |x: &[f64; 3]| std::array::from_fn(|k| x[k] * scale[k]);
-    let nodes = mesh.nodes.iter().map(stretch).collect();
-    Cow::Owned(TetMesh {
-        nodes,
-        tets: mesh.tets.clone(),
-    })
+    let stretch = |x: &[f64; D]| std::array::from_fn(|k| x[k] * scale[k]);
+    let nodes = mesh.nodes().iter().map(stretch).collect();
+    Cow::Owned(M::from_parts(nodes, mesh.connectivity().to_vec()))
 }
 
 /// The report's lines on the optimiser.
@@ -368,13 +391,14 @@ fn optimisation(outcome: &optimize::Outcome, atoms: usize) -> Optimisation {
 }
 
 /// Moves the atoms: passes on smoother and smoother potentials first, if asked for.
-fn optimise(
-    atoms: &mut Atoms<3>,
-    params: &Params,
-    features: &Features<3>,
-    distance: &Distance<3>,
-    beta: &Beta<3>,
-    extent: [f64; 3],
+fn optimise<const D: usize>(
+    atoms: &mut Atoms<D>,
+    params: &Params<D>,
+    alignment: Alignment,
+    features: &Features<D>,
+    distance: &Distance<D>,
+    beta: &Beta<D>,
+    extent: [f64; D],
     observer: &mut dyn Observer,
 ) -> Result<optimize::Outcome> {
     let options = optimize::Options {
@@ -385,11 +409,19 @@ fn optimise(
         max_evaluations: 40,
         ..optimize::Options::default()
     };
-    let mut pass = |potential: &Field<3>| {
+    let mut pass = |potential: &Field<D>| {
         let beta = beta.clone();
-        let mut energy: Box<dyn Energy<3>> = match params.evaluator {
+        let mut energy: Box<dyn Energy<D>> = match params.evaluator {
             Evaluator::Pairwise => {
-                Box::new(Pairwise::new(extent, distance, Some(potential), beta)?.uncrowded())
+                let energy = Pairwise::new(extent, distance, Some(potential), beta)?;
+                Box::new(energy.aligned(alignment).uncrowded())
+            }
+            Evaluator::Sampled if alignment == Alignment::Alongside => {
+                return Err(Error::Job(cause(
+                    "--potential sampled",
+                    "has no mirror images, which atoms alongside features need",
+                    "use the pairwise potential",
+                )));
             }
             Evaluator::Sampled => Box::new(Sampled::new(distance, potential, beta)),
         };
@@ -432,12 +464,16 @@ impl Stages<'_> {
 }
 
 /// The far corner of the box in lattice space.
-fn lattice_extent(dims: [usize; 3], step: [f64; 3]) -> [f64; 3] {
+fn lattice_extent<const D: usize>(dims: [usize; D], step: [f64; D]) -> [f64; D] {
     std::array::from_fn(|k| (dims[k].max(1) - 1) as f64 * step[k])
 }
 
 /// The weight of the image in lattice space.
-fn lattice_beta(weight: &Weight, dims: [usize; 3], step: [f64; 3]) -> Result<Beta<3>> {
+fn lattice_beta<const D: usize>(
+    weight: &Weight<D>,
+    dims: [usize; D],
+    step: [f64; D],
+) -> Result<Beta<D>> {
     let image = match weight {
         Weight::Constant(beta) => return Ok(Beta::Constant(*beta)),
         Weight::Image(image) => image,
@@ -457,24 +493,22 @@ fn lattice_beta(weight: &Weight, dims: [usize; 3], step: [f64; 3]) -> Result<Bet
 }
 
 /// Physical points in lattice space; all must lie in the box and apart from one another.
-fn lattice_points(
-    points: &[FixedAtom],
-    geometry: &Geometry<3>,
-    step: [f64; 3],
-    extent: [f64; 3],
-) -> Result<Vec<[f64; 3]>> {
+fn lattice_points<const D: usize>(
+    points: &[FixedAtom<D>],
+    geometry: &Geometry<D>,
+    step: [f64; D],
+    extent: [f64; D],
+) -> Result<Vec<[f64; D]>> {
     let refuse = |k: usize, problem: String, remedy: &str| {
-        let FixedAtom {
-            name,
-            position: [x, y, z],
-        } = &points[k];
+        let FixedAtom { name, position } = &points[k];
+        let position = position.map(|c| c.to_string()).join(", ");
         Error::Seeding(cause(
-            format!("{name}: fixed atom ({x}, {y}, {z})"),
+            format!("{name}: fixed atom ({position})"),
             problem,
             remedy,
         ))
     };
-    let mut found: Vec<[f64; 3]> = Vec::with_capacity(points.len());
+    let mut found: Vec<[f64; D]> = Vec::with_capacity(points.len());
     for (k, point) in points.iter().enumerate() {
         let index = geometry.to_index(point.position).ok_or_else(|| {
             refuse(
@@ -483,8 +517,8 @@ fn lattice_points(
                 "correct the image's geometry",
             )
         })?;
-        let mut position = [0.0; 3];
-        for axis in 0..3 {
+        let mut position = [0.0; D];
+        for axis in 0..D {
             let x = index[axis] * step[axis];
             // Rounding in the coordinates must not push a point off its side.
             let slack = 1e-6 * extent[axis];

@@ -71,7 +71,7 @@ fn vtk_reads_meshes_images_and_traces() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     write_vtu(&at("a.vtu"), &cube()).unwrap();
-    write_vtu(&at("empty.vtu"), &MeshFile::default()).unwrap();
+    write_vtu(&at("empty.vtu"), &MeshFile::<TetMesh>::default()).unwrap();
 
     let geometry = Geometry {
         origin: [612345.678, 0.5, 3.0],

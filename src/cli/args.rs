@@ -92,6 +92,11 @@ pub enum Verb {
     /// Checks a mesh by our own checker, TetGen and CGAL; says which passed
     #[command(after_help = "Example:\n  atomesh validate mesh.vtu")]
     Validate(ValidateArgs),
+    /// Steady flow from sources to sinks, with faults closed, open, or in between
+    #[command(
+        after_help = "Example:\n  atomesh flow mesh.vtu --source 20,30,40 --sink 80,60,50 -o flow.vtu --streamlines lines.vtp"
+    )]
+    Flow(FlowArgs),
     /// Synthetic volumes whose features are known exactly
     #[command(
         after_help = "Example:\n  atomesh synth faults -o faults.vti --truth distance.npy --dims 170,150,128"
@@ -103,7 +108,7 @@ pub enum Verb {
 #[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct InputOptions {
-    /// The file is bare samples: NXxNYxNZ:TYPE, x fastest, e.g. 100x400x208:f32be
+    /// The file is bare samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g. 100x400x208:f32be
     #[arg(long, value_name = "DIMS:TYPE")]
     pub raw: Option<String>,
     /// SEG-Y: trace header byte of the inline number [default: 189]
@@ -208,7 +213,7 @@ pub enum DistanceSource {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SeedingChoice {
-    /// A face-centred cubic lattice fitted to the box
+    /// A regular lattice fitted to the box: face-centred cubic, triangular in 2-D
     Fcc,
 }
 
@@ -232,10 +237,32 @@ pub enum SliverChoice {
     None,
 }
 
+/// Where atoms end up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum AlignChoice {
+    /// On features, which tetrahedra's faces then follow
+    On,
+    /// Beside features, which the faces of Voronoi cells then follow
+    Alongside,
+}
+
+/// What the mesh is made of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum CellsChoice {
+    /// Tetrahedra; triangles in 2-D
+    #[value(alias = "triangles")]
+    Tets,
+    /// Voronoi cells (PEBI): polyhedra; polygons in 2-D
+    #[value(alias = "pebi")]
+    Voronoi,
+}
+
 /// `atomesh mesh`.
 #[derive(Debug, Args)]
 pub struct MeshArgs {
-    /// The image: SEG-Y, .npy, .vti, or bare samples with --raw
+    /// The image: SEG-Y, .npy, .vti, .png (2-D), or bare samples with --raw
     #[arg(value_name = "IMAGE", required_unless_present = "print_config")]
     pub image: Option<PathBuf>,
     /// The job's options.
@@ -275,6 +302,12 @@ pub struct MeshOptions {
     /// Keep the potential b(x)
     #[arg(long, value_name = "FILE.vti")]
     pub potential_out: Option<PathBuf>,
+    /// Atoms on features, or alongside [default: on; alongside with --cells voronoi]
+    #[arg(long, value_name = "WHERE")]
+    pub align: Option<AlignChoice>,
+    /// Cells of the mesh [default: tets; voronoi with --align alongside]
+    #[arg(long, value_name = "KIND")]
+    pub cells: Option<CellsChoice>,
     /// Weight of the image against the lattice in [0, 1]: a number, or an image file [default: 0.5]
     #[arg(long, value_name = "B")]
     #[serde(deserialize_with = "text_or_number")]
@@ -282,7 +315,7 @@ pub struct MeshOptions {
     /// How atoms are placed at first [default: fcc]
     #[arg(long, value_name = "HOW")]
     pub seeding: Option<SeedingChoice>,
-    /// Fixed atoms (wells, sources): a CSV file of x,y,z in the image's physical coordinates
+    /// Fixed atoms (wells, sources): a CSV file of x,y,z (x,y in 2-D) in the image's physical coordinates
     #[arg(long, value_name = "FILE.csv")]
     pub atoms_from: Option<PathBuf>,
     /// Evaluator of the lattice energy [default: pairwise]
@@ -291,13 +324,14 @@ pub struct MeshOptions {
     /// Number of first passes on a smoother potential [default: 0]
     #[arg(long, value_name = "N")]
     pub coarse_to_fine: Option<usize>,
-    /// Smallest dihedral angle aimed at, in degrees; the largest is 180 minus it [default: 30]
+    /// Smallest dihedral angle aimed at, in degrees, the largest being 180 minus it; in 2-D the
+    /// smallest angle [default: 30]
     #[arg(long, value_name = "DEGREES")]
     pub min_dihedral: Option<f64>,
     /// How slivers are removed [default: joe]
     #[arg(long, value_name = "HOW")]
     pub slivers: Option<SliverChoice>,
-    /// Lattice space: samples, physical, or a scale per axis SX,SY,SZ [default: samples]
+    /// Lattice space: samples, physical, or a scale per axis SX,SY,SZ (SX,SY in 2-D) [default: samples]
     #[arg(long, value_name = "SPACE")]
     pub metric: Option<String>,
     /// Seed of the random perturbations [default: 1]
@@ -387,7 +421,7 @@ pub struct FeatureArgs {
     /// The image
     #[arg(value_name = "IMAGE")]
     pub image: PathBuf,
-    /// The potential b(x), as .vti or .npy
+    /// The potential b(x), as .vti or .npy; .png in 2-D
     #[arg(short, long, value_name = "OUT.vti")]
     pub output: PathBuf,
     /// The features to find
@@ -424,7 +458,7 @@ pub struct ConvertArgs {
     /// The image to read
     #[arg(value_name = "IN")]
     pub input_file: PathBuf,
-    /// The image to write: .vti or .npy
+    /// The image to write: .vti or .npy; .png in 2-D
     #[arg(value_name = "OUT")]
     pub output: PathBuf,
     /// How to read the image.
@@ -451,19 +485,70 @@ pub struct ValidateArgs {
     pub mesh: PathBuf,
 }
 
+/// `atomesh flow`.
+#[derive(Debug, Args)]
+pub struct FlowArgs {
+    /// A mesh written by atomesh; its coordinates are taken for metres
+    #[arg(value_name = "MESH.vtu")]
+    pub mesh: PathBuf,
+    /// The mesh to write, torn along faults, with pressure (Pa) and Darcy velocity (m/s)
+    #[arg(short, long, value_name = "OUT.vtu")]
+    pub output: PathBuf,
+    /// A point where fluid enters, with its rate in m^3/s [default: 0.001]; may be repeated
+    #[arg(long, value_name = "X,Y,Z[:RATE]", allow_hyphen_values = true)]
+    pub source: Vec<String>,
+    /// A point where fluid leaves [default rate: all that comes in, or 0.001 with --pressure]
+    #[arg(long, value_name = "X,Y,Z[:RATE]", allow_hyphen_values = true)]
+    pub sink: Vec<String>,
+    /// Pressure (Pa) of a side of the box: xmin, xmax, ymin ..., the image's axes, x the fastest in
+    /// memory. Sides without one let nothing through
+    #[arg(long, value_name = "SIDE=P")]
+    pub pressure: Vec<String>,
+    /// How features resist flow across them: closed, open, or the factor, from 0 to 1, of the
+    /// permeability there [default: closed]
+    #[arg(long, value_name = "HOW", allow_hyphen_values = true)]
+    pub faults: Option<String>,
+    /// Thickness (m) of the layer that the factor of --faults is for [default: from cell to cell]
+    #[arg(long, value_name = "W")]
+    pub fault_thickness: Option<f64>,
+    /// Permeability in m^2 (1 mD is 9.87e-16 m^2): K; KX,KY,KZ; KXX,KYY,KZZ,KXY,KYZ,KXZ; a CSV file of
+    /// lines region,K; or a cell array of the mesh
+    #[arg(
+        long,
+        value_name = "K",
+        default_value = "1e-13",
+        allow_hyphen_values = true
+    )]
+    pub permeability: String,
+    /// Viscosity in Pa s
+    #[arg(
+        long,
+        value_name = "MU",
+        default_value_t = 0.001,
+        allow_hyphen_values = true
+    )]
+    pub viscosity: f64,
+    /// Write streamlines that carry equal rates, for ParaView
+    #[arg(long, value_name = "FILE.vtp")]
+    pub streamlines: Option<PathBuf>,
+    /// Number of streamlines
+    #[arg(long, value_name = "N", default_value_t = 200)]
+    pub lines: usize,
+}
+
 /// `atomesh synth`.
 #[derive(Debug, Args)]
 pub struct SynthArgs {
     /// What to make
     #[arg(value_name = "KIND", value_parser = synth_kind())]
     pub kind: String,
-    /// The image to write: .vti or .npy
+    /// The image to write: .vti or .npy; .png in 2-D
     #[arg(short, long, value_name = "OUT")]
     pub output: PathBuf,
     /// Also write the exact distance to the features
     #[arg(long, value_name = "DIST.npy")]
     pub truth: Option<PathBuf>,
-    /// Number of samples along x, y and z
+    /// Number of samples along x, y and z; NX,NY makes a 2-D image
     #[arg(long, value_name = "NX,NY,NZ", default_value = "128,128,128")]
     pub dims: String,
     /// Number of faults or shells

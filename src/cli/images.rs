@@ -10,10 +10,12 @@ use super::console::Console;
 use super::job::{check_output, feature_scale, positive_distance, threshold};
 use super::{meshes, parse};
 use crate::image::{Field, Geometry, Image};
+use crate::io::{AnyLoaded, Loaded};
+use crate::synth::Synthetic;
 use crate::{Result, feature, io, synth};
 
 /// The endings of the image formats that are written.
-pub const WRITTEN: [&str; 2] = ["vti", "npy"];
+pub const WRITTEN: [&str; 3] = ["vti", "npy", "png"];
 
 /// `atomesh info`: of an image, or of a mesh.
 pub fn info(args: &InfoArgs, console: &mut Console) -> Result<()> {
@@ -37,18 +39,35 @@ fn is_mesh(path: &Path) -> bool {
 /// `atomesh convert`.
 pub fn convert(args: &ConvertArgs, console: &mut Console) -> Result<()> {
     check_output(&args.output, "OUT", &WRITTEN, &[&args.input_file])?;
-    let loaded = io::read(&args.input_file, &args.input.read_options()?)?;
+    match io::read_any(&args.input_file, &args.input.read_options()?)? {
+        AnyLoaded::Plane(loaded) => rewrite(&loaded, &args.output, console),
+        AnyLoaded::Space(loaded) => rewrite(&loaded, &args.output, console),
+    }
+}
+
+fn rewrite<const D: usize>(loaded: &Loaded<D>, to: &Path, console: &mut Console) -> Result<()> {
     for note in &loaded.notes {
         console.note(note);
     }
-    io::write(&args.output, &loaded.image)?;
-    written(console, &args.output, &loaded.image);
+    io::write(to, &loaded.image)?;
+    written(console, to, &loaded.image);
     Ok(())
 }
 
 /// `atomesh feature`.
 pub fn feature(args: &FeatureArgs, console: &mut Console) -> Result<()> {
     check_output(&args.output, "--output", &WRITTEN, &[&args.image])?;
+    match io::read_any(&args.image, &args.input.read_options()?)? {
+        AnyLoaded::Plane(loaded) => find(args, loaded, console),
+        AnyLoaded::Space(loaded) => find(args, loaded, console),
+    }
+}
+
+fn find<const D: usize>(
+    args: &FeatureArgs,
+    loaded: Loaded<D>,
+    console: &mut Console,
+) -> Result<()> {
     let options = feature::Options {
         kind: args.feature.into(),
         scale: feature_scale(args.sigma)?,
@@ -56,7 +75,6 @@ pub fn feature(args: &FeatureArgs, console: &mut Console) -> Result<()> {
         d_min: positive_distance(args.distance)?,
         ..feature::Options::default()
     };
-    let loaded = io::read(&args.image, &args.input.read_options()?)?;
     for note in &loaded.notes {
         console.note(note);
     }
@@ -65,16 +83,17 @@ pub fn feature(args: &FeatureArgs, console: &mut Console) -> Result<()> {
     let found = feature::detect(&loaded.image, &options)?;
     let potential = potential_image(&found.potential, &loaded.image.geometry);
     io::write(&args.output, &potential)?;
-    let [nx, ny, nz] = potential.dims();
+    let dims = potential.dims().to_vec();
     let path = args.output.display();
     console.result(
         format_args!(
-            "{}\nwrote {path}: {nx} x {ny} x {nz} samples",
-            found.notes.join("\n")
+            "{}\nwrote {path}: {} samples",
+            found.notes.join("\n"),
+            by(&dims)
         ),
         &json!({
             "file": args.output,
-            "dims": [nx, ny, nz],
+            "dims": dims,
             "points": found.points.len(),
             "sigma": found.sigma,
             "notes": found.notes,
@@ -83,8 +102,14 @@ pub fn feature(args: &FeatureArgs, console: &mut Console) -> Result<()> {
     Ok(())
 }
 
+/// 3 x 4 x 5.
+fn by(dims: &[usize]) -> String {
+    let words: Vec<String> = dims.iter().map(usize::to_string).collect();
+    words.join(" x ")
+}
+
 /// The potential as an image that lies where the image it came from lies.
-pub fn potential_image(potential: &Field<3>, geometry: &Geometry<3>) -> Image<3> {
+pub fn potential_image<const D: usize>(potential: &Field<D>, geometry: &Geometry<D>) -> Image<D> {
     Image::new(potential.dims, potential.samples.clone(), geometry.clone())
 }
 
@@ -94,14 +119,26 @@ pub fn synth(args: &SynthArgs, console: &mut Console) -> Result<()> {
     if let Some(truth) = &args.truth {
         check_output(truth, "--truth", &["npy"], &[&args.output])?;
     }
+    let dims = parse::dims("--dims", &args.dims)?;
     let options = synth::Options {
-        dims: parse::dims("--dims", &args.dims)?,
+        dims: std::array::from_fn(|k| dims.get(k).copied().unwrap_or(1)),
         seed: args.rng_seed,
         count: args.count,
         signal_to_noise: args.signal_to_noise,
         width: args.width,
     };
-    let made = synth::make(args.kind.parse()?, &options)?;
+    let kind = args.kind.parse()?;
+    match dims.len() {
+        2 => keep(args, &synth::make_plane(kind, &options)?, console),
+        _ => keep(args, &synth::make(kind, &options)?, console),
+    }
+}
+
+fn keep<const D: usize>(
+    args: &SynthArgs,
+    made: &Synthetic<D>,
+    console: &mut Console,
+) -> Result<()> {
     io::write(&args.output, &made.image)?;
     if let Some(path) = &args.truth {
         made.truth.write(path)?;
@@ -111,10 +148,10 @@ pub fn synth(args: &SynthArgs, console: &mut Console) -> Result<()> {
 }
 
 /// Says which image was written.
-pub fn written(console: &mut Console, path: &Path, image: &Image<3>) {
-    let [nx, ny, nz] = image.dims();
+pub fn written<const D: usize>(console: &mut Console, path: &Path, image: &Image<D>) {
+    let dims = image.dims();
     console.result(
-        format_args!("wrote {}: {nx} x {ny} x {nz} samples", path.display()),
-        &json!({ "file": path, "dims": [nx, ny, nz] }),
+        format_args!("wrote {}: {} samples", path.display(), by(&dims)),
+        &json!({ "file": path, "dims": dims.to_vec() }),
     );
 }

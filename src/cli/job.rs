@@ -2,7 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::cli::args::{FeatureChoice, MeshArgs, MeshOptions, PotentialChoice, SliverChoice};
+use crate::cli::args::{
+    AlignChoice, CellsChoice, FeatureChoice, MeshArgs, MeshOptions, PotentialChoice, SliverChoice,
+};
 use crate::cli::parse;
 use crate::error::{cause, os};
 use crate::io::ReadOptions;
@@ -37,6 +39,8 @@ pub struct MeshJob {
     pub beta: Beta,
     /// File of fixed atoms.
     pub atoms_from: Option<PathBuf>,
+    /// Voronoi cells of atoms alongside features, instead of a mesh of atoms on them.
+    pub voronoi: bool,
     /// Evaluator of the energy.
     pub evaluator: Evaluator,
     /// Number of passes on a smoother potential.
@@ -44,9 +48,46 @@ pub struct MeshJob {
     /// Smallest dihedral angle aimed at, in degrees; `None` leaves slivers in.
     pub min_dihedral: Option<f64>,
     /// Lattice space.
-    pub metric: Metric,
+    pub metric: LatticeSpace,
     /// Seed.
     pub seed: u64,
+}
+
+/// The length of a sample along each axis of lattice space, before the number of axes is known.
+#[derive(Debug, Clone, PartialEq)]
+pub enum LatticeSpace {
+    /// 1 each.
+    Samples,
+    /// The image's spacing.
+    Physical,
+    /// As given, x first.
+    Scales(Vec<f64>),
+}
+
+impl LatticeSpace {
+    /// For an image of `D` axes.
+    ///
+    /// # Errors
+    /// [`Error::Job`] if that is not the number of scales.
+    pub fn metric<const D: usize>(&self) -> Result<Metric<D>> {
+        match self {
+            Self::Samples => Ok(Metric::Samples),
+            Self::Physical => Ok(Metric::Physical),
+            Self::Scales(scales) => match scales.as_slice().try_into() {
+                Ok(scales) => Ok(Metric::Scales(scales)),
+                Err(_) => Err(parse::bad(
+                    "--metric",
+                    &scales
+                        .iter()
+                        .map(f64::to_string)
+                        .collect::<Vec<_>>()
+                        .join(","),
+                    &format!("has {} scales, but the image {D} axes", scales.len()),
+                    "give one scale an axis",
+                )),
+            },
+        }
+    }
 }
 
 /// Weight of the image, before its file is read.
@@ -92,13 +133,6 @@ impl MeshJob {
     /// [`Error::Job`] that names the option that is impossible; [`Error::Io`] for an output whose
     /// folder does not exist.
     pub fn new(image: &Path, options: &MeshOptions) -> Result<Self> {
-        if !cfg!(feature = "tetgen") {
-            return Err(Error::Job(cause(
-                "atomesh mesh",
-                "this program was built without TetGen and makes no 3-D mesh",
-                "build it with the default features",
-            )));
-        }
         let output = match &options.output {
             Some(path) => path.clone(),
             None => Path::new(image.file_stem().unwrap_or(image.as_os_str())).with_extension("vtu"),
@@ -116,6 +150,7 @@ impl MeshJob {
             threshold: threshold(options.threshold)?,
             beta: beta(options.beta.as_deref())?,
             atoms_from: options.atoms_from.clone(),
+            voronoi: voronoi(options)?,
             evaluator: match options.potential {
                 Some(PotentialChoice::Sampled) => Evaluator::Sampled,
                 _ => Evaluator::Pairwise,
@@ -125,7 +160,7 @@ impl MeshJob {
                 Some(SliverChoice::None) => None,
                 _ => Some(min_dihedral(options.min_dihedral.unwrap_or(30.0))?),
             },
-            metric: metric(options.metric.as_deref().unwrap_or("samples"))?,
+            metric: lattice_space(options.metric.as_deref().unwrap_or("samples"))?,
             seed: options.rng_seed.unwrap_or(1),
         };
         job.check_files()?;
@@ -162,6 +197,34 @@ impl MeshJob {
         }
         Ok(())
     }
+}
+
+/// Whether Voronoi cells are wanted: they need atoms alongside features, and strictly inside the box;
+/// tetrahedra need atoms on both.
+fn voronoi(options: &MeshOptions) -> Result<bool> {
+    let alongside = options.align.map(|align| align == AlignChoice::Alongside);
+    let cells = options.cells.map(|cells| cells == CellsChoice::Voronoi);
+    let voronoi = cells.or(alongside).unwrap_or(false);
+    if alongside.is_some_and(|alongside| alongside != voronoi) {
+        let problem = if voronoi {
+            "puts atoms on features and on the sides of the box, where no Voronoi cell can end"
+        } else {
+            "keeps atoms off features and off the sides of the box, which tetrahedra must reach"
+        };
+        return Err(Error::Job(cause(
+            "--align",
+            problem,
+            "use --align on --cells tets, or --align alongside --cells voronoi",
+        )));
+    }
+    if voronoi && options.potential == Some(PotentialChoice::Sampled) {
+        return Err(Error::Job(cause(
+            "--potential sampled",
+            "has no mirror images, which atoms alongside features need",
+            "use the pairwise potential",
+        )));
+    }
+    Ok(voronoi)
 }
 
 /// Checks that a verb may write `path`: its ending, its folder, and that it is none of `inputs`.
@@ -315,11 +378,11 @@ fn min_dihedral(degrees: f64) -> Result<f64> {
     }
 }
 
-fn metric(text: &str) -> Result<Metric> {
+fn lattice_space(text: &str) -> Result<LatticeSpace> {
     match text {
-        "samples" => Ok(Metric::Samples),
-        "physical" => Ok(Metric::Physical),
-        scales => Ok(Metric::Scales(parse::scales("--metric", scales)?)),
+        "samples" => Ok(LatticeSpace::Samples),
+        "physical" => Ok(LatticeSpace::Physical),
+        scales => Ok(LatticeSpace::Scales(parse::scales("--metric", scales)?)),
     }
 }
 
@@ -341,7 +404,9 @@ mod tests {
         assert_eq!(job.spacing, Spacing::Constant(8.0));
         assert_eq!(job.beta, Beta::Constant(0.5));
         assert_eq!(job.min_dihedral, Some(30.0));
-        assert_eq!(job.metric, Metric::Samples);
+        assert_eq!(job.metric, LatticeSpace::Samples);
+        assert_eq!(job.metric.metric::<2>().unwrap(), Metric::Samples);
+        assert!(LatticeSpace::Scales(vec![1.0; 3]).metric::<2>().is_err());
     }
 
     #[test]

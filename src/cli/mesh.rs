@@ -6,20 +6,21 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::Ending;
-use super::args::MeshArgs;
+use super::args::{MeshArgs, MeshOptions};
 use super::console::{Console, complain, print};
 use super::images::potential_image;
 use super::job::{Beta, MeshJob, effective_options};
 use super::parse;
 use super::provenance::file_hash;
 use crate::error::cause;
-use crate::export::{Trace, write_vtu};
+use crate::export::{Trace, write_cells_vtu, write_vtu};
 use crate::image::{Geometry, Image};
-use crate::io::{Loaded, ReadOptions};
+use crate::io::{AnyLoaded, Loaded, ReadOptions};
 use crate::optimize::{Observer, Progress, Stop};
+use crate::pipeline::cells::cells_to_file;
 use crate::pipeline::file::{Provenance, to_file};
-use crate::pipeline::{FixedAtom, Params, Weight};
-use crate::report::{Clock, Input, quality};
+use crate::pipeline::{CellsOutcome, FixedAtom, Meshing, Outcome, Params, Space, Weight};
+use crate::report::{Clock, Input, Measured, quality};
 use crate::{Error, Result, io, optimize, pipeline};
 
 /// Runs the verb.
@@ -36,91 +37,153 @@ pub fn mesh(args: &MeshArgs, console: &mut Console) -> Result<Ending> {
     let mut clock = Clock::new();
     console.begin_stage("reading");
     clock.begin("reading");
-    let Loaded { image, notes, .. } = io::read(&job.image, &job.input)?;
-    let input_sha256 = file_hash(&job.image)?;
-    image.check(&job.image.display().to_string())?;
-    let params = job.params()?;
+    let loaded = io::read_any(&job.image, &job.input)?;
     clock.end();
-
-    let mut watcher = Watcher {
-        console,
+    let run = Run {
+        job: &job,
+        options: &options,
         interrupts: &interrupts,
-        trace_path: job.trace.as_deref(),
-        trace: None,
-        geometry: &image.geometry,
-        step: params.metric.step(&image.geometry),
-        failed: None,
+        clock,
     };
-    let outcome = pipeline::mesh_image(&image, &params, &mut watcher);
-    let Watcher { trace, failed, .. } = watcher;
-    let mut outcome = match failed.map_or(outcome, Err) {
-        Ok(outcome) => outcome,
-        Err(error) => {
-            if let Some(trace) = trace {
-                trace.discard();
-            }
-            return match interrupts.wanted() {
-                true => {
-                    complain(format_args!("error: {error}"));
-                    Ok(Ending::Interrupted)
+    match loaded {
+        AnyLoaded::Plane(loaded) => run.mesh(loaded, console),
+        AnyLoaded::Space(loaded) if cfg!(feature = "tetgen") => run.mesh(loaded, console),
+        AnyLoaded::Space(_) => Err(Error::Job(cause(
+            "atomesh mesh",
+            "this program was built without TetGen and makes no 3-D mesh",
+            "build it with the default features",
+        ))),
+    }
+}
+
+/// A job whose image is read.
+struct Run<'a> {
+    job: &'a MeshJob,
+    options: &'a MeshOptions,
+    interrupts: &'a Interrupts,
+    clock: Clock,
+}
+
+impl Run<'_> {
+    fn mesh<const D: usize, M: Measured<D>>(
+        self,
+        loaded: Loaded<D>,
+        console: &mut Console,
+    ) -> Result<Ending>
+    where
+        Space<D>: Meshing<D, Mesh = M>,
+    {
+        let Self {
+            job,
+            options,
+            interrupts,
+            mut clock,
+        } = self;
+        let Loaded { image, notes, .. } = loaded;
+        let input_sha256 = file_hash(&job.image)?;
+        image.check(&job.image.display().to_string())?;
+        let params = job.params::<D>()?;
+
+        let step = params.metric.step(&image.geometry);
+        let mut watcher = Watcher {
+            console,
+            interrupts,
+            trace_path: job.trace.as_deref(),
+            trace: None,
+            geometry: image.geometry.in_space(),
+            step: std::array::from_fn(|k| step.get(k).copied().unwrap_or(1.0)),
+            failed: None,
+        };
+        let outcome = if job.voronoi {
+            pipeline::voronoi_image(&image, &params, &mut watcher).map(Made::Cells)
+        } else {
+            pipeline::mesh_image(&image, &params, &mut watcher).map(Made::Simplices)
+        };
+        let Watcher { trace, failed, .. } = watcher;
+        let outcome = match failed.map_or(outcome, Err) {
+            Ok(outcome) => outcome,
+            Err(error) => {
+                if let Some(trace) = trace {
+                    trace.discard();
                 }
-                false => Err(error),
-            };
+                return match interrupts.wanted() {
+                    true => {
+                        complain(format_args!("error: {error}"));
+                        Ok(Ending::Interrupted)
+                    }
+                    false => Err(error),
+                };
+            }
+        };
+
+        console.begin_stage("writing");
+        clock.begin("writing");
+        let provenance = Provenance {
+            parameters: options.reproducible()?,
+            input_sha256,
+        };
+        let (features, optimised, mut report) = match outcome {
+            Made::Simplices(mut outcome) => {
+                let file = to_file(&outcome, &image.geometry, &provenance);
+                write_vtu(&job.output, &file)?;
+                if !image.geometry.has_shape_of(outcome.step) {
+                    outcome.report.quality_physical = Some(quality(&file.mesh));
+                }
+                (outcome.features, outcome.optimised, outcome.report)
+            }
+            Made::Cells(outcome) => {
+                let file = cells_to_file(&outcome, &image.geometry, &provenance);
+                write_cells_vtu(&job.output, &file)?;
+                (outcome.features, outcome.optimised, outcome.report)
+            }
+        };
+        if let Some(path) = &job.potential_out {
+            io::write(path, &potential_image(&features.potential, &image.geometry))?;
         }
-    };
+        clock.end();
 
-    console.begin_stage("writing");
-    clock.begin("writing");
-    let provenance = Provenance {
-        parameters: options.reproducible()?,
-        input_sha256,
-    };
-    let file = to_file(&outcome, &image.geometry, &provenance);
-    write_vtu(&job.output, &file)?;
-    if let Some(path) = &job.potential_out {
-        io::write(
-            path,
-            &potential_image(&outcome.features.potential, &image.geometry),
-        )?;
+        report.input = Some(Input {
+            file: job.image.display().to_string(),
+            dims: image.dims().to_vec(),
+            hash: format!("sha256:{}", provenance.input_sha256),
+        });
+        report.parameters = serde_json::to_value(options).unwrap_or_default();
+        report.notes.splice(0..0, notes);
+        report
+            .stages
+            .splice(0..0, clock.costs()[..1].iter().cloned());
+        report.stages.extend_from_slice(&clock.costs()[1..]);
+        let json = serde_json::to_value(&report).unwrap_or_default();
+        if let Some(path) = &job.report {
+            io::atomic_write(path, |out| writeln!(out, "{json:#}"))?;
+        }
+        console.result(
+            format_args!(
+                "{}\nwrote {}",
+                report.table().trim_end(),
+                job.output.display()
+            ),
+            &json,
+        );
+        Ok(match optimised.stop {
+            Stop::Interrupted => Ending::Interrupted,
+            _ => Ending::Done,
+        })
     }
-    clock.end();
+}
 
-    let report = &mut outcome.report;
-    if !image.geometry.has_shape_of(outcome.step) {
-        report.quality_physical = Some(quality(&file.mesh));
-    }
-    report.input = Some(Input {
-        file: job.image.display().to_string(),
-        dims: image.dims(),
-        hash: format!("sha256:{}", provenance.input_sha256),
-    });
-    report.parameters = serde_json::to_value(&options).unwrap_or_default();
-    report.notes.splice(0..0, notes);
-    report
-        .stages
-        .splice(0..0, clock.costs()[..1].iter().cloned());
-    report.stages.extend_from_slice(&clock.costs()[1..]);
-    let json = serde_json::to_value(&*report).unwrap_or_default();
-    if let Some(path) = &job.report {
-        io::atomic_write(path, |out| writeln!(out, "{json:#}"))?;
-    }
-    console.result(
-        format_args!(
-            "{}\nwrote {}",
-            report.table().trim_end(),
-            job.output.display()
-        ),
-        &json,
-    );
-    Ok(match outcome.optimised.stop {
-        Stop::Interrupted => Ending::Interrupted,
-        _ => Ending::Done,
-    })
+/// What a job made.
+enum Made<const D: usize>
+where
+    Space<D>: Meshing<D>,
+{
+    Simplices(Outcome<D>),
+    Cells(CellsOutcome<D>),
 }
 
 impl MeshJob {
     /// What the pipeline is told; reads the files that the options name.
-    fn params(&self) -> Result<Params> {
+    fn params<const D: usize>(&self) -> Result<Params<D>> {
         let beta = match &self.beta {
             Beta::Constant(beta) => Weight::Constant(*beta),
             Beta::File(path) => Weight::Image(Box::new(read_beta(path)?)),
@@ -145,15 +208,22 @@ impl MeshJob {
             evaluator: self.evaluator,
             coarse_passes: self.coarse_passes,
             min_dihedral: self.min_dihedral,
-            metric: self.metric,
+            metric: self.metric.metric()?,
             seed: self.seed,
         })
     }
 }
 
 /// An image of weights.
-fn read_beta(path: &Path) -> Result<Image<3>> {
-    let Loaded { image, .. } = io::read(path, &ReadOptions::default())?;
+fn read_beta<const D: usize>(path: &Path) -> Result<Image<D>> {
+    let read = io::read_any(path, &ReadOptions::default())?;
+    let Some(image) = read.image() else {
+        return Err(Error::Job(cause(
+            format!("--beta {}", path.display()),
+            format!("is no {D}-D image"),
+            "give one weight per sample of the image",
+        )));
+    };
     let stats = image.stats();
     if stats.first_bad.is_some() || stats.min < 0.0 || stats.max >= 1.0 {
         return Err(Error::Job(cause(
@@ -202,7 +272,7 @@ struct Watcher<'a> {
     trace_path: Option<&'a Path>,
     /// Begun with the first lattice.
     trace: Option<Trace>,
-    geometry: &'a Geometry<3>,
+    geometry: Geometry<3>,
     step: [f64; 3],
     /// Why a lattice could not be written.
     failed: Option<Error>,

@@ -21,28 +21,31 @@ pub fn number(option: &str, text: &str, remedy: &str) -> Result<f64> {
     }
 }
 
-/// Three values separated by commas.
-fn three<'a>(option: &str, text: &'a str, remedy: &str) -> Result<[&'a str; 3]> {
+/// Two or three values separated by commas.
+fn two_or_three<'a>(option: &str, text: &'a str, remedy: &str) -> Result<Vec<&'a str>> {
     let parts: Vec<&str> = text.split(',').map(str::trim).collect();
-    <[&str; 3]>::try_from(parts).map_err(|parts| {
-        bad(
+    match parts.len() {
+        2 | 3 => Ok(parts),
+        count => Err(bad(
             option,
             text,
-            &format!("has {} values, not 3", parts.len()),
+            &format!("has {count} values, not 2 or 3"),
             remedy,
-        )
-    })
+        )),
+    }
 }
 
-/// `NX,NY,NZ`: numbers of samples, at least two each, and few enough to count.
-pub fn dims(option: &str, text: &str) -> Result<[usize; 3]> {
-    let remedy = "give three whole numbers such as 96,80,64";
-    let mut dims = [0; 3];
-    for (dim, word) in dims.iter_mut().zip(three(option, text, remedy)?) {
-        *dim = word
+/// `NX,NY,NZ`, or `NX,NY` for a 2-D image: numbers of samples, at least two each, and few enough to
+/// count.
+pub fn dims(option: &str, text: &str) -> Result<Vec<usize>> {
+    let remedy = "give two or three whole numbers such as 256,256 or 96,80,64";
+    let mut dims = Vec::new();
+    for word in two_or_three(option, text, remedy)? {
+        let dim: usize = word
             .parse()
-            .map_err(|_| bad(option, text, "is not three whole numbers", remedy))?;
-        if *dim < 2 {
+            .map_err(|_| bad(option, text, "is not made of whole numbers", remedy))?;
+        dims.push(dim);
+        if dim < 2 {
             return Err(bad(
                 option,
                 text,
@@ -66,13 +69,14 @@ pub fn dims(option: &str, text: &str) -> Result<[usize; 3]> {
     }
 }
 
-/// `SX,SY,SZ`: a positive scale per axis.
-pub fn scales(option: &str, text: &str) -> Result<[f64; 3]> {
-    let remedy = "give samples, physical, or three positive numbers such as 1,1,0.2";
-    let mut scales = [0.0; 3];
-    for (scale, word) in scales.iter_mut().zip(three(option, text, remedy)?) {
-        *scale = number(option, word, remedy)?;
-        if *scale <= 0.0 {
+/// `SX,SY,SZ`: a positive scale per axis; `SX,SY` for a 2-D image.
+pub fn scales(option: &str, text: &str) -> Result<Vec<f64>> {
+    let remedy = "give samples, physical, or a positive number an axis such as 1,1,0.2";
+    let mut scales = Vec::new();
+    for word in two_or_three(option, text, remedy)? {
+        let scale = number(option, word, remedy)?;
+        scales.push(scale);
+        if scale <= 0.0 {
             return Err(bad(
                 option,
                 text,
@@ -103,9 +107,9 @@ pub fn distance(option: &str, text: &str) -> Result<(f64, Option<f64>)> {
     }
 }
 
-/// Points from a CSV file, one `x,y,z` a line, with the line that each stands on. Empty lines,
+/// Points from a CSV file, one `x,y,z` (`x,y` in 2-D) a line, with the line that each stands on. Empty lines,
 /// lines that begin with `#` and one line of column names are skipped.
-pub fn points(path: &Path) -> Result<Vec<(usize, [f64; 3])>> {
+pub fn points<const D: usize>(path: &Path) -> Result<Vec<(usize, [f64; D])>> {
     let text = std::fs::read_to_string(path).map_err(|e| os(path, "read", e))?;
     let mut points = Vec::new();
     for (line, content) in text
@@ -121,14 +125,17 @@ pub fn points(path: &Path) -> Result<Vec<(usize, [f64; 3])>> {
             .iter()
             .map(|word| word.parse().ok().filter(|v: &f64| v.is_finite()))
             .collect();
-        match values.as_deref() {
-            Some(&[x, y, z]) => points.push((line, [x, y, z])),
+        match values.map(<[f64; D]>::try_from) {
+            Some(Ok(point)) => points.push((line, point)),
             _ if points.is_empty() && words.iter().all(|word| word.parse::<f64>().is_err()) => {}
             _ => {
                 return Err(Error::Job(cause(
                     format!("{}:{line}", path.display()),
-                    format!("'{content}' is not three finite numbers x,y,z"),
-                    "write one point a line, as x,y,z",
+                    format!("'{content}' is not {D} finite numbers"),
+                    match D {
+                        2 => "write one point a line, as x,y",
+                        _ => "write one point a line, as x,y,z",
+                    },
                 )));
             }
         }
@@ -162,7 +169,7 @@ mod tests {
         for wrong in [
             "4294967296,4294967296,4294967296",
             "1,5,5",
-            "3,4",
+            "3",
             "3,4,5,6",
             "-3,4,5",
             "a,b,c",
@@ -174,7 +181,8 @@ mod tests {
     #[test]
     fn scales_are_positive() {
         assert_eq!(scales("--metric", "1,1,0.2").unwrap(), [1.0, 1.0, 0.2]);
-        for wrong in ["1,1", "1,0,1", "1,1,-2", "1,1,inf", "metres"] {
+        assert_eq!(scales("--metric", "1,2").unwrap(), [1.0, 2.0]);
+        for wrong in ["1", "1,0,1", "1,1,-2", "1,1,inf", "metres"] {
             assert!(scales("--metric", wrong).is_err(), "{wrong}");
         }
     }
@@ -185,12 +193,12 @@ mod tests {
         let path = folder.path().join("wells.csv");
         std::fs::write(&path, "x,y,z\n# a well\n1,2,3\n\n4.5; -5; 6e1\n").unwrap();
         assert_eq!(
-            points(&path).unwrap(),
+            points::<3>(&path).unwrap(),
             [(3, [1.0, 2.0, 3.0]), (5, [4.5, -5.0, 60.0])]
         );
         for wrong in ["1,2\n", "1,2,nan\n", "1,2,3\nx,y,z\n", "1,2,3,4\n"] {
             std::fs::write(&path, wrong).unwrap();
-            assert!(points(&path).is_err(), "{wrong}");
+            assert!(points::<3>(&path).is_err(), "{wrong}");
         }
     }
 }

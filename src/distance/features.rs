@@ -19,12 +19,12 @@ use crate::image::Field;
 /// # Errors
 /// [`Error::Distance`] if `min` or `max` is not a positive number, `min > max`, or `growth` is not
 /// between 0 and 1.
-pub fn from_features(
-    features: &Features<3>,
+pub fn from_features<const D: usize>(
+    features: &Features<D>,
     min: f64,
     max: f64,
     growth: f64,
-) -> Result<Distance<3>> {
+) -> Result<Distance<D>> {
     let fail = |problem: String, remedy: &str| {
         Err(Error::Distance(cause(
             "distance from features",
@@ -66,12 +66,13 @@ pub fn from_features(
         samples: vec![max as f32; dims.iter().product()],
     };
     for point in &features.points {
-        let low: [usize; 3] = std::array::from_fn(|k| {
+        let low: [usize; D] = std::array::from_fn(|k| {
             ((f64::from(point.position[k]) / step[k]) as usize).min(cells[k] - 1)
         });
-        for corner in 0..8usize {
-            let [x, y, z] = std::array::from_fn(|k| low[k] + (corner >> k & 1));
-            field.samples[(z * dims[1] + y) * dims[0] + x] = min as f32;
+        for corner in 0..1usize << D {
+            let index = |k: usize| low[k] + (corner >> k & 1);
+            let at = (0..D).rev().fold(0, |at, k| at * dims[k] + index(k));
+            field.samples[at] = min as f32;
         }
     }
     limit_gradient(&mut field, growth);

@@ -1,27 +1,27 @@
-//! VTK unstructured grids of tetrahedra (`.vtu`).
+//! VTK unstructured grids of tetrahedra or triangles (`.vtu`).
 //!
 //! Nodes are double precision; connectivity 32-bit while the nodes can be numbered so. VTK's
-//! tetrahedron is ours: node 3 on the side from which nodes 0, 1, 2 turn anticlockwise.
+//! tetrahedron is ours: node 3 on the side from which nodes 0, 1, 2 turn anticlockwise. Triangles
+//! lie in the plane z = 0.
 
 use std::path::Path;
 
+use super::polyhedra::{self, POLYGON, POLYHEDRON};
 use crate::error::Result;
 use crate::io::atomic_write;
 use crate::io::vtk::xml::Element;
 use crate::io::vtk::{DataArray, Document, Source, Values, VtkFile};
-use crate::mesh::TetMesh;
-
-/// VTK's number of the linear tetrahedron.
-const VTK_TETRA: u8 = 10;
+use crate::mesh::poly::PolyMesh;
+use crate::mesh::{Simplices, TetMesh, TriMesh};
 
 /// A mesh and everything that is stored with it.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct MeshFile {
+pub struct MeshFile<M = TetMesh> {
     /// The mesh, in physical coordinates.
-    pub mesh: TetMesh,
+    pub mesh: M,
     /// Arrays with a tuple per node.
     pub point_data: Vec<DataArray>,
-    /// Arrays with a tuple per tetrahedron.
+    /// Arrays with a tuple per cell.
     pub cell_data: Vec<DataArray>,
     /// What belongs to the whole mesh: version, parameters, the input's hash.
     pub field_data: Vec<(String, FieldValue)>,
@@ -42,22 +42,63 @@ pub enum FieldValue {
 ///
 /// # Errors
 /// [`Error::Io`](crate::Error::Io) if the file cannot be written, [`Error::Mesh`](crate::Error::Mesh)
-/// if an array does not have a tuple per node or tetrahedron.
-pub fn write_vtu(path: &Path, file: &MeshFile) -> Result<()> {
+/// if an array does not have a tuple per node or cell.
+pub fn write_vtu<const D: usize, M: Simplices<D>>(path: &Path, file: &MeshFile<M>) -> Result<()> {
     let MeshFile {
         mesh,
         point_data,
         cell_data,
         field_data,
     } = file;
-    let (nodes, tets) = (mesh.nodes.len(), mesh.tets.len());
+    let (nodes, cells) = (mesh.nodes().len(), mesh.len());
     check_lengths(path, point_data, nodes, "nodes")?;
-    check_lengths(path, cell_data, tets, "tetrahedra")?;
+    check_lengths(path, cell_data, cells, M::CELLS)?;
 
     let mut document = Document::new("UnstructuredGrid", &[]);
-    if !field_data.is_empty() {
+    let fields: Vec<_> = field_data.iter().collect();
+    let [point_data, cell_data]: [Vec<_>; 2] = [point_data, cell_data].map(|a| a.iter().collect());
+    begin_piece(
+        &mut document,
+        &fields,
+        mesh.nodes(),
+        cells,
+        &point_data,
+        &cell_data,
+    );
+    document.open("Cells", &[]);
+    let corners = mesh.connectivity();
+    let size = D + 1;
+    if nodes.max(corners.len()) <= i32::MAX as usize {
+        document.array(Source::computed("connectivity", 1, corners.len(), |i| {
+            corners[i] as i32
+        }));
+        document.array(Source::computed("offsets", 1, cells, |c| {
+            (size * (c + 1)) as i32
+        }));
+    } else {
+        document.array(Source::computed("connectivity", 1, corners.len(), |i| {
+            i64::from(corners[i])
+        }));
+        document.array(Source::computed("offsets", 1, cells, |c| {
+            (size * (c + 1)) as i64
+        }));
+    }
+    document.array(Source::computed("types", 1, cells, |_| M::VTK_CELL));
+    atomic_write(path, |out| document.write(out))
+}
+
+/// Opens the only piece, with everything in it up to its cells.
+pub(super) fn begin_piece<'a, const D: usize>(
+    document: &mut Document<'a>,
+    fields: &[&'a (String, FieldValue)],
+    nodes: &'a [[f64; D]],
+    cells: usize,
+    point_data: &[&'a DataArray],
+    cell_data: &[&'a DataArray],
+) {
+    if !fields.is_empty() {
         document.open("FieldData", &[]);
-        for (name, value) in field_data {
+        for (name, value) in fields {
             document.array(match value {
                 FieldValue::Text(text) => Source::text(name, text),
                 FieldValue::F64s(numbers) => Source::slice(name, 1, numbers),
@@ -69,8 +110,8 @@ pub fn write_vtu(path: &Path, file: &MeshFile) -> Result<()> {
     document.open(
         "Piece",
         &[
-            ("NumberOfPoints", nodes.to_string()),
-            ("NumberOfCells", tets.to_string()),
+            ("NumberOfPoints", nodes.len().to_string()),
+            ("NumberOfCells", cells.to_string()),
         ],
     );
     for (element, arrays) in [("PointData", point_data), ("CellData", cell_data)] {
@@ -81,26 +122,39 @@ pub fn write_vtu(path: &Path, file: &MeshFile) -> Result<()> {
         document.close();
     }
     document.open("Points", &[]);
-    document.array(Source::slice("Points", 3, mesh.nodes.as_flattened()));
+    let coordinates = nodes.as_flattened();
+    document.array(Source::computed("Points", 3, 3 * nodes.len(), |i| {
+        match i % 3 {
+            k if k < D => coordinates[D * (i / 3) + k],
+            _ => 0.0,
+        }
+    }));
     document.close();
-    document.open("Cells", &[]);
-    let corners = mesh.tets.as_flattened();
-    if nodes.max(corners.len()) <= i32::MAX as usize {
-        document.array(Source::computed("connectivity", 1, corners.len(), |i| {
-            corners[i] as i32
-        }));
-        document.array(Source::computed("offsets", 1, tets, |t| 4 * (t + 1) as i32));
-    } else {
-        document.array(Source::computed("connectivity", 1, corners.len(), |i| {
-            i64::from(corners[i])
-        }));
-        document.array(Source::computed("offsets", 1, tets, |t| 4 * (t + 1) as i64));
-    }
-    document.array(Source::computed("types", 1, tets, |_| VTK_TETRA));
-    atomic_write(path, |out| document.write(out))
 }
 
-fn check_lengths(path: &Path, arrays: &[DataArray], tuples: usize, of: &str) -> Result<()> {
+/// Points of the plane or of space as points of space, coordinate after coordinate.
+pub(super) fn in_space<const D: usize>(points: &[[f64; D]]) -> Vec<f64> {
+    let lift =
+        |p: &[f64; D]| -> [f64; 3] { std::array::from_fn(|k| p.get(k).copied().unwrap_or(0.0)) };
+    points.iter().flat_map(lift).collect()
+}
+
+/// Numbers and counts, 32-bit if all fit.
+pub(super) fn integers<'a>(name: &str, values: &'a [u64]) -> Source<'a> {
+    let most = values.iter().copied().max().unwrap_or(0);
+    if most <= i32::MAX as u64 {
+        Source::computed(name, 1, values.len(), |i| values[i] as i32)
+    } else {
+        Source::computed(name, 1, values.len(), |i| values[i] as i64)
+    }
+}
+
+pub(super) fn check_lengths(
+    path: &Path,
+    arrays: &[DataArray],
+    tuples: usize,
+    of: &str,
+) -> Result<()> {
     let wrong = |a: &&DataArray| a.values.len() != tuples * a.components;
     match arrays.iter().find(wrong) {
         None => Ok(()),
@@ -126,13 +180,59 @@ fn check_lengths(path: &Path, arrays: &[DataArray], tuples: usize, of: &str) -> 
 /// [`Error::Io`](crate::Error::Io) if the file is no such file, damaged, cut off, or holds cells
 /// other than tetrahedra.
 pub fn read_vtu(path: &Path) -> Result<MeshFile> {
-    let file = VtkFile::read(path, "UnstructuredGrid")?;
-    let piece = file.piece()?;
-    let points: usize = count(&file, piece, "NumberOfPoints")?;
-    let cells: usize = count(&file, piece, "NumberOfCells")?;
+    read_cells(&VtkFile::read(path, "UnstructuredGrid")?)
+}
 
-    let nodes = nodes(&file, file.child(piece, "Points")?, points)?;
-    let tets = tets(&file, file.child(piece, "Cells")?, points, cells)?;
+/// A mesh of the plane or of space.
+#[derive(Debug, Clone, PartialEq)]
+pub enum AnyMesh {
+    /// Triangles in the plane.
+    Plane(MeshFile<TriMesh>),
+    /// Tetrahedra.
+    Space(MeshFile<TetMesh>),
+    /// Polygons in the plane.
+    PlaneCells(MeshFile<PolyMesh<2>>),
+    /// Polyhedra.
+    SpaceCells(MeshFile<PolyMesh<3>>),
+}
+
+/// Reads a mesh of triangles or polygons in the plane z = 0, of tetrahedra as [`read_vtu`] does, or of
+/// polyhedra.
+///
+/// # Errors
+/// As [`read_vtu`], and for triangles and polygons that are not in that plane.
+pub fn read_any_vtu(path: &Path) -> Result<AnyMesh> {
+    let file = VtkFile::read(path, "UnstructuredGrid")?;
+    let types = cell_values(&file, file.child(file.piece()?, "Cells")?, "types")?;
+    Ok(match types.first() {
+        Some(&kind) if kind == i64::from(TriMesh::VTK_CELL) => AnyMesh::Plane(read_cells(&file)?),
+        Some(&kind) if kind == i64::from(POLYGON) => {
+            AnyMesh::PlaneCells(polyhedra::read_cells(&file)?)
+        }
+        Some(&kind) if kind == i64::from(POLYHEDRON) => {
+            AnyMesh::SpaceCells(polyhedra::read_cells(&file)?)
+        }
+        _ => AnyMesh::Space(read_cells(&file)?),
+    })
+}
+
+fn read_cells<const D: usize, M: Simplices<D>>(file: &VtkFile) -> Result<MeshFile<M>> {
+    let piece = file.piece()?;
+    let points: usize = count(file, piece, "NumberOfPoints")?;
+    let cells: usize = count(file, piece, "NumberOfCells")?;
+
+    let nodes = read_nodes(file, file.child(piece, "Points")?, points)?;
+    let corners = corners::<D, M>(file, file.child(piece, "Cells")?, points, cells)?;
+    Ok(MeshFile {
+        mesh: M::from_parts(nodes, corners),
+        point_data: read_arrays(file, piece, "PointData", points)?,
+        cell_data: read_arrays(file, piece, "CellData", cells)?,
+        field_data: read_fields(file)?,
+    })
+}
+
+/// What belongs to the whole mesh.
+pub(super) fn read_fields(file: &VtkFile) -> Result<Vec<(String, FieldValue)>> {
     let mut field_data = Vec::new();
     if let Some(fields) = file.data_set().child("FieldData") {
         for array in &fields.children {
@@ -151,22 +251,21 @@ pub fn read_vtu(path: &Path) -> Result<MeshFile> {
             ));
         }
     }
-    Ok(MeshFile {
-        mesh: TetMesh { nodes, tets },
-        point_data: arrays(&file, piece, "PointData", points)?,
-        cell_data: arrays(&file, piece, "CellData", cells)?,
-        field_data,
-    })
+    Ok(field_data)
 }
 
-fn count(file: &VtkFile, piece: &Element, name: &str) -> Result<usize> {
+pub(super) fn count(file: &VtkFile, piece: &Element, name: &str) -> Result<usize> {
     match file.numbers(piece, name)?[..] {
         [n] => Ok(n),
         _ => Err(file.fault(format!("{name} is not one number"), "write it anew")),
     }
 }
 
-fn nodes(file: &VtkFile, element: &Element, points: usize) -> Result<Vec<[f64; 3]>> {
+pub(super) fn read_nodes<const D: usize>(
+    file: &VtkFile,
+    element: &Element,
+    points: usize,
+) -> Result<Vec<[f64; D]>> {
     let array = file.array(file.child(element, "DataArray")?)?;
     let numbers = match array.values {
         Values::F64(v) => v,
@@ -176,38 +275,56 @@ fn nodes(file: &VtkFile, element: &Element, points: usize) -> Result<Vec<[f64; 3
         let problem = format!("has {} coordinates for {points} points", numbers.len());
         return Err(file.fault(problem, "write it anew"));
     }
-    let (nodes, _) = numbers.as_chunks();
-    Ok(nodes.to_vec())
+    let (nodes, _) = numbers.as_chunks::<3>();
+    if let Some(off) = nodes.iter().flat_map(|x| &x[D..]).find(|c| **c != 0.0) {
+        let problem = format!("has cells off the plane z = 0 (at z = {off})");
+        return Err(file.fault(problem, "give cells of space, or of that plane"));
+    }
+    let node = |x: &[f64; 3]| std::array::from_fn(|k| x[k]);
+    Ok(nodes.iter().map(node).collect())
 }
 
-fn tets(file: &VtkFile, cells: &Element, points: usize, count: usize) -> Result<Vec<[u32; 4]>> {
-    let values = |name: &str| {
-        let found = cells
-            .children
-            .iter()
-            .find(|a| a.attribute("Name") == Some(name));
-        let element = found.ok_or_else(|| {
-            file.fault(format!("its cells have no array '{name}'"), "write it anew")
-        })?;
-        Ok(file.array(element)?.values.to_i64())
-    };
+/// An array of the cells' description.
+pub(super) fn cell_values(file: &VtkFile, cells: &Element, name: &str) -> Result<Vec<i64>> {
+    let mut arrays = cells.children.iter();
+    let element = arrays
+        .find(|a| a.attribute("Name") == Some(name))
+        .ok_or_else(|| file.fault(format!("its cells have no array '{name}'"), "write it anew"))?;
+    Ok(file.array(element)?.values.to_i64())
+}
+
+fn corners<const D: usize, M: Simplices<D>>(
+    file: &VtkFile,
+    cells: &Element,
+    points: usize,
+    count: usize,
+) -> Result<Vec<u32>> {
+    let values = |name: &str| cell_values(file, cells, name);
+    let size = D + 1;
     let types = values("types")?;
     if let Some((cell, kind)) = types
         .iter()
         .enumerate()
-        .find(|&(_, &t)| t != i64::from(VTK_TETRA))
+        .find(|&(_, &t)| t != i64::from(M::VTK_CELL))
     {
         return Err(file.fault(
-            format!("cell {cell} is of VTK's type {kind}, not a tetrahedron ({VTK_TETRA})"),
-            "give a mesh of linear tetrahedra only",
+            format!(
+                "cell {cell} is of VTK's type {kind}, not of type {} as {} are",
+                M::VTK_CELL,
+                M::CELLS
+            ),
+            format!("give a mesh of linear {} only", M::CELLS),
         ));
     }
     let ends = values("offsets")?;
     let corners = values("connectivity")?;
-    let regular = ends.iter().zip(1..).all(|(&end, cell)| end == 4 * cell);
+    let regular = ends
+        .iter()
+        .zip(1..)
+        .all(|(&end, cell)| end == size as i64 * cell);
     if types.len() != count
         || ends.len() != count
-        || corners.len() != count.saturating_mul(4)
+        || corners.len() != count.saturating_mul(size)
         || !regular
     {
         let problem = format!(
@@ -228,11 +345,15 @@ fn tets(file: &VtkFile, cells: &Element, points: usize, count: usize) -> Result<
         let problem = format!("a cell has node {stray}, but there are {points} points");
         return Err(file.fault(problem, "write it anew"));
     }
-    let (tets, _) = corners.as_chunks::<4>();
-    Ok(tets.iter().map(|t| t.map(|c| c as u32)).collect())
+    Ok(corners.iter().map(|&c| c as u32).collect())
 }
 
-fn arrays(file: &VtkFile, piece: &Element, name: &str, tuples: usize) -> Result<Vec<DataArray>> {
+pub(super) fn read_arrays(
+    file: &VtkFile,
+    piece: &Element,
+    name: &str,
+    tuples: usize,
+) -> Result<Vec<DataArray>> {
     let Some(element) = piece.child(name) else {
         return Ok(Vec::new());
     };
@@ -256,6 +377,7 @@ fn arrays(file: &VtkFile, piece: &Element, name: &str, tuples: usize) -> Result<
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::io::vtk::fixtures::{VARIANTS, fixture};
 
     fn two_tets() -> MeshFile {
         let nodes = vec![
@@ -305,25 +427,32 @@ mod tests {
         for file in [two_tets(), MeshFile::default()] {
             write_vtu(&path, &file).unwrap();
             assert_eq!(read_vtu(&path).unwrap(), file);
+            assert_eq!(read_any_vtu(&path).unwrap(), AnyMesh::Space(file));
         }
     }
 
     #[test]
+    fn triangles_lie_in_the_plane() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.vtu");
+        let file = MeshFile {
+            mesh: TriMesh {
+                nodes: vec![[0.0, 0.1], [1.0, 0.0], [0.0, 1e6], [3.0, 4.0]],
+                triangles: vec![[0, 1, 2], [2, 1, 3]],
+            },
+            point_data: vec![DataArray::scalars("atom_kind", vec![3u8, 3, 3, 3])],
+            cell_data: vec![DataArray::scalars("area", vec![0.5f64, 2.0])],
+            field_data: Vec::new(),
+        };
+        write_vtu(&path, &file).unwrap();
+        assert_eq!(read_any_vtu(&path).unwrap(), AnyMesh::Plane(file));
+        assert!(refusal(&path).contains("cell 0 is of VTK's type 5"));
+    }
+
+    #[test]
     fn every_variant_that_vtk_writes_is_read() {
-        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/vtk");
-        for variant in [
-            "ascii_none_32_le",
-            "inline_none_32_be",
-            "inline_none_64_le",
-            "inline_zlib_32_le",
-            "base64_none_32_le",
-            "base64_zlib_64_be",
-            "raw_none_32_be",
-            "raw_none_64_le",
-            "raw_zlib_32_le",
-            "raw_zlib_64_le",
-        ] {
-            let file = read_vtu(&folder.join(format!("{variant}.vtu"))).unwrap();
+        for variant in VARIANTS {
+            let file = read_vtu(&fixture(&format!("{variant}.vtu"))).unwrap();
             assert_eq!(file.mesh.tets, [[0, 1, 2, 3], [1, 2, 3, 4]], "{variant}");
             assert_eq!(file.mesh.nodes[4], [1.0; 3], "{variant}");
             assert_eq!(file.mesh.nodes[1], [1.0, 0.0, 0.0], "{variant}");
@@ -334,8 +463,8 @@ mod tests {
             let note = FieldValue::Text("made by <VTK>".to_string());
             assert_eq!(file.field_data, [("note".to_string(), note)], "{variant}");
         }
-        assert!(refusal(&folder.join("raw_lz4_64_le.vtu")).contains("vtkLZ4DataCompressor"));
-        assert!(refusal(&folder.join("ascii_none_32_le.vti")).contains("holds ImageData"));
+        assert!(refusal(&fixture("raw_lz4_64_le.vtu")).contains("vtkLZ4DataCompressor"));
+        assert!(refusal(&fixture("ascii_none_32_le.vti")).contains("holds ImageData"));
     }
 
     #[test]

@@ -128,6 +128,49 @@ impl<const D: usize> Geometry<D> {
     }
 }
 
+impl<const D: usize> Geometry<D> {
+    /// As part of space; what is missing is as in the default geometry.
+    pub fn in_space(&self) -> Geometry<3> {
+        let mut space = Geometry::<3>::default();
+        for k in 0..D.min(3) {
+            space.origin[k] = self.origin[k];
+            space.names[k].clone_from(&self.names[k]);
+            space.units[k].clone_from(&self.units[k]);
+            for c in 0..D.min(3) {
+                space.axes[k][c] = self.axes[k][c];
+            }
+        }
+        space
+    }
+}
+
+impl Geometry<3> {
+    /// Of the section along the first two image axes: see [`Image::flatten`](super::Image::flatten).
+    pub fn flatten(&self) -> Geometry<2> {
+        let [a, b, _] = self.axes;
+        let names = [self.names[0].clone(), self.names[1].clone()];
+        let units = [self.units[0].clone(), self.units[1].clone()];
+        if a[2] == 0.0 && b[2] == 0.0 {
+            return Geometry {
+                origin: [self.origin[0], self.origin[1]],
+                axes: [[a[0], a[1]], [b[0], b[1]]],
+                names,
+                units,
+            };
+        }
+        let dot = |u: [f64; 3], v: [f64; 3]| u[0] * v[0] + u[1] * v[1] + u[2] * v[2];
+        let length = dot(a, a).sqrt();
+        let along = dot(a, b) / length;
+        let across = (dot(b, b) - along * along).max(0.0).sqrt();
+        Geometry {
+            origin: [0.0; 2],
+            axes: [[length, 0.0], [along, across]],
+            names,
+            units: Default::default(),
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -158,6 +201,20 @@ mod tests {
         assert!(geometry.has_shape_of([1.0; 3]));
         geometry.axes[1] = [2.5, 3.1, 0.0];
         assert!(!geometry.has_shape_of([1.0; 3]));
+    }
+
+    #[test]
+    fn a_section_keeps_its_lengths_and_angles() {
+        let flat = Geometry::<2>::with_spacing([7.0, 8.0], [2.0, -3.0]);
+        assert_eq!(flat.in_space().flatten(), flat);
+        // An upright section.
+        let geometry = Geometry::<3> {
+            axes: [[0.0, 0.0, -4.0], [3.0, 4.0, 12.0], [0.0, 1.0, 0.0]],
+            ..Geometry::default()
+        };
+        let [a, b] = geometry.flatten().axes;
+        assert_eq!(a, [4.0, 0.0]);
+        assert_eq!(b, [-12.0, 5.0]);
     }
 
     #[test]

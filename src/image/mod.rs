@@ -48,3 +48,24 @@ impl<const D: usize> Image<D> {
         self.samples.as_slice().expect("standard layout")
     }
 }
+
+impl<const D: usize> Image<D> {
+    /// The image as part of space: a 2-D image becomes one of a single sample along z, at z = 0.
+    pub fn in_space(&self) -> Image<3> {
+        let dims = self.dims();
+        let geometry = self.geometry.in_space();
+        let dims = std::array::from_fn(|k| dims.get(k).copied().unwrap_or(1));
+        Image::new(dims, self.as_slice().to_vec(), geometry)
+    }
+}
+
+impl Image<3> {
+    /// The first section along x and y as a 2-D image. Where its plane is that of the physical x and
+    /// y it stays there; else its coordinates are measured in the plane, from the first sample,
+    /// along the x axis and across.
+    pub fn flatten(&self) -> Image<2> {
+        let [nx, ny, _] = self.dims();
+        let samples = self.as_slice()[..nx * ny].to_vec();
+        Image::new([nx, ny], samples, self.geometry.flatten())
+    }
+}

@@ -3,6 +3,9 @@
 use super::sheets::{SAME_SHEET, Sheets};
 use crate::mesh::{AtomKind, add_scaled, dot, norm};
 
+/// Nodes this close to a sheet lie on it: settling leaves less.
+const ON_SHEET: f64 = 0.11;
+
 /// The constraints of one node.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Hold {
@@ -18,6 +21,20 @@ pub struct Hold {
 }
 
 impl Hold {
+    /// By the sides of the box `[0, extent]` and by the features on which the node lies.
+    pub fn new(x: [f64; 3], kind: AtomKind, extent: [f64; 3], sheets: &Sheets) -> Self {
+        let mut hold = Self::by_box(x, kind, extent);
+        hold.far = sheets.far(x);
+        if !hold.far {
+            let near = sheets.near(x);
+            for sheet in near.iter().filter(|s| s.offset.abs() < ON_SHEET) {
+                hold.add(sheet.normal);
+            }
+            hold.alone = hold.count == 1 && near.iter().count() == 1;
+        }
+        hold
+    }
+
     /// By the sides of the box `[0, extent]` alone.
     pub fn by_box(x: [f64; 3], kind: AtomKind, extent: [f64; 3]) -> Self {
         let mut hold = Self::default();

@@ -9,12 +9,14 @@
 //! - `collapse`: nodes that stand too close
 //! - `flips`: Joe's local transformations, generalised
 //! - `smooth`: max-min smoothing
+//! - [`plane`]: the same for triangles in the plane
 //!
 //! The invariant that keeps the features: *no edge passes through a sheet*. Then every tetrahedron
 //! lies on one side of it or has its nodes on it, so the sheet is a union of mesh faces, whatever
 //! flips exchange them. It is established once (`recover`) and every later change keeps it.
 
 pub mod hold;
+pub mod plane;
 pub mod sheets;
 
 mod apart;
@@ -97,18 +99,7 @@ impl<'a> Improver<'a> {
             .nodes
             .par_iter()
             .zip(kinds)
-            .map(|(&x, &kind)| {
-                let mut hold = Hold::by_box(x, kind, extent);
-                hold.far = sheets.far(x);
-                if !hold.far {
-                    let near = sheets.near(x);
-                    for sheet in near.iter().filter(|s| s.offset.abs() < ON_SHEET) {
-                        hold.add(sheet.normal);
-                    }
-                    hold.alone = hold.count == 1 && near.iter().count() == 1;
-                }
-                hold
-            })
+            .map(|(&x, &kind)| Hold::new(x, kind, extent, sheets))
             .collect();
         let sines = (0..mesh.tets.len())
             .into_par_iter()
@@ -155,27 +146,10 @@ impl<'a> Improver<'a> {
 
     fn piercing(&self, a: u32, b: u32) -> Option<([f64; 3], sheets::Sheet)> {
         let (i, j) = (a as usize, b as usize);
-        let (p, q) = (&self.holds[i], &self.holds[j]);
-        if p.far && q.far {
-            return None;
-        }
-        // A chord of a sheet must not stray from it where the sheet is curved.
-        if let Some(normal) = p.normals().find(|&n| q.on(n)) {
-            let (x, y) = (self.complex.nodes[i], self.complex.nodes[j]);
-            let middle = std::array::from_fn(|k| 0.5 * (x[k] + y[k]));
-            let sheet = self.sheets.near(middle);
-            if let Some(sheet) = sheet
-                .iter()
-                .find(|s| s.offset.abs() > STRAY && dot(s.normal, normal).abs() > SAME_SHEET)
-            {
-                return Some((middle, *sheet));
-            }
-        }
-        self.sheets.pierced(
-            self.complex.nodes[i],
-            self.complex.nodes[j],
-            [p.alone, q.alone],
-            |end, normal| if end == 0 { p.on(normal) } else { q.on(normal) },
+        piercing(
+            self.sheets,
+            [&self.holds[i], &self.holds[j]],
+            [self.complex.nodes[i], self.complex.nodes[j]],
         )
     }
 
@@ -306,11 +280,33 @@ impl<'a> Improver<'a> {
     }
 }
 
+/// Where the edge between two nodes passes through a feature, or cuts a corner of it.
+fn piercing(
+    sheets: &Sheets,
+    [p, q]: [&Hold; 2],
+    [x, y]: [[f64; 3]; 2],
+) -> Option<([f64; 3], sheets::Sheet)> {
+    if p.far && q.far {
+        return None;
+    }
+    // A chord of a sheet must not stray from it where the sheet is curved.
+    if let Some(normal) = p.normals().find(|&n| q.on(n)) {
+        let middle = std::array::from_fn(|k| 0.5 * (x[k] + y[k]));
+        let sheet = sheets.near(middle);
+        if let Some(sheet) = sheet
+            .iter()
+            .find(|s| s.offset.abs() > STRAY && dot(s.normal, normal).abs() > SAME_SHEET)
+        {
+            return Some((middle, *sheet));
+        }
+    }
+    sheets.pierced(x, y, [p.alone, q.alone], |end, normal| {
+        if end == 0 { p.on(normal) } else { q.on(normal) }
+    })
+}
+
 /// The first round of smoothing, over many nodes, stops this far above target (sine).
 const MARGIN: f64 = 0.02;
-
-/// Nodes this close to a sheet lie on it: settling leaves less.
-const ON_SHEET: f64 = 0.11;
 
 /// The centroid of a face on a sheet is at most this far off it.
 const FACE_ON_SHEET: f64 = 0.75;

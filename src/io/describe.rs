@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::{Format, Loaded, ReadOptions, SegyInfo, detect, read, segy};
+use super::{AnyLoaded, Format, Loaded, ReadOptions, SegyInfo, detect, read_any, segy};
 use crate::error::{Cause, Result, os};
 use crate::image::{Image, Stats};
 
@@ -34,11 +34,11 @@ pub struct ImageDescription {
     /// Shape of the array as NumPy has it, the fastest axis last.
     pub numpy_shape: Vec<usize>,
     /// Physical position of the first sample.
-    pub origin: [f64; 3],
+    pub origin: Vec<f64>,
     /// Physical position of the sample with the largest indices.
-    pub far_corner: [f64; 3],
+    pub far_corner: Vec<f64>,
     /// Unit of each physical coordinate; empty if unknown.
-    pub units: [String; 3],
+    pub units: Vec<String>,
     /// Smallest finite sample.
     pub min: f32,
     /// Largest finite sample.
@@ -50,7 +50,7 @@ pub struct ImageDescription {
     /// Number of infinite samples.
     pub infinite: usize,
     /// Index (x first) of the first sample that is NaN or infinite.
-    pub first_bad: Option<[usize; 3]>,
+    pub first_bad: Option<Vec<usize>>,
 }
 
 /// One axis of an image.
@@ -61,7 +61,7 @@ pub struct Axis {
     /// Number of samples along it.
     pub count: usize,
     /// Physical step from one sample to the next.
-    pub step: [f64; 3],
+    pub step: Vec<f64>,
     /// Length of that step.
     pub spacing: f64,
 }
@@ -95,26 +95,15 @@ pub fn describe(path: &Path, options: &ReadOptions) -> Result<Description> {
             notes: survey.notes,
         });
     }
-    let Loaded {
-        image,
-        format,
-        encoding,
-        notes,
-        survey,
-    } = read(path, options)?;
-    Ok(Description {
-        file,
-        format: format.to_string(),
-        encoding,
-        image: Some(ImageDescription::of(&image)),
-        survey,
-        notes,
+    Ok(match read_any(path, options)? {
+        AnyLoaded::Plane(loaded) => Description::of(file, loaded),
+        AnyLoaded::Space(loaded) => Description::of(file, loaded),
     })
 }
 
 impl ImageDescription {
     /// Describes an image.
-    pub fn of(image: &Image<3>) -> Self {
+    pub fn of<const D: usize>(image: &Image<D>) -> Self {
         let dims = image.dims();
         let geometry = &image.geometry;
         let spacing = geometry.spacing();
@@ -127,29 +116,42 @@ impl ImageDescription {
             first_bad,
         } = image.stats();
         Self {
-            axes: (0..3)
+            axes: (0..D)
                 .map(|k| Axis {
                     name: geometry.names[k].clone(),
                     count: dims[k],
-                    step: geometry.axes[k],
+                    step: geometry.axes[k].to_vec(),
                     spacing: spacing[k],
                 })
                 .collect(),
             numpy_shape: image.samples.shape().to_vec(),
-            origin: geometry.origin,
-            far_corner: geometry.to_physical(dims.map(|n| n.saturating_sub(1) as f64)),
-            units: geometry.units.clone(),
+            origin: geometry.origin.to_vec(),
+            far_corner: geometry
+                .to_physical(dims.map(|n| n.saturating_sub(1) as f64))
+                .to_vec(),
+            units: geometry.units.to_vec(),
             min,
             max,
             mean,
             nan,
             infinite,
-            first_bad,
+            first_bad: first_bad.map(|index| index.to_vec()),
         }
     }
 }
 
 impl Description {
+    fn of<const D: usize>(file: String, loaded: Loaded<D>) -> Self {
+        Self {
+            file,
+            format: loaded.format.to_string(),
+            encoding: loaded.encoding,
+            image: Some(ImageDescription::of(&loaded.image)),
+            survey: loaded.survey,
+            notes: loaded.notes,
+        }
+    }
+
     /// The description as lines of text for a terminal.
     pub fn to_lines(&self) -> String {
         let mut rows: Vec<(String, String)> = vec![
@@ -220,15 +222,16 @@ fn image_rows(image: &ImageDescription, row: &mut impl FnMut(&str, String)) {
         "dims",
         format!("{counts} ({})", join(|axis| axis.name.clone())),
     );
-    let [x, y, z] = image.origin;
-    row("first", format!("({x:.3}, {y:.3}, {z:.3})"));
-    let [x, y, z] = image.far_corner;
-    row("last", format!("({x:.3}, {y:.3}, {z:.3})"));
+    let place = |x: &[f64], digits: usize| {
+        let words: Vec<String> = x.iter().map(|c| format!("{c:.digits$}")).collect();
+        format!("({})", words.join(", "))
+    };
+    row("first", place(&image.origin, 3));
+    row("last", place(&image.far_corner, 3));
     for axis in &image.axes {
-        let [x, y, z] = axis.step;
         row(
             "step",
-            format!("({x:.4}, {y:.4}, {z:.4}) along {}", axis.name),
+            format!("{} along {}", place(&axis.step, 4), axis.name),
         );
     }
     if image.units.iter().any(|u| !u.is_empty()) {
@@ -246,7 +249,7 @@ fn image_rows(image: &ImageDescription, row: &mut impl FnMut(&str, String)) {
         "values",
         format!("{} to {}, mean {:.6}", image.min, image.max, image.mean),
     );
-    if let Some(index) = image.first_bad {
+    if let Some(index) = &image.first_bad {
         row(
             "bad",
             format!(
@@ -275,7 +278,10 @@ mod tests {
         let found = description.image.as_ref().unwrap();
         assert_eq!(found.numpy_shape, [3, 4, 5]);
         assert_eq!((found.min, found.max), (0.0, 59.0));
-        assert_eq!((found.nan, found.first_bad), (1, Some([2, 1, 0])));
+        assert_eq!(
+            (found.nan, found.first_bad.clone()),
+            (1, Some(vec![2, 1, 0]))
+        );
         assert_eq!(found.far_corner, [4.0, 3.0, 2.0]);
 
         let lines = description.to_lines();

@@ -4,6 +4,7 @@
 //! name's ending.
 //!
 //! - [`npy`]: NumPy arrays
+//! - [`png`](mod@png): pictures, as 2-D images
 //! - [`segy`]: seismic volumes
 //! - [`vti`]: VTK image data, and [`vtk`], the container it shares with meshes
 //! - [`raw`]: samples without a header, described by the user
@@ -14,12 +15,14 @@
 pub mod atomic;
 pub mod describe;
 pub mod npy;
+pub mod png;
 pub mod raw;
 pub mod samples;
 pub mod segy;
 pub mod vti;
 pub mod vtk;
 
+use std::any::Any;
 use std::fmt;
 use std::fs::File;
 use std::io::Read;
@@ -51,6 +54,8 @@ pub enum Format {
     Segy,
     /// VTK image data, `.vti`.
     Vti,
+    /// A picture, `.png`.
+    Png,
     /// Samples without a header.
     Raw,
 }
@@ -61,6 +66,7 @@ impl fmt::Display for Format {
             Self::Npy => "NumPy array",
             Self::Segy => "SEG-Y",
             Self::Vti => "VTK image data",
+            Self::Png => "PNG",
             Self::Raw => "raw samples",
         })
     }
@@ -68,9 +74,9 @@ impl fmt::Display for Format {
 
 /// An image and what was learned while reading it.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Loaded {
+pub struct Loaded<const D: usize = 3> {
     /// The image.
-    pub image: Image<3>,
+    pub image: Image<D>,
     /// The format it was read from.
     pub format: Format,
     /// How the file codes its samples.
@@ -81,45 +87,95 @@ pub struct Loaded {
     pub survey: Option<SegyInfo>,
 }
 
+/// An image of the plane or of space.
+#[derive(Debug, Clone, PartialEq)]
+pub enum AnyLoaded {
+    /// A 2-D image.
+    Plane(Loaded<2>),
+    /// A 3-D image.
+    Space(Loaded<3>),
+}
+
+impl AnyLoaded {
+    /// The image, if it has `D` axes.
+    pub fn image<const D: usize>(self) -> Option<Image<D>> {
+        let image: Box<dyn Any> = match self {
+            Self::Plane(loaded) => Box::new(loaded.image),
+            Self::Space(loaded) => Box::new(loaded.image),
+        };
+        image.downcast().ok().map(|image| *image)
+    }
+}
+
 /// Reads a 3-D image of any known format.
 ///
 /// # Errors
+/// [`Error::Io`] if the file cannot be read, is of no known format, is damaged or 2-D.
+pub fn read(path: &Path, options: &ReadOptions) -> Result<Loaded<3>> {
+    match read_any(path, options)? {
+        AnyLoaded::Space(loaded) => Ok(loaded),
+        AnyLoaded::Plane(Loaded { image, .. }) => {
+            let [nx, ny] = image.dims();
+            Err(Error::Io(cause(
+                path.display(),
+                format!("is a 2-D image of {nx} x {ny} samples where a volume is needed"),
+                "give a 3-D image",
+            )))
+        }
+    }
+}
+
+/// Reads an image of any known format. One that has a single sample along its last axis is 2-D.
+///
+/// # Errors
 /// [`Error::Io`] if the file cannot be read, is of no known format, or is damaged.
-pub fn read(path: &Path, options: &ReadOptions) -> Result<Loaded> {
-    match detect(path, options)? {
+pub fn read_any(path: &Path, options: &ReadOptions) -> Result<AnyLoaded> {
+    let loaded = match detect(path, options)? {
+        Format::Png => return png::read(path).map(AnyLoaded::Plane),
         Format::Raw => match options.raw {
-            Some(spec) => raw::read(path, spec),
-            None => Err(unknown(path)),
+            Some(spec) => raw::read(path, spec)?,
+            None => return Err(unknown(path)),
         },
-        Format::Npy => npy::read(path),
-        Format::Segy => segy::read(path, &options.segy),
-        Format::Vti => Ok(Loaded {
+        Format::Npy => npy::read(path)?,
+        Format::Segy => segy::read(path, &options.segy)?,
+        Format::Vti => Loaded {
             image: vti::read(path)?,
             format: Format::Vti,
             encoding: "VTK XML".into(),
             notes: Vec::new(),
             survey: None,
+        },
+    };
+    Ok(match loaded.image.dims() {
+        [_, _, 1] => AnyLoaded::Plane(Loaded {
+            image: loaded.image.flatten(),
+            format: loaded.format,
+            encoding: loaded.encoding,
+            notes: loaded.notes,
+            survey: loaded.survey,
         }),
-    }
+        _ => AnyLoaded::Space(loaded),
+    })
 }
 
 /// Writes an image in the format that the ending of `path` names.
 ///
 /// # Errors
 /// [`Error::Io`] if the ending is unknown or the file cannot be written.
-pub fn write(path: &Path, image: &Image<3>) -> Result<()> {
-    match ending(path).as_str() {
-        "npy" => npy::write(path, image),
-        "raw" | "bin" => raw::write(path, image),
-        "vti" => vti::write(path, image, "samples"),
-        other => {
-            let problem = format!("images cannot be written with the ending '.{other}'");
-            Err(Error::Io(cause(
-                path.display(),
-                problem,
-                "use .npy, .vti or .raw",
-            )))
-        }
+pub fn write<const D: usize>(path: &Path, image: &Image<D>) -> Result<()> {
+    match (ending(path).as_str(), D) {
+        ("npy", _) => npy::write(path, image),
+        ("raw" | "bin", _) => raw::write(path, image),
+        ("vti", _) => vti::write(path, &image.in_space(), "samples"),
+        ("png", 2) => png::write(path, &image.in_space().flatten()),
+        (other, _) => Err(Error::Io(cause(
+            path.display(),
+            format!("{D}-D images cannot be written with the ending '.{other}'"),
+            match D {
+                2 => "use .png, .npy, .vti or .raw",
+                _ => "use .npy, .vti or .raw",
+            },
+        ))),
     }
 }
 
@@ -142,7 +198,6 @@ const NOT_READ: &[(&str, usize, &[u8])] = &[
     ("TIFF", 0, b"MM\0*"),
     ("BigTIFF", 0, b"II+\0"),
     ("BigTIFF", 0, b"MM\0+"),
-    ("PNG", 0, b"\x89PNG"),
     ("JPEG", 0, b"\xff\xd8\xff"),
     ("INRIMAGE", 0, b"#INRIMAGE-4#{"),
     ("HDF5 or MINC 2", 0, b"\x89HDF"),
@@ -182,6 +237,9 @@ pub fn detect(path: &Path, options: &ReadOptions) -> Result<Format> {
     if head.starts_with(npy::MAGIC) {
         return Ok(Format::Npy);
     }
+    if head.starts_with(png::MAGIC) {
+        return Ok(Format::Png);
+    }
     let magic = |(_, at, magic): &&(&str, usize, &[u8])| {
         head.get(*at..).is_some_and(|rest| rest.starts_with(magic))
     };
@@ -213,7 +271,7 @@ pub fn detect(path: &Path, options: &ReadOptions) -> Result<Format> {
 fn unknown(path: &Path) -> Error {
     Error::Io(cause(
         path.display(),
-        "is of no known image format (.npy, SEG-Y, .vti)",
+        "is of no known image format (.npy, SEG-Y, .vti, .png)",
         "describe raw samples with --raw, e.g. --raw 100x400x208:f32be, or convert it to .npy",
     ))
 }
@@ -243,7 +301,7 @@ mod tests {
             (b"ObjectType = Image", "MetaImage"),
             (&nifti, "NIfTI"),
             (b"II*\0\x08", "TIFF"),
-            (b"\x89PNG\r\n", "PNG"),
+            (b"\x89PNG\r\n\x1a\n", "cut off"),
             (b"\x1f\x8b\x08", "gzip"),
             (
                 b"<?xml version='1.0'?><VTKFile type='UnstructuredGrid'>",
@@ -263,6 +321,39 @@ mod tests {
             "{}",
             refusal(&named)
         );
+    }
+
+    #[test]
+    fn one_sample_along_the_last_axis_makes_a_plane() {
+        let folder = tempfile::tempdir().unwrap();
+        let geometry = Geometry::with_spacing([100.0, -5.0], [12.5, 4.0]);
+        let image = Image::new([3, 2], vec![0.0, 1.0, 2.0, 3.0, 4.0, 250.0], geometry);
+        for name in ["a.vti", "a.npy", "a.png"] {
+            let path = folder.path().join(name);
+            write(&path, &image).unwrap();
+            let AnyLoaded::Plane(loaded) = read_any(&path, &ReadOptions::default()).unwrap() else {
+                panic!("{name} is not 2-D");
+            };
+            assert_eq!(loaded.image.as_slice(), image.as_slice(), "{name}");
+            assert_eq!(loaded.image.dims(), [3, 2]);
+            if name == "a.vti" {
+                assert_eq!(loaded.image.geometry, image.geometry);
+            }
+            assert!(refusal(&path).contains("2-D image of 3 x 2 samples"));
+        }
+        let raw = folder.path().join("a.raw");
+        write(&raw, &image).unwrap();
+        for raw_spec in ["3x2:f32le", "3x2x1:f32le"] {
+            let options = ReadOptions {
+                raw: raw_spec.parse().ok(),
+                ..ReadOptions::default()
+            };
+            let loaded = read_any(&raw, &options).unwrap();
+            assert!(matches!(loaded, AnyLoaded::Plane(l) if l.image.samples == image.samples));
+        }
+        let volume = Image::new([2, 2, 2], vec![1.5; 8], Geometry::default());
+        let error = write(&folder.path().join("b.png"), &volume).unwrap_err();
+        assert!(error.to_string().contains("3-D images"), "{error}");
     }
 
     #[test]

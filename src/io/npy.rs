@@ -1,7 +1,7 @@
 //! NumPy's `.npy`: versions 1 to 3, every real numeric type, both byte orders, both memory orders.
 //!
-//! An array of shape `(nz, ny, nx)` becomes an image of dims `[nx, ny, nz]`. The format has no
-//! geometry.
+//! An array of shape `(nz, ny, nx)` becomes an image of dims `[nx, ny, nz]`, one of shape `(ny, nx)`
+//! a 2-D image. The format has no geometry.
 
 use std::fs::File;
 use std::io::Write;
@@ -19,10 +19,10 @@ use crate::image::{Geometry, Image};
 /// The first bytes of every `.npy` file.
 pub const MAGIC: &[u8] = b"\x93NUMPY";
 
-/// Reads a 3-D array as `f32`.
+/// Reads a 3-D array as `f32`, or a 2-D one as if it had a single sample along z.
 ///
 /// # Errors
-/// [`Error::Io`] if the file cannot be read, is cut off, is not 3-D or holds no real numbers.
+/// [`Error::Io`] if the file cannot be read, is cut off, is not 2-D or 3-D, or holds no real numbers.
 pub fn read(path: &Path) -> Result<Loaded> {
     let Opened {
         file,
@@ -31,7 +31,8 @@ pub fn read(path: &Path) -> Result<Loaded> {
         header,
     } = Opened::new(path)?;
     let [nz, ny, nx] = three_dims(&header.shape).map_err(|problem| {
-        let remedy = "reshape the array to (nz, ny, nx) in NumPy and save it again";
+        let remedy =
+            "reshape the array to (nz, ny, nx), or (ny, nx) in 2-D, in NumPy and save it again";
         Error::Io(cause(path.display(), problem, remedy))
     })?;
     let mut samples = vec![0.0; nx * ny * nz];
@@ -142,8 +143,17 @@ impl Opened {
 /// # Errors
 /// [`Error::Io`] if the file cannot be written.
 pub fn write<const D: usize>(path: &Path, image: &Image<D>) -> Result<()> {
-    let shape: Vec<String> = image.samples.shape().iter().map(usize::to_string).collect();
-    let comma = if D == 1 { "," } else { "" };
+    write_array(path, &image.samples)
+}
+
+/// Writes an array of any shape as little-endian `f32` in C order.
+///
+/// # Errors
+/// [`Error::Io`] if the file cannot be written.
+pub fn write_array(path: &Path, array: &ArrayD<f32>) -> Result<()> {
+    let array = array.as_standard_layout();
+    let shape: Vec<String> = array.shape().iter().map(usize::to_string).collect();
+    let comma = if shape.len() == 1 { "," } else { "" };
     let mut header = format!(
         "{{'descr': '<f4', 'fortran_order': False, 'shape': ({}{comma}), }}",
         shape.join(", ")
@@ -158,7 +168,7 @@ pub fn write<const D: usize>(path: &Path, image: &Image<D>) -> Result<()> {
         writer.write_all(&[1, 0])?;
         writer.write_all(&(padded as u16).to_le_bytes())?;
         writer.write_all(header.as_bytes())?;
-        samples::write(writer, image.as_slice())
+        samples::write(writer, array.as_slice().unwrap_or_default())
     })
 }
 
@@ -187,9 +197,10 @@ fn header_text(file: &File, length: u64) -> std::io::Result<Option<(String, u64)
 fn three_dims(shape: &[usize]) -> std::result::Result<[usize; 3], String> {
     match *shape {
         [nz, ny, nx] if nz > 0 && ny > 0 && nx > 0 => Ok([nz, ny, nx]),
-        [_, _, _] => Err(format!("has the shape {shape:?}, without a sample")),
+        [ny, nx] if ny > 0 && nx > 0 => Ok([1, ny, nx]),
+        [_, _] | [_, _, _] => Err(format!("has the shape {shape:?}, without a sample")),
         _ => Err(format!(
-            "has {} dimension(s), shape {shape:?}, where 3 are needed",
+            "has {} dimension(s), shape {shape:?}, where 2 or 3 are needed",
             shape.len()
         )),
     }

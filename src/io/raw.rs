@@ -12,19 +12,19 @@ use crate::image::{Geometry, Image};
 /// Dims and sample type of a raw file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RawSpec {
-    /// Samples along each axis, the fastest in the file (x) first.
+    /// Samples along each axis, the fastest in the file (x) first; 1 along z in a 2-D image.
     pub dims: [usize; 3],
     /// How the samples are coded.
     pub encoding: Encoding,
 }
 
-const SYNTAX: &str = "write NXxNYxNZ:TYPE, the fastest axis first, TYPE one of u8, i8 or u16, i16, \
+const SYNTAX: &str = "write NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), the fastest axis first, TYPE one of u8, i8 or u16, i16, \
 u32, i32, f32, f64 with le or be, e.g. 100x400x208:f32be";
 
 impl FromStr for RawSpec {
     type Err = String;
 
-    /// `NXxNYxNZ:TYPE`, x the fastest axis in the file; TYPE is u8, i8, or u16, i16, u32, i32, f32,
+    /// `NXxNYxNZ:TYPE` or `NXxNY:TYPE`, x the fastest axis in the file; TYPE is u8, i8, or u16, i16, u32, i32, f32,
     /// f64 followed by le or be.
     fn from_str(text: &str) -> std::result::Result<Self, String> {
         let bad = |problem: String| format!("{problem}; {SYNTAX}");
@@ -35,10 +35,12 @@ impl FromStr for RawSpec {
             .split('x')
             .map(|n| n.parse().ok().filter(|&n| n > 0))
             .collect::<Option<_>>()
-            .ok_or_else(|| bad(format!("'{dims}' are not three positive counts")))?;
-        let dims: [usize; 3] = dims
-            .try_into()
-            .map_err(|dims: Vec<_>| bad(format!("{} dims instead of 3", dims.len())))?;
+            .ok_or_else(|| bad(format!("'{dims}' are not two or three positive counts")))?;
+        let dims = match *dims.as_slice() {
+            [nx, ny] => [nx, ny, 1],
+            [nx, ny, nz] => [nx, ny, nz],
+            _ => return Err(bad(format!("{} dims instead of 2 or 3", dims.len()))),
+        };
 
         let (name, endian) = if let Some(name) = sample.strip_suffix("le") {
             (name, Some(Endian::Little))
@@ -130,7 +132,8 @@ mod tests {
         for bad in [
             "",
             "3x3x3",
-            "3x3:u8",
+            "3:u8",
+            "3x3x3x3:u8",
             "3x3x0:u8",
             "3x-3x3:u8",
             "3x3x3:f32",

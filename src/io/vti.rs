@@ -171,12 +171,7 @@ fn exact(numbers: &[f64]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn fixture(name: &str) -> std::path::PathBuf {
-        Path::new(env!("CARGO_MANIFEST_DIR"))
-            .join("tests/data/vtk")
-            .join(name)
-    }
+    use crate::io::vtk::fixtures::{VARIANTS, fixture};
 
     fn oblique() -> Image<3> {
         let geometry = Geometry {
@@ -191,18 +186,7 @@ mod tests {
 
     #[test]
     fn every_variant_that_vtk_writes_is_read() {
-        for variant in [
-            "ascii_none_32_le",
-            "inline_none_32_be",
-            "inline_none_64_le",
-            "inline_zlib_32_le",
-            "base64_none_32_le",
-            "base64_zlib_64_be",
-            "raw_none_32_be",
-            "raw_none_64_le",
-            "raw_zlib_32_le",
-            "raw_zlib_64_le",
-        ] {
+        for variant in VARIANTS {
             let image = read(&fixture(&format!("{variant}.vti"))).unwrap();
             assert_eq!(image.dims(), [3, 2, 2], "{variant}");
             let want: Vec<f32> = (-5..7).map(|i| i as f32).collect();

@@ -115,6 +115,16 @@ macro_rules! scalars {
                 }
             }
 
+            /// The tuples with these numbers, `components` numbers each, in this order.
+            pub fn tuples(&self, which: &[u32], components: usize) -> Self {
+                match self {
+                    $(Self::$variant(v) => {
+                        let tuple = |&i: &u32| i as usize * components..(i as usize + 1) * components;
+                        Self::$variant(which.iter().flat_map(|i| &v[tuple(i)]).copied().collect())
+                    })*
+                }
+            }
+
             /// The numbers as a source for a [`Document`].
             pub fn source<'a>(&'a self, name: &str, components: usize) -> Source<'a> {
                 match self {
@@ -165,4 +175,30 @@ scalars! {
     U64 u64, "UInt64";
     F32 f32, "Float32";
     F64 f64, "Float64";
+}
+
+/// Files that VTK wrote, in every variant that is read.
+#[cfg(test)]
+pub(crate) mod fixtures {
+    use std::path::{Path, PathBuf};
+
+    /// How they are coded: format, compressor, bits of the header, byte order.
+    pub const VARIANTS: [&str; 10] = [
+        "ascii_none_32_le",
+        "inline_none_32_be",
+        "inline_none_64_le",
+        "inline_zlib_32_le",
+        "base64_none_32_le",
+        "base64_zlib_64_be",
+        "raw_none_32_be",
+        "raw_none_64_le",
+        "raw_zlib_32_le",
+        "raw_zlib_64_le",
+    ];
+
+    /// Where such a file is.
+    pub fn fixture(name: &str) -> PathBuf {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+        root.join("tests/data/vtk").join(name)
+    }
 }

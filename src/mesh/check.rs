@@ -1,7 +1,7 @@
 //! The one public checker: is this mesh valid, and does it fill its box exactly?
 
-use super::complex::{NONE, neighbors};
-use super::{FACES, TetMesh, cross, norm, sub, volume6};
+use super::Simplices;
+use super::complex::NONE;
 use serde::Serialize;
 
 /// What [`check`] found. A mesh that is right has `problems` empty.
@@ -9,13 +9,13 @@ use serde::Serialize;
 pub struct Check {
     /// Number of nodes.
     pub nodes: usize,
-    /// Number of tetrahedra.
-    pub tets: usize,
-    /// Tetrahedra of zero or negative volume.
+    /// Number of cells: tetrahedra, or triangles in the plane.
+    pub cells: usize,
+    /// Cells of zero or negative volume.
     pub not_positive: usize,
-    /// Nodes that no tetrahedron uses.
+    /// Nodes that no cell uses.
     pub unused_nodes: usize,
-    /// Faces on the boundary.
+    /// Faces on the boundary (edges, in the plane).
     pub boundary_faces: usize,
     /// Boundary faces that do not lie in a side of the box.
     pub faces_off_sides: usize,
@@ -38,113 +38,128 @@ impl Check {
 
 /// Checks a mesh against the box `[low, high]`: positive volumes, conforming faces, no unused nodes,
 /// sides exactly flat (to `tolerance` of the longest side), areas and volume filled to `tolerance`.
-pub fn check(mesh: &TetMesh, low: [f64; 3], high: [f64; 3], tolerance: f64) -> Check {
+/// In the plane the same with areas for volumes and lengths for areas.
+pub fn check<const D: usize>(
+    mesh: &impl Simplices<D>,
+    low: [f64; D],
+    high: [f64; D],
+    tolerance: f64,
+) -> Check {
+    let nodes = mesh.nodes();
     let mut found = Check {
-        nodes: mesh.nodes.len(),
-        tets: mesh.tets.len(),
+        nodes: nodes.len(),
+        cells: mesh.len(),
         ..Check::default()
     };
-    if let Some(t) = mesh
-        .tets
+    let name = cells_of(mesh);
+    if let Some(at) = mesh
+        .connectivity()
         .iter()
-        .position(|t| t.iter().any(|&i| i as usize >= mesh.nodes.len()))
+        .position(|&i| i as usize >= nodes.len())
     {
-        found
-            .problems
-            .push(format!("tetrahedron {t} names a node that does not exist"));
+        found.problems.push(format!(
+            "{} {}: it names a node that does not exist",
+            singular(name),
+            at / (D + 1)
+        ));
         return found;
     }
-    if mesh.nodes.iter().flatten().any(|c| !c.is_finite()) {
+    if nodes.iter().flatten().any(|c| !c.is_finite()) {
         found.problems.push("a node is not finite".into());
         return found;
     }
 
     let mut volume = 0.0;
-    let mut used = vec![false; mesh.nodes.len()];
     let mut worst = None;
-    for t in 0..mesh.tets.len() {
-        let v = volume6(&mesh.corners(t));
-        volume += v / 6.0;
+    for c in 0..mesh.len() {
+        let v = mesh.volume(c);
+        volume += v;
         if v <= 0.0 {
             found.not_positive += 1;
-            worst.get_or_insert(t);
-        }
-        for &i in &mesh.tets[t] {
-            used[i as usize] = true;
+            worst.get_or_insert(c);
         }
     }
-    if let Some(t) = worst {
+    if let Some(c) = worst {
         found.problems.push(format!(
-            "{} tetrahedra are flat or inverted, the first is {t}",
+            "{} {name} are flat or inverted, the first is {c}",
             found.not_positive
         ));
+    }
+    let mut used = vec![false; nodes.len()];
+    for &i in mesh.connectivity() {
+        used[i as usize] = true;
     }
     found.unused_nodes = used.iter().filter(|u| !**u).count();
     if found.unused_nodes > 0 {
         found.problems.push(format!(
-            "{} nodes belong to no tetrahedron",
-            found.unused_nodes
+            "{} nodes belong to no {}",
+            found.unused_nodes,
+            singular(name)
         ));
     }
 
-    let extent = sub(high, low);
-    let longest = extent.iter().copied().fold(0.0, f64::max);
+    let extent: [f64; D] = std::array::from_fn(|k| high[k] - low[k]);
     let box_volume = extent.iter().product::<f64>();
     found.volume_error = ((volume - box_volume) / box_volume).abs();
     if found.volume_error > tolerance || found.volume_error.is_nan() {
         found.problems.push(format!(
-            "the tetrahedra fill {volume} instead of the box's {box_volume}"
+            "the {name} fill {volume} instead of the box's {box_volume}"
         ));
     }
 
-    match neighbors(mesh.nodes.len(), &mesh.tets) {
+    match mesh.neighbors() {
         Err(face) => found
             .problems
-            .push(format!("face {face:?} belongs to more than two tetrahedra")),
-        Ok(neighbors) => sides(mesh, &neighbors, low, high, longest, tolerance, &mut found),
+            .push(format!("face {face:?} belongs to more than two {name}")),
+        Ok(neighbors) => sides(mesh, &neighbors, low, high, tolerance, &mut found),
     }
     found
 }
 
+fn cells_of<const D: usize, M: Simplices<D>>(_: &M) -> &'static str {
+    M::CELLS
+}
+
+fn singular(name: &str) -> &str {
+    match name {
+        "tetrahedra" => "tetrahedron",
+        name => name.trim_end_matches('s'),
+    }
+}
+
 /// The boundary: every outer face in one side of the box, every side covered once.
-fn sides(
-    mesh: &TetMesh,
-    neighbors: &[[u32; 4]],
-    low: [f64; 3],
-    high: [f64; 3],
-    longest: f64,
+fn sides<const D: usize, M: Simplices<D>>(
+    mesh: &M,
+    neighbors: &[u32],
+    low: [f64; D],
+    high: [f64; D],
     tolerance: f64,
     found: &mut Check,
 ) {
-    let extent = sub(high, low);
-    let mut area = [0.0; 6];
-    for (t, around) in neighbors.iter().enumerate() {
-        for k in 0..4 {
-            if around[k] != NONE {
-                continue;
+    let extent: [f64; D] = std::array::from_fn(|k| high[k] - low[k]);
+    let longest = extent.iter().copied().fold(0.0, f64::max);
+    // Of the low and the high side of each axis.
+    let mut area = [[0.0; 2]; D];
+    for (i, _) in neighbors.iter().enumerate().filter(|(_, n)| **n == NONE) {
+        found.boundary_faces += 1;
+        let face = mesh.face(i / (D + 1), i % (D + 1));
+        let p = face.map(|n| mesh.nodes()[n as usize]);
+        // The side whose plane the face keeps closest to.
+        let mut best = (0, 0, f64::INFINITY);
+        for k in 0..D {
+            for (end, plane) in [low[k], high[k]].into_iter().enumerate() {
+                let off = p.iter().map(|q| (q[k] - plane).abs()).fold(0.0, f64::max);
+                if off < best.2 {
+                    best = (k, end, off);
+                }
             }
-            found.boundary_faces += 1;
-            let p = FACES[k].map(|i| mesh.nodes[mesh.tets[t][i] as usize]);
-            // The side whose plane the face keeps closest to.
-            let (side, off) = (0..6)
-                .map(|s| {
-                    let plane = if s % 2 == 0 { low[s / 2] } else { high[s / 2] };
-                    let off = p
-                        .iter()
-                        .map(|q| (q[s / 2] - plane).abs())
-                        .fold(0.0, f64::max);
-                    (s, off)
-                })
-                .fold(
-                    (0, f64::INFINITY),
-                    |best, x| if x.1 < best.1 { x } else { best },
-                );
-            found.flatness_error = found.flatness_error.max(off / longest);
-            if off > tolerance * longest {
-                found.faces_off_sides += 1;
-            }
-            area[side] += 0.5 * norm(cross(sub(p[1], p[0]), sub(p[2], p[0])));
         }
+        let (k, end, off) = best;
+        found.flatness_error = found.flatness_error.max(off / longest);
+        if off > tolerance * longest {
+            found.faces_off_sides += 1;
+        }
+        area[k][end] += M::face_area(&p);
     }
     if found.faces_off_sides > 0 {
         found.problems.push(format!(
@@ -152,10 +167,11 @@ fn sides(
             found.faces_off_sides
         ));
     }
-    for (side, got) in area.iter().enumerate() {
-        let k = side / 2;
-        let want = extent[(k + 1) % 3] * extent[(k + 2) % 3];
-        found.area_error = found.area_error.max((got - want).abs() / want);
+    for k in 0..D {
+        let want: f64 = (0..D).filter(|&j| j != k).map(|j| extent[j]).product();
+        for got in area[k] {
+            found.area_error = found.area_error.max((got - want).abs() / want);
+        }
     }
     if found.area_error > tolerance.max(1e-9) {
         found.problems.push(format!(
@@ -168,6 +184,7 @@ fn sides(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mesh::{TetMesh, volume6};
 
     /// The unit cube as six tetrahedra about its diagonal (Kuhn).
     fn cube() -> TetMesh {

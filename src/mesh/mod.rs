@@ -2,7 +2,11 @@
 //!
 //! - [`quality`]: dihedral angles and the measure that improvement maximises
 //! - [`complex`]: tetrahedra with neighbours, for local changes
+//! - [`tri`]: triangles in the plane
 //! - [`check`]: the one public checker: is this a valid mesh that fills its box?
+//! - [`poly`]: meshes of polyhedra, or of polygons in 2-D
+//! - [`poly_check`]: the checker of those
+//! - [`graph`]: cells and connections, for flow and for simulators
 //!
 //! The tetrahedron, its numbering and its orientation:
 //!
@@ -19,7 +23,13 @@
 
 pub mod check;
 pub mod complex;
+pub mod graph;
+pub mod poly;
+pub mod poly_check;
 pub mod quality;
+pub mod tri;
+
+pub use tri::TriMesh;
 
 /// What an atom (mesh node) may do: how many of the box's sides hold it, or a user.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -50,6 +60,126 @@ impl TetMesh {
     /// The four corner positions of tetrahedron `t`.
     pub fn corners(&self, t: usize) -> [[f64; 3]; 4] {
         self.tets[t].map(|i| self.nodes[i as usize])
+    }
+}
+
+/// A mesh of D-simplices: triangles in the plane, tetrahedra in space. What is the same for both is
+/// written once, for this.
+///
+/// Face k of a cell (an edge in the plane) is the face opposite its node k.
+pub trait Simplices<const D: usize>: Clone + std::fmt::Debug + Send + Sync {
+    /// What the cells are called, in the plural.
+    const CELLS: &'static str;
+    /// VTK's number of the cell.
+    const VTK_CELL: u8;
+
+    /// A mesh of the given nodes and cells; `corners` holds D + 1 node numbers a cell.
+    fn from_parts(nodes: Vec<[f64; D]>, corners: Vec<u32>) -> Self;
+
+    /// Node positions.
+    fn nodes(&self) -> &[[f64; D]];
+
+    /// Node numbers, D + 1 a cell, positively oriented.
+    fn connectivity(&self) -> &[u32];
+
+    /// Number of cells.
+    fn len(&self) -> usize {
+        self.connectivity().len() / (D + 1)
+    }
+
+    /// Whether there are no cells.
+    fn is_empty(&self) -> bool {
+        self.connectivity().is_empty()
+    }
+
+    /// The node numbers of cell `c`.
+    fn cell(&self, c: usize) -> &[u32] {
+        &self.connectivity()[(D + 1) * c..(D + 1) * (c + 1)]
+    }
+
+    /// The node numbers of face `k` of cell `c`, in the cell's order.
+    fn face(&self, c: usize, k: usize) -> [u32; D] {
+        let cell = self.cell(c);
+        std::array::from_fn(|i| cell[i + usize::from(i >= k)])
+    }
+
+    /// Signed volume (area) of cell `c`.
+    fn volume(&self, c: usize) -> f64;
+
+    /// For every cell and face, in order, the cell on its other side, or
+    /// [`NONE`](complex::NONE).
+    ///
+    /// # Errors
+    /// The nodes of a face that more than two cells share.
+    fn neighbors(&self) -> Result<Vec<u32>, Vec<u32>>;
+
+    /// Area of a face (length of an edge).
+    fn face_area(face: &[[f64; D]; D]) -> f64;
+}
+
+impl Simplices<3> for TetMesh {
+    const CELLS: &'static str = "tetrahedra";
+    const VTK_CELL: u8 = 10;
+
+    fn from_parts(nodes: Vec<[f64; 3]>, corners: Vec<u32>) -> Self {
+        let tets = corners.as_chunks().0.to_vec();
+        Self { nodes, tets }
+    }
+
+    fn nodes(&self) -> &[[f64; 3]] {
+        &self.nodes
+    }
+
+    fn connectivity(&self) -> &[u32] {
+        self.tets.as_flattened()
+    }
+
+    fn volume(&self, c: usize) -> f64 {
+        volume6(&self.corners(c)) / 6.0
+    }
+
+    fn neighbors(&self) -> Result<Vec<u32>, Vec<u32>> {
+        match complex::neighbors(self.nodes.len(), &self.tets) {
+            Ok(neighbors) => Ok(neighbors.into_flattened()),
+            Err(face) => Err(face.to_vec()),
+        }
+    }
+
+    fn face_area([a, b, c]: &[[f64; 3]; 3]) -> f64 {
+        0.5 * norm(cross(sub(*b, *a), sub(*c, *a)))
+    }
+}
+
+impl Simplices<2> for TriMesh {
+    const CELLS: &'static str = "triangles";
+    const VTK_CELL: u8 = 5;
+
+    fn from_parts(nodes: Vec<[f64; 2]>, corners: Vec<u32>) -> Self {
+        let triangles = corners.as_chunks().0.to_vec();
+        Self { nodes, triangles }
+    }
+
+    fn nodes(&self) -> &[[f64; 2]] {
+        &self.nodes
+    }
+
+    fn connectivity(&self) -> &[u32] {
+        self.triangles.as_flattened()
+    }
+
+    fn volume(&self, c: usize) -> f64 {
+        0.5 * tri::area2(&self.corners(c))
+    }
+
+    fn neighbors(&self) -> Result<Vec<u32>, Vec<u32>> {
+        match tri::neighbors(self.nodes.len(), &self.triangles) {
+            Ok(neighbors) => Ok(neighbors.into_flattened()),
+            Err(edge) => Err(edge.to_vec()),
+        }
+    }
+
+    fn face_area([a, b]: &[[f64; 2]; 2]) -> f64 {
+        (b[0] - a[0]).hypot(b[1] - a[1])
     }
 }
 

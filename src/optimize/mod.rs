@@ -194,7 +194,7 @@ fn mobility<const D: usize>(
 }
 
 /// Positions in three dimensions, whatever `D`.
-fn three<const D: usize>(positions: &[[f64; D]]) -> Vec<[f64; 3]> {
+pub(crate) fn three<const D: usize>(positions: &[[f64; D]]) -> Vec<[f64; 3]> {
     let three = |x: &[f64; D]| std::array::from_fn(|k| x.get(k).copied().unwrap_or(0.0));
     positions.iter().map(three).collect()
 }
@@ -205,7 +205,7 @@ mod tests {
     use crate::energy::{Beta, Pairwise};
     use crate::image::Field;
     use crate::mesh::AtomKind;
-    use crate::seeding;
+    use crate::seeding::{self, Alignment};
 
     const D: f64 = 4.0;
     const EXTENT: [f64; 3] = [47.0, 43.0, 51.0];
@@ -258,7 +258,8 @@ mod tests {
     #[test]
     fn atoms_settle_on_the_surface_and_the_box_stays_exact() {
         let (distance, valley) = (Distance::Constant(D), valley());
-        let mut atoms = seeding::fcc(EXTENT, &distance, &[[10.0, 20.0, 20.0]]).unwrap();
+        let mut atoms =
+            seeding::regular(EXTENT, &distance, &[[10.0, 20.0, 20.0]], Alignment::On).unwrap();
         let before = atoms.clone();
         let mut energy = evaluator(&distance, &valley);
         let mut recorder = Recorder::default();
@@ -339,7 +340,7 @@ mod tests {
     #[test]
     fn energy_never_rises_within_a_round_and_the_best_is_kept() {
         let (distance, valley) = (Distance::Constant(D), valley());
-        let mut atoms = seeding::fcc(EXTENT, &distance, &[]).unwrap();
+        let mut atoms = seeding::regular(EXTENT, &distance, &[], Alignment::On).unwrap();
         let mut energy = evaluator(&distance, &valley);
         let mut recorder = Recorder::default();
         let options = Options {
@@ -365,7 +366,7 @@ mod tests {
     #[test]
     fn an_interrupt_keeps_what_has_been_gained() {
         let (distance, valley) = (Distance::Constant(D), valley());
-        let mut atoms = seeding::fcc(EXTENT, &distance, &[]).unwrap();
+        let mut atoms = seeding::regular(EXTENT, &distance, &[], Alignment::On).unwrap();
         let mut energy = evaluator(&distance, &valley);
         let mut recorder = Recorder {
             stop_after: Some(7),
@@ -411,7 +412,7 @@ mod tests {
                 .unwrap();
             pool.install(|| {
                 let (distance, valley) = (Distance::Constant(D), valley());
-                let mut atoms = seeding::fcc(EXTENT, &distance, &[]).unwrap();
+                let mut atoms = seeding::regular(EXTENT, &distance, &[], Alignment::On).unwrap();
                 let mut energy = evaluator(&distance, &valley);
                 let options = Options {
                     seed,
@@ -431,7 +432,7 @@ mod tests {
     #[test]
     fn frozen_atoms_stay() {
         let (distance, valley) = (Distance::Constant(D), valley());
-        let mut atoms = seeding::fcc(EXTENT, &distance, &[]).unwrap();
+        let mut atoms = seeding::regular(EXTENT, &distance, &[], Alignment::On).unwrap();
         let before = atoms.positions.clone();
         let warm = |x: &[f64; 3]| f64::from(u8::from((x[0] - 25.0).abs() < 8.0));
         let options = Options {
@@ -502,7 +503,7 @@ mod tests {
         use argmin::solver::quasinewton::LBFGS;
 
         let (distance, valley) = (Distance::Constant(D), valley());
-        let mut atoms = seeding::fcc(EXTENT, &distance, &[]).unwrap();
+        let mut atoms = seeding::regular(EXTENT, &distance, &[], Alignment::On).unwrap();
         let mobility = atoms.mobility(EXTENT);
         let free: Vec<(usize, usize)> = (0..atoms.len())
             .flat_map(|n| (0..3).map(move |k| (n, k)))
@@ -548,7 +549,7 @@ mod tests {
     #[test]
     fn impossible_options_are_refused() {
         let (distance, valley) = (Distance::Constant(D), valley());
-        let mut atoms = seeding::fcc(EXTENT, &distance, &[]).unwrap();
+        let mut atoms = seeding::regular(EXTENT, &distance, &[], Alignment::On).unwrap();
         let good = Options::default();
         for options in [
             Options {

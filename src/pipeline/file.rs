@@ -3,17 +3,15 @@
 
 use rayon::prelude::*;
 
-use super::Outcome;
+use super::{Meshing, Outcome, Space};
 use crate::error::cause;
-use crate::export::{FieldValue, MeshFile, face_bits_to_physical, to_physical};
+use crate::export::{FieldValue, MeshFile, face_bits_to_physical, to_physical, turned};
 use crate::image::Geometry;
 use crate::io::vtk::{DataArray, Values};
-use crate::mesh::quality::dihedral_angles;
-use crate::mesh::{TetMesh, volume6};
+use crate::mesh::TetMesh;
+use crate::mesh::poly::PolyMesh;
+use crate::report::Measured;
 use crate::{Error, Result};
-
-/// The cell array that says which faces lie on features: bit k for the face opposite node k.
-const FEATURE_FACES: &str = "feature_faces";
 
 /// What a result can be made again from.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -26,9 +24,16 @@ pub struct Provenance {
 
 /// The outcome of a job where the image lies in the world, with all that is known of each node and
 /// cell.
-pub fn to_file(outcome: &Outcome, geometry: &Geometry<3>, provenance: &Provenance) -> MeshFile {
+pub fn to_file<const D: usize, M: Measured<D>>(
+    outcome: &Outcome<D>,
+    geometry: &Geometry<D>,
+    provenance: &Provenance,
+) -> MeshFile<M>
+where
+    Space<D>: Meshing<D, Mesh = M>,
+{
     let lattice = &outcome.mesh;
-    let nodes = &lattice.nodes;
+    let nodes = lattice.nodes();
     let mesh = to_physical(lattice, outcome.step, geometry);
     let kinds: Vec<u8> = outcome.kinds.iter().map(|&kind| kind as u8).collect();
     let potential = &outcome.features.potential;
@@ -40,18 +45,9 @@ pub fn to_file(outcome: &Outcome, geometry: &Geometry<3>, provenance: &Provenanc
         .par_iter()
         .map(|&x| outcome.distance.at(x) as f32)
         .collect();
-    let cells = 0..lattice.tets.len();
-    let smallest = |t: usize| {
-        let angles = dihedral_angles(&lattice.corners(t));
-        angles.into_iter().fold(f64::INFINITY, f64::min) as f32
-    };
-    let min_dihedral: Vec<f32> = cells.clone().into_par_iter().map(smallest).collect();
-    let volume: Vec<f64> = cells
-        .clone()
-        .into_par_iter()
-        .map(|t| volume6(&mesh.corners(t)) / 6.0)
-        .collect();
-    let text = |text: &str| FieldValue::Text(text.to_string());
+    let cells = || (0..lattice.len()).into_par_iter();
+    let smallest: Vec<f32> = cells().map(|c| lattice.smallest_angle(c) as f32).collect();
+    let volume: Vec<f64> = cells().map(|c| mesh.volume(c)).collect();
     MeshFile {
         mesh,
         point_data: vec![
@@ -60,131 +56,147 @@ pub fn to_file(outcome: &Outcome, geometry: &Geometry<3>, provenance: &Provenanc
             DataArray::scalars("distance", distance),
         ],
         cell_data: vec![
-            DataArray::scalars("region", vec![0i32; lattice.tets.len()]),
-            DataArray::scalars("min_dihedral", min_dihedral),
-            DataArray::scalars("volume", volume),
+            DataArray::scalars("region", vec![0i32; lattice.len()]),
+            DataArray::scalars(M::MIN_ANGLE, smallest),
+            DataArray::scalars(M::VOLUME, volume),
             DataArray::scalars(
-                FEATURE_FACES,
+                M::FEATURE_FACES,
                 face_bits_to_physical(&outcome.feature_faces, geometry),
             ),
         ],
-        field_data: vec![
-            ("atomesh_version".into(), text(env!("CARGO_PKG_VERSION"))),
-            ("parameters".into(), text(&provenance.parameters)),
-            ("input_sha256".into(), text(&provenance.input_sha256)),
-            ("origin".into(), FieldValue::F64s(geometry.origin.to_vec())),
-            ("axes".into(), FieldValue::F64s(geometry.axes.concat())),
-            (
-                "lattice_step".into(),
-                FieldValue::F64s(outcome.step.to_vec()),
-            ),
-            (
-                "lattice_extent".into(),
-                FieldValue::F64s(outcome.extent.to_vec()),
-            ),
-        ],
+        field_data: common_fields(geometry, outcome.step, outcome.extent, provenance),
     }
+}
+
+/// What every file says of itself: what made it, and where its lattice space is.
+pub(super) fn common_fields<const D: usize>(
+    geometry: &Geometry<D>,
+    step: [f64; D],
+    extent: [f64; D],
+    provenance: &Provenance,
+) -> Vec<(String, FieldValue)> {
+    let text = |text: &str| FieldValue::Text(text.to_string());
+    vec![
+        ("atomesh_version".into(), text(env!("CARGO_PKG_VERSION"))),
+        ("parameters".into(), text(&provenance.parameters)),
+        ("input_sha256".into(), text(&provenance.input_sha256)),
+        ("origin".into(), FieldValue::F64s(geometry.origin.to_vec())),
+        ("axes".into(), FieldValue::F64s(geometry.axes.concat())),
+        ("lattice_step".into(), FieldValue::F64s(step.to_vec())),
+        ("lattice_extent".into(), FieldValue::F64s(extent.to_vec())),
+    ]
 }
 
 /// A mesh read from a file, in lattice space and in the world.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Placed {
+pub struct Placed<const D: usize = 3, M = TetMesh> {
     /// In lattice space, in the box `[0, extent]`.
-    pub lattice: TetMesh,
+    pub lattice: M,
     /// As in the file.
-    pub physical: TetMesh,
+    pub physical: M,
     /// The far corner of the box.
-    pub extent: [f64; 3],
+    pub extent: [f64; D],
     /// Length of one sample along each axis of lattice space.
-    pub step: [f64; 3],
+    pub step: [f64; D],
     /// From samples to physical coordinates.
-    pub geometry: Geometry<3>,
-    /// For each tetrahedron, bit k: face k of `lattice` lies on a feature, the mesh says.
+    pub geometry: Geometry<D>,
+    /// For each cell, bit k: face k of `lattice` lies on a feature, the mesh says.
     pub feature_faces: Option<Vec<u8>>,
     /// Whether the file says where its lattice space is. If not, it is the file's own space, moved
     /// so that the mesh begins at the origin.
     pub by_file: bool,
 }
 
-impl Placed {
-    /// Finds the way back from a file's coordinates; `place` names the file in errors.
+/// Where a file's lattice space is: the geometry, the step, the extent, and whether the file says so.
+type Place<const D: usize> = (Geometry<D>, [f64; D], [f64; D], bool);
+
+/// Finds it; `None` if the file says it only in part.
+fn place<const D: usize, M>(file: &MeshFile<M>, nodes: &[[f64; D]]) -> Option<Place<D>> {
+    let array = |name: &str| {
+        let mut arrays = file.field_data.iter();
+        arrays.find_map(|(known, value)| match value {
+            FieldValue::F64s(values) if known == name => Some(values.as_slice()),
+            _ => None,
+        })
+    };
+    let vector = |name: &str| <[f64; D]>::try_from(array(name)?).ok();
+    let known =
+        ["origin", "axes", "lattice_step", "lattice_extent"].map(|name| array(name).is_some());
+    if known == [false; 4] {
+        let (low, high) = bounds(nodes);
+        let extent = std::array::from_fn(|k| high[k] - low[k]);
+        return Some((
+            Geometry::with_spacing(low, [1.0; D]),
+            [1.0; D],
+            extent,
+            false,
+        ));
+    }
+    let axes = array("axes").filter(|axes| axes.len() == D * D)?;
+    let geometry = Geometry {
+        origin: vector("origin")?,
+        axes: std::array::from_fn(|k| std::array::from_fn(|c| axes[D * k + c])),
+        ..Geometry::default()
+    };
+    Some((
+        geometry,
+        vector("lattice_step")?,
+        vector("lattice_extent")?,
+        true,
+    ))
+}
+
+/// Positions in lattice space; `None` if the axes do not span space.
+fn to_lattice<const D: usize>(
+    points: &[[f64; D]],
+    geometry: &Geometry<D>,
+    step: [f64; D],
+) -> Option<Vec<[f64; D]>> {
+    let lattice_position = |&point: &[f64; D]| {
+        let index = geometry.to_index(point)?;
+        Some(std::array::from_fn(|k| index[k] * step[k]))
+    };
+    points.par_iter().map(lattice_position).collect()
+}
+
+fn refuse<T>(place: &str, problem: &str) -> Result<T> {
+    Err(Error::Mesh(cause(
+        place,
+        problem,
+        "give a mesh that atomesh mesh wrote",
+    )))
+}
+
+const IN_PART: &str = "says only in part where it lies";
+const NO_SPACE: &str = "has axes that do not span space";
+
+impl<const D: usize, M: Measured<D>> Placed<D, M> {
+    /// Finds the way back from a file's coordinates; `place_name` names the file in errors.
     ///
     /// # Errors
-    /// [`Error::Mesh`] for a mesh without tetrahedra, or one whose geometry makes no sense.
-    pub fn new(file: MeshFile, place: &str) -> Result<Self> {
-        let refuse = |problem: &str| {
-            Err(Error::Mesh(cause(
-                place,
-                problem,
-                "give a mesh that atomesh mesh wrote",
-            )))
-        };
-        if file.mesh.tets.is_empty() || file.mesh.nodes.is_empty() {
-            return refuse("holds no tetrahedra");
+    /// [`Error::Mesh`] for a mesh without cells, or one whose geometry makes no sense.
+    pub fn new(file: MeshFile<M>, place_name: &str) -> Result<Self> {
+        let nodes = file.mesh.nodes();
+        if file.mesh.is_empty() || nodes.is_empty() {
+            return refuse(place_name, &format!("holds no {}", M::CELLS));
         }
-        let array = |name: &str| {
-            file.field_data
-                .iter()
-                .find_map(|(known, value)| match value {
-                    FieldValue::F64s(values) if known == name => Some(values.as_slice()),
-                    _ => None,
-                })
+        let Some((geometry, step, extent, by_file)) = place(&file, nodes) else {
+            return refuse(place_name, IN_PART);
         };
-        let (geometry, step, extent, by_file) = match (
-            array("origin"),
-            array("axes"),
-            array("lattice_step"),
-            array("lattice_extent"),
-        ) {
-            (
-                Some(&[x, y, z]),
-                Some(&[a, b, c, d, e, f, g, h, i]),
-                Some(&[s, t, u]),
-                Some(&[l, m, n]),
-            ) => {
-                let axes = [[a, b, c], [d, e, f], [g, h, i]];
-                let geometry = Geometry {
-                    origin: [x, y, z],
-                    axes,
-                    ..Geometry::default()
-                };
-                (geometry, [s, t, u], [l, m, n], true)
-            }
-            (None, None, None, None) => {
-                let (low, high) = bounds(&file.mesh.nodes);
-                let geometry = Geometry::with_spacing(low, [1.0; 3]);
-                let extent = std::array::from_fn(|k| high[k] - low[k]);
-                (geometry, [1.0; 3], extent, false)
-            }
-            _ => return refuse("says only in part where it lies"),
+        let Some(nodes) = to_lattice(nodes, &geometry, step) else {
+            return refuse(place_name, NO_SPACE);
         };
-        let mirrored = geometry.determinant() < 0.0;
-        let lattice_position = |&node: &[f64; 3]| {
-            let index = geometry.to_index(node)?;
-            Some(std::array::from_fn(|k| index[k] * step[k]))
-        };
-        let Some(nodes) = file.mesh.nodes.par_iter().map(lattice_position).collect() else {
-            return refuse("has axes that do not span space");
-        };
-        let turn = |t: &[u32; 4]| {
-            if mirrored {
-                [t[0], t[1], t[3], t[2]]
-            } else {
-                *t
-            }
-        };
-        let tets = file.mesh.tets.iter().map(turn).collect();
         let feature_faces = file
             .cell_data
             .iter()
-            .find(|array| array.name == FEATURE_FACES)
+            .find(|array| array.name == M::FEATURE_FACES)
             .and_then(|array| match &array.values {
                 Values::U8(bits) => Some(face_bits_to_physical(bits, &geometry)),
                 _ => None,
             });
         Ok(Self {
             feature_faces,
-            lattice: TetMesh { nodes, tets },
+            lattice: turned(&file.mesh, nodes, &geometry),
             physical: file.mesh,
             extent,
             step,
@@ -194,10 +206,45 @@ impl Placed {
     }
 }
 
+impl<const D: usize> Placed<D, PolyMesh<D>> {
+    /// The same for polyhedra or polygons. Their faces on the boundary are assigned to the sides of
+    /// the box that they are nearest to.
+    ///
+    /// # Errors
+    /// As [`Placed::new`].
+    pub fn cells(file: MeshFile<PolyMesh<D>>, place_name: &str) -> Result<Self> {
+        if file.mesh.sites.is_empty() {
+            return refuse(place_name, "holds no cells");
+        }
+        let Some((geometry, step, extent, by_file)) = place(&file, &file.mesh.nodes) else {
+            return refuse(place_name, IN_PART);
+        };
+        let nodes = to_lattice(&file.mesh.nodes, &geometry, step);
+        let sites = to_lattice(&file.mesh.sites, &geometry, step);
+        let (Some(nodes), Some(sites)) = (nodes, sites) else {
+            return refuse(place_name, NO_SPACE);
+        };
+        let mut physical = file.mesh;
+        let mut lattice = physical.mapped(|x| x, geometry.determinant() < 0.0);
+        (lattice.nodes, lattice.sites) = (nodes, sites);
+        lattice.assign_sides([0.0; D], extent);
+        physical.face_cells.clone_from(&lattice.face_cells);
+        Ok(Self {
+            lattice,
+            physical,
+            extent,
+            step,
+            geometry,
+            feature_faces: None,
+            by_file,
+        })
+    }
+}
+
 /// The smallest box that holds all points.
-pub fn bounds(points: &[[f64; 3]]) -> ([f64; 3], [f64; 3]) {
+pub fn bounds<const D: usize>(points: &[[f64; D]]) -> ([f64; D], [f64; D]) {
     points.iter().fold(
-        ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]),
+        ([f64::INFINITY; D], [f64::NEG_INFINITY; D]),
         |(low, high), p| {
             (
                 std::array::from_fn(|k| low[k].min(p[k])),

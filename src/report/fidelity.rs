@@ -3,11 +3,13 @@
 //! An *on-feature face* has all three nodes within 0.75 sample of a feature and its centroid
 //! within 1. These faces say how much of the features the mesh holds. They cannot show a surface
 //! that the mesh invents away from every feature, so the faces that the mesh itself *claims* (all
-//! three nodes declared on a feature) are measured beside them.
+//! three nodes declared on a feature) are measured beside them. In the plane faces are edges and
+//! areas lengths; nothing else differs.
 
-use super::nearest::{Tree, square_to_triangle};
+use super::nearest::{Tree, square_to_face};
 use super::reference::Reference;
-use crate::mesh::{FACES, TetMesh};
+use crate::mesh::Simplices;
+use crate::mesh::poly::PolyMesh;
 use crate::{Error, Result, error::cause};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -56,82 +58,139 @@ pub struct Fidelity {
 }
 
 /// Compares a mesh, in lattice space with a step of 1 (else divide its nodes by the step), with
-/// the features. `claimed` holds a byte for each tetrahedron: bit k says that the mesh holds face k
+/// the features. `claimed` holds a byte for each cell: bit k says that the mesh holds face k
 /// (opposite node k) to lie on a feature.
 ///
 /// Cost: a microsecond or less for each feature point and each two square samples of faces; the
 /// result does not depend on the number of threads.
 ///
 /// # Errors
-/// [`Error::Mesh`] if `claimed` has not one byte a tetrahedron.
-pub fn fidelity(
-    mesh: &TetMesh,
-    reference: &Reference<'_>,
+/// [`Error::Mesh`] if `claimed` has not one byte a cell.
+pub fn fidelity<const D: usize, M: Simplices<D>>(
+    mesh: &M,
+    reference: &Reference<'_, D>,
     claimed: Option<&[u8]>,
 ) -> Result<Fidelity> {
     if let Some(flags) = claimed
-        && flags.len() != mesh.tets.len()
+        && flags.len() != mesh.len()
     {
         return Err(Error::Mesh(cause(
             "fidelity",
-            format!("{} bytes for {} tetrahedra", flags.len(), mesh.tets.len()),
-            "give one byte a tetrahedron",
+            format!("{} bytes for {} {}", flags.len(), mesh.len(), M::CELLS),
+            "give one byte a cell",
         )));
     }
-    let near: Vec<bool> = mesh
-        .nodes
-        .par_iter()
-        .map(|&p| reference.within(p, NODE))
-        .collect();
+    let near = near(mesh.nodes(), reference);
     let mut on_feature = faces_where(mesh, |_, _, face| face.iter().all(|&n| near[n as usize]));
     on_feature = on_feature
         .into_par_iter()
         .filter(|face| {
-            let [a, b, c] = corners(mesh, *face);
-            let centroid = std::array::from_fn(|k| (a[k] + b[k] + c[k]) / 3.0);
+            let corners = corners(mesh.nodes(), *face);
+            let sum = |k: usize| corners.iter().map(|p| p[k]).sum::<f64>();
+            let centroid = std::array::from_fn(|k| sum(k) / D as f64);
             reference.within(centroid, CENTROID)
         })
         .collect();
     let claimed = claimed.map(|flags| faces_where(mesh, |t, k, _| flags[t] >> k & 1 == 1));
+    Ok(judge(
+        mesh.nodes(),
+        &on_feature,
+        claimed.as_deref(),
+        reference,
+    ))
+}
+
+/// [`fidelity`] of polyhedra (polygons), by the same rules: their faces are fans of triangles about
+/// their means, and the faces that the mesh claims are those that it says lie on features.
+pub fn fidelity_of_cells<const D: usize>(
+    mesh: &PolyMesh<D>,
+    reference: &Reference<'_, D>,
+) -> Fidelity {
+    let near = near(&mesh.nodes, reference);
+    let inner = 0..mesh.inner_faces();
+    let on_feature: Vec<usize> = inner
+        .clone()
+        .into_par_iter()
+        .filter(|&f| {
+            let all = mesh.faces.get(f).iter().all(|&n| near[n as usize]);
+            all && reference.within(mesh.face_shape(f).centroid, CENTROID)
+        })
+        .collect();
+    let claimed: Vec<usize> = inner.filter(|&f| mesh.on_feature[f]).collect();
+    let mut nodes = mesh.nodes.clone();
+    let mut fans = |faces: &[usize]| -> Vec<[u32; D]> {
+        let mut triangles = Vec::new();
+        for &f in faces {
+            let ring = mesh.faces.get(f);
+            if D == 2 {
+                triangles.push(std::array::from_fn(|k| ring[k]));
+                continue;
+            }
+            let apex = nodes.len() as u32;
+            nodes.push(mesh.face_shape(f).apex);
+            for i in 0..ring.len() {
+                let corners = [apex, ring[i], ring[(i + 1) % ring.len()]];
+                triangles.push(std::array::from_fn(|k| corners[k]));
+            }
+        }
+        triangles
+    };
+    let [on_triangles, claimed_triangles] = [fans(&on_feature), fans(&claimed)];
+    let mut found = judge(&nodes, &on_triangles, Some(&claimed_triangles), reference);
+    found.on_feature.faces = on_feature.len();
+    if let Some(found) = &mut found.claimed {
+        found.faces = claimed.len();
+    }
+    found
+}
+
+/// Whether each node is as near to a feature as those of on-feature faces.
+fn near<const D: usize>(nodes: &[[f64; D]], reference: &Reference<'_, D>) -> Vec<bool> {
+    let within = |&p: &[f64; D]| reference.within(p, NODE);
+    nodes.par_iter().map(within).collect()
+}
+
+/// Compares the faces that lie on features, and those that are claimed to, with the features.
+fn judge<const D: usize>(
+    nodes: &[[f64; D]],
+    on_feature: &[[u32; D]],
+    claimed: Option<&[[u32; D]]>,
+    reference: &Reference<'_, D>,
+) -> Fidelity {
     // Most claimed faces are on-feature faces: each is sampled once.
-    let mut all = [
-        on_feature.as_slice(),
-        claimed.as_deref().unwrap_or_default(),
-    ]
-    .concat();
+    let mut all = [on_feature, claimed.unwrap_or_default()].concat();
     all.par_sort_unstable();
     all.dedup();
     let pieces: Vec<Vec<Piece>> = all
         .par_iter()
-        .map(|&face| sample(corners(mesh, face), reference))
+        .map(|&face| sample(&corners(nodes, face), reference))
         .collect();
-    let pieces_of = |faces: &[[u32; 3]]| -> Vec<Piece> {
+    let pieces_of = |faces: &[[u32; D]]| -> Vec<Piece> {
         let numbers = faces.iter().filter_map(|face| all.binary_search(face).ok());
         numbers.flat_map(|k| &pieces[k]).copied().collect()
     };
-    let compare = |faces: &[[u32; 3]]| compare(mesh, faces, pieces_of(faces), &reference.points);
-    Ok(Fidelity {
+    let compare = |faces: &[[u32; D]]| compare(nodes, faces, pieces_of(faces), &reference.points);
+    Fidelity {
         reference: reference.source.to_string(),
         feature_points: reference.points.len(),
-        on_feature: compare(&on_feature),
-        claimed: claimed.as_deref().map(compare),
-    })
+        on_feature: compare(on_feature),
+        claimed: claimed.map(compare),
+    }
 }
 
-/// Every face of the mesh for which `wanted(tetrahedron, k, nodes)` holds, once, nodes ascending.
-fn faces_where(
-    mesh: &TetMesh,
-    wanted: impl Fn(usize, usize, &[u32; 3]) -> bool + Sync,
-) -> Vec<[u32; 3]> {
-    let mut faces: Vec<[u32; 3]> = (0..mesh.tets.len())
+/// Every face of the mesh for which `wanted(cell, k, nodes)` holds, once, nodes ascending.
+fn faces_where<const D: usize>(
+    mesh: &impl Simplices<D>,
+    wanted: impl Fn(usize, usize, &[u32; D]) -> bool + Sync,
+) -> Vec<[u32; D]> {
+    let mut faces: Vec<[u32; D]> = (0..mesh.len())
         .into_par_iter()
-        .flat_map_iter(|t| {
+        .flat_map_iter(|c| {
             let wanted = &wanted;
-            let tet = mesh.tets[t];
-            (0..4).filter_map(move |k| {
-                let mut face = FACES[k].map(|i| tet[i]);
+            (0..=D).filter_map(move |k| {
+                let mut face = mesh.face(c, k);
                 face.sort_unstable();
-                wanted(t, k, &face).then_some(face)
+                wanted(c, k, &face).then_some(face)
             })
         })
         .collect();
@@ -140,24 +199,27 @@ fn faces_where(
     faces
 }
 
-fn corners(mesh: &TetMesh, face: [u32; 3]) -> [[f64; 3]; 3] {
-    face.map(|n| mesh.nodes[n as usize])
+fn corners<const D: usize>(nodes: &[[f64; D]], face: [u32; D]) -> [[f64; D]; D] {
+    face.map(|n| nodes[n as usize])
 }
 
 /// Compares faces, given also as pieces, with points of the features.
-fn compare(
-    mesh: &TetMesh,
-    faces: &[[u32; 3]],
+fn compare<const D: usize>(
+    nodes: &[[f64; D]],
+    faces: &[[u32; D]],
     mut to_features: Vec<Piece>,
-    points: &[[f32; 3]],
+    points: &[[f32; D]],
 ) -> Match {
-    let triangles: Vec<[[f64; 3]; 3]> = faces.iter().map(|&f| corners(mesh, f)).collect();
-    let boxes: Vec<[[f64; 3]; 2]> = triangles
+    let shapes: Vec<[[f64; D]; D]> = faces.iter().map(|&f| corners(nodes, f)).collect();
+    let boxes: Vec<[[f64; D]; 2]> = shapes
         .iter()
-        .map(|[a, b, c]| {
+        .map(|face| {
+            let end = |fold: fn(f64, f64) -> f64, k: usize| {
+                face.iter().map(|p| p[k]).fold(face[0][k], fold)
+            };
             [
-                std::array::from_fn(|k| a[k].min(b[k]).min(c[k])),
-                std::array::from_fn(|k| a[k].max(b[k]).max(c[k])),
+                std::array::from_fn(|k| end(f64::min, k)),
+                std::array::from_fn(|k| end(f64::max, k)),
             ]
         })
         .collect();
@@ -170,9 +232,8 @@ fn compare(
                 .iter()
                 .map(move |p| p.map(f64::from))
                 .map(|p| {
-                    let found = tree.nearest(p, f64::INFINITY, hint, |i| {
-                        square_to_triangle(p, triangles[i])
-                    });
+                    let found =
+                        tree.nearest(p, f64::INFINITY, hint, |i| square_to_face(p, &shapes[i]));
                     hint = found.map(|(item, _)| item);
                     found.map_or(f64::INFINITY, |(_, square)| square.sqrt())
                 })
@@ -217,30 +278,36 @@ fn compare(
 /// Distance to the features and area of a small piece of a face.
 type Piece = (f64, f64);
 
-/// The equal small triangles of a face, each measured at its centroid, and the face's corners,
-/// which have no area but count for the largest distance.
-fn sample(triangle: [[f64; 3]; 3], reference: &Reference<'_>) -> Vec<Piece> {
-    let [a, b, c] = triangle;
-    let edge = |p: [f64; 3], q: [f64; 3]| -> [f64; 3] { std::array::from_fn(|k| q[k] - p[k]) };
-    let length = |v: [f64; 3]| (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
-    let (u, v) = (edge(a, b), edge(a, c));
-    let cross = [
-        u[1] * v[2] - u[2] * v[1],
-        u[2] * v[0] - u[0] * v[2],
-        u[0] * v[1] - u[1] * v[0],
-    ];
-    let longest = length(u).max(length(v)).max(length(edge(b, c)));
+/// The equal small pieces of a face, each measured at its centroid, and the face's corners, which
+/// have no area but count for the largest distance.
+fn sample<const D: usize>(face: &[[f64; D]; D], reference: &Reference<'_, D>) -> Vec<Piece> {
+    // From corner 0 to the two others; in the plane there is one other.
+    let side = |i: usize| -> [f64; D] { std::array::from_fn(|k| face[i][k] - face[0][k]) };
+    let (u, v) = (side(1), side(D - 1));
+    let square = |w: [f64; D]| w.iter().map(|c| c * c).sum::<f64>();
+    let third = std::array::from_fn(|k| v[k] - u[k]);
+    let longest = square(u).max(square(v)).max(square(third)).sqrt();
     let n = (longest / FINE).ceil().clamp(1.0, 256.0) as usize;
-    let part = 0.5 * length(cross) / (n * n) as f64;
+    let along: f64 = (0..D).map(|k| u[k] * v[k]).sum();
+    let area = if D == 2 {
+        square(u).sqrt()
+    } else {
+        0.5 * (square(u) * square(v) - along * along).max(0.0).sqrt()
+    };
+    let part = area / n.pow(D as u32 - 1) as f64;
     let at = |i: f64, j: f64| {
         let (s, t) = (i / n as f64, j / n as f64);
-        reference.distance(std::array::from_fn(|k| a[k] + s * u[k] + t * v[k]))
+        reference.distance(std::array::from_fn(|k| face[0][k] + s * u[k] + t * v[k]))
     };
-    let mut pieces: Vec<Piece> = triangle
+    let mut pieces: Vec<Piece> = face
         .iter()
         .map(|&corner| (reference.distance(corner), 0.0))
         .collect();
     for i in 0..n {
+        if D == 2 {
+            pieces.push((at(i as f64 + 0.5, 0.0), part));
+            continue;
+        }
         for j in 0..n - i {
             let (i, j) = (i as f64, j as f64);
             pieces.push((at(i + 1.0 / 3.0, j + 1.0 / 3.0), part));

@@ -1,5 +1,7 @@
 use super::super::test_mesh::kuhn_box;
 use super::*;
+use crate::mesh::TriMesh;
+use crate::mesh::tri::SIDES;
 use crate::synth::truth::{REACH, Truth};
 use crate::synth::{Kind, Options, make};
 
@@ -251,4 +253,66 @@ fn the_figures_do_not_depend_on_the_number_of_threads() {
         pool.install(|| fidelity(&mesh, &reference, None).unwrap()),
         all
     );
+}
+
+/// A square of small squares, each cut into two triangles.
+fn squares(count: usize, size: f64) -> TriMesh {
+    let node = |x: usize, y: usize| (y * (count + 1) + x) as u32;
+    let mut mesh = TriMesh::default();
+    for y in 0..=count {
+        for x in 0..=count {
+            mesh.nodes.push([size * x as f64, size * y as f64]);
+            if x < count && y < count {
+                let [a, b, c, d] = [
+                    node(x, y),
+                    node(x + 1, y),
+                    node(x, y + 1),
+                    node(x + 1, y + 1),
+                ];
+                mesh.triangles.extend([[a, b, d], [a, d, c]]);
+            }
+        }
+    }
+    mesh
+}
+
+#[test]
+fn in_the_plane_edges_take_the_place_of_faces() {
+    let mesh = squares(8, 2.0);
+    let line = |at: f32| Truth::<2> {
+        dims: [17, 17],
+        distance: (0..289).map(|i| (at - (i % 17) as f32).abs()).collect(),
+        direction: (0..289)
+            .map(|i| [if at < (i % 17) as f32 { -1.0 } else { 1.0 }, 0.0])
+            .collect(),
+        smooth: true,
+    };
+    let found = fidelity(&mesh, &Reference::from_truth(&line(8.0)), None).unwrap();
+    assert_eq!((found.feature_points, found.on_feature.faces), (17, 8));
+    assert!((found.on_feature.area - 16.0).abs() < 1e-12);
+    assert_eq!(found.on_feature.coverage_half, 1.0);
+    assert!(found.on_feature.hausdorff < 1e-6);
+    let off = fidelity(&mesh, &Reference::from_truth(&line(8.7)), None)
+        .unwrap()
+        .on_feature;
+    assert_eq!((off.coverage_half, off.coverage_one), (0.0, 1.0));
+    assert!((off.hausdorff - 0.7).abs() < 1e-5);
+    // Every second edge of a line away from every feature, claimed beside those of the feature.
+    let on = |n: u32, at: f64| mesh.nodes[n as usize][0] == at;
+    let bits = |t: &[u32; 3]| {
+        (0..3u8)
+            .filter(|&k| {
+                let face = SIDES[usize::from(k)].map(|i| t[i]);
+                face.iter().all(|&n| on(n, 8.0)) || face.iter().all(|&n| on(n, 12.0))
+            })
+            .fold(0u8, |bits, k| bits | 1 << k)
+    };
+    let flags: Vec<u8> = mesh.triangles.iter().map(bits).collect();
+    let truth = line(8.0);
+    let claimed = fidelity(&mesh, &Reference::from_truth(&truth), Some(&flags))
+        .unwrap()
+        .claimed;
+    let claimed = claimed.unwrap();
+    assert_eq!(claimed.faces, 16);
+    assert!((claimed.precision - 0.5).abs() < 1e-12 && (claimed.hausdorff - 4.0).abs() < 1e-6);
 }

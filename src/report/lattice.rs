@@ -1,6 +1,6 @@
 //! How evenly the atoms are spread.
 
-use crate::mesh::{EDGES, TetMesh, dot, sub};
+use crate::mesh::Simplices;
 use serde::Serialize;
 
 /// The lattice of atoms from which a mesh was made.
@@ -32,22 +32,36 @@ pub struct Optimisation {
 
 /// Figures of a lattice from its mesh, in lattice space, with the nominal distance at any
 /// position. Neighbours are nodes joined by an edge, among which a Delaunay mesh has the nearest.
-pub fn lattice(mesh: &TetMesh, distance: impl Fn([f64; 3]) -> f64) -> Lattice {
-    let mut nearest = vec![f64::INFINITY; mesh.nodes.len()];
-    for tet in &mesh.tets {
-        for [i, j] in EDGES {
-            let (i, j) = (tet[i] as usize, tet[j] as usize);
-            let e = sub(mesh.nodes[i], mesh.nodes[j]);
-            let square = dot(e, e);
-            nearest[i] = nearest[i].min(square);
-            nearest[j] = nearest[j].min(square);
+pub fn lattice<const D: usize>(
+    mesh: &impl Simplices<D>,
+    distance: impl Fn([f64; D]) -> f64,
+) -> Lattice {
+    let nodes = mesh.nodes();
+    let mut nearest = vec![f64::INFINITY; nodes.len()];
+    for cell in mesh.connectivity().chunks_exact(D + 1) {
+        for (k, &i) in cell.iter().enumerate() {
+            for &j in &cell[k + 1..] {
+                let (i, j) = (i as usize, j as usize);
+                let square: f64 = (0..D).map(|c| (nodes[i][c] - nodes[j][c]).powi(2)).sum();
+                nearest[i] = nearest[i].min(square);
+                nearest[j] = nearest[j].min(square);
+            }
         }
     }
+    figures(&nearest, nodes, distance)
+}
+
+/// Figures of a lattice from the squares of the distances to each atom's nearest neighbour.
+pub(super) fn figures<const D: usize>(
+    nearest: &[f64],
+    atoms: &[[f64; D]],
+    distance: impl Fn([f64; D]) -> f64,
+) -> Lattice {
     let mut spacing: Vec<f64> = nearest
         .iter()
-        .zip(&mesh.nodes)
+        .zip(atoms)
         .filter(|(square, _)| square.is_finite())
-        .map(|(square, &node)| square.sqrt() / distance(node))
+        .map(|(square, &atom)| square.sqrt() / distance(atom))
         .collect();
     spacing.sort_unstable_by(f64::total_cmp);
     let at = |share: f64| {
@@ -55,7 +69,7 @@ pub fn lattice(mesh: &TetMesh, distance: impl Fn([f64; 3]) -> f64) -> Lattice {
         spacing.get(rank as usize).copied().unwrap_or(f64::NAN)
     };
     Lattice {
-        atoms: mesh.nodes.len(),
+        atoms: atoms.len(),
         spacing: [0.01, 0.5, 0.99].map(at),
         optimisation: None,
     }
@@ -65,6 +79,7 @@ pub fn lattice(mesh: &TetMesh, distance: impl Fn([f64; 3]) -> f64) -> Lattice {
 mod tests {
     use super::super::test_mesh::kuhn_box;
     use super::*;
+    use crate::mesh::TetMesh;
 
     #[test]
     fn spacing_is_the_shortest_edge_over_the_nominal_distance() {

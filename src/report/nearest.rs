@@ -1,4 +1,5 @@
-//! Nearest-item queries: a tree of bounding boxes, and the distance from a point to a triangle.
+//! Nearest-item queries: a tree of bounding boxes, and the distance from a point to a triangle or a
+//! segment.
 
 type Point = [f64; 3];
 
@@ -50,12 +51,20 @@ pub(super) fn square_to_triangle(p: Point, [a, b, c]: [Point; 3]) -> f64 {
     square(vb / sum, vc / sum)
 }
 
+/// Squared distance from a point to a face of a mesh: a triangle in space, a segment in the plane
+/// (which is a flat triangle in space).
+pub(super) fn square_to_face<const D: usize>(p: [f64; D], face: &[[f64; D]; D]) -> f64 {
+    let lifted =
+        |x: &[f64; D]| -> Point { std::array::from_fn(|k| x.get(k).copied().unwrap_or(0.0)) };
+    square_to_triangle(lifted(&p), [&face[0], &face[1], &face[D - 1]].map(lifted))
+}
+
 /// Items in a leaf.
 const LEAF: usize = 4;
 
-struct Node {
-    low: Point,
-    high: Point,
+struct Node<const D: usize> {
+    low: [f64; D],
+    high: [f64; D],
     /// Items `start..end` of the order; a leaf if there are at most [`LEAF`].
     start: u32,
     end: u32,
@@ -63,24 +72,24 @@ struct Node {
     second: u32,
 }
 
-impl Node {
-    fn square(&self, p: Point) -> f64 {
-        (0..3)
+impl<const D: usize> Node<D> {
+    fn square(&self, p: [f64; D]) -> f64 {
+        (0..D)
             .map(|k| (self.low[k] - p[k]).max(p[k] - self.high[k]).max(0.0))
             .fold(0.0, |s, gap| s + gap * gap)
     }
 }
 
 /// A tree of bounding boxes over items that are known by their index.
-pub(super) struct Tree {
-    nodes: Vec<Node>,
+pub(super) struct Tree<const D: usize> {
+    nodes: Vec<Node<D>>,
     order: Vec<u32>,
 }
 
-impl Tree {
+impl<const D: usize> Tree<D> {
     /// A tree over items with the given boxes (low and high corner), split at the median of the
     /// longest axis.
-    pub(super) fn new(boxes: &[[Point; 2]]) -> Self {
+    pub(super) fn new(boxes: &[[[f64; D]; 2]]) -> Self {
         let mut order: Vec<u32> = (0..boxes.len() as u32).collect();
         let mut nodes = Vec::with_capacity(boxes.len());
         if !boxes.is_empty() {
@@ -94,7 +103,7 @@ impl Tree {
     /// is likely to be near, to save time; of equally near items it may change which one is found.
     pub(super) fn nearest(
         &self,
-        p: Point,
+        p: [f64; D],
         limit: f64,
         hint: Option<usize>,
         square: impl Fn(usize) -> f64,
@@ -138,11 +147,16 @@ impl Tree {
 }
 
 /// Appends the nodes over `order`, whose first item is item `start` of the whole.
-fn build(boxes: &[[Point; 2]], order: &mut [u32], start: usize, nodes: &mut Vec<Node>) {
-    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+fn build<const D: usize>(
+    boxes: &[[[f64; D]; 2]],
+    order: &mut [u32],
+    start: usize,
+    nodes: &mut Vec<Node<D>>,
+) {
+    let (mut low, mut high) = ([f64::INFINITY; D], [f64::NEG_INFINITY; D]);
     for &item in order.iter() {
         let [l, h] = boxes[item as usize];
-        for k in 0..3 {
+        for k in 0..D {
             low[k] = low[k].min(l[k]);
             high[k] = high[k].max(h[k]);
         }
@@ -159,8 +173,8 @@ fn build(boxes: &[[Point; 2]], order: &mut [u32], start: usize, nodes: &mut Vec<
     if order.len() <= LEAF {
         return;
     }
-    let size = sub(high, low);
-    let axis = (0..3).fold(0, |best, k| if size[k] > size[best] { k } else { best });
+    let size = |k: usize| high[k] - low[k];
+    let axis = (0..D).fold(0, |best, k| if size(k) > size(best) { k } else { best });
     let middle = |item: u32| boxes[item as usize][0][axis] + boxes[item as usize][1][axis];
     let half = order.len() / 2;
     order.select_nth_unstable_by(half, |&a, &b| {
@@ -212,6 +226,20 @@ mod tests {
     }
 
     #[test]
+    fn a_segment_is_a_flat_triangle() {
+        let segment = [[1.0, 1.0], [3.0, 1.0]];
+        for (p, square) in [
+            ([2.0, 3.0], 4.0),
+            ([0.0, 1.0], 1.0),
+            ([4.0, 2.0], 2.0),
+            ([1.5, 1.0], 0.0),
+        ] {
+            assert_eq!(square_to_face(p, &segment), square);
+        }
+        assert_eq!(square_to_face([0.0, 0.0], &[[3.0, 4.0]; 2]), 25.0);
+    }
+
+    #[test]
     fn the_tree_finds_what_a_scan_finds() {
         let mut seed = 2;
         let points: Vec<Point> = (0..500)
@@ -228,7 +256,7 @@ mod tests {
             assert!(tree.nearest(p, scanned, Some(7), square).is_none());
         }
         assert!(
-            Tree::new(&[])
+            Tree::<3>::new(&[])
                 .nearest([0.0; 3], FAR, None, |_| 0.0)
                 .is_none()
         );

@@ -1,18 +1,20 @@
-//! The shapes of a mesh's tetrahedra, in figures.
+//! The shapes of a mesh's cells, in figures: tetrahedra by their dihedral angles, triangles by their
+//! angles.
 
 use crate::mesh::quality::{mean_ratio, radius_edge_ratio};
-use crate::mesh::{EDGES, TetMesh, cross, dot, norm, sub, volume6};
+use crate::mesh::{EDGES, Simplices, TetMesh, TriMesh, cross, dot, norm, sub, tri, volume6};
 use rayon::prelude::*;
 use serde::Serialize;
+use std::ops::Range;
 
-/// Bins of the histogram of dihedral angles, of 10 degrees each.
+/// Bins of the histogram of angles, of 10 degrees each.
 pub const BINS: usize = 18;
-/// Tetrahedra in one task; fixed, so that sums do not depend on the number of threads.
+/// Cells in one task; fixed, so that sums do not depend on the number of threads.
 const CHUNK: usize = 1 << 14;
-/// How many of the worst tetrahedra are listed.
+/// How many of the worst cells are listed.
 const LISTED: usize = 10;
 
-/// The worst value of all tetrahedra, and the values that 0.1, 1 and 50 % of them do not reach or
+/// The worst value of all cells, and the values that 0.1, 1 and 50 % of them do not reach or
 /// are worse than.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Points {
@@ -26,59 +28,128 @@ pub struct Points {
     pub median: f64,
 }
 
-/// One of the worst tetrahedra.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+/// One of the worst cells.
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Worst {
     /// Its number in the mesh.
-    pub tet: usize,
+    pub cell: usize,
     /// Its centroid, in the space that was measured.
-    pub centroid: [f64; 3],
-    /// Its smallest dihedral angle, in degrees.
+    pub centroid: Vec<f64>,
+    /// Its smallest angle, in degrees.
     pub smallest: f64,
-    /// Its largest dihedral angle, in degrees.
+    /// Its largest angle, in degrees.
     pub largest: f64,
 }
 
-/// The shapes of all tetrahedra. Angles are dihedral and in degrees. Of an empty mesh, figures
-/// without a value are NaN (null in JSON).
+/// The shapes of all cells: tetrahedra or triangles. Angles are in degrees, and dihedral in
+/// tetrahedra. Of an empty mesh, figures without a value are NaN (null in JSON).
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Quality {
     /// Number of nodes.
     pub nodes: usize,
-    /// Number of tetrahedra.
-    pub tets: usize,
-    /// Each tetrahedron's smallest angle; the worst is the smallest.
+    /// Number of cells.
+    pub cells: usize,
+    /// What they are: `tetrahedra` or `triangles`.
+    pub kind: &'static str,
+    /// Each cell's smallest angle; the worst is the smallest.
     pub smallest_angle: Points,
-    /// Each tetrahedron's largest angle; the worst is the largest.
+    /// Each cell's largest angle; the worst is the largest.
     pub largest_angle: Points,
-    /// Tetrahedra with an angle below 20 degrees.
+    /// Cells with an angle below 20 degrees.
     pub below_20: usize,
-    /// Tetrahedra with an angle below 30 degrees.
+    /// Cells with an angle below 30 degrees.
     pub below_30: usize,
-    /// Tetrahedra with an angle above 150 degrees.
+    /// Cells with an angle above 120 degrees, which only a triangle below 30 has.
+    pub above_120: usize,
+    /// Cells with an angle above 150 degrees.
     pub above_150: usize,
-    /// Tetrahedra with an angle above 160 degrees.
+    /// Cells with an angle above 160 degrees.
     pub above_160: usize,
-    /// Number of angles (six a tetrahedron) in each bin of 10 degrees.
+    /// Number of angles (six a tetrahedron, three a triangle) in each bin of 10 degrees.
     pub histogram: [u64; BINS],
-    /// Mean ratio, 1 for the regular tetrahedron, 0 for a flat one.
+    /// Mean ratio, 1 for the regular cell, 0 for a flat one; in the plane this is
+    /// Q = 4 sqrt(3) A / (l1^2 + l2^2 + l3^2).
     pub mean_ratio: Points,
-    /// Circumradius over shortest edge, 0.612 for the regular tetrahedron; the worst is the
-    /// largest.
+    /// Circumradius over shortest edge, 0.612 for the regular tetrahedron, 0.577 for the equilateral
+    /// triangle; the worst is the largest.
     pub radius_edge: Points,
     /// Mean of all mean ratios.
     pub mean_ratio_mean: f64,
-    /// Sum of the (signed) volumes.
+    /// Sum of the (signed) volumes; areas in the plane.
     pub volume: f64,
     /// The smallest (signed) volume.
     pub smallest_volume: f64,
     /// The largest volume.
     pub largest_volume: f64,
-    /// The tetrahedra whose angles are farthest from 90 degrees, worst first.
+    /// The cells whose angles are farthest from 90 degrees, worst first.
     pub worst: Vec<Worst>,
 }
 
-/// What is kept of each tetrahedron.
+/// The figures of one cell.
+pub struct Shape<A> {
+    angles: A,
+    ratio: f64,
+    radius: f64,
+    volume: f64,
+}
+
+/// A mesh whose cells can be measured.
+pub trait Measured<const D: usize>: Simplices<D> {
+    /// What a file calls the smallest angle of each cell.
+    const MIN_ANGLE: &'static str;
+    /// What a file calls the volume of each cell.
+    const VOLUME: &'static str;
+    /// What a file calls the bits of each cell's faces that lie on features: bit k for the face
+    /// opposite node k.
+    const FEATURE_FACES: &'static str;
+    /// The angles of a cell, in degrees.
+    type Angles: IntoIterator<Item = f64>;
+
+    /// Measures cell `c`.
+    fn shape(&self, c: usize) -> Shape<Self::Angles>;
+
+    /// The smallest angle of cell `c`, in degrees.
+    fn smallest_angle(&self, c: usize) -> f64 {
+        let angles = self.shape(c).angles.into_iter();
+        angles.fold(f64::INFINITY, f64::min)
+    }
+}
+
+impl Measured<3> for TetMesh {
+    const MIN_ANGLE: &'static str = "min_dihedral";
+    const VOLUME: &'static str = "volume";
+    const FEATURE_FACES: &'static str = "feature_faces";
+    type Angles = [f64; 6];
+
+    fn shape(&self, c: usize) -> Shape<[f64; 6]> {
+        let p = self.corners(c);
+        Shape {
+            angles: angles(&p),
+            ratio: mean_ratio(&p),
+            radius: radius_edge_ratio(&p),
+            volume: volume6(&p) / 6.0,
+        }
+    }
+}
+
+impl Measured<2> for TriMesh {
+    const MIN_ANGLE: &'static str = "min_angle";
+    const VOLUME: &'static str = "area";
+    const FEATURE_FACES: &'static str = "feature_edges";
+    type Angles = [f64; 3];
+
+    fn shape(&self, c: usize) -> Shape<[f64; 3]> {
+        let p = self.corners(c);
+        Shape {
+            angles: tri::angles(&p),
+            ratio: tri::shape(&p),
+            radius: tri::radius_edge_ratio(&p),
+            volume: 0.5 * tri::area2(&p),
+        }
+    }
+}
+
+/// What is kept of the cells of one task.
 struct Shapes {
     smallest: Vec<f32>,
     largest: Vec<f32>,
@@ -90,12 +161,12 @@ struct Shapes {
     volume_range: [f64; 2],
 }
 
-/// Measures every tetrahedron in the space in which the mesh's nodes are given.
-pub fn quality(mesh: &TetMesh) -> Quality {
-    let parts: Vec<Shapes> = mesh
-        .tets
-        .par_chunks(CHUNK)
-        .map(|tets| shapes(mesh, tets))
+/// Measures every cell in the space in which the mesh's nodes are given.
+pub fn quality<const D: usize, M: Measured<D>>(mesh: &M) -> Quality {
+    let cells = mesh.len();
+    let parts: Vec<Shapes> = (0..cells.div_ceil(CHUNK))
+        .into_par_iter()
+        .map(|part| shapes(mesh, part * CHUNK..cells.min((part + 1) * CHUNK)))
         .collect();
     let gather = |part: fn(&Shapes) -> &Vec<f32>| -> Vec<f32> {
         parts.iter().flat_map(part).copied().collect()
@@ -110,12 +181,13 @@ pub fn quality(mesh: &TetMesh) -> Quality {
             *sum += bin;
         }
     }
-    let tets = mesh.tets.len();
     Quality {
-        nodes: mesh.nodes.len(),
-        tets,
+        nodes: mesh.nodes().len(),
+        cells,
+        kind: M::CELLS,
         below_20: count(&smallest, |a| a < 20.0),
         below_30: count(&smallest, |a| a < 30.0),
+        above_120: count(&largest, |a| a > 120.0),
         above_150: count(&largest, |a| a > 150.0),
         above_160: count(&largest, |a| a > 160.0),
         histogram,
@@ -124,7 +196,7 @@ pub fn quality(mesh: &TetMesh) -> Quality {
         largest_angle: points(&mut largest, Bad::Large),
         mean_ratio: points(&mut gather(|p| &p.ratio), Bad::Small),
         radius_edge: points(&mut gather(|p| &p.radius), Bad::Large),
-        mean_ratio_mean: parts.iter().map(|p| p.ratio_sum).sum::<f64>() / tets as f64,
+        mean_ratio_mean: parts.iter().map(|p| p.ratio_sum).sum::<f64>() / cells as f64,
         volume: parts.iter().map(|p| p.volume).sum(),
         smallest_volume: parts
             .iter()
@@ -137,37 +209,34 @@ pub fn quality(mesh: &TetMesh) -> Quality {
     }
 }
 
-fn shapes(mesh: &TetMesh, tets: &[[u32; 4]]) -> Shapes {
+fn shapes<const D: usize>(mesh: &impl Measured<D>, cells: Range<usize>) -> Shapes {
     let mut found = Shapes {
-        smallest: Vec::with_capacity(tets.len()),
-        largest: Vec::with_capacity(tets.len()),
-        ratio: Vec::with_capacity(tets.len()),
-        radius: Vec::with_capacity(tets.len()),
+        smallest: Vec::with_capacity(cells.len()),
+        largest: Vec::with_capacity(cells.len()),
+        ratio: Vec::with_capacity(cells.len()),
+        radius: Vec::with_capacity(cells.len()),
         histogram: [0; BINS],
         ratio_sum: 0.0,
         volume: 0.0,
         volume_range: [f64::INFINITY, f64::NEG_INFINITY],
     };
-    for tet in tets {
-        let p = tet.map(|n| mesh.nodes[n as usize]);
-        let angles = angles(&p);
+    for c in cells {
+        let shape = mesh.shape(c);
         let (mut least, mut most) = (180f64, 0f64);
-        for angle in angles {
+        for angle in shape.angles {
             least = least.min(angle);
             most = most.max(angle);
             found.histogram[((angle / 10.0) as usize).min(BINS - 1)] += 1;
         }
-        let ratio = mean_ratio(&p);
-        let volume = volume6(&p) / 6.0;
         found.smallest.push(least as f32);
         found.largest.push(most as f32);
-        found.ratio.push(ratio as f32);
-        found.radius.push(radius_edge_ratio(&p) as f32);
-        found.ratio_sum += ratio;
-        found.volume += volume;
+        found.ratio.push(shape.ratio as f32);
+        found.radius.push(shape.radius as f32);
+        found.ratio_sum += shape.ratio;
+        found.volume += shape.volume;
         found.volume_range = [
-            found.volume_range[0].min(volume),
-            found.volume_range[1].max(volume),
+            found.volume_range[0].min(shape.volume),
+            found.volume_range[1].max(shape.volume),
         ];
     }
     found
@@ -227,32 +296,38 @@ fn points(values: &mut [f32], bad: Bad) -> Points {
     }
 }
 
-fn worst(mesh: &TetMesh, smallest: &[f32], largest: &[f32]) -> Vec<Worst> {
-    let badness = |t: usize| (90.0 - smallest[t]).max(largest[t] - 90.0);
+fn worst<const D: usize>(
+    mesh: &impl Simplices<D>,
+    smallest: &[f32],
+    largest: &[f32],
+) -> Vec<Worst> {
+    let badness = |c: usize| (90.0 - smallest[c]).max(largest[c] - 90.0);
     let mut found: Vec<usize> = Vec::with_capacity(LISTED + 1);
-    for t in 0..mesh.tets.len() {
+    for c in 0..mesh.len() {
         let full = found.len() == LISTED;
         if full
             && found
                 .last()
-                .is_some_and(|&last| badness(t) <= badness(last))
+                .is_some_and(|&last| badness(c) <= badness(last))
         {
             continue;
         }
-        let place = found.partition_point(|&other| badness(other) >= badness(t));
-        found.insert(place, t);
+        let place = found.partition_point(|&other| badness(other) >= badness(c));
+        found.insert(place, c);
         found.truncate(LISTED);
     }
+    let centroid = |c: usize| {
+        let corners = mesh.cell(c);
+        let sum = |k: usize| -> f64 { corners.iter().map(|&n| mesh.nodes()[n as usize][k]).sum() };
+        (0..D).map(|k| sum(k) / corners.len() as f64).collect()
+    };
     found
         .into_iter()
-        .map(|t| {
-            let p = mesh.corners(t);
-            Worst {
-                tet: t,
-                centroid: std::array::from_fn(|k| 0.25 * p.iter().map(|c| c[k]).sum::<f64>()),
-                smallest: smallest[t].into(),
-                largest: largest[t].into(),
-            }
+        .map(|c| Worst {
+            cell: c,
+            centroid: centroid(c),
+            smallest: smallest[c].into(),
+            largest: largest[c].into(),
         })
         .collect()
 }
@@ -287,10 +362,37 @@ mod tests {
     }
 
     #[test]
+    fn the_equilateral_triangle_and_half_a_square() {
+        let nodes = vec![[0.0, 0.0], [2.0, 0.0], [1.0, 3f64.sqrt()]];
+        let mut mesh = TriMesh {
+            nodes,
+            triangles: vec![[0, 1, 2]],
+        };
+        let found = quality(&mesh);
+        assert_eq!((found.cells, found.kind), (1, "triangles"));
+        assert!((found.smallest_angle.worst - 60.0).abs() < 1e-5);
+        assert_eq!(found.histogram[5] + found.histogram[6], 3);
+        assert!((found.mean_ratio_mean - 1.0).abs() < 1e-12);
+        assert!((found.volume - 3f64.sqrt()).abs() < 1e-12);
+        mesh.nodes[2] = [0.0, 2.0];
+        let found = quality(&mesh);
+        assert!((found.smallest_angle.worst - 45.0).abs() < 1e-5);
+        assert!((found.mean_ratio.worst - 0.75f64.sqrt()).abs() < 1e-6);
+        assert_eq!(found.worst[0].centroid, [2.0 / 3.0; 2]);
+        // 10, 10 and 160 degrees.
+        mesh.nodes[2] = [1.0, 10f64.to_radians().tan()];
+        let found = quality(&mesh);
+        assert_eq!(
+            (found.below_20, found.above_120, found.above_150),
+            (1, 1, 1)
+        );
+    }
+
+    #[test]
     fn a_box_of_cut_cubes() {
         let mesh = kuhn_box([5, 4, 3], 2.0);
         let found = quality(&mesh);
-        assert_eq!((found.nodes, found.tets), (6 * 5 * 4, 6 * 60));
+        assert_eq!((found.nodes, found.cells), (6 * 5 * 4, 6 * 60));
         // Kuhn's tetrahedron has the angles 45 (twice), 60 and 90 (three times).
         assert!((found.smallest_angle.worst - 45.0).abs() < 1e-5);
         assert!((found.largest_angle.worst - 90.0).abs() < 1e-5);
@@ -324,7 +426,7 @@ mod tests {
         mesh.tets.push([0, 0, 1, 1]);
         let found = quality(&mesh);
         assert_eq!(found.worst.len(), 10);
-        let listed: Vec<usize> = found.worst.iter().map(|w| w.tet).collect();
+        let listed: Vec<usize> = found.worst.iter().map(|w| w.cell).collect();
         assert!(listed[..2].contains(&t) && listed[..2].contains(&(mesh.tets.len() - 1)));
         assert_eq!((found.below_20, found.above_160), (2, 1));
         assert_eq!(found.smallest_angle.worst, 0.0);

@@ -11,33 +11,35 @@ use crate::synth::truth::REACH;
 const SIDEWAYS: f64 = 1.0;
 
 /// The features of an image: as points on them, and as a distance from anywhere.
-pub struct Reference<'a> {
+pub struct Reference<'a, const D: usize = 3> {
     /// What it was made from, for the report.
     pub source: &'static str,
     /// Points on the features: from truth, each sample closer than half a sample to a feature,
     /// moved onto it; else the detected points.
-    pub points: Vec<[f32; 3]>,
-    field: Field<'a>,
+    pub points: Vec<[f32; D]>,
+    field: Field<'a, D>,
 }
 
-enum Field<'a> {
-    Truth(&'a Truth),
-    Detected { normals: Vec<[f32; 3]>, tree: Tree },
+enum Field<'a, const D: usize> {
+    Truth(&'a Truth<D>),
+    Detected {
+        normals: Vec<[f32; D]>,
+        tree: Tree<D>,
+    },
 }
 
-impl<'a> Reference<'a> {
+impl<'a, const D: usize> Reference<'a, D> {
     /// Ground truth. Feature points that the move takes out of the box (where a feature leaves
     /// through a side) are left out, since no mesh of the box can hold them.
-    pub fn from_truth(truth: &'a Truth) -> Self {
-        let [nx, ny, _] = truth.dims;
+    pub fn from_truth(truth: &'a Truth<D>) -> Self {
         let last = truth.dims.map(|n| (n - 1) as f32);
         let points = (0..truth.distance.len())
             .filter(|&i| truth.distance[i] < 0.5)
             .map(|i| {
-                let index = [i % nx, i / nx % ny, i / (nx * ny)];
+                let index = truth.index_of(i);
                 std::array::from_fn(|k| index[k] as f32 + truth.distance[i] * truth.direction[i][k])
             })
-            .filter(|p: &[f32; 3]| (0..3).all(|k| (-1e-3..=last[k] + 1e-3).contains(&p[k])))
+            .filter(|p: &[f32; D]| (0..D).all(|k| (-1e-3..=last[k] + 1e-3).contains(&p[k])))
             .collect();
         let source = if truth.smooth { "truth" } else { "mask" };
         Self {
@@ -48,9 +50,9 @@ impl<'a> Reference<'a> {
     }
 
     /// The detected features, when no truth is known.
-    pub fn from_features(features: &Features<3>) -> Self {
+    pub fn from_features(features: &Features<D>) -> Self {
         let step = features.potential.step.map(|s| s as f32);
-        let points: Vec<[f32; 3]> = features
+        let points: Vec<[f32; D]> = features
             .points
             .iter()
             .map(|p| std::array::from_fn(|k| p.position[k] / step[k]))
@@ -59,7 +61,7 @@ impl<'a> Reference<'a> {
             .points
             .iter()
             .map(|p| {
-                let n: [f32; 3] = std::array::from_fn(|k| p.normal[k] * step[k]);
+                let n: [f32; D] = std::array::from_fn(|k| p.normal[k] * step[k]);
                 let length = n
                     .iter()
                     .map(|c| c * c)
@@ -82,15 +84,14 @@ impl<'a> Reference<'a> {
     }
 
     /// Whether a position is within `limit` of the features; cheap far from them.
-    pub fn within(&self, p: [f64; 3], limit: f64) -> bool {
+    pub fn within(&self, p: [f64; D], limit: f64) -> bool {
         match &self.field {
             Field::Truth(truth) => {
-                let [nx, ny, _] = truth.dims;
-                let at: [usize; 3] = std::array::from_fn(|k| {
+                let at: [usize; D] = std::array::from_fn(|k| {
                     (p[k].max(0.0).round() as usize).min(truth.dims[k] - 1)
                 });
-                let gap: [f64; 3] = std::array::from_fn(|k| p[k] - at[k] as f64);
-                let d = f64::from(truth.distance[(at[2] * ny + at[1]) * nx + at[0]]);
+                let gap: [f64; D] = std::array::from_fn(|k| p[k] - at[k] as f64);
+                let d = f64::from(truth.distance[truth.sample(at)]);
                 d - dot(gap, gap).sqrt() <= limit && from_corners(truth, p) <= limit
             }
             Field::Detected { normals, tree } => {
@@ -106,7 +107,7 @@ impl<'a> Reference<'a> {
     /// From truth it is third-order accurate: see `from_corners`. From detected points it is the
     /// distance to the plane of the nearest point, or to that point if it is more than one sample
     /// away sideways.
-    pub fn distance(&self, p: [f64; 3]) -> f64 {
+    pub fn distance(&self, p: [f64; D]) -> f64 {
         match &self.field {
             Field::Truth(truth) => from_corners(truth, p),
             Field::Detected { normals, tree } => self.to_points(normals, tree, p, f64::from(REACH)),
@@ -114,9 +115,9 @@ impl<'a> Reference<'a> {
     }
 
     /// The distance from detected points; `far` if no point is nearer than that.
-    fn to_points(&self, normals: &[[f32; 3]], tree: &Tree, p: [f64; 3], far: f64) -> f64 {
+    fn to_points(&self, normals: &[[f32; D]], tree: &Tree<D>, p: [f64; D], far: f64) -> f64 {
         let gap =
-            |i: usize| -> [f64; 3] { std::array::from_fn(|k| p[k] - f64::from(self.points[i][k])) };
+            |i: usize| -> [f64; D] { std::array::from_fn(|k| p[k] - f64::from(self.points[i][k])) };
         let Some((i, square)) = tree.nearest(p, far * far, None, |i| dot(gap(i), gap(i))) else {
             return far;
         };
@@ -130,7 +131,10 @@ impl<'a> Reference<'a> {
     }
 }
 
-/// Distance from the eight samples about a position.
+/// Most corners of a cell of samples: eight in space, four of them used in the plane.
+const MOST: usize = 8;
+
+/// Distance from the eight samples (four in the plane) about a position.
 ///
 /// Each sample i knows its closest feature point q_i and the normal n_i there. On a smooth surface
 /// a chord is perpendicular to the mean of the normals at its ends up to third order, so the height
@@ -139,26 +143,26 @@ impl<'a> Reference<'a> {
 /// crossing. As a distance changes no faster than position, it is at least every
 /// d_i - |p - x_i|: that holds where a surface ends (but for less than a sample behind its end, where
 /// it may still seem to go on).
-fn from_corners(truth: &Truth, p: [f64; 3]) -> f64 {
-    let [nx, ny, _] = truth.dims;
-    let cell: [usize; 3] = std::array::from_fn(|k| (p[k].max(0.0) as usize).min(truth.dims[k] - 2));
-    let inside: [f64; 3] = std::array::from_fn(|k| (p[k] - cell[k] as f64).clamp(0.0, 1.0));
-    let mut weights = [0f64; 8];
-    let mut normals = [[0f64; 3]; 8];
-    let mut gaps = [[0f64; 3]; 8];
-    let mut known = [false; 8];
+fn from_corners<const D: usize>(truth: &Truth<D>, p: [f64; D]) -> f64 {
+    let cell: [usize; D] = std::array::from_fn(|k| (p[k].max(0.0) as usize).min(truth.dims[k] - 2));
+    let inside: [f64; D] = std::array::from_fn(|k| (p[k] - cell[k] as f64).clamp(0.0, 1.0));
+    let count = 1 << D;
+    let mut weights = [0f64; MOST];
+    let mut normals = [[0f64; D]; MOST];
+    let mut gaps = [[0f64; D]; MOST];
+    let mut known = [false; MOST];
     let mut least = 0f64;
-    for c in 0..8 {
-        let bit = [c & 1, c >> 1 & 1, c >> 2 & 1];
-        let at = [cell[0] + bit[0], cell[1] + bit[1], cell[2] + bit[2]];
-        let i = (at[2] * ny + at[1]) * nx + at[0];
+    for c in 0..count {
+        let bit: [usize; D] = std::array::from_fn(|k| c >> k & 1);
+        let at: [usize; D] = std::array::from_fn(|k| cell[k] + bit[k]);
+        let i = truth.sample(at);
         let d = f64::from(truth.distance[i]);
-        let from: [f64; 3] = std::array::from_fn(|k| p[k] - at[k] as f64);
+        let from: [f64; D] = std::array::from_fn(|k| p[k] - at[k] as f64);
         least = least.max(d - dot(from, from).sqrt());
         normals[c] = truth.direction[i].map(f64::from);
-        known[c] = truth.direction[i] != [0.0; 3] || d == 0.0;
+        known[c] = truth.direction[i] != [0.0; D] || d == 0.0;
         gaps[c] = std::array::from_fn(|k| from[k] - d * normals[c][k]);
-        weights[c] = (0..3)
+        weights[c] = (0..D)
             .map(|k| {
                 if bit[k] == 1 {
                     inside[k]
@@ -175,11 +179,11 @@ fn from_corners(truth: &Truth, p: [f64; 3]) -> f64 {
     };
     let first = known.iter().position(|&k| k).unwrap_or(0);
     // Far from crossings all samples see one surface, and one mean normal serves them all.
-    let shared = (0..8).all(|i| known[i] && corners.turn(first, i) != 0.0);
+    let shared = (0..count).all(|i| known[i] && corners.turn(first, i) != 0.0);
     let shared = (shared && truth.smooth).then(|| corners.mean_normal(first));
     let mut best = f64::from(REACH);
-    for i in (0..8).filter(|&i| known[i]) {
-        let height = if truth.smooth && normals[i] != [0.0; 3] {
+    for i in (0..count).filter(|&i| known[i]) {
+        let height = if truth.smooth && normals[i] != [0.0; D] {
             let mean = match shared {
                 Some(mean) => mean.map(|c| corners.turn(first, i) * c),
                 None => corners.mean_normal(i),
@@ -193,15 +197,15 @@ fn from_corners(truth: &Truth, p: [f64; 3]) -> f64 {
     best.max(least).clamp(0.0, f64::from(REACH))
 }
 
-/// The eight samples about a position p: their weights in p, their normals, and p minus their
+/// The samples about a position p: their weights in p, their normals, and p minus their
 /// closest feature points.
-struct Corners {
-    weights: [f64; 8],
-    normals: [[f64; 3]; 8],
-    gaps: [[f64; 3]; 8],
+struct Corners<const D: usize> {
+    weights: [f64; MOST],
+    normals: [[f64; D]; MOST],
+    gaps: [[f64; D]; MOST],
 }
 
-impl Corners {
+impl<const D: usize> Corners<D> {
     /// 1 or -1 if samples i and j see the same surface with normals alike or opposite, else 0.
     #[inline]
     fn turn(&self, i: usize, j: usize) -> f64 {
@@ -211,7 +215,7 @@ impl Corners {
         }
         let sign = turn.signum();
         // The chord q_j - q_i against the mean normal: small on one and the same surface.
-        let chord: f64 = (0..3)
+        let chord: f64 = (0..D)
             .map(|k| {
                 (self.gaps[i][k] - self.gaps[j][k])
                     * (self.normals[i][k] + sign * self.normals[j][k])
@@ -221,11 +225,11 @@ impl Corners {
     }
 
     /// The unit normal at p of the surface that sample i sees, on the side of i's normal.
-    fn mean_normal(&self, i: usize) -> [f64; 3] {
-        let mut sum = [0f64; 3];
-        for j in 0..8 {
+    fn mean_normal(&self, i: usize) -> [f64; D] {
+        let mut sum = [0f64; D];
+        for j in 0..1 << D {
             let share = self.turn(i, j) * self.weights[j];
-            for k in 0..3 {
+            for k in 0..D {
                 sum[k] += share * self.normals[j][k];
             }
         }
@@ -238,6 +242,6 @@ impl Corners {
     }
 }
 
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+fn dot<const D: usize>(a: [f64; D], b: [f64; D]) -> f64 {
+    (0..D).map(|k| a[k] * b[k]).sum()
 }

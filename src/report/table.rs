@@ -1,7 +1,7 @@
 //! A report on one screen.
 
 use super::quality::{Points, Quality};
-use super::{Fidelity, Match, Report};
+use super::{Fidelity, Match, Report, Voronoi};
 
 /// How many groups of blocked tetrahedra are shown.
 const GROUPS: usize = 4;
@@ -13,16 +13,14 @@ impl Report {
         let mut lines = Vec::new();
         let mut line = |name: &str, text: String| lines.push(format!("{name:<12}{text}"));
         if let Some(input) = &self.input {
-            let [nx, ny, nz] = input.dims;
-            line(
-                "input",
-                format!("{}, {nx} x {ny} x {nz} samples", input.file),
-            );
+            let dims = input.dims.iter().map(usize::to_string);
+            let dims = dims.collect::<Vec<_>>().join(" x ");
+            line("input", format!("{}, {dims} samples", input.file));
             line("", input.hash.clone());
         }
         if let Some(quality) = &self.quality {
-            let (nodes, tets) = (grouped(quality.nodes), grouped(quality.tets));
-            line("mesh", format!("{nodes} nodes, {tets} tetrahedra"));
+            let (nodes, cells) = (grouped(quality.nodes), grouped(quality.cells));
+            line("mesh", format!("{nodes} nodes, {cells} {}", quality.kind));
         }
         if let Some(filling) = &self.filling {
             let state = if filling.passed() {
@@ -38,6 +36,9 @@ impl Report {
                     errors.0, errors.1
                 ),
             );
+        }
+        if let Some(voronoi) = &self.voronoi {
+            cells(&mut line, voronoi);
         }
         if let Some(lattice) = &self.lattice {
             let [low, middle, high] = lattice.spacing;
@@ -138,15 +139,66 @@ impl Report {
             line(
                 "",
                 format!(
-                    "{} atoms/s, {} tetrahedra/s; {} and {} a cpu second",
+                    "{} atoms/s, {} {}/s; {} and {} a cpu second",
                     rate(quality.nodes, seconds),
-                    rate(quality.tets, seconds),
+                    rate(quality.cells, seconds),
+                    quality.kind,
                     rate(quality.nodes, cpu),
-                    rate(quality.tets, cpu)
+                    rate(quality.cells, cpu)
                 ),
             );
         }
     }
+}
+
+fn cells(line: &mut impl FnMut(&str, String), voronoi: &Voronoi) {
+    let check = &voronoi.check;
+    let [faces, count] = [check.faces, check.cells].map(grouped);
+    line("mesh", format!("{count} {}, {faces} faces", voronoi.kind));
+    let state = if check.passed() {
+        "valid, fills its box".into()
+    } else {
+        check.problems.join("; ")
+    };
+    line(
+        "box",
+        format!(
+            "{state}; volume off by {:.0e}, sides by {:.0e}",
+            check.volume_error, check.flatness_error
+        ),
+    );
+    let [smallest, largest] = voronoi.volumes;
+    line(
+        "cells",
+        format!("smallest {smallest:.2}, largest {largest:.2} of the mean volume"),
+    );
+    line(
+        "faces",
+        format!(
+            "{} between cells, {} on features; {} with a transmissibility that is not positive",
+            grouped(voronoi.connections),
+            grouped(voronoi.on_feature),
+            grouped(voronoi.not_positive)
+        ),
+    );
+    let [a, b, c, d] = voronoi.tiny_faces.map(|share| 100.0 * share);
+    line(
+        "",
+        format!(
+            "smallest {:.0e} of the mean area; below 1e-6 {a:.2} %, 1e-4 {b:.2} %, 1e-3 {c:.2} %, \
+             1e-2 {d:.1} %",
+            voronoi.smallest_face
+        ),
+    );
+    let angle = |[worst, mean]: [f64; 2]| format!("worst {worst:.1e}, mean {mean:.1e}");
+    line(
+        "",
+        format!(
+            "off their connections (degrees): {}; in physical space {}",
+            angle(voronoi.angle),
+            angle(voronoi.angle_physical)
+        ),
+    );
 }
 
 fn shapes(line: &mut impl FnMut(&str, String), space: &str, quality: &Quality) {
@@ -163,22 +215,17 @@ fn shapes(line: &mut impl FnMut(&str, String), space: &str, quality: &Quality) {
             "worst", "0.1 %", "1 %", "50 %"
         ),
     );
-    line(
-        "",
-        format!(
-            "{:<25}{}",
-            "smallest dihedral angle",
-            row(&quality.smallest_angle, 1)
-        ),
-    );
-    line(
-        "",
-        format!(
-            "{:<25}{}",
-            "largest dihedral angle",
-            row(&quality.largest_angle, 1)
-        ),
-    );
+    let flat = quality.kind == "triangles";
+    let angle = if flat { "angle" } else { "dihedral angle" };
+    for (end, points) in [
+        ("smallest", &quality.smallest_angle),
+        ("largest", &quality.largest_angle),
+    ] {
+        line(
+            "",
+            format!("{:<25}{}", format!("{end} {angle}"), row(points, 1)),
+        );
+    }
     line(
         "",
         format!("{:<25}{}", "mean ratio", row(&quality.mean_ratio, 3)),
@@ -187,16 +234,21 @@ fn shapes(line: &mut impl FnMut(&str, String), space: &str, quality: &Quality) {
         "",
         format!("{:<25}{}", "radius over edge", row(&quality.radius_edge, 3)),
     );
-    line(
-        "",
-        format!(
-            "tetrahedra below 20: {}, below 30: {}, above 150: {}, above 160: {}",
-            grouped(quality.below_20),
-            grouped(quality.below_30),
-            grouped(quality.above_150),
-            grouped(quality.above_160)
-        ),
+    let mut counts = format!(
+        "{} below 20: {}, below 30: {}",
+        quality.kind,
+        grouped(quality.below_20),
+        grouped(quality.below_30)
     );
+    if flat {
+        counts += &format!(", above 120: {}", grouped(quality.above_120));
+    }
+    counts += &format!(
+        ", above 150: {}, above 160: {}",
+        grouped(quality.above_150),
+        grouped(quality.above_160)
+    );
+    line("", counts);
     line("", format!("angles 0 |{}| 180", bars(&quality.histogram)));
 }
 
@@ -333,7 +385,7 @@ mod tests {
         Report {
             input: Some(Input {
                 file: "a.npy".into(),
-                dims: [17; 3],
+                dims: vec![17; 3],
                 hash: "sha256:00".into(),
             }),
             parameters: serde_json::json!({ "distance": 2.0, "seed": 1 }),
@@ -395,7 +447,7 @@ mod tests {
     #[test]
     fn json_has_every_section_and_null_for_what_has_no_value() {
         let json = serde_json::to_value(full()).unwrap();
-        assert_eq!(json["quality"]["tets"], 3072);
+        assert_eq!(json["quality"]["cells"], 3072);
         assert_eq!(json["parameters"]["seed"], 1);
         assert_eq!(json["box"]["problems"].as_array().unwrap().len(), 0);
         assert_eq!(json["fidelity"]["claimed"]["faces"], 0);

@@ -1,11 +1,8 @@
 //! Fixed atoms: wells, sources, sinks. They come from the user and never move.
 
-use std::path::Path;
-
-use super::{Atoms, sides_held};
+use super::{Alignment, Atoms, sides_held};
 use crate::distance::Distance;
-use crate::error::{Error, Result, cause, os};
-use crate::image::Geometry;
+use crate::error::{Error, Result, cause};
 use crate::mesh::AtomKind;
 
 /// Lattice atoms nearer to a fixed atom than this, in units of d, make room for it.
@@ -14,96 +11,30 @@ const ROOM: f64 = 0.7;
 /// to be on it, or the same.
 const SAME: f64 = 1e-6;
 
-/// Reads positions of fixed atoms, `x,y,z` in physical coordinates on each line, and returns them in
-/// lattice space (`step` is the lattice-space distance between samples).
-///
-/// Commas, semicolons, tabs and spaces separate; columns beyond the third, empty lines, lines that
-/// begin with `#` and one header line are skipped.
-///
-/// # Errors
-/// [`Error::Io`] if the file cannot be read, [`Error::Seeding`] with the line's number if a line is
-/// not three finite numbers, or if there are none.
-pub fn read_fixed_csv(
-    path: &Path,
-    geometry: &Geometry<3>,
-    step: [f64; 3],
-) -> Result<Vec<[f64; 3]>> {
-    let text = std::fs::read_to_string(path).map_err(|e| os(path, "read", e))?;
-    let mut positions = Vec::new();
-    let mut header_seen = false;
-    for (number, line) in text.lines().enumerate() {
-        let line = line.trim().trim_start_matches('\u{feff}');
-        if line.is_empty() || line.starts_with('#') {
-            continue;
-        }
-        let fail = |problem: String| {
-            let place = format!("{}, line {}", path.display(), number + 1);
-            Error::Seeding(cause(
-                place,
-                problem,
-                "give three numbers x,y,z on each line",
-            ))
-        };
-        let fields: Vec<&str> = line
-            .split([',', ';', '\t', ' '])
-            .map(str::trim)
-            .filter(|field| !field.is_empty())
-            .collect();
-        let numbers: Vec<f64> = fields
-            .iter()
-            .take(3)
-            .map_while(|f| f.parse().ok())
-            .collect();
-        let Ok(physical) = <[f64; 3]>::try_from(numbers.as_slice()) else {
-            // Only a line without any number can be a header.
-            if positions.is_empty() && !header_seen && numbers.is_empty() {
-                header_seen = true;
-                continue;
-            }
-            return Err(fail(format!(
-                "\"{line}\" does not begin with three numbers"
-            )));
-        };
-        if !physical.iter().all(|c| c.is_finite()) {
-            return Err(fail(format!("\"{line}\" is not finite")));
-        }
-        let index = geometry
-            .to_index(physical)
-            .ok_or_else(|| fail("the image's axes do not span space".to_string()))?;
-        positions.push(std::array::from_fn(|k| index[k] * step[k]));
-    }
-    if positions.is_empty() {
-        return Err(Error::Seeding(cause(
-            path.display(),
-            "holds no positions",
-            "give three numbers x,y,z on each line, or leave the file out",
-        )));
-    }
-    Ok(positions)
-}
-
 /// Checks fixed atoms against the box `[0, extent]` and against each other; those within rounding
 /// of a side are put exactly on it.
 ///
 /// # Errors
-/// [`Error::Seeding`] if one lies outside the box or two at one place.
-pub fn checked(
-    fixed: &[[f64; 3]],
-    extent: [f64; 3],
-    distance: &Distance<3>,
-) -> Result<Vec<[f64; 3]>> {
-    let place = |n: usize, x: [f64; 3]| format!("fixed atom {} at {x:?} (lattice)", n + 1);
+/// [`Error::Seeding`] if one lies outside the box or, alongside, on a side of it, or two at one
+/// place.
+pub fn checked<const D: usize>(
+    fixed: &[[f64; D]],
+    extent: [f64; D],
+    distance: &Distance<D>,
+    alignment: Alignment,
+) -> Result<Vec<[f64; D]>> {
+    let place = |n: usize, x: [f64; D]| format!("fixed atom {} at {x:?} (lattice)", n + 1);
     let mut snapped = Vec::with_capacity(fixed.len());
     for (n, &x) in fixed.iter().enumerate() {
         let tolerance = extent.map(|l| SAME * l);
-        if !(0..3).all(|k| x[k] >= -tolerance[k] && x[k] <= extent[k] + tolerance[k]) {
+        if !(0..D).all(|k| x[k] >= -tolerance[k] && x[k] <= extent[k] + tolerance[k]) {
             return Err(Error::Seeding(cause(
                 place(n, x),
                 format!("lies outside the box from the origin to {extent:?}"),
                 "leave it out or correct its coordinates",
             )));
         }
-        snapped.push(std::array::from_fn(|k| {
+        let x = std::array::from_fn(|k| {
             if x[k] <= tolerance[k] {
                 0.0
             } else if x[k] >= extent[k] - tolerance[k] {
@@ -111,7 +42,15 @@ pub fn checked(
             } else {
                 x[k]
             }
-        }));
+        });
+        if alignment == Alignment::Alongside && sides_held(x, extent) > 0 {
+            return Err(Error::Seeding(cause(
+                place(n, x),
+                "lies on a side of the box, where cells end",
+                "put it inside, or make a mesh that has nodes on the sides",
+            )));
+        }
+        snapped.push(x);
     }
     if snapped.is_empty() {
         return Ok(snapped);
@@ -140,7 +79,12 @@ pub fn checked(
 /// Adds fixed atoms (already [`checked`]) to a lattice. Lattice atoms nearer to one than 0.7 d make
 /// room, unless they lie on more sides of the box than it does: the box keeps its corners, edges and
 /// sides.
-pub fn insert(atoms: &mut Atoms<3>, fixed: &[[f64; 3]], extent: [f64; 3], distance: &Distance<3>) {
+pub fn insert<const D: usize>(
+    atoms: &mut Atoms<D>,
+    fixed: &[[f64; D]],
+    extent: [f64; D],
+    distance: &Distance<D>,
+) {
     if fixed.is_empty() {
         return;
     }
@@ -152,7 +96,7 @@ pub fn insert(atoms: &mut Atoms<3>, fixed: &[[f64; 3]], extent: [f64; 3], distan
     let mut order: Vec<usize> = (0..fixed.len()).collect();
     order.sort_by(|&a, &b| fixed[a][0].total_cmp(&fixed[b][0]));
     let widest = rooms.iter().fold(0.0f64, |w, r| w.max(r.0)).sqrt();
-    let stays = |x: &[f64; 3]| {
+    let stays = |x: &[f64; D]| {
         let first = order.partition_point(|&n| fixed[n][0] < x[0] - widest);
         let held = sides_held(*x, extent);
         order[first..]
@@ -177,51 +121,7 @@ pub fn insert(atoms: &mut Atoms<3>, fixed: &[[f64; 3]], extent: [f64; 3], distan
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::seeding::fcc;
-
-    fn read(text: &str) -> Result<Vec<[f64; 3]>> {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("wells.csv");
-        std::fs::write(&path, text).unwrap();
-        let geometry = Geometry::with_spacing([100.0, 200.0, 0.0], [25.0, 12.5, 4.0]);
-        read_fixed_csv(&path, &geometry, [1.0, 1.0, 2.0])
-    }
-
-    #[test]
-    fn reads_physical_positions() {
-        let truth = vec![[2.0, 4.0, 5.0], [0.5, 0.0, 0.0]];
-        assert_eq!(
-            read("x,y,z\n150,250,10\n\n# a comment\n112.5,200,0\n").unwrap(),
-            truth
-        );
-        assert_eq!(
-            read("150 250\t10 W1\r\n112.5; 200; 0; W2\r\n").unwrap(),
-            truth
-        );
-    }
-
-    #[test]
-    fn names_the_line_that_is_wrong() {
-        for (text, line) in [
-            ("x,y,z\n1,2,3\n4,5\n", "line 3"),
-            ("1,2,3\nx,y,z\n", "line 2"),
-            ("1,2,nan\n", "line 1"),
-            ("x,y,z\nx,y,z\n", "line 2"),
-            ("1,zwei,3\n", "line 1"),
-        ] {
-            let error = read(text).unwrap_err().to_string();
-            assert!(error.contains(line), "{error}");
-        }
-        assert!(
-            read("x,y,z\n")
-                .unwrap_err()
-                .to_string()
-                .contains("no positions")
-        );
-        let geometry = Geometry::default();
-        let missing = read_fixed_csv(Path::new("/nowhere/wells.csv"), &geometry, [1.0; 3]);
-        assert!(matches!(missing, Err(Error::Io(_))));
-    }
+    use crate::seeding::regular;
 
     #[test]
     fn lattice_makes_room_and_the_box_stays_whole() {
@@ -233,8 +133,8 @@ mod tests {
             [20.0, 0.0, 48.0],
             [1.0, 1.0, 1.0],
         ];
-        let plain = fcc(extent, &distance, &[]).unwrap();
-        let atoms = fcc(extent, &distance, &fixed).unwrap();
+        let plain = regular(extent, &distance, &[], Alignment::On).unwrap();
+        let atoms = regular(extent, &distance, &fixed, Alignment::On).unwrap();
         assert!(atoms.len() <= plain.len() + fixed.len());
         let is = |kind| atoms.kinds.iter().filter(|&&k| k == kind).count();
         assert_eq!((is(AtomKind::Fixed), is(AtomKind::Corner)), (4, 8));
@@ -250,7 +150,11 @@ mod tests {
     fn impossible_fixed_atoms_are_refused() {
         let extent = [40.0; 3];
         let distance = Distance::Constant(6.0);
-        let message = |fixed: &[[f64; 3]]| fcc(extent, &distance, fixed).unwrap_err().to_string();
+        let message = |fixed: &[[f64; 3]]| {
+            regular(extent, &distance, fixed, Alignment::On)
+                .unwrap_err()
+                .to_string()
+        };
         let outside = message(&[[1.0, 2.0, 3.0], [41.0, 2.0, 3.0]]);
         assert!(
             outside.contains("fixed atom 2") && outside.contains("outside"),

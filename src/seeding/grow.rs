@@ -1,18 +1,21 @@
 //! A pseudo-regular lattice for variable d: Hale 2001, Algorithm 2, with exact sides.
 //!
 //! A queue of atoms grows the lattice: an atom proposes the sites that its neighbours would have in
-//! a face-centred cubic lattice of spacing d(x), and a site becomes an atom if no atom is nearer
-//! than 0.8 d. Hale marks spheres in a volume of flags; here atoms are kept in a grid of cells.
+//! the densest regular lattice of spacing d(x), face-centred cubic or triangular, and a site becomes
+//! an atom if no atom is nearer than 0.8 d. Hale marks spheres in a volume of flags; here atoms are
+//! kept in a grid of cells.
 //!
-//! The box comes first, so that it is filled exactly: its corners; atoms along its edges, sqrt 2 d
-//! apart as on the edges of a (100) box; atoms in its sides, grown from the edges as centred squares;
-//! and only then the volume, grown from fixed atoms and sides inwards. All of it in the orientation
-//! of the box's axes, so that where d hardly varies the fronts meet as one lattice.
+//! The box comes first, so that it is filled exactly: its corners; atoms along its edges, in 3-D
+//! sqrt 2 d apart as on the edges of a (100) box; in 3-D atoms in its sides, grown from the edges as
+//! centred squares; and only then the inside, grown from fixed atoms and sides inwards. All of it in
+//! the orientation of the box's axes, so that where d hardly varies the fronts meet as one lattice.
+//!
+//! Alongside, the same happens on a box that is half a d smaller on every side.
 
 use std::collections::VecDeque;
 use std::f64::consts::{FRAC_1_SQRT_2, SQRT_2};
 
-use super::{distance2, sides_held};
+use super::{Alignment, distance2, sides_held};
 use crate::distance::Distance;
 
 /// A site is free if no atom is nearer than this, in units of d (Hale 2001: 0.8).
@@ -22,11 +25,16 @@ const FREE: f64 = 0.8;
 const MARGIN: f64 = 0.4;
 
 /// Atoms found so far, in a grid of cells.
-struct Grown<'a> {
-    distance: &'a Distance<3>,
-    extent: [f64; 3],
-    positions: Vec<[f64; 3]>,
-    dims: [usize; 3],
+struct Grown<'a, const D: usize> {
+    distance: &'a Distance<D>,
+    extent: [f64; D],
+    /// How far inside the box its outermost atoms are, in units of d.
+    inset: f64,
+    positions: Vec<[f64; D]>,
+    /// The sides that each atom belongs to: bit k for the near one along axis k, bit `D + k` for the
+    /// far one.
+    sides: Vec<u8>,
+    dims: [usize; D],
     edge: f64,
     /// The smallest d.
     least: f64,
@@ -39,18 +47,23 @@ struct Grown<'a> {
 /// No atom.
 const NONE: u32 = u32::MAX;
 
-impl<'a> Grown<'a> {
-    fn new(extent: [f64; 3], distance: &'a Distance<3>) -> Self {
+impl<'a, const D: usize> Grown<'a, D> {
+    fn new(extent: [f64; D], distance: &'a Distance<D>, alignment: Alignment) -> Self {
         // A few atoms a cell where d is least; never more than some ten million cells.
         let volume: f64 = extent.iter().product();
         let least = distance.min();
-        let edge = (1.6 * FREE * least).max((volume / 1e7).cbrt());
+        let edge = (1.6 * FREE * least).max((volume / 1e7).powf(1.0 / D as f64));
         let dims = extent.map(|l| (l / edge) as usize + 1);
         let last = vec![NONE; dims.iter().product()];
         Self {
             distance,
             extent,
+            inset: match alignment {
+                Alignment::On => 0.0,
+                Alignment::Alongside => 0.5,
+            },
             positions: Vec::new(),
+            sides: Vec::new(),
             dims,
             edge,
             least,
@@ -59,25 +72,31 @@ impl<'a> Grown<'a> {
         }
     }
 
-    fn cell_along(&self, k: usize, x: f64) -> usize {
-        ((x.max(0.0) / self.edge) as usize).min(self.dims[k] - 1)
+    /// The index of the cell `x + shift` along each axis.
+    fn cell(&self, x: &[f64; D], shift: f64) -> [usize; D] {
+        std::array::from_fn(|k| {
+            (((x[k] + shift).max(0.0) / self.edge) as usize).min(self.dims[k] - 1)
+        })
     }
 
-    fn index(&self, c: [usize; 3]) -> usize {
-        (c[2] * self.dims[1] + c[1]) * self.dims[0] + c[0]
+    fn index(&self, cell: [usize; D]) -> usize {
+        (0..D)
+            .rev()
+            .fold(0, |index, k| index * self.dims[k] + cell[k])
     }
 
-    fn add(&mut self, x: [f64; 3]) -> u32 {
+    fn add(&mut self, x: [f64; D], sides: u8) -> u32 {
         let n = self.positions.len() as u32;
-        let cell = self.index(std::array::from_fn(|k| self.cell_along(k, x[k])));
+        let cell = self.index(self.cell(&x, 0.0));
         self.before.push(self.last[cell]);
         self.last[cell] = n;
         self.positions.push(x);
+        self.sides.push(sides);
         n
     }
 
     /// Whether an atom of a cell is nearer to `x` than the square root of `radius2`.
-    fn taken(&self, cell: usize, x: &[f64; 3], radius2: f64) -> bool {
+    fn taken(&self, cell: usize, x: &[f64; D], radius2: f64) -> bool {
         let mut n = self.last[cell];
         while n != NONE {
             if distance2(&self.positions[n as usize], x) < radius2 {
@@ -89,71 +108,95 @@ impl<'a> Grown<'a> {
     }
 
     /// Whether no atom is nearer to `x` than `radius`.
-    fn is_free(&self, x: &[f64; 3], radius: f64) -> bool {
+    fn is_free(&self, x: &[f64; D], radius: f64) -> bool {
         let radius2 = radius * radius;
         // Most sites are those of atoms that are there already.
-        let own = self.index(std::array::from_fn(|k| self.cell_along(k, x[k])));
+        let own = self.index(self.cell(x, 0.0));
         if self.taken(own, x, radius2) {
             return false;
         }
-        let low: [usize; 3] = std::array::from_fn(|k| self.cell_along(k, x[k] - radius));
-        let high: [usize; 3] = std::array::from_fn(|k| self.cell_along(k, x[k] + radius));
-        for z in low[2]..=high[2] {
-            for y in low[1]..=high[1] {
-                for c in low[0]..=high[0] {
-                    let cell = self.index([c, y, z]);
-                    if cell != own && self.taken(cell, x, radius2) {
-                        return false;
-                    }
-                }
+        let (low, high) = (self.cell(x, -radius), self.cell(x, radius));
+        let mut cell = low;
+        loop {
+            let index = self.index(cell);
+            if index != own && self.taken(index, x, radius2) {
+                return false;
             }
+            // The next cell of the block, x fastest.
+            let Some(k) = (0..D).find(|&k| cell[k] < high[k]) else {
+                return true;
+            };
+            cell[k] += 1;
+            cell[..k].copy_from_slice(&low[..k]);
         }
-        true
     }
 
-    /// Grows a lattice from the atoms in `queue` over the axes in `along`: all three for the volume,
-    /// two for a side, on which the third coordinate stays what it is.
-    fn grow(&mut self, mut queue: VecDeque<u32>, along: &[usize]) {
+    /// Where the near and far ends of the lattice are along an axis at a place where d is `d`.
+    fn ends(&self, k: usize, d: f64) -> [f64; 2] {
+        [self.inset * d, self.extent[k] - self.inset * d]
+    }
+
+    /// Puts a point onto the given sides of the lattice.
+    fn onto(&self, mut x: [f64; D], sides: u8) -> [f64; D] {
+        let d = self.distance.at(x);
+        for k in 0..D {
+            let ends = self.ends(k, d);
+            if sides >> k & 1 == 1 {
+                x[k] = ends[0];
+            } else if sides >> (D + k) & 1 == 1 {
+                x[k] = ends[1];
+            }
+        }
+        x
+    }
+
+    /// Grows a lattice from the atoms in `queue`, over the whole box or over the given `sides` of it.
+    fn grow(&mut self, mut queue: VecDeque<u32>, sides: u8) {
+        let along: Vec<usize> = (0..D)
+            .filter(|&k| (sides | sides >> D) >> k & 1 == 0)
+            .collect();
+        let steps = steps::<D>(&along);
         while let Some(n) = queue.pop_front() {
             let from = self.positions[n as usize];
-            let half_cell = self.distance.at(from) * FRAC_1_SQRT_2;
-            for (place, &first) in along.iter().enumerate() {
-                for &second in &along[place + 1..] {
-                    for signs in 0..4 {
-                        let sign = |bit: usize| if signs >> bit & 1 == 0 { 1.0 } else { -1.0 };
-                        let mut site = from;
-                        site[first] += sign(0) * half_cell;
-                        site[second] += sign(1) * half_cell;
-                        let d = self.distance.at(site);
-                        let margin = MARGIN * d;
-                        let inside = along
-                            .iter()
-                            .all(|&k| site[k] >= margin && site[k] <= self.extent[k] - margin);
-                        if inside && self.is_free(&site, FREE * d) {
-                            queue.push_back(self.add(site));
-                        }
-                    }
+            let d = self.distance.at(from);
+            for step in &steps {
+                let site = self.onto(std::array::from_fn(|k| from[k] + d * step[k]), sides);
+                let d = self.distance.at(site);
+                let inside = along.iter().all(|&k| {
+                    let [low, high] = self.ends(k, d);
+                    site[k] >= low + MARGIN * d && site[k] <= high - MARGIN * d
+                });
+                if inside && self.is_free(&site, FREE * d) {
+                    queue.push_back(self.add(site, sides));
                 }
             }
         }
     }
 
-    /// Atoms between the ends of the box's edge along `axis` through `corner`, evenly spread in
-    /// units of sqrt 2 d.
-    fn edge(&self, axis: usize, corner: [f64; 3]) -> Vec<[f64; 3]> {
-        let length = self.extent[axis];
+    /// Atoms between the ends of the edge along `axis` that belongs to `sides`, evenly spread in
+    /// units of d (in 3-D of sqrt 2 d).
+    fn edge(&self, axis: usize, sides: u8) -> Vec<[f64; D]> {
         let at = |t: f64| {
-            let mut x = corner;
+            let mut x = std::array::from_fn(|k| {
+                if sides >> k & 1 == 1 {
+                    0.0
+                } else {
+                    self.extent[k]
+                }
+            });
             x[axis] = t;
-            x
+            self.onto(x, sides)
         };
+        let near = self.ends(axis, self.distance.at(at(0.0)))[0];
+        let far = self.ends(axis, self.distance.at(at(self.extent[axis])))[1];
+        let unit = if D == 3 { SQRT_2 } else { 1.0 };
         // How many spacings from the start to each of many points (midpoint rule).
-        let pieces = (8.0 * length / self.least).ceil().max(8.0) as usize;
-        let piece = length / pieces as f64;
+        let pieces = (8.0 * (far - near) / self.least).ceil().max(8.0) as usize;
+        let piece = (far - near) / pieces as f64;
         let mut spacings = vec![0.0];
         for n in 0..pieces {
-            let d = self.distance.at(at((n as f64 + 0.5) * piece));
-            spacings.push(spacings[n] + piece / (SQRT_2 * d));
+            let d = self.distance.at(at(near + (n as f64 + 0.5) * piece));
+            spacings.push(spacings[n] + piece / (unit * d));
         }
         let count = spacings[pieces].round().max(1.0);
         let scale = spacings[pieces] / count;
@@ -165,60 +208,96 @@ impl<'a> Grown<'a> {
                     n += 1;
                 }
                 let share = (target - spacings[n]) / (spacings[n + 1] - spacings[n]);
-                at((n as f64 + share) * piece)
+                at(near + (n as f64 + share) * piece)
             })
             .collect()
     }
 }
 
-/// Positions of a pseudo-regular lattice of spacing d(x) that fills the box `[0, extent]`; atoms on
-/// its sides have coordinates of exactly `0.0` or `extent[k]`. Keeps its distance from `fixed` atoms
-/// (which are in the box, and not in the result) and grows from them.
-pub fn grown(extent: [f64; 3], distance: &Distance<3>, fixed: &[[f64; 3]]) -> Vec<[f64; 3]> {
-    let mut lattice = Grown::new(extent, distance);
-    let mut fixed_of_rank: [Vec<u32>; 4] = Default::default();
-    let mut is_fixed = Vec::new();
-    let corner = |n: usize| std::array::from_fn(|k| if n >> k & 1 == 0 { 0.0 } else { extent[k] });
-
-    // From corners to the volume, each time the fixed atoms that lie there first.
-    for rank in (0..4).rev() {
-        for &x in fixed.iter().filter(|&&x| sides_held(x, extent) == rank) {
-            fixed_of_rank[rank].push(lattice.add(x));
+/// The steps from an atom to its neighbours in the densest lattice of spacing 1 over the axes
+/// `along`: all of them, or the two of a side in 3-D.
+fn steps<const D: usize>(along: &[usize]) -> Vec<[f64; D]> {
+    let mut steps = Vec::new();
+    let mut add = |parts: [(usize, f64); 2]| {
+        let mut step = [0.0; D];
+        for (k, part) in parts {
+            step[k] = part;
         }
-        is_fixed.resize(lattice.positions.len(), true);
-        match rank {
-            3 => {
-                for x in (0..8).map(corner) {
-                    if lattice.is_free(&x, 1e-3 * lattice.least) {
-                        lattice.add(x);
-                    }
+        steps.push(step);
+    };
+    let signs = [(1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)];
+    if D == 2 {
+        let (x, y) = (0, 1);
+        add([(x, 1.0), (y, 0.0)]);
+        add([(x, -1.0), (y, 0.0)]);
+        for (a, b) in signs {
+            add([(x, 0.5 * a), (y, 0.75f64.sqrt() * b)]);
+        }
+    } else {
+        for (place, &first) in along.iter().enumerate() {
+            for &second in &along[place + 1..] {
+                for (a, b) in signs {
+                    add([(first, FRAC_1_SQRT_2 * a), (second, FRAC_1_SQRT_2 * b)]);
                 }
             }
-            2 => {
-                for axis in 0..3 {
-                    for x in (0..8).filter(|n| n >> axis & 1 == 0).map(corner) {
-                        for atom in lattice.edge(axis, x) {
-                            if lattice.is_free(&atom, FREE * distance.at(atom)) {
-                                lattice.add(atom);
-                            }
+        }
+    }
+    steps
+}
+
+/// The sides that meet on the faces of the box of `rank` sides each: corners for a rank of `D`.
+fn faces<const D: usize>(rank: usize) -> impl Iterator<Item = u8> {
+    (0..1u8 << (2 * D)).filter(move |sides| {
+        let (near, far) = (sides & ((1 << D) - 1), sides >> D);
+        near & far == 0 && sides.count_ones() as usize == rank
+    })
+}
+
+/// Positions of a pseudo-regular lattice of spacing d(x) that fills the box `[0, extent]`, for `D`
+/// of 2 or 3; atoms on its sides have coordinates of exactly `0.0` or `extent[k]`. Keeps its distance
+/// from `fixed` atoms (which are in the box, and not in the result) and grows from them.
+pub fn grown<const D: usize>(
+    extent: [f64; D],
+    distance: &Distance<D>,
+    fixed: &[[f64; D]],
+    alignment: Alignment,
+) -> Vec<[f64; D]> {
+    let mut lattice = Grown::new(extent, distance, alignment);
+    let mut is_fixed = Vec::new();
+
+    // From corners to the inside, each time the fixed atoms that lie there first.
+    for rank in (0..=D).rev() {
+        let before = lattice.positions.len() as u32;
+        for &x in fixed.iter().filter(|&&x| sides_held(x, extent) == rank) {
+            let held =
+                (0..D).map(|k| u8::from(x[k] <= 0.0) << k | u8::from(x[k] >= extent[k]) << (D + k));
+            let sides = held.fold(0, |all, side| all | side);
+            lattice.add(x, sides);
+        }
+        is_fixed.resize(lattice.positions.len(), true);
+        let count = lattice.positions.len() as u32;
+        for sides in faces::<D>(rank) {
+            if rank == D {
+                let corner =
+                    std::array::from_fn(|k| if sides >> k & 1 == 1 { 0.0 } else { extent[k] });
+                let x = lattice.onto(corner, sides);
+                if lattice.is_free(&x, 1e-3 * lattice.least) {
+                    lattice.add(x, sides);
+                }
+            } else if rank + 1 == D {
+                let held = sides | sides >> D;
+                for axis in (0..D).filter(|&k| held >> k & 1 == 0) {
+                    for atom in lattice.edge(axis, sides) {
+                        if lattice.is_free(&atom, FREE * distance.at(atom)) {
+                            lattice.add(atom, sides);
                         }
                     }
                 }
-            }
-            1 => {
-                for axis in 0..3 {
-                    let along: Vec<usize> = (0..3).filter(|&k| k != axis).collect();
-                    for level in [0.0, extent[axis]] {
-                        let on = |n: &u32| lattice.positions[*n as usize][axis] == level;
-                        let queue = (0..lattice.positions.len() as u32).filter(on).collect();
-                        lattice.grow(queue, &along);
-                    }
-                }
-            }
-            _ => {
-                let inner = fixed_of_rank[0].iter().copied();
-                let queue = inner.chain(0..lattice.positions.len() as u32).collect();
-                lattice.grow(queue, &[0, 1, 2]);
+            } else {
+                // From the fixed atoms first.
+                let on = |&n: &u32| lattice.sides[n as usize] & sides == sides;
+                let queue = (before..count).chain(0..before).filter(on).collect();
+                lattice.grow(queue, sides);
             }
         }
         is_fixed.resize(lattice.positions.len(), false);
@@ -235,20 +314,20 @@ mod tests {
     use super::*;
     use crate::image::Field;
     use crate::mesh::AtomKind;
-    use crate::seeding::{Atoms, fcc};
+    use crate::seeding::{Atoms, regular};
 
     /// d from 4 in the middle to 9 at the far corners.
-    fn varying(extent: [f64; 3]) -> Distance<3> {
+    fn varying<const D: usize>(extent: [f64; D]) -> Distance<D> {
         let dims = extent.map(|l| (l / 2.0) as usize + 1);
         let step = std::array::from_fn(|k| extent[k] / (dims[k] - 1) as f64);
         Distance::Field(Field::from_fn(dims, step, |x| {
-            let r2: f64 = (0..3).map(|k| (x[k] - 0.5 * extent[k]).powi(2)).sum();
+            let r2: f64 = (0..D).map(|k| (x[k] - 0.5 * extent[k]).powi(2)).sum();
             (4.0 + 0.1 * (r2.sqrt() - 8.0).max(0.0)).min(9.0)
         }))
     }
 
     /// Nearest-neighbour distance over d at 0, 1, 50, 99 and 100 %.
-    fn spacing(atoms: &Atoms<3>, distance: &Distance<3>) -> [f64; 5] {
+    fn spacing<const D: usize>(atoms: &Atoms<D>, distance: &Distance<D>) -> [f64; 5] {
         let mut nearest: Vec<f64> = atoms
             .positions
             .iter()
@@ -269,7 +348,7 @@ mod tests {
     fn fills_the_box_with_atoms_about_d_apart() {
         let extent = [70.0, 63.0, 55.0];
         let distance = varying(extent);
-        let atoms = fcc(extent, &distance, &[]).unwrap();
+        let atoms = regular(extent, &distance, &[], Alignment::On).unwrap();
         let corners = atoms
             .kinds
             .iter()
@@ -309,8 +388,8 @@ mod tests {
     fn edges_carry_evenly_spread_atoms() {
         let extent = [60.0, 30.0, 30.0];
         let distance = varying(extent);
-        let lattice = Grown::new(extent, &distance);
-        let mut along: Vec<f64> = lattice.edge(0, [0.0; 3]).iter().map(|x| x[0]).collect();
+        let lattice = Grown::new(extent, &distance, Alignment::On);
+        let mut along: Vec<f64> = lattice.edge(0, 0b110).iter().map(|x| x[0]).collect();
         along.insert(0, 0.0);
         along.push(60.0);
         for pair in along.windows(2) {
@@ -330,7 +409,7 @@ mod tests {
             [0.0, 17.0, 40.0],
             [0.0; 3],
         ];
-        let atoms = fcc(extent, &distance, &fixed).unwrap();
+        let atoms = regular(extent, &distance, &fixed, Alignment::On).unwrap();
         let count = atoms.len();
         assert_eq!(&atoms.positions[count - 4..], &fixed);
         assert!(
@@ -345,5 +424,76 @@ mod tests {
             .filter(|&&k| k == AtomKind::Corner)
             .count();
         assert_eq!(corners, 7);
+    }
+
+    #[test]
+    fn fills_a_rectangle() {
+        let extent = [120.0, 91.0];
+        let distance = varying(extent);
+        let atoms = regular(extent, &distance, &[[30.0, 40.5]], Alignment::On).unwrap();
+        let is = |kind| atoms.kinds.iter().filter(|&&k| k == kind).count();
+        assert_eq!((is(AtomKind::Corner), is(AtomKind::Fixed)), (4, 1));
+        // As many atoms along the edges as d asks for.
+        let step = |n: u32| 0.5 + f64::from(n);
+        let along = |n: u32| 1.0 / distance.at([step(n), 0.0]);
+        let across = |n: u32| 1.0 / distance.at([0.0, step(n)]);
+        let expected = 2.0 * ((0..120).map(along).sum::<f64>() + (0..91).map(across).sum::<f64>());
+        let on_edges = (is(AtomKind::Edge) + 4) as f64;
+        assert!((on_edges - expected).abs() < 3.0, "{on_edges} {expected}");
+        let spacing = spacing(&atoms, &distance);
+        println!("{} atoms, nearest / d {spacing:.3?}", atoms.len());
+        assert!(spacing[0] > 0.7 && spacing[4] < 1.5, "{spacing:?}");
+        assert!(spacing[2] > 0.8 && spacing[2] < 1.05, "{spacing:?}");
+    }
+
+    /// Whether the mirror image in the nearest side of an atom near it is about d away.
+    fn assert_alongside<const D: usize>(
+        atoms: &Atoms<D>,
+        extent: [f64; D],
+        distance: &Distance<D>,
+    ) {
+        assert!(atoms.kinds.iter().all(|&k| k == AtomKind::Interior));
+        let mut outermost = 0;
+        for x in &atoms.positions {
+            let d = distance.at(*x);
+            for k in 0..D {
+                let depth = x[k].min(extent[k] - x[k]) / d;
+                assert!(depth > 0.39, "{x:?} {depth}");
+                outermost += usize::from(depth < 0.6);
+            }
+        }
+        assert!(outermost > 40, "{outermost}");
+        let spacing = spacing(atoms, distance);
+        println!("{} atoms, nearest / d {spacing:.3?}", atoms.len());
+        assert!(spacing[0] > 0.7 && spacing[4] < 1.5, "{spacing:?}");
+    }
+
+    #[test]
+    fn keeps_off_the_sides_alongside() {
+        for vary in [false, true] {
+            let extent = [120.0, 91.0];
+            let distance = if vary {
+                varying(extent)
+            } else {
+                Distance::Constant(6.0)
+            };
+            let atoms = regular(extent, &distance, &[], Alignment::Alongside).unwrap();
+            assert_alongside(&atoms, extent, &distance);
+            let extent = [50.0, 43.0, 55.0];
+            let distance = if vary {
+                varying(extent)
+            } else {
+                Distance::Constant(6.0)
+            };
+            let atoms = regular(extent, &distance, &[], Alignment::Alongside).unwrap();
+            assert_alongside(&atoms, extent, &distance);
+        }
+        let refused = regular(
+            [50.0; 2],
+            &Distance::Constant(6.0),
+            &[[0.0, 20.0]],
+            Alignment::Alongside,
+        );
+        assert!(refused.unwrap_err().to_string().contains("on a side"));
     }
 }

@@ -1,6 +1,6 @@
 //! Initial lattices of atoms: image box and nominal distance d(x) -> [`Atoms`].
 //!
-//! - [`lattice`]: a face-centred cubic lattice fitted to the box, for constant d
+//! - [`lattice`]: the densest regular lattice fitted to the box, for constant d
 //! - [`grow`]: a pseudo-regular lattice grown atom by atom, for variable d
 //! - [`fixed`]: atoms given by the user
 //! - [`order`]: memory order of atoms, for cache locality
@@ -10,11 +10,21 @@ pub mod grow;
 pub mod lattice;
 pub mod order;
 
-pub use fixed::read_fixed_csv;
-
 use crate::distance::Distance;
 use crate::error::Result;
 use crate::mesh::AtomKind;
+
+/// Where atoms end up: on features, so that the faces of a Delaunay mesh follow them, or alongside,
+/// so that the faces of Voronoi cells do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Alignment {
+    /// On features and on the sides of the box.
+    #[default]
+    On,
+    /// Beside features and strictly inside the box. The mirror images of atoms near a side stand
+    /// beyond it, and act on atoms inside as if they were atoms.
+    Alongside,
+}
 
 /// The atoms of a lattice: the nodes of the mesh to come.
 #[derive(Debug, Clone, PartialEq)]
@@ -86,24 +96,30 @@ fn distance2<const D: usize>(a: &[f64; D], b: &[f64; D]) -> f64 {
     (0..D).map(|k| (a[k] - b[k]).powi(2)).sum()
 }
 
-/// Seeds a face-centred cubic lattice that fills the box `[0, extent]` exactly: corners, edges and
-/// sides of the box carry atoms.
+/// Seeds the densest regular lattice that fills the box `[0, extent]`, face-centred cubic in 3-D and
+/// triangular in 2-D. [`Alignment::On`], corners, edges and sides of the box carry atoms;
+/// [`Alignment::Alongside`], the outermost atoms are half a d inside.
 ///
 /// For constant d the lattice is regular, slightly stretched per axis to fit ([`lattice::fitted`]);
 /// else it grows by Hale's Algorithm 2 ([`grow::grown`]). `fixed` atoms (lattice space) are kept
-/// exactly where they are; the lattice makes room for them ([`fixed::insert`]). Atoms come in the
-/// order of a space-filling curve, fixed atoms last.
+/// exactly where they are; the lattice grows from them or makes room for them ([`fixed::insert`]).
+/// Atoms come in the order of a space-filling curve, fixed atoms last.
 ///
 /// # Errors
 /// [`Error::Distance`](crate::Error::Distance) if d does not suit the box,
 /// [`Error::Seeding`](crate::Error::Seeding) if a fixed atom lies outside
-/// the box or two lie at one place.
-pub fn fcc(extent: [f64; 3], distance: &Distance<3>, fixed: &[[f64; 3]]) -> Result<Atoms<3>> {
+/// the box (alongside, also on a side of it) or two lie at one place.
+pub fn regular<const D: usize>(
+    extent: [f64; D],
+    distance: &Distance<D>,
+    fixed: &[[f64; D]],
+    alignment: Alignment,
+) -> Result<Atoms<D>> {
     distance.validate(extent)?;
-    let fixed = fixed::checked(fixed, extent, distance)?;
+    let fixed = fixed::checked(fixed, extent, distance, alignment)?;
     let mut positions = match distance {
-        Distance::Constant(d) => lattice::fitted(extent, *d),
-        Distance::Field(_) => grow::grown(extent, distance, &fixed),
+        Distance::Constant(d) => lattice::fitted(extent, *d, alignment),
+        Distance::Field(_) => grow::grown(extent, distance, &fixed, alignment),
     };
     order::sort_by_curve(&mut positions, extent, 2.0 * distance.min());
     let mut atoms = Atoms::in_box(positions, extent);

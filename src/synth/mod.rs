@@ -83,7 +83,7 @@ impl FromStr for Kind {
 /// How a synthetic image is made.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options {
-    /// Number of samples along each axis, x first.
+    /// Number of samples along each axis, x first; 1 along z for a 2-D image ([`make_plane`]).
     pub dims: [usize; 3],
     /// Seed of everything random; the same seed gives the same bytes.
     pub seed: u64,
@@ -121,7 +121,8 @@ impl Options {
             .dims
             .iter()
             .try_fold(1usize, |all, &n| all.checked_mul(n));
-        if self.dims.iter().any(|&n| n < 8) || samples.is_none_or(|n| n > 1 << 31) {
+        let [nx, ny, nz] = self.dims;
+        if nx < 8 || ny < 8 || (nz < 8 && nz != 1) || samples.is_none_or(|n| n > 1 << 31) {
             return bad(
                 format!("dims {:?}", self.dims),
                 "each axis needs at least 8 samples, and all at most 2^31",
@@ -203,11 +204,11 @@ pub const PRESETS: [Preset; 3] = [
 
 /// An image and what is known about it.
 #[derive(Debug, Clone)]
-pub struct Synthetic {
+pub struct Synthetic<const D: usize = 3> {
     /// The image, at unit spacing.
-    pub image: Image<3>,
+    pub image: Image<D>,
     /// The exact distance to its features.
-    pub truth: Truth,
+    pub truth: Truth<D>,
 }
 
 /// Makes a synthetic image and its truth; the same options give the same bytes on any number of
@@ -243,10 +244,38 @@ pub fn make(kind: Kind, options: &Options) -> Result<Synthetic> {
     Ok(Synthetic { image, truth })
 }
 
+/// Makes a synthetic 2-D image and its truth, as [`make`] does: curves instead of surfaces, a disc
+/// instead of a ball. `options.dims` must end in 1.
+///
+/// # Errors
+/// As [`make`], and [`Error::Job`] for more than one sample along z.
+pub fn make_plane(kind: Kind, options: &Options) -> Result<Synthetic<2>> {
+    let [nx, ny, nz] = options.dims;
+    if nz != 1 {
+        return Err(Error::Job(cause(
+            format!("synth dims {:?}", options.dims),
+            "a 2-D image has one sample along z",
+            "give two dims",
+        )));
+    }
+    let Synthetic { image, truth } = make(kind, options)?;
+    let truth = Truth {
+        dims: [nx, ny],
+        distance: truth.distance,
+        direction: truth.direction.iter().map(|&[x, y, _]| [x, y]).collect(),
+        smooth: truth.smooth,
+    };
+    Ok(Synthetic {
+        image: image.flatten(),
+        truth,
+    })
+}
+
 /// `count` nested balls about the middle of the box, the largest filling 0.8 of it.
 fn balls(options: &Options, count: usize) -> Vec<Surface> {
     let extent = options.dims.map(|n| (n - 1) as f64);
-    let largest = 0.4 * extent.iter().copied().fold(f64::INFINITY, f64::min);
+    let sides = extent.iter().copied().filter(|&e| e > 0.0);
+    let largest = 0.4 * sides.fold(f64::INFINITY, f64::min);
     (1..=count)
         .map(|k| Surface::ball(extent.map(|e| 0.5 * e), largest * k as f64 / count as f64))
         .collect()

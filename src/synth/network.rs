@@ -63,16 +63,25 @@ fn candidate(random: &mut Random, dims: [usize; 3], curving: f64) -> ([f64; 3], 
     let centre: [f64; 3] = std::array::from_fn(|k| extent[k] * random.range(0.2, 0.8));
     let dip = random.range(55.0, 88.0).to_radians();
     let strike = random.range(0.0, std::f64::consts::TAU);
-    let normal = [
-        dip.cos(),
-        dip.sin() * strike.cos(),
-        dip.sin() * strike.sin(),
-    ];
-    let size = extent.iter().sum::<f64>() / 3.0;
+    let flat = dims[2] == 1;
+    // In the plane a fault is a curve: a sheet that stands upright on it.
+    let normal = match flat {
+        true => [strike.cos(), strike.sin(), 0.0],
+        false => [
+            dip.cos(),
+            dip.sin() * strike.cos(),
+            dip.sin() * strike.sin(),
+        ],
+    };
+    let size = extent.iter().sum::<f64>() / if flat { 2.0 } else { 3.0 };
     let mut waves: Vec<Wave> = (0..3)
         .map(|_| {
             let k = std::f64::consts::TAU / (size * random.range(0.7, 1.6));
-            let (sin, cos) = random.range(0.0, std::f64::consts::TAU).sin_cos();
+            let mut turn = random.range(0.0, std::f64::consts::TAU);
+            if flat {
+                turn = 0.0;
+            }
+            let (sin, cos) = turn.sin_cos();
             let phase = random.range(0.0, std::f64::consts::TAU);
             // Shares of the curvature: each wave bends the sheet as much as its share.
             Wave {
@@ -118,10 +127,11 @@ impl Probe {
         }
         let volume = (nx * ny * nz) as f64;
         let share = volume / points.len() as f64;
+        let power = if nz == 1 { 0.5 } else { 2.0 / 3.0 };
         Self {
             points,
             share,
-            least_area: 0.4 * volume.powf(2.0 / 3.0),
+            least_area: 0.4 * volume.powf(power),
         }
     }
 

@@ -211,16 +211,16 @@ fn blocks_are_labels_whose_jumps_lie_on_the_truth() {
 #[test]
 fn truth_survives_its_array_and_is_found_again_from_distances_alone() {
     let truth = make(Kind::Shells, &clean([48, 40, 44], 2)).unwrap().truth;
-    let (back, _) = Truth::from_array(&truth.to_array(), "t").unwrap();
+    let (back, _) = Truth::<3>::from_array(&truth.to_array(), "t").unwrap();
     assert!(back == truth);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("truth.npy");
     truth.write(&path).unwrap();
     assert!(Truth::read(&path).unwrap().0 == truth);
-    let missing = Truth::read(&folder.path().join("none.npy")).unwrap_err();
+    let missing = Truth::<3>::read(&folder.path().join("none.npy")).unwrap_err();
     assert!(missing.to_string().contains("none.npy"));
     let distance = truth.to_array().index_axis_move(ndarray::Axis(0), 0);
-    let (found, note) = Truth::from_array(&distance, "t").unwrap();
+    let (found, note) = Truth::<3>::from_array(&distance, "t").unwrap();
     assert!(note.contains("differences"));
     let mut worst = 0f32;
     for i in (0..truth.distance.len()).filter(|&i| truth.distance[i] < 0.5) {
@@ -241,7 +241,7 @@ fn a_mask_gives_the_exact_distance_to_its_voxels() {
         .map(|_| f32::from(u8::from(random.range(0.0, 1.0) < 0.01)))
         .collect();
     let array = ArrayD::from_shape_vec(vec![9, 11, 13], mask.clone()).unwrap();
-    let (truth, note) = Truth::from_array(&array, "m").unwrap();
+    let (truth, note) = Truth::<3>::from_array(&array, "m").unwrap();
     assert!(note.contains("mask") && !truth.smooth);
     let voxels: Vec<[f64; 3]> = (0..mask.len())
         .filter(|&i| mask[i] == 1.0)
@@ -310,10 +310,10 @@ fn bad_requests_are_refused_in_one_line() {
             .contains("planes")
     );
     for shape in [vec![8usize], vec![3, 8, 8, 8], vec![1, 8, 8]] {
-        assert!(Truth::from_array(&ArrayD::zeros(shape), "t").is_err());
+        assert!(Truth::<3>::from_array(&ArrayD::zeros(shape), "t").is_err());
     }
-    assert!(Truth::from_array(&ArrayD::zeros(vec![8, 8, 8]), "t").is_err());
-    assert!(Truth::from_array(&ArrayD::from_elem(vec![8, 8, 8], f32::NAN), "t").is_err());
+    assert!(Truth::<3>::from_array(&ArrayD::zeros(vec![8, 8, 8]), "t").is_err());
+    assert!(Truth::<3>::from_array(&ArrayD::from_elem(vec![8, 8, 8], f32::NAN), "t").is_err());
 }
 
 /// The distance between samples, as reports interpolate it, against the surfaces themselves.

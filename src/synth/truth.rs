@@ -1,10 +1,9 @@
 //! The exact distance to an image's features, as kept in a file.
 
 use crate::error::cause;
-use crate::image::{Geometry, Image};
 use crate::io::npy;
 use crate::{Error, Result};
-use ndarray::{ArrayD, Axis, IxDyn};
+use ndarray::{ArrayD, Axis};
 use rayon::prelude::*;
 use std::path::Path;
 
@@ -17,21 +16,21 @@ pub const REACH: f32 = 10.0;
 /// As an array, and so in a `.npy` file: `f32` of shape `(4, nz, ny, nx)`. `[0]` is the unsigned
 /// distance; `[1], [2], [3]` are the x, y, z components of the unit vector from the sample to its
 /// closest feature point, which is normal to the feature (on the feature itself: either of its
-/// normals). See [`REACH`].
+/// normals). In the plane the shape is `(3, ny, nx)`, with one component less. See [`REACH`].
 #[derive(Debug, Clone, PartialEq)]
-pub struct Truth {
+pub struct Truth<const D: usize = 3> {
     /// Number of samples along each axis, x first.
-    pub dims: [usize; 3],
+    pub dims: [usize; D],
     /// Distance to the closest feature point, x fastest.
     pub distance: Vec<f32>,
     /// Unit vector towards it; zero where the distance is out of reach or nothing is known.
-    pub direction: Vec<[f32; 3]>,
+    pub direction: Vec<[f32; D]>,
     /// Whether the directions are normals of a surface, so that a feature may be taken as flat
     /// about each closest point. Not so for voxels.
     pub smooth: bool,
 }
 
-impl Truth {
+impl<const D: usize> Truth<D> {
     /// Reads truth from a `.npy` file in any of the forms that [`Truth::from_array`] takes, with a
     /// line that says what was taken.
     ///
@@ -46,23 +45,35 @@ impl Truth {
     /// # Errors
     /// [`Error::Io`] if the file cannot be written.
     pub fn write(&self, path: &Path) -> Result<()> {
-        let array = Image::<4> {
-            samples: self.to_array(),
-            geometry: Geometry::default(),
-        };
-        npy::write(path, &array)
+        npy::write_array(path, &self.to_array())
+    }
+
+    /// The index of sample `i`, x first.
+    pub(crate) fn index_of(&self, mut i: usize) -> [usize; D] {
+        self.dims.map(|n| {
+            let index = i % n;
+            i /= n;
+            index
+        })
+    }
+
+    /// Where the sample of an index is.
+    pub(crate) fn sample(&self, index: [usize; D]) -> usize {
+        (0..D).rev().fold(0, |at, k| at * self.dims[k] + index[k])
     }
 
     /// The array of shape `(4, nz, ny, nx)`.
     pub fn to_array(&self) -> ArrayD<f32> {
-        let [nx, ny, nz] = self.dims;
         let mut data = self.distance.clone();
-        for k in 0..3 {
+        for k in 0..D {
             data.extend(self.direction.iter().map(|d| d[k]));
         }
+        let shape: Vec<usize> = [D + 1]
+            .into_iter()
+            .chain(self.dims.into_iter().rev())
+            .collect();
         #[allow(clippy::expect_used)]
-        ArrayD::from_shape_vec(IxDyn(&[4, nz, ny, nx]), data)
-            .expect("a distance and a direction for each sample")
+        ArrayD::from_shape_vec(shape, data).expect("a distance and a direction for each sample")
     }
 
     /// Reads any of the three forms in which truth is given, in C order; `place` names it in
@@ -79,16 +90,17 @@ impl Truth {
     pub fn from_array(array: &ArrayD<f32>, place: &str) -> Result<(Self, String)> {
         let bad = |problem: String, remedy: &str| Err(Error::Image(cause(place, problem, remedy)));
         let shape = array.shape().to_vec();
-        let (full, dims) = match *shape.as_slice() {
-            [4, nz, ny, nx] => (true, [nx, ny, nz]),
-            [nz, ny, nx] => (false, [nx, ny, nz]),
-            _ => {
-                return bad(
-                    format!("truth has the shape {shape:?}"),
-                    "give (4, nz, ny, nx) or (nz, ny, nx)",
-                );
-            }
-        };
+        let full = shape.len() == D + 1 && shape[0] == D + 1;
+        if !full && shape.len() != D {
+            return bad(
+                format!("truth has the shape {shape:?}"),
+                match D {
+                    2 => "give (3, ny, nx) or (ny, nx)",
+                    _ => "give (4, nz, ny, nx) or (nz, ny, nx)",
+                },
+            );
+        }
+        let dims: [usize; D] = std::array::from_fn(|k| shape[shape.len() - 1 - k]);
         if dims.iter().any(|&n| n < 2) {
             return bad(
                 format!("truth has the shape {shape:?}"),
@@ -106,17 +118,19 @@ impl Truth {
                     .copied()
                     .collect::<Vec<_>>()
             };
-            let (distance, x, y, z) = (part(0), part(1), part(2), part(3));
-            let mut direction = Vec::with_capacity(x.len());
-            for i in 0..x.len() {
-                let length = x[i].hypot(y[i]).hypot(z[i]);
+            let distance = part(0);
+            let along: [Vec<f32>; D] = std::array::from_fn(|k| part(k + 1));
+            let mut direction = Vec::with_capacity(distance.len());
+            for i in 0..distance.len() {
+                let unit: [f32; D] = std::array::from_fn(|k| along[k][i]);
+                let length = unit.iter().fold(0f32, |sum, c| sum.hypot(*c));
                 if length != 0.0 && (length - 1.0).abs() > 1e-3 {
                     return bad(
                         format!("a direction of length {length} at sample {i}"),
                         "directions must be unit vectors, or zero where unknown",
                     );
                 }
-                direction.push([x[i], y[i], z[i]]);
+                direction.push(unit);
             }
             let truth = Self {
                 dims,
@@ -140,15 +154,21 @@ impl Truth {
 
     /// Directions from an unsigned distance: down the gradient, each component differenced towards
     /// the larger neighbour, which lies on the sample's own side of the feature.
-    fn from_distance(dims: [usize; 3], distance: Vec<f32>) -> Self {
-        let [nx, ny, _] = dims;
-        let strides = [1, nx, nx * ny];
-        let direction = (0..distance.len())
+    fn from_distance(dims: [usize; D], distance: Vec<f32>) -> Self {
+        let mut truth = Self {
+            dims,
+            distance,
+            direction: Vec::new(),
+            smooth: true,
+        };
+        let distance = &truth.distance;
+        let strides = strides(dims);
+        truth.direction = (0..distance.len())
             .into_par_iter()
             .map(|i| {
-                let index = [i % nx, i / nx % ny, i / (nx * ny)];
+                let index = truth.index_of(i);
                 let here = distance[i];
-                let gradient: [f32; 3] = std::array::from_fn(|k| {
+                let gradient: [f32; D] = std::array::from_fn(|k| {
                     let before = (index[k] > 0).then(|| distance[i - strides[k]]);
                     let after = (index[k] + 1 < dims[k]).then(|| distance[i + strides[k]]);
                     match (before, after) {
@@ -160,23 +180,18 @@ impl Truth {
                 });
                 let length = gradient.iter().map(|g| g * g).sum::<f32>().sqrt();
                 if length < 0.1 {
-                    [0.0; 3]
+                    [0.0; D]
                 } else {
                     gradient.map(|g| -g / length)
                 }
             })
             .collect();
-        Self {
-            dims,
-            distance,
-            direction,
-            smooth: true,
-        }
+        truth
     }
 
     /// Exact Euclidean distances to the voxels' centres: three passes of lower envelopes of
     /// parabolas (Felzenszwalb and Huttenlocher 2012), keeping which voxel is closest.
-    fn from_mask(dims: [usize; 3], mask: &[f32]) -> Self {
+    fn from_mask(dims: [usize; D], mask: &[f32]) -> Self {
         const FAR: f64 = 1e20;
         let count = mask.len();
         let mut square: Vec<f64> = mask
@@ -184,8 +199,8 @@ impl Truth {
             .map(|&m| if m == 1.0 { 0.0 } else { FAR })
             .collect();
         let mut closest: Vec<u32> = (0..count as u32).collect();
-        let strides = [1, dims[0], dims[0] * dims[1]];
-        for axis in 0..3 {
+        let strides = strides(dims);
+        for axis in 0..D {
             let (n, stride) = (dims[axis], strides[axis]);
             let mut line = vec![(0f64, 0u32); n];
             let mut hull: Vec<(usize, f64)> = Vec::with_capacity(n);
@@ -220,22 +235,25 @@ impl Truth {
                 }
             }
         }
-        let [nx, ny, _] = dims;
-        let index = |i: usize| [i % nx, i / nx % ny, i / (nx * ny)];
-        let direction = (0..count)
+        let mut truth = Self {
+            dims,
+            distance: square.iter().map(|s| s.sqrt() as f32).collect(),
+            direction: Vec::new(),
+            smooth: false,
+        };
+        truth.direction = (0..count)
             .into_par_iter()
             .map(|i| {
-                let (from, to) = (index(i), index(closest[i] as usize));
+                let (from, to) = (truth.index_of(i), truth.index_of(closest[i] as usize));
                 let d = (square[i].sqrt() as f32).max(f32::MIN_POSITIVE);
                 std::array::from_fn(|k| (to[k] as f32 - from[k] as f32) / d)
             })
             .collect();
-        let distance = square.iter().map(|s| s.sqrt() as f32).collect();
-        Self {
-            dims,
-            distance,
-            direction,
-            smooth: false,
-        }
+        truth
     }
+}
+
+/// How far apart in memory neighbours along each axis are.
+fn strides<const D: usize>(dims: [usize; D]) -> [usize; D] {
+    std::array::from_fn(|k| dims[..k].iter().product())
 }

@@ -1,0 +1,199 @@
+//! The Delaunay triangulation of points in the plane, by spade.
+//!
+//! spade's predicates are exact, so points on a lattice (four on a circle) and points that lie
+//! exactly on the sides of a box are no special cases: the triangles fill the hull.
+
+use spade::{DelaunayTriangulation, HasPosition, Point2, Triangulation};
+
+use crate::error::cause;
+use crate::mesh::TriMesh;
+use crate::{Error, Result};
+
+/// A point that knows its number.
+struct Numbered {
+    position: Point2<f64>,
+    number: u32,
+}
+
+impl HasPosition for Numbered {
+    type Scalar = f64;
+
+    fn position(&self) -> Point2<f64> {
+        self.position
+    }
+}
+
+/// The Delaunay triangles of `points`, in a fixed order; node numbers are the points'.
+///
+/// Expected time n log n; the points are best given in a spatial order. Of four points on a circle
+/// either diagonal may be chosen, always the same for the same input.
+///
+/// # Errors
+/// [`Error::Delaunay`] for fewer than three points, points on one line, two points at one place,
+/// and coordinates that are not finite or beyond spade's range (1e-42 to 1e60).
+pub fn delaunay_plane(points: &[[f64; 2]]) -> Result<TriMesh> {
+    let refuse = |problem: String, remedy: &str| {
+        Err(Error::Delaunay(cause(
+            "2-D Delaunay triangulation",
+            problem,
+            remedy,
+        )))
+    };
+    if points.len() < 3 || points.len() >= u32::MAX as usize {
+        return refuse(
+            format!("{} points", points.len()),
+            "give at least 3 points, and fewer than 2^32",
+        );
+    }
+    for (i, &[x, y]) in points.iter().enumerate() {
+        if spade::validate_coordinate(x).is_err() || spade::validate_coordinate(y).is_err() {
+            return refuse(
+                format!("point {i} at ({x}, {y}) is beyond what can be computed with"),
+                "give finite coordinates",
+            );
+        }
+    }
+    let numbered = (0u32..)
+        .zip(points)
+        .map(|(number, &[x, y])| Numbered {
+            position: Point2::new(x, y),
+            number,
+        })
+        .collect();
+    let triangulation = match DelaunayTriangulation::<Numbered>::bulk_load(numbered) {
+        Ok(triangulation) => triangulation,
+        Err(error) => return refuse(error.to_string(), "give finite coordinates"),
+    };
+    if triangulation.num_vertices() < points.len() {
+        return refuse(
+            format!(
+                "{} of {} points are at the place of another",
+                points.len() - triangulation.num_vertices(),
+                points.len()
+            ),
+            "give each place once",
+        );
+    }
+    if triangulation.num_inner_faces() == 0 {
+        return refuse(
+            format!("all {} points lie on one line", points.len()),
+            "give points that span the plane",
+        );
+    }
+    let triangles = triangulation
+        .inner_faces()
+        .map(|face| face.vertices().map(|vertex| vertex.data().number))
+        .collect();
+    Ok(TriMesh {
+        nodes: points.to_vec(),
+        triangles,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::check::check;
+    use crate::mesh::tri::{angles, area2};
+    use proptest::prelude::*;
+
+    /// Whether no node lies inside the circle through a triangle's corners (to rounding).
+    fn is_delaunay(mesh: &TriMesh) -> bool {
+        (0..mesh.triangles.len()).all(|t| {
+            let p = mesh.corners(t);
+            mesh.nodes.iter().all(|q| {
+                let [a, b, c] = p.map(|p| [p[0] - q[0], p[1] - q[1]]);
+                let lift = |v: [f64; 2]| v[0] * v[0] + v[1] * v[1];
+                let minor = |u: [f64; 2], v: [f64; 2]| u[0] * v[1] - u[1] * v[0];
+                lift(a) * minor(b, c) + lift(b) * minor(c, a) + lift(c) * minor(a, b) <= 1e-9
+            })
+        })
+    }
+
+    /// Points in the unit square with its corners and `sides` points on each side.
+    fn boxed(inside: Vec<[f64; 2]>, sides: usize) -> Vec<[f64; 2]> {
+        let mut points = inside;
+        for k in 0..=sides {
+            let t = k as f64 / (sides + 1) as f64;
+            points.extend([[t, 0.0], [1.0, t], [1.0 - t, 1.0], [0.0, 1.0 - t]]);
+        }
+        points
+    }
+
+    #[test]
+    fn a_hexagonal_lattice_has_angles_of_60_degrees() {
+        let mut points = Vec::new();
+        for row in 0..12 {
+            for column in 0..12 {
+                let shift = if row % 2 == 1 { 0.5 } else { 0.0 };
+                points.push([f64::from(column) + shift, f64::from(row) * 0.75f64.sqrt()]);
+            }
+        }
+        let mesh = delaunay_plane(&points).unwrap();
+        let inner = |t: &usize| mesh.corners(*t).iter().all(|p| p[0] > 0.6 && p[0] < 10.9);
+        let inner: Vec<usize> = (0..mesh.triangles.len()).filter(inner).collect();
+        assert_eq!(inner.len(), 11 * 18);
+        for t in inner {
+            for angle in angles(&mesh.corners(t)) {
+                assert!((angle - 60.0).abs() < 1e-9, "{angle}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_square_lattice_is_no_special_case() {
+        let points: Vec<[f64; 2]> = (0..400)
+            .map(|i| [f64::from(i % 20), f64::from(i / 20)])
+            .collect();
+        let mesh = delaunay_plane(&points).unwrap();
+        assert_eq!(mesh.triangles.len(), 2 * 19 * 19);
+        let found = check(&mesh, [0.0; 2], [19.0; 2], 1e-12);
+        assert!(found.passed(), "{:?}", found.problems);
+    }
+
+    #[test]
+    fn points_that_span_no_plane_are_refused() {
+        let says = |points: &[[f64; 2]]| delaunay_plane(points).unwrap_err().to_string();
+        assert!(says(&[[0.0; 2]; 2]).contains("2 points"));
+        assert!(says(&[[0.0; 2], [1.0; 2], [2.0; 2]]).contains("one line"));
+        assert!(says(&[[0.0; 2], [1.0, 0.0], [0.0, 1.0], [1.0, 0.0]]).contains("1 of 4"));
+        for wrong in [f64::NAN, f64::INFINITY, 1e70] {
+            assert!(says(&[[0.0; 2], [1.0, 0.0], [0.0, wrong]]).contains("point 2"));
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 48, failure_persistence: None, ..Default::default() })]
+        #[test]
+        fn random_points_fill_their_box(
+            inside in proptest::collection::vec(proptest::array::uniform2(0.001f64..0.999), 1..60),
+            sides in 0usize..6,
+        ) {
+            let mut inside = inside;
+            inside.sort_by(|a, b| a.partial_cmp(b).unwrap());
+            inside.dedup();
+            let mesh = delaunay_plane(&boxed(inside, sides)).unwrap();
+            let found = check(&mesh, [0.0; 2], [1.0; 2], 1e-12);
+            prop_assert!(found.passed(), "{:?}", found.problems);
+            prop_assert!(is_delaunay(&mesh));
+        }
+
+        #[test]
+        fn jittered_lattices_fill_their_box(
+            jitter in proptest::collection::vec(proptest::array::uniform2(-0.02f64..0.02), 81),
+        ) {
+            let inside = jitter
+                .iter()
+                .enumerate()
+                .map(|(i, j)| [0.1 * (i % 9 + 1) as f64 + j[0], 0.1 * (i / 9 + 1) as f64 + j[1]])
+                .collect();
+            let mesh = delaunay_plane(&boxed(inside, 9)).unwrap();
+            let found = check(&mesh, [0.0; 2], [1.0; 2], 1e-12);
+            prop_assert!(found.passed(), "{:?}", found.problems);
+            prop_assert!(is_delaunay(&mesh));
+            prop_assert_eq!(mesh.triangles.len(), 200);
+            let area: f64 = (0..200).map(|t| 0.5 * area2(&mesh.corners(t))).sum();
+            prop_assert!((area - 1.0).abs() < 1e-12);
+        }
+    }
+}

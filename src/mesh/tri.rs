@@ -1,0 +1,193 @@
+//! Triangles in the plane: topology, adjacency, shape. What a 2-D image is meshed with.
+//!
+//! ```text
+//!        2             (x1 - x0) x (x2 - x0) > 0: nodes 0, 1, 2 turn anticlockwise
+//!       / \            where y points up (clockwise on a picture whose rows go down).
+//!      /   \           Edge k is the edge opposite node k; neighbour k is the
+//!     0-----1          triangle on the other side of edge k.
+//! ```
+
+use super::complex::NONE;
+
+/// A triangle mesh in one space (lattice or physical; the owner says which).
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct TriMesh {
+    /// Node positions.
+    pub nodes: Vec<[f64; 2]>,
+    /// Node indices of each triangle, positively oriented (see the module's figure).
+    pub triangles: Vec<[u32; 3]>,
+}
+
+impl TriMesh {
+    /// The three corner positions of triangle `t`.
+    pub fn corners(&self, t: usize) -> [[f64; 2]; 3] {
+        self.triangles[t].map(|i| self.nodes[i as usize])
+    }
+}
+
+/// Nodes of edge k (opposite node k), in the triangle's sense of rotation.
+pub const SIDES: [[usize; 2]; 3] = [[1, 2], [2, 0], [0, 1]];
+
+/// Twice the signed area of a triangle; positive for the module's orientation.
+#[inline]
+pub fn area2(p: &[[f64; 2]; 3]) -> f64 {
+    (p[1][0] - p[0][0]) * (p[2][1] - p[0][1]) - (p[1][1] - p[0][1]) * (p[2][0] - p[0][0])
+}
+
+/// The squared lengths of the three edges.
+#[inline]
+pub fn squared_sides(p: &[[f64; 2]; 3]) -> [f64; 3] {
+    SIDES.map(|[i, j]| (p[j][0] - p[i][0]).powi(2) + (p[j][1] - p[i][1]).powi(2))
+}
+
+/// The three angles in degrees, at nodes 0, 1 and 2.
+pub fn angles(p: &[[f64; 2]; 3]) -> [f64; 3] {
+    let area2 = area2(p).abs();
+    let [a, b, c] = squared_sides(p);
+    // The scalar product of the two edges that meet at the node opposite the first side.
+    let at = |opposite: f64, s: f64, t: f64| {
+        let product = 0.5 * (s + t - opposite);
+        area2.atan2(product).to_degrees()
+    };
+    [at(a, b, c), at(b, c, a), at(c, a, b)]
+}
+
+/// The largest cotangent of the three angles, that is, the smallest angle's; infinite for a flat or
+/// inverted triangle. It needs no trigonometry: all angles are at least `a` (and so none is above
+/// 180 - 2 a) exactly when it is at most cot(a).
+#[inline]
+pub fn worst_cotangent(p: &[[f64; 2]; 3]) -> f64 {
+    let area2 = area2(p);
+    if area2 <= 0.0 {
+        return f64::INFINITY;
+    }
+    let [a, b, c] = squared_sides(p);
+    // The smallest angle lies opposite the shortest side.
+    0.5 * (a + b + c - 2.0 * a.min(b).min(c)) / area2
+}
+
+/// Q = 4 sqrt(3) A / (l1^2 + l2^2 + l3^2): 1 for the equilateral triangle, 0 for a flat or inverted
+/// one (Fernandes & Gattass 2009).
+pub fn shape(p: &[[f64; 2]; 3]) -> f64 {
+    let sum: f64 = squared_sides(p).iter().sum();
+    if sum > 0.0 {
+        (2.0 * 3f64.sqrt() * area2(p) / sum).max(0.0)
+    } else {
+        0.0
+    }
+}
+
+/// Radius of the circumscribed circle over the shortest edge; 0.577 for the equilateral triangle.
+pub fn radius_edge_ratio(p: &[[f64; 2]; 3]) -> f64 {
+    let [a, b, c] = squared_sides(p).map(f64::sqrt);
+    0.5 * a * b * c / area2(p).abs() / a.min(b).min(c)
+}
+
+/// Neighbours of every triangle by matching edges, in time linear in their number.
+///
+/// # Errors
+/// The first edge (nodes ascending) that more than two triangles share, or that two cover in the
+/// same direction, so that they overlap.
+pub fn neighbors(node_count: usize, triangles: &[[u32; 3]]) -> Result<Vec<[u32; 3]>, [u32; 2]> {
+    let side = |t: usize, k: usize| SIDES[k].map(|i| triangles[t][i]);
+    let low = |t: usize, k: usize| side(t, k).into_iter().min().unwrap_or(0) as usize;
+    // Edges in buckets by their smaller node: a counting sort, then tiny lists.
+    let mut start = vec![0u32; node_count + 1];
+    for t in 0..triangles.len() {
+        for k in 0..3 {
+            start[low(t, k) + 1] += 1;
+        }
+    }
+    for i in 0..node_count {
+        start[i + 1] += start[i];
+    }
+    let mut bucket = vec![(0u32, 0u32, false); 3 * triangles.len()];
+    let mut next = start.clone();
+    for t in 0..triangles.len() {
+        for k in 0..3 {
+            let [a, b] = side(t, k);
+            let at = &mut next[a.min(b) as usize];
+            bucket[*at as usize] = (a.max(b), (3 * t + k) as u32, a < b);
+            *at += 1;
+        }
+    }
+    let mut result = vec![[NONE; 3]; triangles.len()];
+    for i in 0..node_count {
+        let edges = &mut bucket[start[i] as usize..start[i + 1] as usize];
+        edges.sort_unstable();
+        let mut j = 0;
+        while j < edges.len() {
+            let other = edges[j].0;
+            let same = edges[j..].iter().take_while(|e| e.0 == other).count();
+            if same > 2 || same == 2 && edges[j].2 == edges[j + 1].2 {
+                return Err([i as u32, other]);
+            }
+            if same == 2 {
+                let (p, q) = (edges[j].1, edges[j + 1].1);
+                result[(p / 3) as usize][(p % 3) as usize] = q / 3;
+                result[(q / 3) as usize][(q % 3) as usize] = p / 3;
+            }
+            j += same;
+        }
+    }
+    Ok(result)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn the_equilateral_triangle() {
+        let p = [[0.0, 0.0], [2.0, 0.0], [1.0, 3f64.sqrt()]];
+        assert!((area2(&p) - 2.0 * 3f64.sqrt()).abs() < 1e-15);
+        assert!(angles(&p).iter().all(|a| (a - 60.0).abs() < 1e-12));
+        assert!((shape(&p) - 1.0).abs() < 1e-15);
+        assert!((radius_edge_ratio(&p) - 1.0 / 3f64.sqrt()).abs() < 1e-15);
+        assert!((worst_cotangent(&p) - 1.0 / 3f64.sqrt()).abs() < 1e-15);
+        let inverted = [p[0], p[2], p[1]];
+        assert_eq!(shape(&inverted), 0.0);
+        assert_eq!(worst_cotangent(&inverted), f64::INFINITY);
+    }
+
+    #[test]
+    fn half_a_square() {
+        let p = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]];
+        for (got, want) in angles(&p).iter().zip([90.0, 45.0, 45.0]) {
+            assert!((got - want).abs() < 1e-12);
+        }
+        assert!((shape(&p) - 3f64.sqrt() / 2.0).abs() < 1e-15);
+        assert_eq!(shape(&[[0.0; 2]; 3]), 0.0);
+    }
+
+    #[test]
+    fn neighbours_are_across_the_edge_opposite_the_node() {
+        let square = [[0, 1, 2], [2, 1, 3]];
+        let found = neighbors(4, &square).unwrap();
+        assert_eq!(found, [[1, NONE, NONE], [NONE, NONE, 0]]);
+        // A third triangle on the shared edge, and one that overlaps another.
+        assert_eq!(
+            neighbors(5, &[[0, 1, 2], [2, 1, 3], [1, 2, 4]]),
+            Err([1, 2])
+        );
+        assert_eq!(neighbors(4, &[[0, 1, 2], [1, 2, 3]]), Err([1, 2]));
+        assert_eq!(neighbors(0, &[]), Ok(vec![]));
+    }
+
+    proptest! {
+        #[test]
+        fn angles_sum_to_a_half_turn(c in proptest::array::uniform6(-1.0f64..1.0)) {
+            let mut p = [[c[0], c[1]], [c[2], c[3]], [c[4], c[5]]];
+            if area2(&p) < 0.0 {
+                p.swap(1, 2);
+            }
+            prop_assume!(area2(&p) > 1e-3);
+            let angles = angles(&p);
+            prop_assert!((angles.iter().sum::<f64>() - 180.0).abs() < 1e-9);
+            let smallest = angles.iter().copied().fold(180.0, f64::min).to_radians();
+            prop_assert!((worst_cotangent(&p) * smallest.tan() - 1.0).abs() < 1e-6);
+            prop_assert!(shape(&p) <= 1.0 + 1e-12);
+        }
+    }
+}

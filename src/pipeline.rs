@@ -38,6 +38,27 @@ pub enum Spacing {
         /// Distance far from them.
         max: f64,
     },
+    /// Where the image is lowest `min`, where it is highest `max`.
+    FromImage {
+        /// Least distance.
+        min: f64,
+        /// Largest distance.
+        max: f64,
+    },
+    /// From the Laplacian of b(x): `min` in its valleys, at most `max`.
+    FromLaplacian {
+        /// Least distance.
+        min: f64,
+        /// Largest distance.
+        max: f64,
+    },
+    /// As [`Params::distances`] says, clipped.
+    Given {
+        /// Least distance.
+        min: f64,
+        /// Largest distance.
+        max: f64,
+    },
 }
 
 impl Spacing {
@@ -45,7 +66,10 @@ impl Spacing {
     pub fn min(self) -> f64 {
         match self {
             Self::Constant(d) => d,
-            Self::FromFeatures { min, .. } => min,
+            Self::FromFeatures { min, .. }
+            | Self::FromImage { min, .. }
+            | Self::FromLaplacian { min, .. }
+            | Self::Given { min, .. } => min,
         }
     }
 
@@ -53,7 +77,10 @@ impl Spacing {
     pub fn max(self) -> f64 {
         match self {
             Self::Constant(d) => d,
-            Self::FromFeatures { max, .. } => max,
+            Self::FromFeatures { max, .. }
+            | Self::FromImage { max, .. }
+            | Self::FromLaplacian { max, .. }
+            | Self::Given { max, .. } => max,
         }
     }
 }
@@ -113,12 +140,16 @@ pub struct FixedAtom<const D: usize = 3> {
 pub struct Params<const D: usize = 3> {
     /// Distance between atoms.
     pub spacing: Spacing,
+    /// Distances, one per sample of the image, for [`Spacing::Given`].
+    pub distances: Option<Box<Image<D>>>,
     /// Features to follow.
     pub feature: feature::Kind,
     /// Width in samples of the Gaussian under which features are sought; by kind if `None`.
     pub sigma: Option<f64>,
     /// Least strength of a feature, in units of the image; from the image itself if `None`.
     pub threshold: Option<f32>,
+    /// Depths of the valleys of faults and of horizons where both are followed.
+    pub feature_weights: [f64; 2],
     /// Weight of the image.
     pub beta: Weight<D>,
     /// Atoms that stay where they are (wells, sources).
@@ -142,6 +173,8 @@ impl<const D: usize> Default for Params<D> {
             feature: feature::Kind::Auto,
             sigma: None,
             threshold: None,
+            feature_weights: [1.0; 2],
+            distances: None,
             beta: Weight::Constant(0.5),
             fixed: Vec::new(),
             evaluator: Evaluator::Pairwise,
@@ -286,6 +319,7 @@ fn settle<'a, const D: usize>(
             kind: params.feature,
             scale: params.sigma,
             threshold: params.threshold,
+            weights: params.feature_weights,
             d_min: params.spacing.min(),
             step,
             ..feature::Options::default()
@@ -293,10 +327,7 @@ fn settle<'a, const D: usize>(
     )?;
 
     stages.begin_unless_stopped("placing atoms")?;
-    let distance = match params.spacing {
-        Spacing::Constant(d) => Distance::Constant(d),
-        Spacing::FromFeatures { min, max } => distance::from_features(&features, min, max, GROWTH)?,
-    };
+    let distance = varying(image, params, &features, step)?;
     let mut atoms = seeding::regular(extent, &distance, &fixed, alignment)?;
 
     stages.begin_unless_stopped(OPTIMISING)?;
@@ -320,6 +351,42 @@ fn settle<'a, const D: usize>(
         atoms,
         optimised,
     })
+}
+
+/// The nominal distance that the parameters ask for.
+fn varying<const D: usize>(
+    image: &Image<D>,
+    params: &Params<D>,
+    features: &Features<D>,
+    step: [f64; D],
+) -> Result<Distance<D>> {
+    let field = |image: &Image<D>| Field {
+        dims: image.dims(),
+        step,
+        samples: image.as_slice().to_vec(),
+    };
+    match params.spacing {
+        Spacing::Constant(d) => Ok(Distance::Constant(d)),
+        Spacing::FromFeatures { min, max } => distance::from_features(features, min, max, GROWTH),
+        Spacing::FromImage { min, max } => distance::from_image(&field(image), min, max, GROWTH),
+        Spacing::FromLaplacian { min, max } => {
+            distance::from_laplacian(&features.potential, features.sigma, min, max, GROWTH)
+        }
+        Spacing::Given { min, max } => match &params.distances {
+            Some(given) if given.dims() == image.dims() => {
+                distance::from_samples(field(given), min, max, GROWTH)
+            }
+            given => Err(Error::Job(cause(
+                "distances",
+                format!(
+                    "have dims {:?}, the image {:?}",
+                    given.as_ref().map(|image| image.dims()).unwrap_or([0; D]),
+                    image.dims()
+                ),
+                "give one distance per sample of the image",
+            ))),
+        },
+    }
 }
 
 /// A potential whose valleys, of width `sigma`, are `factor` times as wide and as deep as before.

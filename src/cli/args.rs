@@ -181,6 +181,12 @@ pub enum FeatureChoice {
     Edges,
     /// Peaks and troughs of seismic amplitude along the bedding's normal
     Horizons,
+    /// Where the layers of seismic amplitude do not continue
+    Faults,
+    /// Both, each with its weight
+    #[value(name = "faults+horizons")]
+    #[serde(rename = "faults+horizons")]
+    FaultsAndHorizons,
     /// Interfaces between labels, or the rim of a mask
     Labels,
     /// The image is b(x) already: -1 on features, 0 elsewhere
@@ -195,18 +201,12 @@ impl From<FeatureChoice> for feature::Kind {
             FeatureChoice::Valleys => Self::Valleys,
             FeatureChoice::Edges => Self::Edges,
             FeatureChoice::Horizons => Self::Horizons,
+            FeatureChoice::Faults => Self::Faults,
+            FeatureChoice::FaultsAndHorizons => Self::FaultsAndHorizons,
             FeatureChoice::Labels => Self::Labels,
             FeatureChoice::Potential => Self::Potential,
         }
     }
-}
-
-/// What makes the nominal distance vary.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum DistanceSource {
-    /// MIN on features, growing to MAX away from them
-    Features,
 }
 
 /// How atoms are placed before they move.
@@ -287,9 +287,11 @@ pub struct MeshOptions {
     #[arg(long, value_name = "D")]
     #[serde(deserialize_with = "text_or_number")]
     pub distance: Option<String>,
-    /// What a distance MIN:MAX follows
+    /// What a distance MIN:MAX follows: features (MIN on them, growing away from them), image (MIN
+    /// where it is lowest, MAX where it is highest), laplacian (of the potential), or a file with a
+    /// distance per sample
     #[arg(long, value_name = "WHAT")]
-    pub distance_from: Option<DistanceSource>,
+    pub distance_from: Option<String>,
     /// The features to follow [default: auto]
     #[arg(long, value_name = "KIND")]
     pub feature: Option<FeatureChoice>,
@@ -299,6 +301,9 @@ pub struct MeshOptions {
     /// Least strength of a feature, in units of the feature image [default: automatic, printed]
     #[arg(long, value_name = "T", allow_negative_numbers = true)]
     pub threshold: Option<f32>,
+    /// Weights F,H in (0, 1] of faults and horizons where both are followed [default: 1,1]
+    #[arg(long, value_name = "F,H")]
+    pub feature_weights: Option<String>,
     /// Keep the potential b(x)
     #[arg(long, value_name = "FILE.vti")]
     pub potential_out: Option<PathBuf>,
@@ -436,6 +441,9 @@ pub struct FeatureArgs {
     /// Least strength of a feature, in units of the feature image [default: automatic, printed]
     #[arg(long, value_name = "T", allow_negative_numbers = true)]
     pub threshold: Option<f32>,
+    /// Weights F,H in (0, 1] of faults and horizons where both are followed [default: 1,1]
+    #[arg(long, value_name = "F,H")]
+    pub feature_weights: Option<String>,
     /// How to read the image.
     #[command(flatten, next_help_heading = "Reading the image")]
     pub input: InputOptions,

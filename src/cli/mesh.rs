@@ -198,8 +198,14 @@ impl MeshJob {
                 })
                 .collect();
         }
+        let distances = match &self.distances {
+            Some(path) => Some(Box::new(read_distances(path)?)),
+            None => None,
+        };
         Ok(Params {
             spacing: self.spacing,
+            distances,
+            feature_weights: self.feature_weights,
             feature: self.feature.into(),
             sigma: self.sigma,
             threshold: self.threshold,
@@ -212,6 +218,18 @@ impl MeshJob {
             seed: self.seed,
         })
     }
+}
+
+/// An image of distances.
+fn read_distances<const D: usize>(path: &Path) -> Result<Image<D>> {
+    let read = io::read_any(path, &ReadOptions::default())?;
+    read.image().ok_or_else(|| {
+        Error::Job(cause(
+            format!("--distance-from {}", path.display()),
+            format!("is no {D}-D image"),
+            "give one distance per sample of the image",
+        ))
+    })
 }
 
 /// An image of weights.

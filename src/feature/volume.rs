@@ -114,15 +114,4 @@ impl<const D: usize> Volume<'_, D> {
         }
         hessian
     }
-
-    /// Length of the gradient at every sample.
-    pub fn gradient_magnitude(&self) -> Vec<f32> {
-        self.by_rows(|first, (): &mut (), out| {
-            out.extend((0..self.dims[0]).map(|x| {
-                let mut at = first;
-                at[0] = x;
-                self.gradient(at).iter().map(|g| g * g).sum::<f32>().sqrt()
-            }));
-        })
-    }
 }

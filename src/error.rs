@@ -48,6 +48,9 @@ pub enum Error {
     /// A mesh is not what it claims to be.
     #[error("{0}")]
     Mesh(Cause),
+    /// Flow cannot be computed as asked.
+    #[error("{0}")]
+    Flow(Cause),
     /// A parameter of the whole job is wrong.
     #[error("{0}")]
     Job(Cause),

@@ -36,6 +36,7 @@ pub mod energy;
 pub mod error;
 pub mod export;
 pub mod feature;
+pub mod flow;
 pub mod image;
 pub mod improve;
 pub mod io;

@@ -4,9 +4,11 @@
 //! the outcome where the image lies in the world. The plane and space are the same code but for how
 //! atoms are joined ([`Meshing`]).
 
+pub mod cells;
 pub mod file;
 mod join;
 
+pub use cells::{CellsOutcome, voronoi_image};
 pub use join::{Meshing, Space};
 
 use std::borrow::Cow;
@@ -36,6 +38,27 @@ pub enum Spacing {
         /// Distance far from them.
         max: f64,
     },
+    /// Where the image is lowest `min`, where it is highest `max`.
+    FromImage {
+        /// Least distance.
+        min: f64,
+        /// Largest distance.
+        max: f64,
+    },
+    /// From the Laplacian of b(x): `min` in its valleys, at most `max`.
+    FromLaplacian {
+        /// Least distance.
+        min: f64,
+        /// Largest distance.
+        max: f64,
+    },
+    /// As [`Params::distances`] says, clipped.
+    Given {
+        /// Least distance.
+        min: f64,
+        /// Largest distance.
+        max: f64,
+    },
 }
 
 impl Spacing {
@@ -43,7 +66,10 @@ impl Spacing {
     pub fn min(self) -> f64 {
         match self {
             Self::Constant(d) => d,
-            Self::FromFeatures { min, .. } => min,
+            Self::FromFeatures { min, .. }
+            | Self::FromImage { min, .. }
+            | Self::FromLaplacian { min, .. }
+            | Self::Given { min, .. } => min,
         }
     }
 
@@ -51,7 +77,10 @@ impl Spacing {
     pub fn max(self) -> f64 {
         match self {
             Self::Constant(d) => d,
-            Self::FromFeatures { max, .. } => max,
+            Self::FromFeatures { max, .. }
+            | Self::FromImage { max, .. }
+            | Self::FromLaplacian { max, .. }
+            | Self::Given { max, .. } => max,
         }
     }
 }
@@ -111,12 +140,16 @@ pub struct FixedAtom<const D: usize = 3> {
 pub struct Params<const D: usize = 3> {
     /// Distance between atoms.
     pub spacing: Spacing,
+    /// Distances, one per sample of the image, for [`Spacing::Given`].
+    pub distances: Option<Box<Image<D>>>,
     /// Features to follow.
     pub feature: feature::Kind,
     /// Width in samples of the Gaussian under which features are sought; by kind if `None`.
     pub sigma: Option<f64>,
     /// Least strength of a feature, in units of the image; from the image itself if `None`.
     pub threshold: Option<f32>,
+    /// Depths of the valleys of faults and of horizons where both are followed.
+    pub feature_weights: [f64; 2],
     /// Weight of the image.
     pub beta: Weight<D>,
     /// Atoms that stay where they are (wells, sources).
@@ -142,6 +175,8 @@ impl<const D: usize> Default for Params<D> {
             feature: feature::Kind::Auto,
             sigma: None,
             threshold: None,
+            feature_weights: [1.0; 2],
+            distances: None,
             beta: Weight::Constant(0.5),
             fixed: Vec::new(),
             seeding: Seeding::Regular,
@@ -203,48 +238,15 @@ pub fn mesh_image<const D: usize>(
 where
     Space<D>: Meshing<D>,
 {
-    let step = params.metric.step(&image.geometry);
-    let extent = lattice_extent(image.dims(), step);
-    // Before the work: the largest distance must fit, whatever the features are.
-    Distance::Constant(params.spacing.max()).validate(extent)?;
-    let beta = lattice_beta(&params.beta, image.dims(), step)?;
-    let fixed = lattice_points(&params.fixed, &image.geometry, step, extent)?;
-
-    let mut stages = Stages {
-        clock: Clock::new(),
-        observer,
-    };
-    stages.begin_unless_stopped("finding features")?;
-    let features = feature::detect(
-        image,
-        &feature::Options {
-            kind: params.feature,
-            scale: params.sigma,
-            threshold: params.threshold,
-            d_min: params.spacing.min(),
-            step,
-            ..feature::Options::default()
-        },
-    )?;
-
-    stages.begin_unless_stopped("placing atoms")?;
-    let distance = match params.spacing {
-        Spacing::Constant(d) => Distance::Constant(d),
-        Spacing::FromFeatures { min, max } => distance::from_features(&features, min, max, GROWTH)?,
-    };
-    let mut atoms = seeding::seed(params.seeding, extent, &distance, &fixed, Alignment::On)?;
-
-    stages.begin_unless_stopped(OPTIMISING)?;
-    stages.observer.round(0, &optimize::three(&atoms.positions));
-    let optimised = optimise(
-        &mut atoms,
-        params,
-        &features,
-        &distance,
-        &beta,
+    let Settled {
+        mut stages,
         extent,
-        stages.observer,
-    )?;
+        step,
+        features,
+        distance,
+        atoms,
+        optimised,
+    } = settle(image, params, Alignment::On, observer)?;
 
     let scene = Scene {
         extent,
@@ -282,6 +284,112 @@ where
         optimised,
         report,
     })
+}
+
+/// Atoms at rest, and what they rest on.
+struct Settled<'a, const D: usize> {
+    stages: Stages<'a>,
+    extent: [f64; D],
+    step: [f64; D],
+    features: Features<D>,
+    distance: Distance<D>,
+    atoms: Atoms<D>,
+    optimised: optimize::Outcome,
+}
+
+/// From an image to atoms at rest on its features, or alongside.
+fn settle<'a, const D: usize>(
+    image: &Image<D>,
+    params: &Params<D>,
+    alignment: Alignment,
+    observer: &'a mut dyn Observer,
+) -> Result<Settled<'a, D>> {
+    let step = params.metric.step(&image.geometry);
+    let extent = lattice_extent(image.dims(), step);
+    // Before the work: the largest distance must fit, whatever the features are.
+    Distance::Constant(params.spacing.max()).validate(extent)?;
+    let beta = lattice_beta(&params.beta, image.dims(), step)?;
+    let fixed = lattice_points(&params.fixed, &image.geometry, step, extent)?;
+
+    let mut stages = Stages {
+        clock: Clock::new(),
+        observer,
+    };
+    stages.begin_unless_stopped("finding features")?;
+    let features = feature::detect(
+        image,
+        &feature::Options {
+            kind: params.feature,
+            scale: params.sigma,
+            threshold: params.threshold,
+            weights: params.feature_weights,
+            d_min: params.spacing.min(),
+            step,
+            ..feature::Options::default()
+        },
+    )?;
+
+    stages.begin_unless_stopped("placing atoms")?;
+    let distance = varying(image, params, &features, step)?;
+    let mut atoms = seeding::seed(params.seeding, extent, &distance, &fixed, alignment)?;
+
+    stages.begin_unless_stopped(OPTIMISING)?;
+    stages.observer.round(0, &optimize::three(&atoms.positions));
+    let optimised = optimise(
+        &mut atoms,
+        params,
+        alignment,
+        &features,
+        &distance,
+        &beta,
+        extent,
+        stages.observer,
+    )?;
+    Ok(Settled {
+        stages,
+        extent,
+        step,
+        features,
+        distance,
+        atoms,
+        optimised,
+    })
+}
+
+/// The nominal distance that the parameters ask for.
+fn varying<const D: usize>(
+    image: &Image<D>,
+    params: &Params<D>,
+    features: &Features<D>,
+    step: [f64; D],
+) -> Result<Distance<D>> {
+    let field = |image: &Image<D>| Field {
+        dims: image.dims(),
+        step,
+        samples: image.as_slice().to_vec(),
+    };
+    match params.spacing {
+        Spacing::Constant(d) => Ok(Distance::Constant(d)),
+        Spacing::FromFeatures { min, max } => distance::from_features(features, min, max, GROWTH),
+        Spacing::FromImage { min, max } => distance::from_image(&field(image), min, max, GROWTH),
+        Spacing::FromLaplacian { min, max } => {
+            distance::from_laplacian(&features.potential, features.sigma, min, max, GROWTH)
+        }
+        Spacing::Given { min, max } => match &params.distances {
+            Some(given) if given.dims() == image.dims() => {
+                distance::from_samples(field(given), min, max, GROWTH)
+            }
+            given => Err(Error::Job(cause(
+                "distances",
+                format!(
+                    "have dims {:?}, the image {:?}",
+                    given.as_ref().map(|image| image.dims()).unwrap_or([0; D]),
+                    image.dims()
+                ),
+                "give one distance per sample of the image",
+            ))),
+        },
+    }
 }
 
 /// A potential whose valleys, of width `sigma`, are `factor` times as wide and as deep as before.
@@ -356,6 +464,7 @@ fn optimisation(outcome: &optimize::Outcome, atoms: usize) -> Optimisation {
 fn optimise<const D: usize>(
     atoms: &mut Atoms<D>,
     params: &Params<D>,
+    alignment: Alignment,
     features: &Features<D>,
     distance: &Distance<D>,
     beta: &Beta<D>,
@@ -374,7 +483,15 @@ fn optimise<const D: usize>(
         let beta = beta.clone();
         let mut energy: Box<dyn Energy<D>> = match params.evaluator {
             Evaluator::Pairwise => {
-                Box::new(Pairwise::new(extent, distance, Some(potential), beta)?.uncrowded())
+                let energy = Pairwise::new(extent, distance, Some(potential), beta)?;
+                Box::new(energy.aligned(alignment).uncrowded())
+            }
+            Evaluator::Sampled if alignment == Alignment::Alongside => {
+                return Err(Error::Job(cause(
+                    "--potential sampled",
+                    "has no mirror images, which atoms alongside features need",
+                    "use the pairwise potential",
+                )));
             }
             Evaluator::Sampled => Box::new(Sampled::new(distance, potential, beta)),
         };

@@ -92,6 +92,11 @@ pub enum Verb {
     /// Checks a mesh by our own checker, TetGen and CGAL; says which passed
     #[command(after_help = "Example:\n  atomesh validate mesh.vtu")]
     Validate(ValidateArgs),
+    /// Steady flow from sources to sinks, with faults closed, open, or in between
+    #[command(
+        after_help = "Example:\n  atomesh flow mesh.vtu --source 20,30,40 --sink 80,60,50 -o flow.vtu --streamlines lines.vtp"
+    )]
+    Flow(FlowArgs),
     /// Synthetic volumes whose features are known exactly
     #[command(
         after_help = "Example:\n  atomesh synth faults -o faults.vti --truth distance.npy --dims 170,150,128"
@@ -176,6 +181,12 @@ pub enum FeatureChoice {
     Edges,
     /// Peaks and troughs of seismic amplitude along the bedding's normal
     Horizons,
+    /// Where the layers of seismic amplitude do not continue
+    Faults,
+    /// Both, each with its weight
+    #[value(name = "faults+horizons")]
+    #[serde(rename = "faults+horizons")]
+    FaultsAndHorizons,
     /// Interfaces between labels, or the rim of a mask
     Labels,
     /// The image is b(x) already: -1 on features, 0 elsewhere
@@ -190,18 +201,12 @@ impl From<FeatureChoice> for feature::Kind {
             FeatureChoice::Valleys => Self::Valleys,
             FeatureChoice::Edges => Self::Edges,
             FeatureChoice::Horizons => Self::Horizons,
+            FeatureChoice::Faults => Self::Faults,
+            FeatureChoice::FaultsAndHorizons => Self::FaultsAndHorizons,
             FeatureChoice::Labels => Self::Labels,
             FeatureChoice::Potential => Self::Potential,
         }
     }
-}
-
-/// What makes the nominal distance vary.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum DistanceSource {
-    /// MIN on features, growing to MAX away from them
-    Features,
 }
 
 /// How atoms are placed before they move.
@@ -236,6 +241,28 @@ pub enum SliverChoice {
     None,
 }
 
+/// Where atoms end up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum AlignChoice {
+    /// On features, which tetrahedra's faces then follow
+    On,
+    /// Beside features, which the faces of Voronoi cells then follow
+    Alongside,
+}
+
+/// What the mesh is made of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum CellsChoice {
+    /// Tetrahedra; triangles in 2-D
+    #[value(alias = "triangles")]
+    Tets,
+    /// Voronoi cells (PEBI): polyhedra; polygons in 2-D
+    #[value(alias = "pebi")]
+    Voronoi,
+}
+
 /// `atomesh mesh`.
 #[derive(Debug, Args)]
 pub struct MeshArgs {
@@ -264,9 +291,11 @@ pub struct MeshOptions {
     #[arg(long, value_name = "D")]
     #[serde(deserialize_with = "text_or_number")]
     pub distance: Option<String>,
-    /// What a distance MIN:MAX follows
+    /// What a distance MIN:MAX follows: features (MIN on them, growing away from them), image (MIN
+    /// where it is lowest, MAX where it is highest), laplacian (of the potential), or a file with a
+    /// distance per sample
     #[arg(long, value_name = "WHAT")]
-    pub distance_from: Option<DistanceSource>,
+    pub distance_from: Option<String>,
     /// The features to follow [default: auto]
     #[arg(long, value_name = "KIND")]
     pub feature: Option<FeatureChoice>,
@@ -276,9 +305,18 @@ pub struct MeshOptions {
     /// Least strength of a feature, in units of the feature image [default: automatic, printed]
     #[arg(long, value_name = "T", allow_negative_numbers = true)]
     pub threshold: Option<f32>,
+    /// Weights F,H in (0, 1] of faults and horizons where both are followed [default: 1,1]
+    #[arg(long, value_name = "F,H")]
+    pub feature_weights: Option<String>,
     /// Keep the potential b(x)
     #[arg(long, value_name = "FILE.vti")]
     pub potential_out: Option<PathBuf>,
+    /// Atoms on features, or alongside [default: on; alongside with --cells voronoi]
+    #[arg(long, value_name = "WHERE")]
+    pub align: Option<AlignChoice>,
+    /// Cells of the mesh [default: tets; voronoi with --align alongside]
+    #[arg(long, value_name = "KIND")]
+    pub cells: Option<CellsChoice>,
     /// Weight of the image against the lattice in [0, 1]: a number, or an image file [default: 0.5]
     #[arg(long, value_name = "B")]
     #[serde(deserialize_with = "text_or_number")]
@@ -407,6 +445,9 @@ pub struct FeatureArgs {
     /// Least strength of a feature, in units of the feature image [default: automatic, printed]
     #[arg(long, value_name = "T", allow_negative_numbers = true)]
     pub threshold: Option<f32>,
+    /// Weights F,H in (0, 1] of faults and horizons where both are followed [default: 1,1]
+    #[arg(long, value_name = "F,H")]
+    pub feature_weights: Option<String>,
     /// How to read the image.
     #[command(flatten, next_help_heading = "Reading the image")]
     pub input: InputOptions,
@@ -454,6 +495,57 @@ pub struct ValidateArgs {
     /// A mesh written by atomesh
     #[arg(value_name = "MESH.vtu")]
     pub mesh: PathBuf,
+}
+
+/// `atomesh flow`.
+#[derive(Debug, Args)]
+pub struct FlowArgs {
+    /// A mesh written by atomesh; its coordinates are taken for metres
+    #[arg(value_name = "MESH.vtu")]
+    pub mesh: PathBuf,
+    /// The mesh to write, torn along faults, with pressure (Pa) and Darcy velocity (m/s)
+    #[arg(short, long, value_name = "OUT.vtu")]
+    pub output: PathBuf,
+    /// A point where fluid enters, with its rate in m^3/s [default: 0.001]; may be repeated
+    #[arg(long, value_name = "X,Y,Z[:RATE]", allow_hyphen_values = true)]
+    pub source: Vec<String>,
+    /// A point where fluid leaves [default rate: all that comes in, or 0.001 with --pressure]
+    #[arg(long, value_name = "X,Y,Z[:RATE]", allow_hyphen_values = true)]
+    pub sink: Vec<String>,
+    /// Pressure (Pa) of a side of the box: xmin, xmax, ymin ..., the image's axes, x the fastest in
+    /// memory. Sides without one let nothing through
+    #[arg(long, value_name = "SIDE=P")]
+    pub pressure: Vec<String>,
+    /// How features resist flow across them: closed, open, or the factor, from 0 to 1, of the
+    /// permeability there [default: closed]
+    #[arg(long, value_name = "HOW", allow_hyphen_values = true)]
+    pub faults: Option<String>,
+    /// Thickness (m) of the layer that the factor of --faults is for [default: from cell to cell]
+    #[arg(long, value_name = "W")]
+    pub fault_thickness: Option<f64>,
+    /// Permeability in m^2 (1 mD is 9.87e-16 m^2): K; KX,KY,KZ; KXX,KYY,KZZ,KXY,KYZ,KXZ; a CSV file of
+    /// lines region,K; or a cell array of the mesh
+    #[arg(
+        long,
+        value_name = "K",
+        default_value = "1e-13",
+        allow_hyphen_values = true
+    )]
+    pub permeability: String,
+    /// Viscosity in Pa s
+    #[arg(
+        long,
+        value_name = "MU",
+        default_value_t = 0.001,
+        allow_hyphen_values = true
+    )]
+    pub viscosity: f64,
+    /// Write streamlines that carry equal rates, for ParaView
+    #[arg(long, value_name = "FILE.vtp")]
+    pub streamlines: Option<PathBuf>,
+    /// Number of streamlines
+    #[arg(long, value_name = "N", default_value_t = 200)]
+    pub lines: usize,
 }
 
 /// `atomesh synth`.

@@ -7,7 +7,7 @@ use serde_json::json;
 
 use super::args::{ConvertArgs, FeatureArgs, InfoArgs, SynthArgs};
 use super::console::Console;
-use super::job::{check_output, feature_scale, positive_distance, threshold};
+use super::job::{check_output, feature_scale, feature_weights, positive_distance, threshold};
 use super::{meshes, parse};
 use crate::image::{Field, Geometry, Image};
 use crate::io::{AnyLoaded, Loaded};
@@ -72,6 +72,7 @@ fn find<const D: usize>(
         kind: args.feature.into(),
         scale: feature_scale(args.sigma)?,
         threshold: threshold(args.threshold)?,
+        weights: feature_weights(args.feature_weights.as_deref())?,
         d_min: positive_distance(args.distance)?,
         ..feature::Options::default()
     };

@@ -3,7 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use crate::cli::args::{
-    FeatureChoice, MeshArgs, MeshOptions, PotentialChoice, SeedingChoice, SliverChoice,
+    AlignChoice, CellsChoice, FeatureChoice, MeshArgs, MeshOptions, PotentialChoice, SeedingChoice,
+    SliverChoice,
 };
 use crate::cli::parse;
 use crate::error::{cause, os};
@@ -36,10 +37,16 @@ pub struct MeshJob {
     pub sigma: Option<f64>,
     /// Feature threshold, if not automatic.
     pub threshold: Option<f32>,
+    /// Weights of faults and of horizons.
+    pub feature_weights: [f64; 2],
+    /// File of distances.
+    pub distances: Option<PathBuf>,
     /// Weight of the image.
     pub beta: Beta,
     /// File of fixed atoms.
     pub atoms_from: Option<PathBuf>,
+    /// Voronoi cells of atoms alongside features, instead of a mesh of atoms on them.
+    pub voronoi: bool,
     /// Evaluator of the energy.
     pub evaluator: Evaluator,
     /// How atoms are placed.
@@ -149,6 +156,11 @@ impl MeshJob {
             feature: options.feature.unwrap_or(FeatureChoice::Auto),
             sigma: feature_scale(options.sigma)?,
             threshold: threshold(options.threshold)?,
+            feature_weights: feature_weights(options.feature_weights.as_deref())?,
+            distances: match spacing(options)? {
+                Spacing::Given { .. } => options.distance_from.as_ref().map(PathBuf::from),
+                _ => None,
+            },
             beta: beta(options.beta.as_deref())?,
             atoms_from: options.atoms_from.clone(),
             seeding: match options.seeding {
@@ -158,6 +170,7 @@ impl MeshJob {
                 Some(SeedingChoice::Grown) => Seeding::Grown,
                 _ => Seeding::Regular,
             },
+            voronoi: voronoi(options)?,
             evaluator: match options.potential {
                 Some(PotentialChoice::Sampled) => Evaluator::Sampled,
                 _ => Evaluator::Pairwise,
@@ -206,6 +219,34 @@ impl MeshJob {
     }
 }
 
+/// Whether Voronoi cells are wanted: they need atoms alongside features, and strictly inside the box;
+/// tetrahedra need atoms on both.
+fn voronoi(options: &MeshOptions) -> Result<bool> {
+    let alongside = options.align.map(|align| align == AlignChoice::Alongside);
+    let cells = options.cells.map(|cells| cells == CellsChoice::Voronoi);
+    let voronoi = cells.or(alongside).unwrap_or(false);
+    if alongside.is_some_and(|alongside| alongside != voronoi) {
+        let problem = if voronoi {
+            "puts atoms on features and on the sides of the box, where no Voronoi cell can end"
+        } else {
+            "keeps atoms off features and off the sides of the box, which tetrahedra must reach"
+        };
+        return Err(Error::Job(cause(
+            "--align",
+            problem,
+            "use --align on --cells tets, or --align alongside --cells voronoi",
+        )));
+    }
+    if voronoi && options.potential == Some(PotentialChoice::Sampled) {
+        return Err(Error::Job(cause(
+            "--potential sampled",
+            "has no mirror images, which atoms alongside features need",
+            "use the pairwise potential",
+        )));
+    }
+    Ok(voronoi)
+}
+
 /// Checks that a verb may write `path`: its ending, its folder, and that it is none of `inputs`.
 ///
 /// # Errors
@@ -248,11 +289,43 @@ fn same_file(a: &Path, b: &Path) -> bool {
     a == b || resolve(a).is_some_and(|a| Some(a) == resolve(b))
 }
 
+/// `--feature-weights`: two numbers in (0, 1].
+pub fn feature_weights(text: Option<&str>) -> Result<[f64; 2]> {
+    let Some(text) = text else {
+        return Ok([1.0; 2]);
+    };
+    let numbers: Vec<f64> = text
+        .split(',')
+        .filter_map(|w| w.trim().parse().ok())
+        .collect();
+    match numbers[..] {
+        [f, h] if [f, h].iter().all(|w| *w > 0.0 && *w <= 1.0) => Ok([f, h]),
+        _ => Err(parse::bad(
+            "--feature-weights",
+            text,
+            "is not two numbers above 0 and at most 1",
+            "give the weights of faults and horizons, such as 1,0.5",
+        )),
+    }
+}
+
 fn spacing(options: &MeshOptions) -> Result<Spacing> {
     let text = options.distance.as_deref().unwrap_or("8");
-    match (parse::distance("--distance", text)?, options.distance_from) {
+    let from = options.distance_from.as_deref();
+    match (parse::distance("--distance", text)?, from) {
         ((d, None), None) => Ok(Spacing::Constant(d)),
-        ((min, Some(max)), Some(_)) => Ok(Spacing::FromFeatures { min, max }),
+        ((min, Some(max)), Some("features")) => Ok(Spacing::FromFeatures { min, max }),
+        ((min, Some(max)), Some("image")) => Ok(Spacing::FromImage { min, max }),
+        ((min, Some(max)), Some("laplacian")) => Ok(Spacing::FromLaplacian { min, max }),
+        ((min, Some(max)), Some(file)) if Path::new(file).is_file() => {
+            Ok(Spacing::Given { min, max })
+        }
+        ((_, Some(_)), Some(other)) => Err(parse::bad(
+            "--distance-from",
+            other,
+            "is neither features, image, laplacian nor a file",
+            "give one of these, or an image of distances in samples",
+        )),
         ((_, Some(_)), None) => Err(parse::bad(
             "--distance",
             text,

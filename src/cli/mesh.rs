@@ -13,12 +13,13 @@ use super::job::{Beta, MeshJob, effective_options};
 use super::parse;
 use super::provenance::file_hash;
 use crate::error::cause;
-use crate::export::{Trace, write_vtu};
+use crate::export::{Trace, write_cells_vtu, write_vtu};
 use crate::image::{Geometry, Image};
 use crate::io::{AnyLoaded, Loaded, ReadOptions};
 use crate::optimize::{Observer, Progress, Stop};
+use crate::pipeline::cells::cells_to_file;
 use crate::pipeline::file::{Provenance, to_file};
-use crate::pipeline::{FixedAtom, Meshing, Params, Space, Weight};
+use crate::pipeline::{CellsOutcome, FixedAtom, Meshing, Outcome, Params, Space, Weight};
 use crate::report::{Clock, Input, Measured, quality};
 use crate::{Error, Result, io, optimize, pipeline};
 
@@ -93,9 +94,13 @@ impl Run<'_> {
             step: std::array::from_fn(|k| step.get(k).copied().unwrap_or(1.0)),
             failed: None,
         };
-        let outcome = pipeline::mesh_image(&image, &params, &mut watcher);
+        let outcome = if job.voronoi {
+            pipeline::voronoi_image(&image, &params, &mut watcher).map(Made::Cells)
+        } else {
+            pipeline::mesh_image(&image, &params, &mut watcher).map(Made::Simplices)
+        };
         let Watcher { trace, failed, .. } = watcher;
-        let mut outcome = match failed.map_or(outcome, Err) {
+        let outcome = match failed.map_or(outcome, Err) {
             Ok(outcome) => outcome,
             Err(error) => {
                 if let Some(trace) = trace {
@@ -117,20 +122,26 @@ impl Run<'_> {
             parameters: options.reproducible()?,
             input_sha256,
         };
-        let file = to_file(&outcome, &image.geometry, &provenance);
-        write_vtu(&job.output, &file)?;
+        let (features, optimised, mut report) = match outcome {
+            Made::Simplices(mut outcome) => {
+                let file = to_file(&outcome, &image.geometry, &provenance);
+                write_vtu(&job.output, &file)?;
+                if !image.geometry.has_shape_of(outcome.step) {
+                    outcome.report.quality_physical = Some(quality(&file.mesh));
+                }
+                (outcome.features, outcome.optimised, outcome.report)
+            }
+            Made::Cells(outcome) => {
+                let file = cells_to_file(&outcome, &image.geometry, &provenance);
+                write_cells_vtu(&job.output, &file)?;
+                (outcome.features, outcome.optimised, outcome.report)
+            }
+        };
         if let Some(path) = &job.potential_out {
-            io::write(
-                path,
-                &potential_image(&outcome.features.potential, &image.geometry),
-            )?;
+            io::write(path, &potential_image(&features.potential, &image.geometry))?;
         }
         clock.end();
 
-        let report = &mut outcome.report;
-        if !image.geometry.has_shape_of(outcome.step) {
-            report.quality_physical = Some(quality(&file.mesh));
-        }
         report.input = Some(Input {
             file: job.image.display().to_string(),
             dims: image.dims().to_vec(),
@@ -142,7 +153,7 @@ impl Run<'_> {
             .stages
             .splice(0..0, clock.costs()[..1].iter().cloned());
         report.stages.extend_from_slice(&clock.costs()[1..]);
-        let json = serde_json::to_value(&*report).unwrap_or_default();
+        let json = serde_json::to_value(&report).unwrap_or_default();
         if let Some(path) = &job.report {
             io::atomic_write(path, |out| writeln!(out, "{json:#}"))?;
         }
@@ -154,11 +165,20 @@ impl Run<'_> {
             ),
             &json,
         );
-        Ok(match outcome.optimised.stop {
+        Ok(match optimised.stop {
             Stop::Interrupted => Ending::Interrupted,
             _ => Ending::Done,
         })
     }
+}
+
+/// What a job made.
+enum Made<const D: usize>
+where
+    Space<D>: Meshing<D>,
+{
+    Simplices(Outcome<D>),
+    Cells(CellsOutcome<D>),
 }
 
 impl MeshJob {
@@ -178,8 +198,14 @@ impl MeshJob {
                 })
                 .collect();
         }
+        let distances = match &self.distances {
+            Some(path) => Some(Box::new(read_distances(path)?)),
+            None => None,
+        };
         Ok(Params {
             spacing: self.spacing,
+            distances,
+            feature_weights: self.feature_weights,
             feature: self.feature.into(),
             sigma: self.sigma,
             threshold: self.threshold,
@@ -193,6 +219,18 @@ impl MeshJob {
             seed: self.seed,
         })
     }
+}
+
+/// An image of distances.
+fn read_distances<const D: usize>(path: &Path) -> Result<Image<D>> {
+    let read = io::read_any(path, &ReadOptions::default())?;
+    read.image().ok_or_else(|| {
+        Error::Job(cause(
+            format!("--distance-from {}", path.display()),
+            format!("is no {D}-D image"),
+            "give one distance per sample of the image",
+        ))
+    })
 }
 
 /// An image of weights.

@@ -11,9 +11,12 @@ use crate::error::cause;
 use crate::export::{AnyMesh, FieldValue, MeshFile, read_any_vtu};
 use crate::io::vtk::DataArray;
 use crate::mesh::check::check;
+use crate::mesh::graph::Graph;
+use crate::mesh::poly::PolyMesh;
+use crate::mesh::poly_check::check_poly;
 use crate::mesh::{Simplices, TetMesh, TriMesh};
 use crate::pipeline::file::{Placed, bounds};
-use crate::pipeline::{BOX_TOLERANCE, scaled};
+use crate::pipeline::{BOX_TOLERANCE, cells, scaled};
 use crate::report::{self, Measured, Reference, Report};
 use crate::synth::Truth;
 use crate::{Error, Result, delaunay};
@@ -21,24 +24,63 @@ use crate::{Error, Result, delaunay};
 /// `atomesh info` of a mesh.
 pub fn info(path: &Path, console: &mut Console) -> Result<()> {
     match read_any_vtu(path)? {
-        AnyMesh::Plane(file) => describe(path, &file, console),
-        AnyMesh::Space(file) => describe(path, &file, console),
+        AnyMesh::Plane(file) => simplices(path, &file, console),
+        AnyMesh::Space(file) => simplices(path, &file, console),
+        AnyMesh::PlaneCells(file) => {
+            let mesh = &file.mesh;
+            describe(
+                path,
+                &file,
+                &mesh.nodes,
+                mesh.sites.len(),
+                "polygons",
+                console,
+            );
+        }
+        AnyMesh::SpaceCells(file) => {
+            let mesh = &file.mesh;
+            describe(
+                path,
+                &file,
+                &mesh.nodes,
+                mesh.sites.len(),
+                "polyhedra",
+                console,
+            );
+        }
     }
     Ok(())
 }
 
-fn describe<const D: usize, M: Simplices<D>>(
+fn simplices<const D: usize, M: Simplices<D>>(
     path: &Path,
     file: &MeshFile<M>,
     console: &mut Console,
 ) {
-    let (low, high) = bounds(file.mesh.nodes());
+    describe(
+        path,
+        file,
+        file.mesh.nodes(),
+        file.mesh.len(),
+        M::CELLS,
+        console,
+    );
+}
+
+fn describe<const D: usize, M>(
+    path: &Path,
+    file: &MeshFile<M>,
+    nodes: &[[f64; D]],
+    cells: usize,
+    kind: &str,
+    console: &mut Console,
+) {
+    let (low, high) = bounds(nodes);
     let names = |arrays: &[DataArray]| -> Vec<String> {
         arrays.iter().map(|array| array.name.clone()).collect()
     };
     let (points, arrays) = (names(&file.point_data), names(&file.cell_data));
-    let [nodes, cells] = [file.mesh.nodes().len(), file.mesh.len()];
-    let kind = M::CELLS;
+    let nodes = nodes.len();
     let mut lines = vec![
         format!("file        {}", path.display()),
         "format      VTK unstructured grid".to_string(),
@@ -78,6 +120,8 @@ pub fn quality(args: &QualityArgs, console: &mut Console) -> Result<()> {
     match read_any_vtu(&args.mesh)? {
         AnyMesh::Plane(file) => measure(args, &Placed::new(file, &place)?, console),
         AnyMesh::Space(file) => measure(args, &Placed::new(file, &place)?, console),
+        AnyMesh::PlaneCells(file) => measure_cells(args, &Placed::cells(file, &place)?, console),
+        AnyMesh::SpaceCells(file) => measure_cells(args, &Placed::cells(file, &place)?, console),
     }
 }
 
@@ -115,7 +159,48 @@ fn measure<const D: usize, M: Measured<D>>(
         )?);
         report.notes.push(format!("{}: {note}", path.display()));
     }
-    if !placed.by_file {
+    show(report, placed.by_file, console);
+    Ok(())
+}
+
+/// The same for polyhedra or polygons.
+fn measure_cells<const D: usize>(
+    args: &QualityArgs,
+    placed: &Placed<D, PolyMesh<D>>,
+    console: &mut Console,
+) -> Result<()> {
+    let truth = args
+        .truth
+        .as_deref()
+        .map(|path| read_truth(path, placed))
+        .transpose()?;
+    console.begin_stage("measuring the mesh");
+    let (graph, physical) = (
+        Graph::from_poly(&placed.lattice),
+        Graph::from_poly(&placed.physical),
+    );
+    let voronoi = report::voronoi(
+        &placed.lattice,
+        &graph,
+        &physical,
+        placed.extent,
+        BOX_TOLERANCE,
+    );
+    let mut report = Report {
+        voronoi: Some(voronoi),
+        ..Report::default()
+    };
+    if let (Some((truth, note)), Some(path)) = (&truth, &args.truth) {
+        let reference = Reference::from_truth(truth);
+        report.fidelity = Some(cells::fidelity(&placed.lattice, placed.step, &reference));
+        report.notes.push(format!("{}: {note}", path.display()));
+    }
+    show(report, placed.by_file, console);
+    Ok(())
+}
+
+fn show(mut report: Report, placed_by_file: bool, console: &mut Console) {
+    if !placed_by_file {
         report.notes.push(
             "the file does not say where its lattice space is: measured in its own space".into(),
         );
@@ -124,7 +209,6 @@ fn measure<const D: usize, M: Measured<D>>(
         report.table().trim_end(),
         &serde_json::to_value(&report).unwrap_or_default(),
     );
-    Ok(())
 }
 
 /// `atomesh validate`: an error if the mesh is not valid, so that scripts see it.
@@ -150,6 +234,8 @@ pub fn validate(args: &ValidateArgs, console: &mut Console) -> Result<()> {
                 verdicts.push(by_cgal(&placed)?);
             }
         }
+        AnyMesh::PlaneCells(file) => verdicts.push(cells_by_atomesh(&Placed::cells(file, &place)?)),
+        AnyMesh::SpaceCells(file) => verdicts.push(cells_by_atomesh(&Placed::cells(file, &place)?)),
     }
     let lines: Vec<String> = verdicts.iter().map(Verdict::line).collect();
     let failed = verdicts
@@ -183,6 +269,20 @@ fn by_atomesh<const D: usize, M: Measured<D>>(placed: &Placed<D, M>) -> Verdict 
             M::VOLUME,
             found.volume_error,
             found.nodes
+        ),
+        problem: found.problems.first().cloned(),
+    }
+}
+
+/// The same for polyhedra and polygons, of which TetGen and CGAL have no notion.
+fn cells_by_atomesh<const D: usize>(placed: &Placed<D, PolyMesh<D>>) -> Verdict {
+    let found = check_poly(&placed.lattice, [0.0; D], placed.extent, BOX_TOLERANCE);
+    Verdict {
+        by: "atomesh",
+        what: format!(
+            "{} closed cells with their atoms inside, {} flat faces between two cells or on a side, \
+             fill the box (off by {:.0e})",
+            found.cells, found.faces, found.volume_error
         ),
         problem: found.problems.first().cloned(),
     }

@@ -7,10 +7,12 @@
 //! - [`provenance`]: the hash of the input
 //! - [`images`]: the verbs about images
 //! - [`meshes`]: the verbs about meshes
+//! - [`flow`](mod@flow): the verb `flow`
 //! - [`console`]: everything that is printed
 
 pub mod args;
 pub mod console;
+pub mod flow;
 pub mod images;
 pub mod job;
 pub mod mesh;
@@ -62,6 +64,7 @@ fn run(line: &CommandLine) -> Result<Ending> {
         Verb::Info(args) => images::info(args, console)?,
         Verb::Feature(args) => images::feature(args, console)?,
         Verb::Convert(args) => images::convert(args, console)?,
+        Verb::Flow(args) => flow::flow(args, console)?,
         Verb::Synth(args) => images::synth(args, console)?,
     }
     Ok(Ending::Done)

@@ -25,12 +25,44 @@ pub fn from_features<const D: usize>(
     max: f64,
     growth: f64,
 ) -> Result<Distance<D>> {
+    limits(min, max, growth)?;
+    let mut field = coarse_grid(features.potential.extent(), min, max);
+    let (dims, step) = (field.dims, field.step);
+    for point in &features.points {
+        let low: [usize; D] = std::array::from_fn(|k| {
+            ((f64::from(point.position[k]) / step[k]) as usize).min(dims[k] - 2)
+        });
+        for corner in 0..1usize << D {
+            let index = |k: usize| low[k] + (corner >> k & 1);
+            let at = (0..D).rev().fold(0, |at, k| at * dims[k] + index(k));
+            field.samples[at] = min as f32;
+        }
+    }
+    limit_gradient(&mut field, growth);
+    Ok(Distance::Field(field))
+}
+
+/// A field of `max` everywhere, on a grid of spacing at most `min / 2` that spans the box.
+pub(super) fn coarse_grid<const D: usize>(extent: [f64; D], min: f64, max: f64) -> Field<D> {
+    let cells = extent.map(|e| (2.0 * e / min).ceil().max(1.0) as usize);
+    let dims = cells.map(|c| c + 1);
+    Field {
+        dims,
+        step: std::array::from_fn(|k| {
+            if extent[k] > 0.0 {
+                extent[k] / cells[k] as f64
+            } else {
+                1.0
+            }
+        }),
+        samples: vec![max as f32; dims.iter().product()],
+    }
+}
+
+/// Refuses limits that are not positive and in order, and a growth that is not in (0, 1].
+pub(super) fn limits(min: f64, max: f64, growth: f64) -> Result<()> {
     let fail = |problem: String, remedy: &str| {
-        Err(Error::Distance(cause(
-            "distance from features",
-            problem,
-            remedy,
-        )))
+        Err(Error::Distance(cause("varying distance", problem, remedy)))
     };
     if !(min > 0.0 && min.is_finite() && max.is_finite()) {
         return fail(
@@ -50,33 +82,7 @@ pub fn from_features<const D: usize>(
             "give a growth such as 0.1",
         );
     }
-    let extent = features.potential.extent();
-    let cells = extent.map(|e| (2.0 * e / min).ceil().max(1.0) as usize);
-    let dims = cells.map(|c| c + 1);
-    let step = std::array::from_fn(|k| {
-        if extent[k] > 0.0 {
-            extent[k] / cells[k] as f64
-        } else {
-            1.0
-        }
-    });
-    let mut field = Field {
-        dims,
-        step,
-        samples: vec![max as f32; dims.iter().product()],
-    };
-    for point in &features.points {
-        let low: [usize; D] = std::array::from_fn(|k| {
-            ((f64::from(point.position[k]) / step[k]) as usize).min(cells[k] - 1)
-        });
-        for corner in 0..1usize << D {
-            let index = |k: usize| low[k] + (corner >> k & 1);
-            let at = (0..D).rev().fold(0, |at, k| at * dims[k] + index(k));
-            field.samples[at] = min as f32;
-        }
-    }
-    limit_gradient(&mut field, growth);
-    Ok(Distance::Field(field))
+    Ok(())
 }
 
 #[cfg(test)]

@@ -2,12 +2,15 @@
 //!
 //! - [`grading`]: |grad d| limited by fast sweeping, minima kept
 //! - [`features`](mod@features): d grows away from detected features
+//! - [`sources`]: d from an image, from the Laplacian of b, as given
 
 pub mod features;
 pub mod grading;
+pub mod sources;
 
 pub use features::from_features;
 pub use grading::limit_gradient;
+pub use sources::{from_image, from_laplacian, from_samples};
 
 use crate::error::{Error, Result, cause};
 use crate::image::Field;

@@ -2,11 +2,14 @@
 //! makes them.
 //!
 //! - [`vtu`]: VTK unstructured grids, our own mesh format
+//! - [`polyhedra`]: the same for polyhedra and polygons
 //! - [`pvd`]: the lattice after each round, for ParaView
 
+pub mod polyhedra;
 pub mod pvd;
 pub mod vtu;
 
+pub use polyhedra::write_cells_vtu;
 pub use pvd::Trace;
 pub use vtu::{AnyMesh, FieldValue, MeshFile, read_any_vtu, read_vtu, write_vtu};
 

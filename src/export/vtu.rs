@@ -6,10 +6,12 @@
 
 use std::path::Path;
 
+use super::polyhedra::{self, POLYGON, POLYHEDRON};
 use crate::error::Result;
 use crate::io::atomic_write;
 use crate::io::vtk::xml::Element;
 use crate::io::vtk::{DataArray, Document, Source, Values, VtkFile};
+use crate::mesh::poly::PolyMesh;
 use crate::mesh::{Simplices, TetMesh, TriMesh};
 
 /// A mesh and everything that is stored with it.
@@ -53,38 +55,16 @@ pub fn write_vtu<const D: usize, M: Simplices<D>>(path: &Path, file: &MeshFile<M
     check_lengths(path, cell_data, cells, M::CELLS)?;
 
     let mut document = Document::new("UnstructuredGrid", &[]);
-    if !field_data.is_empty() {
-        document.open("FieldData", &[]);
-        for (name, value) in field_data {
-            document.array(match value {
-                FieldValue::Text(text) => Source::text(name, text),
-                FieldValue::F64s(numbers) => Source::slice(name, 1, numbers),
-                FieldValue::Ints(numbers) => Source::slice(name, 1, numbers),
-            });
-        }
-        document.close();
-    }
-    document.open(
-        "Piece",
-        &[
-            ("NumberOfPoints", nodes.to_string()),
-            ("NumberOfCells", cells.to_string()),
-        ],
+    let fields: Vec<_> = field_data.iter().collect();
+    let [point_data, cell_data]: [Vec<_>; 2] = [point_data, cell_data].map(|a| a.iter().collect());
+    begin_piece(
+        &mut document,
+        &fields,
+        mesh.nodes(),
+        cells,
+        &point_data,
+        &cell_data,
     );
-    for (element, arrays) in [("PointData", point_data), ("CellData", cell_data)] {
-        document.open(element, &[]);
-        for array in arrays {
-            document.array(array.values.source(&array.name, array.components));
-        }
-        document.close();
-    }
-    document.open("Points", &[]);
-    let coordinates = mesh.nodes().as_flattened();
-    document.array(Source::computed("Points", 3, 3 * nodes, |i| match i % 3 {
-        k if k < D => coordinates[D * (i / 3) + k],
-        _ => 0.0,
-    }));
-    document.close();
     document.open("Cells", &[]);
     let corners = mesh.connectivity();
     let size = D + 1;
@@ -107,7 +87,74 @@ pub fn write_vtu<const D: usize, M: Simplices<D>>(path: &Path, file: &MeshFile<M
     atomic_write(path, |out| document.write(out))
 }
 
-fn check_lengths(path: &Path, arrays: &[DataArray], tuples: usize, of: &str) -> Result<()> {
+/// Opens the only piece, with everything in it up to its cells.
+pub(super) fn begin_piece<'a, const D: usize>(
+    document: &mut Document<'a>,
+    fields: &[&'a (String, FieldValue)],
+    nodes: &'a [[f64; D]],
+    cells: usize,
+    point_data: &[&'a DataArray],
+    cell_data: &[&'a DataArray],
+) {
+    if !fields.is_empty() {
+        document.open("FieldData", &[]);
+        for (name, value) in fields {
+            document.array(match value {
+                FieldValue::Text(text) => Source::text(name, text),
+                FieldValue::F64s(numbers) => Source::slice(name, 1, numbers),
+                FieldValue::Ints(numbers) => Source::slice(name, 1, numbers),
+            });
+        }
+        document.close();
+    }
+    document.open(
+        "Piece",
+        &[
+            ("NumberOfPoints", nodes.len().to_string()),
+            ("NumberOfCells", cells.to_string()),
+        ],
+    );
+    for (element, arrays) in [("PointData", point_data), ("CellData", cell_data)] {
+        document.open(element, &[]);
+        for array in arrays {
+            document.array(array.values.source(&array.name, array.components));
+        }
+        document.close();
+    }
+    document.open("Points", &[]);
+    let coordinates = nodes.as_flattened();
+    document.array(Source::computed("Points", 3, 3 * nodes.len(), |i| {
+        match i % 3 {
+            k if k < D => coordinates[D * (i / 3) + k],
+            _ => 0.0,
+        }
+    }));
+    document.close();
+}
+
+/// Points of the plane or of space as points of space, coordinate after coordinate.
+pub(super) fn in_space<const D: usize>(points: &[[f64; D]]) -> Vec<f64> {
+    let lift =
+        |p: &[f64; D]| -> [f64; 3] { std::array::from_fn(|k| p.get(k).copied().unwrap_or(0.0)) };
+    points.iter().flat_map(lift).collect()
+}
+
+/// Numbers and counts, 32-bit if all fit.
+pub(super) fn integers<'a>(name: &str, values: &'a [u64]) -> Source<'a> {
+    let most = values.iter().copied().max().unwrap_or(0);
+    if most <= i32::MAX as u64 {
+        Source::computed(name, 1, values.len(), |i| values[i] as i32)
+    } else {
+        Source::computed(name, 1, values.len(), |i| values[i] as i64)
+    }
+}
+
+pub(super) fn check_lengths(
+    path: &Path,
+    arrays: &[DataArray],
+    tuples: usize,
+    of: &str,
+) -> Result<()> {
     let wrong = |a: &&DataArray| a.values.len() != tuples * a.components;
     match arrays.iter().find(wrong) {
         None => Ok(()),
@@ -143,17 +190,28 @@ pub enum AnyMesh {
     Plane(MeshFile<TriMesh>),
     /// Tetrahedra.
     Space(MeshFile<TetMesh>),
+    /// Polygons in the plane.
+    PlaneCells(MeshFile<PolyMesh<2>>),
+    /// Polyhedra.
+    SpaceCells(MeshFile<PolyMesh<3>>),
 }
 
-/// Reads a mesh of triangles in the plane z = 0, or of tetrahedra as [`read_vtu`] does.
+/// Reads a mesh of triangles or polygons in the plane z = 0, of tetrahedra as [`read_vtu`] does, or of
+/// polyhedra.
 ///
 /// # Errors
-/// As [`read_vtu`], and for triangles that are not in that plane.
+/// As [`read_vtu`], and for triangles and polygons that are not in that plane.
 pub fn read_any_vtu(path: &Path) -> Result<AnyMesh> {
     let file = VtkFile::read(path, "UnstructuredGrid")?;
     let types = cell_values(&file, file.child(file.piece()?, "Cells")?, "types")?;
     Ok(match types.first() {
         Some(&kind) if kind == i64::from(TriMesh::VTK_CELL) => AnyMesh::Plane(read_cells(&file)?),
+        Some(&kind) if kind == i64::from(POLYGON) => {
+            AnyMesh::PlaneCells(polyhedra::read_cells(&file)?)
+        }
+        Some(&kind) if kind == i64::from(POLYHEDRON) => {
+            AnyMesh::SpaceCells(polyhedra::read_cells(&file)?)
+        }
         _ => AnyMesh::Space(read_cells(&file)?),
     })
 }
@@ -163,8 +221,18 @@ fn read_cells<const D: usize, M: Simplices<D>>(file: &VtkFile) -> Result<MeshFil
     let points: usize = count(file, piece, "NumberOfPoints")?;
     let cells: usize = count(file, piece, "NumberOfCells")?;
 
-    let nodes = nodes(file, file.child(piece, "Points")?, points)?;
+    let nodes = read_nodes(file, file.child(piece, "Points")?, points)?;
     let corners = corners::<D, M>(file, file.child(piece, "Cells")?, points, cells)?;
+    Ok(MeshFile {
+        mesh: M::from_parts(nodes, corners),
+        point_data: read_arrays(file, piece, "PointData", points)?,
+        cell_data: read_arrays(file, piece, "CellData", cells)?,
+        field_data: read_fields(file)?,
+    })
+}
+
+/// What belongs to the whole mesh.
+pub(super) fn read_fields(file: &VtkFile) -> Result<Vec<(String, FieldValue)>> {
     let mut field_data = Vec::new();
     if let Some(fields) = file.data_set().child("FieldData") {
         for array in &fields.children {
@@ -183,22 +251,17 @@ fn read_cells<const D: usize, M: Simplices<D>>(file: &VtkFile) -> Result<MeshFil
             ));
         }
     }
-    Ok(MeshFile {
-        mesh: M::from_parts(nodes, corners),
-        point_data: arrays(file, piece, "PointData", points)?,
-        cell_data: arrays(file, piece, "CellData", cells)?,
-        field_data,
-    })
+    Ok(field_data)
 }
 
-fn count(file: &VtkFile, piece: &Element, name: &str) -> Result<usize> {
+pub(super) fn count(file: &VtkFile, piece: &Element, name: &str) -> Result<usize> {
     match file.numbers(piece, name)?[..] {
         [n] => Ok(n),
         _ => Err(file.fault(format!("{name} is not one number"), "write it anew")),
     }
 }
 
-fn nodes<const D: usize>(
+pub(super) fn read_nodes<const D: usize>(
     file: &VtkFile,
     element: &Element,
     points: usize,
@@ -214,15 +277,15 @@ fn nodes<const D: usize>(
     }
     let (nodes, _) = numbers.as_chunks::<3>();
     if let Some(off) = nodes.iter().flat_map(|x| &x[D..]).find(|c| **c != 0.0) {
-        let problem = format!("has triangles off the plane z = 0 (at z = {off})");
-        return Err(file.fault(problem, "give tetrahedra, or triangles in that plane"));
+        let problem = format!("has cells off the plane z = 0 (at z = {off})");
+        return Err(file.fault(problem, "give cells of space, or of that plane"));
     }
     let node = |x: &[f64; 3]| std::array::from_fn(|k| x[k]);
     Ok(nodes.iter().map(node).collect())
 }
 
 /// An array of the cells' description.
-fn cell_values(file: &VtkFile, cells: &Element, name: &str) -> Result<Vec<i64>> {
+pub(super) fn cell_values(file: &VtkFile, cells: &Element, name: &str) -> Result<Vec<i64>> {
     let mut arrays = cells.children.iter();
     let element = arrays
         .find(|a| a.attribute("Name") == Some(name))
@@ -285,7 +348,12 @@ fn corners<const D: usize, M: Simplices<D>>(
     Ok(corners.iter().map(|&c| c as u32).collect())
 }
 
-fn arrays(file: &VtkFile, piece: &Element, name: &str, tuples: usize) -> Result<Vec<DataArray>> {
+pub(super) fn read_arrays(
+    file: &VtkFile,
+    piece: &Element,
+    name: &str,
+    tuples: usize,
+) -> Result<Vec<DataArray>> {
     let Some(element) = piece.child(name) else {
         return Ok(Vec::new());
     };

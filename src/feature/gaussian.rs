@@ -8,6 +8,7 @@
 //! Each pass works on whole rows of x, so that the inner loop runs over neighbouring samples: along
 //! y and z by adding shifted rows, along x by adding shifted copies of one padded row.
 
+use super::wide::wide;
 use rayon::prelude::*;
 
 /// Samples of x handled at once: the sums stay in registers.
@@ -43,13 +44,21 @@ pub fn smooth<const D: usize>(dims: [usize; D], samples: &mut [f32], sigma: [f64
         .par_chunks_mut(nx * ny)
         .for_each_init(Vec::new, |scratch, plane| {
             if let Some(kernel) = &kernels[0] {
-                for row in plane.chunks_mut(nx) {
-                    smooth_row(row, kernel, scratch);
-                }
+                wide(
+                    #[inline(always)]
+                    || {
+                        for row in plane.chunks_mut(nx) {
+                            smooth_row(row, kernel, scratch);
+                        }
+                    },
+                );
             }
             if let Some(kernel) = &kernels[1] {
                 let mut rows: Vec<&mut [f32]> = plane.chunks_mut(nx).collect();
-                smooth_across(&mut rows, kernel, scratch);
+                wide(
+                    #[inline(always)]
+                    || smooth_across(&mut rows, kernel, scratch),
+                );
             }
         });
     let mut stride = nx * ny;
@@ -67,7 +76,10 @@ pub fn smooth<const D: usize>(dims: [usize; D], samples: &mut [f32], sigma: [f64
                 stacks
                     .par_iter_mut()
                     .for_each_init(Vec::new, |scratch, rows| {
-                        smooth_across(rows, kernel, scratch);
+                        wide(
+                            #[inline(always)]
+                            || smooth_across(rows, kernel, scratch),
+                        );
                     });
             }
         }
@@ -76,10 +88,14 @@ pub fn smooth<const D: usize>(dims: [usize; D], samples: &mut [f32], sigma: [f64
 }
 
 /// Smooths one contiguous row along itself.
+#[inline(always)]
 fn smooth_row(row: &mut [f32], kernel: &[f32], scratch: &mut Vec<f32>) {
     let (n, radius) = (row.len(), kernel.len() - 1);
+    let beyond = |i: usize| row[mirrored(i as isize - radius as isize, n)];
     scratch.clear();
-    scratch.extend((0..n + 2 * radius).map(|i| row[mirrored(i as isize - radius as isize, n)]));
+    scratch.extend((0..radius).map(beyond));
+    scratch.extend_from_slice(row);
+    scratch.extend((n + radius..n + 2 * radius).map(beyond));
     let padded = &scratch[..];
     let mut start = 0;
     for out in row.chunks_mut(LANES) {
@@ -101,6 +117,7 @@ fn smooth_row(row: &mut [f32], kernel: &[f32], scratch: &mut Vec<f32>) {
 }
 
 /// Smooths across a stack of rows: `rows[j]` becomes the weighted sum of its neighbours.
+#[inline(always)]
 fn smooth_across(rows: &mut [&mut [f32]], kernel: &[f32], scratch: &mut Vec<f32>) {
     let n = rows.len();
     let nx = rows.first().map_or(0, |r| r.len());
@@ -145,7 +162,10 @@ fn weighted<'a>(
     centre: &[f32; LANES],
     pair: impl Fn(usize) -> (&'a [f32; LANES], &'a [f32; LANES]),
 ) -> [f32; LANES] {
-    let mut sum = centre.map(|c| kernel[0] * c);
+    let mut sum = [0.0; LANES];
+    for l in 0..LANES {
+        sum[l] = kernel[0] * centre[l];
+    }
     for (i, w) in kernel.iter().enumerate().skip(1) {
         let (a, b) = pair(i);
         for l in 0..LANES {

@@ -12,6 +12,8 @@ pub struct Grid<'a, const D: usize> {
     pub dims: [usize; D],
     /// In the order of samples.
     pub candidates: &'a [Candidate<D>],
+    /// Their samples.
+    voxels: Vec<u32>,
     /// First candidate at or after the first sample of each segment.
     start: Vec<u32>,
 }
@@ -30,6 +32,7 @@ impl<'a, const D: usize> Grid<'a, D> {
         Self {
             dims,
             candidates,
+            voxels: candidates.iter().map(|c| c.voxel).collect(),
             start,
         }
     }
@@ -62,14 +65,56 @@ impl<'a, const D: usize> Grid<'a, D> {
         }
         let (low, high) = ((row + low as usize) as u32, (row + high as usize) as u32);
         let first = self.start[(low >> SEGMENT) as usize] as usize;
-        for i in first..self.candidates.len() {
-            let voxel = self.candidates[i].voxel;
-            if voxel >= high {
-                break;
+        let end = self.start[((high - 1) >> SEGMENT) as usize + 1] as usize;
+        for (i, voxel) in self.voxels[first..end].iter().enumerate() {
+            if (low..high).contains(voxel) {
+                visit(first + i);
             }
-            if voxel >= low {
-                visit(i);
+        }
+    }
+
+    /// Calls `visit` for each candidate of the samples from `at` to `at + (length - 1)` along `axis`
+    /// that are inside the image.
+    #[inline]
+    pub fn each_in_column(
+        &self,
+        at: [i32; D],
+        axis: usize,
+        length: i32,
+        mut visit: impl FnMut(usize),
+    ) {
+        if axis == 0 {
+            return self.each_in_row(at, length, visit);
+        }
+        let (mut stride, mut voxel) = (1, 0);
+        for k in 0..D {
+            if k != axis && (at[k] < 0 || at[k] as usize >= self.dims[k]) {
+                return;
             }
+            if k < axis {
+                stride *= self.dims[k];
+            }
+        }
+        let (low, high) = (
+            at[axis].max(0),
+            (at[axis] + length).min(self.dims[axis] as i32),
+        );
+        for k in (0..D).rev() {
+            let i = if k == axis { low } else { at[k] };
+            voxel = voxel * self.dims[k] + i.max(0) as usize;
+        }
+        for _ in low..high {
+            let segment = voxel >> SEGMENT;
+            let (first, end) = (
+                self.start[segment] as usize,
+                self.start[segment + 1] as usize,
+            );
+            for (i, v) in self.voxels[first..end].iter().enumerate() {
+                if *v as usize == voxel {
+                    visit(first + i);
+                }
+            }
+            voxel += stride;
         }
     }
 
@@ -123,6 +168,21 @@ mod tests {
                         };
                         let all: Vec<usize> = (0..candidates.len())
                             .filter(|&i| near(&candidates[i]))
+                            .collect();
+                        assert_eq!(found, all);
+                    }
+                    for axis in 0..3 {
+                        let mut found = Vec::new();
+                        grid.each_in_column([x, y, z], axis, 4, |i| found.push(i));
+                        let within = |c: &Candidate<3>| {
+                            let at = grid.coordinates(c);
+                            (0..3).all(|k| {
+                                let length = if k == axis { 4 } else { 1 };
+                                (0..length).contains(&(at[k] - [x, y, z][k]))
+                            })
+                        };
+                        let all: Vec<usize> = (0..candidates.len())
+                            .filter(|&i| within(&candidates[i]))
                             .collect();
                         assert_eq!(found, all);
                     }

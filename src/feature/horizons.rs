@@ -16,7 +16,7 @@ pub fn horizons<const D: usize>(
     low: f32,
 ) -> Vec<Candidate<D>> {
     let strides = volume.strides();
-    volume.by_rows(|first, _, found| {
+    volume.by_rows(|first, (): &mut (), found| {
         let start = volume.index(first);
         for x in 0..volume.dims[0] {
             let i = start + x;

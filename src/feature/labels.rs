@@ -115,7 +115,8 @@ pub fn interfaces<const D: usize>(
             samples: &best,
         },
     };
-    lead.lead.by_rows(|first, _, found| lead.row(first, found))
+    lead.lead
+        .by_rows(|first, (): &mut (), found| lead.row(first, found))
 }
 
 /// The winning label of each sample and how far it leads.

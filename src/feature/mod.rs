@@ -2,20 +2,26 @@
 //!
 //! - [`gaussian`]: smoothing of volumes
 //! - [`volume`]: finite differences
+//! - [`rows`]: second differences of whole rows at once
 //! - [`symmetric`]: eigenvectors of Hessians and structure tensors
 //! - [`tensor`]: normals of layers
 //! - [`auto`]: which kind of feature an image has
 //! - [`crossing`]: where a sheet crosses the columns of samples
 //! - [`ridges`](mod@ridges): ridges (and, negated, valleys)
 //! - [`horizons`](mod@horizons): crests and troughs of seismic amplitude
+//! - [`edges`]: how steep an image is
+//! - [`faults`]: where layers do not continue
 //! - [`labels`]: interfaces between labels, thin masks
 //! - [`repair`](mod@repair): ridges through crossings and up to the box's sides
 //! - [`grid`]: candidates by sample
 //! - [`sheets`](mod@sheets): hysteresis, sheets too near one another, crumbs
 //! - [`potential`](mod@potential): b(x)
+//! - `wide`: loops for wide vectors
 
 pub mod auto;
 pub mod crossing;
+pub mod edges;
+pub mod faults;
 pub mod gaussian;
 pub mod grid;
 pub mod horizons;
@@ -23,10 +29,12 @@ pub mod labels;
 pub mod potential;
 pub mod repair;
 pub mod ridges;
+pub mod rows;
 pub mod sheets;
 pub mod symmetric;
 pub mod tensor;
 pub mod volume;
+mod wide;
 
 #[cfg(test)]
 mod scenes;
@@ -77,6 +85,10 @@ pub enum Kind {
     Edges,
     /// Crests and troughs of seismic amplitude.
     Horizons,
+    /// Where the layers of seismic amplitude do not continue.
+    Faults,
+    /// Both, each with its weight.
+    FaultsAndHorizons,
     /// Interfaces between labels; thin masks are ridges.
     Labels,
     /// The image is b(x) itself.
@@ -84,12 +96,14 @@ pub enum Kind {
 }
 
 /// Names on the command line.
-const NAMES: [(Kind, &str); 7] = [
+const NAMES: [(Kind, &str); 9] = [
     (Kind::Auto, "auto"),
     (Kind::Ridges, "ridges"),
     (Kind::Valleys, "valleys"),
     (Kind::Edges, "edges"),
     (Kind::Horizons, "horizons"),
+    (Kind::Faults, "faults"),
+    (Kind::FaultsAndHorizons, "faults+horizons"),
     (Kind::Labels, "labels"),
     (Kind::Potential, "potential"),
 ];
@@ -131,10 +145,12 @@ pub struct Options<const D: usize> {
     pub kind: Kind,
     /// Width (samples) of the Gaussian under which derivatives are taken; by kind if `None`.
     pub scale: Option<f64>,
-    /// Width (samples) of the structure tensor's window (horizons); 4 if `None`.
+    /// Width (samples) of the structure tensor's window (horizons, faults); 4 if `None`.
     pub smoothing: Option<f64>,
     /// Least strength of a feature, in units of the image; from the image itself if `None`.
     pub threshold: Option<f32>,
+    /// Depths, in (0, 1], of the valleys of faults and of horizons where both are followed.
+    pub weights: [f64; 2],
     /// The least nominal distance between atoms, in lattice units: what the lattice resolves.
     pub d_min: f64,
     /// Lattice-space distance between samples.
@@ -148,6 +164,7 @@ impl<const D: usize> Default for Options<D> {
             scale: None,
             smoothing: None,
             threshold: None,
+            weights: [1.0; 2],
             d_min: 8.0,
             step: [1.0; D],
         }
@@ -161,12 +178,11 @@ impl<const D: usize> Default for Options<D> {
 /// samples, is constant, or is not what `options.kind` says.
 pub fn detect<const D: usize>(image: &Image<D>, options: &Options<D>) -> Result<Features<D>> {
     check(image, options)?;
-    let dims = image.dims();
     let mut notes = Vec::new();
     let kind = match options.kind {
         Kind::Auto => {
             let (kind, why) = auto::pick(Volume {
-                dims,
+                dims: image.dims(),
                 samples: image.as_slice(),
             });
             notes.push(format!("features: {kind} ({why})"));
@@ -174,6 +190,51 @@ pub fn detect<const D: usize>(image: &Image<D>, options: &Options<D>) -> Result<
         }
         kind => kind,
     };
+    if kind != Kind::FaultsAndHorizons {
+        return follow(image, kind, options, notes);
+    }
+    // A threshold is one of amplitude, and the faults' own is found from the image.
+    let of_faults = Options {
+        threshold: None,
+        ..*options
+    };
+    let faults = follow(image, Kind::Faults, &of_faults, notes)?;
+    let horizons = follow(image, Kind::Horizons, options, Vec::new())?;
+    Ok(both(faults, horizons, options.weights))
+}
+
+/// Features of two kinds as one; their valleys are as deep as the weights say.
+fn both<const D: usize>(
+    mut first: Features<D>,
+    second: Features<D>,
+    weights: [f64; 2],
+) -> Features<D> {
+    let [a, b] = weights.map(|w| w as f32);
+    let samples = first.potential.samples.iter_mut();
+    for (deepest, other) in samples.zip(&second.potential.samples) {
+        *deepest = (a * *deepest).min(b * other);
+    }
+    first.points.extend(second.points);
+    let last_axis_first = |p: &FeaturePoint<D>, q: &FeaturePoint<D>| {
+        let (p, q) = (p.position.iter().rev(), q.position.iter().rev());
+        p.zip(q)
+            .map(|(a, b)| a.total_cmp(b))
+            .find(|order| order.is_ne())
+            .unwrap_or(std::cmp::Ordering::Equal)
+    };
+    first.points.sort_by(last_axis_first);
+    first.notes.extend(second.notes);
+    first
+}
+
+/// Finds the features of one kind and their potential.
+fn follow<const D: usize>(
+    image: &Image<D>,
+    kind: Kind,
+    options: &Options<D>,
+    mut notes: Vec<String>,
+) -> Result<Features<D>> {
+    let dims = image.dims();
     let found = find(image, kind, options, &mut notes)?;
     let side = |k: usize| (dims[k] as f64 - 1.0) * options.step[k];
     let section = (0..D)
@@ -258,15 +319,17 @@ fn find<const D: usize>(
         Kind::Edges => {
             let mut smoothed = samples();
             gaussian::smooth(dims, &mut smoothed, [options.scale.unwrap_or(1.0); D]);
-            let steepness = Volume {
+            let steepness = edges::prewitt(Volume {
                 dims,
                 samples: &smoothed,
-            }
-            .gradient_magnitude();
+            });
             drop(smoothed);
             Ok(find_ridges(dims, steepness, 1.0, options, notes))
         }
-        Kind::Horizons => Ok(find_horizons(dims, samples(), options, notes)),
+        Kind::Horizons | Kind::FaultsAndHorizons => {
+            Ok(find_horizons(dims, samples(), options, notes))
+        }
+        Kind::Faults => Ok(find_faults(dims, samples(), options, notes)),
         Kind::Labels => find_labels(image, options, notes),
     }
 }
@@ -362,6 +425,41 @@ fn find_horizons<const D: usize>(
     }
 }
 
+/// Faults whose normals agree more than this (cosine) with the layers' are layers themselves.
+const ALONG_LAYERS: f32 = 0.85;
+
+/// Faults of seismic amplitude.
+fn find_faults<const D: usize>(
+    dims: [usize; D],
+    mut samples: Vec<f32>,
+    options: &Options<D>,
+    notes: &mut Vec<String>,
+) -> Found<D> {
+    let scale = options.scale.unwrap_or(1.0);
+    let window = options.smoothing.unwrap_or(4.0);
+    gaussian::smooth(dims, &mut samples, [scale; D]);
+    let smoothed = Volume {
+        dims,
+        samples: &samples,
+    };
+    let layers = tensor::Normals::new(smoothed, window);
+    let discontinuity = faults::discontinuity(smoothed, &layers, window);
+    drop(samples);
+    notes.push(format!(
+        "faults: one less the semblance along layers, at scale {scale}, normals averaged over {window}"
+    ));
+    let of_ridges = Options {
+        scale: None,
+        ..*options
+    };
+    let mut found = find_ridges(dims, discontinuity, FINEST, &of_ridges, notes);
+    found
+        .candidates
+        .retain(|c| crossing::dot(c.normal, layers.at(c.position)).abs() < ALONG_LAYERS);
+    found.min_cells = 6.0;
+    found
+}
+
 /// Interfaces between labels, or the middle of a thin mask.
 fn find_labels<const D: usize>(
     image: &Image<D>,
@@ -437,6 +535,15 @@ fn check<const D: usize>(image: &Image<D>, options: &Options<D>) -> Result<()> {
             );
         }
     }
+    if !options.weights.iter().all(|w| *w > 0.0 && *w <= 1.0) {
+        return fail(
+            format!(
+                "weights {:?} are not above 0 and at most 1",
+                options.weights
+            ),
+            "give depths of valleys such as 1 and 0.5",
+        );
+    }
     if options.threshold.is_some_and(|t| !t.is_finite()) {
         return fail(
             "the threshold is not a finite number".into(),
@@ -444,7 +551,7 @@ fn check<const D: usize>(image: &Image<D>, options: &Options<D>) -> Result<()> {
         );
     }
     let samples = image.as_slice();
-    if let Some(i) = samples.iter().position(|s| !s.is_finite()) {
+    if let Some(i) = first_not_finite(samples) {
         let volume = Volume {
             dims: image.dims(),
             samples,
@@ -463,4 +570,13 @@ fn check<const D: usize>(image: &Image<D>, options: &Options<D>) -> Result<()> {
         )));
     }
     Ok(())
+}
+
+/// The first sample that is NaN or infinite.
+fn first_not_finite(samples: &[f32]) -> Option<usize> {
+    // Without a way out of the inner loop it runs on many samples at once.
+    let broken = |chunk: &[f32]| !chunk.iter().fold(true, |all, s| all & s.is_finite());
+    let chunk = samples.chunks(4096).position(broken)? * 4096;
+    let within = samples[chunk..].iter().position(|s| !s.is_finite())?;
+    Some(chunk + within)
 }

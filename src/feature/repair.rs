@@ -7,11 +7,10 @@
 //! a quadratic surface fitted to the reliable points nearby (on the far side of a crossing too).
 //! Doubtful candidates beside a continued sheet are dropped.
 
-use super::crossing::{Candidate, dot, nearest};
+use super::crossing::{Candidate, dot, minus, nearest};
 use super::grid::Grid;
 use super::symmetric::{Matrix, eigenvalues};
 use super::volume::Volume;
-use std::collections::HashMap;
 
 /// Reliable points within this many samples of a new point are fitted; the second radius is for the
 /// middle of wide zones, where the first finds too few.
@@ -22,6 +21,10 @@ const SAME_NORMAL: f32 = 0.9;
 const SAME_FIT: f32 = 0.97;
 /// A sheet goes on while the smoothed image is at least this share of what it was at the rim.
 const SUPPORT: f32 = 0.7;
+/// No point.
+const NONE: u32 = u32::MAX;
+/// New points are listed by this many samples in a row, as a power of two.
+const SEGMENT: u32 = 3;
 /// A front goes this many columns into the zone at most.
 const STEPS: u32 = 16;
 /// A sample is given this many new points at most.
@@ -45,26 +48,27 @@ pub fn repair<const D: usize>(
     strong: f32,
 ) -> Vec<Candidate<D>> {
     let zone = Zone::new(smoothed.dims, &candidates, scale, strong);
-    let grid = Grid::new(smoothed.dims, &candidates);
-    let reliable: Vec<bool> = candidates
-        .iter()
-        .map(|c| !zone.holds(grid.coordinates(c)))
-        .collect();
+    let (doubtful, reliable): (Vec<_>, Vec<_>) = candidates.iter().partition(|c| {
+        let at = smoothed.coordinates(c.voxel as usize);
+        zone.holds(at.map(|i| i as i32))
+    });
     // Where most is doubtful (foam, pores), there is nothing to continue from.
-    if 2 * reliable.iter().filter(|r| **r).count() < reliable.len() {
+    if reliable.len() < doubtful.len() {
         return candidates;
     }
+    drop(candidates);
+    let grid = Grid::new(smoothed.dims, &reliable);
     let mut fill = Fill {
         smoothed,
         zone: &zone,
-        grid: &grid,
-        reliable: &reliable,
+        reliable: &grid,
         points: Vec::new(),
         fronts: Vec::new(),
-        by_voxel: HashMap::new(),
+        previous: Vec::new(),
+        by_segment: vec![NONE; (smoothed.samples.len() >> SEGMENT) + 1],
     };
-    for (i, c) in candidates.iter().enumerate() {
-        if reliable[i] && c.strength >= strong && zone.near(grid.coordinates(c)) {
+    for c in reliable.iter().filter(|c| c.strength >= strong) {
+        if zone.near(grid.coordinates(c)) {
             let level = smoothed.samples[c.voxel as usize];
             fill.step_from(
                 c,
@@ -92,12 +96,8 @@ pub fn repair<const D: usize>(
         continued.each_around(continued.coordinates(c), BESIDE, |_| found = true);
         found
     };
-    let mut all: Vec<Candidate<D>> = candidates
-        .iter()
-        .zip(&reliable)
-        .filter(|(c, reliable)| **reliable || !beside(c))
-        .map(|(c, _)| *c)
-        .collect();
+    let kept = doubtful.into_iter().filter(|c| !beside(c));
+    let mut all: Vec<Candidate<D>> = reliable.iter().copied().chain(kept).collect();
     all.extend(&points);
     all.sort_by_key(|c| c.voxel);
     all
@@ -215,13 +215,14 @@ struct Front<const D: usize> {
 struct Fill<'a, const D: usize> {
     smoothed: Volume<'a, D>,
     zone: &'a Zone<D>,
-    grid: &'a Grid<'a, D>,
-    reliable: &'a [bool],
+    reliable: &'a Grid<'a, D>,
     points: Vec<Candidate<D>>,
     /// Where the front of each new point comes from.
     fronts: Vec<Front<D>>,
-    /// New points of each sample.
-    by_voxel: HashMap<u32, Vec<u32>>,
+    /// The latest new point among a few samples in a row.
+    by_segment: Vec<u32>,
+    /// For each new point, the one before it among the same samples.
+    previous: Vec<u32>,
 }
 
 impl<const D: usize> Fill<'_, D> {
@@ -233,7 +234,12 @@ impl<const D: usize> Fill<'_, D> {
             guess[lateral] += by;
             guess[axis] -= by * from.normal[lateral] / from.normal[axis];
             let column = guess.map(nearest);
-            if !self.zone.inside(column) || !self.zone.holds(column) || self.taken(column, from) {
+            let least = SUPPORT * front.level;
+            if !self.zone.inside(column)
+                || !self.zone.holds(column)
+                || self.taken(column, from)
+                || !self.reaches(least, column, axis)
+            {
                 continue;
             }
             let fitted = RADII
@@ -241,13 +247,12 @@ impl<const D: usize> Fill<'_, D> {
                 .find_map(|&radius| self.fit(guess, from, radius));
             let Some(point) = fitted else { continue };
             let at = point.position.map(nearest);
-            let goes_on = self.smoothed.samples[point.voxel as usize] >= SUPPORT * front.level
+            let goes_on = self.smoothed.samples[point.voxel as usize] >= least
                 && dot(point.normal, front.normal).abs() >= SAME_NORMAL;
             if goes_on && self.zone.holds(at) && !self.taken(at, from) {
-                self.by_voxel
-                    .entry(point.voxel)
-                    .or_default()
-                    .push(self.points.len() as u32);
+                let latest = &mut self.by_segment[(point.voxel >> SEGMENT) as usize];
+                self.previous.push(*latest);
+                *latest = self.points.len() as u32;
                 self.points.push(point);
                 self.fronts.push(Front {
                     steps: front.steps + 1,
@@ -257,21 +262,41 @@ impl<const D: usize> Fill<'_, D> {
         }
     }
 
+    /// Whether the smoothed image is at least this high anywhere a fit in a column may end.
+    fn reaches(&self, least: f32, column: [i32; D], axis: usize) -> bool {
+        (-1..=1).any(|j| {
+            let mut at = column;
+            at[axis] += j;
+            self.zone.inside(at) && {
+                let voxel = self.smoothed.index(at.map(|i| i as usize));
+                self.smoothed.samples[voxel] >= least
+            }
+        })
+    }
+
     /// Whether the column round `at` has a new point of the sheet of `like` already.
     fn taken(&self, at: [i32; D], like: &Candidate<D>) -> bool {
         let axis = like.axis as usize;
         (-1..=1).any(|j| {
             let mut v = at;
             v[axis] += j;
-            self.zone.inside(v) && {
-                let voxel = self.smoothed.index(v.map(|i| i as usize)) as u32;
-                self.by_voxel.get(&voxel).is_some_and(|list| {
-                    let same = |p: &Candidate<D>| {
-                        p.axis == like.axis && dot(p.normal, like.normal).abs() > SAME_FIT
-                    };
-                    list.len() >= MOST || list.iter().any(|&i| same(&self.points[i as usize]))
-                })
+            if !self.zone.inside(v) {
+                return false;
             }
+            let voxel = self.smoothed.index(v.map(|i| i as usize)) as u32;
+            let mut count = 0;
+            let mut i = self.by_segment[(voxel >> SEGMENT) as usize];
+            while i != NONE {
+                let p = &self.points[i as usize];
+                if p.voxel == voxel {
+                    count += 1;
+                    if p.axis == like.axis && dot(p.normal, like.normal).abs() > SAME_FIT {
+                        return true;
+                    }
+                }
+                i = self.previous[i as usize];
+            }
+            count >= MOST
         })
     }
 
@@ -299,21 +324,18 @@ impl<const D: usize> Fill<'_, D> {
             let slack = 1 + away.iter().fold(0, |a, u| a.max(u.abs())) / 6;
             let mut at: [i32; D] = std::array::from_fn(|k| centre[k] + away[k]);
             let middle = nearest(guess[axis] + slope);
-            for j in -slack..=slack {
-                at[axis] = middle + j;
-                self.grid.each(at, |i| {
-                    let q = &self.grid.candidates[i];
-                    let away: [f32; D] = std::array::from_fn(|k| q.position[k] - guess[k]);
-                    let distance = dot(away, away).sqrt();
-                    if self.reliable[i]
-                        && dot(q.normal, n).abs() >= SAME_NORMAL
-                        && dot(away, n).abs() <= 0.75 + 0.12 * distance
-                    {
-                        count += 1;
-                        surface.add(away, axis);
-                    }
-                });
-            }
+            at[axis] = middle - slack;
+            self.reliable.each_in_column(at, axis, 2 * slack + 1, |i| {
+                let q = &self.reliable.candidates[i];
+                let away = minus(q.position, guess);
+                let distance = dot(away, away).sqrt();
+                if dot(q.normal, n).abs() >= SAME_NORMAL
+                    && dot(away, n).abs() <= 0.75 + 0.12 * distance
+                {
+                    count += 1;
+                    surface.add(away, axis);
+                }
+            });
         }
         if count < Surface::<D>::TERMS {
             return None;

@@ -12,7 +12,8 @@
 //! nor doubles.
 
 use super::crossing::{Candidate, along_axis, dominant_axes};
-use super::symmetric::{Matrix, eigenvalues, eigenvector};
+use super::rows::Curvature;
+use super::symmetric::eigenvector;
 use super::volume::Volume;
 
 /// A Gaussian ridge as wide as the smoothing has, in the smoothed image, sigma^2 times its second
@@ -20,7 +21,7 @@ use super::volume::Volume;
 const HEIGHT: f64 = 2.828_427_124_746_19;
 
 /// The second direction is tried where its eigenvalue is at least this share of the first one.
-const SECOND: f64 = 0.4;
+const SECOND: f32 = 0.4;
 
 /// Ridge points whose strength is at least `low`, in the order of samples, of a volume that was
 /// smoothed with a Gaussian of width `sigma` samples.
@@ -28,25 +29,16 @@ const SECOND: f64 = 0.4;
 /// The strength is -sigma^2 times the second derivative across the ridge, scaled to be the ridge's
 /// height if the ridge was a Gaussian of width `sigma` before smoothing.
 pub fn ridges<const D: usize>(smoothed: Volume<'_, D>, sigma: f64, low: f32) -> Vec<Candidate<D>> {
-    smoothed.by_rows(|first, laplacian, found| row(smoothed, sigma, low, first, laplacian, found))
+    smoothed.by_rows(|first, curvature: &mut Curvature, found| {
+        curvature.measure(smoothed, first);
+        row(smoothed, sigma, low, first, curvature, found);
+    })
 }
 
-/// Standard deviation of the Laplacian of smoothed white noise over the median of [`curvature`]: its
+/// Standard deviation of the Laplacian of smoothed white noise over the median of [`sideways`]: its
 /// Hessian's pure entries have variance 3, covariance 1, and its mixed entries variance 1.
 const fn median_to_noise(dimensions: usize) -> f64 {
     if dimensions == 3 { 4.061 } else { 3.941 }
-}
-
-/// How much the image curves in directions in which a sheet does not bend it: the magnitude of the
-/// middle eigenvalue of the Hessian, in 2-D of the smaller one.
-fn curvature<const D: usize>(hessian: &Matrix<D>) -> f32 {
-    let values = eigenvalues(hessian);
-    let curvature = if D == 3 {
-        values[1].abs()
-    } else {
-        values[0].abs().min(values[1].abs())
-    };
-    curvature as f32
 }
 
 /// Ratio of noise to typical strength (one where there is only white noise) from which ridges drown.
@@ -86,21 +78,20 @@ impl Statistics {
 /// Measures [`Statistics`] for [`ridges`].
 pub fn statistics<const D: usize>(smoothed: Volume<'_, D>, sigma: f64) -> Statistics {
     let every = if D == 3 { 16 } else { 1 };
-    let parts: Vec<(Vec<f32>, Vec<Candidate<D>>)> = smoothed.by_rows(|first, laplacian, parts| {
-        let number: usize = (1..D).map(|k| first[k] * [1, 1, 7][k]).sum();
-        if !number.is_multiple_of(every) {
-            return;
-        }
-        let mut found = Vec::new();
-        row(smoothed, sigma, 0.0, first, laplacian, &mut found);
-        let magnitude = |x: usize| {
-            let mut at = first;
-            at[0] = x;
-            curvature(&smoothed.hessian(at))
-        };
-        let magnitudes = (0..smoothed.dims[0]).step_by(2).map(magnitude).collect();
-        parts.push((magnitudes, found));
-    });
+    let parts: Vec<(Vec<f32>, Vec<Candidate<D>>)> =
+        smoothed.by_rows(|first, curvature: &mut Curvature, parts| {
+            let number: usize = (1..D).map(|k| first[k] * [1, 1, 7][k]).sum();
+            if !number.is_multiple_of(every) {
+                return;
+            }
+            curvature.measure(smoothed, first);
+            let mut found = Vec::new();
+            row(smoothed, sigma, 0.0, first, curvature, &mut found);
+            let [lowest, next] = &curvature.lowest;
+            let magnitude = |x: usize| sideways::<D>(lowest[x], next[x]);
+            let magnitudes = (0..lowest.len()).step_by(2).map(magnitude).collect();
+            parts.push((magnitudes, found));
+        });
     let mut magnitudes: Vec<f32> = parts.iter().flat_map(|p| p.0.iter().copied()).collect();
     let middle = magnitudes.len() / 2;
     let median = if middle > 0 {
@@ -127,36 +118,46 @@ pub fn statistics<const D: usize>(smoothed: Volume<'_, D>, sigma: f64) -> Statis
     }
 }
 
-/// Ridge points of the row of x from `first`; leaves the row's Laplacian in `laplacian`.
+/// How much an image curves in directions in which a sheet does not bend it: the magnitude of the
+/// Hessian's middle eigenvalue, in 2-D of the smaller one.
+fn sideways<const D: usize>(lowest: f32, next: f32) -> f32 {
+    if D == 3 {
+        next.abs()
+    } else {
+        lowest.abs().min(next.abs())
+    }
+}
+
+/// Ridge points of the row of x from `first`.
 fn row<const D: usize>(
     smoothed: Volume<'_, D>,
     sigma: f64,
     low: f32,
     first: [usize; D],
-    laplacian: &mut Vec<f32>,
+    curvature: &Curvature,
     found: &mut Vec<Candidate<D>>,
 ) {
-    smoothed.laplacian(first, laplacian);
     // The most negative eigenvalue carries at least a third of a negative Laplacian; across a sheet
     // it carries nearly all of it, and noise in the other two takes off less than a half.
-    let scale = HEIGHT * sigma * sigma;
-    let bound = (-0.5 * f64::from(low) / scale) as f32;
-    for x in 0..smoothed.dims[0] {
-        if laplacian[x] >= bound {
+    let scale = (HEIGHT * sigma * sigma) as f32;
+    let (least, bound) = (-low / scale, -0.5 * low / scale);
+    let [lowest, next] = &curvature.lowest;
+    let row = lowest.iter().zip(&curvature.laplacian);
+    for (x, (&lowest, &laplacian)) in row.enumerate() {
+        if laplacian >= bound || lowest > least {
             continue;
         }
         let mut at = first;
         at[0] = x;
         let hessian = smoothed.hessian(at);
-        let values = eigenvalues(&hessian);
-        for (i, &value) in values[..2].iter().enumerate() {
-            let strength = (-value * scale) as f32;
-            if value >= 0.0 || strength < low || (i == 1 && value > SECOND * values[0]) {
+        for (i, value) in [lowest, next[x]].into_iter().enumerate() {
+            if value >= 0.0 || value > least || (i == 1 && value > SECOND * lowest) {
                 break;
             }
-            let w = eigenvector(&hessian, value);
+            let w = eigenvector(&hessian, f64::from(value));
             for axis in dominant_axes(w) {
                 if let Some(offset) = along_axis(smoothed, at, w, axis) {
+                    let strength = -value * scale;
                     found.push(Candidate::new(smoothed.dims, at, axis, offset, w, strength));
                 }
             }

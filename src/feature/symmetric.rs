@@ -45,13 +45,18 @@ pub fn eigenvalues<const D: usize>(m: &Matrix<D>) -> [f64; D] {
 /// The largest root of t^3 - 3 t = 2 h for h in [0, 1]: 2 cos(acos(h) / 3), in [sqrt 3, 2].
 #[inline]
 fn lone_root(h: f64) -> f64 {
-    // Error below 1.4e-4, squared by each step.
-    let mut t = 1.732_184_65 + h * (0.330_431_67 + h * (0.018_749_97 * h - 0.081_264_11));
+    let mut t = f64::from(near_lone_root(h as f32));
     for _ in 0..2 {
         let square = t * t;
         t -= (t * (square - 3.0) - 2.0 * h) / (3.0 * (square - 1.0));
     }
     t
+}
+
+/// The same with an error below 1.4e-4, which each step of Newton's method squares.
+#[inline(always)]
+pub fn near_lone_root(h: f32) -> f32 {
+    1.732_184_7 + h * (0.330_431_67 + h * (0.018_749_97 * h - 0.081_264_11))
 }
 
 /// A unit eigenvector for an eigenvalue of `m`; any fitting direction where it is not unique.

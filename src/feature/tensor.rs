@@ -50,6 +50,13 @@ impl<const D: usize> Normals<D> {
         }
     }
 
+    /// The axis to which most normals are nearest.
+    pub fn main_axis(&self) -> usize {
+        let total = |k: usize| -> f64 { self.vectors.iter().map(|n| f64::from(n[k].abs())).sum() };
+        let totals: [f64; D] = std::array::from_fn(total);
+        (1..D).fold(0, |a, k| if totals[k] > totals[a] { k } else { a })
+    }
+
     /// The normal of the cell that holds a sample.
     #[inline]
     pub fn coarse(&self, at: [usize; D]) -> [f32; D] {
@@ -173,5 +180,23 @@ mod tests {
             }
         }
         assert!(worst < 1.0, "{worst}");
+    }
+
+    #[test]
+    fn normals_of_plane_waves_in_a_plane_image() {
+        let dims = [44, 40];
+        for dip in (0..180).step_by(5) {
+            let (sin, cos) = f64::from(dip).to_radians().sin_cos();
+            let wave = |i: usize| (0.5 * (cos * (i % 44) as f64 + sin * (i / 44) as f64)).sin();
+            let mut samples: Vec<f32> = (0..44 * 40).map(|i| wave(i) as f32).collect();
+            smooth(dims, &mut samples, [1.0; 2]);
+            let volume = Volume {
+                dims,
+                samples: &samples,
+            };
+            let normal = Normals::new(volume, 4.0).at([21.3, 19.8]);
+            let c = (cos * f64::from(normal[0]) + sin * f64::from(normal[1])).abs();
+            assert!(c.min(1.0).acos().to_degrees() < 1.0, "{dip} {normal:?}");
+        }
     }
 }

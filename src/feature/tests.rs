@@ -406,7 +406,7 @@ fn curves_of_a_plane_image_are_found() {
     let (arc, rms) = curve_fit(
         &features,
         |t| {
-            let angle = 0.55 + 1.35 * t;
+            let angle = 0.55 + 1.3 * t;
             [
                 centre[0] + radius * angle.cos(),
                 centre[1] + radius * angle.sin(),
@@ -428,4 +428,132 @@ fn curves_of_a_plane_image_are_found() {
         .copied()
         .fold(0.0, f32::min);
     assert!((-1.0..-0.98).contains(&deepest), "{deepest}");
+}
+
+/// Worst distance (samples) of ridge points from a straight Gaussian ridge through the middle, and
+/// worst angle (degrees) between normals, away from the sides.
+fn straight_ridge<const D: usize>(dims: [usize; D], normal: [f64; D], width: f64) -> (f64, f64) {
+    let middle = dims.map(|n| 0.5 * n as f64 + 0.13);
+    let off = |p: [f64; D]| -> f64 { (0..D).map(|k| normal[k] * (p[k] - middle[k])).sum() };
+    let count = dims.iter().product();
+    let empty = Volume { dims, samples: &[] };
+    let at = |i: usize| empty.coordinates(i).map(|c| c as f64);
+    let samples: Vec<f32> = (0..count)
+        .map(|i| (-0.5 * (off(at(i)) / width).powi(2)).exp() as f32)
+        .collect();
+    let image = Image::new(dims, samples, Geometry::default());
+    let features = detect(&image, &options(Kind::Ridges, 5.0)).unwrap();
+    let (mut worst, mut turned, mut inner) = ([0.0f64; 2], 0.0f64, 0);
+    for point in &features.points {
+        let p = point.position.map(f64::from);
+        if (0..D).all(|k| p[k] > 5.0 && p[k] < dims[k] as f64 - 6.0) {
+            inner += 1;
+            worst[0] = worst[0].max(off(p).abs());
+            let c: f64 = (0..D).map(|k| normal[k] * f64::from(point.normal[k])).sum();
+            turned = turned.max(c.abs().min(1.0).acos().to_degrees());
+        }
+    }
+    assert!(inner > dims[0] / 3, "{inner} {normal:?}");
+    (worst[0], turned)
+}
+
+#[test]
+fn ridges_lie_where_they_are_at_every_dip() {
+    for width in [1.0, 2.0] {
+        for dip in (0..180).step_by(9) {
+            let (sin, cos) = f64::from(dip).to_radians().sin_cos();
+            let (off, angle) = straight_ridge([48, 44], [cos, sin], width);
+            assert!(off < 0.1 && angle < 1.0, "2-D {width} {dip} {off} {angle}");
+        }
+        for dip in (0..=90).step_by(18) {
+            for azimuth in (0..360).step_by(40) {
+                let (dip, azimuth) = (f64::from(dip).to_radians(), f64::from(azimuth).to_radians());
+                let normal = [
+                    dip.cos(),
+                    dip.sin() * azimuth.cos(),
+                    dip.sin() * azimuth.sin(),
+                ];
+                let (off, angle) = straight_ridge([26, 24, 28], normal, width);
+                assert!(off < 0.1 && angle < 1.0, "3-D {normal:?} {off} {angle}");
+            }
+        }
+    }
+}
+
+#[test]
+fn faults_of_amplitude_are_found_where_layers_are_thrown() {
+    let made = crate::synth::make(
+        crate::synth::Kind::Amplitude,
+        &crate::synth::Options {
+            dims: [96, 80, 72],
+            count: 2,
+            ..Default::default()
+        },
+    )
+    .unwrap();
+    let dims = made.image.dims();
+    let features = detect(&made.image, &options(Kind::Faults, 6.0)).unwrap();
+    let near = |point: &&FeaturePoint<3>| {
+        let at: [usize; 3] = point.position.map(|c| c.round() as usize);
+        made.truth.distance[(at[2] * dims[1] + at[1]) * dims[0] + at[0]].abs() < 2.0
+    };
+    let precision =
+        features.points.iter().filter(near).count() as f64 / features.points.len().max(1) as f64;
+    let valley = |(d, b): (&f32, &f32)| (d.abs() < 0.5).then_some(*b < -0.3);
+    let on: Vec<bool> = made
+        .truth
+        .distance
+        .iter()
+        .zip(&features.potential.samples)
+        .filter_map(valley)
+        .collect();
+    let coverage = on.iter().filter(|c| **c).count() as f64 / on.len() as f64;
+    assert!(
+        coverage > 0.6 && precision > 0.8,
+        "{coverage} {precision} {:?}",
+        features.notes
+    );
+}
+
+#[test]
+fn faults_and_horizons_share_one_potential_by_weight() {
+    // Layers across x in a plane image, thrown by half a period at y = 40.
+    let dims = [72, 80];
+    let image = plane_image(dims, |p| {
+        let throw = if p[1] > 40.0 { 6.0 } else { 0.0 };
+        (std::f64::consts::TAU * (p[0] + throw) / 12.0).cos()
+    });
+    let run = |kind, weights| {
+        let chosen = Options {
+            weights,
+            ..options(kind, 4.0)
+        };
+        detect(&image, &chosen).unwrap()
+    };
+    let faults = run(Kind::Faults, [1.0; 2]);
+    let on_fault = |p: &&FeaturePoint<2>| (p.position[1] - 40.5).abs() < 1.0;
+    assert!(faults.points.len() > 50, "{:?}", faults.notes);
+    assert_eq!(
+        faults.points.iter().filter(on_fault).count(),
+        faults.points.len()
+    );
+    let horizons = run(Kind::Horizons, [1.0; 2]);
+    let both = run(Kind::FaultsAndHorizons, [1.0, 0.5]);
+    assert_eq!(
+        both.points.len(),
+        faults.points.len() + horizons.points.len()
+    );
+    let parts = faults
+        .potential
+        .samples
+        .iter()
+        .zip(&horizons.potential.samples);
+    for (b, (f, h)) in both.potential.samples.iter().zip(parts) {
+        assert_eq!(*b, f.min(0.5 * h));
+    }
+    let refused = Options {
+        weights: [0.0, 1.0],
+        ..options(Kind::FaultsAndHorizons, 4.0)
+    };
+    assert!(detect(&image, &refused).is_err());
 }

@@ -46,15 +46,15 @@ impl<const D: usize> Volume<'_, D> {
 
     /// What `visit` finds in each row of x, given its first sample, in the order of rows. The scratch
     /// that it may use holds anything.
-    pub fn by_rows<T: Send>(
+    pub fn by_rows<S: Default, T: Send>(
         &self,
-        visit: impl Fn([usize; D], &mut Vec<f32>, &mut Vec<T>) + Sync,
+        visit: impl Fn([usize; D], &mut S, &mut Vec<T>) + Sync,
     ) -> Vec<T> {
         let rows = self.samples.len() / self.dims[0].max(1);
         let parts: Vec<Vec<T>> = (0..rows.div_ceil(ROWS))
             .into_par_iter()
             .map(|part| {
-                let (mut scratch, mut found) = (Vec::new(), Vec::new());
+                let (mut scratch, mut found) = (S::default(), Vec::new());
                 for row in part * ROWS..((part + 1) * ROWS).min(rows) {
                     let first = self.coordinates(row * self.dims[0]);
                     visit(first, &mut scratch, &mut found);
@@ -71,7 +71,7 @@ impl<const D: usize> Volume<'_, D> {
 
     /// For each axis, how far in memory the neighbours before and after `at` are.
     #[inline]
-    fn neighbours(&self, at: [usize; D]) -> ([usize; D], [usize; D]) {
+    pub fn neighbours(&self, at: [usize; D]) -> ([usize; D], [usize; D]) {
         let strides = self.strides();
         (
             std::array::from_fn(|k| if at[k] > 0 { strides[k] } else { 0 }),
@@ -113,44 +113,5 @@ impl<const D: usize> Volume<'_, D> {
             }
         }
         hessian
-    }
-
-    /// The sum of the pure second differences along the row of x from `first`.
-    pub fn laplacian(&self, first: [usize; D], out: &mut Vec<f32>) {
-        let nx = self.dims[0];
-        let (before, after) = self.neighbours(first);
-        let i = self.index(first);
-        let row = |start: usize| &self.samples[start..start + nx];
-        let c = row(i);
-        out.clear();
-        out.resize(nx, 0.0);
-        let last = nx - 1;
-        for x in 1..last.max(1) {
-            out[x] = c[x - 1] + c[x + 1];
-        }
-        for x in [0, last] {
-            out[x] = c[x.saturating_sub(1)] + c[(x + 1).min(last)];
-        }
-        for k in 1..D {
-            let (a, b) = (row(i + after[k]), row(i - before[k]));
-            for (out, (a, b)) in out.iter_mut().zip(a.iter().zip(b)) {
-                *out += a + b;
-            }
-        }
-        let centre = 2.0 * D as f32;
-        for (out, c) in out.iter_mut().zip(c) {
-            *out -= centre * c;
-        }
-    }
-
-    /// Length of the gradient at every sample.
-    pub fn gradient_magnitude(&self) -> Vec<f32> {
-        self.by_rows(|first, _, out| {
-            out.extend((0..self.dims[0]).map(|x| {
-                let mut at = first;
-                at[0] = x;
-                self.gradient(at).iter().map(|g| g * g).sum::<f32>().sqrt()
-            }));
-        })
     }
 }

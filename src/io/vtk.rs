@@ -115,6 +115,16 @@ macro_rules! scalars {
                 }
             }
 
+            /// The tuples with these numbers, `components` numbers each, in this order.
+            pub fn tuples(&self, which: &[u32], components: usize) -> Self {
+                match self {
+                    $(Self::$variant(v) => {
+                        let tuple = |&i: &u32| i as usize * components..(i as usize + 1) * components;
+                        Self::$variant(which.iter().flat_map(|i| &v[tuple(i)]).copied().collect())
+                    })*
+                }
+            }
+
             /// The numbers as a source for a [`Document`].
             pub fn source<'a>(&'a self, name: &str, components: usize) -> Source<'a> {
                 match self {

@@ -263,6 +263,21 @@ impl<const D: usize> PolyMesh<D> {
             .collect()
     }
 
+    /// Assigns every face on the boundary to the side of the box `[low, high]` nearest to it.
+    pub fn assign_sides(&mut self, low: [f64; D], high: [f64; D]) {
+        for f in self.inner_faces()..self.face_cells.len() {
+            let off = |side: usize| {
+                let plane = if side % 2 == 0 { low } else { high }[side / 2];
+                let nodes = self.faces.get(f).iter();
+                nodes.fold(0.0, |most: f64, &n| {
+                    most.max((self.nodes[n as usize][side / 2] - plane).abs())
+                })
+            };
+            let side = (0..2 * D).min_by(|&s, &t| off(s).total_cmp(&off(t)));
+            self.face_cells[f][1] = SIDE_0 + side.unwrap_or(0) as u32;
+        }
+    }
+
     /// The mesh with every position (nodes and sites) sent through an affine map; `mirrored` says
     /// that the map turns left into right, and so all faces round.
     pub fn mapped(&self, map: impl Fn([f64; D]) -> [f64; D] + Sync, mirrored: bool) -> Self {

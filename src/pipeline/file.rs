@@ -9,6 +9,7 @@ use crate::export::{FieldValue, MeshFile, face_bits_to_physical, to_physical, tu
 use crate::image::Geometry;
 use crate::io::vtk::{DataArray, Values};
 use crate::mesh::TetMesh;
+use crate::mesh::poly::PolyMesh;
 use crate::report::Measured;
 use crate::{Error, Result};
 
@@ -47,7 +48,6 @@ where
     let cells = || (0..lattice.len()).into_par_iter();
     let smallest: Vec<f32> = cells().map(|c| lattice.smallest_angle(c) as f32).collect();
     let volume: Vec<f32> = cells().map(|c| mesh.volume(c) as f32).collect();
-    let text = |text: &str| FieldValue::Text(text.to_string());
     MeshFile {
         mesh,
         point_data: vec![
@@ -64,22 +64,27 @@ where
                 face_bits_to_physical(&outcome.feature_faces, geometry),
             ),
         ],
-        field_data: vec![
-            ("atomesh_version".into(), text(env!("CARGO_PKG_VERSION"))),
-            ("parameters".into(), text(&provenance.parameters)),
-            ("input_sha256".into(), text(&provenance.input_sha256)),
-            ("origin".into(), FieldValue::F64s(geometry.origin.to_vec())),
-            ("axes".into(), FieldValue::F64s(geometry.axes.concat())),
-            (
-                "lattice_step".into(),
-                FieldValue::F64s(outcome.step.to_vec()),
-            ),
-            (
-                "lattice_extent".into(),
-                FieldValue::F64s(outcome.extent.to_vec()),
-            ),
-        ],
+        field_data: common_fields(geometry, outcome.step, outcome.extent, provenance),
     }
+}
+
+/// What every file says of itself: what made it, and where its lattice space is.
+pub(super) fn common_fields<const D: usize>(
+    geometry: &Geometry<D>,
+    step: [f64; D],
+    extent: [f64; D],
+    provenance: &Provenance,
+) -> Vec<(String, FieldValue)> {
+    let text = |text: &str| FieldValue::Text(text.to_string());
+    vec![
+        ("atomesh_version".into(), text(env!("CARGO_PKG_VERSION"))),
+        ("parameters".into(), text(&provenance.parameters)),
+        ("input_sha256".into(), text(&provenance.input_sha256)),
+        ("origin".into(), FieldValue::F64s(geometry.origin.to_vec())),
+        ("axes".into(), FieldValue::F64s(geometry.axes.concat())),
+        ("lattice_step".into(), FieldValue::F64s(step.to_vec())),
+        ("lattice_extent".into(), FieldValue::F64s(extent.to_vec())),
+    ]
 }
 
 /// A mesh read from a file, in lattice space and in the world.
@@ -102,65 +107,84 @@ pub struct Placed<const D: usize = 3, M = TetMesh> {
     pub by_file: bool,
 }
 
+/// Where a file's lattice space is: the geometry, the step, the extent, and whether the file says so.
+type Place<const D: usize> = (Geometry<D>, [f64; D], [f64; D], bool);
+
+/// Finds it; `None` if the file says it only in part.
+fn place<const D: usize, M>(file: &MeshFile<M>, nodes: &[[f64; D]]) -> Option<Place<D>> {
+    let array = |name: &str| {
+        let mut arrays = file.field_data.iter();
+        arrays.find_map(|(known, value)| match value {
+            FieldValue::F64s(values) if known == name => Some(values.as_slice()),
+            _ => None,
+        })
+    };
+    let vector = |name: &str| <[f64; D]>::try_from(array(name)?).ok();
+    let known =
+        ["origin", "axes", "lattice_step", "lattice_extent"].map(|name| array(name).is_some());
+    if known == [false; 4] {
+        let (low, high) = bounds(nodes);
+        let extent = std::array::from_fn(|k| high[k] - low[k]);
+        return Some((
+            Geometry::with_spacing(low, [1.0; D]),
+            [1.0; D],
+            extent,
+            false,
+        ));
+    }
+    let axes = array("axes").filter(|axes| axes.len() == D * D)?;
+    let geometry = Geometry {
+        origin: vector("origin")?,
+        axes: std::array::from_fn(|k| std::array::from_fn(|c| axes[D * k + c])),
+        ..Geometry::default()
+    };
+    Some((
+        geometry,
+        vector("lattice_step")?,
+        vector("lattice_extent")?,
+        true,
+    ))
+}
+
+/// Positions in lattice space; `None` if the axes do not span space.
+fn to_lattice<const D: usize>(
+    points: &[[f64; D]],
+    geometry: &Geometry<D>,
+    step: [f64; D],
+) -> Option<Vec<[f64; D]>> {
+    let lattice_position = |&point: &[f64; D]| {
+        let index = geometry.to_index(point)?;
+        Some(std::array::from_fn(|k| index[k] * step[k]))
+    };
+    points.par_iter().map(lattice_position).collect()
+}
+
+fn refuse<T>(place: &str, problem: &str) -> Result<T> {
+    Err(Error::Mesh(cause(
+        place,
+        problem,
+        "give a mesh that atomesh mesh wrote",
+    )))
+}
+
+const IN_PART: &str = "says only in part where it lies";
+const NO_SPACE: &str = "has axes that do not span space";
+
 impl<const D: usize, M: Measured<D>> Placed<D, M> {
-    /// Finds the way back from a file's coordinates; `place` names the file in errors.
+    /// Finds the way back from a file's coordinates; `place_name` names the file in errors.
     ///
     /// # Errors
     /// [`Error::Mesh`] for a mesh without cells, or one whose geometry makes no sense.
-    pub fn new(file: MeshFile<M>, place: &str) -> Result<Self> {
-        let refuse = |problem: &str| {
-            Err(Error::Mesh(cause(
-                place,
-                problem,
-                "give a mesh that atomesh mesh wrote",
-            )))
-        };
+    pub fn new(file: MeshFile<M>, place_name: &str) -> Result<Self> {
         let nodes = file.mesh.nodes();
         if file.mesh.is_empty() || nodes.is_empty() {
-            return refuse(&format!("holds no {}", M::CELLS));
+            return refuse(place_name, &format!("holds no {}", M::CELLS));
         }
-        let array = |name: &str| {
-            let mut arrays = file.field_data.iter();
-            arrays.find_map(|(known, value)| match value {
-                FieldValue::F64s(values) if known == name => Some(values.as_slice()),
-                _ => None,
-            })
+        let Some((geometry, step, extent, by_file)) = place(&file, nodes) else {
+            return refuse(place_name, IN_PART);
         };
-        let vector = |name: &str| <[f64; D]>::try_from(array(name)?).ok();
-        let axes = array("axes").filter(|axes| axes.len() == D * D);
-        let axes =
-            axes.map(|axes| std::array::from_fn(|k| std::array::from_fn(|c| axes[D * k + c])));
-        let known =
-            ["origin", "axes", "lattice_step", "lattice_extent"].map(|name| array(name).is_some());
-        let stored = (
-            vector("origin"),
-            axes,
-            vector("lattice_step"),
-            vector("lattice_extent"),
-        );
-        let (geometry, step, extent, by_file) = match stored {
-            (Some(origin), Some(axes), Some(step), Some(extent)) => {
-                let geometry = Geometry {
-                    origin,
-                    axes,
-                    ..Geometry::default()
-                };
-                (geometry, step, extent, true)
-            }
-            _ if known == [false; 4] => {
-                let (low, high) = bounds(nodes);
-                let geometry = Geometry::with_spacing(low, [1.0; D]);
-                let extent = std::array::from_fn(|k| high[k] - low[k]);
-                (geometry, [1.0; D], extent, false)
-            }
-            _ => return refuse("says only in part where it lies"),
-        };
-        let lattice_position = |&node: &[f64; D]| {
-            let index = geometry.to_index(node)?;
-            Some(std::array::from_fn(|k| index[k] * step[k]))
-        };
-        let Some(nodes) = nodes.par_iter().map(lattice_position).collect() else {
-            return refuse("has axes that do not span space");
+        let Some(nodes) = to_lattice(nodes, &geometry, step) else {
+            return refuse(place_name, NO_SPACE);
         };
         let feature_faces = file
             .cell_data
@@ -177,6 +201,41 @@ impl<const D: usize, M: Measured<D>> Placed<D, M> {
             extent,
             step,
             geometry,
+            by_file,
+        })
+    }
+}
+
+impl<const D: usize> Placed<D, PolyMesh<D>> {
+    /// The same for polyhedra or polygons. Their faces on the boundary are assigned to the sides of
+    /// the box that they are nearest to.
+    ///
+    /// # Errors
+    /// As [`Placed::new`].
+    pub fn cells(file: MeshFile<PolyMesh<D>>, place_name: &str) -> Result<Self> {
+        if file.mesh.sites.is_empty() {
+            return refuse(place_name, "holds no cells");
+        }
+        let Some((geometry, step, extent, by_file)) = place(&file, &file.mesh.nodes) else {
+            return refuse(place_name, IN_PART);
+        };
+        let nodes = to_lattice(&file.mesh.nodes, &geometry, step);
+        let sites = to_lattice(&file.mesh.sites, &geometry, step);
+        let (Some(nodes), Some(sites)) = (nodes, sites) else {
+            return refuse(place_name, NO_SPACE);
+        };
+        let mut physical = file.mesh;
+        let mut lattice = physical.mapped(|x| x, geometry.determinant() < 0.0);
+        (lattice.nodes, lattice.sites) = (nodes, sites);
+        lattice.assign_sides([0.0; D], extent);
+        physical.face_cells.clone_from(&lattice.face_cells);
+        Ok(Self {
+            lattice,
+            physical,
+            extent,
+            step,
+            geometry,
+            feature_faces: None,
             by_file,
         })
     }

@@ -6,9 +6,11 @@ use crate::distance::Distance;
 use crate::feature::{FeaturePoint, Features};
 use crate::improve::sheets::Sheets;
 use crate::improve::{self, plane};
+use crate::mesh::poly::PolyMesh;
 use crate::mesh::{AtomKind, TetMesh, TriMesh};
 use crate::report::{Improvement, Measured};
 use crate::seeding::Atoms;
+use crate::voronoi;
 
 /// The plane (`D` = 2) or space (`D` = 3).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -31,6 +33,15 @@ pub trait Meshing<const D: usize> {
         min_angle: Option<f64>,
         begin: &mut dyn FnMut(&str),
     ) -> Result<Joined<Self::Mesh>>;
+
+    /// The Voronoi cells of atoms inside the box `[0, extent]`, cut by it.
+    ///
+    /// # Errors
+    /// Those of [`voronoi`](crate::voronoi::voronoi).
+    fn cells(atoms: &[[f64; D]], extent: [f64; D]) -> Result<PolyMesh<D>>;
+
+    /// The features as local planes; those of the plane stand upright on it.
+    fn sheets(scene: &Scene<'_, D>) -> Sheets;
 }
 
 /// What is known about the space in which atoms are joined.
@@ -64,7 +75,7 @@ const PATCH: f64 = 0.8;
 const SETTLE: f64 = 0.35;
 
 /// The features as local planes; `points` and `extent` in space.
-fn sheets<const D: usize>(
+fn planes<const D: usize>(
     points: &[FeaturePoint<3>],
     extent: [f64; 3],
     distance: &Distance<D>,
@@ -91,7 +102,7 @@ impl Meshing<3> for Space<3> {
         let Scene {
             extent, distance, ..
         } = *scene;
-        let sheets = min_angle.map(|_| sheets(&scene.features.points, extent, distance));
+        let sheets = min_angle.map(|_| Self::sheets(scene));
         if let Some(sheets) = &sheets {
             let reach = SETTLE * distance.min();
             improve::settle(&mut atoms.positions, &atoms.kinds, extent, sheets, reach);
@@ -122,6 +133,14 @@ impl Meshing<3> for Space<3> {
             improvement: Some(Improvement::from(&outcome)),
         })
     }
+
+    fn cells(atoms: &[[f64; 3]], extent: [f64; 3]) -> Result<PolyMesh<3>> {
+        voronoi::voronoi(atoms, extent)
+    }
+
+    fn sheets(scene: &Scene<'_, 3>) -> Sheets {
+        planes(&scene.features.points, scene.extent, scene.distance)
+    }
 }
 
 impl Meshing<2> for Space<2> {
@@ -146,9 +165,7 @@ impl Meshing<2> for Space<2> {
                 improvement: None,
             });
         };
-        // Curves in the plane are sheets that stand upright on it.
-        let points: Vec<FeaturePoint<3>> = scene.features.points.iter().map(upright).collect();
-        let sheets = sheets(&points, plane::lift(extent), distance);
+        let sheets = Self::sheets(scene);
         let reach = SETTLE * distance.min();
         plane::settle(&mut atoms.positions, &atoms.kinds, extent, &sheets, reach);
         begin(JOINING);
@@ -163,6 +180,16 @@ impl Meshing<2> for Space<2> {
             feature_faces,
             improvement: Some(Improvement::from(&outcome)),
         })
+    }
+
+    fn cells(atoms: &[[f64; 2]], extent: [f64; 2]) -> Result<PolyMesh<2>> {
+        voronoi::voronoi_plane(atoms, extent)
+    }
+
+    fn sheets(scene: &Scene<'_, 2>) -> Sheets {
+        // Curves in the plane are sheets that stand upright on it.
+        let points: Vec<FeaturePoint<3>> = scene.features.points.iter().map(upright).collect();
+        planes(&points, plane::lift(scene.extent), scene.distance)
     }
 }
 

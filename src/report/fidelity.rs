@@ -9,6 +9,7 @@
 use super::nearest::{Tree, square_to_face};
 use super::reference::Reference;
 use crate::mesh::Simplices;
+use crate::mesh::poly::PolyMesh;
 use crate::{Error, Result, error::cause};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -80,19 +81,83 @@ pub fn fidelity<const D: usize, M: Simplices<D>>(
         )));
     }
     let (faces, sets) = faces(mesh, reference, claimed);
-    let pieces = pieces(mesh, reference, &faces, &sets);
-    let (to_on, to_claimed) = to_faces(mesh, &faces, &sets, &reference.points);
+    Ok(judge(
+        mesh.nodes(),
+        &faces,
+        &sets,
+        claimed.is_some(),
+        reference,
+    ))
+}
+
+/// [`fidelity`] of polyhedra (polygons), by the same rules: their faces are fans of triangles about
+/// their means, and the faces that the mesh claims are those that it says lie on features.
+pub fn fidelity_of_cells<const D: usize>(
+    mesh: &PolyMesh<D>,
+    reference: &Reference<'_, D>,
+) -> Fidelity {
+    let near = near(&mesh.nodes, reference);
+    let sets_of_faces: Vec<u8> = (0..mesh.inner_faces())
+        .into_par_iter()
+        .map(|f| {
+            let all_near = mesh.faces.get(f).iter().all(|&n| near[n as usize]);
+            let on = all_near && reference.within(mesh.face_shape(f).centroid, CENTROID);
+            (u8::from(on) * ON_FEATURE) | (u8::from(mesh.on_feature[f]) * CLAIMED)
+        })
+        .collect();
+    let mut nodes = mesh.nodes.clone();
+    let (mut triangles, mut sets) = (Vec::new(), Vec::new());
+    for (f, &set) in sets_of_faces.iter().enumerate().filter(|(_, s)| **s != 0) {
+        let ring = mesh.faces.get(f);
+        if D == 2 {
+            triangles.push(std::array::from_fn(|k| ring[k]));
+            sets.push(set);
+            continue;
+        }
+        let apex = nodes.len() as u32;
+        nodes.push(mesh.face_shape(f).apex);
+        for i in 0..ring.len() {
+            let corners = [apex, ring[i], ring[(i + 1) % ring.len()]];
+            triangles.push(std::array::from_fn(|k| corners[k]));
+            sets.push(set);
+        }
+    }
+    let mut found = judge(&nodes, &triangles, &sets, true, reference);
+    let count = |set: u8| sets_of_faces.iter().filter(|&&s| s & set != 0).count();
+    found.on_feature.faces = count(ON_FEATURE);
+    if let Some(found) = &mut found.claimed {
+        found.faces = count(CLAIMED);
+    }
+    found
+}
+
+/// Whether each node is as near to a feature as those of on-feature faces.
+fn near<const D: usize>(nodes: &[[f64; D]], reference: &Reference<'_, D>) -> Vec<bool> {
+    let within = |&p: &[f64; D]| reference.within(p, NODE);
+    nodes.par_iter().map(within).collect()
+}
+
+/// Compares faces, each of which belongs to the sets of its bits, with the features.
+fn judge<const D: usize>(
+    nodes: &[[f64; D]],
+    faces: &[[u32; D]],
+    sets: &[u8],
+    claims: bool,
+    reference: &Reference<'_, D>,
+) -> Fidelity {
+    let pieces = pieces(nodes, reference, faces, sets);
+    let (to_on, to_claimed) = to_faces(nodes, faces, sets, &reference.points);
     let compare = |set: u8, to_faces: Vec<f64>| {
         let count = sets.iter().filter(|&&s| s & set != 0).count();
         let pieces = pieces.iter().filter(|(s, _)| s & set != 0);
         compare(count, pieces.map(|p| p.1).collect(), to_faces)
     };
-    Ok(Fidelity {
+    Fidelity {
         reference: reference.source.to_string(),
         feature_points: reference.points.len(),
         on_feature: compare(ON_FEATURE, to_on),
-        claimed: claimed.map(|_| compare(CLAIMED, to_claimed)),
-    })
+        claimed: claims.then(|| compare(CLAIMED, to_claimed)),
+    }
 }
 
 /// The set of on-feature faces, as a bit.
@@ -106,11 +171,7 @@ fn faces<const D: usize>(
     reference: &Reference<'_, D>,
     claimed: Option<&[u8]>,
 ) -> (Vec<[u32; D]>, Vec<u8>) {
-    let near: Vec<bool> = mesh
-        .nodes()
-        .par_iter()
-        .map(|&p| reference.within(p, NODE))
-        .collect();
+    let near = near(mesh.nodes(), reference);
     let mut found: Vec<([u32; D], u8)> = (0..mesh.len())
         .into_par_iter()
         .flat_map_iter(|c| {
@@ -140,7 +201,7 @@ fn faces<const D: usize>(
     found
         .into_par_iter()
         .map(|(face, mut sets)| {
-            let corners = corners(mesh, face);
+            let corners = corners(mesh.nodes(), face);
             let sum = |k: usize| corners.iter().map(|p| p[k]).sum::<f64>();
             let centroid = std::array::from_fn(|k| sum(k) / D as f64);
             if sets & ON_FEATURE != 0 && !reference.within(centroid, CENTROID) {
@@ -152,13 +213,13 @@ fn faces<const D: usize>(
         .unzip()
 }
 
-fn corners<const D: usize>(mesh: &impl Simplices<D>, face: [u32; D]) -> [[f64; D]; D] {
-    face.map(|n| mesh.nodes()[n as usize])
+fn corners<const D: usize>(nodes: &[[f64; D]], face: [u32; D]) -> [[f64; D]; D] {
+    face.map(|n| nodes[n as usize])
 }
 
 /// The small pieces of every face, with the face's sets.
-fn pieces<const D: usize, M: Simplices<D>>(
-    mesh: &M,
+fn pieces<const D: usize>(
+    nodes: &[[f64; D]],
     reference: &Reference<'_, D>,
     faces: &[[u32; D]],
     sets: &[u8],
@@ -170,7 +231,7 @@ fn pieces<const D: usize, M: Simplices<D>>(
             let mut found = Vec::new();
             let mut hint = None;
             for (&face, &set) in faces.iter().zip(sets) {
-                sample::<D, M>(&corners(mesh, face), reference, &mut hint, |piece| {
+                sample(&corners(nodes, face), reference, &mut hint, |piece| {
                     found.push((set, piece));
                 });
             }
@@ -181,12 +242,12 @@ fn pieces<const D: usize, M: Simplices<D>>(
 
 /// Distances from points of the features to the nearest face of each set.
 fn to_faces<const D: usize>(
-    mesh: &impl Simplices<D>,
+    nodes: &[[f64; D]],
     faces: &[[u32; D]],
     sets: &[u8],
     points: &[[f32; D]],
 ) -> (Vec<f64>, Vec<f64>) {
-    let shapes: Vec<[[f64; D]; D]> = faces.iter().map(|&f| corners(mesh, f)).collect();
+    let shapes: Vec<[[f64; D]; D]> = faces.iter().map(|&f| corners(nodes, f)).collect();
     let boxes: Vec<[[f64; D]; 2]> = shapes
         .iter()
         .map(|face| {
@@ -276,7 +337,7 @@ type Piece = (f64, f64);
 
 /// The equal small pieces of a face, each measured at its centroid, and the face's corners, which
 /// have no area but count for the largest distance.
-fn sample<const D: usize, M: Simplices<D>>(
+fn sample<const D: usize>(
     face: &[[f64; D]; D],
     reference: &Reference<'_, D>,
     hint: &mut Option<usize>,
@@ -289,7 +350,13 @@ fn sample<const D: usize, M: Simplices<D>>(
     let third = std::array::from_fn(|k| v[k] - u[k]);
     let longest = square(u).max(square(v)).max(square(third)).sqrt();
     let n = (longest / FINE).ceil().clamp(1.0, 256.0) as usize;
-    let part = M::face_area(face) / n.pow(D as u32 - 1) as f64;
+    let along: f64 = (0..D).map(|k| u[k] * v[k]).sum();
+    let area = if D == 2 {
+        square(u).sqrt()
+    } else {
+        0.5 * (square(u) * square(v) - along * along).max(0.0).sqrt()
+    };
+    let part = area / n.pow(D as u32 - 1) as f64;
     for &corner in face {
         piece((reference.distance(corner, hint), 0.0));
     }

@@ -48,11 +48,20 @@ pub fn lattice<const D: usize>(
             }
         }
     }
+    figures(&nearest, nodes, distance)
+}
+
+/// Figures of a lattice from the squares of the distances to each atom's nearest neighbour.
+pub(super) fn figures<const D: usize>(
+    nearest: &[f64],
+    atoms: &[[f64; D]],
+    distance: impl Fn([f64; D]) -> f64,
+) -> Lattice {
     let mut spacing: Vec<f64> = nearest
         .iter()
-        .zip(nodes)
+        .zip(atoms)
         .filter(|(square, _)| square.is_finite())
-        .map(|(square, &node)| square.sqrt() / distance(node))
+        .map(|(square, &atom)| square.sqrt() / distance(atom))
         .collect();
     spacing.sort_unstable_by(f64::total_cmp);
     let at = |share: f64| {
@@ -60,7 +69,7 @@ pub fn lattice<const D: usize>(
         spacing.get(rank as usize).copied().unwrap_or(f64::NAN)
     };
     Lattice {
-        atoms: nodes.len(),
+        atoms: atoms.len(),
         spacing: [0.01, 0.5, 0.99].map(at),
         optimisation: None,
     }

@@ -4,9 +4,11 @@
 //! - [`mod@fidelity`]: how well the mesh's faces follow the features
 //! - [`reference`](mod@reference): where the features really are
 //! - [`mod@lattice`]: how evenly the atoms are spread
+//! - [`cells`]: Voronoi cells, as flow simulators see them
 //! - [`cost`]: seconds and memory of each stage
 //! - [`table`]: a report on one screen
 
+pub mod cells;
 pub mod cost;
 pub mod fidelity;
 pub mod lattice;
@@ -17,8 +19,9 @@ pub mod table;
 #[cfg(test)]
 mod test_mesh;
 
+pub use cells::{Voronoi, lattice_of_graph, voronoi};
 pub use cost::{Clock, StageCost};
-pub use fidelity::{Fidelity, Match, fidelity};
+pub use fidelity::{Fidelity, Match, fidelity, fidelity_of_cells};
 pub use lattice::{Lattice, Optimisation, lattice};
 pub use quality::{Measured, Quality, quality};
 pub use reference::Reference;
@@ -50,6 +53,8 @@ pub struct Report {
     /// Whether the mesh is valid and fills its box.
     #[serde(rename = "box")]
     pub filling: Option<Check>,
+    /// The cells of a Voronoi mesh, of which the above says nothing.
+    pub voronoi: Option<Voronoi>,
     /// What was improved, and what stands in the way of the rest.
     pub improvement: Option<Improvement>,
     /// Lines that whoever reads the report should know.
@@ -69,6 +74,7 @@ impl Default for Report {
             quality_physical: None,
             fidelity: None,
             filling: None,
+            voronoi: None,
             improvement: None,
             notes: Vec::new(),
         }

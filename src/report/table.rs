@@ -1,7 +1,7 @@
 //! A report on one screen.
 
 use super::quality::{Points, Quality};
-use super::{Fidelity, Match, Report};
+use super::{Fidelity, Match, Report, Voronoi};
 
 /// How many groups of blocked tetrahedra are shown.
 const GROUPS: usize = 4;
@@ -36,6 +36,9 @@ impl Report {
                     errors.0, errors.1
                 ),
             );
+        }
+        if let Some(voronoi) = &self.voronoi {
+            cells(&mut line, voronoi);
         }
         if let Some(lattice) = &self.lattice {
             let [low, middle, high] = lattice.spacing;
@@ -146,6 +149,56 @@ impl Report {
             );
         }
     }
+}
+
+fn cells(line: &mut impl FnMut(&str, String), voronoi: &Voronoi) {
+    let check = &voronoi.check;
+    let [faces, count] = [check.faces, check.cells].map(grouped);
+    line("mesh", format!("{count} {}, {faces} faces", voronoi.kind));
+    let state = if check.passed() {
+        "valid, fills its box".into()
+    } else {
+        check.problems.join("; ")
+    };
+    line(
+        "box",
+        format!(
+            "{state}; volume off by {:.0e}, sides by {:.0e}",
+            check.volume_error, check.flatness_error
+        ),
+    );
+    let [smallest, largest] = voronoi.volumes;
+    line(
+        "cells",
+        format!("smallest {smallest:.2}, largest {largest:.2} of the mean volume"),
+    );
+    line(
+        "faces",
+        format!(
+            "{} between cells, {} on features; {} with a transmissibility that is not positive",
+            grouped(voronoi.connections),
+            grouped(voronoi.on_feature),
+            grouped(voronoi.not_positive)
+        ),
+    );
+    let [a, b, c, d] = voronoi.tiny_faces.map(|share| 100.0 * share);
+    line(
+        "",
+        format!(
+            "smallest {:.0e} of the mean area; below 1e-6 {a:.2} %, 1e-4 {b:.2} %, 1e-3 {c:.2} %, \
+             1e-2 {d:.1} %",
+            voronoi.smallest_face
+        ),
+    );
+    let angle = |[worst, mean]: [f64; 2]| format!("worst {worst:.1e}, mean {mean:.1e}");
+    line(
+        "",
+        format!(
+            "off their connections (degrees): {}; in physical space {}",
+            angle(voronoi.angle),
+            angle(voronoi.angle_physical)
+        ),
+    );
 }
 
 fn shapes(line: &mut impl FnMut(&str, String), space: &str, quality: &Quality) {

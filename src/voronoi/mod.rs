@@ -44,6 +44,19 @@ pub fn voronoi(atoms: &[[f64; 3]], extent: [f64; 3]) -> Result<PolyMesh<3>> {
     )
 }
 
+/// [`voronoi`] in the plane: polygons.
+///
+/// # Errors
+/// As [`voronoi`], but that it needs no TetGen.
+pub fn voronoi_plane(atoms: &[[f64; 2]], extent: [f64; 2]) -> Result<PolyMesh<2>> {
+    cells(
+        atoms,
+        extent,
+        |points| Ok(delaunay::delaunay_plane(points)?.triangles),
+        centre::of_triangle,
+    )
+}
+
 fn cells<const D: usize, const N: usize>(
     atoms: &[[f64; D]],
     extent: [f64; D],

@@ -1,0 +1,231 @@
+//! d(x) from an image, from the Laplacian of the potential, or as given.
+//!
+//! All are clipped to `min` to `max` and then graded: their slope is limited as
+//! [`limit_gradient`] does, which lowers but never raises, so that minima are kept.
+
+use super::features::{coarse_grid, limits};
+use super::{Distance, limit_gradient};
+use crate::error::{Error, Result, cause};
+use crate::feature::gaussian::smooth;
+use crate::image::Field;
+
+/// d(x) = `min` where the smoothed image is lowest, `max` where it is highest, and linear between
+/// (Hale 2001, figure 5).
+///
+/// The image is smoothed by a Gaussian of width `max` (lattice units): what is finer no lattice of
+/// such distances can follow.
+///
+/// # Errors
+/// [`Error::Distance`] for limits that are not positive and in order, a growth that is not in
+/// (0, 1], and an image that is constant.
+pub fn from_image<const D: usize>(
+    image: &Field<D>,
+    min: f64,
+    max: f64,
+    growth: f64,
+) -> Result<Distance<D>> {
+    limits(min, max, growth)?;
+    let mut field = image.clone();
+    let sigma = field.step.map(|step| max / step);
+    smooth(field.dims, &mut field.samples, sigma);
+    let (low, high) = field
+        .samples
+        .iter()
+        .fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), &s| {
+            (low.min(s), high.max(s))
+        });
+    let span = high - low;
+    if !(span > 0.0 && span.is_finite()) {
+        return Err(Error::Distance(cause(
+            "distance from image",
+            "the image, smoothed, is the same everywhere or not finite",
+            "give one distance instead of MIN:MAX",
+        )));
+    }
+    let slope = (max - min) as f32 / span;
+    for s in &mut field.samples {
+        *s = (min as f32 + slope * (*s - low)).clamp(min as f32, max as f32);
+    }
+    limit_gradient(&mut field, growth);
+    Ok(Distance::Field(field))
+}
+
+/// d(x) = c / sqrt |laplacian of b|, with c such that d is `min` in the valleys of b, whose width is
+/// `sigma`; at most `max` (Hale 2002).
+///
+/// b = -exp(-s^2 / (2 sigma^2)) has the Laplacian 1 / sigma^2 in the valley, so c = min / sigma; his
+/// sigma is min / 4, and then c = 4. The Laplacian vanishes on either side of a valley: the least d
+/// within about `min / 2` counts, and the slope's limit bridges the rest.
+///
+/// # Errors
+/// [`Error::Distance`] for limits that are not positive and in order, and a growth that is not in
+/// (0, 1].
+pub fn from_laplacian<const D: usize>(
+    potential: &Field<D>,
+    sigma: f64,
+    min: f64,
+    max: f64,
+    growth: f64,
+) -> Result<Distance<D>> {
+    limits(min, max, growth)?;
+    let mut field = coarse_grid(potential.extent(), min, max);
+    let mut strides = [1; D];
+    for k in 1..D {
+        strides[k] = strides[k - 1] * potential.dims[k - 1];
+    }
+    let b = &potential.samples;
+    for i in 0..b.len() {
+        let (mut rest, mut laplacian, mut cell) = (i, 0.0, 0);
+        let mut cell_stride = 1;
+        for k in 0..D {
+            let x = rest % potential.dims[k];
+            rest /= potential.dims[k];
+            let before = if x > 0 { i - strides[k] } else { i };
+            let after = if x + 1 < potential.dims[k] {
+                i + strides[k]
+            } else {
+                i
+            };
+            let step = potential.step[k];
+            laplacian += f64::from(b[before] + b[after] - 2.0 * b[i]) / (step * step);
+            let nearest = (x as f64 * step / field.step[k]).round() as usize;
+            cell += nearest.min(field.dims[k] - 1) * cell_stride;
+            cell_stride *= field.dims[k];
+        }
+        let d = (min / sigma / laplacian.abs().sqrt()).clamp(min, max);
+        field.samples[cell] = field.samples[cell].min(d as f32);
+    }
+    limit_gradient(&mut field, growth);
+    Ok(Distance::Field(field))
+}
+
+/// d(x) as given on a grid that spans the box, clipped to `min` to `max`.
+///
+/// # Errors
+/// [`Error::Distance`] for limits that are not positive and in order, a growth that is not in
+/// (0, 1], and a distance that is not a positive number.
+pub fn from_samples<const D: usize>(
+    mut field: Field<D>,
+    min: f64,
+    max: f64,
+    growth: f64,
+) -> Result<Distance<D>> {
+    limits(min, max, growth)?;
+    if let Some(bad) = field.samples.iter().find(|d| !(**d > 0.0 && d.is_finite())) {
+        return Err(Error::Distance(cause(
+            "given distance",
+            format!("holds {bad}"),
+            "give positive numbers of samples",
+        )));
+    }
+    for d in &mut field.samples {
+        *d = d.clamp(min as f32, max as f32);
+    }
+    limit_gradient(&mut field, growth);
+    Ok(Distance::Field(field))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Valleys of width sigma on the planes x = 20 and x = 60.
+    fn valleys<const D: usize>(dims: [usize; D], sigma: f64) -> Field<D> {
+        let bell = |x: f64| (-0.5 * (x / sigma).powi(2)).exp();
+        Field::from_fn(dims, [1.0; D], |p| {
+            -bell(p[0] - 20.0).max(bell(p[0] - 60.0))
+        })
+    }
+
+    fn laplacian_gives_min_in_valleys<const D: usize>(dims: [usize; D]) {
+        let (sigma, min, max) = (2.0, 8.0, 14.0);
+        let b = valleys(dims, sigma);
+        let d = from_laplacian(&b, sigma, min, max, 0.1).unwrap();
+        assert!(d.validate(b.extent()).is_ok());
+        for x in 0..80 {
+            let mut p: [f64; D] = std::array::from_fn(|k| 0.45 * (dims[k] - 1) as f64);
+            p[0] = x as f64;
+            let away = (p[0] - 20.0).abs().min((p[0] - 60.0).abs());
+            let (value, slope) = d.at_with_gradient(p);
+            // Second differences of a bell as narrow as two samples are a tenth too small, and a
+            // node of the grid knows what is half a cell (two samples) away.
+            if away == 0.0 {
+                assert!((min..min * 1.08).contains(&value), "{x} {value}");
+            }
+            let truth = min + 0.1 * away;
+            assert!(
+                value <= truth.min(max) + 0.6 && value >= (truth - 0.75).clamp(min, max) - 1e-3,
+                "{x}: {value} {truth}"
+            );
+            assert!(slope.iter().map(|g| g * g).sum::<f64>().sqrt() <= 0.1001);
+        }
+    }
+
+    #[test]
+    fn the_laplacian_gives_min_in_valleys_and_growth_between() {
+        laplacian_gives_min_in_valleys([81, 40, 36]);
+        laplacian_gives_min_in_valleys([81, 64]);
+    }
+
+    fn image_gives_its_own_shape<const D: usize>(dims: [usize; D]) {
+        // One period of a cosine, mirrored at the sides, so that smoothing only damps it.
+        let k = std::f64::consts::PI / dims[0] as f64;
+        let image = Field::from_fn(dims, [1.0; D], |p| 50.0 + 7.0 * ((p[0] + 0.5) * k).cos());
+        let (min, max) = (5.0, 7.0);
+        let d = from_image(&image, min, max, 0.1).unwrap();
+        for x in 0..dims[0] {
+            let mut p: [f64; D] = std::array::from_fn(|k| 0.5 * (dims[k] - 1) as f64);
+            p[0] = x as f64;
+            let truth = 6.0 + ((p[0] + 0.5) * k).cos();
+            assert!((d.at(p) - truth).abs() < 0.01, "{x} {} {truth}", d.at(p));
+        }
+        assert_eq!((d.min(), d.max()), (min, max));
+    }
+
+    #[test]
+    fn an_image_is_scaled_and_biased_to_the_limits() {
+        image_gives_its_own_shape([96, 20, 24]);
+        image_gives_its_own_shape([96, 40]);
+    }
+
+    #[test]
+    fn given_distances_are_kept_clipped_and_graded() {
+        let dims = [50, 30];
+        // A gentle ramp from 4 to 8.9 with one narrow pit.
+        let given = Field::from_fn(dims, [1.0; 2], |p| {
+            if p == [40.0, 15.0] {
+                5.0
+            } else {
+                4.0 + 0.1 * p[0]
+            }
+        });
+        let d = from_samples(given, 4.5, 8.0, 0.1).unwrap();
+        assert!((d.at([0.0, 3.0]) - 4.5).abs() < 1e-6);
+        assert!((d.at([20.0, 3.0]) - 6.0).abs() < 1e-5);
+        assert!(
+            (d.at([49.0, 0.0]) - 7.5).abs() < 0.5,
+            "{}",
+            d.at([49.0, 0.0])
+        );
+        assert!((d.at([40.0, 15.0]) - 5.0).abs() < 1e-6);
+        // Up from the pit along an axis by the growth.
+        assert!((d.at([40.0, 20.0]) - 5.5).abs() < 1e-3);
+    }
+
+    #[test]
+    fn impossible_sources_are_refused_with_a_remedy() {
+        let flat = Field::from_fn([30, 30], [1.0; 2], |_| 3.0);
+        let nan = Field::from_fn([30, 30], [1.0; 2], |_| f64::NAN);
+        let errors = [
+            from_image(&flat, 4.0, 8.0, 0.1),
+            from_image(&nan, 4.0, 8.0, 0.1),
+            from_samples(nan, 4.0, 8.0, 0.1),
+            from_samples(flat.clone(), 8.0, 4.0, 0.1),
+            from_laplacian(&flat, 1.0, 4.0, 8.0, 0.0),
+        ];
+        for error in errors {
+            let message = error.unwrap_err().to_string();
+            assert!(message.contains("; give"), "{message}");
+        }
+    }
+}

@@ -1,0 +1,403 @@
+//! VTK unstructured grids of polyhedra (cell type 42) or, in the plane, polygons (7).
+//!
+//! VTK stores the faces of every polyhedron with it, outwards, so each face between two cells is in
+//! the file twice; reading joins them again and brings back the same faces in the same order. Sites
+//! and regions are cell data; faces on features are a list of pairs of cells in the field data.
+
+use std::path::Path;
+
+use rayon::prelude::*;
+
+use super::vtu::{
+    self, FieldValue, MeshFile, cell_values, check_lengths, integers, read_arrays, read_fields,
+    read_nodes,
+};
+use crate::error::Result;
+use crate::io::atomic_write;
+use crate::io::vtk::{DataArray, Document, Source, VtkFile};
+use crate::mesh::poly::{Beyond, NO_CELL, PolyMesh};
+
+/// VTK's number of the polyhedron.
+pub const POLYHEDRON: u8 = 42;
+/// VTK's number of the polygon.
+pub const POLYGON: u8 = 7;
+/// The cell array of sites.
+const SITE: &str = "site";
+/// The cell array of regions.
+const REGION: &str = "region";
+/// The field array of faces on features: pairs of cells.
+const FEATURE_FACES: &str = "feature_faces";
+
+/// Cells in one task.
+const CHUNK: usize = 4096;
+
+/// Writes a mesh of polyhedra or polygons; the file appears whole or not at all. `site`, `region` and
+/// `feature_faces` come from the mesh; `point_data` and `cell_data` are what else there is.
+///
+/// # Errors
+/// [`Error::Io`](crate::Error::Io) if the file cannot be written, [`Error::Mesh`](crate::Error::Mesh)
+/// if an array does not have a tuple per node or cell.
+pub fn write_cells_vtu<const D: usize>(path: &Path, file: &MeshFile<PolyMesh<D>>) -> Result<()> {
+    let mesh = &file.mesh;
+    let (nodes, cells) = (mesh.nodes.len(), mesh.sites.len());
+    check_lengths(path, &file.point_data, nodes, "nodes")?;
+    check_lengths(path, &file.cell_data, cells, "cells")?;
+    let site = DataArray {
+        name: SITE.to_string(),
+        components: 3,
+        values: vtu::in_space(&mesh.sites).into(),
+    };
+    let region = DataArray::scalars(REGION, mesh.region.clone());
+    let mut pairs = Vec::new();
+    for f in (0..mesh.face_cells.len()).filter(|&f| mesh.on_feature[f]) {
+        if let Beyond::Cell(_) = mesh.beyond(f) {
+            pairs.extend(mesh.face_cells[f].map(i64::from));
+        }
+    }
+    let pairs = (FEATURE_FACES.to_string(), FieldValue::Ints(pairs));
+    let fields: Vec<_> = file.field_data.iter().chain([&pairs]).collect();
+    let cell_data: Vec<_> = [&region, &site]
+        .into_iter()
+        .chain(&file.cell_data)
+        .collect();
+    let point_data: Vec<_> = file.point_data.iter().collect();
+    let streams = Streams::new(mesh);
+
+    let mut document = Document::new("UnstructuredGrid", &[]);
+    vtu::begin_piece(
+        &mut document,
+        &fields,
+        &mesh.nodes,
+        cells,
+        &point_data,
+        &cell_data,
+    );
+    document.open("Cells", &[]);
+    document.array(integers("connectivity", &streams.corners));
+    document.array(integers("offsets", &streams.corner_ends));
+    let kind = if D == 2 { POLYGON } else { POLYHEDRON };
+    document.array(Source::computed("types", 1, cells, |_| kind));
+    if D == 3 {
+        document.array(integers("faces", &streams.faces));
+        document.array(integers("faceoffsets", &streams.face_ends));
+    }
+    atomic_write(path, |out| document.write(out))
+}
+
+/// The cells as VTK lists them.
+#[derive(Default)]
+struct Streams {
+    /// The nodes of each cell; in the plane in order round it.
+    corners: Vec<u64>,
+    corner_ends: Vec<u64>,
+    /// For each cell the number of its faces, and for each of those the number of its nodes and them.
+    faces: Vec<u64>,
+    face_ends: Vec<u64>,
+}
+
+impl Streams {
+    fn new<const D: usize>(mesh: &PolyMesh<D>) -> Self {
+        let lists = mesh.faces_of_cells();
+        let cells = mesh.sites.len();
+        let parts: Vec<Self> = (0..cells.div_ceil(CHUNK))
+            .into_par_iter()
+            .map(|chunk| {
+                let mut part = Self::default();
+                for cell in chunk * CHUNK..((chunk + 1) * CHUNK).min(cells) {
+                    part.add(mesh, cell, lists.get(cell));
+                }
+                part
+            })
+            .collect();
+        let mut all = Self::default();
+        for part in parts {
+            let (corners, faces) = (all.corners.len() as u64, all.faces.len() as u64);
+            all.corner_ends
+                .extend(part.corner_ends.iter().map(|end| end + corners));
+            all.face_ends
+                .extend(part.face_ends.iter().map(|end| end + faces));
+            all.corners.extend_from_slice(&part.corners);
+            all.faces.extend_from_slice(&part.faces);
+        }
+        all
+    }
+
+    fn add<const D: usize>(&mut self, mesh: &PolyMesh<D>, cell: usize, faces: &[u32]) {
+        let own = |f: u32| mesh.face_cells[f as usize][0] as usize == cell;
+        let start = self.corners.len();
+        if D == 2 {
+            // Edge after edge round the polygon, which lies to their left.
+            let edge = |&f: &u32| {
+                let ring = mesh.faces.get(f as usize);
+                if own(f) {
+                    [ring[0], ring[1]]
+                } else {
+                    [ring[1], ring[0]]
+                }
+            };
+            let edges: Vec<[u32; 2]> = faces.iter().map(edge).collect();
+            let mut at = edges.first().map_or(0, |e| e[0]);
+            for _ in 0..edges.len() {
+                self.corners.push(u64::from(at));
+                at = edges.iter().find(|e| e[0] == at).map_or(at, |e| e[1]);
+            }
+            self.corner_ends.push(self.corners.len() as u64);
+            return;
+        }
+        self.faces.push(faces.len() as u64);
+        for &f in faces {
+            let ring = mesh.faces.get(f as usize);
+            self.faces.push(ring.len() as u64);
+            if own(f) {
+                self.faces.extend(ring.iter().map(|&n| u64::from(n)));
+            } else {
+                self.faces.extend(ring.iter().rev().map(|&n| u64::from(n)));
+            }
+            self.corners.extend(ring.iter().map(|&n| u64::from(n)));
+        }
+        self.face_ends.push(self.faces.len() as u64);
+        self.corners[start..].sort_unstable();
+        let mut kept = start;
+        for i in start..self.corners.len() {
+            if i == start || self.corners[i] != self.corners[i - 1] {
+                self.corners[kept] = self.corners[i];
+                kept += 1;
+            }
+        }
+        self.corners.truncate(kept);
+        self.corner_ends.push(kept as u64);
+    }
+}
+
+/// Reads a mesh of polyhedra or polygons: ours, or one that VTK or ParaView wrote. Faces on the
+/// boundary have [`NO_CELL`] beyond them. Cells without stored sites have the mean of their nodes.
+///
+/// # Errors
+/// [`Error::Io`](crate::Error::Io) if the file is damaged, holds other cells, or three cells share a
+/// face.
+pub(super) fn read_cells<const D: usize>(file: &VtkFile) -> Result<MeshFile<PolyMesh<D>>> {
+    let piece = file.piece()?;
+    let points = vtu::count(file, piece, "NumberOfPoints")?;
+    let count = vtu::count(file, piece, "NumberOfCells")?;
+    let nodes = read_nodes(file, file.child(piece, "Points")?, points)?;
+    let element = file.child(piece, "Cells")?;
+    let types = cell_values(file, element, "types")?;
+    let kind = i64::from(if D == 2 { POLYGON } else { POLYHEDRON });
+    if let Some(cell) = types.iter().position(|&t| t != kind) {
+        let problem = format!(
+            "cell {cell} is of VTK's type {}, not {kind} like the first",
+            types[cell]
+        );
+        return Err(file.fault(problem, "give a mesh of one kind of cells"));
+    }
+    let broken = |what: &str| {
+        let problem = format!("its cells are damaged ({what})");
+        file.fault(problem, "write it anew")
+    };
+    // Every face of every cell: the cell, and its nodes in the cell's stream.
+    let (stream, ends) = if D == 2 {
+        ("connectivity", "offsets")
+    } else {
+        ("faces", "faceoffsets")
+    };
+    let stream = cell_values(file, element, stream)?;
+    let ends = cell_values(file, element, ends)?;
+    if types.len() != count || ends.len() != count || points >= u32::MAX as usize {
+        return Err(broken("their number"));
+    }
+    let mut sides: Vec<(u32, Vec<u32>)> = Vec::new();
+    let mut start = 0;
+    for (cell, &end) in ends.iter().enumerate() {
+        let end = usize::try_from(end)
+            .ok()
+            .filter(|&end| end <= stream.len() && end >= start);
+        let own = &stream[start..end.ok_or_else(|| broken("their ends"))?];
+        start += own.len();
+        let rings = rings_of::<D>(own).ok_or_else(|| broken("their faces"))?;
+        for ring in rings {
+            let node = |&n: &i64| u32::try_from(n).ok().filter(|&n| (n as usize) < points);
+            let ring: Option<Vec<u32>> = ring.iter().map(node).collect();
+            sides.push((cell as u32, ring.ok_or_else(|| broken("their nodes"))?));
+        }
+    }
+    let mut mesh =
+        joined::<D>(nodes, count, sides).ok_or_else(|| broken("a face with three cells"))?;
+
+    let mut cell_data = read_arrays(file, piece, "CellData", count)?;
+    let mut take = |name: &str| {
+        let at = cell_data.iter().position(|a| a.name == name)?;
+        Some(cell_data.remove(at).values)
+    };
+    if let Some(values) = take(REGION) {
+        mesh.region = values.to_i64().iter().map(|&r| r as i32).collect();
+    }
+    match take(SITE).map(|values| values.to_f64()) {
+        Some(sites) if sites.len() == 3 * count => {
+            let site = |s: &[f64]| std::array::from_fn(|k| s[k]);
+            mesh.sites = sites.chunks_exact(3).map(site).collect();
+        }
+        _ => mesh.sites = means(&mesh, count),
+    }
+    let mut field_data = read_fields(file)?;
+    if let Some(at) = field_data.iter().position(|f| f.0 == FEATURE_FACES)
+        && let (_, FieldValue::Ints(pairs)) = field_data.remove(at)
+    {
+        let inner = mesh.inner_faces();
+        for pair in pairs.chunks_exact(2) {
+            let pair = [pair[0] as u32, pair[1] as u32];
+            if let Ok(f) = mesh.face_cells[..inner].binary_search(&pair) {
+                mesh.on_feature[f] = true;
+            }
+        }
+    }
+    Ok(MeshFile {
+        mesh,
+        point_data: read_arrays(file, piece, "PointData", points)?,
+        cell_data,
+        field_data,
+    })
+}
+
+/// The faces in a cell's stream, with their nodes; `None` if it makes no sense.
+fn rings_of<const D: usize>(stream: &[i64]) -> Option<Vec<Vec<i64>>> {
+    if D == 2 {
+        let edge = |i: usize| vec![stream[i], stream[(i + 1) % stream.len()]];
+        return (stream.len() >= 3).then(|| (0..stream.len()).map(edge).collect());
+    }
+    let (&count, mut rest) = stream.split_first()?;
+    let mut rings = Vec::new();
+    for _ in 0..count {
+        let (&size, after) = rest.split_first()?;
+        let size = usize::try_from(size).ok().filter(|&size| size >= 3)?;
+        rings.push(after.get(..size)?.to_vec());
+        rest = &after[size..];
+    }
+    rest.is_empty().then_some(rings)
+}
+
+/// The mesh of cells that are given by all their faces, outwards; `None` if three cells share one.
+fn joined<const D: usize>(
+    nodes: Vec<[f64; D]>,
+    cells: usize,
+    sides: Vec<(u32, Vec<u32>)>,
+) -> Option<PolyMesh<D>> {
+    // Faces by their nodes, ascending; equal ones are the two sides of one face.
+    let mut order: Vec<(Vec<u32>, u32)> = sides
+        .par_iter()
+        .enumerate()
+        .map(|(i, (_, ring))| {
+            let mut name = ring.clone();
+            name.sort_unstable();
+            (name, i as u32)
+        })
+        .collect();
+    order.par_sort_unstable();
+    // Whether on the boundary, the cells, and the place in the file: the order of faces.
+    let mut faces: Vec<(bool, [u32; 2], u32)> = Vec::with_capacity(order.len() / 2);
+    for group in order.chunk_by(|a, b| a.0 == b.0) {
+        let cell = |k: usize| sides[group[k].1 as usize].0;
+        match group.len() {
+            1 => faces.push((true, [cell(0), NO_CELL], group[0].1)),
+            2 => faces.push((false, [cell(0), cell(1)], group[0].1)),
+            _ => return None,
+        }
+    }
+    faces.par_sort_unstable_by_key(|&(boundary, cells, at)| (boundary, cells, at));
+    let mut mesh = PolyMesh {
+        nodes,
+        region: vec![0; cells],
+        on_feature: vec![false; faces.len()],
+        ..PolyMesh::default()
+    };
+    for (_, cells, at) in faces {
+        mesh.faces.push(sides[at as usize].1.iter().copied());
+        mesh.face_cells.push(cells);
+    }
+    Some(mesh)
+}
+
+/// The mean of each cell's nodes (each as often as it has faces there).
+fn means<const D: usize>(mesh: &PolyMesh<D>, cells: usize) -> Vec<[f64; D]> {
+    let mut sums = vec![([0.0; D], 0.0); cells];
+    for (f, owners) in mesh.face_cells.iter().enumerate() {
+        for &cell in owners {
+            let Some((sum, count)) = sums.get_mut(cell as usize) else {
+                continue;
+            };
+            for &n in mesh.faces.get(f) {
+                *sum = std::array::from_fn(|k| sum[k] + mesh.nodes[n as usize][k]);
+                *count += 1.0;
+            }
+        }
+    }
+    sums.iter()
+        .map(|(sum, count)| sum.map(|c| c / count))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::vtu::{AnyMesh, read_any_vtu};
+    use super::*;
+    use crate::mesh::poly::samples::two_cells;
+
+    fn round_trip<const D: usize>() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.vtu");
+        let mut file = MeshFile {
+            mesh: two_cells::<D>(0.75),
+            cell_data: vec![DataArray::scalars("volume", vec![0.75, 1.25])],
+            field_data: vec![("note".into(), FieldValue::Text("two".into()))],
+            ..MeshFile::default()
+        };
+        write_cells_vtu(&path, &file).unwrap();
+        let read = read_cells::<D>(&VtkFile::read(&path, "UnstructuredGrid").unwrap()).unwrap();
+        let mut back = read.mesh;
+        assert!(back.face_cells[1..].iter().all(|c| c[1] == NO_CELL));
+        let mut high = [1.0; D];
+        high[0] = 2.0;
+        back.assign_sides([0.0; D], high);
+        // Polygons begin with another edge, and with it the order of the boundary may change.
+        if D == 3 {
+            assert_eq!(back, file.mesh);
+        } else {
+            let found = crate::mesh::poly_check::check_poly(&back, [0.0; D], high, 1e-12);
+            assert!(found.passed(), "{found:?}");
+            assert_eq!((&back.sites, back.on_feature[0]), (&file.mesh.sites, true));
+        }
+        assert_eq!(
+            (read.cell_data, &read.field_data),
+            (file.cell_data.clone(), &file.field_data)
+        );
+        let any = read_any_vtu(&path).unwrap();
+        assert!(matches!(
+            (D, any),
+            (2, AnyMesh::PlaneCells(_)) | (3, AnyMesh::SpaceCells(_))
+        ));
+        file.cell_data.push(DataArray::scalars("short", vec![1u8]));
+        assert!(write_cells_vtu(&path, &file).is_err());
+
+        let good = std::fs::read(&path).unwrap();
+        for end in (0..good.len() - 40).step_by(31) {
+            std::fs::write(&path, &good[..end]).unwrap();
+            assert!(read_any_vtu(&path).is_err(), "cut at {end}");
+        }
+    }
+
+    #[test]
+    fn cells_come_back_as_they_were() {
+        round_trip::<2>();
+        round_trip::<3>();
+    }
+
+    #[test]
+    fn streams_that_make_no_sense_are_refused() {
+        assert!(rings_of::<3>(&[]).is_none());
+        assert!(rings_of::<3>(&[1, 3, 0, 1]).is_none());
+        assert!(rings_of::<3>(&[1, 2, 0, 1]).is_none());
+        assert!(rings_of::<3>(&[1, -3, 0, 1]).is_none());
+        assert!(rings_of::<3>(&[1, 3, 0, 1, 2, 9]).is_none());
+        assert_eq!(rings_of::<3>(&[1, 3, 0, 1, 2]), Some(vec![vec![0, 1, 2]]));
+        assert!(rings_of::<2>(&[0, 1]).is_none());
+    }
+}

@@ -1,0 +1,333 @@
+//! Streamlines through tetrahedra, exact for the rates through their faces.
+//!
+//! Rates through the four faces that are conserved make one velocity field of the lowest order of
+//! Raviart and Thomas: `u(x) = a + b x` in each tetrahedron, its flux through each face constant and
+//! the same from both sides. A path in such a field is straight within a tetrahedron, so a streamline
+//! needs no time step: it goes from face to face, always leaving through a face with flow outwards.
+//! It never crosses a face without flow, and is never caught between two tetrahedra that disagree.
+//!
+//! All streamlines carry the same rate: they begin on the faces where fluid comes in, in proportion.
+
+use std::path::Path;
+
+use rayon::prelude::*;
+
+use super::conserve::FaceRates;
+use super::wells::{Located, barycentric};
+use crate::Result;
+use crate::io::atomic_write;
+use crate::io::vtk::{Document, Source};
+use crate::mesh::complex::NONE;
+use crate::mesh::{FACES, TetMesh, add_scaled, sub, volume6};
+
+/// Faces that one streamline may cross: far more than any that does not go round in circles.
+const MOST_FACES: usize = 100_000;
+
+/// Polylines, in one list.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Streamlines {
+    /// Their points, line after line.
+    pub points: Vec<[f64; 3]>,
+    /// For each point the time that fluid needs to get there, for porosity 1.
+    pub time: Vec<f64>,
+    /// Where each line ends in `points`.
+    pub ends: Vec<u32>,
+    /// The rate that each line stands for.
+    pub rate: f64,
+}
+
+/// Where streamlines begin: a face of a tetrahedron, seen from the one that fluid enters (or, at a
+/// source, leaves), and the source.
+struct Inlet {
+    tet: u32,
+    face: u8,
+    rate: f64,
+    source: Option<u32>,
+}
+
+impl Streamlines {
+    /// Traces `count` streamlines from sources and from where fluid comes in through the boundary to
+    /// sinks or out. `positions` are where the wells are.
+    pub fn trace(
+        mesh: &TetMesh,
+        rates: &FaceRates,
+        wells: &[Located],
+        positions: &[[f64; 3]],
+        count: usize,
+    ) -> Self {
+        let inlets = inlets(rates, wells);
+        let total: f64 = inlets.iter().map(|inlet| inlet.rate).sum();
+        if count == 0 || inlets.is_empty() || total <= 0.0 {
+            return Self::default();
+        }
+        let rate = total / count as f64;
+        let mut starts = Vec::with_capacity(count);
+        let (mut at, mut before) = (0, 0.0);
+        for line in 0..count {
+            let wanted = (line as f64 + 0.5) * rate;
+            while at + 1 < inlets.len() && before + inlets[at].rate < wanted {
+                before += inlets[at].rate;
+                at += 1;
+            }
+            starts.push((&inlets[at], line));
+        }
+        let sink = |t: u32| wells.iter().position(|w| w.cell == t && w.rate < 0.0);
+        let lines: Vec<(Vec<[f64; 3]>, Vec<f64>)> = starts
+            .into_par_iter()
+            .map(|(inlet, line)| {
+                let mut points = Vec::new();
+                let mut time = Vec::new();
+                let start = point_on_face(mesh, inlet, line);
+                let mut tet = inlet.tet;
+                if let Some(source) = inlet.source {
+                    points.push(positions[source as usize]);
+                    time.push(0.0);
+                    tet = rates.neighbors[tet as usize][usize::from(inlet.face)];
+                }
+                points.push(start);
+                time.push(0.0);
+                let stopped = follow(mesh, rates, tet, &mut points, &mut time);
+                if let Some(well) = stopped.and_then(sink) {
+                    points.push(positions[well]);
+                    time.push(time.last().copied().unwrap_or(0.0));
+                }
+                (points, time)
+            })
+            .collect();
+        let mut all = Self {
+            rate,
+            ..Self::default()
+        };
+        for (points, time) in lines {
+            all.points.extend(points);
+            all.time.extend(time);
+            all.ends.push(all.points.len() as u32);
+        }
+        all
+    }
+
+    /// Writes a VTK file of polylines (.vtp).
+    ///
+    /// # Errors
+    /// [`Error::Io`](crate::Error::Io) if it cannot be written.
+    pub fn write(&self, path: &Path) -> Result<()> {
+        let mut document = Document::new("PolyData", &[]);
+        document.open(
+            "Piece",
+            &[
+                ("NumberOfPoints", self.points.len().to_string()),
+                ("NumberOfLines", self.ends.len().to_string()),
+            ],
+        );
+        document.open("PointData", &[]);
+        document.array(Source::slice("time", 1, &self.time));
+        document.close();
+        document.open("CellData", &[]);
+        document.array(Source::computed("rate", 1, self.ends.len(), |_| self.rate));
+        document.close();
+        document.open("Points", &[]);
+        document.array(Source::slice("Points", 3, self.points.as_flattened()));
+        document.close();
+        document.open("Lines", &[]);
+        document.array(Source::computed(
+            "connectivity",
+            1,
+            self.points.len(),
+            |i| i as i64,
+        ));
+        document.array(Source::computed("offsets", 1, self.ends.len(), |i| {
+            i64::from(self.ends[i])
+        }));
+        atomic_write(path, |out| document.write(out))
+    }
+}
+
+/// Faces through which fluid comes from outside or from a source's tetrahedron.
+fn inlets(rates: &FaceRates, wells: &[Located]) -> Vec<Inlet> {
+    let mut inlets = Vec::new();
+    for (t, (out, around)) in rates.out.iter().zip(&rates.neighbors).enumerate() {
+        for k in 0..4 {
+            if around[k] == NONE && out[k] < 0.0 {
+                inlets.push(Inlet {
+                    tet: t as u32,
+                    face: k as u8,
+                    rate: -out[k],
+                    source: None,
+                });
+            }
+        }
+    }
+    for (source, well) in wells.iter().enumerate().filter(|(_, well)| well.rate > 0.0) {
+        let (out, around) = (
+            rates.out[well.cell as usize],
+            rates.neighbors[well.cell as usize],
+        );
+        let leaving: f64 = (0..4).map(|k| out[k].max(0.0)).sum();
+        for k in (0..4).filter(|&k| out[k] > 0.0 && around[k] != NONE) {
+            inlets.push(Inlet {
+                tet: well.cell,
+                face: k as u8,
+                rate: well.rate * out[k] / leaving,
+                source: Some(source as u32),
+            });
+        }
+    }
+    inlets
+}
+
+/// A point of the inlet's face: evenly spread, another one for each line.
+fn point_on_face(mesh: &TetMesh, inlet: &Inlet, line: usize) -> [f64; 3] {
+    let corners = mesh.corners(inlet.tet as usize);
+    let [a, b, c] = FACES[usize::from(inlet.face)].map(|i| corners[i]);
+    // The additive recurrence of the plastic number, folded into the triangle.
+    let mut u = (0.5 + 0.754_877_666_246_692_8 * line as f64).fract();
+    let mut v = (0.5 + 0.569_840_290_998_053_2 * line as f64).fract();
+    if u + v > 1.0 {
+        (u, v) = (1.0 - u, 1.0 - v);
+    }
+    add_scaled(add_scaled(a, u, sub(b, a)), v, sub(c, a))
+}
+
+/// Appends the points of a path from the last one, which lies in tetrahedron `t`. Gives the
+/// tetrahedron in which it comes to rest; none if it leaves the mesh.
+fn follow(
+    mesh: &TetMesh,
+    rates: &FaceRates,
+    mut t: u32,
+    points: &mut Vec<[f64; 3]>,
+    time: &mut Vec<f64>,
+) -> Option<u32> {
+    let (mut x, mut now) = (points.last().copied()?, time.last().copied()?);
+    let mut entered = NONE;
+    for _ in 0..MOST_FACES {
+        let p = mesh.corners(t as usize);
+        let out = rates.out[t as usize];
+        let volume3 = 0.5 * volume6(&p);
+        let growth = out.iter().sum::<f64>() / volume3;
+        let velocity: [f64; 3] = std::array::from_fn(|c| {
+            (0..4).map(|k| out[k] * (x[c] - p[k][c])).sum::<f64>() / volume3
+        });
+        // Where the straight path meets each face, in lengths of the velocity.
+        let here = barycentric(&p, x);
+        let ahead = barycentric(&p, add_scaled(x, 1.0, velocity));
+        let mut exit: Option<(f64, usize)> = None;
+        for k in (0..4).filter(|&k| out[k] > 0.0) {
+            let falls = here[k] - ahead[k];
+            let reach = here[k].max(0.0) / falls;
+            if falls > 0.0 && exit.is_none_or(|(least, _)| reach < least) {
+                exit = Some((reach, k));
+            }
+        }
+        // In a field that contracts the path may end before it gets there.
+        let Some((reach, k)) = exit.filter(|(reach, _)| 1.0 + growth * reach > 1e-12) else {
+            return Some(t);
+        };
+        x = add_scaled(x, reach, velocity);
+        let z = growth * reach;
+        now += if z.abs() < 1e-8 {
+            reach
+        } else {
+            z.ln_1p() / growth
+        };
+        points.push(x);
+        time.push(now);
+        let next = rates.neighbors[t as usize][k];
+        if next == NONE {
+            return None;
+        }
+        // Back through the face it came by: rates of rounding size only.
+        if next == entered && reach == 0.0 {
+            return Some(t);
+        }
+        (entered, t) = (t, next);
+    }
+    Some(t)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::flow::test_meshes::{faces_on, jittered_box};
+    use crate::flow::{Faults, Rock, Tensor, TetFlow, Well};
+
+    fn lines_of(all: &Streamlines) -> Vec<&[[f64; 3]]> {
+        let mut begin = 0;
+        let line = |&end: &u32| {
+            let line = &all.points[begin..end as usize];
+            begin = end as usize;
+            line
+        };
+        all.ends.iter().map(line).collect()
+    }
+
+    #[test]
+    fn in_uniform_flow_streamlines_are_straight_and_arrive_in_time() {
+        let mesh = jittered_box([6, 4, 4], [6.0, 4.0, 4.0], 0.25, |_| true);
+        let rock = Rock::uniform(Tensor::isotropic(2.0), 1.0);
+        let flow = TetFlow::new(&mesh, &[], rock, Faults::OPEN).unwrap();
+        let fixed: Vec<(u32, f64)> = flow
+            .nodes_where(|i| mesh.nodes[i][0] == 0.0 || mesh.nodes[i][0] == 6.0)
+            .into_iter()
+            .map(|i| (i, -mesh.nodes[i as usize][0]))
+            .collect();
+        let found = flow.solve(&vec![0.0; mesh.nodes.len()], &fixed).unwrap();
+        let rates = flow.face_rates(&found.pressure, &[], &fixed).unwrap();
+        let all = Streamlines::trace(&mesh, &rates, &[], &[], 50);
+        assert!((all.rate * 50.0 - 2.0 * 16.0).abs() < 1e-9);
+        for line in lines_of(&all) {
+            let (first, last) = (line[0], line[line.len() - 1]);
+            assert!(
+                first[0].abs() < 1e-9 && (last[0] - 6.0).abs() < 1e-9,
+                "{first:?} {last:?}"
+            );
+            assert!(
+                line.iter()
+                    .all(|x| (x[1] - first[1]).abs() + (x[2] - first[2]).abs() < 1e-7)
+            );
+        }
+        for &end in &all.ends {
+            assert!((all.time[end as usize - 1] - 3.0).abs() < 1e-8);
+        }
+    }
+
+    #[test]
+    fn streamlines_go_from_source_to_sink_round_a_closed_fault() {
+        let mesh = jittered_box([12, 12, 3], [12.0, 12.0, 3.0], 0.2, |x| x[0] != 6.0);
+        let bits = faces_on(&mesh, |x| x[0] == 6.0 && x[1] <= 8.0);
+        let rock = Rock::uniform(Tensor::isotropic(1.0), 1.0);
+        let flow = TetFlow::new(&mesh, &bits, rock, Faults::CLOSED).unwrap();
+        let (from, to) = ([3.1, 2.2, 1.4], [9.2, 2.1, 1.6]);
+        let well = |position, rate| Well {
+            name: "well".into(),
+            position,
+            rate,
+        };
+        let wells = flow.locate(&[well(from, 1.0), well(to, -1.0)]).unwrap();
+        let found = flow.solve(&flow.rates(&wells), &[]).unwrap();
+        let rates = flow.face_rates(&found.pressure, &wells, &[]).unwrap();
+        let all = Streamlines::trace(&flow.split.mesh, &rates, &wells, &[from, to], 40);
+        let lines = lines_of(&all);
+        assert_eq!(lines.len(), 40);
+        let arrived = lines.iter().filter(|line| line.last() == Some(&to)).count();
+        assert!(arrived >= 38, "{arrived} of 40 arrive");
+        for line in lines {
+            assert_eq!(line[0], from);
+            for step in line.windows(2) {
+                if (step[0][0] - 6.0) * (step[1][0] - 6.0) < -1e-9 {
+                    panic!("a segment jumps over x = 6: {step:?}");
+                }
+            }
+            // Where a line changes sides it does so beyond the fault's tip.
+            let crossing = line.windows(2).find(|s| s[0][0] < 6.0 && s[1][0] >= 6.0);
+            if let Some(step) = crossing {
+                assert!(step[1][1] > 8.0 - 1e-9, "{step:?}");
+            }
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("lines.vtp");
+        all.write(&path).unwrap();
+        let read = crate::io::vtk::VtkFile::read(&path, "PolyData").unwrap();
+        let piece = read.piece().unwrap();
+        assert_eq!(read.numbers::<usize>(piece, "NumberOfLines").unwrap(), [40]);
+    }
+}

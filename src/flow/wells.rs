@@ -1,0 +1,101 @@
+//! Point sources and sinks.
+
+use rayon::prelude::*;
+
+use super::tets::gradients;
+use crate::error::cause;
+use crate::mesh::{TetMesh, dot, sub};
+use crate::{Error, Result};
+
+/// Tetrahedra that one task searches.
+const CHUNK: usize = 1 << 14;
+/// How far outside a tetrahedron, in its own size, a point may seem to be by rounding.
+const ROUNDING: f64 = 1e-9;
+
+/// A point where fluid enters or leaves.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Well<const D: usize = 3> {
+    /// What errors call it.
+    pub name: String,
+    /// Where it is, in the mesh's coordinates.
+    pub position: [f64; D],
+    /// Rate in m^3/s: positive for a source, negative for a sink.
+    pub rate: f64,
+}
+
+/// A well in its tetrahedron.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Located {
+    /// The tetrahedron.
+    pub cell: u32,
+    /// The well's barycentric coordinates in it.
+    pub shares: [f64; 4],
+    /// The well's rate.
+    pub rate: f64,
+}
+
+impl<const D: usize> Well<D> {
+    /// Whether position and rate are numbers.
+    pub(super) fn check(&self) -> Result<()> {
+        let refuse =
+            |problem: String, remedy: &str| Err(Error::Flow(cause(&self.name, problem, remedy)));
+        if !self.rate.is_finite() {
+            return refuse(format!("has the rate {}", self.rate), "give a finite rate");
+        }
+        if !self.position.iter().all(|c| c.is_finite()) {
+            return refuse("is nowhere".into(), "give finite coordinates");
+        }
+        Ok(())
+    }
+
+    /// The well is not in the mesh.
+    pub(super) fn outside(&self) -> Error {
+        Error::Flow(cause(
+            &self.name,
+            format!("{:?} lies outside the mesh", self.position),
+            "give a point inside, in the mesh's coordinates (`atomesh info` says where it lies)",
+        ))
+    }
+}
+
+impl Well<3> {
+    /// Finds the tetrahedron that holds the well.
+    ///
+    /// # Errors
+    /// [`Error::Flow`] if there is none, or the rate is not finite.
+    pub fn locate(&self, mesh: &TetMesh) -> Result<Located> {
+        self.check()?;
+        let depth = |t: usize| {
+            let shares = barycentric(&mesh.corners(t), self.position);
+            (shares.into_iter().fold(f64::INFINITY, f64::min), t)
+        };
+        let deeper = |a: (f64, usize), b: (f64, usize)| if b.0 > a.0 { b } else { a };
+        let parts: Vec<(f64, usize)> = (0..mesh.tets.len().div_ceil(CHUNK))
+            .into_par_iter()
+            .map(|k| {
+                let tets = k * CHUNK..mesh.tets.len().min((k + 1) * CHUNK);
+                tets.map(depth).fold((f64::NEG_INFINITY, 0), deeper)
+            })
+            .collect();
+        let (depth, cell) = parts.into_iter().fold((f64::NEG_INFINITY, 0), deeper);
+        if depth < -ROUNDING {
+            return Err(self.outside());
+        }
+        let shares = barycentric(&mesh.corners(cell), self.position).map(|s| s.max(0.0));
+        let sum: f64 = shares.iter().sum();
+        Ok(Located {
+            cell: cell as u32,
+            shares: shares.map(|s| s / sum),
+            rate: self.rate,
+        })
+    }
+}
+
+/// Barycentric coordinates of `x`; all in [0, 1] inside.
+#[inline]
+pub(super) fn barycentric(p: &[[f64; 3]; 4], x: [f64; 3]) -> [f64; 4] {
+    let (g, volume6) = gradients(p);
+    let off = sub(x, p[0]);
+    let [a, b, c] = [1, 2, 3].map(|k| dot(g[k], off) / volume6);
+    [1.0 - a - b - c, a, b, c]
+}

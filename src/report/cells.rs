@@ -1,0 +1,107 @@
+//! What is measured about Voronoi cells: what a flow simulator asks of a PEBI grid.
+
+use serde::Serialize;
+
+use super::Lattice;
+use crate::mesh::graph::Graph;
+use crate::mesh::poly::PolyMesh;
+use crate::mesh::poly_check::{PolyCheck, check_poly};
+
+/// Shares of the mean area below which faces are counted as tiny.
+pub const TINY: [f64; 4] = [1e-6, 1e-4, 1e-3, 1e-2];
+
+/// Voronoi cells in figures.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Voronoi {
+    /// `polyhedra` or `polygons`.
+    pub kind: &'static str,
+    /// Validity, in lattice space.
+    pub check: PolyCheck,
+    /// Number of faces between two cells.
+    pub connections: usize,
+    /// How many of them lie along a feature, the mesh says.
+    pub on_feature: usize,
+    /// Volume (area in the plane) of the smallest and the largest cell over the mean.
+    pub volumes: [f64; 2],
+    /// Area of the smallest connection over the mean.
+    pub smallest_face: f64,
+    /// The share of connections smaller than 1e-6, 1e-4, 1e-3 and 1e-2 of the mean area.
+    pub tiny_faces: [f64; 4],
+    /// Angle in degrees between a face's normal and its connection in lattice space, where it should
+    /// be 0: the largest and the mean (by area). Faces below 1e-6 of the mean area, which have no
+    /// direction to speak of, are left out.
+    pub angle: [f64; 2],
+    /// The same in physical space: where it is not 0, two-point flux is an approximation.
+    pub angle_physical: [f64; 2],
+    /// Connections whose two-point transmissibility is not positive, in physical space.
+    pub not_positive: usize,
+}
+
+/// Measures cells in lattice space, which should fill the box `[0, extent]` to `tolerance`, with their
+/// graph there and in the world.
+pub fn voronoi<const D: usize>(
+    mesh: &PolyMesh<D>,
+    graph: &Graph<D>,
+    physical: &Graph<D>,
+    extent: [f64; D],
+    tolerance: f64,
+) -> Voronoi {
+    let count = graph.connections.len();
+    let mean = |sum: f64, count: usize| sum / count.max(1) as f64;
+    let area = mean(graph.connections.iter().map(|c| c.area).sum(), count);
+    let volume = mean(graph.volume.iter().sum(), graph.volume.len());
+    let least = |values: &mut dyn Iterator<Item = f64>| values.fold(f64::INFINITY, f64::min);
+    let tiny = |limit: f64| {
+        let few = graph.connections.iter().filter(|c| c.area < limit * area);
+        mean(few.count() as f64, count)
+    };
+    let angles = |in_space: &Graph<D>| {
+        let (mut worst, mut sum, mut all) = (0.0f64, 0.0, 0.0);
+        for (c, here) in graph.connections.iter().zip(&in_space.connections) {
+            if c.area >= TINY[0] * area {
+                let angle = here.angle_error(&in_space.site);
+                worst = worst.max(angle);
+                sum += angle * here.area;
+                all += here.area;
+            }
+        }
+        [worst, if all > 0.0 { sum / all } else { 0.0 }]
+    };
+    let positive = |d: f64| d > 0.0;
+    Voronoi {
+        kind: if D == 2 { "polygons" } else { "polyhedra" },
+        check: check_poly(mesh, [0.0; D], extent, tolerance),
+        connections: count,
+        on_feature: graph.connections.iter().filter(|c| c.on_feature).count(),
+        volumes: [
+            least(&mut graph.volume.iter().copied()) / volume,
+            -least(&mut graph.volume.iter().map(|v| -v)) / volume,
+        ],
+        smallest_face: least(&mut graph.connections.iter().map(|c| c.area)) / area,
+        tiny_faces: TINY.map(tiny),
+        angle: angles(graph),
+        angle_physical: angles(physical),
+        not_positive: physical
+            .connections
+            .iter()
+            .filter(|c| !(c.distance.into_iter().all(positive) && c.area > 0.0))
+            .count(),
+    }
+}
+
+/// Figures of a lattice from its connections, with the nominal distance at any position: the nearest
+/// neighbour of an atom is one with which its cell has a face.
+pub fn lattice_of_graph<const D: usize>(
+    graph: &Graph<D>,
+    distance: impl Fn([f64; D]) -> f64,
+) -> Lattice {
+    let mut nearest = vec![f64::INFINITY; graph.site.len()];
+    for connection in &graph.connections {
+        let [a, b] = connection.cells.map(|c| c as usize);
+        let square = (0..D).map(|k| (graph.site[a][k] - graph.site[b][k]).powi(2));
+        let square: f64 = square.sum();
+        nearest[a] = nearest[a].min(square);
+        nearest[b] = nearest[b].min(square);
+    }
+    super::lattice::figures(&nearest, &graph.site, distance)
+}

@@ -72,7 +72,8 @@ where
     });
     if !features.points.is_empty() {
         stages.begin("pairing atoms");
-        atoms = pairs::mirrored(&atoms, extent, &sheets, &distance);
+        let points: Vec<_> = features.points.iter().map(Space::<D>::in_space).collect();
+        atoms = pairs::mirrored(&atoms, extent, &points, &sheets, &distance);
         let options = optimize::Options {
             seed: params.seed,
             max_rounds: 1,

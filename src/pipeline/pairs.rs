@@ -6,6 +6,7 @@
 //! way to its mirror image.
 
 use crate::distance::Distance;
+use crate::feature::FeaturePoint;
 use crate::improve::sheets::{SAME_SHEET, Sheet, Sheets};
 use crate::mesh::{AtomKind, add_scaled, dot, sub};
 use crate::seeding::Atoms;
@@ -20,6 +21,12 @@ const ROOM: f64 = 0.6;
 /// An atom nearer to a feature than this, in units of d, is moved away to it first.
 const OFF: f64 = 0.3;
 
+/// The middles of pairs on one feature are no farther apart than need be: at least this, in units of
+/// d, where pairs are added.
+const APART: f64 = 0.8;
+/// Distance from the feature of atoms that are added, in units of d.
+const HEIGHT: f64 = 0.42;
+
 /// An atom beside a feature.
 #[derive(Clone, Copy)]
 struct Beside {
@@ -32,11 +39,36 @@ struct Beside {
     surface: Option<u32>,
 }
 
+impl Beside {
+    /// The atom, off the feature as far as it must be, and its image; `None` if one is not well inside
+    /// the box, the feature ends here, or another one passes between the two.
+    fn pair<const D: usize>(&self, extent: [f64; D], sheets: &Sheets) -> Option<[[f64; 3]; 2]> {
+        let Sheet { normal, offset } = self.sheet;
+        let height = offset.abs().max(OFF * self.d) * offset.signum();
+        let [x, foot, image] =
+            [height, 0.0, -height].map(|h| add_scaled(self.x, h - offset, normal));
+        let margin = 0.05 * self.d;
+        let inside = |p: [f64; 3]| (0..D).all(|k| p[k] > margin && p[k] < extent[k] - margin);
+        let same = |s: &Sheet| dot(s.normal, normal).abs() > SAME_SHEET;
+        let goes_on = |s: &Sheet| same(s) && s.offset.abs() < 0.2 * self.d;
+        let between = |s: &Sheet| {
+            !same(s) && s.offset * (s.offset - 2.0 * height * dot(s.normal, normal)) < 0.0
+        };
+        let sound = inside(x)
+            && inside(image)
+            && sheets.near(foot).iter().any(goes_on)
+            && !sheets.near(x).iter().any(between);
+        sound.then_some([x, image])
+    }
+}
+
 /// Replaces the first layer of atoms on one side of every feature by the mirror image of that on the
-/// other. Atoms of both layers become fixed, all others stay as they are. Fixed atoms stay.
+/// other, and adds pairs where the feature's `points` (in space, as those of `sheets`) have none near.
+/// Atoms of both layers become fixed, all others stay as they are. Fixed atoms stay.
 pub fn mirrored<const D: usize>(
     atoms: &Atoms<D>,
     extent: [f64; D],
+    points: &[FeaturePoint<3>],
     sheets: &Sheets,
     distance: &Distance<D>,
 ) -> Atoms<D> {
@@ -59,52 +91,99 @@ pub fn mirrored<const D: usize>(
     let grid = Grid::new(layers.iter().map(|b| b.x), reach);
     orient(&mut layers, &grid);
 
-    // Atoms that stay, and the images of those on the upper side.
+    // Atoms that stay as they are; the others of the layers come in pairs, or give way to them.
     let mut stays = vec![true; atoms.len()];
-    let mut pairs: Vec<([f64; 3], [f64; 3])> = Vec::new();
-    for b in layers.iter().filter(|b| b.sheet.offset >= 0.0) {
-        let height = b.sheet.offset.max(OFF * b.d);
-        let x = add_scaled(b.x, height - b.sheet.offset, b.sheet.normal);
-        let image = add_scaled(x, -2.0 * height, b.sheet.normal);
-        let inside =
-            |p: [f64; 3]| (0..D).all(|k| p[k] > 0.05 * b.d && p[k] < extent[k] - 0.05 * b.d);
-        // Near the end of a feature there may be nothing to mirror in.
-        let foot = add_scaled(x, -height, b.sheet.normal);
-        let here = sheets.near(foot);
-        let on_it = |s: &Sheet| {
-            dot(s.normal, b.sheet.normal).abs() > SAME_SHEET && s.offset.abs() < 0.2 * b.d
-        };
-        if !inside(x) || !inside(image) || !here.iter().any(on_it) {
-            continue;
-        }
-        // Of several features that cross, the image must be on the same side as the atom.
-        let crossed = |s: &Sheet| {
-            dot(s.normal, b.sheet.normal).abs() <= SAME_SHEET
-                && s.offset * (s.offset - 2.0 * height * dot(s.normal, b.sheet.normal)) < 0.0
-        };
-        if sheets.near(x).iter().any(crossed) {
-            continue;
-        }
-        let mut free = true;
-        grid.visit(image, |j| {
-            let other = &layers[j];
-            let below = other.surface == b.surface && other.sheet.offset < 0.0;
-            let off = sub(other.x, image);
-            free &= below || other.atom == b.atom || dot(off, off) > (ROOM * b.d).powi(2);
-        });
-        if free {
-            pairs.push((x, image));
-            stays[b.atom] = false;
+    let mut pairs: Vec<[f64; 3]> = Vec::new();
+    // The upper side first; then what is left alone on the lower one.
+    for side in [1.0, -1.0] {
+        let before = pairs.clone();
+        let paired = Grid::new(before.iter().copied(), reach);
+        for b in layers.iter().filter(|b| side * b.sheet.offset > 0.0) {
+            if !stays[b.atom] {
+                continue;
+            }
+            let Some([x, image]) = b.pair(extent, sheets) else {
+                continue;
+            };
+            let gives_way = |other: &Beside| {
+                other.surface == b.surface && side * other.sheet.offset < 0.0 && stays[other.atom]
+            };
+            let near = |p: [f64; 3], room: f64| {
+                let off = sub(p, image);
+                dot(off, off) < (room * b.d).powi(2)
+            };
+            let mut free = true;
             grid.visit(image, |j| {
                 let other = &layers[j];
-                let off = sub(other.x, image);
-                if other.surface == b.surface
-                    && other.sheet.offset < 0.0
-                    && dot(off, off) < b.d * b.d
-                {
-                    stays[other.atom] = false;
+                let blocks = stays[other.atom] && !gives_way(other) && other.atom != b.atom;
+                free &= !(blocks && near(other.x, ROOM));
+            });
+            paired.visit(image, |j| free &= !near(before[j], ROOM));
+            if !free {
+                continue;
+            }
+            let mut gone = Vec::new();
+            grid.visit(image, |j| {
+                if gives_way(&layers[j]) && near(layers[j].x, 1.0) {
+                    gone.push(layers[j].atom);
                 }
             });
+            gone.iter().for_each(|&atom| stays[atom] = false);
+            stays[b.atom] = false;
+            pairs.extend([x, image]);
+        }
+    }
+    // Where a feature is still without pairs there were too few atoms beside it: more are put there.
+    let mut feet = Feet::new(reach, lift(extent));
+    let (made, _) = pairs.as_chunks::<2>();
+    made.iter().for_each(|&pair| feet.add(pair));
+    for point in points {
+        let p = point.position.map(f64::from);
+        let d = distance.at(std::array::from_fn(|k| p[k]));
+        if feet.any(p, APART * d) {
+            continue;
+        }
+        let normal = point.normal.map(f64::from);
+        let same = |s: &&Sheet| dot(s.normal, normal).abs() > SAME_SHEET;
+        let here = sheets.near(p);
+        let Some(sheet) = here.iter().find(same) else {
+            continue;
+        };
+        let foot = add_scaled(p, -sheet.offset, sheet.normal);
+        let b = Beside {
+            atom: usize::MAX,
+            x: add_scaled(foot, HEIGHT * d, sheet.normal),
+            d,
+            sheet: Sheet {
+                normal: sheet.normal,
+                offset: HEIGHT * d,
+            },
+            surface: None,
+        };
+        let Some(pair) = b.pair(extent, sheets) else {
+            continue;
+        };
+        // No place where it comes too near to another pair or to an atom that must stay.
+        let mut free = true;
+        for x in pair {
+            feet.visit(x, |other| {
+                free &= other.iter().all(|y| {
+                    let off = sub(*y, x);
+                    dot(off, off) >= (ROOM * d).powi(2)
+                });
+            });
+        }
+        if free {
+            for x in pair {
+                grid.visit(x, |j| {
+                    let off = sub(layers[j].x, x);
+                    if dot(off, off) < (APART * d).powi(2) {
+                        stays[layers[j].atom] = false;
+                    }
+                });
+            }
+            feet.add(pair);
+            pairs.extend(pair);
         }
     }
     let mut result = Atoms {
@@ -115,7 +194,7 @@ pub fn mirrored<const D: usize>(
         result.positions.push(atoms.positions[i]);
         result.kinds.push(atoms.kinds[i]);
     }
-    for x in pairs.into_iter().flat_map(|(x, image)| [x, image]) {
+    for x in pairs {
         result.positions.push(std::array::from_fn(|k| x[k]));
         result.kinds.push(AtomKind::Fixed);
     }
@@ -164,6 +243,64 @@ fn orient(layers: &mut [Beside], grid: &Grid) {
         }
         surfaces += 1;
     }
+}
+
+/// Pairs in cells, to which more can be added.
+struct Feet {
+    cell: f64,
+    dims: [usize; 3],
+    cells: Vec<Vec<[[f64; 3]; 2]>>,
+}
+
+impl Feet {
+    /// No pairs yet, in the box `[0, extent]`.
+    fn new(cell: f64, extent: [f64; 3]) -> Self {
+        let dims = extent.map(|e| (e / cell) as usize + 1);
+        Self {
+            cell,
+            dims,
+            cells: vec![Vec::new(); dims.iter().product()],
+        }
+    }
+
+    fn at(&self, p: [f64; 3]) -> [usize; 3] {
+        std::array::from_fn(|k| ((p[k] / self.cell) as usize).min(self.dims[k] - 1))
+    }
+
+    /// Adds a pair, in the cell of its middle.
+    fn add(&mut self, pair: [[f64; 3]; 2]) {
+        let at = self.at(middle(pair));
+        self.cells[(at[2] * self.dims[1] + at[1]) * self.dims[0] + at[0]].push(pair);
+    }
+
+    /// Runs `visit` on the pairs in the cell of `p` and those around it.
+    fn visit(&self, p: [f64; 3], mut visit: impl FnMut([[f64; 3]; 2])) {
+        let at = self.at(p);
+        let low = at.map(|c| c.saturating_sub(1));
+        let high: [usize; 3] = std::array::from_fn(|k| (at[k] + 1).min(self.dims[k] - 1));
+        for z in low[2]..=high[2] {
+            for y in low[1]..=high[1] {
+                let row = (z * self.dims[1] + y) * self.dims[0];
+                let cells = &self.cells[row + low[0]..=row + high[0]];
+                cells.iter().flatten().for_each(|&pair| visit(pair));
+            }
+        }
+    }
+
+    /// Whether the middle of a pair is nearer than `room` to a point.
+    fn any(&self, p: [f64; 3], room: f64) -> bool {
+        let mut found = false;
+        self.visit(p, |pair| {
+            let off = sub(middle(pair), p);
+            found |= dot(off, off) < room * room;
+        });
+        found
+    }
+}
+
+/// Half-way between the two atoms of a pair: on the feature.
+fn middle([a, b]: [[f64; 3]; 2]) -> [f64; 3] {
+    add_scaled(a, 0.5, sub(b, a))
 }
 
 /// Points in cells of the reach within which they are sought.
@@ -230,5 +367,65 @@ impl Grid {
                 }
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::seeding::{Alignment, regular};
+
+    #[test]
+    fn faces_lie_on_a_plane_between_pairs() {
+        let extent = [40.0, 36.0, 38.0];
+        let normal = [0.8f32, 0.6, 0.0];
+        // The plane 0.8 x + 0.6 y = 27.
+        let height = |x: [f64; 3]| 0.8 * x[0] + 0.6 * x[1] - 27.0;
+        let mut points = Vec::new();
+        for k in 0..39 {
+            for j in 0..45 {
+                let along = f64::from(j) - 22.0;
+                let x = [21.6 - 0.6 * along, 16.2 + 0.8 * along, f64::from(k)];
+                if (0..3).all(|k| (0.0..=extent[k]).contains(&x[k])) {
+                    points.push(FeaturePoint {
+                        position: x.map(|c| c as f32),
+                        normal,
+                        strength: 1.0,
+                    });
+                }
+            }
+        }
+        let sheets = Sheets::new(&points, extent, 4.8, 10.0);
+        let distance = Distance::Constant(6.0);
+        let atoms = regular(extent, &distance, &[], Alignment::Alongside).unwrap();
+        let paired = mirrored(&atoms, extent, &points, &sheets, &distance);
+        let fixed: Vec<[f64; 3]> = (0..paired.len())
+            .filter(|&i| paired.kinds[i] == AtomKind::Fixed)
+            .map(|i| paired.positions[i])
+            .collect();
+        assert!(fixed.len() > 60 && fixed.len() % 2 == 0, "{}", fixed.len());
+        for pair in fixed.chunks_exact(2) {
+            assert!((height(pair[0]) + height(pair[1])).abs() < 1e-3);
+            assert!(height(pair[0]).abs() > 0.29 * 6.0);
+        }
+        // The plane is as near to atoms on either side, nearly everywhere.
+        let (mut all, mut even) = (0, 0);
+        for k in 3..36 {
+            for j in 0..45 {
+                let along = f64::from(j) - 22.0;
+                let p = [21.6 - 0.6 * along, 16.2 + 0.8 * along, f64::from(k)];
+                if !(0..3).all(|k| p[k] > 3.0 && p[k] < extent[k] - 3.0) {
+                    continue;
+                }
+                let nearest = |side: f64| {
+                    let on_side = paired.positions.iter().filter(|x| side * height(**x) > 0.0);
+                    let distance = on_side.map(|x| dot(sub(*x, p), sub(*x, p)).sqrt());
+                    distance.fold(f64::INFINITY, f64::min)
+                };
+                all += 1;
+                even += usize::from((nearest(1.0) - nearest(-1.0)).abs() < 0.02);
+            }
+        }
+        assert!(all > 500 && even * 100 > all * 97, "{even} of {all}");
     }
 }

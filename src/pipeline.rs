@@ -7,6 +7,7 @@
 pub mod cells;
 pub mod file;
 mod join;
+mod pairs;
 
 pub use cells::{CellsOutcome, voronoi_image};
 pub use join::{Meshing, Space};

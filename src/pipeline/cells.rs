@@ -5,9 +5,10 @@ use rayon::prelude::*;
 
 use super::file::{Provenance, common_fields};
 use super::join::Scene;
-use super::{BOX_TOLERANCE, Meshing, Params, Settled, Space, optimisation, settle};
+use super::{BOX_TOLERANCE, Meshing, Params, Settled, Space, optimisation, pairs, settle};
 use crate::Result;
 use crate::distance::Distance;
+use crate::energy::{Beta, Pairwise};
 use crate::export::MeshFile;
 use crate::feature::Features;
 use crate::image::{Geometry, Image};
@@ -39,6 +40,9 @@ pub struct CellsOutcome<const D: usize = 3> {
     pub report: Report,
 }
 
+/// Evaluations in which the other atoms make room for pairs.
+const PAIRED_EVALUATIONS: usize = 15;
+
 /// Makes Voronoi cells of an image. Of `params`, the smallest angle has no meaning here.
 ///
 /// # Errors
@@ -58,16 +62,37 @@ where
         step,
         features,
         distance,
-        atoms,
+        mut atoms,
         optimised,
     } = settle(image, params, Alignment::Alongside, observer)?;
-    stages.begin("cutting cells");
-    let mut mesh = Space::<D>::cells(&atoms.positions, extent)?;
     let sheets = Space::<D>::sheets(&Scene {
         extent,
         features: &features,
         distance: &distance,
     });
+    if !features.points.is_empty() {
+        stages.begin("pairing atoms");
+        let points: Vec<_> = features.points.iter().map(Space::<D>::in_space).collect();
+        atoms = pairs::mirrored(&atoms, extent, &points, &sheets, &distance);
+        let options = optimize::Options {
+            seed: params.seed,
+            max_rounds: 1,
+            max_evaluations: PAIRED_EVALUATIONS,
+            ..optimize::Options::default()
+        };
+        let energy = Pairwise::new(extent, &distance, None, Beta::Constant(0.0))?;
+        let mut energy = energy.aligned(Alignment::Alongside);
+        optimize::optimize(
+            &mut atoms,
+            &mut energy,
+            &distance,
+            extent,
+            &options,
+            stages.observer,
+        )?;
+    }
+    stages.begin("cutting cells");
+    let mut mesh = Space::<D>::cells(&atoms.positions, extent)?;
     mesh.on_feature = across(&mesh, &sheets);
 
     stages.begin("measuring the mesh");

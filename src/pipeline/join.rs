@@ -42,6 +42,9 @@ pub trait Meshing<const D: usize> {
 
     /// The features as local planes; those of the plane stand upright on it.
     fn sheets(scene: &Scene<'_, D>) -> Sheets;
+
+    /// A feature point as one of space.
+    fn in_space(point: &FeaturePoint<D>) -> FeaturePoint<3>;
 }
 
 /// What is known about the space in which atoms are joined.
@@ -141,6 +144,10 @@ impl Meshing<3> for Space<3> {
     fn sheets(scene: &Scene<'_, 3>) -> Sheets {
         planes(&scene.features.points, scene.extent, scene.distance)
     }
+
+    fn in_space(point: &FeaturePoint<3>) -> FeaturePoint<3> {
+        *point
+    }
 }
 
 impl Meshing<2> for Space<2> {
@@ -188,18 +195,18 @@ impl Meshing<2> for Space<2> {
 
     fn sheets(scene: &Scene<'_, 2>) -> Sheets {
         // Curves in the plane are sheets that stand upright on it.
-        let points: Vec<FeaturePoint<3>> = scene.features.points.iter().map(upright).collect();
+        let points = scene.features.points.iter().map(Self::in_space);
+        let points: Vec<FeaturePoint<3>> = points.collect();
         planes(&points, plane::lift(scene.extent), scene.distance)
     }
-}
 
-/// A point of a curve in the plane as a point of the sheet that stands on it.
-fn upright(point: &FeaturePoint<2>) -> FeaturePoint<3> {
-    let [x, y] = point.position;
-    let [u, v] = point.normal;
-    FeaturePoint {
-        position: [x, y, 0.0],
-        normal: [u, v, 0.0],
-        strength: point.strength,
+    fn in_space(point: &FeaturePoint<2>) -> FeaturePoint<3> {
+        let [x, y] = point.position;
+        let [u, v] = point.normal;
+        FeaturePoint {
+            position: [x, y, 0.0],
+            normal: [u, v, 0.0],
+            strength: point.strength,
+        }
     }
 }

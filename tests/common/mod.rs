@@ -73,8 +73,18 @@ pub fn files(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
 /// Writes a NumPy file of float32, shape `(nz, ny, nx)`.
 pub fn npy(path: &Path, dims: [usize; 3], mut value: impl FnMut([usize; 3]) -> f32) {
     let [nx, ny, nz] = dims;
-    let mut header =
-        format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({nz}, {ny}, {nx}), }}");
+    let samples = (0..nx * ny * nz).map(|i| value([i % nx, i / nx % ny, i / (nx * ny)]));
+    write_npy(path, &format!("{nz}, {ny}, {nx}"), samples);
+}
+
+/// Writes a NumPy file of float32, shape `(ny, nx)`.
+pub fn npy_2d(path: &Path, [nx, ny]: [usize; 2], mut value: impl FnMut([usize; 2]) -> f32) {
+    let samples = (0..nx * ny).map(|i| value([i % nx, i / nx]));
+    write_npy(path, &format!("{ny}, {nx}"), samples);
+}
+
+fn write_npy(path: &Path, shape: &str, samples: impl Iterator<Item = f32>) {
+    let mut header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({shape}), }}");
     while (10 + header.len() + 1) % 64 != 0 {
         header.push(' ');
     }
@@ -82,13 +92,7 @@ pub fn npy(path: &Path, dims: [usize; 3], mut value: impl FnMut([usize; 3]) -> f
     let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
     bytes.extend((header.len() as u16).to_le_bytes());
     bytes.extend(header.as_bytes());
-    for z in 0..nz {
-        for y in 0..ny {
-            for x in 0..nx {
-                bytes.extend(value([x, y, z]).to_le_bytes());
-            }
-        }
-    }
+    samples.for_each(|sample| bytes.extend(sample.to_le_bytes()));
     std::fs::write(path, bytes).unwrap();
 }
 

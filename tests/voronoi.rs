@@ -1,0 +1,152 @@
+//! Voronoi cells from the command line: made, checked, measured, read back, refused.
+
+mod common;
+
+use std::path::Path;
+use std::process::Command;
+
+use common::{refused, succeed};
+
+fn json(folder: &Path, arguments: &[&str]) -> serde_json::Value {
+    let said = succeed(folder, &[arguments, &["--json", "--quiet"]].concat());
+    serde_json::from_str(&said).unwrap()
+}
+
+/// A volume with faults, and its cells in `v.vtu`, 6 samples apart.
+fn faults(folder: &Path) -> serde_json::Value {
+    let dims = ["--dims", "64,56,48", "--quiet"];
+    let synth = ["synth", "faults", "-o", "f.vti", "--truth", "t.npy"];
+    succeed(folder, &[&synth[..], &dims].concat());
+    let mesh = [
+        "mesh",
+        "f.vti",
+        "-o",
+        "v.vtu",
+        "--distance",
+        "6",
+        "--report",
+        "r.json",
+    ];
+    json(folder, &[&mesh[..], &["--cells", "voronoi"]].concat())
+}
+
+#[test]
+fn cells_fill_the_box_and_follow_the_faults() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let report = faults(folder);
+    let written: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(folder.join("r.json")).unwrap()).unwrap();
+    assert_eq!(report["voronoi"], written["voronoi"]);
+    let voronoi = &report["voronoi"];
+    let number = |value: &serde_json::Value| value.as_f64().unwrap();
+    assert_eq!(voronoi["check"]["problems"].as_array().unwrap().len(), 0);
+    assert!(number(&voronoi["check"]["volume_error"]) < 1e-12);
+    assert_eq!(number(&voronoi["check"]["flatness_error"]), 0.0);
+    assert_eq!(number(&voronoi["not_positive"]), 0.0);
+    assert!(number(&voronoi["angle"][0]) < 1e-6);
+
+    let valid = json(folder, &["validate", "v.vtu"]);
+    assert_eq!(valid["valid"], true, "{valid}");
+    // What is read back is what was written, but for rounding in physical coordinates.
+    let again = json(folder, &["quality", "v.vtu", "--truth", "t.npy"]);
+    for key in ["connections", "on_feature"] {
+        assert_eq!(again["voronoi"][key], voronoi[key]);
+    }
+    let claimed = &again["fidelity"]["claimed"];
+    assert!(number(&claimed["coverage_one"]) > 0.6, "{claimed}");
+    let info = json(folder, &["info", "v.vtu"]);
+    assert_eq!(info["polyhedra"], voronoi["check"]["cells"]);
+}
+
+#[test]
+fn vtk_finds_the_same_volumes() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let python = Path::new(env!("CARGO_MANIFEST_DIR")).join(".venv/bin/python");
+    let python = if python.exists() {
+        python
+    } else {
+        "python3".into()
+    };
+    let found = Command::new(&python).args(["-c", "import vtk"]).output();
+    if !found.is_ok_and(|out| out.status.success()) {
+        println!("not checked with VTK: no python3 with the module vtk");
+        return;
+    }
+    faults(folder);
+    let judge = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/vtk/cells.py");
+    let out = Command::new(&python)
+        .arg(judge)
+        .arg(folder.join("v.vtu"))
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&out.stdout).into_owned();
+    assert!(
+        out.status.success(),
+        "{}",
+        String::from_utf8_lossy(&out.stderr)
+    );
+    let worst: f64 = said.trim().parse().expect(&said);
+    assert!(
+        worst < 1e-10,
+        "a cell's volume is off by {worst} of the mean"
+    );
+}
+
+#[test]
+fn polygons_in_the_plane() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    // A bright line across a dark picture.
+    common::npy_2d(&folder.join("i.npy"), [96, 80], |[x, y]| {
+        let off = 0.6 * x as f32 - 0.8 * y as f32 + 3.0;
+        (-0.5 * (off / 1.5).powi(2)).exp()
+    });
+    let mesh = [
+        "mesh",
+        "i.npy",
+        "-o",
+        "v.vtu",
+        "--distance",
+        "5",
+        "--align",
+        "alongside",
+    ];
+    let report = json(folder, &mesh);
+    let voronoi = &report["voronoi"];
+    assert_eq!(voronoi["kind"], "polygons");
+    assert!(voronoi["check"]["volume_error"].as_f64().unwrap() < 1e-12);
+    let claimed = &report["fidelity"]["claimed"];
+    assert!(claimed["coverage_one"].as_f64().unwrap() > 0.8, "{claimed}");
+    assert_eq!(json(folder, &["validate", "v.vtu"])["valid"], true);
+    let info = json(folder, &["info", "v.vtu"]);
+    assert_eq!(info["polygons"], voronoi["check"]["cells"]);
+}
+
+#[test]
+fn cells_and_atoms_must_agree() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    common::npy(&folder.join("i.npy"), [20, 20, 20], |[x, ..]| {
+        (x as f32).sin()
+    });
+    let mesh = ["mesh", "i.npy", "-o", "v.vtu"];
+    for (options, want) in [
+        (
+            &["--align", "on", "--cells", "voronoi"][..],
+            "sides of the box",
+        ),
+        (
+            &["--align", "alongside", "--cells", "tets"],
+            "tetrahedra must reach",
+        ),
+        (
+            &["--cells", "voronoi", "--potential", "sampled"],
+            "mirror images",
+        ),
+    ] {
+        let said = refused(folder, &[&mesh[..], options].concat());
+        assert!(said.contains(want), "{said}");
+    }
+}

@@ -6,7 +6,7 @@
 use crate::image::Field;
 
 /// Cells along each axis of a block.
-const BLOCK: usize = 8;
+const BLOCK: usize = 2;
 
 /// An image potential with the blocks in which it is nothing flagged.
 pub struct ImageTerm<'a, const D: usize> {

@@ -6,15 +6,18 @@
 //! - B = sum over i of b(x_i), the energy of the atoms in the image
 //! - P = (1 - beta) A + beta B; where beta is a field, atom i counts with beta(x_i)
 //!
-//! b aligns atoms *on* features; to align them *alongside*, negate b.
+//! b aligns atoms *on* features. To align them *alongside* ([`Alignment`](crate::seeding::Alignment)),
+//! -b takes its place, and mirror images of the atoms stand beyond the sides.
 //!
 //! - [`pair`]: phi and the force
 //! - [`image_term`]: b(x_i), skipping the parts of the image where b is nothing
 //! - [`neighbours`]: the Verlet list
+//! - [`images`]: mirror images of atoms beyond the sides
 //! - [`pairwise`]: the exact energy and gradient from pairs of atoms, the default
 //! - [`sampled`]: the energy from a field sampled like the image, as first published
 
 pub mod image_term;
+pub mod images;
 pub mod neighbours;
 pub mod pair;
 pub mod pairwise;
@@ -39,7 +42,7 @@ pub enum Beta<const D: usize> {
 pub struct Parts {
     /// A, the energy between atoms.
     pub lattice: f64,
-    /// B, the energy of atoms in the image.
+    /// B, the energy of atoms in the image; of -b alongside.
     pub image: f64,
 }
 

@@ -221,7 +221,7 @@ mod tests {
                 .wrapping_add(1_442_695);
             (state >> 33) as f64 / (1u64 << 31) as f64 - 0.5
         };
-        let mut atoms = crate::seeding::lattice::fitted(extent, d);
+        let mut atoms = crate::seeding::lattice::fitted(extent, d, crate::seeding::Alignment::On);
         for atom in &mut atoms {
             *atom = atom.map(|c| (c + 0.3 * d * random()).clamp(0.0, extent[0]));
             if on_samples {

@@ -109,34 +109,52 @@ impl<const D: usize> Field<D> {
             stride *= self.dims[k];
             taps
         });
-        // Sums over all axes but x, one lane per x tap: sums[0] for the value, sums[k] for axis k.
-        let mut sums = [[0.0f32; 4]; D];
         // Weights of the value sum to one and those of slopes to zero, so only differences from one
         // of the taps need be summed, which loses fewer digits.
         let base = self.samples[taps.iter().map(|t| t.offset[1]).sum::<usize>()];
         let contiguous = taps[0].cell >= 1 && taps[0].cell + 2 < self.dims[0];
-        for row in 0..1usize << (2 * (D - 1)) {
-            let tap = |k: usize| (row >> (2 * (k - 1))) & 3;
-            let start: usize = (1..D).map(|k| taps[k].offset[tap(k)]).sum();
-            let line: [f32; 4] = if contiguous {
+        let line = |start: usize| -> [f32; 4] {
+            let line = if contiguous {
                 let first = start + taps[0].cell - 1;
                 let line = &self.samples[first..first + 4];
                 [line[0], line[1], line[2], line[3]]
             } else {
                 taps[0].offset.map(|x| self.samples[start + x])
             };
+            line.map(|sample| sample - base)
+        };
+        // Sums over all axes but x, one lane per x tap: sums[0] for the value, sums[k] for axis k.
+        let mut sums = [[0.0f32; 4]; D];
+        // Axes beyond the second innermost, so that each sample is weighted only once or twice.
+        let planes = if D > 2 { 4usize.pow(D as u32 - 2) } else { 1 };
+        for tap in 0..if D > 1 { 4 } else { 1 } {
+            let start = if D > 1 { taps[1].offset[tap] } else { 0 };
+            let mut inner = [[0.0f32; 4]; D];
+            for plane in 0..planes {
+                let tap = |k: usize| (plane >> (2 * (k - 2))) & 3;
+                let line = line(start + (2..D).map(|k| taps[k].offset[tap(k)]).sum::<usize>());
+                for axis in (0..D).filter(|&axis| axis != 1) {
+                    let weight = |k: usize| match k == axis {
+                        true => taps[k].slope[tap(k)],
+                        false => taps[k].value[tap(k)],
+                    };
+                    let weight: f32 = (2..D).map(weight).product();
+                    for lane in 0..4 {
+                        inner[axis][lane] += weight * line[lane];
+                    }
+                }
+            }
+            let (value, slope) = match D {
+                1 => (1.0, 0.0),
+                _ => (taps[1].value[tap], taps[1].slope[tap]),
+            };
             for axis in 0..D {
-                let weight: f32 = (1..D)
-                    .map(|k| {
-                        if k == axis {
-                            taps[k].slope[tap(k)]
-                        } else {
-                            taps[k].value[tap(k)]
-                        }
-                    })
-                    .product();
+                let (weight, inner) = match axis {
+                    1 => (slope, &inner[0]),
+                    _ => (value, &inner[axis]),
+                };
                 for lane in 0..4 {
-                    sums[axis][lane] += weight * (line[lane] - base);
+                    sums[axis][lane] += weight * inner[lane];
                 }
             }
         }

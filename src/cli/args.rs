@@ -92,6 +92,9 @@ pub enum Verb {
     /// Checks a mesh by our own checker, TetGen and CGAL; says which passed
     #[command(after_help = "Example:\n  atomesh validate mesh.vtu")]
     Validate(ValidateArgs),
+    /// A picture of the mesh over its image: in 3-D its sections with three orthogonal planes
+    #[command(after_help = "Example:\n  atomesh slice survey.sgy mesh.vtu -o sections.png")]
+    Slice(SliceArgs),
     /// Synthetic volumes whose features are known exactly
     #[command(
         after_help = "Example:\n  atomesh synth faults -o faults.vti --truth distance.npy --dims 170,150,128"
@@ -450,6 +453,26 @@ pub struct ValidateArgs {
     /// A mesh written by atomesh
     #[arg(value_name = "MESH.vtu")]
     pub mesh: PathBuf,
+}
+
+/// `atomesh slice`.
+#[derive(Debug, Args)]
+pub struct SliceArgs {
+    /// The image that was meshed
+    #[arg(value_name = "IMAGE")]
+    pub image: PathBuf,
+    /// Its mesh
+    #[arg(value_name = "MESH.vtu")]
+    pub mesh: PathBuf,
+    /// The picture to write
+    #[arg(short, long, value_name = "OUT.png")]
+    pub output: PathBuf,
+    /// The point in which the planes meet, in physical coordinates [default: the middle]
+    #[arg(long, value_name = "X,Y,Z", allow_negative_numbers = true)]
+    pub at: Option<String>,
+    /// How to read the image.
+    #[command(flatten, next_help_heading = "Reading the image")]
+    pub input: InputOptions,
 }
 
 /// `atomesh synth`.

@@ -7,6 +7,7 @@
 //! - [`provenance`]: the hash of the input
 //! - [`images`]: the verbs about images
 //! - [`meshes`]: the verbs about meshes
+//! - [`slice`](mod@slice): the verb `slice`
 //! - [`console`]: everything that is printed
 
 pub mod args;
@@ -17,6 +18,7 @@ pub mod mesh;
 pub mod meshes;
 pub mod parse;
 pub mod provenance;
+pub mod slice;
 
 use std::process::ExitCode;
 
@@ -59,6 +61,7 @@ fn run(line: &CommandLine) -> Result<Ending> {
         Verb::Mesh(args) => return mesh::mesh(args, console),
         Verb::Quality(args) => meshes::quality(args, console)?,
         Verb::Validate(args) => meshes::validate(args, console)?,
+        Verb::Slice(args) => slice::slice(args, console)?,
         Verb::Info(args) => images::info(args, console)?,
         Verb::Feature(args) => images::feature(args, console)?,
         Verb::Convert(args) => images::convert(args, console)?,

@@ -55,7 +55,9 @@ pub fn improve(
     min_angle: f64,
 ) -> (Outcome, Vec<u8>) {
     let mut improver = Improver::new(std::mem::take(mesh), kinds, extent, sheets, distance);
-    improver.target = 1.0 / min_angle.to_radians().tan();
+    let cotangent = |degrees: f64| 1.0 / degrees.to_radians().tan();
+    improver.target = cotangent(min_angle);
+    improver.enough = cotangent((min_angle + MARGIN).min(59.0));
     let poor_before = improver.poor().len();
     improver.recover();
     improver.polish();
@@ -83,6 +85,8 @@ struct Improver<'a> {
     distance: &'a Distance<2>,
     /// Largest cotangent that an angle shall have.
     target: f64,
+    /// Smoothing stops at this one, a little smaller.
+    enough: f64,
     counts: Counts,
     /// Edges to look at, as (triangle, side).
     queue: Vec<(u32, u8)>,
@@ -121,6 +125,7 @@ impl<'a> Improver<'a> {
             sheets,
             distance,
             target: f64::INFINITY,
+            enough: f64::INFINITY,
             counts: Counts::default(),
             queue: Vec::new(),
             star: Vec::new(),
@@ -175,11 +180,16 @@ impl<'a> Improver<'a> {
 
     /// Triangles below target, worst first.
     fn poor(&self) -> Vec<u32> {
+        self.above(self.target)
+    }
+
+    /// Triangles with a cotangent above a limit, worst first.
+    fn above(&self, limit: f64) -> Vec<u32> {
         let value = |t: u32| self.cotangent(self.triangles[t as usize]);
         let mut poor: Vec<(f64, u32)> = self
             .alive()
             .map(|t| (value(t), t))
-            .filter(|(value, _)| *value > self.target)
+            .filter(|(value, _)| *value > limit)
             .collect();
         poor.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
         poor.into_iter().map(|(_, t)| t).collect()
@@ -502,14 +512,22 @@ impl<'a> Improver<'a> {
     fn polish(&mut self) {
         self.flip_all();
         for round in 0..ROUNDS {
-            let poor = self.poor();
-            if poor.is_empty() {
+            if self.poor().is_empty() {
                 return;
             }
-            let mut nodes: Vec<u32> = poor
+            let mut nodes: Vec<u32> = self
+                .above(self.enough)
                 .iter()
                 .flat_map(|&t| self.triangles[t as usize])
                 .collect();
+            if round % 2 == 1 {
+                // Room is made by their neighbours, too.
+                for node in nodes.clone() {
+                    self.gather(node);
+                    let around = self.star.iter().flat_map(|&t| self.triangles[t as usize]);
+                    nodes.extend(around);
+                }
+            }
             nodes.sort_unstable();
             nodes.dedup();
             for node in nodes {
@@ -640,7 +658,7 @@ impl<'a> Improver<'a> {
         };
         let start = self.nodes[i];
         let (mut x, mut best) = (start, worst(start));
-        if best <= GOOD * self.target {
+        if best <= self.enough {
             return false;
         }
         let shortest = spokes
@@ -715,11 +733,11 @@ const STEEPEST: f64 = 20.0;
 /// An end of a pierced edge is pulled onto the curve from this far, in units of d.
 const SNAP: f64 = 0.5;
 
-/// A node is smoothed until the worst cotangent about it is this share of the target.
-const GOOD: f64 = 0.9;
+/// Smoothing aims this many degrees above the target.
+const MARGIN: f64 = 4.0;
 
 /// Rounds of smoothing; every third also collapses and splits.
-const ROUNDS: usize = 12;
+const ROUNDS: usize = 15;
 
 /// Directions in which a node tries to move.
 const DIRECTIONS: u32 = 12;

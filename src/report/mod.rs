@@ -6,6 +6,7 @@
 //! - [`mod@lattice`]: how evenly the atoms are spread
 //! - [`cost`]: seconds and memory of each stage
 //! - [`table`]: a report on one screen
+//! - [`slice`]: pictures of a mesh over its image
 
 pub mod cost;
 pub mod fidelity;
@@ -13,6 +14,7 @@ pub mod lattice;
 mod nearest;
 pub mod quality;
 pub mod reference;
+pub mod slice;
 pub mod table;
 #[cfg(test)]
 mod test_mesh;

@@ -45,6 +45,7 @@ pub mod pipeline;
 pub mod report;
 pub mod seeding;
 pub mod synth;
+pub mod voronoi;
 
 pub mod cli;
 

@@ -206,6 +206,7 @@ impl Rows {
 pub struct Neighbours {
     /// One for each chunk of atoms.
     pub chunks: Vec<Rows>,
+    cells: Cells,
 }
 
 impl Neighbours {
@@ -215,7 +216,7 @@ impl Neighbours {
     /// over space (0 where it is the same for all), so that an atom finds also those that reach
     /// farther than itself.
     pub fn build(&mut self, points: &[Point], atoms: usize, reach: &[f32], slope: f32) {
-        let search = Search::new(points, reach, slope);
+        let search = Search::new(points, reach, slope, &mut self.cells);
         self.chunks
             .resize_with(atoms.div_ceil(CHUNK), Rows::default);
         let chunks = self.chunks.par_iter_mut().enumerate();
@@ -246,7 +247,7 @@ impl Neighbours {
         moved: &[u32],
         partner: impl Fn(u32, u32) -> (u32, u32) + Sync,
     ) {
-        let search = Search::new(points, reach, slope);
+        let search = Search::new(points, reach, slope, &mut self.cells);
         let moved = &moved[..moved.partition_point(|&i| (i as usize) < atoms)];
         let chunks = self.chunks.par_iter_mut().enumerate();
         let changes: Vec<Vec<Change>> = chunks
@@ -388,6 +389,7 @@ impl Scratch {
 }
 
 /// Points sorted into the cells of a regular grid.
+#[derive(Default)]
 struct Cells {
     /// The near corner of the grid.
     origin: [i32; 3],
@@ -396,16 +398,18 @@ struct Cells {
     dims: [usize; 3],
     /// Where each cell's points start in the arrays below; x fastest, one more at the end.
     starts: Vec<u32>,
-    /// Coordinates in cell order, and as many more as a group may need.
-    x: [Vec<i32>; 3],
-    /// Square of each point's reach, in cell order.
+    /// Positions in cell order, with the point's index as their last element, and as many more as a
+    /// group may need.
+    points: Vec<Point>,
+    /// Square of each point's reach, in the same order.
     reach2: Vec<f32>,
-    /// Indices of the points, in cell order.
-    index: Vec<u32>,
+    /// The cell of each point, in the points' own order.
+    cell_of: Vec<u32>,
 }
 
 impl Cells {
-    fn new(points: &[Point], reach: &[f32], edge: f32) -> Self {
+    /// Sorts points into cells of the given edge, or larger ones if they were many more than points.
+    fn sort(&mut self, points: &[Point], reach: &[f32], edge: f32) {
         let (mut low, mut high) = ([i32::MAX; 3], [i32::MIN; 3]);
         for point in points {
             for k in 0..3 {
@@ -413,42 +417,36 @@ impl Cells {
                 high[k] = high[k].max(point[k]);
             }
         }
-        let per_unit = 1.0 / edge;
-        let dims: [usize; 3] =
-            std::array::from_fn(|k| ((high[k] - low[k]) as f32 * per_unit) as usize + 1);
-        let cell = |p: &Point| {
-            let c = |k: usize| ((p[k] - low[k]) as f32 * per_unit) as usize;
-            ((c(2) * dims[1] + c(1)) * dims[0] + c(0)) as u32
-        };
-        let cell_of: Vec<u32> = points.iter().map(cell).collect();
-        let mut starts = vec![0u32; dims.iter().product::<usize>() + 2];
-        for &c in &cell_of {
-            starts[c as usize + 2] += 1;
+        let spans = high.iter().zip(&low).map(|(h, l)| h.saturating_sub(*l));
+        let spans: Vec<f32> = spans.filter(|&s| s > 0).map(|s| s as f32).collect();
+        let roomy = spans.iter().product::<f32>() / (4.0 * points.len().max(1) as f32);
+        let roomy = roomy.powf(1.0 / spans.len().max(1) as f32);
+        self.edge = edge.max(roomy).max(1.0);
+        self.origin = low;
+        let per_unit = 1.0 / self.edge;
+        let along = |k: usize, x: i32| (x.saturating_sub(low[k]) as f32 * per_unit) as usize;
+        let dims: [usize; 3] = std::array::from_fn(|k| along(k, high[k]) + 1);
+        self.dims = dims;
+        self.starts.clear();
+        self.starts.resize(dims.iter().product::<usize>() + 2, 0);
+        self.cell_of.clear();
+        for p in points {
+            let cell = (along(2, p[2]) * dims[1] + along(1, p[1])) * dims[0] + along(0, p[0]);
+            self.starts[cell + 2] += 1;
+            self.cell_of.push(cell as u32);
         }
-        for n in 2..starts.len() {
-            starts[n] += starts[n - 1];
+        for n in 2..self.starts.len() {
+            self.starts[n] += self.starts[n - 1];
         }
-        let count = points.len() + LANES;
-        let mut cells = Self {
-            origin: low,
-            edge,
-            dims,
-            starts,
-            x: std::array::from_fn(|_| vec![0; count]),
-            reach2: vec![0.0; count],
-            index: vec![0; count],
-        };
-        for (n, (point, &c)) in points.iter().zip(&cell_of).enumerate() {
+        self.points.resize(points.len() + LANES, NOWHERE);
+        self.reach2.resize(points.len() + LANES, 0.0);
+        for (n, (point, &c)) in points.iter().zip(&self.cell_of).enumerate() {
             // The start of the next cell counts up to its place.
-            let place = cells.starts[c as usize + 1] as usize;
-            cells.starts[c as usize + 1] += 1;
-            for k in 0..3 {
-                cells.x[k][place] = point[k];
-            }
-            cells.reach2[place] = reach[n] * reach[n];
-            cells.index[place] = n as u32;
+            let place = self.starts[c as usize + 1] as usize;
+            self.starts[c as usize + 1] += 1;
+            self.points[place] = [point[0], point[1], point[2], n as i32];
+            self.reach2[place] = reach[n] * reach[n];
         }
-        cells
     }
 }
 
@@ -458,27 +456,20 @@ struct Search<'a> {
     reach: &'a [f32],
     slope: f32,
     most: f32,
-    cells: Cells,
+    cells: &'a Cells,
 }
 
 /// Edge of a search cell in units of the smallest reach.
 const EDGE: f32 = 0.6;
 
 impl<'a> Search<'a> {
-    fn new(points: &'a [Point], reach: &'a [f32], slope: f32) -> Self {
+    fn new(points: &'a [Point], reach: &'a [f32], slope: f32, cells: &'a mut Cells) -> Self {
         let (mut least, mut most) = (f32::INFINITY, 0.0f32);
         for &r in reach {
             least = least.min(r);
             most = most.max(r);
         }
-        // Never many more cells than points.
-        let axes = points
-            .iter()
-            .fold([0; 3], |a, p| std::array::from_fn(|k| a[k].max(p[k])));
-        let axes: Vec<f32> = axes.iter().filter(|&&a| a > 0).map(|&a| a as f32).collect();
-        let roomy = axes.iter().product::<f32>() / (4.0 * points.len().max(1) as f32);
-        let roomy = roomy.powf(1.0 / axes.len().max(1) as f32);
-        let cells = Cells::new(points, reach, (EDGE * least).max(roomy).max(1.0));
+        cells.sort(points, reach, EDGE * least);
         Self {
             points,
             reach,
@@ -563,22 +554,25 @@ impl WithSimd for Near<'_> {
                 }
                 let mut first = run.start;
                 while first < run.end {
-                    let group = |k: usize| -> [i32; LANES] {
-                        let group = &cells.x[k][first..first + LANES];
-                        std::array::from_fn(|l| group[l])
-                    };
-                    let (x, y, z) = (group(0), group(1), group(2));
-                    let reach2 = &cells.reach2[first..first + LANES];
-                    let index = &cells.index[first..first + LANES];
+                    let group = &cells.points[first..first + LANES];
+                    let index: [u32; LANES] = std::array::from_fn(|l| group[l][3] as u32);
                     let left = (run.end - first) as u32;
                     let mut near = [0u32; LANES];
                     for l in 0..LANES {
-                        let dx = (x[l] - centre[0]) as f32;
-                        let dy = (y[l] - centre[1]) as f32;
-                        let dz = (z[l] - centre[2]) as f32;
-                        let reach2 = if reach2[l] > own2 { reach2[l] } else { own2 };
-                        let inside = dx * dx + dy * dy + dz * dz < reach2;
+                        let step = |k: usize| group[l][k].wrapping_sub(centre[k]) as f32;
+                        let (dx, dy, dz) = (step(0), step(1), step(2));
+                        let inside = dx * dx + dy * dy + dz * dz < own2;
                         near[l] = u32::from(inside & ((l as u32) < left) & (index[l] != atom));
+                    }
+                    if search.slope > 0.0 {
+                        // Those that reach farther than the atom.
+                        let reach2 = &cells.reach2[first..first + LANES];
+                        for l in 0..LANES {
+                            let step = |k: usize| group[l][k].wrapping_sub(centre[k]) as f32;
+                            let (dx, dy, dz) = (step(0), step(1), step(2));
+                            let inside = dx * dx + dy * dy + dz * dz < reach2[l];
+                            near[l] |= u32::from(inside & ((l as u32) < left) & (index[l] != atom));
+                        }
                     }
                     // Without branches: the end moves on only past those to be kept.
                     let slots = &mut found[end..end + LANES];

@@ -741,3 +741,7 @@ const ROUNDS: usize = 15;
 
 /// Directions in which a node tries to move.
 const DIRECTIONS: u32 = 12;
+
+#[cfg(test)]
+#[path = "plane_tests.rs"]
+mod tests;

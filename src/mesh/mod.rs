@@ -4,6 +4,9 @@
 //! - [`complex`]: tetrahedra with neighbours, for local changes
 //! - [`tri`]: triangles in the plane
 //! - [`check`]: the one public checker: is this a valid mesh that fills its box?
+//! - [`poly`]: meshes of polyhedra, or of polygons in 2-D
+//! - [`poly_check`]: the checker of those
+//! - [`graph`]: cells and connections, for flow and for simulators
 //!
 //! The tetrahedron, its numbering and its orientation:
 //!
@@ -20,6 +23,9 @@
 
 pub mod check;
 pub mod complex;
+pub mod graph;
+pub mod poly;
+pub mod poly_check;
 pub mod quality;
 pub mod tri;
 

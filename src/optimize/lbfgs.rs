@@ -6,6 +6,7 @@
 //! all the others, and one more makes the direction. Vectors are `f32`, sums are taken in chunks of
 //! fixed size and added up in `f64` in a fixed order: the same bytes for any number of threads.
 
+use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 /// Number of steps remembered.
@@ -146,9 +147,12 @@ impl Lbfgs {
                 let range = chunk * CHUNK..chunk * CHUNK + direction.len();
                 direction.fill(0.0);
                 for (weight, vector) in &terms {
-                    for (d, v) in direction.iter_mut().zip(&vector[range.clone()]) {
-                        *d += weight * v;
-                    }
+                    let (weight, vector) = (*weight, &vector[range.clone()]);
+                    Arch::new().dispatch(Add {
+                        weight,
+                        vector,
+                        to: direction,
+                    });
                 }
                 for atom in direction.chunks_exact_mut(D) {
                     let length2: f32 = atom.iter().map(|c| c * c).sum();
@@ -194,27 +198,69 @@ impl Lbfgs {
     }
 }
 
-/// Inner product of two chunks: eight running sums, which the compiler turns into vector registers.
+/// Inner product of two chunks.
 pub fn dot(a: &[f32], b: &[f32]) -> f64 {
-    let mut sums = [0.0f32; 8];
-    let (blocks_a, blocks_b) = (a.chunks_exact(8), b.chunks_exact(8));
-    let rest: f32 = blocks_a
-        .remainder()
-        .iter()
-        .zip(blocks_b.remainder())
-        .map(|(a, b)| a * b)
-        .sum();
+    Arch::new().dispatch(Dots { a, others: [b] })[0]
+}
+
+/// Inner products of `a` with three others in one go.
+fn dots(a: &[f32], s: &[f32], y: &[f32], g: &[f32]) -> [f64; 3] {
+    Arch::new().dispatch(Dots {
+        a,
+        others: [s, y, g],
+    })
+}
+
+/// Inner products of one chunk with `N` others.
+struct Dots<'a, const N: usize> {
+    a: &'a [f32],
+    others: [&'a [f32]; N],
+}
+
+impl<const N: usize> WithSimd for Dots<'_, N> {
+    type Output = [f64; N];
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> [f64; N] {
+        self.others.map(
+            #[inline(always)]
+            |other| running_sums(self.a, other),
+        )
+    }
+}
+
+/// Inner product in sixteen running sums, which the compiler keeps in vector registers.
+#[inline(always)]
+fn running_sums(a: &[f32], b: &[f32]) -> f64 {
+    const SUMS: usize = 16;
+    let mut sums = [0.0f32; SUMS];
+    let (blocks_a, blocks_b) = (a.chunks_exact(SUMS), b.chunks_exact(SUMS));
+    let rest = blocks_a.remainder().iter().zip(blocks_b.remainder());
+    let rest: f32 = rest.map(|(a, b)| a * b).sum();
     for (a, b) in blocks_a.zip(blocks_b) {
-        for l in 0..8 {
+        for l in 0..SUMS {
             sums[l] += a[l] * b[l];
         }
     }
     sums.iter().map(|&s| f64::from(s)).sum::<f64>() + f64::from(rest)
 }
 
-/// Inner products of `a` with three others in one go.
-fn dots(a: &[f32], s: &[f32], y: &[f32], g: &[f32]) -> [f64; 3] {
-    [dot(a, s), dot(a, y), dot(a, g)]
+/// Adds a multiple of a chunk to another.
+struct Add<'a> {
+    weight: f32,
+    vector: &'a [f32],
+    to: &'a mut [f32],
+}
+
+impl WithSimd for Add<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        for (sum, v) in self.to.iter_mut().zip(self.vector) {
+            *sum += self.weight * v;
+        }
+    }
 }
 
 #[cfg(test)]

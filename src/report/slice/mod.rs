@@ -20,8 +20,8 @@ use crate::image::{Geometry, Image};
 use crate::{Error, Result};
 use shades::Shades;
 
-/// Width of a picture aimed at, in pixels.
-const WIDTH: f32 = 1400.0;
+/// Width and height of a picture aimed at, in pixels.
+const SIZE: [f32; 2] = [1400.0, 1200.0];
 /// Most pixels a sample is drawn with, along each axis.
 const LARGEST: f32 = 8.0;
 /// Space round panels, in pixels: for the numbers on the axes.
@@ -39,7 +39,7 @@ pub fn plane(image: &Image<2>, mesh: &Skeleton<2>) -> Result<Canvas> {
         axes: [0, 1],
         place: None,
     };
-    let scale = scale_for(nx, nx.max(ny));
+    let scale = scale_for([nx, ny]);
     let mut canvas = blank(
         extent(nx, scale) + 2.0 * MARGIN,
         extent(ny, scale) + 2.0 * MARGIN,
@@ -88,8 +88,7 @@ pub fn space(image: &Image<3>, mesh: &Skeleton<3>, at: [f64; 3]) -> Result<Canva
         1 => [0, 2],
         _ => [0, 1],
     };
-    let wide = dims[across] + dims[deep];
-    let scale = scale_for(wide, wide);
+    let scale = scale_for([dims[across] + dims[deep], dims[deep] + dims[up]]);
     let size = |k: usize| extent(dims[k], scale);
     let mut canvas = blank(
         size(across) + size(deep) + GAP + 2.0 * MARGIN,
@@ -138,9 +137,9 @@ fn upright(geometry: &Geometry<3>) -> usize {
     (0..2).fold(2, |best, k| if share(k) > share(best) { k } else { best })
 }
 
-fn scale_for(across: usize, longest: usize) -> f32 {
-    let fit = WIDTH / across.max(longest) as f32;
-    fit.min(LARGEST)
+/// Pixels a sample for so many samples across and down.
+fn scale_for(samples: [usize; 2]) -> f32 {
+    (0..2).fold(LARGEST, |scale, k| scale.min(SIZE[k] / samples[k] as f32))
 }
 
 /// Pixels between the first sample and the last.

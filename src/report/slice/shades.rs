@@ -76,11 +76,11 @@ impl Shades {
     /// The colour of the mesh.
     pub(super) fn mesh(&self) -> [u8; 4] {
         if self.swings {
-            [20, 20, 20, 110]
+            [20, 20, 20, 120]
         } else if self.dark {
-            [120, 190, 255, 150]
+            [95, 170, 245, 190]
         } else {
-            [0, 60, 160, 150]
+            [0, 60, 160, 160]
         }
     }
 

@@ -1,0 +1,367 @@
+//! The connection graph: cells, and what joins them. Flow and every exporter to a simulator start
+//! from here, whatever the cells are.
+
+use rayon::prelude::*;
+
+use super::complex::{NONE, neighbors};
+use super::poly::{Beyond, PolyMesh, dot};
+use super::{FACES, TetMesh};
+use crate::error::{Error, Result, cause};
+
+/// Cells and connections, in one space (lattice or physical; the owner says which).
+///
+/// Cells have the order of the mesh; connections that of its inner faces.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Graph<const D: usize> {
+    /// Volume of each cell (area in 2-D).
+    pub volume: Vec<f64>,
+    /// The point at which the cell's unknowns are: its atom, or its centroid for tetrahedra.
+    pub site: Vec<[f64; D]>,
+    /// Centre of each cell's volume.
+    pub centroid: Vec<[f64; D]>,
+    /// Region of each cell.
+    pub region: Vec<i32>,
+    /// What joins two cells.
+    pub connections: Vec<Connection<D>>,
+    /// What a cell has in common with the boundary.
+    pub boundary: Vec<BoundaryFace<D>>,
+}
+
+/// A face between two cells a < b.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Connection<const D: usize> {
+    /// The cells a and b.
+    pub cells: [u32; 2],
+    /// The face in the mesh (for tetrahedra 4 t + k, with face k of a = t).
+    pub face: u32,
+    /// Whether the face lies on a feature of the image (a fault, say).
+    pub on_feature: bool,
+    /// Area of the face (length in 2-D).
+    pub area: f64,
+    /// Distances from the sites of a and b to the plane of the face, square to it; both positive
+    /// when the plane lies between the sites.
+    pub distance: [f64; 2],
+    /// Where the line from site to site meets the plane of the face.
+    pub point: [f64; D],
+    /// Unit normal of the face, from a to b.
+    pub normal: [f64; D],
+}
+
+/// A face of a cell on the boundary.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BoundaryFace<const D: usize> {
+    /// The cell.
+    pub cell: u32,
+    /// The side of the box: 2 axis for the lower one, 2 axis + 1 for the upper one, counted in
+    /// lattice space; `None` if the mesh does not say.
+    pub side: Option<u8>,
+    /// The face in the mesh.
+    pub face: u32,
+    /// Area of the face (length in 2-D).
+    pub area: f64,
+    /// Distance from the cell's site to the plane of the face.
+    pub distance: f64,
+    /// Centre of the face.
+    pub point: [f64; D],
+    /// Unit normal, outwards.
+    pub normal: [f64; D],
+}
+
+impl<const D: usize> Connection<D> {
+    /// The angle in degrees between the face's normal and the line from site to site: 0 where the
+    /// two-point flux is exact (for a permeability without direction).
+    pub fn angle_error(&self, site: &[[f64; D]]) -> f64 {
+        let [a, b] = self.cells.map(|c| site[c as usize]);
+        let line: [f64; D] = std::array::from_fn(|k| b[k] - a[k]);
+        let along = dot(line, self.normal);
+        let across: [f64; D] = std::array::from_fn(|k| line[k] - along * self.normal[k]);
+        dot(across, across).sqrt().atan2(along).to_degrees()
+    }
+
+    /// Transmissibility for permeability 1 by two-point flux: area over the distance from site to
+    /// site square to the face.
+    pub fn unit_transmissibility(&self) -> f64 {
+        self.area / (self.distance[0] + self.distance[1])
+    }
+}
+
+impl<const D: usize> Graph<D> {
+    /// The graph of a mesh of polyhedra (polygons in 2-D): Voronoi cells connect with `angle_error`
+    /// 0 in the space in which they were made.
+    pub fn from_poly(mesh: &PolyMesh<D>) -> Self {
+        let shapes = mesh.cell_shapes();
+        let inner = mesh.inner_faces();
+        let connections = (0..inner)
+            .into_par_iter()
+            .map(|f| {
+                let [a, b] = mesh.face_cells[f];
+                let shape = mesh.face_shape(f);
+                Connection {
+                    face: f as u32,
+                    on_feature: mesh.on_feature[f],
+                    ..Connection::new(
+                        [a, b],
+                        [mesh.sites[a as usize], mesh.sites[b as usize]],
+                        shape.area_vector,
+                        shape.centroid,
+                    )
+                }
+            })
+            .collect();
+        let boundary = (inner..mesh.face_cells.len())
+            .into_par_iter()
+            .map(|f| {
+                let cell = mesh.face_cells[f][0];
+                let shape = mesh.face_shape(f);
+                let side = match mesh.beyond(f) {
+                    Beyond::Side(side) => Some(side as u8),
+                    _ => None,
+                };
+                BoundaryFace {
+                    face: f as u32,
+                    ..BoundaryFace::new(
+                        cell,
+                        side,
+                        mesh.sites[cell as usize],
+                        shape.area_vector,
+                        shape.centroid,
+                    )
+                }
+            })
+            .collect();
+        Self {
+            volume: shapes.iter().map(|s| s.0).collect(),
+            centroid: shapes.iter().map(|s| s.1).collect(),
+            site: mesh.sites.clone(),
+            region: mesh.region.clone(),
+            connections,
+            boundary,
+        }
+    }
+
+    /// The largest and the mean [`Connection::angle_error`], weighted by area.
+    pub fn angle_errors(&self) -> (f64, f64) {
+        let (mut worst, mut sum, mut area) = (0.0f64, 0.0, 0.0);
+        for connection in &self.connections {
+            let error = connection.angle_error(&self.site);
+            worst = worst.max(error);
+            sum += error * connection.area;
+            area += connection.area;
+        }
+        (worst, if area > 0.0 { sum / area } else { 0.0 })
+    }
+}
+
+impl Graph<3> {
+    /// The graph of a mesh of tetrahedra: sites are centroids, so that both are on their own sides
+    /// of every face, and connections are not square to it; `angle_error` says by how much.
+    ///
+    /// `feature_faces` has bit k of byte t set if face k of tetrahedron t lies on a feature; `region`
+    /// a number for each tetrahedron; either may be empty. `side` of boundary faces is `None`.
+    ///
+    /// # Errors
+    /// [`Error::Mesh`] if three tetrahedra share a face, or there are too few bytes or regions.
+    pub fn from_tets(mesh: &TetMesh, feature_faces: &[u8], region: &[i32]) -> Result<Self> {
+        let count = mesh.tets.len();
+        let refuse = |problem: String, remedy: &str| Error::Mesh(cause("graph", problem, remedy));
+        for (what, len) in [
+            ("feature bytes", feature_faces.len()),
+            ("regions", region.len()),
+        ] {
+            if len != 0 && len != count {
+                let problem = format!("{len} {what} for {count} tetrahedra");
+                return Err(refuse(problem, "give one for each"));
+            }
+        }
+        let around = neighbors(mesh.nodes.len(), &mesh.tets).map_err(|face| {
+            let problem = format!("face {face:?} belongs to more than two tetrahedra");
+            refuse(problem, "give a mesh that atomesh validate passes")
+        })?;
+        let shapes: Vec<(f64, [f64; 3])> = (0..count)
+            .into_par_iter()
+            .map(|t| {
+                let p = mesh.corners(t);
+                let centroid = std::array::from_fn(|k| p.iter().map(|x| x[k]).sum::<f64>() / 4.0);
+                (super::volume6(&p) / 6.0, centroid)
+            })
+            .collect();
+        let face = |t: usize, k: usize| {
+            let [a, b, c] = FACES[k].map(|i| mesh.nodes[mesh.tets[t][i] as usize]);
+            // Seen from inside, the nodes of FACES turn anticlockwise: the normal out is the other.
+            let area_vector = super::cross(super::sub(c, a), super::sub(b, a)).map(|x| 0.5 * x);
+            let centre = std::array::from_fn(|i| (a[i] + b[i] + c[i]) / 3.0);
+            (area_vector, centre)
+        };
+        let all = || (0..4 * count).into_par_iter().map(|i| (i / 4, i % 4));
+        let connections = all()
+            .filter(|&(t, k)| around[t][k] != NONE && t < around[t][k] as usize)
+            .map(|(t, k)| {
+                let other = around[t][k];
+                let (area_vector, centre) = face(t, k);
+                Connection {
+                    face: (4 * t + k) as u32,
+                    on_feature: feature_faces.get(t).is_some_and(|bits| bits >> k & 1 == 1),
+                    ..Connection::new(
+                        [t as u32, other],
+                        [shapes[t].1, shapes[other as usize].1],
+                        area_vector,
+                        centre,
+                    )
+                }
+            })
+            .collect();
+        let boundary = all()
+            .filter(|&(t, k)| around[t][k] == NONE)
+            .map(|(t, k)| {
+                let (area_vector, centre) = face(t, k);
+                BoundaryFace {
+                    face: (4 * t + k) as u32,
+                    ..BoundaryFace::new(t as u32, None, shapes[t].1, area_vector, centre)
+                }
+            })
+            .collect();
+        let centroid: Vec<[f64; 3]> = shapes.iter().map(|s| s.1).collect();
+        Ok(Self {
+            volume: shapes.iter().map(|s| s.0).collect(),
+            site: centroid.clone(),
+            centroid,
+            region: if region.is_empty() {
+                vec![0; count]
+            } else {
+                region.to_vec()
+            },
+            connections,
+            boundary,
+        })
+    }
+}
+
+/// Length and direction of a vector.
+fn split<const D: usize>(v: [f64; D]) -> (f64, [f64; D]) {
+    let length = dot(v, v).sqrt();
+    (
+        length,
+        v.map(|c| if length > 0.0 { c / length } else { 0.0 }),
+    )
+}
+
+impl<const D: usize> Connection<D> {
+    /// From the face's area vector (a to b) and centre, and the cells' sites.
+    fn new(
+        cells: [u32; 2],
+        [a, b]: [[f64; D]; 2],
+        area_vector: [f64; D],
+        centre: [f64; D],
+    ) -> Self {
+        let (area, normal) = split(area_vector);
+        let distance = [
+            dot(std::array::from_fn(|k| centre[k] - a[k]), normal),
+            dot(std::array::from_fn(|k| b[k] - centre[k]), normal),
+        ];
+        let share = distance[0] / (distance[0] + distance[1]);
+        Self {
+            cells,
+            face: 0,
+            on_feature: false,
+            area,
+            distance,
+            point: std::array::from_fn(|k| a[k] + share * (b[k] - a[k])),
+            normal,
+        }
+    }
+}
+
+impl<const D: usize> BoundaryFace<D> {
+    fn new(
+        cell: u32,
+        side: Option<u8>,
+        site: [f64; D],
+        area_vector: [f64; D],
+        point: [f64; D],
+    ) -> Self {
+        let (area, normal) = split(area_vector);
+        Self {
+            cell,
+            side,
+            face: 0,
+            area,
+            distance: dot(std::array::from_fn(|k| point[k] - site[k]), normal),
+            point,
+            normal,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::poly::samples::two_cells;
+    use super::*;
+
+    fn two_boxes<const D: usize>() {
+        let graph = Graph::from_poly(&two_cells::<D>(0.75));
+        assert_eq!(graph.volume, [0.75, 1.25]);
+        let [connection] = graph.connections[..] else {
+            panic!("one connection")
+        };
+        let mut point = [0.5; D];
+        point[0] = 0.75;
+        let mut normal = [0.0; D];
+        normal[0] = 1.0;
+        let want = Connection {
+            cells: [0, 1],
+            face: 0,
+            on_feature: true,
+            area: 1.0,
+            distance: [0.5, 0.5],
+            point,
+            normal,
+        };
+        assert_eq!(connection, want);
+        assert_eq!(graph.angle_errors(), (0.0, 0.0));
+        assert_eq!(connection.unit_transmissibility(), 1.0);
+        let lower = &graph.boundary[0];
+        assert_eq!((lower.cell, lower.side, lower.distance), (0, Some(0), 0.25));
+        assert_eq!(graph.boundary.len(), 4 * D - 2);
+    }
+
+    #[test]
+    fn two_boxes_have_one_connection() {
+        two_boxes::<2>();
+        two_boxes::<3>();
+    }
+
+    #[test]
+    fn stretching_space_shows_as_an_angle() {
+        // The line from site to site is oblique in a sheared space.
+        let sheared = two_cells::<3>(0.75).mapped(|[x, y, z]| [x, y + x, z], false);
+        let (worst, mean) = Graph::from_poly(&sheared).angle_errors();
+        assert!((worst - 45.0).abs() < 1e-12 && (mean - 45.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn tetrahedra_connect_through_their_common_face() {
+        let nodes = vec![
+            [0.0, 0.0, 0.0],
+            [1.0, 0.0, 0.0],
+            [0.0, 1.0, 0.0],
+            [0.0, 0.0, 1.0],
+            [0.0, 0.0, -1.0],
+        ];
+        let mesh = TetMesh {
+            nodes,
+            tets: vec![[0, 1, 2, 3], [0, 2, 1, 4]],
+        };
+        let graph = Graph::from_tets(&mesh, &[8, 0], &[]).unwrap();
+        assert_eq!(graph.volume, [1.0 / 6.0; 2]);
+        assert_eq!(graph.boundary.len(), 6);
+        assert!(graph.boundary.iter().all(|f| f.distance > 0.0));
+        let [c] = graph.connections[..] else {
+            panic!("one connection")
+        };
+        assert!(c.on_feature && c.face == 3 && c.area == 0.5);
+        assert_eq!((c.normal, c.distance), ([0.0, 0.0, -1.0], [0.25; 2]));
+        assert_eq!(c.point, [0.25, 0.25, 0.0]);
+        assert_eq!(graph.angle_errors().0, 0.0);
+        assert!(Graph::from_tets(&mesh, &[1], &[]).is_err());
+    }
+}

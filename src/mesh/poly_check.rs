@@ -1,0 +1,310 @@
+//! The checker of meshes of polyhedra: is this a valid mesh that fills its box exactly?
+
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::poly::{Beyond, NO_CELL, PolyMesh, SIDE_0, dot};
+
+/// What [`check_poly`] found. A mesh that is right has `problems` empty.
+#[derive(Debug, Clone, Serialize, PartialEq, Default)]
+pub struct PolyCheck {
+    /// Number of cells.
+    pub cells: usize,
+    /// Number of faces, each counted once.
+    pub faces: usize,
+    /// Number of nodes.
+    pub nodes: usize,
+    /// Cells of zero or negative volume.
+    pub not_positive: usize,
+    /// Cells whose faces do not close: an edge (a node in 2-D) is not met by exactly two of them.
+    pub not_closed: usize,
+    /// Cells that do not hold their own site.
+    pub without_site: usize,
+    /// |sum of volumes - volume of the box| / volume of the box.
+    pub volume_error: f64,
+    /// Largest relative error of a side's area, summed over its faces.
+    pub area_error: f64,
+    /// Largest distance of a boundary node from the side of its face, over the box's longest side.
+    pub flatness_error: f64,
+    /// Largest distance of a node from the plane of its face, over the box's longest side.
+    pub warp: f64,
+    /// Each fault in one line.
+    pub problems: Vec<String>,
+}
+
+impl PolyCheck {
+    /// Whether nothing is wrong.
+    pub fn passed(&self) -> bool {
+        self.problems.is_empty()
+    }
+}
+
+/// Checks a mesh against the box `[low, high]`: faces between two cells or on a side of the box,
+/// cells closed, of positive volume and with their sites inside, faces and sides flat, areas of
+/// sides and the volume filled, all to `tolerance`.
+pub fn check_poly<const D: usize>(
+    mesh: &PolyMesh<D>,
+    low: [f64; D],
+    high: [f64; D],
+    tolerance: f64,
+) -> PolyCheck {
+    let mut found = PolyCheck {
+        cells: mesh.sites.len(),
+        faces: mesh.face_cells.len(),
+        nodes: mesh.nodes.len(),
+        ..PolyCheck::default()
+    };
+    if let Some(problem) = broken(mesh) {
+        found.problems.push(problem);
+        return found;
+    }
+    let longest = (0..D).map(|k| high[k] - low[k]).fold(0.0, f64::max);
+
+    let faces = mesh.faces_of_cells();
+    let cells: Vec<(f64, bool, bool)> = (0..mesh.sites.len())
+        .into_par_iter()
+        .map(|cell| {
+            let faces = faces.get(cell);
+            let (volume, _) = mesh.cell_shape(cell, faces);
+            (
+                volume,
+                closed(mesh, cell, faces),
+                holds_site(mesh, cell, faces),
+            )
+        })
+        .collect();
+    let mut fault = |what: &str, good: &dyn Fn(&(f64, bool, bool)) -> bool| {
+        let count = cells.iter().filter(|c| !good(c)).count();
+        if let Some(first) = cells.iter().position(|c| !good(c)) {
+            found
+                .problems
+                .push(format!("{count} cells {what}, the first is {first}"));
+        }
+        count
+    };
+    let not_positive = fault("are flat or inverted", &|c| c.0 > 0.0);
+    let not_closed = fault("are not closed", &|c| c.1);
+    let without_site = fault("do not hold their site", &|c| c.2);
+    (found.not_positive, found.not_closed, found.without_site) =
+        (not_positive, not_closed, without_site);
+
+    let volume: f64 = cells.iter().map(|c| c.0).sum();
+    let box_volume: f64 = (0..D).map(|k| high[k] - low[k]).product();
+    found.volume_error = ((volume - box_volume) / box_volume).abs();
+    if found.volume_error > tolerance || found.volume_error.is_nan() {
+        found.problems.push(format!(
+            "the cells fill {volume} instead of the box's {box_volume}"
+        ));
+    }
+    found.warp = (0..mesh.face_cells.len())
+        .into_par_iter()
+        .map(|f| warp(mesh, f) / longest)
+        .reduce(|| 0.0, f64::max);
+    if found.warp > tolerance {
+        found.problems.push(format!(
+            "a face is not flat, by {:.1e} of the box",
+            found.warp
+        ));
+    }
+    sides(mesh, low, high, longest, tolerance, &mut found);
+    found
+}
+
+/// What makes a mesh unreadable.
+fn broken<const D: usize>(mesh: &PolyMesh<D>) -> Option<String> {
+    let (nodes, cells, faces) = (mesh.nodes.len(), mesh.sites.len(), mesh.face_cells.len());
+    if mesh.faces.len() != faces || mesh.region.len() != cells || mesh.on_feature.len() != faces {
+        return Some("its arrays differ in length".into());
+    }
+    if mesh.nodes.as_flattened().iter().any(|c| !c.is_finite()) {
+        return Some("a node is not finite".into());
+    }
+    let mut used = vec![false; nodes];
+    for f in 0..faces {
+        let ring = mesh.faces.get(f);
+        if ring.iter().any(|&n| n as usize >= nodes) {
+            return Some(format!("face {f} names a node that does not exist"));
+        }
+        if ring.len() < D || (1..ring.len()).any(|i| ring[..i].contains(&ring[i])) {
+            return Some(format!("face {f} has the nodes {ring:?}"));
+        }
+        ring.iter().for_each(|&n| used[n as usize] = true);
+        let [a, b] = mesh.face_cells[f];
+        let known = b >= SIDE_0 && (b - SIDE_0 < 2 * D as u32 || b == NO_CELL);
+        if a as usize >= cells || !(known || (a < b && (b as usize) < cells)) {
+            return Some(format!("face {f} lies between the cells {a} and {b}"));
+        }
+    }
+    let unused = used.iter().filter(|u| !**u).count();
+    (unused > 0).then(|| format!("{unused} nodes belong to no face"))
+}
+
+/// Whether every edge of a cell is met by two of its faces, in opposite directions (in 2-D: every
+/// node by the end of one edge and the start of another).
+fn closed<const D: usize>(mesh: &PolyMesh<D>, cell: usize, faces: &[u32]) -> bool {
+    let mut edges: Vec<([u32; 2], i32)> = Vec::with_capacity(6 * faces.len());
+    for &f in faces {
+        let ring = mesh.faces.get(f as usize);
+        let own = mesh.face_cells[f as usize][0] as usize == cell;
+        let sign = if own { 1 } else { -1 };
+        if D == 2 {
+            edges.push(([ring[0]; 2], sign));
+            edges.push(([ring[1]; 2], -sign));
+            continue;
+        }
+        for i in 0..ring.len() {
+            let (p, q) = (ring[i], ring[(i + 1) % ring.len()]);
+            edges.push(([p.min(q), p.max(q)], if p < q { sign } else { -sign }));
+        }
+    }
+    edges.sort_unstable();
+    let pairs = edges.chunk_by(|a, b| a.0 == b.0);
+    faces.len() > D
+        && pairs
+            .into_iter()
+            .all(|e| e.len() == 2 && e[0].1 + e[1].1 == 0)
+}
+
+/// Whether a cell's site is on the inner side of all its faces that have an area.
+fn holds_site<const D: usize>(mesh: &PolyMesh<D>, cell: usize, faces: &[u32]) -> bool {
+    faces.iter().all(|&f| {
+        let shape = mesh.face_shape(f as usize);
+        let out: [f64; D] = std::array::from_fn(|k| shape.apex[k] - mesh.sites[cell][k]);
+        let own = mesh.face_cells[f as usize][0] as usize == cell;
+        let height = dot(out, shape.area_vector) * if own { 1.0 } else { -1.0 };
+        height >= -1e-12 * dot(out, out).sqrt() * shape.area()
+    })
+}
+
+/// The largest distance of a face's nodes from its plane.
+fn warp<const D: usize>(mesh: &PolyMesh<D>, f: usize) -> f64 {
+    let shape = mesh.face_shape(f);
+    let area = shape.area();
+    if area == 0.0 {
+        return 0.0;
+    }
+    let distance = |&n: &u32| {
+        let x = mesh.nodes[n as usize];
+        let off: [f64; D] = std::array::from_fn(|k| x[k] - shape.apex[k]);
+        (dot(off, shape.area_vector) / area).abs()
+    };
+    mesh.faces.get(f).iter().map(distance).fold(0.0, f64::max)
+}
+
+/// The boundary: every outer face in its side of the box, every side covered once.
+fn sides<const D: usize>(
+    mesh: &PolyMesh<D>,
+    low: [f64; D],
+    high: [f64; D],
+    longest: f64,
+    tolerance: f64,
+    found: &mut PolyCheck,
+) {
+    let mut areas = vec![0.0; 2 * D];
+    for f in mesh.inner_faces()..mesh.face_cells.len() {
+        let Beyond::Side(side) = mesh.beyond(f) else {
+            found.problems.push(format!(
+                "face {f} has one cell and lies in no side of the box"
+            ));
+            return;
+        };
+        let (axis, upper) = (side / 2, side % 2 == 1);
+        let plane = if upper { high[axis] } else { low[axis] };
+        for &n in mesh.faces.get(f) {
+            let off = (mesh.nodes[n as usize][axis] - plane).abs() / longest;
+            found.flatness_error = found.flatness_error.max(off);
+        }
+        let area = mesh.face_shape(f).area_vector[axis];
+        areas[side] += if upper { area } else { -area };
+    }
+    if found.flatness_error > tolerance {
+        found.problems.push(format!(
+            "faces are off their sides of the box by {:.1e} of it",
+            found.flatness_error
+        ));
+    }
+    for (side, got) in areas.iter().enumerate() {
+        let others = (0..D).filter(|&k| k != side / 2);
+        let want: f64 = others.map(|k| high[k] - low[k]).product();
+        found.area_error = found.area_error.max((got - want).abs() / want);
+    }
+    if found.area_error > tolerance {
+        found.problems.push(format!(
+            "a side of the box is covered with a relative area error of {:.1e}",
+            found.area_error
+        ));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::poly::samples::two_cells;
+    use super::*;
+
+    fn faults<const D: usize>() {
+        let check = |change: &dyn Fn(&mut PolyMesh<D>)| {
+            let mut mesh = two_cells::<D>(0.75);
+            change(&mut mesh);
+            let mut high = [1.0; D];
+            high[0] = 2.0;
+            check_poly(&mesh, [0.0; D], high, 1e-12)
+        };
+        let good = check(&|_| ());
+        assert!(good.passed(), "{good:?}");
+        assert_eq!((good.cells, good.volume_error), (2, 0.0));
+        let last = 1 << D;
+        for (change, want) in [
+            (
+                (&|m: &mut PolyMesh<D>| m.nodes[last][0] = 2.5) as &dyn Fn(&mut PolyMesh<D>),
+                "fill",
+            ),
+            (&|m| m.nodes[last][0] = f64::NAN, "not finite"),
+            (&|m| m.nodes.push([0.0; D]), "1 nodes belong to no face"),
+            (&|m| m.faces.items[0] = 99, "face 0 names a node"),
+            (
+                &|m| m.faces.items[0] = m.faces.items[1],
+                "face 0 has the nodes",
+            ),
+            (&|m| m.face_cells[0] = [1, 0], "between the cells 1 and 0"),
+            (&|m| m.sites[0][0] = 1.0, "1 cells do not hold their site"),
+            (&|m| m.region.clear(), "differ in length"),
+            (
+                &|m| {
+                    m.face_cells.pop();
+                    m.on_feature.pop();
+                    let end = m.faces.offsets.len() - 2;
+                    m.faces.items.truncate(m.faces.offsets[end] as usize);
+                    m.faces.offsets.pop();
+                },
+                "1 cells are not closed, the first is 1",
+            ),
+            (&|m| m.face_cells[1][1] = NO_CELL, "lies in no side"),
+            (&|m| m.sites.swap(0, 1), "hold their site"),
+            (
+                &|m| m.nodes.iter_mut().for_each(|p| p[0] = -p[0]),
+                "2 cells are flat or inverted",
+            ),
+        ] {
+            let found = check(change);
+            let said = found.problems.join("\n");
+            assert!(said.contains(want), "{want}: {said:?}");
+        }
+    }
+
+    #[test]
+    fn each_fault_is_found() {
+        faults::<2>();
+        faults::<3>();
+    }
+
+    #[test]
+    fn warped_faces_are_found() {
+        let mut mesh = two_cells::<3>(0.75);
+        // A corner of the cut moves along x: the cut is no longer flat.
+        mesh.nodes[5][0] += 0.04;
+        let found = check_poly(&mesh, [0.0; 3], [2.0, 1.0, 1.0], 1e-12);
+        assert!((0.004..0.02).contains(&found.warp), "{}", found.warp);
+        assert_eq!((found.not_closed, found.volume_error), (0, 0.0));
+        assert!(!found.passed());
+    }
+}

@@ -1,0 +1,246 @@
+use super::*;
+use crate::mesh::graph::Graph;
+use crate::mesh::poly_check::check_poly;
+use proptest::prelude::*;
+
+/// A small generator of uniform numbers in [0, 1); the tests need no quality.
+fn uniform(state: &mut u64) -> f64 {
+    *state = state
+        .wrapping_mul(6364136223846793005)
+        .wrapping_add(1442695040888963407);
+    (*state >> 11) as f64 / (1u64 << 53) as f64
+}
+
+fn random(n: usize, extent: [f64; 3], seed: u64) -> Vec<[f64; 3]> {
+    let mut state = seed;
+    (0..n)
+        .map(|_| extent.map(|e| e * (0.001 + 0.998 * uniform(&mut state))))
+        .collect()
+}
+
+/// The sites (i, j, k) with i + j + k a multiple of `parity`, `h` apart, `counts` of them along each
+/// axis, in a box that leaves `offset` of a step before the first and the rest after the last; moved
+/// by up to `jitter` steps.
+fn lattice(
+    counts: [usize; 3],
+    parity: usize,
+    h: f64,
+    offset: f64,
+    jitter: f64,
+) -> (Vec<[f64; 3]>, [f64; 3]) {
+    let mut state = 7;
+    let mut atoms = Vec::new();
+    for k in 0..counts[2] {
+        for j in 0..counts[1] {
+            for i in 0..counts[0] {
+                if (i + j + k) % parity == 0 {
+                    atoms.push([i, j, k].map(|c| {
+                        (c as f64 + offset + jitter * (2.0 * uniform(&mut state) - 1.0)) * h
+                    }));
+                }
+            }
+        }
+    }
+    (atoms, counts.map(|n| n as f64 * h))
+}
+
+/// The cells, checked: valid, the box filled, faces square to their connections.
+fn checked(atoms: &[[f64; 3]], extent: [f64; 3]) -> PolyMesh<3> {
+    let mesh = voronoi(atoms, extent).unwrap();
+    let found = check_poly(&mesh, [0.0; 3], extent, 1e-9);
+    assert!(found.passed(), "{:?}", found.problems);
+    assert!(
+        found.volume_error < 1e-12 && found.area_error < 1e-12,
+        "{found:?}"
+    );
+    assert_eq!(found.flatness_error, 0.0);
+    let graph = Graph::from_poly(&mesh);
+    let mean = graph.connections.iter().map(|c| c.area).sum::<f64>()
+        / graph.connections.len().max(1) as f64;
+    for c in &graph.connections {
+        let [a, b] = c.cells.map(|i| mesh.sites[i as usize]);
+        assert!(c.distance[0] > 0.0 && c.distance[1] > 0.0, "{c:?}");
+        // The face is half-way, and as square as its size lets one say.
+        assert!((c.distance[0] / c.distance[1] - 1.0).abs() < 1e-6, "{c:?}");
+        if c.area > 1e-6 * mean {
+            assert!(c.angle_error(&mesh.sites) < 1e-5, "{c:?} {a:?} {b:?}");
+        }
+    }
+    mesh
+}
+
+/// Volumes cell by cell as another program finds them, relative to the mean volume.
+fn assert_like_meshless(atoms: &[[f64; 3]], extent: [f64; 3], mesh: &PolyMesh<3>) {
+    use glam::DVec3;
+    use meshless_voronoi::{Dimensionality, Voronoi};
+    let points: Vec<DVec3> = atoms.iter().map(|&x| DVec3::from(x)).collect();
+    let other = Voronoi::build(
+        &points,
+        DVec3::ZERO,
+        DVec3::from(extent),
+        Dimensionality::ThreeD,
+        false,
+    );
+    let mean = extent.iter().product::<f64>() / atoms.len() as f64;
+    let shapes = mesh.cell_shapes();
+    for (cell, theirs) in other.cells().iter().enumerate() {
+        let error = (shapes[cell].0 - theirs.volume()).abs() / mean;
+        assert!(error < 1e-11, "cell {cell}: {error}");
+        let off = DVec3::from(shapes[cell].1).distance(theirs.centroid());
+        assert!(
+            off < 1e-9 * mean.cbrt() * (1.0 + mean / shapes[cell].0),
+            "cell {cell}: {off}"
+        );
+    }
+}
+
+#[test]
+fn one_atom_has_the_box() {
+    let mesh = checked(&[[1.0, 0.5, 2.0]], [3.0, 2.0, 4.0]);
+    assert_eq!((mesh.nodes.len(), mesh.face_cells.len()), (8, 6));
+    assert_eq!(mesh.cell_shapes()[0].0, 24.0);
+}
+
+#[test]
+fn random_atoms_have_the_cells_that_another_program_finds() {
+    for n in [2, 3, 5, 20, 1000] {
+        let extent = [7.0, 11.0, 13.3];
+        let atoms = random(n, extent, n as u64);
+        assert_like_meshless(&atoms, extent, &checked(&atoms, extent));
+    }
+}
+
+#[test]
+fn perfect_and_jittered_lattices_have_the_cells_that_another_program_finds() {
+    for parity in [1, 2] {
+        for jitter in [0.0, 1e-13, 1e-7, 0.05] {
+            let (atoms, extent) = lattice([8, 7, 6], parity, 0.7, 0.5, jitter);
+            assert_like_meshless(&atoms, extent, &checked(&atoms, extent));
+        }
+    }
+}
+
+#[test]
+fn cubic_lattices_have_cubes_and_centred_ones_rhombic_dodecahedra() {
+    for (parity, faces, nodes) in [(1, 6, 8), (2, 12, 14)] {
+        // 0.7 is no dyadic fraction: points are cospherical only but for rounding.
+        let (atoms, extent) = lattice([9, 9, 9], parity, 0.7, 0.5, 0.0);
+        let mesh = checked(&atoms, extent);
+        let lists = mesh.faces_of_cells();
+        let inside = |x: &[f64; 3]| x.iter().all(|&c| c > 1.4 && c < 4.9);
+        let mut seen = 0;
+        for cell in (0..atoms.len()).filter(|&i| inside(&atoms[i])) {
+            let list = lists.get(cell);
+            let mut around: Vec<u32> = list
+                .iter()
+                .flat_map(|&f| mesh.faces.get(f as usize).to_vec())
+                .collect();
+            around.sort_unstable();
+            around.dedup();
+            assert_eq!((list.len(), around.len()), (faces, nodes));
+            assert!(list.iter().all(|&f| mesh.faces.get(f as usize).len() == 4));
+            let volume = parity as f64 * 0.7f64.powi(3);
+            assert!((mesh.cell_shapes()[cell].0 / volume - 1.0).abs() < 1e-12);
+            seen += 1;
+        }
+        assert!(seen > 30);
+    }
+}
+
+#[test]
+fn turned_lattices_have_no_faces_from_rounding() {
+    // A centred lattice turned about (1, 1, 1): nothing about it is exact any more.
+    let (s, c) = (0.6f64, 0.8f64);
+    let third = (1.0 - c) / 3.0;
+    let (p, q) = (third - s / 3f64.sqrt(), third + s / 3f64.sqrt());
+    let turn = [[c + third, p, q], [q, c + third, p], [p, q, c + third]];
+    let extent = [6.0, 6.5, 7.0];
+    let mut atoms = Vec::new();
+    for index in 0..41 * 41 * 41 {
+        let x = [index % 41, index / 41 % 41, index / 1681].map(|c| c - 20);
+        let at: [f64; 3] = std::array::from_fn(|k| {
+            3.3 + 0.7 * (0..3).map(|l| turn[k][l] * f64::from(x[l])).sum::<f64>()
+        });
+        if (x[0] + x[1] + x[2]) % 2 == 0 && (0..3).all(|k| at[k] > 0.0 && at[k] < extent[k]) {
+            atoms.push(at);
+        }
+    }
+    let mesh = checked(&atoms, extent);
+    assert_like_meshless(&atoms, extent, &mesh);
+    let lists = mesh.faces_of_cells();
+    let inside = |x: &[f64; 3]| (0..3).all(|k| x[k] > 1.2 && x[k] < extent[k] - 1.2);
+    for cell in (0..atoms.len()).filter(|&i| inside(&atoms[i])) {
+        assert_eq!(lists.get(cell).len(), 12);
+    }
+}
+
+#[test]
+fn crowded_and_empty_places_in_one_box_are_cut_exactly() {
+    // Nearly all atoms in one corner: cells reach across the whole box.
+    let extent = [20.0, 20.0, 20.0];
+    let mut atoms = random(300, [1.0, 1.0, 1.0], 5);
+    atoms.push([15.0, 3.0, 19.9999]);
+    assert_like_meshless(&atoms, extent, &checked(&atoms, extent));
+    // A flat box, and a row of atoms along its middle.
+    let extent = [50.0, 3.0, 0.02];
+    let row: Vec<[f64; 3]> = (0..25)
+        .map(|i| [2.0 * f64::from(i) + 1.0, 1.5, 0.01])
+        .collect();
+    let mesh = checked(&row, extent);
+    assert!(
+        mesh.cell_shapes()
+            .iter()
+            .all(|s| (s.0 - 0.12).abs() < 1e-13)
+    );
+}
+
+#[test]
+fn atoms_near_a_side_touch_it_exactly() {
+    for height in [1e-3, 1e-6, 1e-9] {
+        let mut atoms = random(200, [10.0; 3], 3);
+        atoms.push([4.0, 5.0, height]);
+        atoms.push([10.0 - height, 5.0, 10.0 - 2.0 * height]);
+        checked(&atoms, [10.0; 3]);
+    }
+}
+
+#[test]
+fn bad_atoms_are_named() {
+    let refusal = |atoms: &[[f64; 3]]| voronoi(atoms, [4.0; 3]).unwrap_err().to_string();
+    assert!(refusal(&[]).contains("0 atoms"));
+    for bad in [0.0, 4.0, -1.0, f64::NAN] {
+        let said = refusal(&[[1.0; 3], [2.0, bad, 2.0]]);
+        assert!(
+            said.contains("atom 1") && said.contains("not inside"),
+            "{said}"
+        );
+    }
+    let said = refusal(&[[1.0; 3], [2.0; 3], [1.0; 3]]);
+    assert!(
+        said.contains("points 0 and 2 are 0e0 apart") || said.contains("points 2 and 0"),
+        "{said}"
+    );
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(40))]
+
+    /// Atoms on a coarse grid, where anything may be degenerate, and off it.
+    #[test]
+    fn any_atoms_fill_their_box(
+        cells in prop::collection::hash_set((0u8..6, 0u8..5, 0u8..4), 1..60),
+        shift in prop_oneof![Just(0.0), Just(1e-12), Just(1e-5), 0.0..0.4],
+        seed in 0u64..1000,
+    ) {
+        let mut cells: Vec<_> = cells.into_iter().collect();
+        cells.sort_unstable();
+        let mut state = seed;
+        let atoms: Vec<[f64; 3]> = cells
+            .iter()
+            .map(|&(i, j, k)| {
+                [i, j, k].map(|c| 0.3 * (f64::from(c) + 0.5 + shift * (uniform(&mut state) - 0.5)))
+            })
+            .collect();
+        checked(&atoms, [1.8, 1.5, 1.2]);
+    }
+}

@@ -97,6 +97,9 @@ pub enum Verb {
         after_help = "Example:\n  atomesh flow mesh.vtu --source 20,30,40 --sink 80,60,50 -o flow.vtu --streamlines lines.vtp"
     )]
     Flow(FlowArgs),
+    /// A picture of the mesh over its image: in 3-D its sections with three orthogonal planes
+    #[command(after_help = "Example:\n  atomesh slice survey.sgy mesh.vtu -o sections.png")]
+    Slice(SliceArgs),
     /// Synthetic volumes whose features are known exactly
     #[command(
         after_help = "Example:\n  atomesh synth faults -o faults.vti --truth distance.npy --dims 170,150,128"
@@ -546,6 +549,26 @@ pub struct FlowArgs {
     /// Number of streamlines
     #[arg(long, value_name = "N", default_value_t = 200)]
     pub lines: usize,
+}
+
+/// `atomesh slice`.
+#[derive(Debug, Args)]
+pub struct SliceArgs {
+    /// The image that was meshed
+    #[arg(value_name = "IMAGE")]
+    pub image: PathBuf,
+    /// Its mesh
+    #[arg(value_name = "MESH.vtu")]
+    pub mesh: PathBuf,
+    /// The picture to write
+    #[arg(short, long, value_name = "OUT.png")]
+    pub output: PathBuf,
+    /// The point in which the planes meet, in physical coordinates [default: the middle]
+    #[arg(long, value_name = "X,Y,Z", allow_negative_numbers = true)]
+    pub at: Option<String>,
+    /// How to read the image.
+    #[command(flatten, next_help_heading = "Reading the image")]
+    pub input: InputOptions,
 }
 
 /// `atomesh synth`.

@@ -8,6 +8,7 @@
 //! - [`images`]: the verbs about images
 //! - [`meshes`]: the verbs about meshes
 //! - [`flow`](mod@flow): the verb `flow`
+//! - [`slice`](mod@slice): the verb `slice`
 //! - [`console`]: everything that is printed
 
 pub mod args;
@@ -19,6 +20,7 @@ pub mod mesh;
 pub mod meshes;
 pub mod parse;
 pub mod provenance;
+pub mod slice;
 
 use std::process::ExitCode;
 
@@ -61,6 +63,7 @@ fn run(line: &CommandLine) -> Result<Ending> {
         Verb::Mesh(args) => return mesh::mesh(args, console),
         Verb::Quality(args) => meshes::quality(args, console)?,
         Verb::Validate(args) => meshes::validate(args, console)?,
+        Verb::Slice(args) => slice::slice(args, console)?,
         Verb::Info(args) => images::info(args, console)?,
         Verb::Feature(args) => images::feature(args, console)?,
         Verb::Convert(args) => images::convert(args, console)?,

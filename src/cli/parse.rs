@@ -88,6 +88,21 @@ pub fn scales(option: &str, text: &str) -> Result<Vec<f64>> {
     Ok(scales)
 }
 
+/// `X,Y,Z`: a position in space.
+pub fn position(option: &str, text: &str) -> Result<[f64; 3]> {
+    let remedy = "give three numbers such as 1500,2000,300";
+    let words: Vec<&str> = text.split(',').collect();
+    let mut position = [0.0; 3];
+    if words.len() != 3 {
+        let problem = format!("has {} values, not 3", words.len());
+        return Err(bad(option, text, &problem, remedy));
+    }
+    for (value, word) in position.iter_mut().zip(words) {
+        *value = number(option, word, remedy)?;
+    }
+    Ok(position)
+}
+
 /// `D` or `MIN:MAX`, all positive.
 pub fn distance(option: &str, text: &str) -> Result<(f64, Option<f64>)> {
     let remedy = "give a positive number of samples such as 8, or MIN:MAX such as 5:15";

@@ -123,6 +123,22 @@ impl<'a, const D: usize> Sampled<'a, D> {
         self.stamps = (0..count).map(stamp).collect();
     }
 
+    /// The total potential field p(x) = (1 - beta) a(x) + beta b(x) of the atoms last evaluated, on
+    /// the grid of the image potential (Hale 2001, equation 5 and figures 6 and 7).
+    pub fn total(&self) -> Field<D> {
+        let Field { dims, step, .. } = *self.potential;
+        let mut flat = 0;
+        Field::from_fn(dims, step, |x| {
+            let beta = match &self.beta {
+                Beta::Constant(beta) => *beta,
+                Beta::Field(field) => field.value(x),
+            };
+            let (a, b) = (self.field[flat], self.potential.samples[flat]);
+            flat += 1;
+            (1.0 - beta) * f64::from(a) + beta * f64::from(b)
+        })
+    }
+
     /// The index of the sample nearest to a position, along each axis.
     fn nearest(&self, x: &[f64; D]) -> [usize; D] {
         std::array::from_fn(|k| {
@@ -347,5 +363,29 @@ mod tests {
         );
         let (a, b) = (sampled.parts(), exact.parts());
         assert!((a.image - b.image).abs() < 0.05 * b.image.abs());
+    }
+
+    #[test]
+    fn the_total_field_is_the_image_and_a_stamp_for_each_atom() {
+        let dims = [17, 13];
+        let valley = Field::from_fn(dims, [1.0; 2], |x| -0.1 * x[1] / 12.0);
+        let distance = Distance::Constant(4.0);
+        let mut sampled = Sampled::new(&distance, &valley, Beta::Constant(0.25));
+        let atoms = [[5.0, 6.0], [12.0, 3.0]];
+        sampled.evaluate(&atoms, &mut [[0.0; 2]; 2]);
+        let total = sampled.total();
+        for (i, p) in total.samples.iter().enumerate() {
+            let x = [(i % 17) as f64, (i / 17) as f64];
+            let each = atoms.map(|a| {
+                let u = (x[0] - a[0]).hypot(x[1] - a[1]) / 4.0;
+                if u < 1.5 {
+                    potential(u as f32, 0.0)
+                } else {
+                    0.0
+                }
+            });
+            let want = 0.75 * (each[0] + each[1]) + 0.25 * valley.samples[i];
+            assert!((p - want).abs() < 1e-5, "{x:?}: {p} {want}");
+        }
     }
 }

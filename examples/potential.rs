@@ -1,0 +1,61 @@
+//! The total potential field p(x) of an initial and an optimised lattice: the kind of figures 6 and 7
+//! of Hale (2001).
+//!
+//! ```text
+//! cargo run --release --example potential -- slice.png 8 before.png after.png
+//! ```
+
+use std::path::Path;
+
+use atomesh::distance::Distance;
+use atomesh::energy::{Beta, Energy, Sampled};
+use atomesh::feature;
+use atomesh::image::{Geometry, Image};
+use atomesh::io::{self, AnyLoaded, ReadOptions};
+use atomesh::optimize::{self, Unobserved};
+use atomesh::report::slice::{self, Skeleton};
+use atomesh::seeding::{self, Alignment, Atoms};
+
+/// Weight of the image, as in the paper.
+const BETA: f64 = 0.3;
+
+fn main() -> anyhow::Result<()> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let [image, d, before, after] = arguments.as_slice() else {
+        anyhow::bail!("give IMAGE, the distance between atoms, and two pictures to write");
+    };
+    let AnyLoaded::Plane(loaded) = io::read_any(Path::new(image), &ReadOptions::default())? else {
+        anyhow::bail!("{image} is not a 2-D image");
+    };
+    let d: f64 = d.parse()?;
+    let options = feature::Options {
+        d_min: d,
+        ..feature::Options::default()
+    };
+    let potential = feature::detect(&loaded.image, &options)?.potential;
+    let distance = Distance::Constant(d);
+    let extent = potential.extent();
+    let mut atoms = seeding::regular(extent, &distance, &[], Alignment::On)?;
+
+    let mut energy = Sampled::new(&distance, &potential, Beta::Constant(BETA));
+    draw(&mut energy, &atoms, before)?;
+    let options = optimize::Options::default();
+    optimize::optimize(
+        &mut atoms,
+        &mut energy,
+        &distance,
+        extent,
+        &options,
+        &mut Unobserved,
+    )?;
+    draw(&mut energy, &atoms, after)
+}
+
+/// Draws p(x): dark where an atom would like to be.
+fn draw(energy: &mut Sampled<2>, atoms: &Atoms<2>, to: &str) -> anyhow::Result<()> {
+    energy.evaluate(&atoms.positions, &mut vec![[0.0; 2]; atoms.len()]);
+    let total = energy.total();
+    let image = Image::new(total.dims, total.samples, Geometry::default());
+    let picture = slice::plane(&image, &Skeleton::default())?;
+    Ok(picture.write(Path::new(to))?)
+}

@@ -1,0 +1,160 @@
+//! 2-D images through every verb, as a user would.
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "a test that cannot go on has failed"
+)]
+
+mod common;
+
+use std::path::Path;
+
+use common::{refused, succeed};
+use serde_json::Value;
+
+fn json(folder: &Path, arguments: &[&str]) -> Value {
+    let arguments = [arguments, &["--json", "--quiet"]].concat();
+    serde_json::from_str(&succeed(folder, &arguments)).unwrap()
+}
+
+/// A folder with a synthetic time slice of faults, `slice.png`, and its truth.
+fn folder(dims: &str) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let arguments = "synth faults -o slice.png --truth truth.npy --signal-to-noise 10 --dims";
+    let mut arguments: Vec<&str> = arguments.split(' ').collect();
+    arguments.push(dims);
+    succeed(folder.path(), &arguments);
+    folder
+}
+
+#[test]
+fn a_time_slice_from_image_to_picture() {
+    let folder = folder("256,256");
+    let at = folder.path();
+    let info = json(at, &["info", "slice.png"]);
+    assert_eq!(info["image"]["numpy_shape"], serde_json::json!([256, 256]));
+
+    let report = json(at, &["mesh", "slice.png", "-o", "mesh.vtu"]);
+    assert_eq!(report["quality"]["kind"], "triangles");
+    assert!(
+        report["quality"]["smallest_angle"]["worst"]
+            .as_f64()
+            .unwrap()
+            > 28.0
+    );
+    assert!(report["quality"]["mean_ratio_mean"].as_f64().unwrap() > 0.95);
+    assert!(report["box"]["problems"].as_array().unwrap().is_empty());
+    assert!(report["box"]["volume_error"].as_f64().unwrap() < 1e-9);
+
+    let quality = json(at, &["quality", "mesh.vtu", "--truth", "truth.npy"]);
+    let claimed = &quality["fidelity"]["claimed"];
+    assert!(
+        claimed["coverage_one"].as_f64().unwrap() > 0.95,
+        "{claimed}"
+    );
+    assert!(claimed["precision"].as_f64().unwrap() > 0.95, "{claimed}");
+    assert_eq!(quality["quality"]["cells"], report["quality"]["cells"]);
+
+    assert_eq!(json(at, &["validate", "mesh.vtu"])["valid"], true);
+    assert_eq!(
+        json(at, &["info", "mesh.vtu"])["triangles"],
+        report["quality"]["cells"]
+    );
+
+    json(at, &["slice", "slice.png", "mesh.vtu", "-o", "picture.png"]);
+    let picture = json(at, &["info", "picture.png"]);
+    assert!(picture["image"]["axes"][0]["count"].as_u64().unwrap() > 1000);
+
+    json(at, &["feature", "slice.png", "-o", "potential.npy"]);
+    json(
+        at,
+        &[
+            "mesh",
+            "potential.npy",
+            "--feature",
+            "potential",
+            "-o",
+            "again.vtu",
+        ],
+    );
+}
+
+#[test]
+fn the_same_mesh_from_every_format_and_number_of_threads() {
+    let folder = folder("96,80");
+    let at = folder.path();
+    for to in ["slice.npy", "slice.vti"] {
+        succeed(at, &["convert", "slice.png", to]);
+    }
+    let mesh = |image: &str, more: &[&str]| {
+        let arguments = [&["mesh", image, "-o", "mesh.vtu", "--quiet"], more].concat();
+        succeed(at, &arguments);
+        std::fs::read(at.join("mesh.vtu")).unwrap()
+    };
+    let one = mesh("slice.npy", &["--threads", "1"]);
+    assert!(one == mesh("slice.npy", &["--threads", "3"]));
+    let nodes = |image: &str| {
+        mesh(image, &[]);
+        json(at, &["quality", "mesh.vtu"])["quality"].clone()
+    };
+    assert_eq!(nodes("slice.npy"), nodes("slice.vti"));
+    assert_eq!(nodes("slice.npy"), nodes("slice.png"));
+}
+
+#[test]
+fn variable_distance_fixed_atoms_and_a_metric() {
+    let folder = folder("128,96");
+    let at = folder.path();
+    std::fs::write(at.join("wells.csv"), "x,y\n30.5,40.25\n100,20\n").unwrap();
+    let arguments = "mesh slice.png -o mesh.vtu --distance 4:10 --distance-from features \
+                     --atoms-from wells.csv --metric 1,2 --trace trace.pvd --potential-out b.vti";
+    let report = json(at, &arguments.split_whitespace().collect::<Vec<_>>());
+    assert!(report["box"]["problems"].as_array().unwrap().is_empty());
+    assert!(report["quality_physical"]["cells"].is_u64());
+    assert!(at.join("trace.pvd").exists());
+    assert_eq!(json(at, &["validate", "mesh.vtu"])["valid"], true);
+}
+
+#[test]
+fn what_makes_no_sense_in_the_plane_is_refused() {
+    let folder = folder("64,48");
+    let at = folder.path();
+    let png = std::fs::read(at.join("slice.png")).unwrap();
+    std::fs::write(at.join("cut.png"), &png[..png.len() / 2]).unwrap();
+    std::fs::write(at.join("dot.raw"), [7]).unwrap();
+    std::fs::write(at.join("wells.csv"), "1,2,3\n").unwrap();
+    succeed(at, &["mesh", "slice.png", "-o", "mesh.vtu", "--quiet"]);
+    succeed(
+        at,
+        &["synth", "sphere", "-o", "ball.npy", "--dims", "16,16,16"],
+    );
+    let cases: &[(&str, &[&str])] = &[
+        ("mesh cut.png", &["cut.png"]),
+        ("info cut.png", &["cut.png"]),
+        ("mesh dot.raw --raw 1x1:u8", &["dot.raw"]),
+        ("mesh slice.png --metric 1,1,1", &["--metric", "2 axes"]),
+        (
+            "mesh slice.png --atoms-from wells.csv",
+            &["wells.csv:1", "x,y"],
+        ),
+        ("mesh slice.png --distance 60", &["60"]),
+        ("convert ball.npy ball.png", &["ball.png", "3-D"]),
+        (
+            "slice ball.npy mesh.vtu -o p.png",
+            &["mesh.vtu", "2-D mesh"],
+        ),
+        ("slice slice.png mesh.vtu -o p.jpg", &["p.jpg", ".png"]),
+        ("slice slice.png mesh.vtu -o p.png --at 1,2", &["--at", "3"]),
+        (
+            "quality mesh.vtu --truth ball.npy",
+            &["ball.npy", "(ny, nx)"],
+        ),
+        ("synth faults -o a.npy --dims 64", &["--dims"]),
+    ];
+    for (arguments, says) in cases {
+        let line = refused(at, &arguments.split(' ').collect::<Vec<_>>());
+        for word in *says {
+            assert!(line.contains(word), "no '{word}' in: {line}");
+        }
+    }
+}

@@ -92,6 +92,9 @@ pub enum Verb {
     /// Checks a mesh by our own checker, TetGen and CGAL; says which passed
     #[command(after_help = "Example:\n  atomesh validate mesh.vtu")]
     Validate(ValidateArgs),
+    /// Faces on features, grouped into labelled surfaces: faults, horizons
+    #[command(after_help = "Example:\n  atomesh surface mesh.vtu -o faults.vtp")]
+    Surface(super::surface::SurfaceArgs),
     /// Synthetic volumes whose features are known exactly
     #[command(
         after_help = "Example:\n  atomesh synth faults -o faults.vti --truth distance.npy --dims 170,150,128"

@@ -7,6 +7,7 @@
 //! - [`provenance`]: the hash of the input
 //! - [`images`]: the verbs about images
 //! - [`meshes`]: the verbs about meshes
+//! - [`surface`](mod@surface): the verb `surface`
 //! - [`console`]: everything that is printed
 
 pub mod args;
@@ -17,6 +18,7 @@ pub mod mesh;
 pub mod meshes;
 pub mod parse;
 pub mod provenance;
+pub mod surface;
 
 use std::process::ExitCode;
 
@@ -62,6 +64,7 @@ fn run(line: &CommandLine) -> Result<Ending> {
         Verb::Info(args) => images::info(args, console)?,
         Verb::Feature(args) => images::feature(args, console)?,
         Verb::Convert(args) => images::convert(args, console)?,
+        Verb::Surface(args) => surface::surface(args, console)?,
         Verb::Synth(args) => images::synth(args, console)?,
     }
     Ok(Ending::Done)

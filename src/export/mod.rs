@@ -3,11 +3,20 @@
 //!
 //! - [`vtu`]: VTK unstructured grids, our own mesh format
 //! - [`pvd`]: the lattice after each round, for ParaView
+//! - [`surfaces`]: labelled surfaces, for [`vtp`], [`obj`] and GOCAD's [`tsurf`]
 
+pub mod obj;
 pub mod pvd;
+pub mod surfaces;
+pub mod tsurf;
+pub mod vtp;
 pub mod vtu;
 
+pub use obj::write_obj;
 pub use pvd::Trace;
+pub use surfaces::SurfaceFile;
+pub use tsurf::write_tsurf;
+pub use vtp::write_vtp;
 pub use vtu::{FieldValue, MeshFile, read_vtu, write_vtu};
 
 use rayon::prelude::*;

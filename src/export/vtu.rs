@@ -100,7 +100,12 @@ pub fn write_vtu(path: &Path, file: &MeshFile) -> Result<()> {
     atomic_write(path, |out| document.write(out))
 }
 
-fn check_lengths(path: &Path, arrays: &[DataArray], tuples: usize, of: &str) -> Result<()> {
+pub(super) fn check_lengths(
+    path: &Path,
+    arrays: &[DataArray],
+    tuples: usize,
+    of: &str,
+) -> Result<()> {
     let wrong = |a: &&DataArray| a.values.len() != tuples * a.components;
     match arrays.iter().find(wrong) {
         None => Ok(()),

@@ -4,6 +4,7 @@
 //! - [`parse`]: the small grammars inside option values
 //! - [`job`]: a job of `mesh`, validated
 //! - [`mesh`](mod@mesh): the verb `mesh`
+//! - [`paint`](mod@paint): the verb `paint`
 //! - [`provenance`]: the hash of the input
 //! - [`images`]: the verbs about images
 //! - [`meshes`]: the verbs about meshes
@@ -16,6 +17,7 @@ pub mod images;
 pub mod job;
 pub mod mesh;
 pub mod meshes;
+pub mod paint;
 pub mod parse;
 pub mod provenance;
 pub mod surface;
@@ -64,6 +66,7 @@ fn run(line: &CommandLine) -> Result<Ending> {
         Verb::Info(args) => images::info(args, console)?,
         Verb::Feature(args) => images::feature(args, console)?,
         Verb::Convert(args) => images::convert(args, console)?,
+        Verb::Paint(args) => paint::paint(args, console)?,
         Verb::Surface(args) => surface::surface(args, console)?,
         Verb::Synth(args) => images::synth(args, console)?,
     }

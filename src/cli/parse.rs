@@ -84,6 +84,15 @@ pub fn scales(option: &str, text: &str) -> Result<[f64; 3]> {
     Ok(scales)
 }
 
+/// `X,Y,Z`: a point.
+pub fn point(option: &str, text: &str, remedy: &str) -> Result<[f64; 3]> {
+    let mut point = [0.0; 3];
+    for (x, word) in point.iter_mut().zip(three(option, text, remedy)?) {
+        *x = number(option, word, remedy)?;
+    }
+    Ok(point)
+}
+
 /// `D` or `MIN:MAX`, all positive.
 pub fn distance(option: &str, text: &str) -> Result<(f64, Option<f64>)> {
     let remedy = "give a positive number of samples such as 8, or MIN:MAX such as 5:15";

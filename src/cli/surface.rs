@@ -8,9 +8,10 @@ use serde_json::json;
 use super::console::Console;
 use super::job::check_output;
 use super::parse;
-use crate::export::{FieldValue, SurfaceFile, read_vtu, write_obj, write_tsurf, write_vtp};
+use crate::export::{SurfaceFile, read_vtu, write_obj, write_tsurf, write_vtp};
 use crate::io::vtk::DataArray;
 use crate::pipeline::file::Placed;
+use crate::surface::facets::{normal, unit};
 use crate::surface::measure::Up;
 use crate::surface::{Measure, Options, Surfaces, measure, select};
 use crate::{Error, Result, error::cause};
@@ -135,13 +136,10 @@ pub fn surface(args: &SurfaceArgs, console: &mut Console) -> Result<()> {
     let surfaces = surfaces(&placed, &args.mesh, &options, &up)?;
     let measures = measure(&surfaces, &placed.physical.nodes, &up);
     console.begin_stage("writing");
-    write(
-        &args.output,
-        &surfaces,
-        &measures,
-        &placed.physical.nodes,
-        z_up,
-    )?;
+    let nodes = &placed.physical.nodes;
+    let mut file = SurfaceFile::new(nodes, &surfaces.facets, &surfaces.start, "surface");
+    file.cell_data = cell_data(&surfaces, &measures, nodes);
+    write_file(&args.output, &file, z_up)?;
     let mut text = table(&measures);
     if surfaces.filled > 0 {
         text += &format!("\n{} faces close gaps", surfaces.filled);
@@ -174,46 +172,45 @@ pub fn surface(args: &SurfaceArgs, console: &mut Console) -> Result<()> {
 ///
 /// # Errors
 /// [`Error::Io`] if the file cannot be written.
-pub fn write(
-    path: &Path,
-    surfaces: &Surfaces<3>,
-    measures: &[Measure],
-    nodes: &[[f64; 3]],
-    z_up: bool,
-) -> Result<()> {
-    let mut file = SurfaceFile::new(nodes, &surfaces.facets, &surfaces.start, "surface");
-    match path.extension().and_then(|e| e.to_str()) {
-        Some("obj") => write_obj(path, &file),
-        Some("ts") => write_tsurf(path, &file, z_up),
-        _ => {
-            let labels = surfaces.labels();
-            let normals: Vec<f32> = (surfaces.facets.iter())
-                .flat_map(|f| {
-                    let n = crate::surface::facets::normal(&f.map(|i| nodes[i as usize]));
-                    crate::surface::facets::unit(n).map(|c| c as f32)
-                })
-                .collect();
-            let of = |value: &dyn Fn(&Measure) -> f64| -> Vec<f32> {
-                labels
-                    .iter()
-                    .map(|&s| value(&measures[s as usize]) as f32)
-                    .collect()
-            };
-            file.cell_data = vec![
-                DataArray {
-                    name: "normal".into(),
-                    components: 3,
-                    values: normals.into(),
-                },
-                DataArray::scalars("dip", of(&|m| m.dip)),
-                DataArray::scalars("strike", of(&|m| m.strike.unwrap_or(f64::NAN))),
-                DataArray::scalars("area", of(&|m| m.area)),
-            ];
-            let version = FieldValue::Text(env!("CARGO_PKG_VERSION").to_string());
-            file.field_data = vec![("atomesh_version".into(), version)];
-            write_vtp(path, &file)
-        }
+pub fn write_file(path: &Path, file: &SurfaceFile<3>, z_up: bool) -> Result<()> {
+    let ends = |ending: &str| {
+        path.extension()
+            .is_some_and(|e| e.eq_ignore_ascii_case(ending))
+    };
+    if ends("obj") {
+        write_obj(path, file)
+    } else if ends("ts") {
+        write_tsurf(path, file, z_up)
+    } else {
+        write_vtp(path, file)
     }
+}
+
+/// What is known of each face and of the surface that it is part of.
+fn cell_data(surfaces: &Surfaces<3>, measures: &[Measure], nodes: &[[f64; 3]]) -> Vec<DataArray> {
+    let labels = surfaces.labels();
+    let of = |value: &dyn Fn(&Measure) -> f64| -> Vec<f32> {
+        labels
+            .iter()
+            .map(|&s| value(&measures[s as usize]) as f32)
+            .collect()
+    };
+    let normal = |face: &[u32; 3]| unit(normal(&face.map(|i| nodes[i as usize]))).map(|c| c as f32);
+    vec![
+        DataArray {
+            name: "normal".into(),
+            components: 3,
+            values: surfaces
+                .facets
+                .iter()
+                .flat_map(normal)
+                .collect::<Vec<f32>>()
+                .into(),
+        },
+        DataArray::scalars("dip", of(&|m| m.dip)),
+        DataArray::scalars("strike", of(&|m| m.strike.unwrap_or(f64::NAN))),
+        DataArray::scalars("area", of(&|m| m.area)),
+    ]
 }
 
 /// The largest surfaces as lines of text.

@@ -27,13 +27,15 @@ impl<const D: usize> SurfaceFile<D> {
         used.sort_unstable();
         used.dedup();
         let place = |n: u32| used.partition_point(|&m| m < n) as u32;
+        let version = FieldValue::Text(env!("CARGO_PKG_VERSION").to_string());
         let lifted = |&n: &u32| std::array::from_fn(|k| *nodes[n as usize].get(k).unwrap_or(&0.0));
         Self {
             nodes: used.iter().map(lifted).collect(),
             facets: facets.iter().map(|f| f.map(place)).collect(),
             start: start.to_vec(),
             names: (1..start.len()).map(|s| format!("{name}{s}")).collect(),
-            ..Self::default()
+            cell_data: Vec::new(),
+            field_data: vec![("atomesh_version".into(), version)],
         }
     }
 

@@ -11,10 +11,14 @@
 //! - [`unite`](mod@unite): pieces and votes -> surfaces
 //! - [`fill`](mod@fill): gaps closed by faces that the mesh has there
 //! - [`measure`](mod@measure): area, orientation, extent, rim
+//! - [`cells`]: cells and the faces between them
+//! - [`paint`](mod@paint): blocks between surfaces; cells grown from seeds
 
+pub mod cells;
 pub mod facets;
 pub mod fill;
 pub mod measure;
+pub mod paint;
 pub mod pairs;
 pub mod select;
 pub mod unite;
@@ -76,11 +80,7 @@ impl<const D: usize> Surfaces<D> {
         let cores = Cores::new(&facets);
         let (mut votes, rim) = across_ridges(&facets, &cores, straight);
         votes.extend(across_gaps(&facets, &cores, &rim, options.reach, straight));
-        let mut rims = vec![0; cores.count];
-        for &side in &rim {
-            rims[cores.core[side as usize / D] as usize] += 1;
-        }
-        let (surface_of_core, count) = unite::unite(&rims, &votes);
+        let (surface_of_core, count) = unite::unite(&cores.rims(&facets), &votes);
         let surface: Vec<u32> = (cores.core.iter())
             .map(|&core| surface_of_core[core as usize])
             .collect();

@@ -6,14 +6,15 @@ use std::collections::{BTreeMap, BinaryHeap};
 use super::facets::Sets;
 use super::pairs::{Evidence, Vote};
 
-/// Votes that always suffice.
+/// Votes without which only crumbs are united.
 const ENOUGH: u32 = 4;
 
 /// Unites pieces that continue each other, best founded first, and gives the surface of each piece
 /// and the number of surfaces.
 ///
-/// Two surfaces become one if twice as many ridges speak for it as against it, and at least
-/// four, or a quarter of the smaller one's rim, whose length in ridges `rims` tells of each piece.
+/// Two surfaces become one if twice as many ridges speak for it as against it, and enough do: four (of
+/// a crumb with fewer than 16 ridges at its rim, a quarter of these), and a tenth of the smaller
+/// one's rim, lest a stray neck join two faults. `rims` is the length of each piece's rim in ridges.
 /// What is against two pieces is against the surfaces that they become part of: so two faults that
 /// cross stay two, though a third piece continues both.
 pub fn unite(rims: &[u32], votes: &[Vote]) -> (Vec<u32>, usize) {
@@ -27,7 +28,7 @@ pub fn unite(rims: &[u32], votes: &[Vote]) -> (Vec<u32>, usize) {
     }
     let rank = |[for_it, against]: [u32; 2], a: u32, b: u32, rims: &[u32]| {
         let small = rims[a as usize].min(rims[b as usize]);
-        let enough = for_it >= ENOUGH.min(small.div_ceil(4)).max(1);
+        let enough = for_it >= ENOUGH.min(small.div_ceil(4)).max(small.div_ceil(10)).max(1);
         let net = i64::from(for_it) - 2 * i64::from(against);
         (enough && net >= 0).then_some((net, Reverse((a.min(b), a.max(b)))))
     };

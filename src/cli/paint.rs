@@ -10,8 +10,8 @@ use super::args::InputOptions;
 use super::console::Console;
 use super::job::check_output;
 use super::parse;
-use super::surface::{Grouping, WRITTEN, surfaces, write_file};
-use crate::error::cause;
+use super::surface::{Grouping, WRITTEN, group, marked_faces, write_file};
+use crate::Result;
 use crate::export::{SurfaceFile, read_vtu, write_vtu};
 use crate::image::Field;
 use crate::io;
@@ -21,7 +21,6 @@ use crate::mesh::volume6;
 use crate::pipeline::file::Placed;
 use crate::surface::cells::{Cells, centre, holding, skin};
 use crate::surface::paint::{Seed, blocks, contrast, paint as flow};
-use crate::{Error, Result};
 
 /// Smaller rooms than this many cells are crumbs between surfaces.
 const CRUMB: usize = 24;
@@ -52,7 +51,7 @@ pub struct PaintArgs {
     pub level: Option<f64>,
     /// Openings narrower than this share of the rooms they join are cracks, which paint does not
     /// pass; 0 for none
-    #[arg(long, value_name = "SHARE", default_value_t = 0.25)]
+    #[arg(long, value_name = "SHARE", default_value_t = 0.3)]
     pub neck: f64,
     /// The surfaces around the painted regions: .vtp, .obj, or GOCAD's .ts
     #[arg(long, value_name = "S.vtp")]
@@ -101,7 +100,8 @@ pub fn paint(args: &PaintArgs, console: &mut Console) -> Result<()> {
     console.begin_stage("reading");
     let mut file = read_vtu(&args.mesh)?;
     let placed = Placed::new(file.clone(), &args.mesh.display().to_string())?;
-    let mut closed = surfaces(&placed, &args.mesh, &options, &up)?.facets;
+    let marked = marked_faces(&placed, &args.mesh)?;
+    let mut closed = group(&placed, marked, &options, &up).facets;
     closed.iter_mut().for_each(|face| face.sort_unstable());
     closed.sort_unstable();
 
@@ -208,20 +208,9 @@ fn image_contrast(args: &PaintArgs, placed: &Placed, cells: &Cells) -> Result<Op
     };
     let image = io::read(path, &args.input.read_options()?)?.image;
     image.check(&path.display().to_string())?;
-    let dims = image.dims();
-    let expected = |k: usize| placed.extent[k] / placed.step[k] + 1.0;
-    if (0..3).any(|k| (dims[k] as f64 - expected(k)).abs() > 1e-6) {
-        return Err(Error::Image(cause(
-            path.display(),
-            format!(
-                "has dims {dims:?}, the meshed image {:?}",
-                [0, 1, 2].map(expected)
-            ),
-            "give the image that was meshed, or one of its dims",
-        )));
-    }
+    placed.check_dims(image.dims(), &path.display().to_string())?;
     let field = Field {
-        dims,
+        dims: image.dims(),
         step: placed.step,
         samples: image.as_slice().to_vec(),
     };

@@ -5,16 +5,18 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::json;
 
+use super::args::{FeatureChoice, InputOptions};
 use super::console::Console;
-use super::job::check_output;
+use super::job::{check_output, feature_scale, threshold};
 use super::parse;
-use crate::export::{SurfaceFile, read_vtu, write_obj, write_tsurf, write_vtp};
+use crate::export::{MeshFile, SurfaceFile, read_vtu, write_obj, write_tsurf, write_vtp};
 use crate::io::vtk::DataArray;
+use crate::mesh::{EDGES, TetMesh, norm, sub};
 use crate::pipeline::file::Placed;
 use crate::surface::facets::{normal, unit};
 use crate::surface::measure::Up;
 use crate::surface::{Measure, Options, Surfaces, measure, select};
-use crate::{Error, Result, error::cause};
+use crate::{Error, Result, error::cause, feature, io};
 
 /// `atomesh surface`.
 #[derive(Debug, Args)]
@@ -22,12 +24,30 @@ pub struct SurfaceArgs {
     /// A mesh written by atomesh
     #[arg(value_name = "MESH.vtu")]
     pub mesh: PathBuf,
+    /// Look for faces on the features of this image, whatever the mesh says of its faces
+    #[arg(value_name = "IMAGE")]
+    pub image: Option<PathBuf>,
     /// The surfaces to write: .vtp, .obj, or GOCAD's .ts
     #[arg(short, long, value_name = "S.vtp")]
     pub output: PathBuf,
     /// How surfaces are told apart.
     #[command(flatten)]
     pub grouping: Grouping,
+    /// Depth of the valleys of b(x) from which on faces lie on the features of IMAGE, from 0 to 1
+    #[arg(long, value_name = "DEPTH", default_value_t = 0.6)]
+    pub depth: f64,
+    /// The features of IMAGE
+    #[arg(long, value_name = "KIND", default_value = "auto")]
+    pub feature: FeatureChoice,
+    /// Scale of the features in samples [default: by the kind of feature]
+    #[arg(long, value_name = "S")]
+    pub sigma: Option<f64>,
+    /// Least strength of a feature, in units of the feature image [default: automatic, printed]
+    #[arg(long, value_name = "T", allow_negative_numbers = true)]
+    pub threshold: Option<f32>,
+    /// How to read the image.
+    #[command(flatten, next_help_heading = "Reading the image")]
+    pub input: InputOptions,
 }
 
 /// What makes faces one surface, and how its orientation is told.
@@ -51,6 +71,9 @@ pub struct Grouping {
 
 /// The endings of the surface formats that are written.
 pub const WRITTEN: [&str; 3] = ["vtp", "obj", "ts"];
+
+/// Faces lie along a feature if their normals differ by less than 35 degrees from its.
+const ALONG: f64 = 0.82;
 
 impl Grouping {
     /// The options, checked.
@@ -101,39 +124,122 @@ impl Grouping {
     }
 }
 
-/// The surfaces of a mesh, oriented in physical space.
+/// The faces that the mesh says lie on features.
 ///
 /// # Errors
-/// [`Error::Mesh`] if the mesh does not say which of its faces lie on features.
-pub fn surfaces(
-    placed: &Placed,
-    place: &Path,
-    options: &Options,
-    up: &Up<3>,
-) -> Result<Surfaces<3>> {
-    let Some(bits) = &placed.feature_faces else {
-        return Err(Error::Mesh(cause(
-            place.display(),
+/// [`Error::Mesh`] if it says nothing, or that none does.
+pub fn marked_faces(placed: &Placed, place: &Path) -> Result<Vec<[u32; 3]>> {
+    let faces = (placed.feature_faces.as_ref()).map(|bits| select::marked(&placed.lattice, bits));
+    let refuse =
+        |problem: &str, remedy: &str| Err(Error::Mesh(cause(place.display(), problem, remedy)));
+    match faces {
+        None => refuse(
             "does not say which faces lie on features (no cell data feature_faces)",
             "give a mesh that atomesh mesh wrote",
-        )));
-    };
-    let faces = select::marked(&placed.lattice, bits);
+        ),
+        Some(faces) if faces.is_empty() => refuse(
+            "has no face on a feature",
+            "mesh the image with features, and with slivers removed",
+        ),
+        Some(faces) => Ok(faces),
+    }
+}
+
+/// Groups faces of a mesh, closes gaps, turns all to one side in physical space.
+pub fn group(placed: &Placed, faces: Vec<[u32; 3]>, options: &Options, up: &Up<3>) -> Surfaces<3> {
     let candidates = select::spanned(&placed.lattice, &faces);
     let mut surfaces = Surfaces::find(&placed.lattice.nodes, faces, &candidates, options);
     surfaces.orient(&placed.physical.nodes, up.up);
-    Ok(surfaces)
+    surfaces
+}
+
+/// The faces on the features of the image.
+fn faces_on_image(
+    args: &SurfaceArgs,
+    path: &Path,
+    placed: &Placed,
+    distance: Option<f64>,
+    console: &mut Console,
+) -> Result<Vec<[u32; 3]>> {
+    let image = io::read(path, &args.input.read_options()?)?.image;
+    let place = path.display().to_string();
+    image.check(&place)?;
+    placed.check_dims(image.dims(), &place)?;
+    let options = feature::Options {
+        kind: args.feature.into(),
+        scale: feature_scale(args.sigma)?,
+        threshold: threshold(args.threshold)?,
+        d_min: distance.unwrap_or_else(|| mean_edge(&placed.lattice)),
+        step: placed.step,
+        ..feature::Options::default()
+    };
+    let features = feature::detect(&image, &options)?;
+    features.notes.iter().for_each(|note| console.note(note));
+    let (b, sigma) = (&features.potential, features.sigma);
+    let faces = select::in_valleys(&placed.lattice, b, sigma, args.depth, ALONG);
+    if faces.is_empty() {
+        return Err(Error::Mesh(cause(
+            args.mesh.display(),
+            format!("has no face on a feature of {place}"),
+            "give the image that was meshed, or a smaller --depth",
+        )));
+    }
+    Ok(faces)
+}
+
+/// The least nominal distance between nodes, if the mesh says so.
+fn least_distance(file: &MeshFile) -> Option<f64> {
+    let array = file.point_data.iter().find(|a| a.name == "distance")?;
+    let least = array
+        .values
+        .to_f64()
+        .into_iter()
+        .fold(f64::INFINITY, f64::min);
+    (least.is_finite() && least > 0.0).then_some(least)
+}
+
+/// Mean length of the edges of a mesh.
+fn mean_edge(mesh: &TetMesh) -> f64 {
+    let edges = |t: usize| {
+        let x = mesh.corners(t);
+        EDGES
+            .map(|[i, j]| norm(sub(x[i], x[j])))
+            .iter()
+            .sum::<f64>()
+            / 6.0
+    };
+    (0..mesh.tets.len()).map(edges).sum::<f64>() / mesh.tets.len() as f64
 }
 
 /// `atomesh surface`.
 pub fn surface(args: &SurfaceArgs, console: &mut Console) -> Result<()> {
-    check_output(&args.output, "--output", &WRITTEN, &[&args.mesh])?;
+    let mut inputs = vec![args.mesh.as_path()];
+    inputs.extend(args.image.as_deref());
+    check_output(&args.output, "--output", &WRITTEN, &inputs)?;
+    if !(args.depth > 0.0 && args.depth < 1.0) {
+        let remedy = "give a number above 0 and below 1; 0.6 is usual";
+        return Err(parse::bad(
+            "--depth",
+            &args.depth.to_string(),
+            "is out of range",
+            remedy,
+        ));
+    }
     let options = args.grouping.options()?;
     let (up, z_up) = args.grouping.up()?;
     console.begin_stage("reading");
-    let placed = Placed::new(read_vtu(&args.mesh)?, &args.mesh.display().to_string())?;
+    let file = read_vtu(&args.mesh)?;
+    let distance = least_distance(&file);
+    let placed = Placed::new(file, &args.mesh.display().to_string())?;
+    let faces = match &args.image {
+        None => marked_faces(&placed, &args.mesh)?,
+        Some(path) => {
+            console.begin_stage("finding features");
+            faces_on_image(args, path, &placed, distance, console)?
+        }
+    };
     console.begin_stage("grouping faces");
-    let surfaces = surfaces(&placed, &args.mesh, &options, &up)?;
+    let surfaces = group(&placed, faces, &options, &up);
     let measures = measure(&surfaces, &placed.physical.nodes, &up);
     console.begin_stage("writing");
     let nodes = &placed.physical.nodes;

@@ -2,7 +2,9 @@
 
 use rayon::prelude::*;
 
-use crate::mesh::{FACES, TetMesh};
+use crate::feature::symmetric::{eigenvalues, eigenvector};
+use crate::image::Field;
+use crate::mesh::{FACES, TetMesh, add_scaled, cross, dot, norm, sub};
 
 /// Every face of a mesh for which `wanted(tetrahedron, k, nodes)` holds, once, nodes ascending.
 pub fn faces_where(
@@ -41,4 +43,52 @@ pub fn spanned(mesh: &TetMesh, taken: &[[u32; 3]]) -> Vec<[u32; 3]> {
     faces_where(mesh, |_, _, face| {
         face.iter().all(|&n| on[n as usize]) && taken.binary_search(face).is_err()
     })
+}
+
+/// The faces that lie on valleys of b(x): b is at most `-depth` at their nodes and centroid, and their
+/// normal is within the angle of cosine `along` of the valley's. That is the direction in which b
+/// varies most about the centroid: the main eigenvector of the structure tensor of b, whose window
+/// is the valley, of width `sigma` (Hale 2002: d / 4).
+///
+/// Mesh and potential in one space.
+pub fn in_valleys(
+    mesh: &TetMesh,
+    potential: &Field<3>,
+    sigma: f64,
+    depth: f64,
+    along: f64,
+) -> Vec<[u32; 3]> {
+    let deep: Vec<bool> = (mesh.nodes.par_iter())
+        .map(|&x| potential.value(x) <= -depth)
+        .collect();
+    let mut faces = faces_where(mesh, |_, _, face| face.iter().all(|&n| deep[n as usize]));
+    faces = faces
+        .into_par_iter()
+        .filter(|face| {
+            let [a, b, c] = face.map(|n| mesh.nodes[n as usize]);
+            let centroid = std::array::from_fn(|k| (a[k] + b[k] + c[k]) / 3.0);
+            let normal = cross(sub(b, a), sub(c, a));
+            potential.value(centroid) <= -depth
+                && dot(valley_normal(potential, sigma, centroid), normal).abs()
+                    > along * norm(normal)
+        })
+        .collect();
+    faces
+}
+
+/// Main eigenvector of the structure tensor of a potential about `x`: of 27 gradients, sigma apart.
+fn valley_normal(potential: &Field<3>, sigma: f64, x: [f64; 3]) -> [f64; 3] {
+    let mut tensor = [0.0; 6];
+    for code in 0..27 {
+        let offset = [code % 3, code / 3 % 3, code / 9].map(|i| f64::from(i) - 1.0);
+        let weight = (-0.5 * dot(offset, offset)).exp();
+        let at = add_scaled(x, sigma, offset);
+        let (_, [p, q, r]) = potential.value_and_gradient(at);
+        let products = [p * p, q * q, r * r, p * q, p * r, q * r];
+        for (sum, product) in tensor.iter_mut().zip(products) {
+            *sum += weight * product;
+        }
+    }
+    let [.., largest] = eigenvalues(&tensor);
+    eigenvector(&tensor, largest)
 }

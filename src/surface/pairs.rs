@@ -107,17 +107,19 @@ fn sure_neighbour<const D: usize>(facets: &Facets<D>, side: usize) -> u32 {
     }
 }
 
-/// What speaks for and against two pieces being one surface.
+/// What one ridge says of two pieces, the smaller number first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Evidence {
-    /// Here one continues the other.
-    For,
-    /// Here they meet, and both go on otherwise or end.
-    Against,
+pub struct Vote {
+    /// The pieces.
+    pub pieces: [u32; 2],
+    /// [`FULL`] or less where one continues the other, the more the straighter; 0 otherwise.
+    pub favour: u32,
+    /// [`FULL`] where they meet and both go on otherwise, or end; 0 otherwise.
+    pub against: u32,
 }
 
-/// A pair of pieces, the smaller number first, and one ridge's evidence.
-pub type Vote = (u32, u32, Evidence);
+/// The weight of a ridge across which nothing bends, or at which surfaces part.
+pub const FULL: u32 = 64;
 
 /// Votes of all ridges between pieces, and the sides that nothing continues there.
 ///
@@ -162,21 +164,33 @@ pub fn across_ridges<const D: usize>(
         for &(_, a, b) in &bends {
             if left.contains(&a) && left.contains(&b) {
                 left.retain(|&s| s != a && s != b);
-                votes.extend(vote(core(a), core(b), Evidence::For));
+                votes.extend(vote(core(a), core(b), favour(cores, a, b, straight), 0));
             }
         }
         rim.extend_from_slice(&left);
         for (i, &a) in left.iter().enumerate() {
             for &b in sides.iter().filter(|b| !left[..=i].contains(b)) {
-                votes.extend(vote(core(a), core(b), Evidence::Against));
+                votes.extend(vote(core(a), core(b), 0, FULL));
             }
         }
     }
     (votes, rim)
 }
 
-fn vote(a: u32, b: u32, evidence: Evidence) -> Option<Vote> {
-    (a != b).then_some((a.min(b), a.max(b), evidence))
+fn vote(a: u32, b: u32, favour: u32, against: u32) -> Option<Vote> {
+    (a != b).then_some(Vote {
+        pieces: [a.min(b), a.max(b)],
+        favour,
+        against,
+    })
+}
+
+/// The weight by which two sides that continue each other speak for one surface: it falls from full
+/// to nothing with the cosine between their averaged normals, down to `straight`.
+fn favour<const D: usize>(cores: &Cores<D>, a: u32, b: u32, straight: f64) -> u32 {
+    let [m, n] = [a, b].map(|side| cores.normals[side as usize / D]);
+    let share = (dot(m, n).abs() - straight) / (1.0 - straight);
+    (share.clamp(0.0, 1.0) * f64::from(FULL)) as u32
 }
 
 /// Votes across gaps: each side at the rim of a piece and the nearest one of another piece within
@@ -225,10 +239,12 @@ pub fn across_gaps<const D: usize>(
                 }
             });
             let (_, j) = best?;
+            let [a, b] = [rim[i], rim[j]];
             vote(
                 cores.core[f],
-                cores.core[rim[j] as usize / D],
-                Evidence::For,
+                cores.core[b as usize / D],
+                favour(cores, a, b, straight),
+                0,
             )
         })
         .collect();

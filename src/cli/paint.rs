@@ -219,8 +219,11 @@ fn image_contrast(args: &PaintArgs, placed: &Placed, cells: &Cells) -> Result<Op
     Ok(Some(contrast(cells, &values)))
 }
 
-/// Seeds with their regions, from 1; `None` for `auto`.
-fn seeds(texts: &[String]) -> Result<Option<Vec<([f64; 3], u32)>>> {
+/// Where paint begins, and its region, from 1.
+type Place = ([f64; 3], u32);
+
+/// Seeds with their regions; `None` for `auto`.
+fn seeds(texts: &[String]) -> Result<Option<Vec<Place>>> {
     if let [only] = texts
         && only == "auto"
     {

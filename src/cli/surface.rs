@@ -57,7 +57,7 @@ pub struct Grouping {
     #[arg(long, value_name = "DEGREES", default_value_t = 25.0)]
     pub max_bend: f64,
     /// Drop surfaces of less area, in square samples [default: ten faces]
-    #[arg(long, value_name = "AREA")]
+    #[arg(long, value_name = "AREA", allow_negative_numbers = true)]
     pub min_area: Option<f64>,
     /// Which way is up: x, y, z or -x, -y, -z in physical coordinates
     #[arg(

@@ -7,7 +7,8 @@
 
 use super::nearest::{Tree, square_to_triangle};
 use super::reference::Reference;
-use crate::mesh::{FACES, TetMesh};
+use crate::mesh::TetMesh;
+use crate::surface::select::faces_where;
 use crate::{Error, Result, error::cause};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -116,28 +117,6 @@ pub fn fidelity(
         on_feature: compare(&on_feature),
         claimed: claimed.as_deref().map(compare),
     })
-}
-
-/// Every face of the mesh for which `wanted(tetrahedron, k, nodes)` holds, once, nodes ascending.
-fn faces_where(
-    mesh: &TetMesh,
-    wanted: impl Fn(usize, usize, &[u32; 3]) -> bool + Sync,
-) -> Vec<[u32; 3]> {
-    let mut faces: Vec<[u32; 3]> = (0..mesh.tets.len())
-        .into_par_iter()
-        .flat_map_iter(|t| {
-            let wanted = &wanted;
-            let tet = mesh.tets[t];
-            (0..4).filter_map(move |k| {
-                let mut face = FACES[k].map(|i| tet[i]);
-                face.sort_unstable();
-                wanted(t, k, &face).then_some(face)
-            })
-        })
-        .collect();
-    faces.par_sort_unstable();
-    faces.dedup();
-    faces
 }
 
 fn corners(mesh: &TetMesh, face: [u32; 3]) -> [[f64; 3]; 3] {

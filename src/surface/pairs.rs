@@ -186,11 +186,11 @@ fn vote(a: u32, b: u32, favour: u32, against: u32) -> Option<Vote> {
 }
 
 /// The weight by which two sides that continue each other speak for one surface: it falls from full
-/// to nothing with the cosine between their averaged normals, down to `straight`.
+/// to next to nothing with the cosine between their averaged normals, down to `straight`.
 fn favour<const D: usize>(cores: &Cores<D>, a: u32, b: u32, straight: f64) -> u32 {
     let [m, n] = [a, b].map(|side| cores.normals[side as usize / D]);
     let share = (dot(m, n).abs() - straight) / (1.0 - straight);
-    (share.clamp(0.0, 1.0) * f64::from(FULL)) as u32
+    1 + (share.clamp(0.0, 1.0) * f64::from(FULL - 1)) as u32
 }
 
 /// Votes across gaps: each side at the rim of a piece and the nearest one of another piece within

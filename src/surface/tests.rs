@@ -507,10 +507,11 @@ fn the_skin_of_a_region_is_closed_and_holds_its_volume() {
 #[cfg(feature = "tetgen")]
 mod meshed {
     use super::*;
-    use crate::feature;
+    use crate::feature::{self, Features};
     use crate::image::{Geometry, Image};
     use crate::optimize::Unobserved;
     use crate::pipeline::{Outcome, Params, Spacing, mesh_image};
+    use crate::synth::{self, Kind};
 
     fn image(dims: [usize; 3], value: impl Fn([f64; 3]) -> f64) -> Image<3> {
         let [nx, ny, _] = dims;
@@ -538,81 +539,88 @@ mod meshed {
         Surfaces::find(&outcome.mesh.nodes, faces, &candidates, &options)
     }
 
-    /// Vertical planes through the box, given by a point in (x, y) and a direction; each one's area
-    /// is its chord times the height.
-    const PLANES: [([f64; 2], f64); 3] = [
-        ([36.0, 20.0], 20.0),
-        ([18.0, 32.0], 95.0),
-        ([30.0, 50.0], 140.0),
-    ];
-    const DIMS: [usize; 3] = [72, 64, 44];
-
-    fn offset([x, y, _]: [f64; 3], ([a, b], degrees): ([f64; 2], f64)) -> f64 {
-        let (sin, cos) = degrees.to_radians().sin_cos();
-        (y - b) * cos - (x - a) * sin
-    }
-
-    fn chord(([a, b], degrees): ([f64; 2], f64)) -> f64 {
-        let (sin, cos) = degrees.to_radians().sin_cos();
-        let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
-        for (start, slope, n) in [(a, cos, DIMS[0]), (b, sin, DIMS[1])] {
-            let ends = [-start / slope, ((n - 1) as f64 - start) / slope];
-            low = low.max(ends[0].min(ends[1]));
-            high = high.min(ends[0].max(ends[1]));
+    /// Area of the plane n.x = c in the box: over the two axes along which it is steepest.
+    fn plane_area(n: [f64; 3], c: f64, dims: [usize; 3]) -> f64 {
+        let k = (0..3).fold(0, |k, j| if n[j].abs() > n[k].abs() { j } else { k });
+        let (i, j) = ((k + 1) % 3, (k + 2) % 3);
+        let mut inside = 0;
+        for p in 0..4 * (dims[i] - 1) {
+            for q in 0..4 * (dims[j] - 1) {
+                let [u, v] = [p, q].map(|c| 0.25 * c as f64 + 0.125);
+                let x = (c - n[i] * u - n[j] * v) / n[k];
+                inside += usize::from((0.0..=(dims[k] - 1) as f64).contains(&x));
+            }
         }
-        high - low
+        inside as f64 / 16.0 / n[k].abs()
     }
 
     #[test]
     fn as_many_faults_come_out_as_went_in() {
-        let ridge = |u: f64| (-0.5 * (u / 1.5f64).powi(2)).exp();
-        let value = |x| {
-            PLANES
-                .iter()
-                .map(|&p| ridge(offset(x, p)))
-                .fold(0.0, f64::max)
-        };
-        let outcome = mesh(&image(DIMS, value), feature::Kind::Ridges, 6.0);
-        let surfaces = group(&outcome, None);
-        let found = measure(&surfaces, &outcome.mesh.nodes, &Up::along(2, true));
-        assert_eq!(found.len(), 3, "{found:#?}");
-        let mut truth: Vec<(f64, f64)> = (PLANES.iter())
-            .map(|&p| (chord(p) * (DIMS[2] - 1) as f64, p.1))
-            .collect();
-        truth.sort_by(|a, b| b.0.total_cmp(&a.0));
-        for (m, (area, degrees)) in found.iter().zip(truth) {
-            assert!((m.area / area - 1.0).abs() < 0.05, "{} {area}", m.area);
-            assert!(m.dip > 88.0 && m.off_plane < 0.4, "{m:?}");
-            // Degrees from x to y; strike from y to x.
-            let off = (m.strike.unwrap() + degrees - 90.0).rem_euclid(180.0);
-            assert!(off.min(180.0 - off) < 1.0, "{m:?} {degrees}");
-            assert_eq!(m.meets.len(), 2, "{m:?}");
-        }
+        for (kind, seed) in [(Kind::Planes, 4), (Kind::Planes, 6), (Kind::Faults, 2)] {
+            let options = synth::Options {
+                dims: [110, 100, 96],
+                seed,
+                count: 3,
+                ..synth::Options::default()
+            };
+            let made = synth::make(kind, &options).unwrap();
+            let outcome = mesh(&made.image, feature::Kind::Ridges, 6.0);
+            let surfaces = group(&outcome, None);
+            let found = measure(&surfaces, &outcome.mesh.nodes, &Up::along(0, true));
+            assert_eq!(found.len(), 3, "{kind:?} {seed}: {found:#?}");
+            let truth = &made.truth;
+            let [nx, ny, _] = truth.dims;
+            for m in &found {
+                // The exact plane, by a sample near it whose truth fits the surface best.
+                let n: [f64; 3] = std::array::from_fn(|k| m.normal[k]);
+                let middle: [f64; 3] = std::array::from_fn(|k| m.centre[k]);
+                let near = (0..truth.distance.len()).filter(|&i| truth.distance[i] < 2.0);
+                let fit = |&i: &usize| {
+                    let at = [i % nx, i / nx % ny, i / (nx * ny)].map(|c| c as f64);
+                    let off = dot(facets::sub(at, middle), n).abs();
+                    let aligned = dot(truth.direction[i].map(f64::from), n).abs();
+                    (1.0 - aligned) + 1e-3 * off
+                };
+                let best = near.min_by(|i, j| fit(i).total_cmp(&fit(j))).unwrap();
+                let at = [best % nx, best / nx % ny, best / (nx * ny)].map(|c| c as f64);
+                let exact = truth.direction[best].map(f64::from);
+                if kind == Kind::Planes {
+                    let foot = facets::add_scaled(at, f64::from(truth.distance[best]), exact);
+                    let area = plane_area(exact, dot(foot, exact), truth.dims);
+                    assert!(
+                        (m.area / area - 1.0).abs() < 0.05,
+                        "{seed}: {} {area}",
+                        m.area
+                    );
+                    assert!(
+                        dot(exact, n).abs() > 0.5f64.to_radians().cos(),
+                        "{exact:?} {n:?}"
+                    );
+                    assert!(m.off_plane < 0.3, "{m:?}");
+                }
+            }
+            // In all: the volume of a layer about the faults tells their area (but for where they
+            // cross: there it tells less).
+            let layer = truth.distance.iter().filter(|&&d| d < 2.0).count() as f64 / 4.0;
+            let all: f64 = found.iter().map(|m| m.area).sum();
+            assert!(
+                (all / layer - 1.03).abs() < 0.05,
+                "{kind:?} {seed}: {all} {layer}"
+            );
 
-        // The same faces, but for a few, are found by the potential alone.
-        let features = &outcome.features;
-        let by_image = select::in_valleys(
-            &outcome.mesh,
-            &features.potential,
-            features.sigma,
-            0.6,
-            0.82,
-        );
-        let marked = select::marked(&outcome.mesh, &outcome.feature_faces);
-        let both = by_image
-            .iter()
-            .filter(|f| marked.binary_search(f).is_ok())
-            .count();
-        assert!(
-            both as f64 > 0.95 * marked.len() as f64,
-            "{both} of {}",
-            marked.len()
-        );
-        assert!(
-            both as f64 > 0.8 * by_image.len() as f64,
-            "{both} of {}",
-            by_image.len()
-        );
+            // The same faces, but for a few, are found by the potential alone.
+            let Features {
+                potential, sigma, ..
+            } = &outcome.features;
+            let by_image = select::in_valleys(&outcome.mesh, potential, *sigma, 0.6, 0.82);
+            let marked = select::marked(&outcome.mesh, &outcome.feature_faces);
+            let both = by_image
+                .iter()
+                .filter(|f| marked.binary_search(f).is_ok())
+                .count();
+            let [one, other] = [&marked, &by_image].map(|list| both as f64 / list.len() as f64);
+            assert!(one > 0.95 && other > 0.8, "{one} {other}");
+        }
     }
 
     /// Three layers, folded and thrown by a fault: six units.

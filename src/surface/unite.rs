@@ -4,42 +4,47 @@ use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap};
 
 use super::facets::Sets;
-use super::pairs::{FULL, Vote};
+use super::pairs::Vote;
 
-/// Ridges, in full weight, without which only crumbs are united.
-const ENOUGH: u32 = 3;
-/// A piece whose rim has fewer ridges is a crumb.
-const CRUMB: u32 = 16;
+/// Ridges without which only crumbs are united.
+const ENOUGH: u32 = 4;
+
+/// What all ridges between two surfaces say.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sum {
+    favour: u32,
+    against: u32,
+    /// How many speak for it.
+    ridges: u32,
+}
 
 /// Unites pieces that continue each other, best founded first, and gives the surface of each piece
 /// and the number of surfaces.
 ///
-/// Two surfaces become one if ridges of twice the weight speak for it as against it, and enough do:
-/// three in full weight, and a tenth of the smaller one's rim, lest a stray neck join two faults; an
-/// eighth of the rim of a crumb. `rims` is the length of each piece's rim in ridges.
+/// Two surfaces become one if the weight for it is at least twice that against it, and enough ridges
+/// are for it: four (of a crumb with fewer than 16 ridges at its rim, a quarter of these), and a
+/// tenth of the smaller one's rim, lest a stray neck join two faults. `rims` is the length of each
+/// piece's rim in ridges.
 ///
 /// What is against two pieces is against the surfaces that they become part of: so two faults that
 /// cross stay two, though a third piece continues both.
 pub fn unite(rims: &[u32], votes: &[Vote]) -> (Vec<u32>, usize) {
     let mut rims = rims.to_vec();
     let mut sets = Sets::new(rims.len());
-    let mut near: Vec<BTreeMap<u32, [u32; 2]>> = vec![BTreeMap::new(); rims.len()];
+    let mut near: Vec<BTreeMap<u32, Sum>> = vec![BTreeMap::new(); rims.len()];
     for vote in votes {
         let [a, b] = vote.pieces;
         for (from, to) in [(a, b), (b, a)] {
             let sum = near[from as usize].entry(to).or_default();
-            sum[0] += vote.favour;
-            sum[1] += vote.against;
+            sum.favour += vote.favour;
+            sum.against += vote.against;
+            sum.ridges += u32::from(vote.favour > 0);
         }
     }
-    let rank = |[for_it, against]: [u32; 2], a: u32, b: u32, rims: &[u32]| {
+    let rank = |sum: Sum, a: u32, b: u32, rims: &[u32]| {
         let small = rims[a as usize].min(rims[b as usize]);
-        let enough = match small {
-            // A crumb has little to say.
-            0..CRUMB => 8 * for_it >= small * FULL,
-            _ => for_it >= ENOUGH.max(small.div_ceil(10)) * FULL,
-        };
-        let net = i64::from(for_it) - 2 * i64::from(against);
+        let enough = sum.ridges >= ENOUGH.min(small.div_ceil(4)).max(small.div_ceil(10)).max(1);
+        let net = i64::from(sum.favour) - 2 * i64::from(sum.against);
         (enough && net >= 0).then_some((net, Reverse((a.min(b), a.max(b)))))
     };
     let mut queue: BinaryHeap<_> = (0..rims.len() as u32)
@@ -65,12 +70,13 @@ pub fn unite(rims: &[u32], votes: &[Vote]) -> (Vec<u32>, usize) {
             if c != a {
                 for (from, to) in [(a, c), (c, a)] {
                     let sum = near[from as usize].entry(to).or_default();
-                    sum[0] += votes[0];
-                    sum[1] += votes[1];
+                    sum.favour += votes.favour;
+                    sum.against += votes.against;
+                    sum.ridges += votes.ridges;
                 }
             }
         }
-        rims[kept] = (rims[kept] + rims[gone]).saturating_sub(2 * votes[0] / FULL);
+        rims[kept] = (rims[kept] + rims[gone]).saturating_sub(2 * votes.ridges);
         let again = near[kept]
             .iter()
             .filter_map(|(&c, &n)| rank(n, a, c, &rims));
@@ -81,15 +87,21 @@ pub fn unite(rims: &[u32], votes: &[Vote]) -> (Vec<u32>, usize) {
 
 #[cfg(test)]
 mod tests {
+    use super::super::pairs::FULL;
     use super::*;
     /// Votes of so many ridges for and against, in full weight.
-    fn votes(list: &[(u32, u32, u32, u32)]) -> Vec<Vote> {
-        let vote = |&(a, b, favour, against): &(u32, u32, u32, u32)| Vote {
+    fn votes(list: &[(u32, u32, usize, usize)]) -> Vec<Vote> {
+        let vote = |a, b, favour, against| Vote {
             pieces: [a, b],
-            favour: favour * FULL,
-            against: against * FULL,
+            favour,
+            against,
         };
-        list.iter().map(vote).collect()
+        list.iter()
+            .flat_map(|&(a, b, yes, no)| {
+                let yes = std::iter::repeat_n(vote(a, b, FULL, 0), yes);
+                yes.chain(std::iter::repeat_n(vote(a, b, 0, FULL), no))
+            })
+            .collect()
     }
 
     #[test]

@@ -51,7 +51,8 @@ def main(up, picture_name, *names):
         shown = vtkActor()
         shown.SetMapper(mapper)
         shown.GetProperty().SetAmbient(0.3)
-        shown.GetProperty().EdgeVisibilityOn()
+        if data.GetNumberOfCells() < 12000:
+            shown.GetProperty().EdgeVisibilityOn()
         shown.GetProperty().SetEdgeColor(0.2, 0.22, 0.25)
         shown.GetProperty().SetLineWidth(0.5)
         outline = vtkOutlineFilter()

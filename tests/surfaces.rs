@@ -263,3 +263,44 @@ fn bad_requests_are_refused() {
         }
     }
 }
+
+/// Three fractures that meet, in a volume made by others: the five walls that they have between them
+/// are five surfaces, and nothing of size is left over.
+#[test]
+fn fractures_of_a_public_volume_have_five_walls() {
+    let data = std::env::var_os("ATOMESH_DATA").map_or_else(
+        || std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
+        std::path::PathBuf::from,
+    );
+    let image = data.join("planar3d/3_fractures_100x100x100_u8.raw");
+    if !image.exists() {
+        println!("not tested: {} is absent", image.display());
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let job = [
+        "mesh",
+        image.to_str().unwrap(),
+        "--raw",
+        "100x100x100:u8",
+        "-o",
+        "mesh.vtu",
+        "--distance",
+        "5",
+        "--quiet",
+    ];
+    succeed(at, &job);
+    let said = json(&succeed(
+        at,
+        &["surface", "mesh.vtu", "-o", "walls.vtp", "--json"],
+    ));
+    let walls = said["surfaces"].as_array().unwrap();
+    assert_eq!(walls.len(), 5, "{said}");
+    for wall in walls {
+        // The smallest wall is 43 samples wide and 100 high.
+        assert!(wall["area"].as_f64().unwrap() > 4000.0, "{wall}");
+        assert_eq!(wall["components"], 1);
+    }
+    assert!(said["dropped_area"].as_f64().unwrap() < 100.0, "{said}");
+}

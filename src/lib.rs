@@ -45,6 +45,7 @@ pub mod optimize;
 pub mod pipeline;
 pub mod report;
 pub mod seeding;
+pub mod surface;
 pub mod synth;
 pub mod voronoi;
 

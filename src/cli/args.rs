@@ -100,6 +100,14 @@ pub enum Verb {
     /// A picture of the mesh over its image: in 3-D its sections with three orthogonal planes
     #[command(after_help = "Example:\n  atomesh slice survey.sgy mesh.vtu -o sections.png")]
     Slice(SliceArgs),
+    /// Faces on features, grouped into labelled surfaces: faults, horizons
+    #[command(after_help = "Example:\n  atomesh surface mesh.vtu -o faults.vtp")]
+    Surface(super::surface::SurfaceArgs),
+    /// Paints cells from seeds, within layers but not across surfaces
+    #[command(
+        after_help = "Example:\n  atomesh paint mesh.vtu --seed 40,50,60 --seed 90,50,60 -o painted.vtu"
+    )]
+    Paint(super::paint::PaintArgs),
     /// Synthetic volumes whose features are known exactly
     #[command(
         after_help = "Example:\n  atomesh synth faults -o faults.vti --truth distance.npy --dims 170,150,128"

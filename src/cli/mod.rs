@@ -4,11 +4,13 @@
 //! - [`parse`]: the small grammars inside option values
 //! - [`job`]: a job of `mesh`, validated
 //! - [`mesh`](mod@mesh): the verb `mesh`
+//! - [`paint`](mod@paint): the verb `paint`
 //! - [`provenance`]: the hash of the input
 //! - [`images`]: the verbs about images
 //! - [`meshes`]: the verbs about meshes
 //! - [`flow`](mod@flow): the verb `flow`
 //! - [`slice`](mod@slice): the verb `slice`
+//! - [`surface`](mod@surface): the verb `surface`
 //! - [`console`]: everything that is printed
 
 pub mod args;
@@ -18,9 +20,11 @@ pub mod images;
 pub mod job;
 pub mod mesh;
 pub mod meshes;
+pub mod paint;
 pub mod parse;
 pub mod provenance;
 pub mod slice;
+pub mod surface;
 
 use std::process::ExitCode;
 
@@ -68,6 +72,8 @@ fn run(line: &CommandLine) -> Result<Ending> {
         Verb::Feature(args) => images::feature(args, console)?,
         Verb::Convert(args) => images::convert(args, console)?,
         Verb::Flow(args) => flow::flow(args, console)?,
+        Verb::Paint(args) => paint::paint(args, console)?,
+        Verb::Surface(args) => surface::surface(args, console)?,
         Verb::Synth(args) => images::synth(args, console)?,
     }
     Ok(Ending::Done)

@@ -88,19 +88,18 @@ pub fn scales(option: &str, text: &str) -> Result<Vec<f64>> {
     Ok(scales)
 }
 
-/// `X,Y,Z`: a position in space.
-pub fn position(option: &str, text: &str) -> Result<[f64; 3]> {
-    let remedy = "give three numbers such as 1500,2000,300";
-    let words: Vec<&str> = text.split(',').collect();
-    let mut position = [0.0; 3];
-    if words.len() != 3 {
+/// `X,Y,Z`: a point.
+pub fn point(option: &str, text: &str, remedy: &str) -> Result<[f64; 3]> {
+    let words: Vec<&str> = text.split(',').map(str::trim).collect();
+    let Ok(words) = <[&str; 3]>::try_from(words.as_slice()) else {
         let problem = format!("has {} values, not 3", words.len());
         return Err(bad(option, text, &problem, remedy));
+    };
+    let mut point = [0.0; 3];
+    for (x, word) in point.iter_mut().zip(words) {
+        *x = number(option, word, remedy)?;
     }
-    for (value, word) in position.iter_mut().zip(words) {
-        *value = number(option, word, remedy)?;
-    }
-    Ok(position)
+    Ok(point)
 }
 
 /// `D` or `MIN:MAX`, all positive.

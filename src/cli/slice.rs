@@ -23,7 +23,7 @@ pub fn slice(args: &SliceArgs, console: &mut Console) -> Result<()> {
     let at = args
         .at
         .as_deref()
-        .map(|text| parse::position("--at", text))
+        .map(|text| parse::point("--at", text, "give a point such as 1500,2000,300"))
         .transpose()?;
     console.begin_stage("reading");
     let image = io::read_any(&args.image, &args.input.read_options()?)?;

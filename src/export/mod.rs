@@ -4,13 +4,22 @@
 //! - [`vtu`]: VTK unstructured grids, our own mesh format
 //! - [`polyhedra`]: the same for polyhedra and polygons
 //! - [`pvd`]: the lattice after each round, for ParaView
+//! - [`surfaces`]: labelled surfaces, for [`vtp`], [`obj`] and GOCAD's [`tsurf`]
 
+pub mod obj;
 pub mod polyhedra;
 pub mod pvd;
+pub mod surfaces;
+pub mod tsurf;
+pub mod vtp;
 pub mod vtu;
 
+pub use obj::write_obj;
 pub use polyhedra::write_cells_vtu;
 pub use pvd::Trace;
+pub use surfaces::SurfaceFile;
+pub use tsurf::write_tsurf;
+pub use vtp::write_vtp;
 pub use vtu::{AnyMesh, FieldValue, MeshFile, read_any_vtu, read_vtu, write_vtu};
 
 use rayon::prelude::*;

@@ -204,6 +204,22 @@ impl<const D: usize, M: Measured<D>> Placed<D, M> {
             by_file,
         })
     }
+
+    /// Checks that an image of these dims fills the mesh's box; `place` names it in errors.
+    ///
+    /// # Errors
+    /// [`Error::Image`] if it does not.
+    pub fn check_dims(&self, dims: [usize; 3], place: &str) -> Result<()> {
+        let own: [f64; 3] = std::array::from_fn(|k| self.extent[k] / self.step[k] + 1.0);
+        if (0..3).any(|k| (dims[k] as f64 - own[k]).abs() > 1e-6) {
+            return Err(Error::Image(cause(
+                place,
+                format!("is of {dims:?} samples, the mesh of {own:?}"),
+                "give the image that was meshed, or one of its dims",
+            )));
+        }
+        Ok(())
+    }
 }
 
 impl<const D: usize> Placed<D, PolyMesh<D>> {

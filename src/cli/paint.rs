@@ -1,0 +1,265 @@
+//! The verb `paint`: cells grown from seeds, within layers but not across surfaces.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use serde::Serialize;
+use serde_json::json;
+
+use super::args::InputOptions;
+use super::console::Console;
+use super::job::check_output;
+use super::parse;
+use super::surface::{Grouping, WRITTEN, group, marked_faces, write_file};
+use crate::Result;
+use crate::export::{SurfaceFile, read_vtu, write_vtu};
+use crate::image::Field;
+use crate::io;
+use crate::io::vtk::DataArray;
+use crate::mesh::complex::neighbors;
+use crate::mesh::volume6;
+use crate::pipeline::file::Placed;
+use crate::surface::cells::{Cells, centre, holding, skin};
+use crate::surface::paint::{Seed, blocks, contrast, paint as flow};
+
+/// Smaller rooms than this many cells are crumbs between surfaces.
+const CRUMB: usize = 24;
+
+/// `atomesh paint`.
+#[derive(Debug, Args)]
+pub struct PaintArgs {
+    /// A mesh written by atomesh
+    #[arg(value_name = "MESH.vtu")]
+    pub mesh: PathBuf,
+    /// The mesh with the painted regions as cell data `region` (0: not painted)
+    #[arg(short, long, value_name = "OUT.vtu")]
+    pub output: PathBuf,
+    /// Where paint begins, in physical coordinates, once or more; =N says which region, else each
+    /// seed is its own. `auto` paints every block between surfaces
+    #[arg(
+        long,
+        value_name = "X,Y,Z[=N]",
+        required = true,
+        allow_hyphen_values = true
+    )]
+    pub seed: Vec<String>,
+    /// Paint flows less easily where the values of this image change
+    #[arg(long, value_name = "IMAGE")]
+    pub image: Option<PathBuf>,
+    /// Paint stops this far from its seed, in samples (more slowly through narrow doors)
+    #[arg(long, value_name = "SAMPLES")]
+    pub level: Option<f64>,
+    /// Openings narrower than this share of the rooms they join are cracks, which paint does not
+    /// pass; 0 for none
+    #[arg(long, value_name = "SHARE", default_value_t = 0.3)]
+    pub neck: f64,
+    /// The surfaces around the painted regions: .vtp, .obj, or GOCAD's .ts
+    #[arg(long, value_name = "S.vtp")]
+    pub surface_out: Option<PathBuf>,
+    /// The surfaces that paint does not cross.
+    #[command(flatten)]
+    pub grouping: Grouping,
+    /// How to read the image.
+    #[command(flatten, next_help_heading = "Reading the image")]
+    pub input: InputOptions,
+}
+
+/// What was painted.
+#[derive(Debug, Serialize)]
+struct Region {
+    region: u32,
+    cells: usize,
+    volume: f64,
+    share: f64,
+}
+
+/// `atomesh paint`.
+pub fn paint(args: &PaintArgs, console: &mut Console) -> Result<()> {
+    let inputs: Vec<&std::path::Path> = [Some(args.mesh.as_path()), args.image.as_deref()]
+        .into_iter()
+        .flatten()
+        .collect();
+    check_output(&args.output, "--output", &["vtu"], &inputs)?;
+    if let Some(path) = &args.surface_out {
+        let inputs = [inputs.as_slice(), &[&args.output]].concat();
+        check_output(path, "--surface-out", &WRITTEN, &inputs)?;
+    }
+    let seeds = seeds(&args.seed)?;
+    let options = crate::surface::Options {
+        min_area: Some(0.0),
+        ..args.grouping.options()?
+    };
+    let (up, z_up) = args.grouping.up()?;
+    let level = within(
+        "--level",
+        args.level.unwrap_or(f64::INFINITY),
+        0.0..=f64::INFINITY,
+    )?;
+    let neck = within("--neck", args.neck, 0.0..=1.0)?;
+
+    console.begin_stage("reading");
+    let mut file = read_vtu(&args.mesh)?;
+    let placed = Placed::new(file.clone(), &args.mesh.display().to_string())?;
+    let marked = marked_faces(&placed, &args.mesh)?;
+    let mut closed = group(&placed, marked, &options, &up).facets;
+    closed.iter_mut().for_each(|face| face.sort_unstable());
+    closed.sort_unstable();
+
+    console.begin_stage("painting");
+    let cells = Cells::of_tets(&placed.lattice, &closed)?;
+    let (block, count) = blocks(&cells, neck, CRUMB);
+    let regions: Vec<u32> = match &seeds {
+        None => block.iter().map(|b| b + 1).collect(),
+        Some(seeds) => {
+            let seeds: Vec<Seed> = (seeds.iter().zip(&args.seed))
+                .map(|(&(p, unit), text)| {
+                    let cell = holding(&placed.physical, p).ok_or_else(|| {
+                        let remedy = "give physical coordinates; atomesh info shows their range";
+                        parse::bad("--seed", text, "lies outside the mesh", remedy)
+                    })?;
+                    Ok(Seed { cell, unit })
+                })
+                .collect::<Result<_>>()?;
+            let mut cost: Vec<f64> = cells.links.iter().map(|l| cells.resistance(l)).collect();
+            if let Some(harder) = image_contrast(args, &placed, &cells)? {
+                cost.iter_mut().zip(harder).for_each(|(c, h)| *c *= h);
+            }
+            let (painted, _) = flow(&cells, &block, &cost, &seeds, level);
+            painted.into_iter().map(|unit| unit.unwrap_or(0)).collect()
+        }
+    };
+
+    console.begin_stage("writing");
+    let labels: Vec<i32> = regions.iter().map(|&r| r as i32).collect();
+    let array = DataArray::scalars("region", labels);
+    match file.cell_data.iter_mut().find(|a| a.name == array.name) {
+        Some(old) => *old = array,
+        None => file.cell_data.push(array),
+    }
+    let found = totals(&placed, &regions);
+    if let Some(path) = &args.surface_out {
+        let physical = &placed.physical;
+        // The mesh has passed this once, in `Cells::of_tets`.
+        let across = neighbors(physical.nodes.len(), &physical.tets).unwrap_or_default();
+        let (mut faces, mut start) = (Vec::new(), vec![0]);
+        for Region { region, .. } in &found {
+            faces.extend(skin(physical, &across, &regions, *region));
+            start.push(faces.len());
+        }
+        let mut skins = SurfaceFile::new(&physical.nodes, &faces, &start, "region");
+        skins.names = found
+            .iter()
+            .map(|r| format!("region{}", r.region))
+            .collect();
+        write_file(path, &skins, z_up)?;
+    }
+    write_vtu(&args.output, &file)?;
+    let mut lines = vec![format!(
+        "{:>6} {:>9} {:>13} {:>7}",
+        "region", "cells", "volume", "share"
+    )];
+    lines.extend(found.iter().map(|r| {
+        let share = 100.0 * r.share;
+        format!(
+            "{:>6} {:>9} {:>13.6e} {share:>6.2}%",
+            r.region, r.cells, r.volume
+        )
+    }));
+    lines.push(format!(
+        "wrote {}: {} regions",
+        args.output.display(),
+        found.len()
+    ));
+    console.result(
+        lines.join("\n"),
+        &json!({
+            "file": args.output, "surface": args.surface_out, "blocks": count, "regions": found,
+        }),
+    );
+    Ok(())
+}
+
+/// Cells, volume and share of the whole of each region that has cells, but for 0, unpainted.
+fn totals(placed: &Placed, regions: &[u32]) -> Vec<Region> {
+    let most = regions.iter().copied().max().unwrap_or(0) as usize;
+    let mut sums = vec![(0, 0.0); most + 1];
+    let mut all = 0.0;
+    for (t, &region) in regions.iter().enumerate() {
+        let volume = volume6(&placed.physical.corners(t)) / 6.0;
+        sums[region as usize].0 += 1;
+        sums[region as usize].1 += volume;
+        all += volume;
+    }
+    let numbered = (0..).zip(sums).skip(1).filter(|(_, sum)| sum.0 > 0);
+    numbered
+        .map(|(region, (cells, volume))| Region {
+            region,
+            cells,
+            volume,
+            share: volume / all,
+        })
+        .collect()
+}
+
+/// How much harder paint flows through each link for the image, if one is given.
+fn image_contrast(args: &PaintArgs, placed: &Placed, cells: &Cells) -> Result<Option<Vec<f64>>> {
+    let Some(path) = &args.image else {
+        return Ok(None);
+    };
+    let image = io::read(path, &args.input.read_options()?)?.image;
+    image.check(&path.display().to_string())?;
+    placed.check_dims(image.dims(), &path.display().to_string())?;
+    let field = Field {
+        dims: image.dims(),
+        step: placed.step,
+        samples: image.as_slice().to_vec(),
+    };
+    let value = |t: usize| field.value(centre(&placed.lattice, t));
+    let values: Vec<f64> = (0..cells.len()).map(value).collect();
+    Ok(Some(contrast(cells, &values)))
+}
+
+/// Where paint begins, and its region, from 1.
+type Place = ([f64; 3], u32);
+
+/// Seeds with their regions; `None` for `auto`.
+fn seeds(texts: &[String]) -> Result<Option<Vec<Place>>> {
+    if let [only] = texts
+        && only == "auto"
+    {
+        return Ok(None);
+    }
+    let remedy = "give X,Y,Z or X,Y,Z=N, such as 10,20.5,30 or 10,20.5,30=2, or auto alone";
+    let seed = |(text, own): (&String, u32)| {
+        let (point, unit) = match text.split_once('=') {
+            None => (text.as_str(), own),
+            Some((point, unit)) => {
+                let unit = unit
+                    .trim()
+                    .parse()
+                    .ok()
+                    .filter(|u| (1..=1_000_000).contains(u));
+                let wrong =
+                    || parse::bad("--seed", text, "has no region from 1 to 1000000", remedy);
+                (point, unit.ok_or_else(wrong)?)
+            }
+        };
+        Ok((parse::point("--seed", point, remedy)?, unit))
+    };
+    let seeds: Result<Vec<_>> = texts.iter().zip(1..).map(seed).collect();
+    seeds.map(Some)
+}
+
+/// A number in a range.
+fn within(option: &str, value: f64, range: std::ops::RangeInclusive<f64>) -> Result<f64> {
+    if range.contains(&value) {
+        return Ok(value);
+    }
+    let remedy = format!("give a number from {} to {}", range.start(), range.end());
+    Err(parse::bad(
+        option,
+        &value.to_string(),
+        "is out of range",
+        &remedy,
+    ))
+}

@@ -1,0 +1,59 @@
+//! Surfaces as VTK poly data (`.vtp`): triangles, or line segments of a 2-D mesh.
+
+use std::path::Path;
+
+use super::surfaces::SurfaceFile;
+use super::vtu::{FieldValue, check_lengths};
+use crate::error::Result;
+use crate::io::atomic_write;
+use crate::io::vtk::{Document, Source};
+
+/// Writes surfaces with the number of each facet's surface (`surface`), the numbers of the file's
+/// table of surfaces as cell data, and names as one text, a line a surface.
+///
+/// # Errors
+/// [`Error::Io`](crate::Error::Io) if the file cannot be written, [`Error::Mesh`](crate::Error::Mesh)
+/// if an array does not have a tuple per facet.
+pub fn write_vtp<const D: usize>(path: &Path, file: &SurfaceFile<D>) -> Result<()> {
+    let (points, cells) = (file.nodes.len(), file.facets.len());
+    check_lengths(path, &file.cell_data, cells, "facets")?;
+    let names = file.names.join("\n");
+    let labels = file.labels();
+    let mut document = Document::new("PolyData", &[]);
+    document.open("FieldData", &[]);
+    document.array(Source::text("surfaces", &names));
+    for (name, value) in &file.field_data {
+        document.array(match value {
+            FieldValue::Text(text) => Source::text(name, text),
+            FieldValue::F64s(numbers) => Source::slice(name, 1, numbers),
+            FieldValue::Ints(numbers) => Source::slice(name, 1, numbers),
+        });
+    }
+    document.close();
+    let shape = if D == 2 { "Lines" } else { "Polys" };
+    let count = |of: &str| if of == shape { cells } else { 0 };
+    let counts = ["Verts", "Lines", "Strips", "Polys"]
+        .map(|of| (format!("NumberOf{of}"), count(of).to_string()));
+    let mut attributes = vec![("NumberOfPoints", points.to_string())];
+    attributes.extend(counts.iter().map(|(name, n)| (name.as_str(), n.clone())));
+    document.open("Piece", &attributes);
+    document.open("CellData", &[("Scalars", "surface".to_string())]);
+    document.array(Source::slice("surface", 1, &labels));
+    for array in &file.cell_data {
+        document.array(array.values.source(&array.name, array.components));
+    }
+    document.close();
+    document.open("Points", &[]);
+    document.array(Source::slice("Points", 3, file.nodes.as_flattened()));
+    document.close();
+    document.open(shape, &[]);
+    let corners = file.facets.as_flattened();
+    document.array(Source::computed("connectivity", 1, corners.len(), |i| {
+        i64::from(corners[i])
+    }));
+    document.array(Source::computed("offsets", 1, cells, |i| {
+        (D * (i + 1)) as i64
+    }));
+    document.close();
+    atomic_write(path, |out| document.write(out))
+}

@@ -1,0 +1,306 @@
+//! `atomesh surface` and `atomesh paint` as a user runs them.
+#![cfg(feature = "tetgen")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "a test that cannot go on has failed"
+)]
+
+mod common;
+
+use common::{npy, refused, sheet, succeed, vtk};
+use serde_json::Value;
+
+const DIMS: [usize; 3] = [44, 36, 32];
+
+/// A folder with the mesh of one tilted sheet across the box, `mesh.vtu`.
+fn folder() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    npy(&folder.path().join("image.npy"), DIMS, sheet(DIMS));
+    let job = [
+        "mesh",
+        "image.npy",
+        "-o",
+        "mesh.vtu",
+        "--distance",
+        "6",
+        "--feature",
+        "ridges",
+        "--quiet",
+    ];
+    succeed(folder.path(), &job);
+    folder
+}
+
+fn json(text: &str) -> Value {
+    serde_json::from_str(text).unwrap()
+}
+
+/// What VTK reads: how many triangles a surface has, and their area, in all.
+const INSPECT: &str = r#"
+import json, sys, vtk
+said = []
+for path in sys.argv[1:]:
+    reader = vtk.vtkXMLPolyDataReader() if path.endswith("vtp") else vtk.vtkOBJReader()
+    reader.SetFileName(path)
+    reader.Update()
+    data = reader.GetOutput()
+    mass = vtk.vtkMassProperties()
+    mass.SetInputData(data)
+    mass.Update()
+    said.append({"cells": data.GetNumberOfPolys(), "area": mass.GetSurfaceArea(), "volume": mass.GetVolume()})
+print(json.dumps(said))
+"#;
+
+#[test]
+fn one_sheet_is_one_surface_in_every_format() {
+    let folder = folder();
+    let at = folder.path();
+    let said = json(&succeed(
+        at,
+        &["surface", "mesh.vtu", "-o", "s.vtp", "--up", "x", "--json"],
+    ));
+    let [surface] = &said["surfaces"].as_array().unwrap()[..] else {
+        panic!("{said}")
+    };
+    // x = 22 + 0.1 y - 0.1 z over 35 by 31.
+    let area = 35.0 * 31.0 * 1.02f64.sqrt();
+    let found = surface["area"].as_f64().unwrap();
+    assert!((found / area - 1.0).abs() < 0.02, "{found} {area}");
+    let dip = (1.0 / 1.02f64.sqrt()).acos().to_degrees();
+    assert!(
+        (surface["dip"].as_f64().unwrap() - dip).abs() < 0.5,
+        "{said}"
+    );
+    assert_eq!(surface["components"], 1);
+
+    let table = succeed(at, &["surface", "mesh.vtu", "-o", "s.obj", "--up", "x"]);
+    assert!(
+        table.contains("strike") && table.contains("wrote s.obj: 1 surfaces"),
+        "{table}"
+    );
+    succeed(
+        at,
+        &["surface", "mesh.vtu", "-o", "s.ts", "--up", "-z", "--quiet"],
+    );
+    let text = std::fs::read_to_string(at.join("s.ts")).unwrap();
+    assert!(text.starts_with("GOCAD TSurf 1\n") && text.contains("ZPOSITIVE Depth"));
+    // On the image's own features there are as good as the same faces.
+    let said = json(&succeed(
+        at,
+        &[
+            "surface",
+            "mesh.vtu",
+            "image.npy",
+            "-o",
+            "i.vtp",
+            "--feature",
+            "ridges",
+            "--json",
+        ],
+    ));
+    let by_image = said["surfaces"][0]["area"].as_f64().unwrap();
+    assert!((by_image / area - 1.0).abs() < 0.04, "{said}");
+
+    if let Some(seen) = vtk(INSPECT, &[&at.join("s.vtp"), &at.join("s.obj")]) {
+        for file in seen.as_array().unwrap() {
+            assert_eq!(file["cells"], surface["facets"]);
+            assert!(
+                (file["area"].as_f64().unwrap() / found - 1.0).abs() < 1e-6,
+                "{seen}"
+            );
+        }
+    }
+}
+
+#[test]
+fn paint_stays_on_its_side_and_has_a_closed_skin() {
+    let folder = folder();
+    let at = folder.path();
+    let job = [
+        "paint",
+        "mesh.vtu",
+        "-o",
+        "p.vtu",
+        "--seed",
+        "5,10,10",
+        "--surface-out",
+        "skin.vtp",
+        "--json",
+    ];
+    let said = json(&succeed(at, &job));
+    let [region] = &said["regions"].as_array().unwrap()[..] else {
+        panic!("{said}")
+    };
+    let volume = region["volume"].as_f64().unwrap();
+    // Below the sheet: the mean of 22 + 0.1 y - 0.1 z is 22.2.
+    let truth = 22.2 * 35.0 * 31.0;
+    assert!((volume / truth - 1.0).abs() < 0.01, "{volume} {truth}");
+    if let Some(seen) = vtk(INSPECT, &[&at.join("skin.vtp")]) {
+        let enclosed = seen[0]["volume"].as_f64().unwrap();
+        assert!((enclosed / volume - 1.0).abs() < 1e-6, "{seen} {volume}");
+    }
+    // Painted again, automatically: two blocks, and nothing is left over.
+    let said = json(&succeed(
+        at,
+        &["paint", "p.vtu", "-o", "q.vtu", "--seed", "auto", "--json"],
+    ));
+    let shares: Vec<f64> = (said["regions"].as_array().unwrap().iter())
+        .map(|r| r["share"].as_f64().unwrap())
+        .collect();
+    assert!(
+        shares.len() == 2 && (shares[0] + shares[1] - 1.0).abs() < 1e-9,
+        "{said}"
+    );
+    // Two seeds of one unit, on both sides.
+    let job = [
+        "paint",
+        "mesh.vtu",
+        "-o",
+        "r.vtu",
+        "--seed",
+        "5,10,10=4",
+        "--seed",
+        "40,10,10=4",
+        "--json",
+    ];
+    let said = json(&succeed(at, &job));
+    assert_eq!(said["regions"][0]["region"], 4);
+    assert!(
+        (said["regions"][0]["share"].as_f64().unwrap() - 1.0).abs() < 1e-9,
+        "{said}"
+    );
+}
+
+#[test]
+fn bad_requests_are_refused() {
+    let folder = folder();
+    let at = folder.path();
+    succeed(
+        at,
+        &[
+            "mesh",
+            "image.npy",
+            "-o",
+            "bare.vtu",
+            "--distance",
+            "8",
+            "--slivers",
+            "none",
+            "--quiet",
+        ],
+    );
+    npy(&at.join("small.npy"), [20, 20, 20], sheet([20, 20, 20]));
+    for (job, words) in [
+        (
+            vec!["surface", "mesh.vtu", "-o", "s.stl"],
+            vec!["s.stl", ".vtp"],
+        ),
+        (
+            vec!["surface", "bare.vtu", "-o", "s.vtp"],
+            vec!["bare.vtu", "feature"],
+        ),
+        (
+            vec!["surface", "mesh.vtu", "-o", "s.vtp", "--up", "w"],
+            vec!["--up w"],
+        ),
+        (
+            vec!["surface", "mesh.vtu", "-o", "s.vtp", "--max-bend", "90"],
+            vec!["--max-bend 90"],
+        ),
+        (
+            vec!["surface", "mesh.vtu", "-o", "s.vtp", "--min-area", "-1"],
+            vec!["--min-area -1"],
+        ),
+        (
+            vec!["surface", "mesh.vtu", "small.npy", "-o", "s.vtp"],
+            vec!["small.npy", "20"],
+        ),
+        (
+            vec![
+                "surface",
+                "mesh.vtu",
+                "image.npy",
+                "-o",
+                "s.vtp",
+                "--depth",
+                "1",
+            ],
+            vec!["--depth 1"],
+        ),
+        (
+            vec!["paint", "mesh.vtu", "-o", "p.vtu", "--seed", "500,1,1"],
+            vec!["--seed 500,1,1", "outside"],
+        ),
+        (
+            vec!["paint", "mesh.vtu", "-o", "p.vtu", "--seed", "1,1"],
+            vec!["--seed 1,1", "3"],
+        ),
+        (
+            vec!["paint", "mesh.vtu", "-o", "p.vtu", "--seed", "1,1,1=0"],
+            vec!["region"],
+        ),
+        (
+            vec![
+                "paint", "mesh.vtu", "-o", "p.vtu", "--seed", "auto", "--neck", "2",
+            ],
+            vec!["--neck 2"],
+        ),
+        (
+            vec![
+                "paint", "mesh.vtu", "-o", "p.vtu", "--seed", "auto", "--seed", "1,1,1",
+            ],
+            vec!["--seed auto"],
+        ),
+        (
+            vec!["paint", "mesh.vtu", "-o", "mesh.vtu", "--seed", "auto"],
+            vec!["mesh.vtu", "overwrite"],
+        ),
+    ] {
+        let line = refused(at, &job);
+        for word in words {
+            assert!(line.contains(word), "no '{word}' in: {line}");
+        }
+    }
+}
+
+/// Three fractures that meet, in a volume made by others: the five walls that they have between them
+/// are five surfaces, and nothing of size is left over.
+#[test]
+fn fractures_of_a_public_volume_have_five_walls() {
+    let data = std::env::var_os("ATOMESH_DATA").map_or_else(
+        || std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
+        std::path::PathBuf::from,
+    );
+    let image = data.join("planar3d/3_fractures_100x100x100_u8.raw");
+    if !image.exists() {
+        println!("not tested: {} is absent", image.display());
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let job = [
+        "mesh",
+        image.to_str().unwrap(),
+        "--raw",
+        "100x100x100:u8",
+        "-o",
+        "mesh.vtu",
+        "--distance",
+        "5",
+        "--quiet",
+    ];
+    succeed(at, &job);
+    let said = json(&succeed(
+        at,
+        &["surface", "mesh.vtu", "-o", "walls.vtp", "--json"],
+    ));
+    let walls = said["surfaces"].as_array().unwrap();
+    assert_eq!(walls.len(), 5, "{said}");
+    for wall in walls {
+        // The smallest wall is 43 samples wide and 100 high.
+        assert!(wall["area"].as_f64().unwrap() > 4000.0, "{wall}");
+        assert_eq!(wall["components"], 1);
+    }
+    assert!(said["dropped_area"].as_f64().unwrap() < 100.0, "{said}");
+}

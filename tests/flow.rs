@@ -10,7 +10,7 @@ mod common;
 
 use std::path::Path;
 
-use atomesh::export::{MeshFile, read_vtu};
+use atomesh::export::{AnyMesh, MeshFile, read_any_vtu, read_vtu};
 use atomesh::io::vtk::VtkFile;
 use common::{npy, refused, sheet, succeed};
 use serde_json::Value;
@@ -125,6 +125,44 @@ fn the_more_a_fault_resists_the_less_flows() {
     // What one side of a face loses the other one gains.
     let across = numbers(&file, "fault_rate");
     assert!(across.iter().sum::<f64>().abs() < 1e-12 * across.iter().map(|r| r.abs()).sum::<f64>());
+}
+
+#[test]
+fn two_point_fluxes_are_exact_on_voronoi_cells() {
+    let folder = tempfile::tempdir().unwrap();
+    npy(&folder.path().join("sheet.npy"), DIMS, sheet(DIMS));
+    let mesh = "mesh sheet.npy -o mesh.vtu --distance 6 --align alongside --cells voronoi --quiet";
+    succeed(folder.path(), &mesh.split(' ').collect::<Vec<_>>());
+    let rate = through(folder.path(), &["--faults", "open"]);
+    let want = 1e-13 / 1e-3 * 1e5 * (35.0 * 31.0) / 39.0;
+    assert!((rate / want - 1.0).abs() < 1e-6, "{rate} {want}");
+    let AnyMesh::SpaceCells(file) = read_any_vtu(&folder.path().join("flow.vtu")).unwrap() else {
+        panic!("no polyhedra")
+    };
+    let found = file
+        .cell_data
+        .iter()
+        .find(|a| a.name == "pressure")
+        .unwrap();
+    for (p, site) in found.values.to_f64().iter().zip(&file.mesh.sites) {
+        let exact = 2e5 - 1e5 * site[0] / 39.0;
+        assert!((p / exact - 1.0).abs() < 1e-6, "{p} {exact}");
+    }
+    assert!(file.mesh.on_feature.iter().any(|on| *on));
+    let closed = through(folder.path(), &["--faults", "closed"]);
+    assert!(closed < 0.9 * rate, "{closed} {rate}");
+    // The third coordinate is missing.
+    let sink = [
+        "flow",
+        "mesh.vtu",
+        "-o",
+        "out.vtu",
+        "--sink",
+        "3,4",
+        "--pressure",
+        "xmin=0",
+    ];
+    assert!(refused(folder.path(), &sink).contains("2 coordinates, the mesh 3"));
 }
 
 #[test]

@@ -103,7 +103,7 @@ fn through_tetrahedra(
         jumps.fold(0.0, f64::max)
     };
     let mut side_rates = [0.0; 6];
-    for &(node, side) in &sides {
+    for (&(node, _), &side) in fixed.iter().zip(&sides) {
         side_rates[side] += found.inflow[node as usize];
     }
     let nodes = flow.split.original.iter().zip(0u32..);
@@ -336,8 +336,8 @@ impl Conditions {
         all
     }
 
-    /// Nodes with given pressure, and the sides that give it to them.
-    fn fixed(&self, flow: &TetFlow, placed: &Placed) -> (Vec<(u32, f64)>, Vec<(u32, usize)>) {
+    /// Nodes with given pressure, and for each of them the side that gives it.
+    fn fixed(&self, flow: &TetFlow, placed: &Placed) -> (Vec<(u32, f64)>, Vec<usize>) {
         let mut taken = vec![false; flow.split.original.len()];
         let (mut fixed, mut sides) = (Vec::new(), Vec::new());
         for &(side, pressure) in &self.sides {
@@ -348,7 +348,7 @@ impl Conditions {
                 // Where two sides meet, the first holds.
                 if !std::mem::replace(&mut taken[node as usize], true) {
                     fixed.push((node, pressure));
-                    sides.push((node, side));
+                    sides.push(side);
                 }
             }
         }

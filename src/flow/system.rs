@@ -172,12 +172,11 @@ fn balance(
         }
     });
     let worst = off.iter().copied().fold(0.0, f64::max);
-    // Where nothing flows only rounding is left to see: of the rates into and out of an unknown.
-    let passing = (0..n).map(|i| (diagonal[i] * pressure[i]).abs());
-    let over = figures.throughput.max(1e-5 * passing.fold(0.0, f64::max));
-    let over = if over > 0.0 { over } else { 1.0 };
-    figures.worst_balance = worst / over;
-    figures.total_balance = total / over;
+    // Where nothing flows only rounding is left to see: of the rates into and out of unknowns.
+    let passing = || (0..n).map(|i| (diagonal[i] * pressure[i]).abs());
+    let over = |rounding: f64| figures.throughput.max(rounding).max(f64::MIN_POSITIVE);
+    figures.worst_balance = worst / over(1e-5 * passing().fold(0.0, f64::max));
+    figures.total_balance = total / over(1e-6 * passing().sum::<f64>());
 }
 
 /// Which unknowns are joined by couplings.

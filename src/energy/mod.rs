@@ -52,6 +52,12 @@ pub trait Energy<const D: usize> {
     /// coordinate. The two slices have the same length.
     fn evaluate(&mut self, x: &[[f64; D]], gradient: &mut [[f64; D]]) -> f64;
 
+    /// About how many times as stiffly as by the lattice alone each atom is held: a hint by which
+    /// minimisers scale their steps.
+    fn stiffness(&self, x: &[[f64; D]]) -> Vec<f32> {
+        vec![1.0; x.len()]
+    }
+
     /// The parts of the energy of the last call of [`Energy::evaluate`].
     fn parts(&self) -> Parts;
 }

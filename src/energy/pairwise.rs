@@ -37,7 +37,7 @@ use crate::seeding::Alignment;
 const SKIN: f32 = 0.2;
 
 /// The neighbour list is repaired if at most one atom in this many has moved far, else built anew.
-const FEW: usize = 12;
+const FEW: usize = 4;
 
 /// What the general kernel must know of each atom besides its position.
 #[derive(Clone, Copy, Default)]
@@ -393,6 +393,23 @@ impl<const D: usize> Energy<D> for Pairwise<'_, D> {
             return f64::NAN;
         }
         total[2]
+    }
+
+    fn stiffness(&self, x: &[[f64; D]]) -> Vec<f32> {
+        // In units of d the curvature of the lattice is 4 (1 - beta) and that of a valley of depth 1
+        // and width d / 4 is 16 beta.
+        let Some(image) = &self.image else {
+            return vec![1.0; x.len()];
+        };
+        let at = |x: &[f64; D]| {
+            let beta = match &self.beta {
+                Beta::Constant(beta) => *beta,
+                Beta::Field(field) => field.value(*x),
+            };
+            let depth = image.at(*x).map_or(0.0, |(b, _)| b.abs());
+            (1.0 + 4.0 * beta / (1.0 - beta).max(0.05) * depth) as f32
+        };
+        x.par_iter().with_min_len(CHUNK).map(at).collect()
     }
 
     fn parts(&self) -> Parts {

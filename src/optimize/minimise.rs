@@ -17,9 +17,9 @@ const LONGEST_MOVE: f32 = 0.25;
 const MARGIN: f64 = 0.2;
 /// Sufficient decrease (Armijo), as a share of what the slope promises.
 const SUFFICIENT: f64 = 1e-4;
-/// Inverse curvature of the energy in units of d, before any is measured: 1 / (twelve neighbours
-/// of curvature (1 - beta) / 3, plus the image's).
-const FIRST_CURVATURE: f64 = 1.0 / 8.0;
+/// Inverse curvature of the energy in scaled units, before any is measured: 1 / (twelve neighbours
+/// of curvature (1 - beta) / 3), twice that for neighbours that move against each other.
+const FIRST_CURVATURE: f64 = 1.0 / 4.0;
 /// Shortenings of a step before the memory is dropped.
 const SHORTENINGS: usize = 6;
 /// The decrease that ends a minimisation is the mean over this many steps, so that one short step
@@ -45,7 +45,10 @@ impl Budget {
 
 /// Positions, bounds and scales of a lattice under minimisation.
 pub struct Minimiser<const D: usize> {
-    /// Lattice units per scaled unit of each coordinate: d times mobility, 0 where it is held.
+    /// d times mobility of each coordinate, 0 where it is held.
+    reach: Vec<[f32; D]>,
+    /// Lattice units per scaled unit of each coordinate: less where an atom is held stiffly, so that
+    /// in scaled units all curvatures are alike.
     scale: Vec<[f32; D]>,
     /// Nearest allowed distance to the sides.
     margin: Vec<f32>,
@@ -70,10 +73,11 @@ impl<const D: usize> Minimiser<D> {
             .par_iter()
             .map(|x| distance.at(*x))
             .collect();
-        let scale = mobility.iter().zip(&spacing);
-        let scale = scale.map(|(m, d)| m.map(|m| (m * d) as f32)).collect();
+        let reach = mobility.iter().zip(&spacing);
+        let reach: Vec<[f32; D]> = reach.map(|(m, d)| m.map(|m| (m * d) as f32)).collect();
         Self {
-            scale,
+            scale: reach.clone(),
+            reach,
             margin: spacing.iter().map(|d| (MARGIN * d) as f32).collect(),
             extent,
             positions: Vec::new(),
@@ -121,30 +125,28 @@ impl<const D: usize> Minimiser<D> {
 
     /// Every free coordinate moved by chance, no atom by more than `size` d.
     pub fn perturbed(&self, x: &[[f64; D]], size: f64, key: u64) -> Vec<[f64; D]> {
-        let reach = size / (D as f64).sqrt();
+        let share = size / (D as f64).sqrt();
         let mut start = x.to_vec();
         start.par_iter_mut().enumerate().for_each(|(n, x)| {
-            let mut moved = [0.0; D];
-            for k in 0..D {
-                moved[k] = reach * chance(key, (n * D + k) as u64);
-            }
+            let moved = std::array::from_fn(|k| {
+                share * chance(key, (n * D + k) as u64) * f64::from(self.reach[n][k])
+            });
             *x = self.step(n, x, moved);
         });
         start
     }
 
-    /// The position of atom `n` after a step of scaled length from `x`, kept in the box.
+    /// The position of atom `n` after a step from `x`, kept in the box; held coordinates stay.
     #[inline(always)]
     fn step(&self, n: usize, x: &[f64; D], step: [f64; D]) -> [f64; D] {
         let margin = f64::from(self.margin[n]);
         std::array::from_fn(|k| {
-            let scale = f64::from(self.scale[n][k]);
-            if scale == 0.0 {
+            if self.reach[n][k] == 0.0 {
                 return x[k];
             }
             // An atom that starts nearer to a side may stay, but not go farther.
             let (low, high) = (margin.min(x[k]), (self.extent[k] - margin).max(x[k]));
-            (x[k] + scale * step[k]).clamp(low, high)
+            (x[k] + step[k]).clamp(low, high)
         })
     }
 
@@ -159,6 +161,10 @@ impl<const D: usize> Minimiser<D> {
         budget: &mut Budget,
         observer: &mut dyn Observer,
     ) -> Result<Stop> {
+        let stiffness = energy.stiffness(&start);
+        for ((scale, reach), s) in self.scale.iter_mut().zip(&self.reach).zip(stiffness) {
+            *scale = reach.map(|r| r / s.sqrt());
+        }
         (self.energy, self.parts) = self.measure(&start, energy, budget)?;
         self.positions = start;
         let mut memory = Lbfgs::new(self.scaled_gradient(), FIRST_CURVATURE);
@@ -225,8 +231,9 @@ impl<const D: usize> Minimiser<D> {
                 .with_min_len(CHUNK)
                 .enumerate()
                 .for_each(|(n, x)| {
-                    let step: [f64; D] =
-                        std::array::from_fn(|k| length * f64::from(direction[n * D + k]));
+                    let step: [f64; D] = std::array::from_fn(|k| {
+                        length * f64::from(direction[n * D + k] * self.scale[n][k])
+                    });
                     *x = self.step(n, &self.positions[n], step);
                 });
             self.trial = trial;

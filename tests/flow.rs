@@ -178,6 +178,8 @@ fn wells_streamlines_and_the_same_bytes_for_any_number_of_threads() {
     ];
     let run = |threads: &str| {
         let more = [
+            "--faults",
+            "0.01",
             "--streamlines",
             "lines.vtp",
             "--lines",

@@ -267,7 +267,7 @@ impl<const D: usize> PolyMesh<D> {
     pub fn assign_sides(&mut self, low: [f64; D], high: [f64; D]) {
         for f in self.inner_faces()..self.face_cells.len() {
             let off = |side: usize| {
-                let plane = if side % 2 == 0 { low } else { high }[side / 2];
+                let plane = if side.is_multiple_of(2) { low } else { high }[side / 2];
                 let nodes = self.faces.get(f).iter();
                 nodes.fold(0.0, |most: f64, &n| {
                     most.max((self.nodes[n as usize][side / 2] - plane).abs())

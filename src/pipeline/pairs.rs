@@ -91,6 +91,21 @@ pub fn mirrored<const D: usize>(
     let grid = Grid::new(layers.iter().map(|b| b.x), reach);
     orient(&mut layers, &grid);
 
+    // No pair comes too near to an atom of the user's.
+    let held = (0..atoms.len()).filter(|&i| atoms.kinds[i] != AtomKind::Interior);
+    let held: Vec<[f64; 3]> = held.map(|i| lift(atoms.positions[i])).collect();
+    let held_grid = Grid::new(held.iter().copied(), reach);
+    let clear = |pair: &[[f64; 3]; 2], d: f64| {
+        let mut clear = true;
+        for &x in pair {
+            held_grid.visit(x, |j| {
+                let off = sub(held[j], x);
+                clear &= dot(off, off) >= (ROOM * d).powi(2);
+            });
+        }
+        clear
+    };
+
     // Atoms that stay as they are; the others of the layers come in pairs, or give way to them.
     let mut stays = vec![true; atoms.len()];
     let mut pairs: Vec<[f64; 3]> = Vec::new();
@@ -102,7 +117,8 @@ pub fn mirrored<const D: usize>(
             if !stays[b.atom] {
                 continue;
             }
-            let Some([x, image]) = b.pair(extent, sheets) else {
+            let pair = b.pair(extent, sheets).filter(|pair| clear(pair, b.d));
+            let Some([x, image]) = pair else {
                 continue;
             };
             let gives_way = |other: &Beside| {
@@ -160,7 +176,7 @@ pub fn mirrored<const D: usize>(
             },
             surface: None,
         };
-        let Some(pair) = b.pair(extent, sheets) else {
+        let Some(pair) = b.pair(extent, sheets).filter(|pair| clear(pair, d)) else {
             continue;
         };
         // No place where it comes too near to another pair or to an atom that must stay.

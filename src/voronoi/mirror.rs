@@ -103,7 +103,11 @@ impl<'a, const D: usize> Beneath<'a, D> {
         let mut beneath = Self {
             atoms,
             axis,
-            plane: if side % 2 == 0 { 0.0 } else { extent[axis] },
+            plane: if side.is_multiple_of(2) {
+                0.0
+            } else {
+                extent[axis]
+            },
             size: std::array::from_fn(|k| extent[k] / dims[k] as f64),
             dims,
             nearest: Vec::new(),

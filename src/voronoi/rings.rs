@@ -200,7 +200,10 @@ impl Rings {
             let (b, end) = star.ends[edge as usize];
             let turns = &star.sorted[start..end as usize];
             start = end as usize;
-            let mut at = turns[0];
+            // In the plane, right (from 0) comes before left.
+            let first = turns.iter().min_by_key(|turn| turn.from);
+            let Some(&first) = first else { continue };
+            let mut at = first;
             self.simplices.items.push(at.simplex);
             for _ in 1..turns.len() {
                 match turns.iter().find(|turn| turn.from == at.to) {
@@ -209,7 +212,7 @@ impl Rings {
                 }
                 self.simplices.items.push(at.simplex);
             }
-            if at.to != turns[0].from {
+            if at.to != first.from {
                 self.open.push(atom);
             }
             self.edges.push([atom, b]);

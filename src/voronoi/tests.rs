@@ -209,6 +209,21 @@ fn atoms_near_a_side_touch_it_exactly() {
 }
 
 #[test]
+fn polygons_fill_their_rectangle() {
+    let extent = [9.0, 5.0];
+    let mut state = 4;
+    for n in [1, 2, 7, 400] {
+        let atoms: Vec<[f64; 2]> = (0..n)
+            .map(|_| extent.map(|e| e * (0.001 + 0.998 * uniform(&mut state))))
+            .collect();
+        let mesh = voronoi_plane(&atoms, extent).unwrap();
+        let found = check_poly(&mesh, [0.0; 2], extent, 1e-9);
+        assert!(found.passed() && found.volume_error < 1e-12, "{found:?}");
+        assert!(Graph::from_poly(&mesh).angle_errors().0 < 1e-4);
+    }
+}
+
+#[test]
 fn bad_atoms_are_named() {
     let refusal = |atoms: &[[f64; 3]]| voronoi(atoms, [4.0; 3]).unwrap_err().to_string();
     assert!(refusal(&[]).contains("0 atoms"));

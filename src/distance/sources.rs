@@ -202,11 +202,9 @@ mod tests {
         let d = from_samples(given, 4.5, 8.0, 0.1).unwrap();
         assert!((d.at([0.0, 3.0]) - 4.5).abs() < 1e-6);
         assert!((d.at([20.0, 3.0]) - 6.0).abs() < 1e-5);
-        assert!(
-            (d.at([49.0, 0.0]) - 7.5).abs() < 0.5,
-            "{}",
-            d.at([49.0, 0.0])
-        );
+        // Far from the pit, too, the way from it decides (sweeping is of first order).
+        let truth = 5.0 + 0.1 * 9f64.hypot(15.0);
+        assert!((d.at([49.0, 0.0]) - truth).abs() < 0.15);
         assert!((d.at([40.0, 15.0]) - 5.0).abs() < 1e-6);
         // Up from the pit along an axis by the growth.
         assert!((d.at([40.0, 20.0]) - 5.5).abs() < 1e-3);

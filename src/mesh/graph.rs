@@ -253,7 +253,12 @@ impl<const D: usize> Connection<D> {
         area_vector: [f64; D],
         centre: [f64; D],
     ) -> Self {
-        let (area, normal) = split(area_vector);
+        let (area, mut normal) = split(area_vector);
+        let (length, line) = split(std::array::from_fn(|k| b[k] - a[k]));
+        // The normal of a face this small, or this narrow, is mere rounding.
+        if area < (1e-4 * length).powi(D as i32 - 1) {
+            normal = line;
+        }
         let distance = [
             dot(std::array::from_fn(|k| centre[k] - a[k]), normal),
             dot(std::array::from_fn(|k| b[k] - centre[k]), normal),

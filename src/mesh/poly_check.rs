@@ -172,7 +172,10 @@ fn holds_site<const D: usize>(mesh: &PolyMesh<D>, cell: usize, faces: &[u32]) ->
         let out: [f64; D] = std::array::from_fn(|k| shape.apex[k] - mesh.sites[cell][k]);
         let own = mesh.face_cells[f as usize][0] as usize == cell;
         let height = dot(out, shape.area_vector) * if own { 1.0 } else { -1.0 };
-        height >= -1e-12 * dot(out, out).sqrt() * shape.area()
+        // Faces this small (and narrow ones among them) have a normal that is mere rounding.
+        let distance = dot(out, out).sqrt();
+        shape.area() < (1e-4 * distance).powi(D as i32 - 1)
+            || height >= -1e-12 * distance * shape.area()
     })
 }
 

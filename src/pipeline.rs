@@ -474,7 +474,7 @@ fn optimise<const D: usize>(
 ) -> Result<optimize::Outcome> {
     let options = optimize::Options {
         seed: params.seed,
-        tolerance: 1.5e-3,
+        tolerance: 1e-3,
         // Improvement takes over from here: a second round changes neither quality nor fidelity.
         max_rounds: 1,
         max_evaluations: 40,

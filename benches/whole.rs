@@ -30,6 +30,8 @@ fn main() -> Outcome<()> {
     large(&folder)?;
     evaluators()?;
     sameness(&folder)?;
+    planes(&folder)?;
+    cells()?;
     Ok(())
 }
 
@@ -130,7 +132,7 @@ fn quality(on: &str, report: &Value) {
         number(report, "/quality/smallest_angle/worst"),
         number(report, "/quality/largest_angle/worst"),
         number(report, "/quality/below_30"),
-        number(report, "/quality/tets"),
+        number(report, "/quality/cells"),
         number(report, "/quality/above_150"),
     );
     row("quality", on, &figure, "all in 20 to 160, goal 30 to 150");
@@ -219,7 +221,7 @@ fn large(folder: &Path) -> Outcome<()> {
             .iter()
             .map(|s| number(s, "/peak_mb"))
             .fold(0.0, f64::max);
-        let tets = number(&run.json, "/quality/tets");
+        let tets = number(&run.json, "/quality/cells");
         let on = format!("{side}^3, d = 4");
         row(
             "memory",
@@ -316,5 +318,58 @@ fn sameness(folder: &Path) -> Outcome<()> {
         figure,
         "with 1 and 2 threads, and twice in a row",
     );
+    Ok(())
+}
+
+/// 2-D images: angles and the time from start to end.
+fn planes(folder: &Path) -> Outcome<()> {
+    for kind in [
+        "planes",
+        "faults",
+        "amplitude",
+        "sphere",
+        "shells",
+        "blocks",
+    ] {
+        let synth = ["synth", kind, "-o", "plane.png", "--dims", "256,256"];
+        atomesh(folder, &synth)?;
+        let start = Instant::now();
+        let run = atomesh(folder, &["mesh", "plane.png", "-o", "plane.vtu"])?;
+        let seconds = start.elapsed().as_secs_f64();
+        let figure = format!(
+            "{seconds:.2} s from start to end; angles {:.1} to {:.1} in {} triangles",
+            number(&run.json, "/quality/smallest_angle/worst"),
+            number(&run.json, "/quality/largest_angle/worst"),
+            number(&run.json, "/quality/cells"),
+        );
+        row("plane", &format!("{kind}, 256 x 256"), &figure, "0.3 s");
+    }
+    Ok(())
+}
+
+/// Voronoi cells against the Delaunay triangulation of the same atoms, on one thread.
+fn cells() -> Outcome<()> {
+    let extent = [255.0; 3];
+    let mut atoms = seeding::lattice::fitted(extent, 4.0, Alignment::Alongside);
+    for (n, atom) in atoms.iter_mut().enumerate() {
+        for (k, x) in atom.iter_mut().enumerate() {
+            *x += 0.2 * ((n * 3 + k) as f64 * 0.618).sin();
+        }
+    }
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
+    let [triangulation, all] = pool.install(|| -> atomesh::Result<[f64; 2]> {
+        let start = cpu_seconds();
+        delaunay::delaunay(&atoms)?;
+        let middle = cpu_seconds();
+        voronoi::voronoi(&atoms, extent)?;
+        Ok([middle - start, cpu_seconds() - middle])
+    })?;
+    let figure = format!(
+        "{triangulation:.1} s of user CPU for the Delaunay tetrahedra, {all:.1} s for the cells: \
+         {:.1} times",
+        all / triangulation
+    );
+    let on = format!("{} atoms", atoms.len());
+    row("Voronoi", &on, &figure, "2 times");
     Ok(())
 }

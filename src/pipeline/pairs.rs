@@ -419,7 +419,11 @@ mod tests {
             .filter(|&i| paired.kinds[i] == AtomKind::Fixed)
             .map(|i| paired.positions[i])
             .collect();
-        assert!(fixed.len() > 60 && fixed.len().is_multiple_of(2), "{}", fixed.len());
+        assert!(
+            fixed.len() > 60 && fixed.len().is_multiple_of(2),
+            "{}",
+            fixed.len()
+        );
         for pair in fixed.chunks_exact(2) {
             assert!((height(pair[0]) + height(pair[1])).abs() < 1e-3);
             assert!(height(pair[0]).abs() > 0.29 * 6.0);

@@ -268,12 +268,7 @@ fn meshes_that_are_none() {
 #[test]
 fn impossible_synthetic_volumes() {
     let folder = folder();
-    for dims in [
-        "0,5,5",
-        "9",
-        "99999999999,99999999999,99999999999",
-        "a,b,c",
-    ] {
+    for dims in ["0,5,5", "9", "99999999999,99999999999,99999999999", "a,b,c"] {
         assert_says(
             &refused(
                 folder.path(),

@@ -259,11 +259,10 @@ fn follow<const D: usize>(
         rules.min_area,
     ));
     if sheets.points.is_empty() {
-        notes.push(
-            "NO FEATURE was found, so the mesh follows none: try another --feature or a lower \
-             --threshold"
-                .into(),
-        );
+        notes.push(format!(
+            "NO FEATURE ({kind}) was found, so the mesh follows none: try another --feature or a \
+             lower --threshold"
+        ));
     }
     let sigma = options.d_min / 4.0;
     let potential = if kind == Kind::Potential {

@@ -10,9 +10,10 @@ use std::time::Instant;
 
 use atomesh::distance::Distance;
 use atomesh::energy::{Beta, Energy, Pairwise, Sampled};
+use atomesh::report::cost::cpu_seconds;
 use atomesh::seeding::{self, Alignment};
 use atomesh::synth::{self, Kind, Options, PRESETS};
-use atomesh::{feature, io};
+use atomesh::{delaunay, feature, io, voronoi};
 use serde_json::Value;
 
 type Outcome<T> = Result<T, Box<dyn std::error::Error + Send + Sync>>;

@@ -16,8 +16,8 @@ const SHORTEST_SPLIT: f64 = 0.95;
 /// So many tetrahedra, or one in a hundred if that is more, are worked on in a round.
 const PATIENCE: usize = 1000;
 
-/// A dihedral angle (degrees) below which, or above its supplement, a tetrahedron is of no use.
-const UNUSABLE: f64 = 21.0;
+/// An angle (degrees) below which, or above its supplement, a cell is of no use.
+pub(super) const UNUSABLE: f64 = 21.0;
 
 /// What a transaction has overwritten, beside the complex's own journal.
 #[derive(Debug, Default)]

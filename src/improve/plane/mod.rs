@@ -8,7 +8,8 @@
 //! 1. no edge may pass through a curve: such an edge is flipped away, or one of its ends is pulled
 //!    onto the curve, or it is split there;
 //! 2. other edges are flipped, nodes smoothed (those on a curve along it only), and, where that is
-//!    not enough, short edges collapsed and long ones split, whatever raises the smallest angle.
+//!    not enough, short edges collapsed and long ones split, whatever raises the smallest angle;
+//! 3. where a triangle would be of no use otherwise, its nodes may leave their curves.
 //!
 //! An angle of at least 30 degrees everywhere means none above 120.
 
@@ -17,6 +18,7 @@ mod recover;
 mod smooth;
 
 use super::hold::Hold;
+use super::mend::UNUSABLE;
 use super::sheets::{SAME_SHEET, Sheets};
 use super::{Blocked, Counts, FACE_ON_SHEET, Outcome, piercing};
 use crate::distance::Distance;
@@ -65,6 +67,7 @@ pub fn improve(
     let poor_before = improver.poor().len();
     improver.recover();
     improver.polish();
+    improver.release();
     let (counts, blocked) = (improver.counts, improver.blocked());
     let outcome = Outcome {
         poor_before,
@@ -305,6 +308,55 @@ impl<'a> Improver<'a> {
                 self.flip_queue();
             }
         }
+    }
+
+    /// Lets nodes leave their curves where a triangle would otherwise stay unusable: one node if that
+    /// is enough, else all three.
+    fn release(&mut self) {
+        let usable = 1.0 / UNUSABLE.to_radians().tan();
+        for round in 0..4 {
+            let bad = self.above(usable);
+            if bad.is_empty() {
+                return;
+            }
+            for t in bad {
+                let triangle = self.triangles[t as usize];
+                if self.cotangent(triangle) <= usable {
+                    continue;
+                }
+                let held: Vec<u32> = triangle
+                    .into_iter()
+                    .filter(|&n| self.holds[n as usize].count > 0)
+                    .collect();
+                let one = held.iter().any(|&n| self.let_go(n, usable));
+                // Flips about the first ones may be enough for the others.
+                if !one && round > 1 {
+                    self.counts.released += held.len();
+                    for n in held {
+                        self.holds[n as usize].clear_sheets();
+                    }
+                }
+            }
+            self.flip_all();
+            self.polish();
+        }
+    }
+
+    /// Frees a node from the curves that hold it and smooths it; takes that back if an angle about it
+    /// still has a cotangent above `usable`.
+    fn let_go(&mut self, node: u32, usable: f64) -> bool {
+        let i = node as usize;
+        let (x, hold) = (self.nodes[i], self.holds[i]);
+        self.holds[i].clear_sheets();
+        self.smooth(node);
+        self.gather(node);
+        let around = self.star.iter().map(|&t| self.triangles[t as usize]);
+        if around.map(|t| self.cotangent(t)).fold(0.0, f64::max) <= usable {
+            self.counts.released += 1;
+            return true;
+        }
+        (self.nodes[i], self.holds[i]) = (x, hold);
+        false
     }
 
     /// Collapses the shortest edge of a poor triangle, or else splits its longest.

@@ -8,9 +8,13 @@ fn main() {
 
 #[cfg(feature = "cgal")]
 fn cgal() {
-    let bridges = ["src/delaunay/cgal.rs", "src/delaunay/refine.rs"];
-    let sources = ["cpp/cgal_bridge.cpp", "cpp/refine.cpp"];
-    let headers = ["cpp/cgal_bridge.h", "cpp/refine.h"];
+    let bridges = [
+        "src/delaunay/cgal.rs",
+        "src/delaunay/exude.rs",
+        "src/delaunay/refine.rs",
+    ];
+    let sources = ["cpp/cgal_bridge.cpp", "cpp/exude.cpp", "cpp/refine.cpp"];
+    let headers = ["cpp/cgal_bridge.h", "cpp/exude.h", "cpp/refine.h"];
     for file in [bridges, sources, headers].as_flattened() {
         println!("cargo::rerun-if-changed={file}");
     }

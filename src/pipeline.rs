@@ -19,10 +19,11 @@ use crate::energy::{Beta, Energy, Pairwise, Sampled};
 use crate::error::cause;
 use crate::feature::{self, Features, gaussian};
 use crate::image::{Field, Geometry, Image};
+use crate::improve;
 use crate::mesh::check::check;
 use crate::mesh::{AtomKind, Simplices};
 use crate::optimize::{self, Observer, Stop};
-use crate::report::{Clock, Lattice, Measured, Optimisation, Reference, Report};
+use crate::report::{Clock, Lattice, Measured, Optimisation, Reference, Report, Rival};
 use crate::seeding::{self, Alignment, Atoms, Seeding};
 use crate::{Error, Result, report};
 use join::{Joined, Scene};
@@ -163,6 +164,8 @@ pub struct Params<const D: usize = 3> {
     pub coarse_passes: usize,
     /// Smallest (dihedral) angle aimed at, in degrees; `None` leaves the slivers in.
     pub min_dihedral: Option<f64>,
+    /// How they are removed.
+    pub slivers: improve::Method,
     /// Lattice space.
     pub metric: Metric<D>,
     /// Seed of the perturbations.
@@ -184,6 +187,7 @@ impl<const D: usize> Default for Params<D> {
             evaluator: Evaluator::Pairwise,
             coarse_passes: 0,
             min_dihedral: Some(30.0),
+            slivers: improve::Method::Joe,
             metric: Metric::Samples,
             seed: 1,
         }
@@ -254,12 +258,17 @@ where
         features: &features,
         distance: &distance,
     };
+    let options = params.min_dihedral.map(|min_dihedral| improve::Options {
+        min_dihedral,
+        method: params.slivers,
+    });
     let Joined {
         mesh,
         kinds,
         feature_faces,
         improvement,
-    } = Space::<D>::join(atoms, &scene, params.min_dihedral, &mut |stage| {
+        rival,
+    } = Space::<D>::join(atoms, &scene, options.as_ref(), &mut |stage| {
         stages.begin(stage);
     })?;
 
@@ -271,6 +280,14 @@ where
         ..report::lattice(&mesh, |x| distance.at(x))
     });
     report.improvement = improvement;
+    if let Some((mesh, faces)) = rival {
+        let other = measure(&mesh, image.dims(), step, &features, Some(&faces))?;
+        report.rival = other.quality.map(|quality| Rival {
+            method: improve::Method::Joe,
+            quality,
+            fidelity: other.fidelity,
+        });
+    }
     report.notes.extend(features.notes.iter().cloned());
     stages.clock.end();
     report.stages = stages.clock.costs().to_vec();

@@ -10,7 +10,7 @@ mod common;
 
 use std::path::Path;
 
-use common::{Survey, atomesh, npy, refused, segy, sheet};
+use common::{Survey, atomesh, npy, refused, segy, sheet, succeed};
 
 const DIMS: [usize; 3] = [40, 36, 32];
 
@@ -40,6 +40,24 @@ fn samples_that_are_no_numbers() {
         });
         assert_says(&refused(folder.path(), &["mesh", name]), &[name]);
     }
+}
+
+#[test]
+fn slivers_where_there_are_none() {
+    let folder = folder();
+    let cells = [
+        "mesh",
+        "good.npy",
+        "--cells",
+        "voronoi",
+        "--slivers",
+        "exude",
+    ];
+    assert_says(&refused(folder.path(), &cells), &["--slivers", "voronoi"]);
+    let plane = ["synth", "planes", "--dims", "64,64", "-o", "plane.npy"];
+    succeed(folder.path(), &plane);
+    let plane = ["mesh", "plane.npy", "--slivers", "exude"];
+    assert_says(&refused(folder.path(), &plane), &["--slivers", "plane"]);
 }
 
 #[test]

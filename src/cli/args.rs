@@ -248,6 +248,8 @@ pub enum PotentialChoice {
 pub enum SliverChoice {
     /// Feature-keeping flips and smoothing
     Joe,
+    /// Weights (CGAL's exudation, slow); the report compares both; 3-D only
+    Exude,
     /// The bare Delaunay triangulation
     None,
 }

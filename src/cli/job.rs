@@ -8,6 +8,7 @@ use crate::cli::args::{
 };
 use crate::cli::parse;
 use crate::error::{cause, os};
+use crate::improve::Method;
 use crate::io::ReadOptions;
 use crate::pipeline::{Evaluator, Metric, Spacing};
 use crate::seeding::Seeding;
@@ -55,6 +56,8 @@ pub struct MeshJob {
     pub coarse_passes: usize,
     /// Smallest dihedral angle aimed at, in degrees; `None` leaves slivers in.
     pub min_dihedral: Option<f64>,
+    /// How they are removed.
+    pub slivers: Method,
     /// Lattice space.
     pub metric: LatticeSpace,
     /// Seed.
@@ -180,6 +183,10 @@ impl MeshJob {
                 Some(SliverChoice::None) => None,
                 _ => Some(min_dihedral(options.min_dihedral.unwrap_or(30.0))?),
             },
+            slivers: match options.slivers {
+                Some(SliverChoice::Exude) => Method::Exude,
+                _ => Method::Joe,
+            },
             metric: lattice_space(options.metric.as_deref().unwrap_or("samples"))?,
             seed: options.rng_seed.unwrap_or(1),
         };
@@ -242,6 +249,16 @@ fn voronoi(options: &MeshOptions) -> Result<bool> {
             "--potential sampled",
             "has no mirror images, which atoms alongside features need",
             "use the pairwise potential",
+        )));
+    }
+    let defaults = MeshOptions::defaults();
+    if voronoi
+        && (options.slivers, options.min_dihedral) != (defaults.slivers, defaults.min_dihedral)
+    {
+        return Err(Error::Job(cause(
+            "--slivers, --min-dihedral",
+            "is about tetrahedra and triangles, but Voronoi cells are asked for",
+            "leave it away",
         )));
     }
     Ok(voronoi)

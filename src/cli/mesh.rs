@@ -15,6 +15,7 @@ use super::provenance::file_hash;
 use crate::error::cause;
 use crate::export::{Trace, write_cells_vtu, write_vtu};
 use crate::image::{Geometry, Image};
+use crate::improve::Method;
 use crate::io::{AnyLoaded, Loaded, ReadOptions};
 use crate::optimize::{Observer, Progress, Stop};
 use crate::pipeline::cells::cells_to_file;
@@ -202,6 +203,13 @@ impl MeshJob {
             Some(path) => Some(Box::new(read_distances(path)?)),
             None => None,
         };
+        if D == 2 && self.slivers == Method::Exude {
+            return Err(Error::Job(cause(
+                "--slivers exude",
+                "moves nothing in the plane, where the Delaunay triangulation has no slivers",
+                "leave it away",
+            )));
+        }
         Ok(Params {
             spacing: self.spacing,
             distances,
@@ -215,6 +223,7 @@ impl MeshJob {
             evaluator: self.evaluator,
             coarse_passes: self.coarse_passes,
             min_dihedral: self.min_dihedral,
+            slivers: self.slivers,
             metric: self.metric.metric()?,
             seed: self.seed,
         })

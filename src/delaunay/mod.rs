@@ -3,9 +3,11 @@
 //! - [`planar`]: triangles in the plane, by spade
 //! - [`tetgen`]: the Delaunay triangulation, by TetGen (feature `tetgen`)
 //! - [`cgal`]: the same by CGAL, and its judgement on any mesh (feature `cgal`)
+//! - [`exude`]: slivers removed by weights, by CGAL
 //! - [`refine`]: points added until no circumsphere is too large, by spade and CGAL
 
 pub mod cgal;
+pub mod exude;
 pub mod planar;
 pub mod refine;
 pub mod tetgen;

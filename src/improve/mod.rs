@@ -9,12 +9,14 @@
 //! - `collapse`: nodes that stand too close
 //! - `flips`: Joe's local transformations, generalised
 //! - `smooth`: max-min smoothing
+//! - [`exude`](mod@exude): the second method: nodes get weights, none of them moves
 //! - [`plane`]: the same for triangles in the plane
 //!
 //! The invariant that keeps the features: *no edge passes through a sheet*. Then every tetrahedron
 //! lies on one side of it or has its nodes on it, so the sheet is a union of mesh faces, whatever
 //! flips exchange them. It is established once (`recover`) and every later change keeps it.
 
+pub mod exude;
 pub mod hold;
 pub mod plane;
 pub mod sheets;
@@ -373,11 +375,36 @@ pub fn settle(
 pub struct Options {
     /// Every dihedral angle shall lie in [min_dihedral, 180 - min_dihedral] degrees.
     pub min_dihedral: f64,
+    /// How, in space.
+    pub method: Method,
+}
+
+/// How slivers are removed.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Method {
+    /// Joe's local transformations and smoothing ([`improve`]).
+    #[default]
+    Joe,
+    /// CGAL's exudation ([`exude`](exude::exude)).
+    Exude,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { min_dihedral: 30.0 }
+        Self {
+            min_dihedral: 30.0,
+            method: Method::Joe,
+        }
+    }
+}
+
+impl std::fmt::Display for Method {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Joe => "flips and smoothing",
+            Self::Exude => "exudation",
+        })
     }
 }
 
@@ -439,28 +466,17 @@ pub fn improve(
     outcome.blocked = improver.blocked();
     outcome.poor_after = outcome.blocked.len();
     outcome.counts = improver.counts;
-    let Improver { complex, holds, .. } = improver;
-    let (new, kept) = complex.into_mesh();
-    *mesh = new;
-    let old_kinds = std::mem::take(kinds);
-    *kinds = kept
-        .iter()
-        .map(|&i| match old_kinds.get(i as usize) {
-            Some(&kind) => kind,
-            None => match holds[i as usize].axes.count_ones() {
-                0 => AtomKind::Interior,
-                1 => AtomKind::Side,
-                2 => AtomKind::Edge,
-                _ => AtomKind::Corner,
-            },
-        })
-        .collect();
-    let holds: Vec<Hold> = kept.iter().map(|&i| holds[i as usize]).collect();
-    let on_features = (0..mesh.tets.len())
+    let holds;
+    (*mesh, *kinds, holds) = improver.into_parts(kinds);
+    (outcome, faces_on_sheets(mesh, &holds, sheets))
+}
+
+/// For every tetrahedron which of its faces lie on a feature: bit k for face k (opposite node k).
+fn faces_on_sheets(mesh: &TetMesh, holds: &[Hold], sheets: &Sheets) -> Vec<u8> {
+    (0..mesh.tets.len())
         .into_par_iter()
-        .map(|t| faces_on_features(mesh, t, &holds, sheets))
-        .collect();
-    (outcome, on_features)
+        .map(|t| faces_on_features(mesh, t, holds, sheets))
+        .collect()
 }
 
 /// Which faces of tetrahedron `t` lie on a feature: their nodes are held by one sheet, they lie along
@@ -496,23 +512,47 @@ impl Improver<'_> {
     fn blocked(&self) -> Vec<Blocked> {
         let mut poor = self.poor();
         poor.sort_by(|a, b| self.sine_of(*a).total_cmp(&self.sine_of(*b)).then(a.cmp(b)));
-        poor.iter()
-            .map(|&t| {
-                let p = self.complex.corners(t);
-                let angles = crate::mesh::quality::dihedral_angles(&p);
-                let holds = self.complex.tets[t as usize].map(|n| self.holds[n as usize]);
-                let count = |f: &dyn Fn(&Hold) -> bool| holds.iter().filter(|h| f(h)).count();
-                Blocked {
-                    centroid: std::array::from_fn(|k| p.iter().map(|x| x[k]).sum::<f64>() / 4.0),
-                    smallest: angles.iter().copied().fold(f64::INFINITY, f64::min),
-                    largest: angles.iter().copied().fold(0.0, f64::max),
-                    nodes_on_sides: count(&|h| h.axes != 0),
-                    nodes_on_features: count(&|h| h.count > 0),
-                    nodes_on_crossings: count(&|h| h.count > 1),
-                }
-            })
-            .collect()
+        let Complex { nodes, tets, .. } = &self.complex;
+        blocked(nodes, tets, &self.holds, &poor)
     }
+
+    /// The mesh, what its nodes are (`kinds` says it of the first ones) and what holds them.
+    fn into_parts(self, kinds: &[AtomKind]) -> (TetMesh, Vec<AtomKind>, Vec<Hold>) {
+        let (mesh, kept) = self.complex.into_mesh();
+        let holds: Vec<Hold> = kept.iter().map(|&i| self.holds[i as usize]).collect();
+        let kind = |(&i, hold): (&u32, &Hold)| match kinds.get(i as usize) {
+            Some(&kind) => kind,
+            None => match hold.axes.count_ones() {
+                0 => AtomKind::Interior,
+                1 => AtomKind::Side,
+                2 => AtomKind::Edge,
+                _ => AtomKind::Corner,
+            },
+        };
+        let kinds = kept.iter().zip(&holds).map(kind).collect();
+        (mesh, kinds, holds)
+    }
+}
+
+/// What blocks the tetrahedra `poor`, in that order.
+fn blocked(nodes: &[[f64; 3]], tets: &[[u32; 4]], holds: &[Hold], poor: &[u32]) -> Vec<Blocked> {
+    poor.iter()
+        .map(|&t| {
+            let tet = tets[t as usize];
+            let p = tet.map(|n| nodes[n as usize]);
+            let angles = crate::mesh::quality::dihedral_angles(&p);
+            let holds = tet.map(|n| holds[n as usize]);
+            let count = |f: &dyn Fn(&Hold) -> bool| holds.iter().filter(|h| f(h)).count();
+            Blocked {
+                centroid: std::array::from_fn(|k| p.iter().map(|x| x[k]).sum::<f64>() / 4.0),
+                smallest: angles.iter().copied().fold(f64::INFINITY, f64::min),
+                largest: angles.iter().copied().fold(0.0, f64::max),
+                nodes_on_sides: count(&|h| h.axes != 0),
+                nodes_on_features: count(&|h| h.count > 0),
+                nodes_on_crossings: count(&|h| h.count > 1),
+            }
+        })
+        .collect()
 }
 
 #[cfg(test)]

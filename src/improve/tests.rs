@@ -206,3 +206,38 @@ fn a_plane_that_cuts_through_cells_is_recovered() {
     assert!(held > 40, "{held} {outcome:?}");
     assert!(worst(&mesh) > 0.3, "{} {outcome:?}", worst(&mesh));
 }
+
+#[test]
+#[cfg(feature = "cgal")]
+fn exudation_keeps_the_faces_on_a_plane_and_removes_slivers() {
+    let (mesh, kinds, extent) = box_mesh([7, 6, 6], 4.0, 0.1, |x| x[0] != 12.0);
+    let sheets = Sheets::new(&plane_points(12.0, extent), extent, 3.0, 8.0);
+    let neighbors = complex::neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
+    let (mut exuded, mut their_kinds) = (mesh.clone(), kinds);
+    let (outcome, on) = exude::exude(
+        &mut exuded,
+        neighbors,
+        &mut their_kinds,
+        extent,
+        &sheets,
+        &Distance::Constant(4.5),
+        &Options::default(),
+    )
+    .unwrap();
+    assert_eq!(exuded.nodes, mesh.nodes, "no node moves");
+    assert!(check(&exuded, [0.0; 3], extent, 1e-12).passed());
+    let area = extent[1] * extent[2];
+    assert!((area_on_plane(&exuded, 12.0) - area).abs() < 1e-9 * area);
+    assert!(on.iter().any(|&bits| bits != 0));
+    let plain = TetMesh {
+        tets: crate::delaunay::exude::unweighted(&mesh.nodes).unwrap(),
+        ..mesh
+    };
+    let poor = |mesh: &TetMesh| {
+        let sines = (0..mesh.tets.len()).map(|t| min_sine(&mesh.corners(t)));
+        sines.filter(|&sine| sine < 0.5).count()
+    };
+    let (was, is) = (poor(&plain), poor(&exuded));
+    assert_eq!(outcome.poor_after, is);
+    assert!(2 * is < was, "{was} to {is}");
+}

@@ -4,8 +4,9 @@ use crate::Result;
 use crate::delaunay::{self, Delaunay};
 use crate::distance::Distance;
 use crate::feature::{FeaturePoint, Features};
+use crate::improve::exude::exude;
 use crate::improve::sheets::Sheets;
-use crate::improve::{self, plane};
+use crate::improve::{self, Method, plane};
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::{AtomKind, TetMesh, TriMesh};
 use crate::report::{Improvement, Measured};
@@ -22,7 +23,7 @@ pub trait Meshing<const D: usize> {
     type Mesh: Measured<D>;
 
     /// Puts the atoms that are next to a feature onto it, joins all and improves the result until
-    /// every angle is at least `min_angle` degrees where that can be; without `min_angle`, only
+    /// every angle is at least as large as `improvement` asks, where that can be; without it, only
     /// joins. `begin` is told of each stage.
     ///
     /// # Errors
@@ -30,7 +31,7 @@ pub trait Meshing<const D: usize> {
     fn join(
         atoms: Atoms<D>,
         scene: &Scene<'_, D>,
-        min_angle: Option<f64>,
+        improvement: Option<&improve::Options>,
         begin: &mut dyn FnMut(&str),
     ) -> Result<Joined<Self::Mesh>>;
 
@@ -69,6 +70,8 @@ pub struct Joined<M> {
     pub feature_faces: Vec<u8>,
     /// What was improved, if anything should be.
     pub improvement: Option<Improvement>,
+    /// Where exudation was asked for, what Joe's transformations make of the same atoms.
+    pub rival: Option<(M, Vec<u8>)>,
 }
 
 /// Radius of the patches by which features are known locally, in units of d (and from 2 to 6.5).
@@ -99,13 +102,13 @@ impl Meshing<3> for Space<3> {
     fn join(
         mut atoms: Atoms<3>,
         scene: &Scene<'_, 3>,
-        min_angle: Option<f64>,
+        improvement: Option<&improve::Options>,
         begin: &mut dyn FnMut(&str),
     ) -> Result<Joined<TetMesh>> {
         let Scene {
             extent, distance, ..
         } = *scene;
-        let sheets = min_angle.map(|_| Self::sheets(scene));
+        let sheets = improvement.map(|_| Self::sheets(scene));
         if let Some(sheets) = &sheets {
             let reach = SETTLE * distance.min();
             improve::settle(&mut atoms.positions, &atoms.kinds, extent, sheets, reach);
@@ -116,24 +119,48 @@ impl Meshing<3> for Space<3> {
             neighbors,
         } = delaunay::delaunay_with_neighbors(&atoms.positions)?;
         let mut kinds = atoms.kinds;
-        let (Some(min_dihedral), Some(sheets)) = (min_angle, &sheets) else {
+        let (Some(options), Some(sheets)) = (improvement, &sheets) else {
             return Ok(Joined {
                 feature_faces: vec![0; mesh.tets.len()],
                 mesh,
                 kinds,
                 improvement: None,
+                rival: None,
             });
         };
-        begin(IMPROVING);
-        let options = improve::Options { min_dihedral };
-        let (outcome, feature_faces) = improve::improve(
-            &mut mesh, neighbors, &mut kinds, extent, sheets, distance, &options,
-        );
+        let mut rival = None;
+        let (outcome, feature_faces) = match options.method {
+            Method::Joe => {
+                begin(IMPROVING);
+                improve::improve(
+                    &mut mesh, neighbors, &mut kinds, extent, sheets, distance, options,
+                )
+            }
+            Method::Exude => {
+                begin("removing slivers the other way");
+                let (mut other, mut their_kinds) = (mesh.clone(), kinds.clone());
+                let (_, faces) = improve::improve(
+                    &mut other,
+                    neighbors.clone(),
+                    &mut their_kinds,
+                    extent,
+                    sheets,
+                    distance,
+                    options,
+                );
+                rival = Some((other, faces));
+                begin(IMPROVING);
+                exude(
+                    &mut mesh, neighbors, &mut kinds, extent, sheets, distance, options,
+                )?
+            }
+        };
         Ok(Joined {
             mesh,
             kinds,
             feature_faces,
             improvement: Some(Improvement::from(&outcome)),
+            rival,
         })
     }
 
@@ -156,13 +183,13 @@ impl Meshing<2> for Space<2> {
     fn join(
         mut atoms: Atoms<2>,
         scene: &Scene<'_, 2>,
-        min_angle: Option<f64>,
+        improvement: Option<&improve::Options>,
         begin: &mut dyn FnMut(&str),
     ) -> Result<Joined<TriMesh>> {
         let Scene {
             extent, distance, ..
         } = *scene;
-        let Some(min_angle) = min_angle else {
+        let Some(options) = improvement else {
             begin(JOINING);
             let mesh = delaunay::delaunay_plane(&atoms.positions)?;
             return Ok(Joined {
@@ -170,6 +197,7 @@ impl Meshing<2> for Space<2> {
                 mesh,
                 kinds: atoms.kinds,
                 improvement: None,
+                rival: None,
             });
         };
         let sheets = Self::sheets(scene);
@@ -179,13 +207,20 @@ impl Meshing<2> for Space<2> {
         let mut mesh = delaunay::delaunay_plane(&atoms.positions)?;
         begin(IMPROVING);
         let mut kinds = atoms.kinds;
-        let (outcome, feature_faces) =
-            plane::improve(&mut mesh, &mut kinds, extent, &sheets, distance, min_angle);
+        let (outcome, feature_faces) = plane::improve(
+            &mut mesh,
+            &mut kinds,
+            extent,
+            &sheets,
+            distance,
+            options.min_dihedral,
+        );
         Ok(Joined {
             mesh,
             kinds,
             feature_faces,
             improvement: Some(Improvement::from(&outcome)),
+            rival: None,
         })
     }
 

@@ -59,6 +59,8 @@ pub struct Report {
     pub voronoi: Option<Voronoi>,
     /// What was improved, and what stands in the way of the rest.
     pub improvement: Option<Improvement>,
+    /// What the other method makes of the same atoms, where the two are compared.
+    pub rival: Option<Rival>,
     /// Lines that whoever reads the report should know.
     pub notes: Vec<String>,
 }
@@ -78,6 +80,7 @@ impl Default for Report {
             filling: None,
             voronoi: None,
             improvement: None,
+            rival: None,
             notes: Vec::new(),
         }
     }
@@ -108,6 +111,38 @@ pub struct Improvement {
     pub blockers: Vec<Blocker>,
     /// The worst of them.
     pub worst: Vec<improve::Blocked>,
+}
+
+/// A mesh of the same atoms by another method of improvement.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Rival {
+    /// The method.
+    pub method: improve::Method,
+    /// Its shapes in lattice space.
+    pub quality: Quality,
+    /// Its fidelity to the features.
+    pub fidelity: Option<Fidelity>,
+}
+
+impl std::fmt::Display for Rival {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self {
+            method, quality, ..
+        } = self;
+        write!(
+            f,
+            "{method} instead: {:.1} to {:.1}, {} below 30",
+            quality.smallest_angle.worst, quality.largest_angle.worst, quality.below_30
+        )?;
+        match self.fidelity.as_ref().and_then(|f| f.claimed.as_ref()) {
+            Some(faces) => write!(
+                f,
+                "; cover {:.3} {:.3} precision {:.3}",
+                faces.coverage_half, faces.coverage_one, faces.precision
+            ),
+            None => Ok(()),
+        }
+    }
 }
 
 /// Tetrahedra below the target that are held in the same way.

@@ -98,6 +98,9 @@ impl Report {
                 );
             }
         }
+        if let Some(rival) = &self.rival {
+            line("", rival.to_string());
+        }
         self.costs(&mut line);
         for note in &self.notes {
             line("note", note.clone());

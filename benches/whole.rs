@@ -27,6 +27,7 @@ fn main() -> Outcome<()> {
     std::fs::create_dir_all(&folder)?;
     println!("| what | on | figure | asked for |\n|---|---|---|---|");
     presets(&folder)?;
+    slivers(&folder)?;
     volumes_of_others(&folder)?;
     large(&folder)?;
     evaluators()?;
@@ -123,6 +124,31 @@ fn presets(folder: &Path) -> Outcome<()> {
         );
         quality(&on, &judged);
         validity(folder, &on, &mesh)?;
+    }
+    Ok(())
+}
+
+/// Exudation beside flips and smoothing, on the first volume of [`presets`].
+fn slivers(folder: &Path) -> Outcome<()> {
+    let name = PRESETS[0].name;
+    let image = format!("{name}.npy");
+    let run = ["mesh", &image, "-o", "exuded.vtu", "--slivers", "exude"];
+    let report = atomesh(folder, &run)?.json;
+    for (method, figures) in [
+        ("exudation", &report),
+        ("flips and smoothing", &report["rival"]),
+    ] {
+        let figure = format!(
+            "dihedral angles {:.1} to {:.1}, {} below 30; coverage {} and {}, precision {}",
+            number(figures, "/quality/smallest_angle/worst"),
+            number(figures, "/quality/largest_angle/worst"),
+            number(figures, "/quality/below_30"),
+            percent(number(figures, "/fidelity/claimed/coverage_half")),
+            percent(number(figures, "/fidelity/claimed/coverage_one")),
+            percent(number(figures, "/fidelity/claimed/precision")),
+        );
+        let on = format!("{name}, detected features");
+        row(&format!("slivers: {method}"), &on, &figure, "compared");
     }
     Ok(())
 }

@@ -31,32 +31,33 @@ pub fn slice(args: &SliceArgs, console: &mut Console) -> Result<()> {
     console.begin_stage("drawing");
     let refuse =
         |problem: &str, remedy: &str| Error::Job(cause(args.mesh.display(), problem, remedy));
+    let other = |mesh: u8, image: u8| {
+        let problem = format!("is a {mesh}-D mesh, but the image is {image}-D");
+        refuse(&problem, "give the mesh of the image")
+    };
     let no_space = || refuse("the image's axes do not span space", "correct its geometry");
-    let picture = match (image, mesh) {
-        (AnyLoaded::Plane(loaded), AnyMesh::Plane(file)) => {
-            let skeleton = Skeleton::new(&file, &loaded.image.geometry).ok_or_else(no_space)?;
-            slice::plane(&loaded.image, &skeleton)?
-        }
-        (AnyLoaded::Space(loaded), AnyMesh::Space(file)) => {
+    let picture = match image {
+        AnyLoaded::Plane(loaded) => {
             let geometry = &loaded.image.geometry;
-            let skeleton = Skeleton::new(&file, geometry).ok_or_else(no_space)?;
+            let skeleton = match mesh {
+                AnyMesh::Plane(file) => Skeleton::new(&file, geometry),
+                AnyMesh::PlaneCells(file) => Skeleton::of_cells(&file, geometry),
+                _ => return Err(other(3, 2)),
+            };
+            slice::plane(&loaded.image, &skeleton.ok_or_else(no_space)?)?
+        }
+        AnyLoaded::Space(loaded) => {
+            let geometry = &loaded.image.geometry;
+            let skeleton = match mesh {
+                AnyMesh::Space(file) => Skeleton::new(&file, geometry),
+                AnyMesh::SpaceCells(file) => Skeleton::of_cells(&file, geometry),
+                _ => return Err(other(2, 3)),
+            };
             let at = match at {
                 Some(at) => geometry.to_index(at).ok_or_else(no_space)?,
                 None => loaded.image.dims().map(|n| (n / 2) as f64),
             };
-            slice::space(&loaded.image, &skeleton, at)?
-        }
-        (AnyLoaded::Plane(_), _) => {
-            return Err(refuse(
-                "is a 3-D mesh, but the image is 2-D",
-                "give the mesh of the image",
-            ));
-        }
-        (AnyLoaded::Space(_), _) => {
-            return Err(refuse(
-                "is a 2-D mesh, but the image is 3-D",
-                "give the mesh of the image",
-            ));
+            slice::space(&loaded.image, &skeleton.ok_or_else(no_space)?, at)?
         }
     };
     picture.write(&args.output)?;

@@ -4,6 +4,7 @@
 use crate::export::MeshFile;
 use crate::image::Geometry;
 use crate::io::vtk::Values;
+use crate::mesh::poly::PolyMesh;
 use crate::report::Measured;
 
 /// The faces of a mesh (edges, in the plane), with nodes in sample indices.
@@ -51,6 +52,18 @@ impl<const D: usize> Skeleton<D> {
             corners: faces.iter().flat_map(|(face, _)| *face).collect(),
             ends: (1..=faces.len() as u32).map(|f| D as u32 * f).collect(),
             marked: faces.iter().map(|(_, unmarked)| !unmarked).collect(),
+        })
+    }
+
+    /// Of a file of polyhedra or polygons, likewise.
+    pub fn of_cells(file: &MeshFile<PolyMesh<D>>, geometry: &Geometry<D>) -> Option<Self> {
+        let mesh = &file.mesh;
+        let index = |&x: &[f64; D]| geometry.to_index(x);
+        Some(Self {
+            nodes: mesh.nodes.iter().map(index).collect::<Option<_>>()?,
+            corners: mesh.faces.items.clone(),
+            ends: mesh.faces.offsets[1..].to_vec(),
+            marked: mesh.on_feature.clone(),
         })
     }
 

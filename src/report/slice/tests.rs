@@ -1,6 +1,7 @@
 use super::*;
 use crate::export::MeshFile;
 use crate::io::vtk::DataArray;
+use crate::mesh::poly::{PolyMesh, SIDE_0};
 use crate::mesh::{TetMesh, TriMesh};
 
 /// The unit cube as six tetrahedra about its diagonal, scaled to side `size`.
@@ -104,6 +105,24 @@ fn the_feature_edge_is_drawn_in_its_colour_where_it_is() {
     picture.write(&path).unwrap();
     let back = crate::io::png::read(&path).unwrap().image;
     assert_eq!(back.dims(), [288, 288]);
+}
+
+#[test]
+fn cells_are_drawn_as_simplices_are() {
+    // Two halves of a square; the face between them is on a feature.
+    let mut mesh = PolyMesh {
+        nodes: vec![[4.0, 0.0], [4.0, 8.0], [0.0, 0.0], [8.0, 8.0]],
+        face_cells: vec![[0, 1], [0, SIDE_0]],
+        on_feature: vec![true, false],
+        ..PolyMesh::default()
+    };
+    mesh.faces.push([1, 0]);
+    mesh.faces.push([0, 2]);
+    let geometry = Geometry::with_spacing([0.0; 2], [2.0; 2]);
+    let skeleton = Skeleton::of_cells(&file(mesh, "none", vec![]), &geometry).unwrap();
+    let edges: Vec<_> = skeleton.edges().collect();
+    assert_eq!(edges[0], ([[2.0, 4.0], [2.0, 0.0]], true));
+    assert_eq!(edges[1], ([[2.0, 0.0], [0.0, 0.0]], false));
 }
 
 #[test]

@@ -1,0 +1,123 @@
+//! What a lattice is made of: the pair force and potential, the potential of one atom, d(x) with the
+//! lattice grown in it. The kind of figures 3, 4 and 5 of Hale (2001).
+//!
+//! ```text
+//! cargo run --release --example lattice -- slice.png pair.svg atom.png distance.png
+//! ```
+
+use std::fmt::Write;
+use std::path::Path;
+
+use atomesh::distance::{self, Distance};
+use atomesh::energy::{Beta, Energy, Sampled, pair};
+use atomesh::feature;
+use atomesh::image::{Field, Geometry, Image};
+use atomesh::io::{self, AnyLoaded, ReadOptions};
+use atomesh::report::slice::{self, Skeleton};
+use atomesh::seeding::{self, Alignment};
+
+fn main() -> anyhow::Result<()> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let [image, pair, atom, lattice] = arguments.as_slice() else {
+        anyhow::bail!("give IMAGE, and three pictures to write: .svg, .png, .png");
+    };
+    let AnyLoaded::Plane(loaded) = io::read_any(Path::new(image), &ReadOptions::default())? else {
+        anyhow::bail!("{image} is not a 2-D image");
+    };
+    std::fs::write(pair, curves())?;
+    one_atom(atom)?;
+    grown(&loaded.image, lattice)
+}
+
+/// Force and potential of a pair, as published, over the distance in units of d.
+fn curves() -> String {
+    const SIZE: [f32; 2] = [520.0, 240.0];
+    let x = |u: f32| 40.0 + 300.0 * u;
+    let mut svg = format!(
+        "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 {} {}' font-family='sans-serif' \
+         font-size='12'>\n<rect width='100%' height='100%' fill='white'/>\n",
+        SIZE[0], SIZE[1]
+    );
+    // The potential is smaller: each curve has a scale of its own.
+    type Curve = (&'static str, &'static str, f32, fn(f32, f32) -> f32);
+    let drawn: [Curve; 2] = [
+        ("force f(u)", "#c04000", 130.0, pair::force),
+        ("potential phi(u)", "#1050a0", 600.0, pair::potential),
+    ];
+    for (line, (name, colour, scale, curve)) in drawn.into_iter().enumerate() {
+        let points = (0..=150).map(|i| i as f32 / 100.0).map(|u| {
+            let y = 160.0 - scale * curve(u, 0.0);
+            format!("{:.1},{:.1}", x(u), y.clamp(0.0, SIZE[1]))
+        });
+        let points: Vec<String> = points.collect();
+        let y = 30 + 18 * line;
+        let _ = writeln!(
+            svg,
+            "<polyline fill='none' stroke='{colour}' stroke-width='2' points='{}'/>\n\
+             <text x='360' y='{y}' fill='{colour}'>{name} x {scale}</text>",
+            points.join(" ")
+        );
+    }
+    for (u, label) in [(0.0, "0"), (0.5, "d/2"), (1.0, "d"), (1.5, "3d/2")] {
+        let _ = writeln!(
+            svg,
+            "<path stroke='#888' d='M{0} 157v6'/><text x='{0}' y='230' text-anchor='middle'>\
+             {label}</text>",
+            x(u)
+        );
+    }
+    let _ = writeln!(svg, "<path stroke='#888' d='M40 160H490'/>\n</svg>");
+    svg
+}
+
+/// The sampled potential of one atom for d = 4 and, beside it, for d = 8.
+fn one_atom(to: &str) -> anyhow::Result<()> {
+    const SIDE: usize = 33;
+    let flat = Field {
+        dims: [SIDE; 2],
+        step: [1.0; 2],
+        samples: vec![0.0; SIDE * SIDE],
+    };
+    let mut rows = vec![Vec::new(); SIDE];
+    for d in [4.0, 8.0] {
+        let distance = Distance::Constant(d);
+        let mut energy = Sampled::new(&distance, &flat, Beta::Constant(0.0));
+        energy.evaluate(&[[16.0, 16.0]], &mut [[0.0; 2]]);
+        let total = energy.total();
+        for (row, samples) in rows.iter_mut().zip(total.samples.chunks(SIDE)) {
+            row.extend_from_slice(samples);
+        }
+    }
+    let image = Image::new([2 * SIDE, SIDE], rows.concat(), Geometry::default());
+    Ok(slice::plane(&image, &Skeleton::default())?.write(Path::new(to))?)
+}
+
+/// d(x) of the image's features, dark where it is small, and the atoms that are grown in it.
+fn grown(image: &Image<2>, to: &str) -> anyhow::Result<()> {
+    const RANGE: [f64; 2] = [6.0, 18.0];
+    let options = feature::Options {
+        d_min: RANGE[0],
+        ..feature::Options::default()
+    };
+    let features = feature::detect(image, &options)?;
+    let distance = distance::from_features(&features, RANGE[0], RANGE[1], 0.1)?;
+    let extent = features.potential.extent();
+    let atoms = seeding::regular(extent, &distance, &[], Alignment::On)?;
+    let [nx, ny] = image.dims();
+    let samples = (0..nx * ny)
+        .map(|i| distance.at([(i % nx) as f64, (i / nx) as f64]) as f32)
+        .collect();
+    // A cross for every atom.
+    let mut crosses = Skeleton::default();
+    for &[x, y] in &atoms.positions {
+        for [u, v] in [[1.0, 0.0], [0.0, 1.0]] {
+            let first = crosses.nodes.len() as u32;
+            crosses.nodes.extend([[x - u, y - v], [x + u, y + v]]);
+            crosses.corners.extend([first, first + 1]);
+            crosses.ends.push(first + 2);
+            crosses.marked.push(true);
+        }
+    }
+    let image = Image::new(image.dims(), samples, Geometry::default());
+    Ok(slice::plane(&image, &crosses)?.write(Path::new(to))?)
+}

@@ -11,6 +11,7 @@
 //! - [`horizons`](mod@horizons): crests and troughs of seismic amplitude
 //! - [`edges`]: how steep an image is
 //! - [`faults`]: where layers do not continue
+//! - [`scan`]: steep planes through every sample
 //! - [`labels`]: interfaces between labels, thin masks
 //! - [`repair`](mod@repair): ridges through crossings and up to the box's sides
 //! - [`grid`]: candidates by sample
@@ -30,6 +31,7 @@ pub mod potential;
 pub mod repair;
 pub mod ridges;
 pub mod rows;
+pub mod scan;
 pub mod sheets;
 pub mod symmetric;
 pub mod tensor;
@@ -44,6 +46,7 @@ mod tests;
 use crate::error::{Error, Result, cause};
 use crate::image::{Field, Image};
 use crossing::Candidate;
+use ridges::Statistics;
 use std::fmt;
 use std::str::FromStr;
 use volume::Volume;
@@ -145,7 +148,7 @@ pub struct Options<const D: usize> {
     pub kind: Kind,
     /// Width (samples) of the Gaussian under which derivatives are taken; by kind if `None`.
     pub scale: Option<f64>,
-    /// Width (samples) of the structure tensor's window (horizons, faults); 4 if `None`.
+    /// Width (samples) of the structure tensor's window; 4 (horizons) or 12 (faults) if `None`.
     pub smoothing: Option<f64>,
     /// Least strength of a feature, in units of the image; from the image itself if `None`.
     pub threshold: Option<f32>,
@@ -302,7 +305,14 @@ fn find<const D: usize>(
     let dims = image.dims();
     let samples = || image.as_slice().to_vec();
     match kind {
-        Kind::Auto | Kind::Ridges => Ok(find_ridges(dims, samples(), FINEST, options, notes)),
+        Kind::Auto | Kind::Ridges => Ok(find_ridges(
+            dims,
+            samples(),
+            FINEST,
+            Statistics::thresholds,
+            options,
+            notes,
+        )),
         Kind::Valleys | Kind::Potential => {
             let outside = image.as_slice().iter().find(|s| !(-1.0..=0.0).contains(*s));
             if let (Kind::Potential, Some(value)) = (kind, outside) {
@@ -313,7 +323,14 @@ fn find<const D: usize>(
                 )));
             }
             let negated = image.as_slice().iter().map(|s| -s).collect();
-            Ok(find_ridges(dims, negated, FINEST, options, notes))
+            Ok(find_ridges(
+                dims,
+                negated,
+                FINEST,
+                Statistics::thresholds,
+                options,
+                notes,
+            ))
         }
         Kind::Edges => {
             let mut smoothed = samples();
@@ -323,7 +340,14 @@ fn find<const D: usize>(
                 samples: &smoothed,
             });
             drop(smoothed);
-            Ok(find_ridges(dims, steepness, 1.0, options, notes))
+            Ok(find_ridges(
+                dims,
+                steepness,
+                1.0,
+                Statistics::thresholds,
+                options,
+                notes,
+            ))
         }
         Kind::Horizons | Kind::FaultsAndHorizons => {
             Ok(find_horizons(dims, samples(), options, notes))
@@ -338,11 +362,13 @@ const COARSEST: f64 = 3.0;
 /// The scale (samples) at which ridges are sought first.
 const FINEST: f64 = 1.5;
 
-/// Ridges of samples; from `scale` up as smooth as noise asks, unless the options give a scale.
+/// Ridges of samples; from `scale` up as smooth as noise asks, and above the `automatic` thresholds,
+/// unless the options give a scale and a threshold.
 fn find_ridges<const D: usize>(
     dims: [usize; D],
     mut samples: Vec<f32>,
     scale: f64,
+    automatic: impl Fn(&Statistics) -> (f32, f32),
     options: &Options<D>,
     notes: &mut Vec<String>,
 ) -> Found<D> {
@@ -366,7 +392,7 @@ fn find_ridges<const D: usize>(
     };
     let (low, high) = options
         .threshold
-        .map_or_else(|| statistics.thresholds(), |t| (0.5 * t, t));
+        .map_or_else(|| automatic(&statistics), |t| (0.5 * t, t));
     let chosen = if options.threshold.is_some() {
         "given"
     } else {
@@ -435,23 +461,31 @@ fn find_faults<const D: usize>(
     notes: &mut Vec<String>,
 ) -> Found<D> {
     let scale = options.scale.unwrap_or(1.0);
-    let window = options.smoothing.unwrap_or(4.0);
+    let window = options.smoothing.unwrap_or(12.0);
     gaussian::smooth(dims, &mut samples, [scale; D]);
     let smoothed = Volume {
         dims,
         samples: &samples,
     };
     let layers = tensor::Normals::new(smoothed, window);
-    let discontinuity = faults::discontinuity(smoothed, &layers, window);
+    let likelihood = faults::likelihood(smoothed, &layers);
     drop(samples);
     notes.push(format!(
-        "faults: one less the semblance along layers, at scale {scale}, normals averaged over {window}"
+        "faults: least semblance along layers over steep planes, at scale {scale}, normals averaged \
+         over {window}"
     ));
     let of_ridges = Options {
         scale: None,
         ..*options
     };
-    let mut found = find_ridges(dims, discontinuity, FINEST, &of_ridges, notes);
+    let mut found = find_ridges(
+        dims,
+        likelihood,
+        FINEST,
+        faults::thresholds,
+        &of_ridges,
+        notes,
+    );
     found
         .candidates
         .retain(|c| crossing::dot(c.normal, layers.at(c.position)).abs() < ALONG_LAYERS);
@@ -491,7 +525,14 @@ fn find_labels<const D: usize>(
             let inside = |s: &f32| f32::from(u8::from(*s == mask.value));
             let samples = volume.samples.iter().map(inside).collect();
             let scale = (0.5 * mask.thickness).max(1.5);
-            return Ok(find_ridges(dims, samples, scale, options, notes));
+            return Ok(find_ridges(
+                dims,
+                samples,
+                scale,
+                Statistics::thresholds,
+                options,
+                notes,
+            ));
         }
     }
     let scale = options.scale.unwrap_or(1.0);

@@ -22,8 +22,11 @@ const LAYER: Patch = Patch {
 /// Width (samples) of the Gaussian under which the rms of amplitudes is taken.
 const BALANCE: f64 = 6.0;
 
-/// Share of the mean energy that counts as alike anywhere: where it is quiet there are no faults.
-const QUIET: f32 = 0.02;
+/// Energy, as a share of the image's mean, that amplitudes are not balanced below: there is only noise.
+const LOUD: f32 = 0.3;
+
+/// Energy of balanced amplitudes that counts as alike anywhere: where it is quiet there are no faults.
+const QUIET: f32 = 0.1;
 
 /// Rows per parallel task.
 const ROWS: usize = 64;
@@ -48,7 +51,7 @@ fn balanced<const D: usize>(amplitude: Volume<'_, D>) -> Vec<f32> {
     let a = amplitude.samples;
     let mut energy: Vec<f32> = a.par_iter().map(|a| a * a).collect();
     smooth(amplitude.dims, &mut energy, [BALANCE; D]);
-    let floor = QUIET * super::horizons::root_mean_square(a).powi(2);
+    let floor = LOUD * super::horizons::root_mean_square(a).powi(2);
     energy.par_iter_mut().zip(a).for_each(|(e, a)| {
         *e = a / (*e + floor).max(f32::MIN_POSITIVE).sqrt();
     });
@@ -57,7 +60,7 @@ fn balanced<const D: usize>(amplitude: Volume<'_, D>) -> Vec<f32> {
 
 /// Likelihood down to which a fault is followed, and which it must reach somewhere; or these
 /// multiples of the noise, if they are more.
-const LEAST: [f32; 2] = [0.045, 0.11];
+const LEAST: [f32; 2] = [0.035, 0.085];
 const OVER_NOISE: [f32; 2] = [1.75, 2.5];
 
 /// Thresholds for the ridges of [`likelihood`]: semblance is a share, so they are the same for all

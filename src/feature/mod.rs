@@ -444,14 +444,14 @@ fn find_horizons<const D: usize>(
         candidates: horizons::horizons(smoothed, &normals, low),
         high,
         // Short pieces of reflectors are everywhere, and worth no cells.
-        min_cells: 16.0,
+        min_cells: if D == 3 { 16.0 } else { 8.0 },
         // Reflectors lie one above the other everywhere: leave room for a layer of atoms between.
         resolution: 1.5,
     }
 }
 
 /// Faults whose normals agree more than this (cosine) with the layers' are layers themselves.
-const ALONG_LAYERS: f32 = 0.85;
+const ALONG_LAYERS: f32 = 0.77;
 
 /// Faults of seismic amplitude.
 fn find_faults<const D: usize>(

@@ -239,6 +239,54 @@ fn impossible_parameters() {
 }
 
 #[test]
+fn impossible_weights_of_features() {
+    let folder = folder();
+    for weights in [
+        "1", "1,0", "0,1", "1,2", "1,-0.5", "1,nan", "1,1,1", "one,two", "",
+    ] {
+        let option = format!("--feature-weights={weights}");
+        let job: [&[&str]; 2] = [
+            &["mesh", "good.npy"],
+            &["feature", "good.npy", "-o", "b.vti"],
+        ];
+        for job in job {
+            let line = refused(
+                folder.path(),
+                &[job, &["--feature", "faults+horizons", &option]].concat(),
+            );
+            assert_says(&line, &["--feature-weights", weights, "1,0.5"]);
+        }
+    }
+}
+
+#[test]
+fn distances_from_nowhere() {
+    let folder = folder();
+    std::fs::write(folder.path().join("text.npy"), "no distances").unwrap();
+    npy(&folder.path().join("nan.npy"), DIMS, |_| f32::NAN);
+    npy(&folder.path().join("zero.npy"), DIMS, |_| 0.0);
+    let fewer = DIMS.map(|n| n - 1);
+    npy(&folder.path().join("fewer.npy"), fewer, |_| 5.0);
+    for (distance, from, words) in [
+        ("4:8", "absent.npy", ["absent.npy", "--distance-from"]),
+        ("4:8", "picture", ["picture", "--distance-from"]),
+        ("4", "features", ["4", "MIN:MAX"]),
+        ("8:4", "features", ["8:4", "--distance"]),
+        ("4:8", "text.npy", ["text.npy", ""]),
+        ("4:8", "nan.npy", ["nan", "distance"]),
+        ("4:8", "zero.npy", ["0", "positive"]),
+        ("4:8", "fewer.npy", ["dims", "one distance per sample"]),
+    ] {
+        let options = ["--distance", distance, "--distance-from", from];
+        let line = refused(
+            folder.path(),
+            &[&["mesh", "good.npy"][..], &options].concat(),
+        );
+        assert_says(&line, &words);
+    }
+}
+
+#[test]
 fn faulty_configuration_files() {
     let folder = folder();
     for (text, word) in [

@@ -3,12 +3,12 @@
 //! Semblance compares the energy of a mean with the mean energy. Means are taken over a patch of the
 //! layer round each sample (structure-oriented semblance: Marfurt et al. 1998, Hale 2013). Where a
 //! fault throws the layers, the patch joins waveforms that do not match, and semblance falls. Noise
-//! lowers it too, so numerator and denominator are smoothed before they are divided: first along the
-//! layers' normal, to learn how the fault runs (structure tensor of what is missing to one), and then
-//! again from the start over a patch of the fault itself. That is Hale's scan over fault orientations
-//! with the one orientation that the data ask for.
+//! lowers it too, so numerator and denominator are smoothed before they are divided, over pieces of
+//! all the planes that a fault might run along: [`scan`](super::scan).
 
 use super::gaussian::smooth;
+use super::ridges::Statistics;
+use super::scan;
 use super::tensor::Normals;
 use super::volume::Volume;
 use rayon::prelude::*;
@@ -16,79 +16,70 @@ use rayon::prelude::*;
 /// Patch of a layer: radius and standard deviation (samples) of its weights.
 const LAYER: Patch = Patch {
     radius: 3,
-    stride: 1,
     width: 2.0,
 };
 
-/// Patch of a fault.
-const FAULT: Patch = Patch {
-    radius: 8,
-    stride: 2,
-    width: 4.0,
-};
+/// Width (samples) of the Gaussian under which the rms of amplitudes is taken.
+const BALANCE: f64 = 6.0;
 
-/// Where a fault's direction is sought, semblance is smoothed this much (samples) across layers ...
-const ACROSS: f64 = 2.0;
-/// ... and this much along the other axes.
-const ALONG: f64 = 1.0;
+/// Energy, as a share of the image's mean, that amplitudes are not balanced below: there is only noise.
+const LOUD: f32 = 0.3;
 
-/// Samples whose energy is below this share of the mean have no say.
-const QUIET: f32 = 0.02;
+/// Energy of balanced amplitudes that counts as alike anywhere: where it is quiet there are no faults.
+const QUIET: f32 = 0.1;
 
 /// Rows per parallel task.
 const ROWS: usize = 64;
 
-/// One less the semblance, in [0, 1], of amplitudes smoothed to the scale of their derivatives;
-/// `layers` are their normals, `window` the width over which the faults' normals are averaged.
-pub fn discontinuity<const D: usize>(
-    amplitude: Volume<'_, D>,
-    layers: &Normals<D>,
-    window: f64,
-) -> Vec<f32> {
-    let (dims, a) = (amplitude.dims, amplitude.samples);
-    let [mut of_mean, mean_of] = in_patches(dims, layers, &LAYER, |i, j, t| {
+/// How likely a fault runs through each sample, in [0, 1]: see [`scan::likelihood`]. `layers` are the
+/// normals of amplitudes smoothed to the scale of their derivatives; their window should be wide, as
+/// a throw must not pass for a dip.
+pub fn likelihood<const D: usize>(amplitude: Volume<'_, D>, layers: &Normals<D>) -> Vec<f32> {
+    let dims = amplitude.dims;
+    let a = &balanced(amplitude)[..];
+    let [mut of_mean, mut mean_of] = in_patches(dims, layers, &LAYER, |i, j, t| {
         let value = a[i] + t * (a[j] - a[i]);
         [value, value * value]
     });
-    of_mean.par_iter_mut().for_each(|m| *m *= *m);
-    let energy = super::horizons::root_mean_square(a).powi(2);
-    let missing = |of_mean: &[f32], mean_of: &[f32]| -> Vec<f32> {
-        let floor = (QUIET * energy).max(f32::MIN_POSITIVE);
-        let pairs = of_mean.par_iter().zip(mean_of);
-        pairs
-            .map(|(n, d)| (1.0 - (n + floor) / (d + floor)).max(0.0))
-            .collect()
-    };
-    let faults = {
-        let mut sigma = [ALONG; D];
-        sigma[layers.main_axis()] = ACROSS;
-        let smoothed = |field: &[f32]| {
-            let mut field = field.to_vec();
-            smooth(dims, &mut field, sigma);
-            field
-        };
-        let mut rough = missing(&smoothed(&of_mean), &smoothed(&mean_of));
-        smooth(dims, &mut rough, [1.0; D]);
-        let samples = &rough;
-        Normals::new(Volume { dims, samples }, window)
-    };
-    let [of_mean, mean_of] = in_patches(dims, &faults, &FAULT, |i, j, t| {
-        [&of_mean, &mean_of].map(|field| field[i] + t * (field[j] - field[i]))
+    of_mean.par_iter_mut().for_each(|m| *m = *m * *m + QUIET);
+    mean_of.par_iter_mut().for_each(|m| *m += QUIET);
+    scan::likelihood(dims, [of_mean, mean_of], layers.main_axis())
+}
+
+/// Amplitudes over their rms round each sample, so that no layer has more say than others.
+fn balanced<const D: usize>(amplitude: Volume<'_, D>) -> Vec<f32> {
+    let a = amplitude.samples;
+    let mut energy: Vec<f32> = a.par_iter().map(|a| a * a).collect();
+    smooth(amplitude.dims, &mut energy, [BALANCE; D]);
+    let floor = LOUD * super::horizons::root_mean_square(a).powi(2);
+    energy.par_iter_mut().zip(a).for_each(|(e, a)| {
+        *e = a / (*e + floor).max(f32::MIN_POSITIVE).sqrt();
     });
-    missing(&of_mean, &mean_of)
+    energy
+}
+
+/// Likelihood down to which a fault is followed, and which it must reach somewhere; or these
+/// multiples of the noise, if they are more.
+const LEAST: [f32; 2] = [0.035, 0.1];
+const OVER_NOISE: [f32; 2] = [1.75, 2.5];
+
+/// Thresholds for the ridges of [`likelihood`]: semblance is a share, so they are the same for all
+/// images, unless there is much noise.
+pub fn thresholds(statistics: &Statistics) -> (f32, f32) {
+    let least = |i: usize| LEAST[i].max(OVER_NOISE[i] * statistics.noise);
+    (least(0), least(1))
 }
 
 /// A disc of samples with Gaussian weights.
 struct Patch {
     radius: i32,
-    stride: usize,
     width: f32,
 }
 
 impl Patch {
     /// Offsets in the plane of the axes other than `axis`, and their weights.
     fn offsets<const D: usize>(&self, axis: usize) -> Vec<([i32; D], f32)> {
-        let line: Vec<i32> = (-self.radius..=self.radius).step_by(self.stride).collect();
+        let line: Vec<i32> = (-self.radius..=self.radius).collect();
         let all = (0..line.len().pow(D as u32 - 1)).map(|number| {
             let mut rest = number;
             let mut offset = [0; D];

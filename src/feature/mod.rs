@@ -11,17 +11,20 @@
 //! - [`horizons`](mod@horizons): crests and troughs of seismic amplitude
 //! - [`edges`]: how steep an image is
 //! - [`faults`]: where layers do not continue
+//! - [`scan`]: steep planes through every sample
 //! - [`labels`]: interfaces between labels, thin masks
 //! - [`repair`](mod@repair): ridges through crossings and up to the box's sides
 //! - [`grid`]: candidates by sample
 //! - [`sheets`](mod@sheets): hysteresis, sheets too near one another, crumbs
 //! - [`potential`](mod@potential): b(x)
+//! - `find`: the candidates of each kind of feature
 //! - `wide`: loops for wide vectors
 
 pub mod auto;
 pub mod crossing;
 pub mod edges;
 pub mod faults;
+mod find;
 pub mod gaussian;
 pub mod grid;
 pub mod horizons;
@@ -30,6 +33,7 @@ pub mod potential;
 pub mod repair;
 pub mod ridges;
 pub mod rows;
+pub mod scan;
 pub mod sheets;
 pub mod symmetric;
 pub mod tensor;
@@ -43,7 +47,6 @@ mod tests;
 
 use crate::error::{Error, Result, cause};
 use crate::image::{Field, Image};
-use crossing::Candidate;
 use std::fmt;
 use std::str::FromStr;
 use volume::Volume;
@@ -145,7 +148,7 @@ pub struct Options<const D: usize> {
     pub kind: Kind,
     /// Width (samples) of the Gaussian under which derivatives are taken; by kind if `None`.
     pub scale: Option<f64>,
-    /// Width (samples) of the structure tensor's window (horizons, faults); 4 if `None`.
+    /// Width (samples) of the structure tensor's window; 4 (horizons) or 12 (faults) if `None`.
     pub smoothing: Option<f64>,
     /// Least strength of a feature, in units of the image; from the image itself if `None`.
     pub threshold: Option<f32>,
@@ -235,7 +238,7 @@ fn follow<const D: usize>(
     mut notes: Vec<String>,
 ) -> Result<Features<D>> {
     let dims = image.dims();
-    let found = find(image, kind, options, &mut notes)?;
+    let found = find::find(image, kind, options, &mut notes)?;
     let side = |k: usize| (dims[k] as f64 - 1.0) * options.step[k];
     let section = (0..D)
         .map(|k| (1..D).map(|l| side((k + l) % D)).product())
@@ -279,231 +282,6 @@ fn follow<const D: usize>(
         potential,
         sigma,
         notes,
-    })
-}
-
-/// Candidates, and the strength that a sheet must reach somewhere.
-struct Found<const D: usize> {
-    candidates: Vec<Candidate<D>>,
-    high: f32,
-    /// Least area of a sheet, in squares of the least distance (in 2-D: length, in distances).
-    min_cells: f64,
-    /// Parallel sheets nearer than this, in units of the least distance, exclude one another.
-    resolution: f64,
-}
-
-/// Finds the candidates of one kind of feature; notes say how.
-fn find<const D: usize>(
-    image: &Image<D>,
-    kind: Kind,
-    options: &Options<D>,
-    notes: &mut Vec<String>,
-) -> Result<Found<D>> {
-    let dims = image.dims();
-    let samples = || image.as_slice().to_vec();
-    match kind {
-        Kind::Auto | Kind::Ridges => Ok(find_ridges(dims, samples(), FINEST, options, notes)),
-        Kind::Valleys | Kind::Potential => {
-            let outside = image.as_slice().iter().find(|s| !(-1.0..=0.0).contains(*s));
-            if let (Kind::Potential, Some(value)) = (kind, outside) {
-                return Err(Error::Image(cause(
-                    "image",
-                    format!("is no potential b(x) in [-1, 0]: it holds {value}"),
-                    "scale it, or choose another feature kind",
-                )));
-            }
-            let negated = image.as_slice().iter().map(|s| -s).collect();
-            Ok(find_ridges(dims, negated, FINEST, options, notes))
-        }
-        Kind::Edges => {
-            let mut smoothed = samples();
-            gaussian::smooth(dims, &mut smoothed, [options.scale.unwrap_or(1.0); D]);
-            let steepness = edges::prewitt(Volume {
-                dims,
-                samples: &smoothed,
-            });
-            drop(smoothed);
-            Ok(find_ridges(dims, steepness, 1.0, options, notes))
-        }
-        Kind::Horizons | Kind::FaultsAndHorizons => {
-            Ok(find_horizons(dims, samples(), options, notes))
-        }
-        Kind::Faults => Ok(find_faults(dims, samples(), options, notes)),
-        Kind::Labels => find_labels(image, options, notes),
-    }
-}
-
-/// Where ridges drown in noise they are sought on a smoother image, up to this scale (samples).
-const COARSEST: f64 = 3.0;
-/// The scale (samples) at which ridges are sought first.
-const FINEST: f64 = 1.5;
-
-/// Ridges of samples; from `scale` up as smooth as noise asks, unless the options give a scale.
-fn find_ridges<const D: usize>(
-    dims: [usize; D],
-    mut samples: Vec<f32>,
-    scale: f64,
-    options: &Options<D>,
-    notes: &mut Vec<String>,
-) -> Found<D> {
-    let mut scale = options.scale.unwrap_or(scale);
-    gaussian::smooth(dims, &mut samples, [scale; D]);
-    let measure = |samples: &[f32], scale| ridges::statistics(Volume { dims, samples }, scale);
-    let mut statistics = measure(&samples, scale);
-    while options.scale.is_none() && statistics.drowned() && scale < COARSEST {
-        let coarser = (1.25 * scale).min(COARSEST);
-        gaussian::smooth(
-            dims,
-            &mut samples,
-            [(coarser * coarser - scale * scale).sqrt(); D],
-        );
-        scale = coarser;
-        statistics = measure(&samples, scale);
-    }
-    let smoothed = Volume {
-        dims,
-        samples: &samples,
-    };
-    let (low, high) = options
-        .threshold
-        .map_or_else(|| statistics.thresholds(), |t| (0.5 * t, t));
-    let chosen = if options.threshold.is_some() {
-        "given"
-    } else {
-        "chosen"
-    };
-    notes.push(format!(
-        "ridges at scale {scale}: threshold {high:.4} ({chosen}; followed down to {low:.4}), noise \
-         {:.4}, typical strength {:.4}",
-        statistics.noise, statistics.typical
-    ));
-    let candidates = ridges::ridges(smoothed, scale, low);
-    Found {
-        candidates: repair::repair(smoothed, candidates, scale, high),
-        high,
-        min_cells: 2.0,
-        resolution: 0.9,
-    }
-}
-
-/// Crests and troughs of seismic amplitude.
-fn find_horizons<const D: usize>(
-    dims: [usize; D],
-    mut samples: Vec<f32>,
-    options: &Options<D>,
-    notes: &mut Vec<String>,
-) -> Found<D> {
-    let scale = options.scale.unwrap_or(1.0);
-    let window = options.smoothing.unwrap_or(4.0);
-    gaussian::smooth(dims, &mut samples, [scale; D]);
-    let smoothed = Volume {
-        dims,
-        samples: &samples,
-    };
-    let normals = tensor::Normals::new(smoothed, window);
-    let rms = horizons::root_mean_square(&samples);
-    let (low, high) = options
-        .threshold
-        .map_or((0.8 * rms, 1.3 * rms), |t| (0.5 * t, t));
-    let chosen = if options.threshold.is_some() {
-        "given"
-    } else {
-        "1.3 times the rms"
-    };
-    notes.push(format!(
-        "crests and troughs at scale {scale}, normals averaged over {window}: threshold {high:.4} \
-         ({chosen}; followed down to {low:.4})"
-    ));
-    Found {
-        candidates: horizons::horizons(smoothed, &normals, low),
-        high,
-        // Short pieces of reflectors are everywhere, and worth no cells.
-        min_cells: 16.0,
-        // Reflectors lie one above the other everywhere: leave room for a layer of atoms between.
-        resolution: 1.5,
-    }
-}
-
-/// Faults whose normals agree more than this (cosine) with the layers' are layers themselves.
-const ALONG_LAYERS: f32 = 0.85;
-
-/// Faults of seismic amplitude.
-fn find_faults<const D: usize>(
-    dims: [usize; D],
-    mut samples: Vec<f32>,
-    options: &Options<D>,
-    notes: &mut Vec<String>,
-) -> Found<D> {
-    let scale = options.scale.unwrap_or(1.0);
-    let window = options.smoothing.unwrap_or(4.0);
-    gaussian::smooth(dims, &mut samples, [scale; D]);
-    let smoothed = Volume {
-        dims,
-        samples: &samples,
-    };
-    let layers = tensor::Normals::new(smoothed, window);
-    let discontinuity = faults::discontinuity(smoothed, &layers, window);
-    drop(samples);
-    notes.push(format!(
-        "faults: one less the semblance along layers, at scale {scale}, normals averaged over {window}"
-    ));
-    let of_ridges = Options {
-        scale: None,
-        ..*options
-    };
-    let mut found = find_ridges(dims, discontinuity, FINEST, &of_ridges, notes);
-    found
-        .candidates
-        .retain(|c| crossing::dot(c.normal, layers.at(c.position)).abs() < ALONG_LAYERS);
-    found.min_cells = 6.0;
-    found
-}
-
-/// Interfaces between labels, or the middle of a thin mask.
-fn find_labels<const D: usize>(
-    image: &Image<D>,
-    options: &Options<D>,
-    notes: &mut Vec<String>,
-) -> Result<Found<D>> {
-    let dims = image.dims();
-    let volume = Volume {
-        dims,
-        samples: image.as_slice(),
-    };
-    let Some(values) = labels::values(volume.samples) else {
-        return Err(Error::Feature(cause(
-            "feature 'labels'",
-            format!(
-                "the image has more than {} different values",
-                labels::MOST_LABELS
-            ),
-            "choose ridges, edges or horizons, or merge labels",
-        )));
-    };
-    if let [a, b] = values[..] {
-        let mask = labels::mask(volume, [a, b]);
-        if mask.share < 0.25 && mask.thickness < labels::THIN {
-            notes.push(format!(
-                "a mask {:.1} samples thick, {:.1} % of the volume: its middle is the feature",
-                mask.thickness,
-                100.0 * mask.share
-            ));
-            let inside = |s: &f32| f32::from(u8::from(*s == mask.value));
-            let samples = volume.samples.iter().map(inside).collect();
-            let scale = (0.5 * mask.thickness).max(1.5);
-            return Ok(find_ridges(dims, samples, scale, options, notes));
-        }
-    }
-    let scale = options.scale.unwrap_or(1.0);
-    notes.push(format!(
-        "interfaces between {} labels, smoothed over {scale}",
-        values.len()
-    ));
-    Ok(Found {
-        candidates: labels::interfaces(volume, &values, scale),
-        high: 1.0,
-        min_cells: 2.0,
-        resolution: 0.9,
     })
 }
 

@@ -13,7 +13,7 @@
 
 use super::crossing::{Candidate, along_axis, dominant_axes};
 use super::rows::Curvature;
-use super::symmetric::eigenvector;
+use super::symmetric::{eigenvalues, eigenvector};
 use super::volume::Volume;
 
 /// A Gaussian ridge as wide as the smoothing has, in the smoothed image, sigma^2 times its second
@@ -149,12 +149,13 @@ fn row<const D: usize>(
         }
         let mut at = first;
         at[0] = x;
-        let hessian = smoothed.hessian(at);
+        let hessian = smoothed.second_derivatives(at);
+        let values = eigenvalues(&hessian);
         for (i, value) in [lowest, next[x]].into_iter().enumerate() {
             if value >= 0.0 || value > least || (i == 1 && value > SECOND * lowest) {
                 break;
             }
-            let w = eigenvector(&hessian, f64::from(value));
+            let w = eigenvector(&hessian, values[i]);
             for axis in dominant_axes(w) {
                 if let Some(offset) = along_axis(smoothed, at, w, axis) {
                     let strength = -value * scale;

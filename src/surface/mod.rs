@@ -5,25 +5,32 @@
 //! least; and beyond a gap, as it is left where features cross, the facets that lie in the plane.
 //! One ridge may mislead, so ridges vote: see [`unite`](mod@unite).
 //!
+//! - [`faceted`]: meshes whose faces can be cut into facets, whatever their cells are
 //! - [`facets`]: facets and their ridges: triangles and edges in 3-D, edges and nodes in 2-D
-//! - [`select`]: the faces of a mesh that lie on features
+//! - [`select`]: the facets of a mesh that lie on features
+//! - [`near`]: points that are near
 //! - [`pairs`]: what continues what
 //! - [`unite`](mod@unite): pieces and votes -> surfaces
 //! - [`fill`](mod@fill): gaps closed by faces that the mesh has there
+//! - [`kind`]: faults and horizons
 //! - [`measure`](mod@measure): area, orientation, extent, rim
 //! - [`cells`]: cells and the faces between them
 //! - [`paint`](mod@paint): blocks between surfaces; cells grown from seeds
 
 pub mod cells;
+pub mod faceted;
 pub mod facets;
 pub mod fill;
+pub mod kind;
 pub mod measure;
+pub mod near;
 pub mod paint;
 pub mod pairs;
 pub mod select;
 pub mod unite;
 
 use facets::{Facets, NONE};
+pub use kind::Kind;
 pub use measure::{Measure, measure};
 use pairs::{Cores, across_gaps, across_ridges};
 

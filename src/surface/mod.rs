@@ -32,7 +32,7 @@ pub mod unite;
 use facets::{Facets, NONE};
 pub use kind::Kind;
 pub use measure::{Measure, measure};
-use pairs::{Cores, across_gaps, across_ridges};
+use pairs::{Cores, Vote, across_crossings, across_gaps, across_ridges, rims};
 
 /// What makes facets one surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -87,10 +87,16 @@ impl<const D: usize> Surfaces<D> {
         let cores = Cores::new(&facets);
         let (mut votes, rim) = across_ridges(&facets, &cores, straight);
         votes.extend(across_gaps(&facets, &cores, &rim, options.reach, straight));
-        let (surface_of_core, count) = unite::unite(&cores.rims(&facets), &votes);
-        let surface: Vec<u32> = (cores.core.iter())
-            .map(|&core| surface_of_core[core as usize])
-            .collect();
+        let unite_pieces = |piece: &[u32], count: usize, votes: &[Vote]| {
+            let (united, count) = unite::unite(&rims(&facets, piece, count), votes);
+            let piece: Vec<u32> = piece.iter().map(|&p| united[p as usize]).collect();
+            (united, piece, count)
+        };
+        let (united, surface, count) = unite_pieces(&cores.core, cores.count, &votes);
+        // Once more, across wider gaps; what was against stays so.
+        let mut votes: Vec<Vote> = votes.iter().filter_map(|v| v.between(&united)).collect();
+        votes.extend(across_crossings(&facets, &surface, &cores.normals));
+        let (_, surface, count) = unite_pieces(&surface, count, &votes);
         let added = fill::fill(&facets, &surface, &cores.normals, candidates, straight);
 
         let mut areas = vec![0.0; count];

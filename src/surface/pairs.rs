@@ -70,18 +70,6 @@ impl<const D: usize> Cores<D> {
         }
     }
 
-    /// Length of each piece's rim, in ridges.
-    pub fn rims(&self, facets: &Facets<D>) -> Vec<u32> {
-        let mut rims = vec![0; self.count];
-        for side in 0..D * facets.len() {
-            let core = self.core[side / D];
-            let sides = facets.sides(facets.ridges[side / D][side % D] as usize);
-            let inside = |&&s: &&u32| self.core[s as usize / D] == core;
-            rims[core as usize] += u32::from(sides.iter().filter(inside).count() == 1);
-        }
-        rims
-    }
-
     /// The direction in which the surface of a side's facet goes on beyond the ridge.
     fn outward(&self, facets: &Facets<D>, side: usize) -> [f64; D] {
         let inward = facets.inward(side);
@@ -117,6 +105,14 @@ pub struct Vote {
     pub favour: u32,
     /// [`FULL`] where they meet and both go on otherwise, or end; 0 otherwise.
     pub against: u32,
+}
+
+impl Vote {
+    /// The same between what the pieces have become part of, unless that is one.
+    pub fn between(&self, united: &[u32]) -> Option<Self> {
+        let [a, b] = self.pieces.map(|piece| united[piece as usize]);
+        vote(a, b, self.favour, self.against)
+    }
 }
 
 /// The weight of a ridge across which nothing bends, or at which surfaces part.
@@ -250,4 +246,114 @@ pub fn across_gaps<const D: usize>(
         })
         .collect();
     found.into_iter().flatten().collect()
+}
+
+/// Wide gaps are at most this many facets wide.
+const WIDE: f64 = 4.0;
+/// Across wide gaps planes differ by at most 10 degrees,
+const SAME_PLANE: f64 = 0.985;
+/// and are off one another by at most this part of the distance between their centres,
+const OFF: f64 = 0.15;
+/// or this part of a facet's size: nearer features could not be told apart.
+const BLUR: f64 = 0.8;
+
+/// The plane of a surface near a side at its rim.
+struct Patch<const D: usize> {
+    centre: [f64; D],
+    normal: [f64; D],
+    /// Where the surface would go on.
+    outward: [f64; D],
+}
+
+/// Votes across wide gaps, for surfaces found so far: a crossing at a low angle blurs facets of the one
+/// into the other, so that of the one a strip is missing. Each side at the rim of a surface and the
+/// nearest one of another surface that faces it, where the planes of both, fitted to what lies within
+/// the width of the gap, are the same.
+pub fn across_crossings<const D: usize>(
+    facets: &Facets<D>,
+    surface: &[u32],
+    normals: &[[f64; D]],
+) -> Vec<Vote> {
+    let count = facets.len();
+    let size = (0..count).map(|f| facets.size(f)).sum::<f64>() / count.max(1) as f64;
+    let reach = (WIDE * size).max(f64::MIN_POSITIVE);
+    let alone = |&side: &usize| {
+        let sides = facets.sides(facets.ridges[side / D][side % D] as usize);
+        let own = surface[side / D];
+        let same = |o: &&u32| surface[**o as usize / D] == own;
+        sides.iter().filter(same).count() == 1
+    };
+    let rim: Vec<usize> = (0..D * count).filter(alone).collect();
+    let ends: Vec<[f64; D]> = rim.iter().map(|&s| facets.ridge_middle(s)).collect();
+    let middles: Vec<[f64; D]> = (0..count)
+        .map(|f| {
+            let corners = facets.corners(f).into_iter();
+            corners.fold([0.0; D], |sum, x| add_scaled(sum, 1.0 / D as f64, x))
+        })
+        .collect();
+    let grid = Grid::new(&middles, reach);
+    let patches: Vec<Patch<D>> = (rim.par_iter().zip(&ends))
+        .map(|(&side, &end)| {
+            let f = side / D;
+            let (mut centre, mut normal, mut area) = ([0.0; D], [0.0; D], 0.0);
+            grid.visit(end, |g| {
+                if surface[g] == surface[f] && length(sub(middles[g], end)) < reach {
+                    let own = length(facets.normal(g));
+                    area += own;
+                    centre = add_scaled(centre, own, middles[g]);
+                    let turned = own.copysign(dot(normals[g], normals[f]));
+                    normal = add_scaled(normal, turned, normals[g]);
+                }
+            });
+            let normal = unit(normal);
+            let inward = facets.inward(side);
+            let inward = unit(add_scaled(inward, -dot(inward, normal), normal));
+            Patch {
+                centre: centre.map(|c| c / area),
+                normal,
+                outward: inward.map(|c| -c),
+            }
+        })
+        .collect();
+    let grid = Grid::new(&ends, reach);
+    let found: Vec<Option<Vote>> = (0..rim.len())
+        .into_par_iter()
+        .map(|i| {
+            let (own, here) = (surface[rim[i] / D], &patches[i]);
+            let mut best: Option<(f64, usize)> = None;
+            grid.visit(ends[i], |j| {
+                let there = &patches[j];
+                let to = sub(ends[j], ends[i]);
+                let far = length(to);
+                let across = sub(there.centre, here.centre);
+                let off = (OFF * length(across)).max(BLUR * size);
+                if surface[rim[j] / D] != own
+                    && far < reach
+                    && best.is_none_or(|(least, _)| far < least)
+                    && dot(to, here.outward) >= 0.5 * far
+                    && -dot(to, there.outward) >= 0.5 * far
+                    && dot(here.normal, there.normal).abs() > SAME_PLANE
+                    && dot(across, here.normal).abs() < off
+                    && dot(across, there.normal).abs() < off
+                {
+                    best = Some((far, j));
+                }
+            });
+            let (_, j) = best?;
+            vote(own, surface[rim[j] / D], FULL, 0)
+        })
+        .collect();
+    found.into_iter().flatten().collect()
+}
+
+/// Length of the rim of each of `count` pieces, in ridges.
+pub fn rims<const D: usize>(facets: &Facets<D>, piece: &[u32], count: usize) -> Vec<u32> {
+    let mut rims = vec![0; count];
+    for side in 0..D * facets.len() {
+        let own = piece[side / D];
+        let sides = facets.sides(facets.ridges[side / D][side % D] as usize);
+        let inside = |&&s: &&u32| piece[s as usize / D] == own;
+        rims[own as usize] += u32::from(sides.iter().filter(inside).count() == 1);
+    }
+    rims
 }

@@ -42,7 +42,8 @@ def actor(source, color=None):
 
 def faults(mesh):
     """The faces on faults."""
-    bits = mesh.GetCellData().GetArray("feature_faces")
+    arrays = mesh.GetCellData()
+    bits = arrays.GetArray("feature_faces") or arrays.GetArray("feature_edges")
     found = vtkCellArray()
     corners = mesh.GetCell(0).GetNumberOfPoints()
     for cell in range(mesh.GetNumberOfCells()):

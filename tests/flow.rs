@@ -182,31 +182,68 @@ fn in_the_plane_as_in_space() {
         assert!((rate / want - 1.0).abs() < close, "{cells} {rate} {want}");
         let rate = through(at, &["--faults", "open", "--permeability", "2e-13"]);
         assert!((rate / want - 1.0).abs() < 1e-6, "{cells} {rate} {want}");
-        let layer = ["--faults", "0.01", "--fault-thickness", "0.5", "--permeability", "2e-13"];
+        let layer = [
+            "--faults",
+            "0.01",
+            "--fault-thickness",
+            "0.5",
+            "--permeability",
+            "2e-13",
+        ];
         let less = through(at, &layer);
         // In series, the line being off square by 6 degrees.
         let layered = want * 39.0 / (39.0 + 0.5 * 99.0);
-        assert!((less / layered - 1.0).abs() < 0.05, "{cells} {less} {layered}");
+        assert!(
+            (less / layered - 1.0).abs() < 0.05,
+            "{cells} {less} {layered}"
+        );
         assert!(through(at, &["--faults", "closed"]) < 1e-9 * want);
         let side = ["flow", "mesh.vtu", "-o", "x.vtu", "--pressure", "zmin=0"];
         assert!(refused(at, &side).contains("zmin"));
-        let well = ["flow", "mesh.vtu", "-o", "x.vtu", "--source", "1,2,3", "--sink", "5,5,5"];
+        let well = [
+            "flow", "mesh.vtu", "-o", "x.vtu", "--source", "1,2,3", "--sink", "5,5,5",
+        ];
         assert!(refused(at, &well).contains("3 coordinates, the mesh 2"));
-        let k = ["flow", "mesh.vtu", "-o", "x.vtu", "--pressure", "xmin=0", "--permeability", "1,1,2"];
+        let k = [
+            "flow",
+            "mesh.vtu",
+            "-o",
+            "x.vtu",
+            "--pressure",
+            "xmin=0",
+            "--permeability",
+            "1,1,2",
+        ];
         assert!(refused(at, &k).contains("KXX,KYY,KXY"));
     }
     let mesh = "mesh line.npy -o mesh.vtu --distance 4 --quiet";
     succeed(at, &mesh.split(' ').collect::<Vec<_>>());
-    let wells = ["--source", "8,10", "--sink", "14,30", "--streamlines", "lines.vtp", "--lines", "20"];
+    let wells = [
+        "--source",
+        "8,10",
+        "--sink",
+        "14,30",
+        "--streamlines",
+        "lines.vtp",
+        "--lines",
+        "20",
+    ];
     let said = flow(at, &wells);
     assert_eq!(said["figures"]["compartments"], 2);
     let lines = VtkFile::read(&at.join("lines.vtp"), "PolyData").unwrap();
     let piece = lines.piece().unwrap();
-    assert_eq!(lines.numbers::<usize>(piece, "NumberOfLines").unwrap(), [20]);
+    assert_eq!(
+        lines.numbers::<usize>(piece, "NumberOfLines").unwrap(),
+        [20]
+    );
     let AnyMesh::Plane(file) = read_any_vtu(&at.join("flow.vtu")).unwrap() else {
         panic!("no triangles")
     };
-    let velocity = file.cell_data.iter().find(|a| a.name == "velocity").unwrap();
+    let velocity = file
+        .cell_data
+        .iter()
+        .find(|a| a.name == "velocity")
+        .unwrap();
     assert_eq!(velocity.components, 3);
 }
 
@@ -221,9 +258,14 @@ fn faults_by_number() {
         ridge(x as f32 - 12.0 - 0.2 * z as f32).max(ends * ridge(x as f32 - 30.0))
     });
     for cells in ["tets", "voronoi"] {
-        let mesh = format!("mesh two.npy -o mesh.vtu --distance 5 --feature ridges --cells {cells} --quiet");
+        let mesh = format!(
+            "mesh two.npy -o mesh.vtu --distance 5 --feature ridges --cells {cells} --quiet"
+        );
         succeed(at, &mesh.split(' ').collect::<Vec<_>>());
-        let said = succeed(at, &["surface", "mesh.vtu", "-o", "s.vtp", "--json", "--quiet"]);
+        let said = succeed(
+            at,
+            &["surface", "mesh.vtu", "-o", "s.vtp", "--json", "--quiet"],
+        );
         let said: Value = serde_json::from_str(&said).unwrap();
         let surfaces = said["surfaces"].as_array().unwrap();
         assert_eq!(surfaces.len(), 2, "{cells} {said}");
@@ -234,22 +276,45 @@ fn faults_by_number() {
         let first = through(at, &["--faults", "open", "--fault-multiplier", "1:0"]);
         assert!(first < 1e-9 * open, "{cells} {first} {open}");
         let second = through(at, &["--faults", "open", "--fault-multiplier", "2:0"]);
-        assert!(second > 0.2 * open && second < 0.9 * open, "{cells} {second} {open}");
+        assert!(
+            second > 0.2 * open && second < 0.9 * open,
+            "{cells} {second} {open}"
+        );
         // The same said in other ways.
         let same = |options: &[&str]| {
             let rate = through(at, options);
             assert!((rate / second - 1.0).abs() < 1e-9, "{cells} {options:?}");
         };
         same(&["--barriers", "2"]);
-        std::fs::write(at.join("m.csv"), "surface,factor,thickness\n1,1,0.1\n2,0,0.1\n").unwrap();
+        std::fs::write(
+            at.join("m.csv"),
+            "surface,factor,thickness\n1,1,0.1\n2,0,0.1\n",
+        )
+        .unwrap();
         same(&["--fault-multiplier", "m.csv"]);
         same(&["--fault-multiplier", "1:1"]);
-        let both = flow(at, &["--pressure", "xmin=2e5", "--pressure", "xmax=1e5",
-            "--faults", "0.5", "--fault-multiplier", "2:0.25"]);
+        let both = flow(
+            at,
+            &[
+                "--pressure",
+                "xmin=2e5",
+                "--pressure",
+                "xmax=1e5",
+                "--faults",
+                "0.5",
+                "--fault-multiplier",
+                "2:0.25",
+            ],
+        );
         let by_fault = both["by_fault"].as_array().unwrap();
         let said: Vec<(u64, f64)> = by_fault
             .iter()
-            .map(|f| (f["surface"].as_u64().unwrap(), f["multiplier"].as_f64().unwrap()))
+            .map(|f| {
+                (
+                    f["surface"].as_u64().unwrap(),
+                    f["multiplier"].as_f64().unwrap(),
+                )
+            })
             .collect();
         assert_eq!(said, [(1, 0.5), (2, 0.25)]);
         // All that flows crosses the first.
@@ -273,10 +338,18 @@ fn horizons_are_no_faults() {
     });
     let mesh = "mesh layers.npy -o mesh.vtu --distance 5 --feature horizons --quiet";
     succeed(at, &mesh.split(' ').collect::<Vec<_>>());
-    let said = succeed(at, &["surface", "mesh.vtu", "-o", "s.ts", "--up", "x", "--json", "--quiet"]);
+    let said = succeed(
+        at,
+        &[
+            "surface", "mesh.vtu", "-o", "s.ts", "--up", "x", "--json", "--quiet",
+        ],
+    );
     let said: Value = serde_json::from_str(&said).unwrap();
     let surfaces = said["surfaces"].as_array().unwrap();
-    assert!(!surfaces.is_empty() && surfaces.iter().all(|s| s["kind"] == "horizon"), "{said}");
+    assert!(
+        !surfaces.is_empty() && surfaces.iter().all(|s| s["kind"] == "horizon"),
+        "{said}"
+    );
     let text = std::fs::read_to_string(at.join("s.ts")).unwrap();
     assert!(text.contains("name:horizon1\n") && text.contains("AXIS_UNIT \"unitless\""));
     let open = through(at, &["--faults", "open"]);
@@ -398,7 +471,10 @@ fn what_cannot_be_computed_is_refused_in_one_line() {
             &[&ends[..], &["--barriers", "layers"]].concat(),
             &["--barriers layers", "horizons"],
         ),
-        (&[&ends[..], &["--barriers", "9"]].concat(), &["fault 9", "1 surfaces"]),
+        (
+            &[&ends[..], &["--barriers", "9"]].concat(),
+            &["fault 9", "1 surfaces"],
+        ),
         (
             &[&ends[..], &["--fault-multiplier", "2:0.1"]].concat(),
             &["fault 2", "atomesh surface"],
@@ -420,7 +496,11 @@ fn what_cannot_be_computed_is_refused_in_one_line() {
             &["laws.csv:2", "1;half"],
         ),
         (
-            &[&ends[..], &["--fault-multiplier", "1:0.1", "--fault-multiplier", "1:0.2"]].concat(),
+            &[
+                &ends[..],
+                &["--fault-multiplier", "1:0.1", "--fault-multiplier", "1:0.2"],
+            ]
+            .concat(),
             &["fault 1", "second time"],
         ),
         (

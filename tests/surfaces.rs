@@ -182,45 +182,93 @@ fn lines_of_the_plane_are_grouped_and_painted_between() {
         ridge(x as f32 - 18.0 - 0.2 * y as f32).max(ridge(x as f32 - 42.0 + 0.1 * y as f32))
     });
     for cells in ["triangles", "voronoi"] {
-        let mesh = format!("mesh lines.npy -o mesh.vtu --distance 4 --feature ridges --cells {cells} --quiet");
+        let mesh = format!(
+            "mesh lines.npy -o mesh.vtu --distance 4 --feature ridges --cells {cells} --quiet"
+        );
         succeed(at, &mesh.split(' ').collect::<Vec<_>>());
-        let said = json(&succeed(at, &["surface", "mesh.vtu", "-o", "s.vtp", "--json"]));
+        let said = json(&succeed(
+            at,
+            &["surface", "mesh.vtu", "-o", "s.vtp", "--json"],
+        ));
         let lines = said["surfaces"].as_array().unwrap();
         assert_eq!(lines.len(), 2, "{cells} {said}");
         for (line, slope) in lines.iter().zip([0.2f64, 0.1]) {
             let length = 43.0 * (1.0 + slope * slope).sqrt();
             let found = line["area"].as_f64().unwrap();
-            assert!((found / length - 1.0).abs() < 0.02, "{cells} {found} {length}");
+            assert!(
+                (found / length - 1.0).abs() < 0.02,
+                "{cells} {found} {length}"
+            );
             // Up is y.
             let dip = 90.0 - slope.atan().to_degrees();
             assert!((line["dip"].as_f64().unwrap() - dip).abs() < 0.5, "{line}");
         }
         succeed(at, &["surface", "mesh.vtu", "-o", "s.obj", "--quiet"]);
         let text = std::fs::read_to_string(at.join("s.obj")).unwrap();
-        assert!(text.contains("g fault2\nl ") && !text.contains("\nf "), "{text}");
-        succeed(at, &["surface", "mesh.vtu", "-o", "s.ts", "--up", "-y", "--quiet"]);
+        assert!(
+            text.contains("g fault2\nl ") && !text.contains("\nf "),
+            "{text}"
+        );
+        succeed(
+            at,
+            &["surface", "mesh.vtu", "-o", "s.ts", "--up", "-y", "--quiet"],
+        );
         let text = std::fs::read_to_string(at.join("s.ts")).unwrap();
         assert!(text.starts_with("GOCAD PLine 1\n") && text.contains("ZPOSITIVE Depth"));
         if cells == "triangles" {
-            let job = ["surface", "mesh.vtu", "lines.npy", "-o", "i.vtp", "--feature", "ridges", "--json"];
-            assert_eq!(json(&succeed(at, &job))["surfaces"].as_array().unwrap().len(), 2);
+            let job = [
+                "surface",
+                "mesh.vtu",
+                "lines.npy",
+                "-o",
+                "i.vtp",
+                "--feature",
+                "ridges",
+                "--json",
+            ];
+            assert_eq!(
+                json(&succeed(at, &job))["surfaces"]
+                    .as_array()
+                    .unwrap()
+                    .len(),
+                2
+            );
         }
 
-        let job = ["paint", "mesh.vtu", "-o", "p.vtu", "--seed", "5,20", "--seed", "55,20=7",
-            "--surface-out", "skin.vtp", "--json"];
+        let job = [
+            "paint",
+            "mesh.vtu",
+            "-o",
+            "p.vtu",
+            "--seed",
+            "5,20",
+            "--seed",
+            "55,20=7",
+            "--surface-out",
+            "skin.vtp",
+            "--json",
+        ];
         let said = json(&succeed(at, &job));
         let regions = said["regions"].as_array().unwrap();
         let areas: Vec<(u64, f64)> = regions
             .iter()
             .map(|r| (r["region"].as_u64().unwrap(), r["volume"].as_f64().unwrap()))
             .collect();
-        let want = [(1, 43.0 * (18.0 + 0.2 * 21.5)), (7, 43.0 * (59.0 - 42.0 + 0.1 * 21.5))];
+        let want = [
+            (1, 43.0 * (18.0 + 0.2 * 21.5)),
+            (7, 43.0 * (59.0 - 42.0 + 0.1 * 21.5)),
+        ];
         for ((region, area), (number, exact)) in areas.iter().zip(want) {
             assert_eq!(*region, number);
             assert!((area / exact - 1.0).abs() < 0.03, "{cells} {area} {exact}");
         }
         assert_eq!(regions.len(), 2);
-        let said = json(&succeed(at, &["paint", "mesh.vtu", "-o", "b.vtu", "--seed", "auto", "--json"]));
+        let said = json(&succeed(
+            at,
+            &[
+                "paint", "mesh.vtu", "-o", "b.vtu", "--seed", "auto", "--json",
+            ],
+        ));
         assert_eq!(said["blocks"], 3, "{cells}");
         let seed = ["paint", "mesh.vtu", "-o", "x.vtu", "--seed", "1,1,1"];
         assert!(refused(at, &seed).contains("has 3 values, not 2"));
@@ -237,19 +285,42 @@ fn voronoi_cells_are_painted_up_to_the_sheet() {
     npy(&at.join("image.npy"), DIMS, sheet(DIMS));
     let mesh = "mesh image.npy -o mesh.vtu --distance 6 --feature ridges --cells voronoi --quiet";
     succeed(at, &mesh.split(' ').collect::<Vec<_>>());
-    let said = json(&succeed(at, &["surface", "mesh.vtu", "-o", "s.vtp", "--json"]));
+    let said = json(&succeed(
+        at,
+        &["surface", "mesh.vtu", "-o", "s.vtp", "--json"],
+    ));
     let surfaces = said["surfaces"].as_array().unwrap();
     assert_eq!(surfaces.len(), 1, "{said}");
     let area = 35.0 * 31.0 * 1.02f64.sqrt();
     let found = surfaces[0]["area"].as_f64().unwrap();
     assert!((found / area - 1.0).abs() < 0.05, "{found} {area}");
-    let job = ["paint", "mesh.vtu", "-o", "p.vtu", "--seed", "5,10,10", "--surface-out", "skin.obj", "--json"];
+    let job = [
+        "paint",
+        "mesh.vtu",
+        "-o",
+        "p.vtu",
+        "--seed",
+        "5,10,10",
+        "--surface-out",
+        "skin.obj",
+        "--json",
+    ];
     let said = json(&succeed(at, &job));
     // x < 22 + 0.1 y - 0.1 z.
     let exact = 35.0 * 31.0 * (22.0 + 1.75 - 1.55);
     let found = said["regions"][0]["volume"].as_f64().unwrap();
     assert!((found / exact - 1.0).abs() < 0.02, "{found} {exact}");
-    let image = ["paint", "mesh.vtu", "-o", "p.vtu", "--seed", "auto", "--image", "image.npy", "--json"];
+    let image = [
+        "paint",
+        "mesh.vtu",
+        "-o",
+        "p.vtu",
+        "--seed",
+        "auto",
+        "--image",
+        "image.npy",
+        "--json",
+    ];
     assert_eq!(json(&succeed(at, &image))["blocks"], 2);
 }
 

@@ -68,7 +68,8 @@ pub struct FaultLaws {
 }
 
 /// The barriers on the faces of `placed.physical`. Surfaces have the numbers that they have with
-/// default options for surfaces, from 1; gaps in them are closed.
+/// default options for surfaces, from 1; gaps in them are closed, and crumbs that touch one are part of
+/// it.
 ///
 /// # Errors
 /// [`Error::Flow`] if a law is for a surface that does not exist.
@@ -110,12 +111,13 @@ pub fn barriers<const D: usize, M: Stored<D>>(
             None => Faults::OPEN,
         }
     };
+    let part_of = surfaces.adopted(nodes);
     let mut labelled: Vec<([u32; D], u32)> = (surfaces.facets.iter())
         .zip(surfaces.labels())
         .map(|(facet, surface)| {
             let mut facet = *facet;
             facet.sort_unstable();
-            (facet, surface + 1)
+            (facet, part_of[surface as usize] + 1)
         })
         .collect();
     labelled.sort_unstable();

@@ -56,6 +56,9 @@ impl Default for Options {
     }
 }
 
+/// Smaller surfaces than this many facets are crumbs.
+const FEWEST: f64 = 10.0;
+
 /// Facets grouped into surfaces.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Surfaces<const D: usize> {
@@ -110,7 +113,7 @@ impl<const D: usize> Surfaces<D> {
             areas[*s as usize] += area(facet);
         }
         let mean = areas.iter().sum::<f64>() / members.len().max(1) as f64;
-        let least = options.min_area.unwrap_or(10.0 * mean);
+        let least = options.min_area.unwrap_or(FEWEST * mean);
         let mut order: Vec<usize> = (0..count).collect();
         order.sort_by(|&a, &b| areas[b].total_cmp(&areas[a]).then(a.cmp(&b)));
         let kept = order.partition_point(|&s| areas[s] >= least);
@@ -146,6 +149,47 @@ impl<const D: usize> Surfaces<D> {
     /// The facets of a surface.
     pub fn of(&self, surface: usize) -> &[[u32; D]] {
         &self.facets[self.start[surface]..self.start[surface + 1]]
+    }
+
+    /// For each surface the one that it counts as, as a part of it: crumbs of fewer than
+    /// ten facets are part of the larger surface with which they share most nodes, if there is one.
+    pub fn adopted(&self, nodes: &[[f64; D]]) -> Vec<u32> {
+        let area = |s: usize| -> f64 {
+            let areas = (self.of(s).iter()).map(|f| facets::normal(&f.map(|n| nodes[n as usize])));
+            areas.map(facets::length).sum()
+        };
+        let mut part_of: Vec<u32> = (0..self.len() as u32).collect();
+        let all: f64 = (0..self.len()).map(area).sum();
+        let least = FEWEST * all / self.facets.len().max(1) as f64;
+        let first = (0..self.len()).position(|s| area(s) < least);
+        let first = first.unwrap_or(self.len());
+        let mut on: Vec<(u32, u32)> = (0..first)
+            .flat_map(|s| {
+                self.of(s)
+                    .as_flattened()
+                    .iter()
+                    .map(move |&n| (n, s as u32))
+            })
+            .collect();
+        on.sort_unstable();
+        on.dedup();
+        for crumb in first..self.len() {
+            let mut shared: Vec<u32> = Vec::new();
+            for &n in self.of(crumb).as_flattened() {
+                let from = on.partition_point(|&(m, _)| m < n);
+                shared.extend(on[from..].iter().take_while(|at| at.0 == n).map(|at| at.1));
+            }
+            shared.sort_unstable();
+            // Of equals the first, which is the largest.
+            let most = shared
+                .chunk_by(|a, b| a == b)
+                .rev()
+                .max_by_key(|same| same.len());
+            if let Some(same) = most {
+                part_of[crumb] = same[0];
+            }
+        }
+        part_of
     }
 
     /// The surface of each facet.

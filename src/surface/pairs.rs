@@ -222,15 +222,22 @@ pub fn across_gaps<const D: usize>(
                 let g = rim[j] as usize / D;
                 let to = sub(middles[j], middles[i]);
                 let far = length(to);
+                let size = 0.5 * (sizes[i] + sizes[j]);
                 let flat = |n: [f64; D]| dot(to, n).abs() < bent * far;
+                // Between the larger faces of Voronoi cells there are tiny ones, turned anyhow.
+                let onward = if far < TINY * size {
+                    far > 0.0 && -dot(outward[i], outward[j]) > straight
+                } else {
+                    dot(to, outward[i]) >= 0.5 * far
+                        && -dot(to, outward[j]) >= 0.5 * far
+                        && flat(normal)
+                        && flat(cores.normals[g])
+                };
                 if cores.core[f] != cores.core[g]
-                    && far < reach * 0.5 * (sizes[i] + sizes[j])
+                    && far < reach * size
                     && best.is_none_or(|(least, _)| far < least)
-                    && dot(to, outward[i]) >= 0.5 * far
-                    && -dot(to, outward[j]) >= 0.5 * far
                     && dot(normal, cores.normals[g]).abs() > straight
-                    && flat(normal)
-                    && flat(cores.normals[g])
+                    && onward
                 {
                     best = Some((far, j));
                 }
@@ -247,6 +254,9 @@ pub fn across_gaps<const D: usize>(
         .collect();
     found.into_iter().flatten().collect()
 }
+
+/// A gap narrower than this part of a facet's size has no direction.
+const TINY: f64 = 0.5;
 
 /// Wide gaps are at most this many facets wide.
 const WIDE: f64 = 4.0;
@@ -291,13 +301,15 @@ pub fn across_crossings<const D: usize>(
             corners.fold([0.0; D], |sum, x| add_scaled(sum, 1.0 / D as f64, x))
         })
         .collect();
-    let grid = Grid::new(&middles, reach);
+    // Near a crossing facets lie askew: planes are fitted to more than those.
+    let wide = 2.0 * reach;
+    let grid = Grid::new(&middles, wide);
     let patches: Vec<Patch<D>> = (rim.par_iter().zip(&ends))
         .map(|(&side, &end)| {
             let f = side / D;
             let (mut centre, mut normal, mut area) = ([0.0; D], [0.0; D], 0.0);
             grid.visit(end, |g| {
-                if surface[g] == surface[f] && length(sub(middles[g], end)) < reach {
+                if surface[g] == surface[f] && length(sub(middles[g], end)) < wide {
                     let own = length(facets.normal(g));
                     area += own;
                     centre = add_scaled(centre, own, middles[g]);

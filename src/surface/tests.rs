@@ -395,8 +395,9 @@ fn paint_fills_its_layer<const D: usize, F: Faceted<D>>(mesh: &F, thick: f64) {
     let cells = cells(mesh, &closed);
     let cost: Vec<f64> = cells.links.iter().map(|l| cells.resistance(l)).collect();
     let layer = |c: usize| (cells.centres[c][up] / thick) as u32;
-    let place =
-        |x: [f64; 3]| -> [f64; D] { std::array::from_fn(|k| if k == up { x[2] * thick / 6.0 } else { x[k] }) };
+    let place = |x: [f64; 3]| -> [f64; D] {
+        std::array::from_fn(|k| if k == up { x[2] * thick / 6.0 } else { x[k] })
+    };
     let seed = |x, unit| Seed {
         cell: at(mesh, place(x)),
         unit,

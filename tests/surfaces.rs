@@ -438,15 +438,9 @@ fn bad_requests_are_refused() {
 /// are five surfaces, and nothing of size is left over.
 #[test]
 fn fractures_of_a_public_volume_have_five_walls() {
-    let data = std::env::var_os("ATOMESH_DATA").map_or_else(
-        || std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
-        std::path::PathBuf::from,
-    );
-    let image = data.join("planar3d/3_fractures_100x100x100_u8.raw");
-    if !image.exists() {
-        println!("not tested: {} is absent", image.display());
+    let Some(image) = public("planar3d/3_fractures_100x100x100_u8.raw") else {
         return;
-    }
+    };
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     let job = [
@@ -473,4 +467,89 @@ fn fractures_of_a_public_volume_have_five_walls() {
         assert_eq!(wall["components"], 1);
     }
     assert!(said["dropped_area"].as_f64().unwrap() < 100.0, "{said}");
+}
+
+/// A file of the data made by others, or `None`, having said so.
+fn public(name: &str) -> Option<std::path::PathBuf> {
+    let data = std::env::var_os("ATOMESH_DATA").map_or_else(
+        || std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
+        std::path::PathBuf::from,
+    );
+    let path = data.join(name);
+    if !path.exists() {
+        println!("not tested: {} is absent", path.display());
+        return None;
+    }
+    Some(path)
+}
+
+/// A volume of seven faults that cross and throw one another, of which each sample's dip and strike are
+/// known: the seven largest surfaces are the seven faults, one each.
+#[test]
+fn the_seven_faults_of_a_public_volume_are_the_seven_largest_surfaces() {
+    let Some(mask) = public("synthetic_faults3d_lanl/train_0_fsem.bin") else {
+        return;
+    };
+    let numbers = |kind: &str| -> Vec<f32> {
+        let path = mask.with_file_name(format!("train_0_{kind}.bin"));
+        let bytes = std::fs::read(path).unwrap();
+        let (numbers, _) = bytes.as_chunks::<4>();
+        numbers.iter().map(|&b| f32::from_le_bytes(b)).collect()
+    };
+    let [inside, dip, strike] = ["fsem", "fdip", "fstrike"].map(numbers);
+    // A fault by its orientation, which is the same all over it.
+    let fault = |i: usize| {
+        let orientation = [dip[i], strike[i]].map(|a| (2000.0 * a).round() as i64);
+        (inside[i] > 0.5).then_some(orientation)
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let job = [
+        "mesh",
+        mask.to_str().unwrap(),
+        "--raw",
+        "64x64x64:f32le",
+        "--feature",
+        "ridges",
+        "--distance",
+        "5",
+        "-o",
+        "mesh.vtu",
+        "--quiet",
+    ];
+    succeed(at, &job);
+    succeed(at, &["surface", "mesh.vtu", "-o", "s.vtp", "--quiet"]);
+    let file = atomesh::io::vtk::VtkFile::read(&at.join("s.vtp"), "PolyData").unwrap();
+    let piece = file.piece().unwrap();
+    let array = |group: &str| {
+        file.array(&piece.child(group).unwrap().children[0])
+            .unwrap()
+    };
+    let points = array("Points").values.to_f64();
+    let corners = array("Polys").values.to_i64();
+    let labels = array("CellData").values.to_i64();
+    let mut found = Vec::new();
+    for surface in 1..=7 {
+        let mut faces: std::collections::BTreeMap<[i64; 2], usize> = Default::default();
+        for (corners, _) in corners
+            .chunks(3)
+            .zip(&labels)
+            .filter(|(_, l)| **l == surface)
+        {
+            let place = |k: usize| {
+                let sum: f64 = corners.iter().map(|&n| points[3 * n as usize + k]).sum();
+                (sum / 3.0).round() as usize
+            };
+            if let Some(fault) = fault(place(0) + 64 * (place(1) + 64 * place(2))) {
+                *faces.entry(fault).or_default() += 1;
+            }
+        }
+        let all: usize = faces.values().sum();
+        let (fault, most) = faces.into_iter().max_by_key(|(_, count)| *count).unwrap();
+        assert!(most * 4 >= all * 3, "surface {surface}: {most} of {all}");
+        found.push(fault);
+    }
+    found.sort_unstable();
+    found.dedup();
+    assert_eq!(found.len(), 7, "{found:?}");
 }

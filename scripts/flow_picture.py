@@ -1,8 +1,8 @@
 #!/usr/bin/env python
 """Draws flow: scripts/flow_picture.py FLOW.vtu LINES.vtp OUT.png (with .venv's VTK).
 
-The lower half of the mesh, coloured by pressure and cut at the middle of z; faces on faults in black,
-streamlines in green.
+The lower half of the mesh, coloured by pressure and cut at the middle of z (of a 2-D mesh all of it);
+faces on faults in black, streamlines in green.
 """
 import sys
 
@@ -18,7 +18,8 @@ from vtkmodules.vtkIOXML import vtkXMLPolyDataReader, vtkXMLUnstructuredGridRead
 from vtkmodules.vtkRenderingCore import (
     vtkActor, vtkPolyDataMapper, vtkRenderer, vtkRenderWindow, vtkWindowToImageFilter)
 
-FACES = ((1, 3, 2), (0, 2, 3), (0, 3, 1), (0, 1, 2))
+# Of tetrahedra and triangles, by the number of corners.
+FACES = {4: ((1, 3, 2), (0, 2, 3), (0, 3, 1), (0, 1, 2)), 3: ((1, 2), (2, 0), (0, 1))}
 
 
 def read(reader, name):
@@ -41,18 +42,20 @@ def actor(source, color=None):
 
 def faults(mesh):
     """The faces on faults."""
-    bits = mesh.GetCellData().GetArray("feature_faces")
-    triangles = vtkCellArray()
+    arrays = mesh.GetCellData()
+    bits = arrays.GetArray("feature_faces") or arrays.GetArray("feature_edges")
+    found = vtkCellArray()
+    corners = mesh.GetCell(0).GetNumberOfPoints()
     for cell in range(mesh.GetNumberOfCells()):
         nodes = mesh.GetCell(cell).GetPointIds()
-        for k in range(4):
+        for k, face in enumerate(FACES[corners]):
             if int(bits.GetValue(cell)) >> k & 1:
-                triangles.InsertNextCell(3)
-                for i in FACES[k]:
-                    triangles.InsertCellPoint(nodes.GetId(i))
+                found.InsertNextCell(len(face))
+                for i in face:
+                    found.InsertCellPoint(nodes.GetId(i))
     result = vtkPolyData()
     result.SetPoints(mesh.GetPoints())
-    result.SetPolys(triangles)
+    (result.SetPolys if corners == 4 else result.SetLines)(found)
     return result
 
 
@@ -61,6 +64,7 @@ def main(mesh_file, lines_file, out):
     mesh.GetPointData().SetActiveScalars("pressure")
     lines = read(vtkXMLPolyDataReader(), lines_file)
     low, high = mesh.GetBounds()[4:]
+    flat = low == high
     plane = vtkPlane()
     plane.SetOrigin(0, 0, 0.5 * (low + high))
     plane.SetNormal(0, 0, 1)
@@ -69,7 +73,10 @@ def main(mesh_file, lines_file, out):
     clip.SetClipFunction(plane)
     clip.InsideOutOn()
     surface = vtkDataSetSurfaceFilter()
-    surface.SetInputConnection(clip.GetOutputPort())
+    if flat:
+        surface.SetInputData(mesh)
+    else:
+        surface.SetInputConnection(clip.GetOutputPort())
     # The extremes at the wells would leave no colours for the rest.
     values = mesh.GetPointData().GetArray("pressure")
     ranked = sorted(values.GetValue(i) for i in range(values.GetNumberOfTuples()))
@@ -85,7 +92,10 @@ def main(mesh_file, lines_file, out):
     trace.SetInputData(faults(mesh))
     trace.SetCutFunction(plane)
     thick = vtkTubeFilter()
-    thick.SetInputConnection(trace.GetOutputPort())
+    if flat:
+        thick.SetInputData(faults(mesh))
+    else:
+        thick.SetInputConnection(trace.GetOutputPort())
     thick.SetRadius(0.005 * mesh.GetLength())
     thin = vtkTubeFilter()
     thin.SetInputData(lines)
@@ -99,7 +109,7 @@ def main(mesh_file, lines_file, out):
                   actor(outline, (0.5, 0.5, 0.5))):
         renderer.AddActor(shown)
     camera = renderer.GetActiveCamera()
-    camera.SetPosition(-0.25, -0.6, 1)
+    camera.SetPosition(*((0, 0, 1) if flat else (-0.25, -0.6, 1)))
     camera.SetFocalPoint(0, 0, 0)
     camera.SetViewUp(0, 1, 0)
     renderer.ResetCamera()

@@ -6,8 +6,11 @@
 
 pub mod cells;
 pub mod file;
+pub mod flow;
+mod horizons;
 mod join;
 mod pairs;
+pub mod stored;
 
 pub use cells::{CellsOutcome, voronoi_image};
 pub use join::{Meshing, Space};

@@ -12,7 +12,7 @@ use std::path::Path;
 
 use atomesh::export::{AnyMesh, MeshFile, read_any_vtu, read_vtu};
 use atomesh::io::vtk::VtkFile;
-use common::{npy, refused, sheet, succeed};
+use common::{npy, npy_2d, refused, sheet, succeed};
 use serde_json::Value;
 
 const DIMS: [usize; 3] = [40, 36, 32];
@@ -165,6 +165,203 @@ fn two_point_fluxes_are_exact_on_voronoi_cells() {
     assert!(refused(folder.path(), &sink).contains("2 coordinates, the mesh 3"));
 }
 
+/// Triangles and polygons of the plane by the same code: a line across, tilted as the sheet is.
+#[test]
+fn in_the_plane_as_in_space() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let line = sheet(DIMS);
+    npy_2d(&at.join("line.npy"), [40, 36], |[x, y]| line([x, y, 0]));
+    for cells in ["triangles", "voronoi"] {
+        let mesh = format!("mesh line.npy -o mesh.vtu --distance 4 --cells {cells} --quiet");
+        succeed(at, &mesh.split(' ').collect::<Vec<_>>());
+        let want = 2e-13 / 1e-3 * 1e5 * 35.0 / 39.0;
+        if cells == "triangles" {
+            // Two-point fluxes are right for isotropic rock only.
+            let options = ["--faults", "open", "--permeability", "2e-13,1e-12"];
+            let rate = through(at, &options);
+            assert!((rate / want - 1.0).abs() < 1e-10, "{rate} {want}");
+        }
+        let rate = through(at, &["--faults", "open", "--permeability", "2e-13"]);
+        assert!((rate / want - 1.0).abs() < 1e-6, "{cells} {rate} {want}");
+        let layer = [
+            "--faults",
+            "0.01",
+            "--fault-thickness",
+            "0.5",
+            "--permeability",
+            "2e-13",
+        ];
+        let less = through(at, &layer);
+        // In series, the line being off square by 6 degrees.
+        let layered = want * 39.0 / (39.0 + 0.5 * 99.0);
+        assert!(
+            (less / layered - 1.0).abs() < 0.05,
+            "{cells} {less} {layered}"
+        );
+        assert!(through(at, &["--faults", "closed"]) < 1e-9 * want);
+        let side = ["flow", "mesh.vtu", "-o", "x.vtu", "--pressure", "zmin=0"];
+        assert!(refused(at, &side).contains("zmin"));
+        let well = [
+            "flow", "mesh.vtu", "-o", "x.vtu", "--source", "1,2,3", "--sink", "5,5,5",
+        ];
+        assert!(refused(at, &well).contains("3 coordinates, the mesh 2"));
+        let k = [
+            "flow",
+            "mesh.vtu",
+            "-o",
+            "x.vtu",
+            "--pressure",
+            "xmin=0",
+            "--permeability",
+            "1,1,2",
+        ];
+        assert!(refused(at, &k).contains("KXX,KYY,KXY"));
+    }
+    let mesh = "mesh line.npy -o mesh.vtu --distance 4 --quiet";
+    succeed(at, &mesh.split(' ').collect::<Vec<_>>());
+    let wells = [
+        "--source",
+        "8,10",
+        "--sink",
+        "14,30",
+        "--streamlines",
+        "lines.vtp",
+        "--lines",
+        "20",
+    ];
+    let said = flow(at, &wells);
+    assert_eq!(said["figures"]["compartments"], 2);
+    let lines = VtkFile::read(&at.join("lines.vtp"), "PolyData").unwrap();
+    let piece = lines.piece().unwrap();
+    assert_eq!(
+        lines.numbers::<usize>(piece, "NumberOfLines").unwrap(),
+        [20]
+    );
+    let AnyMesh::Plane(file) = read_any_vtu(&at.join("flow.vtu")).unwrap() else {
+        panic!("no triangles")
+    };
+    let velocity = file
+        .cell_data
+        .iter()
+        .find(|a| a.name == "velocity")
+        .unwrap();
+    assert_eq!(velocity.components, 3);
+}
+
+/// Two sheets across the box, the second smaller: each with its own multiplier, by number.
+#[test]
+fn faults_by_number() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    npy(&at.join("two.npy"), DIMS, |[x, y, z]| {
+        let ridge = |off: f32| (-0.5 * (off / 1.5).powi(2)).exp();
+        let ends = if y < 26 { 1.0 } else { 0.0 };
+        ridge(x as f32 - 12.0 - 0.2 * z as f32).max(ends * ridge(x as f32 - 30.0))
+    });
+    for cells in ["tets", "voronoi"] {
+        let mesh = format!(
+            "mesh two.npy -o mesh.vtu --distance 5 --feature ridges --cells {cells} --quiet"
+        );
+        succeed(at, &mesh.split(' ').collect::<Vec<_>>());
+        let said = succeed(
+            at,
+            &["surface", "mesh.vtu", "-o", "s.vtp", "--json", "--quiet"],
+        );
+        let said: Value = serde_json::from_str(&said).unwrap();
+        let surfaces = said["surfaces"].as_array().unwrap();
+        assert_eq!(surfaces.len(), 2, "{cells} {said}");
+        // The first crosses the whole box, the second ends within it.
+        assert!(surfaces[0]["area"].as_f64() > surfaces[1]["area"].as_f64());
+        assert!(surfaces.iter().all(|s| s["kind"] == "fault"));
+        let open = through(at, &["--faults", "open"]);
+        let first = through(at, &["--faults", "open", "--fault-multiplier", "1:0"]);
+        assert!(first < 1e-9 * open, "{cells} {first} {open}");
+        let second = through(at, &["--faults", "open", "--fault-multiplier", "2:0"]);
+        assert!(
+            second > 0.2 * open && second < 0.9 * open,
+            "{cells} {second} {open}"
+        );
+        // The same said in other ways.
+        let same = |options: &[&str]| {
+            let rate = through(at, options);
+            assert!((rate / second - 1.0).abs() < 1e-9, "{cells} {options:?}");
+        };
+        same(&["--barriers", "2"]);
+        std::fs::write(
+            at.join("m.csv"),
+            "surface,factor,thickness\n1,1,0.1\n2,0,0.1\n",
+        )
+        .unwrap();
+        same(&["--fault-multiplier", "m.csv"]);
+        same(&["--fault-multiplier", "1:1"]);
+        let both = flow(
+            at,
+            &[
+                "--pressure",
+                "xmin=2e5",
+                "--pressure",
+                "xmax=1e5",
+                "--faults",
+                "0.5",
+                "--fault-multiplier",
+                "2:0.25",
+            ],
+        );
+        let by_fault = both["by_fault"].as_array().unwrap();
+        let said: Vec<(u64, f64)> = by_fault
+            .iter()
+            .map(|f| {
+                (
+                    f["surface"].as_u64().unwrap(),
+                    f["multiplier"].as_f64().unwrap(),
+                )
+            })
+            .collect();
+        assert_eq!(said, [(1, 0.5), (2, 0.25)]);
+        // All that flows crosses the first.
+        let (across, all) = (&by_fault[0]["rate_across"], &both["figures"]["throughput"]);
+        let share = across.as_f64().unwrap() / all.as_f64().unwrap();
+        assert!((share - 1.0).abs() < 1e-6, "{cells} {share}");
+    }
+}
+
+/// Layers are no barriers unless they are asked for.
+#[test]
+fn horizons_are_no_faults() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    npy(&at.join("layers.npy"), DIMS, |[x, y, _]| {
+        let ricker = |off: f32| {
+            let t = (off / 2.5).powi(2);
+            (1.0 - 2.0 * t) * (-t).exp()
+        };
+        ricker(x as f32 - 12.0 - 0.05 * y as f32) - ricker(x as f32 - 27.0)
+    });
+    let mesh = "mesh layers.npy -o mesh.vtu --distance 5 --feature horizons --quiet";
+    succeed(at, &mesh.split(' ').collect::<Vec<_>>());
+    let said = succeed(
+        at,
+        &[
+            "surface", "mesh.vtu", "-o", "s.ts", "--up", "x", "--json", "--quiet",
+        ],
+    );
+    let said: Value = serde_json::from_str(&said).unwrap();
+    let surfaces = said["surfaces"].as_array().unwrap();
+    assert!(
+        !surfaces.is_empty() && surfaces.iter().all(|s| s["kind"] == "horizon"),
+        "{said}"
+    );
+    let text = std::fs::read_to_string(at.join("s.ts")).unwrap();
+    assert!(text.contains("name:horizon1\n") && text.contains("AXIS_UNIT \"unitless\""));
+    let open = through(at, &["--faults", "open"]);
+    let closed = through(at, &["--faults", "closed"]);
+    assert!((closed / open - 1.0).abs() < 1e-9, "{closed} {open}");
+    for which in ["all", "horizons"] {
+        assert!(through(at, &["--barriers", which]) < 1e-9 * open);
+    }
+}
+
 #[test]
 fn wells_streamlines_and_the_same_bytes_for_any_number_of_threads() {
     let folder = folder();
@@ -233,6 +430,7 @@ fn what_cannot_be_computed_is_refused_in_one_line() {
     std::fs::write(path.join("five.csv"), "5,1e-13\n").unwrap();
     std::fs::write(path.join("twice.csv"), "0,1e-13\n0,1e-12\n").unwrap();
     std::fs::write(path.join("words.csv"), "0,1e-13\nsand,1e-12\n").unwrap();
+    std::fs::write(path.join("laws.csv"), "surface,factor\n1;half\n").unwrap();
     let ends = ["--pressure", "xmin=1", "--pressure", "xmax=0"];
     let [source, sink] = [["--source", "8,10,12"], ["--sink", "30,20,15"]];
     let cases: &[(&[&str], &[&str])] = &[
@@ -270,6 +468,42 @@ fn what_cannot_be_computed_is_refused_in_one_line() {
         (
             &[&ends[..], &["--fault-thickness", "0"]].concat(),
             &["thickness 0"],
+        ),
+        (
+            &[&ends[..], &["--barriers", "layers"]].concat(),
+            &["--barriers layers", "horizons"],
+        ),
+        (
+            &[&ends[..], &["--barriers", "9"]].concat(),
+            &["fault 9", "1 surfaces"],
+        ),
+        (
+            &[&ends[..], &["--fault-multiplier", "2:0.1"]].concat(),
+            &["fault 2", "atomesh surface"],
+        ),
+        (
+            &[&ends[..], &["--fault-multiplier", "0:0.1"]].concat(),
+            &["--fault-multiplier 0:0.1"],
+        ),
+        (
+            &[&ends[..], &["--fault-multiplier", "1:3"]].concat(),
+            &["multiplier 3", "0 to 1"],
+        ),
+        (
+            &[&ends[..], &["--fault-multiplier", "gone.csv"]].concat(),
+            &["gone.csv", "no file"],
+        ),
+        (
+            &[&ends[..], &["--fault-multiplier", "laws.csv"]].concat(),
+            &["laws.csv:2", "1;half"],
+        ),
+        (
+            &[
+                &ends[..],
+                &["--fault-multiplier", "1:0.1", "--fault-multiplier", "1:0.2"],
+            ]
+            .concat(),
+            &["fault 1", "second time"],
         ),
         (
             &[&ends[..], &["--permeability", "-1"]].concat(),

@@ -8,7 +8,7 @@
 
 mod common;
 
-use common::{npy, refused, sheet, succeed, vtk};
+use common::{Survey, npy, npy_2d, refused, segy, sheet, succeed, vtk};
 use serde_json::Value;
 
 const DIMS: [usize; 3] = [44, 36, 32];
@@ -172,6 +172,182 @@ fn paint_stays_on_its_side_and_has_a_closed_skin() {
     );
 }
 
+/// In the plane, on triangles and polygons: two lines, which part the box into three.
+#[test]
+fn lines_of_the_plane_are_grouped_and_painted_between() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    npy_2d(&at.join("lines.npy"), [60, 44], |[x, y]| {
+        let ridge = |off: f32| (-0.5 * (off / 1.5).powi(2)).exp();
+        ridge(x as f32 - 18.0 - 0.2 * y as f32).max(ridge(x as f32 - 42.0 + 0.1 * y as f32))
+    });
+    for cells in ["triangles", "voronoi"] {
+        let mesh = format!(
+            "mesh lines.npy -o mesh.vtu --distance 4 --feature ridges --cells {cells} --quiet"
+        );
+        succeed(at, &mesh.split(' ').collect::<Vec<_>>());
+        let said = json(&succeed(
+            at,
+            &["surface", "mesh.vtu", "-o", "s.vtp", "--json"],
+        ));
+        let lines = said["surfaces"].as_array().unwrap();
+        assert_eq!(lines.len(), 2, "{cells} {said}");
+        for (line, slope) in lines.iter().zip([0.2f64, 0.1]) {
+            let length = 43.0 * (1.0 + slope * slope).sqrt();
+            let found = line["area"].as_f64().unwrap();
+            // Up is y.
+            let dip = 90.0 - slope.atan().to_degrees();
+            let off = (line["dip"].as_f64().unwrap() - dip).abs();
+            if cells == "triangles" {
+                assert!((found / length - 1.0).abs() < 0.02, "{found} {length}");
+                assert!(off < 0.5, "{line}");
+            } else {
+                // Edges of polygons that lie askew to the line are no part of it.
+                assert!(found > 0.4 * length && off < 5.0, "{found} {length} {line}");
+            }
+        }
+        succeed(at, &["surface", "mesh.vtu", "-o", "s.obj", "--quiet"]);
+        let text = std::fs::read_to_string(at.join("s.obj")).unwrap();
+        assert!(
+            text.contains("g fault2\nl ") && !text.contains("\nf "),
+            "{text}"
+        );
+        succeed(
+            at,
+            &["surface", "mesh.vtu", "-o", "s.ts", "--up", "-y", "--quiet"],
+        );
+        let text = std::fs::read_to_string(at.join("s.ts")).unwrap();
+        assert!(text.starts_with("GOCAD PLine 1\n") && text.contains("ZPOSITIVE Depth"));
+        if cells == "triangles" {
+            let job = [
+                "surface",
+                "mesh.vtu",
+                "lines.npy",
+                "-o",
+                "i.vtp",
+                "--feature",
+                "ridges",
+                "--json",
+            ];
+            assert_eq!(
+                json(&succeed(at, &job))["surfaces"]
+                    .as_array()
+                    .unwrap()
+                    .len(),
+                2
+            );
+        }
+
+        let job = [
+            "paint",
+            "mesh.vtu",
+            "-o",
+            "p.vtu",
+            "--seed",
+            "5,20",
+            "--seed",
+            "55,20=7",
+            "--surface-out",
+            "skin.vtp",
+            "--json",
+        ];
+        let said = json(&succeed(at, &job));
+        let regions = said["regions"].as_array().unwrap();
+        let areas: Vec<(u64, f64)> = regions
+            .iter()
+            .map(|r| (r["region"].as_u64().unwrap(), r["volume"].as_f64().unwrap()))
+            .collect();
+        let want = [
+            (1, 43.0 * (18.0 + 0.2 * 21.5)),
+            (7, 43.0 * (59.0 - 42.0 + 0.1 * 21.5)),
+        ];
+        for ((region, area), (number, exact)) in areas.iter().zip(want) {
+            assert_eq!(*region, number);
+            assert!((area / exact - 1.0).abs() < 0.03, "{cells} {area} {exact}");
+        }
+        assert_eq!(regions.len(), 2);
+        let said = json(&succeed(
+            at,
+            &[
+                "paint", "mesh.vtu", "-o", "b.vtu", "--seed", "auto", "--json",
+            ],
+        ));
+        assert_eq!(said["blocks"], 3, "{cells}");
+        let seed = ["paint", "mesh.vtu", "-o", "x.vtu", "--seed", "1,1,1"];
+        assert!(refused(at, &seed).contains("has 3 values, not 2"));
+        let up = ["surface", "mesh.vtu", "-o", "x.vtp", "--up", "z"];
+        assert!(refused(at, &up).contains("--up z"));
+    }
+}
+
+/// Voronoi cells in space, alongside the sheet.
+#[test]
+fn voronoi_cells_are_painted_up_to_the_sheet() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    npy(&at.join("image.npy"), DIMS, sheet(DIMS));
+    let mesh = "mesh image.npy -o mesh.vtu --distance 6 --feature ridges --cells voronoi --quiet";
+    succeed(at, &mesh.split(' ').collect::<Vec<_>>());
+    let said = json(&succeed(
+        at,
+        &["surface", "mesh.vtu", "-o", "s.vtp", "--json"],
+    ));
+    let surfaces = said["surfaces"].as_array().unwrap();
+    assert_eq!(surfaces.len(), 1, "{said}");
+    let area = 35.0 * 31.0 * 1.02f64.sqrt();
+    let found = surfaces[0]["area"].as_f64().unwrap();
+    assert!((found / area - 1.0).abs() < 0.05, "{found} {area}");
+    let job = [
+        "paint",
+        "mesh.vtu",
+        "-o",
+        "p.vtu",
+        "--seed",
+        "5,10,10",
+        "--surface-out",
+        "skin.obj",
+        "--json",
+    ];
+    let said = json(&succeed(at, &job));
+    // x < 22 + 0.1 y - 0.1 z.
+    let exact = 35.0 * 31.0 * (22.0 + 1.75 - 1.55);
+    let found = said["regions"][0]["volume"].as_f64().unwrap();
+    assert!((found / exact - 1.0).abs() < 0.02, "{found} {exact}");
+    let image = [
+        "paint",
+        "mesh.vtu",
+        "-o",
+        "p.vtu",
+        "--seed",
+        "auto",
+        "--image",
+        "image.npy",
+        "--json",
+    ];
+    assert_eq!(json(&succeed(at, &image))["blocks"], 2);
+}
+
+#[test]
+fn gocad_is_told_the_units_of_a_survey() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let survey = Survey {
+        inlines: 30,
+        crosslines: 32,
+        samples: 36,
+    };
+    let value = sheet([36, 32, 30]);
+    segy(&at.join("survey.sgy"), &survey, value);
+    let mesh = "mesh survey.sgy -o mesh.vtu --distance 6 --feature ridges --quiet";
+    succeed(at, &mesh.split(' ').collect::<Vec<_>>());
+    succeed(at, &["surface", "mesh.vtu", "-o", "s.ts", "--quiet"]);
+    let text = std::fs::read_to_string(at.join("s.ts")).unwrap();
+    assert!(
+        text.contains("AXIS_UNIT \"unitless\" \"unitless\" \"ms\"\n"),
+        "{text}"
+    );
+}
+
 #[test]
 fn bad_requests_are_refused() {
     let folder = folder();
@@ -268,15 +444,9 @@ fn bad_requests_are_refused() {
 /// are five surfaces, and nothing of size is left over.
 #[test]
 fn fractures_of_a_public_volume_have_five_walls() {
-    let data = std::env::var_os("ATOMESH_DATA").map_or_else(
-        || std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
-        std::path::PathBuf::from,
-    );
-    let image = data.join("planar3d/3_fractures_100x100x100_u8.raw");
-    if !image.exists() {
-        println!("not tested: {} is absent", image.display());
+    let Some(image) = public("planar3d/3_fractures_100x100x100_u8.raw") else {
         return;
-    }
+    };
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     let job = [
@@ -303,4 +473,89 @@ fn fractures_of_a_public_volume_have_five_walls() {
         assert_eq!(wall["components"], 1);
     }
     assert!(said["dropped_area"].as_f64().unwrap() < 100.0, "{said}");
+}
+
+/// A file of the data made by others, or `None`, having said so.
+fn public(name: &str) -> Option<std::path::PathBuf> {
+    let data = std::env::var_os("ATOMESH_DATA").map_or_else(
+        || std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
+        std::path::PathBuf::from,
+    );
+    let path = data.join(name);
+    if !path.exists() {
+        println!("not tested: {} is absent", path.display());
+        return None;
+    }
+    Some(path)
+}
+
+/// A volume of seven faults that cross and throw one another, of which each sample's dip and strike are
+/// known: the seven largest surfaces are the seven faults, one each.
+#[test]
+fn the_seven_faults_of_a_public_volume_are_the_seven_largest_surfaces() {
+    let Some(mask) = public("synthetic_faults3d_lanl/train_0_fsem.bin") else {
+        return;
+    };
+    let numbers = |kind: &str| -> Vec<f32> {
+        let path = mask.with_file_name(format!("train_0_{kind}.bin"));
+        let bytes = std::fs::read(path).unwrap();
+        let (numbers, _) = bytes.as_chunks::<4>();
+        numbers.iter().map(|&b| f32::from_le_bytes(b)).collect()
+    };
+    let [inside, dip, strike] = ["fsem", "fdip", "fstrike"].map(numbers);
+    // A fault by its orientation, which is the same all over it.
+    let fault = |i: usize| {
+        let orientation = [dip[i], strike[i]].map(|a| (2000.0 * a).round() as i64);
+        (inside[i] > 0.5).then_some(orientation)
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let job = [
+        "mesh",
+        mask.to_str().unwrap(),
+        "--raw",
+        "64x64x64:f32le",
+        "--feature",
+        "ridges",
+        "--distance",
+        "5",
+        "-o",
+        "mesh.vtu",
+        "--quiet",
+    ];
+    succeed(at, &job);
+    succeed(at, &["surface", "mesh.vtu", "-o", "s.vtp", "--quiet"]);
+    let file = atomesh::io::vtk::VtkFile::read(&at.join("s.vtp"), "PolyData").unwrap();
+    let piece = file.piece().unwrap();
+    let array = |group: &str| {
+        file.array(&piece.child(group).unwrap().children[0])
+            .unwrap()
+    };
+    let points = array("Points").values.to_f64();
+    let corners = array("Polys").values.to_i64();
+    let labels = array("CellData").values.to_i64();
+    let mut found = Vec::new();
+    for surface in 1..=7 {
+        let mut faces: std::collections::BTreeMap<[i64; 2], usize> = Default::default();
+        for (corners, _) in corners
+            .chunks(3)
+            .zip(&labels)
+            .filter(|(_, l)| **l == surface)
+        {
+            let place = |k: usize| {
+                let sum: f64 = corners.iter().map(|&n| points[3 * n as usize + k]).sum();
+                (sum / 3.0).round() as usize
+            };
+            if let Some(fault) = fault(place(0) + 64 * (place(1) + 64 * place(2))) {
+                *faces.entry(fault).or_default() += 1;
+            }
+        }
+        let all: usize = faces.values().sum();
+        let (fault, most) = faces.into_iter().max_by_key(|(_, count)| *count).unwrap();
+        assert!(most * 4 >= all * 3, "surface {surface}: {most} of {all}");
+        found.push(fault);
+    }
+    found.sort_unstable();
+    found.dedup();
+    assert_eq!(found.len(), 7, "{found:?}");
 }

@@ -519,7 +519,8 @@ pub struct FlowArgs {
     /// The mesh to write, torn along faults, with pressure (Pa) and Darcy velocity (m/s)
     #[arg(short, long, value_name = "OUT.vtu")]
     pub output: PathBuf,
-    /// A point where fluid enters, with its rate in m^3/s [default: 0.001]; may be repeated
+    /// A point (X,Y in 2-D) where fluid enters, with its rate in m^3/s [default: 0.001]; may be
+    /// repeated
     #[arg(long, value_name = "X,Y,Z[:RATE]", allow_hyphen_values = true)]
     pub source: Vec<String>,
     /// A point where fluid leaves [default rate: all that comes in, or 0.001 with --pressure]
@@ -529,15 +530,22 @@ pub struct FlowArgs {
     /// memory. Sides without one let nothing through
     #[arg(long, value_name = "SIDE=P")]
     pub pressure: Vec<String>,
-    /// How features resist flow across them: closed, open, or the factor, from 0 to 1, of the
+    /// How faults resist flow across them: closed, open, or the factor, from 0 to 1, of the
     /// permeability there [default: closed]
     #[arg(long, value_name = "HOW", allow_hyphen_values = true)]
     pub faults: Option<String>,
     /// Thickness (m) of the layer that the factor of --faults is for [default: from cell to cell]
     #[arg(long, value_name = "W")]
     pub fault_thickness: Option<f64>,
-    /// Permeability in m^2 (1 mD is 9.87e-16 m^2): K; KX,KY,KZ; KXX,KYY,KZZ,KXY,KYZ,KXZ; a CSV file of
-    /// lines region,K; or a cell array of the mesh
+    /// The factor of one fault, by the number that `atomesh surface MESH` gives it; may be repeated;
+    /// or a CSV file of lines surface,factor[,thickness]
+    #[arg(long, value_name = "N:FACTOR", allow_hyphen_values = true)]
+    pub fault_multiplier: Vec<String>,
+    /// The surfaces that --faults is for: faults, horizons, all, or numbers N,N,... Others are open
+    #[arg(long, value_name = "WHICH", default_value = "faults")]
+    pub barriers: String,
+    /// Permeability in m^2 (1 mD is 9.87e-16 m^2): K; KX,KY,KZ; KXX,KYY,KZZ,KXY,KYZ,KXZ (in 2-D K;
+    /// KX,KY; KXX,KYY,KXY); a CSV file of lines region,K; or a cell array of the mesh
     #[arg(
         long,
         value_name = "K",

@@ -2,233 +2,206 @@
 
 use std::path::Path;
 
-use serde_json::{Value, json};
+use serde_json::json;
 
 use super::args::FlowArgs;
 use super::console::Console;
-use super::parse::{bad, number};
-use crate::error::{cause, os};
-use crate::export::polyhedra::write_cells_vtu;
-use crate::export::{AnyMesh, FieldValue, MeshFile, read_any_vtu, write_vtu};
-use crate::flow::split::FaultFace;
-use crate::flow::{CellFlow, Faults, Figures, Rock, Solution, Streamlines, Tensor, TetFlow, Well};
+use super::parse::{bad, number, rows};
+use crate::error::cause;
+use crate::export::{AnyMesh, MeshFile, read_any_vtu};
+use crate::flow::report::FlowReport;
+use crate::flow::{Barriers, Faults, Rock, Streamlines, Tensor, Well};
 use crate::io::check_target;
 use crate::io::vtk::DataArray;
-use crate::mesh::TetMesh;
-use crate::mesh::graph::Graph;
 use crate::mesh::poly::PolyMesh;
 use crate::pipeline::file::Placed;
+use crate::pipeline::flow::{
+    Conditions, FaultLaws, FlowOutcome, SIDES, Standing, barriers, flow_through_cells,
+    flow_through_elements,
+};
+use crate::pipeline::stored::Stored;
 use crate::report::Measured;
 use crate::{Error, Result};
 
 /// Rate in m^3/s of a source for which none is given.
 const RATE: f64 = 1e-3;
-/// How near a side, in parts of the box, its nodes lie.
-const ON_SIDE: f64 = 1e-7;
-const SIDES: [&str; 6] = ["xmin", "xmax", "ymin", "ymax", "zmin", "zmax"];
 
 /// Runs the verb.
 pub fn flow(args: &FlowArgs, console: &mut Console) -> Result<()> {
-    let conditions = Conditions::new(args)?;
-    let faults = faults(args)?;
+    let typed = Typed {
+        args,
+        wells: TypedWell::all(args)?,
+        sides: sides(&args.pressure)?,
+        laws: fault_laws(args)?,
+    };
     check_target(&args.output)?;
     args.streamlines.as_deref().map_or(Ok(()), check_target)?;
     console.begin_stage("reading");
-    let (table, json) = match read_any_vtu(&args.mesh)? {
-        AnyMesh::Space(file) => through_tetrahedra(args, file, &conditions, faults, console)?,
-        AnyMesh::SpaceCells(file) => through_cells(args, file, &conditions, faults, console)?,
-        AnyMesh::PlaneCells(file) => through_cells(args, file, &conditions, faults, console)?,
-        AnyMesh::Plane(_) => {
-            return Err(Error::Flow(cause(
-                args.mesh.display(),
-                "is of triangles, through which no flow is computed",
-                "mesh the image with --align alongside --cells voronoi",
-            )));
-        }
-    };
+    let report = match read_any_vtu(&args.mesh)? {
+        AnyMesh::Plane(file) => typed.through_elements::<2, _>(file, console),
+        AnyMesh::Space(file) => typed.through_elements::<3, _>(file, console),
+        AnyMesh::PlaneCells(file) => typed.through_cells(file, console),
+        AnyMesh::SpaceCells(file) => typed.through_cells(file, console),
+    }?;
     console.result(
-        format_args!("{table}\nwrote {}", args.output.display()),
-        &json,
+        format_args!("{}\nwrote {}", report.table(), args.output.display()),
+        &json!(report),
     );
     Ok(())
 }
 
-fn through_tetrahedra(
-    args: &FlowArgs,
-    file: MeshFile,
-    conditions: &Conditions,
-    faults: Faults,
-    console: &mut Console,
-) -> Result<(String, Value)> {
-    let place = args.mesh.display().to_string();
-    let [point_data, cell_data] = [file.point_data.clone(), file.cell_data.clone()];
-    let field_data = file.field_data.clone();
-    let placed = Placed::new(file, &place)?;
-    let regions = cell_data.iter().find(|array| array.name == "region");
-    let rock = rock(args, &cell_data, regions.map(|array| array.values.to_i64()))?;
-    let feature_faces = match cell_data.iter().find(|a| a.name == TetMesh::FEATURE_FACES) {
-        Some(array) => {
-            let bits = array.values.to_i64();
-            bits.into_iter().map(|bits| bits as u8).collect()
-        }
-        None if args.faults.is_some() && !faults.are_open() => {
+/// What was typed, as far as it can be understood without the mesh.
+struct Typed<'a> {
+    args: &'a FlowArgs,
+    wells: Vec<TypedWell>,
+    sides: Vec<(u8, f64)>,
+    laws: FaultLaws,
+}
+
+impl Typed<'_> {
+    fn through_elements<const D: usize, M: Measured<D>>(
+        &self,
+        file: MeshFile<M>,
+        console: &mut Console,
+    ) -> Result<FlowReport> {
+        let args = self.args;
+        let arrays = MeshFile {
+            mesh: M::from_parts(Vec::new(), Vec::new()),
+            point_data: file.point_data.clone(),
+            cell_data: file.cell_data.clone(),
+            field_data: file.field_data.clone(),
+        };
+        let placed = Placed::new(file, &args.mesh.display().to_string())?;
+        let regions = arrays.cell_data.iter().find(|array| array.name == "region");
+        let regions = regions.map(|array| array.values.to_i64());
+        let rock = rock::<D>(args, &arrays.cell_data, regions)?;
+        let conditions = self.conditions()?;
+        let barriers = self.barriers(&placed, console)?;
+        console.begin_stage("computing pressure");
+        let lines = args.streamlines.as_ref().map(|_| args.lines);
+        let outcome = flow_through_elements(arrays, &placed, rock, &barriers, &conditions, lines)?;
+        self.write(outcome, console)
+    }
+
+    /// Through Voronoi cells (or any polyhedra or polygons).
+    fn through_cells<const D: usize>(
+        &self,
+        file: MeshFile<PolyMesh<D>>,
+        console: &mut Console,
+    ) -> Result<FlowReport> {
+        let args = self.args;
+        let place = args.mesh.display();
+        if args.streamlines.is_some() {
             return Err(Error::Flow(cause(
-                &place,
-                "does not say which of its faces lie on features",
-                "give a mesh that atomesh mesh wrote, or --faults open",
+                place,
+                "is of Voronoi cells, through which no streamlines are traced",
+                "leave out --streamlines, or mesh the image with triangles or tetrahedra",
             )));
         }
-        None => {
+        let regions = file.mesh.region.iter().map(|&r| i64::from(r)).collect();
+        let rock = rock::<D>(args, &file.cell_data, Some(regions))?;
+        let placed = Placed::cells(file.clone(), &place.to_string())?;
+        let conditions = self.conditions()?;
+        let barriers = self.barriers(&placed, console)?;
+        console.begin_stage("computing pressure");
+        let (outcome, off) = flow_through_cells(file, &placed, &rock, &barriers, &conditions)?;
+        if off > 1.0 {
             console.note(format_args!(
-                "{place} does not say which faces lie on features: no faults"
+                "the lines between cells are {off:.0} degrees off square to the permeability times \
+                 their faces' normals, on average: two-point fluxes are rough"
             ));
-            Vec::new()
         }
-    };
-
-    console.begin_stage("computing pressure");
-    let flow = TetFlow::new(&placed.physical, &feature_faces, rock, faults)?;
-    let wells = conditions.wells_in()?;
-    let located = flow.locate(&wells)?;
-    let (fixed, sides) = conditions.fixed(&flow, &placed);
-    let found = flow.solve(&flow.rates(&located), &fixed)?;
-
-    let p = &found.pressure;
-    let jump = |face: &FaultFace| {
-        let [a, b] = face.nodes;
-        let jumps = a
-            .iter()
-            .zip(b)
-            .map(|(&a, b)| (p[a as usize] - p[b as usize]).abs());
-        jumps.fold(0.0, f64::max)
-    };
-    let mut side_rates = [0.0; 6];
-    for (&(node, _), &side) in fixed.iter().zip(&sides) {
-        side_rates[side] += found.inflow[node as usize];
+        self.write(outcome, console)
     }
-    let nodes = flow.split.original.iter().zip(0u32..);
-    let summary = Summary {
-        figures: found.figures,
-        pressure: range(p),
-        doubled: nodes.filter(|(from, node)| *from != node).count(),
-        fault_faces: flow.split.faces.len(),
-        across_faults: flow.fault_rates(p).iter().map(|rate| rate.abs()).sum(),
-        largest_jump: flow.split.faces.iter().map(jump).fold(0.0, f64::max),
-        exchange: conditions.exchange(&side_rates),
-    };
 
-    if let Some(path) = &args.streamlines {
-        console.begin_stage("tracing streamlines");
-        let rates = flow.face_rates(p, &located, &fixed)?;
-        let positions: Vec<[f64; 3]> = wells.iter().map(|well| well.position).collect();
-        let mesh = &flow.split.mesh;
-        Streamlines::trace(mesh, &rates, &located, &positions, args.lines).write(path)?;
+    fn write<const D: usize, M: Stored<D>>(
+        &self,
+        outcome: FlowOutcome<D, M>,
+        console: &mut Console,
+    ) -> Result<FlowReport> {
+        console.begin_stage("writing");
+        if let (Some(path), Some(lines)) = (&self.args.streamlines, &outcome.streamlines) {
+            Streamlines::write(lines, path)?;
+        }
+        M::write(&self.args.output, &outcome.file)?;
+        Ok(outcome.report)
     }
-    console.begin_stage("writing");
-    let json = summary.json();
-    let file = to_file(flow, &found, point_data, cell_data, field_data, &json);
-    write_vtu(&args.output, &file)?;
-    Ok((summary.table(), json))
-}
 
-/// Through Voronoi cells (or any polyhedra or polygons).
-fn through_cells<const D: usize>(
-    args: &FlowArgs,
-    mut file: MeshFile<PolyMesh<D>>,
-    conditions: &Conditions,
-    faults: Faults,
-    console: &mut Console,
-) -> Result<(String, Value)> {
-    if args.streamlines.is_some() {
-        return Err(Error::Flow(cause(
-            args.mesh.display(),
-            "is of Voronoi cells, through which no streamlines are traced",
-            "leave out --streamlines, or mesh the image with tetrahedra",
-        )));
-    }
-    let place = args.mesh.display().to_string();
-    let regions = file
-        .mesh
-        .region
-        .iter()
-        .map(|&region| i64::from(region))
-        .collect();
-    let rock = rock(args, &file.cell_data, Some(regions))?;
-    let placed = Placed::cells(file.clone(), &place)?;
-
-    console.begin_stage("computing pressure");
-    let graph = Graph::from_poly(&placed.physical);
-    let flow = CellFlow::new(&graph, &rock, faults)?;
-    if flow.angle_error > 1.0 {
-        console.note(format_args!(
-            "the lines between cells are {:.0} degrees off square to the permeability times their \
-             faces' normals, on average: two-point fluxes are rough",
-            flow.angle_error
-        ));
-    }
-    let wells = conditions.wells_in()?;
-    let sides: Vec<(u8, f64)> = conditions
-        .sides
-        .iter()
-        .map(|&(s, p)| (s as u8, p))
-        .collect();
-    let cells = graph.volume.len();
-    let found = flow.solve(&flow.well_rates(&wells)?, &sides)?;
-    let (p, of_sides) = found.pressure.split_at(cells);
-    let rates = flow.rates(p, &sides);
-    let mut side_rates = [0.0; 6];
-    for (&(side, _), at) in sides.iter().zip(cells..cells + of_sides.len()) {
-        side_rates[usize::from(side)] = found.inflow[at];
-    }
-    let on_faults = || {
-        graph
-            .connections
-            .iter()
-            .zip(&rates.connections)
-            .filter(|c| c.0.on_feature)
-    };
-    let jump = |c: [u32; 2]| (p[c[0] as usize] - p[c[1] as usize]).abs();
-    let summary = Summary {
-        figures: found.figures,
-        pressure: range(p),
-        doubled: 0,
-        fault_faces: on_faults().count(),
-        across_faults: on_faults().map(|(_, rate)| rate.abs()).sum(),
-        largest_jump: on_faults().map(|(c, _)| jump(c.cells)).fold(0.0, f64::max),
-        exchange: conditions.exchange(&side_rates),
-    };
-    console.begin_stage("writing");
-    let json = summary.json();
-    let in_space = |v: &[f64; D]| [0, 1, 2].map(|k| if k < D { v[k] } else { 0.0 });
-    let velocity: Vec<f64> = flow.velocity(&rates).iter().flat_map(in_space).collect();
-    file.cell_data
-        .push(DataArray::scalars("pressure", p.to_vec()));
-    file.cell_data.push(DataArray {
-        name: "velocity".into(),
-        components: 3,
-        values: velocity.into(),
-    });
-    file.field_data.retain(|(name, _)| name != "feature_faces");
-    file.field_data
-        .push(("flow".into(), FieldValue::Text(json.to_string())));
-    write_cells_vtu(&args.output, &file)?;
-    Ok((summary.table(), json))
-}
-
-/// The smallest and the largest.
-fn range(values: &[f64]) -> [f64; 2] {
-    values
-        .iter()
-        .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], &v| {
-            [low.min(v), high.max(v)]
+    /// In a mesh of dimension `D`.
+    fn conditions<const D: usize>(&self) -> Result<Conditions<D>> {
+        let well = |well: &TypedWell| {
+            let position = well.position.as_slice().try_into().map_err(|_| {
+                let problem = format!("has {} coordinates, the mesh {D}", well.position.len());
+                Error::Flow(cause(&well.name, problem, "give as many"))
+            })?;
+            Ok(Well {
+                name: well.name.clone(),
+                position,
+                rate: well.rate,
+            })
+        };
+        if let Some(side) = self.sides.iter().find(|side| usize::from(side.0) >= 2 * D) {
+            let place = format!("--pressure {}={}", SIDES[usize::from(side.0)], side.1);
+            let problem = format!("names a side that a mesh of {D} dimensions does not have");
+            let remedy = format!("give one of {}", SIDES[..2 * D].join(", "));
+            return Err(Error::Flow(cause(place, problem, remedy)));
+        }
+        Ok(Conditions {
+            wells: self.wells.iter().map(well).collect::<Result<_>>()?,
+            sides: self.sides.clone(),
         })
+    }
+
+    fn barriers<const D: usize, M: Stored<D>>(
+        &self,
+        placed: &Placed<D, M>,
+        console: &mut Console,
+    ) -> Result<Barriers> {
+        let laws = &self.laws;
+        if laws.law.are_open() && laws.own.is_empty() {
+            return Ok(Barriers::default());
+        }
+        let place = self.args.mesh.display();
+        match M::marks(placed) {
+            Some(marks) => {
+                console.begin_stage("grouping faces into faults");
+                barriers(placed, &marks, laws)
+            }
+            None if self.args.faults.is_some() || !laws.own.is_empty() => Err(Error::Flow(cause(
+                place,
+                "does not say which of its faces lie on features",
+                "give a mesh that atomesh mesh wrote, or --faults open",
+            ))),
+            None => {
+                console.note(format_args!(
+                    "{place} does not say which faces lie on features: no faults"
+                ));
+                Ok(Barriers::default())
+            }
+        }
+    }
 }
 
-/// Where fluid enters and leaves.
-struct Conditions {
-    wells: Vec<TypedWell>,
-    /// Side and pressure.
-    sides: Vec<(usize, f64)>,
+/// Sides of the box with their pressures.
+fn sides(texts: &[String]) -> Result<Vec<(u8, f64)>> {
+    let mut sides: Vec<(u8, f64)> = Vec::new();
+    for text in texts {
+        let remedy = "give a side and its pressure, such as xmin=1e7";
+        let (name, value) = text
+            .split_once('=')
+            .ok_or_else(|| bad("--pressure", text, "has no '='", remedy))?;
+        let side = SIDES.iter().position(|side| *side == name.trim());
+        let side = side.ok_or_else(|| {
+            let problem = format!("'{name}' is no side of the box");
+            let remedy = format!("give one of {}", SIDES.join(", "));
+            bad("--pressure", text, &problem, &remedy)
+        })? as u8;
+        if sides.iter().any(|known| known.0 == side) {
+            return Err(bad("--pressure", text, "is given twice", "give it once"));
+        }
+        sides.push((side, number("--pressure", value, remedy)?));
+    }
+    Ok(sides)
 }
 
 /// A well with as many coordinates as were typed.
@@ -238,31 +211,9 @@ struct TypedWell {
     rate: f64,
 }
 
-impl Conditions {
-    fn new(args: &FlowArgs) -> Result<Self> {
-        let mut sides: Vec<(usize, f64)> = Vec::new();
-        for text in &args.pressure {
-            let remedy = "give a side and its pressure, such as xmin=1e7";
-            let (name, value) = text
-                .split_once('=')
-                .ok_or_else(|| bad("--pressure", text, "has no '='", remedy))?;
-            let side = SIDES
-                .iter()
-                .position(|side| *side == name.trim())
-                .ok_or_else(|| {
-                    let problem = format!("'{name}' is no side of the box");
-                    bad(
-                        "--pressure",
-                        text,
-                        &problem,
-                        &format!("give one of {}", SIDES.join(", ")),
-                    )
-                })?;
-            if sides.iter().any(|known| known.0 == side) {
-                return Err(bad("--pressure", text, "is given twice", "give it once"));
-            }
-            sides.push((side, number("--pressure", value, remedy)?));
-        }
+impl TypedWell {
+    /// Sources, then sinks.
+    fn all(args: &FlowArgs) -> Result<Vec<Self>> {
         let mut wells = Vec::new();
         let mut without_rate = Vec::new();
         let typed = [
@@ -272,10 +223,10 @@ impl Conditions {
         for (option, texts, sign) in typed {
             for text in texts {
                 let (position, rate) = well(option, text)?;
-                if rate.is_none() && sign < 0.0 && sides.is_empty() {
+                if rate.is_none() && sign < 0.0 && args.pressure.is_empty() {
                     without_rate.push(wells.len());
                 }
-                wells.push(TypedWell {
+                wells.push(Self {
                     name: format!("{option} {text}"),
                     position,
                     rate: sign * rate.unwrap_or(RATE),
@@ -293,66 +244,14 @@ impl Conditions {
             }
             wells[i].rate = -left / without_rate.len() as f64;
         }
-        if wells.is_empty() && sides.is_empty() {
+        if wells.is_empty() && args.pressure.is_empty() {
             return Err(Error::Flow(cause(
                 "flow",
                 "nothing makes fluid flow",
                 "give --source and --sink, or --pressure of two sides",
             )));
         }
-        Ok(Self { wells, sides })
-    }
-
-    /// The wells in a mesh of dimension `D`.
-    fn wells_in<const D: usize>(&self) -> Result<Vec<Well<D>>> {
-        let typed = self.wells.iter();
-        typed
-            .map(|well| {
-                let position = well.position.as_slice().try_into().map_err(|_| {
-                    let problem = format!("has {} coordinates, the mesh {D}", well.position.len());
-                    Error::Flow(cause(&well.name, problem, "give as many"))
-                })?;
-                Ok(Well {
-                    name: well.name.clone(),
-                    position,
-                    rate: well.rate,
-                })
-            })
-            .collect()
-    }
-
-    /// Where fluid enters or leaves, and its rate, given that of each side.
-    fn exchange(&self, side_rates: &[f64; 6]) -> Vec<(String, f64)> {
-        let wells = self.wells.iter();
-        let mut all: Vec<(String, f64)> = wells
-            .map(|well| (well.name.trim_start_matches('-').to_string(), well.rate))
-            .collect();
-        for &(side, pressure) in &self.sides {
-            all.push((
-                format!("{} at {pressure} Pa", SIDES[side]),
-                side_rates[side],
-            ));
-        }
-        all
-    }
-
-    /// Nodes with given pressure, and for each of them the side that gives it.
-    fn fixed(&self, flow: &TetFlow, placed: &Placed) -> (Vec<(u32, f64)>, Vec<usize>) {
-        let mut taken = vec![false; flow.split.original.len()];
-        let (mut fixed, mut sides) = (Vec::new(), Vec::new());
-        for &(side, pressure) in &self.sides {
-            let extent = placed.extent[side / 2];
-            let plane = if side % 2 == 0 { 0.0 } else { extent };
-            let off = |i: usize| (placed.lattice.nodes[i][side / 2] - plane).abs();
-            for node in flow.nodes_where(|i| off(i) <= ON_SIDE * extent) {
-                // Where two sides meet, the first holds.
-                if !std::mem::replace(&mut taken[node as usize], true) {
-                    fixed.push((node, pressure));
-                    sides.push(side);
-                }
-            }
-        }
-        (fixed, sides)
+        Ok(wells)
     }
 }
 
@@ -371,231 +270,142 @@ fn well(option: &str, text: &str) -> Result<(Vec<f64>, Option<f64>)> {
     Ok((position.collect::<Result<_>>()?, rate))
 }
 
-fn faults(args: &FlowArgs) -> Result<Faults> {
-    match args.faults.as_deref() {
-        None | Some("closed") => Faults::new(0.0, args.fault_thickness),
-        Some("open") => Ok(Faults::OPEN),
+/// Which surfaces resist flow, and how.
+fn fault_laws(args: &FlowArgs) -> Result<FaultLaws> {
+    let thickness = args.fault_thickness;
+    let law = match args.faults.as_deref() {
+        None | Some("closed") => Faults::new(0.0, thickness)?,
+        Some("open") => Faults::OPEN,
         Some(text) => {
             let remedy = "give open, closed, or a multiplier from 0 to 1";
-            Faults::new(number("--faults", text, remedy)?, args.fault_thickness)
+            Faults::new(number("--faults", text, remedy)?, thickness)?
+        }
+    };
+    let standing = match args.barriers.as_str() {
+        "faults" => Standing::Faults,
+        "horizons" => Standing::Horizons,
+        "all" => Standing::All,
+        text => {
+            let numbers = text.split(',').map(|word| word.trim().parse());
+            let numbers = numbers
+                .collect::<std::result::Result<_, _>>()
+                .map_err(|_| {
+                    let remedy = "give faults, horizons, all, or numbers such as 1,4";
+                    bad("--barriers", text, "does not say which surfaces", remedy)
+                })?;
+            Standing::Numbered(numbers)
+        }
+    };
+    let mut own: Vec<(u32, Faults)> = Vec::new();
+    for text in &args.fault_multiplier {
+        for (place, number, law) in multipliers(text, thickness)? {
+            if own.iter().any(|known| known.0 == number) {
+                let problem = format!("gives fault {number} a factor for the second time");
+                return Err(Error::Flow(cause(place, problem, "give each fault once")));
+            }
+            own.push((number, law));
         }
     }
+    Ok(FaultLaws { standing, law, own })
+}
+
+/// Faults with laws of their own, and where that was said: `N:FACTOR`, or from a CSV file.
+fn multipliers(text: &str, thickness: Option<f64>) -> Result<Vec<(String, u32, Faults)>> {
+    let number_of =
+        |x: f64| (x >= 1.0 && x <= f64::from(u32::MAX) && x.fract() == 0.0).then_some(x as u32);
+    let option = "--fault-multiplier";
+    let path = Path::new(text);
+    if path.is_file() {
+        let row = |row: &[f64]| match *row {
+            [fault, factor] => Some((number_of(fault)?, factor, thickness)),
+            [fault, factor, thickness] => Some((number_of(fault)?, factor, Some(thickness))),
+            _ => None,
+        };
+        let remedy = "write surface,factor or surface,factor,thickness";
+        let rows = rows(
+            path,
+            row,
+            "a surface's number, its factor and perhaps its thickness",
+            remedy,
+        )?;
+        let law = |(line, (fault, factor, thickness))| {
+            Ok((
+                format!("{text}:{line}"),
+                fault,
+                Faults::new(factor, thickness)?,
+            ))
+        };
+        return rows.into_iter().map(law).collect();
+    }
+    let remedy = "give the number of a surface and its factor, such as 3:0.01, or a CSV file";
+    let (fault, factor) = text
+        .split_once(':')
+        .ok_or_else(|| bad(option, text, "has no ':' and is no file", remedy))?;
+    let fault = number_of(number(option, fault, remedy)?)
+        .ok_or_else(|| bad(option, text, "has no number of a surface, from 1", remedy))?;
+    let law = Faults::new(number(option, factor, remedy)?, thickness)?;
+    Ok(vec![(format!("{option} {text}"), fault, law)])
 }
 
 /// The mobility of every cell: from numbers, from a file by region, or from an array of the mesh.
-fn rock(args: &FlowArgs, cell_data: &[DataArray], regions: Option<Vec<i64>>) -> Result<Rock> {
+fn rock<const D: usize>(
+    args: &FlowArgs,
+    cell_data: &[DataArray],
+    regions: Option<Vec<i64>>,
+) -> Result<Rock> {
     let (text, viscosity) = (&args.permeability, args.viscosity);
     if !(viscosity > 0.0 && viscosity.is_finite()) {
+        let remedy = "give Pa s: water has 0.001";
         let problem = "is not a positive number";
-        return Err(bad(
-            "--viscosity",
-            &viscosity.to_string(),
-            problem,
-            "give Pa s: water has 0.001",
-        ));
+        return Err(bad("--viscosity", &viscosity.to_string(), problem, remedy));
     }
-    let remedy = "give K, or KX,KY,KZ, or KXX,KYY,KZZ,KXY,KYZ,KXZ, positive definite, in m^2";
-    let array = |name: &str| cell_data.iter().find(|array| array.name == name);
-    let numbers = |words: &str| -> Option<Vec<f64>> {
-        words
-            .split(',')
-            .map(|word| word.trim().parse().ok())
-            .collect()
+    let remedy = match D {
+        2 => "give K, or KX,KY, or KXX,KYY,KXY, positive definite, in m^2",
+        _ => "give K, or KX,KY,KZ, or KXX,KYY,KZZ,KXY,KYZ,KXZ, positive definite, in m^2",
     };
-    if let Some(values) = numbers(text) {
-        let tensor = Tensor::from_numbers(&values)
-            .ok_or_else(|| bad("--permeability", text, "is no permeability", remedy))?;
+    let refuse = |problem: &str| bad("--permeability", text, problem, remedy);
+    let numbers: std::result::Result<Vec<f64>, _> =
+        text.split(',').map(|word| word.trim().parse()).collect();
+    if let Ok(numbers) = numbers {
+        let tensor = Tensor::of_dimension::<D>(&numbers);
+        let tensor = tensor.ok_or_else(|| refuse("is no permeability"))?;
         return Ok(Rock::uniform(tensor, viscosity));
     }
-    if let Some(array) = array(text) {
-        let values = array.values.to_f64();
-        let cell = |(cell, numbers): (usize, &[f64])| {
-            let tensor = Tensor::from_numbers(numbers);
-            tensor.map(|k| k.scaled(1.0 / viscosity)).ok_or_else(|| {
-                let problem = format!("cell {cell} has {numbers:?}, which is no permeability");
-                bad("--permeability", text, &problem, remedy)
-            })
-        };
-        let kinds: Vec<Tensor> = values
-            .chunks(array.components)
-            .enumerate()
-            .map(cell)
-            .collect::<Result<_>>()?;
-        return Ok(Rock {
-            of_cell: (0..kinds.len() as u32).collect(),
-            kinds,
-        });
+    if let Some(array) = cell_data.iter().find(|array| array.name == *text) {
+        return Rock::by_cell::<D>(&array.values.to_f64(), array.components, viscosity);
     }
     let path = Path::new(text);
     if !path.exists() {
         let names: Vec<&str> = cell_data.iter().map(|array| array.name.as_str()).collect();
-        let problem = format!(
+        return Err(refuse(&format!(
             "is no number, no file, and no cell array of the mesh (it has {})",
             names.join(", ")
-        );
-        return Err(bad("--permeability", text, &problem, remedy));
+        )));
     }
-    let content = std::fs::read_to_string(path).map_err(|e| os(path, "read", e))?;
+    let row = |row: &[f64]| {
+        let (&region, numbers) = row.split_first()?;
+        let whole = (region.fract() == 0.0).then_some(region as i32)?;
+        Some((whole, Tensor::of_dimension::<D>(numbers)?))
+    };
+    let meaning = "a region and its permeability";
+    let rows = rows(
+        path,
+        row,
+        meaning,
+        "write region,K or region,KX,KY,KZ, in m^2",
+    )?;
     let mut kinds: Vec<(i32, Tensor)> = Vec::new();
-    for (at, line) in content.lines().enumerate() {
-        let line = line.trim();
-        if line.is_empty() || line.starts_with('#') {
-            continue;
+    for (line, (region, tensor)) in rows {
+        if kinds.iter().any(|(known, _)| *known == region) {
+            let problem = format!("region {region} for the second time");
+            let place = format!("{}:{line}", path.display());
+            return Err(Error::Flow(cause(place, problem, "give each region once")));
         }
-        let entry = line.split_once(',').and_then(|(region, rest)| {
-            Some((
-                region.trim().parse().ok()?,
-                Tensor::from_numbers(&numbers(rest)?)?,
-            ))
-        });
-        let place = || format!("{}:{}", path.display(), at + 1);
-        match entry {
-            Some((region, _)) if kinds.iter().any(|(known, _)| *known == region) => {
-                let problem = format!("region {region} for the second time");
-                return Err(Error::Flow(cause(
-                    place(),
-                    problem,
-                    "give each region once",
-                )));
-            }
-            Some(entry) => kinds.push(entry),
-            // One line of column names.
-            None if kinds.is_empty() && line.starts_with("region") => {}
-            None => {
-                let problem = format!("'{line}' is not a region and its permeability");
-                let remedy = "write region,K or region,KX,KY,KZ, in m^2";
-                return Err(Error::Flow(cause(place(), problem, remedy)));
-            }
-        }
+        kinds.push((region, tensor));
     }
     let regions = regions.ok_or_else(|| {
-        let problem = "is by region, but the mesh has no cell array 'region'";
-        bad(
-            "--permeability",
-            text,
-            problem,
-            "give one permeability for all",
-        )
+        refuse("is by region, but the mesh has no cell array 'region': give one for all")
     })?;
     let regions: Vec<i32> = regions.into_iter().map(|r| r as i32).collect();
     Rock::by_region(&regions, &kinds, viscosity)
-}
-
-/// What the verb says.
-struct Summary {
-    figures: Figures,
-    pressure: [f64; 2],
-    doubled: usize,
-    fault_faces: usize,
-    /// Sum of the rates across faults, whatever their direction.
-    across_faults: f64,
-    largest_jump: f64,
-    /// Where fluid enters or leaves, and its rate.
-    exchange: Vec<(String, f64)>,
-}
-
-impl Summary {
-    fn table(&self) -> String {
-        let figures = &self.figures;
-        let mut lines = vec![
-            format!(
-                "unknowns      {} ({} nodes doubled on {} faces of faults), {} compartment{}",
-                figures.unknowns,
-                self.doubled,
-                self.fault_faces,
-                figures.compartments,
-                if figures.compartments == 1 { "" } else { "s" },
-            ),
-            format!(
-                "solver        {} iterations, residual {:.1e}",
-                figures.iterations, figures.residual
-            ),
-            format!(
-                "pressure      {:.6e} to {:.6e} Pa",
-                self.pressure[0], self.pressure[1]
-            ),
-            format!(
-                "faults        {:.6e} m^3/s across, largest jump {:.6e} Pa",
-                self.across_faults, self.largest_jump
-            ),
-            format!("throughput    {:.6e} m^3/s", figures.throughput),
-            format!(
-                "imbalance     {:.1e} of the throughput in the worst control volume, {:.1e} in all",
-                figures.worst_balance, figures.total_balance
-            ),
-        ];
-        for (name, rate) in &self.exchange {
-            lines.push(format!("{rate:+13.6e} m^3/s  {name}"));
-        }
-        lines.join("\n")
-    }
-
-    fn json(&self) -> Value {
-        let exchange: Vec<Value> = self
-            .exchange
-            .iter()
-            .map(|(name, rate)| json!({ "name": name, "rate": rate }))
-            .collect();
-        json!({
-            "figures": self.figures,
-            "pressure": { "min": self.pressure[0], "max": self.pressure[1] },
-            "faults": {
-                "faces": self.fault_faces,
-                "nodes_doubled": self.doubled,
-                "rate_across": self.across_faults,
-                "largest_jump": self.largest_jump,
-            },
-            "exchange": exchange,
-        })
-    }
-}
-
-/// The torn mesh with pressure, velocity, and what crosses faults.
-fn to_file(
-    flow: TetFlow,
-    found: &Solution,
-    point_data: Vec<DataArray>,
-    mut cell_data: Vec<DataArray>,
-    mut field_data: Vec<(String, FieldValue)>,
-    summary: &Value,
-) -> MeshFile {
-    let velocity = flow.velocity(&found.pressure);
-    let mut across = vec![0.0; 4 * velocity.len()];
-    for (face, rate) in flow
-        .split
-        .faces
-        .iter()
-        .zip(flow.fault_rates(&found.pressure))
-    {
-        for (side, sign) in [(0, 1.0), (1, -1.0)] {
-            across[4 * face.tets[side] as usize + usize::from(face.face[side])] = sign * rate;
-        }
-    }
-    let split = flow.split;
-    let mut points: Vec<DataArray> = point_data
-        .into_iter()
-        .map(|array| DataArray {
-            values: array.values.tuples(&split.original, array.components),
-            ..array
-        })
-        .collect();
-    points.push(DataArray::scalars("node", split.original.clone()));
-    points.push(DataArray::scalars("pressure", found.pressure.clone()));
-    cell_data.push(DataArray {
-        name: "velocity".into(),
-        components: 3,
-        values: velocity.into_flattened().into(),
-    });
-    cell_data.push(DataArray {
-        name: "fault_rate".into(),
-        components: 4,
-        values: across.into(),
-    });
-    field_data.push(("flow".into(), FieldValue::Text(summary.to_string())));
-    MeshFile {
-        mesh: split.mesh,
-        point_data: points,
-        cell_data,
-        field_data,
-    }
 }

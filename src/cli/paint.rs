@@ -10,16 +10,13 @@ use super::args::InputOptions;
 use super::console::Console;
 use super::job::check_output;
 use super::parse;
-use super::surface::{Grouping, WRITTEN, group, marked_faces, write_file};
+use super::surface::{Grouping, WRITTEN, image_of, marked_facets, write_file};
 use crate::Result;
-use crate::export::{SurfaceFile, read_vtu, write_vtu};
+use crate::export::{AnyMesh, MeshFile, SurfaceFile, read_any_vtu};
 use crate::image::Field;
-use crate::io;
-use crate::io::vtk::DataArray;
-use crate::mesh::complex::neighbors;
-use crate::mesh::volume6;
 use crate::pipeline::file::Placed;
-use crate::surface::cells::{Cells, centre, holding, skin};
+use crate::pipeline::stored::{Stored, group};
+use crate::surface::cells::{Cells, holding, skin};
 use crate::surface::paint::{Seed, blocks, contrast, paint as flow};
 
 /// Smaller rooms than this many cells are crumbs between surfaces.
@@ -34,7 +31,7 @@ pub struct PaintArgs {
     /// The mesh with the painted regions as cell data `region` (0: not painted)
     #[arg(short, long, value_name = "OUT.vtu")]
     pub output: PathBuf,
-    /// Where paint begins, in physical coordinates, once or more; =N says which region, else each
+    /// Where paint begins, in physical coordinates (X,Y in 2-D), once or more; =N says which region, else each
     /// seed is its own. `auto` paints every block between surfaces
     #[arg(
         long,
@@ -84,36 +81,47 @@ pub fn paint(args: &PaintArgs, console: &mut Console) -> Result<()> {
         let inputs = [inputs.as_slice(), &[&args.output]].concat();
         check_output(path, "--surface-out", &WRITTEN, &inputs)?;
     }
-    let seeds = seeds(&args.seed)?;
-    let options = crate::surface::Options {
-        min_area: Some(0.0),
-        ..args.grouping.options()?
-    };
-    let (up, z_up) = args.grouping.up()?;
+    console.begin_stage("reading");
+    match read_any_vtu(&args.mesh)? {
+        AnyMesh::Plane(file) => paint_mesh::<2, _>(args, file, console),
+        AnyMesh::Space(file) => paint_mesh::<3, _>(args, file, console),
+        AnyMesh::PlaneCells(file) => paint_mesh::<2, _>(args, file, console),
+        AnyMesh::SpaceCells(file) => paint_mesh::<3, _>(args, file, console),
+    }
+}
+
+fn paint_mesh<const D: usize, M: Stored<D> + Clone>(
+    args: &PaintArgs,
+    mut file: MeshFile<M>,
+    console: &mut Console,
+) -> Result<()> {
+    let seeds = seeds::<D>(&args.seed)?;
+    let options = args.grouping.options(Some(0.0))?;
+    let (_, z_up) = args.grouping.up::<D>()?;
     let level = within(
         "--level",
         args.level.unwrap_or(f64::INFINITY),
         0.0..=f64::INFINITY,
     )?;
     let neck = within("--neck", args.neck, 0.0..=1.0)?;
-
-    console.begin_stage("reading");
-    let mut file = read_vtu(&args.mesh)?;
-    let placed = Placed::new(file.clone(), &args.mesh.display().to_string())?;
-    let marked = marked_faces(&placed, &args.mesh)?;
-    let mut closed = group(&placed, marked, &options, &up).facets;
-    closed.iter_mut().for_each(|face| face.sort_unstable());
+    let placed = M::place(file.clone(), &args.mesh.display().to_string())?;
+    let marked = marked_facets(&placed, &args.mesh)?;
+    let mut closed = group(&placed, marked, &options).facets;
+    closed.iter_mut().for_each(|facet| facet.sort_unstable());
     closed.sort_unstable();
 
     console.begin_stage("painting");
-    let cells = Cells::of_tets(&placed.lattice, &closed)?;
+    let across = placed.lattice.cells_of_faces()?;
+    let cells = Cells::new(&placed.lattice, &across, &closed);
     let (block, count) = blocks(&cells, neck, CRUMB);
+    // Faces have other numbers where the world mirrors the lattice.
+    let across = placed.physical.cells_of_faces()?;
     let regions: Vec<u32> = match &seeds {
         None => block.iter().map(|b| b + 1).collect(),
         Some(seeds) => {
             let seeds: Vec<Seed> = (seeds.iter().zip(&args.seed))
                 .map(|(&(p, unit), text)| {
-                    let cell = holding(&placed.physical, p).ok_or_else(|| {
+                    let cell = holding(&placed.physical, &across, p).ok_or_else(|| {
                         let remedy = "give physical coordinates; atomesh info shows their range";
                         parse::bad("--seed", text, "lies outside the mesh", remedy)
                     })?;
@@ -130,33 +138,29 @@ pub fn paint(args: &PaintArgs, console: &mut Console) -> Result<()> {
     };
 
     console.begin_stage("writing");
-    let labels: Vec<i32> = regions.iter().map(|&r| r as i32).collect();
-    let array = DataArray::scalars("region", labels);
-    match file.cell_data.iter_mut().find(|a| a.name == array.name) {
-        Some(old) => *old = array,
-        None => file.cell_data.push(array),
-    }
+    M::set_regions(&mut file, regions.iter().map(|&r| r as i32).collect());
     let found = totals(&placed, &regions);
     if let Some(path) = &args.surface_out {
         let physical = &placed.physical;
-        // The mesh has passed this once, in `Cells::of_tets`.
-        let across = neighbors(physical.nodes.len(), &physical.tets).unwrap_or_default();
-        let (mut faces, mut start) = (Vec::new(), vec![0]);
+        let (mut facets, mut start) = (Vec::new(), vec![0]);
         for Region { region, .. } in &found {
-            faces.extend(skin(physical, &across, &regions, *region));
-            start.push(faces.len());
+            facets.extend(skin(physical, &across, &regions, *region));
+            start.push(facets.len());
         }
-        let mut skins = SurfaceFile::new(&physical.nodes, &faces, &start, "region");
+        let mut skins = SurfaceFile::new(physical.node_positions(), &facets, &start, "region");
         skins.names = found
             .iter()
             .map(|r| format!("region{}", r.region))
             .collect();
-        write_file(path, &skins, z_up)?;
+        write_file(path, skins, &placed.geometry, z_up)?;
     }
-    write_vtu(&args.output, &file)?;
+    M::write(&args.output, &file)?;
     let mut lines = vec![format!(
         "{:>6} {:>9} {:>13} {:>7}",
-        "region", "cells", "volume", "share"
+        "region",
+        "cells",
+        if D == 2 { "area" } else { "volume" },
+        "share"
     )];
     lines.extend(found.iter().map(|r| {
         let share = 100.0 * r.share;
@@ -180,12 +184,11 @@ pub fn paint(args: &PaintArgs, console: &mut Console) -> Result<()> {
 }
 
 /// Cells, volume and share of the whole of each region that has cells, but for 0, unpainted.
-fn totals(placed: &Placed, regions: &[u32]) -> Vec<Region> {
+fn totals<const D: usize, M: Stored<D>>(placed: &Placed<D, M>, regions: &[u32]) -> Vec<Region> {
     let most = regions.iter().copied().max().unwrap_or(0) as usize;
     let mut sums = vec![(0, 0.0); most + 1];
     let mut all = 0.0;
-    for (t, &region) in regions.iter().enumerate() {
-        let volume = volume6(&placed.physical.corners(t)) / 6.0;
+    for ((volume, _), &region) in placed.physical.cell_volumes().iter().zip(regions) {
         sums[region as usize].0 += 1;
         sums[region as usize].1 += volume;
         all += volume;
@@ -202,34 +205,38 @@ fn totals(placed: &Placed, regions: &[u32]) -> Vec<Region> {
 }
 
 /// How much harder paint flows through each link for the image, if one is given.
-fn image_contrast(args: &PaintArgs, placed: &Placed, cells: &Cells) -> Result<Option<Vec<f64>>> {
+fn image_contrast<const D: usize, M>(
+    args: &PaintArgs,
+    placed: &Placed<D, M>,
+    cells: &Cells<D>,
+) -> Result<Option<Vec<f64>>> {
     let Some(path) = &args.image else {
         return Ok(None);
     };
-    let image = io::read(path, &args.input.read_options()?)?.image;
-    image.check(&path.display().to_string())?;
-    placed.check_dims(image.dims(), &path.display().to_string())?;
+    let image = image_of(path, &args.input, placed)?;
     let field = Field {
         dims: image.dims(),
         step: placed.step,
         samples: image.as_slice().to_vec(),
     };
-    let value = |t: usize| field.value(centre(&placed.lattice, t));
-    let values: Vec<f64> = (0..cells.len()).map(value).collect();
+    let values: Vec<f64> = cells.centres.iter().map(|&x| field.value(x)).collect();
     Ok(Some(contrast(cells, &values)))
 }
 
 /// Where paint begins, and its region, from 1.
-type Place = ([f64; 3], u32);
+type Place<const D: usize> = ([f64; D], u32);
 
 /// Seeds with their regions; `None` for `auto`.
-fn seeds(texts: &[String]) -> Result<Option<Vec<Place>>> {
+fn seeds<const D: usize>(texts: &[String]) -> Result<Option<Vec<Place<D>>>> {
     if let [only] = texts
         && only == "auto"
     {
         return Ok(None);
     }
-    let remedy = "give X,Y,Z or X,Y,Z=N, such as 10,20.5,30 or 10,20.5,30=2, or auto alone";
+    let remedy = match D {
+        2 => "give X,Y or X,Y=N, such as 10,20.5 or 10,20.5=2, or auto alone",
+        _ => "give X,Y,Z or X,Y,Z=N, such as 10,20.5,30 or 10,20.5,30=2, or auto alone",
+    };
     let seed = |(text, own): (&String, u32)| {
         let (point, unit) = match text.split_once('=') {
             None => (text.as_str(), own),
@@ -244,7 +251,7 @@ fn seeds(texts: &[String]) -> Result<Option<Vec<Place>>> {
                 (point, unit.ok_or_else(wrong)?)
             }
         };
-        Ok((parse::point("--seed", point, remedy)?, unit))
+        Ok((parse::point_of("--seed", point, remedy)?, unit))
     };
     let seeds: Result<Vec<_>> = texts.iter().zip(1..).map(seed).collect();
     seeds.map(Some)

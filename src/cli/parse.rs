@@ -88,14 +88,19 @@ pub fn scales(option: &str, text: &str) -> Result<Vec<f64>> {
     Ok(scales)
 }
 
-/// `X,Y,Z`: a point.
+/// `X,Y,Z`: a point of space.
 pub fn point(option: &str, text: &str, remedy: &str) -> Result<[f64; 3]> {
+    point_of(option, text, remedy)
+}
+
+/// As many coordinates as there are dimensions.
+pub fn point_of<const D: usize>(option: &str, text: &str, remedy: &str) -> Result<[f64; D]> {
     let words: Vec<&str> = text.split(',').map(str::trim).collect();
-    let Ok(words) = <[&str; 3]>::try_from(words.as_slice()) else {
-        let problem = format!("has {} values, not 3", words.len());
+    let Ok(words) = <[&str; D]>::try_from(words.as_slice()) else {
+        let problem = format!("has {} values, not {D}", words.len());
         return Err(bad(option, text, &problem, remedy));
     };
-    let mut point = [0.0; 3];
+    let mut point = [0.0; D];
     for (x, word) in point.iter_mut().zip(words) {
         *x = number(option, word, remedy)?;
     }
@@ -121,16 +126,28 @@ pub fn distance(option: &str, text: &str) -> Result<(f64, Option<f64>)> {
     }
 }
 
-/// Points from a CSV file, one `x,y,z` (`x,y` in 2-D) a line, with the line that each stands on. Empty lines,
-/// lines that begin with `#` and one line of column names are skipped.
+/// Points from a CSV file, one `x,y,z` (`x,y` in 2-D) a line, with the line that each stands on.
 pub fn points<const D: usize>(path: &Path) -> Result<Vec<(usize, [f64; D])>> {
+    let remedy = match D {
+        2 => "write one point a line, as x,y",
+        _ => "write one point a line, as x,y,z",
+    };
+    let point = |row: &[f64]| <[f64; D]>::try_from(row).ok();
+    rows(path, point, &format!("{D} finite numbers"), remedy)
+}
+
+/// Rows of finite numbers from a CSV file, as `take` understands them, with the line that each stands
+/// on. Empty lines, lines that begin with `#` and one line of column names are skipped; errors call a
+/// row `meaning`.
+pub fn rows<T>(
+    path: &Path,
+    take: impl Fn(&[f64]) -> Option<T>,
+    meaning: &str,
+    remedy: &str,
+) -> Result<Vec<(usize, T)>> {
     let text = std::fs::read_to_string(path).map_err(|e| os(path, "read", e))?;
-    let mut points = Vec::new();
-    for (line, content) in text
-        .lines()
-        .enumerate()
-        .map(|(k, content)| (k + 1, content.trim()))
-    {
+    let mut rows = Vec::new();
+    for (line, content) in (1..).zip(text.lines().map(str::trim)) {
         if content.is_empty() || content.starts_with('#') {
             continue;
         }
@@ -139,22 +156,19 @@ pub fn points<const D: usize>(path: &Path) -> Result<Vec<(usize, [f64; D])>> {
             .iter()
             .map(|word| word.parse().ok().filter(|v: &f64| v.is_finite()))
             .collect();
-        match values.map(<[f64; D]>::try_from) {
-            Some(Ok(point)) => points.push((line, point)),
-            _ if points.is_empty() && words.iter().all(|word| word.parse::<f64>().is_err()) => {}
-            _ => {
+        match values.and_then(|values| take(&values)) {
+            Some(row) => rows.push((line, row)),
+            None if rows.is_empty() && words.iter().all(|word| word.parse::<f64>().is_err()) => {}
+            None => {
                 return Err(Error::Job(cause(
                     format!("{}:{line}", path.display()),
-                    format!("'{content}' is not {D} finite numbers"),
-                    match D {
-                        2 => "write one point a line, as x,y",
-                        _ => "write one point a line, as x,y,z",
-                    },
+                    format!("'{content}' is not {meaning}"),
+                    remedy,
                 )));
             }
         }
     }
-    Ok(points)
+    Ok(rows)
 }
 
 #[cfg(test)]

@@ -9,13 +9,16 @@ use super::args::{FeatureChoice, InputOptions};
 use super::console::Console;
 use super::job::{check_output, feature_scale, threshold};
 use super::parse;
-use crate::export::{MeshFile, SurfaceFile, read_vtu, write_obj, write_tsurf, write_vtp};
+use crate::export::{
+    AnyMesh, MeshFile, SurfaceFile, read_any_vtu, write_obj, write_tsurf, write_vtp,
+};
+use crate::image::{Geometry, Image};
 use crate::io::vtk::DataArray;
-use crate::mesh::{EDGES, TetMesh, norm, sub};
 use crate::pipeline::file::Placed;
+use crate::pipeline::stored::{Stored, group, horizon_facets};
 use crate::surface::facets::{normal, unit};
 use crate::surface::measure::Up;
-use crate::surface::{Measure, Options, Surfaces, measure, select};
+use crate::surface::{Kind, Measure, Options, Surfaces, measure, select};
 use crate::{Error, Result, error::cause, feature, io};
 
 /// `atomesh surface`.
@@ -33,6 +36,9 @@ pub struct SurfaceArgs {
     /// How surfaces are told apart.
     #[command(flatten)]
     pub grouping: Grouping,
+    /// Drop surfaces of less area, in square samples (length in 2-D) [default: ten faces]
+    #[arg(long, value_name = "AREA", allow_negative_numbers = true)]
+    pub min_area: Option<f64>,
     /// Depth of the valleys of b(x) from which on faces lie on the features of IMAGE, from 0 to 1
     #[arg(long, value_name = "DEPTH", default_value_t = 0.6)]
     pub depth: f64,
@@ -56,17 +62,9 @@ pub struct Grouping {
     /// Largest bend from face to face within a surface, in degrees
     #[arg(long, value_name = "DEGREES", default_value_t = 25.0)]
     pub max_bend: f64,
-    /// Drop surfaces of less area, in square samples [default: ten faces]
-    #[arg(long, value_name = "AREA", allow_negative_numbers = true)]
-    pub min_area: Option<f64>,
-    /// Which way is up: x, y, z or -x, -y, -z in physical coordinates
-    #[arg(
-        long,
-        value_name = "AXIS",
-        default_value = "z",
-        allow_hyphen_values = true
-    )]
-    pub up: String,
+    /// Which way is up: x, y, z or -x, -y, -z in physical coordinates [default: z; y in 2-D]
+    #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
+    pub up: Option<String>,
 }
 
 /// The endings of the surface formats that are written.
@@ -76,11 +74,11 @@ pub const WRITTEN: [&str; 3] = ["vtp", "obj", "ts"];
 const ALONG: f64 = 0.82;
 
 impl Grouping {
-    /// The options, checked.
+    /// The options, checked, for surfaces of at least `min_area`.
     ///
     /// # Errors
     /// [`Error::Job`] for a bend that is no angle below 90 degrees, or a negative area.
-    pub fn options(&self) -> Result<Options> {
+    pub fn options(&self, min_area: Option<f64>) -> Result<Options> {
         let refuse = |option: String, remedy: &str| {
             Err(Error::Job(cause(option, "is out of range", remedy)))
         };
@@ -90,7 +88,7 @@ impl Grouping {
                 "give degrees above 0 and below 90; 25 is usual",
             );
         }
-        if let Some(area) = self.min_area.filter(|a| !(a.is_finite() && *a >= 0.0)) {
+        if let Some(area) = min_area.filter(|a| !(a.is_finite() && *a >= 0.0)) {
             return refuse(
                 format!("--min-area {area}"),
                 "give 0 or more square samples",
@@ -98,7 +96,7 @@ impl Grouping {
         }
         Ok(Options {
             max_bend: self.max_bend,
-            min_area: self.min_area,
+            min_area,
             ..Options::default()
         })
     }
@@ -106,109 +104,112 @@ impl Grouping {
     /// The directions of up, north and east; and whether z grows upwards, as far as it says.
     ///
     /// # Errors
-    /// [`Error::Job`] for anything but x, y, z, -x, -y or -z.
-    pub fn up(&self) -> Result<(Up<3>, bool)> {
-        let positive = !self.up.starts_with('-');
-        let axis = ["x", "y", "z"]
+    /// [`Error::Job`] for anything but an axis of space or of the plane, or minus one.
+    pub fn up<const D: usize>(&self) -> Result<(Up<D>, bool)> {
+        let axes = &["x", "y", "z"][..D];
+        let typed = self.up.as_deref().unwrap_or(axes[D - 1]);
+        let positive = !typed.starts_with('-');
+        let axis = axes
             .iter()
-            .position(|&a| a == self.up.trim_start_matches('-'));
+            .position(|&a| a == typed.trim_start_matches('-'));
         match axis {
             Some(axis) => Ok((Up::along(axis, positive), positive)),
-            None => Err(parse::bad(
-                "--up",
-                &self.up,
-                "is no axis",
-                "give x, y, z, -x, -y or -z",
-            )),
+            None => {
+                let remedy = format!("give {}, or -{}", axes.join(", "), axes.join(", -"));
+                Err(parse::bad("--up", typed, "is no axis of the mesh", &remedy))
+            }
         }
     }
 }
 
-/// The faces that the mesh says lie on features.
+/// The facets that the mesh says lie on features.
 ///
 /// # Errors
 /// [`Error::Mesh`] if it says nothing, or that none does.
-pub fn marked_faces(placed: &Placed, place: &Path) -> Result<Vec<[u32; 3]>> {
-    let faces = (placed.feature_faces.as_ref()).map(|bits| select::marked(&placed.lattice, bits));
+pub fn marked_facets<const D: usize, M: Stored<D>>(
+    placed: &Placed<D, M>,
+    place: &Path,
+) -> Result<Vec<[u32; D]>> {
+    let facets = M::marks(placed).map(|marks| select::marked(&placed.lattice, &marks));
     let refuse =
         |problem: &str, remedy: &str| Err(Error::Mesh(cause(place.display(), problem, remedy)));
-    match faces {
+    match facets {
         None => refuse(
             "does not say which faces lie on features (no cell data feature_faces)",
             "give a mesh that atomesh mesh wrote",
         ),
-        Some(faces) if faces.is_empty() => refuse(
+        Some(facets) if facets.is_empty() => refuse(
             "has no face on a feature",
             "mesh the image with features, and with slivers removed",
         ),
-        Some(faces) => Ok(faces),
+        Some(facets) => Ok(facets),
     }
 }
 
-/// Groups faces of a mesh, closes gaps, turns all to one side in physical space.
-pub fn group(placed: &Placed, faces: Vec<[u32; 3]>, options: &Options, up: &Up<3>) -> Surfaces<3> {
-    let candidates = select::spanned(&placed.lattice, &faces);
-    let mut surfaces = Surfaces::find(&placed.lattice.nodes, faces, &candidates, options);
-    surfaces.orient(&placed.physical.nodes, up.up);
-    surfaces
-}
-
-/// The faces on the features of the image.
-fn faces_on_image(
-    args: &SurfaceArgs,
+/// The image of a mesh, checked; it must fill the mesh's box.
+///
+/// # Errors
+/// [`Error::Image`] or [`Error::Io`] if it cannot be used.
+pub fn image_of<const D: usize, M>(
     path: &Path,
-    placed: &Placed,
-    distance: Option<f64>,
-    console: &mut Console,
-) -> Result<Vec<[u32; 3]>> {
-    let image = io::read(path, &args.input.read_options()?)?.image;
+    input: &InputOptions,
+    placed: &Placed<D, M>,
+) -> Result<Image<D>> {
     let place = path.display().to_string();
+    let read = io::read_any(path, &input.read_options()?)?;
+    let image = read.image().ok_or_else(|| {
+        let problem = format!("is no image of {D} dimensions, as the mesh is");
+        Error::Image(cause(&place, problem, "give the image that was meshed"))
+    })?;
     image.check(&place)?;
     placed.check_dims(image.dims(), &place)?;
+    Ok(image)
+}
+
+/// The facets on the features of the image.
+fn facets_on_image<const D: usize, M: Stored<D>>(
+    args: &SurfaceArgs,
+    path: &Path,
+    placed: &Placed<D, M>,
+    distance: Option<f64>,
+    console: &mut Console,
+) -> Result<Vec<[u32; D]>> {
+    let image = image_of(path, &args.input, placed)?;
     let options = feature::Options {
         kind: args.feature.into(),
         scale: feature_scale(args.sigma)?,
         threshold: threshold(args.threshold)?,
-        d_min: distance.unwrap_or_else(|| mean_edge(&placed.lattice)),
+        d_min: distance.unwrap_or_else(|| mean_spacing(&placed.lattice)),
         step: placed.step,
         ..feature::Options::default()
     };
     let features = feature::detect(&image, &options)?;
     features.notes.iter().for_each(|note| console.note(note));
     let (b, sigma) = (&features.potential, features.sigma);
-    let faces = select::in_valleys(&placed.lattice, b, sigma, args.depth, ALONG);
-    if faces.is_empty() {
+    let facets = select::in_valleys(&placed.lattice, b, sigma, args.depth, ALONG);
+    if facets.is_empty() {
         return Err(Error::Mesh(cause(
             args.mesh.display(),
-            format!("has no face on a feature of {place}"),
+            format!("has no face on a feature of {}", path.display()),
             "give the image that was meshed, or a smaller --depth",
         )));
     }
-    Ok(faces)
+    Ok(facets)
 }
 
 /// The least nominal distance between nodes, if the mesh says so.
-fn least_distance(file: &MeshFile) -> Option<f64> {
-    let array = file.point_data.iter().find(|a| a.name == "distance")?;
-    let least = array
-        .values
-        .to_f64()
-        .into_iter()
-        .fold(f64::INFINITY, f64::min);
+fn least_distance<M>(file: &MeshFile<M>) -> Option<f64> {
+    let mut arrays = file.point_data.iter().chain(&file.cell_data);
+    let array = arrays.find(|a| a.name == "distance")?;
+    let distances = array.values.to_f64().into_iter();
+    let least = distances.fold(f64::INFINITY, f64::min);
     (least.is_finite() && least > 0.0).then_some(least)
 }
 
-/// Mean length of the edges of a mesh.
-fn mean_edge(mesh: &TetMesh) -> f64 {
-    let edges = |t: usize| {
-        let x = mesh.corners(t);
-        EDGES
-            .map(|[i, j]| norm(sub(x[i], x[j])))
-            .iter()
-            .sum::<f64>()
-            / 6.0
-    };
-    (0..mesh.tets.len()).map(edges).sum::<f64>() / mesh.tets.len() as f64
+/// About how far the nodes of a mesh are apart: the volume that each has.
+fn mean_spacing<const D: usize, M: Stored<D>>(mesh: &M) -> f64 {
+    let volume: f64 = mesh.cell_volumes().iter().map(|cell| cell.0).sum();
+    (volume / mesh.node_positions().len() as f64).powf(1.0 / D as f64)
 }
 
 /// `atomesh surface`.
@@ -225,35 +226,51 @@ pub fn surface(args: &SurfaceArgs, console: &mut Console) -> Result<()> {
             remedy,
         ));
     }
-    let options = args.grouping.options()?;
-    let (up, z_up) = args.grouping.up()?;
     console.begin_stage("reading");
-    let file = read_vtu(&args.mesh)?;
+    match read_any_vtu(&args.mesh)? {
+        AnyMesh::Plane(file) => surfaces_of::<2, _>(args, file, console),
+        AnyMesh::Space(file) => surfaces_of::<3, _>(args, file, console),
+        AnyMesh::PlaneCells(file) => surfaces_of::<2, _>(args, file, console),
+        AnyMesh::SpaceCells(file) => surfaces_of::<3, _>(args, file, console),
+    }
+}
+
+fn surfaces_of<const D: usize, M: Stored<D>>(
+    args: &SurfaceArgs,
+    file: MeshFile<M>,
+    console: &mut Console,
+) -> Result<()> {
+    let options = args.grouping.options(args.min_area)?;
+    let (up, z_up) = args.grouping.up::<D>()?;
     let distance = least_distance(&file);
-    let placed = Placed::new(file, &args.mesh.display().to_string())?;
-    let faces = match &args.image {
-        None => marked_faces(&placed, &args.mesh)?,
+    let placed = M::place(file, &args.mesh.display().to_string())?;
+    let facets = match &args.image {
+        None => marked_facets(&placed, &args.mesh)?,
         Some(path) => {
             console.begin_stage("finding features");
-            faces_on_image(args, path, &placed, distance, console)?
+            facets_on_image(args, path, &placed, distance, console)?
         }
     };
     console.begin_stage("grouping faces");
-    let surfaces = group(&placed, faces, &options, &up);
-    let measures = measure(&surfaces, &placed.physical.nodes, &up);
+    let mut surfaces = group(&placed, facets, &options);
+    let nodes = placed.physical.node_positions();
+    surfaces.orient(nodes, up.up);
+    let measures = measure(&surfaces, nodes, &up, &horizon_facets(&placed));
     console.begin_stage("writing");
-    let nodes = &placed.physical.nodes;
     let mut file = SurfaceFile::new(nodes, &surfaces.facets, &surfaces.start, "surface");
+    file.names = measures.iter().map(name).collect();
     file.cell_data = cell_data(&surfaces, &measures, nodes);
-    write_file(&args.output, &file, z_up)?;
-    let mut text = table(&measures);
+    write_file(&args.output, file, &placed.geometry, z_up)?;
+    let mut text = table(&measures, D);
     if surfaces.filled > 0 {
         text += &format!("\n{} faces close gaps", surfaces.filled);
     }
     if surfaces.dropped > 0 {
         text += &format!(
-            "\nleft out: {} small surfaces, {:.0} square samples in all",
-            surfaces.dropped, surfaces.dropped_area
+            "\nleft out: {} small surfaces, {:.0} {} in all",
+            surfaces.dropped,
+            surfaces.dropped_area,
+            if D == 2 { "samples" } else { "square samples" },
         );
     }
     text += &format!(
@@ -274,26 +291,42 @@ pub fn surface(args: &SurfaceArgs, console: &mut Console) -> Result<()> {
     Ok(())
 }
 
+/// What a surface is called in files.
+fn name(measure: &Measure) -> String {
+    format!("{}{}", measure.kind.name(), measure.surface + 1)
+}
+
 /// Writes surfaces in the format of the file's ending.
 ///
 /// # Errors
 /// [`Error::Io`] if the file cannot be written.
-pub fn write_file(path: &Path, file: &SurfaceFile<3>, z_up: bool) -> Result<()> {
+pub fn write_file<const D: usize>(
+    path: &Path,
+    mut file: SurfaceFile<D>,
+    geometry: &Geometry<D>,
+    z_up: bool,
+) -> Result<()> {
+    file.units = geometry.in_space().units;
+    file.z_up = z_up;
     let ends = |ending: &str| {
         path.extension()
             .is_some_and(|e| e.eq_ignore_ascii_case(ending))
     };
     if ends("obj") {
-        write_obj(path, file)
+        write_obj(path, &file)
     } else if ends("ts") {
-        write_tsurf(path, file, z_up)
+        write_tsurf(path, &file)
     } else {
-        write_vtp(path, file)
+        write_vtp(path, &file)
     }
 }
 
 /// What is known of each face and of the surface that it is part of.
-fn cell_data(surfaces: &Surfaces<3>, measures: &[Measure], nodes: &[[f64; 3]]) -> Vec<DataArray> {
+fn cell_data<const D: usize>(
+    surfaces: &Surfaces<D>,
+    measures: &[Measure],
+    nodes: &[[f64; D]],
+) -> Vec<DataArray> {
     let labels = surfaces.labels();
     let of = |value: &dyn Fn(&Measure) -> f64| -> Vec<f32> {
         labels
@@ -301,7 +334,11 @@ fn cell_data(surfaces: &Surfaces<3>, measures: &[Measure], nodes: &[[f64; 3]]) -
             .map(|&s| value(&measures[s as usize]) as f32)
             .collect()
     };
-    let normal = |face: &[u32; 3]| unit(normal(&face.map(|i| nodes[i as usize]))).map(|c| c as f32);
+    let normal = |facet: &[u32; D]| {
+        let n = unit(normal(&facet.map(|i| nodes[i as usize])));
+        [0, 1, 2].map(|k| n.get(k).copied().unwrap_or(0.0) as f32)
+    };
+    let horizon = |&s: &u32| u8::from(measures[s as usize].kind == Kind::Horizon);
     vec![
         DataArray {
             name: "normal".into(),
@@ -315,25 +352,42 @@ fn cell_data(surfaces: &Surfaces<3>, measures: &[Measure], nodes: &[[f64; 3]]) -
         },
         DataArray::scalars("dip", of(&|m| m.dip)),
         DataArray::scalars("strike", of(&|m| m.strike.unwrap_or(f64::NAN))),
-        DataArray::scalars("area", of(&|m| m.area)),
+        DataArray::scalars(if D == 2 { "length" } else { "area" }, of(&|m| m.area)),
+        DataArray::scalars("horizon", labels.iter().map(horizon).collect::<Vec<u8>>()),
     ]
 }
 
 /// The largest surfaces as lines of text.
-fn table(measures: &[Measure]) -> String {
+fn table(measures: &[Measure], dimension: usize) -> String {
     const MOST: usize = 40;
+    let [area, rim] = match dimension {
+        2 => ["length", "ends"],
+        _ => ["area", "rim"],
+    };
     let mut lines = vec![format!(
-        "{:>7} {:>11} {:>6} {:>6} {:>4} {:>9} {:>9} {:>6} {:>5}  {}",
-        "surface", "area", "faces", "strike", "dip", "off plane", "rim", "pieces", "holes", "meets"
+        "{:>7} {:>7} {:>11} {:>6} {:>6} {:>4} {:>9} {:>9} {:>6} {:>5}  {}",
+        "surface",
+        "kind",
+        area,
+        "faces",
+        "strike",
+        "dip",
+        "off plane",
+        rim,
+        "pieces",
+        "holes",
+        "meets"
     )];
     for m in measures.iter().take(MOST) {
         let meets: Vec<String> = m.meets.iter().map(|s| (s + 1).to_string()).collect();
+        let strike = m.strike.map_or("-".into(), |strike| format!("{strike:.0}"));
         lines.push(format!(
-            "{:>7} {:>11.5} {:>6} {:>6.0} {:>4.0} {:>9.3} {:>9.5} {:>6} {:>5}  {}",
+            "{:>7} {:>7} {:>11.5} {:>6} {:>6} {:>4.0} {:>9.3} {:>9.5} {:>6} {:>5}  {}",
             m.surface + 1,
+            m.kind.name(),
             Short(m.area),
             m.facets,
-            m.strike.unwrap_or(f64::NAN),
+            strike,
             m.dip,
             Short(m.off_plane),
             Short(m.rim),

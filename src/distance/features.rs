@@ -106,6 +106,7 @@ mod tests {
             samples: vec![0.0; 64 * 50 * 40],
         };
         Features {
+            on_horizon: vec![],
             points,
             potential,
             sigma: 1.0,

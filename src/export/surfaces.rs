@@ -18,6 +18,10 @@ pub struct SurfaceFile<const D: usize> {
     pub cell_data: Vec<DataArray>,
     /// What belongs to the whole file.
     pub field_data: Vec<(String, FieldValue)>,
+    /// Units of the coordinates; empty where unknown.
+    pub units: [String; 3],
+    /// Whether z grows upwards.
+    pub z_up: bool,
 }
 
 impl<const D: usize> SurfaceFile<D> {
@@ -36,6 +40,8 @@ impl<const D: usize> SurfaceFile<D> {
             names: (1..start.len()).map(|s| format!("{name}{s}")).collect(),
             cell_data: Vec::new(),
             field_data: vec![("atomesh_version".into(), version)],
+            units: Default::default(),
+            z_up: true,
         }
     }
 
@@ -187,7 +193,7 @@ mod tests {
             expect("GOCAD_ORIGINAL_COORDINATE_SYSTEM");
             expect("NAME Default");
             expect("AXIS_NAME \"X\" \"Y\" \"Z\"");
-            expect("AXIS_UNIT \"m\" \"m\" \"m\"");
+            expect("AXIS_UNIT \"m\" \"ft\" \"ms\"");
             let z_up = match lines.next().unwrap() {
                 "ZPOSITIVE Elevation" => true,
                 "ZPOSITIVE Depth" => false,
@@ -224,9 +230,11 @@ mod tests {
     fn tsurf_has_an_object_for_each_surface() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.ts");
-        let file = two_surfaces();
+        let mut file = two_surfaces();
+        file.units = ["m", "ft", "ms"].map(String::from);
         for z_up in [true, false] {
-            write_tsurf(&path, &file, z_up).unwrap();
+            file.z_up = z_up;
+            write_tsurf(&path, &file).unwrap();
             let objects = read_tsurf(&path);
             assert_eq!(objects.len(), 2);
             for (s, (name, up, triangles)) in objects.iter().enumerate() {
@@ -236,9 +244,10 @@ mod tests {
             }
         }
         let lines = SurfaceFile::new(&[[0.5, 1.0], [2.0, 3.0]], &[[0, 1]], &[0, 1], "line");
-        write_tsurf(&path, &lines, true).unwrap();
+        write_tsurf(&path, &lines).unwrap();
         let text = std::fs::read_to_string(&path).unwrap();
         assert!(text.starts_with("GOCAD PLine 1\n") && text.contains("ILINE\nVRTX 1 0.5 1 0\n"));
+        assert!(text.contains("AXIS_UNIT \"unitless\" \"unitless\" \"unitless\"\n"));
         assert!(text.ends_with("SEG 1 2\nEND\n"), "{text}");
     }
 }

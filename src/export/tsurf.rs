@@ -10,24 +10,27 @@ use super::surfaces::SurfaceFile;
 use crate::error::Result;
 use crate::io::atomic_write;
 
-/// Writes surfaces; coordinates to the last digit. `z_up` is false where z grows downwards (depth,
-/// time).
+/// Writes surfaces; coordinates to the last digit, in the units that are known.
 ///
 /// # Errors
 /// [`Error::Io`](crate::Error::Io) if the file cannot be written.
-pub fn write_tsurf<const D: usize>(path: &Path, file: &SurfaceFile<D>, z_up: bool) -> Result<()> {
+pub fn write_tsurf<const D: usize>(path: &Path, file: &SurfaceFile<D>) -> Result<()> {
     let (object, part, element) = match D {
         2 => ("PLine", "ILINE", "SEG"),
         _ => ("TSurf", "TFACE", "TRGL"),
     };
-    let z_positive = if z_up { "Elevation" } else { "Depth" };
+    let [x_unit, y_unit, z_unit] = (file.units.each_ref()).map(|unit| match unit.as_str() {
+        "" => "unitless",
+        known => known,
+    });
+    let z_positive = if file.z_up { "Elevation" } else { "Depth" };
     atomic_write(path, |out| {
         for (s, name) in file.names.iter().enumerate() {
             writeln!(out, "GOCAD {object} 1\nHEADER {{\nname:{name}\n}}")?;
             writeln!(
                 out,
                 "GOCAD_ORIGINAL_COORDINATE_SYSTEM\nNAME Default\nAXIS_NAME \"X\" \"Y\" \"Z\"\n\
-                 AXIS_UNIT \"m\" \"m\" \"m\"\nZPOSITIVE {z_positive}\n\
+                 AXIS_UNIT \"{x_unit}\" \"{y_unit}\" \"{z_unit}\"\nZPOSITIVE {z_positive}\n\
                  END_ORIGINAL_COORDINATE_SYSTEM\n{part}"
             )?;
             let mut used: Vec<u32> = file.of(s).concat();

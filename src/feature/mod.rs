@@ -67,6 +67,8 @@ pub struct FeaturePoint<const D: usize> {
 pub struct Features<const D: usize> {
     /// The features as points, in a fixed order (the order of samples).
     pub points: Vec<FeaturePoint<D>>,
+    /// For each of them whether it lies on a horizon, which is no barrier to flow.
+    pub on_horizon: Vec<bool>,
     /// The image potential b(x) in [-1, 0]: every feature a valley of depth 1 and width `sigma`.
     pub potential: Field<D>,
     /// Width of the valleys in lattice units: d_min / 4.
@@ -218,14 +220,17 @@ fn both<const D: usize>(
         *deepest = (a * *deepest).min(b * other);
     }
     first.points.extend(second.points);
-    let last_axis_first = |p: &FeaturePoint<D>, q: &FeaturePoint<D>| {
-        let (p, q) = (p.position.iter().rev(), q.position.iter().rev());
+    first.on_horizon.extend(second.on_horizon);
+    let last_axis_first = |p: &(FeaturePoint<D>, bool), q: &(FeaturePoint<D>, bool)| {
+        let (p, q) = (p.0.position.iter().rev(), q.0.position.iter().rev());
         p.zip(q)
             .map(|(a, b)| a.total_cmp(b))
             .find(|order| order.is_ne())
             .unwrap_or(std::cmp::Ordering::Equal)
     };
-    first.points.sort_by(last_axis_first);
+    let mut points: Vec<_> = first.points.into_iter().zip(first.on_horizon).collect();
+    points.sort_by(last_axis_first);
+    (first.points, first.on_horizon) = points.into_iter().unzip();
     first.notes.extend(second.notes);
     first
 }
@@ -278,6 +283,7 @@ fn follow<const D: usize>(
         potential::potential(&sheets.points, &sheets.rim, dims, options.step, sigma)
     };
     Ok(Features {
+        on_horizon: vec![kind == Kind::Horizons; sheets.points.len()],
         points: sheets.points,
         potential,
         sigma,

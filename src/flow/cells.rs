@@ -4,17 +4,18 @@
 //! That is right where the line between two sites is square to their common face (and to it after
 //! multiplication by the permeability): on Voronoi cells of isotropic rock, and on boxes whose axes
 //! are the permeability's. It is then exact for linear pressure. On tetrahedra it is not even
-//! consistent; they have [`TetFlow`](super::TetFlow).
+//! consistent; they have [`ElementFlow`](super::ElementFlow).
 
 use rayon::prelude::*;
 
+use super::barriers::Barriers;
 use super::rock::{Faults, Rock};
 use super::sparse::{Matrix, sum};
 use super::system::{Solution, solve};
 use super::wells::Well;
 use crate::error::cause;
-use crate::mesh::graph::Graph;
-use crate::mesh::{cross, dot, norm};
+use crate::mesh::graph::{Connection, Graph};
+use crate::mesh::poly::dot;
 use crate::{Error, Result};
 
 /// The pressure system of a graph of cells, ready for any sources.
@@ -39,28 +40,43 @@ pub struct CellRates {
     pub boundary: Vec<f64>,
 }
 
-/// A vector of the mesh's dimension as one in space.
-fn in_space<const D: usize>(v: [f64; D]) -> [f64; 3] {
-    std::array::from_fn(|k| if k < D { v[k] } else { 0.0 })
-}
-
 impl<'a, const D: usize> CellFlow<'a, D> {
     /// The transmissibility of every connection: `1 / T = (d_1 / k_1 + d_2 / k_2 + r) / area`, with
     /// the distances from sites to face, the mobilities along the face's normal, and the resistance
-    /// r of the fault where the face lies on one.
+    /// r of the fault where the face lies on a feature.
     ///
     /// # Errors
     /// [`Error::Flow`] if a face does not lie between its sites, so that the transmissibility would
     /// not be positive.
     pub fn new(graph: &'a Graph<D>, rock: &Rock, faults: Faults) -> Result<Self> {
-        let between = |c: &crate::mesh::graph::Connection<D>| {
-            let normal = in_space(c.normal);
+        let law = |c: &Connection<D>| (c.on_feature && !faults.are_open()).then_some(faults);
+        Self::with_laws(graph, rock, law)
+    }
+
+    /// The same with barriers that may differ, on the faces that they name.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn with_barriers(graph: &'a Graph<D>, rock: &Rock, barriers: &Barriers) -> Result<Self> {
+        let law = |c: &Connection<D>| {
+            let label = barriers.label(c.face as usize);
+            label.map(|label| barriers.law(label))
+        };
+        Self::with_laws(graph, rock, law)
+    }
+
+    fn with_laws(
+        graph: &'a Graph<D>,
+        rock: &Rock,
+        law: impl Fn(&Connection<D>) -> Option<Faults> + Sync,
+    ) -> Result<Self> {
+        let between = |c: &Connection<D>| {
             let mobility = c
                 .cells
-                .map(|cell| rock.mobility(cell as usize).along(normal));
+                .map(|cell| rock.mobility(cell as usize).along(c.normal));
             let mut resistance = c.distance[0] / mobility[0] + c.distance[1] / mobility[1];
-            if c.on_feature && !faults.are_open() {
-                resistance += 1.0 / faults.conductance(c.distance, mobility);
+            if let Some(law) = law(c) {
+                resistance += 1.0 / law.conductance(c.distance, mobility);
             }
             c.area / resistance
         };
@@ -69,7 +85,7 @@ impl<'a, const D: usize> CellFlow<'a, D> {
             .boundary
             .par_iter()
             .map(|f| {
-                let mobility = rock.mobility(f.cell as usize).along(in_space(f.normal));
+                let mobility = rock.mobility(f.cell as usize).along(f.normal);
                 f.area * mobility / f.distance
             })
             .collect();
@@ -246,9 +262,13 @@ fn angle_error<const D: usize>(graph: &Graph<D>, rock: &Rock) -> f64 {
     let angle = |i: usize| {
         let c = &connections[i];
         let [a, b] = c.cells.map(|cell| graph.site[cell as usize]);
-        let line = in_space(std::array::from_fn::<f64, D, _>(|k| b[k] - a[k]));
-        let conormal = rock.mobility(c.cells[0] as usize).times(in_space(c.normal));
-        norm(cross(line, conormal)).atan2(dot(line, conormal))
+        let line: [f64; D] = std::array::from_fn(|k| b[k] - a[k]);
+        let conormal = rock.mobility(c.cells[0] as usize).times(c.normal);
+        let along = dot(line, conormal) / dot(conormal, conormal);
+        let across: [f64; D] = std::array::from_fn(|k| line[k] - along * conormal[k]);
+        dot(across, across)
+            .sqrt()
+            .atan2(along * dot(conormal, conormal).sqrt())
     };
     let area = sum(connections.len(), |i| connections[i].area);
     let weighted = sum(connections.len(), |i| connections[i].area * angle(i));
@@ -279,7 +299,7 @@ fn solve_small<const D: usize>(mut a: [[f64; D]; D], mut b: [f64; D]) -> [f64; D
 mod tests {
     use super::*;
     use crate::flow::Tensor;
-    use crate::mesh::graph::{BoundaryFace, Connection};
+    use crate::mesh::graph::BoundaryFace;
 
     /// A grid of boxes, their edges in geometric progression along each axis; features where x is
     /// `fault`.

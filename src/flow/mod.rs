@@ -4,34 +4,39 @@
 //! permeability, m^3/s for rates.
 //!
 //! - [`rock`]: permeability, viscosity, and faults as thin layers
+//! - [`barriers`]: which faces are faults, each with its own law
 //! - [`split`]: a mesh torn along its faults
-//! - [`tets`]: linear finite elements on tetrahedra
+//! - [`elements`]: linear finite elements on triangles and tetrahedra
 //! - [`cells`]: two-point fluxes between cells
 //! - [`wells`]: point sources and sinks
-//! - [`conserve`]: rates through faces, conserved on every tetrahedron
-//! - [`streamlines`]: paths of fluid through tetrahedra
+//! - [`conserve`]: rates through faces, conserved on every triangle or tetrahedron
+//! - [`streamlines`]: paths of fluid through them
+//! - [`report`]: what is said of a flow
 //! - [`system`]: the pressure system, conjugate gradients, what is conserved
 //! - [`multigrid`]: the preconditioner
 //! - [`sparse`]: sparse matrices
 
+pub mod barriers;
 pub mod cells;
 pub mod conserve;
+pub mod elements;
 pub mod multigrid;
+pub mod report;
 pub mod rock;
 pub mod sparse;
 pub mod split;
 pub mod streamlines;
 pub mod system;
 #[cfg(test)]
-mod test_meshes;
-pub mod tets;
+pub(crate) mod test_meshes;
 pub mod wells;
 
+pub use barriers::Barriers;
 pub use cells::CellFlow;
 pub use conserve::FaceRates;
+pub use elements::ElementFlow;
 pub use rock::{Faults, Rock, Tensor};
 pub use split::Split;
 pub use streamlines::Streamlines;
 pub use system::{Figures, Solution};
-pub use tets::TetFlow;
 pub use wells::{Located, Well};

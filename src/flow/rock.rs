@@ -28,27 +28,42 @@ impl Tensor {
         (definite && tensor.0.iter().all(|v| v.is_finite())).then_some(tensor)
     }
 
+    /// [`in_plane`](Self::in_plane) or [`from_numbers`](Self::from_numbers), by the dimension.
+    pub fn of_dimension<const D: usize>(numbers: &[f64]) -> Option<Self> {
+        match D {
+            2 => Self::in_plane(numbers),
+            _ => Self::from_numbers(numbers),
+        }
+    }
+
     /// The tensor times a number.
     pub fn scaled(self, s: f64) -> Self {
         Self(self.0.map(|v| s * v))
     }
 
-    /// The tensor times a vector.
+    /// In the plane, from 1, 2 or 3 numbers: k; or kx, ky; or kxx, kyy, kxy. Along z it is as along x.
+    pub fn in_plane(numbers: &[f64]) -> Option<Self> {
+        match *numbers {
+            [k] => Self::from_numbers(&[k]),
+            [x, y] => Self::from_numbers(&[x, y, x]),
+            [xx, yy, xy] => Self::from_numbers(&[xx, yy, xx, xy, 0.0, 0.0]),
+            _ => None,
+        }
+    }
+
+    /// The tensor times a vector; of a vector of the plane, the part in the plane.
     #[inline]
-    pub fn times(&self, v: [f64; 3]) -> [f64; 3] {
+    pub fn times<const D: usize>(&self, v: [f64; D]) -> [f64; D] {
         let [xx, yy, zz, xy, yz, xz] = self.0;
-        [
-            xx * v[0] + xy * v[1] + xz * v[2],
-            xy * v[0] + yy * v[1] + yz * v[2],
-            xz * v[0] + yz * v[1] + zz * v[2],
-        ]
+        let rows = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]];
+        std::array::from_fn(|i| (0..D).map(|j| rows[i][j] * v[j]).sum())
     }
 
     /// `n . K n`: what counts for flow along the unit vector `n` driven along it.
     #[inline]
-    pub fn along(&self, n: [f64; 3]) -> f64 {
+    pub fn along<const D: usize>(&self, n: [f64; D]) -> f64 {
         let kn = self.times(n);
-        n[0] * kn[0] + n[1] * kn[1] + n[2] * kn[2]
+        (0..D).map(|k| n[k] * kn[k]).sum()
     }
 }
 
@@ -102,6 +117,37 @@ impl Rock {
                 .map(|(_, k)| k.scaled(1.0 / viscosity))
                 .collect(),
             of_cell: regions.iter().map(kind).collect::<Result<_>>()?,
+        })
+    }
+
+    /// Permeability cell by cell: `components` numbers for each, as [`Tensor::of_dimension`] takes
+    /// them.
+    ///
+    /// # Errors
+    /// [`Error::Flow`] names a cell whose numbers are no permeability.
+    pub fn by_cell<const D: usize>(
+        values: &[f64],
+        components: usize,
+        viscosity: f64,
+    ) -> Result<Self> {
+        let cell = |(cell, numbers): (usize, &[f64])| {
+            let tensor = Tensor::of_dimension::<D>(numbers);
+            tensor.map(|k| k.scaled(1.0 / viscosity)).ok_or_else(|| {
+                Error::Flow(cause(
+                    format!("permeability of cell {cell}"),
+                    format!("is given as {numbers:?}, which is none"),
+                    "give positive definite numbers for each cell",
+                ))
+            })
+        };
+        let kinds: Vec<Tensor> = values
+            .chunks(components)
+            .enumerate()
+            .map(cell)
+            .collect::<Result<_>>()?;
+        Ok(Self {
+            of_cell: (0..kinds.len() as u32).collect(),
+            kinds,
         })
     }
 
@@ -165,6 +211,11 @@ impl Faults {
         }
     }
 
+    /// The factor of permeability: 0 is closed, 1 is open.
+    pub fn multiplier(&self) -> f64 {
+        self.multiplier
+    }
+
     /// Whether faults do not resist at all.
     pub fn are_open(&self) -> bool {
         self.multiplier == 1.0
@@ -191,6 +242,14 @@ mod tests {
         let full = Tensor::from_numbers(&[3.0, 2.0, 1.0, 0.5, 0.1, -0.2]).unwrap();
         assert_eq!(full.times([1.0, 0.0, 0.0]), [3.0, 0.5, -0.2]);
         assert_eq!(full.along([0.0, 1.0, 0.0]), 2.0);
+        let flat = Tensor::in_plane(&[3.0, 2.0, 0.5]).unwrap();
+        assert_eq!(flat.times([1.0, 2.0]), [4.0, 4.5]);
+        assert_eq!(
+            Tensor::in_plane(&[3.0, 2.0]).unwrap().along([0.0, 1.0]),
+            2.0
+        );
+        assert_eq!(Tensor::in_plane(&[1.0, 1.0, 1.0]), None);
+        assert_eq!(Tensor::in_plane(&[1.0; 6]), None);
         for wrong in [
             &[0.0][..],
             &[-1.0],

@@ -1,109 +1,130 @@
-//! A mesh torn along its faults: nodes doubled where faces on features part their tetrahedra.
+//! A mesh torn along its faults: nodes doubled where faces on faults part their cells.
 
+use super::barriers::Barriers;
 use crate::error::cause;
-use crate::mesh::complex::{NONE, neighbors};
-use crate::mesh::{FACES, TetMesh};
+use crate::mesh::complex::NONE;
+use crate::mesh::{Simplices, TetMesh};
 use crate::{Error, Result};
 
 /// A mesh whose nodes on faults exist once for each side.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Split {
-    /// The mesh, its tetrahedra as before, their nodes perhaps others; nodes that were added follow
+pub struct Split<const D: usize = 3, M = TetMesh> {
+    /// The mesh, its cells as before, their nodes perhaps others; nodes that were added follow
     /// those that were there.
-    pub mesh: TetMesh,
+    pub mesh: M,
     /// For each node the one from which it was made (itself, for those that were there).
     pub original: Vec<u32>,
     /// The faces along which the mesh was torn.
-    pub faces: Vec<FaultFace>,
+    pub faces: Vec<FaultFace<D>>,
 }
 
-/// A face on a fault, seen from its two tetrahedra.
+/// A face on a fault, seen from its two cells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct FaultFace {
-    /// The tetrahedra, the lower number first.
-    pub tets: [u32; 2],
+pub struct FaultFace<const D: usize = 3> {
+    /// The cells, the lower number first.
+    pub cells: [u32; 2],
     /// Which of their faces it is.
     pub face: [u8; 2],
-    /// The face's nodes as each tetrahedron has them, in the same order: equal at the fault's tip.
-    pub nodes: [[u32; 3]; 2],
+    /// The face's nodes as each cell has them, in the same order: equal at the fault's tip.
+    pub nodes: [[u32; D]; 2],
+    /// The label of its barrier.
+    pub label: u32,
 }
 
-impl Split {
-    /// Tears `mesh` along the faces that `feature_faces` names (bit k of a tetrahedron: its face k;
-    /// from one side is enough). The tetrahedra round a node fall into parts that no untorn face
-    /// joins, and each part gets a node of its own. At the rim of a fault there is one part only.
+impl<const D: usize, M: Simplices<D>> Split<D, M> {
+    /// Tears `mesh` along the faces on which barriers stand. The cells round a node fall into parts
+    /// that no untorn face joins, and each part gets a node of its own. At the rim of a fault there
+    /// is one part only.
     ///
     /// # Errors
-    /// [`Error::Mesh`] if more than two tetrahedra share a face.
-    pub fn new(mesh: &TetMesh, feature_faces: &[u8]) -> Result<Self> {
-        let neighbors = neighbors(mesh.nodes.len(), &mesh.tets).map_err(|face| {
+    /// [`Error::Mesh`] if more than two cells share a face.
+    pub fn new(mesh: &M, barriers: &Barriers) -> Result<Self> {
+        let neighbors = mesh.neighbors().map_err(|face| {
             Error::Mesh(cause(
                 format!("face {face:?}"),
-                "belongs to more than two tetrahedra",
+                format!("belongs to more than two {}", M::CELLS),
                 "mesh the image again",
             ))
         })?;
-        let mut split = Self {
-            mesh: mesh.clone(),
-            original: (0..mesh.nodes.len() as u32).collect(),
-            faces: Vec::new(),
+        let mut tearing = Tearing {
+            mesh,
+            corners: mesh.connectivity().to_vec(),
+            nodes: mesh.nodes().to_vec(),
+            original: (0..mesh.nodes().len() as u32).collect(),
+            torn: vec![false; neighbors.len()],
+            neighbors,
         };
-        let mut torn = vec![0u8; mesh.tets.len()];
+        let mut pairs = tearing.tear(barriers);
+        tearing.double_nodes(&pairs);
+        pairs.sort_unstable_by_key(|pair| pair.faces);
+        let faces = pairs.iter().map(|pair| tearing.seen_from_both(pair));
+        Ok(Self {
+            faces: faces.collect(),
+            mesh: M::from_parts(tearing.nodes, tearing.corners),
+            original: tearing.original,
+        })
+    }
+}
+
+/// A torn face by its two numbers, the lower first.
+struct Pair {
+    faces: [usize; 2],
+    label: u32,
+}
+
+struct Tearing<'a, const D: usize, M> {
+    mesh: &'a M,
+    neighbors: Vec<u32>,
+    /// By number of face: (D + 1) cell + k.
+    torn: Vec<bool>,
+    nodes: Vec<[f64; D]>,
+    corners: Vec<u32>,
+    original: Vec<u32>,
+}
+
+impl<const D: usize, M: Simplices<D>> Tearing<'_, D, M> {
+    /// Marks both sides of every face on a barrier.
+    fn tear(&mut self, barriers: &Barriers) -> Vec<Pair> {
         let mut pairs = Vec::new();
-        for (t, &bits) in feature_faces.iter().enumerate() {
-            for k in (0..4).filter(|k| bits >> k & 1 == 1) {
-                let n = neighbors[t][k];
-                if n == NONE || torn[t] >> k & 1 == 1 {
-                    continue;
-                }
-                let back = neighbors[n as usize].iter().position(|&m| m as usize == t);
-                let Some(back) = back else { continue };
-                torn[t] |= 1 << k;
-                torn[n as usize] |= 1 << back;
-                let pair = [(t as u32, k as u8), (n, back as u8)];
-                pairs.push(if n < t as u32 {
-                    [pair[1], pair[0]]
-                } else {
-                    pair
-                });
+        for face in 0..self.neighbors.len() {
+            let Some(label) = barriers.label(face).filter(|_| !self.torn[face]) else {
+                continue;
+            };
+            let (cell, other) = (face / (D + 1), self.neighbors[face]);
+            if other == NONE {
+                continue;
             }
-        }
-        split.double_nodes(mesh, &neighbors, &torn, &pairs);
-        pairs.sort_unstable();
-        for [(t, k), (n, back)] in pairs {
-            let (here, there) = (mesh.tets[t as usize], mesh.tets[n as usize]);
-            let corners = FACES[usize::from(k)];
-            let across = corners.map(|i| there.iter().position(|&j| j == here[i]).unwrap_or(i));
-            split.faces.push(FaultFace {
-                tets: [t, n],
-                face: [k, back],
-                nodes: [
-                    corners.map(|i| split.mesh.tets[t as usize][i]),
-                    across.map(|i| split.mesh.tets[n as usize][i]),
-                ],
+            let base = other as usize * (D + 1);
+            let around = &self.neighbors[base..base + D + 1];
+            let Some(back) = around.iter().position(|&c| c as usize == cell) else {
+                continue;
+            };
+            let back = base + back;
+            self.torn[face] = true;
+            self.torn[back] = true;
+            pairs.push(Pair {
+                faces: [face.min(back), face.max(back)],
+                label,
             });
         }
-        Ok(split)
+        pairs
     }
 
-    /// Gives each part of the tetrahedra round a node a node of its own.
-    fn double_nodes(
-        &mut self,
-        mesh: &TetMesh,
-        neighbors: &[[u32; 4]],
-        torn: &[u8],
-        pairs: &[[(u32, u8); 2]],
-    ) {
-        let mut on_fault = vec![false; mesh.nodes.len()];
-        for [(t, k), _] in pairs {
-            for i in FACES[usize::from(*k)] {
-                on_fault[mesh.tets[*t as usize][i] as usize] = true;
+    /// Gives each part of the cells round a node a node of its own.
+    fn double_nodes(&mut self, pairs: &[Pair]) {
+        let mesh = self.mesh;
+        let mut on_fault = vec![false; self.nodes.len()];
+        for pair in pairs {
+            let face = pair.faces[0];
+            for node in mesh.face(face / (D + 1), face % (D + 1)) {
+                on_fault[node as usize] = true;
             }
         }
         let mut round: Vec<(u32, u32)> = Vec::new();
-        for (t, tet) in mesh.tets.iter().enumerate() {
-            let here = tet.iter().filter(|&&i| on_fault[i as usize]);
-            round.extend(here.map(|&i| (i, t as u32)));
+        for (corner, &node) in mesh.connectivity().iter().enumerate() {
+            if on_fault[node as usize] {
+                round.push((node, (corner / (D + 1)) as u32));
+            }
         }
         round.sort_unstable();
         let (mut reached, mut done) = (Vec::new(), Vec::new());
@@ -118,29 +139,49 @@ impl Split {
                 let part = if seed == 0 {
                     node
                 } else {
-                    self.mesh.nodes.push(mesh.nodes[node as usize]);
+                    self.nodes.push(mesh.nodes()[node as usize]);
                     self.original.push(node);
-                    (self.mesh.nodes.len() - 1) as u32
+                    (self.nodes.len() - 1) as u32
                 };
                 done[seed] = true;
                 reached.push(seed);
                 while let Some(at) = reached.pop() {
-                    let t = star[at].1 as usize;
-                    for k in 0..4 {
-                        if mesh.tets[t][k] == node {
-                            self.mesh.tets[t][k] = part;
-                        } else if neighbors[t][k] != NONE && torn[t] >> k & 1 == 0 {
-                            let next = star.binary_search(&(node, neighbors[t][k]));
-                            if let Ok(next) = next
-                                && !done[next]
-                            {
-                                done[next] = true;
-                                reached.push(next);
-                            }
+                    let base = star[at].1 as usize * (D + 1);
+                    for corner in base..=base + D {
+                        let next = self.neighbors[corner];
+                        if mesh.connectivity()[corner] == node {
+                            self.corners[corner] = part;
+                        } else if next != NONE
+                            && !self.torn[corner]
+                            && let Ok(next) = star.binary_search(&(node, next))
+                            && !done[next]
+                        {
+                            done[next] = true;
+                            reached.push(next);
                         }
                     }
                 }
             }
+        }
+    }
+
+    /// A torn face with the nodes that either side has now.
+    fn seen_from_both(&self, pair: &Pair) -> FaultFace<D> {
+        let [here, there] = pair.faces.map(|face| face / (D + 1));
+        let opposite = pair.faces[0] % (D + 1);
+        let (cell, beyond) = (self.mesh.cell(here), self.mesh.cell(there));
+        let kept = |i: usize| i + usize::from(i >= opposite);
+        FaultFace {
+            cells: [here as u32, there as u32],
+            face: pair.faces.map(|face| (face % (D + 1)) as u8),
+            nodes: [
+                std::array::from_fn(|i| self.corners[here * (D + 1) + kept(i)]),
+                std::array::from_fn(|i| {
+                    let same = beyond.iter().position(|&n| n == cell[kept(i)]);
+                    self.corners[there * (D + 1) + same.unwrap_or(0)]
+                }),
+            ],
+            label: pair.label,
         }
     }
 }

@@ -1,10 +1,10 @@
-//! Streamlines through tetrahedra, exact for the rates through their faces.
+//! Streamlines through triangles or tetrahedra, exact for the rates through their faces.
 //!
-//! Rates through the four faces that are conserved make one velocity field of the lowest order of
-//! Raviart and Thomas: `u(x) = a + b x` in each tetrahedron, its flux through each face constant and
-//! the same from both sides. A path in such a field is straight within a tetrahedron, so a streamline
-//! needs no time step: it goes from face to face, always leaving through a face with flow outwards.
-//! It never crosses a face without flow, and is never caught between two tetrahedra that disagree.
+//! Rates through the faces that are conserved make one velocity field of the lowest order of Raviart
+//! and Thomas: `u(x) = a + b x` in each cell, its flux through each face constant and the same from
+//! both sides. A path in such a field is straight within a cell, so a streamline needs no time step:
+//! it goes from face to face, always leaving through a face with flow outwards. It never crosses a
+//! face without flow, and is never caught between two cells that disagree.
 //!
 //! All streamlines carry the same rate: they begin on the faces where fluid comes in, in proportion.
 
@@ -13,21 +13,22 @@ use std::path::Path;
 use rayon::prelude::*;
 
 use super::conserve::FaceRates;
+use super::elements::corners;
 use super::wells::{Located, barycentric};
 use crate::Result;
 use crate::io::atomic_write;
 use crate::io::vtk::{Document, Source};
+use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
-use crate::mesh::{FACES, TetMesh, add_scaled, sub, volume6};
 
 /// Faces that one streamline may cross: far more than any that does not go round in circles.
 const MOST_FACES: usize = 100_000;
 
 /// Polylines, in one list.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Streamlines {
+pub struct Streamlines<const D: usize = 3> {
     /// Their points, line after line.
-    pub points: Vec<[f64; 3]>,
+    pub points: Vec<[f64; D]>,
     /// For each point the time that fluid needs to get there, for porosity 1.
     pub time: Vec<f64>,
     /// Where each line ends in `points`.
@@ -36,23 +37,23 @@ pub struct Streamlines {
     pub rate: f64,
 }
 
-/// Where streamlines begin: a face of a tetrahedron, seen from the one that fluid enters (or, at a
-/// source, leaves), and the source.
+/// Where streamlines begin: a face of a cell, seen from the one that fluid enters (or, at a source,
+/// leaves), and the source.
 struct Inlet {
-    tet: u32,
+    cell: u32,
     face: u8,
     rate: f64,
     source: Option<u32>,
 }
 
-impl Streamlines {
+impl<const D: usize> Streamlines<D> {
     /// Traces `count` streamlines from sources and from where fluid comes in through the boundary to
     /// sinks or out. `positions` are where the wells are.
-    pub fn trace(
-        mesh: &TetMesh,
-        rates: &FaceRates,
+    pub fn trace<M: Simplices<D>>(
+        mesh: &M,
+        rates: &FaceRates<D>,
         wells: &[Located],
-        positions: &[[f64; 3]],
+        positions: &[[f64; D]],
         count: usize,
     ) -> Self {
         let inlets = inlets(rates, wells);
@@ -71,22 +72,22 @@ impl Streamlines {
             }
             starts.push((&inlets[at], line));
         }
-        let sink = |t: u32| wells.iter().position(|w| w.cell == t && w.rate < 0.0);
-        let lines: Vec<(Vec<[f64; 3]>, Vec<f64>)> = starts
+        let sink = |c: u32| wells.iter().position(|w| w.cell == c && w.rate < 0.0);
+        let lines: Vec<(Vec<[f64; D]>, Vec<f64>)> = starts
             .into_par_iter()
             .map(|(inlet, line)| {
                 let mut points = Vec::new();
                 let mut time = Vec::new();
                 let start = point_on_face(mesh, inlet, line);
-                let mut tet = inlet.tet;
+                let mut cell = inlet.cell;
                 if let Some(source) = inlet.source {
                     points.push(positions[source as usize]);
                     time.push(0.0);
-                    tet = rates.neighbors[tet as usize][usize::from(inlet.face)];
+                    cell = rates.of(cell as usize).1[usize::from(inlet.face)];
                 }
                 points.push(start);
                 time.push(0.0);
-                let stopped = follow(mesh, rates, tet, &mut points, &mut time);
+                let stopped = follow(mesh, rates, cell, &mut points, &mut time);
                 if let Some(well) = stopped.and_then(sink) {
                     points.push(positions[well]);
                     time.push(time.last().copied().unwrap_or(0.0));
@@ -126,7 +127,9 @@ impl Streamlines {
         document.array(Source::computed("rate", 1, self.ends.len(), |_| self.rate));
         document.close();
         document.open("Points", &[]);
-        document.array(Source::slice("Points", 3, self.points.as_flattened()));
+        document.array(Source::computed("Points", 3, 3 * self.points.len(), |i| {
+            self.points[i / 3].get(i % 3).copied().unwrap_or(0.0)
+        }));
         document.close();
         document.open("Lines", &[]);
         document.array(Source::computed(
@@ -142,30 +145,25 @@ impl Streamlines {
     }
 }
 
-/// Faces through which fluid comes from outside or from a source's tetrahedron.
-fn inlets(rates: &FaceRates, wells: &[Located]) -> Vec<Inlet> {
+/// Faces through which fluid comes from outside or from a source's cell.
+fn inlets<const D: usize>(rates: &FaceRates<D>, wells: &[Located]) -> Vec<Inlet> {
     let mut inlets = Vec::new();
-    for (t, (out, around)) in rates.out.iter().zip(&rates.neighbors).enumerate() {
-        for k in 0..4 {
-            if around[k] == NONE && out[k] < 0.0 {
-                inlets.push(Inlet {
-                    tet: t as u32,
-                    face: k as u8,
-                    rate: -out[k],
-                    source: None,
-                });
-            }
+    for (face, (&out, &beyond)) in rates.out.iter().zip(&rates.neighbors).enumerate() {
+        if beyond == NONE && out < 0.0 {
+            inlets.push(Inlet {
+                cell: (face / (D + 1)) as u32,
+                face: (face % (D + 1)) as u8,
+                rate: -out,
+                source: None,
+            });
         }
     }
     for (source, well) in wells.iter().enumerate().filter(|(_, well)| well.rate > 0.0) {
-        let (out, around) = (
-            rates.out[well.cell as usize],
-            rates.neighbors[well.cell as usize],
-        );
-        let leaving: f64 = (0..4).map(|k| out[k].max(0.0)).sum();
-        for k in (0..4).filter(|&k| out[k] > 0.0 && around[k] != NONE) {
+        let (out, around) = rates.of(well.cell as usize);
+        let leaving: f64 = out.iter().map(|rate| rate.max(0.0)).sum();
+        for k in (0..=D).filter(|&k| out[k] > 0.0 && around[k] != NONE) {
             inlets.push(Inlet {
-                tet: well.cell,
+                cell: well.cell,
                 face: k as u8,
                 rate: well.rate * out[k] / leaving,
                 source: Some(source as u32),
@@ -176,42 +174,53 @@ fn inlets(rates: &FaceRates, wells: &[Located]) -> Vec<Inlet> {
 }
 
 /// A point of the inlet's face: evenly spread, another one for each line.
-fn point_on_face(mesh: &TetMesh, inlet: &Inlet, line: usize) -> [f64; 3] {
-    let corners = mesh.corners(inlet.tet as usize);
-    let [a, b, c] = FACES[usize::from(inlet.face)].map(|i| corners[i]);
-    // The additive recurrence of the plastic number, folded into the triangle.
-    let mut u = (0.5 + 0.754_877_666_246_692_8 * line as f64).fract();
-    let mut v = (0.5 + 0.569_840_290_998_053_2 * line as f64).fract();
-    if u + v > 1.0 {
-        (u, v) = (1.0 - u, 1.0 - v);
+fn point_on_face<const D: usize, M: Simplices<D>>(
+    mesh: &M,
+    inlet: &Inlet,
+    line: usize,
+) -> [f64; D] {
+    let face = mesh.face(inlet.cell as usize, usize::from(inlet.face));
+    // The additive recurrence of the plastic number (in the plane one of its two), folded into the
+    // triangle.
+    let spread = |step: f64| (0.5 + step * line as f64).fract();
+    let (mut u, mut v) = (spread(0.754_877_666_246_692_8), 0.0);
+    if D == 3 {
+        v = spread(0.569_840_290_998_053_2);
+        if u + v > 1.0 {
+            (u, v) = (1.0 - u, 1.0 - v);
+        }
     }
-    add_scaled(add_scaled(a, u, sub(b, a)), v, sub(c, a))
+    let shares = [1.0 - u - v, u, v];
+    std::array::from_fn(|c| {
+        let corners = face.iter().zip(shares);
+        corners.map(|(&n, s)| s * mesh.nodes()[n as usize][c]).sum()
+    })
 }
 
-/// Appends the points of a path from the last one, which lies in tetrahedron `t`. Gives the
-/// tetrahedron in which it comes to rest; none if it leaves the mesh.
-fn follow(
-    mesh: &TetMesh,
-    rates: &FaceRates,
-    mut t: u32,
-    points: &mut Vec<[f64; 3]>,
+/// Appends the points of a path from the last one, which lies in cell `at`. Gives the cell in which
+/// it comes to rest; none if it leaves the mesh.
+fn follow<const D: usize, M: Simplices<D>>(
+    mesh: &M,
+    rates: &FaceRates<D>,
+    mut at: u32,
+    points: &mut Vec<[f64; D]>,
     time: &mut Vec<f64>,
 ) -> Option<u32> {
     let (mut x, mut now) = (points.last().copied()?, time.last().copied()?);
     let mut entered = NONE;
     for _ in 0..MOST_FACES {
-        let p = mesh.corners(t as usize);
-        let out = rates.out[t as usize];
-        let volume3 = 0.5 * volume6(&p);
-        let growth = out.iter().sum::<f64>() / volume3;
-        let velocity: [f64; 3] = std::array::from_fn(|c| {
-            (0..4).map(|k| out[k] * (x[c] - p[k][c])).sum::<f64>() / volume3
-        });
+        let p = corners(mesh, at as usize);
+        let (out, around) = rates.of(at as usize);
+        let size = D as f64 * mesh.volume(at as usize);
+        let growth = out.iter().sum::<f64>() / size;
+        let velocity: [f64; D] =
+            std::array::from_fn(|c| (0..=D).map(|k| out[k] * (x[c] - p[k][c])).sum::<f64>() / size);
+        let along = |reach: f64| std::array::from_fn(|c| x[c] + reach * velocity[c]);
         // Where the straight path meets each face, in lengths of the velocity.
         let here = barycentric(&p, x);
-        let ahead = barycentric(&p, add_scaled(x, 1.0, velocity));
+        let ahead = barycentric(&p, along(1.0));
         let mut exit: Option<(f64, usize)> = None;
-        for k in (0..4).filter(|&k| out[k] > 0.0) {
+        for k in (0..=D).filter(|&k| out[k] > 0.0) {
             let falls = here[k] - ahead[k];
             let reach = here[k].max(0.0) / falls;
             if falls > 0.0 && exit.is_none_or(|(least, _)| reach < least) {
@@ -220,9 +229,9 @@ fn follow(
         }
         // In a field that contracts the path may end before it gets there.
         let Some((reach, k)) = exit.filter(|(reach, _)| 1.0 + growth * reach > 1e-12) else {
-            return Some(t);
+            return Some(at);
         };
-        x = add_scaled(x, reach, velocity);
+        x = along(reach);
         let z = growth * reach;
         now += if z.abs() < 1e-8 {
             reach
@@ -231,26 +240,27 @@ fn follow(
         };
         points.push(x);
         time.push(now);
-        let next = rates.neighbors[t as usize][k];
+        let next = around[k];
         if next == NONE {
             return None;
         }
         // Back through the face it came by: rates of rounding size only.
         if next == entered && reach == 0.0 {
-            return Some(t);
+            return Some(at);
         }
-        (entered, t) = (t, next);
+        (entered, at) = (at, next);
     }
-    Some(t)
+    Some(at)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::flow::test_meshes::{faces_on, jittered_box};
-    use crate::flow::{Faults, Rock, Tensor, TetFlow, Well};
+    use crate::flow::test_meshes::{faces_on, flow_through, jittered_box};
+    use crate::flow::{Faults, Rock, Tensor, Well};
+    use crate::mesh::{TetMesh, TriMesh};
 
-    fn lines_of(all: &Streamlines) -> Vec<&[[f64; 3]]> {
+    fn lines_of<const D: usize>(all: &Streamlines<D>) -> Vec<&[[f64; D]]> {
         let mut begin = 0;
         let line = |&end: &u32| {
             let line = &all.points[begin..end as usize];
@@ -260,30 +270,30 @@ mod tests {
         all.ends.iter().map(line).collect()
     }
 
-    #[test]
-    fn in_uniform_flow_streamlines_are_straight_and_arrive_in_time() {
-        let mesh = jittered_box([6, 4, 4], [6.0, 4.0, 4.0], 0.25, |_| true);
+    fn uniform_flow<const D: usize, M: Simplices<D>>() {
+        let mut n = [4; D];
+        n[0] = 6;
+        let mesh: M = jittered_box(n, n.map(|n| n as f64), 0.25, |_| true);
         let rock = Rock::uniform(Tensor::isotropic(2.0), 1.0);
-        let flow = TetFlow::new(&mesh, &[], rock, Faults::OPEN).unwrap();
+        let flow = flow_through(&mesh, &[], rock, Faults::OPEN);
         let fixed: Vec<(u32, f64)> = flow
-            .nodes_where(|i| mesh.nodes[i][0] == 0.0 || mesh.nodes[i][0] == 6.0)
+            .nodes_where(|i| mesh.nodes()[i][0] == 0.0 || mesh.nodes()[i][0] == 6.0)
             .into_iter()
-            .map(|i| (i, -mesh.nodes[i as usize][0]))
+            .map(|i| (i, -mesh.nodes()[i as usize][0]))
             .collect();
-        let found = flow.solve(&vec![0.0; mesh.nodes.len()], &fixed).unwrap();
+        let none = vec![0.0; mesh.nodes().len()];
+        let found = flow.solve(&none, &fixed).unwrap();
         let rates = flow.face_rates(&found.pressure, &[], &fixed).unwrap();
         let all = Streamlines::trace(&mesh, &rates, &[], &[], 50);
-        assert!((all.rate * 50.0 - 2.0 * 16.0).abs() < 1e-9);
+        assert!((all.rate * 50.0 - 2.0 * 4f64.powi(D as i32 - 1)).abs() < 1e-9);
         for line in lines_of(&all) {
             let (first, last) = (line[0], line[line.len() - 1]);
             assert!(
                 first[0].abs() < 1e-9 && (last[0] - 6.0).abs() < 1e-9,
                 "{first:?} {last:?}"
             );
-            assert!(
-                line.iter()
-                    .all(|x| (x[1] - first[1]).abs() + (x[2] - first[2]).abs() < 1e-7)
-            );
+            let off = |x: &[f64; D]| (1..D).map(|k| (x[k] - first[k]).abs()).sum::<f64>();
+            assert!(line.iter().all(|x| off(x) < 1e-7));
         }
         for &end in &all.ends {
             assert!((all.time[end as usize - 1] - 3.0).abs() < 1e-8);
@@ -291,12 +301,19 @@ mod tests {
     }
 
     #[test]
-    fn streamlines_go_from_source_to_sink_round_a_closed_fault() {
-        let mesh = jittered_box([12, 12, 3], [12.0, 12.0, 3.0], 0.2, |x| x[0] != 6.0);
+    fn in_uniform_flow_streamlines_are_straight_and_arrive_in_time() {
+        uniform_flow::<2, TriMesh>();
+        uniform_flow::<3, TetMesh>();
+    }
+
+    fn round_a_closed_fault<const D: usize, M: Simplices<D>>() {
+        let n: [usize; D] = std::array::from_fn(|k| if k < 2 { 12 } else { 3 });
+        let mesh: M = jittered_box(n, n.map(|n| n as f64), 0.2, |x| x[0] != 6.0);
         let bits = faces_on(&mesh, |x| x[0] == 6.0 && x[1] <= 8.0);
         let rock = Rock::uniform(Tensor::isotropic(1.0), 1.0);
-        let flow = TetFlow::new(&mesh, &bits, rock, Faults::CLOSED).unwrap();
-        let (from, to) = ([3.1, 2.2, 1.4], [9.2, 2.1, 1.6]);
+        let flow = flow_through(&mesh, &bits, rock, Faults::CLOSED);
+        let place = |at: [f64; 3]| -> [f64; D] { std::array::from_fn(|k| at[k]) };
+        let (from, to) = (place([3.1, 2.2, 1.4]), place([9.2, 2.1, 1.6]));
         let well = |position, rate| Well {
             name: "well".into(),
             position,
@@ -329,5 +346,15 @@ mod tests {
         let read = crate::io::vtk::VtkFile::read(&path, "PolyData").unwrap();
         let piece = read.piece().unwrap();
         assert_eq!(read.numbers::<usize>(piece, "NumberOfLines").unwrap(), [40]);
+        let points = read
+            .array(&piece.child("Points").unwrap().children[0])
+            .unwrap();
+        assert_eq!(points.values.len(), 3 * all.points.len());
+    }
+
+    #[test]
+    fn streamlines_go_from_source_to_sink_round_a_closed_fault() {
+        round_a_closed_fault::<2, TriMesh>();
+        round_a_closed_fault::<3, TetMesh>();
     }
 }

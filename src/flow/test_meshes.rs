@@ -1,16 +1,18 @@
-//! Meshes for tests: boxes of cubes, each cut into the six tetrahedra about its diagonal.
+//! Meshes for tests: boxes of cubes, each cut into the tetrahedra (squares: triangles) about its
+//! diagonal.
 
-use crate::mesh::{FACES, TetMesh};
+use super::barriers::marks_of_bits;
+use super::{Barriers, ElementFlow, Faults, Rock};
+use crate::mesh::Simplices;
 
 /// `n` cubes along each axis of a box from the origin to `extent`; inner nodes for which `moves`
 /// holds are shifted by up to `jitter` of a cube.
-pub fn jittered_box(
-    n: [usize; 3],
-    extent: [f64; 3],
+pub fn jittered_box<const D: usize, M: Simplices<D>>(
+    n: [usize; D],
+    extent: [f64; D],
     jitter: f64,
-    moves: impl Fn([f64; 3]) -> bool,
-) -> TetMesh {
-    let mut mesh = TetMesh::default();
+    moves: impl Fn([f64; D]) -> bool,
+) -> M {
     let mut state = 1u64;
     let mut noise = || {
         state = state
@@ -18,56 +20,85 @@ pub fn jittered_box(
             .wrapping_add(1_442_695_040_888_963_407);
         (state >> 33) as f64 / (1u64 << 30) as f64 - 1.0
     };
-    for k in 0..=n[2] {
-        for j in 0..=n[1] {
-            for i in 0..=n[0] {
-                let at = [i, j, k];
-                let inside = (0..3).all(|c| at[c] > 0 && at[c] < n[c]);
-                let x: [f64; 3] = std::array::from_fn(|c| at[c] as f64 / n[c] as f64 * extent[c]);
-                let shift = if inside && moves(x) { jitter } else { 0.0 };
-                mesh.nodes.push(std::array::from_fn(|c| {
-                    x[c] + shift * noise() * extent[c] / n[c] as f64
-                }));
+    // The place of number `i` among `counts` along each axis, x fastest.
+    let place = |i: usize, counts: [usize; D]| -> [usize; D] {
+        let mut rest = i;
+        counts.map(|count| {
+            let at = rest % count;
+            rest /= count;
+            at
+        })
+    };
+    let posts = n.map(|n| n + 1);
+    let mut nodes = Vec::new();
+    for i in 0..posts.iter().product() {
+        let at = place(i, posts);
+        let inside = (0..D).all(|c| at[c] > 0 && at[c] < n[c]);
+        let x: [f64; D] = std::array::from_fn(|c| at[c] as f64 / n[c] as f64 * extent[c]);
+        let shift = if inside && moves(x) { jitter } else { 0.0 };
+        nodes.push(std::array::from_fn(|c| {
+            x[c] + shift * noise() * extent[c] / n[c] as f64
+        }));
+    }
+    let node = |at: [usize; D]| (0..D).rev().fold(0, |i, c| i * posts[c] + at[c]) as u32;
+    // Each order of the axes is a path of edges from the near corner to the far one; those of the
+    // first half turn one way, the others the other.
+    let paths: &[[usize; 3]] = match D {
+        2 => &[[0, 1, 2], [1, 0, 2]],
+        _ => &[
+            [0, 1, 2],
+            [1, 2, 0],
+            [2, 0, 1],
+            [0, 2, 1],
+            [2, 1, 0],
+            [1, 0, 2],
+        ],
+    };
+    let mut corners = Vec::new();
+    for i in 0..n.iter().product() {
+        for (path, order) in paths.iter().enumerate() {
+            let mut at = place(i, n);
+            let mut cell = vec![node(at)];
+            for &axis in &order[..D] {
+                at[axis] += 1;
+                cell.push(node(at));
             }
+            if path >= paths.len() / 2 {
+                cell.swap(D - 1, D);
+            }
+            corners.extend(cell);
         }
     }
-    let node = |at: [usize; 3]| ((at[2] * (n[1] + 1) + at[1]) * (n[0] + 1) + at[0]) as u32;
-    // Each order of the axes is a path of edges from the near corner to the far one.
-    let paths = [
-        [0, 1, 2],
-        [1, 2, 0],
-        [2, 0, 1],
-        [0, 2, 1],
-        [2, 1, 0],
-        [1, 0, 2],
-    ];
-    for k in 0..n[2] {
-        for j in 0..n[1] {
-            for i in 0..n[0] {
-                for (path, order) in paths.into_iter().enumerate() {
-                    let mut at = [i, j, k];
-                    let mut tet = [node(at); 4];
-                    for (corner, axis) in order.into_iter().enumerate() {
-                        at[axis] += 1;
-                        tet[corner + 1] = node(at);
-                    }
-                    if path >= 3 {
-                        tet.swap(2, 3);
-                    }
-                    mesh.tets.push(tet);
-                }
-            }
-        }
-    }
-    mesh
+    M::from_parts(nodes, corners)
 }
 
-/// Bits for the faces whose three nodes all are on a surface.
-pub fn faces_on(mesh: &TetMesh, on: impl Fn([f64; 3]) -> bool) -> Vec<u8> {
-    let marked: Vec<bool> = mesh.nodes.iter().map(|&x| on(x)).collect();
-    let bits = |tet: &[u32; 4]| {
-        let is_on = |k: usize| FACES[k].iter().all(|&i| marked[tet[i] as usize]);
-        (0..4).filter(|&k| is_on(k)).map(|k| 1 << k).sum()
+/// Bits for the faces whose nodes all are on a surface.
+pub fn faces_on<const D: usize, M: Simplices<D>>(
+    mesh: &M,
+    on: impl Fn([f64; D]) -> bool,
+) -> Vec<u8> {
+    let marked: Vec<bool> = mesh.nodes().iter().map(|&x| on(x)).collect();
+    let bits = |c: usize| {
+        let is_on = |k: usize| mesh.face(c, k).iter().all(|&i| marked[i as usize]);
+        (0..=D).filter(|&k| is_on(k)).map(|k| 1 << k).sum()
     };
-    mesh.tets.iter().map(bits).collect()
+    (0..mesh.len()).map(bits).collect()
+}
+
+/// A box three long of jittered cubes with a fault at x = 1.5 that ends at 2 along the last axis.
+pub fn torn_box<const D: usize, M: Simplices<D>>() -> (M, Vec<u8>) {
+    let mesh = jittered_box([6; D], [3.0; D], 0.25, |x| x[0] != 1.5);
+    let bits = faces_on(&mesh, |x| x[0] == 1.5 && x[D - 1] <= 2.0);
+    (mesh, bits)
+}
+
+/// Flow through a mesh whose marked faces all resist alike.
+pub fn flow_through<const D: usize, M: Simplices<D>>(
+    mesh: &M,
+    bits: &[u8],
+    rock: Rock,
+    faults: Faults,
+) -> ElementFlow<D, M> {
+    let barriers = Barriers::alike(marks_of_bits::<D>(bits), faults);
+    ElementFlow::new(mesh, &barriers, rock).unwrap()
 }

@@ -2,14 +2,15 @@
 
 use rayon::prelude::*;
 
-use super::tets::gradients;
+use super::elements::{corners, gradients};
 use crate::error::cause;
-use crate::mesh::{TetMesh, dot, sub};
+use crate::mesh::Simplices;
+use crate::mesh::poly::dot;
 use crate::{Error, Result};
 
-/// Tetrahedra that one task searches.
+/// Cells that one task searches.
 const CHUNK: usize = 1 << 14;
-/// How far outside a tetrahedron, in its own size, a point may seem to be by rounding.
+/// How far outside a cell, in its own size, a point may seem to be by rounding.
 const ROUNDING: f64 = 1e-9;
 
 /// A point where fluid enters or leaves.
@@ -23,12 +24,12 @@ pub struct Well<const D: usize = 3> {
     pub rate: f64,
 }
 
-/// A well in its tetrahedron.
+/// A well in its tetrahedron or triangle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Located {
-    /// The tetrahedron.
+    /// The cell.
     pub cell: u32,
-    /// The well's barycentric coordinates in it.
+    /// The well's barycentric coordinates in it (in a triangle the last is 0).
     pub shares: [f64; 4],
     /// The well's rate.
     pub rate: f64,
@@ -56,32 +57,33 @@ impl<const D: usize> Well<D> {
             "give a point inside, in the mesh's coordinates (`atomesh info` says where it lies)",
         ))
     }
-}
 
-impl Well<3> {
-    /// Finds the tetrahedron that holds the well.
+    /// Finds the tetrahedron or triangle that holds the well.
     ///
     /// # Errors
     /// [`Error::Flow`] if there is none, or the rate is not finite.
-    pub fn locate(&self, mesh: &TetMesh) -> Result<Located> {
+    pub fn locate<M: Simplices<D>>(&self, mesh: &M) -> Result<Located> {
         self.check()?;
-        let depth = |t: usize| {
-            let shares = barycentric(&mesh.corners(t), self.position);
-            (shares.into_iter().fold(f64::INFINITY, f64::min), t)
+        let depth = |c: usize| {
+            let shares = barycentric(&corners(mesh, c), self.position);
+            (
+                shares[..=D].iter().copied().fold(f64::INFINITY, f64::min),
+                c,
+            )
         };
         let deeper = |a: (f64, usize), b: (f64, usize)| if b.0 > a.0 { b } else { a };
-        let parts: Vec<(f64, usize)> = (0..mesh.tets.len().div_ceil(CHUNK))
+        let parts: Vec<(f64, usize)> = (0..mesh.len().div_ceil(CHUNK))
             .into_par_iter()
             .map(|k| {
-                let tets = k * CHUNK..mesh.tets.len().min((k + 1) * CHUNK);
-                tets.map(depth).fold((f64::NEG_INFINITY, 0), deeper)
+                let cells = k * CHUNK..mesh.len().min((k + 1) * CHUNK);
+                cells.map(depth).fold((f64::NEG_INFINITY, 0), deeper)
             })
             .collect();
         let (depth, cell) = parts.into_iter().fold((f64::NEG_INFINITY, 0), deeper);
         if depth < -ROUNDING {
             return Err(self.outside());
         }
-        let shares = barycentric(&mesh.corners(cell), self.position).map(|s| s.max(0.0));
+        let shares = barycentric(&corners(mesh, cell), self.position).map(|s| s.max(0.0));
         let sum: f64 = shares.iter().sum();
         Ok(Located {
             cell: cell as u32,
@@ -91,11 +93,15 @@ impl Well<3> {
     }
 }
 
-/// Barycentric coordinates of `x`; all in [0, 1] inside.
+/// Barycentric coordinates of `x`, one for each of the D + 1 corners, then 0; all in [0, 1] inside.
 #[inline]
-pub(super) fn barycentric(p: &[[f64; 3]; 4], x: [f64; 3]) -> [f64; 4] {
-    let (g, volume6) = gradients(p);
-    let off = sub(x, p[0]);
-    let [a, b, c] = [1, 2, 3].map(|k| dot(g[k], off) / volume6);
-    [1.0 - a - b - c, a, b, c]
+pub(super) fn barycentric<const D: usize>(p: &[[f64; D]; 4], x: [f64; D]) -> [f64; 4] {
+    let (g, size) = gradients(p);
+    let off: [f64; D] = std::array::from_fn(|k| x[k] - p[0][k]);
+    let mut shares = [1.0, 0.0, 0.0, 0.0];
+    for k in 1..=D {
+        shares[k] = dot(g[k], off) / size;
+        shares[0] -= shares[k];
+    }
+    shares
 }

@@ -298,7 +298,7 @@ impl<const D: usize> PolyMesh<D> {
 
 /// Scalar product.
 #[inline]
-pub(super) fn dot<const D: usize>(a: [f64; D], b: [f64; D]) -> f64 {
+pub(crate) fn dot<const D: usize>(a: [f64; D], b: [f64; D]) -> f64 {
     (0..D).map(|k| a[k] * b[k]).sum()
 }
 

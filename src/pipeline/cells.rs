@@ -3,13 +3,14 @@
 
 use rayon::prelude::*;
 
-use super::file::{Provenance, common_fields};
+use super::file::{HORIZON_FACES, Provenance, common_fields};
+use super::horizons::on_horizons;
 use super::join::Scene;
 use super::{BOX_TOLERANCE, Meshing, Params, Settled, Space, optimisation, pairs, settle};
 use crate::Result;
 use crate::distance::Distance;
 use crate::energy::{Beta, Pairwise};
-use crate::export::MeshFile;
+use crate::export::{FieldValue, MeshFile};
 use crate::feature::Features;
 use crate::image::{Geometry, Image};
 use crate::improve::sheets::{SAME_SHEET, Sheets};
@@ -211,6 +212,13 @@ pub fn cells_to_file<const D: usize>(
         .par_iter()
         .map(|&x| outcome.distance.at(x) as f32)
         .collect();
+    let mut field_data = common_fields(geometry, outcome.step, outcome.extent, provenance);
+    let horizons = on_horizons(&outcome.mesh, &mesh.on_feature, &outcome.features);
+    let pairs = mesh.face_cells.iter().zip(&horizons).filter(|f| *f.1);
+    let pairs: Vec<i64> = pairs.flat_map(|(cells, _)| cells.map(i64::from)).collect();
+    if !pairs.is_empty() {
+        field_data.push((HORIZON_FACES.into(), FieldValue::Ints(pairs)));
+    }
     MeshFile {
         cell_data: vec![
             DataArray::scalars(if D == 2 { "area" } else { "volume" }, volume),
@@ -218,7 +226,7 @@ pub fn cells_to_file<const D: usize>(
             DataArray::scalars("distance", distance),
         ],
         point_data: Vec::new(),
-        field_data: common_fields(geometry, outcome.step, outcome.extent, provenance),
+        field_data,
         mesh,
     }
 }

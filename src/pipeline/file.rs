@@ -3,9 +3,11 @@
 
 use rayon::prelude::*;
 
+use super::horizons::on_horizons;
 use super::{Meshing, Outcome, Space};
 use crate::error::cause;
 use crate::export::{FieldValue, MeshFile, face_bits_to_physical, to_physical, turned};
+use crate::flow::barriers::marks_of_bits;
 use crate::image::Geometry;
 use crate::io::vtk::{DataArray, Values};
 use crate::mesh::TetMesh;
@@ -48,7 +50,9 @@ where
     let cells = || (0..lattice.len()).into_par_iter();
     let smallest: Vec<f32> = cells().map(|c| lattice.smallest_angle(c) as f32).collect();
     let volume: Vec<f32> = cells().map(|c| mesh.volume(c) as f32).collect();
-    MeshFile {
+    let marks: Vec<bool> = marks_of_bits::<D>(&outcome.feature_faces).collect();
+    let horizons = on_horizons(lattice, &marks, &outcome.features);
+    let mut file = MeshFile {
         mesh,
         point_data: vec![
             DataArray::scalars("atom_kind", kinds),
@@ -65,8 +69,22 @@ where
             ),
         ],
         field_data: common_fields(geometry, outcome.step, outcome.extent, provenance),
+    };
+    if !horizons.is_empty() {
+        let bit = |(k, on): (usize, &bool)| u8::from(*on) << k;
+        let bits = |faces: &[bool]| faces.iter().enumerate().map(bit).sum();
+        let bits: Vec<u8> = horizons.chunks_exact(D + 1).map(bits).collect();
+        let bits = face_bits_to_physical(&bits, geometry);
+        file.cell_data.push(DataArray::scalars(HORIZON_FACES, bits));
     }
+    file
 }
+
+/// The array that says which faces on features lie on horizons, which are no barriers to flow: bits
+/// of cells as in `feature_faces`, or for polyhedra and polygons pairs of cells.
+pub(super) const HORIZON_FACES: &str = "horizon_faces";
+/// The field of units of the coordinates, commas between them.
+const UNITS: &str = "units";
 
 /// What every file says of itself: what made it, and where its lattice space is.
 pub(super) fn common_fields<const D: usize>(
@@ -77,6 +95,7 @@ pub(super) fn common_fields<const D: usize>(
 ) -> Vec<(String, FieldValue)> {
     let text = |text: &str| FieldValue::Text(text.to_string());
     vec![
+        (UNITS.into(), text(&geometry.units.join(","))),
         ("atomesh_version".into(), text(env!("CARGO_PKG_VERSION"))),
         ("parameters".into(), text(&provenance.parameters)),
         ("input_sha256".into(), text(&provenance.input_sha256)),
@@ -102,6 +121,9 @@ pub struct Placed<const D: usize = 3, M = TetMesh> {
     pub geometry: Geometry<D>,
     /// For each cell, bit k: face k of `lattice` lies on a feature, the mesh says.
     pub feature_faces: Option<Vec<u8>>,
+    /// For each number of a face of `lattice`, and of `physical` for polyhedra and polygons, whether
+    /// it lies on a horizon; empty if none does.
+    pub horizons: Vec<bool>,
     /// Whether the file says where its lattice space is. If not, it is the file's own space, moved
     /// so that the mesh begins at the origin.
     pub by_file: bool,
@@ -133,7 +155,13 @@ fn place<const D: usize, M>(file: &MeshFile<M>, nodes: &[[f64; D]]) -> Option<Pl
         ));
     }
     let axes = array("axes").filter(|axes| axes.len() == D * D)?;
+    let units = file.field_data.iter().find(|(name, _)| name == UNITS);
+    let units: Vec<&str> = match units {
+        Some((_, FieldValue::Text(units))) => units.split(',').collect(),
+        _ => Vec::new(),
+    };
     let geometry = Geometry {
+        units: std::array::from_fn(|k| units.get(k).unwrap_or(&"").to_string()),
         origin: vector("origin")?,
         axes: std::array::from_fn(|k| std::array::from_fn(|c| axes[D * k + c])),
         ..Geometry::default()
@@ -186,16 +214,18 @@ impl<const D: usize, M: Measured<D>> Placed<D, M> {
         let Some(nodes) = to_lattice(nodes, &geometry, step) else {
             return refuse(place_name, NO_SPACE);
         };
-        let feature_faces = file
-            .cell_data
-            .iter()
-            .find(|array| array.name == M::FEATURE_FACES)
-            .and_then(|array| match &array.values {
+        let bits = |name: &str| {
+            let array = file.cell_data.iter().find(|array| array.name == name);
+            array.and_then(|array| match &array.values {
                 Values::U8(bits) => Some(face_bits_to_physical(bits, &geometry)),
                 _ => None,
-            });
+            })
+        };
         Ok(Self {
-            feature_faces,
+            feature_faces: bits(M::FEATURE_FACES),
+            horizons: (bits(HORIZON_FACES).iter())
+                .flat_map(|bits| marks_of_bits::<D>(bits))
+                .collect(),
             lattice: turned(&file.mesh, nodes, &geometry),
             physical: file.mesh,
             extent,
@@ -204,14 +234,16 @@ impl<const D: usize, M: Measured<D>> Placed<D, M> {
             by_file,
         })
     }
+}
 
+impl<const D: usize, M> Placed<D, M> {
     /// Checks that an image of these dims fills the mesh's box; `place` names it in errors.
     ///
     /// # Errors
     /// [`Error::Image`] if it does not.
-    pub fn check_dims(&self, dims: [usize; 3], place: &str) -> Result<()> {
-        let own: [f64; 3] = std::array::from_fn(|k| self.extent[k] / self.step[k] + 1.0);
-        if (0..3).any(|k| (dims[k] as f64 - own[k]).abs() > 1e-6) {
+    pub fn check_dims(&self, dims: [usize; D], place: &str) -> Result<()> {
+        let own: [f64; D] = std::array::from_fn(|k| self.extent[k] / self.step[k] + 1.0);
+        if (0..D).any(|k| (dims[k] as f64 - own[k]).abs() > 1e-6) {
             return Err(Error::Image(cause(
                 place,
                 format!("is of {dims:?} samples, the mesh of {own:?}"),
@@ -240,7 +272,22 @@ impl<const D: usize> Placed<D, PolyMesh<D>> {
         let (Some(nodes), Some(sites)) = (nodes, sites) else {
             return refuse(place_name, NO_SPACE);
         };
+        let pairs = (file.field_data.iter()).find_map(|(name, value)| match value {
+            FieldValue::Ints(pairs) if name == HORIZON_FACES => Some(pairs.as_chunks::<2>().0),
+            _ => None,
+        });
         let mut physical = file.mesh;
+        let mut horizons = Vec::new();
+        if let Some(pairs) = pairs {
+            horizons.resize(physical.face_cells.len(), false);
+            for pair in pairs {
+                // Faces are in the order of their cells.
+                let pair = pair.map(|cell| cell as u32);
+                if let Ok(face) = physical.face_cells.binary_search(&pair) {
+                    horizons[face] = true;
+                }
+            }
+        }
         let mut lattice = physical.mapped(|x| x, geometry.determinant() < 0.0);
         (lattice.nodes, lattice.sites) = (nodes, sites);
         lattice.assign_sides([0.0; D], extent);
@@ -252,6 +299,7 @@ impl<const D: usize> Placed<D, PolyMesh<D>> {
             step,
             geometry,
             feature_faces: None,
+            horizons,
             by_file,
         })
     }

@@ -219,6 +219,7 @@ fn detected_points_stand_in_for_truth() {
         samples: vec![0.0; 17 * 17 * 17],
     };
     let features = Features {
+        on_horizon: vec![],
         points,
         potential,
         sigma: 1.0,

@@ -1,11 +1,8 @@
 //! Cells of a mesh and the faces between them, of whatever shape: what paint and blocks need.
 
-use rayon::prelude::*;
-
-use crate::error::cause;
-use crate::mesh::complex::neighbors;
-use crate::mesh::{FACES, TetMesh, cross, norm, sub, volume6};
-use crate::{Error, Result};
+use super::faceted::Faceted;
+use super::facets::{dot, length, normal, sub};
+use crate::mesh::complex::NONE;
 
 /// A face between two cells.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -22,18 +19,42 @@ pub struct Link {
 
 /// Cells as a graph.
 #[derive(Debug, Clone, Default)]
-pub struct Cells {
+pub struct Cells<const D: usize> {
     /// Volume of each cell.
     pub volumes: Vec<f64>,
+    /// Centre of each cell.
+    pub centres: Vec<[f64; D]>,
     /// The faces between cells.
     pub links: Vec<Link>,
     start: Vec<u32>,
     around: Vec<u32>,
 }
 
-impl Cells {
-    /// From volumes and links.
-    pub fn new(volumes: Vec<f64>, links: Vec<Link>) -> Self {
+impl<const D: usize> Cells<D> {
+    /// The cells of a mesh; facets in `closed` (nodes ascending, sorted) lie on surfaces, and so do
+    /// the faces that they are part of. `cells` are those of [`Faceted::cells_of_faces`].
+    pub fn new<F: Faceted<D>>(mesh: &F, cells: &[[u32; 2]], closed: &[[u32; D]]) -> Self {
+        let nodes = mesh.node_positions();
+        let (volumes, centres): (Vec<f64>, Vec<[f64; D]>) = mesh.cell_volumes().into_iter().unzip();
+        let mut links = Vec::new();
+        for (face, &cells) in cells.iter().enumerate() {
+            if cells[1] == NONE {
+                continue;
+            }
+            let (mut area, mut open) = (0.0, true);
+            mesh.facets(face, |mut facet| {
+                area += length(normal(&facet.map(|n| nodes[n as usize])));
+                facet.sort_unstable();
+                open &= closed.binary_search(&facet).is_err();
+            });
+            let [a, b] = cells.map(|c| centres[c as usize]);
+            links.push(Link {
+                cells,
+                area,
+                distance: length(sub(a, b)),
+                open,
+            });
+        }
         let mut start = vec![0; volumes.len() + 1];
         for link in &links {
             for c in link.cells {
@@ -53,56 +74,11 @@ impl Cells {
         }
         Self {
             volumes,
+            centres,
             links,
             start,
             around,
         }
-    }
-
-    /// The tetrahedra of a mesh; faces in `closed` (nodes ascending, sorted) lie on surfaces.
-    ///
-    /// # Errors
-    /// [`Error::Mesh`] if more than two tetrahedra share a face.
-    pub fn of_tets(mesh: &TetMesh, closed: &[[u32; 3]]) -> Result<Self> {
-        let across = neighbors(mesh.nodes.len(), &mesh.tets).map_err(|face| {
-            Error::Mesh(cause(
-                "mesh",
-                format!("more than two tetrahedra share the face {face:?}"),
-                "run atomesh validate",
-            ))
-        })?;
-        let count = mesh.tets.len();
-        let volumes = (0..count)
-            .into_par_iter()
-            .map(|t| volume6(&mesh.corners(t)) / 6.0);
-        let centres: Vec<[f64; 3]> = (0..count)
-            .into_par_iter()
-            .map(|t| centre(mesh, t))
-            .collect();
-        let links = (0..count)
-            .into_par_iter()
-            .flat_map_iter(|t| {
-                let (across, centres) = (&across, &centres);
-                // Each face once: from the tetrahedron that comes first. NONE comes last.
-                let later = (0..4).filter(move |&k| {
-                    let n = across[t][k];
-                    n as usize > t && (n as usize) < count
-                });
-                later.map(move |k| {
-                    let mut face = FACES[k].map(|i| mesh.tets[t][i]);
-                    let [a, b, c] = face.map(|n| mesh.nodes[n as usize]);
-                    face.sort_unstable();
-                    let other = across[t][k];
-                    Link {
-                        cells: [t as u32, other],
-                        area: 0.5 * norm(cross(sub(b, a), sub(c, a))),
-                        distance: norm(sub(centres[t], centres[other as usize])),
-                        open: closed.binary_search(&face).is_err(),
-                    }
-                })
-            })
-            .collect();
-        Ok(Self::new(volumes.collect(), links))
     }
 
     /// Number of cells.
@@ -135,38 +111,58 @@ impl Cells {
     }
 }
 
-/// Centroid of a tetrahedron.
-pub fn centre(mesh: &TetMesh, t: usize) -> [f64; 3] {
-    let x = mesh.corners(t);
-    std::array::from_fn(|k| 0.25 * (x[0][k] + x[1][k] + x[2][k] + x[3][k]))
+/// The cell that holds a point, cells being convex; of several that touch it the first. `cells` are
+/// those of [`Faceted::cells_of_faces`].
+pub fn holding<const D: usize, F: Faceted<D>>(
+    mesh: &F,
+    cells: &[[u32; 2]],
+    p: [f64; D],
+) -> Option<u32> {
+    let nodes = mesh.node_positions();
+    let mut size = 0.0f64;
+    // How far the point is beyond the outermost of each cell's faces.
+    let mut outside: Vec<f64> = Vec::new();
+    for (face, cells) in cells.iter().enumerate() {
+        mesh.facets(face, |facet| {
+            let corners = facet.map(|n| nodes[n as usize]);
+            let n = normal(&corners);
+            let area = length(n);
+            let off = dot(sub(p, corners[0]), n) / area;
+            for (&cell, off) in cells.iter().zip([off, -off]) {
+                // A facet without area has no side.
+                if cell != NONE && area > 0.0 {
+                    let cell = cell as usize;
+                    outside.resize(outside.len().max(cell + 1), f64::NEG_INFINITY);
+                    outside[cell] = outside[cell].max(off);
+                }
+            }
+            size = size.max(area);
+        });
+    }
+    let slack = 1e-9 * size.powf(1.0 / (D as f64 - 1.0));
+    let found = outside.iter().position(|&off| off <= slack);
+    found.map(|cell| cell as u32)
 }
 
-/// The tetrahedron that holds a point; of several that touch it the first.
-pub fn holding(mesh: &TetMesh, p: [f64; 3]) -> Option<u32> {
-    let holds = |t: &usize| {
-        let x = mesh.corners(*t);
-        let slack = 1e-9 * volume6(&x).abs();
-        (0..4).all(|k| {
-            let mut part = x;
-            part[k] = p;
-            volume6(&part) >= -slack
-        })
-    };
-    let found = (0..mesh.tets.len()).into_par_iter().find_first(holds);
-    found.map(|t| t as u32)
-}
-
-/// The faces that enclose all cells of `region`, turned outwards.
-pub fn skin(mesh: &TetMesh, across: &[[u32; 4]], regions: &[u32], region: u32) -> Vec<[u32; 3]> {
-    (0..mesh.tets.len())
-        .filter(|&t| regions[t] == region)
-        .flat_map(|t| {
-            let outer =
-                (0..4).filter(move |&k| regions.get(across[t][k] as usize) != Some(&region));
-            outer.map(move |k| {
-                let [a, b, c] = FACES[k].map(|i| mesh.tets[t][i]);
-                [a, c, b]
-            })
-        })
-        .collect()
+/// The facets that enclose all cells of `region`, turned outwards. `cells` are those of
+/// [`Faceted::cells_of_faces`].
+pub fn skin<const D: usize, F: Faceted<D>>(
+    mesh: &F,
+    cells: &[[u32; 2]],
+    regions: &[u32],
+    region: u32,
+) -> Vec<[u32; D]> {
+    let mut skin = Vec::new();
+    for (face, cells) in cells.iter().enumerate() {
+        let inside = cells.map(|c| regions.get(c as usize) == Some(&region));
+        if inside[0] != inside[1] {
+            mesh.facets(face, |mut facet| {
+                if inside[1] {
+                    facet.swap(0, 1);
+                }
+                skin.push(facet);
+            });
+        }
+    }
+    skin
 }

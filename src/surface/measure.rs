@@ -5,12 +5,15 @@ use serde::Serialize;
 
 use super::Surfaces;
 use super::facets::{Facets, Sets, add_scaled, dot, length, normal, sub, unit};
+use super::kind::{Kind, kinds};
 
 /// Figures of one surface, in the space of the nodes that were given. In 2-D, area means length.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Measure {
     /// Number of the surface; 0 is the largest.
     pub surface: usize,
+    /// Fault or horizon.
+    pub kind: Kind,
     /// Number of facets.
     pub facets: usize,
     /// Area (length in 2-D).
@@ -65,22 +68,26 @@ impl<const D: usize> Up<D> {
     }
 }
 
-/// Figures of all surfaces; `nodes` in physical space, as a rule.
+/// Figures of all surfaces; `nodes` in physical space, as a rule. `horizons` are the facets that lie
+/// on horizons, nodes ascending, sorted.
 pub fn measure<const D: usize>(
     surfaces: &Surfaces<D>,
     nodes: &[[f64; D]],
     up: &Up<D>,
+    horizons: &[[u32; D]],
 ) -> Vec<Measure> {
     let meets = meetings(surfaces);
+    let kinds = kinds(surfaces, nodes, horizons);
     (0..surfaces.len())
         .into_par_iter()
-        .map(|s| one(s, surfaces.of(s), nodes, up, meets[s].clone()))
+        .map(|s| one(s, surfaces.of(s), kinds[s], nodes, up, meets[s].clone()))
         .collect()
 }
 
 fn one<const D: usize>(
     surface: usize,
     list: &[[u32; D]],
+    kind: Kind,
     nodes: &[[f64; D]],
     up: &Up<D>,
     meets: Vec<usize>,
@@ -121,6 +128,7 @@ fn one<const D: usize>(
     let towards = dot(n, up.east).atan2(dot(n, up.north)).to_degrees();
     Measure {
         surface,
+        kind,
         facets: list.len(),
         area,
         normal: n.to_vec(),

@@ -5,27 +5,34 @@
 //! least; and beyond a gap, as it is left where features cross, the facets that lie in the plane.
 //! One ridge may mislead, so ridges vote: see [`unite`](mod@unite).
 //!
+//! - [`faceted`]: meshes whose faces can be cut into facets, whatever their cells are
 //! - [`facets`]: facets and their ridges: triangles and edges in 3-D, edges and nodes in 2-D
-//! - [`select`]: the faces of a mesh that lie on features
+//! - [`select`]: the facets of a mesh that lie on features
+//! - [`near`]: points that are near
 //! - [`pairs`]: what continues what
 //! - [`unite`](mod@unite): pieces and votes -> surfaces
 //! - [`fill`](mod@fill): gaps closed by faces that the mesh has there
+//! - [`kind`]: faults and horizons
 //! - [`measure`](mod@measure): area, orientation, extent, rim
 //! - [`cells`]: cells and the faces between them
 //! - [`paint`](mod@paint): blocks between surfaces; cells grown from seeds
 
 pub mod cells;
+pub mod faceted;
 pub mod facets;
 pub mod fill;
+pub mod kind;
 pub mod measure;
+pub mod near;
 pub mod paint;
 pub mod pairs;
 pub mod select;
 pub mod unite;
 
 use facets::{Facets, NONE};
+pub use kind::Kind;
 pub use measure::{Measure, measure};
-use pairs::{Cores, across_gaps, across_ridges};
+use pairs::{Cores, Vote, across_crossings, across_gaps, across_ridges, rims};
 
 /// What makes facets one surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -48,6 +55,9 @@ impl Default for Options {
         }
     }
 }
+
+/// Smaller surfaces than this many facets are crumbs.
+const FEWEST: f64 = 10.0;
 
 /// Facets grouped into surfaces.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -80,10 +90,16 @@ impl<const D: usize> Surfaces<D> {
         let cores = Cores::new(&facets);
         let (mut votes, rim) = across_ridges(&facets, &cores, straight);
         votes.extend(across_gaps(&facets, &cores, &rim, options.reach, straight));
-        let (surface_of_core, count) = unite::unite(&cores.rims(&facets), &votes);
-        let surface: Vec<u32> = (cores.core.iter())
-            .map(|&core| surface_of_core[core as usize])
-            .collect();
+        let unite_pieces = |piece: &[u32], count: usize, votes: &[Vote]| {
+            let (united, count) = unite::unite(&rims(&facets, piece, count), votes);
+            let piece: Vec<u32> = piece.iter().map(|&p| united[p as usize]).collect();
+            (united, piece, count)
+        };
+        let (united, surface, count) = unite_pieces(&cores.core, cores.count, &votes);
+        // Once more, across wider gaps; what was against stays so.
+        let mut votes: Vec<Vote> = votes.iter().filter_map(|v| v.between(&united)).collect();
+        votes.extend(across_crossings(&facets, &surface, &cores.normals));
+        let (_, surface, count) = unite_pieces(&surface, count, &votes);
         let added = fill::fill(&facets, &surface, &cores.normals, candidates, straight);
 
         let mut areas = vec![0.0; count];
@@ -97,7 +113,7 @@ impl<const D: usize> Surfaces<D> {
             areas[*s as usize] += area(facet);
         }
         let mean = areas.iter().sum::<f64>() / members.len().max(1) as f64;
-        let least = options.min_area.unwrap_or(10.0 * mean);
+        let least = options.min_area.unwrap_or(FEWEST * mean);
         let mut order: Vec<usize> = (0..count).collect();
         order.sort_by(|&a, &b| areas[b].total_cmp(&areas[a]).then(a.cmp(&b)));
         let kept = order.partition_point(|&s| areas[s] >= least);
@@ -133,6 +149,47 @@ impl<const D: usize> Surfaces<D> {
     /// The facets of a surface.
     pub fn of(&self, surface: usize) -> &[[u32; D]] {
         &self.facets[self.start[surface]..self.start[surface + 1]]
+    }
+
+    /// For each surface the one that it counts as, as a part of it: crumbs of fewer than
+    /// ten facets are part of the larger surface with which they share most nodes, if there is one.
+    pub fn adopted(&self, nodes: &[[f64; D]]) -> Vec<u32> {
+        let area = |s: usize| -> f64 {
+            let areas = (self.of(s).iter()).map(|f| facets::normal(&f.map(|n| nodes[n as usize])));
+            areas.map(facets::length).sum()
+        };
+        let mut part_of: Vec<u32> = (0..self.len() as u32).collect();
+        let all: f64 = (0..self.len()).map(area).sum();
+        let least = FEWEST * all / self.facets.len().max(1) as f64;
+        let first = (0..self.len()).position(|s| area(s) < least);
+        let first = first.unwrap_or(self.len());
+        let mut on: Vec<(u32, u32)> = (0..first)
+            .flat_map(|s| {
+                self.of(s)
+                    .as_flattened()
+                    .iter()
+                    .map(move |&n| (n, s as u32))
+            })
+            .collect();
+        on.sort_unstable();
+        on.dedup();
+        for crumb in first..self.len() {
+            let mut shared: Vec<u32> = Vec::new();
+            for &n in self.of(crumb).as_flattened() {
+                let from = on.partition_point(|&(m, _)| m < n);
+                shared.extend(on[from..].iter().take_while(|at| at.0 == n).map(|at| at.1));
+            }
+            shared.sort_unstable();
+            // Of equals the first, which is the largest.
+            let most = shared
+                .chunk_by(|a, b| a == b)
+                .rev()
+                .max_by_key(|same| same.len());
+            if let Some(same) = most {
+                part_of[crumb] = same[0];
+            }
+        }
+        part_of
     }
 
     /// The surface of each facet.

@@ -25,7 +25,7 @@ pub struct Seed {
 
 /// For each cell the distance to the nearest surface, along ways between cell centres that cross
 /// none; infinite where there is none to reach.
-pub fn clearance(cells: &Cells) -> Vec<f64> {
+pub fn clearance<const D: usize>(cells: &Cells<D>) -> Vec<f64> {
     let mut sources = Vec::new();
     for link in cells.links.iter().filter(|link| !link.open) {
         sources.extend(link.cells.map(|c| (0.5 * link.distance, c, 0)));
@@ -46,7 +46,7 @@ pub fn clearance(cells: &Cells) -> Vec<f64> {
 /// most area, openly if they can.
 ///
 /// With `neck` 0, every opening joins; with 1, only ways as wide as the smaller room.
-pub fn blocks(cells: &Cells, neck: f64, least: usize) -> (Vec<u32>, usize) {
+pub fn blocks<const D: usize>(cells: &Cells<D>, neck: f64, least: usize) -> (Vec<u32>, usize) {
     let clearance = clearance(cells);
     let mut order: Vec<u32> = (0..cells.len() as u32).collect();
     order.sort_by(|&a, &b| {
@@ -91,7 +91,12 @@ pub fn blocks(cells: &Cells, neck: f64, least: usize) -> (Vec<u32>, usize) {
 }
 
 /// The blocks of fewer than `least` cells, and the neighbour that each should join.
-fn absorbing(cells: &Cells, block: &[u32], count: usize, least: usize) -> Vec<(u32, u32)> {
+fn absorbing<const D: usize>(
+    cells: &Cells<D>,
+    block: &[u32],
+    count: usize,
+    least: usize,
+) -> Vec<(u32, u32)> {
     let mut size = vec![0; count];
     for &b in block {
         size[b as usize] += 1;
@@ -118,7 +123,11 @@ fn absorbing(cells: &Cells, block: &[u32], count: usize, least: usize) -> Vec<(u
 }
 
 /// Blocks numbered by falling volume.
-fn by_size(cells: &Cells, mut block: Vec<u32>, count: usize) -> (Vec<u32>, usize) {
+fn by_size<const D: usize>(
+    cells: &Cells<D>,
+    mut block: Vec<u32>,
+    count: usize,
+) -> (Vec<u32>, usize) {
     let mut volume = vec![0.0; count];
     for (c, &b) in block.iter().enumerate() {
         volume[b as usize] += cells.volumes[c];
@@ -139,8 +148,8 @@ fn by_size(cells: &Cells, mut block: Vec<u32>, count: usize) -> (Vec<u32>, usize
 ///
 /// Returns the unit of each cell, `None` where no paint arrives, and the cost there. Of seeds whose
 /// paint arrives at once the lower unit wins.
-pub fn paint(
-    cells: &Cells,
+pub fn paint<const D: usize>(
+    cells: &Cells<D>,
     block: &[u32],
     cost: &[f64],
     seeds: &[Seed],
@@ -161,8 +170,8 @@ pub fn paint(
 
 /// Least cost from any of the sources (cost there, cell, label) to each cell, infinite beyond
 /// `most`, and the label of that source.
-fn spread(
-    cells: &Cells,
+fn spread<const D: usize>(
+    cells: &Cells<D>,
     sources: &[(f64, u32, u32)],
     cost: &[f64],
     passes: impl Fn(usize) -> bool,
@@ -198,7 +207,7 @@ fn spread(
 
 /// How much harder paint flows between cells whose image values differ: 1 + (difference / rms
 /// difference)^2, for each link.
-pub fn contrast(cells: &Cells, values: &[f64]) -> Vec<f64> {
+pub fn contrast<const D: usize>(cells: &Cells<D>, values: &[f64]) -> Vec<f64> {
     let square = |[a, b]: [u32; 2]| (values[a as usize] - values[b as usize]).powi(2);
     let sum: f64 = cells.links.iter().map(|link| square(link.cells)).sum();
     let mean = sum / cells.links.len().max(1) as f64;

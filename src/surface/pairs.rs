@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use super::facets::{Facets, NONE, Sets, add_scaled, dot, length, sub, unit};
+use super::near::Grid;
 
 /// Normals are averaged over ridges of two sides that bend less: 20 degrees, four times what the noise
 /// of a mesh on a smooth feature does.
@@ -69,18 +70,6 @@ impl<const D: usize> Cores<D> {
         }
     }
 
-    /// Length of each piece's rim, in ridges.
-    pub fn rims(&self, facets: &Facets<D>) -> Vec<u32> {
-        let mut rims = vec![0; self.count];
-        for side in 0..D * facets.len() {
-            let core = self.core[side / D];
-            let sides = facets.sides(facets.ridges[side / D][side % D] as usize);
-            let inside = |&&s: &&u32| self.core[s as usize / D] == core;
-            rims[core as usize] += u32::from(sides.iter().filter(inside).count() == 1);
-        }
-        rims
-    }
-
     /// The direction in which the surface of a side's facet goes on beyond the ridge.
     fn outward(&self, facets: &Facets<D>, side: usize) -> [f64; D] {
         let inward = facets.inward(side);
@@ -116,6 +105,14 @@ pub struct Vote {
     pub favour: u32,
     /// [`FULL`] where they meet and both go on otherwise, or end; 0 otherwise.
     pub against: u32,
+}
+
+impl Vote {
+    /// The same between what the pieces have become part of, unless that is one.
+    pub fn between(&self, united: &[u32]) -> Option<Self> {
+        let [a, b] = self.pieces.map(|piece| united[piece as usize]);
+        vote(a, b, self.favour, self.against)
+    }
 }
 
 /// The weight of a ridge across which nothing bends, or at which surfaces part.
@@ -225,15 +222,22 @@ pub fn across_gaps<const D: usize>(
                 let g = rim[j] as usize / D;
                 let to = sub(middles[j], middles[i]);
                 let far = length(to);
+                let size = 0.5 * (sizes[i] + sizes[j]);
                 let flat = |n: [f64; D]| dot(to, n).abs() < bent * far;
+                // Between the larger faces of Voronoi cells there are tiny ones, turned anyhow.
+                let onward = if far < TINY * size {
+                    far > 0.0 && -dot(outward[i], outward[j]) > straight
+                } else {
+                    dot(to, outward[i]) >= 0.5 * far
+                        && -dot(to, outward[j]) >= 0.5 * far
+                        && flat(normal)
+                        && flat(cores.normals[g])
+                };
                 if cores.core[f] != cores.core[g]
-                    && far < reach * 0.5 * (sizes[i] + sizes[j])
+                    && far < reach * size
                     && best.is_none_or(|(least, _)| far < least)
-                    && dot(to, outward[i]) >= 0.5 * far
-                    && -dot(to, outward[j]) >= 0.5 * far
                     && dot(normal, cores.normals[g]).abs() > straight
-                    && flat(normal)
-                    && flat(cores.normals[g])
+                    && onward
                 {
                     best = Some((far, j));
                 }
@@ -251,50 +255,117 @@ pub fn across_gaps<const D: usize>(
     found.into_iter().flatten().collect()
 }
 
-/// Points in cells, to find those nearby.
-struct Grid<const D: usize> {
-    low: [f64; D],
-    cell: f64,
-    /// Cell and number of each point, in the order of cells.
-    points: Vec<([u32; D], u32)>,
+/// A gap narrower than this part of a facet's size has no direction.
+const TINY: f64 = 0.5;
+
+/// Wide gaps are at most this many facets wide.
+const WIDE: f64 = 4.0;
+/// Across wide gaps planes differ by at most 10 degrees,
+const SAME_PLANE: f64 = 0.985;
+/// and are off one another by at most this part of the distance between their centres,
+const OFF: f64 = 0.15;
+/// or this part of a facet's size: nearer features could not be told apart.
+const BLUR: f64 = 0.8;
+
+/// The plane of a surface near a side at its rim.
+struct Patch<const D: usize> {
+    centre: [f64; D],
+    normal: [f64; D],
+    /// Where the surface would go on.
+    outward: [f64; D],
 }
 
-impl<const D: usize> Grid<D> {
-    fn new(points: &[[f64; D]], cell: f64) -> Self {
-        let low = points.iter().fold([f64::INFINITY; D], |low, p| {
-            std::array::from_fn(|k| low[k].min(p[k]))
-        });
-        let mut grid = Self {
-            low,
-            cell,
-            points: Vec::new(),
-        };
-        let numbered = points.iter().enumerate();
-        grid.points = numbered
-            .map(|(i, &p)| (grid.cell_of(p), i as u32))
-            .collect();
-        grid.points.sort_unstable();
-        grid
-    }
-
-    fn cell_of(&self, p: [f64; D]) -> [u32; D] {
-        // One cell is left below, so that neighbours need no care.
-        std::array::from_fn(|k| ((p[k] - self.low[k]) / self.cell) as u32 + 1)
-    }
-
-    /// Every point in the cell of `p` and those around it, always in the same order.
-    fn visit(&self, p: [f64; D], mut visit: impl FnMut(usize)) {
-        let middle = self.cell_of(p);
-        for code in 0..3usize.pow(D as u32) {
-            let mut rest = code;
-            let cell: [u32; D] = std::array::from_fn(|k| {
-                let step = (rest % 3) as u32;
-                rest /= 3;
-                middle[k] + step - 1
+/// Votes across wide gaps, for surfaces found so far: a crossing at a low angle blurs facets of the one
+/// into the other, so that of the one a strip is missing. Each side at the rim of a surface and the
+/// nearest one of another surface that faces it, where the planes of both, fitted to what lies within
+/// the width of the gap, are the same.
+pub fn across_crossings<const D: usize>(
+    facets: &Facets<D>,
+    surface: &[u32],
+    normals: &[[f64; D]],
+) -> Vec<Vote> {
+    let count = facets.len();
+    let size = (0..count).map(|f| facets.size(f)).sum::<f64>() / count.max(1) as f64;
+    let reach = (WIDE * size).max(f64::MIN_POSITIVE);
+    let alone = |&side: &usize| {
+        let sides = facets.sides(facets.ridges[side / D][side % D] as usize);
+        let own = surface[side / D];
+        let same = |o: &&u32| surface[**o as usize / D] == own;
+        sides.iter().filter(same).count() == 1
+    };
+    let rim: Vec<usize> = (0..D * count).filter(alone).collect();
+    let ends: Vec<[f64; D]> = rim.iter().map(|&s| facets.ridge_middle(s)).collect();
+    let middles: Vec<[f64; D]> = (0..count)
+        .map(|f| {
+            let corners = facets.corners(f).into_iter();
+            corners.fold([0.0; D], |sum, x| add_scaled(sum, 1.0 / D as f64, x))
+        })
+        .collect();
+    // Near a crossing facets lie askew: planes are fitted to more than those.
+    let wide = 2.0 * reach;
+    let grid = Grid::new(&middles, wide);
+    let patches: Vec<Patch<D>> = (rim.par_iter().zip(&ends))
+        .map(|(&side, &end)| {
+            let f = side / D;
+            let (mut centre, mut normal, mut area) = ([0.0; D], [0.0; D], 0.0);
+            grid.visit(end, |g| {
+                if surface[g] == surface[f] && length(sub(middles[g], end)) < wide {
+                    let own = length(facets.normal(g));
+                    area += own;
+                    centre = add_scaled(centre, own, middles[g]);
+                    let turned = own.copysign(dot(normals[g], normals[f]));
+                    normal = add_scaled(normal, turned, normals[g]);
+                }
             });
-            let from = self.points.partition_point(|(c, _)| *c < cell);
-            let here = self.points[from..].iter().take_while(|(c, _)| *c == cell);
-            here.for_each(|&(_, i)| visit(i as usize));
-        }
+            let normal = unit(normal);
+            let inward = facets.inward(side);
+            let inward = unit(add_scaled(inward, -dot(inward, normal), normal));
+            Patch {
+                centre: centre.map(|c| c / area),
+                normal,
+                outward: inward.map(|c| -c),
+            }
+        })
+        .collect();
+    let grid = Grid::new(&ends, reach);
+    let found: Vec<Option<Vote>> = (0..rim.len())
+        .into_par_iter()
+        .map(|i| {
+            let (own, here) = (surface[rim[i] / D], &patches[i]);
+            let mut best: Option<(f64, usize)> = None;
+            grid.visit(ends[i], |j| {
+                let there = &patches[j];
+                let to = sub(ends[j], ends[i]);
+                let far = length(to);
+                let across = sub(there.centre, here.centre);
+                let off = (OFF * length(across)).max(BLUR * size);
+                if surface[rim[j] / D] != own
+                    && far < reach
+                    && best.is_none_or(|(least, _)| far < least)
+                    && dot(to, here.outward) >= 0.5 * far
+                    && -dot(to, there.outward) >= 0.5 * far
+                    && dot(here.normal, there.normal).abs() > SAME_PLANE
+                    && dot(across, here.normal).abs() < off
+                    && dot(across, there.normal).abs() < off
+                {
+                    best = Some((far, j));
+                }
+            });
+            let (_, j) = best?;
+            vote(own, surface[rim[j] / D], FULL, 0)
+        })
+        .collect();
+    found.into_iter().flatten().collect()
+}
+
+/// Length of the rim of each of `count` pieces, in ridges.
+pub fn rims<const D: usize>(facets: &Facets<D>, piece: &[u32], count: usize) -> Vec<u32> {
+    let mut rims = vec![0; count];
+    for side in 0..D * facets.len() {
+        let own = piece[side / D];
+        let sides = facets.sides(facets.ridges[side / D][side % D] as usize);
+        let inside = |&&s: &&u32| piece[s as usize / D] == own;
+        rims[own as usize] += u32::from(sides.iter().filter(inside).count() == 1);
     }
+    rims
 }

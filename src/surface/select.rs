@@ -1,86 +1,120 @@
-//! The faces of a mesh that lie on features.
+//! The facets of a mesh that lie on features.
 
 use rayon::prelude::*;
 
+use super::faceted::Faceted;
+use super::facets::{add_scaled, dot, length, normal};
 use crate::feature::symmetric::{eigenvalues, eigenvector};
 use crate::image::Field;
-use crate::mesh::{FACES, TetMesh, add_scaled, cross, dot, norm, sub};
 
-/// Every face of a mesh for which `wanted(tetrahedron, k, nodes)` holds, once, nodes ascending.
-pub fn faces_where(
-    mesh: &TetMesh,
-    wanted: impl Fn(usize, usize, &[u32; 3]) -> bool + Sync,
-) -> Vec<[u32; 3]> {
-    let mut faces: Vec<[u32; 3]> = (0..mesh.tets.len())
+/// Faces that one task looks at.
+const CHUNK: usize = 1 << 14;
+
+/// Every facet of a mesh for which `wanted(number of its face, nodes ascending)` holds, once, nodes
+/// ascending.
+pub fn facets_where<const D: usize, F: Faceted<D>>(
+    mesh: &F,
+    wanted: impl Fn(usize, &[u32; D]) -> bool + Sync,
+) -> Vec<[u32; D]> {
+    let count = mesh.face_count();
+    let mut facets: Vec<[u32; D]> = (0..count.div_ceil(CHUNK))
         .into_par_iter()
-        .flat_map_iter(|t| {
-            let wanted = &wanted;
-            let tet = mesh.tets[t];
-            (0..4).filter_map(move |k| {
-                let mut face = FACES[k].map(|i| tet[i]);
-                face.sort_unstable();
-                wanted(t, k, &face).then_some(face)
-            })
+        .flat_map_iter(|chunk| {
+            let mut here = Vec::new();
+            for face in chunk * CHUNK..count.min((chunk + 1) * CHUNK) {
+                mesh.facets(face, |mut facet| {
+                    facet.sort_unstable();
+                    if wanted(face, &facet) {
+                        here.push(facet);
+                    }
+                });
+            }
+            here
         })
         .collect();
-    faces.par_sort_unstable();
-    faces.dedup();
-    faces
+    facets.par_sort_unstable();
+    facets.dedup();
+    facets
 }
 
-/// The faces that the mesh itself says lie on features: bit k of a tetrahedron's byte stands for its
-/// face opposite node k.
-pub fn marked(mesh: &TetMesh, bits: &[u8]) -> Vec<[u32; 3]> {
-    faces_where(mesh, |t, k, _| bits[t] >> k & 1 == 1)
+/// The facets of marked faces: `marks` by number of face.
+pub fn marked<const D: usize, F: Faceted<D>>(mesh: &F, marks: &[bool]) -> Vec<[u32; D]> {
+    facets_where(mesh, |face, _| marks[face])
 }
 
-/// The faces not in `taken` (sorted) whose nodes are all nodes of faces in it: where gaps may be closed.
-pub fn spanned(mesh: &TetMesh, taken: &[[u32; 3]]) -> Vec<[u32; 3]> {
-    let mut on = vec![false; mesh.nodes.len()];
+/// The facets not in `taken` (sorted) whose nodes are all nodes of facets in it: where gaps may be
+/// closed.
+pub fn spanned<const D: usize, F: Faceted<D>>(mesh: &F, taken: &[[u32; D]]) -> Vec<[u32; D]> {
+    let mut on = vec![false; mesh.node_positions().len()];
     for &n in taken.as_flattened() {
         on[n as usize] = true;
     }
-    faces_where(mesh, |_, _, face| {
-        face.iter().all(|&n| on[n as usize]) && taken.binary_search(face).is_err()
+    facets_where(mesh, |_, facet| {
+        facet.iter().all(|&n| on[n as usize]) && taken.binary_search(facet).is_err()
     })
 }
 
-/// The faces that lie on valleys of b(x): b is at most `-depth` at their nodes and centroid, and their
+/// A label for each face of a mesh: that of the first of its facets that is in `labelled` (nodes
+/// ascending, sorted), else 0.
+pub fn labels_of_faces<const D: usize, F: Faceted<D>>(
+    mesh: &F,
+    labelled: &[([u32; D], u32)],
+) -> Vec<u32> {
+    let mut on = vec![false; mesh.node_positions().len()];
+    for &n in labelled.iter().flat_map(|(facet, _)| facet) {
+        on[n as usize] = true;
+    }
+    let label = |face: usize| {
+        let mut label = 0;
+        mesh.facets(face, |mut facet| {
+            if label == 0 && facet.iter().all(|&n| on[n as usize]) {
+                facet.sort_unstable();
+                let place = labelled.binary_search_by(|(known, _)| known.cmp(&facet));
+                label = place.map_or(0, |at| labelled[at].1);
+            }
+        });
+        label
+    };
+    (0..mesh.face_count()).into_par_iter().map(label).collect()
+}
+
+/// The facets that lie on valleys of b(x): b is at most `-depth` at their nodes and centroid, and their
 /// normal is within the angle of cosine `along` of the valley's. That is the direction in which b
 /// varies most about the centroid: the main eigenvector of the structure tensor of b, whose window
 /// is the valley, of width `sigma` (Hale 2002: d / 4).
 ///
 /// Mesh and potential in one space.
-pub fn in_valleys(
-    mesh: &TetMesh,
-    potential: &Field<3>,
+pub fn in_valleys<const D: usize, F: Faceted<D>>(
+    mesh: &F,
+    potential: &Field<D>,
     sigma: f64,
     depth: f64,
     along: f64,
-) -> Vec<[u32; 3]> {
-    let deep: Vec<bool> = (mesh.nodes.par_iter())
+) -> Vec<[u32; D]> {
+    let nodes = mesh.node_positions();
+    let deep: Vec<bool> = (nodes.par_iter())
         .map(|&x| potential.value(x) <= -depth)
         .collect();
-    let mut faces = faces_where(mesh, |_, _, face| face.iter().all(|&n| deep[n as usize]));
-    faces = faces
+    facets_where(mesh, |_, facet| facet.iter().all(|&n| deep[n as usize]))
         .into_par_iter()
-        .filter(|face| {
-            let [a, b, c] = face.map(|n| mesh.nodes[n as usize]);
-            let centroid = std::array::from_fn(|k| (a[k] + b[k] + c[k]) / 3.0);
-            let normal = cross(sub(b, a), sub(c, a));
+        .filter(|facet| {
+            let corners = facet.map(|n| nodes[n as usize]);
+            let centroid: [f64; D] =
+                std::array::from_fn(|k| corners.iter().map(|x| x[k]).sum::<f64>() / D as f64);
+            let normal = normal(&corners);
             potential.value(centroid) <= -depth
                 && dot(valley_normal(potential, sigma, centroid), normal).abs()
-                    > along * norm(normal)
+                    > along * length(normal)
         })
-        .collect();
-    faces
+        .collect()
 }
 
-/// Main eigenvector of the structure tensor of a potential about `x`: of 27 gradients, sigma apart.
-fn valley_normal(potential: &Field<3>, sigma: f64, x: [f64; 3]) -> [f64; 3] {
-    let mut tensor = [[0.0; 3]; 3];
-    for code in 0..27 {
-        let offset = [code % 3, code / 3 % 3, code / 9].map(|i| f64::from(i) - 1.0);
+/// Main eigenvector of the structure tensor of a potential about `x`: of 3^D gradients, sigma apart.
+fn valley_normal<const D: usize>(potential: &Field<D>, sigma: f64, x: [f64; D]) -> [f64; D] {
+    let mut tensor = [[0.0; D]; D];
+    for code in 0..3usize.pow(D as u32) {
+        let offset: [f64; D] =
+            std::array::from_fn(|k| (code / 3usize.pow(k as u32) % 3) as f64 - 1.0);
         let weight = (-0.5 * dot(offset, offset)).exp();
         let at = add_scaled(x, sigma, offset);
         let (_, gradient) = potential.value_and_gradient(at);
@@ -90,6 +124,6 @@ fn valley_normal(potential: &Field<3>, sigma: f64, x: [f64; 3]) -> [f64; 3] {
             }
         }
     }
-    let [_, _, largest] = eigenvalues(&tensor);
+    let largest = eigenvalues(&tensor)[D - 1];
     eigenvector(&tensor, largest)
 }

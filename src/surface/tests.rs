@@ -1,10 +1,14 @@
 use super::cells::{Cells, holding, skin};
+use super::faceted::Faceted;
 use super::facets::{dot, length, normal};
 use super::measure::Up;
 use super::paint::{Seed, blocks, clearance, contrast, paint as flow};
 use super::*;
-use crate::mesh::complex::neighbors;
-use crate::mesh::{TetMesh, volume6};
+use crate::flow::test_meshes::jittered_box;
+use crate::mesh::Simplices;
+use crate::mesh::poly::PolyMesh;
+use crate::mesh::{TetMesh, TriMesh};
+use crate::voronoi::voronoi_plane;
 
 /// Numbers in [0, 1) that look random.
 fn random(seed: &mut u64) -> f64 {
@@ -52,7 +56,7 @@ fn crossing(degrees: f64) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
 
 fn areas<const D: usize>(surfaces: &Surfaces<D>, nodes: &[[f64; D]]) -> Vec<f64> {
     let up = Up::along(D - 1, true);
-    measure(surfaces, nodes, &up)
+    measure(surfaces, nodes, &up, &[])
         .iter()
         .map(|m| m.area)
         .collect()
@@ -63,7 +67,7 @@ fn sheets_that_cross_stay_two_and_meet() {
     for degrees in [30.0, 45.0, 90.0, 140.0] {
         let (nodes, facets) = crossing(degrees);
         let surfaces = Surfaces::find(&nodes, facets, &[], &Options::default());
-        let found = measure(&surfaces, &nodes, &Up::along(2, true));
+        let found = measure(&surfaces, &nodes, &Up::along(2, true), &[]);
         assert_eq!(found.len(), 2, "{degrees}");
         assert!((found[0].area - 100.0).abs() < 1e-9 && (found[1].area - 80.0).abs() < 1e-9);
         assert_eq!([&found[0].meets[..], &found[1].meets[..]], [[1], [0]]);
@@ -120,6 +124,30 @@ fn a_gap_at_the_crossing_does_not_part_a_surface() {
         (2, 0),
         "the crossing's nodes are not on the second sheet"
     );
+}
+
+/// Where two faults cross at a low angle, of the one a wide strip is missing: it stays one. A parallel
+/// fault that ends at the same crossing, but farther off than facets are wide, does not join it.
+fn a_wide_gap(off: f64) -> usize {
+    let (mut nodes, mut facets) = (Vec::new(), Vec::new());
+    add_sheet(&mut nodes, &mut facets, [10, 10], |i, j| [i - 13.0, 0.0, j]);
+    add_sheet(&mut nodes, &mut facets, [10, 10], |i, j| [i + 1.0, off, j]);
+    let (sin, cos) = 25f64.to_radians().sin_cos();
+    add_sheet(&mut nodes, &mut facets, [16, 10], |i, j| {
+        [(i - 8.0) * cos - 1.0, (i - 8.0) * sin, j]
+    });
+    let surfaces = Surfaces::find(&nodes, facets, &[], &Options::default());
+    let mut areas = areas(&surfaces, &nodes);
+    areas.sort_by(|a, b| b.total_cmp(a));
+    assert!((areas.iter().sum::<f64>() - 360.0).abs() < 1e-9);
+    areas.len()
+}
+
+#[test]
+fn a_strip_missing_at_a_low_angle_crossing_does_not_part_a_surface() {
+    assert_eq!(a_wide_gap(0.0), 2);
+    assert_eq!(a_wide_gap(0.5), 2);
+    assert_eq!(a_wide_gap(2.5), 3);
 }
 
 #[test]
@@ -193,7 +221,7 @@ fn in_two_dimensions_lines_cross_too() {
     }
     let mut surfaces = Surfaces::find(&nodes, facets.clone(), &[], &Options::default());
     surfaces.orient(&nodes, [0.0, 1.0]);
-    let found = measure(&surfaces, &nodes, &Up::along(1, true));
+    let found = measure(&surfaces, &nodes, &Up::along(1, true), &[]);
     assert_eq!(found.len(), 2);
     for line in &found {
         assert_eq!((line.facets, line.components, line.rim), (24, 1, 2.0));
@@ -247,7 +275,7 @@ fn strike_and_dip_of_known_planes() {
         let mut surfaces = Surfaces::find(&nodes, facets, &[], &Options::default());
         let up = Up::along(2, true);
         surfaces.orient(&nodes, up.up);
-        let [found] = &measure(&surfaces, &nodes, &up)[..] else {
+        let [found] = &measure(&surfaces, &nodes, &up, &[])[..] else {
             panic!("one")
         };
         assert!((found.dip - dip).abs() < 1e-6, "{dip} {found:?}");
@@ -287,7 +315,7 @@ fn rims_holes_and_closed_surfaces() {
     let mut surfaces = Surfaces::find(&nodes, facets, &[], &Options::default());
     let up = Up::along(2, true);
     surfaces.orient(&nodes, up.up);
-    let found = measure(&surfaces, &nodes, &up);
+    let found = measure(&surfaces, &nodes, &up, &[]);
     assert_eq!(found.len(), 2);
     let (torus, ring) = (&found[0], &found[1]);
     assert_eq!((torus.rim, torus.components, torus.holes), (0.0, 1, 0));
@@ -301,53 +329,39 @@ fn rims_holes_and_closed_surfaces() {
     assert!(length(sum) < 1e-9 * torus.area);
 }
 
-/// A box of `dims` unit cubes, each of six tetrahedra round its diagonal.
-fn cubes(dims: [usize; 3]) -> TetMesh {
-    let stride = [1, dims[0] + 1, (dims[0] + 1) * (dims[1] + 1)];
-    let count = (stride[2] * (dims[2] + 1)) as u32;
-    let place = |n: u32| {
-        let n = n as usize;
-        [n % stride[1], n % stride[2] / stride[1], n / stride[2]].map(|c| c as f64)
-    };
-    let mut tets = Vec::new();
-    for z in 0..dims[2] {
-        for y in 0..dims[1] {
-            for x in 0..dims[0] {
-                let corner = |bits: usize| {
-                    ((x + (bits & 1)) * stride[0]
-                        + (y + (bits >> 1 & 1)) * stride[1]
-                        + (z + (bits >> 2)) * stride[2]) as u32
-                };
-                for way in [[1, 3], [3, 2], [2, 6], [6, 4], [4, 5], [5, 1]] {
-                    tets.push([0, way[0], way[1], 7].map(corner));
-                }
-            }
-        }
-    }
-    TetMesh {
-        nodes: (0..count).map(place).collect(),
-        tets,
-    }
+/// A box of `dims` unit cubes, each of six tetrahedra (squares: two triangles) round its diagonal.
+fn cubes<const D: usize, M: Simplices<D>>(dims: [usize; D]) -> M {
+    jittered_box(dims, dims.map(|n| n as f64), 0.0, |_| false)
 }
 
-/// Faces in the plane where coordinate `axis` is `at`, unless `left_out`.
-fn plane(
-    mesh: &TetMesh,
+/// Facets in the plane where coordinate `axis` is `at`, unless `left_out`.
+fn plane<const D: usize, F: Faceted<D>>(
+    mesh: &F,
     axis: usize,
     at: f64,
-    left_out: impl Fn([f64; 3]) -> bool + Sync,
-) -> Vec<[u32; 3]> {
-    select::faces_where(mesh, |_, _, face| {
-        let x = face.map(|n| mesh.nodes[n as usize]);
-        let centroid = std::array::from_fn(|k| (x[0][k] + x[1][k] + x[2][k]) / 3.0);
+    left_out: impl Fn([f64; D]) -> bool + Sync,
+) -> Vec<[u32; D]> {
+    select::facets_where(mesh, |_, facet| {
+        let x = facet.map(|n| mesh.node_positions()[n as usize]);
+        let centroid = std::array::from_fn(|k| x.iter().map(|x| x[k]).sum::<f64>() / D as f64);
         x.iter().all(|p| p[axis] == at) && !left_out(centroid)
     })
 }
 
+/// The cells of a mesh parted by facets.
+fn cells<const D: usize, F: Faceted<D>>(mesh: &F, closed: &[[u32; D]]) -> Cells<D> {
+    Cells::new(mesh, &mesh.cells_of_faces().unwrap(), closed)
+}
+
+/// The cell that holds a point.
+fn at<const D: usize, F: Faceted<D>>(mesh: &F, x: [f64; D]) -> u32 {
+    holding(mesh, &mesh.cells_of_faces().unwrap(), x).unwrap()
+}
+
 #[test]
 fn cells_know_their_volumes_and_doors() {
-    let mesh = cubes([3, 2, 2]);
-    let cells = Cells::of_tets(&mesh, &[]).unwrap();
+    let mesh: TetMesh = cubes([3, 2, 2]);
+    let cells = cells(&mesh, &[]);
     assert_eq!(
         (cells.len(), cells.links.len()),
         (72, (72 * 4 - 2 * 32) / 2)
@@ -359,58 +373,64 @@ fn cells_know_their_volumes_and_doors() {
             assert!(cells.links[l] == *link && cells.resistance(link) >= link.distance);
         }
     }
-    for (t, x) in [(5, [0.9, 0.2, 0.1]), (1, [0.2, 0.9, 0.3])] {
-        let found = holding(&mesh, x).unwrap();
-        assert!(volume6(&mesh.corners(t)) > 0.0 && found < 6, "{found}");
+    for x in [[0.9, 0.2, 0.1], [0.2, 0.9, 0.3]] {
+        assert!(at(&mesh, x) < 6);
     }
-    assert_eq!(holding(&mesh, [3.1, 1.0, 1.0]), None);
+    let beyond = mesh.cells_of_faces().unwrap();
+    assert_eq!(holding(&mesh, &beyond, [3.1, 1.0, 1.0]), None);
     let twice = TetMesh {
         tets: [mesh.tets.clone(), mesh.tets[..1].to_vec()].concat(),
         ..mesh
     };
-    assert!(Cells::of_tets(&twice, &[]).is_err());
+    assert!(twice.cells_of_faces().is_err());
 }
 
-#[test]
-fn paint_fills_the_layer_of_its_seed_and_no_more() {
-    let mesh = cubes([12, 12, 18]);
-    let crack = |x: [f64; 3]| (x[0] - 6.5).abs() < 0.5 && (x[1] - 6.5).abs() < 0.5;
-    let mut closed = plane(&mesh, 2, 6.0, |_| false);
-    closed.extend(plane(&mesh, 2, 12.0, crack));
+/// Paint in three layers as thick as this, with a crack between two of them.
+fn paint_fills_its_layer<const D: usize, F: Faceted<D>>(mesh: &F, thick: f64) {
+    let up = D - 1;
+    let crack = |x: [f64; D]| (0..up).all(|k| (x[k] - 6.5).abs() < 0.5);
+    let mut closed = plane(mesh, up, thick, |_| false);
+    closed.extend(plane(mesh, up, 2.0 * thick, crack));
     closed.sort_unstable();
-    let cells = Cells::of_tets(&mesh, &closed).unwrap();
+    let cells = cells(mesh, &closed);
     let cost: Vec<f64> = cells.links.iter().map(|l| cells.resistance(l)).collect();
-    let layer = |t: usize| (cells::centre(&mesh, t)[2] / 6.0) as u32;
+    let layer = |c: usize| (cells.centres[c][up] / thick) as u32;
+    let place = |x: [f64; 3]| -> [f64; D] {
+        std::array::from_fn(|k| if k == up { x[2] * thick / 6.0 } else { x[k] })
+    };
+    let seed = |x, unit| Seed {
+        cell: at(mesh, place(x)),
+        unit,
+    };
 
     let (block, count) = blocks(&cells, 0.3, 10);
     assert_eq!(count, 3);
     assert_eq!(blocks(&cells, 0.0, 10).1, 2, "any opening joins");
-    let seed = |x, unit| Seed {
-        cell: holding(&mesh, x).unwrap(),
-        unit,
-    };
     let seeds = [seed([2.0, 3.0, 9.0], 7), seed([2.0, 3.0, 1.0], 5)];
     let (unit, arrival) = flow(&cells, &block, &cost, &seeds, f64::INFINITY);
     // The two layers on either side of the crack may part a step before or behind it.
     let mut stray = 0.0;
-    for t in 0..cells.len() {
-        let want = [Some(5), Some(7), None][layer(t) as usize];
-        assert_eq!(arrival[t].is_finite(), unit[t].is_some());
-        if unit[t] != want {
-            stray += cells.volumes[t];
+    for c in 0..cells.len() {
+        let want = [Some(5), Some(7), None][layer(c) as usize];
+        assert_eq!(arrival[c].is_finite(), unit[c].is_some());
+        if unit[c] != want {
+            stray += cells.volumes[c];
         }
     }
-    assert!(stray < 1.0, "{stray} of 864 leaked");
+    assert!(stray < 1.5, "{stray} leaked");
 
     // Two seeds in one layer share it: each side is nearer to its own.
     let both = [seed([1.5, 6.2, 1.4], 1), seed([10.5, 6.2, 1.4], 2)];
     let (unit, _) = flow(&cells, &block, &cost, &both, f64::INFINITY);
     let share = |u| {
-        let of = (0..cells.len()).filter(|&t| unit[t] == Some(u));
-        of.map(|t| cells.volumes[t]).sum::<f64>()
+        let of = (0..cells.len()).filter(|&c| unit[c] == Some(u));
+        of.map(|c| cells.volumes[c]).sum::<f64>()
     };
-    assert!((share(1) + share(2) - 864.0).abs() < 1e-9);
-    assert!((share(1) / 432.0 - 1.0).abs() < 0.1, "{}", share(1));
+    let whole = thick * 12f64.powi(up as i32);
+    assert!((share(1) + share(2) - whole).abs() < 1e-9);
+    // In the plane the diagonals, which all run one way, weigh more.
+    let fair = if D == 2 { 0.25 } else { 0.1 };
+    assert!((2.0 * share(1) / whole - 1.0).abs() < fair, "{}", share(1));
 
     // Paint stops at its level.
     let (unit, arrival) = flow(&cells, &block, &cost, &both[..1], 3.0);
@@ -421,41 +441,70 @@ fn paint_fills_the_layer_of_its_seed_and_no_more() {
 }
 
 #[test]
+fn paint_fills_the_layer_of_its_seed_and_no_more() {
+    paint_fills_its_layer::<3, TetMesh>(&cubes([12, 12, 18]), 6.0);
+    paint_fills_its_layer::<2, TriMesh>(&cubes([12, 36]), 12.0);
+    #[cfg(feature = "tetgen")]
+    paint_fills_its_layer::<3, PolyMesh<3>>(&boxes([12, 12, 18]), 6.0);
+    paint_fills_its_layer::<2, PolyMesh<2>>(&squares([12, 36]), 12.0);
+}
+
+/// Sites whose Voronoi cells are unit cubes (squares).
+fn middles<const D: usize>(dims: [usize; D]) -> Vec<[f64; D]> {
+    let middle = |i: usize| {
+        let mut rest = i;
+        dims.map(|n| {
+            let x = (rest % n) as f64 + 0.5;
+            rest /= n;
+            x
+        })
+    };
+    (0..dims.iter().product()).map(middle).collect()
+}
+
+fn squares(dims: [usize; 2]) -> PolyMesh<2> {
+    voronoi_plane(&middles(dims), dims.map(|n| n as f64)).unwrap()
+}
+
+#[cfg(feature = "tetgen")]
+fn boxes(dims: [usize; 3]) -> PolyMesh<3> {
+    crate::voronoi::voronoi(&middles(dims), dims.map(|n| n as f64)).unwrap()
+}
+
+#[test]
 fn rooms_that_open_widely_are_one_block() {
     // A wall through half of the box: round its end the way is as wide as the rooms.
-    let mesh = cubes([16, 8, 4]);
+    let mesh: TetMesh = cubes([16, 8, 4]);
     let half = plane(&mesh, 1, 4.0, |x| x[0] > 8.0);
-    let cells = Cells::of_tets(&mesh, &half).unwrap();
-    assert_eq!(blocks(&cells, 0.3, 10).1, 1);
+    assert_eq!(blocks(&cells(&mesh, &half), 0.3, 10).1, 1);
     // A door of one cube in the whole wall is a crack.
     let door = plane(&mesh, 1, 4.0, |x| {
         (7.0..8.0).contains(&x[0]) && (1.0..2.0).contains(&x[2])
     });
-    let cells = Cells::of_tets(&mesh, &door).unwrap();
-    assert_eq!(blocks(&cells, 0.3, 10).1, 2);
+    assert_eq!(blocks(&cells(&mesh, &door), 0.3, 10).1, 2);
     // Without walls nothing is near one, and all is one block.
-    let free = Cells::of_tets(&mesh, &[]).unwrap();
+    let free = cells(&mesh, &[]);
     assert!(clearance(&free).iter().all(|c| c.is_infinite()));
     assert_eq!(blocks(&free, 0.3, 10), (vec![0; free.len()], 1));
 }
 
 #[test]
 fn crumbs_join_their_neighbour() {
-    let mesh = cubes([6, 6, 6]);
+    let mesh: TetMesh = cubes([6, 6, 6]);
     // One tetrahedron walled in.
     let walled = mesh.tets[500];
-    let closed = select::faces_where(&mesh, |_, _, face| face.iter().all(|n| walled.contains(n)));
-    let cells = Cells::of_tets(&mesh, &closed).unwrap();
+    let closed = select::facets_where(&mesh, |_, face| face.iter().all(|n| walled.contains(n)));
+    let cells = cells(&mesh, &closed);
     assert_eq!(blocks(&cells, 0.3, 0).1, 2);
     assert_eq!(blocks(&cells, 0.3, 2).1, 1);
 }
 
 #[test]
 fn contrast_holds_paint_back() {
-    let mesh = cubes([10, 4, 4]);
-    let cells = Cells::of_tets(&mesh, &[]).unwrap();
+    let mesh: TetMesh = cubes([10, 4, 4]);
+    let cells = cells(&mesh, &[]);
     // A step of brightness at x = 3, no surface: seeds at x = 1 and 9 meet there, not at 5.
-    let bright = |t: usize| f64::from(u8::from(cells::centre(&mesh, t)[0] > 3.0));
+    let bright = |t: usize| f64::from(u8::from(cells.centres[t][0] > 3.0));
     let values: Vec<f64> = (0..cells.len()).map(bright).collect();
     let plain: Vec<f64> = cells.links.iter().map(|l| cells.resistance(l)).collect();
     let harder: Vec<f64> = plain
@@ -464,7 +513,7 @@ fn contrast_holds_paint_back() {
         .map(|(c, h)| c * h)
         .collect();
     let seed = |x, unit| Seed {
-        cell: holding(&mesh, [x, 2.2, 2.1]).unwrap(),
+        cell: at(&mesh, [x, 2.2, 2.1]),
         unit,
     };
     let seeds = [seed(1.1, 1), seed(9.1, 2)];
@@ -481,33 +530,83 @@ fn contrast_holds_paint_back() {
     );
 }
 
+fn skins_hold_their_volume<const D: usize, F: Faceted<D>>(mesh: &F) {
+    let volumes = mesh.cell_volumes();
+    let regions: Vec<u32> = (0..volumes.len()).map(|c| u32::from(c % 60 < 24)).collect();
+    let across = mesh.cells_of_faces().unwrap();
+    for region in [0, 1] {
+        let skin = skin(mesh, &across, &regions, region);
+        // The divergence theorem: the flux of x is D volumes.
+        let flux = |f: &[u32; D]| {
+            let x = f.map(|n| mesh.node_positions()[n as usize]);
+            dot(normal(&x), x[0])
+        };
+        let enclosed = skin.iter().map(flux).sum::<f64>() / D as f64;
+        let here = volumes.iter().zip(&regions).filter(|(_, r)| **r == region);
+        let want: f64 = here.map(|(cell, _)| cell.0).sum();
+        assert!((enclosed - want).abs() < 1e-9, "{enclosed} {want}");
+    }
+}
+
 #[test]
 fn the_skin_of_a_region_is_closed_and_holds_its_volume() {
-    let mesh = cubes([5, 4, 3]);
-    let regions: Vec<u32> = (0..mesh.tets.len())
-        .map(|t| u32::from(t % 60 < 24))
-        .collect();
-    let across = neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
-    for region in [0, 1] {
-        let skin = skin(&mesh, &across, &regions, region);
-        // The divergence theorem: a third of the flux of x is the volume.
-        let flux = |f: &[u32; 3]| {
-            let x = f.map(|n| mesh.nodes[n as usize]);
-            dot(
-                normal(&x),
-                std::array::from_fn(|k| (x[0][k] + x[1][k] + x[2][k]) / 3.0),
-            ) / 3.0
-        };
-        let enclosed: f64 = skin.iter().map(flux).sum();
-        let cells = regions.iter().filter(|&&r| r == region).count();
-        assert!((enclosed - cells as f64 / 6.0).abs() < 1e-9, "{enclosed}");
+    skins_hold_their_volume::<3, TetMesh>(&cubes([5, 4, 3]));
+    skins_hold_their_volume::<2, TriMesh>(&cubes([9, 7]));
+    #[cfg(feature = "tetgen")]
+    skins_hold_their_volume::<3, PolyMesh<3>>(&boxes([5, 4, 6]));
+    skins_hold_their_volume::<2, PolyMesh<2>>(&squares([9, 11]));
+}
+
+/// Faces of all kinds of cells know by number what their facets are labelled.
+#[test]
+fn labels_come_back_to_the_faces_they_were_given() {
+    fn check<const D: usize, F: Faceted<D>>(mesh: &F, numbers: usize) {
+        let wall = plane(mesh, 0, 2.0, |_| false);
+        let labelled: Vec<([u32; D], u32)> = wall.iter().map(|&f| (f, 7)).collect();
+        let labels = select::labels_of_faces(mesh, &labelled);
+        assert_eq!(labels.len(), mesh.face_count());
+        let marks: Vec<bool> = labels.iter().map(|&l| l == 7).collect();
+        assert_eq!(marks.iter().filter(|on| **on).count(), numbers);
+        assert_eq!(select::marked(mesh, &marks), wall);
     }
+    // Both numbers of a face between two simplices.
+    check::<3, TetMesh>(&cubes([4, 3, 2]), 2 * 2 * 6);
+    check::<2, TriMesh>(&cubes([4, 3]), 2 * 3);
+    #[cfg(feature = "tetgen")]
+    check::<3, PolyMesh<3>>(&boxes([4, 3, 2]), 6);
+    check::<2, PolyMesh<2>>(&squares([4, 3]), 3);
+}
+
+#[test]
+fn surfaces_that_are_mostly_of_horizons_are_horizons() {
+    let mesh: TetMesh = cubes([6, 6, 6]);
+    let (layer, fault) = (
+        plane(&mesh, 2, 2.0, |_| false),
+        plane(&mesh, 0, 3.0, |_| false),
+    );
+    let facets = [layer.clone(), fault.clone()].concat();
+    let surfaces = Surfaces::find(&mesh.nodes, facets, &[], &Options::default());
+    // A few of the fault's facets are taken for a horizon's.
+    let mut horizons = [layer, fault[..10].to_vec()].concat();
+    horizons.sort_unstable();
+    let up = Up::along(2, true);
+    for m in measure(&surfaces, &mesh.nodes, &up, &horizons) {
+        let want = if m.dip < 45.0 {
+            Kind::Horizon
+        } else {
+            Kind::Fault
+        };
+        assert_eq!(m.kind, want);
+    }
+    let kinds = kind::kinds(&surfaces, &mesh.nodes, &[]);
+    assert_eq!(kinds, [Kind::Fault; 2]);
 }
 
 #[cfg(feature = "tetgen")]
 mod meshed {
     use super::*;
     use crate::feature::{self, Features};
+    use crate::flow::barriers::marks_of_bits;
     use crate::image::{Geometry, Image};
     use crate::optimize::Unobserved;
     use crate::pipeline::{Outcome, Params, Spacing, mesh_image};
@@ -529,8 +628,13 @@ mod meshed {
         mesh_image(image, &params, &mut Unobserved).unwrap()
     }
 
+    fn marked(outcome: &Outcome) -> Vec<[u32; 3]> {
+        let marks: Vec<bool> = marks_of_bits::<3>(&outcome.feature_faces).collect();
+        select::marked(&outcome.mesh, &marks)
+    }
+
     fn group(outcome: &Outcome, min_area: Option<f64>) -> Surfaces<3> {
-        let faces = select::marked(&outcome.mesh, &outcome.feature_faces);
+        let faces = marked(outcome);
         let candidates = select::spanned(&outcome.mesh, &faces);
         let options = Options {
             min_area,
@@ -566,7 +670,7 @@ mod meshed {
             let made = synth::make(kind, &options).unwrap();
             let outcome = mesh(&made.image, feature::Kind::Ridges, 6.0);
             let surfaces = group(&outcome, None);
-            let found = measure(&surfaces, &outcome.mesh.nodes, &Up::along(0, true));
+            let found = measure(&surfaces, &outcome.mesh.nodes, &Up::along(0, true), &[]);
             assert_eq!(found.len(), 3, "{kind:?} {seed}: {found:#?}");
             let truth = &made.truth;
             let [nx, ny, _] = truth.dims;
@@ -613,7 +717,7 @@ mod meshed {
                 potential, sigma, ..
             } = &outcome.features;
             let by_image = select::in_valleys(&outcome.mesh, potential, *sigma, 0.6, 0.82);
-            let marked = select::marked(&outcome.mesh, &outcome.feature_faces);
+            let marked = marked(&outcome);
             let both = by_image
                 .iter()
                 .filter(|f| marked.binary_search(f).is_ok())
@@ -639,7 +743,7 @@ mod meshed {
         let mut closed = group(&outcome, Some(0.0)).facets;
         closed.iter_mut().for_each(|f| f.sort_unstable());
         closed.sort_unstable();
-        let cells = Cells::of_tets(&outcome.mesh, &closed).unwrap();
+        let cells = cells(&outcome.mesh, &closed);
         let (block, count) = blocks(&cells, 0.3, 24);
         assert_eq!(count, 6);
         let cost: Vec<f64> = cells.links.iter().map(|l| cells.resistance(l)).collect();
@@ -667,7 +771,7 @@ mod meshed {
             let seed = [x, y, 25.3];
             let want = unit(seed);
             let seeds = [Seed {
-                cell: holding(&outcome.mesh, seed).unwrap(),
+                cell: at(&outcome.mesh, seed),
                 unit: want,
             }];
             let (painted, _) = flow(&cells, &block, &cost, &seeds, f64::INFINITY);
@@ -675,7 +779,7 @@ mod meshed {
             for t in 0..cells.len() {
                 if painted[t].is_some() {
                     all += cells.volumes[t];
-                    if unit(cells::centre(&outcome.mesh, t)) != want {
+                    if unit(cells.centres[t]) != want {
                         wrong += cells.volumes[t];
                     }
                 }
@@ -703,7 +807,7 @@ mod meshed {
         );
         let run = || {
             let surfaces = group(&outcome, None);
-            let cells = Cells::of_tets(&outcome.mesh, &surfaces.facets).unwrap();
+            let cells = cells(&outcome.mesh, &surfaces.facets);
             (surfaces, blocks(&cells, 0.3, 10))
         };
         let one = rayon::ThreadPoolBuilder::new()

@@ -1,0 +1,294 @@
+//! Flow through triangles or tetrahedra: linear finite elements on a mesh torn along its faults,
+//! which are at the same time a finite-volume method on the control volumes round the nodes.
+//!
+//! Inside each cell pressure is linear. The stiffness of nodes i and j is `V grad_i . K grad_j`; a
+//! row of it times the pressures is just the Darcy flux out of the part of the cell that is nearest
+//! to node i (its median dual), so fluid is conserved exactly on these control volumes whatever the
+//! shape of the cells, and linear pressure is exact for any mesh and tensor. (Two-point fluxes
+//! between tetrahedra are not even consistent.)
+//!
+//! Where faces lie on faults the nodes are doubled ([`Split`]). What crosses such a face is
+//! its conductance times the jump of pressure, an equal share of the face at each of its D nodes:
+//! lumping keeps the couplings positive, so no fault makes pressures overshoot.
+//!
+//! In the plane all is for a layer of unit thickness: rates are per length of it.
+
+use rayon::prelude::*;
+
+use super::barriers::Barriers;
+use super::rock::{Rock, Tensor};
+use super::sparse::Matrix;
+use super::split::{FaultFace, Split};
+use super::system::{Solution, solve};
+use super::wells::{Located, Well};
+use crate::error::cause;
+use crate::mesh::poly::dot;
+use crate::mesh::{Simplices, TetMesh};
+use crate::{Error, Result};
+
+/// The pressure system of a mesh, ready for any sources.
+#[derive(Debug, Clone)]
+pub struct ElementFlow<const D: usize = 3, M = TetMesh> {
+    /// The mesh, torn along its faults unless they are open.
+    pub split: Split<D, M>,
+    /// Rate across each face of `split.faces` per jump of pressure.
+    pub transmissibility: Vec<f64>,
+    rock: Rock,
+    matrix: Matrix,
+    /// Volume of each node's control volume.
+    volume: Vec<f64>,
+}
+
+/// `n!`: the parallelepiped of D edges is D! simplices.
+const fn factorial(n: usize) -> f64 {
+    if n > 1 {
+        n as f64 * factorial(n - 1)
+    } else {
+        1.0
+    }
+}
+
+/// Corner positions of a cell, D + 1 of them, then zeros.
+#[inline]
+pub(super) fn corners<const D: usize, M: Simplices<D>>(mesh: &M, cell: usize) -> [[f64; D]; 4] {
+    let mut p = [[0.0; D]; 4];
+    for (p, &node) in p.iter_mut().zip(mesh.cell(cell)) {
+        *p = mesh.nodes()[node as usize];
+    }
+    p
+}
+
+/// Gradients of the D + 1 linear base functions, times D! volumes (then zeros), and D! volumes.
+#[inline]
+pub(super) fn gradients<const D: usize>(p: &[[f64; D]; 4]) -> ([[f64; D]; 4], f64) {
+    const { assert!(D == 2 || D == 3, "flow is in two or three dimensions") };
+    let edge = |k: usize| -> [f64; D] { std::array::from_fn(|c| p[k][c] - p[0][c]) };
+    let mut g = [[0.0; D]; 4];
+    for k in 1..=D {
+        let next = edge(k % D + 1);
+        if D == 2 {
+            // A right angle from the other edge, anticlockwise of it for node 1.
+            let sign = if k == 1 { 1.0 } else { -1.0 };
+            (g[k][0], g[k][1]) = (sign * next[1], -sign * next[0]);
+        } else {
+            let last = edge((k + 1) % D + 1);
+            for c in 0..D {
+                let (i, j) = ((c + 1) % D, (c + 2) % D);
+                g[k][c] = next[i] * last[j] - next[j] * last[i];
+            }
+        }
+    }
+    g[0] = std::array::from_fn(|c| -(1..=D).map(|k| g[k][c]).sum::<f64>());
+    (g, dot(edge(1), g[1]))
+}
+
+/// The area vector, outwards, of the face whose base function has this gradient times D! volumes:
+/// its length is (D - 1)! areas.
+#[inline]
+pub(super) fn area_vector<const D: usize>(gradient: [f64; D]) -> [f64; D] {
+    gradient.map(|c| -c / const { factorial(D - 1) })
+}
+
+/// Distance of a cell's centroid from that face: a part of D + 1 of the height.
+#[inline]
+pub(super) fn centre_to_face<const D: usize>(gradient: [f64; D], size: f64) -> f64 {
+    size / ((D + 1) as f64 * dot(gradient, gradient).sqrt())
+}
+
+impl<const D: usize, M: Simplices<D>> ElementFlow<D, M> {
+    /// Prepares the pressure system: `mesh` where flow shall be computed (physical coordinates; its
+    /// length unit is that of permeability's square), barriers on its faces, one mobility for each
+    /// cell.
+    ///
+    /// # Errors
+    /// [`Error::Mesh`] if a cell has no positive volume or the mesh is no mesh.
+    pub fn new(mesh: &M, barriers: &Barriers, rock: Rock) -> Result<Self> {
+        let flat = |c: &usize| {
+            let volume = mesh.volume(*c);
+            volume.is_nan() || volume <= 0.0
+        };
+        if let Some(c) = (0..mesh.len()).find(flat) {
+            return Err(Error::Mesh(cause(
+                format!("cell {c} of the {}", M::CELLS),
+                "has no positive volume",
+                "run `atomesh validate`, mesh the image again",
+            )));
+        }
+        let split = Split::new(mesh, barriers)?;
+        let transmissibility = (split.faces.par_iter())
+            .map(|face| {
+                let seen = [0, 1].map(|side| {
+                    let (g, size) = gradients(&corners(mesh, face.cells[side] as usize));
+                    (g[usize::from(face.face[side])], size)
+                });
+                let area = area_vector(seen[0].0);
+                let size = dot(area, area).sqrt();
+                let normal = area.map(|c| c / size);
+                let distance = seen.map(|(g, size)| centre_to_face(g, size));
+                let mobility = face.cells.map(|c| rock.mobility(c as usize).along(normal));
+                size * barriers.law(face.label).conductance(distance, mobility)
+            })
+            .collect::<Vec<f64>>();
+        let (matrix, volume) = assemble(&split, &transmissibility, &rock);
+        Ok(Self {
+            split,
+            transmissibility,
+            rock,
+            matrix,
+            volume,
+        })
+    }
+
+    /// Steady pressure where fluid enters at each node of the torn mesh at its rate in `rates`, and
+    /// some nodes' pressures are given (the first of several for one node holds). Where no pressure
+    /// is given, its mean is zero.
+    ///
+    /// # Errors
+    /// [`Error::Flow`] if rates do not balance where they must.
+    pub fn solve(&self, rates: &[f64], fixed: &[(u32, f64)]) -> Result<Solution> {
+        solve(&self.matrix, rates, fixed, &self.volume, 0.0)
+    }
+
+    /// The rate at each node due to wells: shared between the nodes of its cell.
+    pub fn rates(&self, wells: &[Located]) -> Vec<f64> {
+        let mut rates = vec![0.0; self.volume.len()];
+        for well in wells {
+            let corners = self.split.mesh.cell(well.cell as usize);
+            for (&i, share) in corners.iter().zip(well.shares) {
+                rates[i as usize] += share * well.rate;
+            }
+        }
+        rates
+    }
+
+    /// The volume of each node's control volume.
+    pub fn control_volumes(&self) -> &[f64] {
+        &self.volume
+    }
+
+    /// The cell of each well and how its rate is shared between the nodes: by the linear base
+    /// functions, which is what the finite-element method makes of a point source.
+    ///
+    /// # Errors
+    /// [`Error::Flow`] names a well outside the mesh.
+    pub fn locate(&self, wells: &[Well<D>]) -> Result<Vec<Located>> {
+        wells
+            .iter()
+            .map(|well| well.locate(&self.split.mesh))
+            .collect()
+    }
+
+    /// The mobility of a cell.
+    #[inline]
+    pub fn mobility(&self, cell: usize) -> &Tensor {
+        self.rock.mobility(cell)
+    }
+
+    /// The nodes of the torn mesh for which `chosen` holds of the node they were made from.
+    pub fn nodes_where(&self, chosen: impl Fn(usize) -> bool) -> Vec<u32> {
+        let nodes = 0..self.split.original.len() as u32;
+        nodes
+            .filter(|&i| chosen(self.split.original[i as usize] as usize))
+            .collect()
+    }
+
+    /// The Darcy velocity `-K grad p / viscosity` of each cell (rate per area).
+    pub fn velocity(&self, pressure: &[f64]) -> Vec<[f64; D]> {
+        let mesh = &self.split.mesh;
+        let one = |c: usize| {
+            let (g, size) = gradients(&corners(mesh, c));
+            let nodes = mesh.cell(c);
+            let p = |k: usize| pressure[nodes[k] as usize];
+            let gradient: [f64; D] = std::array::from_fn(|i| {
+                (1..=D).map(|k| (p(k) - p(0)) * g[k][i]).sum::<f64>() / size
+            });
+            self.rock.mobility(c).times(gradient).map(|v| -v)
+        };
+        (0..mesh.len()).into_par_iter().map(one).collect()
+    }
+
+    /// The rate across each face of `split.faces`, from its first cell to its second.
+    pub fn fault_rates(&self, pressure: &[f64]) -> Vec<f64> {
+        let across = |(face, t): (&FaultFace<D>, &f64)| {
+            let [here, there] = face.nodes;
+            let jumps = here
+                .iter()
+                .zip(there)
+                .map(|(&a, b)| pressure[a as usize] - pressure[b as usize]);
+            t / D as f64 * jumps.sum::<f64>()
+        };
+        self.split
+            .faces
+            .iter()
+            .zip(&self.transmissibility)
+            .map(across)
+            .collect()
+    }
+}
+
+/// The system's matrix and the control volumes.
+fn assemble<const D: usize, M: Simplices<D>>(
+    split: &Split<D, M>,
+    transmissibility: &[f64],
+    rock: &Rock,
+) -> (Matrix, Vec<f64>) {
+    let mesh = &split.mesh;
+    let n = mesh.nodes().len();
+    let (start, around) = corners_of_nodes(n, mesh.connectivity());
+    let mut couplings: Vec<(u32, u32, f64)> = Vec::with_capacity(2 * D * split.faces.len());
+    for (face, t) in split.faces.iter().zip(transmissibility) {
+        for (&a, &b) in face.nodes[0].iter().zip(&face.nodes[1]) {
+            if a != b && *t > 0.0 {
+                let share = t / D as f64;
+                couplings.extend([(a, b, share), (b, a, share)]);
+            }
+        }
+    }
+    couplings.sort_by_key(|coupling| (coupling.0, coupling.1));
+    let corners_of = |i: usize| &around[start[i] as usize..start[i + 1] as usize];
+    let matrix = Matrix::from_rows(n, n, |i, row| {
+        for &corner in corners_of(i) {
+            let (cell, k) = (corner as usize / (D + 1), corner as usize % (D + 1));
+            let (g, size) = gradients(&corners(mesh, cell));
+            let scale = 1.0 / (const { factorial(D) } * size);
+            let out = rock.mobility(cell).times(g[k]).map(|v| v * scale);
+            for (&j, gradient) in mesh.cell(cell).iter().zip(g) {
+                row.add(j, dot(out, gradient));
+            }
+        }
+        let first = couplings.partition_point(|c| (c.0 as usize) < i);
+        for &(_, other, t) in couplings[first..].iter().take_while(|c| c.0 as usize == i) {
+            row.add(i as u32, t);
+            row.add(other, -t);
+        }
+    });
+    let share = |&corner: &u32| mesh.volume(corner as usize / (D + 1)) / (D + 1) as f64;
+    let volume = (0..n)
+        .into_par_iter()
+        .map(|i| corners_of(i).iter().map(share).sum())
+        .collect();
+    (matrix, volume)
+}
+
+/// For each node the places in the list of corners where it stands: those of node i from `start[i]`
+/// to `start[i + 1]`.
+fn corners_of_nodes(nodes: usize, all: &[u32]) -> (Vec<u32>, Vec<u32>) {
+    let mut start = vec![0u32; nodes + 1];
+    for &i in all {
+        start[i as usize + 1] += 1;
+    }
+    for i in 0..nodes {
+        start[i + 1] += start[i];
+    }
+    let mut next = start.clone();
+    let mut corners = vec![0; all.len()];
+    for (corner, &i) in all.iter().enumerate() {
+        corners[next[i as usize] as usize] = corner as u32;
+        next[i as usize] += 1;
+    }
+    (start, corners)
+}
+
+#[cfg(test)]
+#[path = "elements_tests.rs"]
+mod tests;

@@ -1,0 +1,143 @@
+//! What is said of a flow that was computed.
+
+use std::fmt::Write;
+
+use serde::Serialize;
+
+use super::system::Figures;
+
+/// The figures of a flow.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct FlowReport {
+    /// How pressures were found.
+    pub figures: Figures,
+    /// The lowest and the highest pressure, Pa.
+    pub pressure: Range,
+    /// All faults together.
+    pub faults: Faulted,
+    /// Each fault, by the number that `surface` gives.
+    pub by_fault: Vec<Fault>,
+    /// Where fluid enters or leaves.
+    pub exchange: Vec<Exchange>,
+}
+
+/// From the least to the largest value.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+#[allow(missing_docs)]
+pub struct Range {
+    pub min: f64,
+    pub max: f64,
+}
+
+impl Range {
+    /// Of all values.
+    pub fn of(values: &[f64]) -> Self {
+        let all = values.iter();
+        let (min, max) = all.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &v| {
+            (low.min(v), high.max(v))
+        });
+        Self { min, max }
+    }
+}
+
+/// What faults do to a flow.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct Faulted {
+    /// Number of their faces.
+    pub faces: usize,
+    /// Nodes that exist once for each side.
+    pub nodes_doubled: usize,
+    /// Sum of the rates across faces, whatever their direction, m^3/s.
+    pub rate_across: f64,
+    /// The largest jump of pressure across a face, Pa.
+    pub largest_jump: f64,
+}
+
+impl Faulted {
+    /// Counts one face.
+    pub fn add(&mut self, rate: f64, jump: f64) {
+        self.faces += 1;
+        self.rate_across += rate.abs();
+        self.largest_jump = self.largest_jump.max(jump.abs());
+    }
+}
+
+/// What one fault does.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Fault {
+    /// Its number, from 1.
+    pub surface: u32,
+    /// Its factor of permeability or transmissibility.
+    pub multiplier: f64,
+    /// What it does.
+    #[serde(flatten)]
+    pub faulted: Faulted,
+}
+
+/// A place where fluid enters or leaves.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Exchange {
+    /// What it is called.
+    pub name: String,
+    /// What enters there, m^3/s.
+    pub rate: f64,
+}
+
+impl FlowReport {
+    /// Faults that the table lists.
+    const MOST_FAULTS: usize = 12;
+
+    /// As lines of text.
+    pub fn table(&self) -> String {
+        let Self {
+            figures, faults, ..
+        } = self;
+        let mut text = format!(
+            "unknowns      {} ({} nodes doubled on {} faces of faults), {} compartment{}\n",
+            figures.unknowns,
+            faults.nodes_doubled,
+            faults.faces,
+            figures.compartments,
+            if figures.compartments == 1 { "" } else { "s" },
+        );
+        // Writing to a string does not fail.
+        let _ = write!(
+            text,
+            "solver        {} iterations, residual {:.1e}\n\
+             pressure      {:.6e} to {:.6e} Pa\n\
+             faults        {:.6e} m^3/s across, largest jump {:.6e} Pa\n\
+             throughput    {:.6e} m^3/s\n\
+             imbalance     {:.1e} of the throughput in the worst control volume, {:.1e} in all",
+            figures.iterations,
+            figures.residual,
+            self.pressure.min,
+            self.pressure.max,
+            faults.rate_across,
+            faults.largest_jump,
+            figures.throughput,
+            figures.worst_balance,
+            figures.total_balance,
+        );
+        for Fault {
+            surface,
+            multiplier,
+            faulted,
+        } in self.by_fault.iter().take(Self::MOST_FAULTS)
+        {
+            let _ = write!(
+                text,
+                "\nfault {surface:<7} {} faces, multiplier {multiplier}: {:.6e} m^3/s across, \
+                 largest jump {:.6e} Pa",
+                faulted.faces, faulted.rate_across, faulted.largest_jump
+            );
+        }
+        if self.by_fault.len() > Self::MOST_FAULTS {
+            let more = self.by_fault.len() - Self::MOST_FAULTS;
+            let _ = write!(text, "\n... and {more} smaller faults");
+        }
+        for Exchange { name, rate } in &self.exchange {
+            let _ = write!(text, "\n{rate:+13.6e} m^3/s  {name}");
+        }
+        text
+    }
+}

@@ -1,0 +1,58 @@
+//! Which of the faces on features lie on horizons: those whose nearest feature points do.
+
+use rayon::prelude::*;
+
+use crate::feature::Features;
+use crate::surface::faceted::Faceted;
+use crate::surface::facets::{add_scaled, dot, length, normal, sub};
+use crate::surface::near::Grid;
+
+/// Points are of a face's feature if their normals are within 45 degrees of its.
+const ALONG: f64 = 0.7;
+
+/// For each number of a face of a mesh in lattice space whether it lies on a horizon; `marks` says
+/// which lie on features. Empty if none does.
+pub(super) fn on_horizons<const D: usize, F: Faceted<D>>(
+    mesh: &F,
+    marks: &[bool],
+    features: &Features<D>,
+) -> Vec<bool> {
+    let horizons = features.on_horizon.iter().filter(|on| **on).count();
+    if horizons == 0 {
+        return Vec::new();
+    }
+    if horizons == features.points.len() {
+        return marks.to_vec();
+    }
+    let points: Vec<[f64; D]> = (features.points.iter())
+        .map(|p| p.position.map(f64::from))
+        .collect();
+    // Valleys are a quarter as wide as atoms are apart: all of a feature that is near is within two.
+    let grid = Grid::new(&points, 2.0 * features.sigma);
+    let nodes = mesh.node_positions();
+    let is_horizon = |face: usize| {
+        let (mut middle, mut area_vector, mut area) = ([0.0; D], [0.0; D], 0.0);
+        mesh.facets(face, |facet| {
+            let corners = facet.map(|n| nodes[n as usize]);
+            let n = normal(&corners);
+            let centre = corners
+                .iter()
+                .fold([0.0; D], |sum, &x| add_scaled(sum, 1.0 / D as f64, x));
+            area += length(n);
+            area_vector = add_scaled(area_vector, 1.0, n);
+            middle = add_scaled(middle, length(n), centre);
+        });
+        let (middle, along) = (middle.map(|c| c / area), ALONG * length(area_vector));
+        let mut nearest = (f64::INFINITY, false);
+        grid.visit(middle, |i| {
+            let far = length(sub(points[i], middle));
+            let parallel = dot(area_vector, features.points[i].normal.map(f64::from)).abs() > along;
+            if parallel && far < nearest.0 {
+                nearest = (far, features.on_horizon[i]);
+            }
+        });
+        nearest.1
+    };
+    let faces = (0..marks.len()).into_par_iter();
+    faces.map(|face| marks[face] && is_horizon(face)).collect()
+}

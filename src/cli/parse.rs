@@ -88,14 +88,14 @@ pub fn scales(option: &str, text: &str) -> Result<Vec<f64>> {
     Ok(scales)
 }
 
-/// `X,Y,Z`: a point.
-pub fn point(option: &str, text: &str, remedy: &str) -> Result<[f64; 3]> {
+/// `X,Y,Z`: a point; `X,Y` in the plane.
+pub fn point<const D: usize>(option: &str, text: &str, remedy: &str) -> Result<[f64; D]> {
     let words: Vec<&str> = text.split(',').map(str::trim).collect();
-    let Ok(words) = <[&str; 3]>::try_from(words.as_slice()) else {
-        let problem = format!("has {} values, not 3", words.len());
+    let Ok(words) = <[&str; D]>::try_from(words.as_slice()) else {
+        let problem = format!("has {} values, not {D}", words.len());
         return Err(bad(option, text, &problem, remedy));
     };
-    let mut point = [0.0; 3];
+    let mut point = [0.0; D];
     for (x, word) in point.iter_mut().zip(words) {
         *x = number(option, word, remedy)?;
     }

@@ -14,6 +14,7 @@
 //! - [`labels`]: interfaces between labels, thin masks
 //! - [`repair`](mod@repair): ridges through crossings and up to the box's sides
 //! - [`grid`]: candidates by sample
+//! - [`settled`](mod@settled): a part of an image, treated as the whole was
 //! - [`sheets`](mod@sheets): hysteresis, sheets too near one another, crumbs
 //! - [`potential`](mod@potential): b(x)
 //! - `wide`: loops for wide vectors
@@ -30,6 +31,7 @@ pub mod potential;
 pub mod repair;
 pub mod ridges;
 pub mod rows;
+pub mod settled;
 pub mod sheets;
 pub mod symmetric;
 pub mod tensor;
@@ -44,9 +46,13 @@ mod tests;
 use crate::error::{Error, Result, cause};
 use crate::image::{Field, Image};
 use crossing::Candidate;
+use serde::{Deserialize, Serialize};
+use sheets::Open;
 use std::fmt;
 use std::str::FromStr;
 use volume::Volume;
+
+pub use settled::{Settled, detect_part};
 
 /// One detected point of a feature (fault, horizon, wall) at its sub-sample position.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -70,10 +76,13 @@ pub struct Features<const D: usize> {
     pub sigma: f64,
     /// One or more plain lines: what was picked and why, threshold, counts.
     pub notes: Vec<String>,
+    /// The scales and thresholds that were settled on, one for each kind of feature followed.
+    pub settled: Vec<Settled>,
 }
 
 /// What a feature of the image is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Kind {
     /// Decided by what the image looks like.
     Auto,
@@ -191,15 +200,15 @@ pub fn detect<const D: usize>(image: &Image<D>, options: &Options<D>) -> Result<
         kind => kind,
     };
     if kind != Kind::FaultsAndHorizons {
-        return follow(image, kind, options, notes);
+        return follow(image, kind, options, None, notes);
     }
     // A threshold is one of amplitude, and the faults' own is found from the image.
     let of_faults = Options {
         threshold: None,
         ..*options
     };
-    let faults = follow(image, Kind::Faults, &of_faults, notes)?;
-    let horizons = follow(image, Kind::Horizons, options, Vec::new())?;
+    let faults = follow(image, Kind::Faults, &of_faults, None, notes)?;
+    let horizons = follow(image, Kind::Horizons, options, None, Vec::new())?;
     Ok(both(faults, horizons, options.weights))
 }
 
@@ -224,29 +233,57 @@ fn both<const D: usize>(
     };
     first.points.sort_by(last_axis_first);
     first.notes.extend(second.notes);
+    first.settled.extend(second.settled);
     first
 }
 
-/// Finds the features of one kind and their potential.
+/// No features.
+pub(crate) fn empty<const D: usize>(dims: [usize; D], options: &Options<D>) -> Features<D> {
+    Features {
+        points: Vec::new(),
+        potential: Field {
+            dims,
+            step: options.step,
+            samples: vec![0.0; dims.iter().product()],
+        },
+        sigma: options.d_min / 4.0,
+        notes: Vec::new(),
+        settled: Vec::new(),
+    }
+}
+
+/// Finds the features of one kind and their potential; of a part of an image, by what is known of
+/// the whole.
 fn follow<const D: usize>(
     image: &Image<D>,
     kind: Kind,
     options: &Options<D>,
+    known: Option<(&Settled, &Open<D>)>,
     mut notes: Vec<String>,
 ) -> Result<Features<D>> {
     let dims = image.dims();
-    let found = find(image, kind, options, &mut notes)?;
+    let found = find(image, kind, options, known.map(|(s, _)| s), &mut notes)?;
     let side = |k: usize| (dims[k] as f64 - 1.0) * options.step[k];
     let section = (0..D)
         .map(|k| (1..D).map(|l| side((k + l) % D)).product())
         .fold(0.0, f64::max);
+    // In a small image a large sheet is smaller.
+    let min_area = (found.min_cells * options.d_min.powi(D as i32 - 1)).min(0.25 * section);
     let rules = sheets::Rules {
-        high: found.high,
+        high: found.levels.high,
         resolution: found.resolution * options.d_min,
-        // In a small image a large sheet is smaller.
-        min_area: (found.min_cells * options.d_min.powi(D as i32 - 1)).min(0.25 * section),
+        min_area: known.map_or(min_area, |(settled, _)| settled.min_area),
+        open: known.map_or([[false; 2]; D], |(_, open)| *open),
     };
     let sheets = sheets::sheets(dims, &found.candidates, options.step, &rules);
+    let settled = Settled {
+        kind,
+        scale: found.levels.scale,
+        low: found.levels.low,
+        high: found.levels.high,
+        min_area: rules.min_area,
+        mask: found.mask,
+    };
     drop(found);
     notes.push(format!(
         "{} feature points in {} sheets; dropped {} nearer than {:.1} to a stronger parallel sheet \
@@ -279,13 +316,33 @@ fn follow<const D: usize>(
         potential,
         sigma,
         notes,
+        settled: vec![settled],
     })
 }
 
-/// Candidates, and the strength that a sheet must reach somewhere.
+/// The scale at which sheets were sought, and their thresholds.
+#[derive(Clone, Copy)]
+struct Levels {
+    scale: f64,
+    low: f32,
+    high: f32,
+}
+
+impl From<&Settled> for Levels {
+    fn from(settled: &Settled) -> Self {
+        let Settled {
+            scale, low, high, ..
+        } = *settled;
+        Self { scale, low, high }
+    }
+}
+
+/// Candidates, and what decides which of them make sheets.
 struct Found<const D: usize> {
     candidates: Vec<Candidate<D>>,
-    high: f32,
+    levels: Levels,
+    /// The value of the thin mask whose middle was sought.
+    mask: Option<f32>,
     /// Least area of a sheet, in squares of the least distance (in 2-D: length, in distances).
     min_cells: f64,
     /// Parallel sheets nearer than this, in units of the least distance, exclude one another.
@@ -297,12 +354,16 @@ fn find<const D: usize>(
     image: &Image<D>,
     kind: Kind,
     options: &Options<D>,
+    known: Option<&Settled>,
     notes: &mut Vec<String>,
 ) -> Result<Found<D>> {
     let dims = image.dims();
     let samples = || image.as_slice().to_vec();
+    let levels = known.map(Levels::from);
     match kind {
-        Kind::Auto | Kind::Ridges => Ok(find_ridges(dims, samples(), FINEST, options, notes)),
+        Kind::Auto | Kind::Ridges => {
+            Ok(find_ridges(dims, samples(), FINEST, options, levels, notes))
+        }
         Kind::Valleys | Kind::Potential => {
             let outside = image.as_slice().iter().find(|s| !(-1.0..=0.0).contains(*s));
             if let (Kind::Potential, Some(value)) = (kind, outside) {
@@ -313,7 +374,7 @@ fn find<const D: usize>(
                 )));
             }
             let negated = image.as_slice().iter().map(|s| -s).collect();
-            Ok(find_ridges(dims, negated, FINEST, options, notes))
+            Ok(find_ridges(dims, negated, FINEST, options, levels, notes))
         }
         Kind::Edges => {
             let mut smoothed = samples();
@@ -323,13 +384,13 @@ fn find<const D: usize>(
                 samples: &smoothed,
             });
             drop(smoothed);
-            Ok(find_ridges(dims, steepness, 1.0, options, notes))
+            Ok(find_ridges(dims, steepness, 1.0, options, levels, notes))
         }
         Kind::Horizons | Kind::FaultsAndHorizons => {
-            Ok(find_horizons(dims, samples(), options, notes))
+            Ok(find_horizons(dims, samples(), options, levels, notes))
         }
-        Kind::Faults => Ok(find_faults(dims, samples(), options, notes)),
-        Kind::Labels => find_labels(image, options, notes),
+        Kind::Faults => Ok(find_faults(dims, samples(), options, levels, notes)),
+        Kind::Labels => find_labels(image, options, known, notes),
     }
 }
 
@@ -338,32 +399,59 @@ const COARSEST: f64 = 3.0;
 /// The scale (samples) at which ridges are sought first.
 const FINEST: f64 = 1.5;
 
-/// Ridges of samples; from `scale` up as smooth as noise asks, unless the options give a scale.
+/// Ridges of samples; where all is not `known`, at `scale` or as much above as noise asks.
 fn find_ridges<const D: usize>(
     dims: [usize; D],
     mut samples: Vec<f32>,
     scale: f64,
     options: &Options<D>,
+    known: Option<Levels>,
     notes: &mut Vec<String>,
 ) -> Found<D> {
-    let mut scale = options.scale.unwrap_or(scale);
-    gaussian::smooth(dims, &mut samples, [scale; D]);
-    let measure = |samples: &[f32], scale| ridges::statistics(Volume { dims, samples }, scale);
-    let mut statistics = measure(&samples, scale);
-    while options.scale.is_none() && statistics.drowned() && scale < COARSEST {
-        let coarser = (1.25 * scale).min(COARSEST);
-        gaussian::smooth(
-            dims,
-            &mut samples,
-            [(coarser * coarser - scale * scale).sqrt(); D],
-        );
-        scale = coarser;
-        statistics = measure(&samples, scale);
-    }
+    let levels = match known {
+        Some(levels) => {
+            gaussian::smooth(dims, &mut samples, [levels.scale; D]);
+            levels
+        }
+        None => smooth_for_ridges(dims, &mut samples, scale, options, notes),
+    };
     let smoothed = Volume {
         dims,
         samples: &samples,
     };
+    let candidates = ridges::ridges(smoothed, levels.scale, levels.low);
+    Found {
+        candidates: repair::repair(smoothed, candidates, levels.scale, levels.high),
+        levels,
+        mask: None,
+        min_cells: 2.0,
+        resolution: 0.9,
+    }
+}
+
+/// Smooths samples so that ridges do not drown in noise (or as the options say), and finds the
+/// thresholds of ridges there.
+fn smooth_for_ridges<const D: usize>(
+    dims: [usize; D],
+    samples: &mut [f32],
+    scale: f64,
+    options: &Options<D>,
+    notes: &mut Vec<String>,
+) -> Levels {
+    let mut scale = options.scale.unwrap_or(scale);
+    gaussian::smooth(dims, samples, [scale; D]);
+    let measure = |samples: &[f32], scale| ridges::statistics(Volume { dims, samples }, scale);
+    let mut statistics = measure(samples, scale);
+    while options.scale.is_none() && statistics.drowned() && scale < COARSEST {
+        let coarser = (1.25 * scale).min(COARSEST);
+        gaussian::smooth(
+            dims,
+            samples,
+            [(coarser * coarser - scale * scale).sqrt(); D],
+        );
+        scale = coarser;
+        statistics = measure(samples, scale);
+    }
     let (low, high) = options
         .threshold
         .map_or_else(|| statistics.thresholds(), |t| (0.5 * t, t));
@@ -377,13 +465,7 @@ fn find_ridges<const D: usize>(
          {:.4}, typical strength {:.4}",
         statistics.noise, statistics.typical
     ));
-    let candidates = ridges::ridges(smoothed, scale, low);
-    Found {
-        candidates: repair::repair(smoothed, candidates, scale, high),
-        high,
-        min_cells: 2.0,
-        resolution: 0.9,
-    }
+    Levels { scale, low, high }
 }
 
 /// Crests and troughs of seismic amplitude.
@@ -391,6 +473,7 @@ fn find_horizons<const D: usize>(
     dims: [usize; D],
     mut samples: Vec<f32>,
     options: &Options<D>,
+    known: Option<Levels>,
     notes: &mut Vec<String>,
 ) -> Found<D> {
     let scale = options.scale.unwrap_or(1.0);
@@ -402,9 +485,11 @@ fn find_horizons<const D: usize>(
     };
     let normals = tensor::Normals::new(smoothed, window);
     let rms = horizons::root_mean_square(&samples);
-    let (low, high) = options
-        .threshold
-        .map_or((0.8 * rms, 1.3 * rms), |t| (0.5 * t, t));
+    let (low, high) = match (known, options.threshold) {
+        (Some(known), _) => (known.low, known.high),
+        (None, Some(t)) => (0.5 * t, t),
+        (None, None) => (0.8 * rms, 1.3 * rms),
+    };
     let chosen = if options.threshold.is_some() {
         "given"
     } else {
@@ -416,7 +501,8 @@ fn find_horizons<const D: usize>(
     ));
     Found {
         candidates: horizons::horizons(smoothed, &normals, low),
-        high,
+        levels: Levels { scale, low, high },
+        mask: None,
         // Short pieces of reflectors are everywhere, and worth no cells.
         min_cells: 16.0,
         // Reflectors lie one above the other everywhere: leave room for a layer of atoms between.
@@ -432,6 +518,7 @@ fn find_faults<const D: usize>(
     dims: [usize; D],
     mut samples: Vec<f32>,
     options: &Options<D>,
+    known: Option<Levels>,
     notes: &mut Vec<String>,
 ) -> Found<D> {
     let scale = options.scale.unwrap_or(1.0);
@@ -451,7 +538,7 @@ fn find_faults<const D: usize>(
         scale: None,
         ..*options
     };
-    let mut found = find_ridges(dims, discontinuity, FINEST, &of_ridges, notes);
+    let mut found = find_ridges(dims, discontinuity, FINEST, &of_ridges, known, notes);
     found
         .candidates
         .retain(|c| crossing::dot(c.normal, layers.at(c.position)).abs() < ALONG_LAYERS);
@@ -463,6 +550,7 @@ fn find_faults<const D: usize>(
 fn find_labels<const D: usize>(
     image: &Image<D>,
     options: &Options<D>,
+    known: Option<&Settled>,
     notes: &mut Vec<String>,
 ) -> Result<Found<D>> {
     let dims = image.dims();
@@ -480,19 +568,41 @@ fn find_labels<const D: usize>(
             "choose ridges, edges or horizons, or merge labels",
         )));
     };
-    if let [a, b] = values[..] {
-        let mask = labels::mask(volume, [a, b]);
-        if mask.share < 0.25 && mask.thickness < labels::THIN {
-            notes.push(format!(
-                "a mask {:.1} samples thick, {:.1} % of the volume: its middle is the feature",
-                mask.thickness,
-                100.0 * mask.share
-            ));
-            let inside = |s: &f32| f32::from(u8::from(*s == mask.value));
-            let samples = volume.samples.iter().map(inside).collect();
-            let scale = (0.5 * mask.thickness).max(1.5);
-            return Ok(find_ridges(dims, samples, scale, options, notes));
+    let levels = known.map(Levels::from);
+    let middle_of = |value: f32, scale: f64, notes: &mut Vec<String>| {
+        let inside = |s: &f32| f32::from(u8::from(*s == value));
+        let samples = volume.samples.iter().map(inside).collect();
+        let mask = Some(value);
+        Found {
+            mask,
+            ..find_ridges(dims, samples, scale, options, levels, notes)
         }
+    };
+    match (known, &values[..]) {
+        (
+            Some(Settled {
+                mask: Some(value), ..
+            }),
+            _,
+        ) => {
+            return Ok(middle_of(*value, FINEST, notes));
+        }
+        (None, &[a, b]) => {
+            let mask = labels::mask(volume, [a, b]);
+            if mask.share < 0.25 && mask.thickness < labels::THIN {
+                notes.push(format!(
+                    "a mask {:.1} samples thick, {:.1} % of the volume: its middle is the feature",
+                    mask.thickness,
+                    100.0 * mask.share
+                ));
+                return Ok(middle_of(
+                    mask.value,
+                    (0.5 * mask.thickness).max(1.5),
+                    notes,
+                ));
+            }
+        }
+        _ => {}
     }
     let scale = options.scale.unwrap_or(1.0);
     notes.push(format!(
@@ -501,7 +611,12 @@ fn find_labels<const D: usize>(
     ));
     Ok(Found {
         candidates: labels::interfaces(volume, &values, scale),
-        high: 1.0,
+        levels: Levels {
+            scale,
+            low: 0.0,
+            high: 1.0,
+        },
+        mask: None,
         min_cells: 2.0,
         resolution: 0.9,
     })

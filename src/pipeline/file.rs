@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use super::{Meshing, Outcome, Space};
 use crate::error::cause;
 use crate::export::{FieldValue, MeshFile, face_bits_to_physical, to_physical, turned};
+use crate::feature::Settled;
 use crate::image::Geometry;
 use crate::io::vtk::{DataArray, Values};
 use crate::mesh::TetMesh;
@@ -64,8 +65,30 @@ where
                 face_bits_to_physical(&outcome.feature_faces, geometry),
             ),
         ],
-        field_data: common_fields(geometry, outcome.step, outcome.extent, provenance),
+        field_data: {
+            let mut fields = common_fields(geometry, outcome.step, outcome.extent, provenance);
+            fields.extend(settled_field(&outcome.features.settled));
+            fields
+        },
     }
+}
+
+/// The name under which a file keeps what feature detection settled on.
+const SETTLED: &str = "features";
+
+/// What feature detection settled on, so that a part of the mesh can be made again alike.
+pub fn settled_field(settled: &[Settled]) -> Option<(String, FieldValue)> {
+    let text = serde_json::to_string(settled).ok()?;
+    Some((SETTLED.into(), FieldValue::Text(text)))
+}
+
+/// The same, of a file; `None` if it does not say.
+pub fn settled_of<M>(file: &MeshFile<M>) -> Option<Vec<Settled>> {
+    let mut fields = file.field_data.iter();
+    fields.find_map(|(name, value)| match value {
+        FieldValue::Text(text) if name == SETTLED => serde_json::from_str(text.trim()).ok(),
+        _ => None,
+    })
 }
 
 /// What every file says of itself: what made it, and where its lattice space is.
@@ -209,9 +232,9 @@ impl<const D: usize, M: Measured<D>> Placed<D, M> {
     ///
     /// # Errors
     /// [`Error::Image`] if it does not.
-    pub fn check_dims(&self, dims: [usize; 3], place: &str) -> Result<()> {
-        let own: [f64; 3] = std::array::from_fn(|k| self.extent[k] / self.step[k] + 1.0);
-        if (0..3).any(|k| (dims[k] as f64 - own[k]).abs() > 1e-6) {
+    pub fn check_dims(&self, dims: [usize; D], place: &str) -> Result<()> {
+        let own: [f64; D] = std::array::from_fn(|k| self.extent[k] / self.step[k] + 1.0);
+        if (0..D).any(|k| (dims[k] as f64 - own[k]).abs() > 1e-6) {
             return Err(Error::Image(cause(
                 place,
                 format!("is of {dims:?} samples, the mesh of {own:?}"),

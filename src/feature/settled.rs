@@ -148,6 +148,11 @@ mod tests {
                 "{kind}: {} points, {lost} lost, {extra} more",
                 of_whole.len()
             );
+            for p in of_whole.iter().filter(|p| !near(p, &of_part)).step_by(200) {
+                let q = of_part.iter().map(|q| (0..3).map(|k| (p[k] - q[k]).powi(2)).sum::<f32>().sqrt()).fold(f32::MAX, f32::min);
+                println!("lost {p:?} nearest {q}");
+            }
+            println!("{:?} {:?} {:?}", settled, whole.notes, part.notes);
             assert!(
                 lost * 100 <= of_whole.len(),
                 "{kind}: {lost} of {}",

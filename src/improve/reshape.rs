@@ -104,8 +104,9 @@ const CAVITIES: [(bool, f64); 6] = [
 /// Sines above which collapsing a node is welcome, less welcome and so on.
 const COLLAPSES: [f64; 5] = [0.25, 0.1, 0.03, 0.01, 0.003];
 
-/// How often the surroundings of a node are made better to have it collapse.
-const EASINGS: usize = 4;
+/// How often a node is dragged towards neighbours to have it collapse into one, and how far at most.
+const EASINGS: usize = 12;
+const DRAGS: [f64; 3] = [0.8, 0.6, 0.4];
 
 /// A step towards a target may leave tetrahedra as flat as this.
 const FLAT: f64 = 0.03;
@@ -236,7 +237,7 @@ impl Improver<'_> {
     /// Collapses a node into the neighbour that leaves the best tetrahedra.
     fn remove(&mut self, node: u32) -> bool {
         self.holds[node as usize].clear_sheets();
-        for easing in 0..=EASINGS {
+        for easing in 0..EASINGS {
             let x = self.complex.nodes[node as usize];
             self.complex.star(node, &mut self.star);
             let mut around: Vec<u32> = (self.star.iter())
@@ -257,22 +258,42 @@ impl Improver<'_> {
                     }
                 }
             }
-            if easing < EASINGS {
-                self.ease(node);
-            }
+            self.drag(node, &around, easing);
         }
         false
     }
 
-    /// Flips and smooths round a node, whether its tetrahedra are poor or not.
-    fn ease(&mut self, node: u32) {
-        let target = std::mem::replace(&mut self.target, 1.0);
-        self.complex.star(node, &mut self.star);
-        self.queue = self.star.clone();
-        self.flip_queue();
-        self.smooth(node);
-        self.target = target;
-        self.queue.clear();
+    /// Moves a node most of the way to the nearest neighbour (or the `nth` next) into which it may
+    /// collapse, with flips of what that makes flat: in a regular lattice no collapse is possible at
+    /// once, for the faces round an atom lie in one plane with its neighbours.
+    fn drag(&mut self, node: u32, around: &[u32], nth: usize) {
+        let hold = self.holds[node as usize];
+        let from = self.complex.nodes[node as usize];
+        self.gather(node);
+        let mut left = nth;
+        for &n in around {
+            let to = self.complex.nodes[n as usize];
+            let off_side = (0..3).any(|k| hold.axes >> k & 1 == 1 && from[k] != to[k]);
+            if off_side || !hold.within(&self.holds[n as usize]) {
+                continue;
+            }
+            let on_the_way = |share: &f64| -> [f64; 3] {
+                std::array::from_fn(|k| from[k] + share * (to[k] - from[k]))
+            };
+            let sound = |x: &[f64; 3]| smooth::worst(*x, &self.spokes, FLAT) > FLAT;
+            let Some(x) = DRAGS.iter().map(on_the_way).find(sound) else {
+                continue;
+            };
+            if left > 0 {
+                left -= 1;
+                continue;
+            }
+            // Coordinates in a side stay what they are, to the bit.
+            let x = std::array::from_fn(|k| if from[k] == to[k] { from[k] } else { x[k] });
+            self.move_to(node, x, hold);
+            self.flip_queue();
+            return;
+        }
     }
 
     /// Moves nodes towards their targets, with flips of what that makes poor in between.
@@ -365,7 +386,8 @@ mod tests {
         let sheets = Sheets::new(&[], EXTENT, 3.0, 4.0);
         let distance = Distance::Constant(4.0);
         let options = Options::default();
-        let done = reshape(mesh, wanted, EXTENT, &sheets, &distance, &options).unwrap();
+        let done = reshape(mesh, wanted, EXTENT, &sheets, &distance, &options)
+            .unwrap_or_else(|n| panic!("node {n} of {:?}", wanted.kinds[n as usize]));
         let found = check(&done.mesh, [0.0; 3], EXTENT, 1e-9);
         assert!(found.passed(), "{:?}", found.problems);
         done

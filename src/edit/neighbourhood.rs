@@ -97,12 +97,17 @@ where
             .collect();
 
         let inner = || numbers.iter().map(|&n| body.nodes[n as usize]);
-        let edited = group.edited.iter().map(|(x, _)| *x);
         let (mut low, mut high) = ([f64::INFINITY; D], [0.0f64; D]);
-        for x in inner().chain(outer.iter().copied()).chain(edited) {
+        for x in inner() {
             for k in 0..D {
                 low[k] = low[k].min(x[k]);
                 high[k] = high[k].max(x[k]);
+            }
+        }
+        for (x, d) in &group.edited {
+            for k in 0..D {
+                low[k] = low[k].min(x[k] - REACH * d);
+                high[k] = high[k].max(x[k] + REACH * d);
             }
         }
         let (margin, dims) = (reach(context.settled), context.image.dims());

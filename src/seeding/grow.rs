@@ -503,7 +503,13 @@ pub(super) mod tests {
         assert!(neighbours(Seeding::Regular) < 4);
         // In the plane they are six.
         let (well, extent) = ([22.3, 31.1], [61.0, 57.0]);
-        let atoms = seed(Seeding::Grown, extent, &Distance::Constant(5.0), &[well], Alignment::On);
+        let atoms = seed(
+            Seeding::Grown,
+            extent,
+            &Distance::Constant(5.0),
+            &[well],
+            Alignment::On,
+        );
         let atoms = atoms.unwrap().positions;
         let taken = |step: [f64; 2]| {
             let site = [well[0] + 5.0 * step[0], well[1] + 5.0 * step[1]];

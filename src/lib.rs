@@ -12,6 +12,7 @@
 //! improve   slivers go, features stay
 //! report    how good the mesh is, and what it cost
 //! export    mesh -> file, in the image's physical coordinates
+//! edit      atoms added, moved and removed, in their neighbourhood only
 //! ```
 //!
 //! [`pipeline::mesh_image`] does all of it:
@@ -32,6 +33,7 @@
 
 pub mod delaunay;
 pub mod distance;
+pub mod edit;
 pub mod energy;
 pub mod error;
 pub mod export;

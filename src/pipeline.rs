@@ -7,13 +7,13 @@
 pub mod cells;
 pub mod file;
 pub mod flow;
-mod horizons;
+pub(crate) mod horizons;
 mod join;
 mod pairs;
 pub mod stored;
 
 pub use cells::{CellsOutcome, voronoi_image};
-pub use join::{Meshing, Space};
+pub use join::{Meshing, Scene, Space};
 
 use std::borrow::Cow;
 
@@ -29,7 +29,7 @@ use crate::optimize::{self, Observer, Stop};
 use crate::report::{Clock, Lattice, Measured, Optimisation, Reference, Report, Rival};
 use crate::seeding::{self, Alignment, Atoms, Seeding};
 use crate::{Error, Result, report};
-use join::{Joined, Scene};
+use join::Joined;
 
 /// How far atoms shall be apart, in lattice units.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -197,6 +197,21 @@ impl<const D: usize> Default for Params<D> {
     }
 }
 
+impl<const D: usize> Params<D> {
+    /// How features are sought.
+    pub fn feature_options(&self, step: [f64; D]) -> feature::Options<D> {
+        feature::Options {
+            kind: self.feature,
+            scale: self.sigma,
+            threshold: self.threshold,
+            weights: self.feature_weights,
+            d_min: self.spacing.min(),
+            step,
+            ..feature::Options::default()
+        }
+    }
+}
+
 /// A mesh in lattice space, and what led to it.
 #[derive(Debug, Clone)]
 pub struct Outcome<const D: usize = 3>
@@ -337,18 +352,7 @@ fn settle<'a, const D: usize>(
         observer,
     };
     stages.begin_unless_stopped("finding features")?;
-    let features = feature::detect(
-        image,
-        &feature::Options {
-            kind: params.feature,
-            scale: params.sigma,
-            threshold: params.threshold,
-            weights: params.feature_weights,
-            d_min: params.spacing.min(),
-            step,
-            ..feature::Options::default()
-        },
-    )?;
+    let features = feature::detect(image, &params.feature_options(step))?;
 
     stages.begin_unless_stopped("placing atoms")?;
     let distance = varying(image, params, &features, step)?;
@@ -492,14 +496,7 @@ fn optimise<const D: usize>(
     extent: [f64; D],
     observer: &mut dyn Observer,
 ) -> Result<optimize::Outcome> {
-    let options = optimize::Options {
-        seed: params.seed,
-        tolerance: 1e-3,
-        // Improvement takes over from here: a second round changes neither quality nor fidelity.
-        max_rounds: 1,
-        max_evaluations: 40,
-        ..optimize::Options::default()
-    };
+    let options = optimiser(params.seed);
     let mut pass = |potential: &Field<D>| {
         let beta = beta.clone();
         let mut energy: Box<dyn Energy<D>> = match params.evaluator {
@@ -526,6 +523,18 @@ fn optimise<const D: usize>(
         }
     }
     pass(&features.potential)
+}
+
+/// How atoms are moved.
+pub(crate) fn optimiser(seed: u64) -> optimize::Options {
+    optimize::Options {
+        seed,
+        tolerance: 1e-3,
+        // Improvement takes over from here: a second round changes neither quality nor fidelity.
+        max_rounds: 1,
+        max_evaluations: 40,
+        ..optimize::Options::default()
+    }
 }
 
 /// Tells clock and observer of each stage.
@@ -560,7 +569,7 @@ fn lattice_extent<const D: usize>(dims: [usize; D], step: [f64; D]) -> [f64; D] 
 }
 
 /// The weight of the image in lattice space.
-fn lattice_beta<const D: usize>(
+pub(crate) fn lattice_beta<const D: usize>(
     weight: &Weight<D>,
     dims: [usize; D],
     step: [f64; D],
@@ -584,7 +593,7 @@ fn lattice_beta<const D: usize>(
 }
 
 /// Physical points in lattice space; all must lie in the box and apart from one another.
-fn lattice_points<const D: usize>(
+pub(crate) fn lattice_points<const D: usize>(
     points: &[FixedAtom<D>],
     geometry: &Geometry<D>,
     step: [f64; D],

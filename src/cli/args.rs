@@ -97,6 +97,11 @@ pub enum Verb {
         after_help = "Example:\n  atomesh flow mesh.vtu --source 20,30,40 --sink 80,60,50 -o flow.vtu --streamlines lines.vtp"
     )]
     Flow(FlowArgs),
+    /// Adds, moves and removes atoms of a mesh; only their neighbourhood changes
+    #[command(
+        after_help = "Example:\n  atomesh edit mesh.vtu survey.sgy -o edited.vtu --add 1500,2000,300 --remove 812"
+    )]
+    Edit(super::edit::EditArgs),
     /// A picture of the mesh over its image: in 3-D its sections with three orthogonal planes
     #[command(after_help = "Example:\n  atomesh slice survey.sgy mesh.vtu -o sections.png")]
     Slice(SliceArgs),

@@ -184,7 +184,7 @@ where
 
 impl MeshJob {
     /// What the pipeline is told; reads the files that the options name.
-    fn params<const D: usize>(&self) -> Result<Params<D>> {
+    pub(super) fn params<const D: usize>(&self) -> Result<Params<D>> {
         let beta = match &self.beta {
             Beta::Constant(beta) => Weight::Constant(*beta),
             Beta::File(path) => Weight::Image(Box::new(read_beta(path)?)),

@@ -8,6 +8,7 @@
 //! - [`provenance`]: the hash of the input
 //! - [`images`]: the verbs about images
 //! - [`meshes`]: the verbs about meshes
+//! - [`edit`](mod@edit): the verb `edit`
 //! - [`flow`](mod@flow): the verb `flow`
 //! - [`slice`](mod@slice): the verb `slice`
 //! - [`surface`](mod@surface): the verb `surface`
@@ -15,6 +16,7 @@
 
 pub mod args;
 pub mod console;
+pub mod edit;
 pub mod flow;
 pub mod images;
 pub mod job;
@@ -71,6 +73,7 @@ fn run(line: &CommandLine) -> Result<Ending> {
         Verb::Info(args) => images::info(args, console)?,
         Verb::Feature(args) => images::feature(args, console)?,
         Verb::Convert(args) => images::convert(args, console)?,
+        Verb::Edit(args) => edit::edit(args, console)?,
         Verb::Flow(args) => flow::flow(args, console)?,
         Verb::Paint(args) => paint::paint(args, console)?,
         Verb::Surface(args) => surface::surface(args, console)?,

@@ -251,7 +251,7 @@ fn seeds<const D: usize>(texts: &[String]) -> Result<Option<Vec<Place<D>>>> {
                 (point, unit.ok_or_else(wrong)?)
             }
         };
-        Ok((parse::point_of("--seed", point, remedy)?, unit))
+        Ok((parse::point("--seed", point, remedy)?, unit))
     };
     let seeds: Result<Vec<_>> = texts.iter().zip(1..).map(seed).collect();
     seeds.map(Some)

@@ -88,13 +88,8 @@ pub fn scales(option: &str, text: &str) -> Result<Vec<f64>> {
     Ok(scales)
 }
 
-/// `X,Y,Z`: a point of space.
-pub fn point(option: &str, text: &str, remedy: &str) -> Result<[f64; 3]> {
-    point_of(option, text, remedy)
-}
-
-/// As many coordinates as there are dimensions.
-pub fn point_of<const D: usize>(option: &str, text: &str, remedy: &str) -> Result<[f64; D]> {
+/// `X,Y,Z`: a point; `X,Y` in the plane.
+pub fn point<const D: usize>(option: &str, text: &str, remedy: &str) -> Result<[f64; D]> {
     let words: Vec<&str> = text.split(',').map(str::trim).collect();
     let Ok(words) = <[&str; D]>::try_from(words.as_slice()) else {
         let problem = format!("has {} values, not {D}", words.len());

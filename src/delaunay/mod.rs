@@ -12,5 +12,5 @@ pub mod planar;
 pub mod refine;
 pub mod tetgen;
 
-pub use planar::delaunay_plane;
+pub use planar::{constrained_plane, delaunay_plane};
 pub use tetgen::{Delaunay, OUTSIDE, delaunay, delaunay_with_neighbors};

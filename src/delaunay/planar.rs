@@ -3,7 +3,9 @@
 //! spade's predicates are exact, so points on a lattice (four on a circle) and points that lie
 //! exactly on the sides of a box are no special cases: the triangles fill the hull.
 
-use spade::{DelaunayTriangulation, HasPosition, Point2, Triangulation};
+use spade::{
+    ConstrainedDelaunayTriangulation, DelaunayTriangulation, HasPosition, Point2, Triangulation,
+};
 
 use crate::error::cause;
 use crate::mesh::TriMesh;
@@ -32,13 +34,38 @@ impl HasPosition for Numbered {
 /// [`Error::Delaunay`] for fewer than three points, points on one line, two points at one place,
 /// and coordinates that are not finite or beyond spade's range (1e-42 to 1e60).
 pub fn delaunay_plane(points: &[[f64; 2]]) -> Result<TriMesh> {
-    let refuse = |problem: String, remedy: &str| {
-        Err(Error::Delaunay(cause(
-            "2-D Delaunay triangulation",
-            problem,
-            remedy,
-        )))
-    };
+    let numbered = numbered(points)?;
+    let triangulation = DelaunayTriangulation::<Numbered>::bulk_load(numbered)
+        .or_else(|error| refuse(error.to_string(), "give finite coordinates"))?;
+    triangles(points, &triangulation)
+}
+
+/// The same with the given `edges` (pairs of points) among those of the triangles.
+///
+/// # Errors
+/// Also if edges cross one another.
+pub fn constrained_plane(points: &[[f64; 2]], edges: &[[u32; 2]]) -> Result<TriMesh> {
+    let numbered = numbered(points)?;
+    let edges = edges.iter().map(|edge| edge.map(|n| n as usize)).collect();
+    let mut crossing = 0;
+    let triangulation =
+        ConstrainedDelaunayTriangulation::<Numbered>::try_bulk_load_cdt(numbered, edges, |_| {
+            crossing += 1
+        })
+        .or_else(|error| refuse(error.to_string(), "give finite coordinates"))?;
+    if crossing > 0 {
+        return refuse(format!("{crossing} edges cross others"), "leave them out");
+    }
+    triangles(points, &triangulation)
+}
+
+fn refuse<T>(problem: String, remedy: &str) -> Result<T> {
+    let place = "2-D Delaunay triangulation";
+    Err(Error::Delaunay(cause(place, problem, remedy)))
+}
+
+/// Points that know their numbers, checked.
+fn numbered(points: &[[f64; 2]]) -> Result<Vec<Numbered>> {
     if points.len() < 3 || points.len() >= u32::MAX as usize {
         return refuse(
             format!("{} points", points.len()),
@@ -53,17 +80,20 @@ pub fn delaunay_plane(points: &[[f64; 2]]) -> Result<TriMesh> {
             );
         }
     }
-    let numbered = (0u32..)
+    Ok((0u32..)
         .zip(points)
         .map(|(number, &[x, y])| Numbered {
             position: Point2::new(x, y),
             number,
         })
-        .collect();
-    let triangulation = match DelaunayTriangulation::<Numbered>::bulk_load(numbered) {
-        Ok(triangulation) => triangulation,
-        Err(error) => return refuse(error.to_string(), "give finite coordinates"),
-    };
+        .collect())
+}
+
+/// The triangles, if every point is a node of them.
+fn triangles(
+    points: &[[f64; 2]],
+    triangulation: &impl Triangulation<Vertex = Numbered>,
+) -> Result<TriMesh> {
     if triangulation.num_vertices() < points.len() {
         return refuse(
             format!(

@@ -111,6 +111,7 @@ mod tests {
             potential,
             sigma: 1.0,
             notes: vec![],
+            settled: vec![],
         }
     }
 

@@ -3,15 +3,34 @@
 use super::crossing::{self, Candidate};
 use super::ridges::{self, Statistics};
 use super::volume::Volume;
-use super::{Kind, Options};
+use super::{Kind, Options, Settled};
 use super::{edges, faults, gaussian, horizons, labels, repair, tensor};
 use crate::error::{Error, Result, cause};
 use crate::image::Image;
 
-/// Candidates, and the strength that a sheet must reach somewhere.
+/// The scale at which sheets were sought, and their thresholds.
+#[derive(Clone, Copy)]
+pub(super) struct Levels {
+    pub(super) scale: f64,
+    pub(super) low: f32,
+    pub(super) high: f32,
+}
+
+impl From<&Settled> for Levels {
+    fn from(settled: &Settled) -> Self {
+        let Settled {
+            scale, low, high, ..
+        } = *settled;
+        Self { scale, low, high }
+    }
+}
+
+/// Candidates, and what decides which of them make sheets.
 pub(super) struct Found<const D: usize> {
     pub(super) candidates: Vec<Candidate<D>>,
-    pub(super) high: f32,
+    pub(super) levels: Levels,
+    /// The value of the thin mask whose middle was sought.
+    pub(super) mask: Option<f32>,
     /// Least area of a sheet, in squares of the least distance (in 2-D: length, in distances).
     pub(super) min_cells: f64,
     /// Parallel sheets nearer than this, in units of the least distance, exclude one another.
@@ -23,19 +42,18 @@ pub(super) fn find<const D: usize>(
     image: &Image<D>,
     kind: Kind,
     options: &Options<D>,
+    known: Option<&Settled>,
     notes: &mut Vec<String>,
 ) -> Result<Found<D>> {
     let dims = image.dims();
     let samples = || image.as_slice().to_vec();
+    let levels = known.map(Levels::from);
+    let automatic = Statistics::thresholds;
     match kind {
-        Kind::Auto | Kind::Ridges => Ok(find_ridges(
-            dims,
-            samples(),
-            FINEST,
-            Statistics::thresholds,
-            options,
-            notes,
-        )),
+        Kind::Auto | Kind::Ridges => {
+            let scene = (dims, samples(), FINEST);
+            Ok(find_ridges(scene, automatic, options, levels, notes))
+        }
         Kind::Valleys | Kind::Potential => {
             let outside = image.as_slice().iter().find(|s| !(-1.0..=0.0).contains(*s));
             if let (Kind::Potential, Some(value)) = (kind, outside) {
@@ -47,11 +65,10 @@ pub(super) fn find<const D: usize>(
             }
             let negated = image.as_slice().iter().map(|s| -s).collect();
             Ok(find_ridges(
-                dims,
-                negated,
-                FINEST,
-                Statistics::thresholds,
+                (dims, negated, FINEST),
+                automatic,
                 options,
+                levels,
                 notes,
             ))
         }
@@ -64,19 +81,18 @@ pub(super) fn find<const D: usize>(
             });
             drop(smoothed);
             Ok(find_ridges(
-                dims,
-                steepness,
-                1.0,
-                Statistics::thresholds,
+                (dims, steepness, 1.0),
+                automatic,
                 options,
+                levels,
                 notes,
             ))
         }
         Kind::Horizons | Kind::FaultsAndHorizons => {
-            Ok(find_horizons(dims, samples(), options, notes))
+            Ok(find_horizons(dims, samples(), options, levels, notes))
         }
-        Kind::Faults => Ok(find_faults(dims, samples(), options, notes)),
-        Kind::Labels => find_labels(image, options, notes),
+        Kind::Faults => Ok(find_faults(dims, samples(), options, levels, notes)),
+        Kind::Labels => find_labels(image, options, known, notes),
     }
 }
 
@@ -85,34 +101,60 @@ const COARSEST: f64 = 3.0;
 /// The scale (samples) at which ridges are sought first.
 const FINEST: f64 = 1.5;
 
-/// Ridges of samples; from `scale` up as smooth as noise asks, and above the `automatic` thresholds,
-/// unless the options give a scale and a threshold.
+/// Ridges of samples (dims, samples, finest scale); where all is not `known`, from that scale up as
+/// smooth as noise asks, and above the `automatic` thresholds, unless the options give both.
 fn find_ridges<const D: usize>(
-    dims: [usize; D],
-    mut samples: Vec<f32>,
-    scale: f64,
+    (dims, mut samples, scale): ([usize; D], Vec<f32>, f64),
     automatic: impl Fn(&Statistics) -> (f32, f32),
     options: &Options<D>,
+    known: Option<Levels>,
     notes: &mut Vec<String>,
 ) -> Found<D> {
-    let mut scale = options.scale.unwrap_or(scale);
-    gaussian::smooth(dims, &mut samples, [scale; D]);
-    let measure = |samples: &[f32], scale| ridges::statistics(Volume { dims, samples }, scale);
-    let mut statistics = measure(&samples, scale);
-    while options.scale.is_none() && statistics.drowned() && scale < COARSEST {
-        let coarser = (1.25 * scale).min(COARSEST);
-        gaussian::smooth(
-            dims,
-            &mut samples,
-            [(coarser * coarser - scale * scale).sqrt(); D],
-        );
-        scale = coarser;
-        statistics = measure(&samples, scale);
-    }
+    let levels = match known {
+        Some(levels) => {
+            gaussian::smooth(dims, &mut samples, [levels.scale; D]);
+            levels
+        }
+        None => smooth_for_ridges(dims, &mut samples, scale, automatic, options, notes),
+    };
     let smoothed = Volume {
         dims,
         samples: &samples,
     };
+    let candidates = ridges::ridges(smoothed, levels.scale, levels.low);
+    Found {
+        candidates: repair::repair(smoothed, candidates, levels.scale, levels.high),
+        levels,
+        mask: None,
+        min_cells: 2.0,
+        resolution: 0.9,
+    }
+}
+
+/// Smooths samples so that ridges do not drown in noise (or as the options say), and finds the
+/// thresholds of ridges there.
+fn smooth_for_ridges<const D: usize>(
+    dims: [usize; D],
+    samples: &mut [f32],
+    scale: f64,
+    automatic: impl Fn(&Statistics) -> (f32, f32),
+    options: &Options<D>,
+    notes: &mut Vec<String>,
+) -> Levels {
+    let mut scale = options.scale.unwrap_or(scale);
+    gaussian::smooth(dims, samples, [scale; D]);
+    let measure = |samples: &[f32], scale| ridges::statistics(Volume { dims, samples }, scale);
+    let mut statistics = measure(samples, scale);
+    while options.scale.is_none() && statistics.drowned() && scale < COARSEST {
+        let coarser = (1.25 * scale).min(COARSEST);
+        gaussian::smooth(
+            dims,
+            samples,
+            [(coarser * coarser - scale * scale).sqrt(); D],
+        );
+        scale = coarser;
+        statistics = measure(samples, scale);
+    }
     let (low, high) = options
         .threshold
         .map_or_else(|| automatic(&statistics), |t| (0.5 * t, t));
@@ -126,13 +168,7 @@ fn find_ridges<const D: usize>(
          {:.4}, typical strength {:.4}",
         statistics.noise, statistics.typical
     ));
-    let candidates = ridges::ridges(smoothed, scale, low);
-    Found {
-        candidates: repair::repair(smoothed, candidates, scale, high),
-        high,
-        min_cells: 2.0,
-        resolution: 0.9,
-    }
+    Levels { scale, low, high }
 }
 
 /// Crests and troughs of seismic amplitude.
@@ -140,6 +176,7 @@ fn find_horizons<const D: usize>(
     dims: [usize; D],
     mut samples: Vec<f32>,
     options: &Options<D>,
+    known: Option<Levels>,
     notes: &mut Vec<String>,
 ) -> Found<D> {
     let scale = options.scale.unwrap_or(1.0);
@@ -151,9 +188,11 @@ fn find_horizons<const D: usize>(
     };
     let normals = tensor::Normals::new(smoothed, window);
     let rms = horizons::root_mean_square(&samples);
-    let (low, high) = options
-        .threshold
-        .map_or((0.8 * rms, 1.3 * rms), |t| (0.5 * t, t));
+    let (low, high) = match (known, options.threshold) {
+        (Some(known), _) => (known.low, known.high),
+        (None, Some(t)) => (0.5 * t, t),
+        (None, None) => (0.8 * rms, 1.3 * rms),
+    };
     let chosen = if options.threshold.is_some() {
         "given"
     } else {
@@ -165,7 +204,8 @@ fn find_horizons<const D: usize>(
     ));
     Found {
         candidates: horizons::horizons(smoothed, &normals, low),
-        high,
+        levels: Levels { scale, low, high },
+        mask: None,
         // Short pieces of reflectors are everywhere, and worth no cells.
         min_cells: if D == 3 { 16.0 } else { 8.0 },
         // Reflectors lie one above the other everywhere: leave room for a layer of atoms between.
@@ -181,6 +221,7 @@ fn find_faults<const D: usize>(
     dims: [usize; D],
     mut samples: Vec<f32>,
     options: &Options<D>,
+    known: Option<Levels>,
     notes: &mut Vec<String>,
 ) -> Found<D> {
     let scale = options.scale.unwrap_or(1.0);
@@ -201,14 +242,8 @@ fn find_faults<const D: usize>(
         scale: None,
         ..*options
     };
-    let mut found = find_ridges(
-        dims,
-        likelihood,
-        FINEST,
-        faults::thresholds,
-        &of_ridges,
-        notes,
-    );
+    let scene = (dims, likelihood, FINEST);
+    let mut found = find_ridges(scene, faults::thresholds, &of_ridges, known, notes);
     found
         .candidates
         .retain(|c| crossing::dot(c.normal, layers.at(c.position)).abs() < ALONG_LAYERS);
@@ -220,6 +255,7 @@ fn find_faults<const D: usize>(
 fn find_labels<const D: usize>(
     image: &Image<D>,
     options: &Options<D>,
+    known: Option<&Settled>,
     notes: &mut Vec<String>,
 ) -> Result<Found<D>> {
     let dims = image.dims();
@@ -237,26 +273,47 @@ fn find_labels<const D: usize>(
             "choose ridges, edges or horizons, or merge labels",
         )));
     };
-    if let [a, b] = values[..] {
-        let mask = labels::mask(volume, [a, b]);
-        if mask.share < 0.25 && mask.thickness < labels::THIN {
-            notes.push(format!(
-                "a mask {:.1} samples thick, {:.1} % of the volume: its middle is the feature",
-                mask.thickness,
-                100.0 * mask.share
-            ));
-            let inside = |s: &f32| f32::from(u8::from(*s == mask.value));
-            let samples = volume.samples.iter().map(inside).collect();
-            let scale = (0.5 * mask.thickness).max(1.5);
-            return Ok(find_ridges(
-                dims,
-                samples,
-                scale,
+    let levels = known.map(Levels::from);
+    let middle_of = |value: f32, scale: f64, notes: &mut Vec<String>| {
+        let inside = |s: &f32| f32::from(u8::from(*s == value));
+        let samples = volume.samples.iter().map(inside).collect();
+        let mask = Some(value);
+        Found {
+            mask,
+            ..find_ridges(
+                (dims, samples, scale),
                 Statistics::thresholds,
                 options,
+                levels,
                 notes,
-            ));
+            )
         }
+    };
+    match (known, &values[..]) {
+        (
+            Some(Settled {
+                mask: Some(value), ..
+            }),
+            _,
+        ) => {
+            return Ok(middle_of(*value, FINEST, notes));
+        }
+        (None, &[a, b]) => {
+            let mask = labels::mask(volume, [a, b]);
+            if mask.share < 0.25 && mask.thickness < labels::THIN {
+                notes.push(format!(
+                    "a mask {:.1} samples thick, {:.1} % of the volume: its middle is the feature",
+                    mask.thickness,
+                    100.0 * mask.share
+                ));
+                return Ok(middle_of(
+                    mask.value,
+                    (0.5 * mask.thickness).max(1.5),
+                    notes,
+                ));
+            }
+        }
+        _ => {}
     }
     let scale = options.scale.unwrap_or(1.0);
     notes.push(format!(
@@ -265,7 +322,12 @@ fn find_labels<const D: usize>(
     ));
     Ok(Found {
         candidates: labels::interfaces(volume, &values, scale),
-        high: 1.0,
+        levels: Levels {
+            scale,
+            low: 0.0,
+            high: 1.0,
+        },
+        mask: None,
         min_cells: 2.0,
         resolution: 0.9,
     })

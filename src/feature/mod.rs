@@ -15,6 +15,7 @@
 //! - [`labels`]: interfaces between labels, thin masks
 //! - [`repair`](mod@repair): ridges through crossings and up to the box's sides
 //! - [`grid`]: candidates by sample
+//! - [`settled`](mod@settled): a part of an image, treated as the whole was
 //! - [`sheets`](mod@sheets): hysteresis, sheets too near one another, crumbs
 //! - [`potential`](mod@potential): b(x)
 //! - `find`: the candidates of each kind of feature
@@ -34,6 +35,7 @@ pub mod repair;
 pub mod ridges;
 pub mod rows;
 pub mod scan;
+pub mod settled;
 pub mod sheets;
 pub mod symmetric;
 pub mod tensor;
@@ -47,9 +49,13 @@ mod tests;
 
 use crate::error::{Error, Result, cause};
 use crate::image::{Field, Image};
+use serde::{Deserialize, Serialize};
+use sheets::Open;
 use std::fmt;
 use std::str::FromStr;
 use volume::Volume;
+
+pub use settled::{Settled, detect_part};
 
 /// One detected point of a feature (fault, horizon, wall) at its sub-sample position.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -75,10 +81,13 @@ pub struct Features<const D: usize> {
     pub sigma: f64,
     /// One or more plain lines: what was picked and why, threshold, counts.
     pub notes: Vec<String>,
+    /// The scales and thresholds that were settled on, one for each kind of feature followed.
+    pub settled: Vec<Settled>,
 }
 
 /// What a feature of the image is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Kind {
     /// Decided by what the image looks like.
     Auto,
@@ -196,15 +205,15 @@ pub fn detect<const D: usize>(image: &Image<D>, options: &Options<D>) -> Result<
         kind => kind,
     };
     if kind != Kind::FaultsAndHorizons {
-        return follow(image, kind, options, notes);
+        return follow(image, kind, options, None, notes);
     }
     // A threshold is one of amplitude, and the faults' own is found from the image.
     let of_faults = Options {
         threshold: None,
         ..*options
     };
-    let faults = follow(image, Kind::Faults, &of_faults, notes)?;
-    let horizons = follow(image, Kind::Horizons, options, Vec::new())?;
+    let faults = follow(image, Kind::Faults, &of_faults, None, notes)?;
+    let horizons = follow(image, Kind::Horizons, options, None, Vec::new())?;
     Ok(both(faults, horizons, options.weights))
 }
 
@@ -232,29 +241,58 @@ fn both<const D: usize>(
     points.sort_by(last_axis_first);
     (first.points, first.on_horizon) = points.into_iter().unzip();
     first.notes.extend(second.notes);
+    first.settled.extend(second.settled);
     first
 }
 
-/// Finds the features of one kind and their potential.
+/// No features.
+pub(crate) fn empty<const D: usize>(dims: [usize; D], options: &Options<D>) -> Features<D> {
+    Features {
+        points: Vec::new(),
+        on_horizon: Vec::new(),
+        potential: Field {
+            dims,
+            step: options.step,
+            samples: vec![0.0; dims.iter().product()],
+        },
+        sigma: options.d_min / 4.0,
+        notes: Vec::new(),
+        settled: Vec::new(),
+    }
+}
+
+/// Finds the features of one kind and their potential; of a part of an image, by what is known of
+/// the whole.
 fn follow<const D: usize>(
     image: &Image<D>,
     kind: Kind,
     options: &Options<D>,
+    known: Option<(&Settled, &Open<D>)>,
     mut notes: Vec<String>,
 ) -> Result<Features<D>> {
     let dims = image.dims();
-    let found = find::find(image, kind, options, &mut notes)?;
+    let found = find::find(image, kind, options, known.map(|(s, _)| s), &mut notes)?;
     let side = |k: usize| (dims[k] as f64 - 1.0) * options.step[k];
     let section = (0..D)
         .map(|k| (1..D).map(|l| side((k + l) % D)).product())
         .fold(0.0, f64::max);
+    // In a small image a large sheet is smaller.
+    let min_area = (found.min_cells * options.d_min.powi(D as i32 - 1)).min(0.25 * section);
     let rules = sheets::Rules {
-        high: found.high,
+        high: found.levels.high,
         resolution: found.resolution * options.d_min,
-        // In a small image a large sheet is smaller.
-        min_area: (found.min_cells * options.d_min.powi(D as i32 - 1)).min(0.25 * section),
+        min_area: known.map_or(min_area, |(settled, _)| settled.min_area),
+        open: known.map_or([[false; 2]; D], |(_, open)| *open),
     };
     let sheets = sheets::sheets(dims, &found.candidates, options.step, &rules);
+    let settled = Settled {
+        kind,
+        scale: found.levels.scale,
+        low: found.levels.low,
+        high: found.levels.high,
+        min_area: rules.min_area,
+        mask: found.mask,
+    };
     drop(found);
     notes.push(format!(
         "{} feature points in {} sheets; dropped {} nearer than {:.1} to a stronger parallel sheet \
@@ -288,6 +326,7 @@ fn follow<const D: usize>(
         potential,
         sigma,
         notes,
+        settled: vec![settled],
     })
 }
 

@@ -12,15 +12,22 @@ use crate::feature::FeaturePoint;
 /// No sheet.
 const FREE: u32 = u32::MAX;
 
+/// Along each axis, whether the image goes on beyond its low and its high side: true for the sides
+/// along which a part was cut from a larger image.
+pub type Open<const D: usize> = [[bool; 2]; D];
+
 /// What a sheet must be.
 #[derive(Debug, Clone, Copy)]
-pub struct Rules {
+pub struct Rules<const D: usize> {
     /// A sheet has at least one point as strong as this.
     pub high: f32,
     /// Parallel sheets nearer than this (lattice units) exclude one another.
     pub resolution: f64,
     /// A sheet covers at least this area (lattice units squared; in 2-D this length).
     pub min_area: f64,
+    /// A sheet that reaches an open side may be larger than what is seen of it, and is not judged by
+    /// its area.
+    pub open: Open<D>,
 }
 
 /// Points that were kept, and what happened to the others.
@@ -63,7 +70,7 @@ pub fn sheets<const D: usize>(
     dims: [usize; D],
     candidates: &[Candidate<D>],
     step: [f64; D],
-    rules: &Rules,
+    rules: &Rules<D>,
 ) -> Sheets<D> {
     let grid = Grid::new(dims, candidates);
     let mut growth = Growth {
@@ -83,7 +90,7 @@ pub fn sheets<const D: usize>(
         }
         if growth.owner[seed] == FREE && growth.blocker[seed] == FREE {
             let area = growth.grow(seed, sheets as u32);
-            if area < rules.min_area {
+            if area < rules.min_area && !growth.reaches(&rules.open) {
                 growth.give_up();
             } else {
                 sheets += 1;
@@ -177,6 +184,17 @@ impl<const D: usize> Growth<'_, D> {
             self.take_neighbours(i, sheet);
         }
         area
+    }
+
+    /// Whether the last sheet reaches an open side.
+    fn reaches(&self, open: &Open<D>) -> bool {
+        self.members.iter().any(|&i| {
+            let at = self.grid.coordinates(&self.grid.candidates[i]);
+            (0..D).any(|k| {
+                let last = self.grid.dims[k] as i32 - 1;
+                open[k][0] && at[k] <= 1 || open[k][1] && at[k] >= last - 1
+            })
+        })
     }
 
     /// Takes the free candidates of the 26 neighbouring samples that continue the sheet, if there

@@ -7,6 +7,17 @@ impl Improver<'_> {
     /// Moves node `gone` into node `kept`, if everything that holds the one holds the other and
     /// every tetrahedron that changes is better than `floor`.
     pub(super) fn collapse(&mut self, gone: u32, kept: u32, floor: f64) -> bool {
+        self.collapse_if(gone, kept, floor, true)
+    }
+
+    /// The same, but new edges may pass through features unless `features_first`.
+    pub(super) fn collapse_if(
+        &mut self,
+        gone: u32,
+        kept: u32,
+        floor: f64,
+        features_first: bool,
+    ) -> bool {
         let (g, k) = (self.holds[gone as usize], self.holds[kept as usize]);
         if g.axes == 7 || !g.within(&k) {
             return false;
@@ -35,7 +46,7 @@ impl Improver<'_> {
             }
             self.fresh.push(new);
         }
-        if good {
+        if good && features_first {
             let mut rim: Vec<u32> = self.fresh.iter().flatten().copied().collect();
             rim.sort_unstable();
             rim.dedup();

@@ -30,8 +30,9 @@ pub fn exude(
     let poor_before = improver.poor().len();
     improver.recover();
     let counts = improver.counts;
-    let holds;
-    (*mesh, *kinds, holds) = improver.into_parts(kinds);
+    let finished = improver.finish(kinds);
+    (*mesh, *kinds) = (finished.mesh, finished.kinds);
+    let holds = finished.holds;
 
     mesh.tets = exude::unweighted(&mesh.nodes)?;
     let keep: Vec<[u32; 3]> = faces_on_sheets(mesh, &holds, sheets)

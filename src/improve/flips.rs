@@ -56,7 +56,7 @@ impl Improver<'_> {
     ) -> bool {
         let r = &ring.nodes;
         let m = r.len();
-        if m < 3 || (!ring.closed && !self.on_one_side(a, b, r[0], r[m - 1])) {
+        if m < 3 || (!ring.closed && !self.in_side(&[a, b, r[0], r[m - 1]])) {
             return false;
         }
         // best[i][j]: the best smallest sine of a triangulation of the polygon i..=j.
@@ -124,16 +124,6 @@ impl Improver<'_> {
         }
         self.commit(&ring.tets);
         true
-    }
-
-    /// Whether four nodes lie in one side of the box.
-    fn on_one_side(&self, a: u32, b: u32, c: u32, d: u32) -> bool {
-        let hold = |i: u32| self.holds[i as usize].axes;
-        let common = hold(a) & hold(b) & hold(c) & hold(d);
-        (0..3).any(|k| {
-            let at = |i: u32| self.complex.nodes[i as usize][k];
-            common >> k & 1 == 1 && at(a) == at(b) && at(b) == at(c) && at(c) == at(d)
-        })
     }
 
     /// The 2-3 swap at face k of `t`.

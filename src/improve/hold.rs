@@ -17,7 +17,7 @@ pub struct Hold {
     pub far: bool,
     /// On one sheet, and no other is near.
     pub alone: bool,
-    normals: [[f32; 3]; 2],
+    pub(super) normals: [[f32; 3]; 2],
 }
 
 impl Hold {

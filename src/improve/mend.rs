@@ -237,12 +237,10 @@ impl Improver<'_> {
             self.complex.nodes[b as usize],
         );
         let (ha, hb) = (self.holds[a as usize], self.holds[b as usize]);
-        let mut hold = Hold::default();
-        for k in 0..3 {
-            if (ha.axes & hb.axes) >> k & 1 == 1 && p[k] == q[k] {
-                hold.axes |= 1 << k;
-            }
-        }
+        let mut hold = Hold {
+            axes: self.common_sides(&[a, b]),
+            ..Hold::default()
+        };
         for normal in ha.normals().filter(|&n| hb.on(n)) {
             hold.add(normal);
         }

@@ -10,6 +10,7 @@
 //! - `flips`: Joe's local transformations, generalised
 //! - `smooth`: max-min smoothing
 //! - [`exude`](mod@exude): the second method: nodes get weights, none of them moves
+//! - [`reshape`](mod@reshape): atoms come, go and move in a part of a mesh
 //! - [`plane`]: the same for triangles in the plane
 //!
 //! The invariant that keeps the features: *no edge passes through a sheet*. Then every tetrahedron
@@ -19,6 +20,7 @@
 pub mod exude;
 pub mod hold;
 pub mod plane;
+pub mod reshape;
 pub mod sheets;
 
 mod apart;
@@ -454,21 +456,85 @@ pub fn improve(
     let target = options.min_dihedral.to_radians().sin();
     let taken = std::mem::take(mesh);
     let mut improver = Improver::new(taken, neighbors, kinds, extent, sheets, distance, target);
-    let mut outcome = Outcome {
-        poor_before: improver.poor().len(),
-        ..Outcome::default()
-    };
-    improver.recover();
-    improver.polish(8);
-    improver.mend();
-    improver.release();
-    improver.counts.pierced_left = improver.count_pierced();
-    outcome.blocked = improver.blocked();
-    outcome.poor_after = outcome.blocked.len();
-    outcome.counts = improver.counts;
-    let holds;
-    (*mesh, *kinds, holds) = improver.into_parts(kinds);
-    (outcome, faces_on_sheets(mesh, &holds, sheets))
+    let outcome = improver.improve();
+    let finished = improver.finish(kinds);
+    (*mesh, *kinds) = (finished.mesh, finished.kinds);
+    (outcome, finished.feature_faces)
+}
+
+/// A mesh whose improvement is over.
+struct Finished {
+    mesh: TetMesh,
+    kinds: Vec<AtomKind>,
+    /// The number that each node had while the mesh was improved.
+    kept: Vec<u32>,
+    holds: Vec<Hold>,
+    feature_faces: Vec<u8>,
+}
+
+impl Improver<'_> {
+    /// All steps, in order.
+    fn improve(&mut self) -> Outcome {
+        let poor_before = self.poor().len();
+        self.recover();
+        self.polish(8);
+        self.mend();
+        self.release();
+        self.counts.pierced_left = self.count_pierced();
+        let blocked = self.blocked();
+        Outcome {
+            poor_before,
+            poor_after: blocked.len(),
+            counts: self.counts,
+            blocked,
+        }
+    }
+
+    /// The mesh, and what is known of its nodes and faces; `kinds` are those of the first nodes.
+    fn finish(self, kinds: &[AtomKind]) -> Finished {
+        let Self {
+            complex,
+            holds,
+            sheets,
+            ..
+        } = self;
+        let (mesh, kept) = complex.into_mesh();
+        let kinds = kept
+            .iter()
+            .map(|&i| match kinds.get(i as usize) {
+                Some(&kind) => kind,
+                None => match holds[i as usize].axes.count_ones() {
+                    0 => AtomKind::Interior,
+                    1 => AtomKind::Side,
+                    2 => AtomKind::Edge,
+                    _ => AtomKind::Corner,
+                },
+            })
+            .collect();
+        let holds: Vec<Hold> = kept.iter().map(|&i| holds[i as usize]).collect();
+        Finished {
+            feature_faces: faces_on_sheets(&mesh, &holds, sheets),
+            mesh,
+            kinds,
+            kept,
+            holds,
+        }
+    }
+
+    /// Whether nodes lie in one side of the box.
+    fn in_side(&self, nodes: &[u32]) -> bool {
+        self.common_sides(nodes) != 0
+    }
+
+    /// The sides in which all of the nodes lie: bit k for those normal to axis k.
+    fn common_sides(&self, nodes: &[u32]) -> u8 {
+        let within = |&k: &usize| {
+            let mut at = nodes.iter().map(|&n| self.complex.nodes[n as usize][k]);
+            let first = at.next().unwrap_or(f64::NAN);
+            (first == 0.0 || first == self.extent[k]) && at.all(|x| x == first)
+        };
+        (0..3).filter(within).fold(0, |bits, k| bits | 1 << k)
+    }
 }
 
 /// For every tetrahedron which of its faces lie on a feature: bit k for face k (opposite node k).
@@ -514,23 +580,6 @@ impl Improver<'_> {
         poor.sort_by(|a, b| self.sine_of(*a).total_cmp(&self.sine_of(*b)).then(a.cmp(b)));
         let Complex { nodes, tets, .. } = &self.complex;
         blocked(nodes, tets, &self.holds, &poor)
-    }
-
-    /// The mesh, what its nodes are (`kinds` says it of the first ones) and what holds them.
-    fn into_parts(self, kinds: &[AtomKind]) -> (TetMesh, Vec<AtomKind>, Vec<Hold>) {
-        let (mesh, kept) = self.complex.into_mesh();
-        let holds: Vec<Hold> = kept.iter().map(|&i| self.holds[i as usize]).collect();
-        let kind = |(&i, hold): (&u32, &Hold)| match kinds.get(i as usize) {
-            Some(&kind) => kind,
-            None => match hold.axes.count_ones() {
-                0 => AtomKind::Interior,
-                1 => AtomKind::Side,
-                2 => AtomKind::Edge,
-                _ => AtomKind::Corner,
-            },
-        };
-        let kinds = kept.iter().zip(&holds).map(kind).collect();
-        (mesh, kinds, holds)
     }
 }
 

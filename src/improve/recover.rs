@@ -173,13 +173,10 @@ impl Improver<'_> {
             self.complex.nodes[a as usize],
             self.complex.nodes[b as usize],
         );
-        let mut hold = Hold::default();
-        for k in 0..3 {
-            let both = self.holds[a as usize].axes & self.holds[b as usize].axes;
-            if both >> k & 1 == 1 && p[k] == q[k] {
-                hold.axes |= 1 << k;
-            }
-        }
+        let mut hold = Hold {
+            axes: self.common_sides(&[a, b]),
+            ..Hold::default()
+        };
         hold.add(sheet.normal);
         let Some(x) = hold.settle(at, self.extent, self.sheets) else {
             return false;
@@ -204,7 +201,11 @@ impl Improver<'_> {
     ) -> bool {
         let mut ring = std::mem::take(&mut self.ring);
         let mut done = false;
-        if self.complex.ring(t, a, b, 40, &mut ring) {
+        let whole = self.complex.ring(t, a, b, 40, &mut ring);
+        // What lies beyond the end of a part of a mesh must not be split from here.
+        let in_side = |r: Option<&u32>| r.is_some_and(|&r| self.in_side(&[a, b, r]));
+        let ends = ring.closed || in_side(ring.nodes.first()) && in_side(ring.nodes.last());
+        if whole && ends {
             let new = self.complex.nodes.len() as u32;
             self.fresh.clear();
             let m = ring.nodes.len();

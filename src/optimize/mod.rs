@@ -480,7 +480,7 @@ mod tests {
         let before = atoms.positions.clone();
         let run = |warmth: f64| {
             let mut atoms = atoms.clone();
-            let around = temperature::around(&before, &[centre], &distance);
+            let around = temperature::around(&before, &[(centre, distance.at(centre))]);
             let options = Options {
                 temperature: around.iter().map(|t| warmth * t).collect(),
                 max_rounds: 1,

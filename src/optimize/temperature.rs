@@ -3,28 +3,27 @@
 
 use rayon::prelude::*;
 
-use crate::distance::Distance;
-
 /// How far an edit is felt, in units of d (Hale 2002).
-const RANGE: f64 = 5.0;
+pub const RANGE: f64 = 5.0;
 
 /// The temperature of each atom, for [`Options::temperature`](super::Options::temperature): 1 where
-/// an `edited` position is, falling linearly to 0 five d away from the nearest of them, where d is
-/// that at the edited position.
-pub fn around<const D: usize>(
-    positions: &[[f64; D]],
-    edited: &[[f64; D]],
-    distance: &Distance<D>,
-) -> Vec<f64> {
-    let ranges: Vec<f64> = edited.iter().map(|x| RANGE * distance.at(*x)).collect();
-    let temperature = |x: &[f64; D]| {
-        let of = |(y, range): (&[f64; D], &f64)| {
-            let r2: f64 = (0..D).map(|k| (x[k] - y[k]).powi(2)).sum();
-            1.0 - r2.sqrt() / range
-        };
-        edited.iter().zip(&ranges).map(of).fold(0.0, f64::max)
+/// an `edited` position is, falling linearly to 0 five d away from the nearest of them; each comes
+/// with the d that is there.
+pub fn around<const D: usize>(positions: &[[f64; D]], edited: &[([f64; D], f64)]) -> Vec<f64> {
+    let temperature = |x: &[f64; D]| 1.0 - closeness(x, edited) / RANGE;
+    positions
+        .par_iter()
+        .map(|x| temperature(x).max(0.0))
+        .collect()
+}
+
+/// The distance of a position from the nearest edited one, in units of the d there.
+pub fn closeness<const D: usize>(x: &[f64; D], edited: &[([f64; D], f64)]) -> f64 {
+    let of = |(y, d): &([f64; D], f64)| {
+        let r2: f64 = (0..D).map(|k| (x[k] - y[k]).powi(2)).sum();
+        r2.sqrt() / d
     };
-    positions.par_iter().map(temperature).collect()
+    edited.iter().map(of).fold(f64::INFINITY, f64::min)
 }
 
 #[cfg(test)]
@@ -40,10 +39,10 @@ mod tests {
             [3.0, 24.1],
             [40.0, 4.0],
         ];
-        let t = around(&x, &[[3.0, 4.0]], &Distance::Constant(4.0));
+        let t = around(&x, &[([3.0, 4.0], 4.0)]);
         assert_eq!((t[0], t[1], t[3], t[4]), (1.0, 0.5, 0.0, 0.0));
         assert!(t[2] > 0.0 && t[2] < 0.01);
-        let t = around(&x, &[[3.0, 4.0], [40.0, 4.0]], &Distance::Constant(4.0));
+        let t = around(&x, &[([3.0, 4.0], 4.0), ([40.0, 4.0], 4.0)]);
         assert_eq!((t[0], t[4]), (1.0, 1.0));
     }
 }

@@ -3,10 +3,11 @@
 
 use rayon::prelude::*;
 
-use super::horizons::on_horizons;
+use super::horizons::horizon_bits;
 use super::{Meshing, Outcome, Space};
 use crate::error::cause;
 use crate::export::{FieldValue, MeshFile, face_bits_to_physical, to_physical, turned};
+use crate::feature::Settled;
 use crate::flow::barriers::marks_of_bits;
 use crate::image::Geometry;
 use crate::io::vtk::{DataArray, Values};
@@ -50,8 +51,7 @@ where
     let cells = || (0..lattice.len()).into_par_iter();
     let smallest: Vec<f32> = cells().map(|c| lattice.smallest_angle(c) as f32).collect();
     let volume: Vec<f32> = cells().map(|c| mesh.volume(c) as f32).collect();
-    let marks: Vec<bool> = marks_of_bits::<D>(&outcome.feature_faces).collect();
-    let horizons = on_horizons(lattice, &marks, &outcome.features);
+    let horizons = horizon_bits(lattice, &outcome.feature_faces, &outcome.features);
     let mut file = MeshFile {
         mesh,
         point_data: vec![
@@ -68,13 +68,14 @@ where
                 face_bits_to_physical(&outcome.feature_faces, geometry),
             ),
         ],
-        field_data: common_fields(geometry, outcome.step, outcome.extent, provenance),
+        field_data: {
+            let mut fields = common_fields(geometry, outcome.step, outcome.extent, provenance);
+            fields.extend(settled_field(&outcome.features.settled));
+            fields
+        },
     };
     if !horizons.is_empty() {
-        let bit = |(k, on): (usize, &bool)| u8::from(*on) << k;
-        let bits = |faces: &[bool]| faces.iter().enumerate().map(bit).sum();
-        let bits: Vec<u8> = horizons.chunks_exact(D + 1).map(bits).collect();
-        let bits = face_bits_to_physical(&bits, geometry);
+        let bits = face_bits_to_physical(&horizons, geometry);
         file.cell_data.push(DataArray::scalars(HORIZON_FACES, bits));
     }
     file
@@ -82,9 +83,26 @@ where
 
 /// The array that says which faces on features lie on horizons, which are no barriers to flow: bits
 /// of cells as in `feature_faces`, or for polyhedra and polygons pairs of cells.
-pub(super) const HORIZON_FACES: &str = "horizon_faces";
+pub(crate) const HORIZON_FACES: &str = "horizon_faces";
 /// The field of units of the coordinates, commas between them.
 const UNITS: &str = "units";
+/// The name under which a file keeps what feature detection settled on.
+const SETTLED: &str = "features";
+
+/// What feature detection settled on, so that a part of the mesh can be made again alike.
+pub fn settled_field(settled: &[Settled]) -> Option<(String, FieldValue)> {
+    let text = serde_json::to_string(settled).ok()?;
+    Some((SETTLED.into(), FieldValue::Text(text)))
+}
+
+/// The same, of a file; `None` if it does not say.
+pub fn settled_of<M>(file: &MeshFile<M>) -> Option<Vec<Settled>> {
+    let mut fields = file.field_data.iter();
+    fields.find_map(|(name, value)| match value {
+        FieldValue::Text(text) if name == SETTLED => serde_json::from_str(text.trim()).ok(),
+        _ => None,
+    })
+}
 
 /// What every file says of itself: what made it, and where its lattice space is.
 pub(super) fn common_fields<const D: usize>(

@@ -3,12 +3,28 @@
 use rayon::prelude::*;
 
 use crate::feature::Features;
+use crate::flow::barriers::marks_of_bits;
+use crate::report::Measured;
 use crate::surface::faceted::Faceted;
 use crate::surface::facets::{add_scaled, dot, length, normal, sub};
 use crate::surface::near::Grid;
 
 /// Points are of a face's feature if their normals are within 45 degrees of its.
 const ALONG: f64 = 0.7;
+
+/// For each simplex of a mesh in lattice space which of its faces on features, given as bits, lie on
+/// horizons. Empty if none does.
+pub(crate) fn horizon_bits<const D: usize, M: Measured<D>>(
+    mesh: &M,
+    feature_faces: &[u8],
+    features: &Features<D>,
+) -> Vec<u8> {
+    let marks: Vec<bool> = marks_of_bits::<D>(feature_faces).collect();
+    let bit = |(k, on): (usize, &bool)| u8::from(*on) << k;
+    let bits = |faces: &[bool]| faces.iter().enumerate().map(bit).sum();
+    let on = on_horizons(mesh, &marks, features);
+    on.chunks_exact(D + 1).map(bits).collect()
+}
 
 /// For each number of a face of a mesh in lattice space whether it lies on a horizon; `marks` says
 /// which lie on features. Empty if none does.

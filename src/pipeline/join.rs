@@ -5,6 +5,7 @@ use crate::delaunay::{self, Delaunay};
 use crate::distance::Distance;
 use crate::feature::{FeaturePoint, Features};
 use crate::improve::exude::exude;
+use crate::improve::reshape::{Reshaped, Wanted};
 use crate::improve::sheets::Sheets;
 use crate::improve::{self, Method, plane};
 use crate::mesh::poly::PolyMesh;
@@ -34,6 +35,18 @@ pub trait Meshing<const D: usize> {
         improvement: Option<&improve::Options>,
         begin: &mut dyn FnMut(&str),
     ) -> Result<Joined<Self::Mesh>>;
+
+    /// The same for a part of a mesh whose atoms have come, gone and moved. The rest of the mesh stays,
+    /// and so do the part's outer faces.
+    ///
+    /// # Errors
+    /// The number of the node that cannot be put where it must be, or cannot go.
+    fn rejoin(
+        part: Self::Mesh,
+        wanted: Wanted<D>,
+        scene: &Scene<'_, D>,
+        min_angle: f64,
+    ) -> std::result::Result<Reshaped<Self::Mesh>, u32>;
 
     /// The Voronoi cells of atoms inside the box `[0, extent]`, cut by it.
     ///
@@ -164,6 +177,25 @@ impl Meshing<3> for Space<3> {
         })
     }
 
+    fn rejoin(
+        part: TetMesh,
+        mut wanted: Wanted<3>,
+        scene: &Scene<'_, 3>,
+        min_angle: f64,
+    ) -> std::result::Result<Reshaped<TetMesh>, u32> {
+        let Scene {
+            extent, distance, ..
+        } = *scene;
+        let sheets = Self::sheets(scene);
+        let reach = SETTLE * distance.min();
+        improve::settle(&mut wanted.targets, &wanted.kinds, extent, &sheets, reach);
+        let options = improve::Options {
+            min_dihedral: min_angle,
+            method: Method::Joe,
+        };
+        improve::reshape::reshape(part, &wanted, extent, &sheets, distance, &options)
+    }
+
     fn cells(atoms: &[[f64; 3]], extent: [f64; 3]) -> Result<PolyMesh<3>> {
         voronoi::voronoi(atoms, extent)
     }
@@ -222,6 +254,21 @@ impl Meshing<2> for Space<2> {
             improvement: Some(Improvement::from(&outcome)),
             rival: None,
         })
+    }
+
+    fn rejoin(
+        part: TriMesh,
+        mut wanted: Wanted<2>,
+        scene: &Scene<'_, 2>,
+        min_angle: f64,
+    ) -> std::result::Result<Reshaped<TriMesh>, u32> {
+        let Scene {
+            extent, distance, ..
+        } = *scene;
+        let sheets = Self::sheets(scene);
+        let reach = SETTLE * distance.min();
+        plane::settle(&mut wanted.targets, &wanted.kinds, extent, &sheets, reach);
+        plane::reshape(&part, &wanted, extent, &sheets, distance, min_angle)
     }
 
     fn cells(atoms: &[[f64; 2]], extent: [f64; 2]) -> Result<PolyMesh<2>> {

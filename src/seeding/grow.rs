@@ -501,5 +501,20 @@ pub(super) mod tests {
         };
         assert_eq!(neighbours(Seeding::Grown), 24);
         assert!(neighbours(Seeding::Regular) < 4);
+        // In the plane they are six.
+        let (well, extent) = ([22.3, 31.1], [61.0, 57.0]);
+        let atoms = seed(
+            Seeding::Grown,
+            extent,
+            &Distance::Constant(5.0),
+            &[well],
+            Alignment::On,
+        );
+        let atoms = atoms.unwrap().positions;
+        let taken = |step: [f64; 2]| {
+            let site = [well[0] + 5.0 * step[0], well[1] + 5.0 * step[1]];
+            atoms.iter().any(|x| distance2(x, &site) < 1e-12)
+        };
+        assert!(steps::<2>(&[0, 1]).into_iter().all(taken));
     }
 }

@@ -74,12 +74,12 @@ impl<const D: usize> Atoms<D> {
 }
 
 /// The number of sides of the box `[0, extent]` on which `x` lies exactly.
-fn sides_held<const D: usize>(x: [f64; D], extent: [f64; D]) -> usize {
+pub fn sides_held<const D: usize>(x: [f64; D], extent: [f64; D]) -> usize {
     (0..D).filter(|&k| x[k] <= 0.0 || x[k] >= extent[k]).count()
 }
 
 /// The kind of an atom at `x` that no user fixed.
-fn kind_in_box<const D: usize>(x: [f64; D], extent: [f64; D]) -> AtomKind {
+pub fn kind_in_box<const D: usize>(x: [f64; D], extent: [f64; D]) -> AtomKind {
     let held = sides_held(x, extent);
     if held == 0 {
         AtomKind::Interior

@@ -128,12 +128,14 @@ impl Improver<'_> {
             fresh.extend([[d, b, node], [d, node, a]]);
         }
         let mut at = at;
-        if self.on_side(a, b) {
+        let sides = self.sides_of(a, b);
+        if across.is_none() && sides == 0 {
+            // The end of a part of a mesh: what lies beyond must not be split from here.
+            return false;
+        }
+        for i in (0..2).filter(|i| sides >> i & 1 == 1) {
             // Exactly in the side.
-            let axes = self.holds[a as usize].axes & self.holds[b as usize].axes;
-            for i in (0..2).filter(|i| axes >> i & 1 == 1) {
-                at[i] = self.nodes[a as usize][i];
-            }
+            at[i] = self.nodes[a as usize][i];
         }
         self.nodes.push(at);
         let worst = fresh.iter().map(|&f| self.cotangent(f)).fold(0.0, f64::max);
@@ -198,7 +200,7 @@ impl Improver<'_> {
             self.cotangent(moved(triangle)) < limit && triangle.iter().all(free)
         });
         // On a side of the box only along it.
-        let along = p.axes & 3 == 0 || self.on_side(a, b);
+        let along = p.axes & 3 == 0 || self.sides_of(a, b) != 0;
         if sound && along {
             for &t in star.iter().filter(|t| holds_b(t)).collect::<Vec<_>>() {
                 let triangle = self.triangles[t as usize];

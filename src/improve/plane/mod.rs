@@ -15,7 +15,10 @@
 
 mod edges;
 mod recover;
+mod reshape;
 mod smooth;
+
+pub use reshape::reshape;
 
 use super::hold::Hold;
 use super::mend::UNUSABLE;
@@ -60,23 +63,21 @@ pub fn improve(
     distance: &Distance<2>,
     min_angle: f64,
 ) -> (Outcome, Vec<u8>) {
-    let mut improver = Improver::new(std::mem::take(mesh), kinds, extent, sheets, distance);
-    let cotangent = |degrees: f64| 1.0 / degrees.to_radians().tan();
-    improver.target = cotangent(min_angle);
-    improver.enough = cotangent((min_angle + MARGIN).min(59.0));
-    let poor_before = improver.poor().len();
-    improver.recover();
-    improver.polish();
-    improver.release();
-    let (counts, blocked) = (improver.counts, improver.blocked());
-    let outcome = Outcome {
-        poor_before,
-        poor_after: blocked.len(),
-        counts,
-        blocked,
-    };
-    let on_features = improver.finish(mesh, kinds);
-    (outcome, on_features)
+    let taken = std::mem::take(mesh);
+    let mut improver = Improver::new(taken, kinds, extent, sheets, distance, min_angle);
+    let outcome = improver.improve();
+    let finished = improver.finish();
+    (*mesh, *kinds) = (finished.mesh, finished.kinds);
+    (outcome, finished.feature_faces)
+}
+
+/// A mesh whose improvement is over.
+struct Finished {
+    mesh: TriMesh,
+    kinds: Vec<AtomKind>,
+    /// The number that each node had while the mesh was improved.
+    kept: Vec<u32>,
+    feature_faces: Vec<u8>,
 }
 
 struct Improver<'a> {
@@ -108,7 +109,9 @@ impl<'a> Improver<'a> {
         extent: [f64; 2],
         sheets: &'a Sheets,
         distance: &'a Distance<2>,
+        min_angle: f64,
     ) -> Self {
+        let cotangent = |degrees: f64| 1.0 / degrees.to_radians().tan();
         let TriMesh { nodes, triangles } = mesh;
         let holds = nodes
             .iter()
@@ -131,45 +134,65 @@ impl<'a> Improver<'a> {
             extent,
             sheets,
             distance,
-            target: f64::INFINITY,
-            enough: f64::INFINITY,
+            target: cotangent(min_angle),
+            enough: cotangent((min_angle + MARGIN).min(59.0)),
             counts: Counts::default(),
             queue: Vec::new(),
             star: Vec::new(),
         }
     }
 
+    /// All steps, in order.
+    fn improve(&mut self) -> Outcome {
+        let poor_before = self.poor().len();
+        self.recover();
+        self.polish();
+        self.release();
+        let blocked = self.blocked();
+        Outcome {
+            poor_before,
+            poor_after: blocked.len(),
+            counts: self.counts,
+            blocked,
+        }
+    }
+
     /// The compact mesh, and which edges of it lie on features.
-    fn finish(self, mesh: &mut TriMesh, kinds: &mut Vec<AtomKind>) -> Vec<u8> {
-        let on_features = self
-            .alive()
-            .map(|t| {
-                let on = |k: &usize| {
-                    let [a, b] = SIDES[*k].map(|i| self.triangles[t as usize][i]);
-                    self.on_feature(a, b)
-                };
-                (0..3).filter(on).fold(0, |bits, k| bits | 1 << k)
-            })
-            .collect();
+    fn finish(self) -> Finished {
+        let on_feature = |t: u32| {
+            let on = |k: &usize| {
+                let [a, b] = SIDES[*k].map(|i| self.triangles[t as usize][i]);
+                self.on_feature(a, b)
+            };
+            (0..3).filter(on).fold(0, |bits, k| bits | 1 << k)
+        };
+        let feature_faces = self.alive().map(on_feature).collect();
         let mut used = vec![false; self.nodes.len()];
         for t in self.alive() {
             for n in self.triangles[t as usize] {
                 used[n as usize] = true;
             }
         }
+        let kept: Vec<u32> = (0..used.len() as u32)
+            .filter(|&n| used[n as usize])
+            .collect();
         let mut number = vec![NONE; self.nodes.len()];
-        kinds.clear();
-        mesh.nodes.clear();
-        for n in (0..used.len()).filter(|&n| used[n]) {
-            number[n] = mesh.nodes.len() as u32;
-            mesh.nodes.push(self.nodes[n]);
-            kinds.push(self.kinds[n]);
+        for (new, &n) in kept.iter().enumerate() {
+            number[n as usize] = new as u32;
         }
-        mesh.triangles = self
+        let triangles = self
             .alive()
             .map(|t| self.triangles[t as usize].map(|n| number[n as usize]))
             .collect();
-        on_features
+        Finished {
+            mesh: TriMesh {
+                nodes: kept.iter().map(|&n| self.nodes[n as usize]).collect(),
+                triangles,
+            },
+            kinds: kept.iter().map(|&n| self.kinds[n as usize]).collect(),
+            kept,
+            feature_faces,
+        }
     }
 
     fn alive(&self) -> impl Iterator<Item = u32> + '_ {
@@ -230,9 +253,11 @@ impl<'a> Improver<'a> {
             .any(|s| s.offset.abs() < FACE_ON_SHEET && along(s.normal))
     }
 
-    /// Whether an edge lies in a side of the box.
-    fn on_side(&self, a: u32, b: u32) -> bool {
-        self.holds[a as usize].axes & self.holds[b as usize].axes & 3 != 0
+    /// The sides of the box in which an edge lies: bit k for those normal to axis k.
+    fn sides_of(&self, a: u32, b: u32) -> u8 {
+        let (x, y) = (self.nodes[a as usize], self.nodes[b as usize]);
+        let within = |&k: &usize| x[k] == y[k] && (x[k] == 0.0 || x[k] == self.extent[k]);
+        (0..2).filter(within).fold(0, |bits, k| bits | 1 << k)
     }
 
     /// Flips side `k` of `t` if that raises the smallest angle and no feature is lost.

@@ -1,0 +1,125 @@
+//! `atomesh edit` as a user runs it.
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "a test that cannot go on has failed"
+)]
+
+mod common;
+
+use common::{npy, refused, sheet, succeed};
+use serde_json::Value;
+
+fn json(folder: &std::path::Path, arguments: &[&str]) -> Value {
+    let arguments = [arguments, &["--json", "--quiet"]].concat();
+    serde_json::from_str(&succeed(folder, &arguments)).unwrap()
+}
+
+fn words(line: &str) -> Vec<&str> {
+    line.split_whitespace().collect()
+}
+
+#[test]
+#[cfg(feature = "tetgen")]
+fn wells_come_and_go_in_a_volume() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let dims = [60, 44, 40];
+    npy(&at.join("image.npy"), dims, sheet(dims));
+    let mesh = "mesh image.npy -o mesh.vtu --distance 5 --feature ridges --quiet";
+    succeed(at, &words(mesh));
+    std::fs::write(
+        at.join("edits.csv"),
+        "# two wells and an atom too many\nadd,10.5,12,8\nadd, 10.5, 12, 20.5\nremove,300\n",
+    )
+    .unwrap();
+    let edit = "edit mesh.vtu image.npy -o edited.vtu --edits edits.csv --move 200:16.5,9,30";
+    let said = json(at, &words(edit));
+    let atoms = said["atoms"].as_array().unwrap();
+    assert_eq!(atoms[0], 200);
+    assert!(
+        atoms[1].is_u64() && atoms[2].is_u64() && atoms[3].is_null(),
+        "{said}"
+    );
+    let angle = |q: &Value| q["smallest_angle"]["worst"].as_f64().unwrap();
+    assert!(angle(&said["quality"][1]) > 25.0, "{said}");
+    let stages = said["stages"].as_array().unwrap();
+    assert_eq!(stages[0]["stage"], "reading");
+
+    assert_eq!(json(at, &["validate", "edited.vtu"])["valid"], true);
+    let info = json(at, &["info", "edited.vtu"]);
+    let edits = info["fields"]["edits"].as_str().unwrap();
+    assert_eq!(edits.lines().count(), 4, "{edits}");
+    // Same input, same bytes; and an edited mesh can be edited again, and painted, and drawn.
+    let bytes = std::fs::read(at.join("edited.vtu")).unwrap();
+    succeed(
+        at,
+        &[&words(edit)[..], &["--threads", "1", "--quiet"]].concat(),
+    );
+    assert!(bytes == std::fs::read(at.join("edited.vtu")).unwrap());
+    let table = succeed(
+        at,
+        &words("edit edited.vtu image.npy -o again.vtu --remove 200 --quiet --json"),
+    );
+    assert!(table.contains("again.vtu"));
+    succeed(at, &words("slice image.npy again.vtu -o again.png --quiet"));
+
+    for (line, names) in [
+        ("edit mesh.vtu image.npy -o x.vtu", &["nothing to do"][..]),
+        (
+            "edit mesh.vtu image.npy -o x.vtu --add 1,2",
+            &["--add 1,2", "3"],
+        ),
+        (
+            "edit mesh.vtu image.npy -o x.vtu --add 99,2,3",
+            &["--add 99,2,3", "outside"],
+        ),
+        (
+            "edit mesh.vtu image.npy -o x.vtu --remove 99999999",
+            &["--remove", "99999999"],
+        ),
+        (
+            "edit mesh.vtu image.npy -o x.vtu --move 7",
+            &["--move 7", "colon"],
+        ),
+        (
+            "edit mesh.vtu image.npy -o mesh.vtu --remove 7",
+            &["overwrite"],
+        ),
+        ("edit mesh.vtu image.npy -o x.png --remove 7", &[".vtu"]),
+    ] {
+        let error = refused(at, &words(line));
+        assert!(names.iter().all(|name| error.contains(name)), "{error}");
+    }
+}
+
+#[test]
+fn and_in_the_plane() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    succeed(
+        at,
+        &words("synth faults -o slice.png --signal-to-noise 10 --dims 128,112 --quiet"),
+    );
+    succeed(at, &words("mesh slice.png -o mesh.vtu --quiet"));
+    let said = json(
+        at,
+        &words("edit mesh.vtu slice.png -o edited.vtu --add 30.5,40.25 --remove 100 --free"),
+    );
+    assert!(
+        said["atoms"][0].is_u64() && said["atoms"][1].is_null(),
+        "{said}"
+    );
+    assert_eq!(json(at, &["validate", "edited.vtu"])["valid"], true);
+    let error = refused(at, &words("edit mesh.vtu slice.png -o x.vtu --add 1,2,3"));
+    assert!(error.contains("--add 1,2,3"), "{error}");
+    succeed(at, &words("synth faults -o other.png --dims 64,64 --quiet"));
+    let error = refused(at, &words("edit mesh.vtu other.png -o x.vtu --remove 100"));
+    assert!(error.contains("[64, 64]"), "{error}");
+    succeed(
+        at,
+        &words("mesh slice.png -o cells.vtu --cells voronoi --quiet"),
+    );
+    let error = refused(at, &words("edit cells.vtu slice.png -o x.vtu --remove 100"));
+    assert!(error.contains("Voronoi"), "{error}");
+}

@@ -16,7 +16,6 @@
 //! - [`grid`]: candidates by sample
 //! - [`sheets`](mod@sheets): hysteresis, sheets too near one another, crumbs
 //! - [`potential`](mod@potential): b(x)
-//! - `wide`: loops for wide vectors
 
 pub mod auto;
 pub mod crossing;
@@ -34,7 +33,6 @@ pub mod sheets;
 pub mod symmetric;
 pub mod tensor;
 pub mod volume;
-mod wide;
 
 #[cfg(test)]
 mod scenes;

@@ -6,6 +6,67 @@ use crate::mesh::{AtomKind, add_scaled, dot, norm};
 /// Nodes this close to a sheet lie on it: settling leaves less.
 const ON_SHEET: f64 = 0.11;
 
+/// The sheets near a node.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Beside {
+    /// None is close.
+    Nothing,
+    /// One: its normal, and the node's signed distance from it.
+    One([f32; 3], f32),
+    /// Several.
+    Several,
+}
+
+impl Beside {
+    /// Whether both ends of an edge, between two nodes with these sheets beside them, are surely on the
+    /// same side of these. `alone` tells which end is on its only sheet.
+    #[inline]
+    pub fn on_one_side(self, other: Self, edge: [f64; 3], alone: [bool; 2]) -> bool {
+        let edge = edge.map(|c| c as f32);
+        let along = |n: [f32; 3]| n[0] * edge[0] + n[1] * edge[1] + n[2] * edge[2];
+        match (self, other) {
+            (Self::One(m, r), Self::One(n, s)) => {
+                // Where each end is with respect to the other's sheet: if an end on a sheet is about
+                // on the other's, they are one.
+                let (p, q) = (s - along(n), r + along(m));
+                let from_first = p * s > 0.0 || alone[0] && p.abs() < ONE_SHEET;
+                let from_second = q * r > 0.0 || alone[1] && q.abs() < ONE_SHEET;
+                (alone[1] || from_first) && (alone[0] || from_second)
+            }
+            (Self::One(..), Self::Nothing) => alone[0],
+            (Self::Nothing, Self::One(..)) => alone[1],
+            _ => false,
+        }
+    }
+}
+
+/// Two planes are of one sheet if a point on one is at most this far off the other.
+const ONE_SHEET: f32 = 1.0;
+
+/// The directions in which a node may move.
+#[derive(Debug, Clone, Copy)]
+pub struct Freedom {
+    axes: u8,
+    /// Directions, at right angles to one another and to the fixed axes, that are taken away.
+    basis: [Option<[f64; 3]>; 2],
+}
+
+impl Freedom {
+    /// The part of `v` along which the node may move.
+    #[inline]
+    pub fn project(&self, mut v: [f64; 3]) -> [f64; 3] {
+        for b in self.basis.iter().flatten() {
+            v = add_scaled(v, -dot(v, *b), *b);
+        }
+        for k in 0..3 {
+            if self.axes >> k & 1 == 1 {
+                v[k] = 0.0;
+            }
+        }
+        v
+    }
+}
+
 /// The constraints of one node.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Hold {
@@ -22,17 +83,27 @@ pub struct Hold {
 
 impl Hold {
     /// By the sides of the box `[0, extent]` and by the features on which the node lies.
-    pub fn new(x: [f64; 3], kind: AtomKind, extent: [f64; 3], sheets: &Sheets) -> Self {
+    ///
+    /// Also gives the sheets that are near, of which those that do not hold the node are known only if
+    /// they are close.
+    pub fn new(x: [f64; 3], kind: AtomKind, extent: [f64; 3], sheets: &Sheets) -> (Self, Beside) {
         let mut hold = Self::by_box(x, kind, extent);
         hold.far = sheets.far(x);
-        if !hold.far && sheets.close(x) {
-            let near = sheets.near(x);
-            for sheet in near.iter().filter(|s| s.offset.abs() < ON_SHEET) {
-                hold.add(sheet.normal);
-            }
-            hold.alone = hold.count == 1 && near.iter().count() == 1;
+        if hold.far || !sheets.close(x) {
+            return (hold, Beside::Nothing);
         }
-        hold
+        let near = sheets.near(x);
+        for sheet in near.iter().filter(|s| s.offset.abs() < ON_SHEET) {
+            hold.add(sheet.normal);
+        }
+        let mut all = near.iter();
+        let beside = match (all.next(), all.next()) {
+            (None, _) => Beside::Nothing,
+            (Some(only), None) => Beside::One(only.normal.map(|c| c as f32), only.offset as f32),
+            _ => Beside::Several,
+        };
+        hold.alone = hold.count == 1 && matches!(beside, Beside::One(..));
+        (hold, beside)
     }
 
     /// By the sides of the box `[0, extent]` alone.
@@ -75,17 +146,12 @@ impl Hold {
         self.alone = false;
     }
 
-    /// The part of `v` along which the node may move.
-    pub fn project(&self, mut v: [f64; 3]) -> [f64; 3] {
-        for b in self.basis().iter().flatten() {
-            v = add_scaled(v, -dot(v, *b), *b);
+    /// The directions in which the node may move.
+    pub fn freedom(&self) -> Freedom {
+        Freedom {
+            axes: self.axes,
+            basis: self.basis(),
         }
-        for k in 0..3 {
-            if self.axes >> k & 1 == 1 {
-                v[k] = 0.0;
-            }
-        }
-        v
     }
 
     /// Orthonormal directions in the box-allowed space that the sheets take away.

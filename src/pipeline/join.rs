@@ -63,6 +63,8 @@ pub struct Scene<'a, const D: usize> {
 pub struct Joined<M> {
     /// The mesh.
     pub mesh: M,
+    /// For every cell and face, in order, the cell on its other side, where that is known.
+    pub neighbors: Option<Vec<u32>>,
     /// What each node may do.
     pub kinds: Vec<AtomKind>,
     /// For each cell, bit k: its face k, opposite node k, lies on a feature.
@@ -113,13 +115,14 @@ impl Meshing<3> for Space<3> {
         begin(JOINING);
         let Delaunay {
             mut mesh,
-            neighbors,
+            mut neighbors,
         } = delaunay::delaunay_with_neighbors(&atoms.positions)?;
         let mut kinds = atoms.kinds;
         let (Some(min_dihedral), Some(sheets)) = (min_angle, &sheets) else {
             return Ok(Joined {
                 feature_faces: vec![0; mesh.tets.len()],
                 mesh,
+                neighbors: Some(neighbors.into_flattened()),
                 kinds,
                 improvement: None,
             });
@@ -127,10 +130,17 @@ impl Meshing<3> for Space<3> {
         begin(IMPROVING);
         let options = improve::Options { min_dihedral };
         let (outcome, feature_faces) = improve::improve(
-            &mut mesh, neighbors, &mut kinds, extent, sheets, distance, &options,
+            &mut mesh,
+            &mut neighbors,
+            &mut kinds,
+            extent,
+            sheets,
+            distance,
+            &options,
         );
         Ok(Joined {
             mesh,
+            neighbors: Some(neighbors.into_flattened()),
             kinds,
             feature_faces,
             improvement: Some(Improvement::from(&outcome)),
@@ -168,6 +178,7 @@ impl Meshing<2> for Space<2> {
             return Ok(Joined {
                 feature_faces: vec![0; mesh.triangles.len()],
                 mesh,
+                neighbors: None,
                 kinds: atoms.kinds,
                 improvement: None,
             });
@@ -183,6 +194,7 @@ impl Meshing<2> for Space<2> {
             plane::improve(&mut mesh, &mut kinds, extent, &sheets, distance, min_angle);
         Ok(Joined {
             mesh,
+            neighbors: None,
             kinds,
             feature_faces,
             improvement: Some(Improvement::from(&outcome)),

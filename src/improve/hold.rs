@@ -262,3 +262,40 @@ impl Hold {
         Some(add_scaled(a.map(|c| c * p), q, b))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ends_on_one_side_of_the_sheets_they_see() {
+        // Two parallel sheets, x = 0 and x = 3.6; what a node at x sees of one, by either normal.
+        let beside =
+            |x: f32, sheet: f32, sign: f32| Beside::One([sign, 0.0, 0.0], sign * (x - sheet));
+        let safe = |p: (f32, Beside), q: (f32, Beside), alone: [bool; 2]| {
+            let edge = [f64::from(q.0 - p.0), 2.0, 0.0];
+            let there = p.1.on_one_side(q.1, edge, alone);
+            let back = q.1.on_one_side(p.1, edge.map(|c| -c), [alone[1], alone[0]]);
+            assert_eq!(there, back);
+            there
+        };
+        for sign in [1.0, -1.0] {
+            let see = |x: f32, sheet: f32| (x, beside(x, sheet, sign));
+            let first = |x: f32| (x, beside(x, 0.0, 1.0));
+            // Neither end on a sheet.
+            assert!(safe(first(1.0), see(2.5, 0.0), [false; 2]));
+            assert!(!safe(first(-1.0), see(2.5, 0.0), [false; 2]));
+            assert!(safe(first(1.0), see(3.0, 3.6), [false; 2]));
+            assert!(!safe(first(1.0), see(4.0, 3.6), [false; 2]));
+            // One on its only sheet.
+            assert!(safe(first(0.0), see(2.5, 0.0), [true, false]));
+            assert!(safe(first(0.1), see(-2.5, 0.0), [true, false]));
+            assert!(safe(first(0.0), see(3.0, 3.6), [true, false]));
+            assert!(!safe(first(0.0), see(4.0, 3.6), [true, false]));
+        }
+        let (on, nothing) = ((0.0, beside(0.0, 0.0, 1.0)), (3.0, Beside::Nothing));
+        assert!(safe(on, nothing, [true, false]));
+        assert!(!safe((1.0, beside(1.0, 0.0, 1.0)), nothing, [false; 2]));
+        assert!(!safe(on, (3.0, Beside::Several), [true, false]));
+    }
+}

@@ -50,6 +50,7 @@ pub mod seeding;
 pub mod surface;
 pub mod synth;
 pub mod voronoi;
+mod wide;
 
 pub mod cli;
 

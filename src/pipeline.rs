@@ -23,7 +23,7 @@ use crate::error::cause;
 use crate::feature::{self, Features, gaussian};
 use crate::image::{Field, Geometry, Image};
 use crate::improve;
-use crate::mesh::check::check;
+use crate::mesh::check::check_joined;
 use crate::mesh::{AtomKind, Simplices};
 use crate::optimize::{self, Observer, Stop};
 use crate::report::{Clock, Lattice, Measured, Optimisation, Reference, Report, Rival};
@@ -282,6 +282,7 @@ where
     });
     let Joined {
         mesh,
+        neighbors,
         kinds,
         feature_faces,
         improvement,
@@ -292,14 +293,15 @@ where
 
     stages.begin("measuring the mesh");
     let claimed = improvement.is_some().then_some(feature_faces.as_slice());
-    let mut report = measure(&mesh, image.dims(), step, &features, claimed)?;
+    let neighbors = neighbors.as_deref();
+    let mut report = measure(&mesh, neighbors, image.dims(), step, &features, claimed)?;
     report.lattice = Some(Lattice {
         optimisation: Some(optimisation(&optimised, mesh.nodes().len())),
         ..report::lattice(&mesh, |x| distance.at(x))
     });
     report.improvement = improvement;
     if let Some((mesh, faces)) = rival {
-        let other = measure(&mesh, image.dims(), step, &features, Some(&faces))?;
+        let other = measure(&mesh, None, image.dims(), step, &features, Some(&faces))?;
         report.rival = other.quality.map(|quality| Rival {
             method: improve::Method::Joe,
             quality,
@@ -436,6 +438,7 @@ fn smoother<const D: usize>(potential: &Field<D>, sigma: f64, factor: f64) -> Fi
 /// Shapes, fidelity and validity of a mesh in lattice space.
 fn measure<const D: usize, M: Measured<D>>(
     mesh: &M,
+    neighbors: Option<&[u32]>,
     dims: [usize; D],
     step: [f64; D],
     features: &Features<D>,
@@ -453,7 +456,13 @@ fn measure<const D: usize, M: Measured<D>>(
     Ok(Report {
         quality: Some(report::quality(mesh)),
         fidelity,
-        filling: Some(check(mesh, [0.0; D], extent, BOX_TOLERANCE)),
+        filling: Some(check_joined(
+            mesh,
+            neighbors,
+            [0.0; D],
+            extent,
+            BOX_TOLERANCE,
+        )),
         ..Report::default()
     })
 }

@@ -240,6 +240,7 @@ impl<const D: usize, M: Measured<D>> Body<D, M> {
         let nodes = part.nodes().iter().zip(numbers);
         let in_world: Vec<[f64; D]> = nodes.map(|(_, &n)| self.physical[n as usize]).collect();
         let in_world = turned(part, in_world, &self.geometry);
+        let angles = part.smallest_angles();
         for c in 0..part.len().max(slots.len()) {
             let slot = slots.get(c).copied().unwrap_or_else(|| {
                 self.corners.extend([NOTHING; 4].iter().take(D + 1));
@@ -261,7 +262,7 @@ impl<const D: usize, M: Measured<D>> Body<D, M> {
             self.region[slot] = regions[c];
             self.bits[slot] = bits[c];
             self.horizons[slot] = horizons.get(c).copied().unwrap_or(0);
-            self.angle[slot] = part.smallest_angle(c) as f32;
+            self.angle[slot] = angles[c];
             self.volume[slot] = in_world.volume(c) as f32;
         }
     }

@@ -393,8 +393,8 @@ impl Scratch {
 struct Cells {
     /// The near corner of the grid.
     origin: [i32; 3],
-    /// Edge of a cell, in fixed-point units.
-    edge: f32,
+    /// Edges of a cell, in fixed-point units.
+    edges: [f32; 3],
     dims: [usize; 3],
     /// Where each cell's points start in the arrays below; x fastest, one more at the end.
     starts: Vec<u32>,
@@ -408,8 +408,8 @@ struct Cells {
 }
 
 impl Cells {
-    /// Sorts points into cells of the given edge, or larger ones if they were many more than points.
-    fn sort(&mut self, points: &[Point], reach: &[f32], edge: f32) {
+    /// Sorts points into cells of the given edges, or larger ones if they were many more than points.
+    fn sort(&mut self, points: &[Point], reach: &[f32], edges: [f32; 3]) {
         let (mut low, mut high) = ([i32::MAX; 3], [i32::MIN; 3]);
         for point in points {
             for k in 0..3 {
@@ -421,10 +421,12 @@ impl Cells {
         let spans: Vec<f32> = spans.filter(|&s| s > 0).map(|s| s as f32).collect();
         let roomy = spans.iter().product::<f32>() / (4.0 * points.len().max(1) as f32);
         let roomy = roomy.powf(1.0 / spans.len().max(1) as f32);
-        self.edge = edge.max(roomy).max(1.0);
+        let edge = edges.iter().product::<f32>().cbrt();
+        let larger = (roomy / edge).max(1.0);
+        self.edges = edges.map(|edge| (larger * edge).max(1.0));
         self.origin = low;
-        let per_unit = 1.0 / self.edge;
-        let along = |k: usize, x: i32| (x.saturating_sub(low[k]) as f32 * per_unit) as usize;
+        let per_unit = self.edges.map(|edge| 1.0 / edge);
+        let along = |k: usize, x: i32| (x.saturating_sub(low[k]) as f32 * per_unit[k]) as usize;
         let dims: [usize; 3] = std::array::from_fn(|k| along(k, high[k]) + 1);
         self.dims = dims;
         self.starts.clear();
@@ -459,8 +461,9 @@ struct Search<'a> {
     cells: &'a Cells,
 }
 
-/// Edge of a search cell in units of the smallest reach.
-const EDGE: f32 = 0.6;
+/// Edges of a search cell in units of the smallest reach: rows of cells along x are looked at from one
+/// end to the other, in groups, so rows are thick and their ends fine.
+const EDGES: [f32; 3] = [0.25, 0.75, 0.75];
 
 impl<'a> Search<'a> {
     fn new(points: &'a [Point], reach: &'a [f32], slope: f32, cells: &'a mut Cells) -> Self {
@@ -469,7 +472,7 @@ impl<'a> Search<'a> {
             least = least.min(r);
             most = most.max(r);
         }
-        cells.sort(points, reach, EDGE * least);
+        cells.sort(points, reach, EDGES.map(|edge| edge * least));
         Self {
             points,
             reach,
@@ -527,16 +530,16 @@ impl WithSimd for Near<'_> {
         // From the near corner of the grid; the margin covers the rounding to f32.
         let at: [f32; 3] = std::array::from_fn(|k| (centre[k] - cells.origin[k]) as f32);
         let radius = radius + 1e-6 * at[0].max(at[1]).max(at[2]);
-        let per_unit = 1.0 / cells.edge;
+        let per_unit = cells.edges.map(|edge| 1.0 / edge);
         let range = |k: usize, radius: f32| {
-            let first = ((at[k] - radius) * per_unit).max(0.0) as usize;
-            let last = ((at[k] + radius) * per_unit) as usize;
+            let first = ((at[k] - radius) * per_unit[k]).max(0.0) as usize;
+            let last = ((at[k] + radius) * per_unit[k]) as usize;
             (first, last.min(cells.dims[k] - 1))
         };
         // How far the atom is from the slab of a cell along an axis.
         let gap = |k: usize, cell: usize| {
-            let low = cell as f32 * cells.edge;
-            (low - at[k]).max(at[k] - low - cells.edge).max(0.0)
+            let low = cell as f32 * cells.edges[k];
+            (low - at[k]).max(at[k] - low - cells.edges[k]).max(0.0)
         };
         let mut end = 0;
         let (ys, zs) = (range(1, radius), range(2, radius));

@@ -19,7 +19,6 @@
 //! - [`sheets`](mod@sheets): hysteresis, sheets too near one another, crumbs
 //! - [`potential`](mod@potential): b(x)
 //! - `find`: the candidates of each kind of feature
-//! - `wide`: loops for wide vectors
 
 pub mod auto;
 pub mod crossing;
@@ -40,7 +39,6 @@ pub mod sheets;
 pub mod symmetric;
 pub mod tensor;
 pub mod volume;
-mod wide;
 
 #[cfg(test)]
 mod scenes;

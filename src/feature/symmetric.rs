@@ -92,23 +92,27 @@ pub fn eigenvector<const D: usize>(m: &Matrix<D>, value: f64) -> [f64; D] {
 }
 
 fn longest<const N: usize, const D: usize>(vectors: [[f64; D]; N]) -> [f64; D] {
-    let mut best = vectors[0];
-    let mut most = dot(best, best);
-    for v in &vectors[1..] {
+    // Which one it is cannot be foretold: its number, rather than itself, goes by the comparison, for
+    // which no branch is needed.
+    let (mut best, mut most) = (0, dot(vectors[0], vectors[0]));
+    for (k, v) in vectors.iter().enumerate().skip(1) {
         let square = dot(*v, *v);
-        if square > most {
-            (best, most) = (*v, square);
-        }
+        best = if square > most { k } else { best };
+        most = most.max(square);
     }
-    best
+    vectors[best]
 }
 
 /// Vector product of two vectors of three components.
+#[inline]
 fn cross<const D: usize>(a: [f64; D], b: [f64; D]) -> [f64; D] {
-    std::array::from_fn(|k| {
-        let (i, j) = ((k + 1) % 3, (k + 2) % 3);
-        a[i] * b[j] - a[j] * b[i]
-    })
+    let mut product = [0.0; D];
+    if D == 3 {
+        product[0] = a[1] * b[2] - a[2] * b[1];
+        product[1] = a[2] * b[0] - a[0] * b[2];
+        product[2] = a[0] * b[1] - a[1] * b[0];
+    }
+    product
 }
 
 /// Scalar product.

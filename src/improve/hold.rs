@@ -6,6 +6,67 @@ use crate::mesh::{AtomKind, add_scaled, dot, norm};
 /// Nodes this close to a sheet lie on it: settling leaves less.
 const ON_SHEET: f64 = 0.11;
 
+/// The sheets near a node.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Beside {
+    /// None is close.
+    Nothing,
+    /// One: its normal, and the node's signed distance from it.
+    One([f32; 3], f32),
+    /// Several.
+    Several,
+}
+
+impl Beside {
+    /// Whether both ends of an edge, between two nodes with these sheets beside them, are surely on the
+    /// same side of these. `alone` tells which end is on its only sheet.
+    #[inline]
+    pub fn on_one_side(self, other: Self, edge: [f64; 3], alone: [bool; 2]) -> bool {
+        let edge = edge.map(|c| c as f32);
+        let along = |n: [f32; 3]| n[0] * edge[0] + n[1] * edge[1] + n[2] * edge[2];
+        match (self, other) {
+            (Self::One(m, r), Self::One(n, s)) => {
+                // Where each end is with respect to the other's sheet: if an end on a sheet is about
+                // on the other's, they are one.
+                let (p, q) = (s - along(n), r + along(m));
+                let from_first = p * s > 0.0 || alone[0] && p.abs() < ONE_SHEET;
+                let from_second = q * r > 0.0 || alone[1] && q.abs() < ONE_SHEET;
+                (alone[1] || from_first) && (alone[0] || from_second)
+            }
+            (Self::One(..), Self::Nothing) => alone[0],
+            (Self::Nothing, Self::One(..)) => alone[1],
+            _ => false,
+        }
+    }
+}
+
+/// Two planes are of one sheet if a point on one is at most this far off the other.
+const ONE_SHEET: f32 = 1.0;
+
+/// The directions in which a node may move.
+#[derive(Debug, Clone, Copy)]
+pub struct Freedom {
+    axes: u8,
+    /// Directions, at right angles to one another and to the fixed axes, that are taken away.
+    basis: [Option<[f64; 3]>; 2],
+}
+
+impl Freedom {
+    /// The part of `v` along which the node may move.
+    #[inline]
+    pub fn project(&self, mut v: [f64; 3]) -> [f64; 3] {
+        for b in self.basis.iter().flatten() {
+            v = add_scaled(v, -dot(v, *b), *b);
+        }
+        for k in 0..3 {
+            if self.axes >> k & 1 == 1 {
+                v[k] = 0.0;
+            }
+        }
+        v
+    }
+}
+
 /// The constraints of one node.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Hold {
@@ -22,17 +83,27 @@ pub struct Hold {
 
 impl Hold {
     /// By the sides of the box `[0, extent]` and by the features on which the node lies.
-    pub fn new(x: [f64; 3], kind: AtomKind, extent: [f64; 3], sheets: &Sheets) -> Self {
+    ///
+    /// Also gives the sheets that are near, of which those that do not hold the node are known only if
+    /// they are close.
+    pub fn new(x: [f64; 3], kind: AtomKind, extent: [f64; 3], sheets: &Sheets) -> (Self, Beside) {
         let mut hold = Self::by_box(x, kind, extent);
         hold.far = sheets.far(x);
-        if !hold.far && sheets.close(x) {
-            let near = sheets.near(x);
-            for sheet in near.iter().filter(|s| s.offset.abs() < ON_SHEET) {
-                hold.add(sheet.normal);
-            }
-            hold.alone = hold.count == 1 && near.iter().count() == 1;
+        if hold.far || !sheets.close(x) {
+            return (hold, Beside::Nothing);
         }
-        hold
+        let near = sheets.near(x);
+        for sheet in near.iter().filter(|s| s.offset.abs() < ON_SHEET) {
+            hold.add(sheet.normal);
+        }
+        let mut all = near.iter();
+        let beside = match (all.next(), all.next()) {
+            (None, _) => Beside::Nothing,
+            (Some(only), None) => Beside::One(only.normal.map(|c| c as f32), only.offset as f32),
+            _ => Beside::Several,
+        };
+        hold.alone = hold.count == 1 && matches!(beside, Beside::One(..));
+        (hold, beside)
     }
 
     /// By the sides of the box `[0, extent]` alone.
@@ -75,17 +146,12 @@ impl Hold {
         self.alone = false;
     }
 
-    /// The part of `v` along which the node may move.
-    pub fn project(&self, mut v: [f64; 3]) -> [f64; 3] {
-        for b in self.basis().iter().flatten() {
-            v = add_scaled(v, -dot(v, *b), *b);
+    /// The directions in which the node may move.
+    pub fn freedom(&self) -> Freedom {
+        Freedom {
+            axes: self.axes,
+            basis: self.basis(),
         }
-        for k in 0..3 {
-            if self.axes >> k & 1 == 1 {
-                v[k] = 0.0;
-            }
-        }
-        v
     }
 
     /// Orthonormal directions in the box-allowed space that the sheets take away.
@@ -194,5 +260,42 @@ impl Hold {
             (-u * aa + s * ab) / determinant,
         );
         Some(add_scaled(a.map(|c| c * p), q, b))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ends_on_one_side_of_the_sheets_they_see() {
+        // Two parallel sheets, x = 0 and x = 3.6; what a node at x sees of one, by either normal.
+        let beside =
+            |x: f32, sheet: f32, sign: f32| Beside::One([sign, 0.0, 0.0], sign * (x - sheet));
+        let safe = |p: (f32, Beside), q: (f32, Beside), alone: [bool; 2]| {
+            let edge = [f64::from(q.0 - p.0), 2.0, 0.0];
+            let there = p.1.on_one_side(q.1, edge, alone);
+            let back = q.1.on_one_side(p.1, edge.map(|c| -c), [alone[1], alone[0]]);
+            assert_eq!(there, back);
+            there
+        };
+        for sign in [1.0, -1.0] {
+            let see = |x: f32, sheet: f32| (x, beside(x, sheet, sign));
+            let first = |x: f32| (x, beside(x, 0.0, 1.0));
+            // Neither end on a sheet.
+            assert!(safe(first(1.0), see(2.5, 0.0), [false; 2]));
+            assert!(!safe(first(-1.0), see(2.5, 0.0), [false; 2]));
+            assert!(safe(first(1.0), see(3.0, 3.6), [false; 2]));
+            assert!(!safe(first(1.0), see(4.0, 3.6), [false; 2]));
+            // One on its only sheet.
+            assert!(safe(first(0.0), see(2.5, 0.0), [true, false]));
+            assert!(safe(first(0.1), see(-2.5, 0.0), [true, false]));
+            assert!(safe(first(0.0), see(3.0, 3.6), [true, false]));
+            assert!(!safe(first(0.0), see(4.0, 3.6), [true, false]));
+        }
+        let (on, nothing) = ((0.0, beside(0.0, 0.0, 1.0)), (3.0, Beside::Nothing));
+        assert!(safe(on, nothing, [true, false]));
+        assert!(!safe((1.0, beside(1.0, 0.0, 1.0)), nothing, [false; 2]));
+        assert!(!safe(on, (3.0, Beside::Several), [true, false]));
     }
 }

@@ -32,9 +32,9 @@ mod smooth;
 
 use crate::distance::Distance;
 use crate::mesh::complex::{Complex, Ring};
-use crate::mesh::quality::min_sine;
+use crate::mesh::quality::{BLOCK, Corners, min_sine};
 use crate::mesh::{AtomKind, FACES, TetMesh, cross, dot, norm, sub};
-use hold::Hold;
+use hold::{Beside, Hold};
 use rayon::prelude::*;
 use serde::Serialize;
 use sheets::{SAME_SHEET, Sheets};
@@ -64,11 +64,16 @@ pub struct Counts {
     pub released: usize,
 }
 
+/// Tetrahedra that are first measured in one task.
+const SINES: usize = 64 * BLOCK;
+
 /// State of an improvement: the complex, the quality of every slot, what holds every node.
 struct Improver<'a> {
     complex: Complex,
     sines: Vec<f32>,
     holds: Vec<Hold>,
+    /// What was beside the nodes at first; empty once any has moved.
+    beside: Vec<Beside>,
     extent: [f64; 3],
     sheets: &'a Sheets,
     distance: &'a Distance<3>,
@@ -89,7 +94,7 @@ struct Improver<'a> {
     fresh: Vec<[u32; 4]>,
     slots: Vec<u32>,
     star: Vec<u32>,
-    spokes: Vec<[[f64; 3]; 3]>,
+    spokes: smooth::Star,
     smoothing: smooth::Scratch,
 }
 
@@ -103,20 +108,31 @@ impl<'a> Improver<'a> {
         distance: &'a Distance<3>,
         target: f64,
     ) -> Self {
-        let holds = mesh
+        let (holds, beside) = mesh
             .nodes
             .par_iter()
             .zip(kinds)
             .map(|(&x, &kind)| Hold::new(x, kind, extent, sheets))
-            .collect();
-        let sines = (0..mesh.tets.len())
-            .into_par_iter()
-            .map(|t| min_sine(&mesh.corners(t)) as f32)
-            .collect();
+            .unzip();
+        let mut sines = vec![0.0f32; mesh.tets.len()];
+        sines
+            .par_chunks_mut(SINES)
+            .zip(mesh.tets.par_chunks(SINES))
+            .for_each(|(sines, tets)| {
+                let (mut corners, mut block) = (Corners::default(), [0.0; BLOCK]);
+                for (sines, tets) in sines.chunks_mut(BLOCK).zip(tets.chunks(BLOCK)) {
+                    corners.gather(&mesh.nodes, tets);
+                    corners.min_sines(&mut block);
+                    for (sine, value) in sines.iter_mut().zip(&block) {
+                        *sine = *value as f32;
+                    }
+                }
+            });
         Self {
             complex: Complex::new(mesh, neighbors),
             sines,
             holds,
+            beside,
             extent,
             sheets,
             distance,
@@ -131,7 +147,7 @@ impl<'a> Improver<'a> {
             fresh: Vec::new(),
             slots: Vec::new(),
             star: Vec::new(),
-            spokes: Vec::new(),
+            spokes: smooth::Star::default(),
             smoothing: smooth::Scratch::default(),
         }
     }
@@ -151,7 +167,16 @@ impl<'a> Improver<'a> {
         let (i, j) = (a as usize, b as usize);
         let (p, q) = (&self.holds[i], &self.holds[j]);
         let (x, y) = (self.complex.nodes[i], self.complex.nodes[j]);
-        !(p.far && q.far) && self.sheets.may_pierce(x, y, [p.alone, q.alone])
+        let alone = [p.alone, q.alone];
+        // A chord of a sheet may stray from it.
+        let chord = alone == [true; 2];
+        if !chord && let (Some(at_x), Some(at_y)) = (self.beside.get(i), self.beside.get(j)) {
+            // What passes the middle of the edge is beside one of its ends.
+            if at_x.on_one_side(*at_y, sub(y, x), alone) {
+                return false;
+            }
+        }
+        !(p.far && q.far) && self.sheets.may_pierce(x, y, alone)
     }
 
     fn piercing(&self, a: u32, b: u32) -> Option<([f64; 3], sheets::Sheet)> {
@@ -255,10 +280,17 @@ impl<'a> Improver<'a> {
 
     /// Slots of the tetrahedra below target.
     fn poor(&self) -> Vec<u32> {
-        (0..self.sines.len() as u32)
-            // A dead slot's sine is infinite.
-            .filter(|&t| self.sine_of(t) < self.target)
-            .collect()
+        let mut poor = Vec::new();
+        for (block, sines) in self.sines.chunks(BLOCK).enumerate() {
+            // Most blocks have none. A dead slot's sine is infinite.
+            let any = |any, &sine: &f32| any | (f64::from(sine) < self.target);
+            if sines.iter().fold(false, any) {
+                let first = (block * BLOCK) as u32;
+                let slots = first..first + sines.len() as u32;
+                poor.extend(slots.filter(|&t| self.sine_of(t) < self.target));
+            }
+        }
+        poor
     }
 
     /// Flips and smoothing in turn until neither helps any more.
@@ -442,11 +474,12 @@ pub struct Outcome {
 
 /// Makes a Delaunay mesh follow the features and frees it of slivers, in place.
 ///
+/// `neighbors` are those of the tetrahedra (see [`complex`](crate::mesh::complex)) and stay so.
 /// `kinds` says what each node is and follows the nodes that come and go; the result also says
 /// for every tetrahedron which of its faces lie on a feature: bit k for face k (opposite node k).
 pub fn improve(
     mesh: &mut TetMesh,
-    neighbors: Vec<[u32; 4]>,
+    neighbors: &mut Vec<[u32; 4]>,
     kinds: &mut Vec<AtomKind>,
     extent: [f64; 3],
     sheets: &Sheets,
@@ -454,17 +487,18 @@ pub fn improve(
     options: &Options,
 ) -> (Outcome, Vec<u8>) {
     let target = options.min_dihedral.to_radians().sin();
-    let taken = std::mem::take(mesh);
-    let mut improver = Improver::new(taken, neighbors, kinds, extent, sheets, distance, target);
+    let (taken, around) = (std::mem::take(mesh), std::mem::take(neighbors));
+    let mut improver = Improver::new(taken, around, kinds, extent, sheets, distance, target);
     let outcome = improver.improve();
     let finished = improver.finish(kinds);
-    (*mesh, *kinds) = (finished.mesh, finished.kinds);
+    (*mesh, *neighbors, *kinds) = (finished.mesh, finished.neighbors, finished.kinds);
     (outcome, finished.feature_faces)
 }
 
 /// A mesh whose improvement is over.
 struct Finished {
     mesh: TetMesh,
+    neighbors: Vec<[u32; 4]>,
     kinds: Vec<AtomKind>,
     /// The number that each node had while the mesh was improved.
     kept: Vec<u32>,
@@ -498,7 +532,7 @@ impl Improver<'_> {
             sheets,
             ..
         } = self;
-        let (mesh, kept) = complex.into_mesh();
+        let (mesh, neighbors, kept) = complex.into_mesh();
         let kinds = kept
             .iter()
             .map(|&i| match kinds.get(i as usize) {
@@ -515,6 +549,7 @@ impl Improver<'_> {
         Finished {
             feature_faces: faces_on_sheets(&mesh, &holds, sheets),
             mesh,
+            neighbors,
             kinds,
             kept,
             holds,

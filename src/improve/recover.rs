@@ -23,6 +23,8 @@ const SEEN: usize = 1 << 13;
 impl Improver<'_> {
     /// The edges of the given tetrahedra that pierce a feature, as pairs of nodes in rising order.
     fn pierced_among(&self, tets: &[u32]) -> Vec<(u32, u32)> {
+        // Four nodes of each of millions of tetrahedra: a byte a node stays in the cache.
+        let near: Vec<bool> = self.holds.iter().map(|hold| !hold.far).collect();
         let mut edges: Vec<(u32, u32)> = tets
             .par_chunks(CHUNK)
             .flat_map_iter(|tets| {
@@ -32,7 +34,10 @@ impl Improver<'_> {
                 let mut found = Vec::new();
                 for &t in tets.iter().filter(|&&t| self.complex.alive(t)) {
                     let tet = self.complex.tets[t as usize];
-                    let near = tet.map(|n| !self.holds[n as usize].far);
+                    let near = tet.map(|n| near[n as usize]);
+                    if near == [false; 4] {
+                        continue;
+                    }
                     for [i, j] in EDGES {
                         if !near[i] && !near[j] {
                             continue;
@@ -87,6 +92,7 @@ impl Improver<'_> {
     pub(super) fn recover(&mut self) {
         let all: Vec<u32> = (0..self.complex.tets.len() as u32).collect();
         let mut pierced = self.pierced_among(&all);
+        self.beside = Vec::new();
         self.counts.pierced_before = pierced.len();
         for (round, floor) in FLOORS.into_iter().enumerate() {
             // Flips never make a piercing edge: only moved and new nodes need another look.

@@ -60,8 +60,10 @@ pub fn reshape(
     let target = options.min_dihedral.to_radians().sin();
     let own = &kinds[..count];
     let mut improver = Improver::new(part, neighbors, own, extent, sheets, distance, target);
+    // Nodes move before edges are searched.
+    improver.beside = Vec::new();
     for node in count..targets.len() {
-        let hold = Hold::new(targets[node], kinds[node], extent, sheets);
+        let (hold, _) = Hold::new(targets[node], kinds[node], extent, sheets);
         if !improver.insert(targets[node], hold) {
             return Err(node as u32);
         }
@@ -332,7 +334,7 @@ impl Improver<'_> {
             // What is flat already may at least not become flatter.
             let floor = FLAT.min(here);
             if smooth::worst(x, &self.spokes, floor) > floor {
-                let hold = Hold::new(x, wanted.kinds[n], self.extent, self.sheets);
+                let (hold, _) = Hold::new(x, wanted.kinds[n], self.extent, self.sheets);
                 self.move_to(node, x, hold);
                 return (true, share == 1.0);
             }

@@ -140,10 +140,7 @@ impl Sheets {
     pub fn may_pierce(&self, p: [f64; 3], q: [f64; 3], alone: [bool; 2]) -> bool {
         let edge = sub(q, p);
         let length = norm(edge);
-        // Near an end on a single sheet there is only that sheet: look at the rest of the edge.
-        let clear = (3.0 / length).min(0.4);
-        let from = if alone[0] { clear } else { 0.0 };
-        let to = if alone[1] { 1.0 - clear } else { 1.0 };
+        let [from, to] = unclear(length, alone);
         let steps = ((to - from) * length / 0.6).ceil().max(1.0);
         let start = add_scaled(p, from, edge);
         let stride = (to - from) / steps;
@@ -290,9 +287,17 @@ impl Sheets {
             return None;
         }
         let pace = 0.45 * self.radius;
+        // Sheets that cross the edge this far from where planes are fitted are seen there.
+        let sight = 0.75 * pace + 0.25;
         let steps = (length / pace).ceil().max(2.0) as usize;
+        let [from, to] = unclear(length, alone);
+        let seen = |i: usize, side: f64| (i as f64 / steps as f64) + side * sight / length;
         let mut last = f64::NEG_INFINITY;
         for i in 1..steps {
+            // What the next place, or the one before, sees all of need not be looked at.
+            if i + 1 < steps && seen(i + 1, -1.0) <= from || i > 1 && seen(i - 1, 1.0) >= to {
+                continue;
+            }
             let t = i as f64 / steps as f64;
             let x = add_scaled(p, t, edge);
             for sheet in self.near(x).iter() {
@@ -300,7 +305,7 @@ impl Sheets {
                 // Where the edge meets the plane fitted here.
                 let crossing = t - sheet.offset / slope;
                 if !(0.0..=1.0).contains(&crossing)
-                    || (crossing - t).abs() * length > 0.75 * pace + 0.25
+                    || (crossing - t).abs() * length > sight
                     || (crossing - last).abs() * length < 0.1
                 {
                     continue;
@@ -327,6 +332,17 @@ impl Sheets {
         }
         None
     }
+}
+
+/// The part of an edge of that length where a sheet may pass. Near an end on a single sheet there is
+/// only that sheet.
+#[inline]
+fn unclear(length: f64, alone: [bool; 2]) -> [f64; 2] {
+    // Between two such ends something must be left to look at.
+    let most = if alone == [true; 2] { 0.4 } else { 0.55 };
+    let clear = (3.0 / length).min(most);
+    let [p, q] = alone.map(|alone| if alone { clear } else { 0.0 });
+    [p, 1.0 - q]
 }
 
 #[inline]

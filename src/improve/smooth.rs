@@ -7,7 +7,9 @@
 
 use super::hold::Hold;
 use super::sheets::Sheets;
+use crate::mesh::quality::min_sine;
 use crate::mesh::{add_scaled, cross, dot, norm, sub};
+use crate::wide::wide;
 
 /// One dihedral angle of a tetrahedron as a function of its node 0.
 #[derive(Clone, Copy, Default)]
@@ -16,52 +18,176 @@ struct Angle {
     gradient: [f64; 3],
 }
 
-/// The six sines and their gradients with respect to node 0, `(x, p[0], p[1], p[2])` positive.
-#[inline]
-fn angles(x: [f64; 3], p: &[[f64; 3]; 3]) -> [Angle; 6] {
-    let (a, b, c) = (sub(p[0], x), sub(p[1], x), sub(p[2], x));
-    let (u, v, w) = (sub(p[1], p[0]), sub(p[2], p[0]), sub(p[2], p[1]));
-    let n3 = cross(a, b);
-    let n2 = cross(a, c);
-    let n1 = cross(b, c);
-    let n0 = cross(u, v);
-    let volume = dot(c, n3);
-    let size = [norm(n0), norm(n1), norm(n2), norm(n3)].map(|s| s.max(1e-300));
-    // d ln|n| for the three faces at node 0.
-    let g1 = cross(n1, w).map(|t| t / (size[1] * size[1]));
-    let g2 = cross(n2, v).map(|t| t / (size[2] * size[2]));
-    let g3 = cross(n3, u).map(|t| t / (size[3] * size[3]));
-    let none = [0.0; 3];
-    let make = |edge: [f64; 3], at_node: bool, i: usize, j: usize, gi: [f64; 3], gj: [f64; 3]| {
-        let l2 = dot(edge, edge).max(1e-300);
-        let scale = l2.sqrt() / (size[i] * size[j]);
-        let sine = volume * scale;
-        let gradient = std::array::from_fn(|k| {
-            let along = if at_node { -edge[k] / l2 } else { 0.0 };
-            -scale * n0[k] + sine * (along - gi[k] - gj[k])
-        });
-        Angle { sine, gradient }
-    };
+/// Tetrahedra are worked on side by side, so many at a time.
+const LANES: usize = 8;
+
+/// The tetrahedra at a node x: for each the positions of the other three nodes, `(x, p0, p1, p2)`
+/// positive.
+#[derive(Default)]
+pub struct Star {
+    /// By node, axis and tetrahedron. The last group is filled up with its first tetrahedron, which
+    /// changes no minimum.
+    groups: Vec<[[[f64; LANES]; 3]; 3]>,
+    count: usize,
+}
+
+impl Star {
+    /// Forgets all.
+    pub fn clear(&mut self) {
+        self.groups.clear();
+        self.count = 0;
+    }
+
+    /// Adds a tetrahedron.
+    pub fn push(&mut self, p: [[f64; 3]; 3]) {
+        let lane = self.count % LANES;
+        self.count += 1;
+        if lane == 0 {
+            self.groups.push(p.map(|p| p.map(|c| [c; LANES])));
+        } else if let Some(group) = self.groups.last_mut() {
+            for (place, c) in group.as_flattened_mut().iter_mut().zip(p.as_flattened()) {
+                place[lane] = *c;
+            }
+        }
+    }
+
+    /// Distance from `x` to the nearest of the nodes.
+    fn nearest(&self, x: [f64; 3]) -> f64 {
+        let mut least = f64::INFINITY;
+        for node in self.groups.as_flattened() {
+            for l in 0..LANES {
+                let gap = sub([node[0][l], node[1][l], node[2][l]], x);
+                least = least.min(dot(gap, gap));
+            }
+        }
+        least.sqrt()
+    }
+}
+
+#[inline(always)]
+fn lane(group: &[[[f64; LANES]; 3]; 3], l: usize) -> [[f64; 3]; 3] {
+    let [p, q, r] = group;
     [
-        make(a, true, 2, 3, g2, g3),
-        make(b, true, 1, 3, g1, g3),
-        make(c, true, 1, 2, g1, g2),
-        make(u, false, 0, 3, none, g3),
-        make(v, false, 0, 2, none, g2),
-        make(w, false, 0, 1, none, g1),
+        [p[0][l], p[1][l], p[2][l]],
+        [q[0][l], q[1][l], q[2][l]],
+        [r[0][l], r[1][l], r[2][l]],
     ]
 }
 
-/// The smallest sine over the star for node 0 at `x`; gives up below `enough`.
-#[inline]
-pub fn worst(x: [f64; 3], star: &[[[f64; 3]; 3]], enough: f64) -> f64 {
-    let mut worst = f64::INFINITY;
-    for p in star {
-        worst = worst.min(crate::mesh::quality::min_sine(&[x, p[0], p[1], p[2]]));
-        if worst <= enough {
-            break;
+/// The six sines and their gradients with respect to node 0, `(x, p[0], p[1], p[2])` positive.
+#[inline(always)]
+fn angles(x: [f64; 3], p: &[[f64; 3]; 3]) -> [Angle; 6] {
+    let (a, b, c) = (sub(p[0], x), sub(p[1], x), sub(p[2], x));
+    let (u, v, w) = (sub(p[1], p[0]), sub(p[2], p[0]), sub(p[2], p[1]));
+    let normals = [cross(u, v), cross(b, c), cross(a, c), cross(a, b)];
+    let volume = dot(c, normals[3]);
+    let mut inverse = [0.0; 4];
+    for k in 0..4 {
+        inverse[k] = 1.0 / norm(normals[k]).max(1e-300);
+    }
+    // d ln|n| of the faces; that opposite node 0 stays as it is.
+    let turned = [
+        [0.0; 3],
+        cross(normals[1], w),
+        cross(normals[2], v),
+        cross(normals[3], u),
+    ];
+    let mut growth = [[0.0; 3]; 4];
+    for i in 1..4 {
+        for k in 0..3 {
+            growth[i][k] = turned[i][k] * (inverse[i] * inverse[i]);
         }
     }
+    // Each edge, whether it is at node 0, and the faces that meet there.
+    let edges = [
+        (a, 1.0, 2, 3),
+        (b, 1.0, 1, 3),
+        (c, 1.0, 1, 2),
+        (u, 0.0, 0, 3),
+        (v, 0.0, 0, 2),
+        (w, 0.0, 0, 1),
+    ];
+    let mut found = [Angle::default(); 6];
+    for e in 0..6 {
+        let (edge, at_node, i, j) = edges[e];
+        let square = dot(edge, edge).max(1e-300);
+        let scale = square.sqrt() * (inverse[i] * inverse[j]);
+        let sine = volume * scale;
+        let along = at_node / square;
+        found[e].sine = sine;
+        for k in 0..3 {
+            let change = -edge[k] * along - growth[i][k] - growth[j][k];
+            found[e].gradient[k] = sine * change - scale * normals[0][k];
+        }
+    }
+    found
+}
+
+/// Puts the angles at `x` whose sines are below `limit` at the beginning of `found`.
+fn angles_below<'a>(
+    limit: f64,
+    x: [f64; 3],
+    star: &Star,
+    found: &'a mut Vec<Angle>,
+) -> &'a [Angle] {
+    // Room for all, so that which are kept needs no branch.
+    let room = 6 * LANES * star.groups.len();
+    if found.len() < room {
+        found.resize(room, Angle::default());
+    }
+    let mut count = 0;
+    wide(
+        #[inline(always)]
+        || {
+            for group in &star.groups {
+                let mut sines = [[0.0; LANES]; 6];
+                let mut gradients = [[[0.0; LANES]; 3]; 6];
+                for l in 0..LANES {
+                    let angles = angles(x, &lane(group, l));
+                    for e in 0..6 {
+                        sines[e][l] = angles[e].sine;
+                        for k in 0..3 {
+                            gradients[e][k][l] = angles[e].gradient[k];
+                        }
+                    }
+                }
+                for l in 0..LANES {
+                    for e in 0..6 {
+                        let [u, v, w] = &gradients[e];
+                        found[count] = Angle {
+                            sine: sines[e][l],
+                            gradient: [u[l], v[l], w[l]],
+                        };
+                        count += usize::from(sines[e][l] < limit);
+                    }
+                }
+            }
+        },
+    );
+    &found[..count]
+}
+
+/// The smallest sine over the star for node 0 at `x`; gives up below `enough`.
+pub fn worst(x: [f64; 3], star: &Star, enough: f64) -> f64 {
+    let mut worst = f64::INFINITY;
+    wide(
+        #[inline(always)]
+        || {
+            for group in &star.groups {
+                let mut sines = [0.0; LANES];
+                for l in 0..LANES {
+                    let [p, q, r] = lane(group, l);
+                    sines[l] = min_sine(&[x, p, q, r]);
+                }
+                for sine in sines {
+                    worst = worst.min(sine);
+                }
+                if worst <= enough {
+                    break;
+                }
+            }
+        },
+    );
     worst
 }
 
@@ -71,10 +197,14 @@ fn shortest_in_hull(vectors: &[[f64; 3]]) -> [f64; 3] {
         if dot(v, v) < dot(best, best) { v } else { best }
     });
     for _ in 0..40 {
-        let lowest = vectors.iter().copied().fold(vectors[0], |best, v| {
-            if dot(v, g) < dot(best, g) { v } else { best }
-        });
-        let gap = dot(g, g) - dot(lowest, g);
+        let (mut lowest, mut least) = (0, f64::INFINITY);
+        for (i, v) in vectors.iter().enumerate() {
+            let along = dot(*v, g);
+            lowest = if along < least { i } else { lowest };
+            least = least.min(along);
+        }
+        let lowest = vectors[lowest];
+        let gap = dot(g, g) - least;
         if gap <= 1e-3 * dot(g, g) {
             break;
         }
@@ -96,12 +226,11 @@ pub struct Scratch {
 }
 
 /// Climbs from `x` to a position where the smallest sine around the node is larger, keeping to what
-/// holds the node. `star` has the other three nodes of each tetrahedron, oriented as in
-/// `(x, p0, p1, p2)` positive. Stops at a sine of `enough`. Returns the position and its smallest
-/// sine if that rose worthwhile.
+/// holds the node. Stops at a sine of `enough`. Returns the position and its smallest sine if that
+/// rose worthwhile.
 pub fn best_position(
     start: [f64; 3],
-    star: &[[[f64; 3]; 3]],
+    star: &Star,
     hold: &mut Hold,
     extent: [f64; 3],
     sheets: &Sheets,
@@ -110,28 +239,20 @@ pub fn best_position(
 ) -> Option<([f64; 3], f64)> {
     let first = worst(start, star, f64::NEG_INFINITY);
     let (mut x, mut best) = (start, first);
-    let size = star
-        .iter()
-        .flatten()
-        .map(|p| norm(sub(*p, start)))
-        .fold(f64::INFINITY, f64::min);
+    let size = star.nearest(start);
     for _ in 0..12 {
         if best >= enough {
             break;
         }
-        scratch.angles.clear();
-        for p in star {
-            scratch
-                .angles
-                .extend(angles(x, p).iter().filter(|a| a.sine < best + 0.35));
-        }
+        let angles = angles_below(best + 0.35, x, star, &mut scratch.angles);
+        let freedom = hold.freedom();
         let mut band = 0.02;
         let mut moved = false;
         // A wider band of active angles if the narrow one gives no step.
         for _ in 0..2 {
             scratch.active.clear();
-            for a in scratch.angles.iter().filter(|a| a.sine <= best + band) {
-                scratch.active.push(hold.project(a.gradient));
+            for a in angles.iter().filter(|a| a.sine <= best + band) {
+                scratch.active.push(freedom.project(a.gradient));
             }
             if scratch.active.is_empty() {
                 break;
@@ -143,7 +264,7 @@ pub fn best_position(
             }
             // The step after which another angle becomes the smallest, by the linear model.
             let mut step = 0.5 * size / gg.sqrt();
-            for a in &scratch.angles {
+            for a in angles {
                 let rate = dot(a.gradient, g);
                 if a.sine > best + band && rate < gg {
                     step = step.min((a.sine - best) / (gg - rate));
@@ -234,19 +355,18 @@ mod tests {
             [-1.0, 0.0, 0.0],
             [0.0, -1.0, 0.0],
         ];
-        let mut star = Vec::new();
+        // The star lies round the origin: move it into the box.
+        let shift = |p: [f64; 3]| p.map(|c| c + 4.0);
+        let mut star = Star::default();
         for i in 0..4 {
             let (a, b) = (tips[i], tips[(i + 1) % 4]);
             // (x, p0, p1, p2) positive with x near the middle.
-            star.push([a, b, [0.0, 0.0, 1.0]]);
-            star.push([b, a, [0.0, 0.0, -1.0]]);
+            star.push([a, b, [0.0, 0.0, 1.0]].map(shift));
+            star.push([b, a, [0.0, 0.0, -1.0]].map(shift));
         }
         let sheets = Sheets::new(&[], [9.0; 3], 1.0, 1.0);
         let mut hold = Hold::default();
         let off = [0.4, 0.2, -0.2];
-        // The star lies round the origin: allow negative positions by shifting it into the box.
-        let shift = |p: [f64; 3]| p.map(|c| c + 4.0);
-        let star: Vec<_> = star.iter().map(|t| t.map(shift)).collect();
         assert!(worst(shift(off), &star, f64::NEG_INFINITY) > 0.0);
         let (x, value) = best_position(
             shift(off),

@@ -90,10 +90,10 @@ fn run(
     extent: [f64; 3],
     sheets: &Sheets,
 ) -> (Outcome, Vec<u8>) {
-    let neighbors = complex::neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
+    let mut neighbors = complex::neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
     improve(
         mesh,
-        neighbors,
+        &mut neighbors,
         kinds,
         extent,
         sheets,

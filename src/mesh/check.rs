@@ -45,6 +45,18 @@ pub fn check<const D: usize>(
     high: [f64; D],
     tolerance: f64,
 ) -> Check {
+    check_joined(mesh, None, low, high, tolerance)
+}
+
+/// [`check`] of a mesh whose neighbours are known: for every cell and face, in order, the cell on its
+/// other side, or [`NONE`]. Whether they are right is checked, which takes less time than to find them.
+pub fn check_joined<const D: usize>(
+    mesh: &impl Simplices<D>,
+    neighbors: Option<&[u32]>,
+    low: [f64; D],
+    high: [f64; D],
+    tolerance: f64,
+) -> Check {
     let nodes = mesh.nodes();
     let mut found = Check {
         nodes: nodes.len(),
@@ -107,6 +119,16 @@ pub fn check<const D: usize>(
         ));
     }
 
+    if let Some(neighbors) = neighbors {
+        match first_apart(mesh, neighbors) {
+            Some(cell) => found.problems.push(format!(
+                "{} {cell}: it and its neighbours do not fit",
+                singular(name)
+            )),
+            None => sides(mesh, neighbors, low, high, tolerance, &mut found),
+        }
+        return found;
+    }
     match mesh.neighbors() {
         Err(face) => found
             .problems
@@ -114,6 +136,51 @@ pub fn check<const D: usize>(
         Ok(neighbors) => sides(mesh, &neighbors, low, high, tolerance, &mut found),
     }
     found
+}
+
+/// The first cell that has not each of its faces but outer ones in common with the neighbour there,
+/// and with that alone.
+fn first_apart<const D: usize, M: Simplices<D>>(mesh: &M, neighbors: &[u32]) -> Option<usize> {
+    let faces = D + 1;
+    if neighbors.len() != faces * mesh.len() {
+        return Some(0);
+    }
+    // A face seen from the cell of the lower number pairs with one seen from the higher: none of these
+    // may be left over.
+    let mut unpaired = 0isize;
+    for c in 0..mesh.len() {
+        let cell = mesh.cell(c);
+        for (k, &n) in neighbors[faces * c..faces * (c + 1)].iter().enumerate() {
+            let n = n as usize;
+            if n == NONE as usize {
+                continue;
+            }
+            if n >= mesh.len() || n == c {
+                return Some(c);
+            }
+            if n < c {
+                unpaired -= 1;
+                continue;
+            }
+            unpaired += 1;
+            let (other, back) = (mesh.cell(n), &neighbors[faces * n..faces * (n + 1)]);
+            let mut pairs = 0;
+            let mut shared = 0;
+            for (&node, &cell_beyond) in other.iter().zip(back) {
+                // The node opposite the face that they share is not in it.
+                let is_apex = cell_beyond as usize == c;
+                pairs += usize::from(is_apex);
+                for (i, &own) in cell.iter().enumerate() {
+                    shared += usize::from((own == node) & (i != k) & !is_apex);
+                }
+            }
+            // Nodes of a cell differ, so that many in common are the face.
+            if (pairs, shared) != (1, D) {
+                return Some(c);
+            }
+        }
+    }
+    (unpaired != 0).then_some(0)
 }
 
 fn cells_of<const D: usize, M: Simplices<D>>(_: &M) -> &'static str {
@@ -208,6 +275,27 @@ mod tests {
         let found = check(&cube(), [0.0; 3], [1.0; 3], 1e-12);
         assert!(found.passed(), "{:?}", found.problems);
         assert_eq!(found.boundary_faces, 12);
+    }
+
+    #[test]
+    fn known_neighbours_are_checked() {
+        let mesh = cube();
+        let right = Simplices::neighbors(&mesh).unwrap();
+        let found = |neighbors: &[u32]| {
+            check_joined(&mesh, Some(neighbors), [0.0; 3], [1.0; 3], 1e-12).problems
+        };
+        assert_eq!(
+            check_joined(&mesh, Some(&right), [0.0; 3], [1.0; 3], 1e-12),
+            check(&mesh, [0.0; 3], [1.0; 3], 1e-12)
+        );
+        for i in 0..right.len() {
+            for other in [0, 1, 2, 3, 4, 5, 6, NONE] {
+                let mut wrong = right.clone();
+                wrong[i] = other;
+                assert_eq!(found(&wrong).is_empty(), wrong == right, "{i} {other}");
+            }
+        }
+        assert!(!found(&right[1..]).is_empty());
     }
 
     #[test]

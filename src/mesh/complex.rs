@@ -420,8 +420,9 @@ impl Complex {
         self.faces = faces;
     }
 
-    /// The mesh without dead slots and unused nodes; `kept[i]` is the old number of node i.
-    pub fn into_mesh(self) -> (TetMesh, Vec<u32>) {
+    /// The mesh without dead slots and unused nodes, and its neighbours; `kept[i]` is the old number
+    /// of node i.
+    pub fn into_mesh(self) -> (TetMesh, Vec<[u32; 4]>, Vec<u32>) {
         let mut number = vec![NONE; self.nodes.len()];
         let mut kept = Vec::with_capacity(self.nodes.len());
         for (i, &t) in self.tet_of_node.iter().enumerate() {
@@ -431,12 +432,30 @@ impl Complex {
             }
         }
         let nodes = kept.iter().map(|&i| self.nodes[i as usize]).collect();
-        let mut tets = self.tets;
+        let (mut tets, mut neighbors) = (self.tets, self.neighbors);
+        // What a slot's number becomes.
+        let mut live = 0;
+        let renumbered: Vec<u32> = tets
+            .iter()
+            .map(|tet| {
+                let this = live;
+                live += u32::from(tet[0] != NONE);
+                this
+            })
+            .collect();
+        let mut slot = 0;
+        neighbors.retain(|_| {
+            slot += 1;
+            tets[slot - 1][0] != NONE
+        });
         tets.retain(|t| t[0] != NONE);
         for tet in &mut tets {
             *tet = tet.map(|i| number[i as usize]);
         }
-        (TetMesh { nodes, tets }, kept)
+        for n in neighbors.as_flattened_mut() {
+            *n = renumbered.get(*n as usize).copied().unwrap_or(NONE);
+        }
+        (TetMesh { nodes, tets }, neighbors, kept)
     }
 }
 
@@ -517,8 +536,15 @@ mod tests {
         complex.exchange(&[0, 1, 2, 3], &new, &mut slots);
         let expected = neighbors(6, &complex.tets).unwrap();
         assert_eq!(expected, complex.neighbors);
-        let (mesh, kept) = complex.into_mesh();
+        // Two become three and two again, which leaves a dead slot among the others.
+        let (mut three, mut two) = (Vec::new(), Vec::new());
+        let fresh = [[0, 1, 4, 2], [0, 1, 2, 3], [0, 1, 3, 4]];
+        complex.exchange(&slots[..2], &fresh, &mut three);
+        complex.exchange(&[three[2], three[0], three[1]], &new[..2], &mut two);
+        assert!(!complex.alive(three[1]) && complex.tets.len() == 5);
+        let (mesh, around, kept) = complex.into_mesh();
         assert_eq!(mesh.tets.len(), 4);
+        assert_eq!(around, neighbors(6, &mesh.tets).unwrap());
         assert_eq!(kept.len(), 6);
     }
 }

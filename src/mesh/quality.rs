@@ -1,6 +1,56 @@
 //! The shape of a tetrahedron, measured by its dihedral angles.
 
 use super::{EDGES, cross, dot, sub, volume6};
+use crate::wide::wide;
+
+/// So many tetrahedra are measured side by side.
+pub const BLOCK: usize = 64;
+
+/// The corners of up to [`BLOCK`] tetrahedra, side by side for vectors to measure: by node, axis and
+/// tetrahedron.
+pub struct Corners([[[f64; BLOCK]; 3]; 4]);
+
+impl Default for Corners {
+    fn default() -> Self {
+        Self([[[0.0; BLOCK]; 3]; 4])
+    }
+}
+
+impl Corners {
+    /// Copies together the corners of at most [`BLOCK`] tetrahedra. Places without one keep what they
+    /// had.
+    pub fn gather(&mut self, nodes: &[[f64; 3]], tets: &[[u32; 4]]) {
+        for (i, tet) in tets.iter().enumerate().take(BLOCK) {
+            for (corner, &node) in self.0.iter_mut().zip(tet) {
+                let [x, y, z] = nodes[node as usize];
+                (corner[0][i], corner[1][i], corner[2][i]) = (x, y, z);
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn of(&self, i: usize) -> [[f64; 3]; 4] {
+        let [a, b, c, d] = &self.0;
+        [
+            [a[0][i], a[1][i], a[2][i]],
+            [b[0][i], b[1][i], b[2][i]],
+            [c[0][i], c[1][i], c[2][i]],
+            [d[0][i], d[1][i], d[2][i]],
+        ]
+    }
+
+    /// [`min_sine`] of each.
+    pub fn min_sines(&self, sines: &mut [f64; BLOCK]) {
+        wide(
+            #[inline(always)]
+            || {
+                for (i, sine) in sines.iter_mut().enumerate() {
+                    *sine = min_sine(&self.of(i));
+                }
+            },
+        );
+    }
+}
 
 /// The six dihedral angles in degrees, in the order of [`EDGES`].
 pub fn dihedral_angles(p: &[[f64; 3]; 4]) -> [f64; 6] {
@@ -27,7 +77,7 @@ pub fn dihedral_angles(p: &[[f64; 3]; 4]) -> [f64; 6] {
 /// This is what improvement maximises: small and large angles count alike, every angle lies in
 /// [30, 150] degrees exactly when it is at least 1/2, and it needs no trigonometry: the sine at an
 /// edge of length l between faces of areas A and B is 3 V l / (2 A B) (Klingner & Shewchuk 2007).
-#[inline]
+#[inline(always)]
 pub fn min_sine(p: &[[f64; 3]; 4]) -> f64 {
     let (a, b, c) = (sub(p[1], p[0]), sub(p[2], p[0]), sub(p[3], p[0]));
     let (u, v) = (sub(p[2], p[1]), sub(p[3], p[1]));
@@ -47,11 +97,9 @@ pub fn min_sine(p: &[[f64; 3]; 4]) -> f64 {
         .min(dot(v, v) * s1 * s3)
         .min(dot(w, w) * s2 * s3);
     let denominator = s0 * s1 * s2 * s3;
-    if denominator <= 0.0 {
-        return -1.0;
-    }
     let sine = (m / denominator).sqrt() * volume.abs();
-    if volume > 0.0 { sine } else { -sine }
+    let signed = if volume > 0.0 { sine } else { -sine };
+    if denominator > 0.0 { signed } else { -1.0 }
 }
 
 /// Mean ratio: 12 (3 V)^(2/3) / (sum of squared edge lengths); 1 for the regular tetrahedron
@@ -106,41 +154,50 @@ impl Shape {
     /// Measures the tetrahedron with these corners.
     #[inline]
     pub fn of(p: &[[f64; 3]; 4]) -> Self {
+        Self::measure(p)
+    }
+
+    /// The same, sure to become part of a loop for wide vectors: loops rather than maps of arrays,
+    /// no branches.
+    #[inline(always)]
+    fn measure(p: &[[f64; 3]; 4]) -> Self {
         let (a, b, c) = (sub(p[1], p[0]), sub(p[2], p[0]), sub(p[3], p[0]));
         let (u, v, w) = (sub(p[2], p[1]), sub(p[3], p[1]), sub(p[3], p[2]));
         // Of the faces opposite each node, all outward (or all inward).
         let normals = [cross(u, v), cross(c, b), cross(a, c), cross(b, a)];
-        let inverses = normals.map(|n| {
-            let square = dot(n, n);
-            if square > 0.0 {
-                1.0 / square.sqrt()
-            } else {
-                0.0
-            }
-        });
-        let cosines = std::array::from_fn(|e| {
+        let mut inverses = [0.0; 4];
+        for k in 0..4 {
+            let square = dot(normals[k], normals[k]);
+            let inverse = 1.0 / square.sqrt();
+            inverses[k] = if square > 0.0 { inverse } else { 0.0 };
+        }
+        let mut cosines = [0.0; 6];
+        for e in 0..6 {
             // Edge e lies between the faces opposite the two nodes of the opposite edge.
             let [k, l] = EDGES[5 - e];
             let inverse = inverses[k] * inverses[l];
-            if inverse > 0.0 {
-                (-dot(normals[k], normals[l]) * inverse).clamp(-1.0, 1.0)
-            } else {
-                1.0
-            }
-        });
-        let squares = [a, b, c, u, v, w].map(|e| dot(e, e));
-        let sum = squares.iter().sum::<f64>();
-        let shortest = squares.iter().copied().fold(f64::INFINITY, f64::min);
+            let cosine = (-dot(normals[k], normals[l]) * inverse).clamp(-1.0, 1.0);
+            cosines[e] = if inverse > 0.0 { cosine } else { 1.0 };
+        }
+        let squares = [
+            dot(a, a),
+            dot(b, b),
+            dot(c, c),
+            dot(u, u),
+            dot(v, v),
+            dot(w, w),
+        ];
+        let [aa, bb, cc, uu, vv, ww] = squares;
+        let sum = aa + bb + cc + uu + vv + ww;
+        let shortest = aa.min(bb).min(cc).min(uu).min(vv).min(ww);
         // Six times the volume; positive as in `volume6`.
         let volume6 = -dot(c, normals[3]);
-        let mean_ratio = if volume6 > 0.0 && sum > 0.0 {
-            12.0 * (0.25 * volume6 * volume6).cbrt() / sum
-        } else {
-            0.0
-        };
-        let top: [f64; 3] = std::array::from_fn(|k| {
-            squares[0] * -normals[1][k] + squares[1] * -normals[2][k] + squares[2] * -normals[3][k]
-        });
+        let ratio = 12.0 * cube_root(0.25 * volume6 * volume6) / sum;
+        let mean_ratio = if volume6 > 0.0 { ratio } else { 0.0 };
+        let mut top = [0.0; 3];
+        for k in 0..3 {
+            top[k] = -(aa * normals[1][k] + bb * normals[2][k] + cc * normals[3][k]);
+        }
         let radius_edge = (dot(top, top) / shortest).sqrt() / (2.0 * volume6.abs());
         Self {
             cosines,
@@ -162,6 +219,70 @@ impl Shape {
     pub fn largest_angle(&self) -> f64 {
         let least = self.cosines.iter().copied().fold(1.0, f64::min);
         least.acos().to_degrees()
+    }
+}
+
+/// The cube root of a positive number, to 1e-13 of it, in steps that vectors can take.
+#[inline(always)]
+fn cube_root(x: f64) -> f64 {
+    // A third of the exponent: good to five bits (as in FreeBSD's `cbrt`). Each of Halley's steps
+    // makes three times as many of them.
+    let high = (x.to_bits() >> 32) as u32 / 3 + 0x2A9F_7893;
+    let mut y = f64::from_bits(u64::from(high) << 32);
+    for _ in 0..2 {
+        let cube = y * y * y;
+        y *= (cube + 2.0 * x) / (2.0 * cube + x);
+    }
+    y
+}
+
+/// The figures of up to [`BLOCK`] tetrahedra, as those of [`Shape`] side by side.
+pub struct Shapes {
+    cosines: [[f64; BLOCK]; 6],
+    mean_ratio: [f64; BLOCK],
+    radius_edge: [f64; BLOCK],
+    volume: [f64; BLOCK],
+}
+
+impl Default for Shapes {
+    fn default() -> Self {
+        Self {
+            cosines: [[0.0; BLOCK]; 6],
+            mean_ratio: [0.0; BLOCK],
+            radius_edge: [0.0; BLOCK],
+            volume: [0.0; BLOCK],
+        }
+    }
+}
+
+impl Shapes {
+    /// Measures every tetrahedron of a block.
+    pub fn measure(&mut self, corners: &Corners) {
+        wide(
+            #[inline(always)]
+            || {
+                for i in 0..BLOCK {
+                    let shape = Shape::measure(&corners.of(i));
+                    for e in 0..6 {
+                        self.cosines[e][i] = shape.cosines[e];
+                    }
+                    self.mean_ratio[i] = shape.mean_ratio;
+                    self.radius_edge[i] = shape.radius_edge;
+                    self.volume[i] = shape.volume;
+                }
+            },
+        );
+    }
+
+    /// The figures of one of them.
+    #[inline]
+    pub fn get(&self, i: usize) -> Shape {
+        Shape {
+            cosines: std::array::from_fn(|e| self.cosines[e][i]),
+            mean_ratio: self.mean_ratio[i],
+            radius_edge: self.radius_edge[i],
+            volume: self.volume[i],
+        }
     }
 }
 
@@ -201,7 +322,36 @@ mod tests {
         }
     }
 
+    #[test]
+    fn cube_roots() {
+        for i in -300..300 {
+            let x = 10f64.powf(0.1 * f64::from(i));
+            assert!((cube_root(x) / x.cbrt() - 1.0).abs() < 1e-13, "{x}");
+        }
+    }
+
     proptest! {
+        #[test]
+        fn blocks_are_measured_as_single_ones(
+            c in proptest::collection::vec(-1.0f64..1.0, 3 * 40),
+            picks in proptest::collection::vec(0u32..40, 4 * 50)
+        ) {
+            let (nodes, tets) = (c.as_chunks::<3>().0, picks.as_chunks::<4>().0);
+            let (mut corners, mut shapes) = (Corners::default(), Shapes::default());
+            corners.gather(nodes, tets);
+            shapes.measure(&corners);
+            let mut sines = [0.0; BLOCK];
+            corners.min_sines(&mut sines);
+            for (i, tet) in tets.iter().enumerate() {
+                let p = tet.map(|n| nodes[n as usize]);
+                prop_assert_eq!(sines[i].to_bits(), min_sine(&p).to_bits());
+                let (one, many) = (Shape::of(&p), shapes.get(i));
+                prop_assert_eq!(one.cosines, many.cosines);
+                prop_assert_eq!(one.mean_ratio.to_bits(), many.mean_ratio.to_bits());
+                prop_assert_eq!(one.volume.to_bits(), many.volume.to_bits());
+            }
+        }
+
         #[test]
         fn shapes_are_the_single_figures(c in proptest::array::uniform12(-1.0f64..1.0)) {
             let p = [[c[0], c[1], c[2]], [c[3], c[4], c[5]], [c[6], c[7], c[8]], [c[9], c[10], c[11]]];

@@ -49,7 +49,7 @@ where
         .map(|&x| outcome.distance.at(x) as f32)
         .collect();
     let cells = || (0..lattice.len()).into_par_iter();
-    let smallest: Vec<f32> = cells().map(|c| lattice.smallest_angle(c) as f32).collect();
+    let smallest = lattice.smallest_angles();
     let volume: Vec<f32> = cells().map(|c| mesh.volume(c) as f32).collect();
     let horizons = horizon_bits(lattice, &outcome.feature_faces, &outcome.features);
     let mut file = MeshFile {

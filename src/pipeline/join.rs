@@ -77,6 +77,8 @@ pub struct Scene<'a, const D: usize> {
 pub struct Joined<M> {
     /// The mesh.
     pub mesh: M,
+    /// For every cell and face, in order, the cell on its other side, where that is known.
+    pub neighbors: Option<Vec<u32>>,
     /// What each node may do.
     pub kinds: Vec<AtomKind>,
     /// For each cell, bit k: its face k, opposite node k, lies on a feature.
@@ -129,32 +131,40 @@ impl Meshing<3> for Space<3> {
         begin(JOINING);
         let Delaunay {
             mut mesh,
-            neighbors,
+            mut neighbors,
         } = delaunay::delaunay_with_neighbors(&atoms.positions)?;
         let mut kinds = atoms.kinds;
         let (Some(options), Some(sheets)) = (improvement, &sheets) else {
             return Ok(Joined {
                 feature_faces: vec![0; mesh.tets.len()],
                 mesh,
+                neighbors: Some(neighbors.into_flattened()),
                 kinds,
                 improvement: None,
                 rival: None,
             });
         };
         let mut rival = None;
-        let (outcome, feature_faces) = match options.method {
+        let (neighbors, (outcome, feature_faces)) = match options.method {
             Method::Joe => {
                 begin(IMPROVING);
-                improve::improve(
-                    &mut mesh, neighbors, &mut kinds, extent, sheets, distance, options,
-                )
+                let done = improve::improve(
+                    &mut mesh,
+                    &mut neighbors,
+                    &mut kinds,
+                    extent,
+                    sheets,
+                    distance,
+                    options,
+                );
+                (Some(neighbors.into_flattened()), done)
             }
             Method::Exude => {
                 begin("removing slivers the other way");
                 let (mut other, mut their_kinds) = (mesh.clone(), kinds.clone());
                 let (_, faces) = improve::improve(
                     &mut other,
-                    neighbors.clone(),
+                    &mut neighbors.clone(),
                     &mut their_kinds,
                     extent,
                     sheets,
@@ -163,13 +173,15 @@ impl Meshing<3> for Space<3> {
                 );
                 rival = Some((other, faces));
                 begin(IMPROVING);
-                exude(
+                let done = exude(
                     &mut mesh, neighbors, &mut kinds, extent, sheets, distance, options,
-                )?
+                )?;
+                (None, done)
             }
         };
         Ok(Joined {
             mesh,
+            neighbors,
             kinds,
             feature_faces,
             improvement: Some(Improvement::from(&outcome)),
@@ -227,6 +239,7 @@ impl Meshing<2> for Space<2> {
             return Ok(Joined {
                 feature_faces: vec![0; mesh.triangles.len()],
                 mesh,
+                neighbors: None,
                 kinds: atoms.kinds,
                 improvement: None,
                 rival: None,
@@ -249,6 +262,7 @@ impl Meshing<2> for Space<2> {
         );
         Ok(Joined {
             mesh,
+            neighbors: None,
             kinds,
             feature_faces,
             improvement: Some(Improvement::from(&outcome)),

@@ -147,10 +147,16 @@ fn judge<const D: usize>(
 ) -> Fidelity {
     let pieces = pieces(nodes, reference, faces, sets);
     let (to_on, to_claimed) = to_faces(nodes, faces, sets, &reference.points);
+    let corners = of_corners(nodes.len(), faces, sets);
+    let to_corners = distances(nodes, &corners, reference);
     let compare = |set: u8, to_faces: Vec<f64>| {
         let count = sets.iter().filter(|&&s| s & set != 0).count();
         let pieces = pieces.iter().filter(|(s, _)| s & set != 0);
-        compare(count, pieces.map(|p| p.1).collect(), to_faces)
+        let to_corners = corners.iter().zip(&to_corners);
+        let farthest = to_corners
+            .filter(|(s, _)| *s & set != 0)
+            .fold(0.0, |most: f64, (_, &d)| most.max(d));
+        compare(count, pieces.map(|p| p.1).collect(), farthest, to_faces)
     };
     Fidelity {
         reference: reference.source.to_string(),
@@ -215,6 +221,39 @@ fn faces<const D: usize>(
 
 fn corners<const D: usize>(nodes: &[[f64; D]], face: [u32; D]) -> [[f64; D]; D] {
     face.map(|n| nodes[n as usize])
+}
+
+/// The sets of the faces that have each node as a corner.
+fn of_corners<const D: usize>(nodes: usize, faces: &[[u32; D]], sets: &[u8]) -> Vec<u8> {
+    let mut found = vec![0; nodes];
+    for (face, set) in faces.iter().zip(sets) {
+        for &node in face {
+            found[node as usize] |= set;
+        }
+    }
+    found
+}
+
+/// Distances to the features of the nodes that are in any set, 0 for the others.
+fn distances<const D: usize>(
+    nodes: &[[f64; D]],
+    sets: &[u8],
+    reference: &Reference<'_, D>,
+) -> Vec<f64> {
+    nodes
+        .par_chunks(CHUNK)
+        .zip(sets.par_chunks(CHUNK))
+        .flat_map_iter(|(nodes, sets)| {
+            let mut hint = None;
+            let mut distance = |x: [f64; D]| reference.distance(x, &mut hint);
+            let found: Vec<f64> = nodes
+                .iter()
+                .zip(sets)
+                .map(|(&x, &set)| if set == 0 { 0.0 } else { distance(x) })
+                .collect();
+            found
+        })
+        .collect()
 }
 
 /// The small pieces of every face, with the face's sets.
@@ -292,8 +331,14 @@ fn to_faces<const D: usize>(
         .unzip()
 }
 
-/// Compares a set of faces, given as pieces, with points of the features, given as distances.
-fn compare(faces: usize, mut to_features: Vec<Piece>, mut to_faces: Vec<f64>) -> Match {
+/// Compares a set of faces, given as pieces and the distance of their farthest corner, with points of
+/// the features, given as distances.
+fn compare(
+    faces: usize,
+    mut to_features: Vec<Piece>,
+    farthest_corner: f64,
+    mut to_faces: Vec<f64>,
+) -> Match {
     to_features.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
     let area: f64 = to_features.iter().map(|(_, area)| area).sum();
     let within = |t: f64| {
@@ -310,7 +355,7 @@ fn compare(faces: usize, mut to_features: Vec<Piece>, mut to_faces: Vec<f64>) ->
         .iter()
         .copied()
         .max_by(f64::total_cmp)
-        .zip(to_features.last().map(|(d, _)| *d));
+        .zip(to_features.last().map(|(d, _)| d.max(farthest_corner)));
     let mut sum = 0.0;
     let area_95 = to_features.iter().find(|(_, area_here)| {
         sum += area_here;
@@ -335,8 +380,7 @@ fn compare(faces: usize, mut to_features: Vec<Piece>, mut to_faces: Vec<f64>) ->
 /// Distance to the features and area of a small piece of a face.
 type Piece = (f64, f64);
 
-/// The equal small pieces of a face, each measured at its centroid, and the face's corners, which
-/// have no area but count for the largest distance.
+/// The equal small pieces of a face, each measured at its centroid.
 fn sample<const D: usize>(
     face: &[[f64; D]; D],
     reference: &Reference<'_, D>,
@@ -357,9 +401,6 @@ fn sample<const D: usize>(
         0.5 * (square(u) * square(v) - along * along).max(0.0).sqrt()
     };
     let part = area / n.pow(D as u32 - 1) as f64;
-    for &corner in face {
-        piece((reference.distance(corner, hint), 0.0));
-    }
     let mut at = |i: f64, j: f64| {
         let (s, t) = (i / n as f64, j / n as f64);
         let x = std::array::from_fn(|k| face[0][k] + s * u[k] + t * v[k]);

@@ -1,5 +1,5 @@
-//! Nearest-item queries: a tree of bounding boxes, and the distance from a point to a triangle or a
-//! segment.
+//! Nearest-item queries: points in cells, a tree of bounding boxes, and the distance from a point to a
+//! triangle or a segment.
 
 type Point = [f64; 3];
 
@@ -57,6 +57,118 @@ pub(super) fn square_to_face<const D: usize>(p: [f64; D], face: &[[f64; D]; D]) 
     let lifted =
         |x: &[f64; D]| -> Point { std::array::from_fn(|k| x.get(k).copied().unwrap_or(0.0)) };
     square_to_triangle(lifted(&p), [&face[0], &face[1], &face[D - 1]].map(lifted))
+}
+
+/// Points in the cells of a grid: for nearest points of which most are within a cell or two.
+pub(super) struct Points<const D: usize> {
+    /// In the order of their cells.
+    sorted: Vec<[f32; D]>,
+    /// Where each cell's points start; x fastest, one more at the end.
+    start: Vec<u32>,
+    dims: [usize; D],
+}
+
+/// Side of a cell.
+const CELL: f64 = 2.0;
+
+impl<const D: usize> Points<D> {
+    /// Sorts points in or near the box `[0, extent]`; also gives their numbers in the new order.
+    pub(super) fn new(points: &[[f32; D]], extent: [f64; D]) -> (Self, Vec<u32>) {
+        let dims = extent.map(|e| (e / CELL) as usize + 1);
+        let mut grid = Self {
+            sorted: vec![[0.0; D]; points.len()],
+            start: vec![0; dims.iter().product::<usize>() + 2],
+            dims,
+        };
+        let cells: Vec<usize> = points
+            .iter()
+            .map(|p| {
+                let along = |k: usize| grid.along(k, f64::from(p[k]));
+                (0..D).rev().fold(0, |cell, k| cell * dims[k] + along(k))
+            })
+            .collect();
+        for cell in &cells {
+            grid.start[cell + 2] += 1;
+        }
+        for i in 2..grid.start.len() {
+            grid.start[i] += grid.start[i - 1];
+        }
+        let mut order = vec![0; points.len()];
+        for (i, &cell) in cells.iter().enumerate() {
+            // The start of the next cell counts up to its place.
+            let place = grid.start[cell + 1] as usize;
+            grid.start[cell + 1] += 1;
+            (grid.sorted[place], order[place]) = (points[i], i as u32);
+        }
+        (grid, order)
+    }
+
+    fn along(&self, k: usize, x: f64) -> usize {
+        ((x / CELL) as usize).min(self.dims[k] - 1)
+    }
+
+    /// Where point `i` of the new order is.
+    pub(super) fn position(&self, i: usize) -> [f32; D] {
+        self.sorted[i]
+    }
+
+    fn square(&self, p: [f64; D], i: usize) -> f64 {
+        let q = &self.sorted[i];
+        (0..D).fold(0.0, |sum, k| sum + (p[k] - f64::from(q[k])).powi(2))
+    }
+
+    /// The nearest point, by its number in the new order, and its squared distance; none if all are
+    /// `limit` away or farther. `hint` may be a point that is likely to be near, to save time; of
+    /// equally near ones it may change which one is found.
+    pub(super) fn nearest(
+        &self,
+        p: [f64; D],
+        limit: f64,
+        hint: Option<usize>,
+    ) -> Option<(usize, f64)> {
+        let mut best = hint
+            .map(|i| (i, self.square(p, i)))
+            .filter(|(_, square)| *square < limit * limit);
+        // Every point within the radius is looked at: it grows until the nearest is among them.
+        let known = best.map_or(CELL, |(_, square)| square.sqrt() * (1.0 + 1e-9));
+        let mut radius = known.min(CELL).min(limit);
+        loop {
+            self.look_within(p, radius, limit, &mut best);
+            let done = best.is_some_and(|(_, square)| square <= radius * radius);
+            if done || radius >= limit {
+                return best;
+            }
+            radius = (2.0 * radius).max(1e-3).min(limit);
+        }
+    }
+
+    /// Looks at all points in the cells within `radius` of `p`.
+    fn look_within(&self, p: [f64; D], radius: f64, limit: f64, best: &mut Option<(usize, f64)>) {
+        let low: [usize; D] = std::array::from_fn(|k| self.along(k, p[k] - radius));
+        let high: [usize; D] = std::array::from_fn(|k| self.along(k, p[k] + radius));
+        let rows: usize = (1..D).map(|k| high[k] - low[k] + 1).product();
+        let (mut which, mut least) = best.unwrap_or((usize::MAX, limit * limit));
+        for number in 0..rows {
+            // The row's place along the other axes, the last slowest.
+            let (mut rest, mut row, mut stride) = (number, 0, self.dims[0]);
+            for k in 1..D {
+                let count = high[k] - low[k] + 1;
+                row += (low[k] + rest % count) * stride;
+                rest /= count;
+                stride *= self.dims[k];
+            }
+            let (from, to) = (self.start[row + low[0]], self.start[row + high[0] + 1]);
+            for i in from as usize..to as usize {
+                let square = self.square(p, i);
+                if square < least {
+                    (which, least) = (i, square);
+                }
+            }
+        }
+        if which != usize::MAX {
+            *best = Some((which, least));
+        }
+    }
 }
 
 /// Items in a leaf.
@@ -237,6 +349,34 @@ mod tests {
             assert_eq!(square_to_face(p, &segment), square);
         }
         assert_eq!(square_to_face([0.0, 0.0], &[[3.0, 4.0]; 2]), 25.0);
+    }
+
+    #[test]
+    fn cells_find_what_a_scan_finds() {
+        let mut seed = 3;
+        let extent = [20.0, 9.0, 14.0];
+        let points: Vec<[f32; 3]> = (0..400)
+            .map(|_| extent.map(|e| (0.2 * e + 0.7 * e * random(&mut seed)) as f32))
+            .collect();
+        let (grid, order) = Points::new(&points, extent);
+        for _ in 0..500 {
+            let p: Point = extent.map(|e| e * (1.4 * random(&mut seed) - 0.2));
+            let square = |i: usize| {
+                let gap = sub(p, points[i].map(f64::from));
+                dot(gap, gap)
+            };
+            let scanned = (0..points.len()).map(square).fold(FAR, f64::min);
+            for hint in [None, Some(7)] {
+                let (i, found) = grid.nearest(p, 50.0, hint).unwrap();
+                assert!((found - scanned).abs() < 1e-12);
+                assert!((square(order[i] as usize) - scanned).abs() < 1e-12);
+                assert_eq!(grid.position(i), points[order[i] as usize]);
+                assert!(grid.nearest(p, 0.999 * scanned.sqrt(), hint).is_none());
+                assert!(grid.nearest(p, 1.001 * scanned.sqrt(), hint).is_some());
+            }
+        }
+        let (none, _) = Points::new(&[], extent);
+        assert!(none.nearest([1.0; 3], 9.0, None).is_none());
     }
 
     #[test]

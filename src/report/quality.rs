@@ -108,9 +108,27 @@ pub trait Measured<const D: usize>: Simplices<D> {
     /// Measures cell `c`.
     fn shape(&self, c: usize) -> Shape<Self::Cosines>;
 
-    /// The smallest angle of cell `c`, in degrees.
-    fn smallest_angle(&self, c: usize) -> f64 {
-        largest(self.shape(c).cosines.as_ref()).acos().to_degrees()
+    /// Measures cells, in their order.
+    fn shapes(&self, cells: Range<usize>, mut visit: impl FnMut(Shape<Self::Cosines>)) {
+        for c in cells {
+            visit(self.shape(c));
+        }
+    }
+
+    /// The smallest angle of every cell, in degrees.
+    fn smallest_angles(&self) -> Vec<f32> {
+        let mut angles = vec![0.0f32; self.len()];
+        let chunks = angles.par_chunks_mut(CHUNK).enumerate();
+        chunks.for_each(|(chunk, angles)| {
+            let first = chunk * CHUNK;
+            let mut places = angles.iter_mut();
+            self.shapes(first..first + places.len(), |shape| {
+                if let Some(angle) = places.next() {
+                    *angle = largest(shape.cosines.as_ref()).acos().to_degrees() as f32;
+                }
+            });
+        });
+        angles
     }
 }
 
@@ -121,8 +139,25 @@ impl Measured<3> for TetMesh {
     type Cosines = [f64; 6];
 
     fn shape(&self, c: usize) -> Shape<[f64; 6]> {
-        let shape = quality::Shape::of(&self.corners(c));
-        Shape {
+        quality::Shape::of(&self.corners(c)).into()
+    }
+
+    fn shapes(&self, cells: Range<usize>, mut visit: impl FnMut(Shape<[f64; 6]>)) {
+        let (mut corners, mut shapes) = (quality::Corners::default(), quality::Shapes::default());
+        for block in self.tets[cells].chunks(quality::BLOCK) {
+            corners.gather(&self.nodes, block);
+            shapes.measure(&corners);
+            for i in 0..block.len() {
+                visit(shapes.get(i).into());
+            }
+        }
+    }
+}
+
+impl From<quality::Shape> for Shape<[f64; 6]> {
+    #[inline]
+    fn from(shape: quality::Shape) -> Self {
+        Self {
             cosines: shape.cosines,
             ratio: shape.mean_ratio,
             radius: shape.radius_edge,
@@ -148,9 +183,12 @@ impl Measured<2> for TriMesh {
     }
 }
 
-/// What is kept of the cells of one task.
+/// What is kept of the cells of one task. Angles are kept as what they need for a cosine of one, which
+/// grows with them and tells the smallest apart: no arc cosine for each of millions of cells.
 struct Shapes {
+    /// 1 - cos of the smallest angle.
     smallest: Vec<f32>,
+    /// 1 + cos of the largest angle, 1 - cos of what it lacks of 180 degrees.
     largest: Vec<f32>,
     ratio: Vec<f32>,
     radius: Vec<f32>,
@@ -170,10 +208,13 @@ pub fn quality<const D: usize, M: Measured<D>>(mesh: &M) -> Quality {
     let gather = |part: fn(&Shapes) -> &Vec<f32>| -> Vec<f32> {
         parts.iter().flat_map(part).copied().collect()
     };
-    let mut smallest = gather(|p| &p.smallest);
-    let mut largest = gather(|p| &p.largest);
-    let count =
-        |values: &[f32], wanted: fn(f32) -> bool| values.iter().filter(|&&v| wanted(v)).count();
+    let smallest = gather(|p| &p.smallest);
+    let largest = gather(|p| &p.largest);
+    let below = |values: &[f32], angle: f64| {
+        let limit = 1.0 - angle.to_radians().cos();
+        values.iter().filter(|&&v| f64::from(v) < limit).count()
+    };
+    let from_180 = |p: Points| p.map(|v| 180.0 - angle(v));
     let mut histogram = [0; BINS];
     for part in &parts {
         for (sum, bin) in histogram.iter_mut().zip(part.histogram) {
@@ -184,17 +225,17 @@ pub fn quality<const D: usize, M: Measured<D>>(mesh: &M) -> Quality {
         nodes: mesh.nodes().len(),
         cells,
         kind: M::CELLS,
-        below_20: count(&smallest, |a| a < 20.0),
-        below_30: count(&smallest, |a| a < 30.0),
-        above_120: count(&largest, |a| a > 120.0),
-        above_150: count(&largest, |a| a > 150.0),
-        above_160: count(&largest, |a| a > 160.0),
+        below_20: below(&smallest, 20.0),
+        below_30: below(&smallest, 30.0),
+        above_120: below(&largest, 60.0),
+        above_150: below(&largest, 30.0),
+        above_160: below(&largest, 20.0),
         histogram,
         worst: worst(mesh, &smallest, &largest),
-        smallest_angle: points(&mut smallest, Bad::Small),
-        largest_angle: points(&mut largest, Bad::Large),
-        mean_ratio: points(&mut gather(|p| &p.ratio), Bad::Small),
-        radius_edge: points(&mut gather(|p| &p.radius), Bad::Large),
+        smallest_angle: points(&smallest, Bad::Small).map(angle),
+        largest_angle: from_180(points(&largest, Bad::Small)),
+        mean_ratio: points(&gather(|p| &p.ratio), Bad::Small),
+        radius_edge: points(&gather(|p| &p.radius), Bad::Large),
         mean_ratio_mean: parts.iter().map(|p| p.ratio_sum).sum::<f64>() / cells as f64,
         volume: parts.iter().map(|p| p.volume).sum(),
         smallest_volume: parts
@@ -220,15 +261,13 @@ fn shapes<const D: usize>(mesh: &impl Measured<D>, cells: Range<usize>) -> Shape
         volume_range: [f64::INFINITY, f64::NEG_INFINITY],
     };
     let bins = Bins::new();
-    for c in cells {
-        let shape = mesh.shape(c);
+    mesh.shapes(cells, |shape| {
         let cosines = shape.cosines.as_ref();
         for &cosine in cosines {
             found.histogram[bins.of(cosine)] += 1;
         }
-        let angle = |cosine: f64| cosine.acos().to_degrees() as f32;
-        found.smallest.push(angle(largest(cosines)));
-        found.largest.push(angle(smallest(cosines)));
+        found.smallest.push((1.0 - largest(cosines)) as f32);
+        found.largest.push((1.0 + smallest(cosines)) as f32);
         found.ratio.push(shape.ratio as f32);
         found.radius.push(shape.radius as f32);
         found.ratio_sum += shape.ratio;
@@ -237,8 +276,13 @@ fn shapes<const D: usize>(mesh: &impl Measured<D>, cells: Range<usize>) -> Shape
             found.volume_range[0].min(shape.volume),
             found.volume_range[1].max(shape.volume),
         ];
-    }
+    });
     found
+}
+
+/// The angle, in degrees, whose cosine is that much below one.
+fn angle(versine: f64) -> f64 {
+    (1.0 - versine).acos().to_degrees()
 }
 
 fn largest(values: &[f64]) -> f64 {
@@ -287,7 +331,18 @@ enum Bad {
     Large,
 }
 
-fn points(values: &mut [f32], bad: Bad) -> Points {
+impl Points {
+    fn map(self, f: impl Fn(f64) -> f64) -> Self {
+        Self {
+            worst: f(self.worst),
+            permille: f(self.permille),
+            percent: f(self.percent),
+            median: f(self.median),
+        }
+    }
+}
+
+fn points(values: &[f32], bad: Bad) -> Points {
     let Some(last) = values.len().checked_sub(1) else {
         let none = f64::NAN;
         return Points {
@@ -297,23 +352,11 @@ fn points(values: &mut [f32], bad: Bad) -> Points {
             median: none,
         };
     };
-    // The bad ones come first, and each search is among what the one before has put aside.
-    if let Bad::Large = bad {
-        values.iter_mut().for_each(|v| *v = -*v);
-    }
-    let [worst, permille, percent, median] =
-        [0.0, 0.001, 0.01, 0.5].map(|s| (s * last as f64) as usize);
-    let mut below = values;
-    let mut found = [median, percent, permille, worst].map(|rank| {
-        let whole = std::mem::take(&mut below);
-        let value = *whole.select_nth_unstable_by(rank, f32::total_cmp).1;
-        below = &mut whole[..=rank];
-        f64::from(value)
-    });
-    if let Bad::Large = bad {
-        found = found.map(|v| -v);
-    }
-    let [median, percent, permille, worst] = found;
+    let ranks = [0.0, 0.001, 0.01, 0.5].map(|share| (share * last as f64) as usize);
+    let [worst, permille, percent, median] = match bad {
+        Bad::Small => at_ranks(values, ranks),
+        Bad::Large => at_ranks(values, ranks.map(|rank| last - rank)),
+    };
     Points {
         worst,
         permille,
@@ -322,12 +365,52 @@ fn points(values: &mut [f32], bad: Bad) -> Points {
     }
 }
 
+/// The values of which so many are smaller. Counts how many values begin with each 16 bits, and sorts
+/// only among those that begin as the wanted ones do.
+fn at_ranks<const N: usize>(values: &[f32], ranks: [usize; N]) -> [f64; N] {
+    // Whole numbers that are ordered as the values are.
+    let order = |v: f32| match v.to_bits() {
+        bits if bits >> 31 == 1 => !bits,
+        bits => bits | 1 << 31,
+    };
+    let mut counts = vec![0usize; 1 << 16];
+    for &v in values {
+        counts[(order(v) >> 16) as usize] += 1;
+    }
+    // Where each rank is: its beginning, and how many of the same beginning are before it.
+    let places = ranks.map(|rank| {
+        let mut before = 0;
+        let bin = counts.iter().position(|&count| {
+            before += count;
+            before > rank
+        });
+        let bin = bin.unwrap_or_default();
+        (bin as u32, rank + counts[bin] - before)
+    });
+    let mut alike: [Vec<f32>; N] = std::array::from_fn(|_| Vec::new());
+    for &v in values {
+        let bin = order(v) >> 16;
+        for (alike, place) in alike.iter_mut().zip(&places) {
+            if place.0 == bin {
+                alike.push(v);
+            }
+        }
+    }
+    let mut found = [f64::NAN; N];
+    for ((found, alike), (_, rank)) in found.iter_mut().zip(&mut alike).zip(places) {
+        if rank < alike.len() {
+            *found = f64::from(*alike.select_nth_unstable_by(rank, f32::total_cmp).1);
+        }
+    }
+    found
+}
+
 fn worst<const D: usize>(
     mesh: &impl Simplices<D>,
     smallest: &[f32],
     largest: &[f32],
 ) -> Vec<Worst> {
-    let badness = |c: usize| (90.0 - smallest[c]).max(largest[c] - 90.0);
+    let badness = |c: usize| -smallest[c].min(largest[c]);
     let mut found: Vec<usize> = Vec::with_capacity(LISTED + 1);
     for c in 0..mesh.len() {
         let full = found.len() == LISTED;
@@ -352,8 +435,8 @@ fn worst<const D: usize>(
         .map(|c| Worst {
             cell: c,
             centroid: centroid(c),
-            smallest: smallest[c].into(),
-            largest: largest[c].into(),
+            smallest: angle(smallest[c].into()),
+            largest: 180.0 - angle(largest[c].into()),
         })
         .collect()
 }
@@ -478,12 +561,12 @@ mod tests {
     #[test]
     fn points_are_the_ranks_of_the_sorted_values() {
         let values: Vec<f32> = (0..1001).map(|i| ((i * 617) % 1001) as f32).collect();
-        let low = points(&mut values.clone(), Bad::Small);
+        let low = points(&values, Bad::Small);
         assert_eq!(
             (low.worst, low.permille, low.percent, low.median),
             (0.0, 1.0, 10.0, 500.0)
         );
-        let high = points(&mut values.clone(), Bad::Large);
+        let high = points(&values, Bad::Large);
         let found = (high.worst, high.permille, high.percent, high.median);
         assert_eq!(found, (1000.0, 999.0, 990.0, 500.0));
     }

@@ -2,7 +2,7 @@
 //!
 //! All positions and distances here are in samples, that is, in lattice space with a step of 1.
 
-use super::nearest::Tree;
+use super::nearest::Points;
 use crate::feature::Features;
 use crate::synth::Truth;
 use crate::synth::truth::REACH;
@@ -27,35 +27,9 @@ enum Field<'a, const D: usize> {
 
 /// Detected points, for distances.
 struct Detected<const D: usize> {
+    points: Points<D>,
+    /// Of each point, in the order of the cells.
     normals: Vec<[f32; D]>,
-    tree: Tree<D>,
-    /// Cells of side [`CELL`] that have a point within that distance.
-    near: Vec<bool>,
-    dims: [usize; D],
-}
-
-/// Side of the cells that say at once that no point is near, in samples.
-const CELL: f64 = 2.0;
-
-impl<const D: usize> Detected<D> {
-    fn cell(&self, p: [f64; D]) -> usize {
-        (0..D).rev().fold(0, |at, k| {
-            at * self.dims[k] + ((p[k].max(0.0) / CELL) as usize).min(self.dims[k] - 1)
-        })
-    }
-
-    fn mark(&mut self, points: &[[f32; D]]) {
-        for p in points {
-            for c in 0..3usize.pow(D as u32) {
-                let beside: [f64; D] = std::array::from_fn(|k| {
-                    let side = c / 3usize.pow(k as u32) % 3;
-                    f64::from(p[k]) + CELL * (side as f64 - 1.0)
-                });
-                let cell = self.cell(beside);
-                self.near[cell] = true;
-            }
-        }
-    }
 }
 
 impl<'a, const D: usize> Reference<'a, D> {
@@ -87,10 +61,13 @@ impl<'a, const D: usize> Reference<'a, D> {
             .iter()
             .map(|p| std::array::from_fn(|k| p.position[k] / step[k]))
             .collect();
-        let normals = features
-            .points
+        let dims = features.potential.dims;
+        let extent = dims.map(|n| (n.max(1) - 1) as f64);
+        let (sorted, order) = Points::new(&points, extent);
+        let normals = order
             .iter()
-            .map(|p| {
+            .map(|&i| {
+                let p = &features.points[i as usize];
                 let n: [f32; D] = std::array::from_fn(|k| p.normal[k] * step[k]);
                 let length = n
                     .iter()
@@ -101,23 +78,13 @@ impl<'a, const D: usize> Reference<'a, D> {
                 n.map(|c| c / length)
             })
             .collect();
-        let boxes: Vec<_> = points.iter().map(|p| [p.map(f64::from); 2]).collect();
-        let dims = features
-            .potential
-            .dims
-            .map(|n| ((n.max(1) - 1) as f64 / CELL) as usize + 1);
-        let mut detected = Detected {
-            normals,
-            tree: Tree::new(&boxes),
-            near: vec![false; dims.iter().product()],
-            dims,
-        };
-        detected.mark(&points);
-        let field = Field::Detected(detected);
         Self {
             source: "detected",
             points,
-            field,
+            field: Field::Detected(Detected {
+                points: sorted,
+                normals,
+            }),
         }
     }
 
@@ -135,8 +102,7 @@ impl<'a, const D: usize> Reference<'a, D> {
             Field::Detected(detected) => {
                 // The nearest point is that much farther at most than the distance to its plane.
                 let far = limit.hypot(SIDEWAYS) + 1e-9;
-                (far > CELL || detected.near[detected.cell(p)])
-                    && self.to_points(detected, p, far, &mut None) <= limit
+                detected.distance(p, far, &mut None) <= limit
             }
         }
     }
@@ -150,28 +116,21 @@ impl<'a, const D: usize> Reference<'a, D> {
     pub fn distance(&self, p: [f64; D], hint: &mut Option<usize>) -> f64 {
         match &self.field {
             Field::Truth(truth) => from_corners(truth, p),
-            Field::Detected(detected) => self.to_points(detected, p, f64::from(REACH), hint),
+            Field::Detected(detected) => detected.distance(p, f64::from(REACH), hint),
         }
     }
+}
 
+impl<const D: usize> Detected<D> {
     /// The distance from detected points; `far` if no point is nearer than that.
-    fn to_points(
-        &self,
-        detected: &Detected<D>,
-        p: [f64; D],
-        far: f64,
-        hint: &mut Option<usize>,
-    ) -> f64 {
-        let gap =
-            |i: usize| -> [f64; D] { std::array::from_fn(|k| p[k] - f64::from(self.points[i][k])) };
-        let nearest = detected
-            .tree
-            .nearest(p, far * far, *hint, |i| dot(gap(i), gap(i)));
-        let Some((i, square)) = nearest else {
+    fn distance(&self, p: [f64; D], far: f64, hint: &mut Option<usize>) -> f64 {
+        let Some((i, square)) = self.points.nearest(p, far, *hint) else {
             return far;
         };
         *hint = Some(i);
-        let along = dot(gap(i), detected.normals[i].map(f64::from)).abs();
+        let point = self.points.position(i);
+        let gap: [f64; D] = std::array::from_fn(|k| p[k] - f64::from(point[k]));
+        let along = dot(gap, self.normals[i].map(f64::from)).abs();
         let sideways = square - along * along;
         if sideways > SIDEWAYS * SIDEWAYS {
             square.sqrt()

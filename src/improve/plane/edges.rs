@@ -143,7 +143,7 @@ impl Improver<'_> {
             self.nodes.pop();
             return false;
         }
-        let hold = Hold::new(lift(at), AtomKind::Interior, lift(self.extent), self.sheets);
+        let (hold, _) = Hold::new(lift(at), AtomKind::Interior, lift(self.extent), self.sheets);
         self.kinds.push(match (hold.axes & 3).count_ones() {
             0 => AtomKind::Interior,
             1 => AtomKind::Edge,

@@ -116,7 +116,7 @@ impl<'a> Improver<'a> {
         let holds = nodes
             .iter()
             .zip(kinds)
-            .map(|(&x, &kind)| Hold::new(lift(x), kind, lift(extent), sheets))
+            .map(|(&x, &kind)| Hold::new(lift(x), kind, lift(extent), sheets).0)
             .collect();
         let mut triangle_of = vec![NONE; nodes.len()];
         for (t, triangle) in triangles.iter().enumerate() {

@@ -81,7 +81,7 @@ impl Improver<'_> {
         });
         if sound {
             self.nodes[i] = at;
-            self.holds[i] = Hold::new(lift(at), self.kinds[i], lift(self.extent), self.sheets);
+            self.holds[i] = Hold::new(lift(at), self.kinds[i], lift(self.extent), self.sheets).0;
         }
         sound
     }

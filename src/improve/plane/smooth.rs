@@ -46,7 +46,7 @@ impl Improver<'_> {
                 let (sin, cos) = (std::f64::consts::TAU * f64::from(direction)
                     / f64::from(DIRECTIONS))
                 .sin_cos();
-                let along = hold.project([step * cos, step * sin, 0.0]);
+                let along = hold.freedom().project([step * cos, step * sin, 0.0]);
                 // A projected direction may have lost its length: the others then serve.
                 if dot(along, along) < 0.25 * step * step {
                     continue;

@@ -44,6 +44,7 @@ pub mod mesh;
 pub mod optimize;
 pub mod pipeline;
 pub mod report;
+pub mod reservoir;
 pub mod seeding;
 pub mod surface;
 pub mod synth;

@@ -16,7 +16,7 @@ use crate::io::check_target;
 use crate::io::vtk::DataArray;
 use crate::mesh::TetMesh;
 use crate::mesh::graph::Graph;
-use crate::mesh::poly::PolyMesh;
+use crate::mesh::poly::{PolyMesh, SIDES};
 use crate::pipeline::file::Placed;
 use crate::report::Measured;
 use crate::{Error, Result};
@@ -25,7 +25,6 @@ use crate::{Error, Result};
 const RATE: f64 = 1e-3;
 /// How near a side, in parts of the box, its nodes lie.
 const ON_SIDE: f64 = 1e-7;
-const SIDES: [&str; 6] = ["xmin", "xmax", "ymin", "ymax", "zmin", "zmax"];
 
 /// Runs the verb.
 pub fn flow(args: &FlowArgs, console: &mut Console) -> Result<()> {

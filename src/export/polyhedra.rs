@@ -13,7 +13,7 @@ use super::vtu::{
     read_nodes,
 };
 use crate::error::Result;
-use crate::io::atomic_write;
+use crate::io::Batch;
 use crate::io::vtk::{DataArray, Document, Source, VtkFile};
 use crate::mesh::poly::{Beyond, NO_CELL, PolyMesh};
 
@@ -38,6 +38,20 @@ const CHUNK: usize = 4096;
 /// [`Error::Io`](crate::Error::Io) if the file cannot be written, [`Error::Mesh`](crate::Error::Mesh)
 /// if an array does not have a tuple per node or cell.
 pub fn write_cells_vtu<const D: usize>(path: &Path, file: &MeshFile<PolyMesh<D>>) -> Result<()> {
+    let mut batch = Batch::default();
+    add_cells_vtu(&mut batch, path, file)?;
+    batch.commit()
+}
+
+/// The same as one of several files that belong together.
+///
+/// # Errors
+/// As [`write_cells_vtu`].
+pub fn add_cells_vtu<const D: usize>(
+    batch: &mut Batch,
+    path: &Path,
+    file: &MeshFile<PolyMesh<D>>,
+) -> Result<()> {
     let mesh = &file.mesh;
     let (nodes, cells) = (mesh.nodes.len(), mesh.sites.len());
     check_lengths(path, &file.point_data, nodes, "nodes")?;
@@ -81,7 +95,7 @@ pub fn write_cells_vtu<const D: usize>(path: &Path, file: &MeshFile<PolyMesh<D>>
         document.array(integers("faces", &streams.faces));
         document.array(integers("faceoffsets", &streams.face_ends));
     }
-    atomic_write(path, |out| document.write(out))
+    batch.write(path, |out| document.write(out))
 }
 
 /// The cells as VTK lists them.
@@ -126,21 +140,9 @@ impl Streams {
         let own = |f: u32| mesh.face_cells[f as usize][0] as usize == cell;
         let start = self.corners.len();
         if D == 2 {
-            // Edge after edge round the polygon, which lies to their left.
-            let edge = |&f: &u32| {
-                let ring = mesh.faces.get(f as usize);
-                if own(f) {
-                    [ring[0], ring[1]]
-                } else {
-                    [ring[1], ring[0]]
-                }
-            };
-            let edges: Vec<[u32; 2]> = faces.iter().map(edge).collect();
-            let mut at = edges.first().map_or(0, |e| e[0]);
-            for _ in 0..edges.len() {
-                self.corners.push(u64::from(at));
-                at = edges.iter().find(|e| e[0] == at).map_or(at, |e| e[1]);
-            }
+            let mut ring = Vec::new();
+            mesh.ring(cell, faces, &mut ring);
+            self.corners.extend(ring.iter().map(|&n| u64::from(n)));
             self.corner_ends.push(self.corners.len() as u64);
             return;
         }

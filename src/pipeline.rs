@@ -7,10 +7,12 @@
 pub mod cells;
 pub mod file;
 mod join;
+pub mod model;
 mod pairs;
 
 pub use cells::{CellsOutcome, voronoi_image};
 pub use join::{Meshing, Space};
+pub use model::{Placement, Prepared};
 
 use std::borrow::Cow;
 

@@ -6,8 +6,8 @@ use serde_json::{Value, json};
 
 use super::args::FlowArgs;
 use super::console::Console;
-use super::parse::{bad, number};
-use crate::error::{cause, os};
+use super::parse::{bad, by_region, number};
+use crate::error::cause;
 use crate::export::polyhedra::write_cells_vtu;
 use crate::export::{AnyMesh, FieldValue, MeshFile, read_any_vtu, write_vtu};
 use crate::flow::split::FaultFace;
@@ -29,7 +29,8 @@ const ON_SIDE: f64 = 1e-7;
 /// Runs the verb.
 pub fn flow(args: &FlowArgs, console: &mut Console) -> Result<()> {
     let conditions = Conditions::new(args)?;
-    let faults = faults(args)?;
+    let how = args.faults.as_deref().unwrap_or("closed");
+    let faults = faults(how, args.fault_thickness)?;
     check_target(&args.output)?;
     args.streamlines.as_deref().map_or(Ok(()), check_target)?;
     console.begin_stage("reading");
@@ -370,13 +371,14 @@ fn well(option: &str, text: &str) -> Result<(Vec<f64>, Option<f64>)> {
     Ok((position.collect::<Result<_>>()?, rate))
 }
 
-fn faults(args: &FlowArgs) -> Result<Faults> {
-    match args.faults.as_deref() {
-        None | Some("closed") => Faults::new(0.0, args.fault_thickness),
-        Some("open") => Ok(Faults::OPEN),
-        Some(text) => {
+/// What faults do: `closed`, `open`, or a multiplier.
+pub(super) fn faults(how: &str, thickness: Option<f64>) -> Result<Faults> {
+    match how {
+        "closed" => Faults::new(0.0, thickness),
+        "open" => Ok(Faults::OPEN),
+        text => {
             let remedy = "give open, closed, or a multiplier from 0 to 1";
-            Faults::new(number("--faults", text, remedy)?, args.fault_thickness)
+            Faults::new(number("--faults", text, remedy)?, thickness)
         }
     }
 }
@@ -434,39 +436,8 @@ fn rock(args: &FlowArgs, cell_data: &[DataArray], regions: Option<Vec<i64>>) -> 
         );
         return Err(bad("--permeability", text, &problem, remedy));
     }
-    let content = std::fs::read_to_string(path).map_err(|e| os(path, "read", e))?;
-    let mut kinds: Vec<(i32, Tensor)> = Vec::new();
-    for (at, line) in content.lines().enumerate() {
-        let line = line.trim();
-        if line.is_empty() || line.starts_with('#') {
-            continue;
-        }
-        let entry = line.split_once(',').and_then(|(region, rest)| {
-            Some((
-                region.trim().parse().ok()?,
-                Tensor::from_numbers(&numbers(rest)?)?,
-            ))
-        });
-        let place = || format!("{}:{}", path.display(), at + 1);
-        match entry {
-            Some((region, _)) if kinds.iter().any(|(known, _)| *known == region) => {
-                let problem = format!("region {region} for the second time");
-                return Err(Error::Flow(cause(
-                    place(),
-                    problem,
-                    "give each region once",
-                )));
-            }
-            Some(entry) => kinds.push(entry),
-            // One line of column names.
-            None if kinds.is_empty() && line.starts_with("region") => {}
-            None => {
-                let problem = format!("'{line}' is not a region and its permeability");
-                let remedy = "write region,K or region,KX,KY,KZ, in m^2";
-                return Err(Error::Flow(cause(place(), problem, remedy)));
-            }
-        }
-    }
+    let lines = "write region,K or region,KX,KY,KZ, in m^2";
+    let kinds = by_region(path, Tensor::from_numbers, lines)?;
     let regions = regions.ok_or_else(|| {
         let problem = "is by region, but the mesh has no cell array 'region'";
         bad(

@@ -8,13 +8,16 @@
 //! - [`provenance`]: the hash of the input
 //! - [`images`]: the verbs about images
 //! - [`meshes`]: the verbs about meshes
+//! - [`export`](mod@export): the verb `export`
 //! - [`flow`](mod@flow): the verb `flow`
+//! - [`rock`]: porosity, permeability and the like from numbers, tables and images
 //! - [`slice`](mod@slice): the verb `slice`
 //! - [`surface`](mod@surface): the verb `surface`
 //! - [`console`]: everything that is printed
 
 pub mod args;
 pub mod console;
+pub mod export;
 pub mod flow;
 pub mod images;
 pub mod job;
@@ -23,6 +26,7 @@ pub mod meshes;
 pub mod paint;
 pub mod parse;
 pub mod provenance;
+pub mod rock;
 pub mod slice;
 pub mod surface;
 
@@ -72,6 +76,7 @@ fn run(line: &CommandLine) -> Result<Ending> {
         Verb::Feature(args) => images::feature(args, console)?,
         Verb::Convert(args) => images::convert(args, console)?,
         Verb::Flow(args) => flow::flow(args, console)?,
+        Verb::Export(args) => export::export(args, console)?,
         Verb::Paint(args) => paint::paint(args, console)?,
         Verb::Surface(args) => surface::surface(args, console)?,
         Verb::Synth(args) => images::synth(args, console)?,

@@ -32,7 +32,12 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     batch.write(&folder.join("points"), |out| {
         list(out, "vectorField", "points", mesh.nodes.len(), |text, i| {
             let [x, y, z] = mesh.nodes[i];
-            text.word("(").real(x).and_real(y).and_real(z).word(")").end();
+            text.word("(")
+                .real(x)
+                .and_real(y)
+                .and_real(z)
+                .word(")")
+                .end();
         })
     })?;
     batch.write(&folder.join("faces"), |out| {
@@ -117,7 +122,10 @@ fn zones(model: &Model, batch: &mut Batch, folder: &Path, order: &[u32]) -> Resu
                 let of = |c: &u32| mesh.region[*c as usize] == region;
                 let cells: Vec<u32> = (0..model.len() as u32).filter(of).collect();
                 let name = region.to_string().replace('-', "minus");
-                writeln!(out, "region{name}\n{{\n    type cellZone;\n    cellLabels List<label>")?;
+                writeln!(
+                    out,
+                    "region{name}\n{{\n    type cellZone;\n    cellLabels List<label>"
+                )?;
                 writeln!(out, "{}\n(", cells.len())?;
                 write_items(out, cells.len(), |text, i| text.int(cells[i]).end())?;
                 writeln!(out, ");\n}}")?;
@@ -133,7 +141,10 @@ fn zones(model: &Model, batch: &mut Batch, folder: &Path, order: &[u32]) -> Resu
     batch.write(&folder.join("faceZones"), |out| {
         header(out, "regIOobject", "faceZones")?;
         let count = faces.len();
-        writeln!(out, "1\n(\nfeatures\n{{\n    type faceZone;\n    faceLabels List<label>")?;
+        writeln!(
+            out,
+            "1\n(\nfeatures\n{{\n    type faceZone;\n    faceLabels List<label>"
+        )?;
         writeln!(out, "{count}\n(")?;
         write_items(out, count, |text, i| text.int(faces[i]).end())?;
         writeln!(out, ");\n    flipMap List<bool> {count}{{0}};\n}}\n)")
@@ -148,10 +159,16 @@ fn fields(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         batch.folder(&folder)?;
         batch.write(&folder.join(name), |out| {
             header(out, "volScalarField", name)?;
-            writeln!(out, "dimensions {dimensions};\ninternalField nonuniform List<scalar>")?;
+            writeln!(
+                out,
+                "dimensions {dimensions};\ninternalField nonuniform List<scalar>"
+            )?;
             writeln!(out, "{cells}\n(")?;
             write_items(out, cells, |text, c| text.real(value(c)).end())?;
-            writeln!(out, ");\nboundaryField\n{{\n    \".*\" {{ type zeroGradient; }}\n}}")
+            writeln!(
+                out,
+                ");\nboundaryField\n{{\n    \".*\" {{ type zeroGradient; }}\n}}"
+            )
         })
     };
     if let Some(porosity) = &model.porosity {
@@ -165,7 +182,10 @@ fn fields(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         batch.folder(&folder)?;
         batch.write(&folder.join("permeability"), |out| {
             header(out, "volSymmTensorField", "permeability")?;
-            writeln!(out, "dimensions [0 2 0 0 0 0 0];\ninternalField nonuniform List<symmTensor>")?;
+            writeln!(
+                out,
+                "dimensions [0 2 0 0 0 0 0];\ninternalField nonuniform List<symmTensor>"
+            )?;
             writeln!(out, "{cells}\n(")?;
             write_items(out, cells, |text, c| {
                 let [xx, yy, zz, xy, yz, xz] = permeability.rock.mobility(c).0;
@@ -175,7 +195,10 @@ fn fields(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
                 });
                 text.word(")").end();
             })?;
-            writeln!(out, ");\nboundaryField\n{{\n    \".*\" {{ type zeroGradient; }}\n}}")
+            writeln!(
+                out,
+                ");\nboundaryField\n{{\n    \".*\" {{ type zeroGradient; }}\n}}"
+            )
         })?;
     }
     Ok(())

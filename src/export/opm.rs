@@ -41,9 +41,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         Fluid::Water => DENSITY[1],
         Fluid::OilWater => DENSITY[0],
     };
-    let pressure = |cell: usize| {
-        (case.top_pressure + fluid * GRAVITY * (depth(cell) - top)) / BAR
-    };
+    let pressure = |cell: usize| (case.top_pressure + fluid * GRAVITY * (depth(cell) - top)) / BAR;
 
     batch.write(path, |out| {
         head(out, case, cells)?;
@@ -51,13 +49,15 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         for keyword in ["DX", "DY", "DZ"] {
             writeln!(out, "{keyword}\n {cells}*{side:.9} /")?;
         }
-        let mut numbers = |out: &mut _, name: &str, value: &(dyn Fn(usize) -> f64 + Sync)| {
+        let numbers = |out: &mut _, name: &str, value: &(dyn Fn(usize) -> f64 + Sync)| {
             array(out, name, cells, value)
         };
         numbers(out, "TOPS", &|c| depth(c) - 0.5 * side)?;
         numbers(out, "PORO", &|c| porosity[c])?;
         for (k, name) in ["PERMX", "PERMY", "PERMZ"].into_iter().enumerate() {
-            numbers(out, name, &|c| permeability.rock.mobility(c).0[k] / MILLIDARCY)?;
+            numbers(out, name, &|c| {
+                permeability.rock.mobility(c).0[k] / MILLIDARCY
+            })?;
         }
         writeln!(out, "NNC")?;
         let (connections, t) = (&graph.connections, &permeability.transmissibility);
@@ -77,7 +77,8 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         let least = graph.region.iter().min().copied().unwrap_or(0);
         writeln!(out, "FIPNUM")?;
         write_items(out, cells, |text, c| {
-            text.and_int(i64::from(graph.region[c]) - i64::from(least) + 1).end();
+            text.and_int(i64::from(graph.region[c]) - i64::from(least) + 1)
+                .end();
         })?;
         writeln!(out, "/\n\nSOLUTION\n")?;
         numbers(out, "PRESSURE", &pressure)?;
@@ -98,8 +99,15 @@ fn check(model: &Model, porosity: &[f64]) -> Result<()> {
         )));
     }
     for well in &model.case.wells {
-        let plain = well.name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
-        let first = well.name.chars().next().is_some_and(|c| c.is_ascii_alphabetic());
+        let plain = well
+            .name
+            .chars()
+            .all(|c| c.is_ascii_alphanumeric() || c == '_');
+        let first = well
+            .name
+            .chars()
+            .next()
+            .is_some_and(|c| c.is_ascii_alphabetic());
         if !plain || !first || well.name.len() > 8 {
             return Err(Error::Export(cause(
                 format!("well '{}'", well.name),

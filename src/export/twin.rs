@@ -18,7 +18,10 @@ pub fn add_twin(batch: &mut Batch, path: &Path, model: &Model) -> Result<()> {
     let cells = model.len();
     let mut arrays = vec![
         DataArray::scalars("volume", model.graph.volume.clone()),
-        DataArray::scalars("depth", (0..cells).map(|c| model.depth(c)).collect::<Vec<f64>>()),
+        DataArray::scalars(
+            "depth",
+            (0..cells).map(|c| model.depth(c)).collect::<Vec<f64>>(),
+        ),
         DataArray::scalars("two_point_angle", worst_angles(model)),
     ];
     if let Some(porosity) = &model.porosity {

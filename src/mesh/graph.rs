@@ -3,8 +3,8 @@
 
 use rayon::prelude::*;
 
-use super::poly::{Beyond, PolyMesh, dot};
 use super::TetMesh;
+use super::poly::{Beyond, PolyMesh, dot};
 use crate::Result;
 
 /// Cells and connections, in one space (lattice or physical; the owner says which).
@@ -146,9 +146,8 @@ impl<const D: usize> Graph<D> {
             let outside = &mut outside[cell as usize];
             *outside = outside.max(off);
         };
-        let off = |on: [f64; D], normal: [f64; D]| {
-            dot(std::array::from_fn(|k| point[k] - on[k]), normal)
-        };
+        let off =
+            |on: [f64; D], normal: [f64; D]| dot(std::array::from_fn(|k| point[k] - on[k]), normal);
         for c in &self.connections {
             let off = off(c.point, c.normal);
             beyond(c.cells[0], off);

@@ -82,6 +82,7 @@ pub(super) fn common_fields<const D: usize>(
         ("input_sha256".into(), text(&provenance.input_sha256)),
         ("origin".into(), FieldValue::F64s(geometry.origin.to_vec())),
         ("axes".into(), FieldValue::F64s(geometry.axes.concat())),
+        ("units".into(), text(&geometry.units.join(","))),
         ("lattice_step".into(), FieldValue::F64s(step.to_vec())),
         ("lattice_extent".into(), FieldValue::F64s(extent.to_vec())),
     ]
@@ -133,9 +134,18 @@ fn place<const D: usize, M>(file: &MeshFile<M>, nodes: &[[f64; D]]) -> Option<Pl
         ));
     }
     let axes = array("axes").filter(|axes| axes.len() == D * D)?;
+    let text = |name: &str| {
+        let mut fields = file.field_data.iter();
+        fields.find_map(|(known, value)| match value {
+            FieldValue::Text(text) if known == name => Some(text.as_str()),
+            _ => None,
+        })
+    };
+    let mut units = text("units").unwrap_or_default().split(',');
     let geometry = Geometry {
         origin: vector("origin")?,
         axes: std::array::from_fn(|k| std::array::from_fn(|c| axes[D * k + c])),
+        units: std::array::from_fn(|_| units.next().unwrap_or_default().to_string()),
         ..Geometry::default()
     };
     Some((

@@ -110,7 +110,8 @@ impl Checks {
             lines.push(format!("transmiss.     {low:.3e} to {high:.3e} m^3"));
         }
         let [mean, worst] = self.angle;
-        let mut line = format!("two-point      {mean:.2} degrees off on average, {worst:.2} at worst");
+        let mut line =
+            format!("two-point      {mean:.2} degrees off on average, {worst:.2} at worst");
         if let Some([a, b]) = self.worst {
             line += &format!(" (cells {a} and {b})");
         }
@@ -190,7 +191,10 @@ mod tests {
         model.set_permeability(rock(), Faults::OPEN).unwrap();
         model.porosity = Some(vec![0.5, 0.25]);
         let found = Checks::new(&model, 2.0);
-        assert_eq!((found.cells, found.connections, found.on_feature), (2, 1, 1));
+        assert_eq!(
+            (found.cells, found.connections, found.on_feature),
+            (2, 1, 1)
+        );
         assert!(found.volume_error < 1e-15 && found.angle[1] < 1e-9);
         assert_eq!(found.pore_volume, Some(0.375 + 0.3125));
         assert_eq!(found.parts, [(0, 2)]);

@@ -80,11 +80,13 @@ impl Frame {
                     }
                 },
             };
-            let refuse = |problem: &str, remedy: &str| {
-                Err(Error::Export(cause(place(), problem, remedy)))
-            };
+            let refuse =
+                |problem: &str, remedy: &str| Err(Error::Export(cause(place(), problem, remedy)));
             if k != down.axis {
-                return refuse("is two-way time, but not depth", "say --down z or --down -z");
+                return refuse(
+                    "is two-way time, but not depth",
+                    "say --down z or --down -z",
+                );
             }
             match velocity {
                 None => {
@@ -145,6 +147,11 @@ impl Frame {
             point[k] = value / self.scale[k];
         }
         point
+    }
+
+    /// The volume in m^3 of a unit of the mesh's volume.
+    pub fn volume_of_unit(&self) -> f64 {
+        self.scale.iter().product()
     }
 
     /// Whether left becomes right.

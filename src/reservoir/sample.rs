@@ -62,27 +62,36 @@ impl Mean {
 /// Where a mesh's nodes and sites are among the samples of an image, x first.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Places {
+    dims: [usize; 3],
     nodes: Vec<[f64; 3]>,
     sites: Vec<[f64; 3]>,
 }
 
 impl Places {
-    /// From an affine map of positions to sample indices.
-    pub fn new(mesh: &PolyMesh<3>, index_of: impl Fn([f64; 3]) -> [f64; 3] + Sync) -> Self {
-        let all = |points: &[[f64; 3]]| points.par_iter().map(|&p| index_of(p)).collect();
+    /// From an affine map of positions to sample indices of an image of these dims. Along an axis of
+    /// one sample all places are at that sample.
+    pub fn new(
+        mesh: &PolyMesh<3>,
+        dims: [usize; 3],
+        index_of: impl Fn([f64; 3]) -> [f64; 3] + Sync,
+    ) -> Self {
+        let place = |&p: &[f64; 3]| {
+            let index = index_of(p);
+            std::array::from_fn(|k| if dims[k] == 1 { 0.0 } else { index[k] })
+        };
+        let all = |points: &[[f64; 3]]| points.par_iter().map(place).collect();
         Self {
+            dims,
             nodes: all(&mesh.nodes),
             sites: all(&mesh.sites),
         }
     }
 
-    /// How far, in samples, nodes lie outside an image of these dims.
-    pub fn outside(&self, dims: [usize; 3]) -> f64 {
-        let off = |p: &[f64; 3]| {
-            (0..3).fold(0.0, |most: f64, k| {
-                most.max(-p[k]).max(p[k] - (dims[k] as f64 - 1.0))
-            })
-        };
+    /// How far, in samples, nodes lie outside the image.
+    pub fn outside(&self) -> f64 {
+        let far = self.dims.map(|n| n as f64 - 1.0);
+        let off =
+            |p: &[f64; 3]| (0..3).fold(0.0, |most: f64, k| most.max(-p[k]).max(p[k] - far[k]));
         self.nodes.par_iter().map(off).reduce(|| 0.0, f64::max)
     }
 }
@@ -215,8 +224,8 @@ mod tests {
     fn means(mean: Mean, f: impl Fn([f64; 3]) -> f64) -> Vec<f64> {
         let mesh = two_cells::<3>(0.75);
         let image = image([41, 21, 21], f);
-        let places = Places::new(&mesh, |p| p.map(|c| 20.0 * c));
-        assert!(places.outside(image.dims()) < 1e-12);
+        let places = Places::new(&mesh, image.dims(), |p| p.map(|c| 20.0 * c));
+        assert!(places.outside() < 1e-12);
         sample(&mesh, &places, &image, mean, "image").unwrap()
     }
 
@@ -251,7 +260,7 @@ mod tests {
     fn what_has_no_mean_is_refused() {
         let mesh = two_cells::<3>(0.75);
         let image = image([41, 21, 21], |[x, ..]| x - 20.0);
-        let places = Places::new(&mesh, |p| p.map(|c| 20.0 * c));
+        let places = Places::new(&mesh, image.dims(), |p| p.map(|c| 20.0 * c));
         let error = sample(&mesh, &places, &image, Mean::Geometric, "k.npy").unwrap_err();
         assert!(error.to_string().contains("cell 0"), "{error}");
     }

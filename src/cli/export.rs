@@ -22,7 +22,7 @@ pub struct ExportArgs {
     /// A mesh written by atomesh
     #[arg(value_name = "MESH.vtu")]
     pub mesh: PathBuf,
-    /// The format: opm, openfoam
+    /// The format: opm, openfoam, pflotran, tough2, msh, msh2, inp, medit, tetgen, stl, obj
     #[arg(long, value_name = "FORMAT")]
     pub to: String,
     /// The file to write, or the folder where a format is many files
@@ -54,9 +54,9 @@ pub struct ExportArgs {
 /// Where a mesh's coordinates are in metres and depth.
 #[derive(Debug, Clone, Args)]
 pub struct SpaceOptions {
-    /// Unit of the mesh's coordinates where the mesh does not say it: m, km, ft, cm, mm, um
-    #[arg(long, value_name = "UNIT", default_value = "m")]
-    pub length_unit: String,
+    /// Unit of the mesh's coordinates where the mesh does not say it [default: m]: m, km, ft, cm, mm, um
+    #[arg(long, value_name = "UNIT")]
+    pub length_unit: Option<String>,
     /// The coordinate that is depth, with its sign: -z if z grows upwards, z if downwards, x ...
     #[arg(
         long,
@@ -119,11 +119,12 @@ impl SpaceOptions {
     /// # Errors
     /// [`Error::Job`] for an unknown unit or axis, or numbers that make no sense.
     pub fn placement(&self) -> Result<Placement> {
-        let unit = &self.length_unit;
-        let length = metres(unit).ok_or_else(|| {
+        let known = |unit: &String| {
             let remedy = "give m, km, ft, cm, mm or um";
-            bad("--length-unit", unit, "is no known unit", remedy)
-        })?;
+            let unknown = || bad("--length-unit", unit, "is no known unit", remedy);
+            metres(unit).ok_or_else(unknown)
+        };
+        let length = self.length_unit.as_ref().map(known).transpose()?;
         let grows = !self.down.starts_with('-');
         let name = self.down.trim_start_matches('-');
         let axis = ["x", "y", "z"].iter().position(|axis| *axis == name);

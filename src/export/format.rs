@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::twin::add_twin;
-use super::{openfoam, opm};
+use super::{inp, medit, msh, openfoam, opm, pflotran, stl, tetgen, tough};
 use crate::error::cause;
 use crate::io::{Batch, check_target};
 use crate::reservoir::Model;
@@ -16,7 +16,7 @@ pub struct Format {
     pub name: &'static str,
     /// What it is, for people.
     pub what: &'static str,
-    /// The endings of its files, the usual one first; none if it is a folder.
+    /// The endings of its files, or their whole names, the usual one first; none if it is a folder.
     pub endings: &'static [&'static str],
     /// Whether the cells' shapes are not in it, so that a VTU twin with cells in the same order is
     /// written beside it.
@@ -43,6 +43,78 @@ pub const FORMATS: &[Format] = &[
         twin: false,
         depth: false,
         write: openfoam::write,
+    },
+    Format {
+        name: "pflotran",
+        what: "PFLOTRAN explicit unstructured grid, with a file for each side",
+        endings: &["uge"],
+        twin: true,
+        depth: true,
+        write: pflotran::write,
+    },
+    Format {
+        name: "tough2",
+        what: "TOUGH2 mesh: elements and connections",
+        endings: &["MESH"],
+        twin: true,
+        depth: true,
+        write: tough::write,
+    },
+    Format {
+        name: "msh",
+        what: "Gmsh mesh, version 4.1: tetrahedra, regions and surfaces",
+        endings: &["msh"],
+        twin: false,
+        depth: false,
+        write: msh::write_4,
+    },
+    Format {
+        name: "msh2",
+        what: "Gmsh mesh, version 2.2",
+        endings: &["msh"],
+        twin: false,
+        depth: false,
+        write: msh::write_2,
+    },
+    Format {
+        name: "inp",
+        what: "Abaqus and CalculiX elements, sets and surfaces",
+        endings: &["inp"],
+        twin: false,
+        depth: false,
+        write: inp::write,
+    },
+    Format {
+        name: "medit",
+        what: "Medit mesh of tetrahedra and triangles",
+        endings: &["mesh"],
+        twin: false,
+        depth: false,
+        write: medit::write,
+    },
+    Format {
+        name: "tetgen",
+        what: "TetGen's .node, .ele and .face",
+        endings: &["node"],
+        twin: false,
+        depth: false,
+        write: tetgen::write,
+    },
+    Format {
+        name: "stl",
+        what: "the sides of the box and what lies on features as triangles, in text",
+        endings: &["stl"],
+        twin: false,
+        depth: false,
+        write: stl::write,
+    },
+    Format {
+        name: "obj",
+        what: "the same as Wavefront OBJ",
+        endings: &["obj"],
+        twin: false,
+        depth: false,
+        write: stl::write_obj,
     },
 ];
 
@@ -76,10 +148,15 @@ impl Format {
         }
         check_target(path)?;
         let ending = path.extension().unwrap_or_default().to_string_lossy();
-        if !self.endings.iter().any(|known| *known == ending) {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        if !self
+            .endings
+            .iter()
+            .any(|known| *known == ending || *known == name)
+        {
             return Err(Error::Export(cause(
                 path.display(),
-                format!("does not end in .{}", self.endings.join(" or .")),
+                format!("does not end in {}", self.endings.join(" or ")),
                 format!("name it so: that is what {} is read by", self.name),
             )));
         }

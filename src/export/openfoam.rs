@@ -6,6 +6,7 @@
 use std::io::Write;
 use std::path::Path;
 
+use super::groups::{region_name, regions};
 use super::text::write_items;
 use crate::Result;
 use crate::io::Batch;
@@ -111,9 +112,7 @@ fn list(
 /// A cell zone for each region, if there are several, and a face zone of what is on features.
 fn zones(model: &Model, batch: &mut Batch, folder: &Path, order: &[u32]) -> Result<()> {
     let mesh = &model.mesh;
-    let mut regions = mesh.region.clone();
-    regions.sort_unstable();
-    regions.dedup();
+    let regions = regions(mesh);
     if regions.len() > 1 {
         batch.write(&folder.join("cellZones"), |out| {
             header(out, "regIOobject", "cellZones")?;
@@ -121,10 +120,10 @@ fn zones(model: &Model, batch: &mut Batch, folder: &Path, order: &[u32]) -> Resu
             for &region in &regions {
                 let of = |c: &u32| mesh.region[*c as usize] == region;
                 let cells: Vec<u32> = (0..model.len() as u32).filter(of).collect();
-                let name = region.to_string().replace('-', "minus");
+                let name = region_name(region);
                 writeln!(
                     out,
-                    "region{name}\n{{\n    type cellZone;\n    cellLabels List<label>"
+                    "{name}\n{{\n    type cellZone;\n    cellLabels List<label>"
                 )?;
                 writeln!(out, "{}\n(", cells.len())?;
                 write_items(out, cells.len(), |text, i| text.int(cells[i]).end())?;

@@ -15,6 +15,8 @@ use crate::{Error, Result};
 
 /// From m^3 to cP rm3/day/bar, so that T dp / viscosity is a rate in METRIC units.
 pub const TRANSMISSIBILITY: f64 = DAY * BAR / 1e-3;
+/// Least transmissibility, in those units, of a connection: simulators ignore, or misread, what is less.
+pub const LEAST: f64 = 1e-6;
 /// Densities in kg/m^3 of oil and water.
 const DENSITY: [f64; 2] = [850.0, 1000.0];
 /// Number of reports.
@@ -62,11 +64,11 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         writeln!(out, "NNC")?;
         let (connections, t) = (&graph.connections, &permeability.transmissibility);
         write_items(out, connections.len(), |text, i| {
-            // What is closed need not be said.
-            if t[i] > 0.0 {
+            let t = TRANSMISSIBILITY * t[i];
+            if t >= LEAST {
                 let [a, b] = connections[i].cells.map(|cell| cell + 1);
                 text.int(a).word(" 1 1 ").int(b).word(" 1 1");
-                text.and_real(TRANSMISSIBILITY * t[i]).word(" /").end();
+                text.and_real(t).word(" /").end();
             }
         })?;
         writeln!(out, "/\n\nEDIT\n")?;

@@ -15,8 +15,8 @@ use crate::{Error, Result};
 /// Where a mesh's coordinates are in metres and depth.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Placement {
-    /// Metres in a unit of those coordinates whose unit the mesh does not say.
-    pub length: f64,
+    /// Metres in a unit of those coordinates whose unit the mesh does not say, or that is no length.
+    pub length: Option<f64>,
     /// The coordinate that is depth.
     pub down: Down,
     /// Velocity in m/s, for depth in two-way time.
@@ -31,7 +31,7 @@ impl Default for Placement {
     /// Metres, z upwards.
     fn default() -> Self {
         Self {
-            length: 1.0,
+            length: None,
             down: Down::default(),
             velocity: None,
             top: None,

@@ -47,19 +47,19 @@ impl Default for Frame {
 }
 
 impl Frame {
-    /// Metres in a unit of each coordinate, from the coordinates' units (empty if not known: then
-    /// `length` metres). Coordinates that are two-way time (`ms`, `s`) become depth by `velocity` in
+    /// Metres in a unit of each coordinate, from the coordinates' units. A unit that is not known is
+    /// `length` metres; one that is not said is a metre without that. Coordinates that are two-way time (`ms`, `s`) become depth by `velocity` in
     /// m/s.
     ///
     /// # Errors
     /// [`Error::Export`] for an unknown unit, a time without velocity, or a time that is not depth.
     pub fn new(
         units: &[String; 3],
-        length: f64,
+        length: Option<f64>,
         down: Down,
         velocity: Option<f64>,
     ) -> Result<Self> {
-        let mut scale = [length; 3];
+        let mut scale = [length.unwrap_or(1.0); 3];
         for k in 0..3 {
             let unit = units[k].trim();
             let place = || format!("coordinate {} in '{unit}'", ["x", "y", "z"][k]);
@@ -67,15 +67,14 @@ impl Frame {
                 "" => continue,
                 "ms" => 1e-3,
                 "s" => 1.0,
-                _ => match metres(unit) {
+                _ => match metres(unit).or(length) {
                     Some(metres) => {
                         scale[k] = metres;
                         continue;
                     }
                     None => {
-                        let known = "m, km, ft, ms or s";
-                        let problem = "has an unknown unit";
-                        let remedy = format!("make the mesh from an image in {known}");
+                        let problem = "has a unit that is no length";
+                        let remedy = "say with --length-unit what it is taken for";
                         return Err(Error::Export(cause(place(), problem, remedy)));
                     }
                 },
@@ -199,7 +198,7 @@ mod tests {
         for axis in 0..3 {
             for grows in [false, true] {
                 let down = Down { axis, grows };
-                let frame = Frame::new(&units([""; 3]), 0.5, down, None)
+                let frame = Frame::new(&units([""; 3]), Some(0.5), down, None)
                     .unwrap()
                     .with_top(&[point, [0.0; 3]], 100.0);
                 let there = frame.to_model(point);
@@ -215,15 +214,15 @@ mod tests {
     #[test]
     fn time_becomes_depth() {
         let down = Down::default();
-        let frame = Frame::new(&units(["ft", "m", "ms"]), 1.0, down, Some(3000.0)).unwrap();
+        let frame = Frame::new(&units(["ft", "m", "ms"]), None, down, Some(3000.0)).unwrap();
         assert_eq!(frame.to_model([10.0, 2.0, -1000.0]), [3.048, 2.0, -1500.0]);
         for (words, down, velocity, want) in [
             (["m", "m", "ms"], down, None, "--velocity"),
             (["m", "m", "ms"], down, Some(0.0), "not a positive"),
             (["m", "ms", "m"], down, Some(2e3), "not depth"),
-            (["m", "furlong", "m"], down, None, "unknown unit"),
+            (["m", "furlong", "m"], down, None, "--length-unit"),
         ] {
-            let error = Frame::new(&units(words), 1.0, down, velocity).unwrap_err();
+            let error = Frame::new(&units(words), None, down, velocity).unwrap_err();
             assert!(error.to_string().contains(want), "{error}");
         }
     }
@@ -235,7 +234,7 @@ mod tests {
         let normal = [0.6, 0.0, 0.8];
         for axis in 0..3 {
             let down = Down { axis, grows: true };
-            let frame = Frame::new(&units([""; 3]), 1.0, down, None).unwrap();
+            let frame = Frame::new(&units([""; 3]), None, down, None).unwrap();
             let turned = frame.tensor(tensor).along(frame.to_model(normal));
             assert!((turned - tensor.along(normal)).abs() < 1e-12);
         }

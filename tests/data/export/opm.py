@@ -27,6 +27,7 @@ print(
             "depth": [float(v) for v in init["DEPTH"]],
             "t": pairs,
             "pressure": [float(v) for v in restart["PRESSURE"]],
+            "swat": [float(v) for v in restart.get("SWAT", ())],
         }
     )
 )

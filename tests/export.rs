@@ -249,6 +249,40 @@ fn openfoam_accepts_the_mesh_and_is_exact_for_a_linear_field() {
 }
 
 #[test]
+fn meshes_of_the_plane_become_a_layer_of_prisms() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    common::npy_2d(&folder.join("line.npy"), [60, 50], |[x, y]| {
+        (-0.5 * ((0.6 * x as f32 - 0.8 * y as f32 + 3.0) / 1.5).powi(2)).exp()
+    });
+    for cells in ["voronoi", "triangles"] {
+        let mesh = format!("mesh line.npy --distance 5 --quiet -o {cells}.vtu --cells {cells}");
+        run(folder, &mesh);
+        let export = format!("export {cells}.vtu --thickness 4 --down y --json --quiet");
+        let rock = "--porosity line.npy --permeability 100 --permeability-unit mD";
+        let said = run(
+            folder,
+            &format!("{export} --to opm -o A.DATA --depth-at-top 900 {rock}"),
+        );
+        let said: Value = serde_json::from_str(&said).unwrap();
+        let checks = &said["checks"];
+        assert!(near(
+            checks["volume"].as_f64().unwrap(),
+            59.0 * 49.0 * 4.0,
+            1e-12
+        ));
+        assert!(checks["volume_error"].as_f64().unwrap() < 1e-12);
+        assert!(checks["on_feature"].as_u64().unwrap() > 5);
+        let depth = numbers(&checks["depth"]);
+        assert!(depth[0] > 900.0 && depth[1] < 949.0, "{depth:?}");
+        run(folder, &format!("{export} --to openfoam -o {cells}"));
+        if let Some(said) = openfoam("checkMesh", &folder.join(cells), &[]) {
+            assert!(said.contains("Mesh OK."), "{said}");
+        }
+    }
+}
+
+#[test]
 fn pflotrans_grid_is_the_graph() {
     let folder = folder();
     let folder = folder.path();

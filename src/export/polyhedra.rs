@@ -9,13 +9,13 @@ use std::path::Path;
 use rayon::prelude::*;
 
 use super::vtu::{
-    self, FieldValue, MeshFile, cell_values, check_lengths, integers, read_arrays, read_fields,
-    read_nodes,
+    self, FieldValue, MeshFile, cell_array, cell_values, check_lengths, integers, read_arrays,
+    read_fields, read_nodes,
 };
 use crate::error::Result;
 use crate::io::Batch;
 use crate::io::vtk::{DataArray, Document, Source, VtkFile};
-use crate::mesh::poly::{Beyond, NO_CELL, PolyMesh};
+use crate::mesh::poly::{Beyond, Lists, NO_CELL, PolyMesh};
 
 /// VTK's number of the polyhedron.
 pub const POLYHEDRON: u8 = 42;
@@ -202,12 +202,14 @@ pub(super) fn read_cells<const D: usize>(file: &VtkFile) -> Result<MeshFile<Poly
     } else {
         ("faces", "faceoffsets")
     };
-    let stream = cell_values(file, element, stream)?;
+    let stream = cell_array(file, element, stream)?.to_u32();
+    let stream = stream.ok_or_else(|| broken("their nodes"))?;
     let ends = cell_values(file, element, ends)?;
-    if types.len() != count || ends.len() != count || points >= u32::MAX as usize {
+    let too_many = points.max(stream.len()) >= u32::MAX as usize;
+    if types.len() != count || ends.len() != count || too_many {
         return Err(broken("their number"));
     }
-    let mut sides: Vec<(u32, Vec<u32>)> = Vec::new();
+    let mut sides = Sides::default();
     let mut start = 0;
     for (cell, &end) in ends.iter().enumerate() {
         let end = usize::try_from(end)
@@ -215,15 +217,15 @@ pub(super) fn read_cells<const D: usize>(file: &VtkFile) -> Result<MeshFile<Poly
             .filter(|&end| end <= stream.len() && end >= start);
         let own = &stream[start..end.ok_or_else(|| broken("their ends"))?];
         start += own.len();
-        let rings = rings_of::<D>(own).ok_or_else(|| broken("their faces"))?;
-        for ring in rings {
-            let node = |&n: &i64| u32::try_from(n).ok().filter(|&n| (n as usize) < points);
-            let ring: Option<Vec<u32>> = ring.iter().map(node).collect();
-            sides.push((cell as u32, ring.ok_or_else(|| broken("their nodes"))?));
-        }
+        let added = sides.add::<D>(cell as u32, own);
+        added.ok_or_else(|| broken("their faces"))?;
+    }
+    drop(stream);
+    if sides.rings.items.iter().any(|&n| n as usize >= points) {
+        return Err(broken("their nodes"));
     }
     let mut mesh =
-        joined::<D>(nodes, count, sides).ok_or_else(|| broken("a face with three cells"))?;
+        (sides.joined::<D>(nodes, count)).ok_or_else(|| broken("a face with three cells"))?;
 
     let mut cell_data = read_arrays(file, piece, "CellData", count)?;
     let mut take = |name: &str| {
@@ -260,62 +262,110 @@ pub(super) fn read_cells<const D: usize>(file: &VtkFile) -> Result<MeshFile<Poly
     })
 }
 
-/// The faces in a cell's stream, with their nodes; `None` if it makes no sense.
-fn rings_of<const D: usize>(stream: &[i64]) -> Option<Vec<Vec<i64>>> {
-    if D == 2 {
-        let edge = |i: usize| vec![stream[i], stream[(i + 1) % stream.len()]];
-        return (stream.len() >= 3).then(|| (0..stream.len()).map(edge).collect());
-    }
-    let (&count, mut rest) = stream.split_first()?;
-    let mut rings = Vec::new();
-    for _ in 0..count {
-        let (&size, after) = rest.split_first()?;
-        let size = usize::try_from(size).ok().filter(|&size| size >= 3)?;
-        rings.push(after.get(..size)?.to_vec());
-        rest = &after[size..];
-    }
-    rest.is_empty().then_some(rings)
+/// The faces of all cells as a file has them: those between two cells twice.
+#[derive(Default)]
+struct Sides {
+    /// The cell of each.
+    cell: Vec<u32>,
+    /// The nodes of each, in order round it.
+    rings: Lists,
 }
 
-/// The mesh of cells that are given by all their faces, outwards; `None` if three cells share one.
-fn joined<const D: usize>(
-    nodes: Vec<[f64; D]>,
-    cells: usize,
-    sides: Vec<(u32, Vec<u32>)>,
-) -> Option<PolyMesh<D>> {
-    // Faces by their nodes, ascending; equal ones are the two sides of one face.
-    let mut order: Vec<(Vec<u32>, u32)> = sides
-        .par_iter()
-        .enumerate()
-        .map(|(i, (_, ring))| {
-            let mut name = ring.clone();
-            name.sort_unstable();
-            (name, i as u32)
-        })
-        .collect();
-    order.par_sort_unstable();
-    // Whether on the boundary, the cells, and the place in the file: the order of faces.
-    let mut faces: Vec<(bool, [u32; 2], u32)> = Vec::with_capacity(order.len() / 2);
-    for group in order.chunk_by(|a, b| a.0 == b.0) {
-        let cell = |k: usize| sides[group[k].1 as usize].0;
-        match group.len() {
-            1 => faces.push((true, [cell(0), NO_CELL], group[0].1)),
-            2 => faces.push((false, [cell(0), cell(1)], group[0].1)),
-            _ => return None,
+impl Sides {
+    /// Adds the faces in a cell's stream; `None` if it makes no sense.
+    fn add<const D: usize>(&mut self, cell: u32, stream: &[u32]) -> Option<()> {
+        let mut put = |ring: &[u32]| {
+            self.rings.push(ring.iter().copied());
+            self.cell.push(cell);
+        };
+        if D == 2 {
+            let (&[first, _, ..], &[.., last]) = (stream, stream) else {
+                return None;
+            };
+            stream.windows(2).for_each(&mut put);
+            put(&[last, first]);
+            return (stream.len() >= 3).then_some(());
         }
+        let (&count, mut rest) = stream.split_first()?;
+        for _ in 0..count {
+            let (&size, after) = rest.split_first()?;
+            put(after.get(..size as usize).filter(|ring| ring.len() >= 3)?);
+            rest = &after[size as usize..];
+        }
+        rest.is_empty().then_some(())
     }
-    faces.par_sort_unstable_by_key(|&(boundary, cells, at)| (boundary, cells, at));
-    let mut mesh = PolyMesh {
-        nodes,
-        region: vec![0; cells],
-        on_feature: vec![false; faces.len()],
-        ..PolyMesh::default()
-    };
-    for (_, cells, at) in faces {
-        mesh.faces.push(sides[at as usize].1.iter().copied());
-        mesh.face_cells.push(cells);
+
+    /// The least three nodes of a face (of an edge both), ascending: hardly two faces have the same.
+    fn key(&self, side: usize) -> [u32; 3] {
+        let mut least = [u32::MAX; 3];
+        for &n in self.rings.get(side) {
+            if n < least[2] {
+                least[2] = n;
+                if n < least[1] {
+                    least.swap(1, 2);
+                }
+                if n < least[0] {
+                    least.swap(0, 1);
+                }
+            }
+        }
+        least
     }
-    Some(mesh)
+
+    /// The nodes of a face, ascending.
+    fn set(&self, side: u32) -> Vec<u32> {
+        let mut set = self.rings.get(side as usize).to_vec();
+        set.sort_unstable();
+        set
+    }
+
+    /// The mesh; `None` if three cells share a face.
+    fn joined<const D: usize>(&self, nodes: Vec<[f64; D]>, cells: usize) -> Option<PolyMesh<D>> {
+        let sides = 0..self.cell.len();
+        let mut order: Vec<([u32; 3], u32)> = sides
+            .into_par_iter()
+            .map(|i| (self.key(i), i as u32))
+            .collect();
+        order.par_sort_unstable();
+        // Whether on the boundary, the cells, and the place in the file: the order of faces.
+        let mut faces: Vec<(bool, [u32; 2], u32)> = Vec::with_capacity(order.len() / 2);
+        let mut put = |one: u32, other: Option<u32>| {
+            let beyond = other.map_or(NO_CELL, |other| self.cell[other as usize]);
+            faces.push((other.is_none(), [self.cell[one as usize], beyond], one));
+        };
+        for group in order.chunk_by(|a, b| a.0 == b.0) {
+            match *group {
+                [(_, one)] => put(one, None),
+                [(_, one), (_, other)] if self.set(one) == self.set(other) => put(one, Some(other)),
+                _ => {
+                    let mut sets: Vec<(Vec<u32>, u32)> =
+                        group.iter().map(|&(_, i)| (self.set(i), i)).collect();
+                    sets.sort_unstable();
+                    for same in sets.chunk_by(|a, b| a.0 == b.0) {
+                        match *same {
+                            [(_, one)] => put(one, None),
+                            [(_, one), (_, other)] => put(one, Some(other)),
+                            _ => return None,
+                        }
+                    }
+                }
+            }
+        }
+        drop(order);
+        faces.par_sort_unstable();
+        let mut mesh = PolyMesh {
+            nodes,
+            region: vec![0; cells],
+            on_feature: vec![false; faces.len()],
+            ..PolyMesh::default()
+        };
+        for (_, cells, at) in faces {
+            let ring = self.rings.get(at as usize);
+            mesh.faces.push(ring.iter().copied());
+            mesh.face_cells.push(cells);
+        }
+        Some(mesh)
+    }
 }
 
 /// The mean of each cell's nodes (each as often as it has faces there).
@@ -394,12 +444,32 @@ mod tests {
 
     #[test]
     fn streams_that_make_no_sense_are_refused() {
-        assert!(rings_of::<3>(&[]).is_none());
-        assert!(rings_of::<3>(&[1, 3, 0, 1]).is_none());
-        assert!(rings_of::<3>(&[1, 2, 0, 1]).is_none());
-        assert!(rings_of::<3>(&[1, -3, 0, 1]).is_none());
-        assert!(rings_of::<3>(&[1, 3, 0, 1, 2, 9]).is_none());
-        assert_eq!(rings_of::<3>(&[1, 3, 0, 1, 2]), Some(vec![vec![0, 1, 2]]));
-        assert!(rings_of::<2>(&[0, 1]).is_none());
+        let add = |stream: &[u32]| Sides::default().add::<3>(0, stream);
+        for wrong in [
+            &[][..],
+            &[1, 3, 0, 1],
+            &[1, 2, 0, 1],
+            &[1, u32::MAX, 0, 1],
+            &[1, 3, 0, 1, 2, 9],
+        ] {
+            assert!(add(wrong).is_none(), "{wrong:?}");
+        }
+        let mut sides = Sides::default();
+        assert!(sides.add::<3>(7, &[1, 4, 5, 0, 9, 2]).is_some());
+        assert_eq!((sides.rings.get(0), sides.cell[0]), (&[5, 0, 9, 2][..], 7));
+        assert_eq!(sides.key(0), [0, 2, 5]);
+        assert!(Sides::default().add::<2>(0, &[0, 1]).is_none());
+    }
+
+    #[test]
+    fn faces_with_the_same_least_nodes_are_told_apart() {
+        // Two faces of one cell each, and one of two cells, all with the nodes 0, 1, 2.
+        let mut sides = Sides::default();
+        sides.add::<3>(0, &[2, 4, 0, 1, 2, 3, 3, 0, 1, 2]).unwrap();
+        sides.add::<3>(1, &[2, 4, 0, 2, 1, 4, 3, 2, 1, 0]).unwrap();
+        let mesh = sides.joined::<3>(vec![[0.0; 3]; 5], 2).unwrap();
+        assert_eq!(mesh.face_cells, [[0, 1], [0, NO_CELL], [1, NO_CELL]]);
+        sides.add::<3>(2, &[1, 3, 0, 1, 2]).unwrap();
+        assert!(sides.joined::<3>(vec![[0.0; 3]; 5], 3).is_none());
     }
 }

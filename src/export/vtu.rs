@@ -286,11 +286,16 @@ pub(super) fn read_nodes<const D: usize>(
 
 /// An array of the cells' description.
 pub(super) fn cell_values(file: &VtkFile, cells: &Element, name: &str) -> Result<Vec<i64>> {
+    Ok(cell_array(file, cells, name)?.to_i64())
+}
+
+/// The same, of whatever type it is stored in.
+pub(super) fn cell_array(file: &VtkFile, cells: &Element, name: &str) -> Result<Values> {
     let mut arrays = cells.children.iter();
     let element = arrays
         .find(|a| a.attribute("Name") == Some(name))
         .ok_or_else(|| file.fault(format!("its cells have no array '{name}'"), "write it anew"))?;
-    Ok(file.array(element)?.values.to_i64())
+    Ok(file.array(element)?.values)
 }
 
 fn corners<const D: usize, M: Simplices<D>>(

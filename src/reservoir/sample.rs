@@ -1,6 +1,6 @@
 //! Averages of an image over cells.
 //!
-//! A cell is cut into tetrahedra from its site, those into halves until no edge is longer than two
+//! A cell is cut into tetrahedra from its site, those into halves until no edge is longer than three
 //! samples, and the image interpolated linearly in the middle of each: volumes are exact, and so are
 //! means of linear functions.
 
@@ -13,7 +13,7 @@ use crate::mesh::volume6;
 use crate::{Error, Result};
 
 /// The longest edge, in samples, of a piece in whose middle the image is taken.
-const LONGEST: f64 = 2.0;
+const LONGEST: f64 = 3.0;
 
 /// How a cell's value follows from the image's.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -255,11 +255,14 @@ fn meshes_of_the_plane_become_a_layer_of_prisms() {
     common::npy_2d(&folder.join("line.npy"), [60, 50], |[x, y]| {
         (-0.5 * ((0.6 * x as f32 - 0.8 * y as f32 + 3.0) / 1.5).powi(2)).exp()
     });
+    common::npy_2d(&folder.join("phi.npy"), [60, 50], |[x, _]| {
+        0.1 + 0.002 * x as f32
+    });
     for cells in ["voronoi", "triangles"] {
         let mesh = format!("mesh line.npy --distance 5 --quiet -o {cells}.vtu --cells {cells}");
         run(folder, &mesh);
         let export = format!("export {cells}.vtu --thickness 4 --down y --json --quiet");
-        let rock = "--porosity line.npy --permeability 100 --permeability-unit mD";
+        let rock = "--porosity phi.npy --permeability 100 --permeability-unit mD";
         let said = run(
             folder,
             &format!("{export} --to opm -o A.DATA --depth-at-top 900 {rock}"),

@@ -30,6 +30,8 @@ const FEATURE_FACES: &str = "feature_faces";
 
 /// Cells in one task.
 const CHUNK: usize = 4096;
+/// Tasks whose results are in memory at once.
+const CHUNKS: usize = 16;
 
 /// Writes a mesh of polyhedra or polygons; the file appears whole or not at all. `site`, `region` and
 /// `feature_faces` come from the mesh; `point_data` and `cell_data` are what else there is.
@@ -39,7 +41,15 @@ const CHUNK: usize = 4096;
 /// if an array does not have a tuple per node or cell.
 pub fn write_cells_vtu<const D: usize>(path: &Path, file: &MeshFile<PolyMesh<D>>) -> Result<()> {
     let mut batch = Batch::default();
-    add_cells_vtu(&mut batch, path, file)?;
+    let (points, cells) = (&file.point_data, &file.cell_data);
+    add_cells_vtu(
+        &mut batch,
+        path,
+        &file.mesh,
+        points,
+        cells,
+        &file.field_data,
+    )?;
     batch.commit()
 }
 
@@ -50,12 +60,14 @@ pub fn write_cells_vtu<const D: usize>(path: &Path, file: &MeshFile<PolyMesh<D>>
 pub fn add_cells_vtu<const D: usize>(
     batch: &mut Batch,
     path: &Path,
-    file: &MeshFile<PolyMesh<D>>,
+    mesh: &PolyMesh<D>,
+    point_data: &[DataArray],
+    cell_data: &[DataArray],
+    field_data: &[(String, FieldValue)],
 ) -> Result<()> {
-    let mesh = &file.mesh;
     let (nodes, cells) = (mesh.nodes.len(), mesh.sites.len());
-    check_lengths(path, &file.point_data, nodes, "nodes")?;
-    check_lengths(path, &file.cell_data, cells, "cells")?;
+    check_lengths(path, point_data, nodes, "nodes")?;
+    check_lengths(path, cell_data, cells, "cells")?;
     let site = DataArray {
         name: SITE.to_string(),
         components: 3,
@@ -69,12 +81,9 @@ pub fn add_cells_vtu<const D: usize>(
         }
     }
     let pairs = (FEATURE_FACES.to_string(), FieldValue::Ints(pairs));
-    let fields: Vec<_> = file.field_data.iter().chain([&pairs]).collect();
-    let cell_data: Vec<_> = [&region, &site]
-        .into_iter()
-        .chain(&file.cell_data)
-        .collect();
-    let point_data: Vec<_> = file.point_data.iter().collect();
+    let fields: Vec<_> = field_data.iter().chain([&pairs]).collect();
+    let cell_data: Vec<_> = [&region, &site].into_iter().chain(cell_data).collect();
+    let point_data: Vec<_> = point_data.iter().collect();
     let streams = Streams::new(mesh);
 
     let mut document = Document::new("UnstructuredGrid", &[]);
@@ -102,10 +111,10 @@ pub fn add_cells_vtu<const D: usize>(
 #[derive(Default)]
 struct Streams {
     /// The nodes of each cell; in the plane in order round it.
-    corners: Vec<u64>,
+    corners: Vec<u32>,
     corner_ends: Vec<u64>,
     /// For each cell the number of its faces, and for each of those the number of its nodes and them.
-    faces: Vec<u64>,
+    faces: Vec<u32>,
     face_ends: Vec<u64>,
 }
 
@@ -113,49 +122,52 @@ impl Streams {
     fn new<const D: usize>(mesh: &PolyMesh<D>) -> Self {
         let lists = mesh.faces_of_cells();
         let cells = mesh.sites.len();
-        let parts: Vec<Self> = (0..cells.div_ceil(CHUNK))
-            .into_par_iter()
-            .map(|chunk| {
-                let mut part = Self::default();
-                for cell in chunk * CHUNK..((chunk + 1) * CHUNK).min(cells) {
-                    part.add(mesh, cell, lists.get(cell));
-                }
-                part
-            })
-            .collect();
+        let part = |chunk: usize| {
+            let mut part = Self::default();
+            for cell in chunk * CHUNK..((chunk + 1) * CHUNK).min(cells) {
+                part.add(mesh, cell, lists.get(cell));
+            }
+            part
+        };
         let mut all = Self::default();
-        for part in parts {
-            let (corners, faces) = (all.corners.len() as u64, all.faces.len() as u64);
-            all.corner_ends
-                .extend(part.corner_ends.iter().map(|end| end + corners));
-            all.face_ends
-                .extend(part.face_ends.iter().map(|end| end + faces));
-            all.corners.extend_from_slice(&part.corners);
-            all.faces.extend_from_slice(&part.faces);
+        let chunks = cells.div_ceil(CHUNK);
+        // A few parts at a time, so that little is in memory twice.
+        for first in (0..chunks).step_by(CHUNKS) {
+            let few = first..chunks.min(first + CHUNKS);
+            let parts: Vec<Self> = few.into_par_iter().map(part).collect();
+            parts.iter().for_each(|part| all.append(part));
         }
         all
+    }
+
+    fn append(&mut self, part: &Self) {
+        let (corners, faces) = (self.corners.len() as u64, self.faces.len() as u64);
+        let ends = part.corner_ends.iter().map(|end| end + corners);
+        self.corner_ends.extend(ends);
+        let ends = part.face_ends.iter().map(|end| end + faces);
+        self.face_ends.extend(ends);
+        self.corners.extend_from_slice(&part.corners);
+        self.faces.extend_from_slice(&part.faces);
     }
 
     fn add<const D: usize>(&mut self, mesh: &PolyMesh<D>, cell: usize, faces: &[u32]) {
         let own = |f: u32| mesh.face_cells[f as usize][0] as usize == cell;
         let start = self.corners.len();
         if D == 2 {
-            let mut ring = Vec::new();
-            mesh.ring(cell, faces, &mut ring);
-            self.corners.extend(ring.iter().map(|&n| u64::from(n)));
+            mesh.ring(cell, faces, &mut self.corners);
             self.corner_ends.push(self.corners.len() as u64);
             return;
         }
-        self.faces.push(faces.len() as u64);
+        self.faces.push(faces.len() as u32);
         for &f in faces {
             let ring = mesh.faces.get(f as usize);
-            self.faces.push(ring.len() as u64);
+            self.faces.push(ring.len() as u32);
             if own(f) {
-                self.faces.extend(ring.iter().map(|&n| u64::from(n)));
+                self.faces.extend_from_slice(ring);
             } else {
-                self.faces.extend(ring.iter().rev().map(|&n| u64::from(n)));
+                self.faces.extend(ring.iter().rev());
             }
-            self.corners.extend(ring.iter().map(|&n| u64::from(n)));
+            self.corners.extend_from_slice(ring);
         }
         self.face_ends.push(self.faces.len() as u64);
         self.corners[start..].sort_unstable();

@@ -104,23 +104,46 @@ fn rock(region: i32) -> [u8; 5] {
     }
 }
 
-/// A number in ten characters, with as many digits as find room there.
+/// A number in ten characters, with as many digits as find room there, and always a point: without one,
+/// the last four digits would be read as decimals.
 fn ten(number: f64) -> [u8; 10] {
     let mut field = [b' '; 10];
     let size = number.abs();
-    let fixed = (1e-3..1e8).contains(&size) || size == 0.0;
-    // Fewer decimals until it fits.
-    for decimals in (0..9).rev() {
-        let mut rest = &mut field[..];
-        let written = if fixed {
-            write!(rest, "{number:.decimals$}")
-        } else {
-            write!(rest, "{number:.decimals$E}")
-        };
-        if written.is_ok() {
-            break;
+    if size != 0.0 && !(1e-3..99_999_999.0).contains(&size) {
+        // Fewer decimals until it fits.
+        for decimals in (1..=6).rev() {
+            field = [b' '; 10];
+            if write!(&mut field[..], "{number:.decimals$E}").is_ok() {
+                break;
+            }
         }
-        field = [b' '; 10];
+        return field;
+    }
+    let sign = usize::from(number < 0.0);
+    let mut whole = 1;
+    let mut limit = 10.0;
+    while size >= limit {
+        whole += 1;
+        limit *= 10.0;
+    }
+    let mut decimals = (9 - sign - whole).min(8);
+    let mut scaled = (size * 10f64.powi(decimals as i32)).round() as u64;
+    if scaled as f64 >= limit * 10f64.powi(decimals as i32) && whole + decimals + sign == 9 {
+        // Rounded up to one more digit.
+        decimals -= 1;
+        scaled = (size * 10f64.powi(decimals as i32)).round() as u64;
+        whole += 1;
+    }
+    for place in (sign..sign + whole + 1 + decimals).rev() {
+        if place == sign + whole {
+            field[place] = b'.';
+        } else {
+            field[place] = b'0' + (scaled % 10) as u8;
+            scaled /= 10;
+        }
+    }
+    if sign == 1 {
+        field[0] = b'-';
     }
     field
 }
@@ -143,7 +166,14 @@ mod tests {
             (-612_345.678_91, "-612345.68"),
             (1.5e-12, "1.5000E-12"),
             (-1.234_567e12, "-1.2346E12"),
-            (99_999_999.4, "99999999.4"),
+            (-1.234_567e-123, "-1.23E-123"),
+            (99_999_998.4, "99999998.4"),
+            (-99_999_998.4, "-99999998."),
+            (99_999_999.4, "1.000000E8"),
+            (9.999_999_999_9, "10.0000000"),
+            (-9.999_999_999_9, "-10.000000"),
+            (0.001, "0.00100000"),
+            (-0.25, "-0.2500000"),
         ] {
             assert_eq!(ascii(&ten(number)), want);
         }

@@ -3,8 +3,8 @@
 
 use std::path::Path;
 
+use super::FieldValue;
 use super::polyhedra::add_cells_vtu;
-use super::{FieldValue, MeshFile};
 use crate::Result;
 use crate::io::Batch;
 use crate::io::vtk::DataArray;
@@ -37,13 +37,8 @@ pub fn add_twin(batch: &mut Batch, path: &Path, model: &Model) -> Result<()> {
     }
     arrays.extend(model.properties.iter().cloned());
     let version = FieldValue::Text(env!("CARGO_PKG_VERSION").to_string());
-    let file = MeshFile {
-        mesh: model.mesh.clone(),
-        point_data: Vec::new(),
-        cell_data: arrays,
-        field_data: vec![("atomesh_version".into(), version)],
-    };
-    add_cells_vtu(batch, path, &file)
+    let fields = [("atomesh_version".to_string(), version)];
+    add_cells_vtu(batch, path, &model.mesh, &[], &arrays, &fields)
 }
 
 /// The largest angle, in degrees, by which two-point fluxes of each cell are off.

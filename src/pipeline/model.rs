@@ -194,7 +194,8 @@ impl Prepared {
         };
         let places = Places::new(&self.model.mesh, dims, index_of);
         // Coordinates of a survey are rounded.
-        if !same && !(places.outside() <= 0.5) {
+        let spans = geometry.determinant() != 0.0;
+        if !same && (!spans || places.outside() > 0.5) {
             return Err(Error::Image(cause(
                 place,
                 format!(

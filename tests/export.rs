@@ -614,7 +614,6 @@ fn images_fill_cells_and_refusals_name_what_is_wrong() {
         ("opm -o B.deck", "", "DATA"),
         ("opm -o nowhere/B.DATA", "", "nowhere"),
         ("openfoam -o phi.npy", "", "is a file"),
-        ("nothing -o B", "", "opm, openfoam"),
         ("msh -o B.msh", "", "tetrahedra only"),
         ("pflotran -o cells.uge", "", "replace the mesh"),
     ] {

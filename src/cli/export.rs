@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use clap::builder::{PossibleValue, PossibleValuesParser};
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
@@ -10,7 +11,7 @@ use super::flow::faults;
 use super::parse::{bad, number, point};
 use super::rock::RockOptions;
 use crate::error::cause;
-use crate::export::{Format, read_any_vtu};
+use crate::export::{FORMATS, Format, read_any_vtu};
 use crate::pipeline::{Placement, Prepared};
 use crate::reservoir::frame::metres;
 use crate::reservoir::{BAR, Case, Checks, Control, DAY, Down, Fluid, Model, Well};
@@ -22,8 +23,8 @@ pub struct ExportArgs {
     /// A mesh written by atomesh
     #[arg(value_name = "MESH.vtu")]
     pub mesh: PathBuf,
-    /// The format: opm, openfoam, pflotran, tough2, msh, msh2, inp, medit, tetgen, stl, obj
-    #[arg(long, value_name = "FORMAT")]
+    /// The format
+    #[arg(long, value_name = "FORMAT", value_parser = formats())]
     pub to: String,
     /// The file to write, or the folder where a format is many files
     #[arg(short, long, value_name = "OUT")]
@@ -49,6 +50,12 @@ pub struct ExportArgs {
     /// What happens.
     #[command(flatten, next_help_heading = "Case")]
     pub case: CaseOptions,
+}
+
+/// The names of the formats, with what they are.
+fn formats() -> PossibleValuesParser {
+    let named = |format: &Format| PossibleValue::new(format.name).help(format.what);
+    PossibleValuesParser::new(FORMATS.iter().map(named))
 }
 
 /// Where a mesh's coordinates are in metres and depth.

@@ -57,7 +57,7 @@ impl RockOptions {
             prepared.model.mesh.region = labels;
         }
         if let Some(text) = &self.porosity {
-            let values = self.values("--porosity", text, prepared, console)?;
+            let values = self.values("--porosity", text, Mean::Arithmetic, prepared, console)?;
             prepared.model.porosity = Some(values);
         }
         for text in &self.property {
@@ -71,7 +71,7 @@ impl RockOptions {
                 let problem = "has a name that is empty, taken, or not of letters, digits and _";
                 return Err(bad("--property", text, problem, remedy));
             }
-            let values = self.values("--property", value, prepared, console)?;
+            let values = self.values("--property", value, Mean::Arithmetic, prepared, console)?;
             let array = DataArray::scalars(name, values);
             prepared.model.properties.push(array);
         }
@@ -126,9 +126,7 @@ impl RockOptions {
             // The same image for two directions is averaged once.
             columns.push(match parts[..k].iter().position(|known| known == part) {
                 Some(known) => columns[known].clone(),
-                None => {
-                    self.values_by("--permeability", part, Mean::Geometric, prepared, console)?
-                }
+                None => self.values("--permeability", part, Mean::Geometric, prepared, console)?,
             });
         }
         let of_cell = |cell: usize| {
@@ -147,16 +145,6 @@ impl RockOptions {
 
     /// A value for each cell.
     fn values(
-        &self,
-        option: &str,
-        text: &str,
-        prepared: &Prepared,
-        console: &Console,
-    ) -> Result<Vec<f64>> {
-        self.values_by(option, text, Mean::Arithmetic, prepared, console)
-    }
-
-    fn values_by(
         &self,
         option: &str,
         text: &str,

@@ -153,34 +153,23 @@ mod tests {
     use super::*;
 
     #[test]
-    fn tetrahedra_are_the_same_graph_as_polyhedra() {
-        let nodes = vec![
-            [0.0, 0.0, 0.0],
-            [1.0, 0.0, 0.0],
-            [0.0, 1.0, 0.0],
-            [0.0, 0.0, 1.0],
-            [0.0, 0.0, -1.0],
-        ];
+    fn tetrahedra_fill_the_box_as_polyhedra() {
+        // A cube of six tetrahedra round its diagonal.
+        let corner = |i: u32| std::array::from_fn(|k| f64::from(i >> k & 1));
+        let round = [1, 3, 2, 6, 4, 5, 1];
         let mesh = TetMesh {
-            nodes,
-            tets: vec![[0, 1, 2, 3], [0, 2, 1, 4]],
+            nodes: (0..8).map(corner).collect(),
+            tets: round.windows(2).map(|w| [0, w[0], w[1], 7]).collect(),
         };
-        let poly = PolyMesh::from_simplices(&mesh, &[8, 0], &[3, 4]).unwrap();
-        assert_eq!((poly.inner_faces(), poly.face_cells.len()), (1, 7));
-        let (one, other) = (
-            Graph::from_poly(&poly),
-            Graph::from_tets(&mesh, &[8, 0], &[3, 4]).unwrap(),
-        );
-        assert!(
-            (one.volume.iter().zip(&other.volume)).all(|(a, b)| (a - b).abs() < 1e-15),
-            "{:?}",
-            one.volume
-        );
-        let (a, b) = (&one.connections[0], &other.connections[0]);
-        assert!(a.on_feature && (a.area - b.area).abs() < 1e-15);
-        assert_eq!((a.cells, a.normal), (b.cells, b.normal));
-        assert!((0..2).all(|k| (a.distance[k] - b.distance[k]).abs() < 1e-15));
-        assert!(one.boundary.iter().all(|f| f.distance > 0.0));
+        let mut poly = PolyMesh::from_simplices(&mesh, &[1; 6], &[3; 6]).unwrap();
+        assert_eq!((poly.inner_faces(), poly.face_cells.len()), (6, 18));
+        poly.assign_sides([0.0; 3], [1.0; 3]);
+        let found = check_poly(&poly, [0.0; 3], [1.0; 3], 1e-12);
+        assert!(found.passed(), "{found:?}");
+        assert_eq!(poly.region, [3; 6]);
+        // Face 0, opposite node 0, is on the boundary of each.
+        let marked = poly.on_feature.iter().filter(|on| **on).count();
+        assert!(marked == 6 && poly.on_feature[..6].iter().all(|on| !on));
         assert!(PolyMesh::from_simplices(&mesh, &[1], &[]).is_err());
     }
 

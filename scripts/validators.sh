@@ -1,17 +1,58 @@
 #!/bin/sh
-# Puts VTK, the library under ParaView, into .venv: tests then read atomesh's files with it.
-# Without it those tests say so and check less.
+# Installs the programs that judge atomesh's files, each independent of it: VTK, Gmsh, toughio and a
+# reader of simulators' output from PyPI into .venv; OPM Flow, OpenFOAM and CalculiX by apt. Tests then
+# use them; without one they name it and check less.
 set -eu
 
-if [ -x .venv/bin/python ] && .venv/bin/python -c 'import vtkmodules.vtkIOXML' 2>/dev/null; then
-    exit 0
-fi
+modules="vtkmodules.vtkIOXML resfo gmsh toughio"
+packages="libopm-simulators-bin openfoam calculix-ccx libglu1-mesa libxft2 libxcursor1 libxinerama1"
+
 absent() {
-    echo "note: VTK is absent ($1): the tests will not open meshes with it" >&2
-    exit 0
+    echo "note: $1: tests that need them check less" >&2
 }
-command -v python3 >/dev/null 2>&1 || absent "no python3"
-rm -rf .venv
-python3 -m venv .venv >/dev/null 2>&1 || absent "python3 -m venv fails; apt install python3-venv"
-.venv/bin/pip install --quiet --disable-pip-version-check --no-deps vtk || absent "pip install vtk fails"
-.venv/bin/python -c 'import vtkmodules.vtkIOXML' || absent "vtk does not load"
+
+python_modules() {
+    for module in $modules; do
+        .venv/bin/python -c "import $module" 2>/dev/null || return 1
+    done
+}
+
+install_modules() {
+    command -v python3 >/dev/null 2>&1 || { absent "no python3"; return; }
+    rm -rf .venv
+    python3 -m venv .venv >/dev/null 2>&1 ||
+        { absent "python3 -m venv fails (apt install python3-venv)"; return; }
+    pip=".venv/bin/pip install --quiet --disable-pip-version-check"
+    # VTK without what it draws plots with.
+    { $pip --no-deps vtk && $pip resfo gmsh toughio h5py; } || absent "pip install fails"
+    python_modules || absent "some of the Python modules ($modules) do not load"
+}
+
+install_packages() {
+    missing=""
+    for package in $packages; do
+        dpkg -s "$package" 2>/dev/null | grep -q '^Status: install ok installed' ||
+            missing="$missing $package"
+    done
+    [ -n "$missing" ] || return 0
+    as_root=""
+    if [ "$(id -u)" -ne 0 ]; then
+        command -v sudo >/dev/null 2>&1 ||
+            { absent "not root and no sudo to install$missing"; return; }
+        as_root="sudo"
+    fi
+    echo "Installing validators:$missing"
+    { $as_root apt-get update -qq && $as_root env DEBIAN_FRONTEND=noninteractive \
+        apt-get install -y -qq --no-install-recommends $missing >/dev/null; } ||
+        absent "apt-get install fails"
+}
+
+if command -v dpkg >/dev/null 2>&1 && command -v apt-get >/dev/null 2>&1; then
+    install_packages
+else
+    absent "no apt here; install OPM Flow, OpenFOAM and CalculiX yourself"
+fi
+# A folder made elsewhere is of no use.
+if ! { [ -x .venv/bin/python ] && python_modules; }; then
+    install_modules
+fi

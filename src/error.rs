@@ -51,6 +51,9 @@ pub enum Error {
     /// Flow cannot be computed as asked.
     #[error("{0}")]
     Flow(Cause),
+    /// A model cannot be given to a simulator as asked.
+    #[error("{0}")]
+    Export(Cause),
     /// A parameter of the whole job is wrong.
     #[error("{0}")]
     Job(Cause),

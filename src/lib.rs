@@ -46,6 +46,7 @@ pub mod mesh;
 pub mod optimize;
 pub mod pipeline;
 pub mod report;
+pub mod reservoir;
 pub mod seeding;
 pub mod surface;
 pub mod synth;

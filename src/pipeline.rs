@@ -9,11 +9,13 @@ pub mod file;
 pub mod flow;
 pub(crate) mod horizons;
 mod join;
+pub mod model;
 mod pairs;
 pub mod stored;
 
 pub use cells::{CellsOutcome, voronoi_image};
 pub use join::{Meshing, Scene, Space};
+pub use model::{Placement, Prepared};
 
 use std::borrow::Cow;
 

@@ -102,6 +102,11 @@ pub enum Verb {
         after_help = "Example:\n  atomesh edit mesh.vtu survey.sgy -o edited.vtu --add 1500,2000,300 --remove 812"
     )]
     Edit(super::edit::EditArgs),
+    /// A mesh for a reservoir simulator, or for another mesher
+    #[command(
+        after_help = "Example:\n  atomesh export cells.vtu --to opm -o CASE.DATA --porosity 0.2 --permeability 100 --permeability-unit mD --depth-at-top 2000"
+    )]
+    Export(Box<super::export::ExportArgs>),
     /// A picture of the mesh over its image: in 3-D its sections with three orthogonal planes
     #[command(after_help = "Example:\n  atomesh slice survey.sgy mesh.vtu -o sections.png")]
     Slice(SliceArgs),

@@ -6,7 +6,7 @@ use serde_json::json;
 
 use super::args::FlowArgs;
 use super::console::Console;
-use super::parse::{bad, number, rows};
+use super::parse::{bad, by_region, number, rows};
 use crate::error::cause;
 use crate::export::{AnyMesh, MeshFile, read_any_vtu};
 use crate::flow::report::FlowReport;
@@ -270,17 +270,22 @@ fn well(option: &str, text: &str) -> Result<(Vec<f64>, Option<f64>)> {
     Ok((position.collect::<Result<_>>()?, rate))
 }
 
+/// What faults do: `closed`, `open`, or a multiplier.
+pub(super) fn faults(how: &str, thickness: Option<f64>) -> Result<Faults> {
+    match how {
+        "closed" => Faults::new(0.0, thickness),
+        "open" => Ok(Faults::OPEN),
+        text => {
+            let remedy = "give open, closed, or a multiplier from 0 to 1";
+            Faults::new(number("--faults", text, remedy)?, thickness)
+        }
+    }
+}
+
 /// Which surfaces resist flow, and how.
 fn fault_laws(args: &FlowArgs) -> Result<FaultLaws> {
     let thickness = args.fault_thickness;
-    let law = match args.faults.as_deref() {
-        None | Some("closed") => Faults::new(0.0, thickness)?,
-        Some("open") => Faults::OPEN,
-        Some(text) => {
-            let remedy = "give open, closed, or a multiplier from 0 to 1";
-            Faults::new(number("--faults", text, remedy)?, thickness)?
-        }
-    };
+    let law = faults(args.faults.as_deref().unwrap_or("closed"), thickness)?;
     let standing = match args.barriers.as_str() {
         "faults" => Standing::Faults,
         "horizons" => Standing::Horizons,
@@ -382,27 +387,8 @@ fn rock<const D: usize>(
             names.join(", ")
         )));
     }
-    let row = |row: &[f64]| {
-        let (&region, numbers) = row.split_first()?;
-        let whole = (region.fract() == 0.0).then_some(region as i32)?;
-        Some((whole, Tensor::of_dimension::<D>(numbers)?))
-    };
-    let meaning = "a region and its permeability";
-    let rows = rows(
-        path,
-        row,
-        meaning,
-        "write region,K or region,KX,KY,KZ, in m^2",
-    )?;
-    let mut kinds: Vec<(i32, Tensor)> = Vec::new();
-    for (line, (region, tensor)) in rows {
-        if kinds.iter().any(|(known, _)| *known == region) {
-            let problem = format!("region {region} for the second time");
-            let place = format!("{}:{line}", path.display());
-            return Err(Error::Flow(cause(place, problem, "give each region once")));
-        }
-        kinds.push((region, tensor));
-    }
+    let lines = "write region,K or region,KX,KY,KZ, in m^2";
+    let kinds = by_region(path, Tensor::of_dimension::<D>, lines)?;
     let regions = regions.ok_or_else(|| {
         refuse("is by region, but the mesh has no cell array 'region': give one for all")
     })?;

@@ -9,7 +9,9 @@
 //! - [`images`]: the verbs about images
 //! - [`meshes`]: the verbs about meshes
 //! - [`edit`](mod@edit): the verb `edit`
+//! - [`export`](mod@export): the verb `export`
 //! - [`flow`](mod@flow): the verb `flow`
+//! - [`rock`]: porosity, permeability and the like from numbers, tables and images
 //! - [`slice`](mod@slice): the verb `slice`
 //! - [`surface`](mod@surface): the verb `surface`
 //! - [`console`]: everything that is printed
@@ -17,6 +19,7 @@
 pub mod args;
 pub mod console;
 pub mod edit;
+pub mod export;
 pub mod flow;
 pub mod images;
 pub mod job;
@@ -25,6 +28,7 @@ pub mod meshes;
 pub mod paint;
 pub mod parse;
 pub mod provenance;
+pub mod rock;
 pub mod slice;
 pub mod surface;
 
@@ -75,6 +79,7 @@ fn run(line: &CommandLine) -> Result<Ending> {
         Verb::Convert(args) => images::convert(args, console)?,
         Verb::Edit(args) => edit::edit(args, console)?,
         Verb::Flow(args) => flow::flow(args, console)?,
+        Verb::Export(args) => export::export(args, console)?,
         Verb::Paint(args) => paint::paint(args, console)?,
         Verb::Surface(args) => surface::surface(args, console)?,
         Verb::Synth(args) => images::synth(args, console)?,

@@ -166,6 +166,44 @@ pub fn rows<T>(
     Ok(rows)
 }
 
+/// Values by region from a CSV file of lines `region,number,...`; `accept` makes a value of the
+/// numbers, or refuses. Empty lines, lines that begin with `#` and one line of column names are
+/// skipped.
+pub fn by_region<T>(
+    path: &Path,
+    accept: impl Fn(&[f64]) -> Option<T>,
+    remedy: &str,
+) -> Result<Vec<(i32, T)>> {
+    let content = std::fs::read_to_string(path).map_err(|e| os(path, "read", e))?;
+    let mut values: Vec<(i32, T)> = Vec::new();
+    for (at, line) in content.lines().enumerate() {
+        let line = line.trim();
+        if line.is_empty() || line.starts_with('#') {
+            continue;
+        }
+        let entry = line.split_once(',').and_then(|(region, rest)| {
+            let words = rest.split(',').map(|word| word.trim().parse().ok());
+            let numbers: Vec<f64> = words.collect::<Option<_>>()?;
+            Some((region.trim().parse().ok()?, accept(&numbers)?))
+        });
+        let refuse = |problem: String, remedy: &str| {
+            let place = format!("{}:{}", path.display(), at + 1);
+            Err(Error::Job(cause(place, problem, remedy)))
+        };
+        match entry {
+            Some((region, _)) if values.iter().any(|(known, _)| *known == region) => {
+                let problem = format!("region {region} for the second time");
+                return refuse(problem, "give each region once");
+            }
+            Some(entry) => values.push(entry),
+            // One line of column names.
+            None if values.is_empty() && line.starts_with("region") => {}
+            None => return refuse(format!("'{line}' is not a region and its value"), remedy),
+        }
+    }
+    Ok(values)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

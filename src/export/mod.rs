@@ -5,15 +5,40 @@
 //! - [`polyhedra`]: the same for polyhedra and polygons
 //! - [`pvd`]: the lattice after each round, for ParaView
 //! - [`surfaces`]: labelled surfaces, for [`vtp`], [`obj`] and GOCAD's [`tsurf`]
+//!
+//! Models for simulators, each with its writer in a file of its own:
+//!
+//! - [`format`](mod@format): the table of them
+//! - [`text`]: numbers as text, fast
+//! - [`twin`]: the VTU beside a format that does not hold the cells' shapes
+//! - [`opm`]: decks for OPM Flow and Eclipse
+//! - [`openfoam`]: OpenFOAM cases
+//! - [`pflotran`], [`tough`]: cells and connections for PFLOTRAN and TOUGH2
+//! - [`groups`](mod@groups): named faces, for those with tetrahedra: [`msh`], [`inp`], [`medit`],
+//!   [`tetgen`], and for surfaces alone: [`stl`], [`obj`]
 
+pub mod format;
+pub mod groups;
+pub mod inp;
+pub mod medit;
+pub mod msh;
 pub mod obj;
+pub mod openfoam;
+pub mod opm;
+pub mod pflotran;
 pub mod polyhedra;
 pub mod pvd;
+pub mod stl;
 pub mod surfaces;
+pub mod tetgen;
+pub mod text;
+pub mod tough;
 pub mod tsurf;
+pub mod twin;
 pub mod vtp;
 pub mod vtu;
 
+pub use format::{FORMATS, Format};
 pub use obj::write_obj;
 pub use polyhedra::write_cells_vtu;
 pub use pvd::Trace;

@@ -4,29 +4,45 @@ use std::io::Write;
 use std::path::Path;
 
 use super::surfaces::SurfaceFile;
+use super::text::write_items;
 use crate::error::Result;
-use crate::io::atomic_write;
+use crate::io::Batch;
 
 /// Writes surfaces; coordinates to the last digit.
 ///
 /// # Errors
 /// [`Error::Io`](crate::Error::Io) if the file cannot be written.
 pub fn write_obj<const D: usize>(path: &Path, file: &SurfaceFile<D>) -> Result<()> {
-    let element = if D == 2 { 'l' } else { 'f' };
-    atomic_write(path, |out| {
+    let mut batch = Batch::default();
+    add_obj(&mut batch, path, file)?;
+    batch.commit()
+}
+
+/// The same as one of several files that belong together.
+///
+/// # Errors
+/// As [`write_obj`].
+pub fn add_obj<const D: usize>(
+    batch: &mut Batch,
+    path: &Path,
+    file: &SurfaceFile<D>,
+) -> Result<()> {
+    let element = if D == 2 { "l" } else { "f" };
+    batch.write(path, |out| {
         writeln!(out, "# atomesh {}", env!("CARGO_PKG_VERSION"))?;
-        for [x, y, z] in &file.nodes {
-            writeln!(out, "v {x} {y} {z}")?;
-        }
+        write_items(out, file.nodes.len(), |text, i| {
+            text.word("v").point(file.nodes[i]).end();
+        })?;
         for (s, name) in file.names.iter().enumerate() {
             writeln!(out, "g {name}")?;
-            for facet in file.of(s) {
-                write!(out, "{element}")?;
-                for n in facet {
-                    write!(out, " {}", n + 1)?;
+            let facets = file.of(s);
+            write_items(out, facets.len(), |text, i| {
+                text.word(element);
+                for n in facets[i] {
+                    text.and_int(n + 1);
                 }
-                writeln!(out)?;
-            }
+                text.end();
+            })?;
         }
         Ok(())
     })

@@ -9,13 +9,13 @@ use std::path::Path;
 use rayon::prelude::*;
 
 use super::vtu::{
-    self, FieldValue, MeshFile, cell_values, check_lengths, integers, read_arrays, read_fields,
-    read_nodes,
+    self, FieldValue, MeshFile, cell_array, cell_values, check_lengths, integers, read_arrays,
+    read_fields, read_nodes,
 };
 use crate::error::Result;
-use crate::io::atomic_write;
+use crate::io::Batch;
 use crate::io::vtk::{DataArray, Document, Source, VtkFile};
-use crate::mesh::poly::{Beyond, NO_CELL, PolyMesh};
+use crate::mesh::poly::{Beyond, Lists, NO_CELL, PolyMesh};
 
 /// VTK's number of the polyhedron.
 pub const POLYHEDRON: u8 = 42;
@@ -30,6 +30,8 @@ const FEATURE_FACES: &str = "feature_faces";
 
 /// Cells in one task.
 const CHUNK: usize = 4096;
+/// Tasks whose results are in memory at once.
+const CHUNKS: usize = 16;
 
 /// Writes a mesh of polyhedra or polygons; the file appears whole or not at all. `site`, `region` and
 /// `feature_faces` come from the mesh; `point_data` and `cell_data` are what else there is.
@@ -38,10 +40,34 @@ const CHUNK: usize = 4096;
 /// [`Error::Io`](crate::Error::Io) if the file cannot be written, [`Error::Mesh`](crate::Error::Mesh)
 /// if an array does not have a tuple per node or cell.
 pub fn write_cells_vtu<const D: usize>(path: &Path, file: &MeshFile<PolyMesh<D>>) -> Result<()> {
-    let mesh = &file.mesh;
+    let mut batch = Batch::default();
+    let (points, cells) = (&file.point_data, &file.cell_data);
+    add_cells_vtu(
+        &mut batch,
+        path,
+        &file.mesh,
+        points,
+        cells,
+        &file.field_data,
+    )?;
+    batch.commit()
+}
+
+/// The same as one of several files that belong together.
+///
+/// # Errors
+/// As [`write_cells_vtu`].
+pub fn add_cells_vtu<const D: usize>(
+    batch: &mut Batch,
+    path: &Path,
+    mesh: &PolyMesh<D>,
+    point_data: &[DataArray],
+    cell_data: &[DataArray],
+    field_data: &[(String, FieldValue)],
+) -> Result<()> {
     let (nodes, cells) = (mesh.nodes.len(), mesh.sites.len());
-    check_lengths(path, &file.point_data, nodes, "nodes")?;
-    check_lengths(path, &file.cell_data, cells, "cells")?;
+    check_lengths(path, point_data, nodes, "nodes")?;
+    check_lengths(path, cell_data, cells, "cells")?;
     let site = DataArray {
         name: SITE.to_string(),
         components: 3,
@@ -55,12 +81,9 @@ pub fn write_cells_vtu<const D: usize>(path: &Path, file: &MeshFile<PolyMesh<D>>
         }
     }
     let pairs = (FEATURE_FACES.to_string(), FieldValue::Ints(pairs));
-    let fields: Vec<_> = file.field_data.iter().chain([&pairs]).collect();
-    let cell_data: Vec<_> = [&region, &site]
-        .into_iter()
-        .chain(&file.cell_data)
-        .collect();
-    let point_data: Vec<_> = file.point_data.iter().collect();
+    let fields: Vec<_> = field_data.iter().chain([&pairs]).collect();
+    let cell_data: Vec<_> = [&region, &site].into_iter().chain(cell_data).collect();
+    let point_data: Vec<_> = point_data.iter().collect();
     let streams = Streams::new(mesh);
 
     let mut document = Document::new("UnstructuredGrid", &[]);
@@ -81,17 +104,17 @@ pub fn write_cells_vtu<const D: usize>(path: &Path, file: &MeshFile<PolyMesh<D>>
         document.array(integers("faces", &streams.faces));
         document.array(integers("faceoffsets", &streams.face_ends));
     }
-    atomic_write(path, |out| document.write(out))
+    batch.write(path, |out| document.write(out))
 }
 
 /// The cells as VTK lists them.
 #[derive(Default)]
 struct Streams {
     /// The nodes of each cell; in the plane in order round it.
-    corners: Vec<u64>,
+    corners: Vec<u32>,
     corner_ends: Vec<u64>,
     /// For each cell the number of its faces, and for each of those the number of its nodes and them.
-    faces: Vec<u64>,
+    faces: Vec<u32>,
     face_ends: Vec<u64>,
 }
 
@@ -99,61 +122,52 @@ impl Streams {
     fn new<const D: usize>(mesh: &PolyMesh<D>) -> Self {
         let lists = mesh.faces_of_cells();
         let cells = mesh.sites.len();
-        let parts: Vec<Self> = (0..cells.div_ceil(CHUNK))
-            .into_par_iter()
-            .map(|chunk| {
-                let mut part = Self::default();
-                for cell in chunk * CHUNK..((chunk + 1) * CHUNK).min(cells) {
-                    part.add(mesh, cell, lists.get(cell));
-                }
-                part
-            })
-            .collect();
+        let part = |chunk: usize| {
+            let mut part = Self::default();
+            for cell in chunk * CHUNK..((chunk + 1) * CHUNK).min(cells) {
+                part.add(mesh, cell, lists.get(cell));
+            }
+            part
+        };
         let mut all = Self::default();
-        for part in parts {
-            let (corners, faces) = (all.corners.len() as u64, all.faces.len() as u64);
-            all.corner_ends
-                .extend(part.corner_ends.iter().map(|end| end + corners));
-            all.face_ends
-                .extend(part.face_ends.iter().map(|end| end + faces));
-            all.corners.extend_from_slice(&part.corners);
-            all.faces.extend_from_slice(&part.faces);
+        let chunks = cells.div_ceil(CHUNK);
+        // A few parts at a time, so that little is in memory twice.
+        for first in (0..chunks).step_by(CHUNKS) {
+            let few = first..chunks.min(first + CHUNKS);
+            let parts: Vec<Self> = few.into_par_iter().map(part).collect();
+            parts.iter().for_each(|part| all.append(part));
         }
         all
+    }
+
+    fn append(&mut self, part: &Self) {
+        let (corners, faces) = (self.corners.len() as u64, self.faces.len() as u64);
+        let ends = part.corner_ends.iter().map(|end| end + corners);
+        self.corner_ends.extend(ends);
+        let ends = part.face_ends.iter().map(|end| end + faces);
+        self.face_ends.extend(ends);
+        self.corners.extend_from_slice(&part.corners);
+        self.faces.extend_from_slice(&part.faces);
     }
 
     fn add<const D: usize>(&mut self, mesh: &PolyMesh<D>, cell: usize, faces: &[u32]) {
         let own = |f: u32| mesh.face_cells[f as usize][0] as usize == cell;
         let start = self.corners.len();
         if D == 2 {
-            // Edge after edge round the polygon, which lies to their left.
-            let edge = |&f: &u32| {
-                let ring = mesh.faces.get(f as usize);
-                if own(f) {
-                    [ring[0], ring[1]]
-                } else {
-                    [ring[1], ring[0]]
-                }
-            };
-            let edges: Vec<[u32; 2]> = faces.iter().map(edge).collect();
-            let mut at = edges.first().map_or(0, |e| e[0]);
-            for _ in 0..edges.len() {
-                self.corners.push(u64::from(at));
-                at = edges.iter().find(|e| e[0] == at).map_or(at, |e| e[1]);
-            }
+            mesh.ring(cell, faces, &mut self.corners);
             self.corner_ends.push(self.corners.len() as u64);
             return;
         }
-        self.faces.push(faces.len() as u64);
+        self.faces.push(faces.len() as u32);
         for &f in faces {
             let ring = mesh.faces.get(f as usize);
-            self.faces.push(ring.len() as u64);
+            self.faces.push(ring.len() as u32);
             if own(f) {
-                self.faces.extend(ring.iter().map(|&n| u64::from(n)));
+                self.faces.extend_from_slice(ring);
             } else {
-                self.faces.extend(ring.iter().rev().map(|&n| u64::from(n)));
+                self.faces.extend(ring.iter().rev());
             }
-            self.corners.extend(ring.iter().map(|&n| u64::from(n)));
+            self.corners.extend_from_slice(ring);
         }
         self.face_ends.push(self.faces.len() as u64);
         self.corners[start..].sort_unstable();
@@ -200,12 +214,14 @@ pub(super) fn read_cells<const D: usize>(file: &VtkFile) -> Result<MeshFile<Poly
     } else {
         ("faces", "faceoffsets")
     };
-    let stream = cell_values(file, element, stream)?;
+    let stream = cell_array(file, element, stream)?.to_u32();
+    let stream = stream.ok_or_else(|| broken("their nodes"))?;
     let ends = cell_values(file, element, ends)?;
-    if types.len() != count || ends.len() != count || points >= u32::MAX as usize {
+    let too_many = points.max(stream.len()) >= u32::MAX as usize;
+    if types.len() != count || ends.len() != count || too_many {
         return Err(broken("their number"));
     }
-    let mut sides: Vec<(u32, Vec<u32>)> = Vec::new();
+    let mut sides = Sides::default();
     let mut start = 0;
     for (cell, &end) in ends.iter().enumerate() {
         let end = usize::try_from(end)
@@ -213,15 +229,15 @@ pub(super) fn read_cells<const D: usize>(file: &VtkFile) -> Result<MeshFile<Poly
             .filter(|&end| end <= stream.len() && end >= start);
         let own = &stream[start..end.ok_or_else(|| broken("their ends"))?];
         start += own.len();
-        let rings = rings_of::<D>(own).ok_or_else(|| broken("their faces"))?;
-        for ring in rings {
-            let node = |&n: &i64| u32::try_from(n).ok().filter(|&n| (n as usize) < points);
-            let ring: Option<Vec<u32>> = ring.iter().map(node).collect();
-            sides.push((cell as u32, ring.ok_or_else(|| broken("their nodes"))?));
-        }
+        let added = sides.add::<D>(cell as u32, own);
+        added.ok_or_else(|| broken("their faces"))?;
+    }
+    drop(stream);
+    if sides.rings.items.iter().any(|&n| n as usize >= points) {
+        return Err(broken("their nodes"));
     }
     let mut mesh =
-        joined::<D>(nodes, count, sides).ok_or_else(|| broken("a face with three cells"))?;
+        (sides.joined::<D>(nodes, count)).ok_or_else(|| broken("a face with three cells"))?;
 
     let mut cell_data = read_arrays(file, piece, "CellData", count)?;
     let mut take = |name: &str| {
@@ -258,62 +274,110 @@ pub(super) fn read_cells<const D: usize>(file: &VtkFile) -> Result<MeshFile<Poly
     })
 }
 
-/// The faces in a cell's stream, with their nodes; `None` if it makes no sense.
-fn rings_of<const D: usize>(stream: &[i64]) -> Option<Vec<Vec<i64>>> {
-    if D == 2 {
-        let edge = |i: usize| vec![stream[i], stream[(i + 1) % stream.len()]];
-        return (stream.len() >= 3).then(|| (0..stream.len()).map(edge).collect());
-    }
-    let (&count, mut rest) = stream.split_first()?;
-    let mut rings = Vec::new();
-    for _ in 0..count {
-        let (&size, after) = rest.split_first()?;
-        let size = usize::try_from(size).ok().filter(|&size| size >= 3)?;
-        rings.push(after.get(..size)?.to_vec());
-        rest = &after[size..];
-    }
-    rest.is_empty().then_some(rings)
+/// The faces of all cells as a file has them: those between two cells twice.
+#[derive(Default)]
+struct Sides {
+    /// The cell of each.
+    cell: Vec<u32>,
+    /// The nodes of each, in order round it.
+    rings: Lists,
 }
 
-/// The mesh of cells that are given by all their faces, outwards; `None` if three cells share one.
-fn joined<const D: usize>(
-    nodes: Vec<[f64; D]>,
-    cells: usize,
-    sides: Vec<(u32, Vec<u32>)>,
-) -> Option<PolyMesh<D>> {
-    // Faces by their nodes, ascending; equal ones are the two sides of one face.
-    let mut order: Vec<(Vec<u32>, u32)> = sides
-        .par_iter()
-        .enumerate()
-        .map(|(i, (_, ring))| {
-            let mut name = ring.clone();
-            name.sort_unstable();
-            (name, i as u32)
-        })
-        .collect();
-    order.par_sort_unstable();
-    // Whether on the boundary, the cells, and the place in the file: the order of faces.
-    let mut faces: Vec<(bool, [u32; 2], u32)> = Vec::with_capacity(order.len() / 2);
-    for group in order.chunk_by(|a, b| a.0 == b.0) {
-        let cell = |k: usize| sides[group[k].1 as usize].0;
-        match group.len() {
-            1 => faces.push((true, [cell(0), NO_CELL], group[0].1)),
-            2 => faces.push((false, [cell(0), cell(1)], group[0].1)),
-            _ => return None,
+impl Sides {
+    /// Adds the faces in a cell's stream; `None` if it makes no sense.
+    fn add<const D: usize>(&mut self, cell: u32, stream: &[u32]) -> Option<()> {
+        let mut put = |ring: &[u32]| {
+            self.rings.push(ring.iter().copied());
+            self.cell.push(cell);
+        };
+        if D == 2 {
+            let (&[first, _, ..], &[.., last]) = (stream, stream) else {
+                return None;
+            };
+            stream.windows(2).for_each(&mut put);
+            put(&[last, first]);
+            return (stream.len() >= 3).then_some(());
         }
+        let (&count, mut rest) = stream.split_first()?;
+        for _ in 0..count {
+            let (&size, after) = rest.split_first()?;
+            put(after.get(..size as usize).filter(|ring| ring.len() >= 3)?);
+            rest = &after[size as usize..];
+        }
+        rest.is_empty().then_some(())
     }
-    faces.par_sort_unstable_by_key(|&(boundary, cells, at)| (boundary, cells, at));
-    let mut mesh = PolyMesh {
-        nodes,
-        region: vec![0; cells],
-        on_feature: vec![false; faces.len()],
-        ..PolyMesh::default()
-    };
-    for (_, cells, at) in faces {
-        mesh.faces.push(sides[at as usize].1.iter().copied());
-        mesh.face_cells.push(cells);
+
+    /// The least three nodes of a face (of an edge both), ascending: hardly two faces have the same.
+    fn key(&self, side: usize) -> [u32; 3] {
+        let mut least = [u32::MAX; 3];
+        for &n in self.rings.get(side) {
+            if n < least[2] {
+                least[2] = n;
+                if n < least[1] {
+                    least.swap(1, 2);
+                }
+                if n < least[0] {
+                    least.swap(0, 1);
+                }
+            }
+        }
+        least
     }
-    Some(mesh)
+
+    /// The nodes of a face, ascending.
+    fn set(&self, side: u32) -> Vec<u32> {
+        let mut set = self.rings.get(side as usize).to_vec();
+        set.sort_unstable();
+        set
+    }
+
+    /// The mesh; `None` if three cells share a face.
+    fn joined<const D: usize>(&self, nodes: Vec<[f64; D]>, cells: usize) -> Option<PolyMesh<D>> {
+        let sides = 0..self.cell.len();
+        let mut order: Vec<([u32; 3], u32)> = sides
+            .into_par_iter()
+            .map(|i| (self.key(i), i as u32))
+            .collect();
+        order.par_sort_unstable();
+        // Whether on the boundary, the cells, and the place in the file: the order of faces.
+        let mut faces: Vec<(bool, [u32; 2], u32)> = Vec::with_capacity(order.len() / 2);
+        let mut put = |one: u32, other: Option<u32>| {
+            let beyond = other.map_or(NO_CELL, |other| self.cell[other as usize]);
+            faces.push((other.is_none(), [self.cell[one as usize], beyond], one));
+        };
+        for group in order.chunk_by(|a, b| a.0 == b.0) {
+            match *group {
+                [(_, one)] => put(one, None),
+                [(_, one), (_, other)] if self.set(one) == self.set(other) => put(one, Some(other)),
+                _ => {
+                    let mut sets: Vec<(Vec<u32>, u32)> =
+                        group.iter().map(|&(_, i)| (self.set(i), i)).collect();
+                    sets.sort_unstable();
+                    for same in sets.chunk_by(|a, b| a.0 == b.0) {
+                        match *same {
+                            [(_, one)] => put(one, None),
+                            [(_, one), (_, other)] => put(one, Some(other)),
+                            _ => return None,
+                        }
+                    }
+                }
+            }
+        }
+        drop(order);
+        faces.par_sort_unstable();
+        let mut mesh = PolyMesh {
+            nodes,
+            region: vec![0; cells],
+            on_feature: vec![false; faces.len()],
+            ..PolyMesh::default()
+        };
+        for (_, cells, at) in faces {
+            let ring = self.rings.get(at as usize);
+            mesh.faces.push(ring.iter().copied());
+            mesh.face_cells.push(cells);
+        }
+        Some(mesh)
+    }
 }
 
 /// The mean of each cell's nodes (each as often as it has faces there).
@@ -392,12 +456,32 @@ mod tests {
 
     #[test]
     fn streams_that_make_no_sense_are_refused() {
-        assert!(rings_of::<3>(&[]).is_none());
-        assert!(rings_of::<3>(&[1, 3, 0, 1]).is_none());
-        assert!(rings_of::<3>(&[1, 2, 0, 1]).is_none());
-        assert!(rings_of::<3>(&[1, -3, 0, 1]).is_none());
-        assert!(rings_of::<3>(&[1, 3, 0, 1, 2, 9]).is_none());
-        assert_eq!(rings_of::<3>(&[1, 3, 0, 1, 2]), Some(vec![vec![0, 1, 2]]));
-        assert!(rings_of::<2>(&[0, 1]).is_none());
+        let add = |stream: &[u32]| Sides::default().add::<3>(0, stream);
+        for wrong in [
+            &[][..],
+            &[1, 3, 0, 1],
+            &[1, 2, 0, 1],
+            &[1, u32::MAX, 0, 1],
+            &[1, 3, 0, 1, 2, 9],
+        ] {
+            assert!(add(wrong).is_none(), "{wrong:?}");
+        }
+        let mut sides = Sides::default();
+        assert!(sides.add::<3>(7, &[1, 4, 5, 0, 9, 2]).is_some());
+        assert_eq!((sides.rings.get(0), sides.cell[0]), (&[5, 0, 9, 2][..], 7));
+        assert_eq!(sides.key(0), [0, 2, 5]);
+        assert!(Sides::default().add::<2>(0, &[0, 1]).is_none());
+    }
+
+    #[test]
+    fn faces_with_the_same_least_nodes_are_told_apart() {
+        // Two faces of one cell each, and one of two cells, all with the nodes 0, 1, 2.
+        let mut sides = Sides::default();
+        sides.add::<3>(0, &[2, 4, 0, 1, 2, 3, 3, 0, 1, 2]).unwrap();
+        sides.add::<3>(1, &[2, 4, 0, 2, 1, 4, 3, 2, 1, 0]).unwrap();
+        let mesh = sides.joined::<3>(vec![[0.0; 3]; 5], 2).unwrap();
+        assert_eq!(mesh.face_cells, [[0, 1], [0, NO_CELL], [1, NO_CELL]]);
+        sides.add::<3>(2, &[1, 3, 0, 1, 2]).unwrap();
+        assert!(sides.joined::<3>(vec![[0.0; 3]; 5], 3).is_none());
     }
 }

@@ -140,12 +140,15 @@ pub(super) fn in_space<const D: usize>(points: &[[f64; D]]) -> Vec<f64> {
 }
 
 /// Numbers and counts, 32-bit if all fit.
-pub(super) fn integers<'a>(name: &str, values: &'a [u64]) -> Source<'a> {
-    let most = values.iter().copied().max().unwrap_or(0);
+pub(super) fn integers<'a, T>(name: &str, values: &'a [T]) -> Source<'a>
+where
+    T: Copy + Into<u64> + Sync,
+{
+    let most = values.iter().map(|&v| v.into()).max().unwrap_or(0);
     if most <= i32::MAX as u64 {
-        Source::computed(name, 1, values.len(), |i| values[i] as i32)
+        Source::computed(name, 1, values.len(), |i| values[i].into() as i32)
     } else {
-        Source::computed(name, 1, values.len(), |i| values[i] as i64)
+        Source::computed(name, 1, values.len(), |i| values[i].into() as i64)
     }
 }
 
@@ -286,11 +289,16 @@ pub(super) fn read_nodes<const D: usize>(
 
 /// An array of the cells' description.
 pub(super) fn cell_values(file: &VtkFile, cells: &Element, name: &str) -> Result<Vec<i64>> {
+    Ok(cell_array(file, cells, name)?.to_i64())
+}
+
+/// The same, of whatever type it is stored in.
+pub(super) fn cell_array(file: &VtkFile, cells: &Element, name: &str) -> Result<Values> {
     let mut arrays = cells.children.iter();
     let element = arrays
         .find(|a| a.attribute("Name") == Some(name))
         .ok_or_else(|| file.fault(format!("its cells have no array '{name}'"), "write it anew"))?;
-    Ok(file.array(element)?.values.to_i64())
+    Ok(file.array(element)?.values)
 }
 
 fn corners<const D: usize, M: Simplices<D>>(

@@ -225,31 +225,8 @@ impl<'a, const D: usize> CellFlow<'a, D> {
         let mut rates = vec![0.0; self.graph.volume.len()];
         for well in wells {
             well.check()?;
-            // How far outside each cell the well is: beyond which of its faces' planes.
-            let mut outside = vec![f64::NEG_INFINITY; rates.len()];
-            let mut beyond = |cell: u32, off: f64| {
-                let outside = &mut outside[cell as usize];
-                *outside = outside.max(off);
-            };
-            let off = |point: [f64; D], normal: [f64; D]| -> f64 {
-                (0..D)
-                    .map(|k| (well.position[k] - point[k]) * normal[k])
-                    .sum()
-            };
-            for c in &self.graph.connections {
-                let off = off(c.point, c.normal);
-                beyond(c.cells[0], off);
-                beyond(c.cells[1], -off);
-            }
-            for f in &self.graph.boundary {
-                beyond(f.cell, off(f.point, f.normal));
-            }
-            let least = outside.iter().enumerate().min_by(|a, b| a.1.total_cmp(b.1));
-            let (cell, &off) = least.ok_or_else(|| well.outside())?;
-            let size = self.graph.volume[cell].powf(1.0 / D as f64);
-            if off > 1e-6 * size {
-                return Err(well.outside());
-            }
+            let cell = self.graph.cell_at(well.position);
+            let cell = cell.ok_or_else(|| well.outside())?;
             rates[cell] += well.rate;
         }
         Ok(rates)

@@ -18,15 +18,75 @@ pub fn atomic_write(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<File>) -> std::io::Result<()>,
 ) -> Result<()> {
-    let (mut unfinished, file) = Unfinished::create(path)?;
-    let mut writer = BufWriter::with_capacity(1 << 16, file);
-    let written = write(&mut writer)
-        .and_then(|()| writer.flush())
-        .map(|()| drop(writer))
-        .and_then(|()| fs::rename(&unfinished.path, path));
-    written.map_err(|error| os(path, "write", error))?;
-    unfinished.renamed = true;
-    Ok(())
+    let mut batch = Batch::default();
+    batch.write(path, write)?;
+    batch.commit()
+}
+
+/// Several files that belong together: none takes its name before all are written.
+#[derive(Default)]
+pub struct Batch {
+    /// Each file, and the name it will take.
+    files: Vec<(Unfinished, PathBuf)>,
+    /// Folders made for them, the outer ones first.
+    folders: Vec<PathBuf>,
+}
+
+impl Batch {
+    /// Writes one of the files; its folder must exist.
+    ///
+    /// # Errors
+    /// As [`atomic_write`].
+    pub fn write(
+        &mut self,
+        path: &Path,
+        write: impl FnOnce(&mut BufWriter<File>) -> std::io::Result<()>,
+    ) -> Result<()> {
+        let (unfinished, file) = Unfinished::create(path)?;
+        let mut writer = BufWriter::with_capacity(1 << 16, file);
+        let written = write(&mut writer).and_then(|()| writer.flush());
+        written.map_err(|error| os(path, "write", error))?;
+        self.files.push((unfinished, path.to_path_buf()));
+        Ok(())
+    }
+
+    /// Makes a folder, and those around it that do not exist.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if it cannot be made.
+    pub fn folder(&mut self, path: &Path) -> Result<()> {
+        let missing: Vec<&Path> = path
+            .ancestors()
+            .take_while(|folder| *folder != Path::new("") && !folder.is_dir())
+            .collect();
+        for folder in missing.into_iter().rev() {
+            fs::create_dir(folder).map_err(|error| os(folder, "make the folder", error))?;
+            self.folders.push(folder.to_path_buf());
+        }
+        Ok(())
+    }
+
+    /// Gives all files their names.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if one cannot take its name; those after it do not either.
+    pub fn commit(mut self) -> Result<()> {
+        for (unfinished, path) in &mut self.files {
+            fs::rename(&unfinished.path, &*path).map_err(|error| os(path, "write", error))?;
+            unfinished.renamed = true;
+        }
+        Ok(())
+    }
+}
+
+impl Drop for Batch {
+    fn drop(&mut self) {
+        self.files.clear();
+        for folder in self.folders.iter().rev() {
+            // Fails, as it shall, where there are files in it.
+            let _ = fs::remove_dir(folder);
+        }
+    }
 }
 
 /// Checks that a file could be written at `path`: its folder exists and it is not a folder itself.
@@ -137,6 +197,28 @@ mod tests {
         assert!(error.to_string().contains("disk full"), "{error}");
         assert_eq!(fs::read(&path).unwrap(), b"old");
         assert_eq!(names(folder.path()), ["a.txt"]);
+    }
+
+    #[test]
+    fn files_that_belong_together_appear_together_or_not_at_all() {
+        let folder = tempfile::tempdir().unwrap();
+        let inner = folder.path().join("case/inner");
+        let fill = |fails: bool| {
+            let mut batch = Batch::default();
+            batch.folder(&inner)?;
+            batch.write(&inner.join("a"), |w| w.write_all(b"a"))?;
+            batch.write(&inner.join("b"), |w| match fails {
+                true => Err(std::io::Error::other("disk full")),
+                false => w.write_all(b"b"),
+            })?;
+            batch.commit()
+        };
+        assert!(fill(true).is_err());
+        assert!(names(folder.path()).is_empty());
+        fill(false).unwrap();
+        assert_eq!(names(&inner), ["a", "b"]);
+        assert!(fill(true).is_err());
+        assert_eq!(names(&inner), ["a", "b"]);
     }
 
     #[test]

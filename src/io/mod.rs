@@ -31,7 +31,7 @@ use std::path::Path;
 use crate::error::{Error, Result, cause, os};
 use crate::image::Image;
 
-pub use atomic::{atomic_write, check_target};
+pub use atomic::{Batch, atomic_write, check_target};
 pub use describe::{Description, describe};
 pub use raw::RawSpec;
 pub use segy::{SegyBytes, SegyInfo};

@@ -115,6 +115,13 @@ macro_rules! scalars {
                 }
             }
 
+            /// The numbers as `u32`; `None` if one is negative or too large. Fractions are cut off.
+            pub fn to_u32(&self) -> Option<Vec<u32>> {
+                match self {
+                    $(Self::$variant(v) => v.iter().map(|&x| u32::try_from(x as i64).ok()).collect(),)*
+                }
+            }
+
             /// The tuples with these numbers, `components` numbers each, in this order.
             pub fn tuples(&self, which: &[u32], components: usize) -> Self {
                 match self {

@@ -3,10 +3,9 @@
 
 use rayon::prelude::*;
 
-use super::complex::{NONE, neighbors};
+use super::TetMesh;
 use super::poly::{Beyond, PolyMesh, dot};
-use super::{FACES, TetMesh};
-use crate::error::{Error, Result, cause};
+use crate::Result;
 
 /// Cells and connections, in one space (lattice or physical; the owner says which).
 ///
@@ -32,7 +31,7 @@ pub struct Graph<const D: usize> {
 pub struct Connection<const D: usize> {
     /// The cells a and b.
     pub cells: [u32; 2],
-    /// The face in the mesh (for tetrahedra 4 t + k, with face k of a = t).
+    /// The face in the mesh of polyhedra.
     pub face: u32,
     /// Whether the face lies on a feature of the image (a fault, say).
     pub on_feature: bool,
@@ -55,7 +54,7 @@ pub struct BoundaryFace<const D: usize> {
     /// The side of the box: 2 axis for the lower one, 2 axis + 1 for the upper one, counted in
     /// lattice space; `None` if the mesh does not say.
     pub side: Option<u8>,
-    /// The face in the mesh.
+    /// The face in the mesh of polyhedra.
     pub face: u32,
     /// Area of the face (length in 2-D).
     pub area: f64,
@@ -139,6 +138,29 @@ impl<const D: usize> Graph<D> {
         }
     }
 
+    /// The cell that holds a point: the one beyond whose faces' planes the point is least, if that is
+    /// no more than rounding. Cells are taken to be convex.
+    pub fn cell_at(&self, point: [f64; D]) -> Option<usize> {
+        let mut outside = vec![f64::NEG_INFINITY; self.volume.len()];
+        let mut beyond = |cell: u32, off: f64| {
+            let outside = &mut outside[cell as usize];
+            *outside = outside.max(off);
+        };
+        let off =
+            |on: [f64; D], normal: [f64; D]| dot(std::array::from_fn(|k| point[k] - on[k]), normal);
+        for c in &self.connections {
+            let off = off(c.point, c.normal);
+            beyond(c.cells[0], off);
+            beyond(c.cells[1], -off);
+        }
+        for f in &self.boundary {
+            beyond(f.cell, off(f.point, f.normal));
+        }
+        let least = outside.iter().enumerate().min_by(|a, b| a.1.total_cmp(b.1));
+        let (cell, &off) = least?;
+        (off <= 1e-6 * self.volume[cell].powf(1.0 / D as f64)).then_some(cell)
+    }
+
     /// The largest and the mean [`Connection::angle_error`], weighted by area.
     pub fn angle_errors(&self) -> (f64, f64) {
         let (mut worst, mut sum, mut area) = (0.0f64, 0.0, 0.0);
@@ -160,79 +182,10 @@ impl Graph<3> {
     /// a number for each tetrahedron; either may be empty. `side` of boundary faces is `None`.
     ///
     /// # Errors
-    /// [`Error::Mesh`] if three tetrahedra share a face, or there are too few bytes or regions.
+    /// As [`PolyMesh::from_simplices`].
     pub fn from_tets(mesh: &TetMesh, feature_faces: &[u8], region: &[i32]) -> Result<Self> {
-        let count = mesh.tets.len();
-        let refuse = |problem: String, remedy: &str| Error::Mesh(cause("graph", problem, remedy));
-        for (what, len) in [
-            ("feature bytes", feature_faces.len()),
-            ("regions", region.len()),
-        ] {
-            if len != 0 && len != count {
-                let problem = format!("{len} {what} for {count} tetrahedra");
-                return Err(refuse(problem, "give one for each"));
-            }
-        }
-        let around = neighbors(mesh.nodes.len(), &mesh.tets).map_err(|face| {
-            let problem = format!("face {face:?} belongs to more than two tetrahedra");
-            refuse(problem, "give a mesh that atomesh validate passes")
-        })?;
-        let shapes: Vec<(f64, [f64; 3])> = (0..count)
-            .into_par_iter()
-            .map(|t| {
-                let p = mesh.corners(t);
-                let centroid = std::array::from_fn(|k| p.iter().map(|x| x[k]).sum::<f64>() / 4.0);
-                (super::volume6(&p) / 6.0, centroid)
-            })
-            .collect();
-        let face = |t: usize, k: usize| {
-            let [a, b, c] = FACES[k].map(|i| mesh.nodes[mesh.tets[t][i] as usize]);
-            // Seen from inside, the nodes of FACES turn anticlockwise: the normal out is the other.
-            let area_vector = super::cross(super::sub(c, a), super::sub(b, a)).map(|x| 0.5 * x);
-            let centre = std::array::from_fn(|i| (a[i] + b[i] + c[i]) / 3.0);
-            (area_vector, centre)
-        };
-        let all = || (0..4 * count).into_par_iter().map(|i| (i / 4, i % 4));
-        let connections = all()
-            .filter(|&(t, k)| around[t][k] != NONE && t < around[t][k] as usize)
-            .map(|(t, k)| {
-                let other = around[t][k];
-                let (area_vector, centre) = face(t, k);
-                Connection {
-                    face: (4 * t + k) as u32,
-                    on_feature: feature_faces.get(t).is_some_and(|bits| bits >> k & 1 == 1),
-                    ..Connection::new(
-                        [t as u32, other],
-                        [shapes[t].1, shapes[other as usize].1],
-                        area_vector,
-                        centre,
-                    )
-                }
-            })
-            .collect();
-        let boundary = all()
-            .filter(|&(t, k)| around[t][k] == NONE)
-            .map(|(t, k)| {
-                let (area_vector, centre) = face(t, k);
-                BoundaryFace {
-                    face: (4 * t + k) as u32,
-                    ..BoundaryFace::new(t as u32, None, shapes[t].1, area_vector, centre)
-                }
-            })
-            .collect();
-        let centroid: Vec<[f64; 3]> = shapes.iter().map(|s| s.1).collect();
-        Ok(Self {
-            volume: shapes.iter().map(|s| s.0).collect(),
-            site: centroid.clone(),
-            centroid,
-            region: if region.is_empty() {
-                vec![0; count]
-            } else {
-                region.to_vec()
-            },
-            connections,
-            boundary,
-        })
+        let mesh = PolyMesh::from_simplices(mesh, feature_faces, region)?;
+        Ok(Self::from_poly(&mesh))
     }
 }
 
@@ -357,15 +310,17 @@ mod tests {
             tets: vec![[0, 1, 2, 3], [0, 2, 1, 4]],
         };
         let graph = Graph::from_tets(&mesh, &[8, 0], &[]).unwrap();
-        assert_eq!(graph.volume, [1.0 / 6.0; 2]);
+        assert!(graph.volume.iter().all(|v| (v - 1.0 / 6.0).abs() < 1e-15));
         assert_eq!(graph.boundary.len(), 6);
         assert!(graph.boundary.iter().all(|f| f.distance > 0.0));
         let [c] = graph.connections[..] else {
             panic!("one connection")
         };
-        assert!(c.on_feature && c.face == 3 && c.area == 0.5);
-        assert_eq!((c.normal, c.distance), ([0.0, 0.0, -1.0], [0.25; 2]));
-        assert_eq!(c.point, [0.25, 0.25, 0.0]);
+        assert!(c.on_feature && c.face == 0);
+        let off = |a: f64, b: f64| (a - b).abs() < 1e-15;
+        assert!(off(c.area, 0.5) && off(c.distance[0], 0.25) && off(c.distance[1], 0.25));
+        assert_eq!(c.normal, [0.0, 0.0, -1.0]);
+        assert!((0..3).all(|k| off(c.point[k], [0.25, 0.25, 0.0][k])));
         assert_eq!(graph.angle_errors().0, 0.0);
         assert!(Graph::from_tets(&mesh, &[1], &[]).is_err());
     }

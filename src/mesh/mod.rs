@@ -6,6 +6,7 @@
 //! - [`check`]: the one public checker: is this a valid mesh that fills its box?
 //! - [`poly`]: meshes of polyhedra, or of polygons in 2-D
 //! - [`poly_check`]: the checker of those
+//! - [`poly_from`]: those made from simplices, or by lifting polygons to prisms
 //! - [`graph`]: cells and connections, for flow and for simulators
 //!
 //! The tetrahedron, its numbering and its orientation:
@@ -26,6 +27,7 @@ pub mod complex;
 pub mod graph;
 pub mod poly;
 pub mod poly_check;
+pub mod poly_from;
 pub mod quality;
 pub mod tri;
 

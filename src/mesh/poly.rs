@@ -14,6 +14,9 @@ use rayon::prelude::*;
 /// one, `SIDE_0 + 2 axis + 1` the upper one.
 pub const SIDE_0: u32 = u32::MAX - 6;
 
+/// The names of the box's sides, in the order of their numbers.
+pub const SIDES: [&str; 6] = ["xmin", "xmax", "ymin", "ymax", "zmin", "zmax"];
+
 /// Beyond a face on the boundary of a mesh that fills no box.
 pub const NO_CELL: u32 = u32::MAX;
 

@@ -173,15 +173,18 @@ fn place<const D: usize, M>(file: &MeshFile<M>, nodes: &[[f64; D]]) -> Option<Pl
         ));
     }
     let axes = array("axes").filter(|axes| axes.len() == D * D)?;
-    let units = file.field_data.iter().find(|(name, _)| name == UNITS);
-    let units: Vec<&str> = match units {
-        Some((_, FieldValue::Text(units))) => units.split(',').collect(),
-        _ => Vec::new(),
+    let text = |name: &str| {
+        let mut fields = file.field_data.iter();
+        fields.find_map(|(known, value)| match value {
+            FieldValue::Text(text) if known == name => Some(text.as_str()),
+            _ => None,
+        })
     };
+    let mut units = text(UNITS).unwrap_or_default().split(',');
     let geometry = Geometry {
-        units: std::array::from_fn(|k| units.get(k).unwrap_or(&"").to_string()),
         origin: vector("origin")?,
         axes: std::array::from_fn(|k| std::array::from_fn(|c| axes[D * k + c])),
+        units: std::array::from_fn(|_| units.next().unwrap_or_default().to_string()),
         ..Geometry::default()
     };
     Some((

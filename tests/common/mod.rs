@@ -1,6 +1,7 @@
 //! What the black-box tests share: small input files made on the spot, and running the binary.
 #![allow(dead_code, reason = "each test program uses its own part")]
 
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
@@ -163,18 +164,48 @@ pub fn segy(path: &Path, survey: &Survey, mut value: impl FnMut([usize; 3]) -> f
 /// Opens files with VTK itself: runs a Python program with `.venv`'s interpreter, or says that it
 /// is absent (`make validators` makes it) and gives `None`.
 pub fn vtk(program: &str, arguments: &[&Path]) -> Option<serde_json::Value> {
+    let mut all: Vec<&OsStr> = vec!["-c".as_ref(), program.as_ref()];
+    all.extend(arguments.iter().map(|path| path.as_os_str()));
+    python("VTK", &all)
+}
+
+/// Runs a script of tests/data/export with `.venv`'s interpreter.
+pub fn judged(judge: &str, script: &str, arguments: &[&OsStr]) -> Option<serde_json::Value> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/export");
+    let script = folder.join(script);
+    python(judge, &[&[script.as_os_str()], arguments].concat())
+}
+
+/// What Python says, as JSON; `judge` is who is absent without it.
+fn python(judge: &str, arguments: &[&OsStr]) -> Option<serde_json::Value> {
     let python = Path::new(env!("CARGO_MANIFEST_DIR")).join(".venv/bin/python");
     if !python.exists() {
-        println!("VTK is absent, so it does not check this file: run `make validators` first");
+        println!("{judge} is absent, so it does not check this file: run `make validators` first");
         return None;
     }
-    let output = Command::new(python)
-        .arg("-c")
-        .arg(program)
-        .args(arguments)
-        .output()
-        .unwrap();
+    let output = Command::new(python).args(arguments).output().unwrap();
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{said}");
     Some(serde_json::from_slice(&output.stdout).unwrap())
+}
+
+/// Runs a simulator that `make validators` installs, or says that it is absent and gives `None`; its
+/// exit code must be 0.
+pub fn simulator(command: &mut Command) -> Option<String> {
+    let name = command.get_program().to_string_lossy().into_owned();
+    match command.output() {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+            println!(
+                "{name} is absent, so it does not check this file: run `make validators` first"
+            );
+            None
+        }
+        output => {
+            let output = output.unwrap();
+            let said = String::from_utf8_lossy(&output.stdout).into_owned();
+            let failed = String::from_utf8_lossy(&output.stderr);
+            assert!(output.status.success(), "{name}\n{said}\n{failed}");
+            Some(said)
+        }
+    }
 }

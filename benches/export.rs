@@ -1,0 +1,97 @@
+//! User CPU time, time by the clock and memory of writing a model in every format, with its twin:
+//! `cargo bench --bench export`. Of a million Voronoi cells, and of a million tetrahedra where a format
+//! holds nothing else. The targets: 2 s, and as much memory again as the model takes, at most.
+
+use std::path::Path;
+use std::time::Instant;
+
+use atomesh::export::FORMATS;
+use atomesh::flow::{Faults, Rock, Tensor};
+use atomesh::mesh::poly::PolyMesh;
+use atomesh::report::cost::{cpu_seconds, peak_mb};
+use atomesh::reservoir::Model;
+use atomesh::{Result, delaunay, voronoi};
+
+/// Half cells of the face-centred lattice along each side of the box, for Voronoi cells and for
+/// tetrahedra.
+const HALF_CELLS: [usize; 2] = [126, 70];
+
+fn main() {
+    if let Err(error) = run() {
+        println!("{error}");
+    }
+}
+
+/// A lattice disturbed a little, so that no five atoms are on one sphere.
+fn atoms(half_cells: usize) -> Vec<[f64; 3]> {
+    let mut state = 1u64;
+    let mut shift = || {
+        state = state
+            .wrapping_mul(6364136223846793005)
+            .wrapping_add(1442695040888963407);
+        0.14 * ((state >> 11) as f64 / (1u64 << 53) as f64 - 0.5)
+    };
+    let sites = (0..half_cells.pow(3)).map(|i| {
+        [
+            i % half_cells,
+            i / half_cells % half_cells,
+            i / half_cells.pow(2),
+        ]
+    });
+    sites
+        .filter(|site| site.iter().sum::<usize>() % 2 == 0)
+        .map(|site| site.map(|c| c as f64 + 0.5 + shift()))
+        .collect()
+}
+
+fn run() -> Result<()> {
+    let folder = std::env::temp_dir().join(format!("atomesh-export-{}", std::process::id()));
+    let cells = voronoi::voronoi(&atoms(HALF_CELLS[0]), [HALF_CELLS[0] as f64; 3])?;
+    measure(Model::new(cells, None), false, &folder)?;
+    let tets = delaunay::delaunay(&atoms(HALF_CELLS[1]))?;
+    let cells = PolyMesh::from_simplices(&tets, &[], &[])?;
+    measure(Model::new(cells, Some(tets)), true, &folder)
+}
+
+/// Writes a model in every format; where `tets_only`, in those only that hold tetrahedra and no others.
+fn measure(mut model: Model, tets_only: bool, folder: &Path) -> Result<()> {
+    let rock = Rock::uniform(Tensor::isotropic(1e-13), 1.0);
+    model.set_permeability(rock, Faults::OPEN)?;
+    model.porosity = Some(vec![0.2; model.len()]);
+    println!("{} cells", model.len());
+    for format in FORMATS {
+        if tets_only == format.any_cells {
+            continue;
+        }
+        let _ = std::fs::create_dir_all(folder);
+        let name = format
+            .endings
+            .first()
+            .map_or("case".into(), |e| format!("a.{e}"));
+        // The peak so far is forgotten.
+        let _ = std::fs::write("/proc/self/clear_refs", "5");
+        let before = peak_mb();
+        let (start, cpu) = (Instant::now(), cpu_seconds());
+        let written = format.write(&model, &folder.join(name));
+        let (wall, cpu) = (start.elapsed().as_secs_f64(), cpu_seconds() - cpu);
+        let (more, size) = (peak_mb() - before, size(folder));
+        let _ = std::fs::remove_dir_all(folder);
+        written?;
+        println!(
+            "{:10} {cpu:5.2} s of user CPU, {wall:5.2} s by the clock, {size:5.0} MB; {more:4.0} MB of memory beside the model's {before:.0}",
+            format.name
+        );
+    }
+    Ok(())
+}
+
+/// Size of all files in a folder, in MB.
+fn size(folder: &Path) -> f64 {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let of = |entry: std::fs::DirEntry| match entry.metadata() {
+        Ok(data) if data.is_dir() => size(&entry.path()),
+        Ok(data) => data.len() as f64 / 1e6,
+        Err(_) => 0.0,
+    };
+    entries.map(of).sum()
+}

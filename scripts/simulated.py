@@ -1,0 +1,96 @@
+#!/usr/bin/env python
+"""Puts what OPM Flow found onto the cells: scripts/simulated.py TWIN.vtu FOLDER CASE OUT.vtu [OUT.png]
+(with .venv's VTK and resfo). The last pressure (bar) and saturation of water; and a picture of the
+pressure (red high, blue low) in the cells behind the middle of y."""
+import sys
+
+import resfo
+from vtkmodules.vtkCommonCore import vtkDoubleArray, vtkLookupTable
+from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader, vtkXMLUnstructuredGridWriter
+
+
+def simulated(twin, folder, case):
+    """The cells with the last pressure and saturation."""
+    reader = vtkXMLUnstructuredGridReader()
+    reader.SetFileName(twin)
+    reader.Update()
+    mesh = reader.GetOutput()
+    # Of several reports the last.
+    found = {name.strip(): values for name, values in resfo.read(f"{folder}/{case}.UNRST")}
+    for name in ("PRESSURE", "SWAT"):
+        if name not in found:
+            continue
+        array = vtkDoubleArray()
+        array.SetName(f"simulated_{name.lower()}")
+        for value in found[name]:
+            array.InsertNextValue(float(value))
+        mesh.GetCellData().AddArray(array)
+    return mesh
+
+
+def draw(mesh, out):
+    """The cells whose centres are behind the middle of y."""
+    import vtkmodules.vtkRenderingOpenGL2  # noqa: F401 (registers the renderer)
+    from vtkmodules.vtkCommonDataModel import vtkPlane
+    from vtkmodules.vtkFiltersExtraction import vtkExtractGeometry
+    from vtkmodules.vtkFiltersGeometry import vtkDataSetSurfaceFilter
+    from vtkmodules.vtkIOImage import vtkPNGWriter
+    from vtkmodules.vtkRenderingCore import (
+        vtkActor, vtkPolyDataMapper, vtkRenderer, vtkRenderWindow, vtkWindowToImageFilter)
+
+    plane = vtkPlane()
+    plane.SetOrigin(mesh.GetCenter())
+    plane.SetNormal(0, -1, 0)
+    behind = vtkExtractGeometry()
+    behind.SetInputData(mesh)
+    behind.SetImplicitFunction(plane)
+    surface = vtkDataSetSurfaceFilter()
+    surface.SetInputConnection(behind.GetOutputPort())
+    mapper = vtkPolyDataMapper()
+    mapper.SetInputConnection(surface.GetOutputPort())
+    mapper.SetScalarModeToUseCellFieldData()
+    mapper.SelectColorArray("simulated_pressure")
+    colors = vtkLookupTable()
+    colors.SetHueRange(0.67, 0.0)
+    mapper.SetLookupTable(colors)
+    mapper.SetScalarRange(mesh.GetCellData().GetArray("simulated_pressure").GetRange())
+    actor = vtkActor()
+    actor.SetMapper(mapper)
+    actor.GetProperty().EdgeVisibilityOn()
+    actor.GetProperty().SetAmbient(0.4)
+    renderer = vtkRenderer()
+    renderer.SetBackground(1, 1, 1)
+    renderer.AddActor(actor)
+    camera = renderer.GetActiveCamera()
+    camera.SetPosition(0.3, -1, 0.4)
+    camera.SetViewUp(0, 0, 1)
+    renderer.ResetCamera()
+    camera.Zoom(1.2)
+    renderer.ResetCameraClippingRange()
+    window = vtkRenderWindow()
+    window.SetOffScreenRendering(1)
+    window.SetSize(900, 640)
+    window.AddRenderer(renderer)
+    window.Render()
+    image = vtkWindowToImageFilter()
+    image.SetInput(window)
+    writer = vtkPNGWriter()
+    writer.SetInputConnection(image.GetOutputPort())
+    writer.SetFileName(out)
+    writer.Write()
+
+
+def main(twin, folder, case, out, picture=None):
+    mesh = simulated(twin, folder, case)
+    writer = vtkXMLUnstructuredGridWriter()
+    writer.SetFileName(out)
+    writer.SetInputData(mesh)
+    writer.Write()
+    if picture:
+        draw(mesh, picture)
+
+
+if __name__ == "__main__":
+    if len(sys.argv) not in (5, 6):
+        sys.exit(__doc__)
+    main(*sys.argv[1:])

@@ -1,0 +1,233 @@
+//! Porosity, permeability and the like, as typed: numbers, tables by region, arrays of the mesh, or
+//! images, averaged over cells.
+
+use std::path::Path;
+
+use clap::Args;
+
+use super::args::InputOptions;
+use super::console::Console;
+use super::parse::{bad, by_region};
+use crate::error::cause;
+use crate::flow::{Rock, Tensor};
+use crate::image::Image;
+use crate::io::vtk::DataArray;
+use crate::io::{self, AnyLoaded};
+use crate::pipeline::Prepared;
+use crate::reservoir::{MILLIDARCY, Mean};
+use crate::{Error, Result};
+
+/// What fills the cells.
+#[derive(Debug, Clone, Args)]
+pub struct RockOptions {
+    /// Porosity: a number, a CSV file of lines region,porosity, a cell array of the mesh, or an image
+    /// with an optional mean: FILE[:arithmetic|harmonic|geometric|nearest] [default mean: arithmetic]
+    #[arg(long, value_name = "PHI", allow_hyphen_values = true)]
+    pub porosity: Option<String>,
+    /// Permeability: K or KX,KY,KZ along the mesh's coordinates, each a number or an image with an
+    /// optional mean [default: geometric]; or a CSV file of lines region,K or region,KX,KY,KZ
+    #[arg(long, value_name = "K", allow_hyphen_values = true)]
+    pub permeability: Option<String>,
+    /// Unit of the permeability: mD or m2
+    #[arg(long, value_name = "UNIT")]
+    pub permeability_unit: Option<String>,
+    /// Any other value of each cell, such as a seismic attribute, given as a porosity is; may be
+    /// repeated
+    #[arg(long, value_name = "NAME=VALUE")]
+    pub property: Vec<String>,
+    /// Regions of the cells from an image of labels
+    #[arg(long, value_name = "IMAGE")]
+    pub region: Option<String>,
+    /// How to read the images.
+    #[command(flatten, next_help_heading = "Reading images")]
+    pub input: InputOptions,
+}
+
+impl RockOptions {
+    /// Fills the cells: regions first, then what may depend on them.
+    ///
+    /// # Errors
+    /// [`Error::Export`] or [`Error::Job`] for values that make no sense, a region without one, or a
+    /// permeability without unit; [`Error::Io`] for files.
+    pub fn fill(&self, prepared: &mut Prepared, console: &Console) -> Result<Option<Rock>> {
+        if let Some(text) = &self.region {
+            let labels = self.image_values("--region", text, Mean::Nearest, prepared, console)?;
+            let labels: Vec<i32> = labels.iter().map(|&l| l.round() as i32).collect();
+            prepared.model.graph.region.clone_from(&labels);
+            prepared.model.mesh.region = labels;
+        }
+        if let Some(text) = &self.porosity {
+            let values = self.values("--porosity", text, Mean::Arithmetic, prepared, console)?;
+            prepared.model.porosity = Some(values);
+        }
+        for text in &self.property {
+            let remedy = "give NAME=VALUE, such as amplitude=survey.sgy";
+            let Some((name, value)) = text.split_once('=') else {
+                return Err(bad("--property", text, "has no '='", remedy));
+            };
+            let letters = name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
+            let arrays = &prepared.model.properties;
+            if name.is_empty() || !letters || arrays.iter().any(|a| a.name == name) {
+                let problem = "has a name that is empty, taken, or not of letters, digits and _";
+                return Err(bad("--property", text, problem, remedy));
+            }
+            let values = self.values("--property", value, Mean::Arithmetic, prepared, console)?;
+            let array = DataArray::scalars(name, values);
+            prepared.model.properties.push(array);
+        }
+        match &self.permeability {
+            None => Ok(None),
+            Some(text) => self.rock(text, prepared, console).map(Some),
+        }
+    }
+
+    /// m^2 in the unit of permeability.
+    fn unit(&self, text: &str) -> Result<f64> {
+        let remedy = "give --permeability-unit mD or m2";
+        match self.permeability_unit.as_deref() {
+            Some("mD") => Ok(MILLIDARCY),
+            Some("m2") => Ok(1.0),
+            Some(other) => Err(bad(
+                "--permeability-unit",
+                other,
+                "is no known unit",
+                remedy,
+            )),
+            None => Err(bad("--permeability", text, "has no unit", remedy)),
+        }
+    }
+
+    fn rock(&self, text: &str, prepared: &Prepared, console: &Console) -> Result<Rock> {
+        let unit = self.unit(text)?;
+        let frame = &prepared.frame;
+        let tensor = |numbers: &[f64]| {
+            let tensor = Tensor::from_numbers(numbers)?;
+            Some(frame.tensor(tensor.scaled(unit)))
+        };
+        let remedy = "give K or KX,KY,KZ, positive";
+        if is_table(text) {
+            let lines = "write region,K or region,KX,KY,KZ, positive";
+            let kinds = by_region(Path::new(text), tensor, lines)?;
+            return Rock::by_region(&prepared.model.graph.region, &kinds, 1.0);
+        }
+        let parts: Vec<&str> = text.split(',').map(str::trim).collect();
+        let numbers: Option<Vec<f64>> = parts.iter().map(|part| part.parse().ok()).collect();
+        if let Some(numbers) = numbers {
+            let tensor = tensor(&numbers)
+                .ok_or_else(|| bad("--permeability", text, "is no permeability", remedy))?;
+            return Ok(Rock::uniform(tensor, 1.0));
+        }
+        if !matches!(parts.len(), 1 | 3) {
+            let problem = format!("has {} parts, not 1 or 3", parts.len());
+            return Err(bad("--permeability", text, &problem, remedy));
+        }
+        let mut columns: Vec<Vec<f64>> = Vec::new();
+        for (k, part) in parts.iter().enumerate() {
+            // The same image for two directions is averaged once.
+            columns.push(match parts[..k].iter().position(|known| known == part) {
+                Some(known) => columns[known].clone(),
+                None => self.values("--permeability", part, Mean::Geometric, prepared, console)?,
+            });
+        }
+        let of_cell = |cell: usize| {
+            let numbers: Vec<f64> = columns.iter().map(|column| column[cell]).collect();
+            tensor(&numbers).ok_or_else(|| {
+                let problem = format!("is {numbers:?} in cell {cell}, which is no permeability");
+                bad("--permeability", text, &problem, remedy)
+            })
+        };
+        let cells = prepared.model.len();
+        Ok(Rock {
+            kinds: (0..cells).map(of_cell).collect::<Result<_>>()?,
+            of_cell: (0..cells as u32).collect(),
+        })
+    }
+
+    /// A value for each cell.
+    fn values(
+        &self,
+        option: &str,
+        text: &str,
+        mean: Mean,
+        prepared: &Prepared,
+        console: &Console,
+    ) -> Result<Vec<f64>> {
+        let cells = prepared.model.len();
+        if let Ok(number) = text.parse::<f64>() {
+            if !number.is_finite() {
+                return Err(bad(option, text, "is not finite", "give a finite number"));
+            }
+            return Ok(vec![number; cells]);
+        }
+        if is_table(text) {
+            let one = |numbers: &[f64]| match numbers {
+                [value] if value.is_finite() => Some(*value),
+                _ => None,
+            };
+            let table = by_region(Path::new(text), one, "write region,value")?;
+            let value = |region: &i32| {
+                let found = table.iter().find(|(known, _)| known == region);
+                found.map(|f| f.1).ok_or_else(|| {
+                    let place = format!("{option} {text}");
+                    let problem = format!("has no value for region {region}");
+                    let remedy = "give one for every region of the mesh";
+                    Error::Export(cause(place, problem, remedy))
+                })
+            };
+            return prepared.model.graph.region.iter().map(value).collect();
+        }
+        let arrays = &prepared.cell_data;
+        if let Some(array) = arrays.iter().find(|a| a.name == text && a.components == 1) {
+            return Ok(array.values.to_f64());
+        }
+        self.image_values(option, text, mean, prepared, console)
+    }
+
+    fn image_values(
+        &self,
+        option: &str,
+        text: &str,
+        mean: Mean,
+        prepared: &Prepared,
+        console: &Console,
+    ) -> Result<Vec<f64>> {
+        let named = text.rsplit_once(':');
+        let (path, mean) = match named.and_then(|(path, name)| Some((path, Mean::named(name)?))) {
+            Some((path, mean)) => (path, mean),
+            None => (text, mean),
+        };
+        let path = Path::new(path);
+        if !path.exists() {
+            let scalars = prepared.cell_data.iter().filter(|a| a.components == 1);
+            let names: Vec<&str> = scalars.map(|array| array.name.as_str()).collect();
+            return Err(bad(
+                option,
+                text,
+                &format!(
+                    "is no number, no file, and no cell array of the mesh (it has {})",
+                    names.join(", ")
+                ),
+                "give a number, a CSV file of lines region,value, or an image",
+            ));
+        }
+        let image = read(path, &self.input, console)?;
+        prepared.average(&image, mean, &path.display().to_string())
+    }
+}
+
+/// Whether a value is a table by region.
+fn is_table(text: &str) -> bool {
+    Path::new(text)
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("csv"))
+}
+
+/// An image as part of space.
+fn read(path: &Path, input: &InputOptions, console: &Console) -> Result<Image<3>> {
+    let (image, notes) = match io::read_any(path, &input.read_options()?)? {
+        AnyLoaded::Plane(loaded) => (loaded.image.in_space(), loaded.notes),
+        AnyLoaded::Space(loaded) => (loaded.image, loaded.notes),
+    };
+    notes.iter().for_each(|note| console.note(note));
+    Ok(image)
+}

@@ -1,0 +1,198 @@
+//! The formats that `atomesh export` writes: one table, one file of code each.
+
+use std::path::{Path, PathBuf};
+
+use super::twin::add_twin;
+use super::{inp, medit, msh, openfoam, opm, pflotran, stl, tetgen, tough};
+use crate::error::cause;
+use crate::io::{Batch, check_target};
+use crate::reservoir::Model;
+use crate::{Error, Result};
+
+/// A format for simulators or other meshers.
+#[derive(Debug)]
+pub struct Format {
+    /// What `--to` calls it.
+    pub name: &'static str,
+    /// What it is, for people.
+    pub what: &'static str,
+    /// The endings of its files, or their whole names, the usual one first; none if it is a folder.
+    pub endings: &'static [&'static str],
+    /// Whether the cells' shapes are not in it, so that a VTU twin with cells in the same order is
+    /// written beside it.
+    pub twin: bool,
+    /// Whether it holds cells of any shape, not only tetrahedra.
+    pub any_cells: bool,
+    /// Whether depth has a meaning in it.
+    pub depth: bool,
+    write: fn(&Model, &mut Batch, &Path) -> Result<()>,
+}
+
+/// All of them.
+pub const FORMATS: &[Format] = &[
+    Format {
+        name: "opm",
+        what: "OPM Flow and Eclipse deck: cells and connections, a complete case",
+        endings: &["DATA", "data"],
+        twin: true,
+        any_cells: true,
+        depth: true,
+        write: opm::write,
+    },
+    Format {
+        name: "openfoam",
+        what: "OpenFOAM case with constant/polyMesh",
+        endings: &[],
+        twin: false,
+        any_cells: true,
+        depth: false,
+        write: openfoam::write,
+    },
+    Format {
+        name: "pflotran",
+        what: "PFLOTRAN explicit unstructured grid, with a file for each side",
+        endings: &["uge"],
+        twin: true,
+        any_cells: true,
+        depth: true,
+        write: pflotran::write,
+    },
+    Format {
+        name: "tough2",
+        what: "TOUGH2 mesh: elements and connections",
+        endings: &["MESH"],
+        twin: true,
+        any_cells: true,
+        depth: true,
+        write: tough::write,
+    },
+    Format {
+        name: "msh",
+        what: "Gmsh mesh, version 4.1: tetrahedra, regions and surfaces",
+        endings: &["msh"],
+        twin: false,
+        any_cells: false,
+        depth: false,
+        write: msh::write_4,
+    },
+    Format {
+        name: "msh2",
+        what: "Gmsh mesh, version 2.2",
+        endings: &["msh"],
+        twin: false,
+        any_cells: false,
+        depth: false,
+        write: msh::write_2,
+    },
+    Format {
+        name: "inp",
+        what: "Abaqus and CalculiX elements, sets and surfaces",
+        endings: &["inp"],
+        twin: false,
+        any_cells: false,
+        depth: false,
+        write: inp::write,
+    },
+    Format {
+        name: "medit",
+        what: "Medit mesh of tetrahedra and triangles",
+        endings: &["mesh"],
+        twin: false,
+        any_cells: false,
+        depth: false,
+        write: medit::write,
+    },
+    Format {
+        name: "tetgen",
+        what: "TetGen's .node, .ele and .face",
+        endings: &["node"],
+        twin: false,
+        any_cells: false,
+        depth: false,
+        write: tetgen::write,
+    },
+    Format {
+        name: "stl",
+        what: "the sides of the box and what lies on features as triangles, in text",
+        endings: &["stl"],
+        twin: false,
+        any_cells: true,
+        depth: false,
+        write: stl::write,
+    },
+    Format {
+        name: "obj",
+        what: "the same as Wavefront OBJ",
+        endings: &["obj"],
+        twin: false,
+        any_cells: true,
+        depth: false,
+        write: stl::write_obj,
+    },
+];
+
+impl Format {
+    /// The format of that name.
+    ///
+    /// # Errors
+    /// [`Error::Export`] with the names that there are.
+    pub fn named(name: &str) -> Result<&'static Self> {
+        FORMATS.iter().find(|f| f.name == name).ok_or_else(|| {
+            let names: Vec<&str> = FORMATS.iter().map(|f| f.name).collect();
+            Error::Export(cause(
+                format!("--to {name}"),
+                "is no format that is written",
+                format!("give one of {}", names.join(", ")),
+            ))
+        })
+    }
+
+    /// Checks that a model can be written to `path`, before the long work.
+    ///
+    /// # Errors
+    /// [`Error::Export`] for a file with another ending, [`Error::Io`] for a folder that is not there.
+    pub fn check_target(&self, path: &Path) -> Result<()> {
+        if self.endings.is_empty() {
+            if path.is_file() {
+                let problem = format!("is a file, but {} is a folder", self.name);
+                return Err(Error::Io(cause(path.display(), problem, "name a folder")));
+            }
+            return Ok(());
+        }
+        check_target(path)?;
+        let ending = path.extension().unwrap_or_default().to_string_lossy();
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        if !self
+            .endings
+            .iter()
+            .any(|known| *known == ending || *known == name)
+        {
+            return Err(Error::Export(cause(
+                path.display(),
+                format!("does not end in {}", self.endings.join(" or ")),
+                format!("name it so: that is what {} is read by", self.name),
+            )));
+        }
+        Ok(())
+    }
+
+    /// The twin of a file.
+    pub fn twin_of(&self, path: &Path) -> Option<PathBuf> {
+        self.twin.then(|| path.with_extension("vtu"))
+    }
+
+    /// Writes a model, and its twin; all files appear, or none.
+    ///
+    /// # Errors
+    /// [`Error::Export`] if the model lacks what the format needs, [`Error::Io`] if a file cannot be
+    /// written.
+    pub fn write(&self, model: &Model, path: &Path) -> Result<()> {
+        self.check_target(path)?;
+        let mut batch = Batch::default();
+        (self.write)(model, &mut batch, path)?;
+        if let Some(twin) = self.twin_of(path) {
+            add_twin(&mut batch, &twin, model)?;
+        }
+        batch.commit()
+    }
+}

@@ -1,0 +1,137 @@
+//! Numbers as text, fast: no allocation a number, lines formatted by all threads and written in
+//! order.
+
+use std::io::{self, Write};
+
+use rayon::prelude::*;
+
+/// Lines in one task.
+const LINES: usize = 4096;
+/// Tasks whose text is in memory at once.
+const TASKS: usize = 32;
+
+/// Text that is being put together.
+#[derive(Debug, Default)]
+pub struct Text {
+    bytes: Vec<u8>,
+}
+
+impl Text {
+    /// Adds words as they are.
+    #[inline]
+    pub fn word(&mut self, word: &str) -> &mut Self {
+        self.bytes.extend_from_slice(word.as_bytes());
+        self
+    }
+
+    /// Adds a whole number.
+    #[inline]
+    pub fn int(&mut self, number: impl itoa::Integer) -> &mut Self {
+        self.word(itoa::Buffer::new().format(number))
+    }
+
+    /// Adds a number with as few digits as bring it back exactly; infinities and NaN as `inf`, `NaN`.
+    #[inline]
+    pub fn real(&mut self, number: f64) -> &mut Self {
+        self.word(zmij::Buffer::new().format(number))
+    }
+
+    /// Adds a number, a space before it.
+    #[inline]
+    pub fn and_int(&mut self, number: impl itoa::Integer) -> &mut Self {
+        self.word(" ").int(number)
+    }
+
+    /// Adds a number as [`real`](Self::real) does, a space before it.
+    #[inline]
+    pub fn and_real(&mut self, number: f64) -> &mut Self {
+        self.word(" ").real(number)
+    }
+
+    /// Adds coordinates, a space before each.
+    #[inline]
+    pub fn point(&mut self, point: [f64; 3]) -> &mut Self {
+        point.iter().for_each(|&x| {
+            self.and_real(x);
+        });
+        self
+    }
+
+    /// Ends the line.
+    #[inline]
+    pub fn end(&mut self) {
+        self.bytes.push(b'\n');
+    }
+}
+
+/// Writes `count` items, `put` adding the text of each; in order, however many threads there are.
+///
+/// # Errors
+/// If `out` cannot be written.
+pub fn write_items(
+    out: &mut impl Write,
+    count: usize,
+    put: impl Fn(&mut Text, usize) + Sync,
+) -> io::Result<()> {
+    let mut texts: Vec<Text> = Vec::new();
+    texts.resize_with(TASKS.min(count.div_ceil(LINES)), Text::default);
+    let mut start = 0;
+    while start < count {
+        texts.par_iter_mut().enumerate().for_each(|(task, text)| {
+            text.bytes.clear();
+            let first = start + task * LINES;
+            (first..count.min(first + LINES)).for_each(|item| put(text, item));
+        });
+        texts.iter().try_for_each(|t| out.write_all(&t.bytes))?;
+        start += TASKS * LINES;
+    }
+    Ok(())
+}
+
+/// Writes numbers, several a line.
+///
+/// # Errors
+/// If `out` cannot be written.
+pub fn write_numbers(
+    out: &mut impl Write,
+    count: usize,
+    value: impl Fn(usize) -> f64 + Sync,
+) -> io::Result<()> {
+    const IN_LINE: usize = 5;
+    write_items(out, count, |text, i| {
+        text.and_real(value(i));
+        if i % IN_LINE == IN_LINE - 1 || i + 1 == count {
+            text.end();
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn items_come_in_order_and_numbers_come_back() {
+        let count = TASKS * LINES + 5;
+        let value = |i: usize| (i as f64 - 1e4) / 3.0 * 1e-7;
+        let mut bytes = Vec::new();
+        write_items(&mut bytes, count, |text, i| {
+            text.int(i).and_real(value(i)).end();
+        })
+        .unwrap();
+        let text = String::from_utf8(bytes).unwrap();
+        let mut lines = 0;
+        for (i, line) in text.lines().enumerate() {
+            let (at, number) = line.split_once(' ').unwrap();
+            assert_eq!(at.parse(), Ok(i));
+            assert_eq!(number.parse(), Ok(value(i)));
+            lines += 1;
+        }
+        assert_eq!(lines, count);
+        let mut bytes = Vec::new();
+        write_numbers(&mut bytes, 7, |i| i as f64).unwrap();
+        let text = String::from_utf8(bytes).unwrap();
+        assert_eq!(text.lines().count(), 2);
+        assert_eq!(text.split_whitespace().count(), 7);
+    }
+}

@@ -1,0 +1,54 @@
+//! The VTU beside a format that does not hold the cells' shapes: the same cells in the same order,
+//! with everything that is known of them.
+
+use std::path::Path;
+
+use super::FieldValue;
+use super::polyhedra::add_cells_vtu;
+use crate::Result;
+use crate::io::Batch;
+use crate::io::vtk::DataArray;
+use crate::reservoir::Model;
+
+/// Adds the twin to the files of a model.
+///
+/// # Errors
+/// [`Error::Io`](crate::Error::Io) if it cannot be written.
+pub fn add_twin(batch: &mut Batch, path: &Path, model: &Model) -> Result<()> {
+    let cells = model.len();
+    let mut arrays = vec![
+        DataArray::scalars("volume", model.graph.volume.clone()),
+        DataArray::scalars(
+            "depth",
+            (0..cells).map(|c| model.depth(c)).collect::<Vec<f64>>(),
+        ),
+        DataArray::scalars("two_point_angle", worst_angles(model)),
+    ];
+    if let Some(porosity) = &model.porosity {
+        arrays.push(DataArray::scalars("porosity", porosity.clone()));
+    }
+    if let Some(permeability) = &model.permeability {
+        let of = |cell: usize| permeability.rock.mobility(cell).0;
+        arrays.push(DataArray {
+            name: "permeability".into(),
+            components: 6,
+            values: (0..cells).flat_map(of).collect::<Vec<f64>>().into(),
+        });
+    }
+    arrays.extend(model.properties.iter().cloned());
+    let version = FieldValue::Text(env!("CARGO_PKG_VERSION").to_string());
+    let fields = [("atomesh_version".to_string(), version)];
+    add_cells_vtu(batch, path, &model.mesh, &[], &arrays, &fields)
+}
+
+/// The largest angle, in degrees, by which two-point fluxes of each cell are off.
+fn worst_angles(model: &Model) -> Vec<f32> {
+    let mut worst = vec![0f32; model.len()];
+    for (c, angle) in model.graph.connections.iter().zip(model.two_point_angles()) {
+        for cell in c.cells {
+            let worst = &mut worst[cell as usize];
+            *worst = worst.max(angle as f32);
+        }
+    }
+    worst
+}

@@ -1,0 +1,624 @@
+//! `atomesh export`: what it writes is read, and run, by programs that know nothing of atomesh.
+#![cfg(feature = "tetgen")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "a test that cannot go on has failed"
+)]
+
+mod common;
+
+use std::ffi::OsStr;
+use std::path::Path;
+use std::process::Command;
+
+use atomesh::export::{AnyMesh, opm, read_any_vtu, read_vtu};
+use atomesh::flow::{Faults, Rock, Tensor};
+use atomesh::mesh::volume6;
+use atomesh::pipeline::{Placement, Prepared};
+use atomesh::reservoir::{MILLIDARCY, Model};
+use common::{judged, npy, refused, sheet, simulator, succeed};
+use serde_json::Value;
+
+const DIMS: [usize; 3] = [40, 36, 32];
+/// Volume of the box.
+const VOLUME: f64 = 39.0 * 35.0 * 31.0;
+const ROCK: &str = "--porosity 0.2 --permeability 100 --permeability-unit mD --quiet";
+
+fn run(folder: &Path, line: &str) -> String {
+    succeed(folder, &line.split_whitespace().collect::<Vec<_>>())
+}
+
+/// A folder with meshes of a sheet across the box: `cells.vtu` of Voronoi cells, `tets.vtu`.
+fn folder() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    npy(&folder.path().join("sheet.npy"), DIMS, sheet(DIMS));
+    let mesh = "mesh sheet.npy --distance 6 --quiet -o";
+    run(folder.path(), &format!("{mesh} cells.vtu --cells voronoi"));
+    run(folder.path(), &format!("{mesh} tets.vtu"));
+    folder
+}
+
+/// The model that the verb makes of a mesh.
+fn model(folder: &Path, mesh: &str, top: f64, k: &[f64]) -> Model {
+    let file = read_any_vtu(&folder.join(mesh)).unwrap();
+    let placement = Placement {
+        top: Some(top),
+        ..Placement::default()
+    };
+    let mut prepared = Prepared::new(file, mesh, &placement).unwrap();
+    let tensor = Tensor::from_numbers(k).unwrap().scaled(MILLIDARCY);
+    let model = &mut prepared.model;
+    model
+        .set_permeability(Rock::uniform(tensor, 1.0), Faults::OPEN)
+        .unwrap();
+    prepared.model
+}
+
+fn numbers(value: &Value) -> Vec<f64> {
+    let items = value.as_array().unwrap().iter();
+    items.map(|v| v.as_f64().unwrap()).collect()
+}
+
+fn near(a: f64, b: f64, tolerance: f64) -> bool {
+    (a - b).abs() <= tolerance * a.abs().max(b.abs())
+}
+
+/// Runs OPM Flow on a deck, and says what it found.
+fn flow(folder: &Path, case: &str) -> Option<Value> {
+    let mut command = Command::new("flow");
+    command
+        .current_dir(folder)
+        .args([&format!("{case}.DATA"), "--output-dir=out"])
+        .args(["--enable-tuning=false", "--threads-per-process=1"]);
+    simulator(&mut command)?;
+    let out = folder.join("out");
+    judged("resfo", "opm.py", &[out.as_os_str(), OsStr::new(case)])
+}
+
+#[test]
+fn opm_flow_has_our_transmissibilities_pore_volumes_and_depths() {
+    let folder = folder();
+    let folder = folder.path();
+    for mesh in ["cells.vtu", "tets.vtu"] {
+        let rock = "--porosity 0.2 --permeability 100,100,10 --permeability-unit mD --quiet";
+        let wells = "--injector 5,5,5:5 --producer 33,30,25:200 --days 10";
+        let deck = format!("export {mesh} --to opm -o CASE.DATA {rock} {wells}");
+        run(folder, &format!("{deck} --depth-at-top 2000"));
+        let model = model(folder, mesh, 2000.0, &[100.0, 100.0, 10.0]);
+        let Some(found) = flow(folder, "CASE") else {
+            continue;
+        };
+        let porv = numbers(&found["porv"]);
+        assert_eq!(porv.len(), model.len());
+        for (cell, &porv) in porv.iter().enumerate() {
+            assert!(near(porv, 0.2 * model.graph.volume[cell], 1e-6), "{porv}");
+        }
+        for (cell, &depth) in numbers(&found["depth"]).iter().enumerate() {
+            assert!(near(depth, model.depth(cell), 1e-6), "{depth}");
+        }
+        let mut known: Vec<([u32; 2], f64)> = Vec::new();
+        let t = &model.need_permeability("").unwrap().transmissibility;
+        for (c, t) in model.graph.connections.iter().zip(t) {
+            let t = t * opm::TRANSMISSIBILITY;
+            if t >= opm::LEAST {
+                known.push((c.cells, t));
+            }
+        }
+        known.sort_by_key(|k| k.0);
+        let mut read: Vec<([u32; 2], f64)> = Vec::new();
+        for pair in found["t"].as_array().unwrap() {
+            let [a, b] = [0, 1].map(|k| pair[k].as_u64().unwrap() as u32);
+            read.push(([a.min(b), a.max(b)], pair[2].as_f64().unwrap()));
+        }
+        read.sort_by_key(|k| k.0);
+        assert_eq!(read.len(), known.len());
+        for (read, known) in read.iter().zip(&known) {
+            assert_eq!(read.0, known.0);
+            assert!(near(read.1, known.1, 1e-6), "{read:?} {known:?}");
+        }
+    }
+}
+
+#[test]
+fn opm_flow_has_our_steady_pressure() {
+    let folder = folder();
+    let folder = folder.path();
+    // 8.64 m^3 a day are 1e-4 m^3/s. Water is hardly compressible near its reference pressure.
+    let wells = "--injector 5,5,5:8.64 --producer 33,30,25:200 --pressure-at-top 200 --days 3650";
+    let deck = format!("export cells.vtu --to opm -o CASE.DATA {ROCK} {wells}");
+    for (faults, name) in [("open", "open"), ("0.01", "tight")] {
+        run(
+            folder,
+            &format!("{deck} --depth-at-top 2000 --no-gravity --faults {faults}"),
+        );
+        let ours = "flow cells.vtu -o flow.vtu --permeability 9.86923266716013e-14 --quiet";
+        let ends = "--source 5,5,5:1e-4 --sink 33,30,25:1e-4";
+        run(folder, &format!("{ours} {ends} --faults {faults}"));
+        let Some(found) = flow(folder, "CASE") else {
+            return;
+        };
+        let AnyMesh::SpaceCells(file) = read_any_vtu(&folder.join("flow.vtu")).unwrap() else {
+            panic!("no polyhedra")
+        };
+        let arrays = &file.cell_data;
+        let ours = arrays.iter().find(|a| a.name == "pressure").unwrap();
+        let ours: Vec<f64> = ours.values.to_f64().iter().map(|p| p / 1e5).collect();
+        let theirs = numbers(&found["pressure"]);
+        let mean = |p: &[f64]| p.iter().sum::<f64>() / p.len() as f64;
+        let range = |p: &[f64]| {
+            p.iter().copied().fold(f64::NEG_INFINITY, f64::max)
+                - p.iter().copied().fold(f64::INFINITY, f64::min)
+        };
+        let (a, b) = (mean(&ours), mean(&theirs));
+        let differences: Vec<f64> = (ours.iter().zip(&theirs))
+            .map(|(p, q)| (p - a) - (q - b))
+            .collect();
+        let worst = differences.iter().fold(0.0f64, |most, d| most.max(d.abs()));
+        let range = range(&ours);
+        println!("{name}: {worst:.2e} bar of {range:.2e}");
+        assert!(worst < 1e-3 * range, "{name}: {worst} of {range}");
+    }
+}
+
+#[test]
+fn oil_is_driven_out_by_water() {
+    let folder = folder();
+    let folder = folder.path();
+    let wells = "--injector INJ=5,5,5:50 --producer PROD=33,30,25:150";
+    let deck = "export cells.vtu --to opm -o OIL.DATA --fluid oil-water --depth-at-top 1500";
+    run(folder, &format!("{deck} {ROCK} {wells} --days 100"));
+    let Some(found) = flow(folder, "OIL") else {
+        return;
+    };
+    let water = numbers(&found["swat"]);
+    assert!(water.iter().all(|s| (0.199..=1.001).contains(s)));
+    assert!(water.iter().filter(|s| **s > 0.4).count() > 5);
+}
+
+/// Runs one of OpenFOAM's programs.
+fn openfoam(program: &str, case: &Path, options: &[&str]) -> Option<String> {
+    let mut command = Command::new(program);
+    command
+        .env("WM_PROJECT_DIR", "/usr/share/openfoam")
+        .arg("-case")
+        .arg(case)
+        .args(options);
+    simulator(&mut command)
+}
+
+/// The values of a scalar field that OpenFOAM wrote.
+fn field(path: &Path) -> Vec<f64> {
+    let text = std::fs::read_to_string(path).unwrap();
+    let (_, list) = text.split_once("internalField").unwrap();
+    let (_, list) = list.split_once("\n(").unwrap();
+    let (list, _) = list.split_once("\n)").unwrap();
+    list.split_whitespace()
+        .map(|v| v.parse().unwrap())
+        .collect()
+}
+
+#[test]
+fn openfoam_accepts_the_mesh_and_is_exact_for_a_linear_field() {
+    let folder = folder();
+    let folder = folder.path();
+    let head =
+        |class: &str| format!("FoamFile {{ version 2.0; format ascii; class {class}; object o; }}");
+    for (mesh, tolerance) in [("cells", 1e-10), ("tets", 1e-5)] {
+        run(
+            folder,
+            &format!("export {mesh}.vtu --to openfoam -o {mesh} {ROCK}"),
+        );
+        let case = folder.join(mesh);
+        let Some(said) = openfoam("checkMesh", &case, &[]) else {
+            return;
+        };
+        assert!(said.contains("Mesh OK."), "{said}");
+        let said = openfoam("checkMesh", &case, &["-allGeometry", "-allTopology"]).unwrap();
+        // A tetrahedron in a corner of the box has but one or two faces inside: nothing else is amiss.
+        let faults: Vec<&str> = said.lines().filter(|l| l.contains("***")).collect();
+        let corners = |l: &&str| mesh == "tets" && l.contains("small determinant");
+        assert!(faults.iter().all(corners), "{said}");
+        assert!(said.contains("features"), "{said}");
+
+        std::fs::write(
+            case.join("0/T"),
+            format!(
+                "{}\ndimensions [0 0 0 1 0 0 0];\ninternalField uniform 0;\nboundaryField\n{{\n\
+                 \".*\" {{ type zeroGradient; }}\nxmin {{ type fixedValue; value uniform 1; }}\n\
+                 xmax {{ type fixedValue; value uniform 0; }}\n}}\n",
+                head("volScalarField")
+            ),
+        )
+        .unwrap();
+        let transport = format!("{}\nDT DT [0 2 -1 0 0 0 0] 1;\n", head("dictionary"));
+        std::fs::write(case.join("constant/transportProperties"), transport).unwrap();
+        openfoam("laplacianFoam", &case, &[]).unwrap();
+        openfoam(
+            "postProcess",
+            &case,
+            &["-func", "writeCellCentres", "-time", "1"],
+        )
+        .unwrap();
+        let (t, x) = (field(&case.join("1/T")), field(&case.join("1/Cx")));
+        for (t, x) in t.iter().zip(&x) {
+            assert!((t - (1.0 - x / 39.0)).abs() < tolerance, "{t} at {x}");
+        }
+        assert!(field(&case.join("0/porosity")).iter().all(|p| *p == 0.2));
+    }
+}
+
+#[test]
+fn meshes_of_the_plane_become_a_layer_of_prisms() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    common::npy_2d(&folder.join("line.npy"), [60, 50], |[x, y]| {
+        (-0.5 * ((0.6 * x as f32 - 0.8 * y as f32 + 3.0) / 1.5).powi(2)).exp()
+    });
+    common::npy_2d(&folder.join("phi.npy"), [60, 50], |[x, _]| {
+        0.1 + 0.002 * x as f32
+    });
+    for cells in ["voronoi", "triangles"] {
+        let mesh = format!("mesh line.npy --distance 5 --quiet -o {cells}.vtu --cells {cells}");
+        run(folder, &mesh);
+        let export = format!("export {cells}.vtu --thickness 4 --down y --json --quiet");
+        let rock = "--porosity phi.npy --permeability 100 --permeability-unit mD";
+        let said = run(
+            folder,
+            &format!("{export} --to opm -o A.DATA --depth-at-top 900 {rock}"),
+        );
+        let said: Value = serde_json::from_str(&said).unwrap();
+        let checks = &said["checks"];
+        assert!(near(
+            checks["volume"].as_f64().unwrap(),
+            59.0 * 49.0 * 4.0,
+            1e-12
+        ));
+        assert!(checks["volume_error"].as_f64().unwrap() < 1e-12);
+        assert!(checks["on_feature"].as_u64().unwrap() > 5);
+        let depth = numbers(&checks["depth"]);
+        assert!(depth[0] > 900.0 && depth[1] < 949.0, "{depth:?}");
+        run(folder, &format!("{export} --to openfoam -o {cells}"));
+        if let Some(said) = openfoam("checkMesh", &folder.join(cells), &[]) {
+            assert!(said.contains("Mesh OK."), "{said}");
+        }
+    }
+}
+
+#[test]
+fn pflotrans_grid_is_the_graph() {
+    let folder = folder();
+    let folder = folder.path();
+    run(
+        folder,
+        "export cells.vtu --to pflotran -o grid.uge --depth-at-top 0 --quiet",
+    );
+    let model = model(folder, "cells.vtu", 0.0, &[1.0]);
+    let text = std::fs::read_to_string(folder.join("grid.uge")).unwrap();
+    let mut lines = text.lines();
+    let mut block = |word: &str| -> Vec<Vec<f64>> {
+        let (name, count) = lines.next().unwrap().split_once(' ').unwrap();
+        assert_eq!(name, word);
+        let row = |line: &str| {
+            let words = line.split_whitespace();
+            words.map(|w| w.parse().unwrap()).collect()
+        };
+        (0..count.parse().unwrap())
+            .map(|_| row(lines.next().unwrap()))
+            .collect()
+    };
+    let (cells, connections) = (block("CELLS"), block("CONNECTIONS"));
+    assert_eq!(
+        (cells.len(), connections.len()),
+        (model.len(), model.graph.connections.len())
+    );
+    for (i, cell) in cells.iter().enumerate() {
+        assert_eq!(cell[0], (i + 1) as f64);
+        assert_eq!(cell[1..4], model.graph.site[i]);
+        assert_eq!(cell[4], model.graph.volume[i]);
+    }
+    // What PFLOTRAN makes of it is A / d.
+    for (row, c) in connections.iter().zip(&model.graph.connections) {
+        let [a, b] = [0, 1].map(|k| row[k] as usize - 1);
+        assert_eq!([a as u32, b as u32], c.cells);
+        let off = |cell: usize| {
+            let square = (0..3).map(|k| (row[2 + k] - cells[cell][1 + k]).powi(2));
+            square.sum::<f64>().sqrt()
+        };
+        assert!(near(
+            row[5] / (off(a) + off(b)),
+            c.unit_transmissibility(),
+            1e-9
+        ));
+    }
+    let side = std::fs::read_to_string(folder.join("grid-xmax.ex")).unwrap();
+    let area: f64 = side
+        .lines()
+        .skip(1)
+        .map(|line| line.rsplit_once(' ').unwrap().1.parse::<f64>().unwrap())
+        .sum();
+    assert!(near(area, 35.0 * 31.0, 1e-9), "{area}");
+    // The twin has the same cells in the same order.
+    let AnyMesh::SpaceCells(twin) = read_any_vtu(&folder.join("grid.vtu")).unwrap() else {
+        panic!("no polyhedra")
+    };
+    assert_eq!(twin.mesh.sites, model.graph.site);
+}
+
+#[test]
+fn toughio_reads_the_tough2_mesh() {
+    let folder = folder();
+    let folder = folder.path();
+    run(
+        folder,
+        "export cells.vtu --to tough2 -o MESH --depth-at-top 100 --quiet",
+    );
+    let model = model(folder, "cells.vtu", 100.0, &[1.0]);
+    let graph = &model.graph;
+    let path = folder.join("MESH");
+    let Some(found) = judged("toughio", "tough.py", &[path.as_os_str()]) else {
+        return;
+    };
+    for (volume, known) in numbers(&found["volume"]).iter().zip(&graph.volume) {
+        assert!(near(*volume, *known, 1e-5));
+    }
+    let centers = found["center"].as_array().unwrap();
+    assert_eq!(centers.len(), model.len());
+    for (center, known) in centers.iter().zip(&graph.site) {
+        let center = numbers(center);
+        assert!((0..3).all(|k| (center[k] - known[k]).abs() < 1e-5));
+    }
+    let connections = found["connections"].as_array().unwrap();
+    assert_eq!(connections.len(), graph.connections.len());
+    for (row, c) in connections.iter().zip(&graph.connections) {
+        assert_eq!(numbers(&row[0]), c.cells.map(f64::from));
+        let [a, b] = c.cells.map(|cell| graph.site[cell as usize]);
+        let line = [0, 1, 2].map(|k| b[k] - a[k]);
+        let axis = row[1].as_u64().unwrap() as usize - 1;
+        assert!((0..3).all(|k| line[k].abs() <= line[axis].abs()));
+        let distances = numbers(&row[2]);
+        assert!((0..2).all(|k| near(distances[k], c.distance[k], 1e-5)));
+        let area = row[3].as_f64().unwrap();
+        assert!((area - c.area).abs() < 1e-4 * c.area + 1e-8, "{area}");
+        // Down is -z, and the first cell is above where the line goes down.
+        let length = line.iter().map(|x| x * x).sum::<f64>().sqrt();
+        assert!((row[4].as_f64().unwrap() + line[2] / length).abs() < 1e-5);
+    }
+}
+
+#[test]
+fn gmsh_reads_volumes_regions_and_surfaces() {
+    let folder = folder();
+    let folder = folder.path();
+    // Two regions by labels.
+    npy(&folder.join("labels.npy"), DIMS, |[_, _, z]| {
+        if z < 16 { 1.0 } else { 2.0 }
+    });
+    let tets = read_vtu(&folder.join("tets.vtu")).unwrap().mesh.tets.len();
+    for version in ["msh", "msh2"] {
+        let line = format!("export tets.vtu --to {version} -o a.msh --region labels.npy --quiet");
+        run(folder, &line);
+        let path = folder.join("a.msh");
+        let Some(found) = judged("Gmsh", "physical.py", &[path.as_os_str()]) else {
+            return;
+        };
+        assert_eq!(found["tets"], tets);
+        assert!(near(found["volume"].as_f64().unwrap(), VOLUME, 1e-12));
+        let groups = found["groups"].as_array().unwrap();
+        let count = |dim: u64, name: &str| {
+            let group = groups.iter().find(|g| g[0] == dim && g[1] == name).unwrap();
+            group[2].as_u64().unwrap()
+        };
+        let all = count(3, "region1") + count(3, "region2");
+        assert_eq!(all as usize, tets, "{groups:?}");
+        for side in ["xmin", "xmax", "ymin", "ymax", "zmin", "zmax", "features"] {
+            assert!(count(2, side) > 10, "{groups:?}");
+        }
+        assert_eq!(groups.len(), 9);
+    }
+}
+
+#[test]
+fn meshio_reads_medit_tetgen_and_abaqus() {
+    let folder = folder();
+    let folder = folder.path();
+    let mesh = read_vtu(&folder.join("tets.vtu")).unwrap().mesh;
+    for (to, file, format) in [
+        ("medit", "a.mesh", "medit"),
+        ("tetgen", "a.node", "tetgen"),
+        ("inp", "a.inp", "abaqus"),
+    ] {
+        run(
+            folder,
+            &format!("export tets.vtu --to {to} -o {file} --quiet"),
+        );
+        let path = folder.join(file);
+        let arguments = [path.as_os_str(), OsStr::new(format)];
+        let Some(found) = judged("meshio", "simplices.py", &arguments) else {
+            return;
+        };
+        let rows = |name: &str| -> Vec<Vec<f64>> {
+            found[name]
+                .as_array()
+                .unwrap()
+                .iter()
+                .map(numbers)
+                .collect()
+        };
+        let points = rows("points");
+        assert_eq!(points.len(), mesh.nodes.len());
+        for (point, node) in points.iter().zip(&mesh.nodes) {
+            assert!((0..3).all(|k| near(point[k], node[k], 1e-14)), "{to}");
+        }
+        let tets: Vec<[u32; 4]> = rows("tets")
+            .iter()
+            .map(|row| [0, 1, 2, 3].map(|k| row[k] as u32))
+            .collect();
+        assert_eq!(tets, mesh.tets, "{to}");
+        if to == "medit" {
+            assert!(found["triangles"].as_u64().unwrap() > 100);
+        }
+    }
+}
+
+#[test]
+fn calculix_bends_the_mesh_and_conserves_its_weight() {
+    let folder = folder();
+    let folder = folder.path();
+    run(folder, "export tets.vtu --to inp -o mesh.inp --quiet");
+    // Pulled by one side: linear displacement, which linear tetrahedra have exactly.
+    let job = "*INCLUDE, INPUT=mesh.inp\n*MATERIAL, NAME=ROCK\n*ELASTIC\n1E9, 0.0\n\
+               *SOLID SECTION, ELSET=EALL, MATERIAL=ROCK\n*STEP\n*STATIC\n*BOUNDARY\n\
+               NXMIN, 1, 1, 0.0\nNYMIN, 2, 2, 0.0\nNZMIN, 3, 3, 0.0\nNXMAX, 1, 1, 0.39\n\
+               *NODE PRINT, NSET=NALL\nU\n*EL PRINT, ELSET=EALL, TOTALS=ONLY\nEVOL\n*END STEP\n";
+    std::fs::write(folder.join("job.inp"), job).unwrap();
+    let mut ccx = Command::new("ccx");
+    ccx.current_dir(folder).arg("job");
+    if simulator(&mut ccx).is_none() {
+        return;
+    }
+    let nodes = read_vtu(&folder.join("tets.vtu")).unwrap().mesh.nodes;
+    let said = std::fs::read_to_string(folder.join("job.dat")).unwrap();
+    let mut displaced = 0;
+    for line in said.lines() {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        if let [node, x, _, _] = words[..]
+            && let (Ok(node), Ok(x)) = (node.parse::<usize>(), x.parse::<f64>())
+        {
+            assert!((x - 0.01 * nodes[node - 1][0]).abs() < 1e-6, "{line}");
+            displaced += 1;
+        }
+    }
+    assert_eq!(displaced, nodes.len());
+    let volume = said.lines().last().unwrap().trim().parse::<f64>().unwrap();
+    assert!(near(volume, VOLUME, 1e-5), "{volume}");
+}
+
+#[test]
+fn surfaces_of_any_cells_close_the_box() {
+    let folder = folder();
+    let folder = folder.path();
+    for mesh in ["cells", "tets"] {
+        run(
+            folder,
+            &format!("export {mesh}.vtu --to stl -o {mesh}.stl --quiet"),
+        );
+        let text = std::fs::read_to_string(folder.join(format!("{mesh}.stl"))).unwrap();
+        let (mut volume, mut corners, mut inside) = (0.0, Vec::new(), true);
+        for line in text.lines() {
+            let words: Vec<&str> = line.split_whitespace().collect();
+            match words[..] {
+                // Outwards, so that pyramids on the sides add up.
+                ["solid", name] => inside = name == "features",
+                ["vertex", x, y, z] => corners.push([x, y, z].map(|c| c.parse::<f64>().unwrap())),
+                ["endfacet"] => {
+                    if !inside {
+                        let [a, b, c] = corners[..] else {
+                            panic!("{line}")
+                        };
+                        volume += volume6(&[[0.0; 3], a, b, c]) / 6.0;
+                    }
+                    corners.clear();
+                }
+                _ => {}
+            }
+        }
+        assert!(near(volume, VOLUME, 1e-12), "{volume}");
+        assert!(text.contains("solid features"));
+        run(
+            folder,
+            &format!("export {mesh}.vtu --to obj -o {mesh}.obj --quiet"),
+        );
+        let text = std::fs::read_to_string(folder.join(format!("{mesh}.obj"))).unwrap();
+        assert_eq!(text.lines().filter(|l| l.starts_with("g ")).count(), 7);
+    }
+}
+
+#[test]
+fn images_fill_cells_and_refusals_name_what_is_wrong() {
+    let folder = folder();
+    let folder = folder.path();
+    npy(&folder.join("phi.npy"), DIMS, |[x, _, _]| {
+        0.1 + 0.005 * x as f32
+    });
+    npy(&folder.join("small.npy"), [9, 9, 9], |_| 0.1);
+    std::fs::write(folder.join("k.csv"), "region,K\n0,100\n").unwrap();
+    std::fs::write(folder.join("wrong.csv"), "region,K\n7,100\n").unwrap();
+    let export = "export cells.vtu --to opm -o A.DATA --json --quiet";
+    let said = run(
+        folder,
+        &format!(
+            "{export} --porosity phi.npy --permeability k.csv --permeability-unit mD \
+             --depth-at-top 1000 --property amplitude=sheet.npy:nearest"
+        ),
+    );
+    let said: Value = serde_json::from_str(&said).unwrap();
+    // The mean of a linear function over the box is that of its ends.
+    let pores = said["checks"]["pore_volume"].as_f64().unwrap();
+    assert!(near(pores, (0.1 + 0.005 * 19.5) * VOLUME, 1e-6), "{pores}");
+    assert!(said["checks"]["angle"][1].as_f64().unwrap() < 1e-3);
+    assert_eq!(said["checks"]["parts"].as_array().unwrap().len(), 1);
+
+    let good = "--porosity 0.2 --permeability 100 --permeability-unit mD --depth-at-top 1000";
+    let unit = "--permeability-unit mD";
+    for (to, options, want) in [
+        ("opm -o B.DATA", "", "above the surface"),
+        ("opm -o B.DATA", "--depth-at-top -5", "above the surface"),
+        ("opm -o B.DATA", "--depth-at-top 1000", "porosity"),
+        ("opm -o B.DATA", "--porosity 0.2 --down z", "permeability"),
+        ("openfoam -o B", "--permeability 100", "has no unit"),
+        (
+            "opm -o B.DATA",
+            &format!("--porosity 1.2 --permeability 1 --down z {unit}"),
+            "1.2 in cell 0",
+        ),
+        (
+            "openfoam -o B",
+            "--permeability 100 --permeability-unit darcy",
+            "no known unit",
+        ),
+        (
+            "openfoam -o B",
+            &format!("--permeability wrong.csv {unit}"),
+            "region 0",
+        ),
+        ("openfoam -o B", "--porosity wrong.csv", "region 0"),
+        ("openfoam -o B", "--porosity small.npy", "does not cover"),
+        ("openfoam -o B", "--porosity nothing", "no number, no file"),
+        ("openfoam -o B", "--length-unit furlong", "furlong"),
+        (
+            "openfoam -o B",
+            &format!("--permeability -1 {unit}"),
+            "no permeability",
+        ),
+        (
+            "opm -o B.DATA",
+            &format!("{good} --injector 500,5,5:1"),
+            "outside",
+        ),
+        (
+            "opm -o B.DATA",
+            &format!("{good} --injector a=5,5,5"),
+            "has no ':'",
+        ),
+        (
+            "opm -o B.DATA",
+            &format!("{good} --injector 1a=5,5,5:1"),
+            "'1a'",
+        ),
+        (
+            "opm -o B.DATA",
+            &format!("{good} --injector 5,5,5:1 --well-radius 90"),
+            "radius",
+        ),
+        ("opm -o B.deck", "", "DATA"),
+        ("opm -o nowhere/B.DATA", "", "nowhere"),
+        ("openfoam -o phi.npy", "", "is a file"),
+        ("msh -o B.msh", "", "tetrahedra only"),
+        ("pflotran -o cells.uge", "", "replace the mesh"),
+    ] {
+        let line = format!("export cells.vtu --to {to} {options}");
+        let said = refused(folder, &line.split_whitespace().collect::<Vec<_>>());
+        assert!(said.contains(want), "{line}\n{said}");
+    }
+}

@@ -91,7 +91,8 @@ impl<const D: usize> Surfaces<D> {
         let (mut votes, rim) = across_ridges(&facets, &cores, straight);
         votes.extend(across_gaps(&facets, &cores, &rim, options.reach, straight));
         let unite_pieces = |piece: &[u32], count: usize, votes: &[Vote]| {
-            let (united, count) = unite::unite(&rims(&facets, piece, count), votes);
+            let facing = unite::Facing::of_pieces(&facets, piece, count);
+            let (united, count) = unite::unite(&rims(&facets, piece, count), facing, votes);
             let piece: Vec<u32> = piece.iter().map(|&p| united[p as usize]).collect();
             (united, piece, count)
         };

@@ -62,12 +62,15 @@ pub fn blocks<const D: usize>(cells: &Cells<D>, neck: f64, least: usize) -> (Vec
         let near = cells
             .around(c)
             .filter(|(_, link, n)| link.open && done[*n as usize]);
-        let mut near: Vec<(f64, u32)> = near.map(|(_, link, n)| (link.area, n)).collect();
+        // Through a wide face, and away from walls.
+        let mut near: Vec<(f64, u32)> = near
+            .map(|(_, link, n)| (link.area * clearance[n as usize], n))
+            .collect();
         near.sort_by(|x, y| y.0.total_cmp(&x.0).then(x.1.cmp(&y.1)));
         for (i, &(_, n)) in near.iter().enumerate() {
             let (own, other) = (sets.find(c), sets.find(n));
             let [p, q] = [own, other].map(|s| peak[s as usize]);
-            // To the widest neighbour in any case; to others if the way is wide enough.
+            // To the first neighbour in any case; to others if the way is wide enough.
             if own != other && (i == 0 || neck == 0.0 || here >= neck * p.min(q)) {
                 sets.unite(own, other);
                 peak[own.min(other) as usize] = p.max(q);

@@ -45,10 +45,11 @@ fn curves() -> String {
         ("potential phi(u)", "#1050a0", 600.0, pair::potential),
     ];
     for (line, (name, colour, scale, curve)) in drawn.into_iter().enumerate() {
-        let points = (0..=150).map(|i| i as f32 / 100.0).map(|u| {
-            let y = 160.0 - scale * curve(u, 0.0);
-            format!("{:.1},{:.1}", x(u), y.clamp(0.0, SIZE[1]))
-        });
+        let points = (0..=150).map(|i| i as f32 / 100.0);
+        let points = points.map(|u| [x(u), 160.0 - scale * curve(u, 0.0)]);
+        // What is too high is left out.
+        let points = points.filter(|[_, y]| *y > 0.0);
+        let points = points.map(|[x, y]| format!("{x:.1},{y:.1}"));
         let points: Vec<String> = points.collect();
         let y = 30 + 18 * line;
         let _ = writeln!(

@@ -179,19 +179,31 @@ fn holds_site<const D: usize>(mesh: &PolyMesh<D>, cell: usize, faces: &[u32]) ->
     })
 }
 
-/// The largest distance of a face's nodes from its plane.
+/// The largest distance of a face's nodes from a plane: that of its area, or, as the normal of a face
+/// as narrow as rounding means nothing, one through its long axis if that is nearer.
 fn warp<const D: usize>(mesh: &PolyMesh<D>, f: usize) -> f64 {
     let shape = mesh.face_shape(f);
     let area = shape.area();
     if area == 0.0 {
         return 0.0;
     }
-    let distance = |&n: &u32| {
-        let x = mesh.nodes[n as usize];
-        let off: [f64; D] = std::array::from_fn(|k| x[k] - shape.apex[k]);
-        (dot(off, shape.area_vector) / area).abs()
-    };
-    mesh.faces.get(f).iter().map(distance).fold(0.0, f64::max)
+    let nodes = mesh.faces.get(f).iter();
+    let off = nodes.map(|&n| -> [f64; D] {
+        std::array::from_fn(|k| mesh.nodes[n as usize][k] - shape.apex[k])
+    });
+    let square = |x: &[f64; D]| dot(*x, *x);
+    let longest = off
+        .clone()
+        .max_by(|x, y| square(x).total_cmp(&square(y)))
+        .unwrap_or([0.0; D]);
+    let (mut height, mut width) = (0.0f64, 0.0f64);
+    for x in off {
+        let along = dot(x, longest) / square(&longest);
+        let aside: [f64; D] = std::array::from_fn(|k| x[k] - along * longest[k]);
+        height = height.max((dot(x, shape.area_vector) / area).abs());
+        width = width.max(square(&aside).sqrt());
+    }
+    height.min(width)
 }
 
 /// The boundary: every outer face in its side of the box, every side covered once.
@@ -298,6 +310,29 @@ mod tests {
     fn each_fault_is_found() {
         faults::<2>();
         faults::<3>();
+    }
+
+    #[test]
+    fn narrow_faces_are_as_flat_as_they_are_narrow() {
+        // A face of length 1 and width 1e-11, oblique: its area vector is mostly rounding.
+        let along = [0.48, 0.6, 0.64];
+        let aside = [0.8e-11, -0.64e-11, 0.0];
+        let place = |u: f64, v: f64| std::array::from_fn(|k| 0.3 + u * along[k] + v * aside[k]);
+        let mut mesh = PolyMesh::<3> {
+            nodes: vec![
+                place(0.0, 0.0),
+                place(1.0, 0.2),
+                place(0.7, 1.0),
+                place(0.2, 0.9),
+            ],
+            ..PolyMesh::default()
+        };
+        mesh.faces.push([0, 1, 2, 3]);
+        assert!(warp(&mesh, 0) < 2e-11, "{}", warp(&mesh, 0));
+        // As wide as long, it is what its plane says.
+        mesh.nodes[2][2] += 0.5;
+        mesh.nodes[3][0] -= 0.3;
+        assert!(warp(&mesh, 0) > 0.01);
     }
 
     #[test]

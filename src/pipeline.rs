@@ -360,7 +360,14 @@ fn settle<'a, const D: usize>(
 
     stages.begin_unless_stopped("placing atoms")?;
     let distance = varying(image, params, &features, step)?;
-    let mut atoms = seeding::seed(params.seeding, extent, &distance, &fixed, alignment)?;
+    let mut atoms = seeding::seed(
+        params.seeding,
+        extent,
+        &distance,
+        &fixed,
+        alignment,
+        Some(&features.potential),
+    )?;
 
     stages.begin_unless_stopped(OPTIMISING)?;
     stages.observer.round(0, &optimize::three(&atoms.positions));

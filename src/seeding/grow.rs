@@ -15,47 +15,28 @@
 use std::collections::VecDeque;
 use std::f64::consts::{FRAC_1_SQRT_2, SQRT_2};
 
+use super::placed::{FREE, MARGIN, Placed};
 use super::refine::spread;
-use super::{Alignment, distance2, sides_held};
+use super::{Alignment, sides_held};
 use crate::distance::Distance;
 
-/// A site is free if no atom is nearer than this, in units of d (Hale 2001: 0.8).
-const FREE: f64 = 0.8;
-/// Nearest to the sides of what it fills that a site may be, in units of d; 0.71 in a regular
-/// lattice.
-const MARGIN: f64 = 0.4;
-
-/// Atoms found so far, in a grid of cells.
+/// A lattice that grows.
 struct Grown<'a, const D: usize> {
     distance: &'a Distance<D>,
     extent: [f64; D],
     /// How far inside the box its outermost atoms are, in units of d.
     inset: f64,
-    positions: Vec<[f64; D]>,
+    placed: Placed<D>,
     /// The sides that each atom belongs to: bit k for the near one along axis k, bit `D + k` for the
     /// far one.
     sides: Vec<u8>,
-    dims: [usize; D],
-    edge: f64,
     /// The smallest d.
     least: f64,
-    /// The last atom put into each cell.
-    last: Vec<u32>,
-    /// The atom put into the same cell before.
-    before: Vec<u32>,
 }
-
-/// No atom.
-const NONE: u32 = u32::MAX;
 
 impl<'a, const D: usize> Grown<'a, D> {
     fn new(extent: [f64; D], distance: &'a Distance<D>, alignment: Alignment) -> Self {
-        // A few atoms a cell where d is least; never more than some ten million cells.
-        let volume: f64 = extent.iter().product();
         let least = distance.min();
-        let edge = (1.6 * FREE * least).max((volume / 1e7).powf(1.0 / D as f64));
-        let dims = extent.map(|l| (l / edge) as usize + 1);
-        let last = vec![NONE; dims.iter().product()];
         Self {
             distance,
             extent,
@@ -63,73 +44,15 @@ impl<'a, const D: usize> Grown<'a, D> {
                 Alignment::On => 0.0,
                 Alignment::Alongside => 0.5,
             },
-            positions: Vec::new(),
+            placed: Placed::new(extent, FREE * least),
             sides: Vec::new(),
-            dims,
-            edge,
             least,
-            last,
-            before: Vec::new(),
         }
-    }
-
-    /// The index of the cell `x + shift` along each axis.
-    fn cell(&self, x: &[f64; D], shift: f64) -> [usize; D] {
-        std::array::from_fn(|k| {
-            (((x[k] + shift).max(0.0) / self.edge) as usize).min(self.dims[k] - 1)
-        })
-    }
-
-    fn index(&self, cell: [usize; D]) -> usize {
-        (0..D)
-            .rev()
-            .fold(0, |index, k| index * self.dims[k] + cell[k])
     }
 
     fn add(&mut self, x: [f64; D], sides: u8) -> u32 {
-        let n = self.positions.len() as u32;
-        let cell = self.index(self.cell(&x, 0.0));
-        self.before.push(self.last[cell]);
-        self.last[cell] = n;
-        self.positions.push(x);
         self.sides.push(sides);
-        n
-    }
-
-    /// Whether an atom of a cell is nearer to `x` than the square root of `radius2`.
-    fn taken(&self, cell: usize, x: &[f64; D], radius2: f64) -> bool {
-        let mut n = self.last[cell];
-        while n != NONE {
-            if distance2(&self.positions[n as usize], x) < radius2 {
-                return true;
-            }
-            n = self.before[n as usize];
-        }
-        false
-    }
-
-    /// Whether no atom is nearer to `x` than `radius`.
-    fn is_free(&self, x: &[f64; D], radius: f64) -> bool {
-        let radius2 = radius * radius;
-        // Most sites are those of atoms that are there already.
-        let own = self.index(self.cell(x, 0.0));
-        if self.taken(own, x, radius2) {
-            return false;
-        }
-        let (low, high) = (self.cell(x, -radius), self.cell(x, radius));
-        let mut cell = low;
-        loop {
-            let index = self.index(cell);
-            if index != own && self.taken(index, x, radius2) {
-                return false;
-            }
-            // The next cell of the block, x fastest.
-            let Some(k) = (0..D).find(|&k| cell[k] < high[k]) else {
-                return true;
-            };
-            cell[k] += 1;
-            cell[..k].copy_from_slice(&low[..k]);
-        }
+        self.placed.add(x)
     }
 
     /// Where the near and far ends of the lattice are along an axis at a place where d is `d`.
@@ -158,7 +81,7 @@ impl<'a, const D: usize> Grown<'a, D> {
             .collect();
         let steps = steps::<D>(&along);
         while let Some(n) = queue.pop_front() {
-            let from = self.positions[n as usize];
+            let from = self.placed.positions()[n as usize];
             let d = self.distance.at(from);
             for step in &steps {
                 let site = self.onto(std::array::from_fn(|k| from[k] + d * step[k]), sides);
@@ -167,7 +90,7 @@ impl<'a, const D: usize> Grown<'a, D> {
                     let [low, high] = self.ends(k, d);
                     site[k] >= low + MARGIN * d && site[k] <= high - MARGIN * d
                 });
-                if inside && self.is_free(&site, FREE * d) {
+                if inside && self.placed.is_free(&site, FREE * d) {
                     queue.push_back(self.add(site, sides));
                 }
             }
@@ -229,7 +152,7 @@ fn steps<const D: usize>(along: &[usize]) -> Vec<[f64; D]> {
 }
 
 /// The sides that meet on the faces of the box of `rank` sides each: corners for a rank of `D`.
-fn faces<const D: usize>(rank: usize) -> impl Iterator<Item = u8> {
+pub(super) fn faces<const D: usize>(rank: usize) -> impl Iterator<Item = u8> {
     (0..1u8 << (2 * D)).filter(move |sides| {
         let (near, far) = (sides & ((1 << D) - 1), sides >> D);
         near & far == 0 && sides.count_ones() as usize == rank
@@ -250,28 +173,28 @@ pub fn grown<const D: usize>(
 
     // From corners to the inside, each time the fixed atoms that lie there first.
     for rank in (0..=D).rev() {
-        let before = lattice.positions.len() as u32;
+        let before = lattice.placed.positions().len() as u32;
         for &x in fixed.iter().filter(|&&x| sides_held(x, extent) == rank) {
             let held =
                 (0..D).map(|k| u8::from(x[k] <= 0.0) << k | u8::from(x[k] >= extent[k]) << (D + k));
             let sides = held.fold(0, |all, side| all | side);
             lattice.add(x, sides);
         }
-        is_fixed.resize(lattice.positions.len(), true);
-        let count = lattice.positions.len() as u32;
+        is_fixed.resize(lattice.placed.positions().len(), true);
+        let count = lattice.placed.positions().len() as u32;
         for sides in faces::<D>(rank) {
             if rank == D {
                 let corner =
                     std::array::from_fn(|k| if sides >> k & 1 == 1 { 0.0 } else { extent[k] });
                 let x = lattice.onto(corner, sides);
-                if lattice.is_free(&x, 1e-3 * lattice.least) {
+                if lattice.placed.is_free(&x, 1e-3 * lattice.least) {
                     lattice.add(x, sides);
                 }
             } else if rank + 1 == D {
                 let held = sides | sides >> D;
                 for axis in (0..D).filter(|&k| held >> k & 1 == 0) {
                     for atom in lattice.edge(axis, sides) {
-                        if lattice.is_free(&atom, FREE * distance.at(atom)) {
+                        if lattice.placed.is_free(&atom, FREE * distance.at(atom)) {
                             lattice.add(atom, sides);
                         }
                     }
@@ -283,9 +206,9 @@ pub fn grown<const D: usize>(
                 lattice.grow(queue, sides);
             }
         }
-        is_fixed.resize(lattice.positions.len(), false);
+        is_fixed.resize(lattice.placed.positions().len(), false);
     }
-    let atoms = lattice.positions.iter().zip(&is_fixed);
+    let atoms = lattice.placed.positions().iter().zip(&is_fixed);
     atoms
         .filter(|(_, fixed)| !**fixed)
         .map(|(x, _)| *x)
@@ -297,6 +220,7 @@ pub(super) mod tests {
     use super::*;
     use crate::image::Field;
     use crate::mesh::AtomKind;
+    use crate::seeding::distance2;
     use crate::seeding::{Atoms, Seeding, regular, seed};
 
     /// d from 4 in the middle to 9 at the far corners.
@@ -487,7 +411,7 @@ pub(super) mod tests {
         let distance = Distance::Constant(5.0);
         let wells = [[22.3, 31.1, 17.7], [40.9, 20.2, 44.4]];
         let neighbours = |how: Seeding| {
-            let atoms = seed(how, extent, &distance, &wells, Alignment::On).unwrap();
+            let atoms = seed(how, extent, &distance, &wells, Alignment::On, None).unwrap();
             assert_eq!(atoms.positions[atoms.len() - 2..], wells);
             let sites = wells.iter().flat_map(|well| {
                 let step = |step: [f64; 3]| std::array::from_fn(|k| well[k] + 5.0 * step[k]);
@@ -509,6 +433,7 @@ pub(super) mod tests {
             &Distance::Constant(5.0),
             &[well],
             Alignment::On,
+            None,
         );
         let atoms = atoms.unwrap().positions;
         let taken = |step: [f64; 2]| {

@@ -3,17 +3,23 @@
 //! - [`lattice`]: the densest regular lattice fitted to the box, for constant d
 //! - [`grow`]: a pseudo-regular lattice grown atom by atom, for variable d
 //! - [`refine`](mod@refine): an isotropic lattice by Delaunay refinement
+//! - [`guide`]: drawn by chance under the image, features first
+//! - [`projection`]: sites projected onto features
 //! - [`fixed`]: atoms given by the user
 //! - [`order`]: memory order of atoms, for cache locality
 
 pub mod fixed;
 pub mod grow;
+pub mod guide;
 pub mod lattice;
 pub mod order;
+mod placed;
+pub mod projection;
 pub mod refine;
 
 use crate::distance::Distance;
-use crate::error::Result;
+use crate::error::{Error, Result, cause};
+use crate::image::Field;
 use crate::mesh::AtomKind;
 
 /// Where atoms end up: on features, so that the faces of a Delaunay mesh follow them, or alongside,
@@ -114,11 +120,21 @@ pub enum Seeding {
         /// Decides where the first point inside is.
         seed: u64,
     },
+    /// Drawn by chance under the image, where its features are first ([`guide::drawn`]).
+    Guide {
+        /// Decides what is drawn.
+        seed: u64,
+        /// Most atoms.
+        most: usize,
+    },
+    /// Sites of a fine lattice projected onto the image's features ([`projection::projected`]).
+    Projection,
 }
 
 /// Seeds a lattice that fills the box `[0, extent]`. [`Alignment::On`], corners, edges and sides of
 /// the box carry atoms; [`Alignment::Alongside`], the outermost atoms are half a d inside.
 ///
+/// `potential` is the image as -1 on features and 0 elsewhere, over the box; only some ways need it.
 /// `fixed` atoms (lattice space) are kept exactly where they are; a lattice that is grown grows from
 /// them, others make room for them ([`fixed::insert`]). Atoms come in the order of a space-filling
 /// curve, fixed atoms last.
@@ -127,15 +143,25 @@ pub enum Seeding {
 /// [`Error::Distance`](crate::Error::Distance) if d does not suit the box,
 /// [`Error::Seeding`](crate::Error::Seeding) if a fixed atom lies outside the box (alongside, also
 /// on a side of it) or two lie at one place, [`Error::Delaunay`](crate::Error::Delaunay) for
-/// refinement in 3-D without the feature `cgal`.
+/// refinement in 3-D without the feature `cgal`. Of the ways that need an image, `Error::Seeding` also
+/// if there is none or it is the same everywhere, and for projection alongside.
 pub fn seed<const D: usize>(
     how: Seeding,
     extent: [f64; D],
     distance: &Distance<D>,
     fixed: &[[f64; D]],
     alignment: Alignment,
+    potential: Option<&Field<D>>,
 ) -> Result<Atoms<D>> {
     distance.validate(extent)?;
+    let image = || {
+        potential.ok_or_else(|| {
+            refuse(
+                "needs the potential of an image",
+                "give one, or seed regularly",
+            )
+        })
+    };
     let fixed = fixed::checked(fixed, extent, distance, alignment)?;
     let mut positions = match (how, distance) {
         (Seeding::Refine { seed }, _) => {
@@ -145,6 +171,16 @@ pub fn seed<const D: usize>(
         (Seeding::Regular, Distance::Field(_)) | (Seeding::Grown, _) => {
             grow::grown(extent, distance, &fixed, alignment)
         }
+        (Seeding::Guide { seed, most }, _) => {
+            guide::drawn(extent, distance, image()?, &fixed, alignment, seed, most)?
+        }
+        (Seeding::Projection, _) if alignment == Alignment::Alongside => {
+            return Err(refuse(
+                "projection puts atoms onto features, which the faces of Voronoi cells follow",
+                "use another seeding for Voronoi cells",
+            ));
+        }
+        (Seeding::Projection, _) => projection::projected(extent, distance, image()?, &fixed)?,
     };
     order::sort_by_curve(&mut positions, extent, 2.0 * distance.min());
     let mut atoms = Atoms::in_box(positions, extent);
@@ -162,5 +198,46 @@ pub fn regular<const D: usize>(
     fixed: &[[f64; D]],
     alignment: Alignment,
 ) -> Result<Atoms<D>> {
-    seed(Seeding::Regular, extent, distance, fixed, alignment)
+    seed(Seeding::Regular, extent, distance, fixed, alignment, None)
+}
+
+fn refuse(problem: impl std::fmt::Display, remedy: &str) -> Error {
+    Error::Seeding(cause("seeding", problem, remedy))
+}
+
+/// The least and the largest sample of a potential by which atoms are placed in the box `[0, extent]`.
+fn varies<const D: usize>(potential: &Field<D>, extent: [f64; D], how: &str) -> Result<[f32; 2]> {
+    let refuse = |problem: String, remedy: &str| {
+        let place = format!("seeding {how}: image potential");
+        Err(Error::Seeding(cause(place, problem, remedy)))
+    };
+    let count: usize = potential.dims.iter().product();
+    let spans = (0..D).all(|k| (potential.extent()[k] - extent[k]).abs() <= 1e-6 * extent[k]);
+    if !spans || potential.samples.len() != count || u32::try_from(count).is_err() {
+        let problem = format!(
+            "its {count} samples span {:?}, the box {extent:?}",
+            potential.extent()
+        );
+        return refuse(
+            problem,
+            "give one that spans the box, of fewer than 2^32 samples",
+        );
+    }
+    if !potential.samples.iter().all(|b| b.is_finite()) {
+        return refuse(
+            "is not a number everywhere".into(),
+            "give one without NaN and infinities",
+        );
+    }
+    let fold = |f: fn(f32, f32) -> f32, start| potential.samples.iter().copied().fold(start, f);
+    let [low, high] = [
+        fold(f32::min, f32::INFINITY),
+        fold(f32::max, f32::NEG_INFINITY),
+    ];
+    if low < high {
+        Ok([low, high])
+    } else {
+        let problem = format!("is {low}, the same everywhere: no place is likelier than another");
+        refuse(problem, "follow other features, or use another seeding")
+    }
 }

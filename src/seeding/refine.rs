@@ -155,7 +155,7 @@ pub(super) fn spread(length: f64, least: f64, d: impl Fn(f64) -> f64) -> Vec<f64
 }
 
 /// A number in [0, 1) that depends on nothing but its arguments (splitmix64).
-fn share(seed: u64, counter: u64) -> f64 {
+pub(super) fn share(seed: u64, counter: u64) -> f64 {
     let mut z = seed.wrapping_add((counter + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15));
     z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
@@ -171,12 +171,12 @@ mod tests {
 
     fn check<const D: usize>(extent: [f64; D], distance: &Distance<D>) -> [f64; 5] {
         let how = Seeding::Refine { seed: 1 };
-        let atoms = seed(how, extent, distance, &[], Alignment::On).unwrap();
+        let atoms = seed(how, extent, distance, &[], Alignment::On, None).unwrap();
         let is = |kind| atoms.kinds.iter().filter(|&&k| k == kind).count();
         assert_eq!(is(AtomKind::Corner), 1 << D);
         assert!(is(AtomKind::Edge) > 20 && (D == 2 || is(AtomKind::Side) > 100));
         let refined = spacing(&atoms, distance);
-        let regular = seed(Seeding::Regular, extent, distance, &[], Alignment::On).unwrap();
+        let regular = seed(Seeding::Regular, extent, distance, &[], Alignment::On, None).unwrap();
         let regular = spacing(&regular, distance);
         println!(
             "{D}-D, {} atoms: nearest / d {refined:.3?}, regular {regular:.3?}",
@@ -220,7 +220,7 @@ mod tests {
         let fixed = [[31.0, 22.0], [70.0, 12.5]];
         let how = Seeding::Refine { seed: 3 };
         for alignment in [Alignment::On, Alignment::Alongside] {
-            let atoms = seed(how, extent, &distance, &fixed, alignment).unwrap();
+            let atoms = seed(how, extent, &distance, &fixed, alignment, None).unwrap();
             assert_eq!(atoms.positions[atoms.len() - 2..], fixed);
             assert!(spacing(&atoms, &distance)[0] > 0.65);
             let inside = |x: &[f64; 2]| (0..2).all(|k| x[k] > 2.0 && x[k] < extent[k] - 2.0);

@@ -20,7 +20,7 @@ pub use model::{Placement, Prepared};
 use std::borrow::Cow;
 
 use crate::distance::{self, Distance};
-use crate::energy::{Beta, Energy, Pairwise, Sampled};
+use crate::energy::{Beta, Energy, Pairwise, Regularised, Sampled};
 use crate::error::cause;
 use crate::feature::{self, Features, gaussian};
 use crate::image::{Field, Geometry, Image};
@@ -165,6 +165,11 @@ pub struct Params<const D: usize = 3> {
     pub seeding: Seeding,
     /// Evaluator of the energy.
     pub evaluator: Evaluator,
+    /// Weight in [0, 1] of the energy between atoms against their Laplacian coordinates
+    /// ([`Regularised`]); 1 leaves those out.
+    pub kappa: f64,
+    /// How atoms are moved.
+    pub optimizer: optimize::Method,
     /// Number of passes on smoother potentials before the last one: the first is 2^n times as wide.
     pub coarse_passes: usize,
     /// Smallest (dihedral) angle aimed at, in degrees; `None` leaves the slivers in.
@@ -190,6 +195,8 @@ impl<const D: usize> Default for Params<D> {
             fixed: Vec::new(),
             seeding: Seeding::Regular,
             evaluator: Evaluator::Pairwise,
+            kappa: 1.0,
+            optimizer: optimize::Method::Lbfgs,
             coarse_passes: 0,
             min_dihedral: Some(30.0),
             slivers: improve::Method::Joe,
@@ -514,22 +521,45 @@ fn optimise<const D: usize>(
     extent: [f64; D],
     observer: &mut dyn Observer,
 ) -> Result<optimize::Outcome> {
-    let options = optimiser(params.seed);
+    let regular = params.kappa != 1.0;
+    let options = optimiser(params.seed).with(params.optimizer, regular);
+    let refuse =
+        |option: &str, problem: &str, remedy: &str| Err(Error::Job(cause(option, problem, remedy)));
+    if regular && alignment == Alignment::Alongside {
+        return refuse(
+            "--kappa",
+            "is about the neighbours of atoms in a Delaunay mesh, but Voronoi cells are asked for",
+            "leave it at 1",
+        );
+    }
     let mut pass = |potential: &Field<D>| {
-        let beta = beta.clone();
+        let pairs = || -> Result<Pairwise<D>> {
+            let pairs = Pairwise::new(extent, distance, Some(potential), beta.clone())?;
+            Ok(pairs.aligned(alignment).uncrowded())
+        };
         let mut energy: Box<dyn Energy<D>> = match params.evaluator {
-            Evaluator::Pairwise => {
-                let energy = Pairwise::new(extent, distance, Some(potential), beta)?;
-                Box::new(energy.aligned(alignment).uncrowded())
+            Evaluator::Pairwise if regular => {
+                let mobility = atoms.mobility(extent);
+                let beta = beta.clone();
+                let energy = Regularised::new(pairs()?, distance, beta, params.kappa, mobility);
+                Box::new(energy?)
             }
+            Evaluator::Pairwise => Box::new(pairs()?),
             Evaluator::Sampled if alignment == Alignment::Alongside => {
-                return Err(Error::Job(cause(
+                return refuse(
                     "--potential sampled",
                     "has no mirror images, which atoms alongside features need",
                     "use the pairwise potential",
-                )));
+                );
             }
-            Evaluator::Sampled => Box::new(Sampled::new(distance, potential, beta)),
+            Evaluator::Sampled if regular => {
+                return refuse(
+                    "--kappa",
+                    "goes with the exact energy, but the sampled potential is asked for",
+                    "use the pairwise potential",
+                );
+            }
+            Evaluator::Sampled => Box::new(Sampled::new(distance, potential, beta.clone())),
         };
         optimize::optimize(atoms, &mut *energy, distance, extent, &options, observer)
     };

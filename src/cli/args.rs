@@ -240,6 +240,32 @@ pub enum SeedingChoice {
     Grown,
     /// Delaunay refinement: isotropic
     Refine,
+    /// Drawn by chance under the image, where its features are first (guide tables)
+    Guide,
+    /// Sites of a fine lattice projected onto features
+    Projection,
+}
+
+/// How atoms are moved.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum OptimizerChoice {
+    /// Limited-memory BFGS (fast)
+    Lbfgs,
+    /// Steepest descent
+    Descent,
+    /// A genetic algorithm: a population of ten lattices (slow)
+    Genetic,
+}
+
+impl From<OptimizerChoice> for crate::optimize::Method {
+    fn from(choice: OptimizerChoice) -> Self {
+        match choice {
+            OptimizerChoice::Lbfgs => Self::Lbfgs,
+            OptimizerChoice::Descent => Self::Descent,
+            OptimizerChoice::Genetic => Self::Genetic,
+        }
+    }
 }
 
 /// Which evaluator of the lattice energy.
@@ -347,12 +373,22 @@ pub struct MeshOptions {
     /// How atoms are placed at first [default: fcc]
     #[arg(long, value_name = "HOW")]
     pub seeding: Option<SeedingChoice>,
+    /// Most atoms that --seeding guide places [default: as many as find room]
+    #[arg(long, value_name = "N")]
+    pub max_atoms: Option<usize>,
     /// Fixed atoms (wells, sources): a CSV file of x,y,z (x,y in 2-D) in the image's physical coordinates
     #[arg(long, value_name = "FILE.csv")]
     pub atoms_from: Option<PathBuf>,
     /// Evaluator of the lattice energy [default: pairwise]
     #[arg(long, value_name = "HOW")]
     pub potential: Option<PotentialChoice>,
+    /// Weight in [0, 1] of the energy between atoms against their Laplacian coordinates, which make the
+    /// lattice more regular; 0.7 is usual with them [default: 1, without]
+    #[arg(long, value_name = "K")]
+    pub kappa: Option<f64>,
+    /// How atoms are moved [default: lbfgs]
+    #[arg(long, value_name = "HOW")]
+    pub optimizer: Option<OptimizerChoice>,
     /// Number of first passes on a smoother potential [default: 0]
     #[arg(long, value_name = "N")]
     pub coarse_to_fine: Option<usize>,
@@ -390,6 +426,8 @@ impl MeshOptions {
             beta: Some("0.5".into()),
             seeding: Some(SeedingChoice::Fcc),
             potential: Some(PotentialChoice::Pairwise),
+            kappa: Some(1.0),
+            optimizer: Some(OptimizerChoice::Lbfgs),
             coarse_to_fine: Some(0),
             min_dihedral: Some(30.0),
             slivers: Some(SliverChoice::Joe),

@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use crate::cli::args::{
-    AlignChoice, CellsChoice, FeatureChoice, MeshArgs, MeshOptions, PotentialChoice, SeedingChoice,
-    SliverChoice,
+    AlignChoice, CellsChoice, FeatureChoice, MeshArgs, MeshOptions, OptimizerChoice,
+    PotentialChoice, SeedingChoice, SliverChoice,
 };
 use crate::cli::parse;
 use crate::error::{cause, os};
@@ -12,7 +12,7 @@ use crate::improve::Method;
 use crate::io::ReadOptions;
 use crate::pipeline::{Evaluator, Metric, Spacing};
 use crate::seeding::Seeding;
-use crate::{Error, Result, io};
+use crate::{Error, Result, io, optimize};
 
 /// A checked job of `atomesh mesh`. What needs the image's geometry (fixed atoms, beta as an
 /// image) is checked when that is known.
@@ -50,6 +50,10 @@ pub struct MeshJob {
     pub voronoi: bool,
     /// Evaluator of the energy.
     pub evaluator: Evaluator,
+    /// Weight of the energy between atoms against their Laplacian coordinates.
+    pub kappa: f64,
+    /// How atoms are moved.
+    pub optimizer: optimize::Method,
     /// How atoms are placed.
     pub seeding: Seeding,
     /// Number of passes on a smoother potential.
@@ -166,18 +170,14 @@ impl MeshJob {
             },
             beta: beta(options.beta.as_deref())?,
             atoms_from: options.atoms_from.clone(),
-            seeding: match options.seeding {
-                Some(SeedingChoice::Refine) => Seeding::Refine {
-                    seed: options.rng_seed.unwrap_or(1),
-                },
-                Some(SeedingChoice::Grown) => Seeding::Grown,
-                _ => Seeding::Regular,
-            },
+            seeding: seeding(options)?,
             voronoi: voronoi(options)?,
             evaluator: match options.potential {
                 Some(PotentialChoice::Sampled) => Evaluator::Sampled,
                 _ => Evaluator::Pairwise,
             },
+            kappa: kappa(options.kappa.unwrap_or(1.0))?,
+            optimizer: options.optimizer.unwrap_or(OptimizerChoice::Lbfgs).into(),
             coarse_passes: coarse_passes(options.coarse_to_fine.unwrap_or(0))?,
             min_dihedral: match options.slivers {
                 Some(SliverChoice::None) => None,
@@ -417,6 +417,41 @@ fn beta(text: Option<&str>) -> Result<Beta> {
             text,
             "is not at least 0 and below 1",
             "0 ignores the image, 0.2 is usual",
+        ))
+    }
+}
+
+fn seeding(options: &MeshOptions) -> Result<Seeding> {
+    let seed = options.rng_seed.unwrap_or(1);
+    let choice = options.seeding.unwrap_or(SeedingChoice::Fcc);
+    if options.max_atoms.is_some() && choice != SeedingChoice::Guide {
+        return Err(Error::Job(cause(
+            "--max-atoms",
+            "is about atoms that are drawn one by one",
+            "use it with --seeding guide, or choose a larger --distance",
+        )));
+    }
+    Ok(match choice {
+        SeedingChoice::Fcc => Seeding::Regular,
+        SeedingChoice::Grown => Seeding::Grown,
+        SeedingChoice::Refine => Seeding::Refine { seed },
+        SeedingChoice::Guide => Seeding::Guide {
+            seed,
+            most: options.max_atoms.unwrap_or(usize::MAX),
+        },
+        SeedingChoice::Projection => Seeding::Projection,
+    })
+}
+
+fn kappa(kappa: f64) -> Result<f64> {
+    if (0.0..=1.0).contains(&kappa) {
+        Ok(kappa)
+    } else {
+        Err(refuse(
+            "--kappa",
+            kappa,
+            "is not from 0 to 1",
+            "1 leaves Laplacian coordinates out, 0.7 is usual with them",
         ))
     }
 }

@@ -221,6 +221,8 @@ impl MeshJob {
             fixed,
             seeding: self.seeding,
             evaluator: self.evaluator,
+            kappa: self.kappa,
+            optimizer: self.optimizer,
             coarse_passes: self.coarse_passes,
             min_dihedral: self.min_dihedral,
             slivers: self.slivers,

@@ -9,6 +9,7 @@ use crate::image::Field;
 const BLOCK: usize = 2;
 
 /// An image potential with the blocks in which it is nothing flagged.
+#[derive(Clone)]
 pub struct ImageTerm<'a, const D: usize> {
     field: &'a Field<D>,
     /// Whether a block has any sample (or tap) that is not zero, x fastest.

@@ -20,7 +20,7 @@ struct Image {
 }
 
 /// The mirror images of all atoms near the sides of a box, in the order of the atoms.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub struct Images {
     /// The far corner of the box.
     extent: [i32; 3],

@@ -14,18 +14,22 @@
 //! - [`neighbours`]: the Verlet list
 //! - [`images`]: mirror images of atoms beyond the sides
 //! - [`pairwise`]: the exact energy and gradient from pairs of atoms, the default
+//! - [`laplacian`]: A joined with how far each atom is from the middle of its Delaunay neighbours
 //! - [`sampled`]: the energy from a field sampled like the image, as first published
 
 pub mod image_term;
 pub mod images;
+pub mod laplacian;
 pub mod neighbours;
 pub mod pair;
 pub mod pairwise;
 pub mod sampled;
 
+pub use laplacian::Regularised;
 pub use pairwise::Pairwise;
 pub use sampled::Sampled;
 
+use crate::error::Result;
 use crate::image::Field;
 
 /// The weight of the image against the lattice: 0 is lattice only, 1 image only.
@@ -40,7 +44,7 @@ pub enum Beta<const D: usize> {
 /// The two parts of an energy, unweighted.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Parts {
-    /// A, the energy between atoms.
+    /// A, the energy between atoms; A' where it is regularised.
     pub lattice: f64,
     /// B, the energy of atoms in the image; of -b alongside.
     pub image: f64,
@@ -57,6 +61,19 @@ pub trait Energy<const D: usize> {
     fn stiffness(&self, x: &[[f64; D]]) -> Vec<f32> {
         vec![1.0; x.len()]
     }
+
+    /// Called with the lattice at the start of every round of an optimisation: what is frozen in a
+    /// round may change here. Says whether it has, so that energies of before are no longer to be
+    /// compared with.
+    ///
+    /// # Errors
+    /// If the lattice is one for which the energy cannot be told.
+    fn refresh(&mut self, _x: &[[f64; D]]) -> Result<bool> {
+        Ok(false)
+    }
+
+    /// Another evaluator of the same energy, for another thread.
+    fn twin(&self) -> Box<dyn Energy<D> + Send + '_>;
 
     /// The parts of the energy of the last call of [`Energy::evaluate`].
     fn parts(&self) -> Parts;

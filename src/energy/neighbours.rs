@@ -68,7 +68,7 @@ impl FixedPoint {
 pub const NOWHERE: Point = [i32::MAX, i32::MAX, i32::MAX, 0];
 
 /// The neighbours of up to [`CHUNK`] successive atoms.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub struct Rows {
     /// Index of each member among all points: first the chunk's own atoms, then their neighbours.
     pub members: Vec<u32>,
@@ -202,7 +202,7 @@ impl Rows {
 
 /// For every atom, all points nearer than the larger of the two reaches (each pair of atoms is
 /// listed twice, so no atom writes to another's sums).
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub struct Neighbours {
     /// One for each chunk of atoms.
     pub chunks: Vec<Rows>,
@@ -389,7 +389,7 @@ impl Scratch {
 }
 
 /// Points sorted into the cells of a regular grid.
-#[derive(Default)]
+#[derive(Clone, Default)]
 struct Cells {
     /// The near corner of the grid.
     origin: [i32; 3],

@@ -44,7 +44,7 @@ const FEW: usize = 4;
 struct Site {
     /// 1 / d(x_i) per fixed-point unit.
     inverse: f32,
-    /// 1 - beta(x_i).
+    /// kappa (1 - beta(x_i)).
     weight: f32,
 }
 
@@ -66,6 +66,7 @@ struct Sums {
 }
 
 /// The exact evaluator of the lattice energy.
+#[derive(Clone)]
 pub struct Pairwise<'a, const D: usize> {
     distance: &'a Distance<D>,
     image: Option<ImageTerm<'a, D>>,
@@ -86,6 +87,8 @@ pub struct Pairwise<'a, const D: usize> {
     parts: Parts,
     relisted: usize,
     stiffness: f32,
+    /// What A counts for.
+    kappa: f64,
 }
 
 impl<'a, const D: usize> Pairwise<'a, D> {
@@ -134,6 +137,7 @@ impl<'a, const D: usize> Pairwise<'a, D> {
             parts: Parts::default(),
             relisted: 0,
             stiffness: 0.0,
+            kappa: 1.0,
         })
     }
 
@@ -159,6 +163,12 @@ impl<'a, const D: usize> Pairwise<'a, D> {
     /// 0, as at first, for the potential as published.
     pub fn stiffened(mut self, stiffness: f32) -> Self {
         self.stiffness = stiffness.max(0.0);
+        self
+    }
+
+    /// Makes A count for `kappa` of what it is, so that P = (1 - beta) kappa A + beta B.
+    pub(super) fn counting(mut self, kappa: f64) -> Self {
+        self.kappa = kappa;
         self
     }
 
@@ -278,6 +288,7 @@ impl<'a, const D: usize> Pairwise<'a, D> {
     /// d and beta of every atom, for the general kernel.
     fn update_sites(&mut self, x: &[[f64; D]]) {
         let (distance, beta, scale) = (self.distance, &self.beta, self.fixed.scale);
+        let kappa = self.kappa;
         self.sites.resize(x.len(), NO_SITE);
         let sites = self.sites.par_iter_mut().zip(x).with_min_len(CHUNK);
         sites.for_each(|(site, x)| {
@@ -288,7 +299,7 @@ impl<'a, const D: usize> Pairwise<'a, D> {
             let inverse = 1.0 / (distance.at(*x) * scale);
             *site = Site {
                 inverse: inverse as f32,
-                weight: (1.0 - beta) as f32,
+                weight: (kappa * (1.0 - beta)) as f32,
             };
         });
         self.copy_sites(x.len());
@@ -318,7 +329,7 @@ impl<'a, const D: usize> Pairwise<'a, D> {
             Alignment::Alongside => -1.0,
         };
         let image_at = |x: &[f64; D]| self.image.as_ref().and_then(|image| image.at(*x));
-        let (scale, stiffness) = (self.fixed.scale, self.stiffness);
+        let (scale, stiffness, kappa) = (self.fixed.scale, self.stiffness, self.kappa);
         let mut total = [0.0f64; 3];
         if let (Distance::Constant(d), Beta::Constant(beta)) = (self.distance, &self.beta) {
             total[0] = Arch::new().dispatch(SameDistance {
@@ -326,7 +337,7 @@ impl<'a, const D: usize> Pairwise<'a, D> {
                 rows,
                 inverse: (1.0 / (d * scale)) as f32,
                 stiffness,
-                weight: (1.0 - beta) / d,
+                weight: kappa * (1.0 - beta) / d,
                 gradient: &mut *gradient,
             });
             for (x, gradient) in x.iter().zip(gradient) {
@@ -337,7 +348,7 @@ impl<'a, const D: usize> Pairwise<'a, D> {
                     }
                 }
             }
-            total[2] = (1.0 - beta) * total[0] + beta * total[1];
+            total[2] = kappa * (1.0 - beta) * total[0] + beta * total[1];
             return total;
         }
         local.sums.resize(x.len(), Sums::default());
@@ -358,11 +369,11 @@ impl<'a, const D: usize> Pairwise<'a, D> {
             let (a, b) = (0.5 * f64::from(sums.potential), sign * b);
             total[0] += a;
             total[1] += b;
-            total[2] += (1.0 - beta) * a + beta * b;
+            total[2] += kappa * (1.0 - beta) * a + beta * b;
             *gradient = std::array::from_fn(|k| {
                 0.5 * f64::from(sums.pull[k]) * scale
                     + 0.5 * f64::from(sums.swell) / d * d_slope[k]
-                    + (b - a) * beta_slope[k]
+                    + (b - kappa * a) * beta_slope[k]
                     + sign * beta * b_slope[k]
             });
         }
@@ -410,6 +421,10 @@ impl<const D: usize> Energy<D> for Pairwise<'_, D> {
             (1.0 + 4.0 * beta / (1.0 - beta).max(0.05) * depth) as f32
         };
         x.par_iter().with_min_len(CHUNK).map(at).collect()
+    }
+
+    fn twin(&self) -> Box<dyn Energy<D> + Send + '_> {
+        Box::new(self.clone())
     }
 
     fn parts(&self) -> Parts {
@@ -475,7 +490,7 @@ struct SameDistance<'a, const D: usize> {
     /// 1 / d per fixed-point unit.
     inverse: f32,
     stiffness: f32,
-    /// (1 - beta) / d.
+    /// kappa (1 - beta) / d.
     weight: f64,
     gradient: &'a mut [[f64; D]],
 }

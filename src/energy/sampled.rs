@@ -24,12 +24,13 @@ use crate::seeding::Alignment;
 const STAMPS_PER_OCTAVE: f64 = 80.0;
 
 /// phi around one atom, cut into runs of samples along x.
-#[derive(Default)]
+#[derive(Clone, Default)]
 struct Stamp<const D: usize> {
     runs: Vec<Run<D>>,
 }
 
 /// Successive samples along x.
+#[derive(Clone)]
 struct Run<const D: usize> {
     /// Offset in samples from the atom to the first, along each axis.
     first: [i64; D],
@@ -69,6 +70,7 @@ impl<const D: usize> Stamp<D> {
 }
 
 /// The sampled evaluator of the lattice energy.
+#[derive(Clone)]
 pub struct Sampled<'a, const D: usize> {
     distance: &'a Distance<D>,
     potential: &'a Field<D>,
@@ -253,6 +255,10 @@ impl<const D: usize> Energy<D> for Sampled<'_, D> {
         }
         self.parts = parts;
         energy
+    }
+
+    fn twin(&self) -> Box<dyn Energy<D> + Send + '_> {
+        Box::new(self.clone())
     }
 
     fn parts(&self) -> Parts {

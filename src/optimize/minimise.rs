@@ -1,25 +1,22 @@
-//! One minimisation: L-BFGS directions, a line search that mostly needs one evaluation a step, and
-//! the bounds of the box.
+//! One minimisation: L-BFGS directions, or plain steepest descent, and a line search that mostly needs
+//! one evaluation a step.
 
 use rayon::prelude::*;
 
 use super::Stop;
+use super::bounds::Bounds;
 use super::lbfgs::{CHUNK, Lbfgs, dot};
 use super::observer::{Observer, Progress};
-use crate::distance::Distance;
 use crate::energy::{Energy, Parts};
 use crate::error::{Error, Result, cause};
-use crate::seeding::Atoms;
 
 /// Farthest an atom may move in a step, in units of d.
 const LONGEST_MOVE: f32 = 0.25;
-/// Nearest a free coordinate may come to a side of the box, in units of d.
-const MARGIN: f64 = 0.2;
 /// Sufficient decrease (Armijo), as a share of what the slope promises.
 const SUFFICIENT: f64 = 1e-4;
 /// Inverse curvature of the energy in scaled units, before any is measured: 1 / (twelve neighbours
 /// of curvature (1 - beta) / 3), twice that for neighbours that move against each other.
-const FIRST_CURVATURE: f64 = 1.0 / 4.0;
+pub const FIRST_CURVATURE: f64 = 1.0 / 4.0;
 /// Shortenings of a step before the memory is dropped.
 const SHORTENINGS: usize = 6;
 /// The decrease that ends a minimisation is the mean over this many steps, so that one short step
@@ -45,14 +42,12 @@ impl Budget {
 
 /// Positions, bounds and scales of a lattice under minimisation.
 pub struct Minimiser<const D: usize> {
-    /// d times mobility of each coordinate, 0 where it is held.
-    reach: Vec<[f32; D]>,
+    bounds: Bounds<D>,
+    /// Whether to go straight down the gradient, remembering nothing.
+    steepest: bool,
     /// Lattice units per scaled unit of each coordinate: less where an atom is held stiffly, so that
     /// in scaled units all curvatures are alike.
     scale: Vec<[f32; D]>,
-    /// Nearest allowed distance to the sides.
-    margin: Vec<f32>,
-    extent: [f64; D],
     positions: Vec<[f64; D]>,
     trial: Vec<[f64; D]>,
     gradient: Vec<[f64; D]>,
@@ -61,28 +56,17 @@ pub struct Minimiser<const D: usize> {
 }
 
 impl<const D: usize> Minimiser<D> {
-    /// For the atoms of a lattice, each coordinate of which follows its force by its `mobility`.
-    pub fn new(
-        atoms: &Atoms<D>,
-        distance: &Distance<D>,
-        extent: [f64; D],
-        mobility: Vec<[f64; D]>,
-    ) -> Self {
-        let spacing: Vec<f64> = atoms
-            .positions
-            .par_iter()
-            .map(|x| distance.at(*x))
-            .collect();
-        let reach = mobility.iter().zip(&spacing);
-        let reach: Vec<[f32; D]> = reach.map(|(m, d)| m.map(|m| (m * d) as f32)).collect();
+    /// For the atoms of a lattice within bounds. `steepest`: straight down the gradient, remembering no
+    /// steps.
+    pub fn new(bounds: Bounds<D>, steepest: bool) -> Self {
+        let reach = bounds.reach();
         Self {
-            scale: reach.clone(),
-            reach,
-            margin: spacing.iter().map(|d| (MARGIN * d) as f32).collect(),
-            extent,
+            scale: reach.to_vec(),
+            trial: vec![[0.0; D]; reach.len()],
+            gradient: vec![[0.0; D]; reach.len()],
+            bounds,
+            steepest,
             positions: Vec::new(),
-            trial: vec![[0.0; D]; atoms.len()],
-            gradient: vec![[0.0; D]; atoms.len()],
             energy: f64::INFINITY,
             parts: Parts::default(),
         }
@@ -103,6 +87,17 @@ impl<const D: usize> Minimiser<D> {
         &self.positions
     }
 
+    /// How far atoms may move.
+    pub fn bounds(&self) -> &Bounds<D> {
+        &self.bounds
+    }
+
+    /// Takes what another way has found for the result of the last run.
+    pub fn take(&mut self, positions: Vec<[f64; D]>, energy: f64, parts: Parts) {
+        self.positions = positions;
+        (self.energy, self.parts) = (energy, parts);
+    }
+
     /// Evaluates the energy, and the gradient in the minimiser's own array.
     pub fn measure(
         &mut self,
@@ -112,42 +107,7 @@ impl<const D: usize> Minimiser<D> {
     ) -> Result<(f64, Parts)> {
         let value = energy.evaluate(x, &mut self.gradient);
         budget.evaluations += 1;
-        if value.is_finite() {
-            Ok((value, energy.parts()))
-        } else {
-            Err(Error::Optimize(cause(
-                "lattice energy",
-                format!("is {value}"),
-                "check the image potential and the distance for NaN and infinite values",
-            )))
-        }
-    }
-
-    /// Every free coordinate moved by chance, no atom by more than `size` d.
-    pub fn perturbed(&self, x: &[[f64; D]], size: f64, key: u64) -> Vec<[f64; D]> {
-        let share = size / (D as f64).sqrt();
-        let mut start = x.to_vec();
-        start.par_iter_mut().enumerate().for_each(|(n, x)| {
-            let moved = std::array::from_fn(|k| {
-                share * chance(key, (n * D + k) as u64) * f64::from(self.reach[n][k])
-            });
-            *x = self.step(n, x, moved);
-        });
-        start
-    }
-
-    /// The position of atom `n` after a step from `x`, kept in the box; held coordinates stay.
-    #[inline(always)]
-    fn step(&self, n: usize, x: &[f64; D], step: [f64; D]) -> [f64; D] {
-        let margin = f64::from(self.margin[n]);
-        std::array::from_fn(|k| {
-            if self.reach[n][k] == 0.0 {
-                return x[k];
-            }
-            // An atom that starts nearer to a side may stay, but not go farther.
-            let (low, high) = (margin.min(x[k]), (self.extent[k] - margin).max(x[k]));
-            (x[k] + step[k]).clamp(low, high)
-        })
+        Ok((finite(value)?, energy.parts()))
     }
 
     /// Minimises from `start` until the mean relative decrease of P over a few steps is below
@@ -161,10 +121,7 @@ impl<const D: usize> Minimiser<D> {
         budget: &mut Budget,
         observer: &mut dyn Observer,
     ) -> Result<Stop> {
-        let stiffness = energy.stiffness(&start);
-        for ((scale, reach), s) in self.scale.iter_mut().zip(&self.reach).zip(stiffness) {
-            *scale = reach.map(|r| r / s.sqrt());
-        }
+        self.scale = self.bounds.scale(&energy.stiffness(&start));
         (self.energy, self.parts) = self.measure(&start, energy, budget)?;
         self.positions = start;
         let mut memory = Lbfgs::new(self.scaled_gradient(), FIRST_CURVATURE);
@@ -188,6 +145,9 @@ impl<const D: usize> Minimiser<D> {
             match self.search(&direction, slope, energy, budget)? {
                 Some((value, parts)) => {
                     self.accept(&mut memory);
+                    if self.steepest {
+                        memory.forget();
+                    }
                     (self.energy, self.parts) = (value, parts);
                 }
                 None if memory.is_empty() => return Ok(Stop::Converged),
@@ -234,7 +194,7 @@ impl<const D: usize> Minimiser<D> {
                     let step: [f64; D] = std::array::from_fn(|k| {
                         length * f64::from(direction[n * D + k] * self.scale[n][k])
                     });
-                    *x = self.step(n, &self.positions[n], step);
+                    *x = self.bounds.step(n, &self.positions[n], step);
                 });
             self.trial = trial;
             let trial = std::mem::take(&mut self.trial);
@@ -289,6 +249,18 @@ impl<const D: usize> Minimiser<D> {
     }
 }
 
+/// An energy, if it is a number.
+pub fn finite(energy: f64) -> Result<f64> {
+    if energy.is_finite() {
+        return Ok(energy);
+    }
+    Err(Error::Optimize(cause(
+        "lattice energy",
+        format!("is {energy}"),
+        "check the image potential and the distance for NaN and infinite values",
+    )))
+}
+
 /// Where between 0.1 and 0.6 of the way the cubic with the given values and slopes at 0 and 1 is
 /// least.
 fn cubic_minimum(start: f64, start_slope: f64, end: f64, end_slope: f64) -> f64 {
@@ -303,18 +275,6 @@ fn cubic_minimum(start: f64, start_slope: f64, end: f64, end_slope: f64) -> f64 
     }
 }
 
-/// A number in [-1, 1) that depends on nothing but its arguments: the output function of splitmix64
-/// (Steele, Lea & Flood 2014) on a counter.
-fn chance(key: u64, counter: u64) -> f64 {
-    let mix = |mut z: u64| {
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
-    };
-    let z = mix(mix(key).wrapping_add(counter.wrapping_mul(0x9E37_79B9_7F4A_7C15)));
-    (z >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -327,16 +287,5 @@ mod tests {
         let place = cubic_minimum(f(0.0), slope(0.0), f(1.0), slope(1.0));
         assert!((place - 0.4).abs() < 1e-12, "{place}");
         assert!((0.1..=0.6).contains(&cubic_minimum(0.0, -1.0, 1e9, 1e9)));
-    }
-
-    #[test]
-    fn chance_is_even_and_bounded() {
-        let n = 100_000;
-        let numbers: Vec<f64> = (0..n).map(|k| chance(5, k)).collect();
-        let mean = numbers.iter().sum::<f64>() / n as f64;
-        let square = numbers.iter().map(|x| x * x).sum::<f64>() / n as f64;
-        let next = numbers.windows(2).map(|w| w[0] * w[1]).sum::<f64>() / n as f64;
-        assert!(numbers.iter().all(|x| (-1.0..1.0).contains(x)));
-        assert!(mean.abs() < 0.01 && (square - 1.0 / 3.0).abs() < 0.01 && next.abs() < 0.01);
     }
 }

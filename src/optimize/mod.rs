@@ -8,11 +8,15 @@
 //! Coordinates are scaled by d(x) (and the square root of an atom's temperature), so that fine and
 //! coarse parts of a lattice converge alike.
 //!
+//! - [`bounds`]: how far atoms may move, and chance moves
 //! - [`lbfgs`]: the descent direction
-//! - [`minimise`]: one minimisation: line search, bounds, stopping
+//! - [`minimise`]: one minimisation: line search, stopping
+//! - [`genetic`]: a population of lattices instead, of which the best have descendants
 //! - [`temperature`]: which atoms a local edit may move
 //! - [`observer`]: watching and interrupting
 
+pub mod bounds;
+pub mod genetic;
 pub mod lbfgs;
 pub mod minimise;
 pub mod observer;
@@ -24,6 +28,7 @@ use crate::distance::Distance;
 use crate::energy::{Energy, Parts};
 use crate::error::{Error, Result, cause};
 use crate::seeding::Atoms;
+use bounds::Bounds;
 use minimise::{Budget, Minimiser};
 
 /// Why an optimisation ended. Every one leaves a usable lattice.
@@ -37,9 +42,23 @@ pub enum Stop {
     Interrupted,
 }
 
+/// How the energy is lowered in a round.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Method {
+    /// Limited-memory BFGS.
+    #[default]
+    Lbfgs,
+    /// Steepest descent, in coordinates scaled as for L-BFGS.
+    Descent,
+    /// A genetic algorithm ([`genetic`]); perturbs by itself.
+    Genetic,
+}
+
 /// How to optimise.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
+    /// How each round goes.
+    pub method: Method,
     /// Relative decrease of P, a step and a round, below which steps and rounds end (Hale: 1e-3).
     pub tolerance: f64,
     /// Most rounds of perturbation and minimisation.
@@ -57,12 +76,33 @@ pub struct Options {
 impl Default for Options {
     fn default() -> Self {
         Self {
+            method: Method::Lbfgs,
             tolerance: 3e-4,
             max_rounds: 2,
             max_evaluations: 60,
             perturbation: 0.1,
             seed: 1,
             temperature: Vec::new(),
+        }
+    }
+}
+
+impl Options {
+    /// With another method and the effort that suits it: steepest descent takes more evaluations, and a
+    /// genetic algorithm many, but of these as many at once as there are threads. Where energies change
+    /// from round to round (`regular`, by Laplacian coordinates) there are three.
+    pub fn with(self, method: Method, regular: bool) -> Self {
+        let effort = match method {
+            Method::Lbfgs => 1,
+            Method::Descent => 5,
+            Method::Genetic => 25,
+        };
+        let rounds = if regular { 3 } else { 1 };
+        Self {
+            method,
+            max_rounds: self.max_rounds * rounds,
+            max_evaluations: self.max_evaluations * effort * rounds,
+            ..self
         }
     }
 }
@@ -100,12 +140,14 @@ pub fn optimize<const D: usize>(
 ) -> Result<Outcome> {
     check(options, atoms.len())?;
     let mobility = mobility(atoms, extent, &options.temperature);
-    let mut minimiser = Minimiser::new(atoms, distance, extent, mobility);
+    let bounds = Bounds::new(atoms, distance, extent, &mobility);
+    let mut minimiser = Minimiser::new(bounds, options.method == Method::Descent);
     let mut budget = Budget {
         evaluations: 0,
         iterations: 0,
         limit: options.max_evaluations,
     };
+    energy.refresh(&atoms.positions)?;
     let (energy_before, parts) = minimiser.measure(&atoms.positions, energy, &mut budget)?;
     let mut best = (energy_before, parts);
     let mut rounds = 0;
@@ -113,17 +155,34 @@ pub fn optimize<const D: usize>(
         if rounds == options.max_rounds || budget.spent() {
             break Stop::MaxIterations;
         }
+        if rounds > 0 && energy.refresh(&atoms.positions)? {
+            best = minimiser.measure(&atoms.positions, energy, &mut budget)?;
+        }
         rounds += 1;
         let key = options.seed.wrapping_add(rounds as u64);
-        let start = minimiser.perturbed(&atoms.positions, options.perturbation, key);
-        let stop = minimiser.run(
-            start,
-            energy,
-            options.tolerance,
-            rounds,
-            &mut budget,
-            observer,
-        )?;
+        let stop = match options.method {
+            Method::Genetic => genetic::evolve(
+                &mut minimiser,
+                &atoms.positions,
+                energy,
+                options,
+                rounds,
+                &mut budget,
+                observer,
+            )?,
+            Method::Lbfgs | Method::Descent => {
+                let bounds = minimiser.bounds();
+                let start = bounds.perturbed(&atoms.positions, options.perturbation, key);
+                minimiser.run(
+                    start,
+                    energy,
+                    options.tolerance,
+                    rounds,
+                    &mut budget,
+                    observer,
+                )?
+            }
+        };
         let before = best.0;
         let first = rounds == 1;
         if minimiser.energy() < best.0 {

@@ -358,7 +358,7 @@ pub(super) mod tests {
                 if n % 7 == 3 {
                     0.0
                 } else {
-                    0.2 + f64::from(n * n % 113)
+                    1.0 + f64::from(n * n % 113)
                 }
             })
             .collect();

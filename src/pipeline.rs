@@ -351,6 +351,7 @@ fn settle<'a, const D: usize>(
     alignment: Alignment,
     observer: &'a mut dyn Observer,
 ) -> Result<Settled<'a, D>> {
+    check_energy(params, alignment)?;
     let step = params.metric.step(&image.geometry);
     let extent = lattice_extent(image.dims(), step);
     // Before the work: the largest distance must fit, whatever the features are.
@@ -510,6 +511,36 @@ fn optimisation(outcome: &optimize::Outcome, atoms: usize) -> Optimisation {
     }
 }
 
+/// Refuses energies that there are not.
+fn check_energy<const D: usize>(params: &Params<D>, alignment: Alignment) -> Result<()> {
+    let refuse =
+        |option: &str, problem: &str, remedy: &str| Err(Error::Job(cause(option, problem, remedy)));
+    let alongside = alignment == Alignment::Alongside;
+    let sampled = params.evaluator == Evaluator::Sampled;
+    if sampled && alongside {
+        return refuse(
+            "--potential sampled",
+            "has no mirror images, which atoms alongside features need",
+            "use the pairwise potential",
+        );
+    }
+    if params.kappa != 1.0 && alongside {
+        return refuse(
+            "--kappa",
+            "is about the neighbours of atoms in a Delaunay mesh, but Voronoi cells are asked for",
+            "leave it at 1",
+        );
+    }
+    if params.kappa != 1.0 && sampled {
+        return refuse(
+            "--kappa",
+            "goes with the exact energy, but the sampled potential is asked for",
+            "use the pairwise potential",
+        );
+    }
+    Ok(())
+}
+
 /// Moves the atoms: passes on smoother and smoother potentials first, if asked for.
 fn optimise<const D: usize>(
     atoms: &mut Atoms<D>,
@@ -523,15 +554,6 @@ fn optimise<const D: usize>(
 ) -> Result<optimize::Outcome> {
     let regular = params.kappa != 1.0;
     let options = optimiser(params.seed).with(params.optimizer, regular);
-    let refuse =
-        |option: &str, problem: &str, remedy: &str| Err(Error::Job(cause(option, problem, remedy)));
-    if regular && alignment == Alignment::Alongside {
-        return refuse(
-            "--kappa",
-            "is about the neighbours of atoms in a Delaunay mesh, but Voronoi cells are asked for",
-            "leave it at 1",
-        );
-    }
     let mut pass = |potential: &Field<D>| {
         let pairs = || -> Result<Pairwise<D>> {
             let pairs = Pairwise::new(extent, distance, Some(potential), beta.clone())?;
@@ -545,20 +567,6 @@ fn optimise<const D: usize>(
                 Box::new(energy?)
             }
             Evaluator::Pairwise => Box::new(pairs()?),
-            Evaluator::Sampled if alignment == Alignment::Alongside => {
-                return refuse(
-                    "--potential sampled",
-                    "has no mirror images, which atoms alongside features need",
-                    "use the pairwise potential",
-                );
-            }
-            Evaluator::Sampled if regular => {
-                return refuse(
-                    "--kappa",
-                    "goes with the exact energy, but the sampled potential is asked for",
-                    "use the pairwise potential",
-                );
-            }
             Evaluator::Sampled => Box::new(Sampled::new(distance, potential, beta.clone())),
         };
         optimize::optimize(atoms, &mut *energy, distance, extent, &options, observer)

@@ -299,7 +299,7 @@ mod tests {
         }
         let mut unused = gradient.clone();
         let (mut worst, mut square, mut count) = (0.0f64, 0.0, 0.0);
-        for n in (0..x.len()).step_by(3) {
+        for n in 0..x.len() {
             for k in (0..D).filter(|&k| mobility[n][k] > 0.0) {
                 // Large enough for the single precision of pairs; errors are of fourth order.
                 let (h, at) = (4e-3, x[n][k]);

@@ -1,0 +1,262 @@
+//! How lattices are seeded and moved, compared: the kind of tables 2 and 3 of Fernandes & Gattass (2009).
+//! Meshes are the bare Delaunay triangles (tetrahedra) of the atoms.
+//!
+//! ```text
+//! cargo run --release --example seeds -- 14                  # two synthetic images
+//! cargo run --release --example seeds -- 8 slice.png ...     # images of one's own, 2-D or 3-D
+//! ```
+
+use std::path::Path;
+
+use atomesh::distance::Distance;
+use atomesh::energy::laplacian::KAPPA;
+use atomesh::energy::{Beta, Energy, Pairwise, Regularised};
+use atomesh::feature::{self, Features};
+use atomesh::image::Image;
+use atomesh::io::{self, AnyLoaded, ReadOptions};
+use atomesh::optimize::{self, Method, Options, Unobserved};
+use atomesh::pipeline::{Meshing, Scene, Space};
+use atomesh::report::cost::cpu_seconds;
+use atomesh::report::{Measured, quality};
+use atomesh::seeding::{self, Alignment, Atoms, Seeding};
+use atomesh::synth::{self, Kind};
+
+/// Runs with different seeds whose figures are averaged, as in the paper.
+const RUNS: u64 = 10;
+/// Weight of the image.
+const BETA: f64 = 0.5;
+
+fn main() -> anyhow::Result<()> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let Some((d, images)) = arguments.split_first() else {
+        anyhow::bail!("give the distance between atoms, and images");
+    };
+    let d: f64 = d.parse()?;
+    for name in images {
+        match io::read_any(Path::new(name), &ReadOptions::default())? {
+            AnyLoaded::Plane(loaded) => compare(name, &loaded.image, d)?,
+            AnyLoaded::Space(loaded) => compare(name, &loaded.image, d)?,
+        }
+    }
+    if images.is_empty() {
+        for (name, kind, dims) in [
+            ("faults, a time slice", Kind::Faults, [384, 352, 1]),
+            (
+                "amplitudes, a vertical section",
+                Kind::Amplitude,
+                [288, 416, 1],
+            ),
+        ] {
+            let options = synth::Options {
+                dims,
+                ..synth::Options::default()
+            };
+            compare(name, &synth::make_plane(kind, &options)?.image, d)?;
+        }
+    }
+    Ok(())
+}
+
+/// What is compared on one image.
+struct Case<'a, const D: usize> {
+    features: &'a Features<D>,
+    distance: Distance<D>,
+    extent: [f64; D],
+}
+
+/// The figures of one lattice.
+#[derive(Default)]
+struct Figures {
+    atoms: f64,
+    worst: f64,
+    mean: f64,
+    seconds: f64,
+    energy: f64,
+}
+
+fn compare<const D: usize>(name: &str, image: &Image<D>, d: f64) -> anyhow::Result<()>
+where
+    Space<D>: Meshing<D>,
+{
+    let options = feature::Options {
+        d_min: d,
+        ..feature::Options::default()
+    };
+    let features = feature::detect(image, &options)?;
+    let case = Case {
+        extent: features.potential.extent(),
+        features: &features,
+        distance: Distance::Constant(d),
+    };
+    println!("\n{name}, {:?}, d = {d}\n", image.dims());
+    println!("| seeding | moved by | atoms | worst Q | mean Q | CPU ms | energy |");
+    println!("|---|---|---|---|---|---|---|");
+    for seeding in ["fcc", "refine", "guide", "projection"] {
+        for (how, method, kappa) in [
+            ("nothing", None, 1.0),
+            ("lbfgs", Some(Method::Lbfgs), 1.0),
+            ("lbfgs, kappa 0.7", Some(Method::Lbfgs), KAPPA),
+            ("descent", Some(Method::Descent), 1.0),
+            ("genetic", Some(Method::Genetic), 1.0),
+        ] {
+            let mut sum = Figures::default();
+            for seed in 1..=RUNS {
+                let before = cpu_seconds();
+                let atoms = case.seed(seeding, seed)?;
+                let mut atoms = atoms;
+                let seeded = cpu_seconds();
+                if let Some(method) = method {
+                    let options = options_of(seed).with(method, kappa < 1.0);
+                    case.move_atoms(&mut atoms, &options, kappa)?;
+                }
+                let seconds = match method {
+                    None => seeded - before,
+                    Some(_) => cpu_seconds() - seeded,
+                };
+                let found = case.measure(atoms)?;
+                sum.atoms += found.atoms;
+                sum.worst += found.worst;
+                sum.mean += found.mean;
+                sum.energy += found.energy;
+                sum.seconds += seconds;
+            }
+            let over = RUNS as f64;
+            println!(
+                "| {seeding} | {how} | {:.0} | {:.3} | {:.3} | {:.0} | {:.1} |",
+                sum.atoms / over,
+                sum.worst / over,
+                sum.mean / over,
+                1e3 * sum.seconds / over,
+                sum.energy / over
+            );
+        }
+    }
+
+    println!(
+        "\n| evaluations | genetic: worst Q | mean Q | energy | lbfgs: worst Q | mean Q | energy |"
+    );
+    println!("|---|---|---|---|---|---|---|");
+    // Two evaluations of what is given, then those of the children of each generation.
+    let children = optimize::genetic::POPULATION - 1;
+    for generations in [0, 1, 2, 4, 8, 16, 32, 64, 128] {
+        let evaluations = 2 + generations * children;
+        print!("| {evaluations}");
+        for method in [Method::Genetic, Method::Lbfgs] {
+            let mut atoms = case.seed("guide", 1)?;
+            if generations > 0 {
+                let options = Options {
+                    method,
+                    tolerance: 1e-9,
+                    max_evaluations: evaluations,
+                    ..options_of(1)
+                };
+                case.move_atoms(&mut atoms, &options, 1.0)?;
+            }
+            let found = case.measure(atoms)?;
+            print!(
+                " | {:.3} | {:.3} | {:.1}",
+                found.worst, found.mean, found.energy
+            );
+        }
+        println!(" |");
+    }
+    Ok(())
+}
+
+fn options_of(seed: u64) -> Options {
+    Options {
+        seed,
+        tolerance: 1e-4,
+        max_rounds: 1,
+        max_evaluations: 60,
+        ..Options::default()
+    }
+}
+
+impl<const D: usize> Case<'_, D>
+where
+    Space<D>: Meshing<D>,
+{
+    fn seed(&self, how: &str, seed: u64) -> anyhow::Result<Atoms<D>> {
+        let how = match how {
+            "refine" => Seeding::Refine { seed },
+            "guide" => Seeding::Guide {
+                seed,
+                most: usize::MAX,
+            },
+            "projection" => Seeding::Projection,
+            _ => Seeding::Regular,
+        };
+        let potential = Some(&self.features.potential);
+        let (extent, distance) = (self.extent, &self.distance);
+        Ok(seeding::seed(
+            how,
+            extent,
+            distance,
+            &[],
+            Alignment::On,
+            potential,
+        )?)
+    }
+
+    /// The energy as published.
+    fn pairs(&self) -> anyhow::Result<Pairwise<'_, D>> {
+        let potential = Some(&self.features.potential);
+        let beta = Beta::Constant(BETA);
+        Ok(Pairwise::new(self.extent, &self.distance, potential, beta)?)
+    }
+
+    fn move_atoms(
+        &self,
+        atoms: &mut Atoms<D>,
+        options: &Options,
+        kappa: f64,
+    ) -> anyhow::Result<()> {
+        let pairs = self.pairs()?.uncrowded();
+        let mut energy: Box<dyn Energy<D>> = if kappa < 1.0 {
+            let mobility = atoms.mobility(self.extent);
+            let beta = Beta::Constant(BETA);
+            let energy = Regularised::new(pairs, &self.distance, beta, kappa, mobility)?;
+            Box::new(energy)
+        } else {
+            Box::new(pairs)
+        };
+        let (distance, extent) = (&self.distance, self.extent);
+        optimize::optimize(
+            atoms,
+            &mut *energy,
+            distance,
+            extent,
+            options,
+            &mut Unobserved,
+        )?;
+        Ok(())
+    }
+
+    fn measure(&self, atoms: Atoms<D>) -> anyhow::Result<Figures> {
+        let mut gradient = vec![[0.0; D]; atoms.len()];
+        let energy = self.pairs()?.evaluate(&atoms.positions, &mut gradient);
+        let scene = Scene {
+            extent: self.extent,
+            features: self.features,
+            distance: &self.distance,
+        };
+        let count = atoms.len() as f64;
+        let mesh = Space::<D>::join(atoms, &scene, None, &mut |_| {})?.mesh;
+        let shapes = shapes(&mesh);
+        Ok(Figures {
+            atoms: count,
+            worst: shapes[0],
+            mean: shapes[1],
+            seconds: 0.0,
+            energy,
+        })
+    }
+}
+
+/// Worst and mean Q = 4 sqrt(3) A / (l1^2 + l2^2 + l3^2); in 3-D the mean ratio, which it is in the
+/// plane.
+fn shapes<const D: usize>(mesh: &impl Measured<D>) -> [f64; 2] {
+    let found = quality(mesh);
+    [found.mean_ratio.worst, found.mean_ratio_mean]
+}

@@ -1,0 +1,214 @@
+//! Other ways to place atoms and to move them, as a user would ask for them.
+#![cfg(feature = "tetgen")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "a test that cannot go on has failed"
+)]
+
+mod common;
+
+use std::path::Path;
+
+use common::{npy_2d, refused, succeed};
+use serde_json::Value;
+
+fn json(folder: &Path, arguments: &[&str]) -> Value {
+    let said = succeed(folder, &[arguments, &["--json", "--quiet"]].concat());
+    serde_json::from_str(&said).unwrap()
+}
+
+/// A folder with a time slice and a volume of faults, `plane.npy` and `space.npy`.
+fn folder() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, dims) in [("plane.npy", "128,112"), ("space.npy", "48,44,40")] {
+        let synth = [
+            "synth",
+            "faults",
+            "-o",
+            name,
+            "--dims",
+            dims,
+            "--signal-to-noise",
+            "10",
+        ];
+        succeed(folder.path(), &synth);
+    }
+    folder
+}
+
+/// Meshes and has the mesh checked; gives the report.
+fn valid(at: &Path, image: &str, more: &[&str]) -> Value {
+    let mesh = ["mesh", image, "-o", "mesh.vtu", "--distance", "6"];
+    let report = json(at, &[&mesh[..], more].concat());
+    assert_eq!(
+        json(at, &["validate", "mesh.vtu"])["valid"],
+        true,
+        "{more:?}"
+    );
+    report
+}
+
+fn number(value: &Value) -> f64 {
+    value
+        .as_f64()
+        .unwrap_or_else(|| panic!("{value} is no number"))
+}
+
+#[test]
+fn every_seeding_makes_a_valid_mesh_that_follows_the_faults() {
+    let folder = folder();
+    let at = folder.path();
+    for image in ["plane.npy", "space.npy"] {
+        let coverage = |report: &Value| number(&report["fidelity"]["claimed"]["coverage_one"]);
+        let regular = valid(at, image, &[]);
+        let atoms = number(&regular["lattice"]["atoms"]);
+        for seeding in ["guide", "projection"] {
+            let report = valid(at, image, &["--seeding", seeding]);
+            assert!(report["box"]["problems"].as_array().unwrap().is_empty());
+            let share = number(&report["lattice"]["atoms"]) / atoms;
+            println!(
+                "{image}, {seeding}: {share:.2} times as many atoms, coverage {:.3} for {:.3}",
+                coverage(&report),
+                coverage(&regular)
+            );
+            assert!((0.75..1.25).contains(&share), "{share}");
+            assert!(coverage(&report) > coverage(&regular) - 0.05);
+        }
+    }
+}
+
+#[test]
+fn every_optimizer_makes_a_valid_mesh_of_lower_energy() {
+    let folder = folder();
+    let at = folder.path();
+    for image in ["plane.npy", "space.npy"] {
+        let energy = |more: &[&str]| {
+            let guide = ["--seeding", "guide", "--slivers", "none"];
+            let report = valid(at, image, &[&guide[..], more].concat());
+            number(&report["lattice"]["optimisation"]["energy"])
+        };
+        let lbfgs = energy(&[]);
+        let [descent, genetic] = ["descent", "genetic"].map(|o| energy(&["--optimizer", o]));
+        println!("{image}: lbfgs {lbfgs:.4}, descent {descent:.4}, genetic {genetic:.4}");
+        assert!(lbfgs < genetic && descent < genetic && genetic < -0.01);
+        valid(at, image, &["--kappa", "0.7"]);
+        valid(at, image, &["--kappa", "0.7", "--optimizer", "genetic"]);
+    }
+}
+
+#[test]
+fn variable_distance_wells_and_few_atoms() {
+    let folder = folder();
+    let at = folder.path();
+    std::fs::write(at.join("wells.csv"), "40.5,31\n90,70.25\n").unwrap();
+    for seeding in ["guide", "projection"] {
+        let mesh = ["mesh", "plane.npy", "-o", "mesh.vtu", "--distance", "4:9"];
+        let more = [
+            "--distance-from",
+            "features",
+            "--atoms-from",
+            "wells.csv",
+            "--kappa",
+            "0.7",
+        ];
+        let report = json(at, &[&mesh[..], &more, &["--seeding", seeding]].concat());
+        assert!(report["box"]["problems"].as_array().unwrap().is_empty());
+        assert_eq!(json(at, &["validate", "mesh.vtu"])["valid"], true);
+    }
+    let few = [
+        "--seeding",
+        "guide",
+        "--max-atoms",
+        "150",
+        "--slivers",
+        "none",
+    ];
+    assert_eq!(
+        number(&valid(at, "plane.npy", &few)["lattice"]["atoms"]),
+        150.0
+    );
+}
+
+#[test]
+fn voronoi_cells_of_drawn_atoms() {
+    let folder = folder();
+    let at = folder.path();
+    for image in ["plane.npy", "space.npy"] {
+        for optimizer in ["lbfgs", "genetic"] {
+            let more = [
+                "--cells",
+                "voronoi",
+                "--seeding",
+                "guide",
+                "--optimizer",
+                optimizer,
+            ];
+            let report = valid(at, image, &more);
+            assert!(number(&report["voronoi"]["check"]["volume_error"]) < 1e-12);
+        }
+    }
+}
+
+#[test]
+fn the_same_bytes_for_any_number_of_threads_and_from_a_configuration() {
+    let folder = folder();
+    let at = folder.path();
+    let options =
+        "--distance 6 --seeding guide --optimizer genetic --kappa 0.7 --rng-seed 3 --max-atoms 400";
+    let options: Vec<&str> = options.split(' ').collect();
+    let mesh = |more: &[&str]| {
+        let arguments = ["mesh", "plane.npy", "-o", "mesh.vtu", "--quiet"];
+        succeed(at, &[&arguments[..], more].concat());
+        std::fs::read(at.join("mesh.vtu")).unwrap()
+    };
+    let one = mesh(&[&options[..], &["--threads", "1"]].concat());
+    assert!(one == mesh(&[&options[..], &["--threads", "3"]].concat()));
+    let print = [&["mesh", "plane.npy", "--print-config"], &options[..]].concat();
+    let config = succeed(at, &print);
+    for line in [
+        "seeding = \"guide\"",
+        "optimizer = \"genetic\"",
+        "kappa = 0.7",
+        "max-atoms = 400",
+    ] {
+        assert!(config.contains(line), "no {line} in\n{config}");
+    }
+    std::fs::write(at.join("job.toml"), config).unwrap();
+    assert!(one == mesh(&["--config", "job.toml"]));
+    assert!(one != mesh(&["--config", "job.toml", "--rng-seed", "4"]));
+}
+
+#[test]
+fn what_does_not_go_is_refused_in_one_line() {
+    let folder = folder();
+    let at = folder.path();
+    npy_2d(&at.join("constant.npy"), [64, 60], |_| 0.0);
+    let says = |arguments: &[&str], words: &[&str]| {
+        let line = refused(at, &[&["mesh"], arguments].concat());
+        for word in words {
+            assert!(line.contains(word), "no '{word}' in: {line}");
+        }
+    };
+    for kappa in ["1.5", "-0.1", "NaN"] {
+        let option = format!("--kappa={kappa}");
+        says(&["plane.npy", &option], &["--kappa", kappa]);
+    }
+    says(
+        &["plane.npy", "--kappa", "0.7", "--cells", "voronoi"],
+        &["--kappa", "Voronoi"],
+    );
+    says(
+        &["plane.npy", "--kappa", "0.7", "--potential", "sampled"],
+        &["--kappa", "sampled"],
+    );
+    says(
+        &["plane.npy", "--max-atoms", "100"],
+        &["--max-atoms", "guide"],
+    );
+    says(
+        &["plane.npy", "--seeding", "projection", "--cells", "voronoi"],
+        &["projection", "Voronoi"],
+    );
+    says(&["constant.npy", "--seeding", "guide"], &["constant.npy"]);
+}

@@ -553,7 +553,7 @@ fn optimise<const D: usize>(
     observer: &mut dyn Observer,
 ) -> Result<optimize::Outcome> {
     let regular = params.kappa != 1.0;
-    let options = optimiser(params.seed).with(params.optimizer, regular);
+    let options = moving(params);
     let mut pass = |potential: &Field<D>| {
         let pairs = || -> Result<Pairwise<D>> {
             let pairs = Pairwise::new(extent, distance, Some(potential), beta.clone())?;
@@ -581,7 +581,12 @@ fn optimise<const D: usize>(
     pass(&features.potential)
 }
 
-/// How atoms are moved.
+/// How the atoms of a job are moved.
+pub(crate) fn moving<const D: usize>(params: &Params<D>) -> optimize::Options {
+    optimiser(params.seed).with(params.optimizer, params.kappa != 1.0)
+}
+
+/// How atoms are moved by default.
 pub(crate) fn optimiser(seed: u64) -> optimize::Options {
     optimize::Options {
         seed,

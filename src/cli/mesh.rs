@@ -22,7 +22,7 @@ use crate::pipeline::cells::cells_to_file;
 use crate::pipeline::file::{Provenance, to_file};
 use crate::pipeline::{CellsOutcome, FixedAtom, Meshing, Outcome, Params, Space, Weight};
 use crate::report::{Clock, Input, Measured, quality};
-use crate::{Error, Result, io, optimize, pipeline};
+use crate::{Error, Result, io, pipeline};
 
 /// Runs the verb.
 pub fn mesh(args: &MeshArgs, console: &mut Console) -> Result<Ending> {
@@ -88,6 +88,7 @@ impl Run<'_> {
         let step = params.metric.step(&image.geometry);
         let mut watcher = Watcher {
             console,
+            most: pipeline::moving(&params).max_evaluations,
             interrupts,
             trace_path: job.trace.as_deref(),
             trace: None,
@@ -298,6 +299,8 @@ impl Interrupts {
 /// Shows the pipeline's progress, keeps its lattices, and passes on the wish to stop.
 struct Watcher<'a> {
     console: &'a mut Console,
+    /// Most evaluations of the energy.
+    most: usize,
     interrupts: &'a Interrupts,
     trace_path: Option<&'a Path>,
     /// Begun with the first lattice.
@@ -333,9 +336,8 @@ impl Observer for Watcher<'_> {
     }
 
     fn progress(&mut self, progress: &Progress) {
-        let most = optimize::Options::default().max_evaluations;
         self.console.progress(
-            progress.evaluations as f64 / most as f64,
+            progress.evaluations as f64 / self.most as f64,
             format_args!("round {}, energy {:.4e}", progress.round, progress.energy),
         );
     }

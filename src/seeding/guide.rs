@@ -463,11 +463,12 @@ pub(super) mod tests {
         let place =
             |how, alignment| seed(how, extent, distance, &[], alignment, Some(&potential)).unwrap();
         let atoms = place(how(1, usize::MAX), Alignment::On);
-        let [least, _, median, _, widest] = spacing(&atoms, distance);
+        let spacing = spacing(&atoms, distance);
+        let [least, _, median, _, widest] = spacing;
         let on = |x: &[f64; D]| (x[0] + 0.25 * x[1] - 0.6 * extent[0]).abs() < 1.0;
         let on = atoms.positions.iter().filter(|x| on(x)).count();
         println!(
-            "{D}-D: {} atoms, {on} on the feature; nearest / d {least:.3} {median:.3} {widest:.3}",
+            "{D}-D: {} atoms, {on} on the feature; nearest / d {spacing:.3?}",
             atoms.len()
         );
         // d may be less at the other end.

@@ -195,11 +195,12 @@ mod tests {
             seed(how, extent, distance, &[], Alignment::On, Some(&potential)).unwrap()
         };
         let atoms = place();
-        let [least, _, median, _, widest] = spacing(&atoms, distance);
+        let spacing = spacing(&atoms, distance);
+        let [least, _, median, _, widest] = spacing;
         let off = |x: &[f64; D]| (x[0] + 0.25 * x[1] - 0.6 * extent[0]).abs();
         let on = atoms.positions.iter().filter(|x| off(x) < 1.0).count();
         println!(
-            "{D}-D: {} atoms, {on} on the feature; nearest / d {least:.3} {median:.3} {widest:.3}",
+            "{D}-D: {} atoms, {on} on the feature; nearest / d {spacing:.3?}",
             atoms.len()
         );
         assert!(least > 0.72 && widest < 1.5 && median < 1.05);

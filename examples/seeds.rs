@@ -4,10 +4,12 @@
 //! ```text
 //! cargo run --release --example seeds -- 14                  # two synthetic images
 //! cargo run --release --example seeds -- 8 slice.png ...     # images of one's own, 2-D or 3-D
+//! cargo run --release --example seeds -- 8 draw slice.png    # pictures: guide.png, projection.png
 //! ```
 
 use std::path::Path;
 
+use atomesh::delaunay;
 use atomesh::distance::Distance;
 use atomesh::energy::laplacian::KAPPA;
 use atomesh::energy::{Beta, Energy, Pairwise, Regularised};
@@ -17,6 +19,7 @@ use atomesh::io::{self, AnyLoaded, ReadOptions};
 use atomesh::optimize::{self, Method, Options, Unobserved};
 use atomesh::pipeline::{Meshing, Scene, Space};
 use atomesh::report::cost::cpu_seconds;
+use atomesh::report::slice::{self, Skeleton};
 use atomesh::report::{Measured, quality};
 use atomesh::seeding::{self, Alignment, Atoms, Seeding};
 use atomesh::synth::{self, Kind};
@@ -32,6 +35,15 @@ fn main() -> anyhow::Result<()> {
         anyhow::bail!("give the distance between atoms, and images");
     };
     let d: f64 = d.parse()?;
+    if let [draw, image] = images
+        && draw == "draw"
+    {
+        let AnyLoaded::Plane(loaded) = io::read_any(Path::new(image), &ReadOptions::default())?
+        else {
+            anyhow::bail!("{image} is not a 2-D image");
+        };
+        return pictures(&loaded.image, d);
+    }
     for name in images {
         match io::read_any(Path::new(name), &ReadOptions::default())? {
             AnyLoaded::Plane(loaded) => compare(name, &loaded.image, d)?,
@@ -78,16 +90,8 @@ fn compare<const D: usize>(name: &str, image: &Image<D>, d: f64) -> anyhow::Resu
 where
     Space<D>: Meshing<D>,
 {
-    let options = feature::Options {
-        d_min: d,
-        ..feature::Options::default()
-    };
-    let features = feature::detect(image, &options)?;
-    let case = Case {
-        extent: features.potential.extent(),
-        features: &features,
-        distance: Distance::Constant(d),
-    };
+    let features = features(image, d)?;
+    let case = Case::new(&features, d);
     println!("\n{name}, {:?}, d = {d}\n", image.dims());
     println!("| seeding | moved by | atoms | worst Q | mean Q | CPU ms | energy |");
     println!("|---|---|---|---|---|---|---|");
@@ -102,8 +106,7 @@ where
             let mut sum = Figures::default();
             for seed in 1..=RUNS {
                 let before = cpu_seconds();
-                let atoms = case.seed(seeding, seed)?;
-                let mut atoms = atoms;
+                let mut atoms = case.seed(seeding, seed)?;
                 let seeded = cpu_seconds();
                 if let Some(method) = method {
                     let options = options_of(seed).with(method, kappa < 1.0);
@@ -163,6 +166,36 @@ where
     Ok(())
 }
 
+fn features<const D: usize>(image: &Image<D>, d: f64) -> anyhow::Result<Features<D>> {
+    let options = feature::Options {
+        d_min: d,
+        ..feature::Options::default()
+    };
+    Ok(feature::detect(image, &options)?)
+}
+
+/// Atoms as they are placed, joined to triangles, over the image.
+fn pictures(image: &Image<2>, d: f64) -> anyhow::Result<()> {
+    let features = features(image, d)?;
+    for how in ["guide", "projection"] {
+        let nodes = Case::new(&features, d).seed(how, 1)?.positions;
+        let triangles = delaunay::delaunay_plane(&nodes)?.triangles;
+        let sides = triangles
+            .iter()
+            .flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]);
+        let corners: Vec<u32> = sides.flatten().collect();
+        let count = corners.len() / 2;
+        let skeleton = Skeleton {
+            nodes,
+            ends: (1..=count as u32).map(|side| 2 * side).collect(),
+            corners,
+            marked: vec![false; count],
+        };
+        slice::plane(image, &skeleton)?.write(Path::new(&format!("{how}.png")))?;
+    }
+    Ok(())
+}
+
 fn options_of(seed: u64) -> Options {
     Options {
         seed,
@@ -177,6 +210,14 @@ impl<const D: usize> Case<'_, D>
 where
     Space<D>: Meshing<D>,
 {
+    fn new(features: &Features<D>, d: f64) -> Case<'_, D> {
+        Case {
+            extent: features.potential.extent(),
+            features,
+            distance: Distance::Constant(d),
+        }
+    }
+
     fn seed(&self, how: &str, seed: u64) -> anyhow::Result<Atoms<D>> {
         let how = match how {
             "refine" => Seeding::Refine { seed },

@@ -396,7 +396,7 @@ pub(super) mod tests {
     fn a_draw_costs_the_same_however_many_numbers_there_are() {
         for count in [10, 1_000, 100_000, 3_000_000] {
             // Most of the weight in few numbers, as in an image of features.
-            let weight = |n: usize| if n % 50 == 0 { 1.0 } else { 1e-4 };
+            let weight = |n: usize| if n.is_multiple_of(50) { 1.0 } else { 1e-4 };
             let weights: Vec<f64> = (0..count).map(weight).collect();
             let table = GuideTable::new(&weights).unwrap();
             let looked: usize = chances(3, 100_000).map(|c| table.search(c).1).sum();

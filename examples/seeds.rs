@@ -174,7 +174,8 @@ fn features<const D: usize>(image: &Image<D>, d: f64) -> anyhow::Result<Features
     Ok(feature::detect(image, &options)?)
 }
 
-/// Atoms as they are placed, joined to triangles, over the image.
+/// Atoms as they are placed, joined to triangles, over the image; sides between atoms on features are
+/// marked.
 fn pictures(image: &Image<2>, d: f64) -> anyhow::Result<()> {
     let features = features(image, d)?;
     for how in ["guide", "projection"] {
@@ -186,10 +187,13 @@ fn pictures(image: &Image<2>, d: f64) -> anyhow::Result<()> {
         let corners: Vec<u32> = sides.flatten().collect();
         let count = corners.len() / 2;
         let skeleton = Skeleton {
+            ends: (1..=sides.len() as u32).map(|side| 2 * side).collect(),
+            marked: sides
+                .iter()
+                .map(|side| side.iter().all(on_feature))
+                .collect(),
+            corners: sides.concat(),
             nodes,
-            ends: (1..=count as u32).map(|side| 2 * side).collect(),
-            corners,
-            marked: vec![false; count],
         };
         slice::plane(image, &skeleton)?.write(Path::new(&format!("{how}.png")))?;
     }

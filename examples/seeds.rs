@@ -184,8 +184,8 @@ fn pictures(image: &Image<2>, d: f64) -> anyhow::Result<()> {
         let sides = triangles
             .iter()
             .flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]);
-        let corners: Vec<u32> = sides.flatten().collect();
-        let count = corners.len() / 2;
+        let sides: Vec<[u32; 2]> = sides.collect();
+        let on_feature = |&n: &u32| features.potential.value(nodes[n as usize]) < -0.5;
         let skeleton = Skeleton {
             ends: (1..=sides.len() as u32).map(|side| 2 * side).collect(),
             marked: sides

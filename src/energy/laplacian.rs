@@ -327,7 +327,7 @@ mod tests {
             for distance in [Distance::Constant(4.0), field] {
                 for beta in [Beta::Constant(0.4), Beta::Field(smooth(extent, 0.2, 0.8))] {
                     // Without pairs, whose energies are of single precision, to many more digits.
-                    for (kappa, bound) in [(0.0, 2e-3), (KAPPA, 1e-2)] {
+                    for (kappa, bound) in [(0.0, 5e-4), (KAPPA, 2e-3)] {
                         let error = error(extent, &distance, &beta, kappa);
                         println!("{D}-D, kappa {kappa}: {error:.1e}");
                         assert!(error < bound, "{error:e}");
@@ -336,6 +336,7 @@ mod tests {
             }
         }
         check([40.0, 36.0]);
+        #[cfg(feature = "tetgen")]
         check([22.0, 20.0, 18.0]);
     }
 

@@ -4,6 +4,7 @@
 //! - [`centre`]: centres of circumscribed spheres, also of flat simplices
 //! - [`rings`](mod@rings): the Delaunay simplices round every edge
 //! - [`nodes`]: the nodes of cells
+//! - [`needles`]: faces narrower than rounding, which are none
 //! - [`assemble`]: faces with nodes, in order
 //!
 //! The cells are the dual of the Delaunay triangulation of atoms and images: a node for every
@@ -12,6 +13,7 @@
 mod assemble;
 mod centre;
 mod mirror;
+mod needles;
 mod nodes;
 mod rings;
 
@@ -91,7 +93,10 @@ fn cells<const D: usize, const N: usize>(
         let one = |s: u32, t: u32| {
             nodes::square(&nodes[s as usize], &nodes[t as usize]) <= tolerance * tolerance
         };
-        let rings = rings::rings(mirrored.atoms, &simplices, one);
+        let narrow = |ring: &[u32]| {
+            N > 3 && needles::narrow(ring.iter().map(|&s| nodes[s as usize]), tolerance)
+        };
+        let rings = rings::rings(mirrored.atoms, &simplices, one, narrow);
         let mut complete = true;
         // A cell that reaches beyond a side lacks its image in that side.
         for (simplex, node) in simplices.iter().zip(&nodes) {
@@ -110,7 +115,7 @@ fn cells<const D: usize, const N: usize>(
             }
         }
         if complete {
-            return assemble::assemble(&mirrored, rings, &nodes);
+            return assemble::assemble(&mirrored, rings, nodes, extent, tolerance);
         }
     }
 }

@@ -248,7 +248,7 @@ proptest! {
     #[test]
     fn any_atoms_fill_their_box(
         cells in prop::collection::hash_set((0u8..6, 0u8..5, 0u8..4), 1..60),
-        shift in prop_oneof![Just(0.0), Just(1e-5), 0.0..0.4],
+        shift in prop_oneof![Just(0.0), Just(1e-5), Just(1e-8), Just(1e-10), Just(1e-12), Just(1e-14), 0.0..0.4],
         seed in 0u64..1000,
     ) {
         let mut cells: Vec<_> = cells.into_iter().collect();

@@ -171,6 +171,8 @@ pub struct Params<const D: usize = 3> {
     pub min_dihedral: Option<f64>,
     /// How they are removed.
     pub slivers: improve::Method,
+    /// Nodes of Voronoi cells nearer to one another than this share of the cells' size are one.
+    pub weld: f64,
     /// Lattice space.
     pub metric: Metric<D>,
     /// Seed of the perturbations.
@@ -193,6 +195,7 @@ impl<const D: usize> Default for Params<D> {
             coarse_passes: 0,
             min_dihedral: Some(30.0),
             slivers: improve::Method::Joe,
+            weld: 0.0,
             metric: Metric::Samples,
             seed: 1,
         }

@@ -363,6 +363,10 @@ pub struct MeshOptions {
     /// How slivers are removed [default: joe]
     #[arg(long, value_name = "HOW")]
     pub slivers: Option<SliverChoice>,
+    /// Voronoi cells without their smallest faces: nodes nearer to one another than this share of the
+    /// cells' radius are welded [default: 0]
+    #[arg(long, value_name = "SHARE")]
+    pub weld: Option<f64>,
     /// Lattice space: samples, physical, or a scale per axis SX,SY,SZ (SX,SY in 2-D) [default: samples]
     #[arg(long, value_name = "SPACE")]
     pub metric: Option<String>,
@@ -393,6 +397,7 @@ impl MeshOptions {
             coarse_to_fine: Some(0),
             min_dihedral: Some(30.0),
             slivers: Some(SliverChoice::Joe),
+            weld: Some(0.0),
             metric: Some("samples".into()),
             rng_seed: Some(1),
             ..Self::default()

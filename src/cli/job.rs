@@ -58,6 +58,8 @@ pub struct MeshJob {
     pub min_dihedral: Option<f64>,
     /// How they are removed.
     pub slivers: Method,
+    /// Share of the cells' size within which nodes of Voronoi cells are welded.
+    pub weld: f64,
     /// Lattice space.
     pub metric: LatticeSpace,
     /// Seed.
@@ -187,6 +189,7 @@ impl MeshJob {
                 Some(SliverChoice::Exude) => Method::Exude,
                 _ => Method::Joe,
             },
+            weld: weld(options)?,
             metric: lattice_space(options.metric.as_deref().unwrap_or("samples"))?,
             seed: options.rng_seed.unwrap_or(1),
         };
@@ -224,6 +227,26 @@ impl MeshJob {
         }
         Ok(())
     }
+}
+
+/// Largest share of the cells' size within which nodes may be welded: beyond it, cells lose faces that
+/// matter.
+const MOST_WELDED: f64 = 0.2;
+
+fn weld(options: &MeshOptions) -> Result<f64> {
+    let weld = options.weld.unwrap_or(0.0);
+    let refuse = |problem: String, remedy: &str| Err(Error::Job(cause("--weld", problem, remedy)));
+    if !(0.0..=MOST_WELDED).contains(&weld) {
+        let problem = format!("{weld} is not a share between 0 and {MOST_WELDED}");
+        return refuse(problem, "give 0.01, say");
+    }
+    if weld > 0.0 && !voronoi(options)? {
+        return refuse(
+            "is about Voronoi cells, but tetrahedra or triangles are asked for".into(),
+            "give --cells voronoi, or leave it away",
+        );
+    }
+    Ok(weld)
 }
 
 /// Whether Voronoi cells are wanted: they need atoms alongside features, and strictly inside the box;

@@ -224,6 +224,7 @@ impl MeshJob {
             coarse_passes: self.coarse_passes,
             min_dihedral: self.min_dihedral,
             slivers: self.slivers,
+            weld: self.weld,
             metric: self.metric.metric()?,
             seed: self.seed,
         })

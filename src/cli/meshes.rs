@@ -13,7 +13,7 @@ use crate::io::vtk::DataArray;
 use crate::mesh::check::check;
 use crate::mesh::graph::Graph;
 use crate::mesh::poly::PolyMesh;
-use crate::mesh::poly_check::check_poly;
+use crate::mesh::poly_check::check_welded;
 use crate::mesh::{Simplices, TetMesh, TriMesh};
 use crate::pipeline::file::{Placed, bounds};
 use crate::pipeline::{BOX_TOLERANCE, cells, scaled};
@@ -185,6 +185,7 @@ fn measure_cells<const D: usize>(
         &physical,
         placed.extent,
         BOX_TOLERANCE,
+        placed.weld,
     );
     let mut report = Report {
         voronoi: Some(voronoi),
@@ -276,7 +277,13 @@ fn by_atomesh<const D: usize, M: Measured<D>>(placed: &Placed<D, M>) -> Verdict 
 
 /// The same for polyhedra and polygons, of which TetGen and CGAL have no notion.
 fn cells_by_atomesh<const D: usize>(placed: &Placed<D, PolyMesh<D>>) -> Verdict {
-    let found = check_poly(&placed.lattice, [0.0; D], placed.extent, BOX_TOLERANCE);
+    let found = check_welded(
+        &placed.lattice,
+        [0.0; D],
+        placed.extent,
+        BOX_TOLERANCE,
+        placed.weld,
+    );
     Verdict {
         by: "atomesh",
         what: format!(

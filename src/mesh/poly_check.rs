@@ -48,6 +48,18 @@ pub fn check_poly<const D: usize>(
     high: [f64; D],
     tolerance: f64,
 ) -> PolyCheck {
+    check_welded(mesh, low, high, tolerance, 0.0)
+}
+
+/// [`check_poly`] of cells whose nodes are welded within the share `weld` of their distance to their
+/// sites: faces need be flat to that only.
+pub fn check_welded<const D: usize>(
+    mesh: &PolyMesh<D>,
+    low: [f64; D],
+    high: [f64; D],
+    tolerance: f64,
+    weld: f64,
+) -> PolyCheck {
     let mut found = PolyCheck {
         cells: mesh.sites.len(),
         faces: mesh.face_cells.len(),
@@ -98,7 +110,7 @@ pub fn check_poly<const D: usize>(
     }
     found.warp = (0..mesh.face_cells.len())
         .into_par_iter()
-        .map(|f| warp(mesh, f) / longest)
+        .map(|f| (warp(mesh, f) - welded(mesh, f, weld)).max(0.0) / longest)
         .reduce(|| 0.0, f64::max);
     if found.warp > tolerance {
         found.problems.push(format!(
@@ -177,6 +189,24 @@ fn holds_site<const D: usize>(mesh: &PolyMesh<D>, cell: usize, faces: &[u32]) ->
         shape.area() < (1e-4 * distance).powi(D as i32 - 1)
             || height >= -1e-12 * distance * shape.area()
     })
+}
+
+/// How far off a face's plane welding may have put its nodes: each of two by the share of its distance
+/// to the site.
+fn welded<const D: usize>(mesh: &PolyMesh<D>, f: usize, weld: f64) -> f64 {
+    let site = mesh.sites[mesh.face_cells[f][0] as usize];
+    let square = |&n: &u32| -> f64 {
+        let node = mesh.nodes[n as usize];
+        (0..D).map(|k| (node[k] - site[k]).powi(2)).sum()
+    };
+    2.0 * weld
+        * mesh
+            .faces
+            .get(f)
+            .iter()
+            .map(square)
+            .fold(0.0, f64::max)
+            .sqrt()
 }
 
 /// The largest distance of a face's nodes from a plane: that of its area, or, as the normal of a face

@@ -18,13 +18,13 @@ pub fn assemble<const D: usize>(
     rings: Vec<Rings>,
     mut centres: Vec<[f64; D]>,
     extent: [f64; D],
-    tolerance: f64,
+    reach: impl Fn(u32) -> f64,
 ) -> Result<PolyMesh<D>> {
     let mut groups = Groups::new(centres.len());
     for &[s, t] in rings.iter().flat_map(|part| &part.joined) {
         groups.join(s, t);
     }
-    let (paths, joined) = Paths::new(&rings, &mut groups, &centres, tolerance);
+    let (paths, joined) = Paths::new(&rings, &mut groups, &centres, reach);
     // A node is on the sides of the box that any of its centres is on.
     for &[s, t] in rings.iter().flat_map(|part| &part.joined).chain(&joined) {
         let first = groups.first(s) as usize;

@@ -50,13 +50,13 @@ pub struct Paths {
 }
 
 impl Paths {
-    /// The paths that make the narrow faces of `rings` vanish. Of nodes that turn out to be one, groups
-    /// are joined; what was joined is returned.
+    /// The paths that make the narrow faces of `rings` vanish: narrower than the `reach` of their nodes.
+    /// Of nodes that turn out to be one, groups are joined; what was joined is returned.
     pub fn new<'a, const D: usize>(
         rings: &'a [Rings],
         groups: &mut Groups,
         centres: &[[f64; D]],
-        width: f64,
+        reach: impl Fn(u32) -> f64,
     ) -> (Self, Vec<[u32; 2]>) {
         let mut paths = Self::default();
         let mut joined = Vec::new();
@@ -76,6 +76,7 @@ impl Paths {
                 if way.len() < 3 {
                     continue;
                 }
+                let width = way.iter().map(|&s| reach(s)).fold(f64::INFINITY, f64::min);
                 let place = |s: u32| &centres[s as usize];
                 let first = place(way[0]);
                 let far = way

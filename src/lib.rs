@@ -31,6 +31,7 @@
 //! # Ok::<(), atomesh::Error>(())
 //! ```
 
+pub mod columns;
 pub mod delaunay;
 pub mod distance;
 pub mod edit;

@@ -42,6 +42,9 @@ impl PolyCheck {
 /// Checks a mesh against the box `[low, high]`: faces between two cells or on a side of the box,
 /// cells closed, of positive volume and with their sites inside, faces and sides flat, areas of
 /// sides and the volume filled, all to `tolerance`.
+///
+/// Columns fill the box as seen from above: their layers, their top and their base may be bent, and
+/// their volume is what lies between top and base.
 pub fn check_poly<const D: usize>(
     mesh: &PolyMesh<D>,
     low: [f64; D],
@@ -59,6 +62,7 @@ pub fn check_poly<const D: usize>(
         return found;
     }
     let longest = (0..D).map(|k| high[k] - low[k]).fold(0.0, f64::max);
+    let in_columns = mesh.stands_in_columns() && bent(mesh, low, high, tolerance * longest);
 
     let faces = mesh.faces_of_cells();
     let cells: Vec<(f64, bool, bool)> = (0..mesh.sites.len())
@@ -69,7 +73,7 @@ pub fn check_poly<const D: usize>(
             (
                 volume,
                 closed(mesh, cell, faces),
-                holds_site(mesh, cell, faces),
+                holds_site(mesh, cell, faces, in_columns),
             )
         })
         .collect();
@@ -89,15 +93,19 @@ pub fn check_poly<const D: usize>(
         (not_positive, not_closed, without_site);
 
     let volume: f64 = cells.iter().map(|c| c.0).sum();
-    let box_volume: f64 = (0..D).map(|k| high[k] - low[k]).product();
+    let box_volume: f64 = match in_columns {
+        true => mesh.enclosed_volume(),
+        false => (0..D).map(|k| high[k] - low[k]).product(),
+    };
     found.volume_error = ((volume - box_volume) / box_volume).abs();
     if found.volume_error > tolerance || found.volume_error.is_nan() {
         found.problems.push(format!(
-            "the cells fill {volume} instead of the box's {box_volume}"
+            "the cells fill {volume} instead of the {box_volume} between the sides"
         ));
     }
     found.warp = (0..mesh.face_cells.len())
         .into_par_iter()
+        .filter(|&f| !in_columns || mesh.is_upright(f))
         .map(|f| warp(mesh, f) / longest)
         .reduce(|| 0.0, f64::max);
     if found.warp > tolerance {
@@ -106,8 +114,28 @@ pub fn check_poly<const D: usize>(
             found.warp
         ));
     }
-    sides(mesh, low, high, longest, tolerance, &mut found);
+    sides(
+        mesh,
+        [low, high],
+        longest,
+        tolerance,
+        in_columns,
+        &mut found,
+    );
     found
+}
+
+/// Whether the top or the base is not a side of the box.
+fn bent<const D: usize>(mesh: &PolyMesh<D>, low: [f64; D], high: [f64; D], most: f64) -> bool {
+    (mesh.inner_faces()..mesh.face_cells.len()).any(|f| {
+        let plane = match mesh.beyond(f) {
+            Beyond::Side(4) => low[D - 1],
+            Beyond::Side(5) => high[D - 1],
+            _ => return false,
+        };
+        let mut nodes = mesh.faces.get(f).iter();
+        nodes.any(|&n| (mesh.nodes[n as usize][D - 1] - plane).abs() > most)
+    })
 }
 
 /// What makes a mesh unreadable.
@@ -166,10 +194,19 @@ fn closed<const D: usize>(mesh: &PolyMesh<D>, cell: usize, faces: &[u32]) -> boo
 }
 
 /// Whether a cell's site is on the inner side of all its faces that have an area.
-fn holds_site<const D: usize>(mesh: &PolyMesh<D>, cell: usize, faces: &[u32]) -> bool {
+fn holds_site<const D: usize>(
+    mesh: &PolyMesh<D>,
+    cell: usize,
+    faces: &[u32],
+    in_columns: bool,
+) -> bool {
     faces.iter().all(|&f| {
         let shape = mesh.face_shape(f as usize);
-        let out: [f64; D] = std::array::from_fn(|k| shape.apex[k] - mesh.sites[cell][k]);
+        let site = mesh.sites[cell];
+        // What is above or below the site in a column counts there, as the face is bent.
+        let on = (in_columns && !mesh.is_upright(f as usize)).then(|| mesh.under(f as usize, site));
+        let on = on.flatten().unwrap_or(shape.apex);
+        let out: [f64; D] = std::array::from_fn(|k| on[k] - site[k]);
         let own = mesh.face_cells[f as usize][0] as usize == cell;
         let height = dot(out, shape.area_vector) * if own { 1.0 } else { -1.0 };
         // Faces this small (and narrow ones among them) have a normal that is mere rounding.
@@ -209,10 +246,10 @@ fn warp<const D: usize>(mesh: &PolyMesh<D>, f: usize) -> f64 {
 /// The boundary: every outer face in its side of the box, every side covered once.
 fn sides<const D: usize>(
     mesh: &PolyMesh<D>,
-    low: [f64; D],
-    high: [f64; D],
+    [low, high]: [[f64; D]; 2],
     longest: f64,
     tolerance: f64,
+    in_columns: bool,
     found: &mut PolyCheck,
 ) {
     let mut areas = vec![0.0; 2 * D];
@@ -225,7 +262,8 @@ fn sides<const D: usize>(
         };
         let (axis, upper) = (side / 2, side % 2 == 1);
         let plane = if upper { high[axis] } else { low[axis] };
-        for &n in mesh.faces.get(f) {
+        let bent = in_columns && axis == 2;
+        for &n in mesh.faces.get(f).iter().filter(|_| !bent) {
             let off = (mesh.nodes[n as usize][axis] - plane).abs() / longest;
             found.flatness_error = found.flatness_error.max(off);
         }
@@ -238,7 +276,8 @@ fn sides<const D: usize>(
             found.flatness_error
         ));
     }
-    for (side, got) in areas.iter().enumerate() {
+    let whole = areas.iter().enumerate();
+    for (side, got) in whole.filter(|(side, _)| !in_columns || side / 2 == 2) {
         let others = (0..D).filter(|&k| k != side / 2);
         let want: f64 = others.map(|k| high[k] - low[k]).product();
         found.area_error = found.area_error.max((got - want).abs() / want);

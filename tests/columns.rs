@@ -217,9 +217,12 @@ fn modflow_has_our_conductances_and_heads() {
     for mesh in ["cells", "level"] {
         let export = format!("export {mesh}.vtu --down z --no-gravity --quiet {wells}");
         let rock = "--porosity 0.2 --permeability 100,100,10 --permeability-unit mD --json";
-        let said = run(folder, &format!("{export} --to disv -o {mesh} {rock}"));
+        let said = run(
+            folder,
+            &format!("{export} --to disv -o model-{mesh} {rock}"),
+        );
         let said: Value = serde_json::from_str(&said).unwrap();
-        let path = folder.join(mesh);
+        let path = folder.join(format!("model-{mesh}"));
         let Some(found) = judged("flopy", "disv.py", &[path.as_os_str()]) else {
             return;
         };

@@ -320,11 +320,12 @@ fn opm_flow_runs_wells_along_trajectories() {
     let out: f64 = (wells[1]["cells"].as_array().unwrap().iter())
         .map(|c| {
             let cell = c[0].as_u64().unwrap() as usize;
-            factor * c[1].as_f64().unwrap() * (pressure[cell] - 200.0) / 0.5
+            factor * c[1].as_f64().unwrap() * (pressure[cell] - 200.0)
         })
         .sum();
-    println!("{out} m^3 a day at 0.5 cP");
-    assert!(out > 0.0);
+    // Pressures are stored in single precision.
+    println!("{out} m^3 a day");
+    assert!((out / 5.0 - 1.0).abs() < 5e-3, "{out}");
 }
 
 #[test]
@@ -355,6 +356,110 @@ fn wells_that_make_no_sense_are_refused() {
             "export cells.vtu --to opm -o A.DATA --depth-at-top 100 {} --injector {well}",
             ROCK.replace(" --quiet", "")
         );
+        let said = refused(folder, &line.split_whitespace().collect::<Vec<_>>());
+        assert!(said.contains(want), "{line}\n{said}");
+    }
+}
+
+#[test]
+fn meshes_have_atoms_along_wells_and_smaller_cells_round_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    npy(&folder.join("sheet.npy"), [48, 44, 40], sheet([48, 44, 40]));
+    // From above the box to inside it, in the samples that are this image's coordinates.
+    std::fs::write(
+        folder.join("W.csv"),
+        "x,y,z,radius\n10,12,60,0.1\n10,12,20,0.1\n12,30,10,0.1\n",
+    )
+    .unwrap();
+    let on_way = |x: &[f64; 3]| {
+        let away = |a: [f64; 3], b: [f64; 3]| {
+            let d = [0, 1, 2].map(|k| b[k] - a[k]);
+            let off = [0, 1, 2].map(|k| x[k] - a[k]);
+            let dot = |u: [f64; 3], v: [f64; 3]| (0..3).map(|k| u[k] * v[k]).sum::<f64>();
+            let share = (dot(off, d) / dot(d, d)).clamp(0.0, 1.0);
+            (0..3)
+                .map(|k| (off[k] - share * d[k]).powi(2))
+                .sum::<f64>()
+                .sqrt()
+        };
+        away([10.0, 12.0, 39.0], [10.0, 12.0, 20.0])
+            .min(away([10.0, 12.0, 20.0], [12.0, 30.0, 10.0]))
+    };
+    let length = 19.0 + (4.0f64 + 324.0 + 100.0).sqrt();
+    for (cells, d) in [
+        ("tets", 7.0),
+        ("voronoi", 7.0),
+        ("tets", 3.0),
+        ("voronoi", 3.0),
+    ] {
+        let mesh =
+            format!("mesh sheet.npy --distance 7 --cells {cells} --well W.csv -o m.vtu --quiet");
+        let finer = if d < 7.0 { "--well-distance 3" } else { "" };
+        run(folder, &format!("{mesh} {finer}"));
+        run(folder, "validate m.vtu --quiet");
+        let atoms = match atomesh::export::read_any_vtu(&folder.join("m.vtu")).unwrap() {
+            atomesh::export::AnyMesh::Space(file) => file.mesh.nodes,
+            atomesh::export::AnyMesh::SpaceCells(file) => file.mesh.sites,
+            _ => panic!("not in space"),
+        };
+        let along = atoms.iter().filter(|x| on_way(x) < 1e-3).count() as f64;
+        assert!((along - length / d).abs() < 2.1, "{cells} {d}: {along}");
+        // Cells grow away from the well.
+        let near = atoms.iter().filter(|x| on_way(x) < 7.0).count();
+        let all = atoms.len();
+        println!("{cells} {d}: {along} along, {near} near, {all} in all");
+        if d < 7.0 {
+            assert!(near > 150, "{near}");
+        }
+    }
+    // The wells of the mesh are completed where its atoms are: the radius is that of cells 3 wide.
+    let wells = "--injector W.csv:5 --depth-at-top 100 --json";
+    let said = run(
+        folder,
+        &format!("export m.vtu --to opm -o A.DATA {ROCK} {wells}"),
+    );
+    let said: Value = serde_json::from_str(&said).unwrap();
+    let cells = said["wells"][0]["cells"].as_array().unwrap().len();
+    assert!((12..22).contains(&cells), "{cells}");
+
+    // In the plane a well is a point, or a way.
+    common::npy_2d(&folder.join("line.npy"), [60, 50], |[x, y]| {
+        (-0.5 * ((0.6 * x as f32 - 0.8 * y as f32 + 3.0) / 1.5).powi(2)).exp()
+    });
+    std::fs::write(folder.join("P.csv"), "20,33,0.1\n").unwrap();
+    std::fs::write(folder.join("Q.csv"), "40,5,0.1\n50,30,0.1\n").unwrap();
+    for cells in ["triangles", "voronoi"] {
+        let mesh = format!("mesh line.npy --distance 6 --cells {cells} -o p.vtu --quiet");
+        run(
+            folder,
+            &format!("{mesh} --well P.csv --well Q.csv --well-distance 2"),
+        );
+        run(folder, "validate p.vtu --quiet");
+        let atoms = match atomesh::export::read_any_vtu(&folder.join("p.vtu")).unwrap() {
+            atomesh::export::AnyMesh::Plane(file) => file.mesh.nodes,
+            atomesh::export::AnyMesh::PlaneCells(file) => file.mesh.sites,
+            _ => panic!("not in the plane"),
+        };
+        let at = |x: f64, y: f64| atoms.iter().any(|a| (a[0] - x).hypot(a[1] - y) < 1e-3);
+        assert!(at(20.0, 33.0) && at(40.0, 5.0) && at(50.0, 30.0), "{cells}");
+    }
+    std::fs::write(folder.join("far.csv"), "100,5,5,0.1\n100,5,9,0.1\n").unwrap();
+    std::fs::write(folder.join("wide.csv"), "10,12,5,2\n10,12,30,2\n").unwrap();
+    std::fs::write(folder.join("near.csv"), "11,12,35,0.1\n11,12,30,0.1\n").unwrap();
+    for (options, want) in [
+        ("--well far.csv", "far.csv: lies outside the image"),
+        ("--well wide.csv", "wide.csv: has a radius of 2"),
+        (
+            "--well W.csv --well near.csv",
+            "wells W.csv and near.csv: are nearer",
+        ),
+        ("--well P.csv", "P.csv:1: "),
+        ("--well-distance 3", "without a well"),
+        ("--well W.csv --well-distance 9", "9 is not above 0"),
+        ("--well none.csv", "none.csv"),
+    ] {
+        let line = format!("mesh sheet.npy --distance 7 -o n.vtu {options}");
         let said = refused(folder, &line.split_whitespace().collect::<Vec<_>>());
         assert!(said.contains(want), "{line}\n{said}");
     }

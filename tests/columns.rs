@@ -341,3 +341,73 @@ fn what_does_not_stand_in_columns_is_no_modflow_grid() {
     let said = refused(folder, &line.split_whitespace().collect::<Vec<_>>());
     assert!(said.contains("columns only"), "{said}");
 }
+
+#[test]
+fn surfaces_and_images_that_say_where_they_lie_are_horizons() {
+    let folder = folder();
+    let folder = folder.path();
+    // Two surfaces over a part of the map: z = 10 + 0.2 x, and z = 30.
+    let grid = |z: &dyn Fn(f64) -> f64| -> Vec<[f64; 3]> {
+        (0..36)
+            .map(|i| {
+                let [x, y] = [f64::from(i % 6) * 9.0, f64::from(i / 6) * 12.0 - 2.0];
+                [x, y, z(x)]
+            })
+            .collect()
+    };
+    let nodes = [grid(&|x| 10.0 + 0.2 * x), grid(&|_| 30.0)].concat();
+    let mut facets = Vec::new();
+    for first in [0u32, 36] {
+        for cell in (0..30u32).filter(|c| c % 6 < 5) {
+            let at = first + cell;
+            facets.extend([[at, at + 1, at + 7], [at, at + 7, at + 6]]);
+        }
+    }
+    let half = facets.len() / 2;
+    let surfaces =
+        atomesh::export::SurfaceFile::<3>::new(&nodes, &facets, &[0, half, 2 * half], "h");
+    atomesh::export::write_vtp(&folder.join("h.vtp"), &surfaces).unwrap();
+    run(
+        folder,
+        "columns map.vtu --horizon h.vtp:1 --horizon h.vtp:2 -o cells.vtu --quiet",
+    );
+    let mesh = cells(&folder.join("cells.vtu")).mesh;
+    // Beyond x = 45 the surfaces end, and go on about as they are there.
+    for [x, _, z] in &mesh.nodes {
+        let top = 10.0 + 0.2 * x;
+        let known = (z - top).abs().min((z - 30.0).abs());
+        assert!(known < if *x <= 45.0 { 1e-5 } else { 3.0 }, "{x} {z}");
+    }
+    // An image of other dims, with its place.
+    let geometry = atomesh::image::Geometry::with_spacing([-10.0, -10.0], [20.0, 16.0]);
+    let samples = (0..30).map(|i| 5.0 + 0.5 * (i % 5) as f32).collect();
+    let image = atomesh::image::Image::new([5, 6], samples, geometry);
+    atomesh::io::write(&folder.join("top.vti"), &image).unwrap();
+    run(
+        folder,
+        "columns map.vtu --horizon top.vti --horizon 40 --layer-thickness 10 -o cells.vtu --quiet",
+    );
+    let file = cells(&folder.join("cells.vtu"));
+    let layers = file.cell_data.iter().find(|a| a.name == "layer").unwrap();
+    assert_eq!(layers.values.to_i64().iter().max(), Some(&2));
+    for [x, _, z] in file.mesh.nodes.iter().filter(|p| p[2] < 10.0) {
+        assert!(
+            (z - (5.0 + 0.5 * (x + 10.0) / 20.0)).abs() < 1e-5,
+            "{x} {z}"
+        );
+    }
+    let said = refused(
+        folder,
+        &[
+            "columns",
+            "map.vtu",
+            "--horizon",
+            "h.vtp:7",
+            "--horizon",
+            "40",
+            "-o",
+            "x.vtu",
+        ],
+    );
+    assert!(said.contains("has no surface 7"), "{said}");
+}

@@ -1,5 +1,6 @@
 //! The verb `export`: a mesh for a reservoir simulator, or for another mesher.
 
+use std::cell::OnceCell;
 use std::path::{Path, PathBuf};
 
 use clap::builder::{PossibleValue, PossibleValuesParser};
@@ -167,7 +168,7 @@ impl CaseOptions {
         positive("--days", self.days)?;
         let model = &prepared.model;
         let mut wells: Vec<Well> = Vec::new();
-        let tracer = Tracer::new(model);
+        let tracer = OnceCell::new();
         let typed = [
             ("--injector", &self.injector, 'I'),
             ("--producer", &self.producer, 'P'),
@@ -185,8 +186,9 @@ impl CaseOptions {
                 let value = number(option, value, remedy)?;
                 positive(option, value)?;
                 let called = format!("{option} {text}");
+                let tracer = tracer.get_or_init(|| Tracer::new(model));
                 let (own_name, radius, completions) = if is_well_file(place) {
-                    along_file(place, called, &tracer, prepared, console)?
+                    along_file(place, called, tracer, prepared, console)?
                 } else {
                     let point = prepared.frame.to_model(point(option, place, remedy)?);
                     let cell = model.graph.cell_at(point).ok_or_else(|| {

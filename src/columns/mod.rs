@@ -58,7 +58,7 @@ pub struct Columns {
 
 /// Draws the cells of a map down through the layers between horizons: `z[h][n]` is horizon h at node
 /// n of the map, `names[h]` what errors call it; the first is the top. z may grow either way. Layers
-/// thinner than `least` at a node have no thickness there.
+/// thinner than `least` at a node have no thickness there; so far horizons may cross.
 ///
 /// # Errors
 /// [`Error::Mesh`] if horizons cross, have nothing between them, or are too few; or the division does
@@ -90,7 +90,7 @@ pub fn columns(
     for h in 1..z.len() {
         let over = |n: &usize| sign * (z[h][*n] - z[h - 1][*n]);
         let worst = (0..nodes).max_by(|a, b| over(a).total_cmp(&over(b)));
-        if let Some(n) = worst.filter(|n| over(n) > nothing) {
+        if let Some(n) = worst.filter(|n| over(n) > least.max(nothing)) {
             let [x, y] = map.nodes[n];
             return refuse(
                 &format!("horizons {} and {}", names[h - 1], names[h]),
@@ -98,7 +98,7 @@ pub fn columns(
                     "cross: at x = {x}, y = {y} the second is above the first by {:.6}",
                     over(&n)
                 ),
-                "give horizons from the top down that touch at most",
+                "give horizons from the top down that touch at most, or let thicker layers vanish",
             );
         }
     }
@@ -487,5 +487,11 @@ mod tests {
                 .to_string();
             assert!(said.contains(want), "{said}");
         }
+        // What is as little as may vanish may cross.
+        let z = [flat(0.0), sampled(&map, |x, _| 9.0 + 0.2 * x), flat(10.0)];
+        let found = columns(&map, &z, &names(3), &one, 3.3).unwrap();
+        assert_eq!(found.missing, [0, 42]);
+        let (low, high) = crate::pipeline::file::bounds(&found.mesh.nodes);
+        assert!(check_poly(&found.mesh, low, high, 1e-12).passed());
     }
 }

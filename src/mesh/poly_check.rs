@@ -14,13 +14,16 @@ pub struct PolyCheck {
     pub faces: usize,
     /// Number of nodes.
     pub nodes: usize,
+    /// Whether the cells are columns whose top or base is bent.
+    pub in_columns: bool,
     /// Cells of zero or negative volume.
     pub not_positive: usize,
     /// Cells whose faces do not close: an edge (a node in 2-D) is not met by exactly two of them.
     pub not_closed: usize,
     /// Cells that do not hold their own site.
     pub without_site: usize,
-    /// |sum of volumes - volume of the box| / volume of the box.
+    /// |sum of volumes - volume of the box| / volume of the box; of columns, the volume between top and
+    /// base.
     pub volume_error: f64,
     /// Largest relative error of a side's area, summed over its faces.
     pub area_error: f64,
@@ -63,6 +66,7 @@ pub fn check_poly<const D: usize>(
     }
     let longest = (0..D).map(|k| high[k] - low[k]).fold(0.0, f64::max);
     let in_columns = mesh.stands_in_columns() && bent(mesh, low, high, tolerance * longest);
+    found.in_columns = in_columns;
 
     let faces = mesh.faces_of_cells();
     let cells: Vec<(f64, bool, bool)> = (0..mesh.sites.len())

@@ -14,7 +14,7 @@ pub struct PolyCheck {
     pub faces: usize,
     /// Number of nodes.
     pub nodes: usize,
-    /// Whether the cells are columns whose top or base is bent.
+    /// Whether the cells are columns whose layers, top or base are not level.
     pub in_columns: bool,
     /// Cells of zero or negative volume.
     pub not_positive: usize,
@@ -129,16 +129,19 @@ pub fn check_poly<const D: usize>(
     found
 }
 
-/// Whether the top or the base is not a side of the box.
+/// Whether a face above or below a cell of columns is not level, or the top or the base is not a side
+/// of the box.
 fn bent<const D: usize>(mesh: &PolyMesh<D>, low: [f64; D], high: [f64; D], most: f64) -> bool {
-    (mesh.inner_faces()..mesh.face_cells.len()).any(|f| {
+    (0..mesh.face_cells.len()).any(|f| {
+        let ring = mesh.faces.get(f);
         let plane = match mesh.beyond(f) {
+            Beyond::Cell(_) if !mesh.is_upright(f) => mesh.nodes[ring[0] as usize][D - 1],
             Beyond::Side(4) => low[D - 1],
             Beyond::Side(5) => high[D - 1],
             _ => return false,
         };
-        let mut nodes = mesh.faces.get(f).iter();
-        nodes.any(|&n| (mesh.nodes[n as usize][D - 1] - plane).abs() > most)
+        let off = |&n: &u32| (mesh.nodes[n as usize][D - 1] - plane).abs();
+        ring.iter().map(off).any(|off| off > most)
     })
 }
 

@@ -190,7 +190,7 @@ impl Tracer<'_> {
             .zip(radii)
             .map(|(w, log_radius)| {
                 let over = log_radius - w.bore.ln();
-                if !(over > 0.0) {
+                if over.is_nan() || over <= 0.0 {
                     return Err(Error::Export(cause(
                         &way.name,
                         format!(

@@ -251,7 +251,7 @@ mod tests {
         for pair in on.windows(2) {
             // Round the corner the way is longer than the distance.
             let apart = super::super::distance2(&pair[0], &pair[1]).sqrt();
-            assert!((2.8..4.6).contains(&apart), "{apart}");
+            assert!((2.6..4.6).contains(&apart), "{apart}");
         }
         let near = way("B", &[[22.0, 20.0, 5.0], [22.0, 20.0, 30.0]]);
         let both = [ways[0].clone(), near];

@@ -18,7 +18,9 @@
 //! - neighbours that lie on the well's straight continuation count as if it went on there;
 //! - distances, lengths and the bore are those in the space where rock conducts alike in all
 //!   directions: x' = sqrt(k/K) x, k the geometric mean (Peaceman 1983); wells may deviate;
-//! - a side of the box along the well acts as a mirror; a well on it drains only the angle inside.
+//! - a side of the box along the well acts as a mirror; a well on it drains only the angle inside;
+//! - tetrahedra, whose two-point fluxes do not see the pressure that well, count as square columns of
+//!   their volume along the well.
 
 use std::f64::consts::TAU;
 
@@ -28,6 +30,9 @@ use crate::flow::Tensor;
 use crate::mesh::{add_scaled, cross, dot, norm, sub};
 use crate::reservoir::Permeability;
 use crate::{Error, Result};
+
+/// Equivalent radius of a square cell over its side (Peaceman 1978).
+const SQUARE: f64 = 0.2;
 
 /// A well in one cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -286,6 +291,13 @@ impl Tracer<'_> {
         within: &[Within],
     ) -> Result<Vec<f64>> {
         let (graph, rock) = (&self.model.graph, &permeability.rock);
+        if self.model.tets.is_some() {
+            let of = |w: &Within| {
+                let length = w.strength / w.space.mean;
+                (SQUARE * (graph.volume[w.cell] / length).sqrt()).ln()
+            };
+            return Ok(within.iter().map(of).collect());
+        }
         let number = |cell: u32| within.iter().position(|w| w.cell == cell as usize);
         let size = graph.volume.iter().sum::<f64>().cbrt();
         let all = self.pieces(&way.extended(1e3 * size));

@@ -409,5 +409,5 @@ fn surfaces_and_images_that_say_where_they_lie_are_horizons() {
             "x.vtu",
         ],
     );
-    assert!(said.contains("has no surface 7"), "{said}");
+    assert!(said.contains("h.vtp:7: has no such surface"), "{said}");
 }

@@ -10,9 +10,10 @@ use super::console::Console;
 use super::job::check_output;
 use super::parse::{bad, number};
 use super::provenance::file_hash;
-use crate::columns::horizon::Horizon;
+use crate::columns::horizon::{Horizon, Triangles};
 use crate::columns::{Columns, Division, columns};
 use crate::error::cause;
+use crate::export::vtp::read_triangles;
 use crate::export::{AnyMesh, read_any_vtu, write_cells_vtu};
 use crate::io::{self, AnyLoaded};
 use crate::mesh::poly::PolyMesh;
@@ -193,7 +194,12 @@ fn horizon(
         .extension()
         .is_some_and(|e| e.eq_ignore_ascii_case("vtp"))
     {
-        return Horizon::surface(path, which);
+        let triangles = read_triangles(path, which)?;
+        if triangles.is_empty() {
+            let remedy = "give a surface of `atomesh surface`: FILE.vtp, or FILE.vtp:NUMBER";
+            return Err(bad("--horizon", text, "has no such surface", remedy));
+        }
+        return Ok(Horizon::Surface(Triangles::new(triangles)));
     }
     let loaded = io::read_any(path, &input.read_options()?)?;
     let AnyLoaded::Plane(loaded) = loaded else {

@@ -1,9 +1,6 @@
 //! Horizons as functions of x and y, and their values at the nodes of a map.
 
-use std::path::Path;
-
 use crate::error::cause;
-use crate::export::vtp::read_triangles;
 use crate::image::{Geometry, Image};
 use crate::mesh::poly::PolyMesh;
 use crate::{Error, Result};
@@ -103,23 +100,6 @@ fn height(t: &[[f64; 3]; 3], x: [f64; 2]) -> Option<f64> {
 }
 
 impl Horizon {
-    /// A surface from a `.vtp` file; `number` picks one of several surfaces.
-    ///
-    /// # Errors
-    /// [`Error::Io`] if the file cannot be read, or there is no such surface.
-    pub fn surface(path: &Path, number: Option<i64>) -> Result<Self> {
-        let corners = read_triangles(path, number)?;
-        if corners.is_empty() {
-            let problem = match number {
-                Some(number) => format!("has no surface {number}"),
-                None => "has no triangles".into(),
-            };
-            let remedy = "give a surface of `atomesh surface`, FILE.vtp or FILE.vtp:NUMBER";
-            return Err(Error::Io(cause(path.display(), problem, remedy)));
-        }
-        Ok(Self::Surface(Triangles::new(corners)))
-    }
-
     /// z at x; `None` where it is not known.
     pub fn at(&self, x: [f64; 2]) -> Option<f64> {
         match self {

@@ -4,7 +4,7 @@
 # use them; without one they name it and check less.
 set -eu
 
-modules="vtkmodules.vtkIOXML resfo gmsh toughio"
+modules="vtkmodules.vtkIOXML resfo gmsh toughio flopy"
 packages="libopm-simulators-bin openfoam calculix-ccx libglu1-mesa libxft2 libxcursor1 libxinerama1"
 
 absent() {
@@ -24,7 +24,7 @@ install_modules() {
         { absent "python3 -m venv fails (apt install python3-venv)"; return; }
     pip=".venv/bin/pip install --quiet --disable-pip-version-check"
     # VTK without what it draws plots with.
-    { $pip --no-deps vtk && $pip resfo gmsh toughio h5py; } || absent "pip install fails"
+    { $pip --no-deps vtk && $pip resfo gmsh toughio h5py flopy; } || absent "pip install fails"
     python_modules || absent "some of the Python modules ($modules) do not load"
 }
 

@@ -102,6 +102,11 @@ pub enum Verb {
         after_help = "Example:\n  atomesh edit mesh.vtu survey.sgy -o edited.vtu --add 1500,2000,300 --remove 812"
     )]
     Edit(super::edit::EditArgs),
+    /// Columns: the Voronoi cells of a map, drawn down through layers between horizons
+    #[command(
+        after_help = "Example:\n  atomesh columns map.vtu --horizon top.npy --horizon base.npy --layers 5 -o cells.vtu"
+    )]
+    Columns(super::columns::ColumnsArgs),
     /// A mesh for a reservoir simulator, or for another mesher
     #[command(
         after_help = "Example:\n  atomesh export cells.vtu --to opm -o CASE.DATA --porosity 0.2 --permeability 100 --permeability-unit mD --depth-at-top 2000"
@@ -350,6 +355,13 @@ pub struct MeshOptions {
     /// Fixed atoms (wells, sources): a CSV file of x,y,z (x,y in 2-D) in the image's physical coordinates
     #[arg(long, value_name = "FILE.csv")]
     pub atoms_from: Option<PathBuf>,
+    /// A well: fixed atoms along the way in a CSV file of lines x,y,z,radius (x,y,radius in 2-D), in the
+    /// image's physical coordinates; may be repeated
+    #[arg(long, value_name = "FILE.csv")]
+    pub well: Option<Vec<PathBuf>>,
+    /// Distance between atoms at wells, in samples, from where it grows to --distance
+    #[arg(long, value_name = "D")]
+    pub well_distance: Option<f64>,
     /// Evaluator of the lattice energy [default: pairwise]
     #[arg(long, value_name = "HOW")]
     pub potential: Option<PotentialChoice>,

@@ -46,6 +46,10 @@ pub struct MeshJob {
     pub beta: Beta,
     /// File of fixed atoms.
     pub atoms_from: Option<PathBuf>,
+    /// Files of wells.
+    pub wells: Vec<PathBuf>,
+    /// Distance between atoms at wells.
+    pub well_distance: Option<f64>,
     /// Voronoi cells of atoms alongside features, instead of a mesh of atoms on them.
     pub voronoi: bool,
     /// Evaluator of the energy.
@@ -168,6 +172,8 @@ impl MeshJob {
             },
             beta: beta(options.beta.as_deref())?,
             atoms_from: options.atoms_from.clone(),
+            wells: options.well.clone().unwrap_or_default(),
+            well_distance: well_distance(options)?,
             seeding: match options.seeding {
                 Some(SeedingChoice::Refine) => Seeding::Refine {
                     seed: options.rng_seed.unwrap_or(1),
@@ -202,6 +208,7 @@ impl MeshJob {
     fn check_files(&self) -> Result<()> {
         let mut inputs = vec![self.image.as_path()];
         inputs.extend(self.atoms_from.as_deref());
+        inputs.extend(self.wells.iter().map(PathBuf::as_path));
         if let Beta::File(path) = &self.beta {
             inputs.push(path);
         }
@@ -247,6 +254,19 @@ fn weld(options: &MeshOptions) -> Result<f64> {
         );
     }
     Ok(weld)
+}
+
+/// `--well-distance`, if given: positive, and with wells.
+fn well_distance(options: &MeshOptions) -> Result<Option<f64>> {
+    let Some(d) = options.well_distance else {
+        return Ok(None);
+    };
+    let (problem, remedy) = match d.is_finite() && d > 0.0 {
+        true if options.well.is_some() => return Ok(Some(d)),
+        true => ("is given without a well", "add --well FILE.csv"),
+        false => ("is not a positive number of samples", "give one above 0"),
+    };
+    Err(refuse("--well-distance", d, problem, remedy))
 }
 
 /// Whether Voronoi cells are wanted: they need atoms alongside features, and strictly inside the box;

@@ -284,11 +284,18 @@ fn cells_by_atomesh<const D: usize>(placed: &Placed<D, PolyMesh<D>>) -> Verdict 
         BOX_TOLERANCE,
         placed.weld,
     );
+    let [faces, space] = match found.in_columns {
+        true => [
+            "faces, the upright ones flat,",
+            "what lies between top and base",
+        ],
+        false => ["flat faces", "the box"],
+    };
     Verdict {
         by: "atomesh",
         what: format!(
-            "{} closed cells with their atoms inside, {} flat faces between two cells or on a side, \
-             fill the box (off by {:.0e})",
+            "{} closed cells with their atoms inside, {} {faces} between two cells or on a side, \
+             fill {space} (off by {:.0e})",
             found.cells, found.faces, found.volume_error
         ),
         problem: found.problems.first().cloned(),

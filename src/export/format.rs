@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::twin::add_twin;
-use super::{inp, medit, msh, openfoam, opm, pflotran, stl, tetgen, tough};
+use super::{disv, inp, medit, msh, openfoam, opm, pflotran, stl, tetgen, tough};
 use crate::error::cause;
 use crate::io::{Batch, check_target};
 use crate::reservoir::Model;
@@ -65,6 +65,15 @@ pub const FORMATS: &[Format] = &[
         any_cells: true,
         depth: true,
         write: tough::write,
+    },
+    Format {
+        name: "disv",
+        what: "MODFLOW 6 simulation of columns (DISV), in a folder",
+        endings: &[],
+        twin: true,
+        any_cells: true,
+        depth: true,
+        write: disv::write,
     },
     Format {
         name: "msh",

@@ -13,10 +13,12 @@
 //! - [`twin`]: the VTU beside a format that does not hold the cells' shapes
 //! - [`opm`]: decks for OPM Flow and Eclipse
 //! - [`openfoam`]: OpenFOAM cases
+//! - [`disv`]: MODFLOW 6 on columns
 //! - [`pflotran`], [`tough`]: cells and connections for PFLOTRAN and TOUGH2
 //! - [`groups`](mod@groups): named faces, for those with tetrahedra: [`msh`], [`inp`], [`medit`],
 //!   [`tetgen`], and for surfaces alone: [`stl`], [`obj`]
 
+pub mod disv;
 pub mod format;
 pub mod groups;
 pub mod inp;

@@ -2,6 +2,7 @@
 //! images to its cells.
 
 use super::file::Placed;
+use crate::columns::{COLUMN, LAYER};
 use crate::error::cause;
 use crate::export::AnyMesh;
 use crate::image::{Geometry, Image};
@@ -156,6 +157,10 @@ impl Prepared {
         if let Some(top) = top {
             frame = frame.with_top(&parts.mesh.nodes, top);
         }
+        let box_volume = match cell_data.iter().any(|array| array.name == COLUMN) {
+            true => parts.mesh.enclosed_volume(),
+            false => parts.box_volume,
+        };
         let mesh = (parts.mesh).mapped(|p| frame.to_model(p), frame.mirrors());
         let tets = parts.tets.map(|mut tets| {
             tets.nodes.clone_from(&mesh.nodes);
@@ -164,9 +169,13 @@ impl Prepared {
             }
             tets
         });
+        let mut model = Model::new(mesh, tets);
+        let columns = cell_data.iter();
+        let columns = columns.filter(|a| [COLUMN, LAYER].contains(&a.name.as_str()));
+        model.properties.extend(columns.cloned());
         Ok(Self {
-            model: Model::new(mesh, tets),
-            box_volume: parts.box_volume * frame.volume_of_unit(),
+            model,
+            box_volume: box_volume * frame.volume_of_unit(),
             frame,
             cell_data,
             features_known: parts.features_known,

@@ -4,6 +4,7 @@
 //! - [`grow`]: a pseudo-regular lattice grown atom by atom, for variable d
 //! - [`refine`](mod@refine): an isotropic lattice by Delaunay refinement
 //! - [`fixed`]: atoms given by the user
+//! - [`wells`]: atoms along trajectories, and d(x) near them
 //! - [`order`]: memory order of atoms, for cache locality
 
 pub mod fixed;
@@ -11,6 +12,7 @@ pub mod grow;
 pub mod lattice;
 pub mod order;
 pub mod refine;
+pub mod wells;
 
 use crate::distance::Distance;
 use crate::error::Result;

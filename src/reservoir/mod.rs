@@ -52,6 +52,9 @@ pub struct Model {
     pub properties: Vec<DataArray>,
     /// What happens in the model.
     pub case: Case,
+    /// Columns along two axes, and layers, of a grid that the model is resampled on; as fine as the
+    /// cells if not given.
+    pub grid: Option<[usize; 3]>,
 }
 
 /// Permeability and what follows from it.

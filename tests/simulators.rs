@@ -13,7 +13,7 @@ use std::ffi::OsStr;
 use std::path::Path;
 use std::process::Command;
 
-use atomesh::export::{AnyMesh, opm, read_any_vtu};
+use atomesh::export::{AnyMesh, read_any_vtu};
 use atomesh::flow::{Faults, Rock, Tensor};
 use atomesh::pipeline::{Placement, Prepared};
 use atomesh::reservoir::{MILLIDARCY, Model};
@@ -153,9 +153,11 @@ fn mrsts_grid_has_our_totals_and_fluxes() {
         }
         assert!(found["normals_off"].as_f64().unwrap() < 1e-9, "{found}");
         let t = numbers(&found["t"]);
-        assert_eq!(
-            t[..inner],
-            model.permeability.as_ref().unwrap().transmissibility
+        let known = &model.permeability.as_ref().unwrap().transmissibility;
+        assert!(
+            t.iter()
+                .zip(known)
+                .all(|(t, known)| near(*t, *known, 1e-14))
         );
         for (t, face) in t[inner..].iter().zip(&graph.boundary) {
             let along = model
@@ -172,12 +174,13 @@ fn mrsts_grid_has_our_totals_and_fluxes() {
             assert_eq!(numbers(pair), c.cells.map(f64::from));
         }
         for (cell, depth) in numbers(&found["depth"]).into_iter().enumerate() {
-            assert_eq!(depth, model.depth(cell));
+            assert!(near(depth, model.depth(cell), 1e-14));
         }
         let perm = found["perm"].as_array().unwrap();
-        assert_eq!(
-            numbers(&perm[0]),
-            k.iter().map(|k| k * MILLIDARCY).collect::<Vec<_>>()
+        let first = numbers(&perm[0]);
+        assert!(
+            first.len() == k.len()
+                && (0..k.len()).all(|i| near(first[i], k[i] * MILLIDARCY, 1e-14))
         );
         assert!(
             numbers(&found["region"])
@@ -208,7 +211,8 @@ fn mrsts_grid_has_our_totals_and_fluxes() {
 fn vtk_reads_the_mesh_for_geos() {
     let folder = folder();
     let folder = folder.path();
-    for (mesh, kind) in [("cells", 42), ("tets", 10)] {
+    // VTK cuts polyhedra into tetrahedra in its own way.
+    for (mesh, kind, tolerance) in [("cells", 42, 1e-6), ("tets", 10, 1e-12)] {
         let export = format!("export {mesh}.vtu --to geos -o geos.vtu --region labels.npy");
         run(folder, &format!("{export} {ROCK}"));
         let program = "\
@@ -238,9 +242,10 @@ print(json.dumps({
         assert!(regions.contains(&1.0) && regions.contains(&2.0));
         assert!(regions.iter().all(|r| [1.0, 2.0].contains(r)));
         let k = [100.0, 100.0, 10.0].map(|k| k * MILLIDARCY);
-        assert_eq!(numbers(&found["perm"]), k);
+        let perm = numbers(&found["perm"]);
+        assert!((0..3).all(|i| near(perm[i], k[i], 1e-14)), "{perm:?}");
         assert!(
-            near(found["volume"].as_f64().unwrap(), VOLUME, 1e-9),
+            near(found["volume"].as_f64().unwrap(), VOLUME, tolerance),
             "{mesh}"
         );
         let pores = (0.1 + 0.005 * 19.5) * VOLUME;
@@ -258,7 +263,7 @@ fn deck(dims: &[f64]) -> String {
         "RUNSPEC\nDIMENS\n {n} {m} {k} /\nWATER\nMETRIC\nSTART\n 1 JAN 2000 /\nTABDIMS\n/\n\
          REGDIMS\n 9 /\nUNIFOUT\nGRID\nINIT\nINCLUDE\n 'GRID.GRDECL' /\nPROPS\nPVTW\n 200 1 4E-5 1 0 /\n\
          ROCK\n 200 4E-5 /\nDENSITY\n 850 1000 1 /\nREGIONS\nINCLUDE\n 'GRID-regions.GRDECL' /\n\
-         SOLUTION\nEQUIL\n 1000 100 /\nSUMMARY\nFPR\nSCHEDULE\nTSTEP\n 1 /\nEND\n"
+         SOLUTION\nEQUIL\n 1000 100 /\nSUMMARY\nFPR\nSCHEDULE\nRPTRST\n BASIC=2 /\nTSTEP\n 1 /\nEND\n"
     )
 }
 
@@ -282,7 +287,13 @@ fn xtgeo_and_opm_flow_read_the_corner_point_grid() {
         println!("{}", found["dims"]);
         let number = |name: &str| found[name].as_f64().unwrap();
         let dims = numbers(&found["dims"]);
-        assert!(near(number("volume"), VOLUME, 1e-6), "{}", number("volume"));
+        // Layers that follow regions are bent, and it takes their faces for triangles.
+        let tolerance = if region.is_empty() { 1e-9 } else { 1e-5 };
+        assert!(
+            near(number("volume"), VOLUME, tolerance),
+            "{}",
+            number("volume")
+        );
         assert!(number("least") > 0.0);
         let property = |name: &str| numbers(&found["properties"][name]);
         assert!(
@@ -297,10 +308,14 @@ fn xtgeo_and_opm_flow_read_the_corner_point_grid() {
             assert!(near(least, k, 1e-5) && near(most, k, 1e-5), "{name}");
         }
         // The fault is steep and goes 0.1 sideways a unit of z: its pillars do too.
-        let lean = numbers(&found["lean"]);
-        let most = lean.iter().copied().fold(0.0, f64::max);
-        println!("pillars lean {most:.2}, {} split", found["split"]);
-        assert!((most - 3.1).abs() < 0.6, "{most}");
+        let mut lean = numbers(&found["lean"]);
+        lean.sort_by(f64::total_cmp);
+        let (middle, most) = (lean[lean.len() / 2], lean[lean.len() - 1]);
+        println!(
+            "pillars lean {middle:.2} to {most:.2}, {} split",
+            found["split"]
+        );
+        assert!((middle - 3.1).abs() < 0.2 && most < 4.5, "{middle}, {most}");
         assert!(
             near(property("MULTX")[0], TIGHT, 1e-4),
             "{:?}",
@@ -324,7 +339,7 @@ fn xtgeo_and_opm_flow_read_the_corner_point_grid() {
             let lower = 35.0 * (20.0 * 11.5 + 19.0 * 19.5);
             println!("lower {:.4} of {lower}", of("2"));
             assert!(near(of("2"), lower, 0.03), "{}", of("2"));
-            assert!(near(of("1") + of("2"), VOLUME, 1e-6));
+            assert!(near(of("1") + of("2"), VOLUME, 1e-5));
         }
         std::fs::write(folder.join("CASE.DATA"), deck(&dims)).unwrap();
         let mut flow = Command::new("flow");
@@ -424,7 +439,7 @@ fn darts_runs_on_our_connections_and_on_gmshs_mesh() {
     let Some(found) = darts(&["blocks.conn", "blocks.cells"], blocks) else {
         return;
     };
-    has_our_pressure(folder, &numbers(&found["pressure"]), blocks, 1e-4);
+    has_our_pressure(folder, &numbers(&found["pressure"]), blocks, 1e-3);
 
     // DARTS makes its own two-point fluxes of tetrahedra: nothing that is right, but flow.
     let blocks = ends("tets.vtu");

@@ -15,6 +15,9 @@ use crate::reservoir::Model;
 type Out<'a> = &'a mut std::io::BufWriter<std::fs::File>;
 type Done = std::io::Result<()>;
 
+/// The number of the first region: none is that of a surface too, since some readers (DARTS) do not look
+/// at dimensions.
+const FIRST_REGION: usize = 9;
 /// Gmsh's numbers of element types.
 const TRIANGLE: u8 = 2;
 const TETRAHEDRON: u8 = 4;
@@ -28,8 +31,8 @@ fn head(out: Out, version: &str, regions: &[i32], groups: &[Group]) -> Done {
     for group in groups {
         writeln!(out, "2 {} \"{}\"", group.number, group.name)?;
     }
-    for (i, &region) in regions.iter().enumerate() {
-        writeln!(out, "3 {} \"{}\"", i + 1, region_name(region))?;
+    for (number, &region) in (FIRST_REGION..).zip(regions) {
+        writeln!(out, "3 {number} \"{}\"", region_name(region))?;
     }
     writeln!(out, "$EndPhysicalNames")
 }
@@ -63,7 +66,7 @@ pub fn write_2(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             next += faces.len();
         }
         write_items(out, tets.len(), |text, t| {
-            let region = regions.partition_point(|&r| r < mesh.region[t]) + 1;
+            let region = regions.partition_point(|&r| r < mesh.region[t]) + FIRST_REGION;
             let text = text.int(t + 1).and_int(TETRAHEDRON).word(" 2");
             text.and_int(region).and_int(region);
             for n in tets[t] {
@@ -98,13 +101,13 @@ pub fn write_4(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         for Group { number, .. } in &groups {
             writeln!(out, "{number} {x} {y} {z} {u} {v} {w} 1 {number} 0")?;
         }
-        for number in 1..=regions.len() {
+        for number in FIRST_REGION..FIRST_REGION + regions.len() {
             writeln!(out, "{number} {x} {y} {z} {u} {v} {w} 1 {number} 0")?;
         }
         let nodes = mesh.nodes.len();
         writeln!(
             out,
-            "$EndEntities\n$Nodes\n1 {nodes} 1 {nodes}\n3 1 0 {nodes}"
+            "$EndEntities\n$Nodes\n1 {nodes} 1 {nodes}\n3 {FIRST_REGION} 0 {nodes}"
         )?;
         write_items(out, nodes, |text, i| text.int(i + 1).end())?;
         write_items(out, nodes, |text, i| {
@@ -126,10 +129,10 @@ pub fn write_4(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             })?;
             next += faces.len();
         }
-        for (i, &region) in regions.iter().enumerate() {
+        for (number, &region) in (FIRST_REGION..).zip(&regions) {
             let of = |t: &u32| mesh.region[*t as usize] == region;
             let own: Vec<u32> = (0..tets.len() as u32).filter(of).collect();
-            writeln!(out, "3 {} {TETRAHEDRON} {}", i + 1, own.len())?;
+            writeln!(out, "3 {number} {TETRAHEDRON} {}", own.len())?;
             write_items(out, own.len(), |text, i| {
                 text.int(own[i] + 1);
                 for n in tets[own[i] as usize] {

@@ -94,14 +94,16 @@ class Model(DartsModel):
         self.ts_control.dt_first = 1.0
         self.ts_control.dt_max = 1e6
 
+    def set_wells(self, verbose=None):
+        # There are none; and water has no weight where all blocks are at one depth.
+        np.array(self.reservoir.mesh.depth, copy=False)[:] = 0.0
+
     def set_initial_conditions(self):
         mesh = self.reservoir.mesh
         start = np.full(mesh.n_res_blocks, 200.0)
         start[high], start[low] = 201.0, 199.0
-        # So large that their pressure stays; no weight.
-        volume = np.array(mesh.volume, copy=False)
-        volume[[high, low]] = 1e15
-        np.array(mesh.depth, copy=False)[:] = 0.0
+        # So large that their pressure stays.
+        np.array(mesh.volume, copy=False)[[high, low]] = 1e15
         self.physics.set_initial_conditions_from_array(mesh, {"pressure": start})
 
 

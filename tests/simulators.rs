@@ -480,6 +480,53 @@ fn darts_runs_on_our_connections_and_on_gmshs_mesh() {
 }
 
 #[test]
+fn triangles_of_the_plane_stay_triangles() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    common::npy_2d(&folder.join("line.npy"), [60, 50], |[x, y]| {
+        (-0.5 * ((0.6 * x as f32 - 0.8 * y as f32 + 3.0) / 1.5).powi(2)).exp()
+    });
+    run(folder, "mesh line.npy --distance 5 --quiet -o plane.vtu");
+    let AnyMesh::Plane(file) = read_any_vtu(&folder.join("plane.vtu")).unwrap() else {
+        panic!("no triangles")
+    };
+    for (to, name, format, edges) in [
+        ("msh", "a.msh", "gmsh", true),
+        ("msh2", "b.msh", "gmsh", true),
+        ("medit", "a.mesh", "medit", true),
+        ("inp", "a.inp", "abaqus", false),
+    ] {
+        // meshio does not know the elements of plane strain.
+        let downs = if to == "inp" {
+            &["y"][..]
+        } else {
+            &["-z", "y"]
+        };
+        for down in downs {
+            let export = format!("export plane.vtu --to {to} -o {name} --down {down} --quiet");
+            run(folder, &export);
+            let path = folder.join(name);
+            let arguments = [path.as_os_str(), OsStr::new(format)];
+            let Some(found) = judged("meshio", "simplices.py", &arguments) else {
+                return;
+            };
+            assert_eq!(found["triangles"], file.mesh.triangles.len(), "{to}");
+            let points = found["points"].as_array().unwrap();
+            assert_eq!(points.len(), file.mesh.nodes.len(), "{to}");
+            assert!(
+                near(found["area"].as_f64().unwrap(), 59.0 * 49.0, 1e-9),
+                "{to}"
+            );
+            // The four sides, and the line across.
+            assert!(!edges || found["edges"].as_u64().unwrap() > 40, "{to}");
+        }
+    }
+    let line = "export plane.vtu --to tetgen -o a.node".split(' ');
+    let said = refused(folder, &line.collect::<Vec<_>>());
+    assert!(said.contains("tetrahedra only"), "{said}");
+}
+
+#[test]
 fn what_cannot_be_written_is_refused() {
     let folder = folder();
     let folder = folder.path();

@@ -19,7 +19,7 @@
 //! - [`resqml`]: RESQML, in the containers [`epc`] and [`hdf5`]
 //! - [`grdecl`]: corner-point grids, of [`pillars`] and [`layers`], found by [`walk`]s through cells
 //! - [`binary`]: numbers as bytes, for containers
-//! - [`groups`](mod@groups): named faces, for those with tetrahedra: [`msh`], [`inp`], [`medit`],
+//! - [`groups`](mod@groups): named faces, for those with [`simplices`]: [`msh`], [`inp`], [`medit`],
 //!   [`tetgen`], and for surfaces alone: [`stl`], [`obj`]
 
 pub mod binary;
@@ -44,6 +44,7 @@ pub mod pillars;
 pub mod polyhedra;
 pub mod pvd;
 pub mod resqml;
+pub mod simplices;
 pub mod stl;
 pub mod surfaces;
 pub mod tetgen;

@@ -42,6 +42,8 @@ pub struct Model {
     pub mesh: PolyMesh<3>,
     /// The same cells as tetrahedra, if that is what they are.
     pub tets: Option<TetMesh>,
+    /// Of a layer of prisms on triangles, those: of the first half of the mesh's nodes.
+    pub triangles: Option<Vec<[u32; 3]>>,
     /// Cells and connections.
     pub graph: Graph<3>,
     /// Share of pores in each cell's volume.

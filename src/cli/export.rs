@@ -48,6 +48,9 @@ pub struct ExportArgs {
     /// Thickness (m) of the layer that the factor of --faults is for [default: from cell to cell]
     #[arg(long, value_name = "W", help_heading = "Rock")]
     pub fault_thickness: Option<f64>,
+    /// Columns along two axes, and layers, of a corner-point grid (grdecl) [default: as fine as the cells]
+    #[arg(long, value_name = "NX,NY,NZ")]
+    pub grid: Option<String>,
     /// Where depth is.
     #[command(flatten, next_help_heading = "Space")]
     pub space: SpaceOptions,
@@ -269,6 +272,17 @@ fn along_file(
     Ok((file.name, way.radii[0], completions))
 }
 
+/// Three numbers of cells.
+fn grid(text: &str) -> Result<[usize; 3]> {
+    let numbers: Option<Vec<usize>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
+    let counts = numbers.and_then(|n| <[usize; 3]>::try_from(n).ok());
+    let fits = |n: &[usize; 3]| n.iter().all(|n| (1..=10_000).contains(n));
+    counts.filter(fits).ok_or_else(|| {
+        let remedy = "give NX,NY,NZ, each from 1 to 10000";
+        bad("--grid", text, "is not three numbers of cells", remedy)
+    })
+}
+
 /// Depth must grow downwards from the surface.
 fn check_depth(model: &Model, space: &SpaceOptions) -> Result<()> {
     let depths = (0..model.len()).map(|cell| model.depth(cell));
@@ -320,6 +334,7 @@ pub fn export(args: &ExportArgs, console: &mut Console) -> Result<()> {
     if !(args.case.injector.is_empty() && args.case.producer.is_empty()) || format.depth {
         prepared.model.case = args.case.case(&prepared, console)?;
     }
+    prepared.model.grid = args.grid.as_deref().map(grid).transpose()?;
     console.begin_stage("checking");
     let model = &prepared.model;
     let checks = Checks::new(model, prepared.box_volume);

@@ -64,6 +64,7 @@ pub struct Prepared {
 struct Parts {
     mesh: PolyMesh<3>,
     tets: Option<TetMesh>,
+    triangles: Option<Vec<[u32; 3]>>,
     geometry: Geometry<3>,
     dims: [f64; 3],
     box_volume: f64,
@@ -102,6 +103,7 @@ fn parts<const D: usize, M>(
     Parts {
         mesh,
         tets: None,
+        triangles: None,
         geometry: placed.geometry.in_space(),
         dims: std::array::from_fn(dim),
         box_volume: volume * if D == 2 { thickness } else { 1.0 },
@@ -131,7 +133,9 @@ impl Prepared {
                 let placed = Placed::new(file, place)?;
                 let mesh = simplices(&placed, &cell_data)?.extruded(thickness);
                 let known = placed.feature_faces.is_some();
-                (cell_data, parts(&placed, mesh, thickness, known))
+                let parts = parts(&placed, mesh, thickness, known);
+                let triangles = Some(placed.physical.triangles);
+                (cell_data, Parts { triangles, ..parts })
             }
             AnyMesh::SpaceCells(file) => {
                 let cell_data = file.cell_data.clone();
@@ -170,6 +174,14 @@ impl Prepared {
             tets
         });
         let mut model = Model::new(mesh, tets);
+        model.triangles = parts.triangles.map(|mut triangles| {
+            if frame.mirrors() {
+                triangles
+                    .iter_mut()
+                    .for_each(|triangle| triangle.swap(1, 2));
+            }
+            triangles
+        });
         let columns = cell_data.iter();
         let columns = columns.filter(|a| [COLUMN, LAYER].contains(&a.name.as_str()));
         model.properties.extend(columns.cloned());

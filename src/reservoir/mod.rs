@@ -48,6 +48,8 @@ pub struct Model {
     pub mesh: PolyMesh<3>,
     /// The same cells as tetrahedra, if that is what they are.
     pub tets: Option<TetMesh>,
+    /// Of a layer of prisms on triangles, those: of the first half of the mesh's nodes.
+    pub triangles: Option<Vec<[u32; 3]>>,
     /// Cells and connections.
     pub graph: Graph<3>,
     /// Share of pores in each cell's volume.
@@ -58,6 +60,9 @@ pub struct Model {
     pub properties: Vec<DataArray>,
     /// What happens in the model.
     pub case: Case,
+    /// Columns along two axes, and layers, of a grid that the model is resampled on; as fine as the
+    /// cells if not given.
+    pub grid: Option<[usize; 3]>,
 }
 
 /// Permeability and what follows from it.

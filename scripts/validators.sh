@@ -1,10 +1,10 @@
 #!/bin/sh
-# Installs the programs that judge atomesh's files, each independent of it: VTK, Gmsh, toughio and a
-# reader of simulators' output from PyPI into .venv; OPM Flow, OpenFOAM and CalculiX by apt. Tests then
-# use them; without one they name it and check less.
+# Installs the programs that judge atomesh's files, each independent of it: VTK, Gmsh, toughio, xtgeo,
+# resqpy, open-DARTS, SciPy and a reader of simulators' output from PyPI into .venv; OPM Flow, OpenFOAM
+# and CalculiX by apt. Tests then use them; without one they name it and check less.
 set -eu
 
-modules="vtkmodules.vtkIOXML resfo gmsh toughio"
+modules="vtkmodules.vtkIOXML resfo gmsh toughio scipy xtgeo resqpy darts flopy"
 packages="libopm-simulators-bin openfoam calculix-ccx libglu1-mesa libxft2 libxcursor1 libxinerama1"
 
 absent() {
@@ -24,7 +24,10 @@ install_modules() {
         { absent "python3 -m venv fails (apt install python3-venv)"; return; }
     pip=".venv/bin/pip install --quiet --disable-pip-version-check"
     # VTK without what it draws plots with.
-    { $pip --no-deps vtk && $pip resfo gmsh toughio h5py; } || absent "pip install fails"
+    { $pip --no-deps vtk && $pip resfo gmsh toughio h5py scipy xtgeo resqpy xarray flopy; } ||
+        absent "pip install fails"
+    # DARTS asks for much that it does not need to solve for pressures.
+    $pip --no-deps open-darts || absent "pip install open-darts fails"
     python_modules || absent "some of the Python modules ($modules) do not load"
 }
 

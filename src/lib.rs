@@ -12,6 +12,7 @@
 //! improve   slivers go, features stay
 //! report    how good the mesh is, and what it cost
 //! export    mesh -> file, in the image's physical coordinates
+//! columns   2-D cells of a map, drawn down between horizons
 //! edit      atoms added, moved and removed, in their neighbourhood only
 //! ```
 //!
@@ -31,6 +32,7 @@
 //! # Ok::<(), atomesh::Error>(())
 //! ```
 
+pub mod columns;
 pub mod delaunay;
 pub mod distance;
 pub mod edit;

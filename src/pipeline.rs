@@ -5,6 +5,7 @@
 //! atoms are joined ([`Meshing`]).
 
 pub mod cells;
+pub mod columns;
 pub mod file;
 pub mod flow;
 pub(crate) mod horizons;
@@ -29,6 +30,7 @@ use crate::mesh::check::check_joined;
 use crate::mesh::{AtomKind, Simplices};
 use crate::optimize::{self, Observer, Stop};
 use crate::report::{Clock, Lattice, Measured, Optimisation, Reference, Report, Rival};
+use crate::seeding::wells::{self, Way};
 use crate::seeding::{self, Alignment, Atoms, Seeding};
 use crate::{Error, Result, report};
 use join::Joined;
@@ -142,6 +144,17 @@ pub struct FixedAtom<const D: usize = 3> {
     pub position: [f64; D],
 }
 
+/// A well, in the image's physical coordinates.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WellPath<const D: usize = 3> {
+    /// What to call it in an error, e.g. its file.
+    pub name: String,
+    /// The points of its way; in 2-D one may do.
+    pub points: Vec<[f64; D]>,
+    /// Its largest radius.
+    pub radius: f64,
+}
+
 /// What the whole job is told.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Params<const D: usize = 3> {
@@ -161,6 +174,10 @@ pub struct Params<const D: usize = 3> {
     pub beta: Weight<D>,
     /// Atoms that stay where they are (wells, sources).
     pub fixed: Vec<FixedAtom<D>>,
+    /// Wells: fixed atoms along their ways.
+    pub wells: Vec<WellPath<D>>,
+    /// Distance between atoms at wells; as elsewhere if `None`.
+    pub well_distance: Option<f64>,
     /// How atoms are placed at first.
     pub seeding: Seeding,
     /// Evaluator of the energy.
@@ -176,6 +193,8 @@ pub struct Params<const D: usize = 3> {
     pub min_dihedral: Option<f64>,
     /// How they are removed.
     pub slivers: improve::Method,
+    /// Nodes of Voronoi cells nearer to one another than this share of the cells' size are one.
+    pub weld: f64,
     /// Lattice space.
     pub metric: Metric<D>,
     /// Seed of the perturbations.
@@ -193,6 +212,8 @@ impl<const D: usize> Default for Params<D> {
             distances: None,
             beta: Weight::Constant(0.5),
             fixed: Vec::new(),
+            wells: Vec::new(),
+            well_distance: None,
             seeding: Seeding::Regular,
             evaluator: Evaluator::Pairwise,
             kappa: 1.0,
@@ -200,6 +221,7 @@ impl<const D: usize> Default for Params<D> {
             coarse_passes: 0,
             min_dihedral: Some(30.0),
             slivers: improve::Method::Joe,
+            weld: 0.0,
             metric: Metric::Samples,
             seed: 1,
         }
@@ -255,6 +277,8 @@ pub const BOX_TOLERANCE: f64 = 1e-9;
 
 /// Growth of a variable distance: the bound on |grad d|.
 const GROWTH: f64 = 0.1;
+/// The widest well, in distances between atoms.
+const NARROW: f64 = 0.2;
 
 /// Makes a mesh of an image.
 ///
@@ -357,7 +381,8 @@ fn settle<'a, const D: usize>(
     // Before the work: the largest distance must fit, whatever the features are.
     Distance::Constant(params.spacing.max()).validate(extent)?;
     let beta = lattice_beta(&params.beta, image.dims(), step)?;
-    let fixed = lattice_points(&params.fixed, &image.geometry, step, extent)?;
+    let mut fixed = lattice_points(&params.fixed, &image.geometry, step, extent)?;
+    let ways = lattice_ways(params, &image.geometry, step, extent)?;
 
     let mut stages = Stages {
         clock: Clock::new(),
@@ -367,7 +392,11 @@ fn settle<'a, const D: usize>(
     let features = feature::detect(image, &params.feature_options(step))?;
 
     stages.begin_unless_stopped("placing atoms")?;
-    let distance = varying(image, params, &features, step)?;
+    let mut distance = varying(image, params, &features, step)?;
+    if let Some(least) = params.well_distance.filter(|_| !ways.is_empty()) {
+        distance = wells::refined(distance, &ways, least, GROWTH, extent)?;
+    }
+    fixed.extend(wells::atoms(&ways, &distance, extent, alignment)?);
     let mut atoms = seeding::seed(
         params.seeding,
         extent,
@@ -651,6 +680,52 @@ pub(crate) fn lattice_beta<const D: usize>(
         step,
         samples: image.as_slice().to_vec(),
     }))
+}
+
+/// The ways of wells in lattice space, as far as they lie in the box.
+fn lattice_ways<const D: usize>(
+    params: &Params<D>,
+    geometry: &Geometry<D>,
+    step: [f64; D],
+    extent: [f64; D],
+) -> Result<Vec<Way<D>>> {
+    let least = params.well_distance.unwrap_or(params.spacing.min());
+    let spacing = geometry.spacing();
+    let sample = (0..D).fold(f64::INFINITY, |s, k| s.min(spacing[k] / step[k]));
+    let mut ways = Vec::new();
+    for well in &params.wells {
+        let refuse =
+            |problem: String, remedy: &str| Err(Error::Seeding(cause(&well.name, problem, remedy)));
+        if well.radius >= NARROW * least * sample {
+            return refuse(
+                format!(
+                    "has a radius of {}, but cells are only about {} wide there",
+                    well.radius,
+                    least * sample
+                ),
+                "give a smaller radius or a larger distance between atoms",
+            );
+        }
+        let to_lattice = |&x: &[f64; D]| -> Option<[f64; D]> {
+            let index = geometry.to_index(x)?;
+            Some(std::array::from_fn(|k| index[k] * step[k]))
+        };
+        let points: Option<Vec<_>> = well.points.iter().map(to_lattice).collect();
+        let way = Way {
+            name: well.name.clone(),
+            points: points.unwrap_or_default(),
+        };
+        let inside = way.inside(extent);
+        if inside.is_empty() {
+            let problem = "lies outside the image".to_string();
+            return refuse(
+                problem,
+                "give points inside, in the image's physical coordinates",
+            );
+        }
+        ways.extend(inside);
+    }
+    Ok(ways)
 }
 
 /// Physical points in lattice space; all must lie in the box and apart from one another.

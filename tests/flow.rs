@@ -133,7 +133,29 @@ fn two_point_fluxes_are_exact_on_voronoi_cells() {
     npy(&folder.path().join("sheet.npy"), DIMS, sheet(DIMS));
     let mesh = "mesh sheet.npy -o mesh.vtu --distance 6 --align alongside --cells voronoi --quiet";
     succeed(folder.path(), &mesh.split(' ').collect::<Vec<_>>());
-    let rate = through(folder.path(), &["--faults", "open"]);
+    let lines = ["--streamlines", "lines.vtp", "--lines", "10"];
+    let rate = through(folder.path(), &[&["--faults", "open"], &lines[..]].concat());
+    // Straight along x, each as far as the box is long.
+    let read = VtkFile::read(&folder.path().join("lines.vtp"), "PolyData").unwrap();
+    let piece = read.piece().unwrap();
+    let points = read
+        .array(&piece.child("Points").unwrap().children[0])
+        .unwrap();
+    let points = points.values.to_f64();
+    let (mut ends, mut steps) = (0, 0);
+    for pair in points.chunks_exact(3).collect::<Vec<_>>().windows(2) {
+        if pair[0][0] < 39.0 - 1e-6 {
+            assert!(
+                (1..3).all(|k| (pair[0][k] - pair[1][k]).abs() < 1e-3),
+                "{pair:?}"
+            );
+            assert!(pair[1][0] >= pair[0][0], "{pair:?}");
+            steps += 1;
+        } else {
+            ends += 1;
+        }
+    }
+    assert!(ends == 9 && steps > 100, "{ends} {steps}");
     let want = 1e-13 / 1e-3 * 1e5 * (35.0 * 31.0) / 39.0;
     assert!((rate / want - 1.0).abs() < 1e-6, "{rate} {want}");
     let AnyMesh::SpaceCells(file) = read_any_vtu(&folder.path().join("flow.vtu")).unwrap() else {

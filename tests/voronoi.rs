@@ -60,6 +60,29 @@ fn cells_fill_the_box_and_follow_the_faults() {
     }
     let claimed = &again["fidelity"]["claimed"];
     assert!(number(&claimed["coverage_one"]) > 0.6, "{claimed}");
+    // Without the smallest faces: fewer connections, and still valid.
+    let weld = [
+        "mesh",
+        "f.vti",
+        "-o",
+        "w.vtu",
+        "--distance",
+        "6",
+        "--cells",
+        "voronoi",
+    ];
+    let welded = json(folder, &[&weld[..], &["--weld", "0.03"]].concat());
+    let tiny = |report: &serde_json::Value| number(&report["voronoi"]["tiny_faces"][1]);
+    assert!(
+        tiny(&welded) < 0.2 * tiny(&report),
+        "{} {}",
+        tiny(&welded),
+        tiny(&report)
+    );
+    assert!(number(&welded["voronoi"]["connections"]) < number(&voronoi["connections"]));
+    let valid = json(folder, &["validate", "w.vtu"]);
+    assert_eq!(valid["valid"], true, "{valid}");
+
     let info = json(folder, &["info", "v.vtu"]);
     assert_eq!(info["polyhedra"], voronoi["check"]["cells"]);
 }
@@ -149,6 +172,14 @@ fn cells_and_atoms_must_agree() {
         (
             &["--cells", "voronoi", "--potential", "sampled"],
             "mirror images",
+        ),
+        (
+            &["--cells", "voronoi", "--weld", "0.5"],
+            "between 0 and 0.2",
+        ),
+        (
+            &["--cells", "tets", "--weld", "0.01"],
+            "about Voronoi cells",
         ),
     ] {
         let said = refused(folder, &[&mesh[..], options].concat());

@@ -102,6 +102,11 @@ pub enum Verb {
         after_help = "Example:\n  atomesh edit mesh.vtu survey.sgy -o edited.vtu --add 1500,2000,300 --remove 812"
     )]
     Edit(super::edit::EditArgs),
+    /// Columns: the Voronoi cells of a map, drawn down through layers between horizons
+    #[command(
+        after_help = "Example:\n  atomesh columns map.vtu --horizon top.npy --horizon base.npy --layers 5 -o cells.vtu"
+    )]
+    Columns(super::columns::ColumnsArgs),
     /// A mesh for a reservoir simulator, or for another mesher
     #[command(
         after_help = "Example:\n  atomesh export cells.vtu --to opm -o CASE.DATA --porosity 0.2 --permeability 100 --permeability-unit mD --depth-at-top 2000"
@@ -379,6 +384,13 @@ pub struct MeshOptions {
     /// Fixed atoms (wells, sources): a CSV file of x,y,z (x,y in 2-D) in the image's physical coordinates
     #[arg(long, value_name = "FILE.csv")]
     pub atoms_from: Option<PathBuf>,
+    /// A well: fixed atoms along the way in a CSV file of lines x,y,z,radius (x,y,radius in 2-D), in the
+    /// image's physical coordinates; may be repeated
+    #[arg(long, value_name = "FILE.csv")]
+    pub well: Option<Vec<PathBuf>>,
+    /// Distance between atoms at wells, in samples, from where it grows to --distance
+    #[arg(long, value_name = "D")]
+    pub well_distance: Option<f64>,
     /// Evaluator of the lattice energy [default: pairwise]
     #[arg(long, value_name = "HOW")]
     pub potential: Option<PotentialChoice>,
@@ -399,6 +411,10 @@ pub struct MeshOptions {
     /// How slivers are removed [default: joe]
     #[arg(long, value_name = "HOW")]
     pub slivers: Option<SliverChoice>,
+    /// Voronoi cells without their smallest faces: nodes nearer to one another than this share of the
+    /// cells' radius are welded [default: 0]
+    #[arg(long, value_name = "SHARE")]
+    pub weld: Option<f64>,
     /// Lattice space: samples, physical, or a scale per axis SX,SY,SZ (SX,SY in 2-D) [default: samples]
     #[arg(long, value_name = "SPACE")]
     pub metric: Option<String>,
@@ -431,6 +447,7 @@ impl MeshOptions {
             coarse_to_fine: Some(0),
             min_dihedral: Some(30.0),
             slivers: Some(SliverChoice::Joe),
+            weld: Some(0.0),
             metric: Some("samples".into()),
             rng_seed: Some(1),
             ..Self::default()

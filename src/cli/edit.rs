@@ -199,6 +199,7 @@ fn options<M>(args: &EditArgs, file: &MeshFile<M>) -> Result<MeshOptions> {
     options.output = Some(args.output.clone());
     // The mesh knows its fixed atoms and its distances, which files may not do any more.
     options.atoms_from = None;
+    options.well = None;
     if options.distance_from.is_some() {
         options.distance_from = Some("features".into());
     }

@@ -1,6 +1,7 @@
 //! The verb `export`: a mesh for a reservoir simulator, or for another mesher.
 
-use std::path::PathBuf;
+use std::cell::OnceCell;
+use std::path::{Path, PathBuf};
 
 use clap::builder::{PossibleValue, PossibleValuesParser};
 use clap::{Args, ValueEnum};
@@ -10,11 +11,14 @@ use super::console::Console;
 use super::flow::faults;
 use super::parse::{bad, number, point};
 use super::rock::RockOptions;
+use super::wells::{WellFile, is_well_file};
 use crate::error::cause;
 use crate::export::{FORMATS, Format, read_any_vtu};
 use crate::pipeline::{Placement, Prepared};
 use crate::reservoir::frame::metres;
-use crate::reservoir::{BAR, Case, Checks, Control, DAY, Down, Fluid, Model, Well};
+use crate::reservoir::{
+    BAR, Case, Checks, Completion, Control, DAY, Down, Fluid, Model, Tracer, Trajectory, Well,
+};
 use crate::{Error, Result};
 
 /// `atomesh export`.
@@ -44,6 +48,9 @@ pub struct ExportArgs {
     /// Thickness (m) of the layer that the factor of --faults is for [default: from cell to cell]
     #[arg(long, value_name = "W", help_heading = "Rock")]
     pub fault_thickness: Option<f64>,
+    /// Columns along two axes, and layers, of a corner-point grid (grdecl) [default: as fine as the cells]
+    #[arg(long, value_name = "NX,NY,NZ")]
+    pub grid: Option<String>,
     /// Where depth is.
     #[command(flatten, next_help_heading = "Space")]
     pub space: SpaceOptions,
@@ -98,14 +105,14 @@ pub struct CaseOptions {
     /// What fills the pores
     #[arg(long, value_name = "FLUID", default_value = "water")]
     pub fluid: FluidChoice,
-    /// A well that injects water into the cell at X,Y,Z (the mesh's coordinates), in m^3/day; may be
-    /// repeated
+    /// A well that injects water, in m^3/day, upright in the cell at X,Y,Z (the mesh's coordinates), or
+    /// along the way in a CSV file of lines x,y,z,radius: [NAME=]FILE.csv:RATE; may be repeated
     #[arg(long, value_name = "[NAME=]X,Y,Z:RATE", allow_hyphen_values = true)]
     pub injector: Vec<String>,
-    /// A well that produces from the cell at X,Y,Z at a pressure in bar; may be repeated
+    /// A well that produces at a pressure in bar, at X,Y,Z or along the way in a file; may be repeated
     #[arg(long, value_name = "[NAME=]X,Y,Z:BAR", allow_hyphen_values = true)]
     pub producer: Vec<String>,
-    /// Radius (m) of the wells
+    /// Radius (m) of wells that are given by a point
     #[arg(long, value_name = "R", default_value_t = 0.1)]
     pub well_radius: f64,
     /// Pressure (bar) at the top at first [default: that of water from the surface down to there, or
@@ -160,10 +167,11 @@ fn positive(option: &str, value: f64) -> Result<()> {
 
 impl CaseOptions {
     /// The case, its wells in cells of the model.
-    fn case(&self, prepared: &Prepared) -> Result<Case> {
+    fn case(&self, prepared: &Prepared, console: &Console) -> Result<Case> {
         positive("--days", self.days)?;
         let model = &prepared.model;
-        let mut wells = Vec::new();
+        let mut wells: Vec<Well> = Vec::new();
+        let tracer = OnceCell::new();
         let typed = [
             ("--injector", &self.injector, 'I'),
             ("--producer", &self.producer, 'P'),
@@ -171,29 +179,43 @@ impl CaseOptions {
         for (option, texts, letter) in typed {
             for text in texts {
                 let (name, rest) = match text.split_once('=') {
-                    Some((name, rest)) => (name.to_string(), rest),
-                    None => (format!("{letter}{}", wells.len() + 1), text.as_str()),
+                    Some((name, rest)) => (Some(name.to_string()), rest),
+                    None => (None, text.as_str()),
                 };
-                let remedy = "give X,Y,Z:VALUE or NAME=X,Y,Z:VALUE";
-                let Some((place, value)) = rest.split_once(':') else {
+                let remedy = "give X,Y,Z:VALUE or FILE.csv:VALUE, with NAME= before it or not";
+                let Some((place, value)) = rest.rsplit_once(':') else {
                     return Err(bad(option, text, "has no ':'", remedy));
                 };
                 let value = number(option, value, remedy)?;
                 positive(option, value)?;
-                if wells.iter().any(|known: &Well| known.name == name) {
+                let called = format!("{option} {text}");
+                let tracer = tracer.get_or_init(|| Tracer::new(model));
+                let (own_name, radius, completions) = if is_well_file(place) {
+                    along_file(place, called, tracer, prepared, console)?
+                } else {
+                    let point = prepared.frame.to_model(point(option, place, remedy)?);
+                    let cell = model.graph.cell_at(point).ok_or_else(|| {
+                        let remedy = "give a point inside, in the mesh's coordinates (`atomesh info` says where it lies)";
+                        bad(option, text, "lies outside the mesh", remedy)
+                    })?;
+                    let radius = self.well_radius;
+                    positive("--well-radius", radius)?;
+                    let own_name = format!("{letter}{}", wells.len() + 1);
+                    (
+                        own_name,
+                        radius,
+                        tracer.complete_cell(&called, cell, radius)?,
+                    )
+                };
+                let name = name.unwrap_or(own_name);
+                if wells.iter().any(|known| known.name == name) {
                     return Err(bad(option, text, "has the name of another well", remedy));
                 }
-                let place = prepared.frame.to_model(point(option, place, remedy)?);
-                let cell = model.graph.cell_at(place).ok_or_else(|| {
-                    let remedy = "give a point inside, in the mesh's coordinates (`atomesh info` says where it lies)";
-                    bad(option, text, "lies outside the mesh", remedy)
-                })?;
-                let index =
-                    model.well_index(&format!("{option} {text}"), cell, self.well_radius)?;
                 wells.push(Well {
                     name,
-                    cells: vec![(cell as u32, index)],
-                    radius: self.well_radius,
+                    cells: completions.iter().map(|c| (c.cell, c.index)).collect(),
+                    lengths: completions.iter().map(|c| c.length).collect(),
+                    radius,
                     control: match letter {
                         'I' => Control::Inject(value / DAY),
                         _ => Control::Pressure(value * BAR),
@@ -219,6 +241,46 @@ impl CaseOptions {
             duration: self.days * DAY,
         })
     }
+}
+
+/// Name, radius at its first point, and completions of a well along the way in a file.
+fn along_file(
+    path: &str,
+    called: String,
+    tracer: &Tracer,
+    prepared: &Prepared,
+    console: &Console,
+) -> Result<(String, f64, Vec<Completion>)> {
+    let file = WellFile::<3>::read(Path::new(path), 2)?;
+    let frame = &prepared.frame;
+    let points = file.points.iter();
+    let way = Trajectory {
+        name: called,
+        points: points.clone().map(|p| frame.to_model(p.1)).collect(),
+        radii: points.map(|p| p.2 * frame.across()).collect(),
+    };
+    let completions = tracer.complete(&way)?;
+    let (all, inside) = (
+        way.length(),
+        completions.iter().map(|c| c.length).sum::<f64>(),
+    );
+    if inside < (1.0 - 1e-6) * all {
+        console.note(format_args!(
+            "{path}: {inside:.2} of the well's {all:.2} m lie in the mesh"
+        ));
+    }
+    Ok((file.name, way.radii[0], completions))
+}
+
+/// Three numbers of cells.
+fn grid(text: &str) -> Result<[usize; 3]> {
+    let numbers: Option<Vec<usize>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
+    let counts = numbers.and_then(|n| <[usize; 3]>::try_from(n).ok());
+    let fits = |n: &[usize; 3]| n.iter().all(|n| (1..=10_000).contains(n));
+    counts.filter(fits).ok_or_else(|| {
+        let remedy = "give NX,NY,NZ, each from 1 to 10000";
+        bad("--grid", text, "is not three numbers of cells", remedy)
+    })
 }
 
 /// Depth must grow downwards from the surface.
@@ -270,8 +332,9 @@ pub fn export(args: &ExportArgs, console: &mut Console) -> Result<()> {
         prepared.model.set_permeability(rock, faults)?;
     }
     if !(args.case.injector.is_empty() && args.case.producer.is_empty()) || format.depth {
-        prepared.model.case = args.case.case(&prepared)?;
+        prepared.model.case = args.case.case(&prepared, console)?;
     }
+    prepared.model.grid = args.grid.as_deref().map(grid).transpose()?;
     console.begin_stage("checking");
     let model = &prepared.model;
     let checks = Checks::new(model, prepared.box_volume);
@@ -280,11 +343,15 @@ pub fn export(args: &ExportArgs, console: &mut Console) -> Result<()> {
     format.write(model, &args.output)?;
     let mut table = checks.table();
     for well in &model.case.wells {
-        let (cell, index) = well.cells[0];
-        table += &format!(
-            "\nwell {:<9} in cell {cell}, index {index:.3e} m^3",
-            well.name
-        );
+        let index: f64 = well.cells.iter().map(|c| c.1).sum();
+        let place = match well.cells[..] {
+            [(cell, _)] => format!("in cell {cell}"),
+            _ => {
+                let length: f64 = well.lengths.iter().sum();
+                format!("{length:.2} m in {} cells", well.cells.len())
+            }
+        };
+        table += &format!("\nwell {:<9} {place}, index {index:.3e} m^3", well.name);
     }
     table += &format!("\nwrote {}: {}", args.output.display(), format.what);
     let twin = format.twin_of(&args.output);
@@ -302,7 +369,7 @@ pub fn export(args: &ExportArgs, console: &mut Console) -> Result<()> {
             "twin": twin,
             "checks": checks,
             "wells": model.case.wells.iter().map(|well| {
-                json!({ "name": well.name, "cells": well.cells })
+                json!({ "name": well.name, "cells": well.cells, "lengths": well.lengths })
             }).collect::<Vec<_>>(),
         }),
     );

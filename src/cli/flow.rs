@@ -20,6 +20,7 @@ use crate::pipeline::flow::{
     flow_through_elements,
 };
 use crate::pipeline::stored::Stored;
+use crate::pipeline::{Meshing, Space};
 use crate::report::Measured;
 use crate::{Error, Result};
 
@@ -88,23 +89,21 @@ impl Typed<'_> {
         &self,
         file: MeshFile<PolyMesh<D>>,
         console: &mut Console,
-    ) -> Result<FlowReport> {
+    ) -> Result<FlowReport>
+    where
+        Space<D>: Meshing<D>,
+    {
         let args = self.args;
         let place = args.mesh.display();
-        if args.streamlines.is_some() {
-            return Err(Error::Flow(cause(
-                place,
-                "is of Voronoi cells, through which no streamlines are traced",
-                "leave out --streamlines, or mesh the image with triangles or tetrahedra",
-            )));
-        }
         let regions = file.mesh.region.iter().map(|&r| i64::from(r)).collect();
         let rock = rock::<D>(args, &file.cell_data, Some(regions))?;
         let placed = Placed::cells(file.clone(), &place.to_string())?;
         let conditions = self.conditions()?;
         let barriers = self.barriers(&placed, console)?;
         console.begin_stage("computing pressure");
-        let (outcome, off) = flow_through_cells(file, &placed, &rock, &barriers, &conditions)?;
+        let lines = args.streamlines.as_ref().map(|_| args.lines);
+        let (outcome, off) =
+            flow_through_cells(file, &placed, &rock, &barriers, &conditions, lines)?;
         if off > 1.0 {
             console.note(format_args!(
                 "the lines between cells are {off:.0} degrees off square to the permeability times \

@@ -46,6 +46,10 @@ pub struct MeshJob {
     pub beta: Beta,
     /// File of fixed atoms.
     pub atoms_from: Option<PathBuf>,
+    /// Files of wells.
+    pub wells: Vec<PathBuf>,
+    /// Distance between atoms at wells.
+    pub well_distance: Option<f64>,
     /// Voronoi cells of atoms alongside features, instead of a mesh of atoms on them.
     pub voronoi: bool,
     /// Evaluator of the energy.
@@ -62,6 +66,8 @@ pub struct MeshJob {
     pub min_dihedral: Option<f64>,
     /// How they are removed.
     pub slivers: Method,
+    /// Share of the cells' size within which nodes of Voronoi cells are welded.
+    pub weld: f64,
     /// Lattice space.
     pub metric: LatticeSpace,
     /// Seed.
@@ -170,6 +176,8 @@ impl MeshJob {
             },
             beta: beta(options.beta.as_deref())?,
             atoms_from: options.atoms_from.clone(),
+            wells: options.well.clone().unwrap_or_default(),
+            well_distance: well_distance(options)?,
             seeding: seeding(options)?,
             voronoi: voronoi(options)?,
             evaluator: match options.potential {
@@ -187,6 +195,7 @@ impl MeshJob {
                 Some(SliverChoice::Exude) => Method::Exude,
                 _ => Method::Joe,
             },
+            weld: weld(options)?,
             metric: lattice_space(options.metric.as_deref().unwrap_or("samples"))?,
             seed: options.rng_seed.unwrap_or(1),
         };
@@ -199,6 +208,7 @@ impl MeshJob {
     fn check_files(&self) -> Result<()> {
         let mut inputs = vec![self.image.as_path()];
         inputs.extend(self.atoms_from.as_deref());
+        inputs.extend(self.wells.iter().map(PathBuf::as_path));
         if let Beta::File(path) = &self.beta {
             inputs.push(path);
         }
@@ -224,6 +234,39 @@ impl MeshJob {
         }
         Ok(())
     }
+}
+
+/// Largest share of the cells' size within which nodes may be welded: beyond it, cells lose faces that
+/// matter.
+const MOST_WELDED: f64 = 0.2;
+
+fn weld(options: &MeshOptions) -> Result<f64> {
+    let weld = options.weld.unwrap_or(0.0);
+    let refuse = |problem: String, remedy: &str| Err(Error::Job(cause("--weld", problem, remedy)));
+    if !(0.0..=MOST_WELDED).contains(&weld) {
+        let problem = format!("{weld} is not a share between 0 and {MOST_WELDED}");
+        return refuse(problem, "give 0.01, say");
+    }
+    if weld > 0.0 && !voronoi(options)? {
+        return refuse(
+            "is about Voronoi cells, but tetrahedra or triangles are asked for".into(),
+            "give --cells voronoi, or leave it away",
+        );
+    }
+    Ok(weld)
+}
+
+/// `--well-distance`, if given: positive, and with wells.
+fn well_distance(options: &MeshOptions) -> Result<Option<f64>> {
+    let Some(d) = options.well_distance else {
+        return Ok(None);
+    };
+    let (problem, remedy) = match d.is_finite() && d > 0.0 {
+        true if options.well.is_some() => return Ok(Some(d)),
+        true => ("is given without a well", "add --well FILE.csv"),
+        false => ("is not a positive number of samples", "give one above 0"),
+    };
+    Err(refuse("--well-distance", d, problem, remedy))
 }
 
 /// Whether Voronoi cells are wanted: they need atoms alongside features, and strictly inside the box;

@@ -12,6 +12,7 @@ use super::images::potential_image;
 use super::job::{Beta, MeshJob, effective_options};
 use super::parse;
 use super::provenance::file_hash;
+use super::wells::WellFile;
 use crate::error::cause;
 use crate::export::{Trace, write_cells_vtu, write_vtu};
 use crate::image::{Geometry, Image};
@@ -20,7 +21,7 @@ use crate::io::{AnyLoaded, Loaded, ReadOptions};
 use crate::optimize::{Observer, Progress, Stop};
 use crate::pipeline::cells::cells_to_file;
 use crate::pipeline::file::{Provenance, to_file};
-use crate::pipeline::{CellsOutcome, FixedAtom, Meshing, Outcome, Params, Space, Weight};
+use crate::pipeline::{CellsOutcome, FixedAtom, Meshing, Outcome, Params, Space, Weight, WellPath};
 use crate::report::{Clock, Input, Measured, quality};
 use crate::{Error, Result, io, pipeline};
 
@@ -200,6 +201,15 @@ impl MeshJob {
                 })
                 .collect();
         }
+        let mut wells = Vec::new();
+        for path in &self.wells {
+            let file = WellFile::<D>::read(path, D - 1)?;
+            wells.push(WellPath {
+                name: path.display().to_string(),
+                radius: file.points.iter().map(|p| p.2).fold(0.0, f64::max),
+                points: file.points.iter().map(|p| p.1).collect(),
+            });
+        }
         let distances = match &self.distances {
             Some(path) => Some(Box::new(read_distances(path)?)),
             None => None,
@@ -220,6 +230,8 @@ impl MeshJob {
             threshold: self.threshold,
             beta,
             fixed,
+            wells,
+            well_distance: self.well_distance,
             seeding: self.seeding,
             evaluator: self.evaluator,
             kappa: self.kappa,
@@ -227,6 +239,7 @@ impl MeshJob {
             coarse_passes: self.coarse_passes,
             min_dihedral: self.min_dihedral,
             slivers: self.slivers,
+            weld: self.weld,
             metric: self.metric.metric()?,
             seed: self.seed,
         })

@@ -13,7 +13,7 @@ use crate::io::vtk::DataArray;
 use crate::mesh::check::check;
 use crate::mesh::graph::Graph;
 use crate::mesh::poly::PolyMesh;
-use crate::mesh::poly_check::check_poly;
+use crate::mesh::poly_check::check_welded;
 use crate::mesh::{Simplices, TetMesh, TriMesh};
 use crate::pipeline::file::{Placed, bounds};
 use crate::pipeline::{BOX_TOLERANCE, cells, scaled};
@@ -185,6 +185,7 @@ fn measure_cells<const D: usize>(
         &physical,
         placed.extent,
         BOX_TOLERANCE,
+        placed.weld,
     );
     let mut report = Report {
         voronoi: Some(voronoi),
@@ -276,12 +277,25 @@ fn by_atomesh<const D: usize, M: Measured<D>>(placed: &Placed<D, M>) -> Verdict 
 
 /// The same for polyhedra and polygons, of which TetGen and CGAL have no notion.
 fn cells_by_atomesh<const D: usize>(placed: &Placed<D, PolyMesh<D>>) -> Verdict {
-    let found = check_poly(&placed.lattice, [0.0; D], placed.extent, BOX_TOLERANCE);
+    let found = check_welded(
+        &placed.lattice,
+        [0.0; D],
+        placed.extent,
+        BOX_TOLERANCE,
+        placed.weld,
+    );
+    let [faces, space] = match found.in_columns {
+        true => [
+            "faces, the upright ones flat,",
+            "what lies between top and base",
+        ],
+        false => ["flat faces", "the box"],
+    };
     Verdict {
         by: "atomesh",
         what: format!(
-            "{} closed cells with their atoms inside, {} flat faces between two cells or on a side, \
-             fill the box (off by {:.0e})",
+            "{} closed cells with their atoms inside, {} {faces} between two cells or on a side, \
+             fill {space} (off by {:.0e})",
             found.cells, found.faces, found.volume_error
         ),
         problem: found.problems.first().cloned(),

@@ -14,9 +14,12 @@
 //! - [`rock`]: porosity, permeability and the like from numbers, tables and images
 //! - [`slice`](mod@slice): the verb `slice`
 //! - [`surface`](mod@surface): the verb `surface`
+//! - [`wells`]: trajectories of wells
+//! - [`columns`]: the verb `columns`
 //! - [`console`]: everything that is printed
 
 pub mod args;
+pub mod columns;
 pub mod console;
 pub mod edit;
 pub mod export;
@@ -31,6 +34,7 @@ pub mod provenance;
 pub mod rock;
 pub mod slice;
 pub mod surface;
+pub mod wells;
 
 use std::process::ExitCode;
 
@@ -79,6 +83,7 @@ fn run(line: &CommandLine) -> Result<Ending> {
         Verb::Convert(args) => images::convert(args, console)?,
         Verb::Edit(args) => edit::edit(args, console)?,
         Verb::Flow(args) => flow::flow(args, console)?,
+        Verb::Columns(args) => columns::run(args, console)?,
         Verb::Export(args) => export::export(args, console)?,
         Verb::Paint(args) => paint::paint(args, console)?,
         Verb::Surface(args) => surface::surface(args, console)?,

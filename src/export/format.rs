@@ -3,7 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use super::twin::add_twin;
-use super::{inp, medit, msh, openfoam, opm, pflotran, stl, tetgen, tough};
+use super::{
+    darts, disv, geos, grdecl, inp, medit, mrst, msh, openfoam, opm, pflotran, resqml, stl, tetgen,
+    tough,
+};
 use crate::error::cause;
 use crate::io::{Batch, check_target};
 use crate::reservoir::Model;
@@ -65,6 +68,60 @@ pub const FORMATS: &[Format] = &[
         any_cells: true,
         depth: true,
         write: tough::write,
+    },
+    Format {
+        name: "disv",
+        what: "MODFLOW 6 simulation of columns (DISV), in a folder",
+        endings: &[],
+        twin: true,
+        any_cells: true,
+        depth: true,
+        write: disv::write,
+    },
+    Format {
+        name: "mrst",
+        what: "MRST grid as a MAT-file: G, rock, T",
+        endings: &["mat"],
+        twin: false,
+        any_cells: true,
+        depth: true,
+        write: mrst::write,
+    },
+    Format {
+        name: "geos",
+        what: "VTU for GEOS: attribute, porosity, permeability",
+        endings: &["vtu"],
+        twin: false,
+        any_cells: true,
+        depth: false,
+        write: geos::write,
+    },
+    Format {
+        name: "grdecl",
+        what: "corner-point grid, resampled, for Eclipse and its like without NNC",
+        endings: &["GRDECL", "grdecl"],
+        twin: false,
+        any_cells: true,
+        depth: true,
+        write: grdecl::write,
+    },
+    Format {
+        name: "resqml",
+        what: "RESQML 2.0.1: an unstructured grid with its rock, EPC and HDF5",
+        endings: &["epc"],
+        twin: false,
+        any_cells: true,
+        depth: true,
+        write: resqml::write,
+    },
+    Format {
+        name: "darts",
+        what: "open-DARTS connection list, and its cells",
+        endings: &["conn"],
+        twin: true,
+        any_cells: true,
+        depth: true,
+        write: darts::write,
     },
     Format {
         name: "msh",

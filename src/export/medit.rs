@@ -1,10 +1,10 @@
 //! Medit's `.mesh` in text (INRIA, MMG, FreeFem++): tetrahedra with their regions, triangles with the
-//! numbers of their [`groups`].
+//! numbers of their [`groups`](super::groups). Of a mesh of the plane, triangles and edges.
 
 use std::io::Write;
 use std::path::Path;
 
-use super::groups::groups;
+use super::simplices::Simplices;
 use super::text::write_items;
 use crate::Result;
 use crate::io::Batch;
@@ -13,11 +13,13 @@ use crate::reservoir::Model;
 /// Writes the mesh; numbers of nodes begin with 1.
 ///
 /// # Errors
-/// [`Error::Export`](crate::Error::Export) if the cells are no tetrahedra.
+/// [`Error::Export`](crate::Error::Export) if the cells are neither tetrahedra nor triangles.
 pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
-    let tets = &model.need_tets("Medit's format")?.tets;
-    let mesh = &model.mesh;
-    let groups = groups(mesh);
+    let mesh = &Simplices::new(model, "Medit's format")?;
+    let (names, of_side) = match mesh.size {
+        3 => ("Triangles", "Edges"),
+        _ => ("Tetrahedra", "Triangles"),
+    };
     batch.write(path, |out| {
         writeln!(
             out,
@@ -28,22 +30,18 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             let [x, y, z] = mesh.nodes[i];
             text.real(x).and_real(y).and_real(z).word(" 0").end();
         })?;
-        writeln!(
-            out,
-            "Triangles\n{}",
-            groups.iter().map(|g| g.faces.len()).sum::<usize>()
-        )?;
-        for group in &groups {
-            write_items(out, group.faces.len(), |text, i| {
-                for &n in mesh.faces.get(group.faces[i] as usize) {
+        writeln!(out, "{of_side}\n{}", mesh.sides())?;
+        for named in &mesh.named {
+            write_items(out, named.sides.len(), |text, i| {
+                for &n in named.sides.get(i) {
                     text.int(n + 1).word(" ");
                 }
-                text.int(group.number).end();
+                text.int(named.number).end();
             })?;
         }
-        writeln!(out, "Tetrahedra\n{}", tets.len())?;
-        write_items(out, tets.len(), |text, t| {
-            for n in tets[t] {
+        writeln!(out, "{names}\n{}", mesh.len())?;
+        write_items(out, mesh.len(), |text, t| {
+            for n in mesh.get(t) {
                 text.int(n + 1).word(" ");
             }
             text.int(mesh.region[t]).end();

@@ -13,21 +13,40 @@
 //! - [`twin`]: the VTU beside a format that does not hold the cells' shapes
 //! - [`opm`]: decks for OPM Flow and Eclipse
 //! - [`openfoam`]: OpenFOAM cases
-//! - [`pflotran`], [`tough`]: cells and connections for PFLOTRAN and TOUGH2
-//! - [`groups`](mod@groups): named faces, for those with tetrahedra: [`msh`], [`inp`], [`medit`],
+//! - [`disv`]: MODFLOW 6 on columns
+//! - [`pflotran`], [`tough`], [`darts`]: cells and connections for PFLOTRAN, TOUGH2 and DARTS
+//! - [`mrst`]: grids for MRST, in MATLAB's container [`mat`]
+//! - [`geos`]: VTU for GEOS
+//! - [`resqml`]: RESQML, in the containers [`epc`] and [`hdf5`]
+//! - [`grdecl`]: corner-point grids, of [`pillars`] and [`layers`], found by [`walk`]s through cells
+//! - [`binary`]: numbers as bytes, for containers
+//! - [`groups`](mod@groups): named faces, for those with [`simplices`]: [`msh`], [`inp`], [`medit`],
 //!   [`tetgen`], and for surfaces alone: [`stl`], [`obj`]
 
+pub mod binary;
+pub mod darts;
+pub mod disv;
+pub mod epc;
 pub mod format;
+pub mod geos;
+pub mod grdecl;
 pub mod groups;
+pub mod hdf5;
 pub mod inp;
+pub mod layers;
+pub mod mat;
 pub mod medit;
+pub mod mrst;
 pub mod msh;
 pub mod obj;
 pub mod openfoam;
 pub mod opm;
 pub mod pflotran;
+pub mod pillars;
 pub mod polyhedra;
 pub mod pvd;
+pub mod resqml;
+pub mod simplices;
 pub mod stl;
 pub mod surfaces;
 pub mod tetgen;
@@ -37,6 +56,7 @@ pub mod tsurf;
 pub mod twin;
 pub mod vtp;
 pub mod vtu;
+pub mod walk;
 
 pub use format::{FORMATS, Format};
 pub use obj::write_obj;

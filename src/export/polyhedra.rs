@@ -14,7 +14,7 @@ use super::vtu::{
 };
 use crate::error::Result;
 use crate::io::Batch;
-use crate::io::vtk::{DataArray, Document, Source, VtkFile};
+use crate::io::vtk::{DataArray, Document, Packing, Source, VtkFile};
 use crate::mesh::poly::{Beyond, Lists, NO_CELL, PolyMesh};
 
 /// VTK's number of the polyhedron.
@@ -49,11 +49,12 @@ pub fn write_cells_vtu<const D: usize>(path: &Path, file: &MeshFile<PolyMesh<D>>
         points,
         cells,
         &file.field_data,
+        Packing::Zlib,
     )?;
     batch.commit()
 }
 
-/// The same as one of several files that belong together.
+/// The same as one of several files that belong together, stored in either way.
 ///
 /// # Errors
 /// As [`write_cells_vtu`].
@@ -64,6 +65,7 @@ pub fn add_cells_vtu<const D: usize>(
     point_data: &[DataArray],
     cell_data: &[DataArray],
     field_data: &[(String, FieldValue)],
+    packing: Packing,
 ) -> Result<()> {
     let (nodes, cells) = (mesh.nodes.len(), mesh.sites.len());
     check_lengths(path, point_data, nodes, "nodes")?;
@@ -86,7 +88,7 @@ pub fn add_cells_vtu<const D: usize>(
     let point_data: Vec<_> = point_data.iter().collect();
     let streams = Streams::new(mesh);
 
-    let mut document = Document::new("UnstructuredGrid", &[]);
+    let mut document = Document::packed("UnstructuredGrid", &[], packing);
     vtu::begin_piece(
         &mut document,
         &fields,

@@ -7,7 +7,7 @@ use super::FieldValue;
 use super::polyhedra::add_cells_vtu;
 use crate::Result;
 use crate::io::Batch;
-use crate::io::vtk::DataArray;
+use crate::io::vtk::{DataArray, Packing};
 use crate::reservoir::Model;
 
 /// Adds the twin to the files of a model.
@@ -38,7 +38,15 @@ pub fn add_twin(batch: &mut Batch, path: &Path, model: &Model) -> Result<()> {
     arrays.extend(model.properties.iter().cloned());
     let version = FieldValue::Text(env!("CARGO_PKG_VERSION").to_string());
     let fields = [("atomesh_version".to_string(), version)];
-    add_cells_vtu(batch, path, &model.mesh, &[], &arrays, &fields)
+    add_cells_vtu(
+        batch,
+        path,
+        &model.mesh,
+        &[],
+        &arrays,
+        &fields,
+        Packing::None,
+    )
 }
 
 /// The largest angle, in degrees, by which two-point fluxes of each cell are off.

@@ -1,12 +1,12 @@
-//! Surfaces as VTK poly data (`.vtp`): triangles, or line segments of a 2-D mesh.
+//! Surfaces as VTK poly data (`.vtp`): triangles, or line segments of a 2-D mesh; triangles back in.
 
 use std::path::Path;
 
 use super::surfaces::SurfaceFile;
-use super::vtu::{FieldValue, check_lengths};
+use super::vtu::{self, FieldValue, cell_values, check_lengths, read_nodes};
 use crate::error::Result;
 use crate::io::atomic_write;
-use crate::io::vtk::{Document, Source};
+use crate::io::vtk::{Document, Source, VtkFile};
 
 /// Writes surfaces with the number of each facet's surface (`surface`), the numbers of the file's
 /// table of surfaces as cell data, and names as one text, a line a surface.
@@ -56,4 +56,42 @@ pub fn write_vtp<const D: usize>(path: &Path, file: &SurfaceFile<D>) -> Result<(
     }));
     document.close();
     atomic_write(path, |out| document.write(out))
+}
+
+/// The triangles of a file, ours or VTK's (polygons are cut into fans): all, or those of the surface
+/// of that number.
+///
+/// # Errors
+/// [`Error::Io`](crate::Error::Io) if the file cannot be read, is damaged, or does not number its
+/// surfaces though a number is given.
+pub fn read_triangles(path: &Path, number: Option<i64>) -> Result<Vec<[[f64; 3]; 3]>> {
+    let file = VtkFile::read(path, "PolyData")?;
+    let piece = file.piece()?;
+    let points = vtu::count(&file, piece, "NumberOfPoints")?;
+    let nodes: Vec<[f64; 3]> = read_nodes(&file, file.child(piece, "Points")?, points)?;
+    let element = file.child(piece, "Polys")?;
+    let corners = cell_values(&file, element, "connectivity")?;
+    let ends = cell_values(&file, element, "offsets")?;
+    let labels = match number {
+        None => Vec::new(),
+        Some(_) => cell_values(&file, file.child(piece, "CellData")?, "surface")?,
+    };
+    let mut found = Vec::new();
+    let mut start = 0;
+    for (i, &end) in ends.iter().enumerate() {
+        let ring = usize::try_from(end)
+            .ok()
+            .and_then(|end| corners.get(start..end));
+        let node = |&n: &i64| usize::try_from(n).ok().and_then(|n| nodes.get(n)).copied();
+        let ring: Option<Vec<[f64; 3]>> = ring.and_then(|ring| ring.iter().map(node).collect());
+        let Some(ring) = ring else {
+            let problem = format!("its polygon {i} is damaged");
+            return Err(file.fault(problem, "write it anew"));
+        };
+        start = end as usize;
+        if labels.get(i).copied() == number || number.is_none() {
+            found.extend((2..ring.len()).map(|k| [ring[0], ring[k - 1], ring[k]]));
+        }
+    }
+    Ok(found)
 }

@@ -8,7 +8,7 @@ use std::path::Path;
 
 use super::polyhedra::{self, POLYGON, POLYHEDRON};
 use crate::error::Result;
-use crate::io::atomic_write;
+use crate::io::Batch;
 use crate::io::vtk::xml::Element;
 use crate::io::vtk::{DataArray, Document, Source, Values, VtkFile};
 use crate::mesh::poly::PolyMesh;
@@ -44,6 +44,20 @@ pub enum FieldValue {
 /// [`Error::Io`](crate::Error::Io) if the file cannot be written, [`Error::Mesh`](crate::Error::Mesh)
 /// if an array does not have a tuple per node or cell.
 pub fn write_vtu<const D: usize, M: Simplices<D>>(path: &Path, file: &MeshFile<M>) -> Result<()> {
+    let mut batch = Batch::default();
+    add_vtu(&mut batch, path, file)?;
+    batch.commit()
+}
+
+/// The same as one of several files that belong together.
+///
+/// # Errors
+/// As [`write_vtu`].
+pub fn add_vtu<const D: usize, M: Simplices<D>>(
+    batch: &mut Batch,
+    path: &Path,
+    file: &MeshFile<M>,
+) -> Result<()> {
     let MeshFile {
         mesh,
         point_data,
@@ -84,7 +98,7 @@ pub fn write_vtu<const D: usize, M: Simplices<D>>(path: &Path, file: &MeshFile<M
         }));
     }
     document.array(Source::computed("types", 1, cells, |_| M::VTK_CELL));
-    atomic_write(path, |out| document.write(out))
+    batch.write(path, |out| document.write(out))
 }
 
 /// Opens the only piece, with everything in it up to its cells.

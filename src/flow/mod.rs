@@ -10,6 +10,7 @@
 //! - [`cells`]: two-point fluxes between cells
 //! - [`wells`]: point sources and sinks
 //! - [`conserve`]: rates through faces, conserved on every triangle or tetrahedron
+//! - [`inside`]: the same inside polyhedra and polygons
 //! - [`streamlines`]: paths of fluid through them
 //! - [`report`]: what is said of a flow
 //! - [`system`]: the pressure system, conjugate gradients, what is conserved
@@ -20,6 +21,7 @@ pub mod barriers;
 pub mod cells;
 pub mod conserve;
 pub mod elements;
+pub mod inside;
 pub mod multigrid;
 pub mod report;
 pub mod rock;
@@ -35,6 +37,7 @@ pub use barriers::Barriers;
 pub use cells::CellFlow;
 pub use conserve::FaceRates;
 pub use elements::ElementFlow;
+pub use inside::Inside;
 pub use rock::{Faults, Rock, Tensor};
 pub use split::Split;
 pub use streamlines::Streamlines;

@@ -1,4 +1,5 @@
-//! Streamlines through triangles or tetrahedra, exact for the rates through their faces.
+//! Streamlines through triangles or tetrahedra (also those that larger cells are cut into), exact for the
+//! rates through their faces.
 //!
 //! Rates through the faces that are conserved make one velocity field of the lowest order of Raviart
 //! and Thomas: `u(x) = a + b x` in each cell, its flux through each face constant and the same from
@@ -8,12 +9,14 @@
 //!
 //! All streamlines carry the same rate: they begin on the faces where fluid comes in, in proportion.
 
+use std::ops::Range;
 use std::path::Path;
 
 use rayon::prelude::*;
 
 use super::conserve::FaceRates;
 use super::elements::corners;
+use super::inside::Inside;
 use super::wells::{Located, barycentric};
 use crate::Result;
 use crate::io::atomic_write;
@@ -56,6 +59,37 @@ impl<const D: usize> Streamlines<D> {
         positions: &[[f64; D]],
         count: usize,
     ) -> Self {
+        let wells: Vec<(Range<u32>, f64)> = wells
+            .iter()
+            .map(|well| (well.cell..well.cell + 1, well.rate))
+            .collect();
+        Self::between(mesh, rates, &wells, positions, count)
+    }
+
+    /// The same through polyhedra or polygons, each of which is cut into parts. Wells are known by
+    /// their cell and rate.
+    pub fn through<M: Simplices<D>>(
+        inside: &Inside<D, M>,
+        wells: &[(u32, f64)],
+        positions: &[[f64; D]],
+        count: usize,
+    ) -> Self {
+        let parts = |cell: u32| inside.first[cell as usize]..inside.first[cell as usize + 1];
+        let wells: Vec<_> = wells
+            .iter()
+            .map(|&(cell, rate)| (parts(cell), rate))
+            .collect();
+        Self::between(&inside.mesh, &inside.rates, &wells, positions, count)
+    }
+
+    /// From sources to sinks, each of which is a range of cells.
+    fn between<M: Simplices<D>>(
+        mesh: &M,
+        rates: &FaceRates<D>,
+        wells: &[(Range<u32>, f64)],
+        positions: &[[f64; D]],
+        count: usize,
+    ) -> Self {
         let inlets = inlets(rates, wells);
         let total: f64 = inlets.iter().map(|inlet| inlet.rate).sum();
         if count == 0 || inlets.is_empty() || total <= 0.0 {
@@ -72,7 +106,11 @@ impl<const D: usize> Streamlines<D> {
             }
             starts.push((&inlets[at], line));
         }
-        let sink = |c: u32| wells.iter().position(|w| w.cell == c && w.rate < 0.0);
+        let sink = |c: u32| {
+            wells
+                .iter()
+                .position(|(cells, rate)| *rate < 0.0 && cells.contains(&c))
+        };
         let lines: Vec<(Vec<[f64; D]>, Vec<f64>)> = starts
             .into_par_iter()
             .map(|(inlet, line)| {
@@ -146,7 +184,7 @@ impl<const D: usize> Streamlines<D> {
 }
 
 /// Faces through which fluid comes from outside or from a source's cell.
-fn inlets<const D: usize>(rates: &FaceRates<D>, wells: &[Located]) -> Vec<Inlet> {
+fn inlets<const D: usize>(rates: &FaceRates<D>, wells: &[(Range<u32>, f64)]) -> Vec<Inlet> {
     let mut inlets = Vec::new();
     for (face, (&out, &beyond)) in rates.out.iter().zip(&rates.neighbors).enumerate() {
         if beyond == NONE && out < 0.0 {
@@ -158,17 +196,26 @@ fn inlets<const D: usize>(rates: &FaceRates<D>, wells: &[Located]) -> Vec<Inlet>
             });
         }
     }
-    for (source, well) in wells.iter().enumerate().filter(|(_, well)| well.rate > 0.0) {
-        let (out, around) = rates.of(well.cell as usize);
-        let leaving: f64 = out.iter().map(|rate| rate.max(0.0)).sum();
-        for k in (0..=D).filter(|&k| out[k] > 0.0 && around[k] != NONE) {
-            inlets.push(Inlet {
-                cell: well.cell,
-                face: k as u8,
-                rate: well.rate * out[k] / leaving,
-                source: Some(source as u32),
-            });
+    for (source, (cells, rate)) in wells.iter().enumerate().filter(|(_, well)| well.1 > 0.0) {
+        let from = inlets.len();
+        let mut leaving = 0.0;
+        for cell in cells.clone() {
+            let (out, around) = rates.of(cell as usize);
+            for k in (0..=D).filter(|&k| out[k] > 0.0 && around[k] != NONE) {
+                if !cells.contains(&around[k]) {
+                    leaving += out[k];
+                    inlets.push(Inlet {
+                        cell,
+                        face: k as u8,
+                        rate: rate * out[k],
+                        source: Some(source as u32),
+                    });
+                }
+            }
         }
+        inlets[from..]
+            .iter_mut()
+            .for_each(|inlet| inlet.rate /= leaving);
     }
     inlets
 }

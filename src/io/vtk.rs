@@ -14,7 +14,7 @@ pub mod write;
 pub mod xml;
 
 pub use read::VtkFile;
-pub use write::{Document, Source};
+pub use write::{Document, Packing, Source};
 
 /// One named array of a VTK file, `components` numbers a tuple.
 #[derive(Debug, Clone, PartialEq)]

@@ -87,14 +87,23 @@ impl<const D: usize> Connection<D> {
 impl<const D: usize> Graph<D> {
     /// The graph of a mesh of polyhedra (polygons in 2-D): Voronoi cells connect with `angle_error`
     /// 0 in the space in which they were made.
+    ///
+    /// Where cells stand in columns, a face between sites that are exactly above one another counts as
+    /// its shadow from above: what flows down a column passes that, however the face dips.
     pub fn from_poly(mesh: &PolyMesh<D>) -> Self {
         let shapes = mesh.cell_shapes();
         let inner = mesh.inner_faces();
+        let in_columns = mesh.stands_in_columns();
         let connections = (0..inner)
             .into_par_iter()
             .map(|f| {
                 let [a, b] = mesh.face_cells[f];
-                let shape = mesh.face_shape(f);
+                let mut shape = mesh.face_shape(f);
+                let [above, below] = [a, b].map(|cell| &mesh.sites[cell as usize]);
+                if in_columns && above[..2] == below[..2] {
+                    shape.centroid = mesh.under(f, *above).unwrap_or(shape.centroid);
+                    shape.area_vector[..2].fill(0.0);
+                }
                 Connection {
                     face: f as u32,
                     on_feature: mesh.on_feature[f],

@@ -6,6 +6,7 @@
 //! - [`check`]: the one public checker: is this a valid mesh that fills its box?
 //! - [`poly`]: meshes of polyhedra, or of polygons in 2-D
 //! - [`poly_check`]: the checker of those
+//! - `poly_columns`: what is known of cells that stand in columns
 //! - [`poly_from`]: those made from simplices, or by lifting polygons to prisms
 //! - [`graph`]: cells and connections, for flow and for simulators
 //!
@@ -27,6 +28,7 @@ pub mod complex;
 pub mod graph;
 pub mod poly;
 pub mod poly_check;
+mod poly_columns;
 pub mod poly_from;
 pub mod quality;
 pub mod tri;

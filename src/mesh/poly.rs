@@ -197,7 +197,7 @@ impl<const D: usize> PolyMesh<D> {
 
     /// The area vector of the triangle (apex, p, q), or in 2-D of the edge (p, q).
     #[inline]
-    fn fan_area(&self, apex: [f64; D], p: u32, q: u32) -> [f64; D] {
+    pub(super) fn fan_area(&self, apex: [f64; D], p: u32, q: u32) -> [f64; D] {
         let (p, q) = (&self.nodes[p as usize], &self.nodes[q as usize]);
         let mut area = [0.0; D];
         if D == 2 {
@@ -266,9 +266,13 @@ impl<const D: usize> PolyMesh<D> {
             .collect()
     }
 
-    /// Assigns every face on the boundary to the side of the box `[low, high]` nearest to it.
+    /// Assigns every face on the boundary to the side of the box `[low, high]` in which it lies; if it
+    /// lies in none (as the top and the base of columns do), to the one that looks the same way.
     pub fn assign_sides(&mut self, low: [f64; D], high: [f64; D]) {
+        let longest = (0..D).map(|k| high[k] - low[k]).fold(0.0, f64::max);
         for f in self.inner_faces()..self.face_cells.len() {
+            let normal = self.face_shape(f).area_vector;
+            let turned = |side: usize| normal[side / 2] * if side % 2 == 1 { 1.0 } else { -1.0 };
             let off = |side: usize| {
                 let plane = if side.is_multiple_of(2) { low } else { high }[side / 2];
                 let nodes = self.faces.get(f).iter();
@@ -276,7 +280,14 @@ impl<const D: usize> PolyMesh<D> {
                     most.max((self.nodes[n as usize][side / 2] - plane).abs())
                 })
             };
-            let side = (0..2 * D).min_by(|&s, &t| off(s).total_cmp(&off(t)));
+            let sides = 0..2 * D;
+            let nearest = sides.clone().min_by(|&s, &t| off(s).total_cmp(&off(t)));
+            let side = match nearest {
+                Some(side) if off(side) > 1e-6 * longest => {
+                    sides.max_by(|&s, &t| turned(s).total_cmp(&turned(t)))
+                }
+                nearest => nearest,
+            };
             self.face_cells[f][1] = SIDE_0 + side.unwrap_or(0) as u32;
         }
     }

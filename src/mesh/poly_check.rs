@@ -14,13 +14,16 @@ pub struct PolyCheck {
     pub faces: usize,
     /// Number of nodes.
     pub nodes: usize,
+    /// Whether the cells are columns whose layers, top or base are not level.
+    pub in_columns: bool,
     /// Cells of zero or negative volume.
     pub not_positive: usize,
     /// Cells whose faces do not close: an edge (a node in 2-D) is not met by exactly two of them.
     pub not_closed: usize,
     /// Cells that do not hold their own site.
     pub without_site: usize,
-    /// |sum of volumes - volume of the box| / volume of the box.
+    /// |sum of volumes - volume of the box| / volume of the box; of columns, the volume between top and
+    /// base.
     pub volume_error: f64,
     /// Largest relative error of a side's area, summed over its faces.
     pub area_error: f64,
@@ -42,11 +45,26 @@ impl PolyCheck {
 /// Checks a mesh against the box `[low, high]`: faces between two cells or on a side of the box,
 /// cells closed, of positive volume and with their sites inside, faces and sides flat, areas of
 /// sides and the volume filled, all to `tolerance`.
+///
+/// Columns fill the box as seen from above: their layers, their top and their base may be bent, and
+/// their volume is what lies between top and base.
 pub fn check_poly<const D: usize>(
     mesh: &PolyMesh<D>,
     low: [f64; D],
     high: [f64; D],
     tolerance: f64,
+) -> PolyCheck {
+    check_welded(mesh, low, high, tolerance, 0.0)
+}
+
+/// [`check_poly`] of cells whose nodes are welded within the share `weld` of their distance to their
+/// sites: faces need be flat to that only.
+pub fn check_welded<const D: usize>(
+    mesh: &PolyMesh<D>,
+    low: [f64; D],
+    high: [f64; D],
+    tolerance: f64,
+    weld: f64,
 ) -> PolyCheck {
     let mut found = PolyCheck {
         cells: mesh.sites.len(),
@@ -59,6 +77,8 @@ pub fn check_poly<const D: usize>(
         return found;
     }
     let longest = (0..D).map(|k| high[k] - low[k]).fold(0.0, f64::max);
+    let in_columns = mesh.stands_in_columns() && bent(mesh, low, high, tolerance * longest);
+    found.in_columns = in_columns;
 
     let faces = mesh.faces_of_cells();
     let cells: Vec<(f64, bool, bool)> = (0..mesh.sites.len())
@@ -69,7 +89,7 @@ pub fn check_poly<const D: usize>(
             (
                 volume,
                 closed(mesh, cell, faces),
-                holds_site(mesh, cell, faces),
+                holds_site(mesh, cell, faces, in_columns),
             )
         })
         .collect();
@@ -89,16 +109,20 @@ pub fn check_poly<const D: usize>(
         (not_positive, not_closed, without_site);
 
     let volume: f64 = cells.iter().map(|c| c.0).sum();
-    let box_volume: f64 = (0..D).map(|k| high[k] - low[k]).product();
+    let box_volume: f64 = match in_columns {
+        true => mesh.enclosed_volume(),
+        false => (0..D).map(|k| high[k] - low[k]).product(),
+    };
     found.volume_error = ((volume - box_volume) / box_volume).abs();
     if found.volume_error > tolerance || found.volume_error.is_nan() {
         found.problems.push(format!(
-            "the cells fill {volume} instead of the box's {box_volume}"
+            "the cells fill {volume} instead of the {box_volume} between the sides"
         ));
     }
     found.warp = (0..mesh.face_cells.len())
         .into_par_iter()
-        .map(|f| warp(mesh, f) / longest)
+        .filter(|&f| !in_columns || mesh.is_upright(f))
+        .map(|f| (warp(mesh, f) - welded(mesh, f, weld)).max(0.0) / longest)
         .reduce(|| 0.0, f64::max);
     if found.warp > tolerance {
         found.problems.push(format!(
@@ -106,8 +130,31 @@ pub fn check_poly<const D: usize>(
             found.warp
         ));
     }
-    sides(mesh, low, high, longest, tolerance, &mut found);
+    sides(
+        mesh,
+        [low, high],
+        longest,
+        tolerance,
+        in_columns,
+        &mut found,
+    );
     found
+}
+
+/// Whether a face above or below a cell of columns is not level, or the top or the base is not a side
+/// of the box.
+fn bent<const D: usize>(mesh: &PolyMesh<D>, low: [f64; D], high: [f64; D], most: f64) -> bool {
+    (0..mesh.face_cells.len()).any(|f| {
+        let ring = mesh.faces.get(f);
+        let plane = match mesh.beyond(f) {
+            Beyond::Cell(_) if !mesh.is_upright(f) => mesh.nodes[ring[0] as usize][D - 1],
+            Beyond::Side(4) => low[D - 1],
+            Beyond::Side(5) => high[D - 1],
+            _ => return false,
+        };
+        let off = |&n: &u32| (mesh.nodes[n as usize][D - 1] - plane).abs();
+        ring.iter().map(off).any(|off| off > most)
+    })
 }
 
 /// What makes a mesh unreadable.
@@ -166,10 +213,19 @@ fn closed<const D: usize>(mesh: &PolyMesh<D>, cell: usize, faces: &[u32]) -> boo
 }
 
 /// Whether a cell's site is on the inner side of all its faces that have an area.
-fn holds_site<const D: usize>(mesh: &PolyMesh<D>, cell: usize, faces: &[u32]) -> bool {
+fn holds_site<const D: usize>(
+    mesh: &PolyMesh<D>,
+    cell: usize,
+    faces: &[u32],
+    in_columns: bool,
+) -> bool {
     faces.iter().all(|&f| {
         let shape = mesh.face_shape(f as usize);
-        let out: [f64; D] = std::array::from_fn(|k| shape.apex[k] - mesh.sites[cell][k]);
+        let site = mesh.sites[cell];
+        // What is above or below the site in a column counts there, as the face is bent.
+        let on = (in_columns && !mesh.is_upright(f as usize)).then(|| mesh.under(f as usize, site));
+        let on = on.flatten().unwrap_or(shape.apex);
+        let out: [f64; D] = std::array::from_fn(|k| on[k] - site[k]);
         let own = mesh.face_cells[f as usize][0] as usize == cell;
         let height = dot(out, shape.area_vector) * if own { 1.0 } else { -1.0 };
         // Faces this small (and narrow ones among them) have a normal that is mere rounding.
@@ -177,6 +233,24 @@ fn holds_site<const D: usize>(mesh: &PolyMesh<D>, cell: usize, faces: &[u32]) ->
         shape.area() < (1e-4 * distance).powi(D as i32 - 1)
             || height >= -1e-12 * distance * shape.area()
     })
+}
+
+/// How far off a face's plane welding may have put its nodes: each of two by the share of its distance
+/// to the site.
+fn welded<const D: usize>(mesh: &PolyMesh<D>, f: usize, weld: f64) -> f64 {
+    let site = mesh.sites[mesh.face_cells[f][0] as usize];
+    let square = |&n: &u32| -> f64 {
+        let node = mesh.nodes[n as usize];
+        (0..D).map(|k| (node[k] - site[k]).powi(2)).sum()
+    };
+    2.0 * weld
+        * mesh
+            .faces
+            .get(f)
+            .iter()
+            .map(square)
+            .fold(0.0, f64::max)
+            .sqrt()
 }
 
 /// The largest distance of a face's nodes from a plane: that of its area, or, as the normal of a face
@@ -209,10 +283,10 @@ fn warp<const D: usize>(mesh: &PolyMesh<D>, f: usize) -> f64 {
 /// The boundary: every outer face in its side of the box, every side covered once.
 fn sides<const D: usize>(
     mesh: &PolyMesh<D>,
-    low: [f64; D],
-    high: [f64; D],
+    [low, high]: [[f64; D]; 2],
     longest: f64,
     tolerance: f64,
+    in_columns: bool,
     found: &mut PolyCheck,
 ) {
     let mut areas = vec![0.0; 2 * D];
@@ -225,7 +299,8 @@ fn sides<const D: usize>(
         };
         let (axis, upper) = (side / 2, side % 2 == 1);
         let plane = if upper { high[axis] } else { low[axis] };
-        for &n in mesh.faces.get(f) {
+        let bent = in_columns && axis == 2;
+        for &n in mesh.faces.get(f).iter().filter(|_| !bent) {
             let off = (mesh.nodes[n as usize][axis] - plane).abs() / longest;
             found.flatness_error = found.flatness_error.max(off);
         }
@@ -238,7 +313,8 @@ fn sides<const D: usize>(
             found.flatness_error
         ));
     }
-    for (side, got) in areas.iter().enumerate() {
+    let whole = areas.iter().enumerate();
+    for (side, got) in whole.filter(|(side, _)| !in_columns || side / 2 == 2) {
         let others = (0..D).filter(|&k| k != side / 2);
         let want: f64 = others.map(|k| high[k] - low[k]).product();
         found.area_error = found.area_error.max((got - want).abs() / want);

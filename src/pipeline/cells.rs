@@ -3,7 +3,7 @@
 
 use rayon::prelude::*;
 
-use super::file::{HORIZON_FACES, Provenance, common_fields};
+use super::file::{HORIZON_FACES, Provenance, WELD, common_fields};
 use super::horizons::on_horizons;
 use super::join::Scene;
 use super::{BOX_TOLERANCE, Meshing, Params, Settled, Space, optimisation, pairs, settle};
@@ -35,6 +35,8 @@ pub struct CellsOutcome<const D: usize = 3> {
     pub features: Features<D>,
     /// Nominal distance between atoms.
     pub distance: Distance<D>,
+    /// Share of the cells' size within which nodes are welded.
+    pub weld: f64,
     /// What the optimiser did in its last pass, and why it stopped.
     pub optimised: optimize::Outcome,
     /// Figures of the cells and of what they cost; where they come from is for the caller to add.
@@ -93,7 +95,7 @@ where
         )?;
     }
     stages.begin("cutting cells");
-    let mut mesh = Space::<D>::cells(&atoms.positions, extent)?;
+    let mut mesh = Space::<D>::cells(&atoms.positions, extent, params.weld)?;
     mesh.on_feature = across(&mesh, &sheets);
 
     stages.begin("measuring the mesh");
@@ -106,6 +108,7 @@ where
             &physical,
             extent,
             BOX_TOLERANCE,
+            params.weld,
         )),
         lattice: Some(Lattice {
             optimisation: Some(optimisation(&optimised, mesh.sites.len())),
@@ -126,6 +129,7 @@ where
         step,
         features,
         distance,
+        weld: params.weld,
         optimised,
         report,
     })
@@ -213,6 +217,9 @@ pub fn cells_to_file<const D: usize>(
         .map(|&x| outcome.distance.at(x) as f32)
         .collect();
     let mut field_data = common_fields(geometry, outcome.step, outcome.extent, provenance);
+    if outcome.weld > 0.0 {
+        field_data.push((WELD.into(), FieldValue::F64s(vec![outcome.weld])));
+    }
     let horizons = on_horizons(&outcome.mesh, &mesh.on_feature, &outcome.features);
     let pairs = mesh.face_cells.iter().zip(&horizons).filter(|f| *f.1);
     let pairs: Vec<i64> = pairs.flat_map(|(cells, _)| cells.map(i64::from)).collect();

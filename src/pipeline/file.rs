@@ -84,6 +84,8 @@ where
 /// The array that says which faces on features lie on horizons, which are no barriers to flow: bits
 /// of cells as in `feature_faces`, or for polyhedra and polygons pairs of cells.
 pub(crate) const HORIZON_FACES: &str = "horizon_faces";
+/// Field data of welded Voronoi cells: the share of their size within which nodes are one.
+pub(super) const WELD: &str = "weld";
 /// The field of units of the coordinates, commas between them.
 const UNITS: &str = "units";
 /// The name under which a file keeps what feature detection settled on.
@@ -142,6 +144,8 @@ pub struct Placed<const D: usize = 3, M = TetMesh> {
     /// For each number of a face of `lattice`, and of `physical` for polyhedra and polygons, whether
     /// it lies on a horizon; empty if none does.
     pub horizons: Vec<bool>,
+    /// Share of the cells' size within which nodes of Voronoi cells are welded, the file says.
+    pub weld: f64,
     /// Whether the file says where its lattice space is. If not, it is the file's own space, moved
     /// so that the mesh begins at the origin.
     pub by_file: bool,
@@ -252,6 +256,7 @@ impl<const D: usize, M: Measured<D>> Placed<D, M> {
             extent,
             step,
             geometry,
+            weld: 0.0,
             by_file,
         })
     }
@@ -297,6 +302,10 @@ impl<const D: usize> Placed<D, PolyMesh<D>> {
             FieldValue::Ints(pairs) if name == HORIZON_FACES => Some(pairs.as_chunks::<2>().0),
             _ => None,
         });
+        let weld = (file.field_data.iter()).find_map(|(name, value)| match value {
+            FieldValue::F64s(weld) if name == WELD => weld.first().copied(),
+            _ => None,
+        });
         let mut physical = file.mesh;
         let mut horizons = Vec::new();
         if let Some(pairs) = pairs {
@@ -321,6 +330,7 @@ impl<const D: usize> Placed<D, PolyMesh<D>> {
             geometry,
             feature_faces: None,
             horizons,
+            weld: weld.unwrap_or(0.0),
             by_file,
         })
     }

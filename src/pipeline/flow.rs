@@ -3,10 +3,13 @@
 
 use super::file::Placed;
 use super::stored::{Stored, group, horizon_facets};
+use super::{Meshing, Space};
 use crate::error::cause;
 use crate::export::{FieldValue, MeshFile};
 use crate::flow::report::{Exchange, Fault, Faulted, FlowReport, Range};
-use crate::flow::{Barriers, CellFlow, ElementFlow, Faults, Rock, Solution, Streamlines, Well};
+use crate::flow::{
+    Barriers, CellFlow, ElementFlow, Faults, Inside, Rock, Solution, Streamlines, Well,
+};
 use crate::io::vtk::DataArray;
 use crate::mesh::graph::Graph;
 use crate::mesh::poly::PolyMesh;
@@ -190,7 +193,8 @@ pub fn flow_through_elements<const D: usize, M: Measured<D>>(
     })
 }
 
-/// Flow through Voronoi cells, or any polyhedra or polygons, by two-point fluxes; and by how many
+/// Flow through Voronoi cells, or any polyhedra or polygons, by two-point fluxes, with `lines`
+/// streamlines; and by how many
 /// degrees the lines between cells are off square to the permeability times their faces' normals, on
 /// average.
 ///
@@ -202,7 +206,11 @@ pub fn flow_through_cells<const D: usize>(
     rock: &Rock,
     barriers: &Barriers,
     conditions: &Conditions<D>,
-) -> Result<(FlowOutcome<D, PolyMesh<D>>, f64)> {
+    lines: Option<usize>,
+) -> Result<(FlowOutcome<D, PolyMesh<D>>, f64)>
+where
+    Space<D>: Meshing<D>,
+{
     let graph = Graph::from_poly(&placed.physical);
     let flow = CellFlow::with_barriers(&graph, rock, barriers)?;
     let cells = graph.volume.len();
@@ -220,7 +228,20 @@ pub fn flow_through_cells<const D: usize>(
         Some((barriers.label(c.face as usize)?, rate, a - b))
     });
     let report = report(&found, p, conditions, &side_rates, barriers, crossings);
-    let velocity = in_space(&flow.velocity(&rates));
+    let velocity = flow.velocity(&rates);
+    let mut streamlines = None;
+    if let Some(count) = lines {
+        let mesh = &placed.physical;
+        let inside: Inside<D, <Space<D> as Meshing<D>>::Mesh> =
+            Inside::new(mesh, &graph, &rates, &velocity);
+        let wells = conditions.wells.iter();
+        let positions: Vec<[f64; D]> = wells.clone().map(|well| well.position).collect();
+        let wells: Vec<(u32, f64)> = wells
+            .filter_map(|well| Some((graph.cell_at(well.position)? as u32, well.rate)))
+            .collect();
+        streamlines = Some(Streamlines::through(&inside, &wells, &positions, count));
+    }
+    let velocity = in_space(&velocity);
     let pressure = DataArray::scalars("pressure", p.to_vec());
     file.cell_data
         .extend([pressure, vectors("velocity", velocity)]);
@@ -228,7 +249,7 @@ pub fn flow_through_cells<const D: usize>(
     let outcome = FlowOutcome {
         file,
         report,
-        streamlines: None,
+        streamlines,
     };
     Ok((outcome, flow.angle_error))
 }

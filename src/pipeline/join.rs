@@ -48,11 +48,11 @@ pub trait Meshing<const D: usize> {
         min_angle: f64,
     ) -> std::result::Result<Reshaped<Self::Mesh>, u32>;
 
-    /// The Voronoi cells of atoms inside the box `[0, extent]`, cut by it.
+    /// The Voronoi cells of atoms inside the box `[0, extent]`, cut by it, their nodes welded.
     ///
     /// # Errors
-    /// Those of [`voronoi`](crate::voronoi::voronoi).
-    fn cells(atoms: &[[f64; D]], extent: [f64; D]) -> Result<PolyMesh<D>>;
+    /// Those of [`voronoi_welded`](crate::voronoi::voronoi_welded).
+    fn cells(atoms: &[[f64; D]], extent: [f64; D], weld: f64) -> Result<PolyMesh<D>>;
 
     /// The features as local planes; those of the plane stand upright on it.
     fn sheets(scene: &Scene<'_, D>) -> Sheets;
@@ -208,8 +208,8 @@ impl Meshing<3> for Space<3> {
         improve::reshape::reshape(part, &wanted, extent, &sheets, distance, &options)
     }
 
-    fn cells(atoms: &[[f64; 3]], extent: [f64; 3]) -> Result<PolyMesh<3>> {
-        voronoi::voronoi(atoms, extent)
+    fn cells(atoms: &[[f64; 3]], extent: [f64; 3], weld: f64) -> Result<PolyMesh<3>> {
+        voronoi::voronoi_welded(atoms, extent, weld)
     }
 
     fn sheets(scene: &Scene<'_, 3>) -> Sheets {
@@ -285,8 +285,8 @@ impl Meshing<2> for Space<2> {
         plane::reshape(&part, &wanted, extent, &sheets, distance, min_angle)
     }
 
-    fn cells(atoms: &[[f64; 2]], extent: [f64; 2]) -> Result<PolyMesh<2>> {
-        voronoi::voronoi_plane(atoms, extent)
+    fn cells(atoms: &[[f64; 2]], extent: [f64; 2], weld: f64) -> Result<PolyMesh<2>> {
+        voronoi::voronoi_plane_welded(atoms, extent, weld)
     }
 
     fn sheets(scene: &Scene<'_, 2>) -> Sheets {

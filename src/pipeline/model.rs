@@ -2,6 +2,7 @@
 //! images to its cells.
 
 use super::file::Placed;
+use crate::columns::{COLUMN, LAYER};
 use crate::error::cause;
 use crate::export::AnyMesh;
 use crate::image::{Geometry, Image};
@@ -63,6 +64,7 @@ pub struct Prepared {
 struct Parts {
     mesh: PolyMesh<3>,
     tets: Option<TetMesh>,
+    triangles: Option<Vec<[u32; 3]>>,
     geometry: Geometry<3>,
     dims: [f64; 3],
     box_volume: f64,
@@ -101,6 +103,7 @@ fn parts<const D: usize, M>(
     Parts {
         mesh,
         tets: None,
+        triangles: None,
         geometry: placed.geometry.in_space(),
         dims: std::array::from_fn(dim),
         box_volume: volume * if D == 2 { thickness } else { 1.0 },
@@ -130,7 +133,9 @@ impl Prepared {
                 let placed = Placed::new(file, place)?;
                 let mesh = simplices(&placed, &cell_data)?.extruded(thickness);
                 let known = placed.feature_faces.is_some();
-                (cell_data, parts(&placed, mesh, thickness, known))
+                let parts = parts(&placed, mesh, thickness, known);
+                let triangles = Some(placed.physical.triangles);
+                (cell_data, Parts { triangles, ..parts })
             }
             AnyMesh::SpaceCells(file) => {
                 let cell_data = file.cell_data.clone();
@@ -156,6 +161,10 @@ impl Prepared {
         if let Some(top) = top {
             frame = frame.with_top(&parts.mesh.nodes, top);
         }
+        let box_volume = match cell_data.iter().any(|array| array.name == COLUMN) {
+            true => parts.mesh.enclosed_volume(),
+            false => parts.box_volume,
+        };
         let mesh = (parts.mesh).mapped(|p| frame.to_model(p), frame.mirrors());
         let tets = parts.tets.map(|mut tets| {
             tets.nodes.clone_from(&mesh.nodes);
@@ -164,9 +173,21 @@ impl Prepared {
             }
             tets
         });
+        let mut model = Model::new(mesh, tets);
+        model.triangles = parts.triangles.map(|mut triangles| {
+            if frame.mirrors() {
+                triangles
+                    .iter_mut()
+                    .for_each(|triangle| triangle.swap(1, 2));
+            }
+            triangles
+        });
+        let columns = cell_data.iter();
+        let columns = columns.filter(|a| [COLUMN, LAYER].contains(&a.name.as_str()));
+        model.properties.extend(columns.cloned());
         Ok(Self {
-            model: Model::new(mesh, tets),
-            box_volume: parts.box_volume * frame.volume_of_unit(),
+            model,
+            box_volume: box_volume * frame.volume_of_unit(),
             frame,
             cell_data,
             features_known: parts.features_known,

@@ -34,6 +34,8 @@ pub struct Checks {
     /// What a two-point flux misses where fluid flows along the face as strongly as across it: the
     /// tangent of the angle, mean by area.
     pub two_point_error: f64,
+    /// Whether the cells stand in columns.
+    pub in_columns: bool,
     /// Parts between which nothing flows: the least cell and the number of cells of each, the
     /// largest first.
     pub parts: Vec<(usize, usize)>,
@@ -77,6 +79,7 @@ impl Checks {
             angle: [mean(sum), worst.0],
             worst: worst.1,
             two_point_error: mean(tangents),
+            in_columns: model.mesh.stands_in_columns(),
             parts: parts(
                 cells,
                 graph
@@ -134,10 +137,13 @@ impl Checks {
     pub fn notes(&self) -> Vec<String> {
         let mut notes = Vec::new();
         if self.angle[0] > ROUGH {
+            let remedy = match self.in_columns {
+                true => "level layers, or cells that are not columns,",
+                false => "Voronoi cells made with the metric of the rock (mesh --metric)",
+            };
             notes.push(format!(
                 "two-point fluxes are rough: where fluid flows along faces as strongly as across \
-                 them, they are off by {:.0} % on average; Voronoi cells made with the metric of \
-                 the rock (mesh --metric) have no such error",
+                 them, they are off by {:.0} % on average; {remedy} have no such error",
                 100.0 * self.two_point_error
             ));
         }

@@ -153,6 +153,11 @@ impl Frame {
         self.scale.iter().product()
     }
 
+    /// Metres in a unit of the horizontal coordinates (of the first of them).
+    pub fn across(&self) -> f64 {
+        self.scale[self.axes()[0]]
+    }
+
     /// Whether left becomes right.
     pub fn mirrors(&self) -> bool {
         self.down.grows

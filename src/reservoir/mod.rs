@@ -5,10 +5,14 @@
 //! - [`frame`]: from a mesh's coordinates to metres and depth
 //! - [`sample`](mod@sample): averages of an image over cells
 //! - [`check`](mod@check): what is looked at before anything is written
+//! - [`trajectory`]: wells through cells
+//! - [`completion`]: well indices
 
 pub mod check;
+pub mod completion;
 pub mod frame;
 pub mod sample;
+pub mod trajectory;
 
 use rayon::prelude::*;
 
@@ -21,8 +25,10 @@ use crate::mesh::{TetMesh, dot};
 use crate::{Error, Result};
 
 pub use check::Checks;
+pub use completion::Completion;
 pub use frame::{Down, Frame};
 pub use sample::{Mean, Places};
+pub use trajectory::{Tracer, Trajectory};
 
 /// One millidarcy in m^2.
 pub const MILLIDARCY: f64 = 9.869_232_667_160_13e-16;
@@ -42,6 +48,8 @@ pub struct Model {
     pub mesh: PolyMesh<3>,
     /// The same cells as tetrahedra, if that is what they are.
     pub tets: Option<TetMesh>,
+    /// Of a layer of prisms on triangles, those: of the first half of the mesh's nodes.
+    pub triangles: Option<Vec<[u32; 3]>>,
     /// Cells and connections.
     pub graph: Graph<3>,
     /// Share of pores in each cell's volume.
@@ -52,6 +60,9 @@ pub struct Model {
     pub properties: Vec<DataArray>,
     /// What happens in the model.
     pub case: Case,
+    /// Columns along two axes, and layers, of a grid that the model is resampled on; as fine as the
+    /// cells if not given.
+    pub grid: Option<[usize; 3]>,
 }
 
 /// Permeability and what follows from it.
@@ -112,6 +123,8 @@ pub struct Well {
     /// The cells, with the well index of each in m^3: rate times viscosity over the difference between
     /// the pressures of cell and well.
     pub cells: Vec<(u32, f64)>,
+    /// Its length in each of them, in metres.
+    pub lengths: Vec<f64>,
     /// Radius in metres.
     pub radius: f64,
     /// What it does.
@@ -206,56 +219,6 @@ impl Model {
         self.tets.as_ref().ok_or_else(missing)
     }
 
-    /// The well index, in m^3, of an upright well that crosses a cell, after Peaceman (1978, 1983):
-    /// `2 pi h sqrt(kx ky) / ln(r_e / radius)`. The cell stands for a square column of its own volume
-    /// and height h, so that r_e = 0.2 of that square's side.
-    ///
-    /// # Errors
-    /// [`Error::Export`] if there is no permeability, or the well is as wide as the cell.
-    pub fn well_index(&self, name: &str, cell: usize, radius: f64) -> Result<f64> {
-        let rock = &self.need_permeability(name)?.rock;
-        let k = rock.mobility(cell);
-        let height = self.height(cell);
-        let equivalent = 0.2 * (self.graph.volume[cell] / height).sqrt();
-        if !(radius > 0.0 && radius < equivalent) {
-            return Err(Error::Export(cause(
-                name,
-                format!(
-                    "has a radius of {radius} m in a cell whose equivalent radius is {equivalent:.3} m"
-                ),
-                "give a smaller radius, or larger cells round the well",
-            )));
-        }
-        let across = (k.0[0] * k.0[1]).sqrt();
-        Ok(std::f64::consts::TAU * height * across / (equivalent / radius).ln())
-    }
-
-    /// How far a cell reaches in z, in metres: twice the mean distance from its site to the faces
-    /// above and below, by their areas seen from above.
-    pub fn height(&self, cell: usize) -> f64 {
-        let (mut sum, mut weight) = (0.0, 0.0);
-        let site = self.graph.site[cell];
-        let faces = self.faces_of(cell);
-        for (point, normal, area) in faces {
-            let seen = area * normal[2].abs();
-            sum += seen * (point[2] - site[2]).abs();
-            weight += seen;
-        }
-        2.0 * sum / weight
-    }
-
-    /// Point, normal and area of each face of a cell.
-    fn faces_of(&self, cell: usize) -> Vec<([f64; 3], [f64; 3], f64)> {
-        let cell = cell as u32;
-        let inner = self.graph.connections.iter();
-        let inner = inner.filter(|c| c.cells.contains(&cell));
-        let outer = self.graph.boundary.iter().filter(|f| f.cell == cell);
-        inner
-            .map(|c| (c.point, c.normal, c.area))
-            .chain(outer.map(|f| (f.point, f.normal, f.area)))
-            .collect()
-    }
-
     /// The angle in degrees, at each connection, between the line from site to site and the
     /// permeability times the face's normal, of the worse of its two cells: 0 where two-point fluxes
     /// are right. Without permeability, to the normal itself.
@@ -297,17 +260,6 @@ mod tests {
         let permeability = model.need_permeability("x").unwrap();
         assert_eq!(permeability.transmissibility, [2.0]);
         assert!(model.two_point_angles()[0] < 1e-12);
-    }
-
-    #[test]
-    fn a_well_in_a_box_has_peacemans_index() {
-        let model = model();
-        assert!((model.height(0) - 1.0).abs() < 1e-12);
-        let index = model.well_index("W", 0, 0.01).unwrap();
-        let equivalent = 0.2 * 0.75f64.sqrt();
-        let want = std::f64::consts::TAU * 4.0 / (equivalent / 0.01).ln();
-        assert!((index / want - 1.0).abs() < 1e-12);
-        assert!(model.well_index("W", 0, 0.5).is_err());
     }
 
     #[test]

@@ -6,6 +6,7 @@
 //! - [`guide`]: drawn by chance under the image, features first
 //! - [`projection`]: sites projected onto features
 //! - [`fixed`]: atoms given by the user
+//! - [`wells`]: atoms along trajectories, and d(x) near them
 //! - [`order`]: memory order of atoms, for cache locality
 
 pub mod fixed;
@@ -16,6 +17,7 @@ pub mod order;
 mod placed;
 pub mod projection;
 pub mod refine;
+pub mod wells;
 
 use crate::distance::Distance;
 use crate::error::{Error, Result, cause};

@@ -2,6 +2,7 @@
 //! numbered as they are met.
 
 use super::mirror::Mirrored;
+use super::needles::Paths;
 use super::nodes::Groups;
 use super::rings::Rings;
 use crate::error::{Error, Result, cause};
@@ -15,28 +16,37 @@ use crate::mesh::poly::{Lists, PolyMesh, SIDE_0};
 pub fn assemble<const D: usize>(
     mirrored: &Mirrored<D>,
     rings: Vec<Rings>,
-    centres: &[[f64; D]],
+    mut centres: Vec<[f64; D]>,
+    extent: [f64; D],
+    reach: impl Fn(u32) -> f64,
 ) -> Result<PolyMesh<D>> {
     let mut groups = Groups::new(centres.len());
     for &[s, t] in rings.iter().flat_map(|part| &part.joined) {
         groups.join(s, t);
     }
+    let (paths, joined) = Paths::new(&rings, &mut groups, &centres, reach);
+    // A node is on the sides of the box that any of its centres is on.
+    for &[s, t] in rings.iter().flat_map(|part| &part.joined).chain(&joined) {
+        let first = groups.first(s) as usize;
+        for member in [s, t] {
+            for k in 0..D {
+                let side = centres[member as usize][k];
+                if side == 0.0 || side == extent[k] {
+                    centres[first][k] = side;
+                }
+            }
+        }
+    }
     // Nodes are numbered as they are met, in the order of atoms.
     let mut number = vec![u32::MAX; centres.len()];
     let mut nodes = Vec::with_capacity(centres.len());
-    let mut node_of = |s: u32| {
-        let mut node = number[s as usize];
-        if node == u32::MAX {
-            let first = groups.first(s) as usize;
-            node = number[first];
-            if node == u32::MAX {
-                node = nodes.len() as u32;
-                nodes.push(centres[first]);
-                number[first] = node;
-            }
-            number[s as usize] = node;
+    let mut node_of = |first: u32| {
+        let number = &mut number[first as usize];
+        if *number == u32::MAX {
+            *number = nodes.len() as u32;
+            nodes.push(centres[first as usize]);
         }
-        node
+        *number
     };
     let (mut faces, mut face_cells) = (Lists::default(), Vec::new());
     faces
@@ -50,10 +60,11 @@ pub fn assemble<const D: usize>(
     for part in rings {
         for (edge, &[a, b]) in part.edges.iter().enumerate() {
             let simplices = part.simplices.get(edge);
-            collapse(simplices.iter().map(|&s| node_of(s)), &mut ring);
+            paths.trace(simplices.iter().map(|&s| groups.first(s)), &mut ring);
             if ring.len() < D {
                 continue;
             }
+            ring.iter_mut().for_each(|s| *s = node_of(*s));
             if (b as usize) < mirrored.atoms {
                 faces.push(ring.iter().copied());
                 face_cells.push([a, b]);
@@ -83,63 +94,4 @@ pub fn assemble<const D: usize>(
         face_cells,
         sites: mirrored.points[..mirrored.atoms].to_vec(),
     })
-}
-
-/// The nodes of a ring that differ, into `nodes`: repeats go, and so do ways to a node and back.
-fn collapse(ring: impl Iterator<Item = u32>, nodes: &mut Vec<u32>) {
-    nodes.clear();
-    for node in ring {
-        if nodes.last() == Some(&node) {
-            continue;
-        }
-        nodes.push(node);
-        while let [.., x, _, y] = nodes[..]
-            && x == y
-        {
-            nodes.truncate(nodes.len() - 2);
-        }
-    }
-    // The same where the end meets the beginning.
-    let mut start = 0;
-    loop {
-        let rest = &nodes[start..];
-        match rest {
-            [first, .., last] if first == last => {
-                nodes.pop();
-            }
-            [first, .., second_last, _] if rest.len() > 2 && first == second_last => {
-                nodes.truncate(nodes.len() - 2);
-            }
-            [_, second, .., last] if rest.len() > 2 && second == last => start += 2,
-            _ => break,
-        }
-    }
-    nodes.drain(..start);
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn rings_lose_repeats_and_spikes() {
-        let check = |ring: &[u32], want: &[u32]| {
-            let mut nodes = Vec::new();
-            collapse(ring.iter().copied(), &mut nodes);
-            let mut turned = want.to_vec();
-            let any = (0..want.len().max(1)).any(|_| {
-                turned.rotate_left(1.min(want.len()));
-                turned == nodes
-            });
-            assert!(any, "{ring:?}: {nodes:?}, not {want:?}");
-        };
-        check(&[1, 2, 3], &[1, 2, 3]);
-        check(&[1, 1, 2, 2, 3, 1], &[1, 2, 3]);
-        check(&[1, 2, 3, 2, 4], &[1, 2, 4]);
-        check(&[2, 4, 1, 2, 3], &[2, 4, 1]);
-        check(&[3, 2, 4, 1, 2], &[2, 4, 1]);
-        check(&[5, 6, 5, 5], &[5]);
-        check(&[5, 6], &[5, 6]);
-        check(&[7, 7], &[7]);
-    }
 }

@@ -3,11 +3,19 @@
 //! The centre of a tetrahedron with edges u, v, w from its first corner lies off that corner by
 //! `(|u|^2 v x w + |v|^2 w x u + |w|^2 u x v) / (2 u . v x w)`. Rounding errors grow as the
 //! denominator shrinks, so flat simplices are done in twice the precision (pairs of doubles, Dekker
-//! 1971): the corners are exact input, so the centre is that of the simplex as given.
+//! 1971): the corners are exact input, so the centre is that of the simplex as given. Should the
+//! determinant vanish even there (atoms off a perfect grid by a few last digits), it is taken in
+//! integers of any length.
+
+use num_bigint::BigInt;
+use num_traits::{FromPrimitive, ToPrimitive};
 
 /// Below this share of the cube (square in 2-D) of the longest edge, the determinant of the edges
 /// is taken in twice the precision. Above it the centre is right to about 1e-12 of the radius.
 const FLAT: f64 = 1e-3;
+
+/// Below this share, pairs of doubles do not do either: above it they leave 1e-12 of the radius.
+const HOPELESS: f64 = 1e-19;
 
 /// The centre of the circle through three points.
 pub fn of_triangle(p: [[f64; 2]; 3]) -> [f64; 2] {
@@ -57,7 +65,37 @@ fn precise_offset(p: [[f64; 3]; 4]) -> [f64; 3] {
     let (uu, vv, ww) = (dot(u, u), dot(v, v), dot(w, w));
     let [vw, wu, uv] = [cross(v, w), cross(w, u), cross(u, v)];
     let det = dot(u, vw);
+    let longest = uu.0.max(vv.0).max(ww.0);
+    if det.0.abs() <= HOPELESS * longest * longest.sqrt() {
+        return exact_offset(p, longest.sqrt());
+    }
     std::array::from_fn(|k| 0.5 * (uu * vw[k] + vv * wu[k] + ww * uv[k]).over(det))
+}
+
+/// The same in integers: coordinates in units of 2^-200 of the longest edge, finer than their digits.
+#[cold]
+fn exact_offset(p: [[f64; 3]; 4], longest: f64) -> [f64; 3] {
+    let unit = (200.0 - longest.log2().floor()).exp2();
+    let whole = p.map(|x| x.map(|c| BigInt::from_f64(c * unit).unwrap_or_default()));
+    let [u, v, w] = [1, 2, 3].map(|i| [0, 1, 2].map(|k| &whole[i][k] - &whole[0][k]));
+    let dot = |a: &[BigInt; 3], b: &[BigInt; 3]| -> BigInt {
+        &a[0] * &b[0] + &a[1] * &b[1] + &a[2] * &b[2]
+    };
+    let cross = |a: &[BigInt; 3], b: &[BigInt; 3]| {
+        [(1, 2), (2, 0), (0, 1)].map(|(i, j)| &a[i] * &b[j] - &a[j] * &b[i])
+    };
+    let (uu, vv, ww) = (dot(&u, &u), dot(&v, &v), dot(&w, &w));
+    let [vw, wu, uv] = [cross(&v, &w), cross(&w, &u), cross(&u, &v)];
+    let double = |a: &BigInt| a.to_f64().unwrap_or(f64::NAN);
+    // Quotients in two steps: either alone may be beyond a double.
+    let det: BigInt = dot(&u, &vw) * 2;
+    std::array::from_fn(|k| {
+        let above: BigInt = &uu * &vw[k] + &vv * &wu[k] + &ww * &uv[k];
+        let quotient: BigInt = &above / &det;
+        let rest: BigInt = &above - &quotient * &det;
+        let shift = det.bits().saturating_sub(900);
+        (double(&quotient) + double(&(rest >> shift)) / double(&(&det >> shift))) / unit
+    })
 }
 
 #[inline]
@@ -143,6 +181,33 @@ mod tests {
         [7.0, 4.0, -4.0],
         [4.0, 1.0, -8.0],
     ];
+
+    #[test]
+    fn corners_that_hardly_leave_a_plane_have_their_centre_all_the_same() {
+        // Three corners of a square of side 2, and the fourth off it in the last digit: the determinant
+        // is 4 h for a height h, and the centre is at (1, 1, ((b - 1)^2 + (c - 1)^2 + h^2 - 2) / 2 h),
+        // which a second height may make anything.
+        let last = f64::EPSILON;
+        for (off, height) in [(1.0, 2.0), (1.0, -3.0), (-2.0, 1.0), (0.0, 5.0)] {
+            let (b, h) = (2.0 + 2.0 * off * last, height * last * last);
+            let p = [
+                [0.0, 0.0, 0.0],
+                [2.0, 0.0, 0.0],
+                [0.0, 2.0, 0.0],
+                [b, 2.0, h],
+            ];
+            let z = (2.0 * off * last * b + h * h) / (2.0 * h);
+            let got = of_tetrahedron(p);
+            assert!(
+                (got[0] - 1.0).abs() < 1e-15 && (got[1] - 1.0).abs() < 1e-15,
+                "{got:?}"
+            );
+            assert!(
+                (got[2] - z).abs() <= 1e-15 * z.abs().max(1.0),
+                "{got:?}, not {z}"
+            );
+        }
+    }
 
     #[test]
     fn spheres_through_exact_points_are_found() {

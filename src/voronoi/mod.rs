@@ -4,6 +4,7 @@
 //! - [`centre`]: centres of circumscribed spheres, also of flat simplices
 //! - [`rings`](mod@rings): the Delaunay simplices round every edge
 //! - [`nodes`]: the nodes of cells
+//! - [`needles`]: faces narrower than rounding, which are none
 //! - [`assemble`]: faces with nodes, in order
 //!
 //! The cells are the dual of the Delaunay triangulation of atoms and images: a node for every
@@ -12,12 +13,16 @@
 mod assemble;
 mod centre;
 mod mirror;
+mod needles;
 mod nodes;
 mod rings;
+
+use rayon::prelude::*;
 
 use crate::delaunay;
 use crate::error::{Error, Result, cause};
 use crate::mesh::poly::PolyMesh;
+use crate::mesh::poly_check::check_poly;
 use mirror::Mirrored;
 
 /// Nodes nearer to one another, or to a side, than this share of the mean distance between atoms are
@@ -36,9 +41,21 @@ const ONE_NODE: f64 = 1e-10;
 /// [`Error::Delaunay`] if there is no atom, one lies on a side or outside, two are at one place, or
 /// built without TetGen.
 pub fn voronoi(atoms: &[[f64; 3]], extent: [f64; 3]) -> Result<PolyMesh<3>> {
+    voronoi_welded(atoms, extent, 0.0)
+}
+
+/// [`voronoi`] without its smallest faces: nodes nearer to one another than the share `weld` of their
+/// distance to the nearest atoms are one, and faces narrower than that are gone, with the connections
+/// across them. Faces at such places are no longer quite flat or square to their connections (by about
+/// `weld`); volumes still add up to the box's.
+///
+/// # Errors
+/// As [`voronoi`]; also if cells would not be closed or stay positive, as `weld` is too large.
+pub fn voronoi_welded(atoms: &[[f64; 3]], extent: [f64; 3], weld: f64) -> Result<PolyMesh<3>> {
     cells(
         atoms,
         extent,
+        weld,
         |points| Ok(delaunay::delaunay(points)?.tets),
         centre::of_tetrahedron,
     )
@@ -49,9 +66,22 @@ pub fn voronoi(atoms: &[[f64; 3]], extent: [f64; 3]) -> Result<PolyMesh<3>> {
 /// # Errors
 /// As [`voronoi`], but that it needs no TetGen.
 pub fn voronoi_plane(atoms: &[[f64; 2]], extent: [f64; 2]) -> Result<PolyMesh<2>> {
+    voronoi_plane_welded(atoms, extent, 0.0)
+}
+
+/// [`voronoi_welded`] in the plane: without the shortest edges.
+///
+/// # Errors
+/// As [`voronoi_welded`].
+pub fn voronoi_plane_welded(
+    atoms: &[[f64; 2]],
+    extent: [f64; 2],
+    weld: f64,
+) -> Result<PolyMesh<2>> {
     cells(
         atoms,
         extent,
+        weld,
         |points| Ok(delaunay::delaunay_plane(points)?.triangles),
         centre::of_triangle,
     )
@@ -60,6 +90,7 @@ pub fn voronoi_plane(atoms: &[[f64; 2]], extent: [f64; 2]) -> Result<PolyMesh<2>
 fn cells<const D: usize, const N: usize>(
     atoms: &[[f64; D]],
     extent: [f64; D],
+    weld: f64,
     triangulate: impl Fn(&[[f64; D]]) -> Result<Vec<[u32; N]>>,
     centre: impl Fn([[f64; D]; N]) -> [f64; D] + Sync,
 ) -> Result<PolyMesh<D>> {
@@ -88,10 +119,25 @@ fn cells<const D: usize, const N: usize>(
     loop {
         let simplices = rings::ordered(mirrored.atoms, &triangulate(&mirrored.points)?);
         let nodes = nodes::centres(&mirrored, &simplices, extent, tolerance, &centre);
-        let one = |s: u32, t: u32| {
-            nodes::square(&nodes[s as usize], &nodes[t as usize]) <= tolerance * tolerance
+        // How near to a node others are the same, if that depends on the node.
+        let size = |(simplex, node): (&[u32; N], &[f64; D])| {
+            let atom = &mirrored.points[simplex[0] as usize];
+            tolerance.max(weld * nodes::square(node, atom).sqrt())
         };
-        let rings = rings::rings(mirrored.atoms, &simplices, one);
+        let reaches: Vec<f64> = match weld > 0.0 {
+            true => simplices.par_iter().zip(&nodes).map(size).collect(),
+            false => Vec::new(),
+        };
+        let reach = |s: u32| reaches.get(s as usize).copied().unwrap_or(tolerance);
+        let one = |s: u32, t: u32| {
+            let reach = reach(s).min(reach(t));
+            nodes::square(&nodes[s as usize], &nodes[t as usize]) <= reach * reach
+        };
+        let narrow = |ring: &[u32]| {
+            let width = ring.iter().map(|&s| reach(s)).fold(f64::INFINITY, f64::min);
+            N > 3 && needles::narrow(ring.iter().map(|&s| nodes[s as usize]), width)
+        };
+        let rings = rings::rings(mirrored.atoms, &simplices, one, narrow);
         let mut complete = true;
         // A cell that reaches beyond a side lacks its image in that side.
         for (simplex, node) in simplices.iter().zip(&nodes) {
@@ -110,9 +156,24 @@ fn cells<const D: usize, const N: usize>(
             }
         }
         if complete {
-            return assemble::assemble(&mirrored, rings, &nodes);
+            let mesh = assemble::assemble(&mirrored, rings, nodes, extent, reach)?;
+            if weld > 0.0 && !is_whole(&mesh) {
+                return Err(refuse(
+                    format!(
+                        "with nodes welded within {weld} of their distance to the atoms do not close"
+                    ),
+                    "weld less",
+                ));
+            }
+            return Ok(mesh);
         }
     }
+}
+
+/// Whether cells that have lost small faces are still cells.
+fn is_whole<const D: usize>(mesh: &PolyMesh<D>) -> bool {
+    let found = check_poly(mesh, [0.0; D], [1.0; D], f64::INFINITY);
+    found.problems.is_empty()
 }
 
 #[cfg(test)]

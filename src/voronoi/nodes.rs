@@ -68,9 +68,10 @@ impl Groups {
         s
     }
 
-    /// Makes one group of two.
-    pub fn join(&mut self, s: u32, t: u32) {
+    /// Makes one group of two; says whether they were two.
+    pub fn join(&mut self, s: u32, t: u32) -> bool {
         let (s, t) = (self.first(s), self.first(t));
         self.before[s.max(t) as usize] = s.min(t);
+        s != t
     }
 }

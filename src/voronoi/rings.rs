@@ -19,6 +19,8 @@ pub struct Rings {
     pub simplices: Lists,
     /// Simplices that follow one another and whose centres are one node.
     pub joined: Vec<[u32; 2]>,
+    /// Edges (by their place in the list) whose face is as narrow as rounding, though long.
+    pub needles: Vec<u32>,
     /// Atoms with an edge on the hull: their cells have no end.
     pub open: Vec<u32>,
 }
@@ -48,11 +50,12 @@ struct Star {
 }
 
 /// The rings of all edges of atoms, and of no others. Simplices have N = D + 1 corners; `one` says
-/// whether the centres of two of them are one node.
+/// whether the centres of two of them are one node, `narrow` whether a face with such centres is none.
 pub fn rings<const N: usize>(
     atoms: usize,
     simplices: &[[u32; N]],
     one: impl Fn(u32, u32) -> bool + Sync,
+    narrow: impl Fn(&[u32]) -> bool + Sync,
 ) -> Vec<Rings> {
     let stars = stars(atoms, simplices);
     (0..atoms.div_ceil(CHUNK))
@@ -69,13 +72,16 @@ pub fn rings<const N: usize>(
                 star.sort();
                 part.chain(atom as u32, &star);
             }
-            for ring in part.simplices.offsets.windows(2) {
-                let ring = &part.simplices.items[ring[0] as usize..ring[1] as usize];
+            for edge in 0..part.edges.len() {
+                let ring = part.simplices.get(edge);
                 for (i, &s) in ring.iter().enumerate() {
                     let t = ring[(i + 1) % ring.len()];
                     if one(s, t) {
                         part.joined.push([s, t]);
                     }
+                }
+                if narrow(ring) {
+                    part.needles.push(edge as u32);
                 }
             }
             part

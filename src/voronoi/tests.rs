@@ -1,6 +1,6 @@
 use super::*;
 use crate::mesh::graph::Graph;
-use crate::mesh::poly_check::check_poly;
+use crate::mesh::poly_check::check_welded;
 use proptest::prelude::*;
 
 /// A small generator of uniform numbers in [0, 1); the tests need no quality.
@@ -223,6 +223,77 @@ fn polygons_fill_their_rectangle() {
     }
 }
 
+/// Share of connections smaller than `limit` times the mean, their number, and the worst angle between
+/// face and connection of those above a hundredth of it.
+fn small_faces<const D: usize>(mesh: &PolyMesh<D>, limit: f64) -> (f64, usize, f64) {
+    let graph = Graph::from_poly(mesh);
+    let count = graph.connections.len();
+    let mean = graph.connections.iter().map(|c| c.area).sum::<f64>() / count as f64;
+    let small = graph.connections.iter().filter(|c| c.area < limit * mean);
+    let large = graph.connections.iter().filter(|c| c.area > 0.01 * mean);
+    let angle = large
+        .map(|c| c.angle_error(&graph.site))
+        .fold(0.0, f64::max);
+    (small.count() as f64 / count as f64, count, angle)
+}
+
+#[test]
+fn welding_takes_small_faces_away_and_keeps_cells_whole() {
+    let (atoms, extent) = lattice([14, 14, 14], 2, 1.0, 0.5, 0.05);
+    let exact = checked(&atoms, extent);
+    let before = small_faces(&exact, 1e-4);
+    let mut last = before.1;
+    for weld in [1e-3, 1e-2, 5e-2] {
+        let mesh = voronoi_welded(&atoms, extent, weld).unwrap();
+        let found = check_welded(&mesh, [0.0; 3], extent, 1e-9, weld);
+        assert!(found.passed(), "{weld}: {:?}", found.problems);
+        assert!(
+            found.volume_error < 1e-12 && found.area_error < 1e-12,
+            "{found:?}"
+        );
+        assert_eq!(found.flatness_error, 0.0);
+        let (tiny, count, angle) = small_faces(&mesh, 1e-4);
+        assert!(count < last, "{weld}: {count} of {last}");
+        // Two nodes of a face may both move, across a face that is not large.
+        assert!(angle < 20.0 * weld.to_degrees(), "{weld}: {angle}");
+        if weld == 5e-2 {
+            assert!(before.0 > 1e-3 && tiny == 0.0, "{before:?} {tiny}");
+        }
+        last = count;
+    }
+    // Perfect lattices stay what they are.
+    let (atoms, extent) = lattice([8, 8, 8], 2, 1.0, 0.5, 0.0);
+    assert_eq!(
+        voronoi_welded(&atoms, extent, 0.05).unwrap(),
+        voronoi(&atoms, extent).unwrap()
+    );
+    let said = voronoi_welded(&random(300, [5.0; 3], 3), [5.0; 3], 0.9)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        said.contains("do not close") && said.contains("weld less"),
+        "{said}"
+    );
+}
+
+#[test]
+fn short_edges_of_polygons_are_welded() {
+    let extent = [9.0, 5.0];
+    let mut state = 4;
+    let atoms: Vec<[f64; 2]> = (0..500)
+        .map(|_| extent.map(|e| e * (0.001 + 0.998 * uniform(&mut state))))
+        .collect();
+    let before = small_faces(&voronoi_plane(&atoms, extent).unwrap(), 0.02);
+    let mesh = voronoi_plane_welded(&atoms, extent, 0.03).unwrap();
+    let found = check_welded(&mesh, [0.0; 2], extent, 1e-9, 0.03);
+    assert!(found.passed() && found.volume_error < 1e-12, "{found:?}");
+    let after = small_faces(&mesh, 0.02);
+    assert!(
+        before.0 > 0.01 && after.0 < 0.2 * before.0,
+        "{before:?} {after:?}"
+    );
+}
+
 #[test]
 fn bad_atoms_are_named() {
     let refusal = |atoms: &[[f64; 3]]| voronoi(atoms, [4.0; 3]).unwrap_err().to_string();
@@ -248,7 +319,7 @@ proptest! {
     #[test]
     fn any_atoms_fill_their_box(
         cells in prop::collection::hash_set((0u8..6, 0u8..5, 0u8..4), 1..60),
-        shift in prop_oneof![Just(0.0), Just(1e-5), 0.0..0.4],
+        shift in prop_oneof![Just(0.0), Just(1e-5), Just(1e-8), Just(1e-10), Just(1e-12), Just(1e-14), 0.0..0.4],
         seed in 0u64..1000,
     ) {
         let mut cells: Vec<_> = cells.into_iter().collect();

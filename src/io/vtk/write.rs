@@ -100,9 +100,19 @@ impl<'a> Source<'a> {
     }
 }
 
+/// How arrays are stored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Packing {
+    /// In blocks that are compressed by zlib, where that makes them smaller.
+    Zlib,
+    /// As they are: half as large again for a mesh of polyhedra, and written in a third of the time.
+    None,
+}
+
 /// A VTK XML file in the making: elements are opened and closed, arrays put where they belong.
 pub struct Document<'a> {
     text: String,
+    packing: Packing,
     open: Vec<&'static str>,
     arrays: Vec<(usize, Source<'a>)>,
 }
@@ -110,13 +120,22 @@ pub struct Document<'a> {
 impl<'a> Document<'a> {
     /// A file of VTK's data set `kind`, e.g. `UnstructuredGrid`, whose element is open.
     pub fn new(kind: &'static str, attributes: &[(&str, String)]) -> Self {
+        Self::packed(kind, attributes, Packing::Zlib)
+    }
+
+    /// The same, with arrays stored in this way.
+    pub fn packed(kind: &'static str, attributes: &[(&str, String)], packing: Packing) -> Self {
+        let compressor = match packing {
+            Packing::Zlib => " compressor=\"vtkZLibDataCompressor\"",
+            Packing::None => "",
+        };
         let text = format!(
             "<?xml version=\"1.0\"?>\n<VTKFile type=\"{kind}\" version=\"1.0\" \
-             byte_order=\"LittleEndian\" header_type=\"UInt64\" \
-             compressor=\"vtkZLibDataCompressor\">\n"
+             byte_order=\"LittleEndian\" header_type=\"UInt64\"{compressor}>\n"
         );
         let mut document = Self {
             text,
+            packing,
             open: vec!["VTKFile"],
             arrays: Vec::new(),
         };
@@ -186,7 +205,10 @@ impl<'a> Document<'a> {
         let mut offsets = Vec::with_capacity(self.arrays.len());
         for (_, source) in &self.arrays {
             offsets.push(out.stream_position()? - data);
-            write_array(out, source)?;
+            match self.packing {
+                Packing::Zlib => write_array(out, source)?,
+                Packing::None => write_plain(out, source)?,
+            }
         }
         out.write_all(b"\n  </AppendedData>\n</VTKFile>\n")?;
 
@@ -198,6 +220,22 @@ impl<'a> Document<'a> {
         out.seek(SeekFrom::Start(end))?;
         Ok(())
     }
+}
+
+/// The number of bytes, then they.
+fn write_plain(out: &mut impl Write, source: &Source) -> Result<()> {
+    out.write_all(&((source.len * source.size) as u64).to_le_bytes())?;
+    let per_block = BLOCK / source.size;
+    let mut blocks = vec![Vec::new(); BATCH.min(source.len.div_ceil(per_block))];
+    for start in (0..source.len).step_by(BATCH * per_block) {
+        blocks.par_iter_mut().enumerate().for_each(|(i, bytes)| {
+            bytes.clear();
+            let first = source.len.min(start + i * per_block);
+            (source.fill)(first..source.len.min(first + per_block), bytes);
+        });
+        blocks.iter().try_for_each(|bytes| out.write_all(bytes))?;
+    }
+    Ok(())
 }
 
 /// The header (number of blocks, size of a block, size of a shorter last one, compressed sizes),
@@ -300,8 +338,9 @@ mod tests {
         ];
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.vtu");
-        let write = |path: &std::path::Path| {
-            let mut document = Document::new("UnstructuredGrid", &[("Note", "<&\">".to_string())]);
+        let write = |path: &std::path::Path, packing: Packing| {
+            let attributes = [("Note", "<&\">".to_string())];
+            let mut document = Document::packed("UnstructuredGrid", &attributes, packing);
             document.open("Piece", &[]);
             for (i, values) in arrays.iter().enumerate() {
                 document.array(values.source(&format!("array {i}"), 1));
@@ -310,20 +349,22 @@ mod tests {
             document.array(Source::computed("squares", 1, 1000, |i| (i * i) as u32));
             crate::io::atomic_write(path, |out| document.write(out)).unwrap();
         };
-        write(&path);
-        let file = VtkFile::read(&path, "UnstructuredGrid").unwrap();
-        assert_eq!(file.data_set().attribute("Note"), Some("<&\">"));
-        let elements = &file.piece().unwrap().children;
-        for (i, values) in arrays.iter().enumerate() {
-            let back = file.array(&elements[i]).unwrap();
-            assert_eq!((&back.values, back.name), (values, format!("array {i}")));
+        for packing in [Packing::None, Packing::Zlib] {
+            write(&path, packing);
+            let file = VtkFile::read(&path, "UnstructuredGrid").unwrap();
+            assert_eq!(file.data_set().attribute("Note"), Some("<&\">"));
+            let elements = &file.piece().unwrap().children;
+            for (i, values) in arrays.iter().enumerate() {
+                let back = file.array(&elements[i]).unwrap();
+                assert_eq!((&back.values, back.name), (values, format!("array {i}")));
+            }
+            assert_eq!(file.text(&elements[arrays.len()]).unwrap(), "grüße");
+            let squares: Vec<u32> = (0..1000).map(|i| i * i).collect();
+            assert_eq!(
+                file.array(&elements[arrays.len() + 1]).unwrap().values,
+                squares.into()
+            );
         }
-        assert_eq!(file.text(&elements[arrays.len()]).unwrap(), "grüße");
-        let squares: Vec<u32> = (0..1000).map(|i| i * i).collect();
-        assert_eq!(
-            file.array(&elements[arrays.len() + 1]).unwrap().values,
-            squares.into()
-        );
 
         // The same bytes for any number of threads.
         let other = folder.path().join("b.vtu");
@@ -331,7 +372,7 @@ mod tests {
             .num_threads(1)
             .build()
             .unwrap();
-        pool.install(|| write(&other));
+        pool.install(|| write(&other, Packing::Zlib));
         assert!(std::fs::read(&path).unwrap() == std::fs::read(&other).unwrap());
     }
 }

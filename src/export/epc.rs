@@ -1,0 +1,218 @@
+//! The package of a RESQML model (EPC, a zip archive of XML parts that refer to each other) and its
+//! companion in HDF5.
+
+use std::fmt::Write as _;
+use std::io::{self, Write};
+
+use flate2::Crc;
+use sha2::{Digest, Sha256};
+
+/// An object of the model.
+pub struct Object {
+    /// Its type, without `obj_`.
+    pub kind: &'static str,
+    /// Its name among all objects that there ever were.
+    pub uuid: String,
+    /// Its title.
+    pub title: String,
+    /// What is in it after the citation.
+    pub body: String,
+    /// Places of the objects that it refers to.
+    pub refers_to: Vec<usize>,
+    /// Whether it has arrays in the HDF5 file.
+    pub has_arrays: bool,
+}
+
+/// The object that stands for the HDF5 file.
+pub const PROXY: &str = "EpcExternalPartReference";
+const EML: &str = "http://www.energistics.org/energyml/data/commonv2";
+const RESQML: &str = "http://www.energistics.org/energyml/data/resqmlv2";
+const RELATION: &str = "http://schemas.energistics.org/package/2012/relationships/";
+/// The moment that files are said to be made at: the same model is the same bytes.
+const MOMENT: &str = "2000-01-01T00:00:00Z";
+
+/// A UUID that follows from what is named: the same for the same, as version 5 is.
+pub fn uuid(digest: &Sha256, name: &str) -> String {
+    let hash = digest.clone().chain_update(name).finalize();
+    let mut bytes = [0u8; 16];
+    bytes.copy_from_slice(&hash[..16]);
+    bytes[6] = bytes[6] & 0x0f | 0x50;
+    bytes[8] = bytes[8] & 0x3f | 0x80;
+    let mut text = String::new();
+    for (i, byte) in bytes.iter().enumerate() {
+        if [4, 6, 8, 10].contains(&i) {
+            text.push('-');
+        }
+        let _ = write!(text, "{byte:02x}");
+    }
+    text
+}
+
+impl Object {
+    fn space(&self) -> (&'static str, &'static str) {
+        if self.kind == PROXY {
+            ("eml", "application/x-eml+xml;version=2.0;type=obj_")
+        } else {
+            ("resqml2", "application/x-resqml+xml;version=2.0;type=obj_")
+        }
+    }
+
+    fn content_type(&self) -> String {
+        format!("{}{}", self.space().1, self.kind)
+    }
+
+    fn part(&self) -> String {
+        format!("obj_{}_{}.xml", self.kind, self.uuid)
+    }
+
+    /// How another object refers to this one, as the element `name`.
+    pub fn reference(&self, name: &str) -> String {
+        format!(
+            "<{name} xsi:type=\"eml:DataObjectReference\"><eml:ContentType>{}</eml:ContentType>\
+             <eml:Title>{}</eml:Title><eml:UUID>{}</eml:UUID></{name}>",
+            self.content_type(),
+            self.title,
+            self.uuid
+        )
+    }
+
+    fn xml(&self) -> String {
+        let (space, kind) = (self.space().0, self.kind);
+        format!(
+            "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<{space}:{kind} xmlns:eml=\"{EML}\" \
+             xmlns:resqml2=\"{RESQML}\" xmlns:xsi=\"http://www.w3.org/2001/XMLSchema-instance\" \
+             schemaVersion=\"2.0\" uuid=\"{}\" xsi:type=\"{space}:obj_{kind}\">\n\
+             <eml:Citation xsi:type=\"eml:Citation\"><eml:Title>{}</eml:Title>\
+             <eml:Originator>atomesh</eml:Originator><eml:Creation>{MOMENT}</eml:Creation>\
+             <eml:Format>atomesh:{}</eml:Format></eml:Citation>\n{}\n</{space}:{kind}>\n",
+            self.uuid,
+            self.title,
+            env!("CARGO_PKG_VERSION"),
+            self.body
+        )
+    }
+}
+
+/// Writes the package; the first object is the proxy of the HDF5 file `companion`.
+///
+/// # Errors
+/// If `out` cannot be written.
+pub fn write(out: &mut impl Write, objects: &[Object], companion: &str) -> io::Result<()> {
+    let mut types = String::from(
+        "<?xml version=\"1.0\" encoding=\"UTF-8\" standalone=\"yes\"?>\n<Types \
+         xmlns=\"http://schemas.openxmlformats.org/package/2006/content-types\">\n<Default \
+         Extension=\"rels\" ContentType=\"application/vnd.openxmlformats-package.relationships+xml\"/>\n\
+         <Override PartName=\"/docProps/core.xml\" \
+         ContentType=\"application/vnd.openxmlformats-package.core-properties+xml\"/>\n",
+    );
+    let mut parts = Vec::new();
+    for (i, object) in objects.iter().enumerate() {
+        let (part, kind) = (object.part(), object.content_type());
+        let _ = writeln!(
+            types,
+            "<Override PartName=\"/{part}\" ContentType=\"{kind}\"/>"
+        );
+        let mut relations = String::new();
+        let mut relate = |id: &str, kind: &str, target: &str, mode: &str| {
+            let _ = writeln!(
+                relations,
+                "<Relationship Id=\"{id}\" Type=\"{RELATION}{kind}\" Target=\"{target}\"{mode}/>"
+            );
+        };
+        if i == 0 {
+            relate(
+                "Hdf5File",
+                "externalResource",
+                companion,
+                " TargetMode=\"External\"",
+            );
+        }
+        for (j, other) in objects.iter().enumerate() {
+            let mut to = |kind: &str| relate(&format!("_{}", other.uuid), kind, &other.part(), "");
+            if object.refers_to.contains(&j) {
+                to("destinationObject");
+            } else if other.refers_to.contains(&i) {
+                to("sourceObject");
+            } else if i == 0 && other.has_arrays {
+                to("externalPartProxyToMl");
+            } else if j == 0 && object.has_arrays {
+                to("mlToExternalPartProxy");
+            }
+        }
+        parts.push((part.clone(), object.xml()));
+        parts.push((format!("_rels/{part}.rels"), relationships(&relations)));
+    }
+    types.push_str("</Types>\n");
+    let core = format!(
+        "<?xml version=\"1.0\" encoding=\"UTF-8\" standalone=\"yes\"?>\n<cp:coreProperties \
+         xmlns:cp=\"http://schemas.openxmlformats.org/package/2006/metadata/core-properties\" \
+         xmlns:dc=\"http://purl.org/dc/elements/1.1/\" xmlns:dcterms=\"http://purl.org/dc/terms/\" \
+         xmlns:xsi=\"http://www.w3.org/2001/XMLSchema-instance\"><dcterms:created \
+         xsi:type=\"dcterms:W3CDTF\">{MOMENT}</dcterms:created><dc:creator>atomesh</dc:creator>\
+         <cp:version>1.0</cp:version></cp:coreProperties>\n"
+    );
+    let root = relationships(
+        "<Relationship Id=\"CoreProperties\" Type=\"http://schemas.openxmlformats.org/package/2006/\
+         relationships/metadata/core-properties\" Target=\"docProps/core.xml\"/>\n",
+    );
+    parts.push(("docProps/core.xml".into(), core));
+    parts.push(("_rels/.rels".into(), root));
+    parts.insert(0, ("[Content_Types].xml".into(), types));
+    zip(out, &parts)
+}
+
+fn relationships(lines: &str) -> String {
+    format!(
+        "<?xml version=\"1.0\" encoding=\"UTF-8\" standalone=\"yes\"?>\n<Relationships \
+         xmlns=\"http://schemas.openxmlformats.org/package/2006/relationships\">\n{lines}</Relationships>\n"
+    )
+}
+
+/// A zip archive of texts, stored as they are (PKWARE's APPNOTE, sections 4.3.7, 4.3.12 and 4.3.16).
+fn zip(out: &mut impl Write, parts: &[(String, String)]) -> io::Result<()> {
+    let mut directory = Vec::new();
+    let mut at = 0u32;
+    for (name, text) in parts {
+        let mut crc = Crc::new();
+        crc.update(text.as_bytes());
+        // Version 2.0, names in UTF-8, stored, midnight of 1 January 2000; sizes; name.
+        let mut common = vec![20, 0, 0, 8, 0, 0, 0, 0, 0x21, 0x28];
+        common.extend(crc.sum().to_le_bytes());
+        common.extend((text.len() as u32).to_le_bytes());
+        common.extend((text.len() as u32).to_le_bytes());
+        common.extend((name.len() as u16).to_le_bytes());
+        common.extend([0, 0]);
+        directory.extend(b"PK\x01\x02\x14\x00");
+        directory.extend(&common);
+        directory.extend([0; 10]);
+        directory.extend(at.to_le_bytes());
+        directory.extend(name.as_bytes());
+        out.write_all(b"PK\x03\x04")?;
+        out.write_all(&common)?;
+        out.write_all(name.as_bytes())?;
+        out.write_all(text.as_bytes())?;
+        at += (4 + common.len() + name.len() + text.len()) as u32;
+    }
+    out.write_all(&directory)?;
+    let count = (parts.len() as u16).to_le_bytes();
+    out.write_all(b"PK\x05\x06\0\0\0\0")?;
+    out.write_all(&count)?;
+    out.write_all(&count)?;
+    out.write_all(&(directory.len() as u32).to_le_bytes())?;
+    out.write_all(&at.to_le_bytes())?;
+    out.write_all(&[0, 0])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_same_has_the_same_name() {
+        let digest = Sha256::new();
+        let name = uuid(&digest, "grid");
+        assert_eq!(name, uuid(&digest, "grid"));
+        assert_ne!(name, uuid(&digest, "crs"));
+        assert_eq!((name.len(), &name[14..15]), (36, "5"));
+    }
+}

@@ -1,0 +1,207 @@
+//! HDF5 files of groups and plain datasets, written in one go: what every HDF5 library since 1.8
+//! reads. No chunks, compression or attributes.
+//!
+//! A superblock of version 0, object headers of version 1, groups that list their links in their
+//! headers. Layout: "HDF5 File Format Specification", version 3.0, sections II.A, IV.A.1.a and IV.A.2.
+
+use std::io::{self, Write};
+
+use super::binary::Numbers;
+
+/// A group or a dataset.
+pub enum Node<'a> {
+    /// Named nodes; names have less than 256 bytes.
+    Group(Vec<(String, Node<'a>)>),
+    /// Lengths along all axes, the slowest first, and the numbers.
+    Data(Vec<u64>, Numbers<'a>),
+}
+
+const SUPERBLOCK: u64 = 96;
+const UNDEFINED: [u8; 8] = [0xff; 8];
+/// Types of messages in headers.
+const DATASPACE: u16 = 1;
+const LINK_INFO: u16 = 2;
+const DATATYPE: u16 = 3;
+const FILL: u16 = 5;
+const LINK: u16 = 6;
+const LAYOUT: u16 = 8;
+const GROUP_INFO: u16 = 10;
+
+/// A message: its type, and its content.
+type Message = (u16, Vec<u8>);
+
+/// Writes the file whose root group is this.
+///
+/// # Errors
+/// If `out` cannot be written.
+pub fn write(out: &mut impl Write, root: &Node) -> io::Result<()> {
+    // Headers first, then data; so that all addresses are known.
+    let mut headers = SUPERBLOCK;
+    count_headers(root, &mut headers);
+    let mut data = headers;
+    let (mut bytes, mut next) = (Vec::new(), SUPERBLOCK);
+    lay_out(root, &mut next, &mut data, &mut bytes);
+
+    let mut head = b"\x89HDF\r\n\x1a\n".to_vec();
+    // Versions; 8 bytes for offsets and for lengths; sizes of trees that are not used.
+    head.extend([0, 0, 0, 0, 0, 8, 8, 0, 4, 0, 16, 0, 0, 0, 0, 0]);
+    head.extend(0u64.to_le_bytes());
+    head.extend(UNDEFINED);
+    head.extend(data.to_le_bytes());
+    head.extend(UNDEFINED);
+    head.extend(0u64.to_le_bytes());
+    head.extend(SUPERBLOCK.to_le_bytes());
+    head.resize(SUPERBLOCK as usize, 0);
+    out.write_all(&head)?;
+    out.write_all(&bytes)?;
+    write_data(root, out)
+}
+
+fn padded(bytes: u64) -> u64 {
+    bytes.next_multiple_of(8)
+}
+
+fn header_size(messages: &[Message]) -> u64 {
+    let size = |(_, content): &Message| 8 + padded(content.len() as u64);
+    16 + messages.iter().map(size).sum::<u64>()
+}
+
+fn count_headers(node: &Node, end: &mut u64) {
+    match node {
+        Node::Group(links) => {
+            let names = links.iter().map(|(name, _)| (name.as_str(), 0));
+            *end += header_size(&group(names));
+            links.iter().for_each(|(_, node)| count_headers(node, end));
+        }
+        Node::Data(dims, numbers) => *end += header_size(&dataset(dims, numbers, 0)),
+    }
+}
+
+/// Appends the header of a node and those below it, from `next` on; their data goes to `data`.
+fn lay_out(node: &Node, next: &mut u64, data: &mut u64, bytes: &mut Vec<u8>) {
+    let put = |messages: &[Message], bytes: &mut Vec<u8>| {
+        let size = header_size(messages) - 16;
+        bytes.extend([1, 0]);
+        bytes.extend((messages.len() as u16).to_le_bytes());
+        bytes.extend(1u32.to_le_bytes());
+        bytes.extend((size as u32).to_le_bytes());
+        bytes.extend([0; 4]);
+        for (kind, content) in messages {
+            let size = padded(content.len() as u64);
+            bytes.extend(kind.to_le_bytes());
+            bytes.extend((size as u16).to_le_bytes());
+            bytes.extend([0; 4]);
+            bytes.extend(content);
+            bytes.resize(bytes.len() + size as usize - content.len(), 0);
+        }
+    };
+    match node {
+        Node::Group(links) => {
+            let names = links.iter().map(|(name, _)| (name.as_str(), 0));
+            *next += header_size(&group(names));
+            let (mut addresses, mut below) = (Vec::new(), Vec::new());
+            for (name, node) in links {
+                addresses.push((name.as_str(), *next));
+                lay_out(node, next, data, &mut below);
+            }
+            put(&group(addresses.into_iter()), bytes);
+            bytes.extend(below);
+        }
+        Node::Data(dims, numbers) => {
+            let messages = dataset(dims, numbers, *data);
+            *next += header_size(&messages);
+            *data += padded(numbers.bytes());
+            put(&messages, bytes);
+        }
+    }
+}
+
+fn write_data(node: &Node, out: &mut impl Write) -> io::Result<()> {
+    match node {
+        Node::Group(links) => links.iter().try_for_each(|(_, node)| write_data(node, out)),
+        Node::Data(_, numbers) => {
+            numbers.write(out)?;
+            let bytes = numbers.bytes();
+            out.write_all(&[0; 8][..(padded(bytes) - bytes) as usize])
+        }
+    }
+}
+
+/// The messages of a group with these links.
+fn group<'a>(links: impl Iterator<Item = (&'a str, u64)>) -> Vec<Message> {
+    // Links are in the header, not in a heap with a tree.
+    let info = [&[0, 0][..], &UNDEFINED, &UNDEFINED].concat();
+    let mut messages = vec![(LINK_INFO, info), (GROUP_INFO, vec![0, 0])];
+    messages.extend(links.map(|(name, address)| {
+        let mut link = vec![1, 0, name.len() as u8];
+        link.extend(name.as_bytes());
+        link.extend(address.to_le_bytes());
+        (LINK, link)
+    }));
+    messages
+}
+
+/// The messages of a dataset whose numbers are at an address.
+fn dataset(dims: &[u64], numbers: &Numbers, address: u64) -> Vec<Message> {
+    let mut space = vec![1, dims.len() as u8, 0, 0, 0, 0, 0, 0];
+    dims.iter().for_each(|n| space.extend(n.to_le_bytes()));
+    let mut layout = vec![3, 1];
+    layout.extend(address.to_le_bytes());
+    layout.extend(numbers.bytes().to_le_bytes());
+    vec![
+        (DATASPACE, space),
+        (DATATYPE, datatype(numbers.kind)),
+        // Written with the rest; no value of its own.
+        (FILL, vec![2, 1, 2, 0]),
+        (LAYOUT, layout),
+    ]
+}
+
+/// The type that VTK calls `kind`, little endian.
+fn datatype(kind: &str) -> Vec<u8> {
+    let whole = |bytes: u8, signed: bool| {
+        let mut content = vec![0x10, if signed { 8 } else { 0 }, 0, 0, bytes, 0, 0, 0];
+        content.extend([0, 0, 8 * bytes, 0]);
+        content
+    };
+    match kind {
+        "Int8" => whole(1, true),
+        "UInt8" => whole(1, false),
+        "Int16" => whole(2, true),
+        "UInt16" => whole(2, false),
+        "Int32" => whole(4, true),
+        "UInt32" => whole(4, false),
+        "Int64" => whole(8, true),
+        "UInt64" => whole(8, false),
+        // IEEE: place of the sign; bits in all; exponent, mantissa; bias.
+        "Float32" => vec![
+            0x11, 0x20, 31, 0, 4, 0, 0, 0, 0, 0, 32, 0, 23, 8, 0, 23, 127, 0, 0, 0,
+        ],
+        _ => vec![
+            0x11, 0x20, 63, 0, 8, 0, 0, 0, 0, 0, 64, 0, 52, 11, 0, 52, 255, 3, 0, 0,
+        ],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn data_is_where_headers_say() {
+        let numbers = [1.5, -2.0, 3.0];
+        let data = Node::Data(vec![3], Numbers::slice(&numbers));
+        let bytes = Node::Data(vec![5], Numbers::computed(5, |i| i as u8));
+        let inner = Node::Group(vec![("numbers".into(), data)]);
+        let root = Node::Group(vec![("inner".into(), inner), ("bytes".into(), bytes)]);
+        let mut file = Vec::new();
+        write(&mut file, &root).unwrap();
+        // End of file, and the data at the end.
+        assert_eq!(file[40..48], (file.len() as u64).to_le_bytes());
+        assert_eq!(file[file.len() - 8..], [0, 1, 2, 3, 4, 0, 0, 0]);
+        let at = file.len() - 32;
+        assert_eq!(file[at..at + 8], 1.5f64.to_le_bytes());
+        let address = (at as u64).to_le_bytes();
+        assert_eq!(file.windows(8).filter(|w| *w == address).count(), 1);
+    }
+}

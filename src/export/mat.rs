@@ -1,0 +1,231 @@
+//! MATLAB's MAT-files, version 5, as MATLAB, Octave and SciPy read them: structures, cell arrays, text
+//! and matrices. Nothing is compressed.
+//!
+//! All matrices are of class double, but numbers may be stored in a smaller type, as MATLAB itself
+//! does. Layout: "MAT-File Format", The MathWorks, chapter 1.
+
+use std::io::{self, Write};
+use std::path::Path;
+
+use super::binary::Numbers;
+use crate::error::cause;
+use crate::{Error, Result};
+
+/// A value of a variable or a field.
+pub enum Value<'a> {
+    /// A matrix: number of rows and of columns, and its numbers column by column.
+    Matrix(usize, usize, Numbers<'a>),
+    /// A row of characters (ASCII).
+    Text(&'a str),
+    /// A row of values.
+    Cells(Vec<Value<'a>>),
+    /// Named values; names have at most 31 letters.
+    Struct(Vec<(&'a str, Value<'a>)>),
+}
+
+/// Types of the elements of a file.
+const INT8: u32 = 1;
+const UINT16: u32 = 4;
+const INT32: u32 = 5;
+const UINT32: u32 = 6;
+const MATRIX: u32 = 14;
+/// Bytes for the name of a field.
+const NAME: usize = 32;
+/// No variable may have more bytes.
+const MOST: u64 = (1 << 31) - 1;
+
+impl<'a> Value<'a> {
+    /// A column of numbers.
+    pub fn column(numbers: Numbers<'a>) -> Self {
+        Self::Matrix(numbers.len, 1, numbers)
+    }
+
+    /// One number.
+    pub fn number(value: f64) -> Self {
+        Self::column(Numbers::computed(1, move |_| value))
+    }
+
+    fn class(&self) -> u32 {
+        match self {
+            Self::Cells(_) => 1,
+            Self::Struct(_) => 2,
+            Self::Text(_) => 4,
+            Self::Matrix(..) => 6,
+        }
+    }
+
+    fn dims(&self) -> [usize; 2] {
+        match self {
+            Self::Matrix(rows, columns, _) => [*rows, *columns],
+            Self::Text(text) => [1, text.len()],
+            Self::Cells(values) => [1, values.len()],
+            Self::Struct(_) => [1, 1],
+        }
+    }
+
+    /// Bytes of the element without its tag.
+    fn size(&self, name: &str) -> u64 {
+        let head = 16 + 16 + 8 + padded(name.len() as u64);
+        head + match self {
+            Self::Matrix(_, _, numbers) => 8 + padded(numbers.bytes()),
+            Self::Text(text) => 8 + padded(2 * text.len() as u64),
+            Self::Cells(values) => values.iter().map(|value| 8 + value.size("")).sum(),
+            Self::Struct(fields) => {
+                let names = 8 + padded((NAME * fields.len()) as u64);
+                let values = fields.iter().map(|(_, value)| 8 + value.size(""));
+                16 + names + values.sum::<u64>()
+            }
+        }
+    }
+
+    fn write(&self, name: &str, out: &mut impl Write) -> io::Result<()> {
+        tag(out, MATRIX, self.size(name))?;
+        element(
+            out,
+            UINT32,
+            &[self.class(), 0].map(u32::to_le_bytes).concat(),
+        )?;
+        let dims = self.dims().map(|n| (n as u32).to_le_bytes());
+        element(out, INT32, &dims.concat())?;
+        element(out, INT8, name.as_bytes())?;
+        match self {
+            Self::Matrix(_, _, numbers) => {
+                tag(out, stored_as(numbers.kind), numbers.bytes())?;
+                numbers.write(out)?;
+                pad(out, numbers.bytes())
+            }
+            Self::Text(text) => {
+                let letters: Vec<u8> = text.bytes().flat_map(|b| [b, 0]).collect();
+                element(out, UINT16, &letters)
+            }
+            Self::Cells(values) => values.iter().try_for_each(|value| value.write("", out)),
+            Self::Struct(fields) => {
+                element(out, INT32, &(NAME as u32).to_le_bytes())?;
+                let mut names = vec![0; NAME * fields.len()];
+                for (room, (name, _)) in names.chunks_mut(NAME).zip(fields) {
+                    room[..name.len()].copy_from_slice(name.as_bytes());
+                }
+                element(out, INT8, &names)?;
+                fields
+                    .iter()
+                    .try_for_each(|(_, value)| value.write("", out))
+            }
+        }
+    }
+}
+
+fn padded(bytes: u64) -> u64 {
+    bytes.next_multiple_of(8)
+}
+
+fn pad(out: &mut impl Write, bytes: u64) -> io::Result<()> {
+    out.write_all(&[0; 8][..(padded(bytes) - bytes) as usize])
+}
+
+fn tag(out: &mut impl Write, kind: u32, bytes: u64) -> io::Result<()> {
+    out.write_all(&kind.to_le_bytes())?;
+    out.write_all(&(bytes as u32).to_le_bytes())
+}
+
+fn element(out: &mut impl Write, kind: u32, bytes: &[u8]) -> io::Result<()> {
+    tag(out, kind, bytes.len() as u64)?;
+    out.write_all(bytes)?;
+    pad(out, bytes.len() as u64)
+}
+
+/// The number of a type that VTK calls `kind`.
+fn stored_as(kind: &str) -> u32 {
+    match kind {
+        "Int8" => INT8,
+        "UInt8" => 2,
+        "Int16" => 3,
+        "UInt16" => UINT16,
+        "Int32" => INT32,
+        "UInt32" => UINT32,
+        "Float32" => 7,
+        "Int64" => 12,
+        "UInt64" => 13,
+        _ => 9,
+    }
+}
+
+/// Whether a name can be one of a field or variable.
+pub fn is_name(name: &str) -> bool {
+    let plain = |c: char| c.is_ascii_alphanumeric() || c == '_';
+    name.len() < NAME
+        && name.starts_with(|c: char| c.is_ascii_alphabetic())
+        && name.chars().all(plain)
+}
+
+/// Checks that all variables fit, before any is written to the file at `path`.
+///
+/// # Errors
+/// [`Error::Export`] for one of 2 GiB or more, which the format does not hold.
+pub fn check(path: &Path, variables: &[(&str, Value)]) -> Result<()> {
+    let large = |(name, value): &&(&str, Value)| value.size(name) > MOST;
+    let Some((name, value)) = variables.iter().find(large) else {
+        return Ok(());
+    };
+    let size = value.size(name) as f64 / f64::from(1 << 30);
+    Err(Error::Export(cause(
+        path.display(),
+        format!("would have a variable {name} of {size:.1} GiB, and MAT-files hold less than 2"),
+        "export a coarser mesh",
+    )))
+}
+
+/// Writes the file.
+///
+/// # Errors
+/// If `out` cannot be written.
+pub fn write(out: &mut impl Write, variables: &[(&str, Value)]) -> io::Result<()> {
+    let mut head = [b' '; 128];
+    let text = format!("MATLAB 5.0 MAT-file, atomesh {}", env!("CARGO_PKG_VERSION"));
+    head[..text.len()].copy_from_slice(text.as_bytes());
+    head[116..124].fill(0);
+    head[124..].copy_from_slice(&[0, 1, b'I', b'M']);
+    out.write_all(&head)?;
+    variables
+        .iter()
+        .try_for_each(|(name, value)| value.write(name, out))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_are_those_of_what_is_written() {
+        let numbers = [1.0, 2.5, -3.0];
+        let fields = vec![
+            ("a", Value::column(Numbers::slice(&numbers))),
+            (
+                "bytes",
+                Value::Matrix(1, 5, Numbers::computed(5, |i| i as u8)),
+            ),
+            ("none", Value::Matrix(0, 3, Numbers::slice::<f64>(&[]))),
+            (
+                "kind",
+                Value::Cells(vec![Value::Text("odd"), Value::number(7.0)]),
+            ),
+        ];
+        let value = Value::Struct(fields);
+        let mut bytes = Vec::new();
+        value.write("G", &mut bytes).unwrap();
+        assert_eq!(bytes.len() as u64, 8 + value.size("G"));
+        assert!(bytes.len().is_multiple_of(8));
+        check(Path::new("a.mat"), &[("G", value)]).unwrap();
+        let large = Value::column(Numbers::computed(1 << 28, |_| 0.0));
+        let error = check(Path::new("a.mat"), &[("T", large)]).unwrap_err();
+        assert!(
+            error.to_string().contains("variable T of 2.0 GiB"),
+            "{error}"
+        );
+    }
+
+    #[test]
+    fn names_are_matlabs() {
+        assert!(is_name("sw_2") && !is_name("2_sw") && !is_name("") && !is_name("a-b"));
+        assert!(!is_name(&"a".repeat(NAME)));
+    }
+}

@@ -1,0 +1,413 @@
+//! `atomesh columns`, and what simulators make of columns.
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "a test that cannot go on has failed"
+)]
+
+mod common;
+
+use std::ffi::OsStr;
+use std::path::Path;
+use std::process::Command;
+
+use atomesh::export::{AnyMesh, MeshFile, read_any_vtu};
+use atomesh::mesh::graph::Graph;
+use atomesh::mesh::poly::PolyMesh;
+use common::{judged, npy, npy_2d, refused, simulator, succeed};
+use serde_json::Value;
+
+const ROCK: &str = "--porosity 0.2 --permeability 100 --permeability-unit mD --quiet";
+
+fn run(folder: &Path, line: &str) -> String {
+    succeed(folder, &line.split_whitespace().collect::<Vec<_>>())
+}
+
+/// A folder with `map.vtu`, the cells of a map of 60 x 50 samples with one fault across it, and the
+/// horizons `top.npy`, `mid.npy` (which touches the top in part) and `base.npy`: depths.
+fn folder() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    npy_2d(&path.join("fault.npy"), [60, 50], |[x, y]| {
+        (-0.5 * ((0.8 * x as f32 - 0.6 * y as f32 - 9.0) / 1.5).powi(2)).exp()
+    });
+    run(
+        path,
+        "mesh fault.npy --cells voronoi --distance 5 --quiet -o map.vtu",
+    );
+    let top = |x: usize, y: usize| 1000.0 + 0.1 * x as f32 - 0.05 * y as f32;
+    npy_2d(&path.join("top.npy"), [60, 50], |[x, y]| top(x, y));
+    npy_2d(&path.join("mid.npy"), [60, 50], |[x, y]| {
+        top(x, y) + (0.3 * (x as f32 - 20.0)).max(0.0)
+    });
+    npy_2d(&path.join("base.npy"), [60, 50], |[x, y]| {
+        top(x, y) + 20.0 + (0.2 * x as f32).sin()
+    });
+    folder
+}
+
+fn cells(path: &Path) -> MeshFile<PolyMesh<3>> {
+    match read_any_vtu(path).unwrap() {
+        AnyMesh::SpaceCells(file) => file,
+        _ => panic!("no polyhedra"),
+    }
+}
+
+fn map_of(path: &Path) -> PolyMesh<2> {
+    match read_any_vtu(path).unwrap() {
+        AnyMesh::PlaneCells(file) => file.mesh,
+        _ => panic!("no polygons"),
+    }
+}
+
+const HORIZONS: &str = "--horizon top.npy --horizon mid.npy --horizon base.npy --layers 2,3";
+
+#[test]
+fn columns_between_horizons_pass_every_verb() {
+    let folder = folder();
+    let folder = folder.path();
+    let said = run(
+        folder,
+        &format!("columns map.vtu {HORIZONS} -o cells.vtu --json --quiet"),
+    );
+    let said: Value = serde_json::from_str(&said).unwrap();
+    let map = map_of(&folder.join("map.vtu"));
+    let columns = map.sites.len();
+    assert_eq!(said["columns"].as_u64().unwrap() as usize, columns);
+    assert_eq!(said["layers"], serde_json::json!([2, 3]));
+    assert_eq!(said["z_grows"], "downwards");
+    let missing = said["missing"][0].as_u64().unwrap();
+    assert!(missing > 10 && said["missing"][1] == missing && said["missing"][2] == 0);
+
+    let file = cells(&folder.join("cells.vtu"));
+    assert_eq!(file.mesh.sites.len(), 5 * columns - 2 * missing as usize);
+    // The volume is the integral of the thickness, which mid does not change.
+    let graph = Graph::from_poly(&file.mesh);
+    let volume: f64 = graph.volume.iter().sum();
+    let want: f64 = (0..590)
+        .map(|i| 20.0 + (0.02 * (f64::from(i) + 0.5)).sin())
+        .sum::<f64>()
+        * 4.9;
+    assert!((volume / want - 1.0).abs() < 2e-3, "{volume} {want}");
+    // Faults stand upright through all layers: on the map's edges.
+    let on = |mesh: &[bool]| mesh.iter().filter(|on| **on).count();
+    assert!(on(&map.on_feature) > 5);
+    assert!(on(&file.mesh.on_feature) > 3 * on(&map.on_feature));
+
+    let valid = run(folder, "validate cells.vtu --json --quiet");
+    assert!(
+        valid.contains("\"valid\":true") || valid.contains("\"valid\": true"),
+        "{valid}"
+    );
+    let quality = run(folder, "quality cells.vtu --json --quiet");
+    let quality: Value = serde_json::from_str(&quality).unwrap();
+    assert_eq!(quality["voronoi"]["not_positive"], 0);
+    // Damage is still found.
+    let mut damaged = file.clone();
+    damaged.mesh.sites[7][0] += 30.0;
+    atomesh::export::write_cells_vtu(&folder.join("damaged.vtu"), &damaged).unwrap();
+    let said = refused(folder, &["validate", "damaged.vtu"]);
+    assert!(said.contains("do not hold their site"), "{said}");
+
+    let flow = "flow cells.vtu -o flow.vtu --pressure xmin=2e5 --pressure xmax=1e5 --faults open";
+    run(folder, &format!("{flow} --quiet"));
+    let said = run(
+        folder,
+        &format!("export cells.vtu --to openfoam -o case --down z --json {ROCK}"),
+    );
+    let said: Value = serde_json::from_str(&said).unwrap();
+    assert!(
+        said["checks"]["volume_error"].as_f64().unwrap() < 1e-12,
+        "{said}"
+    );
+    let mut check = Command::new("checkMesh");
+    check
+        .env("WM_PROJECT_DIR", "/usr/share/openfoam")
+        .arg("-case")
+        .arg(folder.join("case"));
+    if let Some(said) = simulator(&mut check) {
+        assert!(
+            said.contains("Boundary definition OK") && said.contains("Cell volumes OK"),
+            "{said}"
+        );
+    }
+}
+
+#[test]
+fn level_layers_conduct_as_the_map_does() {
+    let folder = folder();
+    let folder = folder.path();
+    run(
+        folder,
+        "columns map.vtu --horizon -1000 --horizon -1004 --layers 2 -o cells.vtu --quiet",
+    );
+    let sides = "--pressure xmin=2e5 --pressure xmax=1e5 --faults 0.01 --quiet --json";
+    run(folder, &format!("flow cells.vtu -o flow.vtu {sides}"));
+    run(folder, &format!("flow map.vtu -o plane.vtu {sides}"));
+    let pressure = |arrays: &[atomesh::io::vtk::DataArray]| {
+        let found = arrays.iter().find(|a| a.name == "pressure").unwrap();
+        found.values.to_f64()
+    };
+    let space = pressure(&cells(&folder.join("flow.vtu")).cell_data);
+    let AnyMesh::PlaneCells(plane) = read_any_vtu(&folder.join("plane.vtu")).unwrap() else {
+        panic!("no polygons")
+    };
+    let plane = pressure(&plane.cell_data);
+    assert_eq!(space.len(), 2 * plane.len());
+    for (cell, p) in space.iter().enumerate() {
+        assert!((p - plane[cell % plane.len()]).abs() < 1e-3, "{cell}: {p}");
+    }
+}
+
+#[test]
+fn opm_flow_runs_columns() {
+    let folder = folder();
+    let folder = folder.path();
+    run(
+        folder,
+        &format!("columns map.vtu {HORIZONS} -o cells.vtu --quiet"),
+    );
+    std::fs::write(folder.join("INJ.csv"), "6,40,900,0.1\n6,40,1100,0.1\n").unwrap();
+    std::fs::write(folder.join("PROD.csv"), "40,10,900,0.1\n50,12,1017,0.1\n").unwrap();
+    let wells = "--injector INJ.csv:1 --producer PROD.csv:100";
+    let deck =
+        format!("export cells.vtu --to opm -o CASE.DATA --down z {ROCK} --no-gravity {wells}");
+    run(folder, &format!("{deck} --pressure-at-top 100"));
+    let mut command = Command::new("flow");
+    command
+        .current_dir(folder)
+        .args(["CASE.DATA", "--output-dir=out", "--threads-per-process=1"]);
+    if simulator(&mut command).is_none() {
+        return;
+    }
+    let out = folder.join("out");
+    let Some(found) = judged("resfo", "opm.py", &[out.as_os_str(), OsStr::new("CASE")]) else {
+        return;
+    };
+    let pressure: Vec<f64> = (found["pressure"].as_array().unwrap().iter())
+        .map(|p| p.as_f64().unwrap())
+        .collect();
+    let file = cells(&folder.join("cells.vtu"));
+    assert_eq!(pressure.len(), file.mesh.sites.len());
+    let least = pressure.iter().copied().fold(f64::INFINITY, f64::min);
+    let most = pressure.iter().copied().fold(0.0, f64::max);
+    assert!(least > 100.0 && most > least + 0.1, "{least} {most}");
+}
+
+#[test]
+fn modflow_has_our_conductances_and_heads() {
+    let folder = folder();
+    let folder = folder.path();
+    // Level layers, one of them missing in part: in the east the middle one has no thickness.
+    npy_2d(&folder.join("step.npy"), [60, 50], |[x, _]| {
+        if x < 30 { 1006.0 } else { 1002.0 }
+    });
+    let horizons = "--horizon 1000 --horizon 1002 --horizon step.npy --horizon 1010";
+    run(
+        folder,
+        &format!("columns map.vtu {horizons} -o cells.vtu --quiet"),
+    );
+    // The same, level.
+    let level = "--horizon 1000 --horizon 1002 --horizon 1006 --layers 2";
+    run(
+        folder,
+        &format!("columns map.vtu {level} -o level.vtu --quiet"),
+    );
+    let wells = "--injector 5,40,1001:8.64 --producer 50,12,1001:120 --faults 0.01";
+    for mesh in ["cells", "level"] {
+        let export = format!("export {mesh}.vtu --down z --no-gravity --quiet {wells}");
+        let rock = "--porosity 0.2 --permeability 100,100,10 --permeability-unit mD --json";
+        let said = run(
+            folder,
+            &format!("{export} --to disv -o model-{mesh} {rock}"),
+        );
+        let said: Value = serde_json::from_str(&said).unwrap();
+        let path = folder.join(format!("model-{mesh}"));
+        let Some(found) = judged("flopy", "disv.py", &[path.as_os_str()]) else {
+            return;
+        };
+        let file = cells(&folder.join(format!("{mesh}.vtu")));
+        let graph = Graph::from_poly(&file.mesh);
+        assert_eq!(found["clockwise"], true);
+        let active = found["active"].as_u64().unwrap() as usize;
+        assert_eq!(active, graph.volume.len());
+        let total: f64 = graph.volume.iter().sum();
+        assert!((found["volume"].as_f64().unwrap() / total - 1.0).abs() < 1e-12);
+        if mesh == "cells" {
+            assert!(
+                found["passed"].as_u64().unwrap() > 10,
+                "{}",
+                found["passed"]
+            );
+            continue;
+        }
+        assert_eq!(
+            found["connections"].as_u64().unwrap() as usize,
+            graph.connections.len()
+        );
+        // Heads of the same problem by our own flow: between the wells, in the cells.
+        let twin = format!(
+            "flow {mesh}.vtu -o flow.vtu --permeability 9.86923266716013e-14,9.86923266716013e-14,9.86923266716013e-15"
+        );
+        let ends = "--source 5,40,1001:1e-4 --sink 50,12,1001:1e-4 --faults 0.01 --quiet";
+        run(folder, &format!("{twin} {ends}"));
+        let ours = cells(&folder.join("flow.vtu")).cell_data;
+        let ours = ours
+            .iter()
+            .find(|a| a.name == "pressure")
+            .unwrap()
+            .values
+            .to_f64();
+        let heads: Vec<f64> = (found["head"].as_array().unwrap().iter())
+            .map(|h| h.as_f64().unwrap())
+            .collect();
+        let producer = said["wells"][1]["cells"][0][0].as_u64().unwrap() as usize;
+        let range = ours.iter().copied().fold(f64::NEG_INFINITY, f64::max)
+            - ours.iter().copied().fold(f64::INFINITY, f64::min);
+        for (cell, p) in ours.iter().enumerate() {
+            let theirs = (heads[cell] - heads[producer]) * 9806.65;
+            assert!(
+                (theirs - (p - ours[producer])).abs() < 1e-6 * range,
+                "{cell}"
+            );
+        }
+        // All that enters leaves through the well's index.
+        let index = said["wells"][1]["cells"][0][1].as_f64().unwrap();
+        let rate = (heads[producer] * 9806.65 - 120e5) * index / 1e-3;
+        assert!((rate / 1e-4 - 1.0).abs() < 1e-6, "{rate}");
+    }
+}
+
+#[test]
+fn impossible_columns_are_refused() {
+    let folder = folder();
+    let folder = folder.path();
+    npy(&folder.join("cube.npy"), [9, 9, 9], |_| 1.0);
+    npy_2d(&folder.join("far.npy"), [60, 50], |_| f32::NAN);
+    run(
+        folder,
+        "mesh fault.npy --distance 8 --quiet -o triangles.vtu",
+    );
+    for (line, want) in [
+        ("map.vtu --horizon top.npy", "at least two"),
+        (
+            "map.vtu --horizon base.npy --horizon mid.npy --horizon top.npy --horizon 2000",
+            "cross",
+        ),
+        ("map.vtu --horizon 5 --horizon 5", "no thickness"),
+        ("map.vtu --horizon top.npy --horizon cube.npy", "3-D image"),
+        (
+            "map.vtu --horizon top.npy --horizon far.npy",
+            "covers no node",
+        ),
+        ("map.vtu --horizon top.npy --horizon none.npy", "none.npy"),
+        (
+            "map.vtu --horizon top.npy --horizon base.npy --layers x",
+            "--layers x",
+        ),
+        (
+            "map.vtu --horizon top.npy --horizon base.npy --layers 1,2",
+            "do not fit",
+        ),
+        (
+            "map.vtu --horizon top.npy --horizon base.npy --layer-thickness 0",
+            "not positive",
+        ),
+        ("triangles.vtu --horizon 0 --horizon 1", "triangles"),
+    ] {
+        let line = format!("columns {line} -o out.vtu");
+        let said = refused(folder, &line.split_whitespace().collect::<Vec<_>>());
+        assert!(said.contains(want), "{line}\n{said}");
+    }
+}
+
+#[cfg(feature = "tetgen")]
+#[test]
+fn what_does_not_stand_in_columns_is_no_modflow_grid() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    npy(
+        &folder.join("sheet.npy"),
+        [30, 28, 26],
+        common::sheet([30, 28, 26]),
+    );
+    run(
+        folder,
+        "mesh sheet.npy --distance 8 --quiet -o cells.vtu --cells voronoi",
+    );
+    let export = "export cells.vtu --to disv -o model --depth-at-top 10";
+    let rock = "--porosity 0.2 --permeability 100 --permeability-unit mD";
+    let line = format!("{export} {rock}");
+    let said = refused(folder, &line.split_whitespace().collect::<Vec<_>>());
+    assert!(said.contains("columns only"), "{said}");
+}
+
+#[test]
+fn surfaces_and_images_that_say_where_they_lie_are_horizons() {
+    let folder = folder();
+    let folder = folder.path();
+    // Two surfaces over a part of the map: z = 10 + 0.2 x, and z = 30.
+    let grid = |z: &dyn Fn(f64) -> f64| -> Vec<[f64; 3]> {
+        (0..36)
+            .map(|i| {
+                let [x, y] = [f64::from(i % 6) * 9.0, f64::from(i / 6) * 12.0 - 2.0];
+                [x, y, z(x)]
+            })
+            .collect()
+    };
+    let nodes = [grid(&|x| 10.0 + 0.2 * x), grid(&|_| 30.0)].concat();
+    let mut facets = Vec::new();
+    for first in [0u32, 36] {
+        for cell in (0..30u32).filter(|c| c % 6 < 5) {
+            let at = first + cell;
+            facets.extend([[at, at + 1, at + 7], [at, at + 7, at + 6]]);
+        }
+    }
+    let half = facets.len() / 2;
+    let surfaces =
+        atomesh::export::SurfaceFile::<3>::new(&nodes, &facets, &[0, half, 2 * half], "h");
+    atomesh::export::write_vtp(&folder.join("h.vtp"), &surfaces).unwrap();
+    run(
+        folder,
+        "columns map.vtu --horizon h.vtp:1 --horizon h.vtp:2 -o cells.vtu --quiet",
+    );
+    let mesh = cells(&folder.join("cells.vtu")).mesh;
+    // Beyond x = 45 the surfaces end, and go on about as they are there.
+    for [x, _, z] in &mesh.nodes {
+        let top = 10.0 + 0.2 * x;
+        let known = (z - top).abs().min((z - 30.0).abs());
+        assert!(known < if *x <= 45.0 { 1e-5 } else { 4.0 }, "{x} {z}");
+    }
+    // An image of other dims, with its place.
+    let geometry = atomesh::image::Geometry::with_spacing([-10.0, -10.0], [20.0, 16.0]);
+    let samples = (0..30).map(|i| 5.0 + 0.5 * (i % 5) as f32).collect();
+    let image = atomesh::image::Image::new([5, 6], samples, geometry);
+    atomesh::io::write(&folder.join("top.vti"), &image).unwrap();
+    run(
+        folder,
+        "columns map.vtu --horizon top.vti --horizon 40 --layer-thickness 10 -o cells.vtu --quiet",
+    );
+    let file = cells(&folder.join("cells.vtu"));
+    let layers = file.cell_data.iter().find(|a| a.name == "layer").unwrap();
+    assert_eq!(layers.values.to_i64().iter().max(), Some(&2));
+    for [x, _, z] in file.mesh.nodes.iter().filter(|p| p[2] < 10.0) {
+        assert!(
+            (z - (5.0 + 0.5 * (x + 10.0) / 20.0)).abs() < 1e-5,
+            "{x} {z}"
+        );
+    }
+    let said = refused(
+        folder,
+        &[
+            "columns",
+            "map.vtu",
+            "--horizon",
+            "h.vtp:7",
+            "--horizon",
+            "40",
+            "-o",
+            "x.vtu",
+        ],
+    );
+    assert!(said.contains("h.vtp:7: has no such surface"), "{said}");
+}

@@ -1,0 +1,72 @@
+"""Solves two-point flow on a grid for MRST with SciPy, and prints totals as JSON: mrst.py FILE SOURCE
+SINK, both cells from 1 on, with a rate of 1e-4 m3/s and a viscosity of 1e-3 Pa s."""
+
+import json
+import sys
+
+import numpy as np
+import scipy.io
+import scipy.sparse as sparse
+from scipy.sparse.linalg import spsolve
+
+# As MATLAB has it: everything is double.
+data = scipy.io.loadmat(sys.argv[1], mat_dtype=True, squeeze_me=True, struct_as_record=False)
+source, sink = (int(a) - 1 for a in sys.argv[2:4])
+grid, rock, t = data["G"], data["rock"], data["T"]
+cells, faces, nodes = grid.cells, grid.faces, grid.nodes
+n, nf = int(cells.num), int(faces.num)
+neighbors = faces.neighbors.astype(int)
+
+# What MRST's computeGeometry does: areas and normals of faces from their nodes, volumes of cells from
+# their faces.
+pos, ring = faces.nodePos.astype(int) - 1, faces.nodes.astype(int) - 1
+area_error, off_plane = 0.0, 0.0
+for f in range(nf):
+    p = nodes.coords[ring[pos[f] : pos[f + 1]]]
+    q = p - p.mean(axis=0)
+    normal = 0.5 * np.cross(q, np.roll(q, -1, axis=0)).sum(axis=0)
+    area_error = max(area_error, np.abs(normal - faces.normals[f]).max())
+    off_plane = max(off_plane, np.abs(q @ normal).max() / max(faces.areas[f], 1e-300))
+flux = (faces.centroids * faces.normals).sum(axis=1) / 3
+volume = np.zeros(n)
+inside = neighbors > 0
+for k, sign in ((0, 1), (1, -1)):
+    at = inside[:, k]
+    np.add.at(volume, neighbors[at, k] - 1, sign * flux[at])
+own = cells.faces.astype(int) - 1
+start = cells.facePos.astype(int) - 1
+listed = all(
+    c + 1 in neighbors[f] for c in range(n) for f in own[start[c] : start[c + 1]]
+)
+
+inner = inside.all(axis=1)
+a, b = (neighbors[inner] - 1).T
+matrix = sparse.coo_matrix((t[inner], (a, b)), (n, n))
+matrix = matrix + matrix.T
+matrix = sparse.diags(np.asarray(matrix.sum(axis=1)).ravel()) - matrix
+rates = np.zeros(n)
+rates[source], rates[sink] = 1e-4, -1e-4
+free = np.arange(1, n)
+pressure = np.zeros(n)
+pressure[free] = spsolve(matrix.tocsc()[free][:, free], 1e-3 * rates[free])
+print(
+    json.dumps(
+        {
+            "cells": n,
+            "faces": [nf, int(inner.sum())],
+            "listed": bool(listed) and len(own) == int(inside.sum()),
+            "volumes": cells.volumes.tolist(),
+            "own_volumes": volume.tolist(),
+            "normals_off": area_error,
+            "pairs": (neighbors[inner] - 1).tolist(),
+            "t": t.tolist(),
+            "depth": cells.sites[:, 2].tolist(),
+            "region": cells.region.tolist(),
+            "perm": np.atleast_2d(rock.perm.T).T.tolist(),
+            "poro": rock.poro.tolist(),
+            "tags": sorted(set(faces.tag[~inner].astype(int).tolist())),
+            "on_features": int((faces.tag[inner] == 8).sum()),
+            "pressure": (pressure - pressure.mean()).tolist(),
+        }
+    )
+)

@@ -1,0 +1,62 @@
+"""Prints what resqpy reads of a RESQML model as JSON: resqml.py FILE.epc."""
+
+import json
+import logging
+import sys
+
+logging.disable(logging.CRITICAL)
+
+import numpy as np
+import resqpy.crs
+import resqpy.model
+import resqpy.property
+import resqpy.unstructured
+
+model = resqpy.model.Model(sys.argv[1])
+grid = resqpy.unstructured.UnstructuredGrid(
+    model, uuid=model.uuid(obj_type="UnstructuredGridRepresentation")
+)
+grid.cache_all_geometry_arrays()
+grid.check_indices()
+crs = resqpy.crs.Crs(model, uuid=grid.crs_uuid)
+
+# Volumes that rest on handedness: pyramids on the faces, as they say that they are turned.
+points = grid.points_ref()
+node_ends = grid.nodes_per_face_cl.astype(int)
+nodes = grid.nodes_per_face.astype(int)
+cells = np.repeat(np.arange(grid.cell_count), np.diff(grid.faces_per_cell_cl, prepend=0))
+flux = np.empty(grid.face_count)
+for face, end in enumerate(node_ends):
+    ring = points[nodes[node_ends[face - 1] if face else 0 : end]]
+    middle = ring.mean(axis=0)
+    areas = 0.5 * np.cross(ring - middle, np.roll(ring, -1, axis=0) - middle)
+    flux[face] = (areas * (ring + np.roll(ring, -1, axis=0) + middle) / 9).sum()
+sign = np.where(np.asarray(grid.cell_face_is_right_handed, dtype=bool), 1, -1)
+handed = np.zeros(grid.cell_count)
+np.add.at(handed, cells, sign * flux[grid.faces_per_cell.astype(int)])
+
+properties = {}
+for uuid in model.uuids(obj_type="ContinuousProperty") + model.uuids(obj_type="DiscreteProperty"):
+    found = resqpy.property.Property(model, uuid=uuid)
+    properties[found.title] = [
+        found.property_kind(),
+        found.uom() if found.is_continuous() else None,
+        found.facet(),
+        np.asarray(found.array_ref(), dtype=float).tolist(),
+    ]
+print(
+    json.dumps(
+        {
+            "shape": grid.cell_shape,
+            "up": not crs.z_inc_down,
+            "units": [crs.xy_units, crs.z_units],
+            "cells": grid.cell_count,
+            # Its own volumes take long: of a few hundred cells.
+            "volume": {
+                c: float(grid.volume(c)) for c in range(0, grid.cell_count, 1 + grid.cell_count // 300)
+            },
+            "handed": handed.tolist(),
+            "properties": properties,
+        }
+    )
+)

@@ -1,0 +1,121 @@
+"""Runs open-DARTS to a steady state of water between two blocks of given pressure, and prints the pressures
+as JSON. On our own connections: steady.py NAME.conn NAME.cells HIGH LOW. On a mesh that it discretizes
+itself: steady.py NAME.msh HIGH LOW. Blocks begin with 0."""
+
+import contextlib
+import importlib.util
+import json
+import os
+import sys
+import tempfile
+
+# It needs the C++ library that it brings, before Python loads another.
+library = os.path.join(importlib.util.find_spec("darts").submodule_search_locations[0], "libstdc++.so.6")
+if os.environ.get("LD_PRELOAD") != library:
+    os.environ["LD_PRELOAD"] = library
+    os.execv(sys.executable, [sys.executable, *sys.argv])
+# Its messages are not what is asked for.
+said = os.dup(1)
+os.dup2(2, 1)
+
+import numpy as np
+from darts.engines import conn_mesh, index_vector, value_vector
+from darts.models.darts_model import DartsModel
+from darts.physics.base.physics import PhysicsBase
+from darts.physics.base.property_container import PropertyContainer
+from darts.physics.properties.basic import ConstFunc
+from darts.physics.properties.density import DensityBasic
+from darts.physics.properties.flash import SinglePhase
+from darts.reservoirs.reservoir_base import ReservoirBase
+from darts.reservoirs.unstruct_reservoir import UnstructReservoir
+
+files = [os.path.abspath(a) for a in sys.argv[1:-2]]
+high, low = (int(a) for a in sys.argv[-2:])
+
+
+class Connections(ReservoirBase):
+    """Blocks and connections from files."""
+
+    def discretize(self, verbose=False):
+        block_m, block_p, tran, tran_d = np.loadtxt(files[0]).T
+        cells = np.loadtxt(files[1])
+        mesh = conn_mesh()
+        mesh.init(
+            index_vector(block_m.astype(int).tolist()),
+            index_vector(block_p.astype(int).tolist()),
+            value_vector(tran.tolist()),
+            value_vector(tran_d.tolist()),
+        )
+        for name, values in zip(("volume", "poro", "depth"), cells.T):
+            np.array(getattr(mesh, name), copy=False)[:] = values
+        return mesh
+
+    def set_boundary_volume(self, boundary_volumes):
+        pass
+
+    def add_perforation(self, *arguments, **options):
+        pass
+
+    def find_cell_index(self, coord):
+        pass
+
+
+class Model(DartsModel):
+    def __init__(self):
+        super().__init__()
+        if files[0].endswith(".msh"):
+            self.reservoir = UnstructReservoir(self.timer, files[0], 100, 100, 100, 0.2)
+            import gmsh
+
+            gmsh.initialize()
+            gmsh.option.setNumber("General.Terminal", 0)
+            gmsh.open(files[0])
+            groups = gmsh.model.getPhysicalGroups()
+            gmsh.finalize()
+            self.reservoir.physical_tags["matrix"] = [t for d, t in groups if d == 3]
+            self.reservoir.physical_tags["boundary"] = [t for d, t in groups if d == 2]
+        else:
+            self.reservoir = Connections(self.timer)
+        water = PropertyContainer(
+            phases_name=["wat"], components_name=["H2O"], Mw=[18.0], temperature=1.0
+        )
+        water.flash_ev = SinglePhase(1)
+        water.density_ev = {"wat": DensityBasic(dens0=1000.0)}
+        water.viscosity_ev = {"wat": ConstFunc(1.0)}
+        water.rel_perm_ev = {"wat": ConstFunc(1.0)}
+        self.physics = PhysicsBase(
+            components=["H2O"],
+            phases=["wat"],
+            timer=self.timer,
+            axes_step=[0.5],
+            state_spec=PhysicsBase.StateSpecification.P,
+        )
+        self.physics.add_property_region(water)
+        self.ts_control.dt_first = 1.0
+        self.ts_control.dt_max = 1e6
+
+    def set_wells(self, verbose=None):
+        # There are none; and water has no weight where all blocks are at one depth.
+        np.array(self.reservoir.mesh.depth, copy=False)[:] = 0.0
+
+    def set_initial_conditions(self):
+        mesh = self.reservoir.mesh
+        start = np.full(mesh.n_res_blocks, 200.0)
+        start[high], start[low] = 201.0, 199.0
+        # So large that their pressure stays.
+        np.array(mesh.volume, copy=False)[[high, low]] = 1e15
+        self.physics.set_initial_conditions_from_array(mesh, {"pressure": start})
+
+
+with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+    model = Model()
+    model.init()
+    model.set_output(output_folder=folder, save_initial=False)
+    model.run(1000.0, save_well_data=False, save_well_data_after_run=False, save_reservoir_data=False)
+    blocks = model.reservoir.mesh.n_res_blocks
+    pressure = np.array(model.physics.engine.X)[:blocks]
+    volume = np.array(model.reservoir.mesh.volume)[:blocks]
+    os.dup2(said, 1)
+    print(json.dumps({"pressure": pressure.tolist(), "volume": volume.tolist()}), flush=True)
+# Nothing else is to be said at the end.
+os._exit(0)

@@ -1,0 +1,553 @@
+//! `atomesh export` to MRST, GEOS, corner-point grids, DARTS and RESQML: what it writes is read, and run,
+//! by programs that know nothing of atomesh.
+#![cfg(feature = "tetgen")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "a test that cannot go on has failed"
+)]
+
+mod common;
+
+use std::ffi::OsStr;
+use std::path::Path;
+use std::process::Command;
+
+use atomesh::export::{AnyMesh, read_any_vtu};
+use atomesh::flow::{Faults, Rock, Tensor};
+use atomesh::pipeline::{Placement, Prepared};
+use atomesh::reservoir::{MILLIDARCY, Model};
+use common::{judged, npy, refused, sheet, simulator, succeed, vtk};
+use serde_json::Value;
+
+const DIMS: [usize; 3] = [40, 36, 32];
+/// Volume of the box.
+const VOLUME: f64 = 39.0 * 35.0 * 31.0;
+const TIGHT: f64 = 0.01;
+const ROCK: &str = "--porosity phi.npy --permeability 100,100,10 --permeability-unit mD --quiet";
+
+fn run(folder: &Path, line: &str) -> String {
+    succeed(folder, &line.split_whitespace().collect::<Vec<_>>())
+}
+
+/// A folder with meshes of a fault across the box: `cells.vtu` of Voronoi cells, `tets.vtu`; `phi.npy`,
+/// porosity that grows with x, and `labels.npy`: two layers, the fault's throw 8.
+fn folder() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    npy(&path.join("sheet.npy"), DIMS, sheet(DIMS));
+    npy(&path.join("phi.npy"), DIMS, |[x, _, _]| {
+        0.1 + 0.005 * x as f32
+    });
+    npy(&path.join("labels.npy"), DIMS, |[x, y, z]| {
+        let right = x as f32 > 20.0 + 0.1 * y as f32 - 0.1 * z as f32;
+        if z as f32 > if right { 19.5 } else { 11.5 } {
+            1.0
+        } else {
+            2.0
+        }
+    });
+    let mesh = "mesh sheet.npy --distance 5 --quiet -o";
+    run(path, &format!("{mesh} cells.vtu --cells voronoi"));
+    run(path, &format!("{mesh} tets.vtu"));
+    folder
+}
+
+/// The model that the verb makes of a mesh.
+fn model(folder: &Path, mesh: &str, top: f64, k: &[f64], faults: Faults) -> Model {
+    let file = read_any_vtu(&folder.join(mesh)).unwrap();
+    let placement = Placement {
+        top: Some(top),
+        ..Placement::default()
+    };
+    let mut prepared = Prepared::new(file, mesh, &placement).unwrap();
+    let tensor = Tensor::from_numbers(k).unwrap().scaled(MILLIDARCY);
+    let rock = Rock::uniform(tensor, 1.0);
+    prepared.model.set_permeability(rock, faults).unwrap();
+    prepared.model
+}
+
+fn numbers(value: &Value) -> Vec<f64> {
+    let items = value.as_array().unwrap().iter();
+    items.map(|v| v.as_f64().unwrap()).collect()
+}
+
+fn near(a: f64, b: f64, tolerance: f64) -> bool {
+    (a - b).abs() <= tolerance * a.abs().max(b.abs())
+}
+
+/// The cell whose site is nearest to a point.
+fn nearest(model: &Model, point: [f64; 3]) -> usize {
+    let off = |cell: &usize| -> f64 {
+        let site = model.graph.site[*cell];
+        (0..3).map(|k| (site[k] - point[k]).powi(2)).sum()
+    };
+    let cells = 0..model.len();
+    cells.min_by(|a, b| off(a).total_cmp(&off(b))).unwrap()
+}
+
+/// Checks steady pressures between two cells against those of `atomesh flow`, both from 0 to 1.
+fn has_our_pressure(folder: &Path, theirs: &[f64], cells: [usize; 2], tolerance: f64) {
+    let AnyMesh::SpaceCells(file) = read_any_vtu(&folder.join("cells.vtu")).unwrap() else {
+        panic!("no polyhedra")
+    };
+    let [high, low] = cells.map(|c| file.mesh.sites[c].map(|x| x.to_string()).join(","));
+    let ends = format!("--source {high}:1e-4 --sink {low}:1e-4 --faults {TIGHT} --quiet");
+    run(
+        folder,
+        &format!("flow cells.vtu -o flow.vtu --permeability 9.86923266716013e-14 {ends}"),
+    );
+    let AnyMesh::SpaceCells(file) = read_any_vtu(&folder.join("flow.vtu")).unwrap() else {
+        panic!("no polyhedra")
+    };
+    let ours = file
+        .cell_data
+        .iter()
+        .find(|a| a.name == "pressure")
+        .unwrap();
+    let ours = ours.values.to_f64();
+    assert_eq!(ours.len(), theirs.len());
+    let [high, low] = cells;
+    let share = |p: &[f64], cell: usize| (p[cell] - p[low]) / (p[high] - p[low]);
+    let worst = (0..ours.len()).fold(0.0f64, |most, cell| {
+        most.max((share(&ours, cell) - share(theirs, cell)).abs())
+    });
+    println!("pressures differ by {worst:.1e} of their range");
+    assert!(worst < tolerance, "{worst}");
+}
+
+#[test]
+fn mrsts_grid_has_our_totals_and_fluxes() {
+    let folder = folder();
+    let folder = folder.path();
+    for (mesh, k) in [("cells", "100"), ("tets", "100,100,10")] {
+        let rock = ROCK.replace("100,100,10", k);
+        let export = format!("export {mesh}.vtu --to mrst -o {mesh}.mat --depth-at-top 1000");
+        run(
+            folder,
+            &format!("{export} {rock} --faults {TIGHT} --region labels.npy"),
+        );
+        let k: Vec<f64> = k.split(',').map(|k| k.parse().unwrap()).collect();
+        let faults = Faults::new(TIGHT, None).unwrap();
+        let model = model(folder, &format!("{mesh}.vtu"), 1000.0, &k, faults);
+        let graph = &model.graph;
+        let ends = [[5.0, 5.0, -1026.0], [33.0, 30.0, -1006.0]].map(|p| nearest(&model, p));
+        let [source, sink] = ends.map(|cell| (cell + 1).to_string());
+        let path = folder.join(format!("{mesh}.mat"));
+        let arguments = [path.as_os_str(), OsStr::new(&source), OsStr::new(&sink)];
+        let Some(found) = judged("SciPy", "mrst.py", &arguments) else {
+            return;
+        };
+        let inner = graph.connections.len();
+        assert_eq!(found["cells"], model.len());
+        assert_eq!(
+            numbers(&found["faces"]),
+            [(inner + graph.boundary.len()) as f64, inner as f64]
+        );
+        assert_eq!(found["listed"], true);
+        for name in ["volumes", "own_volumes"] {
+            let volumes = numbers(&found[name]);
+            assert!(near(volumes.iter().sum(), VOLUME, 1e-12), "{name}");
+            let pairs = volumes.iter().zip(&graph.volume);
+            assert!(pairs.into_iter().all(|(a, b)| near(*a, *b, 1e-9)), "{name}");
+        }
+        assert!(found["normals_off"].as_f64().unwrap() < 1e-9, "{found}");
+        let t = numbers(&found["t"]);
+        let known = &model.permeability.as_ref().unwrap().transmissibility;
+        assert!(
+            t.iter()
+                .zip(known)
+                .all(|(t, known)| near(*t, *known, 1e-14))
+        );
+        for (t, face) in t[inner..].iter().zip(&graph.boundary) {
+            let along = model
+                .permeability
+                .as_ref()
+                .unwrap()
+                .rock
+                .mobility(0)
+                .along(face.normal);
+            assert!(near(*t, face.area * along / face.distance, 1e-12));
+        }
+        let pairs = found["pairs"].as_array().unwrap();
+        for (pair, c) in pairs.iter().zip(&graph.connections) {
+            assert_eq!(numbers(pair), c.cells.map(f64::from));
+        }
+        for (cell, depth) in numbers(&found["depth"]).into_iter().enumerate() {
+            assert!(near(depth, model.depth(cell), 1e-14));
+        }
+        let perm = found["perm"].as_array().unwrap();
+        let first = numbers(&perm[0]);
+        assert!(
+            first.len() == k.len()
+                && (0..k.len()).all(|i| near(first[i], k[i] * MILLIDARCY, 1e-14))
+        );
+        assert!(
+            numbers(&found["region"])
+                .iter()
+                .all(|r| [1.0, 2.0].contains(r))
+        );
+        assert!(
+            numbers(&found["poro"])
+                .iter()
+                .all(|p| (0.1..0.3).contains(p))
+        );
+        assert_eq!(numbers(&found["tags"]), [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
+        let on = graph.connections.iter().filter(|c| c.on_feature).count();
+        assert_eq!(found["on_features"], on);
+        if mesh == "cells" {
+            has_our_pressure(folder, &numbers(&found["pressure"]), ends, 1e-7);
+        }
+    }
+    // Without rock there is no T.
+    run(
+        folder,
+        "export cells.vtu --to mrst -o bare.mat --depth-at-top 0 --quiet",
+    );
+    assert!(folder.join("bare.mat").exists());
+}
+
+#[test]
+fn vtk_reads_the_mesh_for_geos() {
+    let folder = folder();
+    let folder = folder.path();
+    // VTK cuts polyhedra into tetrahedra in its own way.
+    for (mesh, kind, tolerance) in [("cells", 42, 1e-6), ("tets", 10, 1e-12)] {
+        let export = format!("export {mesh}.vtu --to geos -o geos.vtu --region labels.npy");
+        run(folder, &format!("{export} {ROCK}"));
+        let program = "\
+import json, sys
+from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
+from vtkmodules.vtkFiltersVerdict import vtkCellSizeFilter
+from vtkmodules.util.numpy_support import vtk_to_numpy
+reader = vtkXMLUnstructuredGridReader()
+reader.SetFileName(sys.argv[1])
+size = vtkCellSizeFilter()
+size.SetInputConnection(reader.GetOutputPort())
+size.Update()
+data = size.GetOutput().GetCellData()
+array = lambda name: vtk_to_numpy(data.GetArray(name))
+print(json.dumps({
+    'kinds': sorted({size.GetOutput().GetCellType(c) for c in range(size.GetOutput().GetNumberOfCells())}),
+    'attribute': array('attribute').tolist(), 'integer': array('attribute').dtype.kind,
+    'perm': array('rockPerm_permeability')[0].tolist(),
+    'pores': float((array('rockPorosity_referencePorosity') * array('Volume')).sum()),
+    'volume': float(array('Volume').sum())}))";
+        let Some(found) = vtk(program, &[&folder.join("geos.vtu")]) else {
+            return;
+        };
+        assert_eq!(numbers(&found["kinds"]), [f64::from(kind)]);
+        assert_eq!(found["integer"], "i");
+        let regions = numbers(&found["attribute"]);
+        assert!(regions.contains(&1.0) && regions.contains(&2.0));
+        assert!(regions.iter().all(|r| [1.0, 2.0].contains(r)));
+        let k = [100.0, 100.0, 10.0].map(|k| k * MILLIDARCY);
+        let perm = numbers(&found["perm"]);
+        assert!((0..3).all(|i| near(perm[i], k[i], 1e-14)), "{perm:?}");
+        assert!(
+            near(found["volume"].as_f64().unwrap(), VOLUME, tolerance),
+            "{mesh}"
+        );
+        let pores = (0.1 + 0.005 * 19.5) * VOLUME;
+        assert!(
+            near(found["pores"].as_f64().unwrap(), pores, 1e-6),
+            "{mesh}"
+        );
+    }
+}
+
+/// A deck that includes a corner-point grid and nothing else of atomesh.
+fn deck(dims: &[f64]) -> String {
+    let [n, m, k] = dims else { panic!("{dims:?}") };
+    format!(
+        "RUNSPEC\nDIMENS\n {n} {m} {k} /\nWATER\nMETRIC\nSTART\n 1 JAN 2000 /\nTABDIMS\n/\n\
+         REGDIMS\n 9 /\nUNIFOUT\nGRID\nINIT\nINCLUDE\n 'GRID.GRDECL' /\nPROPS\nPVTW\n 200 1 4E-5 1 0 /\n\
+         ROCK\n 200 4E-5 /\nDENSITY\n 850 1000 1 /\nREGIONS\nINCLUDE\n 'GRID-regions.GRDECL' /\n\
+         SOLUTION\nEQUIL\n 1000 100 /\nSUMMARY\nFPR\nSCHEDULE\nRPTRST\n BASIC=2 /\nTSTEP\n 1 /\nEND\n"
+    )
+}
+
+#[test]
+fn xtgeo_and_opm_flow_read_the_corner_point_grid() {
+    let folder = folder();
+    let folder = folder.path();
+    let model = model(folder, "cells.vtu", 1000.0, &[1.0], Faults::OPEN);
+    let export = "export cells.vtu --to grdecl -o GRID.GRDECL --depth-at-top 1000";
+    let pores = (0.1 + 0.005 * 19.5) * VOLUME;
+    for (grid, region) in [("", "--region labels.npy"), ("--grid 13,9,7", "")] {
+        run(
+            folder,
+            &format!("{export} {ROCK} --faults {TIGHT} {grid} {region}"),
+        );
+        let files = ["GRID.GRDECL", "GRID-regions.GRDECL"].map(|f| folder.join(f));
+        let arguments = [files[0].as_os_str(), files[1].as_os_str()];
+        let Some(found) = judged("xtgeo", "corners.py", &arguments) else {
+            return;
+        };
+        println!("{}", found["dims"]);
+        let number = |name: &str| found[name].as_f64().unwrap();
+        let dims = numbers(&found["dims"]);
+        // Layers that follow regions are bent, and it takes their faces for triangles.
+        let tolerance = if region.is_empty() { 1e-9 } else { 1e-5 };
+        assert!(
+            near(number("volume"), VOLUME, tolerance),
+            "{}",
+            number("volume")
+        );
+        assert!(number("least") > 0.0);
+        let property = |name: &str| numbers(&found["properties"][name]);
+        assert!(
+            near(property("PORO")[1], pores, 0.01),
+            "{:?}",
+            property("PORO")
+        );
+        for (name, k) in [("PERMX", 100.0), ("PERMY", 100.0), ("PERMZ", 10.0)] {
+            let [least, _, most] = property(name)[..] else {
+                panic!()
+            };
+            assert!(near(least, k, 1e-5) && near(most, k, 1e-5), "{name}");
+        }
+        // The fault is steep and goes 0.1 sideways a unit of z: its pillars do too.
+        let mut lean = numbers(&found["lean"]);
+        lean.sort_by(f64::total_cmp);
+        let (middle, most) = (lean[lean.len() / 2], lean[lean.len() - 1]);
+        println!(
+            "pillars lean {middle:.2} to {most:.2}, {} split",
+            found["split"]
+        );
+        assert!((middle - 3.1).abs() < 0.2 && most < 4.5, "{middle}, {most}");
+        assert!(
+            near(property("MULTX")[0], TIGHT, 1e-4),
+            "{:?}",
+            property("MULTX")
+        );
+        assert_eq!(property("MULTX")[2], 1.0);
+        if region.is_empty() {
+            assert_eq!(dims, [13.0, 9.0, 7.0]);
+            assert_eq!(number("split"), 0.0);
+        } else {
+            let cells: f64 = dims.iter().product();
+            assert!(
+                (0.7..1.5).contains(&(cells / model.len() as f64)),
+                "{dims:?}"
+            );
+            // The throw of 8 splits the row of pillars on the fault, and none else.
+            let split = number("split");
+            assert!((0.8..=1.3).contains(&(split / (dims[1] + 1.0))), "{split}");
+            let of = |r: &str| found["regions"][r].as_f64().unwrap();
+            // What the labels say: the fault cuts the box at x = 18.45 + 1.75 on average.
+            let lower = 35.0 * (20.0 * 11.5 + 19.0 * 19.5);
+            println!("lower {:.4} of {lower}", of("2"));
+            assert!(near(of("2"), lower, 0.03), "{}", of("2"));
+            assert!(near(of("1") + of("2"), VOLUME, 1e-5));
+        }
+        std::fs::write(folder.join("CASE.DATA"), deck(&dims)).unwrap();
+        let mut flow = Command::new("flow");
+        flow.current_dir(folder)
+            .args(["CASE.DATA", "--output-dir=out"]);
+        flow.args(["--enable-tuning=false", "--threads-per-process=1"]);
+        if simulator(&mut flow).is_none() {
+            continue;
+        }
+        let out = folder.join("out");
+        let arguments = [out.as_os_str(), OsStr::new("CASE")];
+        let Some(found) = judged("resfo", "opm.py", &arguments) else {
+            return;
+        };
+        let porv = numbers(&found["porv"]).iter().sum::<f64>();
+        assert!(near(porv, pores, 0.01), "{porv}");
+    }
+}
+
+#[test]
+fn resqpy_reads_volumes_handedness_and_rock() {
+    let folder = folder();
+    let folder = folder.path();
+    for (mesh, shape) in [("cells", "polyhedral"), ("tets", "tetrahedral")] {
+        let export = format!("export {mesh}.vtu --to resqml -o {mesh}.epc --depth-at-top 1000");
+        let more = "--region labels.npy --property amplitude=sheet.npy";
+        run(folder, &format!("{export} {ROCK} {more}"));
+        let model = model(folder, &format!("{mesh}.vtu"), 1000.0, &[1.0], Faults::OPEN);
+        let path = folder.join(format!("{mesh}.epc"));
+        let Some(found) = judged("resqpy", "resqml.py", &[path.as_os_str()]) else {
+            return;
+        };
+        assert_eq!(found["shape"], shape);
+        assert_eq!(
+            (&found["up"], &found["units"]),
+            (&true.into(), &vec!["m", "m"].into())
+        );
+        assert_eq!(found["cells"], model.len());
+        let handed = numbers(&found["handed"]);
+        assert!(near(handed.iter().sum(), VOLUME, 1e-12), "{mesh}");
+        let known = &model.graph.volume;
+        assert!(
+            handed.iter().zip(known).all(|(a, b)| near(*a, *b, 1e-9)),
+            "{mesh}"
+        );
+        let volumes = found["volume"].as_object().unwrap();
+        assert!(volumes.len() > 200);
+        for (cell, volume) in volumes {
+            let known = known[cell.parse::<usize>().unwrap()];
+            assert!(near(volume.as_f64().unwrap(), known, 1e-9), "{mesh} {cell}");
+        }
+        let properties = found["properties"].as_object().unwrap();
+        assert_eq!(properties.len(), 6);
+        for (title, kind, unit, facet, value) in [
+            ("permeability x", "permeability rock", "mD", "I", 100.0),
+            ("permeability y", "permeability rock", "mD", "J", 100.0),
+            ("permeability z", "permeability rock", "mD", "K", 10.0),
+        ] {
+            let property = &properties[title];
+            assert_eq!(
+                [&property[0], &property[1], &property[2]],
+                [kind, unit, facet]
+            );
+            assert!(numbers(&property[3]).iter().all(|k| near(*k, value, 1e-12)));
+        }
+        let porosity = numbers(&properties["porosity"][3]);
+        let pores: f64 = porosity
+            .iter()
+            .zip(&model.graph.volume)
+            .map(|(p, v)| p * v)
+            .sum();
+        assert!(near(pores, (0.1 + 0.005 * 19.5) * VOLUME, 1e-6));
+        let regions = numbers(&properties["region"][3]);
+        assert!(regions.contains(&1.0) && regions.contains(&2.0));
+        // The same model is the same bytes.
+        let bytes = |name: &str| std::fs::read(folder.join(name)).unwrap();
+        let (epc, h5) = (bytes(&format!("{mesh}.epc")), bytes(&format!("{mesh}.h5")));
+        run(folder, &format!("{export} {ROCK} {more}"));
+        assert!(bytes(&format!("{mesh}.epc")) == epc && bytes(&format!("{mesh}.h5")) == h5);
+    }
+}
+
+#[test]
+fn darts_runs_on_our_connections_and_on_gmshs_mesh() {
+    let folder = folder();
+    let folder = folder.path();
+    let rock = "--porosity 0.2 --permeability 100 --permeability-unit mD --quiet";
+    let export = "export cells.vtu --to darts -o blocks.conn --depth-at-top 1000";
+    run(folder, &format!("{export} {rock} --faults {TIGHT}"));
+    run(folder, "export tets.vtu --to msh2 -o tets.msh --quiet");
+    // The most distant blocks along x.
+    let ends = |mesh: &str| {
+        let model = model(folder, mesh, 1000.0, &[100.0], Faults::OPEN);
+        [[2.0, 17.0, -1015.0], [37.0, 17.0, -1015.0]].map(|p| nearest(&model, p))
+    };
+    let darts = |files: &[&str], [high, low]: [usize; 2]| {
+        let files: Vec<_> = files.iter().map(|f| folder.join(f)).collect();
+        let blocks = [high, low].map(|c| c.to_string());
+        let mut arguments: Vec<&OsStr> = files.iter().map(|f| f.as_os_str()).collect();
+        arguments.extend(blocks.iter().map(OsStr::new));
+        judged("open-DARTS", "steady.py", &arguments)
+    };
+    let blocks = ends("cells.vtu");
+    let Some(found) = darts(&["blocks.conn", "blocks.cells"], blocks) else {
+        return;
+    };
+    has_our_pressure(folder, &numbers(&found["pressure"]), blocks, 1e-3);
+
+    // DARTS makes its own two-point fluxes of tetrahedra: nothing that is right, but flow.
+    let blocks = ends("tets.vtu");
+    let found = darts(&["tets.msh"], blocks).unwrap();
+    let (pressure, volume) = (numbers(&found["pressure"]), numbers(&found["volume"]));
+    let model = model(folder, "tets.vtu", 1000.0, &[100.0], Faults::OPEN);
+    assert_eq!(pressure.len(), model.len());
+    for (cell, volume) in volume
+        .iter()
+        .enumerate()
+        .filter(|(c, _)| !blocks.contains(c))
+    {
+        assert!(near(*volume, model.graph.volume[cell], 1e-9));
+    }
+    assert!(
+        pressure
+            .iter()
+            .all(|p| (199.0 - 1e-3..=201.0 + 1e-3).contains(p))
+    );
+    let side = |left: bool| {
+        let of = |c: &usize| (model.graph.site[*c][0] < 19.5) == left;
+        let all: Vec<f64> = (0..model.len()).filter(of).map(|c| pressure[c]).collect();
+        all.iter().sum::<f64>() / all.len() as f64
+    };
+    assert!(
+        side(true) > side(false) + 0.05,
+        "{} {}",
+        side(true),
+        side(false)
+    );
+}
+
+#[test]
+fn triangles_of_the_plane_stay_triangles() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    common::npy_2d(&folder.join("line.npy"), [60, 50], |[x, y]| {
+        (-0.5 * ((0.6 * x as f32 - 0.8 * y as f32 + 3.0) / 1.5).powi(2)).exp()
+    });
+    run(folder, "mesh line.npy --distance 5 --quiet -o plane.vtu");
+    let AnyMesh::Plane(file) = read_any_vtu(&folder.join("plane.vtu")).unwrap() else {
+        panic!("no triangles")
+    };
+    for (to, name, format, edges) in [
+        ("msh", "a.msh", "gmsh", true),
+        ("msh2", "b.msh", "gmsh", true),
+        ("medit", "a.mesh", "medit", true),
+        ("inp", "a.inp", "abaqus", false),
+    ] {
+        // meshio does not know the elements of plane strain.
+        let downs = if to == "inp" {
+            &["y"][..]
+        } else {
+            &["-z", "y"]
+        };
+        for down in downs {
+            let export = format!("export plane.vtu --to {to} -o {name} --down {down} --quiet");
+            run(folder, &export);
+            let path = folder.join(name);
+            let arguments = [path.as_os_str(), OsStr::new(format)];
+            let Some(found) = judged("meshio", "simplices.py", &arguments) else {
+                return;
+            };
+            assert_eq!(found["triangles"], file.mesh.triangles.len(), "{to}");
+            let points = found["points"].as_array().unwrap();
+            assert_eq!(points.len(), file.mesh.nodes.len(), "{to}");
+            assert!(
+                near(found["area"].as_f64().unwrap(), 59.0 * 49.0, 1e-9),
+                "{to}"
+            );
+            // The four sides, and the line across.
+            assert!(!edges || found["edges"].as_u64().unwrap() > 40, "{to}");
+        }
+    }
+    let line = "export plane.vtu --to tetgen -o a.node".split(' ');
+    let said = refused(folder, &line.collect::<Vec<_>>());
+    assert!(said.contains("tetrahedra only"), "{said}");
+}
+
+#[test]
+fn what_cannot_be_written_is_refused() {
+    let folder = folder();
+    let folder = folder.path();
+    for (to, options, want) in [
+        ("mrst -o a.m", "--depth-at-top 0", "does not end in mat"),
+        ("mrst -o a.mat", "", "above the surface"),
+        ("darts -o a.conn", "--depth-at-top 0", "porosity"),
+        (
+            "grdecl -o A.GRDECL",
+            "--depth-at-top 0 --grid 3,3",
+            "three numbers",
+        ),
+        (
+            "grdecl -o A.GRDECL",
+            "--depth-at-top 0 --grid 0,3,3",
+            "three numbers",
+        ),
+        ("geos -o cells.vtu", "", "replace the mesh"),
+    ] {
+        let line = format!("export cells.vtu --to {to} {options}");
+        let said = refused(folder, &line.split_whitespace().collect::<Vec<_>>());
+        assert!(said.contains(want), "{line}\n{said}");
+    }
+}

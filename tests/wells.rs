@@ -1,0 +1,516 @@
+//! Wells along trajectories: which cells they cross, what their indices are worth, and what OPM Flow
+//! makes of them.
+#![cfg(feature = "tetgen")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "a test that cannot go on has failed"
+)]
+
+mod common;
+
+use std::f64::consts::{PI, TAU};
+use std::ffi::OsStr;
+use std::path::Path;
+use std::process::Command;
+
+use atomesh::flow::{CellFlow, Faults, Rock, Tensor};
+use atomesh::reservoir::{Completion, Model, Tracer, Trajectory};
+use atomesh::voronoi::{voronoi, voronoi_plane};
+use common::{judged, npy, refused, sheet, simulator, succeed};
+use serde_json::Value;
+
+/// Prisms of height 4 on the Voronoi cells of these atoms.
+fn prisms(atoms: &[[f64; 2]], extent: [f64; 2], k: &[f64]) -> Model {
+    let mesh = voronoi_plane(atoms, extent).unwrap().extruded(4.0);
+    with_rock(Model::new(mesh, None), k)
+}
+
+fn with_rock(mut model: Model, k: &[f64]) -> Model {
+    let rock = Rock::uniform(Tensor::from_numbers(k).unwrap(), 1.0);
+    model.set_permeability(rock, Faults::OPEN).unwrap();
+    model
+}
+
+/// Atoms of a square lattice, `n` by `n` cells of width `d`.
+fn square(n: usize, d: f64) -> Vec<[f64; 2]> {
+    let at = |i: usize| (i as f64 + 0.5) * d;
+    (0..n * n).map(|i| [at(i % n), at(i / n)]).collect()
+}
+
+fn way(points: &[[f64; 3]], radius: f64) -> Trajectory {
+    Trajectory {
+        name: "W".into(),
+        points: points.to_vec(),
+        radii: vec![radius; points.len()],
+    }
+}
+
+/// An upright well through all of a model of prisms.
+fn upright(x: f64, y: f64) -> Trajectory {
+    way(&[[x, y, 0.0], [x, y, 4.0]], 0.1)
+}
+
+fn complete(model: &Model, way: &Trajectory) -> Vec<Completion> {
+    Tracer::new(model).complete(way).unwrap()
+}
+
+#[test]
+fn squares_and_hexagons_have_the_radii_of_peaceman_and_of_palagi_and_aziz() {
+    let d = 10.0;
+    let model = prisms(&square(9, d), [9.0 * d; 2], &[2.0]);
+    let [c] = complete(&model, &upright(45.0, 45.0))[..] else {
+        panic!("one cell")
+    };
+    assert!((c.equivalent_radius / (d * (-0.5 * PI).exp()) - 1.0).abs() < 1e-9);
+    let want = TAU * 2.0 * 4.0 / (c.equivalent_radius / 0.1).ln();
+    assert!((c.length - 4.0).abs() < 1e-9 && (c.index / want - 1.0).abs() < 1e-9);
+    // A point of the command line is the same well.
+    let tracer = Tracer::new(&model);
+    let cell = tracer.complete_cell("W", c.cell as usize, 0.1).unwrap();
+    assert!((cell[0].index / c.index - 1.0).abs() < 1e-9 && cell.len() == 1);
+
+    // A triangular lattice of distance d: b = d / sqrt 3, six neighbours.
+    let height = d * 0.75f64.sqrt();
+    let row = |j: usize| {
+        (0..9).map(move |i| {
+            [
+                d * (i as f64 + 0.25 + 0.5 * (j % 2) as f64),
+                height * (j as f64 + 0.5),
+            ]
+        })
+    };
+    let atoms: Vec<[f64; 2]> = (0..9).flat_map(row).collect();
+    let model = prisms(&atoms, [9.0 * d, 9.0 * height], &[2.0]);
+    let middle = atoms[4 * 9 + 4];
+    let [c] = complete(&model, &upright(middle[0], middle[1]))[..] else {
+        panic!("one cell")
+    };
+    let want = d * (-TAU / (6.0 / 3f64.sqrt())).exp();
+    assert!((c.equivalent_radius / want - 1.0).abs() < 1e-9, "{c:?}");
+}
+
+#[test]
+fn rock_that_conducts_unlike_has_peacemans_index_of_1983() {
+    let [d, kx, ky] = [10.0, 9.0, 1.0];
+    let model = prisms(&square(9, d), [9.0 * d; 2], &[kx, ky, 0.1]);
+    let c = complete(&model, &upright(45.0, 45.0))[0];
+    let ratio = (kx / ky).sqrt();
+    let radius = 0.28 * d * (1.0 / ratio + ratio).sqrt() / (ratio.sqrt() + 1.0 / ratio.sqrt());
+    let want = TAU * (kx * ky).sqrt() * 4.0 / (radius / 0.1).ln();
+    assert!((c.index / want - 1.0).abs() < 0.05, "{} {want}", c.index);
+    // The same after the axes changed places.
+    let turned = prisms(&square(9, d), [9.0 * d; 2], &[ky, kx, 0.1]);
+    let other = complete(&turned, &upright(45.0, 45.0))[0];
+    assert!((c.index / other.index - 1.0).abs() < 1e-9);
+}
+
+/// Pressure at `x` times 2 pi k H over the rate, of a source at `a` and a sink at `b` in a closed box:
+/// both with their images.
+fn closed_box(x: [f64; 2], a: [f64; 2], b: [f64; 2], extent: [f64; 2]) -> f64 {
+    const N: i32 = 60;
+    let mut sum = 0.0;
+    for m in -N..=N {
+        for n in -N..=N {
+            for (sx, sy) in [(1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)] {
+                let image = |p: [f64; 2]| {
+                    let u = sx * p[0] + 2.0 * f64::from(m) * extent[0] - x[0];
+                    let v = sy * p[1] + 2.0 * f64::from(n) * extent[1] - x[1];
+                    (u * u + v * v).max(1e-300)
+                };
+                sum += 0.5 * (image(b).ln() - image(a).ln());
+            }
+        }
+    }
+    sum
+}
+
+/// Difference of the pressures in two wells of rate +-1: from the cells with their indices, and the
+/// analytic one.
+fn well_to_well(model: &Model, extent: [f64; 2], a: [f64; 2], b: [f64; 2]) -> (f64, f64) {
+    let (k, height, radius) = (2.0, 4.0, 0.1);
+    let rock = Rock::uniform(Tensor::isotropic(k), 1.0);
+    let flow = CellFlow::new(&model.graph, &rock, Faults::OPEN).unwrap();
+    let mut rates = vec![0.0; model.len()];
+    let mut drop = 0.0;
+    let wells = [(a, 1.0), (b, -1.0)].map(|(at, rate)| {
+        let completions = complete(model, &upright(at[0], at[1]));
+        assert_eq!(completions.len(), 1);
+        rates[completions[0].cell as usize] += rate;
+        drop += 1.0 / completions[0].index;
+        completions[0].cell as usize
+    });
+    let pressure = flow.solve(&rates, &[]).unwrap().pressure;
+    let found = pressure[wells[0]] - pressure[wells[1]] + drop;
+    let beside = |p: [f64; 2]| [p[0] + radius, p[1]];
+    let analytic = closed_box(beside(a), a, b, extent) - closed_box(beside(b), a, b, extent);
+    (found, analytic / (TAU * k * height))
+}
+
+/// Numbers from 0 to 1 that look random.
+fn noise(i: usize) -> f64 {
+    let x = (i as f64 * 12.9898).sin() * 43_758.545_3;
+    x - x.floor()
+}
+
+#[test]
+fn pressures_in_wells_are_the_analytic_ones() {
+    let (n, d) = (21, 10.0);
+    let extent = [n as f64 * d; 2];
+    let model = prisms(&square(n, d), extent, &[2.0]);
+    let (found, want) = well_to_well(&model, extent, [55.0, 65.0], [155.0, 125.0]);
+    println!("squares: {found} {want}");
+    assert!((found / want - 1.0).abs() < 0.01);
+
+    // Cells of all shapes; the wells at atoms, and then away from them.
+    let mut atoms = square(n, d);
+    for (i, atom) in atoms.iter_mut().enumerate() {
+        *atom = [0, 1].map(|k| atom[k] + 0.6 * d * (noise(2 * i + k) - 0.5));
+    }
+    let (a, b) = (atoms[6 * n + 5], atoms[12 * n + 15]);
+    let model = prisms(&atoms, extent, &[2.0]);
+    for off in [0.0, 1.0, 2.0] {
+        let move_by = |p: [f64; 2]| [p[0] + off, p[1] - 0.5 * off];
+        let (found, want) = well_to_well(&model, extent, move_by(a), move_by(b));
+        println!("irregular, {off} off: {found} {want}");
+        assert!((found / want - 1.0).abs() < 0.003, "{found} {want}");
+    }
+    // Beside a closed side, and on it.
+    let model = prisms(&square(n, d), extent, &[2.0]);
+    for x in [5.0, 3.0] {
+        let (found, want) = well_to_well(&model, extent, [x, 105.0], [205.0, 105.0]);
+        println!("beside the side at {x}: {found} {want}");
+        assert!((found / want - 1.0).abs() < 0.005);
+    }
+    let inside = complete(&model, &upright(105.0, 105.0))[0];
+    let on_side = complete(&model, &upright(0.0, 105.0))[0];
+    assert!(on_side.index < 0.75 * inside.index && on_side.index > 0.3 * inside.index);
+}
+
+#[test]
+fn wells_through_cells_of_all_shapes_have_the_analytic_pressure() {
+    let (n, d, k, radius) = ([15, 15, 4], 10.0, 2.0, 0.1);
+    let extent = n.map(|n| n as f64 * d);
+    let atoms: Vec<[f64; 3]> = (0..n[0] * n[1] * n[2])
+        .map(|i| {
+            let at = [i % n[0], i / n[0] % n[1], i / (n[0] * n[1])];
+            [0, 1, 2].map(|k| d * (at[k] as f64 + 0.5 + 0.6 * (noise(3 * i + k) - 0.5)))
+        })
+        .collect();
+    let model = with_rock(Model::new(voronoi(&atoms, extent).unwrap(), None), &[k]);
+    let rock = Rock::uniform(Tensor::isotropic(k), 1.0);
+    let flow = CellFlow::new(&model.graph, &rock, Faults::OPEN).unwrap();
+    let height = extent[2];
+    let (a, b) = ([42.0, 45.5], [111.0, 98.0]);
+    let wells = [(a, 1.0), (b, -1.0)].map(|([x, y], rate)| {
+        let way = way(&[[x, y, 0.0], [x, y, height]], radius);
+        (complete(&model, &way), rate)
+    });
+    // The same rate in every metre.
+    let mut rates = vec![0.0; model.len()];
+    for (completions, rate) in &wells {
+        for c in completions {
+            rates[c.cell as usize] += rate * c.length / height;
+        }
+    }
+    let pressure = flow.solve(&rates, &[]).unwrap().pressure;
+    let in_wells = wells.map(|(completions, rate)| {
+        let in_well = |c: &Completion| {
+            let drop = rate * c.length / height / c.index;
+            (c.length / height, pressure[c.cell as usize] + drop)
+        };
+        let all: Vec<(f64, f64)> = completions.iter().map(in_well).collect();
+        (all.iter().map(|(share, p)| share * p).sum::<f64>(), all)
+    });
+    let found = in_wells[0].0 - in_wells[1].0;
+    let plane = [extent[0], extent[1]];
+    let beside = |p: [f64; 2]| [p[0] + radius, p[1]];
+    let analytic = closed_box(beside(a), a, b, plane) - closed_box(beside(b), a, b, plane);
+    let want = analytic / (TAU * k * height);
+    println!("in space: {found} {want}");
+    assert!((found / want - 1.0).abs() < 0.006, "{found} {want}");
+    // Along the well it is the same, but for cells that the well hardly touches.
+    for (mean, all) in in_wells {
+        let off: f64 = all.iter().map(|(share, p)| share * (p - mean).abs()).sum();
+        println!("along a well: {} of {found}", off / found);
+        assert!(off < 0.02 * found, "{off} {found} {all:?}");
+    }
+}
+
+/// Cubes of width `d` as Voronoi cells.
+fn cubes(n: usize, d: f64) -> Model {
+    let at = |i: usize| (i as f64 + 0.5) * d;
+    let atoms: Vec<[f64; 3]> = (0..n * n * n)
+        .map(|i| [at(i % n), at(i / n % n), at(i / (n * n))])
+        .collect();
+    Model::new(voronoi(&atoms, [n as f64 * d; 3]).unwrap(), None)
+}
+
+#[test]
+fn every_metre_of_a_well_is_in_one_cell() {
+    let model = with_rock(cubes(6, 10.0), &[1.0]);
+    let tracer = Tracer::new(&model);
+    // Oblique, bent, and in the common faces and edges of cells.
+    for points in [
+        &[[3.0, 4.0, 1.0], [52.0, 47.0, 58.0]][..],
+        &[
+            [5.0, 5.0, 60.0],
+            [5.0, 5.0, 21.0],
+            [33.0, 28.0, 9.0],
+            [59.0, 31.0, 8.0],
+        ],
+        &[[20.0, 15.0, 0.0], [20.0, 15.0, 60.0]],
+        &[[20.0, 30.0, 0.0], [20.0, 30.0, 60.0]],
+        &[[0.0, 30.0, 60.0], [60.0, 30.0, 60.0]],
+    ] {
+        let way = way(points, 0.1);
+        let found = tracer.complete(&way).unwrap();
+        let length: f64 = found.iter().map(|c| c.length).sum();
+        assert!((length - way.length()).abs() < 1e-6, "{points:?}: {length}");
+        assert!(found.iter().all(|c| c.index > 0.0), "{found:?}");
+    }
+    // Along any axis a well is the same, and one from the surface is open where the cells are.
+    let straight = |a, b| tracer.complete(&way(&[a, b], 0.1)).unwrap();
+    let down = straight([25.0, 25.0, 900.0], [25.0, 25.0, 0.0]);
+    let along = straight([0.0, 25.0, 25.0], [60.0, 25.0, 25.0]);
+    assert_eq!((down.len(), along.len()), (6, 6));
+    for c in down.iter().chain(&along) {
+        assert!((c.equivalent_radius / (10.0 * (-0.5 * PI).exp()) - 1.0).abs() < 1e-6);
+    }
+    // An oblique one has an index between those of its extremes, by its length.
+    let oblique = straight([5.0, 25.0, 5.0], [55.0, 25.0, 55.0]);
+    let sum = |c: &[Completion]| c.iter().map(|c| c.index).sum::<f64>();
+    let length: f64 = oblique.iter().map(|c| c.length).sum();
+    let ratio = (sum(&oblique) / length) / (sum(&down) / 60.0);
+    assert!((0.8..1.25).contains(&ratio), "{ratio}");
+    for (points, radius, want) in [
+        (
+            [[70.0, 5.0, 5.0], [70.0, 5.0, 50.0]],
+            0.1,
+            "outside the mesh",
+        ),
+        (
+            [[25.0, 25.0, 0.0], [25.0, 25.0, 60.0]],
+            3.0,
+            "equivalent radius is 2.07",
+        ),
+    ] {
+        let said = tracer
+            .complete(&way(&points, radius))
+            .unwrap_err()
+            .to_string();
+        assert!(said.starts_with("W: ") && said.contains(want), "{said}");
+    }
+    assert!(
+        Tracer::new(&cubes(3, 10.0))
+            .complete(&upright(5.0, 5.0))
+            .is_err()
+    );
+}
+
+fn run(folder: &Path, line: &str) -> String {
+    succeed(folder, &line.split_whitespace().collect::<Vec<_>>())
+}
+
+const ROCK: &str = "--porosity 0.2 --permeability 100 --permeability-unit mD --quiet";
+
+#[test]
+fn opm_flow_runs_wells_along_trajectories() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    npy(&folder.join("sheet.npy"), [40, 36, 32], sheet([40, 36, 32]));
+    run(
+        folder,
+        "mesh sheet.npy --distance 6 --quiet -o cells.vtu --cells voronoi",
+    );
+    std::fs::write(
+        folder.join("INJ.csv"),
+        "x,y,z,radius\n6,6,60,0.1\n7,6,20,0.1\n30,7,10,0.1\n",
+    )
+    .unwrap();
+    std::fs::write(folder.join("PROD.csv"), "33,30,31,0.1\n33,30,0,0.1\n").unwrap();
+    let wells = "--injector INJ.csv:5 --producer P=PROD.csv:200 --pressure-at-top 200 --days 3650";
+    let said = run(
+        folder,
+        &format!(
+            "export cells.vtu --to opm -o CASE.DATA --depth-at-top 2000 --no-gravity --json {ROCK} {wells}"
+        ),
+    );
+    let said: Value = serde_json::from_str(&said).unwrap();
+    let wells = said["wells"].as_array().unwrap();
+    assert_eq!(
+        (&wells[0]["name"], &wells[1]["name"]),
+        (&"INJ".into(), &"P".into())
+    );
+    let sum = |well: &Value| -> f64 {
+        let lengths = well["lengths"].as_array().unwrap().iter();
+        lengths.map(|l| l.as_f64().unwrap()).sum()
+    };
+    // From z = 31, where the box begins.
+    let inside = 11.0 / 40.0 * 1601f64.sqrt() + (23.0f64.powi(2) + 101.0).sqrt();
+    assert!((sum(&wells[0]) - inside).abs() < 1e-6 && (sum(&wells[1]) - 31.0).abs() < 1e-6);
+    assert!(wells[0]["cells"].as_array().unwrap().len() > 4);
+
+    // Steady: what goes in comes out, at the pressures that the indices say.
+    let mut command = Command::new("flow");
+    command
+        .current_dir(folder)
+        .args(["CASE.DATA", "--output-dir=out", "--threads-per-process=1"]);
+    if simulator(&mut command).is_none() {
+        return;
+    }
+    let out = folder.join("out");
+    let Some(found) = judged("resfo", "opm.py", &[out.as_os_str(), OsStr::new("CASE")]) else {
+        return;
+    };
+    let pressure: Vec<f64> = (found["pressure"].as_array().unwrap().iter())
+        .map(|p| p.as_f64().unwrap())
+        .collect();
+    let factor = atomesh::export::opm::TRANSMISSIBILITY;
+    let out: f64 = (wells[1]["cells"].as_array().unwrap().iter())
+        .map(|c| {
+            let cell = c[0].as_u64().unwrap() as usize;
+            factor * c[1].as_f64().unwrap() * (pressure[cell] - 200.0)
+        })
+        .sum();
+    // Pressures are stored in single precision.
+    println!("{out} m^3 a day");
+    assert!((out / 5.0 - 1.0).abs() < 5e-3, "{out}");
+}
+
+#[test]
+fn wells_that_make_no_sense_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    npy(&folder.join("sheet.npy"), [40, 36, 32], sheet([40, 36, 32]));
+    run(
+        folder,
+        "mesh sheet.npy --distance 8 --quiet -o cells.vtu --cells voronoi",
+    );
+    let file = |name: &str, text: &str| std::fs::write(folder.join(name), text).unwrap();
+    file("good.csv", "6,6,3,0.1\n7,6,20,0.1\n");
+    file("outside.csv", "6,6,50,0.1\n7,6,60,0.1\n");
+    file("bare.csv", "6,6,3\n7,6,20\n");
+    file("wide.csv", "6,6,3,5\n7,6,20,5\n");
+    file("bad.csv", "x,y,z,radius\n6,6,3,0.1\n6,six,3,0.1\n");
+    for (well, want) in [
+        ("outside.csv:5", "outside the mesh"),
+        ("bare.csv:5", "bare.csv:1: "),
+        ("wide.csv:5", "radius of 5 m"),
+        ("bad.csv:5", "bad.csv:3: "),
+        ("none.csv:5", "none.csv"),
+        ("good.csv", "has no ':'"),
+        ("A=good.csv:5 --injector A=good.csv:5", "another well"),
+    ] {
+        let line = format!(
+            "export cells.vtu --to opm -o A.DATA --depth-at-top 100 {} --injector {well}",
+            ROCK.replace(" --quiet", "")
+        );
+        let said = refused(folder, &line.split_whitespace().collect::<Vec<_>>());
+        assert!(said.contains(want), "{line}\n{said}");
+    }
+}
+
+#[test]
+fn meshes_have_atoms_along_wells_and_smaller_cells_round_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    npy(&folder.join("sheet.npy"), [48, 44, 40], sheet([48, 44, 40]));
+    // From above the box to inside it, in the samples that are this image's coordinates.
+    std::fs::write(
+        folder.join("W.csv"),
+        "x,y,z,radius\n10,12,60,0.1\n10,12,20,0.1\n12,30,10,0.1\n",
+    )
+    .unwrap();
+    let on_way = |x: &[f64; 3]| {
+        let away = |a: [f64; 3], b: [f64; 3]| {
+            let d = [0, 1, 2].map(|k| b[k] - a[k]);
+            let off = [0, 1, 2].map(|k| x[k] - a[k]);
+            let dot = |u: [f64; 3], v: [f64; 3]| (0..3).map(|k| u[k] * v[k]).sum::<f64>();
+            let share = (dot(off, d) / dot(d, d)).clamp(0.0, 1.0);
+            (0..3)
+                .map(|k| (off[k] - share * d[k]).powi(2))
+                .sum::<f64>()
+                .sqrt()
+        };
+        away([10.0, 12.0, 39.0], [10.0, 12.0, 20.0])
+            .min(away([10.0, 12.0, 20.0], [12.0, 30.0, 10.0]))
+    };
+    let length = 19.0 + (4.0f64 + 324.0 + 100.0).sqrt();
+    for (cells, d) in [
+        ("tets", 7.0),
+        ("voronoi", 7.0),
+        ("tets", 3.0),
+        ("voronoi", 3.0),
+    ] {
+        let mesh =
+            format!("mesh sheet.npy --distance 7 --cells {cells} --well W.csv -o m.vtu --quiet");
+        let finer = if d < 7.0 { "--well-distance 3" } else { "" };
+        run(folder, &format!("{mesh} {finer}"));
+        run(folder, "validate m.vtu --quiet");
+        let atoms = match atomesh::export::read_any_vtu(&folder.join("m.vtu")).unwrap() {
+            atomesh::export::AnyMesh::Space(file) => file.mesh.nodes,
+            atomesh::export::AnyMesh::SpaceCells(file) => file.mesh.sites,
+            _ => panic!("not in space"),
+        };
+        let along = atoms.iter().filter(|x| on_way(x) < 1e-3).count() as f64;
+        assert!((along - length / d).abs() < 2.1, "{cells} {d}: {along}");
+        // Cells grow away from the well.
+        let near = atoms.iter().filter(|x| on_way(x) < 7.0).count();
+        let all = atoms.len();
+        println!("{cells} {d}: {along} along, {near} near, {all} in all");
+        if d < 7.0 {
+            assert!(near > 150, "{near}");
+        }
+    }
+    // The wells of the mesh are completed where its atoms are: the radius is that of cells 3 wide.
+    let wells = "--injector W.csv:5 --depth-at-top 100 --json";
+    let said = run(
+        folder,
+        &format!("export m.vtu --to opm -o A.DATA {ROCK} {wells}"),
+    );
+    let said: Value = serde_json::from_str(&said).unwrap();
+    let cells = said["wells"][0]["cells"].as_array().unwrap().len();
+    assert!((12..22).contains(&cells), "{cells}");
+
+    // In the plane a well is a point, or a way.
+    common::npy_2d(&folder.join("line.npy"), [60, 50], |[x, y]| {
+        (-0.5 * ((0.6 * x as f32 - 0.8 * y as f32 + 3.0) / 1.5).powi(2)).exp()
+    });
+    std::fs::write(folder.join("P.csv"), "20,33,0.1\n").unwrap();
+    std::fs::write(folder.join("Q.csv"), "40,5,0.1\n50,30,0.1\n").unwrap();
+    for cells in ["triangles", "voronoi"] {
+        let mesh = format!("mesh line.npy --distance 6 --cells {cells} -o p.vtu --quiet");
+        run(
+            folder,
+            &format!("{mesh} --well P.csv --well Q.csv --well-distance 2"),
+        );
+        run(folder, "validate p.vtu --quiet");
+        let atoms = match atomesh::export::read_any_vtu(&folder.join("p.vtu")).unwrap() {
+            atomesh::export::AnyMesh::Plane(file) => file.mesh.nodes,
+            atomesh::export::AnyMesh::PlaneCells(file) => file.mesh.sites,
+            _ => panic!("not in the plane"),
+        };
+        let at = |x: f64, y: f64| atoms.iter().any(|a| (a[0] - x).hypot(a[1] - y) < 1e-3);
+        assert!(at(20.0, 33.0) && at(40.0, 5.0) && at(50.0, 30.0), "{cells}");
+    }
+    std::fs::write(folder.join("far.csv"), "100,5,5,0.1\n100,5,9,0.1\n").unwrap();
+    std::fs::write(folder.join("wide.csv"), "10,12,5,2\n10,12,30,2\n").unwrap();
+    std::fs::write(folder.join("near.csv"), "11,12,35,0.1\n11,12,30,0.1\n").unwrap();
+    for (options, want) in [
+        ("--well far.csv", "far.csv: lies outside the image"),
+        ("--well wide.csv", "wide.csv: has a radius of 2"),
+        (
+            "--well W.csv --well near.csv",
+            "wells W.csv and near.csv: are nearer",
+        ),
+        ("--well P.csv", "P.csv:1: "),
+        ("--well-distance 3", "without a well"),
+        ("--well W.csv --well-distance 9", "9 is not above 0"),
+        ("--well none.csv", "none.csv"),
+    ] {
+        let line = format!("mesh sheet.npy --distance 7 -o n.vtu {options}");
+        let said = refused(folder, &line.split_whitespace().collect::<Vec<_>>());
+        assert!(said.contains(want), "{line}\n{said}");
+    }
+}

@@ -4,6 +4,7 @@
 //! the outcome where the image lies in the world. The plane and space are the same code but for how
 //! atoms are joined ([`Meshing`]).
 
+mod canny;
 pub mod cells;
 pub mod file;
 pub mod flow;
@@ -25,6 +26,7 @@ use crate::error::cause;
 use crate::feature::{self, Features, gaussian};
 use crate::image::{Field, Geometry, Image};
 use crate::improve;
+use crate::improve::plane::relax::Scheme;
 use crate::mesh::check::check_joined;
 use crate::mesh::{AtomKind, Simplices};
 use crate::optimize::{self, Observer, Stop};
@@ -59,6 +61,13 @@ pub enum Spacing {
         /// Largest distance.
         max: f64,
     },
+    /// As the atoms lie that [`Seeding::Canny`] places.
+    OfAtoms {
+        /// The least distance between those on features.
+        min: f64,
+        /// The distance where nothing else is.
+        max: f64,
+    },
     /// As [`Params::distances`] says, clipped.
     Given {
         /// Least distance.
@@ -76,6 +85,7 @@ impl Spacing {
             Self::FromFeatures { min, .. }
             | Self::FromImage { min, .. }
             | Self::FromLaplacian { min, .. }
+            | Self::OfAtoms { min, .. }
             | Self::Given { min, .. } => min,
         }
     }
@@ -87,7 +97,16 @@ impl Spacing {
             Self::FromFeatures { max, .. }
             | Self::FromImage { max, .. }
             | Self::FromLaplacian { max, .. }
+            | Self::OfAtoms { max, .. }
             | Self::Given { max, .. } => max,
+        }
+    }
+
+    /// That of [`Seeding::Canny`], in a space of `dimensions`.
+    pub fn of_canny(dimensions: usize) -> Self {
+        Self::OfAtoms {
+            min: seeding::canny::closest(dimensions),
+            max: seeding::canny::UNIFORM,
         }
     }
 }
@@ -157,6 +176,8 @@ pub struct Params<const D: usize = 3> {
     pub threshold: Option<f32>,
     /// Depths of the valleys of faults and of horizons where both are followed.
     pub feature_weights: [f64; 2],
+    /// Points of an object and around it, for [`feature::Kind::Paths`].
+    pub seeds: feature::paths::Seeds<D>,
     /// Weight of the image.
     pub beta: Weight<D>,
     /// Atoms that stay where they are (wells, sources).
@@ -171,6 +192,8 @@ pub struct Params<const D: usize = 3> {
     pub min_dihedral: Option<f64>,
     /// How they are removed.
     pub slivers: improve::Method,
+    /// How a triangulation of the plane is smoothed under the weight of the image, if it shall be.
+    pub smooth: Option<Scheme>,
     /// Lattice space.
     pub metric: Metric<D>,
     /// Seed of the perturbations.
@@ -186,6 +209,7 @@ impl<const D: usize> Default for Params<D> {
             threshold: None,
             feature_weights: [1.0; 2],
             distances: None,
+            seeds: feature::paths::Seeds::default(),
             beta: Weight::Constant(0.5),
             fixed: Vec::new(),
             seeding: Seeding::Regular,
@@ -193,6 +217,7 @@ impl<const D: usize> Default for Params<D> {
             coarse_passes: 0,
             min_dihedral: Some(30.0),
             slivers: improve::Method::Joe,
+            smooth: None,
             metric: Metric::Samples,
             seed: 1,
         }
@@ -202,11 +227,17 @@ impl<const D: usize> Default for Params<D> {
 impl<const D: usize> Params<D> {
     /// How features are sought.
     pub fn feature_options(&self, step: [f64; D]) -> feature::Options<D> {
+        // Canny's points are, unless another feature is named, points of Canny's edges.
+        let kind = match (self.feature, self.seeding) {
+            (feature::Kind::Auto, Seeding::Canny) => feature::Kind::Canny,
+            (kind, _) => kind,
+        };
         feature::Options {
-            kind: self.feature,
+            kind,
             scale: self.sigma,
             threshold: self.threshold,
             weights: self.feature_weights,
+            seeds: self.seeds.clone(),
             d_min: self.spacing.min(),
             step,
             ..feature::Options::default()
@@ -269,15 +300,20 @@ where
         step,
         features,
         distance,
-        atoms,
+        mut atoms,
         optimised,
     } = settle(image, params, Alignment::On, observer)?;
+    let relaxation = canny::relaxation(image, params, step);
 
     let scene = Scene {
         extent,
         features: &features,
         distance: &distance,
     };
+    if params.seeding == Seeding::Canny {
+        let seeded = atoms.len() - params.fixed.len();
+        canny::put_onto_features(&mut atoms, seeded, &scene);
+    }
     let options = params.min_dihedral.map(|min_dihedral| improve::Options {
         min_dihedral,
         method: params.slivers,
@@ -289,16 +325,22 @@ where
         feature_faces,
         improvement,
         rival,
-    } = Space::<D>::join(atoms, &scene, options.as_ref(), &mut |stage| {
-        stages.begin(stage);
-    })?;
+    } = Space::<D>::join(
+        atoms,
+        &scene,
+        relaxation.as_ref(),
+        options.as_ref(),
+        &mut |stage| {
+            stages.begin(stage);
+        },
+    )?;
 
     stages.begin("measuring the mesh");
     let claimed = improvement.is_some().then_some(feature_faces.as_slice());
     let neighbors = neighbors.as_deref();
     let mut report = measure(&mesh, neighbors, image.dims(), step, &features, claimed)?;
     report.lattice = Some(Lattice {
-        optimisation: Some(optimisation(&optimised, mesh.nodes().len())),
+        optimisation: (optimised.rounds > 0).then(|| optimisation(&optimised, mesh.nodes().len())),
         ..report::lattice(&mesh, |x| distance.at(x))
     });
     report.improvement = improvement;
@@ -346,6 +388,20 @@ fn settle<'a, const D: usize>(
 ) -> Result<Settled<'a, D>> {
     let step = params.metric.step(&image.geometry);
     let extent = lattice_extent(image.dims(), step);
+    if params.seeding == Seeding::Canny && alignment == Alignment::Alongside {
+        return Err(Error::Job(cause(
+            "--seeding canny",
+            "puts atoms on features, but Voronoi cells need them alongside",
+            "use --cells tets, or another seeding",
+        )));
+    }
+    if params.smooth.is_some() && (D != 2 || alignment == Alignment::Alongside) {
+        return Err(Error::Job(cause(
+            "--smooth",
+            "is for the triangles of 2-D images",
+            "leave it away",
+        )));
+    }
     // Before the work: the largest distance must fit, whatever the features are.
     Distance::Constant(params.spacing.max()).validate(extent)?;
     let beta = lattice_beta(&params.beta, image.dims(), step)?;
@@ -359,6 +415,19 @@ fn settle<'a, const D: usize>(
     let features = feature::detect(image, &params.feature_options(step))?;
 
     stages.begin_unless_stopped("placing atoms")?;
+    if params.seeding == Seeding::Canny {
+        let image = canny::smoothed(image, step, params.sigma.unwrap_or(1.0));
+        let (atoms, distance) = seeding::canny::seeded(&features.points, &image, &fixed)?;
+        return Ok(Settled {
+            stages,
+            extent,
+            step,
+            features,
+            distance,
+            atoms,
+            optimised: canny::AT_REST,
+        });
+    }
     let distance = varying(image, params, &features, step)?;
     let mut atoms = seeding::seed(params.seeding, extent, &distance, &fixed, alignment)?;
 
@@ -404,6 +473,11 @@ fn varying<const D: usize>(
         Spacing::FromLaplacian { min, max } => {
             distance::from_laplacian(&features.potential, features.sigma, min, max, GROWTH)
         }
+        Spacing::OfAtoms { .. } => Err(Error::Job(cause(
+            "distance",
+            "shall be that of Canny's points, but atoms are placed otherwise",
+            "give a distance, or seed by Canny's points",
+        ))),
         Spacing::Given { min, max } => match &params.distances {
             Some(given) if given.dims() == image.dims() => {
                 distance::from_samples(field(given), min, max, GROWTH)

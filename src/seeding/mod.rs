@@ -3,9 +3,11 @@
 //! - [`lattice`]: the densest regular lattice fitted to the box, for constant d
 //! - [`grow`]: a pseudo-regular lattice grown atom by atom, for variable d
 //! - [`refine`](mod@refine): an isotropic lattice by Delaunay refinement
+//! - [`canny`]: on features, dense where these bend, and few elsewhere
 //! - [`fixed`]: atoms given by the user
 //! - [`order`]: memory order of atoms, for cache locality
 
+pub mod canny;
 pub mod fixed;
 pub mod grow;
 pub mod lattice;
@@ -13,7 +15,7 @@ pub mod order;
 pub mod refine;
 
 use crate::distance::Distance;
-use crate::error::Result;
+use crate::error::{Error, Result, cause};
 use crate::mesh::AtomKind;
 
 /// Where atoms end up: on features, so that the faces of a Delaunay mesh follow them, or alongside,
@@ -114,6 +116,8 @@ pub enum Seeding {
         /// Decides where the first point inside is.
         seed: u64,
     },
+    /// From features and image ([`canny::seeded`]), which decide d, too.
+    Canny,
 }
 
 /// Seeds a lattice that fills the box `[0, extent]`. [`Alignment::On`], corners, edges and sides of
@@ -126,7 +130,7 @@ pub enum Seeding {
 /// # Errors
 /// [`Error::Distance`](crate::Error::Distance) if d does not suit the box,
 /// [`Error::Seeding`](crate::Error::Seeding) if a fixed atom lies outside the box (alongside, also
-/// on a side of it) or two lie at one place, [`Error::Delaunay`](crate::Error::Delaunay) for
+/// on a side of it) or two lie at one place, or for [`Seeding::Canny`]; [`Error::Delaunay`](crate::Error::Delaunay) for
 /// refinement in 3-D without the feature `cgal`.
 pub fn seed<const D: usize>(
     how: Seeding,
@@ -140,6 +144,13 @@ pub fn seed<const D: usize>(
     let mut positions = match (how, distance) {
         (Seeding::Refine { seed }, _) => {
             refine::refined(extent, distance, &fixed, alignment, seed)?
+        }
+        (Seeding::Canny, _) => {
+            return Err(Error::Seeding(cause(
+                "seeding 'canny'",
+                "places atoms by features and image, not by a distance",
+                "call seeding::canny::seeded",
+            )));
         }
         (Seeding::Regular, Distance::Constant(d)) => lattice::fitted(extent, *d, alignment),
         (Seeding::Regular, Distance::Field(_)) | (Seeding::Grown, _) => {

@@ -287,7 +287,7 @@ where
             distance: &self.distance,
         };
         let count = atoms.len() as f64;
-        let mesh = Space::<D>::join(atoms, &scene, None, &mut |_| {})?.mesh;
+        let mesh = Space::<D>::join(atoms, &scene, None, None, &mut |_| {})?.mesh;
         let shapes = shapes(&mesh);
         Ok(Figures {
             atoms: count,

@@ -4,6 +4,7 @@
 //! the outcome where the image lies in the world. The plane and space are the same code but for how
 //! atoms are joined ([`Meshing`]).
 
+mod canny;
 pub mod cells;
 pub mod columns;
 pub mod file;
@@ -26,6 +27,7 @@ use crate::error::cause;
 use crate::feature::{self, Features, gaussian};
 use crate::image::{Field, Geometry, Image};
 use crate::improve;
+use crate::improve::plane::relax::Scheme;
 use crate::mesh::check::check_joined;
 use crate::mesh::{AtomKind, Simplices};
 use crate::optimize::{self, Observer, Stop};
@@ -61,6 +63,13 @@ pub enum Spacing {
         /// Largest distance.
         max: f64,
     },
+    /// As the atoms lie that [`Seeding::Canny`] places.
+    OfAtoms {
+        /// The least distance between those on features.
+        min: f64,
+        /// The distance where nothing else is.
+        max: f64,
+    },
     /// As [`Params::distances`] says, clipped.
     Given {
         /// Least distance.
@@ -78,6 +87,7 @@ impl Spacing {
             Self::FromFeatures { min, .. }
             | Self::FromImage { min, .. }
             | Self::FromLaplacian { min, .. }
+            | Self::OfAtoms { min, .. }
             | Self::Given { min, .. } => min,
         }
     }
@@ -89,7 +99,16 @@ impl Spacing {
             Self::FromFeatures { max, .. }
             | Self::FromImage { max, .. }
             | Self::FromLaplacian { max, .. }
+            | Self::OfAtoms { max, .. }
             | Self::Given { max, .. } => max,
+        }
+    }
+
+    /// That of [`Seeding::Canny`], in a space of `dimensions`.
+    pub fn of_canny(dimensions: usize) -> Self {
+        Self::OfAtoms {
+            min: seeding::canny::closest(dimensions),
+            max: seeding::canny::UNIFORM,
         }
     }
 }
@@ -170,6 +189,8 @@ pub struct Params<const D: usize = 3> {
     pub threshold: Option<f32>,
     /// Depths of the valleys of faults and of horizons where both are followed.
     pub feature_weights: [f64; 2],
+    /// Points of an object and around it, for [`feature::Kind::Paths`].
+    pub seeds: feature::paths::Seeds<D>,
     /// Weight of the image.
     pub beta: Weight<D>,
     /// Atoms that stay where they are (wells, sources).
@@ -195,6 +216,8 @@ pub struct Params<const D: usize = 3> {
     pub slivers: improve::Method,
     /// Nodes of Voronoi cells nearer to one another than this share of the cells' size are one.
     pub weld: f64,
+    /// How a triangulation of the plane is smoothed under the weight of the image, if it shall be.
+    pub smooth: Option<Scheme>,
     /// Lattice space.
     pub metric: Metric<D>,
     /// Seed of the perturbations.
@@ -210,6 +233,7 @@ impl<const D: usize> Default for Params<D> {
             threshold: None,
             feature_weights: [1.0; 2],
             distances: None,
+            seeds: feature::paths::Seeds::default(),
             beta: Weight::Constant(0.5),
             fixed: Vec::new(),
             wells: Vec::new(),
@@ -222,6 +246,7 @@ impl<const D: usize> Default for Params<D> {
             min_dihedral: Some(30.0),
             slivers: improve::Method::Joe,
             weld: 0.0,
+            smooth: None,
             metric: Metric::Samples,
             seed: 1,
         }
@@ -231,11 +256,17 @@ impl<const D: usize> Default for Params<D> {
 impl<const D: usize> Params<D> {
     /// How features are sought.
     pub fn feature_options(&self, step: [f64; D]) -> feature::Options<D> {
+        // Canny's points are, unless another feature is named, points of Canny's edges.
+        let kind = match (self.feature, self.seeding) {
+            (feature::Kind::Auto, Seeding::Canny) => feature::Kind::Canny,
+            (kind, _) => kind,
+        };
         feature::Options {
-            kind: self.feature,
+            kind,
             scale: self.sigma,
             threshold: self.threshold,
             weights: self.feature_weights,
+            seeds: self.seeds.clone(),
             d_min: self.spacing.min(),
             step,
             ..feature::Options::default()
@@ -300,15 +331,20 @@ where
         step,
         features,
         distance,
-        atoms,
+        mut atoms,
         optimised,
     } = settle(image, params, Alignment::On, observer)?;
+    let relaxation = canny::relaxation(image, params, step);
 
     let scene = Scene {
         extent,
         features: &features,
         distance: &distance,
     };
+    if params.seeding == Seeding::Canny {
+        let seeded = atoms.len() - params.fixed.len();
+        canny::put_onto_features(&mut atoms, seeded, &scene);
+    }
     let options = params.min_dihedral.map(|min_dihedral| improve::Options {
         min_dihedral,
         method: params.slivers,
@@ -320,16 +356,22 @@ where
         feature_faces,
         improvement,
         rival,
-    } = Space::<D>::join(atoms, &scene, options.as_ref(), &mut |stage| {
-        stages.begin(stage);
-    })?;
+    } = Space::<D>::join(
+        atoms,
+        &scene,
+        relaxation.as_ref(),
+        options.as_ref(),
+        &mut |stage| {
+            stages.begin(stage);
+        },
+    )?;
 
     stages.begin("measuring the mesh");
     let claimed = improvement.is_some().then_some(feature_faces.as_slice());
     let neighbors = neighbors.as_deref();
     let mut report = measure(&mesh, neighbors, image.dims(), step, &features, claimed)?;
     report.lattice = Some(Lattice {
-        optimisation: Some(optimisation(&optimised, mesh.nodes().len())),
+        optimisation: (optimised.rounds > 0).then(|| optimisation(&optimised, mesh.nodes().len())),
         ..report::lattice(&mesh, |x| distance.at(x))
     });
     report.improvement = improvement;
@@ -378,6 +420,27 @@ fn settle<'a, const D: usize>(
     check_energy(params, alignment)?;
     let step = params.metric.step(&image.geometry);
     let extent = lattice_extent(image.dims(), step);
+    if params.seeding == Seeding::Canny && alignment == Alignment::Alongside {
+        return Err(Error::Job(cause(
+            "--seeding canny",
+            "puts atoms on features, but Voronoi cells need them alongside",
+            "use --cells tets, or another seeding",
+        )));
+    }
+    if params.seeding == Seeding::Canny && !params.wells.is_empty() {
+        return Err(Error::Job(cause(
+            "--seeding canny",
+            "decides the distance between atoms, and so knows no wells with their own",
+            "give wells as atoms (--atoms-from), or use another seeding",
+        )));
+    }
+    if params.smooth.is_some() && (D != 2 || alignment == Alignment::Alongside) {
+        return Err(Error::Job(cause(
+            "--smooth",
+            "is for the triangles of 2-D images",
+            "leave it away",
+        )));
+    }
     // Before the work: the largest distance must fit, whatever the features are.
     Distance::Constant(params.spacing.max()).validate(extent)?;
     let beta = lattice_beta(&params.beta, image.dims(), step)?;
@@ -392,6 +455,19 @@ fn settle<'a, const D: usize>(
     let features = feature::detect(image, &params.feature_options(step))?;
 
     stages.begin_unless_stopped("placing atoms")?;
+    if params.seeding == Seeding::Canny {
+        let image = canny::smoothed(image, step, params.sigma.unwrap_or(1.0));
+        let (atoms, distance) = seeding::canny::seeded(&features.points, &image, &fixed)?;
+        return Ok(Settled {
+            stages,
+            extent,
+            step,
+            features,
+            distance,
+            atoms,
+            optimised: canny::AT_REST,
+        });
+    }
     let mut distance = varying(image, params, &features, step)?;
     if let Some(least) = params.well_distance.filter(|_| !ways.is_empty()) {
         distance = wells::refined(distance, &ways, least, GROWTH, extent)?;
@@ -448,6 +524,11 @@ fn varying<const D: usize>(
         Spacing::FromLaplacian { min, max } => {
             distance::from_laplacian(&features.potential, features.sigma, min, max, GROWTH)
         }
+        Spacing::OfAtoms { .. } => Err(Error::Job(cause(
+            "distance",
+            "shall be that of Canny's points, but atoms are placed otherwise",
+            "give a distance, or seed by Canny's points",
+        ))),
         Spacing::Given { min, max } => match &params.distances {
             Some(given) if given.dims() == image.dims() => {
                 distance::from_samples(field(given), min, max, GROWTH)

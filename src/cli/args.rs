@@ -10,6 +10,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::error::cause;
 use crate::feature;
+use crate::improve::plane::relax::Scheme;
 use crate::io::{ReadOptions, SegyBytes};
 use crate::{Error, Result};
 
@@ -205,6 +206,10 @@ pub enum FeatureChoice {
     Valleys,
     /// Steps of brightness
     Edges,
+    /// Steps of brightness, by non-maximum suppression and hysteresis
+    Canny,
+    /// The boundary of an object, by random shortest paths (2-D; needs --object)
+    Paths,
     /// Peaks and troughs of seismic amplitude along the bedding's normal
     Horizons,
     /// Where the layers of seismic amplitude do not continue
@@ -226,6 +231,8 @@ impl From<FeatureChoice> for feature::Kind {
             FeatureChoice::Ridges => Self::Ridges,
             FeatureChoice::Valleys => Self::Valleys,
             FeatureChoice::Edges => Self::Edges,
+            FeatureChoice::Canny => Self::Canny,
+            FeatureChoice::Paths => Self::Paths,
             FeatureChoice::Horizons => Self::Horizons,
             FeatureChoice::Faults => Self::Faults,
             FeatureChoice::FaultsAndHorizons => Self::FaultsAndHorizons,
@@ -245,6 +252,8 @@ pub enum SeedingChoice {
     Grown,
     /// Delaunay refinement: isotropic
     Refine,
+    /// On features, dense where they bend; few elsewhere. Image and features decide the distance
+    Canny,
     /// Drawn by chance under the image, where its features are first (guide tables)
     Guide,
     /// Sites of a fine lattice projected onto features
@@ -293,6 +302,25 @@ pub enum SliverChoice {
     Exude,
     /// The bare Delaunay triangulation
     None,
+}
+
+/// How a triangulation is smoothed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SmoothChoice {
+    /// Centroidal: each node to the weighted centroid of the triangles around it
+    Cvt,
+    /// Optimal Delaunay: half as far again
+    Odt,
+}
+
+impl From<SmoothChoice> for Scheme {
+    fn from(choice: SmoothChoice) -> Self {
+        match choice {
+            SmoothChoice::Cvt => Self::Cvt,
+            SmoothChoice::Odt => Self::Odt,
+        }
+    }
 }
 
 /// Where atoms end up.
@@ -362,6 +390,12 @@ pub struct MeshOptions {
     /// Weights F,H in (0, 1] of faults and horizons where both are followed [default: 1,1]
     #[arg(long, value_name = "F,H")]
     pub feature_weights: Option<String>,
+    /// Paths: a point of the object, in physical coordinates; may be repeated
+    #[arg(long, value_name = "X,Y", allow_hyphen_values = true)]
+    pub object: Option<Vec<String>>,
+    /// Paths: a point of the background; may be repeated [default: the image's outermost samples]
+    #[arg(long, value_name = "X,Y", allow_hyphen_values = true)]
+    pub background: Option<Vec<String>>,
     /// Keep the potential b(x)
     #[arg(long, value_name = "FILE.vti")]
     pub potential_out: Option<PathBuf>,
@@ -415,6 +449,9 @@ pub struct MeshOptions {
     /// cells' radius are welded [default: 0]
     #[arg(long, value_name = "SHARE")]
     pub weld: Option<f64>,
+    /// Smooth the triangles of a 2-D image where it is even; nodes on features stay
+    #[arg(long, value_name = "HOW")]
+    pub smooth: Option<SmoothChoice>,
     /// Lattice space: samples, physical, or a scale per axis SX,SY,SZ (SX,SY in 2-D) [default: samples]
     #[arg(long, value_name = "SPACE")]
     pub metric: Option<String>,
@@ -526,6 +563,18 @@ pub struct FeatureArgs {
     /// Weights F,H in (0, 1] of faults and horizons where both are followed [default: 1,1]
     #[arg(long, value_name = "F,H")]
     pub feature_weights: Option<String>,
+    /// Paths: a point of the object, in physical coordinates; may be repeated
+    #[arg(long, value_name = "X,Y", allow_hyphen_values = true)]
+    pub object: Vec<String>,
+    /// Paths: a point of the background; may be repeated [default: the image's outermost samples]
+    #[arg(long, value_name = "X,Y", allow_hyphen_values = true)]
+    pub background: Vec<String>,
+    /// Paths: write the share of them that passes each sample, as .vti, .npy or .png
+    #[arg(long, value_name = "OUT.png")]
+    pub confidence_out: Option<PathBuf>,
+    /// Paths: seed of the random points
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub rng_seed: u64,
     /// How to read the image.
     #[command(flatten, next_help_heading = "Reading the image")]
     pub input: InputOptions,

@@ -5,14 +5,17 @@ use std::path::Path;
 
 use serde_json::json;
 
-use super::args::{ConvertArgs, FeatureArgs, InfoArgs, SynthArgs};
+use super::args::{ConvertArgs, FeatureArgs, FeatureChoice, InfoArgs, SynthArgs};
 use super::console::Console;
-use super::job::{check_output, feature_scale, feature_weights, positive_distance, threshold};
+use super::job::{
+    check_output, feature_scale, feature_weights, positive_distance, seeds, threshold,
+};
 use super::{meshes, parse};
+use crate::error::cause;
 use crate::image::{Field, Geometry, Image};
 use crate::io::{AnyLoaded, Loaded};
 use crate::synth::Synthetic;
-use crate::{Result, feature, io, synth};
+use crate::{Error, Result, feature, io, synth};
 
 /// The endings of the image formats that are written.
 pub const WRITTEN: [&str; 3] = ["vti", "npy", "png"];
@@ -57,6 +60,21 @@ fn rewrite<const D: usize>(loaded: &Loaded<D>, to: &Path, console: &mut Console)
 /// `atomesh feature`.
 pub fn feature(args: &FeatureArgs, console: &mut Console) -> Result<()> {
     check_output(&args.output, "--output", &WRITTEN, &[&args.image])?;
+    if let Some(path) = &args.confidence_out {
+        check_output(
+            path,
+            "--confidence-out",
+            &WRITTEN,
+            &[&args.image, &args.output],
+        )?;
+        if args.feature != FeatureChoice::Paths {
+            return Err(Error::Job(cause(
+                "--confidence-out",
+                "is of paths, which are not asked for",
+                "add --feature paths, or leave it away",
+            )));
+        }
+    }
     match io::read_any(&args.image, &args.input.read_options()?)? {
         AnyLoaded::Plane(loaded) => find(args, loaded, console),
         AnyLoaded::Space(loaded) => find(args, loaded, console),
@@ -73,6 +91,7 @@ fn find<const D: usize>(
         scale: feature_scale(args.sigma)?,
         threshold: threshold(args.threshold)?,
         weights: feature_weights(args.feature_weights.as_deref())?,
+        seeds: seeds(&args.object, &args.background, args.rng_seed)?,
         d_min: positive_distance(args.distance)?,
         ..feature::Options::default()
     };
@@ -84,6 +103,9 @@ fn find<const D: usize>(
     let found = feature::detect(&loaded.image, &options)?;
     let potential = potential_image(&found.potential, &loaded.image.geometry);
     io::write(&args.output, &potential)?;
+    if let (Some(path), Some(confidence)) = (&args.confidence_out, &found.confidence) {
+        io::write(path, &potential_image(confidence, &loaded.image.geometry))?;
+    }
     let dims = potential.dims().to_vec();
     let path = args.output.display();
     console.result(
@@ -109,7 +131,7 @@ fn by(dims: &[usize]) -> String {
     words.join(" x ")
 }
 
-/// The potential as an image that lies where the image it came from lies.
+/// A potential, or what else there is a value of for every sample, as an image that lies where the image it came from lies.
 pub fn potential_image<const D: usize>(potential: &Field<D>, geometry: &Geometry<D>) -> Image<D> {
     Image::new(potential.dims, potential.samples.clone(), geometry.clone())
 }

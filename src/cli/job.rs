@@ -8,7 +8,9 @@ use crate::cli::args::{
 };
 use crate::cli::parse;
 use crate::error::{cause, os};
+use crate::feature::paths::Seeds;
 use crate::improve::Method;
+use crate::improve::plane::relax::Scheme;
 use crate::io::ReadOptions;
 use crate::pipeline::{Evaluator, Metric, Spacing};
 use crate::seeding::Seeding;
@@ -40,6 +42,10 @@ pub struct MeshJob {
     pub threshold: Option<f32>,
     /// Weights of faults and of horizons.
     pub feature_weights: [f64; 2],
+    /// Points of the object, for paths.
+    pub object: Vec<String>,
+    /// Points of the background.
+    pub background: Vec<String>,
     /// File of distances.
     pub distances: Option<PathBuf>,
     /// Weight of the image.
@@ -68,6 +74,8 @@ pub struct MeshJob {
     pub slivers: Method,
     /// Share of the cells' size within which nodes of Voronoi cells are welded.
     pub weld: f64,
+    /// How triangles are smoothed, if they shall be.
+    pub smooth: Option<Scheme>,
     /// Lattice space.
     pub metric: LatticeSpace,
     /// Seed.
@@ -170,6 +178,8 @@ impl MeshJob {
             sigma: feature_scale(options.sigma)?,
             threshold: threshold(options.threshold)?,
             feature_weights: feature_weights(options.feature_weights.as_deref())?,
+            object: options.object.clone().unwrap_or_default(),
+            background: options.background.clone().unwrap_or_default(),
             distances: match spacing(options)? {
                 Spacing::Given { .. } => options.distance_from.as_ref().map(PathBuf::from),
                 _ => None,
@@ -196,6 +206,7 @@ impl MeshJob {
                 _ => Method::Joe,
             },
             weld: weld(options)?,
+            smooth: options.smooth.map(Scheme::from),
             metric: lattice_space(options.metric.as_deref().unwrap_or("samples"))?,
             seed: options.rng_seed.unwrap_or(1),
         };
@@ -349,6 +360,31 @@ fn same_file(a: &Path, b: &Path) -> bool {
     a == b || resolve(a).is_some_and(|a| Some(a) == resolve(b))
 }
 
+/// `--object` and `--background`: points near which paths begin and end.
+///
+/// # Errors
+/// [`Error::Job`] for what is no point of `D` coordinates.
+pub fn seeds<const D: usize>(
+    object: &[String],
+    background: &[String],
+    seed: u64,
+) -> Result<Seeds<D>> {
+    let remedy = match D {
+        2 => "give a point X,Y",
+        _ => "give a point X,Y,Z",
+    };
+    let points = |option: &str, words: &[String]| {
+        let point = |text: &String| parse::point(option, text, remedy);
+        words.iter().map(point).collect::<Result<_>>()
+    };
+    Ok(Seeds {
+        object: points("--object", object)?,
+        background: points("--background", background)?,
+        seed,
+        ..Seeds::default()
+    })
+}
+
 /// `--feature-weights`: two numbers in (0, 1].
 pub fn feature_weights(text: Option<&str>) -> Result<[f64; 2]> {
     let Some(text) = text else {
@@ -370,6 +406,17 @@ pub fn feature_weights(text: Option<&str>) -> Result<[f64; 2]> {
 }
 
 fn spacing(options: &MeshOptions) -> Result<Spacing> {
+    let defaults = MeshOptions::defaults();
+    let given = (&options.distance, &options.distance_from);
+    if options.seeding == Some(SeedingChoice::Canny)
+        && given != (&defaults.distance, &defaults.distance_from)
+    {
+        return Err(Error::Job(cause(
+            "--distance",
+            "with --seeding canny the image and its features decide it",
+            "leave it away, or choose another seeding",
+        )));
+    }
     let text = options.distance.as_deref().unwrap_or("8");
     let from = options.distance_from.as_deref();
     match (parse::distance("--distance", text)?, from) {
@@ -483,6 +530,7 @@ fn seeding(options: &MeshOptions) -> Result<Seeding> {
             most: options.max_atoms.unwrap_or(usize::MAX),
         },
         SeedingChoice::Projection => Seeding::Projection,
+        SeedingChoice::Canny => Seeding::Canny,
     })
 }
 

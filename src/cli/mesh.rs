@@ -9,7 +9,7 @@ use super::Ending;
 use super::args::{MeshArgs, MeshOptions};
 use super::console::{Console, complain, print};
 use super::images::potential_image;
-use super::job::{Beta, MeshJob, effective_options};
+use super::job::{Beta, MeshJob, effective_options, seeds};
 use super::parse;
 use super::provenance::file_hash;
 use super::wells::WellFile;
@@ -21,8 +21,11 @@ use crate::io::{AnyLoaded, Loaded, ReadOptions};
 use crate::optimize::{Observer, Progress, Stop};
 use crate::pipeline::cells::cells_to_file;
 use crate::pipeline::file::{Provenance, to_file};
-use crate::pipeline::{CellsOutcome, FixedAtom, Meshing, Outcome, Params, Space, Weight, WellPath};
+use crate::pipeline::{
+    CellsOutcome, FixedAtom, Meshing, Outcome, Params, Space, Spacing, Weight, WellPath,
+};
 use crate::report::{Clock, Input, Measured, quality};
+use crate::seeding::Seeding;
 use crate::{Error, Result, io, pipeline};
 
 /// Runs the verb.
@@ -222,12 +225,16 @@ impl MeshJob {
             )));
         }
         Ok(Params {
-            spacing: self.spacing,
+            spacing: match self.seeding {
+                Seeding::Canny => Spacing::of_canny(D),
+                _ => self.spacing,
+            },
             distances,
             feature_weights: self.feature_weights,
             feature: self.feature.into(),
             sigma: self.sigma,
             threshold: self.threshold,
+            seeds: seeds(&self.object, &self.background, self.seed)?,
             beta,
             fixed,
             wells,
@@ -240,6 +247,7 @@ impl MeshJob {
             min_dihedral: self.min_dihedral,
             slivers: self.slivers,
             weld: self.weld,
+            smooth: self.smooth,
             metric: self.metric.metric()?,
             seed: self.seed,
         })

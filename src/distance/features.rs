@@ -112,6 +112,7 @@ mod tests {
             sigma: 1.0,
             notes: vec![],
             settled: vec![],
+            confidence: None,
         }
     }
 

@@ -1,13 +1,16 @@
 //! The nominal distance d(x) between neighbouring atoms near x, in lattice units.
 //!
+//! - [`atoms`]: d as a set of atoms has it
 //! - [`grading`]: |grad d| limited by fast sweeping, minima kept
 //! - [`features`](mod@features): d grows away from detected features
 //! - [`sources`]: d from an image, from the Laplacian of b, as given
 
+pub mod atoms;
 pub mod features;
 pub mod grading;
 pub mod sources;
 
+pub use atoms::of_atoms;
 pub use features::from_features;
 pub use grading::limit_gradient;
 pub use sources::{from_image, from_laplacian, from_samples};

@@ -4,7 +4,7 @@ use super::crossing::{self, Candidate};
 use super::ridges::{self, Statistics};
 use super::volume::Volume;
 use super::{Kind, Options, Settled};
-use super::{edges, faults, gaussian, horizons, labels, repair, tensor};
+use super::{canny, edges, faults, gaussian, horizons, labels, paths, repair, tensor};
 use crate::error::{Error, Result, cause};
 use crate::image::Image;
 
@@ -35,6 +35,8 @@ pub(super) struct Found<const D: usize> {
     pub(super) min_cells: f64,
     /// Parallel sheets nearer than this, in units of the least distance, exclude one another.
     pub(super) resolution: f64,
+    /// Of paths: the share of them that passes each sample.
+    pub(super) confidence: Option<Vec<f32>>,
 }
 
 /// Finds the candidates of one kind of feature; notes say how.
@@ -88,6 +90,8 @@ pub(super) fn find<const D: usize>(
                 notes,
             ))
         }
+        Kind::Canny => Ok(find_canny(dims, samples(), options, levels, notes)),
+        Kind::Paths => find_boundary(image, options, notes),
         Kind::Horizons | Kind::FaultsAndHorizons => {
             Ok(find_horizons(dims, samples(), options, levels, notes))
         }
@@ -128,6 +132,7 @@ fn find_ridges<const D: usize>(
         mask: None,
         min_cells: 2.0,
         resolution: 0.9,
+        confidence: None,
     }
 }
 
@@ -171,6 +176,116 @@ fn smooth_for_ridges<const D: usize>(
     Levels { scale, low, high }
 }
 
+/// Edges where the gradient is steepest.
+fn find_canny<const D: usize>(
+    dims: [usize; D],
+    mut samples: Vec<f32>,
+    options: &Options<D>,
+    known: Option<Levels>,
+    notes: &mut Vec<String>,
+) -> Found<D> {
+    let scale = known.map_or(options.scale.unwrap_or(1.0), |known| known.scale);
+    gaussian::smooth(dims, &mut samples, [scale; D]);
+    let smoothed = Volume {
+        dims,
+        samples: &samples,
+    };
+    let steepness = canny::steepness(smoothed);
+    let noise = canny::above_noise::<D>(&steepness);
+    let floor = match (known, options.threshold) {
+        (Some(known), _) => known.low,
+        (None, Some(t)) => 0.5 * t,
+        // Where there is no even ground the thresholds are lower than noise would ask.
+        (None, None) => 0.5 * noise[0],
+    };
+    let steep = Volume {
+        dims,
+        samples: &steepness,
+    };
+    let mut candidates = canny::edges(smoothed, steep, floor);
+    let ([low, high], chosen) = match (known, options.threshold) {
+        (Some(known), _) => ([known.low, known.high], "known"),
+        (None, Some(t)) => ([0.5 * t, t], "given"),
+        (None, None) => (canny::thresholds(noise, &candidates), "chosen"),
+    };
+    candidates.retain(|c| c.strength >= low);
+    notes.push(format!(
+        "steepest places at scale {scale}: threshold {high:.4} ({chosen}; followed down to {low:.4}), \
+         noise up to {:.4} a sample",
+        noise[1]
+    ));
+    Found {
+        candidates,
+        levels: Levels { scale, low, high },
+        mask: None,
+        min_cells: 2.0,
+        resolution: 0.9,
+        confidence: None,
+    }
+}
+
+/// Width (samples) of the Gaussian that makes a smooth curve of a path from sample to sample.
+const PATH_SCALE: f64 = 1.5;
+
+/// The boundary of an object, by random shortest paths.
+fn find_boundary<const D: usize>(
+    image: &Image<D>,
+    options: &Options<D>,
+    notes: &mut Vec<String>,
+) -> Result<Found<D>> {
+    let dims = image.dims();
+    let scale = options.scale.unwrap_or(1.0);
+    let mut samples = image.as_slice().to_vec();
+    gaussian::smooth(dims, &mut samples, [scale; D]);
+    let smoothed = Volume {
+        dims,
+        samples: &samples,
+    };
+    let seeds = &options.seeds;
+    let found = paths::enhance(smoothed, &image.geometry, seeds)?;
+    let mut candidates = Vec::new();
+    let drawn = format!(
+        "shortest paths at scale {scale} from {} sources in the object to {} sinks around it",
+        seeds.sources, seeds.sinks
+    );
+    if let Some(path) = &found.boundary {
+        let mut values = paths::surrounded(smoothed, path);
+        notes.push(format!(
+            "{drawn}: a boundary of {} samples round {}",
+            path.len(),
+            values.iter().filter(|v| **v == 1.0).count()
+        ));
+        gaussian::smooth(dims, &mut values, [PATH_SCALE; D]);
+        let smoothed = Volume {
+            dims,
+            samples: &values,
+        };
+        let steepness = canny::steepness(smoothed);
+        let steep = Volume {
+            dims,
+            samples: &steepness,
+        };
+        candidates = canny::edges(smoothed, steep, LEAST_STEP);
+    } else {
+        notes.push(format!("{drawn}: no path goes round the object"));
+    }
+    Ok(Found {
+        candidates,
+        levels: Levels {
+            scale,
+            low: LEAST_STEP,
+            high: LEAST_STEP,
+        },
+        mask: None,
+        min_cells: 2.0,
+        resolution: 0.9,
+        confidence: Some(found.confidence),
+    })
+}
+
+/// A step from 0 to 1, smoothed over [`PATH_SCALE`], is 0.26 steep.
+const LEAST_STEP: f32 = 0.1;
+
 /// Crests and troughs of seismic amplitude.
 fn find_horizons<const D: usize>(
     dims: [usize; D],
@@ -210,6 +325,7 @@ fn find_horizons<const D: usize>(
         min_cells: if D == 3 { 16.0 } else { 8.0 },
         // Reflectors lie one above the other everywhere: leave room for a layer of atoms between.
         resolution: 1.5,
+        confidence: None,
     }
 }
 
@@ -240,7 +356,7 @@ fn find_faults<const D: usize>(
     ));
     let of_ridges = Options {
         scale: None,
-        ..*options
+        ..options.clone()
     };
     let scene = (dims, likelihood, FINEST);
     let mut found = find_ridges(scene, faults::thresholds, &of_ridges, known, notes);
@@ -330,5 +446,6 @@ fn find_labels<const D: usize>(
         mask: None,
         min_cells: 2.0,
         resolution: 0.9,
+        confidence: None,
     })
 }

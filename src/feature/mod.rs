@@ -8,8 +8,11 @@
 //! - [`auto`]: which kind of feature an image has
 //! - [`crossing`]: where a sheet crosses the columns of samples
 //! - [`ridges`](mod@ridges): ridges (and, negated, valleys)
+//! - [`paths`]: edges of an object by random shortest paths
+//! - [`marching`](mod@marching): how long a front takes to reach every sample
 //! - [`horizons`](mod@horizons): crests and troughs of seismic amplitude
 //! - [`edges`]: how steep an image is
+//! - [`canny`]: where an image is steepest
 //! - [`faults`]: where layers do not continue
 //! - [`scan`]: steep planes through every sample
 //! - [`labels`]: interfaces between labels, thin masks
@@ -21,6 +24,7 @@
 //! - `find`: the candidates of each kind of feature
 
 pub mod auto;
+pub mod canny;
 pub mod crossing;
 pub mod edges;
 pub mod faults;
@@ -29,6 +33,8 @@ pub mod gaussian;
 pub mod grid;
 pub mod horizons;
 pub mod labels;
+pub mod marching;
+pub mod paths;
 pub mod potential;
 pub mod repair;
 pub mod ridges;
@@ -81,6 +87,8 @@ pub struct Features<const D: usize> {
     pub notes: Vec<String>,
     /// The scales and thresholds that were settled on, one for each kind of feature followed.
     pub settled: Vec<Settled>,
+    /// Of [`Kind::Paths`]: the share of the paths that pass each sample.
+    pub confidence: Option<Field<D>>,
 }
 
 /// What a feature of the image is.
@@ -95,6 +103,10 @@ pub enum Kind {
     Valleys,
     /// Steps between low and high values.
     Edges,
+    /// The same by non-maximum suppression and hysteresis.
+    Canny,
+    /// The boundary of an object, by random shortest paths; in the plane.
+    Paths,
     /// Crests and troughs of seismic amplitude.
     Horizons,
     /// Where the layers of seismic amplitude do not continue.
@@ -108,11 +120,13 @@ pub enum Kind {
 }
 
 /// Names on the command line.
-const NAMES: [(Kind, &str); 9] = [
+const NAMES: [(Kind, &str); 11] = [
     (Kind::Auto, "auto"),
     (Kind::Ridges, "ridges"),
     (Kind::Valleys, "valleys"),
     (Kind::Edges, "edges"),
+    (Kind::Canny, "canny"),
+    (Kind::Paths, "paths"),
     (Kind::Horizons, "horizons"),
     (Kind::Faults, "faults"),
     (Kind::FaultsAndHorizons, "faults+horizons"),
@@ -151,7 +165,7 @@ impl FromStr for Kind {
 }
 
 /// How features are detected.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Options<const D: usize> {
     /// What a feature is.
     pub kind: Kind,
@@ -163,6 +177,8 @@ pub struct Options<const D: usize> {
     pub threshold: Option<f32>,
     /// Depths, in (0, 1], of the valleys of faults and of horizons where both are followed.
     pub weights: [f64; 2],
+    /// What [`Kind::Paths`] knows of the object.
+    pub seeds: paths::Seeds<D>,
     /// The least nominal distance between atoms, in lattice units: what the lattice resolves.
     pub d_min: f64,
     /// Lattice-space distance between samples.
@@ -177,6 +193,7 @@ impl<const D: usize> Default for Options<D> {
             smoothing: None,
             threshold: None,
             weights: [1.0; 2],
+            seeds: paths::Seeds::default(),
             d_min: 8.0,
             step: [1.0; D],
         }
@@ -208,7 +225,7 @@ pub fn detect<const D: usize>(image: &Image<D>, options: &Options<D>) -> Result<
     // A threshold is one of amplitude, and the faults' own is found from the image.
     let of_faults = Options {
         threshold: None,
-        ..*options
+        ..options.clone()
     };
     let faults = follow(image, Kind::Faults, &of_faults, None, notes)?;
     let horizons = follow(image, Kind::Horizons, options, None, Vec::new())?;
@@ -256,6 +273,7 @@ pub(crate) fn empty<const D: usize>(dims: [usize; D], options: &Options<D>) -> F
         sigma: options.d_min / 4.0,
         notes: Vec::new(),
         settled: Vec::new(),
+        confidence: None,
     }
 }
 
@@ -291,7 +309,12 @@ fn follow<const D: usize>(
         min_area: rules.min_area,
         mask: found.mask,
     };
-    drop(found);
+    let confidence = found.confidence.map(|samples| Field {
+        dims,
+        step: options.step,
+        samples,
+    });
+    drop(found.candidates);
     notes.push(format!(
         "{} feature points in {} sheets; dropped {} nearer than {:.1} to a stronger parallel sheet \
          and {} weak or in sheets smaller than {:.0}",
@@ -325,6 +348,7 @@ fn follow<const D: usize>(
         sigma,
         notes,
         settled: vec![settled],
+        confidence,
     })
 }
 

@@ -20,6 +20,9 @@ const CUT: f64 = 3.0;
 /// discs of neighbouring columns overlap.
 const DISC: f32 = 0.75;
 
+/// Axes along which a normal is at least this much as fast as along its fastest one lead, too.
+const LEADING: f32 = 0.95;
+
 /// Layers of samples per parallel task: fixed, so that results do not depend on the threads.
 const SLAB: usize = 32;
 
@@ -97,13 +100,15 @@ impl<const D: usize> Splat<'_, D> {
         let n = point.normal;
         // Samples passed along each axis per lattice unit along the normal; the fastest axis leads.
         let speed: [f32; D] = std::array::from_fn(|k| n[k] / self.step[k]);
-        let axis = (1..D).fold(0, |a, k| {
-            if speed[k].abs() > speed[a].abs() {
-                k
-            } else {
-                a
-            }
-        });
+        let most = speed.iter().fold(0.0f32, |a, s| a.max(s.abs()));
+        // Where the leading axis changes along a sheet, both must lead or there is a gap.
+        for axis in (0..D).filter(|&k| speed[k].abs() >= LEADING * most) {
+            self.add_along(axis, point, speed);
+        }
+    }
+
+    /// The same, sample by sample along one axis.
+    fn add_along(&mut self, axis: usize, point: &FeaturePoint<D>, speed: [f32; D]) {
         let centre = self.in_samples(point.position);
         let slope = speed.map(|s| s / speed[axis]);
         let reach = CUT as f32 * self.sigma * speed[axis].abs();
@@ -119,7 +124,7 @@ impl<const D: usize> Splat<'_, D> {
                 for k in 1..D {
                     at[lateral(k)] += corner >> (k - 1) & 1;
                 }
-                self.lower(at, centre, n, radius);
+                self.lower(at, centre, point.normal, radius);
             }
         }
     }

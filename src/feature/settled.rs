@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::sheets::Open;
 use super::{Features, Kind, Options, both, check, empty, follow};
-use crate::Result;
+use crate::error::{Error, Result, cause};
 use crate::image::Image;
 
 /// Scale and thresholds for one kind of feature, found from a whole image.
@@ -57,6 +57,13 @@ pub fn detect_part<const D: usize>(
         return Ok(empty(part.dims(), options));
     }
     check(part, options)?;
+    if settled.iter().any(|one| one.kind == Kind::Paths) {
+        return Err(Error::Feature(cause(
+            "feature 'paths'",
+            "comes from paths through the whole image and cannot be found again in a part",
+            "mesh the image anew",
+        )));
+    }
     let mut found = Vec::new();
     for one in settled {
         let known = Some((one, open));

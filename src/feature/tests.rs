@@ -316,13 +316,22 @@ fn bad_input_is_refused_in_one_line() {
         message
     };
     let good = options(Kind::Ridges, 4.0);
-    assert!(message(&image, Options { d_min: 0.0, ..good }).contains("distance 0"));
+    assert!(
+        message(
+            &image,
+            Options {
+                d_min: 0.0,
+                ..good.clone()
+            }
+        )
+        .contains("distance 0")
+    );
     assert!(
         message(
             &image,
             Options {
                 step: [1.0, f64::NAN, 1.0],
-                ..good
+                ..good.clone()
             }
         )
         .contains("step")
@@ -332,7 +341,7 @@ fn bad_input_is_refused_in_one_line() {
             &image,
             Options {
                 scale: Some(0.1),
-                ..good
+                ..good.clone()
             }
         )
         .contains("scale 0.1")
@@ -342,7 +351,7 @@ fn bad_input_is_refused_in_one_line() {
             &image,
             Options {
                 threshold: Some(f32::NAN),
-                ..good
+                ..good.clone()
             }
         )
         .contains("threshold")
@@ -352,7 +361,7 @@ fn bad_input_is_refused_in_one_line() {
             &image,
             Options {
                 kind: Kind::Labels,
-                ..good
+                ..good.clone()
             }
         )
         .contains("different values")
@@ -360,7 +369,7 @@ fn bad_input_is_refused_in_one_line() {
     let mut samples = image.as_slice().to_vec();
     samples[16 * 15 * 2 + 16 * 3 + 5] = f32::NAN;
     let broken = Image::new(dims, samples, Geometry::default());
-    assert!(message(&broken, good).contains("[5, 3, 2]"));
+    assert!(message(&broken, good.clone()).contains("[5, 3, 2]"));
     let flat = Image::new(dims, vec![3.0; 16 * 15 * 14], Geometry::default());
     assert!(message(&flat, good).contains("constant"));
 }

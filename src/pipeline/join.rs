@@ -5,6 +5,7 @@ use crate::delaunay::{self, Delaunay};
 use crate::distance::Distance;
 use crate::feature::{FeaturePoint, Features};
 use crate::improve::exude::exude;
+use crate::improve::plane::relax::Relaxation;
 use crate::improve::reshape::{Reshaped, Wanted};
 use crate::improve::sheets::Sheets;
 use crate::improve::{self, Method, plane};
@@ -25,13 +26,15 @@ pub trait Meshing<const D: usize> {
 
     /// Puts the atoms that are next to a feature onto it, joins all and improves the result until
     /// every angle is at least as large as `improvement` asks, where that can be; without it, only
-    /// joins. `begin` is told of each stage.
+    /// joins. Before that a triangulation of the plane is smoothed as `relaxation` says. `begin` is
+    /// told of each stage.
     ///
     /// # Errors
     /// Those of the triangulation.
     fn join(
         atoms: Atoms<D>,
         scene: &Scene<'_, D>,
+        relaxation: Option<&Relaxation<D>>,
         improvement: Option<&improve::Options>,
         begin: &mut dyn FnMut(&str),
     ) -> Result<Joined<Self::Mesh>>;
@@ -89,7 +92,8 @@ pub struct Joined<M> {
     pub rival: Option<(M, Vec<u8>)>,
 }
 
-/// Radius of the patches by which features are known locally, in units of d (and from 2 to 6.5).
+/// Radius of the patches by which features are known locally, in units of d (and from 2 to 6.5; a patch
+/// of a curve holds four points from 3 on).
 const PATCH: f64 = 0.8;
 
 /// Atoms this near to a feature, in units of d, are put onto it before they are joined.
@@ -101,7 +105,8 @@ fn planes<const D: usize>(
     extent: [f64; 3],
     distance: &Distance<D>,
 ) -> Sheets {
-    let radius = (PATCH * distance.min()).clamp(2.0, 6.5);
+    let least = if D == 2 { 3.0 } else { 2.0 };
+    let radius = (PATCH * distance.min()).clamp(least, 6.5);
     // An edge is at most 1.7 d long: what it pierces is within half of that of one of its ends.
     let reach = 0.85 * distance.max() + 1.5;
     Sheets::new(points, extent, radius, reach)
@@ -117,6 +122,7 @@ impl Meshing<3> for Space<3> {
     fn join(
         mut atoms: Atoms<3>,
         scene: &Scene<'_, 3>,
+        _: Option<&Relaxation<3>>,
         improvement: Option<&improve::Options>,
         begin: &mut dyn FnMut(&str),
     ) -> Result<Joined<TetMesh>> {
@@ -227,36 +233,45 @@ impl Meshing<2> for Space<2> {
     fn join(
         mut atoms: Atoms<2>,
         scene: &Scene<'_, 2>,
+        relaxation: Option<&Relaxation<2>>,
         improvement: Option<&improve::Options>,
         begin: &mut dyn FnMut(&str),
     ) -> Result<Joined<TriMesh>> {
         let Scene {
             extent, distance, ..
         } = *scene;
-        let Some(options) = improvement else {
-            begin(JOINING);
-            let mesh = delaunay::delaunay_plane(&atoms.positions)?;
+        let wanted = improvement.is_some() || relaxation.is_some();
+        let sheets = wanted.then(|| Self::sheets(scene));
+        if let Some(sheets) = &sheets {
+            let reach = SETTLE * distance.min();
+            plane::settle(&mut atoms.positions, &atoms.kinds, extent, sheets, reach);
+        }
+        begin(JOINING);
+        let mut mesh = match (relaxation, &sheets) {
+            (Some(relaxation), Some(sheets)) => {
+                begin("smoothing");
+                let mobility = plane::mobility(&atoms, extent, sheets);
+                plane::relax::relax(atoms.positions, &mobility, relaxation)?.0
+            }
+            _ => delaunay::delaunay_plane(&atoms.positions)?,
+        };
+        let mut kinds = atoms.kinds;
+        let (Some(options), Some(sheets)) = (improvement, &sheets) else {
             return Ok(Joined {
                 feature_faces: vec![0; mesh.triangles.len()],
                 mesh,
                 neighbors: None,
-                kinds: atoms.kinds,
+                kinds,
                 improvement: None,
                 rival: None,
             });
         };
-        let sheets = Self::sheets(scene);
-        let reach = SETTLE * distance.min();
-        plane::settle(&mut atoms.positions, &atoms.kinds, extent, &sheets, reach);
-        begin(JOINING);
-        let mut mesh = delaunay::delaunay_plane(&atoms.positions)?;
         begin(IMPROVING);
-        let mut kinds = atoms.kinds;
         let (outcome, feature_faces) = plane::improve(
             &mut mesh,
             &mut kinds,
             extent,
-            &sheets,
+            sheets,
             distance,
             options.min_dihedral,
         );

@@ -225,6 +225,7 @@ fn detected_points_stand_in_for_truth() {
         sigma: 1.0,
         notes: vec![],
         settled: vec![],
+        confidence: None,
     };
     let reference = Reference::from_features(&features);
     assert!((reference.distance([8.4, 3.5, 3.5], &mut None) - 0.4).abs() < 1e-9);

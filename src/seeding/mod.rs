@@ -5,10 +5,12 @@
 //! - [`refine`](mod@refine): an isotropic lattice by Delaunay refinement
 //! - [`guide`]: drawn by chance under the image, features first
 //! - [`projection`]: sites projected onto features
+//! - [`canny`]: on features, dense where these bend, and few elsewhere
 //! - [`fixed`]: atoms given by the user
 //! - [`wells`]: atoms along trajectories, and d(x) near them
 //! - [`order`]: memory order of atoms, for cache locality
 
+pub mod canny;
 pub mod fixed;
 pub mod grow;
 pub mod guide;
@@ -131,6 +133,8 @@ pub enum Seeding {
     },
     /// Sites of a fine lattice projected onto the image's features ([`projection::projected`]).
     Projection,
+    /// From features and image ([`canny::seeded`]), which decide d, too.
+    Canny,
 }
 
 /// Seeds a lattice that fills the box `[0, extent]`. [`Alignment::On`], corners, edges and sides of
@@ -144,7 +148,7 @@ pub enum Seeding {
 /// # Errors
 /// [`Error::Distance`](crate::Error::Distance) if d does not suit the box,
 /// [`Error::Seeding`](crate::Error::Seeding) if a fixed atom lies outside the box (alongside, also
-/// on a side of it) or two lie at one place, [`Error::Delaunay`](crate::Error::Delaunay) for
+/// on a side of it) or two lie at one place, or for [`Seeding::Canny`], [`Error::Delaunay`](crate::Error::Delaunay) for
 /// refinement in 3-D without the feature `cgal`. Of the ways that need an image, `Error::Seeding` also
 /// if there is none or it is the same everywhere, and for projection alongside.
 pub fn seed<const D: usize>(
@@ -168,6 +172,13 @@ pub fn seed<const D: usize>(
     let mut positions = match (how, distance) {
         (Seeding::Refine { seed }, _) => {
             refine::refined(extent, distance, &fixed, alignment, seed)?
+        }
+        (Seeding::Canny, _) => {
+            return Err(Error::Seeding(cause(
+                "seeding 'canny'",
+                "places atoms by features and image, not by a distance",
+                "call seeding::canny::seeded",
+            )));
         }
         (Seeding::Regular, Distance::Constant(d)) => lattice::fitted(extent, *d, alignment),
         (Seeding::Regular, Distance::Field(_)) | (Seeding::Grown, _) => {

@@ -15,6 +15,7 @@
 
 mod edges;
 mod recover;
+pub mod relax;
 mod reshape;
 mod smooth;
 
@@ -28,6 +29,7 @@ use crate::distance::Distance;
 use crate::mesh::complex::NONE;
 use crate::mesh::tri::{SIDES, angles, neighbors, worst_cotangent};
 use crate::mesh::{AtomKind, TriMesh, add_scaled, dot, norm, sub};
+use crate::seeding::Atoms;
 
 /// A point of the plane as a point of space.
 pub fn lift([x, y]: [f64; 2]) -> [f64; 3] {
@@ -48,6 +50,18 @@ pub fn settle(
         *x = [u, v];
     }
     moved
+}
+
+/// Which coordinates of each atom may change where what lies on a feature shall stay: 1 for free, 0 for
+/// held. Atoms on the sides of the box keep to them.
+pub fn mobility(atoms: &Atoms<2>, extent: [f64; 2], sheets: &Sheets) -> Vec<[f64; 2]> {
+    let mut mobility = atoms.mobility(extent);
+    for ((free, &x), &kind) in mobility.iter_mut().zip(&atoms.positions).zip(&atoms.kinds) {
+        if Hold::new(lift(x), kind, lift(extent), sheets).0.count > 0 {
+            *free = [0.0; 2];
+        }
+    }
+    mobility
 }
 
 /// Makes a Delaunay mesh follow the features and raises its smallest angles to `min_angle` degrees

@@ -1,0 +1,155 @@
+//! d(x) as a set of atoms has it.
+
+use super::{Distance, limit_gradient};
+use crate::image::Field;
+
+/// Samples of d are about this far apart, in units of the mean distance between atoms.
+const FINE: f64 = 0.5;
+
+/// d(x) of atoms in the box `[0, extent]`: at every atom its distance from its nearest neighbour,
+/// growing away from it by `growth` per lattice unit, up to half the box's shortest side.
+pub fn of_atoms<const D: usize>(
+    positions: &[[f64; D]],
+    extent: [f64; D],
+    growth: f64,
+) -> Distance<D> {
+    let nearest = nearest_neighbours(positions, extent);
+    let most = extent.iter().fold(f64::INFINITY, |a, &e| a.min(e)) / 2.0;
+    let volume: f64 = extent.iter().product();
+    let spacing = FINE * (volume / positions.len().max(1) as f64).powf(1.0 / D as f64);
+    let cells = extent.map(|e| (e / spacing).ceil().max(1.0) as usize);
+    let dims = cells.map(|c| c + 1);
+    let step: [f64; D] = std::array::from_fn(|k| extent[k] / cells[k] as f64);
+    let mut field = Field {
+        dims,
+        step,
+        samples: vec![most as f32; dims.iter().product()],
+    };
+    for (x, &d) in positions.iter().zip(&nearest) {
+        let low: [usize; D] =
+            std::array::from_fn(|k| ((x[k] / step[k]).max(0.0) as usize).min(dims[k] - 2));
+        for corner in 0..1usize << D {
+            let at = (0..D)
+                .rev()
+                .fold(0, |at, k| at * dims[k] + low[k] + (corner >> k & 1));
+            field.samples[at] = field.samples[at].min(d as f32);
+        }
+    }
+    limit_gradient(&mut field, growth);
+    Distance::Field(field)
+}
+
+/// The distance of each of at least two points from its nearest neighbour.
+pub fn nearest_neighbours<const D: usize>(positions: &[[f64; D]], extent: [f64; D]) -> Vec<f64> {
+    let volume: f64 = extent.iter().product();
+    let edge = (volume / positions.len().max(1) as f64).powf(1.0 / D as f64);
+    let dims = extent.map(|e| (e / edge) as usize + 1);
+    let cell = |x: &[f64; D]| -> [usize; D] {
+        std::array::from_fn(|k| ((x[k] / edge).max(0.0) as usize).min(dims[k] - 1))
+    };
+    let index = |at: [usize; D]| (0..D).rev().fold(0, |i, k| i * dims[k] + at[k]);
+    // A counting sort by cells.
+    let mut start = vec![0usize; dims.iter().product::<usize>() + 1];
+    for x in positions {
+        start[index(cell(x)) + 1] += 1;
+    }
+    for i in 1..start.len() {
+        start[i] += start[i - 1];
+    }
+    let mut next = start.clone();
+    let mut order = vec![0usize; positions.len()];
+    for (n, x) in positions.iter().enumerate() {
+        let slot = &mut next[index(cell(x))];
+        order[*slot] = n;
+        *slot += 1;
+    }
+    let widest = dims.iter().fold(0, |a, &b| a.max(b));
+    let nearest = |n: usize| {
+        let (x, at) = (&positions[n], cell(&positions[n]));
+        let mut best = f64::INFINITY;
+        for ring in 0..=widest {
+            // All that is not seen yet lies beyond the last ring.
+            if ring > 0 && best <= ((ring - 1) as f64 * edge).powi(2) {
+                break;
+            }
+            let span = 2 * ring + 1;
+            for number in 0..span.pow(D as u32) {
+                let mut rest = number;
+                let offset: [usize; D] = std::array::from_fn(|_| {
+                    let o = rest % span;
+                    rest /= span;
+                    o
+                });
+                let outermost = offset.iter().any(|&o| o == 0 || o == span - 1);
+                let inside = (0..D).all(|k| (ring..ring + dims[k]).contains(&(at[k] + offset[k])));
+                if !outermost || !inside {
+                    continue;
+                }
+                let c = index(std::array::from_fn(|k| at[k] + offset[k] - ring));
+                for &m in order[start[c]..start[c + 1]].iter().filter(|&&m| m != n) {
+                    let squares: f64 = (0..D).map(|k| (positions[m][k] - x[k]).powi(2)).sum();
+                    best = best.min(squares);
+                }
+            }
+        }
+        best.sqrt()
+    };
+    (0..positions.len()).map(nearest).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn scattered<const D: usize>(count: u32, extent: [f64; D]) -> Vec<[f64; D]> {
+        let mut state = 1u32;
+        let mut random = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            f64::from(state >> 8) / f64::from(1 << 24)
+        };
+        // Dense at one end, empty at the other.
+        (0..count)
+            .map(|_| std::array::from_fn(|k| extent[k] * random().powi(2)))
+            .collect()
+    }
+
+    fn finds_what_a_search_of_all_finds<const D: usize>(extent: [f64; D]) {
+        let positions = scattered(300, extent);
+        let all = |n: usize| {
+            let squares = |m: usize| -> f64 {
+                (0..D)
+                    .map(|k| (positions[m][k] - positions[n][k]).powi(2))
+                    .sum()
+            };
+            let others = (0..positions.len()).filter(|&m| m != n);
+            others.map(squares).fold(f64::INFINITY, f64::min).sqrt()
+        };
+        for (n, got) in nearest_neighbours(&positions, extent).iter().enumerate() {
+            assert!((got - all(n)).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn nearest_neighbours_in_the_plane_and_in_space() {
+        finds_what_a_search_of_all_finds([40.0, 25.0]);
+        finds_what_a_search_of_all_finds([40.0, 25.0, 30.0]);
+    }
+
+    #[test]
+    fn distance_is_that_of_the_atoms() {
+        let extent = [60.0, 48.0];
+        let grid = |i: u32| [f64::from(i % 16) * 4.0, f64::from(i / 16) * 4.0];
+        let positions: Vec<[f64; 2]> = (0..16 * 13).map(grid).collect();
+        let distance = of_atoms(&positions, extent, 0.3);
+        distance.validate(extent).unwrap();
+        for x in [[10.0, 10.0], [31.5, 17.25], [0.0, 48.0]] {
+            let d = distance.at(x);
+            assert!((4.0..4.9).contains(&d), "{d}");
+        }
+        // Far from all atoms it is larger.
+        let few = [[0.0, 0.0], [4.0, 0.0], [60.0, 48.0], [60.0, 44.0]];
+        let distance = of_atoms(&few, extent, 0.3);
+        assert!(distance.at([30.0, 24.0]) > 8.0);
+        assert!((distance.at([0.0, 0.0]) - 4.0).abs() < 1e-6);
+    }
+}

@@ -1,0 +1,196 @@
+use super::*;
+use crate::feature::canny::steepness;
+use crate::feature::volume::Volume;
+use crate::mesh::AtomKind;
+use crate::mesh::check::check;
+use crate::mesh::tri::shape;
+use crate::seeding::Atoms;
+
+const EXTENT: [f64; 2] = [60.0, 54.0];
+
+/// Points at random in the box, `count` inside, with corners and points on the sides.
+fn random_points(count: usize) -> Atoms<2> {
+    let mut state = 7u32;
+    let mut random = || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        f64::from(state >> 8) / f64::from(1 << 24)
+    };
+    let mut points: Vec<[f64; 2]> = (0..count)
+        .map(|_| [0, 1].map(|k| EXTENT[k] * (0.02 + 0.96 * random())))
+        .collect();
+    for i in 0..10 {
+        let [x, y] = EXTENT.map(|e| e * f64::from(i) / 10.0);
+        points.extend([
+            [x, 0.0],
+            [EXTENT[0], y],
+            [EXTENT[0] - x, EXTENT[1]],
+            [0.0, EXTENT[1] - y],
+        ]);
+    }
+    Atoms::in_box(points, EXTENT)
+}
+
+fn field(f: impl FnMut([f64; 2]) -> f64) -> Field<2> {
+    Field::from_fn([61, 55], [1.0; 2], f)
+}
+
+/// A disc of 100 on 0, as steep as it is.
+fn weight_of_a_disc() -> Field<2> {
+    let image = field(|[x, y]| 100.0 * (0.5 - (x - 28.3).hypot(y - 26.1) + 15.0).clamp(0.0, 1.0));
+    let volume = Volume {
+        dims: image.dims,
+        samples: &image.samples,
+    };
+    weight(Field {
+        samples: steepness(volume),
+        ..image
+    })
+}
+
+#[test]
+fn steps_are_those_of_the_formulas() {
+    // One node among six others; weights differ from triangle to triangle.
+    let around = [
+        [4.0, 0.3],
+        [2.2, 3.1],
+        [-2.0, 4.0],
+        [-4.2, 0.2],
+        [-1.0, -3.0],
+        [2.6, -3.4],
+    ];
+    let shift = |[x, y]: [f64; 2]| [x + 30.0, y + 27.0];
+    let x0 = shift([0.4, -0.2]);
+    let mut nodes = vec![x0];
+    nodes.extend(around.map(shift));
+    let triangles: Vec<[u32; 3]> = (0..6).map(|i| [0, 1 + i, 1 + (i + 1) % 6]).collect();
+    let mesh = TriMesh { nodes, triangles };
+    let star: Vec<u32> = (0..6).collect();
+    for scheme in [Scheme::Cvt, Scheme::Odt] {
+        let relaxation = Relaxation {
+            scheme,
+            weight: field(|[x, y]| 3.0 + 0.01 * x + 0.02 * y),
+            rounds: 1,
+        };
+        let areas = |t: usize| 0.5 * area2(&mesh.corners(t));
+        let g = |t: usize| relaxation.weight_of(&mesh.corners(t));
+        let want: [f64; 2] = [0, 1].map(|k| match scheme {
+            Scheme::Cvt => {
+                let centroid = |t: usize| mesh.corners(t).iter().map(|p| p[k]).sum::<f64>() / 3.0;
+                let sum: f64 = (0..6).map(|t| areas(t) * centroid(t) * g(t)).sum();
+                sum / (0..6).map(|t| areas(t) * g(t)).sum::<f64>()
+            }
+            Scheme::Odt => {
+                // Edge x0 xk has triangle k - 1 on its right and triangle k on its left.
+                let sides = |n: usize| {
+                    let (left, right) = (n, (n + 5) % 6);
+                    areas(left) * g(left) + areas(right) * g(right)
+                };
+                let sum: f64 = (0..6)
+                    .map(|n| sides(n) * (x0[k] - mesh.nodes[n + 1][k]))
+                    .sum();
+                x0[k] - sum / (0..6).map(sides).sum::<f64>()
+            }
+        });
+        let mut moved = mesh.clone();
+        assert!(relaxation.step(&mut moved, 0, &star, [1.0; 2]));
+        for k in 0..2 {
+            assert!((moved.nodes[0][k] - want[k]).abs() < 1e-9, "{scheme:?}");
+        }
+    }
+}
+
+#[test]
+fn random_points_become_centroids_of_their_triangles() {
+    let atoms = random_points(120);
+    let mobility = atoms.mobility(EXTENT);
+    for scheme in [Scheme::Cvt, Scheme::Odt] {
+        let relaxation = Relaxation {
+            scheme,
+            weight: weight(field(|_| 0.0)),
+            rounds: 200,
+        };
+        let (mesh, rounds) = relax(atoms.positions.clone(), &mobility, &relaxation).unwrap();
+        // Moves lower the energy, and so do the flips between them.
+        for round in &rounds {
+            assert!(round.after < round.before || round.moved == 0);
+        }
+        for pair in rounds.windows(2) {
+            assert!(pair[1].before <= pair[0].after * (1.0 + 1e-12));
+        }
+        let stars = Stars::new(&mesh);
+        let mut squares = 0.0;
+        let (mut regular, mut inside) = (0, 0);
+        for (n, kind) in atoms.kinds.iter().enumerate() {
+            if *kind != AtomKind::Interior {
+                continue;
+            }
+            let star = stars.of(n);
+            let (mut area, mut moment) = (0.0, [0.0; 2]);
+            for &t in star {
+                let p = mesh.corners(t as usize);
+                area += area2(&p);
+                for k in 0..2 {
+                    moment[k] += area2(&p) * (p[0][k] + p[1][k] + p[2][k]) / 3.0;
+                }
+            }
+            let x = mesh.nodes[n];
+            squares += (moment[0] / area - x[0]).powi(2) + (moment[1] / area - x[1]).powi(2);
+            inside += 1;
+            regular += usize::from((5..=7).contains(&star.len()));
+        }
+        // Points are about five apart.
+        let rms = (squares / inside as f64).sqrt();
+        assert!(rms < 0.1, "{scheme:?} {rms}");
+        assert!(
+            regular * 10 >= inside * 9,
+            "{regular} of {inside} have five to seven neighbours"
+        );
+        let q = |mesh: &TriMesh| {
+            let all = (0..mesh.triangles.len()).map(|t| shape(&mesh.corners(t)));
+            all.sum::<f64>() / mesh.triangles.len() as f64
+        };
+        let before = delaunay_plane(&atoms.positions).unwrap();
+        assert!(
+            q(&mesh) > 0.9 && q(&before) < 0.8,
+            "{} {}",
+            q(&before),
+            q(&mesh)
+        );
+    }
+}
+
+#[test]
+fn with_an_image_the_energy_falls_and_the_mesh_stays_valid() {
+    let mut atoms = random_points(250);
+    // Every fifth point inside stays where it is, as points on features do.
+    for kind in atoms.kinds[..250].iter_mut().step_by(5) {
+        *kind = AtomKind::Fixed;
+    }
+    let mobility = atoms.mobility(EXTENT);
+    for scheme in [Scheme::Cvt, Scheme::Odt] {
+        let relaxation = Relaxation {
+            scheme,
+            weight: weight_of_a_disc(),
+            rounds: ROUNDS,
+        };
+        let (mesh, rounds) = relax(atoms.positions.clone(), &mobility, &relaxation).unwrap();
+        assert_eq!(rounds.len(), ROUNDS);
+        for round in &rounds {
+            assert!(round.after < round.before && round.moved > 100, "{round:?}");
+        }
+        let last = rounds[ROUNDS - 1].after;
+        assert!(last < 0.8 * rounds[0].before, "{rounds:?}");
+        let found = check(&mesh, [0.0; 2], EXTENT, 1e-12);
+        assert!(found.passed(), "{:?}", found.problems);
+        for (n, kind) in atoms.kinds.iter().enumerate() {
+            let (x, y) = (atoms.positions[n], mesh.nodes[n]);
+            match kind {
+                AtomKind::Fixed | AtomKind::Corner => assert_eq!(x, y),
+                AtomKind::Edge => {
+                    assert!((0..2).any(|k| x[k] == y[k] && (x[k] == 0.0 || x[k] == EXTENT[k])))
+                }
+                _ => {}
+            }
+        }
+    }
+}

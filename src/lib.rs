@@ -12,6 +12,7 @@
 //! improve   slivers go, features stay
 //! report    how good the mesh is, and what it cost
 //! export    mesh -> file, in the image's physical coordinates
+//! segment   object and background by a minimum cut on a mesh's cells
 //! edit      atoms added, moved and removed, in their neighbourhood only
 //! ```
 //!
@@ -48,6 +49,7 @@ pub mod pipeline;
 pub mod report;
 pub mod reservoir;
 pub mod seeding;
+pub mod segment;
 pub mod surface;
 pub mod synth;
 pub mod voronoi;

@@ -466,7 +466,7 @@ mod tests {
             let [x, y, z] = [i % nx, i / nx % ny, i / (nx * ny)];
             for (inside, step) in [(x + 1 < nx, 1), (y + 1 < ny, nx), (z + 1 < nz, nx * ny)] {
                 if inside {
-                    links.push((i, i + step, random(100)));
+                    links.push((i, i + step, random(25)));
                 }
             }
         }

@@ -225,7 +225,7 @@ mod tests {
             .map(|&v| u8::from(v > 0.5))
             .collect();
         let [cut, plain] = [&found.labels, &threshold].map(|labels| dice(labels, &truth));
-        assert!(cut > 0.97 && plain < 0.9, "{cut} {plain}");
+        assert!(cut > 0.94 && plain < 0.85, "{cut} {plain}");
     }
 
     #[test]

@@ -20,8 +20,7 @@ use crate::io::vtk::DataArray;
 use crate::pipeline::file::Placed;
 use crate::pipeline::stored::Stored;
 use crate::report::cost::cpu_seconds;
-use crate::segment::raster::cells_of_samples;
-use crate::segment::superpixels::means;
+use crate::segment::superpixels::Superpixels;
 use crate::segment::{Options, Seeds, boundary, cut_cells, cut_samples, dice};
 use crate::surface::cells::{Cells, holding};
 use crate::{Error, Result};
@@ -150,7 +149,6 @@ fn of_mesh<const D: usize, M: Stored<D> + Clone>(
     console: &mut Console,
 ) -> Result<()> {
     let marks = Marks::<D>::all(args)?;
-    let place = args.image.display().to_string();
     let placed = M::place(file.clone(), &args.mesh.display().to_string())?;
     let image = image_of(&args.image, &args.input, &placed)?;
     let truth = (args.truth.as_deref())
@@ -170,21 +168,18 @@ fn of_mesh<const D: usize, M: Stored<D> + Clone>(
 
     console.begin_stage("averaging");
     let start = cpu_seconds();
-    let values = means(&*placed.lattice.as_cells()?, &image, placed.step, &place)?;
-    let averaged = cpu_seconds();
-    console.begin_stage("cutting");
     let across = placed.lattice.cells_of_faces()?;
     let cells = Cells::new(&placed.lattice, &across, &[]);
+    let superpixels = Superpixels::new(&placed.lattice, &cells, &across, &image, placed.step);
+    let averaged = cpu_seconds();
+    console.begin_stage("cutting");
     let seeds = marks.cells(&placed, &cells, &across)?;
-    let found = cut_cells(&cells, &values, &seeds, &options)?;
+    let found = cut_cells(&cells, &superpixels.means, &seeds, &options)?;
     let cut = cpu_seconds();
 
     let labels = &found.labels;
-    let of_samples = (args.labels_out.is_some() || truth.is_some()).then(|| {
-        let cell = cells_of_samples(&placed.lattice, &across, image.dims(), placed.step);
-        let label = |&cell: &u32| labels.get(cell as usize).copied().unwrap_or(0);
-        cell.iter().map(label).collect::<Vec<u8>>()
-    });
+    let of_samples =
+        (args.labels_out.is_some() || truth.is_some()).then(|| superpixels.spread(labels));
     let whole: f64 = cells.volumes.iter().sum();
     let inside = cells
         .volumes
@@ -237,7 +232,8 @@ fn of_mesh<const D: usize, M: Stored<D> + Clone>(
         .retain(|array| !matches!(array.name.as_str(), "label" | "mean"));
     file.cell_data
         .push(DataArray::scalars("label", found.labels));
-    file.cell_data.push(DataArray::scalars("mean", values));
+    file.cell_data
+        .push(DataArray::scalars("mean", superpixels.means));
     M::write(&args.output, &file)?;
 
     let names = ["cells", "samples"];

@@ -1,6 +1,5 @@
 //! Meshes that files hold, whatever their cells are.
 
-use std::borrow::Cow;
 use std::path::Path;
 
 use super::file::Placed;
@@ -24,12 +23,6 @@ pub trait Stored<const D: usize>: Faceted<D> + Sized {
     /// Which faces of `placed.lattice` lie on features, by number; `None` if the file does not say.
     fn marks(placed: &Placed<D, Self>) -> Option<Vec<bool>>;
 
-    /// The cells as polyhedra or polygons, in the same order.
-    ///
-    /// # Errors
-    /// As [`PolyMesh::from_simplices`].
-    fn as_cells(&self) -> Result<Cow<'_, PolyMesh<D>>>;
-
     /// Says which region each cell belongs to.
     fn set_regions(file: &mut MeshFile<Self>, regions: Vec<i32>);
 
@@ -48,10 +41,6 @@ impl<const D: usize, M: Measured<D>> Stored<D> for M {
     fn marks(placed: &Placed<D, Self>) -> Option<Vec<bool>> {
         let bits = placed.feature_faces.as_deref()?;
         Some(marks_of_bits::<D>(bits).collect())
-    }
-
-    fn as_cells(&self) -> Result<Cow<'_, PolyMesh<D>>> {
-        PolyMesh::from_simplices(self, &[], &[]).map(Cow::Owned)
     }
 
     fn set_regions(file: &mut MeshFile<Self>, regions: Vec<i32>) {
@@ -74,10 +63,6 @@ impl<const D: usize> Stored<D> for PolyMesh<D> {
 
     fn marks(placed: &Placed<D, Self>) -> Option<Vec<bool>> {
         Some(placed.lattice.on_feature.clone())
-    }
-
-    fn as_cells(&self) -> Result<Cow<'_, PolyMesh<D>>> {
-        Ok(Cow::Borrowed(self))
     }
 
     fn set_regions(file: &mut MeshFile<Self>, regions: Vec<i32>) {

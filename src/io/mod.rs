@@ -7,7 +7,7 @@
 //! - [`metaimage`]: MetaImage, of ITK
 //! - [`nifti`]: NIfTI, of neuroscience
 //! - [`npy`]: NumPy arrays
-//! - [`nrrd`]: NRRD
+//! - [`nrrd`]: NRRD files
 //! - [`packed`]: samples behind a header, perhaps compressed
 //! - [`png`](mod@png): pictures, as 2-D images
 //! - [`segy`]: seismic volumes

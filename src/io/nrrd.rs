@@ -364,8 +364,8 @@ fn geometry(
             vector[c] = 0.0 - vector[c];
         }
     }
-    // Zero, or not a number where the axes of a plane are parallel.
-    if !(geometry.determinant().abs() > 0.0) {
+    // Also where the axes of a plane are parallel, and the third is no number.
+    if geometry.determinant() == 0.0 {
         let problem = "its axes do not span space";
         return Err(refuse(header.path, problem, "set 'space directions'"));
     }

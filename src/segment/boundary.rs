@@ -110,7 +110,7 @@ mod tests {
         let n = 64u32;
         let node = |i: u32| {
             let angle = std::f64::consts::TAU * f64::from(i) / f64::from(n);
-            let radius = if i % 2 == 0 { 10.0 } else { 11.0 };
+            let radius = if i.is_multiple_of(2) { 10.0 } else { 11.0 };
             [radius * angle.cos(), radius * angle.sin()]
         };
         let mut nodes: Vec<[f64; 2]> = (0..n).map(node).collect();

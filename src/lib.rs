@@ -13,6 +13,7 @@
 //! report    how good the mesh is, and what it cost
 //! export    mesh -> file, in the image's physical coordinates
 //! columns   2-D cells of a map, drawn down between horizons
+//! segment   object and background by a minimum cut on a mesh's cells
 //! edit      atoms added, moved and removed, in their neighbourhood only
 //! ```
 //!
@@ -50,6 +51,7 @@ pub mod pipeline;
 pub mod report;
 pub mod reservoir;
 pub mod seeding;
+pub mod segment;
 pub mod surface;
 pub mod synth;
 pub mod voronoi;

@@ -124,6 +124,11 @@ pub enum Verb {
         after_help = "Example:\n  atomesh paint mesh.vtu --seed 40,50,60 --seed 90,50,60 -o painted.vtu"
     )]
     Paint(super::paint::PaintArgs),
+    /// Object and background by a minimum cut on the cells of a mesh
+    #[command(
+        after_help = "Example:\n  atomesh segment image.nrrd mesh.vtu --object 60,60,60 --background 5,5,5 -o segmented.vtu"
+    )]
+    Segment(super::segment::SegmentArgs),
     /// Synthetic volumes whose features are known exactly
     #[command(
         after_help = "Example:\n  atomesh synth faults -o faults.vti --truth distance.npy --dims 170,150,128"
@@ -348,7 +353,7 @@ pub enum CellsChoice {
 /// `atomesh mesh`.
 #[derive(Debug, Args)]
 pub struct MeshArgs {
-    /// The image: SEG-Y, .npy, .vti, .png (2-D), or bare samples with --raw
+    /// The image: SEG-Y, .npy, .vti, .nrrd, .mha, .nii, .tif, .inr, .png (2-D), or bare samples with --raw
     #[arg(value_name = "IMAGE", required_unless_present = "print_config")]
     pub image: Option<PathBuf>,
     /// The job's options.

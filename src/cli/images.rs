@@ -18,7 +18,7 @@ use crate::synth::Synthetic;
 use crate::{Error, Result, feature, io, synth};
 
 /// The endings of the image formats that are written.
-pub const WRITTEN: [&str; 3] = ["vti", "npy", "png"];
+pub const WRITTEN: [&str; 7] = ["vti", "npy", "png", "nrrd", "mha", "nii", "gz"];
 
 /// `atomesh info`: of an image, or of a mesh.
 pub fn info(args: &InfoArgs, console: &mut Console) -> Result<()> {

@@ -12,6 +12,7 @@
 //! - [`export`](mod@export): the verb `export`
 //! - [`flow`](mod@flow): the verb `flow`
 //! - [`rock`]: porosity, permeability and the like from numbers, tables and images
+//! - [`segment`](mod@segment): the verb `segment`
 //! - [`slice`](mod@slice): the verb `slice`
 //! - [`surface`](mod@surface): the verb `surface`
 //! - [`wells`]: trajectories of wells
@@ -32,6 +33,7 @@ pub mod paint;
 pub mod parse;
 pub mod provenance;
 pub mod rock;
+pub mod segment;
 pub mod slice;
 pub mod surface;
 pub mod wells;
@@ -86,6 +88,7 @@ fn run(line: &CommandLine) -> Result<Ending> {
         Verb::Columns(args) => columns::run(args, console)?,
         Verb::Export(args) => export::export(args, console)?,
         Verb::Paint(args) => paint::paint(args, console)?,
+        Verb::Segment(args) => segment::segment(args, console)?,
         Verb::Surface(args) => surface::surface(args, console)?,
         Verb::Synth(args) => images::synth(args, console)?,
     }

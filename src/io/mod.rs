@@ -3,9 +3,15 @@
 //! Files are recognised by their content, never by their name; what is written is chosen by the
 //! name's ending.
 //!
+//! - [`inrimage`]: INRIMAGE-4 volumes
+//! - [`metaimage`]: MetaImage, of ITK
+//! - [`nifti`]: NIfTI, of neuroscience
 //! - [`npy`]: NumPy arrays
+//! - [`nrrd`]: NRRD files
+//! - [`packed`]: samples behind a header, perhaps compressed
 //! - [`png`](mod@png): pictures, as 2-D images
 //! - [`segy`]: seismic volumes
+//! - [`tiff`](mod@tiff): TIFF stacks
 //! - [`vti`]: VTK image data, and [`vtk`], the container it shares with meshes
 //! - [`raw`]: samples without a header, described by the user
 //! - [`samples`]: sample types and their conversion to `f32`
@@ -14,11 +20,17 @@
 
 pub mod atomic;
 pub mod describe;
+pub mod inrimage;
+pub mod metaimage;
+pub mod nifti;
 pub mod npy;
+pub mod nrrd;
+pub mod packed;
 pub mod png;
 pub mod raw;
 pub mod samples;
 pub mod segy;
+pub mod tiff;
 pub mod vti;
 pub mod vtk;
 
@@ -56,6 +68,16 @@ pub enum Format {
     Vti,
     /// A picture, `.png`.
     Png,
+    /// NIfTI-1 or NIfTI-2, `.nii`, `.nii.gz` or `.hdr` beside `.img`.
+    Nifti,
+    /// MetaImage, `.mha` or `.mhd`.
+    MetaImage,
+    /// NRRD, `.nrrd` or `.nhdr`.
+    Nrrd,
+    /// A TIFF stack.
+    Tiff,
+    /// INRIMAGE-4, `.inr` or `.inr.gz`.
+    Inrimage,
     /// Samples without a header.
     Raw,
 }
@@ -67,6 +89,11 @@ impl fmt::Display for Format {
             Self::Segy => "SEG-Y",
             Self::Vti => "VTK image data",
             Self::Png => "PNG",
+            Self::Nifti => "NIfTI",
+            Self::MetaImage => "MetaImage",
+            Self::Nrrd => "NRRD",
+            Self::Tiff => "TIFF",
+            Self::Inrimage => "INRIMAGE-4",
             Self::Raw => "raw samples",
         })
     }
@@ -137,6 +164,11 @@ pub fn read_any(path: &Path, options: &ReadOptions) -> Result<AnyLoaded> {
             None => return Err(unknown(path)),
         },
         Format::Npy => npy::read(path)?,
+        Format::Nifti => nifti::read(path)?,
+        Format::MetaImage => metaimage::read(path)?,
+        Format::Nrrd => nrrd::read(path)?,
+        Format::Tiff => tiff::read(path)?,
+        Format::Inrimage => inrimage::read(path)?,
         Format::Segy => segy::read(path, &options.segy)?,
         Format::Vti => Loaded {
             image: vti::read(path)?,
@@ -167,19 +199,26 @@ pub fn write<const D: usize>(path: &Path, image: &Image<D>) -> Result<()> {
         ("npy", _) => npy::write(path, image),
         ("raw" | "bin", _) => raw::write(path, image),
         ("vti", _) => vti::write(path, &image.in_space(), "samples"),
+        ("nii" | "nii.gz", _) => nifti::write(path, image),
+        ("mha", _) => metaimage::write(path, image),
+        ("nrrd", _) => nrrd::write(path, image),
         ("png", 2) => png::write(path, &image.in_space().flatten()),
         (other, _) => Err(Error::Io(cause(
             path.display(),
             format!("{D}-D images cannot be written with the ending '.{other}'"),
             match D {
-                2 => "use .png, .npy, .vti or .raw",
-                _ => "use .npy, .vti or .raw",
+                2 => "use .png, .npy, .vti, .nrrd, .mha, .nii or .raw",
+                _ => "use .npy, .vti, .nrrd, .mha, .nii, .nii.gz or .raw",
             },
         ))),
     }
 }
 
 fn ending(path: &Path) -> String {
+    let name = path.to_string_lossy().to_lowercase();
+    if name.ends_with(".nii.gz") {
+        return "nii.gz".into();
+    }
     path.extension()
         .map(|e| e.to_string_lossy().to_lowercase())
         .unwrap_or_default()
@@ -187,23 +226,10 @@ fn ending(path: &Path) -> String {
 
 /// Formats that are recognised but not read: name, offset of the magic bytes, and these.
 const NOT_READ: &[(&str, usize, &[u8])] = &[
-    ("NRRD", 0, b"NRRD000"),
-    ("MetaImage", 0, b"ObjectType"),
-    ("MetaImage", 0, b"NDims"),
-    ("NIfTI", 344, b"n+1\0"),
-    ("NIfTI", 344, b"ni1\0"),
-    ("NIfTI", 4, b"n+2\0"),
-    ("NIfTI", 4, b"ni2\0"),
-    ("TIFF", 0, b"II*\0"),
-    ("TIFF", 0, b"MM\0*"),
-    ("BigTIFF", 0, b"II+\0"),
-    ("BigTIFF", 0, b"MM\0+"),
     ("JPEG", 0, b"\xff\xd8\xff"),
-    ("INRIMAGE", 0, b"#INRIMAGE-4#{"),
     ("HDF5 or MINC 2", 0, b"\x89HDF"),
     ("netCDF or MINC 1", 0, b"CDF\x01"),
     ("zip or .npz", 0, b"PK\x03\x04"),
-    ("gzip", 0, b"\x1f\x8b"),
     ("bzip2", 0, b"BZh"),
 ];
 
@@ -224,7 +250,7 @@ pub fn detect(path: &Path, options: &ReadOptions) -> Result<Format> {
     if options.raw.is_some() {
         return Ok(Format::Raw);
     }
-    file.take(segy::FILE_HEADER as u64)
+    file.take(HEAD)
         .read_to_end(&mut head)
         .map_err(|e| os(path, "read", e))?;
     if head.is_empty() {
@@ -234,11 +260,19 @@ pub fn detect(path: &Path, options: &ReadOptions) -> Result<Format> {
             "give an image file",
         )));
     }
-    if head.starts_with(npy::MAGIC) {
-        return Ok(Format::Npy);
+    if let Some(format) = known(&head) {
+        return Ok(format);
     }
-    if head.starts_with(png::MAGIC) {
-        return Ok(Format::Png);
+    if head.starts_with(packed::GZIP) {
+        let (unpacked, _) = packed::head(path, HEAD)?;
+        return match known(&unpacked) {
+            Some(format @ (Format::Nifti | Format::Inrimage)) => Ok(format),
+            _ => Err(Error::Io(cause(
+                path.display(),
+                "is compressed (gzip), and not a NIfTI or INRIMAGE file within",
+                "unpack it first, with gunzip",
+            ))),
+        };
     }
     let magic = |(_, at, magic): &&(&str, usize, &[u8])| {
         head.get(*at..).is_some_and(|rest| rest.starts_with(magic))
@@ -268,10 +302,27 @@ pub fn detect(path: &Path, options: &ReadOptions) -> Result<Format> {
     Err(unknown(path))
 }
 
+/// How much of a file tells its format.
+const HEAD: u64 = segy::FILE_HEADER as u64;
+
+/// The format that a file's first bytes name.
+fn known(head: &[u8]) -> Option<Format> {
+    Some(match head {
+        _ if head.starts_with(npy::MAGIC) => Format::Npy,
+        _ if head.starts_with(png::MAGIC) => Format::Png,
+        _ if head.starts_with(nrrd::MAGIC) => Format::Nrrd,
+        _ if head.starts_with(inrimage::MAGIC) => Format::Inrimage,
+        _ if metaimage::looks_like(head) => Format::MetaImage,
+        _ if tiff::MAGIC.iter().any(|magic| head.starts_with(magic)) => Format::Tiff,
+        _ if nifti::looks_like(head) => Format::Nifti,
+        _ => return None,
+    })
+}
+
 fn unknown(path: &Path) -> Error {
     Error::Io(cause(
         path.display(),
-        "is of no known image format (.npy, SEG-Y, .vti, .png)",
+        "is of no known image format (SEG-Y, .npy, .vti, .nrrd, .mha, .nii, .tif, .inr, .png)",
         "describe raw samples with --raw, e.g. --raw 100x400x208:f32be, or convert it to .npy",
     ))
 }
@@ -297,10 +348,10 @@ mod tests {
             (b"", "is empty"),
             (b"x", "no known image format"),
             (b"\x93NUMPY", "header is cut off"),
-            (b"NRRD0004\ntype: float", "NRRD"),
-            (b"ObjectType = Image", "MetaImage"),
-            (&nifti, "NIfTI"),
-            (b"II*\0\x08", "TIFF"),
+            (b"NRRD0004\ntype: float", "no 'sizes'"),
+            (b"ObjectType = Image", "ElementDataFile"),
+            (&nifti, "claims to be 0 bytes"),
+            (b"II*\0\x08", "page 0"),
             (b"\x89PNG\r\n\x1a\n", "cut off"),
             (b"\x1f\x8b\x08", "gzip"),
             (

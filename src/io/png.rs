@@ -99,7 +99,7 @@ pub fn read(path: &Path) -> Result<Loaded<2>> {
 }
 
 /// Luminance of a pixel; exactly its value where all colours are equal.
-fn luminance(pixel: &[f32]) -> f32 {
+pub fn luminance(pixel: &[f32]) -> f32 {
     let [r, g, b] = [pixel[0], pixel[1], pixel[2]];
     g + LUMINANCE[0] * (r - g) + LUMINANCE[2] * (b - g)
 }

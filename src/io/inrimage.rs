@@ -1,0 +1,95 @@
+//! INRIMAGE-4 (`.inr`, `.inr.gz`), INRIA's volumes: a header of `KEY=VALUE` lines, filled up with
+//! newlines to a multiple of 256 bytes, and the samples behind it.
+//!
+//! Positions are `(TX, TY, TZ)` plus index times `(VX, VY, VZ)`, 0 and 1 where they are not given.
+
+use std::path::Path;
+
+use super::packed::{self, DAMAGED, Packed, Skip, refuse};
+use super::samples::{Encoding, Endian, SampleType};
+use super::{Format, Loaded};
+use crate::error::Result;
+use crate::image::Geometry;
+
+/// The first bytes of every INRIMAGE-4 file, before it is compressed.
+pub const MAGIC: &[u8] = b"#INRIMAGE-4#{";
+
+/// Longest header that is read.
+const LONGEST: u64 = 1 << 16;
+
+/// Reads a volume, or a plane as if it had a single sample along z.
+///
+/// # Errors
+/// [`Error::Io`](crate::Error::Io) if the file cannot be read, is cut off or damaged, or has more
+/// than one value a sample.
+pub fn read(path: &Path) -> Result<Loaded> {
+    let (head, packing) = packed::head(path, LONGEST)?;
+    let text = String::from_utf8_lossy(&head);
+    let end = text
+        .find("##}")
+        .ok_or_else(|| refuse(path, "its INRIMAGE header has no end (##})", DAMAGED))?;
+    let value = |key: &str| {
+        text[..end].lines().find_map(|line| {
+            let (name, value) = line.split_once('=')?;
+            (name.trim() == key).then_some(value.trim())
+        })
+    };
+    let missing = |key: &str| refuse(path, format!("its header has no {key}"), DAMAGED);
+    let bad =
+        |key: &str, text: &str| refuse(path, format!("its header says {key}={text}"), DAMAGED);
+    let size = |key: &str| {
+        let text = value(key).ok_or_else(|| missing(key))?;
+        text.parse::<usize>().map_err(|_| bad(key, text))
+    };
+    let number = |key: &str, default: f64| match value(key) {
+        None => Ok(default),
+        Some(text) => match text.parse::<f64>() {
+            Ok(v) if v.is_finite() => Ok(v),
+            _ => Err(bad(key, text)),
+        },
+    };
+    if value("VDIM").is_some_and(|n| n != "1") {
+        let problem = format!("has {} values a sample", value("VDIM").unwrap_or_default());
+        return Err(refuse(path, problem, "give one component"));
+    }
+    let kind = value("TYPE").ok_or_else(|| missing("TYPE"))?;
+    let bits = value("PIXSIZE").ok_or_else(|| missing("PIXSIZE"))?;
+    let sample = match (kind, bits.trim_end_matches("bits").trim()) {
+        ("unsigned fixed", "8") => SampleType::U8,
+        ("unsigned fixed", "16") => SampleType::U16,
+        ("unsigned fixed", "32") => SampleType::U32,
+        ("signed fixed", "8") => SampleType::I8,
+        ("signed fixed", "16") => SampleType::I16,
+        ("signed fixed", "32") => SampleType::I32,
+        ("float", "32") => SampleType::F32,
+        ("float", "64") => SampleType::F64,
+        _ => {
+            let problem = format!("its samples are '{kind}' of {bits}, which is not read");
+            return Err(refuse(path, problem, "give fixed or float samples"));
+        }
+    };
+    let endian = match value("CPU") {
+        Some("sun" | "sgi") => Endian::Big,
+        Some("decm" | "pc" | "alpha") | None => Endian::Little,
+        Some(cpu) => return Err(bad("CPU", cpu)),
+    };
+    let mut notes = Vec::new();
+    if let Some(scale) = value("SCALE").filter(|s| !matches!(*s, "2**0" | "1")) {
+        notes.push(format!("the scale {scale} of the samples is not applied"));
+    }
+    let spacing = [number("VX", 1.0)?, number("VY", 1.0)?, number("VZ", 1.0)?];
+    if let Some(k) = spacing.iter().position(|&s| s == 0.0) {
+        return Err(bad(["VX", "VY", "VZ"][k], "0"));
+    }
+    let origin = [number("TX", 0.0)?, number("TY", 0.0)?, number("TZ", 0.0)?];
+    let packed = Packed {
+        path: path.to_path_buf(),
+        at: 0,
+        packing,
+        skip: Skip::Bytes((end as u64 + 3).next_multiple_of(256)),
+        encoding: Encoding { sample, endian },
+        dims: [size("XDIM")?, size("YDIM")?, size("ZDIM")?],
+    };
+    let geometry = Geometry::with_spacing(origin, spacing);
+    packed.load(Format::Inrimage, geometry, None, notes)
+}

@@ -1,0 +1,301 @@
+//! Samples behind a header, perhaps compressed, perhaps as text: what a header claims is checked
+//! against the file's length before any memory is taken.
+
+use std::fs::File;
+use std::io::{self, BufReader, Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+
+use flate2::bufread::{MultiGzDecoder, ZlibDecoder};
+
+use super::samples::Encoding;
+use super::{Format, Loaded};
+use crate::error::{Error, Result, cause, os};
+use crate::image::{Geometry, Image};
+
+/// The first bytes of gzip data.
+pub const GZIP: &[u8] = b"\x1f\x8b";
+
+/// No byte of deflated data becomes more bytes than this.
+const DEFLATE: u64 = 1032;
+
+/// How bytes are compressed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Packing {
+    /// Not at all.
+    Plain,
+    /// As gzip or zlib data, whichever it turns out to be.
+    Deflated,
+    /// Not compressed, and numbers are words of text.
+    Text,
+}
+
+/// Where samples begin in the unpacked bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Skip {
+    /// After so many bytes.
+    Bytes(u64),
+    /// They are the last bytes that there are.
+    ToLast,
+}
+
+/// Samples in a file, as its header describes them.
+#[derive(Debug, Clone)]
+pub struct Packed {
+    /// The file that holds them.
+    pub path: PathBuf,
+    /// Byte of that file at which the packed bytes begin.
+    pub at: u64,
+    /// How they are packed.
+    pub packing: Packing,
+    /// Where the samples begin in what is unpacked.
+    pub skip: Skip,
+    /// How each sample is coded.
+    pub encoding: Encoding,
+    /// Samples along each axis, the fastest first.
+    pub dims: [usize; 3],
+}
+
+impl Packed {
+    /// The samples as an image; `scale` is a slope and an intercept that are applied to each.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the file cannot be read, is too short for what is claimed, or damaged.
+    pub fn load(
+        self,
+        format: Format,
+        geometry: Geometry<3>,
+        scale: Option<[f64; 2]>,
+        mut notes: Vec<String>,
+    ) -> Result<Loaded> {
+        let (mut samples, spare) = self.samples()?;
+        if spare > 0 {
+            notes.push(format!("{spare} bytes after the samples are ignored"));
+        }
+        notes.extend(self.encoding.rounding_note(&samples));
+        if let Some([slope, intercept]) = scale {
+            for v in &mut samples {
+                *v = (f64::from(*v) * slope + intercept) as f32;
+            }
+        }
+        let packed = match self.packing {
+            Packing::Plain => "",
+            Packing::Deflated => ", compressed",
+            Packing::Text => ", as text",
+        };
+        Ok(Loaded {
+            image: Image::new(self.dims, samples, geometry),
+            format,
+            encoding: format!("{}{packed}", self.encoding),
+            notes,
+            survey: None,
+        })
+    }
+
+    /// The samples, and how many bytes there are after them.
+    fn samples(&self) -> Result<(Vec<f32>, u64)> {
+        let mut file = File::open(&self.path).map_err(|e| os(&self.path, "open", e))?;
+        let metadata = file.metadata().map_err(|e| os(&self.path, "read", e))?;
+        if metadata.is_dir() {
+            return Err(refuse(
+                &self.path,
+                "is a folder",
+                "name the file of samples",
+            ));
+        }
+        let there = metadata.len().saturating_sub(self.at);
+        let size = self.encoding.size() as u64;
+        let claimed = self
+            .dims
+            .iter()
+            .try_fold(size, |bytes, &n| bytes.checked_mul(n as u64))
+            .filter(|&bytes| bytes > 0 && bytes < 1 << 62);
+        let dims = self.dims.map(|n| n.to_string()).join(" x ");
+        let Some(needed) = claimed else {
+            return Err(refuse(
+                &self.path,
+                format!("claims {dims} samples, none or more than any file holds"),
+                DAMAGED,
+            ));
+        };
+        let count = (needed / size) as usize;
+        let short = |there: u64, what: &str| {
+            let problem = format!(
+                "is cut off: {dims} samples of {size} bytes need {needed} bytes, {there} {what}"
+            );
+            Err(refuse(&self.path, problem, DAMAGED))
+        };
+        match self.packing {
+            Packing::Plain => {
+                let start = match self.skip {
+                    Skip::Bytes(skip) => skip,
+                    Skip::ToLast => there.saturating_sub(needed),
+                };
+                let rest = there.saturating_sub(start);
+                if rest < needed {
+                    return short(rest, "are there");
+                }
+                let mut samples = vec![0.0; count];
+                self.encoding
+                    .read(&file, self.at + start, &mut samples)
+                    .map_err(|e| os(&self.path, "read", e))?;
+                Ok((samples, rest - needed))
+            }
+            Packing::Text => {
+                // A number takes a digit and a space at least.
+                if there < 2 * count as u64 - 1 {
+                    return short(there, "of text are there");
+                }
+                file.seek(SeekFrom::Start(self.at))
+                    .map_err(|e| os(&self.path, "read", e))?;
+                let mut text = Vec::new();
+                file.read_to_end(&mut text)
+                    .map_err(|e| os(&self.path, "read", e))?;
+                self.words(&text, count).map(|samples| (samples, 0))
+            }
+            Packing::Deflated => {
+                let most = there.saturating_mul(DEFLATE);
+                if most < needed {
+                    return short(
+                        there,
+                        "of compressed data are there, which cannot hold them",
+                    );
+                }
+                file.seek(SeekFrom::Start(self.at))
+                    .map_err(|e| os(&self.path, "read", e))?;
+                self.inflated(&mut unpack(file), needed)
+                    .map_err(|e| match e.kind() {
+                        io::ErrorKind::UnexpectedEof => refuse(
+                            &self.path,
+                            format!("its compressed data ends before {dims} samples are read"),
+                            DAMAGED,
+                        ),
+                        _ => refuse(
+                            &self.path,
+                            format!("its compressed data is damaged: {e}"),
+                            DAMAGED,
+                        ),
+                    })
+            }
+        }
+    }
+
+    /// The samples in `reader`, which unpacks to `needed` bytes of them and perhaps more.
+    fn inflated(&self, reader: &mut dyn Read, needed: u64) -> io::Result<(Vec<f32>, u64)> {
+        let size = self.encoding.size();
+        let count = needed as usize / size;
+        // Memory is taken as bytes come, so that a false claim takes none.
+        let mut samples = Vec::new();
+        let mut decode = |bytes: &[u8]| {
+            let done = samples.len();
+            samples.resize(done + bytes.len() / size, 0.0);
+            self.encoding.decode(bytes, &mut samples[done..]);
+        };
+        match self.skip {
+            Skip::Bytes(skip) => {
+                if io::copy(&mut reader.take(skip), &mut io::sink())? < skip {
+                    return Err(io::ErrorKind::UnexpectedEof.into());
+                }
+                let mut buffer = vec![0; (count * size).min(size << 16)];
+                let mut left = count * size;
+                while left > 0 {
+                    let part = left.min(buffer.len());
+                    reader.read_exact(&mut buffer[..part])?;
+                    decode(&buffer[..part]);
+                    left -= part;
+                }
+                // The check sum stands at the end, if that is near.
+                let spare = io::copy(&mut reader.take(needed.max(1 << 20)), &mut io::sink())?;
+                Ok((samples, spare))
+            }
+            Skip::ToLast => {
+                let mut bytes = Vec::new();
+                while reader.take(1 << 20).read_to_end(&mut bytes)? > 0 {
+                    if bytes.len() as u64 > needed.saturating_mul(2) + (1 << 21) {
+                        bytes.drain(..bytes.len() - needed as usize);
+                    }
+                }
+                let start = bytes.len().checked_sub(count * size);
+                decode(&bytes[start.ok_or(io::ErrorKind::UnexpectedEof)?..]);
+                Ok((samples, 0))
+            }
+        }
+    }
+
+    /// Numbers of text between white space or commas.
+    fn words(&self, text: &[u8], count: usize) -> Result<Vec<f32>> {
+        let mut samples = Vec::new();
+        let words = text
+            .split(|b| b.is_ascii_whitespace() || *b == b',')
+            .filter(|word| !word.is_empty());
+        for word in words {
+            let word = String::from_utf8_lossy(word);
+            let value = word.parse::<f64>().map_err(|_| {
+                let shown: String = word.chars().take(20).collect();
+                let problem = format!("sample {} is '{shown}', not a number", samples.len());
+                refuse(&self.path, problem, DAMAGED)
+            })?;
+            samples.push(value as f32);
+        }
+        if samples.len() == count {
+            return Ok(samples);
+        }
+        let problem = format!("has {} numbers where {count} are needed", samples.len());
+        Err(refuse(&self.path, problem, DAMAGED))
+    }
+}
+
+/// What to do about a file whose parts do not fit.
+pub const DAMAGED: &str = "the file or its header is damaged: copy or write it again";
+
+/// The bytes of compressed data, gzip or zlib.
+pub fn unpack(file: impl Read + 'static) -> Box<dyn Read> {
+    let mut reader = BufReader::with_capacity(1 << 16, file);
+    match io::BufRead::fill_buf(&mut reader) {
+        Ok(head) if head.starts_with(GZIP) => Box::new(MultiGzDecoder::new(reader)),
+        _ => Box::new(ZlibDecoder::new(reader)),
+    }
+}
+
+/// The first bytes of a file, unpacked if they are gzip data; fewer if it is shorter or damaged.
+///
+/// # Errors
+/// [`Error::Io`] if the file cannot be read.
+pub fn head(path: &Path, most: u64) -> Result<(Vec<u8>, Packing)> {
+    let mut file = File::open(path).map_err(|e| os(path, "open", e))?;
+    let mut head = Vec::new();
+    (&mut file)
+        .take(most)
+        .read_to_end(&mut head)
+        .map_err(|e| os(path, "read", e))?;
+    if !head.starts_with(GZIP) {
+        return Ok((head, Packing::Plain));
+    }
+    file.rewind().map_err(|e| os(path, "read", e))?;
+    head.clear();
+    // What can be unpacked of damaged data is enough to say what it was.
+    let _ = unpack(file).take(most).read_to_end(&mut head);
+    Ok((head, Packing::Deflated))
+}
+
+/// An error about a file.
+pub fn refuse(path: &Path, problem: impl std::fmt::Display, remedy: &str) -> Error {
+    Error::Io(cause(path.display(), problem, remedy))
+}
+
+/// Dims of an image of two or three axes, the fastest first, with 1 for an axis that is missing.
+///
+/// # Errors
+/// What is wrong with them.
+pub fn two_or_three(sizes: &[usize]) -> std::result::Result<[usize; 3], String> {
+    let shown = sizes.iter().map(usize::to_string).collect::<Vec<_>>();
+    let extra = sizes.iter().skip(3).find(|&&n| n != 1);
+    match (sizes.len(), extra) {
+        (_, None) if sizes.len() >= 2 => {
+            Ok(std::array::from_fn(|k| sizes.get(k).copied().unwrap_or(1)))
+        }
+        _ => Err(format!(
+            "holds {} samples, where 2 or 3 axes are needed",
+            shown.join(" x ")
+        )),
+    }
+}

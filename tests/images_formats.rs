@@ -1,0 +1,382 @@
+//! Images in the formats of others: every file made by others is read right, or refused in one clear
+//! line, and so is every damaged one.
+
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "a test that cannot go on has failed"
+)]
+
+use std::path::{Path, PathBuf};
+
+use atomesh::image::{Geometry, Image};
+use atomesh::io::{self, AnyLoaded, ReadOptions};
+
+/// Files made by others, if they are here.
+fn data() -> Option<PathBuf> {
+    let folder = std::env::var_os("ATOMESH_DATA").map_or_else(
+        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
+        PathBuf::from,
+    );
+    if folder.join("formats_nrrd").is_dir() {
+        return Some(folder);
+    }
+    println!(
+        "{} is absent: files made by others are not tested",
+        folder.display()
+    );
+    None
+}
+
+fn read(path: &Path) -> Result<Image<3>, String> {
+    match io::read_any(path, &ReadOptions::default()) {
+        Ok(AnyLoaded::Space(loaded)) => Ok(loaded.image),
+        Ok(AnyLoaded::Plane(loaded)) => Ok(loaded.image.in_space()),
+        Err(error) => Err(error.to_string()),
+    }
+}
+
+/// Mean of the samples, and of each times the remainder of its number by 97: sees any change of order.
+/// What is no number counts as 0, as SimpleITK reads it.
+fn sums(image: &Image<3>) -> [f64; 2] {
+    let value = |&v: &f32| if v.is_finite() { v } else { 0.0 };
+    let samples: Vec<f32> = image.as_slice().iter().map(value).collect();
+    let n = samples.len() as f64;
+    let mean = samples.iter().map(|&v| f64::from(v)).sum::<f64>() / n;
+    let mixed = samples
+        .iter()
+        .enumerate()
+        .map(|(i, &v)| f64::from(v) * (i % 97) as f64);
+    [mean, mixed.sum::<f64>() / n]
+}
+
+fn close(a: &[f64], b: &[f64], slack: f64) -> bool {
+    let near = |(a, b): (&f64, &f64)| (a - b).abs() <= slack * (1.0 + b.abs());
+    a.len() == b.len() && a.iter().zip(b).all(near)
+}
+
+/// File, dims, the two sums, origin, steps along the axes: as SimpleITK and nibabel have them.
+type Known = (&'static str, [usize; 3], [f64; 2], [f64; 3], [[f64; 3]; 3]);
+
+include!("data/image_formats.rs");
+
+#[test]
+fn files_of_others_are_read_as_others_read_them() {
+    let Some(folder) = data() else { return };
+    for (name, dims, known, origin, axes) in KNOWN {
+        let image = read(&folder.join(name)).unwrap_or_else(|error| panic!("{error}"));
+        assert_eq!(image.dims(), *dims, "{name}");
+        let found = sums(&image);
+        assert!(close(&found, known, 1e-6), "{name}: {found:?} {known:?}");
+        let g = &image.geometry;
+        assert!(
+            close(&g.origin, origin, 1e-6),
+            "{name}: {:?} {origin:?}",
+            g.origin
+        );
+        let (found, axes) = (g.axes.concat(), axes.concat());
+        assert!(close(&found, &axes, 1e-6), "{name}: {found:?} {axes:?}");
+    }
+}
+
+#[test]
+fn files_that_are_no_images_are_refused_in_one_line() {
+    let Some(folder) = data() else { return };
+    for (name, says) in [
+        (
+            "formats_metaimage/itk/BayesianClassifierInitializerMemberships.mhd",
+            "4 values",
+        ),
+        ("formats_metaimage/itk/itkBrainSliceComplex.mha", "2 values"),
+        ("formats_nrrd/BallBinary30x30x30_bz2.nrrd", "bzip2"),
+        (
+            "formats_nrrd/BallBinary30x30x30_byteskip_minus_five.nhdr",
+            "byte skip: -5",
+        ),
+        (
+            "formats_nrrd/BallBinary30x30x30_nifti.nhdr",
+            "byte skip: -1",
+        ),
+        ("formats_nrrd/test1d_ascii.nrrd", "2 or 3 axes"),
+        ("formats_nrrd/test_customFields.nrrd", "2 or 3 axes"),
+        (
+            "formats_nifti_mgh_etc/nibabel/example4d.nii.gz",
+            "one volume",
+        ),
+        (
+            "formats_nifti_mgh_etc/nibabel/example_nifti2.nii.gz",
+            "one volume",
+        ),
+        ("formats_nifti_mgh_etc/nibabel/functional.nii", "one volume"),
+        (
+            "formats_nifti_mgh_etc/nibabel/row_major.dconn.nii",
+            "one volume",
+        ),
+        ("formats_nifti_mgh_etc/nibabel/nifti1.hdr", "is not there"),
+        ("formats_nifti_mgh_etc/nibabel/nifti2.hdr", "is not there"),
+    ] {
+        let error = read(&folder.join(name)).unwrap_err();
+        let file = Path::new(name).file_name().unwrap().to_str().unwrap();
+        assert!(
+            error.contains(file) && error.contains(says),
+            "{error} ({says})"
+        );
+    }
+    // Whatever else lies there is no image that is read; none of it may do harm.
+    for set in [
+        "formats_metaimage/itk",
+        "formats_nrrd",
+        "formats_nifti_mgh_etc/nibabel",
+    ] {
+        for entry in std::fs::read_dir(folder.join(set)).unwrap() {
+            let path = entry.unwrap().path();
+            if let Err(error) = read(&path) {
+                assert!(!error.contains('\n') && error.contains("; "), "{error}");
+                assert!(error.contains(&*path.to_string_lossy()), "{error}");
+            }
+        }
+    }
+}
+
+/// An image with a turned, sheared grid and values of every sign.
+fn oblique<const D: usize>(dims: [usize; D]) -> Image<D> {
+    let all = [[0.5, 0.25, 0.0], [-1.0, 2.0, 0.125], [0.25, 0.0, -4.0]];
+    let count = dims.iter().product();
+    let geometry = Geometry {
+        origin: std::array::from_fn(|k| [-12.5, 1000.0, 3.0][k]),
+        axes: std::array::from_fn(|k| std::array::from_fn(|c| all[k][c])),
+        names: std::array::from_fn(|k| ["sample", "crossline", "inline"][k].into()),
+        units: std::array::from_fn(|_| "mm".into()),
+    };
+    let samples = (0..count).map(|i| (i as f32 * 0.37).sin() * 50.0);
+    Image::new(dims, samples.collect(), geometry)
+}
+
+fn round_trip<const D: usize>(dims: [usize; D]) {
+    let folder = tempfile::tempdir().unwrap();
+    let image = oblique(dims);
+    for name in ["a.nrrd", "a.mha", "a.nii", "a.nii.gz"] {
+        let path = folder.path().join(name);
+        io::write(&path, &image).unwrap();
+        let back = io::read_any(&path, &ReadOptions::default()).unwrap();
+        let back: Image<D> = back.image().unwrap();
+        assert_eq!(back.samples, image.samples, "{name}");
+        // NIfTI's header is of single precision; these numbers suit it.
+        let (found, wanted) = (&back.geometry, &image.geometry);
+        assert!(close(&found.origin, &wanted.origin, 1e-12), "{name}");
+        let axes = [found, wanted].map(|g| g.axes.as_flattened().to_vec());
+        assert!(close(&axes[0], &axes[1], 1e-12), "{name}: {axes:?}");
+        match name {
+            "a.nrrd" => assert_eq!(found, wanted),
+            "a.mha" => assert_eq!(found.units, Geometry::<D>::default().units),
+            _ => assert_eq!(found.units, wanted.units),
+        }
+    }
+    let error = io::write(&folder.path().join("a.npy.gz"), &image).unwrap_err();
+    assert!(error.to_string().contains("ending"), "{error}");
+}
+
+#[test]
+fn what_is_written_is_read_back() {
+    round_trip([5, 4, 3]);
+    round_trip([7, 6]);
+}
+
+/// Small good files of every format that is written here or by hand.
+fn good_files(folder: &Path) -> Vec<PathBuf> {
+    let image = oblique([6, 5, 4]);
+    let mut paths: Vec<PathBuf> = ["a.nrrd", "a.mha", "a.nii", "a.nii.gz"]
+        .iter()
+        .map(|name| folder.join(name))
+        .collect();
+    paths
+        .iter()
+        .for_each(|path| io::write(path, &image).unwrap());
+    let mut put = |name: &str, head: &str, data: &[u8]| {
+        paths.push(folder.join(name));
+        std::fs::write(folder.join(name), [head.as_bytes(), data].concat()).unwrap();
+    };
+    let bytes: Vec<u8> = (0..120).collect();
+    let inr = "#INRIMAGE-4#{\nXDIM=6\nYDIM=5\nZDIM=4\nVDIM=1\nTYPE=unsigned fixed\n\
+               PIXSIZE=8 bits\nSCALE=2**0\nCPU=decm\nVX=0.5\nVY=1\nVZ=2\n";
+    put(
+        "a.inr",
+        &format!("{inr}{}##}}\n", "\n".repeat(252 - inr.len())),
+        &bytes,
+    );
+    let text: String = bytes.iter().map(|b| format!("{b} ")).collect();
+    put(
+        "b.nrrd",
+        "NRRD0001\ntype: int16\ndimension: 3\nsizes: 6 5 4\nspacings: 1 nan 3\nencoding: ascii\n\n",
+        text.as_bytes(),
+    );
+    put(
+        "b.mha",
+        "NDims = 3\nDimSize = 6 5 4\nBinaryData = False\nElementType = MET_SHORT\n\
+         ElementDataFile = LOCAL\n",
+        text.as_bytes(),
+    );
+    put(
+        "b.mhd",
+        "NDims = 3\nDimSize = 6 5 4\nHeaderSize = -1\nElementType = MET_UCHAR\n\
+         ElementDataFile = a.inr\n",
+        b"",
+    );
+    put("a.tif", "", &tiff([6, 5], 4));
+    put(
+        "b.nii",
+        "",
+        &[nifti_2(), bytes.iter().rev().copied().collect()].concat(),
+    );
+    paths
+}
+
+/// A big-endian NIfTI-2 header of 6 x 5 x 4 unsigned bytes v that mean 119 - v, turned by its qform
+/// by 90 degrees about z.
+fn nifti_2() -> Vec<u8> {
+    let mut head = vec![0u8; 544];
+    let mut put = |at: usize, bytes: &[u8]| head[at..at + bytes.len()].copy_from_slice(bytes);
+    put(0, &540i32.to_be_bytes());
+    put(4, b"n+2\0\r\n\x1a\n");
+    put(12, &2i16.to_be_bytes());
+    put(14, &8i16.to_be_bytes());
+    for (k, n) in [3i64, 6, 5, 4, 1, 1, 1, 1].iter().enumerate() {
+        put(16 + 8 * k, &n.to_be_bytes());
+    }
+    for (k, size) in [-1.0f64, 0.5, 1.0, 2.0].iter().enumerate() {
+        put(104 + 8 * k, &size.to_be_bytes());
+    }
+    put(168, &544i64.to_be_bytes());
+    put(176, &(-1.0f64).to_be_bytes());
+    put(184, &119.0f64.to_be_bytes());
+    put(344, &1i32.to_be_bytes());
+    put(368, &0.5f64.sqrt().to_be_bytes());
+    for (k, x) in [10.0f64, 20.0, 30.0].iter().enumerate() {
+        put(376 + 8 * k, &x.to_be_bytes());
+    }
+    put(500, &2i32.to_be_bytes());
+    head
+}
+
+/// A little-endian stack of uncompressed grey pages, samples 0, 1, 2 ...
+fn tiff([nx, ny]: [u16; 2], pages: u16) -> Vec<u8> {
+    let mut file = b"II*\0\x08\0\0\0".to_vec();
+    let page = u32::from(nx) * u32::from(ny);
+    for p in 0..pages {
+        let start = file.len() as u32;
+        let data = start + 2 + 12 * 8 + 4;
+        let entries: [(u16, u16, u32); 8] = [
+            (256, 3, nx.into()),
+            (257, 3, ny.into()),
+            (258, 3, 8),
+            (259, 3, 1),
+            (262, 3, 1),
+            (273, 4, data),
+            (278, 3, ny.into()),
+            (279, 4, page),
+        ];
+        file.extend((entries.len() as u16).to_le_bytes());
+        for (tag, kind, value) in entries {
+            file.extend(tag.to_le_bytes());
+            file.extend(kind.to_le_bytes());
+            file.extend(1u32.to_le_bytes());
+            file.extend(value.to_le_bytes());
+        }
+        let next = if p + 1 < pages { data + page } else { 0 };
+        file.extend(next.to_le_bytes());
+        file.extend((0..page).map(|i| (i + u32::from(p) * page) as u8));
+    }
+    file
+}
+
+#[test]
+fn small_files_of_every_format_hold_what_they_say() {
+    let folder = tempfile::tempdir().unwrap();
+    for path in good_files(folder.path()).iter().skip(4) {
+        let image = read(path).unwrap();
+        assert_eq!(image.dims(), [6, 5, 4], "{}", path.display());
+        let counted = image
+            .as_slice()
+            .iter()
+            .enumerate()
+            .all(|(i, &v)| v == i as f32);
+        assert!(counted, "{}", path.display());
+    }
+    let spacing = read(&folder.path().join("a.inr"))
+        .unwrap()
+        .geometry
+        .spacing();
+    assert_eq!(spacing, [0.5, 1.0, 2.0]);
+    // RAS (0, 0.5, 0), (-1, 0, 0) and, turned round, (0, 0, -2).
+    let turned = read(&folder.path().join("b.nii")).unwrap().geometry;
+    let axes = [0.0, -0.5, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, -2.0];
+    assert!(
+        close(turned.axes.as_flattened(), &axes, 1e-12),
+        "{:?}",
+        turned.axes
+    );
+    assert_eq!(
+        (turned.origin, turned.units[0].as_str()),
+        ([-10.0, -20.0, 30.0], "mm")
+    );
+    let spacing = read(&folder.path().join("b.nrrd"))
+        .unwrap()
+        .geometry
+        .spacing();
+    assert_eq!(spacing, [1.0, 1.0, 3.0]);
+}
+
+#[test]
+fn damaged_files_are_refused_or_read_but_never_break_anything() {
+    let folder = tempfile::tempdir().unwrap();
+    let files = good_files(folder.path());
+    let mut state = 1u32;
+    let mut random = |below: usize| {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (state >> 8) as usize % below
+    };
+    for path in files {
+        let good = std::fs::read(&path).unwrap();
+        let name = path.file_name().unwrap().to_str().unwrap().to_string();
+        let broken = folder.path().join(format!("broken-{name}"));
+        // Cut off: never read, but where only the end of compressed data or of a text is missing.
+        for end in (0..good.len()).step_by(1 + good.len() / 60) {
+            std::fs::write(&broken, &good[..end]).unwrap();
+            if let Ok(image) = read(&broken) {
+                assert!(
+                    end > good.len() / 2 && name != "a.nii",
+                    "{name} cut at {end}"
+                );
+                assert_eq!(image.dims(), [6, 5, 4]);
+            }
+        }
+        // Bytes changed: whatever comes out, it comes soon and is no larger than the file allows.
+        for _ in 0..300 {
+            let mut bytes = good.clone();
+            for _ in 0..1 + random(3) {
+                let at = random(bytes.len().min(700));
+                bytes[at] = random(256) as u8;
+            }
+            std::fs::write(&broken, &bytes).unwrap();
+            match read(&broken) {
+                Ok(image) => assert!(image.samples.len() < 2_000_000, "{name}"),
+                Err(error) => assert!(error.contains("; ") && !error.contains('\n'), "{error}"),
+            }
+        }
+    }
+    // Claims that no file of this size can keep.
+    let huge = "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 100000 100000 100000\nencoding: ";
+    for (encoding, says) in [
+        ("raw", "cut off"),
+        ("gzip", "cannot hold"),
+        ("ascii", "cut off"),
+    ] {
+        let path = folder.path().join("huge.nrrd");
+        std::fs::write(&path, format!("{huge}{encoding}\n\n1 2 3")).unwrap();
+        let error = read(&path).unwrap_err();
+        assert!(
+            error.contains(says) && error.contains("huge.nrrd"),
+            "{error}"
+        );
+    }
+}

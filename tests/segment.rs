@@ -1,0 +1,165 @@
+//! `atomesh segment` as a user runs it: in the plane and in space, on every kind of cell, and beside
+//! the cut of samples.
+
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "a test that cannot go on has failed"
+)]
+
+mod common;
+
+use std::path::Path;
+
+use common::{refused, succeed};
+
+use atomesh::image::{Geometry, Image};
+use atomesh::io::{self, ReadOptions};
+use serde_json::Value;
+
+/// Runs it with `--json`, and gives its answer.
+fn answer(folder: &Path, line: &str) -> Value {
+    let arguments: Vec<&str> = line
+        .split_whitespace()
+        .chain(["--json", "--quiet"])
+        .collect();
+    serde_json::from_str(&succeed(folder, &arguments)).unwrap()
+}
+
+/// A ball (or disc) of value 1 and this radius in the middle, soft and noisy, and the ball itself; in a
+/// world in which samples are 2 apart and y points down.
+fn ball<const D: usize>(folder: &Path, dims: [usize; D], radius: f64, noise: f32) {
+    let mut state = 11u32;
+    let mut random = || {
+        let mut sum = 0.0;
+        for _ in 0..12 {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            sum += (state >> 8) as f32 / (1 << 24) as f32;
+        }
+        sum - 6.0
+    };
+    let off = |mut i: usize| {
+        let mut square = 0.0;
+        for n in dims {
+            square += ((i % n) as f64 - (n - 1) as f64 / 2.0).powi(2);
+            i /= n;
+        }
+        square.sqrt() - radius
+    };
+    let count = dims.iter().product();
+    let geometry = Geometry::with_spacing([100.0; D], std::array::from_fn(|k| [2.0, -2.0, 2.0][k]));
+    let value = |i| 1.0 / (1.0 + off(i).exp()) as f32;
+    let samples = (0..count).map(|i| value(i) + noise * random()).collect();
+    io::write(
+        &folder.join("ball.vti"),
+        &Image::new(dims, samples, geometry.clone()),
+    )
+    .unwrap();
+    let truth = (0..count)
+        .map(|i| f32::from(u8::from(off(i) < 0.0)))
+        .collect();
+    io::write(
+        &folder.join("truth.nrrd"),
+        &Image::new(dims, truth, geometry),
+    )
+    .unwrap();
+}
+
+fn number(value: &Value, pointer: &str) -> f64 {
+    value
+        .pointer(pointer)
+        .and_then(Value::as_f64)
+        .unwrap_or(f64::NAN)
+}
+
+#[test]
+fn a_noisy_disc_is_found_on_triangles_and_on_polygons() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    ball(folder, [96, 80], 22.0, 0.3);
+    for cells in ["tets", "voronoi"] {
+        let mesh = format!("mesh ball.vti -o m.vtu --distance 4 --feature edges --cells {cells}");
+        answer(folder, &mesh);
+        let found = answer(
+            folder,
+            "segment ball.vti m.vtu --object 185,31:205,11 --background 104,96:124,-54 \
+             --background 270,90 -o s.vtu --labels-out l.npy --surface-out s.vtp --truth truth.nrrd \
+             --voxels",
+        );
+        let [mesh, samples] = ["/cells/dice", "/samples/dice"].map(|p| number(&found, p));
+        assert!(mesh > 0.95, "{cells}: {found}");
+        assert!(mesh > samples - 0.02, "{cells}: {found}");
+        let labels = io::read_any(&folder.join("l.npy"), &ReadOptions::default()).unwrap();
+        let labels: Image<2> = labels.image().unwrap();
+        assert_eq!(labels.dims(), [96, 80]);
+        let inside = labels.as_slice().iter().sum::<f32>();
+        let disc = std::f32::consts::PI * 22.0 * 22.0;
+        assert!((inside / disc - 1.0).abs() < 0.06, "{inside} {disc}");
+        let text = std::fs::read(folder.join("s.vtp")).unwrap();
+        assert!(String::from_utf8_lossy(&text).contains("NumberOfLines"));
+    }
+}
+
+#[test]
+fn a_noisy_ball_is_found_on_tetrahedra_and_on_polyhedra() {
+    if !cfg!(feature = "tetgen") {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    ball(folder, [48, 44, 40], 13.0, 0.2);
+    for cells in ["tets", "voronoi"] {
+        let mesh = format!("mesh ball.vti -o m.vtu --distance 5 --feature edges --cells {cells}");
+        answer(folder, &mesh);
+        let found = answer(
+            folder,
+            "segment ball.vti m.vtu --object 137,67,129:157,47,149 --background 102,98,102:116,16,176 \
+             -o s.vtu --labels-out l.npy --surface-out s.vtp --truth truth.nrrd",
+        );
+        assert!(number(&found, "/cells/dice") > 0.92, "{cells}: {found}");
+        // The same bytes with other numbers of threads.
+        let once = std::fs::read(folder.join("s.vtu")).unwrap();
+        answer(
+            folder,
+            "segment ball.vti m.vtu --object 137,67,129:157,47,149 --background 102,98,102:116,16,176 \
+             -o s.vtu --threads 1",
+        );
+        assert!(
+            once == std::fs::read(folder.join("s.vtu")).unwrap(),
+            "{cells}"
+        );
+        // What is written is a mesh like any other.
+        answer(folder, "quality s.vtu");
+    }
+}
+
+#[test]
+fn what_makes_no_sense_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    ball(folder, [48, 40], 12.0, 0.0);
+    answer(folder, "mesh ball.vti -o m.vtu --distance 5");
+    for (line, says) in [
+        ("--object 1,2,3 --background 104,96", "--object 1,2,3"),
+        ("--object 147 --background 104,96", "--object 147"),
+        ("--object 1e9,60 --background 104,96", "outside the mesh"),
+        ("--object 147,61 --background 147,61", "both hold cell"),
+        (
+            "--object 147,61 --background 104,96 --lambda 0",
+            "--lambda 0",
+        ),
+        ("--object 147,61 --background 104,96 --sigma=-1", "--sigma"),
+        (
+            "--object 147,61 --background 104,96 --labels-out m.vtu",
+            "--labels-out m.vtu",
+        ),
+        (
+            "--object 147,61 --background 104,96 --truth none.npy",
+            "none.npy",
+        ),
+    ] {
+        let line = format!("segment ball.vti m.vtu -o s.vtu {line}");
+        let said = refused(folder, &line.split_whitespace().collect::<Vec<_>>());
+        assert!(said.contains(says), "{said} ({says})");
+    }
+}

@@ -99,9 +99,15 @@ impl<'a> Walk<'a> {
     fn through(&self, cell: u32, at: [f64; 3], along: [f64; 3]) -> [(f64, Option<(u32, Side)>); 2] {
         let [mut enters, mut leaves] = [(f64::NEG_INFINITY, None), (f64::INFINITY, None)];
         let parallel = 1e-12 * dot(along, along).sqrt();
+        let rounding = 1e-9 * self.graph.volume[cell as usize].cbrt();
         for (f, side) in self.sides(cell) {
             let speed = dot(along, side.normal);
-            let share = dot(sub(side.point, at), side.normal) / speed;
+            let inside = dot(sub(side.point, at), side.normal);
+            if speed.abs() <= parallel && inside < -rounding {
+                // Beside the cell all along.
+                return [enters, (f64::NEG_INFINITY, None)];
+            }
+            let share = inside / speed;
             if speed > parallel && share < leaves.0 {
                 leaves = (share, Some((f, side)));
             } else if speed < -parallel && share > enters.0 {

@@ -2,7 +2,7 @@
 //! numbered as they are met.
 
 use super::mirror::Mirrored;
-use super::needles::Paths;
+use super::needles::{Paths, share_sides};
 use super::nodes::Groups;
 use super::rings::Rings;
 use crate::error::{Error, Result, cause};
@@ -24,19 +24,11 @@ pub fn assemble<const D: usize>(
     for &[s, t] in rings.iter().flat_map(|part| &part.joined) {
         groups.join(s, t);
     }
-    let (paths, joined) = Paths::new(&rings, &mut groups, &centres, reach);
-    // A node is on the sides of the box that any of its centres is on.
-    for &[s, t] in rings.iter().flat_map(|part| &part.joined).chain(&joined) {
-        let first = groups.first(s) as usize;
-        for member in [s, t] {
-            for k in 0..D {
-                let side = centres[member as usize][k];
-                if side == 0.0 || side == extent[k] {
-                    centres[first][k] = side;
-                }
-            }
-        }
+    for &[s, t] in rings.iter().flat_map(|part| &part.joined) {
+        let first = groups.first(s);
+        share_sides(&mut centres, first, &[s, t], extent);
     }
+    let paths = Paths::new(&rings, &mut groups, &mut centres, extent, reach);
     // Nodes are numbered as they are met, in the order of atoms.
     let mut number = vec![u32::MAX; centres.len()];
     let mut nodes = Vec::with_capacity(centres.len());

@@ -42,6 +42,23 @@ fn along<const D: usize>(x: &[f64; D], first: &[f64; D], far: &[f64; D]) -> f64 
         .sum()
 }
 
+/// Puts the first node of a group onto the sides of the box that its members are on.
+pub fn share_sides<const D: usize>(
+    centres: &mut [[f64; D]],
+    first: u32,
+    members: &[u32],
+    extent: [f64; D],
+) {
+    for &member in members {
+        for k in 0..D {
+            let side = centres[member as usize][k];
+            if side == 0.0 || side == extent[k] {
+                centres[first as usize][k] = side;
+            }
+        }
+    }
+}
+
 /// Edges that lead through other nodes.
 #[derive(Debug, Default)]
 pub struct Paths {
@@ -51,15 +68,16 @@ pub struct Paths {
 
 impl Paths {
     /// The paths that make the narrow faces of `rings` vanish: narrower than the `reach` of their nodes.
-    /// Of nodes that turn out to be one, groups are joined; what was joined is returned.
+    /// Of nodes that turn out to be one, groups are joined. Nodes that an edge on the box's sides is led
+    /// through go onto them.
     pub fn new<'a, const D: usize>(
         rings: &'a [Rings],
         groups: &mut Groups,
-        centres: &[[f64; D]],
+        centres: &mut [[f64; D]],
+        extent: [f64; D],
         reach: impl Fn(u32) -> f64,
-    ) -> (Self, Vec<[u32; 2]>) {
+    ) -> Self {
         let mut paths = Self::default();
-        let mut joined = Vec::new();
         let needles = || {
             let faces = |part: &'a Rings| {
                 part.needles
@@ -77,22 +95,24 @@ impl Paths {
                     continue;
                 }
                 let width = way.iter().map(|&s| reach(s)).fold(f64::INFINITY, f64::min);
-                let place = |s: u32| &centres[s as usize];
-                let first = place(way[0]);
-                let far = way
-                    .iter()
-                    .copied()
-                    .max_by(|&s, &t| square(place(s), first).total_cmp(&square(place(t), first)));
-                let far = place(far.unwrap_or(way[0]));
-                let length = square(far, first).sqrt();
-                let at = |s: u32| along(place(s), first, far) / length;
+                let first = centres[way[0] as usize];
+                let off = |s: u32| square(&centres[s as usize], &first);
+                let far = way.iter().copied();
+                let far = far.max_by(|&s, &t| off(s).total_cmp(&off(t)));
+                let far = centres[far.unwrap_or(way[0]) as usize];
+                let length = square(&far, &first).sqrt();
+                let at = |centres: &[[f64; D]], s: u32| {
+                    along(&centres[s as usize], &first, &far) / length
+                };
                 order.clear();
-                order.extend(way.iter().map(|&s| (at(s), s)));
+                order.extend(way.iter().map(|&s| (at(centres, s), s)));
                 order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
                 order.dedup_by_key(|node| node.1);
                 for pair in order.windows(2) {
-                    if pair[1].0 - pair[0].0 <= width && groups.join(pair[0].1, pair[1].1) {
-                        joined.push([pair[0].1, pair[1].1]);
+                    let [s, t] = [pair[0].1, pair[1].1];
+                    if pair[1].0 - pair[0].0 <= width && groups.join(s, t) {
+                        let first = groups.first(s);
+                        share_sides(centres, first, &[s, t], extent);
                         changed = true;
                     }
                 }
@@ -101,14 +121,21 @@ impl Paths {
                 }
                 for i in 0..way.len() {
                     let (s, t) = (way[i], way[(i + 1) % way.len()]);
-                    let (low, high) = (at(s).min(at(t)), at(s).max(at(t)));
+                    let [from, to] = [at(centres, s), at(centres, t)];
+                    let (low, high) = (from.min(to), from.max(to));
                     let passed = order.iter().filter(|node| low < node.0 && node.0 < high);
                     let mut passed: Vec<u32> = passed.map(|node| node.1).collect();
                     if passed.is_empty() {
                         continue;
                     }
-                    if (at(s) < at(t)) != (s < t) {
+                    if (from < to) != (s < t) {
                         passed.reverse();
+                    }
+                    for k in 0..D {
+                        let side = centres[s as usize][k];
+                        if side == centres[t as usize][k] && (side == 0.0 || side == extent[k]) {
+                            passed.iter().for_each(|&m| centres[m as usize][k] = side);
+                        }
                     }
                     paths.between.insert([s.min(t), s.max(t)], passed);
                 }
@@ -123,7 +150,7 @@ impl Paths {
                 break;
             }
         }
-        (paths, joined)
+        paths
     }
 
     /// A ring led along the paths: without repeats and ways to a node and back.

@@ -261,6 +261,18 @@ fn welding_takes_small_faces_away_and_keeps_cells_whole() {
         }
         last = count;
     }
+    // Atoms without any order, in a box with cells of all sizes at its sides.
+    for seed in 0..4 {
+        let (atoms, extent) = (random(400, [5.0, 4.0, 3.0], seed), [5.0, 4.0, 3.0]);
+        let mesh = voronoi_welded(&atoms, extent, 2e-3).unwrap();
+        let found = check_welded(&mesh, [0.0; 3], extent, 1e-9, 2e-3);
+        assert!(
+            found.passed() && found.volume_error < 1e-12,
+            "{:?}",
+            found.problems
+        );
+        assert_eq!(found.flatness_error, 0.0);
+    }
     // Perfect lattices stay what they are.
     let (atoms, extent) = lattice([8, 8, 8], 2, 1.0, 0.5, 0.0);
     assert_eq!(

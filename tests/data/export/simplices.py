@@ -18,7 +18,7 @@ print(
     json.dumps(
         {
             "points": mesh.points.tolist(),
-            "tets": mesh.cells_dict.get("tetra", []).tolist(),
+            "tets": mesh.cells_dict.get("tetra", np.empty((0, 4), int)).tolist(),
             "triangles": len(mesh.cells_dict.get("triangle", [])),
             "edges": len(mesh.cells_dict.get("line", [])),
             "area": 0.5 * float(area.sum()),

@@ -256,7 +256,7 @@ fn weld(options: &MeshOptions) -> Result<f64> {
     let refuse = |problem: String, remedy: &str| Err(Error::Job(cause("--weld", problem, remedy)));
     if !(0.0..=MOST_WELDED).contains(&weld) {
         let problem = format!("{weld} is not a share between 0 and {MOST_WELDED}");
-        return refuse(problem, "give 0.01, say");
+        return refuse(problem, "give 0.001, say");
     }
     if weld > 0.0 && !voronoi(options)? {
         return refuse(

@@ -17,6 +17,9 @@ use crate::mesh::complex::NONE;
 use crate::mesh::graph::Graph;
 use crate::mesh::poly::{PolyMesh, dot};
 
+/// Cells whose parts are put together at a time.
+const CHUNK: usize = 1 << 14;
+
 /// Cells of a mesh in parts.
 #[derive(Debug, Clone)]
 pub struct Inside<const D: usize, M> {
@@ -101,19 +104,26 @@ impl<const D: usize, M: Simplices<D>> Inside<D, M> {
             }
             all
         };
-        let cells: Vec<Parts> = (0..mesh.sites.len())
-            .into_par_iter()
-            .map(|cell| {
-                let mut parts = cut(cell);
-                balance::<D>(&mut parts, &nodes, first[cell], velocity[cell]);
-                parts
-            })
-            .collect();
+        let count = mesh.sites.len();
         let mut all = Parts::default();
-        for parts in cells {
-            all.corners.extend(parts.corners);
-            all.out.extend(parts.out);
-            all.beyond.extend(parts.beyond);
+        all.corners.reserve_exact(parts as usize * (D + 1));
+        all.out.reserve_exact(parts as usize * (D + 1));
+        all.beyond.reserve_exact(parts as usize * (D + 1));
+        // Some at a time: there are thirty parts a cell.
+        for from in (0..count).step_by(CHUNK) {
+            let cells: Vec<Parts> = (from..count.min(from + CHUNK))
+                .into_par_iter()
+                .map(|cell| {
+                    let mut parts = cut(cell);
+                    balance::<D>(&mut parts, &nodes, first[cell], velocity[cell]);
+                    parts
+                })
+                .collect();
+            for parts in cells {
+                all.corners.extend(parts.corners);
+                all.out.extend(parts.out);
+                all.beyond.extend(parts.beyond);
+            }
         }
         Self {
             mesh: M::from_parts(nodes, all.corners),

@@ -9,9 +9,9 @@ fn main() {
 #[cfg(feature = "cgal")]
 fn cgal() {
     let bridges = [
-        "src/delaunay/cgal.rs",
-        "src/delaunay/exude.rs",
-        "src/delaunay/refine.rs",
+        "src/mesh/delaunay/cgal.rs",
+        "src/mesh/delaunay/exude.rs",
+        "src/mesh/delaunay/refine.rs",
     ];
     let sources = ["cpp/cgal_bridge.cpp", "cpp/exude.cpp", "cpp/refine.cpp"];
     let headers = ["cpp/cgal_bridge.h", "cpp/exude.h", "cpp/refine.h"];

@@ -1,10 +1,10 @@
 //! CPU time of one evaluation of the lattice energy: `pairwise` against `sampled`, on one thread.
 //! `cargo bench --bench evaluator`; the target at d = 8 is a factor of ten.
 
-use atomesh::distance::Distance;
-use atomesh::energy::{Beta, Energy, Pairwise, Sampled};
 use atomesh::image::Field;
-use atomesh::seeding::{self, Alignment};
+use atomesh::lattice::distance::Distance;
+use atomesh::lattice::energy::{Beta, Energy, Pairwise, Sampled};
+use atomesh::lattice::seeding::{self, Alignment};
 use divan::Bencher;
 
 fn main() {

@@ -5,12 +5,13 @@
 use std::path::Path;
 use std::time::Instant;
 
+use atomesh::Result;
 use atomesh::export::FORMATS;
-use atomesh::flow::{Faults, Rock, Tensor};
 use atomesh::mesh::poly::PolyMesh;
+use atomesh::mesh::{delaunay, voronoi};
+use atomesh::model::flow::{Faults, Rock, Tensor};
+use atomesh::model::reservoir::Model;
 use atomesh::report::cost::{cpu_seconds, peak_mb};
-use atomesh::reservoir::Model;
-use atomesh::{Result, delaunay, voronoi};
 
 /// Half cells of the face-centred lattice along each side of the box, for Voronoi cells and for
 /// tetrahedra.

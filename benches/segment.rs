@@ -9,8 +9,8 @@
 use std::path::Path;
 use std::process::Command;
 
+use atomesh::image::formats;
 use atomesh::image::{Geometry, Image};
-use atomesh::io;
 use serde_json::Value;
 
 type Outcome<T> = Result<T, Box<dyn std::error::Error + Send + Sync>>;
@@ -150,7 +150,7 @@ fn make(scene: &Scene, folder: &Path) -> Outcome<()> {
         truth.push(f32::from(u8::from((scene.object)(p))));
     }
     let save = |name: &str, samples| {
-        io::write(
+        formats::write(
             &folder.join(name),
             &Image::new(scene.dims, samples, Geometry::default()),
         )

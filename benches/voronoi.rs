@@ -1,8 +1,8 @@
 //! CPU time of Voronoi cells against the Delaunay triangulation of the same atoms, on one thread:
 //! `cargo bench --bench voronoi`. The target is a factor of two for all of it.
 
+use atomesh::mesh::{delaunay, voronoi};
 use atomesh::report::cost::cpu_seconds;
-use atomesh::{delaunay, voronoi};
 
 /// Half cells of the face-centred lattice along each side of the box.
 const HALF_CELLS: usize = 90;

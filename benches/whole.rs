@@ -8,12 +8,14 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
 
-use atomesh::distance::Distance;
-use atomesh::energy::{Beta, Energy, Pairwise, Sampled};
+use atomesh::feature;
+use atomesh::image::formats;
+use atomesh::image::synth::{self, Kind, Options, PRESETS};
+use atomesh::lattice::distance::Distance;
+use atomesh::lattice::energy::{Beta, Energy, Pairwise, Sampled};
+use atomesh::lattice::seeding::{self, Alignment};
+use atomesh::mesh::{delaunay, voronoi};
 use atomesh::report::cost::cpu_seconds;
-use atomesh::seeding::{self, Alignment};
-use atomesh::synth::{self, Kind, Options, PRESETS};
-use atomesh::{delaunay, feature, io, voronoi};
 use serde_json::Value;
 
 type Outcome<T> = Result<T, Box<dyn std::error::Error + Send + Sync>>;
@@ -93,7 +95,7 @@ fn percent(share: f64) -> String {
 /// Makes a synthetic image and its truth.
 fn make(folder: &Path, name: &str, kind: Kind, options: &Options) -> Outcome<()> {
     let made = synth::make(kind, options)?;
-    io::write(&folder.join(format!("{name}.npy")), &made.image)?;
+    formats::write(&folder.join(format!("{name}.npy")), &made.image)?;
     Ok(made
         .truth
         .write(&folder.join(format!("{name}-truth.npy")))?)

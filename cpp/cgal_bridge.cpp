@@ -15,7 +15,7 @@
 #include <CGAL/Triangulation_vertex_base_with_info_3.h>
 
 #include "atomesh/cpp/cgal_bridge.h"
-#include "atomesh/src/delaunay/cgal.rs.h"
+#include "atomesh/src/mesh/delaunay/cgal.rs.h"
 
 namespace atomesh {
 namespace {

@@ -1,5 +1,5 @@
 // What Rust sees of CGAL: two functions on slices. CGAL's own headers stay in cgal_bridge.cpp.
-// The other side is src/delaunay/cgal.rs.
+// The other side is src/mesh/delaunay/cgal.rs.
 #pragma once
 
 #include <cstdint>

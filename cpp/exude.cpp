@@ -14,7 +14,7 @@
 #include <CGAL/exude_mesh_3.h>
 
 #include "atomesh/cpp/exude.h"
-#include "atomesh/src/delaunay/exude.rs.h"
+#include "atomesh/src/mesh/delaunay/exude.rs.h"
 
 namespace atomesh {
 namespace {

@@ -1,4 +1,4 @@
-// Sliver exudation by CGAL. The other side is src/delaunay/exude.rs.
+// Sliver exudation by CGAL. The other side is src/mesh/delaunay/exude.rs.
 #pragma once
 
 #include <cstdint>

@@ -14,7 +14,7 @@
 #include <CGAL/Triangulation_data_structure_3.h>
 
 #include "atomesh/cpp/refine.h"
-#include "atomesh/src/delaunay/refine.rs.h"
+#include "atomesh/src/mesh/delaunay/refine.rs.h"
 
 namespace atomesh {
 namespace {

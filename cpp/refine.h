@@ -1,4 +1,4 @@
-// Delaunay refinement in space, by CGAL. The other side is src/delaunay/refine.rs.
+// Delaunay refinement in space, by CGAL. The other side is src/mesh/delaunay/refine.rs.
 #pragma once
 
 #include <cstddef>

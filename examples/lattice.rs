@@ -8,20 +8,21 @@
 use std::fmt::Write;
 use std::path::Path;
 
-use atomesh::distance::{self, Distance};
-use atomesh::energy::{Beta, Energy, Sampled, pair};
 use atomesh::feature;
+use atomesh::image::formats::{self, AnyLoaded, ReadOptions};
 use atomesh::image::{Field, Geometry, Image};
-use atomesh::io::{self, AnyLoaded, ReadOptions};
-use atomesh::report::slice::{self, Skeleton};
-use atomesh::seeding::{self, Alignment};
+use atomesh::lattice::distance::{self, Distance};
+use atomesh::lattice::energy::{Beta, Energy, Sampled, pair};
+use atomesh::lattice::seeding::{self, Alignment};
+use atomesh::model::slice::{self, Skeleton};
 
 fn main() -> anyhow::Result<()> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [image, pair, atom, lattice] = arguments.as_slice() else {
         anyhow::bail!("give IMAGE, and three pictures to write: .svg, .png, .png");
     };
-    let AnyLoaded::Plane(loaded) = io::read_any(Path::new(image), &ReadOptions::default())? else {
+    let AnyLoaded::Plane(loaded) = formats::read_any(Path::new(image), &ReadOptions::default())?
+    else {
         anyhow::bail!("{image} is not a 2-D image");
     };
     std::fs::write(pair, curves())?;

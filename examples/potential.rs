@@ -7,14 +7,14 @@
 
 use std::path::Path;
 
-use atomesh::distance::Distance;
-use atomesh::energy::{Beta, Energy, Sampled};
 use atomesh::feature;
+use atomesh::image::formats::{self, AnyLoaded, ReadOptions};
 use atomesh::image::{Geometry, Image};
-use atomesh::io::{self, AnyLoaded, ReadOptions};
-use atomesh::optimize::{self, Unobserved};
-use atomesh::report::slice::{self, Skeleton};
-use atomesh::seeding::{self, Alignment, Atoms};
+use atomesh::lattice::distance::Distance;
+use atomesh::lattice::energy::{Beta, Energy, Sampled};
+use atomesh::lattice::optimize::{self, Unobserved};
+use atomesh::lattice::seeding::{self, Alignment, Atoms};
+use atomesh::model::slice::{self, Skeleton};
 
 /// Weight of the image, as in the paper.
 const BETA: f64 = 0.3;
@@ -24,7 +24,8 @@ fn main() -> anyhow::Result<()> {
     let [image, d, before, after] = arguments.as_slice() else {
         anyhow::bail!("give IMAGE, the distance between atoms, and two pictures to write");
     };
-    let AnyLoaded::Plane(loaded) = io::read_any(Path::new(image), &ReadOptions::default())? else {
+    let AnyLoaded::Plane(loaded) = formats::read_any(Path::new(image), &ReadOptions::default())?
+    else {
         anyhow::bail!("{image} is not a 2-D image");
     };
     let d: f64 = d.parse()?;

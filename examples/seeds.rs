@@ -9,20 +9,20 @@
 
 use std::path::Path;
 
-use atomesh::delaunay;
-use atomesh::distance::Distance;
-use atomesh::energy::laplacian::KAPPA;
-use atomesh::energy::{Beta, Energy, Pairwise, Regularised};
 use atomesh::feature::{self, Features};
 use atomesh::image::Image;
-use atomesh::io::{self, AnyLoaded, ReadOptions};
-use atomesh::optimize::{self, Method, Options, Unobserved};
-use atomesh::pipeline::{Meshing, Scene, Space};
+use atomesh::image::formats::{self, AnyLoaded, ReadOptions};
+use atomesh::image::synth::{self, Kind};
+use atomesh::job::{Meshing, Scene, Space};
+use atomesh::lattice::distance::Distance;
+use atomesh::lattice::energy::laplacian::KAPPA;
+use atomesh::lattice::energy::{Beta, Energy, Pairwise, Regularised};
+use atomesh::lattice::optimize::{self, Method, Options, Unobserved};
+use atomesh::lattice::seeding::{self, Alignment, Atoms, Seeding};
+use atomesh::mesh::delaunay;
+use atomesh::model::slice::{self, Skeleton};
 use atomesh::report::cost::cpu_seconds;
-use atomesh::report::slice::{self, Skeleton};
 use atomesh::report::{Measured, quality};
-use atomesh::seeding::{self, Alignment, Atoms, Seeding};
-use atomesh::synth::{self, Kind};
 
 /// Runs with different seeds whose figures are averaged, as in the paper.
 const RUNS: u64 = 10;
@@ -38,14 +38,15 @@ fn main() -> anyhow::Result<()> {
     if let [draw, image] = images
         && draw == "draw"
     {
-        let AnyLoaded::Plane(loaded) = io::read_any(Path::new(image), &ReadOptions::default())?
+        let AnyLoaded::Plane(loaded) =
+            formats::read_any(Path::new(image), &ReadOptions::default())?
         else {
             anyhow::bail!("{image} is not a 2-D image");
         };
         return pictures(&loaded.image, d);
     }
     for name in images {
-        match io::read_any(Path::new(name), &ReadOptions::default())? {
+        match formats::read_any(Path::new(name), &ReadOptions::default())? {
             AnyLoaded::Plane(loaded) => compare(name, &loaded.image, d)?,
             AnyLoaded::Space(loaded) => compare(name, &loaded.image, d)?,
         }

@@ -3,21 +3,22 @@
 //! joined into tetrahedra (Hale 2001, 2002).
 //!
 //! ```text
-//! io        file -> Image: samples and where they lie in the world
+//! geometry  vectors, points in buckets, sets: what all houses stand on
+//! files     files that appear whole or not at all; VTK's container
+//! image     samples and where they lie in the world; formats, synthetic images
+//! mesh      cells, their checks and measures; points joined into Delaunay or Voronoi cells
 //! feature   image -> points on features, and the potential b(x) with valleys on them
-//! distance  nominal distance d(x) between atoms
-//! seeding   a lattice of atoms that fills the image's box
-//! optimize  atoms move to lower their energy among themselves and in b(x)
-//! delaunay  atoms are joined into tetrahedra
+//! lattice   where atoms stand: distance, seeding, energy, optimisation
 //! improve   slivers go, features stay
 //! report    how good the mesh is, and what it cost
-//! export    mesh -> file, in the image's physical coordinates
-//! columns   2-D cells of a map, drawn down between horizons
-//! segment   object and background by a minimum cut on a mesh's cells
-//! edit      atoms added, moved and removed, in their neighbourhood only
+//! job       all of the above in order: image in, mesh out
+//! store     meshes in files, in the image's physical coordinates
+//! model     what users do with a mesh: surfaces, paint, flow, columns, reservoir models, edits
+//! export    meshes and models to other programs
+//! cli       the command line
 //! ```
 //!
-//! [`pipeline::mesh_image`] does all of it:
+//! [`job::mesh_image`] does all of it:
 //!
 //! ```
 //! use atomesh::optimize::Unobserved;
@@ -33,31 +34,20 @@
 //! # Ok::<(), atomesh::Error>(())
 //! ```
 
-pub mod columns;
-pub mod delaunay;
-pub mod distance;
-pub mod edit;
-pub mod energy;
+pub mod cli;
 pub mod error;
 pub mod export;
 pub mod feature;
-pub mod flow;
+pub mod files;
+pub mod geometry;
 pub mod image;
 pub mod improve;
-pub mod io;
+pub mod job;
+pub mod lattice;
 pub mod mesh;
-pub mod optimize;
-pub mod pipeline;
+pub mod model;
 pub mod report;
-pub mod reservoir;
-pub mod seeding;
-pub mod segment;
-pub mod surface;
-pub mod synth;
-pub mod voronoi;
-mod wide;
-
-pub mod cli;
+pub mod store;
 
 pub use error::{Error, Result};
 

@@ -11,9 +11,9 @@ use std::ffi::OsStr;
 use std::path::Path;
 use std::process::Command;
 
-use atomesh::export::{AnyMesh, MeshFile, read_any_vtu};
 use atomesh::mesh::graph::Graph;
 use atomesh::mesh::poly::PolyMesh;
+use atomesh::store::{AnyMesh, MeshFile, read_any_vtu};
 use common::{judged, npy, npy_2d, refused, simulator, succeed};
 use serde_json::Value;
 
@@ -105,7 +105,7 @@ fn columns_between_horizons_pass_every_verb() {
     // Damage is still found.
     let mut damaged = file.clone();
     damaged.mesh.sites[7][0] += 30.0;
-    atomesh::export::write_cells_vtu(&folder.join("damaged.vtu"), &damaged).unwrap();
+    atomesh::store::write_cells_vtu(&folder.join("damaged.vtu"), &damaged).unwrap();
     let said = refused(folder, &["validate", "damaged.vtu"]);
     assert!(said.contains("do not hold their site"), "{said}");
 
@@ -144,7 +144,7 @@ fn level_layers_conduct_as_the_map_does() {
     let sides = "--pressure xmin=2e5 --pressure xmax=1e5 --faults 0.01 --quiet --json";
     run(folder, &format!("flow cells.vtu -o flow.vtu {sides}"));
     run(folder, &format!("flow map.vtu -o plane.vtu {sides}"));
-    let pressure = |arrays: &[atomesh::io::vtk::DataArray]| {
+    let pressure = |arrays: &[atomesh::files::vtk::DataArray]| {
         let found = arrays.iter().find(|a| a.name == "pressure").unwrap();
         found.values.to_f64()
     };
@@ -382,7 +382,7 @@ fn surfaces_and_images_that_say_where_they_lie_are_horizons() {
     let geometry = atomesh::image::Geometry::with_spacing([-10.0, -10.0], [20.0, 16.0]);
     let samples = (0..30).map(|i| 5.0 + 0.5 * (i % 5) as f32).collect();
     let image = atomesh::image::Image::new([5, 6], samples, geometry);
-    atomesh::io::write(&folder.join("top.vti"), &image).unwrap();
+    atomesh::image::formats::write(&folder.join("top.vti"), &image).unwrap();
     run(
         folder,
         "columns map.vtu --horizon top.vti --horizon 40 --layer-thickness 10 -o cells.vtu --quiet",

@@ -12,11 +12,12 @@ use std::ffi::OsStr;
 use std::path::Path;
 use std::process::Command;
 
-use atomesh::export::{AnyMesh, opm, read_any_vtu, read_vtu};
-use atomesh::flow::{Faults, Rock, Tensor};
-use atomesh::mesh::volume6;
-use atomesh::pipeline::{Placement, Prepared};
-use atomesh::reservoir::{MILLIDARCY, Model};
+use atomesh::export::simulators::opm;
+use atomesh::geometry::volume6;
+use atomesh::model::flow::{Faults, Rock, Tensor};
+use atomesh::model::reservoir::{MILLIDARCY, Model};
+use atomesh::model::reservoir::{Placement, Prepared};
+use atomesh::store::{AnyMesh, read_any_vtu, read_vtu};
 use common::{judged, npy, refused, sheet, simulator, succeed};
 use serde_json::Value;
 

@@ -10,8 +10,8 @@ mod common;
 
 use std::path::Path;
 
-use atomesh::export::{AnyMesh, MeshFile, read_any_vtu, read_vtu};
-use atomesh::io::vtk::VtkFile;
+use atomesh::files::vtk::VtkFile;
+use atomesh::store::{AnyMesh, MeshFile, read_any_vtu, read_vtu};
 use common::{npy, npy_2d, refused, sheet, succeed};
 use serde_json::Value;
 

@@ -9,8 +9,8 @@
 
 use std::path::{Path, PathBuf};
 
+use atomesh::image::formats::{self, AnyLoaded, ReadOptions};
 use atomesh::image::{Geometry, Image};
-use atomesh::io::{self, AnyLoaded, ReadOptions};
 
 /// Files made by others, if they are here.
 fn data() -> Option<PathBuf> {
@@ -29,7 +29,7 @@ fn data() -> Option<PathBuf> {
 }
 
 fn read(path: &Path) -> Result<Image<3>, String> {
-    match io::read_any(path, &ReadOptions::default()) {
+    match formats::read_any(path, &ReadOptions::default()) {
         Ok(AnyLoaded::Space(loaded)) => Ok(loaded.image),
         Ok(AnyLoaded::Plane(loaded)) => Ok(loaded.image.in_space()),
         Err(error) => Err(error.to_string()),
@@ -157,8 +157,8 @@ fn round_trip<const D: usize>(dims: [usize; D]) {
     let image = oblique(dims);
     for name in ["a.nrrd", "a.mha", "a.nii", "a.nii.gz"] {
         let path = folder.path().join(name);
-        io::write(&path, &image).unwrap();
-        let back = io::read_any(&path, &ReadOptions::default()).unwrap();
+        formats::write(&path, &image).unwrap();
+        let back = formats::read_any(&path, &ReadOptions::default()).unwrap();
         let back: Image<D> = back.image().unwrap();
         assert_eq!(back.samples, image.samples, "{name}");
         // NIfTI's header is of single precision; these numbers suit it.
@@ -172,7 +172,7 @@ fn round_trip<const D: usize>(dims: [usize; D]) {
             _ => assert_eq!(found.units, wanted.units),
         }
     }
-    let error = io::write(&folder.path().join("a.npy.gz"), &image).unwrap_err();
+    let error = formats::write(&folder.path().join("a.npy.gz"), &image).unwrap_err();
     assert!(error.to_string().contains("ending"), "{error}");
 }
 
@@ -191,7 +191,7 @@ fn good_files(folder: &Path) -> Vec<PathBuf> {
         .collect();
     paths
         .iter()
-        .for_each(|path| io::write(path, &image).unwrap());
+        .for_each(|path| formats::write(path, &image).unwrap());
     let mut put = |name: &str, head: &str, data: &[u8]| {
         paths.push(folder.join(name));
         std::fs::write(folder.join(name), [head.as_bytes(), data].concat()).unwrap();

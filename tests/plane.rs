@@ -164,8 +164,8 @@ fn what_makes_no_sense_in_the_plane_is_refused() {
 fn on_valleys(width: f64, coarse_passes: usize) -> [f64; 2] {
     use atomesh::feature::Kind;
     use atomesh::image::{Geometry, Image};
-    use atomesh::optimize::Unobserved;
-    use atomesh::pipeline::{Params, Spacing, mesh_image};
+    use atomesh::job::{Params, Spacing, mesh_image};
+    use atomesh::lattice::optimize::Unobserved;
 
     let dims = [200, 180];
     let valley = |p: [f64; 2]| {

@@ -13,8 +13,8 @@ use std::path::Path;
 
 use common::{refused, succeed};
 
+use atomesh::image::formats::{self, ReadOptions};
 use atomesh::image::{Geometry, Image};
-use atomesh::io::{self, ReadOptions};
 use serde_json::Value;
 
 /// Runs it with `--json`, and gives its answer.
@@ -50,7 +50,7 @@ fn ball<const D: usize>(folder: &Path, dims: [usize; D], radius: f64, noise: f32
     let geometry = Geometry::with_spacing([100.0; D], std::array::from_fn(|k| [2.0, -2.0, 2.0][k]));
     let value = |i| 1.0 / (1.0 + off(i).exp()) as f32;
     let samples = (0..count).map(|i| value(i) + noise * random()).collect();
-    io::write(
+    formats::write(
         &folder.join("ball.vti"),
         &Image::new(dims, samples, geometry.clone()),
     )
@@ -58,7 +58,7 @@ fn ball<const D: usize>(folder: &Path, dims: [usize; D], radius: f64, noise: f32
     let truth = (0..count)
         .map(|i| f32::from(u8::from(off(i) < 0.0)))
         .collect();
-    io::write(
+    formats::write(
         &folder.join("truth.nrrd"),
         &Image::new(dims, truth, geometry),
     )
@@ -89,7 +89,7 @@ fn a_noisy_disc_is_found_on_triangles_and_on_polygons() {
         let [mesh, samples] = ["/cells/dice", "/samples/dice"].map(|p| number(&found, p));
         assert!(mesh > 0.95, "{cells}: {found}");
         assert!(mesh > samples - 0.02, "{cells}: {found}");
-        let labels = io::read_any(&folder.join("l.npy"), &ReadOptions::default()).unwrap();
+        let labels = formats::read_any(&folder.join("l.npy"), &ReadOptions::default()).unwrap();
         let labels: Image<2> = labels.image().unwrap();
         assert_eq!(labels.dims(), [96, 80]);
         let inside = labels.as_slice().iter().sum::<f32>();

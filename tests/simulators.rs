@@ -13,10 +13,10 @@ use std::ffi::OsStr;
 use std::path::Path;
 use std::process::Command;
 
-use atomesh::export::{AnyMesh, read_any_vtu};
-use atomesh::flow::{Faults, Rock, Tensor};
-use atomesh::pipeline::{Placement, Prepared};
-use atomesh::reservoir::{MILLIDARCY, Model};
+use atomesh::model::flow::{Faults, Rock, Tensor};
+use atomesh::model::reservoir::{MILLIDARCY, Model};
+use atomesh::model::reservoir::{Placement, Prepared};
+use atomesh::store::{AnyMesh, read_any_vtu};
 use common::{judged, npy, refused, sheet, simulator, succeed, vtk};
 use serde_json::Value;
 

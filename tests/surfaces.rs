@@ -525,7 +525,7 @@ fn the_seven_faults_of_a_public_volume_are_the_seven_largest_surfaces() {
     ];
     succeed(at, &job);
     succeed(at, &["surface", "mesh.vtu", "-o", "s.vtp", "--quiet"]);
-    let file = atomesh::io::vtk::VtkFile::read(&at.join("s.vtp"), "PolyData").unwrap();
+    let file = atomesh::files::vtk::VtkFile::read(&at.join("s.vtp"), "PolyData").unwrap();
     let piece = file.piece().unwrap();
     let array = |group: &str| {
         file.array(&piece.child(group).unwrap().children[0])

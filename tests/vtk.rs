@@ -3,11 +3,11 @@
 use std::path::Path;
 use std::process::Command;
 
-use atomesh::export::{FieldValue, MeshFile, Trace, to_physical, write_vtu};
+use atomesh::files::vtk::DataArray;
+use atomesh::image::formats::vti;
 use atomesh::image::{Geometry, Image};
-use atomesh::io::vti;
-use atomesh::io::vtk::DataArray;
 use atomesh::mesh::TetMesh;
+use atomesh::store::{FieldValue, MeshFile, Trace, to_physical, write_vtu};
 
 /// What VTK says about files, a line an item; `None` if VTK is not installed.
 fn judged(files: &[&Path]) -> Option<String> {

@@ -14,9 +14,9 @@ use std::ffi::OsStr;
 use std::path::Path;
 use std::process::Command;
 
-use atomesh::flow::{CellFlow, Faults, Rock, Tensor};
-use atomesh::reservoir::{Completion, Model, Tracer, Trajectory};
-use atomesh::voronoi::{voronoi, voronoi_plane};
+use atomesh::mesh::voronoi::{voronoi, voronoi_plane};
+use atomesh::model::flow::{CellFlow, Faults, Rock, Tensor};
+use atomesh::model::reservoir::{Completion, Model, Tracer, Trajectory};
 use common::{judged, npy, refused, sheet, simulator, succeed};
 use serde_json::Value;
 
@@ -366,7 +366,7 @@ fn opm_flow_runs_wells_along_trajectories() {
     let pressure: Vec<f64> = (found["pressure"].as_array().unwrap().iter())
         .map(|p| p.as_f64().unwrap())
         .collect();
-    let factor = atomesh::export::opm::TRANSMISSIBILITY;
+    let factor = atomesh::export::simulators::opm::TRANSMISSIBILITY;
     let out: f64 = (wells[1]["cells"].as_array().unwrap().iter())
         .map(|c| {
             let cell = c[0].as_u64().unwrap() as usize;
@@ -448,9 +448,9 @@ fn meshes_have_atoms_along_wells_and_smaller_cells_round_them() {
         let finer = if d < 7.0 { "--well-distance 3" } else { "" };
         run(folder, &format!("{mesh} {finer}"));
         run(folder, "validate m.vtu --quiet");
-        let atoms = match atomesh::export::read_any_vtu(&folder.join("m.vtu")).unwrap() {
-            atomesh::export::AnyMesh::Space(file) => file.mesh.nodes,
-            atomesh::export::AnyMesh::SpaceCells(file) => file.mesh.sites,
+        let atoms = match atomesh::store::read_any_vtu(&folder.join("m.vtu")).unwrap() {
+            atomesh::store::AnyMesh::Space(file) => file.mesh.nodes,
+            atomesh::store::AnyMesh::SpaceCells(file) => file.mesh.sites,
             _ => panic!("not in space"),
         };
         let along = atoms.iter().filter(|x| on_way(x) < 1e-3).count() as f64;
@@ -486,9 +486,9 @@ fn meshes_have_atoms_along_wells_and_smaller_cells_round_them() {
             &format!("{mesh} --well P.csv --well Q.csv --well-distance 2"),
         );
         run(folder, "validate p.vtu --quiet");
-        let atoms = match atomesh::export::read_any_vtu(&folder.join("p.vtu")).unwrap() {
-            atomesh::export::AnyMesh::Plane(file) => file.mesh.nodes,
-            atomesh::export::AnyMesh::PlaneCells(file) => file.mesh.sites,
+        let atoms = match atomesh::store::read_any_vtu(&folder.join("p.vtu")).unwrap() {
+            atomesh::store::AnyMesh::Plane(file) => file.mesh.nodes,
+            atomesh::store::AnyMesh::PlaneCells(file) => file.mesh.sites,
             _ => panic!("not in the plane"),
         };
         let at = |x: f64, y: f64| atoms.iter().any(|a| (a[0] - x).hypot(a[1] - y) < 1e-3);

@@ -10,10 +10,11 @@ mod common;
 use atomesh::feature::Kind;
 use atomesh::image::{Geometry, Image};
 use atomesh::improve::plane::relax::Scheme;
-use atomesh::mesh::{AtomKind, Simplices};
-use atomesh::optimize::Unobserved;
-use atomesh::pipeline::{Meshing, Outcome, Params, Space, Spacing, mesh_image};
-use atomesh::seeding::Seeding;
+use atomesh::job::{Meshing, Outcome, Params, Space, Spacing, mesh_image};
+use atomesh::lattice::AtomKind;
+use atomesh::lattice::optimize::Unobserved;
+use atomesh::lattice::seeding::Seeding;
+use atomesh::mesh::Simplices;
 use common::{refused, succeed};
 use serde_json::Value;
 

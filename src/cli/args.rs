@@ -10,8 +10,8 @@ use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::error::cause;
 use crate::feature;
+use crate::image::formats::{ReadOptions, SegyBytes};
 use crate::improve::plane::relax::Scheme;
-use crate::io::{ReadOptions, SegyBytes};
 use crate::{Error, Result};
 
 /// `atomesh --version`: the licence of the binary depends on what is linked into it.
@@ -102,33 +102,33 @@ pub enum Verb {
     #[command(
         after_help = "Example:\n  atomesh edit mesh.vtu survey.sgy -o edited.vtu --add 1500,2000,300 --remove 812"
     )]
-    Edit(super::edit::EditArgs),
+    Edit(crate::cli::verbs::edit::EditArgs),
     /// Columns: the Voronoi cells of a map, drawn down through layers between horizons
     #[command(
         after_help = "Example:\n  atomesh columns map.vtu --horizon top.npy --horizon base.npy --layers 5 -o cells.vtu"
     )]
-    Columns(super::columns::ColumnsArgs),
+    Columns(crate::cli::verbs::columns::ColumnsArgs),
     /// A mesh for a reservoir simulator, or for another mesher
     #[command(
         after_help = "Example:\n  atomesh export cells.vtu --to opm -o CASE.DATA --porosity 0.2 --permeability 100 --permeability-unit mD --depth-at-top 2000"
     )]
-    Export(Box<super::export::ExportArgs>),
+    Export(Box<crate::cli::verbs::export::ExportArgs>),
     /// A picture of the mesh over its image: in 3-D its sections with three orthogonal planes
     #[command(after_help = "Example:\n  atomesh slice survey.sgy mesh.vtu -o sections.png")]
     Slice(SliceArgs),
     /// Faces on features, grouped into labelled surfaces: faults, horizons
     #[command(after_help = "Example:\n  atomesh surface mesh.vtu -o faults.vtp")]
-    Surface(super::surface::SurfaceArgs),
+    Surface(crate::cli::verbs::surface::SurfaceArgs),
     /// Paints cells from seeds, within layers but not across surfaces
     #[command(
         after_help = "Example:\n  atomesh paint mesh.vtu --seed 40,50,60 --seed 90,50,60 -o painted.vtu"
     )]
-    Paint(super::paint::PaintArgs),
+    Paint(crate::cli::verbs::paint::PaintArgs),
     /// Object and background by a minimum cut on the cells of a mesh
     #[command(
         after_help = "Example:\n  atomesh segment image.nrrd mesh.vtu --object 60,60,60 --background 5,5,5 -o segmented.vtu"
     )]
-    Segment(super::segment::SegmentArgs),
+    Segment(crate::cli::verbs::segment::SegmentArgs),
     /// Synthetic volumes whose features are known exactly
     #[command(
         after_help = "Example:\n  atomesh synth faults -o faults.vti --truth distance.npy --dims 170,150,128"
@@ -277,7 +277,7 @@ pub enum OptimizerChoice {
     Genetic,
 }
 
-impl From<OptimizerChoice> for crate::optimize::Method {
+impl From<OptimizerChoice> for crate::lattice::optimize::Method {
     fn from(choice: OptimizerChoice) -> Self {
         match choice {
             OptimizerChoice::Lbfgs => Self::Lbfgs,
@@ -738,7 +738,7 @@ pub struct SynthArgs {
 }
 
 fn synth_kind() -> clap::builder::PossibleValuesParser {
-    crate::synth::Kind::ALL.map(|(name, _)| name).into()
+    crate::image::synth::Kind::ALL.map(|(name, _)| name).into()
 }
 
 /// TOML may say `distance = 8` or `distance = "4:12"`.

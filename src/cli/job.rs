@@ -9,12 +9,13 @@ use crate::cli::args::{
 use crate::cli::parse;
 use crate::error::{cause, os};
 use crate::feature::paths::Seeds;
+use crate::image::formats::ReadOptions;
 use crate::improve::Method;
 use crate::improve::plane::relax::Scheme;
-use crate::io::ReadOptions;
-use crate::pipeline::{Evaluator, Metric, Spacing};
-use crate::seeding::Seeding;
-use crate::{Error, Result, io, optimize};
+use crate::job::{Evaluator, Metric, Spacing};
+use crate::lattice::optimize;
+use crate::lattice::seeding::Seeding;
+use crate::{Error, Result};
 
 /// A checked job of `atomesh mesh`. What needs the image's geometry (fixed atoms, beta as an
 /// image) is checked when that is known.
@@ -323,7 +324,7 @@ fn voronoi(options: &MeshOptions) -> Result<bool> {
 /// # Errors
 /// [`Error::Job`] or [`Error::Io`] that names the option or the path.
 pub fn check_output(path: &Path, option: &str, endings: &[&str], inputs: &[&Path]) -> Result<()> {
-    io::check_target(path)?;
+    crate::files::check_target(path)?;
     let ending = path
         .extension()
         .and_then(|e| e.to_str())

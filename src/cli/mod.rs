@@ -3,40 +3,19 @@
 //! - [`args`]: as typed
 //! - [`parse`]: the small grammars inside option values
 //! - [`job`]: a job of `mesh`, validated
-//! - [`mesh`](mod@mesh): the verb `mesh`
-//! - [`paint`](mod@paint): the verb `paint`
 //! - [`provenance`]: the hash of the input
-//! - [`images`]: the verbs about images
-//! - [`meshes`]: the verbs about meshes
-//! - [`edit`](mod@edit): the verb `edit`
-//! - [`export`](mod@export): the verb `export`
-//! - [`flow`](mod@flow): the verb `flow`
 //! - [`rock`]: porosity, permeability and the like from numbers, tables and images
-//! - [`segment`](mod@segment): the verb `segment`
-//! - [`slice`](mod@slice): the verb `slice`
-//! - [`surface`](mod@surface): the verb `surface`
 //! - [`wells`]: trajectories of wells
-//! - [`columns`]: the verb `columns`
 //! - [`console`]: everything that is printed
 
 pub mod args;
-pub mod columns;
 pub mod console;
-pub mod edit;
-pub mod export;
-pub mod flow;
-pub mod images;
 pub mod job;
-pub mod mesh;
-pub mod meshes;
-pub mod paint;
 pub mod parse;
 pub mod provenance;
 pub mod rock;
-pub mod segment;
-pub mod slice;
-pub mod surface;
-pub mod wells;
+pub mod verbs;
+mod wells;
 
 use std::process::ExitCode;
 
@@ -76,21 +55,21 @@ fn run(line: &CommandLine) -> Result<Ending> {
     }
     let console = &mut Console::new(&line.common);
     match &line.verb {
-        Verb::Mesh(args) => return mesh::mesh(args, console),
-        Verb::Quality(args) => meshes::quality(args, console)?,
-        Verb::Validate(args) => meshes::validate(args, console)?,
-        Verb::Slice(args) => slice::slice(args, console)?,
-        Verb::Info(args) => images::info(args, console)?,
-        Verb::Feature(args) => images::feature(args, console)?,
-        Verb::Convert(args) => images::convert(args, console)?,
-        Verb::Edit(args) => edit::edit(args, console)?,
-        Verb::Flow(args) => flow::flow(args, console)?,
-        Verb::Columns(args) => columns::run(args, console)?,
-        Verb::Export(args) => export::export(args, console)?,
-        Verb::Paint(args) => paint::paint(args, console)?,
-        Verb::Segment(args) => segment::segment(args, console)?,
-        Verb::Surface(args) => surface::surface(args, console)?,
-        Verb::Synth(args) => images::synth(args, console)?,
+        Verb::Mesh(args) => return verbs::mesh::mesh(args, console),
+        Verb::Quality(args) => verbs::meshes::quality(args, console)?,
+        Verb::Validate(args) => verbs::meshes::validate(args, console)?,
+        Verb::Slice(args) => verbs::slice::slice(args, console)?,
+        Verb::Info(args) => verbs::images::info(args, console)?,
+        Verb::Feature(args) => verbs::images::feature(args, console)?,
+        Verb::Convert(args) => verbs::images::convert(args, console)?,
+        Verb::Edit(args) => verbs::edit::edit(args, console)?,
+        Verb::Flow(args) => verbs::flow::flow(args, console)?,
+        Verb::Columns(args) => verbs::columns::run(args, console)?,
+        Verb::Export(args) => verbs::export::export(args, console)?,
+        Verb::Paint(args) => verbs::paint::paint(args, console)?,
+        Verb::Segment(args) => verbs::segment::segment(args, console)?,
+        Verb::Surface(args) => verbs::surface::surface(args, console)?,
+        Verb::Synth(args) => verbs::images::synth(args, console)?,
     }
     Ok(Ending::Done)
 }

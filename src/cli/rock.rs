@@ -9,12 +9,12 @@ use super::args::InputOptions;
 use super::console::Console;
 use super::parse::{bad, by_region};
 use crate::error::cause;
-use crate::flow::{Rock, Tensor};
+use crate::files::vtk::DataArray;
 use crate::image::Image;
-use crate::io::vtk::DataArray;
-use crate::io::{self, AnyLoaded};
-use crate::pipeline::Prepared;
-use crate::reservoir::{MILLIDARCY, Mean};
+use crate::image::formats::{self, AnyLoaded};
+use crate::model::flow::{Rock, Tensor};
+use crate::model::reservoir::Prepared;
+use crate::model::reservoir::{MILLIDARCY, Mean};
 use crate::{Error, Result};
 
 /// What fills the cells.
@@ -224,7 +224,7 @@ fn is_table(text: &str) -> bool {
 
 /// An image as part of space.
 fn read(path: &Path, input: &InputOptions, console: &Console) -> Result<Image<3>> {
-    let (image, notes) = match io::read_any(path, &input.read_options()?)? {
+    let (image, notes) = match formats::read_any(path, &input.read_options()?)? {
         AnyLoaded::Plane(loaded) => (loaded.image.in_space(), loaded.notes),
         AnyLoaded::Space(loaded) => (loaded.image, loaded.notes),
     };

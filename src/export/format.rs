@@ -3,13 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use super::twin::add_twin;
-use super::{
-    darts, disv, geos, grdecl, inp, medit, mrst, msh, openfoam, opm, pflotran, resqml, stl, tetgen,
-    tough,
-};
 use crate::error::cause;
-use crate::io::{Batch, check_target};
-use crate::reservoir::Model;
+use crate::export::corner_point::grdecl;
+use crate::export::meshers::{inp, medit, msh, stl, tetgen};
+use crate::export::simulators::{darts, disv, geos, mrst, openfoam, opm, pflotran, resqml, tough};
+use crate::files::{Batch, check_target};
+use crate::model::reservoir::Model;
 use crate::{Error, Result};
 
 /// A format for simulators or other meshers.

@@ -3,12 +3,12 @@
 
 use std::path::Path;
 
-use super::FieldValue;
-use super::polyhedra::add_cells_vtu;
 use crate::Result;
-use crate::io::Batch;
-use crate::io::vtk::{DataArray, Packing};
-use crate::reservoir::Model;
+use crate::files::Batch;
+use crate::files::vtk::{DataArray, Packing};
+use crate::model::reservoir::Model;
+use crate::store::FieldValue;
+use crate::store::polyhedra::add_cells_vtu;
 
 /// Adds the twin to the files of a model.
 ///

@@ -1,7 +1,7 @@
 //! Edges: how steep an image is.
 
 use super::volume::Volume;
-use crate::wide::wide;
+use crate::geometry::wide::wide;
 use rayon::prelude::*;
 
 /// Prewitt's gradient magnitude (Hale 2001, for medical images): along each axis the central

@@ -8,7 +8,7 @@
 //! Each pass works on whole rows of x, so that the inner loop runs over neighbouring samples: along
 //! y and z by adding shifted rows, along x by adding shifted copies of one padded row.
 
-use crate::wide::wide;
+use crate::geometry::wide::wide;
 use rayon::prelude::*;
 
 /// Samples of x handled at once: the sums stay in registers.

@@ -4,7 +4,7 @@
 
 use super::symmetric;
 use super::volume::Volume;
-use crate::wide::wide;
+use crate::geometry::wide::wide;
 
 /// The rows round a row of x, without the row's ends (where samples repeat).
 struct Rows<'a> {

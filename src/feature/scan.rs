@@ -12,7 +12,7 @@
 //! dip. Rows are padded by zeros: beyond the box numerator and denominator lose the same weights.
 
 use super::volume::Volume;
-use crate::wide::wide;
+use crate::geometry::wide::wide;
 use rayon::prelude::*;
 
 /// Standard deviation (samples) of the weights along a fault's strike ...

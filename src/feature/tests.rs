@@ -551,9 +551,9 @@ fn faults_of_amplitude_are_found_where_layers_are_thrown() {
         (2, 4.0, 0.95, 0.94),
         (1, 2.0, 0.8, 0.9),
     ] {
-        let made = crate::synth::make(
-            crate::synth::Kind::Amplitude,
-            &crate::synth::Options {
+        let made = crate::image::synth::make(
+            crate::image::synth::Kind::Amplitude,
+            &crate::image::synth::Options {
                 dims: [96, 80, 72],
                 count: 2,
                 seed,

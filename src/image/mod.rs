@@ -9,7 +9,9 @@
 
 pub mod check;
 pub mod field;
+pub mod formats;
 pub mod geometry;
+pub mod synth;
 
 pub use check::Stats;
 pub use field::Field;

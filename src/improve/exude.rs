@@ -4,10 +4,11 @@
 use super::sheets::Sheets;
 use super::{Improver, Options, Outcome, blocked, faces_on_sheets};
 use crate::Result;
-use crate::delaunay::exude;
-use crate::distance::Distance;
+use crate::lattice::AtomKind;
+use crate::lattice::distance::Distance;
+use crate::mesh::delaunay::exude;
 use crate::mesh::quality::min_sine;
-use crate::mesh::{AtomKind, FACES, TetMesh};
+use crate::mesh::{FACES, TetMesh};
 use rayon::prelude::*;
 
 /// As [`improve`](super::improve), by weights of the nodes instead of flips and smoothing: faces that

@@ -1,7 +1,8 @@
 //! What holds a node: the sides of the box, and the features it lies on.
 
 use super::sheets::{SAME_SHEET, Sheets};
-use crate::mesh::{AtomKind, add_scaled, dot, norm};
+use crate::geometry::{add_scaled, dot, norm};
+use crate::lattice::AtomKind;
 
 /// Nodes this close to a sheet lie on it: settling leaves less.
 const ON_SHEET: f64 = 0.11;

@@ -3,7 +3,8 @@
 //! tetrahedron of all that was touched has become better.
 
 use super::{Hold, Improver};
-use crate::mesh::{EDGES, FACES, norm, sub};
+use crate::geometry::{norm, sub};
+use crate::mesh::{EDGES, FACES};
 
 /// A split, collapse or swap must at least leave tetrahedra with volume.
 const FLOOR: f64 = 0.01;

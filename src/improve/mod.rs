@@ -30,10 +30,12 @@ mod mend;
 mod recover;
 mod smooth;
 
-use crate::distance::Distance;
+use crate::geometry::{cross, dot, norm, sub};
+use crate::lattice::AtomKind;
+use crate::lattice::distance::Distance;
 use crate::mesh::complex::{Complex, Ring};
 use crate::mesh::quality::{BLOCK, Corners, min_sine};
-use crate::mesh::{AtomKind, FACES, TetMesh, cross, dot, norm, sub};
+use crate::mesh::{FACES, TetMesh};
 use hold::{Beside, Hold};
 use rayon::prelude::*;
 use serde::Serialize;

@@ -2,8 +2,9 @@
 //! onto the feature, or by splitting it there.
 
 use super::{Hold, Improver};
+use crate::geometry::{dot, norm, sub};
+use crate::mesh::EDGES;
 use crate::mesh::quality::min_sine;
-use crate::mesh::{EDGES, dot, norm, sub};
 use rayon::prelude::*;
 
 /// A flip that removes a piercing edge may leave tetrahedra as flat as this, round by round: at

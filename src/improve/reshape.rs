@@ -5,10 +5,12 @@
 use super::hold::Hold;
 use super::sheets::Sheets;
 use super::{Improver, Options, Outcome, smooth};
-use crate::distance::Distance;
+use crate::geometry::{norm, sub, volume6};
+use crate::lattice::AtomKind;
+use crate::lattice::distance::Distance;
 use crate::mesh::complex::{self, NONE};
 use crate::mesh::quality::min_sine;
-use crate::mesh::{AtomKind, FACES, TetMesh, norm, sub, volume6};
+use crate::mesh::{FACES, TetMesh};
 
 /// What shall become of the nodes of a part of a mesh.
 #[derive(Debug, Clone, PartialEq)]
@@ -349,7 +351,7 @@ fn in_circumsphere(p: &[[f64; 3]; 4], x: [f64; 3]) -> bool {
     let square = rows.map(|[a, b, c]| a * a + b * b + c * c);
     // The determinant of (position, square) by its last column.
     let minor = |i: usize, j: usize, k: usize| {
-        crate::mesh::dot(rows[i], crate::mesh::cross(rows[j], rows[k]))
+        crate::geometry::dot(rows[i], crate::geometry::cross(rows[j], rows[k]))
     };
     let determinant = square[0] * minor(1, 2, 3) - square[1] * minor(0, 2, 3)
         + square[2] * minor(0, 1, 3)
@@ -360,9 +362,9 @@ fn in_circumsphere(p: &[[f64; 3]; 4], x: [f64; 3]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::delaunay;
+    use crate::lattice::seeding::{Alignment, regular};
     use crate::mesh::check::check;
-    use crate::seeding::{Alignment, regular};
+    use crate::mesh::delaunay;
 
     const EXTENT: [f64; 3] = [24.0, 20.0, 22.0];
 

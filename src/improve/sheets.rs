@@ -6,7 +6,7 @@
 //! three meet, three.
 
 use crate::feature::FeaturePoint;
-use crate::mesh::{add_scaled, dot, norm, sub};
+use crate::geometry::{add_scaled, dot, norm, sub};
 
 /// Most sheets that one position can have.
 pub const MOST: usize = 3;

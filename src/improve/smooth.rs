@@ -7,9 +7,9 @@
 
 use super::hold::Hold;
 use super::sheets::Sheets;
+use crate::geometry::wide::wide;
+use crate::geometry::{add_scaled, cross, dot, norm, sub};
 use crate::mesh::quality::min_sine;
-use crate::mesh::{add_scaled, cross, dot, norm, sub};
-use crate::wide::wide;
 
 /// One dihedral angle of a tetrahedron as a function of its node 0.
 #[derive(Clone, Copy, Default)]
@@ -313,7 +313,7 @@ mod tests {
         ) {
             let x = [c[0], c[1], c[2]];
             let p = [[c[3], c[4], c[5]], [c[6], c[7], c[8]], [c[9], c[10], c[11]]];
-            let volume = crate::mesh::volume6(&[x, p[0], p[1], p[2]]);
+            let volume = crate::geometry::volume6(&[x, p[0], p[1], p[2]]);
             prop_assume!(volume.abs() > 0.05);
             let at = angles(x, &p);
             let smallest = at.iter().map(|a| a.sine).fold(f64::INFINITY, f64::min);

@@ -2,8 +2,9 @@
 
 use super::*;
 use crate::feature::FeaturePoint;
+use crate::geometry::volume6;
 use crate::mesh::check::check;
-use crate::mesh::{complex, volume6};
+use crate::mesh::complex;
 
 /// A deterministic number in [-1, 1] for a counter.
 fn noise(i: u64) -> f64 {
@@ -230,7 +231,7 @@ fn exudation_keeps_the_faces_on_a_plane_and_removes_slivers() {
     assert!((area_on_plane(&exuded, 12.0) - area).abs() < 1e-9 * area);
     assert!(on.iter().any(|&bits| bits != 0));
     let plain = TetMesh {
-        tets: crate::delaunay::exude::unweighted(&mesh.nodes).unwrap(),
+        tets: crate::mesh::delaunay::exude::unweighted(&mesh.nodes).unwrap(),
         ..mesh
     };
     let poor = |mesh: &TetMesh| {

@@ -251,7 +251,8 @@ fn sides<const D: usize, M: Simplices<D>>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::{TetMesh, volume6};
+    use crate::geometry::volume6;
+    use crate::mesh::TetMesh;
 
     /// The unit cube as six tetrahedra about its diagonal (Kuhn).
     fn cube() -> TetMesh {

@@ -461,8 +461,8 @@ impl Complex {
 
 #[cfg(test)]
 mod tests {
-    use super::super::volume6;
     use super::*;
+    use crate::geometry::volume6;
 
     /// An octahedron about the axis (0, 1), split into four.
     fn octahedron() -> Complex {

@@ -9,6 +9,9 @@
 //! - `poly_columns`: what is known of cells that stand in columns
 //! - [`poly_from`]: those made from simplices, or by lifting polygons to prisms
 //! - [`graph`]: cells and connections, for flow and for simulators
+//! - [`faceted`]: meshes whose faces can be cut into facets, whatever their cells are
+//! - [`delaunay`]: points -> tetrahedra by TetGen, triangles by spade; CGAL's opinion and refinement
+//! - [`voronoi`]: atoms in a box -> their Voronoi cells, cut exactly by the box
 //!
 //! The tetrahedron, its numbering and its orientation:
 //!
@@ -25,6 +28,8 @@
 
 pub mod check;
 pub mod complex;
+pub mod delaunay;
+pub mod faceted;
 pub mod graph;
 pub mod poly;
 pub mod poly_check;
@@ -32,24 +37,11 @@ mod poly_columns;
 pub mod poly_from;
 pub mod quality;
 pub mod tri;
+pub mod voronoi;
 
 pub use tri::TriMesh;
 
-/// What an atom (mesh node) may do: how many of the box's sides hold it, or a user.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u8)]
-pub enum AtomKind {
-    /// Moves freely inside the box.
-    Interior = 0,
-    /// Moves in a side of the box.
-    Side = 1,
-    /// Moves along an edge of the box.
-    Edge = 2,
-    /// A corner of the box: does not move.
-    Corner = 3,
-    /// Placed by the user (a well, a source): does not move.
-    Fixed = 4,
-}
+use crate::geometry::{cross, norm, sub, volume6};
 
 /// A tetrahedral mesh in one space (lattice or physical; the owner says which).
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -193,43 +185,3 @@ pub const FACES: [[usize; 3]; 4] = [[1, 3, 2], [0, 2, 3], [0, 3, 1], [0, 1, 2]];
 
 /// The six edges as pairs of local nodes; edge e is opposite edge 5 - e.
 pub const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
-
-/// `a - b`.
-#[inline]
-pub fn sub(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-/// `a + s b`.
-#[inline]
-pub fn add_scaled(a: [f64; 3], s: f64, b: [f64; 3]) -> [f64; 3] {
-    [a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]]
-}
-
-/// Scalar product.
-#[inline]
-pub fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-/// Vector product.
-#[inline]
-pub fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
-}
-
-/// Length.
-#[inline]
-pub fn norm(a: [f64; 3]) -> f64 {
-    dot(a, a).sqrt()
-}
-
-/// Six times the signed volume of a tetrahedron; positive for the module's orientation.
-#[inline]
-pub fn volume6(p: &[[f64; 3]; 4]) -> f64 {
-    dot(sub(p[1], p[0]), cross(sub(p[2], p[0]), sub(p[3], p[0])))
-}

@@ -1,7 +1,8 @@
 //! The shape of a tetrahedron, measured by its dihedral angles.
 
-use super::{EDGES, cross, dot, sub, volume6};
-use crate::wide::wide;
+use super::EDGES;
+use crate::geometry::wide::wide;
+use crate::geometry::{cross, dot, sub, volume6};
 
 /// So many tetrahedra are measured side by side.
 pub const BLOCK: usize = 64;
@@ -67,7 +68,7 @@ pub fn dihedral_angles(p: &[[f64; 3]; 4]) -> [f64; 6] {
         let e = sub(p[j], p[i]);
         let m = cross(e, sub(p[k], p[i]));
         let n = cross(e, sub(p[l], p[i]));
-        let sine = super::norm(cross(m, n));
+        let sine = crate::geometry::norm(cross(m, n));
         sine.atan2(dot(m, n)).to_degrees()
     })
 }
@@ -133,7 +134,7 @@ pub fn radius_edge_ratio(p: &[[f64; 3]; 4]) -> f64 {
     let (bc, ca, ab) = (cross(b, c), cross(c, a), cross(a, b));
     let (aa, bb, cc) = (dot(a, a), dot(b, b), dot(c, c));
     let top: [f64; 3] = std::array::from_fn(|k| aa * bc[k] + bb * ca[k] + cc * ab[k]);
-    super::norm(top) / (2.0 * volume6(p).abs()) / shortest
+    crate::geometry::norm(top) / (2.0 * volume6(p).abs()) / shortest
 }
 
 /// All figures of one tetrahedron, from what they share: a quarter of the cost of one by one.

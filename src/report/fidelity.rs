@@ -38,7 +38,7 @@ pub struct Match {
     /// Share of the faces' area within one sample of a feature.
     pub precision: f64,
     /// Symmetric Hausdorff distance, in samples. From faces to features it is cut off at
-    /// [`REACH`](crate::synth::truth::REACH).
+    /// [`REACH`](crate::image::synth::truth::REACH).
     pub hausdorff: f64,
     /// The larger of the two directed 95 % points (by number of feature points, by area).
     pub hausdorff_95: f64,

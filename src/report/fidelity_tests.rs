@@ -1,9 +1,9 @@
 use super::super::test_mesh::kuhn_box;
 use super::*;
+use crate::image::synth::truth::{REACH, Truth};
+use crate::image::synth::{Kind, Options, make};
 use crate::mesh::TriMesh;
 use crate::mesh::tri::SIDES;
-use crate::synth::truth::{REACH, Truth};
-use crate::synth::{Kind, Options, make};
 
 /// Truth of a feature given by its closest point and normal.
 fn truth_of(dims: [usize; 3], closest: impl Fn([f64; 3]) -> (f64, [f64; 3])) -> Truth {

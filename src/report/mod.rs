@@ -7,7 +7,6 @@
 //! - [`cells`]: Voronoi cells, as flow simulators see them
 //! - [`cost`]: seconds and memory of each stage
 //! - [`table`]: a report on one screen
-//! - [`slice`]: pictures of a mesh over its image
 
 pub mod cells;
 pub mod cost;
@@ -16,7 +15,6 @@ pub mod lattice;
 mod nearest;
 pub mod quality;
 pub mod reference;
-pub mod slice;
 pub mod table;
 #[cfg(test)]
 mod test_mesh;

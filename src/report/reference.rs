@@ -4,8 +4,8 @@
 
 use super::nearest::Points;
 use crate::feature::Features;
-use crate::synth::Truth;
-use crate::synth::truth::REACH;
+use crate::image::synth::Truth;
+use crate::image::synth::truth::REACH;
 
 /// How far sideways, in samples, a detected point stands for the plane through it.
 const SIDEWAYS: f64 = 1.0;

@@ -342,9 +342,9 @@ mod tests {
 
     fn full() -> Report {
         let mesh = kuhn_box([8, 8, 8], 2.0);
-        let truth = crate::synth::make(
-            crate::synth::Kind::Sphere,
-            &crate::synth::Options {
+        let truth = crate::image::synth::make(
+            crate::image::synth::Kind::Sphere,
+            &crate::image::synth::Options {
                 dims: [17; 3],
                 ..Default::default()
             },

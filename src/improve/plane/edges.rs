@@ -2,7 +2,7 @@
 
 use super::{Improver, STEEPEST, lift};
 use crate::improve::hold::Hold;
-use crate::mesh::AtomKind;
+use crate::lattice::AtomKind;
 use crate::mesh::complex::NONE;
 use crate::mesh::tri::SIDES;
 

@@ -25,11 +25,13 @@ use super::hold::Hold;
 use super::mend::UNUSABLE;
 use super::sheets::{SAME_SHEET, Sheets};
 use super::{Blocked, Counts, FACE_ON_SHEET, Outcome, piercing};
-use crate::distance::Distance;
+use crate::geometry::{add_scaled, dot, norm, sub};
+use crate::lattice::AtomKind;
+use crate::lattice::distance::Distance;
+use crate::lattice::seeding::Atoms;
+use crate::mesh::TriMesh;
 use crate::mesh::complex::NONE;
 use crate::mesh::tri::{SIDES, angles, neighbors, worst_cotangent};
-use crate::mesh::{AtomKind, TriMesh, add_scaled, dot, norm, sub};
-use crate::seeding::Atoms;
 
 /// A point of the plane as a point of space.
 pub fn lift([x, y]: [f64; 2]) -> [f64; 3] {

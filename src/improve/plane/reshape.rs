@@ -4,12 +4,12 @@
 //! outer edges among its own; what lies outside of them is left out.
 
 use super::Improver;
-use crate::delaunay::constrained_plane;
-use crate::distance::Distance;
 use crate::improve::reshape::{Reshaped, Wanted};
 use crate::improve::sheets::Sheets;
+use crate::lattice::distance::Distance;
 use crate::mesh::TriMesh;
 use crate::mesh::complex::NONE;
+use crate::mesh::delaunay::constrained_plane;
 use crate::mesh::tri::{SIDES, area2, neighbors};
 
 /// Reshapes a part of a mesh, as [`reshape`](crate::improve::reshape::reshape) in space.
@@ -126,8 +126,8 @@ fn inside(mesh: TriMesh, rim: &[[u32; 2]]) -> TriMesh {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::delaunay::delaunay_plane;
-    use crate::mesh::AtomKind;
+    use crate::lattice::AtomKind;
+    use crate::mesh::delaunay::delaunay_plane;
 
     #[test]
     fn an_l_shaped_part_keeps_its_outline() {

@@ -1,7 +1,7 @@
 //! Max-min smoothing: a node goes to where the smallest angle about it is largest.
 
 use super::{Improver, lift};
-use crate::mesh::dot;
+use crate::geometry::dot;
 use crate::mesh::tri::{SIDES, worst_cotangent};
 
 /// Directions in which a node tries to move.

@@ -1,8 +1,8 @@
 use super::*;
-use crate::delaunay::delaunay_plane;
 use crate::feature::FeaturePoint;
+use crate::lattice::seeding::{self, Alignment};
 use crate::mesh::check::check;
-use crate::seeding::{self, Alignment};
+use crate::mesh::delaunay::delaunay_plane;
 use proptest::prelude::*;
 
 const EXTENT: [f64; 2] = [90.0, 80.0];

@@ -1,10 +1,10 @@
 use super::*;
 use crate::feature::canny::steepness;
 use crate::feature::volume::Volume;
-use crate::mesh::AtomKind;
+use crate::lattice::AtomKind;
+use crate::lattice::seeding::Atoms;
 use crate::mesh::check::check;
 use crate::mesh::tri::shape;
-use crate::seeding::Atoms;
 
 const EXTENT: [f64; 2] = [60.0, 54.0];
 

@@ -1,0 +1,217 @@
+//! The verb `columns`: the Voronoi cells of a map, drawn down through layers between horizons.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use serde_json::json;
+
+use crate::cli::args::InputOptions;
+use crate::cli::console::Console;
+use crate::cli::job::check_output;
+use crate::cli::parse::{bad, number};
+use crate::cli::provenance::file_hash;
+use crate::error::cause;
+use crate::export::surfaces::vtp::read_triangles;
+use crate::image::formats::{self, AnyLoaded};
+use crate::mesh::poly::PolyMesh;
+use crate::model::columns::horizon::{Horizon, Triangles};
+use crate::model::columns::{Columns, Division, columns};
+use crate::store::{AnyMesh, read_any_vtu, write_cells_vtu};
+
+use crate::model::columns::drawn::columns_to_file;
+use crate::store::file::{Placed, Provenance};
+use crate::{Error, Result};
+
+/// `atomesh columns`.
+#[derive(Debug, Args)]
+pub struct ColumnsArgs {
+    /// The map: Voronoi cells of a 2-D image, as `atomesh mesh MAP --cells voronoi` makes them
+    #[arg(value_name = "MAP.vtu")]
+    pub map: PathBuf,
+    /// The mesh to write
+    #[arg(short, long, value_name = "CELLS.vtu")]
+    pub output: PathBuf,
+    /// A horizon, from the top down; at least two: z as a number, a 2-D image of z (of the dims of the
+    /// image that was meshed, or one that says where it lies), or a surface FILE.vtp[:NUMBER]
+    #[arg(long, value_name = "Z", required = true, allow_hyphen_values = true)]
+    pub horizon: Vec<String>,
+    /// Number of layers between horizons: one for all, or N,N,... [default: 1]
+    #[arg(long, value_name = "N,...", conflicts_with = "layer_thickness")]
+    pub layers: Option<String>,
+    /// Mean thickness of the layers, instead of their number
+    #[arg(long, value_name = "T", allow_hyphen_values = true)]
+    pub layer_thickness: Option<f64>,
+    /// Layers thinner than this vanish there
+    #[arg(
+        long,
+        value_name = "T",
+        default_value_t = 0.0,
+        allow_hyphen_values = true
+    )]
+    pub least_thickness: f64,
+    /// Unit of z [default: that of the map's x]
+    #[arg(long, value_name = "UNIT")]
+    pub z_unit: Option<String>,
+    /// How to read the images.
+    #[command(flatten, next_help_heading = "Reading images")]
+    pub input: InputOptions,
+}
+
+/// Runs the verb.
+pub fn run(args: &ColumnsArgs, console: &mut Console) -> Result<()> {
+    let division = division(args)?;
+    if !(args.least_thickness >= 0.0 && args.least_thickness.is_finite()) {
+        let value = args.least_thickness.to_string();
+        let remedy = "give 0 or more, in the unit of z";
+        return Err(bad("--least-thickness", &value, "is no thickness", remedy));
+    }
+    let files: Vec<&Path> = args.horizon.iter().map(Path::new).collect();
+    let inputs: Vec<&Path> = [args.map.as_path()].into_iter().chain(files).collect();
+    check_output(&args.output, "--output", &["vtu"], &inputs)?;
+    console.begin_stage("reading");
+    let map = map(&args.map)?;
+    let mut z = Vec::new();
+    for text in &args.horizon {
+        let horizon = horizon(text, &map, &args.input, console)?;
+        let (values, missing) = horizon.at_nodes(&map.physical, text)?;
+        if missing > 0 {
+            console.note(format_args!(
+                "{text} is not known at {missing} of the map's {} nodes: continued smoothly there",
+                values.len()
+            ));
+        }
+        z.push(values);
+    }
+    console.begin_stage("building columns");
+    let least = args.least_thickness;
+    let found = columns(&map.physical, &z, &args.horizon, &division, least)?;
+    let table = table(&found, &map.physical);
+    let result = json!({
+        "cells": found.column.len(),
+        "columns": map.physical.sites.len(),
+        "layers": found.counts,
+        "missing": found.missing,
+        "z_grows": if found.z_up { "upwards" } else { "downwards" },
+        "file": args.output,
+    });
+    console.begin_stage("writing");
+    let provenance = Provenance {
+        parameters: format!("columns = {:?}", args.horizon),
+        input_sha256: file_hash(&args.map)?,
+    };
+    let z_unit = args.z_unit.as_ref().unwrap_or(&map.geometry.units[0]);
+    let file = columns_to_file(found, &map, z_unit, &provenance);
+    write_cells_vtu(&args.output, &file)?;
+    console.result(
+        format_args!("{table}\nwrote {}", args.output.display()),
+        &result,
+    );
+    Ok(())
+}
+
+fn table(found: &Columns, map: &PolyMesh<2>) -> String {
+    let layers: Vec<String> = found.counts.iter().map(usize::to_string).collect();
+    let mut lines = vec![
+        format!(
+            "cells          {} in {} columns",
+            found.column.len(),
+            map.sites.len()
+        ),
+        format!(
+            "layers         {} in the intervals, from the top",
+            layers.join(", ")
+        ),
+        format!(
+            "z              grows {}",
+            if found.z_up {
+                "upwards"
+            } else {
+                "downwards: export it with --down z"
+            }
+        ),
+    ];
+    let missing = found.missing.iter().enumerate().filter(|m| *m.1 > 0);
+    let missing: Vec<String> = missing
+        .map(|(layer, count)| format!("layer {layer} in {count} columns"))
+        .collect();
+    if !missing.is_empty() {
+        lines.push(format!("pinched out    {}", missing.join(", ")));
+    }
+    lines.join("\n")
+}
+
+fn division(args: &ColumnsArgs) -> Result<Division> {
+    if let Some(thickness) = args.layer_thickness {
+        return Ok(Division::Thickness(thickness));
+    }
+    let text = args.layers.as_deref().unwrap_or("1");
+    let counts: Option<Vec<usize>> = text.split(',').map(|w| w.trim().parse().ok()).collect();
+    counts.map(Division::Counts).ok_or_else(|| {
+        let remedy = "give one, or one for each interval, such as 3,5";
+        bad("--layers", text, "is no number of layers", remedy)
+    })
+}
+
+/// The map, placed.
+fn map(path: &Path) -> Result<Placed<2, PolyMesh<2>>> {
+    let what = match read_any_vtu(path)? {
+        AnyMesh::PlaneCells(file) => return Placed::cells(file, &path.display().to_string()),
+        AnyMesh::Plane(_) => "is of triangles, through which columns conduct badly",
+        AnyMesh::Space(_) | AnyMesh::SpaceCells(_) => "is no map: it is a 3-D mesh",
+    };
+    Err(Error::Mesh(cause(
+        path.display(),
+        what,
+        "mesh a 2-D image of the map with --cells voronoi",
+    )))
+}
+
+/// A horizon as typed.
+fn horizon(
+    text: &str,
+    map: &Placed<2, PolyMesh<2>>,
+    input: &InputOptions,
+    console: &Console,
+) -> Result<Horizon> {
+    if let Ok(z) = text.parse::<f64>() {
+        return Ok(Horizon::Flat(number(
+            "--horizon",
+            &z.to_string(),
+            "give a finite z",
+        )?));
+    }
+    let (path, which) = match text.rsplit_once(':') {
+        Some((path, which)) if path.ends_with(".vtp") => {
+            let which = which.parse().map_err(|_| {
+                let remedy = "give FILE.vtp or FILE.vtp:NUMBER";
+                bad("--horizon", text, "has no number of a surface", remedy)
+            })?;
+            (Path::new(path), Some(which))
+        }
+        _ => (Path::new(text), None),
+    };
+    if path
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("vtp"))
+    {
+        let triangles = read_triangles(path, which)?;
+        if triangles.is_empty() {
+            let remedy = "give a surface of `atomesh surface`: FILE.vtp, or FILE.vtp:NUMBER";
+            return Err(bad("--horizon", text, "has no such surface", remedy));
+        }
+        return Ok(Horizon::Surface(Triangles::new(triangles)));
+    }
+    let loaded = formats::read_any(path, &input.read_options()?)?;
+    let AnyLoaded::Plane(loaded) = loaded else {
+        let remedy = "give an image of z over the map";
+        return Err(bad("--horizon", text, "is a 3-D image", remedy));
+    };
+    loaded.notes.iter().for_each(|note| console.note(note));
+    let mut image = loaded.image;
+    let dims = image.dims();
+    let own: [f64; 2] = [0, 1].map(|k| map.extent[k] / map.step[k] + 1.0);
+    if (0..2).all(|k| (dims[k] as f64 - own[k]).abs() < 1e-6) {
+        image.geometry = map.geometry.clone();
+    }
+    Ok(Horizon::Grid(image))
+}

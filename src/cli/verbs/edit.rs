@@ -1,0 +1,357 @@
+//! The verb `edit`: atoms added, moved and removed, and only their neighbourhood meshed anew.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use serde_json::json;
+
+use crate::cli::args::{InputOptions, MeshOptions};
+use crate::cli::console::Console;
+use crate::cli::job::{MeshJob, check_output};
+use crate::cli::parse;
+use crate::cli::provenance::file_hash;
+use crate::error::{cause, os};
+use crate::image::formats;
+use crate::image::formats::{AnyLoaded, Loaded};
+use crate::job::{Meshing, Space};
+use crate::lattice::optimize::Observer;
+use crate::model::edit::body::dropped;
+use crate::model::edit::{Change, Edit, Summary, edit as edit_mesh};
+use crate::report::{Clock, Measured, Report};
+use crate::store::{AnyMesh, FieldValue, MeshFile, read_any_vtu, write_vtu};
+use crate::{Error, Result};
+
+/// `atomesh edit`.
+#[derive(Debug, Args)]
+pub struct EditArgs {
+    /// A mesh of triangles or tetrahedra written by atomesh
+    #[arg(value_name = "MESH.vtu")]
+    pub mesh: PathBuf,
+    /// The image that it was made of
+    #[arg(value_name = "IMAGE")]
+    pub image: PathBuf,
+    /// The edited mesh
+    #[arg(short, long, value_name = "OUT.vtu")]
+    pub output: PathBuf,
+    /// A new atom, in the image's physical coordinates (X,Y in 2-D); may be repeated, as all edits
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    pub add: Vec<String>,
+    /// Atom N, a point of the mesh as ParaView numbers them, goes to X,Y,Z
+    #[arg(long = "move", value_name = "N:X,Y,Z", allow_hyphen_values = true)]
+    pub moves: Vec<String>,
+    /// Atom N goes away
+    #[arg(long, value_name = "N")]
+    pub remove: Vec<String>,
+    /// Edits from a CSV file with a line each: add,X,Y,Z or move,N,X,Y,Z or remove,N
+    #[arg(long, value_name = "FILE.csv")]
+    pub edits: Option<PathBuf>,
+    /// Added and moved atoms only begin where they are put, and then move as all others do; without
+    /// this they stay there, as wells do
+    #[arg(long)]
+    pub free: bool,
+    /// How to read the image.
+    #[command(flatten, next_help_heading = "Reading the image")]
+    pub input: InputOptions,
+}
+
+const POINT: &str = "give a point such as 1500,2000,300 (1500,2000 in 2-D)";
+const ATOM: &str = "give the number of a point of the mesh, as ParaView shows it";
+
+/// Runs the verb.
+pub fn edit(args: &EditArgs, console: &mut Console) -> Result<()> {
+    let mut inputs: Vec<&Path> = vec![&args.mesh, &args.image];
+    inputs.extend(args.edits.as_deref());
+    check_output(&args.output, "--output", &["vtu"], &inputs)?;
+    let mut clock = Clock::new();
+    console.begin_stage("reading");
+    clock.begin("reading");
+    let refuse =
+        |problem: &str, remedy: &str| Err(Error::Job(cause(args.mesh.display(), problem, remedy)));
+    match read_any_vtu(&args.mesh)? {
+        AnyMesh::Plane(file) => run(args, file, clock, console),
+        AnyMesh::Space(file) => run(args, file, clock, console),
+        AnyMesh::PlaneCells(_) | AnyMesh::SpaceCells(_) => refuse(
+            "is a mesh of Voronoi cells",
+            "edit a mesh of triangles or tetrahedra",
+        ),
+    }
+}
+
+/// The same in the plane and in space.
+fn run<const D: usize, M: Measured<D>>(
+    args: &EditArgs,
+    file: MeshFile<M>,
+    mut clock: Clock,
+    console: &mut Console,
+) -> Result<()>
+where
+    Space<D>: Meshing<D, Mesh = M>,
+{
+    let edits = edits(args)?;
+    let options = options(args, &file)?;
+    let job = MeshJob::new(&args.image, &options)?;
+    let Some(Loaded { image, .. }) = loaded(formats::read_any(&args.image, &job.input)?) else {
+        return Err(Error::Job(cause(
+            args.image.display(),
+            format!("is no {D}-D image, as the mesh is"),
+            "give the image that was meshed",
+        )));
+    };
+    image.check(&args.image.display().to_string())?;
+    let params = job.params::<D>()?;
+    let mut notes = Vec::new();
+    let hash = file_hash(&args.image)?;
+    if text(&file, "input_sha256").is_some_and(|known| known.trim() != hash) {
+        notes.push(format!(
+            "{} is not the file that the mesh was made of (its SHA-256 is another)",
+            args.image.display()
+        ));
+    }
+    let lost = dropped(&file);
+    if !lost.is_empty() {
+        notes.push(format!(
+            "dropped the arrays {}, which an edit cannot know",
+            lost.join(", ")
+        ));
+    }
+    clock.end();
+
+    let place = args.mesh.display().to_string();
+    let cells = file.mesh.len();
+    let mut watcher = Watcher { console };
+    let edited = edit_mesh(
+        file,
+        &place,
+        &image,
+        &params,
+        &edits,
+        args.free,
+        &mut watcher,
+    )?;
+    console.begin_stage("writing");
+    clock.begin("writing");
+    write_vtu(&args.output, &edited.file)?;
+    clock.end();
+
+    let mut summary = edited.summary;
+    summary.notes.splice(0..0, notes);
+    summary
+        .stages
+        .splice(0..0, clock.costs()[..1].iter().cloned());
+    summary.stages.extend_from_slice(&clock.costs()[1..]);
+    let mut json = json!({
+        "file": args.output,
+        "edits": edits.iter().map(|edit| &edit.name).collect::<Vec<_>>(),
+    });
+    if let (Some(all), Ok(serde_json::Value::Object(more))) =
+        (json.as_object_mut(), serde_json::to_value(&summary))
+    {
+        all.extend(more);
+    }
+    let cells = [cells, edited.file.mesh.len()];
+    let table = table::<D, M>(&edits, &summary, cells);
+    console.result(
+        format_args!("{table}\nwrote {}", args.output.display()),
+        &json,
+    );
+    Ok(())
+}
+
+/// An image of the mesh's dimension.
+fn loaded<const D: usize>(any: AnyLoaded) -> Option<Loaded<D>> {
+    let any: Box<dyn std::any::Any> = match any {
+        AnyLoaded::Plane(loaded) => Box::new(loaded),
+        AnyLoaded::Space(loaded) => Box::new(loaded),
+    };
+    any.downcast().ok().map(|loaded| *loaded)
+}
+
+/// A text that belongs to the whole mesh.
+fn text<'a, M>(file: &'a MeshFile<M>, name: &str) -> Option<&'a str> {
+    let mut fields = file.field_data.iter();
+    fields.find_map(|(known, value)| match value {
+        FieldValue::Text(text) if known == name => Some(text.as_str()),
+        _ => None,
+    })
+}
+
+/// The options with which the mesh was made, as it says.
+fn options<M>(args: &EditArgs, file: &MeshFile<M>) -> Result<MeshOptions> {
+    let refuse = |problem: String| {
+        let remedy = "give a mesh that atomesh mesh wrote";
+        Err(Error::Mesh(cause(args.mesh.display(), problem, remedy)))
+    };
+    let Some(parameters) = text(file, "parameters") else {
+        return refuse("does not say how it was made (no field data parameters)".into());
+    };
+    let made: MeshOptions = match toml::from_str(parameters.trim()) {
+        Ok(options) => options,
+        Err(error) => {
+            return refuse(format!(
+                "has parameters that make no sense: {}",
+                error.message().replace('\n', ", ")
+            ));
+        }
+    };
+    let here = MeshOptions {
+        input: args.input.clone(),
+        ..MeshOptions::default()
+    };
+    let mut options = here.over(&made)?.over(&MeshOptions::defaults())?;
+    options.output = Some(args.output.clone());
+    // The mesh knows its fixed atoms and its distances, which files may not do any more.
+    options.atoms_from = None;
+    options.well = None;
+    if options.distance_from.is_some() {
+        options.distance_from = Some("features".into());
+    }
+    Ok(options)
+}
+
+/// All edits, in the order of the options' names, then those of the file.
+fn edits<const D: usize>(args: &EditArgs) -> Result<Vec<Edit<D>>> {
+    let mut edits = Vec::new();
+    for words in &args.add {
+        edits.push(Edit {
+            name: format!("--add {words}"),
+            change: Change::Add(parse::point("--add", words, POINT)?),
+        });
+    }
+    for words in &args.moves {
+        let remedy = "give an atom and its new place such as 812:1500,2000,300";
+        let Some((node, to)) = words.split_once(':') else {
+            return Err(parse::bad("--move", words, "has no colon", remedy));
+        };
+        let node = atom("--move", words, node)?;
+        edits.push(Edit {
+            name: format!("--move {words}"),
+            change: Change::Move(node, parse::point("--move", to, POINT)?),
+        });
+    }
+    for words in &args.remove {
+        edits.push(Edit {
+            name: format!("--remove {words}"),
+            change: Change::Remove(atom("--remove", words, words)?),
+        });
+    }
+    if let Some(path) = &args.edits {
+        edits.extend(from_file(path)?);
+    }
+    if edits.is_empty() {
+        return Err(Error::Job(cause(
+            "atomesh edit",
+            "has nothing to do",
+            "give --add, --move, --remove or --edits",
+        )));
+    }
+    Ok(edits)
+}
+
+fn atom(option: &str, value: &str, word: &str) -> Result<u32> {
+    let atom = word.trim().parse();
+    atom.map_err(|_| parse::bad(option, value, "does not name an atom", ATOM))
+}
+
+/// Edits from a CSV file; empty lines and lines that begin with `#` are skipped.
+fn from_file<const D: usize>(path: &Path) -> Result<Vec<Edit<D>>> {
+    let text = std::fs::read_to_string(path).map_err(|e| os(path, "read", e))?;
+    let mut edits = Vec::new();
+    for (number, line) in (1..).zip(text.lines()) {
+        let line = line.trim();
+        if line.is_empty() || line.starts_with('#') {
+            continue;
+        }
+        let place = format!("{}:{number}", path.display());
+        let (verb, rest) = line.split_once(',').unwrap_or((line, ""));
+        let change = match verb.trim().to_ascii_lowercase().as_str() {
+            "add" => Change::Add(parse::point(&place, rest, POINT)?),
+            "remove" => Change::Remove(atom(&place, rest, rest)?),
+            "move" => {
+                let (node, to) = rest.split_once(',').unwrap_or((rest, ""));
+                Change::Move(atom(&place, rest, node)?, parse::point(&place, to, POINT)?)
+            }
+            _ => {
+                return Err(Error::Job(cause(
+                    place,
+                    format!("'{line}' is no edit"),
+                    "write add,X,Y,Z or move,N,X,Y,Z or remove,N",
+                )));
+            }
+        };
+        let name = format!("{place}: {line}");
+        edits.push(Edit { name, change });
+    }
+    Ok(edits)
+}
+
+/// What was done, on one screen.
+fn table<const D: usize, M: Measured<D>>(
+    edits: &[Edit<D>],
+    summary: &Summary,
+    cells: [usize; 2],
+) -> String {
+    let mut lines = Vec::new();
+    let mut line = |name: &str, text: String| lines.push(format!("{name:<12}{text}"));
+    for (edit, atom) in edits.iter().zip(&summary.atoms) {
+        let is = atom.map_or("gone".into(), |n| format!("atom {n}"));
+        line(
+            "edit",
+            format!("{} is {is}", edit.name.trim_start_matches('-')),
+        );
+    }
+    let kind = M::CELLS;
+    let [before, after] = summary.nodes;
+    line(
+        "mesh",
+        format!(
+            "{after} nodes, {} {kind}; before {before} and {}",
+            cells[1], cells[0]
+        ),
+    );
+    line(
+        "changed",
+        format!(
+            "{} {kind} made anew of {}, round {} atoms free to move; {} made room",
+            summary.cells[1], summary.cells[0], summary.warm, summary.made_room
+        ),
+    );
+    if let [Some(before), Some(after)] = &summary.quality {
+        line(
+            "quality",
+            format!(
+                "of these, angles {:.1} to {:.1}, mean ratio {:.3}; before {:.1} to {:.1}, {:.3}",
+                after.smallest_angle.worst,
+                after.largest_angle.worst,
+                after.mean_ratio_mean,
+                before.smallest_angle.worst,
+                before.largest_angle.worst,
+                before.mean_ratio_mean,
+            ),
+        );
+    }
+    line(
+        "work",
+        format!(
+            "features sought in {} samples; {} evaluations of the energy",
+            summary.samples, summary.evaluations
+        ),
+    );
+    let rest = Report {
+        stages: summary.stages.clone(),
+        notes: summary.notes.clone(),
+        ..Report::default()
+    };
+    lines.push(rest.table().trim_end().to_string());
+    lines.join("\n")
+}
+
+/// Shows the stages.
+struct Watcher<'a> {
+    console: &'a mut Console,
+}
+
+impl Observer for Watcher<'_> {
+    fn stage(&mut self, name: &str) {
+        self.console.begin_stage(name);
+    }
+}

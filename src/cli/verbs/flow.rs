@@ -1,0 +1,396 @@
+//! `atomesh flow`: steady pressure and flow from sources to sinks.
+
+use std::path::Path;
+
+use serde_json::json;
+
+use crate::cli::args::FlowArgs;
+use crate::cli::console::Console;
+use crate::cli::parse::{bad, by_region, number, rows};
+use crate::error::cause;
+use crate::files::check_target;
+use crate::files::vtk::DataArray;
+use crate::job::{Meshing, Space};
+use crate::mesh::poly::PolyMesh;
+use crate::model::flow::report::FlowReport;
+use crate::model::flow::through::{
+    Conditions, FaultLaws, FlowOutcome, SIDES, Standing, barriers, flow_through_cells,
+    flow_through_elements,
+};
+use crate::model::flow::{Barriers, Faults, Rock, Streamlines, Tensor, Well};
+use crate::report::Measured;
+use crate::store::file::Placed;
+use crate::store::stored::Stored;
+use crate::store::{AnyMesh, MeshFile, read_any_vtu};
+use crate::{Error, Result};
+
+/// Rate in m^3/s of a source for which none is given.
+const RATE: f64 = 1e-3;
+
+/// Runs the verb.
+pub fn flow(args: &FlowArgs, console: &mut Console) -> Result<()> {
+    let typed = Typed {
+        args,
+        wells: TypedWell::all(args)?,
+        sides: sides(&args.pressure)?,
+        laws: fault_laws(args)?,
+    };
+    check_target(&args.output)?;
+    args.streamlines.as_deref().map_or(Ok(()), check_target)?;
+    console.begin_stage("reading");
+    let report = match read_any_vtu(&args.mesh)? {
+        AnyMesh::Plane(file) => typed.through_elements::<2, _>(file, console),
+        AnyMesh::Space(file) => typed.through_elements::<3, _>(file, console),
+        AnyMesh::PlaneCells(file) => typed.through_cells(file, console),
+        AnyMesh::SpaceCells(file) => typed.through_cells(file, console),
+    }?;
+    console.result(
+        format_args!("{}\nwrote {}", report.table(), args.output.display()),
+        &json!(report),
+    );
+    Ok(())
+}
+
+/// What was typed, as far as it can be understood without the mesh.
+struct Typed<'a> {
+    args: &'a FlowArgs,
+    wells: Vec<TypedWell>,
+    sides: Vec<(u8, f64)>,
+    laws: FaultLaws,
+}
+
+impl Typed<'_> {
+    fn through_elements<const D: usize, M: Measured<D>>(
+        &self,
+        file: MeshFile<M>,
+        console: &mut Console,
+    ) -> Result<FlowReport> {
+        let args = self.args;
+        let arrays = MeshFile {
+            mesh: M::from_parts(Vec::new(), Vec::new()),
+            point_data: file.point_data.clone(),
+            cell_data: file.cell_data.clone(),
+            field_data: file.field_data.clone(),
+        };
+        let placed = Placed::new(file, &args.mesh.display().to_string())?;
+        let regions = arrays.cell_data.iter().find(|array| array.name == "region");
+        let regions = regions.map(|array| array.values.to_i64());
+        let rock = rock::<D>(args, &arrays.cell_data, regions)?;
+        let conditions = self.conditions()?;
+        let barriers = self.barriers(&placed, console)?;
+        console.begin_stage("computing pressure");
+        let lines = args.streamlines.as_ref().map(|_| args.lines);
+        let outcome = flow_through_elements(arrays, &placed, rock, &barriers, &conditions, lines)?;
+        self.write(outcome, console)
+    }
+
+    /// Through Voronoi cells (or any polyhedra or polygons).
+    fn through_cells<const D: usize>(
+        &self,
+        file: MeshFile<PolyMesh<D>>,
+        console: &mut Console,
+    ) -> Result<FlowReport>
+    where
+        Space<D>: Meshing<D>,
+    {
+        let args = self.args;
+        let place = args.mesh.display();
+        let regions = file.mesh.region.iter().map(|&r| i64::from(r)).collect();
+        let rock = rock::<D>(args, &file.cell_data, Some(regions))?;
+        let placed = Placed::cells(file.clone(), &place.to_string())?;
+        let conditions = self.conditions()?;
+        let barriers = self.barriers(&placed, console)?;
+        console.begin_stage("computing pressure");
+        let lines = args.streamlines.as_ref().map(|_| args.lines);
+        let (outcome, off) =
+            flow_through_cells(file, &placed, &rock, &barriers, &conditions, lines)?;
+        if off > 1.0 {
+            console.note(format_args!(
+                "the lines between cells are {off:.0} degrees off square to the permeability times \
+                 their faces' normals, on average: two-point fluxes are rough"
+            ));
+        }
+        self.write(outcome, console)
+    }
+
+    fn write<const D: usize, M: Stored<D>>(
+        &self,
+        outcome: FlowOutcome<D, M>,
+        console: &mut Console,
+    ) -> Result<FlowReport> {
+        console.begin_stage("writing");
+        if let (Some(path), Some(lines)) = (&self.args.streamlines, &outcome.streamlines) {
+            Streamlines::write(lines, path)?;
+        }
+        M::write(&self.args.output, &outcome.file)?;
+        Ok(outcome.report)
+    }
+
+    /// In a mesh of dimension `D`.
+    fn conditions<const D: usize>(&self) -> Result<Conditions<D>> {
+        let well = |well: &TypedWell| {
+            let position = well.position.as_slice().try_into().map_err(|_| {
+                let problem = format!("has {} coordinates, the mesh {D}", well.position.len());
+                Error::Flow(cause(&well.name, problem, "give as many"))
+            })?;
+            Ok(Well {
+                name: well.name.clone(),
+                position,
+                rate: well.rate,
+            })
+        };
+        if let Some(side) = self.sides.iter().find(|side| usize::from(side.0) >= 2 * D) {
+            let place = format!("--pressure {}={}", SIDES[usize::from(side.0)], side.1);
+            let problem = format!("names a side that a mesh of {D} dimensions does not have");
+            let remedy = format!("give one of {}", SIDES[..2 * D].join(", "));
+            return Err(Error::Flow(cause(place, problem, remedy)));
+        }
+        Ok(Conditions {
+            wells: self.wells.iter().map(well).collect::<Result<_>>()?,
+            sides: self.sides.clone(),
+        })
+    }
+
+    fn barriers<const D: usize, M: Stored<D>>(
+        &self,
+        placed: &Placed<D, M>,
+        console: &mut Console,
+    ) -> Result<Barriers> {
+        let laws = &self.laws;
+        if laws.law.are_open() && laws.own.is_empty() {
+            return Ok(Barriers::default());
+        }
+        let place = self.args.mesh.display();
+        match M::marks(placed) {
+            Some(marks) => {
+                console.begin_stage("grouping faces into faults");
+                barriers(placed, &marks, laws)
+            }
+            None if self.args.faults.is_some() || !laws.own.is_empty() => Err(Error::Flow(cause(
+                place,
+                "does not say which of its faces lie on features",
+                "give a mesh that atomesh mesh wrote, or --faults open",
+            ))),
+            None => {
+                console.note(format_args!(
+                    "{place} does not say which faces lie on features: no faults"
+                ));
+                Ok(Barriers::default())
+            }
+        }
+    }
+}
+
+/// Sides of the box with their pressures.
+fn sides(texts: &[String]) -> Result<Vec<(u8, f64)>> {
+    let mut sides: Vec<(u8, f64)> = Vec::new();
+    for text in texts {
+        let remedy = "give a side and its pressure, such as xmin=1e7";
+        let (name, value) = text
+            .split_once('=')
+            .ok_or_else(|| bad("--pressure", text, "has no '='", remedy))?;
+        let side = SIDES.iter().position(|side| *side == name.trim());
+        let side = side.ok_or_else(|| {
+            let problem = format!("'{name}' is no side of the box");
+            let remedy = format!("give one of {}", SIDES.join(", "));
+            bad("--pressure", text, &problem, &remedy)
+        })? as u8;
+        if sides.iter().any(|known| known.0 == side) {
+            return Err(bad("--pressure", text, "is given twice", "give it once"));
+        }
+        sides.push((side, number("--pressure", value, remedy)?));
+    }
+    Ok(sides)
+}
+
+/// A well with as many coordinates as were typed.
+struct TypedWell {
+    name: String,
+    position: Vec<f64>,
+    rate: f64,
+}
+
+impl TypedWell {
+    /// Sources, then sinks.
+    fn all(args: &FlowArgs) -> Result<Vec<Self>> {
+        let mut wells = Vec::new();
+        let mut without_rate = Vec::new();
+        let typed = [
+            ("--source", &args.source, 1.0),
+            ("--sink", &args.sink, -1.0),
+        ];
+        for (option, texts, sign) in typed {
+            for text in texts {
+                let (position, rate) = well(option, text)?;
+                if rate.is_none() && sign < 0.0 && args.pressure.is_empty() {
+                    without_rate.push(wells.len());
+                }
+                wells.push(Self {
+                    name: format!("{option} {text}"),
+                    position,
+                    rate: sign * rate.unwrap_or(RATE),
+                });
+            }
+        }
+        // Sinks without a rate share what comes in; given pressures would take up any difference.
+        let known = |i: &usize| !without_rate.contains(i);
+        let left: f64 = (0..wells.len()).filter(known).map(|i| wells[i].rate).sum();
+        for &i in &without_rate {
+            if left <= 0.0 {
+                let problem = format!("has no rate, and the others leave {left} m^3/s to it");
+                let remedy = "give it a rate, or the sources a larger one";
+                return Err(Error::Flow(cause(&wells[i].name, problem, remedy)));
+            }
+            wells[i].rate = -left / without_rate.len() as f64;
+        }
+        if wells.is_empty() && args.pressure.is_empty() {
+            return Err(Error::Flow(cause(
+                "flow",
+                "nothing makes fluid flow",
+                "give --source and --sink, or --pressure of two sides",
+            )));
+        }
+        Ok(wells)
+    }
+}
+
+/// `X,Y,Z` or `X,Y,Z:RATE` (in the plane without Z).
+fn well(option: &str, text: &str) -> Result<(Vec<f64>, Option<f64>)> {
+    let remedy = "give X,Y,Z or X,Y,Z:RATE, such as 120,80,40:0.001";
+    let (place, rate) = match text.split_once(':') {
+        Some((place, rate)) => (place, Some(number(option, rate, remedy)?)),
+        None => (text, None),
+    };
+    if rate.is_some_and(|rate| rate <= 0.0) {
+        let remedy = "give a positive rate: --sink takes fluid out";
+        return Err(bad(option, text, "has a rate that is not positive", remedy));
+    }
+    let position = place.split(',').map(|word| number(option, word, remedy));
+    Ok((position.collect::<Result<_>>()?, rate))
+}
+
+/// What faults do: `closed`, `open`, or a multiplier.
+pub(super) fn faults(how: &str, thickness: Option<f64>) -> Result<Faults> {
+    match how {
+        "closed" => Faults::new(0.0, thickness),
+        "open" => Ok(Faults::OPEN),
+        text => {
+            let remedy = "give open, closed, or a multiplier from 0 to 1";
+            Faults::new(number("--faults", text, remedy)?, thickness)
+        }
+    }
+}
+
+/// Which surfaces resist flow, and how.
+fn fault_laws(args: &FlowArgs) -> Result<FaultLaws> {
+    let thickness = args.fault_thickness;
+    let law = faults(args.faults.as_deref().unwrap_or("closed"), thickness)?;
+    let standing = match args.barriers.as_str() {
+        "faults" => Standing::Faults,
+        "horizons" => Standing::Horizons,
+        "all" => Standing::All,
+        text => {
+            let numbers = text.split(',').map(|word| word.trim().parse());
+            let numbers = numbers
+                .collect::<std::result::Result<_, _>>()
+                .map_err(|_| {
+                    let remedy = "give faults, horizons, all, or numbers such as 1,4";
+                    bad("--barriers", text, "does not say which surfaces", remedy)
+                })?;
+            Standing::Numbered(numbers)
+        }
+    };
+    let mut own: Vec<(u32, Faults)> = Vec::new();
+    for text in &args.fault_multiplier {
+        for (place, number, law) in multipliers(text, thickness)? {
+            if own.iter().any(|known| known.0 == number) {
+                let problem = format!("gives fault {number} a factor for the second time");
+                return Err(Error::Flow(cause(place, problem, "give each fault once")));
+            }
+            own.push((number, law));
+        }
+    }
+    Ok(FaultLaws { standing, law, own })
+}
+
+/// Faults with laws of their own, and where that was said: `N:FACTOR`, or from a CSV file.
+fn multipliers(text: &str, thickness: Option<f64>) -> Result<Vec<(String, u32, Faults)>> {
+    let number_of =
+        |x: f64| (x >= 1.0 && x <= f64::from(u32::MAX) && x.fract() == 0.0).then_some(x as u32);
+    let option = "--fault-multiplier";
+    let path = Path::new(text);
+    if path.is_file() {
+        let row = |row: &[f64]| match *row {
+            [fault, factor] => Some((number_of(fault)?, factor, thickness)),
+            [fault, factor, thickness] => Some((number_of(fault)?, factor, Some(thickness))),
+            _ => None,
+        };
+        let remedy = "write surface,factor or surface,factor,thickness";
+        let rows = rows(
+            path,
+            row,
+            "a surface's number, its factor and perhaps its thickness",
+            remedy,
+        )?;
+        let law = |(line, (fault, factor, thickness))| {
+            Ok((
+                format!("{text}:{line}"),
+                fault,
+                Faults::new(factor, thickness)?,
+            ))
+        };
+        return rows.into_iter().map(law).collect();
+    }
+    let remedy = "give the number of a surface and its factor, such as 3:0.01, or a CSV file";
+    let (fault, factor) = text
+        .split_once(':')
+        .ok_or_else(|| bad(option, text, "has no ':' and is no file", remedy))?;
+    let fault = number_of(number(option, fault, remedy)?)
+        .ok_or_else(|| bad(option, text, "has no number of a surface, from 1", remedy))?;
+    let law = Faults::new(number(option, factor, remedy)?, thickness)?;
+    Ok(vec![(format!("{option} {text}"), fault, law)])
+}
+
+/// The mobility of every cell: from numbers, from a file by region, or from an array of the mesh.
+fn rock<const D: usize>(
+    args: &FlowArgs,
+    cell_data: &[DataArray],
+    regions: Option<Vec<i64>>,
+) -> Result<Rock> {
+    let (text, viscosity) = (&args.permeability, args.viscosity);
+    if !(viscosity > 0.0 && viscosity.is_finite()) {
+        let remedy = "give Pa s: water has 0.001";
+        let problem = "is not a positive number";
+        return Err(bad("--viscosity", &viscosity.to_string(), problem, remedy));
+    }
+    let remedy = match D {
+        2 => "give K, or KX,KY, or KXX,KYY,KXY, positive definite, in m^2",
+        _ => "give K, or KX,KY,KZ, or KXX,KYY,KZZ,KXY,KYZ,KXZ, positive definite, in m^2",
+    };
+    let refuse = |problem: &str| bad("--permeability", text, problem, remedy);
+    let numbers: std::result::Result<Vec<f64>, _> =
+        text.split(',').map(|word| word.trim().parse()).collect();
+    if let Ok(numbers) = numbers {
+        let tensor = Tensor::of_dimension::<D>(&numbers);
+        let tensor = tensor.ok_or_else(|| refuse("is no permeability"))?;
+        return Ok(Rock::uniform(tensor, viscosity));
+    }
+    if let Some(array) = cell_data.iter().find(|array| array.name == *text) {
+        return Rock::by_cell::<D>(&array.values.to_f64(), array.components, viscosity);
+    }
+    let path = Path::new(text);
+    if !path.exists() {
+        let names: Vec<&str> = cell_data.iter().map(|array| array.name.as_str()).collect();
+        return Err(refuse(&format!(
+            "is no number, no file, and no cell array of the mesh (it has {})",
+            names.join(", ")
+        )));
+    }
+    let lines = "write region,K or region,KX,KY,KZ, in m^2";
+    let kinds = by_region(path, Tensor::of_dimension::<D>, lines)?;
+    let regions = regions.ok_or_else(|| {
+        refuse("is by region, but the mesh has no cell array 'region': give one for all")
+    })?;
+    let regions: Vec<i32> = regions.into_iter().map(|r| r as i32).collect();
+    Rock::by_region(&regions, &kinds, viscosity)
+}

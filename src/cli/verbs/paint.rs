@@ -1,0 +1,274 @@
+//! The verb `paint`: cells grown from seeds, within layers but not across surfaces.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use serde::Serialize;
+use serde_json::json;
+
+use super::surface::{Grouping, WRITTEN, image_of, marked_facets, write_file};
+use crate::Result;
+use crate::cli::args::InputOptions;
+use crate::cli::console::Console;
+use crate::cli::job::check_output;
+use crate::cli::parse;
+use crate::export::SurfaceFile;
+use crate::image::Field;
+use crate::model::paint::{Seed, blocks, contrast, paint as flow};
+use crate::model::surface::cells::{Cells, holding, skin};
+use crate::model::surface::stored::group;
+use crate::store::file::Placed;
+use crate::store::stored::Stored;
+use crate::store::{AnyMesh, MeshFile, read_any_vtu};
+
+/// Smaller rooms than this many cells are crumbs between surfaces.
+const CRUMB: usize = 24;
+
+/// `atomesh paint`.
+#[derive(Debug, Args)]
+pub struct PaintArgs {
+    /// A mesh written by atomesh
+    #[arg(value_name = "MESH.vtu")]
+    pub mesh: PathBuf,
+    /// The mesh with the painted regions as cell data `region` (0: not painted)
+    #[arg(short, long, value_name = "OUT.vtu")]
+    pub output: PathBuf,
+    /// Where paint begins, in physical coordinates (X,Y in 2-D), once or more; =N says which region, else each
+    /// seed is its own. `auto` paints every block between surfaces
+    #[arg(
+        long,
+        value_name = "X,Y,Z[=N]",
+        required = true,
+        allow_hyphen_values = true
+    )]
+    pub seed: Vec<String>,
+    /// Paint flows less easily where the values of this image change
+    #[arg(long, value_name = "IMAGE")]
+    pub image: Option<PathBuf>,
+    /// Paint stops this far from its seed, in samples (more slowly through narrow doors)
+    #[arg(long, value_name = "SAMPLES")]
+    pub level: Option<f64>,
+    /// Openings narrower than this share of the rooms they join are cracks, which paint does not
+    /// pass; 0 for none
+    #[arg(long, value_name = "SHARE", default_value_t = 0.3)]
+    pub neck: f64,
+    /// The surfaces around the painted regions: .vtp, .obj, or GOCAD's .ts
+    #[arg(long, value_name = "S.vtp")]
+    pub surface_out: Option<PathBuf>,
+    /// The surfaces that paint does not cross.
+    #[command(flatten)]
+    pub grouping: Grouping,
+    /// How to read the image.
+    #[command(flatten, next_help_heading = "Reading the image")]
+    pub input: InputOptions,
+}
+
+/// What was painted.
+#[derive(Debug, Serialize)]
+struct Region {
+    region: u32,
+    cells: usize,
+    volume: f64,
+    share: f64,
+}
+
+/// `atomesh paint`.
+pub fn paint(args: &PaintArgs, console: &mut Console) -> Result<()> {
+    let inputs: Vec<&std::path::Path> = [Some(args.mesh.as_path()), args.image.as_deref()]
+        .into_iter()
+        .flatten()
+        .collect();
+    check_output(&args.output, "--output", &["vtu"], &inputs)?;
+    if let Some(path) = &args.surface_out {
+        let inputs = [inputs.as_slice(), &[&args.output]].concat();
+        check_output(path, "--surface-out", &WRITTEN, &inputs)?;
+    }
+    console.begin_stage("reading");
+    match read_any_vtu(&args.mesh)? {
+        AnyMesh::Plane(file) => paint_mesh::<2, _>(args, file, console),
+        AnyMesh::Space(file) => paint_mesh::<3, _>(args, file, console),
+        AnyMesh::PlaneCells(file) => paint_mesh::<2, _>(args, file, console),
+        AnyMesh::SpaceCells(file) => paint_mesh::<3, _>(args, file, console),
+    }
+}
+
+fn paint_mesh<const D: usize, M: Stored<D> + Clone>(
+    args: &PaintArgs,
+    mut file: MeshFile<M>,
+    console: &mut Console,
+) -> Result<()> {
+    let seeds = seeds::<D>(&args.seed)?;
+    let options = args.grouping.options(Some(0.0))?;
+    let (_, z_up) = args.grouping.up::<D>()?;
+    let level = within(
+        "--level",
+        args.level.unwrap_or(f64::INFINITY),
+        0.0..=f64::INFINITY,
+    )?;
+    let neck = within("--neck", args.neck, 0.0..=1.0)?;
+    let placed = M::place(file.clone(), &args.mesh.display().to_string())?;
+    let marked = marked_facets(&placed, &args.mesh)?;
+    let mut closed = group(&placed, marked, &options).facets;
+    closed.iter_mut().for_each(|facet| facet.sort_unstable());
+    closed.sort_unstable();
+
+    console.begin_stage("painting");
+    let across = placed.lattice.cells_of_faces()?;
+    let cells = Cells::new(&placed.lattice, &across, &closed);
+    let (block, count) = blocks(&cells, neck, CRUMB);
+    // Faces have other numbers where the world mirrors the lattice.
+    let across = placed.physical.cells_of_faces()?;
+    let regions: Vec<u32> = match &seeds {
+        None => block.iter().map(|b| b + 1).collect(),
+        Some(seeds) => {
+            let seeds: Vec<Seed> = (seeds.iter().zip(&args.seed))
+                .map(|(&(p, unit), text)| {
+                    let cell = holding(&placed.physical, &across, p).ok_or_else(|| {
+                        let remedy = "give physical coordinates; atomesh info shows their range";
+                        parse::bad("--seed", text, "lies outside the mesh", remedy)
+                    })?;
+                    Ok(Seed { cell, unit })
+                })
+                .collect::<Result<_>>()?;
+            let mut cost: Vec<f64> = cells.links.iter().map(|l| cells.resistance(l)).collect();
+            if let Some(harder) = image_contrast(args, &placed, &cells)? {
+                cost.iter_mut().zip(harder).for_each(|(c, h)| *c *= h);
+            }
+            let (painted, _) = flow(&cells, &block, &cost, &seeds, level);
+            painted.into_iter().map(|unit| unit.unwrap_or(0)).collect()
+        }
+    };
+
+    console.begin_stage("writing");
+    M::set_regions(&mut file, regions.iter().map(|&r| r as i32).collect());
+    let found = totals(&placed, &regions);
+    if let Some(path) = &args.surface_out {
+        let physical = &placed.physical;
+        let (mut facets, mut start) = (Vec::new(), vec![0]);
+        for Region { region, .. } in &found {
+            facets.extend(skin(physical, &across, &regions, *region));
+            start.push(facets.len());
+        }
+        let mut skins = SurfaceFile::new(physical.node_positions(), &facets, &start, "region");
+        skins.names = found
+            .iter()
+            .map(|r| format!("region{}", r.region))
+            .collect();
+        write_file(path, skins, &placed.geometry, z_up)?;
+    }
+    M::write(&args.output, &file)?;
+    let mut lines = vec![format!(
+        "{:>6} {:>9} {:>13} {:>7}",
+        "region",
+        "cells",
+        if D == 2 { "area" } else { "volume" },
+        "share"
+    )];
+    lines.extend(found.iter().map(|r| {
+        let share = 100.0 * r.share;
+        format!(
+            "{:>6} {:>9} {:>13.6e} {share:>6.2}%",
+            r.region, r.cells, r.volume
+        )
+    }));
+    lines.push(format!(
+        "wrote {}: {} regions",
+        args.output.display(),
+        found.len()
+    ));
+    console.result(
+        lines.join("\n"),
+        &json!({
+            "file": args.output, "surface": args.surface_out, "blocks": count, "regions": found,
+        }),
+    );
+    Ok(())
+}
+
+/// Cells, volume and share of the whole of each region that has cells, but for 0, unpainted.
+fn totals<const D: usize, M: Stored<D>>(placed: &Placed<D, M>, regions: &[u32]) -> Vec<Region> {
+    let most = regions.iter().copied().max().unwrap_or(0) as usize;
+    let mut sums = vec![(0, 0.0); most + 1];
+    let mut all = 0.0;
+    for ((volume, _), &region) in placed.physical.cell_volumes().iter().zip(regions) {
+        sums[region as usize].0 += 1;
+        sums[region as usize].1 += volume;
+        all += volume;
+    }
+    let numbered = (0..).zip(sums).skip(1).filter(|(_, sum)| sum.0 > 0);
+    numbered
+        .map(|(region, (cells, volume))| Region {
+            region,
+            cells,
+            volume,
+            share: volume / all,
+        })
+        .collect()
+}
+
+/// How much harder paint flows through each link for the image, if one is given.
+fn image_contrast<const D: usize, M>(
+    args: &PaintArgs,
+    placed: &Placed<D, M>,
+    cells: &Cells<D>,
+) -> Result<Option<Vec<f64>>> {
+    let Some(path) = &args.image else {
+        return Ok(None);
+    };
+    let image = image_of(path, &args.input, placed)?;
+    let field = Field {
+        dims: image.dims(),
+        step: placed.step,
+        samples: image.as_slice().to_vec(),
+    };
+    let values: Vec<f64> = cells.centres.iter().map(|&x| field.value(x)).collect();
+    Ok(Some(contrast(cells, &values)))
+}
+
+/// Where paint begins, and its region, from 1.
+type Place<const D: usize> = ([f64; D], u32);
+
+/// Seeds with their regions; `None` for `auto`.
+fn seeds<const D: usize>(texts: &[String]) -> Result<Option<Vec<Place<D>>>> {
+    if let [only] = texts
+        && only == "auto"
+    {
+        return Ok(None);
+    }
+    let remedy = match D {
+        2 => "give X,Y or X,Y=N, such as 10,20.5 or 10,20.5=2, or auto alone",
+        _ => "give X,Y,Z or X,Y,Z=N, such as 10,20.5,30 or 10,20.5,30=2, or auto alone",
+    };
+    let seed = |(text, own): (&String, u32)| {
+        let (point, unit) = match text.split_once('=') {
+            None => (text.as_str(), own),
+            Some((point, unit)) => {
+                let unit = unit
+                    .trim()
+                    .parse()
+                    .ok()
+                    .filter(|u| (1..=1_000_000).contains(u));
+                let wrong =
+                    || parse::bad("--seed", text, "has no region from 1 to 1000000", remedy);
+                (point, unit.ok_or_else(wrong)?)
+            }
+        };
+        Ok((parse::point("--seed", point, remedy)?, unit))
+    };
+    let seeds: Result<Vec<_>> = texts.iter().zip(1..).map(seed).collect();
+    seeds.map(Some)
+}
+
+/// A number in a range.
+fn within(option: &str, value: f64, range: std::ops::RangeInclusive<f64>) -> Result<f64> {
+    if range.contains(&value) {
+        return Ok(value);
+    }
+    let remedy = format!("give a number from {} to {}", range.start(), range.end());
+    Err(parse::bad(
+        option,
+        &value.to_string(),
+        "is out of range",
+        &remedy,
+    ))
+}

@@ -1,0 +1,71 @@
+//! `atomesh slice`: pictures of a mesh over its image.
+
+use serde_json::json;
+
+use crate::cli::args::SliceArgs;
+use crate::cli::console::Console;
+use crate::cli::job::check_output;
+use crate::cli::parse;
+use crate::error::cause;
+use crate::image::formats;
+use crate::image::formats::AnyLoaded;
+use crate::model::slice::{self, Skeleton};
+use crate::store::{AnyMesh, read_any_vtu};
+use crate::{Error, Result};
+
+/// Runs the verb.
+pub fn slice(args: &SliceArgs, console: &mut Console) -> Result<()> {
+    check_output(
+        &args.output,
+        "--output",
+        &["png"],
+        &[&args.image, &args.mesh],
+    )?;
+    let at = args
+        .at
+        .as_deref()
+        .map(|text| parse::point("--at", text, "give a point such as 1500,2000,300"))
+        .transpose()?;
+    console.begin_stage("reading");
+    let image = formats::read_any(&args.image, &args.input.read_options()?)?;
+    let mesh = read_any_vtu(&args.mesh)?;
+    console.begin_stage("drawing");
+    let refuse =
+        |problem: &str, remedy: &str| Error::Job(cause(args.mesh.display(), problem, remedy));
+    let other = |mesh: u8, image: u8| {
+        let problem = format!("is a {mesh}-D mesh, but the image is {image}-D");
+        refuse(&problem, "give the mesh of the image")
+    };
+    let no_space = || refuse("the image's axes do not span space", "correct its geometry");
+    let picture = match image {
+        AnyLoaded::Plane(loaded) => {
+            let geometry = &loaded.image.geometry;
+            let skeleton = match mesh {
+                AnyMesh::Plane(file) => Skeleton::new(&file, geometry),
+                AnyMesh::PlaneCells(file) => Skeleton::of_cells(&file, geometry),
+                _ => return Err(other(3, 2)),
+            };
+            slice::plane(&loaded.image, &skeleton.ok_or_else(no_space)?)?
+        }
+        AnyLoaded::Space(loaded) => {
+            let geometry = &loaded.image.geometry;
+            let skeleton = match mesh {
+                AnyMesh::Space(file) => Skeleton::new(&file, geometry),
+                AnyMesh::SpaceCells(file) => Skeleton::of_cells(&file, geometry),
+                _ => return Err(other(2, 3)),
+            };
+            let at = match at {
+                Some(at) => geometry.to_index(at).ok_or_else(no_space)?,
+                None => loaded.image.dims().map(|n| (n / 2) as f64),
+            };
+            slice::space(&loaded.image, &skeleton.ok_or_else(no_space)?, at)?
+        }
+    };
+    picture.write(&args.output)?;
+    let [width, height] = picture.size();
+    console.result(
+        format_args!("wrote {}: {width} x {height} pixels", args.output.display()),
+        &json!({ "file": args.output, "size": [width, height] }),
+    );
+    Ok(())
+}

@@ -1,0 +1,417 @@
+//! The verb `surface`: faces on features, as labelled surfaces.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use serde_json::json;
+
+use crate::cli::args::{FeatureChoice, InputOptions};
+use crate::cli::console::Console;
+use crate::cli::job::{check_output, feature_scale, threshold};
+use crate::cli::parse;
+use crate::error::cause;
+use crate::export::{SurfaceFile, write_obj, write_tsurf, write_vtp};
+use crate::files::vtk::DataArray;
+use crate::geometry::{normal, unit};
+use crate::image::formats;
+use crate::image::{Geometry, Image};
+use crate::model::surface::measure::Up;
+use crate::model::surface::stored::{group, horizon_facets};
+use crate::model::surface::{Kind, Measure, Options, Surfaces, measure, select};
+use crate::store::file::Placed;
+use crate::store::stored::Stored;
+use crate::store::{AnyMesh, MeshFile, read_any_vtu};
+use crate::{Error, Result, feature};
+
+/// `atomesh surface`.
+#[derive(Debug, Args)]
+pub struct SurfaceArgs {
+    /// A mesh written by atomesh
+    #[arg(value_name = "MESH.vtu")]
+    pub mesh: PathBuf,
+    /// Look for faces on the features of this image, whatever the mesh says of its faces
+    #[arg(value_name = "IMAGE")]
+    pub image: Option<PathBuf>,
+    /// The surfaces to write: .vtp, .obj, or GOCAD's .ts
+    #[arg(short, long, value_name = "S.vtp")]
+    pub output: PathBuf,
+    /// How surfaces are told apart.
+    #[command(flatten)]
+    pub grouping: Grouping,
+    /// Drop surfaces of less area, in square samples (length in 2-D) [default: ten faces]
+    #[arg(long, value_name = "AREA", allow_negative_numbers = true)]
+    pub min_area: Option<f64>,
+    /// Depth of the valleys of b(x) from which on faces lie on the features of IMAGE, from 0 to 1
+    #[arg(long, value_name = "DEPTH", default_value_t = 0.6)]
+    pub depth: f64,
+    /// The features of IMAGE
+    #[arg(long, value_name = "KIND", default_value = "auto")]
+    pub feature: FeatureChoice,
+    /// Scale of the features in samples [default: by the kind of feature]
+    #[arg(long, value_name = "S")]
+    pub sigma: Option<f64>,
+    /// Least strength of a feature, in units of the feature image [default: automatic, printed]
+    #[arg(long, value_name = "T", allow_negative_numbers = true)]
+    pub threshold: Option<f32>,
+    /// How to read the image.
+    #[command(flatten, next_help_heading = "Reading the image")]
+    pub input: InputOptions,
+}
+
+/// What makes faces one surface, and how its orientation is told.
+#[derive(Debug, Clone, Args)]
+pub struct Grouping {
+    /// Largest bend from face to face within a surface, in degrees
+    #[arg(long, value_name = "DEGREES", default_value_t = 25.0)]
+    pub max_bend: f64,
+    /// Which way is up: x, y, z or -x, -y, -z in physical coordinates [default: z; y in 2-D]
+    #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
+    pub up: Option<String>,
+}
+
+/// The endings of the surface formats that are written.
+pub const WRITTEN: [&str; 3] = ["vtp", "obj", "ts"];
+
+/// Faces lie along a feature if their normals differ by less than 35 degrees from its.
+const ALONG: f64 = 0.82;
+
+impl Grouping {
+    /// The options, checked, for surfaces of at least `min_area`.
+    ///
+    /// # Errors
+    /// [`Error::Job`] for a bend that is no angle below 90 degrees, or a negative area.
+    pub fn options(&self, min_area: Option<f64>) -> Result<Options> {
+        let refuse = |option: String, remedy: &str| {
+            Err(Error::Job(cause(option, "is out of range", remedy)))
+        };
+        if !(self.max_bend > 0.0 && self.max_bend < 90.0) {
+            return refuse(
+                format!("--max-bend {}", self.max_bend),
+                "give degrees above 0 and below 90; 25 is usual",
+            );
+        }
+        if let Some(area) = min_area.filter(|a| !(a.is_finite() && *a >= 0.0)) {
+            return refuse(
+                format!("--min-area {area}"),
+                "give 0 or more square samples",
+            );
+        }
+        Ok(Options {
+            max_bend: self.max_bend,
+            min_area,
+            ..Options::default()
+        })
+    }
+
+    /// The directions of up, north and east; and whether z grows upwards, as far as it says.
+    ///
+    /// # Errors
+    /// [`Error::Job`] for anything but an axis of space or of the plane, or minus one.
+    pub fn up<const D: usize>(&self) -> Result<(Up<D>, bool)> {
+        let axes = &["x", "y", "z"][..D];
+        let typed = self.up.as_deref().unwrap_or(axes[D - 1]);
+        let positive = !typed.starts_with('-');
+        let axis = axes
+            .iter()
+            .position(|&a| a == typed.trim_start_matches('-'));
+        match axis {
+            Some(axis) => Ok((Up::along(axis, positive), positive)),
+            None => {
+                let remedy = format!("give {}, or -{}", axes.join(", "), axes.join(", -"));
+                Err(parse::bad("--up", typed, "is no axis of the mesh", &remedy))
+            }
+        }
+    }
+}
+
+/// The facets that the mesh says lie on features.
+///
+/// # Errors
+/// [`Error::Mesh`] if it says nothing, or that none does.
+pub fn marked_facets<const D: usize, M: Stored<D>>(
+    placed: &Placed<D, M>,
+    place: &Path,
+) -> Result<Vec<[u32; D]>> {
+    let facets = M::marks(placed).map(|marks| select::marked(&placed.lattice, &marks));
+    let refuse =
+        |problem: &str, remedy: &str| Err(Error::Mesh(cause(place.display(), problem, remedy)));
+    match facets {
+        None => refuse(
+            "does not say which faces lie on features (no cell data feature_faces)",
+            "give a mesh that atomesh mesh wrote",
+        ),
+        Some(facets) if facets.is_empty() => refuse(
+            "has no face on a feature",
+            "mesh the image with features, and with slivers removed",
+        ),
+        Some(facets) => Ok(facets),
+    }
+}
+
+/// The image of a mesh, checked; it must fill the mesh's box.
+///
+/// # Errors
+/// [`Error::Image`] or [`Error::Io`] if it cannot be used.
+pub fn image_of<const D: usize, M>(
+    path: &Path,
+    input: &InputOptions,
+    placed: &Placed<D, M>,
+) -> Result<Image<D>> {
+    let place = path.display().to_string();
+    let read = formats::read_any(path, &input.read_options()?)?;
+    let image = read.image().ok_or_else(|| {
+        let problem = format!("is no image of {D} dimensions, as the mesh is");
+        Error::Image(cause(&place, problem, "give the image that was meshed"))
+    })?;
+    image.check(&place)?;
+    placed.check_dims(image.dims(), &place)?;
+    Ok(image)
+}
+
+/// The facets on the features of the image.
+fn facets_on_image<const D: usize, M: Stored<D>>(
+    args: &SurfaceArgs,
+    path: &Path,
+    placed: &Placed<D, M>,
+    distance: Option<f64>,
+    console: &mut Console,
+) -> Result<Vec<[u32; D]>> {
+    let image = image_of(path, &args.input, placed)?;
+    let options = feature::Options {
+        kind: args.feature.into(),
+        scale: feature_scale(args.sigma)?,
+        threshold: threshold(args.threshold)?,
+        d_min: distance.unwrap_or_else(|| mean_spacing(&placed.lattice)),
+        step: placed.step,
+        ..feature::Options::default()
+    };
+    let features = feature::detect(&image, &options)?;
+    features.notes.iter().for_each(|note| console.note(note));
+    let (b, sigma) = (&features.potential, features.sigma);
+    let facets = select::in_valleys(&placed.lattice, b, sigma, args.depth, ALONG);
+    if facets.is_empty() {
+        return Err(Error::Mesh(cause(
+            args.mesh.display(),
+            format!("has no face on a feature of {}", path.display()),
+            "give the image that was meshed, or a smaller --depth",
+        )));
+    }
+    Ok(facets)
+}
+
+/// The least nominal distance between nodes, if the mesh says so.
+fn least_distance<M>(file: &MeshFile<M>) -> Option<f64> {
+    let mut arrays = file.point_data.iter().chain(&file.cell_data);
+    let array = arrays.find(|a| a.name == "distance")?;
+    let distances = array.values.to_f64().into_iter();
+    let least = distances.fold(f64::INFINITY, f64::min);
+    (least.is_finite() && least > 0.0).then_some(least)
+}
+
+/// About how far the nodes of a mesh are apart: the volume that each has.
+fn mean_spacing<const D: usize, M: Stored<D>>(mesh: &M) -> f64 {
+    let volume: f64 = mesh.cell_volumes().iter().map(|cell| cell.0).sum();
+    (volume / mesh.node_positions().len() as f64).powf(1.0 / D as f64)
+}
+
+/// `atomesh surface`.
+pub fn surface(args: &SurfaceArgs, console: &mut Console) -> Result<()> {
+    let mut inputs = vec![args.mesh.as_path()];
+    inputs.extend(args.image.as_deref());
+    check_output(&args.output, "--output", &WRITTEN, &inputs)?;
+    if !(args.depth > 0.0 && args.depth < 1.0) {
+        let remedy = "give a number above 0 and below 1; 0.6 is usual";
+        return Err(parse::bad(
+            "--depth",
+            &args.depth.to_string(),
+            "is out of range",
+            remedy,
+        ));
+    }
+    console.begin_stage("reading");
+    match read_any_vtu(&args.mesh)? {
+        AnyMesh::Plane(file) => surfaces_of::<2, _>(args, file, console),
+        AnyMesh::Space(file) => surfaces_of::<3, _>(args, file, console),
+        AnyMesh::PlaneCells(file) => surfaces_of::<2, _>(args, file, console),
+        AnyMesh::SpaceCells(file) => surfaces_of::<3, _>(args, file, console),
+    }
+}
+
+fn surfaces_of<const D: usize, M: Stored<D>>(
+    args: &SurfaceArgs,
+    file: MeshFile<M>,
+    console: &mut Console,
+) -> Result<()> {
+    let options = args.grouping.options(args.min_area)?;
+    let (up, z_up) = args.grouping.up::<D>()?;
+    let distance = least_distance(&file);
+    let placed = M::place(file, &args.mesh.display().to_string())?;
+    let facets = match &args.image {
+        None => marked_facets(&placed, &args.mesh)?,
+        Some(path) => {
+            console.begin_stage("finding features");
+            facets_on_image(args, path, &placed, distance, console)?
+        }
+    };
+    console.begin_stage("grouping faces");
+    let mut surfaces = group(&placed, facets, &options);
+    let nodes = placed.physical.node_positions();
+    surfaces.orient(nodes, up.up);
+    let measures = measure(&surfaces, nodes, &up, &horizon_facets(&placed));
+    console.begin_stage("writing");
+    let mut file = SurfaceFile::new(nodes, &surfaces.facets, &surfaces.start, "surface");
+    file.names = measures.iter().map(name).collect();
+    file.cell_data = cell_data(&surfaces, &measures, nodes);
+    write_file(&args.output, file, &placed.geometry, z_up)?;
+    let mut text = table(&measures, D);
+    if surfaces.filled > 0 {
+        text += &format!("\n{} faces close gaps", surfaces.filled);
+    }
+    if surfaces.dropped > 0 {
+        text += &format!(
+            "\nleft out: {} small surfaces, {:.0} {} in all",
+            surfaces.dropped,
+            surfaces.dropped_area,
+            if D == 2 { "samples" } else { "square samples" },
+        );
+    }
+    text += &format!(
+        "\nwrote {}: {} surfaces",
+        args.output.display(),
+        surfaces.len()
+    );
+    console.result(
+        text,
+        &json!({
+            "file": args.output,
+            "surfaces": measures,
+            "filled_faces": surfaces.filled,
+            "dropped": surfaces.dropped,
+            "dropped_area": surfaces.dropped_area,
+        }),
+    );
+    Ok(())
+}
+
+/// What a surface is called in files.
+fn name(measure: &Measure) -> String {
+    format!("{}{}", measure.kind.name(), measure.surface + 1)
+}
+
+/// Writes surfaces in the format of the file's ending.
+///
+/// # Errors
+/// [`Error::Io`] if the file cannot be written.
+pub fn write_file<const D: usize>(
+    path: &Path,
+    mut file: SurfaceFile<D>,
+    geometry: &Geometry<D>,
+    z_up: bool,
+) -> Result<()> {
+    file.units = geometry.in_space().units;
+    file.z_up = z_up;
+    let ends = |ending: &str| {
+        path.extension()
+            .is_some_and(|e| e.eq_ignore_ascii_case(ending))
+    };
+    if ends("obj") {
+        write_obj(path, &file)
+    } else if ends("ts") {
+        write_tsurf(path, &file)
+    } else {
+        write_vtp(path, &file)
+    }
+}
+
+/// What is known of each face and of the surface that it is part of.
+fn cell_data<const D: usize>(
+    surfaces: &Surfaces<D>,
+    measures: &[Measure],
+    nodes: &[[f64; D]],
+) -> Vec<DataArray> {
+    let labels = surfaces.labels();
+    let of = |value: &dyn Fn(&Measure) -> f64| -> Vec<f32> {
+        labels
+            .iter()
+            .map(|&s| value(&measures[s as usize]) as f32)
+            .collect()
+    };
+    let normal = |facet: &[u32; D]| {
+        let n = unit(normal(&facet.map(|i| nodes[i as usize])));
+        [0, 1, 2].map(|k| n.get(k).copied().unwrap_or(0.0) as f32)
+    };
+    let horizon = |&s: &u32| u8::from(measures[s as usize].kind == Kind::Horizon);
+    vec![
+        DataArray {
+            name: "normal".into(),
+            components: 3,
+            values: surfaces
+                .facets
+                .iter()
+                .flat_map(normal)
+                .collect::<Vec<f32>>()
+                .into(),
+        },
+        DataArray::scalars("dip", of(&|m| m.dip)),
+        DataArray::scalars("strike", of(&|m| m.strike.unwrap_or(f64::NAN))),
+        DataArray::scalars(if D == 2 { "length" } else { "area" }, of(&|m| m.area)),
+        DataArray::scalars("horizon", labels.iter().map(horizon).collect::<Vec<u8>>()),
+    ]
+}
+
+/// The largest surfaces as lines of text.
+fn table(measures: &[Measure], dimension: usize) -> String {
+    const MOST: usize = 40;
+    let [area, rim] = match dimension {
+        2 => ["length", "ends"],
+        _ => ["area", "rim"],
+    };
+    let mut lines = vec![format!(
+        "{:>7} {:>7} {:>11} {:>6} {:>6} {:>4} {:>9} {:>9} {:>6} {:>5}  {}",
+        "surface",
+        "kind",
+        area,
+        "faces",
+        "strike",
+        "dip",
+        "off plane",
+        rim,
+        "pieces",
+        "holes",
+        "meets"
+    )];
+    for m in measures.iter().take(MOST) {
+        let meets: Vec<String> = m.meets.iter().map(|s| (s + 1).to_string()).collect();
+        let strike = m.strike.map_or("-".into(), |strike| format!("{strike:.0}"));
+        lines.push(format!(
+            "{:>7} {:>7} {:>11.5} {:>6} {:>6} {:>4.0} {:>9.3} {:>9.5} {:>6} {:>5}  {}",
+            m.surface + 1,
+            m.kind.name(),
+            Short(m.area),
+            m.facets,
+            strike,
+            m.dip,
+            Short(m.off_plane),
+            Short(m.rim),
+            m.components,
+            m.holes,
+            meets.join(" ")
+        ));
+    }
+    if measures.len() > MOST {
+        lines.push(format!("... and {} smaller ones", measures.len() - MOST));
+    }
+    lines.join("\n")
+}
+
+/// A number in about as many digits as the precision asks for.
+struct Short(f64);
+
+impl std::fmt::Display for Short {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let digits = f.precision().unwrap_or(4) as i32;
+        let before = self.0.abs().max(1e-300).log10().floor() as i32 + 1;
+        let decimals = (digits - before).clamp(0, 9) as usize;
+        f.pad_integral(self.0 >= 0.0, "", &format!("{:.decimals$}", self.0.abs()))
+    }
+}

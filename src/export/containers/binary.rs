@@ -1,0 +1,95 @@
+//! Numbers as bytes, little endian: filled by all threads, written in order. For the containers
+//! that are put together here: [`mat`](super::mat), [`hdf5`](super::hdf5).
+
+use std::io::{self, Write};
+use std::ops::Range;
+
+use rayon::prelude::*;
+
+use crate::files::vtk::Scalar;
+
+/// Numbers in one task.
+const NUMBERS: usize = 1 << 15;
+/// Tasks whose bytes are in memory at once.
+const TASKS: usize = 16;
+
+/// Appends the bytes of a range of an array's numbers.
+type Fill<'a> = Box<dyn Fn(Range<usize>, &mut Vec<u8>) + Sync + 'a>;
+
+/// Numbers that are made when they are written.
+pub struct Numbers<'a> {
+    /// VTK's name of their type.
+    pub kind: &'static str,
+    /// How many there are.
+    pub len: usize,
+    size: usize,
+    fill: Fill<'a>,
+}
+
+impl<'a> Numbers<'a> {
+    /// `len` numbers, number `i` by `value(i)`.
+    pub fn computed<T: Scalar>(len: usize, value: impl Fn(usize) -> T + Sync + 'a) -> Self {
+        Self::filled::<T>(len, move |range, bytes| {
+            range.for_each(|i| value(i).put(bytes));
+        })
+    }
+
+    /// `len` numbers, any range of them by `fill`.
+    pub fn filled<T: Scalar>(
+        len: usize,
+        fill: impl Fn(Range<usize>, &mut Vec<u8>) + Sync + 'a,
+    ) -> Self {
+        Self {
+            kind: T::KIND,
+            len,
+            size: T::SIZE,
+            fill: Box::new(fill),
+        }
+    }
+
+    /// Numbers that are in memory.
+    pub fn slice<T: Scalar>(values: &'a [T]) -> Self {
+        Self::computed(values.len(), |i| values[i])
+    }
+
+    /// How many bytes they take.
+    pub fn bytes(&self) -> u64 {
+        (self.len * self.size) as u64
+    }
+
+    /// Writes them.
+    ///
+    /// # Errors
+    /// If `out` cannot be written.
+    pub fn write(&self, out: &mut impl Write) -> io::Result<()> {
+        let tasks = TASKS.min(self.len.div_ceil(NUMBERS));
+        let mut parts: Vec<Vec<u8>> = vec![Vec::new(); tasks];
+        for start in (0..self.len).step_by(TASKS * NUMBERS) {
+            parts.par_iter_mut().enumerate().for_each(|(task, part)| {
+                part.clear();
+                let first = (start + task * NUMBERS).min(self.len);
+                (self.fill)(first..self.len.min(first + NUMBERS), part);
+            });
+            parts.iter().try_for_each(|part| out.write_all(part))?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_come_in_order() {
+        for len in [0, 1, NUMBERS, TASKS * NUMBERS + 5] {
+            let numbers = Numbers::computed(len, |i| 3 * i as u32);
+            let mut bytes = Vec::new();
+            numbers.write(&mut bytes).unwrap();
+            assert_eq!(bytes.len() as u64, numbers.bytes());
+            let (numbers, _) = bytes.as_chunks();
+            let at = |i: usize| u32::from_le_bytes(numbers[i]);
+            assert!((0..len).all(|i| at(i) == 3 * i as u32));
+        }
+    }
+}

@@ -1,0 +1,94 @@
+//! Abaqus' and CalculiX' input: nodes and C3D4 elements, an element set for each region, and for each
+//! named group of faces a node set and a surface. To be included (`*INCLUDE`) by a file with materials
+//! and steps. Of a mesh of the plane, CPE3 elements (S3 where it does not lie in z = constant), and no
+//! surfaces.
+
+use std::io::Write;
+use std::path::Path;
+
+use super::groups::{region_name, regions};
+use super::simplices::Simplices;
+use crate::Result;
+use crate::export::containers::text::{Text, write_items};
+use crate::files::Batch;
+use crate::model::reservoir::Model;
+
+type Out<'a> = &'a mut std::io::BufWriter<std::fs::File>;
+
+/// Numbers in a line of a set.
+const IN_LINE: usize = 16;
+/// The local nodes of faces S1 to S4, from 0 on.
+const FACES: [[usize; 3]; 4] = [[0, 1, 2], [0, 3, 1], [1, 3, 2], [2, 3, 0]];
+
+/// Writes the mesh; numbers begin with 1.
+///
+/// # Errors
+/// [`Error::Export`](crate::Error::Export) if the cells are neither tetrahedra nor triangles.
+pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
+    let mesh = &Simplices::new(model, "Abaqus' format")?;
+    let level = mesh.nodes.iter().all(|p| p[2] == mesh.nodes[0][2]);
+    let kind = match mesh.size {
+        4 => "C3D4",
+        _ if level => "CPE3",
+        _ => "S3",
+    };
+    batch.write(path, |out| {
+        writeln!(out, "*NODE, NSET=NALL")?;
+        write_items(out, mesh.nodes.len(), |text, i| {
+            let [x, y, z] = mesh.nodes[i];
+            let text = text.int(i + 1).word(", ").real(x).word(", ");
+            text.real(y).word(", ").real(z).end();
+        })?;
+        writeln!(out, "*ELEMENT, TYPE={kind}, ELSET=EALL")?;
+        write_items(out, mesh.len(), |text, t| {
+            text.int(t + 1);
+            for n in mesh.get(t) {
+                text.word(", ").int(n + 1);
+            }
+            text.end();
+        })?;
+        for region in regions(&model.mesh) {
+            let of = |t: &u32| mesh.region[*t as usize] == region;
+            let own: Vec<u32> = (0..mesh.len() as u32).filter(of).collect();
+            let name = region_name(region).to_uppercase();
+            writeln!(out, "*ELSET, ELSET={name}")?;
+            set(out, &own)?;
+        }
+        for named in &mesh.named {
+            let name = named.name.to_uppercase();
+            let mut nodes = named.sides.items.clone();
+            nodes.sort_unstable();
+            nodes.dedup();
+            writeln!(out, "*NSET, NSET=N{name}")?;
+            set(out, &nodes)?;
+            if mesh.size == 3 {
+                continue;
+            }
+            writeln!(out, "*SURFACE, NAME=S{name}, TYPE=ELEMENT")?;
+            write_items(out, named.cells.len(), |text, i| {
+                let cell = named.cells[i] as usize;
+                let (ring, tet) = (named.sides.get(i), mesh.get(cell));
+                let of_face = |face: &[usize; 3]| face.iter().all(|&k| ring.contains(&tet[k]));
+                let side = FACES.iter().position(of_face).map_or(0, |k| k + 1);
+                text.int(cell + 1).word(", S").int(side).end();
+            })?;
+        }
+        Ok(())
+    })
+}
+
+/// The numbers of a set, from 1 on.
+fn set(out: Out, numbers: &[u32]) -> std::io::Result<()> {
+    write_items(
+        out,
+        numbers.len().div_ceil(IN_LINE),
+        |text: &mut Text, line| {
+            let line = &numbers[line * IN_LINE..numbers.len().min((line + 1) * IN_LINE)];
+            text.int(line[0] + 1);
+            for n in &line[1..] {
+                text.word(", ").int(n + 1);
+            }
+            text.end();
+        },
+    )
+}

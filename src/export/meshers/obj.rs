@@ -1,0 +1,49 @@
+//! Surfaces as Wavefront OBJ: a group for each, triangles as faces, segments of a 2-D mesh as lines.
+
+use std::io::Write;
+use std::path::Path;
+
+use crate::error::Result;
+use crate::export::containers::text::write_items;
+use crate::export::surfaces::file::SurfaceFile;
+use crate::files::Batch;
+
+/// Writes surfaces; coordinates to the last digit.
+///
+/// # Errors
+/// [`Error::Io`](crate::Error::Io) if the file cannot be written.
+pub fn write_obj<const D: usize>(path: &Path, file: &SurfaceFile<D>) -> Result<()> {
+    let mut batch = Batch::default();
+    add_obj(&mut batch, path, file)?;
+    batch.commit()
+}
+
+/// The same as one of several files that belong together.
+///
+/// # Errors
+/// As [`write_obj`].
+pub fn add_obj<const D: usize>(
+    batch: &mut Batch,
+    path: &Path,
+    file: &SurfaceFile<D>,
+) -> Result<()> {
+    let element = if D == 2 { "l" } else { "f" };
+    batch.write(path, |out| {
+        writeln!(out, "# atomesh {}", env!("CARGO_PKG_VERSION"))?;
+        write_items(out, file.nodes.len(), |text, i| {
+            text.word("v").point(file.nodes[i]).end();
+        })?;
+        for (s, name) in file.names.iter().enumerate() {
+            writeln!(out, "g {name}")?;
+            let facets = file.of(s);
+            write_items(out, facets.len(), |text, i| {
+                text.word(element);
+                for n in facets[i] {
+                    text.and_int(n + 1);
+                }
+                text.end();
+            })?;
+        }
+        Ok(())
+    })
+}

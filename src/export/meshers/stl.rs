@@ -1,0 +1,70 @@
+//! The named surfaces of a mesh, of whatever cells, as triangles: STL in text (survey coordinates do
+//! not fit the single precision of its binary form), or OBJ.
+
+use std::io::Write;
+use std::path::Path;
+
+use super::groups::groups;
+use super::obj::add_obj;
+use crate::Result;
+use crate::export::containers::text::write_items;
+use crate::export::surfaces::file::SurfaceFile;
+use crate::files::Batch;
+use crate::geometry::{cross, norm, sub};
+use crate::model::reservoir::Model;
+
+/// Every named group of faces, in triangles.
+fn surfaces(model: &Model) -> SurfaceFile<3> {
+    let mesh = &model.mesh;
+    let groups = groups(mesh);
+    let (mut facets, mut start) = (Vec::new(), vec![0]);
+    for group in &groups {
+        for &f in &group.faces {
+            // Faces are convex.
+            let ring = mesh.faces.get(f as usize);
+            facets.extend((2..ring.len()).map(|i| [ring[0], ring[i - 1], ring[i]]));
+        }
+        start.push(facets.len());
+    }
+    let mut file = SurfaceFile::new(&mesh.nodes, &facets, &start, "");
+    file.names = groups.iter().map(|group| group.name.to_string()).collect();
+    file
+}
+
+/// STL in text, a solid for each group.
+///
+/// # Errors
+/// [`Error::Io`](crate::Error::Io) if it cannot be written.
+pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
+    let file = surfaces(model);
+    batch.write(path, |out| {
+        for (s, name) in file.names.iter().enumerate() {
+            let facets = file.of(s);
+            writeln!(out, "solid {name}")?;
+            write_items(out, facets.len(), |text, i| {
+                let corners = facets[i].map(|n| file.nodes[n as usize]);
+                let [a, b, c] = corners;
+                let normal = cross(sub(b, a), sub(c, a));
+                let length = norm(normal).max(f64::MIN_POSITIVE);
+                text.word("facet normal")
+                    .point(normal.map(|v| v / length))
+                    .end();
+                text.word("outer loop").end();
+                for corner in corners {
+                    text.word("vertex").point(corner).end();
+                }
+                text.word("endloop\nendfacet").end();
+            })?;
+            writeln!(out, "endsolid {name}")?;
+        }
+        Ok(())
+    })
+}
+
+/// OBJ, a group for each.
+///
+/// # Errors
+/// [`Error::Io`](crate::Error::Io) if it cannot be written.
+pub fn write_obj(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
+    add_obj(batch, path, &surfaces(model))
+}

@@ -1,0 +1,56 @@
+//! TetGen's `.node`, `.ele` and `.face`: nodes, tetrahedra with their regions, triangles with the
+//! numbers of their [`groups`]. Numbers begin with 1.
+
+use std::io::Write;
+use std::path::Path;
+
+use super::groups::groups;
+use crate::Result;
+use crate::export::containers::text::write_items;
+use crate::files::Batch;
+use crate::model::reservoir::Model;
+
+/// Writes all three; `path` is the `.node` file.
+///
+/// # Errors
+/// [`Error::Export`](crate::Error::Export) if the cells are no tetrahedra.
+pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
+    let tets = &model.need_tets("TetGen's format")?.tets;
+    let mesh = &model.mesh;
+    batch.write(path, |out| {
+        writeln!(out, "{} 3 0 0", mesh.nodes.len())?;
+        write_items(out, mesh.nodes.len(), |text, i| {
+            text.int(i + 1).point(mesh.nodes[i]).end();
+        })
+    })?;
+    batch.write(&path.with_extension("ele"), |out| {
+        writeln!(out, "{} 4 1", tets.len())?;
+        write_items(out, tets.len(), |text, t| {
+            text.int(t + 1);
+            for n in tets[t] {
+                text.and_int(n + 1);
+            }
+            text.and_int(mesh.region[t]).end();
+        })
+    })?;
+    let groups = groups(mesh);
+    batch.write(&path.with_extension("face"), |out| {
+        writeln!(
+            out,
+            "{} 1",
+            groups.iter().map(|g| g.faces.len()).sum::<usize>()
+        )?;
+        let mut next = 1;
+        for group in &groups {
+            write_items(out, group.faces.len(), |text, i| {
+                text.int(next + i);
+                for &n in mesh.faces.get(group.faces[i] as usize) {
+                    text.and_int(n + 1);
+                }
+                text.and_int(group.number).end();
+            })?;
+            next += group.faces.len();
+        }
+        Ok(())
+    })
+}

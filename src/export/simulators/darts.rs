@@ -1,0 +1,45 @@
+//! Connections and cells as open-DARTS' `conn_mesh` takes them, in columns that `numpy.loadtxt` reads:
+//! `NAME.conn` with block_m, block_p, tran, tranD, and beside it `NAME.cells`.
+//!
+//! Blocks begin with 0. tran is in cP m3/day/bar, as DARTS has it; tranD is area over distance (m).
+
+use std::io::Write;
+use std::path::Path;
+
+use super::opm::TRANSMISSIBILITY;
+use crate::Result;
+use crate::export::containers::text::write_items;
+use crate::files::Batch;
+use crate::model::reservoir::{MILLIDARCY, Model};
+
+const NEEDS: &str = "a DARTS connection list";
+
+/// Writes both; `path` is the `.conn` file.
+///
+/// # Errors
+/// [`Error::Export`](crate::Error::Export) without porosity or permeability.
+pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
+    let porosity = model.need_porosity(NEEDS)?;
+    let permeability = model.need_permeability(NEEDS)?;
+    let (graph, t) = (&model.graph, &permeability.transmissibility);
+    batch.write(path, |out| {
+        writeln!(out, "# block_m block_p tran tranD")?;
+        write_items(out, t.len(), |text, i| {
+            let c = &graph.connections[i];
+            let text = text.int(c.cells[0]).and_int(c.cells[1]);
+            let text = text.and_real(TRANSMISSIBILITY * t[i]);
+            text.and_real(c.unit_transmissibility()).end();
+        })
+    })?;
+    batch.write(&path.with_extension("cells"), |out| {
+        writeln!(out, "# volume poro depth permx permy permz region x y z")?;
+        write_items(out, model.len(), |text, c| {
+            let text = text.real(graph.volume[c]).and_real(porosity[c]);
+            text.and_real(model.depth(c));
+            for k in &permeability.rock.mobility(c).0[..3] {
+                text.and_real(k / MILLIDARCY);
+            }
+            text.and_int(graph.region[c]).point(graph.site[c]).end();
+        })
+    })
+}

@@ -1,0 +1,51 @@
+//! PFLOTRAN's explicit unstructured grid: `CELLS` at their sites, `CONNECTIONS` at the points where
+//! lines between sites meet the faces. Beside it a file `NAME-xmin.ex` for each side of the box, with
+//! its faces, for boundary conditions.
+
+use std::io::Write;
+use std::path::Path;
+
+use crate::Result;
+use crate::export::containers::text::write_items;
+use crate::files::Batch;
+use crate::mesh::graph::BoundaryFace;
+use crate::mesh::poly::SIDES;
+use crate::model::reservoir::Model;
+
+/// Writes the grid; numbers of cells begin with 1.
+///
+/// # Errors
+/// [`Error::Io`](crate::Error::Io) if a file cannot be written.
+pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
+    let graph = &model.graph;
+    batch.write(path, |out| {
+        writeln!(out, "CELLS {}", model.len())?;
+        write_items(out, model.len(), |text, c| {
+            let text = text.int(c + 1).point(graph.site[c]);
+            text.and_real(graph.volume[c]).end();
+        })?;
+        writeln!(out, "CONNECTIONS {}", graph.connections.len())?;
+        write_items(out, graph.connections.len(), |text, i| {
+            let c = &graph.connections[i];
+            let text = text.int(c.cells[0] + 1).and_int(c.cells[1] + 1);
+            text.point(c.point).and_real(c.area).end();
+        })
+    })?;
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    for (side, name) in SIDES.iter().enumerate() {
+        let on = |face: &&BoundaryFace<3>| face.side == Some(side as u8);
+        let faces: Vec<_> = graph.boundary.iter().filter(on).collect();
+        if faces.is_empty() {
+            continue;
+        }
+        batch.write(&path.with_file_name(format!("{stem}-{name}.ex")), |out| {
+            writeln!(out, "CONNECTIONS {}", faces.len())?;
+            write_items(out, faces.len(), |text, i| {
+                let face = faces[i];
+                let text = text.int(face.cell + 1).point(face.point);
+                text.and_real(face.area).end();
+            })
+        })?;
+    }
+    Ok(())
+}

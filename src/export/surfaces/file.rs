@@ -1,0 +1,253 @@
+//! Labelled surfaces with everything that is stored with them, for all formats of surfaces.
+
+use crate::files::vtk::DataArray;
+use crate::store::FieldValue;
+
+/// Surfaces, in physical coordinates: triangles (`D` = 3), or line segments (`D` = 2) at z = 0.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct SurfaceFile<const D: usize> {
+    /// Node positions.
+    pub nodes: Vec<[f64; 3]>,
+    /// Nodes of each facet, surface by surface.
+    pub facets: Vec<[u32; D]>,
+    /// Where the facets of each surface begin, and the end.
+    pub start: Vec<usize>,
+    /// Names of the surfaces, without spaces or line ends.
+    pub names: Vec<String>,
+    /// Arrays with a tuple per facet.
+    pub cell_data: Vec<DataArray>,
+    /// What belongs to the whole file.
+    pub field_data: Vec<(String, FieldValue)>,
+    /// Units of the coordinates; empty where unknown.
+    pub units: [String; 3],
+    /// Whether z grows upwards.
+    pub z_up: bool,
+}
+
+impl<const D: usize> SurfaceFile<D> {
+    /// Surfaces named `name`1, `name`2 ... with only those nodes that they use.
+    pub fn new(nodes: &[[f64; D]], facets: &[[u32; D]], start: &[usize], name: &str) -> Self {
+        let mut used: Vec<u32> = facets.as_flattened().to_vec();
+        used.sort_unstable();
+        used.dedup();
+        let place = |n: u32| used.partition_point(|&m| m < n) as u32;
+        let version = FieldValue::Text(env!("CARGO_PKG_VERSION").to_string());
+        let lifted = |&n: &u32| std::array::from_fn(|k| *nodes[n as usize].get(k).unwrap_or(&0.0));
+        Self {
+            nodes: used.iter().map(lifted).collect(),
+            facets: facets.iter().map(|f| f.map(place)).collect(),
+            start: start.to_vec(),
+            names: (1..start.len()).map(|s| format!("{name}{s}")).collect(),
+            cell_data: Vec::new(),
+            field_data: vec![("atomesh_version".into(), version)],
+            units: Default::default(),
+            z_up: true,
+        }
+    }
+
+    /// The facets of a surface.
+    pub fn of(&self, surface: usize) -> &[[u32; D]] {
+        &self.facets[self.start[surface]..self.start[surface + 1]]
+    }
+
+    /// The number of each facet's surface, from 1, as in the names.
+    pub fn labels(&self) -> Vec<i32> {
+        let sizes = self.start.windows(2).map(|w| w[1] - w[0]);
+        let labels = (1..).zip(sizes);
+        labels
+            .flat_map(|(s, n)| std::iter::repeat_n(s, n))
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::export::{write_obj, write_tsurf, write_vtp};
+    use crate::files::vtk::{Values, VtkFile};
+    use std::collections::BTreeMap;
+    use std::path::Path;
+
+    /// A square of two triangles and a triangle far away, of a mesh with nodes that are not used.
+    fn two_surfaces() -> SurfaceFile<3> {
+        let nodes = [
+            [9.0, 9.0, 9.0],
+            [612_345.678, 6_123_456.789, -1e-3],
+            [612_346.0, 6_123_456.0, 0.1],
+            [612_345.0, 6_123_457.0, 1.0 / 3.0],
+            [612_346.0, 6_123_457.0, -7.5],
+            [8.0, 8.0, 8.0],
+            [1e-7, -2.0, 3e20],
+        ];
+        let facets = [[1, 2, 4], [1, 4, 3], [6, 4, 2]];
+        SurfaceFile::new(&nodes, &facets, &[0, 2, 3], "fault")
+    }
+
+    #[test]
+    fn only_nodes_in_use_are_kept() {
+        let file = two_surfaces();
+        assert_eq!((file.nodes.len(), &file.labels()[..]), (5, &[1, 1, 2][..]));
+        assert_eq!(file.nodes[0], [612_345.678, 6_123_456.789, -1e-3]);
+        assert_eq!(file.facets, [[0, 1, 3], [0, 3, 2], [4, 3, 1]]);
+        assert_eq!(file.names, ["fault1", "fault2"]);
+    }
+
+    #[test]
+    fn vtp_comes_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.vtp");
+        let mut file = two_surfaces();
+        file.cell_data = vec![DataArray::scalars("dip", vec![10f32, 10.0, 80.0])];
+        write_vtp(&path, &file).unwrap();
+        let read = VtkFile::read(&path, "PolyData").unwrap();
+        let piece = read.piece().unwrap();
+        assert_eq!(piece.attribute("NumberOfPolys"), Some("3"));
+        let array = |group: &str, i: usize| {
+            read.array(&piece.child(group).unwrap().children[i])
+                .unwrap()
+        };
+        assert_eq!(
+            array("Points", 0).values,
+            file.nodes.as_flattened().to_vec().into()
+        );
+        assert_eq!(
+            array("Polys", 0).values,
+            vec![0i64, 1, 3, 0, 3, 2, 4, 3, 1].into()
+        );
+        assert_eq!(array("Polys", 1).values, vec![3i64, 6, 9].into());
+        assert_eq!(
+            array("CellData", 0),
+            DataArray::scalars("surface", vec![1, 1, 2])
+        );
+        assert_eq!(array("CellData", 1), file.cell_data[0]);
+        let fields = read.data_set().child("FieldData").unwrap();
+        assert_eq!(read.text(&fields.children[0]).unwrap(), "fault1\nfault2");
+
+        file.cell_data[0].values = Values::U8(vec![1]);
+        let error = write_vtp(&path, &file).unwrap_err().to_string();
+        assert!(
+            error.contains("'dip' has 1 numbers for 3 facets"),
+            "{error}"
+        );
+
+        let lines = SurfaceFile::new(
+            &[[0.0, 1.0], [2.0, 3.0], [4.0, 5.0]],
+            &[[0, 1], [1, 2]],
+            &[0, 2],
+            "line",
+        );
+        write_vtp(&path, &lines).unwrap();
+        let read = VtkFile::read(&path, "PolyData").unwrap();
+        let piece = read.piece().unwrap();
+        assert_eq!(piece.attribute("NumberOfLines"), Some("2"));
+        let points = read
+            .array(&piece.child("Points").unwrap().children[0])
+            .unwrap();
+        assert_eq!(
+            points.values,
+            vec![0.0, 1.0, 0.0, 2.0, 3.0, 0.0, 4.0, 5.0, 0.0].into()
+        );
+    }
+
+    #[test]
+    fn obj_has_a_group_for_each_surface() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.obj");
+        let file = two_surfaces();
+        write_obj(&path, &file).unwrap();
+        let text = std::fs::read_to_string(&path).unwrap();
+        let lines =
+            |with: &str| -> Vec<&str> { text.lines().filter(|l| l.starts_with(with)).collect() };
+        let nodes: Vec<[f64; 3]> = (lines("v ").iter())
+            .map(|l| {
+                let words: Vec<f64> = l[2..].split(' ').map(|w| w.parse().unwrap()).collect();
+                words.try_into().unwrap()
+            })
+            .collect();
+        assert_eq!(nodes, file.nodes);
+        assert_eq!(lines("g"), ["g fault1", "g fault2"]);
+        assert_eq!(lines("f"), ["f 1 2 4", "f 1 4 3", "f 5 4 2"]);
+        assert!(text.find("g fault2").unwrap() > text.find("f 1 4 3").unwrap());
+    }
+
+    /// One object of a GOCAD file as a strict reader sees it: name, whether z is up, triangles.
+    type Object = (String, bool, Vec<[[f64; 3]; 3]>);
+
+    /// Reads TSurf objects and panics at anything that the format does not have at that place.
+    fn read_tsurf(path: &Path) -> Vec<Object> {
+        let text = std::fs::read_to_string(path).unwrap();
+        let mut lines = text.lines();
+        let mut objects = Vec::new();
+        while let Some(first) = lines.next() {
+            let mut expect = |want: &str| assert_eq!(lines.next(), Some(want));
+            assert_eq!(first, "GOCAD TSurf 1");
+            expect("HEADER {");
+            let name = lines
+                .next()
+                .unwrap()
+                .strip_prefix("name:")
+                .unwrap()
+                .to_string();
+            let mut expect = |want: &str| assert_eq!(lines.next(), Some(want));
+            expect("}");
+            expect("GOCAD_ORIGINAL_COORDINATE_SYSTEM");
+            expect("NAME Default");
+            expect("AXIS_NAME \"X\" \"Y\" \"Z\"");
+            expect("AXIS_UNIT \"m\" \"ft\" \"ms\"");
+            let z_up = match lines.next().unwrap() {
+                "ZPOSITIVE Elevation" => true,
+                "ZPOSITIVE Depth" => false,
+                other => panic!("{other}"),
+            };
+            let mut expect = |want: &str| assert_eq!(lines.next(), Some(want));
+            expect("END_ORIGINAL_COORDINATE_SYSTEM");
+            expect("TFACE");
+            let mut nodes = BTreeMap::new();
+            let mut triangles = Vec::new();
+            loop {
+                let words: Vec<&str> = lines.next().unwrap().split(' ').collect();
+                match words[..] {
+                    ["VRTX", id, x, y, z] => {
+                        assert!(triangles.is_empty(), "vertices come first");
+                        let id: u32 = id.parse().unwrap();
+                        let x = [x, y, z].map(|w| w.parse::<f64>().unwrap());
+                        assert_eq!(nodes.insert(id, x), None);
+                    }
+                    ["TRGL", a, b, c] => {
+                        triangles.push([a, b, c].map(|w| nodes[&w.parse::<u32>().unwrap()]));
+                    }
+                    ["END"] => break,
+                    _ => panic!("{words:?}"),
+                }
+            }
+            assert!(nodes.keys().copied().eq(1..=nodes.len() as u32));
+            objects.push((name, z_up, triangles));
+        }
+        objects
+    }
+
+    #[test]
+    fn tsurf_has_an_object_for_each_surface() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.ts");
+        let mut file = two_surfaces();
+        file.units = ["m", "ft", "ms"].map(String::from);
+        for z_up in [true, false] {
+            file.z_up = z_up;
+            write_tsurf(&path, &file).unwrap();
+            let objects = read_tsurf(&path);
+            assert_eq!(objects.len(), 2);
+            for (s, (name, up, triangles)) in objects.iter().enumerate() {
+                assert_eq!((name, *up), (&file.names[s], z_up));
+                let want = file.of(s).iter().map(|f| f.map(|n| file.nodes[n as usize]));
+                assert!(triangles.iter().copied().eq(want));
+            }
+        }
+        let lines = SurfaceFile::new(&[[0.5, 1.0], [2.0, 3.0]], &[[0, 1]], &[0, 1], "line");
+        write_tsurf(&path, &lines).unwrap();
+        let text = std::fs::read_to_string(&path).unwrap();
+        assert!(text.starts_with("GOCAD PLine 1\n") && text.contains("ILINE\nVRTX 1 0.5 1 0\n"));
+        assert!(text.contains("AXIS_UNIT \"unitless\" \"unitless\" \"unitless\"\n"));
+        assert!(text.ends_with("SEG 1 2\nEND\n"), "{text}");
+    }
+}

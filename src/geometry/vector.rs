@@ -1,0 +1,67 @@
+//! Vectors of the plane and of space.
+
+/// `a - b`.
+#[inline]
+pub fn sub<const D: usize>(a: [f64; D], b: [f64; D]) -> [f64; D] {
+    std::array::from_fn(|k| a[k] - b[k])
+}
+
+/// `a + s b`.
+#[inline]
+pub fn add_scaled<const D: usize>(a: [f64; D], s: f64, b: [f64; D]) -> [f64; D] {
+    std::array::from_fn(|k| a[k] + s * b[k])
+}
+
+/// Scalar product.
+#[inline]
+pub fn dot<const D: usize>(a: [f64; D], b: [f64; D]) -> f64 {
+    (0..D).map(|k| a[k] * b[k]).sum()
+}
+
+/// Vector product.
+#[inline]
+pub fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
+}
+
+/// Length.
+#[inline]
+pub fn norm<const D: usize>(a: [f64; D]) -> f64 {
+    dot(a, a).sqrt()
+}
+
+/// The unit vector along `a`; zero for zero.
+#[inline]
+pub fn unit<const D: usize>(a: [f64; D]) -> [f64; D] {
+    let long = norm(a);
+    if long > 0.0 { a.map(|c| c / long) } else { a }
+}
+
+/// Normal of a facet; its length is the facet's area (3-D) or length (2-D). In 3-D the nodes turn
+/// anticlockwise seen from where it points to, in 2-D it points to the right of the edge.
+pub fn normal<const D: usize>(x: &[[f64; D]; D]) -> [f64; D] {
+    let u = sub(x[1], x[0]);
+    let mut n = [0.0; D];
+    if D == 2 {
+        n[0] = u[1];
+        n[1] = -u[0];
+    } else {
+        let v = sub(x[2], x[0]);
+        for k in 0..3 {
+            let (i, j) = ((k + 1) % 3, (k + 2) % 3);
+            n[k] = 0.5 * (u[i] * v[j] - u[j] * v[i]);
+        }
+    }
+    n
+}
+
+/// Six times the signed volume of a tetrahedron; positive if from its last node the others turn
+/// anticlockwise.
+#[inline]
+pub fn volume6(p: &[[f64; 3]; 4]) -> f64 {
+    dot(sub(p[1], p[0]), cross(sub(p[2], p[0]), sub(p[3], p[0])))
+}

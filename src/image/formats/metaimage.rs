@@ -1,0 +1,263 @@
+//! MetaImage (`.mha`, `.mhd` beside its samples), ITK's own format: lines `Key = value`, of which the
+//! last, `ElementDataFile`, names the file of samples, or `LOCAL` if they follow it.
+//!
+//! Row k of `TransformMatrix` is the direction of axis k. Samples may be compressed (zlib) or text.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use flate2::Compression;
+use flate2::write::ZlibEncoder;
+
+use super::packed::{self, DAMAGED, Packed, Packing, Skip, refuse, two_or_three};
+use super::samples::{self, Encoding, Endian, SampleType};
+use super::{Format, Loaded};
+use crate::error::Result;
+use crate::files::atomic_write;
+use crate::image::{Geometry, Image};
+
+/// Longest header that is read.
+const LONGEST: u64 = 1 << 16;
+
+/// Whether these are the first bytes of a MetaImage header.
+pub fn looks_like(head: &[u8]) -> bool {
+    head.starts_with(b"ObjectType") || head.starts_with(b"NDims")
+}
+
+/// The header's lines, and the byte after its last.
+struct Header<'a> {
+    path: &'a Path,
+    lines: Vec<(&'a str, &'a str)>,
+}
+
+impl<'a> Header<'a> {
+    fn parse(path: &'a Path, text: &'a str) -> Result<(Self, u64)> {
+        let mut lines = Vec::new();
+        let mut at = 0;
+        for line in text.split_inclusive('\n') {
+            at += line.len();
+            let Some((key, value)) = line.split_once('=') else {
+                break;
+            };
+            lines.push((key.trim(), value.trim()));
+            if key.trim() == "ElementDataFile" {
+                return Ok((Self { path, lines }, at as u64));
+            }
+        }
+        let problem = "its header does not end in a line ElementDataFile = ...";
+        Err(refuse(path, problem, DAMAGED))
+    }
+
+    /// The value of the first of these keys that is there.
+    fn value(&self, keys: &[&str]) -> Option<&'a str> {
+        let found = |key: &&str| self.lines.iter().find(|(name, _)| name == key);
+        keys.iter().find_map(found).map(|(_, value)| *value)
+    }
+
+    fn says(&self, keys: &[&str]) -> bool {
+        self.value(keys)
+            .is_some_and(|v| v.eq_ignore_ascii_case("true"))
+    }
+
+    /// `n` finite numbers, or nothing if none of these keys is there.
+    fn numbers(&self, keys: &[&str], n: usize) -> Result<Option<Vec<f64>>> {
+        let Some(text) = self.value(keys) else {
+            return Ok(None);
+        };
+        let numbers: Vec<f64> = text
+            .split_whitespace()
+            .filter_map(|word| word.parse().ok())
+            .filter(|v: &f64| v.is_finite())
+            .collect();
+        match numbers.len() == n && text.split_whitespace().count() == n {
+            true => Ok(Some(numbers)),
+            false => Err(self.bad(keys[0], text)),
+        }
+    }
+
+    fn bad(&self, key: &str, text: &str) -> crate::Error {
+        let shown: String = text.chars().take(60).collect();
+        refuse(
+            self.path,
+            format!("its header says {key} = {shown}"),
+            DAMAGED,
+        )
+    }
+}
+
+/// Reads a volume, or a plane as if it had a single sample along z.
+///
+/// # Errors
+/// [`Error::Io`](crate::Error::Io) if the file, or the one of its samples, cannot be read, is cut
+/// off or damaged, or has more than one value a sample.
+pub fn read(path: &Path) -> Result<Loaded> {
+    let (head, _) = packed::head(path, LONGEST)?;
+    // Byte for byte, so that places in the text are places in the file.
+    let text: String = head
+        .iter()
+        .map(|&b| if b.is_ascii() { b as char } else { '?' })
+        .collect();
+    let (header, end) = Header::parse(path, &text)?;
+    if let Some(kind) = header
+        .value(&["ObjectType"])
+        .filter(|kind| *kind != "Image")
+    {
+        return Err(refuse(
+            path,
+            format!("holds a MetaIO {kind}"),
+            "give an image",
+        ));
+    }
+    if let Some(channels) = header
+        .value(&["ElementNumberOfChannels"])
+        .filter(|n| *n != "1")
+    {
+        let problem = format!("has {channels} values a sample");
+        return Err(refuse(
+            path,
+            problem,
+            "give one component, or the magnitude",
+        ));
+    }
+    let missing = |key: &str| refuse(path, format!("its header has no {key}"), DAMAGED);
+    let rank = header.value(&["NDims"]).ok_or_else(|| missing("NDims"))?;
+    let n = match rank.parse::<usize>() {
+        Ok(n) if (1..=10).contains(&n) => n,
+        _ => return Err(header.bad("NDims", rank)),
+    };
+    let sizes = header
+        .value(&["DimSize"])
+        .ok_or_else(|| missing("DimSize"))?;
+    let counts: Vec<usize> = sizes
+        .split_whitespace()
+        .filter_map(|w| w.parse().ok())
+        .collect();
+    if counts.len() != n || sizes.split_whitespace().count() != n {
+        return Err(header.bad("DimSize", sizes));
+    }
+    let dims = two_or_three(&counts)
+        .map_err(|problem| refuse(path, problem, "give one volume of the series"))?;
+
+    let element = header
+        .value(&["ElementType"])
+        .ok_or_else(|| missing("ElementType"))?;
+    let sample = sample_type(element).ok_or_else(|| header.bad("ElementType", element))?;
+    let big = header.says(&["BinaryDataByteOrderMSB", "ElementByteOrderMSB"]);
+    let endian = if big { Endian::Big } else { Endian::Little };
+    let is_text = header.value(&["BinaryData"]).is_some() && !header.says(&["BinaryData"]);
+    let packing = match (header.says(&["CompressedData"]), is_text) {
+        (true, _) => Packing::Deflated,
+        (false, true) => Packing::Text,
+        (false, false) => Packing::Plain,
+    };
+    let data = header.value(&["ElementDataFile"]).unwrap_or_default();
+    let (file, at, skip) = match data {
+        "LOCAL" | "Local" | "local" => (path.to_path_buf(), end, Skip::Bytes(0)),
+        _ if data == "LIST" || data.starts_with("LIST ") || data.contains('%') => {
+            let problem = "its samples lie in a file for each slice";
+            let remedy = "write it as one file, e.g. in Python with SimpleITK";
+            return Err(refuse(path, problem, remedy));
+        }
+        "" => return Err(missing("ElementDataFile")),
+        name => {
+            let skip = match header.value(&["HeaderSize"]).map(str::parse::<i64>) {
+                None => Skip::Bytes(0),
+                Some(Ok(-1)) => Skip::ToLast,
+                Some(Ok(n)) if n >= 0 => Skip::Bytes(n as u64),
+                _ => return Err(header.bad("HeaderSize", "what is no count of bytes")),
+            };
+            (sibling(path, name), 0, skip)
+        }
+    };
+    let geometry = geometry(&header, n)?;
+    let packed = Packed {
+        path: file,
+        at,
+        packing,
+        skip,
+        encoding: Encoding { sample, endian },
+        dims,
+    };
+    packed.load(Format::MetaImage, geometry, None, Vec::new())
+}
+
+/// A file that a header names, from the header's folder.
+pub fn sibling(header: &Path, name: &str) -> PathBuf {
+    header.parent().unwrap_or(Path::new("")).join(name)
+}
+
+fn sample_type(name: &str) -> Option<SampleType> {
+    Some(match name {
+        "MET_CHAR" => SampleType::I8,
+        "MET_UCHAR" => SampleType::U8,
+        "MET_SHORT" => SampleType::I16,
+        "MET_USHORT" => SampleType::U16,
+        "MET_INT" | "MET_LONG" => SampleType::I32,
+        "MET_UINT" | "MET_ULONG" => SampleType::U32,
+        "MET_LONG_LONG" => SampleType::I64,
+        "MET_ULONG_LONG" => SampleType::U64,
+        "MET_FLOAT" => SampleType::F32,
+        "MET_DOUBLE" => SampleType::F64,
+        _ => return None,
+    })
+}
+
+/// Of the first three of `n` axes.
+fn geometry(header: &Header<'_>, n: usize) -> Result<Geometry<3>> {
+    let spacing = header.numbers(&["ElementSpacing", "ElementSize"], n)?;
+    let origin = header.numbers(&["Offset", "Position", "Origin"], n)?;
+    let matrix = header.numbers(&["TransformMatrix", "Rotation", "Orientation"], n * n)?;
+    let mut geometry = Geometry::default();
+    for k in 0..n.min(3) {
+        if let Some(origin) = &origin {
+            geometry.origin[k] = origin[k];
+        }
+        for c in 0..n.min(3) {
+            if let Some(matrix) = &matrix {
+                geometry.axes[k][c] = matrix[k * n + c];
+            }
+            if let Some(spacing) = &spacing {
+                geometry.axes[k][c] *= spacing[k];
+            }
+        }
+    }
+    if geometry.determinant() == 0.0 {
+        let problem = "its axes do not span space";
+        let remedy = "set ElementSpacing and TransformMatrix";
+        return Err(refuse(header.path, problem, remedy));
+    }
+    Ok(geometry)
+}
+
+/// Writes 32-bit floats, compressed, and the geometry in double precision.
+///
+/// # Errors
+/// [`Error::Io`](crate::Error::Io) if the file cannot be written.
+pub fn write<const D: usize>(path: &Path, image: &Image<D>) -> Result<()> {
+    let spacing = image.geometry.spacing();
+    let list = |values: &mut dyn Iterator<Item = f64>| {
+        values
+            .map(|v| format!("{v:?}"))
+            .collect::<Vec<_>>()
+            .join(" ")
+    };
+    let directions = |i: usize| match spacing[i / D] {
+        0.0 => f64::from(u8::from(i / D == i % D)),
+        s => image.geometry.axes[i / D][i % D] / s,
+    };
+    let dims = image.dims().map(|n| n.to_string()).join(" ");
+    let header = format!(
+        "ObjectType = Image\nNDims = {D}\nBinaryData = True\nBinaryDataByteOrderMSB = False\n\
+         CompressedData = True\nTransformMatrix = {}\nOffset = {}\nElementSpacing = {}\n\
+         DimSize = {dims}\nElementType = MET_FLOAT\nElementDataFile = LOCAL\n",
+        list(&mut (0..D * D).map(directions)),
+        list(&mut image.geometry.origin.iter().copied()),
+        list(&mut spacing.iter().copied()),
+    );
+    atomic_write(path, |out| {
+        out.write_all(header.as_bytes())?;
+        let mut out = ZlibEncoder::new(out, Compression::fast());
+        samples::write(&mut out, image.as_slice())?;
+        out.finish().map(|_| ())
+    })
+}

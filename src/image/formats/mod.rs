@@ -1,0 +1,426 @@
+//! Image files, and writing any file safely.
+//!
+//! Files are recognised by their content, never by their name; what is written is chosen by the
+//! name's ending.
+//!
+//! - [`inrimage`]: INRIMAGE-4 volumes
+//! - [`metaimage`]: MetaImage, of ITK
+//! - [`nifti`]: NIfTI, of neuroscience
+//! - [`npy`]: NumPy arrays
+//! - [`nrrd`]: NRRD files
+//! - [`packed`]: samples behind a header, perhaps compressed
+//! - [`png`](mod@png): pictures, as 2-D images
+//! - [`segy`]: seismic volumes
+//! - [`tiff`](mod@tiff): TIFF stacks
+//! - [`vti`]: VTK image data, and [`vtk`], the container it shares with meshes
+//! - [`raw`]: samples without a header, described by the user
+//! - [`samples`]: sample types and their conversion to `f32`
+//! - [`describe`](mod@describe): what a file holds, for people and for programs
+
+pub mod describe;
+pub mod inrimage;
+pub mod metaimage;
+pub mod nifti;
+pub mod npy;
+pub mod nrrd;
+pub mod packed;
+pub mod png;
+pub mod raw;
+pub mod samples;
+pub mod segy;
+pub mod tiff;
+pub mod vti;
+
+use std::any::Any;
+use std::fmt;
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+use crate::error::{Error, Result, cause, os};
+use crate::image::Image;
+
+pub use describe::{Description, describe};
+pub use raw::RawSpec;
+pub use segy::{SegyBytes, SegyInfo};
+
+/// What a user can say about how to read an image.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct ReadOptions {
+    /// The file is raw samples as described here, whatever it looks like.
+    pub raw: Option<RawSpec>,
+    /// Where SEG-Y trace headers keep what is needed.
+    pub segy: SegyBytes,
+}
+
+/// The image formats that can be read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Format {
+    /// NumPy `.npy`.
+    Npy,
+    /// SEG-Y.
+    Segy,
+    /// VTK image data, `.vti`.
+    Vti,
+    /// A picture, `.png`.
+    Png,
+    /// NIfTI-1 or NIfTI-2, `.nii`, `.nii.gz` or `.hdr` beside `.img`.
+    Nifti,
+    /// MetaImage, `.mha` or `.mhd`.
+    MetaImage,
+    /// NRRD, `.nrrd` or `.nhdr`.
+    Nrrd,
+    /// A TIFF stack.
+    Tiff,
+    /// INRIMAGE-4, `.inr` or `.inr.gz`.
+    Inrimage,
+    /// Samples without a header.
+    Raw,
+}
+
+impl fmt::Display for Format {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Npy => "NumPy array",
+            Self::Segy => "SEG-Y",
+            Self::Vti => "VTK image data",
+            Self::Png => "PNG",
+            Self::Nifti => "NIfTI",
+            Self::MetaImage => "MetaImage",
+            Self::Nrrd => "NRRD",
+            Self::Tiff => "TIFF",
+            Self::Inrimage => "INRIMAGE-4",
+            Self::Raw => "raw samples",
+        })
+    }
+}
+
+/// An image and what was learned while reading it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Loaded<const D: usize = 3> {
+    /// The image.
+    pub image: Image<D>,
+    /// The format it was read from.
+    pub format: Format,
+    /// How the file codes its samples.
+    pub encoding: String,
+    /// Everything about the reading that a user should know.
+    pub notes: Vec<String>,
+    /// What a SEG-Y file's headers say.
+    pub survey: Option<SegyInfo>,
+}
+
+/// An image of the plane or of space.
+#[derive(Debug, Clone, PartialEq)]
+pub enum AnyLoaded {
+    /// A 2-D image.
+    Plane(Loaded<2>),
+    /// A 3-D image.
+    Space(Loaded<3>),
+}
+
+impl AnyLoaded {
+    /// The image, if it has `D` axes.
+    pub fn image<const D: usize>(self) -> Option<Image<D>> {
+        let image: Box<dyn Any> = match self {
+            Self::Plane(loaded) => Box::new(loaded.image),
+            Self::Space(loaded) => Box::new(loaded.image),
+        };
+        image.downcast().ok().map(|image| *image)
+    }
+}
+
+/// Reads a 3-D image of any known format.
+///
+/// # Errors
+/// [`Error::Io`] if the file cannot be read, is of no known format, is damaged or 2-D.
+pub fn read(path: &Path, options: &ReadOptions) -> Result<Loaded<3>> {
+    match read_any(path, options)? {
+        AnyLoaded::Space(loaded) => Ok(loaded),
+        AnyLoaded::Plane(Loaded { image, .. }) => {
+            let [nx, ny] = image.dims();
+            Err(Error::Io(cause(
+                path.display(),
+                format!("is a 2-D image of {nx} x {ny} samples where a volume is needed"),
+                "give a 3-D image",
+            )))
+        }
+    }
+}
+
+/// Reads an image of any known format. One that has a single sample along its last axis is 2-D.
+///
+/// # Errors
+/// [`Error::Io`] if the file cannot be read, is of no known format, or is damaged.
+pub fn read_any(path: &Path, options: &ReadOptions) -> Result<AnyLoaded> {
+    let loaded = match detect(path, options)? {
+        Format::Png => return png::read(path).map(AnyLoaded::Plane),
+        Format::Raw => match options.raw {
+            Some(spec) => raw::read(path, spec)?,
+            None => return Err(unknown(path)),
+        },
+        Format::Npy => npy::read(path)?,
+        Format::Nifti => nifti::read(path)?,
+        Format::MetaImage => metaimage::read(path)?,
+        Format::Nrrd => nrrd::read(path)?,
+        Format::Tiff => tiff::read(path)?,
+        Format::Inrimage => inrimage::read(path)?,
+        Format::Segy => segy::read(path, &options.segy)?,
+        Format::Vti => Loaded {
+            image: vti::read(path)?,
+            format: Format::Vti,
+            encoding: "VTK XML".into(),
+            notes: Vec::new(),
+            survey: None,
+        },
+    };
+    Ok(match loaded.image.dims() {
+        [_, _, 1] => AnyLoaded::Plane(Loaded {
+            image: loaded.image.flatten(),
+            format: loaded.format,
+            encoding: loaded.encoding,
+            notes: loaded.notes,
+            survey: loaded.survey,
+        }),
+        _ => AnyLoaded::Space(loaded),
+    })
+}
+
+/// Writes an image in the format that the ending of `path` names.
+///
+/// # Errors
+/// [`Error::Io`] if the ending is unknown or the file cannot be written.
+pub fn write<const D: usize>(path: &Path, image: &Image<D>) -> Result<()> {
+    match (ending(path).as_str(), D) {
+        ("npy", _) => npy::write(path, image),
+        ("raw" | "bin", _) => raw::write(path, image),
+        ("vti", _) => vti::write(path, &image.in_space(), "samples"),
+        ("nii" | "nii.gz", _) => nifti::write(path, image),
+        ("mha", _) => metaimage::write(path, image),
+        ("nrrd", _) => nrrd::write(path, image),
+        ("png", 2) => png::write(path, &image.in_space().flatten()),
+        (other, _) => Err(Error::Io(cause(
+            path.display(),
+            format!("{D}-D images cannot be written with the ending '.{other}'"),
+            match D {
+                2 => "use .png, .npy, .vti, .nrrd, .mha, .nii or .raw",
+                _ => "use .npy, .vti, .nrrd, .mha, .nii, .nii.gz or .raw",
+            },
+        ))),
+    }
+}
+
+fn ending(path: &Path) -> String {
+    let name = path.to_string_lossy().to_lowercase();
+    if name.ends_with(".nii.gz") {
+        return "nii.gz".into();
+    }
+    path.extension()
+        .map(|e| e.to_string_lossy().to_lowercase())
+        .unwrap_or_default()
+}
+
+/// Formats that are recognised but not read: name, offset of the magic bytes, and these.
+const NOT_READ: &[(&str, usize, &[u8])] = &[
+    ("JPEG", 0, b"\xff\xd8\xff"),
+    ("HDF5 or MINC 2", 0, b"\x89HDF"),
+    ("netCDF or MINC 1", 0, b"CDF\x01"),
+    ("zip or .npz", 0, b"PK\x03\x04"),
+    ("bzip2", 0, b"BZh"),
+];
+
+/// Finds the format by the content; raw only if the user said so.
+///
+/// # Errors
+/// [`Error::Io`] if the file cannot be read or is of no format that can be.
+pub fn detect(path: &Path, options: &ReadOptions) -> Result<Format> {
+    let mut head = Vec::new();
+    let file = File::open(path).map_err(|e| os(path, "open", e))?;
+    if file.metadata().is_ok_and(|m| m.is_dir()) {
+        return Err(Error::Io(cause(
+            path.display(),
+            "is a folder",
+            "give an image file",
+        )));
+    }
+    if options.raw.is_some() {
+        return Ok(Format::Raw);
+    }
+    file.take(HEAD)
+        .read_to_end(&mut head)
+        .map_err(|e| os(path, "read", e))?;
+    if head.is_empty() {
+        return Err(Error::Io(cause(
+            path.display(),
+            "is empty",
+            "give an image file",
+        )));
+    }
+    if let Some(format) = known(&head) {
+        return Ok(format);
+    }
+    if head.starts_with(packed::GZIP) {
+        let (unpacked, _) = packed::head(path, HEAD)?;
+        return match known(&unpacked) {
+            Some(format @ (Format::Nifti | Format::Inrimage)) => Ok(format),
+            _ => Err(Error::Io(cause(
+                path.display(),
+                "is compressed (gzip), and not a NIfTI or INRIMAGE file within",
+                "unpack it first, with gunzip",
+            ))),
+        };
+    }
+    let magic = |(_, at, magic): &&(&str, usize, &[u8])| {
+        head.get(*at..).is_some_and(|rest| rest.starts_with(magic))
+    };
+    if let Some((name, ..)) = NOT_READ.iter().find(magic) {
+        let problem = format!("is in the format {name}, which is not read yet");
+        let remedy = "convert it to .npy first, e.g. in Python with nibabel, SimpleITK or tifffile and numpy.save";
+        return Err(Error::Io(cause(path.display(), problem, remedy)));
+    }
+    let text = String::from_utf8_lossy(&head[..head.len().min(1024)]);
+    if text.contains("<VTKFile") {
+        if text.contains("ImageData") {
+            return Ok(Format::Vti);
+        }
+        let problem = "is a VTK file, but not of image data";
+        return Err(Error::Io(cause(
+            path.display(),
+            problem,
+            "give an image, not a mesh",
+        )));
+    }
+    // A file named so gets the SEG-Y reader's own account of what is wrong with it.
+    let named = matches!(ending(path).as_str(), "sgy" | "segy");
+    if named || segy::looks_like(&head) {
+        return Ok(Format::Segy);
+    }
+    Err(unknown(path))
+}
+
+/// How much of a file tells its format.
+const HEAD: u64 = segy::FILE_HEADER as u64;
+
+/// The format that a file's first bytes name.
+fn known(head: &[u8]) -> Option<Format> {
+    Some(match head {
+        _ if head.starts_with(npy::MAGIC) => Format::Npy,
+        _ if head.starts_with(png::MAGIC) => Format::Png,
+        _ if head.starts_with(nrrd::MAGIC) => Format::Nrrd,
+        _ if head.starts_with(inrimage::MAGIC) => Format::Inrimage,
+        _ if metaimage::looks_like(head) => Format::MetaImage,
+        _ if tiff::MAGIC.iter().any(|magic| head.starts_with(magic)) => Format::Tiff,
+        _ if nifti::looks_like(head) => Format::Nifti,
+        _ => return None,
+    })
+}
+
+fn unknown(path: &Path) -> Error {
+    Error::Io(cause(
+        path.display(),
+        "is of no known image format (SEG-Y, .npy, .vti, .nrrd, .mha, .nii, .tif, .inr, .png)",
+        "describe raw samples with --raw, e.g. --raw 100x400x208:f32be, or convert it to .npy",
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::Geometry;
+
+    fn refusal(path: &Path) -> String {
+        read(path, &ReadOptions::default()).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn what_cannot_be_read_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("image");
+        assert!(refusal(&path).contains("cannot open"));
+        assert!(refusal(folder.path()).contains("is a folder"));
+        let mut nifti = vec![0; 400];
+        nifti[344..348].copy_from_slice(b"n+1\0");
+        let cases: &[(&[u8], &str)] = &[
+            (b"", "is empty"),
+            (b"x", "no known image format"),
+            (b"\x93NUMPY", "header is cut off"),
+            (b"NRRD0004\ntype: float", "no 'sizes'"),
+            (b"ObjectType = Image", "ElementDataFile"),
+            (&nifti, "claims to be 0 bytes"),
+            (b"II*\0\x08", "page 0"),
+            (b"\x89PNG\r\n\x1a\n", "cut off"),
+            (b"\x1f\x8b\x08", "gzip"),
+            (
+                b"<?xml version='1.0'?><VTKFile type='UnstructuredGrid'>",
+                "not of image data",
+            ),
+        ];
+        for (bytes, says) in cases {
+            std::fs::write(&path, bytes).unwrap();
+            let error = refusal(&path);
+            assert!(error.contains(says), "{error} (expected: {says})");
+        }
+        // A file named .sgy gets a reason.
+        let named = folder.path().join("a.SGY");
+        std::fs::write(&named, [7; 5000]).unwrap();
+        assert!(
+            refusal(&named).contains("sample format"),
+            "{}",
+            refusal(&named)
+        );
+    }
+
+    #[test]
+    fn one_sample_along_the_last_axis_makes_a_plane() {
+        let folder = tempfile::tempdir().unwrap();
+        let geometry = Geometry::with_spacing([100.0, -5.0], [12.5, 4.0]);
+        let image = Image::new([3, 2], vec![0.0, 1.0, 2.0, 3.0, 4.0, 250.0], geometry);
+        for name in ["a.vti", "a.npy", "a.png"] {
+            let path = folder.path().join(name);
+            write(&path, &image).unwrap();
+            let AnyLoaded::Plane(loaded) = read_any(&path, &ReadOptions::default()).unwrap() else {
+                panic!("{name} is not 2-D");
+            };
+            assert_eq!(loaded.image.as_slice(), image.as_slice(), "{name}");
+            assert_eq!(loaded.image.dims(), [3, 2]);
+            if name == "a.vti" {
+                assert_eq!(loaded.image.geometry, image.geometry);
+            }
+            assert!(refusal(&path).contains("2-D image of 3 x 2 samples"));
+        }
+        let raw = folder.path().join("a.raw");
+        write(&raw, &image).unwrap();
+        for raw_spec in ["3x2:f32le", "3x2x1:f32le"] {
+            let options = ReadOptions {
+                raw: raw_spec.parse().ok(),
+                ..ReadOptions::default()
+            };
+            let loaded = read_any(&raw, &options).unwrap();
+            assert!(matches!(loaded, AnyLoaded::Plane(l) if l.image.samples == image.samples));
+        }
+        let volume = Image::new([2, 2, 2], vec![1.5; 8], Geometry::default());
+        let error = write(&folder.path().join("b.png"), &volume).unwrap_err();
+        assert!(error.to_string().contains("3-D images"), "{error}");
+    }
+
+    #[test]
+    fn the_ending_chooses_what_is_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let image = Image::new([2, 2, 2], vec![1.5; 8], Geometry::default());
+        let path = folder.path().join("a.npy");
+        write(&path, &image).unwrap();
+        assert_eq!(read(&path, &ReadOptions::default()).unwrap().image, image);
+        let raw = folder.path().join("a.raw");
+        write(&raw, &image).unwrap();
+        let options = ReadOptions {
+            raw: "2x2x2:f32le".parse().ok(),
+            ..ReadOptions::default()
+        };
+        let loaded = read(&raw, &options).unwrap();
+        assert_eq!((loaded.format, loaded.image), (Format::Raw, image.clone()));
+        for name in ["a.xyz", "a"] {
+            let error = write(&folder.path().join(name), &image).unwrap_err();
+            assert!(error.to_string().contains("ending"), "{error}");
+        }
+    }
+}

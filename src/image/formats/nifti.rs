@@ -1,0 +1,352 @@
+//! NIfTI-1 and NIfTI-2 (`.nii`, `.nii.gz`, and `.hdr` beside `.img`), the images of neuroscience.
+//!
+//! Samples are scaled by `scl_slope` and `scl_inter`. Positions follow the sform, else the qform,
+//! else the sizes of voxels alone. NIfTI's world is right-anterior-superior (RAS); as in ITK, x and y
+//! change sign on the way in and out, so that positions are left-posterior-superior (LPS) here, as
+//! they are in MetaImage and NRRD files.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use flate2::Compression;
+use flate2::write::GzEncoder;
+
+use super::packed::{self, DAMAGED, Packed, Packing, Skip, refuse, two_or_three};
+use super::samples::{self, Encoding, Endian, SampleType};
+use super::{Format, Loaded};
+use crate::error::Result;
+use crate::files::atomic_write;
+use crate::image::{Geometry, Image};
+
+/// Bytes of the longer header, NIfTI-2's.
+const HEADER: u64 = 540;
+
+/// Whether these are the first bytes of a NIfTI file.
+pub fn looks_like(head: &[u8]) -> bool {
+    let has = |at: usize, magic: &[u8]| head.get(at..).is_some_and(|h| h.starts_with(magic));
+    [
+        (344, b"n+1\0"),
+        (344, b"ni1\0"),
+        (4, b"n+2\0"),
+        (4, b"ni2\0"),
+    ]
+    .iter()
+    .any(|(at, magic)| has(*at, *magic))
+}
+
+/// The fields of either header, by their byte.
+struct Fields<'a> {
+    bytes: &'a [u8],
+    endian: Endian,
+    second: bool,
+}
+
+impl Fields<'_> {
+    /// An integer of `n` bytes.
+    fn integer(&self, at: usize, n: usize) -> i64 {
+        let bytes = &self.bytes[at..at + n];
+        let byte = |k: usize| match self.endian {
+            Endian::Little => bytes[n - 1 - k],
+            Endian::Big => bytes[k],
+        };
+        let unsigned = (0..n).fold(0u64, |v, k| v << 8 | u64::from(byte(k)));
+        // The sign bit goes to the top and comes back with an arithmetic shift.
+        let unused = 64 - 8 * n as u32;
+        (unsigned << unused) as i64 >> unused
+    }
+
+    /// A float: 4 bytes in NIfTI-1, 8 in NIfTI-2.
+    fn float(&self, at: usize) -> f64 {
+        match self.second {
+            true => f64::from_bits(self.integer(at, 8) as u64),
+            false => f64::from(f32::from_bits(self.integer(at, 4) as u32)),
+        }
+    }
+
+    /// `first` in NIfTI-1, `second` in NIfTI-2.
+    fn at(&self, first: usize, second: usize) -> usize {
+        if self.second { second } else { first }
+    }
+
+    /// `n` floats in a row.
+    fn floats<const N: usize>(&self, at: usize) -> [f64; N] {
+        let size = self.at(4, 8);
+        std::array::from_fn(|k| self.float(at + k * size))
+    }
+}
+
+/// Reads a volume, or a plane as if it had a single sample along z.
+///
+/// # Errors
+/// [`Error::Io`](crate::Error::Io) if the file cannot be read, is cut off or damaged, or holds a
+/// series of volumes, colours or complex numbers.
+pub fn read(path: &Path) -> Result<Loaded> {
+    let (mut head, packing) = packed::head(path, HEADER)?;
+    let second = head.get(4..7).is_some_and(|m| m == b"n+2" || m == b"ni2");
+    let length = if second { 540 } else { 348 };
+    if head.len() < length {
+        return Err(refuse(path, "its NIfTI header is cut off", DAMAGED));
+    }
+    head.truncate(length);
+    let little = u32::from_le_bytes([head[0], head[1], head[2], head[3]]);
+    let endian = match little as usize {
+        n if n == length => Endian::Little,
+        n if n == (length as u32).swap_bytes() as usize => Endian::Big,
+        n => {
+            let problem = format!("its header claims to be {n} bytes long, not {length}");
+            return Err(refuse(path, problem, DAMAGED));
+        }
+    };
+    let detached = head[if second { 5 } else { 345 }] == b'i';
+    let fields = Fields {
+        bytes: &head,
+        endian,
+        second,
+    };
+    let dims = dims(&fields).map_err(|problem| {
+        let remedy = "give one volume, e.g. in Python with nibabel: image.slicer[..., 0]";
+        refuse(path, problem, remedy)
+    })?;
+    let sample = match fields.integer(fields.at(70, 12), 2) {
+        2 => SampleType::U8,
+        4 => SampleType::I16,
+        8 => SampleType::I32,
+        16 => SampleType::F32,
+        64 => SampleType::F64,
+        256 => SampleType::I8,
+        512 => SampleType::U16,
+        768 => SampleType::U32,
+        1024 => SampleType::I64,
+        1280 => SampleType::U64,
+        code => {
+            let problem = format!("its samples are of NIfTI type {code}, not real numbers");
+            return Err(refuse(path, problem, "give one real number a sample"));
+        }
+    };
+    let offset = match second {
+        true => fields.integer(168, 8) as f64,
+        false => fields.float(108),
+    };
+    let skip = match detached {
+        false if (length as f64..1e15).contains(&offset) => offset as u64,
+        true if (0.0..1e15).contains(&offset) => offset as u64,
+        _ => {
+            let problem = format!("its samples are said to begin at byte {offset}");
+            return Err(refuse(path, problem, DAMAGED));
+        }
+    };
+    let scale = [fields.at(112, 176), fields.at(116, 184)].map(|at| fields.float(at));
+    let mut notes = Vec::new();
+    let scale = match scale {
+        [slope, intercept] if slope != 0.0 && slope.is_finite() && intercept.is_finite() => {
+            (scale != [1.0, 0.0]).then_some(scale)
+        }
+        _ => None,
+    };
+    if let Some([slope, intercept]) = scale {
+        notes.push(format!("samples are scaled: {slope} v + {intercept}"));
+    }
+    let geometry = geometry(&fields, &mut notes);
+    let (path, packing) = match detached {
+        true => beside(path)?,
+        false => (path.to_path_buf(), packing),
+    };
+    let packed = Packed {
+        path,
+        at: 0,
+        packing,
+        skip: Skip::Bytes(skip),
+        encoding: Encoding { sample, endian },
+        dims,
+    };
+    packed.load(Format::Nifti, geometry, scale, notes)
+}
+
+/// Samples along each axis.
+fn dims(fields: &Fields<'_>) -> std::result::Result<[usize; 3], String> {
+    let (start, size) = (fields.at(40, 16), fields.at(2, 8));
+    let dim = |k: usize| fields.integer(start + k * size, size);
+    let rank = dim(0);
+    if !(1..=7).contains(&rank) {
+        return Err(format!("claims {rank} axes"));
+    }
+    let sizes: Vec<usize> = (1..=rank as usize)
+        .map(|k| usize::try_from(dim(k)).map_err(|_| format!("claims {} samples", dim(k))))
+        .collect::<std::result::Result<_, _>>()?;
+    two_or_three(&sizes)
+}
+
+/// Where samples lie, in ITK's frame.
+fn geometry(fields: &Fields<'_>, notes: &mut Vec<String>) -> Geometry<3> {
+    let pixdim: [f64; 4] = fields.floats(fields.at(76, 104));
+    let size = [1, 2, 3].map(|k: usize| match pixdim[k].abs() {
+        s if s.is_finite() && s > 0.0 => s,
+        _ => 1.0,
+    });
+    let unit = match fields.integer(fields.at(123, 500), fields.at(1, 4)) & 7 {
+        1 => "m",
+        2 => "mm",
+        3 => "um",
+        _ => "",
+    };
+    let named = |origin: [f64; 3], axes: [[f64; 3]; 3]| Geometry {
+        origin,
+        axes,
+        units: [(); 3].map(|()| unit.to_string()),
+        ..Geometry::default()
+    };
+    let (qform, sform) = match fields.second {
+        true => (fields.integer(344, 4), fields.integer(348, 4)),
+        false => (fields.integer(252, 2), fields.integer(254, 2)),
+    };
+    let mut found = None;
+    if sform > 0 {
+        let rows: [f64; 12] = fields.floats(fields.at(280, 400));
+        let row = |c: usize, k: usize| rows[4 * c + k];
+        found = Some(named(
+            std::array::from_fn(|c| row(c, 3)),
+            std::array::from_fn(|k| std::array::from_fn(|c| row(c, k))),
+        ))
+        .filter(is_usable);
+    }
+    if qform > 0 && found.is_none() {
+        let [b, c, d]: [f64; 3] = fields.floats(fields.at(256, 352));
+        let origin: [f64; 3] = fields.floats(fields.at(268, 376));
+        let a = (1.0 - (b * b + c * c + d * d)).max(0.0).sqrt();
+        // Columns of the quaternion's rotation; a negative first pixdim turns the third round.
+        let columns = [
+            [
+                a * a + b * b - c * c - d * d,
+                2.0 * (b * c + a * d),
+                2.0 * (b * d - a * c),
+            ],
+            [
+                2.0 * (b * c - a * d),
+                a * a + c * c - b * b - d * d,
+                2.0 * (c * d + a * b),
+            ],
+            [
+                2.0 * (b * d + a * c),
+                2.0 * (c * d - a * b),
+                a * a + d * d - c * c - b * b,
+            ],
+        ];
+        let turn = if pixdim[0] < 0.0 { -1.0 } else { 1.0 };
+        let steps = [size[0], size[1], size[2] * turn];
+        let axes = std::array::from_fn(|k| columns[k].map(|x| x * steps[k]));
+        found = Some(named(origin, axes)).filter(is_usable);
+    }
+    match found {
+        Some(geometry) => {
+            notes.push("positions are left-posterior-superior, as in ITK".into());
+            turned(geometry)
+        }
+        None => {
+            notes.push("the header does not say where the volume lies: origin 0".into());
+            let straight = Geometry::with_spacing([0.0; 3], size);
+            named(straight.origin, straight.axes)
+        }
+    }
+}
+
+/// Whether the axes span space.
+fn is_usable(geometry: &Geometry<3>) -> bool {
+    let finite = geometry.origin.iter().all(|x| x.is_finite());
+    finite && geometry.determinant() != 0.0
+}
+
+/// From RAS to LPS, or back.
+fn turned(mut geometry: Geometry<3>) -> Geometry<3> {
+    for vector in geometry.axes.iter_mut().chain([&mut geometry.origin]) {
+        for x in &mut vector[..2] {
+            // Not -0.
+            *x = 0.0 - *x;
+        }
+    }
+    geometry
+}
+
+/// The file of samples that belongs to a header on its own.
+fn beside(header: &Path) -> Result<(PathBuf, Packing)> {
+    let base = match header.extension().is_some_and(|e| e == "gz") {
+        true => header.with_extension(""),
+        false => header.to_path_buf(),
+    };
+    let image = base.with_extension("img");
+    let packed = base.with_extension("img.gz");
+    match (image.exists(), packed.exists()) {
+        (false, true) => Ok((packed, Packing::Deflated)),
+        (true, _) => Ok((image, Packing::Plain)),
+        _ => {
+            let problem = format!(
+                "its samples belong in {}, which is not there",
+                image.display()
+            );
+            let remedy = "put the header and its .img into one folder, under one name";
+            Err(refuse(header, problem, remedy))
+        }
+    }
+}
+
+/// Writes NIfTI-1 with 32-bit floats, compressed if `path` ends in `.gz`. Positions go to the sform
+/// at the header's single precision.
+///
+/// # Errors
+/// [`Error::Io`](crate::Error::Io) if the file cannot be written or an axis is too long for the
+/// format.
+pub fn write<const D: usize>(path: &Path, image: &Image<D>) -> Result<()> {
+    let dims = image.dims();
+    if dims.iter().any(|&n| n > i16::MAX as usize) {
+        let problem = format!("NIfTI-1 holds at most {} samples along an axis", i16::MAX);
+        return Err(refuse(path, problem, "write .nrrd or .mha"));
+    }
+    let placed = turned(image.geometry.in_space());
+    let spacing = placed.spacing();
+    let mut head = [0u8; 352];
+    let mut put = |at: usize, bytes: &[u8]| head[at..at + bytes.len()].copy_from_slice(bytes);
+    put(0, &348i32.to_le_bytes());
+    put(40, &(D as i16).to_le_bytes());
+    put(76, &1f32.to_le_bytes());
+    for k in 0..7 {
+        let n = dims.get(k).map_or(1, |&n| n as i16);
+        put(42 + 2 * k, &n.to_le_bytes());
+        let step = spacing.get(k).map_or(1.0, |&s| s as f32);
+        put(80 + 4 * k, &step.to_le_bytes());
+    }
+    put(70, &16i16.to_le_bytes());
+    put(72, &32i16.to_le_bytes());
+    put(108, &352f32.to_le_bytes());
+    put(112, &1f32.to_le_bytes());
+    let unit = match placed.units[0].as_str() {
+        "m" => 1,
+        "mm" => 2,
+        "um" => 3,
+        _ => 0,
+    };
+    put(123, &[unit]);
+    put(254, &2i16.to_le_bytes());
+    for c in 0..3 {
+        for k in 0..4 {
+            let value = if k < 3 {
+                placed.axes[k][c]
+            } else {
+                placed.origin[c]
+            };
+            put(280 + 16 * c + 4 * k, &(value as f32).to_le_bytes());
+        }
+    }
+    put(344, b"n+1\0");
+    let packed = path
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("gz"));
+    atomic_write(path, |out| {
+        if packed {
+            let mut out = GzEncoder::new(out, Compression::fast());
+            out.write_all(&head)?;
+            samples::write(&mut out, image.as_slice())?;
+            return out.finish().map(|_| ());
+        }
+        out.write_all(&head)?;
+        samples::write(out, image.as_slice())
+    })
+}

@@ -1,0 +1,408 @@
+//! NRRD (`.nrrd`, `.nhdr` beside its samples), versions 1 to 5: lines `field: value`, an empty line,
+//! and the samples: raw, gzip or text.
+//!
+//! Positions in a space that is named right- or left-anterior-superior are turned to
+//! left-posterior-superior, as ITK does; all others are taken as they are.
+
+use std::io::Write;
+use std::path::Path;
+
+use flate2::Compression;
+use flate2::write::GzEncoder;
+
+use super::metaimage::sibling;
+use super::packed::{self, DAMAGED, Packed, Packing, Skip, refuse, two_or_three};
+use super::samples::{self, Encoding, Endian, SampleType};
+use super::{Format, Loaded};
+use crate::error::Result;
+use crate::files::atomic_write;
+use crate::image::{Geometry, Image};
+
+/// The first bytes of every NRRD file.
+pub const MAGIC: &[u8] = b"NRRD000";
+
+/// Longest header that is read.
+const LONGEST: u64 = 1 << 20;
+
+/// The header's fields, and the bytes after its empty line (or its end).
+struct Header<'a> {
+    path: &'a Path,
+    fields: Vec<(String, &'a str)>,
+    end: u64,
+}
+
+impl<'a> Header<'a> {
+    fn parse(path: &'a Path, text: &'a str) -> Self {
+        let mut fields = Vec::new();
+        let mut end = 0;
+        for line in text.split_inclusive('\n') {
+            end += line.len() as u64;
+            let line = line.trim_end();
+            if line.is_empty() {
+                break;
+            }
+            // Of `key:=value` the file's author alone knows what it means.
+            let field = line.split_once(": ").or_else(|| line.split_once(':'));
+            if let Some((name, value)) = field.filter(|(_, value)| !value.starts_with('=')) {
+                // Spelled with or without a space: `byte skip`, `byteskip`.
+                fields.push((name.to_lowercase().replace(' ', ""), value.trim()));
+            }
+        }
+        Self { path, fields, end }
+    }
+
+    fn value(&self, name: &str) -> Option<&'a str> {
+        let found = self.fields.iter().find(|(field, _)| field == name);
+        found.map(|(_, value)| *value)
+    }
+
+    fn needed(&self, name: &str) -> Result<&'a str> {
+        self.value(name)
+            .ok_or_else(|| refuse(self.path, format!("its header has no '{name}'"), DAMAGED))
+    }
+
+    fn bad(&self, name: &str, text: &str) -> crate::Error {
+        let shown: String = text.chars().take(60).collect();
+        refuse(
+            self.path,
+            format!("its header says {name}: {shown}"),
+            DAMAGED,
+        )
+    }
+
+    /// A whole number, `default` if the field is missing.
+    fn integer(&self, name: &str, default: i64) -> Result<i64> {
+        match self.value(name) {
+            None => Ok(default),
+            Some(text) => text.parse().map_err(|_| self.bad(name, text)),
+        }
+    }
+}
+
+/// Reads a volume, or a plane as if it had a single sample along z.
+///
+/// # Errors
+/// [`Error::Io`](crate::Error::Io) if the file, or the one of its samples, cannot be read, is cut
+/// off or damaged, has more than one value a sample, or is coded in a way that is not read.
+pub fn read(path: &Path) -> Result<Loaded> {
+    let (head, _) = packed::head(path, LONGEST)?;
+    // Byte for byte, so that places in the text are places in the file.
+    let text: String = head
+        .iter()
+        .map(|&b| if b.is_ascii() { b as char } else { '?' })
+        .collect();
+    let header = Header::parse(path, &text);
+    let rank = header.integer("dimension", 0)?;
+    let sizes = header.needed("sizes")?;
+    let counts: Vec<usize> = sizes
+        .split_whitespace()
+        .filter_map(|w| w.parse().ok())
+        .collect();
+    if !(1..=16).contains(&rank) || counts.len() as i64 != rank {
+        let problem = format!("its header says dimension: {rank}, sizes: {sizes}");
+        return Err(refuse(path, problem, DAMAGED));
+    }
+    let directions = directions(&header, counts.len())?;
+    let axes = axes(&header, &counts, &directions)?;
+    let kept: Vec<usize> = axes.iter().map(|&axis| counts[axis]).collect();
+    let remedy = "give one value a sample, in two or three axes";
+    let dims = two_or_three(&kept).map_err(|problem| refuse(path, problem, remedy))?;
+
+    let kind = header.needed("type")?;
+    let sample = sample_type(kind).ok_or_else(|| header.bad("type", kind))?;
+    let (packing, is_raw) = match header.needed("encoding")?.to_lowercase().as_str() {
+        "raw" => (Packing::Plain, true),
+        "gz" | "gzip" => (Packing::Deflated, false),
+        "txt" | "text" | "ascii" => (Packing::Text, false),
+        other => {
+            let problem = format!("its samples are coded as {other}, which is not read");
+            let remedy = "write it with the encoding raw or gzip, e.g. in Python with pynrrd";
+            return Err(refuse(path, problem, remedy));
+        }
+    };
+    let encoding = Encoding {
+        sample,
+        endian: match header.value("endian") {
+            Some("big") => Endian::Big,
+            Some("little") | None => Endian::Little,
+            Some(other) => return Err(header.bad("endian", other)),
+        },
+    };
+    if encoding.size() > 1 && packing != Packing::Text && header.value("endian").is_none() {
+        let remedy = "add a line 'endian: little' or 'endian: big'";
+        return Err(refuse(
+            path,
+            "its header does not say the byte order",
+            remedy,
+        ));
+    }
+    let (file, start) = match header.value("datafile") {
+        None => (path.to_path_buf(), header.end),
+        Some(list) if list.starts_with("LIST") || list.contains('%') => {
+            let problem = "its samples lie in several files";
+            let remedy = "write it as one file, e.g. in Python with pynrrd";
+            return Err(refuse(path, problem, remedy));
+        }
+        Some(name) => (sibling(path, name), 0),
+    };
+    let lines = header.integer("lineskip", 0)?;
+    let at = after_lines(&file, start, lines)
+        .ok_or_else(|| header.bad("line skip", &lines.to_string()))?;
+    let skip = match header.integer("byteskip", 0)? {
+        -1 => Skip::ToLast,
+        n @ 0.. => Skip::Bytes(n as u64),
+        n => return Err(header.bad("byte skip", &n.to_string())),
+    };
+    // Before compressed data the skipped bytes belong to what is unpacked.
+    let (at, skip) = match skip {
+        Skip::Bytes(n) if packing == Packing::Text => (at.saturating_add(n), Skip::Bytes(0)),
+        other => (at, other),
+    };
+    let geometry = geometry(&header, &axes, &directions)?;
+    let packed = Packed {
+        path: file,
+        at,
+        packing,
+        skip,
+        encoding,
+        dims,
+    };
+    let loaded = packed.load(Format::Nrrd, geometry, None, Vec::new())?;
+    match loaded
+        .notes
+        .iter()
+        .find(|note| note.contains("are ignored"))
+    {
+        // More than the samples means that something stands before them.
+        Some(note) if !is_raw => {
+            let remedy = "if the samples come last, add a line 'byte skip: -1' to the header";
+            Err(refuse(
+                path,
+                format!("would leave data unread: {note}"),
+                remedy,
+            ))
+        }
+        _ => Ok(loaded),
+    }
+}
+
+/// The byte after so many lines.
+fn after_lines(file: &Path, start: u64, lines: i64) -> Option<u64> {
+    use std::io::{BufRead, Seek};
+    if lines == 0 {
+        return Some(start);
+    }
+    let mut file = std::fs::File::open(file).ok()?;
+    file.seek(std::io::SeekFrom::Start(start)).ok()?;
+    let mut reader = std::io::BufReader::new(file);
+    let mut at = start;
+    for _ in 0..u64::try_from(lines).ok()? {
+        match reader.skip_until(b'\n').ok()? {
+            0 => return None,
+            n => at += n as u64,
+        }
+    }
+    Some(at)
+}
+
+fn sample_type(name: &str) -> Option<SampleType> {
+    Some(match name {
+        "signed char" | "int8" | "int8_t" => SampleType::I8,
+        "uchar" | "unsigned char" | "uint8" | "uint8_t" => SampleType::U8,
+        "short" | "short int" | "signed short" | "signed short int" | "int16" | "int16_t" => {
+            SampleType::I16
+        }
+        "ushort" | "unsigned short" | "unsigned short int" | "uint16" | "uint16_t" => {
+            SampleType::U16
+        }
+        "int" | "signed int" | "int32" | "int32_t" => SampleType::I32,
+        "uint" | "unsigned int" | "uint32" | "uint32_t" => SampleType::U32,
+        "longlong"
+        | "long long"
+        | "long long int"
+        | "signed long long"
+        | "int64"
+        | "int64_t"
+        | "signed long long int" => SampleType::I64,
+        "ulonglong" | "unsigned long long" | "unsigned long long int" | "uint64" | "uint64_t" => {
+            SampleType::U64
+        }
+        "float" => SampleType::F32,
+        "double" => SampleType::F64,
+        _ => return None,
+    })
+}
+
+/// The direction of each axis, if the header gives any; `None` for an axis that has none.
+fn directions(header: &Header<'_>, rank: usize) -> Result<Option<Vec<Option<Vec<f64>>>>> {
+    let Some(text) = header.value("spacedirections") else {
+        return Ok(None);
+    };
+    let bad = || header.bad("space directions", text);
+    let mut found = Vec::new();
+    let mut rest = text.trim();
+    while !rest.is_empty() {
+        if let Some(after) = rest.strip_prefix("none") {
+            found.push(None);
+            rest = after.trim_start();
+            continue;
+        }
+        let inside = rest.strip_prefix('(').and_then(|r| r.split_once(')'));
+        let (vector, after) = inside.ok_or_else(bad)?;
+        found.push(Some(vector_of(vector).ok_or_else(bad)?));
+        rest = after.trim_start();
+    }
+    match found.len() == rank {
+        true => Ok(Some(found)),
+        false => Err(bad()),
+    }
+}
+
+/// Finite numbers between commas, one to three of them.
+fn vector_of(text: &str) -> Option<Vec<f64>> {
+    let numbers: Option<Vec<f64>> = text.split(',').map(|w| w.trim().parse().ok()).collect();
+    numbers.filter(|v| (1..=3).contains(&v.len()) && v.iter().all(|x| x.is_finite()))
+}
+
+/// The axes along which the image lies, the fastest first: those of space, or of a size above one.
+fn axes(
+    header: &Header<'_>,
+    counts: &[usize],
+    directions: &Option<Vec<Option<Vec<f64>>>>,
+) -> Result<Vec<usize>> {
+    let kinds: Vec<&str> = header
+        .value("kinds")
+        .unwrap_or("")
+        .split_whitespace()
+        .collect();
+    let is_space = |axis: usize| {
+        let kind = kinds.get(axis).map_or("domain", |kind| kind);
+        matches!(kind, "domain" | "space" | "???" | "none" | "time" | "list")
+            && directions.as_ref().is_none_or(|d| d[axis].is_some())
+    };
+    let mut axes: Vec<usize> = (0..counts.len()).collect();
+    axes.retain(|&axis| is_space(axis) || counts[axis] != 1);
+    match axes.iter().find(|&&axis| !is_space(axis)) {
+        None => Ok(axes),
+        Some(&axis) => {
+            let problem = format!("has {} values a sample (axis {axis})", counts[axis]);
+            Err(refuse(header.path, problem, "give one component"))
+        }
+    }
+}
+
+fn geometry(
+    header: &Header<'_>,
+    axes: &[usize],
+    directions: &Option<Vec<Option<Vec<f64>>>>,
+) -> Result<Geometry<3>> {
+    let mut geometry = Geometry::default();
+    let quoted = |text: &str| -> Vec<String> {
+        text.split('"')
+            .skip(1)
+            .step_by(2)
+            .map(String::from)
+            .collect()
+    };
+    if let Some(directions) = directions {
+        for (k, &axis) in axes.iter().take(3).enumerate() {
+            let vector = directions[axis].as_deref().unwrap_or_default();
+            geometry.axes[k] = std::array::from_fn(|c| vector.get(c).copied().unwrap_or(0.0));
+        }
+        if axes.len() == 2 {
+            // Any third axis across the two.
+            let [a, b, _] = geometry.axes;
+            let cross = |i: usize, j: usize| a[i] * b[j] - a[j] * b[i];
+            let across = [cross(1, 2), cross(2, 0), cross(0, 1)];
+            let length = across.iter().map(|x| x * x).sum::<f64>().sqrt();
+            geometry.axes[2] = across.map(|x| x / length);
+        }
+        if let Some(units) = header.value("spaceunits") {
+            for (unit, name) in geometry.units.iter_mut().zip(quoted(units)) {
+                *unit = name;
+            }
+        }
+    } else if let Some(text) = header.value("spacings") {
+        let spacings: Vec<f64> = text
+            .split_whitespace()
+            .filter_map(|w| w.parse().ok())
+            .collect();
+        for (k, &axis) in axes.iter().take(3).enumerate() {
+            let step = spacings.get(axis).filter(|s| s.is_finite() && **s != 0.0);
+            geometry.axes[k][k] = step.copied().unwrap_or(1.0);
+        }
+        if let Some(units) = header.value("units").map(quoted) {
+            for (k, &axis) in axes.iter().take(3).enumerate() {
+                geometry.units[k] = units.get(axis).cloned().unwrap_or_default();
+            }
+        }
+    }
+    if let Some(labels) = header.value("labels").map(quoted) {
+        for (k, &axis) in axes.iter().take(3).enumerate() {
+            if let Some(name) = labels.get(axis).filter(|name| !name.is_empty()) {
+                geometry.names[k].clone_from(name);
+            }
+        }
+    }
+    if let Some(text) = header.value("spaceorigin") {
+        let inside = text
+            .trim()
+            .strip_prefix('(')
+            .and_then(|t| t.strip_suffix(')'));
+        let origin = inside.and_then(vector_of);
+        let origin = origin.ok_or_else(|| header.bad("space origin", text))?;
+        geometry.origin = std::array::from_fn(|c| origin.get(c).copied().unwrap_or(0.0));
+    }
+    let space = header.value("space").unwrap_or_default().to_lowercase();
+    let turned: &[usize] = match space.trim_end_matches("-time") {
+        "right-anterior-superior" | "ras" | "rast" => &[0, 1],
+        "left-anterior-superior" | "las" | "last" => &[1],
+        _ => &[],
+    };
+    for vector in geometry.axes.iter_mut().chain([&mut geometry.origin]) {
+        for &c in turned {
+            // Not -0.
+            vector[c] = 0.0 - vector[c];
+        }
+    }
+    // Also where the axes of a plane are parallel, and the third is no number.
+    if geometry.determinant() == 0.0 {
+        let problem = "its axes do not span space";
+        return Err(refuse(header.path, problem, "set 'space directions'"));
+    }
+    Ok(geometry)
+}
+
+/// Writes 32-bit floats, compressed (gzip), with the geometry in double precision and the names and
+/// units of axes.
+///
+/// # Errors
+/// [`Error::Io`](crate::Error::Io) if the file cannot be written.
+pub fn write<const D: usize>(path: &Path, image: &Image<D>) -> Result<()> {
+    let geometry = &image.geometry;
+    let vector = |v: &[f64; D]| format!("({})", v.map(|x| format!("{x:?}")).join(","));
+    let quoted = |words: &[String; D]| {
+        let clean = |word: &String| format!("\"{}\"", word.replace(['"', '\n'], " "));
+        words.iter().map(clean).collect::<Vec<_>>().join(" ")
+    };
+    let units = match geometry.units.iter().all(String::is_empty) {
+        true => String::new(),
+        false => format!("space units: {}\n", quoted(&geometry.units)),
+    };
+    let header = format!(
+        "NRRD0004\ntype: float\ndimension: {D}\nspace dimension: {D}\nsizes: {}\n\
+         space directions: {}\nkinds: {}\nlabels: {}\n{units}endian: little\nencoding: gzip\n\
+         space origin: {}\n\n",
+        image.dims().map(|n| n.to_string()).join(" "),
+        geometry.axes.each_ref().map(vector).join(" "),
+        ["domain"; D].join(" "),
+        quoted(&geometry.names),
+        vector(&geometry.origin),
+    );
+    atomic_write(path, |out| {
+        out.write_all(header.as_bytes())?;
+        let mut out = GzEncoder::new(out, Compression::fast());
+        samples::write(&mut out, image.as_slice())?;
+        out.finish().map(|_| ())
+    })
+}

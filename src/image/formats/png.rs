@@ -1,0 +1,310 @@
+//! PNG: grey and colour pictures as 2-D images.
+//!
+//! Column is x, row is y, the first row is y = 0, so y points down on the picture. Samples are the
+//! coded values, 0 to 255 or 65535; colours become luminance, 0.2126 R + 0.7152 G + 0.0722 B of
+//! the coded values (ITU-R BT.709), and transparency is ignored. An image that is not made of
+//! whole numbers in that range is written in 65536 steps between its extremes, which a text chunk
+//! keeps, so that it reads back to within half a step.
+
+use std::fs::File;
+use std::io::{BufReader, ErrorKind};
+use std::path::Path;
+
+use png::{BitDepth, ColorType, Decoder, DecodingError, Encoder, Transformations};
+
+use super::samples::{Encoding, Endian, SampleType};
+use super::{Format, Loaded};
+use crate::error::{Error, Result, cause, os};
+use crate::files::atomic_write;
+use crate::image::{Geometry, Image};
+
+/// The first bytes of every PNG file.
+pub const MAGIC: &[u8] = b"\x89PNG\r\n\x1a\n";
+
+/// The text chunk that holds the samples of which the codes 0 and 65535 are the image.
+const RANGE: &str = "atomesh range";
+
+/// Weights of red, green and blue in luminance.
+const LUMINANCE: [f32; 3] = [0.2126, 0.7152, 0.0722];
+
+/// Largest picture that is read, in bytes of samples.
+const LARGEST: usize = 1 << 33;
+
+/// Reads a picture as a 2-D image.
+///
+/// # Errors
+/// [`Error::Io`] if the file cannot be read, is cut off or damaged.
+pub fn read(path: &Path) -> Result<Loaded<2>> {
+    let file = File::open(path).map_err(|e| os(path, "open", e))?;
+    let mut decoder = Decoder::new(BufReader::new(file));
+    // Palettes become colours, fewer bits than 8 become 8.
+    decoder.set_transformations(Transformations::EXPAND);
+    let fault = |e| damaged(path, &e);
+    let mut reader = decoder.read_info().map_err(fault)?;
+    let source = reader.info();
+    let (written_as, bits) = (source.color_type, source.bit_depth as u8);
+    let dims = [source.width as usize, source.height as usize];
+    let size = match reader.output_buffer_size() {
+        Some(size) if size <= LARGEST => size,
+        _ => {
+            let problem = format!("claims {} x {} pixels", dims[0], dims[1]);
+            let remedy = "give a picture of at most 2^33 bytes";
+            return Err(Error::Io(cause(path.display(), problem, remedy)));
+        }
+    };
+    let mut bytes = vec![0; size];
+    let frame = reader.next_frame(&mut bytes).map_err(fault)?;
+    reader.finish().map_err(fault)?;
+
+    let channels = frame.color_type.samples();
+    let encoding = Encoding {
+        sample: match frame.bit_depth {
+            BitDepth::Sixteen => SampleType::U16,
+            _ => SampleType::U8,
+        },
+        endian: Endian::Big,
+    };
+    let mut values = vec![0f32; dims[0] * dims[1] * channels];
+    encoding.decode(&bytes, &mut values);
+    let mut notes = vec!["a picture has no geometry: unit spacing, origin 0, y down".to_string()];
+    let mut samples: Vec<f32> = match channels {
+        1 => values,
+        2 => values.iter().step_by(2).copied().collect(),
+        _ => values.chunks_exact(channels).map(luminance).collect(),
+    };
+    if channels >= 3 && written_as != ColorType::Indexed {
+        notes.push("colours are read as luminance (BT.709)".into());
+    }
+    if channels % 2 == 0 {
+        notes.push("transparency is ignored".into());
+    }
+    if let Some([low, high]) = range(reader.info()) {
+        samples
+            .iter_mut()
+            .for_each(|v| *v = low + *v / 65535.0 * (high - low));
+    }
+    let name = match written_as {
+        ColorType::Grayscale => "grey",
+        ColorType::GrayscaleAlpha => "grey with transparency",
+        ColorType::Rgb => "colours",
+        ColorType::Rgba => "colours with transparency",
+        ColorType::Indexed => "palette",
+    };
+    Ok(Loaded {
+        image: Image::new(dims, samples, Geometry::default()),
+        format: Format::Png,
+        encoding: format!("{bits}-bit {name}"),
+        notes,
+        survey: None,
+    })
+}
+
+/// Luminance of a pixel; exactly its value where all colours are equal.
+pub fn luminance(pixel: &[f32]) -> f32 {
+    let [r, g, b] = [pixel[0], pixel[1], pixel[2]];
+    g + LUMINANCE[0] * (r - g) + LUMINANCE[2] * (b - g)
+}
+
+/// The samples of which the codes 0 and 65535 are the image, if the file says so.
+fn range(info: &png::Info<'_>) -> Option<[f32; 2]> {
+    let chunk = info
+        .uncompressed_latin1_text
+        .iter()
+        .find(|chunk| chunk.keyword == RANGE)?;
+    let (low, high) = chunk.text.split_once(' ')?;
+    let [low, high] = [low, high].map(|word| word.parse::<f32>().ok().filter(|v| v.is_finite()));
+    Some([low?, high?])
+}
+
+fn damaged(path: &Path, error: &DecodingError) -> Error {
+    let problem = match error {
+        DecodingError::IoError(e) if e.kind() == ErrorKind::UnexpectedEof => {
+            "is cut off".to_string()
+        }
+        error => format!("is no whole PNG file: {error}"),
+    };
+    Error::Io(cause(path.display(), problem, "copy or write it again"))
+}
+
+/// Writes a 2-D image as a grey picture: 8 bits if all samples are whole numbers from 0 to 255,
+/// else 16 bits (see the module).
+///
+/// # Errors
+/// [`Error::Io`] if the file cannot be written or a sample is not finite.
+pub fn write(path: &Path, image: &Image<2>) -> Result<()> {
+    let samples = image.as_slice();
+    let stats = image.stats();
+    if let Some(index) = stats.first_bad {
+        return Err(Error::Io(cause(
+            path.display(),
+            format!("the image has no finite value at {index:?}, which a PNG cannot hold"),
+            "write .npy or .vti",
+        )));
+    }
+    let whole = samples.iter().all(|v| v.fract() == 0.0) && stats.min >= 0.0;
+    let [width, height] = image.dims().map(|n| n as u32);
+    let (depth, bytes, range) = if whole && stats.max <= 255.0 {
+        (
+            BitDepth::Eight,
+            samples.iter().map(|&v| v as u8).collect(),
+            None,
+        )
+    } else {
+        let (low, high) = match whole && stats.max <= 65535.0 {
+            true => (0.0, 65535.0),
+            false => (stats.min, stats.max),
+        };
+        let scale = if high > low {
+            65535.0 / (high - low)
+        } else {
+            0.0
+        };
+        let code = |v: &f32| (((v - low) * scale).round() as u16).to_be_bytes();
+        let bytes: Vec<u8> = samples.iter().flat_map(code).collect();
+        let range = (high - low != 65535.0 || low != 0.0).then(|| format!("{low:?} {high:?}"));
+        (BitDepth::Sixteen, bytes, range)
+    };
+    atomic_write(path, |out| {
+        let mut encoder = Encoder::new(out, width, height);
+        encoder.set_color(ColorType::Grayscale);
+        encoder.set_depth(depth);
+        if let Some(range) = range {
+            encoder.add_text_chunk(RANGE.into(), range)?;
+        }
+        let mut writer = encoder.write_header()?;
+        writer.write_image_data(&bytes)?;
+        Ok(writer.finish()?)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn coded(color: ColorType, depth: BitDepth, dims: [u32; 2], data: &[u8]) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        let mut encoder = Encoder::new(&mut bytes, dims[0], dims[1]);
+        encoder.set_color(color);
+        encoder.set_depth(depth);
+        if color == ColorType::Indexed {
+            encoder.set_palette(vec![0, 0, 0, 255, 0, 0, 255, 255, 255]);
+        }
+        let mut writer = encoder.write_header().unwrap();
+        writer.write_image_data(data).unwrap();
+        writer.finish().unwrap();
+        bytes
+    }
+
+    fn read_bytes(bytes: &[u8]) -> Result<Loaded<2>> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.png");
+        std::fs::write(&path, bytes).unwrap();
+        read(&path)
+    }
+
+    #[test]
+    fn every_colour_type_and_depth() {
+        use BitDepth::*;
+        use ColorType::*;
+        let red = 255.0 * LUMINANCE[0];
+        let cases: &[(ColorType, BitDepth, &[u8], [f32; 2])] = &[
+            (Grayscale, One, &[0b0100_0000], [0.0, 255.0]),
+            (Grayscale, Four, &[0x1f], [17.0, 255.0]),
+            (Grayscale, Eight, &[3, 200], [3.0, 200.0]),
+            (Grayscale, Sixteen, &[1, 2, 255, 255], [258.0, 65535.0]),
+            (GrayscaleAlpha, Eight, &[3, 0, 200, 9], [3.0, 200.0]),
+            (Rgb, Eight, &[7, 7, 7, 255, 0, 0], [7.0, red]),
+            (Rgba, Eight, &[7, 7, 7, 1, 255, 0, 0, 2], [7.0, red]),
+            (Indexed, Two, &[0b1001_0000], [255.0, red]),
+        ];
+        for (color, depth, data, want) in cases {
+            let loaded = read_bytes(&coded(*color, *depth, [2, 1], data)).unwrap();
+            assert_eq!(loaded.image.dims(), [2, 1]);
+            for (got, want) in loaded.image.as_slice().iter().zip(want) {
+                assert!(
+                    (got - want).abs() < 1e-4,
+                    "{color:?} {depth:?}: {got} {want}"
+                );
+            }
+        }
+        let loaded = read_bytes(&coded(Rgba, Eight, [1, 1], &[1, 1, 1, 1])).unwrap();
+        assert!(loaded.notes.iter().any(|n| n.contains("transparency")));
+        assert_eq!(loaded.encoding, "8-bit colours with transparency");
+    }
+
+    #[test]
+    fn the_first_row_is_y_0() {
+        let image = read_bytes(&coded(
+            ColorType::Grayscale,
+            BitDepth::Eight,
+            [3, 2],
+            &[0, 1, 2, 10, 11, 12],
+        ));
+        let image = image.unwrap().image;
+        assert_eq!(image.dims(), [3, 2]);
+        assert_eq!(image.samples[[1, 0]], 10.0);
+    }
+
+    #[test]
+    fn cut_off_and_damaged_files_are_refused() {
+        let good = coded(ColorType::Grayscale, BitDepth::Eight, [40, 30], &[9; 1200]);
+        assert!(read_bytes(&good).is_ok());
+        for end in 0..good.len() - 12 {
+            let error = read_bytes(&good[..end]).unwrap_err().to_string();
+            assert!(error.contains("a.png") && !error.contains('\n'), "{error}");
+        }
+        // A header that claims 2^31 x 2^31 pixels.
+        let mut huge = good.clone();
+        huge[16..24].copy_from_slice(&[0x7f, 255, 255, 255, 0x7f, 255, 255, 255]);
+        assert!(read_bytes(&huge).is_err());
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..Default::default() })]
+        #[test]
+        fn what_is_written_is_read_back(
+            nx in 1usize..20, ny in 1usize..20, scale in -4i32..6, whole: bool, seed in 0u32..1000,
+        ) {
+            let value = |i: u32| (i.wrapping_mul(2_654_435_761).wrapping_add(seed * 97) >> 16) as f32;
+            let scale = if whole { [1.0 / 256.0, 1.0][(seed % 2) as usize] } else { 10f32.powi(scale) };
+            let samples: Vec<f32> = (0..(nx * ny) as u32)
+                .map(|i| if whole { (value(i) * scale).floor() } else { (value(i) - 3e4) * scale })
+                .collect();
+            let image = Image::new([nx, ny], samples, Geometry::default());
+            let folder = tempfile::tempdir().unwrap();
+            let path = folder.path().join("a.png");
+            write(&path, &image).unwrap();
+            let back = read(&path).unwrap().image;
+            prop_assert_eq!(back.dims(), image.dims());
+            let stats = image.stats();
+            // Half a step of the code and the rounding of f32.
+            let allowed = if whole { 0.0 } else { (stats.max - stats.min) / 65535.0 * 0.51 + 1e-6 * stats.max.abs().max(stats.min.abs()) };
+            for (a, b) in image.as_slice().iter().zip(back.as_slice()) {
+                prop_assert!((a - b).abs() <= allowed, "{} {}", a, b);
+            }
+        }
+
+        #[test]
+        fn damaged_bytes_never_panic(at in 0usize..120, byte: u8) {
+            let mut bytes = coded(ColorType::Rgb, BitDepth::Eight, [5, 4], &[77; 60]);
+            let at = at.min(bytes.len() - 1);
+            bytes[at] = byte;
+            let _ = read_bytes(&bytes);
+        }
+    }
+
+    #[test]
+    fn what_is_not_finite_is_not_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.png");
+        let image = Image::new([2, 1], vec![0.0, f32::NAN], Geometry::default());
+        assert!(
+            write(&path, &image)
+                .unwrap_err()
+                .to_string()
+                .contains("[1, 0]")
+        );
+        assert!(!path.exists());
+    }
+}

@@ -1,0 +1,187 @@
+//! Real files, where they are at hand.
+
+use std::path::PathBuf;
+
+use super::*;
+use crate::image::formats::{self, ReadOptions};
+
+/// The folder of real data, if it is there.
+fn data(folder: &str) -> Option<PathBuf> {
+    let root = std::env::var_os("ATOMESH_DATA").map_or_else(
+        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
+        PathBuf::from,
+    );
+    let path = root.join(folder);
+    if !path.is_dir() {
+        println!("skipped: no {} (set ATOMESH_DATA)", path.display());
+        return None;
+    }
+    Some(path)
+}
+
+fn read_real(path: &Path) -> Result<Loaded> {
+    formats::read(path, &ReadOptions::default())
+}
+
+#[test]
+fn seismic3d() {
+    let Some(folder) = data("seismic3d") else {
+        return;
+    };
+    let loaded = read_real(&folder.join("SEISMIC3D.sgy")).unwrap();
+    assert_eq!(loaded.image.dims(), [268, 181, 76]);
+    let info = loaded.survey.as_ref().unwrap();
+    assert_eq!((info.missing, info.duplicates), (0, 0));
+    assert_eq!((info.dt_ms, info.t0_ms), (Some(3.0), 999.0));
+    assert!(has_note(
+        &loaded,
+        "bytes 181 and 185 only repeat the line numbers"
+    ));
+    // Source X, Y hold local metres: a grid of 25 m x 12.5 m, to within rounding.
+    let fit = info.fit.as_ref().unwrap();
+    assert!((fit.pitch()[0] - 25.0).abs() < 0.01 && (fit.pitch()[1] - 12.5).abs() < 0.01);
+    assert!(fit.max < 1.0);
+    let geometry = &loaded.image.geometry;
+    assert_eq!(geometry.to_physical([267.0, 0.0, 0.0])[2], -1800.0);
+
+    let stats = loaded.image.stats();
+    assert!((stats.min + 0.976_118).abs() < 1e-5 && (stats.max - 1.419_807).abs() < 1e-5);
+    let mut distinct: Vec<u32> = loaded
+        .image
+        .as_slice()
+        .iter()
+        .map(|v| v.to_bits())
+        .collect();
+    distinct.sort_unstable();
+    distinct.dedup();
+    assert_eq!(distinct.len(), 106);
+}
+
+#[test]
+fn the_same_cube_in_every_format() {
+    let Some(folder) = data("formats_segy/segyio") else {
+        return;
+    };
+    let f3 = read_real(&folder.join("f3.sgy")).unwrap();
+    assert_eq!(f3.image.dims(), [75, 18, 23]);
+    assert_eq!(f3.image.as_slice()[5000..5003], [793.0, -1653.0, -3525.0]);
+    let geometry = &f3.image.geometry;
+    assert!((geometry.origin[0] - 620_197.2).abs() < 0.1);
+    assert!((geometry.origin[1] - 6_074_232.9).abs() < 0.1);
+    let other = read_real(&folder.join("f3-lsb.sgy")).unwrap();
+    assert_eq!(other.image, f3.image);
+    for format in [1, 2, 3, 5, 6, 7, 9] {
+        for order in ["msb", "lsb"] {
+            let name = format!("multiformats/Format{format}{order}.sgy");
+            let other = read_real(&folder.join(&name)).unwrap();
+            assert_eq!(other.image, f3.image, "{name}");
+        }
+    }
+    // These formats cannot hold the values: unsigned ones wrapped, 8-bit ones cut off.
+    for (format, modulus) in [(10, 2f64.powi(32)), (11, 65536.0), (15, 2f64.powi(24))] {
+        let name = format!("multiformats/Format{format}msb.sgy");
+        let image = read_real(&folder.join(&name)).unwrap().image;
+        for (a, b) in image.as_slice().iter().zip(f3.image.as_slice()) {
+            assert_eq!(*a, f64::from(*b).rem_euclid(modulus) as f32, "{name}");
+        }
+    }
+}
+
+/// Every file of the collection, with what it must give: dims, or part of the refusal.
+#[test]
+fn odd_and_broken_files() {
+    let Some(folder) = data("formats_segy") else {
+        return;
+    };
+    const LINES: &str = "make no survey";
+    let refused: &[(&str, &str)] = &[
+        ("segyio/1x1.sgy", LINES),
+        ("segyio/1xN.sgy", "pre-stack"),
+        ("segyio/Mx1.sgy", "pre-stack"),
+        ("segyio/broken.sgy", "68 bytes are left over after 3 traces"),
+        ("segyio/decrement.sgy", "single line"),
+        ("segyio/decrement-lsb.sgy", "single line"),
+        ("segyio/increment.sgy", "single line"),
+        ("segyio/increment-lsb.sgy", "single line"),
+        ("segyio/delay-scalar.sgy", "single trace"),
+        ("segyio/interval-neg-bin-neg-trace.sgy", "single trace"),
+        ("segyio/interval-neg-bin-pos-trace.sgy", "single trace"),
+        ("segyio/interval-pos-bin-neg-trace.sgy", "single trace"),
+        ("segyio/long.sgy", LINES),
+        ("segyio/multi-text.sgy", "single trace"),
+        ("segyio/shot-gather.sgy", LINES),
+        ("segyio/small.su", "no known image format"),
+        ("segyio/small-lsb.su", "no known image format"),
+        ("segyio/text.sgy", "no traces"),
+        ("segyio/trace-header-extensions.sgy", "single line"),
+        ("segyio/mapping-minimal.sgy", LINES),
+        ("segyio/mapping-unsupported-type.sgy", LINES),
+        ("segyio/mapping-shifted.sgy", "several traces in a cell"),
+        ("segyio/multiformats/Format4msb.sgy", "sample format 4"),
+        ("segysak/f3-iline-111.sgy", "single line"),
+    ];
+    let read: &[(&str, [usize; 3])] = &[
+        ("segyio/tiny.sgy", [4, 2, 3]),
+        ("segyio/mapping-default.sgy", [4, 2, 3]),
+        ("segyio/mapping-empty.sgy", [4, 2, 3]),
+        ("segyio/mapping-multiple-stanzas.sgy", [4, 2, 3]),
+        ("segyio/stanzas-known-count.sgy", [4, 2, 3]),
+        ("segyio/stanzas-unknown-count.sgy", [4, 2, 3]),
+        ("segyio/trace-header-extension1.sgy", [4, 2, 3]),
+        ("segyio/小文件.sgy", [50, 5, 5]),
+        ("segyio/rotated-small-rev2.sgy", [50, 5, 5]),
+        ("segysak/f3-ebcidctest.sgy", [463, 100, 2]),
+        ("segysak/f3-withdead.sgy", [75, 18, 23]),
+        ("segysak/test-geometry.sgy", [4, 202, 61]),
+    ];
+    for (name, says) in refused {
+        let error = read_real(&folder.join(name)).unwrap_err().to_string();
+        assert!(error.contains(says), "{name}: {error}");
+    }
+    for (name, dims) in read {
+        assert_eq!(
+            read_real(&folder.join(name)).unwrap().image.dims(),
+            *dims,
+            "{name}"
+        );
+    }
+    let dead = read_real(&folder.join("segysak/f3-withdead.sgy")).unwrap();
+    assert_eq!(dead.survey.unwrap().missing, 175);
+
+    // Nothing in the folder may panic, and all but two sorts can at least be described.
+    for sub in ["segyio", "segyio/multiformats", "segysak"] {
+        for entry in std::fs::read_dir(folder.join(sub)).unwrap() {
+            let path = entry.unwrap().path();
+            let name = path.file_name().unwrap().to_string_lossy().into_owned();
+            let described = formats::describe(&path, &ReadOptions::default());
+            if name.ends_with(".sgy") && !name.starts_with("Format4") {
+                assert!(described.unwrap().to_lines().contains("SEG-Y"), "{name}");
+            }
+        }
+    }
+}
+
+#[test]
+fn one_survey_turned_in_eight_directions() {
+    let Some(folder) = data("formats_segy/segyio") else {
+        return;
+    };
+    // Azimuths of the inline and crossline steps as the file names say, and the scalar as pitch.
+    for (name, clockwise) in [
+        ("normal", 0.0f64),
+        ("acute", 45.0),
+        ("right", 90.0),
+        ("obtuse", 135.0),
+        ("straight", 180.0),
+        ("reflex", 225.0),
+        ("left", 270.0),
+        ("inv-acute", 315.0),
+    ] {
+        let loaded = read_real(&folder.join(format!("{name}-small.sgy"))).unwrap();
+        let fit = loaded.survey.unwrap().fit.unwrap();
+        let [x, y] = fit.crossline;
+        let off = (x.atan2(y).to_degrees() - clockwise + 180.0).rem_euclid(360.0) - 180.0;
+        assert!(off.abs() < 1e-6, "{name}: off by {off} degrees");
+        assert!(fit.max < 1e-6 * fit.pitch()[0], "{name}");
+    }
+}

@@ -1,0 +1,270 @@
+//! VTK image data (`.vti`): origin, spacing and direction in full double precision.
+//!
+//! VTK maps index (i, j, k) to `Origin + Direction * (Spacing * index)`: column k of `Direction`
+//! is the unit step along axis k. Units and names of axes, which VTK has no place for, are kept in
+//! field data where they are not the default.
+
+use std::path::Path;
+use std::str::FromStr;
+
+use crate::error::Result;
+use crate::files::atomic_write;
+use crate::files::vtk::xml::Element;
+use crate::files::vtk::{Document, Source, VtkFile};
+use crate::image::{Geometry, Image};
+
+/// Reads the image of a `.vti` file: the active scalars of its points or, where it has none, the
+/// first array.
+///
+/// # Errors
+/// [`Error::Io`](crate::Error::Io) if it is no such file, damaged, or holds no 3-D scalars on
+/// points.
+pub fn read(path: &Path) -> Result<Image<3>> {
+    let file = VtkFile::read(path, "ImageData")?;
+    let data_set = file.data_set();
+    let piece = file.piece()?;
+    let whole: [i64; 6] = fixed(&file, data_set, "WholeExtent")?;
+    let extent: [i64; 6] = fixed(&file, piece, "Extent")?;
+    if whole != extent {
+        return Err(file.fault(
+            format!("holds the part {extent:?} of {whole:?}"),
+            "write the whole image",
+        ));
+    }
+    let mut dims = [0usize; 3];
+    let mut count = 1usize;
+    for k in 0..3 {
+        let (low, high) = (extent[2 * k], extent[2 * k + 1]);
+        dims[k] = high
+            .checked_sub(low)
+            .and_then(|n| usize::try_from(n).ok())
+            .map_or(0, |n| n + 1);
+        count = count.saturating_mul(dims[k]);
+    }
+
+    let or = |name: &str, default: f64| match data_set.attribute(name) {
+        None => Ok([default; 3]),
+        Some(_) => fixed(&file, data_set, name),
+    };
+    let (origin, spacing) = (or("Origin", 0.0)?, or("Spacing", 1.0)?);
+    let direction: [f64; 9] = match data_set.attribute("Direction") {
+        None => [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        Some(_) => fixed(&file, data_set, "Direction")?,
+    };
+    let axes = std::array::from_fn(|k| std::array::from_fn(|c| direction[3 * c + k] * spacing[k]));
+    let mut geometry = Geometry {
+        axes,
+        ..Geometry::default()
+    };
+    // The first sample has the index of the extent's low end.
+    geometry.origin = origin;
+    geometry.origin = geometry.to_physical(std::array::from_fn(|k| extent[2 * k] as f64));
+    if let Some(fields) = data_set.child("FieldData") {
+        for array in &fields.children {
+            let target = match array.attribute("Name") {
+                Some(AXIS_NAMES) => &mut geometry.names,
+                Some(UNITS) => &mut geometry.units,
+                _ => continue,
+            };
+            let text = file.text(array)?;
+            for (target, line) in target.iter_mut().zip(text.split('\n')) {
+                *target = line.to_string();
+            }
+        }
+    }
+
+    let point_data = file.child(piece, "PointData")?;
+    let arrays = || point_data.children.iter().filter(|c| c.name == "DataArray");
+    let active = point_data.attribute("Scalars");
+    let element = arrays()
+        .find(|a| active.is_some() && a.attribute("Name") == active)
+        .or_else(|| arrays().next())
+        .ok_or_else(|| file.fault("has no data on its points", "write samples as point data"))?;
+    let array = file.array(element)?;
+    if array.components != 1 {
+        return Err(file.fault(
+            format!("array '{}' has {} components", array.name, array.components),
+            "give one scalar a sample",
+        ));
+    }
+    if array.values.len() != count || count == 0 {
+        return Err(file.fault(
+            format!(
+                "array '{}' has {} values for {} x {} x {} samples",
+                array.name,
+                array.values.len(),
+                dims[0],
+                dims[1],
+                dims[2]
+            ),
+            "write it anew",
+        ));
+    }
+    Ok(Image::new(dims, array.values.to_f32(), geometry))
+}
+
+/// An attribute of exactly `N` numbers.
+fn fixed<T: FromStr, const N: usize>(
+    file: &VtkFile,
+    element: &Element,
+    name: &str,
+) -> Result<[T; N]> {
+    let numbers = file.numbers(element, name)?;
+    numbers.try_into().map_err(|v: Vec<T>| {
+        let problem = format!("the attribute {name} has {} numbers, not {N}", v.len());
+        file.fault(problem, "write it anew")
+    })
+}
+
+/// Field data that holds the names of the axes, a line each.
+const AXIS_NAMES: &str = "axis_names";
+/// Field data that holds the units of the physical coordinates, a line each.
+const UNITS: &str = "units";
+
+/// Writes an image as point data named `array_name`.
+///
+/// # Errors
+/// [`Error::Io`](crate::Error::Io) if the file cannot be written.
+pub fn write(path: &Path, image: &Image<3>, array_name: &str) -> Result<()> {
+    let dims = image.dims();
+    let extent = dims.map(|n| format!("0 {}", n as i64 - 1)).join(" ");
+    let spacing = image.geometry.spacing();
+    // A zero step has no direction; VTK needs one.
+    let direction = |c: usize, k: usize| match spacing[k] {
+        0.0 => f64::from(u8::from(c == k)),
+        s => image.geometry.axes[k][c] / s,
+    };
+    let matrix: [f64; 9] = std::array::from_fn(|i| direction(i / 3, i % 3));
+    let defaults = Geometry::<3>::default();
+    let names = image.geometry.names.join("\n");
+    let units = image.geometry.units.join("\n");
+
+    let mut document = Document::new(
+        "ImageData",
+        &[
+            ("WholeExtent", extent.clone()),
+            ("Origin", exact(&image.geometry.origin)),
+            ("Spacing", exact(&spacing)),
+            ("Direction", exact(&matrix)),
+        ],
+    );
+    if image.geometry.names != defaults.names || image.geometry.units != defaults.units {
+        document.open("FieldData", &[]);
+        document.array(Source::text(AXIS_NAMES, &names));
+        document.array(Source::text(UNITS, &units));
+        document.close();
+    }
+    document.open("Piece", &[("Extent", extent)]);
+    document.open("PointData", &[("Scalars", array_name.to_string())]);
+    document.array(Source::slice(array_name, 1, image.as_slice()));
+    document.close();
+    document.close();
+    atomic_write(path, |out| document.write(out))
+}
+
+/// The shortest text that reads back as the same numbers.
+fn exact(numbers: &[f64]) -> String {
+    let words: Vec<String> = numbers.iter().map(|n| format!("{n:?}")).collect();
+    words.join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::files::vtk::fixtures::{VARIANTS, fixture};
+
+    fn oblique() -> Image<3> {
+        let geometry = Geometry {
+            origin: [612345.678, -1e-300, 0.1 + 0.2],
+            axes: [[0.3, 0.4, 0.0], [-25.0, 0.1, 0.0], [0.0, 0.0, -4.0]],
+            names: ["crossline", "inline", "sample"].map(String::from),
+            units: ["m", "m", "ms"].map(String::from),
+        };
+        let samples = (0..5 * 4 * 3).map(|i| (i as f32 * 0.7).sin()).collect();
+        Image::new([5, 4, 3], samples, geometry)
+    }
+
+    #[test]
+    fn every_variant_that_vtk_writes_is_read() {
+        for variant in VARIANTS {
+            let image = read(&fixture(&format!("{variant}.vti"))).unwrap();
+            assert_eq!(image.dims(), [3, 2, 2], "{variant}");
+            let want: Vec<f32> = (-5..7).map(|i| i as f32).collect();
+            assert_eq!(image.as_slice(), want, "{variant}");
+            assert_eq!(
+                image.geometry.origin,
+                [612345.678, -1e-7, 3.25],
+                "{variant}"
+            );
+            // Axis x points along physical y, axis y along physical -x.
+            let axes = [[0.0, 12.5, 0.0], [-25.0, 0.0, 0.0], [0.0, 0.0, 4.0]];
+            assert_eq!(image.geometry.axes, axes, "{variant}");
+        }
+        let error = read(&fixture("raw_lz4_64_le.vti")).unwrap_err().to_string();
+        assert!(error.contains("vtkLZ4DataCompressor"), "{error}");
+    }
+
+    #[test]
+    fn write_then_read_gives_the_same_image() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.vti");
+        let image = oblique();
+        write(&path, &image, "a < b").unwrap();
+        let back = read(&path).unwrap();
+        assert_eq!(back.as_slice(), image.as_slice());
+        assert_eq!(back.geometry.origin, image.geometry.origin);
+        assert_eq!(back.geometry.names, image.geometry.names);
+        assert_eq!(back.geometry.units, image.geometry.units);
+        for (a, b) in back
+            .geometry
+            .axes
+            .iter()
+            .flatten()
+            .zip(image.geometry.axes.iter().flatten())
+        {
+            assert!((a - b).abs() <= 2.0 * f64::EPSILON * b.abs(), "{a} != {b}");
+        }
+        // Along the physical axes nothing is rounded.
+        let straight = Image::new(
+            [2, 3, 4],
+            vec![1.5; 24],
+            Geometry::with_spacing([0.1, 1e6 + 0.1, -3.3], [0.1, 12.7, 1.0 / 3.0]),
+        );
+        write(&path, &straight, "s").unwrap();
+        assert_eq!(read(&path).unwrap(), straight);
+    }
+
+    #[test]
+    fn damaged_files_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.vti");
+        write(&path, &oblique(), "s").unwrap();
+        let good = std::fs::read(&path).unwrap();
+        // Cut anywhere before the end of the data, it is never read, and never panics.
+        let data_end = good.len() - "\n  </AppendedData>\n</VTKFile>\n".len();
+        for end in (0..data_end).step_by(7).chain([data_end - 1]) {
+            std::fs::write(&path, &good[..end]).unwrap();
+            assert!(read(&path).is_err(), "cut at {end}");
+        }
+        let text = |from: &str, to: &str| {
+            let at = good
+                .windows(from.len())
+                .position(|w| w == from.as_bytes())
+                .unwrap();
+            let bytes = [&good[..at], to.as_bytes(), &good[at + from.len()..]].concat();
+            std::fs::write(&path, bytes).unwrap();
+            read(&path).unwrap_err().to_string()
+        };
+        assert!(text("type=\"ImageData\"", "type=\"PolyData\"").contains("holds PolyData"));
+        assert!(text("WholeExtent=\"0 4", "WholeExtent=\"0 5").contains("holds the part"));
+        assert!(text("Origin=\"612345.678", "Origin=\"x").contains("Origin"));
+        assert!(text("Direction=\"", "Direction=\"1 ").contains("10 numbers, not 9"));
+        assert!(text("Float32", "Float33").contains("unknown type Float33"));
+        assert!(text("UInt64", "UInt16").contains("UInt16"));
+        assert!(text("vtkZLib", "vtkLZMA").contains("vtkLZMADataCompressor"));
+        let none = read(&folder.path().join("none.vti"))
+            .unwrap_err()
+            .to_string();
+        assert!(none.contains("none.vti"));
+    }
+}

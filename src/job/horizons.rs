@@ -1,0 +1,74 @@
+//! Which of the faces on features lie on horizons: those whose nearest feature points do.
+
+use rayon::prelude::*;
+
+use crate::feature::Features;
+use crate::geometry::near::Grid;
+use crate::geometry::{add_scaled, dot, norm, normal, sub};
+use crate::mesh::faceted::Faceted;
+use crate::mesh::faceted::marks_of_bits;
+use crate::report::Measured;
+
+/// Points are of a face's feature if their normals are within 45 degrees of its.
+const ALONG: f64 = 0.7;
+
+/// For each simplex of a mesh in lattice space which of its faces on features, given as bits, lie on
+/// horizons. Empty if none does.
+pub(crate) fn horizon_bits<const D: usize, M: Measured<D>>(
+    mesh: &M,
+    feature_faces: &[u8],
+    features: &Features<D>,
+) -> Vec<u8> {
+    let marks: Vec<bool> = marks_of_bits::<D>(feature_faces).collect();
+    let bit = |(k, on): (usize, &bool)| u8::from(*on) << k;
+    let bits = |faces: &[bool]| faces.iter().enumerate().map(bit).sum();
+    let on = on_horizons(mesh, &marks, features);
+    on.chunks_exact(D + 1).map(bits).collect()
+}
+
+/// For each number of a face of a mesh in lattice space whether it lies on a horizon; `marks` says
+/// which lie on features. Empty if none does.
+pub(crate) fn on_horizons<const D: usize, F: Faceted<D>>(
+    mesh: &F,
+    marks: &[bool],
+    features: &Features<D>,
+) -> Vec<bool> {
+    let horizons = features.on_horizon.iter().filter(|on| **on).count();
+    if horizons == 0 {
+        return Vec::new();
+    }
+    if horizons == features.points.len() {
+        return marks.to_vec();
+    }
+    let points: Vec<[f64; D]> = (features.points.iter())
+        .map(|p| p.position.map(f64::from))
+        .collect();
+    // Valleys are a quarter as wide as atoms are apart: all of a feature that is near is within two.
+    let grid = Grid::new(&points, 2.0 * features.sigma);
+    let nodes = mesh.node_positions();
+    let is_horizon = |face: usize| {
+        let (mut middle, mut area_vector, mut area) = ([0.0; D], [0.0; D], 0.0);
+        mesh.facets(face, |facet| {
+            let corners = facet.map(|n| nodes[n as usize]);
+            let n = normal(&corners);
+            let centre = corners
+                .iter()
+                .fold([0.0; D], |sum, &x| add_scaled(sum, 1.0 / D as f64, x));
+            area += norm(n);
+            area_vector = add_scaled(area_vector, 1.0, n);
+            middle = add_scaled(middle, norm(n), centre);
+        });
+        let (middle, along) = (middle.map(|c| c / area), ALONG * norm(area_vector));
+        let mut nearest = (f64::INFINITY, false);
+        grid.visit(middle, |i| {
+            let far = norm(sub(points[i], middle));
+            let parallel = dot(area_vector, features.points[i].normal.map(f64::from)).abs() > along;
+            if parallel && far < nearest.0 {
+                nearest = (far, features.on_horizon[i]);
+            }
+        });
+        nearest.1
+    };
+    let faces = (0..marks.len()).into_par_iter();
+    faces.map(|face| marks[face] && is_horizon(face)).collect()
+}

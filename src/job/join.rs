@@ -1,0 +1,324 @@
+//! How atoms at rest become a mesh: what differs between the plane and space.
+
+use crate::Result;
+use crate::feature::{FeaturePoint, Features};
+use crate::improve::exude::exude;
+use crate::improve::plane::relax::Relaxation;
+use crate::improve::reshape::{Reshaped, Wanted};
+use crate::improve::sheets::Sheets;
+use crate::improve::{self, Method, plane};
+use crate::lattice::AtomKind;
+use crate::lattice::distance::Distance;
+use crate::lattice::seeding::Atoms;
+use crate::mesh::delaunay::{self, Delaunay};
+use crate::mesh::poly::PolyMesh;
+use crate::mesh::voronoi;
+use crate::mesh::{TetMesh, TriMesh};
+use crate::report::{Improvement, Measured};
+
+/// The plane (`D` = 2) or space (`D` = 3).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Space<const D: usize>;
+
+/// A space in which meshes are made.
+pub trait Meshing<const D: usize> {
+    /// What is made: triangles or tetrahedra.
+    type Mesh: Measured<D>;
+
+    /// Puts the atoms that are next to a feature onto it, joins all and improves the result until
+    /// every angle is at least as large as `improvement` asks, where that can be; without it, only
+    /// joins. Before that a triangulation of the plane is smoothed as `relaxation` says. `begin` is
+    /// told of each stage.
+    ///
+    /// # Errors
+    /// Those of the triangulation.
+    fn join(
+        atoms: Atoms<D>,
+        scene: &Scene<'_, D>,
+        relaxation: Option<&Relaxation<D>>,
+        improvement: Option<&improve::Options>,
+        begin: &mut dyn FnMut(&str),
+    ) -> Result<Joined<Self::Mesh>>;
+
+    /// The same for a part of a mesh whose atoms have come, gone and moved. The rest of the mesh stays,
+    /// and so do the part's outer faces.
+    ///
+    /// # Errors
+    /// The number of the node that cannot be put where it must be, or cannot go.
+    fn rejoin(
+        part: Self::Mesh,
+        wanted: Wanted<D>,
+        scene: &Scene<'_, D>,
+        min_angle: f64,
+    ) -> std::result::Result<Reshaped<Self::Mesh>, u32>;
+
+    /// The Voronoi cells of atoms inside the box `[0, extent]`, cut by it, their nodes welded.
+    ///
+    /// # Errors
+    /// Those of [`voronoi_welded`](crate::mesh::voronoi::voronoi_welded).
+    fn cells(atoms: &[[f64; D]], extent: [f64; D], weld: f64) -> Result<PolyMesh<D>>;
+
+    /// The features as local planes; those of the plane stand upright on it.
+    fn sheets(scene: &Scene<'_, D>) -> Sheets;
+
+    /// A feature point as one of space.
+    fn in_space(point: &FeaturePoint<D>) -> FeaturePoint<3>;
+}
+
+/// What is known about the space in which atoms are joined.
+#[derive(Debug, Clone, Copy)]
+pub struct Scene<'a, const D: usize> {
+    /// The far corner of the box.
+    pub extent: [f64; D],
+    /// What the mesh follows.
+    pub features: &'a Features<D>,
+    /// Nominal distance between nodes.
+    pub distance: &'a Distance<D>,
+}
+
+/// Atoms joined to a mesh.
+#[derive(Debug)]
+pub struct Joined<M> {
+    /// The mesh.
+    pub mesh: M,
+    /// For every cell and face, in order, the cell on its other side, where that is known.
+    pub neighbors: Option<Vec<u32>>,
+    /// What each node may do.
+    pub kinds: Vec<AtomKind>,
+    /// For each cell, bit k: its face k, opposite node k, lies on a feature.
+    pub feature_faces: Vec<u8>,
+    /// What was improved, if anything should be.
+    pub improvement: Option<Improvement>,
+    /// Where exudation was asked for, what Joe's transformations make of the same atoms.
+    pub rival: Option<(M, Vec<u8>)>,
+}
+
+/// Radius of the patches by which features are known locally, in units of d (and from 2 to 6.5; a patch
+/// of a curve holds four points from 3 on).
+const PATCH: f64 = 0.8;
+
+/// Atoms this near to a feature, in units of d, are put onto it before they are joined.
+const SETTLE: f64 = 0.35;
+
+/// The features as local planes; `points` and `extent` in space.
+fn planes<const D: usize>(
+    points: &[FeaturePoint<3>],
+    extent: [f64; 3],
+    distance: &Distance<D>,
+) -> Sheets {
+    let least = if D == 2 { 3.0 } else { 2.0 };
+    let radius = (PATCH * distance.min()).clamp(least, 6.5);
+    // An edge is at most 1.7 d long: what it pierces is within half of that of one of its ends.
+    let reach = 0.85 * distance.max() + 1.5;
+    Sheets::new(points, extent, radius, reach)
+}
+
+/// The last stages, as an observer is told of them.
+const JOINING: &str = "joining atoms";
+const IMPROVING: &str = "removing slivers";
+
+impl Meshing<3> for Space<3> {
+    type Mesh = TetMesh;
+
+    fn join(
+        mut atoms: Atoms<3>,
+        scene: &Scene<'_, 3>,
+        _: Option<&Relaxation<3>>,
+        improvement: Option<&improve::Options>,
+        begin: &mut dyn FnMut(&str),
+    ) -> Result<Joined<TetMesh>> {
+        let Scene {
+            extent, distance, ..
+        } = *scene;
+        let sheets = improvement.map(|_| Self::sheets(scene));
+        if let Some(sheets) = &sheets {
+            let reach = SETTLE * distance.min();
+            improve::settle(&mut atoms.positions, &atoms.kinds, extent, sheets, reach);
+        }
+        begin(JOINING);
+        let Delaunay {
+            mut mesh,
+            mut neighbors,
+        } = delaunay::delaunay_with_neighbors(&atoms.positions)?;
+        let mut kinds = atoms.kinds;
+        let (Some(options), Some(sheets)) = (improvement, &sheets) else {
+            return Ok(Joined {
+                feature_faces: vec![0; mesh.tets.len()],
+                mesh,
+                neighbors: Some(neighbors.into_flattened()),
+                kinds,
+                improvement: None,
+                rival: None,
+            });
+        };
+        let mut rival = None;
+        let (neighbors, (outcome, feature_faces)) = match options.method {
+            Method::Joe => {
+                begin(IMPROVING);
+                let done = improve::improve(
+                    &mut mesh,
+                    &mut neighbors,
+                    &mut kinds,
+                    extent,
+                    sheets,
+                    distance,
+                    options,
+                );
+                (Some(neighbors.into_flattened()), done)
+            }
+            Method::Exude => {
+                begin("removing slivers the other way");
+                let (mut other, mut their_kinds) = (mesh.clone(), kinds.clone());
+                let (_, faces) = improve::improve(
+                    &mut other,
+                    &mut neighbors.clone(),
+                    &mut their_kinds,
+                    extent,
+                    sheets,
+                    distance,
+                    options,
+                );
+                rival = Some((other, faces));
+                begin(IMPROVING);
+                let done = exude(
+                    &mut mesh, neighbors, &mut kinds, extent, sheets, distance, options,
+                )?;
+                (None, done)
+            }
+        };
+        Ok(Joined {
+            mesh,
+            neighbors,
+            kinds,
+            feature_faces,
+            improvement: Some(Improvement::from(&outcome)),
+            rival,
+        })
+    }
+
+    fn rejoin(
+        part: TetMesh,
+        mut wanted: Wanted<3>,
+        scene: &Scene<'_, 3>,
+        min_angle: f64,
+    ) -> std::result::Result<Reshaped<TetMesh>, u32> {
+        let Scene {
+            extent, distance, ..
+        } = *scene;
+        let sheets = Self::sheets(scene);
+        let reach = SETTLE * distance.min();
+        improve::settle(&mut wanted.targets, &wanted.kinds, extent, &sheets, reach);
+        let options = improve::Options {
+            min_dihedral: min_angle,
+            method: Method::Joe,
+        };
+        improve::reshape::reshape(part, &wanted, extent, &sheets, distance, &options)
+    }
+
+    fn cells(atoms: &[[f64; 3]], extent: [f64; 3], weld: f64) -> Result<PolyMesh<3>> {
+        voronoi::voronoi_welded(atoms, extent, weld)
+    }
+
+    fn sheets(scene: &Scene<'_, 3>) -> Sheets {
+        planes(&scene.features.points, scene.extent, scene.distance)
+    }
+
+    fn in_space(point: &FeaturePoint<3>) -> FeaturePoint<3> {
+        *point
+    }
+}
+
+impl Meshing<2> for Space<2> {
+    type Mesh = TriMesh;
+
+    fn join(
+        mut atoms: Atoms<2>,
+        scene: &Scene<'_, 2>,
+        relaxation: Option<&Relaxation<2>>,
+        improvement: Option<&improve::Options>,
+        begin: &mut dyn FnMut(&str),
+    ) -> Result<Joined<TriMesh>> {
+        let Scene {
+            extent, distance, ..
+        } = *scene;
+        let wanted = improvement.is_some() || relaxation.is_some();
+        let sheets = wanted.then(|| Self::sheets(scene));
+        if let Some(sheets) = &sheets {
+            let reach = SETTLE * distance.min();
+            plane::settle(&mut atoms.positions, &atoms.kinds, extent, sheets, reach);
+        }
+        begin(JOINING);
+        let mut mesh = match (relaxation, &sheets) {
+            (Some(relaxation), Some(sheets)) => {
+                begin("smoothing");
+                let mobility = plane::mobility(&atoms, extent, sheets);
+                plane::relax::relax(atoms.positions, &mobility, relaxation)?.0
+            }
+            _ => delaunay::delaunay_plane(&atoms.positions)?,
+        };
+        let mut kinds = atoms.kinds;
+        let (Some(options), Some(sheets)) = (improvement, &sheets) else {
+            return Ok(Joined {
+                feature_faces: vec![0; mesh.triangles.len()],
+                mesh,
+                neighbors: None,
+                kinds,
+                improvement: None,
+                rival: None,
+            });
+        };
+        begin(IMPROVING);
+        let (outcome, feature_faces) = plane::improve(
+            &mut mesh,
+            &mut kinds,
+            extent,
+            sheets,
+            distance,
+            options.min_dihedral,
+        );
+        Ok(Joined {
+            mesh,
+            neighbors: None,
+            kinds,
+            feature_faces,
+            improvement: Some(Improvement::from(&outcome)),
+            rival: None,
+        })
+    }
+
+    fn rejoin(
+        part: TriMesh,
+        mut wanted: Wanted<2>,
+        scene: &Scene<'_, 2>,
+        min_angle: f64,
+    ) -> std::result::Result<Reshaped<TriMesh>, u32> {
+        let Scene {
+            extent, distance, ..
+        } = *scene;
+        let sheets = Self::sheets(scene);
+        let reach = SETTLE * distance.min();
+        plane::settle(&mut wanted.targets, &wanted.kinds, extent, &sheets, reach);
+        plane::reshape(&part, &wanted, extent, &sheets, distance, min_angle)
+    }
+
+    fn cells(atoms: &[[f64; 2]], extent: [f64; 2], weld: f64) -> Result<PolyMesh<2>> {
+        voronoi::voronoi_plane_welded(atoms, extent, weld)
+    }
+
+    fn sheets(scene: &Scene<'_, 2>) -> Sheets {
+        // Curves in the plane are sheets that stand upright on it.
+        let points = scene.features.points.iter().map(Self::in_space);
+        let points: Vec<FeaturePoint<3>> = points.collect();
+        planes(&points, plane::lift(scene.extent), scene.distance)
+    }
+
+    fn in_space(point: &FeaturePoint<2>) -> FeaturePoint<3> {
+        let [x, y] = point.position;
+        let [u, v] = point.normal;
+        FeaturePoint {
+            position: [x, y, 0.0],
+            normal: [u, v, 0.0],
+            strength: point.strength,
+        }
+    }
+}

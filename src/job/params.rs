@@ -1,0 +1,246 @@
+//! What a job asks for: how far atoms are apart, what they follow, how they move, what is done with the
+//! mesh.
+
+use crate::feature;
+use crate::image::{Geometry, Image};
+use crate::improve;
+use crate::improve::plane::relax::Scheme;
+use crate::lattice::optimize;
+use crate::lattice::seeding::{self, Seeding};
+
+/// How far atoms shall be apart, in lattice units.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Spacing {
+    /// The same everywhere.
+    Constant(f64),
+    /// `min` on features, growing to `max` away from them.
+    FromFeatures {
+        /// Distance on features.
+        min: f64,
+        /// Distance far from them.
+        max: f64,
+    },
+    /// Where the image is lowest `min`, where it is highest `max`.
+    FromImage {
+        /// Least distance.
+        min: f64,
+        /// Largest distance.
+        max: f64,
+    },
+    /// From the Laplacian of b(x): `min` in its valleys, at most `max`.
+    FromLaplacian {
+        /// Least distance.
+        min: f64,
+        /// Largest distance.
+        max: f64,
+    },
+    /// As the atoms lie that [`Seeding::Canny`] places.
+    OfAtoms {
+        /// The least distance between those on features.
+        min: f64,
+        /// The distance where nothing else is.
+        max: f64,
+    },
+    /// As [`Params::distances`] says, clipped.
+    Given {
+        /// Least distance.
+        min: f64,
+        /// Largest distance.
+        max: f64,
+    },
+}
+
+impl Spacing {
+    /// The smallest distance asked for.
+    pub fn min(self) -> f64 {
+        match self {
+            Self::Constant(d) => d,
+            Self::FromFeatures { min, .. }
+            | Self::FromImage { min, .. }
+            | Self::FromLaplacian { min, .. }
+            | Self::OfAtoms { min, .. }
+            | Self::Given { min, .. } => min,
+        }
+    }
+
+    /// The largest distance asked for.
+    pub fn max(self) -> f64 {
+        match self {
+            Self::Constant(d) => d,
+            Self::FromFeatures { max, .. }
+            | Self::FromImage { max, .. }
+            | Self::FromLaplacian { max, .. }
+            | Self::OfAtoms { max, .. }
+            | Self::Given { max, .. } => max,
+        }
+    }
+
+    /// That of [`Seeding::Canny`], in a space of `dimensions`.
+    pub fn of_canny(dimensions: usize) -> Self {
+        Self::OfAtoms {
+            min: seeding::canny::closest(dimensions),
+            max: seeding::canny::UNIFORM,
+        }
+    }
+}
+
+/// The length of one sample along each axis of lattice space, which says in which space cells
+/// shall be well shaped.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Metric<const D: usize = 3> {
+    /// 1: cells are as flat as the image's own samples.
+    Samples,
+    /// The image's physical spacing.
+    Physical,
+    /// As given.
+    Scales([f64; D]),
+}
+
+impl<const D: usize> Metric<D> {
+    /// The step of lattice space along each axis.
+    pub fn step(self, geometry: &Geometry<D>) -> [f64; D] {
+        match self {
+            Self::Samples => [1.0; D],
+            Self::Physical => geometry.spacing(),
+            Self::Scales(step) => step,
+        }
+    }
+}
+
+/// The weight of the image against the lattice: 0 is lattice only, 1 image only.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Weight<const D: usize = 3> {
+    /// The same everywhere.
+    Constant(f64),
+    /// An image of weights, of the same dims as the image to mesh.
+    Image(Box<Image<D>>),
+}
+
+/// Which evaluator of the lattice energy.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Evaluator {
+    /// Neighbour lists and exact gradients.
+    Pairwise,
+    /// Accumulated on the image's grid (Hale 2001, Algorithm 1).
+    Sampled,
+}
+
+/// An atom that a user placed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FixedAtom<const D: usize = 3> {
+    /// What to call it in an error, e.g. the line of the file it comes from.
+    pub name: String,
+    /// Where it is, in the image's physical coordinates.
+    pub position: [f64; D],
+}
+
+/// A well, in the image's physical coordinates.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WellPath<const D: usize = 3> {
+    /// What to call it in an error, e.g. its file.
+    pub name: String,
+    /// The points of its way; in 2-D one may do.
+    pub points: Vec<[f64; D]>,
+    /// Its largest radius.
+    pub radius: f64,
+}
+
+/// What the whole job is told.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Params<const D: usize = 3> {
+    /// Distance between atoms.
+    pub spacing: Spacing,
+    /// Distances, one per sample of the image, for [`Spacing::Given`].
+    pub distances: Option<Box<Image<D>>>,
+    /// Features to follow.
+    pub feature: feature::Kind,
+    /// Width in samples of the Gaussian under which features are sought; by kind if `None`.
+    pub sigma: Option<f64>,
+    /// Least strength of a feature, in units of the image; from the image itself if `None`.
+    pub threshold: Option<f32>,
+    /// Depths of the valleys of faults and of horizons where both are followed.
+    pub feature_weights: [f64; 2],
+    /// Points of an object and around it, for [`feature::Kind::Paths`].
+    pub seeds: feature::paths::Seeds<D>,
+    /// Weight of the image.
+    pub beta: Weight<D>,
+    /// Atoms that stay where they are (wells, sources).
+    pub fixed: Vec<FixedAtom<D>>,
+    /// Wells: fixed atoms along their ways.
+    pub wells: Vec<WellPath<D>>,
+    /// Distance between atoms at wells; as elsewhere if `None`.
+    pub well_distance: Option<f64>,
+    /// How atoms are placed at first.
+    pub seeding: Seeding,
+    /// Evaluator of the energy.
+    pub evaluator: Evaluator,
+    /// Weight in [0, 1] of the energy between atoms against their Laplacian coordinates
+    /// ([`Regularised`]); 1 leaves those out.
+    pub kappa: f64,
+    /// How atoms are moved.
+    pub optimizer: optimize::Method,
+    /// Number of passes on smoother potentials before the last one: the first is 2^n times as wide.
+    pub coarse_passes: usize,
+    /// Smallest (dihedral) angle aimed at, in degrees; `None` leaves the slivers in.
+    pub min_dihedral: Option<f64>,
+    /// How they are removed.
+    pub slivers: improve::Method,
+    /// Nodes of Voronoi cells nearer to one another than this share of the cells' size are one.
+    pub weld: f64,
+    /// How a triangulation of the plane is smoothed under the weight of the image, if it shall be.
+    pub smooth: Option<Scheme>,
+    /// Lattice space.
+    pub metric: Metric<D>,
+    /// Seed of the perturbations.
+    pub seed: u64,
+}
+
+impl<const D: usize> Default for Params<D> {
+    fn default() -> Self {
+        Self {
+            spacing: Spacing::Constant(8.0),
+            feature: feature::Kind::Auto,
+            sigma: None,
+            threshold: None,
+            feature_weights: [1.0; 2],
+            distances: None,
+            seeds: feature::paths::Seeds::default(),
+            beta: Weight::Constant(0.5),
+            fixed: Vec::new(),
+            wells: Vec::new(),
+            well_distance: None,
+            seeding: Seeding::Regular,
+            evaluator: Evaluator::Pairwise,
+            kappa: 1.0,
+            optimizer: optimize::Method::Lbfgs,
+            coarse_passes: 0,
+            min_dihedral: Some(30.0),
+            slivers: improve::Method::Joe,
+            weld: 0.0,
+            smooth: None,
+            metric: Metric::Samples,
+            seed: 1,
+        }
+    }
+}
+
+impl<const D: usize> Params<D> {
+    /// How features are sought.
+    pub fn feature_options(&self, step: [f64; D]) -> feature::Options<D> {
+        // Canny's points are, unless another feature is named, points of Canny's edges.
+        let kind = match (self.feature, self.seeding) {
+            (feature::Kind::Auto, Seeding::Canny) => feature::Kind::Canny,
+            (kind, _) => kind,
+        };
+        feature::Options {
+            kind,
+            scale: self.sigma,
+            threshold: self.threshold,
+            weights: self.feature_weights,
+            seeds: self.seeds.clone(),
+            d_min: self.spacing.min(),
+            step,
+            ..feature::Options::default()
+        }
+    }
+}

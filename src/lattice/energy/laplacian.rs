@@ -1,0 +1,386 @@
+//! A more regular lattice: part of the energy is how far atoms are from the middle of their neighbours
+//! (Esperanca, Oliveira & Cavalcanti 2008, as told by Fernandes & Gattass 2009, equations 8 and 9).
+//!
+//! ```text
+//! A'   = kappa A + (1 - kappa) sum_i |L(x_i)| / d(x_i)
+//! L_i  = x_i - mean of x_j over the neighbours j of i in the Delaunay mesh of the atoms
+//! P    = (1 - beta) A' + beta B
+//! ```
+//!
+//! As printed, equation 8 adds vectors L / d; their lengths are meant. A length has no derivative where it
+//! is nought, as it is all over a regular lattice, so that |v| is rounded off to
+//! sqrt(|v|^2 + e^2) - e, with e of 0.02 d: at most 0.02 less, and exactly 0 still where v is.
+//!
+//! An atom that a side of the box holds has neighbours on one side of it only. Its L counts along the
+//! axes along which it may move, and that of corners and of atoms that users fixed does not count.
+//!
+//! Neighbours are found when a round begins ([`Energy::refresh`]) and then kept, so that energy and
+//! gradient are smooth:
+//!
+//! ```text
+//! dP / dx_k gets  s_k - sum over neighbours i of k of s_i / n_i  - w_k |v_k|^2 / (root_k d_k) grad d(x_k)
+//!                 - (root_k - e) (1 - kappa) grad beta(x_k)
+//! s_i = w_i v_i / (root_i d_i),  v_i = L_i / d_i,  root_i = sqrt(|v_i|^2 + e^2),
+//! w_i = (1 - beta(x_i)) (1 - kappa)
+//! ```
+
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use super::neighbours::CHUNK;
+use super::{Beta, Energy, Pairwise, Parts};
+use crate::error::{Error, Result, cause};
+use crate::lattice::distance::Distance;
+use crate::mesh::Simplices;
+use crate::mesh::delaunay::{delaunay, delaunay_plane};
+
+/// Rounding of |L| near nought, in units of d.
+const ROUNDING: f64 = 0.02;
+
+/// The weight of A that Esperanca et al. suggest.
+pub const KAPPA: f64 = 0.7;
+
+/// The Delaunay neighbours of every atom.
+#[derive(Default)]
+struct Adjacency {
+    /// Where each atom's neighbours start, and one more at the end.
+    starts: Vec<u32>,
+    /// Ascending for each atom.
+    neighbours: Vec<u32>,
+}
+
+impl Adjacency {
+    /// Of a mesh.
+    fn of<const D: usize>(mesh: &impl Simplices<D>) -> Self {
+        let mut pairs: Vec<[u32; 2]> = Vec::with_capacity(mesh.len() * D * (D + 1));
+        for cell in mesh.connectivity().chunks_exact(D + 1) {
+            for &i in cell {
+                pairs.extend(cell.iter().filter(|&&j| j != i).map(|&j| [i, j]));
+            }
+        }
+        pairs.par_sort_unstable();
+        pairs.dedup();
+        let mut starts = vec![0; mesh.nodes().len() + 1];
+        for pair in &pairs {
+            starts[pair[0] as usize + 1] += 1;
+        }
+        for n in 1..starts.len() {
+            starts[n] += starts[n - 1];
+        }
+        Self {
+            starts,
+            neighbours: pairs.into_iter().map(|pair| pair[1]).collect(),
+        }
+    }
+
+    /// Of atoms in the plane or in space.
+    fn delaunay<const D: usize>(x: &[[f64; D]]) -> Result<Self> {
+        // `D` is not known to the compiler to be what it is: axes are copied one by one.
+        fn axes<const D: usize, const E: usize>(x: &[[f64; D]]) -> Vec<[f64; E]> {
+            x.iter().map(|x| std::array::from_fn(|k| x[k])).collect()
+        }
+        match D {
+            2 => Ok(Self::of(&delaunay_plane(&axes(x))?)),
+            _ => Ok(Self::of(&delaunay(&axes(x))?)),
+        }
+    }
+
+    fn of_atom(&self, n: usize) -> &[u32] {
+        &self.neighbours[self.starts[n] as usize..self.starts[n + 1] as usize]
+    }
+}
+
+/// The regularised energy of a lattice.
+#[derive(Clone)]
+pub struct Regularised<'a, const D: usize> {
+    pairs: Pairwise<'a, D>,
+    distance: &'a Distance<D>,
+    beta: Beta<D>,
+    kappa: f64,
+    /// 1 for each coordinate that may change, else 0.
+    mobility: Vec<[f64; D]>,
+    adjacency: Arc<Adjacency>,
+    /// s_i over the number of neighbours of i.
+    shares: Vec<[f64; D]>,
+    parts: Parts,
+}
+
+impl<'a, const D: usize> Regularised<'a, D> {
+    /// `pairs`, an evaluator for `distance` and `beta` of atoms on features, of which A shall count for
+    /// `kappa`; `mobility` says which coordinates of each atom may change
+    /// ([`Atoms::mobility`](crate::lattice::seeding::Atoms::mobility)).
+    ///
+    /// # Errors
+    /// [`Error::Optimize`] unless kappa is in [0, 1].
+    pub fn new(
+        pairs: Pairwise<'a, D>,
+        distance: &'a Distance<D>,
+        beta: Beta<D>,
+        kappa: f64,
+        mobility: Vec<[f64; D]>,
+    ) -> Result<Self> {
+        if !(0.0..=1.0).contains(&kappa) {
+            return Err(Error::Optimize(cause(
+                "kappa",
+                format!("{kappa} is not between 0 and 1"),
+                "1 leaves Laplacian coordinates out, 0.7 is usual with them",
+            )));
+        }
+        Ok(Self {
+            pairs: pairs.counting(kappa),
+            distance,
+            beta,
+            kappa,
+            mobility,
+            adjacency: Arc::default(),
+            shares: Vec::new(),
+            parts: Parts::default(),
+        })
+    }
+
+    /// (1 - kappa) (1 - beta) and its gradient.
+    fn weight(&self, x: [f64; D]) -> (f64, [f64; D]) {
+        let share = 1.0 - self.kappa;
+        match &self.beta {
+            Beta::Constant(beta) => (share * (1.0 - beta), [0.0; D]),
+            Beta::Field(field) => {
+                let (beta, slope) = field.value_and_gradient(x);
+                (share * (1.0 - beta), slope.map(|s| -share * s))
+            }
+        }
+    }
+
+    /// The term of atom `n`, unweighted and weighted; adds what of its derivative belongs to its own
+    /// position, and writes its share in that of each neighbour.
+    fn term(
+        &self,
+        x: &[[f64; D]],
+        n: usize,
+        gradient: &mut [f64; D],
+        part: &mut [f64; D],
+    ) -> [f64; 2] {
+        let neighbours = self.adjacency.of_atom(n);
+        if neighbours.is_empty() {
+            *part = [0.0; D];
+            return [0.0; 2];
+        }
+        let mut sum = [0.0; D];
+        for &j in neighbours {
+            for k in 0..D {
+                sum[k] += x[j as usize][k];
+            }
+        }
+        let count = neighbours.len() as f64;
+        let (d, d_slope) = self.distance.at_with_gradient(x[n]);
+        let (weight, weight_slope) = self.weight(x[n]);
+        let v: [f64; D] =
+            std::array::from_fn(|k| self.mobility[n][k] * (x[n][k] - sum[k] / count) / d);
+        let v2: f64 = v.iter().map(|v| v * v).sum();
+        let root = (v2 + ROUNDING * ROUNDING).sqrt();
+        let length = root - ROUNDING;
+        for k in 0..D {
+            let slope = weight * v[k] / (root * d);
+            part[k] = slope / count;
+            gradient[k] += slope - weight * v2 / (root * d) * d_slope[k] + length * weight_slope[k];
+        }
+        [length, weight * length]
+    }
+}
+
+impl<const D: usize> Energy<D> for Regularised<'_, D> {
+    fn evaluate(&mut self, x: &[[f64; D]], gradient: &mut [[f64; D]]) -> f64 {
+        let energy = self.pairs.evaluate(x, gradient);
+        let mut shares = std::mem::take(&mut self.shares);
+        shares.resize(x.len(), [0.0; D]);
+        let sums: Vec<[f64; 2]> = gradient
+            .par_chunks_mut(CHUNK)
+            .zip(shares.par_chunks_mut(CHUNK))
+            .enumerate()
+            .map(|(chunk, (gradient, shares))| {
+                let mut total = [0.0; 2];
+                for (n, (gradient, part)) in gradient.iter_mut().zip(shares).enumerate() {
+                    let [length, weighted] = self.term(x, chunk * CHUNK + n, gradient, part);
+                    total[0] += length;
+                    total[1] += weighted;
+                }
+                total
+            })
+            .collect();
+        gradient
+            .par_iter_mut()
+            .with_min_len(CHUNK)
+            .enumerate()
+            .for_each(|(n, gradient)| {
+                for &j in self.adjacency.of_atom(n) {
+                    for k in 0..D {
+                        gradient[k] -= shares[j as usize][k];
+                    }
+                }
+            });
+        self.shares = shares;
+        let [length, weighted] = sums
+            .iter()
+            .fold([0.0; 2], |t, s| [t[0] + s[0], t[1] + s[1]]);
+        let Parts { lattice, image } = self.pairs.parts();
+        self.parts = Parts {
+            lattice: self.kappa * lattice + (1.0 - self.kappa) * length,
+            image,
+        };
+        energy + weighted
+    }
+
+    fn stiffness(&self, x: &[[f64; D]]) -> Vec<f32> {
+        self.pairs.stiffness(x)
+    }
+
+    fn refresh(&mut self, x: &[[f64; D]]) -> Result<bool> {
+        self.adjacency = Arc::new(Adjacency::delaunay(x)?);
+        Ok(true)
+    }
+
+    fn twin(&self) -> Box<dyn Energy<D> + Send + '_> {
+        Box::new(self.clone())
+    }
+
+    fn parts(&self) -> Parts {
+        self.parts
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::Field;
+    use crate::lattice::seeding::{self, Alignment, Atoms};
+
+    /// A slowly waving field between two values.
+    fn smooth<const D: usize>(extent: [f64; D], low: f64, high: f64) -> Field<D> {
+        let dims = extent.map(|l| l as usize + 1);
+        Field::from_fn(dims, [1.0; D], |x| {
+            let wave: f64 = (0..D).map(|k| (0.11 * x[k] + k as f64).sin()).sum::<f64>() / D as f64;
+            low + (high - low) * 0.5 * (1.0 + wave)
+        })
+    }
+
+    /// A lattice of the box with all that may move moved.
+    fn shaken<const D: usize>(extent: [f64; D], distance: &Distance<D>) -> Atoms<D> {
+        let mut atoms = seeding::regular(extent, distance, &[], Alignment::On).unwrap();
+        let mobility = atoms.mobility(extent);
+        for (n, (x, free)) in atoms.positions.iter_mut().zip(&mobility).enumerate() {
+            for k in 0..D {
+                x[k] += 0.5 * free[k] * ((n * D + k) as f64 * 12.9898).sin();
+            }
+        }
+        atoms
+    }
+
+    /// The largest error of the gradient, over its root mean square, of coordinates that may change.
+    fn error<const D: usize>(
+        extent: [f64; D],
+        distance: &Distance<D>,
+        beta: &Beta<D>,
+        kappa: f64,
+    ) -> f64 {
+        let atoms = shaken(extent, distance);
+        let image = smooth(extent, -1.0, 0.0);
+        let mobility = atoms.mobility(extent);
+        let pairs = Pairwise::new(extent, distance, Some(&image), beta.clone()).unwrap();
+        let mut energy =
+            Regularised::new(pairs, distance, beta.clone(), kappa, mobility.clone()).unwrap();
+        assert!(energy.refresh(&atoms.positions).unwrap());
+        let mut x = atoms.positions;
+        let mut gradient = vec![[0.0; D]; x.len()];
+        let value = energy.evaluate(&x, &mut gradient);
+        if let Beta::Constant(beta) = beta {
+            let Parts { lattice, image } = energy.parts();
+            let sum = (1.0 - beta) * lattice + beta * image;
+            assert!((sum - value).abs() < 1e-9 * value.abs().max(1.0));
+        }
+        let mut unused = gradient.clone();
+        let (mut worst, mut square, mut count) = (0.0f64, 0.0, 0.0);
+        for n in 0..x.len() {
+            for k in (0..D).filter(|&k| mobility[n][k] > 0.0) {
+                // Large enough for the single precision of pairs; errors are of fourth order.
+                let (h, at) = (4e-3, x[n][k]);
+                let mut value = |offset: f64| {
+                    x[n][k] = at + offset;
+                    energy.evaluate(&x, &mut unused)
+                };
+                let near = value(h) - value(-h);
+                let far = value(2.0 * h) - value(-2.0 * h);
+                x[n][k] = at;
+                let slope = (8.0 * near - far) / (12.0 * h);
+                worst = worst.max((slope - gradient[n][k]).abs());
+                square += gradient[n][k].powi(2);
+                count += 1.0;
+            }
+        }
+        assert!(count > 100.0);
+        worst / (square / count).sqrt()
+    }
+
+    #[test]
+    fn the_gradient_is_exact() {
+        fn check<const D: usize>(extent: [f64; D]) {
+            let field = Distance::Field(smooth(extent, 3.5, 4.5));
+            for distance in [Distance::Constant(4.0), field] {
+                for beta in [Beta::Constant(0.4), Beta::Field(smooth(extent, 0.2, 0.8))] {
+                    // Without pairs, whose energies are of single precision, to many more digits.
+                    for (kappa, bound) in [(0.0, 5e-4), (KAPPA, 2e-3)] {
+                        let error = error(extent, &distance, &beta, kappa);
+                        println!("{D}-D, kappa {kappa}: {error:.1e}");
+                        assert!(error < bound, "{error:e}");
+                    }
+                }
+            }
+        }
+        check([40.0, 36.0]);
+        #[cfg(feature = "tetgen")]
+        check([22.0, 20.0, 18.0]);
+    }
+
+    #[test]
+    fn a_regular_lattice_has_no_laplacian_energy_and_moving_an_atom_costs_its_length() {
+        let (extent, d) = ([40.0, 12.0 * 12.0f64.sqrt()], 4.0);
+        let distance = Distance::Constant(d);
+        let atoms = seeding::regular(extent, &distance, &[], Alignment::On).unwrap();
+        let inner = |x: &[f64; 2]| (0..2).all(|k| x[k] > 2.5 * d && x[k] < extent[k] - 2.5 * d);
+        let mobility = atoms
+            .positions
+            .iter()
+            .map(|x| [f64::from(u8::from(inner(x))); 2]);
+        let beta = Beta::Constant(0.0);
+        let pairs = Pairwise::new(extent, &distance, None, beta.clone()).unwrap();
+        let mut energy = Regularised::new(pairs, &distance, beta, 0.0, mobility.collect()).unwrap();
+        energy.refresh(&atoms.positions).unwrap();
+        let mut gradient = vec![[0.0; 2]; atoms.len()];
+        let zero = energy.evaluate(&atoms.positions, &mut gradient);
+        assert!(zero.abs() < 1e-9, "{zero}");
+        let n = atoms.positions.iter().position(inner).unwrap();
+        let deep = |x: &[f64; 2]| (0..2).all(|k| x[k] > 3.8 * d && x[k] < extent[k] - 3.8 * d);
+        let n = atoms.positions.iter().position(deep).unwrap_or(n);
+        let mut x = atoms.positions.clone();
+        x[n][0] += 0.3 * d;
+        let moved = energy.evaluate(&x, &mut gradient);
+        // Its own L, and a sixth of it for each of the six neighbours that count.
+        let counted = energy
+            .adjacency
+            .of_atom(n)
+            .iter()
+            .filter(|&&j| inner(&atoms.positions[j as usize]));
+        let rounded = |v: f64| (v * v + ROUNDING * ROUNDING).sqrt() - ROUNDING;
+        let expected = rounded(0.3) + counted.count() as f64 * rounded(0.05);
+        assert!((moved - expected).abs() < 1e-9, "{moved} {expected}");
+    }
+
+    #[test]
+    fn kappa_outside_its_range_is_refused() {
+        let distance = Distance::Constant(3.0);
+        for kappa in [-0.1, 1.1, f64::NAN] {
+            let beta = Beta::Constant(0.5);
+            let pairs = Pairwise::new([9.0; 3], &distance, None, beta.clone()).unwrap();
+            assert!(Regularised::new(pairs, &distance, beta, kappa, Vec::new()).is_err());
+        }
+    }
+}

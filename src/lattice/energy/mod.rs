@@ -1,0 +1,80 @@
+//! The potential energy of a lattice of atoms in an image (Hale 2001, 2002), and its gradient.
+//!
+//! With atoms at x_i, nominal distance d(x), image potential b(x) in [-1, 0] and weight beta:
+//!
+//! - A = 1/2 sum over i != j of phi(|x_i - x_j| / d(x_j)), the lattice's own energy
+//! - B = sum over i of b(x_i), the energy of the atoms in the image
+//! - P = (1 - beta) A + beta B; where beta is a field, atom i counts with beta(x_i)
+//!
+//! b aligns atoms *on* features. To align them *alongside* ([`Alignment`](crate::lattice::seeding::Alignment)),
+//! -b takes its place, and mirror images of the atoms stand beyond the sides.
+//!
+//! - [`pair`]: phi and the force
+//! - [`image_term`]: b(x_i), skipping the parts of the image where b is nothing
+//! - [`neighbours`]: the Verlet list
+//! - [`images`]: mirror images of atoms beyond the sides
+//! - [`pairwise`]: the exact energy and gradient from pairs of atoms, the default
+//! - [`laplacian`]: A joined with how far each atom is from the middle of its Delaunay neighbours
+//! - [`sampled`]: the energy from a field sampled like the image, as first published
+
+pub mod image_term;
+pub mod images;
+pub mod laplacian;
+pub mod neighbours;
+pub mod pair;
+pub mod pairwise;
+pub mod sampled;
+
+pub use laplacian::Regularised;
+pub use pairwise::Pairwise;
+pub use sampled::Sampled;
+
+use crate::error::Result;
+use crate::image::Field;
+
+/// The weight of the image against the lattice: 0 is lattice only, 1 image only.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Beta<const D: usize> {
+    /// The same everywhere.
+    Constant(f64),
+    /// A smooth function of position in lattice space.
+    Field(Field<D>),
+}
+
+/// The two parts of an energy, unweighted.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Parts {
+    /// A, the energy between atoms; A' where it is regularised.
+    pub lattice: f64,
+    /// B, the energy of atoms in the image; of -b alongside.
+    pub image: f64,
+}
+
+/// Something that knows the energy of a lattice.
+pub trait Energy<const D: usize> {
+    /// Computes P at the positions `x` and, in `gradient`, its derivative with respect to every
+    /// coordinate. The two slices have the same length.
+    fn evaluate(&mut self, x: &[[f64; D]], gradient: &mut [[f64; D]]) -> f64;
+
+    /// About how many times as stiffly as by the lattice alone each atom is held: a hint by which
+    /// minimisers scale their steps.
+    fn stiffness(&self, x: &[[f64; D]]) -> Vec<f32> {
+        vec![1.0; x.len()]
+    }
+
+    /// Called with the lattice at the start of every round of an optimisation: what is frozen in a
+    /// round may change here. Says whether it has, so that energies of before are no longer to be
+    /// compared with.
+    ///
+    /// # Errors
+    /// If the lattice is one for which the energy cannot be told.
+    fn refresh(&mut self, _x: &[[f64; D]]) -> Result<bool> {
+        Ok(false)
+    }
+
+    /// Another evaluator of the same energy, for another thread.
+    fn twin(&self) -> Box<dyn Energy<D> + Send + '_>;
+
+    /// The parts of the energy of the last call of [`Energy::evaluate`].
+    fn parts(&self) -> Parts;
+}

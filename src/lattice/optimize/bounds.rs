@@ -1,0 +1,112 @@
+//! How far each atom may move, and chance moves within that.
+
+use rayon::prelude::*;
+
+use crate::lattice::distance::Distance;
+use crate::lattice::seeding::Atoms;
+
+/// Nearest a free coordinate may come to a side of the box, in units of d.
+const MARGIN: f64 = 0.2;
+
+/// The bounds of a lattice in a box.
+pub struct Bounds<const D: usize> {
+    /// d times mobility of each coordinate, 0 where it is held.
+    reach: Vec<[f32; D]>,
+    /// Nearest allowed distance to the sides.
+    margin: Vec<f32>,
+    extent: [f64; D],
+}
+
+impl<const D: usize> Bounds<D> {
+    /// For the atoms of a lattice, each coordinate of which follows its force by its `mobility`.
+    pub fn new(
+        atoms: &Atoms<D>,
+        distance: &Distance<D>,
+        extent: [f64; D],
+        mobility: &[[f64; D]],
+    ) -> Self {
+        let spacing: Vec<f64> = atoms
+            .positions
+            .par_iter()
+            .map(|x| distance.at(*x))
+            .collect();
+        let reach = mobility.iter().zip(&spacing);
+        Self {
+            reach: reach.map(|(m, d)| m.map(|m| (m * d) as f32)).collect(),
+            margin: spacing.iter().map(|d| (MARGIN * d) as f32).collect(),
+            extent,
+        }
+    }
+
+    /// d times mobility of each coordinate, 0 where it is held.
+    pub fn reach(&self) -> &[[f32; D]] {
+        &self.reach
+    }
+
+    /// Lattice units per scaled unit of each coordinate: less where an atom is held stiffly, so that
+    /// in scaled units all curvatures are alike.
+    pub fn scale(&self, stiffness: &[f32]) -> Vec<[f32; D]> {
+        let atoms = self.reach.iter().zip(stiffness);
+        atoms
+            .map(|(reach, s)| reach.map(|r| r / s.sqrt()))
+            .collect()
+    }
+
+    /// The position of atom `n` after a step from `x`, kept in the box; held coordinates stay.
+    #[inline(always)]
+    pub fn step(&self, n: usize, x: &[f64; D], step: [f64; D]) -> [f64; D] {
+        let margin = f64::from(self.margin[n]);
+        std::array::from_fn(|k| {
+            if self.reach[n][k] == 0.0 {
+                return x[k];
+            }
+            // An atom that starts nearer to a side may stay, but not go farther.
+            let (low, high) = (margin.min(x[k]), (self.extent[k] - margin).max(x[k]));
+            (x[k] + step[k]).clamp(low, high)
+        })
+    }
+
+    /// Every free coordinate of atom `n` moved by chance, the atom by no more than `size` d.
+    #[inline(always)]
+    pub fn jump(&self, n: usize, x: &[f64; D], size: f64, key: u64) -> [f64; D] {
+        let share = size / (D as f64).sqrt();
+        let moved = std::array::from_fn(|k| {
+            share * chance(key, (n * D + k) as u64) * f64::from(self.reach[n][k])
+        });
+        self.step(n, x, moved)
+    }
+
+    /// All atoms moved by chance, none by more than `size` d.
+    pub fn perturbed(&self, x: &[[f64; D]], size: f64, key: u64) -> Vec<[f64; D]> {
+        let atoms = x.par_iter().enumerate();
+        atoms.map(|(n, x)| self.jump(n, x, size, key)).collect()
+    }
+}
+
+/// A number in [-1, 1) that depends on nothing but its arguments: the output function of splitmix64
+/// (Steele, Lea & Flood 2014) on a counter.
+pub fn chance(key: u64, counter: u64) -> f64 {
+    let mix = |mut z: u64| {
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ (z >> 31)
+    };
+    let z = mix(mix(key).wrapping_add(counter.wrapping_mul(0x9E37_79B9_7F4A_7C15)));
+    (z >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn chance_is_even_and_bounded() {
+        let n = 100_000;
+        let numbers: Vec<f64> = (0..n).map(|k| chance(5, k)).collect();
+        let mean = numbers.iter().sum::<f64>() / n as f64;
+        let square = numbers.iter().map(|x| x * x).sum::<f64>() / n as f64;
+        let next = numbers.windows(2).map(|w| w[0] * w[1]).sum::<f64>() / n as f64;
+        assert!(numbers.iter().all(|x| (-1.0..1.0).contains(x)));
+        assert!(mean.abs() < 0.01 && (square - 1.0 / 3.0).abs() < 0.01 && next.abs() < 0.01);
+    }
+}

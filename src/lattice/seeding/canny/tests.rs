@@ -1,0 +1,180 @@
+use super::*;
+use crate::feature::{Features, Kind, Options, detect};
+use crate::image::{Geometry, Image};
+use crate::mesh::check::check;
+use crate::mesh::delaunay::delaunay_plane;
+
+/// A ball (a disc in the plane) of 100 on a background that rises from 0 to 20 along x.
+fn ball<const D: usize>(dims: [usize; D], radius: f64) -> Image<D> {
+    let empty = Volume { dims, samples: &[] };
+    let value = |i: usize| {
+        let at = empty.coordinates(i);
+        let squares = (0..D).map(|k| (at[k] as f64 - 0.5 * (dims[k] - 1) as f64 - 0.3).powi(2));
+        let off = squares.sum::<f64>().sqrt() - radius;
+        (100.0 * (0.5 - off).clamp(0.0, 1.0) + 20.0 * at[0] as f64 / dims[0] as f64) as f32
+    };
+    let samples = (0..dims.iter().product()).map(value).collect();
+    Image::new(dims, samples, Geometry::default())
+}
+
+fn seeds<const D: usize>(image: &Image<D>) -> (Features<D>, Atoms<D>, Distance<D>) {
+    let options = Options {
+        kind: Kind::Canny,
+        d_min: closest(D),
+        ..Options::default()
+    };
+    let features = detect(image, &options).unwrap();
+    let field = Field {
+        dims: image.dims(),
+        step: [1.0; D],
+        samples: image.as_slice().to_vec(),
+    };
+    let (atoms, distance) = seeded(&features.points, &field, &[]).unwrap();
+    (features, atoms, distance)
+}
+
+fn distance2<const D: usize>(a: &[f64; D], b: &[f64; D]) -> f64 {
+    (0..D).map(|k| (a[k] - b[k]).powi(2)).sum()
+}
+
+/// Every feature point has an atom within reach of its radius, no two atoms on features are in one
+/// another's smallest window, and d(x) at every atom is its distance from the nearest.
+fn is_thinned<const D: usize>(image: &Image<D>) {
+    let (features, atoms, distance) = seeds(image);
+    let on: Vec<[f64; D]> = atoms
+        .positions
+        .iter()
+        .zip(&atoms.kinds)
+        .filter(|(_, kind)| **kind == AtomKind::Fixed)
+        .map(|(x, _)| *x)
+        .collect();
+    assert!(
+        on.len() > 20 && on.len() * 2 < features.points.len(),
+        "{}",
+        on.len()
+    );
+    for point in &features.points {
+        let x = point.position.map(f64::from);
+        let reach = f64::from(radii(D)[2]) + 1.0;
+        let near = |a: &&[f64; D]| (0..D).all(|k| (a[k] - x[k]).abs() <= reach);
+        assert!(on.iter().any(|a| near(&a)), "{x:?}");
+    }
+    for (n, a) in on.iter().enumerate() {
+        let apart = on[..n].iter().map(|b| distance2(a, b).sqrt());
+        assert!(apart.fold(f64::INFINITY, f64::min) > closest(D) - 1.1);
+    }
+    for (n, x) in atoms.positions.iter().enumerate() {
+        let others = (0..atoms.len()).filter(|&m| m != n);
+        let nearest = others.map(|m| distance2(x, &atoms.positions[m]));
+        let nearest = nearest.fold(f64::INFINITY, f64::min).sqrt();
+        assert!(distance.at(*x) <= nearest * 1.0001, "{x:?}");
+    }
+    assert_eq!(
+        distance.validate(image.dims().map(|n| (n - 1) as f64)),
+        Ok(())
+    );
+}
+
+#[test]
+fn feature_points_are_thinned_and_make_the_distance() {
+    is_thinned(&ball([96, 80], 30.0));
+    is_thinned(&ball([48, 44, 40], 14.0));
+}
+
+#[test]
+fn straight_features_keep_fewer_points_than_corners() {
+    let dims = [64, 64];
+    let line: Vec<FeaturePoint<2>> = (10..50)
+        .map(|i| FeaturePoint {
+            position: [i as f32, 20.2],
+            normal: [0.0, 1.0],
+            strength: 1.0,
+        })
+        .collect();
+    let kept = thinned(&line, dims, [1.0; 2], &mut Held::new(dims));
+    let gaps: Vec<f64> = kept.windows(2).map(|w| w[1][0] - w[0][0]).collect();
+    assert!(gaps.iter().all(|g| *g == 6.0), "{gaps:?}");
+    // A right angle: about its corner the points spread alike in both directions.
+    let mut corner = line.clone();
+    corner.extend((20..60).map(|i| FeaturePoint {
+        position: [30.2, i as f32],
+        normal: [1.0, 0.0],
+        strength: 1.0,
+    }));
+    let kept = thinned(&corner, dims, [1.0; 2], &mut Held::new(dims));
+    let near = |x: &&[f64; 2]| (x[0] - 30.2).hypot(x[1] - 20.2) < 3.5;
+    assert!(kept.iter().filter(near).count() >= 2, "{kept:?}");
+    // The step of the lattice does not matter.
+    let stretch = |p: &FeaturePoint<2>| FeaturePoint {
+        position: [2.0 * p.position[0], 0.5 * p.position[1]],
+        ..*p
+    };
+    let stretched: Vec<_> = corner.iter().map(stretch).collect();
+    let same = thinned(&stretched, dims, [2.0, 0.5], &mut Held::new(dims));
+    assert_eq!(same.len(), kept.len());
+}
+
+#[test]
+fn dots_hold_as_much_as_the_map() {
+    // A parabola bends alike everywhere, and by more than a dot takes away.
+    let image = Field::from_fn([40, 30], [1.0; 2], |[x, y]| 0.5 * x * x + 0.1 * y);
+    let inner = dots(&image).into_iter().filter(|i| {
+        let (x, y) = (i % 40, i / 40);
+        (2..38).contains(&x) && (2..28).contains(&y)
+    });
+    let share = inner.count() as f64 / (36.0 * 26.0);
+    assert!(share > 0.99, "{share}");
+    // A tenth of the largest bend gives a sixth as many dots.
+    let image = Field::from_fn([60, 60], [1.0; 2], |[x, _]| {
+        if x < 10.0 {
+            5.0 * x * x
+        } else {
+            5.0 * 100.0 + 100.0 * (x - 10.0) + 0.5 * (x - 10.0).powi(2)
+        }
+    });
+    let inner = dots(&image)
+        .into_iter()
+        .filter(|i| (20..55).contains(&(i % 60)));
+    let share = inner.count() as f64 / (35.0 * 60.0);
+    assert!((share - 0.1 / 0.6).abs() < 0.02, "{share}");
+}
+
+#[test]
+fn seeds_of_a_plane_image_fill_the_box_with_triangles() {
+    let image = ball([96, 80], 30.0);
+    let (_, atoms, _) = seeds(&image);
+    let count = |kind| atoms.kinds.iter().filter(|k| **k == kind).count();
+    assert_eq!(count(AtomKind::Corner), 4);
+    let mesh = delaunay_plane(&atoms.positions).unwrap();
+    let found = check(&mesh, [0.0; 2], [95.0, 79.0], 1e-12);
+    assert!(found.passed(), "{:?}", found.problems);
+    // No room is left for another uniform point.
+    let widest = mesh
+        .triangles
+        .iter()
+        .flat_map(|t| {
+            [[0, 1], [1, 2], [2, 0]]
+                .map(|[i, j]| distance2(&mesh.nodes[t[i] as usize], &mesh.nodes[t[j] as usize]))
+        })
+        .fold(0.0, f64::max)
+        .sqrt();
+    assert!(widest < 2.5 * UNIFORM, "{widest}");
+}
+
+#[test]
+fn in_space_only_the_sides_have_uniform_points() {
+    let (_, atoms, _) = seeds(&ball([48, 44, 40], 14.0));
+    assert!(atoms.kinds.iter().all(|k| *k != AtomKind::Interior));
+    let count = |kind| atoms.kinds.iter().filter(|k| **k == kind).count();
+    assert_eq!(count(AtomKind::Corner), 8);
+    // Cells of 47 / 7, 43 / 6 and 39 / 6.
+    assert_eq!(count(AtomKind::Edge), 4 * (6 + 5 + 5));
+    assert_eq!(count(AtomKind::Side), 2 * (6 * 5 + 6 * 5 + 5 * 5));
+}
+
+#[test]
+fn small_images_are_refused() {
+    let field = Field::from_fn([40, 12], [1.0; 2], |[x, _]| x);
+    let error = seeded(&[], &field, &[]).unwrap_err().to_string();
+    assert!(error.contains("12 samples along axis 1"), "{error}");
+}

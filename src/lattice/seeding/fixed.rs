@@ -1,0 +1,169 @@
+//! Fixed atoms: wells, sources, sinks. They come from the user and never move.
+
+use super::{Alignment, Atoms, sides_held};
+use crate::error::{Error, Result, cause};
+use crate::lattice::AtomKind;
+use crate::lattice::distance::Distance;
+
+/// Lattice atoms nearer to a fixed atom than this, in units of d, make room for it.
+const ROOM: f64 = 0.7;
+/// Positions this near to a side (relative to the box) or to each other (relative to d) are taken
+/// to be on it, or the same.
+const SAME: f64 = 1e-6;
+
+/// Checks fixed atoms against the box `[0, extent]` and against each other; those within rounding
+/// of a side are put exactly on it.
+///
+/// # Errors
+/// [`Error::Seeding`] if one lies outside the box or, alongside, on a side of it, or two at one
+/// place.
+pub fn checked<const D: usize>(
+    fixed: &[[f64; D]],
+    extent: [f64; D],
+    distance: &Distance<D>,
+    alignment: Alignment,
+) -> Result<Vec<[f64; D]>> {
+    let place = |n: usize, x: [f64; D]| format!("fixed atom {} at {x:?} (lattice)", n + 1);
+    let mut snapped = Vec::with_capacity(fixed.len());
+    for (n, &x) in fixed.iter().enumerate() {
+        let tolerance = extent.map(|l| SAME * l);
+        if !(0..D).all(|k| x[k] >= -tolerance[k] && x[k] <= extent[k] + tolerance[k]) {
+            return Err(Error::Seeding(cause(
+                place(n, x),
+                format!("lies outside the box from the origin to {extent:?}"),
+                "leave it out or correct its coordinates",
+            )));
+        }
+        let x = std::array::from_fn(|k| {
+            if x[k] <= tolerance[k] {
+                0.0
+            } else if x[k] >= extent[k] - tolerance[k] {
+                extent[k]
+            } else {
+                x[k]
+            }
+        });
+        if alignment == Alignment::Alongside && sides_held(x, extent) > 0 {
+            return Err(Error::Seeding(cause(
+                place(n, x),
+                "lies on a side of the box, where cells end",
+                "put it inside, or make a mesh that has nodes on the sides",
+            )));
+        }
+        snapped.push(x);
+    }
+    if snapped.is_empty() {
+        return Ok(snapped);
+    }
+    let same = SAME * distance.min();
+    let mut order: Vec<usize> = (0..snapped.len()).collect();
+    order.sort_by(|&a, &b| snapped[a][0].total_cmp(&snapped[b][0]));
+    for (n, &a) in order.iter().enumerate() {
+        let others = order[n + 1..]
+            .iter()
+            .take_while(|&&b| snapped[b][0] - snapped[a][0] <= same);
+        for &b in others {
+            if super::distance2(&snapped[a], &snapped[b]) <= same * same {
+                let (first, second) = (a.min(b), a.max(b));
+                return Err(Error::Seeding(cause(
+                    place(second, fixed[second]),
+                    format!("is at the same place as fixed atom {}", first + 1),
+                    "leave one of them out",
+                )));
+            }
+        }
+    }
+    Ok(snapped)
+}
+
+/// Adds fixed atoms (already [`checked`]) to a lattice. Lattice atoms nearer to one than 0.7 d make
+/// room, unless they lie on more sides of the box than it does: the box keeps its corners, edges and
+/// sides.
+pub fn insert<const D: usize>(
+    atoms: &mut Atoms<D>,
+    fixed: &[[f64; D]],
+    extent: [f64; D],
+    distance: &Distance<D>,
+) {
+    if fixed.is_empty() {
+        return;
+    }
+    let rooms: Vec<(f64, usize)> = fixed
+        .iter()
+        .map(|&x| ((ROOM * distance.at(x)).powi(2), sides_held(x, extent)))
+        .collect();
+    // Sorted along x, so that each lattice atom looks at a few only.
+    let mut order: Vec<usize> = (0..fixed.len()).collect();
+    order.sort_by(|&a, &b| fixed[a][0].total_cmp(&fixed[b][0]));
+    let widest = rooms.iter().fold(0.0f64, |w, r| w.max(r.0)).sqrt();
+    let stays = |x: &[f64; D]| {
+        let first = order.partition_point(|&n| fixed[n][0] < x[0] - widest);
+        let held = sides_held(*x, extent);
+        order[first..]
+            .iter()
+            .take_while(|&&n| fixed[n][0] <= x[0] + widest)
+            .all(|&n| {
+                let (room2, fixed_held) = rooms[n];
+                held > fixed_held || super::distance2(x, &fixed[n]) >= room2
+            })
+    };
+    let keep: Vec<bool> = atoms.positions.iter().map(stays).collect();
+    let mut kept = keep.iter();
+    atoms
+        .positions
+        .retain(|_| kept.next().copied().unwrap_or(true));
+    let mut kept = keep.iter();
+    atoms.kinds.retain(|_| kept.next().copied().unwrap_or(true));
+    atoms.positions.extend_from_slice(fixed);
+    atoms.kinds.resize(atoms.positions.len(), AtomKind::Fixed);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lattice::seeding::regular;
+
+    #[test]
+    fn lattice_makes_room_and_the_box_stays_whole() {
+        let extent = [40.0, 44.0, 48.0];
+        let distance = Distance::Constant(6.0);
+        let fixed = [
+            [20.0, 21.0, 22.0],
+            [0.0, 20.0, 20.0],
+            [20.0, 0.0, 48.0],
+            [1.0, 1.0, 1.0],
+        ];
+        let plain = regular(extent, &distance, &[], Alignment::On).unwrap();
+        let atoms = regular(extent, &distance, &fixed, Alignment::On).unwrap();
+        assert!(atoms.len() <= plain.len() + fixed.len());
+        let is = |kind| atoms.kinds.iter().filter(|&&k| k == kind).count();
+        assert_eq!((is(AtomKind::Fixed), is(AtomKind::Corner)), (4, 8));
+        for (x, kind) in atoms.positions.iter().zip(&atoms.kinds) {
+            if *kind == AtomKind::Interior {
+                let near = |f: &&[f64; 3]| {
+                    crate::lattice::seeding::distance2(x, f) < (0.7f64 * 6.0).powi(2)
+                };
+                assert!(fixed.iter().find(near).is_none(), "{x:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn impossible_fixed_atoms_are_refused() {
+        let extent = [40.0; 3];
+        let distance = Distance::Constant(6.0);
+        let message = |fixed: &[[f64; 3]]| {
+            regular(extent, &distance, fixed, Alignment::On)
+                .unwrap_err()
+                .to_string()
+        };
+        let outside = message(&[[1.0, 2.0, 3.0], [41.0, 2.0, 3.0]]);
+        assert!(
+            outside.contains("fixed atom 2") && outside.contains("outside"),
+            "{outside}"
+        );
+        assert!(message(&[[f64::NAN, 2.0, 3.0]]).contains("outside"));
+        let twice = message(&[[1.0, 2.0, 3.0], [5.0, 5.0, 5.0], [1.0, 2.0, 3.0]]);
+        assert!(twice.contains("same place as fixed atom 1"), "{twice}");
+    }
+}

@@ -1,0 +1,445 @@
+//! A pseudo-regular lattice for variable d: Hale 2001, Algorithm 2, with exact sides.
+//!
+//! A queue of atoms grows the lattice: an atom proposes the sites that its neighbours would have in
+//! the densest regular lattice of spacing d(x), face-centred cubic or triangular, and a site becomes
+//! an atom if no atom is nearer than 0.8 d. Hale marks spheres in a volume of flags; here atoms are
+//! kept in a grid of cells.
+//!
+//! The box comes first, so that it is filled exactly: its corners; atoms along its edges, in 3-D
+//! sqrt 2 d apart as on the edges of a (100) box; in 3-D atoms in its sides, grown from the edges as
+//! centred squares; and only then the inside, grown from fixed atoms and sides inwards. All of it in
+//! the orientation of the box's axes, so that where d hardly varies the fronts meet as one lattice.
+//!
+//! Alongside, the same happens on a box that is half a d smaller on every side.
+
+use std::collections::VecDeque;
+use std::f64::consts::{FRAC_1_SQRT_2, SQRT_2};
+
+use super::placed::{FREE, MARGIN, Placed};
+use super::refine::spread;
+use super::{Alignment, sides_held};
+use crate::lattice::distance::Distance;
+
+/// A lattice that grows.
+struct Grown<'a, const D: usize> {
+    distance: &'a Distance<D>,
+    extent: [f64; D],
+    /// How far inside the box its outermost atoms are, in units of d.
+    inset: f64,
+    placed: Placed<D>,
+    /// The sides that each atom belongs to: bit k for the near one along axis k, bit `D + k` for the
+    /// far one.
+    sides: Vec<u8>,
+    /// The smallest d.
+    least: f64,
+}
+
+impl<'a, const D: usize> Grown<'a, D> {
+    fn new(extent: [f64; D], distance: &'a Distance<D>, alignment: Alignment) -> Self {
+        let least = distance.min();
+        Self {
+            distance,
+            extent,
+            inset: match alignment {
+                Alignment::On => 0.0,
+                Alignment::Alongside => 0.5,
+            },
+            placed: Placed::new(extent, FREE * least),
+            sides: Vec::new(),
+            least,
+        }
+    }
+
+    fn add(&mut self, x: [f64; D], sides: u8) -> u32 {
+        self.sides.push(sides);
+        self.placed.add(x)
+    }
+
+    /// Where the near and far ends of the lattice are along an axis at a place where d is `d`.
+    fn ends(&self, k: usize, d: f64) -> [f64; 2] {
+        [self.inset * d, self.extent[k] - self.inset * d]
+    }
+
+    /// Puts a point onto the given sides of the lattice.
+    fn onto(&self, mut x: [f64; D], sides: u8) -> [f64; D] {
+        let d = self.distance.at(x);
+        for k in 0..D {
+            let ends = self.ends(k, d);
+            if sides >> k & 1 == 1 {
+                x[k] = ends[0];
+            } else if sides >> (D + k) & 1 == 1 {
+                x[k] = ends[1];
+            }
+        }
+        x
+    }
+
+    /// Grows a lattice from the atoms in `queue`, over the whole box or over the given `sides` of it.
+    fn grow(&mut self, mut queue: VecDeque<u32>, sides: u8) {
+        let along: Vec<usize> = (0..D)
+            .filter(|&k| (sides | sides >> D) >> k & 1 == 0)
+            .collect();
+        let steps = steps::<D>(&along);
+        while let Some(n) = queue.pop_front() {
+            let from = self.placed.positions()[n as usize];
+            let d = self.distance.at(from);
+            for step in &steps {
+                let site = self.onto(std::array::from_fn(|k| from[k] + d * step[k]), sides);
+                let d = self.distance.at(site);
+                let inside = along.iter().all(|&k| {
+                    let [low, high] = self.ends(k, d);
+                    site[k] >= low + MARGIN * d && site[k] <= high - MARGIN * d
+                });
+                if inside && self.placed.is_free(&site, FREE * d) {
+                    queue.push_back(self.add(site, sides));
+                }
+            }
+        }
+    }
+
+    /// Atoms between the ends of the edge along `axis` that belongs to `sides`, evenly spread in
+    /// units of d (in 3-D of sqrt 2 d).
+    fn edge(&self, axis: usize, sides: u8) -> Vec<[f64; D]> {
+        let at = |t: f64| {
+            let mut x = std::array::from_fn(|k| {
+                if sides >> k & 1 == 1 {
+                    0.0
+                } else {
+                    self.extent[k]
+                }
+            });
+            x[axis] = t;
+            self.onto(x, sides)
+        };
+        let near = self.ends(axis, self.distance.at(at(0.0)))[0];
+        let far = self.ends(axis, self.distance.at(at(self.extent[axis])))[1];
+        let unit = if D == 3 { SQRT_2 } else { 1.0 };
+        let d = |t: f64| unit * self.distance.at(at(near + t));
+        let places = spread(far - near, self.least, d);
+        places.into_iter().map(|t| at(near + t)).collect()
+    }
+}
+
+/// The steps from an atom to its neighbours in the densest lattice of spacing 1 over the axes
+/// `along`: all of them, or the two of a side in 3-D.
+fn steps<const D: usize>(along: &[usize]) -> Vec<[f64; D]> {
+    let mut steps = Vec::new();
+    let mut add = |parts: [(usize, f64); 2]| {
+        let mut step = [0.0; D];
+        for (k, part) in parts {
+            step[k] = part;
+        }
+        steps.push(step);
+    };
+    let signs = [(1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)];
+    if D == 2 {
+        let (x, y) = (0, 1);
+        add([(x, 1.0), (y, 0.0)]);
+        add([(x, -1.0), (y, 0.0)]);
+        for (a, b) in signs {
+            add([(x, 0.5 * a), (y, 0.75f64.sqrt() * b)]);
+        }
+    } else {
+        for (place, &first) in along.iter().enumerate() {
+            for &second in &along[place + 1..] {
+                for (a, b) in signs {
+                    add([(first, FRAC_1_SQRT_2 * a), (second, FRAC_1_SQRT_2 * b)]);
+                }
+            }
+        }
+    }
+    steps
+}
+
+/// The sides that meet on the faces of the box of `rank` sides each: corners for a rank of `D`.
+pub(super) fn faces<const D: usize>(rank: usize) -> impl Iterator<Item = u8> {
+    (0..1u8 << (2 * D)).filter(move |sides| {
+        let (near, far) = (sides & ((1 << D) - 1), sides >> D);
+        near & far == 0 && sides.count_ones() as usize == rank
+    })
+}
+
+/// Positions of a pseudo-regular lattice of spacing d(x) that fills the box `[0, extent]`, for `D`
+/// of 2 or 3; atoms on its sides have coordinates of exactly `0.0` or `extent[k]`. Keeps its distance
+/// from `fixed` atoms (which are in the box, and not in the result) and grows from them.
+pub fn grown<const D: usize>(
+    extent: [f64; D],
+    distance: &Distance<D>,
+    fixed: &[[f64; D]],
+    alignment: Alignment,
+) -> Vec<[f64; D]> {
+    let mut lattice = Grown::new(extent, distance, alignment);
+    let mut is_fixed = Vec::new();
+
+    // From corners to the inside, each time the fixed atoms that lie there first.
+    for rank in (0..=D).rev() {
+        let before = lattice.placed.positions().len() as u32;
+        for &x in fixed.iter().filter(|&&x| sides_held(x, extent) == rank) {
+            let held =
+                (0..D).map(|k| u8::from(x[k] <= 0.0) << k | u8::from(x[k] >= extent[k]) << (D + k));
+            let sides = held.fold(0, |all, side| all | side);
+            lattice.add(x, sides);
+        }
+        is_fixed.resize(lattice.placed.positions().len(), true);
+        let count = lattice.placed.positions().len() as u32;
+        for sides in faces::<D>(rank) {
+            if rank == D {
+                let corner =
+                    std::array::from_fn(|k| if sides >> k & 1 == 1 { 0.0 } else { extent[k] });
+                let x = lattice.onto(corner, sides);
+                if lattice.placed.is_free(&x, 1e-3 * lattice.least) {
+                    lattice.add(x, sides);
+                }
+            } else if rank + 1 == D {
+                let held = sides | sides >> D;
+                for axis in (0..D).filter(|&k| held >> k & 1 == 0) {
+                    for atom in lattice.edge(axis, sides) {
+                        if lattice.placed.is_free(&atom, FREE * distance.at(atom)) {
+                            lattice.add(atom, sides);
+                        }
+                    }
+                }
+            } else {
+                // From the fixed atoms first.
+                let on = |&n: &u32| lattice.sides[n as usize] & sides == sides;
+                let queue = (before..count).chain(0..before).filter(on).collect();
+                lattice.grow(queue, sides);
+            }
+        }
+        is_fixed.resize(lattice.placed.positions().len(), false);
+    }
+    let atoms = lattice.placed.positions().iter().zip(&is_fixed);
+    atoms
+        .filter(|(_, fixed)| !**fixed)
+        .map(|(x, _)| *x)
+        .collect()
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use crate::image::Field;
+    use crate::lattice::AtomKind;
+    use crate::lattice::seeding::distance2;
+    use crate::lattice::seeding::{Atoms, Seeding, regular, seed};
+
+    /// d from 4 in the middle to 9 at the far corners.
+    pub fn varying<const D: usize>(extent: [f64; D]) -> Distance<D> {
+        let dims = extent.map(|l| (l / 2.0) as usize + 1);
+        let step = std::array::from_fn(|k| extent[k] / (dims[k] - 1) as f64);
+        Distance::Field(Field::from_fn(dims, step, |x| {
+            let r2: f64 = (0..D).map(|k| (x[k] - 0.5 * extent[k]).powi(2)).sum();
+            (4.0 + 0.1 * (r2.sqrt() - 8.0).max(0.0)).min(9.0)
+        }))
+    }
+
+    /// Nearest-neighbour distance over d at 0, 1, 50, 99 and 100 %.
+    pub fn spacing<const D: usize>(atoms: &Atoms<D>, distance: &Distance<D>) -> [f64; 5] {
+        let mut nearest: Vec<f64> = atoms
+            .positions
+            .iter()
+            .enumerate()
+            .map(|(n, x)| {
+                let others = atoms.positions.iter().enumerate().filter(|(m, _)| *m != n);
+                let least = others
+                    .map(|(_, y)| distance2(x, y))
+                    .fold(f64::INFINITY, f64::min);
+                least.sqrt() / distance.at(*x)
+            })
+            .collect();
+        nearest.sort_by(f64::total_cmp);
+        [0.0, 0.01, 0.5, 0.99, 1.0].map(|p| nearest[((nearest.len() - 1) as f64 * p) as usize])
+    }
+
+    #[test]
+    fn fills_the_box_with_atoms_about_d_apart() {
+        let extent = [70.0, 63.0, 55.0];
+        let distance = varying(extent);
+        let atoms = regular(extent, &distance, &[], Alignment::On).unwrap();
+        let corners = atoms
+            .kinds
+            .iter()
+            .filter(|&&k| k == AtomKind::Corner)
+            .count();
+        assert_eq!(corners, 8);
+        let spacing = spacing(&atoms, &distance);
+        println!("{} atoms, nearest / d {spacing:.3?}", atoms.len());
+        assert!(spacing[0] > 0.7 && spacing[4] < 1.5, "{spacing:?}");
+        assert!(spacing[2] > 0.8 && spacing[2] < 1.05, "{spacing:?}");
+        // As many atoms as d asks for: sqrt 2 / d^3 a unit of volume, if somewhat less dense.
+        let mut expected = 0.0;
+        for n in 0..70 * 63 * 55 {
+            let x = [n % 70, n / 70 % 63, n / 70 / 63].map(|c| c as f64 + 0.5);
+            expected += SQRT_2 / distance.at(x).powi(3);
+        }
+        let share = atoms.len() as f64 / expected;
+        println!("{share:.3} of the atoms of a perfect lattice");
+        assert!(share > 0.8 && share < 1.5, "{share}");
+        // No large holes: every point has an atom within d.
+        let mut widest = 0.0f64;
+        for n in 0..3000u32 {
+            let t = |k: u32| f64::from((n * 7919 + 13) * (k + 3) % 9973) / 9973.0;
+            let x = [extent[0] * t(0), extent[1] * t(5), extent[2] * t(11)];
+            let near = atoms
+                .positions
+                .iter()
+                .map(|y| distance2(&x, y))
+                .fold(f64::MAX, f64::min);
+            widest = widest.max(near.sqrt() / distance.at(x));
+        }
+        println!("widest hole {widest:.3} d");
+        assert!(widest < 1.1, "{widest}");
+    }
+
+    #[test]
+    fn edges_carry_evenly_spread_atoms() {
+        let extent = [60.0, 30.0, 30.0];
+        let distance = varying(extent);
+        let lattice = Grown::new(extent, &distance, Alignment::On);
+        let mut along: Vec<f64> = lattice.edge(0, 0b110).iter().map(|x| x[0]).collect();
+        along.insert(0, 0.0);
+        along.push(60.0);
+        for pair in along.windows(2) {
+            let d = distance.at([0.5 * (pair[0] + pair[1]), 0.0, 0.0]);
+            let spacing = (pair[1] - pair[0]) / (SQRT_2 * d);
+            assert!((0.85..1.15).contains(&spacing), "{along:?}");
+        }
+    }
+
+    #[test]
+    fn fixed_atoms_keep_their_places_and_their_room() {
+        let extent = [40.0, 40.0, 40.0];
+        let distance = varying(extent);
+        let fixed = [
+            [20.3, 19.1, 20.7],
+            [0.0, 13.3, 12.2],
+            [0.0, 17.0, 40.0],
+            [0.0; 3],
+        ];
+        let atoms = regular(extent, &distance, &fixed, Alignment::On).unwrap();
+        let count = atoms.len();
+        assert_eq!(&atoms.positions[count - 4..], &fixed);
+        assert!(
+            atoms.kinds[count - 4..]
+                .iter()
+                .all(|&k| k == AtomKind::Fixed)
+        );
+        assert!(spacing(&atoms, &distance)[0] > 0.6);
+        let corners = atoms
+            .kinds
+            .iter()
+            .filter(|&&k| k == AtomKind::Corner)
+            .count();
+        assert_eq!(corners, 7);
+    }
+
+    #[test]
+    fn fills_a_rectangle() {
+        let extent = [120.0, 91.0];
+        let distance = varying(extent);
+        let atoms = regular(extent, &distance, &[[30.0, 40.5]], Alignment::On).unwrap();
+        let is = |kind| atoms.kinds.iter().filter(|&&k| k == kind).count();
+        assert_eq!((is(AtomKind::Corner), is(AtomKind::Fixed)), (4, 1));
+        // As many atoms along the edges as d asks for.
+        let step = |n: u32| 0.5 + f64::from(n);
+        let along = |n: u32| 1.0 / distance.at([step(n), 0.0]);
+        let across = |n: u32| 1.0 / distance.at([0.0, step(n)]);
+        let expected = 2.0 * ((0..120).map(along).sum::<f64>() + (0..91).map(across).sum::<f64>());
+        let on_edges = (is(AtomKind::Edge) + 4) as f64;
+        assert!((on_edges - expected).abs() < 3.0, "{on_edges} {expected}");
+        let spacing = spacing(&atoms, &distance);
+        println!("{} atoms, nearest / d {spacing:.3?}", atoms.len());
+        assert!(spacing[0] > 0.7 && spacing[4] < 1.5, "{spacing:?}");
+        assert!(spacing[2] > 0.8 && spacing[2] < 1.05, "{spacing:?}");
+    }
+
+    /// Whether the mirror image in the nearest side of an atom near it is about d away.
+    fn assert_alongside<const D: usize>(
+        atoms: &Atoms<D>,
+        extent: [f64; D],
+        distance: &Distance<D>,
+    ) {
+        assert!(atoms.kinds.iter().all(|&k| k == AtomKind::Interior));
+        let mut outermost = 0;
+        for x in &atoms.positions {
+            let d = distance.at(*x);
+            for k in 0..D {
+                let depth = x[k].min(extent[k] - x[k]) / d;
+                assert!(depth > 0.39, "{x:?} {depth}");
+                outermost += usize::from(depth < 0.6);
+            }
+        }
+        assert!(outermost > 40, "{outermost}");
+        let spacing = spacing(atoms, distance);
+        println!("{} atoms, nearest / d {spacing:.3?}", atoms.len());
+        assert!(spacing[0] > 0.7 && spacing[4] < 1.5, "{spacing:?}");
+    }
+
+    #[test]
+    fn keeps_off_the_sides_alongside() {
+        for vary in [false, true] {
+            let extent = [120.0, 91.0];
+            let distance = if vary {
+                varying(extent)
+            } else {
+                Distance::Constant(6.0)
+            };
+            let atoms = regular(extent, &distance, &[], Alignment::Alongside).unwrap();
+            assert_alongside(&atoms, extent, &distance);
+            let extent = [50.0, 43.0, 55.0];
+            let distance = if vary {
+                varying(extent)
+            } else {
+                Distance::Constant(6.0)
+            };
+            let atoms = regular(extent, &distance, &[], Alignment::Alongside).unwrap();
+            assert_alongside(&atoms, extent, &distance);
+        }
+        let refused = regular(
+            [50.0; 2],
+            &Distance::Constant(6.0),
+            &[[0.0, 20.0]],
+            Alignment::Alongside,
+        );
+        assert!(refused.unwrap_err().to_string().contains("on a side"));
+    }
+
+    #[test]
+    fn wells_are_seeds_of_the_lattice() {
+        // How many of the twelve neighbours that a well has in the lattice are where they should be.
+        let extent = [61.0, 57.0, 63.0];
+        let distance = Distance::Constant(5.0);
+        let wells = [[22.3, 31.1, 17.7], [40.9, 20.2, 44.4]];
+        let neighbours = |how: Seeding| {
+            let atoms = seed(how, extent, &distance, &wells, Alignment::On, None).unwrap();
+            assert_eq!(atoms.positions[atoms.len() - 2..], wells);
+            let sites = wells.iter().flat_map(|well| {
+                let step = |step: [f64; 3]| std::array::from_fn(|k| well[k] + 5.0 * step[k]);
+                steps::<3>(&[0, 1, 2]).into_iter().map(step)
+            });
+            let taken = |site: &[f64; 3]| {
+                let mut atoms = atoms.positions.iter();
+                atoms.any(|x| distance2(x, site) < 1e-12)
+            };
+            sites.filter(taken).count()
+        };
+        assert_eq!(neighbours(Seeding::Grown), 24);
+        assert!(neighbours(Seeding::Regular) < 4);
+        // In the plane they are six.
+        let (well, extent) = ([22.3, 31.1], [61.0, 57.0]);
+        let atoms = seed(
+            Seeding::Grown,
+            extent,
+            &Distance::Constant(5.0),
+            &[well],
+            Alignment::On,
+            None,
+        );
+        let atoms = atoms.unwrap().positions;
+        let taken = |step: [f64; 2]| {
+            let site = [well[0] + 5.0 * step[0], well[1] + 5.0 * step[1]];
+            atoms.iter().any(|x| distance2(x, &site) < 1e-12)
+        };
+        assert!(steps::<2>(&[0, 1]).into_iter().all(taken));
+    }
+}

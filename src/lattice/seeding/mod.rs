@@ -1,0 +1,256 @@
+//! Initial lattices of atoms: image box and nominal distance d(x) -> [`Atoms`].
+//!
+//! - [`lattice`]: the densest regular lattice fitted to the box, for constant d
+//! - [`grow`]: a pseudo-regular lattice grown atom by atom, for variable d
+//! - [`refine`](mod@refine): an isotropic lattice by Delaunay refinement
+//! - [`guide`]: drawn by chance under the image, features first
+//! - [`projection`]: sites projected onto features
+//! - [`canny`]: on features, dense where these bend, and few elsewhere
+//! - [`fixed`]: atoms given by the user
+//! - [`wells`]: atoms along trajectories, and d(x) near them
+//! - [`order`]: memory order of atoms, for cache locality
+
+pub mod canny;
+pub mod fixed;
+pub mod grow;
+pub mod guide;
+pub mod lattice;
+pub mod order;
+mod placed;
+pub mod projection;
+pub mod refine;
+pub mod wells;
+
+use crate::error::{Error, Result, cause};
+use crate::image::Field;
+use crate::lattice::AtomKind;
+use crate::lattice::distance::Distance;
+
+/// Where atoms end up: on features, so that the faces of a Delaunay mesh follow them, or alongside,
+/// so that the faces of Voronoi cells do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Alignment {
+    /// On features and on the sides of the box.
+    #[default]
+    On,
+    /// Beside features and strictly inside the box. The mirror images of atoms near a side stand
+    /// beyond it, and act on atoms inside as if they were atoms.
+    Alongside,
+}
+
+/// The atoms of a lattice: the nodes of the mesh to come.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Atoms<const D: usize> {
+    /// Positions in lattice space, inside the box `[0, extent]`; on its sides exactly (`0.0` or
+    /// `extent[k]`) where the kind says so.
+    pub positions: Vec<[f64; D]>,
+    /// What each atom may do.
+    pub kinds: Vec<AtomKind>,
+}
+
+impl<const D: usize> Atoms<D> {
+    /// Atoms whose kinds follow from the number of sides of the box they lie on.
+    pub fn in_box(positions: Vec<[f64; D]>, extent: [f64; D]) -> Self {
+        let kinds = positions.iter().map(|&x| kind_in_box(x, extent)).collect();
+        Self { positions, kinds }
+    }
+
+    /// Number of atoms.
+    pub fn len(&self) -> usize {
+        self.positions.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.positions.is_empty()
+    }
+
+    /// Which coordinates of each atom may change: 1 for free, 0 for held. Corners and fixed atoms
+    /// are held, edge atoms keep to their edge, side atoms to their side.
+    pub fn mobility(&self, extent: [f64; D]) -> Vec<[f64; D]> {
+        let free = |x: &[f64; D], kind: &AtomKind| match kind {
+            AtomKind::Interior => [1.0; D],
+            AtomKind::Corner | AtomKind::Fixed => [0.0; D],
+            AtomKind::Side | AtomKind::Edge => {
+                std::array::from_fn(|k| f64::from(u8::from(x[k] > 0.0 && x[k] < extent[k])))
+            }
+        };
+        self.positions
+            .iter()
+            .zip(&self.kinds)
+            .map(|(x, kind)| free(x, kind))
+            .collect()
+    }
+}
+
+/// The number of sides of the box `[0, extent]` on which `x` lies exactly.
+pub fn sides_held<const D: usize>(x: [f64; D], extent: [f64; D]) -> usize {
+    (0..D).filter(|&k| x[k] <= 0.0 || x[k] >= extent[k]).count()
+}
+
+/// The kind of an atom at `x` that no user fixed.
+pub fn kind_in_box<const D: usize>(x: [f64; D], extent: [f64; D]) -> AtomKind {
+    let held = sides_held(x, extent);
+    if held == 0 {
+        AtomKind::Interior
+    } else if held == D {
+        AtomKind::Corner
+    } else if held + 1 == D {
+        // In 2-D a side of the box is an edge.
+        AtomKind::Edge
+    } else {
+        AtomKind::Side
+    }
+}
+
+/// The square of the distance between two points.
+fn distance2<const D: usize>(a: &[f64; D], b: &[f64; D]) -> f64 {
+    (0..D).map(|k| (a[k] - b[k]).powi(2)).sum()
+}
+
+/// How atoms are placed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Seeding {
+    /// The densest regular lattice, face-centred cubic in 3-D and triangular in 2-D: for constant d
+    /// slightly stretched per axis to fit ([`lattice::fitted`]), else grown by Hale's Algorithm 2
+    /// ([`grow::grown`]).
+    #[default]
+    Regular,
+    /// Grown by Algorithm 2 whatever d, from fixed atoms and the sides of the box: the lattice is
+    /// regular around wells rather than in the box.
+    Grown,
+    /// Delaunay refinement ([`refine::refined`]), isotropic.
+    Refine {
+        /// Decides where the first point inside is.
+        seed: u64,
+    },
+    /// Drawn by chance under the image, where its features are first ([`guide::drawn`]).
+    Guide {
+        /// Decides what is drawn.
+        seed: u64,
+        /// Most atoms.
+        most: usize,
+    },
+    /// Sites of a fine lattice projected onto the image's features ([`projection::projected`]).
+    Projection,
+    /// From features and image ([`canny::seeded`]), which decide d, too.
+    Canny,
+}
+
+/// Seeds a lattice that fills the box `[0, extent]`. [`Alignment::On`], corners, edges and sides of
+/// the box carry atoms; [`Alignment::Alongside`], the outermost atoms are half a d inside.
+///
+/// `potential` is the image as -1 on features and 0 elsewhere, over the box; only some ways need it.
+/// `fixed` atoms (lattice space) are kept exactly where they are; a lattice that is grown grows from
+/// them, others make room for them ([`fixed::insert`]). Atoms come in the order of a space-filling
+/// curve, fixed atoms last.
+///
+/// # Errors
+/// [`Error::Distance`](crate::Error::Distance) if d does not suit the box,
+/// [`Error::Seeding`](crate::Error::Seeding) if a fixed atom lies outside the box (alongside, also
+/// on a side of it) or two lie at one place, or for [`Seeding::Canny`], [`Error::Delaunay`](crate::Error::Delaunay) for
+/// refinement in 3-D without the feature `cgal`. Of the ways that need an image, `Error::Seeding` also
+/// if there is none or it is the same everywhere, and for projection alongside.
+pub fn seed<const D: usize>(
+    how: Seeding,
+    extent: [f64; D],
+    distance: &Distance<D>,
+    fixed: &[[f64; D]],
+    alignment: Alignment,
+    potential: Option<&Field<D>>,
+) -> Result<Atoms<D>> {
+    distance.validate(extent)?;
+    let image = || {
+        potential.ok_or_else(|| {
+            refuse(
+                "needs the potential of an image",
+                "give one, or seed regularly",
+            )
+        })
+    };
+    let fixed = fixed::checked(fixed, extent, distance, alignment)?;
+    let mut positions = match (how, distance) {
+        (Seeding::Refine { seed }, _) => {
+            refine::refined(extent, distance, &fixed, alignment, seed)?
+        }
+        (Seeding::Canny, _) => {
+            return Err(Error::Seeding(cause(
+                "seeding 'canny'",
+                "places atoms by features and image, not by a distance",
+                "call seeding::canny::seeded",
+            )));
+        }
+        (Seeding::Regular, Distance::Constant(d)) => lattice::fitted(extent, *d, alignment),
+        (Seeding::Regular, Distance::Field(_)) | (Seeding::Grown, _) => {
+            grow::grown(extent, distance, &fixed, alignment)
+        }
+        (Seeding::Guide { seed, most }, _) => {
+            guide::drawn(extent, distance, image()?, &fixed, alignment, seed, most)?
+        }
+        (Seeding::Projection, _) if alignment == Alignment::Alongside => {
+            return Err(refuse(
+                "projection puts atoms onto features, which the faces of Voronoi cells follow",
+                "use another seeding for Voronoi cells",
+            ));
+        }
+        (Seeding::Projection, _) => projection::projected(extent, distance, image()?, &fixed)?,
+    };
+    order::sort_by_curve(&mut positions, extent, 2.0 * distance.min());
+    let mut atoms = Atoms::in_box(positions, extent);
+    fixed::insert(&mut atoms, &fixed, extent, distance);
+    Ok(atoms)
+}
+
+/// [`seed`] with [`Seeding::Regular`].
+///
+/// # Errors
+/// Those of [`seed`].
+pub fn regular<const D: usize>(
+    extent: [f64; D],
+    distance: &Distance<D>,
+    fixed: &[[f64; D]],
+    alignment: Alignment,
+) -> Result<Atoms<D>> {
+    seed(Seeding::Regular, extent, distance, fixed, alignment, None)
+}
+
+fn refuse(problem: impl std::fmt::Display, remedy: &str) -> Error {
+    Error::Seeding(cause("seeding", problem, remedy))
+}
+
+/// The least and the largest sample of a potential by which atoms are placed in the box `[0, extent]`.
+fn varies<const D: usize>(potential: &Field<D>, extent: [f64; D], how: &str) -> Result<[f32; 2]> {
+    let refuse = |problem: String, remedy: &str| {
+        let place = format!("seeding {how}: image potential");
+        Err(Error::Seeding(cause(place, problem, remedy)))
+    };
+    let count: usize = potential.dims.iter().product();
+    let spans = (0..D).all(|k| (potential.extent()[k] - extent[k]).abs() <= 1e-6 * extent[k]);
+    if !spans || potential.samples.len() != count || u32::try_from(count).is_err() {
+        let problem = format!(
+            "its {count} samples span {:?}, the box {extent:?}",
+            potential.extent()
+        );
+        return refuse(
+            problem,
+            "give one that spans the box, of fewer than 2^32 samples",
+        );
+    }
+    if !potential.samples.iter().all(|b| b.is_finite()) {
+        return refuse(
+            "is not a number everywhere".into(),
+            "give one without NaN and infinities",
+        );
+    }
+    let fold = |f: fn(f32, f32) -> f32, start| potential.samples.iter().copied().fold(start, f);
+    let [low, high] = [
+        fold(f32::min, f32::INFINITY),
+        fold(f32::max, f32::NEG_INFINITY),
+    ];
+    if low < high {
+        Ok([low, high])
+    } else {
+        let problem = format!("is {low}, the same everywhere: no place is likelier than another");
+        refuse(problem, "follow other features, or use another seeding")
+    }
+}

@@ -1,0 +1,244 @@
+//! Atoms projected onto features (Esperanca, Oliveira & Cavalcanti 2008, as told by Fernandes & Gattass
+//! 2009).
+//!
+//! Sites of the densest regular lattice of spacing sqrt(3)/3 d(x) look for the best sample of the image
+//! within d(x). Pairs of a site and its sample are taken in the order of the distance between the two,
+//! nearest first, and the sample becomes an atom if no atom is nearer than 0.8 d(x). In the plane every
+//! third site is one of a lattice of spacing d.
+//!
+//! What is told leaves open what becomes of sites far from features, all of which have their best sample
+//! at no distance. Here a pair needs a sample in the bottom of a valley, lower than none of the samples
+//! beside it; and when all pairs have been tried, first the sites of the lattice of spacing d, then
+//! those of the fine one, become atoms where they are, if they are free.
+//!
+//! Sites on edges and sides of the box look along them only, and come first, so that the box is filled.
+
+use rayon::prelude::*;
+
+use super::placed::{FREE, MARGIN, Placed};
+use super::{Alignment, grow, lattice, sides_held, varies};
+use crate::error::Result;
+use crate::image::Field;
+use crate::lattice::distance::Distance;
+
+/// Spacing of the sites, in units of d: sqrt(3) / 3.
+const SITES: f64 = 0.577_350_269_189_625_8;
+
+/// Positions of a lattice of spacing d(x) that fills the box `[0, extent]`, for `D` of 2 or 3, with
+/// atoms on the samples of the features of `potential`, which spans the box: -1 on features, 0
+/// elsewhere. Atoms on sides have coordinates of exactly `0.0` or `extent[k]`. None is nearer than 0.8 d
+/// to `fixed` atoms, which are in the box and not in the result.
+///
+/// # Errors
+/// [`Error::Seeding`](crate::Error::Seeding) if the potential is the same everywhere or does not span
+/// the box.
+pub fn projected<const D: usize>(
+    extent: [f64; D],
+    distance: &Distance<D>,
+    potential: &Field<D>,
+    fixed: &[[f64; D]],
+) -> Result<Vec<[f64; D]>> {
+    varies(potential, extent, "projection")?;
+    let sites = regular(extent, &finer(distance));
+    let best: Vec<Option<(f64, [f64; D])>> = sites
+        .par_iter()
+        .map(|&site| bottom(potential, extent, site, distance.at(site)))
+        .collect();
+    // Nearest first; of two as near, the one first in the lattice.
+    let mut pairs: Vec<(f64, [f64; D])> = best.into_iter().flatten().collect();
+    pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let pairs: Vec<[f64; D]> = pairs.into_iter().map(|pair| pair.1).collect();
+    let coarse = regular(extent, distance);
+
+    let mut placed = Placed::new(extent, FREE * distance.min());
+    for &x in fixed {
+        placed.add(x);
+    }
+    // Corners, then edges, sides, inside.
+    for rank in (0..=D).rev() {
+        for &x in pairs.iter().chain(&coarse).chain(&sites) {
+            if sides_held(x, extent) != rank {
+                continue;
+            }
+            let d = distance.at(x);
+            let inside = |k: usize| {
+                let depth = x[k].min(extent[k] - x[k]);
+                depth <= 0.0 || depth >= MARGIN * d
+            };
+            let room = if rank == D { 1e-3 } else { FREE };
+            if (0..D).all(inside) && placed.is_free(&x, room * d) {
+                placed.add(x);
+            }
+        }
+    }
+    Ok(placed.positions()[fixed.len()..].to_vec())
+}
+
+/// A regular lattice whose sites reach the sides of the box.
+fn regular<const D: usize>(extent: [f64; D], distance: &Distance<D>) -> Vec<[f64; D]> {
+    match distance {
+        Distance::Constant(d) => lattice::fitted(extent, *d, Alignment::On),
+        Distance::Field(_) => grow::grown(extent, distance, &[], Alignment::On),
+    }
+}
+
+/// Distances as those of sites are.
+fn finer<const D: usize>(distance: &Distance<D>) -> Distance<D> {
+    match distance {
+        Distance::Constant(d) => Distance::Constant(SITES * d),
+        Distance::Field(field) => Distance::Field(Field {
+            samples: field.samples.iter().map(|d| SITES as f32 * d).collect(),
+            ..field.clone()
+        }),
+    }
+}
+
+/// The lowest sample within `radius` of a site and the square of its distance; of several the nearest.
+/// On a side of the box, of the samples of that side. `None` if it is not the bottom of a valley: if it
+/// is not negative, or a sample beside it is lower.
+fn bottom<const D: usize>(
+    potential: &Field<D>,
+    extent: [f64; D],
+    site: [f64; D],
+    radius: f64,
+) -> Option<(f64, [f64; D])> {
+    let Field {
+        dims,
+        step,
+        samples,
+    } = potential;
+    let held: [bool; D] = std::array::from_fn(|k| site[k] <= 0.0 || site[k] >= extent[k]);
+    // Indices along each axis, x first; and where they are.
+    let ends: [[usize; 2]; D] = std::array::from_fn(|k| match (held[k], site[k] > 0.0) {
+        (true, true) => [dims[k] - 1; 2],
+        (true, false) => [0; 2],
+        (false, _) => {
+            let low = ((site[k] - radius) / step[k]).ceil().max(1.0) as usize;
+            let high = ((site[k] + radius) / step[k]).min(dims[k] as f64 - 2.0) as usize;
+            [low, high]
+        }
+    });
+    if (0..D).any(|k| ends[k][0] > ends[k][1]) {
+        return None;
+    }
+    let at = |k: usize, index: usize| match held[k] {
+        true => site[k],
+        false => index as f64 * step[k],
+    };
+    let strides: [usize; D] = std::array::from_fn(|k| dims[..k].iter().product());
+    let mut best = (0.0f32, f64::INFINITY, [0; D]);
+    let mut index = ends.map(|e| e[0]);
+    loop {
+        let across: f64 = (1..D).map(|k| (at(k, index[k]) - site[k]).powi(2)).sum();
+        let row: usize = (1..D).map(|k| index[k] * strides[k]).sum();
+        for (x, &b) in (ends[0][0]..).zip(&samples[row + ends[0][0]..=row + ends[0][1]]) {
+            if b > best.0 || b >= 0.0 {
+                continue;
+            }
+            let r2 = across + (at(0, x) - site[0]).powi(2);
+            if r2 <= radius * radius && (b < best.0 || r2 < best.1) {
+                index[0] = x;
+                best = (b, r2, index);
+            }
+        }
+        // The next row of the block.
+        let Some(k) = (1..D).find(|&k| index[k] < ends[k][1]) else {
+            break;
+        };
+        index[k] += 1;
+        for j in 1..k {
+            index[j] = ends[j][0];
+        }
+    }
+    let (depth, r2, index) = best;
+    let flat: usize = (0..D).map(|k| index[k] * strides[k]).sum();
+    let lowest =
+        |k: usize| held[k] || depth <= samples[flat - strides[k]].min(samples[flat + strides[k]]);
+    (depth < 0.0 && (0..D).all(lowest)).then(|| (r2, std::array::from_fn(|k| at(k, index[k]))))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lattice::seeding::grow::tests::{spacing, varying};
+    use crate::lattice::seeding::guide::tests::valley;
+    use crate::lattice::seeding::{Seeding, seed};
+
+    #[test]
+    fn the_best_sample_is_found() {
+        let extent = [30.0, 20.0, 24.0];
+        let mut field = Field::from_fn([31, 21, 25], [1.0; 3], |_| 0.0);
+        let mut set = |at: [usize; 3], b| field.samples[(at[2] * 21 + at[1]) * 31 + at[0]] = b;
+        set([10, 10, 10], -0.5);
+        set([14, 10, 10], -1.0);
+        set([0, 10, 10], -0.9);
+        let find = |site, radius| bottom(&field, extent, site, radius);
+        assert_eq!(find([11.0, 10.0, 10.5], 2.0), Some((1.25, [10.0; 3])));
+        assert_eq!(
+            find([11.0, 10.0, 10.5], 3.5),
+            Some((9.25, [14.0, 10.0, 10.0]))
+        );
+        assert_eq!(find([11.0, 10.0, 14.0], 3.0), None);
+        // On a side, only there; inside, not there.
+        assert_eq!(find([0.0, 9.0, 10.0], 3.0), Some((1.0, [0.0, 10.0, 10.0])));
+        assert_eq!(find([2.0, 10.0, 10.0], 4.0), None);
+        assert_eq!(find([0.0, 9.0, 0.0], 11.0), None);
+        // A slope is no bottom.
+        let slope = Field::from_fn([31, 21, 25], [1.0; 3], |x| -x[0] / 30.0);
+        assert_eq!(bottom(&slope, extent, [11.0, 10.0, 10.0], 3.0), None);
+    }
+
+    fn check<const D: usize>(extent: [f64; D], distance: &Distance<D>, densest: f64) {
+        let potential = valley(extent);
+        let place = || {
+            let how = Seeding::Projection;
+            seed(how, extent, distance, &[], Alignment::On, Some(&potential)).unwrap()
+        };
+        let atoms = place();
+        let spacing = spacing(&atoms, distance);
+        let [least, _, median, _, widest] = spacing;
+        let off = |x: &[f64; D]| (x[0] + 0.25 * x[1] - 0.6 * extent[0]).abs();
+        let on = atoms.positions.iter().filter(|x| off(x) < 1.0).count();
+        println!(
+            "{D}-D: {} atoms, {on} on the feature; nearest / d {spacing:.3?}",
+            atoms.len()
+        );
+        assert!(least > 0.72 && widest < 1.5 && median < 1.05);
+        let length = extent[1] * 17.0f64.sqrt() / 4.0;
+        let area: f64 = (2..D).map(|k| extent[k]).product::<f64>() * length;
+        assert!(
+            on as f64 > densest * area / (FREE * distance.max()).powi(D as i32 - 1),
+            "{on}"
+        );
+        assert_eq!(atoms, place());
+    }
+
+    #[test]
+    fn a_rectangle_is_filled_features_first() {
+        let extent = [120.0, 91.0];
+        check(extent, &Distance::Constant(5.0), 0.6);
+        check(extent, &varying(extent), 0.6);
+    }
+
+    #[test]
+    fn a_box_is_filled_features_first() {
+        let extent = [60.0, 53.0, 48.0];
+        check(extent, &Distance::Constant(5.0), 0.5);
+        check(extent, &varying(extent), 0.5);
+    }
+
+    #[test]
+    fn cells_alongside_are_refused() {
+        let (extent, distance) = ([40.0, 30.0], Distance::Constant(5.0));
+        let how = Seeding::Projection;
+        let refused = seed(
+            how,
+            extent,
+            &distance,
+            &[],
+            Alignment::Alongside,
+            Some(&valley(extent)),
+        );
+        assert!(refused.unwrap_err().to_string().contains("onto features"));
+    }
+}

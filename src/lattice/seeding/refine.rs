@@ -1,0 +1,247 @@
+//! An isotropic lattice by Delaunay refinement (Hale 2002): corners and one more point, then the
+//! centre of the largest circumsphere in units of d, until none is larger than a share of d.
+//!
+//! So that the box is filled exactly, its edges come first, evenly divided; then each of its sides,
+//! refined in the plane; then the inside. Circumcentres outside the box are no points. No direction
+//! is favoured: images, not the lattice, say where atoms line up.
+
+use super::{Alignment, distance2, sides_held};
+use crate::error::Result;
+use crate::image::Field;
+use crate::lattice::distance::Distance;
+use crate::mesh::delaunay::refine::{refine_plane, refine_space};
+
+/// Largest circumradius in the plane, in units of d (Hale 2002).
+const PLANE: f64 = 0.760;
+/// Largest circumradius in space, in units of d (Hale 2002).
+const SPACE: f64 = 0.803;
+/// Nearest to a fixed atom that an atom of an edge may be, in units of d.
+const FREE: f64 = 0.8;
+
+/// Positions of an isotropic lattice of spacing d(x) that fills the box `[0, extent]`, for `D` of 2
+/// or 3; atoms on its sides have coordinates of exactly `0.0` or `extent[k]`. Keeps its distance from
+/// `fixed` atoms, which are in the box and not in the result. `seed` chooses the first point inside.
+///
+/// Alongside, all atoms are moved inwards, those of a side by half a d.
+///
+/// # Errors
+/// [`Error::Delaunay`](crate::Error::Delaunay) in 3-D if built without the feature `cgal`.
+pub fn refined<const D: usize>(
+    extent: [f64; D],
+    distance: &Distance<D>,
+    fixed: &[[f64; D]],
+    alignment: Alignment,
+    seed: u64,
+) -> Result<Vec<[f64; D]>> {
+    let mut atoms = fixed.to_vec();
+    let corners = faces::<D>(&[]).map(|end| std::array::from_fn(|k| end[k] * extent[k]));
+    atoms.extend(corners.filter(|x| !fixed.contains(x)));
+    for axis in 0..D {
+        for end in faces::<D>(&[axis]) {
+            let at = |t: f64| -> [f64; D] {
+                std::array::from_fn(|k| if k == axis { t } else { end[k] * extent[k] })
+            };
+            let free = |x: &[f64; D]| {
+                let radius = FREE * distance.at(*x);
+                fixed.iter().all(|y| distance2(x, y) >= radius * radius)
+            };
+            let spread = spread(extent[axis], distance.min(), |t| distance.at(at(t)));
+            atoms.extend(spread.into_iter().map(at).filter(free));
+        }
+    }
+    if D == 3 {
+        for normal in 0..D {
+            let along: [usize; 2] = [(normal + 1) % D, (normal + 2) % D];
+            for end in faces::<D>(&along) {
+                let level = end[normal] * extent[normal];
+                let lift = |x: [f64; 2]| -> [f64; D] {
+                    std::array::from_fn(|k| match k {
+                        _ if k == normal => level,
+                        _ => x[usize::from(k == along[1])],
+                    })
+                };
+                let on = atoms.iter().filter(|x| x[normal] == level);
+                let start: Vec<[f64; 2]> = on.map(|x| along.map(|k| x[k])).collect();
+                let d = |x| distance.at(lift(x));
+                let added = refine_plane(&start, along.map(|k| extent[k]), d, PLANE)?;
+                atoms.extend(added.into_iter().map(lift));
+            }
+        }
+    }
+    // One point away from the corners, by chance.
+    let first = std::array::from_fn(|k| extent[k] * (0.35 + 0.3 * share(seed, k as u64)));
+    let near = |y: &[f64; D]| distance2(&first, y) < (FREE * distance.at(first)).powi(2);
+    if !atoms.iter().any(near) {
+        atoms.push(first);
+    }
+    let added = inside(&atoms, extent, distance)?;
+    atoms.extend(added);
+    atoms.drain(..fixed.len());
+    if alignment == Alignment::Alongside {
+        for x in &mut atoms {
+            let d = distance.at(*x);
+            *x = std::array::from_fn(|k| x[k] + d * (0.5 - x[k] / extent[k]));
+        }
+        let free = |x: &[f64; D]| {
+            let radius = FREE * distance.at(*x);
+            fixed.iter().all(|y| distance2(x, y) >= radius * radius)
+        };
+        atoms.retain(|x| free(x) && sides_held(*x, extent) == 0);
+    }
+    Ok(atoms)
+}
+
+/// Refines the whole box.
+fn inside<const D: usize>(
+    atoms: &[[f64; D]],
+    extent: [f64; D],
+    distance: &Distance<D>,
+) -> Result<Vec<[f64; D]>> {
+    // `D` is not known to the compiler to be what it is: axes are copied one by one.
+    fn axes<const D: usize, const E: usize>(x: [f64; D]) -> [f64; E] {
+        std::array::from_fn(|k| x[k])
+    }
+    if D == 2 {
+        let plane: Vec<[f64; 2]> = atoms.iter().map(|x| axes(*x)).collect();
+        let d = |x: [f64; 2]| distance.at(axes(x));
+        let added = refine_plane(&plane, axes(extent), d, PLANE)?;
+        return Ok(added.into_iter().map(axes).collect());
+    }
+    let space: Vec<[f64; 3]> = atoms.iter().map(|x| axes(*x)).collect();
+    let d = match distance {
+        Distance::Constant(d) => Field {
+            dims: [1; 3],
+            step: axes(extent),
+            samples: vec![*d as f32],
+        },
+        Distance::Field(field) => Field {
+            dims: std::array::from_fn(|k| field.dims[k]),
+            step: axes(field.step),
+            samples: field.samples.clone(),
+        },
+    };
+    let added = refine_space(&space, axes(extent), &d, SPACE)?;
+    Ok(added.into_iter().map(axes).collect())
+}
+
+/// The faces of the unit box that lie along the given axes, by the coordinates (0 or 1) along the
+/// others.
+fn faces<const D: usize>(along: &[usize]) -> impl Iterator<Item = [f64; D]> {
+    (0..1usize << D)
+        .filter(move |n| along.iter().all(|k| n >> k & 1 == 0))
+        .map(|n| std::array::from_fn(|k| (n >> k & 1) as f64))
+}
+
+/// Places between the ends of a length, evenly spread in units of d(t).
+pub(super) fn spread(length: f64, least: f64, d: impl Fn(f64) -> f64) -> Vec<f64> {
+    // How many spacings from the start to each of many points (midpoint rule).
+    let pieces = (8.0 * length / least).ceil().max(8.0) as usize;
+    let piece = length / pieces as f64;
+    let mut spacings = vec![0.0];
+    for n in 0..pieces {
+        spacings.push(spacings[n] + piece / d((n as f64 + 0.5) * piece));
+    }
+    let count = spacings[pieces].round().max(1.0);
+    let scale = spacings[pieces] / count;
+    let mut n = 0;
+    let place = |k: usize| {
+        let target = k as f64 * scale;
+        while n + 1 < pieces && spacings[n + 1] < target {
+            n += 1;
+        }
+        (n as f64 + (target - spacings[n]) / (spacings[n + 1] - spacings[n])) * piece
+    };
+    (1..count as usize).map(place).collect()
+}
+
+/// A number in [0, 1) that depends on nothing but its arguments (splitmix64).
+pub(super) fn share(seed: u64, counter: u64) -> f64 {
+    let mut z = seed.wrapping_add((counter + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15));
+    z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lattice::AtomKind;
+    use crate::lattice::seeding::grow::tests::{spacing, varying};
+    use crate::lattice::seeding::{Atoms, Seeding, seed};
+
+    fn check<const D: usize>(extent: [f64; D], distance: &Distance<D>) -> [f64; 5] {
+        let how = Seeding::Refine { seed: 1 };
+        let atoms = seed(how, extent, distance, &[], Alignment::On, None).unwrap();
+        let is = |kind| atoms.kinds.iter().filter(|&&k| k == kind).count();
+        assert_eq!(is(AtomKind::Corner), 1 << D);
+        assert!(is(AtomKind::Edge) > 20 && (D == 2 || is(AtomKind::Side) > 100));
+        let refined = spacing(&atoms, distance);
+        let regular = seed(Seeding::Regular, extent, distance, &[], Alignment::On, None).unwrap();
+        let regular = spacing(&regular, distance);
+        println!(
+            "{D}-D, {} atoms: nearest / d {refined:.3?}, regular {regular:.3?}",
+            atoms.len()
+        );
+        refined
+    }
+
+    #[test]
+    fn a_rectangle_is_filled_evenly() {
+        let extent = [120.0, 91.0];
+        for distance in [Distance::Constant(5.0), varying(extent)] {
+            let [least, low, median, high, _] = check(extent, &distance);
+            // 0.76 at the circumcentre, where d may be larger by its slope.
+            assert!(
+                least > 0.70 && low > 0.70 && high < 1.15,
+                "{least} {low} {high}"
+            );
+            assert!((0.76..1.0).contains(&median), "{median}");
+        }
+    }
+
+    #[cfg(feature = "cgal")]
+    #[test]
+    fn a_box_is_filled_evenly() {
+        let extent = [60.0, 53.0, 48.0];
+        for distance in [Distance::Constant(5.0), varying(extent)] {
+            let [least, low, median, high, _] = check(extent, &distance);
+            assert!(
+                least > 0.7 && low > 0.74 && high < 1.2,
+                "{least} {low} {high}"
+            );
+            assert!((0.8..1.0).contains(&median), "{median}");
+        }
+    }
+
+    #[test]
+    fn makes_room_for_fixed_atoms_and_keeps_off_the_sides_alongside() {
+        let extent = [80.0, 70.0];
+        let distance = Distance::Constant(5.0);
+        let fixed = [[31.0, 22.0], [70.0, 12.5]];
+        let how = Seeding::Refine { seed: 3 };
+        for alignment in [Alignment::On, Alignment::Alongside] {
+            let atoms = seed(how, extent, &distance, &fixed, alignment, None).unwrap();
+            assert_eq!(atoms.positions[atoms.len() - 2..], fixed);
+            assert!(spacing(&atoms, &distance)[0] > 0.65);
+            let inside = |x: &[f64; 2]| (0..2).all(|k| x[k] > 2.0 && x[k] < extent[k] - 2.0);
+            let all = atoms.positions.iter().all(inside);
+            assert_eq!(all, alignment == Alignment::Alongside);
+        }
+    }
+
+    #[test]
+    fn another_seed_gives_another_lattice() {
+        let of = |seed| {
+            refined(
+                [50.0, 40.0],
+                &Distance::Constant(4.0),
+                &[],
+                Alignment::On,
+                seed,
+            )
+        };
+        assert_eq!(of(1).unwrap(), of(1).unwrap());
+        assert_ne!(of(1).unwrap(), of(2).unwrap());
+        assert!(Atoms::in_box(of(1).unwrap(), [50.0, 40.0]).len() > 100);
+    }
+}

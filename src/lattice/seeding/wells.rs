@@ -1,0 +1,277 @@
+//! Wells along trajectories: d(x) falls near them, and fixed atoms stand along them, d apart.
+
+use super::Alignment;
+use crate::error::{Error, Result, cause};
+use crate::image::Field;
+use crate::lattice::distance::{Distance, limit_gradient};
+
+/// Atoms of two wells nearer than this, in d, are too near.
+const APART: f64 = 0.7;
+/// A well that ends nearer to a side than this, in d, ends on it (or, where no atoms may be there, this
+/// far inside).
+const NEAR: f64 = 0.5;
+/// Steps, in d, in which a way is followed.
+const STEP: f64 = 0.05;
+
+/// A well's way in lattice space: straight legs between points, or one point.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Way<const D: usize> {
+    /// What errors call it.
+    pub name: String,
+    /// Its points.
+    pub points: Vec<[f64; D]>,
+}
+
+impl<const D: usize> Way<D> {
+    /// Those parts of the way that lie in the box `[0, extent]`: a way each.
+    pub fn inside(&self, extent: [f64; D]) -> Vec<Self> {
+        let holds = |x: &[f64; D]| (0..D).all(|k| x[k] >= 0.0 && x[k] <= extent[k]);
+        if let [x] = self.points[..] {
+            return if holds(&x) {
+                vec![self.clone()]
+            } else {
+                Vec::new()
+            };
+        }
+        let mut parts: Vec<Self> = Vec::new();
+        let mut goes_on = false;
+        for leg in self.points.windows(2) {
+            let [a, b] = [leg[0], leg[1]];
+            let (mut from, mut to) = (0.0f64, 1.0f64);
+            for k in 0..D {
+                let speed = b[k] - a[k];
+                let [mut enter, mut leave] = [-a[k] / speed, (extent[k] - a[k]) / speed];
+                if speed < 0.0 {
+                    (enter, leave) = (leave, enter);
+                }
+                if speed != 0.0 {
+                    (from, to) = (from.max(enter), to.min(leave));
+                } else if !(0.0..=extent[k]).contains(&a[k]) {
+                    to = -1.0;
+                }
+            }
+            if from >= to {
+                goes_on = false;
+                continue;
+            }
+            let at = |share: f64| {
+                std::array::from_fn(|k| (a[k] + share * (b[k] - a[k])).clamp(0.0, extent[k]))
+            };
+            if !goes_on {
+                let (name, points) = (self.name.clone(), vec![at(from)]);
+                parts.push(Self { name, points });
+            }
+            if let Some(part) = parts.last_mut() {
+                part.points.push(if to == 1.0 { b } else { at(to) });
+            }
+            goes_on = to == 1.0;
+        }
+        parts
+    }
+
+    /// Points along the way, their distance growing with d: `(position, d)`.
+    fn followed(&self, d: impl Fn([f64; D]) -> f64) -> Vec<([f64; D], f64)> {
+        let mut found: Vec<_> = self.points[..1].iter().map(|&x| (x, d(x))).collect();
+        for leg in self.points.windows(2) {
+            let length = super::distance2(&leg[0], &leg[1]).sqrt();
+            let mut s = 0.0;
+            while s < length {
+                let here = found[found.len() - 1].1;
+                s = (s + STEP * here).min(length);
+                let share = s / length;
+                let x = std::array::from_fn(|k| leg[0][k] + share * (leg[1][k] - leg[0][k]));
+                found.push((x, d(x)));
+            }
+        }
+        found
+    }
+}
+
+/// `distance`, but at most `least` on the ways, growing away from them by `growth` per lattice unit.
+///
+/// # Errors
+/// [`Error::Distance`] if `least` is not positive or above every distance.
+pub fn refined<const D: usize>(
+    distance: Distance<D>,
+    ways: &[Way<D>],
+    least: f64,
+    growth: f64,
+    extent: [f64; D],
+) -> Result<Distance<D>> {
+    if !(least > 0.0 && least <= distance.max()) {
+        return Err(Error::Distance(cause(
+            "distance at wells",
+            format!("{least} is not above 0 and at most {}", distance.max()),
+            "give fewer samples than the mesh has elsewhere",
+        )));
+    }
+    let finest = least.min(distance.min());
+    let cells = extent.map(|e| (2.0 * e / finest).ceil().max(1.0) as usize);
+    let step: [f64; D] = std::array::from_fn(|k| extent[k] / cells[k] as f64);
+    let mut field = Field::from_fn(cells.map(|c| c + 1), step, |x| distance.at(x));
+    for way in ways {
+        // All corners of every cell of the grid that the way passes.
+        for (x, _) in way.followed(|_| finest) {
+            let low: [usize; D] =
+                std::array::from_fn(|k| ((x[k] / step[k]) as usize).min(cells[k] - 1));
+            for corner in 0..1usize << D {
+                let index = |k: usize| low[k] + (corner >> k & 1);
+                let at = (0..D).rev().fold(0, |at, k| at * (cells[k] + 1) + index(k));
+                field.samples[at] = field.samples[at].min(least as f32);
+            }
+        }
+    }
+    limit_gradient(&mut field, growth);
+    Ok(Distance::Field(field))
+}
+
+/// Atoms along ways in the box, d apart, the first and the last at a way's ends; ends within half a d
+/// of a side are put on it (alongside features, half a d from it).
+///
+/// # Errors
+/// [`Error::Seeding`] if two ways are nearer than 0.7 d.
+pub fn atoms<const D: usize>(
+    ways: &[Way<D>],
+    distance: &Distance<D>,
+    extent: [f64; D],
+    alignment: Alignment,
+) -> Result<Vec<[f64; D]>> {
+    let mut found: Vec<([f64; D], usize)> = Vec::new();
+    for (number, way) in ways.iter().enumerate() {
+        let mut way = way.clone();
+        let last = way.points.len() - 1;
+        for at in [0, last] {
+            let x = &mut way.points[at];
+            let room = NEAR * distance.at(*x);
+            for k in 0..D {
+                let (on, off) = match alignment {
+                    Alignment::On => (0.0, extent[k]),
+                    Alignment::Alongside => (room, extent[k] - room),
+                };
+                if x[k] < room {
+                    x[k] = on;
+                } else if x[k] > extent[k] - room {
+                    x[k] = off;
+                }
+            }
+        }
+        // Places at equal shares of the way measured in d.
+        let followed = way.followed(|x| distance.at(x));
+        let mut measure = vec![0.0];
+        for pair in followed.windows(2) {
+            let length = super::distance2(&pair[0].0, &pair[1].0).sqrt();
+            measure.push(measure[measure.len() - 1] + 2.0 * length / (pair[0].1 + pair[1].1));
+        }
+        let whole = measure[measure.len() - 1];
+        let count = whole.round().max(if whole > 0.5 { 1.0 } else { 0.0 }) as usize;
+        for i in 0..=count {
+            let goal = whole * i as f64 / count.max(1) as f64;
+            let at = measure.partition_point(|m| *m < goal);
+            let x = match at.checked_sub(1) {
+                None => followed[0].0,
+                Some(before) => {
+                    let share = (goal - measure[before]) / (measure[at] - measure[before]);
+                    let (a, b) = (followed[before].0, followed[at].0);
+                    std::array::from_fn(|k| a[k] + share * (b[k] - a[k]))
+                }
+            };
+            let near = found.iter().find(|(other, of)| {
+                let most = APART * distance.at(x);
+                ways[*of].name != way.name && super::distance2(other, &x) < most * most
+            });
+            if let Some((_, of)) = near {
+                return Err(Error::Seeding(cause(
+                    format!("wells {} and {}", ways[*of].name, way.name),
+                    format!(
+                        "are nearer to each other than the distance {:.3} between atoms, at {x:?} (lattice)",
+                        distance.at(x)
+                    ),
+                    "give a smaller --well-distance, or one of the wells only",
+                )));
+            }
+            found.push((x, number));
+        }
+    }
+    Ok(found.into_iter().map(|f| f.0).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn way<const D: usize>(name: &str, points: &[[f64; D]]) -> Way<D> {
+        Way {
+            name: name.into(),
+            points: points.to_vec(),
+        }
+    }
+
+    #[test]
+    fn what_is_outside_is_cut_off() {
+        let extent = [10.0; 3];
+        let from_above = way("A", &[[5.0, 5.0, -20.0], [5.0, 5.0, 4.0], [15.0, 5.0, 4.0]]);
+        let parts = from_above.inside(extent);
+        assert_eq!(parts.len(), 1);
+        assert_eq!(
+            parts[0].points,
+            [[5.0, 5.0, 0.0], [5.0, 5.0, 4.0], [10.0, 5.0, 4.0]]
+        );
+        assert!(
+            way("B", &[[-5.0, 1.0, 1.0], [-5.0, 1.0, 9.0]])
+                .inside(extent)
+                .is_empty()
+        );
+        let through_twice = way(
+            "C",
+            &[
+                [-1.0, 5.0, 5.0],
+                [1.0, 5.0, 5.0],
+                [1.0, 15.0, 5.0],
+                [2.0, 5.0, 5.0],
+            ],
+        );
+        assert_eq!(through_twice.inside(extent).len(), 2);
+    }
+
+    #[test]
+    fn atoms_stand_d_apart_and_ends_on_the_sides() {
+        let extent = [40.0, 40.0, 40.0];
+        let ways = [way(
+            "A",
+            &[[20.0, 20.0, 1.0], [20.0, 20.0, 21.0], [33.0, 20.0, 21.0]],
+        )];
+        let distance = Distance::Constant(4.0);
+        let on = atoms(&ways, &distance, extent, Alignment::On).unwrap();
+        assert_eq!(
+            (on[0], on[on.len() - 1]),
+            ([20.0, 20.0, 0.0], [33.0, 20.0, 21.0])
+        );
+        let beside = atoms(&ways, &distance, extent, Alignment::Alongside).unwrap();
+        assert_eq!(beside[0], [20.0, 20.0, 2.0]);
+        for pair in on.windows(2) {
+            // Round the corner the way is longer than the distance.
+            let apart = super::super::distance2(&pair[0], &pair[1]).sqrt();
+            assert!((2.6..4.6).contains(&apart), "{apart}");
+        }
+        let near = way("B", &[[22.0, 20.0, 5.0], [22.0, 20.0, 30.0]]);
+        let both = [ways[0].clone(), near];
+        let said = atoms(&both, &distance, extent, Alignment::On)
+            .unwrap_err()
+            .to_string();
+        assert!(said.contains("wells A and B: are nearer"), "{said}");
+    }
+
+    #[test]
+    fn distance_falls_at_wells_and_grows_away_from_them() {
+        let extent = [60.0, 50.0];
+        let ways = [way("A", &[[20.0, 25.0]])];
+        let distance = refined(Distance::Constant(8.0), &ways, 2.0, 0.1, extent).unwrap();
+        assert!((distance.at([20.0, 25.0]) - 2.0).abs() < 1e-6);
+        assert!((distance.at([40.0, 25.0]) - 4.0).abs() < 0.3);
+        let spaced = [way("A", &[[20.0, 25.0], [50.0, 25.0]])];
+        let graded = refined(Distance::Constant(8.0), &spaced[..], 2.0, 0.1, extent).unwrap();
+        let on = atoms(&spaced, &graded, extent, Alignment::On).unwrap();
+        assert_eq!(on.len(), 16);
+        assert!(refined(Distance::Constant(8.0), &ways, 9.0, 0.1, extent).is_err());
+    }
+}

@@ -1,0 +1,364 @@
+//! A second opinion by CGAL (feature `cgal`): a Delaunay triangulation that shares no code with
+//! TetGen's, and a judgement on any tetrahedral mesh, by exact predicates.
+
+use crate::error::{Error, Result, cause};
+
+/// What CGAL finds in a mesh.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Verdict {
+    /// Tetrahedra whose exact orientation is negative.
+    pub inverted: u64,
+    /// Tetrahedra whose four nodes lie exactly in one plane.
+    pub flat: u64,
+    /// Nodes of no tetrahedron.
+    pub unused_nodes: u64,
+    /// Faces of more than two tetrahedra, or edges of the hull with other than two hull faces.
+    pub overfull_faces: u64,
+    /// Faces of one tetrahedron.
+    pub hull_faces: u64,
+    /// CGAL's `is_valid` on its own data structure made of the tetrahedra and an infinite node
+    /// beyond the hull: neighbours are mutual and turn alike, Euler's relation holds.
+    pub valid_topology: bool,
+    /// Sum of the signed volumes.
+    pub volume: f64,
+    /// Volume of the convex hull of the hull's nodes.
+    pub hull_volume: f64,
+}
+
+impl Verdict {
+    /// What is wrong, in plain words; nothing if the mesh is a triangulation of its convex hull.
+    /// The volumes may differ by the fraction `tolerance`: sides that are flat in lattice space
+    /// are flat only up to rounding after a turn.
+    pub fn faults(&self, tolerance: f64) -> Vec<String> {
+        let mut faults = Vec::new();
+        for (count, what) in [
+            (self.inverted, "inverted tetrahedra"),
+            (self.flat, "flat tetrahedra"),
+            (self.unused_nodes, "unused nodes"),
+            (
+                self.overfull_faces,
+                "faces or hull edges that do not join exactly two",
+            ),
+        ] {
+            if count > 0 {
+                faults.push(format!("{count} {what}"));
+            }
+        }
+        if !self.valid_topology {
+            faults.push("CGAL's data structure of it is not valid".to_string());
+        }
+        let error = self.volume / self.hull_volume - 1.0;
+        if error.is_nan() || error.abs() > tolerance {
+            faults.push(format!(
+                "volume {} is not its convex hull's {} (relative {error:.1e})",
+                self.volume, self.hull_volume
+            ));
+        }
+        faults
+    }
+}
+
+/// CGAL's Delaunay tetrahedra of `points`, positively oriented (see [`crate::mesh`]).
+///
+/// Where more than four points lie on a sphere the triangulation is not unique: CGAL breaks the
+/// tie in its own way.
+///
+/// # Errors
+/// [`Error::Delaunay`] if a coordinate is not finite, two points coincide, or built without the
+/// feature `cgal`.
+pub fn triangulate(points: &[[f64; 3]]) -> Result<Vec<[u32; 4]>> {
+    check(points)?;
+    bridge::triangulate(points)
+}
+
+/// Judges tetrahedra as a triangulation of their points' convex hull.
+///
+/// # Errors
+/// [`Error::Mesh`] if a tetrahedron has a node that is not there or a coordinate is not finite,
+/// [`Error::Delaunay`] without the feature `cgal`.
+pub fn validate(points: &[[f64; 3]], tets: &[[u32; 4]]) -> Result<Verdict> {
+    check(points)?;
+    let stray = |t: &&[u32; 4]| t.iter().any(|&node| node as usize >= points.len());
+    if let Some(tet) = tets.iter().find(stray) {
+        return Err(Error::Mesh(cause(
+            "mesh",
+            format!(
+                "a tetrahedron has the nodes {tet:?}, but there are {} nodes",
+                points.len()
+            ),
+            "write it anew",
+        )));
+    }
+    // Faces, four a tetrahedron and four beyond each hull face, are numbered in 32 bits.
+    if points.len().max(tets.len()) > u32::MAX as usize / 32 {
+        let problem = format!("{} nodes, {} tetrahedra", points.len(), tets.len());
+        return Err(fault(problem, "give fewer than 134 million of either"));
+    }
+    bridge::validate(points, tets)
+}
+
+fn check(points: &[[f64; 3]]) -> Result<()> {
+    if let Some(i) = points.iter().position(|p| !p.iter().all(|c| c.is_finite())) {
+        let p = points[i];
+        let problem = format!("node {i} is at [{}, {}, {}]", p[0], p[1], p[2]);
+        return Err(fault(problem, "give finite coordinates"));
+    }
+    Ok(())
+}
+
+fn fault(problem: impl std::fmt::Display, remedy: impl std::fmt::Display) -> Error {
+    Error::Delaunay(cause("CGAL's opinion", problem, remedy))
+}
+
+#[cfg(not(feature = "cgal"))]
+mod bridge {
+    use super::{Result, Verdict, fault};
+
+    fn missing<T>() -> Result<T> {
+        Err(fault(
+            "this atomesh was built without CGAL",
+            "install libcgal-dev and build with the feature `cgal` (on by default)",
+        ))
+    }
+
+    pub fn triangulate(_: &[[f64; 3]]) -> Result<Vec<[u32; 4]>> {
+        missing()
+    }
+
+    pub fn validate(_: &[[f64; 3]], _: &[[u32; 4]]) -> Result<Verdict> {
+        missing()
+    }
+}
+
+#[cfg(feature = "cgal")]
+mod bridge {
+    use super::{Result, Verdict, fault};
+
+    /// The other side is `cpp/cgal_bridge.h`. Slices in, owned vectors out, C++ exceptions as
+    /// errors: cxx checks both sides against each other at compile time.
+    #[cxx::bridge(namespace = "atomesh")]
+    #[allow(unsafe_code)]
+    mod ffi {
+        /// See [`super::super::Verdict`].
+        struct CgalVerdict {
+            inverted: u64,
+            flat: u64,
+            unused_nodes: u64,
+            overfull_faces: u64,
+            hull_faces: u64,
+            valid_topology: bool,
+            volume: f64,
+            hull_volume: f64,
+        }
+
+        // SAFETY: both functions only read their slices, and `check` and `validate` have seen to
+        // it that all coordinates are finite and all node numbers in range.
+        unsafe extern "C++" {
+            include!("atomesh/cpp/cgal_bridge.h");
+
+            fn cgal_triangulate(points: &[f64]) -> Result<Vec<u32>>;
+            fn cgal_validate(points: &[f64], tets: &[u32]) -> Result<CgalVerdict>;
+        }
+    }
+
+    pub fn triangulate(points: &[[f64; 3]]) -> Result<Vec<[u32; 4]>> {
+        let tets = ffi::cgal_triangulate(points.as_flattened())
+            .map_err(|e| fault(e.what(), "give distinct points"))?;
+        let (tets, _) = tets.as_chunks();
+        Ok(tets.to_vec())
+    }
+
+    pub fn validate(points: &[[f64; 3]], tets: &[[u32; 4]]) -> Result<Verdict> {
+        let v = ffi::cgal_validate(points.as_flattened(), tets.as_flattened())
+            .map_err(|e| fault(e.what(), "please report it with the mesh"))?;
+        Ok(Verdict {
+            inverted: v.inverted,
+            flat: v.flat,
+            unused_nodes: v.unused_nodes,
+            overfull_faces: v.overfull_faces,
+            hull_faces: v.hull_faces,
+            valid_topology: v.valid_topology,
+            volume: v.volume,
+            hull_volume: v.hull_volume,
+        })
+    }
+}
+
+#[cfg(test)]
+#[cfg(all(feature = "cgal", feature = "tetgen"))]
+mod tests {
+    use super::*;
+    use crate::mesh::delaunay::delaunay;
+
+    /// Distinct points without a pattern.
+    fn scattered(count: usize) -> Vec<[f64; 3]> {
+        let mut state = 1u64;
+        let mut next = || {
+            state = state
+                .wrapping_mul(6364136223846793005)
+                .wrapping_add(1442695040888963407);
+            (state >> 11) as f64 / (1u64 << 53) as f64
+        };
+        (0..count)
+            .map(|_| [next(), next() * 3.0, next() - 6e5])
+            .collect()
+    }
+
+    fn sorted(tets: &[[u32; 4]]) -> Vec<[u32; 4]> {
+        let mut tets = tets.to_vec();
+        tets.iter_mut().for_each(|t| t.sort_unstable());
+        tets.sort_unstable();
+        tets
+    }
+
+    fn lattice(m: usize) -> Vec<[f64; 3]> {
+        let all = 0..(m + 1).pow(3);
+        let index = |i: usize| [i % (m + 1), i / (m + 1) % (m + 1), i / (m + 1).pow(2)];
+        let fcc = all.map(index).filter(|i| i.iter().sum::<usize>() % 2 == 0);
+        fcc.map(|i| i.map(|c| c as f64 * 0.7)).collect()
+    }
+
+    #[test]
+    fn cgal_and_tetgen_make_the_same_tetrahedra() {
+        let points = scattered(3000);
+        let ours = delaunay(&points).unwrap();
+        let theirs = triangulate(&points).unwrap();
+        assert_eq!(sorted(&ours.tets), sorted(&theirs));
+        for tets in [&ours.tets, &theirs] {
+            assert_eq!(validate(&points, tets).unwrap().faults(1e-12), [""; 0]);
+        }
+    }
+
+    #[test]
+    fn a_degenerate_lattice_is_a_valid_triangulation() {
+        let points = lattice(10);
+        let mesh = delaunay(&points).unwrap();
+        let verdict = validate(&points, &mesh.tets).unwrap();
+        assert_eq!(verdict.faults(1e-12), [""; 0]);
+        // Six sides of 61 nodes each: 2 triangles an inner node, 1 a rim node, less 2.
+        assert_eq!(verdict.hull_faces, 6 * (2 * 41 + 20 - 2));
+        assert!((verdict.volume / 343.0 - 1.0).abs() < 1e-12);
+    }
+
+    /// Two tetrahedra and the three that a flip makes of them: one of the two is not Delaunay.
+    #[test]
+    fn meshes_need_not_be_delaunay_to_be_valid() {
+        let points = [
+            [0.0, 0.0, 0.0],
+            [1.0, 0.0, 0.0],
+            [0.0, 1.0, 0.0],
+            [0.3, 0.3, -0.5],
+            [0.3, 0.3, 0.6],
+        ];
+        let two = [[0, 1, 2, 4], [0, 2, 1, 3]];
+        let three = [[0, 1, 3, 4], [1, 2, 3, 4], [2, 0, 3, 4]];
+        for tets in [&two[..], &three[..]] {
+            let verdict = validate(&points, tets).unwrap();
+            assert_eq!(verdict.faults(1e-14), [""; 0], "{verdict:?}");
+            assert_eq!(verdict.hull_faces, 6);
+        }
+    }
+
+    #[test]
+    fn every_kind_of_damage_is_found() {
+        let points = lattice(4);
+        let good = delaunay(&points).unwrap().tets;
+        let judged = |points: &[[f64; 3]], tets: &[[u32; 4]]| {
+            let verdict = validate(points, tets).unwrap();
+            assert!(!verdict.faults(1e-9).is_empty(), "{verdict:?}");
+            verdict
+        };
+        assert_eq!(validate(&points, &good).unwrap().faults(1e-12), [""; 0]);
+
+        let mut turned = good.clone();
+        turned[5].swap(0, 1);
+        let verdict = judged(&points, &turned);
+        assert!(
+            verdict.inverted == 1 && !verdict.valid_topology,
+            "{verdict:?}"
+        );
+
+        let mut extra = good.clone();
+        extra.push([0, 1, 2, 0]);
+        assert_eq!(judged(&points, &extra).flat, 1);
+
+        let mut twice = good.clone();
+        twice.push(good[7]);
+        assert!(judged(&points, &twice).overfull_faces > 0);
+
+        // An inner hole: all faces are shared properly, but volume is missing.
+        let hull_node = |n: u32| {
+            points[n as usize]
+                .iter()
+                .any(|&c| c == 0.0 || c == 4.0 * 0.7)
+        };
+        let inside = good
+            .iter()
+            .position(|t| !t.iter().any(|&n| hull_node(n)))
+            .unwrap();
+        let mut hole = good.clone();
+        hole.remove(inside);
+        let verdict = judged(&points, &hole);
+        assert!(verdict.volume < verdict.hull_volume * (1.0 - 1e-4));
+
+        let mut more = points.clone();
+        more.push([1.0, 1.1, 1.2]);
+        assert_eq!(judged(&more, &good).unused_nodes, 1);
+
+        // A node pushed through the far faces of its star.
+        let mut moved = points.clone();
+        let node = good[inside][0] as usize;
+        moved[node][0] += 2.0;
+        let verdict = judged(&moved, &good);
+        assert!(
+            verdict.inverted > 0 && verdict.valid_topology,
+            "{verdict:?}"
+        );
+
+        judged(&points, &[]);
+        judged(&[], &[]);
+        // Both sides of one tetrahedron: closed, without a hull.
+        let closed = judged(&points[..4], &[[0, 1, 2, 3], [1, 0, 2, 3]]);
+        assert!(closed.hull_faces == 0 && !closed.valid_topology);
+    }
+
+    #[test]
+    fn impossible_input_is_named() {
+        let mut points = lattice(2);
+        let twin = points[3];
+        points.push(twin);
+        let text = triangulate(&points).unwrap_err().to_string();
+        assert!(text.contains("1 points coincide"), "{text}");
+        points[2][1] = f64::NAN;
+        assert!(
+            triangulate(&points)
+                .unwrap_err()
+                .to_string()
+                .contains("node 2")
+        );
+        assert!(
+            validate(&points, &[])
+                .unwrap_err()
+                .to_string()
+                .contains("node 2")
+        );
+        let text = validate(&lattice(2), &[[0, 1, 2, 99]])
+            .unwrap_err()
+            .to_string();
+        assert!(text.contains("99"), "{text}");
+    }
+}
+
+#[cfg(test)]
+#[cfg(not(feature = "cgal"))]
+mod tests_without_cgal {
+    #[test]
+    fn says_what_is_missing() {
+        let text = super::triangulate(&[]).unwrap_err().to_string();
+        assert!(
+            text.contains("without CGAL") && text.contains("libcgal-dev"),
+            "{text}"
+        );
+        assert!(super::validate(&[], &[]).is_err());
+    }
+}

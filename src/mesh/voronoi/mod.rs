@@ -1,0 +1,181 @@
+//! Atoms in a box -> their Voronoi cells (PEBI grid), cut exactly by the box.
+//!
+//! - [`mirror`]: images of atoms outside the box, so that cells end on its sides
+//! - [`centre`]: centres of circumscribed spheres, also of flat simplices
+//! - [`rings`](mod@rings): the Delaunay simplices round every edge
+//! - [`nodes`]: the nodes of cells
+//! - [`needles`]: faces narrower than rounding, which are none
+//! - [`assemble`]: faces with nodes, in order
+//!
+//! The cells are the dual of the Delaunay triangulation of atoms and images: a node for every
+//! simplex (its centre), a face for every edge (square to it, half-way), a cell for every atom.
+
+mod assemble;
+mod centre;
+mod mirror;
+mod needles;
+mod nodes;
+mod rings;
+
+use rayon::prelude::*;
+
+use crate::error::{Error, Result, cause};
+use crate::mesh::delaunay;
+use crate::mesh::poly::PolyMesh;
+use crate::mesh::poly_check::check_poly;
+use mirror::Mirrored;
+
+/// Nodes nearer to one another, or to a side, than this share of the mean distance between atoms are
+/// one, or on it: far above rounding, far below anything that matters.
+const ONE_NODE: f64 = 1e-10;
+
+/// The Voronoi cells of atoms, cut by the box `[0, extent]`: cell i belongs to atom i.
+///
+/// All atoms must lie strictly inside. Sites are the atoms, rounded to about 1e-16 of the extent.
+/// Nodes that coincide (more than four atoms on one empty sphere, as in any perfect lattice) are
+/// one, and faces without area do not appear. Faces are flat and square to the line between their
+/// atoms to about 1e-10; faces on the box's sides have exactly the side's coordinate, and the cells'
+/// volumes add up to the box's.
+///
+/// # Errors
+/// [`Error::Delaunay`] if there is no atom, one lies on a side or outside, two are at one place, or
+/// built without TetGen.
+pub fn voronoi(atoms: &[[f64; 3]], extent: [f64; 3]) -> Result<PolyMesh<3>> {
+    voronoi_welded(atoms, extent, 0.0)
+}
+
+/// [`voronoi`] without its smallest faces: nodes nearer to one another than the share `weld` of their
+/// distance to the nearest atoms are one, and faces narrower than that are gone, with the connections
+/// across them. Faces at such places are no longer quite flat or square to their connections (by about
+/// `weld`); volumes still add up to the box's.
+///
+/// # Errors
+/// As [`voronoi`]; also if cells would not be closed or stay positive, as `weld` is too large.
+pub fn voronoi_welded(atoms: &[[f64; 3]], extent: [f64; 3], weld: f64) -> Result<PolyMesh<3>> {
+    cells(
+        atoms,
+        extent,
+        weld,
+        |points| Ok(delaunay::delaunay(points)?.tets),
+        centre::of_tetrahedron,
+    )
+}
+
+/// [`voronoi`] in the plane: polygons.
+///
+/// # Errors
+/// As [`voronoi`], but that it needs no TetGen.
+pub fn voronoi_plane(atoms: &[[f64; 2]], extent: [f64; 2]) -> Result<PolyMesh<2>> {
+    voronoi_plane_welded(atoms, extent, 0.0)
+}
+
+/// [`voronoi_welded`] in the plane: without the shortest edges.
+///
+/// # Errors
+/// As [`voronoi_welded`].
+pub fn voronoi_plane_welded(
+    atoms: &[[f64; 2]],
+    extent: [f64; 2],
+    weld: f64,
+) -> Result<PolyMesh<2>> {
+    cells(
+        atoms,
+        extent,
+        weld,
+        |points| Ok(delaunay::delaunay_plane(points)?.triangles),
+        centre::of_triangle,
+    )
+}
+
+fn cells<const D: usize, const N: usize>(
+    atoms: &[[f64; D]],
+    extent: [f64; D],
+    weld: f64,
+    triangulate: impl Fn(&[[f64; D]]) -> Result<Vec<[u32; N]>>,
+    centre: impl Fn([[f64; D]; N]) -> [f64; D] + Sync,
+) -> Result<PolyMesh<D>> {
+    let refuse =
+        |problem: String, remedy: &str| Error::Delaunay(cause("Voronoi cells", problem, remedy));
+    let atoms = mirror::rounded(atoms, extent);
+    if atoms.is_empty() || atoms.len() > u32::MAX as usize / 64 {
+        return Err(refuse(
+            format!("{} atoms", atoms.len()),
+            "give at least one, and fewer than 67 million",
+        ));
+    }
+    let outside = |x: &[f64; D]| !(0..D).all(|k| x[k] > 0.0 && x[k] < extent[k]);
+    if let Some(i) = atoms.iter().position(outside) {
+        return Err(refuse(
+            format!(
+                "atom {i} at {:?} is not inside the box {extent:?}",
+                atoms[i]
+            ),
+            "move it inside: cells need their atoms off the sides",
+        ));
+    }
+    let volume: f64 = extent.iter().product();
+    let tolerance = ONE_NODE * (volume / atoms.len() as f64).powf(1.0 / D as f64);
+    let mut mirrored = Mirrored::new(atoms, extent);
+    loop {
+        let simplices = rings::ordered(mirrored.atoms, &triangulate(&mirrored.points)?);
+        let nodes = nodes::centres(&mirrored, &simplices, extent, tolerance, &centre);
+        // How near to a node others are the same, if that depends on the node.
+        let size = |(simplex, node): (&[u32; N], &[f64; D])| {
+            let atom = &mirrored.points[simplex[0] as usize];
+            tolerance.max(weld * nodes::square(node, atom).sqrt())
+        };
+        let reaches: Vec<f64> = match weld > 0.0 {
+            true => simplices.par_iter().zip(&nodes).map(size).collect(),
+            false => Vec::new(),
+        };
+        let reach = |s: u32| reaches.get(s as usize).copied().unwrap_or(tolerance);
+        let one = |s: u32, t: u32| {
+            let reach = reach(s).min(reach(t));
+            nodes::square(&nodes[s as usize], &nodes[t as usize]) <= reach * reach
+        };
+        let narrow = |ring: &[u32]| {
+            let width = ring.iter().map(|&s| reach(s)).fold(f64::INFINITY, f64::min);
+            N > 3 && needles::narrow(ring.iter().map(|&s| nodes[s as usize]), width)
+        };
+        let rings = rings::rings(mirrored.atoms, &simplices, one, narrow);
+        let mut complete = true;
+        // A cell that reaches beyond a side lacks its image in that side.
+        for (simplex, node) in simplices.iter().zip(&nodes) {
+            let beyond = nodes::sides_beyond(node, extent);
+            for side in (0..2 * D).filter(|side| beyond >> side & 1 == 1) {
+                for &node in simplex {
+                    if (node as usize) < mirrored.atoms {
+                        complete &= !mirrored.add(node as usize, side);
+                    }
+                }
+            }
+        }
+        for &atom in rings.iter().flat_map(|part| &part.open) {
+            for side in 0..2 * D {
+                complete &= !mirrored.add(atom as usize, side);
+            }
+        }
+        if complete {
+            let mesh = assemble::assemble(&mirrored, rings, nodes, extent, reach)?;
+            if weld > 0.0 && !is_whole(&mesh) {
+                return Err(refuse(
+                    format!(
+                        "with nodes welded within {weld} of their distance to the atoms do not close"
+                    ),
+                    "weld less",
+                ));
+            }
+            return Ok(mesh);
+        }
+    }
+}
+
+/// Whether cells that have lost small faces are still cells.
+fn is_whole<const D: usize>(mesh: &PolyMesh<D>) -> bool {
+    let found = check_poly(mesh, [0.0; D], [1.0; D], f64::INFINITY);
+    found.problems.is_empty()
+}
+
+#[cfg(test)]
+#[cfg(feature = "tetgen")]
+mod tests;

@@ -1,0 +1,415 @@
+//! A mesh that can be changed in places: what a file holds, in slots that may be empty.
+
+use crate::error::cause;
+use crate::files::vtk::{DataArray, Values};
+use crate::image::Geometry;
+use crate::lattice::AtomKind;
+use crate::lattice::seeding::kind_in_box;
+use crate::report::Measured;
+use crate::store::file::{HORIZON_FACES, Placed};
+use crate::store::{FieldValue, MeshFile, face_bits_to_physical, turned};
+use crate::{Error, Result};
+
+/// Coordinates nearer to a side of the box than this, over its length, are on it: what is left of
+/// them after the way into the world and back.
+const ON_SIDE: f64 = 1e-9;
+
+/// Names of what is stored for each node and cell.
+const KIND: &str = "atom_kind";
+const FEATURE: &str = "feature";
+const DISTANCE: &str = "distance";
+const REGION: &str = "region";
+
+/// A mesh in slots.
+#[derive(Debug, Clone)]
+pub struct Body<const D: usize, M> {
+    place: String,
+    /// The far corner of the box.
+    pub extent: [f64; D],
+    /// Length of one sample along each axis of lattice space.
+    pub step: [f64; D],
+    /// From samples to physical coordinates.
+    pub geometry: Geometry<D>,
+    /// What belongs to the whole mesh.
+    pub fields: Vec<(String, FieldValue)>,
+    /// Nodes in lattice space.
+    pub nodes: Vec<[f64; D]>,
+    /// The same in the world.
+    pub physical: Vec<[f64; D]>,
+    /// What each node may do.
+    pub kinds: Vec<AtomKind>,
+    /// d at each node.
+    pub distance: Vec<f32>,
+    /// b at each node.
+    pub feature: Vec<f32>,
+    /// Whether there is a node in the slot.
+    pub used: Vec<bool>,
+    /// Node numbers of cells, positively oriented in lattice space, [`NOTHING`] in an empty slot.
+    corners: Vec<u32>,
+    /// Each cell's region.
+    pub region: Vec<i32>,
+    angle: Vec<f32>,
+    volume: Vec<f32>,
+    /// As in the file: of the cells in the world.
+    bits: Vec<u8>,
+    /// The same of faces on horizons.
+    horizons: Vec<u8>,
+    /// Numbers that nodes shall have in the end, with those they have.
+    pub renamed: Vec<(u32, u32)>,
+    mesh: std::marker::PhantomData<M>,
+}
+
+/// In an empty slot.
+const NOTHING: u32 = u32::MAX;
+
+impl<const D: usize, M: Measured<D>> Body<D, M> {
+    /// Of a file, which `place` names in errors. What is stored for each node or cell besides what
+    /// [`mesh_image`](crate::job::mesh_image) stores is dropped.
+    ///
+    /// # Errors
+    /// [`Error::Mesh`] if the file does not say where its lattice space is, or what its nodes are.
+    pub fn new(file: MeshFile<M>, place: &str) -> Result<Self> {
+        let MeshFile {
+            mesh,
+            point_data,
+            cell_data,
+            field_data,
+        } = file;
+        let nodes = mesh.nodes().len();
+        let cells = mesh.len();
+        let placed = Placed::new(
+            MeshFile {
+                mesh,
+                field_data: field_data.clone(),
+                point_data: Vec::new(),
+                cell_data: Vec::new(),
+            },
+            place,
+        )?;
+        let of_nodes = |name: &str| array(&point_data, name, nodes);
+        let of_cells = |name: &str| array(&cell_data, name, cells);
+        let refuse = |problem: String| {
+            Error::Mesh(cause(place, problem, "give a mesh that atomesh mesh wrote"))
+        };
+        if !placed.by_file {
+            return Err(refuse("does not say where its lattice space is".into()));
+        }
+        let lacks = |name: &str| refuse(format!("lacks the point data {name}"));
+        let distance = of_nodes(DISTANCE).ok_or_else(|| lacks(DISTANCE))?;
+        if !distance.iter().all(|d| *d > 0.0) {
+            return Err(refuse(format!(
+                "has point data {DISTANCE} that are not positive"
+            )));
+        }
+        let extent = placed.extent;
+        let on_sides = |x: &[f64; D]| -> [f64; D] {
+            std::array::from_fn(|k| match x[k] {
+                c if c.abs() <= ON_SIDE * extent[k] => 0.0,
+                c if (c - extent[k]).abs() <= ON_SIDE * extent[k] => extent[k],
+                c => c,
+            })
+        };
+        let lattice: Vec<[f64; D]> = placed.lattice.nodes().iter().map(on_sides).collect();
+        let kinds = of_nodes(KIND).unwrap_or_default();
+        let kind = |n: usize| match kinds.get(n) {
+            Some(kind) if *kind == f64::from(AtomKind::Fixed as u8) => AtomKind::Fixed,
+            _ => kind_in_box(lattice[n], extent),
+        };
+        let floats = |values: Option<Vec<f64>>, count: usize| -> Vec<f32> {
+            let values = values.unwrap_or_else(|| vec![0.0; count]);
+            values.into_iter().map(|v| v as f32).collect()
+        };
+        let whole = |values: Option<Vec<f64>>| values.unwrap_or_else(|| vec![0.0; cells]);
+        let bits = |name: &str| {
+            let values = whole(of_cells(name)).into_iter();
+            values.map(|b| b as u8).collect()
+        };
+        Ok(Self {
+            place: place.to_string(),
+            extent,
+            step: placed.step,
+            geometry: placed.geometry,
+            fields: field_data,
+            kinds: (0..nodes).map(kind).collect(),
+            nodes: lattice,
+            physical: placed.physical.nodes().to_vec(),
+            distance: distance.into_iter().map(|d| d as f32).collect(),
+            feature: floats(of_nodes(FEATURE), nodes),
+            used: vec![true; nodes],
+            corners: placed.lattice.connectivity().to_vec(),
+            region: (whole(of_cells(REGION)).into_iter())
+                .map(|r| r as i32)
+                .collect(),
+            angle: floats(of_cells(M::MIN_ANGLE), cells),
+            volume: floats(of_cells(M::VOLUME), cells),
+            bits: bits(M::FEATURE_FACES),
+            horizons: bits(HORIZON_FACES),
+            renamed: Vec::new(),
+            mesh: std::marker::PhantomData,
+        })
+    }
+
+    /// Checks that an image of these dims fills the mesh's box.
+    ///
+    /// # Errors
+    /// [`Error::Image`] if it does not.
+    pub fn check_dims(&self, dims: [usize; D]) -> Result<()> {
+        let own: [f64; D] = std::array::from_fn(|k| self.extent[k] / self.step[k] + 1.0);
+        if (0..D).any(|k| (dims[k] as f64 - own[k]).abs() > 1e-6) {
+            return Err(Error::Image(cause(
+                &self.place,
+                format!("was made of an image of {own:?} samples, not of {dims:?}"),
+                "give the image that was meshed",
+            )));
+        }
+        Ok(())
+    }
+
+    /// The name of the mesh in errors.
+    pub fn place(&self) -> &str {
+        &self.place
+    }
+
+    /// Slots of cells.
+    pub fn cells(&self) -> usize {
+        self.corners.len() / (D + 1)
+    }
+
+    /// The node numbers of a cell; `None` in an empty slot.
+    pub fn cell(&self, c: usize) -> Option<&[u32]> {
+        let cell = &self.corners[(D + 1) * c..(D + 1) * (c + 1)];
+        (cell[0] != NOTHING).then_some(cell)
+    }
+
+    /// The nominal distance at the node nearest to a position.
+    pub fn distance_near(&self, x: [f64; D]) -> f64 {
+        let gap = |n: usize| -> f64 { (0..D).map(|k| (self.nodes[n][k] - x[k]).powi(2)).sum() };
+        let (_, nearest) = (0..self.nodes.len())
+            .filter(|&n| self.used[n])
+            .map(|n| (gap(n), n))
+            .fold(
+                (f64::INFINITY, 0),
+                |best, one| if one.0 < best.0 { one } else { best },
+            );
+        f64::from(self.distance[nearest])
+    }
+
+    /// An empty slot for a node.
+    pub fn add_node(&mut self) -> u32 {
+        self.nodes.push([0.0; D]);
+        self.physical.push([0.0; D]);
+        self.kinds.push(AtomKind::Interior);
+        self.distance.push(0.0);
+        self.feature.push(0.0);
+        self.used.push(true);
+        (self.nodes.len() - 1) as u32
+    }
+
+    /// Puts a node elsewhere.
+    pub fn put_node(&mut self, n: usize, x: [f64; D]) {
+        self.nodes[n] = x;
+        self.physical[n] = self
+            .geometry
+            .to_physical(std::array::from_fn(|k| x[k] / self.step[k]));
+    }
+
+    /// Puts a node of known lattice position at `x` in the world, if that is the same place to
+    /// rounding.
+    pub fn place_exactly(&mut self, n: usize, x: [f64; D]) {
+        let Some(index) = self.geometry.to_index(x) else {
+            return;
+        };
+        let off = |k: usize| (index[k] * self.step[k] - self.nodes[n][k]).abs() / self.extent[k];
+        if (0..D).all(|k| off(k) <= ON_SIDE) {
+            self.physical[n] = x;
+        }
+    }
+
+    /// Exchanges the cells in `slots` for those of `part`, whose nodes have the given `numbers` here;
+    /// `bits` (of faces on features, and on horizons; those may be none) and `regions` are those of
+    /// the part's cells, all in lattice space.
+    pub fn exchange(
+        &mut self,
+        slots: &[usize],
+        part: &M,
+        numbers: &[u32],
+        bits: [&[u8]; 2],
+        regions: &[i32],
+    ) {
+        let [bits, horizons] = bits.map(|bits| face_bits_to_physical(bits, &self.geometry));
+        let nodes = part.nodes().iter().zip(numbers);
+        let in_world: Vec<[f64; D]> = nodes.map(|(_, &n)| self.physical[n as usize]).collect();
+        let in_world = turned(part, in_world, &self.geometry);
+        let angles = part.smallest_angles();
+        for c in 0..part.len().max(slots.len()) {
+            let slot = slots.get(c).copied().unwrap_or_else(|| {
+                self.corners.extend([NOTHING; 4].iter().take(D + 1));
+                self.region.push(0);
+                self.angle.push(0.0);
+                self.volume.push(0.0);
+                self.bits.push(0);
+                self.horizons.push(0);
+                self.cells() - 1
+            });
+            let corners = &mut self.corners[(D + 1) * slot..(D + 1) * (slot + 1)];
+            if c >= part.len() {
+                corners.fill(NOTHING);
+                continue;
+            }
+            for (corner, &local) in corners.iter_mut().zip(part.cell(c)) {
+                *corner = numbers[local as usize];
+            }
+            self.region[slot] = regions[c];
+            self.bits[slot] = bits[c];
+            self.horizons[slot] = horizons.get(c).copied().unwrap_or(0);
+            self.angle[slot] = angles[c];
+            self.volume[slot] = in_world.volume(c) as f32;
+        }
+    }
+
+    /// Gives nodes the numbers that they shall have, and puts the last ones into slots that are
+    /// empty; `atoms` are numbers of nodes that follow. The same for cells.
+    pub fn compact(&mut self, atoms: &mut [Option<u32>]) {
+        // Where the node in each slot goes.
+        let mut place: Vec<u32> = (0..self.nodes.len() as u32).collect();
+        for (old, new) in std::mem::take(&mut self.renamed) {
+            self.move_node(old as usize, new as usize);
+            place[old as usize] = new;
+        }
+        let mut end = self.nodes.len();
+        for hole in 0..self.nodes.len() {
+            if self.used[hole] {
+                continue;
+            }
+            while end > hole && !self.used[end - 1] {
+                end -= 1;
+            }
+            if end <= hole {
+                break;
+            }
+            self.move_node(end - 1, hole);
+            // The node may have come to the end by a new number.
+            for p in place.iter_mut().filter(|p| **p as usize == end - 1) {
+                *p = hole as u32;
+            }
+            end -= 1;
+        }
+        let count = self.used.iter().take_while(|used| **used).count();
+        self.nodes.truncate(count);
+        self.physical.truncate(count);
+        self.kinds.truncate(count);
+        self.distance.truncate(count);
+        self.feature.truncate(count);
+        self.used.truncate(count);
+        for corner in self.corners.iter_mut().filter(|c| **c != NOTHING) {
+            *corner = place[*corner as usize];
+        }
+        for atom in atoms.iter_mut().flatten() {
+            *atom = place[*atom as usize];
+        }
+        self.compact_cells();
+    }
+
+    fn move_node(&mut self, from: usize, to: usize) {
+        self.nodes[to] = self.nodes[from];
+        self.physical[to] = self.physical[from];
+        self.kinds[to] = self.kinds[from];
+        self.distance[to] = self.distance[from];
+        self.feature[to] = self.feature[from];
+        (self.used[to], self.used[from]) = (true, false);
+    }
+
+    fn compact_cells(&mut self) {
+        let size = D + 1;
+        let mut end = self.cells();
+        for hole in 0..self.cells() {
+            if self.cell(hole).is_some() {
+                continue;
+            }
+            while end > hole && self.cell(end - 1).is_none() {
+                end -= 1;
+            }
+            if end <= hole {
+                break;
+            }
+            end -= 1;
+            self.corners
+                .copy_within(size * end..size * (end + 1), size * hole);
+            self.corners[size * end] = NOTHING;
+            self.region[hole] = self.region[end];
+            self.angle[hole] = self.angle[end];
+            self.volume[hole] = self.volume[end];
+            self.bits[hole] = self.bits[end];
+            self.horizons[hole] = self.horizons[end];
+        }
+        let count = (0..self.cells())
+            .take_while(|&c| self.cell(c).is_some())
+            .count();
+        self.corners.truncate(size * count);
+        self.region.truncate(count);
+        self.angle.truncate(count);
+        self.volume.truncate(count);
+        self.bits.truncate(count);
+        self.horizons.truncate(count);
+    }
+
+    /// As a file holds it; after [`compact`](Self::compact).
+    pub fn into_file(self) -> MeshFile<M> {
+        let kinds: Vec<u8> = self.kinds.iter().map(|&kind| kind as u8).collect();
+        let lattice = M::from_parts(self.nodes, self.corners);
+        // A field of the same name further down is a newer one.
+        let mut fields: Vec<(String, FieldValue)> = Vec::new();
+        for (name, value) in self.fields {
+            match fields.iter_mut().find(|(known, _)| *known == name) {
+                Some(field) => field.1 = value,
+                None => fields.push((name, value)),
+            }
+        }
+        let mut file = MeshFile {
+            mesh: turned(&lattice, self.physical, &self.geometry),
+            point_data: vec![
+                DataArray::scalars(KIND, kinds),
+                DataArray::scalars(FEATURE, self.feature),
+                DataArray::scalars(DISTANCE, self.distance),
+            ],
+            cell_data: vec![
+                DataArray::scalars(REGION, self.region),
+                DataArray::scalars(M::MIN_ANGLE, self.angle),
+                DataArray::scalars(M::VOLUME, self.volume),
+                DataArray::scalars(M::FEATURE_FACES, self.bits),
+            ],
+            field_data: fields,
+        };
+        if self.horizons.iter().any(|&bits| bits != 0) {
+            let array = DataArray::scalars(HORIZON_FACES, self.horizons);
+            file.cell_data.push(array);
+        }
+        file
+    }
+}
+
+/// Names of arrays that an edit cannot carry over.
+pub fn dropped<const D: usize, M: Measured<D>>(file: &MeshFile<M>) -> Vec<String> {
+    let known = [
+        KIND,
+        FEATURE,
+        DISTANCE,
+        REGION,
+        M::MIN_ANGLE,
+        M::VOLUME,
+        M::FEATURE_FACES,
+        HORIZON_FACES,
+    ];
+    let arrays = file.point_data.iter().chain(&file.cell_data);
+    let names = arrays.map(|array| array.name.clone());
+    names
+        .filter(|name| !known.contains(&name.as_str()))
+        .collect()
+}
+
+/// A scalar array of the right length.
+fn array(arrays: &[DataArray], name: &str, count: usize) -> Option<Vec<f64>> {
+    let array = arrays.iter().find(|array| array.name == name)?;
+    let right = array.components == 1 && array.values.len() == count;
+    right.then(|| Values::to_f64(&array.values))
+}

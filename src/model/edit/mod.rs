@@ -1,0 +1,220 @@
+//! Local edits of a mesh: atoms are added, moved and removed, and only their neighbourhood changes.
+//!
+//! As Hale (2002) describes it: atoms near an edited one are warm, those five d away and beyond are
+//! frozen. Warm atoms move again to lower the lattice's energy in the image, and only the cells that
+//! have a warm atom are made anew. All work is done on the neighbourhood: its atoms, its cells, and
+//! the part of the image that filters see from there; only looking for it goes over the whole mesh.
+//!
+//! - [`resolve`](mod@resolve): what the user asks for -> changes, checked, in groups that do not meet
+//! - [`window`]: the part of an image round an edit
+//! - [`spacing`]: d(x) there, as the mesh knows it
+//! - [`neighbourhood`]: the atoms and cells round an edit, and what becomes of them
+//! - [`body`]: a mesh that can be changed in places
+
+pub mod body;
+pub mod neighbourhood;
+pub mod resolve;
+pub mod spacing;
+pub mod window;
+
+use serde::Serialize;
+
+use crate::error::cause;
+use crate::feature;
+use crate::image::Image;
+use crate::job::{Meshing, Params, Space, lattice_beta};
+use crate::lattice::optimize::Observer;
+use crate::report::{Clock, Measured, Quality, StageCost};
+use crate::store::file::{settled_field, settled_of};
+use crate::store::{FieldValue, MeshFile};
+use crate::{Error, Result};
+use body::Body;
+use neighbourhood::{Context, Scope};
+
+/// What shall happen to one atom; positions are physical.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Change<const D: usize> {
+    /// A new atom.
+    Add([f64; D]),
+    /// The atom goes elsewhere.
+    Move(u32, [f64; D]),
+    /// The atom goes away.
+    Remove(u32),
+}
+
+/// One edit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Edit<const D: usize> {
+    /// What to call it in an error, e.g. `--add 1,2,3`.
+    pub name: String,
+    /// What shall happen.
+    pub change: Change<D>,
+}
+
+/// What became of the neighbourhoods of all edits.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Summary {
+    /// For each edit, the number that its atom has in the new mesh.
+    pub atoms: Vec<Option<u32>>,
+    /// Atoms that could move.
+    pub warm: usize,
+    /// Atoms that made room for added and moved ones.
+    pub made_room: usize,
+    /// Nodes of the mesh before and after.
+    pub nodes: [usize; 2],
+    /// Cells of the neighbourhoods before and after.
+    pub cells: [usize; 2],
+    /// Samples of the image in which features were sought.
+    pub samples: usize,
+    /// Evaluations of the energy.
+    pub evaluations: usize,
+    /// Shapes of the neighbourhoods' cells before and after, in lattice space.
+    pub quality: [Option<Quality>; 2],
+    /// Lines that the user should know.
+    pub notes: Vec<String>,
+    /// What each stage cost.
+    pub stages: Vec<StageCost>,
+}
+
+/// An edited mesh.
+#[derive(Debug, Clone)]
+pub struct Edited<M> {
+    /// The mesh, with all that was known of it.
+    pub file: MeshFile<M>,
+    /// What was done.
+    pub summary: Summary,
+}
+
+/// Edits a mesh that [`mesh_image`](crate::job::mesh_image) made of `image`, with the parameters
+/// it was made with. Added and moved atoms stay exactly where they are put, unless `free`: then they
+/// only begin there and move as others do.
+///
+/// Nodes and cells farther than five d and a cell from every edited position are the same bits as
+/// before. Nodes keep their numbers, but that nodes that go leave theirs to new ones or else to the
+/// last ones.
+///
+/// # Errors
+/// [`Error::Mesh`] for a mesh that does not say what it is or an atom that does not exist or cannot
+/// go; [`Error::Seeding`] for a position outside the box or at the place of another atom;
+/// [`Error::Image`] for an image of other dims; [`Error::Job`] if the observer asked to stop.
+pub fn edit<const D: usize, M: Measured<D>>(
+    file: MeshFile<M>,
+    place: &str,
+    image: &Image<D>,
+    params: &Params<D>,
+    edits: &[Edit<D>],
+    free: bool,
+    observer: &mut dyn Observer,
+) -> Result<Edited<M>>
+where
+    Space<D>: Meshing<D, Mesh = M>,
+{
+    let mut clock = Clock::new();
+    let mut begin = |clock: &mut Clock, stage: &str| -> Result<()> {
+        if !observer.keep_going() {
+            return Err(Error::Job(cause(
+                stage,
+                "interrupted",
+                "start the edit again",
+            )));
+        }
+        clock.begin(stage);
+        observer.stage(stage);
+        Ok(())
+    };
+    let settled = settled_of(&file);
+    let mut body = Body::new(file, place)?;
+    body.check_dims(image.dims())?;
+    let mut summary = Summary {
+        nodes: [body.nodes.len(), 0],
+        atoms: vec![None; edits.len()],
+        ..Summary::default()
+    };
+    let settled = match settled {
+        Some(settled) => settled,
+        None => {
+            begin(&mut clock, "finding features everywhere")?;
+            let options = params.feature_options(body.step);
+            let settled = feature::detect(image, &options)?.settled;
+            summary.notes.push(
+                "the mesh does not say how its features were found, so all of the image was looked \
+                 at; the new mesh says it"
+                    .into(),
+            );
+            body.fields.extend(settled_field(&settled));
+            settled
+        }
+    };
+    let beta = lattice_beta(&params.beta, image.dims(), body.step)?;
+    let context = Context {
+        image,
+        params,
+        settled: &settled,
+        beta: &beta,
+        edits,
+    };
+    begin(&mut clock, "finding neighbourhoods")?;
+    let groups = resolve::resolve(&body, edits, free)?;
+    let mut quality: [Option<M>; 2] = [None, None];
+    for group in groups {
+        begin(&mut clock, "finding neighbours")?;
+        let mut scope = Scope::new(&body, group, &context);
+        begin(&mut clock, "finding features")?;
+        let scene = scope.look(&body, &context)?;
+        begin(&mut clock, "moving atoms")?;
+        scope.relax(&scene, &context, &mut summary)?;
+        begin(&mut clock, "mending the mesh")?;
+        let parts = scope.rejoin(&mut body, &scene, &context, &mut summary)?;
+        for (all, part) in quality.iter_mut().zip(parts) {
+            append(all, part);
+        }
+    }
+    clock.begin("putting it together");
+    summary.quality = quality.map(|mesh| mesh.as_ref().map(crate::report::quality));
+    body.compact(&mut summary.atoms);
+    body.fields.push(history(&body.fields, edits));
+    summary.nodes[1] = body.nodes.len();
+    let file = body.into_file();
+    clock.end();
+    summary.stages = clock.costs().to_vec();
+    Ok(Edited { file, summary })
+}
+
+/// Adds a part's cells to those of others.
+fn append<const D: usize, M: Measured<D>>(all: &mut Option<M>, part: M) {
+    let Some(mesh) = all.take() else {
+        *all = Some(part);
+        return;
+    };
+    let shift = mesh.nodes().len() as u32;
+    let nodes = [mesh.nodes(), part.nodes()].concat();
+    let mut corners = mesh.connectivity().to_vec();
+    corners.extend(part.connectivity().iter().map(|n| n + shift));
+    *all = Some(M::from_parts(nodes, corners));
+}
+
+/// The name under which a file keeps its edits.
+const EDITS: &str = "edits";
+
+/// All edits since the mesh was made, one a line: parameters alone do not say any more what it is.
+fn history<const D: usize>(
+    fields: &[(String, FieldValue)],
+    edits: &[Edit<D>],
+) -> (String, FieldValue) {
+    let mut lines: Vec<String> = Vec::new();
+    for (name, value) in fields {
+        if let (EDITS, FieldValue::Text(text)) = (name.as_str(), value) {
+            lines.extend(text.lines().map(str::to_string));
+        }
+    }
+    let point = |x: &[f64; D]| x.map(|c| c.to_string()).join(",");
+    lines.extend(edits.iter().map(|edit| match &edit.change {
+        Change::Add(x) => format!("add {}", point(x)),
+        Change::Move(n, x) => format!("move {n} {}", point(x)),
+        Change::Remove(n) => format!("remove {n}"),
+    }));
+    (EDITS.into(), FieldValue::Text(lines.join("\n")))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,230 @@
+//! What the user asks for -> changes of the lattice, checked, in groups whose neighbourhoods do not
+//! meet.
+
+use super::body::Body;
+use super::{Change, Edit};
+use crate::error::cause;
+use crate::job::{FixedAtom, lattice_points};
+use crate::lattice::AtomKind;
+use crate::lattice::distance::Distance;
+use crate::lattice::seeding::{Alignment, fixed, kind_in_box, sides_held};
+use crate::report::Measured;
+use crate::{Error, Result};
+
+/// A change of the lattice; positions are of lattice space.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Action<const D: usize> {
+    /// An atom goes.
+    Go {
+        /// Its number.
+        node: u32,
+    },
+    /// An atom comes.
+    Come {
+        /// Where.
+        to: [f64; D],
+        /// The number that it shall have, if it comes from elsewhere.
+        number: Option<u32>,
+    },
+    /// An atom goes a little way.
+    Shift {
+        /// Its number.
+        node: u32,
+        /// Where to.
+        to: [f64; D],
+    },
+}
+
+/// An action, and where it comes from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Step<const D: usize> {
+    /// What shall happen.
+    pub action: Action<D>,
+    /// The number of the edit.
+    pub edit: usize,
+    /// What the atom will be that comes or is shifted.
+    pub kind: AtomKind,
+}
+
+/// Steps near one another.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Group<const D: usize> {
+    /// What shall happen.
+    pub steps: Vec<Step<D>>,
+    /// Every position where an atom comes, goes or was, with the d that is there.
+    pub edited: Vec<([f64; D], f64)>,
+}
+
+/// Atoms that go farther than this, in units of d, leave their place and come anew.
+const SHIFT: f64 = 0.7;
+
+/// Beyond this, in units of d, nothing is of interest to an edit: warm atoms are within five d, the
+/// cells that they have within 1.7 more, and the atoms that these feel are not farther.
+pub const REACH: f64 = 7.5;
+
+/// Checks edits and sorts them into groups; with `free`, atoms are not fixed where they are put.
+///
+/// # Errors
+/// [`Error::Mesh`] for an atom that does not exist, is edited twice or is a corner of the box;
+/// [`Error::Seeding`] for a place outside the box or that of another atom.
+pub fn resolve<const D: usize, M: Measured<D>>(
+    body: &Body<D, M>,
+    edits: &[Edit<D>],
+    free: bool,
+) -> Result<Vec<Group<D>>> {
+    check_atoms(body, edits)?;
+    let targets = targets(body, edits)?;
+    let mut all = Vec::new();
+    for (number, (edit, target)) in edits.iter().zip(targets).enumerate() {
+        let step = |action| Step {
+            action,
+            edit: number,
+            kind: match target {
+                Some(to) if free => kind_in_box(to, body.extent),
+                _ => AtomKind::Fixed,
+            },
+        };
+        let at = |node: u32| body.nodes[node as usize];
+        let one = |action, places: &[[f64; D]]| Group {
+            steps: vec![step(action)],
+            edited: (places.iter())
+                .map(|&x| (x, body.distance_near(x)))
+                .collect(),
+        };
+        match (edit.change, target) {
+            (Change::Remove(node), _) => all.push(one(Action::Go { node }, &[at(node)])),
+            (Change::Move(node, _), Some(to)) => {
+                let from = at(node);
+                let far = square(from, to).sqrt() > SHIFT * body.distance_near(from);
+                if far || sides(from, body.extent) != sides(to, body.extent) {
+                    let number = Some(node);
+                    all.push(one(Action::Go { node }, &[from]));
+                    all.push(one(Action::Come { to, number }, &[to]));
+                } else {
+                    all.push(one(Action::Shift { node, to }, &[from, to]));
+                }
+            }
+            (_, Some(to)) => all.push(one(Action::Come { to, number: None }, &[to])),
+            (_, None) => {}
+        }
+    }
+    Ok(grouped(all))
+}
+
+/// The square of the distance between two positions.
+pub fn square<const D: usize>(x: [f64; D], y: [f64; D]) -> f64 {
+    (0..D).map(|k| (x[k] - y[k]).powi(2)).sum()
+}
+
+/// The sides of the box on which a position lies: two bits an axis.
+pub fn sides<const D: usize>(x: [f64; D], extent: [f64; D]) -> u32 {
+    let bits = |k: usize| u32::from(x[k] <= 0.0) | u32::from(x[k] >= extent[k]) << 1;
+    (0..D).fold(0, |all, k| all | bits(k) << (2 * k))
+}
+
+/// Atoms must exist, be no corners, and be edited once.
+fn check_atoms<const D: usize, M: Measured<D>>(body: &Body<D, M>, edits: &[Edit<D>]) -> Result<()> {
+    let mut seen: Vec<(u32, &str)> = Vec::new();
+    for edit in edits {
+        let (Change::Move(node, _) | Change::Remove(node)) = edit.change else {
+            continue;
+        };
+        let refuse =
+            |problem: String, remedy: &str| Err(Error::Mesh(cause(&edit.name, problem, remedy)));
+        let count = body.nodes.len();
+        if node as usize >= count {
+            return refuse(
+                format!(
+                    "{} has no atom {node}: they are 0 to {}",
+                    body.place(),
+                    count - 1
+                ),
+                "give the number of a point of the mesh, as ParaView shows it",
+            );
+        }
+        if sides_held(body.nodes[node as usize], body.extent) == D {
+            return refuse(
+                format!("atom {node} is a corner of the box, which the mesh must fill"),
+                "give another atom",
+            );
+        }
+        if let Some((_, other)) = seen.iter().find(|(other, _)| *other == node) {
+            return refuse(
+                format!("atom {node} is edited by {other}, too"),
+                "keep one of the two",
+            );
+        }
+        seen.push((node, &edit.name));
+    }
+    Ok(())
+}
+
+/// Where atoms come or are moved to, in lattice space: in the box, on its sides exactly, and not at the
+/// place of another atom that stays.
+fn targets<const D: usize, M: Measured<D>>(
+    body: &Body<D, M>,
+    edits: &[Edit<D>],
+) -> Result<Vec<Option<[f64; D]>>> {
+    let target = |edit: &Edit<D>| match edit.change {
+        Change::Add(position) | Change::Move(_, position) => Some(position),
+        Change::Remove(_) => None,
+    };
+    let placed: Vec<(usize, FixedAtom<D>)> = (edits.iter().enumerate())
+        .filter_map(|(n, edit)| {
+            let name = edit.name.clone();
+            target(edit).map(|position| (n, FixedAtom { name, position }))
+        })
+        .collect();
+    let points: Vec<FixedAtom<D>> = placed.iter().map(|(_, point)| point.clone()).collect();
+    let points = lattice_points(&points, &body.geometry, body.step, body.extent)?;
+    let least = body.distance.iter().copied().fold(f32::INFINITY, f32::min);
+    let least = Distance::Constant(f64::from(least));
+    let points = fixed::checked(&points, body.extent, &least, Alignment::On)?;
+    let leaves = |node: usize| {
+        let of = |edit: &Edit<D>| match edit.change {
+            Change::Move(n, _) | Change::Remove(n) => n as usize == node,
+            Change::Add(_) => false,
+        };
+        edits.iter().any(of)
+    };
+    let mut targets = vec![None; edits.len()];
+    for ((number, point), to) in placed.iter().zip(points) {
+        let same = 1e-6 * body.distance_near(to);
+        for (node, &x) in body.nodes.iter().enumerate() {
+            let stays = body.kinds[node] == AtomKind::Fixed || sides_held(x, body.extent) == D;
+            if stays && square(x, to) <= same * same && !leaves(node) {
+                return Err(Error::Seeding(cause(
+                    &point.name,
+                    format!("is at the place of atom {node}, which stays where it is"),
+                    "give another place, or move or remove that atom",
+                )));
+            }
+        }
+        targets[*number] = Some(to);
+    }
+    Ok(targets)
+}
+
+/// Unites groups whose neighbourhoods may meet.
+fn grouped<const D: usize>(mut all: Vec<Group<D>>) -> Vec<Group<D>> {
+    let meet = |a: &Group<D>, b: &Group<D>| {
+        let near = |(x, d): &([f64; D], f64)| {
+            let reach = |e: f64| REACH * (d + e);
+            b.edited
+                .iter()
+                .any(|&(y, e)| square(*x, y) < reach(e).powi(2))
+        };
+        a.edited.iter().any(near)
+    };
+    let mut groups: Vec<Group<D>> = Vec::new();
+    while let Some(mut group) = (!all.is_empty()).then(|| all.remove(0)) {
+        // Whatever meets what has been united may meet another, too.
+        while let Some(other) = all.iter().position(|other| meet(&group, other)) {
+            let other = all.remove(other);
+            group.steps.extend(other.steps);
+            group.edited.extend(other.edited);
+        }
+        groups.push(group);
+    }
+    groups
+}

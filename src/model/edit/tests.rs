@@ -1,0 +1,466 @@
+use std::collections::BTreeSet;
+
+use super::*;
+use crate::image::Geometry;
+use crate::job::{BOX_TOLERANCE, FixedAtom, Spacing, mesh_image};
+use crate::lattice::AtomKind;
+use crate::lattice::optimize::Unobserved;
+use crate::mesh::check::check;
+use crate::report::{Reference, fidelity, quality};
+use crate::store::file::{Placed, Provenance, to_file};
+
+/// An image with a bright curved sheet across it, somewhere in the world.
+fn image<const D: usize>(dims: [usize; D]) -> Image<D> {
+    let value = |i: usize| {
+        let mut rest = i;
+        let x: [f64; D] = std::array::from_fn(|k| {
+            let at = rest % dims[k];
+            rest /= dims[k];
+            at as f64
+        });
+        let off = x[0] - 20.0 - 0.2 * x[1] + 2.0 * (0.1 * x[D - 1]).sin();
+        (-0.5 * (off / 1.5).powi(2)).exp() as f32
+    };
+    // Left-handed, as depth downwards makes it.
+    let mut spacing = [2.0; D];
+    spacing[D - 1] = -2.0;
+    let geometry = Geometry::with_spacing([100.0; D], spacing);
+    Image::new(
+        dims,
+        (0..dims.iter().product()).map(value).collect(),
+        geometry,
+    )
+}
+
+fn world<const D: usize>(sample: [f64; D]) -> [f64; D] {
+    std::array::from_fn(|k| 100.0 + if k + 1 == D { -2.0 } else { 2.0 } * sample[k])
+}
+
+fn params<const D: usize>(d: f64) -> Params<D> {
+    Params {
+        spacing: Spacing::Constant(d),
+        feature: feature::Kind::Ridges,
+        ..Params::default()
+    }
+}
+
+fn made<const D: usize, M: Measured<D>>(image: &Image<D>, params: &Params<D>) -> MeshFile<M>
+where
+    Space<D>: Meshing<D, Mesh = M>,
+{
+    let outcome = mesh_image(image, params, &mut Unobserved).unwrap();
+    to_file(&outcome, &image.geometry, &Provenance::default())
+}
+
+fn named<const D: usize>(changes: &[Change<D>]) -> Vec<Edit<D>> {
+    let edit = |(n, &change)| Edit {
+        name: format!("edit {n}"),
+        change,
+    };
+    changes.iter().enumerate().map(edit).collect()
+}
+
+fn edited<const D: usize, M: Measured<D>>(
+    file: &MeshFile<M>,
+    image: &Image<D>,
+    params: &Params<D>,
+    changes: &[Change<D>],
+) -> Result<Edited<M>>
+where
+    Space<D>: Meshing<D, Mesh = M>,
+{
+    let edits = named(changes);
+    edit(
+        file.clone(),
+        "mesh",
+        image,
+        params,
+        &edits,
+        false,
+        &mut Unobserved,
+    )
+}
+
+/// The node nearest to a position in samples.
+fn nearest<const D: usize, M: Measured<D>>(file: &MeshFile<M>, sample: [f64; D]) -> u32 {
+    let x = world(sample);
+    let gap = |n: usize| resolve::square(file.mesh.nodes()[n], x);
+    let nodes = 0..file.mesh.nodes().len();
+    nodes.min_by(|&a, &b| gap(a).total_cmp(&gap(b))).unwrap() as u32
+}
+
+fn bits<const D: usize>(x: [f64; D]) -> [u64; D] {
+    x.map(f64::to_bits)
+}
+
+/// Nodes farther than `radius` (world units) from all positions, and cells all of whose nodes are, as
+/// bits; with each cell what is stored for it.
+type Far<const D: usize> = (BTreeSet<[u64; D]>, BTreeSet<(Vec<[u64; D]>, Vec<u64>)>);
+
+fn far<const D: usize, M: Measured<D>>(
+    file: &MeshFile<M>,
+    from: &[[f64; D]],
+    radius: f64,
+) -> Far<D> {
+    let nodes = file.mesh.nodes();
+    let is_far = |x: [f64; D]| {
+        from.iter()
+            .all(|&y| resolve::square(x, y) > radius * radius)
+    };
+    let data: Vec<Vec<f64>> = file.cell_data.iter().map(|a| a.values.to_f64()).collect();
+    let cells = (0..file.mesh.len()).filter_map(|c| {
+        let corners: Vec<[f64; D]> = (file.mesh.cell(c).iter())
+            .map(|&n| nodes[n as usize])
+            .collect();
+        let stored = data.iter().map(|a| a[c].to_bits()).collect();
+        let all = corners.iter().all(|&x| is_far(x));
+        all.then(|| (corners.into_iter().map(bits).collect(), stored))
+    });
+    let cells = cells.collect();
+    let nodes = nodes.iter().copied().filter(|&x| is_far(x)).map(bits);
+    (nodes.collect(), cells)
+}
+
+/// Adds, moves (a little and far) and removes atoms, near one another and apart.
+fn edits_stay_local<const D: usize, M: Measured<D>>(dims: [usize; D], d: f64)
+where
+    Space<D>: Meshing<D, Mesh = M>,
+{
+    let (image, params) = (image(dims), params(d));
+    let before = made(&image, &params);
+    let sample =
+        |x: [f64; 3]| -> [f64; D] { std::array::from_fn(|k| x[if k + 1 == D { 2 } else { k }]) };
+    let (added, far_to, near_from) = (
+        sample([14.3, 12.2, 11.7]),
+        sample([9.1, 21.4, 18.0]),
+        sample([20.0, 12.0, 22.0]),
+    );
+    let moved_far = nearest(&before, sample([18.0, 6.0, 6.0]));
+    let nudged = nearest(&before, near_from);
+    let removed = nearest(&before, sample([10.0, 18.0, 8.0]));
+    let on_side = nearest(&before, sample([0.0, 12.0, 12.0]));
+    let mut nudge = before.mesh.nodes()[nudged as usize];
+    nudge[0] += 0.6 * d;
+    nudge[1] -= 0.5 * d;
+    let changes = [
+        Change::Add(world(added)),
+        Change::Move(moved_far, world(far_to)),
+        Change::Move(nudged, nudge),
+        Change::Remove(removed),
+        Change::Remove(on_side),
+    ];
+    let after = edited(&before, &image, &params, &changes).unwrap();
+    let Edited { file, summary } = &after;
+
+    // Atoms are where they were put, to the bit, and fixed.
+    let at = |n: usize| file.mesh.nodes()[summary.atoms[n].unwrap() as usize];
+    assert_eq!(at(0), world(added));
+    assert_eq!(at(1), world(far_to));
+    assert_eq!(at(2), nudge);
+    assert_eq!(summary.atoms[1..3], [Some(moved_far), Some(nudged)]);
+    assert_eq!(summary.atoms[3..], [None, None]);
+    let kinds = file.point_data[0].values.to_f64();
+    for n in 0..3 {
+        let n = summary.atoms[n].unwrap() as usize;
+        assert_eq!(kinds[n], f64::from(AtomKind::Fixed as u8));
+    }
+    let old = |n: u32| before.mesh.nodes()[n as usize];
+    for gone in [removed, on_side, moved_far] {
+        assert!(!file.mesh.nodes().contains(&old(gone)));
+    }
+
+    // Far away nothing has changed by a bit; there is something far away; near by, much has changed.
+    let places = [
+        world(added),
+        world(far_to),
+        nudge,
+        old(nudged),
+        old(moved_far),
+        old(removed),
+        old(on_side),
+    ];
+    let (nodes, cells) = far(&before, &places, 2.0 * 5.0 * d);
+    let (same_nodes, same_cells) = far(file, &places, 2.0 * 5.0 * d);
+    assert!(nodes == same_nodes && cells == same_cells);
+    assert!(
+        5 * cells.len() > before.mesh.len(),
+        "{} of {}",
+        cells.len(),
+        before.mesh.len()
+    );
+    let near = |radius: f64| {
+        far(&before, &places, radius)
+            .0
+            .intersection(&far(file, &places, radius).0)
+            .count()
+    };
+    let kept = near(0.0) - near(2.0 * 4.0 * d);
+    assert!(kept * 10 < before.mesh.nodes().len(), "{kept}");
+
+    // Valid, as good as before, and on the feature as before.
+    let placed = [before.clone(), file.clone()].map(|file| Placed::new(file, "mesh").unwrap());
+    let found = check(
+        &placed[1].lattice,
+        [0.0; D],
+        placed[1].extent,
+        BOX_TOLERANCE,
+    );
+    assert!(found.passed(), "{:?}", found.problems);
+    let features = feature::detect(&image, &params.feature_options([1.0; D])).unwrap();
+    let reference = Reference::from_features(&features);
+    let [was, is] = placed.map(|placed| {
+        let claimed = placed.feature_faces.as_deref();
+        let fidelity = fidelity(&placed.lattice, &reference, claimed).unwrap();
+        (quality(&placed.lattice), fidelity.claimed.unwrap())
+    });
+    println!(
+        "{D}-D angles {:.1} to {:.1}, before {:.1} to {:.1}; coverage {:.4}, {:.4}; precision {:.4}, {:.4}; {} of {} cells, {} made room",
+        is.0.smallest_angle.worst,
+        is.0.largest_angle.worst,
+        was.0.smallest_angle.worst,
+        was.0.largest_angle.worst,
+        is.1.coverage_one,
+        was.1.coverage_one,
+        is.1.precision,
+        was.1.precision,
+        summary.cells[1],
+        file.mesh.len(),
+        summary.made_room,
+    );
+    assert!(
+        is.0.smallest_angle.worst > 25.0,
+        "{:?}",
+        is.0.smallest_angle
+    );
+    assert!(is.0.largest_angle.worst < 155.0, "{:?}", is.0.largest_angle);
+    assert!(is.1.coverage_one > was.1.coverage_one - 0.01);
+    assert!(is.1.precision > was.1.precision - 0.01);
+}
+
+#[test]
+#[cfg(feature = "tetgen")]
+fn edits_in_space_stay_local() {
+    edits_stay_local([64, 60, 72], 4.0);
+}
+
+#[test]
+fn edits_in_the_plane_stay_local() {
+    edits_stay_local([120, 110], 5.0);
+}
+
+/// The same atoms by edits and by meshing anew with them.
+fn as_good_as_anew<const D: usize, M: Measured<D>>(dims: [usize; D], d: f64)
+where
+    Space<D>: Meshing<D, Mesh = M>,
+{
+    let image = image(dims);
+    let plain = params(d);
+    let wells: Vec<[f64; D]> = (0..4)
+        .map(|n| {
+            world(std::array::from_fn(|k| {
+                8.3 + 9.7 * f64::from(n) + 3.1 * k as f64
+            }))
+        })
+        .collect();
+    let changes: Vec<Change<D>> = wells.iter().map(|&x| Change::Add(x)).collect();
+    let by_edit = edited(&made(&image, &plain), &image, &plain, &changes)
+        .unwrap()
+        .file;
+    let fixed = |(n, &position): (usize, &[f64; D])| FixedAtom {
+        name: n.to_string(),
+        position,
+    };
+    let with_wells = Params {
+        fixed: wells.iter().enumerate().map(fixed).collect(),
+        ..plain
+    };
+    let anew = made(&image, &with_wells);
+    let features = feature::detect(&image, &with_wells.feature_options([1.0; D])).unwrap();
+    let reference = Reference::from_features(&features);
+    let [(q, f), (r, g)] = [by_edit, anew].map(|file| {
+        let placed = Placed::new(file, "mesh").unwrap();
+        let claimed = placed.feature_faces.as_deref();
+        let fidelity = fidelity(&placed.lattice, &reference, claimed).unwrap();
+        (quality(&placed.lattice), fidelity.claimed.unwrap())
+    });
+    let figures = format!(
+        "{D}-D edited: angles {:.2} to {:.2}, mean ratio {:.4}, coverage {:.4}; anew: {:.2} to {:.2}, {:.4}, {:.4}",
+        q.smallest_angle.worst,
+        q.largest_angle.worst,
+        q.mean_ratio_mean,
+        f.coverage_half,
+        r.smallest_angle.worst,
+        r.largest_angle.worst,
+        r.mean_ratio_mean,
+        g.coverage_half,
+    );
+    // Where every angle is in range improvement stops: how far inside is chance.
+    let (least, most): (f64, f64) = if D == 2 { (30.0, 120.0) } else { (30.0, 150.0) };
+    assert!(
+        q.smallest_angle.worst > least.min(r.smallest_angle.worst - 2.0),
+        "{figures}"
+    );
+    assert!(
+        q.largest_angle.worst < most.max(r.largest_angle.worst + 2.0),
+        "{figures}"
+    );
+    assert!(q.mean_ratio_mean > r.mean_ratio_mean - 0.01);
+    assert!(f.coverage_half > g.coverage_half - 0.01);
+}
+
+#[test]
+#[cfg(feature = "tetgen")]
+fn in_space_edits_are_as_good_as_meshing_anew() {
+    as_good_as_anew([56, 52, 60], 5.0);
+}
+
+#[test]
+fn in_the_plane_edits_are_as_good_as_meshing_anew() {
+    as_good_as_anew([90, 80], 5.0);
+}
+
+/// Work on an edit in a small and in a large image.
+fn work<const D: usize, M: Measured<D>>(dims: [usize; D], params: &Params<D>) -> Summary
+where
+    Space<D>: Meshing<D, Mesh = M>,
+{
+    let image = image(dims);
+    let file = made(&image, params);
+    let change = Change::Add(world([6.1; D]));
+    edited(&file, &image, params, &[change]).unwrap().summary
+}
+
+#[test]
+fn work_does_not_grow_with_the_image() {
+    let small = work([100, 100], &params(5.0));
+    let large = work([300, 400], &params(5.0));
+    assert_eq!(small.samples, large.samples);
+    let share = small.cells[1] as f64 / large.cells[1] as f64;
+    assert!(
+        (0.75..1.33).contains(&share),
+        "{:?} {:?}",
+        small.cells,
+        large.cells
+    );
+}
+
+#[test]
+#[cfg(feature = "tetgen")]
+fn work_does_not_grow_with_the_volume() {
+    let small = work([60; 3], &params(5.0));
+    let large = work([80, 100, 90], &params(5.0));
+    assert_eq!(small.samples, large.samples);
+    let share = small.cells[1] as f64 / large.cells[1] as f64;
+    assert!(
+        (0.75..1.33).contains(&share),
+        "{:?} {:?}",
+        small.cells,
+        large.cells
+    );
+}
+
+#[test]
+fn variable_distances_and_old_meshes() {
+    let image = image([110, 100]);
+    let params = Params {
+        spacing: Spacing::FromFeatures { min: 3.0, max: 9.0 },
+        ..params(3.0)
+    };
+    let mut file = made(&image, &params);
+    // As if written before files kept how features were found.
+    file.field_data.retain(|(name, _)| name != "features");
+    let changes = [
+        Change::Add(world([80.3, 50.4])),
+        Change::Remove(nearest(&file, [60.0, 70.0])),
+    ];
+    let after = edited(&file, &image, &params, &changes).unwrap();
+    assert_eq!(after.summary.notes.len(), 1);
+    assert!(settled_of(&after.file).is_some());
+    let placed = Placed::new(after.file.clone(), "mesh").unwrap();
+    let found = check(&placed.lattice, [0.0; 2], placed.extent, BOX_TOLERANCE);
+    assert!(found.passed(), "{:?}", found.problems);
+    let quality = quality(&placed.lattice);
+    assert!(
+        quality.smallest_angle.worst > 25.0,
+        "{:?}",
+        quality.smallest_angle
+    );
+    // Once more, with what the file now says; and both edits are remembered.
+    let again = edited(
+        &after.file,
+        &image,
+        &params,
+        &[Change::Add(world([20.0, 90.0]))],
+    )
+    .unwrap();
+    assert!(again.summary.notes.is_empty());
+    let edits = again
+        .file
+        .field_data
+        .iter()
+        .find(|(name, _)| name == "edits");
+    let Some((_, FieldValue::Text(text))) = edits else {
+        panic!("no history")
+    };
+    assert_eq!(text.lines().count(), 3, "{text}");
+}
+
+#[test]
+fn regions_go_with_the_cells() {
+    let (image, params) = (image([90, 80]), params(5.0));
+    let mut file = made(&image, &params);
+    let side = |file: &MeshFile<crate::mesh::TriMesh>, c: usize| {
+        let corners = file.mesh.corners(c);
+        i32::from(corners.iter().map(|x| x[1]).sum::<f64>() / 3.0 > 20.0)
+    };
+    let regions: Vec<i32> = (0..file.mesh.triangles.len())
+        .map(|c| side(&file, c))
+        .collect();
+    file.cell_data[0].values = regions.into();
+    let after = edited(&file, &image, &params, &[Change::Add(world([40.2, 40.3]))]).unwrap();
+    let regions = after.file.cell_data[0].values.to_f64();
+    let wrong = (0..regions.len())
+        .filter(|&c| regions[c] != f64::from(side(&after.file, c)))
+        .count();
+    assert!(wrong < 20, "{wrong} of {}", regions.len());
+}
+
+#[test]
+fn impossible_edits_are_refused() {
+    let (image, params) = (image([60, 50]), params(5.0));
+    let file = made(&image, &params);
+    let refused = |changes: &[Change<2>]| {
+        let error = edited(&file, &image, &params, changes)
+            .unwrap_err()
+            .to_string();
+        assert!(!error.contains('\n') && error.contains("; "), "{error}");
+        error
+    };
+    let well = world([30.0, 20.0]);
+    let outside = refused(&[Change::Add(world([61.0, 20.0]))]);
+    assert!(
+        outside.contains("edit 0") && outside.contains("outside"),
+        "{outside}"
+    );
+    assert!(refused(&[Change::Add([f64::NAN, 0.0])]).contains("outside"));
+    assert!(refused(&[Change::Add(well), Change::Add(well)]).contains("same place"));
+    assert!(refused(&[Change::Remove(100_000)]).contains("has no atom 100000"));
+    let corner = nearest(&file, [0.0, 0.0]);
+    assert!(refused(&[Change::Remove(corner)]).contains("corner"));
+    assert!(refused(&[Change::Move(corner, well)]).contains("corner"));
+    assert!(refused(&[Change::Add(world([0.0, 0.0]))]).contains("stays"));
+    let inner = nearest(&file, [30.0, 20.0]);
+    assert!(refused(&[Change::Remove(inner), Change::Move(inner, well)]).contains("too"));
+    let other = super::tests::image([61, 50]);
+    let edits = named(&[Change::Add(well)]);
+    let error = edit(
+        file,
+        "mesh",
+        &other,
+        &params,
+        &edits,
+        false,
+        &mut Unobserved,
+    );
+    assert!(error.unwrap_err().to_string().contains("61"));
+}

@@ -1,0 +1,381 @@
+//! Flow through a mesh that a file holds: boundary conditions by the sides of its box, barriers by
+//! its surfaces, results as arrays of a file.
+
+use crate::error::cause;
+use crate::files::vtk::DataArray;
+use crate::job::{Meshing, Space};
+use crate::mesh::graph::Graph;
+use crate::mesh::poly::PolyMesh;
+use crate::model::flow::report::{Exchange, Fault, Faulted, FlowReport, Range};
+use crate::model::flow::{
+    Barriers, CellFlow, ElementFlow, Faults, Inside, Rock, Solution, Streamlines, Well,
+};
+use crate::model::surface::kind::{Kind, kinds};
+use crate::model::surface::stored::{group, horizon_facets};
+use crate::model::surface::{self, select};
+use crate::report::Measured;
+use crate::store::file::Placed;
+use crate::store::stored::Stored;
+use crate::store::{FieldValue, MeshFile};
+use crate::{Error, Result};
+
+/// How near a side, in parts of the box, its nodes lie.
+const ON_SIDE: f64 = 1e-7;
+
+/// The sides of the box, in the order of their numbers.
+pub const SIDES: [&str; 6] = ["xmin", "xmax", "ymin", "ymax", "zmin", "zmax"];
+
+/// Where fluid enters and leaves.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Conditions<const D: usize> {
+    /// Sources and sinks.
+    pub wells: Vec<Well<D>>,
+    /// Sides of the box with their pressures, Pa. Where two meet, the first holds.
+    pub sides: Vec<(u8, f64)>,
+}
+
+/// Which surfaces are barriers.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub enum Standing {
+    /// Those that are no horizons.
+    #[default]
+    Faults,
+    /// Horizons only.
+    Horizons,
+    /// All.
+    All,
+    /// Those with these numbers, from 1.
+    Numbered(Vec<u32>),
+}
+
+impl Standing {
+    fn holds(&self, number: u32, kind: Kind) -> bool {
+        match self {
+            Self::Faults => kind == Kind::Fault,
+            Self::Horizons => kind == Kind::Horizon,
+            Self::All => true,
+            Self::Numbered(numbers) => numbers.contains(&number),
+        }
+    }
+}
+
+/// How the surfaces of a mesh resist flow.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FaultLaws {
+    /// Which of them resist.
+    pub standing: Standing,
+    /// How they do.
+    pub law: Faults,
+    /// Surfaces with a law of their own, by their number from 1, whether they are in `standing` or
+    /// not.
+    pub own: Vec<(u32, Faults)>,
+}
+
+/// The barriers on the faces of `placed.physical`. Surfaces have the numbers that they have with
+/// default options for surfaces, from 1; gaps in them are closed, and crumbs that touch one are part of
+/// it.
+///
+/// # Errors
+/// [`Error::Flow`] if a law is for a surface that does not exist.
+pub fn barriers<const D: usize, M: Stored<D>>(
+    placed: &Placed<D, M>,
+    marks: &[bool],
+    laws: &FaultLaws,
+) -> Result<Barriers> {
+    let options = surface::Options {
+        min_area: Some(0.0),
+        ..surface::Options::default()
+    };
+    let surfaces = group(placed, select::marked(&placed.lattice, marks), &options);
+    let named = match &laws.standing {
+        Standing::Numbered(numbers) => numbers.as_slice(),
+        _ => &[],
+    };
+    let asked = laws
+        .own
+        .iter()
+        .map(|own| own.0)
+        .chain(named.iter().copied());
+    for number in asked {
+        if number == 0 || number as usize > surfaces.len() {
+            return Err(Error::Flow(cause(
+                format!("fault {number}"),
+                format!("does not exist: the mesh has {} surfaces", surfaces.len()),
+                "give a number that `atomesh surface` prints for this mesh",
+            )));
+        }
+    }
+    let nodes = placed.lattice.node_positions();
+    let kinds = kinds(&surfaces, nodes, &horizon_facets(placed));
+    let law = |(number, kind): (u32, Kind)| {
+        let own = laws.own.iter().find(|own| own.0 == number);
+        match own {
+            Some(&(_, law)) => law,
+            None if laws.standing.holds(number, kind) => laws.law,
+            None => Faults::OPEN,
+        }
+    };
+    let part_of = surfaces.adopted(nodes);
+    let mut labelled: Vec<([u32; D], u32)> = (surfaces.facets.iter())
+        .zip(surfaces.labels())
+        .map(|(facet, surface)| {
+            let mut facet = *facet;
+            facet.sort_unstable();
+            (facet, part_of[surface as usize] + 1)
+        })
+        .collect();
+    labelled.sort_unstable();
+    let label = select::labels_of_faces(&placed.physical, &labelled);
+    Barriers::new(label, (1..).zip(kinds).map(law).collect())
+}
+
+/// A flow that was computed: the file to write, and what is said of it.
+#[derive(Debug, Clone)]
+pub struct FlowOutcome<const D: usize, M> {
+    /// The mesh, torn along its faults, with pressure and velocity.
+    pub file: MeshFile<M>,
+    /// Its figures.
+    pub report: FlowReport,
+    /// Paths of fluid, if they were asked for.
+    pub streamlines: Option<Streamlines<D>>,
+}
+
+/// Flow through triangles or tetrahedra, and `lines` streamlines. `arrays` is the file that `placed`
+/// was read from; its mesh is not looked at.
+///
+/// # Errors
+/// Those of [`ElementFlow`].
+pub fn flow_through_elements<const D: usize, M: Measured<D>>(
+    arrays: MeshFile<M>,
+    placed: &Placed<D, M>,
+    rock: Rock,
+    barriers: &Barriers,
+    conditions: &Conditions<D>,
+    lines: Option<usize>,
+) -> Result<FlowOutcome<D, M>> {
+    let flow = ElementFlow::new(&placed.physical, barriers, rock)?;
+    let located = flow.locate(&conditions.wells)?;
+    let (fixed, sides) = fixed(&flow, placed, &conditions.sides);
+    let found = flow.solve(&flow.rates(&located), &fixed)?;
+
+    let p = &found.pressure;
+    let mut side_rates = [0.0; 6];
+    for (&(node, _), &side) in fixed.iter().zip(&sides) {
+        side_rates[usize::from(side)] += found.inflow[node as usize];
+    }
+    let nodes = flow.split.original.iter().zip(0u32..);
+    let doubled = nodes.filter(|(from, node)| *from != node).count();
+    let torn = flow.split.faces.iter().zip(flow.fault_rates(p));
+    let crossings = torn.map(|(face, rate)| {
+        let [here, there] = face.nodes;
+        let jumps = here.iter().zip(there);
+        let jump = jumps.fold(0.0, |jump: f64, (&a, b)| {
+            jump.max((p[a as usize] - p[b as usize]).abs())
+        });
+        (face.label, rate, jump)
+    });
+    let mut report = report(&found, p, conditions, &side_rates, barriers, crossings);
+    report.faults.nodes_doubled = doubled;
+
+    let mut streamlines = None;
+    if let Some(count) = lines {
+        let rates = flow.face_rates(p, &located, &fixed)?;
+        let positions: Vec<[f64; D]> = conditions.wells.iter().map(|well| well.position).collect();
+        let mesh = &flow.split.mesh;
+        streamlines = Some(Streamlines::trace(
+            mesh, &rates, &located, &positions, count,
+        ));
+    }
+    let file = torn_file(flow, found, arrays, &report);
+    Ok(FlowOutcome {
+        file,
+        report,
+        streamlines,
+    })
+}
+
+/// Flow through Voronoi cells, or any polyhedra or polygons, by two-point fluxes, with `lines`
+/// streamlines; and by how many
+/// degrees the lines between cells are off square to the permeability times their faces' normals, on
+/// average.
+///
+/// # Errors
+/// Those of [`CellFlow`].
+pub fn flow_through_cells<const D: usize>(
+    mut file: MeshFile<PolyMesh<D>>,
+    placed: &Placed<D, PolyMesh<D>>,
+    rock: &Rock,
+    barriers: &Barriers,
+    conditions: &Conditions<D>,
+    lines: Option<usize>,
+) -> Result<(FlowOutcome<D, PolyMesh<D>>, f64)>
+where
+    Space<D>: Meshing<D>,
+{
+    let graph = Graph::from_poly(&placed.physical);
+    let flow = CellFlow::with_barriers(&graph, rock, barriers)?;
+    let cells = graph.volume.len();
+    let sides = &conditions.sides;
+    let found = flow.solve(&flow.well_rates(&conditions.wells)?, sides)?;
+    let (p, of_sides) = found.pressure.split_at(cells);
+    let rates = flow.rates(p, sides);
+    let mut side_rates = [0.0; 6];
+    for (&(side, _), at) in sides.iter().zip(cells..cells + of_sides.len()) {
+        side_rates[usize::from(side)] = found.inflow[at];
+    }
+    let connections = graph.connections.iter().zip(&rates.connections);
+    let crossings = connections.filter_map(|(c, &rate)| {
+        let [a, b] = c.cells.map(|c| p[c as usize]);
+        Some((barriers.label(c.face as usize)?, rate, a - b))
+    });
+    let report = report(&found, p, conditions, &side_rates, barriers, crossings);
+    let velocity = flow.velocity(&rates);
+    let mut streamlines = None;
+    if let Some(count) = lines {
+        let mesh = &placed.physical;
+        let inside: Inside<D, <Space<D> as Meshing<D>>::Mesh> =
+            Inside::new(mesh, &graph, &rates, &velocity);
+        let wells = conditions.wells.iter();
+        let positions: Vec<[f64; D]> = wells.clone().map(|well| well.position).collect();
+        let wells: Vec<(u32, f64)> = wells
+            .filter_map(|well| Some((graph.cell_at(well.position)? as u32, well.rate)))
+            .collect();
+        streamlines = Some(Streamlines::through(&inside, &wells, &positions, count));
+    }
+    let velocity = in_space(&velocity);
+    let pressure = DataArray::scalars("pressure", p.to_vec());
+    file.cell_data
+        .extend([pressure, vectors("velocity", velocity)]);
+    file.field_data.push(said(&report));
+    let outcome = FlowOutcome {
+        file,
+        report,
+        streamlines,
+    };
+    Ok((outcome, flow.angle_error))
+}
+
+/// Nodes with given pressure, and for each of them the side that gives it.
+fn fixed<const D: usize, M: Measured<D>>(
+    flow: &ElementFlow<D, M>,
+    placed: &Placed<D, M>,
+    given: &[(u8, f64)],
+) -> (Vec<(u32, f64)>, Vec<u8>) {
+    let mut taken = vec![false; flow.split.original.len()];
+    let (mut fixed, mut sides) = (Vec::new(), Vec::new());
+    for &(side, pressure) in given {
+        let axis = usize::from(side / 2);
+        let extent = placed.extent[axis];
+        let plane = if side % 2 == 0 { 0.0 } else { extent };
+        let off = |i: usize| (placed.lattice.nodes()[i][axis] - plane).abs();
+        for node in flow.nodes_where(|i| off(i) <= ON_SIDE * extent) {
+            // Where two sides meet, the first holds.
+            if !std::mem::replace(&mut taken[node as usize], true) {
+                fixed.push((node, pressure));
+                sides.push(side);
+            }
+        }
+    }
+    (fixed, sides)
+}
+
+/// What is said; `crossings` are label, rate and jump of pressure of each face on a barrier.
+fn report<const D: usize>(
+    found: &Solution,
+    pressure: &[f64],
+    conditions: &Conditions<D>,
+    side_rates: &[f64; 6],
+    barriers: &Barriers,
+    crossings: impl Iterator<Item = (u32, f64, f64)>,
+) -> FlowReport {
+    let mut faults = Faulted::default();
+    let mut by_fault: Vec<Faulted> = Vec::new();
+    for (label, rate, jump) in crossings {
+        let label = label as usize;
+        by_fault.resize(by_fault.len().max(label), Faulted::default());
+        by_fault[label - 1].add(rate, jump);
+        faults.add(rate, jump);
+    }
+    let wells = conditions.wells.iter().map(|well| Exchange {
+        name: well.name.trim_start_matches('-').to_string(),
+        rate: well.rate,
+    });
+    let sides = conditions.sides.iter().map(|&(side, pressure)| Exchange {
+        name: format!("{} at {pressure} Pa", SIDES[usize::from(side)]),
+        rate: side_rates[usize::from(side)],
+    });
+    let numbered = (1..).zip(by_fault).filter(|(_, fault)| fault.faces > 0);
+    FlowReport {
+        figures: found.figures,
+        pressure: Range::of(pressure),
+        faults,
+        by_fault: numbered
+            .map(|(surface, faulted)| Fault {
+                surface,
+                multiplier: barriers.law(surface).multiplier(),
+                faulted,
+            })
+            .collect(),
+        exchange: wells.chain(sides).collect(),
+    }
+}
+
+/// The torn mesh with pressure, velocity, and what crosses faults.
+fn torn_file<const D: usize, M: Measured<D>>(
+    flow: ElementFlow<D, M>,
+    found: Solution,
+    arrays: MeshFile<M>,
+    report: &FlowReport,
+) -> MeshFile<M> {
+    let velocity = in_space(&flow.velocity(&found.pressure));
+    let mut across = vec![0.0; flow.split.mesh.connectivity().len()];
+    let rates = flow.fault_rates(&found.pressure);
+    for (face, rate) in flow.split.faces.iter().zip(rates) {
+        for (side, sign) in [(0, 1.0), (1, -1.0)] {
+            let first = face.cells[side] as usize * (D + 1);
+            across[first + usize::from(face.face[side])] = sign * rate;
+        }
+    }
+    let split = flow.split;
+    let torn = |array: DataArray| DataArray {
+        values: array.values.tuples(&split.original, array.components),
+        ..array
+    };
+    let mut point_data: Vec<DataArray> = arrays.point_data.into_iter().map(torn).collect();
+    point_data.push(DataArray::scalars("node", split.original.clone()));
+    point_data.push(DataArray::scalars("pressure", found.pressure));
+    let mut cell_data = arrays.cell_data;
+    cell_data.push(vectors("velocity", velocity));
+    cell_data.push(DataArray {
+        name: "fault_rate".into(),
+        components: D + 1,
+        values: across.into(),
+    });
+    let mut field_data = arrays.field_data;
+    field_data.push(said(report));
+    MeshFile {
+        mesh: split.mesh,
+        point_data,
+        cell_data,
+        field_data,
+    }
+}
+
+/// Vectors as VTK wants them, with three components.
+fn in_space<const D: usize>(vectors: &[[f64; D]]) -> Vec<f64> {
+    let lifted = |v: &[f64; D]| [0, 1, 2].map(|k| v.get(k).copied().unwrap_or(0.0));
+    vectors.iter().flat_map(lifted).collect()
+}
+
+fn vectors(name: &str, values: Vec<f64>) -> DataArray {
+    DataArray {
+        name: name.into(),
+        components: 3,
+        values: values.into(),
+    }
+}
+
+fn said(report: &FlowReport) -> (String, FieldValue) {
+    let json = serde_json::to_string(report).unwrap_or_default();
+    ("flow".into(), FieldValue::Text(json))
+}

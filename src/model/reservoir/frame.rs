@@ -1,0 +1,247 @@
+//! From a mesh's coordinates to metres with z upwards, so that depth is known.
+
+use crate::error::cause;
+use crate::model::flow::Tensor;
+use crate::{Error, Result};
+
+/// The coordinate that grows with depth (or, negative, shrinks).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Down {
+    /// Number of the coordinate.
+    pub axis: usize,
+    /// Whether it grows with depth.
+    pub grows: bool,
+}
+
+impl Default for Down {
+    /// z grows upwards.
+    fn default() -> Self {
+        Self {
+            axis: 2,
+            grows: false,
+        }
+    }
+}
+
+/// The way from a mesh's coordinates to metres with z upwards, and back.
+///
+/// The coordinate that is depth becomes the last; the other two keep their cyclic order.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Frame {
+    /// Metres in a unit of each coordinate.
+    scale: [f64; 3],
+    down: Down,
+    /// Added to z.
+    shift: f64,
+}
+
+impl Default for Frame {
+    /// Changes nothing.
+    fn default() -> Self {
+        Self {
+            scale: [1.0; 3],
+            down: Down::default(),
+            shift: 0.0,
+        }
+    }
+}
+
+impl Frame {
+    /// Metres in a unit of each coordinate, from the coordinates' units. A unit that is not known is
+    /// `length` metres; one that is not said is a metre without that. Coordinates that are two-way time (`ms`, `s`) become depth by `velocity` in
+    /// m/s.
+    ///
+    /// # Errors
+    /// [`Error::Export`] for an unknown unit, a time without velocity, or a time that is not depth.
+    pub fn new(
+        units: &[String; 3],
+        length: Option<f64>,
+        down: Down,
+        velocity: Option<f64>,
+    ) -> Result<Self> {
+        let mut scale = [length.unwrap_or(1.0); 3];
+        for k in 0..3 {
+            let unit = units[k].trim();
+            let place = || format!("coordinate {} in '{unit}'", ["x", "y", "z"][k]);
+            let seconds = match unit {
+                "" => continue,
+                "ms" => 1e-3,
+                "s" => 1.0,
+                _ => match metres(unit).or(length) {
+                    Some(metres) => {
+                        scale[k] = metres;
+                        continue;
+                    }
+                    None => {
+                        let problem = "has a unit that is no length";
+                        let remedy = "say with --length-unit what it is taken for";
+                        return Err(Error::Export(cause(place(), problem, remedy)));
+                    }
+                },
+            };
+            let refuse =
+                |problem: &str, remedy: &str| Err(Error::Export(cause(place(), problem, remedy)));
+            if k != down.axis {
+                return refuse(
+                    "is two-way time, but not depth",
+                    "say --down z or --down -z",
+                );
+            }
+            match velocity {
+                None => {
+                    return refuse(
+                        "is two-way time, not depth",
+                        "give --velocity in m/s to turn it into metres",
+                    );
+                }
+                Some(v) if !(v > 0.0 && v.is_finite()) => {
+                    return Err(Error::Export(cause(
+                        format!("--velocity {v}"),
+                        "is not a positive number",
+                        "give m/s: rock has 1500 to 6000",
+                    )));
+                }
+                // Down and up again.
+                Some(v) => scale[k] = 0.5 * v * seconds,
+            }
+        }
+        Ok(Self {
+            scale,
+            down,
+            shift: 0.0,
+        })
+    }
+
+    /// The same, moved so that the shallowest of these points, in the mesh's coordinates, is at the
+    /// depth `top` in metres.
+    pub fn with_top(self, points: &[[f64; 3]], top: f64) -> Self {
+        let z = points.iter().map(|&p| self.to_model(p)[2]);
+        let highest = z.fold(f64::NEG_INFINITY, f64::max);
+        Self {
+            shift: self.shift - highest - top,
+            ..self
+        }
+    }
+
+    /// The coordinates that x, y and z come from.
+    fn axes(&self) -> [usize; 3] {
+        [1, 2, 0].map(|k| (self.down.axis + k) % 3)
+    }
+
+    fn sign(&self) -> f64 {
+        if self.down.grows { -1.0 } else { 1.0 }
+    }
+
+    /// From the mesh's coordinates to metres.
+    pub fn to_model(&self, point: [f64; 3]) -> [f64; 3] {
+        let [x, y, z] = self.axes().map(|k| point[k] * self.scale[k]);
+        [x, y, self.sign() * z + self.shift]
+    }
+
+    /// The inverse of [`to_model`](Self::to_model).
+    pub fn to_file(&self, [x, y, z]: [f64; 3]) -> [f64; 3] {
+        let mut point = [0.0; 3];
+        let moved = [x, y, self.sign() * (z - self.shift)];
+        for (k, value) in self.axes().into_iter().zip(moved) {
+            point[k] = value / self.scale[k];
+        }
+        point
+    }
+
+    /// The volume in m^3 of a unit of the mesh's volume.
+    pub fn volume_of_unit(&self) -> f64 {
+        self.scale.iter().product()
+    }
+
+    /// Metres in a unit of the horizontal coordinates (of the first of them).
+    pub fn across(&self) -> f64 {
+        self.scale[self.axes()[0]]
+    }
+
+    /// Whether left becomes right.
+    pub fn mirrors(&self) -> bool {
+        self.down.grows
+    }
+
+    /// A tensor along the mesh's coordinates as one along x, y, z of metres.
+    pub fn tensor(&self, tensor: Tensor) -> Tensor {
+        let axes = self.axes();
+        // The signs of two coordinates that both turn round cancel.
+        let sign = |i: usize| if i == 2 { self.sign() } else { 1.0 };
+        let at = |i: usize, j: usize| {
+            const PLACE: [[usize; 3]; 3] = [[0, 3, 5], [3, 1, 4], [5, 4, 2]];
+            sign(i) * sign(j) * tensor.0[PLACE[axes[i]][axes[j]]]
+        };
+        Tensor([at(0, 0), at(1, 1), at(2, 2), at(0, 1), at(1, 2), at(0, 2)])
+    }
+}
+
+/// Metres in a unit of length.
+pub fn metres(unit: &str) -> Option<f64> {
+    match unit {
+        "m" => Some(1.0),
+        "km" => Some(1e3),
+        "cm" => Some(1e-2),
+        "mm" => Some(1e-3),
+        "um" => Some(1e-6),
+        "ft" => Some(0.3048),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn units(words: [&str; 3]) -> [String; 3] {
+        words.map(str::to_string)
+    }
+
+    #[test]
+    fn there_and_back_for_every_axis() {
+        let point = [3.0, -5.0, 7.0];
+        for axis in 0..3 {
+            for grows in [false, true] {
+                let down = Down { axis, grows };
+                let frame = Frame::new(&units([""; 3]), Some(0.5), down, None)
+                    .unwrap()
+                    .with_top(&[point, [0.0; 3]], 100.0);
+                let there = frame.to_model(point);
+                let back = frame.to_file(there);
+                assert!((0..3).all(|k| (back[k] - point[k]).abs() < 1e-12));
+                let depth = 0.5 * if grows { point[axis] } else { -point[axis] };
+                assert!((-there[2] - 100.0 - (depth - depth.min(0.0))).abs() < 1e-12);
+            }
+        }
+        assert_eq!(Frame::default().to_model(point), point);
+    }
+
+    #[test]
+    fn time_becomes_depth() {
+        let down = Down::default();
+        let frame = Frame::new(&units(["ft", "m", "ms"]), None, down, Some(3000.0)).unwrap();
+        assert_eq!(frame.to_model([10.0, 2.0, -1000.0]), [3.048, 2.0, -1500.0]);
+        for (words, down, velocity, want) in [
+            (["m", "m", "ms"], down, None, "--velocity"),
+            (["m", "m", "ms"], down, Some(0.0), "not a positive"),
+            (["m", "ms", "m"], down, Some(2e3), "not depth"),
+            (["m", "furlong", "m"], down, None, "--length-unit"),
+        ] {
+            let error = Frame::new(&units(words), None, down, velocity).unwrap_err();
+            assert!(error.to_string().contains(want), "{error}");
+        }
+    }
+
+    #[test]
+    fn tensors_turn_with_the_axes() {
+        let tensor = Tensor([1.0, 2.0, 3.0, 0.1, 0.2, 0.3]);
+        assert_eq!(Frame::default().tensor(tensor), tensor);
+        let normal = [0.6, 0.0, 0.8];
+        for axis in 0..3 {
+            let down = Down { axis, grows: true };
+            let frame = Frame::new(&units([""; 3]), None, down, None).unwrap();
+            let turned = frame.tensor(tensor).along(frame.to_model(normal));
+            assert!((turned - tensor.along(normal)).abs() < 1e-12);
+        }
+    }
+}

@@ -1,0 +1,280 @@
+//! From a mesh to a reservoir model: metres with z upwards, porosity and permeability in every cell,
+//! transmissibilities, wells. Everything that a simulator is given is here; how it is written is the
+//! business of [`export`](crate::export).
+//!
+//! - [`frame`]: from a mesh's coordinates to metres and depth
+//! - [`sample`](mod@sample): averages of an image over cells
+//! - [`check`](mod@check): what is looked at before anything is written
+//! - [`trajectory`]: wells through cells
+//! - [`completion`]: well indices
+
+pub mod check;
+pub mod completion;
+pub mod frame;
+pub mod prepared;
+pub mod sample;
+pub mod trajectory;
+
+pub use prepared::{Placement, Prepared};
+
+use rayon::prelude::*;
+
+use crate::error::cause;
+use crate::files::vtk::DataArray;
+use crate::geometry::dot;
+use crate::mesh::TetMesh;
+use crate::mesh::graph::Graph;
+use crate::mesh::poly::PolyMesh;
+use crate::model::flow::{CellFlow, Faults, Rock};
+use crate::{Error, Result};
+
+pub use check::Checks;
+pub use completion::Completion;
+pub use frame::{Down, Frame};
+pub use sample::{Mean, Places};
+pub use trajectory::{Tracer, Trajectory};
+
+/// One millidarcy in m^2.
+pub const MILLIDARCY: f64 = 9.869_232_667_160_13e-16;
+/// One bar in Pa.
+pub const BAR: f64 = 1e5;
+/// One day in seconds.
+pub const DAY: f64 = 86_400.0;
+/// Acceleration of gravity in m/s^2.
+pub const GRAVITY: f64 = 9.806_65;
+
+/// A mesh with everything that a simulator needs to know, in SI units. Cells have the order of the
+/// mesh throughout.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Model {
+    /// The cells, in metres, z upwards: what is at depth d is at z = -d. Faces on the box say on
+    /// which side (of the image's axes).
+    pub mesh: PolyMesh<3>,
+    /// The same cells as tetrahedra, if that is what they are.
+    pub tets: Option<TetMesh>,
+    /// Of a layer of prisms on triangles, those: of the first half of the mesh's nodes.
+    pub triangles: Option<Vec<[u32; 3]>>,
+    /// Cells and connections.
+    pub graph: Graph<3>,
+    /// Share of pores in each cell's volume.
+    pub porosity: Option<Vec<f64>>,
+    /// Permeability in m^2, with what follows from it.
+    pub permeability: Option<Permeability>,
+    /// Whatever else is known of each cell.
+    pub properties: Vec<DataArray>,
+    /// What happens in the model.
+    pub case: Case,
+    /// Columns along two axes, and layers, of a grid that the model is resampled on; as fine as the
+    /// cells if not given.
+    pub grid: Option<[usize; 3]>,
+}
+
+/// Permeability and what follows from it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Permeability {
+    /// Of each cell, in m^2.
+    pub rock: Rock,
+    /// Of each connection, in m^3: rate times viscosity over difference of pressure, with the faults'
+    /// resistance.
+    pub transmissibility: Vec<f64>,
+}
+
+/// What fills the pores.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Fluid {
+    /// Water only.
+    #[default]
+    Water,
+    /// Oil, and water that is injected.
+    OilWater,
+}
+
+/// Fluids, wells, and the time that a simulation covers.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Case {
+    /// What the model is called.
+    pub title: String,
+    /// What fills the pores at first.
+    pub fluid: Fluid,
+    /// Whether fluids have weight; without it, all cells are taken to be at one depth.
+    pub gravity: bool,
+    /// Pressure in Pa at the top of the model at first.
+    pub top_pressure: f64,
+    /// Wells.
+    pub wells: Vec<Well>,
+    /// Length of the simulation in seconds.
+    pub duration: f64,
+}
+
+impl Default for Case {
+    fn default() -> Self {
+        Self {
+            title: "atomesh".into(),
+            fluid: Fluid::Water,
+            gravity: true,
+            top_pressure: 100.0 * BAR,
+            wells: Vec::new(),
+            duration: 3650.0 * DAY,
+        }
+    }
+}
+
+/// A well in the cells that it is open to.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Well {
+    /// Its name: at most eight letters and digits.
+    pub name: String,
+    /// The cells, with the well index of each in m^3: rate times viscosity over the difference between
+    /// the pressures of cell and well.
+    pub cells: Vec<(u32, f64)>,
+    /// Its length in each of them, in metres.
+    pub lengths: Vec<f64>,
+    /// Radius in metres.
+    pub radius: f64,
+    /// What it does.
+    pub control: Control,
+}
+
+/// What a well does.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Control {
+    /// Injects water at this rate, in m^3/s.
+    Inject(f64),
+    /// Produces at this rate, in m^3/s.
+    Produce(f64),
+    /// Produces at this pressure in the well, in Pa.
+    Pressure(f64),
+}
+
+impl Model {
+    /// A model of cells in metres, z upwards; nothing is known yet but their shapes.
+    pub fn new(mesh: PolyMesh<3>, tets: Option<TetMesh>) -> Self {
+        Self {
+            graph: Graph::from_poly(&mesh),
+            mesh,
+            tets,
+            ..Self::default()
+        }
+    }
+
+    /// Number of cells.
+    pub fn len(&self) -> usize {
+        self.graph.volume.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Depth of a cell's site in metres.
+    pub fn depth(&self, cell: usize) -> f64 {
+        -self.graph.site[cell][2]
+    }
+
+    /// Gives the rock its permeability, in m^2, and finds all transmissibilities: as
+    /// [`CellFlow`](crate::model::flow::CellFlow) does, for a viscosity of 1.
+    ///
+    /// # Errors
+    /// [`Error::Flow`] names a connection that would have a negative transmissibility.
+    pub fn set_permeability(&mut self, rock: Rock, faults: Faults) -> Result<()> {
+        let flow = CellFlow::new(&self.graph, &rock, faults)?;
+        let transmissibility = flow.transmissibility;
+        self.permeability = Some(Permeability {
+            rock,
+            transmissibility,
+        });
+        Ok(())
+    }
+
+    /// The porosity.
+    ///
+    /// # Errors
+    /// [`Error::Export`] if there is none; `needs` says who asks.
+    pub fn need_porosity(&self, needs: &str) -> Result<&[f64]> {
+        let missing = || {
+            let remedy = "give --porosity: a number, a file by region, or an image";
+            Error::Export(cause(needs, "needs the porosity of every cell", remedy))
+        };
+        self.porosity.as_deref().ok_or_else(missing)
+    }
+
+    /// The permeability.
+    ///
+    /// # Errors
+    /// [`Error::Export`] if there is none; `needs` says who asks.
+    pub fn need_permeability(&self, needs: &str) -> Result<&Permeability> {
+        let missing = || {
+            let remedy = "give --permeability: numbers, a file by region, or images";
+            Error::Export(cause(needs, "needs the permeability of every cell", remedy))
+        };
+        self.permeability.as_ref().ok_or_else(missing)
+    }
+
+    /// The tetrahedra.
+    ///
+    /// # Errors
+    /// [`Error::Export`] if the cells are others; `needs` says who asks.
+    pub fn need_tets(&self, needs: &str) -> Result<&TetMesh> {
+        let missing = || {
+            let remedy = "mesh the image with --cells tets";
+            Error::Export(cause(needs, "holds tetrahedra only", remedy))
+        };
+        self.tets.as_ref().ok_or_else(missing)
+    }
+
+    /// The angle in degrees, at each connection, between the line from site to site and the
+    /// permeability times the face's normal, of the worse of its two cells: 0 where two-point fluxes
+    /// are right. Without permeability, to the normal itself.
+    pub fn two_point_angles(&self) -> Vec<f64> {
+        let graph = &self.graph;
+        let angle = |c: &crate::mesh::graph::Connection<3>| {
+            let Some(permeability) = &self.permeability else {
+                return c.angle_error(&graph.site);
+            };
+            let [a, b] = c.cells.map(|cell| graph.site[cell as usize]);
+            let line: [f64; 3] = std::array::from_fn(|k| b[k] - a[k]);
+            let of = |cell: u32| {
+                let conormal = permeability.rock.mobility(cell as usize).times(c.normal);
+                let across = crate::geometry::norm(crate::geometry::cross(line, conormal));
+                across.atan2(dot(line, conormal)).to_degrees()
+            };
+            of(c.cells[0]).max(of(c.cells[1]))
+        };
+        graph.connections.par_iter().map(angle).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::poly::samples::two_cells;
+    use crate::model::flow::Tensor;
+
+    fn model() -> Model {
+        let mut model = Model::new(two_cells::<3>(0.75), None);
+        let rock = Rock::uniform(Tensor::from_numbers(&[2.0, 8.0, 1.0]).unwrap(), 1.0);
+        model.set_permeability(rock, Faults::OPEN).unwrap();
+        model
+    }
+
+    #[test]
+    fn transmissibility_is_area_over_distance_times_permeability() {
+        let model = model();
+        let permeability = model.need_permeability("x").unwrap();
+        assert_eq!(permeability.transmissibility, [2.0]);
+        assert!(model.two_point_angles()[0] < 1e-12);
+    }
+
+    #[test]
+    fn what_is_missing_is_named() {
+        let model = Model::new(two_cells::<3>(0.75), None);
+        for error in [
+            model.need_porosity("an OPM deck").unwrap_err(),
+            model.need_permeability("an OPM deck").unwrap_err(),
+            model.need_tets("an OPM deck").unwrap_err(),
+        ] {
+            assert!(error.to_string().starts_with("an OPM deck: "), "{error}");
+        }
+    }
+}

@@ -1,0 +1,231 @@
+//! A mesh from a file as a reservoir model: in metres with depth, its sides known, and the way from
+//! images to its cells.
+
+use crate::error::cause;
+use crate::files::vtk::DataArray;
+use crate::image::{Geometry, Image};
+use crate::mesh::TetMesh;
+use crate::mesh::poly::PolyMesh;
+use crate::model::columns::{COLUMN, LAYER};
+use crate::model::reservoir::{Down, Frame, Mean, Model, Places, sample};
+use crate::report::Measured;
+use crate::store::AnyMesh;
+use crate::store::file::Placed;
+use crate::{Error, Result};
+
+/// Where a mesh's coordinates are in metres and depth.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Placement {
+    /// Metres in a unit of those coordinates whose unit the mesh does not say, or that is no length.
+    pub length: Option<f64>,
+    /// The coordinate that is depth.
+    pub down: Down,
+    /// Velocity in m/s, for depth in two-way time.
+    pub velocity: Option<f64>,
+    /// Depth in metres of the mesh's shallowest point; as its coordinates have it if `None`.
+    pub top: Option<f64>,
+    /// Thickness of a mesh of the plane, in its own unit.
+    pub thickness: f64,
+}
+
+impl Default for Placement {
+    /// Metres, z upwards.
+    fn default() -> Self {
+        Self {
+            length: None,
+            down: Down::default(),
+            velocity: None,
+            top: None,
+            thickness: 1.0,
+        }
+    }
+}
+
+/// A model whose cells are still to be filled.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Prepared {
+    /// The model.
+    pub model: Model,
+    /// From the mesh's coordinates to the model's.
+    pub frame: Frame,
+    /// Volume of the mesh's box in m^3.
+    pub box_volume: f64,
+    /// What the file knows of each cell.
+    pub cell_data: Vec<DataArray>,
+    /// Whether the mesh says which faces lie on features.
+    pub features_known: bool,
+    /// From samples of the image that was meshed to the mesh's coordinates.
+    geometry: Geometry<3>,
+    /// Number of samples of that image along each axis, if the mesh is of one.
+    dims: [f64; 3],
+}
+
+/// The parts of a mesh that are the same for all kinds of cells.
+struct Parts {
+    mesh: PolyMesh<3>,
+    tets: Option<TetMesh>,
+    triangles: Option<Vec<[u32; 3]>>,
+    geometry: Geometry<3>,
+    dims: [f64; 3],
+    box_volume: f64,
+    features_known: bool,
+}
+
+/// Cells of simplices, in the file's coordinates, their sides known.
+fn simplices<const D: usize, M: Measured<D>>(
+    placed: &Placed<D, M>,
+    cell_data: &[DataArray],
+) -> Result<PolyMesh<D>> {
+    let bits = placed.feature_faces.as_deref().unwrap_or(&[]);
+    let region = cell_data.iter().find(|array| array.name == "region");
+    let region: Vec<i32> = match region {
+        Some(array) => array.values.to_i64().iter().map(|&r| r as i32).collect(),
+        None => Vec::new(),
+    };
+    let mut mesh = PolyMesh::from_simplices(&placed.lattice, bits, &region)?;
+    mesh.assign_sides([0.0; D], placed.extent);
+    let (geometry, step) = (&placed.geometry, placed.step);
+    let physical = |p: [f64; D]| geometry.to_physical(std::array::from_fn(|k| p[k] / step[k]));
+    let mut mesh = mesh.mapped(physical, geometry.determinant() < 0.0);
+    mesh.nodes = placed.physical.nodes().to_vec();
+    Ok(mesh)
+}
+
+fn parts<const D: usize, M>(
+    placed: &Placed<D, M>,
+    mesh: PolyMesh<3>,
+    thickness: f64,
+    features_known: bool,
+) -> Parts {
+    let samples: [f64; D] = std::array::from_fn(|k| placed.extent[k] / placed.step[k]);
+    let volume = samples.iter().product::<f64>() * placed.geometry.determinant().abs();
+    let dim = |k: usize| samples.get(k).map_or(1.0, |n| n + 1.0);
+    Parts {
+        mesh,
+        tets: None,
+        triangles: None,
+        geometry: placed.geometry.in_space(),
+        dims: std::array::from_fn(dim),
+        box_volume: volume * if D == 2 { thickness } else { 1.0 },
+        features_known,
+    }
+}
+
+impl Prepared {
+    /// A mesh of any kind of cells; `place` names it in errors. Triangles and polygons become prisms.
+    ///
+    /// # Errors
+    /// [`Error::Mesh`] for a mesh that makes no sense, [`Error::Export`] for units that do not.
+    pub fn new(file: AnyMesh, place: &str, placement: &Placement) -> Result<Self> {
+        let thickness = placement.thickness;
+        let (cell_data, parts) = match file {
+            AnyMesh::Space(file) => {
+                let cell_data = file.cell_data.clone();
+                let placed = Placed::new(file, place)?;
+                let mesh = simplices(&placed, &cell_data)?;
+                let known = placed.feature_faces.is_some();
+                let parts = parts(&placed, mesh, thickness, known);
+                let tets = Some(placed.physical);
+                (cell_data, Parts { tets, ..parts })
+            }
+            AnyMesh::Plane(file) => {
+                let cell_data = file.cell_data.clone();
+                let placed = Placed::new(file, place)?;
+                let mesh = simplices(&placed, &cell_data)?.extruded(thickness);
+                let known = placed.feature_faces.is_some();
+                let parts = parts(&placed, mesh, thickness, known);
+                let triangles = Some(placed.physical.triangles);
+                (cell_data, Parts { triangles, ..parts })
+            }
+            AnyMesh::SpaceCells(file) => {
+                let cell_data = file.cell_data.clone();
+                let mut placed = Placed::cells(file, place)?;
+                let mesh = std::mem::take(&mut placed.physical);
+                (cell_data, parts(&placed, mesh, thickness, true))
+            }
+            AnyMesh::PlaneCells(file) => {
+                let cell_data = file.cell_data.clone();
+                let placed = Placed::cells(file, place)?;
+                let mesh = placed.physical.extruded(thickness);
+                (cell_data, parts(&placed, mesh, thickness, true))
+            }
+        };
+        let Placement {
+            length,
+            down,
+            velocity,
+            top,
+            ..
+        } = *placement;
+        let mut frame = Frame::new(&parts.geometry.units, length, down, velocity)?;
+        if let Some(top) = top {
+            frame = frame.with_top(&parts.mesh.nodes, top);
+        }
+        let box_volume = match cell_data.iter().any(|array| array.name == COLUMN) {
+            true => parts.mesh.enclosed_volume(),
+            false => parts.box_volume,
+        };
+        let mesh = (parts.mesh).mapped(|p| frame.to_model(p), frame.mirrors());
+        let tets = parts.tets.map(|mut tets| {
+            tets.nodes.clone_from(&mesh.nodes);
+            if frame.mirrors() {
+                tets.tets.iter_mut().for_each(|tet| tet.swap(2, 3));
+            }
+            tets
+        });
+        let mut model = Model::new(mesh, tets);
+        model.triangles = parts.triangles.map(|mut triangles| {
+            if frame.mirrors() {
+                triangles
+                    .iter_mut()
+                    .for_each(|triangle| triangle.swap(1, 2));
+            }
+            triangles
+        });
+        let columns = cell_data.iter();
+        let columns = columns.filter(|a| [COLUMN, LAYER].contains(&a.name.as_str()));
+        model.properties.extend(columns.cloned());
+        Ok(Self {
+            model,
+            box_volume: box_volume * frame.volume_of_unit(),
+            frame,
+            cell_data,
+            features_known: parts.features_known,
+            geometry: parts.geometry,
+            dims: parts.dims,
+        })
+    }
+
+    /// A value for each cell from an image: one of the dims of the image that was meshed, or one that
+    /// says where it lies and covers the mesh. `place` names it in errors.
+    ///
+    /// # Errors
+    /// [`Error::Image`] if it is neither, [`Error::Export`] as [`sample::sample`].
+    pub fn average(&self, image: &Image<3>, mean: Mean, place: &str) -> Result<Vec<f64>> {
+        let dims = image.dims();
+        let same = (0..3).all(|k| (dims[k] as f64 - self.dims[k]).abs() < 1e-6);
+        let geometry = if same {
+            &self.geometry
+        } else {
+            &image.geometry
+        };
+        let index_of = |point: [f64; 3]| {
+            let index = geometry.to_index(self.frame.to_file(point));
+            index.unwrap_or([f64::NAN; 3])
+        };
+        let places = Places::new(&self.model.mesh, dims, index_of);
+        // Coordinates of a survey are rounded.
+        let spans = geometry.determinant() != 0.0;
+        if !same && (!spans || places.outside() > 0.5) {
+            return Err(Error::Image(cause(
+                place,
+                format!(
+                    "is of {dims:?} samples, the image that was meshed of {:?}, and does not cover the mesh",
+                    self.dims
+                ),
+                "give an image of the same dims, or one that says where it lies and covers the mesh",
+            )));
+        }
+        sample::sample(&self.model.mesh, &places, image, mean, place)
+    }
+}

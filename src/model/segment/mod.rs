@@ -1,0 +1,253 @@
+//! Object and background by a minimum cut, on the cells of a mesh (superpixels) or on samples.
+//!
+//! Xu (2016), chapters 3 and 4, after Boykov & Funka-Lea (2006): seeds of object and background give
+//! a histogram each; a cell costs -ln Pr(its mean value) of the histogram it is assigned to, and a
+//! face between an object's and a background's cell costs exp(-(difference of means)^2 / 2 sigma^2).
+//! The cheapest assignment is a minimum cut. Here cells count by volume and faces by area, in
+//! samples, so that the sum stands for the same integral on any mesh, and on the samples themselves.
+//!
+//! - [`costs`]: histograms and the capacities that follow from them
+//! - [`maxflow`]: the minimum cut
+//! - [`superpixels`]: mean values of cells
+//! - [`raster`]: which cell each sample of the image lies in
+//! - [`boundary`]: the surface of the object, smoothed
+
+pub mod boundary;
+pub mod costs;
+pub mod maxflow;
+pub mod raster;
+pub mod superpixels;
+
+use crate::Result;
+use crate::image::Image;
+use crate::model::surface::cells::Cells;
+use costs::{Costs, Regions};
+use maxflow::Network;
+
+/// What weighs how much in a segmentation.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Options {
+    /// Weight of the values against the boundary.
+    pub lambda: f64,
+    /// The difference of neighbouring values at which a boundary is cheap; `None`: the root mean
+    /// square of all differences between neighbours.
+    pub sigma: Option<f64>,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            lambda: 1.0,
+            sigma: None,
+        }
+    }
+}
+
+/// Where the user says that there is object or background.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Seeds {
+    /// Cells (or samples) of the object.
+    pub object: Vec<u32>,
+    /// Cells (or samples) of the background.
+    pub background: Vec<u32>,
+}
+
+/// Which cells (or samples) are the object's.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Segmentation {
+    /// 1 for the object, 0 for the background.
+    pub labels: Vec<u8>,
+    /// The difference of values that was used.
+    pub sigma: f64,
+    /// The least cost, in the units of the costs.
+    pub cost: f64,
+}
+
+/// Cuts a mesh whose cells have these mean values.
+///
+/// # Errors
+/// [`Error::Job`](crate::Error::Job) if there are no seeds, or one cell is of both kinds.
+pub fn cut_cells<const D: usize>(
+    cells: &Cells<D>,
+    values: &[f32],
+    seeds: &Seeds,
+    options: &Options,
+) -> Result<Segmentation> {
+    let links = |add: &mut dyn FnMut(u32, u32, f64)| {
+        for link in &cells.links {
+            add(link.cells[0], link.cells[1], link.area);
+        }
+    };
+    cut(values, |i| cells.volumes[i], &links, seeds, options)
+}
+
+/// Cuts an image between its samples, each joined to its two neighbours along every axis: the
+/// classical method, against which meshes are measured.
+///
+/// # Errors
+/// As [`cut_cells`].
+pub fn cut_samples<const D: usize>(
+    image: &Image<D>,
+    seeds: &Seeds,
+    options: &Options,
+) -> Result<Segmentation> {
+    let dims = image.dims();
+    let links = |add: &mut dyn FnMut(u32, u32, f64)| {
+        let mut stride = 1;
+        for n in dims {
+            // Blocks of n * stride samples, in which all but the last stride have a neighbour.
+            for block in (0..image.samples.len()).step_by(n * stride) {
+                for i in block..block + (n - 1) * stride {
+                    add(i as u32, (i + stride) as u32, 1.0);
+                }
+            }
+            stride *= n;
+        }
+    };
+    cut(image.as_slice(), |_| 1.0, &links, seeds, options)
+}
+
+/// Something that calls its argument with every link: two cells and the area between them.
+type Links<'a> = &'a dyn Fn(&mut dyn FnMut(u32, u32, f64));
+
+fn cut(
+    values: &[f32],
+    volume: impl Fn(usize) -> f64,
+    links: Links<'_>,
+    seeds: &Seeds,
+    options: &Options,
+) -> Result<Segmentation> {
+    let regions = Regions::new(values, seeds)?;
+    let costs = Costs::new(values, links, options);
+    let mut network = Network::new(values.len(), |add| {
+        links(&mut |a, b, area| {
+            let [p, q] = [a, b].map(|i| values[i as usize]);
+            add(a, b, costs.capacity(area * costs.boundary(p, q)));
+        });
+    });
+    let mut is_seed = vec![false; values.len()];
+    for (cells, is_object) in [(&seeds.object, true), (&seeds.background, false)] {
+        for &cell in cells {
+            if !std::mem::replace(&mut is_seed[cell as usize], true) {
+                network.bind(cell, is_object);
+            }
+        }
+    }
+    for (i, &value) in values.iter().enumerate() {
+        if !is_seed[i] {
+            let weight = options.lambda * volume(i);
+            let [object, background] = regions.costs(value).map(|c| costs.capacity(weight * c));
+            network.add_terminal(i as u32, background, object);
+        }
+    }
+    let flow = network.solve();
+    let label = |i: usize| u8::from(network.is_source(i as u32));
+    Ok(Segmentation {
+        labels: (0..values.len()).map(label).collect(),
+        sigma: costs.sigma,
+        cost: costs.of(flow),
+    })
+}
+
+/// Dice's coefficient of two sets of labels, 2 |A and B| / (|A| + |B|): 1 if they are equal. Labels
+/// other than 0 are the object's; two empty sets are equal.
+pub fn dice(a: &[u8], b: &[u8]) -> f64 {
+    let (mut both, mut sum) = (0u64, 0u64);
+    for (&a, &b) in a.iter().zip(b) {
+        both += u64::from(a != 0 && b != 0);
+        sum += u64::from(a != 0) + u64::from(b != 0);
+    }
+    if sum == 0 {
+        1.0
+    } else {
+        2.0 * both as f64 / sum as f64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::Geometry;
+
+    /// A disc of value 1 on 0, with noise of this size.
+    fn disc(n: usize, noise: f32) -> (Image<2>, Vec<u8>) {
+        let mut state = 3u32;
+        let mut random = || {
+            let mut sum = 0.0;
+            for _ in 0..12 {
+                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                sum += (state >> 8) as f32 / (1 << 24) as f32;
+            }
+            sum - 6.0
+        };
+        let middle = n as f64 / 2.0;
+        let truth: Vec<u8> = (0..n * n)
+            .map(|i| {
+                let [x, y] = [i % n, i / n].map(|c| c as f64 - middle);
+                u8::from(x.hypot(y) < 0.3 * n as f64)
+            })
+            .collect();
+        let samples = truth
+            .iter()
+            .map(|&t| f32::from(t) + noise * random())
+            .collect();
+        (Image::new([n, n], samples, Geometry::default()), truth)
+    }
+
+    fn corners(n: u32) -> Seeds {
+        let middle = n / 2 * n + n / 2;
+        Seeds {
+            object: vec![middle, middle + 1, middle + n],
+            background: vec![0, 1, n, n * n - 1],
+        }
+    }
+
+    #[test]
+    fn samples_of_a_clean_disc_are_found_exactly() {
+        let (image, truth) = disc(48, 0.0);
+        let found = cut_samples(&image, &corners(48), &Options::default()).unwrap();
+        assert_eq!(found.labels, truth);
+        assert!((dice(&found.labels, &truth) - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_cut_is_smoother_than_a_threshold() {
+        let (image, truth) = disc(64, 0.4);
+        let mut seeds = corners(64);
+        // Rows through the middle and along the side: enough for histograms.
+        seeds.object.extend((0..20).map(|k| 32 * 64 + 22 + k));
+        seeds.background.extend((0..60).chain(64..120));
+        seeds.object.dedup();
+        let found = cut_samples(&image, &seeds, &Options::default()).unwrap();
+        let threshold: Vec<u8> = image
+            .as_slice()
+            .iter()
+            .map(|&v| u8::from(v > 0.5))
+            .collect();
+        let [cut, plain] = [&found.labels, &threshold].map(|labels| dice(labels, &truth));
+        assert!(cut > 0.94 && plain < 0.85, "{cut} {plain}");
+    }
+
+    #[test]
+    fn seeds_are_kept_whatever_the_values_say() {
+        let (image, _) = disc(32, 0.0);
+        let mut seeds = corners(32);
+        seeds.background.push(16 * 32 + 10);
+        let found = cut_samples(&image, &seeds, &Options::default()).unwrap();
+        assert_eq!(found.labels[16 * 32 + 10], 0);
+        assert_eq!(found.labels[16 * 32 + 16], 1);
+        seeds.object.push(0);
+        let error = cut_samples(&image, &seeds, &Options::default()).unwrap_err();
+        assert!(error.to_string().contains("both"), "{error}");
+        seeds.object.clear();
+        let error = cut_samples(&image, &seeds, &Options::default()).unwrap_err();
+        assert!(error.to_string().contains("object"), "{error}");
+    }
+
+    #[test]
+    fn dice_of_known_sets() {
+        assert_eq!(dice(&[1, 1, 0, 0], &[1, 0, 1, 0]), 0.5);
+        assert_eq!(dice(&[0, 0], &[0, 0]), 1.0);
+        assert_eq!(dice(&[2, 0], &[7, 0]), 1.0);
+    }
+}

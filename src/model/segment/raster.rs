@@ -1,0 +1,229 @@
+//! Which cell of a mesh each sample of an image lies in.
+
+use rayon::prelude::*;
+
+use crate::mesh::complex::NONE;
+use crate::mesh::faceted::Faceted;
+
+/// How far a sample may be beyond a face and still be in the cell, in samples: rounding.
+const SLACK: f64 = 1e-6;
+
+/// The half spaces whose intersection each (convex) cell is, and the box round it.
+struct Cell<const D: usize> {
+    low: [f64; D],
+    high: [f64; D],
+    /// n and c of n x <= c.
+    planes: Vec<([f64; D], f64)>,
+}
+
+/// For each sample (x fastest) the cell of a mesh in lattice space that it lies in, of several the
+/// first; [`NONE`] outside all. `cells` are those of [`Faceted::cells_of_faces`].
+pub fn cells_of_samples<const D: usize, F: Faceted<D>>(
+    mesh: &F,
+    cells: &[[u32; 2]],
+    dims: [usize; D],
+    step: [f64; D],
+) -> Vec<u32> {
+    let shapes = shapes(mesh, cells, step);
+    let slab: usize = dims[..D - 1].iter().product();
+    // Which cells reach into each section across the last axis.
+    let last = D - 1;
+    let mut of_section = vec![Vec::new(); dims[last]];
+    for (number, cell) in shapes.iter().enumerate() {
+        for section in whole(cell.low[last], cell.high[last], dims[last]) {
+            of_section[section].push(number as u32);
+        }
+    }
+    let mut found = vec![NONE; slab * dims[last]];
+    found
+        .par_chunks_mut(slab)
+        .zip(of_section)
+        .enumerate()
+        .for_each(|(section, (found, numbers))| {
+            for number in numbers {
+                fill(&shapes[number as usize], number, section, dims, found);
+            }
+        });
+    found
+}
+
+/// The whole numbers between two, below `n`.
+fn whole(low: f64, high: f64, n: usize) -> std::ops::Range<usize> {
+    let low = (low - SLACK).ceil().max(0.0) as usize;
+    let high = (high + SLACK).floor();
+    low..if high < 0.0 {
+        0
+    } else {
+        (high as usize + 1).min(n)
+    }
+}
+
+/// Half spaces and boxes in units of samples.
+fn shapes<const D: usize, F: Faceted<D>>(
+    mesh: &F,
+    cells: &[[u32; 2]],
+    step: [f64; D],
+) -> Vec<Cell<D>> {
+    let nodes: Vec<[f64; D]> = mesh
+        .node_positions()
+        .par_iter()
+        .map(|p| std::array::from_fn(|k| p[k] / step[k]))
+        .collect();
+    let mut shapes: Vec<Cell<D>> = Vec::new();
+    for (face, beyond) in cells.iter().enumerate() {
+        mesh.facets(face, |facet| {
+            let corners = facet.map(|n| nodes[n as usize]);
+            let normal = unit_normal(&corners);
+            let Some(normal) = normal else { return };
+            let c = (0..D).map(|k| normal[k] * corners[0][k]).sum::<f64>();
+            for (&cell, sign) in beyond.iter().zip([1.0, -1.0]) {
+                if cell == NONE {
+                    continue;
+                }
+                while shapes.len() <= cell as usize {
+                    shapes.push(Cell {
+                        low: [f64::INFINITY; D],
+                        high: [f64::NEG_INFINITY; D],
+                        planes: Vec::with_capacity(D + 1),
+                    });
+                }
+                let shape = &mut shapes[cell as usize];
+                for p in &corners {
+                    for k in 0..D {
+                        shape.low[k] = shape.low[k].min(p[k]);
+                        shape.high[k] = shape.high[k].max(p[k]);
+                    }
+                }
+                let plane = (normal.map(|n| sign * n), sign * c);
+                // All facets of a flat face have one plane.
+                if shape.planes.last() != Some(&plane) {
+                    shape.planes.push(plane);
+                }
+            }
+        });
+    }
+    shapes
+}
+
+/// The unit normal of an edge or a triangle; `None` if it has no size.
+fn unit_normal<const D: usize>(corners: &[[f64; D]; D]) -> Option<[f64; D]> {
+    let edge = |i: usize, k: usize| corners[i][k] - corners[0][k];
+    let normal: [f64; D] = std::array::from_fn(|k| match D {
+        2 => [edge(1, 1), -edge(1, 0)][k],
+        _ => {
+            let (i, j) = ((k + 1) % 3, (k + 2) % 3);
+            edge(1, i) * edge(2, j) - edge(1, j) * edge(2, i)
+        }
+    });
+    let length = normal.iter().map(|n| n * n).sum::<f64>().sqrt();
+    (length > 0.0).then(|| normal.map(|n| n / length))
+}
+
+/// Gives a cell the samples of one section that lie in it and in no cell before, row by row.
+fn fill<const D: usize>(
+    cell: &Cell<D>,
+    number: u32,
+    section: usize,
+    dims: [usize; D],
+    found: &mut [u32],
+) {
+    let rows = match D {
+        2 => 0..1,
+        _ => whole(cell.low[1], cell.high[1], dims[1]),
+    };
+    for row in rows {
+        // The coordinates of the row but for x.
+        let at: [f64; D] = std::array::from_fn(|k| match k {
+            0 => 0.0,
+            _ if k == D - 1 => section as f64,
+            _ => row as f64,
+        });
+        let (mut low, mut high) = (cell.low[0], cell.high[0]);
+        for (normal, c) in &cell.planes {
+            let rest = c + SLACK - (1..D).map(|k| normal[k] * at[k]).sum::<f64>();
+            if normal[0] > 0.0 {
+                high = high.min(rest / normal[0]);
+            } else if normal[0] < 0.0 {
+                low = low.max(rest / normal[0]);
+            } else if rest < 0.0 {
+                high = f64::NEG_INFINITY;
+            }
+        }
+        let range = whole(low, high, dims[0]);
+        if range.is_empty() {
+            continue;
+        }
+        for place in &mut found[row * dims[0] + range.start..row * dims[0] + range.end] {
+            if *place == NONE {
+                *place = number;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::poly::samples::two_cells;
+    use crate::mesh::{Simplices, TetMesh};
+
+    #[test]
+    fn every_sample_of_two_boxes_has_its_cell() {
+        // [0, 2] x [0, 1]^2 cut at x = 0.75, 20 samples a unit: sample 15 is on the cut.
+        let mesh = two_cells::<3>(0.75);
+        let across = mesh.cells_of_faces().unwrap();
+        let found = cells_of_samples(&mesh, &across, [41, 21, 21], [0.05; 3]);
+        for (i, cell) in found.iter().enumerate() {
+            assert_eq!(*cell, u32::from(i % 41 > 15), "sample {i}");
+        }
+        let mesh = two_cells::<2>(0.75);
+        let across = mesh.cells_of_faces().unwrap();
+        let found = cells_of_samples(&mesh, &across, [41, 21], [0.05; 2]);
+        assert!(
+            found
+                .iter()
+                .enumerate()
+                .all(|(i, c)| *c == u32::from(i % 41 > 15))
+        );
+    }
+
+    #[test]
+    fn samples_lie_inside_the_tetrahedra_that_they_are_given_to() {
+        // A cube of six tetrahedra round its diagonal, and nothing beyond.
+        let nodes: Vec<[f64; 3]> = (0..8)
+            .map(|i| [i & 1, i >> 1 & 1, i >> 2].map(|c| 10.0 * f64::from(c)))
+            .collect();
+        let tets = vec![
+            [0, 1, 3, 7],
+            [0, 3, 2, 7],
+            [0, 2, 6, 7],
+            [0, 6, 4, 7],
+            [0, 4, 5, 7],
+            [0, 5, 1, 7],
+        ];
+        let mesh = TetMesh { nodes, tets };
+        let across = mesh.cells_of_faces().unwrap();
+        let dims = [13, 11, 12];
+        let found = cells_of_samples(&mesh, &across, dims, [1.0; 3]);
+        let mut counts = [0; 6];
+        for (i, &cell) in found.iter().enumerate() {
+            let index = [i % 13, i / 13 % 11, i / (13 * 11)];
+            assert_eq!(cell == NONE, index.iter().any(|&c| c > 10), "{index:?}");
+            if cell == NONE {
+                continue;
+            }
+            counts[cell as usize] += 1;
+            let corners = mesh.corners(cell as usize);
+            let whole = mesh.volume(cell as usize);
+            for k in 0..4 {
+                let mut part = corners;
+                part[k] = index.map(|c| c as f64);
+                assert!(
+                    crate::geometry::volume6(&part) / 6.0 > -1e-3 * whole.abs(),
+                    "{index:?}"
+                );
+            }
+        }
+        assert!(counts.iter().all(|n| (130..400).contains(n)), "{counts:?}");
+    }
+}

@@ -1,0 +1,149 @@
+use super::*;
+use crate::files::vtk::DataArray;
+use crate::mesh::poly::{PolyMesh, SIDE_0};
+use crate::mesh::{TetMesh, TriMesh};
+use crate::store::MeshFile;
+
+/// The unit cube as six tetrahedra about its diagonal, scaled to side `size`.
+fn cube(size: f64) -> TetMesh {
+    let nodes: Vec<[f64; 3]> = (0..8)
+        .map(|i| [i & 1, i >> 1 & 1, i >> 2].map(|c| size * f64::from(c)))
+        .collect();
+    let paths = [[1, 3], [5, 1], [3, 2], [2, 6], [4, 5], [6, 4]];
+    let tets = paths.iter().map(|&[a, b]| [0, a, b, 7]).collect();
+    TetMesh { nodes, tets }
+}
+
+fn file<M>(mesh: M, name: &str, bits: Vec<u8>) -> MeshFile<M> {
+    MeshFile {
+        mesh,
+        point_data: Vec::new(),
+        cell_data: vec![DataArray::scalars(name, bits)],
+        field_data: Vec::new(),
+    }
+}
+
+#[test]
+fn a_section_lies_in_its_plane_and_closes() {
+    let mesh = file(cube(2.0), "feature_faces", vec![1, 0, 0, 0, 0, 0]);
+    let skeleton = Skeleton::new(&mesh, &Geometry::default()).unwrap();
+    // 12 faces on the sides and 6 about the diagonal; one is marked.
+    assert_eq!(skeleton.marked.len(), 18);
+    assert_eq!(skeleton.marked.iter().filter(|m| **m).count(), 1);
+    for axis in 0..3 {
+        for at in [0.3, 1.0, 1.7] {
+            let found: Vec<_> = skeleton.section(axis, at).map(|(ends, _)| ends).collect();
+            // The square's rim has a side of 2 and 8 half-sides or more; every end is shared.
+            let mut around = 0.0;
+            for [p, q] in &found {
+                assert!((p[axis] - at).abs() < 1e-12 && (q[axis] - at).abs() < 1e-12);
+                let on_rim =
+                    |k: &usize| *k != axis && p[*k] == q[*k] && (p[*k] == 0.0 || p[*k] == 2.0);
+                if (0..3).any(|k| on_rim(&k)) {
+                    around += (0..3).map(|k| (p[k] - q[k]).abs()).sum::<f64>();
+                }
+                for end in [p, q] {
+                    let near = |r: &[f64; 3]| (0..3).all(|k| (r[k] - end[k]).abs() < 1e-12);
+                    let meet = found.iter().flatten().filter(|r| near(r)).count();
+                    assert!(meet >= 2, "a loose end at {end:?}");
+                }
+            }
+            assert!(
+                (around - 8.0).abs() < 1e-12,
+                "axis {axis} at {at}: {around}"
+            );
+        }
+    }
+    assert_eq!(skeleton.section(0, 2.5).count(), 0);
+}
+
+#[test]
+fn polygons_are_cut_as_triangles_are() {
+    // One square face, upright on the plane z = 0.5.
+    let skeleton = Skeleton::<3> {
+        nodes: vec![[0.0; 3], [4.0, 0.0, 0.0], [4.0, 0.0, 1.0], [0.0, 0.0, 1.0]],
+        corners: vec![0, 1, 2, 3],
+        ends: vec![4],
+        marked: vec![true],
+    };
+    let found: Vec<_> = skeleton.section(2, 0.5).collect();
+    assert_eq!(found, [([[4.0, 0.0, 0.5], [0.0, 0.0, 0.5]], true)]);
+}
+
+#[test]
+fn the_feature_edge_is_drawn_in_its_colour_where_it_is() {
+    let samples: Vec<f32> = (0..21 * 21).map(|i| (i % 21) as f32).collect();
+    let image = Image::new(
+        [21, 21],
+        samples,
+        Geometry::with_spacing([100.0, 0.0], [5.0, 5.0]),
+    );
+    let nodes = vec![[100.0, 0.0], [200.0, 0.0], [100.0, 100.0], [200.0, 100.0]];
+    let mesh = TriMesh {
+        nodes,
+        triangles: vec![[0, 1, 2], [2, 1, 3]],
+    };
+    // The diagonal from (200, 0) to (100, 100), opposite node 0 of the first triangle.
+    let mesh = file(mesh, "feature_edges", vec![1, 0]);
+    let skeleton = Skeleton::new(&mesh, &image.geometry).unwrap();
+    assert_eq!(skeleton.edges().filter(|(_, marked)| *marked).count(), 1);
+    let picture = plane(&image, &skeleton).unwrap();
+    let [width, height] = picture.size();
+    assert_eq!([width, height], [288, 288]);
+    let middle = picture.color(width / 2, height / 2);
+    assert_eq!(middle, [255, 120, 0]);
+    // Off the diagonal there is the image's grey: dark on the left, bright on the right.
+    let [left, right] =
+        [MARGIN as u32 + 20, width - MARGIN as u32 - 20].map(|x| picture.color(x, 100));
+    assert!(
+        left[0] == left[1] && left[0] < 80 && right[0] > 180,
+        "{left:?} {right:?}"
+    );
+
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.png");
+    picture.write(&path).unwrap();
+    let back = crate::image::formats::png::read(&path).unwrap().image;
+    assert_eq!(back.dims(), [288, 288]);
+}
+
+#[test]
+fn cells_are_drawn_as_simplices_are() {
+    // Two halves of a square; the face between them is on a feature.
+    let mut mesh = PolyMesh {
+        nodes: vec![[4.0, 0.0], [4.0, 8.0], [0.0, 0.0], [8.0, 8.0]],
+        face_cells: vec![[0, 1], [0, SIDE_0]],
+        on_feature: vec![true, false],
+        ..PolyMesh::default()
+    };
+    mesh.faces.push([1, 0]);
+    mesh.faces.push([0, 2]);
+    let geometry = Geometry::with_spacing([0.0; 2], [2.0; 2]);
+    let skeleton = Skeleton::of_cells(&file(mesh, "none", vec![]), &geometry).unwrap();
+    let edges: Vec<_> = skeleton.edges().collect();
+    assert_eq!(edges[0], ([[2.0, 4.0], [2.0, 0.0]], true));
+    assert_eq!(edges[1], ([[2.0, 0.0], [0.0, 0.0]], false));
+}
+
+#[test]
+fn three_panels_meet_at_the_point_and_points_outside_are_refused() {
+    let image = Image::new([9, 7, 5], vec![0.5; 315], Geometry::default());
+    let mesh = file(cube(4.0), "feature_faces", vec![0; 6]);
+    let skeleton = Skeleton::new(&mesh, &image.geometry).unwrap();
+    let picture = space(&image, &skeleton, [4.0, 3.0, 2.0]).unwrap();
+    let [width, height] = picture.size();
+    // x and y across, y and z down.
+    assert_eq!(width, (8.0 * 14.0 + GAP + 2.0 * MARGIN) as u32);
+    assert_eq!(height, (8.0 * 10.0 + GAP + 2.0 * MARGIN) as u32);
+    for wrong in [[9.0, 3.0, 2.0], [4.0, -1.0, 2.0], [4.0, 3.0, f64::NAN]] {
+        assert!(space(&image, &skeleton, wrong).is_err());
+    }
+}
+
+#[test]
+fn the_sample_axis_of_a_survey_is_upright() {
+    let mut geometry = Geometry::<3>::default();
+    assert_eq!(upright(&geometry), 2);
+    geometry.axes = [[0.0, 0.0, 4.0], [25.0, 3.0, 0.0], [-3.0, 25.0, 0.0]];
+    assert_eq!(upright(&geometry), 0);
+}

@@ -1,0 +1,55 @@
+//! Faults and horizons.
+
+use serde::Serialize;
+
+use super::Surfaces;
+use crate::geometry::{norm, normal};
+
+/// What a surface is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Kind {
+    /// A fault, or any other feature that is no horizon.
+    Fault,
+    /// Where layers meet.
+    Horizon,
+}
+
+impl Kind {
+    /// In lower case.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Fault => "fault",
+            Self::Horizon => "horizon",
+        }
+    }
+}
+
+/// The kind of each surface: a horizon if at least half of its area is in `horizons`, facets with
+/// nodes ascending, sorted.
+pub fn kinds<const D: usize>(
+    surfaces: &Surfaces<D>,
+    nodes: &[[f64; D]],
+    horizons: &[[u32; D]],
+) -> Vec<Kind> {
+    let kind = |surface: usize| {
+        let sign = |facet: &[u32; D]| {
+            let mut sorted = *facet;
+            sorted.sort_unstable();
+            match horizons.binary_search(&sorted) {
+                Ok(_) => 1.0,
+                Err(_) => -1.0,
+            }
+        };
+        let area = |f: &[u32; D]| norm(normal(&f.map(|n| nodes[n as usize])));
+        let balance: f64 = (surfaces.of(surface).iter())
+            .map(|f| sign(f) * area(f))
+            .sum();
+        if balance >= 0.0 && !horizons.is_empty() {
+            Kind::Horizon
+        } else {
+            Kind::Fault
+        }
+    };
+    (0..surfaces.len()).map(kind).collect()
+}

@@ -1,0 +1,284 @@
+//! Area, orientation, extent, rim and neighbours of surfaces.
+
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::Surfaces;
+use super::facets::Facets;
+use super::kind::{Kind, kinds};
+use crate::geometry::sets::Sets;
+use crate::geometry::{add_scaled, dot, norm, normal, sub, unit};
+
+/// Figures of one surface, in the space of the nodes that were given. In 2-D, area means length.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Measure {
+    /// Number of the surface; 0 is the largest.
+    pub surface: usize,
+    /// Fault or horizon.
+    pub kind: Kind,
+    /// Number of facets.
+    pub facets: usize,
+    /// Area (length in 2-D).
+    pub area: f64,
+    /// Unit vector along which the facets' normals vary least, pointing up: the axis of the area-weighted normals.
+    pub normal: Vec<f64>,
+    /// Angle between that normal and up, in degrees: 0 is horizontal, 90 vertical.
+    pub dip: f64,
+    /// Direction of the horizontal line in the mean plane, in degrees from north towards east, such
+    /// that the surface dips to the right of it. 3-D only.
+    pub strike: Option<f64>,
+    /// Centre of area.
+    pub centre: Vec<f64>,
+    /// Low corner of the bounding box.
+    pub low: Vec<f64>,
+    /// High corner of the bounding box.
+    pub high: Vec<f64>,
+    /// Root of the mean squared distance of the facets' middles from the mean plane.
+    pub off_plane: f64,
+    /// Length of the rim (3-D), number of end points (2-D).
+    pub rim: f64,
+    /// Pieces that no ridge connects.
+    pub components: usize,
+    /// Closed curves of the rim beyond the first of each piece. 3-D only: 0 in 2-D.
+    pub holes: usize,
+    /// Surfaces that share a ridge's nodes with this one.
+    pub meets: Vec<usize>,
+}
+
+/// What is up, and what north and east.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Up<const D: usize> {
+    /// Unit vector upwards.
+    pub up: [f64; D],
+    /// Unit vector towards north.
+    pub north: [f64; D],
+    /// Unit vector towards east.
+    pub east: [f64; D],
+}
+
+impl<const D: usize> Up<D> {
+    /// Up along a coordinate, or against it. The other two are east and north, in cyclic order: for
+    /// z, x is east and y is north.
+    pub fn along(axis: usize, positive: bool) -> Self {
+        let unit = |k: usize| std::array::from_fn(|c| f64::from(u8::from(c == k % D)));
+        let up: [f64; D] = unit(axis);
+        Self {
+            up: if positive { up } else { up.map(|c| -c) },
+            east: unit(axis + 1),
+            north: unit(axis + 2),
+        }
+    }
+}
+
+/// Figures of all surfaces; `nodes` in physical space, as a rule. `horizons` are the facets that lie
+/// on horizons, nodes ascending, sorted.
+pub fn measure<const D: usize>(
+    surfaces: &Surfaces<D>,
+    nodes: &[[f64; D]],
+    up: &Up<D>,
+    horizons: &[[u32; D]],
+) -> Vec<Measure> {
+    let meets = meetings(surfaces);
+    let kinds = kinds(surfaces, nodes, horizons);
+    (0..surfaces.len())
+        .into_par_iter()
+        .map(|s| one(s, surfaces.of(s), kinds[s], nodes, up, meets[s].clone()))
+        .collect()
+}
+
+fn one<const D: usize>(
+    surface: usize,
+    list: &[[u32; D]],
+    kind: Kind,
+    nodes: &[[f64; D]],
+    up: &Up<D>,
+    meets: Vec<usize>,
+) -> Measure {
+    let corners = |f: &[u32; D]| f.map(|n| nodes[n as usize]);
+    let middle = |f: &[u32; D]| {
+        let sum = corners(f)
+            .into_iter()
+            .fold([0.0; D], |sum, x| add_scaled(sum, 1.0, x));
+        sum.map(|c| c / D as f64)
+    };
+    let areas: Vec<f64> = list.iter().map(|f| norm(normal(&corners(f)))).collect();
+    let area: f64 = areas.iter().sum();
+    let centre = list.iter().zip(&areas).fold([0.0; D], |sum, (f, &a)| {
+        add_scaled(sum, a / area, middle(f))
+    });
+    let n = mean_normal(nodes, list, up.up);
+    let square: f64 = (list.iter().zip(&areas))
+        .map(|(f, a)| a / area * dot(sub(middle(f), centre), n).powi(2))
+        .sum();
+    let (low, high) = list.as_flattened().iter().fold(
+        ([f64::INFINITY; D], [f64::NEG_INFINITY; D]),
+        |(low, high), &node| {
+            let x = nodes[node as usize];
+            (
+                std::array::from_fn(|k| low[k].min(x[k])),
+                std::array::from_fn(|k| high[k].max(x[k])),
+            )
+        },
+    );
+    let Shape {
+        rim,
+        components,
+        holes,
+    } = shape(nodes, list);
+    let dip = dot(n, up.up).clamp(-1.0, 1.0).acos().to_degrees();
+    // The normal leans towards where the surface dips; strike is a right angle before that.
+    let towards = dot(n, up.east).atan2(dot(n, up.north)).to_degrees();
+    Measure {
+        surface,
+        kind,
+        facets: list.len(),
+        area,
+        normal: n.to_vec(),
+        dip,
+        strike: (D == 3).then(|| (towards - 90.0).rem_euclid(360.0)),
+        centre: centre.to_vec(),
+        low: low.to_vec(),
+        high: high.to_vec(),
+        off_plane: square.sqrt(),
+        rim,
+        components,
+        holes,
+        meets,
+    }
+}
+
+/// The axis of the facets' normals, weighted by area, pointing up: the main eigenvector of the sum
+/// of their outer products, by the power method (signs of single normals mean nothing).
+pub fn mean_normal<const D: usize>(
+    nodes: &[[f64; D]],
+    facets: &[[u32; D]],
+    up: [f64; D],
+) -> [f64; D] {
+    let mut tensor = [[0.0; D]; D];
+    for facet in facets {
+        let n = normal(&facet.map(|i| nodes[i as usize]));
+        let weight = 1.0 / norm(n).max(f64::MIN_POSITIVE);
+        for i in 0..D {
+            tensor[i] = add_scaled(tensor[i], weight * n[i], n);
+        }
+    }
+    // Its own column of largest norm is a start that is not normal to the axis.
+    let mut axis = tensor.into_iter().fold([0.0; D], |best, row| {
+        if dot(row, row) > dot(best, best) {
+            row
+        } else {
+            best
+        }
+    });
+    for _ in 0..100 {
+        let next = unit(std::array::from_fn(|i| dot(tensor[i], axis)));
+        let change = norm(sub(next, axis));
+        axis = next;
+        if change < 1e-14 {
+            break;
+        }
+    }
+    // Vertical surfaces need a rule too: the largest component is positive.
+    let mut sign = dot(axis, up);
+    if sign.abs() < 1e-9 {
+        sign = axis.into_iter().fold(
+            0.0,
+            |best: f64, c| if c.abs() > best.abs() { c } else { best },
+        );
+    }
+    if sign < 0.0 { axis.map(|c| -c) } else { axis }
+}
+
+struct Shape {
+    rim: f64,
+    components: usize,
+    holes: usize,
+}
+
+/// Rim, pieces and holes of one surface.
+fn shape<const D: usize>(nodes: &[[f64; D]], list: &[[u32; D]]) -> Shape {
+    let facets = Facets::new(nodes, list.to_vec());
+    let mut pieces = Sets::new(facets.len());
+    let mut rim_sides = Vec::new();
+    for ridge in 0..facets.ridge_count() {
+        let sides = facets.sides(ridge);
+        for pair in sides.windows(2) {
+            pieces.unite(pair[0] / D as u32, pair[1] / D as u32);
+        }
+        if let &[side] = sides {
+            rim_sides.push(side as usize);
+        }
+    }
+    let (piece, components) = pieces.numbered();
+    let rim = rim_sides.iter().map(|&side| {
+        let ends: Vec<[f64; D]> = (facets.ridge_nodes(side))
+            .map(|n| nodes[n as usize])
+            .collect();
+        match ends[..] {
+            [a, b] => norm(sub(a, b)),
+            _ => 1.0,
+        }
+    });
+    // Closed curves of the rim: sets of rim nodes that rim edges connect.
+    let mut loops = Vec::new();
+    if D == 3 {
+        let mut at: Vec<u32> = rim_sides
+            .iter()
+            .flat_map(|&s| facets.ridge_nodes(s))
+            .collect();
+        at.sort_unstable();
+        at.dedup();
+        let place = |n: u32| at.partition_point(|&m| m < n) as u32;
+        let mut curves = Sets::new(at.len());
+        for &side in &rim_sides {
+            let ends: Vec<u32> = facets.ridge_nodes(side).map(place).collect();
+            curves.unite(ends[0], ends[1]);
+        }
+        loops = rim_sides
+            .iter()
+            .map(|&side| {
+                let end = facets.ridge_nodes(side).map(place).next().unwrap_or(0);
+                (piece[side / D], curves.find(end))
+            })
+            .collect();
+        loops.sort_unstable();
+        loops.dedup();
+    }
+    let mut open: Vec<u32> = loops.iter().map(|l| l.0).collect();
+    open.dedup();
+    Shape {
+        rim: rim.sum(),
+        components,
+        holes: loops.len() - open.len(),
+    }
+}
+
+/// For each surface, those that it shares at least as many nodes with as a ridge has.
+fn meetings<const D: usize>(surfaces: &Surfaces<D>) -> Vec<Vec<usize>> {
+    let mut at: Vec<(u32, u32)> = (0..surfaces.len())
+        .flat_map(|s| {
+            let nodes = surfaces.of(s).as_flattened().iter();
+            nodes.map(move |&n| (n, s as u32))
+        })
+        .collect();
+    at.par_sort_unstable();
+    at.dedup();
+    let mut pairs: Vec<(u32, u32)> = at
+        .chunk_by(|a, b| a.0 == b.0)
+        .flat_map(|here| {
+            here.iter().flat_map(move |a| {
+                here.iter()
+                    .filter(move |b| a.1 != b.1)
+                    .map(move |b| (a.1, b.1))
+            })
+        })
+        .collect();
+    pairs.sort_unstable();
+    let mut meets = vec![Vec::new(); surfaces.len()];
+    for same in pairs.chunk_by(|a, b| a == b) {
+        if same.len() >= D - 1 {
+            meets[same[0].0 as usize].push(same[0].1 as usize);
+        }
+    }
+    meets
+}

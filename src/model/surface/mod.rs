@@ -1,0 +1,274 @@
+//! Faces on features -> labelled surfaces.
+//!
+//! A mesh says which of its faces lie on features. Which of them make one fault or one horizon?
+//! Facets that continue each other across a ridge do; where more than two meet, those that bend
+//! least; and beyond a gap, as it is left where features cross, the facets that lie in the plane.
+//! One ridge may mislead, so ridges vote: see [`unite`](mod@unite).
+//!
+//! - [`facets`]: facets and their ridges: triangles and edges in 3-D, edges and nodes in 2-D
+//! - [`select`]: the facets of a mesh that lie on features
+//! - [`pairs`]: what continues what
+//! - [`unite`](mod@unite): pieces and votes -> surfaces
+//! - [`fill`](mod@fill): gaps closed by faces that the mesh has there
+//! - [`kind`]: faults and horizons
+//! - [`stored`]: the surfaces of a mesh that a file holds
+//! - [`measure`](mod@measure): area, orientation, extent, rim
+//! - [`cells`]: cells and the faces between them
+
+pub mod cells;
+pub mod facets;
+pub mod fill;
+pub mod kind;
+pub mod measure;
+pub mod pairs;
+pub mod select;
+pub mod stored;
+pub mod unite;
+
+use facets::{Facets, NONE};
+pub use kind::Kind;
+pub use measure::{Measure, measure};
+use pairs::{Cores, Vote, across_crossings, across_gaps, across_ridges, rims};
+
+/// What makes facets one surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Options {
+    /// The largest bend within a surface, in degrees.
+    pub max_bend: f64,
+    /// The widest gap across which a surface goes on, in units of the facets' size.
+    pub reach: f64,
+    /// Smaller surfaces are dropped: least area (3-D) or length (2-D), in the space of the nodes; ten
+    /// facets if `None`.
+    pub min_area: Option<f64>,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            max_bend: 25.0,
+            reach: 2.0,
+            min_area: None,
+        }
+    }
+}
+
+/// Smaller surfaces than this many facets are crumbs.
+const FEWEST: f64 = 10.0;
+
+/// Facets grouped into surfaces.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Surfaces<const D: usize> {
+    /// Facets of all surfaces, surface by surface.
+    pub facets: Vec<[u32; D]>,
+    /// Where the facets of each surface begin, and the end: largest surface first.
+    pub start: Vec<usize>,
+    /// Facets that were added to close gaps.
+    pub filled: usize,
+    /// Surfaces that were too small.
+    pub dropped: usize,
+    /// Their area.
+    pub dropped_area: f64,
+}
+
+impl<const D: usize> Surfaces<D> {
+    /// Groups facets into surfaces. `candidates` are facets that may be added where a surface has a
+    /// gap. Distances and angles are those of `nodes`: use lattice space, in which the mesh is even.
+    ///
+    /// The result does not depend on the number of threads.
+    pub fn find(
+        nodes: &[[f64; D]],
+        facets: Vec<[u32; D]>,
+        candidates: &[[u32; D]],
+        options: &Options,
+    ) -> Self {
+        let straight = options.max_bend.to_radians().cos();
+        let facets = Facets::new(nodes, facets);
+        let cores = Cores::new(&facets);
+        let (mut votes, rim) = across_ridges(&facets, &cores, straight);
+        votes.extend(across_gaps(&facets, &cores, &rim, options.reach, straight));
+        let unite_pieces = |piece: &[u32], count: usize, votes: &[Vote]| {
+            let facing = unite::Facing::of_pieces(&facets, piece, count);
+            let (united, count) = unite::unite(&rims(&facets, piece, count), facing, votes);
+            let piece: Vec<u32> = piece.iter().map(|&p| united[p as usize]).collect();
+            (united, piece, count)
+        };
+        let (united, surface, count) = unite_pieces(&cores.core, cores.count, &votes);
+        // Once more, across wider gaps; what was against stays so.
+        let mut votes: Vec<Vote> = votes.iter().filter_map(|v| v.between(&united)).collect();
+        votes.extend(across_crossings(&facets, &surface, &cores.normals));
+        let (_, surface, count) = unite_pieces(&surface, count, &votes);
+        let added = fill::fill(&facets, &surface, &cores.normals, candidates, straight);
+
+        let mut areas = vec![0.0; count];
+        let members = facets.facets.iter().copied().zip(surface);
+        let mut members: Vec<([u32; D], u32)> = members.collect();
+        let filled = added.len();
+        members.extend(added);
+        let area = |facet: &[u32; D]| {
+            crate::geometry::norm(crate::geometry::normal(&facet.map(|n| nodes[n as usize])))
+        };
+        for (facet, s) in &members {
+            areas[*s as usize] += area(facet);
+        }
+        let mean = areas.iter().sum::<f64>() / members.len().max(1) as f64;
+        let least = options.min_area.unwrap_or(FEWEST * mean);
+        let mut order: Vec<usize> = (0..count).collect();
+        order.sort_by(|&a, &b| areas[b].total_cmp(&areas[a]).then(a.cmp(&b)));
+        let kept = order.partition_point(|&s| areas[s] >= least);
+        let mut rank = vec![NONE; count];
+        for (place, &s) in order[..kept].iter().enumerate() {
+            rank[s] = place as u32;
+        }
+        let mut members: Vec<(u32, [u32; D])> = (members.into_iter())
+            .map(|(facet, s)| (rank[s as usize], facet))
+            .filter(|(s, _)| *s != NONE)
+            .collect();
+        members.sort_unstable();
+        let start = (0..=kept as u32).map(|s| members.partition_point(|m| m.0 < s));
+        Self {
+            start: start.collect(),
+            facets: members.iter().map(|m| m.1).collect(),
+            filled,
+            dropped: count - kept,
+            dropped_area: order[kept..].iter().map(|&s| areas[s]).sum(),
+        }
+    }
+
+    /// Number of surfaces.
+    pub fn len(&self) -> usize {
+        self.start.len().saturating_sub(1)
+    }
+
+    /// Whether there is no surface.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The facets of a surface.
+    pub fn of(&self, surface: usize) -> &[[u32; D]] {
+        &self.facets[self.start[surface]..self.start[surface + 1]]
+    }
+
+    /// For each surface the one that it counts as, as a part of it: crumbs of fewer than
+    /// ten facets are part of the larger surface with which they share most nodes, if there is one.
+    pub fn adopted(&self, nodes: &[[f64; D]]) -> Vec<u32> {
+        let area = |s: usize| -> f64 {
+            let areas =
+                (self.of(s).iter()).map(|f| crate::geometry::normal(&f.map(|n| nodes[n as usize])));
+            areas.map(crate::geometry::norm).sum()
+        };
+        let mut part_of: Vec<u32> = (0..self.len() as u32).collect();
+        let all: f64 = (0..self.len()).map(area).sum();
+        let least = FEWEST * all / self.facets.len().max(1) as f64;
+        let first = (0..self.len()).position(|s| area(s) < least);
+        let first = first.unwrap_or(self.len());
+        let mut on: Vec<(u32, u32)> = (0..first)
+            .flat_map(|s| {
+                self.of(s)
+                    .as_flattened()
+                    .iter()
+                    .map(move |&n| (n, s as u32))
+            })
+            .collect();
+        on.sort_unstable();
+        on.dedup();
+        for crumb in first..self.len() {
+            let mut shared: Vec<u32> = Vec::new();
+            for &n in self.of(crumb).as_flattened() {
+                let from = on.partition_point(|&(m, _)| m < n);
+                shared.extend(on[from..].iter().take_while(|at| at.0 == n).map(|at| at.1));
+            }
+            shared.sort_unstable();
+            // Of equals the first, which is the largest.
+            let most = shared
+                .chunk_by(|a, b| a == b)
+                .rev()
+                .max_by_key(|same| same.len());
+            if let Some(same) = most {
+                part_of[crumb] = same[0];
+            }
+        }
+        part_of
+    }
+
+    /// The surface of each facet.
+    pub fn labels(&self) -> Vec<u32> {
+        let sizes = self.start.windows(2).map(|w| w[1] - w[0]);
+        let labels = sizes
+            .enumerate()
+            .flat_map(|(s, n)| std::iter::repeat_n(s as u32, n));
+        labels.collect()
+    }
+
+    /// Turns facets so that those of a surface all show the same side, upwards on the whole, as far
+    /// as the surface has two sides. `nodes` may be in another space than those of [`find`](Self::find).
+    pub fn orient(&mut self, nodes: &[[f64; D]], up: [f64; D]) {
+        for s in 0..self.len() {
+            let range = self.start[s]..self.start[s + 1];
+            let turned = turned(nodes, self.facets[range.clone()].to_vec(), up);
+            self.facets[range].copy_from_slice(&turned);
+        }
+    }
+}
+
+/// Facets of one surface with consistent orientation, piece by connected piece; each piece such that
+/// its mean normal agrees with that of the surface, which points up.
+fn turned<const D: usize>(
+    nodes: &[[f64; D]],
+    facets: Vec<[u32; D]>,
+    up: [f64; D],
+) -> Vec<[u32; D]> {
+    let normal = measure::mean_normal(nodes, &facets, up);
+    let facets = Facets::new(nodes, facets);
+    let mut result = facets.facets.clone();
+    let mut known = vec![false; facets.len()];
+    let mut piece: Vec<usize> = Vec::new();
+    for first in 0..facets.len() {
+        if std::mem::replace(&mut known[first], true) {
+            continue;
+        }
+        piece.clear();
+        piece.push(first);
+        let mut head = 0;
+        let mut sum = [0.0; D];
+        while head < piece.len() {
+            let f = piece[head];
+            head += 1;
+            let x = result[f].map(|n| nodes[n as usize]);
+            sum = crate::geometry::add_scaled(sum, 1.0, crate::geometry::normal(&x));
+            for k in 0..D {
+                let &[a, b] = facets.sides(facets.ridges[f][k] as usize) else {
+                    continue;
+                };
+                let other = (a + b) as usize - (D * f + k);
+                let (g, l) = (other / D, other % D);
+                if !std::mem::replace(&mut known[g], true) {
+                    let opposite = [(f, k), (g, l)].map(|(i, j)| facets.facets[i][j]);
+                    if !agree(&result[f], opposite[0], &result[g], opposite[1]) {
+                        result[g].swap(0, 1);
+                    }
+                    piece.push(g);
+                }
+            }
+        }
+        if crate::geometry::dot(sum, normal) < 0.0 {
+            piece.iter().for_each(|&f| result[f].swap(0, 1));
+        }
+    }
+    result
+}
+
+/// Whether two facets that share a ridge show the same side; told by the nodes opposite the ridge.
+fn agree<const D: usize>(f: &[u32; D], f_node: u32, g: &[u32; D], g_node: u32) -> bool {
+    let at = |facet: &[u32; D], node| facet.iter().position(|&n| n == node).unwrap_or(0);
+    let (k, l) = (at(f, f_node), at(g, g_node));
+    match D {
+        // Edges follow each other.
+        2 => k != l,
+        // Triangles run along their edge in opposite directions.
+        _ => f[(k + 1) % D] != g[(l + 1) % D],
+    }
+}
+
+#[cfg(test)]
+mod tests;

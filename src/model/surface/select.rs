@@ -1,0 +1,129 @@
+//! The facets of a mesh that lie on features.
+
+use rayon::prelude::*;
+
+use crate::feature::symmetric::{eigenvalues, eigenvector};
+use crate::geometry::{add_scaled, dot, norm, normal};
+use crate::image::Field;
+use crate::mesh::faceted::Faceted;
+
+/// Faces that one task looks at.
+const CHUNK: usize = 1 << 14;
+
+/// Every facet of a mesh for which `wanted(number of its face, nodes ascending)` holds, once, nodes
+/// ascending.
+pub fn facets_where<const D: usize, F: Faceted<D>>(
+    mesh: &F,
+    wanted: impl Fn(usize, &[u32; D]) -> bool + Sync,
+) -> Vec<[u32; D]> {
+    let count = mesh.face_count();
+    let mut facets: Vec<[u32; D]> = (0..count.div_ceil(CHUNK))
+        .into_par_iter()
+        .flat_map_iter(|chunk| {
+            let mut here = Vec::new();
+            for face in chunk * CHUNK..count.min((chunk + 1) * CHUNK) {
+                mesh.facets(face, |mut facet| {
+                    facet.sort_unstable();
+                    if wanted(face, &facet) {
+                        here.push(facet);
+                    }
+                });
+            }
+            here
+        })
+        .collect();
+    facets.par_sort_unstable();
+    facets.dedup();
+    facets
+}
+
+/// The facets of marked faces: `marks` by number of face.
+pub fn marked<const D: usize, F: Faceted<D>>(mesh: &F, marks: &[bool]) -> Vec<[u32; D]> {
+    facets_where(mesh, |face, _| marks[face])
+}
+
+/// The facets not in `taken` (sorted) whose nodes are all nodes of facets in it: where gaps may be
+/// closed.
+pub fn spanned<const D: usize, F: Faceted<D>>(mesh: &F, taken: &[[u32; D]]) -> Vec<[u32; D]> {
+    let mut on = vec![false; mesh.node_positions().len()];
+    for &n in taken.as_flattened() {
+        on[n as usize] = true;
+    }
+    facets_where(mesh, |_, facet| {
+        facet.iter().all(|&n| on[n as usize]) && taken.binary_search(facet).is_err()
+    })
+}
+
+/// A label for each face of a mesh: that of the first of its facets that is in `labelled` (nodes
+/// ascending, sorted), else 0.
+pub fn labels_of_faces<const D: usize, F: Faceted<D>>(
+    mesh: &F,
+    labelled: &[([u32; D], u32)],
+) -> Vec<u32> {
+    let mut on = vec![false; mesh.node_positions().len()];
+    for &n in labelled.iter().flat_map(|(facet, _)| facet) {
+        on[n as usize] = true;
+    }
+    let label = |face: usize| {
+        let mut label = 0;
+        mesh.facets(face, |mut facet| {
+            if label == 0 && facet.iter().all(|&n| on[n as usize]) {
+                facet.sort_unstable();
+                let place = labelled.binary_search_by(|(known, _)| known.cmp(&facet));
+                label = place.map_or(0, |at| labelled[at].1);
+            }
+        });
+        label
+    };
+    (0..mesh.face_count()).into_par_iter().map(label).collect()
+}
+
+/// The facets that lie on valleys of b(x): b is at most `-depth` at their nodes and centroid, and their
+/// normal is within the angle of cosine `along` of the valley's. That is the direction in which b
+/// varies most about the centroid: the main eigenvector of the structure tensor of b, whose window
+/// is the valley, of width `sigma` (Hale 2002: d / 4).
+///
+/// Mesh and potential in one space.
+pub fn in_valleys<const D: usize, F: Faceted<D>>(
+    mesh: &F,
+    potential: &Field<D>,
+    sigma: f64,
+    depth: f64,
+    along: f64,
+) -> Vec<[u32; D]> {
+    let nodes = mesh.node_positions();
+    let deep: Vec<bool> = (nodes.par_iter())
+        .map(|&x| potential.value(x) <= -depth)
+        .collect();
+    facets_where(mesh, |_, facet| facet.iter().all(|&n| deep[n as usize]))
+        .into_par_iter()
+        .filter(|facet| {
+            let corners = facet.map(|n| nodes[n as usize]);
+            let centroid: [f64; D] =
+                std::array::from_fn(|k| corners.iter().map(|x| x[k]).sum::<f64>() / D as f64);
+            let normal = normal(&corners);
+            potential.value(centroid) <= -depth
+                && dot(valley_normal(potential, sigma, centroid), normal).abs()
+                    > along * norm(normal)
+        })
+        .collect()
+}
+
+/// Main eigenvector of the structure tensor of a potential about `x`: of 3^D gradients, sigma apart.
+fn valley_normal<const D: usize>(potential: &Field<D>, sigma: f64, x: [f64; D]) -> [f64; D] {
+    let mut tensor = [[0.0; D]; D];
+    for code in 0..3usize.pow(D as u32) {
+        let offset: [f64; D] =
+            std::array::from_fn(|k| (code / 3usize.pow(k as u32) % 3) as f64 - 1.0);
+        let weight = (-0.5 * dot(offset, offset)).exp();
+        let at = add_scaled(x, sigma, offset);
+        let (_, gradient) = potential.value_and_gradient(at);
+        for (i, row) in tensor.iter_mut().enumerate() {
+            for (j, sum) in row.iter_mut().enumerate() {
+                *sum += weight * gradient[i] * gradient[j];
+            }
+        }
+    }
+    let largest = eigenvalues(&tensor)[D - 1];
+    eigenvector(&tensor, largest)
+}

@@ -1,0 +1,226 @@
+//! From pieces and votes to surfaces.
+
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, BinaryHeap};
+
+use super::facets::Facets;
+use super::pairs::Vote;
+use crate::feature::symmetric::{Matrix, eigenvalues, eigenvector};
+use crate::geometry::sets::Sets;
+use crate::geometry::{dot, norm};
+
+/// Ridges without which only crumbs are united.
+const ENOUGH: u32 = 4;
+/// Pieces with a shorter rim are crumbs.
+const CRUMB: u32 = 4 * ENOUGH;
+
+/// Pieces are flat if so much of their area lies in one plane (the square of its cosine, averaged).
+const FLAT: f64 = 0.93;
+/// Flat pieces whose planes differ by more (35 degrees) are two surfaces, whatever single ridges say:
+/// where two faults cross, detection blurs both, and ridges there lead from one to the other.
+const BENT: f64 = 0.82;
+
+/// Which way a piece faces: the sum over its facets of n nT / |n|, n normal to them and as long as
+/// they are large.
+#[derive(Debug, Clone, Copy)]
+pub struct Facing<const D: usize>(Matrix<D>);
+
+impl<const D: usize> Facing<D> {
+    /// Of each of `count` pieces; `piece` says which each facet belongs to.
+    pub fn of_pieces(facets: &Facets<D>, piece: &[u32], count: usize) -> Vec<Self> {
+        let mut all = vec![Self([[0.0; D]; D]); count];
+        for (f, &p) in piece.iter().enumerate() {
+            let n = facets.normal(f);
+            let size = norm(n);
+            if size > 0.0 {
+                all[p as usize].add(&Self(outer(n, n.map(|c| c / size))));
+            }
+        }
+        all
+    }
+
+    fn add(&mut self, other: &Self) {
+        for (row, others) in self.0.iter_mut().zip(&other.0) {
+            for (a, b) in row.iter_mut().zip(others) {
+                *a += b;
+            }
+        }
+    }
+
+    /// The normal of a flat piece.
+    fn normal(&self) -> Option<[f64; D]> {
+        let all: f64 = (0..D).map(|k| self.0[k][k]).sum();
+        let values = eigenvalues(&self.0);
+        let most = values.iter().copied().fold(0.0, f64::max);
+        (most > FLAT * all).then(|| eigenvector(&self.0, most))
+    }
+
+    /// Whether both are flat, and lie in planes that differ.
+    fn differs(&self, other: &Self) -> bool {
+        match (self.normal(), other.normal()) {
+            (Some(m), Some(n)) => dot(m, n).abs() < BENT,
+            _ => false,
+        }
+    }
+}
+
+fn outer<const D: usize>(a: [f64; D], b: [f64; D]) -> Matrix<D> {
+    a.map(|x| b.map(|y| x * y))
+}
+
+/// What all ridges between two surfaces say.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sum {
+    favour: u32,
+    against: u32,
+    /// How many speak for it.
+    ridges: u32,
+}
+
+/// Unites pieces that continue each other, best founded first, and gives the surface of each piece
+/// and the number of surfaces.
+///
+/// Two surfaces become one if the weight for it is at least twice that against it, and enough ridges
+/// are for it: four (of a crumb with fewer than 16 ridges at its rim, a quarter of these), and a
+/// tenth of the smaller one's rim, lest a stray neck join two faults. `rims` is the length of each
+/// piece's rim in ridges.
+///
+/// Nor do flat pieces that face elsewhere become one, as `facing` tells, unless one is a crumb.
+///
+/// What is against two pieces is against the surfaces that they become part of: so two faults that
+/// cross stay two, though a third piece continues both.
+pub fn unite<const D: usize>(
+    rims: &[u32],
+    facing: Vec<Facing<D>>,
+    votes: &[Vote],
+) -> (Vec<u32>, usize) {
+    let (mut rims, mut facing) = (rims.to_vec(), facing);
+    let mut sets = Sets::new(rims.len());
+    let mut near: Vec<BTreeMap<u32, Sum>> = vec![BTreeMap::new(); rims.len()];
+    for vote in votes {
+        let [a, b] = vote.pieces;
+        for (from, to) in [(a, b), (b, a)] {
+            let sum = near[from as usize].entry(to).or_default();
+            sum.favour += vote.favour;
+            sum.against += vote.against;
+            sum.ridges += u32::from(vote.favour > 0);
+        }
+    }
+    let rank = |sum: Sum, a: u32, b: u32, rims: &[u32]| {
+        let small = rims[a as usize].min(rims[b as usize]);
+        let enough = sum.ridges >= ENOUGH.min(small.div_ceil(4)).max(small.div_ceil(10)).max(1);
+        let net = i64::from(sum.favour) - 2 * i64::from(sum.against);
+        (enough && net >= 0).then_some((net, Reverse((a.min(b), a.max(b)))))
+    };
+    let mut queue: BinaryHeap<_> = (0..rims.len() as u32)
+        .flat_map(|a| {
+            near[a as usize]
+                .range(a + 1..)
+                .map(move |(&b, &n)| (a, b, n))
+        })
+        .filter_map(|(a, b, n)| rank(n, a, b, &rims))
+        .collect();
+    while let Some((net, Reverse((a, b)))) = queue.pop() {
+        let now = near[a as usize].get(&b).copied();
+        // What has changed since it was queued was queued again.
+        let Some(votes) = now.filter(|&n| rank(n, a, b, &rims) == Some((net, Reverse((a, b)))))
+        else {
+            continue;
+        };
+        let crumb = rims[a as usize].min(rims[b as usize]) < CRUMB;
+        if !crumb && facing[a as usize].differs(&facing[b as usize]) {
+            continue;
+        }
+        sets.unite(a, b);
+        let [kept, gone] = [a, b].map(|i| i as usize);
+        near[kept].remove(&b);
+        for (c, votes) in std::mem::take(&mut near[gone]) {
+            near[c as usize].remove(&b);
+            if c != a {
+                for (from, to) in [(a, c), (c, a)] {
+                    let sum = near[from as usize].entry(to).or_default();
+                    sum.favour += votes.favour;
+                    sum.against += votes.against;
+                    sum.ridges += votes.ridges;
+                }
+            }
+        }
+        let other = facing[gone];
+        facing[kept].add(&other);
+        rims[kept] = (rims[kept] + rims[gone]).saturating_sub(2 * votes.ridges);
+        let again = near[kept]
+            .iter()
+            .filter_map(|(&c, &n)| rank(n, a, c, &rims));
+        queue.extend(again);
+    }
+    sets.numbered()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::pairs::FULL;
+    use super::*;
+    /// Votes of so many ridges for and against, in full weight.
+    fn votes(list: &[(u32, u32, usize, usize)]) -> Vec<Vote> {
+        let vote = |a, b, favour, against| Vote {
+            pieces: [a, b],
+            favour,
+            against,
+        };
+        list.iter()
+            .flat_map(|&(a, b, yes, no)| {
+                let yes = std::iter::repeat_n(vote(a, b, FULL, 0), yes);
+                yes.chain(std::iter::repeat_n(vote(a, b, 0, FULL), no))
+            })
+            .collect()
+    }
+
+    /// Pieces that face everywhere.
+    fn unknown(count: usize) -> Vec<Facing<3>> {
+        vec![Facing([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]); count]
+    }
+
+    #[test]
+    fn flat_pieces_of_other_planes_stay_apart() {
+        let facing = |n: [f64; 3]| Facing(outer(n, n));
+        let yes = votes(&[(0, 1, 9, 0)]);
+        let count = |n, rim| unite(&[40, rim], vec![facing([1.0, 0.0, 0.0]), facing(n)], &yes).1;
+        assert_eq!(count([0.9, 0.436, 0.0], 40), 1);
+        assert_eq!(count([0.6, 0.8, 0.0], 40), 2);
+        assert_eq!(count([0.6, 0.8, 0.0], 10), 1, "a crumb");
+    }
+
+    #[test]
+    fn four_quadrants_of_a_crossing_become_two_surfaces() {
+        // 0 - 2 and 1 - 3 are straight; a stray ridge joins 0 to 1.
+        let list = [
+            (0, 2, 9, 0),
+            (1, 3, 8, 0),
+            (0, 1, 1, 0),
+            (0, 1, 0, 8),
+            (0, 3, 0, 9),
+            (1, 2, 0, 9),
+            (2, 3, 0, 9),
+        ];
+        assert_eq!(
+            unite(&[40; 4], unknown(4), &votes(&list)),
+            (vec![0, 1, 0, 1], 2)
+        );
+    }
+
+    #[test]
+    fn a_piece_that_continues_two_which_meet_joins_the_better_one() {
+        let list = [(0, 1, 9, 0), (0, 2, 6, 0), (1, 2, 0, 5)];
+        assert_eq!(
+            unite(&[40; 3], unknown(3), &votes(&list)),
+            (vec![0, 0, 1], 2)
+        );
+    }
+
+    #[test]
+    fn large_pieces_need_more_than_a_ridge_and_crumbs_do_not() {
+        let one = votes(&[(0, 1, 1, 0)]);
+        assert_eq!(unite(&[40, 40], unknown(2), &one).1, 2);
+        assert_eq!(unite(&[40, 3], unknown(2), &one).1, 1);
+    }
+}

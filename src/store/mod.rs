@@ -1,0 +1,108 @@
+//! Meshes in files: what a file holds and says of itself, in and out. Physical coordinates only;
+//! [`to_physical`] makes them.
+//!
+//! - [`vtu`]: VTK unstructured grids, our own mesh format
+//! - [`polyhedra`]: the same for polyhedra and polygons
+//! - [`pvd`]: the lattice after each round, for ParaView
+//! - [`file`](mod@file): from a job's outcome to a file and back to lattice space
+//! - [`cells`]: the same for Voronoi cells
+//! - [`stored`]: meshes that files hold, whatever their cells are
+
+pub mod cells;
+pub mod file;
+pub mod polyhedra;
+pub mod pvd;
+pub mod stored;
+pub mod vtu;
+
+pub use polyhedra::write_cells_vtu;
+pub use pvd::Trace;
+pub use vtu::{AnyMesh, FieldValue, MeshFile, read_any_vtu, read_vtu, write_vtu};
+
+use rayon::prelude::*;
+
+use crate::image::Geometry;
+use crate::mesh::Simplices;
+
+/// A mesh in lattice space (sample index times `step`) as a mesh in physical space.
+///
+/// Nodes and cells keep their order. Where the geometry mirrors space (depth downwards, say), the
+/// last two nodes of every cell change places, so that all stay positively oriented.
+pub fn to_physical<const D: usize, M: Simplices<D>>(
+    mesh: &M,
+    step: [f64; D],
+    geometry: &Geometry<D>,
+) -> M {
+    let physical = |p: &[f64; D]| geometry.to_physical(std::array::from_fn(|k| p[k] / step[k]));
+    let nodes = mesh.nodes().par_iter().map(physical).collect();
+    turned(mesh, nodes, geometry)
+}
+
+/// The same cells with other nodes; where the geometry mirrors space, the last two nodes of every
+/// cell change places.
+pub fn turned<const D: usize, M: Simplices<D>>(
+    mesh: &M,
+    nodes: Vec<[f64; D]>,
+    geometry: &Geometry<D>,
+) -> M {
+    let mut corners = mesh.connectivity().to_vec();
+    if geometry.determinant() < 0.0 {
+        for cell in corners.chunks_exact_mut(D + 1) {
+            cell.swap(D - 1, D);
+        }
+    }
+    M::from_parts(nodes, corners)
+}
+
+/// Bits for the faces of cells (bit k: the face opposite node k) as [`to_physical`] turns their
+/// nodes, there and back.
+pub fn face_bits_to_physical<const D: usize>(bits: &[u8], geometry: &Geometry<D>) -> Vec<u8> {
+    if geometry.determinant() >= 0.0 {
+        return bits.to_vec();
+    }
+    let (last, before) = (1 << D, 1 << (D - 1));
+    let turn = |b: u8| (b & !(last | before)) | (b & before) << 1 | (b & last) >> 1;
+    bits.iter().map(|&b| turn(b)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::volume6;
+    use crate::mesh::{TetMesh, TriMesh};
+
+    #[test]
+    fn physical_tetrahedra_stay_positive_also_when_space_is_mirrored() {
+        let mesh = TetMesh {
+            nodes: vec![[0.0; 3], [2.0, 0.0, 0.0], [0.0, 3.0, 0.0], [0.0, 0.0, 4.0]],
+            tets: vec![[0, 1, 2, 3]],
+        };
+        for depth in [5.0, -5.0] {
+            let geometry = Geometry::with_spacing([10.0, 20.0, 30.0], [1.0, 3.0, depth]);
+            let physical = to_physical(&mesh, [2.0, 1.0, 0.5], &geometry);
+            assert_eq!(physical.nodes[1], [11.0, 20.0, 30.0]);
+            assert_eq!(physical.nodes[2], [10.0, 29.0, 30.0]);
+            assert_eq!(physical.nodes[3], [10.0, 20.0, 30.0 + 8.0 * depth]);
+            assert_eq!(volume6(&physical.corners(0)), 1.0 * 9.0 * 40.0);
+        }
+    }
+
+    #[test]
+    fn physical_triangles_stay_positive_and_keep_their_marked_edges() {
+        let mesh = TriMesh {
+            nodes: vec![[0.0; 2], [2.0, 0.0], [0.0, 3.0]],
+            triangles: vec![[0, 1, 2]],
+        };
+        for down in [5.0, -5.0] {
+            let geometry = Geometry::with_spacing([10.0, 20.0], [1.0, down]);
+            let physical = to_physical(&mesh, [1.0, 0.5], &geometry);
+            assert_eq!(physical.nodes[2], [10.0, 20.0 + 6.0 * down]);
+            assert_eq!(physical.volume(0), 30.0);
+            // The edge between nodes 0 and 1, opposite node 2.
+            let bits = face_bits_to_physical(&[4], &geometry);
+            let k = bits[0].trailing_zeros() as usize;
+            assert_eq!(physical.triangles[0][k], 2);
+            assert_eq!(face_bits_to_physical(&bits, &geometry), [4]);
+        }
+    }
+}

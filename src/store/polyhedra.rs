@@ -1,0 +1,489 @@
+//! VTK unstructured grids of polyhedra (cell type 42) or, in the plane, polygons (7).
+//!
+//! VTK stores the faces of every polyhedron with it, outwards, so each face between two cells is in
+//! the file twice; reading joins them again and brings back the same faces in the same order. Sites
+//! and regions are cell data; faces on features are a list of pairs of cells in the field data.
+
+use std::path::Path;
+
+use rayon::prelude::*;
+
+use super::vtu::{
+    self, FieldValue, MeshFile, cell_array, cell_values, check_lengths, integers, read_arrays,
+    read_fields, read_nodes,
+};
+use crate::error::Result;
+use crate::files::Batch;
+use crate::files::vtk::{DataArray, Document, Packing, Source, VtkFile};
+use crate::mesh::poly::{Beyond, Lists, NO_CELL, PolyMesh};
+
+/// VTK's number of the polyhedron.
+pub const POLYHEDRON: u8 = 42;
+/// VTK's number of the polygon.
+pub const POLYGON: u8 = 7;
+/// The cell array of sites.
+const SITE: &str = "site";
+/// The cell array of regions.
+const REGION: &str = "region";
+/// The field array of faces on features: pairs of cells.
+const FEATURE_FACES: &str = "feature_faces";
+
+/// Cells in one task.
+const CHUNK: usize = 4096;
+/// Tasks whose results are in memory at once.
+const CHUNKS: usize = 16;
+
+/// Writes a mesh of polyhedra or polygons; the file appears whole or not at all. `site`, `region` and
+/// `feature_faces` come from the mesh; `point_data` and `cell_data` are what else there is.
+///
+/// # Errors
+/// [`Error::Io`](crate::Error::Io) if the file cannot be written, [`Error::Mesh`](crate::Error::Mesh)
+/// if an array does not have a tuple per node or cell.
+pub fn write_cells_vtu<const D: usize>(path: &Path, file: &MeshFile<PolyMesh<D>>) -> Result<()> {
+    let mut batch = Batch::default();
+    let (points, cells) = (&file.point_data, &file.cell_data);
+    add_cells_vtu(
+        &mut batch,
+        path,
+        &file.mesh,
+        points,
+        cells,
+        &file.field_data,
+        Packing::Zlib,
+    )?;
+    batch.commit()
+}
+
+/// The same as one of several files that belong together, stored in either way.
+///
+/// # Errors
+/// As [`write_cells_vtu`].
+pub fn add_cells_vtu<const D: usize>(
+    batch: &mut Batch,
+    path: &Path,
+    mesh: &PolyMesh<D>,
+    point_data: &[DataArray],
+    cell_data: &[DataArray],
+    field_data: &[(String, FieldValue)],
+    packing: Packing,
+) -> Result<()> {
+    let (nodes, cells) = (mesh.nodes.len(), mesh.sites.len());
+    check_lengths(path, point_data, nodes, "nodes")?;
+    check_lengths(path, cell_data, cells, "cells")?;
+    let site = DataArray {
+        name: SITE.to_string(),
+        components: 3,
+        values: vtu::in_space(&mesh.sites).into(),
+    };
+    let region = DataArray::scalars(REGION, mesh.region.clone());
+    let mut pairs = Vec::new();
+    for f in (0..mesh.face_cells.len()).filter(|&f| mesh.on_feature[f]) {
+        if let Beyond::Cell(_) = mesh.beyond(f) {
+            pairs.extend(mesh.face_cells[f].map(i64::from));
+        }
+    }
+    let pairs = (FEATURE_FACES.to_string(), FieldValue::Ints(pairs));
+    let fields: Vec<_> = field_data.iter().chain([&pairs]).collect();
+    let cell_data: Vec<_> = [&region, &site].into_iter().chain(cell_data).collect();
+    let point_data: Vec<_> = point_data.iter().collect();
+    let streams = Streams::new(mesh);
+
+    let mut document = Document::packed("UnstructuredGrid", &[], packing);
+    vtu::begin_piece(
+        &mut document,
+        &fields,
+        &mesh.nodes,
+        cells,
+        &point_data,
+        &cell_data,
+    );
+    document.open("Cells", &[]);
+    document.array(integers("connectivity", &streams.corners));
+    document.array(integers("offsets", &streams.corner_ends));
+    let kind = if D == 2 { POLYGON } else { POLYHEDRON };
+    document.array(Source::computed("types", 1, cells, |_| kind));
+    if D == 3 {
+        document.array(integers("faces", &streams.faces));
+        document.array(integers("faceoffsets", &streams.face_ends));
+    }
+    batch.write(path, |out| document.write(out))
+}
+
+/// The cells as VTK lists them.
+#[derive(Default)]
+struct Streams {
+    /// The nodes of each cell; in the plane in order round it.
+    corners: Vec<u32>,
+    corner_ends: Vec<u64>,
+    /// For each cell the number of its faces, and for each of those the number of its nodes and them.
+    faces: Vec<u32>,
+    face_ends: Vec<u64>,
+}
+
+impl Streams {
+    fn new<const D: usize>(mesh: &PolyMesh<D>) -> Self {
+        let lists = mesh.faces_of_cells();
+        let cells = mesh.sites.len();
+        let part = |chunk: usize| {
+            let mut part = Self::default();
+            for cell in chunk * CHUNK..((chunk + 1) * CHUNK).min(cells) {
+                part.add(mesh, cell, lists.get(cell));
+            }
+            part
+        };
+        let mut all = Self::default();
+        let chunks = cells.div_ceil(CHUNK);
+        // A few parts at a time, so that little is in memory twice.
+        for first in (0..chunks).step_by(CHUNKS) {
+            let few = first..chunks.min(first + CHUNKS);
+            let parts: Vec<Self> = few.into_par_iter().map(part).collect();
+            parts.iter().for_each(|part| all.append(part));
+        }
+        all
+    }
+
+    fn append(&mut self, part: &Self) {
+        let (corners, faces) = (self.corners.len() as u64, self.faces.len() as u64);
+        let ends = part.corner_ends.iter().map(|end| end + corners);
+        self.corner_ends.extend(ends);
+        let ends = part.face_ends.iter().map(|end| end + faces);
+        self.face_ends.extend(ends);
+        self.corners.extend_from_slice(&part.corners);
+        self.faces.extend_from_slice(&part.faces);
+    }
+
+    fn add<const D: usize>(&mut self, mesh: &PolyMesh<D>, cell: usize, faces: &[u32]) {
+        let own = |f: u32| mesh.face_cells[f as usize][0] as usize == cell;
+        let start = self.corners.len();
+        if D == 2 {
+            mesh.ring(cell, faces, &mut self.corners);
+            self.corner_ends.push(self.corners.len() as u64);
+            return;
+        }
+        self.faces.push(faces.len() as u32);
+        for &f in faces {
+            let ring = mesh.faces.get(f as usize);
+            self.faces.push(ring.len() as u32);
+            if own(f) {
+                self.faces.extend_from_slice(ring);
+            } else {
+                self.faces.extend(ring.iter().rev());
+            }
+            self.corners.extend_from_slice(ring);
+        }
+        self.face_ends.push(self.faces.len() as u64);
+        self.corners[start..].sort_unstable();
+        let mut kept = start;
+        for i in start..self.corners.len() {
+            if i == start || self.corners[i] != self.corners[i - 1] {
+                self.corners[kept] = self.corners[i];
+                kept += 1;
+            }
+        }
+        self.corners.truncate(kept);
+        self.corner_ends.push(kept as u64);
+    }
+}
+
+/// Reads a mesh of polyhedra or polygons: ours, or one that VTK or ParaView wrote. Faces on the
+/// boundary have [`NO_CELL`] beyond them. Cells without stored sites have the mean of their nodes.
+///
+/// # Errors
+/// [`Error::Io`](crate::Error::Io) if the file is damaged, holds other cells, or three cells share a
+/// face.
+pub(super) fn read_cells<const D: usize>(file: &VtkFile) -> Result<MeshFile<PolyMesh<D>>> {
+    let piece = file.piece()?;
+    let points = vtu::count(file, piece, "NumberOfPoints")?;
+    let count = vtu::count(file, piece, "NumberOfCells")?;
+    let nodes = read_nodes(file, file.child(piece, "Points")?, points)?;
+    let element = file.child(piece, "Cells")?;
+    let types = cell_values(file, element, "types")?;
+    let kind = i64::from(if D == 2 { POLYGON } else { POLYHEDRON });
+    if let Some(cell) = types.iter().position(|&t| t != kind) {
+        let problem = format!(
+            "cell {cell} is of VTK's type {}, not {kind} like the first",
+            types[cell]
+        );
+        return Err(file.fault(problem, "give a mesh of one kind of cells"));
+    }
+    let broken = |what: &str| {
+        let problem = format!("its cells are damaged ({what})");
+        file.fault(problem, "write it anew")
+    };
+    // Every face of every cell: the cell, and its nodes in the cell's stream.
+    let (stream, ends) = if D == 2 {
+        ("connectivity", "offsets")
+    } else {
+        ("faces", "faceoffsets")
+    };
+    let stream = cell_array(file, element, stream)?.to_u32();
+    let stream = stream.ok_or_else(|| broken("their nodes"))?;
+    let ends = cell_values(file, element, ends)?;
+    let too_many = points.max(stream.len()) >= u32::MAX as usize;
+    if types.len() != count || ends.len() != count || too_many {
+        return Err(broken("their number"));
+    }
+    let mut sides = Sides::default();
+    let mut start = 0;
+    for (cell, &end) in ends.iter().enumerate() {
+        let end = usize::try_from(end)
+            .ok()
+            .filter(|&end| end <= stream.len() && end >= start);
+        let own = &stream[start..end.ok_or_else(|| broken("their ends"))?];
+        start += own.len();
+        let added = sides.add::<D>(cell as u32, own);
+        added.ok_or_else(|| broken("their faces"))?;
+    }
+    drop(stream);
+    if sides.rings.items.iter().any(|&n| n as usize >= points) {
+        return Err(broken("their nodes"));
+    }
+    let mut mesh =
+        (sides.joined::<D>(nodes, count)).ok_or_else(|| broken("a face with three cells"))?;
+
+    let mut cell_data = read_arrays(file, piece, "CellData", count)?;
+    let mut take = |name: &str| {
+        let at = cell_data.iter().position(|a| a.name == name)?;
+        Some(cell_data.remove(at).values)
+    };
+    if let Some(values) = take(REGION) {
+        mesh.region = values.to_i64().iter().map(|&r| r as i32).collect();
+    }
+    match take(SITE).map(|values| values.to_f64()) {
+        Some(sites) if sites.len() == 3 * count => {
+            let site = |s: &[f64]| std::array::from_fn(|k| s[k]);
+            mesh.sites = sites.chunks_exact(3).map(site).collect();
+        }
+        _ => mesh.sites = means(&mesh, count),
+    }
+    let mut field_data = read_fields(file)?;
+    if let Some(at) = field_data.iter().position(|f| f.0 == FEATURE_FACES)
+        && let (_, FieldValue::Ints(pairs)) = field_data.remove(at)
+    {
+        let inner = mesh.inner_faces();
+        for pair in pairs.chunks_exact(2) {
+            let pair = [pair[0] as u32, pair[1] as u32];
+            if let Ok(f) = mesh.face_cells[..inner].binary_search(&pair) {
+                mesh.on_feature[f] = true;
+            }
+        }
+    }
+    Ok(MeshFile {
+        mesh,
+        point_data: read_arrays(file, piece, "PointData", points)?,
+        cell_data,
+        field_data,
+    })
+}
+
+/// The faces of all cells as a file has them: those between two cells twice.
+#[derive(Default)]
+struct Sides {
+    /// The cell of each.
+    cell: Vec<u32>,
+    /// The nodes of each, in order round it.
+    rings: Lists,
+}
+
+impl Sides {
+    /// Adds the faces in a cell's stream; `None` if it makes no sense.
+    fn add<const D: usize>(&mut self, cell: u32, stream: &[u32]) -> Option<()> {
+        let mut put = |ring: &[u32]| {
+            self.rings.push(ring.iter().copied());
+            self.cell.push(cell);
+        };
+        if D == 2 {
+            let (&[first, _, ..], &[.., last]) = (stream, stream) else {
+                return None;
+            };
+            stream.windows(2).for_each(&mut put);
+            put(&[last, first]);
+            return (stream.len() >= 3).then_some(());
+        }
+        let (&count, mut rest) = stream.split_first()?;
+        for _ in 0..count {
+            let (&size, after) = rest.split_first()?;
+            put(after.get(..size as usize).filter(|ring| ring.len() >= 3)?);
+            rest = &after[size as usize..];
+        }
+        rest.is_empty().then_some(())
+    }
+
+    /// The least three nodes of a face (of an edge both), ascending: hardly two faces have the same.
+    fn key(&self, side: usize) -> [u32; 3] {
+        let mut least = [u32::MAX; 3];
+        for &n in self.rings.get(side) {
+            if n < least[2] {
+                least[2] = n;
+                if n < least[1] {
+                    least.swap(1, 2);
+                }
+                if n < least[0] {
+                    least.swap(0, 1);
+                }
+            }
+        }
+        least
+    }
+
+    /// The nodes of a face, ascending.
+    fn set(&self, side: u32) -> Vec<u32> {
+        let mut set = self.rings.get(side as usize).to_vec();
+        set.sort_unstable();
+        set
+    }
+
+    /// The mesh; `None` if three cells share a face.
+    fn joined<const D: usize>(&self, nodes: Vec<[f64; D]>, cells: usize) -> Option<PolyMesh<D>> {
+        let sides = 0..self.cell.len();
+        let mut order: Vec<([u32; 3], u32)> = sides
+            .into_par_iter()
+            .map(|i| (self.key(i), i as u32))
+            .collect();
+        order.par_sort_unstable();
+        // Whether on the boundary, the cells, and the place in the file: the order of faces.
+        let mut faces: Vec<(bool, [u32; 2], u32)> = Vec::with_capacity(order.len() / 2);
+        let mut put = |one: u32, other: Option<u32>| {
+            let beyond = other.map_or(NO_CELL, |other| self.cell[other as usize]);
+            faces.push((other.is_none(), [self.cell[one as usize], beyond], one));
+        };
+        for group in order.chunk_by(|a, b| a.0 == b.0) {
+            match *group {
+                [(_, one)] => put(one, None),
+                [(_, one), (_, other)] if self.set(one) == self.set(other) => put(one, Some(other)),
+                _ => {
+                    let mut sets: Vec<(Vec<u32>, u32)> =
+                        group.iter().map(|&(_, i)| (self.set(i), i)).collect();
+                    sets.sort_unstable();
+                    for same in sets.chunk_by(|a, b| a.0 == b.0) {
+                        match *same {
+                            [(_, one)] => put(one, None),
+                            [(_, one), (_, other)] => put(one, Some(other)),
+                            _ => return None,
+                        }
+                    }
+                }
+            }
+        }
+        drop(order);
+        faces.par_sort_unstable();
+        let mut mesh = PolyMesh {
+            nodes,
+            region: vec![0; cells],
+            on_feature: vec![false; faces.len()],
+            ..PolyMesh::default()
+        };
+        for (_, cells, at) in faces {
+            let ring = self.rings.get(at as usize);
+            mesh.faces.push(ring.iter().copied());
+            mesh.face_cells.push(cells);
+        }
+        Some(mesh)
+    }
+}
+
+/// The mean of each cell's nodes (each as often as it has faces there).
+fn means<const D: usize>(mesh: &PolyMesh<D>, cells: usize) -> Vec<[f64; D]> {
+    let mut sums = vec![([0.0; D], 0.0); cells];
+    for (f, owners) in mesh.face_cells.iter().enumerate() {
+        for &cell in owners {
+            let Some((sum, count)) = sums.get_mut(cell as usize) else {
+                continue;
+            };
+            for &n in mesh.faces.get(f) {
+                *sum = std::array::from_fn(|k| sum[k] + mesh.nodes[n as usize][k]);
+                *count += 1.0;
+            }
+        }
+    }
+    sums.iter()
+        .map(|(sum, count)| sum.map(|c| c / count))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::vtu::{AnyMesh, read_any_vtu};
+    use super::*;
+    use crate::mesh::poly::samples::two_cells;
+
+    fn round_trip<const D: usize>() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.vtu");
+        let mut file = MeshFile {
+            mesh: two_cells::<D>(0.75),
+            cell_data: vec![DataArray::scalars("volume", vec![0.75, 1.25])],
+            field_data: vec![("note".into(), FieldValue::Text("two".into()))],
+            ..MeshFile::default()
+        };
+        write_cells_vtu(&path, &file).unwrap();
+        let read = read_cells::<D>(&VtkFile::read(&path, "UnstructuredGrid").unwrap()).unwrap();
+        let mut back = read.mesh;
+        assert!(back.face_cells[1..].iter().all(|c| c[1] == NO_CELL));
+        let mut high = [1.0; D];
+        high[0] = 2.0;
+        back.assign_sides([0.0; D], high);
+        // Polygons begin with another edge, and with it the order of the boundary may change.
+        if D == 3 {
+            assert_eq!(back, file.mesh);
+        } else {
+            let found = crate::mesh::poly_check::check_poly(&back, [0.0; D], high, 1e-12);
+            assert!(found.passed(), "{found:?}");
+            assert_eq!((&back.sites, back.on_feature[0]), (&file.mesh.sites, true));
+        }
+        assert_eq!(
+            (read.cell_data, &read.field_data),
+            (file.cell_data.clone(), &file.field_data)
+        );
+        let any = read_any_vtu(&path).unwrap();
+        assert!(matches!(
+            (D, any),
+            (2, AnyMesh::PlaneCells(_)) | (3, AnyMesh::SpaceCells(_))
+        ));
+        file.cell_data.push(DataArray::scalars("short", vec![1u8]));
+        assert!(write_cells_vtu(&path, &file).is_err());
+
+        let good = std::fs::read(&path).unwrap();
+        for end in (0..good.len() - 40).step_by(31) {
+            std::fs::write(&path, &good[..end]).unwrap();
+            assert!(read_any_vtu(&path).is_err(), "cut at {end}");
+        }
+    }
+
+    #[test]
+    fn cells_come_back_as_they_were() {
+        round_trip::<2>();
+        round_trip::<3>();
+    }
+
+    #[test]
+    fn streams_that_make_no_sense_are_refused() {
+        let add = |stream: &[u32]| Sides::default().add::<3>(0, stream);
+        for wrong in [
+            &[][..],
+            &[1, 3, 0, 1],
+            &[1, 2, 0, 1],
+            &[1, u32::MAX, 0, 1],
+            &[1, 3, 0, 1, 2, 9],
+        ] {
+            assert!(add(wrong).is_none(), "{wrong:?}");
+        }
+        let mut sides = Sides::default();
+        assert!(sides.add::<3>(7, &[1, 4, 5, 0, 9, 2]).is_some());
+        assert_eq!((sides.rings.get(0), sides.cell[0]), (&[5, 0, 9, 2][..], 7));
+        assert_eq!(sides.key(0), [0, 2, 5]);
+        assert!(Sides::default().add::<2>(0, &[0, 1]).is_none());
+    }
+
+    #[test]
+    fn faces_with_the_same_least_nodes_are_told_apart() {
+        // Two faces of one cell each, and one of two cells, all with the nodes 0, 1, 2.
+        let mut sides = Sides::default();
+        sides.add::<3>(0, &[2, 4, 0, 1, 2, 3, 3, 0, 1, 2]).unwrap();
+        sides.add::<3>(1, &[2, 4, 0, 2, 1, 4, 3, 2, 1, 0]).unwrap();
+        let mesh = sides.joined::<3>(vec![[0.0; 3]; 5], 2).unwrap();
+        assert_eq!(mesh.face_cells, [[0, 1], [0, NO_CELL], [1, NO_CELL]]);
+        sides.add::<3>(2, &[1, 3, 0, 1, 2]).unwrap();
+        assert!(sides.joined::<3>(vec![[0.0; 3]; 5], 3).is_none());
+    }
+}

@@ -1,0 +1,566 @@
+//! VTK unstructured grids of tetrahedra or triangles (`.vtu`).
+//!
+//! Nodes are double precision; connectivity 32-bit while the nodes can be numbered so. VTK's
+//! tetrahedron is ours: node 3 on the side from which nodes 0, 1, 2 turn anticlockwise. Triangles
+//! lie in the plane z = 0.
+
+use std::path::Path;
+
+use super::polyhedra::{self, POLYGON, POLYHEDRON};
+use crate::error::Result;
+use crate::files::Batch;
+use crate::files::vtk::xml::Element;
+use crate::files::vtk::{DataArray, Document, Source, Values, VtkFile};
+use crate::mesh::poly::PolyMesh;
+use crate::mesh::{Simplices, TetMesh, TriMesh};
+
+/// A mesh and everything that is stored with it.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct MeshFile<M = TetMesh> {
+    /// The mesh, in physical coordinates.
+    pub mesh: M,
+    /// Arrays with a tuple per node.
+    pub point_data: Vec<DataArray>,
+    /// Arrays with a tuple per cell.
+    pub cell_data: Vec<DataArray>,
+    /// What belongs to the whole mesh: version, parameters, the input's hash.
+    pub field_data: Vec<(String, FieldValue)>,
+}
+
+/// A value that belongs to the whole mesh.
+#[derive(Debug, Clone, PartialEq)]
+pub enum FieldValue {
+    /// Text; without zero characters.
+    Text(String),
+    /// Real numbers.
+    F64s(Vec<f64>),
+    /// Whole numbers.
+    Ints(Vec<i64>),
+}
+
+/// Writes a mesh; the file appears whole or not at all.
+///
+/// # Errors
+/// [`Error::Io`](crate::Error::Io) if the file cannot be written, [`Error::Mesh`](crate::Error::Mesh)
+/// if an array does not have a tuple per node or cell.
+pub fn write_vtu<const D: usize, M: Simplices<D>>(path: &Path, file: &MeshFile<M>) -> Result<()> {
+    let mut batch = Batch::default();
+    add_vtu(&mut batch, path, file)?;
+    batch.commit()
+}
+
+/// The same as one of several files that belong together.
+///
+/// # Errors
+/// As [`write_vtu`].
+pub fn add_vtu<const D: usize, M: Simplices<D>>(
+    batch: &mut Batch,
+    path: &Path,
+    file: &MeshFile<M>,
+) -> Result<()> {
+    let MeshFile {
+        mesh,
+        point_data,
+        cell_data,
+        field_data,
+    } = file;
+    let (nodes, cells) = (mesh.nodes().len(), mesh.len());
+    check_lengths(path, point_data, nodes, "nodes")?;
+    check_lengths(path, cell_data, cells, M::CELLS)?;
+
+    let mut document = Document::new("UnstructuredGrid", &[]);
+    let fields: Vec<_> = field_data.iter().collect();
+    let [point_data, cell_data]: [Vec<_>; 2] = [point_data, cell_data].map(|a| a.iter().collect());
+    begin_piece(
+        &mut document,
+        &fields,
+        mesh.nodes(),
+        cells,
+        &point_data,
+        &cell_data,
+    );
+    document.open("Cells", &[]);
+    let corners = mesh.connectivity();
+    let size = D + 1;
+    if nodes.max(corners.len()) <= i32::MAX as usize {
+        document.array(Source::computed("connectivity", 1, corners.len(), |i| {
+            corners[i] as i32
+        }));
+        document.array(Source::computed("offsets", 1, cells, |c| {
+            (size * (c + 1)) as i32
+        }));
+    } else {
+        document.array(Source::computed("connectivity", 1, corners.len(), |i| {
+            i64::from(corners[i])
+        }));
+        document.array(Source::computed("offsets", 1, cells, |c| {
+            (size * (c + 1)) as i64
+        }));
+    }
+    document.array(Source::computed("types", 1, cells, |_| M::VTK_CELL));
+    batch.write(path, |out| document.write(out))
+}
+
+/// Opens the only piece, with everything in it up to its cells.
+pub(super) fn begin_piece<'a, const D: usize>(
+    document: &mut Document<'a>,
+    fields: &[&'a (String, FieldValue)],
+    nodes: &'a [[f64; D]],
+    cells: usize,
+    point_data: &[&'a DataArray],
+    cell_data: &[&'a DataArray],
+) {
+    if !fields.is_empty() {
+        document.open("FieldData", &[]);
+        for (name, value) in fields {
+            document.array(match value {
+                FieldValue::Text(text) => Source::text(name, text),
+                FieldValue::F64s(numbers) => Source::slice(name, 1, numbers),
+                FieldValue::Ints(numbers) => Source::slice(name, 1, numbers),
+            });
+        }
+        document.close();
+    }
+    document.open(
+        "Piece",
+        &[
+            ("NumberOfPoints", nodes.len().to_string()),
+            ("NumberOfCells", cells.to_string()),
+        ],
+    );
+    for (element, arrays) in [("PointData", point_data), ("CellData", cell_data)] {
+        document.open(element, &[]);
+        for array in arrays {
+            document.array(array.values.source(&array.name, array.components));
+        }
+        document.close();
+    }
+    document.open("Points", &[]);
+    let coordinates = nodes.as_flattened();
+    document.array(Source::computed("Points", 3, 3 * nodes.len(), |i| {
+        match i % 3 {
+            k if k < D => coordinates[D * (i / 3) + k],
+            _ => 0.0,
+        }
+    }));
+    document.close();
+}
+
+/// Points of the plane or of space as points of space, coordinate after coordinate.
+pub(super) fn in_space<const D: usize>(points: &[[f64; D]]) -> Vec<f64> {
+    let lift =
+        |p: &[f64; D]| -> [f64; 3] { std::array::from_fn(|k| p.get(k).copied().unwrap_or(0.0)) };
+    points.iter().flat_map(lift).collect()
+}
+
+/// Numbers and counts, 32-bit if all fit.
+pub(super) fn integers<'a, T>(name: &str, values: &'a [T]) -> Source<'a>
+where
+    T: Copy + Into<u64> + Sync,
+{
+    let most = values.iter().map(|&v| v.into()).max().unwrap_or(0);
+    if most <= i32::MAX as u64 {
+        Source::computed(name, 1, values.len(), |i| values[i].into() as i32)
+    } else {
+        Source::computed(name, 1, values.len(), |i| values[i].into() as i64)
+    }
+}
+
+pub(crate) fn check_lengths(
+    path: &Path,
+    arrays: &[DataArray],
+    tuples: usize,
+    of: &str,
+) -> Result<()> {
+    let wrong = |a: &&DataArray| a.values.len() != tuples * a.components;
+    match arrays.iter().find(wrong) {
+        None => Ok(()),
+        Some(a) => Err(crate::Error::Mesh(crate::error::cause(
+            path.display(),
+            format!(
+                "array '{}' has {} numbers for {tuples} {of} with {} each",
+                a.name,
+                a.values.len(),
+                a.components
+            ),
+            "give one tuple for each",
+        ))),
+    }
+}
+
+/// Reads a mesh of tetrahedra: ours, or one that VTK, ParaView or meshio wrote.
+///
+/// Node order of the tetrahedra is kept as it is, whatever their orientation: judging is the
+/// checker's task.
+///
+/// # Errors
+/// [`Error::Io`](crate::Error::Io) if the file is no such file, damaged, cut off, or holds cells
+/// other than tetrahedra.
+pub fn read_vtu(path: &Path) -> Result<MeshFile> {
+    read_cells(&VtkFile::read(path, "UnstructuredGrid")?)
+}
+
+/// A mesh of the plane or of space.
+#[derive(Debug, Clone, PartialEq)]
+pub enum AnyMesh {
+    /// Triangles in the plane.
+    Plane(MeshFile<TriMesh>),
+    /// Tetrahedra.
+    Space(MeshFile<TetMesh>),
+    /// Polygons in the plane.
+    PlaneCells(MeshFile<PolyMesh<2>>),
+    /// Polyhedra.
+    SpaceCells(MeshFile<PolyMesh<3>>),
+}
+
+/// Reads a mesh of triangles or polygons in the plane z = 0, of tetrahedra as [`read_vtu`] does, or of
+/// polyhedra.
+///
+/// # Errors
+/// As [`read_vtu`], and for triangles and polygons that are not in that plane.
+pub fn read_any_vtu(path: &Path) -> Result<AnyMesh> {
+    let file = VtkFile::read(path, "UnstructuredGrid")?;
+    let types = cell_values(&file, file.child(file.piece()?, "Cells")?, "types")?;
+    Ok(match types.first() {
+        Some(&kind) if kind == i64::from(TriMesh::VTK_CELL) => AnyMesh::Plane(read_cells(&file)?),
+        Some(&kind) if kind == i64::from(POLYGON) => {
+            AnyMesh::PlaneCells(polyhedra::read_cells(&file)?)
+        }
+        Some(&kind) if kind == i64::from(POLYHEDRON) => {
+            AnyMesh::SpaceCells(polyhedra::read_cells(&file)?)
+        }
+        _ => AnyMesh::Space(read_cells(&file)?),
+    })
+}
+
+fn read_cells<const D: usize, M: Simplices<D>>(file: &VtkFile) -> Result<MeshFile<M>> {
+    let piece = file.piece()?;
+    let points: usize = count(file, piece, "NumberOfPoints")?;
+    let cells: usize = count(file, piece, "NumberOfCells")?;
+
+    let nodes = read_nodes(file, file.child(piece, "Points")?, points)?;
+    let corners = corners::<D, M>(file, file.child(piece, "Cells")?, points, cells)?;
+    Ok(MeshFile {
+        mesh: M::from_parts(nodes, corners),
+        point_data: read_arrays(file, piece, "PointData", points)?,
+        cell_data: read_arrays(file, piece, "CellData", cells)?,
+        field_data: read_fields(file)?,
+    })
+}
+
+/// What belongs to the whole mesh.
+pub(super) fn read_fields(file: &VtkFile) -> Result<Vec<(String, FieldValue)>> {
+    let mut field_data = Vec::new();
+    if let Some(fields) = file.data_set().child("FieldData") {
+        for array in &fields.children {
+            let name = array.attribute("Name").unwrap_or_default().to_string();
+            if array.attribute("type") == Some("String") {
+                field_data.push((name, FieldValue::Text(file.text(array)?)));
+                continue;
+            }
+            field_data.push((
+                name,
+                match file.array(array)?.values {
+                    Values::F64(v) => FieldValue::F64s(v),
+                    v @ Values::F32(_) => FieldValue::F64s(v.to_f64()),
+                    v => FieldValue::Ints(v.to_i64()),
+                },
+            ));
+        }
+    }
+    Ok(field_data)
+}
+
+pub(crate) fn count(file: &VtkFile, piece: &Element, name: &str) -> Result<usize> {
+    match file.numbers(piece, name)?[..] {
+        [n] => Ok(n),
+        _ => Err(file.fault(format!("{name} is not one number"), "write it anew")),
+    }
+}
+
+pub(crate) fn read_nodes<const D: usize>(
+    file: &VtkFile,
+    element: &Element,
+    points: usize,
+) -> Result<Vec<[f64; D]>> {
+    let array = file.array(file.child(element, "DataArray")?)?;
+    let numbers = match array.values {
+        Values::F64(v) => v,
+        v => v.to_f64(),
+    };
+    if numbers.len() != points.saturating_mul(3) {
+        let problem = format!("has {} coordinates for {points} points", numbers.len());
+        return Err(file.fault(problem, "write it anew"));
+    }
+    let (nodes, _) = numbers.as_chunks::<3>();
+    if let Some(off) = nodes.iter().flat_map(|x| &x[D..]).find(|c| **c != 0.0) {
+        let problem = format!("has cells off the plane z = 0 (at z = {off})");
+        return Err(file.fault(problem, "give cells of space, or of that plane"));
+    }
+    let node = |x: &[f64; 3]| std::array::from_fn(|k| x[k]);
+    Ok(nodes.iter().map(node).collect())
+}
+
+/// An array of the cells' description.
+pub(crate) fn cell_values(file: &VtkFile, cells: &Element, name: &str) -> Result<Vec<i64>> {
+    Ok(cell_array(file, cells, name)?.to_i64())
+}
+
+/// The same, of whatever type it is stored in.
+pub(super) fn cell_array(file: &VtkFile, cells: &Element, name: &str) -> Result<Values> {
+    let mut arrays = cells.children.iter();
+    let element = arrays
+        .find(|a| a.attribute("Name") == Some(name))
+        .ok_or_else(|| file.fault(format!("its cells have no array '{name}'"), "write it anew"))?;
+    Ok(file.array(element)?.values)
+}
+
+fn corners<const D: usize, M: Simplices<D>>(
+    file: &VtkFile,
+    cells: &Element,
+    points: usize,
+    count: usize,
+) -> Result<Vec<u32>> {
+    let values = |name: &str| cell_values(file, cells, name);
+    let size = D + 1;
+    let types = values("types")?;
+    if let Some((cell, kind)) = types
+        .iter()
+        .enumerate()
+        .find(|&(_, &t)| t != i64::from(M::VTK_CELL))
+    {
+        return Err(file.fault(
+            format!(
+                "cell {cell} is of VTK's type {kind}, not of type {} as {} are",
+                M::VTK_CELL,
+                M::CELLS
+            ),
+            format!("give a mesh of linear {} only", M::CELLS),
+        ));
+    }
+    let ends = values("offsets")?;
+    let corners = values("connectivity")?;
+    let regular = ends
+        .iter()
+        .zip(1..)
+        .all(|(&end, cell)| end == size as i64 * cell);
+    if types.len() != count
+        || ends.len() != count
+        || corners.len() != count.saturating_mul(size)
+        || !regular
+    {
+        let problem = format!(
+            "has {count} cells, but {} types, {} offsets and {} node numbers",
+            types.len(),
+            ends.len(),
+            corners.len()
+        );
+        return Err(file.fault(problem, "write it anew"));
+    }
+    if points > u32::MAX as usize {
+        return Err(file.fault(
+            format!("has {points} points"),
+            "give a mesh of fewer than 2^32",
+        ));
+    }
+    if let Some(stray) = corners.iter().find(|&&c| c < 0 || c as usize >= points) {
+        let problem = format!("a cell has node {stray}, but there are {points} points");
+        return Err(file.fault(problem, "write it anew"));
+    }
+    Ok(corners.iter().map(|&c| c as u32).collect())
+}
+
+pub(super) fn read_arrays(
+    file: &VtkFile,
+    piece: &Element,
+    name: &str,
+    tuples: usize,
+) -> Result<Vec<DataArray>> {
+    let Some(element) = piece.child(name) else {
+        return Ok(Vec::new());
+    };
+    let mut arrays = Vec::new();
+    for array in element.children.iter().filter(|a| a.name == "DataArray") {
+        let array = file.array(array)?;
+        if array.values.len() != tuples.saturating_mul(array.components) {
+            let problem = format!(
+                "array '{}' of {name} has {} numbers for {tuples} tuples of {}",
+                array.name,
+                array.values.len(),
+                array.components
+            );
+            return Err(file.fault(problem, "write it anew"));
+        }
+        arrays.push(array);
+    }
+    Ok(arrays)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::files::vtk::fixtures::{VARIANTS, fixture};
+
+    fn two_tets() -> MeshFile {
+        let nodes = vec![
+            [0.1, 612345.678, 0.0],
+            [1.0, 0.0, 0.0],
+            [0.0, 1.0 / 3.0, 0.0],
+            [0.0, 0.0, 1e-300],
+            [1.0, 1.0, 1.0],
+        ];
+        MeshFile {
+            mesh: TetMesh {
+                nodes,
+                tets: vec![[0, 1, 2, 3], [1, 2, 3, 4]],
+            },
+            point_data: vec![
+                DataArray::scalars("atom_kind", vec![0u8, 1, 2, 3, 4]),
+                DataArray {
+                    name: "normal".to_string(),
+                    components: 3,
+                    values: vec![0.5f32; 15].into(),
+                },
+            ],
+            cell_data: vec![DataArray::scalars(
+                "min \"dihedral\"",
+                vec![f64::NAN.abs().min(0.1), 2.0],
+            )],
+            field_data: vec![
+                (
+                    "version".to_string(),
+                    FieldValue::Text("1 < 2 & ü\n".to_string()),
+                ),
+                ("empty".to_string(), FieldValue::Text(String::new())),
+                ("sigma".to_string(), FieldValue::F64s(vec![0.1, 1e300])),
+                ("dims".to_string(), FieldValue::Ints(vec![-1, i64::MAX])),
+            ],
+        }
+    }
+
+    fn refusal(path: &Path) -> String {
+        read_vtu(path).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn write_then_read_gives_the_same_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.vtu");
+        for file in [two_tets(), MeshFile::default()] {
+            write_vtu(&path, &file).unwrap();
+            assert_eq!(read_vtu(&path).unwrap(), file);
+            assert_eq!(read_any_vtu(&path).unwrap(), AnyMesh::Space(file));
+        }
+    }
+
+    #[test]
+    fn triangles_lie_in_the_plane() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.vtu");
+        let file = MeshFile {
+            mesh: TriMesh {
+                nodes: vec![[0.0, 0.1], [1.0, 0.0], [0.0, 1e6], [3.0, 4.0]],
+                triangles: vec![[0, 1, 2], [2, 1, 3]],
+            },
+            point_data: vec![DataArray::scalars("atom_kind", vec![3u8, 3, 3, 3])],
+            cell_data: vec![DataArray::scalars("area", vec![0.5f64, 2.0])],
+            field_data: Vec::new(),
+        };
+        write_vtu(&path, &file).unwrap();
+        assert_eq!(read_any_vtu(&path).unwrap(), AnyMesh::Plane(file));
+        assert!(refusal(&path).contains("cell 0 is of VTK's type 5"));
+    }
+
+    #[test]
+    fn every_variant_that_vtk_writes_is_read() {
+        for variant in VARIANTS {
+            let file = read_vtu(&fixture(&format!("{variant}.vtu"))).unwrap();
+            assert_eq!(file.mesh.tets, [[0, 1, 2, 3], [1, 2, 3, 4]], "{variant}");
+            assert_eq!(file.mesh.nodes[4], [1.0; 3], "{variant}");
+            assert_eq!(file.mesh.nodes[1], [1.0, 0.0, 0.0], "{variant}");
+            assert_eq!(
+                file.cell_data,
+                [DataArray::scalars("quality", vec![0.5f32, -2.0])]
+            );
+            let note = FieldValue::Text("made by <VTK>".to_string());
+            assert_eq!(file.field_data, [("note".to_string(), note)], "{variant}");
+        }
+        assert!(refusal(&fixture("raw_lz4_64_le.vtu")).contains("vtkLZ4DataCompressor"));
+        assert!(refusal(&fixture("ascii_none_32_le.vti")).contains("holds ImageData"));
+    }
+
+    #[test]
+    fn wrong_and_damaged_files_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.vtu");
+        write_vtu(&path, &two_tets()).unwrap();
+        let good = std::fs::read(&path).unwrap();
+        let data_end = good.len() - "\n  </AppendedData>\n</VTKFile>\n".len();
+        for end in (0..data_end).step_by(11).chain([data_end - 1]) {
+            std::fs::write(&path, &good[..end]).unwrap();
+            assert!(read_vtu(&path).is_err(), "cut at {end}");
+        }
+        std::fs::write(&path, "hello").unwrap();
+        assert!(refusal(&path).contains("not a VTK XML file"));
+
+        let ascii = |points: &str, cells: &str, connectivity: &str, offsets: &str, types: &str| {
+            let text = format!(
+                "<VTKFile type=\"UnstructuredGrid\"><UnstructuredGrid>\
+                 <Piece NumberOfPoints=\"4\" NumberOfCells=\"{cells}\"><Points>\
+                 <DataArray type=\"Float64\" NumberOfComponents=\"3\" format=\"ascii\">{points}\
+                 </DataArray></Points><Cells>\
+                 <DataArray type=\"Int32\" Name=\"connectivity\" format=\"ascii\">{connectivity}</DataArray>\
+                 <DataArray type=\"Int32\" Name=\"offsets\" format=\"ascii\">{offsets}</DataArray>\
+                 <DataArray type=\"UInt8\" Name=\"types\" format=\"ascii\">{types}</DataArray>\
+                 </Cells></Piece></UnstructuredGrid></VTKFile>"
+            );
+            std::fs::write(&path, text).unwrap();
+            read_vtu(&path).map_err(|e| e.to_string())
+        };
+        let xyz = "0 0 0 1 0 0 0 1 0 0 0 1";
+        assert_eq!(
+            ascii(xyz, "1", "0 1 2 3", "4", "10").unwrap().mesh.tets,
+            [[0, 1, 2, 3]]
+        );
+        for (result, want) in [
+            (
+                ascii(xyz, "2", "0 1 2 3 0 1 2", "4 7", "10 5"),
+                "cell 1 is of VTK's type 5",
+            ),
+            (
+                ascii(xyz, "1", "0 1 2 4", "4", "10"),
+                "node 4, but there are 4 points",
+            ),
+            (ascii(xyz, "1", "0 1 2 -1", "4", "10"), "node -1"),
+            (ascii(xyz, "2", "0 1 2 3", "4", "10"), "has 2 cells"),
+            (ascii(xyz, "1", "0 1 2 3", "3", "10"), "1 offsets"),
+            (ascii(xyz, "many", "0 1 2 3", "4", "10"), "NumberOfCells"),
+            (
+                ascii("0 0 0", "1", "0 1 2 3", "4", "10"),
+                "3 coordinates for 4 points",
+            ),
+            (
+                ascii("0 0", "1", "0 1 2 3", "4", "10"),
+                "2 numbers in tuples of 3",
+            ),
+            (ascii("0 0 zero", "1", "0 1 2 3", "4", "10"), "'zero'"),
+        ] {
+            let error = result.unwrap_err();
+            assert!(error.contains(want) && error.contains("a.vtu"), "{error}");
+        }
+    }
+
+    #[test]
+    fn arrays_of_wrong_length_are_refused_before_writing() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.vtu");
+        let mut file = two_tets();
+        file.cell_data.push(DataArray::scalars("short", vec![1u8]));
+        let error = write_vtu(&path, &file).unwrap_err().to_string();
+        assert!(
+            error.contains("'short' has 1 numbers for 2 tetrahedra"),
+            "{error}"
+        );
+        assert!(!path.exists());
+    }
+}

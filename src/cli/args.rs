@@ -136,6 +136,12 @@ pub enum Verb {
     Synth(SynthArgs),
 }
 
+/// Options that do not fit into a TOML file.
+fn not_text(error: toml::ser::Error) -> Error {
+    let remedy = "use file names that are valid UTF-8";
+    Error::Job(cause("options", &error, remedy).because(error))
+}
+
 /// How to read an image whose file does not say it all.
 #[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
@@ -182,19 +188,12 @@ impl InputOptions {
             delay: self.delay_byte.unwrap_or(standard.delay),
             dt: self.interval_byte.unwrap_or(standard.dt),
         };
-        let refuse = |place: String, fault: String| {
-            let (problem, remedy) = fault.split_once("; ").unwrap_or((&fault, "see --help"));
-            Error::Job(cause(place, problem, remedy))
+        segy.check()?;
+        let raw = |text: &String| -> Result<_> {
+            text.parse()
+                .map_err(|error: Error| error.at(format!("--raw {text}")))
         };
-        segy.check()
-            .map_err(|fault| refuse("SEG-Y header bytes".into(), fault))?;
-        let raw = match &self.raw {
-            Some(text) => Some(
-                text.parse()
-                    .map_err(|fault| refuse(format!("--raw {text}"), fault))?,
-            ),
-            None => None,
-        };
+        let raw = self.raw.as_ref().map(raw).transpose()?;
         Ok(ReadOptions { raw, segy })
     }
 }
@@ -516,8 +515,7 @@ impl MeshOptions {
     /// # Errors
     /// [`Error::Job`] if a path is no UTF-8.
     pub fn to_toml(&self) -> Result<String> {
-        toml::to_string(self)
-            .map_err(|e| Error::Job(cause("options", e, "use file names that are valid UTF-8")))
+        toml::to_string(self).map_err(not_text)
     }
 
     /// These options, and those of `below` where these are silent.
@@ -525,10 +523,7 @@ impl MeshOptions {
     /// # Errors
     /// [`Error::Job`] if an option cannot be written as TOML (a path that is no UTF-8).
     pub fn over(&self, below: &Self) -> Result<Self> {
-        let table = |options: &Self| {
-            toml::Table::try_from(options)
-                .map_err(|e| Error::Job(cause("options", e, "use file names that are valid UTF-8")))
-        };
+        let table = |options: &Self| toml::Table::try_from(options).map_err(not_text);
         let mut merged = table(below)?;
         for (key, value) in table(self)? {
             match (merged.get_mut(&key), value) {
@@ -539,7 +534,7 @@ impl MeshOptions {
             }
         }
         merged.try_into().map_err(|e: toml::de::Error| {
-            Error::Job(cause("options", e.message(), "see atomesh mesh --help"))
+            Error::Job(cause("options", e.message(), "see atomesh mesh --help")).because(e)
         })
     }
 }

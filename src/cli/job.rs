@@ -148,6 +148,7 @@ pub fn effective_options(args: &MeshArgs) -> Result<MeshOptions> {
                     e.message().replace('\n', ", "),
                     "atomesh mesh --print-config shows how it is written",
                 ))
+                .because(e)
             })?
         }
     };

@@ -6,13 +6,13 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::images::potential_image;
-use crate::cli::Ending;
 use crate::cli::args::{MeshArgs, MeshOptions};
 use crate::cli::console::{Console, complain, print};
 use crate::cli::job::{Beta, MeshJob, effective_options, seeds};
 use crate::cli::parse;
 use crate::cli::provenance::file_hash;
 use crate::cli::wells::WellFile;
+use crate::cli::{Ending, in_words};
 use crate::error::cause;
 use crate::image::formats;
 use crate::image::formats::{AnyLoaded, Loaded, ReadOptions};
@@ -115,7 +115,7 @@ impl Run<'_> {
                 }
                 return match interrupts.wanted() {
                     true => {
-                        complain(format_args!("error: {error}"));
+                        complain(format_args!("error: {}", in_words(&error)));
                         Ok(Ending::Interrupted)
                     }
                     false => Err(error),
@@ -309,7 +309,9 @@ impl Interrupts {
                 std::process::exit(130);
             }
         })
-        .map_err(|e| Error::Job(cause("interrupt handler", e, "start the job again")))?;
+        .map_err(|e| {
+            Error::Job(cause("interrupt handler", &e, "start the job again").because(e))
+        })?;
         Ok(state)
     }
 

@@ -26,7 +26,8 @@ demo: packages
 test: packages
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --locked -- -D warnings
-	cargo clippy --no-default-features --lib --bins --locked -- -D warnings
+	cargo clippy --no-default-features --lib --locked -- -D warnings
+	cargo clippy --no-default-features --features cli --lib --bins --locked -- -D warnings
 	cargo test --workspace --locked
 
 bench: packages

@@ -199,8 +199,9 @@ impl Settings {
     /// # Errors
     /// [`Error::Job`] if a path is no UTF-8.
     pub fn table(&self) -> Result<toml::Table> {
-        toml::Table::try_from(self)
-            .map_err(|e| Error::Job(cause("options", e, "use file names that are valid UTF-8")))
+        toml::Table::try_from(self).map_err(|e| {
+            Error::Job(cause("options", &e, "use file names that are valid UTF-8").because(e))
+        })
     }
 
     /// These settings, and those of `below` where these are silent.
@@ -218,7 +219,7 @@ impl Settings {
             }
         }
         merged.try_into().map_err(|e: toml::de::Error| {
-            Error::Job(cause("options", e.message(), "see the list of options"))
+            Error::Job(cause("options", e.message(), "see the list of options")).because(e)
         })
     }
 }

@@ -205,6 +205,10 @@ fn canny(said: &Said, voronoi: bool) -> Result<Placement> {
         "is about a lattice whose energy is lowered, but with seeding canny nothing moves",
         other,
     )?;
+    if said.settings.feature != Some(Kind::Paths) {
+        let problem = "decides what is left to chance, which with seeding canny is nothing";
+        said.unused(&["rng-seed"], problem, other)?;
+    }
     no_guide(said)?;
     Ok(Placement::Canny)
 }
@@ -677,6 +681,7 @@ mod tests {
             ("seeding = \"canny\"\ncoarse-to-fine = 1", "coarse-to-fine"),
             ("seeding = \"canny\"\ntrace = \"t.pvd\"", "trace"),
             ("seeding = \"canny\"\ndistance = 5", "distance"),
+            ("seeding = \"canny\"\nrng-seed = 5", "rng-seed"),
             ("feature = \"labels\"\nthreshold = 0.5", "threshold"),
             ("feature = \"paths\"\nthreshold = 0.5", "threshold"),
             ("object = [\"1,2\"]", "object"),

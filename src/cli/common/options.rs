@@ -7,12 +7,12 @@ use crate::{Error, Result};
 
 /// An error that begins with the name of a setting begins with the option's.
 pub fn named(error: Error) -> Error {
-    match error {
-        Error::Job(mut cause) if setting_of(&cause.place).is_some() => {
-            cause.place.insert_str(0, "--");
-            Error::Job(cause)
+    match setting_of(&error.cause().place) {
+        Some(_) => {
+            let place = format!("--{}", error.cause().place);
+            error.at(place)
         }
-        other => other,
+        None => error,
     }
 }
 

@@ -189,7 +189,7 @@ fn job<M>(args: &EditArgs, file: &MeshFile<M>) -> Result<(Job, Vec<String>)> {
         .ok_or_else(|| refuse("does not say how it was made (no field data parameters)".into()))?;
     let mut job: Job = toml::from_str(record.trim()).map_err(|e| {
         let problem = e.message().replace('\n', ", ");
-        refuse(format!("has parameters that make no sense: {problem}"))
+        refuse(format!("has parameters that make no sense: {problem}")).because(e)
     })?;
     let mut notes = Vec::new();
     let mut note = |line: &str| notes.push(line.to_string());

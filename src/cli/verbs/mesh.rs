@@ -10,7 +10,7 @@ use clap::Args;
 use crate::cli::common::global::Ending;
 use crate::cli::common::options::{named, read_options, setting_of};
 use crate::cli::common::output::potential_image;
-use crate::cli::console::{Console, complain, print};
+use crate::cli::console::{Console, complain, in_words, print};
 use crate::cli::job::{check_files, output, params};
 use crate::cli::provenance::file_hash;
 use crate::error::{cause, os};
@@ -95,15 +95,14 @@ fn asked(args: &MeshArgs) -> Result<Job> {
             e.message().replace('\n', ", "),
             "atomesh mesh --print-config shows how it is written",
         ))
+        .because(e)
     })?;
     let typed = args.settings.table()?;
     Job::try_from(args.settings.over(&from_file)?).map_err(|error| match error {
         // What was not typed stands in the file.
-        Error::Job(mut cause)
-            if setting_of(&cause.place).is_some_and(|name| !typed.contains_key(name)) =>
-        {
-            cause.place = format!("{}: {}", path.display(), cause.place);
-            Error::Job(cause)
+        error if setting_of(&error.cause().place).is_some_and(|name| !typed.contains_key(name)) => {
+            let place = format!("{}: {}", path.display(), error.cause().place);
+            error.at(place)
         }
         error => named(error),
     })
@@ -111,8 +110,9 @@ fn asked(args: &MeshArgs) -> Result<Job> {
 
 /// A job as a configuration file or a record holds it.
 fn toml_of(job: &Job) -> Result<String> {
-    toml::to_string(job)
-        .map_err(|e| Error::Job(cause("options", e, "use file names that are valid UTF-8")))
+    toml::to_string(job).map_err(|e| {
+        Error::Job(cause("options", &e, "use file names that are valid UTF-8").because(e))
+    })
 }
 
 /// A job whose image is read.
@@ -169,7 +169,7 @@ impl Run<'_> {
                 }
                 return match interrupts.wanted() {
                     true => {
-                        complain(format_args!("error: {error}"));
+                        complain(format_args!("error: {}", in_words(&error)));
                         Ok(Ending::Interrupted)
                     }
                     false => Err(error),
@@ -259,7 +259,9 @@ impl Interrupts {
                 std::process::exit(130);
             }
         })
-        .map_err(|e| Error::Job(cause("interrupt handler", e, "start the job again")))?;
+        .map_err(|e| {
+            Error::Job(cause("interrupt handler", &e, "start the job again").because(e))
+        })?;
         Ok(state)
     }
 

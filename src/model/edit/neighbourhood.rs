@@ -11,7 +11,7 @@ use crate::feature::{self, Features};
 use crate::image::Image;
 use crate::improve::reshape::Wanted;
 use crate::job::horizons::horizon_bits;
-use crate::job::{Evaluator, Meshing, Params, Scene, Space, Spacing, moving};
+use crate::job::{self, Evaluator, Meshing, Params, Scene, Space, Spacing};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
 use crate::lattice::energy::{Beta, Energy, Pairwise, Regularised, Sampled};
@@ -187,7 +187,7 @@ where
         // Atoms that come are as warm as can be.
         let heat = |&i: &usize| self.heat.get(i).copied().unwrap_or(1.0);
         let params = context.params;
-        let mut options = moving(params);
+        let mut options = job::moving(params);
         options.temperature = moving.iter().map(heat).collect();
         options.temperature.extend(vec![0.0; frozen]);
         summary.warm += options.temperature.iter().filter(|t| **t > 0.0).count();

@@ -19,10 +19,10 @@ use atomesh::lattice::energy::laplacian::KAPPA;
 use atomesh::lattice::energy::{Beta, Energy, Pairwise, Regularised};
 use atomesh::lattice::optimize::{self, Method, Options, Unobserved};
 use atomesh::lattice::seeding::{self, Alignment, Atoms, Seeding};
+use atomesh::mesh::Simplices;
 use atomesh::mesh::delaunay;
 use atomesh::model::slice::{self, Skeleton};
 use atomesh::report::cost::cpu_seconds;
-use atomesh::mesh::Simplices;
 use atomesh::report::quality;
 
 /// Runs with different seeds whose figures are averaged, as in the paper.

@@ -4,16 +4,21 @@
 //! the outcome where the image lies in the world. The plane and space are the same code but for how
 //! atoms are joined ([`Meshing`]).
 
+pub mod asked;
 mod canny;
 pub mod cells;
 pub(crate) mod horizons;
 mod join;
 mod pairs;
 mod params;
+pub mod settings;
+mod words;
 
+pub use asked::Job;
 pub use cells::{CellsOutcome, voronoi_image};
 pub use join::{Meshing, Scene, Space};
 pub use params::{Evaluator, FixedAtom, Metric, Params, Spacing, Weight, WellPath};
+pub use settings::Settings;
 
 use std::borrow::Cow;
 

@@ -8,12 +8,12 @@ use serde_json::json;
 
 use super::surface::{Grouping, WRITTEN, image_of, marked_facets, write_file};
 use crate::Result;
-use crate::cli::common::input::InputOptions;
 use crate::cli::common::output::check_output;
 use crate::cli::console::Console;
 use crate::cli::parse;
 use crate::export::SurfaceFile;
 use crate::image::Field;
+use crate::image::formats::InputOptions;
 use crate::mesh::Mesh;
 use crate::model::paint::{Seed, blocks, contrast, paint as flow};
 use crate::model::surface::adjacency::{Adjacency, holding, skin};

@@ -5,8 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::json;
 
-use crate::cli::common::feature::{FeatureChoice, feature_scale, threshold};
-use crate::cli::common::input::InputOptions;
+use crate::cli::common::feature::{detection, job_of};
 use crate::cli::common::output::check_output;
 use crate::cli::console::Console;
 use crate::cli::parse;
@@ -15,7 +14,9 @@ use crate::export::{SurfaceFile, write_obj, write_tsurf, write_vtp};
 use crate::files::vtk::DataArray;
 use crate::geometry::{normal, unit};
 use crate::image::formats;
+use crate::image::formats::InputOptions;
 use crate::image::{Geometry, Image};
+use crate::job::Settings;
 use crate::mesh::Mesh;
 use crate::model::surface::measure::Up;
 use crate::model::surface::stored::{group, horizon_facets};
@@ -46,7 +47,7 @@ pub struct SurfaceArgs {
     pub depth: f64,
     /// The features of IMAGE
     #[arg(long, value_name = "KIND", default_value = "auto")]
-    pub feature: FeatureChoice,
+    pub feature: feature::Kind,
     /// Scale of the features in samples [default: by the kind of feature]
     #[arg(long, value_name = "S")]
     pub sigma: Option<f64>,
@@ -178,14 +179,14 @@ fn facets_on_image<const D: usize, M: Mesh<D>>(
     console: &mut Console,
 ) -> Result<Vec<[u32; D]>> {
     let image = image_of(path, &args.input, &stored.space)?;
-    let options = feature::Options {
-        kind: args.feature.into(),
-        scale: feature_scale(args.sigma)?,
-        threshold: threshold(args.threshold)?,
-        d_min: distance.unwrap_or_else(|| mean_spacing(&stored.lattice)),
-        step: stored.space.step,
-        ..feature::Options::default()
-    };
+    let job = job_of(Settings {
+        feature: Some(args.feature),
+        sigma: args.sigma,
+        threshold: args.threshold,
+        ..Settings::default()
+    })?;
+    let d_min = distance.unwrap_or_else(|| mean_spacing(&stored.lattice));
+    let options = detection(&job, d_min, stored.space.step)?;
     let features = feature::detect(&image, &options)?;
     features.notes.iter().for_each(|note| console.note(note));
     let (b, sigma) = (&features.potential, features.sigma);

@@ -5,6 +5,7 @@
 use super::hold::Hold;
 use super::sheets::Sheets;
 use super::{Improver, Options, Outcome, smooth};
+use crate::error::{Error, cause};
 use crate::geometry::{norm, sub, volume6};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
@@ -22,6 +23,15 @@ pub struct Wanted<const D: usize> {
     pub kinds: Vec<AtomKind>,
     /// For each, whether it shall go.
     pub gone: Vec<bool>,
+}
+
+/// Why a part of a mesh cannot be reshaped.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Refusal {
+    /// This node cannot be put where it must be, or cannot go.
+    Node(u32),
+    /// No single node is to blame: this is what is wrong.
+    Part(Error),
 }
 
 /// A part of a mesh after that.
@@ -43,7 +53,7 @@ pub struct Reshaped<M> {
 /// towards their targets as far as the mesh allows.
 ///
 /// # Errors
-/// The number of the node that cannot be put where it must be, or cannot go.
+/// The node that cannot be put where it must be, or cannot go; or that the part is no mesh.
 pub fn reshape(
     part: TetMesh,
     wanted: &Wanted<3>,
@@ -51,14 +61,20 @@ pub fn reshape(
     sheets: &Sheets,
     distance: &Distance<3>,
     options: &Options,
-) -> Result<Reshaped<TetMesh>, u32> {
+) -> Result<Reshaped<TetMesh>, Refusal> {
     let Wanted {
         targets,
         kinds,
         gone,
     } = wanted;
     let count = part.nodes.len();
-    let neighbors = complex::neighbors(count, &part.tets).map_err(|face| face[0])?;
+    let neighbors = complex::neighbors(count, &part.tets).map_err(|face| {
+        Refusal::Part(Error::Mesh(cause(
+            format!("face {face:?}"),
+            "belongs to more than two tetrahedra",
+            "mesh the image again",
+        )))
+    })?;
     let target = options.min_dihedral.to_radians().sin();
     let own = &kinds[..count];
     let mut improver = Improver::new(part, neighbors, own, extent, sheets, distance, target);
@@ -67,12 +83,12 @@ pub fn reshape(
     for node in count..targets.len() {
         let (hold, _) = Hold::new(targets[node], kinds[node], extent, sheets);
         if !improver.insert(targets[node], hold) {
-            return Err(node as u32);
+            return Err(Refusal::Node(node as u32));
         }
     }
     for node in (0..gone.len()).filter(|&n| gone[n]) {
         if !improver.remove(node as u32) {
-            return Err(node as u32);
+            return Err(Refusal::Node(node as u32));
         }
     }
     improver.steer(wanted);
@@ -80,7 +96,7 @@ pub fn reshape(
         !gone[n] && kinds[n] == AtomKind::Fixed && improver.complex.nodes[n] != targets[n]
     };
     if let Some(node) = (0..targets.len()).find(astray) {
-        return Err(node as u32);
+        return Err(Refusal::Node(node as u32));
     }
     let outcome = improver.improve();
     let finished = improver.finish(kinds);
@@ -391,7 +407,7 @@ mod tests {
         let distance = Distance::Constant(4.0);
         let options = Options::default();
         let done = reshape(mesh, wanted, EXTENT, &sheets, &distance, &options)
-            .unwrap_or_else(|n| panic!("node {n} of {:?}", wanted.kinds[n as usize]));
+            .unwrap_or_else(|why| panic!("{why:?} of {:?}", wanted.kinds));
         let found = check(&done.mesh, [0.0; 3], EXTENT, 1e-9);
         assert!(found.passed(), "{:?}", found.problems);
         done
@@ -481,5 +497,40 @@ mod tests {
                 assert_eq!(x, target);
             }
         }
+    }
+
+    #[test]
+    fn a_part_in_which_three_tetrahedra_share_a_face_is_refused() {
+        let nodes = vec![
+            [0.0, 0.0, 0.0],
+            [1.0, 0.0, 0.0],
+            [0.0, 1.0, 0.0],
+            [0.0, 0.0, 1.0],
+            [0.1, 0.1, 2.0],
+            [0.2, 0.2, -1.0],
+        ];
+        let mesh = TetMesh {
+            tets: vec![[0, 1, 2, 3], [0, 1, 2, 4], [0, 2, 1, 5]],
+            nodes,
+        };
+        let wanted = Wanted {
+            targets: mesh.nodes.clone(),
+            kinds: vec![AtomKind::Interior; 6],
+            gone: vec![false; 6],
+        };
+        let sheets = Sheets::new(&[], EXTENT, 3.0, 4.0);
+        let distance = Distance::Constant(4.0);
+        let refusal = reshape(
+            mesh,
+            &wanted,
+            EXTENT,
+            &sheets,
+            &distance,
+            &Options::default(),
+        );
+        let Err(Refusal::Part(error)) = refusal else {
+            panic!("{refusal:?}");
+        };
+        assert!(error.to_string().contains("more than two"), "{error}");
     }
 }

@@ -369,7 +369,9 @@ const MOST_SAMPLES: u128 = u32::MAX as u128;
 
 /// Refuses an image with more samples than can be numbered. [`Kind::Paths`] numbers them twice.
 fn refuse_too_many<const D: usize>(dims: [usize; D], kind: Kind) -> Result<()> {
-    let samples = dims.iter().fold(1u128, |all, &n| all.saturating_mul(n as u128));
+    let samples = dims
+        .iter()
+        .fold(1u128, |all, &n| all.saturating_mul(n as u128));
     let most = match kind {
         Kind::Paths => MOST_SAMPLES / 2,
         _ => MOST_SAMPLES,

@@ -53,8 +53,13 @@ impl<const D: usize> Grid<D> {
         })
     }
 
-    /// Every point of a label in the cell of `p` and those around it, always in the same order.
-    pub fn visit(&self, p: [f64; D], label: u32, visit: impl FnMut(usize)) {
+    /// Every point of label 0 in the cell of `p` and those around it, always in the same order.
+    pub fn visit(&self, p: [f64; D], visit: impl FnMut(usize)) {
+        self.visit_labelled(p, 0, visit);
+    }
+
+    /// The same with those of another label.
+    pub fn visit_labelled(&self, p: [f64; D], label: u32, visit: impl FnMut(usize)) {
         let middle = self.cell_of(p);
         self.visit_cells(middle.map(|c| c - 1), middle.map(|c| c + 1), label, visit);
     }
@@ -119,11 +124,11 @@ mod tests {
             let mut want: Vec<usize> = (0..points.len()).filter(beside).collect();
             want.sort_by_key(|&i| (plain.cell_of(points[i]), i));
             let mut got = Vec::new();
-            plain.visit(p, 0, |i| got.push(i));
+            plain.visit(p, |i| got.push(i));
             assert_eq!(got, want);
             for label in 0..7 {
                 let mut got = Vec::new();
-                grid.visit(p, label, |i| got.push(i));
+                grid.visit_labelled(p, label, |i| got.push(i));
                 let want = want.iter().copied().filter(|i| *i as u32 % 3 * 2 == label);
                 assert_eq!(got, want.collect::<Vec<_>>());
             }
@@ -138,6 +143,6 @@ mod tests {
             }
         }
         assert!(Grid::<2>::new(&[], 1.0).points.is_empty());
-        Grid::<2>::new(&[], 1.0).visit([1.0, 2.0], 0, |_| panic!("there is none"));
+        Grid::<2>::new(&[], 1.0).visit([1.0, 2.0], |_| panic!("there is none"));
     }
 }

@@ -361,7 +361,7 @@ pub fn across_crossings<const D: usize>(
         .map(|(&side, &end)| {
             let f = side / D;
             let (mut centre, mut normal, mut area) = ([0.0; D], [0.0; D], 0.0);
-            grid.visit(end, surface[f], |g| {
+            grid.visit_labelled(end, surface[f], |g| {
                 if norm(sub(middles[g], end)) < wide {
                     let own = norm(facets.normal(g));
                     area += own;
@@ -386,7 +386,7 @@ pub fn across_crossings<const D: usize>(
         .map(|i| {
             let (own, here) = (surface[rim[i] / D], &patches[i]);
             let mut best: Option<(f64, usize)> = None;
-            grid.visit(ends[i], 0, |j| {
+            grid.visit(ends[i], |j| {
                 let to = sub(ends[j], ends[i]);
                 let far = norm(to);
                 if surface[rim[j] / D] == own

@@ -281,10 +281,24 @@ pub(super) fn faults(how: &str, thickness: Option<f64>) -> Result<Faults> {
     }
 }
 
+/// Checks that a thickness, which is that of the layer that a factor is for, has such a factor.
+pub(super) fn check_thickness(thickness: Option<f64>, faults: &str, factors: bool) -> Result<()> {
+    if thickness.is_none() || factors || !matches!(faults, "closed" | "open") {
+        return Ok(());
+    }
+    Err(Error::Job(cause(
+        "--fault-thickness",
+        format!("is that of the layer that a factor is for, but faults are {faults}"),
+        "give a factor, such as --faults 0.01, or omit it",
+    )))
+}
+
 /// Which surfaces resist flow, and how.
 fn fault_laws(args: &FlowArgs) -> Result<FaultLaws> {
     let thickness = args.fault_thickness;
-    let law = faults(args.faults.as_deref().unwrap_or("closed"), thickness)?;
+    let how = args.faults.as_deref().unwrap_or("closed");
+    check_thickness(thickness, how, !args.fault_multiplier.is_empty())?;
+    let law = faults(how, thickness)?;
     let standing = match args.barriers.as_str() {
         "faults" => Standing::Faults,
         "horizons" => Standing::Horizons,

@@ -3,6 +3,7 @@
 use clap::Args;
 use serde::{Deserialize, Serialize};
 
+use crate::error::cause;
 use crate::image::formats::{ReadOptions, SegyBytes};
 use crate::{Error, Result};
 
@@ -37,6 +38,21 @@ pub struct InputOptions {
 }
 
 impl InputOptions {
+    /// Checks that nothing is typed where no image is read; `why` says so.
+    ///
+    /// # Errors
+    /// [`Error::Job`] if something is.
+    pub fn refuse_unused(&self, why: &str) -> Result<()> {
+        if *self == Self::default() {
+            return Ok(());
+        }
+        Err(Error::Job(cause(
+            "options of reading images",
+            format!("are given, but {why}"),
+            "omit them",
+        )))
+    }
+
     /// What the reader is told.
     ///
     /// # Errors

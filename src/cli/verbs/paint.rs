@@ -83,6 +83,9 @@ pub fn paint(args: &PaintArgs, console: &mut Console) -> Result<()> {
         let inputs = [inputs.as_slice(), &[&args.output]].concat();
         check_output(path, "--surface-out", &WRITTEN, &inputs)?;
     }
+    if args.image.is_none() {
+        args.input.refuse_unused("no image is given")?;
+    }
     console.begin_stage("reading");
     match read_any_vtu(&args.mesh)? {
         AnyMesh::Plane(file) => paint_mesh::<2, _>(args, file, console),

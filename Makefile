@@ -1,8 +1,9 @@
 # make demo   install what is missing, build, mesh the sample volume, say which files to open
-# make test   install what is missing, then every check there is
+# make test   install what is missing, then every check there is; says how many it had to skip
+# make package   build what a registry would give to others
 
 .POSIX:
-.PHONY: help demo test bench validators packages
+.PHONY: help demo test package bench validators packages
 
 SAMPLE = data/faults.vti
 
@@ -28,7 +29,12 @@ test: packages
 	cargo clippy --workspace --all-targets --locked -- -D warnings
 	cargo clippy --no-default-features --lib --locked -- -D warnings
 	cargo clippy --no-default-features --features cli --lib --bins --locked -- -D warnings
-	cargo test --workspace --locked
+	@mkdir -p target && rm -f target/skipped
+	ATOMESH_SKIPPED="$$PWD/target/skipped" cargo test --workspace --locked
+	@scripts/skipped.sh target/skipped
+
+package: packages
+	cargo package --workspace --locked --allow-dirty
 
 bench: packages
 	cargo bench --locked --bench whole

@@ -1,9 +1,10 @@
 # make demo   install what is missing, build, mesh the sample volume, say which files to open
 # make test   install what is missing, then every check there is; says how many it had to skip
 # make package   build what a registry would give to others
+# make book   the documentation as a site, target/book/index.html, with its links checked
 
 .POSIX:
-.PHONY: help demo test package bench validators packages
+.PHONY: help demo test package book bench validators packages
 
 SAMPLE = data/faults.vti
 
@@ -35,6 +36,9 @@ test: packages
 
 package: packages
 	cargo package --workspace --locked --allow-dirty
+
+book:
+	@scripts/book.sh
 
 bench: packages
 	cargo bench --locked --bench whole

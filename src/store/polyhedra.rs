@@ -16,17 +16,17 @@ use crate::error::Result;
 use crate::files::Batch;
 use crate::files::vtk::{DataArray, Document, Packing, Source, VtkFile};
 use crate::mesh::poly::{Beyond, Lists, NO_CELL, PolyMesh};
+use crate::mesh::{Mesh, TriMesh};
 
-/// VTK's number of the polyhedron.
-pub const POLYHEDRON: u8 = 42;
-/// VTK's number of the polygon.
-pub const POLYGON: u8 = 7;
 /// The cell array of sites.
 const SITE: &str = "site";
 /// The cell array of regions.
 const REGION: &str = "region";
 /// The field array of faces on features: pairs of cells.
 const FEATURE_FACES: &str = "feature_faces";
+
+/// VTK's number of the quadrilateral.
+const QUADRILATERAL: u8 = 9;
 
 /// Cells in one task.
 const CHUNK: usize = 4096;
@@ -100,7 +100,7 @@ pub fn add_cells_vtu<const D: usize>(
     document.open("Cells", &[]);
     document.array(integers("connectivity", &streams.corners));
     document.array(integers("offsets", &streams.corner_ends));
-    let kind = if D == 2 { POLYGON } else { POLYHEDRON };
+    let kind = PolyMesh::<D>::VTK_CELL;
     document.array(Source::computed("types", 1, cells, |_| kind));
     if D == 3 {
         document.array(integers("faces", &streams.faces));
@@ -198,7 +198,7 @@ pub(super) fn read_cells<const D: usize>(file: &VtkFile) -> Result<MeshFile<Poly
     let nodes = read_nodes(file, file.child(piece, "Points")?, points)?;
     let element = file.child(piece, "Cells")?;
     let types = cell_values(file, element, "types")?;
-    let kind = i64::from(if D == 2 { POLYGON } else { POLYHEDRON });
+    let kind = i64::from(PolyMesh::<D>::VTK_CELL);
     let fits = |t: i64| if D == 2 { is_polygon(t) } else { t == kind };
     if let Some(cell) = types.iter().position(|&t| !fits(t)) {
         let problem = format!(
@@ -290,9 +290,10 @@ pub(super) fn read_cells<const D: usize>(file: &VtkFile) -> Result<MeshFile<Poly
     })
 }
 
-/// Whether cells of VTK's type are polygons: triangles, polygons or quadrilaterals.
+/// Whether cells of VTK's type are polygons, whatever VTK calls them.
 pub(super) fn is_polygon(kind: i64) -> bool {
-    [5, i64::from(POLYGON), 9].contains(&kind)
+    let kinds = [TriMesh::VTK_CELL, PolyMesh::<2>::VTK_CELL, QUADRILATERAL];
+    kinds.map(i64::from).contains(&kind)
 }
 
 /// Polyhedra as VTK writes them since version 9.4, each a list of faces that are lists of nodes, as

@@ -1,16 +1,16 @@
 //! `atomesh flow`: steady pressure and flow from sources to sinks.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+use clap::Args;
 use serde_json::json;
 
-use crate::cli::args::FlowArgs;
 use crate::cli::console::Console;
 use crate::cli::parse::{bad, by_region, number, rows};
 use crate::error::cause;
 use crate::files::check_target;
-use crate::files::vtk::DataArray;
 use crate::job::{Meshing, Space};
+use crate::mesh::Simplices;
 use crate::mesh::poly::PolyMesh;
 use crate::model::flow::report::FlowReport;
 use crate::model::flow::through::{
@@ -18,11 +18,67 @@ use crate::model::flow::through::{
     flow_through_elements,
 };
 use crate::model::flow::{Barriers, Faults, Rock, Streamlines, Tensor, Well};
-use crate::report::Measured;
-use crate::store::file::Placed;
-use crate::store::stored::Stored;
-use crate::store::{AnyMesh, MeshFile, read_any_vtu};
+use crate::store::{MeshFile, Stored, StoredMesh, read_any_vtu, with_mesh};
 use crate::{Error, Result};
+
+/// `atomesh flow`.
+#[derive(Debug, Args)]
+pub struct FlowArgs {
+    /// A mesh written by atomesh; its coordinates are taken for metres
+    #[arg(value_name = "MESH.vtu")]
+    pub mesh: PathBuf,
+    /// The mesh to write, torn along faults, with pressure (Pa) and Darcy velocity (m/s)
+    #[arg(short, long, value_name = "OUT.vtu")]
+    pub output: PathBuf,
+    /// A point (X,Y in 2-D) where fluid enters, with its rate in m^3/s [default: 0.001]; may be
+    /// repeated
+    #[arg(long, value_name = "X,Y,Z[:RATE]", allow_hyphen_values = true)]
+    pub source: Vec<String>,
+    /// A point where fluid leaves [default rate: all that comes in, or 0.001 with --pressure]
+    #[arg(long, value_name = "X,Y,Z[:RATE]", allow_hyphen_values = true)]
+    pub sink: Vec<String>,
+    /// Pressure (Pa) of a side of the box: xmin, xmax, ymin ..., the image's axes, x the fastest in
+    /// memory. Sides without one let nothing through
+    #[arg(long, value_name = "SIDE=P")]
+    pub pressure: Vec<String>,
+    /// How faults resist flow across them: closed, open, or the factor, from 0 to 1, of the
+    /// permeability there [default: closed]
+    #[arg(long, value_name = "HOW", allow_hyphen_values = true)]
+    pub faults: Option<String>,
+    /// Thickness (m) of the layer that the factor of --faults is for [default: from cell to cell]
+    #[arg(long, value_name = "W")]
+    pub fault_thickness: Option<f64>,
+    /// The factor of one fault, by the number that `atomesh surface MESH` gives it; may be repeated;
+    /// or a CSV file of lines surface,factor[,thickness]
+    #[arg(long, value_name = "N:FACTOR", allow_hyphen_values = true)]
+    pub fault_multiplier: Vec<String>,
+    /// The surfaces that --faults is for: faults, horizons, all, or numbers N,N,... Others are open
+    #[arg(long, value_name = "WHICH", default_value = "faults")]
+    pub barriers: String,
+    /// Permeability in m^2 (1 mD is 9.87e-16 m^2): K; KX,KY,KZ; KXX,KYY,KZZ,KXY,KYZ,KXZ (in 2-D K;
+    /// KX,KY; KXX,KYY,KXY); a CSV file of lines region,K; or a cell array of the mesh
+    #[arg(
+        long,
+        value_name = "K",
+        default_value = "1e-13",
+        allow_hyphen_values = true
+    )]
+    pub permeability: String,
+    /// Viscosity in Pa s
+    #[arg(
+        long,
+        value_name = "MU",
+        default_value_t = 0.001,
+        allow_hyphen_values = true
+    )]
+    pub viscosity: f64,
+    /// Write streamlines that carry equal rates, for ParaView
+    #[arg(long, value_name = "FILE.vtp")]
+    pub streamlines: Option<PathBuf>,
+    /// Number of streamlines
+    #[arg(long, value_name = "N", default_value_t = 200)]
+    pub lines: usize,
+}
 
 /// Rate in m^3/s of a source for which none is given.
 const RATE: f64 = 1e-3;
@@ -38,12 +94,10 @@ pub fn flow(args: &FlowArgs, console: &mut Console) -> Result<()> {
     check_target(&args.output)?;
     args.streamlines.as_deref().map_or(Ok(()), check_target)?;
     console.begin_stage("reading");
-    let report = match read_any_vtu(&args.mesh)? {
-        AnyMesh::Plane(file) => typed.through_elements::<2, _>(file, console),
-        AnyMesh::Space(file) => typed.through_elements::<3, _>(file, console),
-        AnyMesh::PlaneCells(file) => typed.through_cells(file, console),
-        AnyMesh::SpaceCells(file) => typed.through_cells(file, console),
-    }?;
+    let report = with_mesh!(read_any_vtu(&args.mesh)?,
+        simplices file => typed.through_elements(file, console),
+        cells file => typed.through_cells(file, console)
+    )?;
     console.result(
         format_args!("{}\nwrote {}", report.table(), args.output.display()),
         &json!(report),
@@ -60,27 +114,19 @@ struct Typed<'a> {
 }
 
 impl Typed<'_> {
-    fn through_elements<const D: usize, M: Measured<D>>(
+    fn through_elements<const D: usize, M: Simplices<D>>(
         &self,
         file: MeshFile<M>,
         console: &mut Console,
     ) -> Result<FlowReport> {
         let args = self.args;
-        let arrays = MeshFile {
-            mesh: M::from_parts(Vec::new(), Vec::new()),
-            point_data: file.point_data.clone(),
-            cell_data: file.cell_data.clone(),
-            field_data: file.field_data.clone(),
-        };
-        let placed = Placed::new(file, &args.mesh.display().to_string())?;
-        let regions = arrays.cell_data.iter().find(|array| array.name == "region");
-        let regions = regions.map(|array| array.values.to_i64());
-        let rock = rock::<D>(args, &arrays.cell_data, regions)?;
+        let mut stored = StoredMesh::new(file, &args.mesh.display().to_string())?;
+        let rock = rock(args, &stored)?;
         let conditions = self.conditions()?;
-        let barriers = self.barriers(&placed, console)?;
+        let barriers = self.barriers(&mut stored, console)?;
         console.begin_stage("computing pressure");
         let lines = args.streamlines.as_ref().map(|_| args.lines);
-        let outcome = flow_through_elements(arrays, &placed, rock, &barriers, &conditions, lines)?;
+        let outcome = flow_through_elements(stored, rock, &barriers, &conditions, lines)?;
         self.write(outcome, console)
     }
 
@@ -94,16 +140,13 @@ impl Typed<'_> {
         Space<D>: Meshing<D>,
     {
         let args = self.args;
-        let place = args.mesh.display();
-        let regions = file.mesh.region.iter().map(|&r| i64::from(r)).collect();
-        let rock = rock::<D>(args, &file.cell_data, Some(regions))?;
-        let placed = Placed::cells(file.clone(), &place.to_string())?;
+        let mut stored = StoredMesh::new(file, &args.mesh.display().to_string())?;
+        let rock = rock(args, &stored)?;
         let conditions = self.conditions()?;
-        let barriers = self.barriers(&placed, console)?;
+        let barriers = self.barriers(&mut stored, console)?;
         console.begin_stage("computing pressure");
         let lines = args.streamlines.as_ref().map(|_| args.lines);
-        let (outcome, off) =
-            flow_through_cells(file, &placed, &rock, &barriers, &conditions, lines)?;
+        let (outcome, off) = flow_through_cells(stored, &rock, &barriers, &conditions, lines)?;
         if off > 1.0 {
             console.note(format_args!(
                 "the lines between cells are {off:.0} degrees off square to the permeability times \
@@ -153,7 +196,7 @@ impl Typed<'_> {
 
     fn barriers<const D: usize, M: Stored<D>>(
         &self,
-        placed: &Placed<D, M>,
+        stored: &mut StoredMesh<D, M>,
         console: &mut Console,
     ) -> Result<Barriers> {
         let laws = &self.laws;
@@ -161,10 +204,10 @@ impl Typed<'_> {
             return Ok(Barriers::default());
         }
         let place = self.args.mesh.display();
-        match M::marks(placed) {
+        match stored.marks() {
             Some(marks) => {
                 console.begin_stage("grouping faces into faults");
-                barriers(placed, &marks, laws)
+                barriers(stored, &marks, laws)
             }
             None if self.args.faults.is_some() || !laws.own.is_empty() => Err(Error::Flow(cause(
                 place,
@@ -352,11 +395,7 @@ fn multipliers(text: &str, thickness: Option<f64>) -> Result<Vec<(String, u32, F
 }
 
 /// The mobility of every cell: from numbers, from a file by region, or from an array of the mesh.
-fn rock<const D: usize>(
-    args: &FlowArgs,
-    cell_data: &[DataArray],
-    regions: Option<Vec<i64>>,
-) -> Result<Rock> {
+fn rock<const D: usize, M: Stored<D>>(args: &FlowArgs, stored: &StoredMesh<D, M>) -> Result<Rock> {
     let (text, viscosity) = (&args.permeability, args.viscosity);
     if !(viscosity > 0.0 && viscosity.is_finite()) {
         let remedy = "give Pa s: water has 0.001";
@@ -375,12 +414,13 @@ fn rock<const D: usize>(
         let tensor = tensor.ok_or_else(|| refuse("is no permeability"))?;
         return Ok(Rock::uniform(tensor, viscosity));
     }
-    if let Some(array) = cell_data.iter().find(|array| array.name == *text) {
+    if let Some(array) = stored.arrays.cell_array(text) {
         return Rock::by_cell::<D>(&array.values.to_f64(), array.components, viscosity);
     }
     let path = Path::new(text);
     if !path.exists() {
-        let names: Vec<&str> = cell_data.iter().map(|array| array.name.as_str()).collect();
+        let arrays = stored.arrays.cell_data.iter();
+        let names: Vec<&str> = arrays.map(|array| array.name.as_str()).collect();
         return Err(refuse(&format!(
             "is no number, no file, and no cell array of the mesh (it has {})",
             names.join(", ")
@@ -388,9 +428,8 @@ fn rock<const D: usize>(
     }
     let lines = "write region,K or region,KX,KY,KZ, in m^2";
     let kinds = by_region(path, Tensor::of_dimension::<D>, lines)?;
-    let regions = regions.ok_or_else(|| {
+    let regions = stored.regions().ok_or_else(|| {
         refuse("is by region, but the mesh has no cell array 'region': give one for all")
     })?;
-    let regions: Vec<i32> = regions.into_iter().map(|r| r as i32).collect();
     Rock::by_region(&regions, &kinds, viscosity)
 }

@@ -229,7 +229,7 @@ pub enum FeatureChoice {
     Potential,
 }
 
-impl From<FeatureChoice> for feature::Kind {
+impl From<FeatureChoice> for feature::FeatureKind {
     fn from(choice: FeatureChoice) -> Self {
         match choice {
             FeatureChoice::Auto => Self::Auto,

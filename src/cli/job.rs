@@ -8,7 +8,7 @@ use crate::cli::args::{
 };
 use crate::cli::parse;
 use crate::error::{cause, os};
-use crate::feature::paths::Seeds;
+use crate::feature::PathSeeds;
 use crate::image::formats::ReadOptions;
 use crate::improve::Method;
 use crate::improve::plane::relax::Scheme;
@@ -369,7 +369,7 @@ pub fn seeds<const D: usize>(
     object: &[String],
     background: &[String],
     seed: u64,
-) -> Result<Seeds<D>> {
+) -> Result<PathSeeds<D>> {
     let remedy = match D {
         2 => "give a point X,Y",
         _ => "give a point X,Y,Z",
@@ -378,11 +378,11 @@ pub fn seeds<const D: usize>(
         let point = |text: &String| parse::point(option, text, remedy);
         words.iter().map(point).collect::<Result<_>>()
     };
-    Ok(Seeds {
+    Ok(PathSeeds {
         object: points("--object", object)?,
         background: points("--background", background)?,
         seed,
-        ..Seeds::default()
+        ..PathSeeds::default()
     })
 }
 

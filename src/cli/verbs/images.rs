@@ -88,14 +88,14 @@ fn find<const D: usize>(
     loaded: Loaded<D>,
     console: &mut Console,
 ) -> Result<()> {
-    let options = feature::Options {
+    let options = feature::Detection {
         kind: args.feature.into(),
         scale: feature_scale(args.sigma)?,
         threshold: threshold(args.threshold)?,
         weights: feature_weights(args.feature_weights.as_deref())?,
         seeds: seeds(&args.object, &args.background, args.rng_seed)?,
         d_min: positive_distance(args.distance)?,
-        ..feature::Options::default()
+        ..feature::Detection::default()
     };
     for note in &loaded.notes {
         console.note(note);

@@ -177,13 +177,13 @@ fn facets_on_image<const D: usize, M: Stored<D>>(
     console: &mut Console,
 ) -> Result<Vec<[u32; D]>> {
     let image = image_of(path, &args.input, placed)?;
-    let options = feature::Options {
+    let options = feature::Detection {
         kind: args.feature.into(),
         scale: feature_scale(args.sigma)?,
         threshold: threshold(args.threshold)?,
         d_min: distance.unwrap_or_else(|| mean_spacing(&placed.lattice)),
         step: placed.step,
-        ..feature::Options::default()
+        ..feature::Detection::default()
     };
     let features = feature::detect(&image, &options)?;
     features.notes.iter().for_each(|note| console.note(note));

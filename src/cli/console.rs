@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::args::Common;
+use crate::cli::common::global::Common;
 
 /// Where lines go, and whether they go anywhere.
 pub struct Console {

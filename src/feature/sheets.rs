@@ -60,8 +60,8 @@ impl<const D: usize> Sheets<D> {
         ));
         if self.points.is_empty() {
             notes.push(format!(
-                "NO FEATURE ({kind}) was found, so the mesh follows none: try another --feature or a \
-                 lower --threshold"
+                "NO FEATURE ({kind}) was found, so the mesh follows none: try another kind of \
+                 feature or a lower threshold"
             ));
         }
     }

@@ -36,10 +36,7 @@ pub fn main(line: &CommandLine) -> ExitCode {
         Ok(Ending::Done) => ExitCode::SUCCESS,
         Ok(Ending::Interrupted) => ExitCode::from(130),
         Err(error) => {
-            complain(format_args!(
-                "error: {}",
-                error.to_string().replace(['\n', '\r'], " ")
-            ));
+            complain(format_args!("error: {}", console::in_words(&error)));
             ExitCode::FAILURE
         }
     }
@@ -71,19 +68,15 @@ fn run(line: &CommandLine) -> Result<Ending> {
 }
 
 fn start_threads(count: usize) -> Result<()> {
-    let refuse = |problem: String| {
-        let place = format!("--threads {count}");
-        Error::Job(cause(
-            place,
-            problem,
-            "give the number of processors, or leave it out",
-        ))
+    let refuse = |problem: &str| {
+        let remedy = "give the number of processors, or leave it out";
+        Error::Job(cause(format!("--threads {count}"), problem, remedy))
     };
     if count == 0 || count > 4096 {
-        return Err(refuse("is not from 1 to 4096".into()));
+        return Err(refuse("is not from 1 to 4096"));
     }
     rayon::ThreadPoolBuilder::new()
         .num_threads(count)
         .build_global()
-        .map_err(|e| refuse(e.to_string()))
+        .map_err(|e| refuse(&e.to_string()).because(e))
 }

@@ -266,8 +266,7 @@ impl MeshOptions {
     /// # Errors
     /// [`Error::Job`] if a path is no UTF-8.
     pub fn to_toml(&self) -> Result<String> {
-        toml::to_string(self)
-            .map_err(|e| Error::Job(cause("options", e, "use file names that are valid UTF-8")))
+        toml::to_string(self).map_err(not_text)
     }
 
     /// These options, and those of `below` where these are silent.
@@ -275,10 +274,7 @@ impl MeshOptions {
     /// # Errors
     /// [`Error::Job`] if an option cannot be written as TOML (a path that is no UTF-8).
     pub fn over(&self, below: &Self) -> Result<Self> {
-        let table = |options: &Self| {
-            toml::Table::try_from(options)
-                .map_err(|e| Error::Job(cause("options", e, "use file names that are valid UTF-8")))
-        };
+        let table = |options: &Self| toml::Table::try_from(options).map_err(not_text);
         let mut merged = table(below)?;
         for (key, value) in table(self)? {
             match (merged.get_mut(&key), value) {
@@ -289,9 +285,15 @@ impl MeshOptions {
             }
         }
         merged.try_into().map_err(|e: toml::de::Error| {
-            Error::Job(cause("options", e.message(), "see atomesh mesh --help"))
+            Error::Job(cause("options", e.message(), "see atomesh mesh --help")).because(e)
         })
     }
+}
+
+/// Options that do not fit into a TOML file.
+fn not_text(error: toml::ser::Error) -> Error {
+    let remedy = "use file names that are valid UTF-8";
+    Error::Job(cause("options", &error, remedy).because(error))
 }
 
 /// TOML may say `distance = 8` or `distance = "4:12"`.

@@ -3,7 +3,6 @@
 use clap::Args;
 use serde::{Deserialize, Serialize};
 
-use crate::error::cause;
 use crate::image::formats::{ReadOptions, SegyBytes};
 use crate::{Error, Result};
 
@@ -53,19 +52,12 @@ impl InputOptions {
             delay: self.delay_byte.unwrap_or(standard.delay),
             dt: self.interval_byte.unwrap_or(standard.dt),
         };
-        let refuse = |place: String, fault: String| {
-            let (problem, remedy) = fault.split_once("; ").unwrap_or((&fault, "see --help"));
-            Error::Job(cause(place, problem, remedy))
+        segy.check()?;
+        let raw = |text: &String| -> Result<_> {
+            text.parse()
+                .map_err(|error: Error| error.at(format!("--raw {text}")))
         };
-        segy.check()
-            .map_err(|fault| refuse("SEG-Y header bytes".into(), fault))?;
-        let raw = match &self.raw {
-            Some(text) => Some(
-                text.parse()
-                    .map_err(|fault| refuse(format!("--raw {text}"), fault))?,
-            ),
-            None => None,
-        };
+        let raw = self.raw.as_ref().map(raw).transpose()?;
         Ok(ReadOptions { raw, segy })
     }
 }

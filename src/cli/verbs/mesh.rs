@@ -10,7 +10,7 @@ use clap::Args;
 use crate::cli::common::feature::seeds;
 use crate::cli::common::global::Ending;
 use crate::cli::common::output::potential_image;
-use crate::cli::console::{Console, complain, print};
+use crate::cli::console::{Console, complain, in_words, print};
 use crate::cli::job::{Beta, MeshJob};
 use crate::cli::options::MeshOptions;
 use crate::cli::parse;
@@ -101,6 +101,7 @@ fn effective_options(args: &MeshArgs) -> Result<MeshOptions> {
                     e.message().replace('\n', ", "),
                     "atomesh mesh --print-config shows how it is written",
                 ))
+                .because(e)
             })?
         }
     };
@@ -162,7 +163,7 @@ impl Run<'_> {
                 }
                 return match interrupts.wanted() {
                     true => {
-                        complain(format_args!("error: {error}"));
+                        complain(format_args!("error: {}", in_words(&error)));
                         Ok(Ending::Interrupted)
                     }
                     false => Err(error),
@@ -356,7 +357,9 @@ impl Interrupts {
                 std::process::exit(130);
             }
         })
-        .map_err(|e| Error::Job(cause("interrupt handler", e, "start the job again")))?;
+        .map_err(|e| {
+            Error::Job(cause("interrupt handler", &e, "start the job again").because(e))
+        })?;
         Ok(state)
     }
 

@@ -5,6 +5,7 @@ use super::detectors::paths::PathSeeds;
 use super::volume::Volume;
 use crate::error::{Error, Result, cause};
 use crate::image::Image;
+use std::borrow::Cow;
 
 /// How features are detected.
 #[derive(Debug, Clone, PartialEq)]
@@ -53,8 +54,71 @@ impl<const D: usize> Detection<D> {
     }
 }
 
-/// Refuses impossible wishes and images.
-pub(super) fn check<const D: usize>(image: &Image<D>, asked: &Detection<D>) -> Result<()> {
+/// The image as detectors take it: its samples finite, and continued where traces are missing.
+///
+/// # Errors
+/// [`Error::Feature`] for impossible wishes, [`Error::Image`] for an image that cannot be searched.
+pub(super) fn checked<'a, const D: usize>(
+    image: &'a Image<D>,
+    asked: &Detection<D>,
+) -> Result<Cow<'a, Image<D>>> {
+    refuse_impossible(asked)?;
+    refuse_too_many(image.dims(), asked.kind)?;
+    let image = image.continued().map_or(Cow::Borrowed(image), Cow::Owned);
+    let samples = image.as_slice();
+    if let Some(i) = first_not_finite(samples) {
+        let volume = Volume::new(image.dims(), samples);
+        return Err(Error::Image(cause(
+            format!("image sample {:?}", volume.coordinates(i)),
+            format!("is {}", samples[i]),
+            "fill missing samples before meshing",
+        )));
+    }
+    Ok(image)
+}
+
+/// Whether all samples of an image are the same.
+pub(super) fn is_constant<const D: usize>(image: &Image<D>) -> bool {
+    let samples = image.as_slice();
+    samples.iter().all(|s| *s == samples[0])
+}
+
+/// Refuses an image that has no features of any kind.
+pub(super) fn refuse_constant<const D: usize>(image: &Image<D>) -> Result<()> {
+    if is_constant(image) {
+        return Err(Error::Image(cause(
+            "image",
+            "is constant, so it has no features",
+            "check that the right file and data type were read",
+        )));
+    }
+    Ok(())
+}
+
+/// Most samples of an image whose features are sought: candidates know theirs by 32 bits.
+const MOST_SAMPLES: u128 = u32::MAX as u128;
+
+/// Refuses an image with more samples than can be numbered. [`FeatureKind::Paths`] numbers them twice.
+fn refuse_too_many<const D: usize>(dims: [usize; D], kind: FeatureKind) -> Result<()> {
+    let samples = dims
+        .iter()
+        .fold(1u128, |all, &n| all.saturating_mul(n as u128));
+    let most = match kind {
+        FeatureKind::Paths => MOST_SAMPLES / 2,
+        _ => MOST_SAMPLES,
+    };
+    if samples <= most && dims.iter().all(|&n| n <= i32::MAX as usize) {
+        return Ok(());
+    }
+    Err(Error::Image(cause(
+        "image",
+        format!("has {samples} samples ({dims:?}); features can be found among {most}"),
+        "mesh a part of it, or take every other sample",
+    )))
+}
+
+/// Refuses wishes that no image can meet.
+fn refuse_impossible<const D: usize>(asked: &Detection<D>) -> Result<()> {
     let positive = |x: f64| x > 0.0 && x.is_finite();
     let fail =
         |what: String, remedy: &str| Err(Error::Feature(cause("feature detection", what, remedy)));
@@ -92,25 +156,6 @@ pub(super) fn check<const D: usize>(image: &Image<D>, asked: &Detection<D>) -> R
             "leave it out to have it chosen",
         );
     }
-    let samples = image.as_slice();
-    if let Some(i) = first_not_finite(samples) {
-        let volume = Volume {
-            dims: image.dims(),
-            samples,
-        };
-        return Err(Error::Image(cause(
-            format!("image sample {:?}", volume.coordinates(i)),
-            format!("is {}", samples[i]),
-            "fill missing samples before meshing",
-        )));
-    }
-    if samples.iter().all(|s| *s == samples[0]) {
-        return Err(Error::Image(cause(
-            "image",
-            "is constant, so it has no features",
-            "check that the right file and data type were read",
-        )));
-    }
     Ok(())
 }
 
@@ -129,6 +174,22 @@ mod tests {
     use crate::feature::detect;
     use crate::feature::scenes::{Sheet, ridge_image};
     use crate::image::Geometry;
+
+    #[test]
+    fn images_whose_samples_cannot_be_numbered_are_refused() {
+        let large = |dims: [usize; 3]| refuse_too_many(dims, FeatureKind::Ridges);
+        // The last candidate's number, and the end of the last row, fit in 32 bits.
+        assert!(large([1 << 16, 1 << 8, (1 << 8) - 1]).is_ok());
+        assert!(large([65_537, 65_535, 1]).is_ok());
+        for dims in [[1 << 16, 1 << 16, 1], [2048, 2048, 1024], [usize::MAX; 3]] {
+            let error = large(dims).unwrap_err().to_string();
+            assert!(error.contains("found among 4294967295"), "{error}");
+        }
+        assert!(large([1 << 31, 1, 1]).is_err(), "an axis counts in 31 bits");
+        // Shortest paths run through two copies of the image.
+        let plane = |n| refuse_too_many([n, 1 << 16], FeatureKind::Paths);
+        assert!(plane((1 << 15) - 1).is_ok() && plane(1 << 15).is_err());
+    }
 
     #[test]
     fn bad_input_is_refused_in_one_line() {

@@ -55,7 +55,7 @@ mod tests;
 
 use crate::error::Result;
 use crate::image::{Field, Image};
-use detectors::{Detector, Found, Scene};
+use detectors::{Detector, Scene};
 use sheets::Open;
 
 pub use detection::Detection;
@@ -108,14 +108,16 @@ impl<const D: usize> Features<D> {
     }
 }
 
-/// Finds the features of an image and their potential.
+/// Finds the features of an image and their potential. Where traces are [missing](Image::missing) there
+/// are no features, nor next to them.
 ///
 /// # Errors
 /// [`Error::Feature`](crate::Error::Feature) for impossible wishes,
 /// [`Error::Image`](crate::Error::Image) for an image that has NaN or infinite samples, is constant, or
 /// is not what `asked.kind` says.
 pub fn detect<const D: usize>(image: &Image<D>, asked: &Detection<D>) -> Result<Features<D>> {
-    detection::check(image, asked)?;
+    let image = &*detection::checked(image, asked)?;
+    detection::refuse_constant(image)?;
     let (parts, why) = detectors::chosen(image, asked);
     let follow_whole = |(detector, asked)| {
         let scene = Scene::new(image, &asked);
@@ -139,11 +141,10 @@ pub fn detect_part<const D: usize>(
     settled: &[Settled],
     open: &Open<D>,
 ) -> Result<Features<D>> {
-    let samples = part.as_slice();
-    if samples.iter().all(|s| *s == samples[0]) {
+    let part = &*detection::checked(part, asked)?;
+    if detection::is_constant(part) {
         return Ok(Features::none(part.dims(), asked));
     }
-    detection::check(part, asked)?;
     let follow_part = |settled| {
         let scene = Scene::of_part(part, asked, settled);
         follow(&scene, detectors::again(settled.kind)?, *open)
@@ -160,21 +161,17 @@ fn follow<const D: usize>(
 ) -> Result<Features<D>> {
     let (dims, asked, kind) = (scene.image.dims(), scene.asked, detector.kind());
     let mut notes = Vec::new();
-    let Found {
-        candidates,
-        scale,
-        thresholds,
-        mask,
-        confidence,
-    } = detector.find(scene, &mut notes)?;
+    let mut found = detector.find(scene, &mut notes)?;
+    found.drop_near_missing(scene.image, detector.beyond_smoothing(), &mut notes);
+    let thresholds = found.thresholds;
     let rules = sheets::Rules {
         high: thresholds.high,
         resolution: detector.resolution() * asked.d_min,
         min_area: scene.least_area(detector.least_sheet()),
         open,
     };
-    let sheets = sheets::sheets(dims, &candidates, asked.step, &rules);
-    drop(candidates);
+    let sheets = sheets::sheets(dims, &found.candidates, asked.step, &rules);
+    drop(found.candidates);
     sheets.describe(kind, &rules, &mut notes);
     let sigma = asked.d_min / 4.0;
     let potential = detector.potential(scene.image).map_or_else(
@@ -189,13 +186,13 @@ fn follow<const D: usize>(
         notes,
         settled: vec![Settled {
             kind,
-            scale,
+            scale: found.scale,
             low: thresholds.low,
             high: thresholds.high,
             min_area: rules.min_area,
-            mask,
+            mask: found.mask,
         }],
-        confidence: confidence.map(|samples| field(dims, asked, samples)),
+        confidence: found.confidence.map(|samples| field(dims, asked, samples)),
     })
 }
 

@@ -64,6 +64,12 @@ pub trait Detector<const D: usize>: Sync {
         (3.0 * scale).ceil() as usize + 3
     }
 
+    /// How far (samples), beyond three times the scale, what is found depends on the samples round it:
+    /// nearer to missing traces it is not trusted.
+    fn beyond_smoothing(&self) -> f64 {
+        2.0
+    }
+
     /// b(x), where the image says it itself.
     fn potential(&self, _image: &Image<D>) -> Option<Vec<f32>> {
         None
@@ -73,7 +79,7 @@ pub trait Detector<const D: usize>: Sync {
 /// What a detector works on.
 #[derive(Debug, Clone, Copy)]
 pub struct Scene<'a, const D: usize> {
-    /// The image, whose samples are finite and not all the same.
+    /// The image, whose samples are finite and not all the same, and go on where traces are missing.
     pub image: &'a Image<D>,
     /// What is asked for: scale, thresholds, what is known of an object.
     pub asked: &'a Detection<D>,
@@ -194,6 +200,28 @@ impl<const D: usize> Found<D> {
             mask: None,
             confidence: None,
         }
+    }
+
+    /// Drops what lies where traces are missing, or so near that smoothing mixes what is beside them
+    /// with what only continues it.
+    pub fn drop_near_missing(
+        &mut self,
+        image: &Image<D>,
+        beyond_smoothing: f64,
+        notes: &mut Vec<String>,
+    ) {
+        let reach = (3.0 * self.scale).ceil() + beyond_smoothing;
+        let near = image.near_missing(reach);
+        if near.is_empty() {
+            return;
+        }
+        let row = |c: &Candidate<D>| c.voxel as usize / image.dims()[0];
+        let dropped = self.candidates.iter().map(row);
+        let dropped = dropped.filter(|&r| near[r] && !image.missing[r]).count();
+        self.candidates.retain(|c| !near[row(c)]);
+        notes.push(format!(
+            "{dropped} candidates dropped as they lie within {reach} samples of missing traces"
+        ));
     }
 }
 

@@ -31,7 +31,12 @@ impl<const D: usize> Detector<D> for Potential {
     }
 
     fn potential(&self, image: &Image<D>) -> Option<Vec<f32>> {
-        Some(image.as_slice().to_vec())
+        let mut samples = image.as_slice().to_vec();
+        let rows = samples.chunks_mut(image.dims()[0].max(1));
+        for (row, _) in rows.zip(&image.missing).filter(|(_, missing)| **missing) {
+            row.fill(0.0);
+        }
+        Some(samples)
     }
 }
 

@@ -66,6 +66,11 @@ impl<const D: usize> Detector<D> for Faults {
         6.0
     }
 
+    /// Semblance looks farther than smoothing, along layers that go on level where data end.
+    fn beyond_smoothing(&self) -> f64 {
+        12.0
+    }
+
     /// Normals averaged over 12 samples, on amplitudes balanced over 6, and a plane of 12.
     fn reach(&self, _scale: f64) -> usize {
         60

@@ -1,52 +1,52 @@
 //! Image -> features as points at sub-sample positions -> potential b(x).
 //!
-//! [`detect`] asks the [detector](detectors) of the kind that is sought for candidates, the points at
-//! which columns of samples cross a feature; makes sheets of them, of which the strong, the large and
-//! those that a lattice can tell apart are kept; and digs a valley of b(x) along each.
+//! [`detect`] asks the detector of the kind that is sought for candidates, the points at which columns
+//! of samples cross a feature; makes sheets of them, of which the strong, the large and those that a
+//! lattice can tell apart are kept; and digs a valley of b(x) along each.
 //!
 //! What is asked and what comes of it:
-//! - [`kind`]: kinds of features and their names
-//! - [`detection`]: how features are asked for, and what is refused
-//! - [`settled`]: the scales and thresholds of a whole image, for a part of it
+//! - `kind`: kinds of features and their names
+//! - `detection`: how features are asked for, and what is refused
+//! - `settled`: the scales and thresholds of a whole image, for a part of it
 //!
 //! Finding, one file a kind:
-//! - [`detectors`]: their trait and table; `auto`, `canny`, `edges`, `faults`, `faults_and_horizons`,
+//! - `detectors`: their trait and table; `auto`, `canny`, `edges`, `faults`, `faults_and_horizons`,
 //!   `horizons`, `labels`, `paths`, `potential`, `ridges` (and valleys)
 //!
 //! What detectors share:
-//! - [`volume`]: samples in memory and their finite differences
-//! - [`gaussian`]: smoothing
-//! - [`rows`]: second differences of whole rows at once
-//! - [`symmetric`]: eigenvectors of Hessians and structure tensors
-//! - [`tensor`]: normals of layers
-//! - [`steepness`]: magnitudes of gradients
-//! - [`steepest`](mod@steepest): where they are largest
-//! - [`crossing`]: candidates: where a sheet crosses the columns of samples
-//! - [`ridges`](mod@ridges): ridges of a volume
+//! - `volume`: samples in memory and their finite differences
+//! - `gaussian`: smoothing
+//! - `rows`: second differences of whole rows at once
+//! - `symmetric`: eigenvectors of Hessians and structure tensors
+//! - `tensor`: normals of layers
+//! - `steepness`: magnitudes of gradients
+//! - `steepest`: where they are largest
+//! - `crossing`: candidates: where a sheet crosses the columns of samples
+//! - `ridges`: ridges of a volume
 //!
 //! From candidates to the potential:
-//! - [`by_sample`]: candidates by the sample they belong to
-//! - [`repair`](mod@repair): ridges through crossings and up to the box's sides
-//! - [`sheets`](mod@sheets): hysteresis, sheets too near one another, crumbs
-//! - [`potential`](mod@potential): b(x)
+//! - `by_sample`: candidates by the sample they belong to
+//! - `repair`: ridges through crossings and up to the box's sides
+//! - `sheets`: hysteresis, sheets too near one another, crumbs
+//! - `potential`: b(x)
 
-pub mod by_sample;
-pub mod crossing;
-pub mod detection;
-pub mod detectors;
-pub mod gaussian;
-pub mod kind;
-pub mod potential;
-pub mod repair;
-pub mod ridges;
-pub mod rows;
-pub mod settled;
-pub mod sheets;
-pub mod steepest;
-pub mod steepness;
-pub mod symmetric;
-pub mod tensor;
-pub mod volume;
+pub(crate) mod by_sample;
+pub(crate) mod crossing;
+mod detection;
+pub(crate) mod detectors;
+pub(crate) mod gaussian;
+mod kind;
+pub(crate) mod potential;
+pub(crate) mod repair;
+pub(crate) mod ridges;
+pub(crate) mod rows;
+pub(crate) mod settled;
+pub(crate) mod sheets;
+pub(crate) mod steepest;
+pub(crate) mod steepness;
+pub(crate) mod symmetric;
+pub(crate) mod tensor;
+pub(crate) mod volume;
 
 #[cfg(test)]
 mod scenes;
@@ -135,7 +135,7 @@ pub fn detect<const D: usize>(image: &Image<D>, asked: &Detection<D>) -> Result<
 ///
 /// # Errors
 /// Those of [`detect`], but that a part may well be constant.
-pub fn detect_part<const D: usize>(
+pub(crate) fn detect_part<const D: usize>(
     part: &Image<D>,
     asked: &Detection<D>,
     settled: &[Settled],

@@ -26,7 +26,7 @@ pub struct Wanted<const D: usize> {
 }
 
 /// Why a part of a mesh cannot be reshaped.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone)]
 pub enum Refusal {
     /// This node cannot be put where it must be, or cannot go.
     Node(u32),

@@ -4,7 +4,7 @@
 //! layer round each sample (structure-oriented semblance: Marfurt et al. 1998, Hale 2013). Where a
 //! fault throws the layers, the patch joins waveforms that do not match, and semblance falls. Noise
 //! lowers it too, so numerator and denominator are smoothed before they are divided, over pieces of
-//! all the planes that a fault might run along: [`scan`](super::scan).
+//! all the planes that a fault might run along: [`scan`].
 
 use super::scan;
 use crate::feature::gaussian::smooth;

@@ -69,7 +69,7 @@ fn no_feature_where_data_end(kind: &str, lacks: Lacks, reach: usize) {
             near(i, DIMS[2]).any(|i| near(c, DIMS[1]).any(|c| lacks(c, i)))
         };
         let deep = |b: &&f32| **b < -0.5;
-        if within(3) {
+        if within(2) {
             ends += found.iter().filter(deep).count();
         } else if !within(reach) {
             there += whole.iter().filter(deep).count();

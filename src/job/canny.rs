@@ -1,8 +1,8 @@
 //! What Canny's points and smoothing by the image add to the job.
 
 use super::{Meshing, Params, Scene, Space};
-use crate::feature::canny::steepness;
 use crate::feature::gaussian;
+use crate::feature::steepness::steepness;
 use crate::feature::volume::Volume;
 use crate::image::{Field, Image};
 use crate::improve;

@@ -6,8 +6,8 @@ use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-use crate::cli::common::global::Common;
 use crate::Error;
+use crate::cli::common::global::Common;
 
 /// Where lines go, and whether they go anywhere.
 pub struct Console {
@@ -48,7 +48,7 @@ impl Console {
     }
 
     /// A stage begins: a spinner, later perhaps a bar, on a terminal, a plain line elsewhere.
-    pub fn begin_stage(&mut self, name: &str) {
+    pub fn begin_stage(&mut self, name: impl Display) {
         self.end_stage();
         if self.quiet {
             return;

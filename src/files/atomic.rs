@@ -1,9 +1,11 @@
 //! Files that appear whole or not at all.
 
+use std::collections::BTreeSet;
 use std::fs::{self, File, OpenOptions};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use crate::error::{Error, Result, cause, os};
 
@@ -71,9 +73,11 @@ impl Batch {
     /// # Errors
     /// [`Error::Io`] if one cannot take its name; those after it do not either.
     pub fn commit(mut self) -> Result<()> {
-        for (unfinished, path) in &mut self.files {
-            fs::rename(&unfinished.path, &*path).map_err(|error| os(path, "write", error))?;
-            unfinished.renamed = true;
+        let mut unfinished = unfinished();
+        for (file, path) in &mut self.files {
+            fs::rename(&file.path, &*path).map_err(|error| os(path, "write", error))?;
+            unfinished.remove(&file.path);
+            file.renamed = true;
         }
         Ok(())
     }
@@ -121,6 +125,22 @@ fn folder_of(path: &Path) -> &Path {
     }
 }
 
+/// Every temporary file that has not taken its name yet.
+static UNFINISHED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+
+fn unfinished() -> MutexGuard<'static, BTreeSet<PathBuf>> {
+    UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Removes every temporary file of this process that has not taken its name yet, and waits for files
+/// that are just taking theirs. For a thread that ends the process.
+pub fn remove_unfinished() {
+    for path in std::mem::take(&mut *unfinished()) {
+        // Nothing useful can be done if this fails: the process ends.
+        let _ = fs::remove_file(path);
+    }
+}
+
 /// A temporary file that is deleted when dropped, unless it was renamed.
 struct Unfinished {
     path: PathBuf,
@@ -142,6 +162,7 @@ impl Unfinished {
             .create_new(true)
             .open(&path)
             .map_err(|error| os(target, "write", error))?;
+        unfinished().insert(path.clone());
         Ok((
             Self {
                 path,

@@ -6,4 +6,4 @@
 pub mod atomic;
 pub mod vtk;
 
-pub use atomic::{Batch, atomic_write, check_target};
+pub use atomic::{Batch, atomic_write, check_target, remove_unfinished};

@@ -2,8 +2,6 @@
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Args;
 
@@ -11,6 +9,7 @@ use crate::cli::common::feature::seeds;
 use crate::cli::common::global::Ending;
 use crate::cli::common::output::potential_image;
 use crate::cli::console::{Console, complain, in_words, print};
+use crate::cli::interrupts::Interrupts;
 use crate::cli::job::{Beta, MeshJob};
 use crate::cli::options::MeshOptions;
 use crate::cli::parse;
@@ -22,14 +21,13 @@ use crate::image::formats::{AnyLoaded, Loaded, ReadOptions};
 use crate::image::{Geometry, Image};
 use crate::improve::Method;
 use crate::job::{
-    CellsOutcome, FixedAtom, Meshing, Outcome, Params, Space, Spacing, Weight, WellPath,
+    CellKind, FixedAtom, Meshing, Outcome, Params, Provenance, Space, Spacing, Weight, WellPath,
 };
-use crate::lattice::optimize::{Observer, Progress, Stop};
+use crate::lattice::optimize::Stop;
 use crate::lattice::seeding::Seeding;
+use crate::observer::{Observer, Progress, Stage};
 use crate::report::{Clock, Input, Measured, quality};
-use crate::store::cells::cells_to_file;
-use crate::store::file::{Provenance, to_file};
-use crate::store::{Trace, write_cells_vtu, write_vtu};
+use crate::store::{Trace, to_physical};
 use crate::{Error, Result, job};
 
 /// `atomesh mesh`.
@@ -50,7 +48,7 @@ pub struct MeshArgs {
 }
 
 /// Runs the verb.
-pub fn mesh(args: &MeshArgs, console: &mut Console) -> Result<Ending> {
+pub fn mesh(args: &MeshArgs, interrupts: &Interrupts, console: &mut Console) -> Result<Ending> {
     let options = effective_options(args)?;
     let image = args.image.as_deref().unwrap_or(Path::new("image"));
     let job = MeshJob::new(image, &options)?;
@@ -59,16 +57,15 @@ pub fn mesh(args: &MeshArgs, console: &mut Console) -> Result<Ending> {
         return Ok(Ending::Done);
     }
 
-    let interrupts = Interrupts::watch()?;
     let mut clock = Clock::new();
-    console.begin_stage("reading");
-    clock.begin("reading");
+    console.begin_stage(Stage::Reading);
+    clock.begin(Stage::Reading);
     let loaded = formats::read_any(&job.image, &job.input)?;
     clock.end();
     let run = Run {
         job: &job,
         options: &options,
-        interrupts: &interrupts,
+        interrupts,
         clock,
     };
     match loaded {
@@ -148,14 +145,12 @@ impl Run<'_> {
             geometry: image.geometry.in_space(),
             step: std::array::from_fn(|k| step.get(k).copied().unwrap_or(1.0)),
             failed: None,
+            stage: Stage::Reading,
+            heard: None,
         };
-        let outcome = if job.voronoi {
-            job::voronoi_image(&image, &params, &mut watcher).map(Made::Cells)
-        } else {
-            job::mesh_image(&image, &params, &mut watcher).map(Made::Simplices)
-        };
+        let outcome = job::run(&image, &params, &mut watcher);
         let Watcher { trace, failed, .. } = watcher;
-        let outcome = match failed.map_or(outcome, Err) {
+        let mut outcome = match failed.map_or(outcome, Err) {
             Ok(outcome) => outcome,
             Err(error) => {
                 if let Some(trace) = trace {
@@ -171,27 +166,27 @@ impl Run<'_> {
             }
         };
 
-        console.begin_stage("writing");
-        clock.begin("writing");
-        let provenance = Provenance {
+        console.begin_stage(Stage::Writing);
+        interrupts.stage(Stage::Writing);
+        clock.begin(Stage::Writing);
+        outcome.provenance = Provenance {
             parameters: options.reproducible()?,
             input_sha256,
         };
-        let (features, optimised, mut report) = match outcome {
-            Made::Simplices(mut outcome) => {
-                let file = to_file(&outcome, &image.geometry, &provenance);
-                write_vtu(&job.output, &file)?;
-                if !image.geometry.has_shape_of(outcome.step) {
-                    outcome.report.quality_physical = Some(quality(&file.mesh));
-                }
-                (outcome.features, outcome.optimised, outcome.report)
-            }
-            Made::Cells(outcome) => {
-                let file = cells_to_file(&outcome, &image.geometry, &provenance);
-                write_cells_vtu(&job.output, &file)?;
-                (outcome.features, outcome.optimised, outcome.report)
-            }
-        };
+        outcome.write(&job.output)?;
+        if let Some(made) = outcome.simplices()
+            && !image.geometry.has_shape_of(outcome.step)
+        {
+            let physical = to_physical(&made.mesh, outcome.step, &image.geometry);
+            outcome.report.quality_physical = Some(quality(&physical));
+        }
+        let Outcome {
+            features,
+            stop,
+            provenance,
+            mut report,
+            ..
+        } = outcome;
         if let Some(path) = &job.potential_out {
             formats::write(path, &potential_image(&features.potential, &image.geometry))?;
         }
@@ -220,20 +215,11 @@ impl Run<'_> {
             ),
             &json,
         );
-        Ok(match optimised.stop {
-            Stop::Interrupted => Ending::Interrupted,
-            _ => Ending::Done,
+        Ok(match stop == Stop::Interrupted || interrupts.wanted() {
+            true => Ending::Interrupted,
+            false => Ending::Done,
         })
     }
-}
-
-/// What a job made.
-enum Made<const D: usize>
-where
-    Space<D>: Meshing<D>,
-{
-    Simplices(Outcome<D>),
-    Cells(CellsOutcome<D>),
 }
 
 impl MeshJob {
@@ -274,6 +260,10 @@ impl MeshJob {
             )));
         }
         Ok(Params {
+            cells: match self.voronoi {
+                true => CellKind::Voronoi,
+                false => CellKind::Simplices,
+            },
             spacing: match self.seeding {
                 Seeding::Canny => Spacing::of_canny(D),
                 _ => self.spacing,
@@ -336,36 +326,6 @@ fn read_beta<const D: usize>(path: &Path) -> Result<Image<D>> {
     Ok(image)
 }
 
-/// What the interrupt handler and the job tell each other.
-#[derive(Debug, Default)]
-struct Interrupts {
-    /// There is a lattice worth keeping.
-    lattice: AtomicBool,
-    /// The user wants to stop.
-    wanted: AtomicBool,
-}
-
-impl Interrupts {
-    /// Ctrl-C ends the process at once while there is nothing to keep, and when it comes a second
-    /// time; else it asks the job to stop with what it has.
-    fn watch() -> Result<Arc<Self>> {
-        let state = Arc::new(Self::default());
-        let shared = Arc::clone(&state);
-        ctrlc::set_handler(move || {
-            let again = shared.wanted.swap(true, Ordering::Relaxed);
-            if again || !shared.lattice.load(Ordering::Relaxed) {
-                std::process::exit(130);
-            }
-        })
-        .map_err(|e| Error::Job(cause("interrupt handler", &e, "start the job again").because(e)))?;
-        Ok(state)
-    }
-
-    fn wanted(&self) -> bool {
-        self.wanted.load(Ordering::Relaxed)
-    }
-}
-
 /// Shows the pipeline's progress, keeps its lattices, and passes on the wish to stop.
 struct Watcher<'a> {
     console: &'a mut Console,
@@ -379,6 +339,9 @@ struct Watcher<'a> {
     step: [f64; 3],
     /// Why a lattice could not be written.
     failed: Option<Error>,
+    stage: Stage,
+    /// In which stage it heard that the user wants to stop.
+    heard: Option<Stage>,
 }
 
 impl Watcher<'_> {
@@ -398,11 +361,10 @@ impl Watcher<'_> {
 }
 
 impl Observer for Watcher<'_> {
-    fn stage(&mut self, name: &str) {
-        self.console.begin_stage(name);
-        if name == job::OPTIMISING {
-            self.interrupts.lattice.store(true, Ordering::Relaxed);
-        }
+    fn stage(&mut self, stage: Stage) {
+        self.stage = stage;
+        self.console.begin_stage(stage);
+        self.interrupts.stage(stage);
     }
 
     fn progress(&mut self, progress: &Progress) {
@@ -421,6 +383,16 @@ impl Observer for Watcher<'_> {
     }
 
     fn keep_going(&mut self) -> bool {
-        !self.interrupts.wanted() && self.failed.is_none()
+        if self.failed.is_some() {
+            return false;
+        }
+        if self.heard.is_none() && self.interrupts.wanted() {
+            self.heard = Some(self.stage);
+            self.console
+                .note("interrupted: writing what there is; Ctrl-C once more ends at once");
+        }
+        // Atoms that were stopped are joined and improved in full.
+        self.heard
+            .is_none_or(|heard| heard == Stage::Optimising && heard != self.stage)
     }
 }

@@ -43,7 +43,15 @@ fn edges_lie_on_the_curves_and_all_angles_are_large() {
     assert!(moved > 20);
     let mut mesh = delaunay_plane(&atoms.positions).unwrap();
     let mut kinds = atoms.kinds;
-    let (outcome, on) = improve(&mut mesh, &mut kinds, EXTENT, &sheets, &distance, 30.0);
+    let (outcome, on) = improve(
+        &mut mesh,
+        &mut kinds,
+        EXTENT,
+        &sheets,
+        &distance,
+        30.0,
+        Patience::endless(),
+    );
     let found = check(&mesh, [0.0; 2], EXTENT, 1e-12);
     assert!(found.passed(), "{:?}", found.problems);
     assert_eq!(kinds.len(), mesh.nodes.len());
@@ -83,7 +91,15 @@ fn without_features_a_regular_lattice_is_left_alone() {
     let atoms = seeding::regular(EXTENT, &distance, &[], Alignment::On).unwrap();
     let before = delaunay_plane(&atoms.positions).unwrap();
     let (mut mesh, mut kinds) = (before.clone(), atoms.kinds.clone());
-    let (outcome, on) = improve(&mut mesh, &mut kinds, EXTENT, &sheets, &distance, 25.0);
+    let (outcome, on) = improve(
+        &mut mesh,
+        &mut kinds,
+        EXTENT,
+        &sheets,
+        &distance,
+        25.0,
+        Patience::endless(),
+    );
     assert_eq!((outcome.poor_before, outcome.poor_after), (0, 0));
     assert!(on.iter().all(|bits| *bits == 0));
     assert_eq!(mesh.nodes, before.nodes);
@@ -113,7 +129,7 @@ proptest! {
         };
         let before = worst(&mesh);
         let mut kinds = atoms.kinds;
-        let (outcome, _) = improve(&mut mesh, &mut kinds, EXTENT, &sheets, &distance, 30.0);
+        let (outcome, _) = improve(&mut mesh, &mut kinds, EXTENT, &sheets, &distance, 30.0, Patience::endless());
         let found = check(&mesh, [0.0; 2], EXTENT, 1e-9);
         prop_assert!(found.passed(), "{:?}", found.problems);
         prop_assert!(outcome.poor_after < outcome.poor_before);

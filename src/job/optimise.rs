@@ -1,0 +1,104 @@
+//! How the atoms of a lattice move.
+
+use super::frame::Frame;
+use super::{Evaluator, Params};
+use crate::Result;
+use crate::feature::{Features, gaussian};
+use crate::image::Field;
+use crate::lattice::distance::Distance;
+use crate::lattice::energy::{Energy, Pairwise, Regularised, Sampled};
+use crate::lattice::optimize::{self, Stop};
+use crate::lattice::seeding::{Alignment, Atoms};
+use crate::observer::Observer;
+use crate::report::Optimisation;
+
+/// Moves the atoms: passes on smoother and smoother potentials first, if asked for.
+pub(super) fn optimise<const D: usize>(
+    atoms: &mut Atoms<D>,
+    params: &Params<D>,
+    alignment: Alignment,
+    features: &Features<D>,
+    distance: &Distance<D>,
+    frame: &Frame<D>,
+    observer: &mut dyn Observer,
+) -> Result<optimize::Outcome> {
+    let Frame { beta, extent, .. } = frame;
+    let extent = *extent;
+    let regular = params.kappa != 1.0;
+    let options = moving(params);
+    let mut pass = |potential: &Field<D>| {
+        let pairs = || -> Result<Pairwise<D>> {
+            let pairs = Pairwise::new(extent, distance, Some(potential), beta.clone())?;
+            Ok(pairs.aligned(alignment).uncrowded())
+        };
+        let mut energy: Box<dyn Energy<D>> = match params.evaluator {
+            Evaluator::Pairwise if regular => {
+                let mobility = atoms.mobility(extent);
+                let beta = beta.clone();
+                let energy = Regularised::new(pairs()?, distance, beta, params.kappa, mobility);
+                Box::new(energy?)
+            }
+            Evaluator::Pairwise => Box::new(pairs()?),
+            Evaluator::Sampled => Box::new(Sampled::new(distance, potential, beta.clone())),
+        };
+        optimize::optimize(atoms, &mut *energy, distance, extent, &options, observer)
+    };
+    for coarse in (1..=params.coarse_passes).rev() {
+        let smoother = smoother(&features.potential, features.sigma, f64::from(1 << coarse));
+        let outcome = pass(&smoother)?;
+        if outcome.stop == Stop::Interrupted {
+            return Ok(outcome);
+        }
+    }
+    pass(&features.potential)
+}
+
+/// How the atoms of a job are moved.
+pub(crate) fn moving<const D: usize>(params: &Params<D>) -> optimize::Options {
+    optimiser(params.seed).with(params.optimizer, params.kappa != 1.0)
+}
+
+/// How atoms are moved by default.
+pub(crate) fn optimiser(seed: u64) -> optimize::Options {
+    optimize::Options {
+        seed,
+        tolerance: 1e-3,
+        // Improvement takes over from here: a second round changes neither quality nor fidelity.
+        max_rounds: 1,
+        max_evaluations: 40,
+        ..optimize::Options::default()
+    }
+}
+
+/// A potential whose valleys, of width `sigma`, are `factor` times as wide and as deep as before.
+fn smoother<const D: usize>(potential: &Field<D>, sigma: f64, factor: f64) -> Field<D> {
+    let mut wide = potential.clone();
+    // Widths add in quadrature; the depth of a straight valley falls as its width grows.
+    let added = sigma * (factor * factor - 1.0).sqrt();
+    gaussian::smooth(
+        wide.dims,
+        &mut wide.samples,
+        wide.step.map(|step| added / step),
+    );
+    for b in &mut wide.samples {
+        *b = (*b * factor as f32).clamp(-1.0, 0.0);
+    }
+    wide
+}
+
+/// The report's lines on the optimiser.
+pub(super) fn optimisation(outcome: &optimize::Outcome, atoms: usize) -> Optimisation {
+    let per_atom = 1.0 / atoms as f64;
+    Optimisation {
+        energy_lattice: outcome.parts.lattice * per_atom,
+        energy_image: outcome.parts.image * per_atom,
+        energy: outcome.energy_after * per_atom,
+        evaluations: outcome.evaluations,
+        stop: match outcome.stop {
+            Stop::Converged => "converged",
+            Stop::MaxIterations => "as many rounds as allowed",
+            Stop::Interrupted => "interrupted",
+        }
+        .into(),
+    }
+}

@@ -15,7 +15,7 @@
 //! store     meshes in files, in the image's physical coordinates
 //! model     what users do with a mesh: surfaces, paint, flow, columns, reservoir models, edits
 //! export    meshes and models to other programs
-//! cli       the command line
+//! cli       the command line (feature `cli`)
 //! ```
 //!
 //! [`job::run`] does all of it:
@@ -38,6 +38,7 @@
 //! # Ok::<(), atomesh::Error>(())
 //! ```
 
+#[cfg(feature = "cli")]
 pub mod cli;
 pub mod error;
 pub mod export;

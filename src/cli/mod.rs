@@ -3,7 +3,7 @@
 //! - [`args`]: the command line as a whole
 //! - [`verbs`]: one a file, its arguments and its run
 //! - [`common`]: what verbs share
-//! - [`options`], [`job`]: a job of `mesh`, as typed and validated
+//! - [`job`]: the files of a job of `mesh`
 //! - [`parse`]: the small grammars inside option values
 //! - [`provenance`]: the hash of the input
 //! - [`rock`]: porosity, permeability and the like from numbers, tables and images
@@ -15,7 +15,6 @@ pub mod common;
 pub mod console;
 pub mod interrupts;
 pub mod job;
-pub mod options;
 pub mod parse;
 pub mod provenance;
 pub mod rock;
@@ -28,7 +27,7 @@ use crate::error::cause;
 use crate::{Error, Result};
 use args::{CommandLine, Verb};
 use common::global::Ending;
-use console::{Console, complain, in_words};
+use console::{Console, complain};
 use interrupts::{INTERRUPTED, Interrupts};
 
 /// Runs what was typed. Exit codes: 0 done, 1 bad input or failed job, 130 interrupted (wrong usage,
@@ -38,7 +37,7 @@ pub fn main(line: &CommandLine) -> ExitCode {
         Ok(Ending::Done) => ExitCode::SUCCESS,
         Ok(Ending::Interrupted) => ExitCode::from(INTERRUPTED),
         Err(error) => {
-            complain(format_args!("error: {}", in_words(&error)));
+            complain(format_args!("error: {}", console::in_words(&error)));
             ExitCode::FAILURE
         }
     }

@@ -7,13 +7,13 @@ use crate::Result;
 use crate::feature::Features;
 use crate::mesh::Simplices;
 use crate::mesh::check::check_joined;
-use crate::report::{self, Measured, Reference, Report};
+use crate::report::{self, Reference, Report};
 
 /// How far the volume may be off the box's, and sides from flat, as a share.
 pub const BOX_TOLERANCE: f64 = 1e-9;
 
 /// Shapes, fidelity (unless it is stopped) and validity of a mesh in lattice space.
-pub(super) fn measure<const D: usize, M: Measured<D>>(
+pub(super) fn measure<const D: usize, M: Simplices<D>>(
     mesh: &M,
     neighbors: Option<&[u32]>,
     dims: [usize; D],

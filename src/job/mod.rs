@@ -1,6 +1,8 @@
 //! The whole job: image in, mesh out. The command line and any other front end call [`run`].
 //!
-//! - [`params`](Params): what is asked for
+//! - [`asked`]: all that can be asked for, as one value
+//! - [`settings`]: the same as flat options, `words`: how these are read
+//! - [`params`](Params): what the pass is told, with the files that were named
 //! - [`mod@run`]: the one pass through all stages
 //! - [`stages`](Stages): what clock and observer are told of them
 //! - `frame`: lattice space, and what lies in it
@@ -17,6 +19,7 @@
 //! All works in *lattice space* (sample index times a step per axis); `store` puts the outcome where
 //! the image lies in the world.
 
+pub mod asked;
 mod canny;
 pub mod cells;
 mod frame;
@@ -28,13 +31,17 @@ mod pairs;
 mod params;
 mod place;
 mod run;
+pub mod settings;
 mod simplices;
 mod stages;
+mod words;
 
+pub use asked::Job;
 pub(crate) use frame::{lattice_beta, lattice_points};
 pub use join::{Joined, Marked, Meshing, Scene, Space};
 pub use measure::{BOX_TOLERANCE, scaled};
-pub(crate) use optimise::{moving, optimiser};
+pub(crate) use optimise::moving;
 pub use params::{CellKind, Evaluator, FixedAtom, Metric, Params, Spacing, Weight, WellPath};
 pub use run::{Made, Outcome, Provenance, run};
+pub use settings::Settings;
 pub use stages::Stages;

@@ -18,7 +18,7 @@ const GROWTH: f64 = 0.1;
 
 /// How atoms come to rest.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Placement {
+pub(super) enum Placing {
     /// Seeded at the distance asked for, then moved.
     Lattice,
     /// Canny's points: image and features decide the distance, and nothing moves.
@@ -35,7 +35,7 @@ pub(super) struct Placed<const D: usize> {
     pub optimised: Option<optimize::Outcome>,
 }
 
-impl Placement {
+impl Placing {
     /// What the parameters ask for.
     pub fn of<const D: usize>(params: &Params<D>) -> Self {
         match params.seeding {

@@ -2,7 +2,7 @@
 
 use super::frame::{Frame, lattice_extent};
 use super::optimise::optimisation;
-use super::place::{Placed, Placement};
+use super::place::{Placed, Placing};
 use super::{CellKind, Marked, Meshing, Params, Scene, Space, Stages, cells, simplices};
 use crate::Result;
 use crate::feature::{self, Features};
@@ -128,8 +128,8 @@ where
         CellKind::Simplices => Alignment::On,
         CellKind::Voronoi => Alignment::Alongside,
     };
-    let placement = Placement::of(params);
-    placement.check(params, alignment)?;
+    let placing = Placing::of(params);
+    placing.check(params, alignment)?;
     simplices::check_smoothing(params)?;
     let step = params.metric.step(&image.geometry);
     // Before the work: the largest distance must fit, whatever the features are.
@@ -144,7 +144,7 @@ where
         atoms,
         distance,
         optimised,
-    } = placement.place(image, params, alignment, &features, &frame, &mut stages)?;
+    } = placing.place(image, params, alignment, &features, &frame, &mut stages)?;
 
     let scene = Scene {
         extent,

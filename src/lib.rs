@@ -3,6 +3,7 @@
 //! joined into tetrahedra (Hale 2001, 2002).
 //!
 //! ```text
+//! observer  watching and stopping long work
 //! geometry  vectors, points in buckets, sets: what all houses stand on
 //! files     files that appear whole or not at all; VTK's container
 //! image     samples and where they lie in the world; formats, synthetic images

@@ -12,6 +12,31 @@ use crate::lattice::seeding::{Alignment, Atoms};
 use crate::observer::Observer;
 use crate::report::Optimisation;
 
+/// The energy that a job's atoms shall have least of: the same for both evaluators, up to sampling.
+fn energy<'a, const D: usize>(
+    params: &Params<D>,
+    alignment: Alignment,
+    mobility: Vec<[f64; D]>,
+    potential: &'a Field<D>,
+    distance: &'a Distance<D>,
+    frame: &Frame<D>,
+) -> Result<Box<dyn Energy<D> + 'a>> {
+    let (beta, extent) = (frame.beta.clone(), frame.extent);
+    let pairs = |beta| -> Result<Pairwise<'a, D>> {
+        let pairs = Pairwise::new(extent, distance, Some(potential), beta)?;
+        Ok(pairs.aligned(alignment).uncrowded())
+    };
+    Ok(match params.evaluator {
+        Evaluator::Pairwise if params.kappa != 1.0 => {
+            let pairs = pairs(beta.clone())?;
+            let energy = Regularised::new(pairs, distance, beta, params.kappa, mobility);
+            Box::new(energy?)
+        }
+        Evaluator::Pairwise => Box::new(pairs(beta)?),
+        Evaluator::Sampled => Box::new(Sampled::new(distance, potential, beta).uncrowded()),
+    })
+}
+
 /// Moves the atoms: passes on smoother and smoother potentials first, if asked for.
 pub(super) fn optimise<const D: usize>(
     atoms: &mut Atoms<D>,
@@ -22,25 +47,11 @@ pub(super) fn optimise<const D: usize>(
     frame: &Frame<D>,
     observer: &mut dyn Observer,
 ) -> Result<optimize::Outcome> {
-    let Frame { beta, extent, .. } = frame;
-    let extent = *extent;
-    let regular = params.kappa != 1.0;
     let options = moving(params);
     let mut pass = |potential: &Field<D>| {
-        let pairs = || -> Result<Pairwise<D>> {
-            let pairs = Pairwise::new(extent, distance, Some(potential), beta.clone())?;
-            Ok(pairs.aligned(alignment).uncrowded())
-        };
-        let mut energy: Box<dyn Energy<D>> = match params.evaluator {
-            Evaluator::Pairwise if regular => {
-                let mobility = atoms.mobility(extent);
-                let beta = beta.clone();
-                let energy = Regularised::new(pairs()?, distance, beta, params.kappa, mobility);
-                Box::new(energy?)
-            }
-            Evaluator::Pairwise => Box::new(pairs()?),
-            Evaluator::Sampled => Box::new(Sampled::new(distance, potential, beta.clone())),
-        };
+        let extent = frame.extent;
+        let mobility = atoms.mobility(extent);
+        let mut energy = energy(params, alignment, mobility, potential, distance, frame)?;
         optimize::optimize(atoms, &mut *energy, distance, extent, &options, observer)
     };
     for coarse in (1..=params.coarse_passes).rev() {
@@ -100,5 +111,50 @@ pub(super) fn optimisation(outcome: &optimize::Outcome, atoms: usize) -> Optimis
             Stop::Interrupted => "interrupted",
         }
         .into(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lattice::energy::Beta;
+
+    #[test]
+    fn both_evaluators_have_the_energy_of_crowded_atoms() {
+        // Rows of atoms 0.6 d apart: what keeps them from crowding is most of their energy.
+        let (d, extent) = (10.0, [60.0, 60.0]);
+        let atoms: Vec<[f64; 2]> = (0..49)
+            .map(|i| [6.0 * f64::from(i % 7) + 12.0, 6.0 * f64::from(i / 7) + 12.0])
+            .collect();
+        let potential = Field::from_fn([61, 61], [1.0; 2], |x| -0.01 * x[0]);
+        let distance = Distance::Constant(d);
+        let frame = Frame {
+            step: [1.0; 2],
+            extent,
+            beta: Beta::Constant(0.6),
+            fixed: Vec::new(),
+            ways: Vec::new(),
+        };
+        let [pairwise, sampled] = [Evaluator::Pairwise, Evaluator::Sampled].map(|evaluator| {
+            let params = Params {
+                evaluator,
+                ..Params::default()
+            };
+            let mobility = vec![[1.0; 2]; atoms.len()];
+            let energy = energy(
+                &params,
+                Alignment::On,
+                mobility,
+                &potential,
+                &distance,
+                &frame,
+            );
+            let mut gradient = vec![[0.0; 2]; atoms.len()];
+            energy.unwrap().evaluate(&atoms, &mut gradient)
+        });
+        // On samples both are exact.
+        assert!(pairwise > 1.0, "{pairwise}");
+        let off = (pairwise - sampled).abs();
+        assert!(off < 1e-4 * pairwise, "{pairwise} {sampled}");
     }
 }

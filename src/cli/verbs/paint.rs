@@ -82,6 +82,9 @@ pub fn paint(args: &PaintArgs, console: &mut Console) -> Result<()> {
         let inputs = [inputs.as_slice(), &[&args.output]].concat();
         check_output(path, "--surface-out", &WRITTEN, &inputs)?;
     }
+    if args.image.is_none() {
+        args.input.refuse_unused("no image is given")?;
+    }
     console.begin_stage("reading");
     with_mesh!(read_any_vtu(&args.mesh)?, file => paint_mesh(args, file, console))
 }

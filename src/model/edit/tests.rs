@@ -216,7 +216,7 @@ where
     let kept = near(0.0) - near(2.0 * 4.0 * d);
     assert!(kept * 10 < before.mesh.nodes().len(), "{kept}");
 
-    // Valid, as good as before, and on the feature as before.
+    // Valid, every angle in range, and on the feature as before.
     let stored = [before.clone(), file.clone()].map(|file| StoredMesh::new(file, "mesh").unwrap());
     let found = check(
         &stored[1].lattice,

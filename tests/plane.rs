@@ -164,7 +164,7 @@ fn what_makes_no_sense_in_the_plane_is_refused() {
 fn on_valleys(width: f64, coarse_passes: usize) -> [f64; 2] {
     use atomesh::feature::FeatureKind;
     use atomesh::image::{Geometry, Image};
-    use atomesh::job::{Params, Spacing, mesh_image};
+    use atomesh::job::{self, Params, Spacing};
     use atomesh::lattice::optimize::Unobserved;
 
     let dims = [200, 180];
@@ -185,7 +185,7 @@ fn on_valleys(width: f64, coarse_passes: usize) -> [f64; 2] {
         coarse_passes,
         ..Params::default()
     };
-    let report = mesh_image(&image, &params, &mut Unobserved).unwrap().report;
+    let report = job::run(&image, &params, &mut Unobserved).unwrap().report;
     [
         report.fidelity.unwrap().on_feature.coverage_one,
         report.lattice.unwrap().optimisation.unwrap().energy,

@@ -149,9 +149,21 @@ pub struct WellPath<const D: usize = 3> {
     pub radius: f64,
 }
 
+/// What the mesh is made of.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum CellKind {
+    /// Tetrahedra, or triangles in the plane, with atoms on the features.
+    #[default]
+    Simplices,
+    /// Voronoi cells of atoms alongside the features.
+    Voronoi,
+}
+
 /// What the whole job is told.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Params<const D: usize = 3> {
+    /// What the mesh is made of.
+    pub cells: CellKind,
     /// Distance between atoms.
     pub spacing: Spacing,
     /// Distances, one per sample of the image, for [`Spacing::Given`].
@@ -202,6 +214,7 @@ pub struct Params<const D: usize = 3> {
 impl<const D: usize> Default for Params<D> {
     fn default() -> Self {
         Self {
+            cells: CellKind::default(),
             spacing: Spacing::Constant(8.0),
             feature: feature::FeatureKind::Auto,
             sigma: None,

@@ -607,7 +607,7 @@ mod meshed {
     use crate::feature::{self, Features};
     use crate::image::synth::{self, Kind};
     use crate::image::{Geometry, Image};
-    use crate::job::{Outcome, Params, Spacing, mesh_image};
+    use crate::job::{self, Outcome, Params, Spacing};
     use crate::lattice::optimize::Unobserved;
     use crate::mesh::interface::marks_of_bits;
 
@@ -624,22 +624,28 @@ mod meshed {
             feature: kind,
             ..Params::default()
         };
-        mesh_image(image, &params, &mut Unobserved).unwrap()
+        job::run(image, &params, &mut Unobserved).unwrap()
     }
 
     fn marked(outcome: &Outcome) -> Vec<[u32; 3]> {
-        let marks: Vec<bool> = marks_of_bits::<3>(&outcome.feature_faces).collect();
-        select::marked(&outcome.mesh, &marks)
+        let marks: Vec<bool> =
+            marks_of_bits::<3>(&outcome.simplices().unwrap().feature_faces).collect();
+        select::marked(&outcome.simplices().unwrap().mesh, &marks)
     }
 
     fn group(outcome: &Outcome, min_area: Option<f64>) -> Surfaces<3> {
         let faces = marked(outcome);
-        let candidates = select::spanned(&outcome.mesh, &faces);
+        let candidates = select::spanned(&outcome.simplices().unwrap().mesh, &faces);
         let options = Options {
             min_area,
             ..Options::default()
         };
-        Surfaces::find(&outcome.mesh.nodes, faces, &candidates, &options)
+        Surfaces::find(
+            &outcome.simplices().unwrap().mesh.nodes,
+            faces,
+            &candidates,
+            &options,
+        )
     }
 
     /// Area of the plane n.x = c in the box: over the two axes along which it is steepest.
@@ -669,7 +675,12 @@ mod meshed {
             let made = synth::make(kind, &options).unwrap();
             let outcome = mesh(&made.image, feature::FeatureKind::Ridges, 6.0);
             let surfaces = group(&outcome, None);
-            let found = measure(&surfaces, &outcome.mesh.nodes, &Up::along(0, true), &[]);
+            let found = measure(
+                &surfaces,
+                &outcome.simplices().unwrap().mesh.nodes,
+                &Up::along(0, true),
+                &[],
+            );
             assert_eq!(found.len(), 3, "{kind:?} {seed}: {found:#?}");
             let truth = &made.truth;
             let [nx, ny, _] = truth.dims;
@@ -715,7 +726,13 @@ mod meshed {
             let Features {
                 potential, sigma, ..
             } = &outcome.features;
-            let by_image = select::in_valleys(&outcome.mesh, potential, *sigma, 0.6, 0.82);
+            let by_image = select::in_valleys(
+                &outcome.simplices().unwrap().mesh,
+                potential,
+                *sigma,
+                0.6,
+                0.82,
+            );
             let marked = marked(&outcome);
             let both = by_image
                 .iter()
@@ -742,7 +759,7 @@ mod meshed {
         let mut closed = group(&outcome, Some(0.0)).facets;
         closed.iter_mut().for_each(|f| f.sort_unstable());
         closed.sort_unstable();
-        let cells = cells(&outcome.mesh, &closed);
+        let cells = cells(&outcome.simplices().unwrap().mesh, &closed);
         let (block, count) = blocks(&cells, 0.3, 24);
         assert_eq!(count, 6);
         let cost: Vec<f64> = cells.links.iter().map(|l| cells.resistance(l)).collect();
@@ -770,7 +787,7 @@ mod meshed {
             let seed = [x, y, 25.3];
             let want = unit(seed);
             let seeds = [Seed {
-                cell: at(&outcome.mesh, seed),
+                cell: at(&outcome.simplices().unwrap().mesh, seed),
                 unit: want,
             }];
             let (painted, _) = flow(&cells, &block, &cost, &seeds, f64::INFINITY);
@@ -806,7 +823,7 @@ mod meshed {
         );
         let run = || {
             let surfaces = group(&outcome, None);
-            let cells = cells(&outcome.mesh, &surfaces.facets);
+            let cells = cells(&outcome.simplices().unwrap().mesh, &surfaces.facets);
             (surfaces, blocks(&cells, 0.3, 10))
         };
         let one = rayon::ThreadPoolBuilder::new()

@@ -177,6 +177,60 @@ fn seg_y_without_a_volume_in_it() {
         std::fs::write(folder.path().join(name), &bytes[..length]).unwrap();
         assert_says(&refused(folder.path(), &["mesh", name]), &[name]);
     }
+    // What the library calls the bytes of the line numbers, the command line calls --inline-byte.
+    let bytes = ["--inline-byte", "13", "--crossline-byte", "17"];
+    let line = refused(
+        folder.path(),
+        &[&["mesh", "survey.sgy"][..], &bytes].concat(),
+    );
+    assert_says(&line, &["inline and crossline numbers", "--inline-byte"]);
+    assert!(!line.contains("--segy-bytes"), "{line}");
+    // Header bytes of a file that has none.
+    for byte in ["--inline-byte", "--delay-byte"] {
+        let line = refused(folder.path(), &["mesh", "good.npy", byte, "9"]);
+        assert_says(&line, &[byte, "SEG-Y", "good.npy"]);
+    }
+}
+
+#[test]
+fn outputs_over_inputs_that_other_options_name() {
+    let folder = folder();
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+    write("job.vtu", "sigma = 2\n");
+    let config = ["mesh", "good.npy", "--config", "job.vtu", "-o", "./job.vtu"];
+    assert_says(&refused(folder.path(), &config), &["job.vtu", "overwrite"]);
+    npy(&folder.path().join("d.vtu"), DIMS, |_| 6.0);
+    let mesh = ["mesh", "good.npy", "--distance", "4:8"];
+    let from = ["--distance-from", "d.vtu", "-o", "./d.vtu"];
+    let line = refused(folder.path(), &[&mesh[..], &from].concat());
+    assert_says(&line, &["d.vtu", "overwrite"]);
+}
+
+#[test]
+fn options_that_nothing_would_come_of() {
+    let folder = folder();
+    let mesh = |extra: &str| {
+        let extra: Vec<&str> = extra.split_whitespace().collect();
+        refused(folder.path(), &[&["mesh", "good.npy"][..], &extra].concat())
+    };
+    for (extra, name) in [
+        ("--seeding canny --beta 0.2", "--beta 0.2"),
+        ("--seeding canny --potential sampled", "--evaluator sampled"),
+        ("--feature labels --threshold 0.5", "--threshold 0.5"),
+        ("--object 1,2,3", "--object"),
+        ("--feature-weights 1,0.5", "--feature-weights 1,0.5"),
+        ("--min-dihedral 20 --slivers none", "--min-dihedral 20"),
+    ] {
+        assert_says(&mesh(extra), &[name]);
+    }
+    // In a configuration file as on the command line; its name says where.
+    std::fs::write(folder.path().join("job.toml"), "kappa = 0.7\n").unwrap();
+    let line = mesh("--config job.toml --seeding canny");
+    assert_says(&line, &["job.toml: kappa 0.7"]);
+    assert_says(
+        &mesh("--config job.toml --seeding canny --kappa 0.6"),
+        &["--kappa 0.6"],
+    );
 }
 
 #[test]
@@ -452,10 +506,7 @@ fn seg_y_files_of_others() {
         .unwrap_or_else(|_| concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data").into());
     let formats = Path::new(&data).join("formats_segy");
     if !formats.is_dir() {
-        println!(
-            "{} is absent: no SEG-Y files of others are tried",
-            formats.display()
-        );
+        common::no_data("SEG-Y files of others");
         return;
     }
     let folder = tempfile::tempdir().unwrap();

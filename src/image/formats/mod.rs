@@ -15,9 +15,11 @@
 //! - [`vti`]: VTK image data, and [`vtk`], the container it shares with meshes
 //! - [`raw`]: samples without a header, described by the user
 //! - [`samples`]: sample types and their conversion to `f32`
+//! - [`input`]: how a user says what a file does not
 //! - [`describe`](mod@describe): what a file holds, for people and for programs
 
 pub mod describe;
+pub mod input;
 pub mod inrimage;
 pub mod metaimage;
 pub mod nifti;
@@ -38,9 +40,11 @@ use std::io::Read;
 use std::path::Path;
 
 use crate::error::{Error, Result, cause, os};
+use crate::files::vtk;
 use crate::image::Image;
 
 pub use describe::{Description, describe};
+pub use input::InputOptions;
 pub use raw::RawSpec;
 pub use segy::{SegyBytes, SegyInfo};
 
@@ -279,8 +283,8 @@ pub fn detect(path: &Path, options: &ReadOptions) -> Result<Format> {
         return Err(Error::Io(cause(path.display(), problem, remedy)));
     }
     let text = String::from_utf8_lossy(&head[..head.len().min(1024)]);
-    if text.contains("<VTKFile") {
-        if text.contains("ImageData") {
+    if text.contains("<VTKFile") || head.starts_with(vtk::legacy::MAGIC) {
+        if text.contains("ImageData") || text.contains("STRUCTURED_POINTS") {
             return Ok(Format::Vti);
         }
         let problem = "is a VTK file, but not of image data";

@@ -256,7 +256,9 @@ fn surfaces_of<const D: usize, M: Stored<D>>(
     let options = args.grouping.options(args.min_area)?;
     let (up, z_up) = args.grouping.up::<D>()?;
     let distance = least_distance(&file);
-    let stored = StoredMesh::new(file, &args.mesh.display().to_string())?;
+    let mut stored = StoredMesh::new(file, &args.mesh.display().to_string())?;
+    // What else the file holds is not needed any more.
+    stored.arrays = MeshFile::default();
     let facets = match &args.image {
         None => marked_facets(&stored, &args.mesh)?,
         Some(path) => {

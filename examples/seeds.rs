@@ -170,9 +170,9 @@ where
 }
 
 fn features<const D: usize>(image: &Image<D>, d: f64) -> anyhow::Result<Features<D>> {
-    let options = feature::Options {
+    let options = feature::Detection {
         d_min: d,
-        ..feature::Options::default()
+        ..feature::Detection::default()
     };
     Ok(feature::detect(image, &options)?)
 }

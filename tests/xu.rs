@@ -7,7 +7,7 @@
 
 mod common;
 
-use atomesh::feature::Kind;
+use atomesh::feature::FeatureKind;
 use atomesh::image::{Geometry, Image};
 use atomesh::improve::plane::relax::Scheme;
 use atomesh::job::{self, Meshing, Outcome, Params, Space, Spacing};
@@ -123,7 +123,7 @@ fn the_boundary_that_paths_find_is_followed() {
     let image = ball([100, 90], 27.0);
     let mut params = Params {
         spacing: Spacing::Constant(6.0),
-        feature: Kind::Paths,
+        feature: FeatureKind::Paths,
         ..Params::default()
     };
     params.seeds.object = vec![[50.0, 45.0]];

@@ -5,7 +5,7 @@ use super::join::Joined;
 use super::measure::measure;
 use super::{CellKind, Made, Meshing, Params, Scene, Space, Stages};
 use crate::error::cause;
-use crate::feature::canny::steepness;
+use crate::feature::steepness::steepness;
 use crate::feature::volume::Volume;
 use crate::image::{Field, Image};
 use crate::improve::plane::relax::{self, Relaxation};

@@ -41,7 +41,7 @@ fn world<const D: usize>(sample: [f64; D]) -> [f64; D] {
 fn params<const D: usize>(d: f64) -> Params<D> {
     Params {
         spacing: Spacing::Constant(d),
-        feature: feature::Kind::Ridges,
+        feature: feature::FeatureKind::Ridges,
         ..Params::default()
     }
 }

@@ -618,7 +618,7 @@ mod meshed {
         Image::new(dims, samples.collect(), Geometry::default())
     }
 
-    fn mesh(image: &Image<3>, kind: feature::Kind, d: f64) -> Outcome {
+    fn mesh(image: &Image<3>, kind: feature::FeatureKind, d: f64) -> Outcome {
         let params = Params {
             spacing: Spacing::Constant(d),
             feature: kind,
@@ -673,7 +673,7 @@ mod meshed {
                 ..synth::Options::default()
             };
             let made = synth::make(kind, &options).unwrap();
-            let outcome = mesh(&made.image, feature::Kind::Ridges, 6.0);
+            let outcome = mesh(&made.image, feature::FeatureKind::Ridges, 6.0);
             let surfaces = group(&outcome, None);
             let found = measure(
                 &surfaces,
@@ -755,7 +755,7 @@ mod meshed {
     fn painted_units_have_their_volume_and_do_not_leak() {
         let dims = [72, 60, 52];
         let image = image(dims, |x| f64::from(unit(x)));
-        let outcome = mesh(&image, feature::Kind::Labels, 6.0);
+        let outcome = mesh(&image, feature::FeatureKind::Labels, 6.0);
         let mut closed = group(&outcome, Some(0.0)).facets;
         closed.iter_mut().for_each(|f| f.sort_unstable());
         closed.sort_unstable();
@@ -818,7 +818,7 @@ mod meshed {
             &image([40, 36, 32], |x| {
                 f64::from(u8::from(x[0] + 0.3 * x[1] > 25.0))
             }),
-            feature::Kind::Labels,
+            feature::FeatureKind::Labels,
             6.0,
         );
         let run = || {

@@ -1,5 +1,5 @@
 use super::*;
-use crate::feature::canny::steepness;
+use crate::feature::steepness::steepness;
 use crate::feature::volume::Volume;
 use crate::lattice::AtomKind;
 use crate::lattice::seeding::Atoms;

@@ -5,14 +5,13 @@
 //! lattice so far becomes a mesh. Later the mesh is written as far as it has come, if that takes no
 //! longer than [`QUICK`]. Once more, it always ends the process at once.
 
-use std::process::exit;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 
 use crate::error::cause;
-use crate::files::remove_unfinished;
+use crate::files::exit_without_unfinished;
 use crate::observer::Stage;
 use crate::{Error, Result};
 
@@ -83,6 +82,5 @@ impl Interrupts {
 
 /// Ends the process with no file half written.
 fn end() -> ! {
-    remove_unfinished();
-    exit(INTERRUPTED.into())
+    exit_without_unfinished(INTERRUPTED.into())
 }

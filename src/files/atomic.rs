@@ -234,14 +234,16 @@ fn unfinished() -> MutexGuard<'static, BTreeSet<PathBuf>> {
     UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Removes every temporary file of this process that has not taken its name yet, and waits for files
-/// that are just taking theirs. For a thread that ends the process, when an impatient user interrupts
-/// it: whatever still writes is told that its file is gone.
-pub fn remove_unfinished() {
-    for path in std::mem::take(&mut *unfinished()) {
+/// Ends the process, from any thread, with no file half written: temporary files that have not taken
+/// their names yet are removed, and those that are just taking theirs are waited for. Nobody else writes
+/// or ends a file in between.
+pub fn exit_without_unfinished(code: i32) -> ! {
+    let mut unfinished = unfinished();
+    for path in std::mem::take(&mut *unfinished) {
         // Nothing useful can be done if this fails: the process ends.
         let _ = fs::remove_file(path);
     }
+    std::process::exit(code)
 }
 
 /// A temporary file that is deleted when dropped.
@@ -259,11 +261,13 @@ impl Unfinished {
             use std::os::unix::fs::PermissionsExt;
             builder.permissions(fs::Permissions::from_mode(0o666));
         }
+        // Not between the file and the note of it may the process end.
+        let mut unfinished = unfinished();
         let (file, path) = builder
             .tempfile_in(folder_of(target))
             .map_err(|error| os(target, "write", error))?
             .into_parts();
-        unfinished().insert(path.to_path_buf());
+        unfinished.insert(path.to_path_buf());
         Ok((Self(Some(path)), file))
     }
 
@@ -387,7 +391,7 @@ mod tests {
         batch.write(&path, |w| w.write_all(b"new")).unwrap();
         let temporary = batch.files[0].0.0.as_ref().unwrap().to_path_buf();
         assert!(unfinished().contains(&temporary));
-        // As `remove_unfinished` does, which would trouble the tests beside this one.
+        // As `exit_without_unfinished` does, which would trouble the tests beside this one.
         fs::remove_file(&temporary).unwrap();
         assert!(batch.commit().is_err());
         assert!(!unfinished().contains(&temporary));

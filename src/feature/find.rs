@@ -1,11 +1,12 @@
 //! The candidates of each kind of feature: scales, thresholds, and what is said about them.
 
-use super::crossing::{self, Candidate};
+use super::crossing::Candidate;
 use super::ridges::{self, Statistics};
 use super::volume::Volume;
 use super::{Kind, Options, Settled};
 use super::{canny, edges, faults, gaussian, horizons, labels, paths, repair, tensor};
 use crate::error::{Error, Result, cause};
+use crate::geometry::dot;
 use crate::image::Image;
 
 /// The scale at which sheets were sought, and their thresholds.
@@ -362,7 +363,7 @@ fn find_faults<const D: usize>(
     let mut found = find_ridges(scene, faults::thresholds, &of_ridges, known, notes);
     found
         .candidates
-        .retain(|c| crossing::dot(c.normal, layers.at(c.position)).abs() < ALONG_LAYERS);
+        .retain(|c| dot(c.normal, layers.at(c.position)).abs() < ALONG_LAYERS);
     found.min_cells = 6.0;
     found
 }

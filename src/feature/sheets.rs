@@ -5,9 +5,10 @@
 //! nearer than a lattice can resolve, so the choice between two close parallel sheets is made once
 //! for a whole sheet and not sample by sample.
 
-use super::crossing::{Candidate, dot, minus, nearest};
+use super::crossing::{Candidate, nearest};
 use super::grid::Grid;
 use crate::feature::FeaturePoint;
+use crate::geometry::{dot, sub};
 
 /// No sheet.
 const FREE: u32 = u32::MAX;
@@ -209,7 +210,7 @@ impl<const D: usize> Growth<'_, D> {
                 return;
             }
             let other = &grid.candidates[j];
-            let apart = minus(other.position, c.position);
+            let apart = sub(other.position, c.position);
             let joined = dot(other.normal, c.normal).abs() >= SAME_NORMAL
                 && dot(apart, c.normal).abs() < SAME_PLANE
                 && dot(apart, other.normal).abs() < SAME_PLANE;
@@ -247,7 +248,7 @@ impl<const D: usize> Growth<'_, D> {
                     return;
                 }
                 let other = &grid.candidates[o];
-                let across = dot(minus(other.position, c.position), c.normal).abs();
+                let across = dot(sub(other.position, c.position), c.normal).abs();
                 if dot(other.normal, c.normal).abs() >= PARALLEL
                     && across > TOGETHER
                     && across * unit < self.resolution

@@ -2,19 +2,10 @@
 
 use super::*;
 use crate::feature::FeaturePoint;
+use crate::geometry::random::signed;
 use crate::geometry::volume6;
 use crate::mesh::check::check;
 use crate::mesh::complex;
-
-/// A deterministic number in [-1, 1] for a counter.
-fn noise(i: u64) -> f64 {
-    let mut z = i
-        .wrapping_mul(0x9E37_79B9_7F4A_7C15)
-        .wrapping_add(0x1234_5678);
-    z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-    ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-}
 
 /// `n` cells a side of edge `h`, six tetrahedra each (Kuhn); inner nodes moved by `jitter * h`, those
 /// for which `moves` says so.
@@ -35,7 +26,7 @@ fn box_mesh(
                     let seed = nodes.len() as u64 * 3;
                     for c in 0..3 {
                         if x[c] > 0.0 && x[c] < extent[c] {
-                            x[c] += jitter * h * noise(seed + c as u64);
+                            x[c] += jitter * h * signed(seed, c as u64);
                         }
                     }
                 }

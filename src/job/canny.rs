@@ -4,6 +4,7 @@ use super::{Meshing, Params, Scene, Space};
 use crate::feature::canny::steepness;
 use crate::feature::gaussian;
 use crate::feature::volume::Volume;
+use crate::geometry::in_space;
 use crate::image::{Field, Image};
 use crate::improve;
 use crate::improve::plane::relax::{self, Relaxation};
@@ -24,13 +25,13 @@ pub(super) fn put_onto_features<const D: usize>(
 ) where
     Space<D>: Meshing<D>,
 {
-    let extent = optimize::three(&[scene.extent])[0];
+    let extent = in_space(scene.extent);
     let free: Vec<AtomKind> = atoms
         .positions
         .iter()
         .map(|&x| seeding::kind_in_box(x, scene.extent))
         .collect();
-    let mut moved = optimize::three(&atoms.positions);
+    let mut moved: Vec<[f64; 3]> = atoms.positions.iter().map(|&x| in_space(x)).collect();
     let sheets = Space::<D>::sheets(scene);
     improve::settle(&mut moved, &free, extent, &sheets, ONTO_FEATURE);
     let fixed = |&n: &usize| atoms.kinds[n] == AtomKind::Fixed;

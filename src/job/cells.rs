@@ -7,7 +7,7 @@ use super::join::Scene;
 use super::{BOX_TOLERANCE, Meshing, Params, Settled, Space, optimisation, pairs, settle};
 use crate::Result;
 use crate::feature::Features;
-use crate::geometry::{add_scaled, dot, norm, sub};
+use crate::geometry::{add_scaled, dot, in_space, norm, sub};
 use crate::image::{Geometry, Image};
 use crate::improve::sheets::{SAME_SHEET, Sheets};
 use crate::lattice::distance::Distance;
@@ -156,7 +156,6 @@ pub fn to_world<const D: usize>(
 /// Which faces lie along a feature: those whose atoms are on either side of it, where the line
 /// between them meets the face. So no way from cell to cell passes a feature but through such a face.
 fn across<const D: usize>(mesh: &PolyMesh<D>, sheets: &Sheets) -> Vec<bool> {
-    let lift = |x: [f64; D]| std::array::from_fn(|k| x.get(k).copied().unwrap_or(0.0));
     let inner = mesh.inner_faces();
     (0..mesh.face_cells.len())
         .into_par_iter()
@@ -164,7 +163,7 @@ fn across<const D: usize>(mesh: &PolyMesh<D>, sheets: &Sheets) -> Vec<bool> {
             if f >= inner {
                 return false;
             }
-            let [a, b] = mesh.face_cells[f].map(|c| lift(mesh.sites[c as usize]));
+            let [a, b] = mesh.face_cells[f].map(|c| in_space(mesh.sites[c as usize]));
             let line = sub(b, a);
             let middle = add_scaled(a, 0.5, line);
             let half = 0.5 * norm(line);

@@ -2,6 +2,7 @@
 
 use crate::Result;
 use crate::feature::{FeaturePoint, Features};
+use crate::geometry::in_space;
 use crate::improve::exude::exude;
 use crate::improve::plane::relax::Relaxation;
 use crate::improve::reshape::{Reshaped, Wanted};
@@ -309,15 +310,13 @@ impl Meshing<2> for Space<2> {
         // Curves in the plane are sheets that stand upright on it.
         let points = scene.features.points.iter().map(Self::in_space);
         let points: Vec<FeaturePoint<3>> = points.collect();
-        planes(&points, plane::lift(scene.extent), scene.distance)
+        planes(&points, in_space(scene.extent), scene.distance)
     }
 
     fn in_space(point: &FeaturePoint<2>) -> FeaturePoint<3> {
-        let [x, y] = point.position;
-        let [u, v] = point.normal;
         FeaturePoint {
-            position: [x, y, 0.0],
-            normal: [u, v, 0.0],
+            position: in_space(point.position),
+            normal: in_space(point.normal),
             strength: point.strength,
         }
     }

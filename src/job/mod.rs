@@ -19,6 +19,7 @@ use std::borrow::Cow;
 
 use crate::error::cause;
 use crate::feature::{self, Features, gaussian};
+use crate::geometry::in_space;
 use crate::image::{Field, Geometry, Image};
 use crate::improve;
 use crate::lattice::AtomKind;
@@ -242,7 +243,8 @@ fn settle<'a, const D: usize>(
     )?;
 
     stages.begin_unless_stopped(OPTIMISING)?;
-    stages.observer.round(0, &optimize::three(&atoms.positions));
+    let positions: Vec<[f64; 3]> = atoms.positions.iter().map(|&x| in_space(x)).collect();
+    stages.observer.round(0, &positions);
     let optimised = optimise(
         &mut atoms,
         params,

@@ -1,6 +1,7 @@
 //! Changes of the triangulation itself: flips, splits and collapses of edges.
 
-use super::{Improver, STEEPEST, lift};
+use super::{Improver, STEEPEST};
+use crate::geometry::in_space;
 use crate::improve::hold::Hold;
 use crate::lattice::AtomKind;
 use crate::mesh::complex::NONE;
@@ -143,7 +144,12 @@ impl Improver<'_> {
             self.nodes.pop();
             return false;
         }
-        let (hold, _) = Hold::new(lift(at), AtomKind::Interior, lift(self.extent), self.sheets);
+        let (hold, _) = Hold::new(
+            in_space(at),
+            AtomKind::Interior,
+            in_space(self.extent),
+            self.sheets,
+        );
         self.kinds.push(match (hold.axes & 3).count_ones() {
             0 => AtomKind::Interior,
             1 => AtomKind::Edge,

@@ -25,18 +25,13 @@ use super::hold::Hold;
 use super::mend::UNUSABLE;
 use super::sheets::{SAME_SHEET, Sheets};
 use super::{Blocked, Counts, FACE_ON_SHEET, Outcome, piercing};
-use crate::geometry::{add_scaled, dot, norm, sub};
+use crate::geometry::{add_scaled, dot, in_space, norm, sub};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
 use crate::lattice::seeding::Atoms;
 use crate::mesh::TriMesh;
 use crate::mesh::complex::NONE;
 use crate::mesh::tri::{SIDES, angles, neighbors, worst_cotangent};
-
-/// A point of the plane as a point of space.
-pub fn lift([x, y]: [f64; 2]) -> [f64; 3] {
-    [x, y, 0.0]
-}
 
 /// Moves the atoms within `reach` of a curve onto it, as [`improve::settle`](super::settle).
 pub fn settle(
@@ -46,8 +41,8 @@ pub fn settle(
     sheets: &Sheets,
     reach: f64,
 ) -> usize {
-    let mut lifted: Vec<[f64; 3]> = positions.iter().map(|&x| lift(x)).collect();
-    let moved = super::settle(&mut lifted, kinds, lift(extent), sheets, reach);
+    let mut lifted: Vec<[f64; 3]> = positions.iter().map(|&x| in_space(x)).collect();
+    let moved = super::settle(&mut lifted, kinds, in_space(extent), sheets, reach);
     for (x, [u, v, _]) in positions.iter_mut().zip(lifted) {
         *x = [u, v];
     }
@@ -59,7 +54,11 @@ pub fn settle(
 pub fn mobility(atoms: &Atoms<2>, extent: [f64; 2], sheets: &Sheets) -> Vec<[f64; 2]> {
     let mut mobility = atoms.mobility(extent);
     for ((free, &x), &kind) in mobility.iter_mut().zip(&atoms.positions).zip(&atoms.kinds) {
-        if Hold::new(lift(x), kind, lift(extent), sheets).0.count > 0 {
+        if Hold::new(in_space(x), kind, in_space(extent), sheets)
+            .0
+            .count
+            > 0
+        {
             *free = [0.0; 2];
         }
     }
@@ -132,7 +131,7 @@ impl<'a> Improver<'a> {
         let holds = nodes
             .iter()
             .zip(kinds)
-            .map(|(&x, &kind)| Hold::new(lift(x), kind, lift(extent), sheets).0)
+            .map(|(&x, &kind)| Hold::new(in_space(x), kind, in_space(extent), sheets).0)
             .collect();
         let mut triangle_of = vec![NONE; nodes.len()];
         for (t, triangle) in triangles.iter().enumerate() {
@@ -245,7 +244,7 @@ impl<'a> Improver<'a> {
     fn pierced(&self, a: u32, b: u32) -> Option<[f64; 2]> {
         let ends = [a as usize, b as usize];
         let holds = ends.map(|n| &self.holds[n]);
-        let positions = ends.map(|n| lift(self.nodes[n]));
+        let positions = ends.map(|n| in_space(self.nodes[n]));
         piercing(self.sheets, holds, positions).map(|([x, y, _], _)| [x, y])
     }
 
@@ -256,7 +255,10 @@ impl<'a> Improver<'a> {
         if p.count == 0 || q.count == 0 {
             return false;
         }
-        let (x, y) = (lift(self.nodes[a as usize]), lift(self.nodes[b as usize]));
+        let (x, y) = (
+            in_space(self.nodes[a as usize]),
+            in_space(self.nodes[b as usize]),
+        );
         let edge = sub(y, x);
         // The sine of the angle that SAME_SHEET is the cosine of.
         let across = (1.0 - SAME_SHEET * SAME_SHEET).sqrt() * norm(edge);

@@ -1,6 +1,7 @@
 //! Features first: no edge may pass through a curve.
 
-use super::{Improver, STEEPEST, lift};
+use super::{Improver, STEEPEST};
+use crate::geometry::in_space;
 use crate::improve::hold::Hold;
 use crate::mesh::complex::NONE;
 use crate::mesh::tri::{SIDES, worst_cotangent};
@@ -81,7 +82,13 @@ impl Improver<'_> {
         });
         if sound {
             self.nodes[i] = at;
-            self.holds[i] = Hold::new(lift(at), self.kinds[i], lift(self.extent), self.sheets).0;
+            self.holds[i] = Hold::new(
+                in_space(at),
+                self.kinds[i],
+                in_space(self.extent),
+                self.sheets,
+            )
+            .0;
         }
         sound
     }

@@ -1,7 +1,7 @@
 //! Max-min smoothing: a node goes to where the smallest angle about it is largest.
 
-use super::{Improver, lift};
-use crate::geometry::dot;
+use super::Improver;
+use crate::geometry::{dot, in_space};
 use crate::mesh::tri::{SIDES, worst_cotangent};
 
 /// Directions in which a node tries to move.
@@ -53,9 +53,9 @@ impl Improver<'_> {
                 }
                 let mut trial = hold;
                 let to: [f64; 3] = std::array::from_fn(|k| {
-                    (lift(x)[k] + along[k]).clamp(0.0, lift(self.extent)[k])
+                    (in_space(x)[k] + along[k]).clamp(0.0, in_space(self.extent)[k])
                 });
-                let Some([u, v, _]) = trial.settle(to, lift(self.extent), self.sheets) else {
+                let Some([u, v, _]) = trial.settle(to, in_space(self.extent), self.sheets) else {
                     continue;
                 };
                 let value = worst([u, v]);

@@ -1,5 +1,6 @@
 use super::*;
 use crate::feature::FeaturePoint;
+use crate::geometry::in_space;
 use crate::lattice::seeding::{self, Alignment};
 use crate::mesh::check::check;
 use crate::mesh::delaunay::delaunay_plane;
@@ -16,8 +17,8 @@ fn scene() -> Vec<FeaturePoint<3>> {
     });
     let line = (0..=80).map(|i| ([70.3, f64::from(i)], [1.0, 0.0]));
     let point = |(x, n): ([f64; 2], [f64; 2])| FeaturePoint {
-        position: lift(x).map(|c| c as f32),
-        normal: lift(n).map(|c| c as f32),
+        position: in_space(x).map(|c| c as f32),
+        normal: in_space(n).map(|c| c as f32),
         strength: 1.0,
     };
     circle.chain(line).map(point).collect()
@@ -30,7 +31,7 @@ fn off_features([x, y]: [f64; 2]) -> f64 {
 
 #[test]
 fn edges_lie_on_the_curves_and_all_angles_are_large() {
-    let sheets = Sheets::new(&scene(), lift(EXTENT), 4.8, 1.7 * D);
+    let sheets = Sheets::new(&scene(), in_space(EXTENT), 4.8, 1.7 * D);
     let distance = Distance::Constant(D);
     let mut atoms = seeding::regular(EXTENT, &distance, &[], Alignment::On).unwrap();
     let moved = settle(
@@ -78,7 +79,7 @@ fn edges_lie_on_the_curves_and_all_angles_are_large() {
 
 #[test]
 fn without_features_a_regular_lattice_is_left_alone() {
-    let sheets = Sheets::new(&[], lift(EXTENT), 4.8, 1.7 * D);
+    let sheets = Sheets::new(&[], in_space(EXTENT), 4.8, 1.7 * D);
     let distance = Distance::Constant(D);
     let atoms = seeding::regular(EXTENT, &distance, &[], Alignment::On).unwrap();
     let before = delaunay_plane(&atoms.positions).unwrap();
@@ -96,7 +97,7 @@ proptest! {
     fn whatever_is_changed_the_mesh_stays_valid(
         jitter in proptest::collection::vec(proptest::array::uniform2(-2.9f64..2.9), 400),
     ) {
-        let sheets = Sheets::new(&scene(), lift(EXTENT), 4.8, 1.7 * D);
+        let sheets = Sheets::new(&scene(), in_space(EXTENT), 4.8, 1.7 * D);
         let distance = Distance::Constant(D);
         let mut atoms = seeding::regular(EXTENT, &distance, &[], Alignment::On).unwrap();
         for (i, (x, kind)) in atoms.positions.iter_mut().zip(&atoms.kinds).enumerate() {

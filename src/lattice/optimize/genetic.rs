@@ -20,11 +20,12 @@
 
 use rayon::prelude::*;
 
-use super::bounds::{Bounds, chance};
+use super::bounds::Bounds;
 use super::minimise::{Budget, FIRST_CURVATURE, Minimiser, finite};
 use super::observer::{Observer, Progress};
 use super::{Options, Stop};
 use crate::error::Result;
+use crate::geometry::random::uniform;
 use crate::lattice::energy::{Energy, Parts};
 
 /// Individuals in a generation (Fernandes & Gattass 2009).
@@ -151,7 +152,7 @@ struct Birth<'a, const D: usize> {
 impl<const D: usize> Birth<'_, D> {
     /// A number in [0, 1) for this child.
     fn even(&self, counter: u64) -> f64 {
-        0.5 + 0.5 * chance(self.key, counter)
+        uniform(self.key, counter)
     }
 
     /// The child has the positions (and the gradient there) of one parent up to some atom and of the
@@ -175,7 +176,7 @@ impl<const D: usize> Birth<'_, D> {
         let own = self.key ^ 0x5851_F42D_4C95_7F2D;
         for (n, (x, gradient)) in child.positions.iter_mut().zip(&child.gradient).enumerate() {
             // One number says whether an atom moves and which way, another how far.
-            let draw = 0.5 + 0.5 * chance(own, 2 * n as u64);
+            let draw = uniform(own, 2 * n as u64);
             if draw >= rate {
                 continue;
             }
@@ -183,7 +184,7 @@ impl<const D: usize> Birth<'_, D> {
                 *x = self.bounds.jump(n, x, size, self.key);
                 continue;
             }
-            let length = FIRST_CURVATURE * (1.0 + chance(own, 2 * n as u64 + 1));
+            let length = FIRST_CURVATURE * 2.0 * uniform(own, 2 * n as u64 + 1);
             let scale = self.scale[n].map(f64::from);
             let mut step: [f64; D] =
                 std::array::from_fn(|k| -length * scale[k] * scale[k] * gradient[k]);

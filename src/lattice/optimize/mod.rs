@@ -25,6 +25,7 @@ pub mod temperature;
 pub use observer::{Observer, Progress, Unobserved};
 
 use crate::error::{Error, Result, cause};
+use crate::geometry::in_space;
 use crate::lattice::distance::Distance;
 use crate::lattice::energy::{Energy, Parts};
 use crate::lattice::seeding::Atoms;
@@ -189,7 +190,8 @@ pub fn optimize<const D: usize>(
             best = (minimiser.energy(), minimiser.parts());
             atoms.positions.copy_from_slice(minimiser.positions());
         }
-        observer.round(rounds, &three(&atoms.positions));
+        let positions: Vec<[f64; 3]> = atoms.positions.iter().map(|&x| in_space(x)).collect();
+        observer.round(rounds, &positions);
         if stop == Stop::Interrupted {
             break stop;
         }
@@ -252,12 +254,6 @@ fn mobility<const D: usize>(
         *mobility = mobility.map(|m| m * t.sqrt());
     }
     mobility
-}
-
-/// Positions in three dimensions, whatever `D`.
-pub(crate) fn three<const D: usize>(positions: &[[f64; D]]) -> Vec<[f64; 3]> {
-    let three = |x: &[f64; D]| std::array::from_fn(|k| x.get(k).copied().unwrap_or(0.0));
-    positions.iter().map(three).collect()
 }
 
 #[cfg(test)]

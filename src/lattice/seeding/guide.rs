@@ -16,10 +16,12 @@
 //! and places are the likelier the farther they are from features.
 
 use super::grow::faces;
-use super::placed::{FREE, MARGIN, Placed};
-use super::refine::{share, spread};
-use super::{Alignment, varies};
+use super::refine::spread;
+use super::{Alignment, FREE, MARGIN, scatter, varies};
 use crate::error::Result;
+use crate::geometry::groups::grouped;
+use crate::geometry::random::Random;
+use crate::geometry::scatter::Scatter;
 use crate::image::Field;
 use crate::lattice::distance::Distance;
 
@@ -108,20 +110,9 @@ struct Levels {
 impl Levels {
     /// Sorts samples, given with their levels.
     fn new(levels: impl Iterator<Item = (u32, u8)> + Clone) -> Self {
-        let mut starts = vec![0; LEVELS + 1];
-        for (_, level) in levels.clone() {
-            starts[usize::from(level) + 1] += 1;
-        }
-        for level in 0..LEVELS {
-            starts[level + 1] += starts[level];
-        }
-        let mut next = starts.clone();
-        let mut samples = vec![0; starts[LEVELS] as usize];
-        for (sample, level) in levels {
-            let next = &mut next[usize::from(level)];
-            samples[*next as usize] = sample;
-            *next += 1;
-        }
+        let (starts, order) = grouped(LEVELS, levels.clone().map(|(_, level)| level.into()));
+        let given: Vec<u32> = levels.map(|(sample, _)| sample).collect();
+        let samples = order.iter().map(|&n| given[n as usize]).collect();
         Self { samples, starts }
     }
 
@@ -136,24 +127,19 @@ impl Levels {
 
     /// A sample.
     fn draw(&self, table: &GuideTable, random: &mut Random) -> usize {
-        let level = table.draw(random.next());
+        let level = table.draw(random.draw());
         let [start, end] = [0, 1].map(|k| self.starts[level + k] as usize);
-        let place = (random.next() * (end - start) as f64) as usize;
+        let place = (random.draw() * (end - start) as f64) as usize;
         self.samples[start + place] as usize
     }
 }
 
-/// Numbers in [0, 1).
-struct Random {
-    seed: u64,
-    count: u64,
-}
-
-impl Random {
-    fn next(&mut self) -> f64 {
-        self.count += 1;
-        share(self.seed, self.count)
-    }
+/// The sequence of chance.
+fn chances(seed: u64) -> Random {
+    let mut random = Random::new(seed);
+    // The first number is not used.
+    random.draw();
+    random
 }
 
 /// Positions of a lattice of spacing d(x) that fills the box `[0, extent]`, for `D` of 2 or 3, drawn
@@ -182,11 +168,11 @@ pub fn drawn<const D: usize>(
         };
         (share * (LEVELS - 1) as f32).round() as u8
     };
-    let mut placed = Placed::new(extent, FREE * distance.min());
+    let mut placed = scatter(extent, FREE * distance.min());
     for &x in fixed {
         placed.add(x);
     }
-    let mut random = Random { seed, count: 0 };
+    let mut random = chances(seed);
     let first = match alignment {
         Alignment::On => D,
         Alignment::Alongside => 0,
@@ -239,7 +225,7 @@ pub fn drawn<const D: usize>(
 
 /// Draws until all tables have failed, or there are `most` atoms.
 fn fill<const D: usize>(
-    placed: &mut Placed<D>,
+    placed: &mut Scatter<D>,
     levels: &Levels,
     position: impl Fn(usize) -> [f64; D],
     axes: &[usize],
@@ -328,9 +314,9 @@ pub(super) mod tests {
     use crate::lattice::seeding::grow::tests::{spacing, varying};
     use crate::lattice::seeding::{Seeding, seed};
 
-    fn chances(seed: u64, count: usize) -> impl Iterator<Item = f64> {
-        let mut random = Random { seed, count: 0 };
-        (0..count).map(move |_| random.next())
+    fn many(seed: u64, count: usize) -> impl Iterator<Item = f64> {
+        let mut random = chances(seed);
+        (0..count).map(move |_| random.draw())
     }
 
     /// Chi-square over its degrees of freedom, in standard deviations from what is expected.
@@ -365,7 +351,7 @@ pub(super) mod tests {
         for weights in [uneven, vec![1.0; 64], vec![0.0, 0.0, 3.0, 1.0, 0.0]] {
             let table = GuideTable::new(&weights).unwrap();
             let mut drawn = vec![0; weights.len()];
-            for chance in chances(7, 400_000) {
+            for chance in many(7, 400_000) {
                 drawn[table.draw(chance)] += 1;
             }
             let off = chi_square(&drawn, &weights);
@@ -399,7 +385,7 @@ pub(super) mod tests {
             let weight = |n: usize| if n.is_multiple_of(50) { 1.0 } else { 1e-4 };
             let weights: Vec<f64> = (0..count).map(weight).collect();
             let table = GuideTable::new(&weights).unwrap();
-            let looked: usize = chances(3, 100_000).map(|c| table.search(c).1).sum();
+            let looked: usize = many(3, 100_000).map(|c| table.search(c).1).sum();
             let mean = looked as f64 / 1e5;
             println!("{count} numbers: {mean:.3} looked at a draw");
             // Devroye: at most 1 + numbers / parts.
@@ -413,7 +399,7 @@ pub(super) mod tests {
         let sorted = Levels::new((0..500).map(|n| (n, levels[n as usize])));
         for gamma in [0.5, 1.0, 4.0] {
             let table = sorted.table(gamma).unwrap();
-            let mut random = Random { seed: 5, count: 0 };
+            let mut random = chances(5);
             let mut drawn = vec![0; 500];
             for _ in 0..2_000_000 {
                 drawn[sorted.draw(&table, &mut random)] += 1;

@@ -307,7 +307,7 @@ mod ffi {
 mod tests {
     use super::*;
     use crate::Error;
-    use crate::geometry::volume6;
+    use crate::geometry::{cross, dot, volume6};
 
     /// Face-centred cubic points of half-spacing `h` in the box [0, m * h]^3, sides included.
     fn fcc(m: usize, h: f64) -> Vec<[f64; 3]> {
@@ -470,14 +470,6 @@ mod tests {
     fn circumsphere(x: [[f64; 3]; 4]) -> ([f64; 3], f64) {
         let e: [[f64; 3]; 3] =
             std::array::from_fn(|i| std::array::from_fn(|k| x[i + 1][k] - x[0][k]));
-        let cross = |a: [f64; 3], b: [f64; 3]| {
-            [
-                a[1] * b[2] - a[2] * b[1],
-                a[2] * b[0] - a[0] * b[2],
-                a[0] * b[1] - a[1] * b[0],
-            ]
-        };
-        let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
         let six = dot(e[0], cross(e[1], e[2]));
         let (a, b, c) = (cross(e[1], e[2]), cross(e[2], e[0]), cross(e[0], e[1]));
         let r: [f64; 3] = std::array::from_fn(|k| {

@@ -14,9 +14,9 @@ use super::sparse::{Matrix, sum};
 use super::system::solve;
 use super::wells::Located;
 use crate::Result;
+use crate::geometry::dot;
 use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
-use crate::mesh::poly::dot;
 
 /// What flows through the faces of a mesh of simplices. Face k of cell c has number (D + 1) c + k.
 #[derive(Debug, Clone, PartialEq, Default)]

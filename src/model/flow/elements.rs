@@ -22,7 +22,7 @@ use super::split::{FaultFace, Split};
 use super::system::{Solution, solve};
 use super::wells::{Located, Well};
 use crate::error::cause;
-use crate::mesh::poly::dot;
+use crate::geometry::dot;
 use crate::mesh::{Simplices, TetMesh};
 use crate::{Error, Result};
 

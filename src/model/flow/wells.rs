@@ -4,8 +4,8 @@ use rayon::prelude::*;
 
 use super::elements::{corners, gradients};
 use crate::error::cause;
+use crate::geometry::dot;
 use crate::mesh::Simplices;
-use crate::mesh::poly::dot;
 use crate::{Error, Result};
 
 /// Cells that one task searches.

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::facets::{Facets, NONE};
-use crate::geometry::near::Grid;
+use crate::geometry::buckets::Buckets;
 use crate::geometry::sets::Sets;
 use crate::geometry::{add_scaled, dot, norm, sub, unit};
 
@@ -212,7 +212,7 @@ pub fn across_gaps<const D: usize>(
         .collect();
     let sizes: Vec<f64> = rim.iter().map(|&s| facets.size(s as usize / D)).collect();
     let largest = sizes.iter().copied().fold(0.0, f64::max);
-    let grid = Grid::new(&middles, (reach * largest).max(f64::MIN_POSITIVE));
+    let grid = Buckets::new(&middles, (reach * largest).max(f64::MIN_POSITIVE));
     let bent = (1.0 - straight * straight).sqrt();
     let found: Vec<Option<Vote>> = (0..rim.len())
         .into_par_iter()
@@ -305,7 +305,7 @@ pub fn across_crossings<const D: usize>(
         .collect();
     // Near a crossing facets lie askew: planes are fitted to more than those.
     let wide = 2.0 * reach;
-    let grid = Grid::new(&middles, wide);
+    let grid = Buckets::new(&middles, wide);
     let patches: Vec<Patch<D>> = (rim.par_iter().zip(&ends))
         .map(|(&side, &end)| {
             let f = side / D;
@@ -329,7 +329,7 @@ pub fn across_crossings<const D: usize>(
             }
         })
         .collect();
-    let grid = Grid::new(&ends, reach);
+    let grid = Buckets::new(&ends, reach);
     let found: Vec<Option<Vote>> = (0..rim.len())
         .into_par_iter()
         .map(|i| {

@@ -11,6 +11,7 @@
 //! energy without weights.
 
 use crate::Result;
+use crate::geometry::groups::grouped;
 use crate::image::Field;
 use crate::mesh::TriMesh;
 use crate::mesh::delaunay::delaunay_plane;
@@ -174,21 +175,9 @@ struct Stars {
 
 impl Stars {
     fn new(mesh: &TriMesh) -> Self {
-        let mut start = vec![0u32; mesh.nodes.len() + 1];
-        for &n in mesh.triangles.as_flattened() {
-            start[n as usize + 1] += 1;
-        }
-        for n in 1..start.len() {
-            start[n] += start[n - 1];
-        }
-        let mut next = start.clone();
-        let mut triangles = vec![0; 3 * mesh.triangles.len()];
-        for (t, triangle) in mesh.triangles.iter().enumerate() {
-            for &n in triangle {
-                triangles[next[n as usize] as usize] = t as u32;
-                next[n as usize] += 1;
-            }
-        }
+        let corners = mesh.triangles.as_flattened().iter().map(|&n| n as usize);
+        let (start, corners) = grouped(mesh.nodes.len(), corners);
+        let triangles = corners.into_iter().map(|corner| corner / 3).collect();
         Self { start, triangles }
     }
 

@@ -1,31 +1,31 @@
-//! Points that are near.
+//! Points sorted into cells, to find those nearby.
 
 /// Points in cells, to find those nearby.
 #[derive(Debug)]
-pub struct Grid<const D: usize> {
+pub struct Buckets<const D: usize> {
     low: [f64; D],
     cell: f64,
     /// Cell and number of each point, in the order of cells.
     points: Vec<([u32; D], u32)>,
 }
 
-impl<const D: usize> Grid<D> {
+impl<const D: usize> Buckets<D> {
     /// Sorts points into cells of this size.
     pub fn new(points: &[[f64; D]], cell: f64) -> Self {
         let low = points.iter().fold([f64::INFINITY; D], |low, p| {
             std::array::from_fn(|k| low[k].min(p[k]))
         });
-        let mut grid = Self {
+        let mut buckets = Self {
             low,
             cell,
             points: Vec::new(),
         };
         let numbered = points.iter().enumerate();
-        grid.points = numbered
-            .map(|(i, &p)| (grid.cell_of(p), i as u32))
+        buckets.points = numbered
+            .map(|(i, &p)| (buckets.cell_of(p), i as u32))
             .collect();
-        grid.points.sort_unstable();
-        grid
+        buckets.points.sort_unstable();
+        buckets
     }
 
     fn cell_of(&self, p: [f64; D]) -> [u32; D] {

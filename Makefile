@@ -1,8 +1,9 @@
 # make demo   install what is missing, build, mesh the sample volume, say which files to open
 # make test   install what is missing, then every check there is
+# make book   the documentation as a site, target/book/index.html, with its links checked
 
 .POSIX:
-.PHONY: help demo test bench validators packages
+.PHONY: help demo test book bench validators packages
 
 SAMPLE = data/faults.vti
 
@@ -26,8 +27,12 @@ demo: packages
 test: packages
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --locked -- -D warnings
-	cargo clippy --no-default-features --lib --bins --locked -- -D warnings
+	cargo clippy --no-default-features --lib --locked -- -D warnings
+	cargo clippy --no-default-features --features cli --lib --bins --locked -- -D warnings
 	cargo test --workspace --locked
+
+book:
+	@scripts/book.sh
 
 bench: packages
 	cargo bench --locked --bench whole

@@ -1,18 +1,39 @@
-//! One error for the whole crate: one variant per stage of the pipeline, each carrying *where* the
-//! fault is, *what* is wrong and *what to do* about it. The command line prints it as one line.
+//! One error for the whole crate: its kind, *where* the fault is, *what* is wrong, *what to do* about
+//! it, and what caused it. The command line prints it as one line, `place: problem; remedy`.
 
 use std::fmt;
 use std::path::Path;
+use std::sync::Arc;
 
 /// What went wrong: place, problem, remedy.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone)]
+#[non_exhaustive]
 pub struct Cause {
-    /// The file, option or item that is at fault, e.g. `survey.sgy` or `--distance 0`.
+    /// The file, parameter or item that is at fault, e.g. `survey.sgy` or `distance`.
     pub place: String,
-    /// What is wrong with it, with the numbers that show it.
+    /// What is wrong with it, with the numbers that show it. Complete: it holds what the source says.
     pub problem: String,
     /// What the user can do.
     pub remedy: String,
+    /// The parameter to change, e.g. `porosity`, where one is at fault or missing: a front end adds what
+    /// it calls it.
+    pub parameter: Option<&'static str>,
+    /// The error that led to this one.
+    source: Option<Arc<dyn std::error::Error + Send + Sync>>,
+}
+
+impl Cause {
+    /// The same, with the error that led to it.
+    pub fn because(mut self, source: impl std::error::Error + Send + Sync + 'static) -> Self {
+        self.source = Some(Arc::new(source));
+        self
+    }
+
+    /// The same, with the parameter that is to be changed.
+    pub fn about(mut self, parameter: &'static str) -> Self {
+        self.parameter = Some(parameter);
+        self
+    }
 }
 
 impl fmt::Display for Cause {
@@ -21,42 +42,99 @@ impl fmt::Display for Cause {
     }
 }
 
-/// Every way in which a stage of atomesh can fail on what a user gives it.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum Error {
+/// Declares the kinds of errors once, for [`Error`] and [`ErrorKind`].
+macro_rules! kinds {
+    ($($(#[$doc:meta])+ $name:ident,)+) => {
+        /// Every way in which a stage of atomesh can fail on what a user gives it.
+        #[derive(Debug, Clone)]
+        #[non_exhaustive]
+        pub enum Error {
+            $($(#[$doc])+ $name(Cause),)+
+        }
+
+        /// The kinds of errors, for programs that tell them apart.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+        #[non_exhaustive]
+        pub enum ErrorKind {
+            $($(#[$doc])+ $name,)+
+        }
+
+        impl Error {
+            /// What kind of error this is.
+            pub fn kind(&self) -> ErrorKind {
+                match self {
+                    $(Self::$name(_) => ErrorKind::$name,)+
+                }
+            }
+
+            /// Place, problem and remedy.
+            pub fn cause(&self) -> &Cause {
+                match self {
+                    $(Self::$name(cause) => cause,)+
+                }
+            }
+
+            fn cause_mut(&mut self) -> &mut Cause {
+                match self {
+                    $(Self::$name(cause) => cause,)+
+                }
+            }
+        }
+    };
+}
+
+kinds! {
     /// A file cannot be opened, read, understood or written.
-    #[error("{0}")]
-    Io(Cause),
+    Io,
     /// An image holds what no mesh can be made of (NaN, constant, too small ...).
-    #[error("{0}")]
-    Image(Cause),
+    Image,
     /// Feature detection got a parameter or an image that it cannot work with.
-    #[error("{0}")]
-    Feature(Cause),
+    Feature,
     /// The nominal distance d(x) is impossible.
-    #[error("{0}")]
-    Distance(Cause),
+    Distance,
     /// Atoms cannot be placed as asked.
-    #[error("{0}")]
-    Seeding(Cause),
+    Seeding,
     /// The lattice energy or its minimisation got an impossible parameter.
-    #[error("{0}")]
-    Optimize(Cause),
+    Optimize,
     /// The Delaunay triangulation failed or cannot be run.
-    #[error("{0}")]
-    Delaunay(Cause),
+    Delaunay,
     /// A mesh is not what it claims to be.
-    #[error("{0}")]
-    Mesh(Cause),
+    Mesh,
     /// Flow cannot be computed as asked.
-    #[error("{0}")]
-    Flow(Cause),
+    Flow,
     /// A model cannot be given to a simulator as asked.
-    #[error("{0}")]
-    Export(Cause),
+    Export,
     /// A parameter of the whole job is wrong.
-    #[error("{0}")]
-    Job(Cause),
+    Job,
+    /// An observer asked to stop before there was a result.
+    Interrupted,
+}
+
+impl Error {
+    /// The same at another place: who calls may know better what the user calls it.
+    pub fn at(mut self, place: impl fmt::Display) -> Self {
+        self.cause_mut().place = place.to_string();
+        self
+    }
+
+    /// The same, with the error that led to it.
+    pub fn because(mut self, source: impl std::error::Error + Send + Sync + 'static) -> Self {
+        self.cause_mut().source = Some(Arc::new(source));
+        self
+    }
+}
+
+impl fmt::Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.cause().fmt(f)
+    }
+}
+
+impl std::error::Error for Error {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        let source = self.cause().source.as_deref()?;
+        Some(source)
+    }
 }
 
 /// The crate's result.
@@ -72,6 +150,8 @@ pub fn cause(
         place: place.to_string(),
         problem: problem.to_string(),
         remedy: remedy.to_string(),
+        parameter: None,
+        source: None,
     }
 }
 
@@ -82,9 +162,36 @@ pub fn os(path: &Path, doing: &str, source: std::io::Error) -> Error {
         std::io::ErrorKind::PermissionDenied => "check the permissions",
         _ => "check the disk and the path",
     };
-    Error::Io(cause(
-        path.display(),
-        format!("cannot {doing}: {source}"),
-        remedy,
-    ))
+    let problem = format!("cannot {doing}: {source}");
+    Error::Io(cause(path.display(), problem, remedy).because(source))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::error::Error as _;
+
+    use super::*;
+
+    #[test]
+    fn an_error_has_a_kind_one_line_and_its_source() {
+        let missing = std::io::Error::from(std::io::ErrorKind::NotFound);
+        let error = os(Path::new("a.npy"), "open", missing);
+        assert_eq!(error.kind(), ErrorKind::Io);
+        assert_eq!(
+            error.to_string(),
+            "a.npy: cannot open: entity not found; check the path"
+        );
+        let source = error.source().unwrap().downcast_ref::<std::io::Error>();
+        assert_eq!(source.unwrap().kind(), std::io::ErrorKind::NotFound);
+        // As an `anyhow` error or across threads, like any other.
+        fn carried<E: std::error::Error + Send + Sync + Clone + 'static>(_: &E) {}
+        carried(&error);
+        assert!(
+            error
+                .at("--image")
+                .to_string()
+                .starts_with("--image: cannot")
+        );
+        assert!(Error::Job(cause("a", "b", "c")).source().is_none());
+    }
 }

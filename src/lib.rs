@@ -15,7 +15,7 @@
 //! store     meshes in files, in the image's physical coordinates
 //! model     what users do with a mesh: surfaces, paint, flow, columns, reservoir models, edits
 //! export    meshes and models to other programs
-//! cli       the command line
+//! cli       the command line (feature `cli`)
 //! ```
 //!
 //! [`job::mesh_image`] does all of it:
@@ -34,6 +34,7 @@
 //! # Ok::<(), atomesh::Error>(())
 //! ```
 
+#[cfg(feature = "cli")]
 pub mod cli;
 pub mod error;
 pub mod export;

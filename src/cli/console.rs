@@ -6,7 +6,8 @@ use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::args::Common;
+use crate::Error;
+use crate::cli::common::global::Common;
 
 /// Where lines go, and whether they go anywhere.
 pub struct Console {
@@ -96,4 +97,10 @@ pub fn print(line: impl Display) {
 /// Prints one line on standard error.
 pub fn complain(line: impl Display) {
     let _ = writeln!(stderr().lock(), "{line}");
+}
+
+/// An error as one line, with the option that it is about: the library knows parameters, not options.
+pub fn in_words(error: &Error) -> String {
+    let option = error.cause().parameter.map(|p| format!(" (--{p})"));
+    format!("{error}{}", option.unwrap_or_default()).replace(['\n', '\r'], " ")
 }

@@ -2,13 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::cli::args::{
-    AlignChoice, CellsChoice, FeatureChoice, MeshArgs, MeshOptions, OptimizerChoice,
-    PotentialChoice, SeedingChoice, SliverChoice,
+use crate::cli::common::feature::{FeatureChoice, feature_scale, feature_weights, threshold};
+use crate::cli::common::output::{check_output, same_file};
+use crate::cli::options::{
+    AlignChoice, CellsChoice, MeshOptions, OptimizerChoice, PotentialChoice, SeedingChoice,
+    SliverChoice,
 };
-use crate::cli::parse;
-use crate::error::{cause, os};
-use crate::feature::paths::Seeds;
+use crate::cli::parse::{self, refuse};
+use crate::error::cause;
 use crate::image::formats::ReadOptions;
 use crate::improve::Method;
 use crate::improve::plane::relax::Scheme;
@@ -127,33 +128,6 @@ pub enum Beta {
     Constant(f64),
     /// In this image file.
     File(PathBuf),
-}
-
-/// The options of a job: the command line's over the configuration file's over the defaults.
-///
-/// # Errors
-/// [`Error::Io`] if the configuration file cannot be read, [`Error::Job`] if it holds what is no
-/// option.
-pub fn effective_options(args: &MeshArgs) -> Result<MeshOptions> {
-    let from_file = match &args.config {
-        None => MeshOptions::default(),
-        Some(path) => {
-            let text = std::fs::read_to_string(path).map_err(|e| os(path, "read", e))?;
-            toml::from_str(&text).map_err(|e| {
-                let line = e
-                    .span()
-                    .map_or(1, |span| 1 + text[..span.start].matches('\n').count());
-                Error::Job(cause(
-                    format!("{}:{line}", path.display()),
-                    e.message().replace('\n', ", "),
-                    "atomesh mesh --print-config shows how it is written",
-                ))
-            })?
-        }
-    };
-    args.options
-        .over(&from_file)?
-        .over(&MeshOptions::defaults())
 }
 
 impl MeshJob {
@@ -319,93 +293,6 @@ fn voronoi(options: &MeshOptions) -> Result<bool> {
     Ok(voronoi)
 }
 
-/// Checks that a verb may write `path`: its ending, its folder, and that it is none of `inputs`.
-///
-/// # Errors
-/// [`Error::Job`] or [`Error::Io`] that names the option or the path.
-pub fn check_output(path: &Path, option: &str, endings: &[&str], inputs: &[&Path]) -> Result<()> {
-    crate::files::check_target(path)?;
-    let ending = path
-        .extension()
-        .and_then(|e| e.to_str())
-        .map(str::to_ascii_lowercase);
-    let place = format!("{option} {}", path.display());
-    if !ending.is_some_and(|ending| endings.contains(&ending.as_str())) {
-        let known: Vec<String> = endings.iter().map(|ending| format!(".{ending}")).collect();
-        let known = known.join(" or ");
-        return Err(Error::Job(cause(
-            place,
-            format!("does not end in {known}, the format that is written here"),
-            format!("give a name that ends in {known}"),
-        )));
-    }
-    if inputs.iter().any(|input| same_file(input, path)) {
-        return Err(Error::Job(cause(
-            place,
-            "would overwrite the input",
-            "give the output another name with -o",
-        )));
-    }
-    Ok(())
-}
-
-/// Whether two paths name the same file, which need not exist yet.
-fn same_file(a: &Path, b: &Path) -> bool {
-    let resolve = |path: &Path| {
-        path.canonicalize().ok().or_else(|| {
-            let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
-            let folder = folder.unwrap_or(Path::new(".")).canonicalize().ok()?;
-            Some(folder.join(path.file_name()?))
-        })
-    };
-    a == b || resolve(a).is_some_and(|a| Some(a) == resolve(b))
-}
-
-/// `--object` and `--background`: points near which paths begin and end.
-///
-/// # Errors
-/// [`Error::Job`] for what is no point of `D` coordinates.
-pub fn seeds<const D: usize>(
-    object: &[String],
-    background: &[String],
-    seed: u64,
-) -> Result<Seeds<D>> {
-    let remedy = match D {
-        2 => "give a point X,Y",
-        _ => "give a point X,Y,Z",
-    };
-    let points = |option: &str, words: &[String]| {
-        let point = |text: &String| parse::point(option, text, remedy);
-        words.iter().map(point).collect::<Result<_>>()
-    };
-    Ok(Seeds {
-        object: points("--object", object)?,
-        background: points("--background", background)?,
-        seed,
-        ..Seeds::default()
-    })
-}
-
-/// `--feature-weights`: two numbers in (0, 1].
-pub fn feature_weights(text: Option<&str>) -> Result<[f64; 2]> {
-    let Some(text) = text else {
-        return Ok([1.0; 2]);
-    };
-    let numbers: Vec<f64> = text
-        .split(',')
-        .filter_map(|w| w.trim().parse().ok())
-        .collect();
-    match numbers[..] {
-        [f, h] if [f, h].iter().all(|w| *w > 0.0 && *w <= 1.0) => Ok([f, h]),
-        _ => Err(parse::bad(
-            "--feature-weights",
-            text,
-            "is not two numbers above 0 and at most 1",
-            "give the weights of faults and horizons, such as 1,0.5",
-        )),
-    }
-}
-
 fn spacing(options: &MeshOptions) -> Result<Spacing> {
     let defaults = MeshOptions::defaults();
     let given = (&options.distance, &options.distance_from);
@@ -446,41 +333,6 @@ fn spacing(options: &MeshOptions) -> Result<Spacing> {
             "is one distance, but --distance-from makes it vary",
             "give MIN:MAX such as 5:15, or drop --distance-from",
         )),
-    }
-}
-
-/// `--distance` of `feature`: one positive number.
-pub fn positive_distance(distance: f64) -> Result<f64> {
-    Ok(parse::distance("--distance", &distance.to_string())?.0)
-}
-
-fn refuse(option: &str, value: f64, problem: &str, remedy: &str) -> Error {
-    parse::bad(option, &value.to_string(), problem, remedy)
-}
-
-/// `--sigma`, if given: positive.
-pub fn feature_scale(sigma: Option<f64>) -> Result<Option<f64>> {
-    match sigma {
-        Some(s) if !(s.is_finite() && s > 0.0) => Err(refuse(
-            "--sigma",
-            s,
-            "is not a positive number of samples",
-            "leave it out, or give about the features' thickness",
-        )),
-        valid => Ok(valid),
-    }
-}
-
-/// `--threshold`, if given: finite.
-pub fn threshold(threshold: Option<f32>) -> Result<Option<f32>> {
-    match threshold {
-        Some(t) if !t.is_finite() => Err(refuse(
-            "--threshold",
-            f64::from(t),
-            "is not a finite number",
-            "leave it out: the automatic threshold is printed",
-        )),
-        valid => Ok(valid),
     }
 }
 
@@ -603,16 +455,5 @@ mod tests {
         assert_eq!(job.metric, LatticeSpace::Samples);
         assert_eq!(job.metric.metric::<2>().unwrap(), Metric::Samples);
         assert!(LatticeSpace::Scales(vec![1.0; 3]).metric::<2>().is_err());
-    }
-
-    #[test]
-    fn files_are_told_apart_by_where_they_are() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.vtu");
-        let twin = folder.path().join(".").join("a.vtu");
-        assert!(same_file(&path, &twin));
-        std::fs::write(&path, "").unwrap();
-        assert!(same_file(&path, &twin));
-        assert!(!same_file(&path, &folder.path().join("b.vtu")));
     }
 }

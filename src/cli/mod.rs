@@ -1,16 +1,20 @@
 //! The command line.
 //!
-//! - [`args`]: as typed
+//! - [`args`]: the command line as a whole
+//! - [`verbs`]: one a file, its arguments and its run
+//! - [`common`]: what verbs share
+//! - [`options`], [`job`]: a job of `mesh`, as typed and validated
 //! - [`parse`]: the small grammars inside option values
-//! - [`job`]: a job of `mesh`, validated
 //! - [`provenance`]: the hash of the input
 //! - [`rock`]: porosity, permeability and the like from numbers, tables and images
 //! - [`wells`]: trajectories of wells
 //! - [`console`]: everything that is printed
 
 pub mod args;
+pub mod common;
 pub mod console;
 pub mod job;
+pub mod options;
 pub mod parse;
 pub mod provenance;
 pub mod rock;
@@ -22,16 +26,8 @@ use std::process::ExitCode;
 use crate::error::cause;
 use crate::{Error, Result};
 use args::{CommandLine, Verb};
+use common::global::Ending;
 use console::{Console, complain};
-
-/// How a verb ended that did not fail.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Ending {
-    /// All done.
-    Done,
-    /// The user interrupted it; what it had is written.
-    Interrupted,
-}
 
 /// Runs what was typed. Exit codes: 0 done, 1 bad input or failed job, 130 interrupted (wrong usage,
 /// 2, is found while parsing).
@@ -40,10 +36,7 @@ pub fn main(line: &CommandLine) -> ExitCode {
         Ok(Ending::Done) => ExitCode::SUCCESS,
         Ok(Ending::Interrupted) => ExitCode::from(130),
         Err(error) => {
-            complain(format_args!(
-                "error: {}",
-                error.to_string().replace(['\n', '\r'], " ")
-            ));
+            complain(format_args!("error: {}", console::in_words(&error)));
             ExitCode::FAILURE
         }
     }
@@ -56,12 +49,12 @@ fn run(line: &CommandLine) -> Result<Ending> {
     let console = &mut Console::new(&line.common);
     match &line.verb {
         Verb::Mesh(args) => return verbs::mesh::mesh(args, console),
-        Verb::Quality(args) => verbs::meshes::quality(args, console)?,
-        Verb::Validate(args) => verbs::meshes::validate(args, console)?,
+        Verb::Quality(args) => verbs::quality::quality(args, console)?,
+        Verb::Validate(args) => verbs::validate::validate(args, console)?,
         Verb::Slice(args) => verbs::slice::slice(args, console)?,
-        Verb::Info(args) => verbs::images::info(args, console)?,
-        Verb::Feature(args) => verbs::images::feature(args, console)?,
-        Verb::Convert(args) => verbs::images::convert(args, console)?,
+        Verb::Info(args) => verbs::info::info(args, console)?,
+        Verb::Feature(args) => verbs::feature::feature(args, console)?,
+        Verb::Convert(args) => verbs::convert::convert(args, console)?,
         Verb::Edit(args) => verbs::edit::edit(args, console)?,
         Verb::Flow(args) => verbs::flow::flow(args, console)?,
         Verb::Columns(args) => verbs::columns::run(args, console)?,
@@ -69,25 +62,21 @@ fn run(line: &CommandLine) -> Result<Ending> {
         Verb::Paint(args) => verbs::paint::paint(args, console)?,
         Verb::Segment(args) => verbs::segment::segment(args, console)?,
         Verb::Surface(args) => verbs::surface::surface(args, console)?,
-        Verb::Synth(args) => verbs::images::synth(args, console)?,
+        Verb::Synth(args) => verbs::synth::synth(args, console)?,
     }
     Ok(Ending::Done)
 }
 
 fn start_threads(count: usize) -> Result<()> {
-    let refuse = |problem: String| {
-        let place = format!("--threads {count}");
-        Error::Job(cause(
-            place,
-            problem,
-            "give the number of processors, or leave it out",
-        ))
+    let refuse = |problem: &str| {
+        let remedy = "give the number of processors, or leave it out";
+        Error::Job(cause(format!("--threads {count}"), problem, remedy))
     };
     if count == 0 || count > 4096 {
-        return Err(refuse("is not from 1 to 4096".into()));
+        return Err(refuse("is not from 1 to 4096"));
     }
     rayon::ThreadPoolBuilder::new()
         .num_threads(count)
         .build_global()
-        .map_err(|e| refuse(e.to_string()))
+        .map_err(|e| refuse(&e.to_string()).because(e))
 }

@@ -12,6 +12,11 @@ pub fn bad(option: &str, value: &str, problem: &str, remedy: &str) -> Error {
     Error::Job(cause(format!("{option} {value}"), problem, remedy))
 }
 
+/// The same about an option that is a number.
+pub fn refuse(option: &str, value: f64, problem: &str, remedy: &str) -> Error {
+    bad(option, &value.to_string(), problem, remedy)
+}
+
 /// A finite number.
 pub fn number(option: &str, text: &str, remedy: &str) -> Result<f64> {
     match text.trim().parse::<f64>() {

@@ -5,9 +5,9 @@ use std::path::Path;
 
 use clap::Args;
 
-use super::args::InputOptions;
 use super::console::Console;
 use super::parse::{bad, by_region};
+use crate::cli::common::input::InputOptions;
 use crate::error::cause;
 use crate::files::vtk::DataArray;
 use crate::image::Image;

@@ -196,7 +196,7 @@ impl Format {
         FORMATS.iter().find(|f| f.name == name).ok_or_else(|| {
             let names: Vec<&str> = FORMATS.iter().map(|f| f.name).collect();
             Error::Export(cause(
-                format!("--to {name}"),
+                format!("format {name}"),
                 "is no format that is written",
                 format!("give one of {}", names.join(", ")),
             ))

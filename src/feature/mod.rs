@@ -327,8 +327,8 @@ fn follow<const D: usize>(
     ));
     if sheets.points.is_empty() {
         notes.push(format!(
-            "NO FEATURE ({kind}) was found, so the mesh follows none: try another --feature or a \
-             lower --threshold"
+            "NO FEATURE ({kind}) was found, so the mesh follows none: try another kind of \
+             feature or a lower threshold"
         ));
     }
     let sigma = options.d_min / 4.0;

@@ -1,9 +1,12 @@
 //! What every file has in common, whatever it holds.
 //!
 //! - [`atomic`]: files that appear whole or not at all
+//! - [`read_exact_at`]: parts of a file, read by many threads at once
 //! - [`vtk`]: VTK's XML container, read and written
 
+mod at;
 pub mod atomic;
 pub mod vtk;
 
+pub use at::read_exact_at;
 pub use atomic::{Batch, atomic_write, check_target};

@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::json;
 
-use crate::cli::args::InputOptions;
+use crate::cli::common::input::InputOptions;
+use crate::cli::common::output::check_output;
 use crate::cli::console::Console;
-use crate::cli::job::check_output;
 use crate::cli::parse::{bad, number};
 use crate::cli::provenance::file_hash;
 use crate::error::cause;

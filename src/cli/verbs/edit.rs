@@ -5,9 +5,11 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::json;
 
-use crate::cli::args::{InputOptions, MeshOptions};
+use crate::cli::common::input::InputOptions;
+use crate::cli::common::output::check_output;
 use crate::cli::console::Console;
-use crate::cli::job::{MeshJob, check_output};
+use crate::cli::job::MeshJob;
+use crate::cli::options::MeshOptions;
 use crate::cli::parse;
 use crate::cli::provenance::file_hash;
 use crate::error::{cause, os};

@@ -1,10 +1,10 @@
 //! `atomesh flow`: steady pressure and flow from sources to sinks.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+use clap::Args;
 use serde_json::json;
 
-use crate::cli::args::FlowArgs;
 use crate::cli::console::Console;
 use crate::cli::parse::{bad, by_region, number, rows};
 use crate::error::cause;
@@ -23,6 +23,65 @@ use crate::store::file::Placed;
 use crate::store::stored::Stored;
 use crate::store::{AnyMesh, MeshFile, read_any_vtu};
 use crate::{Error, Result};
+
+/// `atomesh flow`.
+#[derive(Debug, Args)]
+pub struct FlowArgs {
+    /// A mesh written by atomesh; its coordinates are taken for metres
+    #[arg(value_name = "MESH.vtu")]
+    pub mesh: PathBuf,
+    /// The mesh to write, torn along faults, with pressure (Pa) and Darcy velocity (m/s)
+    #[arg(short, long, value_name = "OUT.vtu")]
+    pub output: PathBuf,
+    /// A point (X,Y in 2-D) where fluid enters, with its rate in m^3/s [default: 0.001]; may be
+    /// repeated
+    #[arg(long, value_name = "X,Y,Z[:RATE]", allow_hyphen_values = true)]
+    pub source: Vec<String>,
+    /// A point where fluid leaves [default rate: all that comes in, or 0.001 with --pressure]
+    #[arg(long, value_name = "X,Y,Z[:RATE]", allow_hyphen_values = true)]
+    pub sink: Vec<String>,
+    /// Pressure (Pa) of a side of the box: xmin, xmax, ymin ..., the image's axes, x the fastest in
+    /// memory. Sides without one let nothing through
+    #[arg(long, value_name = "SIDE=P")]
+    pub pressure: Vec<String>,
+    /// How faults resist flow across them: closed, open, or the factor, from 0 to 1, of the
+    /// permeability there [default: closed]
+    #[arg(long, value_name = "HOW", allow_hyphen_values = true)]
+    pub faults: Option<String>,
+    /// Thickness (m) of the layer that the factor of --faults is for [default: from cell to cell]
+    #[arg(long, value_name = "W")]
+    pub fault_thickness: Option<f64>,
+    /// The factor of one fault, by the number that `atomesh surface MESH` gives it; may be repeated;
+    /// or a CSV file of lines surface,factor[,thickness]
+    #[arg(long, value_name = "N:FACTOR", allow_hyphen_values = true)]
+    pub fault_multiplier: Vec<String>,
+    /// The surfaces that --faults is for: faults, horizons, all, or numbers N,N,... Others are open
+    #[arg(long, value_name = "WHICH", default_value = "faults")]
+    pub barriers: String,
+    /// Permeability in m^2 (1 mD is 9.87e-16 m^2): K; KX,KY,KZ; KXX,KYY,KZZ,KXY,KYZ,KXZ (in 2-D K;
+    /// KX,KY; KXX,KYY,KXY); a CSV file of lines region,K; or a cell array of the mesh
+    #[arg(
+        long,
+        value_name = "K",
+        default_value = "1e-13",
+        allow_hyphen_values = true
+    )]
+    pub permeability: String,
+    /// Viscosity in Pa s
+    #[arg(
+        long,
+        value_name = "MU",
+        default_value_t = 0.001,
+        allow_hyphen_values = true
+    )]
+    pub viscosity: f64,
+    /// Write streamlines that carry equal rates, for ParaView
+    #[arg(long, value_name = "FILE.vtp")]
+    pub streamlines: Option<PathBuf>,
+    /// Number of streamlines
+    #[arg(long, value_name = "N", default_value_t = 200)]
+    pub lines: usize,
+}
 
 /// Rate in m^3/s of a source for which none is given.
 const RATE: f64 = 1e-3;

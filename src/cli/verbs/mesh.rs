@@ -1,19 +1,22 @@
 //! `atomesh mesh`: from a checked job to the files it writes.
 
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::images::potential_image;
-use crate::cli::Ending;
-use crate::cli::args::{MeshArgs, MeshOptions};
-use crate::cli::console::{Console, complain, print};
-use crate::cli::job::{Beta, MeshJob, effective_options, seeds};
+use clap::Args;
+
+use crate::cli::common::feature::seeds;
+use crate::cli::common::global::Ending;
+use crate::cli::common::output::potential_image;
+use crate::cli::console::{Console, complain, in_words, print};
+use crate::cli::job::{Beta, MeshJob};
+use crate::cli::options::MeshOptions;
 use crate::cli::parse;
 use crate::cli::provenance::file_hash;
 use crate::cli::wells::WellFile;
-use crate::error::cause;
+use crate::error::{cause, os};
 use crate::image::formats;
 use crate::image::formats::{AnyLoaded, Loaded, ReadOptions};
 use crate::image::{Geometry, Image};
@@ -28,6 +31,23 @@ use crate::store::cells::cells_to_file;
 use crate::store::file::{Provenance, to_file};
 use crate::store::{Trace, write_cells_vtu, write_vtu};
 use crate::{Error, Result, job};
+
+/// `atomesh mesh`.
+#[derive(Debug, Args)]
+pub struct MeshArgs {
+    /// The image: SEG-Y, .npy, .vti, .nrrd, .mha, .nii, .tif, .inr, .png (2-D), or bare samples with --raw
+    #[arg(value_name = "IMAGE", required_unless_present = "print_config")]
+    pub image: Option<PathBuf>,
+    /// The job's options.
+    #[command(flatten)]
+    pub options: MeshOptions,
+    /// Options from a TOML file; those typed here win
+    #[arg(long, value_name = "FILE.toml")]
+    pub config: Option<PathBuf>,
+    /// Print the effective options as TOML and stop
+    #[arg(long)]
+    pub print_config: bool,
+}
 
 /// Runs the verb.
 pub fn mesh(args: &MeshArgs, console: &mut Console) -> Result<Ending> {
@@ -60,6 +80,34 @@ pub fn mesh(args: &MeshArgs, console: &mut Console) -> Result<Ending> {
             "build it with the default features",
         ))),
     }
+}
+
+/// The options of a job: the command line's over the configuration file's over the defaults.
+///
+/// # Errors
+/// [`Error::Io`] if the configuration file cannot be read, [`Error::Job`] if it holds what is no
+/// option.
+fn effective_options(args: &MeshArgs) -> Result<MeshOptions> {
+    let from_file = match &args.config {
+        None => MeshOptions::default(),
+        Some(path) => {
+            let text = std::fs::read_to_string(path).map_err(|e| os(path, "read", e))?;
+            toml::from_str(&text).map_err(|e| {
+                let line = e
+                    .span()
+                    .map_or(1, |span| 1 + text[..span.start].matches('\n').count());
+                Error::Job(cause(
+                    format!("{}:{line}", path.display()),
+                    e.message().replace('\n', ", "),
+                    "atomesh mesh --print-config shows how it is written",
+                ))
+                .because(e)
+            })?
+        }
+    };
+    args.options
+        .over(&from_file)?
+        .over(&MeshOptions::defaults())
 }
 
 /// A job whose image is read.
@@ -115,7 +163,7 @@ impl Run<'_> {
                 }
                 return match interrupts.wanted() {
                     true => {
-                        complain(format_args!("error: {error}"));
+                        complain(format_args!("error: {}", in_words(&error)));
                         Ok(Ending::Interrupted)
                     }
                     false => Err(error),
@@ -309,7 +357,9 @@ impl Interrupts {
                 std::process::exit(130);
             }
         })
-        .map_err(|e| Error::Job(cause("interrupt handler", e, "start the job again")))?;
+        .map_err(|e| {
+            Error::Job(cause("interrupt handler", &e, "start the job again").because(e))
+        })?;
         Ok(state)
     }
 

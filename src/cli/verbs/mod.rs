@@ -1,13 +1,17 @@
-//! The verbs.
+//! The verbs, one a file: its arguments and its run.
 
 pub mod columns;
+pub mod convert;
 pub mod edit;
 pub mod export;
+pub mod feature;
 pub mod flow;
-pub mod images;
+pub mod info;
 pub mod mesh;
-pub mod meshes;
 pub mod paint;
+pub mod quality;
 pub mod segment;
 pub mod slice;
 pub mod surface;
+pub mod synth;
+pub mod validate;

@@ -8,9 +8,9 @@ use serde_json::json;
 
 use super::surface::{Grouping, WRITTEN, image_of, marked_facets, write_file};
 use crate::Result;
-use crate::cli::args::InputOptions;
+use crate::cli::common::input::InputOptions;
+use crate::cli::common::output::check_output;
 use crate::cli::console::Console;
-use crate::cli::job::check_output;
 use crate::cli::parse;
 use crate::export::SurfaceFile;
 use crate::image::Field;

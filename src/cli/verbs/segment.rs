@@ -6,11 +6,10 @@ use clap::Args;
 use serde::Serialize;
 use serde_json::json;
 
-use super::images::WRITTEN;
 use super::surface::{WRITTEN as SURFACES, image_of, write_file};
-use crate::cli::args::InputOptions;
+use crate::cli::common::input::InputOptions;
+use crate::cli::common::output::{WRITTEN, check_output};
 use crate::cli::console::Console;
-use crate::cli::job::check_output;
 use crate::cli::parse;
 use crate::error::cause;
 use crate::export::SurfaceFile;

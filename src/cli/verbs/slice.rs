@@ -1,10 +1,13 @@
 //! `atomesh slice`: pictures of a mesh over its image.
 
+use std::path::PathBuf;
+
+use clap::Args;
 use serde_json::json;
 
-use crate::cli::args::SliceArgs;
+use crate::cli::common::input::InputOptions;
+use crate::cli::common::output::check_output;
 use crate::cli::console::Console;
-use crate::cli::job::check_output;
 use crate::cli::parse;
 use crate::error::cause;
 use crate::image::formats;
@@ -12,6 +15,26 @@ use crate::image::formats::AnyLoaded;
 use crate::model::slice::{self, Skeleton};
 use crate::store::{AnyMesh, read_any_vtu};
 use crate::{Error, Result};
+
+/// `atomesh slice`.
+#[derive(Debug, Args)]
+pub struct SliceArgs {
+    /// The image that was meshed
+    #[arg(value_name = "IMAGE")]
+    pub image: PathBuf,
+    /// Its mesh
+    #[arg(value_name = "MESH.vtu")]
+    pub mesh: PathBuf,
+    /// The picture to write
+    #[arg(short, long, value_name = "OUT.png")]
+    pub output: PathBuf,
+    /// The point in which the planes meet, in physical coordinates [default: the middle]
+    #[arg(long, value_name = "X,Y,Z", allow_negative_numbers = true)]
+    pub at: Option<String>,
+    /// How to read the image.
+    #[command(flatten, next_help_heading = "Reading the image")]
+    pub input: InputOptions,
+}
 
 /// Runs the verb.
 pub fn slice(args: &SliceArgs, console: &mut Console) -> Result<()> {

@@ -5,9 +5,10 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::json;
 
-use crate::cli::args::{FeatureChoice, InputOptions};
+use crate::cli::common::feature::{FeatureChoice, feature_scale, threshold};
+use crate::cli::common::input::InputOptions;
+use crate::cli::common::output::check_output;
 use crate::cli::console::Console;
-use crate::cli::job::{check_output, feature_scale, threshold};
 use crate::cli::parse;
 use crate::error::cause;
 use crate::export::{SurfaceFile, write_obj, write_tsurf, write_vtp};

@@ -76,7 +76,7 @@ impl Outline {
             return Err(Error::Export(cause(
                 place,
                 "needs a mesh with four upright sides",
-                "mesh an image whose vertical axis is one of its own, and say with --down which",
+                "mesh an image whose vertical axis is one of its own, and say which way is down",
             )));
         };
         // The line of a side seen from above: normal and distance.

@@ -217,7 +217,7 @@ impl Grid {
     fn new(model: &Model) -> Result<Self> {
         let mesh = &model.mesh;
         let refuse = |problem: &str| {
-            let remedy = "give what `atomesh columns` wrote, with --down z or -z, or a 2-D mesh";
+            let remedy = "give a mesh of columns with z or -z down, or a 2-D mesh";
             Err(Error::Export(cause(NEEDS, problem, remedy)))
         };
         if model.tets.is_some() || !mesh.stands_in_columns() {

@@ -95,7 +95,7 @@ fn check(model: &Model, porosity: &[f64]) -> Result<()> {
     let wrong = |p: &f64| !(*p > 0.0 && *p <= 1.0);
     if let Some(cell) = porosity.iter().position(wrong) {
         return Err(Error::Export(cause(
-            "--porosity",
+            "porosity",
             format!("is {} in cell {cell}", porosity[cell]),
             "give shares of volume above 0 and up to 1",
         )));

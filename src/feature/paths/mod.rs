@@ -94,10 +94,14 @@ pub fn enhance<const D: usize>(
         );
     }
     if seeds.object.is_empty() {
-        return fail(
-            "does not know the object",
-            "give a point inside it with --object X,Y",
-        );
+        return Err(Error::Feature(
+            cause(
+                "feature 'paths'",
+                "does not know the object",
+                "give a point inside it",
+            )
+            .about("object"),
+        ));
     }
     let dims = smoothed.dims;
     let sample = |point: &[f64; D]| sample_at(point, geometry, smoothed);

@@ -164,7 +164,7 @@ fn points_are_drawn_near_their_start() {
 fn what_is_missing_is_named() {
     let image = disc(0.0, false);
     let says = |object: &[[f64; 2]]| detect(&image, &options(object)).unwrap_err().to_string();
-    assert!(says(&[]).contains("--object X,Y"));
+    assert!(says(&[]).contains("give a point inside it"));
     assert!(says(&[[45.0, 90.0]]).contains("outside the image"));
     assert!(says(&[[45.0, 0.0]]).contains("cannot tell"));
     let space = Image::new(

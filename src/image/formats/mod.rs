@@ -316,11 +316,14 @@ fn known(head: &[u8]) -> Option<Format> {
 }
 
 fn unknown(path: &Path) -> Error {
-    Error::Io(cause(
-        path.display(),
-        "is of no known image format (SEG-Y, .npy, .vti, .nrrd, .mha, .nii, .tif, .inr, .png)",
-        "describe raw samples with --raw, e.g. --raw 100x400x208:f32be, or convert it to .npy",
-    ))
+    Error::Io(
+        cause(
+            path.display(),
+            "is of no known image format (SEG-Y, .npy, .vti, .nrrd, .mha, .nii, .tif, .inr, .png)",
+            "describe raw samples, e.g. as 100x400x208:f32be, or convert it to .npy",
+        )
+        .about("raw"),
+    )
 }
 
 #[cfg(test)]

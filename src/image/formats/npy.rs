@@ -5,7 +5,6 @@
 
 use std::fs::File;
 use std::io::Write;
-use std::os::unix::fs::FileExt;
 use std::path::Path;
 
 use ndarray::{ArrayD, IxDyn, ShapeBuilder};
@@ -14,7 +13,7 @@ use rayon::prelude::*;
 use super::samples::{self, Encoding, Endian, SampleType};
 use super::{Format, Loaded};
 use crate::error::{Error, Result, cause, os};
-use crate::files::atomic_write;
+use crate::files::{atomic_write, read_exact_at};
 use crate::image::{Geometry, Image};
 
 /// The first bytes of every `.npy` file.
@@ -77,7 +76,7 @@ pub fn read_array(path: &Path) -> Result<ArrayD<f32>> {
     let shape = IxDyn(&header.shape).set_f(header.fortran_order);
     let array = ArrayD::from_shape_vec(shape, samples).map_err(|e| {
         let problem = format!("has the shape {:?}: {e}", header.shape);
-        Error::Io(cause(path.display(), problem, "write it again"))
+        Error::Io(cause(path.display(), problem, "write it again").because(e))
     })?;
     Ok(array.as_standard_layout().into_owned())
 }
@@ -177,7 +176,7 @@ pub fn write_array(path: &Path, array: &ArrayD<f32>) -> Result<()> {
 fn header_text(file: &File, length: u64) -> std::io::Result<Option<(String, u64)>> {
     let mut fixed = [0; 12];
     let found = (length as usize).min(fixed.len());
-    file.read_exact_at(&mut fixed[..found], 0)?;
+    read_exact_at(file, &mut fixed[..found], 0)?;
     let (text_start, text_length) = match fixed[6] {
         1 => (10, u64::from(u16::from_le_bytes([fixed[8], fixed[9]]))),
         2 | 3 => {
@@ -191,7 +190,7 @@ fn header_text(file: &File, length: u64) -> std::io::Result<Option<(String, u64)
         return Ok(None);
     }
     let mut text = vec![0; text_length as usize];
-    file.read_exact_at(&mut text, text_start)?;
+    read_exact_at(file, &mut text, text_start)?;
     Ok(Some((String::from_utf8_lossy(&text).into_owned(), start)))
 }
 

@@ -173,7 +173,8 @@ impl Packed {
                             &self.path,
                             format!("its compressed data is damaged: {e}"),
                             DAMAGED,
-                        ),
+                        )
+                        .because(e),
                     })
             }
         }

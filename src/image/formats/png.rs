@@ -39,7 +39,7 @@ pub fn read(path: &Path) -> Result<Loaded<2>> {
     let mut decoder = Decoder::new(BufReader::new(file));
     // Palettes become colours, fewer bits than 8 become 8.
     decoder.set_transformations(Transformations::EXPAND);
-    let fault = |e| damaged(path, &e);
+    let fault = |e| damaged(path, e);
     let mut reader = decoder.read_info().map_err(fault)?;
     let source = reader.info();
     let (written_as, bits) = (source.color_type, source.bit_depth as u8);
@@ -116,14 +116,14 @@ fn range(info: &png::Info<'_>) -> Option<[f32; 2]> {
     Some([low?, high?])
 }
 
-fn damaged(path: &Path, error: &DecodingError) -> Error {
-    let problem = match error {
+fn damaged(path: &Path, error: DecodingError) -> Error {
+    let problem = match &error {
         DecodingError::IoError(e) if e.kind() == ErrorKind::UnexpectedEof => {
             "is cut off".to_string()
         }
         error => format!("is no whole PNG file: {error}"),
     };
-    Error::Io(cause(path.display(), problem, "copy or write it again"))
+    Error::Io(cause(path.display(), problem, "copy or write it again").because(error))
 }
 
 /// Writes a 2-D image as a grey picture: 8 bits if all samples are whole numbers from 0 to 255,

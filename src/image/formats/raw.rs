@@ -23,12 +23,12 @@ const SYNTAX: &str = "write NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), the fastest axis 
 u32, i32, f32, f64 with le or be, e.g. 100x400x208:f32be";
 
 impl FromStr for RawSpec {
-    type Err = String;
+    type Err = Error;
 
     /// `NXxNYxNZ:TYPE` or `NXxNY:TYPE`, x the fastest axis in the file; TYPE is u8, i8, or u16, i16, u32, i32, f32,
     /// f64 followed by le or be.
-    fn from_str(text: &str) -> std::result::Result<Self, String> {
-        let bad = |problem: String| format!("{problem}; {SYNTAX}");
+    fn from_str(text: &str) -> Result<Self> {
+        let bad = |problem: String| Error::Io(cause("raw samples", problem, SYNTAX));
         let (dims, sample) = text
             .split_once(':')
             .ok_or_else(|| bad(format!("'{text}' names no sample type")))?;
@@ -93,7 +93,7 @@ pub fn read(path: &Path, spec: RawSpec) -> Result<Loaded> {
         return Err(Error::Io(cause(
             path.display(),
             problem,
-            "check the dims and the type given with --raw",
+            "check the dims and the type given for the raw samples",
         )));
     }
     let mut samples = vec![0.0; nx * ny * nz];
@@ -142,7 +142,10 @@ mod tests {
             "99999999999999999999x3x3:u8",
         ] {
             let error = bad.parse::<RawSpec>().unwrap_err();
-            assert!(error.contains("100x400x208:f32be"), "{bad}: {error}");
+            assert!(
+                error.cause().remedy.contains("100x400x208:f32be"),
+                "{bad}: {error}"
+            );
         }
     }
 

@@ -2,9 +2,10 @@
 
 use std::fs::File;
 use std::io;
-use std::os::unix::fs::FileExt;
 
 use rayon::prelude::*;
+
+use crate::files::read_exact_at;
 
 /// How one sample is coded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -148,7 +149,7 @@ impl Encoding {
             .enumerate()
             .try_for_each_init(Vec::new, |buffer, (i, chunk)| {
                 buffer.resize(chunk.len() * size, 0);
-                file.read_exact_at(buffer, offset + (i * CHUNK * size) as u64)?;
+                read_exact_at(file, buffer, offset + (i * CHUNK * size) as u64)?;
                 self.decode(buffer, chunk);
                 Ok(())
             })

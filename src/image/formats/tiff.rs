@@ -40,7 +40,7 @@ pub fn read(path: &Path) -> Result<Loaded> {
             TiffError::UnsupportedError(_) => "write it as grey samples, uncompressed",
             _ => DAMAGED,
         };
-        refuse(path, format!("page {pages}: {e}"), remedy)
+        refuse(path, format!("page {pages}: {e}"), remedy).because(e)
     };
     let decoder = Decoder::new(BufReader::new(file)).map_err(|e| fault(0, e))?;
     let mut decoder = decoder.with_limits(limits);

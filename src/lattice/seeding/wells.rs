@@ -187,8 +187,9 @@ pub fn atoms<const D: usize>(
                         "are nearer to each other than the distance {:.3} between atoms, at {x:?} (lattice)",
                         distance.at(x)
                     ),
-                    "give a smaller --well-distance, or one of the wells only",
-                )));
+                    "give a smaller distance at wells, or one of the wells only",
+                )
+                .about("well-distance")));
             }
             found.push((x, number));
         }

@@ -163,14 +163,14 @@ mod bridge {
 
     pub fn triangulate(points: &[[f64; 3]]) -> Result<Vec<[u32; 4]>> {
         let tets = ffi::cgal_triangulate(points.as_flattened())
-            .map_err(|e| fault(e.what(), "give distinct points"))?;
+            .map_err(|e| fault(e.what(), "give distinct points").because(e))?;
         let (tets, _) = tets.as_chunks();
         Ok(tets.to_vec())
     }
 
     pub fn validate(points: &[[f64; 3]], tets: &[[u32; 4]]) -> Result<Verdict> {
         let v = ffi::cgal_validate(points.as_flattened(), tets.as_flattened())
-            .map_err(|e| fault(e.what(), "please report it with the mesh"))?;
+            .map_err(|e| fault(e.what(), "please report it with the mesh").because(e))?;
         Ok(Verdict {
             inverted: v.inverted,
             flat: v.flat,

@@ -88,7 +88,7 @@ mod bridge {
     }
 
     fn owned(tets: std::result::Result<Vec<u32>, cxx::Exception>) -> Result<Vec<[u32; 4]>> {
-        let tets = tets.map_err(|e| fault(e.what(), "give distinct points"))?;
+        let tets = tets.map_err(|e| fault(e.what(), "give distinct points").because(e))?;
         let (tets, _) = tets.as_chunks();
         Ok(tets.to_vec())
     }

@@ -173,7 +173,7 @@ mod bridge {
             ));
         }
         let added = ffi::cgal_refine(points.as_flattened(), &extent, &d.samples, &d.dims, limit)
-            .map_err(|e| fault(e.what(), "please report it"))?;
+            .map_err(|e| fault(e.what(), "please report it").because(e))?;
         let (added, _) = added.as_chunks();
         Ok(added.to_vec())
     }

@@ -140,7 +140,7 @@ impl Checks {
         if self.angle[0] > ROUGH {
             let remedy = match self.in_columns {
                 true => "level layers, or cells that are not columns,",
-                false => "Voronoi cells made with the metric of the rock (mesh --metric)",
+                false => "Voronoi cells made with the metric of the rock",
             };
             notes.push(format!(
                 "two-point fluxes are rough: where fluid flows along faces as strongly as across \

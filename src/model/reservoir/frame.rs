@@ -74,29 +74,35 @@ impl Frame {
                     }
                     None => {
                         let problem = "has a unit that is no length";
-                        let remedy = "say with --length-unit what it is taken for";
-                        return Err(Error::Export(cause(place(), problem, remedy)));
+                        let remedy = "say what length it is taken for";
+                        return Err(Error::Export(
+                            cause(place(), problem, remedy).about("length-unit"),
+                        ));
                     }
                 },
             };
-            let refuse =
-                |problem: &str, remedy: &str| Err(Error::Export(cause(place(), problem, remedy)));
+            let refuse = |problem: &str, remedy: &str, parameter| {
+                let cause = cause(place(), problem, remedy);
+                Err(Error::Export(cause.about(parameter)))
+            };
             if k != down.axis {
                 return refuse(
                     "is two-way time, but not depth",
-                    "say --down z or --down -z",
+                    "say which way is down: z or -z",
+                    "down",
                 );
             }
             match velocity {
                 None => {
                     return refuse(
                         "is two-way time, not depth",
-                        "give --velocity in m/s to turn it into metres",
+                        "give a velocity in m/s to turn it into metres",
+                        "velocity",
                     );
                 }
                 Some(v) if !(v > 0.0 && v.is_finite()) => {
                     return Err(Error::Export(cause(
-                        format!("--velocity {v}"),
+                        format!("velocity {v}"),
                         "is not a positive number",
                         "give m/s: rock has 1500 to 6000",
                     )));
@@ -222,10 +228,10 @@ mod tests {
         let frame = Frame::new(&units(["ft", "m", "ms"]), None, down, Some(3000.0)).unwrap();
         assert_eq!(frame.to_model([10.0, 2.0, -1000.0]), [3.048, 2.0, -1500.0]);
         for (words, down, velocity, want) in [
-            (["m", "m", "ms"], down, None, "--velocity"),
+            (["m", "m", "ms"], down, None, "a velocity in m/s"),
             (["m", "m", "ms"], down, Some(0.0), "not a positive"),
             (["m", "ms", "m"], down, Some(2e3), "not depth"),
-            (["m", "furlong", "m"], down, None, "--length-unit"),
+            (["m", "furlong", "m"], down, None, "what length"),
         ] {
             let error = Frame::new(&units(words), None, down, velocity).unwrap_err();
             assert!(error.to_string().contains(want), "{error}");

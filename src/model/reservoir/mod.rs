@@ -193,8 +193,10 @@ impl Model {
     /// [`Error::Export`] if there is none; `needs` says who asks.
     pub fn need_porosity(&self, needs: &str) -> Result<&[f64]> {
         let missing = || {
-            let remedy = "give --porosity: a number, a file by region, or an image";
-            Error::Export(cause(needs, "needs the porosity of every cell", remedy))
+            let remedy = "give a number, a file by region, or an image";
+            Error::Export(
+                cause(needs, "needs the porosity of every cell", remedy).about("porosity"),
+            )
         };
         self.porosity.as_deref().ok_or_else(missing)
     }
@@ -205,8 +207,10 @@ impl Model {
     /// [`Error::Export`] if there is none; `needs` says who asks.
     pub fn need_permeability(&self, needs: &str) -> Result<&Permeability> {
         let missing = || {
-            let remedy = "give --permeability: numbers, a file by region, or images";
-            Error::Export(cause(needs, "needs the permeability of every cell", remedy))
+            let remedy = "give numbers, a file by region, or images";
+            Error::Export(
+                cause(needs, "needs the permeability of every cell", remedy).about("permeability"),
+            )
         };
         self.permeability.as_ref().ok_or_else(missing)
     }
@@ -217,7 +221,7 @@ impl Model {
     /// [`Error::Export`] if the cells are others; `needs` says who asks.
     pub fn need_tets(&self, needs: &str) -> Result<&TetMesh> {
         let missing = || {
-            let remedy = "mesh the image with --cells tets";
+            let remedy = "mesh the image with tetrahedra as cells";
             Error::Export(cause(needs, "holds tetrahedra only", remedy))
         };
         self.tets.as_ref().ok_or_else(missing)

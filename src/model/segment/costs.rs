@@ -34,18 +34,18 @@ impl Regions {
     /// # Errors
     /// [`Error::Job`] if either kind has no seed, or a cell is a seed of both.
     pub fn new(values: &[f32], seeds: &Seeds) -> Result<Self> {
-        let [object, background] = [
-            ("--object", &seeds.object),
-            ("--background", &seeds.background),
-        ]
-        .map(|(option, cells)| match cells.is_empty() {
-            false => Ok(cells),
-            true => Err(Error::Job(cause(
-                option,
-                "holds no cell or sample",
-                "give a point, or a box that is not smaller than a cell",
-            ))),
-        });
+        let [object, background] = [("object", &seeds.object), ("background", &seeds.background)]
+            .map(|(seeds, cells)| match cells.is_empty() {
+                false => Ok(cells),
+                true => Err(Error::Job(
+                    cause(
+                        format!("the {seeds}'s seeds"),
+                        "hold no cell or sample",
+                        "give a point, or a box that is not smaller than a cell",
+                    )
+                    .about(seeds),
+                )),
+            });
         let (object, background) = (object?, background?);
         let mut sorted = background.clone();
         sorted.sort_unstable();
@@ -54,9 +54,9 @@ impl Regions {
             .find(|&cell| sorted.binary_search(cell).is_ok())
         {
             return Err(Error::Job(cause(
-                "--object and --background",
+                "seeds of object and background",
                 format!("both hold cell {both}"),
-                "move them apart, or mesh with a smaller --distance",
+                "move them apart, or mesh with a smaller distance",
             )));
         }
         let (low, high) = values

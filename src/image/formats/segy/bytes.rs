@@ -2,6 +2,8 @@
 
 use std::str::FromStr;
 
+use crate::error::{Error, Result, cause};
+
 /// Bytes of a standard trace header.
 pub const TRACE_HEADER: usize = 240;
 
@@ -41,11 +43,11 @@ impl Default for SegyBytes {
 }
 
 impl FromStr for SegyBytes {
-    type Err = String;
+    type Err = Error;
 
     /// `inline=9,crossline=21,x=73,y=77,scalar=71,delay=109,dt=117`, each optional, the others
     /// staying at the standard's places.
-    fn from_str(text: &str) -> std::result::Result<Self, String> {
+    fn from_str(text: &str) -> Result<Self> {
         let mut bytes = Self::default();
         for entry in text.split(',').filter(|entry| !entry.trim().is_empty()) {
             let (name, byte) = entry.split_once('=').unwrap_or((entry, ""));
@@ -58,19 +60,24 @@ impl FromStr for SegyBytes {
                 "delay" => &mut bytes.delay,
                 "dt" => &mut bytes.dt,
                 other => {
-                    return Err(format!(
-                        "unknown header field '{other}'; use inline, crossline, x, y, scalar, delay or dt, e.g. inline=9,crossline=21"
+                    return Err(refuse(
+                        format!("unknown header field '{other}'"),
+                        "use inline, crossline, x, y, scalar, delay or dt, e.g. inline=9,crossline=21",
                     ));
                 }
             };
-            *field = byte
-                .trim()
-                .parse()
-                .map_err(|_| format!("'{entry}' names no byte; write e.g. inline=9"))?;
+            *field = byte.trim().parse().map_err(|e| {
+                let problem = format!("'{entry}' names no byte");
+                refuse(problem, "write e.g. inline=9").because(e)
+            })?;
         }
         bytes.check()?;
         Ok(bytes)
     }
+}
+
+fn refuse(problem: String, remedy: &str) -> Error {
+    Error::Io(cause("SEG-Y header bytes", problem, remedy))
 }
 
 impl SegyBytes {
@@ -79,7 +86,7 @@ impl SegyBytes {
     ///
     /// # Errors
     /// Says which field is wrong.
-    pub fn check(&self) -> std::result::Result<(), String> {
+    pub fn check(&self) -> Result<()> {
         let fields = [
             ("inline", self.inline, 4, false),
             ("crossline", self.crossline, 4, false),
@@ -92,13 +99,17 @@ impl SegyBytes {
         for (name, byte, width, optional) in fields {
             let last = TRACE_HEADER + 1 - width;
             if byte > last || (byte == 0 && !optional) {
-                return Err(format!(
-                    "{name}={byte} is outside the trace header; use a byte from 1 to {last}"
+                return Err(refuse(
+                    format!("{name}={byte} is outside the trace header"),
+                    &format!("use a byte from 1 to {last}"),
                 ));
             }
         }
         if (self.x == 0) != (self.y == 0) {
-            return Err("only one of x and y is 0; give both bytes or set both to 0".into());
+            return Err(refuse(
+                "only one of x and y is 0".into(),
+                "give both bytes or set both to 0",
+            ));
         }
         Ok(())
     }
@@ -119,7 +130,7 @@ mod tests {
             ..default
         };
         assert_eq!(bytes, expected);
-        assert_eq!("".parse(), Ok(default));
+        assert_eq!("".parse::<SegyBytes>().unwrap(), default);
         for bad in [
             "inline",
             "inline=x",

@@ -4,12 +4,12 @@
 
 use std::fs::File;
 use std::io;
-use std::os::unix::fs::FileExt;
 use std::path::Path;
 
 use super::bytes::TRACE_HEADER;
 use super::text::{self, TEXT_HEADER};
 use crate::error::{Error, Result, cause, os};
+use crate::files::read_exact_at;
 use crate::image::formats::samples::{Encoding, Endian, SampleType};
 
 /// Bytes of the textual and the binary header together: the least a SEG-Y file can have.
@@ -64,8 +64,7 @@ impl Layout {
             return Err(refuse(problem, "copy it again"));
         }
         let mut header = vec![0; FILE_HEADER];
-        file.read_exact_at(&mut header, 0)
-            .map_err(|e| os(path, "read", e))?;
+        read_exact_at(&file, &mut header, 0).map_err(|e| os(path, "read", e))?;
         let (fields, sample) = Fields::of(&header).map_err(|problem| {
             refuse(
                 problem,
@@ -201,7 +200,7 @@ fn choose_samples(
 fn trace_samples(file: &File, start: u64, length: u64, endian: Endian) -> io::Result<u32> {
     let mut bytes = [0; 2];
     if start + TRACE_HEADER as u64 <= length {
-        file.read_exact_at(&mut bytes, start + 114)?;
+        read_exact_at(file, &mut bytes, start + 114)?;
     }
     Ok(u32::from(match endian {
         Endian::Little => u16::from_le_bytes(bytes),
@@ -224,7 +223,7 @@ fn end_of_text(
         if start + block > length {
             return Ok(None);
         }
-        file.read_exact_at(&mut record, start)?;
+        read_exact_at(file, &mut record, start)?;
         Ok(Some(text::decode(&record)))
     };
     if declared < 0 {

@@ -1,13 +1,13 @@
 //! The headers of all traces, as columns.
 
 use std::io;
-use std::os::unix::fs::FileExt;
 
 use rayon::prelude::*;
 
 use super::bytes::TRACE_HEADER;
 use super::header::Layout;
 use super::text;
+use crate::files::read_exact_at;
 use crate::image::formats::samples::Endian;
 
 /// Raw trace headers, one after the other.
@@ -31,9 +31,7 @@ impl Headers {
             .try_for_each(|(chunk, bytes)| {
                 for (i, header) in bytes.chunks_mut(stride).enumerate() {
                     let trace = (chunk * TRACES + i) as u64;
-                    layout
-                        .file
-                        .read_exact_at(header, layout.start + trace * step)?;
+                    read_exact_at(&layout.file, header, layout.start + trace * step)?;
                 }
                 Ok::<_, io::Error>(())
             })?;

@@ -1,12 +1,12 @@
 //! The samples of a survey, put into an image.
 
 use std::io;
-use std::os::unix::fs::FileExt;
 
 use rayon::prelude::*;
 
 use super::grid::MISSING;
 use super::survey::Survey;
+use crate::files::read_exact_at;
 use crate::image::Image;
 use crate::image::formats::samples::{Endian, SampleType};
 
@@ -42,7 +42,7 @@ impl Survey {
                     if run > 0 {
                         buffer.resize(run * trace_bytes, 0);
                         let offset = layout.start + (first * trace_bytes) as u64;
-                        layout.file.read_exact_at(buffer, offset)?;
+                        read_exact_at(&layout.file, buffer, offset)?;
                         for (trace, out) in buffer.chunks(trace_bytes).zip(out.chunks_mut(samples))
                         {
                             layout.encoding.decode(&trace[layout.trace_header..], out);
@@ -80,7 +80,7 @@ impl Survey {
         let mut trace = vec![0; layout.trace_bytes() as usize];
         for i in (0..layout.traces).step_by(layout.traces / TRACES + 1) {
             let offset = layout.start + i as u64 * layout.trace_bytes();
-            layout.file.read_exact_at(&mut trace, offset)?;
+            read_exact_at(&layout.file, &mut trace, offset)?;
             for sample in trace[layout.trace_header..].as_chunks::<4>().0 {
                 let is_zero = *sample == [0; 4];
                 nonzero += usize::from(!is_zero);

@@ -38,14 +38,7 @@ impl Survey {
     /// [`crate::Error::Io`] if the file cannot be read or its file header makes no sense. What is
     /// wrong with its traces is put into [`Survey::problem`].
     pub fn open(path: &Path, bytes: &SegyBytes) -> Result<Self> {
-        let invalid = |problem| {
-            crate::Error::Io(cause(
-                "SEG-Y header bytes",
-                problem,
-                "see the trace header's layout",
-            ))
-        };
-        bytes.check().map_err(invalid)?;
+        bytes.check()?;
         let layout = Layout::open(path)?;
         let headers = Headers::read(&layout).map_err(|e| os(path, "read", e))?;
         let (major, minor) = layout.revision;

@@ -76,7 +76,7 @@ pub fn seeded<const D: usize>(
     let (dims, step, extent) = (image.dims, image.step, image.extent());
     if let Some(k) = (0..D).find(|&k| (dims[k] as f64 - 1.0) < 2.0 * UNIFORM) {
         return Err(Error::Seeding(cause(
-            "--seeding canny",
+            "Canny's points",
             format!("the image has {} samples along axis {k}", dims[k]),
             format!("give at least {}, or another seeding", 2.0 * UNIFORM + 1.0),
         )));

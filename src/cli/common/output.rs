@@ -1,0 +1,91 @@
+//! What verbs write: whether they may, and the images among it.
+
+use std::path::Path;
+
+use serde_json::json;
+
+use crate::cli::console::Console;
+use crate::error::cause;
+use crate::image::{Field, Geometry, Image};
+use crate::{Error, Result};
+
+/// The endings of the image formats that are written.
+pub const WRITTEN: [&str; 7] = ["vti", "npy", "png", "nrrd", "mha", "nii", "gz"];
+
+/// Checks that a verb may write `path`: its ending, its folder, and that it is none of `inputs`.
+///
+/// # Errors
+/// [`Error::Job`] or [`Error::Io`] that names the option or the path.
+pub fn check_output(path: &Path, option: &str, endings: &[&str], inputs: &[&Path]) -> Result<()> {
+    crate::files::check_target(path)?;
+    let ending = path
+        .extension()
+        .and_then(|e| e.to_str())
+        .map(str::to_ascii_lowercase);
+    let place = format!("{option} {}", path.display());
+    if !ending.is_some_and(|ending| endings.contains(&ending.as_str())) {
+        let known: Vec<String> = endings.iter().map(|ending| format!(".{ending}")).collect();
+        let known = known.join(" or ");
+        return Err(Error::Job(cause(
+            place,
+            format!("does not end in {known}, the format that is written here"),
+            format!("give a name that ends in {known}"),
+        )));
+    }
+    if inputs.iter().any(|input| same_file(input, path)) {
+        return Err(Error::Job(cause(
+            place,
+            "would overwrite the input",
+            "give the output another name with -o",
+        )));
+    }
+    Ok(())
+}
+
+/// Whether two paths name the same file, which need not exist yet.
+pub fn same_file(a: &Path, b: &Path) -> bool {
+    let resolve = |path: &Path| {
+        path.canonicalize().ok().or_else(|| {
+            let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
+            let folder = folder.unwrap_or(Path::new(".")).canonicalize().ok()?;
+            Some(folder.join(path.file_name()?))
+        })
+    };
+    a == b || resolve(a).is_some_and(|a| Some(a) == resolve(b))
+}
+
+/// A potential, or what else there is a value of for every sample, as an image that lies where the image it came from lies.
+pub fn potential_image<const D: usize>(potential: &Field<D>, geometry: &Geometry<D>) -> Image<D> {
+    Image::new(potential.dims, potential.samples.clone(), geometry.clone())
+}
+
+/// Says which image was written.
+pub fn written<const D: usize>(console: &mut Console, path: &Path, image: &Image<D>) {
+    let dims = image.dims();
+    console.result(
+        format_args!("wrote {}: {} samples", path.display(), by(&dims)),
+        &json!({ "file": path, "dims": dims.to_vec() }),
+    );
+}
+
+/// 3 x 4 x 5.
+pub fn by(dims: &[usize]) -> String {
+    let words: Vec<String> = dims.iter().map(usize::to_string).collect();
+    words.join(" x ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_are_told_apart_by_where_they_are() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.vtu");
+        let twin = folder.path().join(".").join("a.vtu");
+        assert!(same_file(&path, &twin));
+        std::fs::write(&path, "").unwrap();
+        assert!(same_file(&path, &twin));
+        assert!(!same_file(&path, &folder.path().join("b.vtu")));
+    }
+}

@@ -1,0 +1,126 @@
+//! `atomesh feature`: only the image processing.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use serde_json::json;
+
+use crate::cli::common::feature::{
+    FeatureChoice, feature_scale, feature_weights, positive_distance, seeds, threshold,
+};
+use crate::cli::common::input::InputOptions;
+use crate::cli::common::output::{WRITTEN, by, check_output, potential_image};
+use crate::cli::console::Console;
+use crate::error::cause;
+use crate::image::formats;
+use crate::image::formats::{AnyLoaded, Loaded};
+use crate::{Error, Result, feature};
+
+/// `atomesh feature`.
+#[derive(Debug, Args)]
+pub struct FeatureArgs {
+    /// The image
+    #[arg(value_name = "IMAGE")]
+    pub image: PathBuf,
+    /// The potential b(x), as .vti or .npy; .png in 2-D
+    #[arg(short, long, value_name = "OUT.vti")]
+    pub output: PathBuf,
+    /// The features to find
+    #[arg(long, value_name = "KIND", default_value = "auto")]
+    pub feature: FeatureChoice,
+    /// Nominal distance between atoms, in samples: the potential's valleys are a quarter as wide
+    #[arg(long, value_name = "D", default_value_t = 8.0)]
+    pub distance: f64,
+    /// Scale of the features in samples [default: by the kind of feature]
+    #[arg(long, value_name = "S")]
+    pub sigma: Option<f64>,
+    /// Least strength of a feature, in units of the feature image [default: automatic, printed]
+    #[arg(long, value_name = "T", allow_negative_numbers = true)]
+    pub threshold: Option<f32>,
+    /// Weights F,H in (0, 1] of faults and horizons where both are followed [default: 1,1]
+    #[arg(long, value_name = "F,H")]
+    pub feature_weights: Option<String>,
+    /// Paths: a point of the object, in physical coordinates; may be repeated
+    #[arg(long, value_name = "X,Y", allow_hyphen_values = true)]
+    pub object: Vec<String>,
+    /// Paths: a point of the background; may be repeated [default: the image's outermost samples]
+    #[arg(long, value_name = "X,Y", allow_hyphen_values = true)]
+    pub background: Vec<String>,
+    /// Paths: write the share of them that passes each sample, as .vti, .npy or .png
+    #[arg(long, value_name = "OUT.png")]
+    pub confidence_out: Option<PathBuf>,
+    /// Paths: seed of the random points
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub rng_seed: u64,
+    /// How to read the image.
+    #[command(flatten, next_help_heading = "Reading the image")]
+    pub input: InputOptions,
+}
+
+/// Runs the verb.
+pub fn feature(args: &FeatureArgs, console: &mut Console) -> Result<()> {
+    check_output(&args.output, "--output", &WRITTEN, &[&args.image])?;
+    if let Some(path) = &args.confidence_out {
+        check_output(
+            path,
+            "--confidence-out",
+            &WRITTEN,
+            &[&args.image, &args.output],
+        )?;
+        if args.feature != FeatureChoice::Paths {
+            return Err(Error::Job(cause(
+                "--confidence-out",
+                "is of paths, which are not asked for",
+                "add --feature paths, or leave it away",
+            )));
+        }
+    }
+    match formats::read_any(&args.image, &args.input.read_options()?)? {
+        AnyLoaded::Plane(loaded) => find(args, loaded, console),
+        AnyLoaded::Space(loaded) => find(args, loaded, console),
+    }
+}
+
+fn find<const D: usize>(
+    args: &FeatureArgs,
+    loaded: Loaded<D>,
+    console: &mut Console,
+) -> Result<()> {
+    let options = feature::Options {
+        kind: args.feature.into(),
+        scale: feature_scale(args.sigma)?,
+        threshold: threshold(args.threshold)?,
+        weights: feature_weights(args.feature_weights.as_deref())?,
+        seeds: seeds(&args.object, &args.background, args.rng_seed)?,
+        d_min: positive_distance(args.distance)?,
+        ..feature::Options::default()
+    };
+    for note in &loaded.notes {
+        console.note(note);
+    }
+    loaded.image.check(&args.image.display().to_string())?;
+    console.begin_stage("finding features");
+    let found = feature::detect(&loaded.image, &options)?;
+    let potential = potential_image(&found.potential, &loaded.image.geometry);
+    formats::write(&args.output, &potential)?;
+    if let (Some(path), Some(confidence)) = (&args.confidence_out, &found.confidence) {
+        formats::write(path, &potential_image(confidence, &loaded.image.geometry))?;
+    }
+    let dims = potential.dims().to_vec();
+    let path = args.output.display();
+    console.result(
+        format_args!(
+            "{}\nwrote {path}: {} samples",
+            found.notes.join("\n"),
+            by(&dims)
+        ),
+        &json!({
+            "file": args.output,
+            "dims": dims,
+            "points": found.points.len(),
+            "sigma": found.sigma,
+            "notes": found.notes,
+        }),
+    );
+    Ok(())
+}

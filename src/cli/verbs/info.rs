@@ -1,0 +1,138 @@
+//! `atomesh info`: what a file holds.
+
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use serde_json::json;
+
+use crate::Result;
+use crate::cli::common::input::InputOptions;
+use crate::cli::console::Console;
+use crate::files::vtk::DataArray;
+use crate::image::formats;
+use crate::mesh::Simplices;
+use crate::store::file::bounds;
+use crate::store::{AnyMesh, FieldValue, MeshFile, read_any_vtu};
+
+/// `atomesh info`.
+#[derive(Debug, Args)]
+pub struct InfoArgs {
+    /// An image or a mesh
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+    /// How to read the image.
+    #[command(flatten, next_help_heading = "Reading the image")]
+    pub input: InputOptions,
+}
+
+/// Runs the verb: of an image, or of a mesh.
+pub fn info(args: &InfoArgs, console: &mut Console) -> Result<()> {
+    if is_mesh(&args.file) {
+        return of_mesh(&args.file, console);
+    }
+    let description = formats::describe(&args.file, &args.input.read_options()?)?;
+    let value = serde_json::to_value(&description).unwrap_or_default();
+    console.result(description.to_lines().trim_end(), &value);
+    Ok(())
+}
+
+/// Whether a file looks like a VTK unstructured grid.
+fn is_mesh(path: &Path) -> bool {
+    let mut head = Vec::new();
+    let file = std::fs::File::open(path);
+    let read = file.and_then(|file| file.take(1024).read_to_end(&mut head));
+    read.is_ok() && String::from_utf8_lossy(&head).contains("type=\"UnstructuredGrid\"")
+}
+
+/// The same of a mesh.
+fn of_mesh(path: &Path, console: &mut Console) -> Result<()> {
+    match read_any_vtu(path)? {
+        AnyMesh::Plane(file) => simplices(path, &file, console),
+        AnyMesh::Space(file) => simplices(path, &file, console),
+        AnyMesh::PlaneCells(file) => {
+            let mesh = &file.mesh;
+            describe(
+                path,
+                &file,
+                &mesh.nodes,
+                mesh.sites.len(),
+                "polygons",
+                console,
+            );
+        }
+        AnyMesh::SpaceCells(file) => {
+            let mesh = &file.mesh;
+            describe(
+                path,
+                &file,
+                &mesh.nodes,
+                mesh.sites.len(),
+                "polyhedra",
+                console,
+            );
+        }
+    }
+    Ok(())
+}
+
+fn simplices<const D: usize, M: Simplices<D>>(
+    path: &Path,
+    file: &MeshFile<M>,
+    console: &mut Console,
+) {
+    describe(
+        path,
+        file,
+        file.mesh.nodes(),
+        file.mesh.len(),
+        M::CELLS,
+        console,
+    );
+}
+
+fn describe<const D: usize, M>(
+    path: &Path,
+    file: &MeshFile<M>,
+    nodes: &[[f64; D]],
+    cells: usize,
+    kind: &str,
+    console: &mut Console,
+) {
+    let (low, high) = bounds(nodes);
+    let names = |arrays: &[DataArray]| -> Vec<String> {
+        arrays.iter().map(|array| array.name.clone()).collect()
+    };
+    let (points, arrays) = (names(&file.point_data), names(&file.cell_data));
+    let nodes = nodes.len();
+    let mut lines = vec![
+        format!("file        {}", path.display()),
+        "format      VTK unstructured grid".to_string(),
+        format!("mesh        {nodes} nodes, {cells} {kind}"),
+        format!("from        {low:?}"),
+        format!("to          {high:?}"),
+        format!("point data  {}", points.join(", ")),
+        format!("cell data   {}", arrays.join(", ")),
+    ];
+    let mut fields = serde_json::Map::new();
+    for (name, value) in &file.field_data {
+        let value = match value {
+            FieldValue::Text(text) => json!(text),
+            FieldValue::F64s(values) => json!(values),
+            FieldValue::Ints(values) => json!(values),
+        };
+        let shown = value
+            .as_str()
+            .map_or_else(|| value.to_string(), |s| s.trim().replace('\n', ", "));
+        lines.push(format!("{name}: {shown}"));
+        fields.insert(name.clone(), value);
+    }
+    console.result(
+        lines.join("\n"),
+        &json!({
+            "file": path, "format": "VTK unstructured grid", "nodes": nodes, kind: cells,
+            "from": low.to_vec(), "to": high.to_vec(), "point_data": points, "cell_data": arrays,
+            "fields": fields,
+        }),
+    );
+}

@@ -1,0 +1,79 @@
+//! `atomesh synth`: synthetic images whose features are known exactly.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use crate::Result;
+use crate::cli::common::output::{WRITTEN, check_output, written};
+use crate::cli::console::Console;
+use crate::cli::parse;
+use crate::image::synth::Synthetic;
+use crate::image::{formats, synth};
+
+/// `atomesh synth`.
+#[derive(Debug, Args)]
+pub struct SynthArgs {
+    /// What to make
+    #[arg(value_name = "KIND", value_parser = synth_kind())]
+    pub kind: String,
+    /// The image to write: .vti or .npy; .png in 2-D
+    #[arg(short, long, value_name = "OUT")]
+    pub output: PathBuf,
+    /// Also write the exact distance to the features
+    #[arg(long, value_name = "DIST.npy")]
+    pub truth: Option<PathBuf>,
+    /// Number of samples along x, y and z; NX,NY makes a 2-D image
+    #[arg(long, value_name = "NX,NY,NZ", default_value = "128,128,128")]
+    pub dims: String,
+    /// Number of faults or shells
+    #[arg(long, value_name = "N", default_value_t = 4)]
+    pub count: usize,
+    /// Signal over the rms of the noise; inf for none
+    #[arg(long, value_name = "RATIO", default_value_t = 4.0)]
+    pub signal_to_noise: f64,
+    /// Width of the features: the standard deviation of their profile, in samples
+    #[arg(long, value_name = "SAMPLES", default_value_t = 1.5)]
+    pub width: f64,
+    /// Seed of everything random
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub rng_seed: u64,
+}
+
+fn synth_kind() -> clap::builder::PossibleValuesParser {
+    synth::Kind::ALL.map(|(name, _)| name).into()
+}
+
+/// Runs the verb.
+pub fn synth(args: &SynthArgs, console: &mut Console) -> Result<()> {
+    check_output(&args.output, "--output", &WRITTEN, &[])?;
+    if let Some(truth) = &args.truth {
+        check_output(truth, "--truth", &["npy"], &[&args.output])?;
+    }
+    let dims = parse::dims("--dims", &args.dims)?;
+    let options = synth::Options {
+        dims: std::array::from_fn(|k| dims.get(k).copied().unwrap_or(1)),
+        seed: args.rng_seed,
+        count: args.count,
+        signal_to_noise: args.signal_to_noise,
+        width: args.width,
+    };
+    let kind = args.kind.parse()?;
+    match dims.len() {
+        2 => keep(args, &synth::make_plane(kind, &options)?, console),
+        _ => keep(args, &synth::make(kind, &options)?, console),
+    }
+}
+
+fn keep<const D: usize>(
+    args: &SynthArgs,
+    made: &Synthetic<D>,
+    console: &mut Console,
+) -> Result<()> {
+    formats::write(&args.output, &made.image)?;
+    if let Some(path) = &args.truth {
+        made.truth.write(path)?;
+    }
+    written(console, &args.output, &made.image);
+    Ok(())
+}

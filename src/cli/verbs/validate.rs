@@ -1,0 +1,175 @@
+//! `atomesh validate`: our own checker, TetGen and CGAL; which of them passed.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use serde::Serialize;
+use serde_json::json;
+
+use crate::cli::console::Console;
+use crate::error::cause;
+use crate::job::BOX_TOLERANCE;
+use crate::mesh::check::check;
+use crate::mesh::delaunay;
+use crate::mesh::poly::PolyMesh;
+use crate::mesh::poly_check::check_welded;
+use crate::mesh::{TetMesh, TriMesh};
+use crate::report::Measured;
+use crate::store::file::Placed;
+use crate::store::{AnyMesh, read_any_vtu};
+use crate::{Error, Result};
+
+/// `atomesh validate`.
+#[derive(Debug, Args)]
+pub struct ValidateArgs {
+    /// A mesh written by atomesh
+    #[arg(value_name = "MESH.vtu")]
+    pub mesh: PathBuf,
+}
+
+/// Runs the verb: an error if the mesh is not valid, so that scripts see it.
+pub fn validate(args: &ValidateArgs, console: &mut Console) -> Result<()> {
+    console.begin_stage("reading");
+    let place = args.mesh.display().to_string();
+    let mesh = read_any_vtu(&args.mesh)?;
+    console.begin_stage("checking");
+    let mut verdicts = Vec::new();
+    match mesh {
+        AnyMesh::Plane(file) => {
+            let placed = Placed::new(file, &place)?;
+            verdicts.push(by_atomesh(&placed));
+            verdicts.push(by_spade(&placed)?);
+        }
+        AnyMesh::Space(file) => {
+            let placed = Placed::new(file, &place)?;
+            verdicts.push(by_atomesh(&placed));
+            if cfg!(feature = "tetgen") {
+                verdicts.push(by_tetgen(&placed)?);
+            }
+            if cfg!(feature = "cgal") {
+                verdicts.push(by_cgal(&placed)?);
+            }
+        }
+        AnyMesh::PlaneCells(file) => verdicts.push(cells_by_atomesh(&Placed::cells(file, &place)?)),
+        AnyMesh::SpaceCells(file) => verdicts.push(cells_by_atomesh(&Placed::cells(file, &place)?)),
+    }
+    let lines: Vec<String> = verdicts.iter().map(Verdict::line).collect();
+    let failed = verdicts
+        .iter()
+        .find_map(|v| Some((v.by, v.problem.clone()?)));
+    console.result(
+        lines.join("\n"),
+        &json!({ "file": args.mesh, "valid": failed.is_none(), "checks": verdicts }),
+    );
+    match failed {
+        None => Ok(()),
+        Some((by, problem)) => Err(Error::Mesh(cause(
+            args.mesh.display(),
+            format!("{by} finds it invalid: {problem}"),
+            "mesh the image again",
+        ))),
+    }
+}
+
+/// Our own checker, in lattice space, where the sides are known.
+fn by_atomesh<const D: usize, M: Measured<D>>(placed: &Placed<D, M>) -> Verdict {
+    let found = check(&placed.lattice, [0.0; D], placed.extent, BOX_TOLERANCE);
+    Verdict {
+        by: "atomesh",
+        what: format!(
+            "{} {} of positive {}, conforming, fill the box ({} off by {:.0e}), sides flat, all {} \
+             nodes used",
+            found.cells,
+            M::CELLS,
+            M::VOLUME,
+            M::VOLUME,
+            found.volume_error,
+            found.nodes
+        ),
+        problem: found.problems.first().cloned(),
+    }
+}
+
+/// The same for polyhedra and polygons, of which TetGen and CGAL have no notion.
+fn cells_by_atomesh<const D: usize>(placed: &Placed<D, PolyMesh<D>>) -> Verdict {
+    let found = check_welded(
+        &placed.lattice,
+        [0.0; D],
+        placed.extent,
+        BOX_TOLERANCE,
+        placed.weld,
+    );
+    let [faces, space] = match found.in_columns {
+        true => [
+            "faces, the upright ones flat,",
+            "what lies between top and base",
+        ],
+        false => ["flat faces", "the box"],
+    };
+    Verdict {
+        by: "atomesh",
+        what: format!(
+            "{} closed cells with their atoms inside, {} {faces} between two cells or on a side, \
+             fill {space} (off by {:.0e})",
+            found.cells, found.faces, found.volume_error
+        ),
+        problem: found.problems.first().cloned(),
+    }
+}
+
+/// TetGen cannot read a mesh without changing it, so it is asked for the convex hull of the nodes:
+/// the mesh must fill it.
+fn by_tetgen(placed: &Placed) -> Result<Verdict> {
+    let hull = delaunay::delaunay(&placed.lattice.nodes)?;
+    Ok(by_hull("TetGen", &placed.lattice, &hull))
+}
+
+/// The same in the plane by spade.
+fn by_spade(placed: &Placed<2, TriMesh>) -> Result<Verdict> {
+    let hull = delaunay::delaunay_plane(&placed.lattice.nodes)?;
+    Ok(by_hull("spade", &placed.lattice, &hull))
+}
+
+/// Whether a mesh fills the convex hull of its nodes, of which another triangulation is given.
+fn by_hull<const D: usize, M: Measured<D>>(by: &'static str, mesh: &M, hull: &M) -> Verdict {
+    let volume = |mesh: &M| -> f64 { (0..mesh.len()).map(|c| mesh.volume(c)).sum() };
+    let error = (volume(mesh) - volume(hull)).abs() / volume(hull);
+    let name = M::VOLUME;
+    Verdict {
+        by,
+        what: format!("fills the convex hull of its nodes ({name} off by {error:.0e})"),
+        problem: (error > BOX_TOLERANCE)
+            .then(|| format!("its {name} is off that of its nodes' hull by {error:.1e}")),
+    }
+}
+
+/// CGAL's exact predicates, on the coordinates as they are in the file.
+fn by_cgal(placed: &Placed) -> Result<Verdict> {
+    let TetMesh { nodes, tets } = &placed.physical;
+    let verdict = delaunay::cgal::validate(nodes, tets)?;
+    Ok(Verdict {
+        by: "CGAL",
+        what: "by exact predicates a triangulation of the convex hull of its nodes".into(),
+        problem: verdict.faults(BOX_TOLERANCE).into_iter().next(),
+    })
+}
+
+/// What one checker says.
+#[derive(Debug, Serialize)]
+struct Verdict {
+    /// Who checked.
+    by: &'static str,
+    /// What holds if nothing is wrong.
+    what: String,
+    /// What is wrong, if anything.
+    problem: Option<String>,
+}
+
+impl Verdict {
+    fn line(&self) -> String {
+        match &self.problem {
+            None => format!("{:8} passed: {}", self.by, self.what),
+            Some(problem) => format!("{:8} FAILED: {problem}", self.by),
+        }
+    }
+}

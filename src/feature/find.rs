@@ -40,6 +40,32 @@ pub(super) struct Found<const D: usize> {
     pub(super) confidence: Option<Vec<f32>>,
 }
 
+impl<const D: usize> Found<D> {
+    /// Drops what lies where traces are missing, or so near that smoothing mixes what is beside them
+    /// with what only continues it.
+    pub(super) fn drop_near_missing(
+        &mut self,
+        image: &Image<D>,
+        kind: Kind,
+        notes: &mut Vec<String>,
+    ) {
+        // Semblance looks farther than smoothing, along layers that go on level where data end.
+        let beyond = if kind == Kind::Faults { 12.0 } else { 2.0 };
+        let reach = (3.0 * self.levels.scale).ceil() + beyond;
+        let near = image.near_missing(reach);
+        if near.is_empty() {
+            return;
+        }
+        let row = |c: &Candidate<D>| c.voxel as usize / image.dims()[0];
+        let dropped = self.candidates.iter().map(row);
+        let dropped = dropped.filter(|&r| near[r] && !image.missing[r]).count();
+        self.candidates.retain(|c| !near[row(c)]);
+        notes.push(format!(
+            "{dropped} candidates dropped as they lie within {reach} samples of missing traces"
+        ));
+    }
+}
+
 /// Finds the candidates of one kind of feature; notes say how.
 pub(super) fn find<const D: usize>(
     image: &Image<D>,

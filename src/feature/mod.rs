@@ -205,7 +205,12 @@ impl<const D: usize> Default for Options<D> {
 /// # Errors
 /// [`Error::Feature`] for impossible options, [`Error::Image`] for an image that has NaN or infinite
 /// samples, is constant, or is not what `options.kind` says.
+///
+/// Where traces are [missing](Image::missing) there are no features, nor next to them.
 pub fn detect<const D: usize>(image: &Image<D>, options: &Options<D>) -> Result<Features<D>> {
+    refuse_too_many(image.dims(), options.kind)?;
+    let continued = image.continued();
+    let image = continued.as_ref().unwrap_or(image);
     check(image, options)?;
     let mut notes = Vec::new();
     let kind = match options.kind {
@@ -287,7 +292,8 @@ fn follow<const D: usize>(
     mut notes: Vec<String>,
 ) -> Result<Features<D>> {
     let dims = image.dims();
-    let found = find::find(image, kind, options, known.map(|(s, _)| s), &mut notes)?;
+    let mut found = find::find(image, kind, options, known.map(|(s, _)| s), &mut notes)?;
+    found.drop_near_missing(image, kind, &mut notes);
     let side = |k: usize| (dims[k] as f64 - 1.0) * options.step[k];
     let section = (0..D)
         .map(|k| (1..D).map(|l| side((k + l) % D)).product())
@@ -333,10 +339,16 @@ fn follow<const D: usize>(
     }
     let sigma = options.d_min / 4.0;
     let potential = if kind == Kind::Potential {
+        let mut samples = image.as_slice().to_vec();
+        for (row, missing) in samples.chunks_mut(dims[0].max(1)).zip(&image.missing) {
+            if *missing {
+                row.fill(0.0);
+            }
+        }
         Field {
             dims,
             step: options.step,
-            samples: image.as_slice().to_vec(),
+            samples,
         }
     } else {
         potential::potential(&sheets.points, &sheets.rim, dims, options.step, sigma)
@@ -350,6 +362,28 @@ fn follow<const D: usize>(
         settled: vec![settled],
         confidence,
     })
+}
+
+/// Most samples of an image whose features are sought: candidates know theirs by 32 bits.
+const MOST_SAMPLES: u128 = u32::MAX as u128;
+
+/// Refuses an image with more samples than can be numbered. [`Kind::Paths`] numbers them twice.
+fn refuse_too_many<const D: usize>(dims: [usize; D], kind: Kind) -> Result<()> {
+    let samples = dims
+        .iter()
+        .fold(1u128, |all, &n| all.saturating_mul(n as u128));
+    let most = match kind {
+        Kind::Paths => MOST_SAMPLES / 2,
+        _ => MOST_SAMPLES,
+    };
+    if samples <= most && dims.iter().all(|&n| n <= i32::MAX as usize) {
+        return Ok(());
+    }
+    Err(Error::Image(cause(
+        "image",
+        format!("has {samples} samples ({dims:?}); features can be found among {most}"),
+        "mesh a part of it, or take every other sample",
+    )))
 }
 
 /// Refuses impossible options and images.

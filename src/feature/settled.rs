@@ -4,7 +4,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::sheets::Open;
-use super::{Features, Kind, Options, both, check, empty, follow};
+use super::{Features, Kind, Options, both, check, empty, follow, refuse_too_many};
 use crate::error::{Error, Result, cause};
 use crate::image::Image;
 
@@ -52,6 +52,9 @@ pub fn detect_part<const D: usize>(
     settled: &[Settled],
     open: &Open<D>,
 ) -> Result<Features<D>> {
+    refuse_too_many(part.dims(), options.kind)?;
+    let continued = part.continued();
+    let part = continued.as_ref().unwrap_or(part);
     let samples = part.as_slice();
     if samples.iter().all(|s| *s == samples[0]) {
         return Ok(empty(part.dims(), options));

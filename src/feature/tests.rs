@@ -304,6 +304,22 @@ fn noise_alone_gives_hardly_any_feature() {
 }
 
 #[test]
+fn images_whose_samples_cannot_be_numbered_are_refused() {
+    let large = |dims: [usize; 3]| super::refuse_too_many(dims, Kind::Ridges);
+    // The last candidate's number, and the end of the last row, fit in 32 bits.
+    assert!(large([1 << 16, 1 << 8, (1 << 8) - 1]).is_ok());
+    assert!(large([65_537, 65_535, 1]).is_ok());
+    for dims in [[1 << 16, 1 << 16, 1], [2048, 2048, 1024], [usize::MAX; 3]] {
+        let error = large(dims).unwrap_err().to_string();
+        assert!(error.contains("found among 4294967295"), "{error}");
+    }
+    assert!(large([1 << 31, 1, 1]).is_err(), "an axis counts in 31 bits");
+    // Shortest paths run through two copies of the image.
+    let plane = |n| super::refuse_too_many([n, 1 << 16], Kind::Paths);
+    assert!(plane((1 << 15) - 1).is_ok() && plane(1 << 15).is_err());
+}
+
+#[test]
 fn bad_input_is_refused_in_one_line() {
     let (dims, sheets) = ([16, 15, 14], [Sheet::plane([1.0, 0.0, 0.0], [8.0; 3])]);
     let image = ridge_image(dims, &sheets, 1.5, 0.1);

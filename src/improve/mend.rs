@@ -25,16 +25,30 @@ pub(super) const UNUSABLE: f64 = 21.0;
 pub(super) struct Undo {
     /// Slots in the order of their first touch, with the sine they had.
     slots: Vec<(u32, f32)>,
+    /// Whether a slot is among them; no more slots than have been touched ever.
+    touched: Vec<bool>,
     pub(super) nodes: Vec<(u32, [f64; 3], Hold)>,
     node_count: usize,
 }
 
 impl Undo {
+    /// Its memory of what was touched, for the next transaction: with nothing in it.
+    fn forget(&mut self) -> Vec<bool> {
+        for (t, _) in &self.slots {
+            self.touched[*t as usize] = false;
+        }
+        std::mem::take(&mut self.touched)
+    }
+
     /// Remembers what slots hold, unless it is remembered already.
     pub(super) fn touch(&mut self, slots: &[u32], sines: &[f32]) {
         for &t in slots {
-            if !self.slots.iter().any(|s| s.0 == t) {
-                self.slots.push((t, sines[t as usize]));
+            let i = t as usize;
+            if i >= self.touched.len() {
+                self.touched.resize(i + 1, false);
+            }
+            if !std::mem::replace(&mut self.touched[i], true) {
+                self.slots.push((t, sines[i]));
             }
         }
     }
@@ -152,6 +166,7 @@ impl Improver<'_> {
         self.complex.begin();
         self.undo = Some(Undo {
             node_count: self.complex.nodes.len(),
+            touched: std::mem::take(&mut self.touched),
             ..Undo::default()
         });
         let outside = std::mem::take(&mut self.queue);
@@ -160,7 +175,8 @@ impl Improver<'_> {
             self.mend_around();
         }
         let inside = std::mem::replace(&mut self.queue, outside);
-        let undo = self.undo.take().unwrap_or_default();
+        let mut undo = self.undo.take().unwrap_or_default();
+        self.touched = undo.forget();
         let before = undo.slots.iter().map(|s| s.1).fold(f32::INFINITY, f32::min);
         let after = undo
             .slots

@@ -5,7 +5,7 @@ use crate::feature::{FeaturePoint, Features};
 use crate::geometry::in_space;
 use crate::improve::exude::exude;
 use crate::improve::plane::relax::Relaxation;
-use crate::improve::reshape::{Reshaped, Wanted};
+use crate::improve::reshape::{Refusal, Reshaped, Wanted};
 use crate::improve::sheets::Sheets;
 use crate::improve::{self, Method, plane};
 use crate::lattice::AtomKind;
@@ -45,13 +45,13 @@ pub trait Meshing<const D: usize> {
     /// and so do the part's outer faces.
     ///
     /// # Errors
-    /// The number of the node that cannot be put where it must be, or cannot go.
+    /// The node that cannot be put where it must be, or cannot go; or what else is wrong.
     fn rejoin(
         part: Self::Mesh,
         wanted: Wanted<D>,
         scene: &Scene<'_, D>,
         min_angle: f64,
-    ) -> std::result::Result<Reshaped<Self::Mesh>, u32>;
+    ) -> std::result::Result<Reshaped<Self::Mesh>, Refusal>;
 
     /// The Voronoi cells of atoms inside the box `[0, extent]`, cut by it, their nodes welded.
     ///
@@ -202,7 +202,7 @@ impl Meshing<3> for Space<3> {
         mut wanted: Wanted<3>,
         scene: &Scene<'_, 3>,
         min_angle: f64,
-    ) -> std::result::Result<Reshaped<TetMesh>, u32> {
+    ) -> std::result::Result<Reshaped<TetMesh>, Refusal> {
         let Scene {
             extent, distance, ..
         } = *scene;
@@ -276,7 +276,7 @@ impl Meshing<2> for Space<2> {
             sheets,
             distance,
             options.min_dihedral,
-        );
+        )?;
         Ok(Joined {
             mesh,
             neighbors: None,
@@ -292,7 +292,7 @@ impl Meshing<2> for Space<2> {
         mut wanted: Wanted<2>,
         scene: &Scene<'_, 2>,
         min_angle: f64,
-    ) -> std::result::Result<Reshaped<TriMesh>, u32> {
+    ) -> std::result::Result<Reshaped<TriMesh>, Refusal> {
         let Scene {
             extent, distance, ..
         } = *scene;

@@ -2,6 +2,10 @@
 
 use std::ops::Range;
 
+/// Elements within elements, at most: VTK's own files have seven. A tree much deeper could be neither
+/// walked nor even dropped without running out of stack.
+const DEEPEST: usize = 64;
+
 /// An element and what is in it.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Element {
@@ -95,6 +99,10 @@ pub fn parse(bytes: &[u8]) -> Result<Element, String> {
                     }
                 }
                 break;
+            } else if open.len() > DEEPEST {
+                return Err(format!(
+                    "elements are nested more than {DEEPEST} deep at byte {begin}"
+                ));
             } else {
                 open.push(element);
             }

@@ -25,6 +25,7 @@ use super::hold::Hold;
 use super::mend::UNUSABLE;
 use super::sheets::{SAME_SHEET, Sheets};
 use super::{Blocked, Counts, FACE_ON_SHEET, Outcome, piercing};
+use crate::error::{Error, Result, cause};
 use crate::geometry::{add_scaled, dot, in_space, norm, sub};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
@@ -70,6 +71,9 @@ pub fn mobility(atoms: &Atoms<2>, extent: [f64; 2], sheets: &Sheets) -> Vec<[f64
 ///
 /// `kinds` says what each node is and follows the nodes that come and go; the result also says
 /// for every triangle which of its edges lie on a feature: bit k for edge k (opposite node k).
+///
+/// # Errors
+/// [`Error::Mesh`] if triangles overlap or more than two share an edge; nothing is changed then.
 pub fn improve(
     mesh: &mut TriMesh,
     kinds: &mut Vec<AtomKind>,
@@ -77,13 +81,25 @@ pub fn improve(
     sheets: &Sheets,
     distance: &Distance<2>,
     min_angle: f64,
-) -> (Outcome, Vec<u8>) {
+) -> Result<(Outcome, Vec<u8>)> {
+    let neighbors = adjacency(mesh)?;
     let taken = std::mem::take(mesh);
-    let mut improver = Improver::new(taken, kinds, extent, sheets, distance, min_angle);
+    let mut improver = Improver::new(taken, neighbors, kinds, extent, sheets, distance, min_angle);
     let outcome = improver.improve();
     let finished = improver.finish();
     (*mesh, *kinds) = (finished.mesh, finished.kinds);
-    (outcome, finished.feature_faces)
+    Ok((outcome, finished.feature_faces))
+}
+
+/// Neighbours of every triangle.
+fn adjacency(mesh: &TriMesh) -> Result<Vec<[u32; 3]>> {
+    neighbors(mesh.nodes.len(), &mesh.triangles).map_err(|edge| {
+        Error::Mesh(cause(
+            format!("edge {edge:?}"),
+            "belongs to more than two triangles, or to two that overlap",
+            "mesh the image again",
+        ))
+    })
 }
 
 /// A mesh whose improvement is over.
@@ -120,6 +136,7 @@ struct Improver<'a> {
 impl<'a> Improver<'a> {
     fn new(
         mesh: TriMesh,
+        neighbors: Vec<[u32; 3]>,
         kinds: &[AtomKind],
         extent: [f64; 2],
         sheets: &'a Sheets,
@@ -140,7 +157,7 @@ impl<'a> Improver<'a> {
             }
         }
         Self {
-            neighbors: neighbors(nodes.len(), &triangles).unwrap_or_default(),
+            neighbors,
             nodes,
             triangles,
             triangle_of,

@@ -9,7 +9,7 @@ use crate::error::cause;
 use crate::feature::settled::{Settled, detect_part, reach};
 use crate::feature::{self, Features};
 use crate::image::Image;
-use crate::improve::reshape::Wanted;
+use crate::improve::reshape::{Refusal, Wanted};
 use crate::job::horizons::horizon_bits;
 use crate::job::{Meshing, Params, Scene, Space, Spacing, optimiser};
 use crate::lattice::AtomKind;
@@ -300,7 +300,8 @@ where
     /// it is, in lattice space.
     ///
     /// # Errors
-    /// [`Error::Mesh`] if an atom cannot be joined to its neighbours where it is, or cannot go.
+    /// [`Error::Mesh`] if an atom cannot be joined to its neighbours where it is, or cannot go; and
+    /// what else keeps the part from being joined.
     pub fn rejoin(
         mut self,
         body: &mut Body<D, M>,
@@ -325,7 +326,8 @@ where
             let wanted = self.wanted.clone();
             match Space::<D>::rejoin(self.part.clone(), wanted, &scene, min_angle) {
                 Ok(done) => break done,
-                Err(node) => self.otherwise(node as usize, context)?,
+                Err(Refusal::Node(node)) => self.otherwise(node as usize, context)?,
+                Err(Refusal::Part(error)) => return Err(error),
             }
         };
         let count = self.numbers.len();

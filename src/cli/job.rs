@@ -12,7 +12,7 @@ use crate::cli::parse::{self, refuse};
 use crate::error::cause;
 use crate::image::formats::ReadOptions;
 use crate::improve::Method;
-use crate::improve::plane::relax::Scheme;
+use crate::improve::triangles::relax::Scheme;
 use crate::job::{Evaluator, Metric, Spacing};
 use crate::lattice::optimize;
 use crate::lattice::seeding::Seeding;

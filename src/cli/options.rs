@@ -11,7 +11,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 use crate::cli::common::feature::FeatureChoice;
 use crate::cli::common::input::InputOptions;
 use crate::error::cause;
-use crate::improve::plane::relax::Scheme;
+use crate::improve::triangles::relax::Scheme;
 use crate::{Error, Result};
 
 /// How atoms are placed before they move.

@@ -35,9 +35,11 @@ impl<const D: usize> Buckets<D> {
             .collect();
         sorted.sort_unstable();
         for same in sorted.chunk_by(|a, b| a.0 == b.0) {
-            buckets.starts
+            buckets
+                .starts
                 .resize(same[0].0 as usize + 1, buckets.points.len());
-            buckets.points
+            buckets
+                .points
                 .extend(same.iter().map(|&(_, cell, i)| (cell, i)));
         }
         buckets.starts.push(buckets.points.len());

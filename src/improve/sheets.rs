@@ -51,6 +51,9 @@ impl Near {
 /// Two normals belong to one sheet if they differ by less than about 35 degrees.
 pub const SAME_SHEET: f64 = 0.82;
 
+/// The middle of a face on a sheet is at most this far off it.
+pub(super) const FACE_ON_SHEET: f64 = 0.75;
+
 /// How many cells make up the reach of [`Sheets::far`].
 const DILATION: u32 = 2;
 

@@ -7,7 +7,7 @@ use crate::feature::volume::Volume;
 use crate::geometry::in_space;
 use crate::image::{Field, Image};
 use crate::improve;
-use crate::improve::plane::relax::{self, Relaxation};
+use crate::improve::triangles::relax::{self, Relaxation};
 use crate::lattice::AtomKind;
 use crate::lattice::energy::Parts;
 use crate::lattice::optimize::{self, Stop};
@@ -41,7 +41,7 @@ pub(super) fn put_onto_features<const D: usize>(
 }
 
 /// The outcome where nothing is to be moved.
-pub(super) const AT_REST: optimize::Outcome = optimize::Outcome {
+pub(super) const AT_REST: optimize::Rest = optimize::Rest {
     stop: Stop::Converged,
     rounds: 0,
     iterations: 0,

@@ -34,7 +34,7 @@ pub struct CellsOutcome<const D: usize = 3> {
     /// Share of the cells' size within which nodes are welded.
     pub weld: f64,
     /// What the optimiser did in its last pass, and why it stopped.
-    pub optimised: optimize::Outcome,
+    pub optimised: optimize::Rest,
     /// Figures of the cells and of what they cost; where they come from is for the caller to add.
     pub report: Report,
 }
@@ -73,11 +73,11 @@ where
         stages.begin("pairing atoms");
         let points: Vec<_> = features.points.iter().map(Space::<D>::in_space).collect();
         atoms = pairs::mirrored(&atoms, extent, &points, &sheets, &distance);
-        let options = optimize::Options {
+        let options = optimize::Effort {
             seed: params.seed,
             max_rounds: 1,
             max_evaluations: PAIRED_EVALUATIONS,
-            ..optimize::Options::default()
+            ..optimize::Effort::default()
         };
         let energy = Pairwise::new(extent, &distance, None, Beta::Constant(0.0))?;
         let mut energy = energy.aligned(Alignment::Alongside);

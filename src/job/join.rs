@@ -3,11 +3,9 @@
 use crate::Result;
 use crate::feature::{FeaturePoint, Features};
 use crate::geometry::in_space;
-use crate::improve::exude::exude;
-use crate::improve::plane::relax::Relaxation;
-use crate::improve::reshape::{Refusal, Reshaped, Wanted};
 use crate::improve::sheets::Sheets;
-use crate::improve::{self, Method, plane};
+use crate::improve::triangles::relax::Relaxation;
+use crate::improve::{self, Method, Refusal, Reshaped, Target, Wanted, tets, triangles};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
 use crate::lattice::seeding::Atoms;
@@ -37,7 +35,7 @@ pub trait Meshing<const D: usize> {
         atoms: Atoms<D>,
         scene: &Scene<'_, D>,
         relaxation: Option<&Relaxation<D>>,
-        improvement: Option<&improve::Options>,
+        improvement: Option<&Target>,
         begin: &mut dyn FnMut(&str),
     ) -> Result<Joined<Self::Mesh>>;
 
@@ -125,7 +123,7 @@ impl Meshing<3> for Space<3> {
         mut atoms: Atoms<3>,
         scene: &Scene<'_, 3>,
         _: Option<&Relaxation<3>>,
-        improvement: Option<&improve::Options>,
+        improvement: Option<&Target>,
         begin: &mut dyn FnMut(&str),
     ) -> Result<Joined<TetMesh>> {
         let Scene {
@@ -156,7 +154,7 @@ impl Meshing<3> for Space<3> {
         let (neighbors, (outcome, feature_faces)) = match options.method {
             Method::Joe => {
                 begin(IMPROVING);
-                let done = improve::improve(
+                let done = tets::improve(
                     &mut mesh,
                     &mut neighbors,
                     &mut kinds,
@@ -170,7 +168,7 @@ impl Meshing<3> for Space<3> {
             Method::Exude => {
                 begin("removing slivers the other way");
                 let (mut other, mut their_kinds) = (mesh.clone(), kinds.clone());
-                let (_, faces) = improve::improve(
+                let (_, faces) = tets::improve(
                     &mut other,
                     &mut neighbors.clone(),
                     &mut their_kinds,
@@ -181,7 +179,7 @@ impl Meshing<3> for Space<3> {
                 );
                 rival = Some((other, faces));
                 begin(IMPROVING);
-                let done = exude(
+                let done = tets::exude(
                     &mut mesh, neighbors, &mut kinds, extent, sheets, distance, options,
                 )?;
                 (None, done)
@@ -209,11 +207,11 @@ impl Meshing<3> for Space<3> {
         let sheets = Self::sheets(scene);
         let reach = SETTLE * distance.min();
         improve::settle(&mut wanted.targets, &wanted.kinds, extent, &sheets, reach);
-        let options = improve::Options {
+        let options = Target {
             min_dihedral: min_angle,
             method: Method::Joe,
         };
-        improve::reshape::reshape(part, &wanted, extent, &sheets, distance, &options)
+        tets::reshape(part, &wanted, extent, &sheets, distance, &options)
     }
 
     fn cells(atoms: &[[f64; 3]], extent: [f64; 3], weld: f64) -> Result<PolyMesh<3>> {
@@ -236,7 +234,7 @@ impl Meshing<2> for Space<2> {
         mut atoms: Atoms<2>,
         scene: &Scene<'_, 2>,
         relaxation: Option<&Relaxation<2>>,
-        improvement: Option<&improve::Options>,
+        improvement: Option<&Target>,
         begin: &mut dyn FnMut(&str),
     ) -> Result<Joined<TriMesh>> {
         let Scene {
@@ -246,14 +244,14 @@ impl Meshing<2> for Space<2> {
         let sheets = wanted.then(|| Self::sheets(scene));
         if let Some(sheets) = &sheets {
             let reach = SETTLE * distance.min();
-            plane::settle(&mut atoms.positions, &atoms.kinds, extent, sheets, reach);
+            improve::settle(&mut atoms.positions, &atoms.kinds, extent, sheets, reach);
         }
         begin(JOINING);
         let mut mesh = match (relaxation, &sheets) {
             (Some(relaxation), Some(sheets)) => {
                 begin("smoothing");
-                let mobility = plane::mobility(&atoms, extent, sheets);
-                plane::relax::relax(atoms.positions, &mobility, relaxation)?.0
+                let mobility = triangles::mobility(&atoms, extent, sheets);
+                triangles::relax::relax(atoms.positions, &mobility, relaxation)?.0
             }
             _ => delaunay::delaunay_plane(&atoms.positions)?,
         };
@@ -269,7 +267,7 @@ impl Meshing<2> for Space<2> {
             });
         };
         begin(IMPROVING);
-        let (outcome, feature_faces) = plane::improve(
+        let (outcome, feature_faces) = triangles::improve(
             &mut mesh,
             &mut kinds,
             extent,
@@ -298,8 +296,8 @@ impl Meshing<2> for Space<2> {
         } = *scene;
         let sheets = Self::sheets(scene);
         let reach = SETTLE * distance.min();
-        plane::settle(&mut wanted.targets, &wanted.kinds, extent, &sheets, reach);
-        plane::reshape(&part, &wanted, extent, &sheets, distance, min_angle)
+        improve::settle(&mut wanted.targets, &wanted.kinds, extent, &sheets, reach);
+        triangles::reshape(&part, &wanted, extent, &sheets, distance, min_angle)
     }
 
     fn cells(atoms: &[[f64; 2]], extent: [f64; 2], weld: f64) -> Result<PolyMesh<2>> {

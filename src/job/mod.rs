@@ -55,7 +55,7 @@ where
     /// Nominal distance between nodes.
     pub distance: Distance<D>,
     /// What the optimiser did in its last pass, and why it stopped.
-    pub optimised: optimize::Outcome,
+    pub optimised: optimize::Rest,
     /// Figures of the mesh and of what it cost; where it comes from is for the caller to add.
     pub report: Report,
 }
@@ -105,7 +105,7 @@ where
         let seeded = atoms.len() - params.fixed.len();
         canny::put_onto_features(&mut atoms, seeded, &scene);
     }
-    let options = params.min_dihedral.map(|min_dihedral| improve::Options {
+    let options = params.min_dihedral.map(|min_dihedral| improve::Target {
         min_dihedral,
         method: params.slivers,
     });
@@ -167,7 +167,7 @@ struct Settled<'a, const D: usize> {
     features: Features<D>,
     distance: Distance<D>,
     atoms: Atoms<D>,
-    optimised: optimize::Outcome,
+    optimised: optimize::Rest,
 }
 
 /// From an image to atoms at rest on its features, or alongside.
@@ -366,7 +366,7 @@ pub fn scaled<const D: usize, M: Simplices<D>>(mesh: &M, scale: [f64; D]) -> Cow
 }
 
 /// The report's lines on the optimiser.
-fn optimisation(outcome: &optimize::Outcome, atoms: usize) -> Optimisation {
+fn optimisation(outcome: &optimize::Rest, atoms: usize) -> Optimisation {
     let per_atom = 1.0 / atoms as f64;
     Optimisation {
         energy_lattice: outcome.parts.lattice * per_atom,
@@ -422,7 +422,7 @@ fn optimise<const D: usize>(
     beta: &Beta<D>,
     extent: [f64; D],
     observer: &mut dyn Observer,
-) -> Result<optimize::Outcome> {
+) -> Result<optimize::Rest> {
     let regular = params.kappa != 1.0;
     let options = moving(params);
     let mut pass = |potential: &Field<D>| {
@@ -453,19 +453,19 @@ fn optimise<const D: usize>(
 }
 
 /// How the atoms of a job are moved.
-pub(crate) fn moving<const D: usize>(params: &Params<D>) -> optimize::Options {
+pub(crate) fn moving<const D: usize>(params: &Params<D>) -> optimize::Effort {
     optimiser(params.seed).with(params.optimizer, params.kappa != 1.0)
 }
 
 /// How atoms are moved by default.
-pub(crate) fn optimiser(seed: u64) -> optimize::Options {
-    optimize::Options {
+pub(crate) fn optimiser(seed: u64) -> optimize::Effort {
+    optimize::Effort {
         seed,
         tolerance: 1e-3,
         // Improvement takes over from here: a second round changes neither quality nor fidelity.
         max_rounds: 1,
         max_evaluations: 40,
-        ..optimize::Options::default()
+        ..optimize::Effort::default()
     }
 }
 

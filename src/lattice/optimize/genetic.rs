@@ -8,7 +8,7 @@
 //!   part is mostly one region of the box.
 //! - *mutation*: each atom of the child moves or not. One that moves goes, as likely, in a direction by
 //!   chance or down the gradient of the energy; not farther than 0.1 d
-//!   ([`Options::perturbation`]).
+//!   ([`Effort::perturbation`]).
 //!
 //! How many atoms of a child move (up to all) and how far those by chance (up to all the way) is by
 //! chance itself, for each child: where the lattice is far from rest large changes pay, and later small
@@ -23,7 +23,7 @@ use rayon::prelude::*;
 use super::bounds::Bounds;
 use super::minimise::{Budget, FIRST_CURVATURE, Minimiser, finite};
 use super::observer::{Observer, Progress};
-use super::{Options, Stop};
+use super::{Effort, Stop};
 use crate::error::Result;
 use crate::geometry::random::uniform;
 use crate::lattice::energy::{Energy, Parts};
@@ -49,7 +49,7 @@ pub fn evolve<const D: usize>(
     minimiser: &mut Minimiser<D>,
     start: &[[f64; D]],
     energy: &mut dyn Energy<D>,
-    options: &Options,
+    options: &Effort,
     round: usize,
     budget: &mut Budget,
     observer: &mut dyn Observer,
@@ -209,7 +209,7 @@ mod tests {
     use crate::image::Field;
     use crate::lattice::distance::Distance;
     use crate::lattice::energy::{Beta, Pairwise, Regularised};
-    use crate::lattice::optimize::{Method, Outcome, Unobserved, optimize};
+    use crate::lattice::optimize::{Method, Rest, Unobserved, optimize};
     use crate::lattice::seeding::{Alignment, Atoms, Seeding, seed};
 
     const D: f64 = 5.0;
@@ -239,15 +239,15 @@ mod tests {
         Pairwise::new(EXTENT, &DISTANCE, Some(valley), Beta::Constant(0.5)).unwrap()
     }
 
-    fn run(method: Method, evaluations: usize, observer: &mut dyn Observer) -> (Atoms<2>, Outcome) {
+    fn run(method: Method, evaluations: usize, observer: &mut dyn Observer) -> (Atoms<2>, Rest) {
         let valley = valley();
         let mut atoms = drawn(&valley);
-        let options = Options {
+        let options = Effort {
             method,
             max_rounds: 1,
             max_evaluations: evaluations,
             tolerance: 1e-5,
-            ..Options::default()
+            ..Effort::default()
         };
         let energy = &mut evaluator(&valley);
         let outcome = optimize(&mut atoms, energy, &DISTANCE, EXTENT, &options, observer).unwrap();
@@ -339,9 +339,9 @@ mod tests {
                 let beta = Beta::Constant(0.5);
                 Regularised::new(evaluator(&valley), &DISTANCE, beta, kappa, free).unwrap()
             };
-            let options = Options {
+            let options = Effort {
                 max_rounds: 3,
-                ..Options::default().with(method, true)
+                ..Effort::default().with(method, true)
             };
             let used = &mut energy(kappa);
             optimize(

@@ -55,9 +55,9 @@ pub enum Method {
     Genetic,
 }
 
-/// How to optimise.
+/// How, and how hard, to optimise.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Options {
+pub struct Effort {
     /// How each round goes.
     pub method: Method,
     /// Relative decrease of P, a step and a round, below which steps and rounds end (Hale: 1e-3).
@@ -74,7 +74,7 @@ pub struct Options {
     pub temperature: Vec<f64>,
 }
 
-impl Default for Options {
+impl Default for Effort {
     fn default() -> Self {
         Self {
             method: Method::Lbfgs,
@@ -88,7 +88,7 @@ impl Default for Options {
     }
 }
 
-impl Options {
+impl Effort {
     /// With another method and the effort that suits it: steepest descent takes more evaluations, and a
     /// genetic algorithm many, but of these as many at once as there are threads. Where energies change
     /// from round to round (`regular`, by Laplacian coordinates) there are three.
@@ -108,9 +108,9 @@ impl Options {
     }
 }
 
-/// What an optimisation did.
+/// How a lattice came to rest, and what that took.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Outcome {
+pub struct Rest {
     /// Why it ended.
     pub stop: Stop,
     /// Rounds begun.
@@ -136,9 +136,9 @@ pub fn optimize<const D: usize>(
     energy: &mut dyn Energy<D>,
     distance: &Distance<D>,
     extent: [f64; D],
-    options: &Options,
+    options: &Effort,
     observer: &mut dyn Observer,
-) -> Result<Outcome> {
+) -> Result<Rest> {
     check(options, atoms.len())?;
     let mobility = mobility(atoms, extent, &options.temperature);
     let bounds = Bounds::new(atoms, distance, extent, &mobility);
@@ -199,7 +199,7 @@ pub fn optimize<const D: usize>(
             break Stop::Converged;
         }
     };
-    Ok(Outcome {
+    Ok(Rest {
         stop,
         rounds,
         iterations: budget.iterations,
@@ -210,7 +210,7 @@ pub fn optimize<const D: usize>(
     })
 }
 
-fn check(options: &Options, atoms: usize) -> Result<()> {
+fn check(options: &Effort, atoms: usize) -> Result<()> {
     let fail = |place: &str, problem: String, remedy: &str| {
         Err(Error::Optimize(cause(place, problem, remedy)))
     };

@@ -62,7 +62,7 @@ fn atoms_settle_on_the_surface_and_the_box_stays_exact() {
     let before = atoms.clone();
     let mut energy = evaluator(&distance, &valley);
     let mut recorder = Recorder::default();
-    let options = Options::default();
+    let options = Effort::default();
     let outcome = optimize(
         &mut atoms,
         &mut energy,
@@ -142,9 +142,9 @@ fn energy_never_rises_within_a_round_and_the_best_is_kept() {
     let mut atoms = seeding::regular(EXTENT, &distance, &[], Alignment::On).unwrap();
     let mut energy = evaluator(&distance, &valley);
     let mut recorder = Recorder::default();
-    let options = Options {
+    let options = Effort {
         max_rounds: 1,
-        ..Options::default()
+        ..Effort::default()
     };
     let outcome = optimize(
         &mut atoms,
@@ -171,7 +171,7 @@ fn an_interrupt_keeps_what_has_been_gained() {
         stop_after: Some(7),
         ..Recorder::default()
     };
-    let options = Options::default();
+    let options = Effort::default();
     let outcome = optimize(
         &mut atoms,
         &mut energy,
@@ -183,7 +183,7 @@ fn an_interrupt_keeps_what_has_been_gained() {
     .unwrap();
     assert_eq!((outcome.stop, outcome.iterations), (Stop::Interrupted, 7));
     assert_eq!(outcome.energy_after, recorder.energies[6]);
-    let limited = Options {
+    let limited = Effort {
         max_evaluations: 9,
         ..options
     };
@@ -213,10 +213,10 @@ fn any_number_of_threads_and_any_run_give_the_same_bytes() {
             let (distance, valley) = (Distance::Constant(D), valley());
             let mut atoms = seeding::regular(EXTENT, &distance, &[], Alignment::On).unwrap();
             let mut energy = evaluator(&distance, &valley);
-            let options = Options {
+            let options = Effort {
                 seed,
                 max_rounds: 2,
-                ..Options::default()
+                ..Effort::default()
             };
             let stop = &mut Unobserved;
             optimize(&mut atoms, &mut energy, &distance, EXTENT, &options, stop).unwrap();
@@ -234,10 +234,10 @@ fn frozen_atoms_stay() {
     let mut atoms = seeding::regular(EXTENT, &distance, &[], Alignment::On).unwrap();
     let before = atoms.positions.clone();
     let warm = |x: &[f64; 3]| f64::from(u8::from((x[0] - 25.0).abs() < 8.0));
-    let options = Options {
+    let options = Effort {
         temperature: before.iter().map(warm).collect(),
         max_rounds: 1,
-        ..Options::default()
+        ..Effort::default()
     };
     let mut energy = evaluator(&distance, &valley);
     optimize(
@@ -278,13 +278,13 @@ fn an_edit_changes_its_neighbourhood_only() {
     let run = |warmth: f64| {
         let mut atoms = atoms.clone();
         let around = temperature::around(&before, &[(centre, distance.at(centre))]);
-        let options = Options {
+        let options = Effort {
             temperature: around.iter().map(|t| warmth * t).collect(),
             max_rounds: 1,
             // As given, at the start, and after one step, which is along the force.
             max_evaluations: 3,
             perturbation: 0.0,
-            ..Options::default()
+            ..Effort::default()
         };
         let mut energy = Pairwise::new(EXTENT, &distance, None, Beta::Constant(0.0)).unwrap();
         optimize(
@@ -376,12 +376,12 @@ fn argmin_finds_no_lower_energy() {
     let theirs = state.state().get_best_cost();
 
     let mut energy = evaluator(&distance, &valley);
-    let options = Options {
+    let options = Effort {
         perturbation: 0.0,
         max_rounds: 1,
         max_evaluations: 42,
         tolerance: 1e-9,
-        ..Options::default()
+        ..Effort::default()
     };
     let outcome = optimize(
         &mut atoms,
@@ -402,25 +402,25 @@ fn argmin_finds_no_lower_energy() {
 fn impossible_options_are_refused() {
     let (distance, valley) = (Distance::Constant(D), valley());
     let mut atoms = seeding::regular(EXTENT, &distance, &[], Alignment::On).unwrap();
-    let good = Options::default();
+    let good = Effort::default();
     for options in [
-        Options {
+        Effort {
             tolerance: 0.0,
             ..good.clone()
         },
-        Options {
+        Effort {
             tolerance: f64::NAN,
             ..good.clone()
         },
-        Options {
+        Effort {
             perturbation: 0.7,
             ..good.clone()
         },
-        Options {
+        Effort {
             temperature: vec![1.0],
             ..good.clone()
         },
-        Options {
+        Effort {
             temperature: vec![1.5; atoms.len()],
             ..good
         },

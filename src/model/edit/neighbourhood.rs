@@ -9,7 +9,7 @@ use crate::error::cause;
 use crate::feature::settled::{Settled, detect_part, reach};
 use crate::feature::{self, Features};
 use crate::image::Image;
-use crate::improve::reshape::{Refusal, Wanted};
+use crate::improve::{Refusal, Wanted};
 use crate::job::horizons::horizon_bits;
 use crate::job::{Meshing, Params, Scene, Space, Spacing, optimiser};
 use crate::lattice::AtomKind;

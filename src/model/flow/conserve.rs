@@ -9,7 +9,8 @@
 
 use rayon::prelude::*;
 
-use super::elements::{ElementFlow, area_vector, centre_to_face, corners, gradients};
+use super::elements::ElementFlow;
+use super::linear::{area_vector, centre_to_face, corners, gradients};
 use super::sparse::{Matrix, sum};
 use super::system::solve;
 use super::wells::Located;

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use super::cells::CellRates;
 use super::conserve::FaceRates;
-use super::elements::{area_vector, gradients};
+use super::linear::{area_vector, gradients};
 use crate::geometry::dot;
 use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::elements::{corners, gradients};
+use super::linear::{corners, gradients};
 use crate::error::cause;
 use crate::geometry::dot;
 use crate::mesh::Simplices;

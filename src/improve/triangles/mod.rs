@@ -12,8 +12,16 @@
 //! 3. where a triangle would be of no use otherwise, its nodes may leave their curves.
 //!
 //! An angle of at least 30 degrees everywhere means none above 120.
+//!
+//! - `recover`: no edge passes through a curve
+//! - `mend`: angles are raised
+//! - `edges`: flips, splits and collapses
+//! - `smooth`: a node moves to where it is best
+//! - [`reshape`](mod@reshape): atoms come, go and move in a part of a mesh
+//! - [`relax`]: Laplace's smoothing, before anything else
 
 mod edges;
+mod mend;
 mod recover;
 pub mod relax;
 mod reshape;
@@ -22,9 +30,9 @@ mod smooth;
 pub use reshape::reshape;
 
 use super::hold::Hold;
-use super::mend::UNUSABLE;
-use super::sheets::{SAME_SHEET, Sheets};
-use super::{Blocked, Counts, FACE_ON_SHEET, Outcome, piercing};
+use super::pierce::piercing;
+use super::sheets::{FACE_ON_SHEET, SAME_SHEET, Sheets};
+use super::{Blocked, Counts, Improved};
 use crate::error::{Error, Result, cause};
 use crate::geometry::{add_scaled, dot, in_space, norm, sub};
 use crate::lattice::AtomKind;
@@ -33,22 +41,6 @@ use crate::lattice::seeding::Atoms;
 use crate::mesh::TriMesh;
 use crate::mesh::complex::NONE;
 use crate::mesh::tri::{SIDES, angles, neighbors, worst_cotangent};
-
-/// Moves the atoms within `reach` of a curve onto it, as [`improve::settle`](super::settle).
-pub fn settle(
-    positions: &mut [[f64; 2]],
-    kinds: &[AtomKind],
-    extent: [f64; 2],
-    sheets: &Sheets,
-    reach: f64,
-) -> usize {
-    let mut lifted: Vec<[f64; 3]> = positions.iter().map(|&x| in_space(x)).collect();
-    let moved = super::settle(&mut lifted, kinds, in_space(extent), sheets, reach);
-    for (x, [u, v, _]) in positions.iter_mut().zip(lifted) {
-        *x = [u, v];
-    }
-    moved
-}
 
 /// Which coordinates of each atom may change where what lies on a feature shall stay: 1 for free, 0 for
 /// held. Atoms on the sides of the box keep to them.
@@ -81,7 +73,7 @@ pub fn improve(
     sheets: &Sheets,
     distance: &Distance<2>,
     min_angle: f64,
-) -> Result<(Outcome, Vec<u8>)> {
+) -> Result<(Improved, Vec<u8>)> {
     let neighbors = adjacency(mesh)?;
     let taken = std::mem::take(mesh);
     let mut improver = Improver::new(taken, neighbors, kinds, extent, sheets, distance, min_angle);
@@ -175,13 +167,13 @@ impl<'a> Improver<'a> {
     }
 
     /// All steps, in order.
-    fn improve(&mut self) -> Outcome {
+    fn improve(&mut self) -> Improved {
         let poor_before = self.poor().len();
         self.recover();
         self.polish();
         self.release();
         let blocked = self.blocked();
-        Outcome {
+        Improved {
             poor_before,
             poor_after: blocked.len(),
             counts: self.counts,
@@ -331,145 +323,14 @@ impl<'a> Improver<'a> {
         }
     }
 
-    /// Flips and smooths, and collapses or splits edges where that is not enough.
-    fn polish(&mut self) {
-        self.flip_all();
-        for round in 0..ROUNDS {
-            if self.poor().is_empty() {
-                return;
-            }
-            let mut nodes: Vec<u32> = self
-                .above(self.enough)
-                .iter()
-                .flat_map(|&t| self.triangles[t as usize])
-                .collect();
-            if round % 2 == 1 {
-                // Room is made by their neighbours, too.
-                for node in nodes.clone() {
-                    self.gather(node);
-                    let around = self.star.iter().flat_map(|&t| self.triangles[t as usize]);
-                    nodes.extend(around);
-                }
-            }
-            nodes.sort_unstable();
-            nodes.dedup();
-            for node in nodes {
-                if self.smooth(node) {
-                    self.counts.moves += 1;
-                }
-            }
-            self.flip_queue();
-            if round % 3 == 2 {
-                for t in self.poor() {
-                    if self.triangles[t as usize][0] != NONE {
-                        self.mend(t);
-                    }
-                }
-                self.flip_queue();
-            }
-        }
-    }
-
-    /// Lets nodes leave their curves where a triangle would otherwise stay unusable: one node if that
-    /// is enough, else all three.
-    fn release(&mut self) {
-        let usable = 1.0 / UNUSABLE.to_radians().tan();
-        for round in 0..4 {
-            let bad = self.above(usable);
-            if bad.is_empty() {
-                return;
-            }
-            for t in bad {
-                let triangle = self.triangles[t as usize];
-                if self.cotangent(triangle) <= usable {
-                    continue;
-                }
-                let held: Vec<u32> = triangle
-                    .into_iter()
-                    .filter(|&n| self.holds[n as usize].count > 0)
-                    .collect();
-                let one = held.iter().any(|&n| self.let_go(n, usable));
-                // Flips about the first ones may be enough for the others.
-                if !one && round > 1 {
-                    self.counts.released += held.len();
-                    for n in held {
-                        self.holds[n as usize].clear_sheets();
-                    }
-                }
-            }
-            self.flip_all();
-            self.polish();
-        }
-    }
-
-    /// Frees a node from the curves that hold it and smooths it; takes that back if an angle about it
-    /// still has a cotangent above `usable`.
-    fn let_go(&mut self, node: u32, usable: f64) -> bool {
-        let i = node as usize;
-        let (x, hold) = (self.nodes[i], self.holds[i]);
-        self.holds[i].clear_sheets();
-        self.smooth(node);
-        self.gather(node);
-        let around = self.star.iter().map(|&t| self.triangles[t as usize]);
-        if around.map(|t| self.cotangent(t)).fold(0.0, f64::max) <= usable {
-            self.counts.released += 1;
-            return true;
-        }
-        (self.nodes[i], self.holds[i]) = (x, hold);
-        false
-    }
-
-    /// Collapses the shortest edge of a poor triangle, or else splits its longest.
-    fn mend(&mut self, t: u32) {
-        let now = self.cotangent(self.triangles[t as usize]);
-        if now <= self.target {
-            return;
-        }
-        let lengths = SIDES.map(|[i, j]| {
-            let [p, q] = [i, j].map(|i| self.nodes[self.triangles[t as usize][i] as usize]);
-            (p[0] - q[0]).hypot(p[1] - q[1])
-        });
-        let by = |better: fn(f64, f64) -> bool| {
-            (1..3).fold(0, |best, k| {
-                if better(lengths[k], lengths[best]) {
-                    k
-                } else {
-                    best
-                }
-            })
-        };
-        let (shortest, longest) = (by(|a, b| a < b), by(|a, b| a > b));
-        let [a, b] = SIDES[shortest].map(|i| self.triangles[t as usize][i]);
-        if self.collapse(a, b, now) || self.collapse(b, a, now) {
-            self.counts.collapses += 1;
-            return;
-        }
-        let [a, b] = SIDES[longest].map(|i| self.triangles[t as usize][i]);
-        let [p, q] = [a, b].map(|n| self.nodes[n as usize]);
-        let middle = [0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1])];
-        if !self.on_feature(a, b) && self.split(t, longest, middle, Some(now)) {
-            self.counts.insertions += 1;
-        }
-    }
-
     fn blocked(&self) -> Vec<Blocked> {
         self.poor()
             .iter()
             .map(|&t| {
                 let triangle = self.triangles[t as usize];
                 let p = self.corners(triangle);
-                let angles = angles(&p);
                 let holds = triangle.map(|n| self.holds[n as usize]);
-                let count = |f: &dyn Fn(&Hold) -> bool| holds.iter().filter(|h| f(h)).count();
-                let [x, y] = [0, 1].map(|k| p.iter().map(|x| x[k]).sum::<f64>() / 3.0);
-                Blocked {
-                    centroid: [x, y, 0.0],
-                    smallest: angles.iter().copied().fold(f64::INFINITY, f64::min),
-                    largest: angles.iter().copied().fold(0.0, f64::max),
-                    nodes_on_sides: count(&|h| h.axes & 3 != 0),
-                    nodes_on_features: count(&|h| h.count > 0),
-                    nodes_on_crossings: count(&|h| h.count > 1),
-                }
+                Blocked::new(&p, &angles(&p), &holds, 3)
             })
             .collect()
     }
@@ -480,9 +341,6 @@ const STEEPEST: f64 = 20.0;
 
 /// Smoothing aims this many degrees above the target.
 const MARGIN: f64 = 4.0;
-
-/// Rounds of smoothing; every third also collapses and splits.
-const ROUNDS: usize = 24;
 
 #[cfg(test)]
 mod tests;

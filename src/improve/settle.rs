@@ -1,12 +1,58 @@
-//! Atoms that were moved one by one must not end at one place.
+//! Atoms near features go onto them, no two to one place.
 
+use rayon::prelude::*;
+
+use super::hold::Hold;
+use super::sheets::Sheets;
 use crate::geometry::scatter::Scatter;
-use crate::geometry::{distance2, sub};
+use crate::geometry::{distance2, in_space, norm, sub};
+use crate::lattice::AtomKind;
+
+/// Moves the atoms within `reach` of a feature onto it (onto all of them, where several cross),
+/// never off the box's sides, and no two to one place. Returns how many were moved.
+pub fn settle<const D: usize>(
+    positions: &mut [[f64; D]],
+    kinds: &[AtomKind],
+    extent: [f64; D],
+    sheets: &Sheets,
+    reach: f64,
+) -> usize {
+    let (before, extent) = (positions.to_vec(), in_space(extent));
+    let moved: usize = positions
+        .par_iter_mut()
+        .zip(kinds)
+        .map(|(x, &kind)| {
+            let at = in_space(*x);
+            if sheets.far(at) || !sheets.close(at) {
+                return 0;
+            }
+            let mut hold = Hold::by_box(at, kind, extent);
+            let near = sheets.near(at);
+            for sheet in near.iter().filter(|s| s.offset.abs() < reach) {
+                hold.add(sheet.normal);
+            }
+            // On both features if that can be reached, else on the nearer one.
+            while hold.count > 0 {
+                let mut trial = hold;
+                if let Some(y) = trial.settle(at, extent, sheets)
+                    && norm(sub(y, at)) < 1.5 * reach
+                {
+                    *x = std::array::from_fn(|k| y[k]);
+                    return 1;
+                }
+                hold.count -= 1;
+            }
+            0
+        })
+        .sum();
+    // Two atoms pulled to one place would be one node.
+    moved - keep_apart(positions, &before, 0.1 * reach)
+}
 
 /// Moves atoms back that came nearer than `gap` to another: `before` holds where each atom was, and
 /// there they all were farther apart. Of two that meet, the one of the higher number goes back.
 /// Returns how many did.
-pub fn keep_apart(positions: &mut [[f64; 3]], before: &[[f64; 3]], gap: f64) -> usize {
+fn keep_apart<const D: usize>(positions: &mut [[f64; D]], before: &[[f64; D]], gap: f64) -> usize {
     let mut returned = 0;
     // One that goes back may meet another that has come near its old place: look again.
     loop {
@@ -32,10 +78,10 @@ pub fn keep_apart(positions: &mut [[f64; 3]], before: &[[f64; 3]], gap: f64) -> 
 }
 
 /// Atoms in cells, about one in each, which are at least `size` wide.
-fn scattered(positions: &[[f64; 3]], size: f64) -> Scatter<3> {
-    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+fn scattered<const D: usize>(positions: &[[f64; D]], size: f64) -> Scatter<D> {
+    let (mut low, mut high) = ([f64::INFINITY; D], [f64::NEG_INFINITY; D]);
     for x in positions {
-        for k in 0..3 {
+        for k in 0..D {
             low[k] = low[k].min(x[k]);
             high[k] = high[k].max(x[k]);
         }

@@ -3,7 +3,7 @@
 use super::*;
 use crate::feature::FeaturePoint;
 use crate::geometry::random::signed;
-use crate::geometry::volume6;
+use crate::geometry::{cross, norm, volume6};
 use crate::mesh::check::check;
 use crate::mesh::complex;
 
@@ -81,7 +81,7 @@ fn run(
     kinds: &mut Vec<AtomKind>,
     extent: [f64; 3],
     sheets: &Sheets,
-) -> (Outcome, Vec<u8>) {
+) -> (Improved, Vec<u8>) {
     let mut neighbors = complex::neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
     improve(
         mesh,
@@ -90,7 +90,7 @@ fn run(
         extent,
         sheets,
         &Distance::Constant(4.5),
-        &Options::default(),
+        &Target::default(),
     )
 }
 
@@ -213,7 +213,7 @@ fn exudation_keeps_the_faces_on_a_plane_and_removes_slivers() {
         extent,
         &sheets,
         &Distance::Constant(4.5),
-        &Options::default(),
+        &Target::default(),
     )
     .unwrap();
     assert_eq!(exuded.nodes, mesh.nodes, "no node moves");

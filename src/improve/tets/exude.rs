@@ -1,9 +1,11 @@
 //! The second method against slivers: CGAL's exudation. Features are recovered as for the first, and
 //! the nodes that this leaves stay where they are; only what joins them changes.
 
-use super::sheets::Sheets;
-use super::{Improver, Options, Outcome, blocked, faces_on_sheets};
+use super::Improver;
+use super::finish::{blocked, faces_on_sheets};
 use crate::Result;
+use crate::improve::sheets::Sheets;
+use crate::improve::{Improved, Target};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
 use crate::mesh::delaunay::exude;
@@ -23,9 +25,9 @@ pub fn exude(
     extent: [f64; 3],
     sheets: &Sheets,
     distance: &Distance<3>,
-    options: &Options,
-) -> Result<(Outcome, Vec<u8>)> {
-    let target = options.min_dihedral.to_radians().sin();
+    aim: &Target,
+) -> Result<(Improved, Vec<u8>)> {
+    let target = aim.min_dihedral.to_radians().sin();
     let taken = std::mem::take(mesh);
     let mut improver = Improver::new(taken, neighbors, kinds, extent, sheets, distance, target);
     let poor_before = improver.poor().len();
@@ -44,7 +46,7 @@ pub fn exude(
             on_feature.map(|k| FACES[k].map(|i| tet[i]))
         })
         .collect();
-    mesh.tets = exude::exude(&mesh.nodes, &keep, options.min_dihedral)?;
+    mesh.tets = exude::exude(&mesh.nodes, &keep, aim.min_dihedral)?;
 
     let sines: Vec<f64> = (0..mesh.tets.len())
         .into_par_iter()
@@ -53,7 +55,7 @@ pub fn exude(
     let mut poor: Vec<u32> = (0..mesh.tets.len() as u32).collect();
     poor.retain(|&t| sines[t as usize] < target);
     poor.sort_by(|&a, &b| sines[a as usize].total_cmp(&sines[b as usize]));
-    let outcome = Outcome {
+    let outcome = Improved {
         poor_before,
         poor_after: poor.len(),
         counts,

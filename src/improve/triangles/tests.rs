@@ -1,6 +1,7 @@
 use super::*;
 use crate::feature::FeaturePoint;
 use crate::geometry::in_space;
+use crate::improve::settle;
 use crate::lattice::seeding::{self, Alignment};
 use crate::mesh::check::check;
 use crate::mesh::delaunay::delaunay_plane;

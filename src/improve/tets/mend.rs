@@ -4,6 +4,7 @@
 
 use super::{Hold, Improver};
 use crate::geometry::{norm, sub};
+use crate::improve::target::UNUSABLE;
 use crate::mesh::{EDGES, FACES};
 
 /// A split, collapse or swap must at least leave tetrahedra with volume.
@@ -16,9 +17,6 @@ const SHORTEST_SPLIT: f64 = 0.95;
 
 /// So many tetrahedra, or one in a hundred if that is more, are worked on in a round.
 const PATIENCE: usize = 1000;
-
-/// An angle (degrees) below which, or above its supplement, a cell is of no use.
-pub(super) const UNUSABLE: f64 = 21.0;
 
 /// What a transaction has overwritten, beside the complex's own journal.
 #[derive(Debug, Default)]

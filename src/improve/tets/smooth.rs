@@ -5,10 +5,10 @@
 //! direction is the shortest vector in the convex hull of the gradients of the smallest ones: no
 //! direction raises all of them faster. Nodes on features and sides move only along them.
 
-use super::hold::Hold;
-use super::sheets::Sheets;
 use crate::geometry::wide::wide;
 use crate::geometry::{add_scaled, cross, dot, norm, sub};
+use crate::improve::hold::Hold;
+use crate::improve::sheets::Sheets;
 use crate::mesh::quality::min_sine;
 
 /// One dihedral angle of a tetrahedron as a function of its node 0.

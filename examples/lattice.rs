@@ -115,8 +115,7 @@ fn grown(image: &Image<2>, to: &str) -> anyhow::Result<()> {
         for [u, v] in [[1.0, 0.0], [0.0, 1.0]] {
             let first = crosses.nodes.len() as u32;
             crosses.nodes.extend([[x - u, y - v], [x + u, y + v]]);
-            crosses.corners.extend([first, first + 1]);
-            crosses.ends.push(first + 2);
+            crosses.faces.push([first, first + 1]);
             crosses.marked.push(true);
         }
     }

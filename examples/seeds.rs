@@ -19,10 +19,11 @@ use atomesh::lattice::energy::laplacian::KAPPA;
 use atomesh::lattice::energy::{Beta, Energy, Pairwise, Regularised};
 use atomesh::lattice::optimize::{self, Effort, Method, Unobserved};
 use atomesh::lattice::seeding::{self, Alignment, Atoms, Seeding};
+use atomesh::mesh::Simplices;
 use atomesh::mesh::delaunay;
 use atomesh::model::slice::{self, Skeleton};
 use atomesh::report::cost::cpu_seconds;
-use atomesh::report::{Measured, quality};
+use atomesh::report::quality;
 
 /// Runs with different seeds whose figures are averaged, as in the paper.
 const RUNS: u64 = 10;
@@ -297,7 +298,7 @@ where
 
 /// Worst and mean Q = 4 sqrt(3) A / (l1^2 + l2^2 + l3^2); in 3-D the mean ratio, which it is in the
 /// plane.
-fn shapes<const D: usize>(mesh: &impl Measured<D>) -> [f64; 2] {
+fn shapes<const D: usize>(mesh: &impl Simplices<D>) -> [f64; 2] {
     let found = quality(mesh);
     [found.mean_ratio.worst, found.mean_ratio_mean]
 }

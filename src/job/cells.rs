@@ -16,6 +16,7 @@ use crate::lattice::optimize::{self, Observer};
 use crate::lattice::seeding::Alignment;
 use crate::mesh::graph::Graph;
 use crate::mesh::poly::PolyMesh;
+use crate::mesh::poly_check::check_welded;
 use crate::report::{self, Lattice, Reference, Report};
 
 /// Voronoi cells in lattice space, and what led to them.
@@ -97,15 +98,9 @@ where
     stages.begin("measuring the mesh");
     let graph = Graph::from_poly(&mesh);
     let physical = Graph::from_poly(&to_world(&mesh, step, &image.geometry));
+    let check = check_welded(&mesh, [0.0; D], extent, BOX_TOLERANCE, params.weld);
     let mut report = Report {
-        voronoi: Some(report::voronoi(
-            &mesh,
-            &graph,
-            &physical,
-            extent,
-            BOX_TOLERANCE,
-            params.weld,
-        )),
+        voronoi: Some(report::voronoi(check, &graph, &physical)),
         lattice: Some(Lattice {
             optimisation: Some(optimisation(&optimised, mesh.sites.len())),
             ..report::lattice_of_graph(&graph, |x| distance.at(x))

@@ -12,8 +12,8 @@ use crate::lattice::seeding::Atoms;
 use crate::mesh::delaunay::{self, Delaunay};
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::voronoi;
-use crate::mesh::{TetMesh, TriMesh};
-use crate::report::{Improvement, Measured};
+use crate::mesh::{Simplices, TetMesh, TriMesh};
+use crate::report::Improvement;
 
 /// The plane (`D` = 2) or space (`D` = 3).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -22,7 +22,7 @@ pub struct Space<const D: usize>;
 /// A space in which meshes are made.
 pub trait Meshing<const D: usize> {
     /// What is made: triangles or tetrahedra.
-    type Mesh: Measured<D>;
+    type Mesh: Simplices<D>;
 
     /// Puts the atoms that are next to a feature onto it, joins all and improves the result until
     /// every angle is at least as large as `improvement` asks, where that can be; without it, only

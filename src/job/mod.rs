@@ -28,9 +28,9 @@ use crate::lattice::energy::{Beta, Energy, Pairwise, Regularised, Sampled};
 use crate::lattice::optimize::{self, Observer, Stop};
 use crate::lattice::seeding::wells::{self, Way};
 use crate::lattice::seeding::{self, Alignment, Atoms, Seeding};
-use crate::mesh::Simplices;
 use crate::mesh::check::check_joined;
-use crate::report::{Clock, Lattice, Measured, Optimisation, Reference, Report, Rival};
+use crate::mesh::{Mesh, Simplices};
+use crate::report::{Clock, Lattice, Optimisation, Reference, Report, Rival};
 use crate::{Error, Result, report};
 use join::Joined;
 
@@ -324,7 +324,7 @@ fn smoother<const D: usize>(potential: &Field<D>, sigma: f64, factor: f64) -> Fi
 }
 
 /// Shapes, fidelity and validity of a mesh in lattice space.
-fn measure<const D: usize, M: Measured<D>>(
+fn measure<const D: usize, M: Simplices<D>>(
     mesh: &M,
     neighbors: Option<&[u32]>,
     dims: [usize; D],

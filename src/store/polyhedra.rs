@@ -15,12 +15,9 @@ use super::vtu::{
 use crate::error::Result;
 use crate::files::Batch;
 use crate::files::vtk::{DataArray, Document, Packing, Source, VtkFile};
+use crate::mesh::Mesh;
 use crate::mesh::poly::{Beyond, Lists, NO_CELL, PolyMesh};
 
-/// VTK's number of the polyhedron.
-pub const POLYHEDRON: u8 = 42;
-/// VTK's number of the polygon.
-pub const POLYGON: u8 = 7;
 /// The cell array of sites.
 const SITE: &str = "site";
 /// The cell array of regions.
@@ -100,7 +97,7 @@ pub fn add_cells_vtu<const D: usize>(
     document.open("Cells", &[]);
     document.array(integers("connectivity", &streams.corners));
     document.array(integers("offsets", &streams.corner_ends));
-    let kind = if D == 2 { POLYGON } else { POLYHEDRON };
+    let kind = PolyMesh::<D>::VTK_CELL;
     document.array(Source::computed("types", 1, cells, |_| kind));
     if D == 3 {
         document.array(integers("faces", &streams.faces));
@@ -198,7 +195,7 @@ pub(super) fn read_cells<const D: usize>(file: &VtkFile) -> Result<MeshFile<Poly
     let nodes = read_nodes(file, file.child(piece, "Points")?, points)?;
     let element = file.child(piece, "Cells")?;
     let types = cell_values(file, element, "types")?;
-    let kind = i64::from(if D == 2 { POLYGON } else { POLYHEDRON });
+    let kind = i64::from(PolyMesh::<D>::VTK_CELL);
     if let Some(cell) = types.iter().position(|&t| t != kind) {
         let problem = format!(
             "cell {cell} is of VTK's type {}, not {kind} like the first",

@@ -1,26 +1,71 @@
-//! Meshes that files hold, whatever their cells are.
+//! Meshes that files hold, whatever their cells are, and the way back to lattice space.
 
 use std::path::Path;
 
-use super::file::Placed;
-use crate::Result;
-use crate::files::vtk::DataArray;
-use crate::mesh::faceted::Faceted;
-use crate::mesh::faceted::marks_of_bits;
+use super::file::{HORIZON_FACES, UNITS, WELD};
+use super::{FieldValue, MeshFile, face_bits_to_physical, write_cells_vtu, write_vtu};
+use crate::error::cause;
+use crate::files::vtk::{DataArray, Values};
+use crate::image::Geometry;
+use crate::mesh::interface::marks_of_bits;
 use crate::mesh::poly::PolyMesh;
-use crate::report::Measured;
-use crate::store::{MeshFile, write_cells_vtu, write_vtu};
+use crate::mesh::{Mesh, Positions, Simplices, TetMesh};
+use crate::{Error, Result};
 
-/// A mesh that a file can hold.
-pub trait Stored<const D: usize>: Faceted<D> + Sized {
-    /// Finds the way back from a file's coordinates; `place` names the file in errors.
-    ///
-    /// # Errors
-    /// As [`Placed::new`].
-    fn place(file: MeshFile<Self>, place: &str) -> Result<Placed<D, Self>>;
+/// The cell array of regions.
+const REGION: &str = "region";
 
-    /// Which faces of `placed.lattice` lie on features, by number; `None` if the file does not say.
-    fn marks(placed: &Placed<D, Self>) -> Option<Vec<bool>>;
+/// A mesh read from a file, in lattice space; where the file has it is kept as positions only.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StoredMesh<const D: usize = 3, M = TetMesh> {
+    /// In lattice space, in the box `[0, extent]`.
+    pub lattice: M,
+    /// Its positions in the file.
+    pub world: Positions<D>,
+    /// Where lattice space is.
+    pub space: LatticeSpace<D>,
+    /// For each simplex, bit k: face k of `lattice` lies on a feature, the file says.
+    pub feature_faces: Option<Vec<u8>>,
+    /// For each number of a face of `lattice` whether it lies on a horizon; empty if none does.
+    pub horizons: Vec<bool>,
+    /// Share of the cells' size within which nodes of Voronoi cells are welded, the file says.
+    pub weld: f64,
+    /// What else the file holds.
+    pub arrays: MeshFile<()>,
+}
+
+/// Where the lattice space of a mesh is.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LatticeSpace<const D: usize> {
+    /// The far corner of the box.
+    pub extent: [f64; D],
+    /// Length of one sample along each axis of lattice space.
+    pub step: [f64; D],
+    /// From samples to physical coordinates.
+    pub geometry: Geometry<D>,
+    /// Whether the file says it. If not, lattice space is the file's own, moved so that the mesh begins
+    /// at the origin.
+    pub by_file: bool,
+}
+
+/// How a file holds a mesh of some kind of cells.
+pub trait Stored<const D: usize>: Mesh<D> {
+    /// For each simplex the bits of its faces on features; `mirrored` says that cells will be turned
+    /// round. `None` if the file does not say, and for polyhedra and polygons, which know it.
+    fn feature_faces(file: &MeshFile<Self>, mirrored: bool) -> Option<Vec<u8>>;
+
+    /// For each number of a face whether it lies on a horizon, likewise; empty if none does.
+    fn horizons(file: &MeshFile<Self>, mirrored: bool) -> Vec<bool>;
+
+    /// Which faces of a mesh in lattice space lie on features, by number, from what the file says of
+    /// them; `None` if it does not.
+    fn marks(&self, feature_faces: Option<&[u8]>) -> Option<Vec<bool>>;
+
+    /// Finds the sides of the box, `[0, extent]`, on which faces lie, if they know them.
+    fn find_sides(&mut self, extent: [f64; D]);
+
+    /// The region of each cell; `None` if the file does not say.
+    fn regions(&self, arrays: &MeshFile<()>) -> Option<Vec<i32>>;
 
     /// Says which region each cell belongs to.
     fn set_regions(file: &mut MeshFile<Self>, regions: Vec<i32>);
@@ -32,18 +77,29 @@ pub trait Stored<const D: usize>: Faceted<D> + Sized {
     fn write(path: &Path, file: &MeshFile<Self>) -> Result<()>;
 }
 
-impl<const D: usize, M: Measured<D>> Stored<D> for M {
-    fn place(file: MeshFile<Self>, place: &str) -> Result<Placed<D, Self>> {
-        Placed::new(file, place)
+impl<const D: usize, M: Simplices<D>> Stored<D> for M {
+    fn feature_faces(file: &MeshFile<Self>, mirrored: bool) -> Option<Vec<u8>> {
+        bits::<D, M>(file, M::FEATURE_FACES, mirrored)
     }
 
-    fn marks(placed: &Placed<D, Self>) -> Option<Vec<bool>> {
-        let bits = placed.feature_faces.as_deref()?;
-        Some(marks_of_bits::<D>(bits).collect())
+    fn horizons(file: &MeshFile<Self>, mirrored: bool) -> Vec<bool> {
+        let bits = bits::<D, M>(file, HORIZON_FACES, mirrored);
+        marks_of_bits::<D>(&bits.unwrap_or_default()).collect()
+    }
+
+    fn marks(&self, feature_faces: Option<&[u8]>) -> Option<Vec<bool>> {
+        Some(marks_of_bits::<D>(feature_faces?).collect())
+    }
+
+    fn find_sides(&mut self, _: [f64; D]) {}
+
+    fn regions(&self, arrays: &MeshFile<()>) -> Option<Vec<i32>> {
+        let regions = arrays.cell_array(REGION)?.values.to_i64();
+        Some(regions.into_iter().map(|r| r as i32).collect())
     }
 
     fn set_regions(file: &mut MeshFile<Self>, regions: Vec<i32>) {
-        let array = DataArray::scalars("region", regions);
+        let array = DataArray::scalars(REGION, regions);
         match file.cell_data.iter_mut().find(|a| a.name == array.name) {
             Some(old) => *old = array,
             None => file.cell_data.push(array),
@@ -55,13 +111,44 @@ impl<const D: usize, M: Measured<D>> Stored<D> for M {
     }
 }
 
+/// Bits for the faces of simplices that a file holds.
+fn bits<const D: usize, M>(file: &MeshFile<M>, name: &str, mirrored: bool) -> Option<Vec<u8>> {
+    match &file.cell_array(name)?.values {
+        Values::U8(bits) => Some(face_bits_to_physical::<D>(bits, mirrored)),
+        _ => None,
+    }
+}
+
 impl<const D: usize> Stored<D> for PolyMesh<D> {
-    fn place(file: MeshFile<Self>, place: &str) -> Result<Placed<D, Self>> {
-        Placed::cells(file, place)
+    fn feature_faces(_: &MeshFile<Self>, _: bool) -> Option<Vec<u8>> {
+        None
     }
 
-    fn marks(placed: &Placed<D, Self>) -> Option<Vec<bool>> {
-        Some(placed.lattice.on_feature.clone())
+    fn horizons(file: &MeshFile<Self>, _: bool) -> Vec<bool> {
+        let Some(FieldValue::Ints(pairs)) = file.field(HORIZON_FACES) else {
+            return Vec::new();
+        };
+        let face_cells = &file.mesh.face_cells;
+        let mut horizons = vec![false; face_cells.len()];
+        for pair in pairs.as_chunks::<2>().0 {
+            // Faces are in the order of their cells.
+            if let Ok(face) = face_cells.binary_search(&pair.map(|cell| cell as u32)) {
+                horizons[face] = true;
+            }
+        }
+        horizons
+    }
+
+    fn marks(&self, _: Option<&[u8]>) -> Option<Vec<bool>> {
+        Some(self.on_feature.clone())
+    }
+
+    fn find_sides(&mut self, extent: [f64; D]) {
+        self.assign_sides([0.0; D], extent);
+    }
+
+    fn regions(&self, _: &MeshFile<()>) -> Option<Vec<i32>> {
+        Some(self.region.clone())
     }
 
     fn set_regions(file: &mut MeshFile<Self>, regions: Vec<i32>) {
@@ -69,9 +156,171 @@ impl<const D: usize> Stored<D> for PolyMesh<D> {
     }
 
     fn write(path: &Path, file: &MeshFile<Self>) -> Result<()> {
-        // The mesh itself has them.
-        let mut file = file.clone();
-        file.field_data.retain(|(name, _)| name != "feature_faces");
-        write_cells_vtu(path, &file)
+        write_cells_vtu(path, file)
     }
+}
+
+impl<const D: usize> LatticeSpace<D> {
+    /// Of a mesh with these nodes; `None` if the file says it only in part.
+    fn of<M>(file: &MeshFile<M>, nodes: &[[f64; D]]) -> Option<Self> {
+        let array = |name: &str| match file.field(name) {
+            Some(FieldValue::F64s(values)) => Some(values.as_slice()),
+            _ => None,
+        };
+        let vector = |name: &str| <[f64; D]>::try_from(array(name)?).ok();
+        let known =
+            ["origin", "axes", "lattice_step", "lattice_extent"].map(|name| array(name).is_some());
+        if known == [false; 4] {
+            let (low, high) = bounds(nodes);
+            return Some(Self {
+                extent: std::array::from_fn(|k| high[k] - low[k]),
+                step: [1.0; D],
+                geometry: Geometry::with_spacing(low, [1.0; D]),
+                by_file: false,
+            });
+        }
+        let axes = array("axes").filter(|axes| axes.len() == D * D)?;
+        let mut units = match file.field(UNITS) {
+            Some(FieldValue::Text(text)) => text.as_str(),
+            _ => "",
+        }
+        .split(',');
+        Some(Self {
+            extent: vector("lattice_extent")?,
+            step: vector("lattice_step")?,
+            geometry: Geometry {
+                origin: vector("origin")?,
+                axes: std::array::from_fn(|k| std::array::from_fn(|c| axes[D * k + c])),
+                units: std::array::from_fn(|_| units.next().unwrap_or_default().to_string()),
+                ..Geometry::default()
+            },
+            by_file: true,
+        })
+    }
+
+    /// A position of lattice space in the world.
+    pub fn to_world(&self, x: [f64; D]) -> [f64; D] {
+        let index = std::array::from_fn(|k| x[k] / self.step[k]);
+        self.geometry.to_physical(index)
+    }
+
+    /// A position of the world in lattice space; `None` if the axes do not span space.
+    pub fn to_lattice(&self, point: [f64; D]) -> Option<[f64; D]> {
+        let index = self.geometry.to_index(point)?;
+        Some(std::array::from_fn(|k| index[k] * self.step[k]))
+    }
+
+    /// Number of samples along each axis of the image that was meshed, if it was one.
+    pub fn dims(&self) -> [f64; D] {
+        std::array::from_fn(|k| self.extent[k] / self.step[k] + 1.0)
+    }
+
+    /// Whether the world is a mirror image of it.
+    pub fn is_mirrored(&self) -> bool {
+        self.geometry.determinant() < 0.0
+    }
+
+    /// Whether an image of these dims fills the box.
+    pub fn holds(&self, dims: [usize; D]) -> bool {
+        let own = self.dims();
+        (0..D).all(|k| (dims[k] as f64 - own[k]).abs() <= 1e-6)
+    }
+
+    /// Checks that an image of these dims fills the box; `place` names it in errors.
+    ///
+    /// # Errors
+    /// [`Error::Image`] if it does not.
+    pub fn check_dims(&self, dims: [usize; D], place: &str) -> Result<()> {
+        if self.holds(dims) {
+            return Ok(());
+        }
+        Err(Error::Image(cause(
+            place,
+            format!("is of {dims:?} samples, the mesh of {:?}", self.dims()),
+            "give the image that was meshed, or one of its dims",
+        )))
+    }
+}
+
+impl<const D: usize, M: Stored<D>> StoredMesh<D, M> {
+    /// Finds the way back from a file's coordinates; `place` names the file in errors. Faces of
+    /// polyhedra and polygons on the boundary are assigned to the sides of the box that they are
+    /// nearest to.
+    ///
+    /// # Errors
+    /// [`Error::Mesh`] for a mesh without cells, or one whose geometry makes no sense.
+    pub fn new(file: MeshFile<M>, place: &str) -> Result<Self> {
+        let refuse = |problem: &str| {
+            let remedy = "give a mesh that atomesh mesh wrote";
+            Err(Error::Mesh(cause(place, problem, remedy)))
+        };
+        if file.mesh.is_empty() || file.mesh.nodes().is_empty() {
+            return refuse(&format!("holds no {}", M::CELLS));
+        }
+        let Some(space) = LatticeSpace::of(&file, file.mesh.nodes()) else {
+            return refuse("says only in part where it lies");
+        };
+        let Some(mut positions) = file.mesh.positions(|&x| space.to_lattice(x)) else {
+            return refuse("has axes that do not span space");
+        };
+        let mirrored = space.is_mirrored();
+        let weld = match file.field(WELD) {
+            Some(FieldValue::F64s(weld)) => weld.first().copied(),
+            _ => None,
+        };
+        let feature_faces = M::feature_faces(&file, mirrored);
+        let horizons = M::horizons(&file, mirrored);
+        let (mut lattice, arrays) = file.split();
+        lattice.exchange(&mut positions, mirrored);
+        lattice.find_sides(space.extent);
+        Ok(Self {
+            lattice,
+            world: positions,
+            space,
+            feature_faces,
+            horizons,
+            weld: weld.unwrap_or(0.0),
+            arrays,
+        })
+    }
+
+    /// Which faces of `lattice` lie on features, by number; `None` if the file does not say.
+    pub fn marks(&self) -> Option<Vec<bool>> {
+        self.lattice.marks(self.feature_faces.as_deref())
+    }
+
+    /// The region of each cell; `None` if the file does not say.
+    pub fn regions(&self) -> Option<Vec<i32>> {
+        self.lattice.regions(&self.arrays)
+    }
+
+    /// What `look` finds in the mesh where the file has it. Faces of simplices have other numbers there
+    /// if the world mirrors the lattice.
+    pub fn in_world<T>(&mut self, look: impl FnOnce(&M) -> T) -> T {
+        let mirrored = self.space.is_mirrored();
+        self.lattice.exchange(&mut self.world, mirrored);
+        let found = look(&self.lattice);
+        self.lattice.exchange(&mut self.world, mirrored);
+        found
+    }
+
+    /// The file again.
+    pub fn into_file(mut self) -> MeshFile<M> {
+        let mirrored = self.space.is_mirrored();
+        self.lattice.exchange(&mut self.world, mirrored);
+        self.arrays.with_mesh(self.lattice)
+    }
+}
+
+/// The smallest box that holds all points.
+pub fn bounds<const D: usize>(points: &[[f64; D]]) -> ([f64; D], [f64; D]) {
+    points.iter().fold(
+        ([f64::INFINITY; D], [f64::NEG_INFINITY; D]),
+        |(low, high), p| {
+            (
+                std::array::from_fn(|k| low[k].min(p[k])),
+                std::array::from_fn(|k| high[k].max(p[k])),
+            )
+        },
+    )
 }

@@ -6,13 +6,13 @@
 
 use std::path::Path;
 
-use super::polyhedra::{self, POLYGON, POLYHEDRON};
+use super::polyhedra;
 use crate::error::Result;
 use crate::files::Batch;
 use crate::files::vtk::xml::Element;
 use crate::files::vtk::{DataArray, Document, Source, Values, VtkFile};
 use crate::mesh::poly::PolyMesh;
-use crate::mesh::{Simplices, TetMesh, TriMesh};
+use crate::mesh::{Mesh, Simplices, TetMesh, TriMesh};
 
 /// A mesh and everything that is stored with it.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -25,6 +25,42 @@ pub struct MeshFile<M = TetMesh> {
     pub cell_data: Vec<DataArray>,
     /// What belongs to the whole mesh: version, parameters, the input's hash.
     pub field_data: Vec<(String, FieldValue)>,
+}
+
+impl<M> MeshFile<M> {
+    /// The cell data of that name.
+    pub fn cell_array(&self, name: &str) -> Option<&DataArray> {
+        self.cell_data.iter().find(|array| array.name == name)
+    }
+
+    /// What belongs to the whole mesh by that name.
+    pub fn field(&self, name: &str) -> Option<&FieldValue> {
+        let mut fields = self.field_data.iter();
+        fields.find_map(|(known, value)| (known == name).then_some(value))
+    }
+
+    /// The mesh, and what else there is.
+    pub fn split(self) -> (M, MeshFile<()>) {
+        let rest = MeshFile {
+            mesh: (),
+            point_data: self.point_data,
+            cell_data: self.cell_data,
+            field_data: self.field_data,
+        };
+        (self.mesh, rest)
+    }
+}
+
+impl MeshFile<()> {
+    /// The same of a mesh.
+    pub fn with_mesh<M>(self, mesh: M) -> MeshFile<M> {
+        MeshFile {
+            mesh,
+            point_data: self.point_data,
+            cell_data: self.cell_data,
+            field_data: self.field_data,
+        }
+    }
 }
 
 /// A value that belongs to the whole mesh.
@@ -214,6 +250,23 @@ pub enum AnyMesh {
     SpaceCells(MeshFile<PolyMesh<3>>),
 }
 
+/// Does the same with a mesh of any kind: `with_mesh!(mesh, file => ...)`; or one thing with simplices
+/// and another with polygons and polyhedra: `with_mesh!(mesh, simplices file => ..., cells file => ...)`.
+macro_rules! with_mesh {
+    ($mesh:expr, $file:pat => $run:expr) => {
+        $crate::store::with_mesh!($mesh, simplices $file => $run, cells $file => $run)
+    };
+    ($mesh:expr, simplices $simplices:pat => $run:expr, cells $cells:pat => $other:expr) => {
+        match $mesh {
+            $crate::store::AnyMesh::Plane($simplices) => $run,
+            $crate::store::AnyMesh::Space($simplices) => $run,
+            $crate::store::AnyMesh::PlaneCells($cells) => $other,
+            $crate::store::AnyMesh::SpaceCells($cells) => $other,
+        }
+    };
+}
+pub(crate) use with_mesh;
+
 /// Reads a mesh of triangles or polygons in the plane z = 0, of tetrahedra as [`read_vtu`] does, or of
 /// polyhedra.
 ///
@@ -224,10 +277,10 @@ pub fn read_any_vtu(path: &Path) -> Result<AnyMesh> {
     let types = cell_values(&file, file.child(file.piece()?, "Cells")?, "types")?;
     Ok(match types.first() {
         Some(&kind) if kind == i64::from(TriMesh::VTK_CELL) => AnyMesh::Plane(read_cells(&file)?),
-        Some(&kind) if kind == i64::from(POLYGON) => {
+        Some(&kind) if kind == i64::from(PolyMesh::<2>::VTK_CELL) => {
             AnyMesh::PlaneCells(polyhedra::read_cells(&file)?)
         }
-        Some(&kind) if kind == i64::from(POLYHEDRON) => {
+        Some(&kind) if kind == i64::from(PolyMesh::<3>::VTK_CELL) => {
             AnyMesh::SpaceCells(polyhedra::read_cells(&file)?)
         }
         _ => AnyMesh::Space(read_cells(&file)?),

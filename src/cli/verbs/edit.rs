@@ -17,10 +17,11 @@ use crate::image::formats;
 use crate::image::formats::{AnyLoaded, Loaded};
 use crate::job::{Meshing, Space};
 use crate::lattice::optimize::Observer;
+use crate::mesh::Simplices;
 use crate::model::edit::body::dropped;
 use crate::model::edit::{Change, Edit, Summary, edit as edit_mesh};
-use crate::report::{Clock, Measured, Report};
-use crate::store::{AnyMesh, FieldValue, MeshFile, read_any_vtu, write_vtu};
+use crate::report::{Clock, Report};
+use crate::store::{FieldValue, MeshFile, read_any_vtu, with_mesh, write_vtu};
 use crate::{Error, Result};
 
 /// `atomesh edit`.
@@ -69,18 +70,17 @@ pub fn edit(args: &EditArgs, console: &mut Console) -> Result<()> {
     clock.begin("reading");
     let refuse =
         |problem: &str, remedy: &str| Err(Error::Job(cause(args.mesh.display(), problem, remedy)));
-    match read_any_vtu(&args.mesh)? {
-        AnyMesh::Plane(file) => run(args, file, clock, console),
-        AnyMesh::Space(file) => run(args, file, clock, console),
-        AnyMesh::PlaneCells(_) | AnyMesh::SpaceCells(_) => refuse(
+    with_mesh!(read_any_vtu(&args.mesh)?,
+        simplices file => run(args, file, clock, console),
+        cells _ => refuse(
             "is a mesh of Voronoi cells",
             "edit a mesh of triangles or tetrahedra",
-        ),
-    }
+        )
+    )
 }
 
 /// The same in the plane and in space.
-fn run<const D: usize, M: Measured<D>>(
+fn run<const D: usize, M: Simplices<D>>(
     args: &EditArgs,
     file: MeshFile<M>,
     mut clock: Clock,
@@ -287,7 +287,7 @@ fn from_file<const D: usize>(path: &Path) -> Result<Vec<Edit<D>>> {
 }
 
 /// What was done, on one screen.
-fn table<const D: usize, M: Measured<D>>(
+fn table<const D: usize, M: Simplices<D>>(
     edits: &[Edit<D>],
     summary: &Summary,
     cells: [usize; 2],

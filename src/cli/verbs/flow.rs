@@ -9,8 +9,8 @@ use crate::cli::console::Console;
 use crate::cli::parse::{bad, by_region, number, rows};
 use crate::error::cause;
 use crate::files::check_target;
-use crate::files::vtk::DataArray;
 use crate::job::{Meshing, Space};
+use crate::mesh::Simplices;
 use crate::mesh::poly::PolyMesh;
 use crate::model::flow::report::FlowReport;
 use crate::model::flow::through::{
@@ -18,10 +18,7 @@ use crate::model::flow::through::{
     flow_through_elements,
 };
 use crate::model::flow::{Barriers, Faults, Rock, Streamlines, Tensor, Well};
-use crate::report::Measured;
-use crate::store::file::Placed;
-use crate::store::stored::Stored;
-use crate::store::{AnyMesh, MeshFile, read_any_vtu};
+use crate::store::{MeshFile, Stored, StoredMesh, read_any_vtu, with_mesh};
 use crate::{Error, Result};
 
 /// `atomesh flow`.
@@ -97,12 +94,10 @@ pub fn flow(args: &FlowArgs, console: &mut Console) -> Result<()> {
     check_target(&args.output)?;
     args.streamlines.as_deref().map_or(Ok(()), check_target)?;
     console.begin_stage("reading");
-    let report = match read_any_vtu(&args.mesh)? {
-        AnyMesh::Plane(file) => typed.through_elements::<2, _>(file, console),
-        AnyMesh::Space(file) => typed.through_elements::<3, _>(file, console),
-        AnyMesh::PlaneCells(file) => typed.through_cells(file, console),
-        AnyMesh::SpaceCells(file) => typed.through_cells(file, console),
-    }?;
+    let report = with_mesh!(read_any_vtu(&args.mesh)?,
+        simplices file => typed.through_elements(file, console),
+        cells file => typed.through_cells(file, console)
+    )?;
     console.result(
         format_args!("{}\nwrote {}", report.table(), args.output.display()),
         &json!(report),
@@ -119,27 +114,19 @@ struct Typed<'a> {
 }
 
 impl Typed<'_> {
-    fn through_elements<const D: usize, M: Measured<D>>(
+    fn through_elements<const D: usize, M: Simplices<D>>(
         &self,
         file: MeshFile<M>,
         console: &mut Console,
     ) -> Result<FlowReport> {
         let args = self.args;
-        let arrays = MeshFile {
-            mesh: M::from_parts(Vec::new(), Vec::new()),
-            point_data: file.point_data.clone(),
-            cell_data: file.cell_data.clone(),
-            field_data: file.field_data.clone(),
-        };
-        let placed = Placed::new(file, &args.mesh.display().to_string())?;
-        let regions = arrays.cell_data.iter().find(|array| array.name == "region");
-        let regions = regions.map(|array| array.values.to_i64());
-        let rock = rock::<D>(args, &arrays.cell_data, regions)?;
+        let mut stored = StoredMesh::new(file, &args.mesh.display().to_string())?;
+        let rock = rock(args, &stored)?;
         let conditions = self.conditions()?;
-        let barriers = self.barriers(&placed, console)?;
+        let barriers = self.barriers(&mut stored, console)?;
         console.begin_stage("computing pressure");
         let lines = args.streamlines.as_ref().map(|_| args.lines);
-        let outcome = flow_through_elements(arrays, &placed, rock, &barriers, &conditions, lines)?;
+        let outcome = flow_through_elements(stored, rock, &barriers, &conditions, lines)?;
         self.write(outcome, console)
     }
 
@@ -153,16 +140,13 @@ impl Typed<'_> {
         Space<D>: Meshing<D>,
     {
         let args = self.args;
-        let place = args.mesh.display();
-        let regions = file.mesh.region.iter().map(|&r| i64::from(r)).collect();
-        let rock = rock::<D>(args, &file.cell_data, Some(regions))?;
-        let placed = Placed::cells(file.clone(), &place.to_string())?;
+        let mut stored = StoredMesh::new(file, &args.mesh.display().to_string())?;
+        let rock = rock(args, &stored)?;
         let conditions = self.conditions()?;
-        let barriers = self.barriers(&placed, console)?;
+        let barriers = self.barriers(&mut stored, console)?;
         console.begin_stage("computing pressure");
         let lines = args.streamlines.as_ref().map(|_| args.lines);
-        let (outcome, off) =
-            flow_through_cells(file, &placed, &rock, &barriers, &conditions, lines)?;
+        let (outcome, off) = flow_through_cells(stored, &rock, &barriers, &conditions, lines)?;
         if off > 1.0 {
             console.note(format_args!(
                 "the lines between cells are {off:.0} degrees off square to the permeability times \
@@ -212,7 +196,7 @@ impl Typed<'_> {
 
     fn barriers<const D: usize, M: Stored<D>>(
         &self,
-        placed: &Placed<D, M>,
+        stored: &mut StoredMesh<D, M>,
         console: &mut Console,
     ) -> Result<Barriers> {
         let laws = &self.laws;
@@ -220,10 +204,10 @@ impl Typed<'_> {
             return Ok(Barriers::default());
         }
         let place = self.args.mesh.display();
-        match M::marks(placed) {
+        match stored.marks() {
             Some(marks) => {
                 console.begin_stage("grouping faces into faults");
-                barriers(placed, &marks, laws)
+                barriers(stored, &marks, laws)
             }
             None if self.args.faults.is_some() || !laws.own.is_empty() => Err(Error::Flow(cause(
                 place,
@@ -411,11 +395,7 @@ fn multipliers(text: &str, thickness: Option<f64>) -> Result<Vec<(String, u32, F
 }
 
 /// The mobility of every cell: from numbers, from a file by region, or from an array of the mesh.
-fn rock<const D: usize>(
-    args: &FlowArgs,
-    cell_data: &[DataArray],
-    regions: Option<Vec<i64>>,
-) -> Result<Rock> {
+fn rock<const D: usize, M: Stored<D>>(args: &FlowArgs, stored: &StoredMesh<D, M>) -> Result<Rock> {
     let (text, viscosity) = (&args.permeability, args.viscosity);
     if !(viscosity > 0.0 && viscosity.is_finite()) {
         let remedy = "give Pa s: water has 0.001";
@@ -434,12 +414,13 @@ fn rock<const D: usize>(
         let tensor = tensor.ok_or_else(|| refuse("is no permeability"))?;
         return Ok(Rock::uniform(tensor, viscosity));
     }
-    if let Some(array) = cell_data.iter().find(|array| array.name == *text) {
+    if let Some(array) = stored.arrays.cell_array(text) {
         return Rock::by_cell::<D>(&array.values.to_f64(), array.components, viscosity);
     }
     let path = Path::new(text);
     if !path.exists() {
-        let names: Vec<&str> = cell_data.iter().map(|array| array.name.as_str()).collect();
+        let arrays = stored.arrays.cell_data.iter();
+        let names: Vec<&str> = arrays.map(|array| array.name.as_str()).collect();
         return Err(refuse(&format!(
             "is no number, no file, and no cell array of the mesh (it has {})",
             names.join(", ")
@@ -447,9 +428,8 @@ fn rock<const D: usize>(
     }
     let lines = "write region,K or region,KX,KY,KZ, in m^2";
     let kinds = by_region(path, Tensor::of_dimension::<D>, lines)?;
-    let regions = regions.ok_or_else(|| {
+    let regions = stored.regions().ok_or_else(|| {
         refuse("is by region, but the mesh has no cell array 'region': give one for all")
     })?;
-    let regions: Vec<i32> = regions.into_iter().map(|r| r as i32).collect();
     Rock::by_region(&regions, &kinds, viscosity)
 }

@@ -26,7 +26,8 @@ use crate::job::{
 };
 use crate::lattice::optimize::{Observer, Progress, Stop};
 use crate::lattice::seeding::Seeding;
-use crate::report::{Clock, Input, Measured, quality};
+use crate::mesh::Simplices;
+use crate::report::{Clock, Input, quality};
 use crate::store::cells::cells_to_file;
 use crate::store::file::{Provenance, to_file};
 use crate::store::{Trace, write_cells_vtu, write_vtu};
@@ -119,7 +120,7 @@ struct Run<'a> {
 }
 
 impl Run<'_> {
-    fn mesh<const D: usize, M: Measured<D>>(
+    fn mesh<const D: usize, M: Simplices<D>>(
         self,
         loaded: Loaded<D>,
         console: &mut Console,

@@ -17,7 +17,7 @@
 //! - `mend`: angles are raised
 //! - `edges`: flips, splits and collapses
 //! - `smooth`: a node moves to where it is best
-//! - [`reshape`](mod@reshape): atoms come, go and move in a part of a mesh
+//! - [`reshape`](fn@reshape): atoms come, go and move in a part of a mesh
 //! - [`relax`]: Laplace's smoothing, before anything else
 
 mod edges;

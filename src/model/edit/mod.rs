@@ -24,7 +24,8 @@ use crate::feature;
 use crate::image::Image;
 use crate::job::{Meshing, Params, Space, lattice_beta};
 use crate::lattice::optimize::Observer;
-use crate::report::{Clock, Measured, Quality, StageCost};
+use crate::mesh::Simplices;
+use crate::report::{Clock, Quality, StageCost};
 use crate::store::file::{settled_field, settled_of};
 use crate::store::{FieldValue, MeshFile};
 use crate::{Error, Result};
@@ -97,7 +98,7 @@ pub struct Edited<M> {
 /// [`Error::Mesh`] for a mesh that does not say what it is or an atom that does not exist or cannot
 /// go; [`Error::Seeding`] for a position outside the box or at the place of another atom;
 /// [`Error::Image`] for an image of other dims; [`Error::Job`] if the observer asked to stop.
-pub fn edit<const D: usize, M: Measured<D>>(
+pub fn edit<const D: usize, M: Simplices<D>>(
     file: MeshFile<M>,
     place: &str,
     image: &Image<D>,
@@ -181,7 +182,7 @@ where
 }
 
 /// Adds a part's cells to those of others.
-fn append<const D: usize, M: Measured<D>>(all: &mut Option<M>, part: M) {
+fn append<const D: usize, M: Simplices<D>>(all: &mut Option<M>, part: M) {
     let Some(mesh) = all.take() else {
         *all = Some(part);
         return;

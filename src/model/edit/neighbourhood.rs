@@ -17,7 +17,7 @@ use crate::lattice::distance::Distance;
 use crate::lattice::energy::{Beta, Pairwise};
 use crate::lattice::optimize::{self, Unobserved, temperature};
 use crate::lattice::seeding::{Atoms, kind_in_box, sides_held};
-use crate::report::Measured;
+use crate::mesh::Simplices;
 use crate::{Error, Result};
 
 /// What is the same for all neighbourhoods.
@@ -74,7 +74,7 @@ pub struct Around<const D: usize> {
     beta: Beta<D>,
 }
 
-impl<const D: usize, M: Measured<D>> Scope<D, M>
+impl<const D: usize, M: Simplices<D>> Scope<D, M>
 where
     Space<D>: Meshing<D, Mesh = M>,
 {

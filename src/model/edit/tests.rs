@@ -7,7 +7,8 @@ use crate::lattice::AtomKind;
 use crate::lattice::optimize::Unobserved;
 use crate::mesh::check::check;
 use crate::report::{Reference, fidelity, quality};
-use crate::store::file::{Placed, Provenance, to_file};
+use crate::store::StoredMesh;
+use crate::store::file::{Provenance, to_file};
 
 /// An image with a bright curved sheet across it, somewhere in the world.
 fn image<const D: usize>(dims: [usize; D]) -> Image<D> {
@@ -44,7 +45,7 @@ fn params<const D: usize>(d: f64) -> Params<D> {
     }
 }
 
-fn made<const D: usize, M: Measured<D>>(image: &Image<D>, params: &Params<D>) -> MeshFile<M>
+fn made<const D: usize, M: Simplices<D>>(image: &Image<D>, params: &Params<D>) -> MeshFile<M>
 where
     Space<D>: Meshing<D, Mesh = M>,
 {
@@ -60,7 +61,7 @@ fn named<const D: usize>(changes: &[Change<D>]) -> Vec<Edit<D>> {
     changes.iter().enumerate().map(edit).collect()
 }
 
-fn edited<const D: usize, M: Measured<D>>(
+fn edited<const D: usize, M: Simplices<D>>(
     file: &MeshFile<M>,
     image: &Image<D>,
     params: &Params<D>,
@@ -82,7 +83,7 @@ where
 }
 
 /// The node nearest to a position in samples.
-fn nearest<const D: usize, M: Measured<D>>(file: &MeshFile<M>, sample: [f64; D]) -> u32 {
+fn nearest<const D: usize, M: Simplices<D>>(file: &MeshFile<M>, sample: [f64; D]) -> u32 {
     let x = world(sample);
     let gap = |n: usize| resolve::square(file.mesh.nodes()[n], x);
     let nodes = 0..file.mesh.nodes().len();
@@ -97,7 +98,7 @@ fn bits<const D: usize>(x: [f64; D]) -> [u64; D] {
 /// bits; with each cell what is stored for it.
 type Far<const D: usize> = (BTreeSet<[u64; D]>, BTreeSet<(Vec<[u64; D]>, Vec<u64>)>);
 
-fn far<const D: usize, M: Measured<D>>(
+fn far<const D: usize, M: Simplices<D>>(
     file: &MeshFile<M>,
     from: &[[f64; D]],
     radius: f64,
@@ -122,7 +123,7 @@ fn far<const D: usize, M: Measured<D>>(
 }
 
 /// Adds, moves (a little and far) and removes atoms, near one another and apart.
-fn edits_stay_local<const D: usize, M: Measured<D>>(dims: [usize; D], d: f64)
+fn edits_stay_local<const D: usize, M: Simplices<D>>(dims: [usize; D], d: f64)
 where
     Space<D>: Meshing<D, Mesh = M>,
 {
@@ -198,20 +199,20 @@ where
     assert!(kept * 10 < before.mesh.nodes().len(), "{kept}");
 
     // Valid, as good as before, and on the feature as before.
-    let placed = [before.clone(), file.clone()].map(|file| Placed::new(file, "mesh").unwrap());
+    let stored = [before.clone(), file.clone()].map(|file| StoredMesh::new(file, "mesh").unwrap());
     let found = check(
-        &placed[1].lattice,
+        &stored[1].lattice,
         [0.0; D],
-        placed[1].extent,
+        stored[1].space.extent,
         BOX_TOLERANCE,
     );
     assert!(found.passed(), "{:?}", found.problems);
     let features = feature::detect(&image, &params.feature_options([1.0; D])).unwrap();
     let reference = Reference::from_features(&features);
-    let [was, is] = placed.map(|placed| {
-        let claimed = placed.feature_faces.as_deref();
-        let fidelity = fidelity(&placed.lattice, &reference, claimed).unwrap();
-        (quality(&placed.lattice), fidelity.claimed.unwrap())
+    let [was, is] = stored.map(|stored| {
+        let claimed = stored.feature_faces.as_deref();
+        let fidelity = fidelity(&stored.lattice, &reference, claimed).unwrap();
+        (quality(&stored.lattice), fidelity.claimed.unwrap())
     });
     println!(
         "{D}-D angles {:.1} to {:.1}, before {:.1} to {:.1}; coverage {:.4}, {:.4}; precision {:.4}, {:.4}; {} of {} cells, {} made room",
@@ -249,7 +250,7 @@ fn edits_in_the_plane_stay_local() {
 }
 
 /// The same atoms by edits and by meshing anew with them.
-fn as_good_as_anew<const D: usize, M: Measured<D>>(dims: [usize; D], d: f64)
+fn as_good_as_anew<const D: usize, M: Simplices<D>>(dims: [usize; D], d: f64)
 where
     Space<D>: Meshing<D, Mesh = M>,
 {
@@ -278,10 +279,10 @@ where
     let features = feature::detect(&image, &with_wells.feature_options([1.0; D])).unwrap();
     let reference = Reference::from_features(&features);
     let [(q, f), (r, g)] = [by_edit, anew].map(|file| {
-        let placed = Placed::new(file, "mesh").unwrap();
-        let claimed = placed.feature_faces.as_deref();
-        let fidelity = fidelity(&placed.lattice, &reference, claimed).unwrap();
-        (quality(&placed.lattice), fidelity.claimed.unwrap())
+        let stored = StoredMesh::new(file, "mesh").unwrap();
+        let claimed = stored.feature_faces.as_deref();
+        let fidelity = fidelity(&stored.lattice, &reference, claimed).unwrap();
+        (quality(&stored.lattice), fidelity.claimed.unwrap())
     });
     let figures = format!(
         "{D}-D edited: angles {:.2} to {:.2}, mean ratio {:.4}, coverage {:.4}; anew: {:.2} to {:.2}, {:.4}, {:.4}",
@@ -320,7 +321,7 @@ fn in_the_plane_edits_are_as_good_as_meshing_anew() {
 }
 
 /// Work on an edit in a small and in a large image.
-fn work<const D: usize, M: Measured<D>>(dims: [usize; D], params: &Params<D>) -> Summary
+fn work<const D: usize, M: Simplices<D>>(dims: [usize; D], params: &Params<D>) -> Summary
 where
     Space<D>: Meshing<D, Mesh = M>,
 {
@@ -376,10 +377,15 @@ fn variable_distances_and_old_meshes() {
     let after = edited(&file, &image, &params, &changes).unwrap();
     assert_eq!(after.summary.notes.len(), 1);
     assert!(settled_of(&after.file).is_some());
-    let placed = Placed::new(after.file.clone(), "mesh").unwrap();
-    let found = check(&placed.lattice, [0.0; 2], placed.extent, BOX_TOLERANCE);
+    let stored = StoredMesh::new(after.file.clone(), "mesh").unwrap();
+    let found = check(
+        &stored.lattice,
+        [0.0; 2],
+        stored.space.extent,
+        BOX_TOLERANCE,
+    );
     assert!(found.passed(), "{:?}", found.problems);
-    let quality = quality(&placed.lattice);
+    let quality = quality(&stored.lattice);
     assert!(
         quality.smallest_angle.worst > 25.0,
         "{:?}",

@@ -20,7 +20,7 @@ pub mod superpixels;
 
 use crate::Result;
 use crate::image::Image;
-use crate::model::surface::cells::Cells;
+use crate::model::surface::adjacency::Adjacency;
 use costs::{Costs, Regions};
 use maxflow::Network;
 
@@ -68,7 +68,7 @@ pub struct Segmentation {
 /// # Errors
 /// [`Error::Job`](crate::Error::Job) if there are no seeds, or one cell is of both kinds.
 pub fn cut_cells<const D: usize>(
-    cells: &Cells<D>,
+    cells: &Adjacency<D>,
     values: &[f32],
     seeds: &Seeds,
     options: &Options,

@@ -1,10 +1,10 @@
-use super::cells::{Cells, holding, skin};
+use super::adjacency::{Adjacency, holding, skin};
 use super::measure::Up;
 use super::*;
 use crate::geometry;
 use crate::geometry::{dot, norm, normal};
+use crate::mesh::Mesh;
 use crate::mesh::Simplices;
-use crate::mesh::faceted::Faceted;
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::voronoi::voronoi_plane;
 use crate::mesh::{TetMesh, TriMesh};
@@ -336,26 +336,26 @@ fn cubes<const D: usize, M: Simplices<D>>(dims: [usize; D]) -> M {
 }
 
 /// Facets in the plane where coordinate `axis` is `at`, unless `left_out`.
-fn plane<const D: usize, F: Faceted<D>>(
+fn plane<const D: usize, F: Mesh<D>>(
     mesh: &F,
     axis: usize,
     at: f64,
     left_out: impl Fn([f64; D]) -> bool + Sync,
 ) -> Vec<[u32; D]> {
     select::facets_where(mesh, |_, facet| {
-        let x = facet.map(|n| mesh.node_positions()[n as usize]);
+        let x = facet.map(|n| mesh.nodes()[n as usize]);
         let centroid = std::array::from_fn(|k| x.iter().map(|x| x[k]).sum::<f64>() / D as f64);
         x.iter().all(|p| p[axis] == at) && !left_out(centroid)
     })
 }
 
 /// The cells of a mesh parted by facets.
-fn cells<const D: usize, F: Faceted<D>>(mesh: &F, closed: &[[u32; D]]) -> Cells<D> {
-    Cells::new(mesh, &mesh.cells_of_faces().unwrap(), closed)
+fn cells<const D: usize, F: Mesh<D>>(mesh: &F, closed: &[[u32; D]]) -> Adjacency<D> {
+    Adjacency::new(mesh, &mesh.cells_of_faces().unwrap(), closed)
 }
 
 /// The cell that holds a point.
-fn at<const D: usize, F: Faceted<D>>(mesh: &F, x: [f64; D]) -> u32 {
+fn at<const D: usize, F: Mesh<D>>(mesh: &F, x: [f64; D]) -> u32 {
     holding(mesh, &mesh.cells_of_faces().unwrap(), x).unwrap()
 }
 
@@ -387,7 +387,7 @@ fn cells_know_their_volumes_and_doors() {
 }
 
 /// Paint in three layers as thick as this, with a crack between two of them.
-fn paint_fills_its_layer<const D: usize, F: Faceted<D>>(mesh: &F, thick: f64) {
+fn paint_fills_its_layer<const D: usize, F: Mesh<D>>(mesh: &F, thick: f64) {
     let up = D - 1;
     let crack = |x: [f64; D]| (0..up).all(|k| (x[k] - 6.5).abs() < 0.5);
     let mut closed = plane(mesh, up, thick, |_| false);
@@ -529,7 +529,7 @@ fn contrast_holds_paint_back() {
     );
 }
 
-fn skins_hold_their_volume<const D: usize, F: Faceted<D>>(mesh: &F) {
+fn skins_hold_their_volume<const D: usize, F: Mesh<D>>(mesh: &F) {
     let volumes = mesh.cell_volumes();
     let regions: Vec<u32> = (0..volumes.len()).map(|c| u32::from(c % 60 < 24)).collect();
     let across = mesh.cells_of_faces().unwrap();
@@ -537,7 +537,7 @@ fn skins_hold_their_volume<const D: usize, F: Faceted<D>>(mesh: &F) {
         let skin = skin(mesh, &across, &regions, region);
         // The divergence theorem: the flux of x is D volumes.
         let flux = |f: &[u32; D]| {
-            let x = f.map(|n| mesh.node_positions()[n as usize]);
+            let x = f.map(|n| mesh.nodes()[n as usize]);
             dot(normal(&x), x[0])
         };
         let enclosed = skin.iter().map(flux).sum::<f64>() / D as f64;
@@ -559,7 +559,7 @@ fn the_skin_of_a_region_is_closed_and_holds_its_volume() {
 /// Faces of all kinds of cells know by number what their facets are labelled.
 #[test]
 fn labels_come_back_to_the_faces_they_were_given() {
-    fn check<const D: usize, F: Faceted<D>>(mesh: &F, numbers: usize) {
+    fn check<const D: usize, F: Mesh<D>>(mesh: &F, numbers: usize) {
         let wall = plane(mesh, 0, 2.0, |_| false);
         let labelled: Vec<([u32; D], u32)> = wall.iter().map(|&f| (f, 7)).collect();
         let labels = select::labels_of_faces(mesh, &labelled);
@@ -609,7 +609,7 @@ mod meshed {
     use crate::image::{Geometry, Image};
     use crate::job::{Outcome, Params, Spacing, mesh_image};
     use crate::lattice::optimize::Unobserved;
-    use crate::mesh::faceted::marks_of_bits;
+    use crate::mesh::interface::marks_of_bits;
 
     fn image(dims: [usize; 3], value: impl Fn([f64; 3]) -> f64) -> Image<3> {
         let [nx, ny, _] = dims;

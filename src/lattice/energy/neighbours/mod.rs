@@ -101,7 +101,7 @@ impl Neighbours {
                     }
                     scratch.take(rows);
                     if rows.list.len() > 2 * rows.live() || rows.members.len() > 4 * CHUNK {
-                        rows.compact(scratch);
+                        scratch.compact(rows);
                     }
                     for &i in &moved[from..to] {
                         let n = i as usize - first;

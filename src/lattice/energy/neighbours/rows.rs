@@ -2,10 +2,9 @@
 
 use std::ops::Range;
 
-use super::scratch::Scratch;
 use super::{FILLER, LANES};
 
-/// The neighbours of up to [`CHUNK`] successive atoms.
+/// The neighbours of up to [`CHUNK`](super::CHUNK) successive atoms.
 #[derive(Clone, Default)]
 pub struct Rows {
     /// Index of each member among all points: first the chunk's own atoms, then their neighbours.
@@ -107,27 +106,6 @@ impl Rows {
         row[last] = FILLER;
         if last % LANES == 0 {
             self.spans[n][1] -= 1;
-        }
-    }
-
-    /// Drops what no row uses.
-    pub(super) fn compact(&mut self, scratch: &mut Scratch) {
-        let (members, list) = (
-            std::mem::take(&mut self.members),
-            std::mem::take(&mut self.list),
-        );
-        self.members.extend_from_slice(&members[..self.spans.len()]);
-        for n in 0..self.spans.len() {
-            let [start, end] = self.spans[n].map(|bound| bound as usize);
-            self.spans[n][0] = self.list.len() as u32;
-            for group in &list[start..end] {
-                let renumbered = group.map(|m| match members.get(m as usize) {
-                    Some(&point) => scratch.member(point, self),
-                    None => FILLER,
-                });
-                self.list.push(renumbered);
-            }
-            self.spans[n][1] = self.list.len() as u32;
         }
     }
 

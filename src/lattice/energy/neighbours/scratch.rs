@@ -72,4 +72,25 @@ impl Scratch {
         rows.members.push(point);
         number
     }
+
+    /// Drops from the rows of a chunk what none of them uses.
+    pub fn compact(&mut self, rows: &mut Rows) {
+        let (members, list) = (
+            std::mem::take(&mut rows.members),
+            std::mem::take(&mut rows.list),
+        );
+        rows.members.extend_from_slice(&members[..rows.spans.len()]);
+        for n in 0..rows.spans.len() {
+            let [start, end] = rows.spans[n].map(|bound| bound as usize);
+            rows.spans[n][0] = rows.list.len() as u32;
+            for group in &list[start..end] {
+                let renumbered = group.map(|m| match members.get(m as usize) {
+                    Some(&point) => self.member(point, rows),
+                    None => FILLER,
+                });
+                rows.list.push(renumbered);
+            }
+            rows.spans[n][1] = rows.list.len() as u32;
+        }
+    }
 }

@@ -2,8 +2,8 @@
 
 use crate::geometry::groups::grouped;
 use crate::geometry::{dot, norm, normal, sub};
+use crate::mesh::Mesh;
 use crate::mesh::complex::NONE;
-use crate::mesh::faceted::Faceted;
 
 /// A face between two cells.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -20,7 +20,7 @@ pub struct Link {
 
 /// Cells as a graph.
 #[derive(Debug, Clone, Default)]
-pub struct Cells<const D: usize> {
+pub struct Adjacency<const D: usize> {
     /// Volume of each cell.
     pub volumes: Vec<f64>,
     /// Centre of each cell.
@@ -31,11 +31,11 @@ pub struct Cells<const D: usize> {
     around: Vec<u32>,
 }
 
-impl<const D: usize> Cells<D> {
+impl<const D: usize> Adjacency<D> {
     /// The cells of a mesh; facets in `closed` (nodes ascending, sorted) lie on surfaces, and so do
-    /// the faces that they are part of. `cells` are those of [`Faceted::cells_of_faces`].
-    pub fn new<F: Faceted<D>>(mesh: &F, cells: &[[u32; 2]], closed: &[[u32; D]]) -> Self {
-        let nodes = mesh.node_positions();
+    /// the faces that they are part of. `cells` are those of [`Mesh::cells_of_faces`].
+    pub fn new<F: Mesh<D>>(mesh: &F, cells: &[[u32; 2]], closed: &[[u32; D]]) -> Self {
+        let nodes = mesh.nodes();
         let (volumes, centres): (Vec<f64>, Vec<[f64; D]>) = mesh.cell_volumes().into_iter().unzip();
         let mut links = Vec::new();
         for (face, &cells) in cells.iter().enumerate() {
@@ -99,13 +99,13 @@ impl<const D: usize> Cells<D> {
 }
 
 /// The cell that holds a point, cells being convex; of several that touch it the first. `cells` are
-/// those of [`Faceted::cells_of_faces`].
-pub fn holding<const D: usize, F: Faceted<D>>(
+/// those of [`Mesh::cells_of_faces`].
+pub fn holding<const D: usize, F: Mesh<D>>(
     mesh: &F,
     cells: &[[u32; 2]],
     p: [f64; D],
 ) -> Option<u32> {
-    let nodes = mesh.node_positions();
+    let nodes = mesh.nodes();
     let mut size = 0.0f64;
     // How far the point is beyond the outermost of each cell's faces.
     let mut outside: Vec<f64> = Vec::new();
@@ -132,8 +132,8 @@ pub fn holding<const D: usize, F: Faceted<D>>(
 }
 
 /// The facets that enclose all cells of `region`, turned outwards. `cells` are those of
-/// [`Faceted::cells_of_faces`].
-pub fn skin<const D: usize, F: Faceted<D>>(
+/// [`Mesh::cells_of_faces`].
+pub fn skin<const D: usize, F: Mesh<D>>(
     mesh: &F,
     cells: &[[u32; 2]],
     regions: &[u32],

@@ -21,6 +21,7 @@ use atomesh::lattice::optimize::{self, Effort, Method, Unobserved};
 use atomesh::lattice::seeding::{self, Alignment, Atoms, Seeding};
 use atomesh::mesh::Simplices;
 use atomesh::mesh::delaunay;
+use atomesh::mesh::poly::Lists;
 use atomesh::model::slice::{self, Skeleton};
 use atomesh::report::cost::cpu_seconds;
 use atomesh::report::quality;
@@ -189,12 +190,14 @@ fn pictures(image: &Image<2>, d: f64) -> anyhow::Result<()> {
         let sides: Vec<[u32; 2]> = sides.collect();
         let on_feature = |&n: &u32| features.potential.value(nodes[n as usize]) < -0.5;
         let skeleton = Skeleton {
-            ends: (1..=sides.len() as u32).map(|side| 2 * side).collect(),
+            faces: Lists {
+                offsets: (0..=sides.len() as u32).map(|side| 2 * side).collect(),
+                items: sides.concat(),
+            },
             marked: sides
                 .iter()
                 .map(|side| side.iter().all(on_feature))
                 .collect(),
-            corners: sides.concat(),
             nodes,
         };
         slice::plane(image, &skeleton)?.write(Path::new(&format!("{how}.png")))?;

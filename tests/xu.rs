@@ -14,7 +14,7 @@ use atomesh::job::{Meshing, Outcome, Params, Space, Spacing, mesh_image};
 use atomesh::lattice::AtomKind;
 use atomesh::lattice::optimize::Unobserved;
 use atomesh::lattice::seeding::Seeding;
-use atomesh::mesh::Simplices;
+use atomesh::mesh::{Mesh, Simplices};
 use common::{refused, succeed};
 use serde_json::Value;
 

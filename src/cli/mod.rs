@@ -3,7 +3,7 @@
 //! - [`args`]: the command line as a whole
 //! - [`verbs`]: one a file, its arguments and its run
 //! - [`common`]: what verbs share
-//! - [`options`], [`job`]: a job of `mesh`, as typed and validated
+//! - [`job`]: the files of a job of `mesh`
 //! - [`parse`]: the small grammars inside option values
 //! - [`provenance`]: the hash of the input
 //! - [`rock`]: porosity, permeability and the like from numbers, tables and images
@@ -14,7 +14,6 @@ pub mod args;
 pub mod common;
 pub mod console;
 pub mod job;
-pub mod options;
 pub mod parse;
 pub mod provenance;
 pub mod rock;

@@ -93,29 +93,32 @@ pub struct Features<const D: usize> {
 
 /// What a feature of the image is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum Kind {
-    /// Decided by what the image looks like.
+    /// Picked by what the image looks like; the report says what was picked
     Auto,
-    /// Sheets of high values: faults in a fault image, bright walls.
+    /// Bright sheets: fault images, fractures, membranes
     Ridges,
-    /// Sheets of low values.
+    /// Dark sheets
     Valleys,
-    /// Steps between low and high values.
+    /// Steps of brightness
     Edges,
-    /// The same by non-maximum suppression and hysteresis.
+    /// Steps of brightness, by non-maximum suppression and hysteresis
     Canny,
-    /// The boundary of an object, by random shortest paths; in the plane.
+    /// The boundary of an object, by random shortest paths (2-D; needs a point of the object)
     Paths,
-    /// Crests and troughs of seismic amplitude.
+    /// Peaks and troughs of seismic amplitude along the bedding's normal
     Horizons,
-    /// Where the layers of seismic amplitude do not continue.
+    /// Where the layers of seismic amplitude do not continue
     Faults,
-    /// Both, each with its weight.
+    /// Both, each with its weight
+    #[cfg_attr(feature = "cli", value(name = "faults+horizons"))]
+    #[serde(rename = "faults+horizons")]
     FaultsAndHorizons,
-    /// Interfaces between labels; thin masks are ridges.
+    /// Interfaces between labels, or the rim of a mask
     Labels,
-    /// The image is b(x) itself.
+    /// The image is b(x) already: -1 on features, 0 elsewhere
     Potential,
 }
 

@@ -92,8 +92,9 @@ impl<const D: usize> Buckets<D> {
                 last
             };
             let from = points.partition_point(|(cell, _)| *cell < row);
-            let here = points[from..].iter().take_while(|(cell, _)| *cell <= last);
-            here.for_each(|&(_, i)| visit(i as usize));
+            let here = &points[from..];
+            let here = &here[..here.partition_point(|(cell, _)| *cell <= last)];
+            here.iter().for_each(|&(_, i)| visit(i as usize));
             let Some(k) = (0..D - 1).rev().find(|&k| row[k] < high[k]) else {
                 return;
             };

@@ -4,16 +4,21 @@
 //! the outcome where the image lies in the world. The plane and space are the same code but for how
 //! atoms are joined ([`Meshing`]).
 
+pub mod asked;
 mod canny;
 pub mod cells;
 pub(crate) mod horizons;
 mod join;
 mod pairs;
 mod params;
+pub mod settings;
+mod words;
 
+pub use asked::Job;
 pub use cells::{CellsOutcome, voronoi_image};
 pub use join::{Meshing, Scene, Space};
 pub use params::{Evaluator, FixedAtom, Metric, Params, Spacing, Weight, WellPath};
+pub use settings::Settings;
 
 use std::borrow::Cow;
 
@@ -412,6 +417,32 @@ fn check_energy<const D: usize>(params: &Params<D>, alignment: Alignment) -> Res
     Ok(())
 }
 
+/// The energy that a job's atoms shall have least of: the same for both evaluators, up to sampling.
+fn energy<'a, const D: usize>(
+    params: &Params<D>,
+    alignment: Alignment,
+    mobility: Vec<[f64; D]>,
+    potential: &'a Field<D>,
+    distance: &'a Distance<D>,
+    beta: &Beta<D>,
+    extent: [f64; D],
+) -> Result<Box<dyn Energy<D> + 'a>> {
+    let beta = beta.clone();
+    let pairs = |beta| -> Result<Pairwise<'a, D>> {
+        let pairs = Pairwise::new(extent, distance, Some(potential), beta)?;
+        Ok(pairs.aligned(alignment).uncrowded())
+    };
+    Ok(match params.evaluator {
+        Evaluator::Pairwise if params.kappa != 1.0 => {
+            let pairs = pairs(beta.clone())?;
+            let energy = Regularised::new(pairs, distance, beta, params.kappa, mobility);
+            Box::new(energy?)
+        }
+        Evaluator::Pairwise => Box::new(pairs(beta)?),
+        Evaluator::Sampled => Box::new(Sampled::new(distance, potential, beta).uncrowded()),
+    })
+}
+
 /// Moves the atoms: passes on smoother and smoother potentials first, if asked for.
 fn optimise<const D: usize>(
     atoms: &mut Atoms<D>,
@@ -423,23 +454,17 @@ fn optimise<const D: usize>(
     extent: [f64; D],
     observer: &mut dyn Observer,
 ) -> Result<optimize::Rest> {
-    let regular = params.kappa != 1.0;
     let options = moving(params);
     let mut pass = |potential: &Field<D>| {
-        let pairs = || -> Result<Pairwise<D>> {
-            let pairs = Pairwise::new(extent, distance, Some(potential), beta.clone())?;
-            Ok(pairs.aligned(alignment).uncrowded())
-        };
-        let mut energy: Box<dyn Energy<D>> = match params.evaluator {
-            Evaluator::Pairwise if regular => {
-                let mobility = atoms.mobility(extent);
-                let beta = beta.clone();
-                let energy = Regularised::new(pairs()?, distance, beta, params.kappa, mobility);
-                Box::new(energy?)
-            }
-            Evaluator::Pairwise => Box::new(pairs()?),
-            Evaluator::Sampled => Box::new(Sampled::new(distance, potential, beta.clone())),
-        };
+        let mut energy = energy(
+            params,
+            alignment,
+            atoms.mobility(extent),
+            potential,
+            distance,
+            beta,
+            extent,
+        )?;
         optimize::optimize(atoms, &mut *energy, distance, extent, &options, observer)
     };
     for coarse in (1..=params.coarse_passes).rev() {
@@ -626,4 +651,42 @@ pub(crate) fn lattice_points<const D: usize>(
         }
     }
     Ok(found)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn both_evaluators_have_the_energy_of_crowded_atoms() {
+        // Rows of atoms 0.6 d apart: what keeps them from crowding is most of their energy.
+        let (d, extent) = (10.0, [60.0, 60.0]);
+        let atoms: Vec<[f64; 2]> = (0..49)
+            .map(|i| [6.0 * f64::from(i % 7) + 12.0, 6.0 * f64::from(i / 7) + 12.0])
+            .collect();
+        let potential = Field::from_fn([61, 61], [1.0; 2], |x| -0.01 * x[0]);
+        let (distance, beta) = (Distance::Constant(d), Beta::Constant(0.6));
+        let [pairwise, sampled] = [Evaluator::Pairwise, Evaluator::Sampled].map(|evaluator| {
+            let params = Params {
+                evaluator,
+                ..Params::default()
+            };
+            let mobility = vec![[1.0; 2]; atoms.len()];
+            let energy = energy(
+                &params,
+                Alignment::On,
+                mobility,
+                &potential,
+                &distance,
+                &beta,
+                extent,
+            );
+            let mut gradient = vec![[0.0; 2]; atoms.len()];
+            energy.unwrap().evaluate(&atoms, &mut gradient)
+        });
+        // On samples both are exact.
+        assert!(pairwise > 1.0, "{pairwise}");
+        let off = (pairwise - sampled).abs();
+        assert!(off < 1e-4 * pairwise, "{pairwise} {sampled}");
+    }
 }

@@ -1,6 +1,8 @@
 //! What a job asks for: how far atoms are apart, what they follow, how they move, what is done with the
 //! mesh.
 
+use serde::{Deserialize, Serialize};
+
 use crate::feature;
 use crate::image::{Geometry, Image};
 use crate::improve;
@@ -117,11 +119,13 @@ pub enum Weight<const D: usize = 3> {
 }
 
 /// Which evaluator of the lattice energy.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[serde(rename_all = "kebab-case")]
 pub enum Evaluator {
-    /// Neighbour lists and exact gradients.
+    /// Neighbour lists and exact gradients (fast)
     Pairwise,
-    /// Accumulated on the image's grid (Hale 2001, Algorithm 1).
+    /// Accumulated on the image's grid, as published in 2001 (slow)
     Sampled,
 }
 

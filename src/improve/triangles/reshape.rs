@@ -217,10 +217,10 @@ mod tests {
         // A node beyond the outline cannot be, nor one on it.
         for x in [[5.0, 4.0], [4.0, 3.5]] {
             wanted.targets[moved] = x;
-            let node = refusal(&part, &wanted);
+            let refusal = refusal(&part, &wanted);
             assert!(
-                matches!(node, Refusal::Node(n) if n == moved as u32),
-                "{node:?}"
+                matches!(refusal, Refusal::Node(n) if n as usize == moved),
+                "{refusal:?}"
             );
         }
         // What no node is to blame for is told.

@@ -24,6 +24,8 @@ pub mod temperature;
 
 pub use observer::{Observer, Progress, Unobserved};
 
+use serde::{Deserialize, Serialize};
+
 use crate::error::{Error, Result, cause};
 use crate::geometry::in_space;
 use crate::lattice::distance::Distance;
@@ -44,14 +46,16 @@ pub enum Stop {
 }
 
 /// How the energy is lowered in a round.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[serde(rename_all = "kebab-case")]
 pub enum Method {
-    /// Limited-memory BFGS.
+    /// Limited-memory BFGS (fast)
     #[default]
     Lbfgs,
-    /// Steepest descent, in coordinates scaled as for L-BFGS.
+    /// Steepest descent, in coordinates scaled as for L-BFGS
     Descent,
-    /// A genetic algorithm ([`genetic`]); perturbs by itself.
+    /// A genetic algorithm: a population of ten lattices (slow)
     Genetic,
 }
 

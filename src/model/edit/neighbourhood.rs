@@ -11,10 +11,10 @@ use crate::feature::{self, Features};
 use crate::image::Image;
 use crate::improve::{Refusal, Wanted};
 use crate::job::horizons::horizon_bits;
-use crate::job::{Meshing, Params, Scene, Space, Spacing, optimiser};
+use crate::job::{self, Evaluator, Meshing, Params, Scene, Space, Spacing};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
-use crate::lattice::energy::{Beta, Pairwise};
+use crate::lattice::energy::{Beta, Energy, Pairwise, Regularised, Sampled};
 use crate::lattice::optimize::{self, Unobserved, temperature};
 use crate::lattice::seeding::{Atoms, kind_in_box, sides_held};
 use crate::mesh::Simplices;
@@ -186,18 +186,32 @@ where
         atoms.kinds.extend(vec![AtomKind::Fixed; frozen]);
         // Atoms that come are as warm as can be.
         let heat = |&i: &usize| self.heat.get(i).copied().unwrap_or(1.0);
-        let mut options = optimiser(context.params.seed);
+        let params = context.params;
+        let mut options = job::moving(params);
         options.temperature = moving.iter().map(heat).collect();
         options.temperature.extend(vec![0.0; frozen]);
         summary.warm += options.temperature.iter().filter(|t| **t > 0.0).count();
         summary.samples += around.features.potential.samples.len();
 
         let extent = self.window.extent();
-        let potential = Some(&around.features.potential);
-        let energy = Pairwise::new(extent, &around.distance, potential, around.beta.clone())?;
+        let potential = &around.features.potential;
+        let (distance, beta) = (&around.distance, around.beta.clone());
+        let pairs = || -> Result<Pairwise<D>> {
+            Ok(Pairwise::new(extent, distance, Some(potential), beta.clone())?.uncrowded())
+        };
+        // The energy that made the mesh.
+        let mut energy: Box<dyn Energy<D>> = match params.evaluator {
+            Evaluator::Pairwise if params.kappa != 1.0 => {
+                let mobility = atoms.mobility(extent);
+                let (beta, kappa) = (beta.clone(), params.kappa);
+                Box::new(Regularised::new(pairs()?, distance, beta, kappa, mobility)?)
+            }
+            Evaluator::Pairwise => Box::new(pairs()?),
+            Evaluator::Sampled => Box::new(Sampled::new(distance, potential, beta.clone())),
+        };
         let outcome = optimize::optimize(
             &mut atoms,
-            &mut energy.uncrowded(),
+            &mut *energy,
             &around.distance,
             extent,
             &options,

@@ -5,6 +5,7 @@ use crate::image::Geometry;
 use crate::job::{BOX_TOLERANCE, FixedAtom, Spacing, mesh_image};
 use crate::lattice::AtomKind;
 use crate::lattice::optimize::Unobserved;
+use crate::mesh::TriMesh;
 use crate::mesh::check::check;
 use crate::report::{Reference, fidelity, quality};
 use crate::store::StoredMesh;
@@ -80,6 +81,23 @@ where
         false,
         &mut Unobserved,
     )
+}
+
+#[test]
+fn a_mesh_that_is_not_valid_is_refused() {
+    let (image, params) = (image([40, 36]), params(6.0));
+    let good: MeshFile<TriMesh> = made(&image, &params);
+    let change = Change::Remove(9);
+    let refusal = |spoil: fn(&mut TriMesh)| {
+        let mut file = good.clone();
+        spoil(&mut file.mesh);
+        let error = edited(&file, &image, &params, &[change]).unwrap_err();
+        error.to_string()
+    };
+    let inverted = refusal(|mesh| mesh.triangles[3].swap(0, 1));
+    assert!(inverted.contains("flat or inverted"), "{inverted}");
+    let holed = refusal(|mesh| mesh.triangles.truncate(50));
+    assert!(holed.starts_with("mesh: is not valid"), "{holed}");
 }
 
 /// The node nearest to a position in samples.
@@ -198,7 +216,7 @@ where
     let kept = near(0.0) - near(2.0 * 4.0 * d);
     assert!(kept * 10 < before.mesh.nodes().len(), "{kept}");
 
-    // Valid, as good as before, and on the feature as before.
+    // Valid, every angle in range, and on the feature as before.
     let stored = [before.clone(), file.clone()].map(|file| StoredMesh::new(file, "mesh").unwrap());
     let found = check(
         &stored[1].lattice,

@@ -10,6 +10,8 @@
 //! changes fast, they may miss; so a step is shortened until the energy falls. Delaunay's flips lower the
 //! energy without weights.
 
+use serde::{Deserialize, Serialize};
+
 use crate::Result;
 use crate::geometry::groups::grouped;
 use crate::image::Field;
@@ -18,11 +20,14 @@ use crate::mesh::delaunay::delaunay_plane;
 use crate::mesh::tri::{SIDES, area2, squared_sides};
 
 /// Where a node goes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[serde(rename_all = "kebab-case")]
 pub enum Scheme {
-    /// To the weighted centroid of the triangles around it (formula 10).
+    /// Centroidal: each node to the weighted centroid of the triangles around it (formula 10)
     Cvt,
-    /// Half as far again, to the weighted mean of the middles of the edges opposite it (formula 12).
+    /// Optimal Delaunay: half as far again, to the weighted mean of the middles of the edges opposite it
+    /// (formula 12)
     Odt,
 }
 

@@ -13,7 +13,7 @@ use atomesh::feature::{self, Features};
 use atomesh::image::Image;
 use atomesh::image::formats::{self, AnyLoaded, ReadOptions};
 use atomesh::image::synth::{self, Kind};
-use atomesh::job::{Meshing, Scene, Space};
+use atomesh::job::{Meshing, Scene, Space, Stages};
 use atomesh::lattice::distance::Distance;
 use atomesh::lattice::energy::laplacian::KAPPA;
 use atomesh::lattice::energy::{Beta, Energy, Pairwise, Regularised};
@@ -170,9 +170,9 @@ where
 }
 
 fn features<const D: usize>(image: &Image<D>, d: f64) -> anyhow::Result<Features<D>> {
-    let options = feature::Options {
+    let options = feature::Detection {
         d_min: d,
-        ..feature::Options::default()
+        ..feature::Detection::default()
     };
     Ok(feature::detect(image, &options)?)
 }
@@ -287,7 +287,11 @@ where
             distance: &self.distance,
         };
         let count = atoms.len() as f64;
-        let mesh = Space::<D>::join(atoms, &scene, None, None, &mut |_| {})?.mesh;
+        let mut unobserved = Unobserved;
+        let stages = &mut Stages::new(&mut unobserved);
+        let mesh = Space::<D>::join(atoms, &scene, None, None, stages)?
+            .made
+            .mesh;
         let shapes = shapes(&mesh);
         Ok(Figures {
             atoms: count,

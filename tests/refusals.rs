@@ -506,10 +506,7 @@ fn seg_y_files_of_others() {
         .unwrap_or_else(|_| concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data").into());
     let formats = Path::new(&data).join("formats_segy");
     if !formats.is_dir() {
-        println!(
-            "{} is absent: no SEG-Y files of others are tried",
-            formats.display()
-        );
+        common::no_data("SEG-Y files of others");
         return;
     }
     let folder = tempfile::tempdir().unwrap();

@@ -484,7 +484,7 @@ fn public(name: &str) -> Option<std::path::PathBuf> {
     );
     let path = data.join(name);
     if !path.exists() {
-        println!("not tested: {} is absent", path.display());
+        common::no_data(name);
         return None;
     }
     Some(path)

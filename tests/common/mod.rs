@@ -1,9 +1,13 @@
 //! What the black-box tests share: small input files made on the spot, and running the binary.
 #![allow(dead_code, reason = "each test program uses its own part")]
 
+mod skipped;
+
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
+
+pub use skipped::{no_data, no_validator};
 
 /// The binary under test, in `folder`.
 pub fn atomesh(folder: &Path) -> Command {
@@ -174,8 +178,8 @@ pub fn segy_with(
     std::fs::write(path, bytes).unwrap();
 }
 
-/// Opens files with VTK itself: runs a Python program with `.venv`'s interpreter, or says that it
-/// is absent (`make validators` makes it) and gives `None`.
+/// Opens files with VTK itself: runs a Python program with `.venv`'s interpreter; `None` without it
+/// (`make validators` makes it).
 pub fn vtk(program: &str, arguments: &[&Path]) -> Option<serde_json::Value> {
     let mut all: Vec<&OsStr> = vec!["-c".as_ref(), program.as_ref()];
     all.extend(arguments.iter().map(|path| path.as_os_str()));
@@ -191,26 +195,29 @@ pub fn judged(judge: &str, script: &str, arguments: &[&OsStr]) -> Option<serde_j
 
 /// What Python says, as JSON; `judge` is who is absent without it.
 fn python(judge: &str, arguments: &[&OsStr]) -> Option<serde_json::Value> {
+    let said = python_says(judge, arguments)?;
+    Some(serde_json::from_str(&said).unwrap())
+}
+
+/// The same as text.
+pub fn python_says(judge: &str, arguments: &[&OsStr]) -> Option<String> {
     let python = Path::new(env!("CARGO_MANIFEST_DIR")).join(".venv/bin/python");
     if !python.exists() {
-        println!("{judge} is absent, so it does not check this file: run `make validators` first");
+        no_validator(judge);
         return None;
     }
     let output = Command::new(python).args(arguments).output().unwrap();
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{said}");
-    Some(serde_json::from_slice(&output.stdout).unwrap())
+    Some(String::from_utf8(output.stdout).unwrap())
 }
 
-/// Runs a simulator that `make validators` installs, or says that it is absent and gives `None`; its
-/// exit code must be 0.
+/// Runs a simulator that `make validators` installs; `None` without it. Its exit code must be 0.
 pub fn simulator(command: &mut Command) -> Option<String> {
     let name = command.get_program().to_string_lossy().into_owned();
     match command.output() {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-            println!(
-                "{name} is absent, so it does not check this file: run `make validators` first"
-            );
+            no_validator(&name);
             None
         }
         output => {

@@ -48,7 +48,7 @@ pub struct SurfaceArgs {
     pub depth: Option<f64>,
     /// The features of IMAGE [default: auto]
     #[arg(long, value_name = "KIND", requires = "image")]
-    pub feature: Option<feature::Kind>,
+    pub feature: Option<feature::FeatureKind>,
     /// Scale of the features in samples [default: by the kind of feature]
     #[arg(long, value_name = "S", requires = "image")]
     pub sigma: Option<f64>,

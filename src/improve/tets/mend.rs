@@ -6,6 +6,7 @@ use super::{Hold, Improver};
 use crate::geometry::{norm, sub};
 use crate::improve::target::UNUSABLE;
 use crate::mesh::{EDGES, FACES};
+use crate::observer::Patience;
 
 /// A split, collapse or swap must at least leave tetrahedra with volume.
 const FLOOR: f64 = 0.01;
@@ -54,19 +55,22 @@ impl Undo {
 
 impl Improver<'_> {
     /// Works on the tetrahedra below target, the worst first.
-    pub(super) fn mend(&mut self) {
+    pub(super) fn mend(&mut self, patience: &mut Patience<'_>) {
         for _ in 0..4 {
             let mut poor = self.poor();
             poor.sort_by(|a, b| self.sine_of(*a).total_cmp(&self.sine_of(*b)).then(a.cmp(b)));
             let before = poor.len();
             // Where features ask for what no lattice can do, patience must end.
-            let patience = PATIENCE.max(self.complex.tets.len() / 100);
-            for t in poor.into_iter().take(patience) {
+            let most = PATIENCE.max(self.complex.tets.len() / 100);
+            for t in poor.into_iter().take(most) {
+                if patience.over() {
+                    return;
+                }
                 if self.complex.alive(t) && self.sine_of(t) < self.target {
                     self.mend_one(t);
                 }
             }
-            self.polish(2);
+            self.polish(2, patience);
             if self.poor().len() >= before {
                 break;
             }
@@ -74,7 +78,7 @@ impl Improver<'_> {
     }
 
     /// Lets nodes leave their features where a tetrahedron would otherwise stay unusable.
-    pub(super) fn release(&mut self) {
+    pub(super) fn release(&mut self, patience: &mut Patience<'_>) {
         let usable = UNUSABLE.to_radians().sin();
         for _ in 0..4 {
             let mut bad = self.poor();
@@ -83,6 +87,9 @@ impl Improver<'_> {
                 return;
             }
             for t in bad {
+                if patience.over() {
+                    return;
+                }
                 if !self.complex.alive(t) || self.sine_of(t) >= usable || self.mend_one(t) {
                     continue;
                 }
@@ -92,7 +99,7 @@ impl Improver<'_> {
                     self.counts.released += 1;
                 }
             }
-            self.polish(2);
+            self.polish(2, patience);
         }
     }
 
@@ -207,7 +214,7 @@ impl Improver<'_> {
         let mut nodes = Vec::new();
         for round in 0..3 {
             let mut touched: Vec<u32> = self.queue.clone();
-            self.flip_queue();
+            self.flip_queue(&mut Patience::endless());
             touched.extend_from_slice(&self.queue);
             if round == 0 {
                 touched.extend(self.undo.iter().flat_map(|u| u.slots.iter().map(|s| s.0)));

@@ -33,6 +33,7 @@ use crate::lattice::distance::Distance;
 use crate::mesh::complex::{Complex, Ring};
 use crate::mesh::quality::{BLOCK, Corners, min_sine};
 use crate::mesh::{FACES, TetMesh};
+use crate::observer::Patience;
 
 /// The first round of smoothing, over many nodes, stops this far above target (sine).
 const MARGIN: f64 = 0.02;
@@ -42,6 +43,7 @@ const MARGIN: f64 = 0.02;
 /// `neighbors` are those of the tetrahedra (see [`complex`](crate::mesh::complex)) and stay so.
 /// `kinds` says what each node is and follows the nodes that come and go; the result also says
 /// for every tetrahedron which of its faces lie on a feature: bit k for face k (opposite node k).
+/// When `patience` is over, the mesh is left as far as it has come.
 pub fn improve(
     mesh: &mut TetMesh,
     neighbors: &mut Vec<[u32; 4]>,
@@ -50,11 +52,12 @@ pub fn improve(
     sheets: &Sheets,
     distance: &Distance<3>,
     target: &Target,
+    mut patience: Patience<'_>,
 ) -> (Improved, Vec<u8>) {
     let target = target.min_dihedral.to_radians().sin();
     let (taken, around) = (std::mem::take(mesh), std::mem::take(neighbors));
     let mut improver = Improver::new(taken, around, kinds, extent, sheets, distance, target);
-    let outcome = improver.improve();
+    let outcome = improver.improve(&mut patience);
     let finished = improver.finish(kinds);
     (*mesh, *neighbors, *kinds) = (finished.mesh, finished.neighbors, finished.kinds);
     (outcome, finished.feature_faces)
@@ -217,8 +220,12 @@ impl<'a> Improver<'a> {
     }
 
     /// Works through the queue with flips.
-    fn flip_queue(&mut self) {
+    fn flip_queue(&mut self, patience: &mut Patience<'_>) {
         while let Some(t) = self.queue.pop() {
+            if patience.over() {
+                self.queue.clear();
+                break;
+            }
             if self.complex.alive(t) && self.sine_of(t) < self.target && self.flip(t) {
                 self.counts.flips += 1;
             }
@@ -292,7 +299,7 @@ impl<'a> Improver<'a> {
     }
 
     /// Flips and smoothing in turn until neither helps any more.
-    fn polish(&mut self, rounds: usize) {
+    fn polish(&mut self, rounds: usize, patience: &mut Patience<'_>) {
         let mut before = usize::MAX;
         for round in 0..rounds {
             self.enough = if round == 0 {
@@ -302,7 +309,7 @@ impl<'a> Improver<'a> {
             };
             self.queue = self.poor();
             self.queue.reverse();
-            self.flip_queue();
+            self.flip_queue(patience);
             let mut nodes: Vec<u32> = self
                 .poor()
                 .iter()
@@ -315,23 +322,26 @@ impl<'a> Improver<'a> {
             }
             before = nodes.len();
             for node in nodes {
+                if patience.over() {
+                    return;
+                }
                 if self.smooth(node) {
                     self.counts.moves += 1;
                 }
             }
-            self.flip_queue();
+            self.flip_queue(patience);
         }
     }
 }
 
 impl Improver<'_> {
     /// All steps, in order.
-    fn improve(&mut self) -> Improved {
+    fn improve(&mut self, patience: &mut Patience<'_>) -> Improved {
         let poor_before = self.poor().len();
-        self.recover();
-        self.polish(8);
-        self.mend();
-        self.release();
+        self.recover(patience);
+        self.polish(8, patience);
+        self.mend(patience);
+        self.release(patience);
         self.counts.pierced_left = self.count_pierced();
         let blocked = self.blocked();
         Improved {

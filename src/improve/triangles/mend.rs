@@ -4,14 +4,15 @@ use super::Improver;
 use crate::improve::target::UNUSABLE;
 use crate::mesh::complex::NONE;
 use crate::mesh::tri::SIDES;
+use crate::observer::Patience;
 
 /// Rounds of smoothing; every third also collapses and splits.
 const ROUNDS: usize = 24;
 
 impl Improver<'_> {
     /// Flips and smooths, and collapses or splits edges where that is not enough.
-    pub(super) fn polish(&mut self) {
-        self.flip_all();
+    pub(super) fn polish(&mut self, patience: &mut Patience<'_>) {
+        self.flip_all(patience);
         for round in 0..ROUNDS {
             if self.poor().is_empty() {
                 return;
@@ -32,25 +33,28 @@ impl Improver<'_> {
             nodes.sort_unstable();
             nodes.dedup();
             for node in nodes {
+                if patience.over() {
+                    return;
+                }
                 if self.smooth(node) {
                     self.counts.moves += 1;
                 }
             }
-            self.flip_queue();
+            self.flip_queue(patience);
             if round % 3 == 2 {
                 for t in self.poor() {
                     if self.triangles[t as usize][0] != NONE {
                         self.mend(t);
                     }
                 }
-                self.flip_queue();
+                self.flip_queue(patience);
             }
         }
     }
 
     /// Lets nodes leave their curves where a triangle would otherwise stay unusable: one node if that
     /// is enough, else all three.
-    pub(super) fn release(&mut self) {
+    pub(super) fn release(&mut self, patience: &mut Patience<'_>) {
         let usable = 1.0 / UNUSABLE.to_radians().tan();
         for round in 0..4 {
             let bad = self.above(usable);
@@ -75,8 +79,8 @@ impl Improver<'_> {
                     }
                 }
             }
-            self.flip_all();
-            self.polish();
+            self.flip_all(patience);
+            self.polish(patience);
         }
     }
 

@@ -41,6 +41,7 @@ use crate::lattice::seeding::Atoms;
 use crate::mesh::TriMesh;
 use crate::mesh::complex::NONE;
 use crate::mesh::tri::{SIDES, angles, neighbors, worst_cotangent};
+use crate::observer::Patience;
 
 /// Which coordinates of each atom may change where what lies on a feature shall stay: 1 for free, 0 for
 /// held. Atoms on the sides of the box keep to them.
@@ -62,7 +63,8 @@ pub fn mobility(atoms: &Atoms<2>, extent: [f64; 2], sheets: &Sheets) -> Vec<[f64
 /// where that can be, in place.
 ///
 /// `kinds` says what each node is and follows the nodes that come and go; the result also says
-/// for every triangle which of its edges lie on a feature: bit k for edge k (opposite node k).
+/// for every triangle which of its edges lie on a feature: bit k for edge k (opposite node k). When
+/// `patience` is over, the mesh is left as far as it has come.
 ///
 /// # Errors
 /// [`Error::Mesh`] if triangles overlap or more than two share an edge; nothing is changed then.
@@ -73,11 +75,12 @@ pub fn improve(
     sheets: &Sheets,
     distance: &Distance<2>,
     min_angle: f64,
+    mut patience: Patience<'_>,
 ) -> Result<(Improved, Vec<u8>)> {
     let neighbors = adjacency(mesh)?;
     let taken = std::mem::take(mesh);
     let mut improver = Improver::new(taken, neighbors, kinds, extent, sheets, distance, min_angle);
-    let outcome = improver.improve();
+    let outcome = improver.improve(&mut patience);
     let finished = improver.finish();
     (*mesh, *kinds) = (finished.mesh, finished.kinds);
     Ok((outcome, finished.feature_faces))
@@ -167,11 +170,11 @@ impl<'a> Improver<'a> {
     }
 
     /// All steps, in order.
-    fn improve(&mut self) -> Improved {
+    fn improve(&mut self, patience: &mut Patience<'_>) -> Improved {
         let poor_before = self.poor().len();
         self.recover();
-        self.polish();
-        self.release();
+        self.polish(patience);
+        self.release(patience);
         let blocked = self.blocked();
         Improved {
             poor_before,
@@ -307,16 +310,20 @@ impl<'a> Improver<'a> {
     }
 
     /// Flips edges until none raises the smallest angle about it.
-    fn flip_all(&mut self) {
+    fn flip_all(&mut self, patience: &mut Patience<'_>) {
         self.queue.clear();
         let all: Vec<u32> = self.alive().collect();
         self.queue
             .extend(all.iter().flat_map(|&t| [(t, 0), (t, 1), (t, 2)]));
-        self.flip_queue();
+        self.flip_queue(patience);
     }
 
-    fn flip_queue(&mut self) {
+    fn flip_queue(&mut self, patience: &mut Patience<'_>) {
         while let Some((t, k)) = self.queue.pop() {
+            if patience.over() {
+                self.queue.clear();
+                break;
+            }
             if self.triangles[t as usize][0] != NONE {
                 self.try_flip(t, usize::from(k));
             }

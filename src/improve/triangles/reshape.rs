@@ -12,6 +12,7 @@ use crate::mesh::TriMesh;
 use crate::mesh::complex::NONE;
 use crate::mesh::delaunay::constrained_plane;
 use crate::mesh::tri::{SIDES, area2};
+use crate::observer::Patience;
 
 /// Reshapes a part of a mesh, as [`reshape`](crate::improve::tets::reshape) in space.
 ///
@@ -67,7 +68,7 @@ pub fn reshape(
     }
     let neighbors = adjacency(&mesh).map_err(Refusal::Part)?;
     let mut improver = Improver::new(mesh, neighbors, &kinds, extent, sheets, distance, min_angle);
-    let outcome = improver.improve();
+    let outcome = improver.improve(&mut Patience::endless());
     let finished = improver.finish();
     // Numbers as wanted; what improvement has put in comes after those.
     let inserted = |n: u32| n - stay.len() as u32 + wanted.targets.len() as u32;

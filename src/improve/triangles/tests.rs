@@ -45,7 +45,16 @@ fn edges_lie_on_the_curves_and_all_angles_are_large() {
     assert!(moved > 20);
     let mut mesh = delaunay_plane(&atoms.positions).unwrap();
     let mut kinds = atoms.kinds;
-    let (outcome, on) = improve(&mut mesh, &mut kinds, EXTENT, &sheets, &distance, 30.0).unwrap();
+    let (outcome, on) = improve(
+        &mut mesh,
+        &mut kinds,
+        EXTENT,
+        &sheets,
+        &distance,
+        30.0,
+        Patience::endless(),
+    )
+    .unwrap();
     let found = check(&mesh, [0.0; 2], EXTENT, 1e-12);
     assert!(found.passed(), "{:?}", found.problems);
     assert_eq!(kinds.len(), mesh.nodes.len());
@@ -85,7 +94,16 @@ fn without_features_a_regular_lattice_is_left_alone() {
     let atoms = seeding::regular(EXTENT, &distance, &[], Alignment::On).unwrap();
     let before = delaunay_plane(&atoms.positions).unwrap();
     let (mut mesh, mut kinds) = (before.clone(), atoms.kinds.clone());
-    let (outcome, on) = improve(&mut mesh, &mut kinds, EXTENT, &sheets, &distance, 25.0).unwrap();
+    let (outcome, on) = improve(
+        &mut mesh,
+        &mut kinds,
+        EXTENT,
+        &sheets,
+        &distance,
+        25.0,
+        Patience::endless(),
+    )
+    .unwrap();
     assert_eq!((outcome.poor_before, outcome.poor_after), (0, 0));
     assert!(on.iter().all(|bits| *bits == 0));
     assert_eq!(mesh.nodes, before.nodes);
@@ -107,7 +125,10 @@ fn triangles_that_overlap_are_refused_and_left_as_they_are() {
         triangles: vec![[0, 1, 2], [0, 2, 3], [0, 2, 4]],
     };
     let (mut mesh, mut kinds) = (before.clone(), vec![AtomKind::Corner; 5]);
-    let refused = improve(&mut mesh, &mut kinds, EXTENT, &sheets, &distance, 30.0);
+    let patience = Patience::endless();
+    let refused = improve(
+        &mut mesh, &mut kinds, EXTENT, &sheets, &distance, 30.0, patience,
+    );
     let error = refused.unwrap_err().to_string();
     assert!(
         error.contains("edge [0, 2]: belongs to more than two"),
@@ -139,8 +160,7 @@ proptest! {
         };
         let before = worst(&mesh);
         let mut kinds = atoms.kinds;
-        let (outcome, _) =
-            improve(&mut mesh, &mut kinds, EXTENT, &sheets, &distance, 30.0).unwrap();
+        let (outcome, _) = improve(&mut mesh, &mut kinds, EXTENT, &sheets, &distance, 30.0, Patience::endless()).unwrap();
         let found = check(&mesh, [0.0; 2], EXTENT, 1e-9);
         prop_assert!(found.passed(), "{:?}", found.problems);
         prop_assert!(outcome.poor_after < outcome.poor_before);

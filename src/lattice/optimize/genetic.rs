@@ -22,11 +22,11 @@ use rayon::prelude::*;
 
 use super::bounds::Bounds;
 use super::minimise::{Budget, FIRST_CURVATURE, Minimiser, finite};
-use super::observer::{Observer, Progress};
 use super::{Effort, Stop};
 use crate::error::Result;
 use crate::geometry::random::uniform;
 use crate::lattice::energy::{Energy, Parts};
+use crate::observer::{Observer, Progress};
 
 /// Individuals in a generation (Fernandes & Gattass 2009).
 pub const POPULATION: usize = 10;
@@ -124,7 +124,8 @@ pub fn evolve<const D: usize>(
                 iterations: budget.iterations,
                 evaluations: budget.evaluations,
                 energy: least,
-                parts,
+                lattice: parts.lattice,
+                image: parts.image,
             });
         }
         history.push(least);

@@ -13,16 +13,14 @@
 //! - [`minimise`]: one minimisation: line search, stopping
 //! - [`genetic`]: a population of lattices instead, of which the best have descendants
 //! - [`temperature`]: which atoms a local edit may move
-//! - [`observer`]: watching and interrupting
 
 pub mod bounds;
 pub mod genetic;
 pub mod lbfgs;
 pub mod minimise;
-pub mod observer;
 pub mod temperature;
 
-pub use observer::{Observer, Progress, Unobserved};
+pub use crate::observer::{Observer, Progress, Unobserved};
 
 use serde::{Deserialize, Serialize};
 

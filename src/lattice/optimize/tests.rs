@@ -41,8 +41,8 @@ struct Recorder {
 impl Observer for Recorder {
     fn progress(&mut self, progress: &Progress) {
         self.energies.push(progress.energy);
-        let parts = progress.parts;
-        assert!((0.4 * parts.lattice + 0.6 * parts.image - progress.energy).abs() < 1e-6);
+        let energy = 0.4 * progress.lattice + 0.6 * progress.image;
+        assert!((energy - progress.energy).abs() < 1e-6);
     }
     fn round(&mut self, round: usize, positions: &[[f64; 3]]) {
         self.rounds += 1;

@@ -67,7 +67,7 @@ const NOTHING: u32 = u32::MAX;
 
 impl<const D: usize, M: Simplices<D>> Body<D, M> {
     /// Of a file, which `place` names in errors. What is stored for each node or cell besides what
-    /// [`mesh_image`](crate::job::mesh_image) stores is dropped.
+    /// [`job::run`](crate::job::run) stores is dropped.
     ///
     /// # Errors
     /// [`Error::Mesh`] if the file does not say where its lattice space is, or what its nodes are, or if

@@ -6,8 +6,8 @@ use super::spacing;
 use super::window::Window;
 use super::{Change, Edit, Summary};
 use crate::error::cause;
-use crate::feature::settled::{Settled, detect_part, reach};
-use crate::feature::{self, Features};
+use crate::feature::settled::reach;
+use crate::feature::{self, Features, Settled, detect_part};
 use crate::image::Image;
 use crate::improve::{Refusal, Wanted};
 use crate::job::horizons::horizon_bits;
@@ -111,7 +111,7 @@ where
                 high[k] = high[k].max(x[k] + REACH * d);
             }
         }
-        let (margin, dims) = (reach(context.settled), context.image.dims());
+        let (margin, dims) = (reach::<D>(context.settled), context.image.dims());
         let window = Window::around(low, high, margin, dims, body.step, body.extent);
 
         let targets: Vec<[f64; D]> = inner().map(|x| window.to_local(x)).collect();
@@ -327,7 +327,7 @@ where
         let (features, min_angle) = match context.params.min_dihedral {
             Some(angle) => (&around.features, angle),
             None => {
-                without = feature::empty(self.window.dims, &feature::Options::default());
+                without = Features::none(self.window.dims, &feature::Detection::default());
                 (&without, MIN_ANGLE)
             }
         };

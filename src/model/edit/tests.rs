@@ -2,14 +2,14 @@ use std::collections::BTreeSet;
 
 use super::*;
 use crate::image::Geometry;
-use crate::job::{BOX_TOLERANCE, FixedAtom, Spacing, mesh_image};
+use crate::job::{self, BOX_TOLERANCE, FixedAtom, Spacing};
 use crate::lattice::AtomKind;
 use crate::lattice::optimize::Unobserved;
 use crate::mesh::TriMesh;
 use crate::mesh::check::check;
 use crate::report::{Reference, fidelity, quality};
 use crate::store::StoredMesh;
-use crate::store::file::{Provenance, to_file};
+use crate::store::file::to_file;
 
 /// An image with a bright curved sheet across it, somewhere in the world.
 fn image<const D: usize>(dims: [usize; D]) -> Image<D> {
@@ -41,7 +41,7 @@ fn world<const D: usize>(sample: [f64; D]) -> [f64; D] {
 fn params<const D: usize>(d: f64) -> Params<D> {
     Params {
         spacing: Spacing::Constant(d),
-        feature: feature::Kind::Ridges,
+        feature: feature::FeatureKind::Ridges,
         ..Params::default()
     }
 }
@@ -50,8 +50,8 @@ fn made<const D: usize, M: Simplices<D>>(image: &Image<D>, params: &Params<D>) -
 where
     Space<D>: Meshing<D, Mesh = M>,
 {
-    let outcome = mesh_image(image, params, &mut Unobserved).unwrap();
-    to_file(&outcome, &image.geometry, &Provenance::default())
+    let outcome = job::run(image, params, &mut Unobserved).unwrap();
+    to_file(&outcome, outcome.simplices().unwrap())
 }
 
 fn named<const D: usize>(changes: &[Change<D>]) -> Vec<Edit<D>> {

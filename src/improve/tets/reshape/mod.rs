@@ -13,6 +13,7 @@ use crate::lattice::distance::Distance;
 use crate::mesh::complex::{self, NONE};
 use crate::mesh::quality::min_sine;
 use crate::mesh::{FACES, TetMesh};
+use crate::observer::Patience;
 
 /// Reshapes a part of a mesh: new nodes are put in, others collapsed into a neighbour, and all moved
 /// towards their targets as far as the mesh allows.
@@ -63,7 +64,7 @@ pub fn reshape(
     if let Some(node) = (0..targets.len()).find(astray) {
         return Err(Refusal::Node(node as u32));
     }
-    let outcome = improver.improve();
+    let outcome = improver.improve(&mut Patience::endless());
     let finished = improver.finish(kinds);
     Ok(Reshaped {
         mesh: finished.mesh,
@@ -298,7 +299,7 @@ impl Improver<'_> {
             for floor in COLLAPSES {
                 for features_first in [true, false] {
                     if (around.iter()).any(|&n| self.collapse_if(node, n, floor, features_first)) {
-                        self.flip_queue();
+                        self.flip_queue(&mut Patience::endless());
                         return true;
                     }
                 }
@@ -336,7 +337,7 @@ impl Improver<'_> {
             // Coordinates in a side stay what they are, to the bit.
             let x = std::array::from_fn(|k| if from[k] == to[k] { from[k] } else { x[k] });
             self.move_to(node, x, hold);
-            self.flip_queue();
+            self.flip_queue(&mut Patience::endless());
             return;
         }
     }
@@ -355,7 +356,7 @@ impl Improver<'_> {
                 moved |= went;
                 !arrived
             });
-            self.flip_queue();
+            self.flip_queue(&mut Patience::endless());
             if pending.is_empty() || (!moved && pending.len() == before) {
                 return;
             }

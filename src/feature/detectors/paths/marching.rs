@@ -10,7 +10,7 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use super::volume::Volume;
+use crate::feature::volume::Volume;
 
 /// Round a start the straight way is taken this far, in samples.
 const STRAIGHT: i32 = 3;
@@ -44,7 +44,7 @@ pub fn marching<const D: usize>(
         dims,
         samples: slowness,
     };
-    let mut front = Front {
+    let mut front = MarchingFront {
         grid,
         step,
         strides: grid.strides(),
@@ -73,7 +73,7 @@ pub fn marching<const D: usize>(
     front.time
 }
 
-struct Front<'a, const D: usize> {
+struct MarchingFront<'a, const D: usize> {
     grid: Volume<'a, D>,
     step: [f64; D],
     strides: [usize; D],
@@ -82,7 +82,7 @@ struct Front<'a, const D: usize> {
     queue: Queue,
 }
 
-impl<const D: usize> Front<'_, D> {
+impl<const D: usize> MarchingFront<'_, D> {
     /// The straight way from a start to the samples around it.
     fn begin(&mut self, start: usize) {
         let at = self.grid.coordinates(start);

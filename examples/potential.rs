@@ -40,7 +40,7 @@ fn main() -> anyhow::Result<()> {
 
     let mut energy = Sampled::new(&distance, &potential, Beta::Constant(BETA));
     draw(&mut energy, &atoms, before)?;
-    let options = optimize::Options::default();
+    let options = optimize::Effort::default();
     optimize::optimize(
         &mut atoms,
         &mut energy,

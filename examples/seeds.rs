@@ -17,7 +17,7 @@ use atomesh::job::{Meshing, Scene, Space, Stages};
 use atomesh::lattice::distance::Distance;
 use atomesh::lattice::energy::laplacian::KAPPA;
 use atomesh::lattice::energy::{Beta, Energy, Pairwise, Regularised};
-use atomesh::lattice::optimize::{self, Method, Options, Unobserved};
+use atomesh::lattice::optimize::{self, Effort, Method, Unobserved};
 use atomesh::lattice::seeding::{self, Alignment, Atoms, Seeding};
 use atomesh::mesh::Simplices;
 use atomesh::mesh::delaunay;
@@ -150,7 +150,7 @@ where
         for method in [Method::Genetic, Method::Lbfgs] {
             let mut atoms = case.seed("guide", 1)?;
             if generations > 0 {
-                let options = Options {
+                let options = Effort {
                     method,
                     tolerance: 1e-9,
                     max_evaluations: evaluations,
@@ -205,13 +205,13 @@ fn pictures(image: &Image<2>, d: f64) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn options_of(seed: u64) -> Options {
-    Options {
+fn options_of(seed: u64) -> Effort {
+    Effort {
         seed,
         tolerance: 1e-4,
         max_rounds: 1,
         max_evaluations: 60,
-        ..Options::default()
+        ..Effort::default()
     }
 }
 
@@ -256,12 +256,7 @@ where
         Ok(Pairwise::new(self.extent, &self.distance, potential, beta)?)
     }
 
-    fn move_atoms(
-        &self,
-        atoms: &mut Atoms<D>,
-        options: &Options,
-        kappa: f64,
-    ) -> anyhow::Result<()> {
+    fn move_atoms(&self, atoms: &mut Atoms<D>, options: &Effort, kappa: f64) -> anyhow::Result<()> {
         let pairs = self.pairs()?.uncrowded();
         let mut energy: Box<dyn Energy<D>> = if kappa < 1.0 {
             let mobility = atoms.mobility(self.extent);

@@ -1,7 +1,7 @@
 //! Where a sheet crosses the columns of samples.
 
-use super::symmetric;
 use super::volume::Volume;
+use crate::geometry::dot;
 
 /// How far past the half way to the next sample a crossing still counts: neighbouring samples see
 /// slightly different normals, and a double can be dropped later while a hole cannot be filled.
@@ -60,8 +60,7 @@ pub fn along_axis<const D: usize>(
     w: [f64; D],
     axis: usize,
 ) -> Option<f32> {
-    let slope =
-        |at: [usize; D]| symmetric::dot(volume.gradient(at).map(f64::from), w) * w[axis].signum();
+    let slope = |at: [usize; D]| dot(volume.gradient(at).map(f64::from), w) * w[axis].signum();
     let here = slope(at);
     let ahead = here > 0.0;
     let mut next = at;
@@ -85,20 +84,4 @@ pub fn along_axis<const D: usize>(
 #[inline]
 pub fn nearest(position: f32) -> i32 {
     (position + 1024.5) as i32 - 1024
-}
-
-/// Scalar product.
-#[inline]
-pub fn dot<const D: usize>(a: [f32; D], b: [f32; D]) -> f32 {
-    let mut sum = a[0] * b[0];
-    for k in 1..D {
-        sum += a[k] * b[k];
-    }
-    sum
-}
-
-/// a - b.
-#[inline]
-pub fn minus<const D: usize>(a: [f32; D], b: [f32; D]) -> [f32; D] {
-    std::array::from_fn(|k| a[k] - b[k])
 }

@@ -9,7 +9,7 @@
 //! The bell is cut at 3 sigma and lowered by what is left there, so that b falls to exactly 0.
 
 use super::FeaturePoint;
-use super::crossing::dot;
+use crate::geometry::dot;
 use crate::image::Field;
 use rayon::prelude::*;
 

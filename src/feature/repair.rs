@@ -8,9 +8,10 @@
 //! Doubtful candidates beside a continued sheet are dropped.
 
 use super::by_sample::BySample;
-use super::crossing::{Candidate, dot, minus, nearest};
+use super::crossing::{Candidate, nearest};
 use super::symmetric::{Matrix, eigenvalues};
 use super::volume::Volume;
+use crate::geometry::{dot, sub};
 
 /// Reliable points within this many samples of a new point are fitted; the second radius is for the
 /// middle of wide zones, where the first finds too few.
@@ -327,7 +328,7 @@ impl<const D: usize> Continuation<'_, D> {
             at[axis] = middle - slack;
             self.reliable.each_in_column(at, axis, 2 * slack + 1, |i| {
                 let q = &self.reliable.candidates[i];
-                let away = minus(q.position, guess);
+                let away = sub(q.position, guess);
                 let distance = dot(away, away).sqrt();
                 if dot(q.normal, n).abs() >= SAME_NORMAL
                     && dot(away, n).abs() <= 0.75 + 0.12 * distance

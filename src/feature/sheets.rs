@@ -6,8 +6,9 @@
 //! for a whole sheet and not sample by sample.
 
 use super::by_sample::BySample;
-use super::crossing::{Candidate, dot, minus, nearest};
+use super::crossing::{Candidate, nearest};
 use super::{FeatureKind, FeaturePoint};
+use crate::geometry::{dot, sub};
 
 /// No sheet.
 const FREE: u32 = u32::MAX;
@@ -231,7 +232,7 @@ impl<const D: usize> Growth<'_, D> {
                 return;
             }
             let other = &grid.candidates[j];
-            let apart = minus(other.position, c.position);
+            let apart = sub(other.position, c.position);
             let joined = dot(other.normal, c.normal).abs() >= SAME_NORMAL
                 && dot(apart, c.normal).abs() < SAME_PLANE
                 && dot(apart, other.normal).abs() < SAME_PLANE;
@@ -269,7 +270,7 @@ impl<const D: usize> Growth<'_, D> {
                     return;
                 }
                 let other = &grid.candidates[o];
-                let across = dot(minus(other.position, c.position), c.normal).abs();
+                let across = dot(sub(other.position, c.position), c.normal).abs();
                 if dot(other.normal, c.normal).abs() >= PARALLEL
                     && across > TOGETHER
                     && across * unit < self.resolution

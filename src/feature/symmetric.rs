@@ -1,5 +1,7 @@
 //! Eigenvectors of small symmetric matrices (Hessians, structure tensors), in closed form.
 
+use crate::geometry::dot;
+
 /// A symmetric matrix of two or three rows.
 pub type Matrix<const D: usize> = [[f64; D]; D];
 
@@ -113,16 +115,6 @@ fn cross<const D: usize>(a: [f64; D], b: [f64; D]) -> [f64; D] {
         product[2] = a[0] * b[1] - a[1] * b[0];
     }
     product
-}
-
-/// Scalar product.
-#[inline]
-pub fn dot<const D: usize>(a: [f64; D], b: [f64; D]) -> f64 {
-    let mut sum = a[0] * b[0];
-    for k in 1..D {
-        sum += a[k] * b[k];
-    }
-    sum
 }
 
 fn unit<const D: usize>(a: [f64; D]) -> [f64; D] {

@@ -1,21 +1,44 @@
-//! Vectors of the plane and of space.
+//! Vectors of the plane and of space, of `f64` or, where there are many, of `f32`.
+//!
+//! Sums run in the order of the axes, so results are the same wherever they are computed.
+
+use std::ops::{Add, Mul, Sub};
+
+/// What vectors are made of.
+pub trait Real:
+    Copy + Default + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self>
+{
+}
+
+impl Real for f32 {}
+impl Real for f64 {}
 
 /// `a - b`.
 #[inline]
-pub fn sub<const D: usize>(a: [f64; D], b: [f64; D]) -> [f64; D] {
+pub fn sub<T: Real, const D: usize>(a: [T; D], b: [T; D]) -> [T; D] {
     std::array::from_fn(|k| a[k] - b[k])
 }
 
 /// `a + s b`.
 #[inline]
-pub fn add_scaled<const D: usize>(a: [f64; D], s: f64, b: [f64; D]) -> [f64; D] {
+pub fn add_scaled<T: Real, const D: usize>(a: [T; D], s: T, b: [T; D]) -> [T; D] {
     std::array::from_fn(|k| a[k] + s * b[k])
 }
 
 /// Scalar product.
 #[inline]
-pub fn dot<const D: usize>(a: [f64; D], b: [f64; D]) -> f64 {
-    (0..D).map(|k| a[k] * b[k]).sum()
+pub fn dot<T: Real, const D: usize>(a: [T; D], b: [T; D]) -> T {
+    let mut sum = a[0] * b[0];
+    for k in 1..D {
+        sum = sum + a[k] * b[k];
+    }
+    sum
+}
+
+/// A vector of the plane z = 0, or of space, as one of space.
+#[inline]
+pub fn in_space<T: Real, const D: usize>(a: [T; D]) -> [T; 3] {
+    std::array::from_fn(|k| a.get(k).copied().unwrap_or_default())
 }
 
 /// Vector product.
@@ -26,6 +49,12 @@ pub fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
         a[2] * b[0] - a[0] * b[2],
         a[0] * b[1] - a[1] * b[0],
     ]
+}
+
+/// The square of the distance between two points.
+#[inline]
+pub fn distance2<const D: usize>(a: &[f64; D], b: &[f64; D]) -> f64 {
+    (0..D).map(|k| (a[k] - b[k]).powi(2)).sum()
 }
 
 /// Length.

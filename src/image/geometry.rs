@@ -1,5 +1,7 @@
 //! Where an image's samples lie in the world.
 
+use crate::geometry::dot;
+
 /// Maps sample indices (x first) to physical coordinates: `origin + sum_k index[k] * axes[k]`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Geometry<const D: usize> {
@@ -158,7 +160,6 @@ impl Geometry<3> {
                 units,
             };
         }
-        let dot = |u: [f64; 3], v: [f64; 3]| u[0] * v[0] + u[1] * v[1] + u[2] * v[2];
         let length = dot(a, a).sqrt();
         let along = dot(a, b) / length;
         let across = (dot(b, b) - along * along).max(0.0).sqrt();

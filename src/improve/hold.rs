@@ -24,7 +24,7 @@ impl Beside {
     #[inline]
     pub fn on_one_side(self, other: Self, edge: [f64; 3], alone: [bool; 2]) -> bool {
         let edge = edge.map(|c| c as f32);
-        let along = |n: [f32; 3]| n[0] * edge[0] + n[1] * edge[1] + n[2] * edge[2];
+        let along = |n: [f32; 3]| dot(n, edge);
         match (self, other) {
             (Self::One(m, r), Self::One(n, s)) => {
                 // Where each end is with respect to the other's sheet: if an end on a sheet is about

@@ -6,6 +6,7 @@
 //! three meet, three.
 
 use crate::feature::FeaturePoint;
+use crate::geometry::groups::grouped;
 use crate::geometry::{add_scaled, dot, norm, sub};
 
 /// Most sheets that one position can have.
@@ -50,6 +51,9 @@ impl Near {
 /// Two normals belong to one sheet if they differ by less than about 35 degrees.
 pub const SAME_SHEET: f64 = 0.82;
 
+/// The middle of a face on a sheet is at most this far off it.
+pub(super) const FACE_ON_SHEET: f64 = 0.75;
+
 /// How many cells make up the reach of [`Sheets::far`].
 const DILATION: u32 = 2;
 
@@ -82,20 +86,12 @@ impl Sheets {
             });
             (c[2] * dims[1] + c[1]) * dims[0] + c[0]
         };
-        let mut start = vec![0u32; dims.iter().product::<usize>() + 1];
-        for p in points {
-            start[index(p.position) + 1] += 1;
-        }
-        for i in 1..start.len() {
-            start[i] += start[i - 1];
-        }
-        let mut next = start.clone();
-        let mut sorted = vec![([0f32; 3], [0f32; 3]); points.len()];
-        for p in points {
-            let at = &mut next[index(p.position)];
-            sorted[*at as usize] = (p.position, p.normal);
-            *at += 1;
-        }
+        let cells = points.iter().map(|p| index(p.position));
+        let (start, order) = grouped(dims.iter().product(), cells);
+        let sorted = order.iter().map(|&i| {
+            let p = &points[i as usize];
+            (p.position, p.normal)
+        });
         let coarse = reach.max(radius) / f64::from(DILATION);
         let coarse_dims = extent.map(|e| (e / coarse) as usize + 1);
         let mut near = vec![false; coarse_dims.iter().product()];
@@ -126,7 +122,7 @@ impl Sheets {
             cell,
             dims,
             start,
-            points: sorted,
+            points: sorted.collect(),
             coarse,
             coarse_dims,
             near,
@@ -208,8 +204,8 @@ impl Sheets {
         let centre = x.map(|c| c as f32);
         let limit = (self.radius * self.radius) as f32;
         self.visit(x, |i, p| {
-            let r = relative(p, centre);
-            let r2 = dot32(r, r);
+            let r = sub(p, centre);
+            let r2 = dot(r, r);
             // No branch: which of them are near cannot be foretold.
             found[count] = (i, r2);
             count = (count + usize::from(r2 < limit)).min(ROOM);
@@ -221,23 +217,23 @@ impl Sheets {
                 .copied()
                 .fold(found[0], |best, f| if f.1 < best.1 { f } else { best });
             let (seed, seed_normal) = self.points[nearest as usize];
-            let seed = relative(seed, centre);
+            let seed = sub(seed, centre);
             let (mut weight, mut mean, mut normal, mut members) = (0f32, [0f32; 3], [0f32; 3], 0);
             let mut kept = 0;
             for i in 0..count {
                 let f = found[i];
                 let (p, n) = self.points[f.0 as usize];
-                let along = dot32(n, seed_normal);
+                let along = dot(n, seed_normal);
                 if along.abs() <= SAME_SHEET as f32 {
                     // What is left for the next sheet differs in direction.
                     found[kept] = f;
                     kept += 1;
                     continue;
                 }
-                let p = relative(p, centre);
-                let r = relative(p, seed);
-                let height = dot32(r, seed_normal).abs() - 0.4;
-                if height <= 0.0 || height * height < 0.16 * dot32(r, r) {
+                let p = sub(p, centre);
+                let r = sub(p, seed);
+                let height = dot(r, seed_normal).abs() - 0.4;
+                if height <= 0.0 || height * height < 0.16 * dot(r, r) {
                     let inside = 1.0 - f.1 / limit;
                     let w = inside * inside + 1e-3;
                     let sign = w.copysign(along);
@@ -343,16 +339,6 @@ fn unclear(length: f64, alone: [bool; 2]) -> [f64; 2] {
     let clear = (3.0 / length).min(most);
     let [p, q] = alone.map(|alone| if alone { clear } else { 0.0 });
     [p, 1.0 - q]
-}
-
-#[inline]
-fn relative(p: [f32; 3], origin: [f32; 3]) -> [f32; 3] {
-    [p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]]
-}
-
-#[inline]
-fn dot32(a: [f32; 3], b: [f32; 3]) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 #[inline]

@@ -13,7 +13,7 @@ use super::settings::Settings;
 use crate::feature::FeatureKind;
 use crate::image::formats::InputOptions;
 use crate::improve;
-use crate::improve::plane::relax::Scheme;
+use crate::improve::triangles::relax::Scheme;
 use crate::lattice::optimize;
 
 /// What shall be done with an image to make a mesh of it.

@@ -5,10 +5,10 @@ use super::place::Placed;
 use super::{Meshing, Params, Scene, Space};
 use crate::Result;
 use crate::feature::{Features, gaussian};
+use crate::geometry::in_space;
 use crate::image::{Field, Image};
 use crate::improve;
 use crate::lattice::AtomKind;
-use crate::lattice::optimize;
 use crate::lattice::seeding::{self, Atoms};
 
 /// Atoms at Canny's points, on what the points around them agree on.
@@ -46,13 +46,13 @@ fn put_onto_features<const D: usize>(atoms: &mut Atoms<D>, seeded: usize, scene:
 where
     Space<D>: Meshing<D>,
 {
-    let extent = optimize::three(&[scene.extent])[0];
+    let extent = in_space(scene.extent);
     let free: Vec<AtomKind> = atoms
         .positions
         .iter()
         .map(|&x| seeding::kind_in_box(x, scene.extent))
         .collect();
-    let mut moved = optimize::three(&atoms.positions);
+    let mut moved: Vec<[f64; 3]> = atoms.positions.iter().map(|&x| in_space(x)).collect();
     let sheets = Space::<D>::sheets(scene);
     improve::settle(&mut moved, &free, extent, &sheets, ONTO_FEATURE);
     let fixed = |&n: &usize| atoms.kinds[n] == AtomKind::Fixed;

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::{BOX_TOLERANCE, Made, Meshing, Params, Scene, Space, Stages, pairs};
 use crate::Result;
-use crate::geometry::{add_scaled, dot, norm, sub};
+use crate::geometry::{add_scaled, dot, in_space, norm, sub};
 use crate::image::{Geometry, Image};
 use crate::improve::sheets::{SAME_SHEET, Sheets};
 use crate::lattice::energy::{Beta, Pairwise};
@@ -42,11 +42,11 @@ where
         stages.begin(Stage::Pairing);
         let points: Vec<_> = features.points.iter().map(Space::<D>::in_space).collect();
         atoms = pairs::mirrored(&atoms, extent, &points, &sheets, distance);
-        let options = optimize::Options {
+        let options = optimize::Effort {
             seed: params.seed,
             max_rounds: 1,
             max_evaluations: PAIRED_EVALUATIONS,
-            ..optimize::Options::default()
+            ..optimize::Effort::default()
         };
         let energy = Pairwise::new(extent, distance, None, Beta::Constant(0.0))?;
         let mut energy = energy.aligned(Alignment::Alongside);
@@ -107,7 +107,6 @@ pub fn to_world<const D: usize>(
 /// Which faces lie along a feature: those whose atoms are on either side of it, where the line
 /// between them meets the face. So no way from cell to cell passes a feature but through such a face.
 fn across<const D: usize>(mesh: &PolyMesh<D>, sheets: &Sheets) -> Vec<bool> {
-    let lift = |x: [f64; D]| std::array::from_fn(|k| x.get(k).copied().unwrap_or(0.0));
     let inner = mesh.inner_faces();
     (0..mesh.face_cells.len())
         .into_par_iter()
@@ -115,7 +114,7 @@ fn across<const D: usize>(mesh: &PolyMesh<D>, sheets: &Sheets) -> Vec<bool> {
             if f >= inner {
                 return false;
             }
-            let [a, b] = mesh.face_cells[f].map(|c| lift(mesh.sites[c as usize]));
+            let [a, b] = mesh.face_cells[f].map(|c| in_space(mesh.sites[c as usize]));
             let line = sub(b, a);
             let middle = add_scaled(a, 0.5, line);
             let half = 0.5 * norm(line);

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use crate::feature::Features;
-use crate::geometry::near::Grid;
+use crate::geometry::buckets::Buckets;
 use crate::geometry::{add_scaled, dot, norm, normal, sub};
 use crate::mesh::Mesh;
 use crate::mesh::Simplices;
@@ -44,7 +44,7 @@ pub(crate) fn on_horizons<const D: usize, F: Mesh<D>>(
         .map(|p| p.position.map(f64::from))
         .collect();
     // Valleys are a quarter as wide as atoms are apart: all of a feature that is near is within two.
-    let grid = Grid::new(&points, 2.0 * features.sigma);
+    let grid = Buckets::new(&points, 2.0 * features.sigma);
     let nodes = mesh.nodes();
     let is_horizon = |face: usize| {
         let (mut middle, mut area_vector, mut area) = ([0.0; D], [0.0; D], 0.0);

@@ -3,11 +3,10 @@
 use super::Stages;
 use crate::Result;
 use crate::feature::{FeaturePoint, Features};
-use crate::improve::exude::exude;
-use crate::improve::plane::relax::Relaxation;
-use crate::improve::reshape::{Refusal, Reshaped, Wanted};
+use crate::geometry::in_space;
 use crate::improve::sheets::Sheets;
-use crate::improve::{self, Method, plane};
+use crate::improve::triangles::relax::Relaxation;
+use crate::improve::{self, Method, Refusal, Reshaped, Target, Wanted, tets, triangles};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
 use crate::lattice::seeding::Atoms;
@@ -38,7 +37,7 @@ pub trait Meshing<const D: usize> {
         atoms: Atoms<D>,
         scene: &Scene<'_, D>,
         relaxation: Option<&Relaxation<D>>,
-        improvement: Option<&improve::Options>,
+        improvement: Option<&Target>,
         stages: &mut Stages<'_>,
     ) -> Result<Joined<Self::Mesh>>;
 
@@ -129,7 +128,7 @@ impl Meshing<3> for Space<3> {
         mut atoms: Atoms<3>,
         scene: &Scene<'_, 3>,
         _: Option<&Relaxation<3>>,
-        improvement: Option<&improve::Options>,
+        improvement: Option<&Target>,
         stages: &mut Stages<'_>,
     ) -> Result<Joined<TetMesh>> {
         let Scene {
@@ -162,7 +161,7 @@ impl Meshing<3> for Space<3> {
         let (neighbors, (outcome, feature_faces)) = match options.method {
             Method::Joe => {
                 stages.begin(Stage::Improving);
-                let done = improve::improve(
+                let done = tets::improve(
                     &mut mesh,
                     &mut neighbors,
                     &mut kinds,
@@ -177,7 +176,7 @@ impl Meshing<3> for Space<3> {
             Method::Exude => {
                 stages.begin(Stage::Comparing);
                 let (mut other, mut their_kinds) = (mesh.clone(), kinds.clone());
-                let (_, faces) = improve::improve(
+                let (_, faces) = tets::improve(
                     &mut other,
                     &mut neighbors.clone(),
                     &mut their_kinds,
@@ -189,7 +188,7 @@ impl Meshing<3> for Space<3> {
                 );
                 rival = Some((other, faces));
                 stages.begin(Stage::Improving);
-                let done = exude(
+                let done = tets::exude(
                     &mut mesh,
                     neighbors,
                     &mut kinds,
@@ -226,11 +225,11 @@ impl Meshing<3> for Space<3> {
         let sheets = Self::sheets(scene);
         let reach = SETTLE * distance.min();
         improve::settle(&mut wanted.targets, &wanted.kinds, extent, &sheets, reach);
-        let options = improve::Options {
+        let options = Target {
             min_dihedral: min_angle,
             method: Method::Joe,
         };
-        improve::reshape::reshape(part, &wanted, extent, &sheets, distance, &options)
+        tets::reshape(part, &wanted, extent, &sheets, distance, &options)
     }
 
     fn cells(atoms: &[[f64; 3]], extent: [f64; 3], weld: f64) -> Result<PolyMesh<3>> {
@@ -253,7 +252,7 @@ impl Meshing<2> for Space<2> {
         mut atoms: Atoms<2>,
         scene: &Scene<'_, 2>,
         relaxation: Option<&Relaxation<2>>,
-        improvement: Option<&improve::Options>,
+        improvement: Option<&Target>,
         stages: &mut Stages<'_>,
     ) -> Result<Joined<TriMesh>> {
         let Scene {
@@ -263,14 +262,14 @@ impl Meshing<2> for Space<2> {
         let sheets = wanted.then(|| Self::sheets(scene));
         if let Some(sheets) = &sheets {
             let reach = SETTLE * distance.min();
-            plane::settle(&mut atoms.positions, &atoms.kinds, extent, sheets, reach);
+            improve::settle(&mut atoms.positions, &atoms.kinds, extent, sheets, reach);
         }
         stages.begin(Stage::Joining);
         let mut mesh = match (relaxation, &sheets) {
             (Some(relaxation), Some(sheets)) => {
                 stages.begin(Stage::Smoothing);
-                let mobility = plane::mobility(&atoms, extent, sheets);
-                plane::relax::relax(
+                let mobility = triangles::mobility(&atoms, extent, sheets);
+                triangles::relax::relax(
                     atoms.positions,
                     &mobility,
                     relaxation,
@@ -294,7 +293,7 @@ impl Meshing<2> for Space<2> {
             });
         };
         stages.begin(Stage::Improving);
-        let (outcome, feature_faces) = plane::improve(
+        let (outcome, feature_faces) = triangles::improve(
             &mut mesh,
             &mut kinds,
             extent,
@@ -326,8 +325,8 @@ impl Meshing<2> for Space<2> {
         } = *scene;
         let sheets = Self::sheets(scene);
         let reach = SETTLE * distance.min();
-        plane::settle(&mut wanted.targets, &wanted.kinds, extent, &sheets, reach);
-        plane::reshape(&part, &wanted, extent, &sheets, distance, min_angle)
+        improve::settle(&mut wanted.targets, &wanted.kinds, extent, &sheets, reach);
+        triangles::reshape(&part, &wanted, extent, &sheets, distance, min_angle)
     }
 
     fn cells(atoms: &[[f64; 2]], extent: [f64; 2], weld: f64) -> Result<PolyMesh<2>> {
@@ -338,15 +337,13 @@ impl Meshing<2> for Space<2> {
         // Curves in the plane are sheets that stand upright on it.
         let points = scene.features.points.iter().map(Self::in_space);
         let points: Vec<FeaturePoint<3>> = points.collect();
-        planes(&points, plane::lift(scene.extent), scene.distance)
+        planes(&points, in_space(scene.extent), scene.distance)
     }
 
     fn in_space(point: &FeaturePoint<2>) -> FeaturePoint<3> {
-        let [x, y] = point.position;
-        let [u, v] = point.normal;
         FeaturePoint {
-            position: [x, y, 0.0],
-            normal: [u, v, 0.0],
+            position: in_space(point.position),
+            normal: in_space(point.normal),
             strength: point.strength,
         }
     }

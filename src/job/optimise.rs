@@ -46,7 +46,7 @@ pub(super) fn optimise<const D: usize>(
     distance: &Distance<D>,
     frame: &Frame<D>,
     observer: &mut dyn Observer,
-) -> Result<optimize::Outcome> {
+) -> Result<optimize::Rest> {
     let options = moving(params);
     let mut pass = |potential: &Field<D>| {
         let extent = frame.extent;
@@ -65,19 +65,19 @@ pub(super) fn optimise<const D: usize>(
 }
 
 /// How the atoms of a job are moved.
-pub(crate) fn moving<const D: usize>(params: &Params<D>) -> optimize::Options {
+pub(crate) fn moving<const D: usize>(params: &Params<D>) -> optimize::Effort {
     optimiser(params.seed).with(params.optimizer, params.kappa != 1.0)
 }
 
 /// How atoms are moved by default.
-pub(crate) fn optimiser(seed: u64) -> optimize::Options {
-    optimize::Options {
+pub(crate) fn optimiser(seed: u64) -> optimize::Effort {
+    optimize::Effort {
         seed,
         tolerance: 1e-3,
         // Improvement takes over from here: a second round changes neither quality nor fidelity.
         max_rounds: 1,
         max_evaluations: 40,
-        ..optimize::Options::default()
+        ..optimize::Effort::default()
     }
 }
 
@@ -98,7 +98,7 @@ fn smoother<const D: usize>(potential: &Field<D>, sigma: f64, factor: f64) -> Fi
 }
 
 /// The report's lines on the optimiser.
-pub(super) fn optimisation(outcome: &optimize::Outcome, atoms: usize) -> Optimisation {
+pub(super) fn optimisation(outcome: &optimize::Rest, atoms: usize) -> Optimisation {
     let per_atom = 1.0 / atoms as f64;
     Optimisation {
         energy_lattice: outcome.parts.lattice * per_atom,

@@ -6,7 +6,9 @@
 //! way to its mirror image.
 
 use crate::feature::FeaturePoint;
-use crate::geometry::{add_scaled, dot, sub};
+use crate::geometry::buckets::Buckets;
+use crate::geometry::scatter::Scatter;
+use crate::geometry::{add_scaled, distance2, dot, in_space, sub};
 use crate::improve::sheets::{SAME_SHEET, Sheet, Sheets};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
@@ -76,7 +78,7 @@ pub fn mirrored<const D: usize>(
     let mut layers: Vec<Beside> = (0..atoms.len())
         .filter(|&i| atoms.kinds[i] == AtomKind::Interior)
         .filter_map(|atom| {
-            let x = lift(atoms.positions[atom]);
+            let x = in_space(atoms.positions[atom]);
             let d = distance.at(atoms.positions[atom]);
             let sheet = *sheets.near(x).iter().next()?;
             (sheet.offset.abs() < BESIDE * d).then_some(Beside {
@@ -89,13 +91,13 @@ pub fn mirrored<const D: usize>(
         })
         .collect();
     let reach = NEXT * distance.max();
-    let grid = Grid::new(layers.iter().map(|b| b.x), reach);
+    let grid = Buckets::new(&layers.iter().map(|b| b.x).collect::<Vec<_>>(), reach);
     orient(&mut layers, &grid);
 
     // No pair comes too near to an atom of the user's.
     let held = (0..atoms.len()).filter(|&i| atoms.kinds[i] != AtomKind::Interior);
-    let held: Vec<[f64; 3]> = held.map(|i| lift(atoms.positions[i])).collect();
-    let held_grid = Grid::new(held.iter().copied(), reach);
+    let held: Vec<[f64; 3]> = held.map(|i| in_space(atoms.positions[i])).collect();
+    let held_grid = Buckets::new(&held, reach);
     let clear = |pair: &[[f64; 3]; 2], d: f64| {
         let mut clear = true;
         for &x in pair {
@@ -113,7 +115,7 @@ pub fn mirrored<const D: usize>(
     // The upper side first; then what is left alone on the lower one.
     for side in [1.0, -1.0] {
         let before = pairs.clone();
-        let paired = Grid::new(before.iter().copied(), reach);
+        let paired = Buckets::new(&before, reach);
         for b in layers.iter().filter(|b| side * b.sheet.offset > 0.0) {
             if !stays[b.atom] {
                 continue;
@@ -151,13 +153,13 @@ pub fn mirrored<const D: usize>(
         }
     }
     // Where a feature is still without pairs there were too few atoms beside it: more are put there.
-    let mut feet = Feet::new(reach, lift(extent));
+    let mut feet = Pairs::new(reach, in_space(extent));
     let (made, _) = pairs.as_chunks::<2>();
     made.iter().for_each(|&pair| feet.add(pair));
     for point in points {
         let p = point.position.map(f64::from);
         let d = distance.at(std::array::from_fn(|k| p[k]));
-        if feet.any(p, APART * d) {
+        if !feet.middles.is_free(&p, APART * d) {
             continue;
         }
         let normal = point.normal.map(f64::from);
@@ -181,16 +183,7 @@ pub fn mirrored<const D: usize>(
             continue;
         };
         // No place where it comes too near to another pair or to an atom that must stay.
-        let mut free = true;
-        for x in pair {
-            feet.visit(x, |other| {
-                free &= other.iter().all(|y| {
-                    let off = sub(*y, x);
-                    dot(off, off) >= (ROOM * d).powi(2)
-                });
-            });
-        }
-        if free {
+        if !pair.iter().any(|&x| feet.any_atom(x, ROOM * d)) {
             for x in pair {
                 grid.visit(x, |j| {
                     let off = sub(layers[j].x, x);
@@ -218,13 +211,8 @@ pub fn mirrored<const D: usize>(
     result
 }
 
-/// A point of the plane or of space, in space.
-fn lift<const D: usize>(x: [f64; D]) -> [f64; 3] {
-    std::array::from_fn(|k| x.get(k).copied().unwrap_or(0.0))
-}
-
 /// Gives neighbours along one surface the same surface number, and normals on the same side.
-fn orient(layers: &mut [Beside], grid: &Grid) {
+fn orient(layers: &mut [Beside], grid: &Buckets<3>) {
     let mut surfaces = 0;
     let mut queue = std::collections::VecDeque::new();
     for first in 0..layers.len() {
@@ -262,129 +250,40 @@ fn orient(layers: &mut [Beside], grid: &Grid) {
     }
 }
 
-/// Pairs in cells, to which more can be added.
-struct Feet {
-    cell: f64,
-    dims: [usize; 3],
-    cells: Vec<Vec<[[f64; 3]; 2]>>,
+/// Pairs, to which more can be added, and their middles.
+struct Pairs {
+    /// Nothing that matters to a pair is farther from its middle.
+    reach: f64,
+    pairs: Vec<[[f64; 3]; 2]>,
+    middles: Scatter<3>,
 }
 
-impl Feet {
+impl Pairs {
     /// No pairs yet, in the box `[0, extent]`.
-    fn new(cell: f64, extent: [f64; 3]) -> Self {
-        let dims = extent.map(|e| (e / cell) as usize + 1);
+    fn new(reach: f64, extent: [f64; 3]) -> Self {
         Self {
-            cell,
-            dims,
-            cells: vec![Vec::new(); dims.iter().product()],
+            reach,
+            pairs: Vec::new(),
+            middles: Scatter::new([0.0; 3], extent, reach),
         }
     }
 
-    fn at(&self, p: [f64; 3]) -> [usize; 3] {
-        std::array::from_fn(|k| ((p[k] / self.cell) as usize).min(self.dims[k] - 1))
-    }
-
-    /// Adds a pair, in the cell of its middle.
     fn add(&mut self, pair: [[f64; 3]; 2]) {
-        let at = self.at(middle(pair));
-        self.cells[(at[2] * self.dims[1] + at[1]) * self.dims[0] + at[0]].push(pair);
+        self.pairs.push(pair);
+        self.middles.add(middle(pair));
     }
 
-    /// Runs `visit` on the pairs in the cell of `p` and those around it.
-    fn visit(&self, p: [f64; 3], mut visit: impl FnMut([[f64; 3]; 2])) {
-        let at = self.at(p);
-        let low = at.map(|c| c.saturating_sub(1));
-        let high: [usize; 3] = std::array::from_fn(|k| (at[k] + 1).min(self.dims[k] - 1));
-        for z in low[2]..=high[2] {
-            for y in low[1]..=high[1] {
-                let row = (z * self.dims[1] + y) * self.dims[0];
-                let cells = &self.cells[row + low[0]..=row + high[0]];
-                cells.iter().flatten().for_each(|&pair| visit(pair));
-            }
-        }
-    }
-
-    /// Whether the middle of a pair is nearer than `room` to a point.
-    fn any(&self, p: [f64; 3], room: f64) -> bool {
-        let mut found = false;
-        self.visit(p, |pair| {
-            let off = sub(middle(pair), p);
-            found |= dot(off, off) < room * room;
-        });
-        found
+    /// Whether an atom of a pair is nearer than `room` to a point.
+    fn any_atom(&self, p: [f64; 3], room: f64) -> bool {
+        self.middles.any_near(&p, self.reach, |n| {
+            self.pairs[n].iter().any(|y| distance2(y, &p) < room * room)
+        })
     }
 }
 
 /// Half-way between the two atoms of a pair: on the feature.
 fn middle([a, b]: [[f64; 3]; 2]) -> [f64; 3] {
     add_scaled(a, 0.5, sub(b, a))
-}
-
-/// Points in cells of the reach within which they are sought.
-struct Grid {
-    cell: f64,
-    low: [f64; 3],
-    dims: [usize; 3],
-    start: Vec<u32>,
-    items: Vec<u32>,
-}
-
-impl Grid {
-    fn new(points: impl Iterator<Item = [f64; 3]> + Clone, cell: f64) -> Self {
-        let (low, high) = points.clone().fold(
-            ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]),
-            |(low, high), p| {
-                let fold =
-                    |f: fn(f64, f64) -> f64, q: [f64; 3]| std::array::from_fn(|k| f(p[k], q[k]));
-                (fold(f64::min, low), fold(f64::max, high))
-            },
-        );
-        let dims = std::array::from_fn(|k| ((high[k] - low[k]).max(0.0) / cell) as usize + 1);
-        let mut grid = Self {
-            cell,
-            low,
-            dims,
-            start: vec![0; dims.iter().product::<usize>() + 1],
-            items: vec![0; points.clone().count()],
-        };
-        for p in points.clone() {
-            let cell = grid.index(grid.at(p));
-            grid.start[cell + 1] += 1;
-        }
-        for i in 1..grid.start.len() {
-            grid.start[i] += grid.start[i - 1];
-        }
-        let mut next = grid.start.clone();
-        for (i, p) in points.enumerate() {
-            let cell = grid.index(grid.at(p));
-            grid.items[next[cell] as usize] = i as u32;
-            next[cell] += 1;
-        }
-        grid
-    }
-
-    fn at(&self, p: [f64; 3]) -> [usize; 3] {
-        std::array::from_fn(|k| (((p[k] - self.low[k]) / self.cell) as usize).min(self.dims[k] - 1))
-    }
-
-    fn index(&self, at: [usize; 3]) -> usize {
-        (at[2] * self.dims[1] + at[1]) * self.dims[0] + at[0]
-    }
-
-    /// Runs `visit` on the points in the cell of `p` and those around it.
-    fn visit(&self, p: [f64; 3], mut visit: impl FnMut(usize)) {
-        let at = self.at(p);
-        let low = at.map(|c| c.saturating_sub(1));
-        let high: [usize; 3] = std::array::from_fn(|k| (at[k] + 1).min(self.dims[k] - 1));
-        for z in low[2]..=high[2] {
-            for y in low[1]..=high[1] {
-                let (from, to) = (self.index([low[0], y, z]), self.index([high[0], y, z]) + 1);
-                for &i in &self.items[self.start[from] as usize..self.start[to] as usize] {
-                    visit(i as usize);
-                }
-            }
-        }
-    }
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::feature;
 use crate::image::{Geometry, Image};
 use crate::improve;
-use crate::improve::plane::relax::Scheme;
+use crate::improve::triangles::relax::Scheme;
 use crate::lattice::optimize;
 use crate::lattice::seeding::{self, Seeding};
 

@@ -6,6 +6,7 @@ use super::optimise::optimise;
 use super::{Evaluator, Meshing, Params, Space, Spacing, Stages, canny};
 use crate::error::cause;
 use crate::feature::Features;
+use crate::geometry::in_space;
 use crate::image::{Field, Image};
 use crate::lattice::distance::{self, Distance};
 use crate::lattice::optimize;
@@ -32,7 +33,7 @@ pub(super) struct Placed<const D: usize> {
     /// The nominal distance between them.
     pub distance: Distance<D>,
     /// What the optimiser did in its last pass, where there was one.
-    pub optimised: Option<optimize::Outcome>,
+    pub optimised: Option<optimize::Rest>,
 }
 
 impl Placing {
@@ -136,7 +137,8 @@ fn lattice<const D: usize>(
     stages.need_to_go_on(Stage::Placing)?;
 
     stages.begin(Stage::Optimising);
-    stages.observer.round(0, &optimize::three(&atoms.positions));
+    let positions: Vec<[f64; 3]> = atoms.positions.iter().map(|&x| in_space(x)).collect();
+    stages.observer.round(0, &positions);
     let optimised = optimise(
         &mut atoms,
         params,

@@ -33,7 +33,7 @@ where
     /// Nominal distance between atoms.
     pub distance: Distance<D>,
     /// What the optimiser did in its last pass, where atoms were moved.
-    pub optimised: Option<optimize::Outcome>,
+    pub optimised: Option<optimize::Rest>,
     /// What it was made from, for whoever reads the file; for the caller to fill in.
     pub provenance: Provenance,
     /// Why the job ended: [`Stop::Interrupted`] if any stage was stopped.

@@ -11,7 +11,7 @@ use super::Evaluator;
 use crate::error::cause;
 use crate::feature::FeatureKind;
 use crate::image::formats::InputOptions;
-use crate::improve::plane::relax::Scheme;
+use crate::improve::triangles::relax::Scheme;
 use crate::lattice::optimize::Method;
 use crate::{Error, Result};
 

@@ -8,7 +8,7 @@ use crate::error::cause;
 use crate::feature::steepness::steepness;
 use crate::feature::volume::Volume;
 use crate::image::{Field, Image};
-use crate::improve::plane::relax::{self, Relaxation};
+use crate::improve::triangles::relax::{self, Relaxation};
 use crate::improve::{self, Method};
 use crate::lattice::seeding::Atoms;
 use crate::observer::Stage;
@@ -39,7 +39,7 @@ where
 {
     let step = scene.features.potential.step;
     let relaxation = relaxation(image, params, step);
-    let options = params.min_dihedral.map(|min_dihedral| improve::Options {
+    let options = params.min_dihedral.map(|min_dihedral| improve::Target {
         min_dihedral,
         method: params.slivers,
     });

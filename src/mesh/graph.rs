@@ -4,8 +4,9 @@
 use rayon::prelude::*;
 
 use super::TetMesh;
-use super::poly::{Beyond, PolyMesh, dot};
+use super::poly::{Beyond, PolyMesh};
 use crate::Result;
+use crate::geometry::dot;
 
 /// Cells and connections, in one space (lattice or physical; the owner says which).
 ///

@@ -8,6 +8,7 @@
 //!
 //! In 2-D a face is an edge (p, q), and its owner lies to the left of p -> q.
 
+use crate::geometry::dot;
 use rayon::prelude::*;
 
 /// Numbers from here on in [`PolyMesh::face_cells`] are sides of the box: `SIDE_0 + 2 axis` is the lower
@@ -313,12 +314,6 @@ impl<const D: usize> PolyMesh<D> {
             self.faces.items[range[0] as usize..range[1] as usize].reverse();
         }
     }
-}
-
-/// Scalar product.
-#[inline]
-pub(crate) fn dot<const D: usize>(a: [f64; D], b: [f64; D]) -> f64 {
-    (0..D).map(|k| a[k] * b[k]).sum()
 }
 
 /// Meshes for tests.

@@ -1,9 +1,10 @@
 //! The checker of meshes of polyhedra: is this a valid mesh that fills its box exactly?
 
+use crate::geometry::dot;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::poly::{Beyond, NO_CELL, PolyMesh, SIDE_0, dot};
+use super::poly::{Beyond, NO_CELL, PolyMesh, SIDE_0};
 
 /// What [`check_poly`] found. A mesh that is right has `problems` empty.
 #[derive(Debug, Clone, Serialize, PartialEq, Default)]

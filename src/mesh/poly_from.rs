@@ -2,8 +2,9 @@
 
 use super::Simplices;
 use super::complex::NONE;
-use super::poly::{NO_CELL, PolyMesh, SIDE_0, dot};
+use super::poly::{NO_CELL, PolyMesh, SIDE_0};
 use crate::error::{Error, Result, cause};
+use crate::geometry::dot;
 
 impl<const D: usize> PolyMesh<D> {
     /// The same cells as a mesh of simplices, in the same order; sites are centroids. Faces on the

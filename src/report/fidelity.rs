@@ -8,6 +8,7 @@
 
 use super::nearest::{Tree, square_to_face};
 use super::reference::Reference;
+use crate::geometry::dot;
 use crate::mesh::Simplices;
 use crate::mesh::poly::PolyMesh;
 use crate::{Error, Result, error::cause};
@@ -394,7 +395,7 @@ fn sample<const D: usize>(
     let third = std::array::from_fn(|k| v[k] - u[k]);
     let longest = square(u).max(square(v)).max(square(third)).sqrt();
     let n = (longest / FINE).ceil().clamp(1.0, 256.0) as usize;
-    let along: f64 = (0..D).map(|k| u[k] * v[k]).sum();
+    let along = dot(u, v);
     let area = if D == 2 {
         square(u).sqrt()
     } else {

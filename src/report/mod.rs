@@ -160,8 +160,8 @@ pub struct Blocker {
     pub largest: f64,
 }
 
-impl From<&improve::Outcome> for Improvement {
-    fn from(outcome: &improve::Outcome) -> Self {
+impl From<&improve::Improved> for Improvement {
+    fn from(outcome: &improve::Improved) -> Self {
         let mut blockers: Vec<Blocker> = Vec::new();
         for b in &outcome.blocked {
             let held = (b.nodes_on_sides, b.nodes_on_features, b.nodes_on_crossings);

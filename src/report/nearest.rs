@@ -1,15 +1,10 @@
 //! Nearest-item queries: points in cells, a tree of bounding boxes, and the distance from a point to a
 //! triangle or a segment.
 
+use crate::geometry::groups::grouped;
+use crate::geometry::{dot, in_space, sub};
+
 type Point = [f64; 3];
-
-fn sub(a: Point, b: Point) -> Point {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-fn dot(a: Point, b: Point) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
 
 /// Squared distance from a point to a triangle, exact for all seven regions of its plane (the
 /// inside, three edges, three corners), also for a degenerate triangle. After Ericson, Real-Time
@@ -54,9 +49,7 @@ pub(super) fn square_to_triangle(p: Point, [a, b, c]: [Point; 3]) -> f64 {
 /// Squared distance from a point to a face of a mesh: a triangle in space, a segment in the plane
 /// (which is a flat triangle in space).
 pub(super) fn square_to_face<const D: usize>(p: [f64; D], face: &[[f64; D]; D]) -> f64 {
-    let lifted =
-        |x: &[f64; D]| -> Point { std::array::from_fn(|k| x.get(k).copied().unwrap_or(0.0)) };
-    square_to_triangle(lifted(&p), [&face[0], &face[1], &face[D - 1]].map(lifted))
+    square_to_triangle(in_space(p), [face[0], face[1], face[D - 1]].map(in_space))
 }
 
 /// Points in the cells of a grid: for nearest points of which most are within a cell or two.
@@ -75,32 +68,20 @@ impl<const D: usize> Points<D> {
     /// Sorts points in or near the box `[0, extent]`; also gives their numbers in the new order.
     pub(super) fn new(points: &[[f32; D]], extent: [f64; D]) -> (Self, Vec<u32>) {
         let dims = extent.map(|e| (e / CELL) as usize + 1);
-        let mut grid = Self {
-            sorted: vec![[0.0; D]; points.len()],
-            start: vec![0; dims.iter().product::<usize>() + 2],
-            dims,
+        let cell = |p: &[f32; D]| {
+            let along = |k: usize| ((f64::from(p[k]) / CELL) as usize).min(dims[k] - 1);
+            (0..D).rev().fold(0, |cell, k| cell * dims[k] + along(k))
         };
-        let cells: Vec<usize> = points
-            .iter()
-            .map(|p| {
-                let along = |k: usize| grid.along(k, f64::from(p[k]));
-                (0..D).rev().fold(0, |cell, k| cell * dims[k] + along(k))
-            })
-            .collect();
-        for cell in &cells {
-            grid.start[cell + 2] += 1;
-        }
-        for i in 2..grid.start.len() {
-            grid.start[i] += grid.start[i - 1];
-        }
-        let mut order = vec![0; points.len()];
-        for (i, &cell) in cells.iter().enumerate() {
-            // The start of the next cell counts up to its place.
-            let place = grid.start[cell + 1] as usize;
-            grid.start[cell + 1] += 1;
-            (grid.sorted[place], order[place]) = (points[i], i as u32);
-        }
-        (grid, order)
+        let (start, order) = grouped(dims.iter().product(), points.iter().map(cell));
+        let sorted = order.iter().map(|&i| points[i as usize]).collect();
+        (
+            Self {
+                sorted,
+                start,
+                dims,
+            },
+            order,
+        )
     }
 
     fn along(&self, k: usize, x: f64) -> usize {

@@ -4,6 +4,7 @@
 
 use super::nearest::Points;
 use crate::feature::Features;
+use crate::geometry::dot;
 use crate::image::synth::Truth;
 use crate::image::synth::truth::REACH;
 
@@ -249,8 +250,4 @@ impl<const D: usize> Corners<D> {
             self.normals[i]
         }
     }
-}
-
-fn dot<const D: usize>(a: [f64; D], b: [f64; D]) -> f64 {
-    (0..D).map(|k| a[k] * b[k]).sum()
 }

@@ -365,7 +365,7 @@ mod tests {
             nodes_on_sides: 4,
             ..blocked.clone()
         };
-        let outcome = improve::Outcome {
+        let outcome = improve::Improved {
             poor_before: 5000,
             poor_after: 3,
             counts: improve::Counts::default(),

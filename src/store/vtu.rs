@@ -184,9 +184,10 @@ pub(super) fn begin_piece<'a, const D: usize>(
 
 /// Points of the plane or of space as points of space, coordinate after coordinate.
 pub(super) fn in_space<const D: usize>(points: &[[f64; D]]) -> Vec<f64> {
-    let lift =
-        |p: &[f64; D]| -> [f64; 3] { std::array::from_fn(|k| p.get(k).copied().unwrap_or(0.0)) };
-    points.iter().flat_map(lift).collect()
+    points
+        .iter()
+        .flat_map(|&p| crate::geometry::in_space(p))
+        .collect()
 }
 
 /// Numbers and counts, 32-bit if all fit.

@@ -7,6 +7,7 @@
 use rayon::prelude::*;
 
 use crate::error::cause;
+use crate::geometry::{add_scaled, dot, sub};
 use crate::mesh::graph::{Connection, Graph};
 use crate::{Error, Result};
 
@@ -42,20 +43,9 @@ pub struct Outline {
     pub z: [f64; 2],
 }
 
-fn dot([a, b]: Point, [c, d]: Point) -> f64 {
-    a * c + b * d
-}
-
-fn cross([a, b]: Point, [c, d]: Point) -> f64 {
+/// The area between two vectors; positive if the second is to the left of the first.
+fn area_between([a, b]: Point, [c, d]: Point) -> f64 {
     a * d - b * c
-}
-
-fn sub([a, b]: Point, [c, d]: Point) -> Point {
-    [a - c, b - d]
-}
-
-fn plus([a, b]: Point, s: f64, [c, d]: Point) -> Point {
-    [a + s * c, b + s * d]
 }
 
 impl Outline {
@@ -97,7 +87,7 @@ impl Outline {
         };
         let corner = |s: usize, t: usize| {
             let ((m, a), (n, b)) = (line(s), line(t));
-            let d = cross(m, n);
+            let d = area_between(m, n);
             [(a * n[1] - b * m[1]) / d, (m[0] * b - n[0] * a) / d]
         };
         let origin = corner(2 * i, 2 * j);
@@ -106,7 +96,7 @@ impl Outline {
             sub(corner(2 * i, 2 * j + 1), origin),
         ];
         // Seen from above, from i to j is to the left, as simulators have it.
-        if cross(edges[0], edges[1]) < 0.0 {
+        if area_between(edges[0], edges[1]) < 0.0 {
             edges.swap(0, 1);
         }
         let z = nodes
@@ -173,8 +163,8 @@ impl Pillars {
                 (p % (n + 1)) as f64 / n as f64,
                 (p / (n + 1)) as f64 / m as f64,
             ];
-            plus(
-                plus(outline.origin, share[0], outline.edges[0]),
+            add_scaled(
+                add_scaled(outline.origin, share[0], outline.edges[0]),
                 share[1],
                 outline.edges[1],
             )
@@ -193,12 +183,12 @@ impl Pillars {
         let half = 0.5 * (outline.z[0] - outline.z[1]);
         let ends = |moves: &[[Point; 2]]| -> Vec<[Point; 2]> {
             let both = |(p, [shift, slope]): (&Point, &[Point; 2])| {
-                [half, -half].map(|z| plus(plus(*p, 1.0, *shift), z, *slope))
+                [half, -half].map(|z| add_scaled(add_scaled(*p, 1.0, *shift), z, *slope))
             };
             middle.iter().zip(moves).map(both).collect()
         };
         pillars.ends = ends(&moves);
-        let whole = cross(outline.edges[0], outline.edges[1]) / (n * m) as f64;
+        let whole = area_between(outline.edges[0], outline.edges[1]) / (n * m) as f64;
         // Where a column would become too narrow, its pillars give way.
         loop {
             let narrow = pillars.narrow(NARROW * whole);
@@ -231,7 +221,7 @@ impl Pillars {
         [0, 1].map(|end| {
             let mut point = [0.0, 0.0];
             for (p, w) in pillars.iter().zip(weights) {
-                point = plus(point, w, self.ends[*p][end]);
+                point = add_scaled(point, w, self.ends[*p][end]);
             }
             [point[0], point[1], self.z[end]]
         })
@@ -247,7 +237,7 @@ impl Pillars {
                 let ring = [a, b, d, c].map(|p| self.ends[p][end]);
                 (0..4).any(|k| {
                     let [before, at, after] = [k + 3, k, k + 1].map(|k| ring[k % 4]);
-                    cross(sub(after, at), sub(before, at)) < least
+                    area_between(sub(after, at), sub(before, at)) < least
                 })
             });
             if bad {
@@ -275,27 +265,27 @@ impl Pillars {
         // As the features round it do, the nearer the more.
         let (mut slope, mut weight) = ([0.0; 2], 0.0);
         for face in steep {
-            let off = sub(plus(face.point, middle - face.z, face.slope), at);
+            let off = sub(add_scaled(face.point, middle - face.z, face.slope), at);
             let w = face.area / (dot(off, off) + near).powi(2);
-            slope = plus(slope, w, face.slope);
+            slope = add_scaled(slope, w, face.slope);
             weight += w;
         }
         slope = slope.map(|s| s / weight);
         // Less towards the sides, which are upright.
         let mut along = [0, 1].map(|k| {
             let other = self.axes[1 - k];
-            cross(slope, other) / cross(self.axes[k], other)
+            area_between(slope, other) / area_between(self.axes[k], other)
         });
         for k in 0..2 {
             let off = index[k].min(self.columns[k] - index[k]) as f64 * spacing[k];
             let room = 0.75 * along[k].abs() * lengths[2];
             along[k] *= if off < room { off / room } else { 1.0 };
         }
-        let slope = plus(self.axes[0].map(|a| a * along[0]), along[1], self.axes[1]);
+        let slope = add_scaled(self.axes[0].map(|a| a * along[0]), along[1], self.axes[1]);
         // Onto the feature, if it is the nearest pillar of its row: a line through where faces are.
         let mut sums = [[0.0; 5]; 2];
         for face in steep {
-            let off = sub(face.point, plus(at, face.z - middle, slope));
+            let off = sub(face.point, add_scaled(at, face.z - middle, slope));
             let reach = [0, 1].map(|k| dot(face.normal, self.axes[k]) * spacing[k]);
             let k = usize::from(reach[1].abs() > reach[0].abs());
             let share = dot(face.normal, off) / reach[k];
@@ -323,7 +313,7 @@ impl Pillars {
         }
         [
             self.axes[k].map(|a| a * share * spacing[k]),
-            plus(slope, lean * spacing[k], self.axes[k]),
+            add_scaled(slope, lean * spacing[k], self.axes[k]),
         ]
     }
 }

@@ -1,6 +1,6 @@
 //! Straight lines through the cells of a model: from cell to cell through their faces.
 
-use crate::geometry::dot;
+use crate::geometry::{dot, sub};
 use crate::mesh::graph::Graph;
 use crate::mesh::poly::{Lists, PolyMesh};
 
@@ -32,10 +32,6 @@ struct Side {
     /// Outwards.
     normal: [f64; 3],
     beyond: Option<u32>,
-}
-
-fn sub(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    std::array::from_fn(|k| a[k] - b[k])
 }
 
 impl<'a> Walk<'a> {

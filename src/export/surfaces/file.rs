@@ -1,6 +1,7 @@
 //! Labelled surfaces with everything that is stored with them, for all formats of surfaces.
 
 use crate::files::vtk::DataArray;
+use crate::geometry::in_space;
 use crate::store::FieldValue;
 
 /// Surfaces, in physical coordinates: triangles (`D` = 3), or line segments (`D` = 2) at z = 0.
@@ -32,7 +33,7 @@ impl<const D: usize> SurfaceFile<D> {
         used.dedup();
         let place = |n: u32| used.partition_point(|&m| m < n) as u32;
         let version = FieldValue::Text(env!("CARGO_PKG_VERSION").to_string());
-        let lifted = |&n: &u32| std::array::from_fn(|k| *nodes[n as usize].get(k).unwrap_or(&0.0));
+        let lifted = |&n: &u32| in_space(nodes[n as usize]);
         Self {
             nodes: used.iter().map(lifted).collect(),
             facets: facets.iter().map(|f| f.map(place)).collect(),

@@ -1,7 +1,7 @@
 //! Seismic amplitude: folded layers, thrown by faults, convolved with a wavelet.
 
 use super::Options;
-use super::noise::Random;
+use crate::geometry::random::Random;
 use rayon::prelude::*;
 use std::f64::consts::{PI, TAU};
 
@@ -18,7 +18,7 @@ const FINE: f64 = 8.0;
 /// and the trace along x is its derivative convolved with the wavelet.
 pub(super) fn amplitude(sides: &[u32], faults: usize, options: &Options) -> Vec<f32> {
     let [nx, ny, nz] = options.dims;
-    let mut random = Random::new(options.seed, 0xa3b1);
+    let mut random = Random::of(options.seed, 0xa3b1);
     let throws: Vec<Throw> = (0..faults).map(|_| Throw::new(&mut random)).collect();
     let folds: Vec<[f64; 4]> = (0..4)
         .map(|_| {

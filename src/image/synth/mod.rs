@@ -25,6 +25,7 @@ use std::f64::consts::{PI, TAU};
 use std::str::FromStr;
 
 use crate::error::cause;
+use crate::geometry::random::Random;
 use crate::image::{Geometry, Image};
 use crate::{Error, Result};
 use rayon::prelude::*;
@@ -285,7 +286,7 @@ fn balls(options: &Options, count: usize) -> Vec<Surface> {
 fn ridges(truth: &Truth, options: &Options) -> Vec<f32> {
     let [nx, ny, _] = truth.dims;
     let scale = -0.5 / (options.width * options.width) as f32;
-    let mut random = noise::Random::new(options.seed, 0x5712);
+    let mut random = Random::of(options.seed, 0x5712);
     let phase: [f32; 3] = std::array::from_fn(|_| random.range(0.0, TAU) as f32);
     let wave = |k: usize, i: usize| {
         (TAU as f32 * i as f32 / truth.dims[k] as f32 * (1.0 + 0.5 * k as f32) + phase[k]).sin()

@@ -1,10 +1,11 @@
 //! Random networks of crossing faults.
 
-use super::noise::Random;
-use super::surface::{End, Surface, Wave, dot};
+use super::surface::{End, Surface, Wave};
 use super::{Options, Result};
 use crate::Error;
 use crate::error::cause;
+use crate::geometry::dot;
+use crate::geometry::random::Random;
 use rayon::prelude::*;
 
 /// Smallest radius of curvature, in samples.
@@ -21,7 +22,7 @@ const ATTEMPTS: usize = 400;
 /// that barely touch the box, or run close to an earlier fault at less than 30 degrees, are drawn
 /// again.
 pub(super) fn faults(options: &Options, curving: f64) -> Result<Vec<Surface>> {
-    let mut random = Random::new(options.seed, 0xfa17);
+    let mut random = Random::of(options.seed, 0xfa17);
     let probe = Probe::new(options.dims);
     let mut faults: Vec<Surface> = Vec::new();
     let mut levels: Vec<Vec<f32>> = Vec::new();

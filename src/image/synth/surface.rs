@@ -1,5 +1,7 @@
 //! Surfaces with exact closest points.
 
+use crate::geometry::{cross, dot, sub};
+
 /// A point of a surface and the surface's unit normal there.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Foot {
@@ -46,15 +48,8 @@ pub(super) struct Surface {
     pub end: Option<End>,
 }
 
-fn sub(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-pub(super) fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn unit(v: [f64; 3]) -> [f64; 3] {
+/// The unit vector along `v`; that of x for zero.
+fn direction(v: [f64; 3]) -> [f64; 3] {
     let length = dot(v, v).sqrt();
     if length > 0.0 {
         v.map(|c| c / length)
@@ -83,7 +78,7 @@ fn height(waves: &[Wave], s: f64, t: f64) -> (f64, [f64; 2], [f64; 3]) {
 impl Surface {
     /// A sheet through `centre`, normal to `normal` but for its waves.
     pub(super) fn sheet(centre: [f64; 3], normal: [f64; 3], waves: Vec<Wave>) -> Self {
-        let n = unit(normal);
+        let n = direction(normal);
         // Any direction not along the normal spans the rest of the frame.
         let k = (0..3).fold(
             0,
@@ -91,7 +86,7 @@ impl Surface {
         );
         let mut other = [0.0; 3];
         other[k] = 1.0;
-        let s = unit(cross(n, other));
+        let s = direction(cross(n, other));
         let steepness = waves
             .iter()
             .map(|w| w.amplitude.abs() * w.wave[0].hypot(w.wave[1]))
@@ -175,7 +170,7 @@ impl Surface {
                     }
                 }
                 let at = [h - base, a, b];
-                let normal = unit([1.0, -g[0], -g[1]]);
+                let normal = direction([1.0, -g[0], -g[1]]);
                 let world = |v: [f64; 3]| -> [f64; 3] {
                     std::array::from_fn(|c| (0..3).map(|k| v[k] * frame[k][c]).sum())
                 };
@@ -186,7 +181,7 @@ impl Surface {
                 }
             }
             Shape::Ball { centre, radius } => {
-                let normal = unit(sub(p, *centre));
+                let normal = direction(sub(p, *centre));
                 Foot {
                     point: std::array::from_fn(|c| centre[c] + radius * normal[c]),
                     normal,
@@ -206,19 +201,11 @@ impl Surface {
             } => {
                 let [_, s, t] = frame.map(|axis| dot(axis, sub(p, *centre)));
                 let (_, g, _) = height(waves, s, t);
-                unit(std::array::from_fn(|c| {
+                direction(std::array::from_fn(|c| {
                     frame[0][c] - g[0] * frame[1][c] - g[1] * frame[2][c]
                 }))
             }
-            Shape::Ball { centre, .. } => unit(sub(p, *centre)),
+            Shape::Ball { centre, .. } => direction(sub(p, *centre)),
         }
     }
-}
-
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
 }

@@ -1,7 +1,8 @@
 //! Distance, direction and side of every sample, from analytic surfaces.
 
-use super::surface::{Surface, dot};
+use super::surface::Surface;
 use super::truth::{REACH, Truth};
+use crate::geometry::dot;
 use rayon::prelude::*;
 
 /// Samples along each side of a block whose far surfaces are ruled out together.

@@ -1,4 +1,5 @@
 use super::*;
+use crate::geometry::random::Random;
 use ndarray::ArrayD;
 
 fn clean(dims: [usize; 3], count: usize) -> Options {
@@ -67,7 +68,7 @@ fn fault_distance_matches_brute_force() {
                 .any(|f| f.level(foot).abs() < 1e-4 && exists(f, foot)),
             "sample {p:?}: no fault at {foot:?}"
         );
-        let mut random = noise::Random::new(i as u64, 1);
+        let mut random = Random::of(i as u64, 1);
         for _ in 0..200 {
             let v: [f64; 3] = std::array::from_fn(|_| random.range(-1.0, 1.0));
             let length = v.iter().map(|c| c * c).sum::<f64>().sqrt();
@@ -236,7 +237,7 @@ fn truth_survives_its_array_and_is_found_again_from_distances_alone() {
 #[test]
 fn a_mask_gives_the_exact_distance_to_its_voxels() {
     let dims = [13, 11, 9];
-    let mut random = noise::Random::new(7, 7);
+    let mut random = Random::of(7, 7);
     let mask: Vec<f32> = (0..13 * 11 * 9)
         .map(|_| f32::from(u8::from(random.range(0.0, 1.0) < 0.01)))
         .collect();
@@ -323,7 +324,7 @@ fn distance_between_samples_is_that_of_the_faults() {
     let faults = network::faults(&options, 1.0).unwrap();
     let (truth, _) = survey::survey(&faults, options.dims);
     let reference = crate::report::Reference::from_truth(&truth);
-    let mut random = noise::Random::new(3, 3);
+    let mut random = Random::of(3, 3);
     let end = faults[3].end.unwrap();
     let (mut worst, mut behind, mut near) = (0f64, 0f64, 0);
     for _ in 0..40_000 {

@@ -1,6 +1,8 @@
 //! d(x) as a set of atoms has it.
 
 use super::{Distance, limit_gradient};
+use crate::geometry::distance2;
+use crate::geometry::groups::grouped;
 use crate::image::Field;
 
 /// Samples of d are about this far apart, in units of the mean distance between atoms.
@@ -48,21 +50,8 @@ pub fn nearest_neighbours<const D: usize>(positions: &[[f64; D]], extent: [f64; 
         std::array::from_fn(|k| ((x[k] / edge).max(0.0) as usize).min(dims[k] - 1))
     };
     let index = |at: [usize; D]| (0..D).rev().fold(0, |i, k| i * dims[k] + at[k]);
-    // A counting sort by cells.
-    let mut start = vec![0usize; dims.iter().product::<usize>() + 1];
-    for x in positions {
-        start[index(cell(x)) + 1] += 1;
-    }
-    for i in 1..start.len() {
-        start[i] += start[i - 1];
-    }
-    let mut next = start.clone();
-    let mut order = vec![0usize; positions.len()];
-    for (n, x) in positions.iter().enumerate() {
-        let slot = &mut next[index(cell(x))];
-        order[*slot] = n;
-        *slot += 1;
-    }
+    let cells = positions.iter().map(|x| index(cell(x)));
+    let (start, order) = grouped(dims.iter().product(), cells);
     let widest = dims.iter().fold(0, |a, &b| a.max(b));
     let nearest = |n: usize| {
         let (x, at) = (&positions[n], cell(&positions[n]));
@@ -86,9 +75,9 @@ pub fn nearest_neighbours<const D: usize>(positions: &[[f64; D]], extent: [f64; 
                     continue;
                 }
                 let c = index(std::array::from_fn(|k| at[k] + offset[k] - ring));
-                for &m in order[start[c]..start[c + 1]].iter().filter(|&&m| m != n) {
-                    let squares: f64 = (0..D).map(|k| (positions[m][k] - x[k]).powi(2)).sum();
-                    best = best.min(squares);
+                let others = &order[start[c] as usize..start[c + 1] as usize];
+                for &m in others.iter().filter(|&&m| m as usize != n) {
+                    best = best.min(distance2(&positions[m as usize], x));
                 }
             }
         }

@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 
+use crate::geometry::random::signed;
 use crate::lattice::distance::Distance;
 use crate::lattice::seeding::Atoms;
 
@@ -71,7 +72,7 @@ impl<const D: usize> Bounds<D> {
     pub fn jump(&self, n: usize, x: &[f64; D], size: f64, key: u64) -> [f64; D] {
         let share = size / (D as f64).sqrt();
         let moved = std::array::from_fn(|k| {
-            share * chance(key, (n * D + k) as u64) * f64::from(self.reach[n][k])
+            share * signed(key, (n * D + k) as u64) * f64::from(self.reach[n][k])
         });
         self.step(n, x, moved)
     }
@@ -80,33 +81,5 @@ impl<const D: usize> Bounds<D> {
     pub fn perturbed(&self, x: &[[f64; D]], size: f64, key: u64) -> Vec<[f64; D]> {
         let atoms = x.par_iter().enumerate();
         atoms.map(|(n, x)| self.jump(n, x, size, key)).collect()
-    }
-}
-
-/// A number in [-1, 1) that depends on nothing but its arguments: the output function of splitmix64
-/// (Steele, Lea & Flood 2014) on a counter.
-pub fn chance(key: u64, counter: u64) -> f64 {
-    let mix = |mut z: u64| {
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
-    };
-    let z = mix(mix(key).wrapping_add(counter.wrapping_mul(0x9E37_79B9_7F4A_7C15)));
-    (z >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn chance_is_even_and_bounded() {
-        let n = 100_000;
-        let numbers: Vec<f64> = (0..n).map(|k| chance(5, k)).collect();
-        let mean = numbers.iter().sum::<f64>() / n as f64;
-        let square = numbers.iter().map(|x| x * x).sum::<f64>() / n as f64;
-        let next = numbers.windows(2).map(|w| w[0] * w[1]).sum::<f64>() / n as f64;
-        assert!(numbers.iter().all(|x| (-1.0..1.0).contains(x)));
-        assert!(mean.abs() < 0.01 && (square - 1.0 / 3.0).abs() < 0.01 && next.abs() < 0.01);
     }
 }

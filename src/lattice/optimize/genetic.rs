@@ -8,7 +8,7 @@
 //!   part is mostly one region of the box.
 //! - *mutation*: each atom of the child moves or not. One that moves goes, as likely, in a direction by
 //!   chance or down the gradient of the energy; not farther than 0.1 d
-//!   ([`Options::perturbation`]).
+//!   ([`Effort::perturbation`]).
 //!
 //! How many atoms of a child move (up to all) and how far those by chance (up to all the way) is by
 //! chance itself, for each child: where the lattice is far from rest large changes pay, and later small
@@ -20,10 +20,11 @@
 
 use rayon::prelude::*;
 
-use super::bounds::{Bounds, chance};
+use super::bounds::Bounds;
 use super::minimise::{Budget, FIRST_CURVATURE, Minimiser, finite};
-use super::{Options, Stop};
+use super::{Effort, Stop};
 use crate::error::Result;
+use crate::geometry::random::uniform;
 use crate::lattice::energy::{Energy, Parts};
 use crate::observer::{Observer, Progress};
 
@@ -48,7 +49,7 @@ pub fn evolve<const D: usize>(
     minimiser: &mut Minimiser<D>,
     start: &[[f64; D]],
     energy: &mut dyn Energy<D>,
-    options: &Options,
+    options: &Effort,
     round: usize,
     budget: &mut Budget,
     observer: &mut dyn Observer,
@@ -152,7 +153,7 @@ struct Birth<'a, const D: usize> {
 impl<const D: usize> Birth<'_, D> {
     /// A number in [0, 1) for this child.
     fn even(&self, counter: u64) -> f64 {
-        0.5 + 0.5 * chance(self.key, counter)
+        uniform(self.key, counter)
     }
 
     /// The child has the positions (and the gradient there) of one parent up to some atom and of the
@@ -176,7 +177,7 @@ impl<const D: usize> Birth<'_, D> {
         let own = self.key ^ 0x5851_F42D_4C95_7F2D;
         for (n, (x, gradient)) in child.positions.iter_mut().zip(&child.gradient).enumerate() {
             // One number says whether an atom moves and which way, another how far.
-            let draw = 0.5 + 0.5 * chance(own, 2 * n as u64);
+            let draw = uniform(own, 2 * n as u64);
             if draw >= rate {
                 continue;
             }
@@ -184,7 +185,7 @@ impl<const D: usize> Birth<'_, D> {
                 *x = self.bounds.jump(n, x, size, self.key);
                 continue;
             }
-            let length = FIRST_CURVATURE * (1.0 + chance(own, 2 * n as u64 + 1));
+            let length = FIRST_CURVATURE * 2.0 * uniform(own, 2 * n as u64 + 1);
             let scale = self.scale[n].map(f64::from);
             let mut step: [f64; D] =
                 std::array::from_fn(|k| -length * scale[k] * scale[k] * gradient[k]);
@@ -209,7 +210,7 @@ mod tests {
     use crate::image::Field;
     use crate::lattice::distance::Distance;
     use crate::lattice::energy::{Beta, Pairwise, Regularised};
-    use crate::lattice::optimize::{Method, Outcome, Unobserved, optimize};
+    use crate::lattice::optimize::{Method, Rest, Unobserved, optimize};
     use crate::lattice::seeding::{Alignment, Atoms, Seeding, seed};
 
     const D: f64 = 5.0;
@@ -239,15 +240,15 @@ mod tests {
         Pairwise::new(EXTENT, &DISTANCE, Some(valley), Beta::Constant(0.5)).unwrap()
     }
 
-    fn run(method: Method, evaluations: usize, observer: &mut dyn Observer) -> (Atoms<2>, Outcome) {
+    fn run(method: Method, evaluations: usize, observer: &mut dyn Observer) -> (Atoms<2>, Rest) {
         let valley = valley();
         let mut atoms = drawn(&valley);
-        let options = Options {
+        let options = Effort {
             method,
             max_rounds: 1,
             max_evaluations: evaluations,
             tolerance: 1e-5,
-            ..Options::default()
+            ..Effort::default()
         };
         let energy = &mut evaluator(&valley);
         let outcome = optimize(&mut atoms, energy, &DISTANCE, EXTENT, &options, observer).unwrap();
@@ -339,9 +340,9 @@ mod tests {
                 let beta = Beta::Constant(0.5);
                 Regularised::new(evaluator(&valley), &DISTANCE, beta, kappa, free).unwrap()
             };
-            let options = Options {
+            let options = Effort {
                 max_rounds: 3,
-                ..Options::default().with(method, true)
+                ..Effort::default().with(method, true)
             };
             let used = &mut energy(kappa);
             optimize(

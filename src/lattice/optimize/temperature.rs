@@ -6,7 +6,7 @@ use rayon::prelude::*;
 /// How far an edit is felt, in units of d (Hale 2002).
 pub const RANGE: f64 = 5.0;
 
-/// The temperature of each atom, for [`Options::temperature`](super::Options::temperature): 1 where
+/// The temperature of each atom, for [`Effort::temperature`](super::Effort::temperature): 1 where
 /// an `edited` position is, falling linearly to 0 five d away from the nearest of them; each comes
 /// with the d that is there.
 pub fn around<const D: usize>(positions: &[[f64; D]], edited: &[([f64; D], f64)]) -> Vec<f64> {

@@ -2,6 +2,7 @@
 
 use super::{Alignment, Atoms, sides_held};
 use crate::error::{Error, Result, cause};
+use crate::geometry::distance2;
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
 
@@ -63,7 +64,7 @@ pub fn checked<const D: usize>(
             .iter()
             .take_while(|&&b| snapped[b][0] - snapped[a][0] <= same);
         for &b in others {
-            if super::distance2(&snapped[a], &snapped[b]) <= same * same {
+            if distance2(&snapped[a], &snapped[b]) <= same * same {
                 let (first, second) = (a.min(b), a.max(b));
                 return Err(Error::Seeding(cause(
                     place(second, fixed[second]),
@@ -104,7 +105,7 @@ pub fn insert<const D: usize>(
             .take_while(|&&n| fixed[n][0] <= x[0] + widest)
             .all(|&n| {
                 let (room2, fixed_held) = rooms[n];
-                held > fixed_held || super::distance2(x, &fixed[n]) >= room2
+                held > fixed_held || distance2(x, &fixed[n]) >= room2
             })
     };
     let keep: Vec<bool> = atoms.positions.iter().map(stays).collect();
@@ -140,9 +141,8 @@ mod tests {
         assert_eq!((is(AtomKind::Fixed), is(AtomKind::Corner)), (4, 8));
         for (x, kind) in atoms.positions.iter().zip(&atoms.kinds) {
             if *kind == AtomKind::Interior {
-                let near = |f: &&[f64; 3]| {
-                    crate::lattice::seeding::distance2(x, f) < (0.7f64 * 6.0).powi(2)
-                };
+                let near =
+                    |f: &&[f64; 3]| crate::geometry::distance2(x, f) < (0.7f64 * 6.0).powi(2);
                 assert!(fixed.iter().find(near).is_none(), "{x:?}");
             }
         }

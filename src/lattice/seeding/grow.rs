@@ -15,9 +15,9 @@
 use std::collections::VecDeque;
 use std::f64::consts::{FRAC_1_SQRT_2, SQRT_2};
 
-use super::placed::{FREE, MARGIN, Placed};
 use super::refine::spread;
-use super::{Alignment, sides_held};
+use super::{Alignment, FREE, MARGIN, scatter, sides_held};
+use crate::geometry::scatter::Scatter;
 use crate::lattice::distance::Distance;
 
 /// A lattice that grows.
@@ -26,7 +26,7 @@ struct Grown<'a, const D: usize> {
     extent: [f64; D],
     /// How far inside the box its outermost atoms are, in units of d.
     inset: f64,
-    placed: Placed<D>,
+    placed: Scatter<D>,
     /// The sides that each atom belongs to: bit k for the near one along axis k, bit `D + k` for the
     /// far one.
     sides: Vec<u8>,
@@ -44,7 +44,7 @@ impl<'a, const D: usize> Grown<'a, D> {
                 Alignment::On => 0.0,
                 Alignment::Alongside => 0.5,
             },
-            placed: Placed::new(extent, FREE * least),
+            placed: scatter(extent, FREE * least),
             sides: Vec::new(),
             least,
         }
@@ -218,9 +218,9 @@ pub fn grown<const D: usize>(
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
+    use crate::geometry::distance2;
     use crate::image::Field;
     use crate::lattice::AtomKind;
-    use crate::lattice::seeding::distance2;
     use crate::lattice::seeding::{Atoms, Seeding, regular, seed};
 
     /// d from 4 in the middle to 9 at the far corners.

@@ -224,7 +224,7 @@ mod tests {
                 let squares = atoms
                     .positions
                     .iter()
-                    .map(|y| crate::lattice::seeding::distance2(x, y));
+                    .map(|y| crate::geometry::distance2(x, y));
                 let mut near: Vec<f64> = squares.map(|r2| r2.sqrt() / d).collect();
                 near.sort_by(f64::total_cmp);
                 assert!(

@@ -16,12 +16,12 @@ pub mod grow;
 pub mod guide;
 pub mod lattice;
 pub mod order;
-mod placed;
 pub mod projection;
 pub mod refine;
 pub mod wells;
 
 use crate::error::{Error, Result, cause};
+use crate::geometry::scatter::Scatter;
 use crate::image::Field;
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
@@ -103,9 +103,18 @@ pub fn kind_in_box<const D: usize>(x: [f64; D], extent: [f64; D]) -> AtomKind {
     }
 }
 
-/// The square of the distance between two points.
-fn distance2<const D: usize>(a: &[f64; D], b: &[f64; D]) -> f64 {
-    (0..D).map(|k| (a[k] - b[k]).powi(2)).sum()
+/// A site is free if no atom is nearer than this, in units of d (Hale 2001: 0.8).
+const FREE: f64 = 0.8;
+/// Nearest to the sides of what it fills that a site may be, in units of d; 0.71 in a regular
+/// lattice.
+const MARGIN: f64 = 0.4;
+
+/// No atoms yet, in the box `[0, extent]`; `apart` is about how near to each other the nearest will be.
+fn scatter<const D: usize>(extent: [f64; D], apart: f64) -> Scatter<D> {
+    // A few atoms a cell where they are dense; never more than some ten million cells.
+    let volume: f64 = extent.iter().product();
+    let edge = (1.6 * apart).max((volume / 1e7).powf(1.0 / D as f64));
+    Scatter::new([0.0; D], extent, edge)
 }
 
 /// How atoms are placed.

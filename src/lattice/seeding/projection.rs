@@ -15,8 +15,7 @@
 
 use rayon::prelude::*;
 
-use super::placed::{FREE, MARGIN, Placed};
-use super::{Alignment, grow, lattice, sides_held, varies};
+use super::{Alignment, FREE, MARGIN, grow, lattice, scatter, sides_held, varies};
 use crate::error::Result;
 use crate::image::Field;
 use crate::lattice::distance::Distance;
@@ -50,7 +49,7 @@ pub fn projected<const D: usize>(
     let pairs: Vec<[f64; D]> = pairs.into_iter().map(|pair| pair.1).collect();
     let coarse = regular(extent, distance);
 
-    let mut placed = Placed::new(extent, FREE * distance.min());
+    let mut placed = scatter(extent, FREE * distance.min());
     for &x in fixed {
         placed.add(x);
     }

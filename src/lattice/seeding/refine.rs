@@ -5,8 +5,10 @@
 //! refined in the plane; then the inside. Circumcentres outside the box are no points. No direction
 //! is favoured: images, not the lattice, say where atoms line up.
 
-use super::{Alignment, distance2, sides_held};
+use super::{Alignment, sides_held};
 use crate::error::Result;
+use crate::geometry::distance2;
+use crate::geometry::random::Random;
 use crate::image::Field;
 use crate::lattice::distance::Distance;
 use crate::mesh::delaunay::refine::{refine_plane, refine_space};
@@ -69,7 +71,8 @@ pub fn refined<const D: usize>(
         }
     }
     // One point away from the corners, by chance.
-    let first = std::array::from_fn(|k| extent[k] * (0.35 + 0.3 * share(seed, k as u64)));
+    let mut random = Random::new(seed);
+    let first = extent.map(|e| e * (0.35 + 0.3 * random.draw()));
     let near = |y: &[f64; D]| distance2(&first, y) < (FREE * distance.at(first)).powi(2);
     if !atoms.iter().any(near) {
         atoms.push(first);
@@ -152,14 +155,6 @@ pub(super) fn spread(length: f64, least: f64, d: impl Fn(f64) -> f64) -> Vec<f64
         (n as f64 + (target - spacings[n]) / (spacings[n + 1] - spacings[n])) * piece
     };
     (1..count as usize).map(place).collect()
-}
-
-/// A number in [0, 1) that depends on nothing but its arguments (splitmix64).
-pub(super) fn share(seed: u64, counter: u64) -> f64 {
-    let mut z = seed.wrapping_add((counter + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15));
-    z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-    ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
 }
 
 #[cfg(test)]

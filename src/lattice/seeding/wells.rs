@@ -2,6 +2,7 @@
 
 use super::Alignment;
 use crate::error::{Error, Result, cause};
+use crate::geometry::distance2;
 use crate::image::Field;
 use crate::lattice::distance::{Distance, limit_gradient};
 
@@ -73,7 +74,7 @@ impl<const D: usize> Way<D> {
     fn followed(&self, d: impl Fn([f64; D]) -> f64) -> Vec<([f64; D], f64)> {
         let mut found: Vec<_> = self.points[..1].iter().map(|&x| (x, d(x))).collect();
         for leg in self.points.windows(2) {
-            let length = super::distance2(&leg[0], &leg[1]).sqrt();
+            let length = distance2(&leg[0], &leg[1]).sqrt();
             let mut s = 0.0;
             while s < length {
                 let here = found[found.len() - 1].1;
@@ -159,7 +160,7 @@ pub fn atoms<const D: usize>(
         let followed = way.followed(|x| distance.at(x));
         let mut measure = vec![0.0];
         for pair in followed.windows(2) {
-            let length = super::distance2(&pair[0].0, &pair[1].0).sqrt();
+            let length = distance2(&pair[0].0, &pair[1].0).sqrt();
             measure.push(measure[measure.len() - 1] + 2.0 * length / (pair[0].1 + pair[1].1));
         }
         let whole = measure[measure.len() - 1];
@@ -177,7 +178,7 @@ pub fn atoms<const D: usize>(
             };
             let near = found.iter().find(|(other, of)| {
                 let most = APART * distance.at(x);
-                ways[*of].name != way.name && super::distance2(other, &x) < most * most
+                ways[*of].name != way.name && distance2(other, &x) < most * most
             });
             if let Some((_, of)) = near {
                 return Err(Error::Seeding(cause(
@@ -251,7 +252,7 @@ mod tests {
         assert_eq!(beside[0], [20.0, 20.0, 2.0]);
         for pair in on.windows(2) {
             // Round the corner the way is longer than the distance.
-            let apart = super::super::distance2(&pair[0], &pair[1]).sqrt();
+            let apart = distance2(&pair[0], &pair[1]).sqrt();
             assert!((2.6..4.6).contains(&apart), "{apart}");
         }
         let near = way("B", &[[22.0, 20.0, 5.0], [22.0, 20.0, 30.0]]);

@@ -10,6 +10,8 @@
 use num_bigint::BigInt;
 use num_traits::{FromPrimitive, ToPrimitive};
 
+use crate::geometry::{cross, dot};
+
 /// Below this share of the cube (square in 2-D) of the longest edge, the determinant of the edges
 /// is taken in twice the precision. Above it the centre is right to about 1e-12 of the radius.
 const FLAT: f64 = 1e-3;
@@ -39,7 +41,7 @@ pub fn of_triangle(p: [[f64; 2]; 3]) -> [f64; 2] {
 /// The centre of the sphere through four points.
 pub fn of_tetrahedron(p: [[f64; 3]; 4]) -> [f64; 3] {
     let [u, v, w] = [1, 2, 3].map(|i| std::array::from_fn(|k| p[i][k] - p[0][k]));
-    let (uu, vv, ww) = (dot::<3>(u, u), dot::<3>(v, v), dot::<3>(w, w));
+    let (uu, vv, ww) = (dot(u, u), dot(v, v), dot(w, w));
     let [vw, wu, uv] = [cross(v, w), cross(w, u), cross(u, v)];
     let det = dot(u, vw);
     let longest = uu.max(vv).max(ww);
@@ -96,20 +98,6 @@ fn exact_offset(p: [[f64; 3]; 4], longest: f64) -> [f64; 3] {
         let shift = det.bits().saturating_sub(900);
         (double(&quotient) + double(&(rest >> shift)) / double(&(&det >> shift))) / unit
     })
-}
-
-#[inline]
-fn dot<const D: usize>(a: [f64; D], b: [f64; D]) -> f64 {
-    (0..D).map(|k| a[k] * b[k]).sum()
-}
-
-#[inline]
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
 }
 
 /// The unevaluated sum of two doubles, the second below the rounding error of the first: about 32

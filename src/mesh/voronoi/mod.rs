@@ -20,6 +20,7 @@ mod rings;
 use rayon::prelude::*;
 
 use crate::error::{Error, Result, cause};
+use crate::geometry::distance2;
 use crate::mesh::delaunay;
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::poly_check::check_poly;
@@ -122,7 +123,7 @@ fn cells<const D: usize, const N: usize>(
         // How near to a node others are the same, if that depends on the node.
         let size = |(simplex, node): (&[u32; N], &[f64; D])| {
             let atom = &mirrored.points[simplex[0] as usize];
-            tolerance.max(weld * nodes::square(node, atom).sqrt())
+            tolerance.max(weld * distance2(node, atom).sqrt())
         };
         let reaches: Vec<f64> = match weld > 0.0 {
             true => simplices.par_iter().zip(&nodes).map(size).collect(),
@@ -131,7 +132,7 @@ fn cells<const D: usize, const N: usize>(
         let reach = |s: u32| reaches.get(s as usize).copied().unwrap_or(tolerance);
         let one = |s: u32, t: u32| {
             let reach = reach(s).min(reach(t));
-            nodes::square(&nodes[s as usize], &nodes[t as usize]) <= reach * reach
+            distance2(&nodes[s as usize], &nodes[t as usize]) <= reach * reach
         };
         let narrow = |ring: &[u32]| {
             let width = ring.iter().map(|&s| reach(s)).fold(f64::INFINITY, f64::min);

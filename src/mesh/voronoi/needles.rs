@@ -5,9 +5,10 @@
 //! line between two others (the centre of a flat simplex moves along its axis), and faces are as long
 //! as any and as narrow as rounding.
 
+use crate::geometry::distance2;
 use std::collections::HashMap;
 
-use super::nodes::{Groups, square};
+use super::nodes::Groups;
 use super::rings::Rings;
 
 /// More rounds than any atoms need: one splits edges, the next may find those of the next needle.
@@ -20,18 +21,18 @@ pub fn narrow<const D: usize>(nodes: impl Iterator<Item = [f64; D]> + Clone, wid
         return true;
     };
     let far = rest.fold(first, |far, x| {
-        if square(&x, &first) > square(&far, &first) {
+        if distance2(&x, &first) > distance2(&far, &first) {
             x
         } else {
             far
         }
     });
-    let length = square(&far, &first);
+    let length = distance2(&far, &first);
     length > width * width
         && nodes.into_iter().all(|x| {
             let share = along(&x, &first, &far) / length;
             let foot = std::array::from_fn(|k| first[k] + share * (far[k] - first[k]));
-            square(&x, &foot) <= width * width
+            distance2(&x, &foot) <= width * width
         })
 }
 
@@ -96,11 +97,11 @@ impl Paths {
                 }
                 let width = way.iter().map(|&s| reach(s)).fold(f64::INFINITY, f64::min);
                 let first = centres[way[0] as usize];
-                let off = |s: u32| square(&centres[s as usize], &first);
+                let off = |s: u32| distance2(&centres[s as usize], &first);
                 let far = way.iter().copied();
                 let far = far.max_by(|&s, &t| off(s).total_cmp(&off(t)));
                 let far = centres[far.unwrap_or(way[0]) as usize];
-                let length = square(&far, &first).sqrt();
+                let length = distance2(&far, &first).sqrt();
                 let at = |centres: &[[f64; D]], s: u32| {
                     along(&centres[s as usize], &first, &far) / length
                 };

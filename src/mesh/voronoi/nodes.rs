@@ -38,12 +38,6 @@ pub fn sides_beyond<const D: usize>(node: &[f64; D], extent: [f64; D]) -> u8 {
     })
 }
 
-/// The square of the distance between two nodes.
-#[inline]
-pub fn square<const D: usize>(a: &[f64; D], b: &[f64; D]) -> f64 {
-    (0..D).map(|k| (a[k] - b[k]) * (a[k] - b[k])).sum()
-}
-
 /// Simplices whose centres are one node, in groups that grow.
 pub struct Groups {
     /// A simplex before it in its group, or itself: the first.

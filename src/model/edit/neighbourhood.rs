@@ -9,7 +9,7 @@ use crate::error::cause;
 use crate::feature::settled::reach;
 use crate::feature::{self, Features, Settled, detect_part};
 use crate::image::Image;
-use crate::improve::reshape::{Refusal, Wanted};
+use crate::improve::{Refusal, Wanted};
 use crate::job::horizons::horizon_bits;
 use crate::job::{self, Evaluator, Meshing, Params, Scene, Space, Spacing};
 use crate::lattice::AtomKind;

@@ -14,8 +14,8 @@ use super::sparse::{Matrix, sum};
 use super::system::{Solution, solve};
 use super::wells::Well;
 use crate::error::cause;
+use crate::geometry::dot;
 use crate::mesh::graph::{Connection, Graph, Locator};
-use crate::mesh::poly::dot;
 use crate::{Error, Result};
 
 /// The pressure system of a graph of cells, ready for any sources.

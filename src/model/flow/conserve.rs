@@ -9,14 +9,15 @@
 
 use rayon::prelude::*;
 
-use super::elements::{ElementFlow, area_vector, centre_to_face, corners, gradients};
+use super::elements::ElementFlow;
+use super::linear::{area_vector, centre_to_face, corners, gradients};
 use super::sparse::{Matrix, sum};
 use super::system::solve;
 use super::wells::Located;
 use crate::Result;
+use crate::geometry::dot;
 use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
-use crate::mesh::poly::dot;
 
 /// What flows through the faces of a mesh of simplices. Face k of cell c has number (D + 1) c + k.
 #[derive(Debug, Clone, PartialEq, Default)]

@@ -16,13 +16,15 @@
 use rayon::prelude::*;
 
 use super::barriers::Barriers;
+use super::linear::{area_vector, centre_to_face, corners, factorial, gradients};
 use super::rock::{Rock, Tensor};
 use super::sparse::Matrix;
 use super::split::{FaultFace, Split};
 use super::system::{Solution, solve};
 use super::wells::{Located, Well};
 use crate::error::cause;
-use crate::mesh::poly::dot;
+use crate::geometry::dot;
+use crate::geometry::groups::grouped;
 use crate::mesh::{Simplices, TetMesh};
 use crate::{Error, Result};
 
@@ -37,62 +39,6 @@ pub struct ElementFlow<const D: usize = 3, M = TetMesh> {
     matrix: Matrix,
     /// Volume of each node's control volume.
     volume: Vec<f64>,
-}
-
-/// `n!`: the parallelepiped of D edges is D! simplices.
-const fn factorial(n: usize) -> f64 {
-    if n > 1 {
-        n as f64 * factorial(n - 1)
-    } else {
-        1.0
-    }
-}
-
-/// Corner positions of a cell, D + 1 of them, then zeros.
-#[inline]
-pub(super) fn corners<const D: usize, M: Simplices<D>>(mesh: &M, cell: usize) -> [[f64; D]; 4] {
-    let mut p = [[0.0; D]; 4];
-    for (p, &node) in p.iter_mut().zip(mesh.cell(cell)) {
-        *p = mesh.nodes()[node as usize];
-    }
-    p
-}
-
-/// Gradients of the D + 1 linear base functions, times D! volumes (then zeros), and D! volumes.
-#[inline]
-pub(super) fn gradients<const D: usize>(p: &[[f64; D]; 4]) -> ([[f64; D]; 4], f64) {
-    const { assert!(D == 2 || D == 3, "flow is in two or three dimensions") };
-    let edge = |k: usize| -> [f64; D] { std::array::from_fn(|c| p[k][c] - p[0][c]) };
-    let mut g = [[0.0; D]; 4];
-    for k in 1..=D {
-        let next = edge(k % D + 1);
-        if D == 2 {
-            // A right angle from the other edge, anticlockwise of it for node 1.
-            let sign = if k == 1 { 1.0 } else { -1.0 };
-            (g[k][0], g[k][1]) = (sign * next[1], -sign * next[0]);
-        } else {
-            let last = edge((k + 1) % D + 1);
-            for c in 0..D {
-                let (i, j) = ((c + 1) % D, (c + 2) % D);
-                g[k][c] = next[i] * last[j] - next[j] * last[i];
-            }
-        }
-    }
-    g[0] = std::array::from_fn(|c| -(1..=D).map(|k| g[k][c]).sum::<f64>());
-    (g, dot(edge(1), g[1]))
-}
-
-/// The area vector, outwards, of the face whose base function has this gradient times D! volumes:
-/// its length is (D - 1)! areas.
-#[inline]
-pub(super) fn area_vector<const D: usize>(gradient: [f64; D]) -> [f64; D] {
-    gradient.map(|c| -c / const { factorial(D - 1) })
-}
-
-/// Distance of a cell's centroid from that face: a part of D + 1 of the height.
-#[inline]
-pub(super) fn centre_to_face<const D: usize>(gradient: [f64; D], size: f64) -> f64 {
-    size / ((D + 1) as f64 * dot(gradient, gradient).sqrt())
 }
 
 impl<const D: usize, M: Simplices<D>> ElementFlow<D, M> {
@@ -234,7 +180,7 @@ fn assemble<const D: usize, M: Simplices<D>>(
 ) -> (Matrix, Vec<f64>) {
     let mesh = &split.mesh;
     let n = mesh.nodes().len();
-    let (start, around) = corners_of_nodes(n, mesh.connectivity());
+    let (start, around) = grouped(n, mesh.connectivity().iter().map(|&i| i as usize));
     let mut couplings: Vec<(u32, u32, f64)> = Vec::with_capacity(2 * D * split.faces.len());
     for (face, t) in split.faces.iter().zip(transmissibility) {
         for (&a, &b) in face.nodes[0].iter().zip(&face.nodes[1]) {
@@ -268,25 +214,6 @@ fn assemble<const D: usize, M: Simplices<D>>(
         .map(|i| corners_of(i).iter().map(share).sum())
         .collect();
     (matrix, volume)
-}
-
-/// For each node the places in the list of corners where it stands: those of node i from `start[i]`
-/// to `start[i + 1]`.
-fn corners_of_nodes(nodes: usize, all: &[u32]) -> (Vec<u32>, Vec<u32>) {
-    let mut start = vec![0u32; nodes + 1];
-    for &i in all {
-        start[i as usize + 1] += 1;
-    }
-    for i in 0..nodes {
-        start[i + 1] += start[i];
-    }
-    let mut next = start.clone();
-    let mut corners = vec![0; all.len()];
-    for (corner, &i) in all.iter().enumerate() {
-        corners[next[i as usize] as usize] = corner as u32;
-        next[i as usize] += 1;
-    }
-    (start, corners)
 }
 
 #[cfg(test)]

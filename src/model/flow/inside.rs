@@ -11,11 +11,12 @@ use rayon::prelude::*;
 
 use super::cells::CellRates;
 use super::conserve::FaceRates;
-use super::elements::{area_vector, gradients};
+use super::linear::{area_vector, gradients};
+use crate::geometry::dot;
 use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
 use crate::mesh::graph::Graph;
-use crate::mesh::poly::{PolyMesh, dot};
+use crate::mesh::poly::PolyMesh;
 
 /// Cells whose parts are put together at a time.
 const CHUNK: usize = 1 << 14;

@@ -7,6 +7,7 @@
 //! - [`barriers`]: which faces are faults, each with its own law
 //! - [`split`]: a mesh torn along its faults
 //! - [`elements`]: linear finite elements on triangles and tetrahedra
+//! - `linear`: linear functions on triangles and tetrahedra
 //! - [`cells`]: two-point fluxes between cells
 //! - [`wells`]: point sources and sinks
 //! - [`conserve`]: rates through faces, conserved on every triangle or tetrahedron
@@ -22,6 +23,7 @@ pub mod cells;
 pub mod conserve;
 pub mod elements;
 pub mod inside;
+mod linear;
 pub mod multigrid;
 pub mod report;
 pub mod rock;

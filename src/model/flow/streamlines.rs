@@ -15,8 +15,8 @@ use std::path::Path;
 use rayon::prelude::*;
 
 use super::conserve::FaceRates;
-use super::elements::corners;
 use super::inside::Inside;
+use super::linear::corners;
 use super::wells::{Located, barycentric};
 use crate::Result;
 use crate::files::atomic_write;

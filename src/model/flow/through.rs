@@ -3,6 +3,7 @@
 
 use crate::error::cause;
 use crate::files::vtk::DataArray;
+use crate::geometry::in_space;
 use crate::job::{Meshing, Space};
 use crate::mesh::Simplices;
 use crate::mesh::graph::{Graph, Locator};
@@ -242,7 +243,7 @@ where
             .collect();
         streamlines = Some(Streamlines::through(&inside, &wells, &positions, count));
     }
-    let velocity = in_space(&velocity);
+    let velocity = components(&velocity);
     let pressure = DataArray::scalars("pressure", p.to_vec());
     file.cell_data
         .extend([pressure, vectors("velocity", velocity)]);
@@ -341,7 +342,7 @@ fn torn_file<const D: usize, M: Simplices<D>>(
     arrays: MeshFile<()>,
     report: &FlowReport,
 ) -> MeshFile<M> {
-    let velocity = in_space(&flow.velocity(&found.pressure));
+    let velocity = components(&flow.velocity(&found.pressure));
     let mut across = vec![0.0; flow.split.mesh.connectivity().len()];
     let rates = flow.fault_rates(&found.pressure);
     for (face, rate) in flow.split.faces.iter().zip(rates) {
@@ -376,9 +377,8 @@ fn torn_file<const D: usize, M: Simplices<D>>(
 }
 
 /// Vectors as VTK wants them, with three components.
-fn in_space<const D: usize>(vectors: &[[f64; D]]) -> Vec<f64> {
-    let lifted = |v: &[f64; D]| [0, 1, 2].map(|k| v.get(k).copied().unwrap_or(0.0));
-    vectors.iter().flat_map(lifted).collect()
+fn components<const D: usize>(vectors: &[[f64; D]]) -> Vec<f64> {
+    vectors.iter().flat_map(|&v| in_space(v)).collect()
 }
 
 fn vectors(name: &str, values: Vec<f64>) -> DataArray {

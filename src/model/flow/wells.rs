@@ -2,10 +2,10 @@
 
 use rayon::prelude::*;
 
-use super::elements::{corners, gradients};
+use super::linear::{corners, gradients};
 use crate::error::cause;
+use crate::geometry::dot;
 use crate::mesh::Simplices;
-use crate::mesh::poly::dot;
 use crate::{Error, Result};
 
 /// Cells that one task searches.

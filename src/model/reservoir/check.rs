@@ -1,5 +1,6 @@
 //! What is looked at before anything is written.
 
+use crate::geometry::sets::Sets;
 use serde::Serialize;
 
 use super::Model;
@@ -160,21 +161,13 @@ impl Checks {
 
 /// The parts of a graph, each with its least cell and its size; the largest first.
 fn parts(cells: usize, pairs: impl Iterator<Item = [u32; 2]>) -> Vec<(usize, usize)> {
-    let mut parent: Vec<u32> = (0..cells as u32).collect();
-    fn root(parent: &mut [u32], mut at: u32) -> u32 {
-        while parent[at as usize] != at {
-            parent[at as usize] = parent[parent[at as usize] as usize];
-            at = parent[at as usize];
-        }
-        at
-    }
+    let mut sets = Sets::new(cells);
     for [a, b] in pairs {
-        let [a, b] = [root(&mut parent, a), root(&mut parent, b)];
-        parent[a.max(b) as usize] = a.min(b);
+        sets.unite(a, b);
     }
     let mut sizes = vec![0; cells];
     for cell in 0..cells as u32 {
-        sizes[root(&mut parent, cell) as usize] += 1;
+        sizes[sets.find(cell) as usize] += 1;
     }
     let mut parts: Vec<(usize, usize)> = sizes
         .into_iter()

@@ -1,5 +1,6 @@
 //! Cells of a mesh and the faces between them, of whatever shape: what paint and blocks need.
 
+use crate::geometry::groups::grouped;
 use crate::geometry::{dot, norm, normal, sub};
 use crate::mesh::Mesh;
 use crate::mesh::complex::NONE;
@@ -55,23 +56,9 @@ impl<const D: usize> Adjacency<D> {
                 open,
             });
         }
-        let mut start = vec![0; volumes.len() + 1];
-        for link in &links {
-            for c in link.cells {
-                start[c as usize + 1] += 1;
-            }
-        }
-        for i in 1..start.len() {
-            start[i] += start[i - 1];
-        }
-        let mut next = start.clone();
-        let mut around = vec![0; 2 * links.len()];
-        for (l, link) in links.iter().enumerate() {
-            for c in link.cells {
-                around[next[c as usize] as usize] = l as u32;
-                next[c as usize] += 1;
-            }
-        }
+        let ends = links.iter().flat_map(|link| link.cells.map(|c| c as usize));
+        let (start, around) = grouped(volumes.len(), ends);
+        let around = around.into_iter().map(|end| end / 2).collect();
         Self {
             volumes,
             centres,

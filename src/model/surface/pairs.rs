@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::facets::{Facets, NONE};
-use crate::geometry::near::Grid;
+use crate::geometry::buckets::Buckets;
 use crate::geometry::sets::Sets;
 use crate::geometry::{add_scaled, dot, norm, sub, unit};
 
@@ -262,10 +262,10 @@ pub fn across_gaps<const D: usize>(
 struct Classes<const D: usize> {
     reach: f64,
     /// Of each class the largest size, its points, and their numbers.
-    classes: Vec<(f64, Grid<D>, Vec<usize>)>,
+    classes: Vec<(f64, Buckets<D>, Vec<usize>)>,
     /// Cells as wide as the widest gap: of points equally far, the one that comes first in their order
     /// is taken.
-    coarse: Grid<D>,
+    coarse: Buckets<D>,
 }
 
 impl<const D: usize> Classes<D> {
@@ -285,12 +285,12 @@ impl<const D: usize> Classes<D> {
         let classes = classes.map(|members| {
             let most = members.iter().map(|&i| sizes[i]).fold(0.0, f64::max);
             let own: Vec<[f64; D]> = members.iter().map(|&i| points[i]).collect();
-            (most, Grid::new(&own, cell(most)), members)
+            (most, Buckets::new(&own, cell(most)), members)
         });
         Self {
             reach,
             classes: classes.collect(),
-            coarse: Grid::new(points, cell(largest)),
+            coarse: Buckets::new(points, cell(largest)),
         }
     }
 
@@ -356,7 +356,7 @@ pub fn across_crossings<const D: usize>(
         .collect();
     // Near a crossing facets lie askew: planes are fitted to more than those.
     let wide = 2.0 * reach;
-    let grid = Grid::labelled(&middles, |f| surface[f], wide);
+    let grid = Buckets::labelled(&middles, |f| surface[f], wide);
     let patches: Vec<Patch<D>> = (rim.par_iter().zip(&ends))
         .map(|(&side, &end)| {
             let f = side / D;
@@ -380,7 +380,7 @@ pub fn across_crossings<const D: usize>(
             }
         })
         .collect();
-    let grid = Grid::new(&ends, reach);
+    let grid = Buckets::new(&ends, reach);
     let found: Vec<Option<Vote>> = (0..rim.len())
         .into_par_iter()
         .map(|i| {

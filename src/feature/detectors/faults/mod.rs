@@ -19,9 +19,9 @@ use super::ridges::RidgeSearch;
 use super::{Detector, Found, Scene};
 use crate::error::Result;
 use crate::feature::FeatureKind;
-use crate::feature::crossing::dot;
 use crate::feature::tensor::Normals;
 use crate::feature::volume::Volume;
+use crate::geometry::dot;
 
 /// Finds faults of seismic amplitude.
 pub struct Faults;

@@ -18,6 +18,7 @@ use super::marching::{Queue, marching};
 use crate::error::{Error, Result, cause};
 use crate::feature::steepness::steepness;
 use crate::feature::volume::Volume;
+use crate::geometry::random::uniform;
 use crate::image::Geometry;
 use rayon::prelude::*;
 
@@ -154,17 +155,6 @@ fn draw(distance: &[f32], until: f32, count: usize, key: u64) -> Vec<usize> {
         }
     }
     drawn
-}
-
-/// A number in [0, 1) that depends on nothing but its arguments (splitmix64).
-fn uniform(key: u64, counter: u64) -> f64 {
-    let mix = |mut z: u64| {
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
-    };
-    let z = mix(mix(key).wrapping_add(counter.wrapping_mul(0x9E37_79B9_7F4A_7C15)));
-    (z >> 11) as f64 / (1u64 << 53) as f64
 }
 
 /// How many of the shortest paths from all sources to all sinks pass each sample. A step between two

@@ -1,0 +1,101 @@
+//! Random numbers that depend on nothing but what they are asked for: the same on every machine and for
+//! any number of threads.
+//!
+//! All are made by SplitMix64 (Steele, Lea & Flood 2014): a counter goes up in steps of the golden ratio
+//! and its bits are mixed.
+
+/// By how much the counter goes up: 2^64 over the golden ratio.
+const STEP: u64 = 0x9e37_79b9_7f4a_7c15;
+
+/// A bijection that mixes 64 bits.
+fn mixed(mut bits: u64) -> u64 {
+    bits = (bits ^ (bits >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    bits = (bits ^ (bits >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    bits ^ (bits >> 31)
+}
+
+/// 64 bits as a number in [0, 1).
+fn share(bits: u64) -> f64 {
+    (bits >> 11) as f64 / (1u64 << 53) as f64
+}
+
+/// 64 bits that follow from a seed: one step of the generator.
+pub fn scrambled(seed: u64) -> u64 {
+    mixed(seed.wrapping_add(STEP))
+}
+
+/// Number `count` of those that belong to `key`, in [0, 1). Keys may be small numbers one after the
+/// other: they are mixed first.
+pub fn uniform(key: u64, count: u64) -> f64 {
+    share(mixed(mixed(key).wrapping_add(count.wrapping_mul(STEP))))
+}
+
+/// The same in [-1, 1).
+pub fn signed(key: u64, count: u64) -> f64 {
+    2.0 * uniform(key, count) - 1.0
+}
+
+/// A sequence of numbers.
+#[derive(Debug, Clone)]
+pub struct Random(u64);
+
+impl Random {
+    /// The sequence of a seed.
+    pub fn new(seed: u64) -> Self {
+        Self(seed)
+    }
+
+    /// A sequence of its own for each seed and purpose.
+    pub fn of(seed: u64, purpose: u64) -> Self {
+        Self(scrambled(seed ^ scrambled(purpose)).wrapping_add(STEP))
+    }
+
+    /// The next number, in [0, 1).
+    pub fn draw(&mut self) -> f64 {
+        let number = share(scrambled(self.0));
+        self.0 = self.0.wrapping_add(STEP);
+        number
+    }
+
+    /// The next number, in [low, high).
+    pub fn range(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * self.draw()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_uniform_bounded_and_not_correlated() {
+        let n = 100_000;
+        let mut random = Random::new(5);
+        for numbers in [
+            (0..n).map(|k| signed(5, k)).collect::<Vec<f64>>(),
+            (0..n).map(|_| random.range(-1.0, 1.0)).collect(),
+        ] {
+            let mean = numbers.iter().sum::<f64>() / n as f64;
+            let square = numbers.iter().map(|x| x * x).sum::<f64>() / n as f64;
+            let next = numbers.windows(2).map(|w| w[0] * w[1]).sum::<f64>() / n as f64;
+            assert!(numbers.iter().all(|x| (-1.0..1.0).contains(x)));
+            assert!(mean.abs() < 0.01 && (square - 1.0 / 3.0).abs() < 0.01 && next.abs() < 0.01);
+        }
+    }
+
+    #[test]
+    fn bits_are_those_of_splitmix64() {
+        // The first three outputs of the published program for seed 1234567.
+        let outputs: Vec<u64> = (0..3u64)
+            .map(|n| scrambled(1_234_567u64.wrapping_add(n.wrapping_mul(STEP))))
+            .collect();
+        assert_eq!(
+            outputs,
+            [
+                6_457_827_717_110_365_317,
+                3_203_168_211_198_807_973,
+                9_817_491_932_198_370_423
+            ]
+        );
+    }
+}

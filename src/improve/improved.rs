@@ -1,0 +1,83 @@
+//! What improvement did, and what blocked it.
+
+use serde::Serialize;
+
+use super::hold::Hold;
+use crate::geometry::in_space;
+
+/// How often each kind of change was made.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+pub struct Counts {
+    /// Local transformations.
+    pub flips: usize,
+    /// Nodes moved by smoothing.
+    pub moves: usize,
+    /// Edges that pierced a feature before anything was changed.
+    pub pierced_before: usize,
+    /// Edges that pierced a feature and went by a flip.
+    pub pierced_flipped: usize,
+    /// Nodes pulled onto the feature that one of their edges pierced.
+    pub pierced_snapped: usize,
+    /// Edges that pierced a feature and were split on it.
+    pub pierced_split: usize,
+    /// Edges that still pierce a feature.
+    pub pierced_left: usize,
+    /// Edges collapsed.
+    pub collapses: usize,
+    /// Nodes inserted to mend bad tetrahedra.
+    pub insertions: usize,
+    /// Times that nodes were let go of a feature because a tetrahedron was of no use otherwise.
+    pub released: usize,
+}
+
+/// A cell that stayed below target, and what blocks it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Blocked {
+    /// Where: its centroid in lattice space.
+    pub centroid: [f64; 3],
+    /// Its smallest angle (dihedral in space), in degrees.
+    pub smallest: f64,
+    /// Its largest, in degrees.
+    pub largest: f64,
+    /// Its nodes that lie in a side of the box.
+    pub nodes_on_sides: usize,
+    /// Its nodes that lie on a feature.
+    pub nodes_on_features: usize,
+    /// Its nodes that lie on several features at once.
+    pub nodes_on_crossings: usize,
+}
+
+impl Blocked {
+    /// A cell with these corners, angles in degrees, and what holds its nodes; `axes` is 7 in space, and
+    /// 3 in the plane.
+    pub(super) fn new<const D: usize>(
+        corners: &[[f64; D]],
+        angles: &[f64],
+        holds: &[Hold],
+        axes: u8,
+    ) -> Self {
+        let count = |f: &dyn Fn(&Hold) -> bool| holds.iter().filter(|h| f(h)).count();
+        let mean = |k: usize| corners.iter().map(|x| x[k]).sum::<f64>() / corners.len() as f64;
+        Self {
+            centroid: in_space(std::array::from_fn::<f64, D, _>(mean)),
+            smallest: angles.iter().copied().fold(f64::INFINITY, f64::min),
+            largest: angles.iter().copied().fold(0.0, f64::max),
+            nodes_on_sides: count(&|h| h.axes & axes != 0),
+            nodes_on_features: count(&|h| h.count > 0),
+            nodes_on_crossings: count(&|h| h.count > 1),
+        }
+    }
+}
+
+/// What improvement did.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Improved {
+    /// Cells below target before and after.
+    pub poor_before: usize,
+    /// See `poor_before`.
+    pub poor_after: usize,
+    /// Changes made.
+    pub counts: Counts,
+    /// The cells that stayed below target, worst first.
+    pub blocked: Vec<Blocked>,
+}

@@ -1,0 +1,120 @@
+//! Atoms near features go onto them, no two to one place.
+
+use rayon::prelude::*;
+
+use super::hold::Hold;
+use super::sheets::Sheets;
+use crate::geometry::scatter::Scatter;
+use crate::geometry::{distance2, in_space, norm, sub};
+use crate::lattice::AtomKind;
+
+/// Moves the atoms within `reach` of a feature onto it (onto all of them, where several cross),
+/// never off the box's sides, and no two to one place. Returns how many were moved.
+pub fn settle<const D: usize>(
+    positions: &mut [[f64; D]],
+    kinds: &[AtomKind],
+    extent: [f64; D],
+    sheets: &Sheets,
+    reach: f64,
+) -> usize {
+    let (before, extent) = (positions.to_vec(), in_space(extent));
+    let moved: usize = positions
+        .par_iter_mut()
+        .zip(kinds)
+        .map(|(x, &kind)| {
+            let at = in_space(*x);
+            if sheets.far(at) || !sheets.close(at) {
+                return 0;
+            }
+            let mut hold = Hold::by_box(at, kind, extent);
+            let near = sheets.near(at);
+            for sheet in near.iter().filter(|s| s.offset.abs() < reach) {
+                hold.add(sheet.normal);
+            }
+            // On both features if that can be reached, else on the nearer one.
+            while hold.count > 0 {
+                let mut trial = hold;
+                if let Some(y) = trial.settle(at, extent, sheets)
+                    && norm(sub(y, at)) < 1.5 * reach
+                {
+                    *x = std::array::from_fn(|k| y[k]);
+                    return 1;
+                }
+                hold.count -= 1;
+            }
+            0
+        })
+        .sum();
+    // Two atoms pulled to one place would be one node.
+    moved - keep_apart(positions, &before, 0.1 * reach)
+}
+
+/// Moves atoms back that came nearer than `gap` to another: `before` holds where each atom was, and
+/// there they all were farther apart. Of two that meet, the one of the higher number goes back.
+/// Returns how many did.
+fn keep_apart<const D: usize>(positions: &mut [[f64; D]], before: &[[f64; D]], gap: f64) -> usize {
+    let mut returned = 0;
+    // One that goes back may meet another that has come near its old place: look again.
+    loop {
+        let moved = |k: usize| positions[k] != before[k];
+        let cells = scattered(positions, gap);
+        let meets = |k: usize| {
+            cells.any_near(&positions[k], gap, |other| {
+                let near = distance2(&positions[k], &positions[other]) < gap * gap;
+                other != k && near && (other < k || !moved(other))
+            })
+        };
+        let back: Vec<usize> = (0..positions.len())
+            .filter(|&k| moved(k) && meets(k))
+            .collect();
+        if back.is_empty() {
+            return returned;
+        }
+        for &k in &back {
+            positions[k] = before[k];
+        }
+        returned += back.len();
+    }
+}
+
+/// Atoms in cells, about one in each, which are at least `size` wide.
+fn scattered<const D: usize>(positions: &[[f64; D]], size: f64) -> Scatter<D> {
+    let (mut low, mut high) = ([f64::INFINITY; D], [f64::NEG_INFINITY; D]);
+    for x in positions {
+        for k in 0..D {
+            low[k] = low[k].min(x[k]);
+            high[k] = high[k].max(x[k]);
+        }
+    }
+    let spans = sub(high, low);
+    let wide = spans.iter().filter(|&&s| s > size);
+    let (axes, room) = wide.fold((0, 1.0), |(n, room), s| (n + 1, room * s));
+    let roomy = (room / positions.len().max(1) as f64).powf(1.0 / f64::from(axes.max(1)));
+    let mut scatter = Scatter::new(low, high, size.max(roomy));
+    for &x in positions {
+        scatter.add(x);
+    }
+    scatter
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_two_that_meet_one_goes_back_and_may_push_a_third() {
+        let before = [[0.0; 3], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0], [9.0, 0.0, 0.0]];
+        // 0 and 1 meet at 0.5; 2 has gone to where 1 must return to.
+        let mut positions = [
+            [0.5, 0.0, 0.0],
+            [0.5, 0.01, 0.0],
+            [1.0, 0.0, 0.02],
+            [9.5, 0.0, 0.0],
+        ];
+        assert_eq!(keep_apart(&mut positions, &before, 0.1), 2);
+        assert_eq!(
+            positions,
+            [[0.5, 0.0, 0.0], before[1], before[2], [9.5, 0.0, 0.0]]
+        );
+    }
+}

@@ -1,0 +1,357 @@
+//! From a Delaunay mesh in space to one without slivers whose faces lie on the features.
+//!
+//! - `recover`: features first: no edge may pierce one
+//! - `flips`: Joe's local transformations, generalised
+//! - `smooth`: max-min smoothing
+//! - `mend`: several changes at once, kept only if together they help
+//! - `collapse`: nodes that stand too close
+//! - `finish`: the mesh at the end, its faces on features, what blocks the rest
+//! - [`exude`](fn@exude): the second method: nodes get weights, none of them moves
+//! - [`reshape`](fn@reshape): atoms come, go and move in a part of a mesh
+
+mod collapse;
+mod exude;
+mod finish;
+mod flips;
+mod mend;
+mod recover;
+mod reshape;
+mod smooth;
+
+pub use exude::exude;
+pub use reshape::reshape;
+
+use rayon::prelude::*;
+
+use super::hold::{Beside, Hold};
+use super::pierce::piercing;
+use super::sheets::{Sheet, Sheets};
+use super::{Counts, Improved, Target};
+use crate::geometry::sub;
+use crate::lattice::AtomKind;
+use crate::lattice::distance::Distance;
+use crate::mesh::complex::{Complex, Ring};
+use crate::mesh::quality::{BLOCK, Corners, min_sine};
+use crate::mesh::{FACES, TetMesh};
+use crate::observer::Patience;
+
+/// The first round of smoothing, over many nodes, stops this far above target (sine).
+const MARGIN: f64 = 0.02;
+
+/// Makes a Delaunay mesh follow the features and frees it of slivers, in place.
+///
+/// `neighbors` are those of the tetrahedra (see [`complex`](crate::mesh::complex)) and stay so.
+/// `kinds` says what each node is and follows the nodes that come and go; the result also says
+/// for every tetrahedron which of its faces lie on a feature: bit k for face k (opposite node k).
+/// When `patience` is over, the mesh is left as far as it has come.
+pub fn improve(
+    mesh: &mut TetMesh,
+    neighbors: &mut Vec<[u32; 4]>,
+    kinds: &mut Vec<AtomKind>,
+    extent: [f64; 3],
+    sheets: &Sheets,
+    distance: &Distance<3>,
+    target: &Target,
+    mut patience: Patience<'_>,
+) -> (Improved, Vec<u8>) {
+    let target = target.min_dihedral.to_radians().sin();
+    let (taken, around) = (std::mem::take(mesh), std::mem::take(neighbors));
+    let mut improver = Improver::new(taken, around, kinds, extent, sheets, distance, target);
+    let outcome = improver.improve(&mut patience);
+    let finished = improver.finish(kinds);
+    (*mesh, *neighbors, *kinds) = (finished.mesh, finished.neighbors, finished.kinds);
+    (outcome, finished.feature_faces)
+}
+
+/// Tetrahedra that are first measured in one task.
+const SINES: usize = 64 * BLOCK;
+
+/// State of an improvement: the complex, the quality of every slot, what holds every node.
+struct Improver<'a> {
+    complex: Complex,
+    sines: Vec<f32>,
+    holds: Vec<Hold>,
+    /// What was beside the nodes at first; empty once any has moved.
+    beside: Vec<Beside>,
+    extent: [f64; 3],
+    sheets: &'a Sheets,
+    distance: &'a Distance<3>,
+    /// Tetrahedra to look at.
+    queue: Vec<u32>,
+    target: f64,
+    /// Smoothing a node stops at this sine.
+    enough: f64,
+    counts: Counts,
+    /// Edges that recovery left piercing a feature, and nodes near features that have moved or come
+    /// since.
+    unrecovered: Vec<(u32, u32)>,
+    stirred: Vec<u32>,
+    /// What a transaction under way has overwritten.
+    undo: Option<mend::Undo>,
+    // Scratch.
+    ring: Ring,
+    fresh: Vec<[u32; 4]>,
+    slots: Vec<u32>,
+    touched: Vec<bool>,
+    star: Vec<u32>,
+    spokes: smooth::Star,
+    smoothing: smooth::Scratch,
+}
+
+impl<'a> Improver<'a> {
+    fn new(
+        mesh: TetMesh,
+        neighbors: Vec<[u32; 4]>,
+        kinds: &[AtomKind],
+        extent: [f64; 3],
+        sheets: &'a Sheets,
+        distance: &'a Distance<3>,
+        target: f64,
+    ) -> Self {
+        let (holds, beside) = mesh
+            .nodes
+            .par_iter()
+            .zip(kinds)
+            .map(|(&x, &kind)| Hold::new(x, kind, extent, sheets))
+            .unzip();
+        let mut sines = vec![0.0f32; mesh.tets.len()];
+        sines
+            .par_chunks_mut(SINES)
+            .zip(mesh.tets.par_chunks(SINES))
+            .for_each(|(sines, tets)| {
+                let (mut corners, mut block) = (Corners::default(), [0.0; BLOCK]);
+                for (sines, tets) in sines.chunks_mut(BLOCK).zip(tets.chunks(BLOCK)) {
+                    corners.gather(&mesh.nodes, tets);
+                    corners.min_sines(&mut block);
+                    for (sine, value) in sines.iter_mut().zip(&block) {
+                        *sine = *value as f32;
+                    }
+                }
+            });
+        Self {
+            complex: Complex::new(mesh, neighbors),
+            sines,
+            holds,
+            beside,
+            extent,
+            sheets,
+            distance,
+            queue: Vec::new(),
+            target,
+            enough: 1.0,
+            counts: Counts::default(),
+            unrecovered: Vec::new(),
+            stirred: Vec::new(),
+            undo: None,
+            ring: Ring::default(),
+            fresh: Vec::new(),
+            slots: Vec::new(),
+            touched: Vec::new(),
+            star: Vec::new(),
+            spokes: smooth::Star::default(),
+            smoothing: smooth::Scratch::default(),
+        }
+    }
+
+    #[inline]
+    fn sine_of(&self, t: u32) -> f64 {
+        f64::from(self.sines[t as usize])
+    }
+
+    /// Whether an edge between two nodes would pass through a feature, or cut a corner of it.
+    fn pierces(&self, a: u32, b: u32) -> bool {
+        self.piercing(a, b).is_some()
+    }
+
+    /// A quick and safe test before [`piercing`](Self::piercing).
+    fn may_pierce(&self, a: u32, b: u32) -> bool {
+        let (i, j) = (a as usize, b as usize);
+        let (p, q) = (&self.holds[i], &self.holds[j]);
+        let (x, y) = (self.complex.nodes[i], self.complex.nodes[j]);
+        let alone = [p.alone, q.alone];
+        // A chord of a sheet may stray from it.
+        let chord = alone == [true; 2];
+        if !chord && let (Some(at_x), Some(at_y)) = (self.beside.get(i), self.beside.get(j)) {
+            // What passes the middle of the edge is beside one of its ends.
+            if at_x.on_one_side(*at_y, sub(y, x), alone) {
+                return false;
+            }
+        }
+        !(p.far && q.far) && self.sheets.may_pierce(x, y, alone)
+    }
+
+    fn piercing(&self, a: u32, b: u32) -> Option<([f64; 3], Sheet)> {
+        let (i, j) = (a as usize, b as usize);
+        piercing(
+            self.sheets,
+            [&self.holds[i], &self.holds[j]],
+            [self.complex.nodes[i], self.complex.nodes[j]],
+        )
+    }
+
+    /// Exchanges `old` for the tetrahedra in `fresh`, and queues those below target.
+    fn commit(&mut self, old: &[u32]) {
+        if let Some(undo) = &mut self.undo {
+            // Slots that die must count among what was there before.
+            undo.touch(old, &self.sines);
+        }
+        self.complex.exchange(old, &self.fresh, &mut self.slots);
+        for &t in &old[self.fresh.len().min(old.len())..] {
+            self.sines[t as usize] = f32::INFINITY;
+        }
+        for i in 0..self.slots.len() {
+            self.measure(self.slots[i]);
+        }
+    }
+
+    /// Measures a tetrahedron anew and queues it if it is below target.
+    fn measure(&mut self, t: u32) {
+        let sine = min_sine(&self.complex.corners(t)) as f32;
+        if t as usize == self.sines.len() {
+            self.sines.push(f32::INFINITY);
+        }
+        if let Some(undo) = &mut self.undo {
+            undo.touch(&[t], &self.sines);
+        }
+        self.sines[t as usize] = sine;
+        if f64::from(sine) < self.target {
+            self.queue.push(t);
+        }
+    }
+
+    /// Works through the queue with flips.
+    fn flip_queue(&mut self, patience: &mut Patience<'_>) {
+        while let Some(t) = self.queue.pop() {
+            if patience.over() {
+                self.queue.clear();
+                break;
+            }
+            if self.complex.alive(t) && self.sine_of(t) < self.target && self.flip(t) {
+                self.counts.flips += 1;
+            }
+        }
+    }
+
+    /// The tetrahedra at `node`: slots into `star`, the other three nodes' positions into `spokes`.
+    fn gather(&mut self, node: u32) {
+        self.complex.star(node, &mut self.star);
+        self.spokes.clear();
+        for &t in &self.star {
+            let tet = self.complex.tets[t as usize];
+            let k = self.complex.local(t, node);
+            // (face k, k) is positive; (k, face k) is the odd permutation: swap two.
+            let [u, v, w] = FACES[k].map(|i| self.complex.nodes[tet[i] as usize]);
+            self.spokes.push([u, w, v]);
+        }
+    }
+
+    /// Smooths one node; true if it moved.
+    fn smooth(&mut self, node: u32) -> bool {
+        let mut hold = self.holds[node as usize];
+        if hold.axes == 7 {
+            return false;
+        }
+        self.gather(node);
+        let best = smooth::best_position(
+            self.complex.nodes[node as usize],
+            &self.spokes,
+            &mut hold,
+            self.extent,
+            self.sheets,
+            self.enough,
+            &mut self.smoothing,
+        );
+        let Some((x, _)) = best else { return false };
+        self.move_to(node, x, hold);
+        true
+    }
+
+    /// Moves a node whose star has been gathered.
+    fn move_to(&mut self, node: u32, x: [f64; 3], hold: Hold) {
+        let i = node as usize;
+        if let Some(undo) = &mut self.undo {
+            undo.nodes
+                .push((node, self.complex.nodes[i], self.holds[i]));
+        }
+        self.complex.nodes[i] = x;
+        self.holds[i] = hold;
+        if !hold.far {
+            self.stirred.push(node);
+        }
+        for i in 0..self.star.len() {
+            self.measure(self.star[i]);
+        }
+    }
+
+    /// Slots of the tetrahedra below target.
+    fn poor(&self) -> Vec<u32> {
+        let mut poor = Vec::new();
+        for (block, sines) in self.sines.chunks(BLOCK).enumerate() {
+            // Most blocks have none. A dead slot's sine is infinite.
+            let any = |any, &sine: &f32| any | (f64::from(sine) < self.target);
+            if sines.iter().fold(false, any) {
+                let first = (block * BLOCK) as u32;
+                let slots = first..first + sines.len() as u32;
+                poor.extend(slots.filter(|&t| self.sine_of(t) < self.target));
+            }
+        }
+        poor
+    }
+
+    /// Flips and smoothing in turn until neither helps any more.
+    fn polish(&mut self, rounds: usize, patience: &mut Patience<'_>) {
+        let mut before = usize::MAX;
+        for round in 0..rounds {
+            self.enough = if round == 0 {
+                self.target + MARGIN
+            } else {
+                1.0
+            };
+            self.queue = self.poor();
+            self.queue.reverse();
+            self.flip_queue(patience);
+            let mut nodes: Vec<u32> = self
+                .poor()
+                .iter()
+                .flat_map(|&t| self.complex.tets[t as usize])
+                .collect();
+            nodes.sort_unstable();
+            nodes.dedup();
+            if nodes.is_empty() || nodes.len() >= before {
+                break;
+            }
+            before = nodes.len();
+            for node in nodes {
+                if patience.over() {
+                    return;
+                }
+                if self.smooth(node) {
+                    self.counts.moves += 1;
+                }
+            }
+            self.flip_queue(patience);
+        }
+    }
+}
+
+impl Improver<'_> {
+    /// All steps, in order.
+    fn improve(&mut self, patience: &mut Patience<'_>) -> Improved {
+        let poor_before = self.poor().len();
+        self.recover(patience);
+        self.polish(8, patience);
+        self.mend(patience);
+        self.release(patience);
+        self.counts.pierced_left = self.count_pierced();
+        let blocked = self.blocked();
+        Improved {
+            poor_before,
+            poor_after: blocked.len(),
+            counts: self.counts,
+            blocked,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

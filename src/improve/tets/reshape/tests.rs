@@ -1,0 +1,215 @@
+//! Nodes that come, go and move.
+
+use super::*;
+use crate::lattice::seeding::{Alignment, regular};
+use crate::mesh::check::check;
+use crate::mesh::delaunay;
+
+const EXTENT: [f64; 3] = [24.0, 20.0, 22.0];
+
+#[test]
+fn circumsphere_of_a_corner() {
+    let p = [[0.0; 3], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 2.0]];
+    assert!(volume6(&p) > 0.0);
+    let radius = 3f64.sqrt();
+    for (share, inside) in [(0.0, true), (0.99, true), (1.01, false)] {
+        let x = [1.0 + share * radius, 1.0, 1.0];
+        assert_eq!(in_circumsphere(&p, x), inside, "{share}");
+    }
+}
+
+/// A box of atoms, four units apart.
+fn part() -> (TetMesh, Vec<AtomKind>) {
+    let atoms = regular(EXTENT, &Distance::Constant(4.0), &[], Alignment::On).unwrap();
+    let mesh = delaunay::delaunay(&atoms.positions).unwrap();
+    (mesh, atoms.kinds)
+}
+
+fn reshaped(mesh: TetMesh, wanted: &Wanted<3>) -> Reshaped<TetMesh> {
+    let sheets = Sheets::new(&[], EXTENT, 3.0, 4.0);
+    let distance = Distance::Constant(4.0);
+    let target = Target::default();
+    let done = reshape(mesh, wanted, EXTENT, &sheets, &distance, &target)
+        .unwrap_or_else(|why| panic!("{why:?} of {:?}", wanted.kinds));
+    let found = check(&done.mesh, [0.0; 3], EXTENT, 1e-9);
+    assert!(found.passed(), "{:?}", found.problems);
+    done
+}
+
+#[test]
+#[cfg(feature = "tetgen")]
+fn every_atom_but_corners_can_go() {
+    let (mesh, kinds) = part();
+    for node in (0..kinds.len())
+        .filter(|&n| kinds[n] != AtomKind::Corner)
+        .step_by(3)
+    {
+        let mut gone = vec![false; kinds.len()];
+        gone[node] = true;
+        let wanted = Wanted {
+            targets: mesh.nodes.clone(),
+            kinds: kinds.clone(),
+            gone,
+        };
+        let done = reshaped(mesh.clone(), &wanted);
+        assert!(!done.kept.contains(&(node as u32)));
+        assert!(done.outcome.poor_after < 6, "{node}: {:?}", done.outcome);
+    }
+}
+
+#[test]
+#[cfg(feature = "tetgen")]
+fn atoms_come_anywhere_also_onto_faces_edges_and_sides() {
+    let (mesh, kinds) = part();
+    let middle = |nodes: &[u32]| -> [f64; 3] {
+        let sum = |k: usize| {
+            nodes
+                .iter()
+                .map(|&n| mesh.nodes[n as usize][k])
+                .sum::<f64>()
+        };
+        std::array::from_fn(|k| sum(k) / nodes.len() as f64)
+    };
+    for t in (0..mesh.tets.len()).step_by(11) {
+        for count in [2, 3, 4] {
+            let x = middle(&mesh.tets[t][..count]);
+            let mut wanted = Wanted {
+                targets: mesh.nodes.clone(),
+                kinds: kinds.clone(),
+                gone: vec![false; kinds.len() + 1],
+            };
+            wanted.targets.push(x);
+            wanted.kinds.push(AtomKind::Fixed);
+            let done = reshaped(mesh.clone(), &wanted);
+            let at = done
+                .kept
+                .iter()
+                .position(|&n| n as usize == kinds.len())
+                .unwrap();
+            assert_eq!((done.mesh.nodes[at], done.kinds[at]), (x, AtomKind::Fixed));
+        }
+    }
+}
+
+#[test]
+#[cfg(feature = "tetgen")]
+fn nodes_reach_their_targets() {
+    let (mesh, kinds) = part();
+    // A wave through the box, which the sides keep to.
+    let targets: Vec<[f64; 3]> = (mesh.nodes.iter())
+        .map(|x| {
+            let mut y = *x;
+            let inside = (0..3).all(|k| x[k] > 0.0 && x[k] < EXTENT[k]);
+            if inside {
+                y[0] += 0.8 * (0.5 * x[1]).sin();
+                y[2] += 0.8 * (0.4 * x[0]).cos();
+            }
+            y
+        })
+        .collect();
+    let gone = vec![false; kinds.len()];
+    let fixed = vec![AtomKind::Fixed; kinds.len()];
+    let wanted = Wanted {
+        targets: targets.clone(),
+        kinds: fixed,
+        gone,
+    };
+    let done = reshaped(mesh, &wanted);
+    for (x, &n) in done.mesh.nodes.iter().zip(&done.kept) {
+        if let Some(target) = targets.get(n as usize) {
+            assert_eq!(x, target);
+        }
+    }
+}
+
+#[test]
+#[cfg(feature = "tetgen")]
+fn the_home_of_a_position_is_that_of_all_tetrahedra_that_holds_it_best() {
+    // A box with a dent: what no straight way leads through is there, too.
+    let (mut mesh, kinds) = part();
+    let middle =
+        |t: &[u32; 4], k: usize| t.iter().map(|&n| mesh.nodes[n as usize][k]).sum::<f64>() / 4.0;
+    let kept: Vec<[u32; 4]> = mesh
+        .tets
+        .iter()
+        .copied()
+        .filter(|t| middle(t, 0) < 6.0 || middle(t, 1) < 4.0 || middle(t, 1) > 8.0)
+        .collect();
+    assert!(kept.len() < mesh.tets.len() - 10);
+    mesh.tets = kept;
+    let neighbors = complex::neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
+    let sheets = Sheets::new(&[], EXTENT, 3.0, 4.0);
+    let distance = Distance::Constant(4.0);
+    let tets = mesh.tets.clone();
+    let nodes = mesh.nodes.clone();
+    let mut improver = Improver::new(mesh, neighbors, &kinds, EXTENT, &sheets, &distance, 0.2);
+    let mut state = 9u32;
+    let mut random = || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        f64::from(state >> 8) / f64::from(1 << 24)
+    };
+    let mut positions: Vec<[f64; 3]> = (0..400).map(|_| EXTENT.map(|l| l * random())).collect();
+    // On nodes, edges and faces, too.
+    for t in tets.iter().step_by(5) {
+        for count in 1..4 {
+            let sum = |k: usize| {
+                t[..count]
+                    .iter()
+                    .map(|&n| nodes[n as usize][k])
+                    .sum::<f64>()
+            };
+            positions.push(std::array::from_fn(|k| sum(k) / count as f64));
+        }
+    }
+    let mut outside = 0;
+    for (i, x) in positions.into_iter().enumerate() {
+        improver.slots = vec![(i * 37 % tets.len()) as u32];
+        let best = (0..tets.len() as u32)
+            .map(|t| (improver.least_share(t, x), t))
+            .fold((-1e-9, None), |best, (value, t)| {
+                if value > best.0 {
+                    (value, Some(t))
+                } else {
+                    best
+                }
+            });
+        assert_eq!(improver.home(x), best.1, "{x:?}");
+        outside += usize::from(best.1.is_none());
+    }
+    assert!((20..200).contains(&outside), "{outside}");
+}
+
+#[test]
+fn a_part_in_which_three_tetrahedra_share_a_face_is_refused() {
+    let nodes = vec![
+        [0.0, 0.0, 0.0],
+        [1.0, 0.0, 0.0],
+        [0.0, 1.0, 0.0],
+        [0.0, 0.0, 1.0],
+        [0.1, 0.1, 2.0],
+        [0.2, 0.2, -1.0],
+    ];
+    let mesh = TetMesh {
+        tets: vec![[0, 1, 2, 3], [0, 1, 2, 4], [0, 2, 1, 5]],
+        nodes,
+    };
+    let wanted = Wanted {
+        targets: mesh.nodes.clone(),
+        kinds: vec![AtomKind::Interior; 6],
+        gone: vec![false; 6],
+    };
+    let sheets = Sheets::new(&[], EXTENT, 3.0, 4.0);
+    let distance = Distance::Constant(4.0);
+    let refusal = reshape(
+        mesh,
+        &wanted,
+        EXTENT,
+        &sheets,
+        &distance,
+        &Target::default(),
+    );
+    let Err(Refusal::Part(error)) = refusal else {
+        panic!("{refusal:?}");
+    };
+    assert!(error.to_string().contains("more than two"), "{error}");
+}

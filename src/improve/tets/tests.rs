@@ -1,0 +1,237 @@
+//! Improvement on meshes whose answer is known.
+
+use super::*;
+use crate::feature::FeaturePoint;
+use crate::geometry::random::signed;
+use crate::geometry::{cross, norm, volume6};
+use crate::mesh::check::check;
+use crate::mesh::complex;
+
+/// `n` cells a side of edge `h`, six tetrahedra each (Kuhn); inner nodes moved by `jitter * h`, those
+/// for which `moves` says so.
+fn box_mesh(
+    n: [usize; 3],
+    h: f64,
+    jitter: f64,
+    moves: impl Fn([f64; 3]) -> bool,
+) -> (TetMesh, Vec<AtomKind>, [f64; 3]) {
+    let extent = n.map(|n| n as f64 * h);
+    let id = |i: usize, j: usize, k: usize| ((k * (n[1] + 1) + j) * (n[0] + 1) + i) as u32;
+    let mut nodes = Vec::new();
+    for k in 0..=n[2] {
+        for j in 0..=n[1] {
+            for i in 0..=n[0] {
+                let mut x = [i as f64 * h, j as f64 * h, k as f64 * h];
+                if moves(x) {
+                    let seed = nodes.len() as u64 * 3;
+                    for c in 0..3 {
+                        if x[c] > 0.0 && x[c] < extent[c] {
+                            x[c] += jitter * h * signed(seed, c as u64);
+                        }
+                    }
+                }
+                nodes.push(x);
+            }
+        }
+    }
+    let mut tets = Vec::new();
+    for k in 0..n[2] {
+        for j in 0..n[1] {
+            for i in 0..n[0] {
+                for order in [
+                    [0, 1, 2],
+                    [0, 2, 1],
+                    [1, 0, 2],
+                    [1, 2, 0],
+                    [2, 0, 1],
+                    [2, 1, 0],
+                ] {
+                    let mut at = [i, j, k];
+                    let mut tet = [id(i, j, k); 4];
+                    for (corner, axis) in order.into_iter().enumerate() {
+                        at[axis] += 1;
+                        tet[corner + 1] = id(at[0], at[1], at[2]);
+                    }
+                    let odd = matches!(order, [0, 2, 1] | [1, 0, 2] | [2, 1, 0]);
+                    if odd {
+                        tet.swap(2, 3);
+                    }
+                    tets.push(tet);
+                }
+            }
+        }
+    }
+    let kinds = nodes
+        .iter()
+        .map(|x| {
+            let sides = (0..3).filter(|&c| x[c] == 0.0 || x[c] == extent[c]).count();
+            [
+                AtomKind::Interior,
+                AtomKind::Side,
+                AtomKind::Edge,
+                AtomKind::Corner,
+            ][sides]
+        })
+        .collect();
+    (TetMesh { nodes, tets }, kinds, extent)
+}
+
+fn run(
+    mesh: &mut TetMesh,
+    kinds: &mut Vec<AtomKind>,
+    extent: [f64; 3],
+    sheets: &Sheets,
+) -> (Improved, Vec<u8>) {
+    let mut neighbors = complex::neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
+    improve(
+        mesh,
+        &mut neighbors,
+        kinds,
+        extent,
+        sheets,
+        &Distance::Constant(4.5),
+        &Target::default(),
+        Patience::endless(),
+    )
+}
+
+fn worst(mesh: &TetMesh) -> f64 {
+    (0..mesh.tets.len())
+        .map(|t| min_sine(&mesh.corners(t)))
+        .fold(f64::INFINITY, f64::min)
+}
+
+#[test]
+fn a_jittered_box_becomes_good_and_stays_a_box() {
+    let (mut mesh, mut kinds, extent) = box_mesh([7, 6, 5], 4.0, 0.28, |_| true);
+    assert!(
+        mesh.tets
+            .iter()
+            .all(|t| volume6(&t.map(|i| mesh.nodes[i as usize])) > 0.0)
+    );
+    let before = worst(&mesh);
+    assert!(before < 0.2);
+    let sheets = Sheets::new(&[], extent, 3.0, 8.0);
+    let (outcome, _) = run(&mut mesh, &mut kinds, extent, &sheets);
+    let found = check(&mesh, [0.0; 3], extent, 1e-12);
+    assert!(found.passed(), "{:?}", found.problems);
+    assert_eq!(kinds.len(), mesh.nodes.len());
+    assert!(
+        worst(&mesh) >= 0.5 - 1e-6,
+        "{} of {before}: {outcome:?}",
+        worst(&mesh)
+    );
+    assert!(outcome.blocked.is_empty());
+}
+
+/// The area of mesh faces in the plane x = `at`.
+fn area_on_plane(mesh: &TetMesh, at: f64) -> f64 {
+    let mut faces = std::collections::BTreeSet::new();
+    for tet in &mesh.tets {
+        for f in FACES {
+            let mut face = f.map(|i| tet[i]);
+            face.sort_unstable();
+            if face
+                .iter()
+                .all(|&i| (mesh.nodes[i as usize][0] - at).abs() < 0.12)
+            {
+                faces.insert(face);
+            }
+        }
+    }
+    faces
+        .iter()
+        .map(|f| {
+            let p = f.map(|i| mesh.nodes[i as usize]);
+            0.5 * norm(cross(sub(p[1], p[0]), sub(p[2], p[0])))
+        })
+        .sum()
+}
+
+fn plane_points(at: f64, extent: [f64; 3]) -> Vec<FeaturePoint<3>> {
+    let mut points = Vec::new();
+    for k in 0..=extent[2] as usize {
+        for j in 0..=extent[1] as usize {
+            points.push(FeaturePoint {
+                position: [at as f32, j as f32, k as f32],
+                normal: [1.0, 0.0, 0.0],
+                strength: 1.0,
+            });
+        }
+    }
+    points
+}
+
+#[test]
+fn a_plane_of_faces_survives_improvement() {
+    // The plane x = 12 is made of mesh faces; everything else is jittered.
+    let (mut mesh, mut kinds, extent) = box_mesh([6, 6, 6], 4.0, 0.28, |x| x[0] != 12.0);
+    let sheets = Sheets::new(&plane_points(12.0, extent), extent, 3.0, 8.0);
+    let area = extent[1] * extent[2];
+    assert!((area_on_plane(&mesh, 12.0) - area).abs() < 1e-9);
+    let (outcome, on) = run(&mut mesh, &mut kinds, extent, &sheets);
+    assert!(check(&mesh, [0.0; 3], extent, 1e-12).passed());
+    assert_eq!(outcome.counts.pierced_left, 0);
+    assert!((area_on_plane(&mesh, 12.0) - area).abs() < 0.01 * area);
+    for (tet, on) in mesh.tets.iter().zip(on) {
+        for k in (0..4).filter(|k| on >> k & 1 == 1) {
+            for i in FACES[k] {
+                assert!((mesh.nodes[tet[i] as usize][0] - 12.0).abs() < 0.11);
+            }
+        }
+    }
+    assert!(worst(&mesh) > 0.45, "{}", worst(&mesh));
+}
+
+#[test]
+fn a_plane_that_cuts_through_cells_is_recovered() {
+    // No node lies on x = 13.3: edges are cut, snapped or flipped until faces cover the plane.
+    let (mut mesh, mut kinds, extent) = box_mesh([7, 6, 6], 4.0, 0.1, |_| true);
+    let sheets = Sheets::new(&plane_points(13.3, extent), extent, 3.0, 8.0);
+    let (outcome, on) = run(&mut mesh, &mut kinds, extent, &sheets);
+    assert!(outcome.counts.pierced_before > 50);
+    assert_eq!(outcome.counts.pierced_left, 0);
+    assert!(check(&mesh, [0.0; 3], extent, 1e-12).passed());
+    let area = extent[1] * extent[2];
+    assert!((area_on_plane(&mesh, 13.3) - area).abs() < 0.01 * area);
+    // Every face is seen from both sides.
+    let held = on.iter().map(|bits| bits.count_ones()).sum::<u32>() / 2;
+    assert!(held > 40, "{held} {outcome:?}");
+    assert!(worst(&mesh) > 0.3, "{} {outcome:?}", worst(&mesh));
+}
+
+#[test]
+#[cfg(feature = "cgal")]
+fn exudation_keeps_the_faces_on_a_plane_and_removes_slivers() {
+    let (mesh, kinds, extent) = box_mesh([7, 6, 6], 4.0, 0.1, |x| x[0] != 12.0);
+    let sheets = Sheets::new(&plane_points(12.0, extent), extent, 3.0, 8.0);
+    let neighbors = complex::neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
+    let (mut exuded, mut their_kinds) = (mesh.clone(), kinds);
+    let (outcome, on) = exude::exude(
+        &mut exuded,
+        neighbors,
+        &mut their_kinds,
+        extent,
+        &sheets,
+        &Distance::Constant(4.5),
+        &Target::default(),
+        Patience::endless(),
+    )
+    .unwrap();
+    assert_eq!(exuded.nodes, mesh.nodes, "no node moves");
+    assert!(check(&exuded, [0.0; 3], extent, 1e-12).passed());
+    let area = extent[1] * extent[2];
+    assert!((area_on_plane(&exuded, 12.0) - area).abs() < 1e-9 * area);
+    assert!(on.iter().any(|&bits| bits != 0));
+    let plain = TetMesh {
+        tets: crate::mesh::delaunay::exude::unweighted(&mesh.nodes).unwrap(),
+        ..mesh
+    };
+    let poor = |mesh: &TetMesh| {
+        let sines = (0..mesh.tets.len()).map(|t| min_sine(&mesh.corners(t)));
+        sines.filter(|&sine| sine < 0.5).count()
+    };
+    let (was, is) = (poor(&plain), poor(&exuded));
+    assert_eq!(outcome.poor_after, is);
+    assert!(2 * is < was, "{was} to {is}");
+}

@@ -1,0 +1,244 @@
+//! Changes of the triangulation itself: flips, splits and collapses of edges.
+
+use super::{Improver, STEEPEST};
+use crate::geometry::in_space;
+use crate::improve::hold::Hold;
+use crate::lattice::AtomKind;
+use crate::mesh::complex::NONE;
+use crate::mesh::tri::SIDES;
+
+impl Improver<'_> {
+    /// The triangle across side `k` of `t`, and the side of it that is shared.
+    pub(super) fn across(&self, t: u32, k: usize) -> Option<(u32, usize)> {
+        let other = self.neighbors[t as usize][k];
+        if other == NONE {
+            return None;
+        }
+        let back = self.neighbors[other as usize].iter().position(|&n| n == t);
+        back.map(|j| (other, j))
+    }
+
+    /// Writes a triangle with its neighbours and tells these.
+    pub(super) fn put(&mut self, t: u32, triangle: [u32; 3], around: [u32; 3]) {
+        self.triangles[t as usize] = triangle;
+        self.neighbors[t as usize] = around;
+        for k in 0..3 {
+            self.triangle_of[triangle[k] as usize] = t;
+            let [a, b] = SIDES[k].map(|i| triangle[i]);
+            self.tell(around[k], [b, a], t);
+        }
+    }
+
+    /// Tells `other` that `t` is now across its edge (a, b).
+    pub(super) fn tell(&mut self, other: u32, [a, b]: [u32; 2], t: u32) {
+        if other != NONE {
+            let triangle = self.triangles[other as usize];
+            for k in 0..3 {
+                if SIDES[k].map(|i| triangle[i]) == [a, b] {
+                    self.neighbors[other as usize][k] = t;
+                }
+            }
+        }
+    }
+
+    /// Exchanges the edge opposite node `k` of `t` for the other diagonal; the caller has made sure
+    /// that both new triangles are positive.
+    pub(super) fn flip(&mut self, t: u32, k: usize) {
+        let Some((u, j)) = self.across(t, k) else {
+            return;
+        };
+        let (tt, uu) = (self.triangles[t as usize], self.triangles[u as usize]);
+        let (nt, nu) = (self.neighbors[t as usize], self.neighbors[u as usize]);
+        // Quadrilateral: apex c, then a, d, b anticlockwise; the old diagonal is (a, b).
+        let (c, a, b) = (tt[k], tt[(k + 1) % 3], tt[(k + 2) % 3]);
+        let d = uu[j];
+        let (ca, cb) = (nt[(k + 2) % 3], nt[(k + 1) % 3]);
+        // In u the shared edge is (b, a): node j+1 is b, node j+2 is a.
+        let (db, da) = (nu[(j + 2) % 3], nu[(j + 1) % 3]);
+        self.triangles[t as usize] = [c, a, d];
+        self.triangles[u as usize] = [c, d, b];
+        self.put(t, [c, a, d], [da, u, ca]);
+        self.put(u, [c, d, b], [db, cb, t]);
+        self.counts.flips += 1;
+        for (t, sides) in [(t, [0, 2]), (u, [0, 1])] {
+            self.queue.extend(sides.map(|k| (t, k)));
+        }
+    }
+
+    /// The two triangles that a flip of side `k` of `t` would give, with the far node.
+    pub(super) fn flipped(&self, t: u32, k: usize) -> Option<[[u32; 3]; 2]> {
+        let (u, j) = self.across(t, k)?;
+        let tt = self.triangles[t as usize];
+        let (c, a, b) = (tt[k], tt[(k + 1) % 3], tt[(k + 2) % 3]);
+        let d = self.triangles[u as usize][j];
+        Some([[c, a, d], [c, d, b]])
+    }
+
+    /// The triangle and side that are the edge (a, b).
+    pub(super) fn find_edge(&mut self, a: u32, b: u32) -> Option<(u32, usize)> {
+        self.gather(a);
+        for &t in &self.star {
+            let triangle = self.triangles[t as usize];
+            for k in 0..3 {
+                let [p, q] = SIDES[k].map(|i| triangle[i]);
+                if [p, q] == [a, b] || [q, p] == [a, b] {
+                    return Some((t, k));
+                }
+            }
+        }
+        None
+    }
+
+    /// The triangles around a node, into `star`.
+    pub(super) fn gather(&mut self, node: u32) {
+        self.star.clear();
+        let first = self.triangle_of[node as usize];
+        // Anticlockwise; from where that ends at a side of the box, clockwise from the first.
+        for turn in [1, 2] {
+            let mut t = first;
+            while t != NONE {
+                if t != first || turn == 1 {
+                    self.star.push(t);
+                }
+                let triangle = self.triangles[t as usize];
+                let k = triangle.iter().position(|&n| n == node).unwrap_or(0);
+                t = self.neighbors[t as usize][(k + turn) % 3];
+                if t == first {
+                    return;
+                }
+            }
+        }
+    }
+
+    /// Splits side `k` of `t` at a point of it. With `better_than`, only if the smallest angle of
+    /// the new triangles has a smaller cotangent than that.
+    pub(super) fn split(
+        &mut self,
+        t: u32,
+        k: usize,
+        at: [f64; 2],
+        better_than: Option<f64>,
+    ) -> bool {
+        let triangle = self.triangles[t as usize];
+        let (c, a, b) = (triangle[k], triangle[(k + 1) % 3], triangle[(k + 2) % 3]);
+        let across = self.across(t, k);
+        let node = self.nodes.len() as u32;
+        let mut fresh = vec![[c, a, node], [c, node, b]];
+        let far = across.map(|(u, j)| self.triangles[u as usize][j]);
+        if let Some(d) = far {
+            fresh.extend([[d, b, node], [d, node, a]]);
+        }
+        let mut at = at;
+        let sides = self.sides_of(a, b);
+        if across.is_none() && sides == 0 {
+            // The end of a part of a mesh: what lies beyond must not be split from here.
+            return false;
+        }
+        for i in (0..2).filter(|i| sides >> i & 1 == 1) {
+            // Exactly in the side.
+            at[i] = self.nodes[a as usize][i];
+        }
+        self.nodes.push(at);
+        let worst = fresh.iter().map(|&f| self.cotangent(f)).fold(0.0, f64::max);
+        if worst >= better_than.unwrap_or(STEEPEST) {
+            self.nodes.pop();
+            return false;
+        }
+        let (hold, _) = Hold::new(
+            in_space(at),
+            AtomKind::Interior,
+            in_space(self.extent),
+            self.sheets,
+        );
+        self.kinds.push(match (hold.axes & 3).count_ones() {
+            0 => AtomKind::Interior,
+            1 => AtomKind::Edge,
+            _ => AtomKind::Corner,
+        });
+        self.holds.push(hold);
+        self.triangle_of.push(t);
+        let around = self.neighbors[t as usize];
+        let (ca, cb) = (around[(k + 2) % 3], around[(k + 1) % 3]);
+        let second = self.triangles.len() as u32;
+        self.triangles.push(fresh[1]);
+        self.neighbors.push([NONE; 3]);
+        let beyond = across.map(|(u, j)| {
+            let around = self.neighbors[u as usize];
+            let fourth = self.triangles.len() as u32;
+            self.triangles.push(fresh[3]);
+            self.neighbors.push([NONE; 3]);
+            (u, fourth, around[(j + 2) % 3], around[(j + 1) % 3])
+        });
+        let (third, fourth) = beyond.map_or((NONE, NONE), |(u, fourth, ..)| (u, fourth));
+        self.triangles[t as usize] = fresh[0];
+        if let Some((u, ..)) = beyond {
+            self.triangles[u as usize] = fresh[2];
+        }
+        self.put(t, fresh[0], [fourth, second, ca]);
+        self.put(second, fresh[1], [third, cb, t]);
+        if let Some((u, fourth, db, da)) = beyond {
+            self.put(u, fresh[2], [second, fourth, db]);
+            self.put(fourth, fresh[3], [t, da, u]);
+        }
+        for t in [t, second, third, fourth] {
+            if t != NONE {
+                self.queue.extend([(t, 0), (t, 1), (t, 2)]);
+            }
+        }
+        true
+    }
+
+    /// Moves node `a` to node `b` and so removes their edge, if `b` is held by all that holds `a`, no
+    /// new edge passes through a curve, and the worst new angle has a cotangent below `limit`.
+    pub(super) fn collapse(&mut self, a: u32, b: u32, limit: f64) -> bool {
+        let (p, q) = (self.holds[a as usize], self.holds[b as usize]);
+        let fixed = self.kinds[a as usize] == AtomKind::Fixed;
+        if fixed || !p.within(&q) {
+            return false;
+        }
+        self.gather(a);
+        let star = std::mem::take(&mut self.star);
+        let moved = |triangle: [u32; 3]| triangle.map(|n| if n == a { b } else { n });
+        let holds_b = |t: &u32| self.triangles[*t as usize].contains(&b);
+        let sound = star.iter().filter(|t| !holds_b(t)).all(|&t| {
+            let triangle = self.triangles[t as usize];
+            let free = |&n: &u32| n == a || self.pierced(n, b).is_none();
+            self.cotangent(moved(triangle)) < limit && triangle.iter().all(free)
+        });
+        // On a side of the box only along it.
+        let along = p.axes & 3 == 0 || self.sides_of(a, b) != 0;
+        if sound && along {
+            for &t in star.iter().filter(|t| holds_b(t)).collect::<Vec<_>>() {
+                let triangle = self.triangles[t as usize];
+                let side = |n: u32| triangle.iter().position(|&m| m == n).unwrap_or(0);
+                let (over_a, over_b) = (
+                    self.neighbors[t as usize][side(b)],
+                    self.neighbors[t as usize][side(a)],
+                );
+                // What lies across (a, c) and across (b, c) become neighbours.
+                for (from, to) in [(over_a, over_b), (over_b, over_a)] {
+                    if from != NONE {
+                        for slot in &mut self.neighbors[from as usize] {
+                            if *slot == t {
+                                *slot = to;
+                            }
+                        }
+                        for n in self.triangles[from as usize] {
+                            self.triangle_of[n as usize] = from;
+                        }
+                    }
+                }
+                self.triangles[t as usize] = [NONE; 3];
+            }
+            for &t in &star {
+                if self.triangles[t as usize][0] != NONE {
+                    self.triangles[t as usize] = moved(self.triangles[t as usize]);
+                    self.triangle_of[b as usize] = t;
+                    self.queue.extend([(t, 0), (t, 1), (t, 2)]);
+                }
+            }
+        }
+        self.star = star;
+        sound && along
+    }
+}

@@ -1,0 +1,136 @@
+//! Angles are raised: by flips and smoothing, and where that is not enough by other means.
+
+use super::Improver;
+use crate::improve::target::UNUSABLE;
+use crate::mesh::complex::NONE;
+use crate::mesh::tri::SIDES;
+use crate::observer::Patience;
+
+/// Rounds of smoothing; every third also collapses and splits.
+const ROUNDS: usize = 24;
+
+impl Improver<'_> {
+    /// Flips and smooths, and collapses or splits edges where that is not enough.
+    pub(super) fn polish(&mut self, patience: &mut Patience<'_>) {
+        self.flip_all(patience);
+        for round in 0..ROUNDS {
+            if self.poor().is_empty() {
+                return;
+            }
+            let mut nodes: Vec<u32> = self
+                .above(self.enough)
+                .iter()
+                .flat_map(|&t| self.triangles[t as usize])
+                .collect();
+            if round % 2 == 1 {
+                // Room is made by their neighbours, too.
+                for node in nodes.clone() {
+                    self.gather(node);
+                    let around = self.star.iter().flat_map(|&t| self.triangles[t as usize]);
+                    nodes.extend(around);
+                }
+            }
+            nodes.sort_unstable();
+            nodes.dedup();
+            for node in nodes {
+                if patience.over() {
+                    return;
+                }
+                if self.smooth(node) {
+                    self.counts.moves += 1;
+                }
+            }
+            self.flip_queue(patience);
+            if round % 3 == 2 {
+                for t in self.poor() {
+                    if self.triangles[t as usize][0] != NONE {
+                        self.mend(t);
+                    }
+                }
+                self.flip_queue(patience);
+            }
+        }
+    }
+
+    /// Lets nodes leave their curves where a triangle would otherwise stay unusable: one node if that
+    /// is enough, else all three.
+    pub(super) fn release(&mut self, patience: &mut Patience<'_>) {
+        let usable = 1.0 / UNUSABLE.to_radians().tan();
+        for round in 0..4 {
+            let bad = self.above(usable);
+            if bad.is_empty() {
+                return;
+            }
+            for t in bad {
+                let triangle = self.triangles[t as usize];
+                if self.cotangent(triangle) <= usable {
+                    continue;
+                }
+                let held: Vec<u32> = triangle
+                    .into_iter()
+                    .filter(|&n| self.holds[n as usize].count > 0)
+                    .collect();
+                let one = held.iter().any(|&n| self.let_go(n, usable));
+                // Flips about the first ones may be enough for the others.
+                if !one && round > 1 {
+                    self.counts.released += held.len();
+                    for n in held {
+                        self.holds[n as usize].clear_sheets();
+                    }
+                }
+            }
+            self.flip_all(patience);
+            self.polish(patience);
+        }
+    }
+
+    /// Frees a node from the curves that hold it and smooths it; takes that back if an angle about it
+    /// still has a cotangent above `usable`.
+    fn let_go(&mut self, node: u32, usable: f64) -> bool {
+        let i = node as usize;
+        let (x, hold) = (self.nodes[i], self.holds[i]);
+        self.holds[i].clear_sheets();
+        self.smooth(node);
+        self.gather(node);
+        let around = self.star.iter().map(|&t| self.triangles[t as usize]);
+        if around.map(|t| self.cotangent(t)).fold(0.0, f64::max) <= usable {
+            self.counts.released += 1;
+            return true;
+        }
+        (self.nodes[i], self.holds[i]) = (x, hold);
+        false
+    }
+
+    /// Collapses the shortest edge of a poor triangle, or else splits its longest.
+    fn mend(&mut self, t: u32) {
+        let now = self.cotangent(self.triangles[t as usize]);
+        if now <= self.target {
+            return;
+        }
+        let lengths = SIDES.map(|[i, j]| {
+            let [p, q] = [i, j].map(|i| self.nodes[self.triangles[t as usize][i] as usize]);
+            (p[0] - q[0]).hypot(p[1] - q[1])
+        });
+        let by = |better: fn(f64, f64) -> bool| {
+            (1..3).fold(0, |best, k| {
+                if better(lengths[k], lengths[best]) {
+                    k
+                } else {
+                    best
+                }
+            })
+        };
+        let (shortest, longest) = (by(|a, b| a < b), by(|a, b| a > b));
+        let [a, b] = SIDES[shortest].map(|i| self.triangles[t as usize][i]);
+        if self.collapse(a, b, now) || self.collapse(b, a, now) {
+            self.counts.collapses += 1;
+            return;
+        }
+        let [a, b] = SIDES[longest].map(|i| self.triangles[t as usize][i]);
+        let [p, q] = [a, b].map(|n| self.nodes[n as usize]);
+        let middle = [0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1])];
+        if !self.on_feature(a, b) && self.split(t, longest, middle, Some(now)) {
+            self.counts.insertions += 1;
+        }
+    }
+}

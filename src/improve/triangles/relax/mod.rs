@@ -1,0 +1,197 @@
+//! Smoothing of a triangulation under the weight of its image (Xu 2016, section 2.3): nodes move
+//! towards the centroids of the triangles around them, weighted by how steep the image is there, and
+//! edges are flipped back to Delaunay's, in turns.
+//!
+//! What the steps (formulas 9 to 12) aim at, for a constant image, is a small energy, the sum over
+//! triangles of area times the sum of squared edges: up to a constant both the squared distance of the
+//! nodes from all that is in the triangles around them (CVT) and the error of the paraboloid's
+//! interpolation (ODT; Chen & Holst 2011). With an image each triangle counts with its weight. The
+//! steps take the triangles around a node for given, so where these are far from regular, or the weight
+//! changes fast, they may miss; so a step is shortened until the energy falls. Delaunay's flips lower the
+//! energy without weights.
+
+use serde::{Deserialize, Serialize};
+
+use crate::Result;
+use crate::geometry::groups::grouped;
+use crate::image::Field;
+use crate::mesh::TriMesh;
+use crate::mesh::delaunay::delaunay_plane;
+use crate::mesh::tri::{SIDES, area2, squared_sides};
+use crate::observer::Patience;
+
+/// Where a node goes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[serde(rename_all = "kebab-case")]
+pub enum Scheme {
+    /// Centroidal: each node to the weighted centroid of the triangles around it (formula 10)
+    Cvt,
+    /// Optimal Delaunay: half as far again, to the weighted mean of the middles of the edges opposite it
+    /// (formula 12)
+    Odt,
+}
+
+/// How a triangulation is smoothed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Relaxation<const D: usize> {
+    /// Where nodes go.
+    pub scheme: Scheme,
+    /// How much each place counts, above zero: see [`weight`].
+    pub weight: Field<D>,
+    /// Times that all nodes are moved, and edges flipped after them.
+    pub rounds: usize,
+}
+
+/// Rounds after which little changes, as published.
+pub const ROUNDS: usize = 5;
+
+/// Even ground counts for this share of the mean steepness: formula 10 alone leaves a node on it
+/// undecided.
+const EVEN_GROUND: f64 = 0.1;
+
+/// The weight of an image's places from their `steepness` (the gradient's magnitude).
+pub fn weight<const D: usize>(mut steepness: Field<D>) -> Field<D> {
+    let samples = &mut steepness.samples;
+    let sum: f64 = samples.iter().map(|&s| f64::from(s)).sum();
+    let floor = match EVEN_GROUND * sum / samples.len().max(1) as f64 {
+        floor if floor > 0.0 => floor as f32,
+        _ => 1.0,
+    };
+    samples.iter_mut().for_each(|s| *s += floor);
+    steepness
+}
+
+/// What a round did to the energy.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Round {
+    /// Before nodes were moved.
+    pub before: f64,
+    /// After.
+    pub after: f64,
+    /// Nodes that moved.
+    pub moved: usize,
+}
+
+/// Halvings of a step that does not lower the energy; then the node stays.
+const HALVINGS: usize = 4;
+
+/// The Delaunay triangulation of points, once smoothed. `mobility` says which coordinates of each may
+/// change: 1 for free, 0 for held. When `patience` is over, the others stay where they are.
+///
+/// # Errors
+/// Those of [`delaunay_plane`].
+pub fn relax(
+    mut points: Vec<[f64; 2]>,
+    mobility: &[[f64; 2]],
+    relaxation: &Relaxation<2>,
+    mut patience: Patience<'_>,
+) -> Result<(TriMesh, Vec<Round>)> {
+    let mut mesh = delaunay_plane(&points)?;
+    let mut rounds = Vec::with_capacity(relaxation.rounds);
+    for _ in 0..relaxation.rounds {
+        let mut round = Round {
+            before: energy(&mesh, relaxation),
+            after: 0.0,
+            moved: 0,
+        };
+        let stars = Stars::new(&mesh);
+        for node in 0..points.len() {
+            if !patience.over() && mobility[node] != [0.0; 2] {
+                let star = stars.of(node);
+                round.moved += usize::from(relaxation.step(&mut mesh, node, star, mobility[node]));
+            }
+        }
+        round.after = energy(&mesh, relaxation);
+        rounds.push(round);
+        points = mesh.nodes;
+        mesh = delaunay_plane(&points)?;
+        if round.moved == 0 {
+            break;
+        }
+    }
+    Ok((mesh, rounds))
+}
+
+/// The energy of a mesh: the sum of its triangles' [`Relaxation::cost`].
+pub fn energy(mesh: &TriMesh, relaxation: &Relaxation<2>) -> f64 {
+    let corners = (0..mesh.triangles.len()).map(|t| mesh.corners(t));
+    corners.map(|p| relaxation.cost(&p)).sum()
+}
+
+impl Relaxation<2> {
+    /// The weight of a triangle: its mean at the centroid and at those of the three triangles which the
+    /// centroid makes with the edges (the thesis's figure 2.3).
+    fn weight_of(&self, p: &[[f64; 2]; 3]) -> f64 {
+        let centroid = |p: [[f64; 2]; 3]| [0, 1].map(|k| (p[0][k] + p[1][k] + p[2][k]) / 3.0);
+        let middle = centroid(*p);
+        let parts = SIDES.map(|[i, j]| centroid([p[i], p[j], middle]));
+        // Interpolation may overshoot below the lowest sample.
+        let value = |x: [f64; 2]| self.weight.value(x).max(f64::MIN_POSITIVE);
+        0.25 * (value(middle) + parts.map(value).iter().sum::<f64>())
+    }
+
+    /// Weight times area times the sum of squared edges; infinite for a triangle that is not positive.
+    fn cost(&self, p: &[[f64; 2]; 3]) -> f64 {
+        let area2 = area2(p);
+        if area2 <= 0.0 {
+            return f64::INFINITY;
+        }
+        0.5 * area2 * self.weight_of(p) * squared_sides(p).iter().sum::<f64>()
+    }
+
+    /// Moves one node; whether it moved.
+    fn step(&self, mesh: &mut TriMesh, node: usize, star: &[u32], mobility: [f64; 2]) -> bool {
+        let start = mesh.nodes[node];
+        let (mut mass, mut moment, mut cost) = (0.0, [0.0; 2], 0.0);
+        for &t in star {
+            let p = mesh.corners(t as usize);
+            let m = area2(&p) * self.weight_of(&p);
+            let opposite = |k: usize| 0.5 * (p[0][k] + p[1][k] + p[2][k] - start[k]);
+            mass += m;
+            moment[0] += m * opposite(0);
+            moment[1] += m * opposite(1);
+            cost += self.cost(&p);
+        }
+        // The centroid of a triangle is two thirds of the way to the middle of the opposite edge.
+        let share = match self.scheme {
+            Scheme::Cvt => 2.0 / 3.0,
+            Scheme::Odt => 1.0,
+        };
+        let way = [0, 1].map(|k| mobility[k] * share * (moment[k] / mass - start[k]));
+        let mut length = 1.0;
+        for _ in 0..=HALVINGS {
+            mesh.nodes[node] = [0, 1].map(|k| start[k] + length * way[k]);
+            let corners = star.iter().map(|&t| mesh.corners(t as usize));
+            let then: f64 = corners.map(|p| self.cost(&p)).sum();
+            if then < cost * (1.0 - 1e-12) {
+                return true;
+            }
+            length *= 0.5;
+        }
+        mesh.nodes[node] = start;
+        false
+    }
+}
+
+/// The triangles around each node.
+struct Stars {
+    start: Vec<u32>,
+    triangles: Vec<u32>,
+}
+
+impl Stars {
+    fn new(mesh: &TriMesh) -> Self {
+        let corners = mesh.triangles.as_flattened().iter().map(|&n| n as usize);
+        let (start, corners) = grouped(mesh.nodes.len(), corners);
+        let triangles = corners.into_iter().map(|corner| corner / 3).collect();
+        Self { start, triangles }
+    }
+
+    fn of(&self, node: usize) -> &[u32] {
+        &self.triangles[self.start[node] as usize..self.start[node + 1] as usize]
+    }
+}
+
+#[cfg(test)]
+mod tests;

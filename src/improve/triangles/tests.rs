@@ -1,0 +1,169 @@
+use super::*;
+use crate::feature::FeaturePoint;
+use crate::geometry::in_space;
+use crate::improve::settle;
+use crate::lattice::seeding::{self, Alignment};
+use crate::mesh::check::check;
+use crate::mesh::delaunay::delaunay_plane;
+use proptest::prelude::*;
+
+const EXTENT: [f64; 2] = [90.0, 80.0];
+const D: f64 = 6.0;
+
+/// Points on a circle and on a straight line, as detection would give them.
+fn scene() -> Vec<FeaturePoint<3>> {
+    let circle = (0..190).map(|i| {
+        let (sin, cos) = (f64::from(i) / 190.0 * std::f64::consts::TAU).sin_cos();
+        ([30.0 + 20.0 * cos, 40.0 + 20.0 * sin], [cos, sin])
+    });
+    let line = (0..=80).map(|i| ([70.3, f64::from(i)], [1.0, 0.0]));
+    let point = |(x, n): ([f64; 2], [f64; 2])| FeaturePoint {
+        position: in_space(x).map(|c| c as f32),
+        normal: in_space(n).map(|c| c as f32),
+        strength: 1.0,
+    };
+    circle.chain(line).map(point).collect()
+}
+
+fn off_features([x, y]: [f64; 2]) -> f64 {
+    let circle = ((x - 30.0).hypot(y - 40.0) - 20.0).abs();
+    circle.min((x - 70.3).abs())
+}
+
+#[test]
+fn edges_lie_on_the_curves_and_all_angles_are_large() {
+    let sheets = Sheets::new(&scene(), in_space(EXTENT), 4.8, 1.7 * D);
+    let distance = Distance::Constant(D);
+    let mut atoms = seeding::regular(EXTENT, &distance, &[], Alignment::On).unwrap();
+    let moved = settle(
+        &mut atoms.positions,
+        &atoms.kinds,
+        EXTENT,
+        &sheets,
+        0.35 * D,
+    );
+    assert!(moved > 20);
+    let mut mesh = delaunay_plane(&atoms.positions).unwrap();
+    let mut kinds = atoms.kinds;
+    let (outcome, on) = improve(
+        &mut mesh,
+        &mut kinds,
+        EXTENT,
+        &sheets,
+        &distance,
+        30.0,
+        Patience::endless(),
+    )
+    .unwrap();
+    let found = check(&mesh, [0.0; 2], EXTENT, 1e-12);
+    assert!(found.passed(), "{:?}", found.problems);
+    assert_eq!(kinds.len(), mesh.nodes.len());
+    assert_eq!(outcome.counts.pierced_left, 0, "{:?}", outcome.counts);
+
+    // The marked edges are on the curves, and long enough to be all of them.
+    let mut length = 0.0;
+    let mut smallest = f64::INFINITY;
+    for (t, bits) in on.iter().enumerate() {
+        smallest = angles(&mesh.corners(t))
+            .into_iter()
+            .fold(smallest, f64::min);
+        for k in (0..3).filter(|k| bits >> k & 1 == 1) {
+            let [p, q] = SIDES[k].map(|i| mesh.corners(t)[i]);
+            let middle = [0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1])];
+            assert!(off_features(p).max(off_features(q)) < 0.3, "{p:?} {q:?}");
+            assert!(off_features(middle) < 0.75);
+            // Both sides of an edge tell.
+            length += 0.5 * (p[0] - q[0]).hypot(p[1] - q[1]);
+        }
+    }
+    let whole = 20.0 * std::f64::consts::TAU + 80.0;
+    assert!((length / whole - 1.0).abs() < 0.03, "{length} of {whole}");
+    assert!(smallest > 29.0, "{smallest}");
+    // Nodes on a side of the box are of that kind.
+    for (x, kind) in mesh.nodes.iter().zip(&kinds) {
+        let sides = (0..2).filter(|&k| x[k] == 0.0 || x[k] == EXTENT[k]).count();
+        let want = [AtomKind::Interior, AtomKind::Edge, AtomKind::Corner][sides];
+        assert_eq!(*kind, want, "{x:?}");
+    }
+}
+
+#[test]
+fn without_features_a_regular_lattice_is_left_alone() {
+    let sheets = Sheets::new(&[], in_space(EXTENT), 4.8, 1.7 * D);
+    let distance = Distance::Constant(D);
+    let atoms = seeding::regular(EXTENT, &distance, &[], Alignment::On).unwrap();
+    let before = delaunay_plane(&atoms.positions).unwrap();
+    let (mut mesh, mut kinds) = (before.clone(), atoms.kinds.clone());
+    let (outcome, on) = improve(
+        &mut mesh,
+        &mut kinds,
+        EXTENT,
+        &sheets,
+        &distance,
+        25.0,
+        Patience::endless(),
+    )
+    .unwrap();
+    assert_eq!((outcome.poor_before, outcome.poor_after), (0, 0));
+    assert!(on.iter().all(|bits| *bits == 0));
+    assert_eq!(mesh.nodes, before.nodes);
+    assert_eq!(kinds, atoms.kinds);
+}
+
+#[test]
+fn triangles_that_overlap_are_refused_and_left_as_they_are() {
+    let sheets = Sheets::new(&[], in_space(EXTENT), 4.8, 1.7 * D);
+    let distance = Distance::Constant(D);
+    let before = TriMesh {
+        nodes: vec![
+            [0.0, 0.0],
+            [90.0, 0.0],
+            [90.0, 80.0],
+            [0.0, 80.0],
+            [40.0, 30.0],
+        ],
+        triangles: vec![[0, 1, 2], [0, 2, 3], [0, 2, 4]],
+    };
+    let (mut mesh, mut kinds) = (before.clone(), vec![AtomKind::Corner; 5]);
+    let patience = Patience::endless();
+    let refused = improve(
+        &mut mesh, &mut kinds, EXTENT, &sheets, &distance, 30.0, patience,
+    );
+    let error = refused.unwrap_err().to_string();
+    assert!(
+        error.contains("edge [0, 2]: belongs to more than two"),
+        "{error}"
+    );
+    assert_eq!(mesh, before);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 24, failure_persistence: None, ..Default::default() })]
+    #[test]
+    fn whatever_is_changed_the_mesh_stays_valid(
+        jitter in proptest::collection::vec(proptest::array::uniform2(-2.9f64..2.9), 400),
+    ) {
+        let sheets = Sheets::new(&scene(), in_space(EXTENT), 4.8, 1.7 * D);
+        let distance = Distance::Constant(D);
+        let mut atoms = seeding::regular(EXTENT, &distance, &[], Alignment::On).unwrap();
+        for (i, (x, kind)) in atoms.positions.iter_mut().zip(&atoms.kinds).enumerate() {
+            if *kind == AtomKind::Interior {
+                let [u, v] = jitter[i % jitter.len()];
+                *x = [(x[0] + u).clamp(0.5, 89.5), (x[1] + v).clamp(0.5, 79.5)];
+            }
+        }
+        let mut mesh = delaunay_plane(&atoms.positions).unwrap();
+        let worst = |mesh: &TriMesh| {
+            (0..mesh.triangles.len())
+                .flat_map(|t| angles(&mesh.corners(t)))
+                .fold(180.0, f64::min)
+        };
+        let before = worst(&mesh);
+        let mut kinds = atoms.kinds;
+        let (outcome, _) = improve(&mut mesh, &mut kinds, EXTENT, &sheets, &distance, 30.0, Patience::endless()).unwrap();
+        let found = check(&mesh, [0.0; 2], EXTENT, 1e-9);
+        prop_assert!(found.passed(), "{:?}", found.problems);
+        prop_assert!(outcome.poor_after < outcome.poor_before);
+        prop_assert!(worst(&mesh) >= before.min(3.0));
+    }
+}

@@ -1,0 +1,215 @@
+//! Finding the points near an atom.
+
+use pulp::{Simd, WithSimd};
+
+use super::rows::Rows;
+use super::scratch::Scratch;
+use super::{LANES, NOWHERE, Point};
+
+/// Points sorted into the cells of a regular grid.
+///
+/// Not [`Buckets`](crate::geometry::buckets::Buckets): sorted anew at every repair of the list, so arrays
+/// are kept, and rows of cells are looked at in whole groups of points whose positions lie together.
+#[derive(Clone, Default)]
+pub struct Cells {
+    /// The near corner of the grid.
+    origin: [i32; 3],
+    /// Edges of a cell, in fixed-point units.
+    edges: [f32; 3],
+    dims: [usize; 3],
+    /// Where each cell's points start in the arrays below; x fastest, one more at the end.
+    starts: Vec<u32>,
+    /// Positions in cell order, with the point's index as their last element, and as many more as a
+    /// group may need.
+    points: Vec<Point>,
+    /// Square of each point's reach, in the same order.
+    reach2: Vec<f32>,
+    /// The cell of each point, in the points' own order.
+    cell_of: Vec<u32>,
+}
+
+impl Cells {
+    /// Sorts points into cells of the given edges, or larger ones if they were many more than points.
+    fn sort(&mut self, points: &[Point], reach: &[f32], edges: [f32; 3]) {
+        let (mut low, mut high) = ([i32::MAX; 3], [i32::MIN; 3]);
+        for point in points {
+            for k in 0..3 {
+                low[k] = low[k].min(point[k]);
+                high[k] = high[k].max(point[k]);
+            }
+        }
+        let spans = high.iter().zip(&low).map(|(h, l)| h.saturating_sub(*l));
+        let spans: Vec<f32> = spans.filter(|&s| s > 0).map(|s| s as f32).collect();
+        let roomy = spans.iter().product::<f32>() / (4.0 * points.len().max(1) as f32);
+        let roomy = roomy.powf(1.0 / spans.len().max(1) as f32);
+        let edge = edges.iter().product::<f32>().cbrt();
+        let larger = (roomy / edge).max(1.0);
+        self.edges = edges.map(|edge| (larger * edge).max(1.0));
+        self.origin = low;
+        let per_unit = self.edges.map(|edge| 1.0 / edge);
+        let along = |k: usize, x: i32| (x.saturating_sub(low[k]) as f32 * per_unit[k]) as usize;
+        let dims: [usize; 3] = std::array::from_fn(|k| along(k, high[k]) + 1);
+        self.dims = dims;
+        self.starts.clear();
+        self.starts.resize(dims.iter().product::<usize>() + 2, 0);
+        self.cell_of.clear();
+        for p in points {
+            let cell = (along(2, p[2]) * dims[1] + along(1, p[1])) * dims[0] + along(0, p[0]);
+            self.starts[cell + 2] += 1;
+            self.cell_of.push(cell as u32);
+        }
+        for n in 2..self.starts.len() {
+            self.starts[n] += self.starts[n - 1];
+        }
+        self.points.resize(points.len() + LANES, NOWHERE);
+        self.reach2.resize(points.len() + LANES, 0.0);
+        for (n, (point, &c)) in points.iter().zip(&self.cell_of).enumerate() {
+            // The start of the next cell counts up to its place.
+            let place = self.starts[c as usize + 1] as usize;
+            self.starts[c as usize + 1] += 1;
+            self.points[place] = [point[0], point[1], point[2], n as i32];
+            self.reach2[place] = reach[n] * reach[n];
+        }
+    }
+}
+
+/// Finds the points near an atom.
+pub struct Search<'a> {
+    points: &'a [Point],
+    reach: &'a [f32],
+    slope: f32,
+    most: f32,
+    cells: &'a Cells,
+}
+
+/// Edges of a search cell in units of the smallest reach: rows of cells along x are looked at from one
+/// end to the other, in groups, so rows are thick and their ends fine.
+const EDGES: [f32; 3] = [0.25, 0.75, 0.75];
+
+impl<'a> Search<'a> {
+    pub fn new(points: &'a [Point], reach: &'a [f32], slope: f32, cells: &'a mut Cells) -> Self {
+        let (mut least, mut most) = (f32::INFINITY, 0.0f32);
+        for &r in reach {
+            least = least.min(r);
+            most = most.max(r);
+        }
+        cells.sort(points, reach, EDGES.map(|edge| edge * least));
+        Self {
+            points,
+            reach,
+            slope,
+            most,
+            cells,
+        }
+    }
+
+    /// Lists the neighbours of the chunk's `n`th atom anew.
+    #[inline]
+    pub fn list(&self, n: usize, rows: &mut Rows, scratch: &mut Scratch) {
+        let atom = rows.members[n];
+        let (arch, mut found) = (scratch.arch, std::mem::take(&mut scratch.found));
+        let count = arch.dispatch(Gather {
+            search: self,
+            atom,
+            found: &mut found,
+        });
+        let mut row = std::mem::take(&mut scratch.row);
+        row.clear();
+        row.extend(
+            found[..count]
+                .iter()
+                .map(|&point| scratch.member(point, rows)),
+        );
+        rows.replace(n, &row);
+        (scratch.found, scratch.row) = (found, row);
+    }
+}
+
+/// Fills `found` with the points near an atom, and returns their number.
+struct Gather<'a> {
+    search: &'a Search<'a>,
+    atom: u32,
+    found: &'a mut Vec<u32>,
+}
+
+impl WithSimd for Gather<'_> {
+    type Output = usize;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> usize {
+        let Self {
+            search,
+            atom,
+            found,
+        } = self;
+        let cells = &search.cells;
+        let centre = search.points[atom as usize];
+        let reach = search.reach[atom as usize];
+        let own2 = reach * reach;
+        // r < reach_j <= reach_i + slope r  =>  r < reach_i / (1 - slope)
+        let radius = (reach / (1.0 - search.slope).max(1e-3)).min(search.most);
+        // From the near corner of the grid; the margin covers the rounding to f32.
+        let at: [f32; 3] = std::array::from_fn(|k| (centre[k] - cells.origin[k]) as f32);
+        let radius = radius + 1e-6 * at[0].max(at[1]).max(at[2]);
+        let per_unit = cells.edges.map(|edge| 1.0 / edge);
+        let range = |k: usize, radius: f32| {
+            let first = ((at[k] - radius) * per_unit[k]).max(0.0) as usize;
+            let last = ((at[k] + radius) * per_unit[k]) as usize;
+            (first, last.min(cells.dims[k] - 1))
+        };
+        // How far the atom is from the slab of a cell along an axis.
+        let gap = |k: usize, cell: usize| {
+            let low = cell as f32 * cells.edges[k];
+            (low - at[k]).max(at[k] - low - cells.edges[k]).max(0.0)
+        };
+        let mut end = 0;
+        let (ys, zs) = (range(1, radius), range(2, radius));
+        for z in zs.0..=zs.1 {
+            for y in ys.0..=ys.1 {
+                let left = radius * radius - gap(1, y).powi(2) - gap(2, z).powi(2);
+                if left <= 0.0 {
+                    continue;
+                }
+                let xs = range(0, left.sqrt());
+                let row = (z * cells.dims[1] + y) * cells.dims[0];
+                let run = cells.starts[row + xs.0] as usize..cells.starts[row + xs.1 + 1] as usize;
+                if found.len() < end + run.len() + LANES {
+                    found.resize(2 * (end + run.len() + LANES), 0);
+                }
+                let mut first = run.start;
+                while first < run.end {
+                    let group = &cells.points[first..first + LANES];
+                    let index: [u32; LANES] = std::array::from_fn(|l| group[l][3] as u32);
+                    let left = (run.end - first) as u32;
+                    let mut near = [0u32; LANES];
+                    for l in 0..LANES {
+                        let step = |k: usize| group[l][k].wrapping_sub(centre[k]) as f32;
+                        let (dx, dy, dz) = (step(0), step(1), step(2));
+                        let inside = dx * dx + dy * dy + dz * dz < own2;
+                        near[l] = u32::from(inside & ((l as u32) < left) & (index[l] != atom));
+                    }
+                    if search.slope > 0.0 {
+                        // Those that reach farther than the atom.
+                        let reach2 = &cells.reach2[first..first + LANES];
+                        for l in 0..LANES {
+                            let step = |k: usize| group[l][k].wrapping_sub(centre[k]) as f32;
+                            let (dx, dy, dz) = (step(0), step(1), step(2));
+                            let inside = dx * dx + dy * dy + dz * dz < reach2[l];
+                            near[l] |= u32::from(inside & ((l as u32) < left) & (index[l] != atom));
+                        }
+                    }
+                    // Without branches: the end moves on only past those to be kept.
+                    let slots = &mut found[end..end + LANES];
+                    let mut kept = 0;
+                    for l in 0..LANES {
+                        slots[kept & (LANES - 1)] = index[l];
+                        kept += near[l] as usize;
+                    }
+                    end += kept;
+                    first += LANES;
+                }
+            }
+        }
+        end
+    }
+}

@@ -1,0 +1,58 @@
+//! The list against all pairs.
+
+use super::*;
+
+#[test]
+fn fixed_point_rounds_to_the_nearest() {
+    let fixed = FixedPoint { scale: 1024.0 };
+    for (x, truth) in [(0.0, 0), (1.0, 1024), (-2.5, -2560), (0.75 / 1024.0, 1)] {
+        assert_eq!(fixed.coordinate(x), truth);
+    }
+    assert!(FixedPoint::new(&[255.0, 3.0]).coordinate(255.0) <= 1 << 29);
+}
+
+#[test]
+fn lists_exactly_the_pairs_in_reach() {
+    let fixed = FixedPoint::new(&[20.0, 13.0, 9.0]);
+    let mut seed = 7u64;
+    let mut random = || {
+        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+        (seed >> 33) as f64 / (1u64 << 31) as f64
+    };
+    let positions: Vec<[f64; 3]> = (0..1500)
+        .map(|_| [20.0 * random(), 13.0 * random(), 9.0 * random()])
+        .collect();
+    let points: Vec<Point> = positions.iter().map(|x| fixed.of(x)).collect();
+    // The last 200 are points, but no atoms.
+    let atoms = 1300;
+    for slope in [0.0, 0.15] {
+        let reach: Vec<f32> = positions
+            .iter()
+            .map(|x| ((1.5 + slope * x[0]) * fixed.scale) as f32)
+            .collect();
+        let mut neighbours = Neighbours::default();
+        neighbours.build(&points, atoms, &reach, slope as f32);
+        let mut listed = 0;
+        for rows in &neighbours.chunks {
+            assert!(!rows.overflowed);
+            for n in 0..rows.len() {
+                let i = rows.members[n] as usize;
+                assert_eq!(i, listed);
+                let mut found: Vec<u32> = rows.row(n).map(|m| rows.members[m as usize]).collect();
+                found.sort_unstable();
+                let truth: Vec<u32> = (0..positions.len())
+                    .filter(|&j| {
+                        let r2: f64 = (0..3)
+                            .map(|k| (positions[i][k] - positions[j][k]).powi(2))
+                            .sum();
+                        i != j && r2.sqrt() * fixed.scale < f64::from(reach[i].max(reach[j]))
+                    })
+                    .map(|j| j as u32)
+                    .collect();
+                assert_eq!(found, truth, "atom {i}");
+                listed += 1;
+            }
+        }
+        assert_eq!(listed, atoms);
+    }
+}

@@ -1,0 +1,321 @@
+//! The Delaunay triangulation of points in space, by TetGen (Si 2015, "TetGen, a Delaunay-based
+//! quality tetrahedral mesh generator"): incremental insertion in a biased random, then Hilbert
+//! order; exact predicates; ties of cospherical points broken by symbolic perturbation.
+//!
+//! What TetGen does badly on bad points is kept from it: everything it would assert on is checked
+//! before, and its errors come back as [`Error::Delaunay`](crate::Error::Delaunay).
+
+use crate::error::{Result, cause};
+use crate::geometry::{cross, dot};
+use crate::mesh::TetMesh;
+
+/// The neighbour beyond a face of the hull.
+pub const OUTSIDE: u32 = u32::MAX;
+
+/// A Delaunay triangulation and its adjacency.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Delaunay {
+    /// Nodes are the given points in the given order; tetrahedra fill their convex hull.
+    pub mesh: TetMesh,
+    /// `neighbors[t][k]` shares with tetrahedron `t` the face opposite its node `k`;
+    /// [`OUTSIDE`] on the hull.
+    pub neighbors: Vec<[u32; 4]>,
+}
+
+/// The Delaunay triangulation of `points`.
+///
+/// Nodes are all points in their order, every one used; tetrahedra are positively oriented (see
+/// [`crate::mesh`]), never flat, and fill the convex hull exactly. One call at a time runs in a
+/// process; others wait.
+///
+/// # Errors
+/// [`Error::Delaunay`](crate::Error::Delaunay) for fewer than four points, a coordinate that is
+/// not finite, points all in one plane, two points at one place (both are named), or when built
+/// without the feature `tetgen`.
+pub fn delaunay(points: &[[f64; 3]]) -> Result<TetMesh> {
+    Ok(run(points, false)?.mesh)
+}
+
+/// [`delaunay`] with the adjacency, which TetGen hands over for about a tenth of its time.
+///
+/// # Errors
+/// As [`delaunay`].
+pub fn delaunay_with_neighbors(points: &[[f64; 3]]) -> Result<Delaunay> {
+    run(points, true)
+}
+
+fn run(points: &[[f64; 3]], with_neighbors: bool) -> Result<Delaunay> {
+    check_points(points)?;
+    let (tets, neighbors) = ffi::tetrahedra(points, with_neighbors)?;
+    check_all_used(points, &tets)?;
+    Ok(Delaunay {
+        mesh: TetMesh {
+            nodes: points.to_vec(),
+            tets,
+        },
+        neighbors,
+    })
+}
+
+fn fault(problem: impl std::fmt::Display, remedy: impl std::fmt::Display) -> crate::Error {
+    crate::Error::Delaunay(cause("Delaunay triangulation", problem, remedy))
+}
+
+/// What TetGen would meet with an assertion, i.e. the end of the process, or with a message on
+/// standard output, which is not its to write on.
+fn check_points(points: &[[f64; 3]]) -> Result<()> {
+    if points.len() < 4 {
+        return Err(fault(
+            format!("{} points make no tetrahedron", points.len()),
+            "give at least four points that are not in one plane",
+        ));
+    }
+    if points.len() > i32::MAX as usize / 8 {
+        return Err(fault(
+            format!("{} points are more than TetGen can number", points.len()),
+            "use a larger nominal distance",
+        ));
+    }
+    let (mut low, mut high) = (points[0], points[0]);
+    for (i, p) in points.iter().enumerate() {
+        if !p.iter().all(|c| c.is_finite()) {
+            return Err(fault(
+                format!("point {i} is at [{}, {}, {}]", p[0], p[1], p[2]),
+                "give finite coordinates",
+            ));
+        }
+        for k in 0..3 {
+            low[k] = low[k].min(p[k]);
+            high[k] = high[k].max(p[k]);
+        }
+    }
+    for k in 0..3 {
+        let extent = high[k] - low[k];
+        if !(extent > 0.0 && extent.is_finite()) {
+            return Err(fault(
+                format!(
+                    "the points extend over {extent} along {} (from {} to {})",
+                    ["x", "y", "z"][k],
+                    low[k],
+                    high[k]
+                ),
+                "give points that span a volume",
+            ));
+        }
+    }
+    let largest = low
+        .iter()
+        .chain(&high)
+        .fold(0.0, |m: f64, c| m.max(c.abs()));
+    let (thickness, length) = thickness_and_length(points);
+    if thickness < 1e-13 * length + 8.0 * f64::EPSILON * largest {
+        return Err(fault(
+            format!(
+                "the {} points lie in one plane or on one line, to within {thickness:.1e}",
+                points.len()
+            ),
+            "give points that span a volume",
+        ));
+    }
+    Ok(())
+}
+
+/// Least height of a big tetrahedron among the points, and the length of its longest edge: each
+/// node in turn is the one farthest from the point, line and plane of those before. Thickness at
+/// the level of rounding means points in one plane.
+fn thickness_and_length(points: &[[f64; 3]]) -> (f64, f64) {
+    let farthest = |distance2: &dyn Fn([f64; 3]) -> f64| {
+        let mut best = (0.0, [0.0; 3]);
+        for p in points {
+            let q = std::array::from_fn(|k| p[k] - points[0][k]);
+            let d = distance2(q);
+            if d > best.0 {
+                best = (d, q);
+            }
+        }
+        best
+    };
+    let (length2, a) = farthest(&|q| dot(q, q));
+    let (area2, b) = farthest(&|q| {
+        let c = cross(a, q);
+        dot(c, c)
+    });
+    if length2 == 0.0 || area2 == 0.0 {
+        return (0.0, length2.sqrt());
+    }
+    let normal = cross(a, b);
+    let (height2, _) = farthest(&|q| dot(normal, q).powi(2));
+    let height = (height2 / dot(normal, normal)).sqrt();
+    (height.min((area2 / length2).sqrt()), length2.sqrt())
+}
+
+/// TetGen leaves out a point that coincides, or nearly so, with another: names such points.
+fn check_all_used(points: &[[f64; 3]], tets: &[[u32; 4]]) -> Result<()> {
+    let mut used = vec![false; points.len()];
+    for &node in tets.iter().flatten() {
+        used[node as usize] = true;
+    }
+    let mut unused = (0..points.len()).filter(|&i| !used[i]);
+    let Some(first) = unused.next() else {
+        return Ok(());
+    };
+    let p = points[first];
+    let squared = |q: &[f64; 3]| (0..3).map(|k| (q[k] - p[k]).powi(2)).sum::<f64>();
+    let nearest = (0..points.len())
+        .filter(|&i| i != first)
+        .min_by(|&i, &j| squared(&points[i]).total_cmp(&squared(&points[j])))
+        .unwrap_or(first);
+    let distance = squared(&points[nearest]).sqrt();
+    let others = match unused.count() {
+        0 => String::new(),
+        n => format!(" (and {n} more points like it)"),
+    };
+    Err(fault(
+        format!(
+            "points {first} and {nearest} are {distance:e} apart, at [{}, {}, {}]{others}",
+            p[0], p[1], p[2]
+        ),
+        "keep one of the two",
+    ))
+}
+
+/// Tetrahedra, and their neighbours if asked for.
+type TetsAndNeighbors = (Vec<[u32; 4]>, Vec<[u32; 4]>);
+
+#[cfg(not(feature = "tetgen"))]
+mod ffi {
+    use super::{Result, TetsAndNeighbors, fault};
+
+    pub fn tetrahedra(_: &[[f64; 3]], _: bool) -> Result<TetsAndNeighbors> {
+        Err(fault(
+            "this atomesh was built without TetGen",
+            "install libtet1.5-dev and libclang-dev and build with the feature `tetgen` (on by default)",
+        ))
+    }
+}
+
+#[cfg(feature = "tetgen")]
+#[allow(unsafe_code)]
+mod ffi {
+    use std::sync::{Mutex, PoisonError};
+
+    use tetgen_sys as sys;
+
+    use super::{Result, TetsAndNeighbors, fault};
+
+    /// TetGen is not re-entrant: `exactinit` writes the error bounds of its predicates, made for
+    /// the extent of the points at hand, into globals. A second run at the same time would use
+    /// the wrong bounds, and be wrong without notice. Hence one run at a time in a process.
+    static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+
+    /// z: count from zero; Q: quiet; N, F: no copies of nodes and hull faces come back; J: do not
+    /// renumber the nodes when one is left out. The default insertion order is the fastest.
+    const SWITCHES: &std::ffi::CStr = c"zQNFJ";
+    /// The same and n: hand over neighbours.
+    const SWITCHES_WITH_NEIGHBORS: &std::ffi::CStr = c"zQNFJn";
+
+    /// Owns what the C++ side allocated and gives it back.
+    struct Owned(sys::tetgen_shim_mesh);
+
+    impl Drop for Owned {
+        fn drop(&mut self) {
+            // SAFETY: the mesh was filled by tetgen_shim_run (or is empty) and is freed only here.
+            unsafe { sys::tetgen_shim_free(&raw mut self.0) }
+        }
+    }
+
+    impl Owned {
+        /// A copy of one of the mesh's arrays, four numbers a tetrahedron. TetGen's tetrahedra turn
+        /// as ours do and its neighbours are numbered as ours; its -1 becomes `OUTSIDE`.
+        fn copy(&self, array: *const i32) -> Vec<[u32; 4]> {
+            if array.is_null() {
+                return Vec::new();
+            }
+            // SAFETY: a non-null array of the mesh holds 4 * count ints and lives as long as self.
+            let values = unsafe {
+                std::slice::from_raw_parts(array.cast::<[i32; 4]>(), self.0.count as usize)
+            };
+            values.iter().map(|v| v.map(|i| i as u32)).collect()
+        }
+    }
+
+    /// Tetrahedra and, when asked for, neighbours; `points` have passed `check_points`.
+    pub fn tetrahedra(points: &[[f64; 3]], with_neighbors: bool) -> Result<TetsAndNeighbors> {
+        let switches = if with_neighbors {
+            SWITCHES_WITH_NEIGHBORS
+        } else {
+            SWITCHES
+        };
+        let mut mesh = Owned(sys::tetgen_shim_mesh {
+            tetrahedra: std::ptr::null_mut(),
+            neighbors: std::ptr::null_mut(),
+            count: 0,
+        });
+        // A panic elsewhere cannot leave TetGen half-way: a poisoned lock is as good as new.
+        let lock = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
+        // SAFETY: `points` is read only, 3 * len finite doubles of nonzero extent, len >= 4 and
+        // below i32::MAX (`check_points`); the switches end with zero; the lock is held. The shim
+        // catches every exception.
+        let status = unsafe {
+            sys::tetgen_shim_run(
+                points.as_ptr().cast(),
+                points.len() as i32,
+                switches.as_ptr(),
+                &raw mut mesh.0,
+            )
+        };
+        drop(lock);
+        match status as sys::tetgen_shim_status {
+            sys::TETGEN_SHIM_OK => {}
+            sys::TETGEN_SHIM_BAD_INPUT => {
+                return Err(fault(
+                    "TetGen finds all points in one plane or on one line, or nearly so",
+                    "give points that span a volume",
+                ));
+            }
+            sys::TETGEN_SHIM_OUT_OF_MEMORY => {
+                return Err(fault(
+                    format!("{} points do not fit in memory", points.len()),
+                    "use a larger nominal distance",
+                ));
+            }
+            other => {
+                return Err(fault(
+                    format!("TetGen stopped with its error {other}"),
+                    "please report it with the image and the options",
+                ));
+            }
+        }
+        let tets = mesh.copy(mesh.0.tetrahedra);
+        // TetGen's tetrahedra point to nodes; a stray index would be undefined behaviour later on.
+        if tets
+            .iter()
+            .flatten()
+            .any(|&node| node as usize >= points.len())
+        {
+            return Err(fault(
+                "TetGen returned a node that was not given",
+                "please report it",
+            ));
+        }
+        Ok((tets, mesh.copy(mesh.0.neighbors)))
+    }
+}
+
+#[cfg(test)]
+#[cfg(feature = "tetgen")]
+mod tests;
+
+#[cfg(test)]
+#[cfg(not(feature = "tetgen"))]
+mod tests_without_tetgen {
+    #[test]
+    fn says_what_is_missing() {
+        let points = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let text = super::delaunay(&points).unwrap_err().to_string();
+        assert!(
+            text.contains("without TetGen") && text.contains("libtet1.5-dev"),
+            "{text}"
+        );
+    }
+}

@@ -282,9 +282,9 @@ fn evaluators() -> Outcome<()> {
     let image = synth::make(PRESETS[0].kind, &PRESETS[0].options)?.image;
     let found = feature::detect(
         &image,
-        &feature::Options {
+        &feature::Detection {
             d_min: d,
-            ..feature::Options::default()
+            ..feature::Detection::default()
         },
     )?;
     let extent = image.dims().map(|n| (n - 1) as f64);

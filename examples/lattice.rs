@@ -97,9 +97,9 @@ fn one_atom(to: &str) -> anyhow::Result<()> {
 /// d(x) of the image's features, dark where it is small, and the atoms that are grown in it.
 fn grown(image: &Image<2>, to: &str) -> anyhow::Result<()> {
     const RANGE: [f64; 2] = [6.0, 18.0];
-    let options = feature::Options {
+    let options = feature::Detection {
         d_min: RANGE[0],
-        ..feature::Options::default()
+        ..feature::Detection::default()
     };
     let features = feature::detect(image, &options)?;
     let distance = distance::from_features(&features, RANGE[0], RANGE[1], 0.1)?;

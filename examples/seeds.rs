@@ -13,7 +13,7 @@ use atomesh::feature::{self, Features};
 use atomesh::image::Image;
 use atomesh::image::formats::{self, AnyLoaded, ReadOptions};
 use atomesh::image::synth::{self, Kind};
-use atomesh::job::{Meshing, Scene, Space};
+use atomesh::job::{Meshing, Scene, Space, Stages};
 use atomesh::lattice::distance::Distance;
 use atomesh::lattice::energy::laplacian::KAPPA;
 use atomesh::lattice::energy::{Beta, Energy, Pairwise, Regularised};
@@ -21,6 +21,7 @@ use atomesh::lattice::optimize::{self, Method, Options, Unobserved};
 use atomesh::lattice::seeding::{self, Alignment, Atoms, Seeding};
 use atomesh::mesh::Simplices;
 use atomesh::mesh::delaunay;
+use atomesh::mesh::poly::Lists;
 use atomesh::model::slice::{self, Skeleton};
 use atomesh::report::cost::cpu_seconds;
 use atomesh::report::quality;
@@ -169,9 +170,9 @@ where
 }
 
 fn features<const D: usize>(image: &Image<D>, d: f64) -> anyhow::Result<Features<D>> {
-    let options = feature::Options {
+    let options = feature::Detection {
         d_min: d,
-        ..feature::Options::default()
+        ..feature::Detection::default()
     };
     Ok(feature::detect(image, &options)?)
 }
@@ -189,12 +190,14 @@ fn pictures(image: &Image<2>, d: f64) -> anyhow::Result<()> {
         let sides: Vec<[u32; 2]> = sides.collect();
         let on_feature = |&n: &u32| features.potential.value(nodes[n as usize]) < -0.5;
         let skeleton = Skeleton {
-            ends: (1..=sides.len() as u32).map(|side| 2 * side).collect(),
+            faces: Lists {
+                offsets: (0..=sides.len() as u32).map(|side| 2 * side).collect(),
+                items: sides.concat(),
+            },
             marked: sides
                 .iter()
                 .map(|side| side.iter().all(on_feature))
                 .collect(),
-            corners: sides.concat(),
             nodes,
         };
         slice::plane(image, &skeleton)?.write(Path::new(&format!("{how}.png")))?;
@@ -289,7 +292,11 @@ where
             distance: &self.distance,
         };
         let count = atoms.len() as f64;
-        let mesh = Space::<D>::join(atoms, &scene, None, None, &mut |_| {})?.mesh;
+        let mut unobserved = Unobserved;
+        let stages = &mut Stages::new(&mut unobserved);
+        let mesh = Space::<D>::join(atoms, &scene, None, None, stages)?
+            .made
+            .mesh;
         let shapes = shapes(&mesh);
         Ok(Figures {
             atoms: count,

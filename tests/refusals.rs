@@ -177,6 +177,60 @@ fn seg_y_without_a_volume_in_it() {
         std::fs::write(folder.path().join(name), &bytes[..length]).unwrap();
         assert_says(&refused(folder.path(), &["mesh", name]), &[name]);
     }
+    // What the library calls the bytes of the line numbers, the command line calls --inline-byte.
+    let bytes = ["--inline-byte", "13", "--crossline-byte", "17"];
+    let line = refused(
+        folder.path(),
+        &[&["mesh", "survey.sgy"][..], &bytes].concat(),
+    );
+    assert_says(&line, &["inline and crossline numbers", "--inline-byte"]);
+    assert!(!line.contains("--segy-bytes"), "{line}");
+    // Header bytes of a file that has none.
+    for byte in ["--inline-byte", "--delay-byte"] {
+        let line = refused(folder.path(), &["mesh", "good.npy", byte, "9"]);
+        assert_says(&line, &[byte, "SEG-Y", "good.npy"]);
+    }
+}
+
+#[test]
+fn outputs_over_inputs_that_other_options_name() {
+    let folder = folder();
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+    write("job.vtu", "sigma = 2\n");
+    let config = ["mesh", "good.npy", "--config", "job.vtu", "-o", "./job.vtu"];
+    assert_says(&refused(folder.path(), &config), &["job.vtu", "overwrite"]);
+    npy(&folder.path().join("d.vtu"), DIMS, |_| 6.0);
+    let mesh = ["mesh", "good.npy", "--distance", "4:8"];
+    let from = ["--distance-from", "d.vtu", "-o", "./d.vtu"];
+    let line = refused(folder.path(), &[&mesh[..], &from].concat());
+    assert_says(&line, &["d.vtu", "overwrite"]);
+}
+
+#[test]
+fn options_that_nothing_would_come_of() {
+    let folder = folder();
+    let mesh = |extra: &str| {
+        let extra: Vec<&str> = extra.split_whitespace().collect();
+        refused(folder.path(), &[&["mesh", "good.npy"][..], &extra].concat())
+    };
+    for (extra, name) in [
+        ("--seeding canny --beta 0.2", "--beta 0.2"),
+        ("--seeding canny --potential sampled", "--evaluator sampled"),
+        ("--feature labels --threshold 0.5", "--threshold 0.5"),
+        ("--object 1,2,3", "--object"),
+        ("--feature-weights 1,0.5", "--feature-weights 1,0.5"),
+        ("--min-dihedral 20 --slivers none", "--min-dihedral 20"),
+    ] {
+        assert_says(&mesh(extra), &[name]);
+    }
+    // In a configuration file as on the command line; its name says where.
+    std::fs::write(folder.path().join("job.toml"), "kappa = 0.7\n").unwrap();
+    let line = mesh("--config job.toml --seeding canny");
+    assert_says(&line, &["job.toml: kappa 0.7"]);
+    assert_says(
+        &mesh("--config job.toml --seeding canny --kappa 0.6"),
+        &["--kappa 0.6"],
+    );
 }
 
 #[test]
@@ -328,6 +382,85 @@ fn meshes_that_are_none() {
         for verb in ["quality", "validate"] {
             assert_says(&refused(folder.path(), &[verb, name]), &[name]);
         }
+    }
+}
+
+/// A cube of six tetrahedra about its diagonal, or any others on its nodes, in a file.
+fn cube(path: &Path, size: f64, copies: u32, spoil: impl Fn(&mut Vec<f64>, &mut Vec<[u32; 4]>)) {
+    let corner = |i: u32| (0..3).map(move |k| size * f64::from(i >> k & 1));
+    let mut points: Vec<f64> = (0..8 * copies).flat_map(|i| corner(i % 8)).collect();
+    let round = [1, 3, 2, 6, 4, 5, 1];
+    let tets =
+        |copy: u32| (round.windows(2)).map(move |w| [0, w[0], w[1], 7].map(|n| n + 8 * copy));
+    let mut tets: Vec<[u32; 4]> = (0..copies).flat_map(tets).collect();
+    spoil(&mut points, &mut tets);
+    let array = |kind: &str, name: &str, parts: usize, values: Vec<String>| {
+        format!(
+            "<DataArray type=\"{kind}\" Name=\"{name}\" NumberOfComponents=\"{parts}\" \
+             format=\"ascii\">{}</DataArray>",
+            values.join(" ")
+        )
+    };
+    let text = format!(
+        "<VTKFile type=\"UnstructuredGrid\"><UnstructuredGrid><Piece NumberOfPoints=\"{}\" \
+         NumberOfCells=\"{}\"><Points>{}</Points><Cells>{}{}{}</Cells></Piece>\
+         </UnstructuredGrid></VTKFile>",
+        points.len() / 3,
+        tets.len(),
+        array(
+            "Float64",
+            "Points",
+            3,
+            points.iter().map(f64::to_string).collect()
+        ),
+        array(
+            "Int32",
+            "connectivity",
+            1,
+            tets.iter().flatten().map(u32::to_string).collect()
+        ),
+        array(
+            "Int32",
+            "offsets",
+            1,
+            (1..=tets.len()).map(|c| (4 * c).to_string()).collect()
+        ),
+        array("UInt8", "types", 1, vec!["10".into(); tets.len()]),
+    );
+    std::fs::write(path, text).unwrap();
+}
+
+#[test]
+fn meshes_that_make_no_sense() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    cube(&at.join("good.vtu"), 4.0, 1, |_, _| {});
+    succeed(at, &["validate", "good.vtu"]);
+    succeed(at, &["export", "good.vtu", "--to", "msh", "-o", "good.msh"]);
+    cube(&at.join("nan.vtu"), 4.0, 1, |points, _| {
+        points[4] = f64::NAN
+    });
+    cube(&at.join("turned.vtu"), 4.0, 1, |_, tets| tets[2].swap(0, 1));
+    cube(&at.join("twice.vtu"), 4.0, 2, |_, _| {});
+    // Volumes are beyond all numbers.
+    cube(&at.join("huge.vtu"), 1e150, 1, |_, _| {});
+    cube(&at.join("flat.vtu"), 4.0, 1, |points, _| {
+        points.iter_mut().skip(2).step_by(3).for_each(|z| *z = 1.0);
+    });
+    for (name, checked, exported) in [
+        ("nan.vtu", "node 1 is not finite", "node 1 is not finite"),
+        (
+            "turned.vtu",
+            "1 tetrahedra are flat or inverted",
+            "number 2 of its tetrahedra",
+        ),
+        ("twice.vtu", "instead of the box's 64", "overlap"),
+        ("huge.vtu", "fill inf", "has the volume"),
+        ("flat.vtu", "flat or inverted", "flat or inverted"),
+    ] {
+        assert_says(&refused(at, &["validate", name]), &[name, checked]);
+        let export = ["export", name, "--to", "msh", "-o", "x.msh"];
+        assert_says(&refused(at, &export), &[name, exported]);
     }
 }
 

@@ -8,7 +8,6 @@
 mod common;
 
 use std::path::Path;
-use std::process::Command;
 
 use common::{refused, succeed};
 
@@ -59,7 +58,8 @@ fn cells_fill_the_box_and_follow_the_faults() {
         assert_eq!(again["voronoi"][key], voronoi[key]);
     }
     let claimed = &again["fidelity"]["claimed"];
-    assert!(number(&claimed["coverage_one"]) > 0.6, "{claimed}");
+    // Measured: 0.859.
+    assert!(number(&claimed["coverage_one"]) > 0.84, "{claimed}");
     // Without the smallest faces: fewer connections, and still valid.
     let weld = [
         "mesh",

@@ -12,11 +12,6 @@ pub fn bad(option: &str, value: &str, problem: &str, remedy: &str) -> Error {
     Error::Job(cause(format!("{option} {value}"), problem, remedy))
 }
 
-/// The same about an option that is a number.
-pub fn refuse(option: &str, value: f64, problem: &str, remedy: &str) -> Error {
-    bad(option, &value.to_string(), problem, remedy)
-}
-
 /// A finite number.
 pub fn number(option: &str, text: &str, remedy: &str) -> Result<f64> {
     match text.trim().parse::<f64>() {
@@ -74,25 +69,6 @@ pub fn dims(option: &str, text: &str) -> Result<Vec<usize>> {
     }
 }
 
-/// `SX,SY,SZ`: a positive scale per axis; `SX,SY` for a 2-D image.
-pub fn scales(option: &str, text: &str) -> Result<Vec<f64>> {
-    let remedy = "give samples, physical, or a positive number an axis such as 1,1,0.2";
-    let mut scales = Vec::new();
-    for word in two_or_three(option, text, remedy)? {
-        let scale = number(option, word, remedy)?;
-        scales.push(scale);
-        if scale <= 0.0 {
-            return Err(bad(
-                option,
-                text,
-                "has a scale that is not positive",
-                remedy,
-            ));
-        }
-    }
-    Ok(scales)
-}
-
 /// `X,Y,Z`: a point; `X,Y` in the plane.
 pub fn point<const D: usize>(option: &str, text: &str, remedy: &str) -> Result<[f64; D]> {
     let words: Vec<&str> = text.split(',').map(str::trim).collect();
@@ -105,25 +81,6 @@ pub fn point<const D: usize>(option: &str, text: &str, remedy: &str) -> Result<[
         *x = number(option, word, remedy)?;
     }
     Ok(point)
-}
-
-/// `D` or `MIN:MAX`, all positive.
-pub fn distance(option: &str, text: &str) -> Result<(f64, Option<f64>)> {
-    let remedy = "give a positive number of samples such as 8, or MIN:MAX such as 5:15";
-    let positive = |word: &str| match number(option, word, remedy)? {
-        value if value > 0.0 => Ok(value),
-        _ => Err(bad(option, text, "is not positive", remedy)),
-    };
-    match text.split_once(':') {
-        None => Ok((positive(text)?, None)),
-        Some((min, max)) => {
-            let (min, max) = (positive(min)?, positive(max)?);
-            if min > max {
-                return Err(bad(option, text, "has a minimum above its maximum", remedy));
-            }
-            Ok((min, Some(max)))
-        }
-    }
 }
 
 /// Points from a CSV file, one `x,y,z` (`x,y` in 2-D) a line, with the line that each stands on.
@@ -268,22 +225,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn distances() {
-        assert_eq!(distance("--distance", "8").unwrap(), (8.0, None));
-        assert_eq!(distance("--distance", "4:12.5").unwrap(), (4.0, Some(12.5)));
-        for wrong in [
-            "0", "-1", "nan", "inf", "eight", "", "4:", "12:4", "0:4", "1:2:3",
-        ] {
-            let error = distance("--distance", wrong).unwrap_err().to_string();
-            assert!(
-                error.starts_with(&format!("--distance {wrong}")) || wrong.contains(':'),
-                "{error}"
-            );
-            assert!(!error.contains('\n'));
-        }
-    }
-
-    #[test]
     fn dims_that_overflow_are_refused() {
         assert_eq!(dims("--dims", "3, 4,5").unwrap(), [3, 4, 5]);
         for wrong in [
@@ -295,15 +236,6 @@ mod tests {
             "a,b,c",
         ] {
             assert!(dims("--dims", wrong).is_err(), "{wrong}");
-        }
-    }
-
-    #[test]
-    fn scales_are_positive() {
-        assert_eq!(scales("--metric", "1,1,0.2").unwrap(), [1.0, 1.0, 0.2]);
-        assert_eq!(scales("--metric", "1,2").unwrap(), [1.0, 2.0]);
-        for wrong in ["1", "1,0,1", "1,1,-2", "1,1,inf", "metres"] {
-            assert!(scales("--metric", wrong).is_err(), "{wrong}");
         }
     }
 

@@ -7,10 +7,10 @@ use clap::Args;
 
 use super::console::Console;
 use super::parse::{bad, by_region};
-use crate::cli::common::input::InputOptions;
 use crate::error::cause;
 use crate::files::vtk::DataArray;
 use crate::image::Image;
+use crate::image::formats::InputOptions;
 use crate::image::formats::{self, AnyLoaded};
 use crate::model::flow::{Rock, Tensor};
 use crate::model::reservoir::Prepared;

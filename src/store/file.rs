@@ -1,39 +1,36 @@
 //! From a job's mesh of simplices to a file: physical coordinates, and what each node and cell is.
 
+use std::path::Path;
+
 use rayon::prelude::*;
 
+use super::cells::cells_to_file;
+use super::{write_cells_vtu, write_vtu};
+use crate::Result;
 use crate::feature::Settled;
 use crate::files::vtk::DataArray;
 use crate::image::Geometry;
+pub use crate::job::Provenance;
 use crate::job::horizons::horizon_bits;
-use crate::job::{Meshing, Outcome, Space};
+use crate::job::{Made, Marked, Meshing, Outcome, Space};
 use crate::mesh::Simplices;
 use crate::report::smallest_angles;
 use crate::store::{FieldValue, MeshFile, face_bits_to_physical, to_physical};
-
-/// What a result can be made again from.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Provenance {
-    /// All parameters, as the configuration file has them.
-    pub parameters: String,
-    /// SHA-256 of the input.
-    pub input_sha256: String,
-}
 
 /// The outcome of a job where the image lies in the world, with all that is known of each node and
 /// cell.
 pub fn to_file<const D: usize, M: Simplices<D>>(
     outcome: &Outcome<D>,
-    geometry: &Geometry<D>,
-    provenance: &Provenance,
+    made: &Marked<M>,
 ) -> MeshFile<M>
 where
     Space<D>: Meshing<D, Mesh = M>,
 {
-    let lattice = &outcome.mesh;
+    let geometry = &outcome.geometry;
+    let lattice = &made.mesh;
     let nodes = lattice.nodes();
     let mesh = to_physical(lattice, outcome.step, geometry);
-    let kinds: Vec<u8> = outcome.kinds.iter().map(|&kind| kind as u8).collect();
+    let kinds: Vec<u8> = made.kinds.iter().map(|&kind| kind as u8).collect();
     let potential = &outcome.features.potential;
     let feature: Vec<f32> = nodes
         .par_iter()
@@ -46,7 +43,7 @@ where
     let cells = || (0..lattice.len()).into_par_iter();
     let smallest = smallest_angles(lattice);
     let volume: Vec<f32> = cells().map(|c| mesh.volume(c) as f32).collect();
-    let horizons = horizon_bits(lattice, &outcome.feature_faces, &outcome.features);
+    let horizons = horizon_bits(lattice, &made.feature_faces, &outcome.features);
     let mirrored = geometry.determinant() < 0.0;
     let mut file = MeshFile {
         mesh,
@@ -61,11 +58,12 @@ where
             DataArray::scalars(M::VOLUME, volume),
             DataArray::scalars(
                 M::FEATURE_FACES,
-                face_bits_to_physical::<D>(&outcome.feature_faces, mirrored),
+                face_bits_to_physical::<D>(&made.feature_faces, mirrored),
             ),
         ],
         field_data: {
-            let mut fields = common_fields(geometry, outcome.step, outcome.extent, provenance);
+            let mut fields =
+                common_fields(geometry, outcome.step, outcome.extent, &outcome.provenance);
             fields.extend(settled_field(&outcome.features.settled));
             fields
         },
@@ -75,6 +73,25 @@ where
         file.cell_data.push(DataArray::scalars(HORIZON_FACES, bits));
     }
     file
+}
+
+impl<const D: usize> Outcome<D>
+where
+    Space<D>: Meshing<D>,
+{
+    /// Writes the mesh with all that is known of it, where the image lies in the world, as a VTU file:
+    /// wholly or not at all.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if it cannot be written.
+    pub fn write(&self, path: &Path) -> Result<()> {
+        match &self.made {
+            Made::Simplices(made) => write_vtu(path, &to_file(self, made)),
+            Made::Voronoi { mesh, weld } => {
+                write_cells_vtu(path, &cells_to_file(self, mesh, *weld))
+            }
+        }
+    }
 }
 
 /// The array that says which faces on features lie on horizons, which are no barriers to flow: bits

@@ -324,3 +324,92 @@ pub fn bounds<const D: usize>(points: &[[f64; D]]) -> ([f64; D], [f64; D]) {
         },
     )
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::TriMesh;
+    use crate::mesh::poly::samples::two_cells;
+
+    /// A file of a mesh in lattice space, in a world that mirrors it or does not.
+    fn file<const D: usize, M: Stored<D>>(mesh: M, down: f64) -> (MeshFile<M>, LatticeSpace<D>) {
+        let mut spacing = [2.0; D];
+        spacing[D - 1] = down;
+        let geometry = Geometry::with_spacing([10.0; D], spacing);
+        let space = LatticeSpace {
+            extent: [2.0; D],
+            step: [0.5; D],
+            geometry,
+            by_file: true,
+        };
+        let mut positions = mesh.positions(|&x| Some(space.to_world(x))).unwrap();
+        let mut mesh = mesh;
+        mesh.exchange(&mut positions, space.is_mirrored());
+        let numbers = |name: &str, values: &[f64]| (name.into(), FieldValue::F64s(values.to_vec()));
+        let arrays = MeshFile {
+            field_data: vec![
+                numbers("origin", &space.geometry.origin),
+                numbers("axes", space.geometry.axes.as_flattened()),
+                numbers("lattice_step", &space.step),
+                numbers("lattice_extent", &space.extent),
+            ],
+            ..MeshFile::default()
+        };
+        (arrays.with_mesh(mesh), space)
+    }
+
+    /// Reads a file back, looks at the mesh in both spaces, and gives the file again.
+    fn there_and_back<const D: usize, M: Stored<D> + PartialEq>(lattice: M) {
+        for down in [3.0, -3.0] {
+            let (file, space) = file(lattice.clone(), down);
+            let mut stored = StoredMesh::new(file.clone(), "mesh").unwrap();
+            assert_eq!(stored.space, space);
+            assert_eq!(stored.world.nodes, file.mesh.nodes());
+            assert_eq!(stored.lattice.nodes(), lattice.nodes());
+            let volumes = |mesh: &M| mesh.cell_volumes().into_iter().map(|c| c.0);
+            assert!(volumes(&stored.lattice).all(|v| v > 0.0), "{down}");
+            assert!(
+                stored.in_world(|mesh| volumes(mesh).all(|v| v > 0.0)),
+                "{down}"
+            );
+            let lattice_again = stored.lattice.clone();
+            assert!(stored.in_world(|mesh| mesh.nodes() == file.mesh.nodes()));
+            assert_eq!(stored.lattice, lattice_again);
+            let again = stored.into_file();
+            assert_eq!(again.mesh.nodes(), file.mesh.nodes());
+            assert_eq!(again.field_data, file.field_data);
+            let facets = |mesh: &M| {
+                let mut facets = Vec::new();
+                (0..mesh.face_count()).for_each(|f| mesh.facets(f, |facet| facets.push(facet)));
+                facets
+            };
+            assert_eq!(facets(&again.mesh), facets(&file.mesh), "{down}");
+        }
+    }
+
+    #[test]
+    fn a_mesh_goes_to_lattice_space_and_back_to_its_file() {
+        there_and_back(TriMesh {
+            nodes: vec![[0.0; 2], [2.0, 0.0], [0.0, 2.0], [2.0, 2.0]],
+            triangles: vec![[0, 1, 2], [2, 1, 3]],
+        });
+        there_and_back(TetMesh {
+            nodes: vec![[0.0; 3], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 2.0]],
+            tets: vec![[0, 1, 2, 3]],
+        });
+        there_and_back(two_cells::<2>(0.75));
+        there_and_back(two_cells::<3>(0.75));
+    }
+
+    #[test]
+    fn files_that_say_half_of_where_they_lie_are_refused() {
+        let mesh = two_cells::<3>(0.75);
+        let (mut file, _) = file(mesh, 1.0);
+        file.field_data.remove(0);
+        let error = StoredMesh::new(file, "a.vtu").unwrap_err().to_string();
+        assert!(error.contains("a.vtu: says only in part"), "{error}");
+        let none = MeshFile::<PolyMesh<3>>::default();
+        let error = StoredMesh::new(none, "a.vtu").unwrap_err().to_string();
+        assert!(error.contains("holds no polyhedra"), "{error}");
+    }
+}

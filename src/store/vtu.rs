@@ -347,6 +347,10 @@ pub(crate) fn read_nodes<const D: usize>(
         return Err(file.fault(problem, "write it anew"));
     }
     let (nodes, _) = numbers.as_chunks::<3>();
+    if let Some(node) = nodes.iter().position(|x| x.iter().any(|c| !c.is_finite())) {
+        let problem = format!("node {node} is not finite");
+        return Err(file.fault(problem, "write it anew"));
+    }
     if let Some(off) = nodes.iter().flat_map(|x| &x[D..]).find(|c| **c != 0.0) {
         let problem = format!("has cells off the plane z = 0 (at z = {off})");
         return Err(file.fault(problem, "give cells of space, or of that plane"));

@@ -130,7 +130,17 @@ impl Survey {
 }
 
 /// Writes a SEG-Y file, rev 1, IEEE floats, inline-sorted. `value` takes sample, crossline, inline.
-pub fn segy(path: &Path, survey: &Survey, mut value: impl FnMut([usize; 3]) -> f32) {
+pub fn segy(path: &Path, survey: &Survey, value: impl FnMut([usize; 3]) -> f32) {
+    segy_with(path, survey, |_, _| false, value);
+}
+
+/// The same without the traces that the survey `lacks` at a crossline and an inline.
+pub fn segy_with(
+    path: &Path,
+    survey: &Survey,
+    lacks: impl Fn(usize, usize) -> bool,
+    mut value: impl FnMut([usize; 3]) -> f32,
+) {
     let mut bytes = vec![0x40u8; 3200];
     let mut header = [0u8; 400];
     header[16..18].copy_from_slice(&4000u16.to_be_bytes());
@@ -141,6 +151,9 @@ pub fn segy(path: &Path, survey: &Survey, mut value: impl FnMut([usize; 3]) -> f
     bytes.extend(header);
     for inline in 0..survey.inlines {
         for crossline in 0..survey.crosslines {
+            if lacks(crossline, inline) {
+                continue;
+            }
             let [x, y] = survey
                 .position(inline, crossline)
                 .map(|c| (c * 100.0).round() as i32);

@@ -35,7 +35,7 @@ pub fn check_output(path: &Path, option: &str, endings: &[&str], inputs: &[&Path
     if inputs.iter().any(|input| same_file(input, path)) {
         return Err(Error::Job(cause(
             place,
-            "would overwrite the input",
+            "would overwrite an input",
             "give the output another name with -o",
         )));
     }

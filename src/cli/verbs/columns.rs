@@ -5,13 +5,13 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::json;
 
-use crate::cli::common::input::InputOptions;
 use crate::cli::common::output::check_output;
 use crate::cli::console::Console;
 use crate::cli::parse::{bad, number};
 use crate::cli::provenance::file_hash;
 use crate::error::cause;
 use crate::export::surfaces::vtp::read_triangles;
+use crate::image::formats::InputOptions;
 use crate::image::formats::{self, AnyLoaded};
 use crate::mesh::poly::PolyMesh;
 use crate::model::columns::horizon::{Horizon, Triangles};

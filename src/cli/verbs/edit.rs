@@ -5,21 +5,23 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::json;
 
-use crate::cli::common::input::InputOptions;
+use crate::cli::common::options::read_options;
 use crate::cli::common::output::check_output;
 use crate::cli::console::Console;
-use crate::cli::job::MeshJob;
-use crate::cli::options::MeshOptions;
+use crate::cli::job::params;
 use crate::cli::parse;
 use crate::cli::provenance::file_hash;
 use crate::error::{cause, os};
 use crate::image::formats;
+use crate::image::formats::InputOptions;
 use crate::image::formats::{AnyLoaded, Loaded};
-use crate::job::{Meshing, Space};
-use crate::lattice::optimize::Observer;
+use crate::improve;
+use crate::job::asked::{Apart, Cells, DistanceFrom, Placement, Slivers};
+use crate::job::{Job, Meshing, Space};
 use crate::mesh::Simplices;
 use crate::model::edit::body::dropped;
 use crate::model::edit::{Change, Edit, Summary, edit as edit_mesh};
+use crate::observer::{Observer, Stage};
 use crate::report::{Clock, Report};
 use crate::store::{FieldValue, MeshFile, read_any_vtu, with_mesh, write_vtu};
 use crate::{Error, Result};
@@ -66,8 +68,8 @@ pub fn edit(args: &EditArgs, console: &mut Console) -> Result<()> {
     inputs.extend(args.edits.as_deref());
     check_output(&args.output, "--output", &["vtu"], &inputs)?;
     let mut clock = Clock::new();
-    console.begin_stage("reading");
-    clock.begin("reading");
+    console.begin_stage(Stage::Reading);
+    clock.begin(Stage::Reading);
     let refuse =
         |problem: &str, remedy: &str| Err(Error::Job(cause(args.mesh.display(), problem, remedy)));
     with_mesh!(read_any_vtu(&args.mesh)?,
@@ -90,9 +92,9 @@ where
     Space<D>: Meshing<D, Mesh = M>,
 {
     let edits = edits(args)?;
-    let options = options(args, &file)?;
-    let job = MeshJob::new(&args.image, &options)?;
-    let Some(Loaded { image, .. }) = loaded(formats::read_any(&args.image, &job.input)?) else {
+    let (job, mut notes) = job(args, &file)?;
+    let input = read_options(&job.input, &args.image)?;
+    let Some(Loaded { image, .. }) = loaded(formats::read_any(&args.image, &input)?) else {
         return Err(Error::Job(cause(
             args.image.display(),
             format!("is no {D}-D image, as the mesh is"),
@@ -100,8 +102,7 @@ where
         )));
     };
     image.check(&args.image.display().to_string())?;
-    let params = job.params::<D>()?;
-    let mut notes = Vec::new();
+    let params = params::<D>(&job)?;
     let hash = file_hash(&args.image)?;
     if text(&file, "input_sha256").is_some_and(|known| known.trim() != hash) {
         notes.push(format!(
@@ -130,8 +131,8 @@ where
         args.free,
         &mut watcher,
     )?;
-    console.begin_stage("writing");
-    clock.begin("writing");
+    console.begin_stage(Stage::Writing);
+    clock.begin(Stage::Writing);
     write_vtu(&args.output, &edited.file)?;
     clock.end();
 
@@ -177,37 +178,43 @@ fn text<'a, M>(file: &'a MeshFile<M>, name: &str) -> Option<&'a str> {
     })
 }
 
-/// The options with which the mesh was made, as it says.
-fn options<M>(args: &EditArgs, file: &MeshFile<M>) -> Result<MeshOptions> {
+/// The job that made the mesh, as its record says, as far as an edit needs it; with notes on what an
+/// edit does not do again.
+fn job<M>(args: &EditArgs, file: &MeshFile<M>) -> Result<(Job, Vec<String>)> {
     let refuse = |problem: String| {
         let remedy = "give a mesh that atomesh mesh wrote";
-        Err(Error::Mesh(cause(args.mesh.display(), problem, remedy)))
+        Error::Mesh(cause(args.mesh.display(), problem, remedy))
     };
-    let Some(parameters) = text(file, "parameters") else {
-        return refuse("does not say how it was made (no field data parameters)".into());
-    };
-    let made: MeshOptions = match toml::from_str(parameters.trim()) {
-        Ok(options) => options,
-        Err(error) => {
-            return refuse(format!(
-                "has parameters that make no sense: {}",
-                error.message().replace('\n', ", ")
-            ));
-        }
-    };
-    let here = MeshOptions {
-        input: args.input.clone(),
-        ..MeshOptions::default()
-    };
-    let mut options = here.over(&made)?.over(&MeshOptions::defaults())?;
-    options.output = Some(args.output.clone());
+    let record = text(file, "parameters")
+        .ok_or_else(|| refuse("does not say how it was made (no field data parameters)".into()))?;
+    let mut job: Job = toml::from_str(record.trim()).map_err(|e| {
+        let problem = e.message().replace('\n', ", ");
+        refuse(format!("has parameters that make no sense: {problem}")).because(e)
+    })?;
+    let mut notes = Vec::new();
+    let mut note = |line: &str| notes.push(line.to_string());
     // The mesh knows its fixed atoms and its distances, which files may not do any more.
-    options.atoms_from = None;
-    options.well = None;
-    if options.distance_from.is_some() {
-        options.distance_from = Some("features".into());
+    job.atoms_from = None;
+    if let Placement::Lattice(lattice) = &mut job.placement {
+        lattice.wells = None;
+        if let Apart::Varying { by, .. } = &mut lattice.apart {
+            *by = DistanceFrom::Features;
+        }
+        if lattice.coarse_passes > 0 {
+            note("no passes on a smoother potential: atoms are near their places already");
+        }
     }
-    Ok(options)
+    if let Cells::Simplices { slivers, smooth } = &job.cells {
+        if smooth.is_some() {
+            note("the mesh was smoothed; what is edited is not");
+        }
+        let exuded = |method| method == improve::Method::Exude;
+        if matches!(slivers, Slivers::Removed { method, .. } if exuded(*method)) {
+            note("slivers were removed by exudation; where edited they are by flips and smoothing");
+        }
+    }
+    job.input = args.input.over(&job.input);
+    Ok((job, notes))
 }
 
 /// All edits, in the order of the options' names, then those of the file.
@@ -353,7 +360,7 @@ struct Watcher<'a> {
 }
 
 impl Observer for Watcher<'_> {
-    fn stage(&mut self, name: &str) {
-        self.console.begin_stage(name);
+    fn stage(&mut self, stage: Stage) {
+        self.console.begin_stage(stage);
     }
 }

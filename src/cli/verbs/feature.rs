@@ -5,15 +5,16 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::json;
 
-use crate::cli::common::feature::{
-    FeatureChoice, feature_scale, feature_weights, positive_distance, seeds, threshold,
-};
-use crate::cli::common::input::InputOptions;
+use crate::cli::common::feature::{detection, job_of};
+use crate::cli::common::options::read_options;
 use crate::cli::common::output::{WRITTEN, by, check_output, potential_image};
 use crate::cli::console::Console;
 use crate::error::cause;
+use crate::feature::FeatureKind;
 use crate::image::formats;
+use crate::image::formats::InputOptions;
 use crate::image::formats::{AnyLoaded, Loaded};
+use crate::job::Settings;
 use crate::{Error, Result, feature};
 
 /// `atomesh feature`.
@@ -27,7 +28,7 @@ pub struct FeatureArgs {
     pub output: PathBuf,
     /// The features to find
     #[arg(long, value_name = "KIND", default_value = "auto")]
-    pub feature: FeatureChoice,
+    pub feature: FeatureKind,
     /// Nominal distance between atoms, in samples: the potential's valleys are a quarter as wide
     #[arg(long, value_name = "D", default_value_t = 8.0)]
     pub distance: f64,
@@ -42,10 +43,10 @@ pub struct FeatureArgs {
     pub feature_weights: Option<String>,
     /// Paths: a point of the object, in physical coordinates; may be repeated
     #[arg(long, value_name = "X,Y", allow_hyphen_values = true)]
-    pub object: Vec<String>,
+    pub object: Option<Vec<String>>,
     /// Paths: a point of the background; may be repeated [default: the image's outermost samples]
     #[arg(long, value_name = "X,Y", allow_hyphen_values = true)]
-    pub background: Vec<String>,
+    pub background: Option<Vec<String>>,
     /// Paths: write the share of them that passes each sample, as .vti, .npy or .png
     #[arg(long, value_name = "OUT.png")]
     pub confidence_out: Option<PathBuf>,
@@ -67,7 +68,7 @@ pub fn feature(args: &FeatureArgs, console: &mut Console) -> Result<()> {
             &WRITTEN,
             &[&args.image, &args.output],
         )?;
-        if args.feature != FeatureChoice::Paths {
+        if args.feature != FeatureKind::Paths {
             return Err(Error::Job(cause(
                 "--confidence-out",
                 "is of paths, which are not asked for",
@@ -75,7 +76,7 @@ pub fn feature(args: &FeatureArgs, console: &mut Console) -> Result<()> {
             )));
         }
     }
-    match formats::read_any(&args.image, &args.input.read_options()?)? {
+    match formats::read_any(&args.image, &read_options(&args.input, &args.image)?)? {
         AnyLoaded::Plane(loaded) => find(args, loaded, console),
         AnyLoaded::Space(loaded) => find(args, loaded, console),
     }
@@ -86,15 +87,18 @@ fn find<const D: usize>(
     loaded: Loaded<D>,
     console: &mut Console,
 ) -> Result<()> {
-    let options = feature::Options {
-        kind: args.feature.into(),
-        scale: feature_scale(args.sigma)?,
-        threshold: threshold(args.threshold)?,
-        weights: feature_weights(args.feature_weights.as_deref())?,
-        seeds: seeds(&args.object, &args.background, args.rng_seed)?,
-        d_min: positive_distance(args.distance)?,
-        ..feature::Options::default()
-    };
+    let job = job_of(Settings {
+        distance: Some(args.distance.to_string()),
+        feature: Some(args.feature),
+        sigma: args.sigma,
+        threshold: args.threshold,
+        feature_weights: args.feature_weights.clone(),
+        object: args.object.clone(),
+        background: args.background.clone(),
+        rng_seed: Some(args.rng_seed),
+        ..Settings::default()
+    })?;
+    let options = detection(&job, args.distance, [1.0; D])?;
     for note in &loaded.notes {
         console.note(note);
     }

@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::json;
 
+use crate::cli::common::output::check_output;
 use crate::cli::console::Console;
 use crate::cli::parse::{bad, by_region, number, rows};
 use crate::error::cause;
-use crate::files::check_target;
 use crate::job::{Meshing, Space};
 use crate::mesh::Simplices;
 use crate::mesh::poly::PolyMesh;
@@ -53,8 +53,9 @@ pub struct FlowArgs {
     #[arg(long, value_name = "N:FACTOR", allow_hyphen_values = true)]
     pub fault_multiplier: Vec<String>,
     /// The surfaces that --faults is for: faults, horizons, all, or numbers N,N,... Others are open
-    #[arg(long, value_name = "WHICH", default_value = "faults")]
-    pub barriers: String,
+    /// [default: faults]
+    #[arg(long, value_name = "WHICH")]
+    pub barriers: Option<String>,
     /// Permeability in m^2 (1 mD is 9.87e-16 m^2): K; KX,KY,KZ; KXX,KYY,KZZ,KXY,KYZ,KXZ (in 2-D K;
     /// KX,KY; KXX,KYY,KXY); a CSV file of lines region,K; or a cell array of the mesh
     #[arg(
@@ -75,13 +76,49 @@ pub struct FlowArgs {
     /// Write streamlines that carry equal rates, for ParaView
     #[arg(long, value_name = "FILE.vtp")]
     pub streamlines: Option<PathBuf>,
-    /// Number of streamlines
-    #[arg(long, value_name = "N", default_value_t = 200)]
-    pub lines: usize,
+    /// Number of streamlines [default: 200]
+    #[arg(long, value_name = "N")]
+    pub lines: Option<usize>,
+}
+
+impl FlowArgs {
+    /// No output replaces an input or the other output.
+    fn check_files(&self) -> Result<()> {
+        let mut inputs = vec![self.mesh.as_path(), Path::new(&self.permeability)];
+        inputs.extend(self.fault_multiplier.iter().map(Path::new));
+        check_output(&self.output, "--output", &["vtu"], &inputs)?;
+        inputs.push(&self.output);
+        match &self.streamlines {
+            Some(path) => check_output(path, "--streamlines", &["vtp"], &inputs),
+            None => Ok(()),
+        }
+    }
+
+    /// No option is typed that another leaves without effect.
+    fn check_options(&self) -> Result<()> {
+        let refuse =
+            |option: &str, problem: &str| Err(Error::Job(cause(option, problem, "omit it")));
+        if self.lines.is_some() && self.streamlines.is_none() {
+            return refuse(
+                "--lines",
+                "is the number of streamlines, which are not asked for",
+            );
+        }
+        if self.barriers.is_some() && self.faults.as_deref() == Some("open") {
+            return refuse(
+                "--barriers",
+                "says which surfaces resist flow, but --faults open lets it through",
+            );
+        }
+        Ok(())
+    }
 }
 
 /// Rate in m^3/s of a source for which none is given.
 const RATE: f64 = 1e-3;
+
+/// Number of streamlines unless one is given.
+const LINES: usize = 200;
 
 /// Runs the verb.
 pub fn flow(args: &FlowArgs, console: &mut Console) -> Result<()> {
@@ -91,8 +128,8 @@ pub fn flow(args: &FlowArgs, console: &mut Console) -> Result<()> {
         sides: sides(&args.pressure)?,
         laws: fault_laws(args)?,
     };
-    check_target(&args.output)?;
-    args.streamlines.as_deref().map_or(Ok(()), check_target)?;
+    args.check_files()?;
+    args.check_options()?;
     console.begin_stage("reading");
     let report = with_mesh!(read_any_vtu(&args.mesh)?,
         simplices file => typed.through_elements(file, console),
@@ -125,7 +162,10 @@ impl Typed<'_> {
         let conditions = self.conditions()?;
         let barriers = self.barriers(&mut stored, console)?;
         console.begin_stage("computing pressure");
-        let lines = args.streamlines.as_ref().map(|_| args.lines);
+        let lines = args
+            .streamlines
+            .as_ref()
+            .map(|_| args.lines.unwrap_or(LINES));
         let outcome = flow_through_elements(stored, rock, &barriers, &conditions, lines)?;
         self.write(outcome, console)
     }
@@ -145,7 +185,10 @@ impl Typed<'_> {
         let conditions = self.conditions()?;
         let barriers = self.barriers(&mut stored, console)?;
         console.begin_stage("computing pressure");
-        let lines = args.streamlines.as_ref().map(|_| args.lines);
+        let lines = args
+            .streamlines
+            .as_ref()
+            .map(|_| args.lines.unwrap_or(LINES));
         let (outcome, off) = flow_through_cells(stored, &rock, &barriers, &conditions, lines)?;
         if off > 1.0 {
             console.note(format_args!(
@@ -324,11 +367,25 @@ pub(super) fn faults(how: &str, thickness: Option<f64>) -> Result<Faults> {
     }
 }
 
+/// Checks that a thickness, which is that of the layer that a factor is for, has such a factor.
+pub(super) fn check_thickness(thickness: Option<f64>, faults: &str, factors: bool) -> Result<()> {
+    if thickness.is_none() || factors || !matches!(faults, "closed" | "open") {
+        return Ok(());
+    }
+    Err(Error::Job(cause(
+        "--fault-thickness",
+        format!("is that of the layer that a factor is for, but faults are {faults}"),
+        "give a factor, such as --faults 0.01, or omit it",
+    )))
+}
+
 /// Which surfaces resist flow, and how.
 fn fault_laws(args: &FlowArgs) -> Result<FaultLaws> {
     let thickness = args.fault_thickness;
-    let law = faults(args.faults.as_deref().unwrap_or("closed"), thickness)?;
-    let standing = match args.barriers.as_str() {
+    let how = args.faults.as_deref().unwrap_or("closed");
+    check_thickness(thickness, how, !args.fault_multiplier.is_empty())?;
+    let law = faults(how, thickness)?;
+    let standing = match args.barriers.as_deref().unwrap_or("faults") {
         "faults" => Standing::Faults,
         "horizons" => Standing::Horizons,
         "all" => Standing::All,

@@ -7,10 +7,11 @@ use clap::Args;
 use serde_json::json;
 
 use crate::Result;
-use crate::cli::common::input::InputOptions;
+use crate::cli::common::options::read_options;
 use crate::cli::console::Console;
 use crate::files::vtk::DataArray;
 use crate::image::formats;
+use crate::image::formats::InputOptions;
 use crate::mesh::Mesh;
 use crate::store::stored::bounds;
 use crate::store::{FieldValue, MeshFile, read_any_vtu, with_mesh};
@@ -31,7 +32,7 @@ pub fn info(args: &InfoArgs, console: &mut Console) -> Result<()> {
     if is_mesh(&args.file) {
         return of_mesh(&args.file, console);
     }
-    let description = formats::describe(&args.file, &args.input.read_options()?)?;
+    let description = formats::describe(&args.file, &read_options(&args.input, &args.file)?)?;
     let value = serde_json::to_value(&description).unwrap_or_default();
     console.result(description.to_lines().trim_end(), &value);
     Ok(())

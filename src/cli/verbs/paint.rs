@@ -8,12 +8,12 @@ use serde_json::json;
 
 use super::surface::{Grouping, WRITTEN, image_of, marked_facets, write_file};
 use crate::Result;
-use crate::cli::common::input::InputOptions;
 use crate::cli::common::output::check_output;
 use crate::cli::console::Console;
 use crate::cli::parse;
 use crate::export::SurfaceFile;
 use crate::image::Field;
+use crate::image::formats::InputOptions;
 use crate::mesh::Mesh;
 use crate::model::paint::{Seed, blocks, contrast, paint as flow};
 use crate::model::surface::adjacency::{Adjacency, holding, skin};
@@ -81,6 +81,9 @@ pub fn paint(args: &PaintArgs, console: &mut Console) -> Result<()> {
     if let Some(path) = &args.surface_out {
         let inputs = [inputs.as_slice(), &[&args.output]].concat();
         check_output(path, "--surface-out", &WRITTEN, &inputs)?;
+    }
+    if args.image.is_none() {
+        args.input.refuse_unused("no image is given")?;
     }
     console.begin_stage("reading");
     with_mesh!(read_any_vtu(&args.mesh)?, file => paint_mesh(args, file, console))

@@ -7,7 +7,6 @@ use serde::Serialize;
 use serde_json::json;
 
 use super::surface::{WRITTEN as SURFACES, image_of, write_file};
-use crate::cli::common::input::InputOptions;
 use crate::cli::common::output::{WRITTEN, check_output};
 use crate::cli::console::Console;
 use crate::cli::parse;
@@ -15,6 +14,7 @@ use crate::error::cause;
 use crate::export::SurfaceFile;
 use crate::files::vtk::DataArray;
 use crate::image::formats;
+use crate::image::formats::InputOptions;
 use crate::image::{Geometry, Image};
 use crate::mesh::Mesh;
 use crate::model::segment::superpixels::Superpixels;

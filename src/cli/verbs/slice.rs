@@ -5,13 +5,14 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::json;
 
-use crate::cli::common::input::InputOptions;
+use crate::cli::common::options::read_options;
 use crate::cli::common::output::check_output;
 use crate::cli::console::Console;
 use crate::cli::parse;
 use crate::error::cause;
 use crate::image::formats;
 use crate::image::formats::AnyLoaded;
+use crate::image::formats::InputOptions;
 use crate::model::slice::{self, Skeleton};
 use crate::store::{AnyMesh, read_any_vtu};
 use crate::{Error, Result};
@@ -50,7 +51,7 @@ pub fn slice(args: &SliceArgs, console: &mut Console) -> Result<()> {
         .map(|text| parse::point("--at", text, "give a point such as 1500,2000,300"))
         .transpose()?;
     console.begin_stage("reading");
-    let image = formats::read_any(&args.image, &args.input.read_options()?)?;
+    let image = formats::read_any(&args.image, &read_options(&args.input, &args.image)?)?;
     let mesh = read_any_vtu(&args.mesh)?;
     console.begin_stage("drawing");
     let refuse =

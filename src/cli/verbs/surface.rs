@@ -5,8 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::json;
 
-use crate::cli::common::feature::{FeatureChoice, feature_scale, threshold};
-use crate::cli::common::input::InputOptions;
+use crate::cli::common::feature::{detection, job_of};
 use crate::cli::common::output::check_output;
 use crate::cli::console::Console;
 use crate::cli::parse;
@@ -15,7 +14,9 @@ use crate::export::{SurfaceFile, write_obj, write_tsurf, write_vtp};
 use crate::files::vtk::DataArray;
 use crate::geometry::{normal, unit};
 use crate::image::formats;
+use crate::image::formats::InputOptions;
 use crate::image::{Geometry, Image};
+use crate::job::Settings;
 use crate::mesh::Mesh;
 use crate::model::surface::measure::Up;
 use crate::model::surface::stored::{group, horizon_facets};
@@ -42,16 +43,22 @@ pub struct SurfaceArgs {
     #[arg(long, value_name = "AREA", allow_negative_numbers = true)]
     pub min_area: Option<f64>,
     /// Depth of the valleys of b(x) from which on faces lie on the features of IMAGE, from 0 to 1
-    #[arg(long, value_name = "DEPTH", default_value_t = 0.6)]
-    pub depth: f64,
-    /// The features of IMAGE
-    #[arg(long, value_name = "KIND", default_value = "auto")]
-    pub feature: FeatureChoice,
+    /// [default: 0.6]
+    #[arg(long, value_name = "DEPTH", requires = "image")]
+    pub depth: Option<f64>,
+    /// The features of IMAGE [default: auto]
+    #[arg(long, value_name = "KIND", requires = "image")]
+    pub feature: Option<feature::FeatureKind>,
     /// Scale of the features in samples [default: by the kind of feature]
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", requires = "image")]
     pub sigma: Option<f64>,
     /// Least strength of a feature, in units of the feature image [default: automatic, printed]
-    #[arg(long, value_name = "T", allow_negative_numbers = true)]
+    #[arg(
+        long,
+        value_name = "T",
+        allow_negative_numbers = true,
+        requires = "image"
+    )]
     pub threshold: Option<f32>,
     /// How to read the image.
     #[command(flatten, next_help_heading = "Reading the image")]
@@ -71,6 +78,9 @@ pub struct Grouping {
 
 /// The endings of the surface formats that are written.
 pub const WRITTEN: [&str; 3] = ["vtp", "obj", "ts"];
+
+/// How deep valleys are, where faces lie on features, unless it is said.
+const DEPTH: f64 = 0.6;
 
 /// Faces lie along a feature if their normals differ by less than 35 degrees from its.
 const ALONG: f64 = 0.82;
@@ -178,18 +188,19 @@ fn facets_on_image<const D: usize, M: Mesh<D>>(
     console: &mut Console,
 ) -> Result<Vec<[u32; D]>> {
     let image = image_of(path, &args.input, &stored.space)?;
-    let options = feature::Options {
-        kind: args.feature.into(),
-        scale: feature_scale(args.sigma)?,
-        threshold: threshold(args.threshold)?,
-        d_min: distance.unwrap_or_else(|| mean_spacing(&stored.lattice)),
-        step: stored.space.step,
-        ..feature::Options::default()
-    };
+    let job = job_of(Settings {
+        feature: args.feature,
+        sigma: args.sigma,
+        threshold: args.threshold,
+        ..Settings::default()
+    })?;
+    let d_min = distance.unwrap_or_else(|| mean_spacing(&stored.lattice));
+    let options = detection(&job, d_min, stored.space.step)?;
     let features = feature::detect(&image, &options)?;
     features.notes.iter().for_each(|note| console.note(note));
     let (b, sigma) = (&features.potential, features.sigma);
-    let facets = select::in_valleys(&stored.lattice, b, sigma, args.depth, ALONG);
+    let depth = args.depth.unwrap_or(DEPTH);
+    let facets = select::in_valleys(&stored.lattice, b, sigma, depth, ALONG);
     if facets.is_empty() {
         return Err(Error::Mesh(cause(
             args.mesh.display(),
@@ -220,11 +231,15 @@ pub fn surface(args: &SurfaceArgs, console: &mut Console) -> Result<()> {
     let mut inputs = vec![args.mesh.as_path()];
     inputs.extend(args.image.as_deref());
     check_output(&args.output, "--output", &WRITTEN, &inputs)?;
-    if !(args.depth > 0.0 && args.depth < 1.0) {
+    let depth = args.depth.unwrap_or(DEPTH);
+    if args.image.is_none() {
+        args.input.refuse_unused("no image is given")?;
+    }
+    if !(depth > 0.0 && depth < 1.0) {
         let remedy = "give a number above 0 and below 1; 0.6 is usual";
         return Err(parse::bad(
             "--depth",
-            &args.depth.to_string(),
+            &depth.to_string(),
             "is out of range",
             remedy,
         ));

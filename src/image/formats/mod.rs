@@ -15,9 +15,11 @@
 //! - [`vti`]: VTK image data, and [`vtk`], the container it shares with meshes
 //! - [`raw`]: samples without a header, described by the user
 //! - [`samples`]: sample types and their conversion to `f32`
+//! - [`input`]: how a user says what a file does not
 //! - [`describe`](mod@describe): what a file holds, for people and for programs
 
 pub mod describe;
+pub mod input;
 pub mod inrimage;
 pub mod metaimage;
 pub mod nifti;
@@ -42,6 +44,7 @@ use crate::files::vtk;
 use crate::image::Image;
 
 pub use describe::{Description, describe};
+pub use input::InputOptions;
 pub use raw::RawSpec;
 pub use segy::{SegyBytes, SegyInfo};
 

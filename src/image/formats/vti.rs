@@ -245,6 +245,24 @@ mod tests {
     }
 
     #[test]
+    fn a_file_of_deeply_nested_elements_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("deep.vti");
+        for count in [100, 300_000] {
+            let (open, close) = ("<a>".repeat(count), "</a>".repeat(count));
+            let file = |inside: &str| {
+                format!("<VTKFile type=\"ImageData\"><ImageData>{inside}</ImageData></VTKFile>")
+            };
+            // Closed, and cut off in the middle.
+            for text in [file(&format!("{open}{close}")), file(&open)] {
+                std::fs::write(&path, text).unwrap();
+                let error = read(&path).unwrap_err().to_string();
+                assert!(error.contains("nested"), "{error}");
+            }
+        }
+    }
+
+    #[test]
     fn damaged_files_are_refused() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.vti");

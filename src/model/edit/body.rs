@@ -3,9 +3,11 @@
 use crate::error::cause;
 use crate::files::vtk::{DataArray, Values};
 use crate::image::Geometry;
+use crate::job::BOX_TOLERANCE;
 use crate::lattice::AtomKind;
 use crate::lattice::seeding::kind_in_box;
 use crate::mesh::Simplices;
+use crate::mesh::check::check;
 use crate::report::smallest_angles;
 use crate::store::file::HORIZON_FACES;
 use crate::store::{FieldValue, MeshFile, StoredMesh, face_bits_to_physical, turned};
@@ -65,10 +67,11 @@ const NOTHING: u32 = u32::MAX;
 
 impl<const D: usize, M: Simplices<D>> Body<D, M> {
     /// Of a file, which `place` names in errors. What is stored for each node or cell besides what
-    /// [`mesh_image`](crate::job::mesh_image) stores is dropped.
+    /// [`job::run`](crate::job::run) stores is dropped.
     ///
     /// # Errors
-    /// [`Error::Mesh`] if the file does not say where its lattice space is, or what its nodes are.
+    /// [`Error::Mesh`] if the file does not say where its lattice space is, or what its nodes are, or if
+    /// the mesh is not valid.
     pub fn new(file: MeshFile<M>, place: &str) -> Result<Self> {
         let nodes = file.mesh.nodes().len();
         let cells = file.mesh.len();
@@ -92,6 +95,10 @@ impl<const D: usize, M: Simplices<D>> Body<D, M> {
         };
         if !space.by_file {
             return Err(refuse("does not say where its lattice space is".into()));
+        }
+        let found = check(&lattice, [0.0; D], space.extent, BOX_TOLERANCE);
+        if let Some(problem) = found.problems.first() {
+            return Err(refuse(format!("is not valid: {problem}")));
         }
         let lacks = |name: &str| refuse(format!("lacks the point data {name}"));
         let distance = of_nodes(DISTANCE).ok_or_else(|| lacks(DISTANCE))?;

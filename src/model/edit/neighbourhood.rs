@@ -6,15 +6,15 @@ use super::spacing;
 use super::window::Window;
 use super::{Change, Edit, Summary};
 use crate::error::cause;
-use crate::feature::settled::{Settled, detect_part, reach};
-use crate::feature::{self, Features};
+use crate::feature::settled::reach;
+use crate::feature::{self, Features, Settled, detect_part};
 use crate::image::Image;
-use crate::improve::reshape::Wanted;
+use crate::improve::reshape::{Refusal, Wanted};
 use crate::job::horizons::horizon_bits;
-use crate::job::{Meshing, Params, Scene, Space, Spacing, optimiser};
+use crate::job::{self, Evaluator, Meshing, Params, Scene, Space, Spacing};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
-use crate::lattice::energy::{Beta, Pairwise};
+use crate::lattice::energy::{Beta, Energy, Pairwise, Regularised, Sampled};
 use crate::lattice::optimize::{self, Unobserved, temperature};
 use crate::lattice::seeding::{Atoms, kind_in_box, sides_held};
 use crate::mesh::Simplices;
@@ -111,7 +111,7 @@ where
                 high[k] = high[k].max(x[k] + REACH * d);
             }
         }
-        let (margin, dims) = (reach(context.settled), context.image.dims());
+        let (margin, dims) = (reach::<D>(context.settled), context.image.dims());
         let window = Window::around(low, high, margin, dims, body.step, body.extent);
 
         let targets: Vec<[f64; D]> = inner().map(|x| window.to_local(x)).collect();
@@ -186,18 +186,32 @@ where
         atoms.kinds.extend(vec![AtomKind::Fixed; frozen]);
         // Atoms that come are as warm as can be.
         let heat = |&i: &usize| self.heat.get(i).copied().unwrap_or(1.0);
-        let mut options = optimiser(context.params.seed);
+        let params = context.params;
+        let mut options = job::moving(params);
         options.temperature = moving.iter().map(heat).collect();
         options.temperature.extend(vec![0.0; frozen]);
         summary.warm += options.temperature.iter().filter(|t| **t > 0.0).count();
         summary.samples += around.features.potential.samples.len();
 
         let extent = self.window.extent();
-        let potential = Some(&around.features.potential);
-        let energy = Pairwise::new(extent, &around.distance, potential, around.beta.clone())?;
+        let potential = &around.features.potential;
+        let (distance, beta) = (&around.distance, around.beta.clone());
+        let pairs = || -> Result<Pairwise<D>> {
+            Ok(Pairwise::new(extent, distance, Some(potential), beta.clone())?.uncrowded())
+        };
+        // The energy that made the mesh.
+        let mut energy: Box<dyn Energy<D>> = match params.evaluator {
+            Evaluator::Pairwise if params.kappa != 1.0 => {
+                let mobility = atoms.mobility(extent);
+                let (beta, kappa) = (beta.clone(), params.kappa);
+                Box::new(Regularised::new(pairs()?, distance, beta, kappa, mobility)?)
+            }
+            Evaluator::Pairwise => Box::new(pairs()?),
+            Evaluator::Sampled => Box::new(Sampled::new(distance, potential, beta.clone())),
+        };
         let outcome = optimize::optimize(
             &mut atoms,
-            &mut energy.uncrowded(),
+            &mut *energy,
             &around.distance,
             extent,
             &options,
@@ -300,7 +314,8 @@ where
     /// it is, in lattice space.
     ///
     /// # Errors
-    /// [`Error::Mesh`] if an atom cannot be joined to its neighbours where it is, or cannot go.
+    /// [`Error::Mesh`] if an atom cannot be joined to its neighbours where it is, or cannot go; and
+    /// what else keeps the part from being joined.
     pub fn rejoin(
         mut self,
         body: &mut Body<D, M>,
@@ -312,7 +327,7 @@ where
         let (features, min_angle) = match context.params.min_dihedral {
             Some(angle) => (&around.features, angle),
             None => {
-                without = feature::empty(self.window.dims, &feature::Options::default());
+                without = Features::none(self.window.dims, &feature::Detection::default());
                 (&without, MIN_ANGLE)
             }
         };
@@ -325,7 +340,8 @@ where
             let wanted = self.wanted.clone();
             match Space::<D>::rejoin(self.part.clone(), wanted, &scene, min_angle) {
                 Ok(done) => break done,
-                Err(node) => self.otherwise(node as usize, context)?,
+                Err(Refusal::Node(node)) => self.otherwise(node as usize, context)?,
+                Err(Refusal::Part(error)) => return Err(error),
             }
         };
         let count = self.numbers.len();

@@ -2,13 +2,14 @@ use std::collections::BTreeSet;
 
 use super::*;
 use crate::image::Geometry;
-use crate::job::{BOX_TOLERANCE, FixedAtom, Spacing, mesh_image};
+use crate::job::{self, BOX_TOLERANCE, FixedAtom, Spacing};
 use crate::lattice::AtomKind;
 use crate::lattice::optimize::Unobserved;
+use crate::mesh::TriMesh;
 use crate::mesh::check::check;
 use crate::report::{Reference, fidelity, quality};
 use crate::store::StoredMesh;
-use crate::store::file::{Provenance, to_file};
+use crate::store::file::to_file;
 
 /// An image with a bright curved sheet across it, somewhere in the world.
 fn image<const D: usize>(dims: [usize; D]) -> Image<D> {
@@ -40,7 +41,7 @@ fn world<const D: usize>(sample: [f64; D]) -> [f64; D] {
 fn params<const D: usize>(d: f64) -> Params<D> {
     Params {
         spacing: Spacing::Constant(d),
-        feature: feature::Kind::Ridges,
+        feature: feature::FeatureKind::Ridges,
         ..Params::default()
     }
 }
@@ -49,8 +50,8 @@ fn made<const D: usize, M: Simplices<D>>(image: &Image<D>, params: &Params<D>) -
 where
     Space<D>: Meshing<D, Mesh = M>,
 {
-    let outcome = mesh_image(image, params, &mut Unobserved).unwrap();
-    to_file(&outcome, &image.geometry, &Provenance::default())
+    let outcome = job::run(image, params, &mut Unobserved).unwrap();
+    to_file(&outcome, outcome.simplices().unwrap())
 }
 
 fn named<const D: usize>(changes: &[Change<D>]) -> Vec<Edit<D>> {
@@ -80,6 +81,23 @@ where
         false,
         &mut Unobserved,
     )
+}
+
+#[test]
+fn a_mesh_that_is_not_valid_is_refused() {
+    let (image, params) = (image([40, 36]), params(6.0));
+    let good: MeshFile<TriMesh> = made(&image, &params);
+    let change = Change::Remove(9);
+    let refusal = |spoil: fn(&mut TriMesh)| {
+        let mut file = good.clone();
+        spoil(&mut file.mesh);
+        let error = edited(&file, &image, &params, &[change]).unwrap_err();
+        error.to_string()
+    };
+    let inverted = refusal(|mesh| mesh.triangles[3].swap(0, 1));
+    assert!(inverted.contains("flat or inverted"), "{inverted}");
+    let holed = refusal(|mesh| mesh.triangles.truncate(50));
+    assert!(holed.starts_with("mesh: is not valid"), "{holed}");
 }
 
 /// The node nearest to a position in samples.
@@ -198,7 +216,7 @@ where
     let kept = near(0.0) - near(2.0 * 4.0 * d);
     assert!(kept * 10 < before.mesh.nodes().len(), "{kept}");
 
-    // Valid, as good as before, and on the feature as before.
+    // Valid, every angle in range, the largest as before, and on the feature as before.
     let stored = [before.clone(), file.clone()].map(|file| StoredMesh::new(file, "mesh").unwrap());
     let found = check(
         &stored[1].lattice,
@@ -228,12 +246,11 @@ where
         file.mesh.len(),
         summary.made_room,
     );
-    assert!(
-        is.0.smallest_angle.worst > 25.0,
-        "{:?}",
-        is.0.smallest_angle
-    );
-    assert!(is.0.largest_angle.worst < 155.0, "{:?}", is.0.largest_angle);
+    // Measured: 30.7 and 30.0 at least; at most 113.0 after 112.3, and 143.0 after 142.2.
+    let [smallest, largest] = [is.0.smallest_angle, is.0.largest_angle];
+    assert!(smallest.worst > 29.5, "{smallest:?}");
+    let before = was.0.largest_angle.worst;
+    assert!(largest.worst < before + 2.0, "{largest:?} after {before}");
     assert!(is.1.coverage_one > was.1.coverage_one - 0.01);
     assert!(is.1.precision > was.1.precision - 0.01);
 }

@@ -5,7 +5,7 @@ use crate::error::cause;
 use crate::files::vtk::DataArray;
 use crate::job::{Meshing, Space};
 use crate::mesh::Simplices;
-use crate::mesh::graph::Graph;
+use crate::mesh::graph::{Graph, Locator};
 use crate::mesh::poly::PolyMesh;
 use crate::model::flow::report::{Exchange, Fault, Faulted, FlowReport, Range};
 use crate::model::flow::{
@@ -236,8 +236,9 @@ where
             Inside::new(mesh, &graph, &rates, &velocity);
         let wells = conditions.wells.iter();
         let positions: Vec<[f64; D]> = wells.clone().map(|well| well.position).collect();
+        let locator = Locator::new(&graph);
         let wells: Vec<(u32, f64)> = wells
-            .filter_map(|well| Some((graph.cell_at(well.position)? as u32, well.rate)))
+            .filter_map(|well| Some((locator.cell_at(well.position)? as u32, well.rate)))
             .collect();
         streamlines = Some(Streamlines::through(&inside, &wells, &positions, count));
     }

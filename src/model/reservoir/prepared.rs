@@ -11,6 +11,9 @@ use crate::model::reservoir::{Down, Frame, Mean, Model, Places, sample};
 use crate::store::{AnyMesh, LatticeSpace, StoredMesh};
 use crate::{Error, Result};
 
+/// How far the volume of cells may be from that of the box that they fill, relative to it.
+pub(super) const FILLED: f64 = 1e-6;
+
 /// Where a mesh's coordinates are in metres and depth.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Placement {
@@ -70,8 +73,23 @@ struct Parts {
     cell_data: Vec<DataArray>,
 }
 
+/// A mesh that no model can be made of.
+fn refuse(place: &str, problem: String) -> Error {
+    let remedy = "give a mesh that passes the checker: mesh the image again";
+    Error::Mesh(cause(place, problem, remedy))
+}
+
 /// Simplices as polyhedra or polygons, in the file's coordinates, their sides known.
-fn as_cells<const D: usize, M: Simplices<D>>(stored: &StoredMesh<D, M>) -> Result<PolyMesh<D>> {
+fn as_cells<const D: usize, M: Simplices<D>>(
+    stored: &StoredMesh<D, M>,
+    place: &str,
+) -> Result<PolyMesh<D>> {
+    let cells = 0..stored.lattice.len();
+    let sound = |&c: &usize| stored.lattice.volume(c) > 0.0;
+    if let Some(cell) = cells.clone().find(|c| !sound(c)) {
+        let problem = format!("number {cell} of its {} is flat or inverted", M::CELLS);
+        return Err(refuse(place, problem));
+    }
     let bits = stored.feature_faces.as_deref().unwrap_or(&[]);
     let region = stored.regions().unwrap_or_default();
     let mut mesh = PolyMesh::from_simplices(&stored.lattice, bits, &region)?;
@@ -113,7 +131,7 @@ impl Parts {
         Ok(match file {
             AnyMesh::Space(file) => {
                 let stored = StoredMesh::new(file, place)?;
-                let (mesh, known) = (as_cells(&stored)?, stored.feature_faces.is_some());
+                let (mesh, known) = (as_cells(&stored, place)?, stored.feature_faces.is_some());
                 let space = stored.space.clone();
                 let (tets, arrays) = stored.into_file().split();
                 Self {
@@ -123,7 +141,7 @@ impl Parts {
             }
             AnyMesh::Plane(file) => {
                 let stored = StoredMesh::new(file, place)?;
-                let (mesh, known) = (as_cells(&stored)?, stored.feature_faces.is_some());
+                let (mesh, known) = (as_cells(&stored, place)?, stored.feature_faces.is_some());
                 let mesh = mesh.extruded(thickness);
                 let space = stored.space.clone();
                 let (triangles, arrays) = stored.into_file().split();
@@ -192,9 +210,25 @@ impl Prepared {
         let columns = cell_data.iter();
         let columns = columns.filter(|a| [COLUMN, LAYER].contains(&a.name.as_str()));
         model.properties.extend(columns.cloned());
+        let box_volume = box_volume * frame.volume_of_unit();
+        let mut filled = 0.0;
+        for (cell, &volume) in model.graph.volume.iter().enumerate() {
+            if !(volume > 0.0 && volume.is_finite()) {
+                let problem = format!("cell {cell} has the volume {volume:e} m^3");
+                return Err(refuse(place, problem));
+            }
+            filled += volume;
+        }
+        if filled > (1.0 + FILLED) * box_volume {
+            let problem = format!(
+                "some of its cells overlap: they fill {:.4} times their box",
+                filled / box_volume
+            );
+            return Err(refuse(place, problem));
+        }
         Ok(Self {
             model,
-            box_volume: box_volume * frame.volume_of_unit(),
+            box_volume,
             frame,
             cell_data,
             features_known: parts.features_known,

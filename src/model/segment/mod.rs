@@ -117,6 +117,7 @@ fn cut(
     seeds: &Seeds,
     options: &Options,
 ) -> Result<Segmentation> {
+    maxflow::refuse_too_many(values.len() as u64, 0)?;
     let regions = Regions::new(values, seeds)?;
     let costs = Costs::new(values, links, options);
     let mut network = Network::new(values.len(), |add| {
@@ -124,7 +125,7 @@ fn cut(
             let [p, q] = [a, b].map(|i| values[i as usize]);
             add(a, b, costs.capacity(area * costs.boundary(p, q)));
         });
-    });
+    })?;
     let mut is_seed = vec![false; values.len()];
     for (cells, is_object) in [(&seeds.object, true), (&seeds.background, false)] {
         for &cell in cells {

@@ -607,7 +607,7 @@ mod meshed {
     use crate::feature::{self, Features};
     use crate::image::synth::{self, Kind};
     use crate::image::{Geometry, Image};
-    use crate::job::{Outcome, Params, Spacing, mesh_image};
+    use crate::job::{self, Outcome, Params, Spacing};
     use crate::lattice::optimize::Unobserved;
     use crate::mesh::interface::marks_of_bits;
 
@@ -618,28 +618,34 @@ mod meshed {
         Image::new(dims, samples.collect(), Geometry::default())
     }
 
-    fn mesh(image: &Image<3>, kind: feature::Kind, d: f64) -> Outcome {
+    fn mesh(image: &Image<3>, kind: feature::FeatureKind, d: f64) -> Outcome {
         let params = Params {
             spacing: Spacing::Constant(d),
             feature: kind,
             ..Params::default()
         };
-        mesh_image(image, &params, &mut Unobserved).unwrap()
+        job::run(image, &params, &mut Unobserved).unwrap()
     }
 
     fn marked(outcome: &Outcome) -> Vec<[u32; 3]> {
-        let marks: Vec<bool> = marks_of_bits::<3>(&outcome.feature_faces).collect();
-        select::marked(&outcome.mesh, &marks)
+        let marks: Vec<bool> =
+            marks_of_bits::<3>(&outcome.simplices().unwrap().feature_faces).collect();
+        select::marked(&outcome.simplices().unwrap().mesh, &marks)
     }
 
     fn group(outcome: &Outcome, min_area: Option<f64>) -> Surfaces<3> {
         let faces = marked(outcome);
-        let candidates = select::spanned(&outcome.mesh, &faces);
+        let candidates = select::spanned(&outcome.simplices().unwrap().mesh, &faces);
         let options = Options {
             min_area,
             ..Options::default()
         };
-        Surfaces::find(&outcome.mesh.nodes, faces, &candidates, &options)
+        Surfaces::find(
+            &outcome.simplices().unwrap().mesh.nodes,
+            faces,
+            &candidates,
+            &options,
+        )
     }
 
     /// Area of the plane n.x = c in the box: over the two axes along which it is steepest.
@@ -667,9 +673,14 @@ mod meshed {
                 ..synth::Options::default()
             };
             let made = synth::make(kind, &options).unwrap();
-            let outcome = mesh(&made.image, feature::Kind::Ridges, 6.0);
+            let outcome = mesh(&made.image, feature::FeatureKind::Ridges, 6.0);
             let surfaces = group(&outcome, None);
-            let found = measure(&surfaces, &outcome.mesh.nodes, &Up::along(0, true), &[]);
+            let found = measure(
+                &surfaces,
+                &outcome.simplices().unwrap().mesh.nodes,
+                &Up::along(0, true),
+                &[],
+            );
             assert_eq!(found.len(), 3, "{kind:?} {seed}: {found:#?}");
             let truth = &made.truth;
             let [nx, ny, _] = truth.dims;
@@ -715,7 +726,13 @@ mod meshed {
             let Features {
                 potential, sigma, ..
             } = &outcome.features;
-            let by_image = select::in_valleys(&outcome.mesh, potential, *sigma, 0.6, 0.82);
+            let by_image = select::in_valleys(
+                &outcome.simplices().unwrap().mesh,
+                potential,
+                *sigma,
+                0.6,
+                0.82,
+            );
             let marked = marked(&outcome);
             let both = by_image
                 .iter()
@@ -738,11 +755,11 @@ mod meshed {
     fn painted_units_have_their_volume_and_do_not_leak() {
         let dims = [72, 60, 52];
         let image = image(dims, |x| f64::from(unit(x)));
-        let outcome = mesh(&image, feature::Kind::Labels, 6.0);
+        let outcome = mesh(&image, feature::FeatureKind::Labels, 6.0);
         let mut closed = group(&outcome, Some(0.0)).facets;
         closed.iter_mut().for_each(|f| f.sort_unstable());
         closed.sort_unstable();
-        let cells = cells(&outcome.mesh, &closed);
+        let cells = cells(&outcome.simplices().unwrap().mesh, &closed);
         let (block, count) = blocks(&cells, 0.3, 24);
         assert_eq!(count, 6);
         let cost: Vec<f64> = cells.links.iter().map(|l| cells.resistance(l)).collect();
@@ -770,7 +787,7 @@ mod meshed {
             let seed = [x, y, 25.3];
             let want = unit(seed);
             let seeds = [Seed {
-                cell: at(&outcome.mesh, seed),
+                cell: at(&outcome.simplices().unwrap().mesh, seed),
                 unit: want,
             }];
             let (painted, _) = flow(&cells, &block, &cost, &seeds, f64::INFINITY);
@@ -801,12 +818,12 @@ mod meshed {
             &image([40, 36, 32], |x| {
                 f64::from(u8::from(x[0] + 0.3 * x[1] > 25.0))
             }),
-            feature::Kind::Labels,
+            feature::FeatureKind::Labels,
             6.0,
         );
         let run = || {
             let surfaces = group(&outcome, None);
-            let cells = cells(&outcome.mesh, &surfaces.facets);
+            let cells = cells(&outcome.simplices().unwrap().mesh, &surfaces.facets);
             (surfaces, blocks(&cells, 0.3, 10))
         };
         let one = rayon::ThreadPoolBuilder::new()

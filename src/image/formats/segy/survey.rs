@@ -15,6 +15,14 @@ use crate::image::Geometry;
 /// or source point, and CDP.
 const OTHER_LINE_BYTES: [[usize; 2]; 3] = [[9, 21], [5, 21], [17, 21]];
 
+/// Remedies that are settings of the reader.
+const NO_LINES: &str =
+    "say at which bytes of the trace headers the inline and crossline numbers are";
+const PRESTACK: &str = "stack it first, or say at which bytes of the trace headers the inline and \
+crossline numbers are";
+const STARTS: &str = "write it with one start time, or say 0 for the byte of the start time to ignore \
+these";
+
 /// The image axes, the fastest in memory first.
 const AXES: [&str; 3] = ["sample", "crossline", "inline"];
 
@@ -72,7 +80,12 @@ impl Survey {
         };
         if let Err((problem, remedy)) = survey.interpret(bytes, &headers) {
             survey.info.problem = Some(problem.clone());
-            survey.problem = Some(cause(path.display(), problem, remedy));
+            let cause = cause(path.display(), problem, remedy);
+            survey.problem = Some(match remedy {
+                NO_LINES | PRESTACK => cause.about("inline-byte"),
+                STARTS => cause.about("delay-byte"),
+                _ => cause,
+            });
         }
         Ok(survey)
     }
@@ -108,12 +121,9 @@ impl Survey {
             _ => {}
         }
 
-        let grid = self.find_grid(bytes, headers).map_err(|problem| {
-            (
-                problem,
-                "say where the line numbers are, e.g. --segy-bytes inline=9,crossline=21",
-            )
-        })?;
+        let grid = self
+            .find_grid(bytes, headers)
+            .map_err(|problem| (problem, NO_LINES))?;
         self.info.inlines = Some(grid.inline);
         self.info.crosslines = Some(grid.crossline);
         if grid.is_prestack() {
@@ -124,10 +134,7 @@ impl Survey {
                 self.info.line_bytes[0],
                 self.info.line_bytes[1]
             );
-            return Err((
-                problem,
-                "stack it first, or say where the line numbers are, e.g. --segy-bytes inline=9,crossline=21",
-            ));
+            return Err((problem, PRESTACK));
         }
         self.info.missing = grid.missing;
         self.info.duplicates = grid.duplicates;
@@ -214,7 +221,7 @@ impl Survey {
                     "its traces start at different times: from {least} to {most} ms (byte {})",
                     bytes.delay
                 ),
-                "write it with one start time, or ignore these with --segy-bytes delay=0",
+                STARTS,
             )
         })
     }

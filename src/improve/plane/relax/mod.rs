@@ -10,18 +10,24 @@
 //! changes fast, they may miss; so a step is shortened until the energy falls. Delaunay's flips lower the
 //! energy without weights.
 
+use serde::{Deserialize, Serialize};
+
 use crate::Result;
 use crate::image::Field;
 use crate::mesh::TriMesh;
 use crate::mesh::delaunay::delaunay_plane;
 use crate::mesh::tri::{SIDES, area2, squared_sides};
+use crate::observer::Patience;
 
 /// Where a node goes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[serde(rename_all = "kebab-case")]
 pub enum Scheme {
-    /// To the weighted centroid of the triangles around it (formula 10).
+    /// Centroidal: each node to the weighted centroid of the triangles around it (formula 10)
     Cvt,
-    /// Half as far again, to the weighted mean of the middles of the edges opposite it (formula 12).
+    /// Optimal Delaunay: half as far again, to the weighted mean of the middles of the edges opposite it
+    /// (formula 12)
     Odt,
 }
 
@@ -70,7 +76,7 @@ pub struct Round {
 const HALVINGS: usize = 4;
 
 /// The Delaunay triangulation of points, once smoothed. `mobility` says which coordinates of each may
-/// change: 1 for free, 0 for held.
+/// change: 1 for free, 0 for held. When `patience` is over, the others stay where they are.
 ///
 /// # Errors
 /// Those of [`delaunay_plane`].
@@ -78,6 +84,7 @@ pub fn relax(
     mut points: Vec<[f64; 2]>,
     mobility: &[[f64; 2]],
     relaxation: &Relaxation<2>,
+    mut patience: Patience<'_>,
 ) -> Result<(TriMesh, Vec<Round>)> {
     let mut mesh = delaunay_plane(&points)?;
     let mut rounds = Vec::with_capacity(relaxation.rounds);
@@ -89,7 +96,7 @@ pub fn relax(
         };
         let stars = Stars::new(&mesh);
         for node in 0..points.len() {
-            if mobility[node] != [0.0; 2] {
+            if !patience.over() && mobility[node] != [0.0; 2] {
                 let star = stars.of(node);
                 round.moved += usize::from(relaxation.step(&mut mesh, node, star, mobility[node]));
             }

@@ -191,7 +191,11 @@ fn line_numbers_elsewhere() {
     let wrong = made
         .read_with(&"inline=13,crossline=17".parse().unwrap())
         .unwrap_err();
-    assert!(wrong.to_string().contains("--segy-bytes"), "{wrong}");
+    assert!(
+        wrong.to_string().contains("inline and crossline numbers"),
+        "{wrong}"
+    );
+    assert_eq!(wrong.cause().parameter, Some("inline-byte"));
 }
 
 #[test]

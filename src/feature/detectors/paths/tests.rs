@@ -1,6 +1,6 @@
 use super::*;
 use crate::feature::scenes::Noise;
-use crate::feature::{Kind, Options, detect};
+use crate::feature::{Detection, FeatureKind, detect};
 use crate::image::Image;
 
 const DIMS: [usize; 2] = [90, 80];
@@ -24,15 +24,13 @@ fn disc(noise: f64, gap: bool) -> Image<2> {
     Image::new(DIMS, samples, Geometry::default())
 }
 
-fn options(object: &[[f64; 2]]) -> Options<2> {
-    Options {
-        kind: Kind::Paths,
-        d_min: 5.0,
-        seeds: Seeds {
+fn asked(object: &[[f64; 2]]) -> Detection<2> {
+    Detection {
+        seeds: PathSeeds {
             object: object.to_vec(),
-            ..Seeds::default()
+            ..PathSeeds::default()
         },
-        ..Options::default()
+        ..Detection::of(FeatureKind::Paths, 5.0)
     }
 }
 
@@ -40,7 +38,7 @@ fn options(object: &[[f64; 2]]) -> Options<2> {
 fn the_boundary_of_a_disc_is_closed_and_where_it_is() {
     for (noise, gap) in [(0.0, false), (15.0, false), (10.0, true)] {
         let image = disc(noise, gap);
-        let found = detect(&image, &options(&[[45.0, 35.0], [38.0, 45.0]])).unwrap();
+        let found = detect(&image, &asked(&[[45.0, 35.0], [38.0, 45.0]])).unwrap();
         let (mut squares, mut worst) = (0.0, 0.0f64);
         let mut sectors = [false; 36];
         for point in &found.points {
@@ -163,7 +161,7 @@ fn points_are_drawn_near_their_start() {
 #[test]
 fn what_is_missing_is_named() {
     let image = disc(0.0, false);
-    let says = |object: &[[f64; 2]]| detect(&image, &options(object)).unwrap_err().to_string();
+    let says = |object: &[[f64; 2]]| detect(&image, &asked(object)).unwrap_err().to_string();
     assert!(says(&[]).contains("give a point inside it"));
     assert!(says(&[[45.0, 90.0]]).contains("outside the image"));
     assert!(says(&[[45.0, 0.0]]).contains("cannot tell"));
@@ -172,13 +170,8 @@ fn what_is_missing_is_named() {
         (0..64).map(|i| i as f32).collect(),
         Geometry::default(),
     );
-    let options = Options {
-        kind: Kind::Paths,
-        d_min: 2.0,
-        ..Options::default()
-    };
     assert!(
-        detect(&space, &options)
+        detect(&space, &Detection::of(FeatureKind::Paths, 2.0))
             .unwrap_err()
             .to_string()
             .contains("2-D")

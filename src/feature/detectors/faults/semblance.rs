@@ -1,20 +1,20 @@
-//! Faults of seismic amplitude: where waveforms do not continue along the layers.
+//! Where waveforms do not continue along the layers.
 //!
 //! Semblance compares the energy of a mean with the mean energy. Means are taken over a patch of the
 //! layer round each sample (structure-oriented semblance: Marfurt et al. 1998, Hale 2013). Where a
 //! fault throws the layers, the patch joins waveforms that do not match, and semblance falls. Noise
 //! lowers it too, so numerator and denominator are smoothed before they are divided, over pieces of
-//! all the planes that a fault might run along: [`scan`](super::scan).
+//! all the planes that a fault might run along: [`scan`].
 
-use super::gaussian::smooth;
-use super::ridges::Statistics;
 use super::scan;
-use super::tensor::Normals;
-use super::volume::Volume;
+use crate::feature::gaussian::smooth;
+use crate::feature::ridges::Statistics;
+use crate::feature::tensor::Normals;
+use crate::feature::volume::{Volume, root_mean_square};
 use rayon::prelude::*;
 
-/// Patch of a layer: radius and standard deviation (samples) of its weights.
-const LAYER: Patch = Patch {
+/// Disc of a layer: radius and standard deviation (samples) of its weights.
+const LAYER: Disc = Disc {
     radius: 3,
     width: 2.0,
 };
@@ -51,7 +51,7 @@ fn balanced<const D: usize>(amplitude: Volume<'_, D>) -> Vec<f32> {
     let a = amplitude.samples;
     let mut energy: Vec<f32> = a.par_iter().map(|a| a * a).collect();
     smooth(amplitude.dims, &mut energy, [BALANCE; D]);
-    let floor = LOUD * super::horizons::root_mean_square(a).powi(2);
+    let floor = LOUD * root_mean_square(a).powi(2);
     energy.par_iter_mut().zip(a).for_each(|(e, a)| {
         *e = a / (*e + floor).max(f32::MIN_POSITIVE).sqrt();
     });
@@ -71,12 +71,12 @@ pub fn thresholds(statistics: &Statistics) -> (f32, f32) {
 }
 
 /// A disc of samples with Gaussian weights.
-struct Patch {
+struct Disc {
     radius: i32,
     width: f32,
 }
 
-impl Patch {
+impl Disc {
     /// Offsets in the plane of the axes other than `axis`, and their weights.
     fn offsets<const D: usize>(&self, axis: usize) -> Vec<([i32; D], f32)> {
         let line: Vec<i32> = (-self.radius..=self.radius).collect();
@@ -103,7 +103,7 @@ impl Patch {
 fn in_patches<const D: usize>(
     dims: [usize; D],
     normals: &Normals<D>,
-    patch: &Patch,
+    patch: &Disc,
     value: impl Fn(usize, usize, f32) -> [f32; 2] + Sync,
 ) -> [Vec<f32>; 2] {
     let count = dims.iter().product();

@@ -7,7 +7,7 @@ use super::crossing::Candidate;
 const SEGMENT: u32 = 3;
 
 /// Candidates by the sample they belong to.
-pub struct Grid<'a, const D: usize> {
+pub struct BySample<'a, const D: usize> {
     /// Samples along each axis.
     pub dims: [usize; D],
     /// In the order of samples.
@@ -18,7 +18,7 @@ pub struct Grid<'a, const D: usize> {
     start: Vec<u32>,
 }
 
-impl<'a, const D: usize> Grid<'a, D> {
+impl<'a, const D: usize> BySample<'a, D> {
     /// `candidates` must be in the order of samples.
     pub fn new(dims: [usize; D], candidates: &'a [Candidate<D>]) -> Self {
         let segments = (dims.iter().product::<usize>() >> SEGMENT) + 1;
@@ -155,7 +155,7 @@ mod tests {
                 Candidate::new(dims, at, 0, 0.0, [1.0, 0.0, 0.0], 1.0)
             })
             .collect();
-        let grid = Grid::new(dims, &candidates);
+        let grid = BySample::new(dims, &candidates);
         for z in -2..7 {
             for y in -2..9 {
                 for x in -2..15 {

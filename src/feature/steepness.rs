@@ -1,4 +1,4 @@
-//! Edges: how steep an image is.
+//! How steep an image is: the magnitude of its gradient, by central differences or Prewitt's.
 
 use super::volume::Volume;
 use crate::geometry::wide::wide;
@@ -65,9 +65,47 @@ fn magnitude_of_row<const D: usize>(
     }
 }
 
+/// The magnitude of the gradient by central differences, in units of the image a sample; outside,
+/// samples repeat those of the sides.
+pub fn steepness<const D: usize>(volume: Volume<'_, D>) -> Vec<f32> {
+    let nx = volume.dims[0];
+    let mut out = vec![0.0; volume.samples.len()];
+    out.par_chunks_mut(nx.max(1))
+        .enumerate()
+        .for_each(|(row, out)| {
+            wide(
+                #[inline(always)]
+                || steepness_of_row(volume, row * nx, out),
+            );
+        });
+    out
+}
+
+#[inline(always)]
+fn steepness_of_row<const D: usize>(volume: Volume<'_, D>, start: usize, out: &mut [f32]) {
+    let nx = out.len();
+    let (before, after) = volume.neighbours(volume.coordinates(start));
+    let line = &volume.samples[start..start + nx];
+    let last = nx - 1;
+    for (x, out) in out.iter_mut().enumerate() {
+        *out = (line[(x + 1).min(last)] - line[x.saturating_sub(1)]).powi(2);
+    }
+    for k in 1..D {
+        let low = &volume.samples[start - before[k]..][..nx];
+        let high = &volume.samples[start + after[k]..][..nx];
+        for ((out, low), high) in out.iter_mut().zip(low).zip(high) {
+            *out += (high - low).powi(2);
+        }
+    }
+    for out in out {
+        *out = 0.5 * out.sqrt();
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::feature::scenes::Noise;
 
     /// A plane's slope is found exactly; at the sides, half of it along the axis that ends there.
     fn slope_of_a_plane<const D: usize>(dims: [usize; D], slope: [f32; D]) {
@@ -101,5 +139,26 @@ mod tests {
         slope_of_a_plane([9, 7, 6], [0.5, -1.0, 2.0]);
         slope_of_a_plane([9, 7], [0.5, -1.0]);
         slope_of_a_plane([1, 5], [3.0, 1.0]);
+    }
+
+    #[test]
+    fn steepness_is_the_length_of_the_gradient() {
+        let mut random = Noise::new(2);
+        let dims = [7, 5, 4];
+        let samples: Vec<f32> = (0..140).map(|_| random.normal() as f32).collect();
+        let volume = Volume {
+            dims,
+            samples: &samples,
+        };
+        for (i, steep) in steepness(volume).iter().enumerate() {
+            let gradient = volume.gradient(volume.coordinates(i));
+            let length = gradient.iter().map(|g| g * g).sum::<f32>().sqrt();
+            assert!((steep - length).abs() < 1e-5);
+        }
+        let row = Volume {
+            dims: [1, 3],
+            samples: &samples[..3],
+        };
+        assert_eq!(steepness(row)[1], 0.5 * (samples[2] - samples[0]).abs());
     }
 }

@@ -3,11 +3,14 @@
 //! Solves |grad T| = slowness with T = 0 at the starts (Sethian 1996), by upwind differences that are
 //! right to the second order where the two samples before one are known. Samples next to a start get
 //! the straight way's time, as differences are worst where T has its tip.
+//!
+//! So times of a smooth front are right to the second order of the step, and those from a point, at
+//! whose tip no difference is, to the first: at most 0.3 steps of the grid off, however fine it is.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use super::volume::Volume;
+use crate::feature::volume::Volume;
 
 /// Round a start the straight way is taken this far, in samples.
 const STRAIGHT: i32 = 3;
@@ -41,7 +44,7 @@ pub fn marching<const D: usize>(
         dims,
         samples: slowness,
     };
-    let mut front = Front {
+    let mut front = MarchingFront {
         grid,
         step,
         strides: grid.strides(),
@@ -70,7 +73,7 @@ pub fn marching<const D: usize>(
     front.time
 }
 
-struct Front<'a, const D: usize> {
+struct MarchingFront<'a, const D: usize> {
     grid: Volume<'a, D>,
     step: [f64; D],
     strides: [usize; D],
@@ -79,7 +82,7 @@ struct Front<'a, const D: usize> {
     queue: Queue,
 }
 
-impl<const D: usize> Front<'_, D> {
+impl<const D: usize> MarchingFront<'_, D> {
     /// The straight way from a start to the samples around it.
     fn begin(&mut self, start: usize) {
         let at = self.grid.coordinates(start);
@@ -186,8 +189,60 @@ mod tests {
             error_of_distance([90, 70], [1.0, 0.5], [0, 69]),
             error_of_distance([40, 36, 30], [1.0; 3], [12, 20, 9]),
         ] {
-            assert!(error < 0.35, "{error}");
+            // 0.293 steps and less.
+            assert!(error < 0.3, "{error}");
         }
+    }
+
+    /// How the error falls when the step is halved, twice.
+    fn orders(error: impl Fn(usize) -> f64) -> [f64; 2] {
+        let [coarse, half, quarter] = [1, 2, 4].map(error);
+        [(coarse / half).log2(), (half / quarter).log2()]
+    }
+
+    #[test]
+    fn from_a_point_the_error_falls_with_the_step() {
+        let plane = orders(|n| {
+            let step = [1.0 / n as f64; 2];
+            error_of_distance([40 * n + 1, 30 * n + 1], step, [12 * n, 9 * n])
+        });
+        let space = orders(|n| {
+            let step = [1.0 / n as f64; 3];
+            error_of_distance(
+                [20 * n + 1, 16 * n + 1, 16 * n + 1],
+                step,
+                [6 * n, 5 * n, 7 * n],
+            )
+        });
+        // Measured: 0.95 and 0.98 in the plane, 0.89 and 0.95 in space.
+        for order in plane.into_iter().chain(space) {
+            assert!((0.85..1.1).contains(&order), "{plane:?} {space:?}");
+        }
+    }
+
+    #[test]
+    fn of_a_straight_front_the_error_falls_with_the_square_of_the_step() {
+        // Slowness 1 + 0.8 sin 3y, the front at y = 0: T = y + 0.8 (1 - cos 3y) / 3.
+        let orders = orders(|n| {
+            let (nx, ny, step) = (10 * n + 1, 20 * n + 1, 0.05 / n as f64);
+            let y = |i: usize| (i / nx) as f64 * step;
+            let slowness: Vec<f32> = (0..nx * ny)
+                .map(|i| (1.0 + 0.8 * (3.0 * y(i)).sin()) as f32)
+                .collect();
+            let starts: Vec<usize> = (0..nx).collect();
+            let got = marching([nx, ny], [step; 2], &slowness, &starts);
+            let truth = |i: usize| y(i) + 0.8 / 3.0 * (1.0 - (3.0 * y(i)).cos());
+            let errors = got
+                .iter()
+                .enumerate()
+                .map(|(i, &t)| (f64::from(t) - truth(i)).abs());
+            errors.fold(0.0, f64::max)
+        });
+        // Measured: 2.10 and 2.03.
+        assert!(
+            orders.iter().all(|order| (1.9..2.3).contains(order)),
+            "{orders:?}"
+        );
     }
 
     #[test]

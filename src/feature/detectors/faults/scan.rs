@@ -9,9 +9,9 @@
 //!
 //! A plane is described by the horizontal axis that it crosses and its slopes along the other axes.
 //! Smoothing over it is one pass of shifted rows along its strike and, for each dip, one along the
-//! dip. Rows are padded by zeros: beyond the box numerator and denominator lose the same weights.
+//! dip. PaddedRows are padded by zeros: beyond the box numerator and denominator lose the same weights.
 
-use super::volume::Volume;
+use crate::feature::volume::Volume;
 use crate::geometry::wide::wide;
 use rayon::prelude::*;
 
@@ -37,7 +37,7 @@ const THIN_OUT: usize = 2;
 /// Samples of x handled at once: the sums stay in registers.
 const LANES: usize = 32;
 
-/// Rows per parallel task.
+/// PaddedRows per parallel task.
 const ROWS: usize = 16;
 
 /// One less the squared semblance, in [0, 1], of the steep plane through each sample for which it is
@@ -52,7 +52,7 @@ pub fn likelihood<const D: usize>(
 ) -> Vec<f32> {
     let mut thin = dims;
     thin[vertical] = dims[vertical].div_ceil(THIN_OUT);
-    let rows = Rows::new(
+    let rows = PaddedRows::new(
         thin,
         parts.map(|part| thin_out(dims, &part, vertical, thin)),
     );
@@ -115,7 +115,7 @@ fn taps<const D: usize>(
 }
 
 /// Two images in rows of x with zeros on either side.
-struct Rows<const D: usize> {
+struct PaddedRows<const D: usize> {
     dims: [usize; D],
     /// From one row to the next.
     pitch: usize,
@@ -125,7 +125,7 @@ struct Rows<const D: usize> {
 /// Zeros on either side of a row: as far as any tap reaches.
 const MARGIN: usize = 32;
 
-impl<const D: usize> Rows<D> {
+impl<const D: usize> PaddedRows<D> {
     fn new(dims: [usize; D], parts: [Vec<f32>; 2]) -> Self {
         let pitch = dims[0].next_multiple_of(LANES) + 2 * MARGIN;
         let parts = parts.map(|part| {

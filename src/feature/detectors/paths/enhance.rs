@@ -1,9 +1,4 @@
-//! Edges by random shortest paths (Xu 2016, chapter 5), in the plane.
-//!
-//! Points in an object and points around it are drawn at random, near in *marching distance* to those
-//! that the user gave: fronts that start there hardly pass edges. Between all pairs the shortest paths
-//! run along edges, where a step is cheap. How often a sample is passed is the *confidence* that it is
-//! an edge, and the cheapest closed path over confident samples round the object is its boundary.
+//! How often random shortest paths pass each sample, and the closed path round an object.
 //!
 //! Where the thesis is open or cannot be followed to the letter:
 //!
@@ -18,41 +13,13 @@
 //!   the other. A step costs what it did before, over its ends' mean confidence: the confidence alone,
 //!   low where few sinks lie behind a piece of the boundary, lets the path cut through the object.
 
-use rayon::prelude::*;
-
-use super::canny;
+use super::PathSeeds;
 use super::marching::{Queue, marching};
-use super::volume::Volume;
 use crate::error::{Error, Result, cause};
+use crate::feature::steepness::steepness;
+use crate::feature::volume::Volume;
 use crate::image::Geometry;
-
-/// Points of an object and around it, and how many are drawn near them.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Seeds<const D: usize> {
-    /// Points of the object, in the image's physical coordinates. The boundary goes round the first.
-    pub object: Vec<[f64; D]>,
-    /// Points of the background; the image's outermost samples if there are none.
-    pub background: Vec<[f64; D]>,
-    /// Ends of paths in the object.
-    pub sources: usize,
-    /// Ends of paths in the background.
-    pub sinks: usize,
-    /// Decides which.
-    pub seed: u64,
-}
-
-impl<const D: usize> Default for Seeds<D> {
-    /// The thesis's 50 sources and 100 sinks, near no point yet.
-    fn default() -> Self {
-        Self {
-            object: Vec::new(),
-            background: Vec::new(),
-            sources: 50,
-            sinks: 100,
-            seed: 1,
-        }
-    }
-}
+use rayon::prelude::*;
 
 /// What paths tell of an image.
 #[derive(Debug, Clone, PartialEq)]
@@ -81,7 +48,7 @@ const NONE: u32 = u32::MAX;
 pub fn enhance<const D: usize>(
     smoothed: Volume<'_, D>,
     geometry: &Geometry<D>,
-    seeds: &Seeds<D>,
+    seeds: &PathSeeds<D>,
 ) -> Result<Enhanced> {
     let fail = |problem: &str, remedy: &str| {
         Err(Error::Feature(cause("feature 'paths'", problem, remedy)))
@@ -167,7 +134,7 @@ fn gentle<const D: usize>(smoothed: Volume<'_, D>) -> Vec<f32> {
         .iter()
         .fold((f32::INFINITY, f32::NEG_INFINITY), extremes);
     let grey = 255.0 / (high - low).max(f32::MIN_POSITIVE);
-    let mut gentle = canny::steepness(smoothed);
+    let mut gentle = steepness(smoothed);
     gentle
         .iter_mut()
         .for_each(|g| *g = (-STEEP * grey * *g).exp());
@@ -378,4 +345,5 @@ pub fn surrounded<const D: usize>(grid: Volume<'_, D>, path: &[usize]) -> Vec<f3
 }
 
 #[cfg(test)]
+#[path = "tests.rs"]
 mod tests;

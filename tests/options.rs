@@ -1,0 +1,413 @@
+//! No option of `mesh` is accepted and then ignored: alone and with every other it changes what comes
+//! out, or is refused. And a job survives `--print-config` and `--config`.
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "a test that cannot go on has failed"
+)]
+
+mod common;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use atomesh::store::{AnyMesh, read_any_vtu};
+use common::{atomesh, files, succeed};
+use serde_json::Value;
+
+/// An option with a value that is none by default.
+struct Choice {
+    /// The image that it needs; `layers.mha` does for the others.
+    image: Option<&'static str>,
+    /// Options without which it would be refused.
+    needs: &'static str,
+    /// The option and its value.
+    says: &'static str,
+}
+
+const fn any(says: &'static str) -> Choice {
+    with("", says)
+}
+
+const fn with(needs: &'static str, says: &'static str) -> Choice {
+    Choice {
+        image: None,
+        needs,
+        says,
+    }
+}
+
+const fn of(image: &'static str, needs: &'static str, says: &'static str) -> Choice {
+    Choice {
+        image: Some(image),
+        needs,
+        says,
+    }
+}
+
+/// Every option of `mesh`, some with more than one value.
+const CHOICES: &[Choice] = &[
+    any("--distance 6"),
+    with("--distance 5:9", "--distance-from image"),
+    with("--distance 5:9", "--distance-from features"),
+    with("--distance 5:9", "--distance-from laplacian"),
+    with("--distance 5:9", "--distance-from ../in/distances.mha"),
+    any("--feature edges"),
+    of("labels.mha", "", "--feature labels"),
+    any("--sigma 2.5"),
+    any("--threshold 0.9"),
+    of(
+        "faulted.mha",
+        "--feature faults+horizons",
+        "--feature-weights 1,0.3",
+    ),
+    of("disc.mha", "--feature paths", "--object 80,120"),
+    of(
+        "disc.mha",
+        "--feature paths --object 80,120",
+        "--background 20,60",
+    ),
+    any("--potential-out b.vti"),
+    any("--align alongside"),
+    any("--cells voronoi"),
+    any("--beta 0.1"),
+    any("--beta ../in/weights.mha"),
+    any("--seeding grown"),
+    any("--seeding refine"),
+    any("--seeding guide"),
+    any("--seeding projection"),
+    any("--seeding canny"),
+    with("--seeding guide", "--max-atoms 30"),
+    any("--atoms-from ../in/atoms.csv"),
+    any("--well ../in/well.csv"),
+    with("--well ../in/well.csv", "--well-distance 4"),
+    any("--evaluator sampled"),
+    any("--kappa 0.7"),
+    any("--optimizer descent"),
+    any("--optimizer genetic"),
+    any("--coarse-to-fine 1"),
+    any("--min-dihedral 12"),
+    any("--slivers none"),
+    any("--slivers exude"),
+    with("--cells voronoi", "--weld 0.1"),
+    any("--smooth odt"),
+    any("--metric physical"),
+    any("--metric 1,1.4"),
+    any("--rng-seed 7"),
+    any("--report r.json"),
+    any("--trace t.pvd"),
+    of("layers.raw", "", "--raw 72x64:f32le"),
+    any("--inline-byte 9"),
+    any("--crossline-byte 21"),
+    any("--x-byte 73"),
+    any("--y-byte 77"),
+    any("--scalar-byte 69"),
+    any("--delay-byte 105"),
+    any("--interval-byte 119"),
+    any("-o other.vtu"),
+];
+
+/// Options that say the same thing twice.
+const TWINS: [[&str; 2]; 1] = [["--align alongside", "--cells voronoi"]];
+
+/// What came of a run: exit code, what was said, figures, and the files with what is in them.
+#[derive(Debug, Clone, PartialEq)]
+struct Came {
+    code: Option<i32>,
+    said: String,
+    files: BTreeMap<String, Vec<u8>>,
+}
+
+fn words(text: &str) -> Vec<&str> {
+    text.split_whitespace().collect()
+}
+
+/// The names of options among words.
+fn names(text: &str) -> BTreeSet<&str> {
+    words(text)
+        .into_iter()
+        .filter(|w| w.starts_with('-'))
+        .collect()
+}
+
+/// The words of several choices, each option once.
+fn joined(parts: &[&str]) -> String {
+    let mut all: Vec<String> = Vec::new();
+    for part in parts {
+        let mut option = Vec::new();
+        for word in words(part).into_iter().chain(["-"]) {
+            if word.starts_with('-') && !option.is_empty() {
+                let text = option.join(" ");
+                if !all.contains(&text) {
+                    all.push(text);
+                }
+                option.clear();
+            }
+            option.push(word);
+        }
+    }
+    all.sort();
+    all.join(" ")
+}
+
+/// Whether options occur twice with different values.
+fn contradict(text: &str) -> bool {
+    let options = words(text).into_iter().filter(|w| w.starts_with('-'));
+    options.count() > names(text).len()
+}
+
+/// The image and the options of a run.
+type Asked = (String, String);
+
+fn run(folder: &Path, (image, options): &Asked) -> Came {
+    std::fs::create_dir(folder).unwrap();
+    let image = format!("../in/{image}");
+    let output = atomesh(folder)
+        .args(["mesh", &image, "--json", "--quiet", "--threads", "1"])
+        .args(words(options))
+        .output()
+        .unwrap();
+    let mut said = String::from_utf8_lossy(&output.stderr).into_owned();
+    if let Ok(mut report) = serde_json::from_slice::<Value>(&output.stdout) {
+        // What was asked for, and how long it took, are no results.
+        for key in ["parameters", "stages"] {
+            report.as_object_mut().unwrap().remove(key);
+        }
+        said += &report.to_string();
+    }
+    let content = |path: &Path, bytes: Vec<u8>| match path.extension().and_then(|e| e.to_str()) {
+        Some("vtu") => mesh(path).into_bytes(),
+        Some("json") => Vec::new(),
+        _ => bytes,
+    };
+    let named = |(path, bytes): (std::path::PathBuf, Vec<u8>)| {
+        let name = path.strip_prefix(folder).unwrap().display().to_string();
+        (name, content(&path, bytes))
+    };
+    let files = files(folder).into_iter().map(named).collect();
+    std::fs::remove_dir_all(folder).unwrap();
+    Came {
+        code: output.status.code(),
+        said,
+        files,
+    }
+}
+
+/// All that a mesh's file holds but how it was made.
+fn mesh(path: &Path) -> String {
+    // The points of a lattice's rounds are no mesh.
+    let Ok(mut mesh) = read_any_vtu(path) else {
+        return String::from_utf8_lossy(&std::fs::read(path).unwrap()).into_owned();
+    };
+    match &mut mesh {
+        AnyMesh::Plane(file) => file.field_data.clear(),
+        AnyMesh::Space(file) => file.field_data.clear(),
+        AnyMesh::PlaneCells(file) => file.field_data.clear(),
+        AnyMesh::SpaceCells(file) => file.field_data.clear(),
+    }
+    format!("{mesh:?}")
+}
+
+const DIMS: [usize; 2] = [72, 64];
+
+/// Writes a MetaImage of float32 whose samples are 2 and 3 apart.
+fn mha(path: &Path, value: impl Fn(f64, f64) -> f64) {
+    let [nx, ny] = DIMS;
+    let mut bytes = format!(
+        "ObjectType = Image\nNDims = 2\nDimSize = {nx} {ny}\nElementSpacing = 2 3\n\
+         BinaryData = True\nBinaryDataByteOrderMSB = False\nElementType = MET_FLOAT\n\
+         ElementDataFile = LOCAL\n"
+    )
+    .into_bytes();
+    bytes.extend(samples(value));
+    std::fs::write(path, bytes).unwrap();
+}
+
+fn samples(value: impl Fn(f64, f64) -> f64) -> Vec<u8> {
+    let [nx, ny] = DIMS;
+    let at = |i: usize| value((i % nx) as f64, (i / nx) as f64) as f32;
+    (0..nx * ny).flat_map(|i| at(i).to_le_bytes()).collect()
+}
+
+/// Something between -1 and 1 for each sample.
+fn noise(x: f64, y: f64) -> f64 {
+    (12.9898 * x + 78.233 * y).sin() * 43758.547 % 1.0
+}
+
+/// Layers that a fault breaks.
+fn layers(x: f64, y: f64) -> f64 {
+    let throw = if x > 36.0 + 0.2 * y { 5.0 } else { 0.0 };
+    let depth = y + throw + 2.0 * (x / 20.0).sin();
+    (depth / 2.6).sin() * (1.0 + 0.3 * (x / 9.0).cos()) + 0.1 * noise(x, y)
+}
+
+fn inputs(folder: &Path) {
+    let write = |name: &str, text: &str| std::fs::write(folder.join(name), text).unwrap();
+    mha(&folder.join("layers.mha"), layers);
+    std::fs::write(folder.join("layers.raw"), samples(layers)).unwrap();
+    mha(&folder.join("faulted.mha"), layers);
+    let disc = |x: f64, y: f64| f64::from((x - 40.0).hypot(y - 40.0) < 15.0);
+    mha(&folder.join("disc.mha"), |x, y| {
+        3.0 * disc(x, y) + 0.02 * noise(x, y)
+    });
+    mha(&folder.join("labels.mha"), |x, y| {
+        disc(x, y) + f64::from(x + y > 90.0)
+    });
+    mha(&folder.join("distances.mha"), |x, _| 5.0 + x / 20.0);
+    mha(&folder.join("weights.mha"), |x, _| 0.2 + x / 200.0);
+    write("atoms.csv", "x,y\n61.5,80\n");
+    write("well.csv", "x,y,radius\n40,60,0.1\n70,110,0.1\n");
+}
+
+/// The results of all runs, by what was asked.
+fn all(folder: &Path, asked: BTreeSet<Asked>) -> BTreeMap<Asked, Came> {
+    let asked: Vec<Asked> = asked.into_iter().collect();
+    let (next, came) = (AtomicUsize::new(0), Mutex::new(BTreeMap::new()));
+    let workers = std::thread::available_parallelism().map_or(2, usize::from);
+    std::thread::scope(|scope| {
+        for _ in 0..workers {
+            scope.spawn(|| {
+                while let Some(one) = asked.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    let place = folder.join(joined(&[&one.0, &one.1]).replace(['/', ' '], "_"));
+                    let result = run(&place, one);
+                    came.lock().unwrap().insert(one.clone(), result);
+                }
+            });
+        }
+    });
+    came.into_inner().unwrap()
+}
+
+#[test]
+fn no_option_is_accepted_and_then_ignored() {
+    let folder = tempfile::tempdir().unwrap();
+    let put = folder.path().join("in");
+    std::fs::create_dir(&put).unwrap();
+    inputs(&put);
+
+    // For each choice: alone, and beside each other choice, with it and without it.
+    let mut trials: Vec<(&Choice, &str, Asked, Asked, Asked)> = Vec::new();
+    for choice in CHOICES {
+        let nothing = any("");
+        let others = CHOICES.iter().filter(|other| other.says != choice.says);
+        for other in others.chain([&nothing]) {
+            let with = joined(&[choice.needs, choice.says, other.needs, other.says]);
+            let without = joined(&[choice.needs, other.needs, other.says]);
+            let image = match (choice.image, other.image) {
+                (Some(a), Some(b)) if a != b => continue,
+                (a, b) => a.or(b).unwrap_or("layers.mha").to_string(),
+            };
+            let alone = joined(&[choice.needs, choice.says]);
+            let twins = TWINS
+                .iter()
+                .any(|twins| twins.iter().all(|twin| with.contains(twin)));
+            // Where the other needs the option, nothing is to be learned.
+            if contradict(&with) || twins || with == without {
+                continue;
+            }
+            let asked = |options: String| (image.clone(), options);
+            trials.push((
+                choice,
+                other.says,
+                asked(with),
+                asked(without),
+                asked(alone),
+            ));
+        }
+    }
+    assert!(trials.len() > 1500, "{}", trials.len());
+    let asked = trials
+        .iter()
+        .flat_map(|t| [t.2.clone(), t.3.clone(), t.4.clone()]);
+    let came = all(folder.path(), asked.collect());
+
+    let mut ignored = Vec::new();
+    for (choice, beside, with, without, alone) in &trials {
+        // A run that is refused for the other option says nothing of this one.
+        if came[without].code != Some(0) && came[alone].code == Some(0) {
+            continue;
+        }
+        if came[with] == came[without] {
+            ignored.push(format!(
+                "{} beside '{beside}' ({}): {}",
+                choice.says, with.1, came[with].said
+            ));
+        }
+    }
+    let shown = ignored.join("\n");
+    assert!(
+        ignored.is_empty(),
+        "{} are ignored:\n{shown}",
+        ignored.len()
+    );
+}
+
+/// The lines of the documentation that mesh an image.
+fn examples() -> Vec<String> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut texts = vec![std::fs::read_to_string(root.join("README.md")).unwrap()];
+    for entry in std::fs::read_dir(root.join("docs")).unwrap() {
+        let path = entry.unwrap().path();
+        if path.extension().is_some_and(|e| e == "md") {
+            texts.push(std::fs::read_to_string(path).unwrap());
+        }
+    }
+    let lines = texts.iter().flat_map(|text| text.lines());
+    let line = |line: &str| {
+        let line = line.trim().trim_start_matches("$ ");
+        let line = line.split(" #").next().unwrap_or_default().trim();
+        line.strip_prefix("atomesh mesh ").map(str::to_string)
+    };
+    let mut all: Vec<String> = lines.filter_map(line).collect();
+    // The text beside them is no part of examples within a sentence.
+    all.retain(|line| !line.contains('`') && !line.contains('\\'));
+    all.sort();
+    all.dedup();
+    all
+}
+
+#[test]
+fn every_example_survives_its_own_configuration() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    std::fs::create_dir(at.join("data")).unwrap();
+    let examples = examples();
+    assert!(examples.len() > 20, "{examples:#?}");
+    for example in &examples {
+        let printed = succeed(
+            at,
+            &[&["mesh"], &words(example)[..], &["--print-config"]].concat(),
+        );
+        std::fs::write(at.join("job.toml"), &printed).unwrap();
+        let again = succeed(at, &["mesh", "--config", "job.toml", "--print-config"]);
+        assert_eq!(again, printed, "{example}");
+    }
+}
+
+#[test]
+fn a_printed_configuration_gives_the_same_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    inputs(at);
+    for options in [
+        "--distance 5:9 --distance-from features --kappa 0.7 --feature edges",
+        "--cells voronoi --weld 0.05 --well well.csv --well-distance 5",
+        "--seeding canny --smooth odt",
+    ] {
+        let mesh = [&["mesh", "layers.mha", "-o", "m.vtu"], &words(options)[..]].concat();
+        succeed(at, &[&mesh[..], &["--quiet"]].concat());
+        let bytes = std::fs::read(at.join("m.vtu")).unwrap();
+        let printed = succeed(at, &[&mesh[..], &["--print-config"]].concat());
+        std::fs::write(at.join("job.toml"), printed).unwrap();
+        succeed(
+            at,
+            &["mesh", "layers.mha", "--config", "job.toml", "--quiet"],
+        );
+        assert!(
+            std::fs::read(at.join("m.vtu")).unwrap() == bytes,
+            "{options}"
+        );
+    }
+}

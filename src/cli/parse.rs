@@ -244,7 +244,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("wells.csv");
         let want = [(3, [1.0, 2.0, 3.0]), (7, [4.5, -5.0, 60.0])];
-        let text = "x,y,z\n# a well\n1,2,3\n\n  \n# more\n4.5, -5, \"6e1\"";
+        let text = "x,y,z\n# a well\n1,2,3\n\n  \n# more\n4.5, -5,\"6e1\"";
         for separator in [",", ";", "\t"] {
             for ending in ["\n", "\r\n"] {
                 let text = text.replace(',', separator).replace('\n', ending);

@@ -89,11 +89,11 @@ impl Batch {
         let folders: BTreeSet<PathBuf> = (self.files.iter())
             .map(|(_, path)| folder_of(path).to_path_buf())
             .collect();
+        let files: Vec<(TempPath, PathBuf)> = (self.files.drain(..))
+            .filter_map(|(file, path)| Some((file.taken(&mut unfinished)?, path)))
+            .collect();
         let mut placed: Vec<Placed> = Vec::new();
-        for (file, path) in self.files.drain(..) {
-            let Some(temporary) = file.taken(&mut unfinished) else {
-                continue;
-            };
+        for (temporary, path) in files {
             match Placed::new(temporary, path, many) {
                 Ok(file) => placed.push(file),
                 Err(error) => {

@@ -77,7 +77,8 @@ fn a_noisy_disc_is_found_on_triangles_and_on_polygons() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     ball(folder, [96, 80], 22.0, 0.3);
-    for cells in ["tets", "voronoi"] {
+    // Measured: 0.928 and 0.973.
+    for (cells, least) in [("tets", 0.92), ("voronoi", 0.965)] {
         let mesh = format!("mesh ball.vti -o m.vtu --distance 4 --feature edges --cells {cells}");
         answer(folder, &mesh);
         let found = answer(
@@ -116,8 +117,7 @@ fn a_noisy_ball_is_found_on_tetrahedra_and_on_polyhedra() {
             "segment ball.vti m.vtu --object 137,67,129:157,47,149 --background 102,98,102:116,16,176 \
              -o s.vtu --labels-out l.npy --surface-out s.vtp --truth truth.nrrd",
         );
-        println!("{cells}: Dice {}", number(&found, "/cells/dice"));
-        assert!(number(&found, "/cells/dice") > 0.92, "{cells}: {found}");
+        assert!(number(&found, "/cells/dice") > least, "{cells}: {found}");
         // The same bytes with other numbers of threads.
         let once = std::fs::read(folder.join("s.vtu")).unwrap();
         answer(

@@ -203,8 +203,11 @@ fn lines_of_the_plane_are_grouped_and_painted_between() {
                 assert!(off < 0.5, "{line}");
             } else {
                 // Edges of polygons that lie askew to the line are no part of it.
-                println!("{} {off}", found / length);
-                assert!(found > 0.5 * length && off < 5.0, "{found} {length} {line}");
+                // Measured: 0.885 and 0.611 of it, 1.7 and 0.1 degrees off.
+                assert!(
+                    found > 0.58 * length && off < 2.5,
+                    "{found} {length} {line}"
+                );
             }
         }
         succeed(at, &["surface", "mesh.vtu", "-o", "s.obj", "--quiet"]);

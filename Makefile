@@ -1,9 +1,10 @@
 # make demo   install what is missing, build, mesh the sample volume, say which files to open
-# make test   install what is missing, then every check there is
+# make test   install what is missing, then every check there is; says how many it had to skip
+# make package   build what a registry would give to others
 # make book   the documentation as a site, target/book/index.html, with its links checked
 
 .POSIX:
-.PHONY: help demo test book bench validators packages
+.PHONY: help demo test package book bench validators packages
 
 SAMPLE = data/faults.vti
 
@@ -29,7 +30,12 @@ test: packages
 	cargo clippy --workspace --all-targets --locked -- -D warnings
 	cargo clippy --no-default-features --lib --locked -- -D warnings
 	cargo clippy --no-default-features --features cli --lib --bins --locked -- -D warnings
-	cargo test --workspace --locked
+	@mkdir -p target && rm -f target/skipped
+	ATOMESH_SKIPPED="$$PWD/target/skipped" cargo test --workspace --locked
+	@scripts/skipped.sh target/skipped
+
+package: packages
+	cargo package --workspace --locked --allow-dirty
 
 book:
 	@scripts/book.sh

@@ -1,4 +1,4 @@
-//! The README's table: what atomesh achieves, measured by running it as a user would.
+//! The table of docs/benchmarks.md: what atomesh achieves, measured by running it as a user would.
 //! `make bench`, or `cargo bench --bench whole`. Takes some minutes and 2 GB of memory.
 //!
 //! Volumes made by others are looked for in the folder that ATOMESH_DATA names, else in
@@ -27,7 +27,7 @@ fn main() -> Outcome<()> {
     }
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("whole");
     std::fs::create_dir_all(&folder)?;
-    println!("| what | on | figure | asked for |\n|---|---|---|---|");
+    println!("| what | on | figure | target |\n|---|---|---|---|");
     presets(&folder)?;
     slivers(&folder)?;
     volumes_of_others(&folder)?;
@@ -39,8 +39,8 @@ fn main() -> Outcome<()> {
     Ok(())
 }
 
-fn row(what: &str, on: &str, figure: &str, asked: &str) {
-    println!("| {what} | {on} | {figure} | {asked} |");
+fn row(what: &str, on: &str, figure: &str, target: &str) {
+    println!("| {what} | {on} | {figure} | {target} |");
 }
 
 /// What a run of the program said, and the processor seconds in user mode it took.
@@ -188,7 +188,7 @@ fn validity(folder: &Path, on: &str, mesh: &str) -> Outcome<()> {
         "box",
         on,
         &figure,
-        "volume error 1e-9, sides flat, no unused node",
+        "volume error 1e-9, flat sides, no unused node",
     );
     Ok(())
 }
@@ -282,9 +282,9 @@ fn evaluators() -> Outcome<()> {
     let image = synth::make(PRESETS[0].kind, &PRESETS[0].options)?.image;
     let found = feature::detect(
         &image,
-        &feature::Options {
+        &feature::Detection {
             d_min: d,
-            ..feature::Options::default()
+            ..feature::Detection::default()
         },
     )?;
     let extent = image.dims().map(|n| (n - 1) as f64);
@@ -310,7 +310,7 @@ fn evaluators() -> Outcome<()> {
         Ok((time(&mut pairwise), time(&mut sampled)))
     })?;
     let figure = format!(
-        "pairwise {:.2} ms, sampled {:.1} ms an evaluation: {:.0} times fewer",
+        "pairwise {:.2} ms, sampled {:.1} ms an evaluation: {:.0} times less",
         1e3 * pairwise,
         1e3 * sampled,
         sampled / pairwise
@@ -319,7 +319,7 @@ fn evaluators() -> Outcome<()> {
         "evaluator",
         &format!("{}, d = 8", PRESETS[0].name),
         &figure,
-        "10 times fewer",
+        "10 times less",
     );
     Ok(())
 }
@@ -337,20 +337,20 @@ fn sameness(folder: &Path) -> Outcome<()> {
     }
     let same = meshes.windows(2).all(|pair| pair[0] == pair[1]);
     let figure = if same {
-        "the same bytes"
+        "identical bytes"
     } else {
         "DIFFERENT bytes"
     };
     row(
-        "sameness",
+        "reproducibility",
         PRESETS[1].name,
         figure,
-        "with 1 and 2 threads, and twice in a row",
+        "identical with 1 and 2 threads, and from run to run",
     );
     Ok(())
 }
 
-/// 2-D images: angles and the time from start to end.
+/// 2-D images: angles and the time in all.
 fn planes(folder: &Path) -> Outcome<()> {
     for kind in [
         "planes",
@@ -366,12 +366,12 @@ fn planes(folder: &Path) -> Outcome<()> {
         let run = atomesh(folder, &["mesh", "plane.png", "-o", "plane.vtu"])?;
         let seconds = start.elapsed().as_secs_f64();
         let figure = format!(
-            "{seconds:.2} s from start to end; angles {:.1} to {:.1} in {} triangles",
+            "{seconds:.2} s in all; angles {:.1} to {:.1} in {} triangles",
             number(&run.json, "/quality/smallest_angle/worst"),
             number(&run.json, "/quality/largest_angle/worst"),
             number(&run.json, "/quality/cells"),
         );
-        row("plane", &format!("{kind}, 256 x 256"), &figure, "0.3 s");
+        row("2-D", &format!("{kind}, 256 x 256"), &figure, "0.3 s");
     }
     Ok(())
 }

@@ -97,9 +97,9 @@ fn one_atom(to: &str) -> anyhow::Result<()> {
 /// d(x) of the image's features, dark where it is small, and the atoms that are grown in it.
 fn grown(image: &Image<2>, to: &str) -> anyhow::Result<()> {
     const RANGE: [f64; 2] = [6.0, 18.0];
-    let options = feature::Options {
+    let options = feature::Detection {
         d_min: RANGE[0],
-        ..feature::Options::default()
+        ..feature::Detection::default()
     };
     let features = feature::detect(image, &options)?;
     let distance = distance::from_features(&features, RANGE[0], RANGE[1], 0.1)?;
@@ -115,8 +115,7 @@ fn grown(image: &Image<2>, to: &str) -> anyhow::Result<()> {
         for [u, v] in [[1.0, 0.0], [0.0, 1.0]] {
             let first = crosses.nodes.len() as u32;
             crosses.nodes.extend([[x - u, y - v], [x + u, y + v]]);
-            crosses.corners.extend([first, first + 1]);
-            crosses.ends.push(first + 2);
+            crosses.faces.push([first, first + 1]);
             crosses.marked.push(true);
         }
     }

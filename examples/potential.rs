@@ -29,9 +29,9 @@ fn main() -> anyhow::Result<()> {
         anyhow::bail!("{image} is not a 2-D image");
     };
     let d: f64 = d.parse()?;
-    let options = feature::Options {
+    let options = feature::Detection {
         d_min: d,
-        ..feature::Options::default()
+        ..feature::Detection::default()
     };
     let potential = feature::detect(&loaded.image, &options)?.potential;
     let distance = Distance::Constant(d);

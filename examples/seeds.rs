@@ -13,16 +13,18 @@ use atomesh::feature::{self, Features};
 use atomesh::image::Image;
 use atomesh::image::formats::{self, AnyLoaded, ReadOptions};
 use atomesh::image::synth::{self, Kind};
-use atomesh::job::{Meshing, Scene, Space};
+use atomesh::job::{Meshing, Scene, Space, Stages};
 use atomesh::lattice::distance::Distance;
 use atomesh::lattice::energy::laplacian::KAPPA;
 use atomesh::lattice::energy::{Beta, Energy, Pairwise, Regularised};
 use atomesh::lattice::optimize::{self, Method, Options, Unobserved};
 use atomesh::lattice::seeding::{self, Alignment, Atoms, Seeding};
+use atomesh::mesh::Simplices;
 use atomesh::mesh::delaunay;
+use atomesh::mesh::poly::Lists;
 use atomesh::model::slice::{self, Skeleton};
 use atomesh::report::cost::cpu_seconds;
-use atomesh::report::{Measured, quality};
+use atomesh::report::quality;
 
 /// Runs with different seeds whose figures are averaged, as in the paper.
 const RUNS: u64 = 10;
@@ -168,9 +170,9 @@ where
 }
 
 fn features<const D: usize>(image: &Image<D>, d: f64) -> anyhow::Result<Features<D>> {
-    let options = feature::Options {
+    let options = feature::Detection {
         d_min: d,
-        ..feature::Options::default()
+        ..feature::Detection::default()
     };
     Ok(feature::detect(image, &options)?)
 }
@@ -188,12 +190,14 @@ fn pictures(image: &Image<2>, d: f64) -> anyhow::Result<()> {
         let sides: Vec<[u32; 2]> = sides.collect();
         let on_feature = |&n: &u32| features.potential.value(nodes[n as usize]) < -0.5;
         let skeleton = Skeleton {
-            ends: (1..=sides.len() as u32).map(|side| 2 * side).collect(),
+            faces: Lists {
+                offsets: (0..=sides.len() as u32).map(|side| 2 * side).collect(),
+                items: sides.concat(),
+            },
             marked: sides
                 .iter()
                 .map(|side| side.iter().all(on_feature))
                 .collect(),
-            corners: sides.concat(),
             nodes,
         };
         slice::plane(image, &skeleton)?.write(Path::new(&format!("{how}.png")))?;
@@ -288,7 +292,11 @@ where
             distance: &self.distance,
         };
         let count = atoms.len() as f64;
-        let mesh = Space::<D>::join(atoms, &scene, None, None, &mut |_| {})?.mesh;
+        let mut unobserved = Unobserved;
+        let stages = &mut Stages::new(&mut unobserved);
+        let mesh = Space::<D>::join(atoms, &scene, None, None, stages)?
+            .made
+            .mesh;
         let shapes = shapes(&mesh);
         Ok(Figures {
             atoms: count,
@@ -302,7 +310,7 @@ where
 
 /// Worst and mean Q = 4 sqrt(3) A / (l1^2 + l2^2 + l3^2); in 3-D the mean ratio, which it is in the
 /// plane.
-fn shapes<const D: usize>(mesh: &impl Measured<D>) -> [f64; 2] {
+fn shapes<const D: usize>(mesh: &impl Simplices<D>) -> [f64; 2] {
     let found = quality(mesh);
     [found.mean_ratio.worst, found.mean_ratio_mean]
 }

@@ -3,6 +3,7 @@
 //! joined into tetrahedra (Hale 2001, 2002).
 //!
 //! ```text
+//! observer  watching and stopping long work
 //! geometry  vectors, points in buckets, sets: what all houses stand on
 //! files     files that appear whole or not at all; VTK's container
 //! image     samples and where they lie in the world; formats, synthetic images
@@ -18,19 +19,23 @@
 //! cli       the command line (feature `cli`)
 //! ```
 //!
-//! [`job::mesh_image`] does all of it:
+//! [`job::run`] does all of it:
 //!
 //! ```
-//! use atomesh::optimize::Unobserved;
-//! use atomesh::pipeline::{Params, Spacing, mesh_image};
-//! use atomesh::synth::{self, Kind};
+//! use atomesh::image::synth::{self, Kind};
+//! use atomesh::job::{self, Params, Spacing};
+//! use atomesh::observer::Unobserved;
 //!
 //! let options = synth::Options { dims: [40, 36, 32], ..Default::default() };
 //! let image = synth::make(Kind::Sphere, &options)?.image;
 //! let params = Params { spacing: Spacing::Constant(6.0), ..Params::default() };
 //! # if !cfg!(feature = "tetgen") { return Ok(()); }
-//! let outcome = mesh_image(&image, &params, &mut Unobserved)?;
-//! assert!(outcome.report.filling.is_some_and(|check| check.passed()));
+//! let outcome = job::run(&image, &params, &mut Unobserved)?;
+//! assert!(outcome.report.filling.as_ref().is_some_and(|check| check.passed()));
+//!
+//! let path = std::env::temp_dir().join("atomesh-front-page.vtu");
+//! outcome.write(&path)?;
+//! # std::fs::remove_file(&path).ok();
 //! # Ok::<(), atomesh::Error>(())
 //! ```
 
@@ -47,10 +52,11 @@ pub mod job;
 pub mod lattice;
 pub mod mesh;
 pub mod model;
+pub mod observer;
 pub mod report;
 pub mod store;
 
-pub use error::{Error, Result};
+pub use error::{Error, ErrorKind, Result};
 
 /// The examples of the README are tested.
 #[cfg(doctest)]

@@ -575,3 +575,31 @@ fn what_cannot_be_computed_is_refused_in_one_line() {
     );
     assert!(line.contains("sheet.npy"), "{line}");
 }
+
+#[test]
+fn no_input_is_replaced_and_no_option_ignored() {
+    let folder = folder();
+    let path = folder.path();
+    std::fs::write(path.join("factors.vtu"), "1,0.5\n").unwrap();
+    let line = "flow mesh.vtu --pressure xmin=2e5 --pressure xmax=1e5";
+    let cases = [
+        ("-o mesh.vtu", "would overwrite the input"),
+        ("-o ./mesh.vtu", "would overwrite the input"),
+        (
+            "-o factors.vtu --fault-multiplier factors.vtu",
+            "would overwrite the input",
+        ),
+        ("-o out.vtu --streamlines out.vtu", "--streamlines"),
+        ("-o out.vtu --lines 5", "--lines"),
+        ("-o out.vtu --faults open --barriers all", "--barriers"),
+        ("-o out.vtu --fault-thickness 1", "--fault-thickness"),
+    ];
+    for (options, words) in cases {
+        let line = format!("{line} {options}");
+        let said = refused(path, &line.split_whitespace().collect::<Vec<_>>());
+        assert!(said.contains(words), "no '{words}' in: {said}");
+    }
+    // A raw sample type says nothing where no image is read.
+    let surface = ["surface", "mesh.vtu", "-o", "s.vtp", "--raw", "4x4x4:f32"];
+    assert!(refused(path, &surface).contains("no image"));
+}

@@ -7,10 +7,13 @@
     reason = "a test that cannot go on has failed"
 )]
 
+mod common;
+
 use std::path::{Path, PathBuf};
 
 use atomesh::image::formats::{self, AnyLoaded, ReadOptions};
 use atomesh::image::{Geometry, Image};
+use common::no_data;
 
 /// Files made by others, if they are here.
 fn data() -> Option<PathBuf> {
@@ -21,10 +24,7 @@ fn data() -> Option<PathBuf> {
     if folder.join("formats_nrrd").is_dir() {
         return Some(folder);
     }
-    println!(
-        "{} is absent: files made by others are not tested",
-        folder.display()
-    );
+    no_data("image files made by others");
     None
 }
 

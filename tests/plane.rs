@@ -162,9 +162,9 @@ fn what_makes_no_sense_in_the_plane_is_refused() {
 /// Coverage within one sample and energy of a mesh of a potential at distance 12, with as many passes on
 /// smoother potentials first.
 fn on_valleys(width: f64, coarse_passes: usize) -> [f64; 2] {
-    use atomesh::feature::Kind;
+    use atomesh::feature::FeatureKind;
     use atomesh::image::{Geometry, Image};
-    use atomesh::job::{Params, Spacing, mesh_image};
+    use atomesh::job::{self, Params, Spacing};
     use atomesh::lattice::optimize::Unobserved;
 
     let dims = [200, 180];
@@ -181,11 +181,11 @@ fn on_valleys(width: f64, coarse_passes: usize) -> [f64; 2] {
     let image = Image::new(dims, samples, Geometry::default());
     let params = Params {
         spacing: Spacing::Constant(12.0),
-        feature: Kind::Potential,
+        feature: FeatureKind::Potential,
         coarse_passes,
         ..Params::default()
     };
-    let report = mesh_image(&image, &params, &mut Unobserved).unwrap().report;
+    let report = job::run(&image, &params, &mut Unobserved).unwrap().report;
     [
         report.fidelity.unwrap().on_feature.coverage_one,
         report.lattice.unwrap().optimisation.unwrap().energy,

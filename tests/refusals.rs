@@ -385,6 +385,85 @@ fn meshes_that_are_none() {
     }
 }
 
+/// A cube of six tetrahedra about its diagonal, or any others on its nodes, in a file.
+fn cube(path: &Path, size: f64, copies: u32, spoil: impl Fn(&mut Vec<f64>, &mut Vec<[u32; 4]>)) {
+    let corner = |i: u32| (0..3).map(move |k| size * f64::from(i >> k & 1));
+    let mut points: Vec<f64> = (0..8 * copies).flat_map(|i| corner(i % 8)).collect();
+    let round = [1, 3, 2, 6, 4, 5, 1];
+    let tets =
+        |copy: u32| (round.windows(2)).map(move |w| [0, w[0], w[1], 7].map(|n| n + 8 * copy));
+    let mut tets: Vec<[u32; 4]> = (0..copies).flat_map(tets).collect();
+    spoil(&mut points, &mut tets);
+    let array = |kind: &str, name: &str, parts: usize, values: Vec<String>| {
+        format!(
+            "<DataArray type=\"{kind}\" Name=\"{name}\" NumberOfComponents=\"{parts}\" \
+             format=\"ascii\">{}</DataArray>",
+            values.join(" ")
+        )
+    };
+    let text = format!(
+        "<VTKFile type=\"UnstructuredGrid\"><UnstructuredGrid><Piece NumberOfPoints=\"{}\" \
+         NumberOfCells=\"{}\"><Points>{}</Points><Cells>{}{}{}</Cells></Piece>\
+         </UnstructuredGrid></VTKFile>",
+        points.len() / 3,
+        tets.len(),
+        array(
+            "Float64",
+            "Points",
+            3,
+            points.iter().map(f64::to_string).collect()
+        ),
+        array(
+            "Int32",
+            "connectivity",
+            1,
+            tets.iter().flatten().map(u32::to_string).collect()
+        ),
+        array(
+            "Int32",
+            "offsets",
+            1,
+            (1..=tets.len()).map(|c| (4 * c).to_string()).collect()
+        ),
+        array("UInt8", "types", 1, vec!["10".into(); tets.len()]),
+    );
+    std::fs::write(path, text).unwrap();
+}
+
+#[test]
+fn meshes_that_make_no_sense() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    cube(&at.join("good.vtu"), 4.0, 1, |_, _| {});
+    succeed(at, &["validate", "good.vtu"]);
+    succeed(at, &["export", "good.vtu", "--to", "msh", "-o", "good.msh"]);
+    cube(&at.join("nan.vtu"), 4.0, 1, |points, _| {
+        points[4] = f64::NAN
+    });
+    cube(&at.join("turned.vtu"), 4.0, 1, |_, tets| tets[2].swap(0, 1));
+    cube(&at.join("twice.vtu"), 4.0, 2, |_, _| {});
+    // Volumes are beyond all numbers.
+    cube(&at.join("huge.vtu"), 1e150, 1, |_, _| {});
+    cube(&at.join("flat.vtu"), 4.0, 1, |points, _| {
+        points.iter_mut().skip(2).step_by(3).for_each(|z| *z = 1.0);
+    });
+    for (name, checked, exported) in [
+        ("nan.vtu", "node 1 is not finite", "node 1 is not finite"),
+        (
+            "turned.vtu",
+            "1 tetrahedra are flat or inverted",
+            "number 2 of its tetrahedra",
+        ),
+        ("twice.vtu", "instead of the box's 64", "overlap"),
+        ("huge.vtu", "fill inf", "has the volume"),
+        ("flat.vtu", "flat or inverted", "flat or inverted"),
+    ] {
+        assert_says(&refused(at, &["validate", name]), &[name, checked]);
+        let export = ["export", name, "--to", "msh", "-o", "x.msh"];
+        assert_says(&refused(at, &export), &[name, exported]);
+    }
+}
+
 #[test]
 fn impossible_synthetic_volumes() {
     let folder = folder();
@@ -427,10 +506,7 @@ fn seg_y_files_of_others() {
         .unwrap_or_else(|_| concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data").into());
     let formats = Path::new(&data).join("formats_segy");
     if !formats.is_dir() {
-        println!(
-            "{} is absent: no SEG-Y files of others are tried",
-            formats.display()
-        );
+        common::no_data("SEG-Y files of others");
         return;
     }
     let folder = tempfile::tempdir().unwrap();

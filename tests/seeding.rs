@@ -79,7 +79,7 @@ fn every_seeding_makes_a_valid_mesh_that_follows_the_faults() {
 }
 
 #[test]
-fn every_optimizer_makes_a_valid_mesh_of_lower_energy() {
+fn every_optimizer_makes_a_valid_mesh_and_comes_near_the_least_energy() {
     let folder = folder();
     let at = folder.path();
     for image in ["plane.npy", "space.npy"] {
@@ -91,9 +91,12 @@ fn every_optimizer_makes_a_valid_mesh_of_lower_energy() {
         let lbfgs = energy(&[]);
         let [descent, genetic] = ["descent", "genetic"].map(|o| energy(&["--optimizer", o]));
         println!("{image}: lbfgs {lbfgs:.4}, descent {descent:.4}, genetic {genetic:.4}");
-        assert!(lbfgs < genetic.min(descent) && genetic.max(descent) < -0.01);
-        valid(at, image, &["--kappa", "0.7"]);
-        valid(at, image, &["--kappa", "0.7", "--optimizer", "genetic"]);
+        // L-BFGS finds the least; the others, measured, 95.7 to 98.1 % of it.
+        assert!(lbfgs < -0.14 && lbfgs < genetic.min(descent));
+        assert!(genetic.max(descent) < 0.95 * lbfgs);
+        for optimizer in ["lbfgs", "descent", "genetic"] {
+            valid(at, image, &["--kappa", "0.7", "--optimizer", optimizer]);
+        }
     }
 }
 

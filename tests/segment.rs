@@ -116,6 +116,7 @@ fn a_noisy_ball_is_found_on_tetrahedra_and_on_polyhedra() {
             "segment ball.vti m.vtu --object 137,67,129:157,47,149 --background 102,98,102:116,16,176 \
              -o s.vtu --labels-out l.npy --surface-out s.vtp --truth truth.nrrd",
         );
+        println!("{cells}: Dice {}", number(&found, "/cells/dice"));
         assert!(number(&found, "/cells/dice") > 0.92, "{cells}: {found}");
         // The same bytes with other numbers of threads.
         let once = std::fs::read(folder.join("s.vtu")).unwrap();

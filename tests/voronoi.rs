@@ -8,7 +8,6 @@
 mod common;
 
 use std::path::Path;
-use std::process::Command;
 
 use common::{refused, succeed};
 
@@ -59,7 +58,8 @@ fn cells_fill_the_box_and_follow_the_faults() {
         assert_eq!(again["voronoi"][key], voronoi[key]);
     }
     let claimed = &again["fidelity"]["claimed"];
-    assert!(number(&claimed["coverage_one"]) > 0.6, "{claimed}");
+    // Measured: 0.859.
+    assert!(number(&claimed["coverage_one"]) > 0.84, "{claimed}");
     // Without the smallest faces: fewer connections, and still valid.
     let weld = [
         "mesh",
@@ -91,30 +91,12 @@ fn cells_fill_the_box_and_follow_the_faults() {
 fn vtk_finds_the_same_volumes() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    let python = Path::new(env!("CARGO_MANIFEST_DIR")).join(".venv/bin/python");
-    let python = if python.exists() {
-        python
-    } else {
-        "python3".into()
-    };
-    let found = Command::new(&python).args(["-c", "import vtk"]).output();
-    if !found.is_ok_and(|out| out.status.success()) {
-        println!("not checked with VTK: no python3 with the module vtk");
-        return;
-    }
     faults(folder);
     let judge = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/vtk/cells.py");
-    let out = Command::new(&python)
-        .arg(judge)
-        .arg(folder.join("v.vtu"))
-        .output()
-        .unwrap();
-    let said = String::from_utf8_lossy(&out.stdout).into_owned();
-    assert!(
-        out.status.success(),
-        "{}",
-        String::from_utf8_lossy(&out.stderr)
-    );
+    let mesh = folder.join("v.vtu");
+    let Some(said) = common::python_says("VTK", &[judge.as_os_str(), mesh.as_os_str()]) else {
+        return;
+    };
     let worst: f64 = said.trim().parse().expect(&said);
     assert!(
         worst < 1e-10,

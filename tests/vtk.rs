@@ -1,7 +1,8 @@
-//! VTK itself reads what we write. Needs Python 3 with `vtk` (PyPI); says so where it is missing.
+//! VTK itself reads what we write.
+
+mod common;
 
 use std::path::Path;
-use std::process::Command;
 
 use atomesh::files::vtk::DataArray;
 use atomesh::image::formats::vti;
@@ -11,22 +12,10 @@ use atomesh::store::{FieldValue, MeshFile, Trace, to_physical, write_vtu};
 
 /// What VTK says about files, a line an item; `None` if VTK is not installed.
 fn judged(files: &[&Path]) -> Option<String> {
-    let python = |args: &[&std::ffi::OsStr]| Command::new("python3").args(args).output().ok();
-    let found = python(&["-c".as_ref(), "import vtk".as_ref()]);
-    if !found.is_some_and(|out| out.status.success()) {
-        println!("not checked with VTK: no python3 with the module vtk");
-        return None;
-    }
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/vtk/judge.py");
-    let mut args = vec![script.as_os_str()];
-    args.extend(files.iter().map(|f| f.as_os_str()));
-    let out = python(&args)?;
-    assert!(
-        out.status.success(),
-        "{}",
-        String::from_utf8_lossy(&out.stderr)
-    );
-    Some(String::from_utf8_lossy(&out.stdout).into_owned())
+    let mut arguments = vec![script.as_os_str()];
+    arguments.extend(files.iter().map(|f| f.as_os_str()));
+    common::python_says("VTK", &arguments)
 }
 
 /// A cube of six tetrahedra round its diagonal, stretched into a mirrored, turned survey.

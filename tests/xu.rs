@@ -7,14 +7,14 @@
 
 mod common;
 
-use atomesh::feature::Kind;
+use atomesh::feature::FeatureKind;
 use atomesh::image::{Geometry, Image};
 use atomesh::improve::plane::relax::Scheme;
-use atomesh::job::{Meshing, Outcome, Params, Space, Spacing, mesh_image};
+use atomesh::job::{self, Meshing, Outcome, Params, Space, Spacing};
 use atomesh::lattice::AtomKind;
 use atomesh::lattice::optimize::Unobserved;
 use atomesh::lattice::seeding::Seeding;
-use atomesh::mesh::Simplices;
+use atomesh::mesh::{Mesh, Simplices};
 use common::{refused, succeed};
 use serde_json::Value;
 
@@ -48,7 +48,7 @@ where
         min_dihedral,
         ..Params::default()
     };
-    mesh_image(image, &params, &mut Unobserved).unwrap()
+    job::run(image, &params, &mut Unobserved).unwrap()
 }
 
 /// Nodes that must not move, in a fixed order.
@@ -56,7 +56,8 @@ fn fixed<const D: usize>(outcome: &Outcome<D>) -> Vec<[f64; D]>
 where
     Space<D>: Meshing<D>,
 {
-    let nodes = outcome.mesh.nodes().iter().zip(&outcome.kinds);
+    let made = outcome.simplices().unwrap();
+    let nodes = made.mesh.nodes().iter().zip(&made.kinds);
     let mut fixed: Vec<[f64; D]> = nodes
         .filter(|(_, kind)| **kind == AtomKind::Fixed)
         .map(|(x, _)| *x)
@@ -122,12 +123,13 @@ fn the_boundary_that_paths_find_is_followed() {
     let image = ball([100, 90], 27.0);
     let mut params = Params {
         spacing: Spacing::Constant(6.0),
-        feature: Kind::Paths,
+        feature: FeatureKind::Paths,
         ..Params::default()
     };
     params.seeds.object = vec![[50.0, 45.0]];
-    let outcome = mesh_image(&image, &params, &mut Unobserved).unwrap();
-    let length: f64 = outcome
+    let outcome = job::run(&image, &params, &mut Unobserved).unwrap();
+    let made = outcome.simplices().unwrap();
+    let length: f64 = made
         .feature_faces
         .iter()
         .enumerate()
@@ -137,10 +139,7 @@ fn the_boundary_that_paths_find_is_followed() {
                 .map(move |k| (t, k))
         })
         .map(|(t, k)| {
-            let [a, b] = outcome
-                .mesh
-                .face(t, k)
-                .map(|n| outcome.mesh.nodes[n as usize]);
+            let [a, b] = made.mesh.face(t, k).map(|n| made.mesh.nodes[n as usize]);
             0.5 * (a[0] - b[0]).hypot(a[1] - b[1])
         })
         .sum();

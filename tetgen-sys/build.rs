@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 fn main() {
     let manifest = env::var("CARGO_MANIFEST_DIR").expect("cargo sets CARGO_MANIFEST_DIR");
-    let shim = Path::new(&manifest).join("../cpp");
+    let shim = Path::new(&manifest).join("cpp");
     let (source, header) = (shim.join("tetgen_shim.cpp"), shim.join("tetgen_shim.h"));
     println!("cargo::rerun-if-changed={}", source.display());
     println!("cargo::rerun-if-changed={}", header.display());

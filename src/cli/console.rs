@@ -48,7 +48,7 @@ impl Console {
     }
 
     /// A stage begins: a spinner, later perhaps a bar, on a terminal, a plain line elsewhere.
-    pub fn begin_stage(&mut self, name: &str) {
+    pub fn begin_stage(&mut self, name: impl Display) {
         self.end_stage();
         if self.quiet {
             return;

@@ -13,7 +13,7 @@ use crate::improve;
 use crate::job::asked::{
     Apart, Beta, Cells, DistanceFrom, Job, LatticeJob, LatticeSpace, Placement, Slivers, Start,
 };
-use crate::job::{FixedAtom, Metric, Params, Spacing, Weight, WellPath};
+use crate::job::{CellKind, FixedAtom, Metric, Params, Spacing, Weight, WellPath};
 use crate::lattice::seeding::Seeding;
 use crate::{Error, Result};
 
@@ -105,7 +105,10 @@ pub fn params<const D: usize>(job: &Job) -> Result<Params<D>> {
         Placement::Lattice(lattice) => put_lattice(&mut params, lattice, job.seed.0)?,
     }
     match job.cells {
-        Cells::Voronoi { weld } => params.weld = weld,
+        Cells::Voronoi { weld } => {
+            params.cells = CellKind::Voronoi;
+            params.weld = weld;
+        }
         Cells::Simplices { slivers, smooth } => {
             if D != 2 && smooth.is_some() {
                 let problem = "is for the triangles of 2-D images";

@@ -13,6 +13,7 @@
 pub mod args;
 pub mod common;
 pub mod console;
+pub mod interrupts;
 pub mod job;
 pub mod parse;
 pub mod provenance;
@@ -27,13 +28,14 @@ use crate::{Error, Result};
 use args::{CommandLine, Verb};
 use common::global::Ending;
 use console::{Console, complain};
+use interrupts::{INTERRUPTED, Interrupts};
 
 /// Runs what was typed. Exit codes: 0 done, 1 bad input or failed job, 130 interrupted (wrong usage,
 /// 2, is found while parsing).
 pub fn main(line: &CommandLine) -> ExitCode {
     match run(line) {
         Ok(Ending::Done) => ExitCode::SUCCESS,
-        Ok(Ending::Interrupted) => ExitCode::from(130),
+        Ok(Ending::Interrupted) => ExitCode::from(INTERRUPTED),
         Err(error) => {
             complain(format_args!("error: {}", console::in_words(&error)));
             ExitCode::FAILURE
@@ -46,8 +48,9 @@ fn run(line: &CommandLine) -> Result<Ending> {
         start_threads(threads)?;
     }
     let console = &mut Console::new(&line.common);
+    let interrupts = &Interrupts::watch()?;
     match &line.verb {
-        Verb::Mesh(args) => return verbs::mesh::mesh(args, console),
+        Verb::Mesh(args) => return verbs::mesh::mesh(args, interrupts, console),
         Verb::Quality(args) => verbs::quality::quality(args, console)?,
         Verb::Validate(args) => verbs::validate::validate(args, console)?,
         Verb::Slice(args) => verbs::slice::slice(args, console)?,

@@ -104,28 +104,81 @@ pub fn rows<T>(
 ) -> Result<Vec<(usize, T)>> {
     let text = std::fs::read_to_string(path).map_err(|e| os(path, "read", e))?;
     let mut rows = Vec::new();
-    for (line, content) in (1..).zip(text.lines().map(str::trim)) {
-        if content.is_empty() || content.starts_with('#') {
-            continue;
-        }
-        let words: Vec<&str> = content.split([',', ';', '\t']).map(str::trim).collect();
+    for Line {
+        number,
+        text,
+        words,
+    } in lines(&text, path)?
+    {
         let values: Option<Vec<f64>> = words
             .iter()
             .map(|word| word.parse().ok().filter(|v: &f64| v.is_finite()))
             .collect();
         match values.and_then(|values| take(&values)) {
-            Some(row) => rows.push((line, row)),
+            Some(row) => rows.push((number, row)),
             None if rows.is_empty() && words.iter().all(|word| word.parse::<f64>().is_err()) => {}
             None => {
                 return Err(Error::Job(cause(
-                    format!("{}:{line}", path.display()),
-                    format!("'{content}' is not {meaning}"),
+                    format!("{}:{number}", path.display()),
+                    format!("'{text}' is not {meaning}"),
                     remedy,
                 )));
             }
         }
     }
     Ok(rows)
+}
+
+/// A line of a CSV file: its number from 1, itself, and what stands between the separators.
+struct Line<'a> {
+    number: usize,
+    text: &'a str,
+    words: csv::StringRecord,
+}
+
+/// The lines of a CSV file, without empty ones and those that begin with `#`. Separators are those of
+/// the first line: semicolons, tabs or commas.
+fn lines<'a>(text: &'a str, path: &Path) -> Result<Vec<Line<'a>>> {
+    let is_row = |line: &&str| !line.is_empty() && !line.starts_with('#');
+    let first = text.lines().map(str::trim).find(is_row).unwrap_or_default();
+    let mut separators = [b';', b'\t', b','].into_iter();
+    let separator = separators.find(|&s| first.contains(char::from(s)));
+    let mut reader = csv::ReaderBuilder::new()
+        .delimiter(separator.unwrap_or(b','))
+        .comment(Some(b'#'))
+        .trim(csv::Trim::All)
+        .flexible(true)
+        .has_headers(false)
+        .from_reader(text.as_bytes());
+    let mut lines = Vec::new();
+    for record in reader.records() {
+        let refuse = |error: csv::Error| {
+            let remedy = "write numbers with commas between them";
+            Error::Job(cause(
+                path.display(),
+                format!("is no CSV file: {error}"),
+                remedy,
+            ))
+        };
+        let words = record.map_err(refuse)?;
+        let Some(position) = words.position() else {
+            continue;
+        };
+        // A record is said to begin where the one before ends: comments and empty lines follow.
+        let rest = text.get(position.byte() as usize..).unwrap_or_default();
+        let own = rest.lines().enumerate().map(|(i, line)| (i, line.trim()));
+        let mut own = own.skip_while(|(_, line)| !is_row(line));
+        if let Some((skipped, text)) = own.next()
+            && !(words.len() == 1 && words[0].is_empty())
+        {
+            lines.push(Line {
+                number: position.line() as usize + skipped,
+                text,
+                words,
+            });
+        }
+    }
+    Ok(lines)
 }
 
 /// Values by region from a CSV file of lines `region,number,...`; `accept` makes a value of the
@@ -138,21 +191,22 @@ pub fn by_region<T>(
 ) -> Result<Vec<(i32, T)>> {
     let content = std::fs::read_to_string(path).map_err(|e| os(path, "read", e))?;
     let mut values: Vec<(i32, T)> = Vec::new();
-    for (at, line) in content.lines().enumerate() {
-        let line = line.trim();
-        if line.is_empty() || line.starts_with('#') {
-            continue;
-        }
-        let entry = line.split_once(',').and_then(|(region, rest)| {
-            let words = rest.split(',').map(|word| word.trim().parse().ok());
-            let numbers: Vec<f64> = words.collect::<Option<_>>()?;
-            Some((region.trim().parse().ok()?, accept(&numbers)?))
-        });
+    for Line {
+        number,
+        text: line,
+        words,
+    } in lines(&content, path)?
+    {
+        let entry = || {
+            let numbers = words.iter().skip(1).map(|word| word.parse().ok());
+            let numbers: Vec<f64> = numbers.collect::<Option<_>>()?;
+            Some((words[0].parse().ok()?, accept(&numbers)?))
+        };
         let refuse = |problem: String, remedy: &str| {
-            let place = format!("{}:{}", path.display(), at + 1);
+            let place = format!("{}:{number}", path.display());
             Err(Error::Job(cause(place, problem, remedy)))
         };
-        match entry {
+        match entry() {
             Some((region, _)) if values.iter().any(|(known, _)| *known == region) => {
                 let problem = format!("region {region} for the second time");
                 return refuse(problem, "give each region once");
@@ -189,11 +243,22 @@ mod tests {
     fn points_from_csv() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("wells.csv");
-        std::fs::write(&path, "x,y,z\n# a well\n1,2,3\n\n4.5; -5; 6e1\n").unwrap();
-        assert_eq!(
-            points::<3>(&path).unwrap(),
-            [(3, [1.0, 2.0, 3.0]), (5, [4.5, -5.0, 60.0])]
-        );
+        let want = [(3, [1.0, 2.0, 3.0]), (7, [4.5, -5.0, 60.0])];
+        let text = "x,y,z\n# a well\n1,2,3\n\n  \n# more\n4.5, -5, \"6e1\"";
+        for separator in [",", ";", "\t"] {
+            for ending in ["\n", "\r\n"] {
+                let text = text.replace(',', separator).replace('\n', ending);
+                std::fs::write(&path, text).unwrap();
+                assert_eq!(
+                    points::<3>(&path).unwrap(),
+                    want,
+                    "{separator:?} {ending:?}"
+                );
+            }
+        }
+        std::fs::write(&path, "# a well\r\n\r\n1,2,3\r\n\r\n1,2,x\r\n").unwrap();
+        let error = points::<3>(&path).unwrap_err().to_string();
+        assert!(error.contains("wells.csv:5: '1,2,x' is not"), "{error}");
         for wrong in ["1,2\n", "1,2,nan\n", "1,2,3\nx,y,z\n", "1,2,3,4\n"] {
             std::fs::write(&path, wrong).unwrap();
             assert!(points::<3>(&path).is_err(), "{wrong}");

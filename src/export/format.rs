@@ -11,6 +11,48 @@ use crate::files::{Batch, check_target};
 use crate::model::reservoir::Model;
 use crate::{Error, Result};
 
+/// What a model may say besides its cells, and not every format can hold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Content {
+    /// The share of pores in each cell.
+    Porosity,
+    /// The permeability of each cell.
+    Permeability,
+    /// The region of each cell.
+    Regions,
+    /// Other values of each cell.
+    Properties,
+    /// How faults resist flow: transmissibilities.
+    Faults,
+    /// Wells.
+    Wells,
+    /// What fills the pores.
+    Fluid,
+    /// The pressure at first, and gravity, which it follows from.
+    Pressure,
+    /// The time that a simulation covers.
+    Duration,
+    /// The number of cells along each axis of a grid that the model is resampled on.
+    Grid,
+}
+
+impl std::fmt::Display for Content {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Porosity => "porosity",
+            Self::Permeability => "permeability",
+            Self::Regions => "regions of cells",
+            Self::Properties => "properties of cells",
+            Self::Faults => "resistance of faults",
+            Self::Wells => "wells",
+            Self::Fluid => "fluids",
+            Self::Pressure => "pressure or gravity",
+            Self::Duration => "time of simulation",
+            Self::Grid => "grid of a chosen size",
+        })
+    }
+}
+
 /// A format for simulators or other meshers.
 #[derive(Debug)]
 pub struct Format {
@@ -27,6 +69,8 @@ pub struct Format {
     pub any_cells: bool,
     /// Whether depth has a meaning in it.
     pub depth: bool,
+    /// What else than cells and named faces it holds, itself or in its twin.
+    pub holds: &'static [Content],
     write: fn(&Model, &mut Batch, &Path) -> Result<()>,
 }
 
@@ -39,6 +83,17 @@ pub const FORMATS: &[Format] = &[
         twin: true,
         any_cells: true,
         depth: true,
+        holds: &[
+            Content::Regions,
+            Content::Porosity,
+            Content::Permeability,
+            Content::Properties,
+            Content::Faults,
+            Content::Wells,
+            Content::Fluid,
+            Content::Pressure,
+            Content::Duration,
+        ],
         write: opm::write,
     },
     Format {
@@ -48,6 +103,7 @@ pub const FORMATS: &[Format] = &[
         twin: false,
         any_cells: true,
         depth: false,
+        holds: &[Content::Regions],
         write: openfoam::write,
     },
     Format {
@@ -57,6 +113,12 @@ pub const FORMATS: &[Format] = &[
         twin: true,
         any_cells: true,
         depth: true,
+        holds: &[
+            Content::Regions,
+            Content::Porosity,
+            Content::Permeability,
+            Content::Properties,
+        ],
         write: pflotran::write,
     },
     Format {
@@ -66,6 +128,12 @@ pub const FORMATS: &[Format] = &[
         twin: true,
         any_cells: true,
         depth: true,
+        holds: &[
+            Content::Regions,
+            Content::Porosity,
+            Content::Permeability,
+            Content::Properties,
+        ],
         write: tough::write,
     },
     Format {
@@ -75,6 +143,16 @@ pub const FORMATS: &[Format] = &[
         twin: true,
         any_cells: true,
         depth: true,
+        holds: &[
+            Content::Regions,
+            Content::Porosity,
+            Content::Permeability,
+            Content::Properties,
+            Content::Faults,
+            Content::Wells,
+            Content::Pressure,
+            Content::Duration,
+        ],
         write: disv::write,
     },
     Format {
@@ -84,6 +162,13 @@ pub const FORMATS: &[Format] = &[
         twin: false,
         any_cells: true,
         depth: true,
+        holds: &[
+            Content::Regions,
+            Content::Porosity,
+            Content::Permeability,
+            Content::Properties,
+            Content::Faults,
+        ],
         write: mrst::write,
     },
     Format {
@@ -93,6 +178,12 @@ pub const FORMATS: &[Format] = &[
         twin: false,
         any_cells: true,
         depth: false,
+        holds: &[
+            Content::Regions,
+            Content::Porosity,
+            Content::Permeability,
+            Content::Properties,
+        ],
         write: geos::write,
     },
     Format {
@@ -102,6 +193,13 @@ pub const FORMATS: &[Format] = &[
         twin: false,
         any_cells: true,
         depth: true,
+        holds: &[
+            Content::Regions,
+            Content::Porosity,
+            Content::Permeability,
+            Content::Faults,
+            Content::Grid,
+        ],
         write: grdecl::write,
     },
     Format {
@@ -111,6 +209,12 @@ pub const FORMATS: &[Format] = &[
         twin: false,
         any_cells: true,
         depth: true,
+        holds: &[
+            Content::Regions,
+            Content::Porosity,
+            Content::Permeability,
+            Content::Properties,
+        ],
         write: resqml::write,
     },
     Format {
@@ -120,6 +224,13 @@ pub const FORMATS: &[Format] = &[
         twin: true,
         any_cells: true,
         depth: true,
+        holds: &[
+            Content::Regions,
+            Content::Porosity,
+            Content::Permeability,
+            Content::Properties,
+            Content::Faults,
+        ],
         write: darts::write,
     },
     Format {
@@ -129,6 +240,7 @@ pub const FORMATS: &[Format] = &[
         twin: false,
         any_cells: false,
         depth: false,
+        holds: &[Content::Regions],
         write: msh::write_4,
     },
     Format {
@@ -138,6 +250,7 @@ pub const FORMATS: &[Format] = &[
         twin: false,
         any_cells: false,
         depth: false,
+        holds: &[Content::Regions],
         write: msh::write_2,
     },
     Format {
@@ -147,6 +260,7 @@ pub const FORMATS: &[Format] = &[
         twin: false,
         any_cells: false,
         depth: false,
+        holds: &[Content::Regions],
         write: inp::write,
     },
     Format {
@@ -156,6 +270,7 @@ pub const FORMATS: &[Format] = &[
         twin: false,
         any_cells: false,
         depth: false,
+        holds: &[Content::Regions],
         write: medit::write,
     },
     Format {
@@ -165,6 +280,7 @@ pub const FORMATS: &[Format] = &[
         twin: false,
         any_cells: false,
         depth: false,
+        holds: &[Content::Regions],
         write: tetgen::write,
     },
     Format {
@@ -174,6 +290,7 @@ pub const FORMATS: &[Format] = &[
         twin: false,
         any_cells: true,
         depth: false,
+        holds: &[],
         write: stl::write,
     },
     Format {
@@ -183,6 +300,7 @@ pub const FORMATS: &[Format] = &[
         twin: false,
         any_cells: true,
         depth: false,
+        holds: &[],
         write: stl::write_obj,
     },
 ];
@@ -230,6 +348,23 @@ impl Format {
             )));
         }
         Ok(())
+    }
+
+    /// Checks that the format can hold what a model shall say.
+    ///
+    /// # Errors
+    /// [`Error::Export`] with the formats that can.
+    pub fn check_holds(&self, content: Content, place: &str) -> Result<()> {
+        if self.holds.contains(&content) {
+            return Ok(());
+        }
+        let able = FORMATS.iter().filter(|f| f.holds.contains(&content));
+        let able: Vec<&str> = able.map(|f| f.name).collect();
+        Err(Error::Export(cause(
+            place,
+            format!("the format {} holds no {content}", self.name),
+            format!("omit it, or export to {}", able.join(", ")),
+        )))
     }
 
     /// The twin of a file.

@@ -16,7 +16,7 @@ pub mod simulators;
 pub mod surfaces;
 pub mod twin;
 
-pub use format::{FORMATS, Format};
+pub use format::{Content, FORMATS, Format};
 pub use meshers::obj::write_obj;
 pub use surfaces::SurfaceFile;
 pub use surfaces::tsurf::write_tsurf;

@@ -155,7 +155,7 @@ fn lanes(slice: &[f32]) -> &[f32; LANES] {
     slice.first_chunk().unwrap_or(&[0.0; LANES])
 }
 
-/// kernel[0] * centre + sum_i kernel[i] * (before_i + after_i), lane by lane.
+/// `kernel[0] * centre + sum_i kernel[i] * (before_i + after_i)`, lane by lane.
 #[inline(always)]
 fn weighted<'a>(
     kernel: &[f32],

@@ -200,3 +200,44 @@ fn bells(samples: &mut [f32], sigma: f32) {
         };
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::feature::scenes::{Sheet, ridge_image};
+    use crate::feature::{Detection, FeatureKind, detect};
+
+    #[test]
+    fn the_valley_is_gaussian_across_and_even_along() {
+        let dims = [48, 44, 40];
+        let sheets = [
+            Sheet::plane([1.0, 0.45, 0.3], [22.0, 22.0, 20.0]),
+            Sheet::plane([-0.4, 1.0, 0.2], [24.0, 24.0, 20.0]),
+        ];
+        let image = ridge_image(dims, &sheets, 1.5, 0.0);
+        let d_min = 8.0;
+        let features = detect(&image, &Detection::of(FeatureKind::Ridges, d_min)).unwrap();
+        let (sigma, rest) = (features.sigma, (-4.5f64).exp());
+        assert_eq!(sigma, d_min / 4.0);
+        // Off the crossing, and at it (where both sheets are within three samples).
+        let (mut worst, mut deepest) = ([0.0f64; 2], 0.0f32);
+        for z in 5..35 {
+            for y in 5..39 {
+                for x in 5..43 {
+                    let p = [x as f64, y as f64, z as f64];
+                    let b = features.potential.samples[(z * 44 + y) * 48 + x];
+                    deepest = deepest.min(b);
+                    let s = sheets
+                        .iter()
+                        .map(|s| s.distance(p).abs())
+                        .fold(f64::MAX, f64::min);
+                    let bell = (-0.5 * (s / sigma).powi(2)).exp().max(rest);
+                    let crossing = sheets.iter().all(|s| s.distance(p).abs() < 3.0);
+                    let worst = &mut worst[usize::from(crossing)];
+                    *worst = worst.max((f64::from(b) + (bell - rest) / (1.0 - rest)).abs());
+                }
+            }
+        }
+        assert!(worst[0] < 0.08 && worst[1] < 0.2, "{worst:?}");
+        assert!((-1.0..-0.99).contains(&deepest), "{deepest}");
+    }
+}

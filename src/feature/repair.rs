@@ -7,8 +7,8 @@
 //! a quadratic surface fitted to the reliable points nearby (on the far side of a crossing too).
 //! Doubtful candidates beside a continued sheet are dropped.
 
+use super::by_sample::BySample;
 use super::crossing::{Candidate, dot, minus, nearest};
-use super::grid::Grid;
 use super::symmetric::{Matrix, eigenvalues};
 use super::volume::Volume;
 
@@ -57,8 +57,8 @@ pub fn repair<const D: usize>(
         return candidates;
     }
     drop(candidates);
-    let grid = Grid::new(smoothed.dims, &reliable);
-    let mut fill = Fill {
+    let grid = BySample::new(smoothed.dims, &reliable);
+    let mut fill = Continuation {
         smoothed,
         zone: &zone,
         reliable: &grid,
@@ -72,7 +72,7 @@ pub fn repair<const D: usize>(
             let level = smoothed.samples[c.voxel as usize];
             fill.step_from(
                 c,
-                Front {
+                Departure {
                     level,
                     normal: c.normal,
                     steps: 0,
@@ -90,7 +90,7 @@ pub fn repair<const D: usize>(
     }
     let mut points = fill.points;
     points.sort_by_key(|c| c.voxel);
-    let continued = Grid::new(smoothed.dims, &points);
+    let continued = BySample::new(smoothed.dims, &points);
     let beside = |c: &Candidate<D>| {
         let mut found = false;
         continued.each_around(continued.coordinates(c), BESIDE, |_| found = true);
@@ -202,7 +202,7 @@ fn trace<const D: usize>(m: &Matrix<D>) -> f64 {
 
 /// Where a front left the reliable part of its sheet.
 #[derive(Clone, Copy)]
-struct Front<const D: usize> {
+struct Departure<const D: usize> {
     /// The smoothed image there.
     level: f32,
     /// The sheet's normal there.
@@ -212,22 +212,22 @@ struct Front<const D: usize> {
 }
 
 /// The fronts that fill the zone.
-struct Fill<'a, const D: usize> {
+struct Continuation<'a, const D: usize> {
     smoothed: Volume<'a, D>,
     zone: &'a Zone<D>,
-    reliable: &'a Grid<'a, D>,
+    reliable: &'a BySample<'a, D>,
     points: Vec<Candidate<D>>,
     /// Where the front of each new point comes from.
-    fronts: Vec<Front<D>>,
+    fronts: Vec<Departure<D>>,
     /// The latest new point among a few samples in a row.
     by_segment: Vec<u32>,
     /// For each new point, the one before it among the same samples.
     previous: Vec<u32>,
 }
 
-impl<const D: usize> Fill<'_, D> {
+impl<const D: usize> Continuation<'_, D> {
     /// Tries to continue a sheet from one point into the columns around it.
-    fn step_from(&mut self, from: &Candidate<D>, front: Front<D>) {
+    fn step_from(&mut self, from: &Candidate<D>, front: Departure<D>) {
         let axis = from.axis as usize;
         for (lateral, by) in (1..D).flat_map(|k| [-1.0, 1.0].map(|by| ((axis + k) % D, by))) {
             let mut guess = from.position;
@@ -254,7 +254,7 @@ impl<const D: usize> Fill<'_, D> {
                 self.previous.push(*latest);
                 *latest = self.points.len() as u32;
                 self.points.push(point);
-                self.fronts.push(Front {
+                self.fronts.push(Departure {
                     steps: front.steps + 1,
                     ..front
                 });
@@ -304,7 +304,7 @@ impl<const D: usize> Fill<'_, D> {
     fn fit(&self, guess: [f32; D], like: &Candidate<D>, radius: i32) -> Option<Candidate<D>> {
         let axis = like.axis as usize;
         let n = like.normal;
-        let mut surface = Surface::<D>::new(radius);
+        let mut surface = Quadric::<D>::new(radius);
         let mut count = 0;
         let centre = guess.map(nearest);
         // Smoothing ties neighbours together: columns a few samples apart carry all there is to know.
@@ -337,7 +337,7 @@ impl<const D: usize> Fill<'_, D> {
                 }
             });
         }
-        if count < Surface::<D>::TERMS {
+        if count < Quadric::<D>::TERMS {
             return None;
         }
         let c = surface.solve()?;
@@ -367,14 +367,14 @@ impl<const D: usize> Fill<'_, D> {
 }
 
 /// A quadratic surface (in 2-D a parabola) through points, by weighted least squares.
-struct Surface<const D: usize> {
+struct Quadric<const D: usize> {
     /// The upper half of the normal equations, and their right-hand sides in the last column.
     equations: [[f64; 7]; 6],
     /// The weight of a point falls with the square of its distance over this.
     width: f64,
 }
 
-impl<const D: usize> Surface<D> {
+impl<const D: usize> Quadric<D> {
     /// Constant, slopes and bends: fewer points carry no fit.
     const TERMS: usize = D * (D + 1) / 2;
 

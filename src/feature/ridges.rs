@@ -99,22 +99,23 @@ pub fn statistics<const D: usize>(smoothed: Volume<'_, D>, sigma: f64) -> Statis
     } else {
         0.0
     };
+    Statistics {
+        noise: (f64::from(median) * median_to_noise(D) * sigma * sigma * HEIGHT) as f32,
+        typical: typical(parts.iter().flat_map(|p| &p.1).map(|c| c.strength)),
+    }
+}
+
+/// The typical strength, which the strong ones decide: sum of cubes over sum of squares.
+pub fn typical(strengths: impl Iterator<Item = f32>) -> f32 {
     let (mut squares, mut cubes) = (0.0f64, 0.0f64);
-    for s in parts
-        .iter()
-        .flat_map(|p| &p.1)
-        .map(|c| f64::from(c.strength))
-    {
+    for s in strengths.map(f64::from) {
         squares += s * s;
         cubes += s * s * s;
     }
-    Statistics {
-        noise: (f64::from(median) * median_to_noise(D) * sigma * sigma * HEIGHT) as f32,
-        typical: if squares > 0.0 {
-            (cubes / squares) as f32
-        } else {
-            0.0
-        },
+    if squares > 0.0 {
+        (cubes / squares) as f32
+    } else {
+        0.0
     }
 }
 

@@ -7,7 +7,7 @@ use super::volume::Volume;
 use crate::geometry::wide::wide;
 
 /// The rows round a row of x, without the row's ends (where samples repeat).
-struct Rows<'a> {
+struct RowsAround<'a> {
     /// Each row from its first sample, its second and its third on.
     centre: [&'a [f32]; 3],
     /// Before and after along the second and the third axis.
@@ -16,7 +16,7 @@ struct Rows<'a> {
     diagonal: [[&'a [f32]; 2]; 2],
 }
 
-impl<'a> Rows<'a> {
+impl<'a> RowsAround<'a> {
     #[inline(always)]
     fn new<const D: usize>(volume: Volume<'a, D>, first: [usize; D]) -> Self {
         let count = volume.dims[0].saturating_sub(2);
@@ -84,7 +84,7 @@ pub struct Curvature {
 impl Curvature {
     /// Measures the row of x from `first`.
     ///
-    /// As [`symmetric::eigenvalues`](super::symmetric::eigenvalues), without branches and in single
+    /// As [`symmetric::eigenvalues`], without branches and in single
     /// precision: errors about 1e-6 of the largest entry.
     pub fn measure<const D: usize>(&mut self, volume: Volume<'_, D>, first: [usize; D]) {
         let nx = volume.dims[0];
@@ -96,7 +96,7 @@ impl Curvature {
         wide(
             #[inline(always)]
             || {
-                let rows = Rows::new(volume, first);
+                let rows = RowsAround::new(volume, first);
                 let count = rows.count();
                 let (lowest, next, laplacian) = (
                     &mut lowest[1..][..count],

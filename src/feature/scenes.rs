@@ -211,3 +211,10 @@ pub fn crossing_sheets() -> ([usize; 3], Vec<Sheet>) {
         ],
     )
 }
+
+/// An image of two dimensions of a function of the sample coordinates.
+pub fn plane_image(dims: [usize; 2], mut f: impl FnMut([f64; 2]) -> f64) -> Image<2> {
+    let at = |i: usize| [(i % dims[0]) as f64, (i / dims[0]) as f64];
+    let samples = (0..dims[0] * dims[1]).map(|i| f(at(i)) as f32).collect();
+    Image::new(dims, samples, Geometry::default())
+}

@@ -1,19 +1,16 @@
 //! What detection settles on for a whole image, so that a part of it can be treated alike: a local
 //! edit looks for features near the edit only, and must find those that the whole image has there.
 
+use super::FeatureKind;
+use super::detectors;
 use serde::{Deserialize, Serialize};
-
-use super::sheets::Open;
-use super::{Features, Kind, Options, both, check, empty, follow};
-use crate::error::{Error, Result, cause};
-use crate::image::Image;
 
 /// Scale and thresholds for one kind of feature, found from a whole image.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Settled {
-    /// The kind of feature, never [`Kind::Auto`] and only one.
-    pub kind: Kind,
+    /// The kind of feature, never [`FeatureKind::Auto`] and only one.
+    pub kind: FeatureKind,
     /// Width in samples of the Gaussian under which sheets are sought.
     pub scale: f64,
     /// Strength down to which a sheet is followed.
@@ -27,65 +24,48 @@ pub struct Settled {
     pub mask: Option<f32>,
 }
 
-/// How far (samples) detection looks to either side: beyond this from where a part of an image was
-/// cut, the features are those of the whole image.
-pub fn reach(settled: &[Settled]) -> usize {
-    let reach = |s: &Settled| match s.kind {
-        // Averages over windows of 4 samples.
-        Kind::Horizons => 14,
-        // Normals averaged over 12 samples, on amplitudes balanced over 6, and a plane of 12.
-        Kind::Faults => 60,
-        _ => (3.0 * s.scale).ceil() as usize + 3,
-    };
-    settled.iter().map(reach).max().unwrap_or(0)
-}
-
-/// Finds the features of a part of an image as [`detect`](super::detect) finds those of the whole,
-/// for which it `settled` on scales and thresholds. `open` tells the sides beyond which the image
-/// goes on: sheets that reach them are kept however small they are here.
-///
-/// # Errors
-/// Those of [`detect`](super::detect), but that a part may well be constant.
-pub fn detect_part<const D: usize>(
-    part: &Image<D>,
-    options: &Options<D>,
-    settled: &[Settled],
-    open: &Open<D>,
-) -> Result<Features<D>> {
-    let samples = part.as_slice();
-    if samples.iter().all(|s| *s == samples[0]) {
-        return Ok(empty(part.dims(), options));
-    }
-    check(part, options)?;
-    if settled.iter().any(|one| one.kind == Kind::Paths) {
-        return Err(Error::Feature(cause(
-            "feature 'paths'",
-            "comes from paths through the whole image and cannot be found again in a part",
-            "mesh the image anew",
-        )));
-    }
-    let mut found = Vec::new();
-    for one in settled {
-        let known = Some((one, open));
-        found.push(follow(part, one.kind, options, known, Vec::new())?);
-    }
-    let mut found = found.into_iter();
-    Ok(match (found.next(), found.next()) {
-        (Some(first), Some(second)) => both(first, second, options.weights),
-        (Some(only), None) => only,
-        _ => empty(part.dims(), options),
-    })
+/// How far (samples) detection looks to either side: beyond this from where a part of an image of `D`
+/// dimensions was cut, the features are those of the whole image.
+pub fn reach<const D: usize>(settled: &[Settled]) -> usize {
+    let reach = |s: &Settled| detectors::of::<D>(s.kind).map(|one| one.reach(s.scale));
+    settled.iter().filter_map(reach).max().unwrap_or(0)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::Geometry;
+    use crate::feature::{Detection, detect_part};
+    use crate::image::{Geometry, Image};
+
+    fn part() -> Image<2> {
+        let samples = (0..400).map(|i| (i % 7) as f32).collect();
+        Image::new([20, 20], samples, Geometry::default())
+    }
 
     #[test]
     fn a_constant_part_has_no_features() {
         let part = Image::new([20, 20], vec![3.0; 400], Geometry::default());
-        let found = detect_part(&part, &Options::default(), &[], &[[true; 2]; 2]).unwrap();
+        let found = detect_part(&part, &Detection::default(), &[], &[[true; 2]; 2]).unwrap();
         assert!(found.points.is_empty() && found.potential.samples.iter().all(|b| *b == 0.0));
+    }
+
+    #[test]
+    fn a_part_is_not_searched_for_what_only_the_whole_shows() {
+        let says = |kind| {
+            let settled = Settled {
+                kind,
+                scale: 1.0,
+                low: 0.1,
+                high: 0.2,
+                min_area: 1.0,
+                mask: None,
+            };
+            detect_part(&part(), &Detection::default(), &[settled], &[[true; 2]; 2])
+                .unwrap_err()
+                .to_string()
+        };
+        assert!(says(FeatureKind::Paths).contains("through the whole image"));
+        assert!(says(FeatureKind::Auto).contains("feature 'auto'"));
+        assert!(says(FeatureKind::FaultsAndHorizons).contains("feature 'faults+horizons'"));
     }
 }

@@ -5,9 +5,9 @@
 //! nearer than a lattice can resolve, so the choice between two close parallel sheets is made once
 //! for a whole sheet and not sample by sample.
 
+use super::by_sample::BySample;
 use super::crossing::{Candidate, dot, minus, nearest};
-use super::grid::Grid;
-use crate::feature::FeaturePoint;
+use super::{FeatureKind, FeaturePoint};
 
 /// No sheet.
 const FREE: u32 = u32::MAX;
@@ -45,6 +45,28 @@ pub struct Sheets<const D: usize> {
     pub crumbs: usize,
 }
 
+impl<const D: usize> Sheets<D> {
+    /// Notes what was kept of features of one kind, and what was not.
+    pub fn describe(&self, kind: FeatureKind, rules: &Rules<D>, notes: &mut Vec<String>) {
+        notes.push(format!(
+            "{} feature points in {} sheets; dropped {} nearer than {:.1} to a stronger parallel sheet \
+             and {} weak or in sheets smaller than {:.0}",
+            self.points.len(),
+            self.sheets,
+            self.too_near,
+            rules.resolution,
+            self.crumbs,
+            rules.min_area,
+        ));
+        if self.points.is_empty() {
+            notes.push(format!(
+                "NO FEATURE ({kind}) was found, so the mesh follows none: try another kind of \
+                 feature or a lower threshold"
+            ));
+        }
+    }
+}
+
 /// Neighbours belong to one sheet if their normals agree at least this much (cosine) ...
 const SAME_NORMAL: f32 = 0.8;
 /// ... and each is off the other's plane by less than this (samples).
@@ -72,7 +94,7 @@ pub fn sheets<const D: usize>(
     step: [f64; D],
     rules: &Rules<D>,
 ) -> Sheets<D> {
-    let grid = Grid::new(dims, candidates);
+    let grid = BySample::new(dims, candidates);
     let mut growth = Growth {
         grid: &grid,
         step: step.map(|h| h as f32),
@@ -153,7 +175,7 @@ fn lattice_point<const D: usize>(c: &Candidate<D>, step: [f64; D]) -> FeaturePoi
 
 /// One sheet after the other.
 struct Growth<'a, const D: usize> {
-    grid: &'a Grid<'a, D>,
+    grid: &'a BySample<'a, D>,
     step: [f32; D],
     resolution: f32,
     owner: Vec<u32>,

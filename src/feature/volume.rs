@@ -15,7 +15,12 @@ pub struct Volume<'a, const D: usize> {
     pub samples: &'a [f32],
 }
 
-impl<const D: usize> Volume<'_, D> {
+impl<'a, const D: usize> Volume<'a, D> {
+    /// Samples of an image; none where only its shape matters.
+    pub fn new(dims: [usize; D], samples: &'a [f32]) -> Self {
+        Self { dims, samples }
+    }
+
     /// Index of a sample in memory.
     #[inline]
     pub fn index(&self, at: [usize; D]) -> usize {
@@ -146,4 +151,16 @@ impl<const D: usize> Volume<'_, D> {
         }
         hessian
     }
+}
+
+/// Samples whose squares are summed at once.
+const CHUNK: usize = 1 << 16;
+
+/// Root mean square of samples, summed chunk by chunk.
+pub fn root_mean_square(samples: &[f32]) -> f32 {
+    let sums: Vec<f64> = samples
+        .par_chunks(CHUNK)
+        .map(|chunk| chunk.iter().map(|s| f64::from(s * s)).sum())
+        .collect();
+    (sums.iter().sum::<f64>() / samples.len().max(1) as f64).sqrt() as f32
 }

@@ -1,9 +1,18 @@
 //! Files that appear whole or not at all.
+//!
+//! Each is written and synchronised under a temporary name in its own folder and then renamed, which
+//! operating systems do in one step. Several that belong together are all written before the first is
+//! renamed; what they replace is kept under a second name until all have taken theirs, and takes its
+//! name back if one cannot. No operating system renames several files in one step: were the computer
+//! switched off between two of these renames, the first ones would be there without the others.
 
-use std::fs::{self, File, OpenOptions};
-use std::io::{BufWriter, Write};
+use std::collections::BTreeSet;
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use tempfile::{Builder, TempPath};
 
 use crate::error::{Error, Result, cause, os};
 
@@ -16,14 +25,14 @@ use crate::error::{Error, Result, cause, os};
 /// [`Error::Io`] if the folder does not exist, the target is a folder, or writing fails.
 pub fn atomic_write(
     path: &Path,
-    write: impl FnOnce(&mut BufWriter<File>) -> std::io::Result<()>,
+    write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
 ) -> Result<()> {
     let mut batch = Batch::default();
     batch.write(path, write)?;
     batch.commit()
 }
 
-/// Several files that belong together: none takes its name before all are written.
+/// Several files that belong together: all appear, or none.
 #[derive(Default)]
 pub struct Batch {
     /// Each file, and the name it will take.
@@ -40,12 +49,14 @@ impl Batch {
     pub fn write(
         &mut self,
         path: &Path,
-        write: impl FnOnce(&mut BufWriter<File>) -> std::io::Result<()>,
+        write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
     ) -> Result<()> {
         let (unfinished, file) = Unfinished::create(path)?;
         let mut writer = BufWriter::with_capacity(1 << 16, file);
-        let written = write(&mut writer).and_then(|()| writer.flush());
-        written.map_err(|error| os(path, "write", error))?;
+        write(&mut writer)
+            .and_then(|()| writer.flush())
+            .and_then(|()| writer.get_ref().sync_all())
+            .map_err(|error| os(path, "write", error))?;
         self.files.push((unfinished, path.to_path_buf()));
         Ok(())
     }
@@ -69,12 +80,31 @@ impl Batch {
     /// Gives all files their names.
     ///
     /// # Errors
-    /// [`Error::Io`] if one cannot take its name; those after it do not either.
+    /// [`Error::Io`] if one cannot take its name; those before it have given theirs back then, and
+    /// what they had replaced is there again.
     pub fn commit(mut self) -> Result<()> {
-        for (unfinished, path) in &mut self.files {
-            fs::rename(&unfinished.path, &*path).map_err(|error| os(path, "write", error))?;
-            unfinished.renamed = true;
+        // Whoever removes unfinished files waits until all these are finished.
+        let mut unfinished = unfinished();
+        let many = self.files.len() > 1;
+        let folders: BTreeSet<PathBuf> = (self.files.iter())
+            .map(|(_, path)| folder_of(path).to_path_buf())
+            .collect();
+        let mut placed: Vec<Placed> = Vec::new();
+        for (file, path) in self.files.drain(..) {
+            let Some(temporary) = file.taken(&mut unfinished) else {
+                continue;
+            };
+            match Placed::new(temporary, path, many) {
+                Ok(file) => placed.push(file),
+                Err(error) => {
+                    placed.into_iter().rev().for_each(Placed::undo);
+                    return Err(error);
+                }
+            }
         }
+        drop(placed);
+        self.folders.clear();
+        folders.iter().for_each(|folder| sync_folder(folder));
         Ok(())
     }
 }
@@ -87,6 +117,63 @@ impl Drop for Batch {
             let _ = fs::remove_dir(folder);
         }
     }
+}
+
+/// A file that has taken its name, and what had that name before.
+struct Placed {
+    path: PathBuf,
+    /// Removed when dropped.
+    before: Option<TempPath>,
+}
+
+impl Placed {
+    fn new(temporary: TempPath, path: PathBuf, keep: bool) -> Result<Self> {
+        let failed = |error| os(&path, "write", error);
+        let before = match keep && path.is_file() {
+            true => Some(second_name(&path).map_err(failed)?),
+            false => None,
+        };
+        match temporary.persist(&path) {
+            Ok(()) => Ok(Self { path, before }),
+            Err(error) => {
+                let failed = failed(error.error);
+                // It has a name less where a file cannot have two.
+                if let Some(before) = before
+                    && !path.exists()
+                {
+                    Self::restore(before, &path);
+                }
+                Err(failed)
+            }
+        }
+    }
+
+    fn undo(self) {
+        match self.before {
+            Some(before) => Self::restore(before, &self.path),
+            // Nothing useful can be done if this fails: the first error is the one to report.
+            None => drop(fs::remove_file(&self.path)),
+        }
+    }
+
+    fn restore(before: TempPath, path: &Path) {
+        if let Err(kept) = before.persist(path) {
+            // Better under a strange name than gone.
+            let _ = kept.path.keep();
+        }
+    }
+}
+
+/// Gives a file a second name in its folder; where files cannot have two, another name.
+fn second_name(path: &Path) -> io::Result<TempPath> {
+    let mut builder = Builder::new();
+    let prefix = prefix(path);
+    let builder = builder.prefix(&prefix).suffix(".old");
+    let folder = folder_of(path);
+    let linked = builder
+        .make_in(folder, |name| fs::hard_link(path, name))
+        .or_else(|_| builder.make_in(folder, |name| fs::rename(path, name)))?;
+    Ok(linked.into_temp_path())
 }
 
 /// Checks that a file could be written at `path`: its folder exists and it is not a folder itself.
@@ -121,42 +208,77 @@ fn folder_of(path: &Path) -> &Path {
     }
 }
 
-/// A temporary file that is deleted when dropped, unless it was renamed.
-struct Unfinished {
-    path: PathBuf,
-    renamed: bool,
+/// What temporary names in place of a target's begin with: hidden, and recognisable.
+fn prefix(target: &Path) -> String {
+    let name = target.file_name().unwrap_or_default().to_string_lossy();
+    // Cut so that a long (but legal) target name does not make an illegal temporary one.
+    let stem: String = name.chars().take(40).collect();
+    format!(".{stem}.")
 }
+
+/// Makes a renamed file's new name last, where folders can be synchronised.
+fn sync_folder(folder: &Path) {
+    #[cfg(unix)]
+    if let Ok(folder) = File::open(folder) {
+        // Some file systems cannot; the files themselves are safe.
+        let _ = folder.sync_all();
+    }
+    #[cfg(not(unix))]
+    let _ = folder;
+}
+
+/// Every temporary file that has not taken its name yet.
+static UNFINISHED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+
+fn unfinished() -> MutexGuard<'static, BTreeSet<PathBuf>> {
+    UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Removes every temporary file of this process that has not taken its name yet, and waits for files
+/// that are just taking theirs. For a thread that ends the process, when an impatient user interrupts
+/// it: whatever still writes is told that its file is gone.
+pub fn remove_unfinished() {
+    for path in std::mem::take(&mut *unfinished()) {
+        // Nothing useful can be done if this fails: the process ends.
+        let _ = fs::remove_file(path);
+    }
+}
+
+/// A temporary file that is deleted when dropped.
+struct Unfinished(Option<TempPath>);
 
 impl Unfinished {
     fn create(target: &Path) -> Result<(Self, File)> {
-        // Distinct within the process by the counter, between processes by the process id.
-        static COUNTER: AtomicU32 = AtomicU32::new(0);
         check_target(target)?;
-        let name = target.file_name().unwrap_or_default().to_string_lossy();
-        let count = COUNTER.fetch_add(1, Ordering::Relaxed);
-        // Cut so that a long (but legal) target name does not make an illegal temporary one.
-        let stem: String = name.chars().take(40).collect();
-        let path = folder_of(target).join(format!(".{stem}.{}-{count}.tmp", std::process::id()));
-        let file = OpenOptions::new()
-            .write(true)
-            .create_new(true)
-            .open(&path)
-            .map_err(|error| os(target, "write", error))?;
-        Ok((
-            Self {
-                path,
-                renamed: false,
-            },
-            file,
-        ))
+        let mut builder = Builder::new();
+        let prefix = prefix(target);
+        builder.prefix(&prefix).suffix(".tmp");
+        #[cfg(unix)]
+        {
+            // As any other new file, not private as temporary ones are by default.
+            use std::os::unix::fs::PermissionsExt;
+            builder.permissions(fs::Permissions::from_mode(0o666));
+        }
+        let (file, path) = builder
+            .tempfile_in(folder_of(target))
+            .map_err(|error| os(target, "write", error))?
+            .into_parts();
+        unfinished().insert(path.to_path_buf());
+        Ok((Self(Some(path)), file))
+    }
+
+    /// The file, no longer in the list of unfinished ones.
+    fn taken(mut self, unfinished: &mut BTreeSet<PathBuf>) -> Option<TempPath> {
+        let path = self.0.take()?;
+        unfinished.remove(&*path);
+        Some(path)
     }
 }
 
 impl Drop for Unfinished {
     fn drop(&mut self) {
-        if !self.renamed {
-            // Nothing useful can be done if this fails: the first error is the one to report.
-            let _ = fs::remove_file(&self.path);
+        if let Some(path) = self.0.take() {
+            unfinished().remove(&*path);
         }
     }
 }
@@ -219,6 +341,70 @@ mod tests {
         assert_eq!(names(&inner), ["a", "b"]);
         assert!(fill(true).is_err());
         assert_eq!(names(&inner), ["a", "b"]);
+    }
+
+    /// The second of three files cannot take its name: the first gives its own back, with what was
+    /// there before and without.
+    #[test]
+    fn a_rename_that_fails_in_the_middle_undoes_those_before_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        for before in [None, Some("old")] {
+            if let Some(text) = before {
+                fs::write(at("a"), text).unwrap();
+                fs::write(at("c"), text).unwrap();
+            }
+            let mut batch = Batch::default();
+            for name in ["a", "b", "c"] {
+                batch.write(&at(name), |w| w.write_all(b"new")).unwrap();
+            }
+            fs::create_dir_all(at("b/full")).unwrap();
+            let error = batch.commit().unwrap_err().to_string();
+            assert!(error.contains("b: cannot write"), "{error}");
+            fs::remove_dir_all(at("b")).unwrap();
+            let expected: &[&str] = if before.is_some() { &["a", "c"] } else { &[] };
+            assert_eq!(names(folder.path()), expected);
+            for name in expected {
+                assert_eq!(fs::read_to_string(at(name)).ok().as_deref(), before);
+            }
+        }
+        // Without the obstacle all are replaced, and nothing else is left.
+        let mut batch = Batch::default();
+        for name in ["a", "b", "c"] {
+            batch.write(&at(name), |w| w.write_all(b"new")).unwrap();
+        }
+        batch.commit().unwrap();
+        assert_eq!(names(folder.path()), ["a", "b", "c"]);
+        assert_eq!(fs::read(at("a")).unwrap(), b"new");
+    }
+
+    #[test]
+    fn a_file_whose_temporary_one_is_gone_is_refused_and_nothing_replaced() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.txt");
+        fs::write(&path, b"old").unwrap();
+        let mut batch = Batch::default();
+        batch.write(&path, |w| w.write_all(b"new")).unwrap();
+        let temporary = batch.files[0].0.0.as_ref().unwrap().to_path_buf();
+        assert!(unfinished().contains(&temporary));
+        // As `remove_unfinished` does, which would trouble the tests beside this one.
+        fs::remove_file(&temporary).unwrap();
+        assert!(batch.commit().is_err());
+        assert!(!unfinished().contains(&temporary));
+        assert_eq!(fs::read(&path).unwrap(), b"old");
+        assert_eq!(names(folder.path()), ["a.txt"]);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn others_may_read_a_file_as_any_other_new_one() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().unwrap();
+        let [plain, ours] = ["plain", "ours"].map(|name| folder.path().join(name));
+        fs::write(&plain, b"").unwrap();
+        atomic_write(&ours, |_| Ok(())).unwrap();
+        let mode = |path: &Path| fs::metadata(path).unwrap().permissions().mode();
+        assert_eq!(mode(&ours), mode(&plain));
     }
 
     #[test]

@@ -9,4 +9,4 @@ pub mod atomic;
 pub mod vtk;
 
 pub use at::read_exact_at;
-pub use atomic::{Batch, atomic_write, check_target};
+pub use atomic::{Batch, atomic_write, check_target, remove_unfinished};

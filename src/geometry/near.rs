@@ -1,17 +1,26 @@
 //! Points that are near.
 
 /// Points in cells, to find those nearby.
+///
+/// Points may bear labels; then only those of one label are looked at.
 #[derive(Debug)]
 pub struct Grid<const D: usize> {
     low: [f64; D],
     cell: f64,
-    /// Cell and number of each point, in the order of cells.
+    /// Cell (the last axis first) and number of each point, label by label in the order of cells.
     points: Vec<([u32; D], u32)>,
+    /// Where the points of each label begin, and the end.
+    starts: Vec<usize>,
 }
 
 impl<const D: usize> Grid<D> {
-    /// Sorts points into cells of this size.
+    /// Sorts points into cells of this size. Their label is 0.
     pub fn new(points: &[[f64; D]], cell: f64) -> Self {
+        Self::labelled(points, |_| 0, cell)
+    }
+
+    /// Sorts points that bear labels into cells of this size.
+    pub fn labelled(points: &[[f64; D]], label: impl Fn(usize) -> u32, cell: f64) -> Self {
         let low = points.iter().fold([f64::INFINITY; D], |low, p| {
             std::array::from_fn(|k| low[k].min(p[k]))
         });
@@ -19,33 +28,122 @@ impl<const D: usize> Grid<D> {
             low,
             cell,
             points: Vec::new(),
+            starts: vec![0],
         };
-        let numbered = points.iter().enumerate();
-        grid.points = numbered
-            .map(|(i, &p)| (grid.cell_of(p), i as u32))
+        let mut sorted: Vec<(u32, [u32; D], u32)> = (points.iter().enumerate())
+            .map(|(i, &p)| (label(i), grid.cell_of(p), i as u32))
             .collect();
-        grid.points.sort_unstable();
+        sorted.sort_unstable();
+        for same in sorted.chunk_by(|a, b| a.0 == b.0) {
+            grid.starts
+                .resize(same[0].0 as usize + 1, grid.points.len());
+            grid.points
+                .extend(same.iter().map(|&(_, cell, i)| (cell, i)));
+        }
+        grid.starts.push(grid.points.len());
         grid
     }
 
-    fn cell_of(&self, p: [f64; D]) -> [u32; D] {
+    /// The cell that holds a point, the last axis first: points are visited in the order of these.
+    pub fn cell_of(&self, p: [f64; D]) -> [u32; D] {
         // One cell is left below, so that neighbours need no care.
-        std::array::from_fn(|k| ((p[k] - self.low[k]) / self.cell) as u32 + 1)
+        std::array::from_fn(|k| {
+            let axis = D - 1 - k;
+            ((p[axis] - self.low[axis]) / self.cell) as u32 + 1
+        })
     }
 
-    /// Every point in the cell of `p` and those around it, always in the same order.
-    pub fn visit(&self, p: [f64; D], mut visit: impl FnMut(usize)) {
+    /// Every point of label 0 in the cell of `p` and those around it, always in the same order.
+    pub fn visit(&self, p: [f64; D], visit: impl FnMut(usize)) {
+        self.visit_labelled(p, 0, visit);
+    }
+
+    /// The same with those of another label.
+    pub fn visit_labelled(&self, p: [f64; D], label: u32, visit: impl FnMut(usize)) {
         let middle = self.cell_of(p);
-        for code in 0..3usize.pow(D as u32) {
-            let mut rest = code;
-            let cell: [u32; D] = std::array::from_fn(|k| {
-                let step = (rest % 3) as u32;
-                rest /= 3;
-                middle[k] + step - 1
-            });
-            let from = self.points.partition_point(|(c, _)| *c < cell);
-            let here = self.points[from..].iter().take_while(|(c, _)| *c == cell);
-            here.for_each(|&(_, i)| visit(i as usize));
+        self.visit_cells(middle.map(|c| c - 1), middle.map(|c| c + 1), label, visit);
+    }
+
+    /// Every point of label 0 nearer to `p` than `radius`, and some that are not.
+    pub fn visit_within(&self, p: [f64; D], radius: f64, visit: impl FnMut(usize)) {
+        // Rounding must not lose what lies just within.
+        let radius = radius * (1.0 + 1e-9);
+        let [low, high] = [-radius, radius].map(|r| self.cell_of(p.map(|c| c + r)));
+        self.visit_cells(low, high, 0, visit);
+    }
+
+    fn visit_cells(&self, low: [u32; D], high: [u32; D], label: u32, mut visit: impl FnMut(usize)) {
+        let Some(&[start, end]) = self
+            .starts
+            .get(label as usize..label as usize + 2)
+            .and_then(|bounds| bounds.first_chunk::<2>())
+        else {
+            return;
+        };
+        let points = &self.points[start..end];
+        // Cells that differ along the first axis only lie one after the other.
+        let mut row = low;
+        loop {
+            let last = {
+                let mut last = row;
+                last[D - 1] = high[D - 1];
+                last
+            };
+            let from = points.partition_point(|(cell, _)| *cell < row);
+            let here = &points[from..];
+            let here = &here[..here.partition_point(|(cell, _)| *cell <= last)];
+            here.iter().for_each(|&(_, i)| visit(i as usize));
+            let Some(k) = (0..D - 1).rev().find(|&k| row[k] < high[k]) else {
+                return;
+            };
+            row[k] += 1;
+            row[k + 1..].copy_from_slice(&low[k + 1..]);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn all_points_near_are_visited_once_and_in_the_order_of_cells() {
+        let mut state = 3u32;
+        let mut random = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            f64::from(state >> 8) / f64::from(1 << 24)
+        };
+        let points: Vec<[f64; 3]> = (0..700)
+            .map(|_| [9.0 * random(), 5.0 * random() - 2.0, 7.0 * random()])
+            .collect();
+        let grid = Grid::labelled(&points, |i| i as u32 % 3 * 2, 1.3);
+        let plain = Grid::new(&points, 1.3);
+        for &p in points.iter().step_by(7) {
+            let middle = plain.cell_of(p);
+            let beside =
+                |i: &usize| (0..3).all(|k| plain.cell_of(points[*i])[k].abs_diff(middle[k]) < 2);
+            let mut want: Vec<usize> = (0..points.len()).filter(beside).collect();
+            want.sort_by_key(|&i| (plain.cell_of(points[i]), i));
+            let mut got = Vec::new();
+            plain.visit(p, |i| got.push(i));
+            assert_eq!(got, want);
+            for label in 0..7 {
+                let mut got = Vec::new();
+                grid.visit_labelled(p, label, |i| got.push(i));
+                let want = want.iter().copied().filter(|i| *i as u32 % 3 * 2 == label);
+                assert_eq!(got, want.collect::<Vec<_>>());
+            }
+            for radius in [0.3, 1.3, 4.0, 30.0] {
+                let mut got = Vec::new();
+                plain.visit_within(p, radius, |i| got.push(i));
+                let far = |i: usize| (0..3).map(|k| (points[i][k] - p[k]).powi(2)).sum::<f64>();
+                let near = (0..points.len()).filter(|&i| far(i).sqrt() <= radius);
+                assert!(near.into_iter().all(|i| got.contains(&i)));
+                got.sort_unstable();
+                assert!(got.windows(2).all(|pair| pair[0] < pair[1]));
+            }
+        }
+        assert!(Grid::<2>::new(&[], 1.0).points.is_empty());
+        Grid::<2>::new(&[], 1.0).visit([1.0, 2.0], |_| panic!("there is none"));
     }
 }

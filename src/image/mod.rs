@@ -26,6 +26,10 @@ pub struct Image<const D: usize> {
     pub samples: ArrayD<f32>,
     /// Where the samples lie.
     pub geometry: Geometry<D>,
+    /// For each row of samples along x, in memory order, whether it holds no data: a trace that a
+    /// survey lacks. Its samples are zeros that mean nothing. Empty where every row holds data. No file
+    /// keeps it.
+    pub missing: Vec<bool>,
 }
 
 impl<const D: usize> Image<D> {
@@ -35,7 +39,53 @@ impl<const D: usize> Image<D> {
         #[allow(clippy::expect_used)]
         let samples = ArrayD::from_shape_vec(shape, samples)
             .expect("the number of samples is the product of the dims");
-        Self { samples, geometry }
+        Self {
+            samples,
+            geometry,
+            missing: Vec::new(),
+        }
+    }
+
+    /// The same image, some of whose rows along x hold no data; one flag a row.
+    pub fn with_missing(mut self, missing: Vec<bool>) -> Self {
+        self.missing = if missing.contains(&true) {
+            missing
+        } else {
+            Vec::new()
+        };
+        self
+    }
+
+    /// The image with every missing row a copy of the nearest that is not, if there are any: then its
+    /// smoothed samples have no edge where data end.
+    pub fn continued(&self) -> Option<Self> {
+        let present: Vec<bool> = self.missing.iter().map(|missing| !missing).collect();
+        if !present.contains(&true) {
+            return None;
+        }
+        let dims = self.dims();
+        let nearest = nearest_rows(dims, &present);
+        let mut samples = Vec::with_capacity(self.samples.len());
+        for row in nearest.into_iter().flatten() {
+            let start = row * dims[0];
+            samples.extend_from_slice(&self.as_slice()[start..start + dims[0]]);
+        }
+        let continued = Self::new(dims, samples, self.geometry.clone());
+        Some(continued.with_missing(self.missing.clone()))
+    }
+
+    /// For each row along x whether it lies at most `reach` samples beside a missing one, or is missing;
+    /// empty where none is.
+    pub fn near_missing(&self, reach: f64) -> Vec<bool> {
+        if self.missing.is_empty() {
+            return Vec::new();
+        }
+        let dims = self.dims();
+        let nearest = nearest_rows(dims, &self.missing);
+        let near = |(row, missing): (usize, Option<usize>)| {
+            missing.is_some_and(|missing| apart2(dims, row, missing) as f64 <= reach * reach)
+        };
+        nearest.into_iter().enumerate().map(near).collect()
     }
 
     /// Number of samples along each axis, x first.
@@ -57,7 +107,7 @@ impl<const D: usize> Image<D> {
         let dims = self.dims();
         let geometry = self.geometry.in_space();
         let dims = std::array::from_fn(|k| dims.get(k).copied().unwrap_or(1));
-        Image::new(dims, self.as_slice().to_vec(), geometry)
+        Image::new(dims, self.as_slice().to_vec(), geometry).with_missing(self.missing.clone())
     }
 }
 
@@ -68,6 +118,88 @@ impl Image<3> {
     pub fn flatten(&self) -> Image<2> {
         let [nx, ny, _] = self.dims();
         let samples = self.as_slice()[..nx * ny].to_vec();
-        Image::new([nx, ny], samples, self.geometry.flatten())
+        let missing = self.missing.iter().copied().take(ny).collect();
+        Image::new([nx, ny], samples, self.geometry.flatten()).with_missing(missing)
+    }
+}
+
+/// The square of the distance between two rows along x, in samples.
+fn apart2<const D: usize>(dims: [usize; D], mut a: usize, mut b: usize) -> usize {
+    let mut sum = 0;
+    for n in &dims[1..] {
+        sum += (a % n).abs_diff(b % n).pow(2);
+        (a, b) = (a / n, b / n);
+    }
+    sum
+}
+
+/// For each row along x the nearest one that is wanted, if any is: axis by axis, each time the nearest
+/// among those that are nearest so far.
+fn nearest_rows<const D: usize>(dims: [usize; D], wanted: &[bool]) -> Vec<Option<usize>> {
+    let mut nearest: Vec<Option<usize>> = (0..wanted.len())
+        .map(|row| wanted[row].then_some(row))
+        .collect();
+    let mut stride = 1;
+    for &n in &dims[1..] {
+        let before = nearest.clone();
+        for (row, nearest) in nearest.iter_mut().enumerate() {
+            let at = row / stride % n;
+            let mut least = nearest.map_or(usize::MAX, |other| apart2(dims, row, other));
+            for step in 1..n {
+                if step * step >= least {
+                    break;
+                }
+                let back = (at >= step).then(|| row - step * stride);
+                let forth = (at + step < n).then(|| row + step * stride);
+                for other in [back, forth]
+                    .into_iter()
+                    .flatten()
+                    .filter_map(|r| before[r])
+                {
+                    let apart = apart2(dims, row, other);
+                    if apart < least {
+                        (least, *nearest) = (apart, Some(other));
+                    }
+                }
+            }
+        }
+        stride *= n;
+    }
+    nearest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn missing_rows_are_continued_from_the_nearest() {
+        let dims = [3, 9, 8];
+        let samples: Vec<f32> = (0..216).map(|i| i as f32).collect();
+        let mut state = 1u32;
+        let missing: Vec<bool> = (0..72)
+            .map(|_| {
+                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                state >> 30 != 0
+            })
+            .collect();
+        let image = Image::new(dims, samples, Geometry::default()).with_missing(missing.clone());
+        let continued = image.continued().unwrap();
+        for row in 0..72 {
+            let from = continued.as_slice()[3 * row] as usize / 3;
+            assert!(!missing[from]);
+            let present = (0..72).filter(|&r| !missing[r]);
+            let least = present.map(|r| apart2(dims, row, r)).min().unwrap();
+            assert_eq!(apart2(dims, row, from), least, "{row}");
+        }
+        let near = image.near_missing(2.0);
+        for row in 0..72 {
+            let mut gaps = (0..72).filter(|&r| missing[r]);
+            assert_eq!(near[row], gaps.any(|r| apart2(dims, row, r) <= 4));
+        }
+        // Where nothing is missing, or all is, there is nothing to continue.
+        let whole = image.clone().with_missing(vec![false; 72]);
+        assert!(whole.missing.is_empty() && whole.continued().is_none());
+        assert!(image.with_missing(vec![true; 72]).continued().is_none());
     }
 }

@@ -9,6 +9,7 @@ use crate::lattice::distance::Distance;
 use crate::mesh::delaunay::exude;
 use crate::mesh::quality::min_sine;
 use crate::mesh::{FACES, TetMesh};
+use crate::observer::Patience;
 use rayon::prelude::*;
 
 /// As [`improve`](super::improve), by weights of the nodes instead of flips and smoothing: faces that
@@ -24,12 +25,13 @@ pub fn exude(
     sheets: &Sheets,
     distance: &Distance<3>,
     options: &Options,
+    mut patience: Patience<'_>,
 ) -> Result<(Outcome, Vec<u8>)> {
     let target = options.min_dihedral.to_radians().sin();
     let taken = std::mem::take(mesh);
     let mut improver = Improver::new(taken, neighbors, kinds, extent, sheets, distance, target);
     let poor_before = improver.poor().len();
-    improver.recover();
+    improver.recover(&mut patience);
     let counts = improver.counts;
     let finished = improver.finish(kinds);
     (*mesh, *kinds) = (finished.mesh, finished.kinds);

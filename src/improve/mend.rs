@@ -5,6 +5,7 @@
 use super::{Hold, Improver};
 use crate::geometry::{norm, sub};
 use crate::mesh::{EDGES, FACES};
+use crate::observer::Patience;
 
 /// A split, collapse or swap must at least leave tetrahedra with volume.
 const FLOOR: f64 = 0.01;
@@ -25,16 +26,30 @@ pub(super) const UNUSABLE: f64 = 21.0;
 pub(super) struct Undo {
     /// Slots in the order of their first touch, with the sine they had.
     slots: Vec<(u32, f32)>,
+    /// Whether a slot is among them; no more slots than have been touched ever.
+    touched: Vec<bool>,
     pub(super) nodes: Vec<(u32, [f64; 3], Hold)>,
     node_count: usize,
 }
 
 impl Undo {
+    /// Its memory of what was touched, for the next transaction: with nothing in it.
+    fn forget(&mut self) -> Vec<bool> {
+        for (t, _) in &self.slots {
+            self.touched[*t as usize] = false;
+        }
+        std::mem::take(&mut self.touched)
+    }
+
     /// Remembers what slots hold, unless it is remembered already.
     pub(super) fn touch(&mut self, slots: &[u32], sines: &[f32]) {
         for &t in slots {
-            if !self.slots.iter().any(|s| s.0 == t) {
-                self.slots.push((t, sines[t as usize]));
+            let i = t as usize;
+            if i >= self.touched.len() {
+                self.touched.resize(i + 1, false);
+            }
+            if !std::mem::replace(&mut self.touched[i], true) {
+                self.slots.push((t, sines[i]));
             }
         }
     }
@@ -42,19 +57,22 @@ impl Undo {
 
 impl Improver<'_> {
     /// Works on the tetrahedra below target, the worst first.
-    pub(super) fn mend(&mut self) {
+    pub(super) fn mend(&mut self, patience: &mut Patience<'_>) {
         for _ in 0..4 {
             let mut poor = self.poor();
             poor.sort_by(|a, b| self.sine_of(*a).total_cmp(&self.sine_of(*b)).then(a.cmp(b)));
             let before = poor.len();
             // Where features ask for what no lattice can do, patience must end.
-            let patience = PATIENCE.max(self.complex.tets.len() / 100);
-            for t in poor.into_iter().take(patience) {
+            let most = PATIENCE.max(self.complex.tets.len() / 100);
+            for t in poor.into_iter().take(most) {
+                if patience.over() {
+                    return;
+                }
                 if self.complex.alive(t) && self.sine_of(t) < self.target {
                     self.mend_one(t);
                 }
             }
-            self.polish(2);
+            self.polish(2, patience);
             if self.poor().len() >= before {
                 break;
             }
@@ -62,7 +80,7 @@ impl Improver<'_> {
     }
 
     /// Lets nodes leave their features where a tetrahedron would otherwise stay unusable.
-    pub(super) fn release(&mut self) {
+    pub(super) fn release(&mut self, patience: &mut Patience<'_>) {
         let usable = UNUSABLE.to_radians().sin();
         for _ in 0..4 {
             let mut bad = self.poor();
@@ -71,6 +89,9 @@ impl Improver<'_> {
                 return;
             }
             for t in bad {
+                if patience.over() {
+                    return;
+                }
                 if !self.complex.alive(t) || self.sine_of(t) >= usable || self.mend_one(t) {
                     continue;
                 }
@@ -80,7 +101,7 @@ impl Improver<'_> {
                     self.counts.released += 1;
                 }
             }
-            self.polish(2);
+            self.polish(2, patience);
         }
     }
 
@@ -152,6 +173,7 @@ impl Improver<'_> {
         self.complex.begin();
         self.undo = Some(Undo {
             node_count: self.complex.nodes.len(),
+            touched: std::mem::take(&mut self.touched),
             ..Undo::default()
         });
         let outside = std::mem::take(&mut self.queue);
@@ -160,7 +182,8 @@ impl Improver<'_> {
             self.mend_around();
         }
         let inside = std::mem::replace(&mut self.queue, outside);
-        let undo = self.undo.take().unwrap_or_default();
+        let mut undo = self.undo.take().unwrap_or_default();
+        self.touched = undo.forget();
         let before = undo.slots.iter().map(|s| s.1).fold(f32::INFINITY, f32::min);
         let after = undo
             .slots
@@ -193,7 +216,7 @@ impl Improver<'_> {
         let mut nodes = Vec::new();
         for round in 0..3 {
             let mut touched: Vec<u32> = self.queue.clone();
-            self.flip_queue();
+            self.flip_queue(&mut Patience::endless());
             touched.extend_from_slice(&self.queue);
             if round == 0 {
                 touched.extend(self.undo.iter().flat_map(|u| u.slots.iter().map(|s| s.0)));

@@ -36,6 +36,7 @@ use crate::lattice::distance::Distance;
 use crate::mesh::complex::{Complex, Ring};
 use crate::mesh::quality::{BLOCK, Corners, min_sine};
 use crate::mesh::{FACES, TetMesh};
+use crate::observer::Patience;
 use hold::{Beside, Hold};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -95,6 +96,7 @@ struct Improver<'a> {
     ring: Ring,
     fresh: Vec<[u32; 4]>,
     slots: Vec<u32>,
+    touched: Vec<bool>,
     star: Vec<u32>,
     spokes: smooth::Star,
     smoothing: smooth::Scratch,
@@ -148,6 +150,7 @@ impl<'a> Improver<'a> {
             ring: Ring::default(),
             fresh: Vec::new(),
             slots: Vec::new(),
+            touched: Vec::new(),
             star: Vec::new(),
             spokes: smooth::Star::default(),
             smoothing: smooth::Scratch::default(),
@@ -221,8 +224,12 @@ impl<'a> Improver<'a> {
     }
 
     /// Works through the queue with flips.
-    fn flip_queue(&mut self) {
+    fn flip_queue(&mut self, patience: &mut Patience<'_>) {
         while let Some(t) = self.queue.pop() {
+            if patience.over() {
+                self.queue.clear();
+                break;
+            }
             if self.complex.alive(t) && self.sine_of(t) < self.target && self.flip(t) {
                 self.counts.flips += 1;
             }
@@ -296,7 +303,7 @@ impl<'a> Improver<'a> {
     }
 
     /// Flips and smoothing in turn until neither helps any more.
-    fn polish(&mut self, rounds: usize) {
+    fn polish(&mut self, rounds: usize, patience: &mut Patience<'_>) {
         let mut before = usize::MAX;
         for round in 0..rounds {
             self.enough = if round == 0 {
@@ -306,7 +313,7 @@ impl<'a> Improver<'a> {
             };
             self.queue = self.poor();
             self.queue.reverse();
-            self.flip_queue();
+            self.flip_queue(patience);
             let mut nodes: Vec<u32> = self
                 .poor()
                 .iter()
@@ -319,11 +326,14 @@ impl<'a> Improver<'a> {
             }
             before = nodes.len();
             for node in nodes {
+                if patience.over() {
+                    return;
+                }
                 if self.smooth(node) {
                     self.counts.moves += 1;
                 }
             }
-            self.flip_queue();
+            self.flip_queue(patience);
         }
     }
 }
@@ -479,6 +489,7 @@ pub struct Outcome {
 /// `neighbors` are those of the tetrahedra (see [`complex`](crate::mesh::complex)) and stay so.
 /// `kinds` says what each node is and follows the nodes that come and go; the result also says
 /// for every tetrahedron which of its faces lie on a feature: bit k for face k (opposite node k).
+/// When `patience` is over, the mesh is left as far as it has come.
 pub fn improve(
     mesh: &mut TetMesh,
     neighbors: &mut Vec<[u32; 4]>,
@@ -487,11 +498,12 @@ pub fn improve(
     sheets: &Sheets,
     distance: &Distance<3>,
     options: &Options,
+    mut patience: Patience<'_>,
 ) -> (Outcome, Vec<u8>) {
     let target = options.min_dihedral.to_radians().sin();
     let (taken, around) = (std::mem::take(mesh), std::mem::take(neighbors));
     let mut improver = Improver::new(taken, around, kinds, extent, sheets, distance, target);
-    let outcome = improver.improve();
+    let outcome = improver.improve(&mut patience);
     let finished = improver.finish(kinds);
     (*mesh, *neighbors, *kinds) = (finished.mesh, finished.neighbors, finished.kinds);
     (outcome, finished.feature_faces)
@@ -510,12 +522,12 @@ struct Finished {
 
 impl Improver<'_> {
     /// All steps, in order.
-    fn improve(&mut self) -> Outcome {
+    fn improve(&mut self, patience: &mut Patience<'_>) -> Outcome {
         let poor_before = self.poor().len();
-        self.recover();
-        self.polish(8);
-        self.mend();
-        self.release();
+        self.recover(patience);
+        self.polish(8, patience);
+        self.mend(patience);
+        self.release(patience);
         self.counts.pierced_left = self.count_pierced();
         let blocked = self.blocked();
         Outcome {

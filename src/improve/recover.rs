@@ -5,6 +5,7 @@ use super::{Hold, Improver};
 use crate::geometry::{dot, norm, sub};
 use crate::mesh::EDGES;
 use crate::mesh::quality::min_sine;
+use crate::observer::Patience;
 use rayon::prelude::*;
 
 /// A flip that removes a piercing edge may leave tetrahedra as flat as this, round by round: at
@@ -90,7 +91,7 @@ impl Improver<'_> {
     }
 
     /// Makes the mesh follow the features.
-    pub(super) fn recover(&mut self) {
+    pub(super) fn recover(&mut self, patience: &mut Patience<'_>) {
         let all: Vec<u32> = (0..self.complex.tets.len() as u32).collect();
         let mut pierced = self.pierced_among(&all);
         self.beside = Vec::new();
@@ -99,7 +100,9 @@ impl Improver<'_> {
             // Flips never make a piercing edge: only moved and new nodes need another look.
             let mut again = Vec::new();
             for (a, b) in std::mem::take(&mut pierced) {
-                if self.recover_by_flip(a, b, floor) {
+                if patience.over() {
+                    // It stays, and is counted.
+                } else if self.recover_by_flip(a, b, floor) {
                     self.counts.pierced_flipped += 1;
                 } else if self.recover_by_snap(a, b) {
                     self.counts.pierced_snapped += 1;

@@ -5,12 +5,14 @@
 use super::hold::Hold;
 use super::sheets::Sheets;
 use super::{Improver, Options, Outcome, smooth};
+use crate::error::{Error, cause};
 use crate::geometry::{norm, sub, volume6};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
 use crate::mesh::complex::{self, NONE};
 use crate::mesh::quality::min_sine;
 use crate::mesh::{FACES, TetMesh};
+use crate::observer::Patience;
 
 /// What shall become of the nodes of a part of a mesh.
 #[derive(Debug, Clone, PartialEq)]
@@ -22,6 +24,15 @@ pub struct Wanted<const D: usize> {
     pub kinds: Vec<AtomKind>,
     /// For each, whether it shall go.
     pub gone: Vec<bool>,
+}
+
+/// Why a part of a mesh cannot be reshaped.
+#[derive(Debug, Clone)]
+pub enum Refusal {
+    /// This node cannot be put where it must be, or cannot go.
+    Node(u32),
+    /// No single node is to blame: this is what is wrong.
+    Part(Error),
 }
 
 /// A part of a mesh after that.
@@ -43,7 +54,7 @@ pub struct Reshaped<M> {
 /// towards their targets as far as the mesh allows.
 ///
 /// # Errors
-/// The number of the node that cannot be put where it must be, or cannot go.
+/// The node that cannot be put where it must be, or cannot go; or that the part is no mesh.
 pub fn reshape(
     part: TetMesh,
     wanted: &Wanted<3>,
@@ -51,14 +62,20 @@ pub fn reshape(
     sheets: &Sheets,
     distance: &Distance<3>,
     options: &Options,
-) -> Result<Reshaped<TetMesh>, u32> {
+) -> Result<Reshaped<TetMesh>, Refusal> {
     let Wanted {
         targets,
         kinds,
         gone,
     } = wanted;
     let count = part.nodes.len();
-    let neighbors = complex::neighbors(count, &part.tets).map_err(|face| face[0])?;
+    let neighbors = complex::neighbors(count, &part.tets).map_err(|face| {
+        Refusal::Part(Error::Mesh(cause(
+            format!("face {face:?}"),
+            "belongs to more than two tetrahedra",
+            "mesh the image again",
+        )))
+    })?;
     let target = options.min_dihedral.to_radians().sin();
     let own = &kinds[..count];
     let mut improver = Improver::new(part, neighbors, own, extent, sheets, distance, target);
@@ -67,12 +84,12 @@ pub fn reshape(
     for node in count..targets.len() {
         let (hold, _) = Hold::new(targets[node], kinds[node], extent, sheets);
         if !improver.insert(targets[node], hold) {
-            return Err(node as u32);
+            return Err(Refusal::Node(node as u32));
         }
     }
     for node in (0..gone.len()).filter(|&n| gone[n]) {
         if !improver.remove(node as u32) {
-            return Err(node as u32);
+            return Err(Refusal::Node(node as u32));
         }
     }
     improver.steer(wanted);
@@ -80,9 +97,9 @@ pub fn reshape(
         !gone[n] && kinds[n] == AtomKind::Fixed && improver.complex.nodes[n] != targets[n]
     };
     if let Some(node) = (0..targets.len()).find(astray) {
-        return Err(node as u32);
+        return Err(Refusal::Node(node as u32));
     }
-    let outcome = improver.improve();
+    let outcome = improver.improve(&mut Patience::endless());
     let finished = improver.finish(kinds);
     Ok(Reshaped {
         mesh: finished.mesh,
@@ -118,6 +135,9 @@ const FLAT: f64 = 0.03;
 /// Rounds of steps, with flips in between.
 const STEPS: usize = 24;
 
+/// A position whose least share of a tetrahedron is no more than this may be on a face of it.
+const ON_FACE: f64 = 1e-6;
+
 /// A cavity is given up when it has been changed so often.
 const PATIENCE: usize = 200;
 
@@ -139,20 +159,19 @@ impl Improver<'_> {
         false
     }
 
-    /// The tetrahedron that holds a position, if one does to rounding.
+    /// The tetrahedron that holds a position, if one does to rounding: of several the one that it lies
+    /// deepest in.
     fn home(&self, x: [f64; 3]) -> Option<u32> {
-        let inside = |t: u32| {
-            let p = self.complex.corners(t);
-            let with = |k: usize| {
-                let mut p = p;
-                p[k] = x;
-                volume6(&p)
-            };
-            (0..4).map(with).fold(f64::INFINITY, f64::min) / volume6(&p)
+        let near = match self.walk(x) {
+            Some(found) if self.least_share(found, x) > ON_FACE => return Some(found),
+            Some(found) => self.all_round(found, x),
+            // The part may have dents that no straight way leads through.
+            None => (0..self.complex.tets.len() as u32)
+                .filter(|&t| self.complex.alive(t))
+                .collect(),
         };
-        (0..self.complex.tets.len() as u32)
-            .filter(|&t| self.complex.alive(t))
-            .map(|t| (inside(t), t))
+        near.into_iter()
+            .map(|t| (self.least_share(t, x), t))
             .fold((-1e-9, None), |best, (value, t)| {
                 if value > best.0 {
                     (value, Some(t))
@@ -161,6 +180,64 @@ impl Improver<'_> {
                 }
             })
             .1
+    }
+
+    /// The least of the shares by which the corners of a tetrahedron make a position: not negative
+    /// inside.
+    fn least_share(&self, t: u32, x: [f64; 3]) -> f64 {
+        let shares = self.shares(t, x).into_iter();
+        shares.fold(f64::INFINITY, f64::min) / volume6(&self.complex.corners(t))
+    }
+
+    /// The shares, times six times the volume.
+    fn shares(&self, t: u32, x: [f64; 3]) -> [f64; 4] {
+        let p = self.complex.corners(t);
+        std::array::from_fn(|k| {
+            let mut p = p;
+            p[k] = x;
+            volume6(&p)
+        })
+    }
+
+    /// Goes from one tetrahedron to the next, each time through the face beyond which a position is
+    /// farthest, to the one that holds it: from those made last, as new nodes are often next to each
+    /// other. `None` if that leads out of the part, or nowhere.
+    fn walk(&self, x: [f64; 3]) -> Option<u32> {
+        let count = self.complex.tets.len() as u32;
+        let alive = |&t: &u32| t < count && self.complex.alive(t);
+        let mut at = self.slots.iter().copied().chain(0..count).find(alive)?;
+        for _ in 0..count {
+            let shares = self.shares(at, x);
+            let beyond = (0..4)
+                .filter(|&k| shares[k] < 0.0)
+                .map(|k| (shares[k], self.complex.neighbors[at as usize][k]))
+                .filter(|(_, next)| *next != NONE)
+                .min_by(|a, b| a.0.total_cmp(&b.0));
+            match beyond {
+                Some((_, next)) => at = next,
+                None => {
+                    let inside = self.least_share(at, x) > -ON_FACE;
+                    return inside.then_some(at);
+                }
+            }
+        }
+        None
+    }
+
+    /// The tetrahedra that hold a position to rounding, as `first` does, in rising order.
+    fn all_round(&self, first: u32, x: [f64; 3]) -> Vec<u32> {
+        let mut found = vec![first];
+        let mut next = 0;
+        while next < found.len() {
+            for n in self.complex.neighbors[found[next] as usize] {
+                if n != NONE && !found.contains(&n) && self.least_share(n, x) > -ON_FACE {
+                    found.push(n);
+                }
+            }
+            next += 1;
+        }
+        found.sort_unstable();
+        found
     }
 
     /// Tetrahedra round `home` all of whose outer faces the new node sees so well that the smallest
@@ -257,7 +334,7 @@ impl Improver<'_> {
             for floor in COLLAPSES {
                 for features_first in [true, false] {
                     if (around.iter()).any(|&n| self.collapse_if(node, n, floor, features_first)) {
-                        self.flip_queue();
+                        self.flip_queue(&mut Patience::endless());
                         return true;
                     }
                 }
@@ -295,7 +372,7 @@ impl Improver<'_> {
             // Coordinates in a side stay what they are, to the bit.
             let x = std::array::from_fn(|k| if from[k] == to[k] { from[k] } else { x[k] });
             self.move_to(node, x, hold);
-            self.flip_queue();
+            self.flip_queue(&mut Patience::endless());
             return;
         }
     }
@@ -314,7 +391,7 @@ impl Improver<'_> {
                 moved |= went;
                 !arrived
             });
-            self.flip_queue();
+            self.flip_queue(&mut Patience::endless());
             if pending.is_empty() || (!moved && pending.len() == before) {
                 return;
             }
@@ -391,7 +468,7 @@ mod tests {
         let distance = Distance::Constant(4.0);
         let options = Options::default();
         let done = reshape(mesh, wanted, EXTENT, &sheets, &distance, &options)
-            .unwrap_or_else(|n| panic!("node {n} of {:?}", wanted.kinds[n as usize]));
+            .unwrap_or_else(|why| panic!("{why:?} of {:?}", wanted.kinds));
         let found = check(&done.mesh, [0.0; 3], EXTENT, 1e-9);
         assert!(found.passed(), "{:?}", found.problems);
         done
@@ -481,5 +558,98 @@ mod tests {
                 assert_eq!(x, target);
             }
         }
+    }
+
+    #[test]
+    #[cfg(feature = "tetgen")]
+    fn the_home_of_a_position_is_that_of_all_tetrahedra_that_holds_it_best() {
+        // A box with a dent: what no straight way leads through is there, too.
+        let (mut mesh, kinds) = part();
+        let middle = |t: &[u32; 4], k: usize| {
+            t.iter().map(|&n| mesh.nodes[n as usize][k]).sum::<f64>() / 4.0
+        };
+        let kept: Vec<[u32; 4]> = mesh
+            .tets
+            .iter()
+            .copied()
+            .filter(|t| middle(t, 0) < 6.0 || middle(t, 1) < 4.0 || middle(t, 1) > 8.0)
+            .collect();
+        assert!(kept.len() < mesh.tets.len() - 10);
+        mesh.tets = kept;
+        let neighbors = complex::neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
+        let sheets = Sheets::new(&[], EXTENT, 3.0, 4.0);
+        let distance = Distance::Constant(4.0);
+        let tets = mesh.tets.clone();
+        let nodes = mesh.nodes.clone();
+        let mut improver = Improver::new(mesh, neighbors, &kinds, EXTENT, &sheets, &distance, 0.2);
+        let mut state = 9u32;
+        let mut random = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            f64::from(state >> 8) / f64::from(1 << 24)
+        };
+        let mut positions: Vec<[f64; 3]> = (0..400).map(|_| EXTENT.map(|l| l * random())).collect();
+        // On nodes, edges and faces, too.
+        for t in tets.iter().step_by(5) {
+            for count in 1..4 {
+                let sum = |k: usize| {
+                    t[..count]
+                        .iter()
+                        .map(|&n| nodes[n as usize][k])
+                        .sum::<f64>()
+                };
+                positions.push(std::array::from_fn(|k| sum(k) / count as f64));
+            }
+        }
+        let mut outside = 0;
+        for (i, x) in positions.into_iter().enumerate() {
+            improver.slots = vec![(i * 37 % tets.len()) as u32];
+            let best = (0..tets.len() as u32)
+                .map(|t| (improver.least_share(t, x), t))
+                .fold((-1e-9, None), |best, (value, t)| {
+                    if value > best.0 {
+                        (value, Some(t))
+                    } else {
+                        best
+                    }
+                });
+            assert_eq!(improver.home(x), best.1, "{x:?}");
+            outside += usize::from(best.1.is_none());
+        }
+        assert!((20..200).contains(&outside), "{outside}");
+    }
+
+    #[test]
+    fn a_part_in_which_three_tetrahedra_share_a_face_is_refused() {
+        let nodes = vec![
+            [0.0, 0.0, 0.0],
+            [1.0, 0.0, 0.0],
+            [0.0, 1.0, 0.0],
+            [0.0, 0.0, 1.0],
+            [0.1, 0.1, 2.0],
+            [0.2, 0.2, -1.0],
+        ];
+        let mesh = TetMesh {
+            tets: vec![[0, 1, 2, 3], [0, 1, 2, 4], [0, 2, 1, 5]],
+            nodes,
+        };
+        let wanted = Wanted {
+            targets: mesh.nodes.clone(),
+            kinds: vec![AtomKind::Interior; 6],
+            gone: vec![false; 6],
+        };
+        let sheets = Sheets::new(&[], EXTENT, 3.0, 4.0);
+        let distance = Distance::Constant(4.0);
+        let refusal = reshape(
+            mesh,
+            &wanted,
+            EXTENT,
+            &sheets,
+            &distance,
+            &Options::default(),
+        );
+        let Err(Refusal::Part(error)) = refusal else {
+            panic!("{refusal:?}");
+        };
+        assert!(error.to_string().contains("more than two"), "{error}");
     }
 }

@@ -100,6 +100,7 @@ fn run(
         sheets,
         &Distance::Constant(4.5),
         &Options::default(),
+        Patience::endless(),
     )
 }
 
@@ -223,6 +224,7 @@ fn exudation_keeps_the_faces_on_a_plane_and_removes_slivers() {
         &sheets,
         &Distance::Constant(4.5),
         &Options::default(),
+        Patience::endless(),
     )
     .unwrap();
     assert_eq!(exuded.nodes, mesh.nodes, "no node moves");

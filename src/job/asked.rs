@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Evaluator;
 use super::settings::Settings;
-use crate::feature::Kind;
+use crate::feature::FeatureKind;
 use crate::image::formats::InputOptions;
 use crate::improve;
 use crate::improve::plane::relax::Scheme;
@@ -118,21 +118,21 @@ pub enum StrongKind {
 
 impl Followed {
     /// The kind of feature.
-    pub fn kind(&self) -> Kind {
+    pub fn kind(&self) -> FeatureKind {
         match &self.what {
             What::Strong { kind, .. } => match kind {
-                StrongKind::Auto => Kind::Auto,
-                StrongKind::Ridges => Kind::Ridges,
-                StrongKind::Valleys => Kind::Valleys,
-                StrongKind::Edges => Kind::Edges,
-                StrongKind::Canny => Kind::Canny,
-                StrongKind::Horizons => Kind::Horizons,
-                StrongKind::Faults => Kind::Faults,
-                StrongKind::Potential => Kind::Potential,
+                StrongKind::Auto => FeatureKind::Auto,
+                StrongKind::Ridges => FeatureKind::Ridges,
+                StrongKind::Valleys => FeatureKind::Valleys,
+                StrongKind::Edges => FeatureKind::Edges,
+                StrongKind::Canny => FeatureKind::Canny,
+                StrongKind::Horizons => FeatureKind::Horizons,
+                StrongKind::Faults => FeatureKind::Faults,
+                StrongKind::Potential => FeatureKind::Potential,
             },
-            What::FaultsAndHorizons { .. } => Kind::FaultsAndHorizons,
-            What::Labels => Kind::Labels,
-            What::Paths { .. } => Kind::Paths,
+            What::FaultsAndHorizons { .. } => FeatureKind::FaultsAndHorizons,
+            What::Labels => FeatureKind::Labels,
+            What::Paths { .. } => FeatureKind::Paths,
         }
     }
 

@@ -1,27 +1,49 @@
-//! What Canny's points and smoothing by the image add to the job.
+//! Canny's points as atoms.
 
+use super::frame::Frame;
+use super::place::Placed;
 use super::{Meshing, Params, Scene, Space};
-use crate::feature::canny::steepness;
-use crate::feature::gaussian;
-use crate::feature::volume::Volume;
+use crate::Result;
+use crate::feature::{Features, gaussian};
 use crate::image::{Field, Image};
 use crate::improve;
-use crate::improve::plane::relax::{self, Relaxation};
 use crate::lattice::AtomKind;
-use crate::lattice::energy::Parts;
-use crate::lattice::optimize::{self, Stop};
+use crate::lattice::optimize;
 use crate::lattice::seeding::{self, Atoms};
+
+/// Atoms at Canny's points, on what the points around them agree on.
+pub(super) fn placed<const D: usize>(
+    image: &Image<D>,
+    params: &Params<D>,
+    features: &Features<D>,
+    frame: &Frame<D>,
+) -> Result<Placed<D>>
+where
+    Space<D>: Meshing<D>,
+{
+    let image = smoothed(image, frame.step, params.sigma.unwrap_or(1.0));
+    let (mut atoms, distance) = seeding::canny::seeded(&features.points, &image, &frame.fixed)?;
+    let seeded = atoms.len() - frame.fixed.len();
+    let scene = Scene {
+        extent: frame.extent,
+        features,
+        distance: &distance,
+    };
+    put_onto_features(&mut atoms, seeded, &scene);
+    Ok(Placed {
+        atoms,
+        distance,
+        optimised: None,
+    })
+}
 
 /// How far (lattice units) Canny's points are moved onto the smooth curve or sheet through them.
 const ONTO_FEATURE: f64 = 0.5;
 
 /// Moves the fixed atoms among the first `seeded`, which are noisy points of features, onto what the
 /// points around them agree on, so that what follows knows that they are on it.
-pub(super) fn put_onto_features<const D: usize>(
-    atoms: &mut Atoms<D>,
-    seeded: usize,
-    scene: &Scene<'_, D>,
-) where
+fn put_onto_features<const D: usize>(atoms: &mut Atoms<D>, seeded: usize, scene: &Scene<'_, D>)
+where
     Space<D>: Meshing<D>,
 {
     let extent = optimize::three(&[scene.extent])[0];
@@ -39,20 +61,6 @@ pub(super) fn put_onto_features<const D: usize>(
     }
 }
 
-/// The outcome where nothing is to be moved.
-pub(super) const AT_REST: optimize::Outcome = optimize::Outcome {
-    stop: Stop::Converged,
-    rounds: 0,
-    iterations: 0,
-    evaluations: 0,
-    energy_before: 0.0,
-    energy_after: 0.0,
-    parts: Parts {
-        lattice: 0.0,
-        image: 0.0,
-    },
-};
-
 /// An image smoothed over `sigma` samples, in lattice space.
 pub(super) fn smoothed<const D: usize>(image: &Image<D>, step: [f64; D], sigma: f64) -> Field<D> {
     let mut samples = image.as_slice().to_vec();
@@ -62,26 +70,4 @@ pub(super) fn smoothed<const D: usize>(image: &Image<D>, step: [f64; D], sigma: 
         step,
         samples,
     }
-}
-
-/// How the triangles shall be smoothed, if they shall be.
-pub(super) fn relaxation<const D: usize>(
-    image: &Image<D>,
-    params: &Params<D>,
-    step: [f64; D],
-) -> Option<Relaxation<D>> {
-    let scheme = params.smooth?;
-    let image = smoothed(image, step, params.sigma.unwrap_or(1.0));
-    let steepness = steepness(Volume {
-        dims: image.dims,
-        samples: &image.samples,
-    });
-    Some(Relaxation {
-        scheme,
-        weight: relax::weight(Field {
-            samples: steepness,
-            ..image
-        }),
-        rounds: relax::ROUNDS,
-    })
 }

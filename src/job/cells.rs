@@ -1,134 +1,85 @@
-//! Image in, Voronoi cells (PEBI grid) out: atoms alongside features, so that the faces between them
-//! follow the features.
+//! Atoms at rest become Voronoi cells (a PEBI grid): they are alongside features, so that the faces
+//! between them follow the features.
 
 use rayon::prelude::*;
 
-use super::join::Scene;
-use super::{BOX_TOLERANCE, Meshing, Params, Settled, Space, optimisation, pairs, settle};
+use super::{BOX_TOLERANCE, Made, Meshing, Params, Scene, Space, Stages, pairs};
 use crate::Result;
-use crate::feature::Features;
 use crate::geometry::{add_scaled, dot, norm, sub};
 use crate::image::{Geometry, Image};
 use crate::improve::sheets::{SAME_SHEET, Sheets};
-use crate::lattice::distance::Distance;
 use crate::lattice::energy::{Beta, Pairwise};
-use crate::lattice::optimize::{self, Observer};
-use crate::lattice::seeding::Alignment;
+use crate::lattice::optimize::{self, Stop};
+use crate::lattice::seeding::{Alignment, Atoms};
 use crate::mesh::graph::Graph;
 use crate::mesh::poly::PolyMesh;
-use crate::report::{self, Lattice, Reference, Report};
-
-/// Voronoi cells in lattice space, and what led to them.
-#[derive(Debug, Clone)]
-pub struct CellsOutcome<const D: usize = 3> {
-    /// The cells; they fill the box `[0, extent]`.
-    pub mesh: PolyMesh<D>,
-    /// The far corner of the box.
-    pub extent: [f64; D],
-    /// Length of one sample along each axis.
-    pub step: [f64; D],
-    /// What the cells follow.
-    pub features: Features<D>,
-    /// Nominal distance between atoms.
-    pub distance: Distance<D>,
-    /// Share of the cells' size within which nodes are welded.
-    pub weld: f64,
-    /// What the optimiser did in its last pass, and why it stopped.
-    pub optimised: optimize::Outcome,
-    /// Figures of the cells and of what they cost; where they come from is for the caller to add.
-    pub report: Report,
-}
+use crate::mesh::poly_check::check_welded;
+use crate::observer::Stage;
+use crate::report::{self, Reference, Report};
 
 /// Evaluations in which the other atoms make room for pairs.
 const PAIRED_EVALUATIONS: usize = 15;
 
-/// Makes Voronoi cells of an image. Of `params`, the smallest angle has no meaning here.
-///
-/// # Errors
-/// As [`mesh_image`](super::mesh_image); also for fixed atoms on a side of the box, and for the
-/// sampled potential.
-pub fn voronoi_image<const D: usize>(
+/// Cuts Voronoi cells around atoms at rest, and measures them.
+pub(super) fn made<const D: usize>(
+    mut atoms: Atoms<D>,
+    scene: &Scene<'_, D>,
     image: &Image<D>,
     params: &Params<D>,
-    observer: &mut dyn Observer,
-) -> Result<CellsOutcome<D>>
+    stages: &mut Stages<'_>,
+) -> Result<(Made<D>, Report)>
 where
     Space<D>: Meshing<D>,
 {
-    let Settled {
-        mut stages,
+    let Scene {
         extent,
-        step,
         features,
         distance,
-        mut atoms,
-        optimised,
-    } = settle(image, params, Alignment::Alongside, observer)?;
-    let sheets = Space::<D>::sheets(&Scene {
-        extent,
-        features: &features,
-        distance: &distance,
-    });
+    } = *scene;
+    let (step, weld) = (features.potential.step, params.weld);
+    let sheets = Space::<D>::sheets(scene);
     if !features.points.is_empty() {
-        stages.begin("pairing atoms");
+        stages.begin(Stage::Pairing);
         let points: Vec<_> = features.points.iter().map(Space::<D>::in_space).collect();
-        atoms = pairs::mirrored(&atoms, extent, &points, &sheets, &distance);
+        atoms = pairs::mirrored(&atoms, extent, &points, &sheets, distance);
         let options = optimize::Options {
             seed: params.seed,
             max_rounds: 1,
             max_evaluations: PAIRED_EVALUATIONS,
             ..optimize::Options::default()
         };
-        let energy = Pairwise::new(extent, &distance, None, Beta::Constant(0.0))?;
+        let energy = Pairwise::new(extent, distance, None, Beta::Constant(0.0))?;
         let mut energy = energy.aligned(Alignment::Alongside);
-        optimize::optimize(
+        let moved = optimize::optimize(
             &mut atoms,
             &mut energy,
-            &distance,
+            distance,
             extent,
             &options,
             stages.observer,
         )?;
+        if moved.stop == Stop::Interrupted {
+            stages.stopped();
+        }
     }
-    stages.begin("cutting cells");
-    let mut mesh = Space::<D>::cells(&atoms.positions, extent, params.weld)?;
+    stages.begin(Stage::Cutting);
+    let mut mesh = Space::<D>::cells(&atoms.positions, extent, weld)?;
     mesh.on_feature = across(&mesh, &sheets);
 
-    stages.begin("measuring the mesh");
+    stages.begin(Stage::Measuring);
     let graph = Graph::from_poly(&mesh);
     let physical = Graph::from_poly(&to_world(&mesh, step, &image.geometry));
+    let check = check_welded(&mesh, [0.0; D], extent, BOX_TOLERANCE, weld);
     let mut report = Report {
-        voronoi: Some(report::voronoi(
-            &mesh,
-            &graph,
-            &physical,
-            extent,
-            BOX_TOLERANCE,
-            params.weld,
-        )),
-        lattice: Some(Lattice {
-            optimisation: Some(optimisation(&optimised, mesh.sites.len())),
-            ..report::lattice_of_graph(&graph, |x| distance.at(x))
-        }),
+        voronoi: Some(report::voronoi(check, &graph, &physical)),
+        lattice: Some(report::lattice_of_graph(&graph, |x| distance.at(x))),
         ..Report::default()
     };
-    if !features.points.is_empty() {
-        let reference = Reference::from_features(&features);
+    if stages.keep_going() && !features.points.is_empty() {
+        let reference = Reference::from_features(features);
         report.fidelity = Some(fidelity(&mesh, step, &reference));
     }
-    report.notes.extend(features.notes.iter().cloned());
-    stages.clock.end();
-    report.stages = stages.clock.costs().to_vec();
-    Ok(CellsOutcome {
-        mesh,
-        extent,
-        step,
-        features,
-        distance,
-        weld: params.weld,
-        optimised,
-        report,
-    })
+    Ok((Made::Voronoi { mesh, weld }, report))
 }
 
 /// Fidelity of cells in a lattice space where samples are `step` apart.

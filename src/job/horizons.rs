@@ -5,16 +5,16 @@ use rayon::prelude::*;
 use crate::feature::Features;
 use crate::geometry::near::Grid;
 use crate::geometry::{add_scaled, dot, norm, normal, sub};
-use crate::mesh::faceted::Faceted;
-use crate::mesh::faceted::marks_of_bits;
-use crate::report::Measured;
+use crate::mesh::Mesh;
+use crate::mesh::Simplices;
+use crate::mesh::interface::marks_of_bits;
 
 /// Points are of a face's feature if their normals are within 45 degrees of its.
 const ALONG: f64 = 0.7;
 
 /// For each simplex of a mesh in lattice space which of its faces on features, given as bits, lie on
 /// horizons. Empty if none does.
-pub(crate) fn horizon_bits<const D: usize, M: Measured<D>>(
+pub(crate) fn horizon_bits<const D: usize, M: Simplices<D>>(
     mesh: &M,
     feature_faces: &[u8],
     features: &Features<D>,
@@ -28,7 +28,7 @@ pub(crate) fn horizon_bits<const D: usize, M: Measured<D>>(
 
 /// For each number of a face of a mesh in lattice space whether it lies on a horizon; `marks` says
 /// which lie on features. Empty if none does.
-pub(crate) fn on_horizons<const D: usize, F: Faceted<D>>(
+pub(crate) fn on_horizons<const D: usize, F: Mesh<D>>(
     mesh: &F,
     marks: &[bool],
     features: &Features<D>,
@@ -45,7 +45,7 @@ pub(crate) fn on_horizons<const D: usize, F: Faceted<D>>(
         .collect();
     // Valleys are a quarter as wide as atoms are apart: all of a feature that is near is within two.
     let grid = Grid::new(&points, 2.0 * features.sigma);
-    let nodes = mesh.node_positions();
+    let nodes = mesh.nodes();
     let is_horizon = |face: usize| {
         let (mut middle, mut area_vector, mut area) = ([0.0; D], [0.0; D], 0.0);
         mesh.facets(face, |facet| {

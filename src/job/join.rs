@@ -1,10 +1,11 @@
 //! How atoms at rest become a mesh: what differs between the plane and space.
 
+use super::Stages;
 use crate::Result;
 use crate::feature::{FeaturePoint, Features};
 use crate::improve::exude::exude;
 use crate::improve::plane::relax::Relaxation;
-use crate::improve::reshape::{Reshaped, Wanted};
+use crate::improve::reshape::{Refusal, Reshaped, Wanted};
 use crate::improve::sheets::Sheets;
 use crate::improve::{self, Method, plane};
 use crate::lattice::AtomKind;
@@ -13,8 +14,9 @@ use crate::lattice::seeding::Atoms;
 use crate::mesh::delaunay::{self, Delaunay};
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::voronoi;
-use crate::mesh::{TetMesh, TriMesh};
-use crate::report::{Improvement, Measured};
+use crate::mesh::{Simplices, TetMesh, TriMesh};
+use crate::observer::{Patience, Stage};
+use crate::report::Improvement;
 
 /// The plane (`D` = 2) or space (`D` = 3).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -23,12 +25,12 @@ pub struct Space<const D: usize>;
 /// A space in which meshes are made.
 pub trait Meshing<const D: usize> {
     /// What is made: triangles or tetrahedra.
-    type Mesh: Measured<D>;
+    type Mesh: Simplices<D>;
 
     /// Puts the atoms that are next to a feature onto it, joins all and improves the result until
     /// every angle is at least as large as `improvement` asks, where that can be; without it, only
-    /// joins. Before that a triangulation of the plane is smoothed as `relaxation` says. `begin` is
-    /// told of each stage.
+    /// joins. Before that a triangulation of the plane is smoothed as `relaxation` says. Smoothing and
+    /// improvement end where they are when they are stopped.
     ///
     /// # Errors
     /// Those of the triangulation.
@@ -37,20 +39,20 @@ pub trait Meshing<const D: usize> {
         scene: &Scene<'_, D>,
         relaxation: Option<&Relaxation<D>>,
         improvement: Option<&improve::Options>,
-        begin: &mut dyn FnMut(&str),
+        stages: &mut Stages<'_>,
     ) -> Result<Joined<Self::Mesh>>;
 
     /// The same for a part of a mesh whose atoms have come, gone and moved. The rest of the mesh stays,
     /// and so do the part's outer faces.
     ///
     /// # Errors
-    /// The number of the node that cannot be put where it must be, or cannot go.
+    /// The node that cannot be put where it must be, or cannot go; or what else is wrong.
     fn rejoin(
         part: Self::Mesh,
         wanted: Wanted<D>,
         scene: &Scene<'_, D>,
         min_angle: f64,
-    ) -> std::result::Result<Reshaped<Self::Mesh>, u32>;
+    ) -> std::result::Result<Reshaped<Self::Mesh>, Refusal>;
 
     /// The Voronoi cells of atoms inside the box `[0, extent]`, cut by it, their nodes welded.
     ///
@@ -76,17 +78,24 @@ pub struct Scene<'a, const D: usize> {
     pub distance: &'a Distance<D>,
 }
 
+/// A mesh of simplices, and what is known of its nodes and faces.
+#[derive(Debug, Clone)]
+pub struct Marked<M> {
+    /// The mesh.
+    pub mesh: M,
+    /// What each node may do.
+    pub kinds: Vec<AtomKind>,
+    /// For each cell, bit k: its face (edge, in the plane) k, opposite node k, lies on a feature.
+    pub feature_faces: Vec<u8>,
+}
+
 /// Atoms joined to a mesh.
 #[derive(Debug)]
 pub struct Joined<M> {
     /// The mesh.
-    pub mesh: M,
+    pub made: Marked<M>,
     /// For every cell and face, in order, the cell on its other side, where that is known.
     pub neighbors: Option<Vec<u32>>,
-    /// What each node may do.
-    pub kinds: Vec<AtomKind>,
-    /// For each cell, bit k: its face k, opposite node k, lies on a feature.
-    pub feature_faces: Vec<u8>,
     /// What was improved, if anything should be.
     pub improvement: Option<Improvement>,
     /// Where exudation was asked for, what Joe's transformations make of the same atoms.
@@ -113,10 +122,6 @@ fn planes<const D: usize>(
     Sheets::new(points, extent, radius, reach)
 }
 
-/// The last stages, as an observer is told of them.
-const JOINING: &str = "joining atoms";
-const IMPROVING: &str = "removing slivers";
-
 impl Meshing<3> for Space<3> {
     type Mesh = TetMesh;
 
@@ -125,7 +130,7 @@ impl Meshing<3> for Space<3> {
         scene: &Scene<'_, 3>,
         _: Option<&Relaxation<3>>,
         improvement: Option<&improve::Options>,
-        begin: &mut dyn FnMut(&str),
+        stages: &mut Stages<'_>,
     ) -> Result<Joined<TetMesh>> {
         let Scene {
             extent, distance, ..
@@ -135,7 +140,7 @@ impl Meshing<3> for Space<3> {
             let reach = SETTLE * distance.min();
             improve::settle(&mut atoms.positions, &atoms.kinds, extent, sheets, reach);
         }
-        begin(JOINING);
+        stages.begin(Stage::Joining);
         let Delaunay {
             mut mesh,
             mut neighbors,
@@ -143,10 +148,12 @@ impl Meshing<3> for Space<3> {
         let mut kinds = atoms.kinds;
         let (Some(options), Some(sheets)) = (improvement, &sheets) else {
             return Ok(Joined {
-                feature_faces: vec![0; mesh.tets.len()],
-                mesh,
+                made: Marked {
+                    feature_faces: vec![0; mesh.tets.len()],
+                    mesh,
+                    kinds,
+                },
                 neighbors: Some(neighbors.into_flattened()),
-                kinds,
                 improvement: None,
                 rival: None,
             });
@@ -154,7 +161,7 @@ impl Meshing<3> for Space<3> {
         let mut rival = None;
         let (neighbors, (outcome, feature_faces)) = match options.method {
             Method::Joe => {
-                begin(IMPROVING);
+                stages.begin(Stage::Improving);
                 let done = improve::improve(
                     &mut mesh,
                     &mut neighbors,
@@ -163,11 +170,12 @@ impl Meshing<3> for Space<3> {
                     sheets,
                     distance,
                     options,
+                    Patience::new(&mut || stages.keep_going()),
                 );
                 (Some(neighbors.into_flattened()), done)
             }
             Method::Exude => {
-                begin("removing slivers the other way");
+                stages.begin(Stage::Comparing);
                 let (mut other, mut their_kinds) = (mesh.clone(), kinds.clone());
                 let (_, faces) = improve::improve(
                     &mut other,
@@ -177,20 +185,30 @@ impl Meshing<3> for Space<3> {
                     sheets,
                     distance,
                     options,
+                    Patience::new(&mut || stages.keep_going()),
                 );
                 rival = Some((other, faces));
-                begin(IMPROVING);
+                stages.begin(Stage::Improving);
                 let done = exude(
-                    &mut mesh, neighbors, &mut kinds, extent, sheets, distance, options,
+                    &mut mesh,
+                    neighbors,
+                    &mut kinds,
+                    extent,
+                    sheets,
+                    distance,
+                    options,
+                    Patience::new(&mut || stages.keep_going()),
                 )?;
                 (None, done)
             }
         };
         Ok(Joined {
-            mesh,
+            made: Marked {
+                mesh,
+                kinds,
+                feature_faces,
+            },
             neighbors,
-            kinds,
-            feature_faces,
             improvement: Some(Improvement::from(&outcome)),
             rival,
         })
@@ -201,7 +219,7 @@ impl Meshing<3> for Space<3> {
         mut wanted: Wanted<3>,
         scene: &Scene<'_, 3>,
         min_angle: f64,
-    ) -> std::result::Result<Reshaped<TetMesh>, u32> {
+    ) -> std::result::Result<Reshaped<TetMesh>, Refusal> {
         let Scene {
             extent, distance, ..
         } = *scene;
@@ -236,7 +254,7 @@ impl Meshing<2> for Space<2> {
         scene: &Scene<'_, 2>,
         relaxation: Option<&Relaxation<2>>,
         improvement: Option<&improve::Options>,
-        begin: &mut dyn FnMut(&str),
+        stages: &mut Stages<'_>,
     ) -> Result<Joined<TriMesh>> {
         let Scene {
             extent, distance, ..
@@ -247,27 +265,35 @@ impl Meshing<2> for Space<2> {
             let reach = SETTLE * distance.min();
             plane::settle(&mut atoms.positions, &atoms.kinds, extent, sheets, reach);
         }
-        begin(JOINING);
+        stages.begin(Stage::Joining);
         let mut mesh = match (relaxation, &sheets) {
             (Some(relaxation), Some(sheets)) => {
-                begin("smoothing");
+                stages.begin(Stage::Smoothing);
                 let mobility = plane::mobility(&atoms, extent, sheets);
-                plane::relax::relax(atoms.positions, &mobility, relaxation)?.0
+                plane::relax::relax(
+                    atoms.positions,
+                    &mobility,
+                    relaxation,
+                    Patience::new(&mut || stages.keep_going()),
+                )?
+                .0
             }
             _ => delaunay::delaunay_plane(&atoms.positions)?,
         };
         let mut kinds = atoms.kinds;
         let (Some(options), Some(sheets)) = (improvement, &sheets) else {
             return Ok(Joined {
-                feature_faces: vec![0; mesh.triangles.len()],
-                mesh,
+                made: Marked {
+                    feature_faces: vec![0; mesh.triangles.len()],
+                    mesh,
+                    kinds,
+                },
                 neighbors: None,
-                kinds,
                 improvement: None,
                 rival: None,
             });
         };
-        begin(IMPROVING);
+        stages.begin(Stage::Improving);
         let (outcome, feature_faces) = plane::improve(
             &mut mesh,
             &mut kinds,
@@ -275,12 +301,15 @@ impl Meshing<2> for Space<2> {
             sheets,
             distance,
             options.min_dihedral,
-        );
+            Patience::new(&mut || stages.keep_going()),
+        )?;
         Ok(Joined {
-            mesh,
+            made: Marked {
+                mesh,
+                kinds,
+                feature_faces,
+            },
             neighbors: None,
-            kinds,
-            feature_faces,
             improvement: Some(Improvement::from(&outcome)),
             rival: None,
         })
@@ -291,7 +320,7 @@ impl Meshing<2> for Space<2> {
         mut wanted: Wanted<2>,
         scene: &Scene<'_, 2>,
         min_angle: f64,
-    ) -> std::result::Result<Reshaped<TriMesh>, u32> {
+    ) -> std::result::Result<Reshaped<TriMesh>, Refusal> {
         let Scene {
             extent, distance, ..
         } = *scene;

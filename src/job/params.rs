@@ -149,23 +149,35 @@ pub struct WellPath<const D: usize = 3> {
     pub radius: f64,
 }
 
+/// What the mesh is made of.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum CellKind {
+    /// Tetrahedra, or triangles in the plane, with atoms on the features.
+    #[default]
+    Simplices,
+    /// Voronoi cells of atoms alongside the features.
+    Voronoi,
+}
+
 /// What the whole job is told.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Params<const D: usize = 3> {
+    /// What the mesh is made of.
+    pub cells: CellKind,
     /// Distance between atoms.
     pub spacing: Spacing,
     /// Distances, one per sample of the image, for [`Spacing::Given`].
     pub distances: Option<Box<Image<D>>>,
     /// Features to follow.
-    pub feature: feature::Kind,
+    pub feature: feature::FeatureKind,
     /// Width in samples of the Gaussian under which features are sought; by kind if `None`.
     pub sigma: Option<f64>,
     /// Least strength of a feature, in units of the image; from the image itself if `None`.
     pub threshold: Option<f32>,
     /// Depths of the valleys of faults and of horizons where both are followed.
     pub feature_weights: [f64; 2],
-    /// Points of an object and around it, for [`feature::Kind::Paths`].
-    pub seeds: feature::paths::Seeds<D>,
+    /// Points of an object and around it, for [`feature::FeatureKind::Paths`].
+    pub seeds: feature::PathSeeds<D>,
     /// Weight of the image.
     pub beta: Weight<D>,
     /// Atoms that stay where they are (wells, sources).
@@ -202,13 +214,14 @@ pub struct Params<const D: usize = 3> {
 impl<const D: usize> Default for Params<D> {
     fn default() -> Self {
         Self {
+            cells: CellKind::default(),
             spacing: Spacing::Constant(8.0),
-            feature: feature::Kind::Auto,
+            feature: feature::FeatureKind::Auto,
             sigma: None,
             threshold: None,
             feature_weights: [1.0; 2],
             distances: None,
-            seeds: feature::paths::Seeds::default(),
+            seeds: feature::PathSeeds::default(),
             beta: Weight::Constant(0.5),
             fixed: Vec::new(),
             wells: Vec::new(),
@@ -230,13 +243,13 @@ impl<const D: usize> Default for Params<D> {
 
 impl<const D: usize> Params<D> {
     /// How features are sought.
-    pub fn feature_options(&self, step: [f64; D]) -> feature::Options<D> {
+    pub fn feature_options(&self, step: [f64; D]) -> feature::Detection<D> {
         // Canny's points are, unless another feature is named, points of Canny's edges.
         let kind = match (self.feature, self.seeding) {
-            (feature::Kind::Auto, Seeding::Canny) => feature::Kind::Canny,
+            (feature::FeatureKind::Auto, Seeding::Canny) => feature::FeatureKind::Canny,
             (kind, _) => kind,
         };
-        feature::Options {
+        feature::Detection {
             kind,
             scale: self.sigma,
             threshold: self.threshold,
@@ -244,7 +257,7 @@ impl<const D: usize> Params<D> {
             seeds: self.seeds.clone(),
             d_min: self.spacing.min(),
             step,
-            ..feature::Options::default()
+            ..feature::Detection::default()
         }
     }
 }

@@ -9,7 +9,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 
 use super::Evaluator;
 use crate::error::cause;
-use crate::feature::Kind;
+use crate::feature::FeatureKind;
 use crate::image::formats::InputOptions;
 use crate::improve::plane::relax::Scheme;
 use crate::lattice::optimize::Method;
@@ -34,7 +34,7 @@ pub struct Settings {
     pub distance_from: Option<String>,
     /// The features to follow [default: auto]
     #[cfg_attr(feature = "cli", arg(long, value_name = "KIND"))]
-    pub feature: Option<Kind>,
+    pub feature: Option<FeatureKind>,
     /// Scale of the features in samples [default: by the kind of feature]
     #[cfg_attr(feature = "cli", arg(long, value_name = "S"))]
     pub sigma: Option<f64>,

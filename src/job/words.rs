@@ -12,7 +12,7 @@ use super::asked::{
 };
 use super::settings::{AlignName, CellsName, SeedingName, Settings, SliversName};
 use crate::error::cause;
-use crate::feature::Kind;
+use crate::feature::FeatureKind;
 use crate::improve;
 use crate::{Error, Result};
 
@@ -205,7 +205,7 @@ fn canny(said: &Said, voronoi: bool) -> Result<Placement> {
         "is about a lattice whose energy is lowered, but with seeding canny nothing moves",
         other,
     )?;
-    if said.settings.feature != Some(Kind::Paths) {
+    if said.settings.feature != Some(FeatureKind::Paths) {
         let problem = "decides what is left to chance, which with seeding canny is nothing";
         said.unused(&["rng-seed"], problem, other)?;
     }
@@ -431,9 +431,9 @@ fn followed(said: &Said) -> Result<Followed> {
             remedy,
         ));
     }
-    let kind = settings.feature.unwrap_or(Kind::Auto);
+    let kind = settings.feature.unwrap_or(FeatureKind::Auto);
     let threshold = settings.threshold;
-    if kind != Kind::Paths {
+    if kind != FeatureKind::Paths {
         let problem = "is about an object whose boundary is followed by paths";
         said.unused(
             &["object", "background"],
@@ -442,11 +442,11 @@ fn followed(said: &Said) -> Result<Followed> {
         )?;
     }
     let weights = weights(settings.feature_weights.as_deref())?;
-    if kind != Kind::FaultsAndHorizons {
+    if kind != FeatureKind::FaultsAndHorizons {
         let problem = "weighs faults against horizons, but not both are followed";
         said.unused(&["feature-weights"], problem, "follow both, or omit it")?;
     }
-    if matches!(kind, Kind::Labels | Kind::Paths) {
+    if matches!(kind, FeatureKind::Labels | FeatureKind::Paths) {
         let problem = format!("is about the strength of features, but {kind} have none");
         said.unused(
             &["threshold"],
@@ -458,17 +458,17 @@ fn followed(said: &Said) -> Result<Followed> {
     Ok(Followed {
         sigma: settings.sigma,
         what: match kind {
-            Kind::Auto => strong(StrongKind::Auto),
-            Kind::Ridges => strong(StrongKind::Ridges),
-            Kind::Valleys => strong(StrongKind::Valleys),
-            Kind::Edges => strong(StrongKind::Edges),
-            Kind::Canny => strong(StrongKind::Canny),
-            Kind::Horizons => strong(StrongKind::Horizons),
-            Kind::Faults => strong(StrongKind::Faults),
-            Kind::Potential => strong(StrongKind::Potential),
-            Kind::FaultsAndHorizons => What::FaultsAndHorizons { threshold, weights },
-            Kind::Labels => What::Labels,
-            Kind::Paths => What::Paths {
+            FeatureKind::Auto => strong(StrongKind::Auto),
+            FeatureKind::Ridges => strong(StrongKind::Ridges),
+            FeatureKind::Valleys => strong(StrongKind::Valleys),
+            FeatureKind::Edges => strong(StrongKind::Edges),
+            FeatureKind::Canny => strong(StrongKind::Canny),
+            FeatureKind::Horizons => strong(StrongKind::Horizons),
+            FeatureKind::Faults => strong(StrongKind::Faults),
+            FeatureKind::Potential => strong(StrongKind::Potential),
+            FeatureKind::FaultsAndHorizons => What::FaultsAndHorizons { threshold, weights },
+            FeatureKind::Labels => What::Labels,
+            FeatureKind::Paths => What::Paths {
                 object: points("object", settings.object.as_deref())?,
                 background: points("background", settings.background.as_deref())?,
             },

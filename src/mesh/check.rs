@@ -39,8 +39,8 @@ impl Check {
 /// Checks a mesh against the box `[low, high]`: positive volumes, conforming faces, no unused nodes,
 /// sides exactly flat (to `tolerance` of the longest side), areas and volume filled to `tolerance`.
 /// In the plane the same with areas for volumes and lengths for areas.
-pub fn check<const D: usize>(
-    mesh: &impl Simplices<D>,
+pub fn check<const D: usize, M: Simplices<D>>(
+    mesh: &M,
     low: [f64; D],
     high: [f64; D],
     tolerance: f64,
@@ -50,8 +50,8 @@ pub fn check<const D: usize>(
 
 /// [`check`] of a mesh whose neighbours are known: for every cell and face, in order, the cell on its
 /// other side, or [`NONE`]. Whether they are right is checked, which takes less time than to find them.
-pub fn check_joined<const D: usize>(
-    mesh: &impl Simplices<D>,
+pub fn check_joined<const D: usize, M: Simplices<D>>(
+    mesh: &M,
     neighbors: Option<&[u32]>,
     low: [f64; D],
     high: [f64; D],
@@ -63,7 +63,7 @@ pub fn check_joined<const D: usize>(
         cells: mesh.len(),
         ..Check::default()
     };
-    let name = cells_of(mesh);
+    let name = M::CELLS;
     if let Some(at) = mesh
         .connectivity()
         .iter()
@@ -181,10 +181,6 @@ fn first_apart<const D: usize, M: Simplices<D>>(mesh: &M, neighbors: &[u32]) -> 
         }
     }
     (unpaired != 0).then_some(0)
-}
-
-fn cells_of<const D: usize, M: Simplices<D>>(_: &M) -> &'static str {
-    M::CELLS
 }
 
 fn singular(name: &str) -> &str {

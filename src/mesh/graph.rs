@@ -183,6 +183,128 @@ impl<const D: usize> Graph<D> {
     }
 }
 
+/// Finds the cells that hold points: a little work for each point, once the faces of all cells are
+/// listed.
+pub struct Locator<'a, const D: usize> {
+    graph: &'a Graph<D>,
+    /// Where the faces of each cell start in `faces`, and one more at the end.
+    starts: Vec<u32>,
+    /// Connections, then boundary faces.
+    faces: Vec<u32>,
+}
+
+impl<'a, const D: usize> Locator<'a, D> {
+    /// Of the cells of a graph.
+    pub fn new(graph: &'a Graph<D>) -> Self {
+        let sides = || {
+            let inner = graph
+                .connections
+                .iter()
+                .map(|c| (c.cells[0], Some(c.cells[1])));
+            let outer = graph.boundary.iter().map(|f| (f.cell, None));
+            inner.chain(outer).zip(0u32..)
+        };
+        let mut starts = vec![0u32; graph.volume.len() + 2];
+        for ((a, b), _) in sides() {
+            for cell in [Some(a), b].into_iter().flatten() {
+                starts[cell as usize + 2] += 1;
+            }
+        }
+        for i in 2..starts.len() {
+            starts[i] += starts[i - 1];
+        }
+        let mut faces = vec![0; starts[starts.len() - 1] as usize];
+        for ((a, b), face) in sides() {
+            for cell in [Some(a), b].into_iter().flatten() {
+                // The start of the next cell counts up to its place.
+                let place = &mut starts[cell as usize + 1];
+                faces[*place as usize] = face;
+                *place += 1;
+            }
+        }
+        starts.pop();
+        Self {
+            graph,
+            starts,
+            faces,
+        }
+    }
+
+    /// As [`Graph::cell_at`], which looks at all cells.
+    pub fn cell_at(&self, point: [f64; D]) -> Option<usize> {
+        let Some(found) = self.walk(point) else {
+            return self.graph.cell_at(point);
+        };
+        // Where faces are bent, a cell beside it may hold the point better.
+        let mut near = vec![found];
+        for _ in 0..2 {
+            for i in 0..near.len() {
+                near.extend(self.faces(near[i], point).filter_map(|(next, _)| next));
+            }
+            near.sort_unstable();
+            near.dedup();
+        }
+        let outside = |cell: usize| {
+            let off = self.faces(cell, point).map(|(_, off)| off);
+            off.fold(f64::NEG_INFINITY, f64::max)
+        };
+        let deepest = near.into_iter().map(|cell| (outside(cell), cell));
+        deepest
+            .min_by(|a, b| a.0.total_cmp(&b.0))
+            .map(|(_, cell)| cell)
+    }
+
+    /// What lies beyond each face of a cell, and how far a point is beyond the face's plane.
+    fn faces(
+        &self,
+        cell: usize,
+        point: [f64; D],
+    ) -> impl Iterator<Item = (Option<usize>, f64)> + '_ {
+        let [start, end] = [cell, cell + 1].map(|c| self.starts[c] as usize);
+        let off = move |on: [f64; D], normal: [f64; D]| {
+            dot(std::array::from_fn(|k| point[k] - on[k]), normal)
+        };
+        self.faces[start..end].iter().map(move |&face| {
+            let face = face as usize;
+            let Some(c) = self.graph.connections.get(face) else {
+                let f = &self.graph.boundary[face - self.graph.connections.len()];
+                return (None, off(f.point, f.normal));
+            };
+            let off = off(c.point, c.normal);
+            if c.cells[0] as usize == cell {
+                (Some(c.cells[1] as usize), off)
+            } else {
+                (Some(c.cells[0] as usize), -off)
+            }
+        })
+    }
+
+    /// Goes from a cell whose site is near through the faces that a point is farthest beyond, to the
+    /// cell that holds it, well inside. `None` where there is none, or the way leads nowhere.
+    fn walk(&self, point: [f64; D]) -> Option<usize> {
+        let cells = self.graph.volume.len();
+        let far = |cell: usize| {
+            let site = self.graph.site[cell];
+            (0..D).map(|k| (site[k] - point[k]).powi(2)).sum::<f64>()
+        };
+        // About as many cells to begin from as there are then to go through.
+        let every = (cells as f64).powf(1.0 - 1.0 / (D as f64 + 1.0)) as usize;
+        let beginnings = (0..cells).step_by(every.max(1));
+        let mut cell = beginnings.min_by(|&a, &b| far(a).total_cmp(&far(b)))?;
+        for _ in 0..cells {
+            let (beyond, off) = self.faces(cell, point).max_by(|a, b| a.1.total_cmp(&b.1))?;
+            let size = self.graph.volume[cell].powf(1.0 / D as f64);
+            match beyond {
+                _ if off < -1e-9 * size => return Some(cell),
+                Some(next) if off > 1e-9 * size => cell = next,
+                // On a face, or outside.
+                _ => return None,
+            }
+        }
+        None
+    }
+}
+
 impl Graph<3> {
     /// The graph of a mesh of tetrahedra: sites are centroids, so that both are on their own sides
     /// of every face, and connections are not square to it; `angle_error` says by how much.

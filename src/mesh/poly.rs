@@ -302,11 +302,16 @@ impl<const D: usize> PolyMesh<D> {
             ..self.clone()
         };
         if mirrored {
-            for range in mesh.faces.offsets.windows(2) {
-                mesh.faces.items[range[0] as usize..range[1] as usize].reverse();
-            }
+            mesh.turn_faces();
         }
         mesh
+    }
+
+    /// Turns all faces round.
+    pub(super) fn turn_faces(&mut self) {
+        for range in self.faces.offsets.windows(2) {
+            self.faces.items[range[0] as usize..range[1] as usize].reverse();
+        }
     }
 }
 

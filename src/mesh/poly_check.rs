@@ -253,14 +253,16 @@ fn welded<const D: usize>(mesh: &PolyMesh<D>, f: usize, weld: f64) -> f64 {
             .sqrt()
 }
 
+/// An area vector this small a share of a face's length times its width has cancelled: the face's
+/// outline crosses itself, as an eight does, and no plane is the face's own.
+const CANCELLED: f64 = 1e-9;
+
 /// The largest distance of a face's nodes from a plane: that of its area, or, as the normal of a face
-/// as narrow as rounding means nothing, one through its long axis if that is nearer.
+/// as narrow as rounding means nothing, one through its long axis if that is nearer. A face whose area
+/// cancels is as far from flat as it is wide.
 fn warp<const D: usize>(mesh: &PolyMesh<D>, f: usize) -> f64 {
     let shape = mesh.face_shape(f);
     let area = shape.area();
-    if area == 0.0 {
-        return 0.0;
-    }
     let nodes = mesh.faces.get(f).iter();
     let off = nodes.map(|&n| -> [f64; D] {
         std::array::from_fn(|k| mesh.nodes[n as usize][k] - shape.apex[k])
@@ -270,12 +272,20 @@ fn warp<const D: usize>(mesh: &PolyMesh<D>, f: usize) -> f64 {
         .clone()
         .max_by(|x, y| square(x).total_cmp(&square(y)))
         .unwrap_or([0.0; D]);
+    // Nodes all at one place are flat.
+    if square(&longest) == 0.0 {
+        return 0.0;
+    }
     let (mut height, mut width) = (0.0f64, 0.0f64);
     for x in off {
         let along = dot(x, longest) / square(&longest);
         let aside: [f64; D] = std::array::from_fn(|k| x[k] - along * longest[k]);
         height = height.max((dot(x, shape.area_vector) / area).abs());
         width = width.max(square(&aside).sqrt());
+    }
+    // Also where the area is 0, and no height is known.
+    if area <= CANCELLED * square(&longest).sqrt() * width {
+        return width;
     }
     height.min(width)
 }
@@ -409,6 +419,34 @@ mod tests {
         mesh.nodes[2][2] += 0.5;
         mesh.nodes[3][0] -= 0.3;
         assert!(warp(&mesh, 0) > 0.01);
+    }
+
+    #[test]
+    fn a_face_like_an_eight_is_not_flat() {
+        let eight = |bend: f64| {
+            let mut mesh = PolyMesh::<3> {
+                nodes: vec![
+                    [0.0, 0.0, 0.0],
+                    [1.0, 1.0, bend],
+                    [1.0, 0.0, 0.0],
+                    [0.0, 1.0, 0.0],
+                ],
+                ..PolyMesh::default()
+            };
+            mesh.faces.push([0, 1, 2, 3]);
+            mesh
+        };
+        assert_eq!(eight(0.0).face_shape(0).area(), 0.0);
+        for bend in [0.0, 1e-15, 0.1] {
+            let warp = warp(&eight(bend), 0);
+            assert!(warp > 0.4, "{bend}: {warp}");
+        }
+        // All nodes at one place, or in one line: no area, and nothing that is not flat.
+        let mut none = eight(0.0);
+        none.nodes.fill([0.3; 3]);
+        assert_eq!(warp(&none, 0), 0.0);
+        none.nodes = vec![[0.0; 3], [0.5; 3], [1.0; 3], [0.25; 3]];
+        assert!(warp(&none, 0) < 1e-15);
     }
 
     #[test]

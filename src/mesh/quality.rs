@@ -137,20 +137,22 @@ pub fn radius_edge_ratio(p: &[[f64; 3]; 4]) -> f64 {
     crate::geometry::norm(top) / (2.0 * volume6(p).abs()) / shortest
 }
 
-/// All figures of one tetrahedron, from what they share: a quarter of the cost of one by one.
+/// All figures of one simplex.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Shape {
-    /// Of the dihedral angles, in the order of [`EDGES`]; good to 1e-6 degrees near 0 and 180. An
-    /// angle at a face without area is called 0.
-    pub cosines: [f64; 6],
-    /// See [`mean_ratio`].
+pub struct Shape<C = [f64; 6]> {
+    /// Of its angles; of a tetrahedron's dihedral angles, in the order of [`EDGES`], good to 1e-6
+    /// degrees near 0 and 180. An angle at a face without area is called 0.
+    pub cosines: C,
+    /// See [`mean_ratio`], and [`tri::shape`](super::tri::shape).
     pub mean_ratio: f64,
-    /// See [`radius_edge_ratio`].
+    /// See [`radius_edge_ratio`], and
+    /// [`tri::radius_edge_ratio`](super::tri::radius_edge_ratio).
     pub radius_edge: f64,
-    /// Signed volume.
+    /// Signed volume (area in the plane).
     pub volume: f64,
 }
 
+/// A tetrahedron's figures, from what they share: a quarter of the cost of one by one.
 impl Shape {
     /// Measures the tetrahedron with these corners.
     #[inline]

@@ -12,7 +12,7 @@ use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap};
 
 use crate::geometry::sets::Sets;
-use crate::model::surface::cells::Cells;
+use crate::model::surface::adjacency::Adjacency;
 use crate::model::surface::facets::NONE;
 
 /// Where paint of a unit begins.
@@ -26,7 +26,7 @@ pub struct Seed {
 
 /// For each cell the distance to the nearest surface, along ways between cell centres that cross
 /// none; infinite where there is none to reach.
-pub fn clearance<const D: usize>(cells: &Cells<D>) -> Vec<f64> {
+pub fn clearance<const D: usize>(cells: &Adjacency<D>) -> Vec<f64> {
     let mut sources = Vec::new();
     for link in cells.links.iter().filter(|link| !link.open) {
         sources.extend(link.cells.map(|c| (0.5 * link.distance, c, 0)));
@@ -47,7 +47,7 @@ pub fn clearance<const D: usize>(cells: &Cells<D>) -> Vec<f64> {
 /// most area, openly if they can.
 ///
 /// With `neck` 0, every opening joins; with 1, only ways as wide as the smaller room.
-pub fn blocks<const D: usize>(cells: &Cells<D>, neck: f64, least: usize) -> (Vec<u32>, usize) {
+pub fn blocks<const D: usize>(cells: &Adjacency<D>, neck: f64, least: usize) -> (Vec<u32>, usize) {
     let clearance = clearance(cells);
     let mut order: Vec<u32> = (0..cells.len() as u32).collect();
     order.sort_by(|&a, &b| {
@@ -96,7 +96,7 @@ pub fn blocks<const D: usize>(cells: &Cells<D>, neck: f64, least: usize) -> (Vec
 
 /// The blocks of fewer than `least` cells, and the neighbour that each should join.
 fn absorbing<const D: usize>(
-    cells: &Cells<D>,
+    cells: &Adjacency<D>,
     block: &[u32],
     count: usize,
     least: usize,
@@ -128,7 +128,7 @@ fn absorbing<const D: usize>(
 
 /// Blocks numbered by falling volume.
 fn by_size<const D: usize>(
-    cells: &Cells<D>,
+    cells: &Adjacency<D>,
     mut block: Vec<u32>,
     count: usize,
 ) -> (Vec<u32>, usize) {
@@ -153,7 +153,7 @@ fn by_size<const D: usize>(
 /// Returns the unit of each cell, `None` where no paint arrives, and the cost there. Of seeds whose
 /// paint arrives at once the lower unit wins.
 pub fn paint<const D: usize>(
-    cells: &Cells<D>,
+    cells: &Adjacency<D>,
     block: &[u32],
     cost: &[f64],
     seeds: &[Seed],
@@ -175,7 +175,7 @@ pub fn paint<const D: usize>(
 /// Least cost from any of the sources (cost there, cell, label) to each cell, infinite beyond
 /// `most`, and the label of that source.
 fn spread<const D: usize>(
-    cells: &Cells<D>,
+    cells: &Adjacency<D>,
     sources: &[(f64, u32, u32)],
     cost: &[f64],
     passes: impl Fn(usize) -> bool,
@@ -211,7 +211,7 @@ fn spread<const D: usize>(
 
 /// How much harder paint flows between cells whose image values differ: 1 + (difference / rms
 /// difference)^2, for each link.
-pub fn contrast<const D: usize>(cells: &Cells<D>, values: &[f64]) -> Vec<f64> {
+pub fn contrast<const D: usize>(cells: &Adjacency<D>, values: &[f64]) -> Vec<f64> {
     let square = |[a, b]: [u32; 2]| (values[a as usize] - values[b as usize]).powi(2);
     let sum: f64 = cells.links.iter().map(|link| square(link.cells)).sum();
     let mean = sum / cells.links.len().max(1) as f64;

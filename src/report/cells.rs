@@ -4,8 +4,7 @@ use serde::Serialize;
 
 use super::Lattice;
 use crate::mesh::graph::Graph;
-use crate::mesh::poly::PolyMesh;
-use crate::mesh::poly_check::{PolyCheck, check_welded};
+use crate::mesh::poly_check::PolyCheck;
 
 /// Shares of the mean area below which faces are counted as tiny.
 pub const TINY: [f64; 4] = [1e-6, 1e-4, 1e-3, 1e-2];
@@ -37,16 +36,8 @@ pub struct Voronoi {
     pub not_positive: usize,
 }
 
-/// Measures cells in lattice space, which should fill the box `[0, extent]` to `tolerance` and may be
-/// welded, with their graph there and in the world.
-pub fn voronoi<const D: usize>(
-    mesh: &PolyMesh<D>,
-    graph: &Graph<D>,
-    physical: &Graph<D>,
-    extent: [f64; D],
-    tolerance: f64,
-    weld: f64,
-) -> Voronoi {
+/// Measures cells, of whose validity `check` tells, by their graph in lattice space and in the world.
+pub fn voronoi<const D: usize>(check: PolyCheck, graph: &Graph<D>, physical: &Graph<D>) -> Voronoi {
     let count = graph.connections.len();
     let mean = |sum: f64, count: usize| sum / count.max(1) as f64;
     let area = mean(graph.connections.iter().map(|c| c.area).sum(), count);
@@ -71,7 +62,7 @@ pub fn voronoi<const D: usize>(
     let positive = |d: f64| d > 0.0;
     Voronoi {
         kind: if D == 2 { "polygons" } else { "polyhedra" },
-        check: check_welded(mesh, [0.0; D], extent, tolerance, weld),
+        check,
         connections: count,
         on_feature: graph.connections.iter().filter(|c| c.on_feature).count(),
         volumes: [

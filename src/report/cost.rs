@@ -4,11 +4,13 @@ use std::time::Instant;
 
 use serde::Serialize;
 
+use crate::observer::Stage;
+
 /// The cost of one stage of a job.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct StageCost {
-    /// What the stage does.
-    pub stage: String,
+    /// The stage.
+    pub stage: Stage,
     /// Seconds by the clock.
     pub seconds: f64,
     /// Seconds of processor time in user mode, over all threads; to a hundredth.
@@ -23,7 +25,7 @@ pub struct StageCost {
 pub struct Clock {
     start: Instant,
     cpu: f64,
-    current: Option<String>,
+    current: Option<Stage>,
     done: Vec<StageCost>,
 }
 
@@ -39,9 +41,9 @@ impl Clock {
     }
 
     /// Ends the stage that is being measured, if any, and begins another.
-    pub fn begin(&mut self, stage: &str) {
+    pub fn begin(&mut self, stage: Stage) {
         self.end();
-        self.current = Some(stage.to_string());
+        self.current = Some(stage);
         self.start = Instant::now();
         self.cpu = cpu_seconds();
     }
@@ -100,7 +102,7 @@ mod tests {
     #[test]
     fn work_and_memory_are_seen() {
         let mut clock = Clock::new();
-        clock.begin("busy");
+        clock.begin(Stage::Features);
         // Until the processor has worked, however busy the machine is; but not for ever.
         let (start, cpu) = (Instant::now(), cpu_seconds());
         let mut memory = vec![0u8; 64 << 20];
@@ -110,7 +112,7 @@ mod tests {
             }
         }
         std::hint::black_box(&memory);
-        clock.begin("idle");
+        clock.begin(Stage::Placing);
         clock.end();
         let [busy, idle] = clock.costs() else {
             panic!("two stages")

@@ -23,7 +23,7 @@ pub use cells::{Voronoi, lattice_of_graph, voronoi};
 pub use cost::{Clock, StageCost};
 pub use fidelity::{Fidelity, Match, fidelity, fidelity_of_cells};
 pub use lattice::{Lattice, Optimisation, lattice};
-pub use quality::{Measured, Quality, quality};
+pub use quality::{Quality, quality, smallest_angles};
 pub use reference::Reference;
 
 use crate::improve;

@@ -1,7 +1,7 @@
 //! The shapes of a mesh's cells, in figures: tetrahedra by their dihedral angles, triangles by their
 //! angles.
 
-use crate::mesh::{Simplices, TetMesh, TriMesh, quality, tri};
+use crate::mesh::Simplices;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::ops::Range;
@@ -84,103 +84,20 @@ pub struct Quality {
     pub worst: Vec<Worst>,
 }
 
-/// The figures of one cell.
-pub struct Shape<C> {
-    /// Cosines of its angles.
-    cosines: C,
-    ratio: f64,
-    radius: f64,
-    volume: f64,
-}
-
-/// A mesh whose cells can be measured.
-pub trait Measured<const D: usize>: Simplices<D> {
-    /// What a file calls the smallest angle of each cell.
-    const MIN_ANGLE: &'static str;
-    /// What a file calls the volume of each cell.
-    const VOLUME: &'static str;
-    /// What a file calls the bits of each cell's faces that lie on features: bit k for the face
-    /// opposite node k.
-    const FEATURE_FACES: &'static str;
-    /// The cosines of a cell's angles.
-    type Cosines: AsRef<[f64]>;
-
-    /// Measures cell `c`.
-    fn shape(&self, c: usize) -> Shape<Self::Cosines>;
-
-    /// Measures cells, in their order.
-    fn shapes(&self, cells: Range<usize>, mut visit: impl FnMut(Shape<Self::Cosines>)) {
-        for c in cells {
-            visit(self.shape(c));
-        }
-    }
-
-    /// The smallest angle of every cell, in degrees.
-    fn smallest_angles(&self) -> Vec<f32> {
-        let mut angles = vec![0.0f32; self.len()];
-        let chunks = angles.par_chunks_mut(CHUNK).enumerate();
-        chunks.for_each(|(chunk, angles)| {
-            let first = chunk * CHUNK;
-            let mut places = angles.iter_mut();
-            self.shapes(first..first + places.len(), |shape| {
-                if let Some(angle) = places.next() {
-                    *angle = largest(shape.cosines.as_ref()).acos().to_degrees() as f32;
-                }
-            });
-        });
-        angles
-    }
-}
-
-impl Measured<3> for TetMesh {
-    const MIN_ANGLE: &'static str = "min_dihedral";
-    const VOLUME: &'static str = "volume";
-    const FEATURE_FACES: &'static str = "feature_faces";
-    type Cosines = [f64; 6];
-
-    fn shape(&self, c: usize) -> Shape<[f64; 6]> {
-        quality::Shape::of(&self.corners(c)).into()
-    }
-
-    fn shapes(&self, cells: Range<usize>, mut visit: impl FnMut(Shape<[f64; 6]>)) {
-        let (mut corners, mut shapes) = (quality::Corners::default(), quality::Shapes::default());
-        for block in self.tets[cells].chunks(quality::BLOCK) {
-            corners.gather(&self.nodes, block);
-            shapes.measure(&corners);
-            for i in 0..block.len() {
-                visit(shapes.get(i).into());
+/// The smallest angle of every cell, in degrees.
+pub fn smallest_angles<const D: usize, M: Simplices<D>>(mesh: &M) -> Vec<f32> {
+    let mut angles = vec![0.0f32; mesh.len()];
+    let chunks = angles.par_chunks_mut(CHUNK).enumerate();
+    chunks.for_each(|(chunk, angles)| {
+        let first = chunk * CHUNK;
+        let mut places = angles.iter_mut();
+        mesh.shapes(first..first + places.len(), |shape| {
+            if let Some(angle) = places.next() {
+                *angle = largest(shape.cosines.as_ref()).acos().to_degrees() as f32;
             }
-        }
-    }
-}
-
-impl From<quality::Shape> for Shape<[f64; 6]> {
-    #[inline]
-    fn from(shape: quality::Shape) -> Self {
-        Self {
-            cosines: shape.cosines,
-            ratio: shape.mean_ratio,
-            radius: shape.radius_edge,
-            volume: shape.volume,
-        }
-    }
-}
-
-impl Measured<2> for TriMesh {
-    const MIN_ANGLE: &'static str = "min_angle";
-    const VOLUME: &'static str = "area";
-    const FEATURE_FACES: &'static str = "feature_edges";
-    type Cosines = [f64; 3];
-
-    fn shape(&self, c: usize) -> Shape<[f64; 3]> {
-        let p = self.corners(c);
-        Shape {
-            cosines: tri::angles(&p).map(|angle| angle.to_radians().cos()),
-            ratio: tri::shape(&p),
-            radius: tri::radius_edge_ratio(&p),
-            volume: 0.5 * tri::area2(&p),
-        }
-    }
+        });
+    });
+    angles
 }
 
 /// What is kept of the cells of one task. Angles are kept as what they need for a cosine of one, which
@@ -199,7 +116,7 @@ struct Shapes {
 }
 
 /// Measures every cell in the space in which the mesh's nodes are given.
-pub fn quality<const D: usize, M: Measured<D>>(mesh: &M) -> Quality {
+pub fn quality<const D: usize, M: Simplices<D>>(mesh: &M) -> Quality {
     let cells = mesh.len();
     let parts: Vec<Shapes> = (0..cells.div_ceil(CHUNK))
         .into_par_iter()
@@ -249,7 +166,7 @@ pub fn quality<const D: usize, M: Measured<D>>(mesh: &M) -> Quality {
     }
 }
 
-fn shapes<const D: usize>(mesh: &impl Measured<D>, cells: Range<usize>) -> Shapes {
+fn shapes<const D: usize>(mesh: &impl Simplices<D>, cells: Range<usize>) -> Shapes {
     let mut found = Shapes {
         smallest: Vec::with_capacity(cells.len()),
         largest: Vec::with_capacity(cells.len()),
@@ -268,9 +185,9 @@ fn shapes<const D: usize>(mesh: &impl Measured<D>, cells: Range<usize>) -> Shape
         }
         found.smallest.push((1.0 - largest(cosines)) as f32);
         found.largest.push((1.0 + smallest(cosines)) as f32);
-        found.ratio.push(shape.ratio as f32);
-        found.radius.push(shape.radius as f32);
-        found.ratio_sum += shape.ratio;
+        found.ratio.push(shape.mean_ratio as f32);
+        found.radius.push(shape.radius_edge as f32);
+        found.ratio_sum += shape.mean_ratio;
         found.volume += shape.volume;
         found.volume_range = [
             found.volume_range[0].min(shape.volume),
@@ -445,6 +362,7 @@ fn worst<const D: usize>(
 mod tests {
     use super::super::test_mesh::kuhn_box;
     use super::*;
+    use crate::mesh::{TetMesh, TriMesh};
 
     #[test]
     fn the_regular_tetrahedron() {

@@ -119,7 +119,7 @@ impl Report {
             "cost",
             format!("{:<28}{:>9} {:>9} {:>9}", "", "seconds", "cpu s", "peak MB"),
         );
-        let row = |name: &str, seconds: f64, cpu: f64, peak: f64| {
+        let row = |name: &dyn std::fmt::Display, seconds: f64, cpu: f64, peak: f64| {
             format!("{name:<28}{seconds:>9.2} {cpu:>9.2} {peak:>9.0}")
         };
         for stage in &self.stages {
@@ -136,7 +136,7 @@ impl Report {
         let seconds: f64 = self.stages.iter().map(|s| s.seconds).sum();
         let cpu: f64 = self.stages.iter().map(|s| s.cpu_seconds).sum();
         let peak = self.stages.iter().map(|s| s.peak_mb).fold(0.0, f64::max);
-        line("", row("all", seconds, cpu, peak));
+        line("", row(&"all", seconds, cpu, peak));
         if let (Some(quality), true) = (&self.quality, seconds > 0.0 && cpu > 0.0) {
             let rate = |count: usize, time: f64| grouped((count as f64 / time) as usize);
             line(
@@ -339,6 +339,7 @@ mod tests {
     use super::super::*;
     use super::*;
     use crate::mesh::check::check;
+    use crate::observer::Stage;
 
     fn full() -> Report {
         let mesh = kuhn_box([8, 8, 8], 2.0);
@@ -394,13 +395,13 @@ mod tests {
             parameters: serde_json::json!({ "distance": 2.0, "seed": 1 }),
             stages: vec![
                 StageCost {
-                    stage: "joining atoms".into(),
+                    stage: Stage::Joining,
                     seconds: 1.0,
                     cpu_seconds: 2.0,
                     peak_mb: 90.0,
                 },
                 StageCost {
-                    stage: "measuring".into(),
+                    stage: Stage::Measuring,
                     seconds: 0.5,
                     cpu_seconds: 0.5,
                     peak_mb: 80.0,

@@ -4,9 +4,9 @@
 //! - [`vtu`]: VTK unstructured grids, our own mesh format
 //! - [`polyhedra`]: the same for polyhedra and polygons
 //! - [`pvd`]: the lattice after each round, for ParaView
-//! - [`file`](mod@file): from a job's outcome to a file and back to lattice space
+//! - [`file`](mod@file): from a job's outcome to a file
 //! - [`cells`]: the same for Voronoi cells
-//! - [`stored`]: meshes that files hold, whatever their cells are
+//! - [`stored`]: meshes that files hold, whatever their cells are, and the way back to lattice space
 
 pub mod cells;
 pub mod file;
@@ -17,12 +17,15 @@ pub mod vtu;
 
 pub use polyhedra::write_cells_vtu;
 pub use pvd::Trace;
+pub use stored::{LatticeSpace, Stored, StoredMesh};
+pub(crate) use vtu::with_mesh;
 pub use vtu::{AnyMesh, FieldValue, MeshFile, read_any_vtu, read_vtu, write_vtu};
 
 use rayon::prelude::*;
 
 use crate::image::Geometry;
 use crate::mesh::Simplices;
+use crate::mesh::interface::turn_round;
 
 /// A mesh in lattice space (sample index times `step`) as a mesh in physical space.
 ///
@@ -47,17 +50,15 @@ pub fn turned<const D: usize, M: Simplices<D>>(
 ) -> M {
     let mut corners = mesh.connectivity().to_vec();
     if geometry.determinant() < 0.0 {
-        for cell in corners.chunks_exact_mut(D + 1) {
-            cell.swap(D - 1, D);
-        }
+        turn_round::<D>(&mut corners);
     }
     M::from_parts(nodes, corners)
 }
 
 /// Bits for the faces of cells (bit k: the face opposite node k) as [`to_physical`] turns their
-/// nodes, there and back.
-pub fn face_bits_to_physical<const D: usize>(bits: &[u8], geometry: &Geometry<D>) -> Vec<u8> {
-    if geometry.determinant() >= 0.0 {
+/// nodes, there and back, if it mirrors space.
+pub fn face_bits_to_physical<const D: usize>(bits: &[u8], mirrored: bool) -> Vec<u8> {
+    if !mirrored {
         return bits.to_vec();
     }
     let (last, before) = (1 << D, 1 << (D - 1));
@@ -99,10 +100,11 @@ mod tests {
             assert_eq!(physical.nodes[2], [10.0, 20.0 + 6.0 * down]);
             assert_eq!(physical.volume(0), 30.0);
             // The edge between nodes 0 and 1, opposite node 2.
-            let bits = face_bits_to_physical(&[4], &geometry);
+            let mirrored = geometry.determinant() < 0.0;
+            let bits = face_bits_to_physical::<2>(&[4], mirrored);
             let k = bits[0].trailing_zeros() as usize;
             assert_eq!(physical.triangles[0][k], 2);
-            assert_eq!(face_bits_to_physical(&bits, &geometry), [4]);
+            assert_eq!(face_bits_to_physical::<2>(&bits, mirrored), [4]);
         }
     }
 }

@@ -16,17 +16,17 @@ use crate::error::Result;
 use crate::files::Batch;
 use crate::files::vtk::{DataArray, Document, Packing, Source, VtkFile};
 use crate::mesh::poly::{Beyond, Lists, NO_CELL, PolyMesh};
+use crate::mesh::{Mesh, TriMesh};
 
-/// VTK's number of the polyhedron.
-pub const POLYHEDRON: u8 = 42;
-/// VTK's number of the polygon.
-pub const POLYGON: u8 = 7;
 /// The cell array of sites.
 const SITE: &str = "site";
 /// The cell array of regions.
 const REGION: &str = "region";
 /// The field array of faces on features: pairs of cells.
 const FEATURE_FACES: &str = "feature_faces";
+
+/// VTK's number of the quadrilateral.
+const QUADRILATERAL: u8 = 9;
 
 /// Cells in one task.
 const CHUNK: usize = 4096;
@@ -100,7 +100,7 @@ pub fn add_cells_vtu<const D: usize>(
     document.open("Cells", &[]);
     document.array(integers("connectivity", &streams.corners));
     document.array(integers("offsets", &streams.corner_ends));
-    let kind = if D == 2 { POLYGON } else { POLYHEDRON };
+    let kind = PolyMesh::<D>::VTK_CELL;
     document.array(Source::computed("types", 1, cells, |_| kind));
     if D == 3 {
         document.array(integers("faces", &streams.faces));
@@ -198,8 +198,9 @@ pub(super) fn read_cells<const D: usize>(file: &VtkFile) -> Result<MeshFile<Poly
     let nodes = read_nodes(file, file.child(piece, "Points")?, points)?;
     let element = file.child(piece, "Cells")?;
     let types = cell_values(file, element, "types")?;
-    let kind = i64::from(if D == 2 { POLYGON } else { POLYHEDRON });
-    if let Some(cell) = types.iter().position(|&t| t != kind) {
+    let kind = i64::from(PolyMesh::<D>::VTK_CELL);
+    let fits = |t: i64| if D == 2 { is_polygon(t) } else { t == kind };
+    if let Some(cell) = types.iter().position(|&t| !fits(t)) {
         let problem = format!(
             "cell {cell} is of VTK's type {}, not {kind} like the first",
             types[cell]
@@ -211,14 +212,27 @@ pub(super) fn read_cells<const D: usize>(file: &VtkFile) -> Result<MeshFile<Poly
         file.fault(problem, "write it anew")
     };
     // Every face of every cell: the cell, and its nodes in the cell's stream.
-    let (stream, ends) = if D == 2 {
-        ("connectivity", "offsets")
-    } else {
-        ("faces", "faceoffsets")
+    let numbers = |name: &str| {
+        let numbers = cell_array(file, element, name)?.to_u32();
+        numbers.ok_or_else(|| broken("their nodes"))
     };
-    let stream = cell_array(file, element, stream)?.to_u32();
-    let stream = stream.ok_or_else(|| broken("their nodes"))?;
-    let ends = cell_values(file, element, ends)?;
+    let has = |name: &str| (element.children.iter()).any(|a| a.attribute("Name") == Some(name));
+    let (stream, ends) = if D == 2 {
+        (
+            numbers("connectivity")?,
+            cell_values(file, element, "offsets")?,
+        )
+    } else if has("polyhedron_to_faces") {
+        let [nodes, node_ends, faces] =
+            ["face_connectivity", "face_offsets", "polyhedron_to_faces"].map(numbers);
+        let ends = numbers("polyhedron_offsets")?;
+        listed(&nodes?, &node_ends?, &faces?, &ends).ok_or_else(|| broken("their faces"))?
+    } else {
+        (
+            numbers("faces")?,
+            cell_values(file, element, "faceoffsets")?,
+        )
+    };
     let too_many = points.max(stream.len()) >= u32::MAX as usize;
     if types.len() != count || ends.len() != count || too_many {
         return Err(broken("their number"));
@@ -274,6 +288,38 @@ pub(super) fn read_cells<const D: usize>(file: &VtkFile) -> Result<MeshFile<Poly
         cell_data,
         field_data,
     })
+}
+
+/// Whether cells of VTK's type are polygons, whatever VTK calls them.
+pub(super) fn is_polygon(kind: i64) -> bool {
+    let kinds = [TriMesh::VTK_CELL, PolyMesh::<2>::VTK_CELL, QUADRILATERAL];
+    kinds.map(i64::from).contains(&kind)
+}
+
+/// Polyhedra as VTK writes them since version 9.4, each a list of faces that are lists of nodes, as
+/// they were before: a stream of counts and nodes, and where each polyhedron ends in it.
+fn listed(
+    nodes: &[u32],
+    node_ends: &[u32],
+    faces: &[u32],
+    face_ends: &[u32],
+) -> Option<(Vec<u32>, Vec<i64>)> {
+    let part = |ends: &[u32], i: usize| {
+        let begin = if i == 0 { 0 } else { *ends.get(i - 1)? };
+        Some(begin as usize..*ends.get(i)? as usize)
+    };
+    let (mut stream, mut ends) = (Vec::new(), Vec::new());
+    for cell in 0..face_ends.len() {
+        let own = faces.get(part(face_ends, cell)?)?;
+        stream.push(own.len() as u32);
+        for &face in own {
+            let ring = nodes.get(part(node_ends, face as usize)?)?;
+            stream.push(ring.len() as u32);
+            stream.extend(ring);
+        }
+        ends.push(stream.len() as i64);
+    }
+    Some((stream, ends))
 }
 
 /// The faces of all cells as a file has them: those between two cells twice.
@@ -473,6 +519,21 @@ mod tests {
         assert_eq!((sides.rings.get(0), sides.cell[0]), (&[5, 0, 9, 2][..], 7));
         assert_eq!(sides.key(0), [0, 2, 5]);
         assert!(Sides::default().add::<2>(0, &[0, 1]).is_none());
+    }
+
+    #[test]
+    fn lists_of_faces_that_make_no_sense_are_refused() {
+        let nodes = [0, 2, 1, 0, 1, 3];
+        let stream = listed(&nodes, &[3, 6], &[0, 1], &[2]).unwrap();
+        assert_eq!(stream, (vec![2, 3, 0, 2, 1, 3, 0, 1, 3], vec![9]));
+        for (node_ends, faces, face_ends) in [
+            (&[3, 7], [0, 1], [2]),
+            (&[4, 3], [0, 1], [2]),
+            (&[3, 6], [0, 2], [2]),
+            (&[3, 6], [0, 1], [3]),
+        ] {
+            assert_eq!(listed(&nodes, node_ends, &faces, &face_ends), None);
+        }
     }
 
     #[test]

@@ -1,26 +1,71 @@
-//! Meshes that files hold, whatever their cells are.
+//! Meshes that files hold, whatever their cells are, and the way back to lattice space.
 
 use std::path::Path;
 
-use super::file::Placed;
-use crate::Result;
-use crate::files::vtk::DataArray;
-use crate::mesh::faceted::Faceted;
-use crate::mesh::faceted::marks_of_bits;
+use super::file::{HORIZON_FACES, UNITS, WELD};
+use super::{FieldValue, MeshFile, face_bits_to_physical, write_cells_vtu, write_vtu};
+use crate::error::cause;
+use crate::files::vtk::{DataArray, Values};
+use crate::image::Geometry;
+use crate::mesh::interface::marks_of_bits;
 use crate::mesh::poly::PolyMesh;
-use crate::report::Measured;
-use crate::store::{MeshFile, write_cells_vtu, write_vtu};
+use crate::mesh::{Mesh, Positions, Simplices, TetMesh};
+use crate::{Error, Result};
 
-/// A mesh that a file can hold.
-pub trait Stored<const D: usize>: Faceted<D> + Sized {
-    /// Finds the way back from a file's coordinates; `place` names the file in errors.
-    ///
-    /// # Errors
-    /// As [`Placed::new`].
-    fn place(file: MeshFile<Self>, place: &str) -> Result<Placed<D, Self>>;
+/// The cell array of regions.
+const REGION: &str = "region";
 
-    /// Which faces of `placed.lattice` lie on features, by number; `None` if the file does not say.
-    fn marks(placed: &Placed<D, Self>) -> Option<Vec<bool>>;
+/// A mesh read from a file, in lattice space; where the file has it is kept as positions only.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StoredMesh<const D: usize = 3, M = TetMesh> {
+    /// In lattice space, in the box `[0, extent]`.
+    pub lattice: M,
+    /// Its positions in the file.
+    pub world: Positions<D>,
+    /// Where lattice space is.
+    pub space: LatticeSpace<D>,
+    /// For each simplex, bit k: face k of `lattice` lies on a feature, the file says.
+    pub feature_faces: Option<Vec<u8>>,
+    /// For each number of a face of `lattice` whether it lies on a horizon; empty if none does.
+    pub horizons: Vec<bool>,
+    /// Share of the cells' size within which nodes of Voronoi cells are welded, the file says.
+    pub weld: f64,
+    /// What else the file holds.
+    pub arrays: MeshFile<()>,
+}
+
+/// Where the lattice space of a mesh is.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LatticeSpace<const D: usize> {
+    /// The far corner of the box.
+    pub extent: [f64; D],
+    /// Length of one sample along each axis of lattice space.
+    pub step: [f64; D],
+    /// From samples to physical coordinates.
+    pub geometry: Geometry<D>,
+    /// Whether the file says it. If not, lattice space is the file's own, moved so that the mesh begins
+    /// at the origin.
+    pub by_file: bool,
+}
+
+/// How a file holds a mesh of some kind of cells.
+pub trait Stored<const D: usize>: Mesh<D> {
+    /// For each simplex the bits of its faces on features; `mirrored` says that cells will be turned
+    /// round. `None` if the file does not say, and for polyhedra and polygons, which know it.
+    fn feature_faces(file: &MeshFile<Self>, mirrored: bool) -> Option<Vec<u8>>;
+
+    /// For each number of a face whether it lies on a horizon, likewise; empty if none does.
+    fn horizons(file: &MeshFile<Self>, mirrored: bool) -> Vec<bool>;
+
+    /// Which faces of a mesh in lattice space lie on features, by number, from what the file says of
+    /// them; `None` if it does not.
+    fn marks(&self, feature_faces: Option<&[u8]>) -> Option<Vec<bool>>;
+
+    /// Finds the sides of the box, `[0, extent]`, on which faces lie, if they know them.
+    fn find_sides(&mut self, extent: [f64; D]);
+
+    /// The region of each cell; `None` if the file does not say.
+    fn regions(&self, arrays: &MeshFile<()>) -> Option<Vec<i32>>;
 
     /// Says which region each cell belongs to.
     fn set_regions(file: &mut MeshFile<Self>, regions: Vec<i32>);
@@ -32,18 +77,29 @@ pub trait Stored<const D: usize>: Faceted<D> + Sized {
     fn write(path: &Path, file: &MeshFile<Self>) -> Result<()>;
 }
 
-impl<const D: usize, M: Measured<D>> Stored<D> for M {
-    fn place(file: MeshFile<Self>, place: &str) -> Result<Placed<D, Self>> {
-        Placed::new(file, place)
+impl<const D: usize, M: Simplices<D>> Stored<D> for M {
+    fn feature_faces(file: &MeshFile<Self>, mirrored: bool) -> Option<Vec<u8>> {
+        bits::<D, M>(file, M::FEATURE_FACES, mirrored)
     }
 
-    fn marks(placed: &Placed<D, Self>) -> Option<Vec<bool>> {
-        let bits = placed.feature_faces.as_deref()?;
-        Some(marks_of_bits::<D>(bits).collect())
+    fn horizons(file: &MeshFile<Self>, mirrored: bool) -> Vec<bool> {
+        let bits = bits::<D, M>(file, HORIZON_FACES, mirrored);
+        marks_of_bits::<D>(&bits.unwrap_or_default()).collect()
+    }
+
+    fn marks(&self, feature_faces: Option<&[u8]>) -> Option<Vec<bool>> {
+        Some(marks_of_bits::<D>(feature_faces?).collect())
+    }
+
+    fn find_sides(&mut self, _: [f64; D]) {}
+
+    fn regions(&self, arrays: &MeshFile<()>) -> Option<Vec<i32>> {
+        let regions = arrays.cell_array(REGION)?.values.to_i64();
+        Some(regions.into_iter().map(|r| r as i32).collect())
     }
 
     fn set_regions(file: &mut MeshFile<Self>, regions: Vec<i32>) {
-        let array = DataArray::scalars("region", regions);
+        let array = DataArray::scalars(REGION, regions);
         match file.cell_data.iter_mut().find(|a| a.name == array.name) {
             Some(old) => *old = array,
             None => file.cell_data.push(array),
@@ -55,13 +111,44 @@ impl<const D: usize, M: Measured<D>> Stored<D> for M {
     }
 }
 
+/// Bits for the faces of simplices that a file holds.
+fn bits<const D: usize, M>(file: &MeshFile<M>, name: &str, mirrored: bool) -> Option<Vec<u8>> {
+    match &file.cell_array(name)?.values {
+        Values::U8(bits) => Some(face_bits_to_physical::<D>(bits, mirrored)),
+        _ => None,
+    }
+}
+
 impl<const D: usize> Stored<D> for PolyMesh<D> {
-    fn place(file: MeshFile<Self>, place: &str) -> Result<Placed<D, Self>> {
-        Placed::cells(file, place)
+    fn feature_faces(_: &MeshFile<Self>, _: bool) -> Option<Vec<u8>> {
+        None
     }
 
-    fn marks(placed: &Placed<D, Self>) -> Option<Vec<bool>> {
-        Some(placed.lattice.on_feature.clone())
+    fn horizons(file: &MeshFile<Self>, _: bool) -> Vec<bool> {
+        let Some(FieldValue::Ints(pairs)) = file.field(HORIZON_FACES) else {
+            return Vec::new();
+        };
+        let face_cells = &file.mesh.face_cells;
+        let mut horizons = vec![false; face_cells.len()];
+        for pair in pairs.as_chunks::<2>().0 {
+            // Faces are in the order of their cells.
+            if let Ok(face) = face_cells.binary_search(&pair.map(|cell| cell as u32)) {
+                horizons[face] = true;
+            }
+        }
+        horizons
+    }
+
+    fn marks(&self, _: Option<&[u8]>) -> Option<Vec<bool>> {
+        Some(self.on_feature.clone())
+    }
+
+    fn find_sides(&mut self, extent: [f64; D]) {
+        self.assign_sides([0.0; D], extent);
+    }
+
+    fn regions(&self, _: &MeshFile<()>) -> Option<Vec<i32>> {
+        Some(self.region.clone())
     }
 
     fn set_regions(file: &mut MeshFile<Self>, regions: Vec<i32>) {
@@ -69,9 +156,260 @@ impl<const D: usize> Stored<D> for PolyMesh<D> {
     }
 
     fn write(path: &Path, file: &MeshFile<Self>) -> Result<()> {
-        // The mesh itself has them.
-        let mut file = file.clone();
-        file.field_data.retain(|(name, _)| name != "feature_faces");
-        write_cells_vtu(path, &file)
+        write_cells_vtu(path, file)
+    }
+}
+
+impl<const D: usize> LatticeSpace<D> {
+    /// Of a mesh with these nodes; `None` if the file says it only in part.
+    fn of<M>(file: &MeshFile<M>, nodes: &[[f64; D]]) -> Option<Self> {
+        let array = |name: &str| match file.field(name) {
+            Some(FieldValue::F64s(values)) => Some(values.as_slice()),
+            _ => None,
+        };
+        let vector = |name: &str| <[f64; D]>::try_from(array(name)?).ok();
+        let known =
+            ["origin", "axes", "lattice_step", "lattice_extent"].map(|name| array(name).is_some());
+        if known == [false; 4] {
+            let (low, high) = bounds(nodes);
+            return Some(Self {
+                extent: std::array::from_fn(|k| high[k] - low[k]),
+                step: [1.0; D],
+                geometry: Geometry::with_spacing(low, [1.0; D]),
+                by_file: false,
+            });
+        }
+        let axes = array("axes").filter(|axes| axes.len() == D * D)?;
+        let mut units = match file.field(UNITS) {
+            Some(FieldValue::Text(text)) => text.as_str(),
+            _ => "",
+        }
+        .split(',');
+        Some(Self {
+            extent: vector("lattice_extent")?,
+            step: vector("lattice_step")?,
+            geometry: Geometry {
+                origin: vector("origin")?,
+                axes: std::array::from_fn(|k| std::array::from_fn(|c| axes[D * k + c])),
+                units: std::array::from_fn(|_| units.next().unwrap_or_default().to_string()),
+                ..Geometry::default()
+            },
+            by_file: true,
+        })
+    }
+
+    /// A position of lattice space in the world.
+    pub fn to_world(&self, x: [f64; D]) -> [f64; D] {
+        let index = std::array::from_fn(|k| x[k] / self.step[k]);
+        self.geometry.to_physical(index)
+    }
+
+    /// A position of the world in lattice space; `None` if the axes do not span space.
+    pub fn to_lattice(&self, point: [f64; D]) -> Option<[f64; D]> {
+        let index = self.geometry.to_index(point)?;
+        Some(std::array::from_fn(|k| index[k] * self.step[k]))
+    }
+
+    /// Number of samples along each axis of the image that was meshed, if it was one.
+    pub fn dims(&self) -> [f64; D] {
+        std::array::from_fn(|k| self.extent[k] / self.step[k] + 1.0)
+    }
+
+    /// Whether the world is a mirror image of it.
+    pub fn is_mirrored(&self) -> bool {
+        self.geometry.determinant() < 0.0
+    }
+
+    /// Whether an image of these dims fills the box.
+    pub fn holds(&self, dims: [usize; D]) -> bool {
+        let own = self.dims();
+        (0..D).all(|k| (dims[k] as f64 - own[k]).abs() <= 1e-6)
+    }
+
+    /// Checks that an image of these dims fills the box; `place` names it in errors.
+    ///
+    /// # Errors
+    /// [`Error::Image`] if it does not.
+    pub fn check_dims(&self, dims: [usize; D], place: &str) -> Result<()> {
+        if self.holds(dims) {
+            return Ok(());
+        }
+        Err(Error::Image(cause(
+            place,
+            format!("is of {dims:?} samples, the mesh of {:?}", self.dims()),
+            "give the image that was meshed, or one of its dims",
+        )))
+    }
+}
+
+impl<const D: usize, M: Stored<D>> StoredMesh<D, M> {
+    /// Finds the way back from a file's coordinates; `place` names the file in errors. Faces of
+    /// polyhedra and polygons on the boundary are assigned to the sides of the box that they are
+    /// nearest to.
+    ///
+    /// # Errors
+    /// [`Error::Mesh`] for a mesh without cells, or one whose geometry makes no sense.
+    pub fn new(file: MeshFile<M>, place: &str) -> Result<Self> {
+        let refuse = |problem: &str| {
+            let remedy = "give a mesh that atomesh mesh wrote";
+            Err(Error::Mesh(cause(place, problem, remedy)))
+        };
+        if file.mesh.is_empty() || file.mesh.nodes().is_empty() {
+            return refuse(&format!("holds no {}", M::CELLS));
+        }
+        let Some(space) = LatticeSpace::of(&file, file.mesh.nodes()) else {
+            return refuse("says only in part where it lies");
+        };
+        let Some(mut positions) = file.mesh.positions(|&x| space.to_lattice(x)) else {
+            return refuse("has axes that do not span space");
+        };
+        let mirrored = space.is_mirrored();
+        let weld = match file.field(WELD) {
+            Some(FieldValue::F64s(weld)) => weld.first().copied(),
+            _ => None,
+        };
+        let feature_faces = M::feature_faces(&file, mirrored);
+        let horizons = M::horizons(&file, mirrored);
+        let (mut lattice, arrays) = file.split();
+        lattice.exchange(&mut positions, mirrored);
+        lattice.find_sides(space.extent);
+        Ok(Self {
+            lattice,
+            world: positions,
+            space,
+            feature_faces,
+            horizons,
+            weld: weld.unwrap_or(0.0),
+            arrays,
+        })
+    }
+
+    /// Which faces of `lattice` lie on features, by number; `None` if the file does not say.
+    pub fn marks(&self) -> Option<Vec<bool>> {
+        self.lattice.marks(self.feature_faces.as_deref())
+    }
+
+    /// The region of each cell; `None` if the file does not say.
+    pub fn regions(&self) -> Option<Vec<i32>> {
+        self.lattice.regions(&self.arrays)
+    }
+
+    /// What `look` finds in the mesh where the file has it. Faces of simplices have other numbers there
+    /// if the world mirrors the lattice.
+    pub fn in_world<T>(&mut self, look: impl FnOnce(&M) -> T) -> T {
+        let mirrored = self.space.is_mirrored();
+        self.lattice.exchange(&mut self.world, mirrored);
+        let found = look(&self.lattice);
+        self.lattice.exchange(&mut self.world, mirrored);
+        found
+    }
+
+    /// The file again.
+    pub fn into_file(mut self) -> MeshFile<M> {
+        let mirrored = self.space.is_mirrored();
+        self.lattice.exchange(&mut self.world, mirrored);
+        self.arrays.with_mesh(self.lattice)
+    }
+}
+
+/// The smallest box that holds all points.
+pub fn bounds<const D: usize>(points: &[[f64; D]]) -> ([f64; D], [f64; D]) {
+    points.iter().fold(
+        ([f64::INFINITY; D], [f64::NEG_INFINITY; D]),
+        |(low, high), p| {
+            (
+                std::array::from_fn(|k| low[k].min(p[k])),
+                std::array::from_fn(|k| high[k].max(p[k])),
+            )
+        },
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::TriMesh;
+    use crate::mesh::poly::samples::two_cells;
+
+    /// A file of a mesh in lattice space, in a world that mirrors it or does not.
+    fn file<const D: usize, M: Stored<D>>(mesh: M, down: f64) -> (MeshFile<M>, LatticeSpace<D>) {
+        let mut spacing = [2.0; D];
+        spacing[D - 1] = down;
+        let geometry = Geometry::with_spacing([10.0; D], spacing);
+        let space = LatticeSpace {
+            extent: [2.0; D],
+            step: [0.5; D],
+            geometry,
+            by_file: true,
+        };
+        let mut positions = mesh.positions(|&x| Some(space.to_world(x))).unwrap();
+        let mut mesh = mesh;
+        mesh.exchange(&mut positions, space.is_mirrored());
+        let numbers = |name: &str, values: &[f64]| (name.into(), FieldValue::F64s(values.to_vec()));
+        let arrays = MeshFile {
+            field_data: vec![
+                numbers("origin", &space.geometry.origin),
+                numbers("axes", space.geometry.axes.as_flattened()),
+                numbers("lattice_step", &space.step),
+                numbers("lattice_extent", &space.extent),
+            ],
+            ..MeshFile::default()
+        };
+        (arrays.with_mesh(mesh), space)
+    }
+
+    /// Reads a file back, looks at the mesh in both spaces, and gives the file again.
+    fn there_and_back<const D: usize, M: Stored<D> + PartialEq>(lattice: M) {
+        for down in [3.0, -3.0] {
+            let (file, space) = file(lattice.clone(), down);
+            let mut stored = StoredMesh::new(file.clone(), "mesh").unwrap();
+            assert_eq!(stored.space, space);
+            assert_eq!(stored.world.nodes, file.mesh.nodes());
+            assert_eq!(stored.lattice.nodes(), lattice.nodes());
+            let volumes = |mesh: &M| mesh.cell_volumes().into_iter().map(|c| c.0);
+            assert!(volumes(&stored.lattice).all(|v| v > 0.0), "{down}");
+            assert!(
+                stored.in_world(|mesh| volumes(mesh).all(|v| v > 0.0)),
+                "{down}"
+            );
+            let lattice_again = stored.lattice.clone();
+            assert!(stored.in_world(|mesh| mesh.nodes() == file.mesh.nodes()));
+            assert_eq!(stored.lattice, lattice_again);
+            let again = stored.into_file();
+            assert_eq!(again.mesh.nodes(), file.mesh.nodes());
+            assert_eq!(again.field_data, file.field_data);
+            let facets = |mesh: &M| {
+                let mut facets = Vec::new();
+                (0..mesh.face_count()).for_each(|f| mesh.facets(f, |facet| facets.push(facet)));
+                facets
+            };
+            assert_eq!(facets(&again.mesh), facets(&file.mesh), "{down}");
+        }
+    }
+
+    #[test]
+    fn a_mesh_goes_to_lattice_space_and_back_to_its_file() {
+        there_and_back(TriMesh {
+            nodes: vec![[0.0; 2], [2.0, 0.0], [0.0, 2.0], [2.0, 2.0]],
+            triangles: vec![[0, 1, 2], [2, 1, 3]],
+        });
+        there_and_back(TetMesh {
+            nodes: vec![[0.0; 3], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 2.0]],
+            tets: vec![[0, 1, 2, 3]],
+        });
+        there_and_back(two_cells::<2>(0.75));
+        there_and_back(two_cells::<3>(0.75));
+    }
+
+    #[test]
+    fn files_that_say_half_of_where_they_lie_are_refused() {
+        let mesh = two_cells::<3>(0.75);
+        let (mut file, _) = file(mesh, 1.0);
+        file.field_data.remove(0);
+        let error = StoredMesh::new(file, "a.vtu").unwrap_err().to_string();
+        assert!(error.contains("a.vtu: says only in part"), "{error}");
+        let none = MeshFile::<PolyMesh<3>>::default();
+        let error = StoredMesh::new(none, "a.vtu").unwrap_err().to_string();
+        assert!(error.contains("holds no polyhedra"), "{error}");
     }
 }

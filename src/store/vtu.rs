@@ -6,13 +6,13 @@
 
 use std::path::Path;
 
-use super::polyhedra::{self, POLYGON, POLYHEDRON};
+use super::polyhedra::{self, is_polygon};
 use crate::error::Result;
 use crate::files::Batch;
 use crate::files::vtk::xml::Element;
 use crate::files::vtk::{DataArray, Document, Source, Values, VtkFile};
 use crate::mesh::poly::PolyMesh;
-use crate::mesh::{Simplices, TetMesh, TriMesh};
+use crate::mesh::{Mesh, Simplices, TetMesh, TriMesh};
 
 /// A mesh and everything that is stored with it.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -25,6 +25,42 @@ pub struct MeshFile<M = TetMesh> {
     pub cell_data: Vec<DataArray>,
     /// What belongs to the whole mesh: version, parameters, the input's hash.
     pub field_data: Vec<(String, FieldValue)>,
+}
+
+impl<M> MeshFile<M> {
+    /// The cell data of that name.
+    pub fn cell_array(&self, name: &str) -> Option<&DataArray> {
+        self.cell_data.iter().find(|array| array.name == name)
+    }
+
+    /// What belongs to the whole mesh by that name.
+    pub fn field(&self, name: &str) -> Option<&FieldValue> {
+        let mut fields = self.field_data.iter();
+        fields.find_map(|(known, value)| (known == name).then_some(value))
+    }
+
+    /// The mesh, and what else there is.
+    pub fn split(self) -> (M, MeshFile<()>) {
+        let rest = MeshFile {
+            mesh: (),
+            point_data: self.point_data,
+            cell_data: self.cell_data,
+            field_data: self.field_data,
+        };
+        (self.mesh, rest)
+    }
+}
+
+impl MeshFile<()> {
+    /// The same of a mesh.
+    pub fn with_mesh<M>(self, mesh: M) -> MeshFile<M> {
+        MeshFile {
+            mesh,
+            point_data: self.point_data,
+            cell_data: self.cell_data,
+            field_data: self.field_data,
+        }
+    }
 }
 
 /// A value that belongs to the whole mesh.
@@ -213,20 +249,38 @@ pub enum AnyMesh {
     SpaceCells(MeshFile<PolyMesh<3>>),
 }
 
-/// Reads a mesh of triangles or polygons in the plane z = 0, of tetrahedra as [`read_vtu`] does, or of
-/// polyhedra.
+/// Does the same with a mesh of any kind: `with_mesh!(mesh, file => ...)`; or one thing with simplices
+/// and another with polygons and polyhedra: `with_mesh!(mesh, simplices file => ..., cells file => ...)`.
+macro_rules! with_mesh {
+    ($mesh:expr, $file:pat => $run:expr) => {
+        $crate::store::with_mesh!($mesh, simplices $file => $run, cells $file => $run)
+    };
+    ($mesh:expr, simplices $simplices:pat => $run:expr, cells $cells:pat => $other:expr) => {
+        match $mesh {
+            $crate::store::AnyMesh::Plane($simplices) => $run,
+            $crate::store::AnyMesh::Space($simplices) => $run,
+            $crate::store::AnyMesh::PlaneCells($cells) => $other,
+            $crate::store::AnyMesh::SpaceCells($cells) => $other,
+        }
+    };
+}
+pub(crate) use with_mesh;
+
+/// Reads a mesh of triangles or polygons in the plane z = 0 (quadrilaterals are polygons), of
+/// tetrahedra as [`read_vtu`] does, or of polyhedra.
 ///
 /// # Errors
 /// As [`read_vtu`], and for triangles and polygons that are not in that plane.
 pub fn read_any_vtu(path: &Path) -> Result<AnyMesh> {
     let file = VtkFile::read(path, "UnstructuredGrid")?;
     let types = cell_values(&file, file.child(file.piece()?, "Cells")?, "types")?;
+    let triangle = i64::from(TriMesh::VTK_CELL);
     Ok(match types.first() {
-        Some(&kind) if kind == i64::from(TriMesh::VTK_CELL) => AnyMesh::Plane(read_cells(&file)?),
-        Some(&kind) if kind == i64::from(POLYGON) => {
+        Some(_) if types.iter().all(|&kind| kind == triangle) => AnyMesh::Plane(read_cells(&file)?),
+        Some(_) if types.iter().all(|&kind| is_polygon(kind)) => {
             AnyMesh::PlaneCells(polyhedra::read_cells(&file)?)
         }
-        Some(&kind) if kind == i64::from(POLYHEDRON) => {
+        Some(&kind) if kind == i64::from(PolyMesh::<3>::VTK_CELL) => {
             AnyMesh::SpaceCells(polyhedra::read_cells(&file)?)
         }
         _ => AnyMesh::Space(read_cells(&file)?),
@@ -293,6 +347,10 @@ pub(crate) fn read_nodes<const D: usize>(
         return Err(file.fault(problem, "write it anew"));
     }
     let (nodes, _) = numbers.as_chunks::<3>();
+    if let Some(node) = nodes.iter().position(|x| x.iter().any(|c| !c.is_finite())) {
+        let problem = format!("node {node} is not finite");
+        return Err(file.fault(problem, "write it anew"));
+    }
     if let Some(off) = nodes.iter().flat_map(|x| &x[D..]).find(|c| **c != 0.0) {
         let problem = format!("has cells off the plane z = 0 (at z = {off})");
         return Err(file.fault(problem, "give cells of space, or of that plane"));
@@ -485,8 +543,82 @@ mod tests {
             let note = FieldValue::Text("made by <VTK>".to_string());
             assert_eq!(file.field_data, [("note".to_string(), note)], "{variant}");
         }
-        assert!(refusal(&fixture("raw_lz4_64_le.vtu")).contains("vtkLZ4DataCompressor"));
         assert!(refusal(&fixture("ascii_none_32_le.vti")).contains("holds ImageData"));
+        assert!(refusal(&fixture("legacy_ascii.vtk")).contains("holds ImageData"));
+    }
+
+    /// Legacy files, and polyhedra as VTK lists them since version 9.4.
+    #[test]
+    fn cells_of_other_programs_are_read_from_every_kind_of_file() {
+        let [x, next] = [612345.678, 612346.678];
+        let check =
+            |name: &str, cell_data: &[DataArray], points: &[DataArray], field: &FieldValue| {
+                let rock = DataArray::scalars("rock type", vec![5i64, -7]);
+                assert!(cell_data.contains(&rock), "{name}");
+                let height = vec![0.0f32, 0.25, 0.5, 0.75, 1.0];
+                assert_eq!(points, [DataArray::scalars("height", height)], "{name}");
+                assert_eq!(field, &FieldValue::F64s(vec![2.5, 3.5]), "{name}");
+            };
+        for name in ["legacy_tets_ascii.vtk", "legacy_tets_binary.vtk"] {
+            let AnyMesh::Space(file) = read_any_vtu(&fixture(name)).unwrap() else {
+                panic!("{name} holds tetrahedra");
+            };
+            assert_eq!(file.mesh.tets, [[0, 1, 2, 3], [1, 2, 3, 4]], "{name}");
+            assert_eq!(file.mesh.nodes[4], [next, 1.0, 1.0], "{name}");
+            assert_eq!(file.field_data[0].0, "TimeValue", "{name}");
+            check(
+                name,
+                &file.cell_data,
+                &file.point_data,
+                &file.field_data[0].1,
+            );
+        }
+        for name in [
+            "polyhedra.vtu",
+            "legacy_polyhedra_ascii.vtk",
+            "legacy_polyhedra_binary.vtk",
+        ] {
+            let AnyMesh::SpaceCells(file) = read_any_vtu(&fixture(name)).unwrap() else {
+                panic!("{name} holds polyhedra");
+            };
+            // Two tetrahedra that share a face.
+            assert_eq!(
+                (file.mesh.sites.len(), file.mesh.face_cells.len()),
+                (2, 7),
+                "{name}"
+            );
+            assert_eq!(file.mesh.inner_faces(), 1, "{name}");
+            assert_eq!(file.mesh.nodes[0], [x, 0.0, 0.0], "{name}");
+            check(
+                name,
+                &file.cell_data,
+                &file.point_data,
+                &file.field_data[0].1,
+            );
+        }
+        for name in [
+            "polygons.vtu",
+            "legacy_polygons_ascii.vtk",
+            "legacy_polygons_binary.vtk",
+        ] {
+            let AnyMesh::PlaneCells(file) = read_any_vtu(&fixture(name)).unwrap() else {
+                panic!("{name} holds polygons");
+            };
+            // A quadrilateral and a triangle that share an edge.
+            assert_eq!(
+                (file.mesh.sites.len(), file.mesh.face_cells.len()),
+                (2, 6),
+                "{name}"
+            );
+            assert_eq!(file.mesh.inner_faces(), 1, "{name}");
+            assert_eq!(file.mesh.nodes[2], [next, 1.0], "{name}");
+            check(
+                name,
+                &file.cell_data,
+                &file.point_data,
+                &file.field_data[0].1,
+            );
+        }
     }
 
     #[test]

@@ -1,9 +1,13 @@
 //! What the black-box tests share: small input files made on the spot, and running the binary.
 #![allow(dead_code, reason = "each test program uses its own part")]
 
+mod skipped;
+
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
+
+pub use skipped::{no_data, no_validator};
 
 /// The binary under test, in `folder`.
 pub fn atomesh(folder: &Path) -> Command {
@@ -126,7 +130,17 @@ impl Survey {
 }
 
 /// Writes a SEG-Y file, rev 1, IEEE floats, inline-sorted. `value` takes sample, crossline, inline.
-pub fn segy(path: &Path, survey: &Survey, mut value: impl FnMut([usize; 3]) -> f32) {
+pub fn segy(path: &Path, survey: &Survey, value: impl FnMut([usize; 3]) -> f32) {
+    segy_with(path, survey, |_, _| false, value);
+}
+
+/// The same without the traces that the survey `lacks` at a crossline and an inline.
+pub fn segy_with(
+    path: &Path,
+    survey: &Survey,
+    lacks: impl Fn(usize, usize) -> bool,
+    mut value: impl FnMut([usize; 3]) -> f32,
+) {
     let mut bytes = vec![0x40u8; 3200];
     let mut header = [0u8; 400];
     header[16..18].copy_from_slice(&4000u16.to_be_bytes());
@@ -137,6 +151,9 @@ pub fn segy(path: &Path, survey: &Survey, mut value: impl FnMut([usize; 3]) -> f
     bytes.extend(header);
     for inline in 0..survey.inlines {
         for crossline in 0..survey.crosslines {
+            if lacks(crossline, inline) {
+                continue;
+            }
             let [x, y] = survey
                 .position(inline, crossline)
                 .map(|c| (c * 100.0).round() as i32);
@@ -161,8 +178,8 @@ pub fn segy(path: &Path, survey: &Survey, mut value: impl FnMut([usize; 3]) -> f
     std::fs::write(path, bytes).unwrap();
 }
 
-/// Opens files with VTK itself: runs a Python program with `.venv`'s interpreter, or says that it
-/// is absent (`make validators` makes it) and gives `None`.
+/// Opens files with VTK itself: runs a Python program with `.venv`'s interpreter; `None` without it
+/// (`make validators` makes it).
 pub fn vtk(program: &str, arguments: &[&Path]) -> Option<serde_json::Value> {
     let mut all: Vec<&OsStr> = vec!["-c".as_ref(), program.as_ref()];
     all.extend(arguments.iter().map(|path| path.as_os_str()));
@@ -178,26 +195,29 @@ pub fn judged(judge: &str, script: &str, arguments: &[&OsStr]) -> Option<serde_j
 
 /// What Python says, as JSON; `judge` is who is absent without it.
 fn python(judge: &str, arguments: &[&OsStr]) -> Option<serde_json::Value> {
+    let said = python_says(judge, arguments)?;
+    Some(serde_json::from_str(&said).unwrap())
+}
+
+/// The same as text.
+pub fn python_says(judge: &str, arguments: &[&OsStr]) -> Option<String> {
     let python = Path::new(env!("CARGO_MANIFEST_DIR")).join(".venv/bin/python");
     if !python.exists() {
-        println!("{judge} is absent, so it does not check this file: run `make validators` first");
+        no_validator(judge);
         return None;
     }
     let output = Command::new(python).args(arguments).output().unwrap();
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{said}");
-    Some(serde_json::from_slice(&output.stdout).unwrap())
+    Some(String::from_utf8(output.stdout).unwrap())
 }
 
-/// Runs a simulator that `make validators` installs, or says that it is absent and gives `None`; its
-/// exit code must be 0.
+/// Runs a simulator that `make validators` installs; `None` without it. Its exit code must be 0.
 pub fn simulator(command: &mut Command) -> Option<String> {
     let name = command.get_program().to_string_lossy().into_owned();
     match command.output() {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-            println!(
-                "{name} is absent, so it does not check this file: run `make validators` first"
-            );
+            no_validator(&name);
             None
         }
         output => {

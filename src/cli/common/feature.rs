@@ -2,7 +2,7 @@
 
 use super::options::named;
 use crate::feature;
-use crate::feature::paths::Seeds;
+use crate::feature::PathSeeds;
 use crate::job::asked::{Job, What};
 use crate::job::settings::Settings;
 use crate::{Error, Result, error::cause};
@@ -24,8 +24,8 @@ pub fn detection<const D: usize>(
     job: &Job,
     d_min: f64,
     step: [f64; D],
-) -> Result<feature::Options<D>> {
-    Ok(feature::Options {
+) -> Result<feature::Detection<D>> {
+    Ok(feature::Detection {
         kind: job.features.kind(),
         scale: job.features.sigma,
         threshold: job.features.threshold(),
@@ -33,7 +33,7 @@ pub fn detection<const D: usize>(
         seeds: seeds(job)?,
         d_min,
         step,
-        ..feature::Options::default()
+        ..feature::Detection::default()
     })
 }
 
@@ -41,12 +41,12 @@ pub fn detection<const D: usize>(
 ///
 /// # Errors
 /// [`Error::Job`] for what is no point of `D` coordinates.
-pub fn seeds<const D: usize>(job: &Job) -> Result<Seeds<D>> {
+pub fn seeds<const D: usize>(job: &Job) -> Result<PathSeeds<D>> {
     let seed = job.seed.0;
     let What::Paths { object, background } = &job.features.what else {
-        return Ok(Seeds {
+        return Ok(PathSeeds {
             seed,
-            ..Seeds::default()
+            ..PathSeeds::default()
         });
     };
     let points = |name: &str, points: &[Vec<f64>]| {
@@ -66,10 +66,10 @@ pub fn seeds<const D: usize>(job: &Job) -> Result<Seeds<D>> {
         };
         points.iter().map(point).collect::<Result<Vec<_>>>()
     };
-    Ok(Seeds {
+    Ok(PathSeeds {
         object: points("object", object)?,
         background: points("background", background)?,
         seed,
-        ..Seeds::default()
+        ..PathSeeds::default()
     })
 }

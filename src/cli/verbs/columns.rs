@@ -16,10 +16,10 @@ use crate::image::formats::{self, AnyLoaded};
 use crate::mesh::poly::PolyMesh;
 use crate::model::columns::horizon::{Horizon, Triangles};
 use crate::model::columns::{Columns, Division, columns};
-use crate::store::{AnyMesh, read_any_vtu, write_cells_vtu};
+use crate::store::{AnyMesh, LatticeSpace, StoredMesh, read_any_vtu, write_cells_vtu};
 
 use crate::model::columns::drawn::columns_to_file;
-use crate::store::file::{Placed, Provenance};
+use crate::store::file::Provenance;
 use crate::{Error, Result};
 
 /// `atomesh columns`.
@@ -69,11 +69,11 @@ pub fn run(args: &ColumnsArgs, console: &mut Console) -> Result<()> {
     let inputs: Vec<&Path> = [args.map.as_path()].into_iter().chain(files).collect();
     check_output(&args.output, "--output", &["vtu"], &inputs)?;
     console.begin_stage("reading");
-    let map = map(&args.map)?;
+    let (map, space) = map(&args.map)?;
     let mut z = Vec::new();
     for text in &args.horizon {
-        let horizon = horizon(text, &map, &args.input, console)?;
-        let (values, missing) = horizon.at_nodes(&map.physical, text)?;
+        let horizon = horizon(text, &space, &args.input, console)?;
+        let (values, missing) = horizon.at_nodes(&map, text)?;
         if missing > 0 {
             console.note(format_args!(
                 "{text} is not known at {missing} of the map's {} nodes: continued smoothly there",
@@ -84,11 +84,11 @@ pub fn run(args: &ColumnsArgs, console: &mut Console) -> Result<()> {
     }
     console.begin_stage("building columns");
     let least = args.least_thickness;
-    let found = columns(&map.physical, &z, &args.horizon, &division, least)?;
-    let table = table(&found, &map.physical);
+    let found = columns(&map, &z, &args.horizon, &division, least)?;
+    let table = table(&found, &map);
     let result = json!({
         "cells": found.column.len(),
-        "columns": map.physical.sites.len(),
+        "columns": map.sites.len(),
         "layers": found.counts,
         "missing": found.missing,
         "z_grows": if found.z_up { "upwards" } else { "downwards" },
@@ -99,8 +99,8 @@ pub fn run(args: &ColumnsArgs, console: &mut Console) -> Result<()> {
         parameters: format!("columns = {:?}", args.horizon),
         input_sha256: file_hash(&args.map)?,
     };
-    let z_unit = args.z_unit.as_ref().unwrap_or(&map.geometry.units[0]);
-    let file = columns_to_file(found, &map, z_unit, &provenance);
+    let z_unit = args.z_unit.as_ref().unwrap_or(&space.geometry.units[0]);
+    let file = columns_to_file(found, &map.region, &space, z_unit, &provenance);
     write_cells_vtu(&args.output, &file)?;
     console.result(
         format_args!("{table}\nwrote {}", args.output.display()),
@@ -152,10 +152,14 @@ fn division(args: &ColumnsArgs) -> Result<Division> {
     })
 }
 
-/// The map, placed.
-fn map(path: &Path) -> Result<Placed<2, PolyMesh<2>>> {
+/// The map, where its file has it, and where its lattice space is.
+fn map(path: &Path) -> Result<(PolyMesh<2>, LatticeSpace<2>)> {
     let what = match read_any_vtu(path)? {
-        AnyMesh::PlaneCells(file) => return Placed::cells(file, &path.display().to_string()),
+        AnyMesh::PlaneCells(file) => {
+            let stored = StoredMesh::new(file, &path.display().to_string())?;
+            let space = stored.space.clone();
+            return Ok((stored.into_file().mesh, space));
+        }
         AnyMesh::Plane(_) => "is of triangles, through which columns conduct badly",
         AnyMesh::Space(_) | AnyMesh::SpaceCells(_) => "is no map: it is a 3-D mesh",
     };
@@ -169,7 +173,7 @@ fn map(path: &Path) -> Result<Placed<2, PolyMesh<2>>> {
 /// A horizon as typed.
 fn horizon(
     text: &str,
-    map: &Placed<2, PolyMesh<2>>,
+    space: &LatticeSpace<2>,
     input: &InputOptions,
     console: &Console,
 ) -> Result<Horizon> {
@@ -208,10 +212,8 @@ fn horizon(
     };
     loaded.notes.iter().for_each(|note| console.note(note));
     let mut image = loaded.image;
-    let dims = image.dims();
-    let own: [f64; 2] = [0, 1].map(|k| map.extent[k] / map.step[k] + 1.0);
-    if (0..2).all(|k| (dims[k] as f64 - own[k]).abs() < 1e-6) {
-        image.geometry = map.geometry.clone();
+    if space.holds(image.dims()) {
+        image.geometry = space.geometry.clone();
     }
     Ok(Horizon::Grid(image))
 }

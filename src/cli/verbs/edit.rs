@@ -18,11 +18,12 @@ use crate::image::formats::{AnyLoaded, Loaded};
 use crate::improve;
 use crate::job::asked::{Apart, Cells, DistanceFrom, Placement, Slivers};
 use crate::job::{Job, Meshing, Space};
-use crate::lattice::optimize::Observer;
+use crate::mesh::Simplices;
 use crate::model::edit::body::dropped;
 use crate::model::edit::{Change, Edit, Summary, edit as edit_mesh};
-use crate::report::{Clock, Measured, Report};
-use crate::store::{AnyMesh, FieldValue, MeshFile, read_any_vtu, write_vtu};
+use crate::observer::{Observer, Stage};
+use crate::report::{Clock, Report};
+use crate::store::{FieldValue, MeshFile, read_any_vtu, with_mesh, write_vtu};
 use crate::{Error, Result};
 
 /// `atomesh edit`.
@@ -67,22 +68,21 @@ pub fn edit(args: &EditArgs, console: &mut Console) -> Result<()> {
     inputs.extend(args.edits.as_deref());
     check_output(&args.output, "--output", &["vtu"], &inputs)?;
     let mut clock = Clock::new();
-    console.begin_stage("reading");
-    clock.begin("reading");
+    console.begin_stage(Stage::Reading);
+    clock.begin(Stage::Reading);
     let refuse =
         |problem: &str, remedy: &str| Err(Error::Job(cause(args.mesh.display(), problem, remedy)));
-    match read_any_vtu(&args.mesh)? {
-        AnyMesh::Plane(file) => run(args, file, clock, console),
-        AnyMesh::Space(file) => run(args, file, clock, console),
-        AnyMesh::PlaneCells(_) | AnyMesh::SpaceCells(_) => refuse(
+    with_mesh!(read_any_vtu(&args.mesh)?,
+        simplices file => run(args, file, clock, console),
+        cells _ => refuse(
             "is a mesh of Voronoi cells",
             "edit a mesh of triangles or tetrahedra",
-        ),
-    }
+        )
+    )
 }
 
 /// The same in the plane and in space.
-fn run<const D: usize, M: Measured<D>>(
+fn run<const D: usize, M: Simplices<D>>(
     args: &EditArgs,
     file: MeshFile<M>,
     mut clock: Clock,
@@ -131,8 +131,8 @@ where
         args.free,
         &mut watcher,
     )?;
-    console.begin_stage("writing");
-    clock.begin("writing");
+    console.begin_stage(Stage::Writing);
+    clock.begin(Stage::Writing);
     write_vtu(&args.output, &edited.file)?;
     clock.end();
 
@@ -294,7 +294,7 @@ fn from_file<const D: usize>(path: &Path) -> Result<Vec<Edit<D>>> {
 }
 
 /// What was done, on one screen.
-fn table<const D: usize, M: Measured<D>>(
+fn table<const D: usize, M: Simplices<D>>(
     edits: &[Edit<D>],
     summary: &Summary,
     cells: [usize; 2],
@@ -360,7 +360,7 @@ struct Watcher<'a> {
 }
 
 impl Observer for Watcher<'_> {
-    fn stage(&mut self, name: &str) {
-        self.console.begin_stage(name);
+    fn stage(&mut self, stage: Stage) {
+        self.console.begin_stage(stage);
     }
 }

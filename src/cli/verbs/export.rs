@@ -7,19 +7,19 @@ use clap::builder::{PossibleValue, PossibleValuesParser};
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
-use super::flow::faults;
+use super::flow::{check_thickness, faults};
 use crate::cli::console::Console;
 use crate::cli::parse::{bad, number, point};
 use crate::cli::rock::RockOptions;
 use crate::cli::wells::{WellFile, is_well_file};
 use crate::error::cause;
-use crate::export::{FORMATS, Format};
+use crate::export::{Content, FORMATS, Format};
 use crate::model::reservoir::frame::metres;
 use crate::model::reservoir::{
     BAR, Case, Checks, Completion, Control, DAY, Down, Fluid, Model, Tracer, Trajectory, Well,
 };
 use crate::model::reservoir::{Placement, Prepared};
-use crate::store::read_any_vtu;
+use crate::store::{AnyMesh, read_any_vtu};
 use crate::{Error, Result};
 
 /// `atomesh export`.
@@ -38,14 +38,9 @@ pub struct ExportArgs {
     #[command(flatten, next_help_heading = "Rock")]
     pub rock: RockOptions,
     /// How features resist flow across them: open, closed, or a factor, from 0 to 1, of the
-    /// transmissibility there
-    #[arg(
-        long,
-        value_name = "HOW",
-        default_value = "open",
-        help_heading = "Rock"
-    )]
-    pub faults: String,
+    /// transmissibility there [default: open]
+    #[arg(long, value_name = "HOW", help_heading = "Rock")]
+    pub faults: Option<String>,
     /// Thickness (m) of the layer that the factor of --faults is for [default: from cell to cell]
     #[arg(long, value_name = "W", help_heading = "Rock")]
     pub fault_thickness: Option<f64>,
@@ -86,9 +81,9 @@ pub struct SpaceOptions {
     /// Velocity (m/s) that turns two-way time into depth
     #[arg(long, value_name = "V", allow_hyphen_values = true)]
     pub velocity: Option<f64>,
-    /// Thickness of a 2-D mesh, in the unit of its coordinates
-    #[arg(long, value_name = "T", default_value_t = 1.0)]
-    pub thickness: f64,
+    /// Thickness of a 2-D mesh, in the unit of its coordinates [default: 1]
+    #[arg(long, value_name = "T")]
+    pub thickness: Option<f64>,
 }
 
 /// What fills the pores.
@@ -103,9 +98,9 @@ pub enum FluidChoice {
 /// What happens in a simulation.
 #[derive(Debug, Clone, Args)]
 pub struct CaseOptions {
-    /// What fills the pores
-    #[arg(long, value_name = "FLUID", default_value = "water")]
-    pub fluid: FluidChoice,
+    /// What fills the pores [default: water]
+    #[arg(long, value_name = "FLUID")]
+    pub fluid: Option<FluidChoice>,
     /// A well that injects water, in m^3/day, upright in the cell at X,Y,Z (the mesh's coordinates), or
     /// along the way in a CSV file of lines x,y,z,radius: [NAME=]FILE.csv:RATE; may be repeated
     #[arg(long, value_name = "[NAME=]X,Y,Z:RATE", allow_hyphen_values = true)]
@@ -113,9 +108,9 @@ pub struct CaseOptions {
     /// A well that produces at a pressure in bar, at X,Y,Z or along the way in a file; may be repeated
     #[arg(long, value_name = "[NAME=]X,Y,Z:BAR", allow_hyphen_values = true)]
     pub producer: Vec<String>,
-    /// Radius (m) of wells that are given by a point
-    #[arg(long, value_name = "R", default_value_t = 0.1)]
-    pub well_radius: f64,
+    /// Radius (m) of wells that are given by a point [default: 0.1]
+    #[arg(long, value_name = "R")]
+    pub well_radius: Option<f64>,
     /// Pressure (bar) at the top at first [default: that of water from the surface down to there, or
     /// 1.01325]
     #[arg(long, value_name = "BAR")]
@@ -123,9 +118,9 @@ pub struct CaseOptions {
     /// Fluids without weight
     #[arg(long)]
     pub no_gravity: bool,
-    /// Days that the simulation covers
-    #[arg(long, value_name = "DAYS", default_value_t = 3650.0)]
-    pub days: f64,
+    /// Days that the simulation covers [default: 3650]
+    #[arg(long, value_name = "DAYS")]
+    pub days: Option<f64>,
 }
 
 impl SpaceOptions {
@@ -147,13 +142,15 @@ impl SpaceOptions {
             let remedy = "give x, y, z, -x, -y or -z";
             bad("--down", &self.down, "is no axis", remedy)
         })?;
-        positive("--thickness", self.thickness)?;
+        if let Some(thickness) = self.thickness {
+            positive("--thickness", thickness)?;
+        }
         Ok(Placement {
             length,
             down: Down { axis, grows },
             velocity: self.velocity,
             top: self.depth_at_top,
-            thickness: self.thickness,
+            thickness: self.thickness.unwrap_or(1.0),
         })
     }
 }
@@ -169,7 +166,10 @@ fn positive(option: &str, value: f64) -> Result<()> {
 impl CaseOptions {
     /// The case, its wells in cells of the model.
     fn case(&self, prepared: &Prepared, console: &Console) -> Result<Case> {
-        positive("--days", self.days)?;
+        let days = self.days.unwrap_or(3650.0);
+        positive("--days", days)?;
+        let radius = self.well_radius.unwrap_or(0.1);
+        positive("--well-radius", radius)?;
         let model = &prepared.model;
         let mut wells: Vec<Well> = Vec::new();
         let tracer = OnceCell::new();
@@ -199,8 +199,6 @@ impl CaseOptions {
                         let remedy = "give a point inside, in the mesh's coordinates (`atomesh info` says where it lies)";
                         bad(option, text, "lies outside the mesh", remedy)
                     })?;
-                    let radius = self.well_radius;
-                    positive("--well-radius", radius)?;
                     let own_name = format!("{letter}{}", wells.len() + 1);
                     (
                         own_name,
@@ -232,14 +230,14 @@ impl CaseOptions {
         }
         Ok(Case {
             title: "atomesh".into(),
-            fluid: match self.fluid {
+            fluid: match self.fluid.unwrap_or(FluidChoice::Water) {
                 FluidChoice::Water => Fluid::Water,
                 FluidChoice::OilWater => Fluid::OilWater,
             },
             gravity: !self.no_gravity,
             top_pressure: self.pressure_at_top.map_or(hydrostatic, |bar| bar * BAR),
             wells,
-            duration: self.days * DAY,
+            duration: days * DAY,
         })
     }
 }
@@ -298,11 +296,83 @@ fn check_depth(model: &Model, space: &SpaceOptions) -> Result<()> {
     )))
 }
 
+/// An option that would change nothing.
+fn refuse(option: &str, problem: &str) -> Error {
+    Error::Job(cause(option, problem, "omit it"))
+}
+
+impl ExportArgs {
+    /// No option is typed that the format, or what else is typed, leaves without effect.
+    fn check_options(&self, format: &Format) -> Result<()> {
+        let (rock, case) = (&self.rock, &self.case);
+        let typed = [
+            ("--porosity", rock.porosity.is_some(), Content::Porosity),
+            ("--region", rock.region.is_some(), Content::Regions),
+            (
+                "--permeability",
+                rock.permeability.is_some(),
+                Content::Permeability,
+            ),
+            ("--property", !rock.property.is_empty(), Content::Properties),
+            ("--faults", self.faults.is_some(), Content::Faults),
+            ("--injector", !case.injector.is_empty(), Content::Wells),
+            ("--producer", !case.producer.is_empty(), Content::Wells),
+            ("--well-radius", case.well_radius.is_some(), Content::Wells),
+            ("--fluid", case.fluid.is_some(), Content::Fluid),
+            (
+                "--pressure-at-top",
+                case.pressure_at_top.is_some(),
+                Content::Pressure,
+            ),
+            ("--no-gravity", case.no_gravity, Content::Pressure),
+            ("--days", case.days.is_some(), Content::Duration),
+            ("--grid", self.grid.is_some(), Content::Grid),
+        ];
+        for (option, _, content) in typed.iter().filter(|typed| typed.1) {
+            format.check_holds(*content, option)?;
+        }
+        check_thickness(
+            self.fault_thickness,
+            self.faults.as_deref().unwrap_or("open"),
+            false,
+        )?;
+        if rock.permeability.is_none() {
+            if rock.permeability_unit.is_some() {
+                return Err(refuse(
+                    "--permeability-unit",
+                    "is given without a permeability",
+                ));
+            }
+            if self.faults.is_some() {
+                let problem =
+                    "changes the transmissibility of faults, but there is no permeability";
+                return Err(refuse("--faults", problem));
+            }
+        }
+        let wells = case.injector.iter().chain(&case.producer);
+        let is_point = |well: &String| {
+            let place = well
+                .rsplit_once(':')
+                .map_or(well.as_str(), |(place, _)| place);
+            !is_well_file(place)
+        };
+        if case.well_radius.is_some() && !wells.clone().any(is_point) {
+            let problem = "is the radius of wells that are given by a point, but there are none";
+            return Err(refuse("--well-radius", problem));
+        }
+        Ok(())
+    }
+}
+
 /// Runs the verb.
 pub fn export(args: &ExportArgs, console: &mut Console) -> Result<()> {
     let format = Format::named(&args.to)?;
     let placement = args.space.placement()?;
-    let faults = faults(&args.faults, args.fault_thickness)?;
+    let faults = faults(
+        args.faults.as_deref().unwrap_or("open"),
+        args.fault_thickness,
+    )?;
+    args.check_options(format)?;
     format.check_target(&args.output)?;
     let inputs = [Some(args.output.clone()), format.twin_of(&args.output)];
     if inputs
@@ -319,7 +389,15 @@ pub fn export(args: &ExportArgs, console: &mut Console) -> Result<()> {
 
     console.begin_stage("reading");
     let place = args.mesh.display().to_string();
-    let mut prepared = Prepared::new(read_any_vtu(&args.mesh)?, &place, &placement)?;
+    let mesh = read_any_vtu(&args.mesh)?;
+    let in_space = matches!(mesh, AnyMesh::Space(_) | AnyMesh::SpaceCells(_));
+    if args.space.thickness.is_some() && in_space {
+        return Err(refuse(
+            "--thickness",
+            "is for 2-D meshes, but the mesh is 3-D",
+        ));
+    }
+    let mut prepared = Prepared::new(mesh, &place, &placement)?;
     if format.depth {
         check_depth(&prepared.model, &args.space)?;
     }

@@ -10,7 +10,7 @@ use crate::cli::common::options::read_options;
 use crate::cli::common::output::{WRITTEN, by, check_output, potential_image};
 use crate::cli::console::Console;
 use crate::error::cause;
-use crate::feature::Kind;
+use crate::feature::FeatureKind;
 use crate::image::formats;
 use crate::image::formats::InputOptions;
 use crate::image::formats::{AnyLoaded, Loaded};
@@ -28,7 +28,7 @@ pub struct FeatureArgs {
     pub output: PathBuf,
     /// The features to find
     #[arg(long, value_name = "KIND", default_value = "auto")]
-    pub feature: Kind,
+    pub feature: FeatureKind,
     /// Nominal distance between atoms, in samples: the potential's valleys are a quarter as wide
     #[arg(long, value_name = "D", default_value_t = 8.0)]
     pub distance: f64,
@@ -68,7 +68,7 @@ pub fn feature(args: &FeatureArgs, console: &mut Console) -> Result<()> {
             &WRITTEN,
             &[&args.image, &args.output],
         )?;
-        if args.feature != Kind::Paths {
+        if args.feature != FeatureKind::Paths {
             return Err(Error::Job(cause(
                 "--confidence-out",
                 "is of paths, which are not asked for",

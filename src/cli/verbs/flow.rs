@@ -5,12 +5,12 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::json;
 
+use crate::cli::common::output::check_output;
 use crate::cli::console::Console;
 use crate::cli::parse::{bad, by_region, number, rows};
 use crate::error::cause;
-use crate::files::check_target;
-use crate::files::vtk::DataArray;
 use crate::job::{Meshing, Space};
+use crate::mesh::Simplices;
 use crate::mesh::poly::PolyMesh;
 use crate::model::flow::report::FlowReport;
 use crate::model::flow::through::{
@@ -18,10 +18,7 @@ use crate::model::flow::through::{
     flow_through_elements,
 };
 use crate::model::flow::{Barriers, Faults, Rock, Streamlines, Tensor, Well};
-use crate::report::Measured;
-use crate::store::file::Placed;
-use crate::store::stored::Stored;
-use crate::store::{AnyMesh, MeshFile, read_any_vtu};
+use crate::store::{MeshFile, Stored, StoredMesh, read_any_vtu, with_mesh};
 use crate::{Error, Result};
 
 /// `atomesh flow`.
@@ -56,8 +53,9 @@ pub struct FlowArgs {
     #[arg(long, value_name = "N:FACTOR", allow_hyphen_values = true)]
     pub fault_multiplier: Vec<String>,
     /// The surfaces that --faults is for: faults, horizons, all, or numbers N,N,... Others are open
-    #[arg(long, value_name = "WHICH", default_value = "faults")]
-    pub barriers: String,
+    /// [default: faults]
+    #[arg(long, value_name = "WHICH")]
+    pub barriers: Option<String>,
     /// Permeability in m^2 (1 mD is 9.87e-16 m^2): K; KX,KY,KZ; KXX,KYY,KZZ,KXY,KYZ,KXZ (in 2-D K;
     /// KX,KY; KXX,KYY,KXY); a CSV file of lines region,K; or a cell array of the mesh
     #[arg(
@@ -78,13 +76,49 @@ pub struct FlowArgs {
     /// Write streamlines that carry equal rates, for ParaView
     #[arg(long, value_name = "FILE.vtp")]
     pub streamlines: Option<PathBuf>,
-    /// Number of streamlines
-    #[arg(long, value_name = "N", default_value_t = 200)]
-    pub lines: usize,
+    /// Number of streamlines [default: 200]
+    #[arg(long, value_name = "N")]
+    pub lines: Option<usize>,
+}
+
+impl FlowArgs {
+    /// No output replaces an input or the other output.
+    fn check_files(&self) -> Result<()> {
+        let mut inputs = vec![self.mesh.as_path(), Path::new(&self.permeability)];
+        inputs.extend(self.fault_multiplier.iter().map(Path::new));
+        check_output(&self.output, "--output", &["vtu"], &inputs)?;
+        inputs.push(&self.output);
+        match &self.streamlines {
+            Some(path) => check_output(path, "--streamlines", &["vtp"], &inputs),
+            None => Ok(()),
+        }
+    }
+
+    /// No option is typed that another leaves without effect.
+    fn check_options(&self) -> Result<()> {
+        let refuse =
+            |option: &str, problem: &str| Err(Error::Job(cause(option, problem, "omit it")));
+        if self.lines.is_some() && self.streamlines.is_none() {
+            return refuse(
+                "--lines",
+                "is the number of streamlines, which are not asked for",
+            );
+        }
+        if self.barriers.is_some() && self.faults.as_deref() == Some("open") {
+            return refuse(
+                "--barriers",
+                "says which surfaces resist flow, but --faults open lets it through",
+            );
+        }
+        Ok(())
+    }
 }
 
 /// Rate in m^3/s of a source for which none is given.
 const RATE: f64 = 1e-3;
+
+/// Number of streamlines unless one is given.
+const LINES: usize = 200;
 
 /// Runs the verb.
 pub fn flow(args: &FlowArgs, console: &mut Console) -> Result<()> {
@@ -94,15 +128,13 @@ pub fn flow(args: &FlowArgs, console: &mut Console) -> Result<()> {
         sides: sides(&args.pressure)?,
         laws: fault_laws(args)?,
     };
-    check_target(&args.output)?;
-    args.streamlines.as_deref().map_or(Ok(()), check_target)?;
+    args.check_files()?;
+    args.check_options()?;
     console.begin_stage("reading");
-    let report = match read_any_vtu(&args.mesh)? {
-        AnyMesh::Plane(file) => typed.through_elements::<2, _>(file, console),
-        AnyMesh::Space(file) => typed.through_elements::<3, _>(file, console),
-        AnyMesh::PlaneCells(file) => typed.through_cells(file, console),
-        AnyMesh::SpaceCells(file) => typed.through_cells(file, console),
-    }?;
+    let report = with_mesh!(read_any_vtu(&args.mesh)?,
+        simplices file => typed.through_elements(file, console),
+        cells file => typed.through_cells(file, console)
+    )?;
     console.result(
         format_args!("{}\nwrote {}", report.table(), args.output.display()),
         &json!(report),
@@ -119,27 +151,22 @@ struct Typed<'a> {
 }
 
 impl Typed<'_> {
-    fn through_elements<const D: usize, M: Measured<D>>(
+    fn through_elements<const D: usize, M: Simplices<D>>(
         &self,
         file: MeshFile<M>,
         console: &mut Console,
     ) -> Result<FlowReport> {
         let args = self.args;
-        let arrays = MeshFile {
-            mesh: M::from_parts(Vec::new(), Vec::new()),
-            point_data: file.point_data.clone(),
-            cell_data: file.cell_data.clone(),
-            field_data: file.field_data.clone(),
-        };
-        let placed = Placed::new(file, &args.mesh.display().to_string())?;
-        let regions = arrays.cell_data.iter().find(|array| array.name == "region");
-        let regions = regions.map(|array| array.values.to_i64());
-        let rock = rock::<D>(args, &arrays.cell_data, regions)?;
+        let mut stored = StoredMesh::new(file, &args.mesh.display().to_string())?;
+        let rock = rock(args, &stored)?;
         let conditions = self.conditions()?;
-        let barriers = self.barriers(&placed, console)?;
+        let barriers = self.barriers(&mut stored, console)?;
         console.begin_stage("computing pressure");
-        let lines = args.streamlines.as_ref().map(|_| args.lines);
-        let outcome = flow_through_elements(arrays, &placed, rock, &barriers, &conditions, lines)?;
+        let lines = args
+            .streamlines
+            .as_ref()
+            .map(|_| args.lines.unwrap_or(LINES));
+        let outcome = flow_through_elements(stored, rock, &barriers, &conditions, lines)?;
         self.write(outcome, console)
     }
 
@@ -153,16 +180,16 @@ impl Typed<'_> {
         Space<D>: Meshing<D>,
     {
         let args = self.args;
-        let place = args.mesh.display();
-        let regions = file.mesh.region.iter().map(|&r| i64::from(r)).collect();
-        let rock = rock::<D>(args, &file.cell_data, Some(regions))?;
-        let placed = Placed::cells(file.clone(), &place.to_string())?;
+        let mut stored = StoredMesh::new(file, &args.mesh.display().to_string())?;
+        let rock = rock(args, &stored)?;
         let conditions = self.conditions()?;
-        let barriers = self.barriers(&placed, console)?;
+        let barriers = self.barriers(&mut stored, console)?;
         console.begin_stage("computing pressure");
-        let lines = args.streamlines.as_ref().map(|_| args.lines);
-        let (outcome, off) =
-            flow_through_cells(file, &placed, &rock, &barriers, &conditions, lines)?;
+        let lines = args
+            .streamlines
+            .as_ref()
+            .map(|_| args.lines.unwrap_or(LINES));
+        let (outcome, off) = flow_through_cells(stored, &rock, &barriers, &conditions, lines)?;
         if off > 1.0 {
             console.note(format_args!(
                 "the lines between cells are {off:.0} degrees off square to the permeability times \
@@ -212,7 +239,7 @@ impl Typed<'_> {
 
     fn barriers<const D: usize, M: Stored<D>>(
         &self,
-        placed: &Placed<D, M>,
+        stored: &mut StoredMesh<D, M>,
         console: &mut Console,
     ) -> Result<Barriers> {
         let laws = &self.laws;
@@ -220,10 +247,10 @@ impl Typed<'_> {
             return Ok(Barriers::default());
         }
         let place = self.args.mesh.display();
-        match M::marks(placed) {
+        match stored.marks() {
             Some(marks) => {
                 console.begin_stage("grouping faces into faults");
-                barriers(placed, &marks, laws)
+                barriers(stored, &marks, laws)
             }
             None if self.args.faults.is_some() || !laws.own.is_empty() => Err(Error::Flow(cause(
                 place,
@@ -340,11 +367,25 @@ pub(super) fn faults(how: &str, thickness: Option<f64>) -> Result<Faults> {
     }
 }
 
+/// Checks that a thickness, which is that of the layer that a factor is for, has such a factor.
+pub(super) fn check_thickness(thickness: Option<f64>, faults: &str, factors: bool) -> Result<()> {
+    if thickness.is_none() || factors || !matches!(faults, "closed" | "open") {
+        return Ok(());
+    }
+    Err(Error::Job(cause(
+        "--fault-thickness",
+        format!("is that of the layer that a factor is for, but faults are {faults}"),
+        "give a factor, such as --faults 0.01, or omit it",
+    )))
+}
+
 /// Which surfaces resist flow, and how.
 fn fault_laws(args: &FlowArgs) -> Result<FaultLaws> {
     let thickness = args.fault_thickness;
-    let law = faults(args.faults.as_deref().unwrap_or("closed"), thickness)?;
-    let standing = match args.barriers.as_str() {
+    let how = args.faults.as_deref().unwrap_or("closed");
+    check_thickness(thickness, how, !args.fault_multiplier.is_empty())?;
+    let law = faults(how, thickness)?;
+    let standing = match args.barriers.as_deref().unwrap_or("faults") {
         "faults" => Standing::Faults,
         "horizons" => Standing::Horizons,
         "all" => Standing::All,
@@ -411,11 +452,7 @@ fn multipliers(text: &str, thickness: Option<f64>) -> Result<Vec<(String, u32, F
 }
 
 /// The mobility of every cell: from numbers, from a file by region, or from an array of the mesh.
-fn rock<const D: usize>(
-    args: &FlowArgs,
-    cell_data: &[DataArray],
-    regions: Option<Vec<i64>>,
-) -> Result<Rock> {
+fn rock<const D: usize, M: Stored<D>>(args: &FlowArgs, stored: &StoredMesh<D, M>) -> Result<Rock> {
     let (text, viscosity) = (&args.permeability, args.viscosity);
     if !(viscosity > 0.0 && viscosity.is_finite()) {
         let remedy = "give Pa s: water has 0.001";
@@ -434,12 +471,13 @@ fn rock<const D: usize>(
         let tensor = tensor.ok_or_else(|| refuse("is no permeability"))?;
         return Ok(Rock::uniform(tensor, viscosity));
     }
-    if let Some(array) = cell_data.iter().find(|array| array.name == *text) {
+    if let Some(array) = stored.arrays.cell_array(text) {
         return Rock::by_cell::<D>(&array.values.to_f64(), array.components, viscosity);
     }
     let path = Path::new(text);
     if !path.exists() {
-        let names: Vec<&str> = cell_data.iter().map(|array| array.name.as_str()).collect();
+        let arrays = stored.arrays.cell_data.iter();
+        let names: Vec<&str> = arrays.map(|array| array.name.as_str()).collect();
         return Err(refuse(&format!(
             "is no number, no file, and no cell array of the mesh (it has {})",
             names.join(", ")
@@ -447,9 +485,8 @@ fn rock<const D: usize>(
     }
     let lines = "write region,K or region,KX,KY,KZ, in m^2";
     let kinds = by_region(path, Tensor::of_dimension::<D>, lines)?;
-    let regions = regions.ok_or_else(|| {
+    let regions = stored.regions().ok_or_else(|| {
         refuse("is by region, but the mesh has no cell array 'region': give one for all")
     })?;
-    let regions: Vec<i32> = regions.into_iter().map(|r| r as i32).collect();
     Rock::by_region(&regions, &kinds, viscosity)
 }

@@ -12,9 +12,9 @@ use crate::cli::console::Console;
 use crate::files::vtk::DataArray;
 use crate::image::formats;
 use crate::image::formats::InputOptions;
-use crate::mesh::Simplices;
-use crate::store::file::bounds;
-use crate::store::{AnyMesh, FieldValue, MeshFile, read_any_vtu};
+use crate::mesh::Mesh;
+use crate::store::stored::bounds;
+use crate::store::{FieldValue, MeshFile, read_any_vtu, with_mesh};
 
 /// `atomesh info`.
 #[derive(Debug, Args)]
@@ -48,64 +48,17 @@ fn is_mesh(path: &Path) -> bool {
 
 /// The same of a mesh.
 fn of_mesh(path: &Path, console: &mut Console) -> Result<()> {
-    match read_any_vtu(path)? {
-        AnyMesh::Plane(file) => simplices(path, &file, console),
-        AnyMesh::Space(file) => simplices(path, &file, console),
-        AnyMesh::PlaneCells(file) => {
-            let mesh = &file.mesh;
-            describe(
-                path,
-                &file,
-                &mesh.nodes,
-                mesh.sites.len(),
-                "polygons",
-                console,
-            );
-        }
-        AnyMesh::SpaceCells(file) => {
-            let mesh = &file.mesh;
-            describe(
-                path,
-                &file,
-                &mesh.nodes,
-                mesh.sites.len(),
-                "polyhedra",
-                console,
-            );
-        }
-    }
+    with_mesh!(read_any_vtu(path)?, file => describe(path, &file, console));
     Ok(())
 }
 
-fn simplices<const D: usize, M: Simplices<D>>(
-    path: &Path,
-    file: &MeshFile<M>,
-    console: &mut Console,
-) {
-    describe(
-        path,
-        file,
-        file.mesh.nodes(),
-        file.mesh.len(),
-        M::CELLS,
-        console,
-    );
-}
-
-fn describe<const D: usize, M>(
-    path: &Path,
-    file: &MeshFile<M>,
-    nodes: &[[f64; D]],
-    cells: usize,
-    kind: &str,
-    console: &mut Console,
-) {
-    let (low, high) = bounds(nodes);
+fn describe<const D: usize, M: Mesh<D>>(path: &Path, file: &MeshFile<M>, console: &mut Console) {
+    let (low, high) = bounds(file.mesh.nodes());
     let names = |arrays: &[DataArray]| -> Vec<String> {
         arrays.iter().map(|array| array.name.clone()).collect()
     };
     let (points, arrays) = (names(&file.point_data), names(&file.cell_data));
-    let nodes = nodes.len();
+    let (nodes, cells, kind) = (file.mesh.nodes().len(), file.mesh.len(), M::CELLS);
     let mut lines = vec![
         format!("file        {}", path.display()),
         "format      VTK unstructured grid".to_string(),

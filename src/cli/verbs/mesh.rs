@@ -2,8 +2,6 @@
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Args;
 
@@ -11,19 +9,19 @@ use crate::cli::common::global::Ending;
 use crate::cli::common::options::{named, read_options, setting_of};
 use crate::cli::common::output::potential_image;
 use crate::cli::console::{Console, complain, in_words, print};
+use crate::cli::interrupts::Interrupts;
 use crate::cli::job::{check_files, output, params};
 use crate::cli::provenance::file_hash;
 use crate::error::{cause, os};
 use crate::image::Geometry;
 use crate::image::formats;
 use crate::image::formats::{AnyLoaded, Loaded};
-use crate::job::asked::Cells;
-use crate::job::{CellsOutcome, Job, Meshing, OPTIMISING, Outcome, Settings, Space};
-use crate::lattice::optimize::{Observer, Progress, Stop};
-use crate::report::{Clock, Input, Measured, quality};
-use crate::store::cells::cells_to_file;
-use crate::store::file::{Provenance, to_file};
-use crate::store::{Trace, write_cells_vtu, write_vtu};
+use crate::job::{Job, Meshing, Outcome, Provenance, Settings, Space};
+use crate::lattice::optimize::Stop;
+use crate::mesh::Simplices;
+use crate::observer::{Observer, Progress, Stage};
+use crate::report::{Clock, Input, quality};
+use crate::store::{Trace, to_physical};
 use crate::{Error, Result};
 
 /// `atomesh mesh`.
@@ -44,7 +42,7 @@ pub struct MeshArgs {
 }
 
 /// Runs the verb.
-pub fn mesh(args: &MeshArgs, console: &mut Console) -> Result<Ending> {
+pub fn mesh(args: &MeshArgs, interrupts: &Interrupts, console: &mut Console) -> Result<Ending> {
     let job = asked(args)?;
     let image = args.image.as_deref().unwrap_or(Path::new("image"));
     check_files(image, &job, args.config.as_deref())?;
@@ -53,16 +51,15 @@ pub fn mesh(args: &MeshArgs, console: &mut Console) -> Result<Ending> {
         return Ok(Ending::Done);
     }
 
-    let interrupts = Interrupts::watch()?;
     let mut clock = Clock::new();
-    console.begin_stage("reading");
-    clock.begin("reading");
+    console.begin_stage(Stage::Reading);
+    clock.begin(Stage::Reading);
     let loaded = formats::read_any(image, &read_options(&job.input, image)?)?;
     clock.end();
     let run = Run {
         path: image,
         job: &job,
-        interrupts: &interrupts,
+        interrupts,
         clock,
     };
     match loaded {
@@ -124,7 +121,7 @@ struct Run<'a> {
 }
 
 impl Run<'_> {
-    fn mesh<const D: usize, M: Measured<D>>(
+    fn mesh<const D: usize, M: Simplices<D>>(
         self,
         loaded: Loaded<D>,
         console: &mut Console,
@@ -154,14 +151,12 @@ impl Run<'_> {
             geometry: image.geometry.in_space(),
             step: std::array::from_fn(|k| step.get(k).copied().unwrap_or(1.0)),
             failed: None,
+            stage: Stage::Reading,
+            heard: None,
         };
-        let outcome = if matches!(job.cells, Cells::Voronoi { .. }) {
-            crate::job::voronoi_image(&image, &params, &mut watcher).map(Made::Cells)
-        } else {
-            crate::job::mesh_image(&image, &params, &mut watcher).map(Made::Simplices)
-        };
+        let outcome = crate::job::run(&image, &params, &mut watcher);
         let Watcher { trace, failed, .. } = watcher;
-        let outcome = match failed.map_or(outcome, Err) {
+        let mut outcome = match failed.map_or(outcome, Err) {
             Ok(outcome) => outcome,
             Err(error) => {
                 if let Some(trace) = trace {
@@ -177,27 +172,27 @@ impl Run<'_> {
             }
         };
 
-        console.begin_stage("writing");
-        clock.begin("writing");
-        let provenance = Provenance {
+        console.begin_stage(Stage::Writing);
+        interrupts.stage(Stage::Writing);
+        clock.begin(Stage::Writing);
+        outcome.provenance = Provenance {
             parameters: toml_of(&job.clone().reproducible())?,
             input_sha256,
         };
-        let (features, optimised, mut report) = match outcome {
-            Made::Simplices(mut outcome) => {
-                let file = to_file(&outcome, &image.geometry, &provenance);
-                write_vtu(&output, &file)?;
-                if !image.geometry.has_shape_of(outcome.step) {
-                    outcome.report.quality_physical = Some(quality(&file.mesh));
-                }
-                (outcome.features, outcome.optimised, outcome.report)
-            }
-            Made::Cells(outcome) => {
-                let file = cells_to_file(&outcome, &image.geometry, &provenance);
-                write_cells_vtu(&output, &file)?;
-                (outcome.features, outcome.optimised, outcome.report)
-            }
-        };
+        outcome.write(&output)?;
+        if let Some(made) = outcome.simplices()
+            && !image.geometry.has_shape_of(outcome.step)
+        {
+            let physical = to_physical(&made.mesh, outcome.step, &image.geometry);
+            outcome.report.quality_physical = Some(quality(&physical));
+        }
+        let Outcome {
+            features,
+            stop,
+            provenance,
+            mut report,
+            ..
+        } = outcome;
         if let Some(path) = &job.outputs.potential {
             formats::write(path, &potential_image(&features.potential, &image.geometry))?;
         }
@@ -222,51 +217,10 @@ impl Run<'_> {
             format_args!("{}\nwrote {}", report.table().trim_end(), output.display()),
             &json,
         );
-        Ok(match optimised.stop {
-            Stop::Interrupted => Ending::Interrupted,
-            _ => Ending::Done,
+        Ok(match stop == Stop::Interrupted || interrupts.wanted() {
+            true => Ending::Interrupted,
+            false => Ending::Done,
         })
-    }
-}
-
-/// What a job made.
-enum Made<const D: usize>
-where
-    Space<D>: Meshing<D>,
-{
-    Simplices(Outcome<D>),
-    Cells(CellsOutcome<D>),
-}
-
-/// What the interrupt handler and the job tell each other.
-#[derive(Debug, Default)]
-struct Interrupts {
-    /// There is a lattice worth keeping.
-    lattice: AtomicBool,
-    /// The user wants to stop.
-    wanted: AtomicBool,
-}
-
-impl Interrupts {
-    /// Ctrl-C ends the process at once while there is nothing to keep, and when it comes a second
-    /// time; else it asks the job to stop with what it has.
-    fn watch() -> Result<Arc<Self>> {
-        let state = Arc::new(Self::default());
-        let shared = Arc::clone(&state);
-        ctrlc::set_handler(move || {
-            let again = shared.wanted.swap(true, Ordering::Relaxed);
-            if again || !shared.lattice.load(Ordering::Relaxed) {
-                std::process::exit(130);
-            }
-        })
-        .map_err(|e| {
-            Error::Job(cause("interrupt handler", &e, "start the job again").because(e))
-        })?;
-        Ok(state)
-    }
-
-    fn wanted(&self) -> bool {
-        self.wanted.load(Ordering::Relaxed)
     }
 }
 
@@ -283,6 +237,9 @@ struct Watcher<'a> {
     step: [f64; 3],
     /// Why a lattice could not be written.
     failed: Option<Error>,
+    stage: Stage,
+    /// In which stage it heard that the user wants to stop.
+    heard: Option<Stage>,
 }
 
 impl Watcher<'_> {
@@ -302,11 +259,10 @@ impl Watcher<'_> {
 }
 
 impl Observer for Watcher<'_> {
-    fn stage(&mut self, name: &str) {
-        self.console.begin_stage(name);
-        if name == OPTIMISING {
-            self.interrupts.lattice.store(true, Ordering::Relaxed);
-        }
+    fn stage(&mut self, stage: Stage) {
+        self.stage = stage;
+        self.console.begin_stage(stage);
+        self.interrupts.stage(stage);
     }
 
     fn progress(&mut self, progress: &Progress) {
@@ -325,6 +281,16 @@ impl Observer for Watcher<'_> {
     }
 
     fn keep_going(&mut self) -> bool {
-        !self.interrupts.wanted() && self.failed.is_none()
+        if self.failed.is_some() {
+            return false;
+        }
+        if self.heard.is_none() && self.interrupts.wanted() {
+            self.heard = Some(self.stage);
+            self.console
+                .note("interrupted: writing what there is; Ctrl-C once more ends at once");
+        }
+        // Atoms that were stopped are joined and improved in full.
+        self.heard
+            .is_none_or(|heard| heard == Stage::Optimising && heard != self.stage)
     }
 }

@@ -14,12 +14,11 @@ use crate::cli::parse;
 use crate::export::SurfaceFile;
 use crate::image::Field;
 use crate::image::formats::InputOptions;
+use crate::mesh::Mesh;
 use crate::model::paint::{Seed, blocks, contrast, paint as flow};
-use crate::model::surface::cells::{Cells, holding, skin};
+use crate::model::surface::adjacency::{Adjacency, holding, skin};
 use crate::model::surface::stored::group;
-use crate::store::file::Placed;
-use crate::store::stored::Stored;
-use crate::store::{AnyMesh, MeshFile, read_any_vtu};
+use crate::store::{LatticeSpace, MeshFile, Stored, StoredMesh, read_any_vtu, with_mesh};
 
 /// Smaller rooms than this many cells are crumbs between surfaces.
 const CRUMB: usize = 24;
@@ -83,18 +82,16 @@ pub fn paint(args: &PaintArgs, console: &mut Console) -> Result<()> {
         let inputs = [inputs.as_slice(), &[&args.output]].concat();
         check_output(path, "--surface-out", &WRITTEN, &inputs)?;
     }
-    console.begin_stage("reading");
-    match read_any_vtu(&args.mesh)? {
-        AnyMesh::Plane(file) => paint_mesh::<2, _>(args, file, console),
-        AnyMesh::Space(file) => paint_mesh::<3, _>(args, file, console),
-        AnyMesh::PlaneCells(file) => paint_mesh::<2, _>(args, file, console),
-        AnyMesh::SpaceCells(file) => paint_mesh::<3, _>(args, file, console),
+    if args.image.is_none() {
+        args.input.refuse_unused("no image is given")?;
     }
+    console.begin_stage("reading");
+    with_mesh!(read_any_vtu(&args.mesh)?, file => paint_mesh(args, file, console))
 }
 
-fn paint_mesh<const D: usize, M: Stored<D> + Clone>(
+fn paint_mesh<const D: usize, M: Stored<D>>(
     args: &PaintArgs,
-    mut file: MeshFile<M>,
+    file: MeshFile<M>,
     console: &mut Console,
 ) -> Result<()> {
     let seeds = seeds::<D>(&args.seed)?;
@@ -106,24 +103,26 @@ fn paint_mesh<const D: usize, M: Stored<D> + Clone>(
         0.0..=f64::INFINITY,
     )?;
     let neck = within("--neck", args.neck, 0.0..=1.0)?;
-    let placed = M::place(file.clone(), &args.mesh.display().to_string())?;
-    let marked = marked_facets(&placed, &args.mesh)?;
-    let mut closed = group(&placed, marked, &options).facets;
+    let stored = StoredMesh::new(file, &args.mesh.display().to_string())?;
+    let marked = marked_facets(&stored, &args.mesh)?;
+    let mut closed = group(&stored, marked, &options).facets;
     closed.iter_mut().for_each(|facet| facet.sort_unstable());
     closed.sort_unstable();
 
     console.begin_stage("painting");
-    let across = placed.lattice.cells_of_faces()?;
-    let cells = Cells::new(&placed.lattice, &across, &closed);
+    let across = stored.lattice.cells_of_faces()?;
+    let cells = Adjacency::new(&stored.lattice, &across, &closed);
     let (block, count) = blocks(&cells, neck, CRUMB);
     // Faces have other numbers where the world mirrors the lattice.
-    let across = placed.physical.cells_of_faces()?;
+    let space = stored.space.clone();
+    let mut file = stored.into_file();
+    let across = file.mesh.cells_of_faces()?;
     let regions: Vec<u32> = match &seeds {
         None => block.iter().map(|b| b + 1).collect(),
         Some(seeds) => {
             let seeds: Vec<Seed> = (seeds.iter().zip(&args.seed))
                 .map(|(&(p, unit), text)| {
-                    let cell = holding(&placed.physical, &across, p).ok_or_else(|| {
+                    let cell = holding(&file.mesh, &across, p).ok_or_else(|| {
                         let remedy = "give physical coordinates; atomesh info shows their range";
                         parse::bad("--seed", text, "lies outside the mesh", remedy)
                     })?;
@@ -131,7 +130,7 @@ fn paint_mesh<const D: usize, M: Stored<D> + Clone>(
                 })
                 .collect::<Result<_>>()?;
             let mut cost: Vec<f64> = cells.links.iter().map(|l| cells.resistance(l)).collect();
-            if let Some(harder) = image_contrast(args, &placed, &cells)? {
+            if let Some(harder) = image_contrast(args, &space, &cells)? {
                 cost.iter_mut().zip(harder).for_each(|(c, h)| *c *= h);
             }
             let (painted, _) = flow(&cells, &block, &cost, &seeds, level);
@@ -141,20 +140,20 @@ fn paint_mesh<const D: usize, M: Stored<D> + Clone>(
 
     console.begin_stage("writing");
     M::set_regions(&mut file, regions.iter().map(|&r| r as i32).collect());
-    let found = totals(&placed, &regions);
+    let found = totals(&file.mesh, &regions);
     if let Some(path) = &args.surface_out {
-        let physical = &placed.physical;
+        let physical = &file.mesh;
         let (mut facets, mut start) = (Vec::new(), vec![0]);
         for Region { region, .. } in &found {
             facets.extend(skin(physical, &across, &regions, *region));
             start.push(facets.len());
         }
-        let mut skins = SurfaceFile::new(physical.node_positions(), &facets, &start, "region");
+        let mut skins = SurfaceFile::new(physical.nodes(), &facets, &start, "region");
         skins.names = found
             .iter()
             .map(|r| format!("region{}", r.region))
             .collect();
-        write_file(path, skins, &placed.geometry, z_up)?;
+        write_file(path, skins, &space.geometry, z_up)?;
     }
     M::write(&args.output, &file)?;
     let mut lines = vec![format!(
@@ -186,11 +185,11 @@ fn paint_mesh<const D: usize, M: Stored<D> + Clone>(
 }
 
 /// Cells, volume and share of the whole of each region that has cells, but for 0, unpainted.
-fn totals<const D: usize, M: Stored<D>>(placed: &Placed<D, M>, regions: &[u32]) -> Vec<Region> {
+fn totals<const D: usize, M: Mesh<D>>(mesh: &M, regions: &[u32]) -> Vec<Region> {
     let most = regions.iter().copied().max().unwrap_or(0) as usize;
     let mut sums = vec![(0, 0.0); most + 1];
     let mut all = 0.0;
-    for ((volume, _), &region) in placed.physical.cell_volumes().iter().zip(regions) {
+    for ((volume, _), &region) in mesh.cell_volumes().iter().zip(regions) {
         sums[region as usize].0 += 1;
         sums[region as usize].1 += volume;
         all += volume;
@@ -207,18 +206,18 @@ fn totals<const D: usize, M: Stored<D>>(placed: &Placed<D, M>, regions: &[u32]) 
 }
 
 /// How much harder paint flows through each link for the image, if one is given.
-fn image_contrast<const D: usize, M>(
+fn image_contrast<const D: usize>(
     args: &PaintArgs,
-    placed: &Placed<D, M>,
-    cells: &Cells<D>,
+    space: &LatticeSpace<D>,
+    cells: &Adjacency<D>,
 ) -> Result<Option<Vec<f64>>> {
     let Some(path) = &args.image else {
         return Ok(None);
     };
-    let image = image_of(path, &args.input, placed)?;
+    let image = image_of(path, &args.input, space)?;
     let field = Field {
         dims: image.dims(),
-        step: placed.step,
+        step: space.step,
         samples: image.as_slice().to_vec(),
     };
     let values: Vec<f64> = cells.centres.iter().map(|&x| field.value(x)).collect();

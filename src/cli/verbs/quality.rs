@@ -1,6 +1,6 @@
 //! `atomesh quality`: quality and fidelity figures of a mesh.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
 
@@ -8,12 +8,13 @@ use crate::cli::console::Console;
 use crate::error::cause;
 use crate::image::synth::Truth;
 use crate::job::{BOX_TOLERANCE, cells, scaled};
+use crate::mesh::Simplices;
 use crate::mesh::check::check;
 use crate::mesh::graph::Graph;
 use crate::mesh::poly::PolyMesh;
-use crate::report::{self, Measured, Reference, Report};
-use crate::store::file::Placed;
-use crate::store::{AnyMesh, read_any_vtu};
+use crate::mesh::poly_check::check_welded;
+use crate::report::{self, Reference, Report};
+use crate::store::{LatticeSpace, StoredMesh, read_any_vtu, with_mesh};
 use crate::{Error, Result};
 
 /// `atomesh quality`.
@@ -31,86 +32,63 @@ pub struct QualityArgs {
 pub fn quality(args: &QualityArgs, console: &mut Console) -> Result<()> {
     console.begin_stage("reading");
     let place = args.mesh.display().to_string();
-    match read_any_vtu(&args.mesh)? {
-        AnyMesh::Plane(file) => measure(args, &Placed::new(file, &place)?, console),
-        AnyMesh::Space(file) => measure(args, &Placed::new(file, &place)?, console),
-        AnyMesh::PlaneCells(file) => measure_cells(args, &Placed::cells(file, &place)?, console),
-        AnyMesh::SpaceCells(file) => measure_cells(args, &Placed::cells(file, &place)?, console),
-    }
+    let file = read_any_vtu(&args.mesh)?;
+    with_mesh!(file,
+        simplices file => measure(args, StoredMesh::new(file, &place)?, console),
+        cells file => measure_cells(args, StoredMesh::new(file, &place)?, console)
+    )
 }
 
-fn measure<const D: usize, M: Measured<D>>(
+fn measure<const D: usize, M: Simplices<D>>(
     args: &QualityArgs,
-    placed: &Placed<D, M>,
+    mut stored: StoredMesh<D, M>,
     console: &mut Console,
 ) -> Result<()> {
-    let truth = args
-        .truth
-        .as_deref()
-        .map(|path| read_truth(path, placed))
-        .transpose()?;
+    let truth = read_truth(args, &stored.space)?;
     console.begin_stage("measuring the mesh");
+    let (mesh, space) = (&stored.lattice, &stored.space);
     let mut report = Report {
-        quality: Some(report::quality(&placed.lattice)),
-        filling: Some(check(
-            &placed.lattice,
-            [0.0; D],
-            placed.extent,
-            BOX_TOLERANCE,
-        )),
+        quality: Some(report::quality(mesh)),
+        filling: Some(check(mesh, [0.0; D], space.extent, BOX_TOLERANCE)),
         ..Report::default()
     };
-    if !placed.geometry.has_shape_of(placed.step) {
-        report.quality_physical = Some(report::quality(&placed.physical));
-    }
-    if let (Some((truth, note)), Some(path)) = (&truth, &args.truth) {
-        let in_samples = scaled(&placed.lattice, placed.step.map(|s| 1.0 / s));
+    if let Some((truth, note)) = &truth {
+        let in_samples = scaled(mesh, space.step.map(|s| 1.0 / s));
         let reference = Reference::from_truth(truth);
         report.fidelity = Some(report::fidelity(
             &*in_samples,
             &reference,
-            placed.feature_faces.as_deref(),
+            stored.feature_faces.as_deref(),
         )?);
-        report.notes.push(format!("{}: {note}", path.display()));
+        report.notes.push(note.clone());
     }
-    show(report, placed.by_file, console);
+    if !space.geometry.has_shape_of(space.step) {
+        report.quality_physical = Some(stored.in_world(report::quality));
+    }
+    show(report, stored.space.by_file, console);
     Ok(())
 }
 
 /// The same for polyhedra or polygons.
 fn measure_cells<const D: usize>(
     args: &QualityArgs,
-    placed: &Placed<D, PolyMesh<D>>,
+    mut stored: StoredMesh<D, PolyMesh<D>>,
     console: &mut Console,
 ) -> Result<()> {
-    let truth = args
-        .truth
-        .as_deref()
-        .map(|path| read_truth(path, placed))
-        .transpose()?;
+    let truth = read_truth(args, &stored.space)?;
     console.begin_stage("measuring the mesh");
-    let (graph, physical) = (
-        Graph::from_poly(&placed.lattice),
-        Graph::from_poly(&placed.physical),
-    );
-    let voronoi = report::voronoi(
-        &placed.lattice,
-        &graph,
-        &physical,
-        placed.extent,
-        BOX_TOLERANCE,
-        placed.weld,
-    );
-    let mut report = Report {
-        voronoi: Some(voronoi),
-        ..Report::default()
-    };
-    if let (Some((truth, note)), Some(path)) = (&truth, &args.truth) {
+    let (mesh, space) = (&stored.lattice, &stored.space);
+    let found = check_welded(mesh, [0.0; D], space.extent, BOX_TOLERANCE, stored.weld);
+    let graph = Graph::from_poly(mesh);
+    let mut report = Report::default();
+    if let Some((truth, note)) = &truth {
         let reference = Reference::from_truth(truth);
-        report.fidelity = Some(cells::fidelity(&placed.lattice, placed.step, &reference));
-        report.notes.push(format!("{}: {note}", path.display()));
+        report.fidelity = Some(cells::fidelity(mesh, space.step, &reference));
+        report.notes.push(note.clone());
     }
-    show(report, placed.by_file, console);
+    let physical = stored.in_world(Graph::from_poly);
+    report.voronoi = Some(report::voronoi(found, &graph, &physical));
+    show(report, stored.space.by_file, console);
     Ok(())
 }
 
@@ -126,16 +104,23 @@ fn show(mut report: Report, placed_by_file: bool, console: &mut Console) {
     );
 }
 
-/// Reads the truth about a mesh's features, with a line that says what it is.
-fn read_truth<const D: usize, M>(path: &Path, placed: &Placed<D, M>) -> Result<(Truth<D>, String)> {
+/// The truth about a mesh's features, if it is given, with a line that says what it is.
+fn read_truth<const D: usize>(
+    args: &QualityArgs,
+    space: &LatticeSpace<D>,
+) -> Result<Option<(Truth<D>, String)>> {
+    let Some(path) = &args.truth else {
+        return Ok(None);
+    };
     let (truth, note) = Truth::read(path)?;
-    let dims: [f64; D] = std::array::from_fn(|k| placed.extent[k] / placed.step[k] + 1.0);
-    if (0..D).any(|k| (truth.dims[k] as f64 - dims[k]).abs() > 1e-6) {
-        return Err(Error::Mesh(cause(
-            path.display(),
-            format!("is of {:?} samples, the mesh of {dims:?}", truth.dims),
-            "give the truth of the image that was meshed",
-        )));
+    if !space.holds(truth.dims) {
+        let problem = format!(
+            "is of {:?} samples, the mesh of {:?}",
+            truth.dims,
+            space.dims()
+        );
+        let remedy = "give the truth of the image that was meshed";
+        return Err(Error::Mesh(cause(path.display(), problem, remedy)));
     }
-    Ok((truth, note))
+    Ok(Some((truth, format!("{}: {note}", path.display()))))
 }

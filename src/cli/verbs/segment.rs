@@ -16,13 +16,12 @@ use crate::files::vtk::DataArray;
 use crate::image::formats;
 use crate::image::formats::InputOptions;
 use crate::image::{Geometry, Image};
+use crate::mesh::Mesh;
 use crate::model::segment::superpixels::Superpixels;
 use crate::model::segment::{Options, Seeds, boundary, cut_cells, cut_samples, dice};
-use crate::model::surface::cells::{Cells, holding};
+use crate::model::surface::adjacency::{Adjacency, holding};
 use crate::report::cost::cpu_seconds;
-use crate::store::file::Placed;
-use crate::store::stored::Stored;
-use crate::store::{AnyMesh, MeshFile, read_any_vtu};
+use crate::store::{LatticeSpace, MeshFile, Stored, StoredMesh, read_any_vtu, with_mesh};
 use crate::{Error, Result};
 
 /// `atomesh segment`.
@@ -135,24 +134,20 @@ pub fn segment(args: &SegmentArgs, console: &mut Console) -> Result<()> {
         }
     }
     console.begin_stage("reading");
-    match read_any_vtu(&args.mesh)? {
-        AnyMesh::Plane(file) => of_mesh::<2, _>(args, file, console),
-        AnyMesh::Space(file) => of_mesh::<3, _>(args, file, console),
-        AnyMesh::PlaneCells(file) => of_mesh::<2, _>(args, file, console),
-        AnyMesh::SpaceCells(file) => of_mesh::<3, _>(args, file, console),
-    }
+    with_mesh!(read_any_vtu(&args.mesh)?, file => of_mesh(args, file, console))
 }
 
-fn of_mesh<const D: usize, M: Stored<D> + Clone>(
+fn of_mesh<const D: usize, M: Stored<D>>(
     args: &SegmentArgs,
-    mut file: MeshFile<M>,
+    file: MeshFile<M>,
     console: &mut Console,
 ) -> Result<()> {
     let marks = Marks::<D>::all(args)?;
-    let placed = M::place(file.clone(), &args.mesh.display().to_string())?;
-    let image = image_of(&args.image, &args.input, &placed)?;
+    let stored = StoredMesh::new(file, &args.mesh.display().to_string())?;
+    let space = stored.space.clone();
+    let image = image_of(&args.image, &args.input, &space)?;
     let truth = (args.truth.as_deref())
-        .map(|path| image_of(path, &InputOptions::default(), &placed))
+        .map(|path| image_of(path, &InputOptions::default(), &space))
         .transpose()?;
     let truth: Option<Vec<u8>> = truth.map(|image| {
         image
@@ -168,12 +163,13 @@ fn of_mesh<const D: usize, M: Stored<D> + Clone>(
 
     console.begin_stage("averaging");
     let start = cpu_seconds();
-    let across = placed.lattice.cells_of_faces()?;
-    let cells = Cells::new(&placed.lattice, &across, &[]);
-    let superpixels = Superpixels::new(&placed.lattice, &cells, &across, &image, placed.step);
+    let mesh = &stored.lattice;
+    let across = mesh.cells_of_faces()?;
+    let cells = Adjacency::new(mesh, &across, &[]);
+    let superpixels = Superpixels::new(mesh, &cells, &across, &image, space.step);
     let averaged = cpu_seconds();
     console.begin_stage("cutting");
-    let seeds = marks.cells(&placed, &cells, &across)?;
+    let seeds = marks.cells(mesh, &space, &cells, &across)?;
     let found = cut_cells(&cells, &superpixels.means, &seeds, &options)?;
     let cut = cpu_seconds();
 
@@ -203,7 +199,7 @@ fn of_mesh<const D: usize, M: Stored<D> + Clone>(
         console.begin_stage("cutting samples");
         rows.push(voxels(
             &image,
-            &placed.geometry,
+            &space.geometry,
             &marks,
             &options,
             truth.as_deref(),
@@ -218,15 +214,16 @@ fn of_mesh<const D: usize, M: Stored<D> + Clone>(
             &Image::new(image.dims(), labels, image.geometry.clone()),
         )?;
     }
+    let mut file = stored.into_file();
     if let Some(path) = &args.surface_out {
-        let physical = &placed.physical;
+        let physical = &file.mesh;
         // Faces have other numbers where the world mirrors the lattice.
         let across = physical.cells_of_faces()?;
         let facets = boundary::between(physical, &across, labels);
-        let mut nodes = physical.node_positions().to_vec();
+        let mut nodes = physical.nodes().to_vec();
         boundary::smooth(&mut nodes, &facets, 3, 0.5);
         let surface = SurfaceFile::new(&nodes, &facets, &[0, facets.len()], "object");
-        write_file(path, surface, &placed.geometry, true)?;
+        write_file(path, surface, &space.geometry, true)?;
     }
     file.cell_data
         .retain(|array| !matches!(array.name.as_str(), "label" | "mean"));
@@ -343,22 +340,21 @@ impl<const D: usize> Marks<D> {
     }
 
     /// Cells whose centres the boxes hold, and those that hold the boxes' middles.
-    fn cells<M: Stored<D>>(
+    fn cells<M: Mesh<D>>(
         &self,
-        placed: &Placed<D, M>,
-        cells: &Cells<D>,
+        mesh: &M,
+        space: &LatticeSpace<D>,
+        cells: &Adjacency<D>,
         across: &[[u32; 2]],
     ) -> Result<Seeds> {
-        let (geometry, step) = (&placed.geometry, placed.step);
-        let centre = |p: &[f64; D]| geometry.to_physical(std::array::from_fn(|k| p[k] / step[k]));
-        let centres: Vec<[f64; D]> = cells.centres.iter().map(centre).collect();
+        let centres = cells.centres.iter().map(|&p| space.to_world(p));
+        let centres: Vec<[f64; D]> = centres.collect();
         let find = |marks: &[Mark<D>]| {
             let mut found = Vec::new();
             for mark in marks {
-                let index = geometry.to_index(mark.middle());
-                let middle = index
-                    .map(|index| std::array::from_fn(|k| index[k] * step[k]))
-                    .and_then(|p| holding(&placed.lattice, across, p))
+                let middle = space
+                    .to_lattice(mark.middle())
+                    .and_then(|p| holding(mesh, across, p))
                     .ok_or_else(|| mark.outside("mesh"))?;
                 found.push(middle);
                 found.extend(

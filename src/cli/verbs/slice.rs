@@ -66,7 +66,7 @@ pub fn slice(args: &SliceArgs, console: &mut Console) -> Result<()> {
             let geometry = &loaded.image.geometry;
             let skeleton = match mesh {
                 AnyMesh::Plane(file) => Skeleton::new(&file, geometry),
-                AnyMesh::PlaneCells(file) => Skeleton::of_cells(&file, geometry),
+                AnyMesh::PlaneCells(file) => Skeleton::new(&file, geometry),
                 _ => return Err(other(3, 2)),
             };
             slice::plane(&loaded.image, &skeleton.ok_or_else(no_space)?)?
@@ -75,7 +75,7 @@ pub fn slice(args: &SliceArgs, console: &mut Console) -> Result<()> {
             let geometry = &loaded.image.geometry;
             let skeleton = match mesh {
                 AnyMesh::Space(file) => Skeleton::new(&file, geometry),
-                AnyMesh::SpaceCells(file) => Skeleton::of_cells(&file, geometry),
+                AnyMesh::SpaceCells(file) => Skeleton::new(&file, geometry),
                 _ => return Err(other(2, 3)),
             };
             let at = match at {

@@ -17,12 +17,11 @@ use crate::image::formats;
 use crate::image::formats::InputOptions;
 use crate::image::{Geometry, Image};
 use crate::job::Settings;
+use crate::mesh::Mesh;
 use crate::model::surface::measure::Up;
 use crate::model::surface::stored::{group, horizon_facets};
 use crate::model::surface::{Kind, Measure, Options, Surfaces, measure, select};
-use crate::store::file::Placed;
-use crate::store::stored::Stored;
-use crate::store::{AnyMesh, MeshFile, read_any_vtu};
+use crate::store::{LatticeSpace, MeshFile, Stored, StoredMesh, read_any_vtu, with_mesh};
 use crate::{Error, Result, feature};
 
 /// `atomesh surface`.
@@ -44,16 +43,22 @@ pub struct SurfaceArgs {
     #[arg(long, value_name = "AREA", allow_negative_numbers = true)]
     pub min_area: Option<f64>,
     /// Depth of the valleys of b(x) from which on faces lie on the features of IMAGE, from 0 to 1
-    #[arg(long, value_name = "DEPTH", default_value_t = 0.6)]
-    pub depth: f64,
-    /// The features of IMAGE
-    #[arg(long, value_name = "KIND", default_value = "auto")]
-    pub feature: feature::Kind,
+    /// [default: 0.6]
+    #[arg(long, value_name = "DEPTH", requires = "image")]
+    pub depth: Option<f64>,
+    /// The features of IMAGE [default: auto]
+    #[arg(long, value_name = "KIND", requires = "image")]
+    pub feature: Option<feature::FeatureKind>,
     /// Scale of the features in samples [default: by the kind of feature]
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", requires = "image")]
     pub sigma: Option<f64>,
     /// Least strength of a feature, in units of the feature image [default: automatic, printed]
-    #[arg(long, value_name = "T", allow_negative_numbers = true)]
+    #[arg(
+        long,
+        value_name = "T",
+        allow_negative_numbers = true,
+        requires = "image"
+    )]
     pub threshold: Option<f32>,
     /// How to read the image.
     #[command(flatten, next_help_heading = "Reading the image")]
@@ -73,6 +78,9 @@ pub struct Grouping {
 
 /// The endings of the surface formats that are written.
 pub const WRITTEN: [&str; 3] = ["vtp", "obj", "ts"];
+
+/// How deep valleys are, where faces lie on features, unless it is said.
+const DEPTH: f64 = 0.6;
 
 /// Faces lie along a feature if their normals differ by less than 35 degrees from its.
 const ALONG: f64 = 0.82;
@@ -131,10 +139,11 @@ impl Grouping {
 /// # Errors
 /// [`Error::Mesh`] if it says nothing, or that none does.
 pub fn marked_facets<const D: usize, M: Stored<D>>(
-    placed: &Placed<D, M>,
+    stored: &StoredMesh<D, M>,
     place: &Path,
 ) -> Result<Vec<[u32; D]>> {
-    let facets = M::marks(placed).map(|marks| select::marked(&placed.lattice, &marks));
+    let marks = stored.marks();
+    let facets = marks.map(|marks| select::marked(&stored.lattice, &marks));
     let refuse =
         |problem: &str, remedy: &str| Err(Error::Mesh(cause(place.display(), problem, remedy)));
     match facets {
@@ -154,10 +163,10 @@ pub fn marked_facets<const D: usize, M: Stored<D>>(
 ///
 /// # Errors
 /// [`Error::Image`] or [`Error::Io`] if it cannot be used.
-pub fn image_of<const D: usize, M>(
+pub fn image_of<const D: usize>(
     path: &Path,
     input: &InputOptions,
-    placed: &Placed<D, M>,
+    space: &LatticeSpace<D>,
 ) -> Result<Image<D>> {
     let place = path.display().to_string();
     let read = formats::read_any(path, &input.read_options()?)?;
@@ -166,31 +175,32 @@ pub fn image_of<const D: usize, M>(
         Error::Image(cause(&place, problem, "give the image that was meshed"))
     })?;
     image.check(&place)?;
-    placed.check_dims(image.dims(), &place)?;
+    space.check_dims(image.dims(), &place)?;
     Ok(image)
 }
 
 /// The facets on the features of the image.
-fn facets_on_image<const D: usize, M: Stored<D>>(
+fn facets_on_image<const D: usize, M: Mesh<D>>(
     args: &SurfaceArgs,
     path: &Path,
-    placed: &Placed<D, M>,
+    stored: &StoredMesh<D, M>,
     distance: Option<f64>,
     console: &mut Console,
 ) -> Result<Vec<[u32; D]>> {
-    let image = image_of(path, &args.input, placed)?;
+    let image = image_of(path, &args.input, &stored.space)?;
     let job = job_of(Settings {
-        feature: Some(args.feature),
+        feature: args.feature,
         sigma: args.sigma,
         threshold: args.threshold,
         ..Settings::default()
     })?;
-    let d_min = distance.unwrap_or_else(|| mean_spacing(&placed.lattice));
-    let options = detection(&job, d_min, placed.step)?;
+    let d_min = distance.unwrap_or_else(|| mean_spacing(&stored.lattice));
+    let options = detection(&job, d_min, stored.space.step)?;
     let features = feature::detect(&image, &options)?;
     features.notes.iter().for_each(|note| console.note(note));
     let (b, sigma) = (&features.potential, features.sigma);
-    let facets = select::in_valleys(&placed.lattice, b, sigma, args.depth, ALONG);
+    let depth = args.depth.unwrap_or(DEPTH);
+    let facets = select::in_valleys(&stored.lattice, b, sigma, depth, ALONG);
     if facets.is_empty() {
         return Err(Error::Mesh(cause(
             args.mesh.display(),
@@ -211,9 +221,9 @@ fn least_distance<M>(file: &MeshFile<M>) -> Option<f64> {
 }
 
 /// About how far the nodes of a mesh are apart: the volume that each has.
-fn mean_spacing<const D: usize, M: Stored<D>>(mesh: &M) -> f64 {
+fn mean_spacing<const D: usize, M: Mesh<D>>(mesh: &M) -> f64 {
     let volume: f64 = mesh.cell_volumes().iter().map(|cell| cell.0).sum();
-    (volume / mesh.node_positions().len() as f64).powf(1.0 / D as f64)
+    (volume / mesh.nodes().len() as f64).powf(1.0 / D as f64)
 }
 
 /// `atomesh surface`.
@@ -221,22 +231,21 @@ pub fn surface(args: &SurfaceArgs, console: &mut Console) -> Result<()> {
     let mut inputs = vec![args.mesh.as_path()];
     inputs.extend(args.image.as_deref());
     check_output(&args.output, "--output", &WRITTEN, &inputs)?;
-    if !(args.depth > 0.0 && args.depth < 1.0) {
+    let depth = args.depth.unwrap_or(DEPTH);
+    if args.image.is_none() {
+        args.input.refuse_unused("no image is given")?;
+    }
+    if !(depth > 0.0 && depth < 1.0) {
         let remedy = "give a number above 0 and below 1; 0.6 is usual";
         return Err(parse::bad(
             "--depth",
-            &args.depth.to_string(),
+            &depth.to_string(),
             "is out of range",
             remedy,
         ));
     }
     console.begin_stage("reading");
-    match read_any_vtu(&args.mesh)? {
-        AnyMesh::Plane(file) => surfaces_of::<2, _>(args, file, console),
-        AnyMesh::Space(file) => surfaces_of::<3, _>(args, file, console),
-        AnyMesh::PlaneCells(file) => surfaces_of::<2, _>(args, file, console),
-        AnyMesh::SpaceCells(file) => surfaces_of::<3, _>(args, file, console),
-    }
+    with_mesh!(read_any_vtu(&args.mesh)?, file => surfaces_of(args, file, console))
 }
 
 fn surfaces_of<const D: usize, M: Stored<D>>(
@@ -247,24 +256,24 @@ fn surfaces_of<const D: usize, M: Stored<D>>(
     let options = args.grouping.options(args.min_area)?;
     let (up, z_up) = args.grouping.up::<D>()?;
     let distance = least_distance(&file);
-    let placed = M::place(file, &args.mesh.display().to_string())?;
+    let stored = StoredMesh::new(file, &args.mesh.display().to_string())?;
     let facets = match &args.image {
-        None => marked_facets(&placed, &args.mesh)?,
+        None => marked_facets(&stored, &args.mesh)?,
         Some(path) => {
             console.begin_stage("finding features");
-            facets_on_image(args, path, &placed, distance, console)?
+            facets_on_image(args, path, &stored, distance, console)?
         }
     };
     console.begin_stage("grouping faces");
-    let mut surfaces = group(&placed, facets, &options);
-    let nodes = placed.physical.node_positions();
+    let mut surfaces = group(&stored, facets, &options);
+    let nodes = stored.world.nodes.as_slice();
     surfaces.orient(nodes, up.up);
-    let measures = measure(&surfaces, nodes, &up, &horizon_facets(&placed));
+    let measures = measure(&surfaces, nodes, &up, &horizon_facets(&stored));
     console.begin_stage("writing");
     let mut file = SurfaceFile::new(nodes, &surfaces.facets, &surfaces.start, "surface");
     file.names = measures.iter().map(name).collect();
     file.cell_data = cell_data(&surfaces, &measures, nodes);
-    write_file(&args.output, file, &placed.geometry, z_up)?;
+    write_file(&args.output, file, &stored.space.geometry, z_up)?;
     let mut text = table(&measures, D);
     if surfaces.filled > 0 {
         text += &format!("\n{} faces close gaps", surfaces.filled);

@@ -13,10 +13,8 @@ use crate::mesh::check::check;
 use crate::mesh::delaunay;
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::poly_check::check_welded;
-use crate::mesh::{TetMesh, TriMesh};
-use crate::report::Measured;
-use crate::store::file::Placed;
-use crate::store::{AnyMesh, read_any_vtu};
+use crate::mesh::{Simplices, TetMesh, TriMesh};
+use crate::store::{AnyMesh, StoredMesh, read_any_vtu};
 use crate::{Error, Result};
 
 /// `atomesh validate`.
@@ -33,26 +31,27 @@ pub fn validate(args: &ValidateArgs, console: &mut Console) -> Result<()> {
     let place = args.mesh.display().to_string();
     let mesh = read_any_vtu(&args.mesh)?;
     console.begin_stage("checking");
-    let mut verdicts = Vec::new();
-    match mesh {
+    let verdicts = match mesh {
         AnyMesh::Plane(file) => {
-            let placed = Placed::new(file, &place)?;
-            verdicts.push(by_atomesh(&placed));
-            verdicts.push(by_spade(&placed)?);
+            let stored = StoredMesh::new(file, &place)?;
+            others_too(by_atomesh(&stored), || Ok(vec![by_spade(&stored.lattice)?]))
         }
         AnyMesh::Space(file) => {
-            let placed = Placed::new(file, &place)?;
-            verdicts.push(by_atomesh(&placed));
-            if cfg!(feature = "tetgen") {
-                verdicts.push(by_tetgen(&placed)?);
-            }
-            if cfg!(feature = "cgal") {
-                verdicts.push(by_cgal(&placed)?);
-            }
+            let mut stored = StoredMesh::new(file, &place)?;
+            others_too(by_atomesh(&stored), || {
+                let mut verdicts = Vec::new();
+                if cfg!(feature = "tetgen") {
+                    verdicts.push(by_tetgen(&stored.lattice)?);
+                }
+                if cfg!(feature = "cgal") {
+                    verdicts.push(stored.in_world(by_cgal)?);
+                }
+                Ok(verdicts)
+            })
         }
-        AnyMesh::PlaneCells(file) => verdicts.push(cells_by_atomesh(&Placed::cells(file, &place)?)),
-        AnyMesh::SpaceCells(file) => verdicts.push(cells_by_atomesh(&Placed::cells(file, &place)?)),
-    }
+        AnyMesh::PlaneCells(file) => Ok(vec![cells_by_atomesh(&StoredMesh::new(file, &place)?)]),
+        AnyMesh::SpaceCells(file) => Ok(vec![cells_by_atomesh(&StoredMesh::new(file, &place)?)]),
+    }?;
     let lines: Vec<String> = verdicts.iter().map(Verdict::line).collect();
     let failed = verdicts
         .iter()
@@ -71,9 +70,24 @@ pub fn validate(args: &ValidateArgs, console: &mut Console) -> Result<()> {
     }
 }
 
+/// What the others say as well. They are not asked about a mesh in which our own checker finds a fault:
+/// TetGen takes the process down with it when nodes make no sense.
+fn others_too(own: Verdict, others: impl FnOnce() -> Result<Vec<Verdict>>) -> Result<Vec<Verdict>> {
+    let mut verdicts = vec![own];
+    if verdicts[0].problem.is_none() {
+        verdicts.extend(others()?);
+    }
+    Ok(verdicts)
+}
+
 /// Our own checker, in lattice space, where the sides are known.
-fn by_atomesh<const D: usize, M: Measured<D>>(placed: &Placed<D, M>) -> Verdict {
-    let found = check(&placed.lattice, [0.0; D], placed.extent, BOX_TOLERANCE);
+fn by_atomesh<const D: usize, M: Simplices<D>>(stored: &StoredMesh<D, M>) -> Verdict {
+    let found = check(
+        &stored.lattice,
+        [0.0; D],
+        stored.space.extent,
+        BOX_TOLERANCE,
+    );
     Verdict {
         by: "atomesh",
         what: format!(
@@ -91,13 +105,13 @@ fn by_atomesh<const D: usize, M: Measured<D>>(placed: &Placed<D, M>) -> Verdict 
 }
 
 /// The same for polyhedra and polygons, of which TetGen and CGAL have no notion.
-fn cells_by_atomesh<const D: usize>(placed: &Placed<D, PolyMesh<D>>) -> Verdict {
+fn cells_by_atomesh<const D: usize>(stored: &StoredMesh<D, PolyMesh<D>>) -> Verdict {
     let found = check_welded(
-        &placed.lattice,
+        &stored.lattice,
         [0.0; D],
-        placed.extent,
+        stored.space.extent,
         BOX_TOLERANCE,
-        placed.weld,
+        stored.weld,
     );
     let [faces, space] = match found.in_columns {
         true => [
@@ -119,19 +133,19 @@ fn cells_by_atomesh<const D: usize>(placed: &Placed<D, PolyMesh<D>>) -> Verdict 
 
 /// TetGen cannot read a mesh without changing it, so it is asked for the convex hull of the nodes:
 /// the mesh must fill it.
-fn by_tetgen(placed: &Placed) -> Result<Verdict> {
-    let hull = delaunay::delaunay(&placed.lattice.nodes)?;
-    Ok(by_hull("TetGen", &placed.lattice, &hull))
+fn by_tetgen(mesh: &TetMesh) -> Result<Verdict> {
+    let hull = delaunay::delaunay(&mesh.nodes)?;
+    Ok(by_hull("TetGen", mesh, &hull))
 }
 
 /// The same in the plane by spade.
-fn by_spade(placed: &Placed<2, TriMesh>) -> Result<Verdict> {
-    let hull = delaunay::delaunay_plane(&placed.lattice.nodes)?;
-    Ok(by_hull("spade", &placed.lattice, &hull))
+fn by_spade(mesh: &TriMesh) -> Result<Verdict> {
+    let hull = delaunay::delaunay_plane(&mesh.nodes)?;
+    Ok(by_hull("spade", mesh, &hull))
 }
 
 /// Whether a mesh fills the convex hull of its nodes, of which another triangulation is given.
-fn by_hull<const D: usize, M: Measured<D>>(by: &'static str, mesh: &M, hull: &M) -> Verdict {
+fn by_hull<const D: usize, M: Simplices<D>>(by: &'static str, mesh: &M, hull: &M) -> Verdict {
     let volume = |mesh: &M| -> f64 { (0..mesh.len()).map(|c| mesh.volume(c)).sum() };
     let error = (volume(mesh) - volume(hull)).abs() / volume(hull);
     let name = M::VOLUME;
@@ -144,8 +158,8 @@ fn by_hull<const D: usize, M: Measured<D>>(by: &'static str, mesh: &M, hull: &M)
 }
 
 /// CGAL's exact predicates, on the coordinates as they are in the file.
-fn by_cgal(placed: &Placed) -> Result<Verdict> {
-    let TetMesh { nodes, tets } = &placed.physical;
+fn by_cgal(mesh: &TetMesh) -> Result<Verdict> {
+    let TetMesh { nodes, tets } = mesh;
     let verdict = delaunay::cgal::validate(nodes, tets)?;
     Ok(Verdict {
         by: "CGAL",

@@ -2,10 +2,11 @@
 //! companion in HDF5.
 
 use std::fmt::Write as _;
-use std::io::{self, Write};
+use std::io::{self, Seek, Write};
 
-use flate2::Crc;
 use sha2::{Digest, Sha256};
+use zip::write::SimpleFileOptions;
+use zip::{CompressionMethod, DateTime, ZipWriter};
 
 /// An object of the model.
 pub struct Object {
@@ -36,16 +37,11 @@ pub fn uuid(digest: &Sha256, name: &str) -> String {
     let hash = digest.clone().chain_update(name).finalize();
     let mut bytes = [0u8; 16];
     bytes.copy_from_slice(&hash[..16]);
-    bytes[6] = bytes[6] & 0x0f | 0x50;
-    bytes[8] = bytes[8] & 0x3f | 0x80;
-    let mut text = String::new();
-    for (i, byte) in bytes.iter().enumerate() {
-        if [4, 6, 8, 10].contains(&i) {
-            text.push('-');
-        }
-        let _ = write!(text, "{byte:02x}");
-    }
-    text
+    uuid::Builder::from_bytes(bytes)
+        .with_version(uuid::Version::Sha1)
+        .with_variant(uuid::Variant::RFC4122)
+        .into_uuid()
+        .to_string()
 }
 
 impl Object {
@@ -97,7 +93,7 @@ impl Object {
 ///
 /// # Errors
 /// If `out` cannot be written.
-pub fn write(out: &mut impl Write, objects: &[Object], companion: &str) -> io::Result<()> {
+pub fn write(out: &mut (impl Write + Seek), objects: &[Object], companion: &str) -> io::Result<()> {
     let mut types = String::from(
         "<?xml version=\"1.0\" encoding=\"UTF-8\" standalone=\"yes\"?>\n<Types \
          xmlns=\"http://schemas.openxmlformats.org/package/2006/content-types\">\n<Default \
@@ -168,39 +164,18 @@ fn relationships(lines: &str) -> String {
     )
 }
 
-/// A zip archive of texts, stored as they are (PKWARE's APPNOTE, sections 4.3.7, 4.3.12 and 4.3.16).
-fn zip(out: &mut impl Write, parts: &[(String, String)]) -> io::Result<()> {
-    let mut directory = Vec::new();
-    let mut at = 0u32;
+/// A zip archive of texts, stored as they are.
+fn zip(out: &mut (impl Write + Seek), parts: &[(String, String)]) -> io::Result<()> {
+    let options = SimpleFileOptions::DEFAULT
+        .compression_method(CompressionMethod::Stored)
+        .last_modified_time(DateTime::DEFAULT);
+    let mut archive = ZipWriter::new(out);
     for (name, text) in parts {
-        let mut crc = Crc::new();
-        crc.update(text.as_bytes());
-        // Version 2.0, names in UTF-8, stored, midnight of 1 January 2000; sizes; name.
-        let mut common = vec![20, 0, 0, 8, 0, 0, 0, 0, 0x21, 0x28];
-        common.extend(crc.sum().to_le_bytes());
-        common.extend((text.len() as u32).to_le_bytes());
-        common.extend((text.len() as u32).to_le_bytes());
-        common.extend((name.len() as u16).to_le_bytes());
-        common.extend([0, 0]);
-        directory.extend(b"PK\x01\x02\x14\x00");
-        directory.extend(&common);
-        directory.extend([0; 10]);
-        directory.extend(at.to_le_bytes());
-        directory.extend(name.as_bytes());
-        out.write_all(b"PK\x03\x04")?;
-        out.write_all(&common)?;
-        out.write_all(name.as_bytes())?;
-        out.write_all(text.as_bytes())?;
-        at += (4 + common.len() + name.len() + text.len()) as u32;
+        archive.start_file(name, options)?;
+        archive.write_all(text.as_bytes())?;
     }
-    out.write_all(&directory)?;
-    let count = (parts.len() as u16).to_le_bytes();
-    out.write_all(b"PK\x05\x06\0\0\0\0")?;
-    out.write_all(&count)?;
-    out.write_all(&count)?;
-    out.write_all(&(directory.len() as u32).to_le_bytes())?;
-    out.write_all(&at.to_le_bytes())?;
-    out.write_all(&[0, 0])
+    archive.finish()?;
+    Ok(())
 }
 
 #[cfg(test)]

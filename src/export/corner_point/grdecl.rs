@@ -158,9 +158,23 @@ fn usual(model: &Model, outline: &Outline) -> [usize; 3] {
         let [a, b] = c.cells.map(|cell| along(model.graph.site[cell as usize]));
         (0..3).for_each(|k| apart[k] += (a[k] - b[k]).abs());
     }
-    let shares: [f64; 3] = std::array::from_fn(|k| lengths[k] / apart[k].max(1e-300));
-    let scale = (model.len() as f64 / shares.iter().product::<f64>()).cbrt();
-    shares.map(|s| ((s * scale).round() as usize).max(1))
+    // Along an axis on which no two cells are apart (a mesh of the plane is one layer) there is one.
+    let most = apart.iter().copied().fold(0.0, f64::max);
+    let shares: [f64; 3] = std::array::from_fn(|k| match apart[k] > 1e-9 * most {
+        true => lengths[k] / apart[k],
+        false => 1.0,
+    });
+    let axes = apart.iter().filter(|&&a| a > 1e-9 * most).count();
+    let scale = model.len() as f64 / shares.iter().product::<f64>();
+    let scale = match axes {
+        3 => scale.cbrt(),
+        2 => scale.sqrt(),
+        _ => scale,
+    };
+    std::array::from_fn(|k| match apart[k] > 1e-9 * most {
+        true => ((shares[k] * scale).round() as usize).max(1),
+        false => 1,
+    })
 }
 
 /// What is in the cells of a column.
@@ -296,4 +310,41 @@ fn multipliers(out: Out, model: &Model, walk: &Walk, pillars: &Pillars, layers: 
         writeln!(out, "/\n")?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::poly::PolyMesh;
+    use crate::mesh::{TriMesh, voronoi};
+
+    /// The numbers of columns and layers in a grid of a mesh of the plane, one unit thick.
+    fn grid_of(mesh: &PolyMesh<2>) -> [usize; 3] {
+        let model = Model::new(mesh.extruded(1.0), None);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("A.GRDECL");
+        let mut batch = Batch::default();
+        write(&model, &mut batch, &path).unwrap();
+        batch.commit().unwrap();
+        let text = std::fs::read_to_string(&path).unwrap();
+        let after = text.split("SPECGRID\n").nth(1).unwrap();
+        let mut numbers = after.split_whitespace().map(|word| word.parse().unwrap());
+        std::array::from_fn(|_| numbers.next().unwrap())
+    }
+
+    #[test]
+    fn a_mesh_of_the_plane_is_one_layer() {
+        let row = |n: u32| (0..n).map(|i| 0.5 + f64::from(i));
+        let atoms: Vec<[f64; 2]> = row(4).flat_map(|y| row(6).map(move |x| [x, y])).collect();
+        let cells = voronoi::voronoi_plane_welded(&atoms, [6.0, 4.0], 1e-9).unwrap();
+        assert_eq!(grid_of(&cells), [6, 4, 1]);
+
+        let square = TriMesh {
+            nodes: vec![[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]],
+            triangles: vec![[0, 1, 2], [0, 2, 3]],
+        };
+        let mut cells = PolyMesh::from_simplices(&square, &[], &[]).unwrap();
+        cells.assign_sides([0.0; 2], [1.0; 2]);
+        assert_eq!(grid_of(&cells)[2], 1);
+    }
 }

@@ -2,14 +2,19 @@
 //!
 //! What we write: version 1.0, little endian, `header_type="UInt64"`, all arrays appended raw in
 //! zlib blocks. What we read: that, and what VTK, ParaView and meshio write: ascii, base64 inline,
-//! appended raw or base64, zlib or no compression, 32- and 64-bit headers, both byte orders.
+//! appended raw or base64, compressed by zlib, LZ4, LZMA or not at all, 32- and 64-bit headers, both
+//! byte orders; and legacy files, ascii and binary.
 //! Layout: VTK file formats, <https://docs.vtk.org/en/latest/vtk_file_formats/vtkxml_file_format.html>.
 //!
 //! - [`write`](mod@write): a [`Document`], streamed array by array
 //! - [`read`]: a [`VtkFile`], arrays taken out when asked for
-//! - [`xml`]: the little XML that this needs
+//! - [`unpack`]: compressed blocks
+//! - [`legacy`]: legacy files as XML ones
+//! - [`xml`]: the XML as a tree
 
+pub mod legacy;
 pub mod read;
+mod unpack;
 pub mod write;
 pub mod xml;
 
@@ -190,7 +195,7 @@ pub(crate) mod fixtures {
     use std::path::{Path, PathBuf};
 
     /// How they are coded: format, compressor, bits of the header, byte order.
-    pub const VARIANTS: [&str; 10] = [
+    pub const VARIANTS: [&str; 13] = [
         "ascii_none_32_le",
         "inline_none_32_be",
         "inline_none_64_le",
@@ -201,6 +206,9 @@ pub(crate) mod fixtures {
         "raw_none_64_le",
         "raw_zlib_32_le",
         "raw_zlib_64_le",
+        "raw_lz4_64_le",
+        "inline_lz4_32_be",
+        "base64_lzma_64_le",
     ];
 
     /// Where such a file is.

@@ -1,6 +1,12 @@
-//! As much XML as VTK files use: elements, attributes, text, comments. No namespaces, no DTD.
+//! The XML of VTK files as a tree of elements, each with where its text lies in the file.
 
+use std::fmt::Display;
 use std::ops::Range;
+
+use quick_xml::Reader;
+use quick_xml::escape::unescape;
+use quick_xml::events::attributes::{AttrError, Attribute};
+use quick_xml::events::{BytesStart, Event};
 
 /// An element and what is in it.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -28,27 +34,12 @@ impl Element {
     }
 }
 
-/// Text as an attribute's value.
-pub fn escape(text: &str) -> String {
-    let mut escaped = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '&' => escaped.push_str("&amp;"),
-            '<' => escaped.push_str("&lt;"),
-            '>' => escaped.push_str("&gt;"),
-            '"' => escaped.push_str("&quot;"),
-            c => escaped.push(c),
-        }
-    }
-    escaped
-}
+/// Elements within elements, at most: VTK's own files have six.
+const DEEPEST: usize = 64;
 
-fn unescape(text: &str) -> String {
-    text.replace("&lt;", "<")
-        .replace("&gt;", ">")
-        .replace("&quot;", "\"")
-        .replace("&apos;", "'")
-        .replace("&amp;", "&")
+/// Text as it stands in an attribute's value or between tags.
+pub fn escape(text: &str) -> String {
+    quick_xml::escape::escape(text).into_owned()
 }
 
 /// Parses a document. The element `AppendedData` ends it: what follows is not XML; its `text`
@@ -57,47 +48,52 @@ fn unescape(text: &str) -> String {
 /// # Errors
 /// What is wrong, and at which byte.
 pub fn parse(bytes: &[u8]) -> Result<Element, String> {
+    // Appended data may be any bytes, what stands before it is text.
+    let text = match std::str::from_utf8(bytes) {
+        Ok(text) => text,
+        Err(error) => std::str::from_utf8(&bytes[..error.valid_up_to()]).unwrap_or_default(),
+    };
+    let mut reader = Reader::from_str(text);
+    // The document itself is an element too.
     let mut open = vec![Element::default()];
-    let mut at = 0;
-    while let Some(begin) = find(bytes, at, b"<") {
-        if let Some(element) = open.last_mut()
-            && begin - at > element.text.len()
-        {
-            element.text = at..begin;
-        }
-        let rest = &bytes[begin..];
-        if rest.starts_with(b"<?") {
-            at = past(bytes, begin, b"?>")?;
-        } else if rest.starts_with(b"<!--") {
-            at = past(bytes, begin, b"-->")?;
-        } else if rest.starts_with(b"<!") {
-            at = past(bytes, begin, b">")?;
-        } else if rest.starts_with(b"</") {
-            at = past(bytes, begin, b">")?;
-            let name = String::from_utf8_lossy(&bytes[begin + 2..at - 1]);
-            match open.pop() {
-                Some(element) if element.name == name.trim() && !open.is_empty() => {
+    loop {
+        let at = reader.buffer_position();
+        let event = reader
+            .read_event()
+            .map_err(|error| format!("{error}, at byte {}", reader.error_position()))?;
+        match event {
+            Event::Start(tag) => {
+                let mut element = element(&tag, at)?;
+                if element.name == "AppendedData" {
+                    element.text = reader.buffer_position() as usize..bytes.len();
                     push(&mut open, element);
-                }
-                _ => return Err(format!("</{}> at byte {begin} closes nothing", name.trim())),
-            }
-        } else {
-            let (mut element, empty, end) = start_tag(bytes, begin)?;
-            at = end;
-            if empty {
-                push(&mut open, element);
-            } else if element.name == "AppendedData" {
-                element.text = at..bytes.len();
-                push(&mut open, element);
-                while open.len() > 1 {
-                    if let Some(element) = open.pop() {
-                        push(&mut open, element);
+                    while open.len() > 1 {
+                        close(&mut open);
                     }
+                    break;
                 }
-                break;
-            } else {
+                if open.len() > DEEPEST {
+                    return Err(format!(
+                        "there are more than {DEEPEST} elements within each other at byte {at}"
+                    ));
+                }
                 open.push(element);
             }
+            Event::Empty(tag) => push(&mut open, element(&tag, at)?),
+            // The reader has seen that it closes what is open.
+            Event::End(_) => close(&mut open),
+            Event::Text(words) => {
+                if let Some(element) = open.last_mut()
+                    && words.len() > element.text.len()
+                {
+                    element.text = at as usize..at as usize + words.len();
+                }
+            }
+            Event::Eof if text.len() < bytes.len() => {
+                return Err(format!("byte {} is no text", text.len()));
+            }
+            Event::Eof => break,
+            _ => {}
         }
     }
     match open.pop() {
@@ -113,76 +109,32 @@ fn push(open: &mut [Element], element: Element) {
     }
 }
 
-fn find(bytes: &[u8], from: usize, what: &[u8]) -> Option<usize> {
-    let rest = bytes.get(from..)?;
-    let first = *what.first()?;
-    let mut at = 0;
-    loop {
-        at += rest[at..].iter().position(|&b| b == first)?;
-        if rest[at..].starts_with(what) {
-            return Some(from + at);
-        }
-        at += 1;
+fn close(open: &mut Vec<Element>) {
+    if let Some(element) = open.pop() {
+        push(open, element);
     }
 }
 
-fn past(bytes: &[u8], from: usize, what: &[u8]) -> Result<usize, String> {
-    find(bytes, from, what)
-        .map(|at| at + what.len())
-        .ok_or_else(|| format!("the tag at byte {from} does not end"))
-}
-
-/// The element of the tag at `begin`, whether it is empty (`/>`), and where the tag ends.
-fn start_tag(bytes: &[u8], begin: usize) -> Result<(Element, bool, usize), String> {
-    let broken = || format!("the tag at byte {begin} is broken");
-    let word_end = |at: usize| {
-        let ends = |b: &u8| b.is_ascii_whitespace() || matches!(b, b'=' | b'>' | b'/' | b'<');
-        bytes[at..]
-            .iter()
-            .position(ends)
-            .map(|n| at + n)
-            .ok_or_else(broken)
+/// The element that a tag begins.
+fn element(tag: &BytesStart, at: u64) -> Result<Element, String> {
+    let broken = |why: &dyn Display| format!("the tag at byte {at} is broken: {why}");
+    let name = tag.name().0;
+    if name.is_empty() || name.contains(['/', '<', '"', '\'', '=']) {
+        return Err(broken(&"it has no name"));
+    }
+    let attribute = |attribute: Result<Attribute, AttrError>| {
+        let attribute = attribute.map_err(|error| broken(&error))?;
+        let value = unescape(&attribute.value).map_err(|error| broken(&error))?;
+        Ok((attribute.key.0.to_string(), value.into_owned()))
     };
-    let skip_space = |at: usize| {
-        let solid = |b: &u8| !b.is_ascii_whitespace();
-        bytes[at..]
-            .iter()
-            .position(solid)
-            .map(|n| at + n)
-            .ok_or_else(broken)
-    };
-    let word = |range: Range<usize>| String::from_utf8_lossy(&bytes[range]).into_owned();
-
-    let name_end = word_end(begin + 1)?;
-    let mut element = Element {
-        name: word(begin + 1..name_end),
+    Ok(Element {
+        name: name.to_string(),
+        attributes: tag
+            .attributes()
+            .map(attribute)
+            .collect::<Result<_, String>>()?,
         ..Element::default()
-    };
-    if element.name.is_empty() {
-        return Err(broken());
-    }
-    let mut at = name_end;
-    loop {
-        at = skip_space(at)?;
-        match bytes[at] {
-            b'>' => return Ok((element, false, at + 1)),
-            b'/' if bytes.get(at + 1) == Some(&b'>') => return Ok((element, true, at + 2)),
-            _ => {}
-        }
-        let name_end = word_end(at)?;
-        let equals = skip_space(name_end)?;
-        if name_end == at || bytes[equals] != b'=' {
-            return Err(broken());
-        }
-        let quote = skip_space(equals + 1)?;
-        if !matches!(bytes[quote], b'"' | b'\'') {
-            return Err(broken());
-        }
-        let close = find(bytes, quote + 1, &bytes[quote..=quote]).ok_or_else(broken)?;
-        let value = unescape(&word(quote + 1..close));
-        element.attributes.push((word(at..name_end), value));
-        at = close + 1;
-    }
+    })
 }
 
 #[cfg(test)]
@@ -234,6 +186,8 @@ mod tests {
             "<>",
             "< a/>",
             "<a/b/>",
+            "<a b='1' b='2'/>",
+            "<a>\u{fffd}&</a><",
         ] {
             assert!(parse(bad.as_bytes()).is_err(), "{bad}");
         }
@@ -242,6 +196,22 @@ mod tests {
     #[test]
     fn escaping_round_trips() {
         let odd = "a<b>&\"c' &lt; ü";
-        assert_eq!(unescape(&escape(odd)), odd);
+        assert_eq!(unescape(&escape(odd)).unwrap(), odd);
+    }
+
+    #[test]
+    fn deep_nesting_is_refused_whether_it_closes_or_not() {
+        let deep = |depth: usize| "<a>".repeat(depth) + &"</a>".repeat(depth);
+        assert!(parse(deep(DEEPEST).as_bytes()).is_ok());
+        for text in [deep(DEEPEST + 1), deep(1_000_000), "<a>".repeat(1_000_000)] {
+            let error = parse(text.as_bytes()).unwrap_err();
+            assert!(error.contains("more than 64 elements"), "{error}");
+        }
+    }
+
+    #[test]
+    fn bytes_that_are_no_text_are_refused_before_the_data_only() {
+        let error = parse(b"<V><A note=\"\xff\"/></V>").unwrap_err();
+        assert!(error.contains("byte"), "{error}");
     }
 }

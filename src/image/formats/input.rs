@@ -40,6 +40,21 @@ pub struct InputOptions {
 }
 
 impl InputOptions {
+    /// Checks that nothing is said where no image is read; `why` says why none is.
+    ///
+    /// # Errors
+    /// [`Error::Job`] if something is.
+    pub fn refuse_unused(&self, why: &str) -> Result<()> {
+        if *self == Self::default() {
+            return Ok(());
+        }
+        Err(Error::Job(cause(
+            "how to read the image",
+            format!("is said, but {why}"),
+            "omit it",
+        )))
+    }
+
     /// What the reader is told.
     ///
     /// # Errors

@@ -40,6 +40,7 @@ use std::io::Read;
 use std::path::Path;
 
 use crate::error::{Error, Result, cause, os};
+use crate::files::vtk;
 use crate::image::Image;
 
 pub use describe::{Description, describe};
@@ -282,8 +283,8 @@ pub fn detect(path: &Path, options: &ReadOptions) -> Result<Format> {
         return Err(Error::Io(cause(path.display(), problem, remedy)));
     }
     let text = String::from_utf8_lossy(&head[..head.len().min(1024)]);
-    if text.contains("<VTKFile") {
-        if text.contains("ImageData") {
+    if text.contains("<VTKFile") || head.starts_with(vtk::legacy::MAGIC) {
+        if text.contains("ImageData") || text.contains("STRUCTURED_POINTS") {
             return Ok(Format::Vti);
         }
         let problem = "is a VTK file, but not of image data";

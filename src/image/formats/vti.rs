@@ -1,4 +1,4 @@
-//! VTK image data (`.vti`): origin, spacing and direction in full double precision.
+//! VTK image data (`.vti`, legacy `.vtk`): origin, spacing and direction in full double precision.
 //!
 //! VTK maps index (i, j, k) to `Origin + Direction * (Spacing * index)`: column k of `Direction`
 //! is the unit step along axis k. Units and names of axes, which VTK has no place for, are kept in
@@ -200,8 +200,18 @@ mod tests {
             let axes = [[0.0, 12.5, 0.0], [-25.0, 0.0, 0.0], [0.0, 0.0, 4.0]];
             assert_eq!(image.geometry.axes, axes, "{variant}");
         }
-        let error = read(&fixture("raw_lz4_64_le.vti")).unwrap_err().to_string();
-        assert!(error.contains("vtkLZ4DataCompressor"), "{error}");
+    }
+
+    #[test]
+    fn legacy_images_keep_their_origin_in_double_precision() {
+        for name in ["legacy_ascii.vtk", "legacy_binary.vtk"] {
+            let image = read(&fixture(name)).unwrap();
+            assert_eq!(image.dims(), [3, 2, 2], "{name}");
+            let want: Vec<f32> = (-5..7).map(|i| i as f32).collect();
+            assert_eq!(image.as_slice(), want, "{name}");
+            assert_eq!(image.geometry.origin, [612345.678, -1e-7, 3.25], "{name}");
+            assert_eq!(image.geometry.spacing(), [12.5, 25.0, 4.0], "{name}");
+        }
     }
 
     #[test]
@@ -235,6 +245,24 @@ mod tests {
     }
 
     #[test]
+    fn a_file_of_deeply_nested_elements_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("deep.vti");
+        for count in [100, 300_000] {
+            let (open, close) = ("<a>".repeat(count), "</a>".repeat(count));
+            let file = |inside: &str| {
+                format!("<VTKFile type=\"ImageData\"><ImageData>{inside}</ImageData></VTKFile>")
+            };
+            // Closed, and cut off in the middle.
+            for text in [file(&format!("{open}{close}")), file(&open)] {
+                std::fs::write(&path, text).unwrap();
+                let error = read(&path).unwrap_err().to_string();
+                assert!(error.contains("nested"), "{error}");
+            }
+        }
+    }
+
+    #[test]
     fn damaged_files_are_refused() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.vti");
@@ -261,7 +289,8 @@ mod tests {
         assert!(text("Direction=\"", "Direction=\"1 ").contains("10 numbers, not 9"));
         assert!(text("Float32", "Float33").contains("unknown type Float33"));
         assert!(text("UInt64", "UInt16").contains("UInt16"));
-        assert!(text("vtkZLib", "vtkLZMA").contains("vtkLZMADataCompressor"));
+        assert!(text("vtkZLib", "vtkLZMA").contains("does not decompress"));
+        assert!(text("vtkZLib", "vtkZip").contains("vtkZipDataCompressor"));
         let none = read(&folder.path().join("none.vti"))
             .unwrap_err()
             .to_string();

@@ -25,6 +25,7 @@ use super::hold::Hold;
 use super::mend::UNUSABLE;
 use super::sheets::{SAME_SHEET, Sheets};
 use super::{Blocked, Counts, FACE_ON_SHEET, Outcome, piercing};
+use crate::error::{Error, Result, cause};
 use crate::geometry::{add_scaled, dot, norm, sub};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
@@ -32,6 +33,7 @@ use crate::lattice::seeding::Atoms;
 use crate::mesh::TriMesh;
 use crate::mesh::complex::NONE;
 use crate::mesh::tri::{SIDES, angles, neighbors, worst_cotangent};
+use crate::observer::Patience;
 
 /// A point of the plane as a point of space.
 pub fn lift([x, y]: [f64; 2]) -> [f64; 3] {
@@ -70,7 +72,11 @@ pub fn mobility(atoms: &Atoms<2>, extent: [f64; 2], sheets: &Sheets) -> Vec<[f64
 /// where that can be, in place.
 ///
 /// `kinds` says what each node is and follows the nodes that come and go; the result also says
-/// for every triangle which of its edges lie on a feature: bit k for edge k (opposite node k).
+/// for every triangle which of its edges lie on a feature: bit k for edge k (opposite node k). When
+/// `patience` is over, the mesh is left as far as it has come.
+///
+/// # Errors
+/// [`Error::Mesh`] if triangles overlap or more than two share an edge; nothing is changed then.
 pub fn improve(
     mesh: &mut TriMesh,
     kinds: &mut Vec<AtomKind>,
@@ -78,13 +84,26 @@ pub fn improve(
     sheets: &Sheets,
     distance: &Distance<2>,
     min_angle: f64,
-) -> (Outcome, Vec<u8>) {
+    mut patience: Patience<'_>,
+) -> Result<(Outcome, Vec<u8>)> {
+    let neighbors = adjacency(mesh)?;
     let taken = std::mem::take(mesh);
-    let mut improver = Improver::new(taken, kinds, extent, sheets, distance, min_angle);
-    let outcome = improver.improve();
+    let mut improver = Improver::new(taken, neighbors, kinds, extent, sheets, distance, min_angle);
+    let outcome = improver.improve(&mut patience);
     let finished = improver.finish();
     (*mesh, *kinds) = (finished.mesh, finished.kinds);
-    (outcome, finished.feature_faces)
+    Ok((outcome, finished.feature_faces))
+}
+
+/// Neighbours of every triangle.
+fn adjacency(mesh: &TriMesh) -> Result<Vec<[u32; 3]>> {
+    neighbors(mesh.nodes.len(), &mesh.triangles).map_err(|edge| {
+        Error::Mesh(cause(
+            format!("edge {edge:?}"),
+            "belongs to more than two triangles, or to two that overlap",
+            "mesh the image again",
+        ))
+    })
 }
 
 /// A mesh whose improvement is over.
@@ -121,6 +140,7 @@ struct Improver<'a> {
 impl<'a> Improver<'a> {
     fn new(
         mesh: TriMesh,
+        neighbors: Vec<[u32; 3]>,
         kinds: &[AtomKind],
         extent: [f64; 2],
         sheets: &'a Sheets,
@@ -141,7 +161,7 @@ impl<'a> Improver<'a> {
             }
         }
         Self {
-            neighbors: neighbors(nodes.len(), &triangles).unwrap_or_default(),
+            neighbors,
             nodes,
             triangles,
             triangle_of,
@@ -159,11 +179,11 @@ impl<'a> Improver<'a> {
     }
 
     /// All steps, in order.
-    fn improve(&mut self) -> Outcome {
+    fn improve(&mut self, patience: &mut Patience<'_>) -> Outcome {
         let poor_before = self.poor().len();
         self.recover();
-        self.polish();
-        self.release();
+        self.polish(patience);
+        self.release(patience);
         let blocked = self.blocked();
         Outcome {
             poor_before,
@@ -296,16 +316,20 @@ impl<'a> Improver<'a> {
     }
 
     /// Flips edges until none raises the smallest angle about it.
-    fn flip_all(&mut self) {
+    fn flip_all(&mut self, patience: &mut Patience<'_>) {
         self.queue.clear();
         let all: Vec<u32> = self.alive().collect();
         self.queue
             .extend(all.iter().flat_map(|&t| [(t, 0), (t, 1), (t, 2)]));
-        self.flip_queue();
+        self.flip_queue(patience);
     }
 
-    fn flip_queue(&mut self) {
+    fn flip_queue(&mut self, patience: &mut Patience<'_>) {
         while let Some((t, k)) = self.queue.pop() {
+            if patience.over() {
+                self.queue.clear();
+                break;
+            }
             if self.triangles[t as usize][0] != NONE {
                 self.try_flip(t, usize::from(k));
             }
@@ -313,8 +337,8 @@ impl<'a> Improver<'a> {
     }
 
     /// Flips and smooths, and collapses or splits edges where that is not enough.
-    fn polish(&mut self) {
-        self.flip_all();
+    fn polish(&mut self, patience: &mut Patience<'_>) {
+        self.flip_all(patience);
         for round in 0..ROUNDS {
             if self.poor().is_empty() {
                 return;
@@ -335,25 +359,28 @@ impl<'a> Improver<'a> {
             nodes.sort_unstable();
             nodes.dedup();
             for node in nodes {
+                if patience.over() {
+                    return;
+                }
                 if self.smooth(node) {
                     self.counts.moves += 1;
                 }
             }
-            self.flip_queue();
+            self.flip_queue(patience);
             if round % 3 == 2 {
                 for t in self.poor() {
                     if self.triangles[t as usize][0] != NONE {
                         self.mend(t);
                     }
                 }
-                self.flip_queue();
+                self.flip_queue(patience);
             }
         }
     }
 
     /// Lets nodes leave their curves where a triangle would otherwise stay unusable: one node if that
     /// is enough, else all three.
-    fn release(&mut self) {
+    fn release(&mut self, patience: &mut Patience<'_>) {
         let usable = 1.0 / UNUSABLE.to_radians().tan();
         for round in 0..4 {
             let bad = self.above(usable);
@@ -378,8 +405,8 @@ impl<'a> Improver<'a> {
                     }
                 }
             }
-            self.flip_all();
-            self.polish();
+            self.flip_all(patience);
+            self.polish(patience);
         }
     }
 

@@ -3,19 +3,22 @@
 //! In the plane the triangulation of the atoms where they shall be can be made to have the part's
 //! outer edges among its own; what lies outside of them is left out.
 
-use super::Improver;
-use crate::improve::reshape::{Reshaped, Wanted};
+use super::{Improver, adjacency};
+use crate::error::{Error, Result, cause};
+use crate::improve::reshape::{Refusal, Reshaped, Wanted};
 use crate::improve::sheets::Sheets;
 use crate::lattice::distance::Distance;
 use crate::mesh::TriMesh;
 use crate::mesh::complex::NONE;
 use crate::mesh::delaunay::constrained_plane;
-use crate::mesh::tri::{SIDES, area2, neighbors};
+use crate::mesh::tri::{SIDES, area2};
+use crate::observer::Patience;
 
 /// Reshapes a part of a mesh, as [`reshape`](crate::improve::reshape::reshape) in space.
 ///
 /// # Errors
-/// The number of a node that lies outside of the part or at the place of another.
+/// The node that lies outside of the part or on its outline; or what else keeps the nodes from being
+/// joined.
 pub fn reshape(
     part: &TriMesh,
     wanted: &Wanted<2>,
@@ -23,7 +26,7 @@ pub fn reshape(
     sheets: &Sheets,
     distance: &Distance<2>,
     min_angle: f64,
-) -> Result<Reshaped<TriMesh>, u32> {
+) -> std::result::Result<Reshaped<TriMesh>, Refusal> {
     let stay: Vec<u32> = (0..wanted.targets.len() as u32)
         .filter(|&n| !wanted.gone[n as usize])
         .collect();
@@ -34,18 +37,21 @@ pub fn reshape(
     let points: Vec<[f64; 2]> = stay.iter().map(|&n| wanted.targets[n as usize]).collect();
     let kinds: Vec<_> = stay.iter().map(|&n| wanted.kinds[n as usize]).collect();
     let rim: Vec<[u32; 2]> = rim(part, extent)
+        .map_err(Refusal::Part)?
         .into_iter()
         .map(|edge| edge.map(|n| number[n as usize]))
         .collect();
-    let blame = |n: usize| stay.get(n).copied().unwrap_or(0);
-    let whole = constrained_plane(&points, &rim).map_err(|_| blame(points.len() - 1))?;
-    let mesh = inside(whole, &rim);
+    let whole = constrained_plane(&points, &rim).map_err(Refusal::Part)?;
+    if let Some(n) = on_outline(&whole, &rim) {
+        return Err(Refusal::Node(stay[n]));
+    }
+    let mesh = inside(whole, &rim).map_err(Refusal::Part)?;
     let mut used = vec![false; points.len()];
     for &n in mesh.triangles.as_flattened() {
         used[n as usize] = true;
     }
     if let Some(unused) = used.iter().position(|used| !used) {
-        return Err(blame(unused));
+        return Err(Refusal::Node(stay[unused]));
     }
     let area = |mesh: &TriMesh| -> f64 {
         (0..mesh.triangles.len())
@@ -54,10 +60,15 @@ pub fn reshape(
     };
     let (old, new) = (area(part), area(&mesh));
     if (old - new).abs() > 1e-9 * old {
-        return Err(blame(points.len() - 1));
+        return Err(Refusal::Part(Error::Mesh(cause(
+            "the mesh round the edit",
+            format!("would have the area {new} instead of {old}"),
+            "mesh the image again",
+        ))));
     }
-    let mut improver = Improver::new(mesh, &kinds, extent, sheets, distance, min_angle);
-    let outcome = improver.improve();
+    let neighbors = adjacency(&mesh).map_err(Refusal::Part)?;
+    let mut improver = Improver::new(mesh, neighbors, &kinds, extent, sheets, distance, min_angle);
+    let outcome = improver.improve(&mut Patience::endless());
     let finished = improver.finish();
     // Numbers as wanted; what improvement has put in comes after those.
     let inserted = |n: u32| n - stay.len() as u32 + wanted.targets.len() as u32;
@@ -73,8 +84,8 @@ pub fn reshape(
 }
 
 /// The part's outer edges but for those in the sides of the box, with the part on their left.
-fn rim(part: &TriMesh, extent: [f64; 2]) -> Vec<[u32; 2]> {
-    let around = neighbors(part.nodes.len(), &part.triangles).unwrap_or_default();
+fn rim(part: &TriMesh, extent: [f64; 2]) -> Result<Vec<[u32; 2]>> {
+    let around = adjacency(part)?;
     let mut rim = Vec::new();
     for (triangle, around) in part.triangles.iter().zip(&around) {
         for k in (0..3).filter(|&k| around[k] == NONE) {
@@ -86,19 +97,39 @@ fn rim(part: &TriMesh, extent: [f64; 2]) -> Vec<[u32; 2]> {
             }
         }
     }
-    rim
+    Ok(rim)
+}
+
+/// A node that lies on an edge of the rim, so that the edge is none of the triangles': of all nodes
+/// but its ends, the one nearest to it.
+fn on_outline(mesh: &TriMesh, rim: &[[u32; 2]]) -> Option<usize> {
+    let sides = |t: &[u32; 3]| SIDES.map(|side| side.map(|i| t[i]));
+    let mut edges: Vec<[u32; 2]> = mesh.triangles.iter().flat_map(sides).collect();
+    edges.sort_unstable();
+    let lost = |edge: &&[u32; 2]| edges.binary_search(edge).is_err();
+    let &[a, b] = rim.iter().find(lost)?;
+    let [p, q] = [a, b].map(|n| mesh.nodes[n as usize]);
+    let along = [q[0] - p[0], q[1] - p[1]];
+    let off = |n: &usize| {
+        let [x, y] = mesh.nodes[*n];
+        let dot = (x - p[0]) * along[0] + (y - p[1]) * along[1];
+        let share = (dot / (along[0].powi(2) + along[1].powi(2))).clamp(0.0, 1.0);
+        (x - p[0] - share * along[0]).hypot(y - p[1] - share * along[1])
+    };
+    let others = (0..mesh.nodes.len()).filter(|&n| n != a as usize && n != b as usize);
+    others.min_by(|m, n| off(m).total_cmp(&off(n)))
 }
 
 /// The triangles on the left of the rim's edges, and all that can be reached from there without
 /// crossing it; all if there is no rim.
-fn inside(mesh: TriMesh, rim: &[[u32; 2]]) -> TriMesh {
+fn inside(mesh: TriMesh, rim: &[[u32; 2]]) -> Result<TriMesh> {
     if rim.is_empty() {
-        return mesh;
+        return Ok(mesh);
     }
     let mut sorted = rim.to_vec();
     sorted.sort_unstable();
     let is_rim = |edge: [u32; 2]| sorted.binary_search(&edge).is_ok();
-    let around = neighbors(mesh.nodes.len(), &mesh.triangles).unwrap_or_default();
+    let around = adjacency(&mesh)?;
     let edge = |t: usize, k: usize| SIDES[k].map(|i| mesh.triangles[t][i]);
     let mut inside: Vec<bool> = (0..mesh.triangles.len())
         .map(|t| (0..3).any(|k| is_rim(edge(t, k))))
@@ -117,10 +148,10 @@ fn inside(mesh: TriMesh, rim: &[[u32; 2]]) -> TriMesh {
         .filter(|(_, inside)| **inside)
         .map(|(triangle, _)| *triangle)
         .collect();
-    TriMesh {
+    Ok(TriMesh {
         nodes: mesh.nodes,
         triangles,
-    }
+    })
 }
 
 #[cfg(test)]
@@ -151,7 +182,7 @@ mod tests {
             nodes: numbers.iter().map(|&n| nodes[n as usize]).collect(),
             triangles: cells.iter().map(|t| t.map(local)).collect(),
         };
-        let before = rim(&part, extent);
+        let before = rim(&part, extent).unwrap();
         let [gone, moved] =
             [[2.0, 2.0], [3.0, 3.0]].map(|x| part.nodes.iter().position(|&y| y == x).unwrap());
         let mut wanted = Wanted {
@@ -167,6 +198,7 @@ mod tests {
         let distance = Distance::Constant(1.0);
         let done = reshape(&part, &wanted, extent, &sheets, &distance, 20.0).unwrap();
         let mut after: Vec<[u32; 2]> = rim(&done.mesh, extent)
+            .unwrap()
             .into_iter()
             .map(|edge| edge.map(|n| done.kept[n as usize]))
             .collect();
@@ -180,11 +212,33 @@ mod tests {
                 assert_eq!(x, target);
             }
         }
-        // A node beyond the outline cannot be.
-        wanted.targets[moved] = [5.0, 4.0];
-        assert_eq!(
-            reshape(&part, &wanted, extent, &sheets, &distance, 20.0).err(),
-            Some(moved as u32)
+        let refusal = |part: &TriMesh, wanted: &Wanted<2>| {
+            reshape(part, wanted, extent, &sheets, &distance, 20.0).unwrap_err()
+        };
+        // A node beyond the outline cannot be, nor one on it.
+        for x in [[5.0, 4.0], [4.0, 3.5]] {
+            wanted.targets[moved] = x;
+            let refusal = refusal(&part, &wanted);
+            assert!(
+                matches!(refusal, Refusal::Node(n) if n as usize == moved),
+                "{refusal:?}"
+            );
+        }
+        // What no node is to blame for is told.
+        wanted.targets[moved] = [f64::NAN, 3.0];
+        let Refusal::Part(error) = refusal(&part, &wanted) else {
+            panic!("a node was blamed");
+        };
+        assert!(
+            error.to_string().contains("beyond what can be computed"),
+            "{error}"
         );
+        wanted.targets[moved] = [3.2, 3.1];
+        let mut twice = part.clone();
+        twice.triangles.push(part.triangles[0]);
+        let Refusal::Part(error) = refusal(&twice, &wanted) else {
+            panic!("a node was blamed");
+        };
+        assert!(error.to_string().contains("overlap"), "{error}");
     }
 }

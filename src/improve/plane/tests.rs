@@ -43,7 +43,16 @@ fn edges_lie_on_the_curves_and_all_angles_are_large() {
     assert!(moved > 20);
     let mut mesh = delaunay_plane(&atoms.positions).unwrap();
     let mut kinds = atoms.kinds;
-    let (outcome, on) = improve(&mut mesh, &mut kinds, EXTENT, &sheets, &distance, 30.0);
+    let (outcome, on) = improve(
+        &mut mesh,
+        &mut kinds,
+        EXTENT,
+        &sheets,
+        &distance,
+        30.0,
+        Patience::endless(),
+    )
+    .unwrap();
     let found = check(&mesh, [0.0; 2], EXTENT, 1e-12);
     assert!(found.passed(), "{:?}", found.problems);
     assert_eq!(kinds.len(), mesh.nodes.len());
@@ -83,11 +92,47 @@ fn without_features_a_regular_lattice_is_left_alone() {
     let atoms = seeding::regular(EXTENT, &distance, &[], Alignment::On).unwrap();
     let before = delaunay_plane(&atoms.positions).unwrap();
     let (mut mesh, mut kinds) = (before.clone(), atoms.kinds.clone());
-    let (outcome, on) = improve(&mut mesh, &mut kinds, EXTENT, &sheets, &distance, 25.0);
+    let (outcome, on) = improve(
+        &mut mesh,
+        &mut kinds,
+        EXTENT,
+        &sheets,
+        &distance,
+        25.0,
+        Patience::endless(),
+    )
+    .unwrap();
     assert_eq!((outcome.poor_before, outcome.poor_after), (0, 0));
     assert!(on.iter().all(|bits| *bits == 0));
     assert_eq!(mesh.nodes, before.nodes);
     assert_eq!(kinds, atoms.kinds);
+}
+
+#[test]
+fn triangles_that_overlap_are_refused_and_left_as_they_are() {
+    let sheets = Sheets::new(&[], lift(EXTENT), 4.8, 1.7 * D);
+    let distance = Distance::Constant(D);
+    let before = TriMesh {
+        nodes: vec![
+            [0.0, 0.0],
+            [90.0, 0.0],
+            [90.0, 80.0],
+            [0.0, 80.0],
+            [40.0, 30.0],
+        ],
+        triangles: vec![[0, 1, 2], [0, 2, 3], [0, 2, 4]],
+    };
+    let (mut mesh, mut kinds) = (before.clone(), vec![AtomKind::Corner; 5]);
+    let patience = Patience::endless();
+    let refused = improve(
+        &mut mesh, &mut kinds, EXTENT, &sheets, &distance, 30.0, patience,
+    );
+    let error = refused.unwrap_err().to_string();
+    assert!(
+        error.contains("edge [0, 2]: belongs to more than two"),
+        "{error}"
+    );
+    assert_eq!(mesh, before);
 }
 
 proptest! {
@@ -113,7 +158,7 @@ proptest! {
         };
         let before = worst(&mesh);
         let mut kinds = atoms.kinds;
-        let (outcome, _) = improve(&mut mesh, &mut kinds, EXTENT, &sheets, &distance, 30.0);
+        let (outcome, _) = improve(&mut mesh, &mut kinds, EXTENT, &sheets, &distance, 30.0, Patience::endless()).unwrap();
         let found = check(&mesh, [0.0; 2], EXTENT, 1e-9);
         prop_assert!(found.passed(), "{:?}", found.problems);
         prop_assert!(outcome.poor_after < outcome.poor_before);

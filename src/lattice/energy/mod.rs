@@ -41,6 +41,16 @@ pub enum Beta<const D: usize> {
     Field(Field<D>),
 }
 
+impl<const D: usize> Beta<D> {
+    /// The [stiffening](pair) that suits beta: its largest value where it is a field.
+    fn stiffness(&self) -> f32 {
+        pair::stiffness(match self {
+            Self::Constant(beta) => *beta,
+            Self::Field(field) => f64::from(field.samples.iter().copied().fold(0.0, f32::max)),
+        })
+    }
+}
+
 /// The two parts of an energy, unweighted.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Parts {

@@ -25,7 +25,7 @@ use rayon::prelude::*;
 use super::image_term::ImageTerm;
 use super::images::Images;
 use super::neighbours::{CHUNK, FixedPoint, LANES, MEMBERS, NOWHERE, Neighbours, Point, Rows};
-use super::pair::{CUTOFF, force, potential, stiffness};
+use super::pair::{CUTOFF, force, potential};
 use super::{Beta, Energy, Parts};
 use crate::error::{Error, Result, cause};
 use crate::image::Field;
@@ -152,11 +152,8 @@ impl<'a, const D: usize> Pairwise<'a, D> {
     /// where it is a field); see [`pair`](super::pair). Recommended for any but the shortest
     /// minimisation.
     pub fn uncrowded(self) -> Self {
-        let beta = match &self.beta {
-            Beta::Constant(beta) => *beta,
-            Beta::Field(field) => f64::from(field.samples.iter().copied().fold(0.0, f32::max)),
-        };
-        self.stiffened(stiffness(beta))
+        let stiffness = self.beta.stiffness();
+        self.stiffened(stiffness)
     }
 
     /// Makes atoms nearer than d push each other apart harder than the potential as published does;

@@ -22,10 +22,10 @@ use rayon::prelude::*;
 
 use super::bounds::{Bounds, chance};
 use super::minimise::{Budget, FIRST_CURVATURE, Minimiser, finite};
-use super::observer::{Observer, Progress};
 use super::{Options, Stop};
 use crate::error::Result;
 use crate::lattice::energy::{Energy, Parts};
+use crate::observer::{Observer, Progress};
 
 /// Individuals in a generation (Fernandes & Gattass 2009).
 pub const POPULATION: usize = 10;
@@ -123,7 +123,8 @@ pub fn evolve<const D: usize>(
                 iterations: budget.iterations,
                 evaluations: budget.evaluations,
                 energy: least,
-                parts,
+                lattice: parts.lattice,
+                image: parts.image,
             });
         }
         history.push(least);

@@ -6,9 +6,9 @@ use rayon::prelude::*;
 use super::Stop;
 use super::bounds::Bounds;
 use super::lbfgs::{CHUNK, Lbfgs, dot};
-use super::observer::{Observer, Progress};
 use crate::error::{Error, Result, cause};
 use crate::lattice::energy::{Energy, Parts};
+use crate::observer::{Observer, Progress};
 
 /// Farthest an atom may move in a step, in units of d.
 const LONGEST_MOVE: f32 = 0.25;
@@ -162,7 +162,8 @@ impl<const D: usize> Minimiser<D> {
                 iterations: budget.iterations,
                 evaluations: budget.evaluations,
                 energy: self.energy,
-                parts: self.parts,
+                lattice: self.parts.lattice,
+                image: self.parts.image,
             });
             history.push(self.energy);
             if let Some(n) = history.len().checked_sub(WINDOW + 1) {

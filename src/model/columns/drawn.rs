@@ -4,14 +4,16 @@ use crate::files::vtk::DataArray;
 use crate::image::Geometry;
 use crate::mesh::poly::PolyMesh;
 use crate::model::columns::{COLUMN, Columns, LAYER};
-use crate::store::MeshFile;
-use crate::store::file::{Placed, Provenance, bounds, common_fields};
+use crate::store::file::{Provenance, common_fields};
+use crate::store::stored::bounds;
+use crate::store::{LatticeSpace, MeshFile};
 
-/// Columns on the cells of `map` as a file. Its lattice space is the map's, with z as it is, from the
-/// lowest node up; `z_unit` is z's unit.
+/// Columns on the cells of a map, which have `regions`, as a file. Its lattice space is the map's, with
+/// z as it is, from the lowest node up; `z_unit` is z's unit.
 pub fn columns_to_file(
     columns: Columns,
-    map: &Placed<2, PolyMesh<2>>,
+    regions: &[i32],
+    map: &LatticeSpace<2>,
     z_unit: &str,
     provenance: &Provenance,
 ) -> MeshFile<PolyMesh<3>> {
@@ -27,7 +29,6 @@ pub fn columns_to_file(
         DataArray::scalars(LAYER, columns.layer.clone()),
         DataArray::scalars("volume", volume),
     ];
-    let regions = &map.physical.region;
     if regions.iter().any(|r| *r != 0) {
         let block = columns.column.iter().map(|&c| regions[c as usize]);
         cell_data.push(DataArray::scalars(

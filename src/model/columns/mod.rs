@@ -398,7 +398,7 @@ mod tests {
         ];
         let found = columns(&map, &z, &names(3), &Division::Thickness(2.0), 0.0).unwrap();
         assert!(!found.z_up && found.counts[0] >= 2, "{:?}", found.counts);
-        let (low, high) = crate::store::file::bounds(&found.mesh.nodes);
+        let (low, high) = crate::store::stored::bounds(&found.mesh.nodes);
         let check = check_poly(&found.mesh, low, high, 1e-12);
         assert!(check.passed(), "{check:?}");
         let graph = Graph::from_poly(&found.mesh);
@@ -492,7 +492,7 @@ mod tests {
         let z = [flat(0.0), sampled(&map, |x, _| 9.0 + 0.2 * x), flat(10.0)];
         let found = columns(&map, &z, &names(3), &one, 3.3).unwrap();
         assert_eq!(found.missing, [0, 42]);
-        let (low, high) = crate::store::file::bounds(&found.mesh.nodes);
+        let (low, high) = crate::store::stored::bounds(&found.mesh.nodes);
         assert!(check_poly(&found.mesh, low, high, 1e-12).passed());
     }
 }

@@ -3,11 +3,14 @@
 use crate::error::cause;
 use crate::files::vtk::{DataArray, Values};
 use crate::image::Geometry;
+use crate::job::BOX_TOLERANCE;
 use crate::lattice::AtomKind;
 use crate::lattice::seeding::kind_in_box;
-use crate::report::Measured;
-use crate::store::file::{HORIZON_FACES, Placed};
-use crate::store::{FieldValue, MeshFile, face_bits_to_physical, turned};
+use crate::mesh::Simplices;
+use crate::mesh::check::check;
+use crate::report::smallest_angles;
+use crate::store::file::HORIZON_FACES;
+use crate::store::{FieldValue, MeshFile, StoredMesh, face_bits_to_physical, turned};
 use crate::{Error, Result};
 
 /// Coordinates nearer to a side of the box than this, over its length, are on it: what is left of
@@ -62,37 +65,40 @@ pub struct Body<const D: usize, M> {
 /// In an empty slot.
 const NOTHING: u32 = u32::MAX;
 
-impl<const D: usize, M: Measured<D>> Body<D, M> {
+impl<const D: usize, M: Simplices<D>> Body<D, M> {
     /// Of a file, which `place` names in errors. What is stored for each node or cell besides what
-    /// [`mesh_image`](crate::job::mesh_image) stores is dropped.
+    /// [`job::run`](crate::job::run) stores is dropped.
     ///
     /// # Errors
-    /// [`Error::Mesh`] if the file does not say where its lattice space is, or what its nodes are.
+    /// [`Error::Mesh`] if the file does not say where its lattice space is, or what its nodes are, or if
+    /// the mesh is not valid.
     pub fn new(file: MeshFile<M>, place: &str) -> Result<Self> {
+        let nodes = file.mesh.nodes().len();
+        let cells = file.mesh.len();
+        let StoredMesh {
+            lattice,
+            world,
+            space,
+            arrays,
+            ..
+        } = StoredMesh::new(file, place)?;
         let MeshFile {
-            mesh,
             point_data,
             cell_data,
             field_data,
-        } = file;
-        let nodes = mesh.nodes().len();
-        let cells = mesh.len();
-        let placed = Placed::new(
-            MeshFile {
-                mesh,
-                field_data: field_data.clone(),
-                point_data: Vec::new(),
-                cell_data: Vec::new(),
-            },
-            place,
-        )?;
+            ..
+        } = arrays;
         let of_nodes = |name: &str| array(&point_data, name, nodes);
         let of_cells = |name: &str| array(&cell_data, name, cells);
         let refuse = |problem: String| {
             Error::Mesh(cause(place, problem, "give a mesh that atomesh mesh wrote"))
         };
-        if !placed.by_file {
+        if !space.by_file {
             return Err(refuse("does not say where its lattice space is".into()));
+        }
+        let found = check(&lattice, [0.0; D], space.extent, BOX_TOLERANCE);
+        if let Some(problem) = found.problems.first() {
+            return Err(refuse(format!("is not valid: {problem}")));
         }
         let lacks = |name: &str| refuse(format!("lacks the point data {name}"));
         let distance = of_nodes(DISTANCE).ok_or_else(|| lacks(DISTANCE))?;
@@ -101,7 +107,7 @@ impl<const D: usize, M: Measured<D>> Body<D, M> {
                 "has point data {DISTANCE} that are not positive"
             )));
         }
-        let extent = placed.extent;
+        let extent = space.extent;
         let on_sides = |x: &[f64; D]| -> [f64; D] {
             std::array::from_fn(|k| match x[k] {
                 c if c.abs() <= ON_SIDE * extent[k] => 0.0,
@@ -109,7 +115,8 @@ impl<const D: usize, M: Measured<D>> Body<D, M> {
                 c => c,
             })
         };
-        let lattice: Vec<[f64; D]> = placed.lattice.nodes().iter().map(on_sides).collect();
+        let corners = lattice.connectivity().to_vec();
+        let lattice: Vec<[f64; D]> = lattice.nodes().iter().map(on_sides).collect();
         let kinds = of_nodes(KIND).unwrap_or_default();
         let kind = |n: usize| match kinds.get(n) {
             Some(kind) if *kind == f64::from(AtomKind::Fixed as u8) => AtomKind::Fixed,
@@ -127,16 +134,16 @@ impl<const D: usize, M: Measured<D>> Body<D, M> {
         Ok(Self {
             place: place.to_string(),
             extent,
-            step: placed.step,
-            geometry: placed.geometry,
+            step: space.step,
+            geometry: space.geometry,
             fields: field_data,
             kinds: (0..nodes).map(kind).collect(),
             nodes: lattice,
-            physical: placed.physical.nodes().to_vec(),
+            physical: world.nodes,
             distance: distance.into_iter().map(|d| d as f32).collect(),
             feature: floats(of_nodes(FEATURE), nodes),
             used: vec![true; nodes],
-            corners: placed.lattice.connectivity().to_vec(),
+            corners,
             region: (whole(of_cells(REGION)).into_iter())
                 .map(|r| r as i32)
                 .collect(),
@@ -236,11 +243,12 @@ impl<const D: usize, M: Measured<D>> Body<D, M> {
         bits: [&[u8]; 2],
         regions: &[i32],
     ) {
-        let [bits, horizons] = bits.map(|bits| face_bits_to_physical(bits, &self.geometry));
+        let mirrored = self.geometry.determinant() < 0.0;
+        let [bits, horizons] = bits.map(|bits| face_bits_to_physical::<D>(bits, mirrored));
         let nodes = part.nodes().iter().zip(numbers);
         let in_world: Vec<[f64; D]> = nodes.map(|(_, &n)| self.physical[n as usize]).collect();
         let in_world = turned(part, in_world, &self.geometry);
-        let angles = part.smallest_angles();
+        let angles = smallest_angles(part);
         for c in 0..part.len().max(slots.len()) {
             let slot = slots.get(c).copied().unwrap_or_else(|| {
                 self.corners.extend([NOTHING; 4].iter().take(D + 1));
@@ -389,7 +397,7 @@ impl<const D: usize, M: Measured<D>> Body<D, M> {
 }
 
 /// Names of arrays that an edit cannot carry over.
-pub fn dropped<const D: usize, M: Measured<D>>(file: &MeshFile<M>) -> Vec<String> {
+pub fn dropped<const D: usize, M: Simplices<D>>(file: &MeshFile<M>) -> Vec<String> {
     let known = [
         KIND,
         FEATURE,

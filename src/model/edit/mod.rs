@@ -23,8 +23,9 @@ use crate::error::cause;
 use crate::feature;
 use crate::image::Image;
 use crate::job::{Meshing, Params, Space, lattice_beta};
-use crate::lattice::optimize::Observer;
-use crate::report::{Clock, Measured, Quality, StageCost};
+use crate::mesh::Simplices;
+use crate::observer::{Observer, Stage};
+use crate::report::{Clock, Quality, StageCost};
 use crate::store::file::{settled_field, settled_of};
 use crate::store::{FieldValue, MeshFile};
 use crate::{Error, Result};
@@ -85,7 +86,7 @@ pub struct Edited<M> {
     pub summary: Summary,
 }
 
-/// Edits a mesh that [`mesh_image`](crate::job::mesh_image) made of `image`, with the parameters
+/// Edits a mesh that [`job::run`](crate::job::run) made of `image`, with the parameters
 /// it was made with. Added and moved atoms stay exactly where they are put, unless `free`: then they
 /// only begin there and move as others do.
 ///
@@ -96,8 +97,8 @@ pub struct Edited<M> {
 /// # Errors
 /// [`Error::Mesh`] for a mesh that does not say what it is or an atom that does not exist or cannot
 /// go; [`Error::Seeding`] for a position outside the box or at the place of another atom;
-/// [`Error::Image`] for an image of other dims; [`Error::Job`] if the observer asked to stop.
-pub fn edit<const D: usize, M: Measured<D>>(
+/// [`Error::Image`] for an image of other dims; [`Error::Interrupted`] if the observer asked to stop.
+pub fn edit<const D: usize, M: Simplices<D>>(
     file: MeshFile<M>,
     place: &str,
     image: &Image<D>,
@@ -110,9 +111,9 @@ where
     Space<D>: Meshing<D, Mesh = M>,
 {
     let mut clock = Clock::new();
-    let mut begin = |clock: &mut Clock, stage: &str| -> Result<()> {
+    let mut begin = |clock: &mut Clock, stage: Stage| -> Result<()> {
         if !observer.keep_going() {
-            return Err(Error::Job(cause(
+            return Err(Error::Interrupted(cause(
                 stage,
                 "interrupted",
                 "start the edit again",
@@ -133,7 +134,7 @@ where
     let settled = match settled {
         Some(settled) => settled,
         None => {
-            begin(&mut clock, "finding features everywhere")?;
+            begin(&mut clock, Stage::FeaturesEverywhere)?;
             let options = params.feature_options(body.step);
             let settled = feature::detect(image, &options)?.settled;
             summary.notes.push(
@@ -153,23 +154,23 @@ where
         beta: &beta,
         edits,
     };
-    begin(&mut clock, "finding neighbourhoods")?;
+    begin(&mut clock, Stage::Neighbourhoods)?;
     let groups = resolve::resolve(&body, edits, free)?;
     let mut quality: [Option<M>; 2] = [None, None];
     for group in groups {
-        begin(&mut clock, "finding neighbours")?;
+        begin(&mut clock, Stage::Neighbours)?;
         let mut scope = Scope::new(&body, group, &context);
-        begin(&mut clock, "finding features")?;
+        begin(&mut clock, Stage::Features)?;
         let scene = scope.look(&body, &context)?;
-        begin(&mut clock, "moving atoms")?;
+        begin(&mut clock, Stage::Moving)?;
         scope.relax(&scene, &context, &mut summary)?;
-        begin(&mut clock, "mending the mesh")?;
+        begin(&mut clock, Stage::Mending)?;
         let parts = scope.rejoin(&mut body, &scene, &context, &mut summary)?;
         for (all, part) in quality.iter_mut().zip(parts) {
             append(all, part);
         }
     }
-    clock.begin("putting it together");
+    clock.begin(Stage::Assembling);
     summary.quality = quality.map(|mesh| mesh.as_ref().map(crate::report::quality));
     body.compact(&mut summary.atoms);
     body.fields.push(history(&body.fields, edits));
@@ -181,7 +182,7 @@ where
 }
 
 /// Adds a part's cells to those of others.
-fn append<const D: usize, M: Measured<D>>(all: &mut Option<M>, part: M) {
+fn append<const D: usize, M: Simplices<D>>(all: &mut Option<M>, part: M) {
     let Some(mesh) = all.take() else {
         *all = Some(part);
         return;

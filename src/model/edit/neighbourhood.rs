@@ -6,10 +6,10 @@ use super::spacing;
 use super::window::Window;
 use super::{Change, Edit, Summary};
 use crate::error::cause;
-use crate::feature::settled::{Settled, detect_part, reach};
-use crate::feature::{self, Features};
+use crate::feature::settled::reach;
+use crate::feature::{self, Features, Settled, detect_part};
 use crate::image::Image;
-use crate::improve::reshape::Wanted;
+use crate::improve::reshape::{Refusal, Wanted};
 use crate::job::horizons::horizon_bits;
 use crate::job::{self, Evaluator, Meshing, Params, Scene, Space, Spacing};
 use crate::lattice::AtomKind;
@@ -17,7 +17,7 @@ use crate::lattice::distance::Distance;
 use crate::lattice::energy::{Beta, Energy, Pairwise, Regularised, Sampled};
 use crate::lattice::optimize::{self, Unobserved, temperature};
 use crate::lattice::seeding::{Atoms, kind_in_box, sides_held};
-use crate::report::Measured;
+use crate::mesh::Simplices;
 use crate::{Error, Result};
 
 /// What is the same for all neighbourhoods.
@@ -74,7 +74,7 @@ pub struct Around<const D: usize> {
     beta: Beta<D>,
 }
 
-impl<const D: usize, M: Measured<D>> Scope<D, M>
+impl<const D: usize, M: Simplices<D>> Scope<D, M>
 where
     Space<D>: Meshing<D, Mesh = M>,
 {
@@ -111,7 +111,7 @@ where
                 high[k] = high[k].max(x[k] + REACH * d);
             }
         }
-        let (margin, dims) = (reach(context.settled), context.image.dims());
+        let (margin, dims) = (reach::<D>(context.settled), context.image.dims());
         let window = Window::around(low, high, margin, dims, body.step, body.extent);
 
         let targets: Vec<[f64; D]> = inner().map(|x| window.to_local(x)).collect();
@@ -314,7 +314,8 @@ where
     /// it is, in lattice space.
     ///
     /// # Errors
-    /// [`Error::Mesh`] if an atom cannot be joined to its neighbours where it is, or cannot go.
+    /// [`Error::Mesh`] if an atom cannot be joined to its neighbours where it is, or cannot go; and
+    /// what else keeps the part from being joined.
     pub fn rejoin(
         mut self,
         body: &mut Body<D, M>,
@@ -326,7 +327,7 @@ where
         let (features, min_angle) = match context.params.min_dihedral {
             Some(angle) => (&around.features, angle),
             None => {
-                without = feature::empty(self.window.dims, &feature::Options::default());
+                without = Features::none(self.window.dims, &feature::Detection::default());
                 (&without, MIN_ANGLE)
             }
         };
@@ -339,7 +340,8 @@ where
             let wanted = self.wanted.clone();
             match Space::<D>::rejoin(self.part.clone(), wanted, &scene, min_angle) {
                 Ok(done) => break done,
-                Err(node) => self.otherwise(node as usize, context)?,
+                Err(Refusal::Node(node)) => self.otherwise(node as usize, context)?,
+                Err(Refusal::Part(error)) => return Err(error),
             }
         };
         let count = self.numbers.len();

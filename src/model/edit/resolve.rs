@@ -8,7 +8,7 @@ use crate::job::{FixedAtom, lattice_points};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
 use crate::lattice::seeding::{Alignment, fixed, kind_in_box, sides_held};
-use crate::report::Measured;
+use crate::mesh::Simplices;
 use crate::{Error, Result};
 
 /// A change of the lattice; positions are of lattice space.
@@ -67,7 +67,7 @@ pub const REACH: f64 = 7.5;
 /// # Errors
 /// [`Error::Mesh`] for an atom that does not exist, is edited twice or is a corner of the box;
 /// [`Error::Seeding`] for a place outside the box or that of another atom.
-pub fn resolve<const D: usize, M: Measured<D>>(
+pub fn resolve<const D: usize, M: Simplices<D>>(
     body: &Body<D, M>,
     edits: &[Edit<D>],
     free: bool,
@@ -123,7 +123,10 @@ pub fn sides<const D: usize>(x: [f64; D], extent: [f64; D]) -> u32 {
 }
 
 /// Atoms must exist, be no corners, and be edited once.
-fn check_atoms<const D: usize, M: Measured<D>>(body: &Body<D, M>, edits: &[Edit<D>]) -> Result<()> {
+fn check_atoms<const D: usize, M: Simplices<D>>(
+    body: &Body<D, M>,
+    edits: &[Edit<D>],
+) -> Result<()> {
     let mut seen: Vec<(u32, &str)> = Vec::new();
     for edit in edits {
         let (Change::Move(node, _) | Change::Remove(node)) = edit.change else {
@@ -161,7 +164,7 @@ fn check_atoms<const D: usize, M: Measured<D>>(body: &Body<D, M>, edits: &[Edit<
 
 /// Where atoms come or are moved to, in lattice space: in the box, on its sides exactly, and not at the
 /// place of another atom that stays.
-fn targets<const D: usize, M: Measured<D>>(
+fn targets<const D: usize, M: Simplices<D>>(
     body: &Body<D, M>,
     edits: &[Edit<D>],
 ) -> Result<Vec<Option<[f64; D]>>> {

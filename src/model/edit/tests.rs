@@ -2,12 +2,14 @@ use std::collections::BTreeSet;
 
 use super::*;
 use crate::image::Geometry;
-use crate::job::{BOX_TOLERANCE, FixedAtom, Spacing, mesh_image};
+use crate::job::{self, BOX_TOLERANCE, FixedAtom, Spacing};
 use crate::lattice::AtomKind;
 use crate::lattice::optimize::Unobserved;
+use crate::mesh::TriMesh;
 use crate::mesh::check::check;
 use crate::report::{Reference, fidelity, quality};
-use crate::store::file::{Placed, Provenance, to_file};
+use crate::store::StoredMesh;
+use crate::store::file::to_file;
 
 /// An image with a bright curved sheet across it, somewhere in the world.
 fn image<const D: usize>(dims: [usize; D]) -> Image<D> {
@@ -39,17 +41,17 @@ fn world<const D: usize>(sample: [f64; D]) -> [f64; D] {
 fn params<const D: usize>(d: f64) -> Params<D> {
     Params {
         spacing: Spacing::Constant(d),
-        feature: feature::Kind::Ridges,
+        feature: feature::FeatureKind::Ridges,
         ..Params::default()
     }
 }
 
-fn made<const D: usize, M: Measured<D>>(image: &Image<D>, params: &Params<D>) -> MeshFile<M>
+fn made<const D: usize, M: Simplices<D>>(image: &Image<D>, params: &Params<D>) -> MeshFile<M>
 where
     Space<D>: Meshing<D, Mesh = M>,
 {
-    let outcome = mesh_image(image, params, &mut Unobserved).unwrap();
-    to_file(&outcome, &image.geometry, &Provenance::default())
+    let outcome = job::run(image, params, &mut Unobserved).unwrap();
+    to_file(&outcome, outcome.simplices().unwrap())
 }
 
 fn named<const D: usize>(changes: &[Change<D>]) -> Vec<Edit<D>> {
@@ -60,7 +62,7 @@ fn named<const D: usize>(changes: &[Change<D>]) -> Vec<Edit<D>> {
     changes.iter().enumerate().map(edit).collect()
 }
 
-fn edited<const D: usize, M: Measured<D>>(
+fn edited<const D: usize, M: Simplices<D>>(
     file: &MeshFile<M>,
     image: &Image<D>,
     params: &Params<D>,
@@ -81,8 +83,25 @@ where
     )
 }
 
+#[test]
+fn a_mesh_that_is_not_valid_is_refused() {
+    let (image, params) = (image([40, 36]), params(6.0));
+    let good: MeshFile<TriMesh> = made(&image, &params);
+    let change = Change::Remove(9);
+    let refusal = |spoil: fn(&mut TriMesh)| {
+        let mut file = good.clone();
+        spoil(&mut file.mesh);
+        let error = edited(&file, &image, &params, &[change]).unwrap_err();
+        error.to_string()
+    };
+    let inverted = refusal(|mesh| mesh.triangles[3].swap(0, 1));
+    assert!(inverted.contains("flat or inverted"), "{inverted}");
+    let holed = refusal(|mesh| mesh.triangles.truncate(50));
+    assert!(holed.starts_with("mesh: is not valid"), "{holed}");
+}
+
 /// The node nearest to a position in samples.
-fn nearest<const D: usize, M: Measured<D>>(file: &MeshFile<M>, sample: [f64; D]) -> u32 {
+fn nearest<const D: usize, M: Simplices<D>>(file: &MeshFile<M>, sample: [f64; D]) -> u32 {
     let x = world(sample);
     let gap = |n: usize| resolve::square(file.mesh.nodes()[n], x);
     let nodes = 0..file.mesh.nodes().len();
@@ -97,7 +116,7 @@ fn bits<const D: usize>(x: [f64; D]) -> [u64; D] {
 /// bits; with each cell what is stored for it.
 type Far<const D: usize> = (BTreeSet<[u64; D]>, BTreeSet<(Vec<[u64; D]>, Vec<u64>)>);
 
-fn far<const D: usize, M: Measured<D>>(
+fn far<const D: usize, M: Simplices<D>>(
     file: &MeshFile<M>,
     from: &[[f64; D]],
     radius: f64,
@@ -122,7 +141,7 @@ fn far<const D: usize, M: Measured<D>>(
 }
 
 /// Adds, moves (a little and far) and removes atoms, near one another and apart.
-fn edits_stay_local<const D: usize, M: Measured<D>>(dims: [usize; D], d: f64)
+fn edits_stay_local<const D: usize, M: Simplices<D>>(dims: [usize; D], d: f64)
 where
     Space<D>: Meshing<D, Mesh = M>,
 {
@@ -197,21 +216,21 @@ where
     let kept = near(0.0) - near(2.0 * 4.0 * d);
     assert!(kept * 10 < before.mesh.nodes().len(), "{kept}");
 
-    // Valid, as good as before, and on the feature as before.
-    let placed = [before.clone(), file.clone()].map(|file| Placed::new(file, "mesh").unwrap());
+    // Valid, every angle in range, the largest as before, and on the feature as before.
+    let stored = [before.clone(), file.clone()].map(|file| StoredMesh::new(file, "mesh").unwrap());
     let found = check(
-        &placed[1].lattice,
+        &stored[1].lattice,
         [0.0; D],
-        placed[1].extent,
+        stored[1].space.extent,
         BOX_TOLERANCE,
     );
     assert!(found.passed(), "{:?}", found.problems);
     let features = feature::detect(&image, &params.feature_options([1.0; D])).unwrap();
     let reference = Reference::from_features(&features);
-    let [was, is] = placed.map(|placed| {
-        let claimed = placed.feature_faces.as_deref();
-        let fidelity = fidelity(&placed.lattice, &reference, claimed).unwrap();
-        (quality(&placed.lattice), fidelity.claimed.unwrap())
+    let [was, is] = stored.map(|stored| {
+        let claimed = stored.feature_faces.as_deref();
+        let fidelity = fidelity(&stored.lattice, &reference, claimed).unwrap();
+        (quality(&stored.lattice), fidelity.claimed.unwrap())
     });
     println!(
         "{D}-D angles {:.1} to {:.1}, before {:.1} to {:.1}; coverage {:.4}, {:.4}; precision {:.4}, {:.4}; {} of {} cells, {} made room",
@@ -227,12 +246,11 @@ where
         file.mesh.len(),
         summary.made_room,
     );
-    assert!(
-        is.0.smallest_angle.worst > 25.0,
-        "{:?}",
-        is.0.smallest_angle
-    );
-    assert!(is.0.largest_angle.worst < 155.0, "{:?}", is.0.largest_angle);
+    // Measured: 30.7 and 30.0 at least; at most 113.0 after 112.3, and 143.0 after 142.2.
+    let [smallest, largest] = [is.0.smallest_angle, is.0.largest_angle];
+    assert!(smallest.worst > 29.5, "{smallest:?}");
+    let before = was.0.largest_angle.worst;
+    assert!(largest.worst < before + 2.0, "{largest:?} after {before}");
     assert!(is.1.coverage_one > was.1.coverage_one - 0.01);
     assert!(is.1.precision > was.1.precision - 0.01);
 }
@@ -249,7 +267,7 @@ fn edits_in_the_plane_stay_local() {
 }
 
 /// The same atoms by edits and by meshing anew with them.
-fn as_good_as_anew<const D: usize, M: Measured<D>>(dims: [usize; D], d: f64)
+fn as_good_as_anew<const D: usize, M: Simplices<D>>(dims: [usize; D], d: f64)
 where
     Space<D>: Meshing<D, Mesh = M>,
 {
@@ -278,10 +296,10 @@ where
     let features = feature::detect(&image, &with_wells.feature_options([1.0; D])).unwrap();
     let reference = Reference::from_features(&features);
     let [(q, f), (r, g)] = [by_edit, anew].map(|file| {
-        let placed = Placed::new(file, "mesh").unwrap();
-        let claimed = placed.feature_faces.as_deref();
-        let fidelity = fidelity(&placed.lattice, &reference, claimed).unwrap();
-        (quality(&placed.lattice), fidelity.claimed.unwrap())
+        let stored = StoredMesh::new(file, "mesh").unwrap();
+        let claimed = stored.feature_faces.as_deref();
+        let fidelity = fidelity(&stored.lattice, &reference, claimed).unwrap();
+        (quality(&stored.lattice), fidelity.claimed.unwrap())
     });
     let figures = format!(
         "{D}-D edited: angles {:.2} to {:.2}, mean ratio {:.4}, coverage {:.4}; anew: {:.2} to {:.2}, {:.4}, {:.4}",
@@ -320,7 +338,7 @@ fn in_the_plane_edits_are_as_good_as_meshing_anew() {
 }
 
 /// Work on an edit in a small and in a large image.
-fn work<const D: usize, M: Measured<D>>(dims: [usize; D], params: &Params<D>) -> Summary
+fn work<const D: usize, M: Simplices<D>>(dims: [usize; D], params: &Params<D>) -> Summary
 where
     Space<D>: Meshing<D, Mesh = M>,
 {
@@ -376,10 +394,15 @@ fn variable_distances_and_old_meshes() {
     let after = edited(&file, &image, &params, &changes).unwrap();
     assert_eq!(after.summary.notes.len(), 1);
     assert!(settled_of(&after.file).is_some());
-    let placed = Placed::new(after.file.clone(), "mesh").unwrap();
-    let found = check(&placed.lattice, [0.0; 2], placed.extent, BOX_TOLERANCE);
+    let stored = StoredMesh::new(after.file.clone(), "mesh").unwrap();
+    let found = check(
+        &stored.lattice,
+        [0.0; 2],
+        stored.space.extent,
+        BOX_TOLERANCE,
+    );
     assert!(found.passed(), "{:?}", found.problems);
-    let quality = quality(&placed.lattice);
+    let quality = quality(&stored.lattice);
     assert!(
         quality.smallest_angle.worst > 25.0,
         "{:?}",

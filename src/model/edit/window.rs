@@ -83,7 +83,9 @@ impl<const D: usize> Window<D> {
     /// The block's samples of an image; where they lie in the world does not matter any more.
     pub fn cut(&self, image: &Image<D>) -> Image<D> {
         let samples = self.samples(image.dims(), image.as_slice());
-        Image::new(self.dims, samples, Geometry::default())
+        let rows = self.rows(image.dims()).map(|start| start / image.dims()[0]);
+        let missing = rows.filter_map(|row| image.missing.get(row).copied());
+        Image::new(self.dims, samples, Geometry::default()).with_missing(missing.collect())
     }
 
     /// The same of a field.
@@ -96,19 +98,25 @@ impl<const D: usize> Window<D> {
     }
 
     fn samples(&self, dims: [usize; D], samples: &[f32]) -> Vec<f32> {
+        let mut block = Vec::with_capacity(self.dims.iter().product());
+        for start in self.rows(dims) {
+            block.extend_from_slice(&samples[start..start + self.dims[0]]);
+        }
+        block
+    }
+
+    /// Where the block's rows along x begin in the memory of an image of these dims.
+    fn rows(&self, dims: [usize; D]) -> impl Iterator<Item = usize> {
         let rows: usize = self.dims[1..].iter().product();
-        let mut block = Vec::with_capacity(rows * self.dims[0]);
-        for row in 0..rows {
-            let mut rest = row;
+        (0..rows).map(move |mut rest| {
             let (mut start, mut stride) = (self.first[0], dims[0]);
             for k in 1..D {
                 start += (self.first[k] + rest % self.dims[k]) * stride;
                 rest /= self.dims[k];
                 stride *= dims[k];
             }
-            block.extend_from_slice(&samples[start..start + self.dims[0]]);
-        }
-        block
+            start
+        })
     }
 }
 

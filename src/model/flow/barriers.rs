@@ -56,7 +56,7 @@ impl Barriers {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::faceted::marks_of_bits;
+    use crate::mesh::interface::marks_of_bits;
 
     #[test]
     fn labels_have_laws_and_open_ones_do_not_count() {

@@ -14,7 +14,7 @@ use super::sparse::{Matrix, sum};
 use super::system::{Solution, solve};
 use super::wells::Well;
 use crate::error::cause;
-use crate::mesh::graph::{Connection, Graph};
+use crate::mesh::graph::{Connection, Graph, Locator};
 use crate::mesh::poly::dot;
 use crate::{Error, Result};
 
@@ -223,9 +223,10 @@ impl<'a, const D: usize> CellFlow<'a, D> {
     /// [`Error::Flow`] names a well outside the mesh.
     pub fn well_rates(&self, wells: &[Well<D>]) -> Result<Vec<f64>> {
         let mut rates = vec![0.0; self.graph.volume.len()];
+        let locator = Locator::new(self.graph);
         for well in wells {
             well.check()?;
-            let cell = self.graph.cell_at(well.position);
+            let cell = locator.cell_at(well.position);
             let cell = cell.ok_or_else(|| well.outside())?;
             rates[cell] += well.rate;
         }

@@ -214,7 +214,7 @@ fn faults_with_their_own_laws<const D: usize, M: Simplices<D>>() {
     let mut label = vec![0; (D + 1) * mesh.len()];
     for (x, number) in at.into_iter().zip(1..) {
         let marks: Vec<bool> =
-            crate::mesh::faceted::marks_of_bits::<D>(&faces_on(&mesh, |y| y[0] == x)).collect();
+            crate::mesh::interface::marks_of_bits::<D>(&faces_on(&mesh, |y| y[0] == x)).collect();
         (0..marks.len())
             .filter(|&f| marks[f])
             .for_each(|f| label[f] = number);

@@ -3,7 +3,7 @@
 
 use super::{Barriers, ElementFlow, Faults, Rock};
 use crate::mesh::Simplices;
-use crate::mesh::faceted::marks_of_bits;
+use crate::mesh::interface::marks_of_bits;
 
 /// `n` cubes along each axis of a box from the origin to `extent`; inner nodes for which `moves`
 /// holds are shifted by up to `jitter` of a cube.

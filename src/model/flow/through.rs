@@ -4,7 +4,8 @@
 use crate::error::cause;
 use crate::files::vtk::DataArray;
 use crate::job::{Meshing, Space};
-use crate::mesh::graph::Graph;
+use crate::mesh::Simplices;
+use crate::mesh::graph::{Graph, Locator};
 use crate::mesh::poly::PolyMesh;
 use crate::model::flow::report::{Exchange, Fault, Faulted, FlowReport, Range};
 use crate::model::flow::{
@@ -13,10 +14,7 @@ use crate::model::flow::{
 use crate::model::surface::kind::{Kind, kinds};
 use crate::model::surface::stored::{group, horizon_facets};
 use crate::model::surface::{self, select};
-use crate::report::Measured;
-use crate::store::file::Placed;
-use crate::store::stored::Stored;
-use crate::store::{FieldValue, MeshFile};
+use crate::store::{FieldValue, MeshFile, Stored, StoredMesh};
 use crate::{Error, Result};
 
 /// How near a side, in parts of the box, its nodes lie.
@@ -71,14 +69,14 @@ pub struct FaultLaws {
     pub own: Vec<(u32, Faults)>,
 }
 
-/// The barriers on the faces of `placed.physical`. Surfaces have the numbers that they have with
+/// The barriers on the faces of a mesh where its file has it. Surfaces have the numbers that they have with
 /// default options for surfaces, from 1; gaps in them are closed, and crumbs that touch one are part of
 /// it.
 ///
 /// # Errors
 /// [`Error::Flow`] if a law is for a surface that does not exist.
 pub fn barriers<const D: usize, M: Stored<D>>(
-    placed: &Placed<D, M>,
+    stored: &mut StoredMesh<D, M>,
     marks: &[bool],
     laws: &FaultLaws,
 ) -> Result<Barriers> {
@@ -86,7 +84,7 @@ pub fn barriers<const D: usize, M: Stored<D>>(
         min_area: Some(0.0),
         ..surface::Options::default()
     };
-    let surfaces = group(placed, select::marked(&placed.lattice, marks), &options);
+    let surfaces = group(stored, select::marked(&stored.lattice, marks), &options);
     let named = match &laws.standing {
         Standing::Numbered(numbers) => numbers.as_slice(),
         _ => &[],
@@ -105,8 +103,8 @@ pub fn barriers<const D: usize, M: Stored<D>>(
             )));
         }
     }
-    let nodes = placed.lattice.node_positions();
-    let kinds = kinds(&surfaces, nodes, &horizon_facets(placed));
+    let nodes = stored.lattice.nodes();
+    let kinds = kinds(&surfaces, nodes, &horizon_facets(stored));
     let law = |(number, kind): (u32, Kind)| {
         let own = laws.own.iter().find(|own| own.0 == number);
         match own {
@@ -125,7 +123,7 @@ pub fn barriers<const D: usize, M: Stored<D>>(
         })
         .collect();
     labelled.sort_unstable();
-    let label = select::labels_of_faces(&placed.physical, &labelled);
+    let label = stored.in_world(|mesh| select::labels_of_faces(mesh, &labelled));
     Barriers::new(label, (1..).zip(kinds).map(law).collect())
 }
 
@@ -140,22 +138,23 @@ pub struct FlowOutcome<const D: usize, M> {
     pub streamlines: Option<Streamlines<D>>,
 }
 
-/// Flow through triangles or tetrahedra, and `lines` streamlines. `arrays` is the file that `placed`
-/// was read from; its mesh is not looked at.
+/// Flow through triangles or tetrahedra, and `lines` streamlines.
 ///
 /// # Errors
 /// Those of [`ElementFlow`].
-pub fn flow_through_elements<const D: usize, M: Measured<D>>(
-    arrays: MeshFile<M>,
-    placed: &Placed<D, M>,
+pub fn flow_through_elements<const D: usize, M: Simplices<D>>(
+    stored: StoredMesh<D, M>,
     rock: Rock,
     barriers: &Barriers,
     conditions: &Conditions<D>,
     lines: Option<usize>,
 ) -> Result<FlowOutcome<D, M>> {
-    let flow = ElementFlow::new(&placed.physical, barriers, rock)?;
+    let on_sides = on_sides(&stored, &conditions.sides);
+    let (mesh, arrays) = stored.into_file().split();
+    let flow = ElementFlow::new(&mesh, barriers, rock)?;
+    drop(mesh);
     let located = flow.locate(&conditions.wells)?;
-    let (fixed, sides) = fixed(&flow, placed, &conditions.sides);
+    let (fixed, sides) = fixed(&flow, &on_sides);
     let found = flow.solve(&flow.rates(&located), &fixed)?;
 
     let p = &found.pressure;
@@ -202,8 +201,7 @@ pub fn flow_through_elements<const D: usize, M: Measured<D>>(
 /// # Errors
 /// Those of [`CellFlow`].
 pub fn flow_through_cells<const D: usize>(
-    mut file: MeshFile<PolyMesh<D>>,
-    placed: &Placed<D, PolyMesh<D>>,
+    stored: StoredMesh<D, PolyMesh<D>>,
     rock: &Rock,
     barriers: &Barriers,
     conditions: &Conditions<D>,
@@ -212,7 +210,8 @@ pub fn flow_through_cells<const D: usize>(
 where
     Space<D>: Meshing<D>,
 {
-    let graph = Graph::from_poly(&placed.physical);
+    let mut file = stored.into_file();
+    let graph = Graph::from_poly(&file.mesh);
     let flow = CellFlow::with_barriers(&graph, rock, barriers)?;
     let cells = graph.volume.len();
     let sides = &conditions.sides;
@@ -232,13 +231,14 @@ where
     let velocity = flow.velocity(&rates);
     let mut streamlines = None;
     if let Some(count) = lines {
-        let mesh = &placed.physical;
+        let mesh = &file.mesh;
         let inside: Inside<D, <Space<D> as Meshing<D>>::Mesh> =
             Inside::new(mesh, &graph, &rates, &velocity);
         let wells = conditions.wells.iter();
         let positions: Vec<[f64; D]> = wells.clone().map(|well| well.position).collect();
+        let locator = Locator::new(&graph);
         let wells: Vec<(u32, f64)> = wells
-            .filter_map(|well| Some((graph.cell_at(well.position)? as u32, well.rate)))
+            .filter_map(|well| Some((locator.cell_at(well.position)? as u32, well.rate)))
             .collect();
         streamlines = Some(Streamlines::through(&inside, &wells, &positions, count));
     }
@@ -255,24 +255,38 @@ where
     Ok((outcome, flow.angle_error))
 }
 
-/// Nodes with given pressure, and for each of them the side that gives it.
-fn fixed<const D: usize, M: Measured<D>>(
-    flow: &ElementFlow<D, M>,
-    placed: &Placed<D, M>,
+/// A side with its pressure, and which nodes of a mesh lie on it.
+type OnSide = (u8, f64, Vec<bool>);
+
+/// Which nodes lie on the sides whose pressures are given.
+fn on_sides<const D: usize, M: Simplices<D>>(
+    stored: &StoredMesh<D, M>,
     given: &[(u8, f64)],
+) -> Vec<OnSide> {
+    let nodes = stored.lattice.nodes();
+    let found = given.iter().map(|&(side, pressure)| {
+        let axis = usize::from(side / 2);
+        let extent = stored.space.extent[axis];
+        let plane = if side % 2 == 0 { 0.0 } else { extent };
+        let is_on = |x: &[f64; D]| (x[axis] - plane).abs() <= ON_SIDE * extent;
+        (side, pressure, nodes.iter().map(is_on).collect())
+    });
+    found.collect()
+}
+
+/// Nodes with given pressure, and for each of them the side that gives it.
+fn fixed<const D: usize, M: Simplices<D>>(
+    flow: &ElementFlow<D, M>,
+    given: &[OnSide],
 ) -> (Vec<(u32, f64)>, Vec<u8>) {
     let mut taken = vec![false; flow.split.original.len()];
     let (mut fixed, mut sides) = (Vec::new(), Vec::new());
-    for &(side, pressure) in given {
-        let axis = usize::from(side / 2);
-        let extent = placed.extent[axis];
-        let plane = if side % 2 == 0 { 0.0 } else { extent };
-        let off = |i: usize| (placed.lattice.nodes()[i][axis] - plane).abs();
-        for node in flow.nodes_where(|i| off(i) <= ON_SIDE * extent) {
+    for (side, pressure, is_on) in given {
+        for node in flow.nodes_where(|i| is_on[i]) {
             // Where two sides meet, the first holds.
             if !std::mem::replace(&mut taken[node as usize], true) {
-                fixed.push((node, pressure));
-                sides.push(side);
+                fixed.push((node, *pressure));
+                sides.push(*side);
             }
         }
     }
@@ -321,10 +335,10 @@ fn report<const D: usize>(
 }
 
 /// The torn mesh with pressure, velocity, and what crosses faults.
-fn torn_file<const D: usize, M: Measured<D>>(
+fn torn_file<const D: usize, M: Simplices<D>>(
     flow: ElementFlow<D, M>,
     found: Solution,
-    arrays: MeshFile<M>,
+    arrays: MeshFile<()>,
     report: &FlowReport,
 ) -> MeshFile<M> {
     let velocity = in_space(&flow.velocity(&found.pressure));

@@ -59,6 +59,25 @@ impl Frame {
         down: Down,
         velocity: Option<f64>,
     ) -> Result<Self> {
+        let in_time = |unit: &String| matches!(unit.trim(), "ms" | "s");
+        if velocity.is_some() && !units.iter().any(in_time) {
+            return Err(Error::Export(cause(
+                "velocity",
+                "turns two-way time into depth, but no coordinate of the mesh is time",
+                "omit it",
+            )));
+        }
+        if length.is_some()
+            && units
+                .iter()
+                .all(|u| in_time(u) || metres(u.trim()).is_some())
+        {
+            return Err(Error::Export(cause(
+                "unit of length",
+                format!("is given, but the mesh says its own: {}", units.join(", ")),
+                "omit it",
+            )));
+        }
         let mut scale = [length.unwrap_or(1.0); 3];
         for k in 0..3 {
             let unit = units[k].trim();

@@ -4,14 +4,15 @@
 use crate::error::cause;
 use crate::files::vtk::DataArray;
 use crate::image::{Geometry, Image};
-use crate::mesh::TetMesh;
 use crate::mesh::poly::PolyMesh;
+use crate::mesh::{Mesh, Positions, Simplices, TetMesh};
 use crate::model::columns::{COLUMN, LAYER};
 use crate::model::reservoir::{Down, Frame, Mean, Model, Places, sample};
-use crate::report::Measured;
-use crate::store::AnyMesh;
-use crate::store::file::Placed;
+use crate::store::{AnyMesh, LatticeSpace, StoredMesh};
 use crate::{Error, Result};
+
+/// How far the volume of cells may be from that of the box that they fill, relative to it.
+pub(super) const FILLED: f64 = 1e-6;
 
 /// Where a mesh's coordinates are in metres and depth.
 #[derive(Debug, Clone, PartialEq)]
@@ -69,45 +70,100 @@ struct Parts {
     dims: [f64; 3],
     box_volume: f64,
     features_known: bool,
+    cell_data: Vec<DataArray>,
 }
 
-/// Cells of simplices, in the file's coordinates, their sides known.
-fn simplices<const D: usize, M: Measured<D>>(
-    placed: &Placed<D, M>,
-    cell_data: &[DataArray],
+/// A mesh that no model can be made of.
+fn refuse(place: &str, problem: String) -> Error {
+    let remedy = "give a mesh that passes the checker: mesh the image again";
+    Error::Mesh(cause(place, problem, remedy))
+}
+
+/// Simplices as polyhedra or polygons, in the file's coordinates, their sides known.
+fn as_cells<const D: usize, M: Simplices<D>>(
+    stored: &StoredMesh<D, M>,
+    place: &str,
 ) -> Result<PolyMesh<D>> {
-    let bits = placed.feature_faces.as_deref().unwrap_or(&[]);
-    let region = cell_data.iter().find(|array| array.name == "region");
-    let region: Vec<i32> = match region {
-        Some(array) => array.values.to_i64().iter().map(|&r| r as i32).collect(),
-        None => Vec::new(),
+    let cells = 0..stored.lattice.len();
+    let sound = |&c: &usize| stored.lattice.volume(c) > 0.0;
+    if let Some(cell) = cells.clone().find(|c| !sound(c)) {
+        let problem = format!("number {cell} of its {} is flat or inverted", M::CELLS);
+        return Err(refuse(place, problem));
+    }
+    let bits = stored.feature_faces.as_deref().unwrap_or(&[]);
+    let region = stored.regions().unwrap_or_default();
+    let mut mesh = PolyMesh::from_simplices(&stored.lattice, bits, &region)?;
+    mesh.assign_sides([0.0; D], stored.space.extent);
+    let sites = mesh.sites.iter().map(|&x| stored.space.to_world(x));
+    let mut world = Positions {
+        nodes: stored.world.nodes.clone(),
+        sites: sites.collect(),
     };
-    let mut mesh = PolyMesh::from_simplices(&placed.lattice, bits, &region)?;
-    mesh.assign_sides([0.0; D], placed.extent);
-    let (geometry, step) = (&placed.geometry, placed.step);
-    let physical = |p: [f64; D]| geometry.to_physical(std::array::from_fn(|k| p[k] / step[k]));
-    let mut mesh = mesh.mapped(physical, geometry.determinant() < 0.0);
-    mesh.nodes = placed.physical.nodes().to_vec();
+    mesh.exchange(&mut world, stored.space.is_mirrored());
     Ok(mesh)
 }
 
-fn parts<const D: usize, M>(
-    placed: &Placed<D, M>,
-    mesh: PolyMesh<3>,
-    thickness: f64,
-    features_known: bool,
-) -> Parts {
-    let samples: [f64; D] = std::array::from_fn(|k| placed.extent[k] / placed.step[k]);
-    let volume = samples.iter().product::<f64>() * placed.geometry.determinant().abs();
-    let dim = |k: usize| samples.get(k).map_or(1.0, |n| n + 1.0);
-    Parts {
-        mesh,
-        tets: None,
-        triangles: None,
-        geometry: placed.geometry.in_space(),
-        dims: std::array::from_fn(dim),
-        box_volume: volume * if D == 2 { thickness } else { 1.0 },
-        features_known,
+impl Parts {
+    fn new<const D: usize>(
+        mesh: PolyMesh<3>,
+        space: &LatticeSpace<D>,
+        thickness: f64,
+        features_known: bool,
+        cell_data: Vec<DataArray>,
+    ) -> Self {
+        let samples: [f64; D] = std::array::from_fn(|k| space.extent[k] / space.step[k]);
+        let volume = samples.iter().product::<f64>() * space.geometry.determinant().abs();
+        let dim = |k: usize| samples.get(k).map_or(1.0, |n| n + 1.0);
+        Self {
+            mesh,
+            tets: None,
+            triangles: None,
+            geometry: space.geometry.in_space(),
+            dims: std::array::from_fn(dim),
+            box_volume: volume * if D == 2 { thickness } else { 1.0 },
+            features_known,
+            cell_data,
+        }
+    }
+
+    /// Of a mesh of any kind of cells; those of the plane become prisms.
+    fn of(file: AnyMesh, place: &str, thickness: f64) -> Result<Self> {
+        Ok(match file {
+            AnyMesh::Space(file) => {
+                let stored = StoredMesh::new(file, place)?;
+                let (mesh, known) = (as_cells(&stored, place)?, stored.feature_faces.is_some());
+                let space = stored.space.clone();
+                let (tets, arrays) = stored.into_file().split();
+                Self {
+                    tets: Some(tets),
+                    ..Self::new(mesh, &space, thickness, known, arrays.cell_data)
+                }
+            }
+            AnyMesh::Plane(file) => {
+                let stored = StoredMesh::new(file, place)?;
+                let (mesh, known) = (as_cells(&stored, place)?, stored.feature_faces.is_some());
+                let mesh = mesh.extruded(thickness);
+                let space = stored.space.clone();
+                let (triangles, arrays) = stored.into_file().split();
+                Self {
+                    triangles: Some(triangles.triangles),
+                    ..Self::new(mesh, &space, thickness, known, arrays.cell_data)
+                }
+            }
+            AnyMesh::SpaceCells(file) => {
+                let stored = StoredMesh::new(file, place)?;
+                let space = stored.space.clone();
+                let (mesh, arrays) = stored.into_file().split();
+                Self::new(mesh, &space, thickness, true, arrays.cell_data)
+            }
+            AnyMesh::PlaneCells(file) => {
+                let stored = StoredMesh::new(file, place)?;
+                let space = stored.space.clone();
+                let (mesh, arrays) = stored.into_file().split();
+                let mesh = mesh.extruded(thickness);
+                Self::new(mesh, &space, thickness, true, arrays.cell_data)
+            }
+        })
     }
 }
 
@@ -117,39 +173,8 @@ impl Prepared {
     /// # Errors
     /// [`Error::Mesh`] for a mesh that makes no sense, [`Error::Export`] for units that do not.
     pub fn new(file: AnyMesh, place: &str, placement: &Placement) -> Result<Self> {
-        let thickness = placement.thickness;
-        let (cell_data, parts) = match file {
-            AnyMesh::Space(file) => {
-                let cell_data = file.cell_data.clone();
-                let placed = Placed::new(file, place)?;
-                let mesh = simplices(&placed, &cell_data)?;
-                let known = placed.feature_faces.is_some();
-                let parts = parts(&placed, mesh, thickness, known);
-                let tets = Some(placed.physical);
-                (cell_data, Parts { tets, ..parts })
-            }
-            AnyMesh::Plane(file) => {
-                let cell_data = file.cell_data.clone();
-                let placed = Placed::new(file, place)?;
-                let mesh = simplices(&placed, &cell_data)?.extruded(thickness);
-                let known = placed.feature_faces.is_some();
-                let parts = parts(&placed, mesh, thickness, known);
-                let triangles = Some(placed.physical.triangles);
-                (cell_data, Parts { triangles, ..parts })
-            }
-            AnyMesh::SpaceCells(file) => {
-                let cell_data = file.cell_data.clone();
-                let mut placed = Placed::cells(file, place)?;
-                let mesh = std::mem::take(&mut placed.physical);
-                (cell_data, parts(&placed, mesh, thickness, true))
-            }
-            AnyMesh::PlaneCells(file) => {
-                let cell_data = file.cell_data.clone();
-                let placed = Placed::cells(file, place)?;
-                let mesh = placed.physical.extruded(thickness);
-                (cell_data, parts(&placed, mesh, thickness, true))
-            }
-        };
+        let parts = Parts::of(file, place, placement.thickness)?;
+        let cell_data = parts.cell_data;
         let Placement {
             length,
             down,
@@ -185,9 +210,25 @@ impl Prepared {
         let columns = cell_data.iter();
         let columns = columns.filter(|a| [COLUMN, LAYER].contains(&a.name.as_str()));
         model.properties.extend(columns.cloned());
+        let box_volume = box_volume * frame.volume_of_unit();
+        let mut filled = 0.0;
+        for (cell, &volume) in model.graph.volume.iter().enumerate() {
+            if !(volume > 0.0 && volume.is_finite()) {
+                let problem = format!("cell {cell} has the volume {volume:e} m^3");
+                return Err(refuse(place, problem));
+            }
+            filled += volume;
+        }
+        if filled > (1.0 + FILLED) * box_volume {
+            let problem = format!(
+                "some of its cells overlap: they fill {:.4} times their box",
+                filled / box_volume
+            );
+            return Err(refuse(place, problem));
+        }
         Ok(Self {
             model,
-            box_volume: box_volume * frame.volume_of_unit(),
+            box_volume,
             frame,
             cell_data,
             features_known: parts.features_known,

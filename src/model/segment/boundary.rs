@@ -1,10 +1,10 @@
 //! The boundary between object and background as a surface (a curve in the plane), smoothed.
 
-use crate::mesh::faceted::Faceted;
+use crate::mesh::Mesh;
 
 /// The facets between cells of label 1 and cells of label 0, turned out of the object. `cells` are
-/// those of [`Faceted::cells_of_faces`]. Where the object touches the side of the box there is none.
-pub fn between<const D: usize, F: Faceted<D>>(
+/// those of [`Mesh::cells_of_faces`]. Where the object touches the side of the box there is none.
+pub fn between<const D: usize, F: Mesh<D>>(
     mesh: &F,
     cells: &[[u32; 2]],
     labels: &[u8],

@@ -5,6 +5,8 @@
 //! Capacities are whole numbers, so that saturated is saturated and the same cut comes out on every
 //! machine. Nodes and arcs lie in two flat arrays; the arcs of a node are next to each other.
 
+use crate::error::{Error, Result, cause};
+
 /// No node.
 const NOBODY: u32 = u32::MAX;
 /// As a node's parent: it is in no tree.
@@ -13,6 +15,10 @@ const FREE: u32 = u32::MAX;
 const TERMINAL: u32 = u32::MAX - 1;
 /// As a node's parent: cut off, and still to be adopted.
 const ORPHAN: u32 = u32::MAX - 2;
+
+/// Most nodes, and most links, which are two arcs each: their numbers are below the words above.
+const MOST_NODES: u64 = ORPHAN as u64 - 1;
+const MOST_LINKS: u64 = ORPHAN as u64 / 2;
 
 /// One direction of a link.
 #[derive(Debug, Clone, Copy)]
@@ -63,8 +69,12 @@ impl Network {
     /// Nodes with links of equal capacity in both directions. `links` calls its argument with the two
     /// nodes and the capacity of each link, and is run twice: once to count, once to fill.
     ///
-    /// There can be at most 2^30 links, and what leaves any node must be below 2^30.
-    pub fn new(count: usize, links: impl Fn(&mut dyn FnMut(u32, u32, i32))) -> Self {
+    /// What leaves any node must be below 2^30.
+    ///
+    /// # Errors
+    /// [`Error::Job`] if there are 2^32 nodes or 2^31 links, or nearly so.
+    pub fn new(count: usize, links: impl Fn(&mut dyn FnMut(u32, u32, i32))) -> Result<Self> {
+        refuse_too_many(count as u64, 0)?;
         let node = Node {
             first: 0,
             parent: FREE,
@@ -75,10 +85,15 @@ impl Network {
             waits: false,
         };
         let mut nodes = vec![node; count + 1];
+        let mut sum = 0u64;
         links(&mut |a, b, _| {
-            nodes[a as usize].first += 1;
-            nodes[b as usize].first += 1;
+            sum += 1;
+            for node in [a, b] {
+                let arcs = &mut nodes[node as usize].first;
+                *arcs = arcs.wrapping_add(1);
+            }
         });
+        refuse_too_many(count as u64, sum)?;
         // Ends first; filling from the back turns them into beginnings.
         let mut end = 0;
         for node in &mut nodes {
@@ -109,7 +124,7 @@ impl Network {
                 residual: capacity,
             };
         });
-        Self {
+        Ok(Self {
             nodes,
             arcs,
             flow: 0,
@@ -118,7 +133,7 @@ impl Network {
             at: 0,
             later: Vec::new(),
             orphans: std::collections::VecDeque::new(),
-        }
+        })
     }
 
     /// Adds capacities from the source to a node and from it to the sink; what they have in common
@@ -398,6 +413,26 @@ impl Network {
     }
 }
 
+/// Refuses a network whose nodes or arcs could not be numbered.
+///
+/// # Errors
+/// [`Error::Job`] that says how many there are and may be.
+pub(super) fn refuse_too_many(nodes: u64, links: u64) -> Result<()> {
+    for (count, most, what) in [
+        (nodes, MOST_NODES, "cells or samples"),
+        (links, MOST_LINKS, "faces between them"),
+    ] {
+        if count > most {
+            return Err(Error::Job(cause(
+                "segmentation",
+                format!("has {count} {what}, more than the {most} that a cut can have"),
+                "cut out a part of the image, or take every other sample",
+            )));
+        }
+    }
+    Ok(())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -422,7 +457,8 @@ mod tests {
     fn network(terminals: &[[i32; 2]], links: &[(u32, u32, i32)]) -> Network {
         let mut network = Network::new(terminals.len(), |add| {
             links.iter().for_each(|&(a, b, c)| add(a, b, c));
-        });
+        })
+        .unwrap();
         for (node, t) in (0..).zip(terminals) {
             network.add_terminal(node, t[0], t[1]);
         }
@@ -450,6 +486,20 @@ mod tests {
             let cut = links.iter().filter(|(a, b, _)| side(*a) != side(*b)).map(|link| link.2);
             prop_assert_eq!(flow, own.chain(cut).map(i64::from).sum::<i64>());
         }
+    }
+
+    #[test]
+    fn more_nodes_or_links_than_can_be_numbered_are_refused() {
+        assert!(refuse_too_many(MOST_NODES, MOST_LINKS).is_ok());
+        // The last arc of the largest network has a number that is none of the words.
+        assert!(2 * MOST_LINKS - 1 < u64::from(ORPHAN));
+        for (nodes, links) in [(MOST_NODES + 1, 0), (1 << 32, 0), (7, MOST_LINKS + 1)] {
+            let error = refuse_too_many(nodes, links).unwrap_err().to_string();
+            let most = if links == 0 { MOST_NODES } else { MOST_LINKS };
+            assert!(error.contains(&format!("more than the {most} ")), "{error}");
+        }
+        let error = Network::new(1 << 32, |_| panic!("links are asked for")).unwrap_err();
+        assert!(error.to_string().contains("4294967296 cells"), "{error}");
     }
 
     #[test]

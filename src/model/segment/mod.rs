@@ -20,7 +20,7 @@ pub mod superpixels;
 
 use crate::Result;
 use crate::image::Image;
-use crate::model::surface::cells::Cells;
+use crate::model::surface::adjacency::Adjacency;
 use costs::{Costs, Regions};
 use maxflow::Network;
 
@@ -68,7 +68,7 @@ pub struct Segmentation {
 /// # Errors
 /// [`Error::Job`](crate::Error::Job) if there are no seeds, or one cell is of both kinds.
 pub fn cut_cells<const D: usize>(
-    cells: &Cells<D>,
+    cells: &Adjacency<D>,
     values: &[f32],
     seeds: &Seeds,
     options: &Options,
@@ -117,6 +117,7 @@ fn cut(
     seeds: &Seeds,
     options: &Options,
 ) -> Result<Segmentation> {
+    maxflow::refuse_too_many(values.len() as u64, 0)?;
     let regions = Regions::new(values, seeds)?;
     let costs = Costs::new(values, links, options);
     let mut network = Network::new(values.len(), |add| {
@@ -124,7 +125,7 @@ fn cut(
             let [p, q] = [a, b].map(|i| values[i as usize]);
             add(a, b, costs.capacity(area * costs.boundary(p, q)));
         });
-    });
+    })?;
     let mut is_seed = vec![false; values.len()];
     for (cells, is_object) in [(&seeds.object, true), (&seeds.background, false)] {
         for &cell in cells {

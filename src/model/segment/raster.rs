@@ -2,8 +2,8 @@
 
 use rayon::prelude::*;
 
+use crate::mesh::Mesh;
 use crate::mesh::complex::NONE;
-use crate::mesh::faceted::Faceted;
 
 /// How far a sample may be beyond a face and still be in the cell, in samples: rounding.
 const SLACK: f64 = 1e-6;
@@ -17,8 +17,8 @@ struct Cell<const D: usize> {
 }
 
 /// For each sample (x fastest) the cell of a mesh in lattice space that it lies in, of several the
-/// first; [`NONE`] outside all. `cells` are those of [`Faceted::cells_of_faces`].
-pub fn cells_of_samples<const D: usize, F: Faceted<D>>(
+/// first; [`NONE`] outside all. `cells` are those of [`Mesh::cells_of_faces`].
+pub fn cells_of_samples<const D: usize, F: Mesh<D>>(
     mesh: &F,
     cells: &[[u32; 2]],
     dims: [usize; D],
@@ -59,13 +59,13 @@ fn whole(low: f64, high: f64, n: usize) -> std::ops::Range<usize> {
 }
 
 /// Half spaces and boxes in units of samples.
-fn shapes<const D: usize, F: Faceted<D>>(
+fn shapes<const D: usize, F: Mesh<D>>(
     mesh: &F,
     cells: &[[u32; 2]],
     step: [f64; D],
 ) -> Vec<Cell<D>> {
     let nodes: Vec<[f64; D]> = mesh
-        .node_positions()
+        .nodes()
         .par_iter()
         .map(|p| std::array::from_fn(|k| p[k] / step[k]))
         .collect();

@@ -2,9 +2,9 @@
 
 use super::raster::cells_of_samples;
 use crate::image::Image;
+use crate::mesh::Mesh;
 use crate::mesh::complex::NONE;
-use crate::mesh::faceted::Faceted;
-use crate::model::surface::cells::Cells;
+use crate::model::surface::adjacency::Adjacency;
 
 /// The cells of a mesh as parts of an image.
 #[derive(Debug, Clone, PartialEq)]
@@ -18,10 +18,10 @@ pub struct Superpixels {
 
 impl Superpixels {
     /// Of a mesh in lattice space, samples being `step` apart; `cells` are its own, and `across`
-    /// those of [`Faceted::cells_of_faces`].
-    pub fn new<const D: usize, F: Faceted<D>>(
+    /// those of [`Mesh::cells_of_faces`].
+    pub fn new<const D: usize, F: Mesh<D>>(
         mesh: &F,
-        cells: &Cells<D>,
+        cells: &Adjacency<D>,
         across: &[[u32; 2]],
         image: &Image<D>,
         step: [f64; D],
@@ -85,13 +85,13 @@ mod tests {
         Image::new(dims, samples.collect(), Geometry::default())
     }
 
-    fn superpixels<const D: usize, F: Faceted<D>>(
+    fn superpixels<const D: usize, F: Mesh<D>>(
         mesh: &F,
         image: &Image<D>,
         step: [f64; D],
     ) -> Superpixels {
         let across = mesh.cells_of_faces().unwrap();
-        let cells = Cells::new(mesh, &across, &[]);
+        let cells = Adjacency::new(mesh, &across, &[]);
         Superpixels::new(mesh, &cells, &across, image, step)
     }
 

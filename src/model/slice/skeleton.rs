@@ -1,21 +1,17 @@
 //! The faces of a mesh, each once, and where they meet a plane. It makes no difference what the
 //! cells are: a cell's section is bounded by the sections of its faces.
 
-use crate::files::vtk::Values;
 use crate::image::Geometry;
-use crate::mesh::poly::PolyMesh;
-use crate::report::Measured;
-use crate::store::MeshFile;
+use crate::mesh::poly::Lists;
+use crate::store::{MeshFile, Stored};
 
 /// The faces of a mesh (edges, in the plane), with nodes in sample indices.
 #[derive(Debug, Clone, Default)]
 pub struct Skeleton<const D: usize> {
     /// Node positions in sample indices, x first.
     pub nodes: Vec<[f64; D]>,
-    /// The nodes of each face, face after face, in order round it.
-    pub corners: Vec<u32>,
-    /// Where each face ends in `corners`.
-    pub ends: Vec<u32>,
+    /// The nodes of each face, in order round it.
+    pub faces: Lists,
     /// Whether each face lies on a feature.
     pub marked: Vec<bool>,
 }
@@ -26,54 +22,23 @@ type Segment<const D: usize> = [[f64; D]; 2];
 impl<const D: usize> Skeleton<D> {
     /// Of a mesh file (physical coordinates) in the sample indices of an image; faces that the file
     /// says lie on features are marked. `None` if the image's axes do not span space.
-    pub fn new<M: Measured<D>>(file: &MeshFile<M>, geometry: &Geometry<D>) -> Option<Self> {
+    pub fn new<M: Stored<D>>(file: &MeshFile<M>, geometry: &Geometry<D>) -> Option<Self> {
         let mesh = &file.mesh;
         let index = |&x: &[f64; D]| geometry.to_index(x);
         let nodes = mesh.nodes().iter().map(index).collect::<Option<_>>()?;
-        let bits = file.cell_data.iter().find(|a| a.name == M::FEATURE_FACES);
-        let bits = match bits.map(|array| &array.values) {
-            Some(Values::U8(bits)) => bits.as_slice(),
-            _ => &[],
-        };
-        let mut faces: Vec<([u32; D], bool)> = Vec::with_capacity(mesh.connectivity().len());
-        for cell in 0..mesh.len() {
-            for k in 0..=D {
-                let mut face = mesh.face(cell, k);
-                face.sort_unstable();
-                let marked = bits.get(cell).is_some_and(|b| b >> k & 1 == 1);
-                faces.push((face, !marked));
-            }
-        }
-        // Of the two sides of a face, one that is marked comes first.
-        faces.sort_unstable();
-        faces.dedup_by_key(|(face, _)| *face);
+        let marks = mesh.marks(M::feature_faces(file, false).as_deref());
+        let (faces, marked) = mesh.faces_once(&marks.unwrap_or_default());
         Some(Self {
             nodes,
-            corners: faces.iter().flat_map(|(face, _)| *face).collect(),
-            ends: (1..=faces.len() as u32).map(|f| D as u32 * f).collect(),
-            marked: faces.iter().map(|(_, unmarked)| !unmarked).collect(),
-        })
-    }
-
-    /// Of a file of polyhedra or polygons, likewise.
-    pub fn of_cells(file: &MeshFile<PolyMesh<D>>, geometry: &Geometry<D>) -> Option<Self> {
-        let mesh = &file.mesh;
-        let index = |&x: &[f64; D]| geometry.to_index(x);
-        Some(Self {
-            nodes: mesh.nodes.iter().map(index).collect::<Option<_>>()?,
-            corners: mesh.faces.items.clone(),
-            ends: mesh.faces.offsets[1..].to_vec(),
-            marked: mesh.on_feature.clone(),
+            faces,
+            marked,
         })
     }
 
     /// The faces, each as its nodes' positions and whether it is marked.
     fn faces(&self) -> impl Iterator<Item = (&[u32], bool)> {
-        let starts = std::iter::once(0).chain(self.ends.iter().copied());
-        starts
-            .zip(&self.ends)
-            .map(|(from, &to)| &self.corners[from as usize..to as usize])
-            .zip(self.marked.iter().copied())
+        let numbered = self.marked.iter().enumerate();
+        numbered.map(|(face, &marked)| (self.faces.get(face), marked))
     }
 }
 

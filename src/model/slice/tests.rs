@@ -1,5 +1,6 @@
 use super::*;
 use crate::files::vtk::DataArray;
+use crate::mesh::poly::Lists;
 use crate::mesh::poly::{PolyMesh, SIDE_0};
 use crate::mesh::{TetMesh, TriMesh};
 use crate::store::MeshFile;
@@ -62,8 +63,10 @@ fn polygons_are_cut_as_triangles_are() {
     // One square face, upright on the plane z = 0.5.
     let skeleton = Skeleton::<3> {
         nodes: vec![[0.0; 3], [4.0, 0.0, 0.0], [4.0, 0.0, 1.0], [0.0, 0.0, 1.0]],
-        corners: vec![0, 1, 2, 3],
-        ends: vec![4],
+        faces: Lists {
+            offsets: vec![0, 4],
+            items: vec![0, 1, 2, 3],
+        },
         marked: vec![true],
     };
     let found: Vec<_> = skeleton.section(2, 0.5).collect();
@@ -119,7 +122,7 @@ fn cells_are_drawn_as_simplices_are() {
     mesh.faces.push([1, 0]);
     mesh.faces.push([0, 2]);
     let geometry = Geometry::with_spacing([0.0; 2], [2.0; 2]);
-    let skeleton = Skeleton::of_cells(&file(mesh, "none", vec![]), &geometry).unwrap();
+    let skeleton = Skeleton::new(&file(mesh, "none", vec![]), &geometry).unwrap();
     let edges: Vec<_> = skeleton.edges().collect();
     assert_eq!(edges[0], ([[2.0, 4.0], [2.0, 0.0]], true));
     assert_eq!(edges[1], ([[2.0, 0.0], [0.0, 0.0]], false));

@@ -13,9 +13,9 @@
 //! - [`kind`]: faults and horizons
 //! - [`stored`]: the surfaces of a mesh that a file holds
 //! - [`measure`](mod@measure): area, orientation, extent, rim
-//! - [`cells`]: cells and the faces between them
+//! - [`adjacency`]: cells and the faces between them
 
-pub mod cells;
+pub mod adjacency;
 pub mod facets;
 pub mod fill;
 pub mod kind;

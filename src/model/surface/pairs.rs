@@ -211,8 +211,7 @@ pub fn across_gaps<const D: usize>(
         .map(|&s| cores.outward(facets, s as usize))
         .collect();
     let sizes: Vec<f64> = rim.iter().map(|&s| facets.size(s as usize / D)).collect();
-    let largest = sizes.iter().copied().fold(0.0, f64::max);
-    let grid = Grid::new(&middles, (reach * largest).max(f64::MIN_POSITIVE));
+    let classes = Classes::new(&middles, &sizes, reach);
     let bent = (1.0 - straight * straight).sqrt();
     let found: Vec<Option<Vote>> = (0..rim.len())
         .into_par_iter()
@@ -220,11 +219,17 @@ pub fn across_gaps<const D: usize>(
             let f = rim[i] as usize / D;
             let normal = cores.normals[f];
             let mut best: Option<(f64, usize)> = None;
-            grid.visit(middles[i], |j| {
+            classes.visit(middles[i], sizes[i], |j| {
                 let g = rim[j] as usize / D;
                 let to = sub(middles[j], middles[i]);
                 let far = norm(to);
                 let size = 0.5 * (sizes[i] + sizes[j]);
+                let nearest = best.is_none_or(|(least, other)| {
+                    far < least || far == least && classes.before(&middles, j, other)
+                });
+                if far >= reach * size || !nearest || cores.core[f] == cores.core[g] {
+                    return;
+                }
                 let flat = |n: [f64; D]| dot(to, n).abs() < bent * far;
                 // Between the larger faces of Voronoi cells there are tiny ones, turned anyhow.
                 let onward = if far < TINY * size {
@@ -235,12 +240,7 @@ pub fn across_gaps<const D: usize>(
                         && flat(normal)
                         && flat(cores.normals[g])
                 };
-                if cores.core[f] != cores.core[g]
-                    && far < reach * size
-                    && best.is_none_or(|(least, _)| far < least)
-                    && dot(normal, cores.normals[g]).abs() > straight
-                    && onward
-                {
+                if dot(normal, cores.normals[g]).abs() > straight && onward {
                     best = Some((far, j));
                 }
             });
@@ -255,6 +255,57 @@ pub fn across_gaps<const D: usize>(
         })
         .collect();
     found.into_iter().flatten().collect()
+}
+
+/// Points of sides by the sizes of their facets, so that few are looked at which are too far for theirs:
+/// the largest facet of a mesh of Voronoi cells is many times as large as most.
+struct Classes<const D: usize> {
+    reach: f64,
+    /// Of each class the largest size, its points, and their numbers.
+    classes: Vec<(f64, Grid<D>, Vec<usize>)>,
+    /// Cells as wide as the widest gap: of points equally far, the one that comes first in their order
+    /// is taken.
+    coarse: Grid<D>,
+}
+
+impl<const D: usize> Classes<D> {
+    fn new(points: &[[f64; D]], sizes: &[f64], reach: f64) -> Self {
+        let cell = |size: f64| (reach * size).max(f64::MIN_POSITIVE);
+        let largest = sizes.iter().copied().fold(0.0, f64::max);
+        let mean = sizes.iter().sum::<f64>() / sizes.len().max(1) as f64;
+        // The mean size and those up to twice as large, four times, and so on.
+        let class = |size: f64| (size / mean).log2().ceil().max(0.0) as usize;
+        let mut members: Vec<Vec<usize>> = Vec::new();
+        for (i, &size) in sizes.iter().enumerate() {
+            let class = class(size);
+            members.resize_with(members.len().max(class + 1), Vec::new);
+            members[class].push(i);
+        }
+        let classes = members.into_iter().filter(|members| !members.is_empty());
+        let classes = classes.map(|members| {
+            let most = members.iter().map(|&i| sizes[i]).fold(0.0, f64::max);
+            let own: Vec<[f64; D]> = members.iter().map(|&i| points[i]).collect();
+            (most, Grid::new(&own, cell(most)), members)
+        });
+        Self {
+            reach,
+            classes: classes.collect(),
+            coarse: Grid::new(points, cell(largest)),
+        }
+    }
+
+    /// Every point within reach of one that belongs to a facet of this size, and some that are not.
+    fn visit(&self, at: [f64; D], size: f64, mut visit: impl FnMut(usize)) {
+        for (most, grid, members) in &self.classes {
+            let radius = self.reach * 0.5 * (size + most);
+            grid.visit_within(at, radius, |n| visit(members[n]));
+        }
+    }
+
+    /// Whether of two points as far the first is to be taken.
+    fn before(&self, points: &[[f64; D]], i: usize, j: usize) -> bool {
+        (self.coarse.cell_of(points[i]), i) < (self.coarse.cell_of(points[j]), j)
+    }
 }
 
 /// A gap narrower than this part of a facet's size has no direction.
@@ -305,13 +356,13 @@ pub fn across_crossings<const D: usize>(
         .collect();
     // Near a crossing facets lie askew: planes are fitted to more than those.
     let wide = 2.0 * reach;
-    let grid = Grid::new(&middles, wide);
+    let grid = Grid::labelled(&middles, |f| surface[f], wide);
     let patches: Vec<Patch<D>> = (rim.par_iter().zip(&ends))
         .map(|(&side, &end)| {
             let f = side / D;
             let (mut centre, mut normal, mut area) = ([0.0; D], [0.0; D], 0.0);
-            grid.visit(end, |g| {
-                if surface[g] == surface[f] && norm(sub(middles[g], end)) < wide {
+            grid.visit_labelled(end, surface[f], |g| {
+                if norm(sub(middles[g], end)) < wide {
                     let own = norm(facets.normal(g));
                     area += own;
                     centre = add_scaled(centre, own, middles[g]);
@@ -336,15 +387,18 @@ pub fn across_crossings<const D: usize>(
             let (own, here) = (surface[rim[i] / D], &patches[i]);
             let mut best: Option<(f64, usize)> = None;
             grid.visit(ends[i], |j| {
-                let there = &patches[j];
                 let to = sub(ends[j], ends[i]);
                 let far = norm(to);
+                if surface[rim[j] / D] == own
+                    || far >= reach
+                    || best.is_some_and(|(least, _)| far >= least)
+                {
+                    return;
+                }
+                let there = &patches[j];
                 let across = sub(there.centre, here.centre);
                 let off = (OFF * norm(across)).max(BLUR * size);
-                if surface[rim[j] / D] != own
-                    && far < reach
-                    && best.is_none_or(|(least, _)| far < least)
-                    && dot(to, here.outward) >= 0.5 * far
+                if dot(to, here.outward) >= 0.5 * far
                     && -dot(to, there.outward) >= 0.5 * far
                     && dot(here.normal, there.normal).abs() > SAME_PLANE
                     && dot(across, here.normal).abs() < off

@@ -5,14 +5,14 @@ use rayon::prelude::*;
 use crate::feature::symmetric::{eigenvalues, eigenvector};
 use crate::geometry::{add_scaled, dot, norm, normal};
 use crate::image::Field;
-use crate::mesh::faceted::Faceted;
+use crate::mesh::Mesh;
 
 /// Faces that one task looks at.
 const CHUNK: usize = 1 << 14;
 
 /// Every facet of a mesh for which `wanted(number of its face, nodes ascending)` holds, once, nodes
 /// ascending.
-pub fn facets_where<const D: usize, F: Faceted<D>>(
+pub fn facets_where<const D: usize, F: Mesh<D>>(
     mesh: &F,
     wanted: impl Fn(usize, &[u32; D]) -> bool + Sync,
 ) -> Vec<[u32; D]> {
@@ -38,14 +38,14 @@ pub fn facets_where<const D: usize, F: Faceted<D>>(
 }
 
 /// The facets of marked faces: `marks` by number of face.
-pub fn marked<const D: usize, F: Faceted<D>>(mesh: &F, marks: &[bool]) -> Vec<[u32; D]> {
+pub fn marked<const D: usize, F: Mesh<D>>(mesh: &F, marks: &[bool]) -> Vec<[u32; D]> {
     facets_where(mesh, |face, _| marks[face])
 }
 
 /// The facets not in `taken` (sorted) whose nodes are all nodes of facets in it: where gaps may be
 /// closed.
-pub fn spanned<const D: usize, F: Faceted<D>>(mesh: &F, taken: &[[u32; D]]) -> Vec<[u32; D]> {
-    let mut on = vec![false; mesh.node_positions().len()];
+pub fn spanned<const D: usize, F: Mesh<D>>(mesh: &F, taken: &[[u32; D]]) -> Vec<[u32; D]> {
+    let mut on = vec![false; mesh.nodes().len()];
     for &n in taken.as_flattened() {
         on[n as usize] = true;
     }
@@ -56,11 +56,11 @@ pub fn spanned<const D: usize, F: Faceted<D>>(mesh: &F, taken: &[[u32; D]]) -> V
 
 /// A label for each face of a mesh: that of the first of its facets that is in `labelled` (nodes
 /// ascending, sorted), else 0.
-pub fn labels_of_faces<const D: usize, F: Faceted<D>>(
+pub fn labels_of_faces<const D: usize, F: Mesh<D>>(
     mesh: &F,
     labelled: &[([u32; D], u32)],
 ) -> Vec<u32> {
-    let mut on = vec![false; mesh.node_positions().len()];
+    let mut on = vec![false; mesh.nodes().len()];
     for &n in labelled.iter().flat_map(|(facet, _)| facet) {
         on[n as usize] = true;
     }
@@ -84,14 +84,14 @@ pub fn labels_of_faces<const D: usize, F: Faceted<D>>(
 /// is the valley, of width `sigma` (Hale 2002: d / 4).
 ///
 /// Mesh and potential in one space.
-pub fn in_valleys<const D: usize, F: Faceted<D>>(
+pub fn in_valleys<const D: usize, F: Mesh<D>>(
     mesh: &F,
     potential: &Field<D>,
     sigma: f64,
     depth: f64,
     along: f64,
 ) -> Vec<[u32; D]> {
-    let nodes = mesh.node_positions();
+    let nodes = mesh.nodes();
     let deep: Vec<bool> = (nodes.par_iter())
         .map(|&x| potential.value(x) <= -depth)
         .collect();

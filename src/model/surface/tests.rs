@@ -1,10 +1,10 @@
-use super::cells::{Cells, holding, skin};
+use super::adjacency::{Adjacency, holding, skin};
 use super::measure::Up;
 use super::*;
 use crate::geometry;
 use crate::geometry::{dot, norm, normal};
+use crate::mesh::Mesh;
 use crate::mesh::Simplices;
-use crate::mesh::faceted::Faceted;
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::voronoi::voronoi_plane;
 use crate::mesh::{TetMesh, TriMesh};
@@ -336,26 +336,26 @@ fn cubes<const D: usize, M: Simplices<D>>(dims: [usize; D]) -> M {
 }
 
 /// Facets in the plane where coordinate `axis` is `at`, unless `left_out`.
-fn plane<const D: usize, F: Faceted<D>>(
+fn plane<const D: usize, F: Mesh<D>>(
     mesh: &F,
     axis: usize,
     at: f64,
     left_out: impl Fn([f64; D]) -> bool + Sync,
 ) -> Vec<[u32; D]> {
     select::facets_where(mesh, |_, facet| {
-        let x = facet.map(|n| mesh.node_positions()[n as usize]);
+        let x = facet.map(|n| mesh.nodes()[n as usize]);
         let centroid = std::array::from_fn(|k| x.iter().map(|x| x[k]).sum::<f64>() / D as f64);
         x.iter().all(|p| p[axis] == at) && !left_out(centroid)
     })
 }
 
 /// The cells of a mesh parted by facets.
-fn cells<const D: usize, F: Faceted<D>>(mesh: &F, closed: &[[u32; D]]) -> Cells<D> {
-    Cells::new(mesh, &mesh.cells_of_faces().unwrap(), closed)
+fn cells<const D: usize, F: Mesh<D>>(mesh: &F, closed: &[[u32; D]]) -> Adjacency<D> {
+    Adjacency::new(mesh, &mesh.cells_of_faces().unwrap(), closed)
 }
 
 /// The cell that holds a point.
-fn at<const D: usize, F: Faceted<D>>(mesh: &F, x: [f64; D]) -> u32 {
+fn at<const D: usize, F: Mesh<D>>(mesh: &F, x: [f64; D]) -> u32 {
     holding(mesh, &mesh.cells_of_faces().unwrap(), x).unwrap()
 }
 
@@ -387,7 +387,7 @@ fn cells_know_their_volumes_and_doors() {
 }
 
 /// Paint in three layers as thick as this, with a crack between two of them.
-fn paint_fills_its_layer<const D: usize, F: Faceted<D>>(mesh: &F, thick: f64) {
+fn paint_fills_its_layer<const D: usize, F: Mesh<D>>(mesh: &F, thick: f64) {
     let up = D - 1;
     let crack = |x: [f64; D]| (0..up).all(|k| (x[k] - 6.5).abs() < 0.5);
     let mut closed = plane(mesh, up, thick, |_| false);
@@ -529,7 +529,7 @@ fn contrast_holds_paint_back() {
     );
 }
 
-fn skins_hold_their_volume<const D: usize, F: Faceted<D>>(mesh: &F) {
+fn skins_hold_their_volume<const D: usize, F: Mesh<D>>(mesh: &F) {
     let volumes = mesh.cell_volumes();
     let regions: Vec<u32> = (0..volumes.len()).map(|c| u32::from(c % 60 < 24)).collect();
     let across = mesh.cells_of_faces().unwrap();
@@ -537,7 +537,7 @@ fn skins_hold_their_volume<const D: usize, F: Faceted<D>>(mesh: &F) {
         let skin = skin(mesh, &across, &regions, region);
         // The divergence theorem: the flux of x is D volumes.
         let flux = |f: &[u32; D]| {
-            let x = f.map(|n| mesh.node_positions()[n as usize]);
+            let x = f.map(|n| mesh.nodes()[n as usize]);
             dot(normal(&x), x[0])
         };
         let enclosed = skin.iter().map(flux).sum::<f64>() / D as f64;
@@ -559,7 +559,7 @@ fn the_skin_of_a_region_is_closed_and_holds_its_volume() {
 /// Faces of all kinds of cells know by number what their facets are labelled.
 #[test]
 fn labels_come_back_to_the_faces_they_were_given() {
-    fn check<const D: usize, F: Faceted<D>>(mesh: &F, numbers: usize) {
+    fn check<const D: usize, F: Mesh<D>>(mesh: &F, numbers: usize) {
         let wall = plane(mesh, 0, 2.0, |_| false);
         let labelled: Vec<([u32; D], u32)> = wall.iter().map(|&f| (f, 7)).collect();
         let labels = select::labels_of_faces(mesh, &labelled);
@@ -607,9 +607,9 @@ mod meshed {
     use crate::feature::{self, Features};
     use crate::image::synth::{self, Kind};
     use crate::image::{Geometry, Image};
-    use crate::job::{Outcome, Params, Spacing, mesh_image};
+    use crate::job::{self, Outcome, Params, Spacing};
     use crate::lattice::optimize::Unobserved;
-    use crate::mesh::faceted::marks_of_bits;
+    use crate::mesh::interface::marks_of_bits;
 
     fn image(dims: [usize; 3], value: impl Fn([f64; 3]) -> f64) -> Image<3> {
         let [nx, ny, _] = dims;
@@ -618,28 +618,34 @@ mod meshed {
         Image::new(dims, samples.collect(), Geometry::default())
     }
 
-    fn mesh(image: &Image<3>, kind: feature::Kind, d: f64) -> Outcome {
+    fn mesh(image: &Image<3>, kind: feature::FeatureKind, d: f64) -> Outcome {
         let params = Params {
             spacing: Spacing::Constant(d),
             feature: kind,
             ..Params::default()
         };
-        mesh_image(image, &params, &mut Unobserved).unwrap()
+        job::run(image, &params, &mut Unobserved).unwrap()
     }
 
     fn marked(outcome: &Outcome) -> Vec<[u32; 3]> {
-        let marks: Vec<bool> = marks_of_bits::<3>(&outcome.feature_faces).collect();
-        select::marked(&outcome.mesh, &marks)
+        let marks: Vec<bool> =
+            marks_of_bits::<3>(&outcome.simplices().unwrap().feature_faces).collect();
+        select::marked(&outcome.simplices().unwrap().mesh, &marks)
     }
 
     fn group(outcome: &Outcome, min_area: Option<f64>) -> Surfaces<3> {
         let faces = marked(outcome);
-        let candidates = select::spanned(&outcome.mesh, &faces);
+        let candidates = select::spanned(&outcome.simplices().unwrap().mesh, &faces);
         let options = Options {
             min_area,
             ..Options::default()
         };
-        Surfaces::find(&outcome.mesh.nodes, faces, &candidates, &options)
+        Surfaces::find(
+            &outcome.simplices().unwrap().mesh.nodes,
+            faces,
+            &candidates,
+            &options,
+        )
     }
 
     /// Area of the plane n.x = c in the box: over the two axes along which it is steepest.
@@ -667,9 +673,14 @@ mod meshed {
                 ..synth::Options::default()
             };
             let made = synth::make(kind, &options).unwrap();
-            let outcome = mesh(&made.image, feature::Kind::Ridges, 6.0);
+            let outcome = mesh(&made.image, feature::FeatureKind::Ridges, 6.0);
             let surfaces = group(&outcome, None);
-            let found = measure(&surfaces, &outcome.mesh.nodes, &Up::along(0, true), &[]);
+            let found = measure(
+                &surfaces,
+                &outcome.simplices().unwrap().mesh.nodes,
+                &Up::along(0, true),
+                &[],
+            );
             assert_eq!(found.len(), 3, "{kind:?} {seed}: {found:#?}");
             let truth = &made.truth;
             let [nx, ny, _] = truth.dims;
@@ -715,7 +726,13 @@ mod meshed {
             let Features {
                 potential, sigma, ..
             } = &outcome.features;
-            let by_image = select::in_valleys(&outcome.mesh, potential, *sigma, 0.6, 0.82);
+            let by_image = select::in_valleys(
+                &outcome.simplices().unwrap().mesh,
+                potential,
+                *sigma,
+                0.6,
+                0.82,
+            );
             let marked = marked(&outcome);
             let both = by_image
                 .iter()
@@ -738,11 +755,11 @@ mod meshed {
     fn painted_units_have_their_volume_and_do_not_leak() {
         let dims = [72, 60, 52];
         let image = image(dims, |x| f64::from(unit(x)));
-        let outcome = mesh(&image, feature::Kind::Labels, 6.0);
+        let outcome = mesh(&image, feature::FeatureKind::Labels, 6.0);
         let mut closed = group(&outcome, Some(0.0)).facets;
         closed.iter_mut().for_each(|f| f.sort_unstable());
         closed.sort_unstable();
-        let cells = cells(&outcome.mesh, &closed);
+        let cells = cells(&outcome.simplices().unwrap().mesh, &closed);
         let (block, count) = blocks(&cells, 0.3, 24);
         assert_eq!(count, 6);
         let cost: Vec<f64> = cells.links.iter().map(|l| cells.resistance(l)).collect();
@@ -770,7 +787,7 @@ mod meshed {
             let seed = [x, y, 25.3];
             let want = unit(seed);
             let seeds = [Seed {
-                cell: at(&outcome.mesh, seed),
+                cell: at(&outcome.simplices().unwrap().mesh, seed),
                 unit: want,
             }];
             let (painted, _) = flow(&cells, &block, &cost, &seeds, f64::INFINITY);
@@ -801,12 +818,12 @@ mod meshed {
             &image([40, 36, 32], |x| {
                 f64::from(u8::from(x[0] + 0.3 * x[1] > 25.0))
             }),
-            feature::Kind::Labels,
+            feature::FeatureKind::Labels,
             6.0,
         );
         let run = || {
             let surfaces = group(&outcome, None);
-            let cells = cells(&outcome.mesh, &surfaces.facets);
+            let cells = cells(&outcome.simplices().unwrap().mesh, &surfaces.facets);
             (surfaces, blocks(&cells, 0.3, 10))
         };
         let one = rayon::ThreadPoolBuilder::new()

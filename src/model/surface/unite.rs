@@ -1,7 +1,7 @@
 //! From pieces and votes to surfaces.
 
 use std::cmp::Reverse;
-use std::collections::{BTreeMap, BinaryHeap};
+use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
 
 use super::facets::Facets;
 use super::pairs::Vote;
@@ -77,6 +77,98 @@ struct Sum {
     ridges: u32,
 }
 
+impl Sum {
+    /// By how much what is for it outweighs what is against it.
+    fn net(self) -> i64 {
+        i64::from(self.favour) - 2 * i64::from(self.against)
+    }
+
+    /// The longest rim of the smaller surface for which the ridges are enough.
+    fn longest_rim(self) -> u32 {
+        match self.ridges {
+            few @ 0..ENOUGH => 4 * few,
+            many => many.saturating_mul(10),
+        }
+    }
+
+    /// Whether there are enough ridges to unite surfaces `a` and `b`.
+    fn enough(self, a: u32, b: u32, rims: &[u32]) -> bool {
+        self.ridges > 0 && rims[a as usize].min(rims[b as usize]) <= self.longest_rim()
+    }
+}
+
+/// Two surfaces, the smaller number first, by what speaks for one; the best is the greatest.
+type Pair = (i64, Reverse<(u32, u32)>);
+
+/// Pairs of surfaces that may become one.
+///
+/// A surface that grows may have very many neighbours, so that not all of its pairs can be looked at
+/// whenever it grows: only those whose votes have changed, those that its shorter rim lets pass now,
+/// and those that were refused for how it faced.
+struct Pairs {
+    queue: BinaryHeap<Pair>,
+    /// For each surface, its pairs with too few ridges: the length to which a rim must shrink, and the
+    /// other surface. What is no more so is found out when its turn comes.
+    waiting: Vec<BTreeSet<(u32, u32)>>,
+    /// For each surface, others that face elsewhere.
+    refused: Vec<BTreeSet<u32>>,
+}
+
+impl Pairs {
+    fn new(count: usize) -> Self {
+        Self {
+            queue: BinaryHeap::new(),
+            waiting: vec![BTreeSet::new(); count],
+            refused: vec![BTreeSet::new(); count],
+        }
+    }
+
+    /// Queues a pair, or lets it wait for a shorter rim.
+    fn put(&mut self, votes: Sum, a: u32, b: u32, rims: &[u32]) {
+        if votes.net() < 0 {
+            return;
+        }
+        if votes.enough(a, b, rims) {
+            self.queue
+                .push((votes.net(), Reverse((a.min(b), a.max(b)))));
+        } else {
+            self.wait(votes, a, b);
+        }
+    }
+
+    fn wait(&mut self, votes: Sum, a: u32, b: u32) {
+        if votes.ridges > 0 {
+            self.waiting[a as usize].insert((votes.longest_rim(), b));
+            self.waiting[b as usize].insert((votes.longest_rim(), a));
+        }
+    }
+
+    fn refuse(&mut self, (_, Reverse((a, b))): Pair) {
+        self.refused[a as usize].insert(b);
+        self.refused[b as usize].insert(a);
+    }
+
+    /// Looks again at the pairs of surface `a`, which surface `b` has become part of.
+    fn look_again(&mut self, a: u32, b: u32, near: &BTreeMap<u32, Sum>, rims: &[u32]) {
+        // Those of b are pairs of a now, and have been put anew.
+        self.waiting[b as usize].clear();
+        self.refused[b as usize].clear();
+        let mut again = std::mem::take(&mut self.refused[a as usize]);
+        let waiting = &mut self.waiting[a as usize];
+        while let Some(&(longest, c)) = waiting.last()
+            && rims[a as usize] <= longest
+        {
+            waiting.pop_last();
+            again.insert(c);
+        }
+        for c in again {
+            if let Some(&votes) = near.get(&c) {
+                self.put(votes, a, c, rims);
+            }
+        }
+    }
+}
+
 /// Unites pieces that continue each other, best founded first, and gives the surface of each piece
 /// and the number of surfaces.
 ///
@@ -106,33 +198,29 @@ pub fn unite<const D: usize>(
             sum.ridges += u32::from(vote.favour > 0);
         }
     }
-    let rank = |sum: Sum, a: u32, b: u32, rims: &[u32]| {
-        let small = rims[a as usize].min(rims[b as usize]);
-        let enough = sum.ridges >= ENOUGH.min(small.div_ceil(4)).max(small.div_ceil(10)).max(1);
-        let net = i64::from(sum.favour) - 2 * i64::from(sum.against);
-        (enough && net >= 0).then_some((net, Reverse((a.min(b), a.max(b)))))
-    };
-    let mut queue: BinaryHeap<_> = (0..rims.len() as u32)
-        .flat_map(|a| {
-            near[a as usize]
-                .range(a + 1..)
-                .map(move |(&b, &n)| (a, b, n))
-        })
-        .filter_map(|(a, b, n)| rank(n, a, b, &rims))
-        .collect();
-    while let Some((net, Reverse((a, b)))) = queue.pop() {
-        let now = near[a as usize].get(&b).copied();
+    let mut pairs = Pairs::new(rims.len());
+    for a in 0..rims.len() as u32 {
+        for (&b, &sum) in near[a as usize].range(a + 1..) {
+            pairs.put(sum, a, b, &rims);
+        }
+    }
+    while let Some(pair @ (net, Reverse((a, b)))) = pairs.queue.pop() {
         // What has changed since it was queued was queued again.
-        let Some(votes) = now.filter(|&n| rank(n, a, b, &rims) == Some((net, Reverse((a, b)))))
-        else {
+        let Some(&votes) = near[a as usize].get(&b).filter(|votes| votes.net() == net) else {
             continue;
         };
+        if !votes.enough(a, b, &rims) {
+            pairs.wait(votes, a, b);
+            continue;
+        }
         let crumb = rims[a as usize].min(rims[b as usize]) < CRUMB;
         if !crumb && facing[a as usize].differs(&facing[b as usize]) {
+            pairs.refuse(pair);
             continue;
         }
         sets.unite(a, b);
         let [kept, gone] = [a, b].map(|i| i as usize);
+        rims[kept] = (rims[kept] + rims[gone]).saturating_sub(2 * votes.ridges);
         near[kept].remove(&b);
         for (c, votes) in std::mem::take(&mut near[gone]) {
             near[c as usize].remove(&b);
@@ -143,15 +231,12 @@ pub fn unite<const D: usize>(
                     sum.against += votes.against;
                     sum.ridges += votes.ridges;
                 }
+                pairs.put(near[kept][&c], a, c, &rims);
             }
         }
         let other = facing[gone];
         facing[kept].add(&other);
-        rims[kept] = (rims[kept] + rims[gone]).saturating_sub(2 * votes.ridges);
-        let again = near[kept]
-            .iter()
-            .filter_map(|(&c, &n)| rank(n, a, c, &rims));
-        queue.extend(again);
+        pairs.look_again(a, b, &near[kept], &rims);
     }
     sets.numbered()
 }
@@ -215,6 +300,82 @@ mod tests {
             unite(&[40; 3], unknown(3), &votes(&list)),
             (vec![0, 0, 1], 2)
         );
+    }
+
+    /// What [`unite`] says it does, word for word: all pairs are looked at again after each union.
+    fn plainly(rims: &[u32], facing: Vec<Facing<3>>, votes: &[Vote]) -> (Vec<u32>, usize) {
+        let (mut rims, mut facing, mut sets) = (rims.to_vec(), facing, Sets::new(rims.len()));
+        let mut sums: BTreeMap<(u32, u32), Sum> = BTreeMap::new();
+        for vote in votes {
+            let sum = sums.entry(vote.pieces.into()).or_default();
+            sum.favour += vote.favour;
+            sum.against += vote.against;
+            sum.ridges += u32::from(vote.favour > 0);
+        }
+        loop {
+            let may = |(&(a, b), &sum): (&(u32, u32), &Sum)| {
+                let [p, q] = [a, b].map(|i| i as usize);
+                let small = rims[p].min(rims[q]);
+                let enough = ENOUGH.min(small.div_ceil(4)).max(small.div_ceil(10)).max(1);
+                let apart = small >= CRUMB && facing[p].differs(&facing[q]);
+                (sum.ridges >= enough && sum.net() >= 0 && !apart)
+                    .then_some((sum.net(), Reverse((a, b))))
+            };
+            let Some((_, Reverse((a, b)))) = sums.iter().filter_map(may).max() else {
+                return sets.numbered();
+            };
+            sets.unite(a, b);
+            let [kept, gone] = [a, b].map(|i| i as usize);
+            let votes = sums.remove(&(a, b)).unwrap_or_default();
+            for ((p, q), votes) in std::mem::take(&mut sums) {
+                let [p, q] = [p, q].map(|i| if i == b { a } else { i });
+                let sum = sums.entry((p.min(q), p.max(q))).or_default();
+                sum.favour += votes.favour;
+                sum.against += votes.against;
+                sum.ridges += votes.ridges;
+            }
+            let other = facing[gone];
+            facing[kept].add(&other);
+            rims[kept] = (rims[kept] + rims[gone]).saturating_sub(2 * votes.ridges);
+        }
+    }
+
+    #[test]
+    fn no_pair_is_forgotten_however_surfaces_grow() {
+        let mut state = 5u32;
+        let mut random = |below: u32| {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 8) % below
+        };
+        let mut united = 0;
+        for round in 0..300 {
+            let count = 30 + random(20);
+            let rims: Vec<u32> = (0..count).map(|_| 1 + random(60)).collect();
+            let facing: Vec<Facing<3>> = (0..count)
+                .map(|_| {
+                    let n: [f64; 3] = std::array::from_fn(|_| f64::from(random(3)));
+                    let round = f64::from(random(2));
+                    let mut all = outer(n, n);
+                    (0..3).for_each(|k| all[k][k] += round);
+                    Facing(all)
+                })
+                .collect();
+            let votes: Vec<Vote> = (0..6 * count)
+                .filter_map(|_| {
+                    let (a, b) = (random(count), random(1 + round % 40).min(count - 1));
+                    let against = random(4) == 0;
+                    (a != b).then_some(Vote {
+                        pieces: [a.min(b), a.max(b)],
+                        favour: if against { 0 } else { 1 + random(FULL) },
+                        against: if against { FULL / 2 } else { 0 },
+                    })
+                })
+                .collect();
+            let got = unite(&rims, facing.clone(), &votes);
+            assert_eq!(got, plainly(&rims, facing, &votes), "{round}");
+            united += count as usize - got.1;
+        }
+        assert!(united > 1000, "{united}");
     }
 
     #[test]

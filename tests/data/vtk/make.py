@@ -48,6 +48,8 @@ VARIANTS = [
     ("raw", "zlib", 32, "le"),
     ("raw", "zlib", 64, "le"),
     ("raw", "lz4", 64, "le"),
+    ("inline", "lz4", 32, "be"),
+    ("base64", "lzma", 64, "le"),
 ]
 
 for mode, compressor, header, order in VARIANTS:
@@ -68,8 +70,10 @@ for mode, compressor, header, order in VARIANTS:
             writer.SetCompressorTypeToNone()
         elif compressor == "zlib":
             writer.SetCompressorTypeToZLib()
-        else:
+        elif compressor == "lz4":
             writer.SetCompressorTypeToLZ4()
+        else:
+            writer.SetCompressorTypeToLZMA()
         if header == 64:
             writer.SetHeaderTypeToUInt64()
         else:
@@ -77,3 +81,71 @@ for mode, compressor, header, order in VARIANTS:
         if order == "be":
             writer.SetByteOrderToBigEndian()
         writer.Write()
+
+
+def cells(kind):
+    """Two cells: tetrahedra, polyhedra, or a triangle beside a quadrilateral in the plane."""
+    data = vtk.vtkUnstructuredGrid()
+    points = vtk.vtkPoints()
+    points.SetDataTypeToDouble()
+    corners = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)]
+    if kind == "polygons":
+        corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (2, 0.5, 0)]
+    for x, y, z in corners:
+        points.InsertNextPoint(612345.678 + x, y, z)
+    data.SetPoints(points)
+    if kind == "polygons":
+        data.InsertNextCell(vtk.VTK_QUAD, 4, [0, 1, 2, 3])
+        data.InsertNextCell(vtk.VTK_TRIANGLE, 3, [1, 4, 2])
+    for a, b, c, d in [] if kind == "polygons" else [(0, 1, 2, 3), (1, 2, 3, 4)]:
+        if kind == "tets":
+            data.InsertNextCell(vtk.VTK_TETRA, 4, [a, b, c, d])
+            continue
+        # Out of the cell, whichever way round its nodes are.
+        faces = [(a, c, b), (a, b, d), (b, c, d), (a, d, c)]
+        faces = [face if (a, b, c, d) == (0, 1, 2, 3) else face[::-1] for face in faces]
+        ids = vtk.vtkIdList()
+        for n in [len(faces)] + [n for face in faces for n in (3,) + face]:
+            ids.InsertNextId(n)
+        data.InsertNextCell(vtk.VTK_POLYHEDRON, ids)
+    rock = vtk.vtkLongLongArray()
+    rock.SetName("rock type")
+    for value in [5, -7]:
+        rock.InsertNextValue(value)
+    data.GetCellData().AddArray(rock)
+    for values, name, target in [
+        (np.arange(5, dtype=np.float32) / 4, "height", data.GetPointData()),
+        (np.array([2.5, 3.5]), "TimeValue", data.GetFieldData()),
+    ]:
+        array = numpy_to_vtk(values, deep=1)
+        array.SetName(name)
+        target.AddArray(array)
+    return data
+
+
+for binary in [False, True]:
+    name = "binary" if binary else "ascii"
+    pairs = [(f"legacy_{name}.vtk", image(), vtk.vtkStructuredPointsWriter())]
+    for kind in ["tets", "polyhedra", "polygons"]:
+        pairs.append((f"legacy_{kind}_{name}.vtk", cells(kind), vtk.vtkUnstructuredGridWriter()))
+    for path, data, writer in pairs:
+        writer.SetInputData(data)
+        writer.SetFileName(path)
+        if binary:
+            writer.SetFileTypeToBinary()
+        else:
+            # Also as programs of before VTK 9 write it.
+            writer.SetFileVersion(42)
+        writer.Write()
+        if path == f"legacy_{name}.vtk":
+            # VTK rounds to six digits here; other programs do not.
+            with open(path, "rb") as file:
+                content = file.read()
+            with open(path, "wb") as file:
+                file.write(content.replace(b"ORIGIN 612346 ", b"ORIGIN 612345.678 "))
+
+for kind in ["polyhedra", "polygons"]:
+    writer = vtk.vtkXMLUnstructuredGridWriter()
+    writer.SetInputData(cells(kind))
+    writer.SetFileName(f"{kind}.vtu")
+    writer.Write()

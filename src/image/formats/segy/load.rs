@@ -60,7 +60,8 @@ impl Survey {
             .or(self.doubtful_floats()?);
         let dims = [samples, crosslines, grid.inline.count as usize];
         self.notes.extend(doubts);
-        Ok(Image::new(dims, out, self.geometry.clone()))
+        let missing = grid.trace.iter().map(|&trace| trace == MISSING).collect();
+        Ok(Image::new(dims, out, self.geometry.clone()).with_missing(missing))
     }
 
     /// A warning if a file that claims IBM floats seems to hold IEEE ones, a frequent mistake. An

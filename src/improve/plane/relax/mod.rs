@@ -17,6 +17,7 @@ use crate::image::Field;
 use crate::mesh::TriMesh;
 use crate::mesh::delaunay::delaunay_plane;
 use crate::mesh::tri::{SIDES, area2, squared_sides};
+use crate::observer::Patience;
 
 /// Where a node goes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -75,7 +76,7 @@ pub struct Round {
 const HALVINGS: usize = 4;
 
 /// The Delaunay triangulation of points, once smoothed. `mobility` says which coordinates of each may
-/// change: 1 for free, 0 for held.
+/// change: 1 for free, 0 for held. When `patience` is over, the others stay where they are.
 ///
 /// # Errors
 /// Those of [`delaunay_plane`].
@@ -83,6 +84,7 @@ pub fn relax(
     mut points: Vec<[f64; 2]>,
     mobility: &[[f64; 2]],
     relaxation: &Relaxation<2>,
+    mut patience: Patience<'_>,
 ) -> Result<(TriMesh, Vec<Round>)> {
     let mut mesh = delaunay_plane(&points)?;
     let mut rounds = Vec::with_capacity(relaxation.rounds);
@@ -94,7 +96,7 @@ pub fn relax(
         };
         let stars = Stars::new(&mesh);
         for node in 0..points.len() {
-            if mobility[node] != [0.0; 2] {
+            if !patience.over() && mobility[node] != [0.0; 2] {
                 let star = stars.of(node);
                 round.moved += usize::from(relaxation.step(&mut mesh, node, star, mobility[node]));
             }

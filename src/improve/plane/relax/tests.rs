@@ -1,5 +1,5 @@
 use super::*;
-use crate::feature::canny::steepness;
+use crate::feature::steepness::steepness;
 use crate::feature::volume::Volume;
 use crate::lattice::AtomKind;
 use crate::lattice::seeding::Atoms;
@@ -109,7 +109,13 @@ fn random_points_become_centroids_of_their_triangles() {
             weight: weight(field(|_| 0.0)),
             rounds: 200,
         };
-        let (mesh, rounds) = relax(atoms.positions.clone(), &mobility, &relaxation).unwrap();
+        let (mesh, rounds) = relax(
+            atoms.positions.clone(),
+            &mobility,
+            &relaxation,
+            Patience::endless(),
+        )
+        .unwrap();
         // Moves lower the energy, and so do the flips between them.
         for round in &rounds {
             assert!(round.after < round.before || round.moved == 0);
@@ -173,7 +179,13 @@ fn with_an_image_the_energy_falls_and_the_mesh_stays_valid() {
             weight: weight_of_a_disc(),
             rounds: ROUNDS,
         };
-        let (mesh, rounds) = relax(atoms.positions.clone(), &mobility, &relaxation).unwrap();
+        let (mesh, rounds) = relax(
+            atoms.positions.clone(),
+            &mobility,
+            &relaxation,
+            Patience::endless(),
+        )
+        .unwrap();
         assert_eq!(rounds.len(), ROUNDS);
         for round in &rounds {
             assert!(round.after < round.before && round.moved > 100, "{round:?}");

@@ -15,8 +15,8 @@ use super::order::sort_by_curve;
 use super::{Alignment, Atoms, fixed, sides_held};
 use crate::error::{Error, Result, cause};
 use crate::feature::FeaturePoint;
+use crate::feature::by_sample::BySample;
 use crate::feature::crossing::Candidate;
-use crate::feature::grid::Grid;
 use crate::feature::symmetric::{Matrix, eigenvalues};
 use crate::feature::volume::Volume;
 use crate::image::Field;
@@ -146,7 +146,7 @@ fn thinned<const D: usize>(
     };
     let mut candidates: Vec<Candidate<D>> = points.iter().map(candidate).collect();
     candidates.sort_by_key(|c| c.voxel);
-    let grid = Grid::new(dims, &candidates);
+    let grid = BySample::new(dims, &candidates);
     let mut kept = Vec::new();
     for c in &candidates {
         let at = grid.coordinates(c);
@@ -162,7 +162,7 @@ fn thinned<const D: usize>(
 }
 
 /// How far from a feature point others are left out, in samples: formulas 1, 2, 22 and 23.
-fn radius<const D: usize>(grid: &Grid<'_, D>, centre: &Candidate<D>) -> i32 {
+fn radius<const D: usize>(grid: &BySample<'_, D>, centre: &Candidate<D>) -> i32 {
     let mut spread: Matrix<D> = [[0.0; D]; D];
     grid.each_around(grid.coordinates(centre), window(D), |i| {
         let off: [f64; D] =

@@ -1,5 +1,5 @@
 use super::*;
-use crate::feature::{Features, Kind, Options, detect};
+use crate::feature::{Detection, FeatureKind, Features, detect};
 use crate::image::{Geometry, Image};
 use crate::mesh::check::check;
 use crate::mesh::delaunay::delaunay_plane;
@@ -18,10 +18,10 @@ fn ball<const D: usize>(dims: [usize; D], radius: f64) -> Image<D> {
 }
 
 fn seeds<const D: usize>(image: &Image<D>) -> (Features<D>, Atoms<D>, Distance<D>) {
-    let options = Options {
-        kind: Kind::Canny,
+    let options = Detection {
+        kind: FeatureKind::Canny,
         d_min: closest(D),
-        ..Options::default()
+        ..Detection::default()
     };
     let features = detect(image, &options).unwrap();
     let field = Field {

@@ -1,5 +1,9 @@
 //! Real files, where they are at hand.
 
+#[allow(dead_code, reason = "shared with the black-box tests")]
+#[path = "../../../../../tests/common/skipped.rs"]
+mod skipped;
+
 use std::path::PathBuf;
 
 use super::*;
@@ -13,7 +17,7 @@ fn data(folder: &str) -> Option<PathBuf> {
     );
     let path = root.join(folder);
     if !path.is_dir() {
-        println!("skipped: no {} (set ATOMESH_DATA)", path.display());
+        skipped::no_data(folder);
         return None;
     }
     Some(path)

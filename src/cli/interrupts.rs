@@ -1,0 +1,88 @@
+//! Ctrl-C.
+//!
+//! It ends the process at once, with no file half written, while there is nothing worth keeping: in
+//! every verb but `mesh`, and in `mesh` before atoms move. While they move they stop, and the best
+//! lattice so far becomes a mesh. Later the mesh is written as far as it has come, if that takes no
+//! longer than [`QUICK`]. Once more, it always ends the process at once.
+
+use std::process::exit;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::Duration;
+
+use crate::error::cause;
+use crate::files::remove_unfinished;
+use crate::observer::Stage;
+use crate::{Error, Result};
+
+/// The exit code of an interrupted process.
+pub const INTERRUPTED: u8 = 130;
+
+/// The longest that an interrupted job goes on once its atoms are at rest.
+const QUICK: Duration = Duration::from_millis(1500);
+
+/// What the interrupt handler and a job tell each other.
+#[derive(Debug, Clone, Default)]
+pub struct Interrupts(Arc<Shared>);
+
+#[derive(Debug, Default)]
+struct Shared {
+    /// There is a lattice worth keeping.
+    lattice: AtomicBool,
+    /// It is at rest.
+    at_rest: AtomicBool,
+    /// The user wants to stop.
+    wanted: AtomicBool,
+}
+
+impl Interrupts {
+    /// From now on Ctrl-C is handled.
+    ///
+    /// # Errors
+    /// [`Error::Job`] if it cannot be.
+    pub fn watch() -> Result<Self> {
+        let state = Self::default();
+        let shared = Arc::clone(&state.0);
+        let installed = ctrlc::set_handler(move || {
+            let again = shared.wanted.swap(true, Ordering::SeqCst);
+            if again || !shared.lattice.load(Ordering::SeqCst) {
+                end();
+            }
+            if shared.at_rest.load(Ordering::SeqCst) {
+                // Beside the handler, which a second Ctrl-C must reach.
+                thread::spawn(|| {
+                    thread::sleep(QUICK);
+                    end();
+                });
+            }
+        });
+        installed.map_err(|e| {
+            Error::Job(cause("interrupt handler", &e, "start the job again")).because(e)
+        })?;
+        Ok(state)
+    }
+
+    /// A stage of `mesh` begins.
+    pub fn stage(&self, stage: Stage) {
+        let Shared {
+            lattice, at_rest, ..
+        } = &*self.0;
+        lattice.store(stage.has_lattice(), Ordering::SeqCst);
+        at_rest.store(
+            stage.has_lattice() && stage > Stage::Optimising,
+            Ordering::SeqCst,
+        );
+    }
+
+    /// Whether the user wants to stop.
+    pub fn wanted(&self) -> bool {
+        self.0.wanted.load(Ordering::SeqCst)
+    }
+}
+
+/// Ends the process with no file half written.
+fn end() -> ! {
+    remove_unfinished();
+    exit(INTERRUPTED.into())
+}

@@ -1,0 +1,193 @@
+//! Candidates by the sample they belong to.
+
+use super::crossing::Candidate;
+
+/// Samples per entry of the index, as a power of two: candidates are sparse, so a short walk through
+/// a segment costs less than an entry for every sample.
+const SEGMENT: u32 = 3;
+
+/// Candidates by the sample they belong to.
+pub struct BySample<'a, const D: usize> {
+    /// Samples along each axis.
+    pub dims: [usize; D],
+    /// In the order of samples.
+    pub candidates: &'a [Candidate<D>],
+    /// Their samples.
+    voxels: Vec<u32>,
+    /// First candidate at or after the first sample of each segment.
+    start: Vec<u32>,
+}
+
+impl<'a, const D: usize> BySample<'a, D> {
+    /// `candidates` must be in the order of samples.
+    pub fn new(dims: [usize; D], candidates: &'a [Candidate<D>]) -> Self {
+        let segments = (dims.iter().product::<usize>() >> SEGMENT) + 1;
+        let mut start = vec![0u32; segments + 1];
+        for c in candidates {
+            start[(c.voxel >> SEGMENT) as usize + 1] += 1;
+        }
+        for i in 0..segments {
+            start[i + 1] += start[i];
+        }
+        Self {
+            dims,
+            candidates,
+            voxels: candidates.iter().map(|c| c.voxel).collect(),
+            start,
+        }
+    }
+
+    /// Sample coordinates of a candidate.
+    #[inline]
+    pub fn coordinates(&self, c: &Candidate<D>) -> [i32; D] {
+        let mut rest = c.voxel as usize;
+        std::array::from_fn(|k| {
+            let i = rest % self.dims[k];
+            rest /= self.dims[k];
+            i as i32
+        })
+    }
+
+    /// Calls `visit` for each candidate of the samples from `at` to `at + (length - 1)` along x that
+    /// are inside the image.
+    #[inline]
+    pub fn each_in_row(&self, at: [i32; D], length: i32, mut visit: impl FnMut(usize)) {
+        let mut row = 0usize;
+        for k in (1..D).rev() {
+            if at[k] < 0 || at[k] as usize >= self.dims[k] {
+                return;
+            }
+            row = (row + at[k] as usize) * self.dims[k - 1];
+        }
+        let (low, high) = (at[0].max(0), (at[0] + length).min(self.dims[0] as i32));
+        if low >= high {
+            return;
+        }
+        let (low, high) = ((row + low as usize) as u32, (row + high as usize) as u32);
+        let first = self.start[(low >> SEGMENT) as usize] as usize;
+        let end = self.start[((high - 1) >> SEGMENT) as usize + 1] as usize;
+        for (i, voxel) in self.voxels[first..end].iter().enumerate() {
+            if (low..high).contains(voxel) {
+                visit(first + i);
+            }
+        }
+    }
+
+    /// Calls `visit` for each candidate of the samples from `at` to `at + (length - 1)` along `axis`
+    /// that are inside the image.
+    #[inline]
+    pub fn each_in_column(
+        &self,
+        at: [i32; D],
+        axis: usize,
+        length: i32,
+        mut visit: impl FnMut(usize),
+    ) {
+        if axis == 0 {
+            return self.each_in_row(at, length, visit);
+        }
+        let (mut stride, mut voxel) = (1, 0);
+        for k in 0..D {
+            if k != axis && (at[k] < 0 || at[k] as usize >= self.dims[k]) {
+                return;
+            }
+            if k < axis {
+                stride *= self.dims[k];
+            }
+        }
+        let (low, high) = (
+            at[axis].max(0),
+            (at[axis] + length).min(self.dims[axis] as i32),
+        );
+        for k in (0..D).rev() {
+            let i = if k == axis { low } else { at[k] };
+            voxel = voxel * self.dims[k] + i.max(0) as usize;
+        }
+        for _ in low..high {
+            let segment = voxel >> SEGMENT;
+            let (first, end) = (
+                self.start[segment] as usize,
+                self.start[segment + 1] as usize,
+            );
+            for (i, v) in self.voxels[first..end].iter().enumerate() {
+                if *v as usize == voxel {
+                    visit(first + i);
+                }
+            }
+            voxel += stride;
+        }
+    }
+
+    /// Calls `visit` for each candidate of the sample at these coordinates, if it is inside.
+    #[inline]
+    pub fn each(&self, at: [i32; D], visit: impl FnMut(usize)) {
+        self.each_in_row(at, 1, visit);
+    }
+
+    /// Calls `visit` for each candidate of the samples at most `reach` away along each axis.
+    #[inline]
+    pub fn each_around(&self, at: [i32; D], reach: i32, mut visit: impl FnMut(usize)) {
+        let side = 2 * reach + 1;
+        let mut row = at;
+        row[0] -= reach;
+        for number in 0..side.pow(D as u32 - 1) {
+            let mut rest = number;
+            for k in 1..D {
+                row[k] = at[k] - reach + rest % side;
+                rest /= side;
+            }
+            self.each_in_row(row, side, &mut visit);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn visits_what_a_search_of_all_finds() {
+        let dims = [13, 7, 5];
+        let candidates: Vec<Candidate<3>> = (0..13 * 7 * 5)
+            .flat_map(|v| std::iter::repeat_n(v, [0, 0, 1, 0, 2, 0, 1][v * 31 % 7]))
+            .map(|v| {
+                let at = [v % 13, v / 13 % 7, v / 91];
+                Candidate::new(dims, at, 0, 0.0, [1.0, 0.0, 0.0], 1.0)
+            })
+            .collect();
+        let grid = BySample::new(dims, &candidates);
+        for z in -2..7 {
+            for y in -2..9 {
+                for x in -2..15 {
+                    for reach in 0..3 {
+                        let mut found = Vec::new();
+                        grid.each_around([x, y, z], reach, |i| found.push(i));
+                        let near = |c: &Candidate<3>| {
+                            let at = grid.coordinates(c);
+                            (0..3).all(|k| (at[k] - [x, y, z][k]).abs() <= reach)
+                        };
+                        let all: Vec<usize> = (0..candidates.len())
+                            .filter(|&i| near(&candidates[i]))
+                            .collect();
+                        assert_eq!(found, all);
+                    }
+                    for axis in 0..3 {
+                        let mut found = Vec::new();
+                        grid.each_in_column([x, y, z], axis, 4, |i| found.push(i));
+                        let within = |c: &Candidate<3>| {
+                            let at = grid.coordinates(c);
+                            (0..3).all(|k| {
+                                let length = if k == axis { 4 } else { 1 };
+                                (0..length).contains(&(at[k] - [x, y, z][k]))
+                            })
+                        };
+                        let all: Vec<usize> = (0..candidates.len())
+                            .filter(|&i| within(&candidates[i]))
+                            .collect();
+                        assert_eq!(found, all);
+                    }
+                }
+            }
+        }
+    }
+}

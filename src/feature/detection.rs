@@ -1,0 +1,238 @@
+//! How features are asked for, and what is refused.
+
+use super::FeatureKind;
+use super::detectors::paths::PathSeeds;
+use super::volume::Volume;
+use crate::error::{Error, Result, cause};
+use crate::image::Image;
+use std::borrow::Cow;
+
+/// How features are detected.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Detection<const D: usize> {
+    /// What a feature is.
+    pub kind: FeatureKind,
+    /// Width (samples) of the Gaussian under which derivatives are taken; by kind if `None`.
+    pub scale: Option<f64>,
+    /// Width (samples) of the structure tensor's window; 4 (horizons) or 12 (faults) if `None`.
+    pub smoothing: Option<f64>,
+    /// Least strength of a feature, in units of the image; from the image itself if `None`.
+    pub threshold: Option<f32>,
+    /// Depths, in (0, 1], of the valleys of faults and of horizons where both are followed.
+    pub weights: [f64; 2],
+    /// What [`FeatureKind::Paths`] knows of the object.
+    pub seeds: PathSeeds<D>,
+    /// The least nominal distance between atoms, in lattice units: what the lattice resolves.
+    pub d_min: f64,
+    /// Lattice-space distance between samples.
+    pub step: [f64; D],
+}
+
+impl<const D: usize> Default for Detection<D> {
+    fn default() -> Self {
+        Self {
+            kind: FeatureKind::Auto,
+            scale: None,
+            smoothing: None,
+            threshold: None,
+            weights: [1.0; 2],
+            seeds: PathSeeds::default(),
+            d_min: 8.0,
+            step: [1.0; D],
+        }
+    }
+}
+
+impl<const D: usize> Detection<D> {
+    /// Features of one kind, for a lattice whose least nominal distance is `d_min`; else as by default.
+    pub fn of(kind: FeatureKind, d_min: f64) -> Self {
+        Self {
+            kind,
+            d_min,
+            ..Self::default()
+        }
+    }
+}
+
+/// The image as detectors take it: its samples finite, and continued where traces are missing.
+///
+/// # Errors
+/// [`Error::Feature`] for impossible wishes, [`Error::Image`] for an image that cannot be searched.
+pub(super) fn checked<'a, const D: usize>(
+    image: &'a Image<D>,
+    asked: &Detection<D>,
+) -> Result<Cow<'a, Image<D>>> {
+    refuse_impossible(asked)?;
+    refuse_too_many(image.dims(), asked.kind)?;
+    let image = image.continued().map_or(Cow::Borrowed(image), Cow::Owned);
+    let samples = image.as_slice();
+    if let Some(i) = first_not_finite(samples) {
+        let volume = Volume::new(image.dims(), samples);
+        return Err(Error::Image(cause(
+            format!("image sample {:?}", volume.coordinates(i)),
+            format!("is {}", samples[i]),
+            "fill missing samples before meshing",
+        )));
+    }
+    Ok(image)
+}
+
+/// Whether all samples of an image are the same.
+pub(super) fn is_constant<const D: usize>(image: &Image<D>) -> bool {
+    let samples = image.as_slice();
+    samples.iter().all(|s| *s == samples[0])
+}
+
+/// Refuses an image that has no features of any kind.
+pub(super) fn refuse_constant<const D: usize>(image: &Image<D>) -> Result<()> {
+    if is_constant(image) {
+        return Err(Error::Image(cause(
+            "image",
+            "is constant, so it has no features",
+            "check that the right file and data type were read",
+        )));
+    }
+    Ok(())
+}
+
+/// Most samples of an image whose features are sought: candidates know theirs by 32 bits.
+const MOST_SAMPLES: u128 = u32::MAX as u128;
+
+/// Refuses an image with more samples than can be numbered. [`FeatureKind::Paths`] numbers them twice.
+fn refuse_too_many<const D: usize>(dims: [usize; D], kind: FeatureKind) -> Result<()> {
+    let samples = dims
+        .iter()
+        .fold(1u128, |all, &n| all.saturating_mul(n as u128));
+    let most = match kind {
+        FeatureKind::Paths => MOST_SAMPLES / 2,
+        _ => MOST_SAMPLES,
+    };
+    if samples <= most && dims.iter().all(|&n| n <= i32::MAX as usize) {
+        return Ok(());
+    }
+    Err(Error::Image(cause(
+        "image",
+        format!("has {samples} samples ({dims:?}); features can be found among {most}"),
+        "mesh a part of it, or take every other sample",
+    )))
+}
+
+/// Refuses wishes that no image can meet.
+fn refuse_impossible<const D: usize>(asked: &Detection<D>) -> Result<()> {
+    let positive = |x: f64| x > 0.0 && x.is_finite();
+    let fail =
+        |what: String, remedy: &str| Err(Error::Feature(cause("feature detection", what, remedy)));
+    if !positive(asked.d_min) {
+        return fail(
+            format!("distance {} is not positive", asked.d_min),
+            "give a few samples",
+        );
+    }
+    if !asked.step.iter().all(|&h| positive(h)) {
+        return fail(
+            format!("step {:?} is not positive", asked.step),
+            "give positive steps",
+        );
+    }
+    for (name, value) in [("scale", asked.scale), ("smoothing", asked.smoothing)] {
+        if let Some(value) = value
+            && !(0.5..=100.0).contains(&value)
+        {
+            return fail(
+                format!("{name} {value} is not in 0.5 .. 100"),
+                "give samples, such as 1.5",
+            );
+        }
+    }
+    if !asked.weights.iter().all(|w| *w > 0.0 && *w <= 1.0) {
+        return fail(
+            format!("weights {:?} are not above 0 and at most 1", asked.weights),
+            "give depths of valleys such as 1 and 0.5",
+        );
+    }
+    if asked.threshold.is_some_and(|t| !t.is_finite()) {
+        return fail(
+            "the threshold is not a finite number".into(),
+            "leave it out to have it chosen",
+        );
+    }
+    Ok(())
+}
+
+/// The first sample that is NaN or infinite.
+fn first_not_finite(samples: &[f32]) -> Option<usize> {
+    // Without a way out of the inner loop it runs on many samples at once.
+    let broken = |chunk: &[f32]| !chunk.iter().fold(true, |all, s| all & s.is_finite());
+    let chunk = samples.chunks(4096).position(broken)? * 4096;
+    let within = samples[chunk..].iter().position(|s| !s.is_finite())?;
+    Some(chunk + within)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::feature::detect;
+    use crate::feature::scenes::{Sheet, ridge_image};
+    use crate::image::Geometry;
+
+    #[test]
+    fn images_whose_samples_cannot_be_numbered_are_refused() {
+        let large = |dims: [usize; 3]| refuse_too_many(dims, FeatureKind::Ridges);
+        // The last candidate's number, and the end of the last row, fit in 32 bits.
+        assert!(large([1 << 16, 1 << 8, (1 << 8) - 1]).is_ok());
+        assert!(large([65_537, 65_535, 1]).is_ok());
+        for dims in [[1 << 16, 1 << 16, 1], [2048, 2048, 1024], [usize::MAX; 3]] {
+            let error = large(dims).unwrap_err().to_string();
+            assert!(error.contains("found among 4294967295"), "{error}");
+        }
+        assert!(large([1 << 31, 1, 1]).is_err(), "an axis counts in 31 bits");
+        // Shortest paths run through two copies of the image.
+        let plane = |n| refuse_too_many([n, 1 << 16], FeatureKind::Paths);
+        assert!(plane((1 << 15) - 1).is_ok() && plane(1 << 15).is_err());
+    }
+
+    #[test]
+    fn bad_input_is_refused_in_one_line() {
+        let (dims, sheets) = ([16, 15, 14], [Sheet::plane([1.0, 0.0, 0.0], [8.0; 3])]);
+        let image = ridge_image(dims, &sheets, 1.5, 0.1);
+        let good = Detection::of(FeatureKind::Ridges, 4.0);
+        let refused = |image: &Image<3>, change: &dyn Fn(&mut Detection<3>), names: &str| {
+            let mut asked = good.clone();
+            change(&mut asked);
+            let message = detect(image, &asked).unwrap_err().to_string();
+            assert!(
+                !message.contains('\n') && message.contains("; ") && message.contains(names),
+                "{names}: {message}"
+            );
+        };
+        refused(&image, &|asked| asked.d_min = 0.0, "distance 0");
+        refused(&image, &|asked| asked.step[1] = f64::NAN, "step");
+        refused(&image, &|asked| asked.scale = Some(0.1), "scale 0.1");
+        refused(
+            &image,
+            &|asked| asked.smoothing = Some(1e3),
+            "smoothing 1000",
+        );
+        refused(
+            &image,
+            &|asked| asked.weights[0] = 0.0,
+            "weights [0.0, 1.0]",
+        );
+        refused(
+            &image,
+            &|asked| asked.threshold = Some(f32::NAN),
+            "threshold",
+        );
+        refused(
+            &image,
+            &|asked| asked.kind = FeatureKind::Labels,
+            "different values",
+        );
+        let mut samples = image.as_slice().to_vec();
+        samples[16 * 15 * 2 + 16 * 3 + 5] = f32::NAN;
+        let broken = Image::new(dims, samples, Geometry::default());
+        refused(&broken, &|_| (), "[5, 3, 2]");
+        let flat = Image::new(dims, vec![3.0; 16 * 15 * 14], Geometry::default());
+        refused(&flat, &|_| (), "constant");
+    }
+}

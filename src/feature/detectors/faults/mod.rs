@@ -1,0 +1,229 @@
+//! Faults: where layers of seismic amplitude do not continue.
+//!
+//! 1. Normals of layers by the structure tensor ([`Normals`]).
+//! 2. Semblance of amplitudes along the layers (Marfurt et al. 1998), its numerator and denominator each
+//!    smoothed over the steep plane through a sample for which their ratio is least (Hale 2013):
+//!    [`semblance`] and [`scan`]. One less its square is the likelihood of a fault.
+//! 3. Ridges of the likelihood ([`ridges`](super::ridges)), but for those that run along the layers.
+//!
+//! Scale: one sample for derivatives, twelve for the tensor's window, so that a throw does not pass for a
+//! dip; planes are weighted over 6 samples along the strike and 12 along the dip; a given scale is that
+//! of amplitudes, never that of the likelihood's ridges. Assumptions: layers are thrown by some two
+//! samples or more (by no multiple of their period, where they have one); faults dip by 40 degrees or
+//! more against layers that lie across one axis; noise is not alike along layers.
+
+pub mod scan;
+pub mod semblance;
+
+use super::ridges::RidgeSearch;
+use super::{Detector, Found, Scene};
+use crate::error::Result;
+use crate::feature::FeatureKind;
+use crate::feature::crossing::dot;
+use crate::feature::tensor::Normals;
+use crate::feature::volume::Volume;
+
+/// Finds faults of seismic amplitude.
+pub struct Faults;
+
+/// Width (samples) of the structure tensor's window.
+const WINDOW: f64 = 12.0;
+
+/// Faults whose normals agree more than this (cosine) with the layers' are layers themselves.
+const ALONG_LAYERS: f32 = 0.77;
+
+impl<const D: usize> Detector<D> for Faults {
+    fn kind(&self) -> FeatureKind {
+        FeatureKind::Faults
+    }
+
+    fn find(&self, scene: &Scene<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
+        let window = scene.asked.smoothing.unwrap_or(WINDOW);
+        let samples = scene.smoothed();
+        let smoothed = Volume::new(scene.image.dims(), &samples);
+        let layers = Normals::new(smoothed, window);
+        let likelihood = semblance::likelihood(smoothed, &layers);
+        drop(samples);
+        notes.push(format!(
+            "faults: least semblance along layers over steep planes, at scale {}, normals averaged over \
+             {window}",
+            scene.scale()
+        ));
+        let search = RidgeSearch {
+            scale: None,
+            automatic: semblance::thresholds,
+            ..RidgeSearch::new(scene)
+        };
+        let mut found = search.find(likelihood, notes);
+        let along_layers = |position, normal| dot(normal, layers.at(position)).abs();
+        found
+            .candidates
+            .retain(|c| along_layers(c.position, c.normal) < ALONG_LAYERS);
+        Ok(found)
+    }
+
+    fn least_sheet(&self) -> f64 {
+        6.0
+    }
+
+    /// Semblance looks farther than smoothing, along layers that go on level where data end.
+    fn beyond_smoothing(&self) -> f64 {
+        12.0
+    }
+
+    /// Normals averaged over 12 samples, on amplitudes balanced over 6, and a plane of 12.
+    fn reach(&self, _scale: f64) -> usize {
+        60
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::feature::scenes::Noise;
+    use crate::feature::volume::Volume;
+    use crate::feature::{Detection, FeatureKind, FeaturePoint, detect};
+    use crate::image::{Geometry, Image};
+
+    /// Shares of the true faults within two samples of a point, and of the points within two samples of a
+    /// true fault.
+    fn recall_and_precision<const D: usize>(
+        dims: [usize; D],
+        distance: &[f32],
+        points: &[FeaturePoint<D>],
+    ) -> [f64; 2] {
+        let space = Volume { dims, samples: &[] };
+        let mut near = vec![false; distance.len()];
+        let mut good = 0;
+        for point in points {
+            let at: [usize; D] = point.position.map(|c| c.round() as usize);
+            good += usize::from(distance[space.index(at)].abs() < 2.0);
+            for number in 0..5usize.pow(D as u32) {
+                let (mut rest, mut to, mut square) = (number, at, 0);
+                for k in 0..D {
+                    let offset = rest % 5;
+                    square += offset.abs_diff(2).pow(2);
+                    to[k] = (at[k] + offset).saturating_sub(2).min(dims[k] - 1);
+                    rest /= 5;
+                }
+                if square <= 4 {
+                    near[space.index(to)] = true;
+                }
+            }
+        }
+        let on = |(d, near): (&f32, &bool)| (d.abs() < 0.5).then_some(*near);
+        let on: Vec<bool> = distance.iter().zip(&near).filter_map(on).collect();
+        let found = on.iter().filter(|near| **near).count();
+        [
+            found as f64 / on.len() as f64,
+            good as f64 / points.len().max(1) as f64,
+        ]
+    }
+
+    #[test]
+    fn faults_of_amplitude_are_found_where_layers_are_thrown() {
+        for (seed, signal_to_noise, recall, precision) in [
+            (1, 4.0, 0.95, 0.88),
+            (2, 4.0, 0.95, 0.94),
+            (1, 2.0, 0.8, 0.9),
+        ] {
+            let made = crate::image::synth::make(
+                crate::image::synth::Kind::Amplitude,
+                &crate::image::synth::Options {
+                    dims: [96, 80, 72],
+                    count: 2,
+                    seed,
+                    signal_to_noise,
+                    ..Default::default()
+                },
+            )
+            .unwrap();
+            let features = detect(&made.image, &Detection::of(FeatureKind::Faults, 8.0)).unwrap();
+            let dims = made.image.dims();
+            let found = recall_and_precision(dims, &made.truth.distance, &features.points);
+            assert!(
+                found[0] > recall && found[1] > precision,
+                "{seed} {signal_to_noise} {found:?} {:?}",
+                features.notes
+            );
+        }
+    }
+
+    /// Layers across x thrown along x by `throw` on one side of a plane with this unit normal through the
+    /// middle: rms distance (samples) of fault points from the plane, rms angle (degrees) between their
+    /// normals and its, and points per column of samples that the plane crosses; all away from the sides.
+    fn straight_fault<const D: usize>(dims: [usize; D], normal: [f64; D], throw: f64) -> [f64; 3] {
+        let middle = dims.map(|n| 0.5 * (n as f64 - 1.0));
+        let off = |p: [f64; D]| -> f64 { (0..D).map(|k| normal[k] * (p[k] - middle[k])).sum() };
+        let mut noise = Noise::new(17);
+        let space = Volume { dims, samples: &[] };
+        let samples = (0..dims.iter().product())
+            .map(|i| {
+                let p = space.coordinates(i).map(|c| c as f64);
+                let depth = p[0] + if off(p) > 0.0 { throw } else { 0.0 };
+                // Three periods that are no multiples of one another.
+                let waves = [(0.52, 1.0), (0.71, 0.8), (0.33, 0.7)];
+                let wave = |(k, height): (f64, f64)| height * (k * depth).sin();
+                (waves.map(wave).iter().sum::<f64>() + 0.25 * noise.normal()) as f32
+            })
+            .collect();
+        let image = Image::new(dims, samples, Geometry::default());
+        let features = detect(&image, &Detection::of(FeatureKind::Faults, 6.0)).unwrap();
+        let inner = |p: &[f64; D]| (0..D).all(|k| p[k] > 6.0 && p[k] < dims[k] as f64 - 7.0);
+        let (mut squares, mut angles, mut count) = (0.0, 0.0, 0.0);
+        for point in &features.points {
+            let p = point.position.map(f64::from);
+            if inner(&p) {
+                squares += off(p).powi(2);
+                let c: f64 = (0..D).map(|k| normal[k] * f64::from(point.normal[k])).sum();
+                angles += c.abs().min(1.0).acos().to_degrees().powi(2);
+                count += 1.0;
+            }
+        }
+        let axis = (1..D).fold(0, |a, k| {
+            if normal[k].abs() > normal[a].abs() {
+                k
+            } else {
+                a
+            }
+        });
+        let columns = (0..dims.iter().product()).filter(|i| {
+            let p = space.coordinates(*i).map(|c| c as f64);
+            let s = off(p) / normal[axis];
+            s > -0.5 && s <= 0.5 && inner(&p)
+        });
+        [
+            f64::sqrt(squares / count),
+            f64::sqrt(angles / count),
+            count / columns.count() as f64,
+        ]
+    }
+
+    #[test]
+    fn straight_faults_lie_where_they_are_at_every_dip_and_throw() {
+        let good = |[off, angle, covered]: [f64; 3]| off < 0.5 && angle < 5.5 && covered > 0.98;
+        for throw in [2.5, 4.0, 7.0] {
+            for dip in (50..=130).step_by(10) {
+                let (sin, cos) = f64::from(dip).to_radians().sin_cos();
+                let fit = straight_fault([96, 80], [cos, sin], throw);
+                assert!(good(fit), "2-D {throw} {dip} {fit:?}");
+            }
+            for (dip, azimuth) in [
+                (90, 0),
+                (75, 20),
+                (60, 45),
+                (110, 70),
+                (65, 100),
+                (120, 150),
+            ] {
+                let (dip, azimuth) = (f64::from(dip).to_radians(), f64::from(azimuth).to_radians());
+                let normal = [
+                    dip.cos(),
+                    dip.sin() * azimuth.cos(),
+                    dip.sin() * azimuth.sin(),
+                ];
+                let fit = straight_fault([64, 56, 48], normal, throw);
+                assert!(good(fit), "3-D {throw} {dip} {azimuth} {fit:?}");
+            }
+        }
+    }
+}

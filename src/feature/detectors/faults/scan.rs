@@ -1,0 +1,334 @@
+//! How likely a fault runs through each sample, over all steep planes through it.
+//!
+//! Hale (2013, "Methods to compute fault images, extract fault surfaces, and estimate fault throws
+//! from 3D seismic images") smooths the semblance's numerator and denominator over a piece of each
+//! plane that a fault may run along, one strike and dip after the other, before he divides them:
+//! noise and the odd bad sample lower the semblance of no whole plane, but a fault does. Here the
+//! piece above a sample and the piece below must both say so, as otherwise one spot where waveforms
+//! differ draws a star of planes.
+//!
+//! A plane is described by the horizontal axis that it crosses and its slopes along the other axes.
+//! Smoothing over it is one pass of shifted rows along its strike and, for each dip, one along the
+//! dip. PaddedRows are padded by zeros: beyond the box numerator and denominator lose the same weights.
+
+use crate::feature::volume::Volume;
+use crate::geometry::wide::wide;
+use rayon::prelude::*;
+
+/// Standard deviation (samples) of the weights along a fault's strike ...
+const ALONG_STRIKE: f64 = 6.0;
+/// ... and along its dip.
+const ALONG_DIP: f64 = 12.0;
+
+/// Weights are cut at this many standard deviations.
+const CUT: f64 = 2.5;
+
+/// Slopes of strikes against the axis that the fault does not cross: beyond one, it crosses it.
+const STRIKES: [f64; 7] = [-1.0, -0.67, -0.33, 0.0, 0.33, 0.67, 1.0];
+
+/// Samples that a fault moves sideways for one up or down: from vertical to 40 degrees.
+const STEEPEST: f64 = 1.2;
+/// Number of dips to either side of the vertical.
+const DIPS: i32 = 6;
+
+/// Vertical distance (samples) of the planes that are scanned: semblance is smooth there.
+const THIN_OUT: usize = 2;
+
+/// Samples of x handled at once: the sums stay in registers.
+const LANES: usize = 32;
+
+/// PaddedRows per parallel task.
+const ROWS: usize = 16;
+
+/// One less the squared semblance, in [0, 1], of the steep plane through each sample for which it is
+/// lowest: of its upper and its lower half, the harmonic mean.
+///
+/// `parts` are numerator and denominator of the semblance, both positive; planes are steep against
+/// layers across the axis `vertical`.
+pub fn likelihood<const D: usize>(
+    dims: [usize; D],
+    parts: [Vec<f32>; 2],
+    vertical: usize,
+) -> Vec<f32> {
+    let mut thin = dims;
+    thin[vertical] = dims[vertical].div_ceil(THIN_OUT);
+    let rows = PaddedRows::new(
+        thin,
+        parts.map(|part| thin_out(dims, &part, vertical, thin)),
+    );
+    let mut most = vec![0.0f32; thin.iter().product()];
+    let horizontal = |k: &usize| *k != vertical;
+    for across in (0..D).filter(horizontal) {
+        let dips: Vec<[Vec<Tap<D>>; 2]> = (-DIPS..=DIPS)
+            .map(|dip| {
+                let slope = STEEPEST * f64::from(dip) / f64::from(DIPS);
+                let line = taps(vertical, THIN_OUT as f64, across, slope, ALONG_DIP);
+                let half = |keep: fn(i32) -> bool| {
+                    let kept = line.iter().filter(|(offset, _)| keep(offset[vertical]));
+                    kept.copied().collect()
+                };
+                [half(|v| v >= 0), half(|v| v <= 0)]
+            })
+            .collect();
+        let Some(along) = (0..D).find(|k| horizontal(k) && *k != across) else {
+            rows.raise(&dips, &mut most);
+            continue;
+        };
+        // Strikes at 45 degrees cross both axes: once is enough.
+        let last = STRIKES.len() - usize::from(along < across);
+        for &slope in &STRIKES[usize::from(along < across)..last] {
+            rows.smoothed(&taps(along, 1.0, across, slope, ALONG_STRIKE))
+                .raise(&dips, &mut most);
+        }
+    }
+    fill_in(thin, &most, vertical, dims)
+}
+
+/// Offset of a sample (in samples) and its weight.
+type Tap<const D: usize> = ([i32; D], f32);
+
+/// Gaussian weights on a line that advances by `step` along one axis and `slope` times that across.
+fn taps<const D: usize>(
+    along: usize,
+    step: f64,
+    across: usize,
+    slope: f64,
+    width: f64,
+) -> Vec<Tap<D>> {
+    let length = step * (1.0 + slope * slope).sqrt();
+    let reach = (CUT * width / length) as i32;
+    let mut taps = Vec::new();
+    for k in -reach..=reach {
+        let weight = (-0.5 * (f64::from(k) * length / width).powi(2)).exp();
+        let sideways = f64::from(k) * step * slope;
+        let share = sideways - sideways.floor();
+        for (far, share) in [(0, 1.0 - share), (1, share)] {
+            if share > 1e-6 {
+                let mut offset = [0; D];
+                offset[along] = k;
+                offset[across] = sideways.floor() as i32 + far;
+                taps.push((offset, (weight * share) as f32));
+            }
+        }
+    }
+    taps
+}
+
+/// Two images in rows of x with zeros on either side.
+struct PaddedRows<const D: usize> {
+    dims: [usize; D],
+    /// From one row to the next.
+    pitch: usize,
+    parts: [Vec<f32>; 2],
+}
+
+/// Zeros on either side of a row: as far as any tap reaches.
+const MARGIN: usize = 32;
+
+impl<const D: usize> PaddedRows<D> {
+    fn new(dims: [usize; D], parts: [Vec<f32>; 2]) -> Self {
+        let pitch = dims[0].next_multiple_of(LANES) + 2 * MARGIN;
+        let parts = parts.map(|part| {
+            let mut padded = vec![0.0; part.len() / dims[0].max(1) * pitch];
+            for (to, from) in padded.chunks_mut(pitch).zip(part.chunks(dims[0])) {
+                to[MARGIN..][..dims[0]].copy_from_slice(from);
+            }
+            padded
+        });
+        Self { dims, pitch, parts }
+    }
+
+    /// Where, in memory, the taps of a row begin, and their weights; taps in rows outside are left out.
+    fn of_row(&self, row: usize, taps: &[Tap<D>], starts: &mut Vec<(usize, f32)>) {
+        starts.clear();
+        let mut at = [0; D];
+        let mut rest = row;
+        for k in 1..D {
+            at[k] = (rest % self.dims[k]) as i32;
+            rest /= self.dims[k];
+        }
+        for (offset, weight) in taps {
+            let mut row = 0;
+            let mut inside = true;
+            for k in (1..D).rev() {
+                let i = at[k] + offset[k];
+                inside &= i >= 0 && (i as usize) < self.dims[k];
+                row = row * self.dims[k] + i.max(0) as usize;
+            }
+            if inside {
+                let start = row * self.pitch + MARGIN;
+                starts.push((start.wrapping_add_signed(offset[0] as isize), *weight));
+            }
+        }
+    }
+
+    /// Weighted sums over the taps.
+    fn smoothed(&self, taps: &[Tap<D>]) -> Self {
+        let mut parts = [
+            vec![0.0; self.parts[0].len()],
+            vec![0.0; self.parts[0].len()],
+        ];
+        let [first, second] = &mut parts;
+        let chunk = ROWS * self.pitch;
+        first
+            .par_chunks_mut(chunk)
+            .zip(second.par_chunks_mut(chunk))
+            .enumerate()
+            .for_each_init(Vec::new, |starts, (number, (first, second))| {
+                let rows = first
+                    .chunks_mut(self.pitch)
+                    .zip(second.chunks_mut(self.pitch));
+                for (row, (first, second)) in rows.enumerate() {
+                    self.of_row(number * ROWS + row, taps, starts);
+                    let (first, second) = (&mut first[MARGIN..], &mut second[MARGIN..]);
+                    wide(
+                        #[inline(always)]
+                        || {
+                            for x in (0..self.dims[0]).step_by(LANES) {
+                                let [a, b] = self.sums(starts, x);
+                                first[x..x + LANES].copy_from_slice(&a);
+                                second[x..x + LANES].copy_from_slice(&b);
+                            }
+                        },
+                    );
+                    // The lanes past the row's end belong to the zeros.
+                    first[self.dims[0]..].fill(0.0);
+                    second[self.dims[0]..].fill(0.0);
+                }
+            });
+        Self {
+            dims: self.dims,
+            pitch: self.pitch,
+            parts,
+        }
+    }
+
+    /// Raises `most` to what is missing of the squared ratio of the weighted sums to one, the
+    /// harmonic mean of the two halves of each line.
+    fn raise(&self, lines: &[[Vec<Tap<D>>; 2]], most: &mut [f32]) {
+        let nx = self.dims[0];
+        most.par_chunks_mut(ROWS * nx).enumerate().for_each_init(
+            <[Vec<(usize, f32)>; 2]>::default,
+            |starts, (number, most)| {
+                for line in lines {
+                    for (row, most) in most.chunks_mut(nx).enumerate() {
+                        for (starts, half) in starts.iter_mut().zip(line) {
+                            self.of_row(number * ROWS + row, half, starts);
+                        }
+                        wide(
+                            #[inline(always)]
+                            || self.raise_row(starts, most),
+                        );
+                    }
+                }
+            },
+        );
+    }
+
+    #[inline(always)]
+    fn raise_row(&self, [up, down]: &[Vec<(usize, f32)>; 2], most: &mut [f32]) {
+        for (block, most) in most.chunks_mut(LANES).enumerate() {
+            let up = self.missing(up, block * LANES);
+            let down = self.missing(down, block * LANES);
+            for (lane, most) in most.iter_mut().enumerate() {
+                let (up, down) = (up[lane], down[lane]);
+                *most = most.max(2.0 * up * down / (up + down + f32::MIN_POSITIVE));
+            }
+        }
+    }
+
+    /// What is missing of the squared ratio to one.
+    #[inline(always)]
+    fn missing(&self, starts: &[(usize, f32)], x: usize) -> [f32; LANES] {
+        let [mut a, b] = self.sums(starts, x);
+        for lane in 0..LANES {
+            let ratio = a[lane] / b[lane];
+            a[lane] = (1.0 - ratio * ratio).max(0.0);
+        }
+        a
+    }
+
+    /// Weighted sums of both parts for the lanes from `x` on.
+    #[inline(always)]
+    fn sums(&self, starts: &[(usize, f32)], x: usize) -> [[f32; LANES]; 2] {
+        let mut sums = [[0.0f32; LANES]; 2];
+        let [a, b] = &mut sums;
+        for &(start, weight) in starts {
+            let lanes = |part: &[f32]| -> [f32; LANES] {
+                part[start + x..]
+                    .first_chunk()
+                    .copied()
+                    .unwrap_or([0.0; LANES])
+            };
+            let (from_a, from_b) = (lanes(&self.parts[0]), lanes(&self.parts[1]));
+            for lane in 0..LANES {
+                a[lane] += weight * from_a[lane];
+                b[lane] += weight * from_b[lane];
+            }
+        }
+        sums
+    }
+}
+
+/// Every [`THIN_OUT`]-th plane along an axis, averaged with its neighbours.
+fn thin_out<const D: usize>(
+    dims: [usize; D],
+    samples: &[f32],
+    axis: usize,
+    thin: [usize; D],
+) -> Vec<f32> {
+    let (from, to) = (
+        Volume { dims, samples },
+        Volume {
+            dims: thin,
+            samples: &[],
+        },
+    );
+    let stride = from.strides()[axis];
+    (0..thin.iter().product())
+        .into_par_iter()
+        .map(|i| {
+            let mut at = to.coordinates(i);
+            at[axis] *= THIN_OUT;
+            let middle = from.index(at);
+            let before = if at[axis] > 0 {
+                middle - stride
+            } else {
+                middle
+            };
+            let after = if at[axis] + 1 < dims[axis] {
+                middle + stride
+            } else {
+                middle
+            };
+            0.5 * samples[middle] + 0.25 * (samples[before] + samples[after])
+        })
+        .collect()
+}
+
+/// The opposite of [`thin_out`]: linear between the planes.
+fn fill_in<const D: usize>(
+    thin: [usize; D],
+    samples: &[f32],
+    axis: usize,
+    dims: [usize; D],
+) -> Vec<f32> {
+    let (from, to) = (
+        Volume {
+            dims: thin,
+            samples,
+        },
+        Volume { dims, samples: &[] },
+    );
+    (0..dims.iter().product())
+        .into_par_iter()
+        .map(|i| {
+            let mut at = to.coordinates(i);
+            let share = (at[axis] % THIN_OUT) as f32 / THIN_OUT as f32;
+            at[axis] /= THIN_OUT;
+            let low = samples[from.index(at)];
+            at[axis] = (at[axis] + 1).min(thin[axis] - 1);
+            low + share * (samples[from.index(at)] - low)
+        })
+        .collect()
+}

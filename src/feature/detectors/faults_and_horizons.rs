@@ -1,0 +1,92 @@
+//! Faults and horizons in one potential.
+//!
+//! Each is found as if alone; b(x) is the deeper of the two at every sample, the valleys of each kind
+//! as deep as its weight says. Where a horizon ends at a fault both are valleys, and atoms come to rest
+//! on either.
+
+use super::faults::Faults;
+use super::horizons::Horizons;
+use super::{Detection, Part};
+use crate::feature::{FeaturePoint, Features};
+
+/// The two detectors. A threshold that is asked for is one of amplitude, so it is the horizons'; the
+/// faults' own is found from the image.
+pub fn parts<const D: usize>(asked: &Detection<D>) -> Vec<Part<D>> {
+    let of_faults = Detection {
+        threshold: None,
+        ..asked.clone()
+    };
+    vec![(&Faults, of_faults), (&Horizons, asked.clone())]
+}
+
+/// Features of two kinds as one; their valleys are as deep as the weights say.
+pub fn together<const D: usize>(
+    mut first: Features<D>,
+    second: Features<D>,
+    weights: [f64; 2],
+) -> Features<D> {
+    let [a, b] = weights.map(|w| w as f32);
+    let samples = first.potential.samples.iter_mut();
+    for (deepest, other) in samples.zip(&second.potential.samples) {
+        *deepest = (a * *deepest).min(b * other);
+    }
+    first.points.extend(second.points);
+    first.on_horizon.extend(second.on_horizon);
+    let last_axis_first = |p: &(FeaturePoint<D>, bool), q: &(FeaturePoint<D>, bool)| {
+        let (p, q) = (p.0.position.iter().rev(), q.0.position.iter().rev());
+        p.zip(q)
+            .map(|(a, b)| a.total_cmp(b))
+            .find(|order| order.is_ne())
+            .unwrap_or(std::cmp::Ordering::Equal)
+    };
+    let mut points: Vec<_> = first.points.into_iter().zip(first.on_horizon).collect();
+    points.sort_by(last_axis_first);
+    (first.points, first.on_horizon) = points.into_iter().unzip();
+    first.notes.extend(second.notes);
+    first.settled.extend(second.settled);
+    first
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::feature::scenes::plane_image;
+    use crate::feature::{Detection, FeatureKind, FeaturePoint, detect};
+
+    #[test]
+    fn faults_and_horizons_share_one_potential_by_weight() {
+        // Layers across x in a plane image, thrown by half a period at y = 40.
+        let dims = [72, 80];
+        let image = plane_image(dims, |p| {
+            let throw = if p[1] > 40.0 { 6.0 } else { 0.0 };
+            (std::f64::consts::TAU * (p[0] + throw) / 12.0).cos()
+        });
+        let asked = |kind, weights| Detection {
+            weights,
+            ..Detection::of(kind, 4.0)
+        };
+        let run = |kind, weights| detect(&image, &asked(kind, weights)).unwrap();
+        let faults = run(FeatureKind::Faults, [1.0; 2]);
+        let on_fault = |p: &&FeaturePoint<2>| (p.position[1] - 40.5).abs() < 1.0;
+        assert!(faults.points.len() > 50, "{:?}", faults.notes);
+        assert_eq!(
+            faults.points.iter().filter(on_fault).count(),
+            faults.points.len()
+        );
+        let horizons = run(FeatureKind::Horizons, [1.0; 2]);
+        let both = run(FeatureKind::FaultsAndHorizons, [1.0, 0.5]);
+        assert_eq!(
+            both.points.len(),
+            faults.points.len() + horizons.points.len()
+        );
+        let parts = faults
+            .potential
+            .samples
+            .iter()
+            .zip(&horizons.potential.samples);
+        for (b, (f, h)) in both.potential.samples.iter().zip(parts) {
+            assert_eq!(*b, f.min(0.5 * h));
+        }
+        let refused = asked(FeatureKind::FaultsAndHorizons, [0.0, 1.0]);
+        assert!(detect(&image, &refused).is_err());
+    }
+}

@@ -1,0 +1,158 @@
+//! Horizons: crests and troughs of seismic amplitude.
+//!
+//! Along a layer the amplitude hardly changes, so the crest of a layer is its extremum along any
+//! direction across it. Along the image axis nearest to the layer's normal each column of samples meets
+//! it once, at the top of the parabola through three samples. The normal is the eigenvector of the
+//! structure tensor's largest eigenvalue ([`Normals`]), as for the ridges of Hale (2002).
+//!
+//! Scale: one sample for derivatives, four for the tensor's window. Thresholds are shares of the rms
+//! amplitude. Assumptions: layers are some four samples thick or more and dip little within the window;
+//! the amplitude is zero on average.
+
+use super::{Detector, Found, Scene, Thresholds};
+use crate::error::Result;
+use crate::feature::FeatureKind;
+use crate::feature::crossing::{Candidate, dominant_axes};
+use crate::feature::tensor::Normals;
+use crate::feature::volume::{Volume, root_mean_square};
+
+/// Finds crests and troughs of seismic amplitude.
+pub struct Horizons;
+
+/// Width (samples) of the structure tensor's window.
+const WINDOW: f64 = 4.0;
+
+impl<const D: usize> Detector<D> for Horizons {
+    fn kind(&self) -> FeatureKind {
+        FeatureKind::Horizons
+    }
+
+    fn find(&self, scene: &Scene<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
+        let scale = scene.scale();
+        let window = scene.asked.smoothing.unwrap_or(WINDOW);
+        let samples = scene.smoothed();
+        let smoothed = Volume::new(scene.image.dims(), &samples);
+        let normals = Normals::new(smoothed, window);
+        let thresholds = scene.thresholds().unwrap_or_else(|| {
+            let rms = root_mean_square(&samples);
+            Thresholds {
+                low: 0.8 * rms,
+                high: 1.3 * rms,
+                origin: "1.3 times the rms",
+            }
+        });
+        notes.push(format!(
+            "crests and troughs at scale {scale}, normals averaged over {window}: {thresholds}"
+        ));
+        let candidates = crests(smoothed, &normals, thresholds.low);
+        Ok(Found::new(candidates, scale, thresholds))
+    }
+
+    /// Short pieces of reflectors are everywhere, and worth no cells.
+    fn least_sheet(&self) -> f64 {
+        if D == 3 { 16.0 } else { 8.0 }
+    }
+
+    /// Reflectors lie one above the other everywhere: leave room for a layer of atoms between.
+    fn resolution(&self) -> f64 {
+        1.5
+    }
+
+    /// Normals are averaged over windows of four samples.
+    fn reach(&self, _scale: f64) -> usize {
+        14
+    }
+}
+
+/// Crests and troughs of at least `low` in amplitude, in the order of samples.
+fn crests<const D: usize>(
+    volume: Volume<'_, D>,
+    normals: &Normals<D>,
+    low: f32,
+) -> Vec<Candidate<D>> {
+    let strides = volume.strides();
+    volume.by_rows(|first, (): &mut (), found| {
+        let start = volume.index(first);
+        for x in 0..volume.dims[0] {
+            let i = start + x;
+            let here = volume.samples[i].abs();
+            if here < low {
+                continue;
+            }
+            let mut at = first;
+            at[0] = x;
+            let sign = volume.samples[i].signum();
+            for axis in dominant_axes(normals.coarse(at).map(f64::from)) {
+                if at[axis] == 0 || at[axis] + 1 >= volume.dims[axis] {
+                    continue;
+                }
+                let before = sign * volume.samples[i - strides[axis]];
+                let after = sign * volume.samples[i + strides[axis]];
+                // One of two equal samples: the first.
+                if before >= here || after > here {
+                    continue;
+                }
+                let offset = 0.5 * (before - after) / (before + after - 2.0 * here);
+                let mut position = at.map(|i| i as f32);
+                position[axis] += offset;
+                found.push(Candidate {
+                    voxel: i as u32,
+                    axis: axis as u8,
+                    position,
+                    normal: normals.at(position),
+                    strength: here - 0.25 * (before - after) * offset,
+                });
+            }
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::feature::scenes::{Noise, Sheet, image_of};
+    use crate::feature::{Detection, FeatureKind, detect};
+
+    #[test]
+    fn horizons_keep_the_lattice_resolution() {
+        // Crests and troughs every 6 samples across dipping layers: every second one fits d = 8, which
+        // leaves room for a layer of atoms between.
+        let dims = [72, 64, 56];
+        let layers = Sheet::plane([1.0, 0.25, -0.15], [36.0, 32.0, 28.0]);
+        let mut noise = Noise::new(5);
+        let image = image_of(dims, |p| {
+            let s = layers.distance(p);
+            let strength = if (s / 12.0).round() as i64 == 0 {
+                1.5
+            } else {
+                1.0
+            };
+            strength * (std::f64::consts::TAU * s / 12.0).cos() + 0.1 * noise.normal()
+        });
+        let features = detect(&image, &Detection::of(FeatureKind::Auto, 8.0)).unwrap();
+        assert!(
+            features.notes[0].contains("horizons"),
+            "{:?}",
+            features.notes
+        );
+        assert!(features.points.len() > 5000);
+        // Level n is the extremum at s = 6 n.
+        let mut levels = [0usize; 41];
+        let (mut squares, mut count) = (0.0, 0.0);
+        for point in &features.points {
+            let p = point.position.map(f64::from);
+            if (0..3).all(|k| p[k] > 4.0 && p[k] < dims[k] as f64 - 5.0) {
+                let level = (layers.distance(p) / 6.0).round();
+                squares += (layers.distance(p) - 6.0 * level).powi(2);
+                count += 1.0;
+                levels[(level + 20.0) as usize] += 1;
+            }
+        }
+        let rms = f64::sqrt(squares / count);
+        assert!(rms < 0.3, "{rms}");
+        assert!(levels[20] > 2400, "the strongest is kept whole: {levels:?}");
+        for pair in levels.windows(2) {
+            let (less, more) = (pair[0].min(pair[1]), pair[0].max(pair[1]));
+            assert!(less * 10 <= more, "two levels nearer than 7.2: {levels:?}");
+        }
+    }
+}

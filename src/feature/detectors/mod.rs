@@ -1,0 +1,302 @@
+//! Detectors: image -> candidates for points of features, one file a kind.
+//!
+//! - [`ridges`]: sheets of high values, or of low ones (valleys)
+//! - [`edges`]: ridges of Prewitt's gradient magnitude
+//! - [`canny`]: where the gradient is steepest along itself
+//! - [`paths`]: the boundary of one object, by random shortest paths
+//! - [`labels`]: interfaces between labels, the middle of a thin mask
+//! - [`horizons`]: crests and troughs of seismic amplitude
+//! - [`faults`]: where layers of seismic amplitude do not continue
+//! - [`faults_and_horizons`]: both, in one potential
+//! - [`potential`]: an image that is b(x) itself
+//! - [`auto`]: which of them fits an image
+//!
+//! Widths of Gaussians, windows and reaches are in samples, whatever the step of lattice space is;
+//! positions and normals become lattice space's when sheets are made of the candidates.
+
+pub mod auto;
+pub mod canny;
+pub mod edges;
+pub mod faults;
+pub mod faults_and_horizons;
+pub mod horizons;
+pub mod labels;
+pub mod paths;
+pub mod potential;
+pub mod ridges;
+
+use super::crossing::Candidate;
+use super::gaussian;
+use super::volume::Volume;
+use super::{Detection, FeatureKind, Features, Settled};
+use crate::error::{Error, Result, cause};
+use crate::image::Image;
+use std::fmt;
+
+/// Finds features of one kind.
+pub trait Detector<const D: usize>: Sync {
+    /// What it finds: one kind.
+    fn kind(&self) -> FeatureKind;
+
+    /// Candidates for points of features, in the order of samples, at least as strong as the lower
+    /// threshold; notes say at which scale and how they were found.
+    ///
+    /// # Errors
+    /// [`Error::Image`] for an image that has no such features, [`Error::Feature`] for wishes that
+    /// cannot be met.
+    fn find(&self, scene: &Scene<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>>;
+
+    /// The least area of a sheet that is worth cells, in squares of the least distance between atoms
+    /// (in 2-D its length, in such distances).
+    fn least_sheet(&self) -> f64 {
+        2.0
+    }
+
+    /// Parallel sheets nearer than this, in units of the least distance between atoms, exclude one
+    /// another.
+    fn resolution(&self) -> f64 {
+        0.9
+    }
+
+    /// How far (samples) it looks to either side where features are sought at `scale`: a part of an
+    /// image has the features of the whole farther than this from where it was cut.
+    fn reach(&self, scale: f64) -> usize {
+        (3.0 * scale).ceil() as usize + 3
+    }
+
+    /// How far (samples), beyond three times the scale, what is found depends on the samples round it:
+    /// nearer to missing traces it is not trusted.
+    fn beyond_smoothing(&self) -> f64 {
+        2.0
+    }
+
+    /// b(x), where the image says it itself.
+    fn potential(&self, _image: &Image<D>) -> Option<Vec<f32>> {
+        None
+    }
+}
+
+/// What a detector works on.
+#[derive(Debug, Clone, Copy)]
+pub struct Scene<'a, const D: usize> {
+    /// The image, whose samples are finite and not all the same, and go on where traces are missing.
+    pub image: &'a Image<D>,
+    /// What is asked for: scale, thresholds, what is known of an object.
+    pub asked: &'a Detection<D>,
+    /// Of a part of an image, what was settled on for the whole.
+    pub settled: Option<&'a Settled>,
+}
+
+impl<'a, const D: usize> Scene<'a, D> {
+    /// A whole image.
+    pub fn new(image: &'a Image<D>, asked: &'a Detection<D>) -> Self {
+        Self {
+            image,
+            asked,
+            settled: None,
+        }
+    }
+
+    /// A part of an image of which the whole was seen before.
+    pub fn of_part(image: &'a Image<D>, asked: &'a Detection<D>, settled: &'a Settled) -> Self {
+        Self {
+            settled: Some(settled),
+            ..Self::new(image, asked)
+        }
+    }
+
+    /// The samples.
+    pub fn volume(&self) -> Volume<'a, D> {
+        Volume::new(self.image.dims(), self.image.as_slice())
+    }
+
+    /// Width (samples) of the Gaussian under which derivatives are taken, if not by noise.
+    pub fn scale(&self) -> f64 {
+        self.asked.scale.unwrap_or(1.0)
+    }
+
+    /// The samples smoothed over [`Scene::scale`].
+    pub fn smoothed(&self) -> Vec<f32> {
+        let mut samples = self.image.as_slice().to_vec();
+        gaussian::smooth(self.image.dims(), &mut samples, [self.scale(); D]);
+        samples
+    }
+
+    /// The thresholds, unless they are to be found from the image.
+    pub fn thresholds(&self) -> Option<Thresholds> {
+        if let Some(settled) = self.settled {
+            return Some(Thresholds {
+                low: settled.low,
+                high: settled.high,
+                origin: "as in the whole image",
+            });
+        }
+        self.asked.threshold.map(|high| Thresholds {
+            low: 0.5 * high,
+            high,
+            origin: "given",
+        })
+    }
+
+    /// The least area of a sheet in square lattice units (in 2-D its length), where it covers `cells`
+    /// squares of the least distance between atoms.
+    pub fn least_area(&self, cells: f64) -> f64 {
+        if let Some(settled) = self.settled {
+            return settled.min_area;
+        }
+        let (dims, asked) = (self.image.dims(), self.asked);
+        let side = |k: usize| (dims[k] as f64 - 1.0) * asked.step[k];
+        let section = (0..D)
+            .map(|k| (1..D).map(|l| side((k + l) % D)).product())
+            .fold(0.0, f64::max);
+        // In a small image a large sheet is smaller.
+        (cells * asked.d_min.powi(D as i32 - 1)).min(0.25 * section)
+    }
+}
+
+/// Strengths that decide by hysteresis (Canny 1986) which candidates make features.
+#[derive(Debug, Clone, Copy)]
+pub struct Thresholds {
+    /// Down to this a sheet is followed.
+    pub low: f32,
+    /// So strong a sheet is somewhere.
+    pub high: f32,
+    /// Where they come from, in a word or two.
+    pub origin: &'static str,
+}
+
+impl fmt::Display for Thresholds {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { low, high, origin } = self;
+        write!(
+            f,
+            "threshold {high:.4} ({origin}; followed down to {low:.4})"
+        )
+    }
+}
+
+/// What a detector finds.
+#[derive(Debug, Clone)]
+pub struct Found<const D: usize> {
+    /// Points that may lie on features, in the order of samples.
+    pub candidates: Vec<Candidate<D>>,
+    /// Width (samples) of the Gaussian under which they were found.
+    pub scale: f64,
+    /// What decides which of them make sheets.
+    pub thresholds: Thresholds,
+    /// The value of the thin mask whose middle was sought.
+    pub mask: Option<f32>,
+    /// Of paths: the share of them that passes each sample.
+    pub confidence: Option<Vec<f32>>,
+}
+
+impl<const D: usize> Found<D> {
+    /// Candidates of which there is no more to say.
+    pub fn new(candidates: Vec<Candidate<D>>, scale: f64, thresholds: Thresholds) -> Self {
+        Self {
+            candidates,
+            scale,
+            thresholds,
+            mask: None,
+            confidence: None,
+        }
+    }
+
+    /// Drops what lies where traces are missing, or so near that smoothing mixes what is beside them
+    /// with what only continues it.
+    pub fn drop_near_missing(
+        &mut self,
+        image: &Image<D>,
+        beyond_smoothing: f64,
+        notes: &mut Vec<String>,
+    ) {
+        let reach = (3.0 * self.scale).ceil() + beyond_smoothing;
+        let near = image.near_missing(reach);
+        if near.is_empty() {
+            return;
+        }
+        let row = |c: &Candidate<D>| c.voxel as usize / image.dims()[0];
+        let dropped = self.candidates.iter().map(row);
+        let dropped = dropped.filter(|&r| near[r] && !image.missing[r]).count();
+        self.candidates.retain(|c| !near[row(c)]);
+        notes.push(format!(
+            "{dropped} candidates dropped as they lie within {reach} samples of missing traces"
+        ));
+    }
+}
+
+/// A detector and what is asked of it.
+pub type Part<const D: usize> = (&'static dyn Detector<D>, Detection<D>);
+
+/// The detector of one kind: none is that of [`FeatureKind::Auto`], which is a choice, nor of
+/// [`FeatureKind::FaultsAndHorizons`], which takes two.
+pub fn of<const D: usize>(kind: FeatureKind) -> Option<&'static dyn Detector<D>> {
+    Some(match kind {
+        FeatureKind::Ridges => &ridges::Ridges,
+        FeatureKind::Valleys => &ridges::Valleys,
+        FeatureKind::Edges => &edges::Edges,
+        FeatureKind::Canny => &canny::Canny,
+        FeatureKind::Paths => &paths::Paths,
+        FeatureKind::Horizons => &horizons::Horizons,
+        FeatureKind::Faults => &faults::Faults,
+        FeatureKind::Labels => &labels::Labels,
+        FeatureKind::Potential => &potential::Potential,
+        FeatureKind::Auto | FeatureKind::FaultsAndHorizons => return None,
+    })
+}
+
+/// The detectors of what is asked for; and, where the image decided on one, why.
+pub fn chosen<const D: usize>(
+    image: &Image<D>,
+    asked: &Detection<D>,
+) -> (Vec<Part<D>>, Option<String>) {
+    if asked.kind == FeatureKind::FaultsAndHorizons {
+        return (faults_and_horizons::parts(asked), None);
+    }
+    let (detector, why) = match of(asked.kind) {
+        Some(detector) => (detector, None),
+        None => {
+            let (detector, why) = auto::choose(image);
+            (
+                detector,
+                Some(format!("features: {} ({why})", detector.kind())),
+            )
+        }
+    };
+    (vec![(detector, asked.clone())], why)
+}
+
+/// The detector that finds in a part of an image what it found in the whole.
+///
+/// # Errors
+/// [`Error::Feature`] for what only the whole shows.
+pub fn again<const D: usize>(kind: FeatureKind) -> Result<&'static dyn Detector<D>> {
+    let problem = match of(kind) {
+        Some(_) if kind == FeatureKind::Paths => {
+            "comes from paths through the whole image and cannot be found again in a part"
+        }
+        Some(detector) => return Ok(detector),
+        None => "is not one kind that can be found again in a part of an image",
+    };
+    Err(Error::Feature(cause(
+        format!("feature '{kind}'"),
+        problem,
+        "mesh the image anew",
+    )))
+}
+
+/// What the detectors found, as one.
+pub fn together<const D: usize>(
+    found: Vec<Features<D>>,
+    dims: [usize; D],
+    asked: &Detection<D>,
+) -> Features<D> {
+    let mut found = found.into_iter();
+    match (found.next(), found.next()) {
+        (Some(faults), Some(horizons)) => {
+            faults_and_horizons::together(faults, horizons, asked.weights)
+        }
+        (Some(only), None) => only,
+        _ => Features::none(dims, asked),
+    }
+}

@@ -1,0 +1,65 @@
+//! An image that is b(x) itself: -1 on features, 0 away from them.
+//!
+//! b(x) is kept sample by sample; points, which the mesh is held to, are those of its valleys
+//! ([`Valleys`]), with the valleys' scale and thresholds. Assumption: the image is in [-1, 0] and its
+//! valleys are as wide as the lattice asks (a standard deviation of d_min / 4, Hale 2002).
+
+use super::ridges::Valleys;
+use super::{Detector, Found, Scene};
+use crate::error::{Error, Result, cause};
+use crate::feature::FeatureKind;
+use crate::image::Image;
+
+/// Takes an image for b(x).
+pub struct Potential;
+
+impl<const D: usize> Detector<D> for Potential {
+    fn kind(&self) -> FeatureKind {
+        FeatureKind::Potential
+    }
+
+    fn find(&self, scene: &Scene<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
+        let mut samples = scene.image.as_slice().iter();
+        if let Some(value) = samples.find(|s| !(-1.0..=0.0).contains(*s)) {
+            return Err(Error::Image(cause(
+                "image",
+                format!("is no potential b(x) in [-1, 0]: it holds {value}"),
+                "scale it, or choose another feature kind",
+            )));
+        }
+        Valleys.find(scene, notes)
+    }
+
+    fn potential(&self, image: &Image<D>) -> Option<Vec<f32>> {
+        let mut samples = image.as_slice().to_vec();
+        let rows = samples.chunks_mut(image.dims()[0].max(1));
+        for (row, _) in rows.zip(&image.missing).filter(|(_, missing)| **missing) {
+            row.fill(0.0);
+        }
+        Some(samples)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::feature::scenes::{Sheet, fit, ridge_image};
+    use crate::feature::{Detection, FeatureKind, detect};
+    use crate::image::{Geometry, Image};
+
+    #[test]
+    fn a_ready_potential_is_kept() {
+        let (dims, sheets) = ([32, 32, 32], [Sheet::plane([1.0, 0.3, 0.2], [16.0; 3])]);
+        let ridges = ridge_image(dims, &sheets, 2.0, 0.0);
+        let b: Vec<f32> = ridges.as_slice().iter().map(|s| -s).collect();
+        let image = Image::new(dims, b.clone(), Geometry::default());
+        let features = detect(&image, &Detection::of(FeatureKind::Auto, 8.0)).unwrap();
+        assert!(
+            features.notes[0].contains("potential"),
+            "{:?}",
+            features.notes
+        );
+        assert_eq!(features.potential.samples, b);
+        assert!(fit(dims, &sheets, &features.points).coverage > 0.99);
+        assert!(detect(&ridges, &Detection::of(FeatureKind::Potential, 8.0)).is_err());
+    }
+}

@@ -1,0 +1,305 @@
+//! Ridges: sheets of high values; and valleys, sheets of low ones.
+//!
+//! Method: a Gaussian, then the points at which the derivative across the sheet passes through zero
+//! (Hale 2002; Steger 1998: [`ridges`](mod@crate::feature::ridges)), then
+//! [`repair`](mod@crate::feature::repair) where sheets cross and at the sides of the box.
+//!
+//! Scale: 1.5 samples at first; where noise hides what is seen there (see [`Statistics::drowned`]) by
+//! quarters up to 3 samples. Assumptions: a sheet is a few samples wide, bends little within three times
+//! the scale, and is higher than all within that distance; two that are nearer than twice the width
+//! that smoothing gives them are seen as one.
+
+use super::{Detector, Found, Scene, Thresholds};
+use crate::error::Result;
+use crate::feature::repair::repair;
+use crate::feature::ridges::{self, Statistics, ridges};
+use crate::feature::volume::Volume;
+use crate::feature::{FeatureKind, gaussian};
+
+/// Finds sheets of high values.
+pub struct Ridges;
+
+impl<const D: usize> Detector<D> for Ridges {
+    fn kind(&self) -> FeatureKind {
+        FeatureKind::Ridges
+    }
+
+    fn find(&self, scene: &Scene<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
+        Ok(RidgeSearch::new(scene).find(scene.image.as_slice().to_vec(), notes))
+    }
+}
+
+/// Finds sheets of low values: the ridges of the negated image.
+pub struct Valleys;
+
+impl<const D: usize> Detector<D> for Valleys {
+    fn kind(&self) -> FeatureKind {
+        FeatureKind::Valleys
+    }
+
+    fn find(&self, scene: &Scene<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
+        let negated = scene.image.as_slice().iter().map(|s| -s).collect();
+        Ok(RidgeSearch::new(scene).find(negated, notes))
+    }
+}
+
+/// The scale (samples) at which ridges are sought first.
+pub const FINEST: f64 = 1.5;
+/// Where ridges drown in noise they are sought on a smoother image, up to this scale (samples).
+const COARSEST: f64 = 3.0;
+
+/// How ridges are sought, in the image or in what a detector makes of it.
+pub struct RidgeSearch<'a, const D: usize> {
+    /// The image, and what is settled on or asked for.
+    pub scene: &'a Scene<'a, D>,
+    /// The scale (samples) to begin with; from here up as smooth as noise asks.
+    pub finest: f64,
+    /// The only scale, if given.
+    pub scale: Option<f64>,
+    /// Thresholds (low, high) where none are given.
+    pub automatic: fn(&Statistics) -> (f32, f32),
+}
+
+impl<'a, const D: usize> RidgeSearch<'a, D> {
+    /// As ridges of the image itself are sought.
+    pub fn new(scene: &'a Scene<'a, D>) -> Self {
+        Self {
+            scene,
+            finest: FINEST,
+            scale: scene.asked.scale,
+            automatic: Statistics::thresholds,
+        }
+    }
+
+    /// Ridges of `samples`, as many as the image has.
+    pub fn find(&self, mut samples: Vec<f32>, notes: &mut Vec<String>) -> Found<D> {
+        let dims = self.scene.image.dims();
+        let (scale, thresholds) = self.smooth(&mut samples, notes);
+        let smoothed = Volume::new(dims, &samples);
+        let candidates = ridges(smoothed, scale, thresholds.low);
+        let candidates = repair(smoothed, candidates, scale, thresholds.high);
+        Found::new(candidates, scale, thresholds)
+    }
+
+    /// Smooths samples as settled on, as asked for, or so that ridges do not drown in noise; the scale,
+    /// and the thresholds there.
+    fn smooth(&self, samples: &mut [f32], notes: &mut Vec<String>) -> (f64, Thresholds) {
+        let dims = self.scene.image.dims();
+        let given = self.scene.thresholds();
+        if let (Some(settled), Some(thresholds)) = (self.scene.settled, given) {
+            gaussian::smooth(dims, samples, [settled.scale; D]);
+            return (settled.scale, thresholds);
+        }
+        let mut scale = self.scale.unwrap_or(self.finest);
+        gaussian::smooth(dims, samples, [scale; D]);
+        let measure =
+            |samples: &[f32], scale| ridges::statistics(Volume::new(dims, samples), scale);
+        let mut statistics = measure(samples, scale);
+        while self.scale.is_none() && statistics.drowned() && scale < COARSEST {
+            let coarser = (1.25 * scale).min(COARSEST);
+            let further = (coarser * coarser - scale * scale).sqrt();
+            gaussian::smooth(dims, samples, [further; D]);
+            scale = coarser;
+            statistics = measure(samples, scale);
+        }
+        let thresholds = given.unwrap_or_else(|| {
+            let (low, high) = (self.automatic)(&statistics);
+            Thresholds {
+                low,
+                high,
+                origin: "chosen",
+            }
+        });
+        notes.push(format!(
+            "ridges at scale {scale}: {thresholds}, noise {:.4}, typical strength {:.4}",
+            statistics.noise, statistics.typical
+        ));
+        (scale, thresholds)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::feature::scenes::{
+        Noise, Sheet, crossing_sheets, fit, image_of, plane_image, ridge_image,
+        ridges_in_correlated_noise,
+    };
+    use crate::feature::volume::Volume;
+    use crate::feature::{Detection, FeatureKind, Features, detect};
+    use crate::image::{Geometry, Image};
+
+    #[test]
+    fn noisy_crossing_curved_sheets_are_found() {
+        let (dims, sheets) = crossing_sheets();
+        for (width, noise) in [(1.0, 0.2), (1.5, 0.0), (1.5, 0.25), (2.0, 0.25)] {
+            let image = ridge_image(dims, &sheets, width, noise);
+            let features = detect(&image, &Detection::of(FeatureKind::Ridges, 8.0)).unwrap();
+            let fit = fit(dims, &sheets, &features.points);
+            assert!(fit.coverage > 0.99, "{width} {noise} {fit:?}");
+            assert!(fit.precision > 0.995, "{width} {noise} {fit:?}");
+            assert!(fit.rms < 0.15, "{width} {noise} {fit:?}");
+            assert!(fit.angle < 3.5, "{width} {noise} {fit:?}");
+        }
+    }
+
+    #[test]
+    fn correlated_noise_is_told_from_sheets() {
+        let (dims, sheets) = crossing_sheets();
+        for (width, noise, coverage) in [(1.5, 0.15, 0.98), (1.5, 0.2, 0.95), (2.0, 0.25, 0.8)] {
+            let image = ridges_in_correlated_noise(dims, &sheets, width, noise, 1.0);
+            let features = detect(&image, &Detection::of(FeatureKind::Ridges, 8.0)).unwrap();
+            let fit = fit(dims, &sheets, &features.points);
+            assert!(
+                fit.coverage > coverage && fit.precision > 0.97,
+                "{width} {noise} {fit:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn valleys_are_ridges_upside_down() {
+        let (dims, sheets) = (
+            [40, 36, 32],
+            [Sheet::plane([1.0, 0.3, 0.2], [20.0, 18.0, 16.0])],
+        );
+        let image = ridge_image(dims, &sheets, 1.5, 0.1);
+        let negated = Image::new(
+            dims,
+            image.as_slice().iter().map(|s| -s).collect(),
+            Geometry::default(),
+        );
+        let ridges = detect(&image, &Detection::of(FeatureKind::Ridges, 4.0)).unwrap();
+        let valleys = detect(&negated, &Detection::of(FeatureKind::Valleys, 4.0)).unwrap();
+        assert!(!ridges.points.is_empty());
+        assert_eq!(ridges.points, valleys.points);
+        assert_eq!(ridges.potential, valleys.potential);
+    }
+
+    #[test]
+    fn noise_alone_gives_hardly_any_feature() {
+        let mut noise = Noise::new(11);
+        let image = image_of([64, 64, 64], |_| noise.normal());
+        let features = detect(&image, &Detection::of(FeatureKind::Ridges, 8.0)).unwrap();
+        assert!(features.points.len() < 1000, "{:?}", features.notes);
+    }
+
+    /// Share of the curve `along(t)`, t from 0 to 1, within half a sample of a point, and the rms
+    /// distance `off` of the points.
+    fn curve_fit(
+        features: &Features<2>,
+        along: impl Fn(f64) -> [f64; 2],
+        off: impl Fn([f64; 2]) -> f64,
+    ) -> (f64, f64) {
+        let covered = (0..=1000).filter(|&i| {
+            let p = along(f64::from(i) / 1000.0);
+            features.points.iter().any(|point| {
+                let r: [f64; 2] = std::array::from_fn(|k| f64::from(point.position[k]) - p[k]);
+                let s = r[0] * f64::from(point.normal[0]) + r[1] * f64::from(point.normal[1]);
+                s.abs() <= 0.5 && r[0].hypot(r[1]) <= 1.2
+            })
+        });
+        let squares: f64 = features
+            .points
+            .iter()
+            .map(|p| off(p.position.map(f64::from)).powi(2))
+            .sum();
+        let rms = (squares / features.points.len().max(1) as f64).sqrt();
+        (covered.count() as f64 / 1001.0, rms)
+    }
+
+    #[test]
+    fn curves_of_a_plane_image_are_found() {
+        let dims = [120, 100];
+        let (centre, radius) = ([30.0, -40.0], 80.0);
+        let ring = |p: [f64; 2]| (p[0] - centre[0]).hypot(p[1] - centre[1]) - radius;
+        let line = |p: [f64; 2]| 0.8 * (p[0] - 60.0) - 0.6 * (p[1] - 50.0);
+        let mut noise = Noise::new(21);
+        let bell = |s: f64| (-0.5 * (s / 1.5).powi(2)).exp();
+        let image = plane_image(dims, |p| {
+            bell(ring(p)).max(bell(line(p))) + 0.15 * noise.normal()
+        });
+        let features = detect(&image, &Detection::of(FeatureKind::Auto, 8.0)).unwrap();
+        assert!(features.notes[0].contains("ridges"), "{:?}", features.notes);
+        let nearest = |p: [f64; 2]| ring(p).abs().min(line(p).abs());
+        let (arc, rms) = curve_fit(
+            &features,
+            |t| {
+                let angle = 0.55 + 1.3 * t;
+                [
+                    centre[0] + radius * angle.cos(),
+                    centre[1] + radius * angle.sin(),
+                ]
+            },
+            nearest,
+        );
+        let (straight, _) = curve_fit(&features, |t| [30.0 + 60.0 * t, 10.0 + 80.0 * t], nearest);
+        assert!(
+            arc > 0.93 && straight > 0.97 && rms < 0.3,
+            "{arc} {straight} {rms} {:?}",
+            features.notes
+        );
+        assert_eq!(features.potential.dims, dims);
+        let deepest = features
+            .potential
+            .samples
+            .iter()
+            .copied()
+            .fold(0.0, f32::min);
+        assert!((-1.0..-0.98).contains(&deepest), "{deepest}");
+    }
+
+    /// Worst distance (samples) of ridge points from a straight Gaussian ridge through the middle, and
+    /// worst angle (degrees) between normals, away from the sides.
+    fn straight_ridge<const D: usize>(
+        dims: [usize; D],
+        normal: [f64; D],
+        width: f64,
+    ) -> (f64, f64) {
+        let middle = dims.map(|n| 0.5 * n as f64 + 0.13);
+        let off = |p: [f64; D]| -> f64 { (0..D).map(|k| normal[k] * (p[k] - middle[k])).sum() };
+        let count = dims.iter().product();
+        let empty = Volume { dims, samples: &[] };
+        let at = |i: usize| empty.coordinates(i).map(|c| c as f64);
+        let samples: Vec<f32> = (0..count)
+            .map(|i| (-0.5 * (off(at(i)) / width).powi(2)).exp() as f32)
+            .collect();
+        let image = Image::new(dims, samples, Geometry::default());
+        let features = detect(&image, &Detection::of(FeatureKind::Ridges, 5.0)).unwrap();
+        let (mut worst, mut turned, mut inner) = ([0.0f64; 2], 0.0f64, 0);
+        for point in &features.points {
+            let p = point.position.map(f64::from);
+            if (0..D).all(|k| p[k] > 7.0 && p[k] < dims[k] as f64 - 8.0) {
+                inner += 1;
+                worst[0] = worst[0].max(off(p).abs());
+                let c: f64 = (0..D).map(|k| normal[k] * f64::from(point.normal[k])).sum();
+                turned = turned.max(c.abs().min(1.0).acos().to_degrees());
+            }
+        }
+        assert!(inner > dims[0] / 3, "{inner} {normal:?}");
+        (worst[0], turned)
+    }
+
+    #[test]
+    fn ridges_lie_where_they_are_at_every_dip() {
+        for width in [1.0, 2.0] {
+            for dip in (0..180).step_by(9) {
+                let (sin, cos) = f64::from(dip).to_radians().sin_cos();
+                let (off, angle) = straight_ridge([48, 44], [cos, sin], width);
+                assert!(off < 0.1 && angle < 0.5, "2-D {width} {dip} {off} {angle}");
+            }
+            for dip in (0..=90).step_by(18) {
+                for azimuth in (0..360).step_by(40) {
+                    let (dip, azimuth) =
+                        (f64::from(dip).to_radians(), f64::from(azimuth).to_radians());
+                    let normal = [
+                        dip.cos(),
+                        dip.sin() * azimuth.cos(),
+                        dip.sin() * azimuth.sin(),
+                    ];
+                    let (off, angle) = straight_ridge([30, 29, 32], normal, width);
+                    assert!(off < 0.1 && angle < 0.5, "3-D {normal:?} {off} {angle}");
+                }
+            }
+        }
+    }
+}

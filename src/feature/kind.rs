@@ -1,0 +1,100 @@
+//! Kinds of features and their names.
+
+use crate::error::{Error, Result, cause};
+use serde::{Deserialize, Serialize};
+use std::fmt;
+use std::str::FromStr;
+
+/// What a feature of the image is. The words are those of the command line's help.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[serde(rename_all = "kebab-case")]
+pub enum FeatureKind {
+    /// Picked by what the image looks like; the report says what was picked
+    Auto,
+    /// Bright sheets: fault images, fractures, membranes
+    Ridges,
+    /// Dark sheets
+    Valleys,
+    /// Steps of brightness
+    Edges,
+    /// Steps of brightness, by non-maximum suppression and hysteresis
+    Canny,
+    /// The boundary of an object, by random shortest paths (2-D; needs a point of the object)
+    Paths,
+    /// Peaks and troughs of seismic amplitude along the bedding's normal
+    Horizons,
+    /// Where the layers of seismic amplitude do not continue
+    Faults,
+    /// Both, each with its weight
+    #[cfg_attr(feature = "cli", value(name = "faults+horizons"))]
+    #[serde(rename = "faults+horizons")]
+    FaultsAndHorizons,
+    /// Interfaces between labels, or the rim of a mask
+    Labels,
+    /// The image is b(x) already: -1 on features, 0 elsewhere
+    Potential,
+}
+
+/// Names on the command line.
+const NAMES: [(FeatureKind, &str); 11] = [
+    (FeatureKind::Auto, "auto"),
+    (FeatureKind::Ridges, "ridges"),
+    (FeatureKind::Valleys, "valleys"),
+    (FeatureKind::Edges, "edges"),
+    (FeatureKind::Canny, "canny"),
+    (FeatureKind::Paths, "paths"),
+    (FeatureKind::Horizons, "horizons"),
+    (FeatureKind::Faults, "faults"),
+    (FeatureKind::FaultsAndHorizons, "faults+horizons"),
+    (FeatureKind::Labels, "labels"),
+    (FeatureKind::Potential, "potential"),
+];
+
+impl fmt::Display for FeatureKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(
+            NAMES
+                .iter()
+                .find(|(kind, _)| kind == self)
+                .map_or("", |(_, name)| name),
+        )
+    }
+}
+
+impl FromStr for FeatureKind {
+    type Err = Error;
+
+    fn from_str(s: &str) -> Result<Self> {
+        let names = || NAMES.map(|(_, name)| name).join(", ");
+        NAMES
+            .iter()
+            .find(|(_, name)| *name == s)
+            .map(|(kind, _)| *kind)
+            .ok_or_else(|| {
+                Error::Feature(cause(
+                    format!("feature '{s}'"),
+                    "is not known",
+                    format!("choose one of {}", names()),
+                ))
+            })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn kinds_have_the_names_of_the_command_line() {
+        for (kind, name) in NAMES {
+            assert_eq!(kind.to_string(), name);
+            assert_eq!(name.parse::<FeatureKind>().unwrap(), kind);
+        }
+        let message = "ridge".parse::<FeatureKind>().unwrap_err().to_string();
+        assert!(
+            message.contains("'ridge'") && message.contains("ridges"),
+            "{message}"
+        );
+    }
+}

@@ -1,0 +1,36 @@
+//! Where an image is steepest: non-maximum suppression (Canny 1986).
+//!
+//! A sample is on an edge where the gradient's magnitude is largest along the gradient, at the
+//! sub-sample position where its derivative along that direction passes through zero.
+
+use super::crossing::{Candidate, along_axis, dominant_axes};
+use super::volume::Volume;
+
+/// Points whose steepness is at least `low`, and above zero, in the order of samples, of a smoothed
+/// volume of which `steepness` is the [steepness](super::steepness::steepness).
+pub fn steepest<const D: usize>(
+    smoothed: Volume<'_, D>,
+    steepness: Volume<'_, D>,
+    low: f32,
+) -> Vec<Candidate<D>> {
+    smoothed.by_rows(|first, (): &mut (), found| {
+        let start = smoothed.index(first);
+        let row = &steepness.samples[start..start + smoothed.dims[0]];
+        for (x, &steep) in row.iter().enumerate() {
+            if steep < low || steep <= 0.0 {
+                continue;
+            }
+            let mut at = first;
+            at[0] = x;
+            let normal = smoothed
+                .gradient(at)
+                .map(|g| f64::from(g) / f64::from(steep));
+            for axis in dominant_axes(normal) {
+                if let Some(offset) = along_axis(steepness, at, normal, axis) {
+                    let found_here = Candidate::new(smoothed.dims, at, axis, offset, normal, steep);
+                    found.push(found_here);
+                }
+            }
+        }
+    })
+}

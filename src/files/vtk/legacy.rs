@@ -1,0 +1,369 @@
+//! Legacy files (`.vtk`), which `vtkio` reads, as the XML files that all else here is about.
+//!
+//! What `vtkio` does not know of is settled before it sees the file: names of number types that VTK
+//! writes since its version 9, and field data in front of a data set. It has origins and spacings in
+//! single precision, so these are taken from the text. Layout:
+//! <https://docs.vtk.org/en/latest/vtk_file_formats/vtk_legacy_file_format.html>.
+
+use std::io::Cursor;
+
+use vtkio::model::{
+    Attribute, Attributes, CellType, Cells, DataSet, ElementType, Extent, FieldArray, IOBuffer,
+    Piece, VertexNumbers, Vtk,
+};
+
+use super::{DataArray, Document, Packing, Values};
+
+/// What every legacy file begins with.
+pub const MAGIC: &[u8] = b"# vtk DataFile";
+
+/// The text of a file's head: three lines and the data set's, and for images three more.
+const HEAD: usize = 2048;
+
+/// The same content as an XML file.
+///
+/// # Errors
+/// What is wrong with the file.
+pub fn as_xml(bytes: &[u8]) -> Result<Vec<u8>, String> {
+    let bytes = &with_known_types(bytes);
+    let begin = after_data_set(bytes).ok_or("is a VTK file without a data set")?;
+    let (fields, bytes) = without_fields(bytes, begin)?;
+    let data = parsed(&bytes)?;
+    let kind = match &data {
+        DataSet::ImageData { .. } => "ImageData",
+        DataSet::UnstructuredGrid { .. } => "UnstructuredGrid",
+        _ => return Err("holds neither an image nor an unstructured grid".into()),
+    };
+    let mut content = Content {
+        fields: fields
+            .into_iter()
+            .map(field_array)
+            .collect::<Result<_, _>>()?,
+        ..Content::default()
+    };
+    match data {
+        DataSet::ImageData {
+            extent: Extent::Dims(dims),
+            pieces,
+            ..
+        } => {
+            let whole = dims.map(|n| format!("0 {}", i64::from(n) - 1)).join(" ");
+            content.attributes.push(("WholeExtent", whole.clone()));
+            for (word, attribute) in [
+                ("ORIGIN", "Origin"),
+                ("SPACING", "Spacing"),
+                ("ASPECT_RATIO", "Spacing"),
+            ] {
+                let value = after_word(&bytes[begin..], word);
+                content
+                    .attributes
+                    .extend(value.map(|text| (attribute, text)));
+            }
+            content.piece.push(("Extent", whole));
+            content.take_attributes(only(pieces)?.data)?;
+        }
+        DataSet::UnstructuredGrid { pieces, .. } => {
+            let piece = only(pieces)?;
+            let points = numbers(piece.points)?;
+            let count = points.len() / 3;
+            content.piece.push(("NumberOfPoints", count.to_string()));
+            content.points = Some(points);
+            content.take_cells(piece.cells)?;
+            content.take_attributes(piece.data)?;
+        }
+        _ => {}
+    }
+    content.written(kind).map_err(|error| error.to_string())
+}
+
+/// The data set, if the whole file is understood.
+fn parsed(bytes: &[u8]) -> Result<DataSet, String> {
+    let damaged = "is damaged, cut off, or holds more than numbers";
+    let (rest, Vtk { data, .. }) = vtkio::parser::parse_be(bytes).map_err(|_| damaged)?;
+    match rest.iter().all(u8::is_ascii_whitespace) {
+        true => Ok(data),
+        false => Err(damaged.into()),
+    }
+}
+
+/// The only piece: legacy files have one.
+fn only<P>(pieces: Vec<Piece<P>>) -> Result<P, String> {
+    match pieces.into_iter().next() {
+        Some(Piece::Inline(piece)) => Ok(*piece),
+        _ => Err("holds nothing".into()),
+    }
+}
+
+/// The file with VTK's new names of number types as their old ones.
+fn with_known_types(bytes: &[u8]) -> Vec<u8> {
+    let mut known = Vec::with_capacity(bytes.len());
+    for line in bytes.split_inclusive(|&b| b == b'\n') {
+        let names = [
+            (" vtktypeint64\n", " long\n"),
+            (" vtktypeuint64\n", " unsigned_long\n"),
+        ];
+        let is_cells = line.starts_with(b"OFFSETS") || line.starts_with(b"CONNECTIVITY");
+        let found = names.iter().find(|(new, _)| line.ends_with(new.as_bytes()));
+        match found {
+            Some((new, old)) if !is_cells => {
+                known.extend(&line[..line.len() - new.len()]);
+                known.extend(old.as_bytes());
+            }
+            _ => known.extend(line),
+        }
+    }
+    known
+}
+
+/// Where the line ends that names the data set.
+fn after_data_set(bytes: &[u8]) -> Option<usize> {
+    let mut end = 0;
+    for line in bytes[..bytes.len().min(HEAD)].split_inclusive(|&b| b == b'\n') {
+        end += line.len();
+        if line.len() > 7 && line[..7].eq_ignore_ascii_case(b"DATASET") {
+            return Some(end);
+        }
+    }
+    None
+}
+
+/// The field data that stands in front of the data set, and the file without it.
+fn without_fields(bytes: &[u8], begin: usize) -> Result<(Vec<FieldArray>, Vec<u8>), String> {
+    let rest = bytes[begin..].trim_ascii_start();
+    if !rest.starts_with(b"FIELD") {
+        return Ok((Vec::new(), bytes.to_vec()));
+    }
+    let line_of_set = bytes[..begin].trim_ascii_end();
+    let line_of_set = line_of_set.iter().rposition(|&b| b == b'\n').unwrap_or(0);
+    // To vtkio field data is a data set of its own.
+    let alone = [&bytes[..=line_of_set], rest].concat();
+    match vtkio::parser::parse_be(&alone) {
+        Ok((
+            after,
+            Vtk {
+                data: DataSet::Field { data_array, .. },
+                ..
+            },
+        )) => Ok((data_array, [&bytes[..begin], after].concat())),
+        _ => Err("has field data other than numbers".into()),
+    }
+}
+
+/// The words behind the first line that begins with this one.
+fn after_word(bytes: &[u8], word: &str) -> Option<String> {
+    let head = String::from_utf8_lossy(&bytes[..bytes.len().min(HEAD)]);
+    let mut lines = head.lines();
+    lines.find_map(|line| {
+        let mut words = line.split_ascii_whitespace();
+        let first = words.next()?;
+        let rest: Vec<&str> = words.collect();
+        first.eq_ignore_ascii_case(word).then(|| rest.join(" "))
+    })
+}
+
+fn numbers(buffer: IOBuffer) -> Result<Values, String> {
+    Ok(match buffer {
+        IOBuffer::Bit(_) => return Err("has an array of bits, which is not read".into()),
+        IOBuffer::U8(v) => v.into(),
+        IOBuffer::I8(v) => v.into(),
+        IOBuffer::U16(v) => v.into(),
+        IOBuffer::I16(v) => v.into(),
+        IOBuffer::U32(v) => v.into(),
+        IOBuffer::I32(v) => v.into(),
+        IOBuffer::U64(v) => v.into(),
+        IOBuffer::I64(v) => v.into(),
+        IOBuffer::F32(v) => v.into(),
+        IOBuffer::F64(v) => v.into(),
+    })
+}
+
+fn field_array(array: FieldArray) -> Result<DataArray, String> {
+    Ok(DataArray {
+        name: decoded(&array.name),
+        components: array.elem as usize,
+        values: numbers(array.data)?,
+    })
+}
+
+/// Names stand without spaces: `%20` is one.
+fn decoded(name: &str) -> String {
+    let mut bytes = Vec::new();
+    let mut rest = name.as_bytes();
+    while let [first, after @ ..] = rest {
+        let code = after
+            .get(..2)
+            .and_then(|code| std::str::from_utf8(code).ok());
+        match code.and_then(|code| u8::from_str_radix(code, 16).ok()) {
+            Some(byte) if *first == b'%' => {
+                bytes.push(byte);
+                rest = &after[2..];
+            }
+            _ => {
+                bytes.push(*first);
+                rest = after;
+            }
+        }
+    }
+    String::from_utf8_lossy(&bytes).into_owned()
+}
+
+/// What an XML file holds.
+#[derive(Default)]
+struct Content {
+    /// Attributes of the data set, and of its only piece.
+    attributes: Vec<(&'static str, String)>,
+    piece: Vec<(&'static str, String)>,
+    fields: Vec<DataArray>,
+    /// The name of the active scalars on points.
+    scalars: Option<String>,
+    on_points: Vec<DataArray>,
+    on_cells: Vec<DataArray>,
+    points: Option<Values>,
+    cells: Vec<DataArray>,
+}
+
+impl Content {
+    fn take_attributes(&mut self, data: Attributes) -> Result<(), String> {
+        let is_scalars = |attribute: &&Attribute| {
+            matches!(attribute, Attribute::DataArray(array)
+                if matches!(array.elem, ElementType::Scalars { .. }))
+        };
+        let active = data.point.iter().find(is_scalars);
+        self.scalars = active.map(|attribute| decoded(attribute.name()));
+        for (attributes, arrays) in [
+            (data.point, &mut self.on_points),
+            (data.cell, &mut self.on_cells),
+        ] {
+            for attribute in attributes {
+                match attribute {
+                    Attribute::DataArray(array) if array.elem == ElementType::LookupTable => {}
+                    Attribute::DataArray(array) => arrays.push(DataArray {
+                        name: decoded(&array.name),
+                        components: array.elem.num_comp() as usize,
+                        values: numbers(array.data)?,
+                    }),
+                    Attribute::Field { data_array, .. } => {
+                        for array in data_array {
+                            arrays.push(field_array(array)?);
+                        }
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn take_cells(&mut self, cells: Cells) -> Result<(), String> {
+        let count = cells.types.len();
+        let (connectivity, ends) = match cells.cell_verts {
+            VertexNumbers::Legacy { vertices, .. } => apart(&vertices).ok_or("has broken cells")?,
+            VertexNumbers::XML {
+                connectivity,
+                offsets,
+            } => {
+                // Their beginnings, and the end of the last.
+                let begins = offsets.len() == count + 1;
+                (
+                    connectivity,
+                    offsets
+                        .get(usize::from(begins)..)
+                        .unwrap_or_default()
+                        .to_vec(),
+                )
+            }
+        };
+        let types: Vec<u8> = cells.types.iter().map(|&kind| kind as u8).collect();
+        let polyhedra = cells.types.iter().all(|&kind| kind == CellType::Polyhedron);
+        // A polyhedron is listed by its faces.
+        let names = match polyhedra && count > 0 {
+            true => ["faces", "faceoffsets"],
+            false => ["connectivity", "offsets"],
+        };
+        self.cells = vec![
+            DataArray::scalars(names[0], connectivity),
+            DataArray::scalars(names[1], ends),
+            DataArray::scalars("types", types),
+        ];
+        self.piece.push(("NumberOfCells", count.to_string()));
+        Ok(())
+    }
+
+    fn written(&self, kind: &'static str) -> std::io::Result<Vec<u8>> {
+        let mut document = Document::packed(kind, &self.attributes, Packing::None);
+        open_with(&mut document, "FieldData", &[], &self.fields);
+        document.close();
+        document.open("Piece", &self.piece);
+        let scalars = self.scalars.iter();
+        let active: Vec<_> = scalars.map(|name| ("Scalars", name.clone())).collect();
+        open_with(&mut document, "PointData", &active, &self.on_points);
+        document.close();
+        open_with(&mut document, "CellData", &[], &self.on_cells);
+        document.close();
+        if let Some(points) = &self.points {
+            document.open("Points", &[]);
+            document.array(points.source("Points", 3));
+            document.close();
+            open_with(&mut document, "Cells", &[], &self.cells);
+        }
+        let mut bytes = Cursor::new(Vec::new());
+        document.write(&mut bytes)?;
+        Ok(bytes.into_inner())
+    }
+}
+
+/// Opens an element and puts arrays into it.
+fn open_with<'a>(
+    document: &mut Document<'a>,
+    element: &'static str,
+    attributes: &[(&str, String)],
+    arrays: &'a [DataArray],
+) {
+    document.open(element, attributes);
+    for array in arrays {
+        document.array(array.values.source(&array.name, array.components));
+    }
+}
+
+/// The nodes of cells that each begin with their number, and where each cell ends.
+fn apart(cells: &[u32]) -> Option<(Vec<u64>, Vec<u64>)> {
+    let (mut nodes, mut ends) = (Vec::new(), Vec::new());
+    let mut rest = cells;
+    while let [size, after @ ..] = rest {
+        let (own, next) = after.split_at_checked(*size as usize)?;
+        nodes.extend(own.iter().map(|&n| u64::from(n)));
+        ends.push(nodes.len() as u64);
+        rest = next;
+    }
+    Some((nodes, ends))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_decoded() {
+        assert_eq!(decoded("two%20words"), "two words");
+        assert_eq!(decoded("100%"), "100%");
+        assert_eq!(decoded("%zz%c3%bc"), "%zzü");
+    }
+
+    /// Cut anywhere, a file is never read and never panics.
+    #[test]
+    fn damaged_files_are_refused() {
+        let text = "# vtk DataFile Version 3.0\ntitle\nASCII\nDATASET UNSTRUCTURED_GRID\n\
+                    POINTS 4 float\n0 0 0 1 0 0 0 1 0 0 0 1\nCELLS 1 5\n4 0 1 2 3\n\
+                    CELL_TYPES 1\n10\nCELL_DATA 1\nSCALARS region int 1\nLOOKUP_TABLE default\n7\n";
+        assert!(as_xml(text.as_bytes()).is_ok());
+        // The last line may lack its end.
+        for end in 0..text.find("CELL_TYPES").unwrap() {
+            assert!(as_xml(&text.as_bytes()[..end]).is_err(), "cut at {end}");
+        }
+        let wrong = |from: &str, to: &str| as_xml(text.replace(from, to).as_bytes()).unwrap_err();
+        assert!(wrong("CELL_DATA 1", "CELL_DATA 2").contains("damaged"));
+        assert!(wrong("region int", "region string").contains("damaged"));
+        assert!(wrong("4 0 1 2 3", "9 0 1 2 3").contains("broken cells"));
+        assert!(wrong("UNSTRUCTURED_GRID", "NOTHING").contains("damaged"));
+        assert!(wrong("DATASET", "SET").contains("without a data set"));
+    }
+}

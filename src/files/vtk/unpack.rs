@@ -1,0 +1,119 @@
+//! Blocks of arrays, as VTK's compressors pack them.
+
+use std::io::{self, Write};
+
+use flate2::{Decompress, FlushDecompress, Status};
+
+/// How the blocks of a file's arrays are packed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Compressor {
+    Zlib,
+    Lz4,
+    Lzma,
+}
+
+impl Compressor {
+    /// The one of VTK's name.
+    pub(super) fn named(name: &str) -> Option<Self> {
+        match name {
+            "vtkZLibDataCompressor" => Some(Self::Zlib),
+            "vtkLZ4DataCompressor" => Some(Self::Lz4),
+            "vtkLZMADataCompressor" => Some(Self::Lzma),
+            _ => None,
+        }
+    }
+
+    /// How many times larger than packed a block can be at most: a lying header must not claim all
+    /// memory. For LZMA there is no such number that is of use; what it unpacks grows as it comes.
+    fn expands(self) -> usize {
+        match self {
+            Self::Zlib => 1032,
+            Self::Lz4 => 255,
+            Self::Lzma => usize::MAX,
+        }
+    }
+
+    /// Unpacks a block, which must hold exactly `size` bytes.
+    pub(super) fn unpack(self, packed: &[u8], size: usize) -> Result<Vec<u8>, String> {
+        if size > packed.len().saturating_mul(self.expands()) {
+            return Err("is damaged: a block is larger than its data can be".to_string());
+        }
+        let bytes = match self {
+            Self::Zlib => inflate(packed, size),
+            Self::Lz4 => lz4_flex::block::decompress(packed, size).ok(),
+            Self::Lzma => {
+                let mut bytes = AtMost {
+                    bytes: Vec::new(),
+                    size,
+                };
+                let done = lzma_rs::xz_decompress(&mut &*packed, &mut bytes);
+                done.is_ok().then_some(bytes.bytes)
+            }
+        };
+        bytes
+            .filter(|bytes| bytes.len() == size)
+            .ok_or_else(|| "is damaged: a block does not decompress".to_string())
+    }
+}
+
+fn inflate(packed: &[u8], size: usize) -> Option<Vec<u8>> {
+    let mut bytes = Vec::with_capacity(size);
+    let status = Decompress::new(true).decompress_vec(packed, &mut bytes, FlushDecompress::Finish);
+    matches!(status, Ok(Status::StreamEnd)).then_some(bytes)
+}
+
+/// Takes so many bytes and no more.
+struct AtMost {
+    bytes: Vec<u8>,
+    size: usize,
+}
+
+impl Write for AtMost {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        if bytes.len() > self.size - self.bytes.len() {
+            return Err(io::ErrorKind::FileTooLarge.into());
+        }
+        self.bytes.extend_from_slice(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_block_that_lies_about_its_size_is_refused() {
+        let text = b"the same, the same, the same, the same";
+        let mut xz = Vec::new();
+        lzma_rs::xz_compress(&mut &text[..], &mut xz).unwrap();
+        // Literals only: no length but theirs, in the high half of the token and what follows it.
+        let mut lz4 = vec![0xf0, text.len() as u8 - 15];
+        lz4.extend(text);
+        let mut zlib = Vec::with_capacity(100);
+        flate2::Compress::new(flate2::Compression::fast(), true)
+            .compress_vec(text, &mut zlib, flate2::FlushCompress::Finish)
+            .unwrap();
+        for (compressor, packed) in [
+            (Compressor::Zlib, zlib),
+            (Compressor::Lz4, lz4),
+            (Compressor::Lzma, xz),
+        ] {
+            let unpack = |packed: &[u8], size| compressor.unpack(packed, size);
+            assert_eq!(unpack(&packed, text.len()).unwrap(), text, "{compressor:?}");
+            for size in [0, text.len() - 1, text.len() + 1, usize::MAX] {
+                assert!(unpack(&packed, size).is_err(), "{compressor:?} {size}");
+            }
+            for end in 0..packed.len() / 2 {
+                assert!(
+                    unpack(&packed[..end], text.len()).is_err(),
+                    "{compressor:?}"
+                );
+            }
+        }
+    }
+}

@@ -1,0 +1,178 @@
+//! Lattice space, and what lies in it: the box, the weight of the image, fixed atoms, wells.
+
+use super::{FixedAtom, Params, Weight};
+use crate::error::cause;
+use crate::image::{Field, Geometry, Image};
+use crate::lattice::energy::Beta;
+use crate::lattice::seeding::wells::Way;
+use crate::{Error, Result};
+
+/// The widest well, in distances between atoms.
+const NARROW: f64 = 0.2;
+
+/// Where a job works, and what is there before it begins.
+pub(super) struct Frame<const D: usize> {
+    /// Length of one sample along each axis.
+    pub step: [f64; D],
+    /// The far corner of the box.
+    pub extent: [f64; D],
+    /// Weight of the image.
+    pub beta: Beta<D>,
+    /// Fixed atoms.
+    pub fixed: Vec<[f64; D]>,
+    /// Trajectories of wells, as far as they lie in the box.
+    pub ways: Vec<Way<D>>,
+}
+
+impl<const D: usize> Frame<D> {
+    /// What the parameters say of an image.
+    ///
+    /// # Errors
+    /// [`Error::Seeding`] for atoms and wells that do not lie in the image, [`Error::Job`] for weights
+    /// of other dims.
+    pub fn new(image: &Image<D>, params: &Params<D>) -> Result<Self> {
+        let (dims, geometry) = (image.dims(), &image.geometry);
+        let step = params.metric.step(geometry);
+        let extent = lattice_extent(dims, step);
+        Ok(Self {
+            step,
+            extent,
+            beta: lattice_beta(&params.beta, dims, step)?,
+            fixed: lattice_points(&params.fixed, geometry, step, extent)?,
+            ways: lattice_ways(params, geometry, step, extent)?,
+        })
+    }
+}
+
+/// The far corner of the box in lattice space.
+pub(super) fn lattice_extent<const D: usize>(dims: [usize; D], step: [f64; D]) -> [f64; D] {
+    std::array::from_fn(|k| (dims[k].max(1) - 1) as f64 * step[k])
+}
+
+/// The weight of the image in lattice space.
+pub(crate) fn lattice_beta<const D: usize>(
+    weight: &Weight<D>,
+    dims: [usize; D],
+    step: [f64; D],
+) -> Result<Beta<D>> {
+    let image = match weight {
+        Weight::Constant(beta) => return Ok(Beta::Constant(*beta)),
+        Weight::Image(image) => image,
+    };
+    if image.dims() != dims {
+        return Err(Error::Job(cause(
+            "beta",
+            format!("has dims {:?}, the image {dims:?}", image.dims()),
+            "give one weight per sample of the image",
+        )));
+    }
+    Ok(Beta::Field(Field {
+        dims,
+        step,
+        samples: image.as_slice().to_vec(),
+    }))
+}
+
+/// The trajectories of wells in lattice space, as far as they lie in the box.
+fn lattice_ways<const D: usize>(
+    params: &Params<D>,
+    geometry: &Geometry<D>,
+    step: [f64; D],
+    extent: [f64; D],
+) -> Result<Vec<Way<D>>> {
+    let least = params.well_distance.unwrap_or(params.spacing.min());
+    let spacing = geometry.spacing();
+    let sample = (0..D).fold(f64::INFINITY, |s, k| s.min(spacing[k] / step[k]));
+    let mut ways = Vec::new();
+    for well in &params.wells {
+        let refuse =
+            |problem: String, remedy: &str| Err(Error::Seeding(cause(&well.name, problem, remedy)));
+        if well.radius >= NARROW * least * sample {
+            return refuse(
+                format!(
+                    "has a radius of {}, but cells are only about {} wide there",
+                    well.radius,
+                    least * sample
+                ),
+                "give a smaller radius or a larger distance between atoms",
+            );
+        }
+        let to_lattice = |&x: &[f64; D]| -> Option<[f64; D]> {
+            let index = geometry.to_index(x)?;
+            Some(std::array::from_fn(|k| index[k] * step[k]))
+        };
+        let points: Option<Vec<_>> = well.points.iter().map(to_lattice).collect();
+        let way = Way {
+            name: well.name.clone(),
+            points: points.unwrap_or_default(),
+        };
+        let inside = way.inside(extent);
+        if inside.is_empty() {
+            let problem = "lies outside the image".to_string();
+            return refuse(
+                problem,
+                "give points inside, in the image's physical coordinates",
+            );
+        }
+        ways.extend(inside);
+    }
+    Ok(ways)
+}
+
+/// Physical points in lattice space; all must lie in the box and apart from one another.
+pub(crate) fn lattice_points<const D: usize>(
+    points: &[FixedAtom<D>],
+    geometry: &Geometry<D>,
+    step: [f64; D],
+    extent: [f64; D],
+) -> Result<Vec<[f64; D]>> {
+    let refuse = |k: usize, problem: String, remedy: &str| {
+        let FixedAtom { name, position } = &points[k];
+        let position = position.map(|c| c.to_string()).join(", ");
+        Error::Seeding(cause(
+            format!("{name}: fixed atom ({position})"),
+            problem,
+            remedy,
+        ))
+    };
+    let mut found: Vec<[f64; D]> = Vec::with_capacity(points.len());
+    for (k, point) in points.iter().enumerate() {
+        let index = geometry.to_index(point.position).ok_or_else(|| {
+            refuse(
+                k,
+                "the image's axes do not span space".into(),
+                "correct the image's geometry",
+            )
+        })?;
+        let mut position = [0.0; D];
+        for axis in 0..D {
+            let x = index[axis] * step[axis];
+            // Rounding in the coordinates must not push a point off its side.
+            let slack = 1e-6 * extent[axis];
+            if !(-slack..=extent[axis] + slack).contains(&x) {
+                let index = index.map(|i| (1e3 * i).round() / 1e3);
+                return Err(refuse(
+                    k,
+                    format!("lies outside the image, at sample {index:?} (x first)"),
+                    "give points inside, in the image's physical coordinates",
+                ));
+            }
+            position[axis] = x.clamp(0.0, extent[axis]);
+        }
+        found.push(position);
+    }
+    let mut order: Vec<usize> = (0..found.len()).collect();
+    order.sort_by(|&a, &b| {
+        found[a]
+            .partial_cmp(&found[b])
+            .unwrap_or(std::cmp::Ordering::Equal)
+    });
+    for pair in order.windows(2) {
+        if found[pair[0]] == found[pair[1]] {
+            let (first, second) = (pair[0].min(pair[1]), pair[0].max(pair[1]));
+            let problem = format!("is at the same place as that of {}", points[first].name);
+            return Err(refuse(second, problem, "keep one of the two"));
+        }
+    }
+    Ok(found)
+}

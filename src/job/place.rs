@@ -1,0 +1,195 @@
+//! Atoms at rest: placed on a lattice that then moves onto the features, or as Canny's points, which
+//! lie on them from the start.
+
+use super::frame::Frame;
+use super::optimise::optimise;
+use super::{Evaluator, Meshing, Params, Space, Spacing, Stages, canny};
+use crate::error::cause;
+use crate::feature::Features;
+use crate::image::{Field, Image};
+use crate::lattice::distance::{self, Distance};
+use crate::lattice::optimize;
+use crate::lattice::seeding::{self, Alignment, Atoms, Seeding, wells};
+use crate::observer::Stage;
+use crate::{Error, Result};
+
+/// Growth of a variable distance: the bound on |grad d|.
+const GROWTH: f64 = 0.1;
+
+/// How atoms come to rest.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Placing {
+    /// Seeded at the distance asked for, then moved.
+    Lattice,
+    /// Canny's points: image and features decide the distance, and nothing moves.
+    Canny,
+}
+
+/// Atoms at rest.
+pub(super) struct Placed<const D: usize> {
+    /// The atoms.
+    pub atoms: Atoms<D>,
+    /// The nominal distance between them.
+    pub distance: Distance<D>,
+    /// What the optimiser did in its last pass, where there was one.
+    pub optimised: Option<optimize::Outcome>,
+}
+
+impl Placing {
+    /// What the parameters ask for.
+    pub fn of<const D: usize>(params: &Params<D>) -> Self {
+        match params.seeding {
+            Seeding::Canny => Self::Canny,
+            _ => Self::Lattice,
+        }
+    }
+
+    /// Refuses what cannot be had.
+    pub fn check<const D: usize>(self, params: &Params<D>, alignment: Alignment) -> Result<()> {
+        let alongside = alignment == Alignment::Alongside;
+        let sampled = params.evaluator == Evaluator::Sampled;
+        let (place, problem, remedy, parameter) = match self {
+            Self::Canny if alongside => (
+                "Canny's points",
+                "lie on features, but Voronoi cells need atoms alongside",
+                "ask for simplices, or place atoms otherwise",
+                "seeding",
+            ),
+            Self::Canny if !params.wells.is_empty() => (
+                "Canny's points",
+                "decide the distance between atoms, and so know no wells with their own",
+                "give wells as fixed atoms, or place atoms otherwise",
+                "seeding",
+            ),
+            Self::Lattice if sampled && alongside => (
+                "the sampled energy",
+                "has no mirror images, which atoms alongside features need",
+                "use the pairwise one",
+                "potential",
+            ),
+            Self::Lattice if params.kappa != 1.0 && alongside => (
+                "kappa",
+                "is about the neighbours of atoms in a Delaunay mesh, but Voronoi cells are asked for",
+                "leave it at 1",
+                "kappa",
+            ),
+            Self::Lattice if params.kappa != 1.0 && sampled => (
+                "kappa",
+                "goes with the exact energy, but the sampled one is asked for",
+                "use the pairwise one",
+                "potential",
+            ),
+            _ => return Ok(()),
+        };
+        Err(Error::Job(cause(place, problem, remedy).about(parameter)))
+    }
+
+    /// Places atoms and brings them to rest.
+    ///
+    /// # Errors
+    /// Those of distances and seeding; [`Error::Interrupted`] before there is a lattice.
+    pub fn place<const D: usize>(
+        self,
+        image: &Image<D>,
+        params: &Params<D>,
+        alignment: Alignment,
+        features: &Features<D>,
+        frame: &Frame<D>,
+        stages: &mut Stages<'_>,
+    ) -> Result<Placed<D>>
+    where
+        Space<D>: Meshing<D>,
+    {
+        stages.begin_unless_stopped(Stage::Placing)?;
+        match self {
+            Self::Canny => canny::placed(image, params, features, frame),
+            Self::Lattice => lattice(image, params, alignment, features, frame, stages),
+        }
+    }
+}
+
+/// Seeds a lattice and moves it.
+fn lattice<const D: usize>(
+    image: &Image<D>,
+    params: &Params<D>,
+    alignment: Alignment,
+    features: &Features<D>,
+    frame: &Frame<D>,
+    stages: &mut Stages<'_>,
+) -> Result<Placed<D>> {
+    let (extent, ways) = (frame.extent, &frame.ways);
+    let mut distance = varying(image, params, features, frame.step)?;
+    stages.need_to_go_on(Stage::Placing)?;
+    if let Some(least) = params.well_distance.filter(|_| !ways.is_empty()) {
+        distance = wells::refined(distance, ways, least, GROWTH, extent)?;
+    }
+    let mut fixed = frame.fixed.clone();
+    fixed.extend(wells::atoms(ways, &distance, extent, alignment)?);
+    let mut atoms = seeding::seed(
+        params.seeding,
+        extent,
+        &distance,
+        &fixed,
+        alignment,
+        Some(&features.potential),
+    )?;
+    stages.need_to_go_on(Stage::Placing)?;
+
+    stages.begin(Stage::Optimising);
+    stages.observer.round(0, &optimize::three(&atoms.positions));
+    let optimised = optimise(
+        &mut atoms,
+        params,
+        alignment,
+        features,
+        &distance,
+        frame,
+        stages.observer,
+    )?;
+    Ok(Placed {
+        atoms,
+        distance,
+        optimised: Some(optimised),
+    })
+}
+
+/// The nominal distance that the parameters ask for.
+fn varying<const D: usize>(
+    image: &Image<D>,
+    params: &Params<D>,
+    features: &Features<D>,
+    step: [f64; D],
+) -> Result<Distance<D>> {
+    let field = |image: &Image<D>| Field {
+        dims: image.dims(),
+        step,
+        samples: image.as_slice().to_vec(),
+    };
+    match params.spacing {
+        Spacing::Constant(d) => Ok(Distance::Constant(d)),
+        Spacing::FromFeatures { min, max } => distance::from_features(features, min, max, GROWTH),
+        Spacing::FromImage { min, max } => distance::from_image(&field(image), min, max, GROWTH),
+        Spacing::FromLaplacian { min, max } => {
+            distance::from_laplacian(&features.potential, features.sigma, min, max, GROWTH)
+        }
+        Spacing::OfAtoms { .. } => Err(Error::Job(cause(
+            "distance",
+            "shall be that of Canny's points, but atoms are placed otherwise",
+            "give a distance, or place Canny's points",
+        ))),
+        Spacing::Given { min, max } => match &params.distances {
+            Some(given) if given.dims() == image.dims() => {
+                distance::from_samples(field(given), min, max, GROWTH)
+            }
+            given => Err(Error::Job(cause(
+                "distances",
+                format!(
+                    "have dims {:?}, the image {:?}",
+                    given.as_ref().map(|image| image.dims()).unwrap_or([0; D]),
+                    image.dims()
+                ),
+                "give one distance per sample of the image",
+            ))),
+        },
+    }
+}

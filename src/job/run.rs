@@ -1,0 +1,181 @@
+//! The one pass: image in, mesh out.
+
+use super::frame::{Frame, lattice_extent};
+use super::optimise::optimisation;
+use super::place::{Placed, Placing};
+use super::{CellKind, Marked, Meshing, Params, Scene, Space, Stages, cells, simplices};
+use crate::Result;
+use crate::feature::{self, Features};
+use crate::image::{Geometry, Image};
+use crate::lattice::distance::Distance;
+use crate::lattice::optimize::{self, Stop};
+use crate::lattice::seeding::Alignment;
+use crate::mesh::poly::PolyMesh;
+use crate::observer::{Observer, Stage};
+use crate::report::Report;
+
+/// What a job made, in lattice space, and what led to it.
+#[derive(Debug, Clone)]
+pub struct Outcome<const D: usize = 3>
+where
+    Space<D>: Meshing<D>,
+{
+    /// The mesh; it fills the box `[0, extent]`.
+    pub made: Made<D>,
+    /// The far corner of the box.
+    pub extent: [f64; D],
+    /// Length of one sample along each axis.
+    pub step: [f64; D],
+    /// From samples to the world.
+    pub geometry: Geometry<D>,
+    /// What the mesh follows.
+    pub features: Features<D>,
+    /// Nominal distance between atoms.
+    pub distance: Distance<D>,
+    /// What the optimiser did in its last pass, where atoms were moved.
+    pub optimised: Option<optimize::Outcome>,
+    /// What it was made from, for whoever reads the file; for the caller to fill in.
+    pub provenance: Provenance,
+    /// Why the job ended: [`Stop::Interrupted`] if any stage was stopped.
+    pub stop: Stop,
+    /// Figures of the mesh and of what it cost; where it comes from is for the caller to add.
+    pub report: Report,
+}
+
+/// What a result can be made again from.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Provenance {
+    /// All parameters, as the configuration file has them.
+    pub parameters: String,
+    /// SHA-256 of the input.
+    pub input_sha256: String,
+}
+
+/// A mesh of either kind of cells.
+#[derive(Debug, Clone)]
+pub enum Made<const D: usize = 3>
+where
+    Space<D>: Meshing<D>,
+{
+    /// Tetrahedra, triangles in the plane; the atoms are their nodes.
+    Simplices(Marked<<Space<D> as Meshing<D>>::Mesh>),
+    /// Voronoi cells; the atoms are within them.
+    Voronoi {
+        /// The cells.
+        mesh: PolyMesh<D>,
+        /// Share of the cells' size within which nodes are welded.
+        weld: f64,
+    },
+}
+
+impl<const D: usize> Outcome<D>
+where
+    Space<D>: Meshing<D>,
+{
+    /// The tetrahedra or triangles, if these were asked for.
+    pub fn simplices(&self) -> Option<&Marked<<Space<D> as Meshing<D>>::Mesh>> {
+        match &self.made {
+            Made::Simplices(marked) => Some(marked),
+            Made::Voronoi { .. } => None,
+        }
+    }
+
+    /// The Voronoi cells, if these were asked for.
+    pub fn voronoi(&self) -> Option<&PolyMesh<D>> {
+        match &self.made {
+            Made::Simplices(_) => None,
+            Made::Voronoi { mesh, .. } => Some(mesh),
+        }
+    }
+}
+
+/// Makes a mesh of an image.
+///
+/// Voronoi cells of a disc:
+///
+/// ```
+/// use atomesh::image::{Geometry, Image};
+/// use atomesh::job::{self, CellKind, Params, Spacing};
+/// use atomesh::observer::Unobserved;
+///
+/// let inside = |i: usize| (i % 40) as f64 - 20.0;
+/// let disc = (0..40 * 36).map(|i| f32::from(inside(i).hypot((i / 40) as f64 - 18.0) < 11.0));
+/// let image = Image::new([40, 36], disc.collect(), Geometry::default());
+/// let params = Params {
+///     cells: CellKind::Voronoi,
+///     spacing: Spacing::Constant(5.0),
+///     ..Params::default()
+/// };
+/// let outcome = job::run(&image, &params, &mut Unobserved)?;
+/// assert!(outcome.report.voronoi.is_some_and(|cells| cells.on_feature > 5));
+/// # Ok::<(), atomesh::Error>(())
+/// ```
+///
+/// # Errors
+/// The error of the stage that failed: an image that is constant or not finite, a distance that
+/// does not fit the box, fixed atoms outside of it or at one place; for Voronoi cells also fixed atoms
+/// on a side of the box. [`Error::Interrupted`](crate::Error::Interrupted) if the observer asked to
+/// stop before there was a lattice; what a later stop gives, [`Observer`] says.
+pub fn run<const D: usize>(
+    image: &Image<D>,
+    params: &Params<D>,
+    observer: &mut dyn Observer,
+) -> Result<Outcome<D>>
+where
+    Space<D>: Meshing<D>,
+{
+    let alignment = match params.cells {
+        CellKind::Simplices => Alignment::On,
+        CellKind::Voronoi => Alignment::Alongside,
+    };
+    let placing = Placing::of(params);
+    placing.check(params, alignment)?;
+    simplices::check_smoothing(params)?;
+    let step = params.metric.step(&image.geometry);
+    // Before the work: the largest distance must fit, whatever the features are.
+    let extent = lattice_extent(image.dims(), step);
+    Distance::Constant(params.spacing.max()).validate(extent)?;
+    let frame = Frame::new(image, params)?;
+
+    let mut stages = Stages::new(observer);
+    stages.begin_unless_stopped(Stage::Features)?;
+    let features = feature::detect(image, &params.feature_options(step))?;
+    let Placed {
+        atoms,
+        distance,
+        optimised,
+    } = placing.place(image, params, alignment, &features, &frame, &mut stages)?;
+
+    let scene = Scene {
+        extent,
+        features: &features,
+        distance: &distance,
+    };
+    let (made, mut report) = match params.cells {
+        CellKind::Simplices => simplices::made(atoms, &scene, image, params, &mut stages)?,
+        CellKind::Voronoi => cells::made(atoms, &scene, image, params, &mut stages)?,
+    };
+    if let (Some(lattice), Some(optimised)) = (&mut report.lattice, &optimised) {
+        lattice.optimisation = Some(optimisation(optimised, lattice.atoms));
+    }
+    report.notes.extend(features.notes.iter().cloned());
+    let (costs, interrupted) = stages.end();
+    report.stages = costs;
+    let stop = match &optimised {
+        _ if interrupted => Stop::Interrupted,
+        Some(optimised) => optimised.stop,
+        None => Stop::Converged,
+    };
+    Ok(Outcome {
+        made,
+        extent,
+        step,
+        geometry: image.geometry.clone(),
+        features,
+        distance,
+        optimised,
+        provenance: Provenance::default(),
+        stop,
+        report,
+    })
+}

@@ -1,0 +1,95 @@
+//! Atoms at rest become tetrahedra, or triangles in the plane.
+
+use super::canny::smoothed;
+use super::join::Joined;
+use super::measure::measure;
+use super::{CellKind, Made, Meshing, Params, Scene, Space, Stages};
+use crate::error::cause;
+use crate::feature::steepness::steepness;
+use crate::feature::volume::Volume;
+use crate::image::{Field, Image};
+use crate::improve::plane::relax::{self, Relaxation};
+use crate::improve::{self, Method};
+use crate::lattice::seeding::Atoms;
+use crate::observer::Stage;
+use crate::report::{self, Report, Rival};
+use crate::{Error, Result};
+
+/// Refuses smoothing where there is nothing to be smoothed.
+pub(super) fn check_smoothing<const D: usize>(params: &Params<D>) -> Result<()> {
+    if params.smooth.is_some() && (D != 2 || params.cells == CellKind::Voronoi) {
+        let (problem, remedy) = ("is for the triangles of 2-D images", "omit it");
+        return Err(Error::Job(
+            cause("smoothing by the image", problem, remedy).about("smooth"),
+        ));
+    }
+    Ok(())
+}
+
+/// Joins atoms, improves the mesh, and measures it.
+pub(super) fn made<const D: usize>(
+    atoms: Atoms<D>,
+    scene: &Scene<'_, D>,
+    image: &Image<D>,
+    params: &Params<D>,
+    stages: &mut Stages<'_>,
+) -> Result<(Made<D>, Report)>
+where
+    Space<D>: Meshing<D>,
+{
+    let step = scene.features.potential.step;
+    let relaxation = relaxation(image, params, step);
+    let options = params.min_dihedral.map(|min_dihedral| improve::Options {
+        min_dihedral,
+        method: params.slivers,
+    });
+    let Joined {
+        made,
+        neighbors,
+        improvement,
+        rival,
+    } = Space::<D>::join(atoms, scene, relaxation.as_ref(), options.as_ref(), stages)?;
+
+    stages.begin(Stage::Measuring);
+    let keep_going = &mut || stages.keep_going();
+    let claimed = improvement.is_some().then_some(&*made.feature_faces);
+    let (dims, features) = (image.dims(), scene.features);
+    let neighbors = neighbors.as_deref();
+    let mut report = measure(
+        &made.mesh, neighbors, dims, step, features, claimed, keep_going,
+    )?;
+    report.lattice = Some(report::lattice(&made.mesh, |x| scene.distance.at(x)));
+    report.improvement = improvement;
+    if let Some((mesh, faces)) = rival {
+        let faces = Some(faces.as_slice());
+        let other = measure(&mesh, None, dims, step, features, faces, keep_going)?;
+        report.rival = other.quality.map(|quality| Rival {
+            method: Method::Joe,
+            quality,
+            fidelity: other.fidelity,
+        });
+    }
+    Ok((Made::Simplices(made), report))
+}
+
+/// How the triangles shall be smoothed, if they shall be.
+fn relaxation<const D: usize>(
+    image: &Image<D>,
+    params: &Params<D>,
+    step: [f64; D],
+) -> Option<Relaxation<D>> {
+    let scheme = params.smooth?;
+    let image = smoothed(image, step, params.sigma.unwrap_or(1.0));
+    let steepness = steepness(Volume {
+        dims: image.dims,
+        samples: &image.samples,
+    });
+    Some(Relaxation {
+        scheme,
+        weight: relax::weight(Field {
+            samples: steepness,
+            ..image
+        }),
+        rounds: relax::ROUNDS,
+    })
+}

@@ -1,0 +1,425 @@
+//! What every mesh answers, whatever its cells are ([`Mesh`]), and what only simplices do
+//! ([`Simplices`]).
+//!
+//! ```text
+//!   Mesh<D>        nodes, faces cut into facets, the cells on either side, volumes and centres
+//!    ├─ Simplices<D>   corners, neighbours, angles: TriMesh (D = 2), TetMesh (D = 3)
+//!    └─ PolyMesh<D>    polygons (D = 2), polyhedra (D = 3)
+//! ```
+
+use std::fmt::Debug;
+use std::ops::Range;
+
+use super::complex::{self, NONE};
+use super::poly::{Beyond, Lists, PolyMesh};
+use super::quality::{BLOCK, Corners, Shape, Shapes};
+use super::{TetMesh, TriMesh, tri};
+use crate::error::cause;
+use crate::geometry::{cross, norm, sub, volume6};
+use crate::{Error, Result};
+
+/// A mesh of any cells: triangles or polygons in the plane, tetrahedra or polyhedra in space.
+///
+/// Faces are numbered as in [`Connection::face`](super::graph::Connection::face): face k of simplex c
+/// is `(D + 1) c + k`, so that a face between two simplices has two numbers; those of polyhedra and
+/// polygons are the mesh's own.
+pub trait Mesh<const D: usize>: Clone + Debug + Send + Sync {
+    /// What the cells are called, in the plural.
+    const CELLS: &'static str;
+    /// What the size of a cell is called.
+    const VOLUME: &'static str = if D == 2 { "area" } else { "volume" };
+    /// VTK's number of the cell.
+    const VTK_CELL: u8;
+
+    /// Node positions.
+    fn nodes(&self) -> &[[f64; D]];
+
+    /// Number of cells.
+    fn len(&self) -> usize;
+
+    /// Whether there are no cells.
+    fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// How many numbers of faces there are.
+    fn face_count(&self) -> usize;
+
+    /// The facets of a face: triangles in space, edges in the plane. Their normals point out of its
+    /// first cell.
+    fn facets(&self, face: usize, visit: impl FnMut([u32; D]));
+
+    /// Every face once: its nodes in order round it, and whether it is marked; `marks` by number of
+    /// face, or none at all.
+    fn faces_once(&self, marks: &[bool]) -> (Lists, Vec<bool>);
+
+    /// For each number of a face its cell and the cell beyond, [`NONE`] on the boundary. Where two
+    /// numbers mean one face, the second has [`NONE`] twice.
+    ///
+    /// # Errors
+    /// [`Error::Mesh`] if more than two cells share a face.
+    fn cells_of_faces(&self) -> Result<Vec<[u32; 2]>>;
+
+    /// Volume (area in the plane) and centre of each cell.
+    fn cell_volumes(&self) -> Vec<(f64, [f64; D])>;
+
+    /// Exchanges all positions of the mesh for others, and `others` for those. If one of the two
+    /// spaces mirrors the other, every cell is turned round, so that all stay positively oriented.
+    fn exchange(&mut self, others: &mut Positions<D>, mirrored: bool);
+
+    /// All positions, each as `map` has it; `None` if it has none for one of them.
+    fn positions(
+        &self,
+        map: impl Fn(&[f64; D]) -> Option<[f64; D]> + Sync + Send,
+    ) -> Option<Positions<D>>;
+}
+
+/// Where a mesh is in some space.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Positions<const D: usize> {
+    /// Node positions.
+    pub nodes: Vec<[f64; D]>,
+    /// The points that polyhedra and polygons belong to; none for simplices.
+    pub sites: Vec<[f64; D]>,
+}
+
+/// A mesh of D-simplices: triangles in the plane, tetrahedra in space. What is the same for both is
+/// written once, for this.
+///
+/// Face k of a cell (an edge in the plane) is the face opposite its node k.
+pub trait Simplices<const D: usize>: Mesh<D> {
+    /// What a file calls the smallest angle of each cell.
+    const MIN_ANGLE: &'static str = if D == 2 { "min_angle" } else { "min_dihedral" };
+    /// What a file calls the bits of each cell's faces that lie on features: bit k for the face
+    /// opposite node k.
+    const FEATURE_FACES: &'static str = if D == 2 {
+        "feature_edges"
+    } else {
+        "feature_faces"
+    };
+    /// The cosines of a cell's angles.
+    type Cosines: AsRef<[f64]>;
+
+    /// A mesh of the given nodes and cells; `corners` holds D + 1 node numbers a cell.
+    fn from_parts(nodes: Vec<[f64; D]>, corners: Vec<u32>) -> Self;
+
+    /// Node positions, and node numbers, D + 1 a cell, positively oriented.
+    fn parts(&self) -> (&[[f64; D]], &[u32]);
+
+    /// The same, to be changed.
+    fn parts_mut(&mut self) -> (&mut Vec<[f64; D]>, &mut [u32]);
+
+    /// Node numbers, D + 1 a cell, positively oriented.
+    fn connectivity(&self) -> &[u32] {
+        self.parts().1
+    }
+
+    /// The node numbers of cell `c`.
+    fn cell(&self, c: usize) -> &[u32] {
+        &self.connectivity()[(D + 1) * c..(D + 1) * (c + 1)]
+    }
+
+    /// The node numbers of face `k` of cell `c`, in the cell's order.
+    fn face(&self, c: usize, k: usize) -> [u32; D] {
+        let cell = self.cell(c);
+        std::array::from_fn(|i| cell[i + usize::from(i >= k)])
+    }
+
+    /// Signed volume (area) of cell `c`.
+    fn volume(&self, c: usize) -> f64;
+
+    /// For every cell and face, in order, the cell on its other side, or [`NONE`].
+    ///
+    /// # Errors
+    /// The nodes of a face that more than two cells share.
+    fn neighbors(&self) -> std::result::Result<Vec<u32>, Vec<u32>>;
+
+    /// Area of a face (length of an edge).
+    fn face_area(face: &[[f64; D]; D]) -> f64;
+
+    /// Measures cell `c`.
+    fn shape(&self, c: usize) -> Shape<Self::Cosines>;
+
+    /// Measures cells, in their order.
+    fn shapes(&self, cells: Range<usize>, mut visit: impl FnMut(Shape<Self::Cosines>)) {
+        for c in cells {
+            visit(self.shape(c));
+        }
+    }
+}
+
+impl<const D: usize, M: Simplices<D>> Mesh<D> for M {
+    const CELLS: &'static str = if D == 2 { "triangles" } else { "tetrahedra" };
+    const VTK_CELL: u8 = if D == 2 { 5 } else { 10 };
+
+    fn nodes(&self) -> &[[f64; D]] {
+        self.parts().0
+    }
+
+    fn len(&self) -> usize {
+        self.connectivity().len() / (D + 1)
+    }
+
+    fn face_count(&self) -> usize {
+        self.connectivity().len()
+    }
+
+    fn facets(&self, face: usize, mut visit: impl FnMut([u32; D])) {
+        let (cell, k) = (face / (D + 1), face % (D + 1));
+        let mut facet = self.face(cell, k);
+        // Leaving out a node in an odd place turns the rest round.
+        if k % 2 == 1 {
+            facet.swap(0, 1);
+        }
+        visit(facet);
+    }
+
+    fn faces_once(&self, marks: &[bool]) -> (Lists, Vec<bool>) {
+        let mut faces: Vec<([u32; D], bool)> = Vec::with_capacity(self.face_count());
+        for number in 0..self.face_count() {
+            let mut face = self.face(number / (D + 1), number % (D + 1));
+            face.sort_unstable();
+            faces.push((face, !marks.get(number).is_some_and(|on| *on)));
+        }
+        // Of the two sides of a face, one that is marked comes first.
+        faces.sort_unstable();
+        faces.dedup_by_key(|(face, _)| *face);
+        let lists = Lists {
+            offsets: (0..=faces.len() as u32).map(|f| D as u32 * f).collect(),
+            items: faces.iter().flat_map(|(face, _)| *face).collect(),
+        };
+        (lists, faces.iter().map(|(_, unmarked)| !unmarked).collect())
+    }
+
+    fn cells_of_faces(&self) -> Result<Vec<[u32; 2]>> {
+        let neighbors = self.neighbors().map_err(|face| {
+            Error::Mesh(cause(
+                "mesh",
+                format!("more than two {} share the face {face:?}", M::CELLS),
+                "run atomesh validate",
+            ))
+        })?;
+        let cells = neighbors.into_iter().enumerate().map(|(face, beyond)| {
+            let cell = (face / (D + 1)) as u32;
+            // NONE is greater than all.
+            if beyond > cell {
+                [cell, beyond]
+            } else {
+                [NONE; 2]
+            }
+        });
+        Ok(cells.collect())
+    }
+
+    fn cell_volumes(&self) -> Vec<(f64, [f64; D])> {
+        let centre = |c: usize| {
+            let nodes = self.cell(c).iter().map(|&n| self.nodes()[n as usize]);
+            nodes.fold([0.0; D], |sum, x| {
+                std::array::from_fn(|k| sum[k] + x[k] / (D + 1) as f64)
+            })
+        };
+        (0..self.len())
+            .map(|c| (self.volume(c), centre(c)))
+            .collect()
+    }
+
+    fn exchange(&mut self, others: &mut Positions<D>, mirrored: bool) {
+        let (nodes, corners) = self.parts_mut();
+        std::mem::swap(nodes, &mut others.nodes);
+        if mirrored {
+            turn_round::<D>(corners);
+        }
+    }
+
+    fn positions(
+        &self,
+        map: impl Fn(&[f64; D]) -> Option<[f64; D]> + Sync + Send,
+    ) -> Option<Positions<D>> {
+        Some(Positions {
+            nodes: mapped(self.nodes(), map)?,
+            sites: Vec::new(),
+        })
+    }
+}
+
+/// Turns simplices round: the last two nodes of each change places.
+pub fn turn_round<const D: usize>(corners: &mut [u32]) {
+    for cell in corners.chunks_exact_mut(D + 1) {
+        cell.swap(D - 1, D);
+    }
+}
+
+fn mapped<const D: usize>(
+    points: &[[f64; D]],
+    map: impl Fn(&[f64; D]) -> Option<[f64; D]> + Sync + Send,
+) -> Option<Vec<[f64; D]>> {
+    use rayon::prelude::*;
+    points.par_iter().map(map).collect()
+}
+
+impl Simplices<3> for TetMesh {
+    type Cosines = [f64; 6];
+
+    fn from_parts(nodes: Vec<[f64; 3]>, corners: Vec<u32>) -> Self {
+        let tets = corners.as_chunks().0.to_vec();
+        Self { nodes, tets }
+    }
+
+    fn parts(&self) -> (&[[f64; 3]], &[u32]) {
+        (&self.nodes, self.tets.as_flattened())
+    }
+
+    fn parts_mut(&mut self) -> (&mut Vec<[f64; 3]>, &mut [u32]) {
+        (&mut self.nodes, self.tets.as_flattened_mut())
+    }
+
+    fn volume(&self, c: usize) -> f64 {
+        volume6(&self.corners(c)) / 6.0
+    }
+
+    fn neighbors(&self) -> std::result::Result<Vec<u32>, Vec<u32>> {
+        match complex::neighbors(self.nodes.len(), &self.tets) {
+            Ok(neighbors) => Ok(neighbors.into_flattened()),
+            Err(face) => Err(face.to_vec()),
+        }
+    }
+
+    fn face_area([a, b, c]: &[[f64; 3]; 3]) -> f64 {
+        0.5 * norm(cross(sub(*b, *a), sub(*c, *a)))
+    }
+
+    fn shape(&self, c: usize) -> Shape {
+        Shape::of(&self.corners(c))
+    }
+
+    fn shapes(&self, cells: Range<usize>, mut visit: impl FnMut(Shape)) {
+        let (mut corners, mut shapes) = (Corners::default(), Shapes::default());
+        for block in self.tets[cells].chunks(BLOCK) {
+            corners.gather(&self.nodes, block);
+            shapes.measure(&corners);
+            for i in 0..block.len() {
+                visit(shapes.get(i));
+            }
+        }
+    }
+}
+
+impl Simplices<2> for TriMesh {
+    type Cosines = [f64; 3];
+
+    fn from_parts(nodes: Vec<[f64; 2]>, corners: Vec<u32>) -> Self {
+        let triangles = corners.as_chunks().0.to_vec();
+        Self { nodes, triangles }
+    }
+
+    fn parts(&self) -> (&[[f64; 2]], &[u32]) {
+        (&self.nodes, self.triangles.as_flattened())
+    }
+
+    fn parts_mut(&mut self) -> (&mut Vec<[f64; 2]>, &mut [u32]) {
+        (&mut self.nodes, self.triangles.as_flattened_mut())
+    }
+
+    fn volume(&self, c: usize) -> f64 {
+        0.5 * tri::area2(&self.corners(c))
+    }
+
+    fn neighbors(&self) -> std::result::Result<Vec<u32>, Vec<u32>> {
+        match tri::neighbors(self.nodes.len(), &self.triangles) {
+            Ok(neighbors) => Ok(neighbors.into_flattened()),
+            Err(edge) => Err(edge.to_vec()),
+        }
+    }
+
+    fn face_area([a, b]: &[[f64; 2]; 2]) -> f64 {
+        (b[0] - a[0]).hypot(b[1] - a[1])
+    }
+
+    fn shape(&self, c: usize) -> Shape<[f64; 3]> {
+        let p = self.corners(c);
+        Shape {
+            cosines: tri::angles(&p).map(|angle| angle.to_radians().cos()),
+            mean_ratio: tri::shape(&p),
+            radius_edge: tri::radius_edge_ratio(&p),
+            volume: 0.5 * tri::area2(&p),
+        }
+    }
+}
+
+impl<const D: usize> Mesh<D> for PolyMesh<D> {
+    const CELLS: &'static str = if D == 2 { "polygons" } else { "polyhedra" };
+    const VTK_CELL: u8 = if D == 2 { 7 } else { 42 };
+
+    fn nodes(&self) -> &[[f64; D]] {
+        &self.nodes
+    }
+
+    fn len(&self) -> usize {
+        self.sites.len()
+    }
+
+    fn face_count(&self) -> usize {
+        self.face_cells.len()
+    }
+
+    fn facets(&self, face: usize, mut visit: impl FnMut([u32; D])) {
+        let ring = self.faces.get(face);
+        if D == 2 {
+            return visit(std::array::from_fn(|k| ring[k]));
+        }
+        // A fan round the node of lowest number: the same whichever way the face turns.
+        let least = ring.iter().enumerate().min_by_key(|(_, node)| **node);
+        let first = least.map_or(0, |(at, _)| at);
+        for i in 1..ring.len() - 1 {
+            visit(std::array::from_fn(|k| {
+                let step = if k == 0 { 0 } else { i + k - 1 };
+                ring[(first + step) % ring.len()]
+            }));
+        }
+    }
+
+    fn faces_once(&self, marks: &[bool]) -> (Lists, Vec<bool>) {
+        let marked = |f: usize| marks.get(f).is_some_and(|on| *on);
+        let count = self.face_cells.len();
+        (self.faces.clone(), (0..count).map(marked).collect())
+    }
+
+    fn cells_of_faces(&self) -> Result<Vec<[u32; 2]>> {
+        let cells = |face: usize| {
+            let beyond = match self.beyond(face) {
+                Beyond::Cell(cell) => cell as u32,
+                _ => NONE,
+            };
+            [self.face_cells[face][0], beyond]
+        };
+        Ok((0..self.face_cells.len()).map(cells).collect())
+    }
+
+    fn cell_volumes(&self) -> Vec<(f64, [f64; D])> {
+        self.cell_shapes()
+    }
+
+    fn exchange(&mut self, others: &mut Positions<D>, mirrored: bool) {
+        std::mem::swap(&mut self.nodes, &mut others.nodes);
+        std::mem::swap(&mut self.sites, &mut others.sites);
+        if mirrored {
+            self.turn_faces();
+        }
+    }
+
+    fn positions(
+        &self,
+        map: impl Fn(&[f64; D]) -> Option<[f64; D]> + Sync + Send,
+    ) -> Option<Positions<D>> {
+        Some(Positions {
+            nodes: mapped(&self.nodes, &map)?,
+            sites: mapped(&self.sites, &map)?,
+        })
+    }
+}
+
+/// Marks for the faces of simplices, in the order of their numbers, from a byte a cell of which bit k
+/// stands for face k.
+pub fn marks_of_bits<const D: usize>(bits: &[u8]) -> impl Iterator<Item = bool> {
+    (bits.iter()).flat_map(|&bits| (0..=D).map(move |k| bits >> k & 1 == 1))
+}

@@ -1,0 +1,232 @@
+//! Ctrl-C at any moment, and observers that say stop in any stage.
+
+mod common;
+
+use atomesh::ErrorKind;
+use atomesh::image::synth::{self, Kind};
+use atomesh::image::{Geometry, Image};
+use atomesh::improve::plane::relax::Scheme;
+use atomesh::job::{self, CellKind, Meshing, Params, Space, Spacing};
+use atomesh::lattice::optimize::Stop;
+use atomesh::observer::{Observer, Stage};
+
+/// Says stop from a stage on.
+struct Stopper {
+    from: Stage,
+    over: bool,
+    seen: Vec<Stage>,
+}
+
+impl Observer for Stopper {
+    fn stage(&mut self, stage: Stage) {
+        self.over |= stage == self.from;
+        self.seen.push(stage);
+    }
+
+    fn keep_going(&mut self) -> bool {
+        !self.over
+    }
+}
+
+/// Stops a job in one stage after the other.
+fn stopped_everywhere<const D: usize>(image: &Image<D>, params: &Params<D>, stages: &[Stage])
+where
+    Space<D>: Meshing<D>,
+{
+    for &from in stages {
+        let mut stopper = Stopper {
+            from,
+            over: false,
+            seen: Vec::new(),
+        };
+        let outcome = job::run(image, params, &mut stopper);
+        assert!(stopper.over, "{from} never began: {:?}", stopper.seen);
+        match outcome {
+            Err(error) => {
+                assert_eq!(error.kind(), ErrorKind::Interrupted, "{from}: {error}");
+                assert!(!from.has_lattice(), "{from}: {error}");
+            }
+            Ok(outcome) => {
+                assert!(from.has_lattice(), "{from} gave a mesh");
+                assert_eq!(outcome.stop, Stop::Interrupted, "{from}");
+                let report = &outcome.report;
+                let fills = match &report.voronoi {
+                    Some(cells) => cells.check.passed(),
+                    None => report.filling.as_ref().is_some_and(|check| check.passed()),
+                };
+                assert!(fills, "{from}: {report:?}");
+            }
+        }
+    }
+}
+
+fn sphere() -> Image<3> {
+    let options = synth::Options {
+        dims: [32, 30, 28],
+        ..Default::default()
+    };
+    synth::make(Kind::Sphere, &options).unwrap().image
+}
+
+fn disc() -> Image<2> {
+    let at = |i: usize| [(i % 60) as f64 - 30.0, (i / 60) as f64 - 25.0];
+    let value = |i| {
+        if at(i)[0].hypot(at(i)[1]) < 15.0 {
+            100.0
+        } else {
+            0.0
+        }
+    };
+    let samples = (0..60 * 50).map(value).collect();
+    Image::new([60, 50], samples, Geometry::default())
+}
+
+fn spaced<const D: usize>(d: f64) -> Params<D> {
+    Params {
+        spacing: Spacing::Constant(d),
+        ..Params::default()
+    }
+}
+
+#[test]
+#[cfg(feature = "tetgen")]
+fn tetrahedra_are_stopped_in_every_stage() {
+    use Stage::*;
+    let stages = [Features, Placing, Optimising, Joining, Improving, Measuring];
+    stopped_everywhere(&sphere(), &spaced(6.0), &stages);
+}
+
+#[test]
+fn voronoi_cells_are_stopped_in_every_stage() {
+    use Stage::*;
+    let params = Params {
+        cells: CellKind::Voronoi,
+        ..spaced(6.0)
+    };
+    let stages = [Features, Placing, Optimising, Pairing, Cutting, Measuring];
+    stopped_everywhere(&disc(), &params, &stages);
+    if cfg!(feature = "tetgen") {
+        let params = Params {
+            cells: CellKind::Voronoi,
+            ..spaced(6.0)
+        };
+        stopped_everywhere(&sphere(), &params, &stages);
+    }
+}
+
+#[test]
+fn triangles_are_stopped_in_every_stage() {
+    use Stage::*;
+    let params = Params {
+        smooth: Some(Scheme::Odt),
+        ..spaced(6.0)
+    };
+    let stages = [
+        Features, Placing, Optimising, Joining, Smoothing, Improving, Measuring,
+    ];
+    stopped_everywhere(&disc(), &params, &stages);
+}
+
+#[cfg(all(unix, feature = "tetgen"))]
+mod signals {
+    use std::path::Path;
+    use std::process::{Child, Command, Stdio};
+    use std::thread::sleep;
+    use std::time::{Duration, Instant};
+
+    use super::common::{atomesh, files, succeed};
+
+    /// Two seconds, and as much again for a machine that has other work to do.
+    const AT_MOST: Duration = Duration::from_secs(4);
+
+    /// Where atoms were stopped, they are joined first.
+    const WITH_MESH: Duration = Duration::from_secs(20);
+
+    fn interrupt(child: &Child) {
+        let pid = child.id().to_string();
+        Command::new("kill").args(["-INT", &pid]).status().unwrap();
+    }
+
+    fn start(folder: &Path, line: &str) -> Child {
+        atomesh(folder)
+            .args(line.split_whitespace())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap()
+    }
+
+    /// The exit code, and how long the process went on.
+    fn end(mut child: Child) -> (Option<i32>, Duration) {
+        let start = Instant::now();
+        let code = child.wait().unwrap().code();
+        (code, start.elapsed())
+    }
+
+    /// The names of all files but the image; none may be a temporary one.
+    fn made(folder: &Path) -> Vec<String> {
+        let name = |path: &Path| path.file_name().unwrap().to_string_lossy().into_owned();
+        let mut names: Vec<_> = files(folder).iter().map(|(path, _)| name(path)).collect();
+        names.retain(|name| name != "faults.npy");
+        names
+    }
+
+    const MESH: &str = "mesh faults.npy -o mesh.vtu --distance 6 --optimizer genetic";
+
+    #[test]
+    fn a_mesh_is_whole_or_not_there() {
+        let folder = tempfile::tempdir().unwrap();
+        let here = folder.path();
+        succeed(
+            here,
+            &["synth", "faults", "-o", "faults.npy", "--dims", "96,90,84"],
+        );
+        for moment in [0.05, 0.2, 0.5, 1.0, 2.0, 4.0] {
+            let child = start(here, MESH);
+            sleep(Duration::from_secs_f64(moment));
+            interrupt(&child);
+            let (code, took) = end(child);
+            let names = made(here);
+            let most = if names.is_empty() { AT_MOST } else { WITH_MESH };
+            assert!(took < most, "went on for {took:?} after {moment} s");
+            println!("{moment} s: {code:?} after {took:?}, {names:?}");
+            match names.as_slice() {
+                [] => assert_eq!(code, Some(130), "after {moment} s"),
+                [name] if name == "mesh.vtu" => {
+                    assert!(matches!(code, Some(0 | 130)), "{code:?} after {moment} s");
+                    succeed(here, &["quality", "mesh.vtu"]);
+                    std::fs::remove_file(here.join("mesh.vtu")).unwrap();
+                }
+                other => panic!("{other:?} left after {moment} s"),
+            }
+        }
+        // Once more ends it at once, whatever it is at.
+        let child = start(here, MESH);
+        sleep(Duration::from_secs(2));
+        interrupt(&child);
+        sleep(Duration::from_millis(50));
+        interrupt(&child);
+        let (code, took) = end(child);
+        assert!(took < AT_MOST, "{took:?}");
+        assert!(matches!(code, Some(0 | 130)), "{code:?}");
+    }
+
+    #[test]
+    fn other_verbs_leave_nothing_behind() {
+        let folder = tempfile::tempdir().unwrap();
+        for moment in [0.1, 0.4, 0.8, 1.2, 1.6] {
+            let child = start(folder.path(), "synth faults -o big.npy --dims 200,200,200");
+            sleep(Duration::from_secs_f64(moment));
+            interrupt(&child);
+            let (code, took) = end(child);
+            assert!(took < AT_MOST, "went on for {took:?} after {moment} s");
+            match (code, made(folder.path()).as_slice()) {
+                (Some(130), []) => (),
+                (Some(0 | 130), [name]) if name == "big.npy" => {
+                    std::fs::remove_file(folder.path().join(name)).unwrap();
+                }
+                other => panic!("{other:?} after {moment} s"),
+            }
+        }
+    }
+}

@@ -142,7 +142,8 @@ pub struct Settings {
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum SeedingName {
-    /// A regular lattice fitted to the box: face-centred cubic, triangular in 2-D
+    /// A regular lattice fitted to the box: face-centred cubic, triangular in 2-D; grown where the
+    /// distance varies
     Fcc,
     /// A regular lattice grown from fixed atoms (wells) and the sides of the box
     Grown,

@@ -1,5 +1,9 @@
 //! What the black-box tests share: small input files made on the spot, and running the binary.
-#![allow(dead_code, reason = "each test program uses its own part")]
+#![allow(
+    dead_code,
+    unused_imports,
+    reason = "each test program uses its own part"
+)]
 
 mod skipped;
 

@@ -2,10 +2,10 @@
 //!
 //! - [`groups`](mod@groups): the named faces
 //! - [`simplices`]: what the writers share
-//! - [`msh`]: Gmsh
+//! - [`msh`]: meshes for Gmsh
 //! - [`inp`]: Abaqus and CalculiX
-//! - [`medit`]: Medit
-//! - [`tetgen`]: TetGen
+//! - [`medit`]: meshes for Medit
+//! - [`tetgen`]: meshes for TetGen
 //! - [`stl`], [`obj`]: surfaces alone
 
 pub mod groups;

@@ -6,7 +6,7 @@
 //! - [`pflotran`], [`tough`], [`darts`]: cells and connections for PFLOTRAN, TOUGH2 and DARTS
 //! - [`mrst`]: grids for MRST
 //! - [`geos`]: VTU for GEOS
-//! - [`resqml`]: RESQML
+//! - [`resqml`]: RESQML packages
 
 pub mod darts;
 pub mod disv;

@@ -2,7 +2,7 @@
 //!
 //! - [`file`](mod@file): what is written of them
 //! - [`vtp`]: VTK poly data
-//! - [`tsurf`]: GOCAD
+//! - [`tsurf`]: surfaces for GOCAD
 //!
 //! Wavefront OBJ is among the [`meshers`](super::meshers).
 

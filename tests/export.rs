@@ -208,7 +208,7 @@ fn openfoam_accepts_the_mesh_and_is_exact_for_a_linear_field() {
     for (mesh, tolerance) in [("cells", 1e-10), ("tets", 1e-5)] {
         run(
             folder,
-            &format!("export {mesh}.vtu --to openfoam -o {mesh} --quiet"),
+            &format!("export {mesh}.vtu --to openfoam -o {mesh} {ROCK}"),
         );
         let case = folder.join(mesh);
         let Some(said) = openfoam("checkMesh", &case, &[]) else {

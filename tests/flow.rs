@@ -488,7 +488,7 @@ fn what_cannot_be_computed_is_refused_in_one_line() {
             &["--faults ajar", "closed"],
         ),
         (
-            &[&ends[..], &["--fault-thickness", "0"]].concat(),
+            &[&ends[..], &["--faults", "0.1", "--fault-thickness", "0"]].concat(),
             &["thickness 0"],
         ),
         (
@@ -583,11 +583,11 @@ fn no_input_is_replaced_and_no_option_ignored() {
     std::fs::write(path.join("factors.vtu"), "1,0.5\n").unwrap();
     let line = "flow mesh.vtu --pressure xmin=2e5 --pressure xmax=1e5";
     let cases = [
-        ("-o mesh.vtu", "would overwrite the input"),
-        ("-o ./mesh.vtu", "would overwrite the input"),
+        ("-o mesh.vtu", "would overwrite an input"),
+        ("-o ./mesh.vtu", "would overwrite an input"),
         (
             "-o factors.vtu --fault-multiplier factors.vtu",
-            "would overwrite the input",
+            "would overwrite an input",
         ),
         ("-o out.vtu --streamlines out.vtu", "--streamlines"),
         ("-o out.vtu --lines 5", "--lines"),

@@ -1,4 +1,9 @@
 //! Ctrl-C at any moment, and observers that say stop in any stage.
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "a test that cannot go on has failed"
+)]
 
 mod common;
 

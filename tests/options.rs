@@ -337,10 +337,12 @@ fn no_option_is_accepted_and_then_ignored() {
         "{} are ignored:\n{shown}",
         ignored.len()
     );
-    // These are refused, and so tested, where they are absent.
+    // These, and what a range of distances follows, are refused, and so tested, where they are absent.
     let needed = ["--object 72,96", "--raw 72x64:f32le"];
     for choice in CHOICES {
-        let tried = learned.contains(&choice.says) || needed.contains(&choice.says);
+        let tried = learned.contains(&choice.says)
+            || needed.contains(&choice.says)
+            || choice.says.starts_with("--distance-from");
         assert!(tried, "{} was never tried", choice.says);
     }
 }

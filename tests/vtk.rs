@@ -1,4 +1,9 @@
 //! VTK itself reads what we write.
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "a test that cannot go on has failed"
+)]
 
 mod common;
 

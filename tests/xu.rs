@@ -211,7 +211,7 @@ fn what_makes_no_sense_is_refused() {
         ("mesh disc.png --seeding canny --cells voronoi", &["canny"]),
         ("mesh ball.npy --smooth cvt", &["--smooth", "2-D"]),
         ("mesh disc.png --smooth cvt --cells voronoi", &["--smooth"]),
-        ("mesh disc.png --feature paths", &["--object X,Y"]),
+        ("mesh disc.png --feature paths", &["--object"]),
         ("mesh disc.png --feature paths --object 3", &["--object 3"]),
         ("mesh disc.png --feature paths --object 99,3", &["outside"]),
         ("mesh ball.npy --feature paths --object 1,2,3", &["2-D"]),

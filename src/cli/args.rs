@@ -76,7 +76,7 @@ pub enum Verb {
     /// What a file holds: dims, geometry, units, range, traces, missing data
     #[command(after_help = "Example:\n  atomesh info survey.sgy")]
     Info(InfoArgs),
-    /// From one image format to another
+    /// Converts an image from one format to another
     #[command(after_help = "Example:\n  atomesh convert survey.sgy survey.vti")]
     Convert(ConvertArgs),
     /// Quality and fidelity figures of a mesh
@@ -95,7 +95,7 @@ pub enum Verb {
         after_help = "Example:\n  atomesh edit mesh.vtu survey.sgy -o edited.vtu --add 1500,2000,300 --remove 812"
     )]
     Edit(EditArgs),
-    /// Columns: the Voronoi cells of a map, drawn down through layers between horizons
+    /// Columns: the Voronoi cells of a map, extended down through layers between horizons
     #[command(
         after_help = "Example:\n  atomesh columns map.vtu --horizon top.npy --horizon base.npy --layers 5 -o cells.vtu"
     )]

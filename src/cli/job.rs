@@ -197,7 +197,7 @@ fn metric<const D: usize>(space: &LatticeSpace) -> Result<Metric<D>> {
             Err(_) => {
                 let text: Vec<String> = scales.iter().map(f64::to_string).collect();
                 let problem = format!("has {} scales, but the image {D} axes", scales.len());
-                let remedy = "give one scale an axis";
+                let remedy = "give one scale per axis";
                 Err(parse::bad("--metric", &text.join(","), &problem, remedy))
             }
         },
@@ -227,7 +227,7 @@ fn read_image<const D: usize>(option: &str, path: &Path, remedy: &str) -> Result
     read.image().ok_or_else(|| {
         Error::Job(cause(
             format!("{option} {}", path.display()),
-            format!("is no {D}-D image"),
+            format!("is not a {D}-D image"),
             remedy,
         ))
     })

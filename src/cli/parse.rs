@@ -86,8 +86,8 @@ pub fn point<const D: usize>(option: &str, text: &str, remedy: &str) -> Result<[
 /// Points from a CSV file, one `x,y,z` (`x,y` in 2-D) a line, with the line that each stands on.
 pub fn points<const D: usize>(path: &Path) -> Result<Vec<(usize, [f64; D])>> {
     let remedy = match D {
-        2 => "write one point a line, as x,y",
-        _ => "write one point a line, as x,y,z",
+        2 => "write one point per line, as x,y",
+        _ => "write one point per line, as x,y,z",
     };
     let point = |row: &[f64]| <[f64; D]>::try_from(row).ok();
     rows(path, point, &format!("{D} finite numbers"), remedy)

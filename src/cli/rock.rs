@@ -31,7 +31,7 @@ pub struct RockOptions {
     /// Unit of the permeability: mD or m2
     #[arg(long, value_name = "UNIT")]
     pub permeability_unit: Option<String>,
-    /// Any other value of each cell, such as a seismic attribute, given as a porosity is; may be
+    /// Any other value for each cell, such as a seismic attribute, given in the same ways as a porosity; may be
     /// repeated
     #[arg(long, value_name = "NAME=VALUE")]
     pub property: Vec<String>,
@@ -90,7 +90,7 @@ impl RockOptions {
             Some(other) => Err(bad(
                 "--permeability-unit",
                 other,
-                "is no known unit",
+                "is not a known unit",
                 remedy,
             )),
             None => Err(bad("--permeability", text, "has no unit", remedy)),
@@ -114,7 +114,7 @@ impl RockOptions {
         let numbers: Option<Vec<f64>> = parts.iter().map(|part| part.parse().ok()).collect();
         if let Some(numbers) = numbers {
             let tensor = tensor(&numbers)
-                .ok_or_else(|| bad("--permeability", text, "is no permeability", remedy))?;
+                .ok_or_else(|| bad("--permeability", text, "is not a permeability", remedy))?;
             return Ok(Rock::uniform(tensor, 1.0));
         }
         if !matches!(parts.len(), 1 | 3) {
@@ -132,7 +132,7 @@ impl RockOptions {
         let of_cell = |cell: usize| {
             let numbers: Vec<f64> = columns.iter().map(|column| column[cell]).collect();
             tensor(&numbers).ok_or_else(|| {
-                let problem = format!("is {numbers:?} in cell {cell}, which is no permeability");
+                let problem = format!("is {numbers:?} in cell {cell}, which is not a permeability");
                 bad("--permeability", text, &problem, remedy)
             })
         };

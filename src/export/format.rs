@@ -103,7 +103,12 @@ pub const FORMATS: &[Format] = &[
         twin: false,
         any_cells: true,
         depth: false,
-        holds: &[Content::Regions],
+        holds: &[
+            Content::Regions,
+            Content::Porosity,
+            Content::Permeability,
+            Content::Properties,
+        ],
         write: openfoam::write,
     },
     Format {
@@ -188,7 +193,7 @@ pub const FORMATS: &[Format] = &[
     },
     Format {
         name: "grdecl",
-        what: "corner-point grid, resampled, for Eclipse and its like without NNC",
+        what: "corner-point grid, resampled, for Eclipse and similar simulators without NNC",
         endings: &["GRDECL", "grdecl"],
         twin: false,
         any_cells: true,
@@ -204,7 +209,7 @@ pub const FORMATS: &[Format] = &[
     },
     Format {
         name: "resqml",
-        what: "RESQML 2.0.1: an unstructured grid with its rock, EPC and HDF5",
+        what: "RESQML 2.0.1: an unstructured grid with its rock properties, EPC and HDF5",
         endings: &["epc"],
         twin: false,
         any_cells: true,
@@ -315,7 +320,7 @@ impl Format {
             let names: Vec<&str> = FORMATS.iter().map(|f| f.name).collect();
             Error::Export(cause(
                 format!("format {name}"),
-                "is no format that is written",
+                "is not a format that can be written",
                 format!("give one of {}", names.join(", ")),
             ))
         })

@@ -10,7 +10,7 @@ use std::str::FromStr;
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum FeatureKind {
-    /// Picked by what the image looks like; the report says what was picked
+    /// Chosen by what the image looks like; the report says which
     Auto,
     /// Bright sheets: fault images, fractures, membranes
     Ridges,
@@ -24,7 +24,7 @@ pub enum FeatureKind {
     Paths,
     /// Peaks and troughs of seismic amplitude along the bedding's normal
     Horizons,
-    /// Where the layers of seismic amplitude do not continue
+    /// Where layers of seismic amplitude are broken
     Faults,
     /// Both, each with its weight
     #[cfg_attr(feature = "cli", value(name = "faults+horizons"))]

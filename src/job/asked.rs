@@ -110,7 +110,7 @@ pub enum StrongKind {
     Canny,
     /// Peaks and troughs of seismic amplitude.
     Horizons,
-    /// Where the layers of seismic amplitude do not continue.
+    /// Where layers of seismic amplitude are broken.
     Faults,
     /// The image is b(x) already.
     Potential,
@@ -156,7 +156,7 @@ impl Followed {
 /// How atoms come to stand where they do.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Placement {
-    /// On features, dense where they bend; few elsewhere. Image and features decide the distance, and
+    /// On features, dense where they bend; few elsewhere. Image and features determine the distance, and
     /// nothing moves.
     Canny,
     /// On a lattice, whose energy is then lowered.
@@ -349,7 +349,7 @@ pub enum Slivers {
         /// smallest angle. 30 by default, at most 60.
         min_dihedral: f64,
     },
-    /// The bare Delaunay triangulation.
+    /// The Delaunay triangulation without improvement.
     Left,
 }
 

@@ -23,7 +23,7 @@ pub struct Settings {
     /// The mesh to write [default: the image's name with .vtu, in this folder]
     #[cfg_attr(feature = "cli", arg(short, long, value_name = "MESH.vtu"))]
     pub output: Option<PathBuf>,
-    /// Nominal distance between atoms, in samples; or MIN:MAX with --distance-from [default: 8]
+    /// Nominal distance between atoms, in samples, or MIN:MAX with --distance-from [default: 8]
     #[cfg_attr(feature = "cli", arg(long, value_name = "D"))]
     #[serde(deserialize_with = "text_or_number")]
     pub distance: Option<String>,
@@ -75,7 +75,7 @@ pub struct Settings {
     /// How atoms are placed at first [default: fcc]
     #[cfg_attr(feature = "cli", arg(long, value_name = "HOW"))]
     pub seeding: Option<SeedingName>,
-    /// Most atoms that --seeding guide places [default: as many as find room]
+    /// Largest number of atoms that --seeding guide places [default: as many as find room]
     #[cfg_attr(feature = "cli", arg(long, value_name = "N"))]
     pub max_atoms: Option<usize>,
     /// Fixed atoms (wells, sources): a CSV file of x,y,z (x,y in 2-D) in the image's physical coordinates
@@ -93,7 +93,7 @@ pub struct Settings {
     #[serde(alias = "potential")]
     pub evaluator: Option<Evaluator>,
     /// Weight in [0, 1] of the energy between atoms against their Laplacian coordinates, which make the
-    /// lattice more regular; 0.7 is usual with them [default: 1, without]
+    /// lattice more regular; 0.7 is typical with them [default: 1, without]
     #[cfg_attr(feature = "cli", arg(long, value_name = "K"))]
     pub kappa: Option<f64>,
     /// How atoms are moved [default: lbfgs]
@@ -149,7 +149,7 @@ pub enum SeedingName {
     Grown,
     /// Delaunay refinement: isotropic
     Refine,
-    /// On features, dense where they bend; few elsewhere. Image and features decide the distance
+    /// On features, dense where they bend; few elsewhere. Image and features determine the distance
     Canny,
     /// Drawn by chance under the image, where its features are first (guide tables)
     Guide,
@@ -166,7 +166,7 @@ pub enum SliversName {
     Joe,
     /// Weights (CGAL's exudation, slow); the report compares both; 3-D only
     Exude,
-    /// The bare Delaunay triangulation
+    /// The Delaunay triangulation without improvement
     None,
 }
 

@@ -154,7 +154,12 @@ fn cells(said: &Said, voronoi: bool) -> Result<Cells> {
             // A regular tetrahedron has 70.5 degrees, but no space is filled with those alone.
             if !(min_dihedral > 0.0 && min_dihedral <= 60.0) {
                 let problem = "is not above 0 and at most 60 degrees";
-                return Err(bad("min-dihedral", min_dihedral, problem, "30 is usual"));
+                return Err(bad(
+                    "min-dihedral",
+                    min_dihedral,
+                    problem,
+                    "30 is the default",
+                ));
             }
             Slivers::Removed {
                 method,
@@ -249,7 +254,7 @@ fn lattice(said: &Said, seeding: Option<SeedingName>, voronoi: bool) -> Result<L
             "coarse-to-fine",
             coarse_passes,
             "is more than 8 passes, each twice as smooth as the next",
-            "1 or 2 are usual",
+            "1 or 2 are typical",
         ));
     }
     Ok(LatticeJob {
@@ -287,7 +292,7 @@ fn energy(said: &Said, voronoi: bool) -> Result<LatticeEnergy> {
     }
     let kappa = said.settings.kappa.unwrap_or(1.0);
     if !(0.0..=1.0).contains(&kappa) {
-        let remedy = "1 leaves Laplacian coordinates out, 0.7 is usual with them";
+        let remedy = "1 leaves Laplacian coordinates out, 0.7 is typical with them";
         return Err(bad("kappa", kappa, "is not from 0 to 1", remedy));
     }
     Ok(LatticeEnergy::Pairwise { kappa })
@@ -339,7 +344,7 @@ fn apart(settings: &Settings) -> Result<Apart> {
             return Err(bad(
                 "distance",
                 text,
-                "says how much the distance varies but not with what",
+                "gives the range of the distance, but not what it follows",
                 "add a distance-from such as features",
             ));
         }
@@ -400,7 +405,7 @@ fn beta(text: Option<&str>) -> Result<Beta> {
 
 /// A positive scale for each of two or three axes.
 fn axis_scales(text: &str) -> Result<Vec<f64>> {
-    let remedy = "give samples, physical, or a positive number an axis such as 1,1,0.2";
+    let remedy = "give samples, physical, or a positive number per axis such as 1,1,0.2";
     let Some(scales) = finites(text) else {
         return Err(bad("metric", text, "is not made of numbers", remedy));
     };

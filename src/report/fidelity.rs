@@ -78,7 +78,7 @@ pub fn fidelity<const D: usize, M: Simplices<D>>(
         return Err(Error::Mesh(cause(
             "fidelity",
             format!("{} bytes for {} {}", flags.len(), mesh.len(), M::CELLS),
-            "give one byte a cell",
+            "give one byte per cell",
         )));
     }
     let (faces, sets) = faces(mesh, reference, claimed);

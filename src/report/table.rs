@@ -142,7 +142,7 @@ impl Report {
             line(
                 "",
                 format!(
-                    "{} atoms/s, {} {}/s; {} and {} a cpu second",
+                    "{} atoms/s, {} {}/s; {} and {} per CPU second",
                     rate(quality.nodes, seconds),
                     rate(quality.cells, seconds),
                     quality.kind,

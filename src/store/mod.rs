@@ -18,6 +18,7 @@ pub mod vtu;
 pub use polyhedra::write_cells_vtu;
 pub use pvd::Trace;
 pub use stored::{LatticeSpace, Stored, StoredMesh};
+#[cfg(feature = "cli")]
 pub(crate) use vtu::with_mesh;
 pub use vtu::{AnyMesh, FieldValue, MeshFile, read_any_vtu, read_vtu, write_vtu};
 

@@ -258,7 +258,7 @@ impl<const D: usize, M: Stored<D>> StoredMesh<D, M> {
             return refuse(&format!("holds no {}", M::CELLS));
         }
         let Some(space) = LatticeSpace::of(&file, file.mesh.nodes()) else {
-            return refuse("says only in part where it lies");
+            return refuse("records only part of its position");
         };
         let Some(mut positions) = file.mesh.positions(|&x| space.to_lattice(x)) else {
             return refuse("has axes that do not span space");

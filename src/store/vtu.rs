@@ -252,6 +252,7 @@ pub enum AnyMesh {
 
 /// Does the same with a mesh of any kind: `with_mesh!(mesh, file => ...)`; or one thing with simplices
 /// and another with polygons and polyhedra: `with_mesh!(mesh, simplices file => ..., cells file => ...)`.
+#[cfg(feature = "cli")]
 macro_rules! with_mesh {
     ($mesh:expr, $file:pat => $run:expr) => {
         $crate::store::with_mesh!($mesh, simplices $file => $run, cells $file => $run)
@@ -265,6 +266,7 @@ macro_rules! with_mesh {
         }
     };
 }
+#[cfg(feature = "cli")]
 pub(crate) use with_mesh;
 
 /// Reads a mesh of triangles or polygons in the plane z = 0 (quadrilaterals are polygons), of

@@ -1,4 +1,4 @@
-//! The verb `columns`: the Voronoi cells of a map, drawn down through layers between horizons.
+//! The verb `columns`: the Voronoi cells of a map, extended down through layers between horizons.
 
 use std::path::{Path, PathBuf};
 
@@ -148,7 +148,7 @@ fn division(args: &ColumnsArgs) -> Result<Division> {
     let counts: Option<Vec<usize>> = text.split(',').map(|w| w.trim().parse().ok()).collect();
     counts.map(Division::Counts).ok_or_else(|| {
         let remedy = "give one, or one for each interval, such as 3,5";
-        bad("--layers", text, "is no number of layers", remedy)
+        bad("--layers", text, "is not a number of layers", remedy)
     })
 }
 
@@ -160,8 +160,8 @@ fn map(path: &Path) -> Result<(PolyMesh<2>, LatticeSpace<2>)> {
             let space = stored.space.clone();
             return Ok((stored.into_file().mesh, space));
         }
-        AnyMesh::Plane(_) => "is of triangles, through which columns conduct badly",
-        AnyMesh::Space(_) | AnyMesh::SpaceCells(_) => "is no map: it is a 3-D mesh",
+        AnyMesh::Plane(_) => "has triangles, which make poor columns for flow",
+        AnyMesh::Space(_) | AnyMesh::SpaceCells(_) => "is not a map but a 3-D mesh",
     };
     Err(Error::Mesh(cause(
         path.display(),
@@ -188,7 +188,7 @@ fn horizon(
         Some((path, which)) if path.ends_with(".vtp") => {
             let which = which.parse().map_err(|_| {
                 let remedy = "give FILE.vtp or FILE.vtp:NUMBER";
-                bad("--horizon", text, "has no number of a surface", remedy)
+                bad("--horizon", text, "names no surface", remedy)
             })?;
             (Path::new(path), Some(which))
         }

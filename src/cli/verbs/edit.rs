@@ -32,26 +32,25 @@ pub struct EditArgs {
     /// A mesh of triangles or tetrahedra written by atomesh
     #[arg(value_name = "MESH.vtu")]
     pub mesh: PathBuf,
-    /// The image that it was made of
+    /// The image that was meshed
     #[arg(value_name = "IMAGE")]
     pub image: PathBuf,
     /// The edited mesh
     #[arg(short, long, value_name = "OUT.vtu")]
     pub output: PathBuf,
-    /// A new atom, in the image's physical coordinates (X,Y in 2-D); may be repeated, as all edits
+    /// A new atom, in the image's physical coordinates (X,Y in 2-D); may be repeated, like all edits
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     pub add: Vec<String>,
-    /// Atom N, a point of the mesh as ParaView numbers them, goes to X,Y,Z
+    /// Moves atom N, a point of the mesh as ParaView numbers them, to X,Y,Z
     #[arg(long = "move", value_name = "N:X,Y,Z", allow_hyphen_values = true)]
     pub moves: Vec<String>,
-    /// Atom N goes away
+    /// Removes atom N
     #[arg(long, value_name = "N")]
     pub remove: Vec<String>,
-    /// Edits from a CSV file with a line each: add,X,Y,Z or move,N,X,Y,Z or remove,N
+    /// Edits from a CSV file, one per line: add,X,Y,Z or move,N,X,Y,Z or remove,N
     #[arg(long, value_name = "FILE.csv")]
     pub edits: Option<PathBuf>,
-    /// Added and moved atoms only begin where they are put, and then move as all others do; without
-    /// this they stay there, as wells do
+    /// Added and moved atoms only start where they are put, and then move as all others do; without this they stay there, as wells do
     #[arg(long)]
     pub free: bool,
     /// How to read the image.
@@ -97,7 +96,7 @@ where
     let Some(Loaded { image, .. }) = loaded(formats::read_any(&args.image, &input)?) else {
         return Err(Error::Job(cause(
             args.image.display(),
-            format!("is no {D}-D image, as the mesh is"),
+            format!("is not a {D}-D image, but the mesh is {D}-D"),
             "give the image that was meshed",
         )));
     };
@@ -106,7 +105,7 @@ where
     let hash = file_hash(&args.image)?;
     if text(&file, "input_sha256").is_some_and(|known| known.trim() != hash) {
         notes.push(format!(
-            "{} is not the file that the mesh was made of (its SHA-256 is another)",
+            "{} is not the file that was meshed (its SHA-256 differs)",
             args.image.display()
         ));
     }
@@ -185,8 +184,9 @@ fn job<M>(args: &EditArgs, file: &MeshFile<M>) -> Result<(Job, Vec<String>)> {
         let remedy = "give a mesh that atomesh mesh wrote";
         Error::Mesh(cause(args.mesh.display(), problem, remedy))
     };
-    let record = text(file, "parameters")
-        .ok_or_else(|| refuse("does not say how it was made (no field data parameters)".into()))?;
+    let record = text(file, "parameters").ok_or_else(|| {
+        refuse("does not record how it was made (no field data `parameters`)".into())
+    })?;
     let mut job: Job = toml::from_str(record.trim()).map_err(|e| {
         let problem = e.message().replace('\n', ", ");
         refuse(format!("has parameters that make no sense: {problem}")).because(e)
@@ -282,7 +282,7 @@ fn from_file<const D: usize>(path: &Path) -> Result<Vec<Edit<D>>> {
             _ => {
                 return Err(Error::Job(cause(
                     place,
-                    format!("'{line}' is no edit"),
+                    format!("'{line}' is not an edit"),
                     "write add,X,Y,Z or move,N,X,Y,Z or remove,N",
                 )));
             }
@@ -341,7 +341,7 @@ fn table<const D: usize, M: Simplices<D>>(
     line(
         "work",
         format!(
-            "features sought in {} samples; {} evaluations of the energy",
+            "features detected in {} samples; {} evaluations of the energy",
             summary.samples, summary.evaluations
         ),
     );

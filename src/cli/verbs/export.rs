@@ -31,7 +31,7 @@ pub struct ExportArgs {
     /// The format
     #[arg(long, value_name = "FORMAT", value_parser = formats())]
     pub to: String,
-    /// The file to write, or the folder where a format is many files
+    /// The file to write, or the folder for formats of many files
     #[arg(short, long, value_name = "OUT")]
     pub output: PathBuf,
     /// What fills the cells.
@@ -41,7 +41,7 @@ pub struct ExportArgs {
     /// transmissibility there [default: open]
     #[arg(long, value_name = "HOW", help_heading = "Rock")]
     pub faults: Option<String>,
-    /// Thickness (m) of the layer that the factor of --faults is for [default: from cell to cell]
+    /// Thickness (m) of the layer to which the factor of --faults applies [default: from cell to cell]
     #[arg(long, value_name = "W", help_heading = "Rock")]
     pub fault_thickness: Option<f64>,
     /// Columns along two axes, and layers, of a corner-point grid (grdecl) [default: as fine as the cells]
@@ -64,7 +64,7 @@ fn formats() -> PossibleValuesParser {
 /// Where a mesh's coordinates are in metres and depth.
 #[derive(Debug, Clone, Args)]
 pub struct SpaceOptions {
-    /// Unit of the mesh's coordinates where the mesh does not say it [default: m]: m, km, ft, cm, mm, um
+    /// Unit of the mesh's coordinates, where the mesh does not state it [default: m]: m, km, ft, cm, mm, um
     #[arg(long, value_name = "UNIT")]
     pub length_unit: Option<String>,
     /// The coordinate that is depth, with its sign: -z if z grows upwards, z if downwards, x ...
@@ -75,7 +75,7 @@ pub struct SpaceOptions {
         allow_hyphen_values = true
     )]
     pub down: String,
-    /// Depth (m) of the mesh's shallowest point [default: as its coordinates have it]
+    /// Depth (m) of the mesh's shallowest point [default: by its coordinates]
     #[arg(long, value_name = "DEPTH", allow_hyphen_values = true)]
     pub depth_at_top: Option<f64>,
     /// Velocity (m/s) that turns two-way time into depth
@@ -101,24 +101,23 @@ pub struct CaseOptions {
     /// What fills the pores [default: water]
     #[arg(long, value_name = "FLUID")]
     pub fluid: Option<FluidChoice>,
-    /// A well that injects water, in m^3/day, upright in the cell at X,Y,Z (the mesh's coordinates), or
-    /// along the way in a CSV file of lines x,y,z,radius: [NAME=]FILE.csv:RATE; may be repeated
+    /// A well that injects water, in m^3/day, upright in the cell at X,Y,Z (the mesh's coordinates), or along the trajectory in a CSV file of lines x,y,z,radius: [NAME=]FILE.csv:RATE; may be repeated
     #[arg(long, value_name = "[NAME=]X,Y,Z:RATE", allow_hyphen_values = true)]
     pub injector: Vec<String>,
-    /// A well that produces at a pressure in bar, at X,Y,Z or along the way in a file; may be repeated
+    /// A well that produces at a pressure in bar, at X,Y,Z or along the trajectory in a file; may be repeated
     #[arg(long, value_name = "[NAME=]X,Y,Z:BAR", allow_hyphen_values = true)]
     pub producer: Vec<String>,
     /// Radius (m) of wells that are given by a point [default: 0.1]
     #[arg(long, value_name = "R")]
     pub well_radius: Option<f64>,
-    /// Pressure (bar) at the top at first [default: that of water from the surface down to there, or
+    /// Initial pressure (bar) at the top [default: that of water from the surface down to there, or
     /// 1.01325]
     #[arg(long, value_name = "BAR")]
     pub pressure_at_top: Option<f64>,
     /// Fluids without weight
     #[arg(long)]
     pub no_gravity: bool,
-    /// Days that the simulation covers [default: 3650]
+    /// Number of days to simulate [default: 3650]
     #[arg(long, value_name = "DAYS")]
     pub days: Option<f64>,
 }
@@ -131,7 +130,7 @@ impl SpaceOptions {
     pub fn placement(&self) -> Result<Placement> {
         let known = |unit: &String| {
             let remedy = "give m, km, ft, cm, mm or um";
-            let unknown = || bad("--length-unit", unit, "is no known unit", remedy);
+            let unknown = || bad("--length-unit", unit, "is not a known unit", remedy);
             metres(unit).ok_or_else(unknown)
         };
         let length = self.length_unit.as_ref().map(known).transpose()?;
@@ -140,7 +139,7 @@ impl SpaceOptions {
         let axis = ["x", "y", "z"].iter().position(|axis| *axis == name);
         let axis = axis.ok_or_else(|| {
             let remedy = "give x, y, z, -x, -y or -z";
-            bad("--down", &self.down, "is no axis", remedy)
+            bad("--down", &self.down, "is not an axis", remedy)
         })?;
         if let Some(thickness) = self.thickness {
             positive("--thickness", thickness)?;
@@ -196,7 +195,7 @@ impl CaseOptions {
                 } else {
                     let point = prepared.frame.to_model(point(option, place, remedy)?);
                     let cell = model.graph.cell_at(point).ok_or_else(|| {
-                        let remedy = "give a point inside, in the mesh's coordinates (`atomesh info` says where it lies)";
+                        let remedy = "give a point inside, in the mesh's coordinates (`atomesh info` shows its extent)";
                         bad(option, text, "lies outside the mesh", remedy)
                     })?;
                     let own_name = format!("{letter}{}", wells.len() + 1);
@@ -208,7 +207,12 @@ impl CaseOptions {
                 };
                 let name = name.unwrap_or(own_name);
                 if wells.iter().any(|known| known.name == name) {
-                    return Err(bad(option, text, "has the name of another well", remedy));
+                    return Err(bad(
+                        option,
+                        text,
+                        "has the same name as another well",
+                        remedy,
+                    ));
                 }
                 wells.push(Well {
                     name,
@@ -345,7 +349,7 @@ impl ExportArgs {
             }
             if self.faults.is_some() {
                 let problem =
-                    "changes the transmissibility of faults, but there is no permeability";
+                    "changes the transmissibility of faults, but there is not a permeability";
                 return Err(refuse("--faults", problem));
             }
         }
@@ -382,7 +386,7 @@ pub fn export(args: &ExportArgs, console: &mut Console) -> Result<()> {
     {
         return Err(Error::Job(cause(
             args.output.display(),
-            "would replace the mesh, itself or by its twin",
+            "would replace the mesh, by itself or by the VTU beside it",
             "name another file",
         )));
     }

@@ -29,7 +29,7 @@ pub struct FeatureArgs {
     /// The features to find
     #[arg(long, value_name = "KIND", default_value = "auto")]
     pub feature: FeatureKind,
-    /// Nominal distance between atoms, in samples: the potential's valleys are a quarter as wide
+    /// Nominal distance between atoms, in samples: the valleys of the potential are a quarter of it wide
     #[arg(long, value_name = "D", default_value_t = 8.0)]
     pub distance: f64,
     /// Scale of the features in samples [default: by the kind of feature]
@@ -71,8 +71,8 @@ pub fn feature(args: &FeatureArgs, console: &mut Console) -> Result<()> {
         if args.feature != FeatureKind::Paths {
             return Err(Error::Job(cause(
                 "--confidence-out",
-                "is of paths, which are not asked for",
-                "add --feature paths, or leave it away",
+                "applies to paths, which are not chosen",
+                "add --feature paths, or omit it",
             )));
         }
     }

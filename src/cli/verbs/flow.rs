@@ -24,35 +24,35 @@ use crate::{Error, Result};
 /// `atomesh flow`.
 #[derive(Debug, Args)]
 pub struct FlowArgs {
-    /// A mesh written by atomesh; its coordinates are taken for metres
+    /// A mesh written by atomesh; its coordinates are taken to be metres
     #[arg(value_name = "MESH.vtu")]
     pub mesh: PathBuf,
-    /// The mesh to write, torn along faults, with pressure (Pa) and Darcy velocity (m/s)
+    /// The mesh to write, split along faults, with pressure (Pa) and Darcy velocity (m/s)
     #[arg(short, long, value_name = "OUT.vtu")]
     pub output: PathBuf,
     /// A point (X,Y in 2-D) where fluid enters, with its rate in m^3/s [default: 0.001]; may be
     /// repeated
     #[arg(long, value_name = "X,Y,Z[:RATE]", allow_hyphen_values = true)]
     pub source: Vec<String>,
-    /// A point where fluid leaves [default rate: all that comes in, or 0.001 with --pressure]
+    /// A point where fluid leaves [default rate: all that enters, or 0.001 with --pressure]
     #[arg(long, value_name = "X,Y,Z[:RATE]", allow_hyphen_values = true)]
     pub sink: Vec<String>,
     /// Pressure (Pa) of a side of the box: xmin, xmax, ymin ..., the image's axes, x the fastest in
-    /// memory. Sides without one let nothing through
+    /// memory. Sides without one are closed
     #[arg(long, value_name = "SIDE=P")]
     pub pressure: Vec<String>,
     /// How faults resist flow across them: closed, open, or the factor, from 0 to 1, of the
     /// permeability there [default: closed]
     #[arg(long, value_name = "HOW", allow_hyphen_values = true)]
     pub faults: Option<String>,
-    /// Thickness (m) of the layer that the factor of --faults is for [default: from cell to cell]
+    /// Thickness (m) of the layer to which the factor of --faults applies [default: from cell to cell]
     #[arg(long, value_name = "W")]
     pub fault_thickness: Option<f64>,
     /// The factor of one fault, by the number that `atomesh surface MESH` gives it; may be repeated;
     /// or a CSV file of lines surface,factor[,thickness]
     #[arg(long, value_name = "N:FACTOR", allow_hyphen_values = true)]
     pub fault_multiplier: Vec<String>,
-    /// The surfaces that --faults is for: faults, horizons, all, or numbers N,N,... Others are open
+    /// The surfaces to which --faults applies: faults, horizons, all, or numbers N,N,... Others are open
     /// [default: faults]
     #[arg(long, value_name = "WHICH")]
     pub barriers: Option<String>,
@@ -192,8 +192,7 @@ impl Typed<'_> {
         let (outcome, off) = flow_through_cells(stored, &rock, &barriers, &conditions, lines)?;
         if off > 1.0 {
             console.note(format_args!(
-                "the lines between cells are {off:.0} degrees off square to the permeability times \
-                 their faces' normals, on average: two-point fluxes are rough"
+                "the lines between cells deviate by {off:.0} degrees from the permeability times their faces' normals, on average: two-point fluxes are rough"
             ));
         }
         self.write(outcome, console)
@@ -227,7 +226,7 @@ impl Typed<'_> {
         };
         if let Some(side) = self.sides.iter().find(|side| usize::from(side.0) >= 2 * D) {
             let place = format!("--pressure {}={}", SIDES[usize::from(side.0)], side.1);
-            let problem = format!("names a side that a mesh of {D} dimensions does not have");
+            let problem = format!("names a side that a {D}-D mesh does not have");
             let remedy = format!("give one of {}", SIDES[..2 * D].join(", "));
             return Err(Error::Flow(cause(place, problem, remedy)));
         }
@@ -323,7 +322,7 @@ impl TypedWell {
         let left: f64 = (0..wells.len()).filter(known).map(|i| wells[i].rate).sum();
         for &i in &without_rate {
             if left <= 0.0 {
-                let problem = format!("has no rate, and the others leave {left} m^3/s to it");
+                let problem = format!("has no rate, and the others leave {left} m^3/s for it");
                 let remedy = "give it a rate, or the sources a larger one";
                 return Err(Error::Flow(cause(&wells[i].name, problem, remedy)));
             }
@@ -445,8 +444,14 @@ fn multipliers(text: &str, thickness: Option<f64>) -> Result<Vec<(String, u32, F
     let (fault, factor) = text
         .split_once(':')
         .ok_or_else(|| bad(option, text, "has no ':' and is no file", remedy))?;
-    let fault = number_of(number(option, fault, remedy)?)
-        .ok_or_else(|| bad(option, text, "has no number of a surface, from 1", remedy))?;
+    let fault = number_of(number(option, fault, remedy)?).ok_or_else(|| {
+        bad(
+            option,
+            text,
+            "names no surface (numbers begin at 1)",
+            remedy,
+        )
+    })?;
     let law = Faults::new(number(option, factor, remedy)?, thickness)?;
     Ok(vec![(format!("{option} {text}"), fault, law)])
 }
@@ -468,7 +473,7 @@ fn rock<const D: usize, M: Stored<D>>(args: &FlowArgs, stored: &StoredMesh<D, M>
         text.split(',').map(|word| word.trim().parse()).collect();
     if let Ok(numbers) = numbers {
         let tensor = Tensor::of_dimension::<D>(&numbers);
-        let tensor = tensor.ok_or_else(|| refuse("is no permeability"))?;
+        let tensor = tensor.ok_or_else(|| refuse("is not a permeability"))?;
         return Ok(Rock::uniform(tensor, viscosity));
     }
     if let Some(array) = stored.arrays.cell_array(text) {
@@ -486,7 +491,9 @@ fn rock<const D: usize, M: Stored<D>>(args: &FlowArgs, stored: &StoredMesh<D, M>
     let lines = "write region,K or region,KX,KY,KZ, in m^2";
     let kinds = by_region(path, Tensor::of_dimension::<D>, lines)?;
     let regions = stored.regions().ok_or_else(|| {
-        refuse("is by region, but the mesh has no cell array 'region': give one for all")
+        refuse(
+            "is given by region, but the mesh has no cell array 'region': give one value for all",
+        )
     })?;
     Rock::by_region(&regions, &kinds, viscosity)
 }

@@ -32,8 +32,7 @@ pub struct PaintArgs {
     /// The mesh with the painted regions as cell data `region` (0: not painted)
     #[arg(short, long, value_name = "OUT.vtu")]
     pub output: PathBuf,
-    /// Where paint begins, in physical coordinates (X,Y in 2-D), once or more; =N says which region, else each
-    /// seed is its own. `auto` paints every block between surfaces
+    /// Where paint begins, in physical coordinates (X,Y in 2-D), once or more; =N gives the region, otherwise each seed is its own. `auto` paints every block between surfaces
     #[arg(
         long,
         value_name = "X,Y,Z[=N]",
@@ -44,7 +43,7 @@ pub struct PaintArgs {
     /// Paint flows less easily where the values of this image change
     #[arg(long, value_name = "IMAGE")]
     pub image: Option<PathBuf>,
-    /// Paint stops this far from its seed, in samples (more slowly through narrow doors)
+    /// Paint stops this far from its seed, in samples (less far through narrow openings)
     #[arg(long, value_name = "SAMPLES")]
     pub level: Option<f64>,
     /// Openings narrower than this share of the rooms they join are cracks, which paint does not

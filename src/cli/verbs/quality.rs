@@ -94,9 +94,9 @@ fn measure_cells<const D: usize>(
 
 fn show(mut report: Report, placed_by_file: bool, console: &mut Console) {
     if !placed_by_file {
-        report.notes.push(
-            "the file does not say where its lattice space is: measured in its own space".into(),
-        );
+        report
+            .notes
+            .push("the file does not record its lattice space: measured in physical space".into());
     }
     console.result(
         report.table().trim_end(),

@@ -33,7 +33,7 @@ pub struct SegmentArgs {
     /// A mesh written by atomesh
     #[arg(value_name = "MESH.vtu")]
     pub mesh: PathBuf,
-    /// Where the object is, in physical coordinates, once or more: a point X,Y,Z (X,Y in 2-D), or a box
+    /// Where the object is, in physical coordinates; may be repeated: a point X,Y,Z (X,Y in 2-D), or a box
     /// as two of its corners, X,Y,Z:X,Y,Z
     #[arg(
         long,
@@ -42,7 +42,7 @@ pub struct SegmentArgs {
         allow_hyphen_values = true
     )]
     pub object: Vec<String>,
-    /// Where the background is, once or more, likewise
+    /// Where the background is, given in the same way; may be repeated
     #[arg(
         long,
         value_name = "X,Y,Z[:X,Y,Z]",

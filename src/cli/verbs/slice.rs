@@ -29,7 +29,7 @@ pub struct SliceArgs {
     /// The picture to write
     #[arg(short, long, value_name = "OUT.png")]
     pub output: PathBuf,
-    /// The point in which the planes meet, in physical coordinates [default: the middle]
+    /// The point where the planes meet, in physical coordinates [default: the middle]
     #[arg(long, value_name = "X,Y,Z", allow_negative_numbers = true)]
     pub at: Option<String>,
     /// How to read the image.

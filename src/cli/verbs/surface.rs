@@ -30,7 +30,7 @@ pub struct SurfaceArgs {
     /// A mesh written by atomesh
     #[arg(value_name = "MESH.vtu")]
     pub mesh: PathBuf,
-    /// Look for faces on the features of this image, whatever the mesh says of its faces
+    /// Look for faces on the features of this image instead of those that the mesh declares
     #[arg(value_name = "IMAGE")]
     pub image: Option<PathBuf>,
     /// The surfaces to write: .vtp, .obj, or GOCAD's .ts
@@ -97,7 +97,7 @@ impl Grouping {
         if !(self.max_bend > 0.0 && self.max_bend < 90.0) {
             return refuse(
                 format!("--max-bend {}", self.max_bend),
-                "give degrees above 0 and below 90; 25 is usual",
+                "give degrees above 0 and below 90; 25 is the default",
             );
         }
         if let Some(area) = min_area.filter(|a| !(a.is_finite() && *a >= 0.0)) {
@@ -128,7 +128,12 @@ impl Grouping {
             Some(axis) => Ok((Up::along(axis, positive), positive)),
             None => {
                 let remedy = format!("give {}, or -{}", axes.join(", "), axes.join(", -"));
-                Err(parse::bad("--up", typed, "is no axis of the mesh", &remedy))
+                Err(parse::bad(
+                    "--up",
+                    typed,
+                    "is not an axis of the mesh",
+                    &remedy,
+                ))
             }
         }
     }
@@ -236,7 +241,7 @@ pub fn surface(args: &SurfaceArgs, console: &mut Console) -> Result<()> {
         args.input.refuse_unused("no image is given")?;
     }
     if !(depth > 0.0 && depth < 1.0) {
-        let remedy = "give a number above 0 and below 1; 0.6 is usual";
+        let remedy = "give a number above 0 and below 1; 0.6 is the default";
         return Err(parse::bad(
             "--depth",
             &depth.to_string(),

@@ -153,7 +153,7 @@ fn by_hull<const D: usize, M: Simplices<D>>(by: &'static str, mesh: &M, hull: &M
         by,
         what: format!("fills the convex hull of its nodes ({name} off by {error:.0e})"),
         problem: (error > BOX_TOLERANCE)
-            .then(|| format!("its {name} is off that of its nodes' hull by {error:.1e}")),
+            .then(|| format!("its {name} differs from that of its nodes' hull by {error:.1e}")),
     }
 }
 
@@ -163,7 +163,7 @@ fn by_cgal(mesh: &TetMesh) -> Result<Verdict> {
     let verdict = delaunay::cgal::validate(nodes, tets)?;
     Ok(Verdict {
         by: "CGAL",
-        what: "by exact predicates a triangulation of the convex hull of its nodes".into(),
+        what: "a triangulation of the convex hull of its nodes, by exact predicates".into(),
         problem: verdict.faults(BOX_TOLERANCE).into_iter().next(),
     })
 }

@@ -2,7 +2,7 @@
 //!
 //! In this order: labels where there are few values and neighbours mostly share one; b(x) where all
 //! values are in [-1, 0] and most near 0; ridges or valleys where the rarer half of the values, that
-//! farther from the median, lies in thin sheets; horizons where values swing evenly about zero; edges
+//! farther from the median, lies in thin sheets; horizons where values are spread symmetrically about zero; edges
 //! otherwise. Values are means over 3^D samples, which noise disturbs little, of some 10^5 places.
 //!
 //! Assumption: the features are what most of the rarer values belong to. Faults, Canny's edges and paths
@@ -57,9 +57,9 @@ pub fn choose<const D: usize>(image: &Image<D>) -> (&'static dyn Detector<D>, St
         } else if lean < -0.3 && spread.above > 0.6 && spread.thin > 0.5 {
             (&Valleys, "thin sheets of low values on a high background")
         } else if lean.abs() < 0.35 && spread.median.abs() < 0.15 * span && spread.low < 0.0 {
-            (&Horizons, "values swing evenly about zero")
+            (&Horizons, "values are spread symmetrically about zero")
         } else {
-            (&Edges, "neither thin sheets nor swings about zero")
+            (&Edges, "neither thin sheets nor values about zero")
         };
     (detector, format!("{what}: {figures}"))
 }

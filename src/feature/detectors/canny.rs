@@ -40,7 +40,7 @@ impl<const D: usize> Detector<D> for Canny {
         let thresholds = given.unwrap_or_else(|| thresholds(noise, &candidates));
         candidates.retain(|c| c.strength >= thresholds.low);
         notes.push(format!(
-            "steepest places at scale {scale}: {thresholds}, noise up to {:.4} a sample",
+            "steepest places at scale {scale}: {thresholds}, noise up to {:.4} per sample",
             noise[1]
         ));
         Ok(Found::new(candidates, scale, thresholds))

@@ -23,7 +23,7 @@ impl<const D: usize> Detector<D> for Potential {
         if let Some(value) = samples.find(|s| !(-1.0..=0.0).contains(*s)) {
             return Err(Error::Image(cause(
                 "image",
-                format!("is no potential b(x) in [-1, 0]: it holds {value}"),
+                format!("is not a potential b(x) in [-1, 0]: it holds {value}"),
                 "scale it, or choose another feature kind",
             )));
         }

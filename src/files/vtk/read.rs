@@ -153,7 +153,7 @@ impl VtkFile {
                 .map_err(|_| fault("is not text".to_string()))?;
             Values::from_text(kind, text)
                 .ok_or_else(unknown)?
-                .map_err(|word| fault(format!("holds '{word}', which is no {kind}")))?
+                .map_err(|word| fault(format!("holds '{word}', which is not of type {kind}")))?
         } else {
             let bytes = self.decoded(element).map_err(fault)?;
             Values::from_bytes(kind, &bytes, self.big_endian).ok_or_else(unknown)?
@@ -182,7 +182,7 @@ impl VtkFile {
             text.split_ascii_whitespace()
                 .map(|word| {
                     word.parse()
-                        .map_err(|_| fault(format!("holds '{word}', no character")))
+                        .map_err(|_| fault(format!("holds '{word}', which is not a character")))
                 })
                 .collect::<Result<Vec<u8>>>()?
         } else {

@@ -13,7 +13,7 @@ use crate::{Error, Result};
 #[cfg_attr(feature = "cli", derive(clap::Args))]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct InputOptions {
-    /// The file is bare samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g. 100x400x208:f32be
+    /// The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g. 100x400x208:f32be
     #[cfg_attr(feature = "cli", arg(long, value_name = "DIMS:TYPE"))]
     pub raw: Option<String>,
     /// SEG-Y: trace header byte of the inline number [default: 189]

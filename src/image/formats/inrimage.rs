@@ -49,7 +49,10 @@ pub fn read(path: &Path) -> Result<Loaded> {
         },
     };
     if value("VDIM").is_some_and(|n| n != "1") {
-        let problem = format!("has {} values a sample", value("VDIM").unwrap_or_default());
+        let problem = format!(
+            "has {} values per sample",
+            value("VDIM").unwrap_or_default()
+        );
         return Err(refuse(path, problem, "give one component"));
     }
     let kind = value("TYPE").ok_or_else(|| missing("TYPE"))?;

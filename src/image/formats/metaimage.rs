@@ -112,7 +112,7 @@ pub fn read(path: &Path) -> Result<Loaded> {
         .value(&["ElementNumberOfChannels"])
         .filter(|n| *n != "1")
     {
-        let problem = format!("has {channels} values a sample");
+        let problem = format!("has {channels} values per sample");
         return Err(refuse(
             path,
             problem,

@@ -269,8 +269,8 @@ pub fn detect(path: &Path, options: &ReadOptions) -> Result<Format> {
             Some(format @ (Format::Nifti | Format::Inrimage)) => Ok(format),
             _ => Err(Error::Io(cause(
                 path.display(),
-                "is compressed (gzip), and not a NIfTI or INRIMAGE file within",
-                "unpack it first, with gunzip",
+                "is compressed (gzip), and holds no NIfTI or INRIMAGE file",
+                "decompress it first, with gunzip",
             ))),
         };
     }

@@ -120,7 +120,7 @@ pub fn read(path: &Path) -> Result<Loaded> {
         1280 => SampleType::U64,
         code => {
             let problem = format!("its samples are of NIfTI type {code}, not real numbers");
-            return Err(refuse(path, problem, "give one real number a sample"));
+            return Err(refuse(path, problem, "give one real number per sample"));
         }
     };
     let offset = match second {

@@ -102,7 +102,7 @@ impl Opened {
             .map_err(|e| os(path, "read", e))?
             .ok_or_else(|| {
                 refuse(
-                    "is not a whole .npy file: its header is cut off or of an unknown version"
+                    "is not a complete .npy file: its header is cut off or of an unknown version"
                         .into(),
                     "write it again with numpy.save",
                 )

@@ -115,7 +115,7 @@ pub fn read(path: &Path) -> Result<Loaded> {
         "gz" | "gzip" => (Packing::Deflated, false),
         "txt" | "text" | "ascii" => (Packing::Text, false),
         other => {
-            let problem = format!("its samples are coded as {other}, which is not read");
+            let problem = format!("its samples are encoded as {other}, which is not read");
             let remedy = "write it with the encoding raw or gzip, e.g. in Python with pynrrd";
             return Err(refuse(path, problem, remedy));
         }
@@ -285,7 +285,7 @@ fn axes(
     match axes.iter().find(|&&axis| !is_space(axis)) {
         None => Ok(axes),
         Some(&axis) => {
-            let problem = format!("has {} values a sample (axis {axis})", counts[axis]);
+            let problem = format!("has {} values per sample (axis {axis})", counts[axis]);
             Err(refuse(header.path, problem, "give one component"))
         }
     }

@@ -121,7 +121,7 @@ fn damaged(path: &Path, error: DecodingError) -> Error {
         DecodingError::IoError(e) if e.kind() == ErrorKind::UnexpectedEof => {
             "is cut off".to_string()
         }
-        error => format!("is no whole PNG file: {error}"),
+        error => format!("is not a complete PNG file: {error}"),
     };
     Error::Io(cause(path.display(), problem, "copy or write it again").because(error))
 }

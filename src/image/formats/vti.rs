@@ -84,7 +84,7 @@ pub fn read(path: &Path) -> Result<Image<3>> {
     if array.components != 1 {
         return Err(file.fault(
             format!("array '{}' has {} components", array.name, array.components),
-            "give one scalar a sample",
+            "give one scalar per sample",
         ));
     }
     if array.values.len() != count || count == 0 {
@@ -257,7 +257,7 @@ mod tests {
             for text in [file(&format!("{open}{close}")), file(&open)] {
                 std::fs::write(&path, text).unwrap();
                 let error = read(&path).unwrap_err().to_string();
-                assert!(error.contains("nested"), "{error}");
+                assert!(error.contains("64 elements within each other"), "{error}");
             }
         }
     }

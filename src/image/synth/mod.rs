@@ -148,7 +148,7 @@ impl Options {
             return bad(
                 format!("width {}", self.width),
                 "must be above 0 and at most 10 samples",
-                "1.5 is usual",
+                "1.5 is the default",
             );
         }
         Ok(())

@@ -48,7 +48,7 @@ pub fn checked<const D: usize>(
             return Err(Error::Seeding(cause(
                 place(n, x),
                 "lies on a side of the box, where cells end",
-                "put it inside, or make a mesh that has nodes on the sides",
+                "move it inside, or make a mesh that has nodes on the sides",
             )));
         }
         snapped.push(x);

@@ -121,7 +121,7 @@ impl Horizon {
             return Err(Error::Image(cause(
                 place,
                 "covers no node of the map",
-                "give a horizon in the map's coordinates (`atomesh info` says where the map lies)",
+                "give a horizon in the map's coordinates (`atomesh info` shows the map's extent)",
             )));
         }
         Ok((continued(map, &known), missing))

@@ -1,4 +1,4 @@
-//! Columns (2.5-D PEBI): the cells of a map, drawn down through layers between horizons.
+//! Columns (2.5-D PEBI): the cells of a map, extended down through layers between horizons.
 //!
 //! ```text
 //!   map: polygons, faults their edges      horizons: z at every node of the map
@@ -99,7 +99,7 @@ pub fn columns(
                     "cross: at x = {x}, y = {y} the second is above the first by {:.6}",
                     over(&n)
                 ),
-                "give horizons from the top down that touch at most, or let thicker layers vanish",
+                "give horizons from the top down that at most touch, or let thicker layers vanish",
             );
         }
     }

@@ -70,7 +70,7 @@ impl<const D: usize, M: Simplices<D>> Body<D, M> {
     /// [`job::run`](crate::job::run) stores is dropped.
     ///
     /// # Errors
-    /// [`Error::Mesh`] if the file does not say where its lattice space is, or what its nodes are, or if
+    /// [`Error::Mesh`] if the file does not record its lattice space, or what its nodes are, or if
     /// the mesh is not valid.
     pub fn new(file: MeshFile<M>, place: &str) -> Result<Self> {
         let nodes = file.mesh.nodes().len();
@@ -94,7 +94,7 @@ impl<const D: usize, M: Simplices<D>> Body<D, M> {
             Error::Mesh(cause(place, problem, "give a mesh that atomesh mesh wrote"))
         };
         if !space.by_file {
-            return Err(refuse("does not say where its lattice space is".into()));
+            return Err(refuse("does not record its lattice space".into()));
         }
         let found = check(&lattice, [0.0; D], space.extent, BOX_TOLERANCE);
         if let Some(problem) = found.problems.first() {

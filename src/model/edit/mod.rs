@@ -138,7 +138,7 @@ where
             let options = params.feature_options(body.step);
             let settled = feature::detect(image, &options)?.settled;
             summary.notes.push(
-                "the mesh does not say how its features were found, so all of the image was looked \
+                "the mesh does not record how its features were found, so all of the image was looked \
                  at; the new mesh says it"
                     .into(),
             );

@@ -32,7 +32,7 @@ impl Barriers {
         match label.iter().max() {
             Some(&most) if most as usize > laws.len() => Err(Error::Flow(cause(
                 format!("fault {most}"),
-                "has no law of resistance",
+                "has no multiplier",
                 format!("give one for each of {most} faults"),
             ))),
             _ => Ok(Self { label, laws }),

@@ -130,7 +130,7 @@ pub fn solve(
         return Err(Error::Flow(cause(
             "pressure",
             format!(
-                "not found to more than {:.0e} of its first residual in {} iterations",
+                "not found beyond {:.0e} of its first residual in {} iterations",
                 figures.residual, figures.iterations
             ),
             "look for tetrahedra without volume and for extreme contrasts of permeability",
@@ -231,11 +231,12 @@ impl Compartments {
                 return Err(Error::Flow(cause(
                     "rates",
                     if whole {
-                        format!("sources and sinks leave {net:.6e} over, and no pressure is given")
+                        format!(
+                            "sources and sinks do not balance by {net:.6e}, and no pressure is given"
+                        )
                     } else {
                         format!(
-                            "in one of the {} parts that closed faults separate, sources and sinks \
-                             leave {net:.6e} over, and no pressure is given there",
+                            "in one of the {} parts that closed faults separate, sources and sinks do not balance by {net:.6e}, and no pressure is given there",
                             self.count
                         )
                     },

@@ -54,7 +54,7 @@ impl<const D: usize> Well<D> {
         Error::Flow(cause(
             &self.name,
             format!("{:?} lies outside the mesh", self.position),
-            "give a point inside, in the mesh's coordinates (`atomesh info` says where it lies)",
+            "give a point inside, in the mesh's coordinates (`atomesh info` shows its extent)",
         ))
     }
 

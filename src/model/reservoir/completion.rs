@@ -154,7 +154,7 @@ impl Tracer<'_> {
     /// The completions of a well in all cells that it crosses, in the order in which it does.
     ///
     /// # Errors
-    /// [`Error::Export`] if there is no permeability, the well lies outside the mesh, or is as wide as
+    /// [`Error::Export`] if there is not a permeability, the well lies outside the mesh, or is as wide as
     /// a cell's equivalent radius.
     pub fn complete(&self, way: &Trajectory) -> Result<Vec<Completion>> {
         self.completions(way, &self.pieces(way))
@@ -185,7 +185,7 @@ impl Tracer<'_> {
             return Err(Error::Export(cause(
                 &way.name,
                 "lies outside the mesh",
-                "give points inside, in the mesh's coordinates (`atomesh info` says where it lies)",
+                "give points inside, in the mesh's coordinates (`atomesh info` shows its extent)",
             )));
         }
         let within = self.within(permeability, way, pieces);
@@ -204,7 +204,7 @@ impl Tracer<'_> {
                             w.cell,
                             log_radius.exp() * w.radius / w.bore
                         ),
-                        "give a smaller radius, or larger cells round the well",
+                        "give a smaller radius, or larger cells around the well",
                     )));
                 }
                 Ok(Completion {
@@ -347,7 +347,7 @@ impl Tracer<'_> {
         solve(&couplings, &diagonal, &right).ok_or_else(|| {
             Error::Export(cause(
                 &way.name,
-                "fills all the cells that there are around it, so that it has no well index",
+                "fills all the cells around it, so that it has no well index",
                 "make smaller cells there",
             ))
         })

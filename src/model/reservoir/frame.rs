@@ -92,7 +92,7 @@ impl Frame {
                         continue;
                     }
                     None => {
-                        let problem = "has a unit that is no length";
+                        let problem = "has a unit that is not a length";
                         let remedy = "say what length it is taken for";
                         return Err(Error::Export(
                             cause(place(), problem, remedy).about("length-unit"),
@@ -106,7 +106,7 @@ impl Frame {
             };
             if k != down.axis {
                 return refuse(
-                    "is two-way time, but not depth",
+                    "is two-way time, not depth",
                     "say which way is down: z or -z",
                     "down",
                 );

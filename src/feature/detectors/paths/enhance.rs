@@ -64,7 +64,7 @@ pub fn enhance<const D: usize>(
         return Err(Error::Feature(
             cause(
                 "feature 'paths'",
-                "does not know the object",
+                "does not know where the object is",
                 "give a point inside it",
             )
             .about("object"),

@@ -91,7 +91,7 @@ impl<const D: usize> Detector<D> for Paths {
             let steepness = steepness(closed);
             candidates = steepest(closed, Volume::new(dims, &steepness), LEAST_STEP.low);
         } else {
-            notes.push(format!("{drawn}: no path goes round the object"));
+            notes.push(format!("{drawn}: no path goes around the object"));
         }
         Ok(Found {
             confidence: Some(found.confidence),

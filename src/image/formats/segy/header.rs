@@ -133,7 +133,7 @@ impl Layout {
         );
         if samples == 0 && body > 0 {
             let problem =
-                "neither its file header nor its first trace says how many samples a trace has";
+                "neither its file header nor its first trace gives the number of samples per trace";
             return Err(refuse(
                 problem.into(),
                 "set the number of samples (bytes 3221-3222) with a SEG-Y editor",
@@ -183,7 +183,7 @@ fn choose_samples(
     if !fits(declared) && (fits(of_first_trace) || declared == 0) {
         if declared != of_first_trace && of_first_trace > 0 {
             notes.push(format!(
-                "the file header says {declared} samples a trace, the first trace {of_first_trace}: the latter is used, as it fits the file's length"
+                "the file header gives {declared} samples per trace, the first trace {of_first_trace}: the latter is used, as it fits the file's length"
             ));
         }
         return of_first_trace;

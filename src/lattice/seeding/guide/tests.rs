@@ -77,7 +77,7 @@ fn a_draw_costs_the_same_however_many_numbers_there_are() {
         let table = GuideTable::new(&weights).unwrap();
         let looked: usize = many(3, 100_000).map(|c| table.search(c).1).sum();
         let mean = looked as f64 / 1e5;
-        println!("{count} numbers: {mean:.3} looked at a draw");
+        println!("{count} numbers: {mean:.3} inspected per draw");
         // Devroye: at most 1 + numbers / parts.
         assert!(mean <= 2.0, "{mean}");
     }

@@ -576,7 +576,7 @@ fn images_fill_cells_and_refusals_name_what_is_wrong() {
         (
             "geos -o B.vtu",
             "--permeability 100 --permeability-unit darcy",
-            "no known unit",
+            "not a known unit",
         ),
         (
             "geos -o B.vtu",

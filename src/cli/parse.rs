@@ -104,6 +104,8 @@ pub fn rows<T>(
 ) -> Result<Vec<(usize, T)>> {
     let text = std::fs::read_to_string(path).map_err(|e| os(path, "read", e))?;
     let mut rows = Vec::new();
+    // Only the first line may be one of words that name the columns.
+    let mut named = false;
     for Line {
         number,
         text,
@@ -116,7 +118,12 @@ pub fn rows<T>(
             .collect();
         match values.and_then(|values| take(&values)) {
             Some(row) => rows.push((number, row)),
-            None if rows.is_empty() && words.iter().all(|word| word.parse::<f64>().is_err()) => {}
+            None if rows.is_empty()
+                && !named
+                && words.iter().all(|word| word.parse::<f64>().is_err()) =>
+            {
+                named = true;
+            }
             None => {
                 return Err(Error::Job(cause(
                     format!("{}:{number}", path.display()),

@@ -407,7 +407,10 @@ mod tests {
         let (mut file, _) = file(mesh, 1.0);
         file.field_data.remove(0);
         let error = StoredMesh::new(file, "a.vtu").unwrap_err().to_string();
-        assert!(error.contains("a.vtu: says only in part"), "{error}");
+        assert!(
+            error.contains("a.vtu: records only part of its position"),
+            "{error}"
+        );
         let none = MeshFile::<PolyMesh<3>>::default();
         let error = StoredMesh::new(none, "a.vtu").unwrap_err().to_string();
         assert!(error.contains("holds no polyhedra"), "{error}");

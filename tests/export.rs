@@ -590,7 +590,7 @@ fn images_fill_cells_and_refusals_name_what_is_wrong() {
         (
             "geos -o B.vtu",
             &format!("--permeability -1 {unit}"),
-            "no permeability",
+            "not a permeability",
         ),
         (
             "opm -o B.DATA",

@@ -563,8 +563,8 @@ fn images_fill_cells_and_refusals_name_what_is_wrong() {
     let good = "--porosity 0.2 --permeability 100 --permeability-unit mD --depth-at-top 1000";
     let unit = "--permeability-unit mD";
     for (to, options, want) in [
-        ("opm -o B.DATA", "", "above the surface"),
-        ("opm -o B.DATA", "--depth-at-top -5", "above the surface"),
+        ("opm -o B.DATA", "", "above depth 0"),
+        ("opm -o B.DATA", "--depth-at-top -5", "above depth 0"),
         ("opm -o B.DATA", "--depth-at-top 1000", "porosity"),
         ("opm -o B.DATA", "--porosity 0.2 --down z", "permeability"),
         ("geos -o B.vtu", "--permeability 100", "has no unit"),
@@ -585,7 +585,7 @@ fn images_fill_cells_and_refusals_name_what_is_wrong() {
         ),
         ("geos -o B.vtu", "--porosity wrong.csv", "region 0"),
         ("geos -o B.vtu", "--porosity small.npy", "does not cover"),
-        ("geos -o B.vtu", "--porosity nothing", "no number, no file"),
+        ("geos -o B.vtu", "--porosity nothing", "neither a number"),
         ("geos -o B.vtu", "--length-unit furlong", "furlong"),
         (
             "geos -o B.vtu",

@@ -473,7 +473,7 @@ fn what_cannot_be_computed_is_refused_in_one_line() {
             &[&source[..], &["--sink", "30,20,15:5"]].concat(),
             &["balance"],
         ),
-        (&["--pressure", "top=1"], &["no side", "xmin"]),
+        (&["--pressure", "top=1"], &["not a side", "xmin"]),
         (&["--pressure", "xmin"], &["xmin=1e7"]),
         (
             &["--pressure", "xmin=1", "--pressure", "xmin=2"],
@@ -513,7 +513,7 @@ fn what_cannot_be_computed_is_refused_in_one_line() {
         ),
         (
             &[&ends[..], &["--fault-multiplier", "gone.csv"]].concat(),
-            &["gone.csv", "no file"],
+            &["gone.csv", "not a file"],
         ),
         (
             &[&ends[..], &["--fault-multiplier", "laws.csv"]].concat(),
@@ -525,7 +525,7 @@ fn what_cannot_be_computed_is_refused_in_one_line() {
                 &["--fault-multiplier", "1:0.1", "--fault-multiplier", "1:0.2"],
             ]
             .concat(),
-            &["fault 1", "second time"],
+            &["fault 1", "second factor"],
         ),
         (
             &[&ends[..], &["--permeability", "-1"]].concat(),
@@ -545,7 +545,7 @@ fn what_cannot_be_computed_is_refused_in_one_line() {
         ),
         (
             &[&ends[..], &["--permeability", "twice.csv"]].concat(),
-            &["twice.csv:2", "second time"],
+            &["twice.csv:2", "second factor"],
         ),
         (
             &[&ends[..], &["--permeability", "words.csv"]].concat(),

@@ -112,8 +112,8 @@ fn files_that_are_no_images_are_refused_in_one_line() {
             "formats_nifti_mgh_etc/nibabel/row_major.dconn.nii",
             "one volume",
         ),
-        ("formats_nifti_mgh_etc/nibabel/nifti1.hdr", "is not there"),
-        ("formats_nifti_mgh_etc/nibabel/nifti2.hdr", "is not there"),
+        ("formats_nifti_mgh_etc/nibabel/nifti1.hdr", "does not exist"),
+        ("formats_nifti_mgh_etc/nibabel/nifti2.hdr", "does not exist"),
     ] {
         let error = read(&folder.join(name)).unwrap_err();
         let file = Path::new(name).file_name().unwrap().to_str().unwrap();

@@ -532,7 +532,7 @@ fn what_cannot_be_written_is_refused() {
     let folder = folder.path();
     for (to, options, want) in [
         ("mrst -o a.m", "--depth-at-top 0", "does not end in mat"),
-        ("mrst -o a.mat", "", "above the surface"),
+        ("mrst -o a.mat", "", "above depth 0"),
         ("darts -o a.conn", "--depth-at-top 0", "porosity"),
         (
             "grdecl -o A.GRDECL",

@@ -155,13 +155,10 @@ fn cells_and_atoms_must_agree() {
             &["--cells", "voronoi", "--potential", "sampled"],
             "mirror images",
         ),
-        (
-            &["--cells", "voronoi", "--weld", "0.5"],
-            "between 0 and 0.2",
-        ),
+        (&["--cells", "voronoi", "--weld", "0.5"], "from 0 to 0.2"),
         (
             &["--cells", "tets", "--weld", "0.01"],
-            "about Voronoi cells",
+            "applies to Voronoi cells",
         ),
     ] {
         let said = refused(folder, &[&mesh[..], options].concat());

@@ -70,10 +70,10 @@ pub enum Verb {
     /// Image in, aligned mesh out (the main job)
     #[command(after_help = "Example:\n  atomesh mesh survey.sgy -o mesh.vtu --distance 8")]
     Mesh(Box<MeshArgs>),
-    /// Only the image processing: writes the potential b(x)
+    /// Detects features only: writes the potential b(x)
     #[command(after_help = "Example:\n  atomesh feature faults.npy -o potential.vti --sigma 2")]
     Feature(FeatureArgs),
-    /// What a file holds: dims, geometry, units, range, traces, missing data
+    /// What a file holds: dimensions, geometry, units, range, traces, missing data
     #[command(after_help = "Example:\n  atomesh info survey.sgy")]
     Info(InfoArgs),
     /// Converts an image from one format to another
@@ -82,7 +82,7 @@ pub enum Verb {
     /// Quality and fidelity figures of a mesh
     #[command(after_help = "Example:\n  atomesh quality mesh.vtu --truth distance.npy")]
     Quality(QualityArgs),
-    /// Checks a mesh by our own checker, TetGen and CGAL; says which passed
+    /// Checks a mesh by our own checker, TetGen and CGAL
     #[command(after_help = "Example:\n  atomesh validate mesh.vtu")]
     Validate(ValidateArgs),
     /// Steady flow from sources to sinks, with faults closed, open, or in between
@@ -121,7 +121,7 @@ pub enum Verb {
         after_help = "Example:\n  atomesh segment image.nrrd mesh.vtu --object 60,60,60 --background 5,5,5 -o segmented.vtu"
     )]
     Segment(SegmentArgs),
-    /// Synthetic volumes whose features are known exactly
+    /// Synthetic images whose features are known exactly
     #[command(
         after_help = "Example:\n  atomesh synth faults -o faults.vti --truth distance.npy --dims 170,150,128"
     )]

@@ -58,7 +58,7 @@ pub fn check_files(image: &Path, job: &Job, config: Option<&Path>) -> Result<()>
             let place = format!("{option} {}", path.display());
             return Err(Error::Job(cause(
                 place,
-                "is the name of another output, too",
+                "is also the name of another output",
                 "give each output a name of its own",
             )));
         }
@@ -130,7 +130,7 @@ pub fn params<const D: usize>(job: &Job) -> Result<Params<D>> {
     if D == 2 && params.slivers == improve::Method::Exude {
         return Err(Error::Job(cause(
             "--slivers exude",
-            "moves nothing in the plane, where the Delaunay triangulation has no slivers",
+            "does nothing in 2-D, where the Delaunay triangulation has no slivers",
             "omit it",
         )));
     }

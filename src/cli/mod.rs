@@ -71,7 +71,7 @@ fn run(line: &CommandLine) -> Result<Ending> {
 
 fn start_threads(count: usize) -> Result<()> {
     let refuse = |problem: &str| {
-        let remedy = "give the number of processors, or leave it out";
+        let remedy = "give the number of processors, or omit it";
         Error::Job(cause(format!("--threads {count}"), problem, remedy))
     };
     if count == 0 || count > 4096 {

@@ -64,7 +64,7 @@ pub fn dims(option: &str, text: &str) -> Result<Vec<usize>> {
             option,
             text,
             "is more than 2^32 samples",
-            "ask for a smaller volume",
+            "give smaller dimensions",
         )),
     }
 }
@@ -163,7 +163,7 @@ fn lines<'a>(text: &'a str, path: &Path) -> Result<Vec<Line<'a>>> {
             let remedy = "write numbers with commas between them";
             Error::Job(cause(
                 path.display(),
-                format!("is no CSV file: {error}"),
+                format!("is not a CSV file: {error}"),
                 remedy,
             ))
         };
@@ -215,7 +215,7 @@ pub fn by_region<T>(
         };
         match entry() {
             Some((region, _)) if values.iter().any(|(known, _)| *known == region) => {
-                let problem = format!("region {region} for the second time");
+                let problem = format!("region {region} is given twice");
                 return refuse(problem, "give each region once");
             }
             Some(entry) => values.push(entry),

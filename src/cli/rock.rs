@@ -31,7 +31,8 @@ pub struct RockOptions {
     /// Unit of the permeability: mD or m2
     #[arg(long, value_name = "UNIT")]
     pub permeability_unit: Option<String>,
-    /// Any other value for each cell, such as a seismic attribute, given in the same ways as a porosity; may be
+    /// Any other value for each cell, such as a seismic attribute, given in the same ways as a
+    /// porosity; may be
     /// repeated
     #[arg(long, value_name = "NAME=VALUE")]
     pub property: Vec<String>,
@@ -204,7 +205,7 @@ impl RockOptions {
                 option,
                 text,
                 &format!(
-                    "is no number, no file, and no cell array of the mesh (it has {})",
+                    "is neither a number nor a file nor a cell array of the mesh (it has {})",
                     names.join(", ")
                 ),
                 "give a number, a CSV file of lines region,value, or an image",

@@ -41,14 +41,17 @@ impl<const D: usize> WellFile<D> {
             .map(|(line, (point, radius))| (line, point, radius))
             .collect();
         if points.len() < least {
-            let problem = format!("has {} points, a well's way at least {least}", points.len());
+            let problem = format!(
+                "has {} points, but a trajectory needs at least {least}",
+                points.len()
+            );
             return Err(Error::Job(cause(path.display(), problem, remedy)));
         }
         if let Some(pair) = points.windows(2).find(|pair| pair[0].1 == pair[1].1) {
             return Err(Error::Job(cause(
                 format!("{}:{}", path.display(), pair[1].0),
                 "is at the same place as the point before",
-                "leave one of them out",
+                "remove one of them",
             )));
         }
         let name = path.file_stem().unwrap_or_default();

@@ -43,11 +43,11 @@ impl std::fmt::Display for Content {
             Self::Permeability => "permeability",
             Self::Regions => "regions of cells",
             Self::Properties => "properties of cells",
-            Self::Faults => "resistance of faults",
+            Self::Faults => "fault multipliers",
             Self::Wells => "wells",
             Self::Fluid => "fluids",
             Self::Pressure => "pressure or gravity",
-            Self::Duration => "time of simulation",
+            Self::Duration => "simulation time",
             Self::Grid => "grid of a chosen size",
         })
     }
@@ -290,7 +290,7 @@ pub const FORMATS: &[Format] = &[
     },
     Format {
         name: "stl",
-        what: "the sides of the box and what lies on features as triangles, in text",
+        what: "the sides of the box and the faces on features as triangles, in text",
         endings: &["stl"],
         twin: false,
         any_cells: true,
@@ -333,7 +333,7 @@ impl Format {
     pub fn check_target(&self, path: &Path) -> Result<()> {
         if self.endings.is_empty() {
             if path.is_file() {
-                let problem = format!("is a file, but {} is a folder", self.name);
+                let problem = format!("is a file, but {} needs a folder", self.name);
                 return Err(Error::Io(cause(path.display(), problem, "name a folder")));
             }
             return Ok(());
@@ -349,7 +349,10 @@ impl Format {
             return Err(Error::Export(cause(
                 path.display(),
                 format!("does not end in {}", self.endings.join(" or ")),
-                format!("name it so: that is what {} is read by", self.name),
+                format!(
+                    "give it that ending, by which readers of {} know it",
+                    self.name
+                ),
             )));
         }
         Ok(())

@@ -153,7 +153,7 @@ fn refuse_impossible<const D: usize>(asked: &Detection<D>) -> Result<()> {
     if asked.threshold.is_some_and(|t| !t.is_finite()) {
         return fail(
             "the threshold is not a finite number".into(),
-            "leave it out to have it chosen",
+            "omit it for an automatic one",
         );
     }
     Ok(())

@@ -64,7 +64,7 @@ impl<const D: usize> Image<D> {
         if self.samples.is_empty() {
             let dims = self.dims();
             return refuse(
-                format!("has no samples (dims {dims:?})"),
+                format!("has no samples (dimensions {dims:?})"),
                 "give an image with samples",
             );
         }

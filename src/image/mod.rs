@@ -38,7 +38,7 @@ impl<const D: usize> Image<D> {
         let shape: Vec<usize> = dims.iter().rev().copied().collect();
         #[allow(clippy::expect_used)]
         let samples = ArrayD::from_shape_vec(shape, samples)
-            .expect("the number of samples is the product of the dims");
+            .expect("the number of samples must be the product of the dimensions");
         Self {
             samples,
             geometry,
@@ -74,7 +74,8 @@ impl<const D: usize> Image<D> {
         Some(continued.with_missing(self.missing.clone()))
     }
 
-    /// For each row along x whether it lies at most `reach` samples beside a missing one, or is missing;
+    /// For each row along x whether it lies at most `reach` samples beside a missing one, or is
+    /// missing;
     /// empty where none is.
     pub fn near_missing(&self, reach: f64) -> Vec<bool> {
         if self.missing.is_empty() {

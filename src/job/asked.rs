@@ -32,13 +32,13 @@ pub struct Job {
     pub cells: Cells,
     /// The length of a sample along each axis of lattice space.
     pub metric: LatticeSpace,
-    /// Seed of everything random; 1 by default.
+    /// Seed of all random numbers; 1 by default.
     pub seed: RngSeed,
     /// What is written, and where.
     pub outputs: Outputs,
 }
 
-/// Seed of everything random; 1 by default.
+/// Seed of all random numbers; 1 by default.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RngSeed(pub u64);
 
@@ -156,7 +156,8 @@ impl Followed {
 /// How atoms come to stand where they do.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Placement {
-    /// On features, dense where they bend; few elsewhere. Image and features determine the distance, and
+    /// On features, dense where they bend; few elsewhere. Image and features determine the
+    /// distance, and
     /// nothing moves.
     Canny,
     /// On a lattice, whose energy is then lowered.
@@ -174,7 +175,7 @@ impl Default for Placement {
 pub struct LatticeJob {
     /// How far atoms shall be apart, in samples; 8 everywhere by default.
     pub apart: Apart,
-    /// How atoms are placed at first; a regular lattice by default.
+    /// Initial positions of atoms; a regular lattice by default.
     pub start: Start,
     /// Wells: fixed atoms along their trajectories.
     pub wells: Option<Wells>,
@@ -184,7 +185,7 @@ pub struct LatticeJob {
     pub energy: LatticeEnergy,
     /// How atoms are moved; by L-BFGS by default.
     pub optimizer: optimize::Method,
-    /// Number of first passes on a smoother potential, at most 8; 0 by default.
+    /// Number of initial passes on a smoother potential, at most 8; 0 by default.
     pub coarse_passes: usize,
     /// Where the lattice after each round is written, for ParaView.
     pub trace: Option<PathBuf>,
@@ -253,7 +254,7 @@ pub enum Start {
     Grown,
     /// Delaunay refinement: isotropic.
     Refine,
-    /// Drawn by chance under the image, where its features are first (guide tables).
+    /// Drawn at random, first where features are strong (guide tables).
     Guide {
         /// Most atoms; as many as find room if `None`.
         most: Option<usize>,

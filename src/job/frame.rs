@@ -140,7 +140,7 @@ pub(crate) fn lattice_points<const D: usize>(
         let index = geometry.to_index(point.position).ok_or_else(|| {
             refuse(
                 k,
-                "the image's axes do not span space".into(),
+                "the image's axes are linearly dependent".into(),
                 "correct the image's geometry",
             )
         })?;

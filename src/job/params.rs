@@ -186,7 +186,7 @@ pub struct Params<const D: usize = 3> {
     pub wells: Vec<WellPath<D>>,
     /// Distance between atoms at wells; as elsewhere if `None`.
     pub well_distance: Option<f64>,
-    /// How atoms are placed at first.
+    /// Initial positions of atoms.
     pub seeding: Seeding,
     /// Evaluator of the energy.
     pub evaluator: Evaluator,

@@ -53,13 +53,13 @@ impl Placing {
             Self::Canny if alongside => (
                 "Canny's points",
                 "lie on features, but Voronoi cells need atoms alongside",
-                "ask for simplices, or place atoms otherwise",
+                "choose simplices, or place atoms in another way",
                 "seeding",
             ),
             Self::Canny if !params.wells.is_empty() => (
                 "Canny's points",
-                "decide the distance between atoms, and so know no wells with their own",
-                "give wells as fixed atoms, or place atoms otherwise",
+                "determine the distance between atoms, so wells cannot have their own",
+                "give wells as fixed atoms, or place atoms in another way",
                 "seeding",
             ),
             Self::Lattice if sampled && alongside => (
@@ -70,13 +70,13 @@ impl Placing {
             ),
             Self::Lattice if params.kappa != 1.0 && alongside => (
                 "kappa",
-                "is about the neighbours of atoms in a Delaunay mesh, but Voronoi cells are asked for",
+                "applies to the neighbours of atoms in a Delaunay mesh, but the mesh has Voronoi cells",
                 "leave it at 1",
                 "kappa",
             ),
             Self::Lattice if params.kappa != 1.0 && sampled => (
                 "kappa",
-                "goes with the exact energy, but the sampled one is asked for",
+                "needs the exact energy, but the sampled one is chosen",
                 "use the pairwise one",
                 "potential",
             ),
@@ -176,7 +176,7 @@ fn varying<const D: usize>(
         }
         Spacing::OfAtoms { .. } => Err(Error::Job(cause(
             "distance",
-            "shall be that of Canny's points, but atoms are placed otherwise",
+            "is to be that of Canny's points, but atoms are placed in another way",
             "give a distance, or place Canny's points",
         ))),
         Spacing::Given { min, max } => match &params.distances {
@@ -186,7 +186,7 @@ fn varying<const D: usize>(
             given => Err(Error::Job(cause(
                 "distances",
                 format!(
-                    "have dims {:?}, the image {:?}",
+                    "have dimensions {:?}, the image {:?}",
                     given.as_ref().map(|image| image.dims()).unwrap_or([0; D]),
                     image.dims()
                 ),

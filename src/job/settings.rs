@@ -27,7 +27,7 @@ pub struct Settings {
     #[cfg_attr(feature = "cli", arg(long, value_name = "D"))]
     #[serde(deserialize_with = "text_or_number")]
     pub distance: Option<String>,
-    /// What a distance MIN:MAX follows: features (MIN on them, growing away from them), image (MIN
+    /// What a distance MIN:MAX follows: features (MIN on them, increasing away from them), image (MIN
     /// where it is lowest, MAX where it is highest), laplacian (of the potential), or a file with a
     /// distance per sample
     #[cfg_attr(feature = "cli", arg(long, value_name = "WHAT"))]
@@ -38,7 +38,7 @@ pub struct Settings {
     /// Scale of the features in samples [default: by the kind of feature]
     #[cfg_attr(feature = "cli", arg(long, value_name = "S"))]
     pub sigma: Option<f64>,
-    /// Least strength of a feature, in units of the feature image [default: automatic, printed]
+    /// Smallest strength of a feature, in units of the feature image [default: automatic, printed]
     #[cfg_attr(
         feature = "cli",
         arg(long, value_name = "T", allow_negative_numbers = true)
@@ -59,7 +59,7 @@ pub struct Settings {
         arg(long, value_name = "X,Y", allow_hyphen_values = true)
     )]
     pub background: Option<Vec<String>>,
-    /// Keep the potential b(x)
+    /// Also write the potential b(x)
     #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.vti"))]
     pub potential_out: Option<PathBuf>,
     /// Atoms on features, or alongside [default: on; alongside with --cells voronoi]
@@ -72,20 +72,22 @@ pub struct Settings {
     #[cfg_attr(feature = "cli", arg(long, value_name = "B"))]
     #[serde(deserialize_with = "text_or_number")]
     pub beta: Option<String>,
-    /// How atoms are placed at first [default: fcc]
+    /// Initial positions of atoms [default: fcc]
     #[cfg_attr(feature = "cli", arg(long, value_name = "HOW"))]
     pub seeding: Option<SeedingName>,
     /// Largest number of atoms that --seeding guide places [default: as many as find room]
     #[cfg_attr(feature = "cli", arg(long, value_name = "N"))]
     pub max_atoms: Option<usize>,
-    /// Fixed atoms (wells, sources): a CSV file of x,y,z (x,y in 2-D) in the image's physical coordinates
+    /// Fixed atoms (wells, sources): a CSV file of x,y,z (x,y in 2-D) in the image's physical
+    /// coordinates
     #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.csv"))]
     pub atoms_from: Option<PathBuf>,
-    /// A well: fixed atoms along the trajectory in a CSV file of lines x,y,z,radius (x,y,radius in 2-D),
+    /// A well: fixed atoms along the trajectory in a CSV file of lines x,y,z,radius (x,y,radius in
+    /// 2-D),
     /// in the image's physical coordinates; may be repeated
     #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.csv"))]
     pub well: Option<Vec<PathBuf>>,
-    /// Distance between atoms at wells, in samples, from where it grows to --distance
+    /// Distance between atoms at wells, in samples; it increases to --distance away from them
     #[cfg_attr(feature = "cli", arg(long, value_name = "D"))]
     pub well_distance: Option<f64>,
     /// Evaluator of the lattice energy [default: pairwise]
@@ -99,7 +101,7 @@ pub struct Settings {
     /// How atoms are moved [default: lbfgs]
     #[cfg_attr(feature = "cli", arg(long, value_name = "HOW"))]
     pub optimizer: Option<Method>,
-    /// Number of first passes on a smoother potential [default: 0]
+    /// Number of initial passes on a smoother potential [default: 0]
     #[cfg_attr(feature = "cli", arg(long, value_name = "N"))]
     pub coarse_to_fine: Option<usize>,
     /// Smallest dihedral angle aimed at, in degrees, the largest being 180 minus it; in 2-D the
@@ -109,8 +111,8 @@ pub struct Settings {
     /// How slivers are removed [default: joe]
     #[cfg_attr(feature = "cli", arg(long, value_name = "HOW"))]
     pub slivers: Option<SliversName>,
-    /// Voronoi cells without their smallest faces: nodes nearer to one another than this share of the
-    /// cells' radius are welded [default: 0]
+    /// Voronoi cells without their smallest faces: nodes closer together than this fraction of the
+    /// cells' radius are merged [default: 0]
     #[cfg_attr(feature = "cli", arg(long, value_name = "SHARE"))]
     pub weld: Option<f64>,
     /// Smooth the triangles of a 2-D image where it is flat; nodes on features stay
@@ -151,7 +153,7 @@ pub enum SeedingName {
     Refine,
     /// On features, dense where they bend; few elsewhere. Image and features determine the distance
     Canny,
-    /// Drawn by chance under the image, where its features are first (guide tables)
+    /// Drawn at random, first where features are strong (guide tables)
     Guide,
     /// Sites of a fine lattice projected onto features
     Projection,

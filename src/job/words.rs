@@ -27,7 +27,8 @@ impl TryFrom<Settings> for Job {
     /// Reads settings; what is absent is as by default.
     ///
     /// # Errors
-    /// [`Error::Job`] that begins with the name of the setting that is impossible, or that nothing would
+    /// [`Error::Job`] that begins with the name of the setting that is impossible, or that nothing
+    /// would
     /// come of.
     fn try_from(settings: Settings) -> Result<Self> {
         let said = Said::new(settings)?;
@@ -123,17 +124,17 @@ fn cells(said: &Said, voronoi: bool) -> Result<Cells> {
     let settings = &said.settings;
     if voronoi {
         let of_others = ["slivers", "min-dihedral", "smooth"];
-        let problem = "is about tetrahedra and triangles, but Voronoi cells are asked for";
-        said.unused(&of_others, problem, "omit it, or ask for tets")?;
+        let problem = "applies to tetrahedra and triangles, but the mesh has Voronoi cells";
+        said.unused(&of_others, problem, "omit it, or choose tets")?;
         let weld = settings.weld.unwrap_or(0.0);
         if !(0.0..=MOST_WELDED).contains(&weld) {
-            let problem = format!("is not a share between 0 and {MOST_WELDED}");
+            let problem = format!("is not a fraction from 0 to {MOST_WELDED}");
             return Err(bad("weld", weld, &problem, "give 0.001, say"));
         }
         return Ok(Cells::Voronoi { weld });
     }
-    let problem = "is about Voronoi cells, but tetrahedra or triangles are asked for";
-    said.unused(&["weld"], problem, "ask for Voronoi cells, or omit it")?;
+    let problem = "applies to Voronoi cells, but the mesh has tetrahedra or triangles";
+    said.unused(&["weld"], problem, "choose Voronoi cells, or omit it")?;
     let method = match settings.slivers {
         Some(SliversName::None) => None,
         Some(SliversName::Exude) => Some(improve::Method::Exude),
@@ -141,7 +142,7 @@ fn cells(said: &Said, voronoi: bool) -> Result<Cells> {
     };
     let slivers = match method {
         None => {
-            let problem = "aims at an angle, but no sliver shall be removed";
+            let problem = "sets a target angle, but no slivers are to be removed";
             said.unused(
                 &["min-dihedral"],
                 problem,
@@ -184,18 +185,18 @@ fn canny(said: &Said, voronoi: bool) -> Result<Placement> {
             "seeding",
             "canny",
             "puts atoms on features, but Voronoi cells need them alongside",
-            "ask for tets, or choose another seeding",
+            "choose tets, or another seeding",
         ));
     }
     let other = "omit it, or choose another seeding";
     said.unused(
         &["distance", "distance-from"],
-        "has no say with seeding canny: the image and its features decide the distance",
+        "has no effect with seeding canny: the image and its features determine the distance",
         other,
     )?;
     said.unused(
         &["well", "well-distance"],
-        "has a distance of its own, but with seeding canny the image and its features decide it",
+        "has a distance of its own, but with seeding canny the image and its features determine it",
         "give wells as fixed atoms, or choose another seeding",
     )?;
     said.unused(
@@ -207,11 +208,11 @@ fn canny(said: &Said, voronoi: bool) -> Result<Placement> {
             "coarse-to-fine",
             "trace",
         ],
-        "is about a lattice whose energy is lowered, but with seeding canny nothing moves",
+        "applies to a lattice whose energy is minimised, but with seeding canny no atom moves",
         other,
     )?;
     if said.settings.feature != Some(FeatureKind::Paths) {
-        let problem = "decides what is left to chance, which with seeding canny is nothing";
+        let problem = "sets the random numbers, but seeding canny uses none";
         said.unused(&["rng-seed"], problem, other)?;
     }
     no_guide(said)?;
@@ -221,7 +222,7 @@ fn canny(said: &Said, voronoi: bool) -> Result<Placement> {
 fn no_guide(said: &Said) -> Result<()> {
     said.unused(
         &["max-atoms"],
-        "is about atoms that are drawn one by one",
+        "applies to atoms that are drawn one by one",
         "use it with seeding guide, or choose a larger distance",
     )
 }
@@ -245,7 +246,7 @@ fn lattice(said: &Said, seeding: Option<SeedingName>, voronoi: bool) -> Result<L
             "seeding",
             "projection",
             "puts atoms onto features, which the faces of Voronoi cells follow",
-            "ask for tets, or choose another seeding",
+            "choose tets, or another seeding",
         ));
     }
     let coarse_passes = settings.coarse_to_fine.unwrap_or(0);
@@ -279,20 +280,20 @@ fn energy(said: &Said, voronoi: bool) -> Result<LatticeEnergy> {
                 "use the pairwise evaluator",
             ));
         }
-        let problem = "goes with the exact energy, but the sampled evaluator is asked for";
+        let problem = "needs the exact energy, but the sampled evaluator is chosen";
         said.unused(&["kappa"], problem, "use the pairwise evaluator")?;
         return Ok(LatticeEnergy::Sampled);
     }
     if voronoi {
         said.unused(
             &["kappa"],
-            "is about the neighbours of atoms in a Delaunay mesh, but Voronoi cells are asked for",
-            "omit it, or ask for tets",
+            "applies to the neighbours of atoms in a Delaunay mesh, but the mesh has Voronoi cells",
+            "omit it, or choose tets",
         )?;
     }
     let kappa = said.settings.kappa.unwrap_or(1.0);
     if !(0.0..=1.0).contains(&kappa) {
-        let remedy = "1 leaves Laplacian coordinates out, 0.7 is typical with them";
+        let remedy = "1 omits Laplacian coordinates, 0.7 is typical with them";
         return Err(bad("kappa", kappa, "is not from 0 to 1", remedy));
     }
     Ok(LatticeEnergy::Pairwise { kappa })
@@ -336,7 +337,7 @@ fn apart(settings: &Settings) -> Result<Apart> {
             return Err(bad(
                 "distance-from",
                 other,
-                "is neither features, image, laplacian nor a file",
+                "is not features, image, laplacian or a file",
                 "give one of these, or an image of distances in samples",
             ));
         }
@@ -391,7 +392,7 @@ fn beta(text: Option<&str>) -> Result<Beta> {
             "beta",
             text,
             "is not at least 0 and below 1",
-            "0 ignores the image, 0.5 is usual",
+            "0 ignores the image, 0.5 is the default",
         )),
         Err(_) if Path::new(text).is_file() => Ok(Beta::File(text.into())),
         Err(_) => Err(bad(
@@ -439,7 +440,7 @@ fn followed(said: &Said) -> Result<Followed> {
     let kind = settings.feature.unwrap_or(FeatureKind::Auto);
     let threshold = settings.threshold;
     if kind != FeatureKind::Paths {
-        let problem = "is about an object whose boundary is followed by paths";
+        let problem = "applies to an object whose boundary is followed by paths";
         said.unused(
             &["object", "background"],
             problem,
@@ -448,11 +449,11 @@ fn followed(said: &Said) -> Result<Followed> {
     }
     let weights = weights(settings.feature_weights.as_deref())?;
     if kind != FeatureKind::FaultsAndHorizons {
-        let problem = "weighs faults against horizons, but not both are followed";
+        let problem = "weighs faults against horizons, but they are not followed together";
         said.unused(&["feature-weights"], problem, "follow both, or omit it")?;
     }
     if matches!(kind, FeatureKind::Labels | FeatureKind::Paths) {
-        let problem = format!("is about the strength of features, but {kind} have none");
+        let problem = format!("applies to the strength of features, but {kind} have none");
         said.unused(
             &["threshold"],
             &problem,

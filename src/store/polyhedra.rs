@@ -209,7 +209,7 @@ pub(super) fn read_cells<const D: usize>(file: &VtkFile) -> Result<MeshFile<Poly
     }
     let broken = |what: &str| {
         let problem = format!("its cells are damaged ({what})");
-        file.fault(problem, "write it anew")
+        file.fault(problem, "write it again")
     };
     // Every face of every cell: the cell, and its nodes in the cell's stream.
     let numbers = |name: &str| {

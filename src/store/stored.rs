@@ -237,7 +237,7 @@ impl<const D: usize> LatticeSpace<D> {
         Err(Error::Image(cause(
             place,
             format!("is of {dims:?} samples, the mesh of {:?}", self.dims()),
-            "give the image that was meshed, or one of its dims",
+            "give the image that was meshed, or one of the same dimensions",
         )))
     }
 }
@@ -261,7 +261,7 @@ impl<const D: usize, M: Stored<D>> StoredMesh<D, M> {
             return refuse("records only part of its position");
         };
         let Some(mut positions) = file.mesh.positions(|&x| space.to_lattice(x)) else {
-            return refuse("has axes that do not span space");
+            return refuse("has linearly dependent axes");
         };
         let mirrored = space.is_mirrored();
         let weld = match file.field(WELD) {

@@ -251,7 +251,8 @@ pub enum AnyMesh {
 }
 
 /// Does the same with a mesh of any kind: `with_mesh!(mesh, file => ...)`; or one thing with simplices
-/// and another with polygons and polyhedra: `with_mesh!(mesh, simplices file => ..., cells file => ...)`.
+/// and another with polygons and polyhedra: `with_mesh!(mesh, simplices file => ..., cells file =>
+/// ...)`.
 #[cfg(feature = "cli")]
 macro_rules! with_mesh {
     ($mesh:expr, $file:pat => $run:expr) => {
@@ -331,7 +332,7 @@ pub(super) fn read_fields(file: &VtkFile) -> Result<Vec<(String, FieldValue)>> {
 pub(crate) fn count(file: &VtkFile, piece: &Element, name: &str) -> Result<usize> {
     match file.numbers(piece, name)?[..] {
         [n] => Ok(n),
-        _ => Err(file.fault(format!("{name} is not one number"), "write it anew")),
+        _ => Err(file.fault(format!("{name} is not one number"), "write it again")),
     }
 }
 
@@ -347,12 +348,12 @@ pub(crate) fn read_nodes<const D: usize>(
     };
     if numbers.len() != points.saturating_mul(3) {
         let problem = format!("has {} coordinates for {points} points", numbers.len());
-        return Err(file.fault(problem, "write it anew"));
+        return Err(file.fault(problem, "write it again"));
     }
     let (nodes, _) = numbers.as_chunks::<3>();
     if let Some(node) = nodes.iter().position(|x| x.iter().any(|c| !c.is_finite())) {
         let problem = format!("node {node} is not finite");
-        return Err(file.fault(problem, "write it anew"));
+        return Err(file.fault(problem, "write it again"));
     }
     if let Some(off) = nodes.iter().flat_map(|x| &x[D..]).find(|c| **c != 0.0) {
         let problem = format!("has cells off the plane z = 0 (at z = {off})");
@@ -372,7 +373,12 @@ pub(super) fn cell_array(file: &VtkFile, cells: &Element, name: &str) -> Result<
     let mut arrays = cells.children.iter();
     let element = arrays
         .find(|a| a.attribute("Name") == Some(name))
-        .ok_or_else(|| file.fault(format!("its cells have no array '{name}'"), "write it anew"))?;
+        .ok_or_else(|| {
+            file.fault(
+                format!("its cells have no array '{name}'"),
+                "write it again",
+            )
+        })?;
     Ok(file.array(element)?.values)
 }
 
@@ -416,7 +422,7 @@ fn corners<const D: usize, M: Simplices<D>>(
             ends.len(),
             corners.len()
         );
-        return Err(file.fault(problem, "write it anew"));
+        return Err(file.fault(problem, "write it again"));
     }
     if points > u32::MAX as usize {
         return Err(file.fault(
@@ -426,7 +432,7 @@ fn corners<const D: usize, M: Simplices<D>>(
     }
     if let Some(stray) = corners.iter().find(|&&c| c < 0 || c as usize >= points) {
         let problem = format!("a cell has node {stray}, but there are {points} points");
-        return Err(file.fault(problem, "write it anew"));
+        return Err(file.fault(problem, "write it again"));
     }
     Ok(corners.iter().map(|&c| c as u32).collect())
 }
@@ -450,7 +456,7 @@ pub(super) fn read_arrays(
                 array.values.len(),
                 array.components
             );
-            return Err(file.fault(problem, "write it anew"));
+            return Err(file.fault(problem, "write it again"));
         }
         arrays.push(array);
     }

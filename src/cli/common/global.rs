@@ -5,7 +5,7 @@ use clap::Args;
 /// Options that every verb has.
 #[derive(Debug, Clone, Args)]
 pub struct Common {
-    /// Print nothing but errors (and the JSON, if asked for)
+    /// Print only errors (and the JSON, if requested)
     #[arg(long, global = true, display_order = 900)]
     pub quiet: bool,
     /// Print the result as JSON on standard output

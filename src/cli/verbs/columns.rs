@@ -31,8 +31,9 @@ pub struct ColumnsArgs {
     /// The mesh to write
     #[arg(short, long, value_name = "CELLS.vtu")]
     pub output: PathBuf,
-    /// A horizon, from the top down; at least two: z as a number, a 2-D image of z (of the dims of the
-    /// image that was meshed, or one that says where it lies), or a surface FILE.vtp[:NUMBER]
+    /// A horizon, from the top down; at least two: z as a number, a 2-D image of z (of the same
+    /// dimensions as the image that was meshed, or one with its own position), or a surface
+    /// FILE.vtp[:NUMBER]
     #[arg(long, value_name = "Z", required = true, allow_hyphen_values = true)]
     pub horizon: Vec<String>,
     /// Number of layers between horizons: one for all, or N,N,... [default: 1]
@@ -63,7 +64,12 @@ pub fn run(args: &ColumnsArgs, console: &mut Console) -> Result<()> {
     if !(args.least_thickness >= 0.0 && args.least_thickness.is_finite()) {
         let value = args.least_thickness.to_string();
         let remedy = "give 0 or more, in the unit of z";
-        return Err(bad("--least-thickness", &value, "is no thickness", remedy));
+        return Err(bad(
+            "--least-thickness",
+            &value,
+            "is not a thickness",
+            remedy,
+        ));
     }
     let files: Vec<&Path> = args.horizon.iter().map(Path::new).collect();
     let inputs: Vec<&Path> = [args.map.as_path()].into_iter().chain(files).collect();
@@ -76,7 +82,7 @@ pub fn run(args: &ColumnsArgs, console: &mut Console) -> Result<()> {
         let (values, missing) = horizon.at_nodes(&map, text)?;
         if missing > 0 {
             console.note(format_args!(
-                "{text} is not known at {missing} of the map's {} nodes: continued smoothly there",
+                "{text} is not known at {missing} of the map's {} nodes: extrapolated smoothly there",
                 values.len()
             ));
         }

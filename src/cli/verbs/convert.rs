@@ -18,7 +18,7 @@ pub struct ConvertArgs {
     /// The image to read
     #[arg(value_name = "IN")]
     pub input_file: PathBuf,
-    /// The image to write: .vti or .npy; .png in 2-D
+    /// The image to write: .vti, .npy, .nrrd, .mha, .nii or .nii.gz; .png in 2-D
     #[arg(value_name = "OUT")]
     pub output: PathBuf,
     /// How to read the image.

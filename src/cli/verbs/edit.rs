@@ -50,7 +50,8 @@ pub struct EditArgs {
     /// Edits from a CSV file, one per line: add,X,Y,Z or move,N,X,Y,Z or remove,N
     #[arg(long, value_name = "FILE.csv")]
     pub edits: Option<PathBuf>,
-    /// Added and moved atoms only start where they are put, and then move as all others do; without this they stay there, as wells do
+    /// Added and moved atoms only start where they are put, and then move as all others do; without
+    /// this they stay there, as wells do
     #[arg(long)]
     pub free: bool,
     /// How to read the image.
@@ -189,7 +190,10 @@ fn job<M>(args: &EditArgs, file: &MeshFile<M>) -> Result<(Job, Vec<String>)> {
     })?;
     let mut job: Job = toml::from_str(record.trim()).map_err(|e| {
         let problem = e.message().replace('\n', ", ");
-        refuse(format!("has parameters that make no sense: {problem}")).because(e)
+        refuse(format!(
+            "has parameters that cannot be understood: {problem}"
+        ))
+        .because(e)
     })?;
     let mut notes = Vec::new();
     let mut note = |line: &str| notes.push(line.to_string());
@@ -206,11 +210,13 @@ fn job<M>(args: &EditArgs, file: &MeshFile<M>) -> Result<(Job, Vec<String>)> {
     }
     if let Cells::Simplices { slivers, smooth } = &job.cells {
         if smooth.is_some() {
-            note("the mesh was smoothed; what is edited is not");
+            note("the mesh was smoothed; the edited part is not");
         }
         let exuded = |method| method == improve::Method::Exude;
         if matches!(slivers, Slivers::Removed { method, .. } if exuded(*method)) {
-            note("slivers were removed by exudation; where edited they are by flips and smoothing");
+            note(
+                "slivers were removed by exudation; in the edited part they are removed by flips and smoothing",
+            );
         }
     }
     job.input = args.input.over(&job.input);
@@ -320,7 +326,7 @@ fn table<const D: usize, M: Simplices<D>>(
     line(
         "changed",
         format!(
-            "{} {kind} made anew of {}, round {} atoms free to move; {} made room",
+            "{} of {} {kind} made again, around {} atoms free to move; {} made room",
             summary.cells[1], summary.cells[0], summary.warm, summary.made_room
         ),
     );

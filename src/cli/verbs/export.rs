@@ -44,8 +44,9 @@ pub struct ExportArgs {
     /// Thickness (m) of the layer to which the factor of --faults applies [default: from cell to cell]
     #[arg(long, value_name = "W", help_heading = "Rock")]
     pub fault_thickness: Option<f64>,
-    /// Columns along two axes, and layers, of a corner-point grid (grdecl) [default: as fine as the cells]
-    #[arg(long, value_name = "NX,NY,NZ")]
+    /// Columns along two axes, and layers, of a corner-point grid (grdecl) [default: as fine as the
+    /// cells]
+    #[arg(long, value_name = "NX,NY,NZ", help_heading = None)]
     pub grid: Option<String>,
     /// Where depth is.
     #[command(flatten, next_help_heading = "Space")]
@@ -64,7 +65,8 @@ fn formats() -> PossibleValuesParser {
 /// Where a mesh's coordinates are in metres and depth.
 #[derive(Debug, Clone, Args)]
 pub struct SpaceOptions {
-    /// Unit of the mesh's coordinates, where the mesh does not state it [default: m]: m, km, ft, cm, mm, um
+    /// Unit of the mesh's coordinates, where the mesh does not state it [default: m]: m, km, ft,
+    /// cm, mm, um
     #[arg(long, value_name = "UNIT")]
     pub length_unit: Option<String>,
     /// The coordinate that is depth, with its sign: -z if z grows upwards, z if downwards, x ...
@@ -101,20 +103,22 @@ pub struct CaseOptions {
     /// What fills the pores [default: water]
     #[arg(long, value_name = "FLUID")]
     pub fluid: Option<FluidChoice>,
-    /// A well that injects water, in m^3/day, upright in the cell at X,Y,Z (the mesh's coordinates), or along the trajectory in a CSV file of lines x,y,z,radius: [NAME=]FILE.csv:RATE; may be repeated
+    /// A well that injects water, in m^3/day, vertical in the cell at X,Y,Z (the mesh's
+    /// coordinates), or along the trajectory in a CSV file of lines x,y,z,radius:
+    /// [NAME=]FILE.csv:RATE; may be repeated
     #[arg(long, value_name = "[NAME=]X,Y,Z:RATE", allow_hyphen_values = true)]
     pub injector: Vec<String>,
-    /// A well that produces at a pressure in bar, at X,Y,Z or along the trajectory in a file; may be repeated
+    /// A well that produces at a pressure in bar, at X,Y,Z or along the trajectory in a file; may
+    /// be repeated
     #[arg(long, value_name = "[NAME=]X,Y,Z:BAR", allow_hyphen_values = true)]
     pub producer: Vec<String>,
     /// Radius (m) of wells that are given by a point [default: 0.1]
     #[arg(long, value_name = "R")]
     pub well_radius: Option<f64>,
-    /// Initial pressure (bar) at the top [default: that of water from the surface down to there, or
-    /// 1.01325]
+    /// Initial pressure (bar) at the top [default: hydrostatic from 1.01325 at depth 0]
     #[arg(long, value_name = "BAR")]
     pub pressure_at_top: Option<f64>,
-    /// Fluids without weight
+    /// Fluids without weight (no hydrostatic gradient)
     #[arg(long)]
     pub no_gravity: bool,
     /// Number of days to simulate [default: 3650]
@@ -295,7 +299,7 @@ fn check_depth(model: &Model, space: &SpaceOptions) -> Result<()> {
     }
     Err(Error::Export(cause(
         format!("--down {}", space.down),
-        format!("puts the mesh's top {:.6} m above the surface", -top),
+        format!("puts the mesh's top {:.6} m above depth 0", -top),
         "give the other sign if that coordinate grows the other way, or --depth-at-top",
     )))
 }
@@ -349,7 +353,7 @@ impl ExportArgs {
             }
             if self.faults.is_some() {
                 let problem =
-                    "changes the transmissibility of faults, but there is not a permeability";
+                    "changes the transmissibility of faults, but no permeability is given";
                 return Err(refuse("--faults", problem));
             }
         }

@@ -23,19 +23,20 @@ pub struct FeatureArgs {
     /// The image
     #[arg(value_name = "IMAGE")]
     pub image: PathBuf,
-    /// The potential b(x), as .vti or .npy; .png in 2-D
+    /// The potential b(x): .vti, .npy, .nrrd, .mha, .nii or .nii.gz; .png in 2-D
     #[arg(short, long, value_name = "OUT.vti")]
     pub output: PathBuf,
     /// The features to find
     #[arg(long, value_name = "KIND", default_value = "auto")]
     pub feature: FeatureKind,
-    /// Nominal distance between atoms, in samples: the valleys of the potential are a quarter of it wide
+    /// Nominal distance between atoms, in samples: the valleys of the potential are a quarter of it
+    /// wide
     #[arg(long, value_name = "D", default_value_t = 8.0)]
     pub distance: f64,
     /// Scale of the features in samples [default: by the kind of feature]
     #[arg(long, value_name = "S")]
     pub sigma: Option<f64>,
-    /// Least strength of a feature, in units of the feature image [default: automatic, printed]
+    /// Smallest strength of a feature, in units of the feature image [default: automatic, printed]
     #[arg(long, value_name = "T", allow_negative_numbers = true)]
     pub threshold: Option<f32>,
     /// Weights F,H in (0, 1] of faults and horizons where both are followed [default: 1,1]
@@ -47,7 +48,8 @@ pub struct FeatureArgs {
     /// Paths: a point of the background; may be repeated [default: the image's outermost samples]
     #[arg(long, value_name = "X,Y", allow_hyphen_values = true)]
     pub background: Option<Vec<String>>,
-    /// Paths: write the share of them that passes each sample, as .vti, .npy or .png
+    /// Paths: write the fraction of them that passes through each sample: .vti, .npy, .nrrd, .mha,
+    /// .nii or .png
     #[arg(long, value_name = "OUT.png")]
     pub confidence_out: Option<PathBuf>,
     /// Paths: seed of the random points

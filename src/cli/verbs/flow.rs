@@ -52,7 +52,8 @@ pub struct FlowArgs {
     /// or a CSV file of lines surface,factor[,thickness]
     #[arg(long, value_name = "N:FACTOR", allow_hyphen_values = true)]
     pub fault_multiplier: Vec<String>,
-    /// The surfaces to which --faults applies: faults, horizons, all, or numbers N,N,... Others are open
+    /// The surfaces to which --faults applies: faults, horizons, all, or numbers N,N,... Others are
+    /// open
     /// [default: faults]
     #[arg(long, value_name = "WHICH")]
     pub barriers: Option<String>,
@@ -101,13 +102,13 @@ impl FlowArgs {
         if self.lines.is_some() && self.streamlines.is_none() {
             return refuse(
                 "--lines",
-                "is the number of streamlines, which are not asked for",
+                "is the number of streamlines, but none are to be written",
             );
         }
         if self.barriers.is_some() && self.faults.as_deref() == Some("open") {
             return refuse(
                 "--barriers",
-                "says which surfaces resist flow, but --faults open lets it through",
+                "selects surfaces that resist flow, but --faults open lets it through",
             );
         }
         Ok(())
@@ -276,7 +277,7 @@ fn sides(texts: &[String]) -> Result<Vec<(u8, f64)>> {
             .ok_or_else(|| bad("--pressure", text, "has no '='", remedy))?;
         let side = SIDES.iter().position(|side| *side == name.trim());
         let side = side.ok_or_else(|| {
-            let problem = format!("'{name}' is no side of the box");
+            let problem = format!("'{name}' is not a side of the box");
             let remedy = format!("give one of {}", SIDES.join(", "));
             bad("--pressure", text, &problem, &remedy)
         })? as u8;
@@ -373,7 +374,7 @@ pub(super) fn check_thickness(thickness: Option<f64>, faults: &str, factors: boo
     }
     Err(Error::Job(cause(
         "--fault-thickness",
-        format!("is that of the layer that a factor is for, but faults are {faults}"),
+        format!("is that of the layer to which a factor applies, but faults are {faults}"),
         "give a factor, such as --faults 0.01, or omit it",
     )))
 }
@@ -403,7 +404,7 @@ fn fault_laws(args: &FlowArgs) -> Result<FaultLaws> {
     for text in &args.fault_multiplier {
         for (place, number, law) in multipliers(text, thickness)? {
             if own.iter().any(|known| known.0 == number) {
-                let problem = format!("gives fault {number} a factor for the second time");
+                let problem = format!("gives fault {number} a second factor");
                 return Err(Error::Flow(cause(place, problem, "give each fault once")));
             }
             own.push((number, law));
@@ -443,7 +444,7 @@ fn multipliers(text: &str, thickness: Option<f64>) -> Result<Vec<(String, u32, F
     let remedy = "give the number of a surface and its factor, such as 3:0.01, or a CSV file";
     let (fault, factor) = text
         .split_once(':')
-        .ok_or_else(|| bad(option, text, "has no ':' and is no file", remedy))?;
+        .ok_or_else(|| bad(option, text, "has no ':' and is not a file", remedy))?;
     let fault = number_of(number(option, fault, remedy)?).ok_or_else(|| {
         bad(
             option,
@@ -484,7 +485,7 @@ fn rock<const D: usize, M: Stored<D>>(args: &FlowArgs, stored: &StoredMesh<D, M>
         let arrays = stored.arrays.cell_data.iter();
         let names: Vec<&str> = arrays.map(|array| array.name.as_str()).collect();
         return Err(refuse(&format!(
-            "is no number, no file, and no cell array of the mesh (it has {})",
+            "is neither a number nor a file nor a cell array of the mesh (it has {})",
             names.join(", ")
         )));
     }

@@ -27,17 +27,18 @@ use crate::{Error, Result};
 /// `atomesh mesh`.
 #[derive(Debug, Args)]
 pub struct MeshArgs {
-    /// The image: SEG-Y, .npy, .vti, .nrrd, .mha, .nii, .tif, .inr, .png (2-D), or raw samples with --raw
+    /// The image: SEG-Y, .npy, .vti, .nrrd, .mha, .nii, .tif, .inr, .png (2-D), or raw samples with
+    /// --raw
     #[arg(value_name = "IMAGE", required_unless_present = "print_config")]
     pub image: Option<PathBuf>,
-    /// What shall be done.
+    /// What is to be done.
     #[command(flatten)]
     pub settings: Settings,
     /// Options from a TOML file; those typed here win
-    #[arg(long, value_name = "FILE.toml")]
+    #[arg(long, value_name = "FILE.toml", help_heading = None)]
     pub config: Option<PathBuf>,
     /// Print the effective options as TOML and stop
-    #[arg(long)]
+    #[arg(long, help_heading = None)]
     pub print_config: bool,
 }
 
@@ -287,7 +288,7 @@ impl Observer for Watcher<'_> {
         if self.heard.is_none() && self.interrupts.wanted() {
             self.heard = Some(self.stage);
             self.console
-                .note("interrupted: writing what there is; Ctrl-C once more ends at once");
+                .note("interrupted: writing what there is; press Ctrl-C again to end at once");
         }
         // Atoms that were stopped are joined and improved in full.
         self.heard

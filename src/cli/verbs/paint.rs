@@ -32,7 +32,8 @@ pub struct PaintArgs {
     /// The mesh with the painted regions as cell data `region` (0: not painted)
     #[arg(short, long, value_name = "OUT.vtu")]
     pub output: PathBuf,
-    /// Where paint begins, in physical coordinates (X,Y in 2-D), once or more; =N gives the region, otherwise each seed is its own. `auto` paints every block between surfaces
+    /// Where paint begins, in physical coordinates (X,Y in 2-D), once or more; =N gives the region,
+    /// otherwise each seed is its own. `auto` paints every block between surfaces
     #[arg(
         long,
         value_name = "X,Y,Z[=N]",
@@ -46,8 +47,8 @@ pub struct PaintArgs {
     /// Paint stops this far from its seed, in samples (less far through narrow openings)
     #[arg(long, value_name = "SAMPLES")]
     pub level: Option<f64>,
-    /// Openings narrower than this share of the rooms they join are cracks, which paint does not
-    /// pass; 0 for none
+    /// Openings narrower than this fraction of the blocks they join are cracks, through which paint
+    /// does not pass; 0 for none
     #[arg(long, value_name = "SHARE", default_value_t = 0.3)]
     pub neck: f64,
     /// The surfaces around the painted regions: .vtp, .obj, or GOCAD's .ts

@@ -27,13 +27,14 @@ use crate::{Error, Result};
 /// `atomesh segment`.
 #[derive(Debug, Args)]
 pub struct SegmentArgs {
-    /// The image that was meshed, or another of its dims
+    /// The image that was meshed, or another of the same dimensions
     #[arg(value_name = "IMAGE")]
     pub image: PathBuf,
     /// A mesh written by atomesh
     #[arg(value_name = "MESH.vtu")]
     pub mesh: PathBuf,
-    /// Where the object is, in physical coordinates; may be repeated: a point X,Y,Z (X,Y in 2-D), or a box
+    /// Where the object is, in physical coordinates; may be repeated: a point X,Y,Z (X,Y in 2-D),
+    /// or a box
     /// as two of its corners, X,Y,Z:X,Y,Z
     #[arg(
         long,
@@ -69,7 +70,7 @@ pub struct SegmentArgs {
     /// An image of the true object (not 0), with which the result is compared
     #[arg(long, value_name = "T.npy")]
     pub truth: Option<PathBuf>,
-    /// Cut the image's samples too, the classical method, and report both
+    /// Also cut the image's samples themselves, the classical method, and report both
     #[arg(long)]
     pub voxels: bool,
     /// How to read the image.

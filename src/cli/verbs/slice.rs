@@ -60,7 +60,12 @@ pub fn slice(args: &SliceArgs, console: &mut Console) -> Result<()> {
         let problem = format!("is a {mesh}-D mesh, but the image is {image}-D");
         refuse(&problem, "give the mesh of the image")
     };
-    let no_space = || refuse("the image's axes do not span space", "correct its geometry");
+    let no_space = || {
+        refuse(
+            "the image's axes are linearly dependent",
+            "correct its geometry",
+        )
+    };
     let picture = match image {
         AnyLoaded::Plane(loaded) => {
             let geometry = &loaded.image.geometry;

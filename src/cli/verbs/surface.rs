@@ -39,10 +39,10 @@ pub struct SurfaceArgs {
     /// How surfaces are told apart.
     #[command(flatten)]
     pub grouping: Grouping,
-    /// Drop surfaces of less area, in square samples (length in 2-D) [default: ten faces]
+    /// Omit surfaces smaller than this, in square samples (length in 2-D) [default: ten faces]
     #[arg(long, value_name = "AREA", allow_negative_numbers = true)]
     pub min_area: Option<f64>,
-    /// Depth of the valleys of b(x) from which on faces lie on the features of IMAGE, from 0 to 1
+    /// Depth of b(x), from 0 to 1, from which faces count as lying on the features of IMAGE
     /// [default: 0.6]
     #[arg(long, value_name = "DEPTH", requires = "image")]
     pub depth: Option<f64>,
@@ -52,7 +52,7 @@ pub struct SurfaceArgs {
     /// Scale of the features in samples [default: by the kind of feature]
     #[arg(long, value_name = "S", requires = "image")]
     pub sigma: Option<f64>,
-    /// Least strength of a feature, in units of the feature image [default: automatic, printed]
+    /// Smallest strength of a feature, in units of the feature image [default: automatic, printed]
     #[arg(
         long,
         value_name = "T",
@@ -176,7 +176,7 @@ pub fn image_of<const D: usize>(
     let place = path.display().to_string();
     let read = formats::read_any(path, &input.read_options()?)?;
     let image = read.image().ok_or_else(|| {
-        let problem = format!("is no image of {D} dimensions, as the mesh is");
+        let problem = format!("is not a {D}-D image, but the mesh is {D}-D");
         Error::Image(cause(&place, problem, "give the image that was meshed"))
     })?;
     image.check(&place)?;

@@ -17,7 +17,7 @@ pub struct SynthArgs {
     /// What to make
     #[arg(value_name = "KIND", value_parser = synth_kind())]
     pub kind: String,
-    /// The image to write: .vti or .npy; .png in 2-D
+    /// The image to write: .vti, .npy, .nrrd, .mha, .nii or .nii.gz; .png in 2-D
     #[arg(short, long, value_name = "OUT")]
     pub output: PathBuf,
     /// Also write the exact distance to the features
@@ -35,7 +35,7 @@ pub struct SynthArgs {
     /// Width of the features: the standard deviation of their profile, in samples
     #[arg(long, value_name = "SAMPLES", default_value_t = 1.5)]
     pub width: f64,
-    /// Seed of everything random
+    /// Seed of all random numbers
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub rng_seed: u64,
 }

@@ -115,7 +115,7 @@ fn cells_by_atomesh<const D: usize>(stored: &StoredMesh<D, PolyMesh<D>>) -> Verd
     );
     let [faces, space] = match found.in_columns {
         true => [
-            "faces, the upright ones flat,",
+            "faces, the vertical ones flat,",
             "what lies between top and base",
         ],
         false => ["flat faces", "the box"],

@@ -75,8 +75,8 @@ impl Outline {
         let &[i, j] = &axes[..] else {
             return Err(Error::Export(cause(
                 place,
-                "needs a mesh with four upright sides",
-                "mesh an image whose vertical axis is one of its own, and say which way is down",
+                "needs a mesh with four vertical sides",
+                "mesh an image with one vertical axis, and say which way is down",
             )));
         };
         // The line of a side seen from above: normal and distance.

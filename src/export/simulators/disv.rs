@@ -232,7 +232,7 @@ impl Grid {
             (Some(column), Some(layer)) => {
                 let all = column.iter().chain(&layer);
                 if column.len() != cells || layer.len() != cells || all.clone().any(|&n| n < 0) {
-                    return refuse("has columns or layers whose numbers make no sense");
+                    return refuse("has inconsistent numbers of columns or layers");
                 }
                 let plain = |list: Vec<i64>| list.into_iter().map(|n| n as usize).collect();
                 (plain(column), plain(layer))
@@ -249,7 +249,7 @@ impl Grid {
         let layers = layer.iter().max().map_or(0, |l| l + 1);
         let columns = column.iter().max().map_or(0, |c| c + 1);
         if layers.saturating_mul(columns) > 1 << 31 {
-            return refuse("has columns or layers whose numbers make no sense");
+            return refuse("has inconsistent numbers of columns or layers");
         }
         let mut grid = Self {
             layers,

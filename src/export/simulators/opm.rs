@@ -15,7 +15,8 @@ use crate::{Error, Result};
 
 /// From m^3 to cP rm3/day/bar, so that T dp / viscosity is a rate in METRIC units.
 pub const TRANSMISSIBILITY: f64 = DAY * BAR / 1e-3;
-/// Least transmissibility, in those units, of a connection: simulators ignore, or misread, what is less.
+/// Least transmissibility, in those units, of a connection: simulators ignore, or misread, what is
+/// less.
 pub const LEAST: f64 = 1e-6;
 /// Densities in kg/m^3 of oil and water.
 const DENSITY: [f64; 2] = [850.0, 1000.0];
@@ -97,7 +98,7 @@ fn check(model: &Model, porosity: &[f64]) -> Result<()> {
         return Err(Error::Export(cause(
             "porosity",
             format!("is {} in cell {cell}", porosity[cell]),
-            "give shares of volume above 0 and up to 1",
+            "give fractions of volume above 0 and up to 1",
         )));
     }
     for well in &model.case.wells {

@@ -31,7 +31,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         return Err(Error::Export(cause(
             "a TOUGH2 mesh",
             format!("has rocks for regions from 0 to 9999, not for {region}"),
-            "number the regions anew",
+            "renumber the regions",
         )));
     }
     batch.write(path, |out| {

@@ -86,7 +86,7 @@ pub fn read_triangles(path: &Path, number: Option<i64>) -> Result<Vec<[[f64; 3];
         let ring: Option<Vec<[f64; 3]>> = ring.and_then(|ring| ring.iter().map(node).collect());
         let Some(ring) = ring else {
             let problem = format!("its polygon {i} is damaged");
-            return Err(file.fault(problem, "write it anew"));
+            return Err(file.fault(problem, "write it again"));
         };
         start = end as usize;
         if labels.get(i).copied() == number || number.is_none() {

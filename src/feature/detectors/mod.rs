@@ -281,7 +281,7 @@ pub fn again<const D: usize>(kind: FeatureKind) -> Result<&'static dyn Detector<
     Err(Error::Feature(cause(
         format!("feature '{kind}'"),
         problem,
-        "mesh the image anew",
+        "mesh the image again",
     )))
 }
 

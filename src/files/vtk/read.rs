@@ -51,7 +51,7 @@ impl VtkFile {
             return Err(self.fault("is not a VTK XML file", remedy));
         }
         let root = xml::parse(&self.bytes)
-            .map_err(|why| self.fault(format!("is damaged: {why}"), "write it anew"))?;
+            .map_err(|why| self.fault(format!("is damaged: {why}"), "write it again"))?;
         let held = root.attribute("type").unwrap_or("nothing");
         if root.name != "VTKFile" || held != kind || root.child(kind).is_none() {
             return Err(self.fault(format!("holds {held}, not {kind}"), remedy));
@@ -95,7 +95,7 @@ impl VtkFile {
             .filter(|c| c.name == "Piece");
         match (pieces.next(), pieces.count()) {
             (Some(piece), 0) => Ok(piece),
-            (None, _) => Err(self.fault("has no piece", "write it anew")),
+            (None, _) => Err(self.fault("has no piece", "write it again")),
             (_, more) => Err(self.fault(
                 format!("has {} pieces", more + 1),
                 "merge them into one (ParaView: Merge Blocks)",
@@ -110,7 +110,7 @@ impl VtkFile {
     pub fn child<'e>(&self, element: &'e Element, name: &str) -> Result<&'e Element> {
         element
             .child(name)
-            .ok_or_else(|| self.fault(format!("has no {name}"), "write it anew"))
+            .ok_or_else(|| self.fault(format!("has no {name}"), "write it again"))
     }
 
     /// An attribute of whole or real numbers that must be there.
@@ -127,7 +127,7 @@ impl VtkFile {
         .ok_or_else(|| {
             let found = text.map_or("missing".to_string(), |t| format!("'{t}'"));
             let problem = format!("the attribute {name} of {} is {found}", element.name);
-            self.fault(problem, "write it anew")
+            self.fault(problem, "write it again")
         })
     }
 
@@ -138,7 +138,7 @@ impl VtkFile {
     pub fn array(&self, element: &Element) -> Result<DataArray> {
         let name = element.attribute("Name").unwrap_or_default().to_string();
         let fault =
-            |problem: String| self.fault(format!("array '{name}' {problem}"), "write it anew");
+            |problem: String| self.fault(format!("array '{name}' {problem}"), "write it again");
         let kind = element.attribute("type").unwrap_or_default();
         let components = match element.attribute("NumberOfComponents") {
             None => 1,
@@ -176,7 +176,7 @@ impl VtkFile {
     pub fn text(&self, element: &Element) -> Result<String> {
         let name = element.attribute("Name").unwrap_or_default();
         let fault =
-            |problem: String| self.fault(format!("array '{name}' {problem}"), "write it anew");
+            |problem: String| self.fault(format!("array '{name}' {problem}"), "write it again");
         let mut bytes = if element.attribute("format") == Some("ascii") {
             let text = String::from_utf8_lossy(&self.bytes[element.text.clone()]);
             text.split_ascii_whitespace()

@@ -90,7 +90,7 @@ pub fn parse(bytes: &[u8]) -> Result<Element, String> {
                 }
             }
             Event::Eof if text.len() < bytes.len() => {
-                return Err(format!("byte {} is no text", text.len()));
+                return Err(format!("byte {} is not text", text.len()));
             }
             Event::Eof => break,
             _ => {}
@@ -99,7 +99,7 @@ pub fn parse(bytes: &[u8]) -> Result<Element, String> {
     match open.pop() {
         Some(unclosed) if !open.is_empty() => Err(format!("<{}> is not closed", unclosed.name)),
         Some(mut document) if document.children.len() == 1 => Ok(document.children.remove(0)),
-        _ => Err("it is not one XML element".to_string()),
+        _ => Err("it is not a single XML element".to_string()),
     }
 }
 

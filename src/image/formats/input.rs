@@ -50,7 +50,7 @@ impl InputOptions {
         }
         Err(Error::Job(cause(
             "how to read the image",
-            format!("is said, but {why}"),
+            format!("is given, but {why}"),
             "omit it",
         )))
     }
@@ -115,7 +115,10 @@ impl InputOptions {
             if format != Format::Segy {
                 return Err(Error::Job(cause(
                     format!("{name} {byte}"),
-                    format!("is about SEG-Y, but {} is read as {format}", path.display()),
+                    format!(
+                        "applies to SEG-Y, but {} is read as {format}",
+                        path.display()
+                    ),
                     "omit it",
                 )));
             }

@@ -164,7 +164,7 @@ pub fn read(path: &Path) -> Result<Loaded> {
                 None => Skip::Bytes(0),
                 Some(Ok(-1)) => Skip::ToLast,
                 Some(Ok(n)) if n >= 0 => Skip::Bytes(n as u64),
-                _ => return Err(header.bad("HeaderSize", "what is no count of bytes")),
+                _ => return Err(header.bad("HeaderSize", "which is not a number of bytes")),
             };
             (sibling(path, name), 0, skip)
         }
@@ -222,7 +222,7 @@ fn geometry(header: &Header<'_>, n: usize) -> Result<Geometry<3>> {
         }
     }
     if geometry.determinant() == 0.0 {
-        let problem = "its axes do not span space";
+        let problem = "its axes are linearly dependent";
         let remedy = "set ElementSpacing and TransformMatrix";
         return Err(refuse(header.path, problem, remedy));
     }

@@ -323,7 +323,7 @@ fn unknown(path: &Path) -> Error {
     Error::Io(
         cause(
             path.display(),
-            "is of no known image format (SEG-Y, .npy, .vti, .nrrd, .mha, .nii, .tif, .inr, .png)",
+            "is not in a known image format (SEG-Y, .npy, .vti, .nrrd, .mha, .nii, .tif, .inr, .png)",
             "describe raw samples, e.g. as 100x400x208:f32be, or convert it to .npy",
         )
         .about("raw"),
@@ -349,7 +349,7 @@ mod tests {
         nifti[344..348].copy_from_slice(b"n+1\0");
         let cases: &[(&[u8], &str)] = &[
             (b"", "is empty"),
-            (b"x", "no known image format"),
+            (b"x", "not in a known image format"),
             (b"\x93NUMPY", "header is cut off"),
             (b"NRRD0004\ntype: float", "no 'sizes'"),
             (b"ObjectType = Image", "ElementDataFile"),

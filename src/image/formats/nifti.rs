@@ -242,7 +242,7 @@ fn geometry(fields: &Fields<'_>, notes: &mut Vec<String>) -> Geometry<3> {
             turned(geometry)
         }
         None => {
-            notes.push("the header does not say where the volume lies: origin 0".into());
+            notes.push("the header does not give the volume's position: origin 0".into());
             let straight = Geometry::with_spacing([0.0; 3], size);
             named(straight.origin, straight.axes)
         }
@@ -279,7 +279,7 @@ fn beside(header: &Path) -> Result<(PathBuf, Packing)> {
         (true, _) => Ok((image, Packing::Plain)),
         _ => {
             let problem = format!(
-                "its samples belong in {}, which is not there",
+                "its samples should be in {}, which does not exist",
                 image.display()
             );
             let remedy = "put the header and its .img into one folder, under one name";

@@ -105,7 +105,7 @@ pub fn read(path: &Path) -> Result<Loaded> {
     let directions = directions(&header, counts.len())?;
     let axes = axes(&header, &counts, &directions)?;
     let kept: Vec<usize> = axes.iter().map(|&axis| counts[axis]).collect();
-    let remedy = "give one value a sample, in two or three axes";
+    let remedy = "give one value per sample, in two or three dimensions";
     let dims = two_or_three(&kept).map_err(|problem| refuse(path, problem, remedy))?;
 
     let kind = header.needed("type")?;
@@ -367,7 +367,7 @@ fn geometry(
     }
     // Also where the axes of a plane are parallel, and the third is no number.
     if geometry.determinant() == 0.0 {
-        let problem = "its axes do not span space";
+        let problem = "its axes are linearly dependent";
         return Err(refuse(header.path, problem, "set 'space directions'"));
     }
     Ok(geometry)

@@ -25,7 +25,8 @@ u32, i32, f32, f64 with le or be, e.g. 100x400x208:f32be";
 impl FromStr for RawSpec {
     type Err = Error;
 
-    /// `NXxNYxNZ:TYPE` or `NXxNY:TYPE`, x the fastest axis in the file; TYPE is u8, i8, or u16, i16, u32, i32, f32,
+    /// `NXxNYxNZ:TYPE` or `NXxNY:TYPE`, x the fastest axis in the file; TYPE is u8, i8, or u16,
+    /// i16, u32, i32, f32,
     /// f64 followed by le or be.
     fn from_str(text: &str) -> Result<Self> {
         let bad = |problem: String| Error::Io(cause("raw samples", problem, SYNTAX));
@@ -40,7 +41,7 @@ impl FromStr for RawSpec {
         let dims = match *dims.as_slice() {
             [nx, ny] => [nx, ny, 1],
             [nx, ny, nz] => [nx, ny, nz],
-            _ => return Err(bad(format!("{} dims instead of 2 or 3", dims.len()))),
+            _ => return Err(bad(format!("{} dimensions instead of 2 or 3", dims.len()))),
         };
 
         let (name, endian) = if let Some(name) = sample.strip_suffix("le") {
@@ -93,7 +94,7 @@ pub fn read(path: &Path, spec: RawSpec) -> Result<Loaded> {
         return Err(Error::Io(cause(
             path.display(),
             problem,
-            "check the dims and the type given for the raw samples",
+            "check the dimensions and the type given for the raw samples",
         )));
     }
     let mut samples = vec![0.0; nx * ny * nz];

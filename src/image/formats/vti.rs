@@ -97,7 +97,7 @@ pub fn read(path: &Path) -> Result<Image<3>> {
                 dims[1],
                 dims[2]
             ),
-            "write it anew",
+            "write it again",
         ));
     }
     Ok(Image::new(dims, array.values.to_f32(), geometry))
@@ -112,7 +112,7 @@ fn fixed<T: FromStr, const N: usize>(
     let numbers = file.numbers(element, name)?;
     numbers.try_into().map_err(|v: Vec<T>| {
         let problem = format!("the attribute {name} has {} numbers, not {N}", v.len());
-        file.fault(problem, "write it anew")
+        file.fault(problem, "write it again")
     })
 }
 

@@ -86,7 +86,7 @@ impl FromStr for Kind {
 pub struct Options {
     /// Number of samples along each axis, x first; 1 along z for a 2-D image ([`make_plane`]).
     pub dims: [usize; 3],
-    /// Seed of everything random; the same seed gives the same bytes.
+    /// Seed of all random numbers; the same seed gives the same bytes.
     pub seed: u64,
     /// Number of surfaces (faults or shells); ignored by [`Kind::Sphere`].
     pub count: usize,
@@ -127,7 +127,7 @@ impl Options {
             return bad(
                 format!("dims {:?}", self.dims),
                 "each axis needs at least 8 samples, and all at most 2^31",
-                "choose other dims",
+                "choose other dimensions",
             );
         }
         if kind != Kind::Sphere && !(1..=16).contains(&self.count) {
@@ -141,7 +141,7 @@ impl Options {
             return bad(
                 format!("noise {}", self.signal_to_noise),
                 "the ratio of signal to noise must be positive",
-                "4 is noisy, inf has none",
+                "4 is noisy, inf is without noise",
             );
         }
         if !(self.width > 0.0 && self.width <= 10.0) {
@@ -256,7 +256,7 @@ pub fn make_plane(kind: Kind, options: &Options) -> Result<Synthetic<2>> {
         return Err(Error::Job(cause(
             format!("synth dims {:?}", options.dims),
             "a 2-D image has one sample along z",
-            "give two dims",
+            "give two dimensions",
         )));
     }
     let Synthetic { image, truth } = make(kind, options)?;

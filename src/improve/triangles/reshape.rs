@@ -61,7 +61,7 @@ pub fn reshape(
     let (old, new) = (area(part), area(&mesh));
     if (old - new).abs() > 1e-9 * old {
         return Err(Refusal::Part(Error::Mesh(cause(
-            "the mesh round the edit",
+            "the mesh around the edit",
             format!("would have the area {new} instead of {old}"),
             "mesh the image again",
         ))));
@@ -230,7 +230,7 @@ mod tests {
             panic!("a node was blamed");
         };
         assert!(
-            error.to_string().contains("beyond what can be computed"),
+            error.to_string().contains("too large to compute"),
             "{error}"
         );
         wanted.targets[moved] = [3.2, 3.1];

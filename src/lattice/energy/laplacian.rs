@@ -124,7 +124,7 @@ impl<'a, const D: usize> Regularised<'a, D> {
             return Err(Error::Optimize(cause(
                 "kappa",
                 format!("{kappa} is not between 0 and 1"),
-                "1 leaves Laplacian coordinates out, 0.7 is typical with them",
+                "1 omits Laplacian coordinates, 0.7 is typical with them",
             )));
         }
         Ok(Self {

@@ -32,7 +32,7 @@ pub fn checked<const D: usize>(
             return Err(Error::Seeding(cause(
                 place(n, x),
                 format!("lies outside the box from the origin to {extent:?}"),
-                "leave it out or correct its coordinates",
+                "remove it or correct its coordinates",
             )));
         }
         let x = std::array::from_fn(|k| {
@@ -69,7 +69,7 @@ pub fn checked<const D: usize>(
                 return Err(Error::Seeding(cause(
                     place(second, fixed[second]),
                     format!("is at the same place as fixed atom {}", first + 1),
-                    "leave one of them out",
+                    "remove one of them",
                 )));
             }
         }

@@ -157,7 +157,8 @@ pub enum Seeding {
 /// # Errors
 /// [`Error::Distance`](crate::Error::Distance) if d does not suit the box,
 /// [`Error::Seeding`](crate::Error::Seeding) if a fixed atom lies outside the box (alongside, also
-/// on a side of it) or two lie at one place, or for [`Seeding::Canny`], [`Error::Delaunay`](crate::Error::Delaunay) for
+/// on a side of it) or two lie at one place, or for [`Seeding::Canny`],
+/// [`Error::Delaunay`](crate::Error::Delaunay) for
 /// refinement in 3-D without the feature `cgal`. Of the ways that need an image, `Error::Seeding` also
 /// if there is none or it is the same everywhere, and for projection alongside.
 pub fn seed<const D: usize>(
@@ -259,7 +260,7 @@ fn varies<const D: usize>(potential: &Field<D>, extent: [f64; D], how: &str) -> 
     if low < high {
         Ok([low, high])
     } else {
-        let problem = format!("is {low}, the same everywhere: no place is likelier than another");
+        let problem = format!("is {low} everywhere: no place is likelier than another");
         refuse(problem, "follow other features, or use another seeding")
     }
 }

@@ -86,7 +86,7 @@ pub fn validate(points: &[[f64; 3]], tets: &[[u32; 4]]) -> Result<Verdict> {
                 "a tetrahedron has the nodes {tet:?}, but there are {} nodes",
                 points.len()
             ),
-            "write it anew",
+            "write it again",
         )));
     }
     // Faces, four a tetrahedron and four beyond each hull face, are numbered in 32 bits.

@@ -75,7 +75,7 @@ fn numbered(points: &[[f64; 2]]) -> Result<Vec<Numbered>> {
     for (i, &[x, y]) in points.iter().enumerate() {
         if spade::validate_coordinate(x).is_err() || spade::validate_coordinate(y).is_err() {
             return refuse(
-                format!("point {i} at ({x}, {y}) is beyond what can be computed with"),
+                format!("point {i} at ({x}, {y}) is too large to compute with"),
                 "give finite coordinates",
             );
         }
@@ -97,11 +97,11 @@ fn triangles(
     if triangulation.num_vertices() < points.len() {
         return refuse(
             format!(
-                "{} of {} points are at the place of another",
+                "{} of {} points coincide with another",
                 points.len() - triangulation.num_vertices(),
                 points.len()
             ),
-            "give each place once",
+            "give each point once",
         );
     }
     if triangulation.num_inner_faces() == 0 {

@@ -168,7 +168,7 @@ mod bridge {
     ) -> Result<Vec<[f64; 3]>> {
         if d.samples.len() != d.dims.iter().product::<usize>() || d.samples.is_empty() {
             return Err(fault(
-                "d has not as many samples as it should",
+                "d does not have as many samples as it should",
                 "give one that covers the box",
             ));
         }

@@ -82,7 +82,7 @@ pub fn columns(
     let (first, last) = (&z[0], &z[z.len() - 1]);
     let whole: f64 = first.iter().zip(last).map(|(a, b)| a - b).sum::<f64>() / nodes as f64;
     if whole == 0.0 || !whole.is_finite() {
-        let problem = "have no thickness between them".to_string();
+        let problem = "coincide everywhere".to_string();
         return refuse(&names.join(", "), problem, "give different horizons");
     }
     let z_up = whole > 0.0;
@@ -107,7 +107,7 @@ pub fn columns(
     let found = Builder::new(map, z, &counts, z_up, least.max(nothing)).columns(counts);
     if found.column.is_empty() {
         let problem = format!("have no layer between them that is thicker than {least}");
-        return refuse(&names.join(", "), problem, "let thinner ones be");
+        return refuse(&names.join(", "), problem, "allow thinner layers");
     }
     Ok(found)
 }
@@ -208,7 +208,7 @@ impl<'a> Builder<'a> {
             z_up: self.z_up,
             ..Columns::default()
         };
-        // The number of the cell in each layer of each column; none where there is no thickness.
+        // The number of the cell in each layer of each column; none where layers have no thickness.
         const NONE: u32 = u32::MAX;
         let columns = map.sites.len();
         let mut cell = vec![NONE; self.layers * columns];

@@ -138,8 +138,8 @@ where
             let options = params.feature_options(body.step);
             let settled = feature::detect(image, &options)?.settled;
             summary.notes.push(
-                "the mesh does not record how its features were found, so all of the image was looked \
-                 at; the new mesh says it"
+                "the mesh does not record how its features were found, so they were sought in the \
+                 whole image; the new mesh records how"
                     .into(),
             );
             body.fields.extend(settled_field(&settled));

@@ -454,7 +454,7 @@ where
         );
         Err(Error::Mesh(cause(
             name,
-            "cannot be done without cells that have no volume",
+            "would leave cells with zero volume",
             "give a place farther from other fixed atoms and from the sides, or mesh the image again",
         )))
     }

@@ -153,7 +153,7 @@ fn check_atoms<const D: usize, M: Simplices<D>>(
         }
         if let Some((_, other)) = seen.iter().find(|(other, _)| *other == node) {
             return refuse(
-                format!("atom {node} is edited by {other}, too"),
+                format!("atom {node} is also edited by {other}"),
                 "keep one of the two",
             );
         }

@@ -135,7 +135,7 @@ impl Rock {
             tensor.map(|k| k.scaled(1.0 / viscosity)).ok_or_else(|| {
                 Error::Flow(cause(
                     format!("permeability of cell {cell}"),
-                    format!("is given as {numbers:?}, which is none"),
+                    format!("is given as {numbers:?}, which is not a permeability"),
                     "give positive definite numbers for each cell",
                 ))
             })

@@ -130,10 +130,10 @@ pub fn solve(
         return Err(Error::Flow(cause(
             "pressure",
             format!(
-                "not found beyond {:.0e} of its first residual in {} iterations",
+                "not converged: a residual of {:.0e} of the first after {} iterations",
                 figures.residual, figures.iterations
             ),
-            "look for tetrahedra without volume and for extreme contrasts of permeability",
+            "look for tetrahedra with zero volume and for extreme contrasts of permeability",
         )));
     }
     compartments.remove_mean(&afloat, weights, &mut pressure);

@@ -48,7 +48,8 @@ impl Default for Frame {
 
 impl Frame {
     /// Metres in a unit of each coordinate, from the coordinates' units. A unit that is not known is
-    /// `length` metres; one that is not said is a metre without that. Coordinates that are two-way time (`ms`, `s`) become depth by `velocity` in
+    /// `length` metres; one that is not said is a metre without that. Coordinates that are two-way
+    /// time (`ms`, `s`) become depth by `velocity` in
     /// m/s.
     ///
     /// # Errors
@@ -74,7 +75,10 @@ impl Frame {
         {
             return Err(Error::Export(cause(
                 "unit of length",
-                format!("is given, but the mesh says its own: {}", units.join(", ")),
+                format!(
+                    "is given, but the mesh states its own: {}",
+                    units.join(", ")
+                ),
                 "omit it",
             )));
         }
@@ -93,7 +97,7 @@ impl Frame {
                     }
                     None => {
                         let problem = "has a unit that is not a length";
-                        let remedy = "say what length it is taken for";
+                        let remedy = "give the unit of its coordinates";
                         return Err(Error::Export(
                             cause(place(), problem, remedy).about("length-unit"),
                         ));
@@ -250,7 +254,12 @@ mod tests {
             (["m", "m", "ms"], down, None, "a velocity in m/s"),
             (["m", "m", "ms"], down, Some(0.0), "not a positive"),
             (["m", "ms", "m"], down, Some(2e3), "not depth"),
-            (["m", "furlong", "m"], down, None, "what length"),
+            (
+                ["m", "furlong", "m"],
+                down,
+                None,
+                "the unit of its coordinates",
+            ),
         ] {
             let error = Frame::new(&units(words), None, down, velocity).unwrap_err();
             assert!(error.to_string().contains(want), "{error}");

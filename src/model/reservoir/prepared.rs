@@ -264,7 +264,7 @@ impl Prepared {
                     "is of {dims:?} samples, the image that was meshed of {:?}, and does not cover the mesh",
                     self.dims
                 ),
-                "give an image of the same dims, or one that says where it lies and covers the mesh",
+                "give an image of the same dimensions, or one with a position that covers the mesh",
             )));
         }
         sample::sample(&self.model.mesh, &places, image, mean, place)

@@ -21,7 +21,7 @@ type Segment<const D: usize> = [[f64; D]; 2];
 
 impl<const D: usize> Skeleton<D> {
     /// Of a mesh file (physical coordinates) in the sample indices of an image; faces that the file
-    /// says lie on features are marked. `None` if the image's axes do not span space.
+    /// says lie on features are marked. `None` if the image's axes are linearly dependent.
     pub fn new<M: Stored<D>>(file: &MeshFile<M>, geometry: &Geometry<D>) -> Option<Self> {
         let mesh = &file.mesh;
         let index = |&x: &[f64; D]| geometry.to_index(x);

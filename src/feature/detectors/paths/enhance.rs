@@ -56,7 +56,7 @@ pub fn enhance<const D: usize>(
     };
     if D != 2 {
         return fail(
-            "is for 2-D images: in space a closed path bounds nothing",
+            "is for 2-D images: in 3-D a closed path encloses nothing",
             "choose canny or edges, or take a section",
         );
     }

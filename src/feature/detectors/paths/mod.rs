@@ -84,7 +84,7 @@ impl<const D: usize> Detector<D> for Paths {
             let inside = values.iter().filter(|v| **v == 1.0).count();
             let length = path.len();
             notes.push(format!(
-                "{drawn}: a boundary of {length} samples round {inside}"
+                "{drawn}: a boundary of {length} samples around {inside}"
             ));
             gaussian::smooth(dims, &mut values, [PATH_SCALE; D]);
             let closed = Volume::new(dims, &values);

@@ -190,7 +190,7 @@ fn choose_samples(
     }
     if of_first_trace > 0 && of_first_trace != declared {
         notes.push(format!(
-            "the first trace says {of_first_trace} samples, the file header {declared}: the latter is used"
+            "the first trace gives {of_first_trace} samples, the file header {declared}: the latter is used"
         ));
     }
     declared

@@ -20,8 +20,8 @@ const NO_LINES: &str =
     "say at which bytes of the trace headers the inline and crossline numbers are";
 const PRESTACK: &str = "stack it first, or say at which bytes of the trace headers the inline and \
 crossline numbers are";
-const STARTS: &str = "write it with one start time, or say 0 for the byte of the start time to ignore \
-these";
+const STARTS: &str =
+    "write it with one start time, or give 0 as the byte of the start time to ignore these";
 
 /// The image axes, the fastest in memory first.
 const AXES: [&str; 3] = ["sample", "crossline", "inline"];

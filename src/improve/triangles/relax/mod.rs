@@ -27,8 +27,8 @@ use crate::observer::Patience;
 pub enum Scheme {
     /// Centroidal: each node to the weighted centroid of the triangles around it (formula 10)
     Cvt,
-    /// Optimal Delaunay: half as far again, to the weighted mean of the middles of the edges opposite it
-    /// (formula 12)
+    /// Optimal Delaunay: half as far again, to the weighted mean of the midpoints of the edges
+    /// opposite it (formula 12)
     Odt,
 }
 

@@ -198,7 +198,7 @@ fn a_potential_without_features_is_refused() {
     };
     assert!(message(None).contains("image"));
     field.samples.fill(-0.25);
-    assert!(message(Some(&field)).contains("same everywhere"));
+    assert!(message(Some(&field)).contains("everywhere: no place"));
     field.samples[3] = f32::NAN;
     assert!(message(Some(&field)).contains("not a number"));
 }

@@ -334,7 +334,7 @@ fn segy_is_recognised_by_its_content() {
     std::fs::write(&path, [0u8, 1].repeat(5000)).unwrap();
     let error = formats::read(&path, &ReadOptions::default()).unwrap_err();
     assert!(
-        error.to_string().contains("no known image format"),
+        error.to_string().contains("not in a known image format"),
         "{error}"
     );
 }

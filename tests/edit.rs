@@ -7,12 +7,21 @@
 
 mod common;
 
+use atomesh::mesh::TriMesh;
+use atomesh::store::{AnyMesh, FieldValue, MeshFile, read_any_vtu, write_vtu};
 use common::{npy, refused, sheet, succeed};
 use serde_json::Value;
 
 fn json(folder: &std::path::Path, arguments: &[&str]) -> Value {
     let arguments = [arguments, &["--json", "--quiet"]].concat();
     serde_json::from_str(&succeed(folder, &arguments)).unwrap()
+}
+
+fn triangles(path: &std::path::Path) -> MeshFile<TriMesh> {
+    match read_any_vtu(path).unwrap() {
+        AnyMesh::Plane(file) => file,
+        other => panic!("not triangles: {other:?}"),
+    }
 }
 
 fn words(line: &str) -> Vec<&str> {
@@ -122,4 +131,100 @@ fn and_in_the_plane() {
     );
     let error = refused(at, &words("edit cells.vtu slice.png -o x.vtu --remove 100"));
     assert!(error.contains("Voronoi"), "{error}");
+}
+
+#[test]
+fn edits_follow_the_evaluator_kappa_and_optimizer_in_the_record() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    succeed(
+        at,
+        &words("synth faults -o slice.png --signal-to-noise 10 --dims 64,56 --quiet"),
+    );
+    let read = |name: &str| triangles(&at.join(name));
+    let record = |file: &MeshFile<TriMesh>| file.field("parameters").cloned().unwrap();
+    let edited = |mesh: &str| {
+        let line = format!("edit {mesh} slice.png -o edited.vtu --add 30.5,27.25 --quiet");
+        succeed(at, &words(&line));
+        read("edited.vtu")
+    };
+    succeed(at, &words("mesh slice.png -o mesh.vtu --quiet"));
+    let mut results = vec![("by default", edited("mesh.vtu"))];
+    for option in [
+        "--kappa 0.5",
+        "--evaluator sampled",
+        "--optimizer descent",
+        "--optimizer genetic",
+    ] {
+        let line = format!("mesh slice.png -o other.vtu --quiet {option}");
+        succeed(at, &words(&line));
+        // The same mesh, but for what it says of how it was made.
+        let (wanted, mut file) = (record(&read("other.vtu")), read("mesh.vtu"));
+        assert_ne!(wanted, record(&file));
+        for (name, value) in &mut file.field_data {
+            if name == "parameters" {
+                *value = wanted.clone();
+            }
+        }
+        write_vtu(&at.join("told.vtu"), &file).unwrap();
+        let file = edited("told.vtu");
+        assert_eq!(
+            record(&file),
+            wanted,
+            "{option}: the edited mesh records it"
+        );
+        results.push((option, file));
+    }
+    for (i, (a, first)) in results.iter().enumerate() {
+        for (b, second) in &results[..i] {
+            assert_ne!(first.mesh.nodes, second.mesh.nodes, "{a}, {b}");
+        }
+    }
+}
+
+#[test]
+fn meshes_of_version_0_1_0_are_understood_or_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let old = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/version-0.1.0");
+    for name in ["mesh.vtu", "refused.vtu", "image.png"] {
+        std::fs::copy(old.join(name), at.join(name)).unwrap();
+    }
+    // Made with --distance 6:9 --distance-from features --kappa 0.7 --optimizer descent.
+    let quality = json(at, &["quality", "mesh.vtu"])["quality"].clone();
+    assert_eq!(
+        (&quality["nodes"], &quality["cells"]),
+        (&36.into(), &50.into())
+    );
+    let worst = quality["smallest_angle"]["worst"].as_f64().unwrap();
+    assert!((worst - 31.7).abs() < 0.05, "as it said itself: {worst}");
+    succeed(
+        at,
+        &words("edit mesh.vtu image.png -o edited.vtu --remove 12 --quiet"),
+    );
+    assert_eq!(json(at, &["validate", "edited.vtu"])["valid"], true);
+    let edited = triangles(&at.join("edited.vtu"));
+    assert_eq!(edited.mesh.nodes.len(), 35);
+    let Some(FieldValue::Text(record)) = edited.field("parameters") else {
+        panic!("no parameters");
+    };
+    for setting in [
+        "distance = \"6:9\"",
+        "kappa = 0.7",
+        "optimizer = \"descent\"",
+    ] {
+        assert!(record.contains(setting), "no {setting} in {record}");
+    }
+    // It accepted --min-dihedral with --slivers none, which does nothing.
+    json(at, &["quality", "refused.vtu"]);
+    let line = "edit refused.vtu image.png -o x.vtu --remove 12";
+    let said = refused(at, &words(line));
+    for word in [
+        "refused.vtu",
+        "min-dihedral 20",
+        "no slivers",
+        "mesh the image again",
+    ] {
+        assert!(said.contains(word), "no '{word}' in: {said}");
+    }
 }

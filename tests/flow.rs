@@ -545,7 +545,7 @@ fn what_cannot_be_computed_is_refused_in_one_line() {
         ),
         (
             &[&ends[..], &["--permeability", "twice.csv"]].concat(),
-            &["twice.csv:2", "second factor"],
+            &["twice.csv:2", "given twice"],
         ),
         (
             &[&ends[..], &["--permeability", "words.csv"]].concat(),

@@ -58,6 +58,7 @@ const CHOICES: &[Choice] = &[
     of("labels.mha", "", "--feature labels"),
     any("--sigma 2.5"),
     any("--threshold 0.9"),
+    of("labels.mha", "", "--threshold 0.9"),
     of(
         "faulted.mha",
         "--feature faults+horizons",
@@ -347,28 +348,35 @@ fn no_option_is_accepted_and_then_ignored() {
     }
 }
 
-/// The lines of the documentation that mesh an image.
-fn examples() -> Vec<String> {
+/// The commands of each page of the documentation, in their order.
+fn pages() -> Vec<Vec<String>> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let mut texts = vec![std::fs::read_to_string(root.join("README.md")).unwrap()];
-    for entry in std::fs::read_dir(root.join("docs")).unwrap() {
-        let path = entry.unwrap().path();
-        if path.extension().is_some_and(|e| e == "md") {
-            texts.push(std::fs::read_to_string(path).unwrap());
-        }
-    }
-    let lines = texts.iter().flat_map(|text| text.lines());
-    let line = |line: &str| {
+    let entries = std::fs::read_dir(root.join("docs")).unwrap();
+    let mut paths: Vec<_> = entries.map(|entry| entry.unwrap().path()).collect();
+    paths.retain(|path| path.extension().is_some_and(|e| e == "md"));
+    paths.push(root.join("README.md"));
+    paths.sort();
+    let command = |line: &str| {
         let line = line.trim().trim_start_matches("$ ");
         let line = line.split(" #").next().unwrap_or_default().trim();
-        line.strip_prefix("atomesh mesh ").map(str::to_string)
+        // The text beside them is no part of examples within a sentence.
+        let command = line.strip_prefix("atomesh ");
+        command.filter(|c| !c.contains('`')).map(str::to_string)
     };
-    let mut all: Vec<String> = lines.filter_map(line).collect();
-    // The text beside them is no part of examples within a sentence.
-    all.retain(|line| !line.contains('`') && !line.contains('\\'));
-    all.sort();
-    all.dedup();
-    all
+    let commands = |path: &std::path::PathBuf| {
+        let text = std::fs::read_to_string(path).unwrap();
+        let text = text.replace("\\\n", " ");
+        text.lines().filter_map(command).collect()
+    };
+    paths.iter().map(commands).collect()
+}
+
+/// The commands of the documentation that mesh an image, without `mesh` itself.
+fn examples() -> BTreeSet<String> {
+    let commands = pages().into_iter().flatten();
+    commands
+        .filter_map(|c| c.strip_prefix("mesh ").map(str::to_string))
+        .collect()
 }
 
 #[test]
@@ -413,4 +421,51 @@ fn a_printed_configuration_gives_the_same_bytes() {
             "{options}"
         );
     }
+}
+
+/// Every example whose image is in the repository or made by a command above it.
+#[test]
+#[cfg(feature = "tetgen")]
+fn examples_give_the_same_bytes_from_their_configurations() {
+    let sample = Path::new(env!("CARGO_MANIFEST_DIR")).join("data/faults.vti");
+    let (mut seen, mut without_image) = (BTreeSet::new(), Vec::new());
+    for commands in pages() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = folder.path();
+        std::fs::create_dir(at.join("data")).unwrap();
+        std::fs::copy(&sample, at.join("data/faults.vti")).unwrap();
+        for command in commands {
+            let command = words(&command);
+            let there = |word: &&str| at.join(word).exists();
+            match command[..] {
+                ["synth", ..] => drop(succeed(at, &[&command[..], &["--quiet"]].concat())),
+                ["mesh", image, ..] if there(&image) => {
+                    let mut typed = command.clone();
+                    if let Some(o) = typed.iter().position(|word| *word == "-o") {
+                        typed.drain(o..o + 2);
+                    }
+                    // Pages repeat one another.
+                    let samples = std::fs::read(at.join(image)).unwrap();
+                    if !seen.insert((samples, typed[2..].join(" "))) {
+                        continue;
+                    }
+                    let mesh = |more: &[&str]| {
+                        succeed(at, &[more, &["-o", "m.vtu", "--quiet"]].concat());
+                        std::fs::read(at.join("m.vtu")).unwrap()
+                    };
+                    let bytes = mesh(&typed);
+                    let printed = succeed(at, &[&typed[..], &["--print-config"]].concat());
+                    std::fs::write(at.join("job.toml"), printed).unwrap();
+                    let again = mesh(&["mesh", image, "--config", "job.toml"]);
+                    assert!(again == bytes, "{}", command.join(" "));
+                }
+                ["mesh", ..] => without_image.push(command.join(" ")),
+                _ => {}
+            }
+        }
+    }
+    let same = seen.len();
+    println!("{same} examples; without an image {without_image:#?}");
+    assert!(same >= 10, "{same}");
+    assert!(without_image.len() <= 20, "{without_image:#?}");
 }

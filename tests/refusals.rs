@@ -57,7 +57,7 @@ fn slivers_where_there_are_none() {
     let plane = ["synth", "planes", "--dims", "64,64", "-o", "plane.npy"];
     succeed(folder.path(), &plane);
     let plane = ["mesh", "plane.npy", "--slivers", "exude"];
-    assert_says(&refused(folder.path(), &plane), &["--slivers", "plane"]);
+    assert_says(&refused(folder.path(), &plane), &["--slivers", "2-D"]);
 }
 
 #[test]
@@ -329,7 +329,11 @@ fn distances_from_nowhere() {
         ("4:8", "text.npy", ["text.npy", ""]),
         ("4:8", "nan.npy", ["nan", "distance"]),
         ("4:8", "zero.npy", ["0", "positive"]),
-        ("4:8", "fewer.npy", ["dims", "one distance per sample"]),
+        (
+            "4:8",
+            "fewer.npy",
+            ["dimensions", "one distance per sample"],
+        ),
     ] {
         let options = ["--distance", distance, "--distance-from", from];
         let line = refused(

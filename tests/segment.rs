@@ -87,14 +87,16 @@ fn a_noisy_disc_is_found_on_triangles_and_on_polygons() {
              --voxels",
         );
         let [mesh, samples] = ["/cells/dice", "/samples/dice"].map(|p| number(&found, p));
+        // Measured: 0.965 on triangles, 0.952 on polygons, 0.925 on samples.
         assert!(mesh > 0.95, "{cells}: {found}");
-        assert!(mesh > samples - 0.02, "{cells}: {found}");
+        assert!(mesh > samples + 0.02, "{cells}: {found}");
         let labels = formats::read_any(&folder.join("l.npy"), &ReadOptions::default()).unwrap();
         let labels: Image<2> = labels.image().unwrap();
         assert_eq!(labels.dims(), [96, 80]);
         let inside = labels.as_slice().iter().sum::<f32>();
         let disc = std::f32::consts::PI * 22.0 * 22.0;
-        assert!((inside / disc - 1.0).abs() < 0.06, "{inside} {disc}");
+        // Measured: 0.6 and 3.5 % more.
+        assert!((inside / disc - 1.0).abs() < 0.045, "{inside} {disc}");
         let text = std::fs::read(folder.join("s.vtp")).unwrap();
         assert!(String::from_utf8_lossy(&text).contains("NumberOfLines"));
     }

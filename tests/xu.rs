@@ -90,13 +90,12 @@ fn smoothing_makes_better_triangles_and_leaves_canny_points_alone() {
         assert!(problems(&improved).is_empty());
         assert_eq!(fixed(&improved), points);
         let worst = |o: &Outcome<2>| o.report.quality.as_ref().unwrap().smallest_angle.worst;
-        assert!(
-            worst(&improved) > worst(&smooth).max(12.0),
-            "{}",
-            worst(&improved)
-        );
-        let fidelity = improved.report.fidelity.unwrap().on_feature;
-        assert!(fidelity.coverage_one > 0.9, "{fidelity:?}");
+        // Measured: 26.2 and 28.0 degrees after 15.0 and 14.3.
+        assert!(worst(&smooth) < 16.0, "{}", worst(&smooth));
+        assert!(worst(&improved) > 24.5, "{}", worst(&improved));
+        let fidelity = &improved.report.fidelity.as_ref().unwrap().on_feature;
+        // Measured: 0.971 and 1.
+        assert!(fidelity.coverage_one > 0.96, "{fidelity:?}");
     }
 }
 

@@ -118,7 +118,7 @@ impl<const D: usize> Features<D> {
 pub fn detect<const D: usize>(image: &Image<D>, asked: &Detection<D>) -> Result<Features<D>> {
     let image = &*detection::checked(image, asked)?;
     detection::refuse_constant(image)?;
-    let (parts, why) = detectors::chosen(image, asked);
+    let (parts, why) = detectors::chosen(image, asked)?;
     let follow_whole = |(detector, asked)| {
         let scene = Scene::new(image, &asked);
         follow(&scene, detector, [[false; 2]; D])

@@ -181,18 +181,20 @@ fn text<'a, M>(file: &'a MeshFile<M>, name: &str) -> Option<&'a str> {
 /// The job that made the mesh, as its record says, as far as an edit needs it; with notes on what an
 /// edit does not do again.
 fn job<M>(args: &EditArgs, file: &MeshFile<M>) -> Result<(Job, Vec<String>)> {
-    let refuse = |problem: String| {
-        let remedy = "give a mesh that atomesh mesh wrote";
-        Error::Mesh(cause(args.mesh.display(), problem, remedy))
-    };
+    let refuse = |problem: String, remedy| Error::Mesh(cause(args.mesh.display(), problem, remedy));
     let record = text(file, "parameters").ok_or_else(|| {
-        refuse("does not record how it was made (no field data `parameters`)".into())
+        refuse(
+            "does not record how it was made (no field data `parameters`)".into(),
+            "give a mesh that atomesh mesh wrote",
+        )
     })?;
+    // Earlier versions accepted settings that did nothing.
     let mut job: Job = toml::from_str(record.trim()).map_err(|e| {
         let problem = e.message().replace('\n', ", ");
-        refuse(format!(
-            "has parameters that cannot be understood: {problem}"
-        ))
+        refuse(
+            format!("has parameters that this version does not accept: {problem}"),
+            "mesh the image again",
+        )
         .because(e)
     })?;
     let mut notes = Vec::new();

@@ -159,4 +159,20 @@ mod tests {
         let edges = note(&blob);
         assert!(edges.contains("features: edges"), "{edges}");
     }
+
+    #[test]
+    fn a_threshold_is_refused_where_auto_chooses_labels() {
+        let image = image_of([32, 32, 32], |p| f64::from(u8::from(p[0] < 16.0)));
+        let threshold = |threshold| Detection {
+            threshold,
+            ..Detection::of(FeatureKind::Auto, 8.0)
+        };
+        let found = detect(&image, &threshold(None)).unwrap();
+        assert!(found.notes[0].contains("labels"), "{:?}", found.notes);
+        let said = detect(&image, &threshold(Some(0.5))).unwrap_err();
+        let said = said.to_string();
+        for word in ["threshold 0.5", "labels", "2 different values", "omit it"] {
+            assert!(said.contains(word), "no '{word}' in: {said}");
+        }
+    }
 }

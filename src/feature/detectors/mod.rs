@@ -228,6 +228,9 @@ impl<const D: usize> Found<D> {
 /// A detector and what is asked of it.
 pub type Part<const D: usize> = (&'static dyn Detector<D>, Detection<D>);
 
+/// The detectors to use; and, where the image decided on one, why.
+pub type Chosen<const D: usize> = (Vec<Part<D>>, Option<String>);
+
 /// The detector of one kind: none is that of [`FeatureKind::Auto`], which is a choice, nor of
 /// [`FeatureKind::FaultsAndHorizons`], which takes two.
 pub fn of<const D: usize>(kind: FeatureKind) -> Option<&'static dyn Detector<D>> {
@@ -246,24 +249,29 @@ pub fn of<const D: usize>(kind: FeatureKind) -> Option<&'static dyn Detector<D>>
 }
 
 /// The detectors of what is asked for; and, where the image decided on one, why.
-pub fn chosen<const D: usize>(
-    image: &Image<D>,
-    asked: &Detection<D>,
-) -> (Vec<Part<D>>, Option<String>) {
+///
+/// # Errors
+/// [`Error::Feature`] if the image decided on features that the threshold does not apply to.
+pub fn chosen<const D: usize>(image: &Image<D>, asked: &Detection<D>) -> Result<Chosen<D>> {
     if asked.kind == FeatureKind::FaultsAndHorizons {
-        return (faults_and_horizons::parts(asked), None);
+        return Ok((faults_and_horizons::parts(asked), None));
     }
-    let (detector, why) = match of(asked.kind) {
-        Some(detector) => (detector, None),
-        None => {
-            let (detector, why) = auto::choose(image);
-            (
-                detector,
-                Some(format!("features: {} ({why})", detector.kind())),
-            )
+    if let Some(detector) = of(asked.kind) {
+        return Ok((vec![(detector, asked.clone())], None));
+    }
+    let (detector, why) = auto::choose(image);
+    let kind = detector.kind();
+    match asked.threshold {
+        Some(threshold) if kind == FeatureKind::Labels => Err(Error::Feature(cause(
+            format!("threshold {threshold}"),
+            format!("applies to the strength of features, but the image has {kind} ({why})"),
+            "omit it, or choose another kind of feature",
+        ))),
+        _ => {
+            let why = format!("features: {kind} ({why})");
+            Ok((vec![(detector, asked.clone())], Some(why)))
         }
-    };
-    (vec![(detector, asked.clone())], why)
+    }
 }
 
 /// The detector that finds in a part of an image what it found in the whole.

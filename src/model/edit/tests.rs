@@ -312,6 +312,8 @@ where
         r.mean_ratio_mean,
         g.coverage_half,
     );
+    println!("{figures}");
+    // Measured: means 0.0015 above those of meshing again, all features covered by both.
     // Where every angle is in range improvement stops: how far inside is chance.
     let (least, most): (f64, f64) = if D == 2 { (30.0, 120.0) } else { (30.0, 150.0) };
     assert!(
@@ -322,8 +324,8 @@ where
         q.largest_angle.worst < most.max(r.largest_angle.worst + 2.0),
         "{figures}"
     );
-    assert!(q.mean_ratio_mean > r.mean_ratio_mean - 0.01);
-    assert!(f.coverage_half > g.coverage_half - 0.01);
+    assert!(q.mean_ratio_mean > r.mean_ratio_mean - 0.002, "{figures}");
+    assert!(f.coverage_half > g.coverage_half - 0.002, "{figures}");
 }
 
 #[test]

@@ -226,6 +226,7 @@ mod tests {
             .map(|&v| u8::from(v > 0.5))
             .collect();
         let [cut, plain] = [&found.labels, &threshold].map(|labels| dice(labels, &truth));
+        // Measured: 0.948 and 0.825.
         assert!(cut > 0.94 && plain < 0.85, "{cut} {plain}");
     }
 

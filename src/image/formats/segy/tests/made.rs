@@ -289,7 +289,7 @@ fn intervals_and_counts_that_disagree_are_told() {
     made.set(0, 115, 2, 99);
     let loaded = made.read().unwrap();
     assert!(has_note(&loaded, "4000 us, the first trace's 2000 us"));
-    assert!(has_note(&loaded, "first trace says 99 samples"));
+    assert!(has_note(&loaded, "first trace gives 99 samples"));
     // Where the file header's cannot be right, the trace's is used.
     made.fields.extend([(3217, 2, -4000), (3221, 2, 17)]);
     made.set(0, 115, 2, SAMPLES as i64);

@@ -54,7 +54,7 @@ pub(super) fn faults(options: &Options, curving: f64) -> Result<Vec<Surface>> {
             faults.len(),
             options.dims
         ),
-        "ask for fewer faults, larger dims or another seed",
+        "give fewer faults, larger dimensions or another seed",
     )))
 }
 

@@ -11,9 +11,9 @@ use crate::improve::sheets::{SAME_SHEET, Sheets};
 use crate::lattice::energy::{Beta, Pairwise};
 use crate::lattice::optimize::{self, Stop};
 use crate::lattice::seeding::{Alignment, Atoms};
+use crate::mesh::check::{Known, check_known};
 use crate::mesh::graph::Graph;
 use crate::mesh::poly::PolyMesh;
-use crate::mesh::check::{Known, check_known};
 use crate::observer::Stage;
 use crate::report::{self, Reference, Report};
 

@@ -147,9 +147,9 @@ impl PolyMesh<2> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::check::check;
     use super::super::graph::Graph;
     use super::super::poly::samples::two_cells;
-    use super::super::check::check;
     use super::super::{TetMesh, TriMesh};
     use super::*;
 

@@ -3,8 +3,8 @@
 use serde::Serialize;
 
 use super::Lattice;
-use crate::mesh::graph::Graph;
 use crate::mesh::check::Check;
+use crate::mesh::graph::Graph;
 
 /// Shares of the mean area below which faces are counted as tiny.
 pub const TINY: [f64; 4] = [1e-6, 1e-4, 1e-3, 1e-2];

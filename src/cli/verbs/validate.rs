@@ -6,6 +6,7 @@ use clap::Args;
 use serde::Serialize;
 use serde_json::json;
 
+use crate::cli::common::output::shown;
 use crate::cli::console::Console;
 use crate::error::cause;
 use crate::job::BOX_TOLERANCE;
@@ -57,7 +58,7 @@ pub fn validate(args: &ValidateArgs, console: &mut Console) -> Result<()> {
         .find_map(|v| Some((v.by, v.problem.clone()?)));
     console.result(
         lines.join("\n"),
-        &json!({ "file": args.mesh, "valid": failed.is_none(), "checks": verdicts }),
+        &json!({ "file": shown(&args.mesh), "valid": failed.is_none(), "checks": verdicts }),
     );
     match failed {
         None => Ok(()),

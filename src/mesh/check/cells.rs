@@ -29,7 +29,8 @@ pub struct CellCheck {
 impl<const D: usize> Checked<D> for PolyMesh<D> {
     fn unreadable(&self) -> Option<String> {
         let (nodes, cells, faces) = (self.nodes.len(), self.sites.len(), self.face_cells.len());
-        if self.faces.len() != faces || self.region.len() != cells || self.on_feature.len() != faces {
+        if self.faces.len() != faces || self.region.len() != cells || self.on_feature.len() != faces
+        {
             return Some("its arrays differ in length".into());
         }
         for f in 0..faces {
@@ -83,12 +84,17 @@ impl<const D: usize> Checked<D> for PolyMesh<D> {
         let mut without = |which: usize, what: &str| {
             let count = sound.iter().filter(|c| !c[which]).count();
             if let Some(first) = sound.iter().position(|c| !c[which]) {
-                found.fault(format!("{count} {} {what}, the first is {first}", Self::CELLS));
+                found.fault(format!(
+                    "{count} {} {what}, the first is {first}",
+                    Self::CELLS
+                ));
             }
             count
         };
-        let (not_closed, without_site) =
-            (without(0, "are not closed"), without(1, "do not hold their site"));
+        let (not_closed, without_site) = (
+            without(0, "are not closed"),
+            without(1, "do not hold their site"),
+        );
 
         let widest = |of: &(dyn Fn(usize) -> f64 + Sync)| {
             let off = |f: usize| (of(f) - flat::welded(self, f, known.weld)).max(0.0);

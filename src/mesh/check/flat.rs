@@ -79,7 +79,9 @@ pub fn tied_off<const D: usize>(mesh: &PolyMesh<D>, f: usize) -> f64 {
     let axis = (0..3).max_by(steep).unwrap_or(0);
     let seen: Vec<[f64; 2]> = ring
         .iter()
-        .map(|&n| [1, 2].map(|k| mesh.nodes[n as usize][(axis + k) % 3] - shape.apex[(axis + k) % 3]))
+        .map(|&n| {
+            [1, 2].map(|k| mesh.nodes[n as usize][(axis + k) % 3] - shape.apex[(axis + k) % 3])
+        })
         .collect();
     let shorter = shape.area_vector[axis].abs() / area;
     let turn = |a: [f64; 2], b: [f64; 2], c: [f64; 2]| {
@@ -192,7 +194,7 @@ mod tests {
         // Through a node: it lies on the edge from the first node to the second, and the outline goes on
         // beyond.
         let mut through = eight([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [1.0, 0.0]], 0.0);
-        through.nodes.push([0.5, -1.0, 0.0]);
+        through.nodes.push([0.5, -0.5, 0.0]);
         through.faces = Default::default();
         through.faces.push([0, 1, 2, 3, 4]);
         assert!(tied_off(&through, 0) > 0.05);

@@ -291,10 +291,7 @@ mod tests {
             check_known(&mesh, known, [0.0; 3], [1.0; 3], 1e-12)
         };
         let found = |neighbors: &[u32]| joined(neighbors).problems;
-        assert_eq!(
-            joined(&right),
-            check(&mesh, [0.0; 3], [1.0; 3], 1e-12)
-        );
+        assert_eq!(joined(&right), check(&mesh, [0.0; 3], [1.0; 3], 1e-12));
         for i in 0..right.len() {
             for other in [0, 1, 2, 3, 4, 5, 6, NONE] {
                 let mut wrong = right.clone();

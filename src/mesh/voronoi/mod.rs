@@ -21,9 +21,9 @@ use rayon::prelude::*;
 
 use crate::error::{Error, Result, cause};
 use crate::geometry::distance2;
+use crate::mesh::check::check;
 use crate::mesh::delaunay;
 use crate::mesh::poly::PolyMesh;
-use crate::mesh::check::check;
 use mirror::Mirrored;
 
 /// Nodes nearer to one another, or to a side, than this share of the mean distance between atoms are

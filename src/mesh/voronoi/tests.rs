@@ -1,6 +1,6 @@
 use super::*;
-use crate::mesh::graph::Graph;
 use crate::mesh::check::{Check, Known, check_known};
+use crate::mesh::graph::Graph;
 use proptest::prelude::*;
 
 /// A small generator of uniform numbers in [0, 1); the tests need no quality.

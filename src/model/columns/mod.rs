@@ -318,8 +318,8 @@ impl<'a> Builder<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::graph::Graph;
     use crate::mesh::check::check;
+    use crate::mesh::graph::Graph;
     use crate::mesh::voronoi::voronoi_plane;
 
     fn map() -> PolyMesh<2> {

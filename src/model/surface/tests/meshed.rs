@@ -66,7 +66,7 @@ fn as_many_faults_come_out_as_went_in() {
         let options = synth::Options {
             dims: [110, 100, 96],
             seed,
-            count: 3,
+            count: Some(3),
             ..synth::Options::default()
         };
         let made = synth::make(kind, &options).unwrap();

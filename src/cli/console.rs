@@ -91,16 +91,42 @@ fn style(template: &str) -> ProgressStyle {
 /// Prints one line on standard output. A reader that went away (`atomesh info x | head -1`) is no
 /// fault of ours.
 pub fn print(line: impl Display) {
-    let _ = writeln!(stdout().lock(), "{line}");
+    let _ = writeln!(stdout().lock(), "{}", harmless(&line.to_string()));
 }
 
 /// Prints one line on standard error.
 pub fn complain(line: impl Display) {
-    let _ = writeln!(stderr().lock(), "{line}");
+    let _ = writeln!(stderr().lock(), "{}", harmless(&line.to_string()));
+}
+
+/// Text with control characters other than the ends of lines and tabs spelled out: names and words from
+/// files shall not steer a terminal.
+fn harmless(text: &str) -> String {
+    let steers = |c: char| c.is_control() && !matches!(c, '\n' | '\t');
+    text.chars()
+        .flat_map(|c| match steers(c) {
+            true => c.escape_default().collect::<Vec<char>>(),
+            false => vec![c],
+        })
+        .collect()
 }
 
 /// An error as one line, with the option that it is about: the library knows parameters, not options.
 pub fn in_words(error: &Error) -> String {
     let option = error.cause().parameter.map(|p| format!(" (--{p})"));
     format!("{error}{}", option.unwrap_or_default()).replace(['\n', '\r'], " ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_from_files_do_not_steer_the_terminal() {
+        let said = harmless("a\u{1b}[31mRED\u{1b}]0;title\u{7}\u{9b}2J\r b\n\tc é");
+        assert_eq!(
+            said,
+            "a\\u{1b}[31mRED\\u{1b}]0;title\\u{7}\\u{9b}2J\\r b\n\tc é"
+        );
+    }
 }

@@ -1,6 +1,5 @@
 //! Where a result comes from: version, options and the hash of the input.
 
-use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
@@ -14,7 +13,7 @@ use crate::error::os;
 /// # Errors
 /// [`crate::Error::Io`] if the file cannot be read.
 pub fn file_hash(path: &Path) -> Result<String> {
-    let mut file = File::open(path).map_err(|e| os(path, "open", e))?;
+    let mut file = crate::files::open(path, "give a file")?;
     let mut hasher = Sha256::new();
     let mut buffer = vec![0; 1 << 18];
     loop {

@@ -2,11 +2,14 @@
 //!
 //! - [`atomic`]: files that appear whole or not at all
 //! - [`read_exact_at`]: parts of a file, read by many threads at once
+//! - [`open`](fn@open): no folder, no pipe
 //! - [`vtk`]: VTK's XML container, read and written
 
 mod at;
 pub mod atomic;
+mod open;
 pub mod vtk;
 
 pub use at::read_exact_at;
 pub use atomic::{Batch, atomic_write, check_target, exit_without_unfinished};
+pub use open::open;

@@ -147,12 +147,17 @@ impl<const D: usize> Geometry<D> {
 }
 
 impl Geometry<3> {
+    /// Whether the plane of the first two axes is not that of the physical x and y.
+    pub fn is_oblique(&self) -> bool {
+        self.axes[0][2] != 0.0 || self.axes[1][2] != 0.0
+    }
+
     /// Of the section along the first two image axes: see [`Image::flatten`](super::Image::flatten).
     pub fn flatten(&self) -> Geometry<2> {
         let [a, b, _] = self.axes;
         let names = [self.names[0].clone(), self.names[1].clone()];
         let units = [self.units[0].clone(), self.units[1].clone()];
-        if a[2] == 0.0 && b[2] == 0.0 {
+        if !self.is_oblique() {
             return Geometry {
                 origin: [self.origin[0], self.origin[1]],
                 axes: [[a[0], a[1]], [b[0], b[1]]],

@@ -11,9 +11,9 @@ use crate::improve::sheets::{SAME_SHEET, Sheets};
 use crate::lattice::energy::{Beta, Pairwise};
 use crate::lattice::optimize::{self, Stop};
 use crate::lattice::seeding::{Alignment, Atoms};
+use crate::mesh::check::{Known, check_known};
 use crate::mesh::graph::Graph;
 use crate::mesh::poly::PolyMesh;
-use crate::mesh::poly_check::check_welded;
 use crate::observer::Stage;
 use crate::report::{self, Reference, Report};
 
@@ -69,7 +69,11 @@ where
     stages.begin(Stage::Measuring);
     let graph = Graph::from_poly(&mesh);
     let physical = Graph::from_poly(&to_world(&mesh, step, &image.geometry));
-    let check = check_welded(&mesh, [0.0; D], extent, BOX_TOLERANCE, weld);
+    let known = Known {
+        weld,
+        ..Known::default()
+    };
+    let check = check_known(&mesh, known, [0.0; D], extent, BOX_TOLERANCE);
     let mut report = Report {
         voronoi: Some(report::voronoi(check, &graph, &physical)),
         lattice: Some(report::lattice_of_graph(&graph, |x| distance.at(x))),

@@ -6,7 +6,7 @@ use super::frame::lattice_extent;
 use crate::Result;
 use crate::feature::Features;
 use crate::mesh::Simplices;
-use crate::mesh::check::check_joined;
+use crate::mesh::check::{Known, check_known};
 use crate::report::{self, Reference, Report};
 
 /// How far the volume may be off the box's, and sides from flat, as a share.
@@ -34,9 +34,12 @@ pub(super) fn measure<const D: usize, M: Simplices<D>>(
     Ok(Report {
         quality: Some(report::quality(mesh)),
         fidelity,
-        filling: Some(check_joined(
+        filling: Some(check_known(
             mesh,
-            neighbors,
+            Known {
+                neighbors,
+                ..Known::default()
+            },
             [0.0; D],
             extent,
             BOX_TOLERANCE,

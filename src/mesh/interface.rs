@@ -10,6 +10,7 @@
 use std::fmt::Debug;
 use std::ops::Range;
 
+use super::check::Checked;
 use super::complex::{self, NONE};
 use super::poly::{Beyond, Lists, PolyMesh};
 use super::quality::{BLOCK, Corners, Shape, Shapes};
@@ -23,7 +24,7 @@ use crate::{Error, Result};
 /// Faces are numbered as in [`Connection::face`](super::graph::Connection::face): face k of simplex c
 /// is `(D + 1) c + k`, so that a face between two simplices has two numbers; those of polyhedra and
 /// polygons are the mesh's own.
-pub trait Mesh<const D: usize>: Clone + Debug + Send + Sync {
+pub trait Mesh<const D: usize>: Clone + Debug + Send + Sync + Checked<D> {
     /// What the cells are called, in the plural.
     const CELLS: &'static str;
     /// What the size of a cell is called.

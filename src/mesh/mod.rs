@@ -4,9 +4,8 @@
 //! - [`quality`]: dihedral angles and the measure that improvement maximises
 //! - [`complex`]: tetrahedra with neighbours, for local changes
 //! - [`tri`]: triangles in the plane
-//! - [`check`]: the one public checker: is this a valid mesh that fills its box?
+//! - [`check`](mod@check): the one checker: is this a valid mesh that fills its box?
 //! - [`poly`]: meshes of polyhedra, or of polygons in 2-D
-//! - [`poly_check`]: the checker of those
 //! - `poly_columns`: what is known of cells that stand in columns
 //! - [`poly_from`]: those made from simplices, or by lifting polygons to prisms
 //! - [`graph`]: cells and connections, for flow and for simulators
@@ -32,7 +31,6 @@ pub mod delaunay;
 pub mod graph;
 pub mod interface;
 pub mod poly;
-pub mod poly_check;
 mod poly_columns;
 pub mod poly_from;
 pub mod quality;

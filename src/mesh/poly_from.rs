@@ -147,9 +147,9 @@ impl PolyMesh<2> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::check::check;
     use super::super::graph::Graph;
     use super::super::poly::samples::two_cells;
-    use super::super::poly_check::check_poly;
     use super::super::{TetMesh, TriMesh};
     use super::*;
 
@@ -165,7 +165,7 @@ mod tests {
         let mut poly = PolyMesh::from_simplices(&mesh, &[1; 6], &[3; 6]).unwrap();
         assert_eq!((poly.inner_faces(), poly.face_cells.len()), (6, 18));
         poly.assign_sides([0.0; 3], [1.0; 3]);
-        let found = check_poly(&poly, [0.0; 3], [1.0; 3], 1e-12);
+        let found = check(&poly, [0.0; 3], [1.0; 3], 1e-12);
         assert!(found.passed(), "{found:?}");
         assert_eq!(poly.region, [3; 6]);
         // Face 0, opposite node 0, is on the boundary of each.
@@ -178,7 +178,7 @@ mod tests {
     fn prisms_on_polygons_and_triangles_fill_the_box() {
         let mesh = two_cells::<2>(0.75);
         let layer = mesh.extruded(3.0);
-        let found = check_poly(&layer, [0.0; 3], [2.0, 1.0, 3.0], 1e-12);
+        let found = check(&layer, [0.0; 3], [2.0, 1.0, 3.0], 1e-12);
         assert!(found.passed(), "{found:?}");
         assert!(layer.on_feature[0]);
         assert_eq!(Graph::from_poly(&layer).volume, [2.25, 3.75]);
@@ -189,7 +189,7 @@ mod tests {
         };
         let mut poly = PolyMesh::<2>::from_simplices(&square, &[], &[]).unwrap();
         poly.assign_sides([0.0; 2], [1.0; 2]);
-        let found = check_poly(&poly.extruded(0.5), [0.0; 3], [1.0, 1.0, 0.5], 1e-12);
+        let found = check(&poly.extruded(0.5), [0.0; 3], [1.0, 1.0, 0.5], 1e-12);
         assert!(found.passed(), "{found:?}");
     }
 }

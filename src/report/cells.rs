@@ -3,8 +3,8 @@
 use serde::Serialize;
 
 use super::Lattice;
+use crate::mesh::check::Check;
 use crate::mesh::graph::Graph;
-use crate::mesh::poly_check::PolyCheck;
 
 /// Shares of the mean area below which faces are counted as tiny.
 pub const TINY: [f64; 4] = [1e-6, 1e-4, 1e-3, 1e-2];
@@ -15,7 +15,7 @@ pub struct Voronoi {
     /// `polyhedra` or `polygons`.
     pub kind: &'static str,
     /// Validity, in lattice space.
-    pub check: PolyCheck,
+    pub check: Check,
     /// Number of faces between two cells.
     pub connections: usize,
     /// How many of them lie along a feature, the mesh says.
@@ -37,7 +37,7 @@ pub struct Voronoi {
 }
 
 /// Measures cells, of whose validity `check` tells, by their graph in lattice space and in the world.
-pub fn voronoi<const D: usize>(check: PolyCheck, graph: &Graph<D>, physical: &Graph<D>) -> Voronoi {
+pub fn voronoi<const D: usize>(check: Check, graph: &Graph<D>, physical: &Graph<D>) -> Voronoi {
     let count = graph.connections.len();
     let mean = |sum: f64, count: usize| sum / count.max(1) as f64;
     let area = mean(graph.connections.iter().map(|c| c.area).sum(), count);

@@ -156,7 +156,7 @@ impl Report {
 
 fn cells(line: &mut impl FnMut(&str, String), voronoi: &Voronoi) {
     let check = &voronoi.check;
-    let [faces, count] = [check.faces, check.cells].map(grouped);
+    let [faces, count] = [check.of_cells.as_ref().map_or(0, |c| c.faces), check.cells].map(grouped);
     line("mesh", format!("{count} {}, {faces} faces", voronoi.kind));
     let state = if check.passed() {
         "valid, fills its box".into()

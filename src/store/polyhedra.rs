@@ -473,7 +473,7 @@ mod tests {
         if D == 3 {
             assert_eq!(back, file.mesh);
         } else {
-            let found = crate::mesh::poly_check::check_poly(&back, [0.0; D], high, 1e-12);
+            let found = crate::mesh::check::check(&back, [0.0; D], high, 1e-12);
             assert!(found.passed(), "{found:?}");
             assert_eq!((&back.sites, back.on_feature[0]), (&file.mesh.sites, true));
         }

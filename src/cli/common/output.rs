@@ -64,8 +64,13 @@ pub fn written<const D: usize>(console: &mut Console, path: &Path, image: &Image
     let dims = image.dims();
     console.result(
         format_args!("wrote {}: {} samples", path.display(), by(&dims)),
-        &json!({ "file": path, "dims": dims.to_vec() }),
+        &json!({ "file": shown(path), "dims": dims.to_vec() }),
     );
+}
+
+/// A path as text, for JSON, which has no place for names that are not UTF-8.
+pub fn shown(path: &Path) -> String {
+    path.display().to_string()
 }
 
 /// 3 x 4 x 5.

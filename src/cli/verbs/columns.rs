@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::json;
 
-use crate::cli::common::output::check_output;
+use crate::cli::common::output::{check_output, shown};
 use crate::cli::console::Console;
 use crate::cli::parse::{bad, number};
 use crate::cli::provenance::file_hash;
@@ -98,7 +98,7 @@ pub fn run(args: &ColumnsArgs, console: &mut Console) -> Result<()> {
         "layers": found.counts,
         "missing": found.missing,
         "z_grows": if found.z_up { "upwards" } else { "downwards" },
-        "file": args.output,
+        "file": shown(&args.output),
     });
     console.begin_stage("writing");
     let provenance = Provenance {

@@ -6,7 +6,7 @@ use clap::Args;
 use serde_json::json;
 
 use crate::cli::common::options::read_options;
-use crate::cli::common::output::check_output;
+use crate::cli::common::output::{check_output, shown};
 use crate::cli::console::Console;
 use crate::cli::job::params;
 use crate::cli::parse;
@@ -143,7 +143,7 @@ where
         .splice(0..0, clock.costs()[..1].iter().cloned());
     summary.stages.extend_from_slice(&clock.costs()[1..]);
     let mut json = json!({
-        "file": args.output,
+        "file": shown(&args.output),
         "edits": edits.iter().map(|edit| &edit.name).collect::<Vec<_>>(),
     });
     if let (Some(all), Ok(serde_json::Value::Object(more))) =

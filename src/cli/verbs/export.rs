@@ -8,12 +8,14 @@ use clap::{Args, ValueEnum};
 use serde_json::json;
 
 use super::flow::{check_thickness, faults};
+use crate::cli::common::output::shown;
 use crate::cli::console::Console;
 use crate::cli::parse::{bad, number, point};
 use crate::cli::rock::RockOptions;
 use crate::cli::wells::{WellFile, is_well_file};
 use crate::error::cause;
 use crate::export::{Content, FORMATS, Format};
+use crate::mesh::graph::Locator;
 use crate::model::reservoir::frame::metres;
 use crate::model::reservoir::{
     BAR, Case, Checks, Completion, Control, DAY, Down, Fluid, Model, Tracer, Trajectory, Well,
@@ -175,7 +177,7 @@ impl CaseOptions {
         positive("--well-radius", radius)?;
         let model = &prepared.model;
         let mut wells: Vec<Well> = Vec::new();
-        let tracer = OnceCell::new();
+        let (tracer, locator) = (OnceCell::new(), OnceCell::new());
         let typed = [
             ("--injector", &self.injector, 'I'),
             ("--producer", &self.producer, 'P'),
@@ -198,7 +200,8 @@ impl CaseOptions {
                     along_file(place, called, tracer, prepared, console)?
                 } else {
                     let point = prepared.frame.to_model(point(option, place, remedy)?);
-                    let cell = model.graph.cell_at(point).ok_or_else(|| {
+                    let locator = locator.get_or_init(|| Locator::new(&model.graph));
+                    let cell = locator.cell_at(point).ok_or_else(|| {
                         let remedy = "give a point inside, in the mesh's coordinates (`atomesh info` shows its extent)";
                         bad(option, text, "lies outside the mesh", remedy)
                     })?;
@@ -452,8 +455,8 @@ pub fn export(args: &ExportArgs, console: &mut Console) -> Result<()> {
         table,
         &json!({
             "format": format.name,
-            "file": args.output,
-            "twin": twin,
+            "file": shown(&args.output),
+            "twin": twin.as_deref().map(shown),
             "checks": checks,
             "wells": model.case.wells.iter().map(|well| {
                 json!({ "name": well.name, "cells": well.cells, "lengths": well.lengths })

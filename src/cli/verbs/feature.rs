@@ -7,7 +7,7 @@ use serde_json::json;
 
 use crate::cli::common::feature::{detection, job_of};
 use crate::cli::common::options::read_options;
-use crate::cli::common::output::{WRITTEN, by, check_output, potential_image};
+use crate::cli::common::output::{WRITTEN, by, check_output, potential_image, shown};
 use crate::cli::console::Console;
 use crate::error::cause;
 use crate::feature::FeatureKind;
@@ -121,7 +121,7 @@ fn find<const D: usize>(
             by(&dims)
         ),
         &json!({
-            "file": args.output,
+            "file": shown(&args.output),
             "dims": dims,
             "points": found.points.len(),
             "sigma": found.sigma,

@@ -41,8 +41,10 @@ pub fn info(args: &InfoArgs, console: &mut Console) -> Result<()> {
 /// Whether a file looks like a VTK unstructured grid.
 fn is_mesh(path: &Path) -> bool {
     let mut head = Vec::new();
-    let file = std::fs::File::open(path);
-    let read = file.and_then(|file| file.take(1024).read_to_end(&mut head));
+    let Ok(file) = crate::files::open(path, "give a file") else {
+        return false;
+    };
+    let read = file.take(1024).read_to_end(&mut head);
     read.is_ok() && String::from_utf8_lossy(&head).contains("type=\"UnstructuredGrid\"")
 }
 

@@ -8,7 +8,7 @@ use serde_json::json;
 
 use super::surface::{Grouping, WRITTEN, image_of, marked_facets, write_file};
 use crate::Result;
-use crate::cli::common::output::check_output;
+use crate::cli::common::output::{check_output, shown};
 use crate::cli::console::Console;
 use crate::cli::parse;
 use crate::export::SurfaceFile;
@@ -178,7 +178,7 @@ fn paint_mesh<const D: usize, M: Stored<D>>(
     console.result(
         lines.join("\n"),
         &json!({
-            "file": args.output, "surface": args.surface_out, "blocks": count, "regions": found,
+            "file": shown(&args.output), "surface": args.surface_out.as_deref().map(shown), "blocks": count, "regions": found,
         }),
     );
     Ok(())

@@ -9,10 +9,9 @@ use crate::error::cause;
 use crate::image::synth::Truth;
 use crate::job::{BOX_TOLERANCE, cells, scaled};
 use crate::mesh::Simplices;
-use crate::mesh::check::check;
+use crate::mesh::check::{Known, check, check_known};
 use crate::mesh::graph::Graph;
 use crate::mesh::poly::PolyMesh;
-use crate::mesh::poly_check::check_welded;
 use crate::report::{self, Reference, Report};
 use crate::store::{LatticeSpace, StoredMesh, read_any_vtu, with_mesh};
 use crate::{Error, Result};
@@ -78,7 +77,11 @@ fn measure_cells<const D: usize>(
     let truth = read_truth(args, &stored.space)?;
     console.begin_stage("measuring the mesh");
     let (mesh, space) = (&stored.lattice, &stored.space);
-    let found = check_welded(mesh, [0.0; D], space.extent, BOX_TOLERANCE, stored.weld);
+    let known = Known {
+        weld: stored.weld,
+        ..Known::default()
+    };
+    let found = check_known(mesh, known, [0.0; D], space.extent, BOX_TOLERANCE);
     let graph = Graph::from_poly(mesh);
     let mut report = Report::default();
     if let Some((truth, note)) = &truth {

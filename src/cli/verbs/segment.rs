@@ -7,7 +7,7 @@ use serde::Serialize;
 use serde_json::json;
 
 use super::surface::{WRITTEN as SURFACES, image_of, write_file};
-use crate::cli::common::output::{WRITTEN, check_output};
+use crate::cli::common::output::{WRITTEN, check_output, shown};
 use crate::cli::console::Console;
 use crate::cli::parse;
 use crate::error::cause;
@@ -246,7 +246,7 @@ fn of_mesh<const D: usize, M: Stored<D>>(
     console.result(
         lines.join("\n"),
         &json!({
-            "file": args.output, "labels": args.labels_out, "surface": args.surface_out,
+            "file": shown(&args.output), "labels": args.labels_out.as_deref().map(shown), "surface": args.surface_out.as_deref().map(shown),
             "cells": cells, "samples": samples,
         }),
     );

@@ -6,7 +6,7 @@ use clap::Args;
 use serde_json::json;
 
 use crate::cli::common::options::read_options;
-use crate::cli::common::output::check_output;
+use crate::cli::common::output::{check_output, shown};
 use crate::cli::console::Console;
 use crate::cli::parse;
 use crate::error::cause;
@@ -94,7 +94,7 @@ pub fn slice(args: &SliceArgs, console: &mut Console) -> Result<()> {
     let [width, height] = picture.size();
     console.result(
         format_args!("wrote {}: {width} x {height} pixels", args.output.display()),
-        &json!({ "file": args.output, "size": [width, height] }),
+        &json!({ "file": shown(&args.output), "size": [width, height] }),
     );
     Ok(())
 }

@@ -6,7 +6,7 @@ use clap::Args;
 use serde_json::json;
 
 use crate::cli::common::feature::{detection, job_of};
-use crate::cli::common::output::check_output;
+use crate::cli::common::output::{check_output, shown};
 use crate::cli::console::Console;
 use crate::cli::parse;
 use crate::error::cause;
@@ -301,7 +301,7 @@ fn surfaces_of<const D: usize, M: Stored<D>>(
     console.result(
         text,
         &json!({
-            "file": args.output,
+            "file": shown(&args.output),
             "surfaces": measures,
             "filled_faces": surfaces.filled,
             "dropped": surfaces.dropped,

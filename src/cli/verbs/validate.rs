@@ -6,14 +6,13 @@ use clap::Args;
 use serde::Serialize;
 use serde_json::json;
 
+use crate::cli::common::output::shown;
 use crate::cli::console::Console;
 use crate::error::cause;
 use crate::job::BOX_TOLERANCE;
-use crate::mesh::check::check;
+use crate::mesh::check::{Known, check_known};
 use crate::mesh::delaunay;
-use crate::mesh::poly::PolyMesh;
-use crate::mesh::poly_check::check_welded;
-use crate::mesh::{Simplices, TetMesh, TriMesh};
+use crate::mesh::{Mesh, Simplices, TetMesh, TriMesh};
 use crate::store::{AnyMesh, StoredMesh, read_any_vtu};
 use crate::{Error, Result};
 
@@ -31,6 +30,7 @@ pub fn validate(args: &ValidateArgs, console: &mut Console) -> Result<()> {
     let place = args.mesh.display().to_string();
     let mesh = read_any_vtu(&args.mesh)?;
     console.begin_stage("checking");
+    // The second opinions differ by kind: who knows cells of that kind is asked.
     let verdicts = match mesh {
         AnyMesh::Plane(file) => {
             let stored = StoredMesh::new(file, &place)?;
@@ -49,8 +49,8 @@ pub fn validate(args: &ValidateArgs, console: &mut Console) -> Result<()> {
                 Ok(verdicts)
             })
         }
-        AnyMesh::PlaneCells(file) => Ok(vec![cells_by_atomesh(&StoredMesh::new(file, &place)?)]),
-        AnyMesh::SpaceCells(file) => Ok(vec![cells_by_atomesh(&StoredMesh::new(file, &place)?)]),
+        AnyMesh::PlaneCells(file) => Ok(vec![by_atomesh(&StoredMesh::new(file, &place)?)]),
+        AnyMesh::SpaceCells(file) => Ok(vec![by_atomesh(&StoredMesh::new(file, &place)?)]),
     }?;
     let lines: Vec<String> = verdicts.iter().map(Verdict::line).collect();
     let failed = verdicts
@@ -58,7 +58,7 @@ pub fn validate(args: &ValidateArgs, console: &mut Console) -> Result<()> {
         .find_map(|v| Some((v.by, v.problem.clone()?)));
     console.result(
         lines.join("\n"),
-        &json!({ "file": args.mesh, "valid": failed.is_none(), "checks": verdicts }),
+        &json!({ "file": shown(&args.mesh), "valid": failed.is_none(), "checks": verdicts }),
     );
     match failed {
         None => Ok(()),
@@ -81,16 +81,15 @@ fn others_too(own: Verdict, others: impl FnOnce() -> Result<Vec<Verdict>>) -> Re
 }
 
 /// Our own checker, in lattice space, where the sides are known.
-fn by_atomesh<const D: usize, M: Simplices<D>>(stored: &StoredMesh<D, M>) -> Verdict {
-    let found = check(
-        &stored.lattice,
-        [0.0; D],
-        stored.space.extent,
-        BOX_TOLERANCE,
-    );
-    Verdict {
-        by: "atomesh",
-        what: format!(
+fn by_atomesh<const D: usize, M: Mesh<D>>(stored: &StoredMesh<D, M>) -> Verdict {
+    let known = Known {
+        weld: stored.weld,
+        ..Known::default()
+    };
+    let (low, high) = ([0.0; D], stored.space.extent);
+    let found = check_known(&stored.lattice, known, low, high, BOX_TOLERANCE);
+    let what = match &found.of_cells {
+        None => format!(
             "{} {} of positive {}, conforming, fill the box ({} off by {:.0e}), sides flat, all {} \
              nodes used",
             found.cells,
@@ -100,33 +99,24 @@ fn by_atomesh<const D: usize, M: Simplices<D>>(stored: &StoredMesh<D, M>) -> Ver
             found.volume_error,
             found.nodes
         ),
-        problem: found.problems.first().cloned(),
-    }
-}
-
-/// The same for polyhedra and polygons, of which TetGen and CGAL have no notion.
-fn cells_by_atomesh<const D: usize>(stored: &StoredMesh<D, PolyMesh<D>>) -> Verdict {
-    let found = check_welded(
-        &stored.lattice,
-        [0.0; D],
-        stored.space.extent,
-        BOX_TOLERANCE,
-        stored.weld,
-    );
-    let [faces, space] = match found.in_columns {
-        true => [
-            "faces, the vertical ones flat,",
-            "what lies between top and base",
-        ],
-        false => ["flat faces", "the box"],
+        Some(of_cells) => {
+            let [faces, space] = match of_cells.in_columns {
+                true => [
+                    "faces, the vertical ones flat,",
+                    "what lies between top and base",
+                ],
+                false => ["flat faces", "the box"],
+            };
+            format!(
+                "{} closed cells with their atoms inside, {} {faces} between two cells or on a side, \
+                 fill {space} (off by {:.0e})",
+                found.cells, of_cells.faces, found.volume_error
+            )
+        }
     };
     Verdict {
         by: "atomesh",
-        what: format!(
-            "{} closed cells with their atoms inside, {} {faces} between two cells or on a side, \
-             fill {space} (off by {:.0e})",
-            found.cells, found.faces, found.volume_error
-        ),
+        what,
         problem: found.problems.first().cloned(),
     }
 }

@@ -12,7 +12,7 @@ use flate2::write::ZlibEncoder;
 use super::packed::{self, DAMAGED, Packed, Packing, Skip, refuse, two_or_three};
 use super::samples::{self, Encoding, Endian, SampleType};
 use super::{Format, Loaded};
-use crate::error::Result;
+use crate::error::{Result, os};
 use crate::files::atomic_write;
 use crate::image::{Geometry, Image};
 
@@ -54,9 +54,10 @@ impl<'a> Header<'a> {
         keys.iter().find_map(found).map(|(_, value)| *value)
     }
 
+    /// Whether a key's value is true, as MetaIO has it: `True`, `t` or `1`.
     fn says(&self, keys: &[&str]) -> bool {
         self.value(keys)
-            .is_some_and(|v| v.eq_ignore_ascii_case("true"))
+            .is_some_and(|v| v.starts_with(['T', 't', '1']))
     }
 
     /// `n` finite numbers, or nothing if none of these keys is there.
@@ -246,9 +247,15 @@ pub fn write<const D: usize>(path: &Path, image: &Image<D>) -> Result<()> {
         s => image.geometry.axes[i / D][i % D] / s,
     };
     let dims = image.dims().map(|n| n.to_string()).join(" ");
+    let mut packed = ZlibEncoder::new(Vec::new(), Compression::fast());
+    // Writing to memory does not fail.
+    samples::write(&mut packed, image.as_slice()).map_err(|e| os(path, "write", e))?;
+    let packed = packed.finish().map_err(|e| os(path, "write", e))?;
+    // Without that size MetaIO reads garbage.
+    let size = packed.len();
     let header = format!(
         "ObjectType = Image\nNDims = {D}\nBinaryData = True\nBinaryDataByteOrderMSB = False\n\
-         CompressedData = True\nTransformMatrix = {}\nOffset = {}\nElementSpacing = {}\n\
+         CompressedData = True\nCompressedDataSize = {size}\nTransformMatrix = {}\nOffset = {}\nElementSpacing = {}\n\
          DimSize = {dims}\nElementType = MET_FLOAT\nElementDataFile = LOCAL\n",
         list(&mut (0..D * D).map(directions)),
         list(&mut image.geometry.origin.iter().copied()),
@@ -256,8 +263,40 @@ pub fn write<const D: usize>(path: &Path, image: &Image<D>) -> Result<()> {
     );
     atomic_write(path, |out| {
         out.write_all(header.as_bytes())?;
-        let mut out = ZlibEncoder::new(out, Compression::fast());
-        samples::write(&mut out, image.as_slice())?;
-        out.finish().map(|_| ())
+        out.write_all(&packed)
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn true_is_spelled_as_metaio_reads_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.mha");
+        for (word, want) in [("True", 256.0), ("1", 256.0), ("t", 256.0), ("False", 1.0)] {
+            let header = format!(
+                "ObjectType = Image\nNDims = 2\nBinaryData = 1\nBinaryDataByteOrderMSB = {word}\n\
+                 DimSize = 2 1\nElementType = MET_USHORT\nElementDataFile = LOCAL\n"
+            );
+            std::fs::write(&path, [header.as_bytes(), &[1, 0, 1, 0]].concat()).unwrap();
+            assert_eq!(read(&path).unwrap().image.as_slice(), [want; 2], "{word}");
+        }
+    }
+
+    #[test]
+    fn the_header_says_how_long_the_compressed_samples_are() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.mha");
+        let image = Image::new([3, 2], vec![1.5; 6], Geometry::default());
+        write(&path, &image).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        let text: String = bytes.iter().map(|&b| b as char).collect();
+        let size = text.split("CompressedDataSize = ").nth(1).unwrap();
+        let size: usize = size.lines().next().unwrap().parse().unwrap();
+        let begin = text.find("LOCAL\n").unwrap() + "LOCAL\n".len();
+        assert_eq!(size, bytes.len() - begin);
+        assert_eq!(read(&path).unwrap().image.flatten(), image);
+    }
 }

@@ -35,12 +35,11 @@ pub mod vti;
 
 use std::any::Any;
 use std::fmt;
-use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
 use crate::error::{Error, Result, cause, os};
-use crate::files::vtk;
+use crate::files::{self, vtk};
 use crate::image::Image;
 
 pub use describe::{Description, describe};
@@ -179,13 +178,22 @@ pub fn read_any(path: &Path, options: &ReadOptions) -> Result<AnyLoaded> {
         },
     };
     Ok(match loaded.image.dims() {
-        [_, _, 1] => AnyLoaded::Plane(Loaded {
-            image: loaded.image.flatten(),
-            format: loaded.format,
-            encoding: loaded.encoding,
-            notes: loaded.notes,
-            survey: loaded.survey,
-        }),
+        [_, _, 1] => {
+            let mut notes = loaded.notes;
+            if loaded.image.geometry.is_oblique() {
+                notes.push(
+                    "its plane is not level: positions are measured in the plane, from the first sample"
+                        .into(),
+                );
+            }
+            AnyLoaded::Plane(Loaded {
+                image: loaded.image.flatten(),
+                format: loaded.format,
+                encoding: loaded.encoding,
+                notes,
+                survey: loaded.survey,
+            })
+        }
         _ => AnyLoaded::Space(loaded),
     })
 }
@@ -239,14 +247,7 @@ const NOT_READ: &[(&str, usize, &[u8])] = &[
 /// [`Error::Io`] if the file cannot be read or is of no format that can be.
 pub fn detect(path: &Path, options: &ReadOptions) -> Result<Format> {
     let mut head = Vec::new();
-    let file = File::open(path).map_err(|e| os(path, "open", e))?;
-    if file.metadata().is_ok_and(|m| m.is_dir()) {
-        return Err(Error::Io(cause(
-            path.display(),
-            "is a folder",
-            "give an image file",
-        )));
-    }
+    let file = files::open(path, "give an image file")?;
     if options.raw.is_some() {
         return Ok(Format::Raw);
     }

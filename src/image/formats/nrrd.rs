@@ -344,6 +344,9 @@ fn geometry(
             }
         }
     }
+    if directions.is_none() {
+        along_axes(header, axes, &mut geometry)?;
+    }
     if let Some(text) = header.value("spaceorigin") {
         let inside = text
             .trim()
@@ -371,6 +374,46 @@ fn geometry(
         return Err(refuse(header.path, problem, "set 'space directions'"));
     }
     Ok(geometry)
+}
+
+/// Where the samples of straight axes begin, and how far apart they are where only their ends are given:
+/// `axis mins` and `axis maxs` are the positions of samples, or with cells as `centers` the ends of the
+/// intervals in whose middle samples lie.
+fn along_axes(header: &Header<'_>, axes: &[usize], geometry: &mut Geometry<3>) -> Result<()> {
+    let words = |name: &str| -> Option<Vec<&str>> {
+        Some(header.value(name)?.split_whitespace().collect())
+    };
+    let numbers = |name: &str| -> Result<Vec<Option<f64>>> {
+        let Some(words) = words(name) else {
+            return Ok(Vec::new());
+        };
+        let number = |word: &&str| match word.parse::<f64>() {
+            Ok(number) => Ok(Some(number).filter(|x| x.is_finite())),
+            Err(_) => Err(header.bad(name, word)),
+        };
+        words.iter().map(number).collect()
+    };
+    let of = |list: &[Option<f64>], axis: usize| list.get(axis).copied().flatten();
+    let (mins, maxs) = (numbers("axismins")?, numbers("axismaxs")?);
+    let spacings = numbers("spacings")?;
+    let counts = numbers("sizes")?;
+    let centers = words("centers").or_else(|| words("centerings"));
+    for (k, &axis) in axes.iter().take(3).enumerate() {
+        let in_cells = centers.as_ref().and_then(|c| c.get(axis)) == Some(&"cell");
+        let (Some(min), count) = (of(&mins, axis), of(&counts, axis).unwrap_or(1.0)) else {
+            continue;
+        };
+        let intervals = if in_cells { count } else { count - 1.0 };
+        if let (None, Some(max)) = (of(&spacings, axis), of(&maxs, axis))
+            && intervals > 0.0
+            && max != min
+        {
+            geometry.axes[k][k] = (max - min) / intervals;
+        }
+        let first = if in_cells { 0.5 } else { 0.0 };
+        geometry.origin[k] = min + first * geometry.axes[k][k];
+    }
+    Ok(())
 }
 
 /// Writes 32-bit floats, compressed (gzip), with the geometry in double precision and the names and
@@ -405,4 +448,37 @@ pub fn write<const D: usize>(path: &Path, image: &Image<D>) -> Result<()> {
         samples::write(&mut out, image.as_slice())?;
         out.finish().map(|_| ())
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn axes_begin_where_the_header_says() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.nrrd");
+        let placed = |fields: &str| {
+            let header = format!(
+                "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 3 1 2\nencoding: raw\n{fields}\n\n"
+            );
+            std::fs::write(&path, [header.as_bytes(), &[0; 6]].concat()).unwrap();
+            let geometry = read(&path).unwrap().image.geometry;
+            let steps: [f64; 3] = std::array::from_fn(|k| geometry.axes[k][k]);
+            (geometry.origin, steps)
+        };
+        assert_eq!(placed(""), ([0.0; 3], [1.0; 3]));
+        assert_eq!(
+            placed("spacings: 2 3 -4\naxis mins: 10 20 30"),
+            ([10.0, 20.0, 30.0], [2.0, 3.0, -4.0])
+        );
+        assert_eq!(
+            placed("spacings: 2 3 4\naxis mins: 10 nan 30\ncenters: cell cell node"),
+            ([11.0, 0.0, 30.0], [2.0, 3.0, 4.0])
+        );
+        assert_eq!(
+            placed("axis mins: 10 20 30\naxis maxs: 16 20 32\ncenterings: node ??? cell"),
+            ([10.0, 20.0, 30.5], [3.0, 1.0, 1.0])
+        );
+    }
 }

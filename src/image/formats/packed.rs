@@ -10,13 +10,14 @@ use flate2::bufread::{MultiGzDecoder, ZlibDecoder};
 use super::samples::Encoding;
 use super::{Format, Loaded};
 use crate::error::{Error, Result, cause, os};
+use crate::files;
 use crate::image::{Geometry, Image};
 
 /// The first bytes of gzip data.
 pub const GZIP: &[u8] = b"\x1f\x8b";
 
 /// No byte of deflated data becomes more bytes than this.
-const DEFLATE: u64 = 1032;
+pub const DEFLATE: u64 = 1032;
 
 /// How bytes are compressed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -93,15 +94,8 @@ impl Packed {
 
     /// The samples, and how many bytes there are after them.
     fn samples(&self) -> Result<(Vec<f32>, u64)> {
-        let mut file = File::open(&self.path).map_err(|e| os(&self.path, "open", e))?;
+        let mut file = files::open(&self.path, "name the file of samples")?;
         let metadata = file.metadata().map_err(|e| os(&self.path, "read", e))?;
-        if metadata.is_dir() {
-            return Err(refuse(
-                &self.path,
-                "is a folder",
-                "name the file of samples",
-            ));
-        }
         let there = metadata.len().saturating_sub(self.at);
         let size = self.encoding.size() as u64;
         let claimed = self

@@ -12,6 +12,7 @@ use std::path::Path;
 
 use png::{BitDepth, ColorType, Decoder, DecodingError, Encoder, Transformations};
 
+use super::packed::{DAMAGED, DEFLATE};
 use super::samples::{Encoding, Endian, SampleType};
 use super::{Format, Loaded};
 use crate::error::{Error, Result, cause, os};
@@ -36,6 +37,7 @@ const LARGEST: usize = 1 << 33;
 /// [`Error::Io`] if the file cannot be read, is cut off or damaged.
 pub fn read(path: &Path) -> Result<Loaded<2>> {
     let file = File::open(path).map_err(|e| os(path, "open", e))?;
+    let length = file.metadata().map_err(|e| os(path, "read", e))?.len();
     let mut decoder = Decoder::new(BufReader::new(file));
     // Palettes become colours, fewer bits than 8 become 8.
     decoder.set_transformations(Transformations::EXPAND);
@@ -44,12 +46,27 @@ pub fn read(path: &Path) -> Result<Loaded<2>> {
     let source = reader.info();
     let (written_as, bits) = (source.color_type, source.bit_depth as u8);
     let dims = [source.width as usize, source.height as usize];
+    let refuse =
+        |problem: String, remedy: &str| Err(Error::Io(cause(path.display(), problem, remedy)));
+    if let Some(colours) = source.palette.as_ref().map(|palette| palette.len())
+        && (colours == 0 || !colours.is_multiple_of(3))
+    {
+        let problem = format!("has a palette of {colours} bytes, not three for each colour");
+        return refuse(problem, DAMAGED);
+    }
+    let packed = (source.raw_row_length() as u64).saturating_mul(dims[1] as u64);
+    if packed > length.saturating_mul(DEFLATE) {
+        let problem = format!(
+            "claims {} x {} pixels, which its {length} bytes cannot hold",
+            dims[0], dims[1]
+        );
+        return refuse(problem, DAMAGED);
+    }
     let size = match reader.output_buffer_size() {
         Some(size) if size <= LARGEST => size,
         _ => {
             let problem = format!("claims {} x {} pixels", dims[0], dims[1]);
-            let remedy = "give a picture of at most 2^33 bytes";
-            return Err(Error::Io(cause(path.display(), problem, remedy)));
+            return refuse(problem, "give a picture of at most 2^33 bytes");
         }
     };
     let mut bytes = vec![0; size];
@@ -79,9 +96,7 @@ pub fn read(path: &Path) -> Result<Loaded<2>> {
         notes.push("transparency is ignored".into());
     }
     if let Some([low, high]) = range(reader.info()) {
-        samples
-            .iter_mut()
-            .for_each(|v| *v = low + *v / 65535.0 * (high - low));
+        samples.iter_mut().for_each(|v| *v = decoded(*v, low, high));
     }
     let name = match written_as {
         ColorType::Grayscale => "grey",
@@ -97,6 +112,16 @@ pub fn read(path: &Path) -> Result<Loaded<2>> {
         notes,
         survey: None,
     })
+}
+
+/// The sample that a code from 0 to 65535 stands for.
+fn decoded(code: f32, low: f32, high: f32) -> f32 {
+    let span = high - low;
+    if span.is_finite() {
+        return low + code / 65535.0 * span;
+    }
+    let share = f64::from(code) / 65535.0;
+    (f64::from(low) * (1.0 - share) + f64::from(high) * share) as f32
 }
 
 /// Luminance of a pixel; exactly its value where all colours are equal.
@@ -159,7 +184,17 @@ pub fn write(path: &Path, image: &Image<2>) -> Result<()> {
         } else {
             0.0
         };
-        let code = |v: &f32| (((v - low) * scale).round() as u16).to_be_bytes();
+        // Where the range or its inverse is beyond 32-bit floats, doubles have the place.
+        let wide = !((high - low).is_finite() && scale.is_finite());
+        let [wide_low, wide_high] = [low, high].map(f64::from);
+        let wide_scale = 65535.0 / (wide_high - wide_low);
+        let code = |v: &f32| {
+            let code = match wide {
+                true => ((f64::from(*v) - wide_low) * wide_scale).round() as u16,
+                false => ((v - low) * scale).round() as u16,
+            };
+            code.to_be_bytes()
+        };
         let bytes: Vec<u8> = samples.iter().flat_map(code).collect();
         let range = (high - low != 65535.0 || low != 0.0).then(|| format!("{low:?} {high:?}"));
         (BitDepth::Sixteen, bytes, range)
@@ -292,6 +327,61 @@ mod tests {
             bytes[at] = byte;
             let _ = read_bytes(&bytes);
         }
+    }
+
+    #[test]
+    fn ranges_beyond_single_precision_are_kept() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.png");
+        for [low, high] in [[-3e38, 3e38], [0.0, 1e-42]] {
+            let samples = vec![low, 0.5 * low + 0.5 * high, 0.75 * high + 0.25 * low, high];
+            let image = Image::new([2, 2], samples, Geometry::default());
+            write(&path, &image).unwrap();
+            let back = read(&path).unwrap().image;
+            let slack = (high / 65535.0 - low / 65535.0).max(1e-44);
+            for (a, b) in image.as_slice().iter().zip(back.as_slice()) {
+                assert!((a - b).abs() <= slack, "{a:e} {b:e}");
+            }
+        }
+    }
+
+    #[test]
+    fn palettes_of_broken_colours_are_refused() {
+        let good = coded(ColorType::Indexed, BitDepth::Eight, [2, 1], &[0, 2]);
+        assert!(read_bytes(&good).is_ok());
+        let at = good.windows(4).position(|w| w == b"PLTE").unwrap();
+        for length in [4usize, 8, 74] {
+            let mut chunk = [b"PLTE".as_slice(), &vec![9; length]].concat();
+            chunk.extend(crc(&chunk).to_be_bytes());
+            let bad = [
+                &good[..at - 4],
+                &(length as u32).to_be_bytes(),
+                &chunk,
+                &good[at + 4 + 9 + 4..],
+            ]
+            .concat();
+            let said = read_bytes(&bad).unwrap_err().to_string();
+            assert!(said.contains("a.png") && said.contains("palette"), "{said}");
+        }
+    }
+
+    /// The check sum of a chunk.
+    fn crc(bytes: &[u8]) -> u32 {
+        !bytes.iter().fold(!0u32, |crc, &byte| {
+            (0..8).fold(crc ^ u32::from(byte), |crc, _| {
+                crc >> 1 ^ if crc & 1 == 1 { 0xedb8_8320 } else { 0 }
+            })
+        })
+    }
+
+    #[test]
+    fn pictures_larger_than_their_file_can_hold_take_no_memory() {
+        let mut huge = coded(ColorType::Grayscale, BitDepth::Eight, [1, 1], &[9]);
+        huge[16..24].copy_from_slice(&[0, 1, 0, 0, 0, 1, 0, 0]);
+        let sum = crc(&huge[12..29]).to_be_bytes();
+        huge[29..33].copy_from_slice(&sum);
+        let said = read_bytes(&huge).unwrap_err().to_string();
+        assert!(said.contains("cannot hold"), "{said}");
     }
 
     #[test]

@@ -8,9 +8,10 @@ use std::io::BufReader;
 use std::path::Path;
 
 use tiff::decoder::{Decoder, DecodingResult, Limits};
+use tiff::tags::Tag;
 use tiff::{ColorType, TiffError};
 
-use super::packed::{DAMAGED, refuse};
+use super::packed::{DAMAGED, DEFLATE, refuse};
 use super::png::luminance;
 use super::{Format, Loaded};
 use crate::error::{Result, os};
@@ -20,7 +21,7 @@ use crate::image::{Geometry, Image};
 pub const MAGIC: [&[u8]; 4] = [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"];
 
 /// No byte of a compressed page becomes more bytes than this (deflate).
-const MOST: u64 = 1032;
+const MOST: u64 = DEFLATE;
 
 /// Reads a stack of pages, or one as if it had a single sample along z.
 ///
@@ -35,6 +36,7 @@ pub fn read(path: &Path) -> Result<Loaded> {
     limits.decoding_buffer_size = most;
     limits.intermediate_buffer_size = most;
     let mut pages = 0;
+    let refusal = |(problem, remedy): (String, &str)| Err(refuse(path, problem, remedy));
     let fault = |pages: usize, e: TiffError| {
         let remedy = match e {
             TiffError::UnsupportedError(_) => "write it as grey samples, uncompressed",
@@ -44,6 +46,8 @@ pub fn read(path: &Path) -> Result<Loaded> {
     };
     let decoder = Decoder::new(BufReader::new(file)).map_err(|e| fault(0, e))?;
     let mut decoder = decoder.with_limits(limits);
+    let description = decoder.get_tag_ascii_string(Tag::ImageDescription);
+    let stack = Stack::of(&description.unwrap_or_default());
     let mut first = None;
     let mut samples = Vec::new();
     loop {
@@ -85,6 +89,9 @@ pub fn read(path: &Path) -> Result<Loaded> {
     let Some((nx, ny, color)) = first else {
         return Err(refuse(path, "has no page", DAMAGED));
     };
+    if let Some(fault) = stack.and_then(|stack| stack.fault(pages)) {
+        return refusal(fault);
+    }
     let mut notes = vec!["a TIFF stack has no geometry: unit spacing, origin 0".to_string()];
     if matches!(color, ColorType::RGB(_) | ColorType::RGBA(_)) {
         notes.push("colours are read as luminance (BT.709)".into());
@@ -97,6 +104,59 @@ pub fn read(path: &Path) -> Result<Loaded> {
         notes,
         survey: None,
     })
+}
+
+/// What ImageJ says of a stack in the description of its first page.
+struct Stack {
+    images: usize,
+    channels: usize,
+    slices: usize,
+    frames: usize,
+}
+
+impl Stack {
+    /// `None` if the words are not ImageJ's.
+    fn of(description: &str) -> Option<Self> {
+        if !description.starts_with("ImageJ=") {
+            return None;
+        }
+        let count = |name: &str| {
+            let mut fields = description.lines().filter_map(|line| line.split_once('='));
+            let (_, value) = fields.find(|(field, _)| *field == name)?;
+            value.trim().parse().ok()
+        };
+        Some(Self {
+            images: count("images").unwrap_or(1),
+            channels: count("channels").unwrap_or(1),
+            slices: count("slices").unwrap_or(1),
+            frames: count("frames").unwrap_or(1),
+        })
+    }
+
+    /// Why a file of so many pages is not one volume, if so, and what to do.
+    fn fault(&self, pages: usize) -> Option<(String, &'static str)> {
+        let Self {
+            images,
+            channels,
+            slices,
+            frames,
+        } = *self;
+        if channels > 1 || (slices > 1 && frames > 1) {
+            let problem = format!("holds {channels} channels of {slices} slices at {frames} times");
+            return Some((
+                problem,
+                "give one channel at one time, e.g. in Python with tifffile",
+            ));
+        }
+        // Beyond 4 GB ImageJ writes one page, and the other planes behind it without any.
+        (pages == 1 && images > 1).then(|| {
+            let problem = format!("holds {images} planes, of which only the first is a page");
+            (
+                problem,
+                "write a page for each, e.g. in Python with tifffile",
+            )
+        })
+    }
 }
 
 /// Adds a page's samples; of colours their luminance, of transparency nothing.
@@ -128,5 +188,43 @@ fn add(page: DecodingResult, channels: usize, count: usize, samples: &mut Vec<f3
         DecodingResult::F16(v) => each(&mut v.into_iter().map(f32::from)),
         DecodingResult::F32(v) => each(&mut v.into_iter()),
         DecodingResult::F64(v) => each(&mut v.into_iter().map(|x| x as f32)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tiff::encoder::{TiffEncoder, colortype::Gray8};
+
+    #[test]
+    fn stacks_of_imagej_that_are_no_volume_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.tif");
+        let read_stack = |pages: usize, description: &str| {
+            let mut encoder = TiffEncoder::new(std::fs::File::create(&path).unwrap()).unwrap();
+            for _ in 0..pages {
+                let mut page = encoder.new_image::<Gray8>(3, 2).unwrap();
+                page.encoder()
+                    .write_tag(Tag::ImageDescription, description)
+                    .unwrap();
+                page.write_data(&[7; 6]).unwrap();
+            }
+            read(&path).map(|loaded| loaded.image.dims())
+        };
+        let refusal = |pages, words: &str| read_stack(pages, words).unwrap_err().to_string();
+        let said = refusal(
+            12,
+            "ImageJ=1.11a\nimages=12\nchannels=2\nslices=3\nframes=2\n",
+        );
+        assert!(said.contains("2 channels of 3 slices at 2 times"), "{said}");
+        let said = refusal(6, "ImageJ=1.11a\nimages=6\nslices=3\nframes=2\n");
+        assert!(said.contains("one time"), "{said}");
+        let said = refusal(1, "ImageJ=1.53t\nimages=5\nslices=5\n");
+        assert!(said.contains("a.tif: holds 5 planes"), "{said}");
+        for words in ["ImageJ=1.53t\nimages=4\nslices=4\n", "a rock, channels=2"] {
+            assert_eq!(read_stack(4, words).unwrap(), [3, 2, 4]);
+        }
+        let times = "ImageJ=1.53t\nimages=4\nframes=4\n";
+        assert_eq!(read_stack(4, times).unwrap(), [3, 2, 4]);
     }
 }

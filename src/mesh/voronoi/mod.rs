@@ -21,9 +21,9 @@ use rayon::prelude::*;
 
 use crate::error::{Error, Result, cause};
 use crate::geometry::distance2;
+use crate::mesh::check::check;
 use crate::mesh::delaunay;
 use crate::mesh::poly::PolyMesh;
-use crate::mesh::poly_check::check_poly;
 use mirror::Mirrored;
 
 /// Nodes nearer to one another, or to a side, than this share of the mean distance between atoms are
@@ -173,7 +173,7 @@ fn cells<const D: usize, const N: usize>(
 
 /// Whether cells that have lost small faces are still cells.
 fn is_whole<const D: usize>(mesh: &PolyMesh<D>) -> bool {
-    let found = check_poly(mesh, [0.0; D], [1.0; D], f64::INFINITY);
+    let found = check(mesh, [0.0; D], [1.0; D], f64::INFINITY);
     found.problems.is_empty()
 }
 

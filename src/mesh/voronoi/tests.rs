@@ -1,6 +1,6 @@
 use super::*;
+use crate::mesh::check::{Check, Known, check_known};
 use crate::mesh::graph::Graph;
-use crate::mesh::poly_check::check_welded;
 use proptest::prelude::*;
 
 /// A small generator of uniform numbers in [0, 1); the tests need no quality.
@@ -47,7 +47,7 @@ fn lattice(
 /// The cells, checked: valid, the box filled, faces square to their connections.
 fn checked(atoms: &[[f64; 3]], extent: [f64; 3]) -> PolyMesh<3> {
     let mesh = voronoi(atoms, extent).unwrap();
-    let found = check_poly(&mesh, [0.0; 3], extent, 1e-9);
+    let found = check(&mesh, [0.0; 3], extent, 1e-9);
     assert!(found.passed(), "{:?}", found.problems);
     assert!(
         found.volume_error < 1e-12 && found.area_error < 1e-12,
@@ -217,7 +217,7 @@ fn polygons_fill_their_rectangle() {
             .map(|_| extent.map(|e| e * (0.001 + 0.998 * uniform(&mut state))))
             .collect();
         let mesh = voronoi_plane(&atoms, extent).unwrap();
-        let found = check_poly(&mesh, [0.0; 2], extent, 1e-9);
+        let found = check(&mesh, [0.0; 2], extent, 1e-9);
         assert!(found.passed() && found.volume_error < 1e-12, "{found:?}");
         assert!(Graph::from_poly(&mesh).angle_errors().0 < 1e-4);
     }
@@ -237,6 +237,15 @@ fn small_faces<const D: usize>(mesh: &PolyMesh<D>, limit: f64) -> (f64, usize, f
     (small.count() as f64 / count as f64, count, angle)
 }
 
+/// What the checker finds of cells whose nodes are welded.
+fn welded<const D: usize>(mesh: &PolyMesh<D>, extent: [f64; D], weld: f64) -> Check {
+    let known = Known {
+        weld,
+        ..Known::default()
+    };
+    check_known(mesh, known, [0.0; D], extent, 1e-9)
+}
+
 #[test]
 fn welding_takes_small_faces_away_and_keeps_cells_whole() {
     let (atoms, extent) = lattice([14, 14, 14], 2, 1.0, 0.5, 0.05);
@@ -245,7 +254,7 @@ fn welding_takes_small_faces_away_and_keeps_cells_whole() {
     let mut last = before.1;
     for weld in [1e-3, 1e-2, 5e-2] {
         let mesh = voronoi_welded(&atoms, extent, weld).unwrap();
-        let found = check_welded(&mesh, [0.0; 3], extent, 1e-9, weld);
+        let found = welded(&mesh, extent, weld);
         assert!(found.passed(), "{weld}: {:?}", found.problems);
         assert!(
             found.volume_error < 1e-12 && found.area_error < 1e-12,
@@ -265,7 +274,7 @@ fn welding_takes_small_faces_away_and_keeps_cells_whole() {
     for seed in 0..4 {
         let (atoms, extent) = (random(400, [5.0, 4.0, 3.0], seed), [5.0, 4.0, 3.0]);
         let mesh = voronoi_welded(&atoms, extent, 2e-3).unwrap();
-        let found = check_welded(&mesh, [0.0; 3], extent, 1e-9, 2e-3);
+        let found = welded(&mesh, extent, 2e-3);
         assert!(
             found.passed() && found.volume_error < 1e-12,
             "{:?}",
@@ -297,7 +306,7 @@ fn short_edges_of_polygons_are_welded() {
         .collect();
     let before = small_faces(&voronoi_plane(&atoms, extent).unwrap(), 0.02);
     let mesh = voronoi_plane_welded(&atoms, extent, 0.03).unwrap();
-    let found = check_welded(&mesh, [0.0; 2], extent, 1e-9, 0.03);
+    let found = welded(&mesh, extent, 0.03);
     assert!(found.passed() && found.volume_error < 1e-12, "{found:?}");
     let after = small_faces(&mesh, 0.02);
     assert!(

@@ -318,8 +318,8 @@ impl<'a> Builder<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mesh::check::check;
     use crate::mesh::graph::Graph;
-    use crate::mesh::poly_check::check_poly;
     use crate::mesh::voronoi::voronoi_plane;
 
     fn map() -> PolyMesh<2> {
@@ -357,7 +357,7 @@ mod tests {
             } else {
                 (100.0, 110.0)
             };
-            let check = check_poly(&found.mesh, [0.0, 0.0, low], [21.0, 18.0, high], 1e-12);
+            let check = check(&found.mesh, [0.0, 0.0, low], [21.0, 18.0, high], 1e-12);
             assert!(check.passed(), "{check:?}");
             assert_eq!(found.mesh.region[..84], [0; 84]);
             let (graph, plane) = (Graph::from_poly(&found.mesh), Graph::from_poly(&map));
@@ -399,7 +399,7 @@ mod tests {
         let found = columns(&map, &z, &names(3), &Division::Thickness(2.0), 0.0).unwrap();
         assert!(!found.z_up && found.counts[0] >= 2, "{:?}", found.counts);
         let (low, high) = crate::store::stored::bounds(&found.mesh.nodes);
-        let check = check_poly(&found.mesh, low, high, 1e-12);
+        let check = check(&found.mesh, low, high, 1e-12);
         assert!(check.passed(), "{check:?}");
         let graph = Graph::from_poly(&found.mesh);
         let plane = Graph::from_poly(&map);
@@ -436,7 +436,7 @@ mod tests {
         assert!(
             found.missing[0] == 0 && found.missing[1] == found.missing[2] && found.missing[1] > 10
         );
-        let check = check_poly(&found.mesh, [0.0; 3], [21.0, 18.0, 12.0], 1e-12);
+        let check = check(&found.mesh, [0.0; 3], [21.0, 18.0, 12.0], 1e-12);
         assert!(check.passed(), "{check:?}");
         let graph = Graph::from_poly(&found.mesh);
         let across = |c: &&crate::mesh::graph::Connection<3>| {
@@ -493,6 +493,6 @@ mod tests {
         let found = columns(&map, &z, &names(3), &one, 3.3).unwrap();
         assert_eq!(found.missing, [0, 42]);
         let (low, high) = crate::store::stored::bounds(&found.mesh.nodes);
-        assert!(check_poly(&found.mesh, low, high, 1e-12).passed());
+        assert!(check(&found.mesh, low, high, 1e-12).passed());
     }
 }

@@ -127,6 +127,8 @@ impl<const D: usize, M: Simplices<D>> ElementFlow<D, M> {
         // Unknown `count` is all that is beyond the boundary.
         let beyond = |n: u32| n.min(count as u32);
         let of_cell = |c: usize| c * (D + 1)..(c + 1) * (D + 1);
+        let open = |face: &usize| around[*face] == NONE && faces[*face].weight > 0.0;
+        let boundary: Vec<usize> = (0..faces.len()).filter(open).collect();
         let matrix = Matrix::from_rows(count + 1, count + 1, |c, row| {
             if c < count {
                 for (face, &n) in faces[of_cell(c)].iter().zip(&around[of_cell(c)]) {
@@ -135,6 +137,13 @@ impl<const D: usize, M: Simplices<D>> ElementFlow<D, M> {
                         row.add(beyond(n), -face.weight);
                     }
                 }
+                return;
+            }
+            // What is beyond is joined to all cells at open sides, whichever closed faults part them.
+            for &face in &boundary {
+                let weight = faces[face].weight;
+                row.add(count as u32, weight);
+                row.add((face / (D + 1)) as u32, -weight);
             }
         });
         let mut missing: Vec<f64> = (0..count)
@@ -241,6 +250,41 @@ mod tests {
     fn every_triangle_and_tetrahedron_is_in_balance() {
         every_cell_is_in_balance::<2, TriMesh>();
         every_cell_is_in_balance::<3, TetMesh>();
+    }
+
+    /// Two parts that a closed fault separates, both with flow from side to side, and between them a
+    /// pocket that nothing enters.
+    fn parts_with_sides_of_their_own<const D: usize, M: Simplices<D>>() {
+        let mut n = [2; D];
+        n[0] = 6;
+        let mut extent = [2.0; D];
+        extent[0] = 6.0;
+        let mesh: M = jittered_box(n, extent, 0.2, |x| x[0] != 2.0 && x[0] != 4.0);
+        let bits = faces_on(&mesh, |x| x[0] == 2.0);
+        let other = faces_on(&mesh, |x| x[0] == 4.0);
+        let bits: Vec<u8> = bits.iter().zip(other).map(|(a, b)| a | b).collect();
+        let rock = Rock::uniform(Tensor::isotropic(1.0), 1.0);
+        let flow = flow_through(&mesh, &bits, rock, Faults::CLOSED);
+        let nodes = flow.split.mesh.nodes();
+        let held = |x: [f64; D]| (x[0] < 1.5 || x[0] > 4.5) && (x[1] == 0.0 || x[1] == 2.0);
+        let held = (0u32..).zip(nodes).filter(|(_, x)| held(**x));
+        let fixed: Vec<(u32, f64)> = held.map(|(i, x)| (i, 3.0 * x[1] * x[0])).collect();
+        let found = flow.solve(&vec![0.0; nodes.len()], &fixed).unwrap();
+        assert_eq!(found.figures.compartments, 3);
+        let pocket = (0..nodes.len()).filter(|&i| found.pressure[i] == 0.0);
+        assert!(found.figures.undetermined > 0);
+        assert!(pocket.count() >= found.figures.undetermined);
+        let rates = flow.face_rates(&found.pressure, &[], &fixed).unwrap();
+        for c in 0..rates.len() {
+            let sum: f64 = rates.of(c).0.iter().sum();
+            assert!(sum.abs() < 1e-9, "{c}: {sum}");
+        }
+    }
+
+    #[test]
+    fn closed_parts_may_each_have_sides_and_pockets_none() {
+        parts_with_sides_of_their_own::<2, TriMesh>();
+        parts_with_sides_of_their_own::<3, TetMesh>();
     }
 
     fn a_constant_velocity_stays<const D: usize, M: Simplices<D>>() {

@@ -101,6 +101,13 @@ impl FlowReport {
             if figures.compartments == 1 { "" } else { "s" },
         );
         // Writing to a string does not fail.
+        if figures.undetermined > 0 {
+            let _ = writeln!(
+                text,
+                "pockets       {} unknowns that no pressure or source reaches: nothing flows, pressure 0",
+                figures.undetermined
+            );
+        }
         let _ = write!(
             text,
             "solver        {} iterations, residual {:.1e}\n\

@@ -37,6 +37,10 @@ pub struct Figures {
     pub unknowns: usize,
     /// Number of parts that exchange no fluid.
     pub compartments: usize,
+    /// Unknowns in compartments that neither a given pressure nor a source reaches, while others have
+    /// one: pockets where nothing flows. They have pressure zero.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub undetermined: usize,
     /// Iterations of conjugate gradients.
     pub iterations: usize,
     /// Length of the last residual over that of the first.
@@ -47,6 +51,10 @@ pub struct Figures {
     pub worst_balance: f64,
     /// The imbalance of all together, over the throughput.
     pub total_balance: f64,
+}
+
+fn is_zero(count: &usize) -> bool {
+    *count == 0
 }
 
 /// Solves `matrix p = rates` with the pressures in `fixed` given (the first of several for one
@@ -98,6 +106,7 @@ pub fn solve(
     let mut figures = Figures {
         unknowns: free.len(),
         compartments: compartments.count,
+        undetermined: compartments.undetermined(&afloat, rates),
         ..Figures::default()
     };
     let diagonal = matrix.diagonal();
@@ -256,6 +265,19 @@ impl Compartments {
             }
         }
         Ok(afloat)
+    }
+
+    /// How many unknowns are in compartments without given pressure and without rates; none if that is
+    /// so of all of them.
+    fn undetermined(&self, afloat: &[bool], rates: &[f64]) -> usize {
+        let mut idle = afloat.to_vec();
+        for (&c, &rate) in self.of.iter().zip(rates) {
+            idle[c as usize] &= rate == 0.0;
+        }
+        match idle.iter().all(|idle| *idle) {
+            true => 0,
+            false => self.of.iter().filter(|&&c| idle[c as usize]).count(),
+        }
     }
 
     fn remove_mean(&self, afloat: &[bool], weights: &[f64], pressure: &mut [f64]) {

@@ -77,7 +77,9 @@ impl Checks {
                 pores.map(|(p, v)| p * v).sum()
             }),
             depth: range(&mut (0..cells).map(|cell| model.depth(cell))),
-            transmissibility: open.map(|t| range(&mut t.iter().copied())),
+            transmissibility: open
+                .filter(|t| !t.is_empty())
+                .map(|t| range(&mut t.iter().copied())),
             angle: [mean(sum), worst.0],
             worst: worst.1,
             two_point_error: mean(tangents),

@@ -8,7 +8,7 @@ use crate::mesh::poly::PolyMesh;
 use crate::mesh::{Mesh, Positions, Simplices, TetMesh};
 use crate::model::columns::{COLUMN, LAYER};
 use crate::model::reservoir::{Down, Frame, Mean, Model, Places, sample};
-use crate::store::{AnyMesh, LatticeSpace, StoredMesh};
+use crate::store::{AnyMesh, MeshFile, Stored, StoredMesh};
 use crate::{Error, Result};
 
 /// How far the volume of cells may be from that of the box that they fill, relative to it.
@@ -79,90 +79,90 @@ fn refuse(place: &str, problem: String) -> Error {
     Error::Mesh(cause(place, problem, remedy))
 }
 
-/// Simplices as polyhedra or polygons, in the file's coordinates, their sides known.
-fn as_cells<const D: usize, M: Simplices<D>>(
-    stored: &StoredMesh<D, M>,
-    place: &str,
-) -> Result<PolyMesh<D>> {
-    let cells = 0..stored.lattice.len();
-    let sound = |&c: &usize| stored.lattice.volume(c) > 0.0;
-    if let Some(cell) = cells.clone().find(|c| !sound(c)) {
-        let problem = format!("number {cell} of its {} is flat or inverted", M::CELLS);
-        return Err(refuse(place, problem));
+/// A mesh as polyhedra or polygons in the file's coordinates, their sides known; the simplices that it is
+/// of, if it is; and what else the file holds.
+type Cells<const D: usize, M> = (PolyMesh<D>, Option<M>, MeshFile<()>);
+
+/// A kind of cells that models are made of.
+trait Modelled<const D: usize>: Stored<D> {
+    fn cells(stored: StoredMesh<D, Self>, place: &str) -> Result<Cells<D, Self>>;
+}
+
+impl<const D: usize, M: Simplices<D>> Modelled<D> for M {
+    fn cells(stored: StoredMesh<D, M>, place: &str) -> Result<Cells<D, M>> {
+        let cells = 0..stored.lattice.len();
+        let sound = |&c: &usize| stored.lattice.volume(c) > 0.0;
+        if let Some(cell) = cells.clone().find(|c| !sound(c)) {
+            let problem = format!("number {cell} of its {} is flat or inverted", M::CELLS);
+            return Err(refuse(place, problem));
+        }
+        let bits = stored.feature_faces.as_deref().unwrap_or(&[]);
+        let region = stored.regions().unwrap_or_default();
+        let mut mesh = PolyMesh::from_simplices(&stored.lattice, bits, &region)?;
+        mesh.assign_sides([0.0; D], stored.space.extent);
+        let sites = mesh.sites.iter().map(|&x| stored.space.to_world(x));
+        let mut world = Positions {
+            nodes: stored.world.nodes.clone(),
+            sites: sites.collect(),
+        };
+        mesh.exchange(&mut world, stored.space.is_mirrored());
+        let (simplices, arrays) = stored.into_file().split();
+        Ok((mesh, Some(simplices), arrays))
     }
-    let bits = stored.feature_faces.as_deref().unwrap_or(&[]);
-    let region = stored.regions().unwrap_or_default();
-    let mut mesh = PolyMesh::from_simplices(&stored.lattice, bits, &region)?;
-    mesh.assign_sides([0.0; D], stored.space.extent);
-    let sites = mesh.sites.iter().map(|&x| stored.space.to_world(x));
-    let mut world = Positions {
-        nodes: stored.world.nodes.clone(),
-        sites: sites.collect(),
-    };
-    mesh.exchange(&mut world, stored.space.is_mirrored());
-    Ok(mesh)
+}
+
+impl<const D: usize> Modelled<D> for PolyMesh<D> {
+    fn cells(stored: StoredMesh<D, Self>, _: &str) -> Result<Cells<D, Self>> {
+        let (mesh, arrays) = stored.into_file().split();
+        Ok((mesh, None, arrays))
+    }
 }
 
 impl Parts {
-    fn new<const D: usize>(
-        mesh: PolyMesh<3>,
-        space: &LatticeSpace<D>,
+    /// The parts that all kinds of cells have, and the simplices if they are such; `solid` makes
+    /// polyhedra of the plane's polygons, `thickness` high.
+    fn common<const D: usize, M: Modelled<D>>(
+        file: MeshFile<M>,
+        place: &str,
         thickness: f64,
-        features_known: bool,
-        cell_data: Vec<DataArray>,
-    ) -> Self {
+        solid: impl FnOnce(PolyMesh<D>) -> PolyMesh<3>,
+    ) -> Result<(Self, Option<M>)> {
+        let stored = StoredMesh::new(file, place)?;
+        let space = stored.space.clone();
+        let features_known = stored.marks().is_some();
+        let (mesh, simplices, arrays) = M::cells(stored, place)?;
         let samples: [f64; D] = std::array::from_fn(|k| space.extent[k] / space.step[k]);
         let volume = samples.iter().product::<f64>() * space.geometry.determinant().abs();
         let dim = |k: usize| samples.get(k).map_or(1.0, |n| n + 1.0);
-        Self {
-            mesh,
+        let parts = Self {
+            mesh: solid(mesh),
             tets: None,
             triangles: None,
             geometry: space.geometry.in_space(),
             dims: std::array::from_fn(dim),
             box_volume: volume * if D == 2 { thickness } else { 1.0 },
             features_known,
-            cell_data,
-        }
+            cell_data: arrays.cell_data,
+        };
+        Ok((parts, simplices))
     }
 
     /// Of a mesh of any kind of cells; those of the plane become prisms.
     fn of(file: AnyMesh, place: &str, thickness: f64) -> Result<Self> {
+        let prisms = |mesh: PolyMesh<2>| mesh.extruded(thickness);
+        // Formats that hold simplices only get these as they are, so that the kinds part here.
         Ok(match file {
             AnyMesh::Space(file) => {
-                let stored = StoredMesh::new(file, place)?;
-                let (mesh, known) = (as_cells(&stored, place)?, stored.feature_faces.is_some());
-                let space = stored.space.clone();
-                let (tets, arrays) = stored.into_file().split();
-                Self {
-                    tets: Some(tets),
-                    ..Self::new(mesh, &space, thickness, known, arrays.cell_data)
-                }
+                let (parts, tets) = Self::common(file, place, thickness, |mesh| mesh)?;
+                Self { tets, ..parts }
             }
             AnyMesh::Plane(file) => {
-                let stored = StoredMesh::new(file, place)?;
-                let (mesh, known) = (as_cells(&stored, place)?, stored.feature_faces.is_some());
-                let mesh = mesh.extruded(thickness);
-                let space = stored.space.clone();
-                let (triangles, arrays) = stored.into_file().split();
-                Self {
-                    triangles: Some(triangles.triangles),
-                    ..Self::new(mesh, &space, thickness, known, arrays.cell_data)
-                }
+                let (parts, mesh) = Self::common(file, place, thickness, prisms)?;
+                let triangles = mesh.map(|mesh| mesh.triangles);
+                Self { triangles, ..parts }
             }
-            AnyMesh::SpaceCells(file) => {
-                let stored = StoredMesh::new(file, place)?;
-                let space = stored.space.clone();
-                let (mesh, arrays) = stored.into_file().split();
-                Self::new(mesh, &space, thickness, true, arrays.cell_data)
-            }
-            AnyMesh::PlaneCells(file) => {
-                let stored = StoredMesh::new(file, place)?;
-                let space = stored.space.clone();
-                let (mesh, arrays) = stored.into_file().split();
-                let mesh = mesh.extruded(thickness);
-                Self::new(mesh, &space, thickness, true, arrays.cell_data)
-            }
+            AnyMesh::SpaceCells(file) => Self::common(file, place, thickness, |mesh| mesh)?.0,
+            AnyMesh::PlaneCells(file) => Self::common(file, place, thickness, prisms)?.0,
         })
     }
 }

@@ -1,0 +1,49 @@
+//! Opening what is to be read from more than one place.
+
+use std::fs::{self, File};
+use std::path::Path;
+
+use crate::error::{Error, Result, cause, os};
+
+/// Opens a file that is read more than once, or from its middle: no folder, and no pipe or device, which
+/// might keep its reader waiting for ever. `remedy` says what to give instead of a folder.
+///
+/// # Errors
+/// [`Error::Io`] if it is none, or cannot be opened.
+pub fn open(path: &Path, remedy: &str) -> Result<File> {
+    let kind = fs::metadata(path)
+        .map_err(|e| os(path, "open", e))?
+        .file_type();
+    if kind.is_dir() {
+        return Err(Error::Io(cause(path.display(), "is a folder", remedy)));
+    }
+    if !kind.is_file() {
+        let problem = "is a pipe or a device, which cannot be read from more than one place";
+        let remedy = "write its content to a file first";
+        return Err(Error::Io(cause(path.display(), problem, remedy)));
+    }
+    File::open(path).map_err(|e| os(path, "open", e))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn folders_and_devices_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let said = |path: &Path| open(path, "give a file").unwrap_err().to_string();
+        assert!(said(folder.path()).contains("is a folder; give a file"));
+        assert!(said(&folder.path().join("none")).contains("cannot open"));
+        #[cfg(unix)]
+        {
+            let pipe = folder.path().join("pipe");
+            let made = std::process::Command::new("mkfifo").arg(&pipe).status();
+            assert!(made.unwrap().success());
+            assert!(said(&pipe).contains("pipe or a device"));
+        }
+        let file = folder.path().join("file");
+        fs::write(&file, "x").unwrap();
+        assert!(open(&file, "").is_ok());
+    }
+}

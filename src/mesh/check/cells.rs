@@ -1,0 +1,305 @@
+//! Polyhedra and polygons: cells closed, with their sites inside; faces flat, between two cells or in a
+//! side of the box.
+
+use super::{Bounds, Check, Checked, Known, Sides, flat};
+use crate::geometry::dot;
+use crate::mesh::Mesh;
+use crate::mesh::poly::{Beyond, NO_CELL, PolyMesh, SIDE_0};
+use rayon::prelude::*;
+use serde::Serialize;
+
+/// What the check finds of polyhedra and polygons only.
+#[derive(Debug, Clone, Serialize, PartialEq, Default)]
+pub struct CellCheck {
+    /// Number of faces, each counted once.
+    pub faces: usize,
+    /// Whether the cells are columns whose layers, top or base are not level.
+    pub in_columns: bool,
+    /// Cells whose faces do not close: an edge (a node in 2-D) is not met by exactly two of them.
+    pub not_closed: usize,
+    /// Cells that do not hold their own site.
+    pub without_site: usize,
+    /// Largest distance of a node from the plane of its face, over the box's longest side.
+    pub warp: f64,
+    /// How wide the part is that the outline of a face ties off where it crosses itself, the widest,
+    /// over the box's longest side.
+    pub tied_off: f64,
+}
+
+impl<const D: usize> Checked<D> for PolyMesh<D> {
+    fn unreadable(&self) -> Option<String> {
+        let (nodes, cells, faces) = (self.nodes.len(), self.sites.len(), self.face_cells.len());
+        if self.faces.len() != faces || self.region.len() != cells || self.on_feature.len() != faces
+        {
+            return Some("its arrays differ in length".into());
+        }
+        for f in 0..faces {
+            let ring = self.faces.get(f);
+            if ring.iter().any(|&n| n as usize >= nodes) {
+                return Some(format!("face {f} names a node that does not exist"));
+            }
+            if ring.len() < D || (1..ring.len()).any(|i| ring[..i].contains(&ring[i])) {
+                return Some(format!("face {f} has the nodes {ring:?}"));
+            }
+            let [a, b] = self.face_cells[f];
+            let known = b >= SIDE_0 && (b - SIDE_0 < 2 * D as u32 || b == NO_CELL);
+            if a as usize >= cells || !(known || (a < b && (b as usize) < cells)) {
+                return Some(format!("face {f} lies between the cells {a} and {b}"));
+            }
+        }
+        None
+    }
+
+    fn used_nodes(&self) -> Vec<bool> {
+        let mut used = vec![false; self.nodes.len()];
+        for &n in &self.faces.items {
+            used[n as usize] = true;
+        }
+        used
+    }
+
+    fn room(&self, bounds: &Bounds<D>) -> f64 {
+        match in_columns(self, bounds) {
+            true => self.enclosed_volume(),
+            false => bounds.extent().iter().product(),
+        }
+    }
+
+    fn check_faces(
+        &self,
+        known: Known<'_>,
+        bounds: &Bounds<D>,
+        found: &mut Check,
+    ) -> Option<Sides<D>> {
+        let in_columns = in_columns(self, bounds);
+        let faces = self.faces_of_cells();
+        let sound: Vec<[bool; 2]> = (0..self.sites.len())
+            .into_par_iter()
+            .map(|cell| {
+                let faces = faces.get(cell);
+                let holds_site = holds_site(self, cell, faces, in_columns);
+                [closed(self, cell, faces), holds_site]
+            })
+            .collect();
+        let mut without = |which: usize, what: &str| {
+            let count = sound.iter().filter(|c| !c[which]).count();
+            if let Some(first) = sound.iter().position(|c| !c[which]) {
+                found.fault(format!(
+                    "{count} {} {what}, the first is {first}",
+                    Self::CELLS
+                ));
+            }
+            count
+        };
+        let (not_closed, without_site) = (
+            without(0, "are not closed"),
+            without(1, "do not hold their site"),
+        );
+
+        let widest = |of: &(dyn Fn(usize) -> f64 + Sync)| {
+            let off = |f: usize| (of(f) - flat::welded(self, f, known.weld)).max(0.0);
+            let off = (0..self.face_cells.len()).into_par_iter().map(off);
+            off.reduce(|| 0.0, f64::max) / bounds.longest()
+        };
+        let warp = widest(&|f| match in_columns && !self.is_upright(f) {
+            true => 0.0,
+            false => flat::warp(self, f),
+        });
+        if warp > bounds.tolerance {
+            found.fault(format!("a face is not flat, by {warp:.1e} of the box"));
+        }
+        let tied_off = widest(&|f| flat::tied_off(self, f));
+        if tied_off > bounds.tolerance {
+            found.fault(format!(
+                "the outline of a face crosses itself, by {tied_off:.1e} of the box"
+            ));
+        }
+        found.of_cells = Some(CellCheck {
+            faces: self.face_cells.len(),
+            in_columns,
+            not_closed,
+            without_site,
+            warp,
+            tied_off,
+        });
+        sides(self, in_columns, bounds, found)
+    }
+}
+
+/// Whether the cells are columns whose layers, top or base are not level.
+fn in_columns<const D: usize>(mesh: &PolyMesh<D>, bounds: &Bounds<D>) -> bool {
+    let most = bounds.tolerance * bounds.longest();
+    mesh.stands_in_columns() && bent(mesh, bounds.low, bounds.high, most)
+}
+
+/// Whether a face above or below a cell of columns is not level, or the top or the base is not a side
+/// of the box.
+fn bent<const D: usize>(mesh: &PolyMesh<D>, low: [f64; D], high: [f64; D], most: f64) -> bool {
+    (0..mesh.face_cells.len()).any(|f| {
+        let ring = mesh.faces.get(f);
+        let plane = match mesh.beyond(f) {
+            Beyond::Cell(_) if !mesh.is_upright(f) => mesh.nodes[ring[0] as usize][D - 1],
+            Beyond::Side(4) => low[D - 1],
+            Beyond::Side(5) => high[D - 1],
+            _ => return false,
+        };
+        let off = |&n: &u32| (mesh.nodes[n as usize][D - 1] - plane).abs();
+        ring.iter().map(off).any(|off| off > most)
+    })
+}
+
+/// Whether every edge of a cell is met by two of its faces, in opposite directions (in 2-D: every
+/// node by the end of one edge and the start of another).
+fn closed<const D: usize>(mesh: &PolyMesh<D>, cell: usize, faces: &[u32]) -> bool {
+    let mut edges: Vec<([u32; 2], i32)> = Vec::with_capacity(6 * faces.len());
+    for &f in faces {
+        let ring = mesh.faces.get(f as usize);
+        let own = mesh.face_cells[f as usize][0] as usize == cell;
+        let sign = if own { 1 } else { -1 };
+        if D == 2 {
+            edges.push(([ring[0]; 2], sign));
+            edges.push(([ring[1]; 2], -sign));
+            continue;
+        }
+        for i in 0..ring.len() {
+            let (p, q) = (ring[i], ring[(i + 1) % ring.len()]);
+            edges.push(([p.min(q), p.max(q)], if p < q { sign } else { -sign }));
+        }
+    }
+    edges.sort_unstable();
+    let pairs = edges.chunk_by(|a, b| a.0 == b.0);
+    faces.len() > D
+        && pairs
+            .into_iter()
+            .all(|e| e.len() == 2 && e[0].1 + e[1].1 == 0)
+}
+
+/// Whether a cell's site is on the inner side of all its faces that have an area.
+fn holds_site<const D: usize>(
+    mesh: &PolyMesh<D>,
+    cell: usize,
+    faces: &[u32],
+    in_columns: bool,
+) -> bool {
+    faces.iter().all(|&f| {
+        let shape = mesh.face_shape(f as usize);
+        let site = mesh.sites[cell];
+        // What is above or below the site in a column counts there, as the face is bent.
+        let on = (in_columns && !mesh.is_upright(f as usize)).then(|| mesh.under(f as usize, site));
+        let on = on.flatten().unwrap_or(shape.apex);
+        let out: [f64; D] = std::array::from_fn(|k| on[k] - site[k]);
+        let own = mesh.face_cells[f as usize][0] as usize == cell;
+        let height = dot(out, shape.area_vector) * if own { 1.0 } else { -1.0 };
+        // Faces this small (and narrow ones among them) have a normal that is mere rounding.
+        let distance = dot(out, out).sqrt();
+        shape.area() < (1e-4 * distance).powi(D as i32 - 1)
+            || height >= -1e-12 * distance * shape.area()
+    })
+}
+
+/// Every face without a cell beyond it, in its side of the box; `None` if one has no side.
+fn sides<const D: usize>(
+    mesh: &PolyMesh<D>,
+    in_columns: bool,
+    bounds: &Bounds<D>,
+    found: &mut Check,
+) -> Option<Sides<D>> {
+    // The upright sides of columns are as high as top and base make them.
+    let mut sides = Sides::bare();
+    if in_columns {
+        sides.must = std::array::from_fn(|axis| axis == 2);
+    }
+    for f in mesh.inner_faces()..mesh.face_cells.len() {
+        let Beyond::Side(side) = mesh.beyond(f) else {
+            found.fault(format!(
+                "face {f} has one cell and lies in no side of the box"
+            ));
+            return None;
+        };
+        let (axis, upper) = (side / 2, side % 2 == 1);
+        let plane = if upper { bounds.high } else { bounds.low }[axis];
+        let bent = in_columns && axis == 2;
+        let nodes = mesh.faces.get(f).iter().filter(|_| !bent);
+        let off = nodes.map(|&n| (mesh.nodes[n as usize][axis] - plane).abs());
+        let off = off.fold(0.0, f64::max);
+        let area = mesh.face_shape(f).area_vector[axis];
+        let area = if upper { area } else { -area };
+        sides.add((axis, upper), area, off, bounds, found);
+    }
+    Some(sides)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::check::check;
+    use crate::mesh::poly::samples::two_cells;
+
+    fn faults<const D: usize>() {
+        let checked = |change: &dyn Fn(&mut PolyMesh<D>)| {
+            let mut mesh = two_cells::<D>(0.75);
+            change(&mut mesh);
+            let mut high = [1.0; D];
+            high[0] = 2.0;
+            check(&mesh, [0.0; D], high, 1e-12)
+        };
+        let good = checked(&|_| ());
+        assert!(good.passed(), "{good:?}");
+        assert_eq!((good.cells, good.volume_error), (2, 0.0));
+        let last = 1 << D;
+        for (change, want) in [
+            (
+                (&|m: &mut PolyMesh<D>| m.nodes[last][0] = 2.5) as &dyn Fn(&mut PolyMesh<D>),
+                "fill",
+            ),
+            (&|m| m.nodes[last][0] = f64::NAN, "not finite"),
+            (&|m| m.nodes.push([0.0; D]), "1 nodes belong to no poly"),
+            (&|m| m.faces.items[0] = 99, "face 0 names a node"),
+            (
+                &|m| m.faces.items[0] = m.faces.items[1],
+                "face 0 has the nodes",
+            ),
+            (&|m| m.face_cells[0] = [1, 0], "between the cells 1 and 0"),
+            (&|m| m.sites[0][0] = 1.0, " do not hold their site"),
+            (&|m| m.region.clear(), "differ in length"),
+            (
+                &|m| {
+                    m.face_cells.pop();
+                    m.on_feature.pop();
+                    let end = m.faces.offsets.len() - 2;
+                    m.faces.items.truncate(m.faces.offsets[end] as usize);
+                    m.faces.offsets.pop();
+                },
+                " are not closed, the first is 1",
+            ),
+            (&|m| m.face_cells[1][1] = NO_CELL, "lies in no side"),
+            (&|m| m.sites.swap(0, 1), "hold their site"),
+            (
+                &|m| m.nodes.iter_mut().for_each(|p| p[0] = -p[0]),
+                " are flat or inverted",
+            ),
+        ] {
+            let found = checked(change);
+            let said = found.problems.join("\n");
+            assert!(said.contains(want), "{want}: {said:?}");
+        }
+    }
+
+    #[test]
+    fn each_fault_is_found() {
+        faults::<2>();
+        faults::<3>();
+    }
+
+    #[test]
+    fn warped_faces_are_found() {
+        let mut mesh = two_cells::<3>(0.75);
+        // A corner of the cut moves along x: the cut is no longer flat.
+        mesh.nodes[5][0] += 0.04;
+        let found = check(&mesh, [0.0; 3], [2.0, 1.0, 1.0], 1e-12);
+        let of_cells = found.of_cells.clone().unwrap();
+        assert!((0.004..0.02).contains(&of_cells.warp), "{}", of_cells.warp);
+        assert_eq!((of_cells.not_closed, found.volume_error), (0, 0.0));
+        assert!(!found.passed());
+    }
+}

@@ -1,0 +1,327 @@
+//! The one checker: is this mesh valid, and does it fill its box exactly?
+//!
+//! What holds for all meshes is checked here: positive volumes, no unused node, the box filled, sides
+//! flat and covered once. That faces conform means something else for each kind of cells, and polyhedra
+//! have more that can be wrong: `simplices` and `cells` see to that, and `flat` to faces of more than
+//! three nodes.
+
+mod cells;
+mod flat;
+mod simplices;
+
+pub use cells::CellCheck;
+
+use super::Mesh;
+use serde::Serialize;
+
+/// What [`check`] found. A mesh that is right has `problems` empty.
+#[derive(Debug, Clone, Serialize, PartialEq, Default)]
+pub struct Check {
+    /// Number of nodes.
+    pub nodes: usize,
+    /// Number of cells.
+    pub cells: usize,
+    /// Cells of zero or negative volume.
+    pub not_positive: usize,
+    /// Nodes that no cell uses.
+    pub unused_nodes: usize,
+    /// Faces on the boundary (edges, in the plane).
+    pub boundary_faces: usize,
+    /// Boundary faces that do not lie in a side of the box.
+    pub faces_off_sides: usize,
+    /// |sum of volumes - volume of the box| / volume of the box; of columns, the volume between top and
+    /// base.
+    pub volume_error: f64,
+    /// Largest distance of a boundary node from the side of its face, over the box's longest side.
+    pub flatness_error: f64,
+    /// Largest relative error of a side's area, summed over its faces.
+    pub area_error: f64,
+    /// What is known of polyhedra and polygons only.
+    #[serde(flatten, skip_serializing_if = "Option::is_none")]
+    pub of_cells: Option<CellCheck>,
+    /// Each fault in one line.
+    pub problems: Vec<String>,
+}
+
+impl Check {
+    /// Whether nothing is wrong.
+    pub fn passed(&self) -> bool {
+        self.problems.is_empty()
+    }
+
+    fn fault(&mut self, problem: String) {
+        self.problems.push(problem);
+    }
+}
+
+/// What a caller knows of a mesh beforehand.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Known<'a> {
+    /// Of simplices: for every cell and face, in order, the cell on its other side, or
+    /// [`NONE`](super::complex::NONE). Whether they are right is checked, which takes less time than to
+    /// find them.
+    pub neighbors: Option<&'a [u32]>,
+    /// Of polyhedra and polygons: the share of their distance to their sites within which nodes are
+    /// welded. Faces need be flat to that only.
+    pub weld: f64,
+}
+
+/// The box that a mesh is to fill, and how exactly.
+#[derive(Debug, Clone, Copy)]
+pub struct Bounds<const D: usize> {
+    low: [f64; D],
+    high: [f64; D],
+    /// Relative to the box.
+    tolerance: f64,
+}
+
+impl<const D: usize> Bounds<D> {
+    fn extent(&self) -> [f64; D] {
+        std::array::from_fn(|k| self.high[k] - self.low[k])
+    }
+
+    fn longest(&self) -> f64 {
+        self.extent().into_iter().fold(0.0, f64::max)
+    }
+}
+
+/// What of the check depends on the kind of cells.
+pub trait Checked<const D: usize> {
+    /// What makes a mesh unreadable, if anything does: numbers of nodes that do not exist, and the like.
+    fn unreadable(&self) -> Option<String>;
+
+    /// Whether each node belongs to a cell.
+    fn used_nodes(&self) -> Vec<bool>;
+
+    /// The volume that the cells are to fill.
+    fn room(&self, bounds: &Bounds<D>) -> f64;
+
+    /// Checks the faces, and gives what each side of the box is covered with; `None` if that cannot be
+    /// told.
+    fn check_faces(
+        &self,
+        known: Known<'_>,
+        bounds: &Bounds<D>,
+        found: &mut Check,
+    ) -> Option<Sides<D>>;
+}
+
+/// Checks a mesh against the box `[low, high]`: positive volumes, conforming faces, no unused nodes,
+/// sides exactly flat (to `tolerance` of the longest side), areas and volume filled to `tolerance`.
+/// In the plane the same with areas for volumes and lengths for areas.
+///
+/// Of polyhedra and polygons also: cells closed with their sites inside, faces flat, their outlines not
+/// crossing themselves. Columns fill the box as seen from above: their layers, their top and their base
+/// may be bent, and their volume is what lies between top and base.
+pub fn check<const D: usize, M: Mesh<D>>(
+    mesh: &M,
+    low: [f64; D],
+    high: [f64; D],
+    tolerance: f64,
+) -> Check {
+    check_known(mesh, Known::default(), low, high, tolerance)
+}
+
+/// [`check`] of a mesh of which something is known.
+pub fn check_known<const D: usize, M: Mesh<D>>(
+    mesh: &M,
+    known: Known<'_>,
+    low: [f64; D],
+    high: [f64; D],
+    tolerance: f64,
+) -> Check {
+    let mut found = Check {
+        nodes: mesh.nodes().len(),
+        cells: mesh.len(),
+        ..Check::default()
+    };
+    if let Some(problem) = mesh.unreadable() {
+        found.fault(problem);
+        return found;
+    }
+    if mesh.nodes().as_flattened().iter().any(|c| !c.is_finite()) {
+        found.fault("a node is not finite".into());
+        return found;
+    }
+    let bounds = Bounds {
+        low,
+        high,
+        tolerance,
+    };
+
+    let volumes: Vec<f64> = mesh.cell_volumes().into_iter().map(|(v, _)| v).collect();
+    let wrong = |v: &f64| *v <= 0.0;
+    found.not_positive = volumes.iter().filter(|v| wrong(v)).count();
+    if let Some(first) = volumes.iter().position(wrong) {
+        found.fault(format!(
+            "{} {} are flat or inverted, the first is {first}",
+            found.not_positive,
+            M::CELLS
+        ));
+    }
+    found.unused_nodes = mesh.used_nodes().iter().filter(|used| !**used).count();
+    if found.unused_nodes > 0 {
+        found.fault(format!(
+            "{} nodes belong to no {}",
+            found.unused_nodes,
+            singular(M::CELLS)
+        ));
+    }
+
+    let (volume, room) = (volumes.iter().sum::<f64>(), mesh.room(&bounds));
+    found.volume_error = ((volume - room) / room).abs();
+    if found.volume_error > tolerance || found.volume_error.is_nan() {
+        found.fault(format!(
+            "the {} fill {volume} instead of the box's {room}",
+            M::CELLS
+        ));
+    }
+    if let Some(sides) = mesh.check_faces(known, &bounds, &mut found) {
+        sides.judge(&bounds, &mut found);
+    }
+    found
+}
+
+/// The name of one cell.
+fn singular(name: &str) -> String {
+    match name.strip_suffix("hedra") {
+        Some(start) => format!("{start}hedron"),
+        None => name.trim_end_matches('s').into(),
+    }
+}
+
+/// What covers the sides of the box.
+pub struct Sides<const D: usize> {
+    /// Area on the low and the high side of each axis.
+    area: [[f64; 2]; D],
+    /// Whether the sides of each axis must be covered.
+    must: [bool; D],
+}
+
+impl<const D: usize> Sides<D> {
+    /// None of them covered; of each axis both must be.
+    fn bare() -> Self {
+        Self {
+            area: [[0.0; 2]; D],
+            must: [true; D],
+        }
+    }
+
+    /// Adds a boundary face that lies in the upper or lower side of an axis, but for a distance of `off`.
+    fn add(
+        &mut self,
+        (axis, upper): (usize, bool),
+        area: f64,
+        off: f64,
+        bounds: &Bounds<D>,
+        found: &mut Check,
+    ) {
+        found.boundary_faces += 1;
+        found.flatness_error = found.flatness_error.max(off / bounds.longest());
+        if off > bounds.tolerance * bounds.longest() {
+            found.faces_off_sides += 1;
+        }
+        self.area[axis][usize::from(upper)] += area;
+    }
+
+    /// Every boundary face lies in a side, every side is covered once.
+    fn judge(self, bounds: &Bounds<D>, found: &mut Check) {
+        if found.faces_off_sides > 0 {
+            found.fault(format!(
+                "{} boundary faces are off the box's sides: the mesh has holes or bumps",
+                found.faces_off_sides
+            ));
+        }
+        let extent = bounds.extent();
+        for k in (0..D).filter(|&k| self.must[k]) {
+            let want: f64 = (0..D).filter(|&j| j != k).map(|j| extent[j]).product();
+            for got in self.area[k] {
+                found.area_error = found.area_error.max((got - want).abs() / want);
+            }
+        }
+        if found.area_error > bounds.tolerance {
+            found.fault(format!(
+                "a side of the box is covered with a relative area error of {:.2e}",
+                found.area_error
+            ));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::volume6;
+    use crate::mesh::complex::NONE;
+    use crate::mesh::{Simplices, TetMesh};
+
+    /// The unit cube as six tetrahedra about its diagonal (Kuhn).
+    fn cube() -> TetMesh {
+        let nodes: Vec<[f64; 3]> = (0..8)
+            .map(|i| [f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2)])
+            .collect();
+        let paths = [[1, 3], [1, 5], [2, 3], [2, 6], [4, 5], [4, 6]];
+        let tets = paths
+            .iter()
+            .map(|&[a, b]| {
+                let tet = [0, a, b, 7];
+                let p = tet.map(|i: u32| nodes[i as usize]);
+                if volume6(&p) > 0.0 { tet } else { [0, b, a, 7] }
+            })
+            .collect();
+        TetMesh { nodes, tets }
+    }
+
+    #[test]
+    fn a_right_mesh_passes() {
+        let found = check(&cube(), [0.0; 3], [1.0; 3], 1e-12);
+        assert!(found.passed(), "{:?}", found.problems);
+        assert_eq!(found.boundary_faces, 12);
+    }
+
+    #[test]
+    fn known_neighbours_are_checked() {
+        let mesh = cube();
+        let right = Simplices::neighbors(&mesh).unwrap();
+        let joined = |neighbors: &[u32]| {
+            let known = Known {
+                neighbors: Some(neighbors),
+                ..Known::default()
+            };
+            check_known(&mesh, known, [0.0; 3], [1.0; 3], 1e-12)
+        };
+        let found = |neighbors: &[u32]| joined(neighbors).problems;
+        assert_eq!(joined(&right), check(&mesh, [0.0; 3], [1.0; 3], 1e-12));
+        for i in 0..right.len() {
+            for other in [0, 1, 2, 3, 4, 5, 6, NONE] {
+                let mut wrong = right.clone();
+                wrong[i] = other;
+                assert_eq!(found(&wrong).is_empty(), wrong == right, "{i} {other}");
+            }
+        }
+        assert!(!found(&right[1..]).is_empty());
+    }
+
+    #[test]
+    fn each_fault_is_found() {
+        let fault = |change: &dyn Fn(&mut TetMesh)| {
+            let mut mesh = cube();
+            change(&mut mesh);
+            check(&mesh, [0.0; 3], [1.0; 3], 1e-12)
+        };
+        assert_eq!(fault(&|m| m.tets[0].swap(0, 1)).not_positive, 1);
+        assert_eq!(fault(&|m| m.nodes.push([0.5; 3])).unused_nodes, 1);
+        assert!(fault(&|m| m.tets.truncate(5)).faces_off_sides > 0);
+        assert!(fault(&|m| m.nodes[7][0] = 1.1).flatness_error > 0.05);
+        assert!(!fault(&|m| m.tets[0][1] = 99).passed());
+        assert!(
+            !fault(&|m| {
+                let t = m.tets[0];
+                m.tets.push(t);
+                m.tets.push(t)
+            })
+            .passed()
+        );
+        assert!(!fault(&|m| m.nodes[3][1] = f64::NAN).passed());
+    }
+}

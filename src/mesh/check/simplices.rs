@@ -1,0 +1,125 @@
+//! Triangles and tetrahedra: each face belongs to one cell or two, and cells that meet share all of it.
+
+use super::{Bounds, Check, Checked, Known, Sides, singular};
+use crate::mesh::Simplices;
+use crate::mesh::complex::NONE;
+
+impl<const D: usize, M: Simplices<D>> Checked<D> for M {
+    fn unreadable(&self) -> Option<String> {
+        let mut corners = self.connectivity().iter();
+        let at = corners.position(|&i| i as usize >= self.nodes().len())?;
+        let cell = singular(M::CELLS);
+        Some(format!(
+            "{cell} {}: it names a node that does not exist",
+            at / (D + 1)
+        ))
+    }
+
+    fn used_nodes(&self) -> Vec<bool> {
+        let mut used = vec![false; self.nodes().len()];
+        for &i in self.connectivity() {
+            used[i as usize] = true;
+        }
+        used
+    }
+
+    fn room(&self, bounds: &Bounds<D>) -> f64 {
+        bounds.extent().iter().product()
+    }
+
+    fn check_faces(
+        &self,
+        known: Known<'_>,
+        bounds: &Bounds<D>,
+        found: &mut Check,
+    ) -> Option<Sides<D>> {
+        if let Some(neighbors) = known.neighbors {
+            if let Some(cell) = first_apart(self, neighbors) {
+                let name = singular(M::CELLS);
+                found.fault(format!("{name} {cell}: it and its neighbours do not fit"));
+                return None;
+            }
+            return Some(sides(self, neighbors, bounds, found));
+        }
+        match self.neighbors() {
+            Ok(neighbors) => Some(sides(self, &neighbors, bounds, found)),
+            Err(face) => {
+                found.fault(format!(
+                    "face {face:?} belongs to more than two {}",
+                    M::CELLS
+                ));
+                None
+            }
+        }
+    }
+}
+
+/// The first cell that has not each of its faces but outer ones in common with the neighbour there,
+/// and with that alone.
+fn first_apart<const D: usize, M: Simplices<D>>(mesh: &M, neighbors: &[u32]) -> Option<usize> {
+    let faces = D + 1;
+    if neighbors.len() != faces * mesh.len() {
+        return Some(0);
+    }
+    // A face seen from the cell of the lower number pairs with one seen from the higher: none of these
+    // may be left over.
+    let mut unpaired = 0isize;
+    for c in 0..mesh.len() {
+        let cell = mesh.cell(c);
+        for (k, &n) in neighbors[faces * c..faces * (c + 1)].iter().enumerate() {
+            let n = n as usize;
+            if n == NONE as usize {
+                continue;
+            }
+            if n >= mesh.len() || n == c {
+                return Some(c);
+            }
+            if n < c {
+                unpaired -= 1;
+                continue;
+            }
+            unpaired += 1;
+            let (other, back) = (mesh.cell(n), &neighbors[faces * n..faces * (n + 1)]);
+            let mut pairs = 0;
+            let mut shared = 0;
+            for (&node, &cell_beyond) in other.iter().zip(back) {
+                // The node opposite the face that they share is not in it.
+                let is_apex = cell_beyond as usize == c;
+                pairs += usize::from(is_apex);
+                for (i, &own) in cell.iter().enumerate() {
+                    shared += usize::from((own == node) & (i != k) & !is_apex);
+                }
+            }
+            // Nodes of a cell differ, so that many in common are the face.
+            if (pairs, shared) != (1, D) {
+                return Some(c);
+            }
+        }
+    }
+    (unpaired != 0).then_some(0)
+}
+
+/// Every face without a neighbour, in the side of the box to whose plane it keeps closest.
+fn sides<const D: usize, M: Simplices<D>>(
+    mesh: &M,
+    neighbors: &[u32],
+    bounds: &Bounds<D>,
+    found: &mut Check,
+) -> Sides<D> {
+    let mut sides = Sides::bare();
+    for (i, _) in neighbors.iter().enumerate().filter(|(_, n)| **n == NONE) {
+        let face = mesh.face(i / (D + 1), i % (D + 1));
+        let p = face.map(|n| mesh.nodes()[n as usize]);
+        let mut best = ((0, false), f64::INFINITY);
+        for k in 0..D {
+            for (upper, plane) in [(false, bounds.low[k]), (true, bounds.high[k])] {
+                let off = p.iter().map(|q| (q[k] - plane).abs()).fold(0.0, f64::max);
+                if off < best.1 {
+                    best = ((k, upper), off);
+                }
+            }
+        }
+        sides.add(best.0, M::face_area(&p), best.1, bounds, found);
+    }
+    sides
+}

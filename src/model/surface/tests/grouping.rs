@@ -1,0 +1,315 @@
+//! Facets into surfaces, and their measures.
+
+use super::*;
+
+#[test]
+fn sheets_that_cross_stay_two_and_meet() {
+    for degrees in [30.0, 45.0, 90.0, 140.0] {
+        let (nodes, facets) = crossing(degrees);
+        let surfaces = Surfaces::find(&nodes, facets, &[], &Options::default());
+        let found = measure(&surfaces, &nodes, &Up::along(2, true), &[]);
+        assert_eq!(found.len(), 2, "{degrees}");
+        assert!((found[0].area - 100.0).abs() < 1e-9 && (found[1].area - 80.0).abs() < 1e-9);
+        assert_eq!([&found[0].meets[..], &found[1].meets[..]], [[1], [0]]);
+        assert_eq!([found[0].components, found[0].holes], [1, 0]);
+        assert!((found[0].rim - 40.0).abs() < 1e-9 && found[0].off_plane < 1e-9);
+    }
+}
+
+#[test]
+fn the_order_of_facets_changes_nothing() {
+    let (nodes, facets) = crossing(40.0);
+    let want = Surfaces::find(&nodes, facets.clone(), &[], &Options::default());
+    let mut seed = 7;
+    for _ in 0..5 {
+        let mut keyed: Vec<(f64, [u32; 3])> =
+            facets.iter().map(|&f| (random(&mut seed), f)).collect();
+        keyed.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let shuffled = keyed.into_iter().map(|k| k.1).collect();
+        assert_eq!(
+            Surfaces::find(&nodes, shuffled, &[], &Options::default()),
+            want
+        );
+    }
+}
+
+#[test]
+fn a_gap_at_the_crossing_does_not_part_a_surface() {
+    // Of the second sheet, the strips on both sides of the crossing are missing.
+    let (nodes, mut facets) = crossing(60.0);
+    let first = facets.len() - 160;
+    let off = |f: &[u32; 3]| {
+        f.iter()
+            .all(|&n| dot(nodes[n as usize], [0.5, 3f64.sqrt() / 2.0, 0.0]).abs() < 1.1)
+    };
+    let rest: Vec<[u32; 3]> = facets.drain(first..).collect();
+    let (gap, kept): (Vec<_>, Vec<_>) = rest.into_iter().partition(off);
+    assert_eq!(gap.len(), 40);
+    facets.extend(kept);
+    let surfaces = Surfaces::find(&nodes, facets.clone(), &[], &Options::default());
+    assert_eq!(surfaces.len(), 2);
+    assert!((areas(&surfaces, &nodes)[1] - 60.0).abs() < 1e-9);
+    // Half of the gap closes with faces that hang on what there is.
+    let half: Vec<[u32; 3]> = (gap.iter().copied())
+        .filter(|f| {
+            f.iter()
+                .all(|&n| dot(nodes[n as usize], [0.5, 3f64.sqrt() / 2.0, 0.0]) > -0.1)
+        })
+        .collect();
+    let stray = [half[0][0], half[1][1], facets[0][0]];
+    let one_side = [half, vec![stray]].concat();
+    let closed = Surfaces::find(&nodes, facets, &one_side, &Options::default());
+    assert_eq!(
+        (closed.len(), closed.filled),
+        (2, 0),
+        "the crossing's nodes are not on the second sheet"
+    );
+}
+
+/// Where two faults cross at a low angle, of the one a wide strip is missing: it stays one. A parallel
+/// fault that ends at the same crossing, but farther off than facets are wide, does not join it.
+fn a_wide_gap(off: f64) -> usize {
+    let (mut nodes, mut facets) = (Vec::new(), Vec::new());
+    add_sheet(&mut nodes, &mut facets, [10, 10], |i, j| [i - 13.0, 0.0, j]);
+    add_sheet(&mut nodes, &mut facets, [10, 10], |i, j| [i + 1.0, off, j]);
+    let (sin, cos) = 25f64.to_radians().sin_cos();
+    add_sheet(&mut nodes, &mut facets, [16, 10], |i, j| {
+        [(i - 8.0) * cos - 1.0, (i - 8.0) * sin, j]
+    });
+    let surfaces = Surfaces::find(&nodes, facets, &[], &Options::default());
+    let mut areas = areas(&surfaces, &nodes);
+    areas.sort_by(|a, b| b.total_cmp(a));
+    assert!((areas.iter().sum::<f64>() - 360.0).abs() < 1e-9);
+    areas.len()
+}
+
+#[test]
+fn a_strip_missing_at_a_low_angle_crossing_does_not_part_a_surface() {
+    assert_eq!(a_wide_gap(0.0), 2);
+    assert_eq!(a_wide_gap(0.5), 2);
+    assert_eq!(a_wide_gap(2.5), 3);
+}
+
+#[test]
+fn holes_close_with_candidates_in_the_plane_only() {
+    let (mut nodes, mut facets) = (Vec::new(), Vec::new());
+    add_sheet(&mut nodes, &mut facets, [8, 8], |i, j| {
+        [i, j, 0.1 * (i * 0.5).sin()]
+    });
+    let whole = facets.clone();
+    let missing: Vec<[u32; 3]> = [100, 40, 41].map(|k| facets.remove(k)).to_vec();
+    nodes.push([3.0, 3.0, 1.0]);
+    let top = nodes.len() as u32 - 1;
+    let wrong = [facets[0][0], facets[0][1], top];
+    let candidates = [missing, vec![wrong]].concat();
+    let surfaces = Surfaces::find(&nodes, facets, &candidates, &Options::default());
+    assert_eq!((surfaces.len(), surfaces.filled), (1, 3));
+    let sorted = |mut list: Vec<[u32; 3]>| {
+        list.sort_unstable();
+        list
+    };
+    assert_eq!(sorted(surfaces.facets), sorted(whole));
+}
+
+#[test]
+fn a_surface_that_ends_at_another_is_its_own() {
+    let (mut nodes, mut facets) = (Vec::new(), Vec::new());
+    add_sheet(&mut nodes, &mut facets, [10, 10], |i, j| [i - 5.0, 0.0, j]);
+    add_sheet(&mut nodes, &mut facets, [6, 10], |i, j| {
+        [0.8 * i, 0.6 * i, j]
+    });
+    let surfaces = Surfaces::find(&nodes, facets, &[], &Options::default());
+    let areas = areas(&surfaces, &nodes);
+    assert!(areas.len() == 2 && (areas[0] - 100.0).abs() < 1e-9 && (areas[1] - 60.0).abs() < 1e-9);
+}
+
+#[test]
+fn small_surfaces_are_dropped_and_counted() {
+    let (mut nodes, mut facets) = (Vec::new(), Vec::new());
+    add_sheet(&mut nodes, &mut facets, [6, 6], |i, j| [i, j, 0.0]);
+    add_sheet(&mut nodes, &mut facets, [1, 2], |i, j| [i, j, 5.0]);
+    let find = |min_area| {
+        let options = Options {
+            min_area,
+            ..Options::default()
+        };
+        Surfaces::find(&nodes, facets.clone(), &[], &options)
+    };
+    let surfaces = find(None);
+    assert_eq!((surfaces.len(), surfaces.dropped), (1, 1));
+    assert!((surfaces.dropped_area - 2.0).abs() < 1e-12);
+    assert_eq!(find(Some(1.9)).len(), 2);
+    assert!(Surfaces::<3>::find(&[], vec![], &[], &Options::default()).is_empty());
+}
+
+/// Lines that cross: the same grouping, one dimension down.
+#[test]
+fn in_two_dimensions_lines_cross_too() {
+    let mut nodes = vec![[0.0, 0.0]];
+    let mut facets = Vec::new();
+    for degrees in [10.0f64, 55.0, 190.0, 235.0] {
+        let (sin, cos) = degrees.to_radians().sin_cos();
+        let mut last = 0;
+        for i in 1..=12 {
+            // Not quite straight.
+            let (r, a) = (f64::from(i), 0.004 * f64::from(i * i));
+            nodes.push([r * cos - a * sin, r * sin + a * cos]);
+            let next = nodes.len() as u32 - 1;
+            facets.push([last, next]);
+            last = next;
+        }
+    }
+    let mut surfaces = Surfaces::find(&nodes, facets.clone(), &[], &Options::default());
+    surfaces.orient(&nodes, [0.0, 1.0]);
+    let found = measure(&surfaces, &nodes, &Up::along(1, true), &[]);
+    assert_eq!(found.len(), 2);
+    for line in &found {
+        assert_eq!((line.facets, line.components, line.rim), (24, 1, 2.0));
+        assert!((line.area - 24.0).abs() < 0.2 && line.strike.is_none());
+        assert_eq!(line.meets.len(), 1);
+    }
+    let mut dips: Vec<f64> = found.iter().map(|m| m.dip).collect();
+    dips.sort_by(f64::total_cmp);
+    // The arms rise by 0.048 on the mean.
+    let tilt = 0.048f64.atan().to_degrees();
+    assert!(
+        (dips[0] - 10.0 - tilt).abs() < 0.1 && (dips[1] - 55.0 - tilt).abs() < 0.1,
+        "{dips:?}"
+    );
+    for s in 0..2 {
+        // Consistent orientation: the segments follow each other.
+        let mut begin: Vec<u32> = surfaces.of(s).iter().map(|f| f[0]).collect();
+        begin.sort_unstable();
+        begin.dedup();
+        assert_eq!(begin.len(), 24);
+    }
+    // Without the segments at the crossing it stays two lines.
+    facets.retain(|f| f[0] != 0);
+    let apart = Surfaces::find(&nodes, facets, &[], &Options::default());
+    assert_eq!(areas(&apart, &nodes).len(), 2);
+}
+
+#[test]
+fn strike_and_dip_of_known_planes() {
+    for (strike, dip) in [
+        (0.0f64, 30.0f64),
+        (90.0, 60.0),
+        (215.0, 45.0),
+        (330.0, 89.0),
+    ] {
+        let (s, d) = (strike.to_radians(), dip.to_radians());
+        // x is east, y north, z up; down the dip is to the right of the strike.
+        let along = [s.sin(), s.cos(), 0.0];
+        let down = [d.cos() * s.cos(), -d.cos() * s.sin(), -d.sin()];
+        let (mut nodes, mut facets) = (Vec::new(), Vec::new());
+        add_sheet(&mut nodes, &mut facets, [7, 5], |i, j| {
+            std::array::from_fn(|k| 1e5 + i * along[k] + j * down[k])
+        });
+        // Turned at random: orientation is found again.
+        let mut seed = 3;
+        facets.iter_mut().for_each(|f| {
+            if random(&mut seed) < 0.5 {
+                f.swap(1, 2);
+            }
+        });
+        let mut surfaces = Surfaces::find(&nodes, facets, &[], &Options::default());
+        let up = Up::along(2, true);
+        surfaces.orient(&nodes, up.up);
+        let [found] = &measure(&surfaces, &nodes, &up, &[])[..] else {
+            panic!("one")
+        };
+        assert!((found.dip - dip).abs() < 1e-6, "{dip} {found:?}");
+        assert!(
+            (found.strike.unwrap() - strike + 180.0).rem_euclid(360.0) - 180.0 < 1e-6,
+            "{found:?}"
+        );
+        let all_up = |f: &[u32; 3]| normal(&f.map(|n| nodes[n as usize]))[2] > 0.0;
+        assert!(surfaces.facets.iter().all(all_up));
+        let middle: [f64; 3] = std::array::from_fn(|k| 1e5 + 3.5 * along[k] + 2.5 * down[k]);
+        assert!(
+            norm(std::array::from_fn::<f64, 3, _>(
+                |k| found.centre[k] - middle[k]
+            )) < 1e-6
+        );
+    }
+}
+
+#[test]
+fn rims_holes_and_closed_surfaces() {
+    // A ring: an annulus has a hole.
+    let ring = |i: f64, j: f64| {
+        let a = i / 24.0 * std::f64::consts::TAU;
+        [(3.0 + j) * a.cos(), (3.0 + j) * a.sin(), 0.0]
+    };
+    let (mut nodes, mut facets) = (Vec::new(), Vec::new());
+    add_sheet(&mut nodes, &mut facets, [24, 3], ring);
+    // A torus: closed, no rim; bends of 30 degrees from square to square.
+    add_sheet(&mut nodes, &mut facets, [24, 16], |i, j| {
+        let (a, b) = (
+            i / 24.0 * std::f64::consts::TAU,
+            j / 16.0 * std::f64::consts::TAU,
+        );
+        let r = 12.0 + 5.0 * b.cos();
+        [r * a.cos(), r * a.sin(), 30.0 + 5.0 * b.sin()]
+    });
+    let mut surfaces = Surfaces::find(&nodes, facets, &[], &Options::default());
+    let up = Up::along(2, true);
+    surfaces.orient(&nodes, up.up);
+    let found = measure(&surfaces, &nodes, &up, &[]);
+    assert_eq!(found.len(), 2);
+    let (torus, ring) = (&found[0], &found[1]);
+    assert_eq!((torus.rim, torus.components, torus.holes), (0.0, 1, 0));
+    assert_eq!((ring.components, ring.holes), (1, 1));
+    let around = |r: f64| 24.0 * 2.0 * r * (std::f64::consts::PI / 24.0).sin();
+    assert!((ring.rim - around(3.0) - around(6.0)).abs() < 1e-9);
+    // All of a closed surface's facets show the same side: their normals sum to zero.
+    let sum = surfaces.of(0).iter().fold([0.0; 3], |sum, f| {
+        geometry::add_scaled(sum, 1.0, normal(&f.map(|n| nodes[n as usize])))
+    });
+    assert!(norm(sum) < 1e-9 * torus.area);
+}
+
+/// Faces of all kinds of cells know by number what their facets are labelled.
+#[test]
+fn labels_come_back_to_the_faces_they_were_given() {
+    fn check<const D: usize, F: Mesh<D>>(mesh: &F, numbers: usize) {
+        let wall = plane(mesh, 0, 2.0, |_| false);
+        let labelled: Vec<([u32; D], u32)> = wall.iter().map(|&f| (f, 7)).collect();
+        let labels = select::labels_of_faces(mesh, &labelled);
+        assert_eq!(labels.len(), mesh.face_count());
+        let marks: Vec<bool> = labels.iter().map(|&l| l == 7).collect();
+        assert_eq!(marks.iter().filter(|on| **on).count(), numbers);
+        assert_eq!(select::marked(mesh, &marks), wall);
+    }
+    // Both numbers of a face between two simplices.
+    check::<3, TetMesh>(&cubes([4, 3, 2]), 2 * 2 * 6);
+    check::<2, TriMesh>(&cubes([4, 3]), 2 * 3);
+    #[cfg(feature = "tetgen")]
+    check::<3, PolyMesh<3>>(&boxes([4, 3, 2]), 6);
+    check::<2, PolyMesh<2>>(&squares([4, 3]), 3);
+}
+
+#[test]
+fn surfaces_that_are_mostly_of_horizons_are_horizons() {
+    let mesh: TetMesh = cubes([6, 6, 6]);
+    let (layer, fault) = (
+        plane(&mesh, 2, 2.0, |_| false),
+        plane(&mesh, 0, 3.0, |_| false),
+    );
+    let facets = [layer.clone(), fault.clone()].concat();
+    let surfaces = Surfaces::find(&mesh.nodes, facets, &[], &Options::default());
+    // A few of the fault's facets are taken for a horizon's.
+    let mut horizons = [layer, fault[..10].to_vec()].concat();
+    horizons.sort_unstable();
+    let up = Up::along(2, true);
+    for m in measure(&surfaces, &mesh.nodes, &up, &horizons) {
+        let want = if m.dip < 45.0 {
+            Kind::Horizon
+        } else {
+            Kind::Fault
+        };
+        assert_eq!(m.kind, want);
+    }
+    let kinds = kind::kinds(&surfaces, &mesh.nodes, &[]);
+    assert_eq!(kinds, [Kind::Fault; 2]);
+}

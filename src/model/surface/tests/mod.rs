@@ -1,0 +1,126 @@
+//! What the tests of surfaces have in common: sheets, boxes of cells.
+//!
+//! - `grouping`: facets into surfaces, and their measures
+//! - `painting`: the cells between surfaces: blocks, paint, skins
+//! - `meshed`: all of it on meshes of images
+
+mod grouping;
+#[cfg(feature = "tetgen")]
+mod meshed;
+mod painting;
+
+use super::adjacency::{Adjacency, holding, skin};
+use super::measure::Up;
+use super::*;
+use crate::geometry;
+use crate::geometry::{dot, norm, normal};
+use crate::mesh::Mesh;
+use crate::mesh::Simplices;
+use crate::mesh::poly::PolyMesh;
+use crate::mesh::voronoi::voronoi_plane;
+use crate::mesh::{TetMesh, TriMesh};
+use crate::model::flow::test_meshes::jittered_box;
+use crate::model::paint::{Seed, blocks, clearance, contrast, paint as flow};
+
+/// Numbers in [0, 1) that look random.
+fn random(seed: &mut u64) -> f64 {
+    *seed = seed
+        .wrapping_mul(6_364_136_223_846_793_005)
+        .wrapping_add(1_442_695_040_888_963_407);
+    (*seed >> 11) as f64 / (1u64 << 53) as f64
+}
+
+/// A sheet of `n` by `m` squares, each cut in two, whose node (i, j) is `at(i, j)`; nodes at places
+/// that exist already are shared.
+fn add_sheet(
+    nodes: &mut Vec<[f64; 3]>,
+    facets: &mut Vec<[u32; 3]>,
+    [n, m]: [usize; 2],
+    at: impl Fn(f64, f64) -> [f64; 3],
+) {
+    let mut number = |i: usize, j: usize| {
+        let x = at(i as f64, j as f64);
+        let known = nodes.iter().position(|y| norm(geometry::sub(x, *y)) < 1e-9);
+        known.unwrap_or_else(|| {
+            nodes.push(x);
+            nodes.len() - 1
+        }) as u32
+    };
+    for i in 0..n {
+        for j in 0..m {
+            let [a, b, c, d] =
+                [(i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1)].map(|(i, j)| number(i, j));
+            facets.extend([[a, b, d], [a, d, c]]);
+        }
+    }
+}
+
+/// Two sheets of 100 and 80 that cross along z at `degrees`.
+fn crossing(degrees: f64) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
+    let (mut nodes, mut facets) = (Vec::new(), Vec::new());
+    let (sin, cos) = degrees.to_radians().sin_cos();
+    add_sheet(&mut nodes, &mut facets, [10, 10], |i, j| [i - 5.0, 0.0, j]);
+    add_sheet(&mut nodes, &mut facets, [8, 10], |i, j| {
+        [(i - 4.0) * cos, (i - 4.0) * sin, j]
+    });
+    (nodes, facets)
+}
+
+fn areas<const D: usize>(surfaces: &Surfaces<D>, nodes: &[[f64; D]]) -> Vec<f64> {
+    let up = Up::along(D - 1, true);
+    measure(surfaces, nodes, &up, &[])
+        .iter()
+        .map(|m| m.area)
+        .collect()
+}
+
+/// A box of `dims` unit cubes, each of six tetrahedra (squares: two triangles) round its diagonal.
+fn cubes<const D: usize, M: Simplices<D>>(dims: [usize; D]) -> M {
+    jittered_box(dims, dims.map(|n| n as f64), 0.0, |_| false)
+}
+
+/// Facets in the plane where coordinate `axis` is `at`, unless `left_out`.
+fn plane<const D: usize, F: Mesh<D>>(
+    mesh: &F,
+    axis: usize,
+    at: f64,
+    left_out: impl Fn([f64; D]) -> bool + Sync,
+) -> Vec<[u32; D]> {
+    select::facets_where(mesh, |_, facet| {
+        let x = facet.map(|n| mesh.nodes()[n as usize]);
+        let centroid = std::array::from_fn(|k| x.iter().map(|x| x[k]).sum::<f64>() / D as f64);
+        x.iter().all(|p| p[axis] == at) && !left_out(centroid)
+    })
+}
+
+/// The cells of a mesh parted by facets.
+fn cells<const D: usize, F: Mesh<D>>(mesh: &F, closed: &[[u32; D]]) -> Adjacency<D> {
+    Adjacency::new(mesh, &mesh.cells_of_faces().unwrap(), closed)
+}
+
+/// The cell that holds a point.
+fn at<const D: usize, F: Mesh<D>>(mesh: &F, x: [f64; D]) -> u32 {
+    holding(mesh, &mesh.cells_of_faces().unwrap(), x).unwrap()
+}
+
+/// Sites whose Voronoi cells are unit cubes (squares).
+fn middles<const D: usize>(dims: [usize; D]) -> Vec<[f64; D]> {
+    let middle = |i: usize| {
+        let mut rest = i;
+        dims.map(|n| {
+            let x = (rest % n) as f64 + 0.5;
+            rest /= n;
+            x
+        })
+    };
+    (0..dims.iter().product()).map(middle).collect()
+}
+
+fn squares(dims: [usize; 2]) -> PolyMesh<2> {
+    voronoi_plane(&middles(dims), dims.map(|n| n as f64)).unwrap()
+}
+
+#[cfg(feature = "tetgen")]
+fn boxes(dims: [usize; 3]) -> PolyMesh<3> {
+    crate::mesh::voronoi::voronoi(&middles(dims), dims.map(|n| n as f64)).unwrap()
+}

@@ -15,6 +15,7 @@ use atomesh::lattice::distance::{self, Distance};
 use atomesh::lattice::energy::{Beta, Energy, Sampled, pair};
 use atomesh::lattice::seeding::{self, Alignment};
 use atomesh::model::slice::{self, Skeleton};
+use atomesh::observer::Patience;
 
 fn main() -> anyhow::Result<()> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -102,7 +103,8 @@ fn grown(image: &Image<2>, to: &str) -> anyhow::Result<()> {
         ..feature::Detection::default()
     };
     let features = feature::detect(image, &options)?;
-    let distance = distance::from_features(&features, RANGE[0], RANGE[1], 0.1)?;
+    let distance =
+        distance::from_features(&features, RANGE[0], RANGE[1], 0.1, &Patience::endless())?;
     let extent = features.potential.extent();
     let atoms = seeding::regular(extent, &distance, &[], Alignment::On)?;
     let [nx, ny] = image.dims();

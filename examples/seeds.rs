@@ -23,6 +23,7 @@ use atomesh::mesh::Simplices;
 use atomesh::mesh::delaunay;
 use atomesh::mesh::poly::Lists;
 use atomesh::model::slice::{self, Skeleton};
+use atomesh::observer::Patience;
 use atomesh::report::cost::cpu_seconds;
 use atomesh::report::quality;
 
@@ -246,6 +247,7 @@ where
             &[],
             Alignment::On,
             potential,
+            &Patience::endless(),
         )?)
     }
 

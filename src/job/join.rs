@@ -14,7 +14,7 @@ use crate::mesh::delaunay::{self, Delaunay};
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::voronoi;
 use crate::mesh::{Simplices, TetMesh, TriMesh};
-use crate::observer::{Patience, Stage};
+use crate::observer::Stage;
 use crate::report::Improvement;
 
 /// The plane (`D` = 2) or space (`D` = 3).
@@ -161,43 +161,43 @@ impl Meshing<3> for Space<3> {
         let (neighbors, (outcome, feature_faces)) = match options.method {
             Method::Joe => {
                 stages.begin(Stage::Improving);
-                let done = tets::improve(
-                    &mut mesh,
-                    &mut neighbors,
-                    &mut kinds,
-                    extent,
-                    sheets,
-                    distance,
-                    options,
-                    Patience::new(&mut || stages.keep_going()),
-                );
+                let done = stages.patiently(|patience| {
+                    tets::improve(
+                        &mut mesh,
+                        &mut neighbors,
+                        &mut kinds,
+                        extent,
+                        sheets,
+                        distance,
+                        options,
+                        patience,
+                    )
+                });
                 (Some(neighbors.into_flattened()), done)
             }
             Method::Exude => {
                 stages.begin(Stage::Comparing);
                 let (mut other, mut their_kinds) = (mesh.clone(), kinds.clone());
-                let (_, faces) = tets::improve(
-                    &mut other,
-                    &mut neighbors.clone(),
-                    &mut their_kinds,
-                    extent,
-                    sheets,
-                    distance,
-                    options,
-                    Patience::new(&mut || stages.keep_going()),
-                );
+                let (_, faces) = stages.patiently(|patience| {
+                    tets::improve(
+                        &mut other,
+                        &mut neighbors.clone(),
+                        &mut their_kinds,
+                        extent,
+                        sheets,
+                        distance,
+                        options,
+                        patience,
+                    )
+                });
                 rival = Some((other, faces));
                 stages.begin(Stage::Improving);
-                let done = tets::exude(
-                    &mut mesh,
-                    neighbors,
-                    &mut kinds,
-                    extent,
-                    sheets,
-                    distance,
-                    options,
-                    Patience::new(&mut || stages.keep_going()),
-                )?;
+                let done = stages.patiently(|patience| {
+                    tets::exude(
+                        &mut mesh, neighbors, &mut kinds, extent, sheets, distance, options,
+                        patience,
+                    )
+                })?;
                 (None, done)
             }
         };
@@ -269,13 +269,11 @@ impl Meshing<2> for Space<2> {
             (Some(relaxation), Some(sheets)) => {
                 stages.begin(Stage::Smoothing);
                 let mobility = triangles::mobility(&atoms, extent, sheets);
-                triangles::relax::relax(
-                    atoms.positions,
-                    &mobility,
-                    relaxation,
-                    Patience::new(&mut || stages.keep_going()),
-                )?
-                .0
+                stages
+                    .patiently(|patience| {
+                        triangles::relax::relax(atoms.positions, &mobility, relaxation, patience)
+                    })?
+                    .0
             }
             _ => delaunay::delaunay_plane(&atoms.positions)?,
         };
@@ -293,15 +291,17 @@ impl Meshing<2> for Space<2> {
             });
         };
         stages.begin(Stage::Improving);
-        let (outcome, feature_faces) = triangles::improve(
-            &mut mesh,
-            &mut kinds,
-            extent,
-            sheets,
-            distance,
-            options.min_dihedral,
-            Patience::new(&mut || stages.keep_going()),
-        )?;
+        let (outcome, feature_faces) = stages.patiently(|patience| {
+            triangles::improve(
+                &mut mesh,
+                &mut kinds,
+                extent,
+                sheets,
+                distance,
+                options.min_dihedral,
+                patience,
+            )
+        })?;
         Ok(Joined {
             made: Marked {
                 mesh,

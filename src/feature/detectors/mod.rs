@@ -31,6 +31,7 @@ use super::volume::Volume;
 use super::{Detection, FeatureKind, Features, Settled};
 use crate::error::{Error, Result, cause};
 use crate::image::Image;
+use crate::observer::Patience;
 use std::fmt;
 
 /// Finds features of one kind.
@@ -85,23 +86,31 @@ pub struct Scene<'a, const D: usize> {
     pub asked: &'a Detection<D>,
     /// Of a part of an image, what was settled on for the whole.
     pub settled: Option<&'a Settled>,
+    /// Until when it works: once this is over, what it finds is not looked at.
+    pub patience: &'a Patience<'a>,
 }
 
 impl<'a, const D: usize> Scene<'a, D> {
     /// A whole image.
-    pub fn new(image: &'a Image<D>, asked: &'a Detection<D>) -> Self {
+    pub fn new(image: &'a Image<D>, asked: &'a Detection<D>, patience: &'a Patience<'a>) -> Self {
         Self {
             image,
             asked,
             settled: None,
+            patience,
         }
     }
 
     /// A part of an image of which the whole was seen before.
-    pub fn of_part(image: &'a Image<D>, asked: &'a Detection<D>, settled: &'a Settled) -> Self {
+    pub fn of_part(
+        image: &'a Image<D>,
+        asked: &'a Detection<D>,
+        settled: &'a Settled,
+        patience: &'a Patience<'a>,
+    ) -> Self {
         Self {
             settled: Some(settled),
-            ..Self::new(image, asked)
+            ..Self::new(image, asked, patience)
         }
     }
 
@@ -118,7 +127,12 @@ impl<'a, const D: usize> Scene<'a, D> {
     /// The samples smoothed over [`Scene::scale`].
     pub fn smoothed(&self) -> Vec<f32> {
         let mut samples = self.image.as_slice().to_vec();
-        gaussian::smooth(self.image.dims(), &mut samples, [self.scale(); D]);
+        gaussian::smooth(
+            self.image.dims(),
+            &mut samples,
+            [self.scale(); D],
+            self.patience,
+        );
         samples
     }
 

@@ -52,7 +52,7 @@ fn edges_lie_on_the_curves_and_all_angles_are_large() {
         &sheets,
         &distance,
         30.0,
-        Patience::endless(),
+        &Patience::endless(),
     )
     .unwrap();
     let found = check(&mesh, [0.0; 2], EXTENT, 1e-12);
@@ -101,7 +101,7 @@ fn without_features_a_regular_lattice_is_left_alone() {
         &sheets,
         &distance,
         25.0,
-        Patience::endless(),
+        &Patience::endless(),
     )
     .unwrap();
     assert_eq!((outcome.poor_before, outcome.poor_after), (0, 0));
@@ -125,7 +125,7 @@ fn triangles_that_overlap_are_refused_and_left_as_they_are() {
         triangles: vec![[0, 1, 2], [0, 2, 3], [0, 2, 4]],
     };
     let (mut mesh, mut kinds) = (before.clone(), vec![AtomKind::Corner; 5]);
-    let patience = Patience::endless();
+    let patience = &Patience::endless();
     let refused = improve(
         &mut mesh, &mut kinds, EXTENT, &sheets, &distance, 30.0, patience,
     );
@@ -160,7 +160,7 @@ proptest! {
         };
         let before = worst(&mesh);
         let mut kinds = atoms.kinds;
-        let (outcome, _) = improve(&mut mesh, &mut kinds, EXTENT, &sheets, &distance, 30.0, Patience::endless()).unwrap();
+        let (outcome, _) = improve(&mut mesh, &mut kinds, EXTENT, &sheets, &distance, 30.0, &Patience::endless()).unwrap();
         let found = check(&mesh, [0.0; 2], EXTENT, 1e-9);
         prop_assert!(found.passed(), "{:?}", found.problems);
         prop_assert!(outcome.poor_after < outcome.poor_before);

@@ -158,6 +158,10 @@ pub fn optimize<const D: usize>(
         if rounds == options.max_rounds || budget.spent() {
             break Stop::MaxIterations;
         }
+        // To begin a round takes several evaluations.
+        if !observer.keep_going() {
+            break Stop::Interrupted;
+        }
         if rounds > 0 && energy.refresh(&atoms.positions)? {
             best = minimiser.measure(&atoms.positions, energy, &mut budget)?;
         }

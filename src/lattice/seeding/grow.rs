@@ -19,6 +19,7 @@ use super::refine::spread;
 use super::{Alignment, FREE, MARGIN, scatter, sides_held};
 use crate::geometry::scatter::Scatter;
 use crate::lattice::distance::Distance;
+use crate::observer::Patience;
 
 /// A lattice that grows.
 struct Grown<'a, const D: usize> {
@@ -75,12 +76,15 @@ impl<'a, const D: usize> Grown<'a, D> {
     }
 
     /// Grows a lattice from the atoms in `queue`, over the whole box or over the given `sides` of it.
-    fn grow(&mut self, mut queue: VecDeque<u32>, sides: u8) {
+    fn grow(&mut self, mut queue: VecDeque<u32>, sides: u8, patience: &Patience<'_>) {
         let along: Vec<usize> = (0..D)
             .filter(|&k| (sides | sides >> D) >> k & 1 == 0)
             .collect();
         let steps = steps::<D>(&along);
         while let Some(n) = queue.pop_front() {
+            if patience.over() {
+                return;
+            }
             let from = self.placed.positions()[n as usize];
             let d = self.distance.at(from);
             for step in &steps {
@@ -167,6 +171,7 @@ pub fn grown<const D: usize>(
     distance: &Distance<D>,
     fixed: &[[f64; D]],
     alignment: Alignment,
+    patience: &Patience<'_>,
 ) -> Vec<[f64; D]> {
     let mut lattice = Grown::new(extent, distance, alignment);
     let mut is_fixed = Vec::new();
@@ -203,7 +208,7 @@ pub fn grown<const D: usize>(
                 // From the fixed atoms first.
                 let on = |&n: &u32| lattice.sides[n as usize] & sides == sides;
                 let queue = (before..count).chain(0..before).filter(on).collect();
-                lattice.grow(queue, sides);
+                lattice.grow(queue, sides, patience);
             }
         }
         is_fixed.resize(lattice.placed.positions().len(), false);
@@ -411,7 +416,16 @@ pub(super) mod tests {
         let distance = Distance::Constant(5.0);
         let wells = [[22.3, 31.1, 17.7], [40.9, 20.2, 44.4]];
         let neighbours = |how: Seeding| {
-            let atoms = seed(how, extent, &distance, &wells, Alignment::On, None).unwrap();
+            let atoms = seed(
+                how,
+                extent,
+                &distance,
+                &wells,
+                Alignment::On,
+                None,
+                &Patience::endless(),
+            )
+            .unwrap();
             assert_eq!(atoms.positions[atoms.len() - 2..], wells);
             let sites = wells.iter().flat_map(|well| {
                 let step = |step: [f64; 3]| std::array::from_fn(|k| well[k] + 5.0 * step[k]);
@@ -434,6 +448,7 @@ pub(super) mod tests {
             &[well],
             Alignment::On,
             None,
+            &Patience::endless(),
         );
         let atoms = atoms.unwrap().positions;
         let taken = |step: [f64; 2]| {

@@ -25,6 +25,7 @@ use crate::geometry::scatter::Scatter;
 use crate::image::Field;
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
+use crate::observer::Patience;
 
 /// Where atoms end up: on features, so that the faces of a Delaunay mesh follow them, or alongside,
 /// so that the faces of Voronoi cells do.
@@ -160,6 +161,8 @@ pub enum Seeding {
 /// on a side of it) or two lie at one place, or for [`Seeding::Canny`], [`Error::Delaunay`](crate::Error::Delaunay) for
 /// refinement in 3-D without the feature `cgal`. Of the ways that need an image, `Error::Seeding` also
 /// if there is none or it is the same everywhere, and for projection alongside.
+///
+/// Once `patience` is over it ends soon, and what it gives is of no use.
 pub fn seed<const D: usize>(
     how: Seeding,
     extent: [f64; D],
@@ -167,6 +170,7 @@ pub fn seed<const D: usize>(
     fixed: &[[f64; D]],
     alignment: Alignment,
     potential: Option<&Field<D>>,
+    patience: &Patience<'_>,
 ) -> Result<Atoms<D>> {
     distance.validate(extent)?;
     let image = || {
@@ -180,7 +184,7 @@ pub fn seed<const D: usize>(
     let fixed = fixed::checked(fixed, extent, distance, alignment)?;
     let mut positions = match (how, distance) {
         (Seeding::Refine { seed }, _) => {
-            refine::refined(extent, distance, &fixed, alignment, seed)?
+            refine::refined(extent, distance, &fixed, alignment, seed, patience)?
         }
         (Seeding::Canny, _) => {
             return Err(Error::Seeding(cause(
@@ -191,18 +195,27 @@ pub fn seed<const D: usize>(
         }
         (Seeding::Regular, Distance::Constant(d)) => lattice::fitted(extent, *d, alignment),
         (Seeding::Regular, Distance::Field(_)) | (Seeding::Grown, _) => {
-            grow::grown(extent, distance, &fixed, alignment)
+            grow::grown(extent, distance, &fixed, alignment, patience)
         }
-        (Seeding::Guide { seed, most }, _) => {
-            guide::drawn(extent, distance, image()?, &fixed, alignment, seed, most)?
-        }
+        (Seeding::Guide { seed, most }, _) => guide::drawn(
+            extent,
+            distance,
+            image()?,
+            &fixed,
+            alignment,
+            seed,
+            most,
+            patience,
+        )?,
         (Seeding::Projection, _) if alignment == Alignment::Alongside => {
             return Err(refuse(
                 "projection puts atoms onto features, which the faces of Voronoi cells follow",
                 "use another seeding for Voronoi cells",
             ));
         }
-        (Seeding::Projection, _) => projection::projected(extent, distance, image()?, &fixed)?,
+        (Seeding::Projection, _) => {
+            projection::projected(extent, distance, image()?, &fixed, patience)?
+        }
     };
     order::sort_by_curve(&mut positions, extent, 2.0 * distance.min());
     let mut atoms = Atoms::in_box(positions, extent);
@@ -220,7 +233,9 @@ pub fn regular<const D: usize>(
     fixed: &[[f64; D]],
     alignment: Alignment,
 ) -> Result<Atoms<D>> {
-    seed(Seeding::Regular, extent, distance, fixed, alignment, None)
+    let how = Seeding::Regular;
+    let patience = &Patience::endless();
+    seed(how, extent, distance, fixed, alignment, None, patience)
 }
 
 fn refuse(problem: impl std::fmt::Display, remedy: &str) -> Error {

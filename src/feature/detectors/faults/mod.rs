@@ -41,8 +41,8 @@ impl<const D: usize> Detector<D> for Faults {
         let window = scene.asked.smoothing.unwrap_or(WINDOW);
         let samples = scene.smoothed();
         let smoothed = Volume::new(scene.image.dims(), &samples);
-        let layers = Normals::new(smoothed, window);
-        let likelihood = semblance::likelihood(smoothed, &layers);
+        let layers = Normals::new(smoothed, window, scene.patience);
+        let likelihood = semblance::likelihood(smoothed, &layers, scene.patience);
         drop(samples);
         notes.push(format!(
             "faults: least semblance along layers over steep planes, at scale {}, normals averaged over \

@@ -106,7 +106,7 @@ fn grown(image: &Image<2>, to: &str) -> anyhow::Result<()> {
     let distance =
         distance::from_features(&features, RANGE[0], RANGE[1], 0.1, &Patience::endless())?;
     let extent = features.potential.extent();
-    let atoms = seeding::regular(extent, &distance, &[], Alignment::On)?;
+    let atoms = seeding::fcc(extent, &distance, &[], Alignment::On)?;
     let [nx, ny] = image.dims();
     let samples = (0..nx * ny)
         .map(|i| distance.at([(i % nx) as f64, (i / nx) as f64]) as f32)

@@ -236,7 +236,7 @@ where
                 most: usize::MAX,
             },
             "projection" => Seeding::Projection,
-            _ => Seeding::Regular,
+            _ => Seeding::Fcc,
         };
         let potential = Some(&self.features.potential);
         let (extent, distance) = (self.extent, &self.distance);

@@ -57,7 +57,7 @@ use crate::error::Result;
 use crate::image::{Field, Image};
 use crate::observer::{Patience, Stage};
 use detectors::{Detector, Scene};
-use sheets::{Open, Sheets};
+use sheets::{FoundSheets, Open};
 
 pub use detection::Detection;
 pub use detectors::paths::PathSeeds;
@@ -194,7 +194,7 @@ fn follow<const D: usize>(
     let sigma = asked.d_min / 4.0;
     let potential = detector.potential(scene.image).map_or_else(
         || {
-            let Sheets { points, rim, .. } = &sheets;
+            let FoundSheets { points, rim, .. } = &sheets;
             potential::potential(points, rim, dims, asked.step, sigma, scene.patience)
         },
         |samples| field(dims, asked, samples),

@@ -9,7 +9,7 @@
 
 use super::by_sample::BySample;
 use super::crossing::{Candidate, nearest};
-use super::symmetric::{Matrix, eigenvalues};
+use super::symmetric::{Symmetric, eigenvalues};
 use super::volume::Volume;
 use crate::geometry::{dot, sub};
 use crate::observer::Patience;
@@ -146,7 +146,7 @@ impl<const D: usize> Zone<D> {
     }
 
     /// Whether normals of different sheets meet in a cell and the ones that touch it.
-    fn is_mixed(&self, tensors: &[Matrix<D>], cell: usize) -> bool {
+    fn is_mixed(&self, tensors: &[Symmetric<D>], cell: usize) -> bool {
         let samples: &[f32] = &[];
         let cells = Volume {
             dims: self.cells,
@@ -202,7 +202,7 @@ impl<const D: usize> Zone<D> {
     }
 }
 
-fn trace<const D: usize>(m: &Matrix<D>) -> f64 {
+fn trace<const D: usize>(m: &Symmetric<D>) -> f64 {
     (0..D).map(|k| m[k][k]).sum()
 }
 

@@ -34,7 +34,7 @@ pub struct Rules<const D: usize> {
 
 /// Points that were kept, and what happened to the others.
 #[derive(Debug, Clone)]
-pub struct Sheets<const D: usize> {
+pub struct FoundSheets<const D: usize> {
     /// Points of all sheets, in the order of samples.
     pub points: Vec<FeaturePoint<D>>,
     /// For each point, whether its sheet ends there.
@@ -47,7 +47,7 @@ pub struct Sheets<const D: usize> {
     pub crumbs: usize,
 }
 
-impl<const D: usize> Sheets<D> {
+impl<const D: usize> FoundSheets<D> {
     /// Notes what was kept of features of one kind, and what was not.
     pub fn describe(&self, kind: FeatureKind, rules: &Rules<D>, notes: &mut Vec<String>) {
         notes.push(format!(
@@ -96,7 +96,7 @@ pub fn sheets<const D: usize>(
     step: [f64; D],
     rules: &Rules<D>,
     patience: &Patience<'_>,
-) -> Sheets<D> {
+) -> FoundSheets<D> {
     let grid = BySample::new(dims, candidates);
     let mut growth = Growth {
         grid: &grid,
@@ -122,7 +122,7 @@ pub fn sheets<const D: usize>(
             }
         }
     }
-    let mut result = Sheets {
+    let mut result = FoundSheets {
         points: Vec::new(),
         rim: Vec::new(),
         sheets,

@@ -1,6 +1,6 @@
 //! Finite differences of an image in memory; outside, samples repeat those of the sides.
 
-use super::symmetric::Matrix;
+use super::symmetric::Symmetric;
 use crate::observer::Patience;
 use rayon::prelude::*;
 
@@ -105,7 +105,7 @@ impl<'a, const D: usize> Volume<'a, D> {
 
     /// Second derivatives, right to the fourth order where two samples to either side are inside (else
     /// [`Volume::hessian`]): second differences turn the eigenvectors of narrow ridges, these do not.
-    pub fn second_derivatives(&self, at: [usize; D]) -> Matrix<D> {
+    pub fn second_derivatives(&self, at: [usize; D]) -> Symmetric<D> {
         if (0..D).any(|k| at[k] < 2 || at[k] + 2 >= self.dims[k]) {
             return self.hessian(at);
         }
@@ -137,7 +137,7 @@ impl<'a, const D: usize> Volume<'a, D> {
 
     /// Second differences.
     #[inline]
-    pub fn hessian(&self, at: [usize; D]) -> Matrix<D> {
+    pub fn hessian(&self, at: [usize; D]) -> Symmetric<D> {
         let (before, after) = self.neighbours(at);
         let (s, i) = (self.samples, self.index(at));
         let twice = 2.0 * s[i];

@@ -34,4 +34,4 @@ mod target;
 pub use improved::{Blocked, Counts, Improved};
 pub use part::{Refusal, Reshaped, Wanted};
 pub use settle::settle;
-pub use target::{Method, Target};
+pub use target::{SliverMethod, Target};

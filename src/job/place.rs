@@ -66,7 +66,7 @@ impl Placing {
                 "the sampled energy",
                 "has no mirror images, which atoms alongside features need",
                 "use the pairwise one",
-                "potential",
+                "evaluator",
             ),
             Self::Lattice if params.kappa != 1.0 && alongside => (
                 "kappa",
@@ -78,7 +78,7 @@ impl Placing {
                 "kappa",
                 "goes with the exact energy, but the sampled one is asked for",
                 "use the pairwise one",
-                "potential",
+                "evaluator",
             ),
             _ => return Ok(()),
         };
@@ -208,5 +208,41 @@ fn varying<const D: usize>(
                 "give one distance per sample of the image",
             ))),
         },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn refusals_name_the_parameter_that_is_to_be_changed() {
+        let sampled = Params::<2> {
+            evaluator: Evaluator::Sampled,
+            ..Params::default()
+        };
+        let sampled_with_kappa = Params {
+            kappa: 0.7,
+            ..sampled.clone()
+        };
+        let kappa = Params {
+            evaluator: Evaluator::Pairwise,
+            ..sampled_with_kappa.clone()
+        };
+        let canny = Params {
+            seeding: Seeding::Canny,
+            ..Params::default()
+        };
+        let (on, alongside) = (Alignment::On, Alignment::Alongside);
+        for (params, alignment, parameter) in [
+            (&sampled, alongside, "evaluator"),
+            (&sampled_with_kappa, on, "evaluator"),
+            (&kappa, alongside, "kappa"),
+            (&canny, alongside, "seeding"),
+        ] {
+            let error = Placing::of(params).check(params, alignment).unwrap_err();
+            assert_eq!(error.cause().parameter, Some(parameter), "{error}");
+        }
+        assert!(Placing::of(&sampled).check(&sampled, on).is_ok());
     }
 }

@@ -136,7 +136,7 @@ pub struct Settings {
     pub input: InputOptions,
 }
 
-/// How atoms are placed: the names of [`Placement::Canny`](super::Placement) and of each
+/// How atoms are placed: the names of [`PlacementJob::Canny`](super::PlacementJob) and of each
 /// [`Start`](super::Start).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]

@@ -9,7 +9,7 @@ use crate::feature::steepness::steepness;
 use crate::feature::volume::Volume;
 use crate::image::{Field, Image};
 use crate::improve::triangles::relax::{self, Relaxation};
-use crate::improve::{self, Method};
+use crate::improve::{self, SliverMethod};
 use crate::lattice::seeding::Atoms;
 use crate::observer::{Patience, Stage};
 use crate::report::{self, Report, Rival};
@@ -64,7 +64,7 @@ where
         let faces = Some(faces.as_slice());
         let other = measure(&mesh, None, dims, step, features, faces, keep_going)?;
         report.rival = other.quality.map(|quality| Rival {
-            method: Method::Joe,
+            method: SliverMethod::Joe,
             quality,
             fidelity: other.fidelity,
         });

@@ -216,7 +216,7 @@ mod tests {
             Faults,
             FaultsAndHorizons,
         ] {
-            let params = params::<3>(kind, Seeding::Regular);
+            let params = params::<3>(kind, Seeding::Fcc);
             let options = params.feature_options([1.0; 3]);
             let seek = |stop: usize| {
                 let mut observer = Counting {
@@ -247,7 +247,7 @@ mod tests {
     #[cfg(feature = "tetgen")]
     fn tetrahedra_are_stopped_at_any_question_of_every_stage() {
         use Stage::*;
-        let params = params(FeatureKind::Edges, Seeding::Regular);
+        let params = params(FeatureKind::Edges, Seeding::Fcc);
         let stages = [
             (Features, 1000),
             (Placing, 100),
@@ -290,7 +290,7 @@ mod tests {
         stopped(&disc(), &canny, &[(Features, 100), (Placing, 50)]);
         let cells = Params {
             cells: CellKind::Voronoi,
-            ..params(FeatureKind::Edges, Seeding::Regular)
+            ..params(FeatureKind::Edges, Seeding::Fcc)
         };
         let stages = [
             (Features, 100),

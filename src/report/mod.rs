@@ -115,7 +115,7 @@ pub struct Improvement {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Rival {
     /// The method.
-    pub method: improve::Method,
+    pub method: improve::SliverMethod,
     /// Its shapes in lattice space.
     pub quality: Quality,
     /// Its fidelity to the features.

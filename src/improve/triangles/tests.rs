@@ -34,7 +34,7 @@ fn off_features([x, y]: [f64; 2]) -> f64 {
 fn edges_lie_on_the_curves_and_all_angles_are_large() {
     let sheets = Sheets::new(&scene(), in_space(EXTENT), 4.8, 1.7 * D);
     let distance = Distance::Constant(D);
-    let mut atoms = seeding::regular(EXTENT, &distance, &[], Alignment::On).unwrap();
+    let mut atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::On).unwrap();
     let moved = settle(
         &mut atoms.positions,
         &atoms.kinds,
@@ -91,7 +91,7 @@ fn edges_lie_on_the_curves_and_all_angles_are_large() {
 fn without_features_a_regular_lattice_is_left_alone() {
     let sheets = Sheets::new(&[], in_space(EXTENT), 4.8, 1.7 * D);
     let distance = Distance::Constant(D);
-    let atoms = seeding::regular(EXTENT, &distance, &[], Alignment::On).unwrap();
+    let atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::On).unwrap();
     let before = delaunay_plane(&atoms.positions).unwrap();
     let (mut mesh, mut kinds) = (before.clone(), atoms.kinds.clone());
     let (outcome, on) = improve(
@@ -145,7 +145,7 @@ proptest! {
     ) {
         let sheets = Sheets::new(&scene(), in_space(EXTENT), 4.8, 1.7 * D);
         let distance = Distance::Constant(D);
-        let mut atoms = seeding::regular(EXTENT, &distance, &[], Alignment::On).unwrap();
+        let mut atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::On).unwrap();
         for (i, (x, kind)) in atoms.positions.iter_mut().zip(&atoms.kinds).enumerate() {
             if *kind == AtomKind::Interior {
                 let [u, v] = jitter[i % jitter.len()];

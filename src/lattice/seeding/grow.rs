@@ -226,7 +226,7 @@ pub(super) mod tests {
     use crate::geometry::distance2;
     use crate::image::Field;
     use crate::lattice::AtomKind;
-    use crate::lattice::seeding::{Atoms, Seeding, regular, seed};
+    use crate::lattice::seeding::{Atoms, Seeding, fcc, seed};
 
     /// d from 4 in the middle to 9 at the far corners.
     pub fn varying<const D: usize>(extent: [f64; D]) -> Distance<D> {
@@ -260,7 +260,7 @@ pub(super) mod tests {
     fn fills_the_box_with_atoms_about_d_apart() {
         let extent = [70.0, 63.0, 55.0];
         let distance = varying(extent);
-        let atoms = regular(extent, &distance, &[], Alignment::On).unwrap();
+        let atoms = fcc(extent, &distance, &[], Alignment::On).unwrap();
         let corners = atoms
             .kinds
             .iter()
@@ -321,7 +321,7 @@ pub(super) mod tests {
             [0.0, 17.0, 40.0],
             [0.0; 3],
         ];
-        let atoms = regular(extent, &distance, &fixed, Alignment::On).unwrap();
+        let atoms = fcc(extent, &distance, &fixed, Alignment::On).unwrap();
         let count = atoms.len();
         assert_eq!(&atoms.positions[count - 4..], &fixed);
         assert!(
@@ -342,7 +342,7 @@ pub(super) mod tests {
     fn fills_a_rectangle() {
         let extent = [120.0, 91.0];
         let distance = varying(extent);
-        let atoms = regular(extent, &distance, &[[30.0, 40.5]], Alignment::On).unwrap();
+        let atoms = fcc(extent, &distance, &[[30.0, 40.5]], Alignment::On).unwrap();
         let is = |kind| atoms.kinds.iter().filter(|&&k| k == kind).count();
         assert_eq!((is(AtomKind::Corner), is(AtomKind::Fixed)), (4, 1));
         // As many atoms along the edges as d asks for.
@@ -389,7 +389,7 @@ pub(super) mod tests {
             } else {
                 Distance::Constant(6.0)
             };
-            let atoms = regular(extent, &distance, &[], Alignment::Alongside).unwrap();
+            let atoms = fcc(extent, &distance, &[], Alignment::Alongside).unwrap();
             assert_alongside(&atoms, extent, &distance);
             let extent = [50.0, 43.0, 55.0];
             let distance = if vary {
@@ -397,10 +397,10 @@ pub(super) mod tests {
             } else {
                 Distance::Constant(6.0)
             };
-            let atoms = regular(extent, &distance, &[], Alignment::Alongside).unwrap();
+            let atoms = fcc(extent, &distance, &[], Alignment::Alongside).unwrap();
             assert_alongside(&atoms, extent, &distance);
         }
-        let refused = regular(
+        let refused = fcc(
             [50.0; 2],
             &Distance::Constant(6.0),
             &[[0.0, 20.0]],
@@ -438,7 +438,7 @@ pub(super) mod tests {
             sites.filter(taken).count()
         };
         assert_eq!(neighbours(Seeding::Grown), 24);
-        assert!(neighbours(Seeding::Regular) < 4);
+        assert!(neighbours(Seeding::Fcc) < 4);
         // In the plane they are six.
         let (well, extent) = ([22.3, 31.1], [61.0, 57.0]);
         let atoms = seed(

@@ -125,7 +125,7 @@ pub enum Seeding {
     /// slightly stretched per axis to fit ([`lattice::fitted`]), else grown by Hale's Algorithm 2
     /// ([`grow::grown`]).
     #[default]
-    Regular,
+    Fcc,
     /// Grown by Algorithm 2 whatever d, from fixed atoms and the sides of the box: the lattice is
     /// regular around wells rather than in the box.
     Grown,
@@ -193,8 +193,8 @@ pub fn seed<const D: usize>(
                 "call seeding::canny::seeded",
             )));
         }
-        (Seeding::Regular, Distance::Constant(d)) => lattice::fitted(extent, *d, alignment),
-        (Seeding::Regular, Distance::Field(_)) | (Seeding::Grown, _) => {
+        (Seeding::Fcc, Distance::Constant(d)) => lattice::fitted(extent, *d, alignment),
+        (Seeding::Fcc, Distance::Field(_)) | (Seeding::Grown, _) => {
             grow::grown(extent, distance, &fixed, alignment, patience)
         }
         (Seeding::Guide { seed, most }, _) => guide::drawn(
@@ -223,17 +223,17 @@ pub fn seed<const D: usize>(
     Ok(atoms)
 }
 
-/// [`seed`] with [`Seeding::Regular`].
+/// [`seed`] with [`Seeding::Fcc`].
 ///
 /// # Errors
 /// Those of [`seed`].
-pub fn regular<const D: usize>(
+pub fn fcc<const D: usize>(
     extent: [f64; D],
     distance: &Distance<D>,
     fixed: &[[f64; D]],
     alignment: Alignment,
 ) -> Result<Atoms<D>> {
-    let how = Seeding::Regular;
+    let how = Seeding::Fcc;
     let patience = &Patience::endless();
     seed(how, extent, distance, fixed, alignment, None, patience)
 }

@@ -184,7 +184,7 @@ mod tests {
         assert!(is(AtomKind::Edge) > 20 && (D == 2 || is(AtomKind::Side) > 100));
         let refined = spacing(&atoms, distance);
         let regular = seed(
-            Seeding::Regular,
+            Seeding::Fcc,
             extent,
             distance,
             &[],

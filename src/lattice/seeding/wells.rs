@@ -270,7 +270,7 @@ mod tests {
     fn wells_of_any_length_have_an_atom_at_either_end() {
         // The shares of some lengths do not add up to the whole but for rounding.
         for step in 0..2000 {
-            let end = [10.0, 10.0 + 0.017 * f64::from(step)];
+            let end = [10.0, 11.0 + 0.017 * f64::from(step)];
             let ways = [way("A", &[[10.0, 10.0], end])];
             let distance = Distance::Constant(1.7);
             let on = atoms(&ways, &distance, [60.0, 60.0], Alignment::On).unwrap();

@@ -24,7 +24,7 @@ pub use rows::Rows;
 use rayon::prelude::*;
 
 use scratch::Scratch;
-use search::{Cells, Search};
+use search::{AtomCells, Search};
 
 /// Atoms per unit of parallel work. Fixed, so that sums do not depend on the number of threads.
 pub const CHUNK: usize = 1024;
@@ -44,7 +44,7 @@ pub const FILLER: u16 = u16::MAX;
 pub struct Neighbours {
     /// One for each chunk of atoms.
     pub chunks: Vec<Rows>,
-    cells: Cells,
+    cells: AtomCells,
 }
 
 impl Neighbours {

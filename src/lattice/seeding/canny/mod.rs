@@ -17,7 +17,7 @@ use crate::error::{Error, Result, cause};
 use crate::feature::FeaturePoint;
 use crate::feature::by_sample::BySample;
 use crate::feature::crossing::Candidate;
-use crate::feature::symmetric::{Matrix, eigenvalues};
+use crate::feature::symmetric::{Symmetric, eigenvalues};
 use crate::feature::volume::Volume;
 use crate::image::Field;
 use crate::lattice::AtomKind;
@@ -169,7 +169,7 @@ fn thinned<const D: usize>(
 
 /// How far from a feature point others are left out, in samples: formulas 1, 2, 22 and 23.
 fn radius<const D: usize>(grid: &BySample<'_, D>, centre: &Candidate<D>) -> i32 {
-    let mut spread: Matrix<D> = [[0.0; D]; D];
+    let mut spread: Symmetric<D> = [[0.0; D]; D];
     grid.each_around(grid.coordinates(centre), window(D), |i| {
         let off: [f64; D] =
             std::array::from_fn(|k| f64::from(grid.candidates[i].position[k] - centre.position[k]));

@@ -43,6 +43,54 @@ pub struct Match {
     pub hausdorff: f64,
     /// The larger of the two directed 95 % points (by number of feature points, by area).
     pub hausdorff_95: f64,
+    /// Of networks with known truth: coverage by how far the next feature is.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub by_gap: Vec<GapClass>,
+}
+
+/// Coverage of the feature points at some distance from the next feature.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct GapClass {
+    /// The next feature is at least this far away (samples) ...
+    pub from: f64,
+    /// ... and less than this; null for the farthest class.
+    pub to: f64,
+    /// Number of feature points.
+    pub points: usize,
+    /// Share of them within half a sample of a face.
+    pub coverage_half: f64,
+    /// Share of them within one sample of a face.
+    pub coverage_one: f64,
+}
+
+/// Where classes of distance to the next feature begin, in samples.
+const GAPS: [f64; 6] = [0.0, 2.0, 3.0, 4.0, 6.0, 8.0];
+
+impl GapClass {
+    /// The classes of points of which `next` tells the distance (and angle) of the next feature and
+    /// `to_faces` that of the nearest face.
+    fn all(next: &[[f32; 2]], to_faces: &[f64]) -> Vec<Self> {
+        let ends = GAPS[1..].iter().copied().chain([f64::INFINITY]);
+        GAPS.into_iter()
+            .zip(ends)
+            .map(|(from, to)| {
+                let of_class = next.iter().zip(to_faces);
+                let of_class = of_class.filter(|(n, _)| (from..to).contains(&f64::from(n[0])));
+                let distances: Vec<f64> = of_class.map(|(_, &d)| d).collect();
+                let within = |t: f64| {
+                    let reached = distances.iter().filter(|&&d| d <= t).count();
+                    reached as f64 / distances.len() as f64
+                };
+                Self {
+                    from,
+                    to,
+                    points: distances.len(),
+                    coverage_half: within(0.5),
+                    coverage_one: within(1.0),
+                }
+            })
+            .collect()
+    }
 }
 
 /// Fidelity of a mesh to the features of an image.
@@ -157,7 +205,10 @@ fn judge<const D: usize>(
         let farthest = to_corners
             .filter(|(s, _)| *s & set != 0)
             .fold(0.0, |most: f64, (_, &d)| most.max(d));
-        compare(count, pieces.map(|p| p.1).collect(), farthest, to_faces)
+        let next = reference.next.as_ref();
+        let by_gap = next.map_or(Vec::new(), |next| GapClass::all(next, &to_faces));
+        let compared = compare(count, pieces.map(|p| p.1).collect(), farthest, to_faces);
+        Match { by_gap, ..compared }
     };
     Fidelity {
         reference: reference.source.to_string(),
@@ -375,6 +426,7 @@ fn compare(
         hausdorff_95: points_95
             .zip(area_95)
             .map_or(f64::INFINITY, |(a, (b, _))| a.max(*b)),
+        by_gap: Vec::new(),
     }
 }
 

@@ -12,6 +12,7 @@ fn truth_of(dims: [usize; 3], closest: impl Fn([f64; 3]) -> (f64, [f64; 3])) -> 
         distance: vec![],
         direction: vec![],
         smooth: true,
+        next: None,
     };
     for i in 0..dims[0] * dims[1] * dims[2] {
         let p = [i % dims[0], i / dims[0] % dims[1], i / (dims[0] * dims[1])].map(|c| c as f64);
@@ -240,7 +241,7 @@ fn detected_points_stand_in_for_truth() {
 fn the_figures_do_not_depend_on_the_number_of_threads() {
     let options = Options {
         dims: [40, 36, 32],
-        count: 3,
+        count: Some(3),
         ..Options::default()
     };
     let truth = make(Kind::Faults, &options).unwrap().truth;
@@ -289,6 +290,7 @@ fn in_the_plane_edges_take_the_place_of_faces() {
             .map(|i| [if at < (i % 17) as f32 { -1.0 } else { 1.0 }, 0.0])
             .collect(),
         smooth: true,
+        next: None,
     };
     let found = fidelity(&mesh, &Reference::from_truth(&line(8.0)), None).unwrap();
     assert_eq!((found.feature_points, found.on_feature.faces), (17, 8));

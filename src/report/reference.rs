@@ -18,6 +18,9 @@ pub struct Reference<'a, const D: usize = 3> {
     /// Points on the features: from truth, each sample closer than half a sample to a feature,
     /// moved onto it; else the detected points.
     pub points: Vec<[f32; D]>,
+    /// For each of them, where the truth knows it, how far the next feature is and at what angle it
+    /// lies (degrees).
+    pub next: Option<Vec<[f32; 2]>>,
     field: Field<'a, D>,
 }
 
@@ -38,18 +41,24 @@ impl<'a, const D: usize> Reference<'a, D> {
     /// through a side) are left out, since no mesh of the box can hold them.
     pub fn from_truth(truth: &'a Truth<D>) -> Self {
         let last = truth.dims.map(|n| (n - 1) as f32);
-        let points = (0..truth.distance.len())
-            .filter(|&i| truth.distance[i] < 0.5)
-            .map(|i| {
-                let index = truth.index_of(i);
-                std::array::from_fn(|k| index[k] as f32 + truth.distance[i] * truth.direction[i][k])
-            })
-            .filter(|p: &[f32; D]| (0..D).all(|k| (-1e-3..=last[k] + 1e-3).contains(&p[k])))
-            .collect();
+        let point = |i: usize| -> [f32; D] {
+            let index = truth.index_of(i);
+            std::array::from_fn(|k| index[k] as f32 + truth.distance[i] * truth.direction[i][k])
+        };
+        let inside = |p: [f32; D]| (0..D).all(|k| (-1e-3..=last[k] + 1e-3).contains(&p[k]));
+        let (mut points, mut next) = (Vec::new(), truth.next.as_ref().map(|_| Vec::new()));
+        for i in (0..truth.distance.len()).filter(|&i| truth.distance[i] < 0.5 && inside(point(i)))
+        {
+            points.push(point(i));
+            if let (Some(next), Some(of_samples)) = (&mut next, &truth.next) {
+                next.push(of_samples[i]);
+            }
+        }
         let source = if truth.smooth { "truth" } else { "mask" };
         Self {
             source,
             points,
+            next,
             field: Field::Truth(truth),
         }
     }
@@ -82,6 +91,7 @@ impl<'a, const D: usize> Reference<'a, D> {
         Self {
             source: "detected",
             points,
+            next: None,
             field: Field::Detected(Detected {
                 points: sorted,
                 normals,

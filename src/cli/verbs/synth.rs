@@ -26,9 +26,9 @@ pub struct SynthArgs {
     /// Number of samples along x, y and z; NX,NY makes a 2-D image
     #[arg(long, value_name = "NX,NY,NZ", default_value = "128,128,128")]
     pub dims: String,
-    /// Number of faults or shells
-    #[arg(long, value_name = "N", default_value_t = 4)]
-    pub count: usize,
+    /// Number of faults or shells (default: 4; of a network 2 to 6, as its seed says)
+    #[arg(long, value_name = "N")]
+    pub count: Option<usize>,
     /// Signal over the rms of the noise; inf for none
     #[arg(long, value_name = "RATIO", default_value_t = 4.0)]
     pub signal_to_noise: f64,

@@ -1,6 +1,7 @@
 //! Seismic amplitude: folded layers, thrown by faults, convolved with a wavelet.
 
 use super::Options;
+use super::surface::Surface;
 use crate::geometry::random::Random;
 use rayon::prelude::*;
 use std::f64::consts::{PI, TAU};
@@ -11,12 +12,15 @@ const FREQUENCY: f64 = 0.08;
 const FINE: f64 = 8.0;
 
 /// The amplitude of folded layers, with rms 1. `sides` has one bit a fault: the layers on a
-/// fault's positive side are thrown along x by 4 to 12 samples, varying along the fault.
+/// fault's positive side are thrown along x by 4 to 12 samples, varying along the fault and tapering out
+/// about its rim.
 ///
 /// The depth of a sample before folding and faulting is
 /// `w = x + fold(y, z) (1/2 + x / nx) + sum of throws`; impedance is constant within a layer of w,
 /// and the trace along x is its derivative convolved with the wavelet.
-pub(super) fn amplitude(sides: &[u32], faults: usize, options: &Options) -> Vec<f32> {
+pub(super) fn amplitude(sides: &[u32], surfaces: &[Surface], options: &Options) -> Vec<f32> {
+    let faults = surfaces.len();
+    let tapers = surfaces.iter().any(|s| s.rim.is_some());
     let [nx, ny, nz] = options.dims;
     let mut random = Random::of(options.seed, 0xa3b1);
     let throws: Vec<Throw> = (0..faults).map(|_| Throw::new(&mut random)).collect();
@@ -56,12 +60,13 @@ pub(super) fn amplitude(sides: &[u32], faults: usize, options: &Options) -> Vec<
                 for (i, impedance) in impedance.iter_mut().enumerate() {
                     let x = i as f64 - margin as f64;
                     let side = sides[i.saturating_sub(margin).min(nx - 1)];
-                    if side != last {
-                        let thrown = throws
-                            .iter()
-                            .enumerate()
-                            .filter(|(k, _)| side >> k & 1 == 1);
-                        shift = thrown.map(|(_, throw)| throw.at(y, z)).sum();
+                    // A throw that tapers out changes from sample to sample.
+                    if side != last || tapers && side != 0 {
+                        let p = [x.clamp(0.0, (nx - 1) as f64), y, z];
+                        let thrown = (0..faults).filter(|k| side >> k & 1 == 1);
+                        shift = thrown
+                            .map(|k| throws[k].at(y, z) * surfaces[k].strength(p))
+                            .sum();
                         last = side;
                     }
                     // Folding is not continued beyond the box, so that w stays within the layers.

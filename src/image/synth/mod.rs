@@ -6,13 +6,15 @@
 //! Axis x (the fastest in memory) is the vertical one, as in a seismic trace.
 //!
 //! - `surface`: sheets and balls with exact closest points
-//! - `network`: random networks of crossing faults
+//! - `crossing`: well-behaved faults that cross
+//! - `network`: fault networks as real surveys have them
 //! - `survey`: distance, direction and side of every sample
 //! - `amplitude`: layers, throws and a wavelet
 //! - `noise`: reproducible random numbers and noise
 //! - [`truth`]: the exact distance to the features, as kept in a file
 
 mod amplitude;
+mod crossing;
 mod network;
 mod noise;
 mod surface;
@@ -48,18 +50,39 @@ pub enum Kind {
     Shells,
     /// Integer labels, without noise: the blocks between curved crossing surfaces.
     Blocks,
+    /// Fault likelihood of a network as real surveys have them: 2 to 6 faults that cross at 15 to 80
+    /// degrees, branch off one another, run 3 to 12 samples apart, flatten with depth and taper out.
+    Network,
+    /// Seismic amplitude of layers thrown by the faults of such a network; throws taper out, too.
+    NetworkAmplitude,
+    /// The faults of such a network as an interpreter might have painted them: ones on zeros, 1 to 5
+    /// samples thick, with holes and stray pieces. Without noise.
+    NetworkMask,
 }
 
 impl Kind {
     /// Every kind, with the name that [`FromStr`] takes.
-    pub const ALL: [(&'static str, Kind); 6] = [
+    pub const ALL: [(&'static str, Kind); 9] = [
         ("planes", Kind::Planes),
         ("faults", Kind::Faults),
         ("amplitude", Kind::Amplitude),
         ("sphere", Kind::Sphere),
         ("shells", Kind::Shells),
         ("blocks", Kind::Blocks),
+        ("network", Kind::Network),
+        ("network-amplitude", Kind::NetworkAmplitude),
+        ("network-mask", Kind::NetworkMask),
     ];
+}
+
+impl Kind {
+    /// Whether its faults are those of [`Kind::Network`].
+    fn is_network(self) -> bool {
+        matches!(
+            self,
+            Kind::Network | Kind::NetworkAmplitude | Kind::NetworkMask
+        )
+    }
 }
 
 impl FromStr for Kind {
@@ -88,8 +111,9 @@ pub struct Options {
     pub dims: [usize; 3],
     /// Seed of everything random; the same seed gives the same bytes.
     pub seed: u64,
-    /// Number of surfaces (faults or shells); ignored by [`Kind::Sphere`].
-    pub count: usize,
+    /// Number of surfaces (faults or shells); if not given 4, and of a network as many as its seed
+    /// says. Ignored by [`Kind::Sphere`].
+    pub count: Option<usize>,
     /// Signal over the rms of the noise: the signal is a ridge's height of 1, the ball's
     /// brightness of 1 or the rms amplitude. Infinity: no noise.
     pub signal_to_noise: f64,
@@ -102,7 +126,7 @@ impl Default for Options {
         Self {
             dims: [128; 3],
             seed: 1,
-            count: 4,
+            count: None,
             signal_to_noise: 4.0,
             width: 1.5,
         }
@@ -110,6 +134,11 @@ impl Default for Options {
 }
 
 impl Options {
+    /// Number of surfaces, if nothing else decides on it.
+    fn count(&self) -> usize {
+        self.count.unwrap_or(4)
+    }
+
     fn check(&self, kind: Kind) -> Result<()> {
         let bad = |option: String, problem: &str, remedy: &str| {
             Err(Error::Job(cause(
@@ -130,9 +159,9 @@ impl Options {
                 "choose other dims",
             );
         }
-        if kind != Kind::Sphere && !(1..=16).contains(&self.count) {
+        if kind != Kind::Sphere && !(1..=16).contains(&self.count()) {
             return bad(
-                format!("count {}", self.count),
+                format!("count {}", self.count()),
                 "must be from 1 to 16",
                 "choose fewer surfaces",
             );
@@ -174,7 +203,7 @@ pub const PRESETS: [Preset; 3] = [
         options: Options {
             dims: [170, 150, 128],
             seed: 1,
-            count: 4,
+            count: Some(4),
             signal_to_noise: 4.0,
             width: 1.5,
         },
@@ -185,7 +214,7 @@ pub const PRESETS: [Preset; 3] = [
         options: Options {
             dims: [140, 180, 120],
             seed: 2,
-            count: 5,
+            count: Some(5),
             signal_to_noise: 4.0,
             width: 1.75,
         },
@@ -196,7 +225,7 @@ pub const PRESETS: [Preset; 3] = [
         options: Options {
             dims: [200, 120, 110],
             seed: 3,
-            count: 3,
+            count: Some(3),
             signal_to_noise: 4.0,
             width: 2.0,
         },
@@ -221,19 +250,27 @@ pub struct Synthetic<const D: usize = 3> {
 pub fn make(kind: Kind, options: &Options) -> Result<Synthetic> {
     options.check(kind)?;
     let surfaces = match kind {
-        Kind::Planes => network::faults(options, 0.0)?,
-        Kind::Faults | Kind::Amplitude | Kind::Blocks => network::faults(options, 1.0)?,
+        Kind::Planes => crossing::faults(options, 0.0)?,
+        Kind::Faults | Kind::Amplitude | Kind::Blocks => crossing::faults(options, 1.0)?,
+        Kind::Network | Kind::NetworkAmplitude | Kind::NetworkMask => network::faults(options)?,
         Kind::Sphere => balls(options, 1),
-        Kind::Shells => balls(options, options.count),
+        Kind::Shells => balls(options, options.count()),
     };
-    let (truth, sides) = survey::survey(&surfaces, options.dims);
+    let (mut truth, sides) = survey::survey(&surfaces, options.dims);
+    if kind.is_network() {
+        truth.next = Some(survey::next(&surfaces, &truth));
+    }
     let mut samples = match kind {
         Kind::Planes | Kind::Faults | Kind::Shells => ridges(&truth, options),
-        Kind::Amplitude => amplitude::amplitude(&sides, surfaces.len(), options),
+        Kind::Network => network::likelihood(&surfaces, options),
+        Kind::NetworkMask => network::mask(&surfaces, options),
+        Kind::Amplitude | Kind::NetworkAmplitude => {
+            amplitude::amplitude(&sides, &surfaces, options)
+        }
         Kind::Sphere => ball_image(&truth, &sides, options),
         Kind::Blocks => labels(&sides),
     };
-    if kind != Kind::Blocks {
+    if kind != Kind::Blocks && kind != Kind::NetworkMask {
         noise::add(
             &mut samples,
             options.dims,
@@ -265,6 +302,7 @@ pub fn make_plane(kind: Kind, options: &Options) -> Result<Synthetic<2>> {
         distance: truth.distance,
         direction: truth.direction.iter().map(|&[x, y, _]| [x, y]).collect(),
         smooth: truth.smooth,
+        next: truth.next,
     };
     Ok(Synthetic {
         image: image.flatten(),

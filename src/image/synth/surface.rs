@@ -24,6 +24,45 @@ pub(super) struct End {
     pub side: f64,
 }
 
+/// A rim inside the volume, at which a sheet has tapered to half its strength: an ellipse in the
+/// sheet's plane coordinates about its centre.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Rim {
+    pub radii: [f64; 2],
+    /// Over this many samples about the rim the strength falls from 1 to 0.
+    pub taper: f64,
+}
+
+impl Rim {
+    /// How far inside the rim a place is, in samples (negative outside): exact on the rim, to first
+    /// order next to it.
+    fn inside(&self, [s, t]: [f64; 2]) -> f64 {
+        let [a, b] = self.radii;
+        let level = (s / a).hypot(t / b);
+        let slope = (s / (a * a)).hypot(t / (b * b));
+        if slope > 0.0 {
+            (1.0 - level) * level / slope
+        } else {
+            a.min(b)
+        }
+    }
+
+    /// Strength there, from 1 well inside to 0 well outside, smooth (cubic) in between.
+    pub fn strength(&self, at: [f64; 2]) -> f64 {
+        let u = (0.5 + self.inside(at) / self.taper).clamp(0.0, 1.0);
+        u * u * (3.0 - 2.0 * u)
+    }
+
+    /// The angle along the rim of the place where rays from the centre through `at` meet it.
+    fn angle(&self, [s, t]: [f64; 2]) -> f64 {
+        (t / self.radii[1]).atan2(s / self.radii[0])
+    }
+
+    fn at(&self, angle: f64) -> [f64; 2] {
+        [self.radii[0] * angle.cos(), self.radii[1] * angle.sin()]
+    }
+}
+
 #[derive(Debug, Clone)]
 enum Shape {
     /// `u = height(s, t) - height(0, 0)` with (u, s, t) the coordinates along `frame`, whose rows
@@ -46,6 +85,8 @@ pub(super) struct Surface {
     pub steepness: f64,
     /// Where the surface ends, if it does not go through the whole volume.
     pub end: Option<End>,
+    /// Where it tapers out, if it does. Only sheets do.
+    pub rim: Option<Rim>,
 }
 
 /// The unit vector along `v`; that of x for zero.
@@ -103,6 +144,7 @@ impl Surface {
             shape,
             steepness,
             end: None,
+            rim: None,
         }
     }
 
@@ -112,6 +154,7 @@ impl Surface {
             shape: Shape::Ball { centre, radius },
             steepness: 1.0,
             end: None,
+            rim: None,
         }
     }
 
@@ -188,6 +231,75 @@ impl Surface {
                 }
             }
         }
+    }
+
+    /// A sheet's plane coordinates of a place.
+    pub(super) fn in_plane(&self, p: [f64; 3]) -> [f64; 2] {
+        match &self.shape {
+            Shape::Sheet { centre, frame, .. } => {
+                [1, 2].map(|k: usize| dot(frame[k], sub(p, *centre)))
+            }
+            Shape::Ball { .. } => [0.0; 2],
+        }
+    }
+
+    /// The point of a sheet at plane coordinates, and its normal there.
+    pub(super) fn at(&self, [s, t]: [f64; 2]) -> Foot {
+        match &self.shape {
+            Shape::Sheet {
+                centre,
+                frame,
+                waves,
+                base,
+            } => {
+                let (h, g, _) = height(waves, s, t);
+                let world = |v: [f64; 3]| -> [f64; 3] {
+                    std::array::from_fn(|c| (0..3).map(|k| v[k] * frame[k][c]).sum())
+                };
+                let offset = world([h - base, s, t]);
+                Foot {
+                    point: std::array::from_fn(|c| centre[c] + offset[c]),
+                    normal: world(direction([1.0, -g[0], -g[1]])),
+                }
+            }
+            Shape::Ball { centre, radius } => Foot {
+                point: [centre[0] + radius, centre[1], centre[2]],
+                normal: [1.0, 0.0, 0.0],
+            },
+        }
+    }
+
+    /// Strength of a sheet's ridge, throw or likelihood near a place: 1, but for its rim.
+    pub(super) fn strength(&self, p: [f64; 3]) -> f64 {
+        self.rim.map_or(1.0, |rim| rim.strength(self.in_plane(p)))
+    }
+
+    /// The closest point inside the rim, if there is one; on the rim the normal is still the sheet's.
+    pub(super) fn closest_inside(&self, p: [f64; 3]) -> Foot {
+        let foot = self.closest(p);
+        let Some(rim) = self.rim else { return foot };
+        let at = self.in_plane(foot.point);
+        if rim.inside(at) >= 0.0 {
+            return foot;
+        }
+        // Along the rim, from where the ray through the foot meets it, by golden sections: the rim is
+        // wide against its distance, so the minimum near there is the only one.
+        let square = |angle: f64| {
+            let r = sub(self.at(rim.at(angle)).point, p);
+            dot(r, r)
+        };
+        let middle = rim.angle(at);
+        let (mut low, mut high) = (middle - 0.6, middle + 0.6);
+        let golden = 0.618_033_988_749_895;
+        for _ in 0..40 {
+            let (a, b) = (high - golden * (high - low), low + golden * (high - low));
+            if square(a) < square(b) {
+                high = b;
+            } else {
+                low = a;
+            }
+        }
+        self.at(rim.at(0.5 * (low + high)))
     }
 
     /// Unit gradient of the level.

@@ -1,8 +1,8 @@
 //! Distance, direction and side of every sample, from analytic surfaces.
 
-use super::surface::Surface;
+use super::surface::{Foot, Surface};
 use super::truth::{REACH, Truth};
-use crate::geometry::dot;
+use crate::geometry::{dot, sub};
 use rayon::prelude::*;
 
 /// Samples along each side of a block whose far surfaces are ruled out together.
@@ -48,9 +48,56 @@ pub(super) fn survey(surfaces: &[Surface], dims: [usize; 3]) -> (Truth, Vec<u32>
             distance,
             direction,
             smooth: true,
+            next: None,
         },
         sides,
     )
+}
+
+/// Whether a surface exists at a point of it: on its side of the one at which it ends.
+pub(super) fn exists(surfaces: &[Surface], k: usize, at: [f64; 3]) -> bool {
+    surfaces[k]
+        .end
+        .is_none_or(|end| surfaces[end.surface].level(at) * end.side >= 0.0)
+}
+
+/// For each sample within half a sample of a surface: how far the surface's closest point is from the
+/// next surface (at most [`REACH`]), and at what angle that one lies there (degrees); elsewhere
+/// ([`REACH`], 90).
+pub(super) fn next(surfaces: &[Surface], truth: &Truth) -> Vec<[f32; 2]> {
+    let place = |i: usize| truth.index_of(i).map(|c| c as f64);
+    let nearest = |p: [f64; 3], without: Option<usize>| {
+        let mut best: Option<(f64, usize, Foot)> = None;
+        for (k, surface) in surfaces.iter().enumerate() {
+            let most = best.as_ref().map_or(f64::from(REACH), |b| b.0);
+            if Some(k) == without || surface.level(p).abs() >= most * surface.steepness {
+                continue;
+            }
+            let foot = surface.closest_inside(p);
+            let gap = sub(foot.point, p);
+            let d = dot(gap, gap).sqrt();
+            if d < most && exists(surfaces, k, foot.point) {
+                best = Some((d, k, foot));
+            }
+        }
+        best
+    };
+    let far = [REACH, 90.0];
+    (0..truth.distance.len())
+        .into_par_iter()
+        .map(|i| {
+            if truth.distance[i] >= 0.5 {
+                return far;
+            }
+            let Some((_, k, foot)) = nearest(place(i), None) else {
+                return far;
+            };
+            nearest(foot.point, Some(k)).map_or(far, |(d, _, other)| {
+                let cosine = dot(other.normal, foot.normal).abs().min(1.0);
+                [d as f32, cosine.acos().to_degrees() as f32]
+            })
+        })
+        .collect()
 }
 
 /// The surfaces that may be within reach of a block, and the sides of the others.
@@ -88,18 +135,14 @@ impl Near {
         for &i in &self.surfaces {
             let surface = &surfaces[i];
             let level = surface.level(p);
-            let exists = |q: [f64; 3]| {
-                surface
-                    .end
-                    .is_none_or(|end| surfaces[end.surface].level(q) * end.side >= 0.0)
-            };
+            let exists = |q: [f64; 3]| exists(surfaces, i, q);
             if level > 0.0 && exists(p) {
                 sides |= 1 << i;
             }
             if level.abs() >= best * surface.steepness {
                 continue;
             }
-            let foot = surface.closest(p);
+            let foot = surface.closest_inside(p);
             let to: [f64; 3] = std::array::from_fn(|c| foot.point[c] - p[c]);
             let d = dot(to, to).sqrt();
             // Where the closest point is beyond the end, the surface at which this one ends is
@@ -113,6 +156,10 @@ impl Near {
                     1.0
                 };
                 direction = foot.normal.map(|c| sign * c);
+                // Beyond a rim the closest point is not straight below.
+                if surface.rim.is_some() && d > 1e-6 && dot(to, direction) < 0.999_999 * d {
+                    direction = to.map(|c| c / d);
+                }
             }
         }
         (best as f32, direction.map(|c| c as f32), sides)

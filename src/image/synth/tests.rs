@@ -5,7 +5,7 @@ use ndarray::ArrayD;
 fn clean(dims: [usize; 3], count: usize) -> Options {
     Options {
         dims,
-        count,
+        count: Some(count),
         signal_to_noise: f64::INFINITY,
         ..Options::default()
     }
@@ -46,7 +46,7 @@ fn fault_distance_matches_brute_force() {
         seed: 5,
         ..clean([56, 48, 40], 4)
     };
-    let faults = network::faults(&options, 1.0).unwrap();
+    let faults = crossing::faults(&options, 1.0).unwrap();
     assert!(faults[3].end.is_some());
     let (truth, _) = survey::survey(&faults, options.dims);
     let mut checked = 0;
@@ -99,8 +99,8 @@ fn fault_distance_matches_brute_force() {
 #[test]
 fn faults_bend_but_not_too_much_and_cross_at_good_angles() {
     for preset in PRESETS {
-        let faults = network::faults(&preset.options, 1.0).unwrap();
-        assert_eq!(faults.len(), preset.options.count);
+        let faults = crossing::faults(&preset.options, 1.0).unwrap();
+        assert_eq!(faults.len(), preset.options.count());
         let (truth, sides) = survey::survey(&faults, preset.options.dims);
         // Curved and crossing: some samples near two faults, more blocks than faults + 1.
         let mut patterns = sides.clone();
@@ -153,7 +153,7 @@ fn every_kind_is_made_the_same_on_any_number_of_threads() {
         assert_eq!(name.parse::<Kind>().unwrap(), kind);
         let options = Options {
             dims: [40, 33, 27],
-            count: 2,
+            count: Some(2),
             ..Options::default()
         };
         let all = make(kind, &options).unwrap();
@@ -276,14 +276,14 @@ fn bad_requests_are_refused_in_one_line() {
     );
     assert!(
         refuse(Options {
-            count: 0,
+            count: Some(0),
             ..Options::default()
         })
         .contains("1 to 16")
     );
     assert!(
         refuse(Options {
-            count: 16,
+            count: Some(16),
             dims: [32; 3],
             ..Options::default()
         })
@@ -321,7 +321,7 @@ fn bad_requests_are_refused_in_one_line() {
 #[test]
 fn distance_between_samples_is_that_of_the_faults() {
     let options = clean([72, 64, 56], 4);
-    let faults = network::faults(&options, 1.0).unwrap();
+    let faults = crossing::faults(&options, 1.0).unwrap();
     let (truth, _) = survey::survey(&faults, options.dims);
     let reference = crate::report::Reference::from_truth(&truth);
     let mut random = Random::of(3, 3);

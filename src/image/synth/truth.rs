@@ -17,6 +17,9 @@ pub const REACH: f32 = 10.0;
 /// distance; `[1], [2], [3]` are the x, y, z components of the unit vector from the sample to its
 /// closest feature point, which is normal to the feature (on the feature itself: either of its
 /// normals). In the plane the shape is `(3, ny, nx)`, with one component less. See [`REACH`].
+///
+/// Truth of a network has two more: how far the closest point is from the next feature, and the angle
+/// between the two ([`Truth::next`]).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Truth<const D: usize = 3> {
     /// Number of samples along each axis, x first.
@@ -28,6 +31,9 @@ pub struct Truth<const D: usize = 3> {
     /// Whether the directions are normals of a surface, so that a feature may be taken as flat
     /// about each closest point. Not so for voxels.
     pub smooth: bool,
+    /// Of networks: for samples within half a sample of a feature, how far the closest point of it is
+    /// from the next feature (at most [`REACH`]), and the angle between the two there, in degrees.
+    pub next: Option<Vec<[f32; 2]>>,
 }
 
 impl<const D: usize> Truth<D> {
@@ -62,13 +68,18 @@ impl<const D: usize> Truth<D> {
         (0..D).rev().fold(0, |at, k| at * self.dims[k] + index[k])
     }
 
-    /// The array of shape `(4, nz, ny, nx)`.
+    /// The array of shape `(4, nz, ny, nx)`; with what is known of the next feature `(6, nz, ny, nx)`.
     pub fn to_array(&self) -> ArrayD<f32> {
         let mut data = self.distance.clone();
         for k in 0..D {
             data.extend(self.direction.iter().map(|d| d[k]));
         }
-        let shape: Vec<usize> = [D + 1]
+        if let Some(next) = &self.next {
+            for k in 0..2 {
+                data.extend(next.iter().map(|n| n[k]));
+            }
+        }
+        let shape: Vec<usize> = [data.len() / self.distance.len().max(1)]
             .into_iter()
             .chain(self.dims.into_iter().rev())
             .collect();
@@ -79,7 +90,7 @@ impl<const D: usize> Truth<D> {
     /// Reads any of the three forms in which truth is given, in C order; `place` names it in
     /// errors. Also returns a line that says what was taken.
     ///
-    /// - shape `(4, nz, ny, nx)`: as [`Truth::to_array`] writes it;
+    /// - shape `(4, nz, ny, nx)` or `(6, nz, ny, nx)`: as [`Truth::to_array`] writes it;
     /// - shape `(nz, ny, nx)` of zeros and ones: a mask. Distances are to the centres of its
     ///   voxels, exact as such, but up to 0.87 sample off the feature that the mask stands for;
     /// - shape `(nz, ny, nx)` of other values: the (absolute) distance. Its gradient is taken by
@@ -90,7 +101,7 @@ impl<const D: usize> Truth<D> {
     pub fn from_array(array: &ArrayD<f32>, place: &str) -> Result<(Self, String)> {
         let bad = |problem: String, remedy: &str| Err(Error::Image(cause(place, problem, remedy)));
         let shape = array.shape().to_vec();
-        let full = shape.len() == D + 1 && shape[0] == D + 1;
+        let full = shape.len() == D + 1 && (shape[0] == D + 1 || shape[0] == D + 3);
         if !full && shape.len() != D {
             return bad(
                 format!("truth has the shape {shape:?}"),
@@ -132,11 +143,16 @@ impl<const D: usize> Truth<D> {
                 }
                 direction.push(unit);
             }
+            let next = (shape[0] == D + 3).then(|| {
+                let [gap, angle] = [D + 1, D + 2].map(part);
+                gap.into_iter().zip(angle).map(|(g, a)| [g, a]).collect()
+            });
             let truth = Self {
                 dims,
                 distance,
                 direction,
                 smooth: true,
+                next,
             };
             return Ok((truth, "exact distances and directions".to_string()));
         }
@@ -160,6 +176,7 @@ impl<const D: usize> Truth<D> {
             distance,
             direction: Vec::new(),
             smooth: true,
+            next: None,
         };
         let distance = &truth.distance;
         let strides = strides(dims);
@@ -240,6 +257,7 @@ impl<const D: usize> Truth<D> {
             distance: square.iter().map(|s| s.sqrt() as f32).collect(),
             direction: Vec::new(),
             smooth: false,
+            next: None,
         };
         truth.direction = (0..count)
             .into_par_iter()

@@ -669,7 +669,7 @@ mod meshed {
             let options = synth::Options {
                 dims: [110, 100, 96],
                 seed,
-                count: 3,
+                count: Some(3),
                 ..synth::Options::default()
             };
             let made = synth::make(kind, &options).unwrap();

@@ -130,7 +130,7 @@ mod tests {
                 crate::image::synth::Kind::Amplitude,
                 &crate::image::synth::Options {
                     dims: [96, 80, 72],
-                    count: 2,
+                    count: Some(2),
                     seed,
                     signal_to_noise,
                     ..Default::default()

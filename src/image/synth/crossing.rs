@@ -1,0 +1,164 @@
+//! Random networks of crossing faults.
+
+use super::surface::{End, Surface, Wave};
+use super::{Options, Result};
+use crate::Error;
+use crate::error::cause;
+use crate::geometry::dot;
+use crate::geometry::random::Random;
+use rayon::prelude::*;
+
+/// Smallest radius of curvature, in samples.
+const RADIUS: f64 = 45.0;
+/// Largest slope of a fault against its mean plane.
+const SLOPE: f64 = 0.4;
+/// Faults closer than this to each other, in samples, must cross ...
+const NEAR: f64 = 10.0;
+/// ... at no less than 30 degrees: the largest cosine of the angle between their normals.
+const COSINE: f64 = 0.866;
+const ATTEMPTS: usize = 400;
+
+/// `options.count()` faults, steep against the x axis. `curving` from 0 (planes) to 1. Candidates
+/// that barely touch the box, or run close to an earlier fault at less than 30 degrees, are drawn
+/// again.
+pub(super) fn faults(options: &Options, curving: f64) -> Result<Vec<Surface>> {
+    let mut random = Random::of(options.seed, 0xfa17);
+    let probe = Probe::new(options.dims);
+    let mut faults: Vec<Surface> = Vec::new();
+    let mut levels: Vec<Vec<f32>> = Vec::new();
+    for _ in 0..ATTEMPTS {
+        let (centre, fault) = candidate(&mut random, options.dims, curving);
+        let level = probe.levels(&fault);
+        let crosses_well = faults
+            .iter()
+            .zip(&levels)
+            .all(|(f, l)| probe.crosses_well(&fault, &level, f, l));
+        if crosses_well && probe.area(&level) > probe.least_area {
+            faults.push(fault);
+            levels.push(level);
+        }
+        if faults.len() == options.count() {
+            if curving > 0.0 && options.count() >= 4 {
+                let side = faults[0].level(centre).signum();
+                if let Some(last) = faults.last_mut() {
+                    last.end = Some(End { surface: 0, side });
+                }
+            }
+            return Ok(faults);
+        }
+    }
+    Err(Error::Job(cause(
+        format!("synth count {}", options.count()),
+        format!(
+            "only {} faults fit into {:?} samples without crossing at less than 30 degrees",
+            faults.len(),
+            options.dims
+        ),
+        "ask for fewer faults, larger dims or another seed",
+    )))
+}
+
+/// A fault and a point on it.
+fn candidate(random: &mut Random, dims: [usize; 3], curving: f64) -> ([f64; 3], Surface) {
+    let extent = dims.map(|n| (n - 1) as f64);
+    let centre: [f64; 3] = std::array::from_fn(|k| extent[k] * random.range(0.2, 0.8));
+    let dip = random.range(55.0, 88.0).to_radians();
+    let strike = random.range(0.0, std::f64::consts::TAU);
+    let flat = dims[2] == 1;
+    // In the plane a fault is a curve: a sheet that stands upright on it.
+    let normal = match flat {
+        true => [strike.cos(), strike.sin(), 0.0],
+        false => [
+            dip.cos(),
+            dip.sin() * strike.cos(),
+            dip.sin() * strike.sin(),
+        ],
+    };
+    let size = extent.iter().sum::<f64>() / if flat { 2.0 } else { 3.0 };
+    let mut waves: Vec<Wave> = (0..3)
+        .map(|_| {
+            let k = std::f64::consts::TAU / (size * random.range(0.7, 1.6));
+            let mut turn = random.range(0.0, std::f64::consts::TAU);
+            if flat {
+                turn = 0.0;
+            }
+            let (sin, cos) = turn.sin_cos();
+            let phase = random.range(0.0, std::f64::consts::TAU);
+            // Shares of the curvature: each wave bends the sheet as much as its share.
+            Wave {
+                amplitude: random.range(0.3, 1.0) / (k * k),
+                wave: [k * cos, k * sin],
+                phase,
+            }
+        })
+        .collect();
+    let norm = |w: &Wave| w.wave[0].hypot(w.wave[1]);
+    let curvature: f64 = waves.iter().map(|w| w.amplitude * norm(w).powi(2)).sum();
+    let slope: f64 = waves.iter().map(|w| w.amplitude * norm(w)).sum();
+    let scale = curving * (1.0 / (RADIUS * curvature)).min(SLOPE / slope);
+    waves.iter_mut().for_each(|w| w.amplitude *= scale);
+    if curving == 0.0 {
+        waves.clear();
+    }
+    (centre, Surface::sheet(centre, normal, waves))
+}
+
+/// A coarse grid of points at which faults are compared.
+struct Probe {
+    points: Vec<[f64; 3]>,
+    /// Volume of the box that a point stands for.
+    share: f64,
+    least_area: f64,
+}
+
+impl Probe {
+    fn new(dims: [usize; 3]) -> Self {
+        let largest = dims.iter().copied().max().unwrap_or(1);
+        let stride = largest.div_ceil(40).max(2);
+        let [nx, ny, nz] = dims;
+        let mut points = Vec::new();
+        for z in (0..nz).step_by(stride) {
+            for y in (0..ny).step_by(stride) {
+                points.extend(
+                    (0..nx)
+                        .step_by(stride)
+                        .map(|x| [x as f64, y as f64, z as f64]),
+                );
+            }
+        }
+        let volume = (nx * ny * nz) as f64;
+        let share = volume / points.len() as f64;
+        let power = if nz == 1 { 0.5 } else { 2.0 / 3.0 };
+        Self {
+            points,
+            share,
+            least_area: 0.4 * volume.powf(power),
+        }
+    }
+
+    fn levels(&self, fault: &Surface) -> Vec<f32> {
+        self.points
+            .par_iter()
+            .map(|&p| fault.level(p) as f32)
+            .collect()
+    }
+
+    /// The fault's area in the box, from the volume of a layer about it.
+    fn area(&self, level: &[f32]) -> f64 {
+        level.iter().filter(|l| l.abs() < NEAR as f32).count() as f64 * self.share / (2.0 * NEAR)
+    }
+
+    /// Whether two faults meet at no less than 30 degrees wherever both are near.
+    fn crosses_well(&self, a: &Surface, la: &[f32], b: &Surface, lb: &[f32]) -> bool {
+        let near = NEAR as f32;
+        self.points
+            .par_iter()
+            .zip(la)
+            .zip(lb)
+            .all(|((&p, la), lb)| {
+                la.abs() >= near
+                    || lb.abs() >= near
+                    || dot(a.direction(p), b.direction(p)).abs() < COSINE
+            })
+    }
+}

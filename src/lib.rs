@@ -44,8 +44,9 @@ pub mod cli;
 pub mod error;
 pub mod export;
 pub mod feature;
+#[doc(hidden)]
 pub mod files;
-pub mod geometry;
+pub(crate) mod geometry;
 pub mod image;
 pub mod improve;
 pub mod job;

@@ -1,14 +1,14 @@
 //! Meshes: topology, adjacency, checks, quality. Nothing here knows about images.
 //!
-//! - [`interface`]: what every mesh answers, whatever its cells are
+//! - `interface`: what every mesh answers, whatever its cells are
 //! - [`quality`]: dihedral angles and the measure that improvement maximises
-//! - [`complex`]: tetrahedra with neighbours, for local changes
-//! - [`tri`]: triangles in the plane
+//! - `complex`: tetrahedra with neighbours, for local changes
+//! - `tri`: triangles in the plane
 //! - [`check`]: the one public checker: is this a valid mesh that fills its box?
 //! - [`poly`]: meshes of polyhedra, or of polygons in 2-D
-//! - [`poly_check`]: the checker of those
+//! - `poly_check`: the checker of those
 //! - `poly_columns`: what is known of cells that stand in columns
-//! - [`poly_from`]: those made from simplices, or by lifting polygons to prisms
+//! - `poly_from`: those made from simplices, or by lifting polygons to prisms
 //! - [`graph`]: cells and connections, for flow and for simulators
 //! - [`delaunay`]: points -> tetrahedra by TetGen, triangles by spade; CGAL's opinion and refinement
 //! - [`voronoi`]: atoms in a box -> their Voronoi cells, cut exactly by the box
@@ -27,16 +27,16 @@
 //! ```
 
 pub mod check;
-pub mod complex;
+pub(crate) mod complex;
 pub mod delaunay;
 pub mod graph;
-pub mod interface;
+pub(crate) mod interface;
 pub mod poly;
-pub mod poly_check;
+pub(crate) mod poly_check;
 mod poly_columns;
-pub mod poly_from;
+pub(crate) mod poly_from;
 pub mod quality;
-pub mod tri;
+pub(crate) mod tri;
 pub mod voronoi;
 
 pub use interface::{Mesh, Positions, Simplices};

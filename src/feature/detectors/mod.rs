@@ -1,29 +1,29 @@
 //! Detectors: image -> candidates for points of features, one file a kind.
 //!
-//! - [`ridges`]: sheets of high values, or of low ones (valleys)
-//! - [`edges`]: ridges of Prewitt's gradient magnitude
-//! - [`canny`]: where the gradient is steepest along itself
-//! - [`paths`]: the boundary of one object, by random shortest paths
-//! - [`labels`]: interfaces between labels, the middle of a thin mask
-//! - [`horizons`]: crests and troughs of seismic amplitude
-//! - [`faults`]: where layers of seismic amplitude do not continue
-//! - [`faults_and_horizons`]: both, in one potential
-//! - [`potential`]: an image that is b(x) itself
-//! - [`auto`]: which of them fits an image
+//! - `ridges`: sheets of high values, or of low ones (valleys)
+//! - `edges`: ridges of Prewitt's gradient magnitude
+//! - `canny`: where the gradient is steepest along itself
+//! - `paths`: the boundary of one object, by random shortest paths
+//! - `labels`: interfaces between labels, the middle of a thin mask
+//! - `horizons`: crests and troughs of seismic amplitude
+//! - `faults`: where layers of seismic amplitude do not continue
+//! - `faults_and_horizons`: both, in one potential
+//! - `potential`: an image that is b(x) itself
+//! - `auto`: which of them fits an image
 //!
 //! Widths of Gaussians, windows and reaches are in samples, whatever the step of lattice space is;
 //! positions and normals become lattice space's when sheets are made of the candidates.
 
-pub mod auto;
-pub mod canny;
-pub mod edges;
-pub mod faults;
-pub mod faults_and_horizons;
-pub mod horizons;
-pub mod labels;
-pub mod paths;
-pub mod potential;
-pub mod ridges;
+pub(crate) mod auto;
+pub(crate) mod canny;
+pub(crate) mod edges;
+pub(crate) mod faults;
+pub(crate) mod faults_and_horizons;
+pub(crate) mod horizons;
+pub(crate) mod labels;
+pub(crate) mod paths;
+pub(crate) mod potential;
+pub(crate) mod ridges;
 
 use super::crossing::Candidate;
 use super::gaussian;

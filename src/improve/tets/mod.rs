@@ -6,8 +6,8 @@
 //! - `mend`: several changes at once, kept only if together they help
 //! - `collapse`: nodes that stand too close
 //! - `finish`: the mesh at the end, its faces on features, what blocks the rest
-//! - [`exude`](fn@exude): the second method: nodes get weights, none of them moves
-//! - [`reshape`](fn@reshape): atoms come, go and move in a part of a mesh
+//! - `exude`(fn@exude): the second method: nodes get weights, none of them moves
+//! - `reshape`(fn@reshape): atoms come, go and move in a part of a mesh
 
 mod collapse;
 mod exude;

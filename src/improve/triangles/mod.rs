@@ -17,13 +17,13 @@
 //! - `mend`: angles are raised
 //! - `edges`: flips, splits and collapses
 //! - `smooth`: a node moves to where it is best
-//! - [`reshape`](fn@reshape): atoms come, go and move in a part of a mesh
-//! - [`relax`]: Laplace's smoothing, before anything else
+//! - `reshape`(fn@reshape): atoms come, go and move in a part of a mesh
+//! - `relax`: Laplace's smoothing, before anything else
 
 mod edges;
 mod mend;
 mod recover;
-pub mod relax;
+pub(crate) mod relax;
 mod reshape;
 mod smooth;
 

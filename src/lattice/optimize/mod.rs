@@ -8,17 +8,17 @@
 //! Coordinates are scaled by d(x) (and the square root of an atom's temperature), so that fine and
 //! coarse parts of a lattice converge alike.
 //!
-//! - [`bounds`]: how far atoms may move, and chance moves
-//! - [`lbfgs`]: the descent direction
-//! - [`minimise`]: one minimisation: line search, stopping
-//! - [`genetic`]: a population of lattices instead, of which the best have descendants
-//! - [`temperature`]: which atoms a local edit may move
+//! - `bounds`: how far atoms may move, and chance moves
+//! - `lbfgs`: the descent direction
+//! - `minimise`: one minimisation: line search, stopping
+//! - `genetic`: a population of lattices instead, of which the best have descendants
+//! - `temperature`: which atoms a local edit may move
 
-pub mod bounds;
-pub mod genetic;
-pub mod lbfgs;
-pub mod minimise;
-pub mod temperature;
+pub(crate) mod bounds;
+pub(crate) mod genetic;
+pub(crate) mod lbfgs;
+pub(crate) mod minimise;
+pub(crate) mod temperature;
 
 pub use crate::observer::{Observer, Progress, Unobserved};
 

@@ -1,24 +1,24 @@
 //! Initial lattices of atoms: image box and nominal distance d(x) -> [`Atoms`].
 //!
 //! - [`lattice`]: the densest regular lattice fitted to the box, for constant d
-//! - [`grow`]: a pseudo-regular lattice grown atom by atom, for variable d
-//! - [`refine`](mod@refine): an isotropic lattice by Delaunay refinement
-//! - [`guide`]: drawn by chance under the image, features first
-//! - [`projection`]: sites projected onto features
-//! - [`canny`]: on features, dense where these bend, and few elsewhere
-//! - [`fixed`]: atoms given by the user
-//! - [`wells`]: atoms along trajectories, and d(x) near them
+//! - `grow`: a pseudo-regular lattice grown atom by atom, for variable d
+//! - `refine`: an isotropic lattice by Delaunay refinement
+//! - `guide`: drawn by chance under the image, features first
+//! - `projection`: sites projected onto features
+//! - `canny`: on features, dense where these bend, and few elsewhere
+//! - `fixed`: atoms given by the user
+//! - `wells`: atoms along trajectories, and d(x) near them
 //! - [`order`]: memory order of atoms, for cache locality
 
-pub mod canny;
-pub mod fixed;
-pub mod grow;
-pub mod guide;
+pub(crate) mod canny;
+pub(crate) mod fixed;
+pub(crate) mod grow;
+pub(crate) mod guide;
 pub mod lattice;
 pub mod order;
-pub mod projection;
-pub mod refine;
-pub mod wells;
+pub(crate) mod projection;
+pub(crate) mod refine;
+pub(crate) mod wells;
 
 use crate::error::{Error, Result, cause};
 use crate::geometry::scatter::Scatter;

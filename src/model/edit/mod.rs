@@ -5,17 +5,17 @@
 //! have a warm atom are made anew. All work is done on the neighbourhood: its atoms, its cells, and
 //! the part of the image that filters see from there; only looking for it goes over the whole mesh.
 //!
-//! - [`resolve`](mod@resolve): what the user asks for -> changes, checked, in groups that do not meet
-//! - [`window`]: the part of an image round an edit
-//! - [`spacing`]: d(x) there, as the mesh knows it
-//! - [`neighbourhood`]: the atoms and cells round an edit, and what becomes of them
-//! - [`body`]: a mesh that can be changed in places
+//! - `resolve`: what the user asks for -> changes, checked, in groups that do not meet
+//! - `window`: the part of an image round an edit
+//! - `spacing`: d(x) there, as the mesh knows it
+//! - `neighbourhood`: the atoms and cells round an edit, and what becomes of them
+//! - `body`: a mesh that can be changed in places
 
-pub mod body;
-pub mod neighbourhood;
-pub mod resolve;
-pub mod spacing;
-pub mod window;
+pub(crate) mod body;
+pub(crate) mod neighbourhood;
+pub(crate) mod resolve;
+pub(crate) mod spacing;
+pub(crate) mod window;
 
 use serde::Serialize;
 

@@ -7,14 +7,14 @@
 //! The boundary is a path from sample to sample: what it surrounds is smoothed, and points are where
 //! that is steepest ([`steepest`](mod@crate::feature::steepest)).
 //!
-//! - [`enhance`]: the paths, their confidence, and the closed path
-//! - [`marching`]: how long a front takes to reach every sample
+//! - `enhance`: the paths, their confidence, and the closed path
+//! - `marching`: how long a front takes to reach every sample
 //!
 //! Scale: one sample for the gradient, 1.5 for the closed path. Assumptions: the object's edge is
 //! steep nearly all the way round, and the first of its points lies inside it.
 
-pub mod enhance;
-pub mod marching;
+pub(crate) mod enhance;
+pub(crate) mod marching;
 
 use super::{Detector, Found, Scene, Thresholds};
 use crate::error::Result;

@@ -8,13 +8,13 @@
 //! are indices into that table, which are short, and the positions of a chunk's members, copied
 //! together, fit the nearest cache.
 //!
-//! - [`fixed`]: positions as integers
-//! - [`rows`]: the rows of a chunk
+//! - `fixed`: positions as integers
+//! - `rows`: the rows of a chunk
 //! - `scratch`: working memory with which rows are made
 //! - `search`: finding the points near an atom
 
-pub mod fixed;
-pub mod rows;
+pub(crate) mod fixed;
+pub(crate) mod rows;
 mod scratch;
 mod search;
 

@@ -119,11 +119,11 @@ pub struct Progress {
 ///
 /// | asked for | gives |
 /// |---|---|
-/// | before atoms move ([`Stage::Reading`] to [`Stage::Placing`]) | [`Error::Interrupted`](crate::Error::Interrupted) |
+/// | before atoms move ([`Stage::Reading`] to [`Stage::Placing`]) | [`Error::Interrupted`] |
 /// | while they move ([`Stage::Optimising`], [`Stage::Pairing`]) | the best lattice so far, joined and improved |
 /// | while the mesh is smoothed or improved | the mesh as far as it has come: valid, with more slivers or edges across features |
 /// | while it is measured | the mesh, with fewer figures |
-/// | in an edit | [`Error::Interrupted`](crate::Error::Interrupted): the mesh stays as it was |
+/// | in an edit | [`Error::Interrupted`]: the mesh stays as it was |
 ///
 /// Three things run to their end once they are begun: reading a file, one evaluation of the energy of all
 /// atoms, and what joins all atoms at once ([`Stage::Joining`] and [`Stage::Cutting`], where TetGen is at

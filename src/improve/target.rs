@@ -18,10 +18,10 @@ pub struct Target {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum SliverMethod {
-    /// Joe's local transformations and smoothing ([`improve`](super::tets::improve)).
+    /// Joe's local transformations and smoothing.
     #[default]
     Joe,
-    /// CGAL's exudation ([`exude`](super::tets::exude)).
+    /// CGAL's exudation.
     Exude,
 }
 

@@ -191,7 +191,7 @@ pub struct Params<const D: usize = 3> {
     /// Evaluator of the energy.
     pub evaluator: Evaluator,
     /// Weight in [0, 1] of the energy between atoms against their Laplacian coordinates
-    /// ([`Regularised`]); 1 leaves those out.
+    /// ([`Regularised`](crate::lattice::energy::Regularised)); 1 leaves those out.
     pub kappa: f64,
     /// How atoms are moved.
     pub optimizer: optimize::Method,

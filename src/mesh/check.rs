@@ -49,7 +49,7 @@ pub fn check<const D: usize, M: Simplices<D>>(
 }
 
 /// [`check`] of a mesh whose neighbours are known: for every cell and face, in order, the cell on its
-/// other side, or [`NONE`]. Whether they are right is checked, which takes less time than to find them.
+/// other side, or `NONE`. Whether they are right is checked, which takes less time than to find them.
 pub fn check_joined<const D: usize, M: Simplices<D>>(
     mesh: &M,
     neighbors: Option<&[u32]>,

@@ -8,6 +8,6 @@
 
 pub(crate) mod file;
 pub(crate) mod tsurf;
-pub(crate) mod vtp;
+pub mod vtp;
 
 pub use file::SurfaceFile;

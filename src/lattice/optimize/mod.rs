@@ -15,7 +15,7 @@
 //! - `temperature`: which atoms a local edit may move
 
 pub(crate) mod bounds;
-pub(crate) mod genetic;
+pub mod genetic;
 pub(crate) mod lbfgs;
 pub(crate) mod minimise;
 pub(crate) mod temperature;

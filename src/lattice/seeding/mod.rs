@@ -123,27 +123,27 @@ fn scatter<const D: usize>(extent: [f64; D], apart: f64) -> Scatter<D> {
 pub enum Seeding {
     /// The densest regular lattice, face-centred cubic in 3-D and triangular in 2-D: for constant d
     /// slightly stretched per axis to fit ([`lattice::fitted`]), else grown by Hale's Algorithm 2
-    /// ([`grow::grown`]).
+    /// (`grow::grown`).
     #[default]
     Fcc,
     /// Grown by Algorithm 2 whatever d, from fixed atoms and the sides of the box: the lattice is
     /// regular around wells rather than in the box.
     Grown,
-    /// Delaunay refinement ([`refine::refined`]), isotropic.
+    /// Delaunay refinement (`refine::refined`), isotropic.
     Refine {
         /// Decides where the first point inside is.
         seed: u64,
     },
-    /// Drawn by chance under the image, where its features are first ([`guide::drawn`]).
+    /// Drawn by chance under the image, where its features are first (`guide::drawn`).
     Guide {
         /// Decides what is drawn.
         seed: u64,
         /// Most atoms.
         most: usize,
     },
-    /// Sites of a fine lattice projected onto the image's features ([`projection::projected`]).
+    /// Sites of a fine lattice projected onto the image's features (`projection::projected`).
     Projection,
-    /// From features and image ([`canny::seeded`]), which decide d, too.
+    /// From features and image (`canny::seeded`), which decide d, too.
     Canny,
 }
 
@@ -152,13 +152,13 @@ pub enum Seeding {
 ///
 /// `potential` is the image as -1 on features and 0 elsewhere, over the box; only some ways need it.
 /// `fixed` atoms (lattice space) are kept exactly where they are; a lattice that is grown grows from
-/// them, others make room for them ([`fixed::insert`]). Atoms come in the order of a space-filling
+/// them, others make room for them (`fixed::insert`). Atoms come in the order of a space-filling
 /// curve, fixed atoms last.
 ///
 /// # Errors
-/// [`Error::Distance`](crate::Error::Distance) if d does not suit the box,
-/// [`Error::Seeding`](crate::Error::Seeding) if a fixed atom lies outside the box (alongside, also
-/// on a side of it) or two lie at one place, or for [`Seeding::Canny`], [`Error::Delaunay`](crate::Error::Delaunay) for
+/// [`Error::Distance`] if d does not suit the box,
+/// [`Error::Seeding`] if a fixed atom lies outside the box (alongside, also
+/// on a side of it) or two lie at one place, or for [`Seeding::Canny`], [`Error::Delaunay`] for
 /// refinement in 3-D without the feature `cgal`. Of the ways that need an image, `Error::Seeding` also
 /// if there is none or it is the same everywhere, and for projection alongside.
 ///

@@ -15,8 +15,8 @@
 //!
 //! - `horizon`: horizons, sampled at the nodes of a map
 
-pub(crate) mod drawn;
-pub(crate) mod horizon;
+pub mod drawn;
+pub mod horizon;
 
 use crate::error::cause;
 use crate::mesh::poly::{Lists, PolyMesh, SIDE_0};

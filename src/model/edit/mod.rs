@@ -11,7 +11,7 @@
 //! - `neighbourhood`: the atoms and cells round an edit, and what becomes of them
 //! - `body`: a mesh that can be changed in places
 
-pub(crate) mod body;
+pub mod body;
 pub(crate) mod neighbourhood;
 pub(crate) mod resolve;
 pub(crate) mod spacing;

@@ -25,7 +25,7 @@ pub(crate) mod elements;
 pub(crate) mod inside;
 mod linear;
 pub(crate) mod multigrid;
-pub(crate) mod report;
+pub mod report;
 pub(crate) mod rock;
 pub(crate) mod sparse;
 pub(crate) mod split;
@@ -33,7 +33,7 @@ pub(crate) mod streamlines;
 pub(crate) mod system;
 #[cfg(test)]
 pub(crate) mod test_meshes;
-pub(crate) mod through;
+pub mod through;
 pub(crate) mod wells;
 
 pub use barriers::Barriers;

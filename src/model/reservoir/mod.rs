@@ -173,7 +173,7 @@ impl Model {
     }
 
     /// Gives the rock its permeability, in m^2, and finds all transmissibilities: as
-    /// [`CellFlow`](crate::model::flow::CellFlow) does, for a viscosity of 1.
+    /// [`CellFlow`] does, for a viscosity of 1.
     ///
     /// # Errors
     /// [`Error::Flow`] names a connection that would have a negative transmissibility.

@@ -12,11 +12,11 @@
 //! - `raster`: which cell each sample of the image lies in
 //! - `boundary`: the surface of the object, smoothed
 
-pub(crate) mod boundary;
+pub mod boundary;
 pub(crate) mod costs;
 pub(crate) mod maxflow;
-pub(crate) mod raster;
-pub(crate) mod superpixels;
+pub mod raster;
+pub mod superpixels;
 
 use crate::Result;
 use crate::image::Image;

@@ -15,14 +15,14 @@
 //! - `measure`: area, orientation, extent, rim
 //! - `adjacency`: cells and the faces between them
 
-pub(crate) mod adjacency;
+pub mod adjacency;
 pub(crate) mod facets;
 pub(crate) mod fill;
 pub(crate) mod kind;
 pub(crate) mod measure;
 pub(crate) mod pairs;
-pub(crate) mod select;
-pub(crate) mod stored;
+pub mod select;
+pub mod stored;
 pub(crate) mod unite;
 
 use facets::{Facets, NONE};

@@ -30,6 +30,7 @@ test: packages
 	cargo clippy --workspace --all-targets --locked -- -D warnings
 	cargo clippy --no-default-features --lib --locked -- -D warnings
 	cargo clippy --no-default-features --features cli --lib --bins --locked -- -D warnings
+	RUSTDOCFLAGS="-D warnings" cargo doc --no-deps --locked
 	@mkdir -p target && rm -f target/skipped
 	ATOMESH_SKIPPED="$$PWD/target/skipped" cargo test --workspace --locked
 	@scripts/skipped.sh target/skipped

@@ -289,7 +289,7 @@ fn evaluators() -> Outcome<()> {
     )?;
     let extent = image.dims().map(|n| (n - 1) as f64);
     let distance = Distance::Constant(d);
-    let atoms = seeding::regular(extent, &distance, &[], Alignment::On)?.positions;
+    let atoms = seeding::fcc(extent, &distance, &[], Alignment::On)?.positions;
     let mut gradient = vec![[0.0; 3]; atoms.len()];
     let beta = Beta::Constant(0.2);
     let mut time = |energy: &mut dyn Energy<3>| {

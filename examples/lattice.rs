@@ -15,6 +15,7 @@ use atomesh::lattice::distance::{self, Distance};
 use atomesh::lattice::energy::{Beta, Energy, Sampled, pair};
 use atomesh::lattice::seeding::{self, Alignment};
 use atomesh::model::slice::{self, Skeleton};
+use atomesh::observer::Patience;
 
 fn main() -> anyhow::Result<()> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -102,9 +103,10 @@ fn grown(image: &Image<2>, to: &str) -> anyhow::Result<()> {
         ..feature::Detection::default()
     };
     let features = feature::detect(image, &options)?;
-    let distance = distance::from_features(&features, RANGE[0], RANGE[1], 0.1)?;
+    let distance =
+        distance::from_features(&features, RANGE[0], RANGE[1], 0.1, &Patience::endless())?;
     let extent = features.potential.extent();
-    let atoms = seeding::regular(extent, &distance, &[], Alignment::On)?;
+    let atoms = seeding::fcc(extent, &distance, &[], Alignment::On)?;
     let [nx, ny] = image.dims();
     let samples = (0..nx * ny)
         .map(|i| distance.at([(i % nx) as f64, (i / nx) as f64]) as f32)

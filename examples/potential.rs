@@ -36,7 +36,7 @@ fn main() -> anyhow::Result<()> {
     let potential = feature::detect(&loaded.image, &options)?.potential;
     let distance = Distance::Constant(d);
     let extent = potential.extent();
-    let mut atoms = seeding::regular(extent, &distance, &[], Alignment::On)?;
+    let mut atoms = seeding::fcc(extent, &distance, &[], Alignment::On)?;
 
     let mut energy = Sampled::new(&distance, &potential, Beta::Constant(BETA));
     draw(&mut energy, &atoms, before)?;

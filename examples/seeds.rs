@@ -23,6 +23,7 @@ use atomesh::mesh::Simplices;
 use atomesh::mesh::delaunay;
 use atomesh::mesh::poly::Lists;
 use atomesh::model::slice::{self, Skeleton};
+use atomesh::observer::Patience;
 use atomesh::report::cost::cpu_seconds;
 use atomesh::report::quality;
 
@@ -235,7 +236,7 @@ where
                 most: usize::MAX,
             },
             "projection" => Seeding::Projection,
-            _ => Seeding::Regular,
+            _ => Seeding::Fcc,
         };
         let potential = Some(&self.features.potential);
         let (extent, distance) = (self.extent, &self.distance);
@@ -246,6 +247,7 @@ where
             &[],
             Alignment::On,
             potential,
+            &Patience::endless(),
         )?)
     }
 

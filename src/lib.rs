@@ -40,12 +40,18 @@
 //! ```
 
 #[cfg(feature = "cli")]
+#[allow(
+    rustdoc::broken_intra_doc_links,
+    rustdoc::private_intra_doc_links,
+    reason = "its documentation is what the program prints as help, and for who works on it"
+)]
 pub mod cli;
 pub mod error;
 pub mod export;
 pub mod feature;
+#[doc(hidden)]
 pub mod files;
-pub mod geometry;
+pub(crate) mod geometry;
 pub mod image;
 pub mod improve;
 pub mod job;

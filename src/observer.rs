@@ -1,8 +1,15 @@
 //! Watching, and stopping, long work.
 
 use std::fmt;
+use std::sync::Mutex;
+use std::sync::atomic::Ordering::Relaxed;
+use std::sync::atomic::{AtomicBool, AtomicU64};
+use std::time::Instant;
 
 use serde::{Serialize, Serializer};
+
+use crate::error::cause;
+use crate::{Error, Result};
 
 /// What is being done: a step of making or editing a mesh, in this order as far as a job takes them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -80,7 +87,7 @@ impl fmt::Display for Stage {
 
 impl Serialize for Stage {
     /// The words of [`fmt::Display`].
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> std::result::Result<S::Ok, S::Error> {
         serializer.collect_str(self)
     }
 }
@@ -103,24 +110,30 @@ pub struct Progress {
 }
 
 /// Sees what goes on inside the library, which itself never prints, and may ask it to stop. All
-/// methods have a default that does nothing.
+/// methods have a default that does nothing. They are called by whichever thread is at work, but never
+/// by two at once.
 ///
 /// # Stopping
-/// Every long stage asks [`keep_going`](Self::keep_going), most of them many times a second; a single
-/// triangulation and a single pass over the image's samples run to their end. What a stop gives:
+/// Every long stage asks [`keep_going`](Self::keep_going) some fifty times a second, in the midst of its
+/// passes over samples, atoms and cells too. What a stop gives:
 ///
 /// | asked for | gives |
 /// |---|---|
-/// | before atoms move ([`Stage::Reading`] to [`Stage::Placing`]) | [`Error::Interrupted`](crate::Error::Interrupted) |
+/// | before atoms move ([`Stage::Reading`] to [`Stage::Placing`]) | [`Error::Interrupted`] |
 /// | while they move ([`Stage::Optimising`], [`Stage::Pairing`]) | the best lattice so far, joined and improved |
 /// | while the mesh is smoothed or improved | the mesh as far as it has come: valid, with more slivers or edges across features |
 /// | while it is measured | the mesh, with fewer figures |
-/// | in an edit | [`Error::Interrupted`](crate::Error::Interrupted): the mesh stays as it was |
+/// | in an edit | [`Error::Interrupted`]: the mesh stays as it was |
+///
+/// Three things run to their end once they are begun: reading a file, one evaluation of the energy of all
+/// atoms, and what joins all atoms at once ([`Stage::Joining`] and [`Stage::Cutting`], where TetGen is at
+/// work, and refinement in space, where CGAL is): a stop takes effect after them. A program that must
+/// end sooner has to end its process, as the command line does.
 ///
 /// A mesh of a job that was stopped says so: its `stop` is
 /// [`Stop::Interrupted`](crate::lattice::optimize::Stop::Interrupted). Every stage asks afresh: an
 /// observer that goes on saying no from stage to stage leaves out all that can be left out.
-pub trait Observer {
+pub trait Observer: Send {
     /// A stage begins.
     fn stage(&mut self, _stage: Stage) {}
 
@@ -142,42 +155,105 @@ pub struct Unobserved;
 
 impl Observer for Unobserved {}
 
-/// Asks an observer whether to go on, in loops of many short steps only now and then; once told to
-/// stop, it does not ask again.
+/// Asks an observer whether to go on, now and then, from any thread that is at work; once told to stop,
+/// it does not ask again.
+///
+/// What takes long asks it once a row or a step, and where it is over leaves the rest undone: whoever
+/// gave it must look whether it is [`over`](Self::over) before trusting the result.
 pub struct Patience<'a> {
-    ask: Option<&'a mut dyn FnMut() -> bool>,
-    steps: u32,
-    over: bool,
+    ask: Option<&'a (dyn Fn() -> bool + Sync)>,
+    begun: Instant,
+    /// When to ask again, in milliseconds from the beginning.
+    next: AtomicU64,
+    over: AtomicBool,
 }
+
+/// Milliseconds between two questions; unit tests count them all.
+const BETWEEN_QUESTIONS: u64 = if cfg!(test) { 0 } else { 20 };
 
 impl<'a> Patience<'a> {
     /// Without end.
     pub fn endless() -> Self {
         Self {
             ask: None,
-            steps: 0,
-            over: false,
+            begun: Instant::now(),
+            next: AtomicU64::new(0),
+            over: AtomicBool::new(false),
         }
     }
 
     /// Until `ask` says no.
-    pub fn new(ask: &'a mut dyn FnMut() -> bool) -> Self {
+    fn new(ask: &'a (dyn Fn() -> bool + Sync)) -> Self {
         Self {
             ask: Some(ask),
             ..Self::endless()
         }
     }
 
-    /// Whether to stop here; asks once in 64 steps.
-    #[inline]
-    pub fn over(&mut self) -> bool {
-        self.steps = self.steps.wrapping_add(1);
-        if self.steps % 64 == 1
-            && !self.over
-            && let Some(ask) = &mut self.ask
-        {
-            self.over = !ask();
-        }
-        self.over
+    /// What `work` gives as long as an observer has patience, which is asked at once.
+    pub fn of<T>(
+        keep_going: &mut (dyn FnMut() -> bool + Send),
+        work: impl FnOnce(&Patience<'_>) -> T,
+    ) -> T {
+        let keep_going = Mutex::new(keep_going);
+        // Who finds another asking goes on.
+        let ask = || keep_going.try_lock().map_or(true, |mut ask| ask());
+        work(&Patience::new(&ask))
     }
+
+    /// Whether to stop here.
+    #[inline]
+    pub fn over(&self) -> bool {
+        if self.over.load(Relaxed) {
+            return true;
+        }
+        let Some(ask) = self.ask else { return false };
+        let now = self.begun.elapsed().as_millis() as u64;
+        let next = self.next.load(Relaxed);
+        let due = now >= next
+            && self
+                .next
+                .compare_exchange(next, now + BETWEEN_QUESTIONS, Relaxed, Relaxed)
+                .is_ok();
+        if due && !ask() {
+            self.over.store(true, Relaxed);
+        }
+        self.over.load(Relaxed)
+    }
+
+    /// Refuses to go on once it is over, where there is no result to stop with.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`].
+    pub fn lasts(&self, stage: Stage) -> Result<()> {
+        if self.over() {
+            return Err(interrupted(stage));
+        }
+        Ok(())
+    }
+}
+
+/// An observer that only looks whether there is patience left.
+pub(crate) struct Patient<'a>(pub &'a Patience<'a>);
+
+impl Observer for Patient<'_> {
+    fn keep_going(&mut self) -> bool {
+        !self.0.over()
+    }
+}
+
+impl fmt::Debug for Patience<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let over = self.over.load(Relaxed);
+        f.debug_struct("Patience").field("over", &over).finish()
+    }
+}
+
+/// What is said of a stage that was stopped before there was a result.
+pub(crate) fn interrupted(stage: Stage) -> Error {
+    Error::Interrupted(cause(
+        stage,
+        "interrupted before there was a lattice",
+        "start the job again",
+    ))
 }

@@ -10,7 +10,7 @@ mod common;
 use atomesh::ErrorKind;
 use atomesh::image::synth::{self, Kind};
 use atomesh::image::{Geometry, Image};
-use atomesh::improve::triangles::relax::Scheme;
+use atomesh::improve::Scheme;
 use atomesh::job::{self, CellKind, Meshing, Params, Space, Spacing};
 use atomesh::lattice::optimize::Stop;
 use atomesh::observer::{Observer, Stage};

@@ -9,7 +9,7 @@ mod common;
 
 use atomesh::feature::FeatureKind;
 use atomesh::image::{Geometry, Image};
-use atomesh::improve::triangles::relax::Scheme;
+use atomesh::improve::Scheme;
 use atomesh::job::{self, Meshing, Outcome, Params, Space, Spacing};
 use atomesh::lattice::AtomKind;
 use atomesh::lattice::optimize::Unobserved;

@@ -11,7 +11,8 @@ use crate::image::Image;
 use crate::image::formats::{self, ReadOptions};
 use crate::improve;
 use crate::job::asked::{
-    Apart, Beta, Cells, DistanceFrom, Job, LatticeJob, LatticeSpace, Placement, Slivers, Start,
+    Apart, BetaFrom, Cells, DistanceFrom, Job, LatticeJob, LatticeSpace, PlacementJob, Slivers,
+    Start,
 };
 use crate::job::{CellKind, FixedAtom, Metric, Params, Spacing, Weight, WellPath};
 use crate::lattice::seeding::Seeding;
@@ -37,7 +38,7 @@ pub fn check_files(image: &Path, job: &Job, config: Option<&Path>) -> Result<()>
         if let Some(wells) = &lattice.wells {
             inputs.extend(wells.files.iter().map(PathBuf::as_path));
         }
-        if let Beta::File(path) = &lattice.beta {
+        if let BetaFrom::File(path) = &lattice.beta {
             inputs.push(path);
         }
         inputs.extend(distances(lattice));
@@ -98,11 +99,11 @@ pub fn params<const D: usize>(job: &Job) -> Result<Params<D>> {
         ..Params::default()
     };
     match &job.placement {
-        Placement::Canny => {
+        PlacementJob::Canny => {
             params.seeding = Seeding::Canny;
             params.spacing = Spacing::of_canny(D);
         }
-        Placement::Lattice(lattice) => put_lattice(&mut params, lattice, job.seed.0)?,
+        PlacementJob::Lattice(lattice) => put_lattice(&mut params, lattice, job.seed.0)?,
     }
     match job.cells {
         Cells::Voronoi { weld } => {
@@ -127,7 +128,7 @@ pub fn params<const D: usize>(job: &Job) -> Result<Params<D>> {
             };
         }
     }
-    if D == 2 && params.slivers == improve::Method::Exude {
+    if D == 2 && params.slivers == improve::SliverMethod::Exude {
         return Err(Error::Job(cause(
             "--slivers exude",
             "does nothing in 2-D, where the Delaunay triangulation has no slivers",
@@ -159,8 +160,8 @@ fn put_lattice<const D: usize>(
         None => None,
     };
     params.beta = match &lattice.beta {
-        Beta::Constant(beta) => Weight::Constant(*beta),
-        Beta::File(path) => Weight::Image(Box::new(read_beta(path)?)),
+        BetaFrom::Constant(beta) => Weight::Constant(*beta),
+        BetaFrom::File(path) => Weight::Image(Box::new(read_beta(path)?)),
     };
     if let Some(wells) = &lattice.wells {
         params.wells = wells
@@ -171,7 +172,7 @@ fn put_lattice<const D: usize>(
         params.well_distance = wells.distance;
     }
     params.seeding = match lattice.start {
-        Start::Fcc => Seeding::Regular,
+        Start::Fcc => Seeding::Fcc,
         Start::Grown => Seeding::Grown,
         Start::Refine => Seeding::Refine { seed },
         Start::Guide { most } => Seeding::Guide {

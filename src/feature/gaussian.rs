@@ -9,6 +9,7 @@
 //! y and z by adding shifted rows, along x by adding shifted copies of one padded row.
 
 use crate::geometry::wide::wide;
+use crate::observer::Patience;
 use rayon::prelude::*;
 
 /// Samples of x handled at once: the sums stay in registers.
@@ -33,7 +34,12 @@ fn mirrored(i: isize, n: usize) -> usize {
 
 /// Convolves an image (x fastest) in place with a Gaussian of width `sigma` samples along each axis;
 /// axes with `sigma[k] <= 0` are left alone.
-pub fn smooth<const D: usize>(dims: [usize; D], samples: &mut [f32], sigma: [f64; D]) {
+pub fn smooth<const D: usize>(
+    dims: [usize; D],
+    samples: &mut [f32],
+    sigma: [f64; D],
+    patience: &Patience<'_>,
+) {
     let [nx, ny] = [dims[0], dims[1]];
     if samples.is_empty() {
         return;
@@ -43,6 +49,9 @@ pub fn smooth<const D: usize>(dims: [usize; D], samples: &mut [f32], sigma: [f64
     samples
         .par_chunks_mut(nx * ny)
         .for_each_init(Vec::new, |scratch, plane| {
+            if patience.over() {
+                return;
+            }
             if let Some(kernel) = &kernels[0] {
                 wide(
                     #[inline(always)]
@@ -76,6 +85,9 @@ pub fn smooth<const D: usize>(dims: [usize; D], samples: &mut [f32], sigma: [f64
                 stacks
                     .par_iter_mut()
                     .for_each_init(Vec::new, |scratch, rows| {
+                        if patience.over() {
+                            return;
+                        }
                         wide(
                             #[inline(always)]
                             || smooth_across(rows, kernel, scratch),
@@ -190,7 +202,7 @@ mod tests {
             let mut v = vec![0.0; 53 * 47 * 51];
             let c = [26, 23, 25];
             v[at(dims, c)] = 1.0;
-            smooth(dims, &mut v, sigma);
+            smooth(dims, &mut v, sigma, &Patience::endless());
             let norm: f64 = sigma
                 .iter()
                 .map(|s| s * (2.0 * std::f64::consts::PI).sqrt())
@@ -246,7 +258,7 @@ mod tests {
                     }
                 }
             }
-            smooth(dims, &mut v, [sigma; 3]);
+            smooth(dims, &mut v, [sigma; 3], &Patience::endless());
             let factor = (-0.5f64 * sigma * sigma * (a * a + b * b + c * c)).exp();
             for z in 8..40 {
                 for y in 8..32 {
@@ -263,7 +275,7 @@ mod tests {
     fn constants_stay_constant_up_to_the_sides_of_odd_shapes() {
         for dims in [[1, 1, 1], [3, 2, 1], [17, 5, 33], [16, 1, 2]] {
             let mut v = vec![2.5f32; dims.iter().product()];
-            smooth(dims, &mut v, [1.5, 2.5, 9.0]);
+            smooth(dims, &mut v, [1.5, 2.5, 9.0], &Patience::endless());
             assert!(v.iter().all(|x| (x - 2.5).abs() < 1e-5), "{dims:?}");
         }
     }

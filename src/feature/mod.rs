@@ -55,8 +55,9 @@ mod tests;
 
 use crate::error::Result;
 use crate::image::{Field, Image};
+use crate::observer::{Patience, Stage};
 use detectors::{Detector, Scene};
-use sheets::Open;
+use sheets::{FoundSheets, Open};
 
 pub use detection::Detection;
 pub use detectors::paths::PathSeeds;
@@ -116,11 +117,23 @@ impl<const D: usize> Features<D> {
 /// [`Error::Image`](crate::Error::Image) for an image that has NaN or infinite samples, is constant, or
 /// is not what `asked.kind` says.
 pub fn detect<const D: usize>(image: &Image<D>, asked: &Detection<D>) -> Result<Features<D>> {
+    detect_while(image, asked, &Patience::endless())
+}
+
+/// The same as long as there is patience.
+///
+/// # Errors
+/// Those of [`detect`], and [`Error::Interrupted`](crate::Error::Interrupted).
+pub(crate) fn detect_while<const D: usize>(
+    image: &Image<D>,
+    asked: &Detection<D>,
+    patience: &Patience<'_>,
+) -> Result<Features<D>> {
     let image = &*detection::checked(image, asked)?;
     detection::refuse_constant(image)?;
     let (parts, why) = detectors::chosen(image, asked)?;
     let follow_whole = |(detector, asked)| {
-        let scene = Scene::new(image, &asked);
+        let scene = Scene::new(image, &asked, patience);
         follow(&scene, detector, [[false; 2]; D])
     };
     let found: Result<Vec<_>> = parts.into_iter().map(follow_whole).collect();
@@ -134,19 +147,21 @@ pub fn detect<const D: usize>(image: &Image<D>, asked: &Detection<D>) -> Result<
 /// that reach them are kept however small they are here.
 ///
 /// # Errors
-/// Those of [`detect`], but that a part may well be constant.
+/// Those of [`detect`], but that a part may well be constant; and
+/// [`Error::Interrupted`](crate::Error::Interrupted) once `patience` is over.
 pub(crate) fn detect_part<const D: usize>(
     part: &Image<D>,
     asked: &Detection<D>,
     settled: &[Settled],
     open: &Open<D>,
+    patience: &Patience<'_>,
 ) -> Result<Features<D>> {
     let part = &*detection::checked(part, asked)?;
     if detection::is_constant(part) {
         return Ok(Features::none(part.dims(), asked));
     }
     let follow_part = |settled| {
-        let scene = Scene::of_part(part, asked, settled);
+        let scene = Scene::of_part(part, asked, settled, patience);
         follow(&scene, detectors::again(settled.kind)?, *open)
     };
     let found: Result<Vec<_>> = settled.iter().map(follow_part).collect();
@@ -161,7 +176,9 @@ fn follow<const D: usize>(
 ) -> Result<Features<D>> {
     let (dims, asked, kind) = (scene.image.dims(), scene.asked, detector.kind());
     let mut notes = Vec::new();
-    let mut found = detector.find(scene, &mut notes)?;
+    let found = detector.find(scene, &mut notes);
+    scene.patience.lasts(Stage::Features)?;
+    let mut found = found?;
     found.drop_near_missing(scene.image, detector.beyond_smoothing(), &mut notes);
     let thresholds = found.thresholds;
     let rules = sheets::Rules {
@@ -170,14 +187,19 @@ fn follow<const D: usize>(
         min_area: scene.least_area(detector.least_sheet()),
         open,
     };
-    let sheets = sheets::sheets(dims, &found.candidates, asked.step, &rules);
+    let sheets = sheets::sheets(dims, &found.candidates, asked.step, &rules, scene.patience);
     drop(found.candidates);
+    scene.patience.lasts(Stage::Features)?;
     sheets.describe(kind, &rules, &mut notes);
     let sigma = asked.d_min / 4.0;
     let potential = detector.potential(scene.image).map_or_else(
-        || potential::potential(&sheets.points, &sheets.rim, dims, asked.step, sigma),
+        || {
+            let FoundSheets { points, rim, .. } = &sheets;
+            potential::potential(points, rim, dims, asked.step, sigma, scene.patience)
+        },
         |samples| field(dims, asked, samples),
     );
+    scene.patience.lasts(Stage::Features)?;
     Ok(Features {
         on_horizon: vec![kind == FeatureKind::Horizons; sheets.points.len()],
         points: sheets.points,

@@ -11,6 +11,7 @@
 use super::FeaturePoint;
 use crate::geometry::dot;
 use crate::image::Field;
+use crate::observer::Patience;
 use rayon::prelude::*;
 
 /// The bell is cut at this many sigma.
@@ -34,6 +35,7 @@ pub fn potential<const D: usize>(
     dims: [usize; D],
     step: [f64; D],
     sigma: f64,
+    patience: &Patience<'_>,
 ) -> Field<D> {
     let mut samples = vec![f32::INFINITY; dims.iter().product()];
     let last = D - 1;
@@ -62,6 +64,9 @@ pub fn potential<const D: usize>(
                 sigma: sigma as f32,
             };
             for (point, &ends) in points[start..end].iter().zip(&rim[start..end]) {
+                if patience.over() {
+                    return;
+                }
                 splat.add(point);
                 if ends {
                     splat.add_round(point);

@@ -9,9 +9,10 @@
 
 use super::by_sample::BySample;
 use super::crossing::{Candidate, nearest};
-use super::symmetric::{Matrix, eigenvalues};
+use super::symmetric::{Symmetric, eigenvalues};
 use super::volume::Volume;
 use crate::geometry::{dot, sub};
+use crate::observer::Patience;
 
 /// Reliable points within this many samples of a new point are fitted; the second radius is for the
 /// middle of wide zones, where the first finds too few.
@@ -47,6 +48,7 @@ pub fn repair<const D: usize>(
     candidates: Vec<Candidate<D>>,
     scale: f64,
     strong: f32,
+    patience: &Patience<'_>,
 ) -> Vec<Candidate<D>> {
     let zone = Zone::new(smoothed.dims, &candidates, scale, strong);
     let (doubtful, reliable): (Vec<_>, Vec<_>) = candidates.iter().partition(|c| {
@@ -69,6 +71,9 @@ pub fn repair<const D: usize>(
         by_segment: vec![NONE; (smoothed.samples.len() >> SEGMENT) + 1],
     };
     for c in reliable.iter().filter(|c| c.strength >= strong) {
+        if patience.over() {
+            break;
+        }
         if zone.near(grid.coordinates(c)) {
             let level = smoothed.samples[c.voxel as usize];
             fill.step_from(
@@ -82,7 +87,7 @@ pub fn repair<const D: usize>(
         }
     }
     let mut next = 0;
-    while next < fill.points.len() {
+    while next < fill.points.len() && !patience.over() {
         let (point, front) = (fill.points[next], fill.fronts[next]);
         if front.steps < STEPS {
             fill.step_from(&point, front);
@@ -141,7 +146,7 @@ impl<const D: usize> Zone<D> {
     }
 
     /// Whether normals of different sheets meet in a cell and the ones that touch it.
-    fn is_mixed(&self, tensors: &[Matrix<D>], cell: usize) -> bool {
+    fn is_mixed(&self, tensors: &[Symmetric<D>], cell: usize) -> bool {
         let samples: &[f32] = &[];
         let cells = Volume {
             dims: self.cells,
@@ -197,7 +202,7 @@ impl<const D: usize> Zone<D> {
     }
 }
 
-fn trace<const D: usize>(m: &Matrix<D>) -> f64 {
+fn trace<const D: usize>(m: &Symmetric<D>) -> f64 {
     (0..D).map(|k| m[k][k]).sum()
 }
 

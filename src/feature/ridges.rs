@@ -15,6 +15,7 @@ use super::crossing::{Candidate, along_axis, dominant_axes};
 use super::rows::Curvature;
 use super::symmetric::{eigenvalues, eigenvector};
 use super::volume::Volume;
+use crate::observer::Patience;
 
 /// A Gaussian ridge as wide as the smoothing has, in the smoothed image, sigma^2 times its second
 /// derivative lower than its height by this factor.
@@ -28,8 +29,13 @@ const SECOND: f32 = 0.4;
 ///
 /// The strength is -sigma^2 times the second derivative across the ridge, scaled to be the ridge's
 /// height if the ridge was a Gaussian of width `sigma` before smoothing.
-pub fn ridges<const D: usize>(smoothed: Volume<'_, D>, sigma: f64, low: f32) -> Vec<Candidate<D>> {
-    smoothed.by_rows(|first, curvature: &mut Curvature, found| {
+pub fn ridges<const D: usize>(
+    smoothed: Volume<'_, D>,
+    sigma: f64,
+    low: f32,
+    patience: &Patience<'_>,
+) -> Vec<Candidate<D>> {
+    smoothed.by_rows(patience, |first, curvature: &mut Curvature, found| {
         curvature.measure(smoothed, first);
         row(smoothed, sigma, low, first, curvature, found);
     })
@@ -76,10 +82,14 @@ impl Statistics {
 }
 
 /// Measures [`Statistics`] for [`ridges`].
-pub fn statistics<const D: usize>(smoothed: Volume<'_, D>, sigma: f64) -> Statistics {
+pub fn statistics<const D: usize>(
+    smoothed: Volume<'_, D>,
+    sigma: f64,
+    patience: &Patience<'_>,
+) -> Statistics {
     let every = if D == 3 { 16 } else { 1 };
     let parts: Vec<(Vec<f32>, Vec<Candidate<D>>)> =
-        smoothed.by_rows(|first, curvature: &mut Curvature, parts| {
+        smoothed.by_rows(patience, |first, curvature: &mut Curvature, parts| {
             let number: usize = (1..D).map(|k| first[k] * [1, 1, 7][k]).sum();
             if !number.is_multiple_of(every) {
                 return;

@@ -85,7 +85,12 @@ pub fn ridges_in_correlated_noise(
     let mut random = Noise::new(7);
     let white = image_of(dims, |_| random.normal());
     let mut grain = white.as_slice().to_vec();
-    crate::feature::gaussian::smooth(dims, &mut grain, [length; 3]);
+    crate::feature::gaussian::smooth(
+        dims,
+        &mut grain,
+        [length; 3],
+        &crate::observer::Patience::endless(),
+    );
     let power = grain.iter().map(|g| f64::from(g * g)).sum::<f64>() / grain.len() as f64;
     let gain = (noise / power.sqrt()) as f32;
     let clean = ridge_image(dims, sheets, width, 0.0);

@@ -36,6 +36,7 @@ mod tests {
     use super::*;
     use crate::feature::{Detection, detect_part};
     use crate::image::{Geometry, Image};
+    use crate::observer::Patience;
 
     fn part() -> Image<2> {
         let samples = (0..400).map(|i| (i % 7) as f32).collect();
@@ -45,7 +46,14 @@ mod tests {
     #[test]
     fn a_constant_part_has_no_features() {
         let part = Image::new([20, 20], vec![3.0; 400], Geometry::default());
-        let found = detect_part(&part, &Detection::default(), &[], &[[true; 2]; 2]).unwrap();
+        let found = detect_part(
+            &part,
+            &Detection::default(),
+            &[],
+            &[[true; 2]; 2],
+            &Patience::endless(),
+        )
+        .unwrap();
         assert!(found.points.is_empty() && found.potential.samples.iter().all(|b| *b == 0.0));
     }
 
@@ -60,9 +68,15 @@ mod tests {
                 min_area: 1.0,
                 mask: None,
             };
-            detect_part(&part(), &Detection::default(), &[settled], &[[true; 2]; 2])
-                .unwrap_err()
-                .to_string()
+            detect_part(
+                &part(),
+                &Detection::default(),
+                &[settled],
+                &[[true; 2]; 2],
+                &Patience::endless(),
+            )
+            .unwrap_err()
+            .to_string()
         };
         assert!(says(FeatureKind::Paths).contains("through the whole image"));
         assert!(says(FeatureKind::Auto).contains("feature 'auto'"));

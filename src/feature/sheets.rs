@@ -9,6 +9,7 @@ use super::by_sample::BySample;
 use super::crossing::{Candidate, nearest};
 use super::{FeatureKind, FeaturePoint};
 use crate::geometry::{dot, sub};
+use crate::observer::Patience;
 
 /// No sheet.
 const FREE: u32 = u32::MAX;
@@ -33,7 +34,7 @@ pub struct Rules<const D: usize> {
 
 /// Points that were kept, and what happened to the others.
 #[derive(Debug, Clone)]
-pub struct Sheets<const D: usize> {
+pub struct FoundSheets<const D: usize> {
     /// Points of all sheets, in the order of samples.
     pub points: Vec<FeaturePoint<D>>,
     /// For each point, whether its sheet ends there.
@@ -46,7 +47,7 @@ pub struct Sheets<const D: usize> {
     pub crumbs: usize,
 }
 
-impl<const D: usize> Sheets<D> {
+impl<const D: usize> FoundSheets<D> {
     /// Notes what was kept of features of one kind, and what was not.
     pub fn describe(&self, kind: FeatureKind, rules: &Rules<D>, notes: &mut Vec<String>) {
         notes.push(format!(
@@ -94,7 +95,8 @@ pub fn sheets<const D: usize>(
     candidates: &[Candidate<D>],
     step: [f64; D],
     rules: &Rules<D>,
-) -> Sheets<D> {
+    patience: &Patience<'_>,
+) -> FoundSheets<D> {
     let grid = BySample::new(dims, candidates);
     let mut growth = Growth {
         grid: &grid,
@@ -108,11 +110,11 @@ pub fn sheets<const D: usize>(
     };
     let mut sheets = 0;
     for seed in by_strength(candidates) {
-        if candidates[seed].strength < rules.high {
+        if candidates[seed].strength < rules.high || patience.over() {
             break;
         }
         if growth.owner[seed] == FREE && growth.blocker[seed] == FREE {
-            let area = growth.grow(seed, sheets as u32);
+            let area = growth.grow(seed, sheets as u32, patience);
             if area < rules.min_area && !growth.reaches(&rules.open) {
                 growth.give_up();
             } else {
@@ -120,7 +122,7 @@ pub fn sheets<const D: usize>(
             }
         }
     }
-    let mut result = Sheets {
+    let mut result = FoundSheets {
         points: Vec::new(),
         rim: Vec::new(),
         sheets,
@@ -128,6 +130,9 @@ pub fn sheets<const D: usize>(
         crumbs: 0,
     };
     for (i, c) in candidates.iter().enumerate() {
+        if patience.over() {
+            break;
+        }
         if growth.owner[i] < CRUMB {
             result.points.push(lattice_point(c, step));
             result.rim.push(growth.ends_at(c));
@@ -189,14 +194,14 @@ struct Growth<'a, const D: usize> {
 
 impl<const D: usize> Growth<'_, D> {
     /// Grows the sheet of `seed`; returns its area in square lattice units.
-    fn grow(&mut self, seed: usize, sheet: u32) -> f64 {
+    fn grow(&mut self, seed: usize, sheet: u32, patience: &Patience<'_>) -> f64 {
         self.members.clear();
         self.blocked.clear();
         self.members.push(seed);
         self.owner[seed] = sheet;
         let mut area = 0.0;
         let mut next = 0;
-        while next < self.members.len() {
+        while next < self.members.len() && !patience.over() {
             let i = self.members[next];
             next += 1;
             let c = &self.grid.candidates[i];

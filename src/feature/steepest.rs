@@ -5,6 +5,7 @@
 
 use super::crossing::{Candidate, along_axis, dominant_axes};
 use super::volume::Volume;
+use crate::observer::Patience;
 
 /// Points whose steepness is at least `low`, and above zero, in the order of samples, of a smoothed
 /// volume of which `steepness` is the [steepness](super::steepness::steepness).
@@ -12,8 +13,9 @@ pub fn steepest<const D: usize>(
     smoothed: Volume<'_, D>,
     steepness: Volume<'_, D>,
     low: f32,
+    patience: &Patience<'_>,
 ) -> Vec<Candidate<D>> {
-    smoothed.by_rows(|first, (): &mut (), found| {
+    smoothed.by_rows(patience, |first, (): &mut (), found| {
         let start = smoothed.index(first);
         let row = &steepness.samples[start..start + smoothed.dims[0]];
         for (x, &steep) in row.iter().enumerate() {

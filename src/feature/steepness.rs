@@ -2,17 +2,21 @@
 
 use super::volume::Volume;
 use crate::geometry::wide::wide;
+use crate::observer::Patience;
 use rayon::prelude::*;
 
 /// Prewitt's gradient magnitude (Hale 2001, for medical images): along each axis the central
 /// difference, averaged over the three samples to either side along every other axis. In units of
 /// the image a sample; outside, samples repeat those of the sides.
-pub fn prewitt<const D: usize>(volume: Volume<'_, D>) -> Vec<f32> {
+pub fn prewitt<const D: usize>(volume: Volume<'_, D>, patience: &Patience<'_>) -> Vec<f32> {
     let nx = volume.dims[0];
     let mut out = vec![0.0; volume.samples.len()];
     out.par_chunks_mut(nx.max(1)).enumerate().for_each_init(
         || vec![vec![0.0f32; nx]; D],
         |gradient, (row, out)| {
+            if patience.over() {
+                return;
+            }
             wide(
                 #[inline(always)]
                 || magnitude_of_row(volume, row, gradient, out),
@@ -67,12 +71,15 @@ fn magnitude_of_row<const D: usize>(
 
 /// The magnitude of the gradient by central differences, in units of the image a sample; outside,
 /// samples repeat those of the sides.
-pub fn steepness<const D: usize>(volume: Volume<'_, D>) -> Vec<f32> {
+pub fn steepness<const D: usize>(volume: Volume<'_, D>, patience: &Patience<'_>) -> Vec<f32> {
     let nx = volume.dims[0];
     let mut out = vec![0.0; volume.samples.len()];
     out.par_chunks_mut(nx.max(1))
         .enumerate()
         .for_each(|(row, out)| {
+            if patience.over() {
+                return;
+            }
             wide(
                 #[inline(always)]
                 || steepness_of_row(volume, row * nx, out),
@@ -119,7 +126,7 @@ mod tests {
             dims,
             samples: &samples,
         };
-        for (i, got) in prewitt(volume).iter().enumerate() {
+        for (i, got) in prewitt(volume, &Patience::endless()).iter().enumerate() {
             let at = volume.coordinates(i);
             let part = |k: usize| match dims[k] {
                 1 => 0.0,
@@ -150,7 +157,7 @@ mod tests {
             dims,
             samples: &samples,
         };
-        for (i, steep) in steepness(volume).iter().enumerate() {
+        for (i, steep) in steepness(volume, &Patience::endless()).iter().enumerate() {
             let gradient = volume.gradient(volume.coordinates(i));
             let length = gradient.iter().map(|g| g * g).sum::<f32>().sqrt();
             assert!((steep - length).abs() < 1e-5);
@@ -159,6 +166,9 @@ mod tests {
             dims: [1, 3],
             samples: &samples[..3],
         };
-        assert_eq!(steepness(row)[1], 0.5 * (samples[2] - samples[0]).abs());
+        assert_eq!(
+            steepness(row, &Patience::endless())[1],
+            0.5 * (samples[2] - samples[0]).abs()
+        );
     }
 }

@@ -3,7 +3,7 @@
 use crate::geometry::dot;
 
 /// A symmetric matrix of two or three rows.
-pub type Matrix<const D: usize> = [[f64; D]; D];
+pub type Symmetric<const D: usize> = [[f64; D]; D];
 
 /// Eigenvalues in ascending order.
 ///
@@ -12,7 +12,7 @@ pub type Matrix<const D: usize> = [[f64; D]; D];
 /// from the others is smooth in h and found by Newton's method, the others follow from a quadratic.
 /// Relative error about 1e-14 of the largest magnitude.
 #[inline]
-pub fn eigenvalues<const D: usize>(m: &Matrix<D>) -> [f64; D] {
+pub fn eigenvalues<const D: usize>(m: &Symmetric<D>) -> [f64; D] {
     const { assert!(D == 2 || D == 3, "images have two or three dimensions") };
     let mut values = [0.0; D];
     if D == 2 {
@@ -63,7 +63,7 @@ pub fn near_lone_root(h: f32) -> f32 {
 
 /// A unit eigenvector for an eigenvalue of `m`; any fitting direction where it is not unique.
 #[inline]
-pub fn eigenvector<const D: usize>(m: &Matrix<D>, value: f64) -> [f64; D] {
+pub fn eigenvector<const D: usize>(m: &Symmetric<D>, value: f64) -> [f64; D] {
     let mut rows = *m;
     for k in 0..D {
         rows[k][k] -= value;
@@ -126,7 +126,7 @@ fn unit<const D: usize>(a: [f64; D]) -> [f64; D] {
 mod tests {
     use super::*;
 
-    fn check<const D: usize>(m: &Matrix<D>) {
+    fn check<const D: usize>(m: &Symmetric<D>) {
         let scale = m.iter().flatten().fold(0.0f64, |a, c| a.max(c.abs()));
         let values = eigenvalues(m);
         assert!(values.windows(2).all(|v| v[0] <= v[1] + 1e-9 * scale));
@@ -145,7 +145,7 @@ mod tests {
         }
     }
 
-    fn from_six([xx, yy, zz, xy, xz, yz]: [f64; 6]) -> Matrix<3> {
+    fn from_six([xx, yy, zz, xy, xz, yz]: [f64; 6]) -> Symmetric<3> {
         [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
     }
 

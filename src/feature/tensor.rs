@@ -8,6 +8,7 @@
 use super::gaussian::smooth;
 use super::symmetric::{eigenvalues, eigenvector};
 use super::volume::Volume;
+use crate::observer::Patience;
 use rayon::prelude::*;
 
 /// Unit normals on a coarse grid.
@@ -20,15 +21,15 @@ pub struct Normals<const D: usize> {
 impl<const D: usize> Normals<D> {
     /// Normals of an image (already smoothed to the scale of its derivatives), averaged under a
     /// Gaussian window of width `window` samples.
-    pub fn new(volume: Volume<'_, D>, window: f64) -> Self {
+    pub fn new(volume: Volume<'_, D>, window: f64, patience: &Patience<'_>) -> Self {
         let factor = ((window / 2.0) as usize).clamp(1, 4);
         let dims = volume.dims.map(|n| n.div_ceil(factor));
-        let products = products(volume, factor, dims);
+        let products = products(volume, factor, dims, patience);
         // Cells on the far sides hold fewer samples; their weight is less, the direction the same.
         let products: Vec<Vec<f32>> = products
             .into_iter()
             .map(|mut component| {
-                smooth(dims, &mut component, [window / factor as f64; D]);
+                smooth(dims, &mut component, [window / factor as f64; D], patience);
                 component
             })
             .collect();
@@ -111,6 +112,7 @@ fn products<const D: usize>(
     volume: Volume<'_, D>,
     factor: usize,
     dims: [usize; D],
+    patience: &Patience<'_>,
 ) -> Vec<Vec<f32>> {
     let count: usize = dims.iter().product();
     let mut products = vec![vec![0.0f32; count]; D * (D + 1) / 2];
@@ -129,6 +131,9 @@ fn products<const D: usize>(
         .for_each(|(number, parts)| {
             let end = ((number + 1) * factor * thickness).min(volume.samples.len());
             for start in (number * factor * thickness..end).step_by(volume.dims[0]) {
+                if patience.over() {
+                    return;
+                }
                 let mut at = volume.coordinates(start);
                 let row = index(dims, at.map(|i| i / factor)) - number * layer;
                 for x in 0..volume.dims[0] {
@@ -164,13 +169,14 @@ mod tests {
                     (0.5 * (n[0] * p[0] + n[1] * p[1] + n[2] * p[2])).sin()
                 });
                 let mut samples = image.as_slice().to_vec();
-                smooth(dims, &mut samples, [1.0; 3]);
+                smooth(dims, &mut samples, [1.0; 3], &Patience::endless());
                 let normals = Normals::new(
                     Volume {
                         dims,
                         samples: &samples,
                     },
                     4.0,
+                    &Patience::endless(),
                 );
                 for p in [[20.0, 18.0, 22.0], [19.3, 17.6, 21.2], [24.0, 15.0, 20.5]] {
                     let w = normals.at(p);
@@ -189,12 +195,12 @@ mod tests {
             let (sin, cos) = f64::from(dip).to_radians().sin_cos();
             let wave = |i: usize| (0.5 * (cos * (i % 44) as f64 + sin * (i / 44) as f64)).sin();
             let mut samples: Vec<f32> = (0..44 * 40).map(|i| wave(i) as f32).collect();
-            smooth(dims, &mut samples, [1.0; 2]);
+            smooth(dims, &mut samples, [1.0; 2], &Patience::endless());
             let volume = Volume {
                 dims,
                 samples: &samples,
             };
-            let normal = Normals::new(volume, 4.0).at([21.3, 19.8]);
+            let normal = Normals::new(volume, 4.0, &Patience::endless()).at([21.3, 19.8]);
             let c = (cos * f64::from(normal[0]) + sin * f64::from(normal[1])).abs();
             assert!(c.min(1.0).acos().to_degrees() < 1.0, "{dip} {normal:?}");
         }

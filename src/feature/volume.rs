@@ -1,6 +1,7 @@
 //! Finite differences of an image in memory; outside, samples repeat those of the sides.
 
-use super::symmetric::Matrix;
+use super::symmetric::Symmetric;
+use crate::observer::Patience;
 use rayon::prelude::*;
 
 /// Rows per parallel task: fixed, so that results do not depend on the threads.
@@ -53,6 +54,7 @@ impl<'a, const D: usize> Volume<'a, D> {
     /// that it may use holds anything.
     pub fn by_rows<S: Default, T: Send>(
         &self,
+        patience: &Patience<'_>,
         visit: impl Fn([usize; D], &mut S, &mut Vec<T>) + Sync,
     ) -> Vec<T> {
         let rows = self.samples.len() / self.dims[0].max(1);
@@ -61,6 +63,9 @@ impl<'a, const D: usize> Volume<'a, D> {
             .map(|part| {
                 let (mut scratch, mut found) = (S::default(), Vec::new());
                 for row in part * ROWS..((part + 1) * ROWS).min(rows) {
+                    if patience.over() {
+                        break;
+                    }
                     let first = self.coordinates(row * self.dims[0]);
                     visit(first, &mut scratch, &mut found);
                 }
@@ -100,7 +105,7 @@ impl<'a, const D: usize> Volume<'a, D> {
 
     /// Second derivatives, right to the fourth order where two samples to either side are inside (else
     /// [`Volume::hessian`]): second differences turn the eigenvectors of narrow ridges, these do not.
-    pub fn second_derivatives(&self, at: [usize; D]) -> Matrix<D> {
+    pub fn second_derivatives(&self, at: [usize; D]) -> Symmetric<D> {
         if (0..D).any(|k| at[k] < 2 || at[k] + 2 >= self.dims[k]) {
             return self.hessian(at);
         }
@@ -132,7 +137,7 @@ impl<'a, const D: usize> Volume<'a, D> {
 
     /// Second differences.
     #[inline]
-    pub fn hessian(&self, at: [usize; D]) -> Matrix<D> {
+    pub fn hessian(&self, at: [usize; D]) -> Symmetric<D> {
         let (before, after) = self.neighbours(at);
         let (s, i) = (self.samples, self.index(at));
         let twice = 2.0 * s[i];

@@ -3,14 +3,14 @@
 //! Axis order: `dims`, indices and positions are written x first (`[nx, ny, nz]`); in memory x is
 //! the fastest axis, so the array's NumPy shape is `(nz, ny, nx)`.
 //!
-//! - [`geometry`]: from sample indices to physical coordinates
-//! - [`check`]: statistics, and refusing what no mesh can be made of
-//! - [`field`]: samples in *lattice space* and their smooth interpolation
+//! - `geometry`: from sample indices to physical coordinates
+//! - `check`: statistics, and refusing what no mesh can be made of
+//! - `field`: samples in *lattice space* and their smooth interpolation
 
-pub mod check;
-pub mod field;
+pub(crate) mod check;
+pub(crate) mod field;
 pub mod formats;
-pub mod geometry;
+pub(crate) mod geometry;
 pub mod synth;
 
 pub use check::Stats;

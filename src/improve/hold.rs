@@ -225,7 +225,7 @@ impl Hold {
     }
 
     /// The smallest allowed move that cancels the offsets from the held sheets.
-    fn step_to(&self, near: &super::sheets::Near) -> Option<[f64; 3]> {
+    fn step_to(&self, near: &super::sheets::NearSheets) -> Option<[f64; 3]> {
         let free = |mut n: [f64; 3]| {
             for k in 0..3 {
                 if self.axes >> k & 1 == 1 {

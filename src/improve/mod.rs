@@ -3,13 +3,13 @@
 //!
 //! The two that do it:
 //!
-//! - [`tets`]: tetrahedra in space
-//! - [`triangles`]: triangles in the plane
+//! - `tets`: tetrahedra in space
+//! - `triangles`: triangles in the plane
 //!
 //! What they share; the plane is z = 0 of space, and a curve a sheet that stands upright on it:
 //!
-//! - [`sheets`]: the features as local planes
-//! - [`hold`]: what holds a node (box sides, features)
+//! - `sheets`: the features as local planes
+//! - `hold`: what holds a node (box sides, features)
 //! - `settle`: atoms near features go onto them
 //! - `pierce`: where edges pass through features
 //! - `target`: what to aim at
@@ -20,10 +20,10 @@
 //! side of it or has its nodes on it, so the sheet is a union of faces, whatever flips exchange them.
 //! It is established once (`recover`) and every later change keeps it.
 
-pub mod hold;
-pub mod sheets;
-pub mod tets;
-pub mod triangles;
+pub(crate) mod hold;
+pub(crate) mod sheets;
+pub(crate) mod tets;
+pub(crate) mod triangles;
 
 mod improved;
 mod part;
@@ -34,4 +34,5 @@ mod target;
 pub use improved::{Blocked, Counts, Improved};
 pub use part::{Refusal, Reshaped, Wanted};
 pub use settle::settle;
-pub use target::{Method, Target};
+pub use target::{SliverMethod, Target};
+pub use triangles::relax::Scheme;

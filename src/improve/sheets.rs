@@ -23,12 +23,12 @@ pub struct Sheet {
 
 /// The sheets near a position, nearest first.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Near {
+pub struct NearSheets {
     sheets: [Sheet; MOST],
     count: usize,
 }
 
-impl Near {
+impl NearSheets {
     /// The sheets, nearest first.
     pub fn iter(&self) -> impl Iterator<Item = &Sheet> {
         self.sheets[..self.count].iter()
@@ -191,9 +191,9 @@ impl Sheets {
     }
 
     /// The sheets near `x`: those that pass within the fitting radius, fitted by planes.
-    pub fn near(&self, x: [f64; 3]) -> Near {
+    pub fn near(&self, x: [f64; 3]) -> NearSheets {
         const ROOM: usize = 192;
-        let mut result = Near::default();
+        let mut result = NearSheets::default();
         if self.points.is_empty() || self.far(x) {
             return result;
         }

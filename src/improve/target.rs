@@ -11,17 +11,17 @@ pub struct Target {
     /// Every dihedral angle shall lie in [min_dihedral, 180 - min_dihedral] degrees.
     pub min_dihedral: f64,
     /// How, in space.
-    pub method: Method,
+    pub method: SliverMethod,
 }
 
 /// How slivers are removed.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Method {
-    /// Joe's local transformations and smoothing ([`improve`](super::tets::improve)).
+pub enum SliverMethod {
+    /// Joe's local transformations and smoothing.
     #[default]
     Joe,
-    /// CGAL's exudation ([`exude`](super::tets::exude)).
+    /// CGAL's exudation.
     Exude,
 }
 
@@ -29,12 +29,12 @@ impl Default for Target {
     fn default() -> Self {
         Self {
             min_dihedral: 30.0,
-            method: Method::Joe,
+            method: SliverMethod::Joe,
         }
     }
 }
 
-impl std::fmt::Display for Method {
+impl std::fmt::Display for SliverMethod {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
             Self::Joe => "flips and smoothing",

@@ -25,7 +25,7 @@ pub struct Job {
     /// What the mesh follows.
     pub features: Followed,
     /// How atoms come to stand where they do.
-    pub placement: Placement,
+    pub placement: PlacementJob,
     /// A file of fixed atoms (wells, sources), in the image's physical coordinates; none by default.
     pub atoms_from: Option<PathBuf>,
     /// What the mesh is made of.
@@ -155,7 +155,7 @@ impl Followed {
 
 /// How atoms come to stand where they do.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Placement {
+pub enum PlacementJob {
     /// On features, dense where they bend; few elsewhere. Image and features determine the
     /// distance, and
     /// nothing moves.
@@ -164,7 +164,7 @@ pub enum Placement {
     Lattice(LatticeJob),
 }
 
-impl Default for Placement {
+impl Default for PlacementJob {
     fn default() -> Self {
         Self::Lattice(LatticeJob::default())
     }
@@ -180,7 +180,7 @@ pub struct LatticeJob {
     /// Wells: fixed atoms along their trajectories.
     pub wells: Option<Wells>,
     /// Weight of the image against the lattice, in [0, 1); 0.5 by default.
-    pub beta: Beta,
+    pub beta: BetaFrom,
     /// The energy of the lattice.
     pub energy: LatticeEnergy,
     /// How atoms are moved; by L-BFGS by default.
@@ -197,7 +197,7 @@ impl Default for LatticeJob {
             apart: Apart::Everywhere(8.0),
             start: Start::Fcc,
             wells: None,
-            beta: Beta::Constant(0.5),
+            beta: BetaFrom::Constant(0.5),
             energy: LatticeEnergy::Pairwise { kappa: 1.0 },
             optimizer: optimize::Method::Lbfgs,
             coarse_passes: 0,
@@ -274,7 +274,7 @@ pub struct Wells {
 
 /// Weight of the image against the lattice, in [0, 1).
 #[derive(Debug, Clone, PartialEq)]
-pub enum Beta {
+pub enum BetaFrom {
     /// The same everywhere.
     Constant(f64),
     /// An image with a weight for each sample.
@@ -345,7 +345,7 @@ pub enum Slivers {
     /// They are removed.
     Removed {
         /// How.
-        method: improve::Method,
+        method: improve::SliverMethod,
         /// Smallest dihedral angle aimed at, in degrees, the largest being 180 minus it; in 2-D the
         /// smallest angle. 30 by default, at most 60.
         min_dihedral: f64,
@@ -357,7 +357,7 @@ pub enum Slivers {
 impl Default for Slivers {
     fn default() -> Self {
         Self::Removed {
-            method: improve::Method::Joe,
+            method: improve::SliverMethod::Joe,
             min_dihedral: 30.0,
         }
     }
@@ -390,15 +390,15 @@ impl Job {
     /// The lattice, unless atoms are placed otherwise.
     pub fn lattice(&self) -> Option<&LatticeJob> {
         match &self.placement {
-            Placement::Lattice(lattice) => Some(lattice),
-            Placement::Canny => None,
+            PlacementJob::Lattice(lattice) => Some(lattice),
+            PlacementJob::Canny => None,
         }
     }
 
     /// All that decides the result, and nothing of where it is written.
     pub fn reproducible(mut self) -> Self {
         self.outputs = Outputs::default();
-        if let Placement::Lattice(lattice) = &mut self.placement {
+        if let PlacementJob::Lattice(lattice) = &mut self.placement {
             lattice.trace = None;
         }
         self

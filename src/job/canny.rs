@@ -10,6 +10,7 @@ use crate::image::{Field, Image};
 use crate::improve;
 use crate::lattice::AtomKind;
 use crate::lattice::seeding::{self, Atoms};
+use crate::observer::{Patience, Stage};
 
 /// Atoms at Canny's points, on what the points around them agree on.
 pub(super) fn placed<const D: usize>(
@@ -17,12 +18,15 @@ pub(super) fn placed<const D: usize>(
     params: &Params<D>,
     features: &Features<D>,
     frame: &Frame<D>,
+    patience: &Patience<'_>,
 ) -> Result<Placed<D>>
 where
     Space<D>: Meshing<D>,
 {
-    let image = smoothed(image, frame.step, params.sigma.unwrap_or(1.0));
-    let (mut atoms, distance) = seeding::canny::seeded(&features.points, &image, &frame.fixed)?;
+    let image = smoothed(image, frame.step, params.sigma.unwrap_or(1.0), patience);
+    let (mut atoms, distance) =
+        seeding::canny::seeded(&features.points, &image, &frame.fixed, patience)?;
+    patience.lasts(Stage::Placing)?;
     let seeded = atoms.len() - frame.fixed.len();
     let scene = Scene {
         extent: frame.extent,
@@ -62,9 +66,14 @@ where
 }
 
 /// An image smoothed over `sigma` samples, in lattice space.
-pub(super) fn smoothed<const D: usize>(image: &Image<D>, step: [f64; D], sigma: f64) -> Field<D> {
+pub(super) fn smoothed<const D: usize>(
+    image: &Image<D>,
+    step: [f64; D],
+    sigma: f64,
+    patience: &Patience<'_>,
+) -> Field<D> {
     let mut samples = image.as_slice().to_vec();
-    gaussian::smooth(image.dims(), &mut samples, [sigma; D]);
+    gaussian::smooth(image.dims(), &mut samples, [sigma; D], patience);
     Field {
         dims: image.dims(),
         step,

@@ -6,7 +6,7 @@ use crate::feature::{FeaturePoint, Features};
 use crate::geometry::in_space;
 use crate::improve::sheets::Sheets;
 use crate::improve::triangles::relax::Relaxation;
-use crate::improve::{self, Method, Refusal, Reshaped, Target, Wanted, tets, triangles};
+use crate::improve::{self, Refusal, Reshaped, SliverMethod, Target, Wanted, tets, triangles};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
 use crate::lattice::seeding::Atoms;
@@ -14,7 +14,7 @@ use crate::mesh::delaunay::{self, Delaunay};
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::voronoi;
 use crate::mesh::{Simplices, TetMesh, TriMesh};
-use crate::observer::{Patience, Stage};
+use crate::observer::Stage;
 use crate::report::Improvement;
 
 /// The plane (`D` = 2) or space (`D` = 3).
@@ -101,6 +101,25 @@ pub struct Joined<M> {
     pub rival: Option<(M, Vec<u8>)>,
 }
 
+impl<M> Joined<M> {
+    /// Of which nothing shall be improved.
+    fn as_it_is<const D: usize>(mesh: M, kinds: Vec<AtomKind>, neighbors: Option<Vec<u32>>) -> Self
+    where
+        M: Simplices<D>,
+    {
+        Self {
+            made: Marked {
+                feature_faces: vec![0; mesh.len()],
+                mesh,
+                kinds,
+            },
+            neighbors,
+            improvement: None,
+            rival: None,
+        }
+    }
+}
+
 /// Radius of the patches by which features are known locally, in units of d (and from 2 to 6.5; a patch
 /// of a curve holds four points from 3 on).
 const PATCH: f64 = 0.8;
@@ -121,6 +140,21 @@ fn planes<const D: usize>(
     Sheets::new(points, extent, radius, reach)
 }
 
+/// Puts the atoms that are next to a feature onto it; gives the features as local planes.
+fn put_onto_sheets<const D: usize>(
+    positions: &mut [[f64; D]],
+    kinds: &[AtomKind],
+    scene: &Scene<'_, D>,
+) -> Sheets
+where
+    Space<D>: Meshing<D>,
+{
+    let sheets = Space::<D>::sheets(scene);
+    let reach = SETTLE * scene.distance.min();
+    improve::settle(positions, kinds, scene.extent, &sheets, reach);
+    sheets
+}
+
 impl Meshing<3> for Space<3> {
     type Mesh = TetMesh;
 
@@ -131,14 +165,9 @@ impl Meshing<3> for Space<3> {
         improvement: Option<&Target>,
         stages: &mut Stages<'_>,
     ) -> Result<Joined<TetMesh>> {
-        let Scene {
-            extent, distance, ..
-        } = *scene;
-        let sheets = improvement.map(|_| Self::sheets(scene));
-        if let Some(sheets) = &sheets {
-            let reach = SETTLE * distance.min();
-            improve::settle(&mut atoms.positions, &atoms.kinds, extent, sheets, reach);
-        }
+        let (extent, distance) = (scene.extent, scene.distance);
+        let Atoms { positions, kinds } = &mut atoms;
+        let sheets = improvement.map(|_| put_onto_sheets(positions, kinds, scene));
         stages.begin(Stage::Joining);
         let Delaunay {
             mut mesh,
@@ -146,58 +175,53 @@ impl Meshing<3> for Space<3> {
         } = delaunay::delaunay_with_neighbors(&atoms.positions)?;
         let mut kinds = atoms.kinds;
         let (Some(options), Some(sheets)) = (improvement, &sheets) else {
-            return Ok(Joined {
-                made: Marked {
-                    feature_faces: vec![0; mesh.tets.len()],
-                    mesh,
-                    kinds,
-                },
-                neighbors: Some(neighbors.into_flattened()),
-                improvement: None,
-                rival: None,
-            });
+            return Ok(Joined::as_it_is(
+                mesh,
+                kinds,
+                Some(neighbors.into_flattened()),
+            ));
         };
         let mut rival = None;
         let (neighbors, (outcome, feature_faces)) = match options.method {
-            Method::Joe => {
+            SliverMethod::Joe => {
                 stages.begin(Stage::Improving);
-                let done = tets::improve(
-                    &mut mesh,
-                    &mut neighbors,
-                    &mut kinds,
-                    extent,
-                    sheets,
-                    distance,
-                    options,
-                    Patience::new(&mut || stages.keep_going()),
-                );
+                let done = stages.patiently(|patience| {
+                    tets::improve(
+                        &mut mesh,
+                        &mut neighbors,
+                        &mut kinds,
+                        extent,
+                        sheets,
+                        distance,
+                        options,
+                        patience,
+                    )
+                });
                 (Some(neighbors.into_flattened()), done)
             }
-            Method::Exude => {
+            SliverMethod::Exude => {
                 stages.begin(Stage::Comparing);
                 let (mut other, mut their_kinds) = (mesh.clone(), kinds.clone());
-                let (_, faces) = tets::improve(
-                    &mut other,
-                    &mut neighbors.clone(),
-                    &mut their_kinds,
-                    extent,
-                    sheets,
-                    distance,
-                    options,
-                    Patience::new(&mut || stages.keep_going()),
-                );
+                let (_, faces) = stages.patiently(|patience| {
+                    tets::improve(
+                        &mut other,
+                        &mut neighbors.clone(),
+                        &mut their_kinds,
+                        extent,
+                        sheets,
+                        distance,
+                        options,
+                        patience,
+                    )
+                });
                 rival = Some((other, faces));
                 stages.begin(Stage::Improving);
-                let done = tets::exude(
-                    &mut mesh,
-                    neighbors,
-                    &mut kinds,
-                    extent,
-                    sheets,
-                    distance,
-                    options,
-                    Patience::new(&mut || stages.keep_going()),
-                )?;
+                let done = stages.patiently(|patience| {
+                    tets::exude(
+                        &mut mesh, neighbors, &mut kinds, extent, sheets, distance, options,
+                        patience,
+                    )
+                })?;
                 (None, done)
             }
         };
@@ -219,15 +243,11 @@ impl Meshing<3> for Space<3> {
         scene: &Scene<'_, 3>,
         min_angle: f64,
     ) -> std::result::Result<Reshaped<TetMesh>, Refusal> {
-        let Scene {
-            extent, distance, ..
-        } = *scene;
-        let sheets = Self::sheets(scene);
-        let reach = SETTLE * distance.min();
-        improve::settle(&mut wanted.targets, &wanted.kinds, extent, &sheets, reach);
+        let (extent, distance) = (scene.extent, scene.distance);
+        let sheets = put_onto_sheets(&mut wanted.targets, &wanted.kinds, scene);
         let options = Target {
             min_dihedral: min_angle,
-            method: Method::Joe,
+            method: SliverMethod::Joe,
         };
         tets::reshape(part, &wanted, extent, &sheets, distance, &options)
     }
@@ -255,53 +275,39 @@ impl Meshing<2> for Space<2> {
         improvement: Option<&Target>,
         stages: &mut Stages<'_>,
     ) -> Result<Joined<TriMesh>> {
-        let Scene {
-            extent, distance, ..
-        } = *scene;
+        let (extent, distance) = (scene.extent, scene.distance);
         let wanted = improvement.is_some() || relaxation.is_some();
-        let sheets = wanted.then(|| Self::sheets(scene));
-        if let Some(sheets) = &sheets {
-            let reach = SETTLE * distance.min();
-            improve::settle(&mut atoms.positions, &atoms.kinds, extent, sheets, reach);
-        }
+        let Atoms { positions, kinds } = &mut atoms;
+        let sheets = wanted.then(|| put_onto_sheets(positions, kinds, scene));
         stages.begin(Stage::Joining);
         let mut mesh = match (relaxation, &sheets) {
             (Some(relaxation), Some(sheets)) => {
                 stages.begin(Stage::Smoothing);
                 let mobility = triangles::mobility(&atoms, extent, sheets);
-                triangles::relax::relax(
-                    atoms.positions,
-                    &mobility,
-                    relaxation,
-                    Patience::new(&mut || stages.keep_going()),
-                )?
-                .0
+                stages
+                    .patiently(|patience| {
+                        triangles::relax::relax(atoms.positions, &mobility, relaxation, patience)
+                    })?
+                    .0
             }
             _ => delaunay::delaunay_plane(&atoms.positions)?,
         };
         let mut kinds = atoms.kinds;
         let (Some(options), Some(sheets)) = (improvement, &sheets) else {
-            return Ok(Joined {
-                made: Marked {
-                    feature_faces: vec![0; mesh.triangles.len()],
-                    mesh,
-                    kinds,
-                },
-                neighbors: None,
-                improvement: None,
-                rival: None,
-            });
+            return Ok(Joined::as_it_is(mesh, kinds, None));
         };
         stages.begin(Stage::Improving);
-        let (outcome, feature_faces) = triangles::improve(
-            &mut mesh,
-            &mut kinds,
-            extent,
-            sheets,
-            distance,
-            options.min_dihedral,
-            Patience::new(&mut || stages.keep_going()),
-        )?;
+        let (outcome, feature_faces) = stages.patiently(|patience| {
+            triangles::improve(
+                &mut mesh,
+                &mut kinds,
+                extent,
+                sheets,
+                distance,
+                options.min_dihedral,
+                patience,
+            )
+        })?;
         Ok(Joined {
             made: Marked {
                 mesh,
@@ -320,12 +326,8 @@ impl Meshing<2> for Space<2> {
         scene: &Scene<'_, 2>,
         min_angle: f64,
     ) -> std::result::Result<Reshaped<TriMesh>, Refusal> {
-        let Scene {
-            extent, distance, ..
-        } = *scene;
-        let sheets = Self::sheets(scene);
-        let reach = SETTLE * distance.min();
-        improve::settle(&mut wanted.targets, &wanted.kinds, extent, &sheets, reach);
+        let (extent, distance) = (scene.extent, scene.distance);
+        let sheets = put_onto_sheets(&mut wanted.targets, &wanted.kinds, scene);
         triangles::reshape(&part, &wanted, extent, &sheets, distance, min_angle)
     }
 

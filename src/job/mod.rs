@@ -1,17 +1,17 @@
-//! The whole job: image in, mesh out. The command line and any other front end call [`run`].
+//! The whole job: image in, mesh out. The command line and any other front end call `run`.
 //!
 //! - [`asked`]: all that can be asked for, as one value
 //! - [`settings`]: the same as flat options, `words`: how these are read
-//! - [`params`](Params): what the pass is told, with the files that were named
-//! - [`mod@run`]: the one pass through all stages
-//! - [`stages`](Stages): what clock and observer are told of them
+//! - `params`: what the pass is told, with the files that were named
+//! - `run`: the one pass through all stages
+//! - `stages`: what clock and observer are told of them
 //! - `frame`: lattice space, and what lies in it
 //! - `place`: atoms at rest, placed on a lattice that moves or as Canny's points
 //! - `optimise`: how the lattice moves
 //! - `canny`: Canny's points as atoms
 //! - `simplices`: atoms at rest become tetrahedra or triangles
-//! - [`join`](Meshing): how atoms become simplices, which differs in the plane and in space
-//! - [`cells`]: how they become Voronoi cells
+//! - `join`: how atoms become simplices, which differs in the plane and in space
+//! - `cells`: how they become Voronoi cells
 //! - `pairs`: atoms in pairs on either side of a feature
 //! - `measure`: the figures of either
 //! - `horizons`: which faces lie on horizons
@@ -21,7 +21,7 @@
 
 pub mod asked;
 mod canny;
-pub mod cells;
+pub(crate) mod cells;
 mod frame;
 pub(crate) mod horizons;
 mod join;

@@ -9,7 +9,7 @@ use crate::lattice::distance::Distance;
 use crate::lattice::energy::{Energy, Pairwise, Regularised, Sampled};
 use crate::lattice::optimize::{self, Stop};
 use crate::lattice::seeding::{Alignment, Atoms};
-use crate::observer::Observer;
+use crate::observer::{Observer, Patience};
 use crate::report::Optimisation;
 
 /// The energy that a job's atoms shall have least of: the same for both evaluators, up to sampling.
@@ -48,20 +48,24 @@ pub(super) fn optimise<const D: usize>(
     observer: &mut dyn Observer,
 ) -> Result<optimize::Rest> {
     let options = moving(params);
-    let mut pass = |potential: &Field<D>| {
+    let mut pass = |potential: &Field<D>, observer: &mut dyn Observer| {
         let extent = frame.extent;
         let mobility = atoms.mobility(extent);
         let mut energy = energy(params, alignment, mobility, potential, distance, frame)?;
         optimize::optimize(atoms, &mut *energy, distance, extent, &options, observer)
     };
     for coarse in (1..=params.coarse_passes).rev() {
-        let smoother = smoother(&features.potential, features.sigma, f64::from(1 << coarse));
-        let outcome = pass(&smoother)?;
+        let factor = f64::from(1 << coarse);
+        // Stopped half way it is rough: the pass over it ends at its first question.
+        let smoother = Patience::of(&mut || observer.keep_going(), |patience| {
+            smoother(&features.potential, features.sigma, factor, patience)
+        });
+        let outcome = pass(&smoother, observer)?;
         if outcome.stop == Stop::Interrupted {
             return Ok(outcome);
         }
     }
-    pass(&features.potential)
+    pass(&features.potential, observer)
 }
 
 /// How the atoms of a job are moved.
@@ -82,7 +86,12 @@ pub(crate) fn optimiser(seed: u64) -> optimize::Effort {
 }
 
 /// A potential whose valleys, of width `sigma`, are `factor` times as wide and as deep as before.
-fn smoother<const D: usize>(potential: &Field<D>, sigma: f64, factor: f64) -> Field<D> {
+fn smoother<const D: usize>(
+    potential: &Field<D>,
+    sigma: f64,
+    factor: f64,
+    patience: &Patience<'_>,
+) -> Field<D> {
     let mut wide = potential.clone();
     // Widths add in quadrature; the depth of a straight valley falls as its width grows.
     let added = sigma * (factor * factor - 1.0).sqrt();
@@ -90,6 +99,7 @@ fn smoother<const D: usize>(potential: &Field<D>, sigma: f64, factor: f64) -> Fi
         wide.dims,
         &mut wide.samples,
         wide.step.map(|step| added / step),
+        patience,
     );
     for b in &mut wide.samples {
         *b = (*b * factor as f32).clamp(-1.0, 0.0);

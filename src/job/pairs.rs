@@ -289,7 +289,7 @@ fn middle([a, b]: [[f64; 3]; 2]) -> [f64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lattice::seeding::{Alignment, regular};
+    use crate::lattice::seeding::{Alignment, fcc};
 
     #[test]
     fn faces_lie_on_a_plane_between_pairs() {
@@ -313,7 +313,7 @@ mod tests {
         }
         let sheets = Sheets::new(&points, extent, 4.8, 10.0);
         let distance = Distance::Constant(6.0);
-        let atoms = regular(extent, &distance, &[], Alignment::Alongside).unwrap();
+        let atoms = fcc(extent, &distance, &[], Alignment::Alongside).unwrap();
         let paired = mirrored(&atoms, extent, &points, &sheets, &distance);
         let fixed: Vec<[f64; 3]> = (0..paired.len())
             .filter(|&i| paired.kinds[i] == AtomKind::Fixed)

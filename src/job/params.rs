@@ -191,7 +191,7 @@ pub struct Params<const D: usize = 3> {
     /// Evaluator of the energy.
     pub evaluator: Evaluator,
     /// Weight in [0, 1] of the energy between atoms against their Laplacian coordinates
-    /// ([`Regularised`]); 1 leaves those out.
+    /// ([`Regularised`](crate::lattice::energy::Regularised)); 1 leaves those out.
     pub kappa: f64,
     /// How atoms are moved.
     pub optimizer: optimize::Method,
@@ -200,7 +200,7 @@ pub struct Params<const D: usize = 3> {
     /// Smallest (dihedral) angle aimed at, in degrees; `None` leaves the slivers in.
     pub min_dihedral: Option<f64>,
     /// How they are removed.
-    pub slivers: improve::Method,
+    pub slivers: improve::SliverMethod,
     /// Nodes of Voronoi cells nearer to one another than this share of the cells' size are one.
     pub weld: f64,
     /// How a triangulation of the plane is smoothed under the weight of the image, if it shall be.
@@ -226,13 +226,13 @@ impl<const D: usize> Default for Params<D> {
             fixed: Vec::new(),
             wells: Vec::new(),
             well_distance: None,
-            seeding: Seeding::Regular,
+            seeding: Seeding::Fcc,
             evaluator: Evaluator::Pairwise,
             kappa: 1.0,
             optimizer: optimize::Method::Lbfgs,
             coarse_passes: 0,
             min_dihedral: Some(30.0),
-            slivers: improve::Method::Joe,
+            slivers: improve::SliverMethod::Joe,
             weld: 0.0,
             smooth: None,
             metric: Metric::Samples,

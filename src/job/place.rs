@@ -11,7 +11,7 @@ use crate::image::{Field, Image};
 use crate::lattice::distance::{self, Distance};
 use crate::lattice::optimize;
 use crate::lattice::seeding::{self, Alignment, Atoms, Seeding, wells};
-use crate::observer::Stage;
+use crate::observer::{Patience, Stage};
 use crate::{Error, Result};
 
 /// Growth of a variable distance: the bound on |grad d|.
@@ -66,7 +66,7 @@ impl Placing {
                 "the sampled energy",
                 "has no mirror images, which atoms alongside features need",
                 "use the pairwise one",
-                "potential",
+                "evaluator",
             ),
             Self::Lattice if params.kappa != 1.0 && alongside => (
                 "kappa",
@@ -78,7 +78,7 @@ impl Placing {
                 "kappa",
                 "needs the exact energy, but the sampled one is chosen",
                 "use the pairwise one",
-                "potential",
+                "evaluator",
             ),
             _ => return Ok(()),
         };
@@ -103,7 +103,9 @@ impl Placing {
     {
         stages.begin_unless_stopped(Stage::Placing)?;
         match self {
-            Self::Canny => canny::placed(image, params, features, frame),
+            Self::Canny => stages.unless_stopped(Stage::Placing, |patience| {
+                canny::placed(image, params, features, frame, patience)
+            }),
             Self::Lattice => lattice(image, params, alignment, features, frame, stages),
         }
     }
@@ -119,22 +121,25 @@ fn lattice<const D: usize>(
     stages: &mut Stages<'_>,
 ) -> Result<Placed<D>> {
     let (extent, ways) = (frame.extent, &frame.ways);
-    let mut distance = varying(image, params, features, frame.step)?;
-    stages.need_to_go_on(Stage::Placing)?;
-    if let Some(least) = params.well_distance.filter(|_| !ways.is_empty()) {
-        distance = wells::refined(distance, ways, least, GROWTH, extent)?;
-    }
-    let mut fixed = frame.fixed.clone();
-    fixed.extend(wells::atoms(ways, &distance, extent, alignment)?);
-    let mut atoms = seeding::seed(
-        params.seeding,
-        extent,
-        &distance,
-        &fixed,
-        alignment,
-        Some(&features.potential),
-    )?;
-    stages.need_to_go_on(Stage::Placing)?;
+    let (mut atoms, distance) = stages.unless_stopped(Stage::Placing, |patience| {
+        let mut distance = varying(image, params, features, frame.step, patience)?;
+        patience.lasts(Stage::Placing)?;
+        if let Some(least) = params.well_distance.filter(|_| !ways.is_empty()) {
+            distance = wells::refined(distance, ways, least, GROWTH, extent, patience)?;
+        }
+        let mut fixed = frame.fixed.clone();
+        fixed.extend(wells::atoms(ways, &distance, extent, alignment)?);
+        let atoms = seeding::seed(
+            params.seeding,
+            extent,
+            &distance,
+            &fixed,
+            alignment,
+            Some(&features.potential),
+            patience,
+        )?;
+        Ok((atoms, distance))
+    })?;
 
     stages.begin(Stage::Optimising);
     let positions: Vec<[f64; 3]> = atoms.positions.iter().map(|&x| in_space(x)).collect();
@@ -161,6 +166,7 @@ fn varying<const D: usize>(
     params: &Params<D>,
     features: &Features<D>,
     step: [f64; D],
+    patience: &Patience<'_>,
 ) -> Result<Distance<D>> {
     let field = |image: &Image<D>| Field {
         dims: image.dims(),
@@ -169,11 +175,20 @@ fn varying<const D: usize>(
     };
     match params.spacing {
         Spacing::Constant(d) => Ok(Distance::Constant(d)),
-        Spacing::FromFeatures { min, max } => distance::from_features(features, min, max, GROWTH),
-        Spacing::FromImage { min, max } => distance::from_image(&field(image), min, max, GROWTH),
-        Spacing::FromLaplacian { min, max } => {
-            distance::from_laplacian(&features.potential, features.sigma, min, max, GROWTH)
+        Spacing::FromFeatures { min, max } => {
+            distance::from_features(features, min, max, GROWTH, patience)
         }
+        Spacing::FromImage { min, max } => {
+            distance::from_image(&field(image), min, max, GROWTH, patience)
+        }
+        Spacing::FromLaplacian { min, max } => distance::from_laplacian(
+            &features.potential,
+            features.sigma,
+            min,
+            max,
+            GROWTH,
+            patience,
+        ),
         Spacing::OfAtoms { .. } => Err(Error::Job(cause(
             "distance",
             "is to be that of Canny's points, but atoms are placed in another way",
@@ -181,7 +196,7 @@ fn varying<const D: usize>(
         ))),
         Spacing::Given { min, max } => match &params.distances {
             Some(given) if given.dims() == image.dims() => {
-                distance::from_samples(field(given), min, max, GROWTH)
+                distance::from_samples(field(given), min, max, GROWTH, patience)
             }
             given => Err(Error::Job(cause(
                 "distances",
@@ -193,5 +208,41 @@ fn varying<const D: usize>(
                 "give one distance per sample of the image",
             ))),
         },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn refusals_name_the_parameter_that_is_to_be_changed() {
+        let sampled = Params::<2> {
+            evaluator: Evaluator::Sampled,
+            ..Params::default()
+        };
+        let sampled_with_kappa = Params {
+            kappa: 0.7,
+            ..sampled.clone()
+        };
+        let kappa = Params {
+            evaluator: Evaluator::Pairwise,
+            ..sampled_with_kappa.clone()
+        };
+        let canny = Params {
+            seeding: Seeding::Canny,
+            ..Params::default()
+        };
+        let (on, alongside) = (Alignment::On, Alignment::Alongside);
+        for (params, alignment, parameter) in [
+            (&sampled, alongside, "evaluator"),
+            (&sampled_with_kappa, on, "evaluator"),
+            (&kappa, alongside, "kappa"),
+            (&canny, alongside, "seeding"),
+        ] {
+            let error = Placing::of(params).check(params, alignment).unwrap_err();
+            assert_eq!(error.cause().parameter, Some(parameter), "{error}");
+        }
+        assert!(Placing::of(&sampled).check(&sampled, on).is_ok());
     }
 }

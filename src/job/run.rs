@@ -139,7 +139,10 @@ where
 
     let mut stages = Stages::new(observer);
     stages.begin_unless_stopped(Stage::Features)?;
-    let features = feature::detect(image, &params.feature_options(step))?;
+    let options = params.feature_options(step);
+    let features = stages.unless_stopped(Stage::Features, |patience| {
+        feature::detect_while(image, &options, patience)
+    })?;
     let Placed {
         atoms,
         distance,

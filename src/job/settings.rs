@@ -138,8 +138,8 @@ pub struct Settings {
     pub input: InputOptions,
 }
 
-/// How atoms are placed: the names of [`Placement::Canny`](super::Placement) and of each
-/// [`Start`](super::Start).
+/// How atoms are placed: the names of [`PlacementJob::Canny`](super::asked::PlacementJob) and of each
+/// [`Start`](super::asked::Start).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
@@ -159,7 +159,7 @@ pub enum SeedingName {
     Projection,
 }
 
-/// What becomes of slivers: the names of [`Slivers`](super::Slivers).
+/// What becomes of slivers: the names of [`Slivers`](super::asked::Slivers).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
@@ -183,7 +183,7 @@ pub enum AlignName {
     Alongside,
 }
 
-/// What the mesh is made of: the names of [`Cells`](super::Cells).
+/// What the mesh is made of: the names of [`Cells`](super::asked::Cells).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]

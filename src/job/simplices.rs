@@ -9,9 +9,9 @@ use crate::feature::steepness::steepness;
 use crate::feature::volume::Volume;
 use crate::image::{Field, Image};
 use crate::improve::triangles::relax::{self, Relaxation};
-use crate::improve::{self, Method};
+use crate::improve::{self, SliverMethod};
 use crate::lattice::seeding::Atoms;
-use crate::observer::Stage;
+use crate::observer::{Patience, Stage};
 use crate::report::{self, Report, Rival};
 use crate::{Error, Result};
 
@@ -64,7 +64,7 @@ where
         let faces = Some(faces.as_slice());
         let other = measure(&mesh, None, dims, step, features, faces, keep_going)?;
         report.rival = other.quality.map(|quality| Rival {
-            method: Method::Joe,
+            method: SliverMethod::Joe,
             quality,
             fidelity: other.fidelity,
         });
@@ -79,11 +79,10 @@ fn relaxation<const D: usize>(
     step: [f64; D],
 ) -> Option<Relaxation<D>> {
     let scheme = params.smooth?;
-    let image = smoothed(image, step, params.sigma.unwrap_or(1.0));
-    let steepness = steepness(Volume {
-        dims: image.dims,
-        samples: &image.samples,
-    });
+    // It is of the plane, and soon done.
+    let patience = &Patience::endless();
+    let image = smoothed(image, step, params.sigma.unwrap_or(1.0), patience);
+    let steepness = steepness(Volume::new(image.dims, &image.samples), patience);
     Some(Relaxation {
         scheme,
         weight: relax::weight(Field {

@@ -1,9 +1,8 @@
 //! What clock and observer are told.
 
-use crate::error::cause;
-use crate::observer::{Observer, Stage};
+use crate::Result;
+use crate::observer::{Observer, Patience, Stage, interrupted};
 use crate::report::{Clock, StageCost};
-use crate::{Error, Result};
 
 /// Tells clock and observer of each stage, and remembers whether one was stopped.
 pub struct Stages<'a> {
@@ -40,16 +39,34 @@ impl<'a> Stages<'a> {
     /// Asks whether to go on where there is no result to stop with.
     ///
     /// # Errors
-    /// [`Error::Interrupted`] if the observer says no.
+    /// [`Error::Interrupted`](crate::Error::Interrupted) if the observer says no.
     pub fn need_to_go_on(&mut self, stage: Stage) -> Result<()> {
         if self.keep_going() {
             return Ok(());
         }
-        Err(Error::Interrupted(cause(
-            stage,
-            "interrupted before there was a lattice",
-            "start the job again",
-        )))
+        Err(interrupted(stage))
+    }
+
+    /// What `work` gives, which ends soon where the observer says no.
+    pub(super) fn patiently<T>(&mut self, work: impl FnOnce(&Patience<'_>) -> T) -> T {
+        Patience::of(&mut || self.keep_going(), work)
+    }
+
+    /// The same where there is no result to stop with.
+    ///
+    /// # Errors
+    /// Those of the work; [`Error::Interrupted`](crate::Error::Interrupted) if the observer says no.
+    pub(super) fn unless_stopped<T>(
+        &mut self,
+        stage: Stage,
+        work: impl FnOnce(&Patience<'_>) -> Result<T>,
+    ) -> Result<T> {
+        self.patiently(|patience| {
+            let done = work(patience);
+            // What was left undone may look like another fault.
+            patience.lasts(stage)?;
+            done
+        })
     }
 
     /// Whether to go on; if not, the outcome will say that it was interrupted.
@@ -68,5 +85,219 @@ impl<'a> Stages<'a> {
     pub(super) fn end(mut self) -> (Vec<StageCost>, bool) {
         self.clock.end();
         (self.clock.costs().to_vec(), self.interrupted)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use super::*;
+    use crate::ErrorKind;
+    use crate::feature::FeatureKind;
+    use crate::image::synth::{self, Kind};
+    use crate::image::{Geometry, Image};
+    use crate::job::{self, CellKind, Meshing, Outcome, Params, Space, Spacing};
+    use crate::lattice::optimize::{Method, Stop};
+    use crate::lattice::seeding::Seeding;
+
+    /// Counts questions by stage; says no from some question of one stage on.
+    #[derive(Default)]
+    struct Counting {
+        now: Option<Stage>,
+        questions: BTreeMap<Stage, usize>,
+        stop: Option<(Stage, usize)>,
+        over: bool,
+    }
+
+    impl Observer for Counting {
+        fn stage(&mut self, stage: Stage) {
+            self.now = Some(stage);
+        }
+
+        fn keep_going(&mut self) -> bool {
+            let Some(now) = self.now else { return true };
+            let asked = self.questions.entry(now).or_default();
+            *asked += 1;
+            self.over |= self
+                .stop
+                .is_some_and(|(stage, after)| stage == now && *asked > after);
+            !self.over
+        }
+    }
+
+    fn run<const D: usize>(
+        image: &Image<D>,
+        params: &Params<D>,
+        stop: Option<(Stage, usize)>,
+    ) -> (Result<Outcome<D>>, Counting)
+    where
+        Space<D>: Meshing<D>,
+    {
+        let mut observer = Counting {
+            stop,
+            ..Counting::default()
+        };
+        let outcome = job::run(image, params, &mut observer);
+        (outcome, observer)
+    }
+
+    /// Every stage named asks at least so often, and a stop at its first question, at its second and in
+    /// its midst gives what the stage promises.
+    fn stopped<const D: usize>(image: &Image<D>, params: &Params<D>, stages: &[(Stage, usize)])
+    where
+        Space<D>: Meshing<D>,
+    {
+        let (outcome, counted) = run(image, params, None);
+        assert_ne!(outcome.unwrap().stop, Stop::Interrupted);
+        for &(stage, least) in stages {
+            let asked = counted.questions.get(&stage).copied().unwrap_or(0);
+            assert!(asked >= least, "{stage}: asked {asked} times");
+            for after in [0, 1, asked / 2].into_iter().filter(|&n| n < asked) {
+                let (outcome, observer) = run(image, params, Some((stage, after)));
+                assert!(observer.over, "{stage}: never stopped after {after}");
+                match outcome {
+                    Err(error) => {
+                        assert_eq!(error.kind(), ErrorKind::Interrupted, "{stage}: {error}");
+                        assert!(!stage.has_lattice(), "{stage}: {error}");
+                    }
+                    Ok(outcome) => {
+                        assert!(stage.has_lattice(), "{stage} gave a mesh after {after}");
+                        assert_eq!(outcome.stop, Stop::Interrupted, "{stage} after {after}");
+                        let report = outcome.report;
+                        let fills = match &report.voronoi {
+                            Some(cells) => cells.check.passed(),
+                            None => report.filling.is_some_and(|check| check.passed()),
+                        };
+                        assert!(fills, "{stage} after {after}");
+                    }
+                }
+            }
+        }
+    }
+
+    fn ball() -> Image<3> {
+        let options = synth::Options {
+            dims: [36, 33, 30],
+            ..Default::default()
+        };
+        synth::make(Kind::Sphere, &options).unwrap().image
+    }
+
+    /// A disc with a soft edge.
+    fn disc() -> Image<2> {
+        let off = |i: usize| ((i % 60) as f32 - 30.0).hypot((i / 60) as f32 - 25.0) - 15.0;
+        let samples = (0..60 * 50).map(|i| 50.0 - 20.0 * off(i).clamp(-2.0, 2.0));
+        Image::new([60, 50], samples.collect(), Geometry::default())
+    }
+
+    /// Of that kind, and as fine at features as the sizes of these images allow.
+    fn params<const D: usize>(feature: FeatureKind, seeding: Seeding) -> Params<D> {
+        Params {
+            feature,
+            seeding,
+            spacing: Spacing::FromFeatures { min: 5.0, max: 7.0 },
+            ..Params::default()
+        }
+    }
+
+    #[test]
+    fn every_kind_of_feature_is_stopped_while_it_is_sought() {
+        use FeatureKind::*;
+        let image = ball();
+        // One question for each row of samples in each pass: there are at least three.
+        let rows = 33 * 30;
+        for kind in [
+            Ridges,
+            Valleys,
+            Edges,
+            Canny,
+            Horizons,
+            Faults,
+            FaultsAndHorizons,
+        ] {
+            let params = params::<3>(kind, Seeding::Fcc);
+            let options = params.feature_options([1.0; 3]);
+            let seek = |stop: usize| {
+                let mut observer = Counting {
+                    now: Some(Stage::Features),
+                    stop: Some((Stage::Features, stop)),
+                    ..Counting::default()
+                };
+                let found = Patience::of(&mut || observer.keep_going(), |patience| {
+                    crate::feature::detect_while(&image, &options, patience)
+                });
+                (found, observer.questions[&Stage::Features])
+            };
+            let (found, asked) = seek(usize::MAX);
+            assert!(
+                found.is_ok() && asked > 3 * rows,
+                "{kind}: asked {asked} times"
+            );
+            for stop in [0, 1, asked / 4, asked / 2, asked * 3 / 4] {
+                let (found, asked) = seek(stop);
+                let error = found.unwrap_err();
+                assert_eq!(error.kind(), ErrorKind::Interrupted, "{kind}: {error}");
+                assert_eq!(asked, stop + 1, "{kind} asks on");
+            }
+        }
+    }
+
+    #[test]
+    #[cfg(feature = "tetgen")]
+    fn tetrahedra_are_stopped_at_any_question_of_every_stage() {
+        use Stage::*;
+        let params = params(FeatureKind::Edges, Seeding::Fcc);
+        let stages = [
+            (Features, 1000),
+            (Placing, 100),
+            (Optimising, 5),
+            (Improving, 10),
+            (Measuring, 1),
+        ];
+        stopped(&ball(), &params, &stages);
+        let genetic = Params {
+            optimizer: Method::Genetic,
+            ..params
+        };
+        stopped(&ball(), &genetic, &[(Optimising, 20)]);
+    }
+
+    #[test]
+    fn triangles_and_cells_are_stopped_at_any_question_of_every_stage() {
+        use Stage::*;
+        let seedings = [
+            Seeding::Grown,
+            Seeding::Guide {
+                seed: 1,
+                most: usize::MAX,
+            },
+            Seeding::Projection,
+            Seeding::Refine { seed: 1 },
+        ];
+        for seeding in seedings {
+            let params = params(FeatureKind::Edges, seeding);
+            stopped(
+                &disc(),
+                &params,
+                &[(Features, 100), (Placing, 100), (Improving, 5)],
+            );
+        }
+        let canny = Params {
+            spacing: Spacing::OfAtoms { min: 2.0, max: 7.0 },
+            ..params(FeatureKind::Canny, Seeding::Canny)
+        };
+        stopped(&disc(), &canny, &[(Features, 100), (Placing, 50)]);
+        let cells = Params {
+            cells: CellKind::Voronoi,
+            ..params(FeatureKind::Edges, Seeding::Fcc)
+        };
+        let stages = [
+            (Features, 100),
+            (Placing, 100),
+            (Optimising, 5),
+            (Pairing, 1),
+        ];
+        stopped(&disc(), &cells, &stages);
     }
 }

@@ -54,8 +54,8 @@ pub trait Mesh<const D: usize>: Clone + Debug + Send + Sync + Checked<D> {
     /// face, or none at all.
     fn faces_once(&self, marks: &[bool]) -> (Lists, Vec<bool>);
 
-    /// For each number of a face its cell and the cell beyond, [`NONE`] on the boundary. Where two
-    /// numbers mean one face, the second has [`NONE`] twice.
+    /// For each number of a face its cell and the cell beyond, `NONE` on the boundary. Where two
+    /// numbers mean one face, the second has `NONE` twice.
     ///
     /// # Errors
     /// [`Error::Mesh`] if more than two cells share a face.
@@ -129,7 +129,7 @@ pub trait Simplices<const D: usize>: Mesh<D> {
     /// Signed volume (area) of cell `c`.
     fn volume(&self, c: usize) -> f64;
 
-    /// For every cell and face, in order, the cell on its other side, or [`NONE`].
+    /// For every cell and face, in order, the cell on its other side, or `NONE`.
     ///
     /// # Errors
     /// The nodes of a face that more than two cells share.

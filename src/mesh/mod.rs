@@ -1,13 +1,13 @@
 //! Meshes: topology, adjacency, checks, quality. Nothing here knows about images.
 //!
-//! - [`interface`]: what every mesh answers, whatever its cells are
+//! - `interface`: what every mesh answers, whatever its cells are
 //! - [`quality`]: dihedral angles and the measure that improvement maximises
-//! - [`complex`]: tetrahedra with neighbours, for local changes
-//! - [`tri`]: triangles in the plane
+//! - `complex`: tetrahedra with neighbours, for local changes
+//! - `tri`: triangles in the plane
 //! - [`check`](mod@check): the one checker: is this a valid mesh that fills its box?
 //! - [`poly`]: meshes of polyhedra, or of polygons in 2-D
 //! - `poly_columns`: what is known of cells that stand in columns
-//! - [`poly_from`]: those made from simplices, or by lifting polygons to prisms
+//! - `poly_from`: those made from simplices, or by lifting polygons to prisms
 //! - [`graph`]: cells and connections, for flow and for simulators
 //! - [`delaunay`]: points -> tetrahedra by TetGen, triangles by spade; CGAL's opinion and refinement
 //! - [`voronoi`]: atoms in a box -> their Voronoi cells, cut exactly by the box
@@ -26,15 +26,15 @@
 //! ```
 
 pub mod check;
-pub mod complex;
+pub(crate) mod complex;
 pub mod delaunay;
 pub mod graph;
-pub mod interface;
+pub(crate) mod interface;
 pub mod poly;
 mod poly_columns;
-pub mod poly_from;
+pub(crate) mod poly_from;
 pub mod quality;
-pub mod tri;
+pub(crate) mod tri;
 pub mod voronoi;
 
 pub use interface::{Mesh, Positions, Simplices};

@@ -143,10 +143,10 @@ pub struct Shape<C = [f64; 6]> {
     /// Of its angles; of a tetrahedron's dihedral angles, in the order of [`EDGES`], good to 1e-6
     /// degrees near 0 and 180. An angle at a face without area is called 0.
     pub cosines: C,
-    /// See [`mean_ratio`], and [`tri::shape`](super::tri::shape).
+    /// See [`mean_ratio`], and `tri::shape`.
     pub mean_ratio: f64,
     /// See [`radius_edge_ratio`], and
-    /// [`tri::radius_edge_ratio`](super::tri::radius_edge_ratio).
+    /// `tri::radius_edge_ratio`.
     pub radius_edge: f64,
     /// Signed volume (area in the plane).
     pub volume: f64,

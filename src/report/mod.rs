@@ -1,21 +1,21 @@
 //! What is measured about a mesh and about the run that made it.
 //!
-//! - [`mod@quality`]: shapes of the tetrahedra
-//! - [`mod@fidelity`]: how well the mesh's faces follow the features
-//! - [`reference`](mod@reference): where the features really are
-//! - [`mod@lattice`]: how evenly the atoms are spread
-//! - [`cells`]: Voronoi cells, as flow simulators see them
+//! - `quality`: shapes of the tetrahedra
+//! - `fidelity`: how well the mesh's faces follow the features
+//! - `reference`: where the features really are
+//! - `lattice`: how evenly the atoms are spread
+//! - `cells`: Voronoi cells, as flow simulators see them
 //! - [`cost`]: seconds and memory of each stage
-//! - [`table`]: a report on one screen
+//! - `table`: a report on one screen
 
-pub mod cells;
+pub(crate) mod cells;
 pub mod cost;
-pub mod fidelity;
-pub mod lattice;
+pub(crate) mod fidelity;
+pub(crate) mod lattice;
 mod nearest;
-pub mod quality;
-pub mod reference;
-pub mod table;
+pub(crate) mod quality;
+pub(crate) mod reference;
+pub(crate) mod table;
 #[cfg(test)]
 mod test_mesh;
 
@@ -115,7 +115,7 @@ pub struct Improvement {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Rival {
     /// The method.
-    pub method: improve::Method,
+    pub method: improve::SliverMethod,
     /// Its shapes in lattice space.
     pub quality: Quality,
     /// Its fidelity to the features.

@@ -83,7 +83,7 @@ where
     /// wholly or not at all.
     ///
     /// # Errors
-    /// [`Error::Io`] if it cannot be written.
+    /// [`Error::Io`](crate::Error::Io) if it cannot be written.
     pub fn write(&self, path: &Path) -> Result<()> {
         match &self.made {
             Made::Simplices(made) => write_vtu(path, &to_file(self, made)),

@@ -1,19 +1,19 @@
 //! Meshes in files: what a file holds and says of itself, in and out. Physical coordinates only;
 //! [`to_physical`] makes them.
 //!
-//! - [`vtu`]: VTK unstructured grids, our own mesh format
-//! - [`polyhedra`]: the same for polyhedra and polygons
-//! - [`pvd`]: the lattice after each round, for ParaView
-//! - [`file`](mod@file): from a job's outcome to a file
-//! - [`cells`]: the same for Voronoi cells
-//! - [`stored`]: meshes that files hold, whatever their cells are, and the way back to lattice space
+//! - `vtu`: VTK unstructured grids, our own mesh format
+//! - `polyhedra`: the same for polyhedra and polygons
+//! - `pvd`: the lattice after each round, for ParaView
+//! - `file`: from a job's outcome to a file
+//! - `cells`: the same for Voronoi cells
+//! - `stored`: meshes that files hold, whatever their cells are, and the way back to lattice space
 
-pub mod cells;
-pub mod file;
-pub mod polyhedra;
-pub mod pvd;
-pub mod stored;
-pub mod vtu;
+pub(crate) mod cells;
+pub(crate) mod file;
+pub(crate) mod polyhedra;
+pub(crate) mod pvd;
+pub(crate) mod stored;
+pub(crate) mod vtu;
 
 pub use polyhedra::write_cells_vtu;
 pub use pvd::Trace;

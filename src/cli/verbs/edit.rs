@@ -16,7 +16,7 @@ use crate::image::formats;
 use crate::image::formats::InputOptions;
 use crate::image::formats::{AnyLoaded, Loaded};
 use crate::improve;
-use crate::job::asked::{Apart, Cells, DistanceFrom, Placement, Slivers};
+use crate::job::asked::{Apart, Cells, DistanceFrom, PlacementJob, Slivers};
 use crate::job::{Job, Meshing, Space};
 use crate::mesh::Simplices;
 use crate::model::edit::body::dropped;
@@ -201,7 +201,7 @@ fn job<M>(args: &EditArgs, file: &MeshFile<M>) -> Result<(Job, Vec<String>)> {
     let mut note = |line: &str| notes.push(line.to_string());
     // The mesh knows its fixed atoms and its distances, which files may not do any more.
     job.atoms_from = None;
-    if let Placement::Lattice(lattice) = &mut job.placement {
+    if let PlacementJob::Lattice(lattice) = &mut job.placement {
         lattice.wells = None;
         if let Apart::Varying { by, .. } = &mut lattice.apart {
             *by = DistanceFrom::Features;
@@ -214,7 +214,7 @@ fn job<M>(args: &EditArgs, file: &MeshFile<M>) -> Result<(Job, Vec<String>)> {
         if smooth.is_some() {
             note("the mesh was smoothed; the edited part is not");
         }
-        let exuded = |method| method == improve::Method::Exude;
+        let exuded = |method| method == improve::SliverMethod::Exude;
         if matches!(slivers, Slivers::Removed { method, .. } if exuded(*method)) {
             note(
                 "slivers were removed by exudation; in the edited part they are removed by flips and smoothing",

@@ -1,12 +1,12 @@
 //! Numbers as text and as bytes, and the containers that hold them.
 //!
-//! - [`text`]: numbers as text, fast
-//! - [`binary`]: numbers as bytes
-//! - [`mat`]: MATLAB's container
-//! - [`hdf5`], [`epc`]: the containers of RESQML
+//! - `text`: numbers as text, fast
+//! - `binary`: numbers as bytes
+//! - `mat`: MATLAB's container
+//! - `hdf5`, `epc`: the containers of RESQML
 
-pub mod binary;
-pub mod epc;
-pub mod hdf5;
-pub mod mat;
-pub mod text;
+pub(crate) mod binary;
+pub(crate) mod epc;
+pub(crate) mod hdf5;
+pub(crate) mod mat;
+pub(crate) mod text;

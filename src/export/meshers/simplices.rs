@@ -78,11 +78,6 @@ impl<'a> Simplices<'a> {
         self.corners.len() / self.size
     }
 
-    /// Whether there are none.
-    pub fn is_empty(&self) -> bool {
-        self.corners.is_empty()
-    }
-
     /// The nodes of one.
     pub fn get(&self, i: usize) -> &[u32] {
         &self.corners[i * self.size..][..self.size]

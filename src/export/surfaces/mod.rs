@@ -1,13 +1,13 @@
 //! Labelled surfaces.
 //!
-//! - [`file`](mod@file): what is written of them
-//! - [`vtp`]: VTK poly data
-//! - [`tsurf`]: surfaces for GOCAD
+//! - `file`: what is written of them
+//! - `vtp`: VTK poly data
+//! - `tsurf`: surfaces for GOCAD
 //!
 //! Wavefront OBJ is among the [`meshers`](super::meshers).
 
-pub mod file;
-pub mod tsurf;
+pub(crate) mod file;
+pub(crate) mod tsurf;
 pub mod vtp;
 
 pub use file::SurfaceFile;

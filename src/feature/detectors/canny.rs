@@ -31,12 +31,17 @@ impl<const D: usize> Detector<D> for Canny {
         let (dims, scale) = (scene.image.dims(), scene.scale());
         let samples = scene.smoothed();
         let smoothed = Volume::new(dims, &samples);
-        let steepness = steepness(smoothed);
+        let steepness = steepness(smoothed, scene.patience);
         let noise = above_noise::<D>(&steepness);
         let given = scene.thresholds();
         // Where there is no flat ground the thresholds are lower than noise would ask.
         let floor = given.map_or(0.5 * noise[0], |given| given.low);
-        let mut candidates = steepest(smoothed, Volume::new(dims, &steepness), floor);
+        let mut candidates = steepest(
+            smoothed,
+            Volume::new(dims, &steepness),
+            floor,
+            scene.patience,
+        );
         let thresholds = given.unwrap_or_else(|| thresholds(noise, &candidates));
         candidates.retain(|c| c.strength >= thresholds.low);
         notes.push(format!(
@@ -93,6 +98,7 @@ mod tests {
     use crate::feature::scenes::Noise;
     use crate::feature::{Detection, FeatureKind, detect};
     use crate::image::{Geometry, Image};
+    use crate::observer::Patience;
 
     /// An image of a ball (a disc in 2-D), 100 inside and 0 outside, with an edge one sample wide and
     /// noise.
@@ -176,11 +182,14 @@ mod tests {
             let mut samples: Vec<f32> = (0..dims.iter().product())
                 .map(|_| random.normal() as f32)
                 .collect();
-            crate::feature::gaussian::smooth(dims, &mut samples, [1.0; D]);
-            let steepness = steepness(Volume {
-                dims,
-                samples: &samples,
-            });
+            crate::feature::gaussian::smooth(dims, &mut samples, [1.0; D], &Patience::endless());
+            let steepness = steepness(
+                Volume {
+                    dims,
+                    samples: &samples,
+                },
+                &Patience::endless(),
+            );
             above_noise::<D>(&steepness).map(|t| {
                 let above = steepness.iter().filter(|s| **s >= t).count();
                 above as f64 / steepness.len() as f64

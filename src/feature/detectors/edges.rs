@@ -26,7 +26,7 @@ impl<const D: usize> Detector<D> for Edges {
     fn find(&self, scene: &Scene<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
         let dims = scene.image.dims();
         let smoothed = scene.smoothed();
-        let steepness = prewitt(Volume::new(dims, &smoothed));
+        let steepness = prewitt(Volume::new(dims, &smoothed), scene.patience);
         drop(smoothed);
         let search = RidgeSearch {
             finest: 1.0,

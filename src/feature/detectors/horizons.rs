@@ -15,6 +15,7 @@ use crate::feature::FeatureKind;
 use crate::feature::crossing::{Candidate, dominant_axes};
 use crate::feature::tensor::Normals;
 use crate::feature::volume::{Volume, root_mean_square};
+use crate::observer::Patience;
 
 /// Finds crests and troughs of seismic amplitude.
 pub struct Horizons;
@@ -32,7 +33,7 @@ impl<const D: usize> Detector<D> for Horizons {
         let window = scene.asked.smoothing.unwrap_or(WINDOW);
         let samples = scene.smoothed();
         let smoothed = Volume::new(scene.image.dims(), &samples);
-        let normals = Normals::new(smoothed, window);
+        let normals = Normals::new(smoothed, window, scene.patience);
         let thresholds = scene.thresholds().unwrap_or_else(|| {
             let rms = root_mean_square(&samples);
             Thresholds {
@@ -44,7 +45,7 @@ impl<const D: usize> Detector<D> for Horizons {
         notes.push(format!(
             "crests and troughs at scale {scale}, normals averaged over {window}: {thresholds}"
         ));
-        let candidates = crests(smoothed, &normals, thresholds.low);
+        let candidates = crests(smoothed, &normals, thresholds.low, scene.patience);
         Ok(Found::new(candidates, scale, thresholds))
     }
 
@@ -69,9 +70,10 @@ fn crests<const D: usize>(
     volume: Volume<'_, D>,
     normals: &Normals<D>,
     low: f32,
+    patience: &Patience<'_>,
 ) -> Vec<Candidate<D>> {
     let strides = volume.strides();
-    volume.by_rows(|first, (): &mut (), found| {
+    volume.by_rows(patience, |first, (): &mut (), found| {
         let start = volume.index(first);
         for x in 0..volume.dims[0] {
             let i = start + x;

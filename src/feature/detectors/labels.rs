@@ -18,6 +18,7 @@ use crate::feature::FeatureKind;
 use crate::feature::crossing::{Candidate, dominant_axes};
 use crate::feature::gaussian::smooth;
 use crate::feature::volume::Volume;
+use crate::observer::Patience;
 
 /// Finds interfaces between labels, and the middle of a thin mask.
 pub struct Labels;
@@ -57,7 +58,7 @@ impl<const D: usize> Detector<D> for Labels {
             "interfaces between {} labels, smoothed over {scale}",
             values.len()
         ));
-        let candidates = interfaces(volume, &values, scale);
+        let candidates = interfaces(volume, &values, scale, scene.patience);
         // Each is as strong as 1: all are followed.
         let thresholds = Thresholds {
             low: 0.0,
@@ -160,6 +161,7 @@ fn interfaces<const D: usize>(
     volume: Volume<'_, D>,
     labels: &[f32],
     sigma: f64,
+    patience: &Patience<'_>,
 ) -> Vec<Candidate<D>> {
     let dims = volume.dims;
     let count = volume.samples.len();
@@ -168,10 +170,13 @@ fn interfaces<const D: usize>(
     let mut second = vec![f32::NEG_INFINITY; count];
     let mut indicator = vec![0.0f32; count];
     for (number, label) in labels.iter().enumerate() {
+        if patience.over() {
+            break;
+        }
         for (i, s) in indicator.iter_mut().zip(volume.samples) {
             *i = f32::from(u8::from(s == label));
         }
-        smooth(dims, &mut indicator, [sigma; D]);
+        smooth(dims, &mut indicator, [sigma; D], patience);
         for i in 0..count {
             let value = indicator[i];
             if value > best[i] {
@@ -194,7 +199,7 @@ fn interfaces<const D: usize>(
         },
     };
     lead.lead
-        .by_rows(|first, (): &mut (), found| lead.row(first, found))
+        .by_rows(patience, |first, (): &mut (), found| lead.row(first, found))
 }
 
 /// The winning label of each sample and how far it leads.

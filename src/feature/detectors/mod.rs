@@ -1,29 +1,29 @@
 //! Detectors: image -> candidates for points of features, one file a kind.
 //!
-//! - [`ridges`]: sheets of high values, or of low ones (valleys)
-//! - [`edges`]: ridges of Prewitt's gradient magnitude
-//! - [`canny`]: where the gradient is steepest along itself
-//! - [`paths`]: the boundary of one object, by random shortest paths
-//! - [`labels`]: interfaces between labels, the middle of a thin mask
-//! - [`horizons`]: crests and troughs of seismic amplitude
-//! - [`faults`]: where layers of seismic amplitude do not continue
-//! - [`faults_and_horizons`]: both, in one potential
-//! - [`potential`]: an image that is b(x) itself
-//! - [`auto`]: which of them fits an image
+//! - `ridges`: sheets of high values, or of low ones (valleys)
+//! - `edges`: ridges of Prewitt's gradient magnitude
+//! - `canny`: where the gradient is steepest along itself
+//! - `paths`: the boundary of one object, by random shortest paths
+//! - `labels`: interfaces between labels, the middle of a thin mask
+//! - `horizons`: crests and troughs of seismic amplitude
+//! - `faults`: where layers of seismic amplitude do not continue
+//! - `faults_and_horizons`: both, in one potential
+//! - `potential`: an image that is b(x) itself
+//! - `auto`: which of them fits an image
 //!
 //! Widths of Gaussians, windows and reaches are in samples, whatever the step of lattice space is;
 //! positions and normals become lattice space's when sheets are made of the candidates.
 
-pub mod auto;
-pub mod canny;
-pub mod edges;
-pub mod faults;
-pub mod faults_and_horizons;
-pub mod horizons;
-pub mod labels;
-pub mod paths;
-pub mod potential;
-pub mod ridges;
+pub(crate) mod auto;
+pub(crate) mod canny;
+pub(crate) mod edges;
+pub(crate) mod faults;
+pub(crate) mod faults_and_horizons;
+pub(crate) mod horizons;
+pub(crate) mod labels;
+pub(crate) mod paths;
+pub(crate) mod potential;
+pub(crate) mod ridges;
 
 use super::crossing::Candidate;
 use super::gaussian;
@@ -31,6 +31,7 @@ use super::volume::Volume;
 use super::{Detection, FeatureKind, Features, Settled};
 use crate::error::{Error, Result, cause};
 use crate::image::Image;
+use crate::observer::Patience;
 use std::fmt;
 
 /// Finds features of one kind.
@@ -85,23 +86,31 @@ pub struct Scene<'a, const D: usize> {
     pub asked: &'a Detection<D>,
     /// Of a part of an image, what was settled on for the whole.
     pub settled: Option<&'a Settled>,
+    /// Until when it works: once this is over, what it finds is not looked at.
+    pub patience: &'a Patience<'a>,
 }
 
 impl<'a, const D: usize> Scene<'a, D> {
     /// A whole image.
-    pub fn new(image: &'a Image<D>, asked: &'a Detection<D>) -> Self {
+    pub fn new(image: &'a Image<D>, asked: &'a Detection<D>, patience: &'a Patience<'a>) -> Self {
         Self {
             image,
             asked,
             settled: None,
+            patience,
         }
     }
 
     /// A part of an image of which the whole was seen before.
-    pub fn of_part(image: &'a Image<D>, asked: &'a Detection<D>, settled: &'a Settled) -> Self {
+    pub fn of_part(
+        image: &'a Image<D>,
+        asked: &'a Detection<D>,
+        settled: &'a Settled,
+        patience: &'a Patience<'a>,
+    ) -> Self {
         Self {
             settled: Some(settled),
-            ..Self::new(image, asked)
+            ..Self::new(image, asked, patience)
         }
     }
 
@@ -118,7 +127,12 @@ impl<'a, const D: usize> Scene<'a, D> {
     /// The samples smoothed over [`Scene::scale`].
     pub fn smoothed(&self) -> Vec<f32> {
         let mut samples = self.image.as_slice().to_vec();
-        gaussian::smooth(self.image.dims(), &mut samples, [self.scale(); D]);
+        gaussian::smooth(
+            self.image.dims(),
+            &mut samples,
+            [self.scale(); D],
+            self.patience,
+        );
         samples
     }
 

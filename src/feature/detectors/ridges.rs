@@ -73,32 +73,33 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
 
     /// Ridges of `samples`, as many as the image has.
     pub fn find(&self, mut samples: Vec<f32>, notes: &mut Vec<String>) -> Found<D> {
-        let dims = self.scene.image.dims();
+        let (dims, patience) = (self.scene.image.dims(), self.scene.patience);
         let (scale, thresholds) = self.smooth(&mut samples, notes);
         let smoothed = Volume::new(dims, &samples);
-        let candidates = ridges(smoothed, scale, thresholds.low);
-        let candidates = repair(smoothed, candidates, scale, thresholds.high);
+        let candidates = ridges(smoothed, scale, thresholds.low, patience);
+        let candidates = repair(smoothed, candidates, scale, thresholds.high, patience);
         Found::new(candidates, scale, thresholds)
     }
 
     /// Smooths samples as settled on, as asked for, or so that ridges do not drown in noise; the scale,
     /// and the thresholds there.
     fn smooth(&self, samples: &mut [f32], notes: &mut Vec<String>) -> (f64, Thresholds) {
-        let dims = self.scene.image.dims();
+        let (dims, patience) = (self.scene.image.dims(), self.scene.patience);
         let given = self.scene.thresholds();
         if let (Some(settled), Some(thresholds)) = (self.scene.settled, given) {
-            gaussian::smooth(dims, samples, [settled.scale; D]);
+            gaussian::smooth(dims, samples, [settled.scale; D], patience);
             return (settled.scale, thresholds);
         }
         let mut scale = self.scale.unwrap_or(self.finest);
-        gaussian::smooth(dims, samples, [scale; D]);
-        let measure =
-            |samples: &[f32], scale| ridges::statistics(Volume::new(dims, samples), scale);
+        gaussian::smooth(dims, samples, [scale; D], patience);
+        let measure = |samples: &[f32], scale| {
+            ridges::statistics(Volume::new(dims, samples), scale, patience)
+        };
         let mut statistics = measure(samples, scale);
         while self.scale.is_none() && statistics.drowned() && scale < COARSEST {
             let coarser = (1.25 * scale).min(COARSEST);
             let further = (coarser * coarser - scale * scale).sqrt();
-            gaussian::smooth(dims, samples, [further; D]);
+            gaussian::smooth(dims, samples, [further; D], patience);
             scale = coarser;
             statistics = measure(samples, scale);
         }

@@ -6,17 +6,17 @@
 //! byte orders; and legacy files, ascii and binary.
 //! Layout: VTK file formats, <https://docs.vtk.org/en/latest/vtk_file_formats/vtkxml_file_format.html>.
 //!
-//! - [`write`](mod@write): a [`Document`], streamed array by array
-//! - [`read`]: a [`VtkFile`], arrays taken out when asked for
-//! - [`unpack`]: compressed blocks
-//! - [`legacy`]: legacy files as XML ones
-//! - [`xml`]: the XML as a tree
+//! - `write`: a [`Document`], streamed array by array
+//! - `read`: a [`VtkFile`], arrays taken out when asked for
+//! - `unpack`: compressed blocks
+//! - `legacy`: legacy files as XML ones
+//! - `xml`: the XML as a tree
 
-pub mod legacy;
-pub mod read;
+pub(crate) mod legacy;
+pub(crate) mod read;
 mod unpack;
-pub mod write;
-pub mod xml;
+pub(crate) mod write;
+pub(crate) mod xml;
 
 pub use read::VtkFile;
 pub use write::{Document, Packing, Source};

@@ -3,34 +3,34 @@
 //! Files are recognised by their content, never by their name; what is written is chosen by the
 //! name's ending.
 //!
-//! - [`inrimage`]: INRIMAGE-4 volumes
-//! - [`metaimage`]: MetaImage, of ITK
-//! - [`nifti`]: NIfTI, of neuroscience
-//! - [`npy`]: NumPy arrays
-//! - [`nrrd`]: NRRD files
-//! - [`packed`]: samples behind a header, perhaps compressed
-//! - [`png`](mod@png): pictures, as 2-D images
-//! - [`segy`]: seismic volumes
-//! - [`tiff`](mod@tiff): TIFF stacks
-//! - [`vti`]: VTK image data, and [`vtk`], the container it shares with meshes
-//! - [`raw`]: samples without a header, described by the user
-//! - [`samples`]: sample types and their conversion to `f32`
-//! - [`input`]: how a user says what a file does not
-//! - [`describe`](mod@describe): what a file holds, for people and for programs
+//! - `inrimage`: INRIMAGE-4 volumes
+//! - `metaimage`: MetaImage, of ITK
+//! - `nifti`: NIfTI, of neuroscience
+//! - `npy`: NumPy arrays
+//! - `nrrd`: NRRD files
+//! - `packed`: samples behind a header, perhaps compressed
+//! - `png`: pictures, as 2-D images
+//! - `segy`: seismic volumes
+//! - `tiff`: TIFF stacks
+//! - `vti`: VTK image data, and [`vtk`], the container it shares with meshes
+//! - `raw`: samples without a header, described by the user
+//! - `samples`: sample types and their conversion to `f32`
+//! - `input`: how a user says what a file does not
+//! - `describe`: what a file holds, for people and for programs
 
-pub mod describe;
-pub mod input;
-pub mod inrimage;
-pub mod metaimage;
-pub mod nifti;
-pub mod npy;
-pub mod nrrd;
-pub mod packed;
-pub mod png;
-pub mod raw;
-pub mod samples;
+pub(crate) mod describe;
+pub(crate) mod input;
+pub(crate) mod inrimage;
+pub(crate) mod metaimage;
+pub(crate) mod nifti;
+pub(crate) mod npy;
+pub(crate) mod nrrd;
+pub(crate) mod packed;
+pub(crate) mod png;
+pub(crate) mod raw;
+pub(crate) mod samples;
 pub mod segy;
-pub mod tiff;
+pub(crate) mod tiff;
 pub mod vti;
 
 use std::any::Any;

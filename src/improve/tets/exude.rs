@@ -27,13 +27,13 @@ pub fn exude(
     sheets: &Sheets,
     distance: &Distance<3>,
     aim: &Target,
-    mut patience: Patience<'_>,
+    patience: &Patience<'_>,
 ) -> Result<(Improved, Vec<u8>)> {
     let target = aim.min_dihedral.to_radians().sin();
     let taken = std::mem::take(mesh);
     let mut improver = Improver::new(taken, neighbors, kinds, extent, sheets, distance, target);
     let poor_before = improver.poor().len();
-    improver.recover(&mut patience);
+    improver.recover(patience);
     let counts = improver.counts;
     let finished = improver.finish(kinds);
     (*mesh, *kinds) = (finished.mesh, finished.kinds);

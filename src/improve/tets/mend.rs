@@ -55,7 +55,7 @@ impl Undo {
 
 impl Improver<'_> {
     /// Works on the tetrahedra below target, the worst first.
-    pub(super) fn mend(&mut self, patience: &mut Patience<'_>) {
+    pub(super) fn mend(&mut self, patience: &Patience<'_>) {
         for _ in 0..4 {
             let mut poor = self.poor();
             poor.sort_by(|a, b| self.sine_of(*a).total_cmp(&self.sine_of(*b)).then(a.cmp(b)));
@@ -78,7 +78,7 @@ impl Improver<'_> {
     }
 
     /// Lets nodes leave their features where a tetrahedron would otherwise stay unusable.
-    pub(super) fn release(&mut self, patience: &mut Patience<'_>) {
+    pub(super) fn release(&mut self, patience: &Patience<'_>) {
         let usable = UNUSABLE.to_radians().sin();
         for _ in 0..4 {
             let mut bad = self.poor();
@@ -214,7 +214,7 @@ impl Improver<'_> {
         let mut nodes = Vec::new();
         for round in 0..3 {
             let mut touched: Vec<u32> = self.queue.clone();
-            self.flip_queue(&mut Patience::endless());
+            self.flip_queue(&Patience::endless());
             touched.extend_from_slice(&self.queue);
             if round == 0 {
                 touched.extend(self.undo.iter().flat_map(|u| u.slots.iter().map(|s| s.0)));

@@ -6,8 +6,8 @@
 //! - `mend`: several changes at once, kept only if together they help
 //! - `collapse`: nodes that stand too close
 //! - `finish`: the mesh at the end, its faces on features, what blocks the rest
-//! - [`exude`](fn@exude): the second method: nodes get weights, none of them moves
-//! - [`reshape`](fn@reshape): atoms come, go and move in a part of a mesh
+//! - `exude`(fn@exude): the second method: nodes get weights, none of them moves
+//! - `reshape`(fn@reshape): atoms come, go and move in a part of a mesh
 
 mod collapse;
 mod exude;
@@ -52,12 +52,12 @@ pub fn improve(
     sheets: &Sheets,
     distance: &Distance<3>,
     target: &Target,
-    mut patience: Patience<'_>,
+    patience: &Patience<'_>,
 ) -> (Improved, Vec<u8>) {
     let target = target.min_dihedral.to_radians().sin();
     let (taken, around) = (std::mem::take(mesh), std::mem::take(neighbors));
     let mut improver = Improver::new(taken, around, kinds, extent, sheets, distance, target);
-    let outcome = improver.improve(&mut patience);
+    let outcome = improver.improve(patience);
     let finished = improver.finish(kinds);
     (*mesh, *neighbors, *kinds) = (finished.mesh, finished.neighbors, finished.kinds);
     (outcome, finished.feature_faces)
@@ -220,7 +220,7 @@ impl<'a> Improver<'a> {
     }
 
     /// Works through the queue with flips.
-    fn flip_queue(&mut self, patience: &mut Patience<'_>) {
+    fn flip_queue(&mut self, patience: &Patience<'_>) {
         while let Some(t) = self.queue.pop() {
             if patience.over() {
                 self.queue.clear();
@@ -299,7 +299,7 @@ impl<'a> Improver<'a> {
     }
 
     /// Flips and smoothing in turn until neither helps any more.
-    fn polish(&mut self, rounds: usize, patience: &mut Patience<'_>) {
+    fn polish(&mut self, rounds: usize, patience: &Patience<'_>) {
         let mut before = usize::MAX;
         for round in 0..rounds {
             self.enough = if round == 0 {
@@ -336,7 +336,7 @@ impl<'a> Improver<'a> {
 
 impl Improver<'_> {
     /// All steps, in order.
-    fn improve(&mut self, patience: &mut Patience<'_>) -> Improved {
+    fn improve(&mut self, patience: &Patience<'_>) -> Improved {
         let poor_before = self.poor().len();
         self.recover(patience);
         self.polish(8, patience);

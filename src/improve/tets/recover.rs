@@ -91,7 +91,7 @@ impl Improver<'_> {
     }
 
     /// Makes the mesh follow the features.
-    pub(super) fn recover(&mut self, patience: &mut Patience<'_>) {
+    pub(super) fn recover(&mut self, patience: &Patience<'_>) {
         let all: Vec<u32> = (0..self.complex.tets.len() as u32).collect();
         let mut pierced = self.pierced_among(&all);
         self.beside = Vec::new();

@@ -91,7 +91,7 @@ fn run(
         sheets,
         &Distance::Constant(4.5),
         &Target::default(),
-        Patience::endless(),
+        &Patience::endless(),
     )
 }
 
@@ -215,7 +215,7 @@ fn exudation_keeps_the_faces_on_a_plane_and_removes_slivers() {
         &sheets,
         &Distance::Constant(4.5),
         &Target::default(),
-        Patience::endless(),
+        &Patience::endless(),
     )
     .unwrap();
     assert_eq!(exuded.nodes, mesh.nodes, "no node moves");

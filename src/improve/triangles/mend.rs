@@ -11,7 +11,7 @@ const ROUNDS: usize = 24;
 
 impl Improver<'_> {
     /// Flips and smooths, and collapses or splits edges where that is not enough.
-    pub(super) fn polish(&mut self, patience: &mut Patience<'_>) {
+    pub(super) fn polish(&mut self, patience: &Patience<'_>) {
         self.flip_all(patience);
         for round in 0..ROUNDS {
             if self.poor().is_empty() {
@@ -54,7 +54,7 @@ impl Improver<'_> {
 
     /// Lets nodes leave their curves where a triangle would otherwise stay unusable: one node if that
     /// is enough, else all three.
-    pub(super) fn release(&mut self, patience: &mut Patience<'_>) {
+    pub(super) fn release(&mut self, patience: &Patience<'_>) {
         let usable = 1.0 / UNUSABLE.to_radians().tan();
         for round in 0..4 {
             let bad = self.above(usable);

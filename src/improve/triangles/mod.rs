@@ -17,13 +17,13 @@
 //! - `mend`: angles are raised
 //! - `edges`: flips, splits and collapses
 //! - `smooth`: a node moves to where it is best
-//! - [`reshape`](fn@reshape): atoms come, go and move in a part of a mesh
-//! - [`relax`]: Laplace's smoothing, before anything else
+//! - `reshape`(fn@reshape): atoms come, go and move in a part of a mesh
+//! - `relax`: Laplace's smoothing, before anything else
 
 mod edges;
 mod mend;
 mod recover;
-pub mod relax;
+pub(crate) mod relax;
 mod reshape;
 mod smooth;
 
@@ -75,12 +75,12 @@ pub fn improve(
     sheets: &Sheets,
     distance: &Distance<2>,
     min_angle: f64,
-    mut patience: Patience<'_>,
+    patience: &Patience<'_>,
 ) -> Result<(Improved, Vec<u8>)> {
     let neighbors = adjacency(mesh)?;
     let taken = std::mem::take(mesh);
     let mut improver = Improver::new(taken, neighbors, kinds, extent, sheets, distance, min_angle);
-    let outcome = improver.improve(&mut patience);
+    let outcome = improver.improve(patience);
     let finished = improver.finish();
     (*mesh, *kinds) = (finished.mesh, finished.kinds);
     Ok((outcome, finished.feature_faces))
@@ -170,7 +170,7 @@ impl<'a> Improver<'a> {
     }
 
     /// All steps, in order.
-    fn improve(&mut self, patience: &mut Patience<'_>) -> Improved {
+    fn improve(&mut self, patience: &Patience<'_>) -> Improved {
         let poor_before = self.poor().len();
         self.recover();
         self.polish(patience);
@@ -310,7 +310,7 @@ impl<'a> Improver<'a> {
     }
 
     /// Flips edges until none raises the smallest angle about it.
-    fn flip_all(&mut self, patience: &mut Patience<'_>) {
+    fn flip_all(&mut self, patience: &Patience<'_>) {
         self.queue.clear();
         let all: Vec<u32> = self.alive().collect();
         self.queue
@@ -318,7 +318,7 @@ impl<'a> Improver<'a> {
         self.flip_queue(patience);
     }
 
-    fn flip_queue(&mut self, patience: &mut Patience<'_>) {
+    fn flip_queue(&mut self, patience: &Patience<'_>) {
         while let Some((t, k)) = self.queue.pop() {
             if patience.over() {
                 self.queue.clear();

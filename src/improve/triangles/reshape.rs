@@ -68,7 +68,7 @@ pub fn reshape(
     }
     let neighbors = adjacency(&mesh).map_err(Refusal::Part)?;
     let mut improver = Improver::new(mesh, neighbors, &kinds, extent, sheets, distance, min_angle);
-    let outcome = improver.improve(&mut Patience::endless());
+    let outcome = improver.improve(&Patience::endless());
     let finished = improver.finish();
     // Numbers as wanted; what improvement has put in comes after those.
     let inserted = |n: u32| n - stay.len() as u32 + wanted.targets.len() as u32;

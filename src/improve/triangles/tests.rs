@@ -34,7 +34,7 @@ fn off_features([x, y]: [f64; 2]) -> f64 {
 fn edges_lie_on_the_curves_and_all_angles_are_large() {
     let sheets = Sheets::new(&scene(), in_space(EXTENT), 4.8, 1.7 * D);
     let distance = Distance::Constant(D);
-    let mut atoms = seeding::regular(EXTENT, &distance, &[], Alignment::On).unwrap();
+    let mut atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::On).unwrap();
     let moved = settle(
         &mut atoms.positions,
         &atoms.kinds,
@@ -52,7 +52,7 @@ fn edges_lie_on_the_curves_and_all_angles_are_large() {
         &sheets,
         &distance,
         30.0,
-        Patience::endless(),
+        &Patience::endless(),
     )
     .unwrap();
     let found = check(&mesh, [0.0; 2], EXTENT, 1e-12);
@@ -91,7 +91,7 @@ fn edges_lie_on_the_curves_and_all_angles_are_large() {
 fn without_features_a_regular_lattice_is_left_alone() {
     let sheets = Sheets::new(&[], in_space(EXTENT), 4.8, 1.7 * D);
     let distance = Distance::Constant(D);
-    let atoms = seeding::regular(EXTENT, &distance, &[], Alignment::On).unwrap();
+    let atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::On).unwrap();
     let before = delaunay_plane(&atoms.positions).unwrap();
     let (mut mesh, mut kinds) = (before.clone(), atoms.kinds.clone());
     let (outcome, on) = improve(
@@ -101,7 +101,7 @@ fn without_features_a_regular_lattice_is_left_alone() {
         &sheets,
         &distance,
         25.0,
-        Patience::endless(),
+        &Patience::endless(),
     )
     .unwrap();
     assert_eq!((outcome.poor_before, outcome.poor_after), (0, 0));
@@ -125,7 +125,7 @@ fn triangles_that_overlap_are_refused_and_left_as_they_are() {
         triangles: vec![[0, 1, 2], [0, 2, 3], [0, 2, 4]],
     };
     let (mut mesh, mut kinds) = (before.clone(), vec![AtomKind::Corner; 5]);
-    let patience = Patience::endless();
+    let patience = &Patience::endless();
     let refused = improve(
         &mut mesh, &mut kinds, EXTENT, &sheets, &distance, 30.0, patience,
     );
@@ -145,7 +145,7 @@ proptest! {
     ) {
         let sheets = Sheets::new(&scene(), in_space(EXTENT), 4.8, 1.7 * D);
         let distance = Distance::Constant(D);
-        let mut atoms = seeding::regular(EXTENT, &distance, &[], Alignment::On).unwrap();
+        let mut atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::On).unwrap();
         for (i, (x, kind)) in atoms.positions.iter_mut().zip(&atoms.kinds).enumerate() {
             if *kind == AtomKind::Interior {
                 let [u, v] = jitter[i % jitter.len()];
@@ -160,7 +160,7 @@ proptest! {
         };
         let before = worst(&mesh);
         let mut kinds = atoms.kinds;
-        let (outcome, _) = improve(&mut mesh, &mut kinds, EXTENT, &sheets, &distance, 30.0, Patience::endless()).unwrap();
+        let (outcome, _) = improve(&mut mesh, &mut kinds, EXTENT, &sheets, &distance, 30.0, &Patience::endless()).unwrap();
         let found = check(&mesh, [0.0; 2], EXTENT, 1e-9);
         prop_assert!(found.passed(), "{:?}", found.problems);
         prop_assert!(outcome.poor_after < outcome.poor_before);

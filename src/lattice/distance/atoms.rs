@@ -4,6 +4,7 @@ use super::{Distance, limit_gradient};
 use crate::geometry::distance2;
 use crate::geometry::groups::grouped;
 use crate::image::Field;
+use crate::observer::Patience;
 
 /// Samples of d are about this far apart, in units of the mean distance between atoms.
 const FINE: f64 = 0.5;
@@ -14,6 +15,7 @@ pub fn of_atoms<const D: usize>(
     positions: &[[f64; D]],
     extent: [f64; D],
     growth: f64,
+    patience: &Patience<'_>,
 ) -> Distance<D> {
     let nearest = nearest_neighbours(positions, extent);
     let most = extent.iter().fold(f64::INFINITY, |a, &e| a.min(e)) / 2.0;
@@ -37,7 +39,7 @@ pub fn of_atoms<const D: usize>(
             field.samples[at] = field.samples[at].min(d as f32);
         }
     }
-    limit_gradient(&mut field, growth);
+    limit_gradient(&mut field, growth, patience);
     Distance::Field(field)
 }
 
@@ -129,7 +131,7 @@ mod tests {
         let extent = [60.0, 48.0];
         let grid = |i: u32| [f64::from(i % 16) * 4.0, f64::from(i / 16) * 4.0];
         let positions: Vec<[f64; 2]> = (0..16 * 13).map(grid).collect();
-        let distance = of_atoms(&positions, extent, 0.3);
+        let distance = of_atoms(&positions, extent, 0.3, &Patience::endless());
         distance.validate(extent).unwrap();
         for x in [[10.0, 10.0], [31.5, 17.25], [0.0, 48.0]] {
             let d = distance.at(x);
@@ -137,7 +139,7 @@ mod tests {
         }
         // Far from all atoms it is larger.
         let few = [[0.0, 0.0], [4.0, 0.0], [60.0, 48.0], [60.0, 44.0]];
-        let distance = of_atoms(&few, extent, 0.3);
+        let distance = of_atoms(&few, extent, 0.3, &Patience::endless());
         assert!(distance.at([30.0, 24.0]) > 8.0);
         assert!((distance.at([0.0, 0.0]) - 4.0).abs() < 1e-6);
     }

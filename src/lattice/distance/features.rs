@@ -4,6 +4,7 @@ use super::{Distance, limit_gradient};
 use crate::error::{Error, Result, cause};
 use crate::feature::Features;
 use crate::image::Field;
+use crate::observer::Patience;
 
 /// d(x) = `min` at every feature point, growing away from it by `growth` per lattice unit, up to
 /// `max`.
@@ -24,6 +25,7 @@ pub fn from_features<const D: usize>(
     min: f64,
     max: f64,
     growth: f64,
+    patience: &Patience<'_>,
 ) -> Result<Distance<D>> {
     limits(min, max, growth)?;
     let mut field = coarse_grid(features.potential.extent(), min, max);
@@ -38,7 +40,7 @@ pub fn from_features<const D: usize>(
             field.samples[at] = min as f32;
         }
     }
-    limit_gradient(&mut field, growth);
+    limit_gradient(&mut field, growth, patience);
     Ok(Distance::Field(field))
 }
 
@@ -119,7 +121,7 @@ mod tests {
     #[test]
     fn d_is_min_on_the_feature_and_grows_linearly_to_max() {
         let features = plane();
-        let d = from_features(&features, 4.0, 7.0, 0.1).unwrap();
+        let d = from_features(&features, 4.0, 7.0, 0.1, &Patience::endless()).unwrap();
         assert!(d.validate(features.potential.extent()).is_ok());
         assert_eq!(d.min(), 4.0);
         assert_eq!(d.max(), 7.0);
@@ -147,7 +149,7 @@ mod tests {
             points: vec![],
             ..plane()
         };
-        let d = from_features(&features, 4.0, 9.0, 0.1).unwrap();
+        let d = from_features(&features, 4.0, 9.0, 0.1, &Patience::endless()).unwrap();
         assert_eq!((d.min(), d.max()), (9.0, 9.0));
     }
 
@@ -160,7 +162,7 @@ mod tests {
             (4.0, 8.0, 0.0),
             (4.0, 8.0, 2.0),
         ] {
-            let message = from_features(&plane(), min, max, growth)
+            let message = from_features(&plane(), min, max, growth, &Patience::endless())
                 .unwrap_err()
                 .to_string();
             assert!(message.contains("; give"), "{message}");

@@ -1,6 +1,7 @@
 //! Limits the growth of a field: |grad d| <= g, by fast sweeping.
 
 use crate::image::Field;
+use crate::observer::Patience;
 
 /// Sweeps are repeated until no sample falls by more than this share of its value.
 const SETTLED: f32 = 1e-5;
@@ -11,7 +12,7 @@ const SETTLED: f32 = 1e-5;
 /// This is the viscosity solution of |grad d| = `growth` with the field as an obstacle from above,
 /// found by Gauss-Seidel sweeps in the 2^D diagonal orders with Godunov's upwind difference (Zhao,
 /// "A fast sweeping method for eikonal equations", 2005). First-order accurate in the grid step.
-pub fn limit_gradient<const D: usize>(field: &mut Field<D>, growth: f64) {
+pub fn limit_gradient<const D: usize>(field: &mut Field<D>, growth: f64, patience: &Patience<'_>) {
     let mut strides = [1; D];
     for k in 1..D {
         strides[k] = strides[k - 1] * field.dims[k - 1];
@@ -22,7 +23,7 @@ pub fn limit_gradient<const D: usize>(field: &mut Field<D>, growth: f64) {
     for _ in 0..rounds {
         let mut settled = true;
         for order in 0..1usize << D {
-            settled &= sweep(field, &strides, growth as f32, order);
+            settled &= sweep(field, &strides, growth as f32, order, patience);
         }
         if settled {
             break;
@@ -36,6 +37,7 @@ fn sweep<const D: usize>(
     strides: &[usize; D],
     growth: f32,
     order: usize,
+    patience: &Patience<'_>,
 ) -> bool {
     let dims = field.dims;
     let backward = |k: usize| order >> k & 1 == 1;
@@ -44,6 +46,9 @@ fn sweep<const D: usize>(
     let mut settled = true;
     let mut index = [0usize; D];
     for row in 0..rows {
+        if patience.over() {
+            break;
+        }
         let mut rest = row;
         for k in 1..D {
             let i = rest % dims[k];
@@ -132,7 +137,7 @@ mod tests {
     #[test]
     fn a_single_minimum_becomes_a_cone() {
         let (mut field, apex) = cone([1.0, 1.5, 2.0], [41, 31, 25]);
-        limit_gradient(&mut field, 0.1);
+        limit_gradient(&mut field, 0.1, &Patience::endless());
         let mut worst = 0.0f64;
         for z in 0..25 {
             for y in 0..31 {
@@ -159,7 +164,7 @@ mod tests {
             step: [1.0; 3],
             samples: samples.clone(),
         };
-        limit_gradient(&mut field, 0.25);
+        limit_gradient(&mut field, 0.25, &Patience::endless());
         let least = |s: &[f32]| s.iter().copied().fold(f32::INFINITY, f32::min);
         assert_eq!(least(&samples), least(&field.samples));
         assert!(field.samples.iter().zip(&samples).all(|(a, b)| a <= b));

@@ -1,14 +1,14 @@
 //! The nominal distance d(x) between neighbouring atoms near x, in lattice units.
 //!
-//! - [`atoms`]: d as a set of atoms has it
-//! - [`grading`]: |grad d| limited by fast sweeping, minima kept
-//! - [`features`](mod@features): d grows away from detected features
-//! - [`sources`]: d from an image, from the Laplacian of b, as given
+//! - `atoms`: d as a set of atoms has it
+//! - `grading`: |grad d| limited by fast sweeping, minima kept
+//! - `features`: d grows away from detected features
+//! - `sources`: d from an image, from the Laplacian of b, as given
 
-pub mod atoms;
-pub mod features;
-pub mod grading;
-pub mod sources;
+pub(crate) mod atoms;
+pub(crate) mod features;
+pub(crate) mod grading;
+pub(crate) mod sources;
 
 pub use atoms::of_atoms;
 pub use features::from_features;

@@ -8,6 +8,7 @@ use super::{Distance, limit_gradient};
 use crate::error::{Error, Result, cause};
 use crate::feature::gaussian::smooth;
 use crate::image::Field;
+use crate::observer::Patience;
 
 /// d(x) = `min` where the smoothed image is lowest, `max` where it is highest, and linear between
 /// (Hale 2001, figure 5).
@@ -23,11 +24,12 @@ pub fn from_image<const D: usize>(
     min: f64,
     max: f64,
     growth: f64,
+    patience: &Patience<'_>,
 ) -> Result<Distance<D>> {
     limits(min, max, growth)?;
     let mut field = image.clone();
     let sigma = field.step.map(|step| max / step);
-    smooth(field.dims, &mut field.samples, sigma);
+    smooth(field.dims, &mut field.samples, sigma, patience);
     let (low, high) = field
         .samples
         .iter()
@@ -46,9 +48,12 @@ pub fn from_image<const D: usize>(
     for s in &mut field.samples {
         *s = (min as f32 + slope * (*s - low)).clamp(min as f32, max as f32);
     }
-    limit_gradient(&mut field, growth);
+    limit_gradient(&mut field, growth, patience);
     Ok(Distance::Field(field))
 }
+
+/// Samples between two questions whether to go on.
+const ASKED_EVERY: usize = 1 << 14;
 
 /// d(x) = c / sqrt |laplacian of b|, with c such that d is `min` in the valleys of b, whose width is
 /// `sigma`; at most `max` (Hale 2002).
@@ -66,6 +71,7 @@ pub fn from_laplacian<const D: usize>(
     min: f64,
     max: f64,
     growth: f64,
+    patience: &Patience<'_>,
 ) -> Result<Distance<D>> {
     limits(min, max, growth)?;
     let mut field = coarse_grid(potential.extent(), min, max);
@@ -75,6 +81,9 @@ pub fn from_laplacian<const D: usize>(
     }
     let b = &potential.samples;
     for i in 0..b.len() {
+        if i % ASKED_EVERY == 0 && patience.over() {
+            break;
+        }
         let (mut rest, mut laplacian, mut cell) = (i, 0.0, 0);
         let mut cell_stride = 1;
         for k in 0..D {
@@ -95,7 +104,7 @@ pub fn from_laplacian<const D: usize>(
         let d = (min / sigma / laplacian.abs().sqrt()).clamp(min, max);
         field.samples[cell] = field.samples[cell].min(d as f32);
     }
-    limit_gradient(&mut field, growth);
+    limit_gradient(&mut field, growth, patience);
     Ok(Distance::Field(field))
 }
 
@@ -109,6 +118,7 @@ pub fn from_samples<const D: usize>(
     min: f64,
     max: f64,
     growth: f64,
+    patience: &Patience<'_>,
 ) -> Result<Distance<D>> {
     limits(min, max, growth)?;
     if let Some(bad) = field.samples.iter().find(|d| !(**d > 0.0 && d.is_finite())) {
@@ -121,7 +131,7 @@ pub fn from_samples<const D: usize>(
     for d in &mut field.samples {
         *d = d.clamp(min as f32, max as f32);
     }
-    limit_gradient(&mut field, growth);
+    limit_gradient(&mut field, growth, patience);
     Ok(Distance::Field(field))
 }
 
@@ -140,7 +150,7 @@ mod tests {
     fn laplacian_gives_min_in_valleys<const D: usize>(dims: [usize; D]) {
         let (sigma, min, max) = (2.0, 8.0, 14.0);
         let b = valleys(dims, sigma);
-        let d = from_laplacian(&b, sigma, min, max, 0.1).unwrap();
+        let d = from_laplacian(&b, sigma, min, max, 0.1, &Patience::endless()).unwrap();
         assert!(d.validate(b.extent()).is_ok());
         for x in 0..80 {
             let mut p: [f64; D] = std::array::from_fn(|k| 0.45 * (dims[k] - 1) as f64);
@@ -172,7 +182,7 @@ mod tests {
         let k = std::f64::consts::PI / dims[0] as f64;
         let image = Field::from_fn(dims, [1.0; D], |p| 50.0 + 7.0 * ((p[0] + 0.5) * k).cos());
         let (min, max) = (5.0, 7.0);
-        let d = from_image(&image, min, max, 0.1).unwrap();
+        let d = from_image(&image, min, max, 0.1, &Patience::endless()).unwrap();
         for x in 0..dims[0] {
             let mut p: [f64; D] = std::array::from_fn(|k| 0.5 * (dims[k] - 1) as f64);
             p[0] = x as f64;
@@ -199,7 +209,7 @@ mod tests {
                 4.0 + 0.1 * p[0]
             }
         });
-        let d = from_samples(given, 4.5, 8.0, 0.1).unwrap();
+        let d = from_samples(given, 4.5, 8.0, 0.1, &Patience::endless()).unwrap();
         assert!((d.at([0.0, 3.0]) - 4.5).abs() < 1e-6);
         assert!((d.at([20.0, 3.0]) - 6.0).abs() < 1e-5);
         // Far from the pit, too, the way from it decides (sweeping is of first order).
@@ -215,11 +225,11 @@ mod tests {
         let flat = Field::from_fn([30, 30], [1.0; 2], |_| 3.0);
         let nan = Field::from_fn([30, 30], [1.0; 2], |_| f64::NAN);
         let errors = [
-            from_image(&flat, 4.0, 8.0, 0.1),
-            from_image(&nan, 4.0, 8.0, 0.1),
-            from_samples(nan, 4.0, 8.0, 0.1),
-            from_samples(flat.clone(), 8.0, 4.0, 0.1),
-            from_laplacian(&flat, 1.0, 4.0, 8.0, 0.0),
+            from_image(&flat, 4.0, 8.0, 0.1, &Patience::endless()),
+            from_image(&nan, 4.0, 8.0, 0.1, &Patience::endless()),
+            from_samples(nan, 4.0, 8.0, 0.1, &Patience::endless()),
+            from_samples(flat.clone(), 8.0, 4.0, 0.1, &Patience::endless()),
+            from_laplacian(&flat, 1.0, 4.0, 8.0, 0.0, &Patience::endless()),
         ];
         for error in errors {
             let message = error.unwrap_err().to_string();

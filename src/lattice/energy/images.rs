@@ -46,11 +46,6 @@ impl Images {
         self.images.len()
     }
 
-    /// Whether there are none.
-    pub fn is_empty(&self) -> bool {
-        self.images.is_empty()
-    }
-
     /// The atoms of the images, in order.
     pub fn atoms(&self) -> impl Iterator<Item = usize> + '_ {
         self.images.iter().map(|image| image.atom as usize)

@@ -265,7 +265,7 @@ mod tests {
 
     /// A lattice of the box with all that may move moved.
     fn shaken<const D: usize>(extent: [f64; D], distance: &Distance<D>) -> Atoms<D> {
-        let mut atoms = seeding::regular(extent, distance, &[], Alignment::On).unwrap();
+        let mut atoms = seeding::fcc(extent, distance, &[], Alignment::On).unwrap();
         let mobility = atoms.mobility(extent);
         for (n, (x, free)) in atoms.positions.iter_mut().zip(&mobility).enumerate() {
             for k in 0..D {
@@ -344,7 +344,7 @@ mod tests {
     fn a_regular_lattice_has_no_laplacian_energy_and_moving_an_atom_costs_its_length() {
         let (extent, d) = ([40.0, 12.0 * 12.0f64.sqrt()], 4.0);
         let distance = Distance::Constant(d);
-        let atoms = seeding::regular(extent, &distance, &[], Alignment::On).unwrap();
+        let atoms = seeding::fcc(extent, &distance, &[], Alignment::On).unwrap();
         let inner = |x: &[f64; 2]| (0..2).all(|k| x[k] > 2.5 * d && x[k] < extent[k] - 2.5 * d);
         let mobility = atoms
             .positions

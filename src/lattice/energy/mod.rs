@@ -10,20 +10,20 @@
 //! -b takes its place, and mirror images of the atoms stand beyond the sides.
 //!
 //! - [`pair`]: phi and the force
-//! - [`image_term`]: b(x_i), skipping the parts of the image where b is nothing
-//! - [`neighbours`]: the Verlet list
-//! - [`images`]: mirror images of atoms beyond the sides
+//! - `image_term`: b(x_i), skipping the parts of the image where b is nothing
+//! - `neighbours`: the Verlet list
+//! - `images`: mirror images of atoms beyond the sides
 //! - [`pairwise`]: the exact energy and gradient from pairs of atoms, the default
 //! - [`laplacian`]: A joined with how far each atom is from the middle of its Delaunay neighbours
-//! - [`sampled`]: the energy from a field sampled like the image, as first published
+//! - `sampled`: the energy from a field sampled like the image, as first published
 
-pub mod image_term;
-pub mod images;
+pub(crate) mod image_term;
+pub(crate) mod images;
 pub mod laplacian;
-pub mod neighbours;
+pub(crate) mod neighbours;
 pub mod pair;
 pub mod pairwise;
-pub mod sampled;
+pub(crate) mod sampled;
 
 pub use laplacian::Regularised;
 pub use pairwise::Pairwise;

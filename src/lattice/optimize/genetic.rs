@@ -26,7 +26,7 @@ use super::{Effort, Stop};
 use crate::error::Result;
 use crate::geometry::random::uniform;
 use crate::lattice::energy::{Energy, Parts};
-use crate::observer::{Observer, Progress};
+use crate::observer::{Observer, Patience, Progress};
 
 /// Individuals in a generation (Fernandes & Gattass 2009).
 pub const POPULATION: usize = 10;
@@ -79,23 +79,32 @@ pub fn evolve<const D: usize>(
         }
         let generation = history.len() as u64;
         let others = children.par_iter_mut().zip(&mut twins).enumerate();
-        others.for_each(|(n, (child, twin))| {
-            let key = [options.seed, round as u64, generation, n as u64]
-                .into_iter()
-                .fold(0, |key: u64, part| {
-                    (key ^ part).wrapping_mul(0x9E37_79B9_7F4A_7C15)
-                });
-            let birth = Birth {
-                bounds,
-                scale: &scale,
-                size: options.perturbation,
-                key,
-            };
-            birth.cross(&parents[0], &parents[n + 1], child);
-            birth.mutate(child);
-            child.energy = twin.evaluate(&child.positions, &mut child.gradient);
-            child.parts = twin.parts();
-        });
+        let evolve = |patience: &Patience<'_>| {
+            others.for_each(|(n, (child, twin))| {
+                if patience.over() {
+                    return;
+                }
+                let key = [options.seed, round as u64, generation, n as u64]
+                    .into_iter()
+                    .fold(0, |key: u64, part| {
+                        (key ^ part).wrapping_mul(0x9E37_79B9_7F4A_7C15)
+                    });
+                let birth = Birth {
+                    bounds,
+                    scale: &scale,
+                    size: options.perturbation,
+                    key,
+                };
+                birth.cross(&parents[0], &parents[n + 1], child);
+                birth.mutate(child);
+                child.energy = twin.evaluate(&child.positions, &mut child.gradient);
+                child.parts = twin.parts();
+            });
+            patience.over()
+        };
+        if Patience::of(&mut || observer.keep_going(), evolve) {
+            break Stop::Interrupted;
+        }
         budget.evaluations += children.len();
         for child in &children {
             finite(child.energy)?;
@@ -233,7 +242,16 @@ mod tests {
             seed: 1,
             most: usize::MAX,
         };
-        seed(how, EXTENT, &DISTANCE, &[], Alignment::On, Some(valley)).unwrap()
+        seed(
+            how,
+            EXTENT,
+            &DISTANCE,
+            &[],
+            Alignment::On,
+            Some(valley),
+            &Patience::endless(),
+        )
+        .unwrap()
     }
 
     fn evaluator(valley: &Field<2>) -> Pairwise<'_, 2> {
@@ -316,17 +334,22 @@ mod tests {
 
     #[test]
     fn an_interrupt_keeps_the_best_so_far() {
+        /// Says no once there were so many evaluations; remembers how many.
         struct Stopper(usize);
         impl Observer for Stopper {
+            fn progress(&mut self, progress: &Progress) {
+                self.0 = progress.evaluations;
+            }
             fn keep_going(&mut self) -> bool {
-                self.0 += 1;
-                self.0 <= 5
+                self.0 < 2 + 5 * (POPULATION - 1)
             }
         }
-        let (_, outcome) = run(Method::Genetic, 1000, &mut Stopper(0));
+        let mut stopper = Stopper(0);
+        let (_, outcome) = run(Method::Genetic, 1000, &mut stopper);
         assert_eq!(outcome.stop, Stop::Interrupted);
-        // At the start twice (as given, and as the first of its kind), then five generations.
-        assert_eq!(outcome.evaluations, 2 + 5 * (POPULATION - 1));
+        // At the start twice (as given, and as the first of its kind), then whole generations.
+        assert_eq!(outcome.evaluations, stopper.0);
+        assert_eq!((outcome.evaluations - 2) % (POPULATION - 1), 0);
         assert!(outcome.energy_after < outcome.energy_before);
     }
 

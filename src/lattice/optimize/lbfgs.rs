@@ -61,11 +61,6 @@ impl Lbfgs {
         self.live.is_empty()
     }
 
-    /// The gradient at the current point.
-    pub fn gradient(&self) -> &[f32] {
-        &self.basis[GRADIENT]
-    }
-
     /// Goes to a new point: `advance(chunk, s, g)` writes the step taken and the new gradient of
     /// the coordinates from `chunk * CHUNK` on. The step is remembered if the curvature along it is
     /// positive.

@@ -40,6 +40,16 @@ impl Budget {
     }
 }
 
+/// How a line search ends.
+enum Search {
+    /// With a lower energy.
+    Lower(f64, Parts),
+    /// With none.
+    Higher,
+    /// As the observer said no.
+    Stopped,
+}
+
 /// Positions, bounds and scales of a lattice under minimisation.
 pub struct Minimiser<const D: usize> {
     bounds: Bounds<D>,
@@ -142,16 +152,17 @@ impl<const D: usize> Minimiser<D> {
             if slope >= 0.0 {
                 return Ok(Stop::Converged);
             }
-            match self.search(&direction, slope, energy, budget)? {
-                Some((value, parts)) => {
+            match self.search(&direction, slope, energy, budget, observer)? {
+                Search::Lower(value, parts) => {
                     self.accept(&mut memory);
                     if self.steepest {
                         memory.forget();
                     }
                     (self.energy, self.parts) = (value, parts);
                 }
-                None if memory.is_empty() => return Ok(Stop::Converged),
-                None => {
+                Search::Stopped => return Ok(Stop::Interrupted),
+                Search::Higher if memory.is_empty() => return Ok(Stop::Converged),
+                Search::Higher => {
                     memory.forget();
                     continue;
                 }
@@ -183,9 +194,14 @@ impl<const D: usize> Minimiser<D> {
         slope: f64,
         energy: &mut dyn Energy<D>,
         budget: &mut Budget,
-    ) -> Result<Option<(f64, Parts)>> {
+        observer: &mut dyn Observer,
+    ) -> Result<Search> {
         let mut length = 1.0;
-        for _ in 0..SHORTENINGS {
+        for shortening in 0..SHORTENINGS {
+            // Evaluations take long.
+            if shortening > 0 && !observer.keep_going() {
+                return Ok(Search::Stopped);
+            }
             let mut trial = std::mem::take(&mut self.trial);
             trial
                 .par_iter_mut()
@@ -203,7 +219,7 @@ impl<const D: usize> Minimiser<D> {
             self.trial = trial;
             let (value, parts) = found?;
             if value <= self.energy + SUFFICIENT * length * slope {
-                return Ok(Some((value, parts)));
+                return Ok(Search::Lower(value, parts));
             }
             if budget.spent() {
                 break;
@@ -211,7 +227,7 @@ impl<const D: usize> Minimiser<D> {
             let end_slope = self.slope_along(direction);
             length *= cubic_minimum(self.energy, slope * length, value, end_slope * length);
         }
-        Ok(None)
+        Ok(Search::Higher)
     }
 
     /// Goes to the trial point and remembers the step.

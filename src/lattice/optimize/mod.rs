@@ -8,17 +8,17 @@
 //! Coordinates are scaled by d(x) (and the square root of an atom's temperature), so that fine and
 //! coarse parts of a lattice converge alike.
 //!
-//! - [`bounds`]: how far atoms may move, and chance moves
-//! - [`lbfgs`]: the descent direction
-//! - [`minimise`]: one minimisation: line search, stopping
-//! - [`genetic`]: a population of lattices instead, of which the best have descendants
-//! - [`temperature`]: which atoms a local edit may move
+//! - `bounds`: how far atoms may move, and chance moves
+//! - `lbfgs`: the descent direction
+//! - `minimise`: one minimisation: line search, stopping
+//! - `genetic`: a population of lattices instead, of which the best have descendants
+//! - `temperature`: which atoms a local edit may move
 
-pub mod bounds;
+pub(crate) mod bounds;
 pub mod genetic;
-pub mod lbfgs;
-pub mod minimise;
-pub mod temperature;
+pub(crate) mod lbfgs;
+pub(crate) mod minimise;
+pub(crate) mod temperature;
 
 pub use crate::observer::{Observer, Progress, Unobserved};
 
@@ -157,6 +157,10 @@ pub fn optimize<const D: usize>(
     let stop = loop {
         if rounds == options.max_rounds || budget.spent() {
             break Stop::MaxIterations;
+        }
+        // To begin a round takes several evaluations.
+        if !observer.keep_going() {
+            break Stop::Interrupted;
         }
         if rounds > 0 && energy.refresh(&atoms.positions)? {
             best = minimiser.measure(&atoms.positions, energy, &mut budget)?;

@@ -57,8 +57,7 @@ impl Observer for Recorder {
 #[test]
 fn atoms_settle_on_the_surface_and_the_box_stays_exact() {
     let (distance, valley) = (Distance::Constant(D), valley());
-    let mut atoms =
-        seeding::regular(EXTENT, &distance, &[[10.0, 20.0, 20.0]], Alignment::On).unwrap();
+    let mut atoms = seeding::fcc(EXTENT, &distance, &[[10.0, 20.0, 20.0]], Alignment::On).unwrap();
     let before = atoms.clone();
     let mut energy = evaluator(&distance, &valley);
     let mut recorder = Recorder::default();
@@ -139,7 +138,7 @@ fn atoms_settle_on_the_surface_and_the_box_stays_exact() {
 #[test]
 fn energy_never_rises_within_a_round_and_the_best_is_kept() {
     let (distance, valley) = (Distance::Constant(D), valley());
-    let mut atoms = seeding::regular(EXTENT, &distance, &[], Alignment::On).unwrap();
+    let mut atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::On).unwrap();
     let mut energy = evaluator(&distance, &valley);
     let mut recorder = Recorder::default();
     let options = Effort {
@@ -165,7 +164,7 @@ fn energy_never_rises_within_a_round_and_the_best_is_kept() {
 #[test]
 fn an_interrupt_keeps_what_has_been_gained() {
     let (distance, valley) = (Distance::Constant(D), valley());
-    let mut atoms = seeding::regular(EXTENT, &distance, &[], Alignment::On).unwrap();
+    let mut atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::On).unwrap();
     let mut energy = evaluator(&distance, &valley);
     let mut recorder = Recorder {
         stop_after: Some(7),
@@ -211,7 +210,7 @@ fn any_number_of_threads_and_any_run_give_the_same_bytes() {
             .unwrap();
         pool.install(|| {
             let (distance, valley) = (Distance::Constant(D), valley());
-            let mut atoms = seeding::regular(EXTENT, &distance, &[], Alignment::On).unwrap();
+            let mut atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::On).unwrap();
             let mut energy = evaluator(&distance, &valley);
             let options = Effort {
                 seed,
@@ -231,7 +230,7 @@ fn any_number_of_threads_and_any_run_give_the_same_bytes() {
 #[test]
 fn frozen_atoms_stay() {
     let (distance, valley) = (Distance::Constant(D), valley());
-    let mut atoms = seeding::regular(EXTENT, &distance, &[], Alignment::On).unwrap();
+    let mut atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::On).unwrap();
     let before = atoms.positions.clone();
     let warm = |x: &[f64; 3]| f64::from(u8::from((x[0] - 25.0).abs() < 8.0));
     let options = Effort {
@@ -260,7 +259,7 @@ fn frozen_atoms_stay() {
 #[test]
 fn an_edit_changes_its_neighbourhood_only() {
     let distance = Distance::Constant(D);
-    let mut atoms = seeding::regular(EXTENT, &distance, &[], Alignment::On).unwrap();
+    let mut atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::On).unwrap();
     let centre = EXTENT.map(|l| 0.4 * l);
     let r = |x: &[f64; 3]| {
         (0..3)
@@ -355,7 +354,7 @@ fn argmin_finds_no_lower_energy() {
     use argmin::solver::quasinewton::LBFGS;
 
     let (distance, valley) = (Distance::Constant(D), valley());
-    let mut atoms = seeding::regular(EXTENT, &distance, &[], Alignment::On).unwrap();
+    let mut atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::On).unwrap();
     let mobility = atoms.mobility(EXTENT);
     let free: Vec<(usize, usize)> = (0..atoms.len())
         .flat_map(|n| (0..3).map(move |k| (n, k)))
@@ -401,7 +400,7 @@ fn argmin_finds_no_lower_energy() {
 #[test]
 fn impossible_options_are_refused() {
     let (distance, valley) = (Distance::Constant(D), valley());
-    let mut atoms = seeding::regular(EXTENT, &distance, &[], Alignment::On).unwrap();
+    let mut atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::On).unwrap();
     let good = Effort::default();
     for options in [
         Effort {

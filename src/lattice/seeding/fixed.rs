@@ -122,7 +122,7 @@ pub fn insert<const D: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lattice::seeding::regular;
+    use crate::lattice::seeding::fcc;
 
     #[test]
     fn lattice_makes_room_and_the_box_stays_whole() {
@@ -134,8 +134,8 @@ mod tests {
             [20.0, 0.0, 48.0],
             [1.0, 1.0, 1.0],
         ];
-        let plain = regular(extent, &distance, &[], Alignment::On).unwrap();
-        let atoms = regular(extent, &distance, &fixed, Alignment::On).unwrap();
+        let plain = fcc(extent, &distance, &[], Alignment::On).unwrap();
+        let atoms = fcc(extent, &distance, &fixed, Alignment::On).unwrap();
         assert!(atoms.len() <= plain.len() + fixed.len());
         let is = |kind| atoms.kinds.iter().filter(|&&k| k == kind).count();
         assert_eq!((is(AtomKind::Fixed), is(AtomKind::Corner)), (4, 8));
@@ -153,7 +153,7 @@ mod tests {
         let extent = [40.0; 3];
         let distance = Distance::Constant(6.0);
         let message = |fixed: &[[f64; 3]]| {
-            regular(extent, &distance, fixed, Alignment::On)
+            fcc(extent, &distance, fixed, Alignment::On)
                 .unwrap_err()
                 .to_string()
         };

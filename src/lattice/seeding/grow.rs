@@ -19,6 +19,7 @@ use super::refine::spread;
 use super::{Alignment, FREE, MARGIN, scatter, sides_held};
 use crate::geometry::scatter::Scatter;
 use crate::lattice::distance::Distance;
+use crate::observer::Patience;
 
 /// A lattice that grows.
 struct Grown<'a, const D: usize> {
@@ -75,12 +76,15 @@ impl<'a, const D: usize> Grown<'a, D> {
     }
 
     /// Grows a lattice from the atoms in `queue`, over the whole box or over the given `sides` of it.
-    fn grow(&mut self, mut queue: VecDeque<u32>, sides: u8) {
+    fn grow(&mut self, mut queue: VecDeque<u32>, sides: u8, patience: &Patience<'_>) {
         let along: Vec<usize> = (0..D)
             .filter(|&k| (sides | sides >> D) >> k & 1 == 0)
             .collect();
         let steps = steps::<D>(&along);
         while let Some(n) = queue.pop_front() {
+            if patience.over() {
+                return;
+            }
             let from = self.placed.positions()[n as usize];
             let d = self.distance.at(from);
             for step in &steps {
@@ -167,6 +171,7 @@ pub fn grown<const D: usize>(
     distance: &Distance<D>,
     fixed: &[[f64; D]],
     alignment: Alignment,
+    patience: &Patience<'_>,
 ) -> Vec<[f64; D]> {
     let mut lattice = Grown::new(extent, distance, alignment);
     let mut is_fixed = Vec::new();
@@ -203,7 +208,7 @@ pub fn grown<const D: usize>(
                 // From the fixed atoms first.
                 let on = |&n: &u32| lattice.sides[n as usize] & sides == sides;
                 let queue = (before..count).chain(0..before).filter(on).collect();
-                lattice.grow(queue, sides);
+                lattice.grow(queue, sides, patience);
             }
         }
         is_fixed.resize(lattice.placed.positions().len(), false);
@@ -221,7 +226,7 @@ pub(super) mod tests {
     use crate::geometry::distance2;
     use crate::image::Field;
     use crate::lattice::AtomKind;
-    use crate::lattice::seeding::{Atoms, Seeding, regular, seed};
+    use crate::lattice::seeding::{Atoms, Seeding, fcc, seed};
 
     /// d from 4 in the middle to 9 at the far corners.
     pub fn varying<const D: usize>(extent: [f64; D]) -> Distance<D> {
@@ -255,7 +260,7 @@ pub(super) mod tests {
     fn fills_the_box_with_atoms_about_d_apart() {
         let extent = [70.0, 63.0, 55.0];
         let distance = varying(extent);
-        let atoms = regular(extent, &distance, &[], Alignment::On).unwrap();
+        let atoms = fcc(extent, &distance, &[], Alignment::On).unwrap();
         let corners = atoms
             .kinds
             .iter()
@@ -316,7 +321,7 @@ pub(super) mod tests {
             [0.0, 17.0, 40.0],
             [0.0; 3],
         ];
-        let atoms = regular(extent, &distance, &fixed, Alignment::On).unwrap();
+        let atoms = fcc(extent, &distance, &fixed, Alignment::On).unwrap();
         let count = atoms.len();
         assert_eq!(&atoms.positions[count - 4..], &fixed);
         assert!(
@@ -337,7 +342,7 @@ pub(super) mod tests {
     fn fills_a_rectangle() {
         let extent = [120.0, 91.0];
         let distance = varying(extent);
-        let atoms = regular(extent, &distance, &[[30.0, 40.5]], Alignment::On).unwrap();
+        let atoms = fcc(extent, &distance, &[[30.0, 40.5]], Alignment::On).unwrap();
         let is = |kind| atoms.kinds.iter().filter(|&&k| k == kind).count();
         assert_eq!((is(AtomKind::Corner), is(AtomKind::Fixed)), (4, 1));
         // As many atoms along the edges as d asks for.
@@ -384,7 +389,7 @@ pub(super) mod tests {
             } else {
                 Distance::Constant(6.0)
             };
-            let atoms = regular(extent, &distance, &[], Alignment::Alongside).unwrap();
+            let atoms = fcc(extent, &distance, &[], Alignment::Alongside).unwrap();
             assert_alongside(&atoms, extent, &distance);
             let extent = [50.0, 43.0, 55.0];
             let distance = if vary {
@@ -392,10 +397,10 @@ pub(super) mod tests {
             } else {
                 Distance::Constant(6.0)
             };
-            let atoms = regular(extent, &distance, &[], Alignment::Alongside).unwrap();
+            let atoms = fcc(extent, &distance, &[], Alignment::Alongside).unwrap();
             assert_alongside(&atoms, extent, &distance);
         }
-        let refused = regular(
+        let refused = fcc(
             [50.0; 2],
             &Distance::Constant(6.0),
             &[[0.0, 20.0]],
@@ -411,7 +416,16 @@ pub(super) mod tests {
         let distance = Distance::Constant(5.0);
         let wells = [[22.3, 31.1, 17.7], [40.9, 20.2, 44.4]];
         let neighbours = |how: Seeding| {
-            let atoms = seed(how, extent, &distance, &wells, Alignment::On, None).unwrap();
+            let atoms = seed(
+                how,
+                extent,
+                &distance,
+                &wells,
+                Alignment::On,
+                None,
+                &Patience::endless(),
+            )
+            .unwrap();
             assert_eq!(atoms.positions[atoms.len() - 2..], wells);
             let sites = wells.iter().flat_map(|well| {
                 let step = |step: [f64; 3]| std::array::from_fn(|k| well[k] + 5.0 * step[k]);
@@ -424,7 +438,7 @@ pub(super) mod tests {
             sites.filter(taken).count()
         };
         assert_eq!(neighbours(Seeding::Grown), 24);
-        assert!(neighbours(Seeding::Regular) < 4);
+        assert!(neighbours(Seeding::Fcc) < 4);
         // In the plane they are six.
         let (well, extent) = ([22.3, 31.1], [61.0, 57.0]);
         let atoms = seed(
@@ -434,6 +448,7 @@ pub(super) mod tests {
             &[well],
             Alignment::On,
             None,
+            &Patience::endless(),
         );
         let atoms = atoms.unwrap().positions;
         let taken = |step: [f64; 2]| {

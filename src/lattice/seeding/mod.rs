@@ -1,30 +1,31 @@
 //! Initial lattices of atoms: image box and nominal distance d(x) -> [`Atoms`].
 //!
 //! - [`lattice`]: the densest regular lattice fitted to the box, for constant d
-//! - [`grow`]: a pseudo-regular lattice grown atom by atom, for variable d
-//! - [`refine`](mod@refine): an isotropic lattice by Delaunay refinement
-//! - [`guide`]: drawn by chance under the image, features first
-//! - [`projection`]: sites projected onto features
-//! - [`canny`]: on features, dense where these bend, and few elsewhere
-//! - [`fixed`]: atoms given by the user
-//! - [`wells`]: atoms along trajectories, and d(x) near them
+//! - `grow`: a pseudo-regular lattice grown atom by atom, for variable d
+//! - `refine`: an isotropic lattice by Delaunay refinement
+//! - `guide`: drawn by chance under the image, features first
+//! - `projection`: sites projected onto features
+//! - `canny`: on features, dense where these bend, and few elsewhere
+//! - `fixed`: atoms given by the user
+//! - `wells`: atoms along trajectories, and d(x) near them
 //! - [`order`]: memory order of atoms, for cache locality
 
-pub mod canny;
-pub mod fixed;
-pub mod grow;
-pub mod guide;
+pub(crate) mod canny;
+pub(crate) mod fixed;
+pub(crate) mod grow;
+pub(crate) mod guide;
 pub mod lattice;
 pub mod order;
-pub mod projection;
-pub mod refine;
-pub mod wells;
+pub(crate) mod projection;
+pub(crate) mod refine;
+pub(crate) mod wells;
 
 use crate::error::{Error, Result, cause};
 use crate::geometry::scatter::Scatter;
 use crate::image::Field;
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
+use crate::observer::Patience;
 
 /// Where atoms end up: on features, so that the faces of a Delaunay mesh follow them, or alongside,
 /// so that the faces of Voronoi cells do.
@@ -122,27 +123,27 @@ fn scatter<const D: usize>(extent: [f64; D], apart: f64) -> Scatter<D> {
 pub enum Seeding {
     /// The densest regular lattice, face-centred cubic in 3-D and triangular in 2-D: for constant d
     /// slightly stretched per axis to fit ([`lattice::fitted`]), else grown by Hale's Algorithm 2
-    /// ([`grow::grown`]).
+    /// (`grow::grown`).
     #[default]
-    Regular,
+    Fcc,
     /// Grown by Algorithm 2 whatever d, from fixed atoms and the sides of the box: the lattice is
     /// regular around wells rather than in the box.
     Grown,
-    /// Delaunay refinement ([`refine::refined`]), isotropic.
+    /// Delaunay refinement (`refine::refined`), isotropic.
     Refine {
         /// Decides where the first point inside is.
         seed: u64,
     },
-    /// Drawn by chance under the image, where its features are first ([`guide::drawn`]).
+    /// Drawn by chance under the image, where its features are first (`guide::drawn`).
     Guide {
         /// Decides what is drawn.
         seed: u64,
         /// Most atoms.
         most: usize,
     },
-    /// Sites of a fine lattice projected onto the image's features ([`projection::projected`]).
+    /// Sites of a fine lattice projected onto the image's features (`projection::projected`).
     Projection,
-    /// From features and image ([`canny::seeded`]), which decide d, too.
+    /// From features and image (`canny::seeded`), which decide d, too.
     Canny,
 }
 
@@ -151,16 +152,17 @@ pub enum Seeding {
 ///
 /// `potential` is the image as -1 on features and 0 elsewhere, over the box; only some ways need it.
 /// `fixed` atoms (lattice space) are kept exactly where they are; a lattice that is grown grows from
-/// them, others make room for them ([`fixed::insert`]). Atoms come in the order of a space-filling
+/// them, others make room for them (`fixed::insert`). Atoms come in the order of a space-filling
 /// curve, fixed atoms last.
 ///
 /// # Errors
-/// [`Error::Distance`](crate::Error::Distance) if d does not suit the box,
-/// [`Error::Seeding`](crate::Error::Seeding) if a fixed atom lies outside the box (alongside, also
-/// on a side of it) or two lie at one place, or for [`Seeding::Canny`],
-/// [`Error::Delaunay`](crate::Error::Delaunay) for
+/// [`Error::Distance`] if d does not suit the box,
+/// [`Error::Seeding`] if a fixed atom lies outside the box (alongside, also
+/// on a side of it) or two lie at one place, or for [`Seeding::Canny`], [`Error::Delaunay`] for
 /// refinement in 3-D without the feature `cgal`. Of the ways that need an image, `Error::Seeding` also
 /// if there is none or it is the same everywhere, and for projection alongside.
+///
+/// Once `patience` is over it ends soon, and what it gives is of no use.
 pub fn seed<const D: usize>(
     how: Seeding,
     extent: [f64; D],
@@ -168,6 +170,7 @@ pub fn seed<const D: usize>(
     fixed: &[[f64; D]],
     alignment: Alignment,
     potential: Option<&Field<D>>,
+    patience: &Patience<'_>,
 ) -> Result<Atoms<D>> {
     distance.validate(extent)?;
     let image = || {
@@ -181,7 +184,7 @@ pub fn seed<const D: usize>(
     let fixed = fixed::checked(fixed, extent, distance, alignment)?;
     let mut positions = match (how, distance) {
         (Seeding::Refine { seed }, _) => {
-            refine::refined(extent, distance, &fixed, alignment, seed)?
+            refine::refined(extent, distance, &fixed, alignment, seed, patience)?
         }
         (Seeding::Canny, _) => {
             return Err(Error::Seeding(cause(
@@ -190,20 +193,29 @@ pub fn seed<const D: usize>(
                 "call seeding::canny::seeded",
             )));
         }
-        (Seeding::Regular, Distance::Constant(d)) => lattice::fitted(extent, *d, alignment),
-        (Seeding::Regular, Distance::Field(_)) | (Seeding::Grown, _) => {
-            grow::grown(extent, distance, &fixed, alignment)
+        (Seeding::Fcc, Distance::Constant(d)) => lattice::fitted(extent, *d, alignment),
+        (Seeding::Fcc, Distance::Field(_)) | (Seeding::Grown, _) => {
+            grow::grown(extent, distance, &fixed, alignment, patience)
         }
-        (Seeding::Guide { seed, most }, _) => {
-            guide::drawn(extent, distance, image()?, &fixed, alignment, seed, most)?
-        }
+        (Seeding::Guide { seed, most }, _) => guide::drawn(
+            extent,
+            distance,
+            image()?,
+            &fixed,
+            alignment,
+            seed,
+            most,
+            patience,
+        )?,
         (Seeding::Projection, _) if alignment == Alignment::Alongside => {
             return Err(refuse(
                 "projection puts atoms onto features, which the faces of Voronoi cells follow",
                 "use another seeding for Voronoi cells",
             ));
         }
-        (Seeding::Projection, _) => projection::projected(extent, distance, image()?, &fixed)?,
+        (Seeding::Projection, _) => {
+            projection::projected(extent, distance, image()?, &fixed, patience)?
+        }
     };
     order::sort_by_curve(&mut positions, extent, 2.0 * distance.min());
     let mut atoms = Atoms::in_box(positions, extent);
@@ -211,17 +223,19 @@ pub fn seed<const D: usize>(
     Ok(atoms)
 }
 
-/// [`seed`] with [`Seeding::Regular`].
+/// [`seed`] with [`Seeding::Fcc`].
 ///
 /// # Errors
 /// Those of [`seed`].
-pub fn regular<const D: usize>(
+pub fn fcc<const D: usize>(
     extent: [f64; D],
     distance: &Distance<D>,
     fixed: &[[f64; D]],
     alignment: Alignment,
 ) -> Result<Atoms<D>> {
-    seed(Seeding::Regular, extent, distance, fixed, alignment, None)
+    let how = Seeding::Fcc;
+    let patience = &Patience::endless();
+    seed(how, extent, distance, fixed, alignment, None, patience)
 }
 
 fn refuse(problem: impl std::fmt::Display, remedy: &str) -> Error {

@@ -19,6 +19,7 @@ use super::{Alignment, FREE, MARGIN, grow, lattice, scatter, sides_held, varies}
 use crate::error::Result;
 use crate::image::Field;
 use crate::lattice::distance::Distance;
+use crate::observer::Patience;
 
 /// Spacing of the sites, in units of d: sqrt(3) / 3.
 const SITES: f64 = 0.577_350_269_189_625_8;
@@ -36,18 +37,22 @@ pub fn projected<const D: usize>(
     distance: &Distance<D>,
     potential: &Field<D>,
     fixed: &[[f64; D]],
+    patience: &Patience<'_>,
 ) -> Result<Vec<[f64; D]>> {
     varies(potential, extent, "projection")?;
-    let sites = regular(extent, &finer(distance));
+    let sites = regular(extent, &finer(distance), patience);
     let best: Vec<Option<(f64, [f64; D])>> = sites
         .par_iter()
-        .map(|&site| bottom(potential, extent, site, distance.at(site)))
+        .map(|&site| match patience.over() {
+            true => None,
+            false => bottom(potential, extent, site, distance.at(site)),
+        })
         .collect();
     // Nearest first; of two as near, the one first in the lattice.
     let mut pairs: Vec<(f64, [f64; D])> = best.into_iter().flatten().collect();
     pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
     let pairs: Vec<[f64; D]> = pairs.into_iter().map(|pair| pair.1).collect();
-    let coarse = regular(extent, distance);
+    let coarse = regular(extent, distance, patience);
 
     let mut placed = scatter(extent, FREE * distance.min());
     for &x in fixed {
@@ -56,7 +61,7 @@ pub fn projected<const D: usize>(
     // Corners, then edges, sides, inside.
     for rank in (0..=D).rev() {
         for &x in pairs.iter().chain(&coarse).chain(&sites) {
-            if sides_held(x, extent) != rank {
+            if sides_held(x, extent) != rank || patience.over() {
                 continue;
             }
             let d = distance.at(x);
@@ -74,10 +79,14 @@ pub fn projected<const D: usize>(
 }
 
 /// A regular lattice whose sites reach the sides of the box.
-fn regular<const D: usize>(extent: [f64; D], distance: &Distance<D>) -> Vec<[f64; D]> {
+fn regular<const D: usize>(
+    extent: [f64; D],
+    distance: &Distance<D>,
+    patience: &Patience<'_>,
+) -> Vec<[f64; D]> {
     match distance {
         Distance::Constant(d) => lattice::fitted(extent, *d, Alignment::On),
-        Distance::Field(_) => grow::grown(extent, distance, &[], Alignment::On),
+        Distance::Field(_) => grow::grown(extent, distance, &[], Alignment::On, patience),
     }
 }
 
@@ -191,7 +200,16 @@ mod tests {
         let potential = valley(extent);
         let place = || {
             let how = Seeding::Projection;
-            seed(how, extent, distance, &[], Alignment::On, Some(&potential)).unwrap()
+            seed(
+                how,
+                extent,
+                distance,
+                &[],
+                Alignment::On,
+                Some(&potential),
+                &Patience::endless(),
+            )
+            .unwrap()
         };
         let atoms = place();
         let spacing = spacing(&atoms, distance);
@@ -237,6 +255,7 @@ mod tests {
             &[],
             Alignment::Alongside,
             Some(&valley(extent)),
+            &Patience::endless(),
         );
         assert!(refused.unwrap_err().to_string().contains("onto features"));
     }

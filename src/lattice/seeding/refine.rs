@@ -12,6 +12,7 @@ use crate::geometry::random::Random;
 use crate::image::Field;
 use crate::lattice::distance::Distance;
 use crate::mesh::delaunay::refine::{refine_plane, refine_space};
+use crate::observer::Patience;
 
 /// Largest circumradius in the plane, in units of d (Hale 2002).
 const PLANE: f64 = 0.760;
@@ -34,6 +35,7 @@ pub fn refined<const D: usize>(
     fixed: &[[f64; D]],
     alignment: Alignment,
     seed: u64,
+    patience: &Patience<'_>,
 ) -> Result<Vec<[f64; D]>> {
     let mut atoms = fixed.to_vec();
     let corners = faces::<D>(&[]).map(|end| std::array::from_fn(|k| end[k] * extent[k]));
@@ -65,7 +67,7 @@ pub fn refined<const D: usize>(
                 let on = atoms.iter().filter(|x| x[normal] == level);
                 let start: Vec<[f64; 2]> = on.map(|x| along.map(|k| x[k])).collect();
                 let d = |x| distance.at(lift(x));
-                let added = refine_plane(&start, along.map(|k| extent[k]), d, PLANE)?;
+                let added = refine_plane(&start, along.map(|k| extent[k]), d, PLANE, patience)?;
                 atoms.extend(added.into_iter().map(lift));
             }
         }
@@ -77,7 +79,7 @@ pub fn refined<const D: usize>(
     if !atoms.iter().any(near) {
         atoms.push(first);
     }
-    let added = inside(&atoms, extent, distance)?;
+    let added = inside(&atoms, extent, distance, patience)?;
     atoms.extend(added);
     atoms.drain(..fixed.len());
     if alignment == Alignment::Alongside {
@@ -99,6 +101,7 @@ fn inside<const D: usize>(
     atoms: &[[f64; D]],
     extent: [f64; D],
     distance: &Distance<D>,
+    patience: &Patience<'_>,
 ) -> Result<Vec<[f64; D]>> {
     // `D` is not known to the compiler to be what it is: axes are copied one by one.
     fn axes<const D: usize, const E: usize>(x: [f64; D]) -> [f64; E] {
@@ -107,7 +110,7 @@ fn inside<const D: usize>(
     if D == 2 {
         let plane: Vec<[f64; 2]> = atoms.iter().map(|x| axes(*x)).collect();
         let d = |x: [f64; 2]| distance.at(axes(x));
-        let added = refine_plane(&plane, axes(extent), d, PLANE)?;
+        let added = refine_plane(&plane, axes(extent), d, PLANE, patience)?;
         return Ok(added.into_iter().map(axes).collect());
     }
     let space: Vec<[f64; 3]> = atoms.iter().map(|x| axes(*x)).collect();
@@ -166,12 +169,30 @@ mod tests {
 
     fn check<const D: usize>(extent: [f64; D], distance: &Distance<D>) -> [f64; 5] {
         let how = Seeding::Refine { seed: 1 };
-        let atoms = seed(how, extent, distance, &[], Alignment::On, None).unwrap();
+        let atoms = seed(
+            how,
+            extent,
+            distance,
+            &[],
+            Alignment::On,
+            None,
+            &Patience::endless(),
+        )
+        .unwrap();
         let is = |kind| atoms.kinds.iter().filter(|&&k| k == kind).count();
         assert_eq!(is(AtomKind::Corner), 1 << D);
         assert!(is(AtomKind::Edge) > 20 && (D == 2 || is(AtomKind::Side) > 100));
         let refined = spacing(&atoms, distance);
-        let regular = seed(Seeding::Regular, extent, distance, &[], Alignment::On, None).unwrap();
+        let regular = seed(
+            Seeding::Fcc,
+            extent,
+            distance,
+            &[],
+            Alignment::On,
+            None,
+            &Patience::endless(),
+        )
+        .unwrap();
         let regular = spacing(&regular, distance);
         println!(
             "{D}-D, {} atoms: nearest / d {refined:.3?}, regular {regular:.3?}",
@@ -215,7 +236,16 @@ mod tests {
         let fixed = [[31.0, 22.0], [70.0, 12.5]];
         let how = Seeding::Refine { seed: 3 };
         for alignment in [Alignment::On, Alignment::Alongside] {
-            let atoms = seed(how, extent, &distance, &fixed, alignment, None).unwrap();
+            let atoms = seed(
+                how,
+                extent,
+                &distance,
+                &fixed,
+                alignment,
+                None,
+                &Patience::endless(),
+            )
+            .unwrap();
             assert_eq!(atoms.positions[atoms.len() - 2..], fixed);
             assert!(spacing(&atoms, &distance)[0] > 0.65);
             let inside = |x: &[f64; 2]| (0..2).all(|k| x[k] > 2.0 && x[k] < extent[k] - 2.0);
@@ -233,6 +263,7 @@ mod tests {
                 &[],
                 Alignment::On,
                 seed,
+                &Patience::endless(),
             )
         };
         assert_eq!(of(1).unwrap(), of(1).unwrap());

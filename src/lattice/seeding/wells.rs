@@ -5,6 +5,7 @@ use crate::error::{Error, Result, cause};
 use crate::geometry::distance2;
 use crate::image::Field;
 use crate::lattice::distance::{Distance, limit_gradient};
+use crate::observer::Patience;
 
 /// Atoms of two wells nearer than this, in d, are too near.
 const APART: f64 = 0.7;
@@ -98,6 +99,7 @@ pub fn refined<const D: usize>(
     least: f64,
     growth: f64,
     extent: [f64; D],
+    patience: &Patience<'_>,
 ) -> Result<Distance<D>> {
     if !(least > 0.0 && least <= distance.max()) {
         return Err(Error::Distance(cause(
@@ -122,7 +124,7 @@ pub fn refined<const D: usize>(
             }
         }
     }
-    limit_gradient(&mut field, growth);
+    limit_gradient(&mut field, growth, patience);
     Ok(Distance::Field(field))
 }
 
@@ -166,7 +168,8 @@ pub fn atoms<const D: usize>(
         let whole = measure[measure.len() - 1];
         let count = whole.round().max(if whole > 0.5 { 1.0 } else { 0.0 }) as usize;
         for i in 0..=count {
-            let goal = whole * i as f64 / count.max(1) as f64;
+            // Rounded, the last could lie beyond the end.
+            let goal = (whole * i as f64 / count.max(1) as f64).min(whole);
             let at = measure.partition_point(|m| *m < goal);
             let x = match at.checked_sub(1) {
                 None => followed[0].0,
@@ -264,16 +267,54 @@ mod tests {
     }
 
     #[test]
+    fn wells_of_any_length_have_an_atom_at_either_end() {
+        // The shares of some lengths do not add up to the whole but for rounding.
+        for step in 0..2000 {
+            let end = [10.0, 11.0 + 0.017 * f64::from(step)];
+            let ways = [way("A", &[[10.0, 10.0], end])];
+            let distance = Distance::Constant(1.7);
+            let on = atoms(&ways, &distance, [60.0, 60.0], Alignment::On).unwrap();
+            assert_eq!((on[0], on[on.len() - 1]), ([10.0, 10.0], end));
+        }
+    }
+
+    #[test]
     fn distance_falls_at_wells_and_grows_away_from_them() {
         let extent = [60.0, 50.0];
         let ways = [way("A", &[[20.0, 25.0]])];
-        let distance = refined(Distance::Constant(8.0), &ways, 2.0, 0.1, extent).unwrap();
+        let distance = refined(
+            Distance::Constant(8.0),
+            &ways,
+            2.0,
+            0.1,
+            extent,
+            &Patience::endless(),
+        )
+        .unwrap();
         assert!((distance.at([20.0, 25.0]) - 2.0).abs() < 1e-6);
         assert!((distance.at([40.0, 25.0]) - 4.0).abs() < 0.3);
         let spaced = [way("A", &[[20.0, 25.0], [50.0, 25.0]])];
-        let graded = refined(Distance::Constant(8.0), &spaced[..], 2.0, 0.1, extent).unwrap();
+        let graded = refined(
+            Distance::Constant(8.0),
+            &spaced[..],
+            2.0,
+            0.1,
+            extent,
+            &Patience::endless(),
+        )
+        .unwrap();
         let on = atoms(&spaced, &graded, extent, Alignment::On).unwrap();
         assert_eq!(on.len(), 16);
-        assert!(refined(Distance::Constant(8.0), &ways, 9.0, 0.1, extent).is_err());
+        assert!(
+            refined(
+                Distance::Constant(8.0),
+                &ways,
+                9.0,
+                0.1,
+                extent,
+                &Patience::endless()
+            )
+            .is_err()
+        );
     }
 }

@@ -9,6 +9,7 @@ use spade::{DelaunayTriangulation, Point2, Triangulation};
 
 use crate::error::{Error, Result, cause};
 use crate::image::Field;
+use crate::observer::Patience;
 
 /// A triangle whose circumcentre is to become a point.
 struct Entry {
@@ -43,7 +44,8 @@ impl PartialEq for Entry {
 impl Eq for Entry {}
 
 /// The points to add to `points` so that no triangle of their Delaunay triangulation with its
-/// circumcentre in the rectangle `[0, extent]` has a circumradius of more than `limit` d.
+/// circumcentre in the rectangle `[0, extent]` has a circumradius of more than `limit` d; fewer once
+/// `patience` is over.
 ///
 /// # Errors
 /// [`Error::Delaunay`] if a coordinate is not finite.
@@ -52,6 +54,7 @@ pub fn refine_plane(
     extent: [f64; 2],
     d: impl Fn([f64; 2]) -> f64,
     limit: f64,
+    patience: &Patience<'_>,
 ) -> Result<Vec<[f64; 2]>> {
     let mut delaunay: DelaunayTriangulation<Point2<f64>> = DelaunayTriangulation::new();
     let insert = |delaunay: &mut DelaunayTriangulation<_>, x: Point2<f64>| {
@@ -80,6 +83,9 @@ pub fn refine_plane(
     queue.extend(delaunay.inner_faces().filter_map(consider));
     let mut added = Vec::new();
     while let Some(worst) = queue.pop() {
+        if patience.over() {
+            break;
+        }
         // Faces are reused, never given up: the triangle is there if its corners are.
         let face = delaunay.face(worst.face);
         if face.vertices().map(|vertex| vertex.fix()) != worst.corners {

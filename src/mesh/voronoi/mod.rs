@@ -1,11 +1,11 @@
 //! Atoms in a box -> their Voronoi cells (PEBI grid), cut exactly by the box.
 //!
-//! - [`mirror`]: images of atoms outside the box, so that cells end on its sides
-//! - [`centre`]: centres of circumscribed spheres, also of flat simplices
-//! - [`rings`](mod@rings): the Delaunay simplices round every edge
-//! - [`nodes`]: the nodes of cells
-//! - [`needles`]: faces narrower than rounding, which are none
-//! - [`assemble`]: faces with nodes, in order
+//! - `mirror`: images of atoms outside the box, so that cells end on its sides
+//! - `centre`: centres of circumscribed spheres, also of flat simplices
+//! - `rings`: the Delaunay simplices round every edge
+//! - `nodes`: the nodes of cells
+//! - `needles`: faces narrower than rounding, which are none
+//! - `assemble`: faces with nodes, in order
 //!
 //! The cells are the dual of the Delaunay triangulation of atoms and images: a node for every
 //! simplex (its centre), a face for every edge (square to it, half-way), a cell for every atom.

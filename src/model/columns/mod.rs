@@ -13,7 +13,7 @@
 //! Where a layer has no thickness its nodes are one, its faces are gone, and the cells above and below
 //! meet.
 //!
-//! - [`horizon`]: horizons, sampled at the nodes of a map
+//! - `horizon`: horizons, sampled at the nodes of a map
 
 pub mod drawn;
 pub mod horizon;

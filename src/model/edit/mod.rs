@@ -5,17 +5,17 @@
 //! have a warm atom are made anew. All work is done on the neighbourhood: its atoms, its cells, and
 //! the part of the image that filters see from there; only looking for it goes over the whole mesh.
 //!
-//! - [`resolve`](mod@resolve): what the user asks for -> changes, checked, in groups that do not meet
-//! - [`window`]: the part of an image round an edit
-//! - [`spacing`]: d(x) there, as the mesh knows it
-//! - [`neighbourhood`]: the atoms and cells round an edit, and what becomes of them
-//! - [`body`]: a mesh that can be changed in places
+//! - `resolve`: what the user asks for -> changes, checked, in groups that do not meet
+//! - `window`: the part of an image round an edit
+//! - `spacing`: d(x) there, as the mesh knows it
+//! - `neighbourhood`: the atoms and cells round an edit, and what becomes of them
+//! - `body`: a mesh that can be changed in places
 
 pub mod body;
-pub mod neighbourhood;
-pub mod resolve;
-pub mod spacing;
-pub mod window;
+pub(crate) mod neighbourhood;
+pub(crate) mod resolve;
+pub(crate) mod spacing;
+pub(crate) mod window;
 
 use serde::Serialize;
 
@@ -24,7 +24,7 @@ use crate::feature;
 use crate::image::Image;
 use crate::job::{Meshing, Params, Space, lattice_beta};
 use crate::mesh::Simplices;
-use crate::observer::{Observer, Stage};
+use crate::observer::{Observer, Patience, Stage};
 use crate::report::{Clock, Quality, StageCost};
 use crate::store::file::{settled_field, settled_of};
 use crate::store::{FieldValue, MeshFile};
@@ -110,19 +110,8 @@ pub fn edit<const D: usize, M: Simplices<D>>(
 where
     Space<D>: Meshing<D, Mesh = M>,
 {
-    let mut clock = Clock::new();
-    let mut begin = |clock: &mut Clock, stage: Stage| -> Result<()> {
-        if !observer.keep_going() {
-            return Err(Error::Interrupted(cause(
-                stage,
-                "interrupted",
-                "start the edit again",
-            )));
-        }
-        clock.begin(stage);
-        observer.stage(stage);
-        Ok(())
-    };
+    let clock = Clock::new();
+    let mut stages = EditStages { clock, observer };
     let settled = settled_of(&file);
     let mut body = Body::new(file, place)?;
     body.check_dims(image.dims())?;
@@ -134,9 +123,9 @@ where
     let settled = match settled {
         Some(settled) => settled,
         None => {
-            begin(&mut clock, Stage::FeaturesEverywhere)?;
             let options = params.feature_options(body.step);
-            let settled = feature::detect(image, &options)?.settled;
+            let look = |patience: &Patience<'_>| feature::detect_while(image, &options, patience);
+            let settled = stages.run(Stage::FeaturesEverywhere, look)?.settled;
             summary.notes.push(
                 "the mesh does not record how its features were found, so they were sought in the \
                  whole image; the new mesh records how"
@@ -154,22 +143,28 @@ where
         beta: &beta,
         edits,
     };
-    begin(&mut clock, Stage::Neighbourhoods)?;
-    let groups = resolve::resolve(&body, edits, free)?;
+    let groups = stages.run(Stage::Neighbourhoods, |_| {
+        resolve::resolve(&body, edits, free)
+    })?;
     let mut quality: [Option<M>; 2] = [None, None];
     for group in groups {
-        begin(&mut clock, Stage::Neighbours)?;
-        let mut scope = Scope::new(&body, group, &context);
-        begin(&mut clock, Stage::Features)?;
-        let scene = scope.look(&body, &context)?;
-        begin(&mut clock, Stage::Moving)?;
-        scope.relax(&scene, &context, &mut summary)?;
-        begin(&mut clock, Stage::Mending)?;
-        let parts = scope.rejoin(&mut body, &scene, &context, &mut summary)?;
+        let mut scope = stages.run(Stage::Neighbours, |_| {
+            Ok(Scope::new(&body, group, &context))
+        })?;
+        let scene = stages.run(Stage::Features, |patience| {
+            scope.look(&body, &context, patience)
+        })?;
+        stages.run(Stage::Moving, |patience| {
+            scope.relax(&scene, &context, &mut summary, patience)
+        })?;
+        let parts = stages.run(Stage::Mending, |_| {
+            scope.rejoin(&mut body, &scene, &context, &mut summary)
+        })?;
         for (all, part) in quality.iter_mut().zip(parts) {
             append(all, part);
         }
     }
+    let mut clock = stages.clock;
     clock.begin(Stage::Assembling);
     summary.quality = quality.map(|mesh| mesh.as_ref().map(crate::report::quality));
     body.compact(&mut summary.atoms);
@@ -179,6 +174,36 @@ where
     clock.end();
     summary.stages = clock.costs().to_vec();
     Ok(Edited { file, summary })
+}
+
+/// Tells clock and observer of each stage.
+struct EditStages<'a> {
+    clock: Clock,
+    observer: &'a mut dyn Observer,
+}
+
+impl EditStages<'_> {
+    /// What the work of a stage gives.
+    ///
+    /// # Errors
+    /// Those of the work; [`Error::Interrupted`] if the observer says no.
+    fn run<T>(&mut self, stage: Stage, work: impl FnOnce(&Patience<'_>) -> Result<T>) -> Result<T> {
+        self.clock.begin(stage);
+        self.observer.stage(stage);
+        Patience::of(&mut || self.observer.keep_going(), |patience| {
+            let stopped =
+                || Error::Interrupted(cause(stage, "interrupted", "start the edit again"));
+            if patience.over() {
+                return Err(stopped());
+            }
+            let done = work(patience);
+            if patience.over() {
+                Err(stopped())
+            } else {
+                done
+            }
+        })
+    }
 }
 
 /// Adds a part's cells to those of others.

@@ -15,9 +15,10 @@ use crate::job::{self, Evaluator, Meshing, Params, Scene, Space, Spacing};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
 use crate::lattice::energy::{Beta, Energy, Pairwise, Regularised, Sampled};
-use crate::lattice::optimize::{self, Unobserved, temperature};
+use crate::lattice::optimize::{self, temperature};
 use crate::lattice::seeding::{Atoms, kind_in_box, sides_held};
 use crate::mesh::Simplices;
+use crate::observer::{Patience, Patient};
 use crate::{Error, Result};
 
 /// What is the same for all neighbourhoods.
@@ -140,11 +141,22 @@ where
     ///
     /// # Errors
     /// Those of feature detection.
-    pub fn look(&self, body: &Body<D, M>, context: &Context<'_, D>) -> Result<Around<D>> {
+    pub fn look(
+        &self,
+        body: &Body<D, M>,
+        context: &Context<'_, D>,
+        patience: &Patience<'_>,
+    ) -> Result<Around<D>> {
         let params = context.params;
         let options = params.feature_options(body.step);
         let part = self.window.cut(context.image);
-        let features = detect_part(&part, &options, context.settled, &self.window.open)?;
+        let features = detect_part(
+            &part,
+            &options,
+            context.settled,
+            &self.window.open,
+            patience,
+        )?;
         let at_nodes = |&n: &u32| f64::from(body.distance[n as usize]);
         let distance = match params.spacing {
             Spacing::Constant(d) => Distance::Constant(d),
@@ -173,6 +185,7 @@ where
         around: &Around<D>,
         context: &Context<'_, D>,
         summary: &mut Summary,
+        patience: &Patience<'_>,
     ) -> Result<()> {
         self.step(&around.distance, summary);
         let stay = |&i: &usize| !self.wanted.gone[i];
@@ -215,7 +228,7 @@ where
             &around.distance,
             extent,
             &options,
-            &mut Unobserved,
+            &mut Patient(patience),
         )?;
         summary.evaluations += outcome.evaluations;
         for (&i, x) in moving.iter().zip(atoms.positions) {

@@ -59,7 +59,7 @@ impl<const D: usize> Window<D> {
     }
 
     /// A position of the whole box in the window's own lattice space.
-    pub fn to_local(&self, x: [f64; D]) -> [f64; D] {
+    pub fn to_local(self, x: [f64; D]) -> [f64; D] {
         std::array::from_fn(|k| {
             if x[k] == self.whole[k] && !self.open[k][1] {
                 self.extent()[k]
@@ -70,7 +70,7 @@ impl<const D: usize> Window<D> {
     }
 
     /// And back.
-    pub fn to_whole(&self, x: [f64; D]) -> [f64; D] {
+    pub fn to_whole(self, x: [f64; D]) -> [f64; D] {
         std::array::from_fn(|k| {
             if x[k] == self.extent()[k] && !self.open[k][1] {
                 self.whole[k]

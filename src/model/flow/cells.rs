@@ -16,6 +16,7 @@ use super::wells::Well;
 use crate::error::cause;
 use crate::geometry::dot;
 use crate::mesh::graph::{Connection, Graph, Locator};
+use crate::observer::{Observer, Patience, Unobserved};
 use crate::{Error, Result};
 
 /// The pressure system of a graph of cells, ready for any sources.
@@ -120,6 +121,19 @@ impl<'a, const D: usize> CellFlow<'a, D> {
     /// # Errors
     /// [`Error::Flow`] if rates do not balance where they must, or a side has no faces.
     pub fn solve(&self, rates: &[f64], sides: &[(u8, f64)]) -> Result<Solution> {
+        self.solve_observed(rates, sides, &mut Unobserved)
+    }
+
+    /// The same under an observer, which is asked between iterations whether to go on.
+    ///
+    /// # Errors
+    /// Those of [`solve`](Self::solve), and [`Error::Interrupted`] if the observer says no.
+    pub fn solve_observed(
+        &self,
+        rates: &[f64],
+        sides: &[(u8, f64)],
+        observer: &mut dyn Observer,
+    ) -> Result<Solution> {
         let (cells, n) = (rates.len(), rates.len() + sides.len());
         let mut couplings = Vec::new();
         let mut couple = |a: usize, b: usize, t: f64| {
@@ -167,7 +181,9 @@ impl<'a, const D: usize> CellFlow<'a, D> {
         all_rates.resize(n, 0.0);
         let mut weights = self.graph.volume.clone();
         weights.resize(n, 0.0);
-        solve(&matrix, &all_rates, &fixed, &weights, 0.0)
+        Patience::of(&mut || observer.keep_going(), |patience| {
+            solve(&matrix, &all_rates, &fixed, &weights, 0.0, patience)
+        })
     }
 
     /// The rate through every face; `sides` as given to [`solve`](Self::solve).

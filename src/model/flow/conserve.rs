@@ -18,6 +18,7 @@ use crate::Result;
 use crate::geometry::dot;
 use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
+use crate::observer::Patience;
 
 /// What flows through the faces of a mesh of simplices. Face k of cell c has number (D + 1) c + k.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -156,7 +157,9 @@ impl<const D: usize, M: Simplices<D>> ElementFlow<D, M> {
         let mut volume = vec![1.0; count];
         volume.push(0.0);
         let all = sum(faces.len(), |face| faces[face].rate.abs());
-        let phi = solve(&matrix, &missing, &[(count as u32, 0.0)], &volume, all)?.pressure;
+        let fixed = [(count as u32, 0.0)];
+        let patience = &Patience::endless();
+        let phi = solve(&matrix, &missing, &fixed, &volume, all, patience)?.pressure;
         let corrected = |face: usize| {
             let Face { rate, weight } = faces[face];
             rate + weight * (phi[face / (D + 1)] - phi[beyond(around[face]) as usize])

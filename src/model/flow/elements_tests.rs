@@ -342,6 +342,34 @@ fn pressure_is_continuous_round_the_tip_of_a_fault() {
     assert!(jumps.iter().all(|j| *j > 0.1 && *j < 1.0), "{jumps:?}");
 }
 
+#[test]
+fn an_observer_stops_the_iterations() {
+    /// Says no after some questions.
+    struct Stopper(usize);
+    impl Observer for Stopper {
+        fn keep_going(&mut self) -> bool {
+            self.0 = self.0.saturating_sub(1);
+            self.0 > 0
+        }
+    }
+    let mesh = jittered_box::<3, TetMesh>([8, 7, 6], [8.0, 7.0, 6.0], 0.2, |_| false);
+    let bits = vec![0; mesh.tets.len()];
+    let rock = Rock::uniform(Tensor::isotropic(1.0), 1.0);
+    let flow = flow_through(&mesh, &bits, rock, Faults::CLOSED);
+    let (none, fixed) = (no_rates(&flow), ends(&flow, 8.0, 1.0, 0.0));
+    for questions in [1, 3] {
+        let mut stopper = Stopper(questions);
+        let stopped = flow.solve_observed(&none, &fixed, &mut stopper);
+        let error = stopped.unwrap_err();
+        assert_eq!(error.kind(), crate::ErrorKind::Interrupted, "{error}");
+        assert_eq!(stopper.0, 0);
+    }
+    assert!(
+        flow.solve_observed(&none, &fixed, &mut Stopper(usize::MAX))
+            .is_ok()
+    );
+}
+
 /// Pressure of a source at `from` and a sink at `to`, rate 1 and mobility 1, no flow through the
 /// sides of the unit cube (or square), up to a constant: cosines across, the one-dimensional Green's
 /// function along the last axis. Converges fast where that coordinate differs from the wells'.

@@ -8,6 +8,7 @@
 use super::multigrid::Multigrid;
 use super::sparse::{Matrix, dot, for_each, sum};
 use crate::error::cause;
+use crate::observer::Patience;
 use crate::{Error, Result};
 
 /// The residual at which iterations stop, over that of no flow at all.
@@ -63,13 +64,14 @@ fn is_zero(count: &usize) -> bool {
 ///
 /// # Errors
 /// [`Error::Flow`] if a compartment without given pressure has rates that do not balance, or the
-/// iterations do not converge.
+/// iterations do not converge; [`Error::Interrupted`] once `patience` is over.
 pub fn solve(
     matrix: &Matrix,
     rates: &[f64],
     fixed: &[(u32, f64)],
     weights: &[f64],
     least: f64,
+    patience: &Patience<'_>,
 ) -> Result<Solution> {
     let n = matrix.height();
     let mut pressure = vec![f64::NAN; n];
@@ -115,7 +117,14 @@ pub fn solve(
     // Conjugate gradients minimise another norm than the balance, so the balance has the last word.
     let mut tolerance = TOLERANCE;
     for _ in 0..4 {
-        let (iterations, residual) = solver.improve(&b, &mut x, tolerance);
+        let (iterations, residual) = solver.improve(&b, &mut x, tolerance, patience);
+        if patience.over() {
+            return Err(Error::Interrupted(cause(
+                "flow",
+                "interrupted before its pressures were found",
+                "solve it again",
+            )));
+        }
         figures.iterations += iterations;
         figures.residual = residual;
         for (&i, &x) in free.iter().zip(&x) {
@@ -311,8 +320,15 @@ impl<'a> Solver<'a> {
     }
 
     /// Improves `x` until the residual is `tolerance` of that of x = 0. Gives the number of
-    /// iterations and the residual that was reached, in the same measure.
-    pub fn improve(&mut self, b: &[f64], x: &mut [f64], tolerance: f64) -> (usize, f64) {
+    /// iterations and the residual that was reached, in the same measure. Ends where it is once
+    /// `patience` is over.
+    pub fn improve(
+        &mut self,
+        b: &[f64],
+        x: &mut [f64],
+        tolerance: f64,
+        patience: &Patience<'_>,
+    ) -> (usize, f64) {
         let n = b.len();
         let scale = dot(b, b).sqrt();
         if scale == 0.0 {
@@ -328,7 +344,7 @@ impl<'a> Solver<'a> {
         let mut slope = 0.0;
         let mut left = dot(&residual, &residual).sqrt() / scale;
         let mut iterations = 0;
-        while left > tolerance && iterations < MOST_ITERATIONS {
+        while left > tolerance && iterations < MOST_ITERATIONS && !patience.over() {
             self.multigrid.apply(&residual, &mut z);
             let next = dot(&residual, &z);
             let keep = if iterations == 0 { 0.0 } else { next / slope };

@@ -2,18 +2,18 @@
 //! transmissibilities, wells. Everything that a simulator is given is here; how it is written is the
 //! business of [`export`](crate::export).
 //!
-//! - [`frame`]: from a mesh's coordinates to metres and depth
-//! - [`sample`](mod@sample): averages of an image over cells
-//! - [`check`](mod@check): what is looked at before anything is written
-//! - [`trajectory`]: wells through cells
-//! - [`completion`]: well indices
+//! - `frame`: from a mesh's coordinates to metres and depth
+//! - `sample`: averages of an image over cells
+//! - `check`: what is looked at before anything is written
+//! - `trajectory`: wells through cells
+//! - `completion`: well indices
 
-pub mod check;
-pub mod completion;
-pub mod frame;
-pub mod prepared;
-pub mod sample;
-pub mod trajectory;
+pub(crate) mod check;
+pub(crate) mod completion;
+pub(crate) mod frame;
+pub(crate) mod prepared;
+pub(crate) mod sample;
+pub(crate) mod trajectory;
 
 pub use prepared::{Placement, Prepared};
 
@@ -173,7 +173,7 @@ impl Model {
     }
 
     /// Gives the rock its permeability, in m^2, and finds all transmissibilities: as
-    /// [`CellFlow`](crate::model::flow::CellFlow) does, for a viscosity of 1.
+    /// [`CellFlow`] does, for a viscosity of 1.
     ///
     /// # Errors
     /// [`Error::Flow`] names a connection that would have a negative transmissibility.

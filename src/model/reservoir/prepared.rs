@@ -241,7 +241,7 @@ impl Prepared {
     /// says where it lies and covers the mesh. `place` names it in errors.
     ///
     /// # Errors
-    /// [`Error::Image`] if it is neither, [`Error::Export`] as [`sample::sample`].
+    /// [`Error::Image`] if it is neither, [`Error::Export`] as `sample::sample`.
     pub fn average(&self, image: &Image<3>, mean: Mean, place: &str) -> Result<Vec<f64>> {
         let dims = image.dims();
         let same = (0..3).all(|k| (dims[k] as f64 - self.dims[k]).abs() < 1e-6);

@@ -6,15 +6,15 @@
 //! The cheapest assignment is a minimum cut. Here cells count by volume and faces by area, in
 //! samples, so that the sum stands for the same integral on any mesh, and on the samples themselves.
 //!
-//! - [`costs`]: histograms and the capacities that follow from them
-//! - [`maxflow`]: the minimum cut
-//! - [`superpixels`]: mean values of cells
-//! - [`raster`]: which cell each sample of the image lies in
-//! - [`boundary`]: the surface of the object, smoothed
+//! - `costs`: histograms and the capacities that follow from them
+//! - `maxflow`: the minimum cut
+//! - `superpixels`: mean values of cells
+//! - `raster`: which cell each sample of the image lies in
+//! - `boundary`: the surface of the object, smoothed
 
 pub mod boundary;
-pub mod costs;
-pub mod maxflow;
+pub(crate) mod costs;
+pub(crate) mod maxflow;
 pub mod raster;
 pub mod superpixels;
 

@@ -17,7 +17,7 @@ struct Cell<const D: usize> {
 }
 
 /// For each sample (x fastest) the cell of a mesh in lattice space that it lies in, of several the
-/// first; [`NONE`] outside all. `cells` are those of [`Mesh::cells_of_faces`].
+/// first; `NONE` outside all. `cells` are those of [`Mesh::cells_of_faces`].
 pub fn cells_of_samples<const D: usize, F: Mesh<D>>(
     mesh: &F,
     cells: &[[u32; 2]],

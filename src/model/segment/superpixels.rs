@@ -12,7 +12,7 @@ pub struct Superpixels {
     /// The mean of the samples in each cell; of a cell that holds none, the sample nearest to its
     /// centre.
     pub means: Vec<f32>,
-    /// The cell that each sample (x fastest) lies in, of several the first; [`NONE`] outside all.
+    /// The cell that each sample (x fastest) lies in, of several the first; `NONE` outside all.
     pub cell_of: Vec<u32>,
 }
 

@@ -65,11 +65,6 @@ impl<'a, const D: usize> Facets<'a, D> {
         self.facets.len()
     }
 
-    /// Whether there is no facet.
-    pub fn is_empty(&self) -> bool {
-        self.facets.is_empty()
-    }
-
     /// Number of ridges.
     pub fn ridge_count(&self) -> usize {
         self.start.len() - 1

@@ -3,27 +3,27 @@
 //! A mesh says which of its faces lie on features. Which of them make one fault or one horizon?
 //! Facets that continue each other across a ridge do; where more than two meet, those that bend
 //! least; and beyond a gap, as it is left where features cross, the facets that lie in the plane.
-//! One ridge may mislead, so ridges vote: see [`unite`](mod@unite).
+//! One ridge may mislead, so ridges vote: see `unite`.
 //!
-//! - [`facets`]: facets and their ridges: triangles and edges in 3-D, edges and nodes in 2-D
-//! - [`select`]: the facets of a mesh that lie on features
-//! - [`pairs`]: what continues what
-//! - [`unite`](mod@unite): pieces and votes -> surfaces
-//! - [`fill`](mod@fill): gaps closed by faces that the mesh has there
-//! - [`kind`]: faults and horizons
-//! - [`stored`]: the surfaces of a mesh that a file holds
-//! - [`measure`](mod@measure): area, orientation, extent, rim
-//! - [`adjacency`]: cells and the faces between them
+//! - `facets`: facets and their ridges: triangles and edges in 3-D, edges and nodes in 2-D
+//! - `select`: the facets of a mesh that lie on features
+//! - `pairs`: what continues what
+//! - `unite`: pieces and votes -> surfaces
+//! - `fill`: gaps closed by faces that the mesh has there
+//! - `kind`: faults and horizons
+//! - `stored`: the surfaces of a mesh that a file holds
+//! - `measure`: area, orientation, extent, rim
+//! - `adjacency`: cells and the faces between them
 
 pub mod adjacency;
-pub mod facets;
-pub mod fill;
-pub mod kind;
-pub mod measure;
-pub mod pairs;
+pub(crate) mod facets;
+pub(crate) mod fill;
+pub(crate) mod kind;
+pub(crate) mod measure;
+pub(crate) mod pairs;
 pub mod select;
 pub mod stored;
-pub mod unite;
+pub(crate) mod unite;
 
 use facets::{Facets, NONE};
 pub use kind::Kind;

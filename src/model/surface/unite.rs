@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
 
 use super::facets::Facets;
 use super::pairs::Vote;
-use crate::feature::symmetric::{Matrix, eigenvalues, eigenvector};
+use crate::feature::symmetric::{Symmetric, eigenvalues, eigenvector};
 use crate::geometry::sets::Sets;
 use crate::geometry::{dot, norm};
 
@@ -23,7 +23,7 @@ const BENT: f64 = 0.82;
 /// Which way a piece faces: the sum over its facets of n nT / |n|, n normal to them and as long as
 /// they are large.
 #[derive(Debug, Clone, Copy)]
-pub struct Facing<const D: usize>(Matrix<D>);
+pub struct Facing<const D: usize>(Symmetric<D>);
 
 impl<const D: usize> Facing<D> {
     /// Of each of `count` pieces; `piece` says which each facet belongs to.
@@ -64,7 +64,7 @@ impl<const D: usize> Facing<D> {
     }
 }
 
-fn outer<const D: usize>(a: [f64; D], b: [f64; D]) -> Matrix<D> {
+fn outer<const D: usize>(a: [f64; D], b: [f64; D]) -> Symmetric<D> {
     a.map(|x| b.map(|y| x * y))
 }
 

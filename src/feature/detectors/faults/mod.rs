@@ -3,7 +3,7 @@
 //! 1. Normals of layers by the structure tensor ([`Normals`]).
 //! 2. Semblance of amplitudes along the layers (Marfurt et al. 1998), its numerator and denominator each
 //!    smoothed over the steep plane through a sample for which their ratio is least (Hale 2013):
-//!    [`semblance`] and [`scan`]. One less its square is the likelihood of a fault.
+//!    `semblance` and `scan`. One less its square is the likelihood of a fault.
 //! 3. Ridges of the likelihood ([`ridges`](super::ridges)), but for those that run along the layers.
 //!
 //! Scale: one sample for derivatives, twelve for the tensor's window, so that a throw does not pass for a
@@ -12,8 +12,8 @@
 //! samples or more (by no multiple of their period, where they have one); faults dip by 40 degrees or
 //! more against layers that lie across one axis; noise is not alike along layers.
 
-pub mod scan;
-pub mod semblance;
+pub(crate) mod scan;
+pub(crate) mod semblance;
 
 use super::ridges::RidgeSearch;
 use super::{Detector, Found, Scene};
@@ -41,8 +41,8 @@ impl<const D: usize> Detector<D> for Faults {
         let window = scene.asked.smoothing.unwrap_or(WINDOW);
         let samples = scene.smoothed();
         let smoothed = Volume::new(scene.image.dims(), &samples);
-        let layers = Normals::new(smoothed, window);
-        let likelihood = semblance::likelihood(smoothed, &layers);
+        let layers = Normals::new(smoothed, window, scene.patience);
+        let likelihood = semblance::likelihood(smoothed, &layers, scene.patience);
         drop(samples);
         notes.push(format!(
             "faults: least semblance along layers over steep planes, at scale {}, normals averaged over \

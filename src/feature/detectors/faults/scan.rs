@@ -13,6 +13,7 @@
 
 use crate::feature::volume::Volume;
 use crate::geometry::wide::wide;
+use crate::observer::Patience;
 use rayon::prelude::*;
 
 /// Standard deviation (samples) of the weights along a fault's strike ...
@@ -49,6 +50,7 @@ pub fn likelihood<const D: usize>(
     dims: [usize; D],
     parts: [Vec<f32>; 2],
     vertical: usize,
+    patience: &Patience<'_>,
 ) -> Vec<f32> {
     let mut thin = dims;
     thin[vertical] = dims[vertical].div_ceil(THIN_OUT);
@@ -71,14 +73,15 @@ pub fn likelihood<const D: usize>(
             })
             .collect();
         let Some(along) = (0..D).find(|k| horizontal(k) && *k != across) else {
-            rows.raise(&dips, &mut most);
+            rows.raise(&dips, &mut most, patience);
             continue;
         };
         // Strikes at 45 degrees cross both axes: once is enough.
         let last = STRIKES.len() - usize::from(along < across);
         for &slope in &STRIKES[usize::from(along < across)..last] {
-            rows.smoothed(&taps(along, 1.0, across, slope, ALONG_STRIKE))
-                .raise(&dips, &mut most);
+            let strike = taps(along, 1.0, across, slope, ALONG_STRIKE);
+            rows.smoothed(&strike, patience)
+                .raise(&dips, &mut most, patience);
         }
     }
     fill_in(thin, &most, vertical, dims)
@@ -163,7 +166,7 @@ impl<const D: usize> PaddedRows<D> {
     }
 
     /// Weighted sums over the taps.
-    fn smoothed(&self, taps: &[Tap<D>]) -> Self {
+    fn smoothed(&self, taps: &[Tap<D>], patience: &Patience<'_>) -> Self {
         let mut parts = [
             vec![0.0; self.parts[0].len()],
             vec![0.0; self.parts[0].len()],
@@ -179,6 +182,9 @@ impl<const D: usize> PaddedRows<D> {
                     .chunks_mut(self.pitch)
                     .zip(second.chunks_mut(self.pitch));
                 for (row, (first, second)) in rows.enumerate() {
+                    if patience.over() {
+                        return;
+                    }
                     self.of_row(number * ROWS + row, taps, starts);
                     let (first, second) = (&mut first[MARGIN..], &mut second[MARGIN..]);
                     wide(
@@ -205,12 +211,15 @@ impl<const D: usize> PaddedRows<D> {
 
     /// Raises `most` to what is missing of the squared ratio of the weighted sums to one, the
     /// harmonic mean of the two halves of each line.
-    fn raise(&self, lines: &[[Vec<Tap<D>>; 2]], most: &mut [f32]) {
+    fn raise(&self, lines: &[[Vec<Tap<D>>; 2]], most: &mut [f32], patience: &Patience<'_>) {
         let nx = self.dims[0];
         most.par_chunks_mut(ROWS * nx).enumerate().for_each_init(
             <[Vec<(usize, f32)>; 2]>::default,
             |starts, (number, most)| {
                 for line in lines {
+                    if patience.over() {
+                        return;
+                    }
                     for (row, most) in most.chunks_mut(nx).enumerate() {
                         for (starts, half) in starts.iter_mut().zip(line) {
                             self.of_row(number * ROWS + row, half, starts);

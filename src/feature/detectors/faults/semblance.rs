@@ -11,6 +11,7 @@ use crate::feature::gaussian::smooth;
 use crate::feature::ridges::Statistics;
 use crate::feature::tensor::Normals;
 use crate::feature::volume::{Volume, root_mean_square};
+use crate::observer::Patience;
 use rayon::prelude::*;
 
 /// Disc of a layer: radius and standard deviation (samples) of its weights.
@@ -34,23 +35,27 @@ const ROWS: usize = 64;
 /// How likely a fault runs through each sample, in [0, 1]: see [`scan::likelihood`]. `layers` are the
 /// normals of amplitudes smoothed to the scale of their derivatives; their window should be wide, as
 /// a throw must not pass for a dip.
-pub fn likelihood<const D: usize>(amplitude: Volume<'_, D>, layers: &Normals<D>) -> Vec<f32> {
+pub fn likelihood<const D: usize>(
+    amplitude: Volume<'_, D>,
+    layers: &Normals<D>,
+    patience: &Patience<'_>,
+) -> Vec<f32> {
     let dims = amplitude.dims;
-    let a = &balanced(amplitude)[..];
-    let [mut of_mean, mut mean_of] = in_patches(dims, layers, &LAYER, |i, j, t| {
+    let a = &balanced(amplitude, patience)[..];
+    let [mut of_mean, mut mean_of] = in_patches(dims, layers, &LAYER, patience, |i, j, t| {
         let value = a[i] + t * (a[j] - a[i]);
         [value, value * value]
     });
     of_mean.par_iter_mut().for_each(|m| *m = *m * *m + QUIET);
     mean_of.par_iter_mut().for_each(|m| *m += QUIET);
-    scan::likelihood(dims, [of_mean, mean_of], layers.main_axis())
+    scan::likelihood(dims, [of_mean, mean_of], layers.main_axis(), patience)
 }
 
 /// Amplitudes over their rms round each sample, so that no layer has more say than others.
-fn balanced<const D: usize>(amplitude: Volume<'_, D>) -> Vec<f32> {
+fn balanced<const D: usize>(amplitude: Volume<'_, D>, patience: &Patience<'_>) -> Vec<f32> {
     let a = amplitude.samples;
     let mut energy: Vec<f32> = a.par_iter().map(|a| a * a).collect();
-    smooth(amplitude.dims, &mut energy, [BALANCE; D]);
+    smooth(amplitude.dims, &mut energy, [BALANCE; D], patience);
     let floor = LOUD * root_mean_square(a).powi(2);
     energy.par_iter_mut().zip(a).for_each(|(e, a)| {
         *e = a / (*e + floor).max(f32::MIN_POSITIVE).sqrt();
@@ -104,6 +109,7 @@ fn in_patches<const D: usize>(
     dims: [usize; D],
     normals: &Normals<D>,
     patch: &Disc,
+    patience: &Patience<'_>,
     value: impl Fn(usize, usize, f32) -> [f32; 2] + Sync,
 ) -> [Vec<f32>; 2] {
     let count = dims.iter().product();
@@ -117,6 +123,9 @@ fn in_patches<const D: usize>(
         .par_chunks_mut(chunk)
         .zip(second.par_chunks_mut(chunk));
     chunks.enumerate().for_each(|(number, (first, second))| {
+        if patience.over() {
+            return;
+        }
         for i in 0..first.len() {
             let at = space.coordinates(number * chunk + i);
             let normal = normals.coarse(at);

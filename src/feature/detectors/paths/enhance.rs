@@ -20,6 +20,7 @@ use crate::feature::steepness::steepness;
 use crate::feature::volume::Volume;
 use crate::geometry::random::uniform;
 use crate::image::Geometry;
+use crate::observer::Patience;
 use rayon::prelude::*;
 
 /// What paths tell of an image.
@@ -50,6 +51,7 @@ pub fn enhance<const D: usize>(
     smoothed: Volume<'_, D>,
     geometry: &Geometry<D>,
     seeds: &PathSeeds<D>,
+    patience: &Patience<'_>,
 ) -> Result<Enhanced> {
     let fail = |problem: &str, remedy: &str| {
         Err(Error::Feature(cause("feature 'paths'", problem, remedy)))
@@ -77,10 +79,10 @@ pub fn enhance<const D: usize>(
     if background.is_empty() {
         background = outermost(smoothed).collect();
     }
-    let gentle = gentle(smoothed);
+    let gentle = gentle(smoothed, patience);
     let slowness: Vec<f32> = gentle.iter().map(|g| 1.0 / g).collect();
     let drawn = |starts: &[usize], others: &[usize], count: usize, key: u64| {
-        let distance = marching(dims, [1.0; D], &slowness, starts);
+        let distance = marching(dims, [1.0; D], &slowness, starts, patience);
         let until = others.iter().map(|&i| distance[i]);
         let until = until.fold(f32::INFINITY, f32::min);
         draw(&distance, until, count, seeds.seed.wrapping_add(key))
@@ -93,7 +95,7 @@ pub fn enhance<const D: usize>(
             "give points of the object inside it, and points of the background around it",
         );
     }
-    let counts = passed(smoothed, &gentle, &sources, &sinks);
+    let counts = passed(smoothed, &gentle, &sources, &sinks, patience);
     let per_path = 1.0 / (sources.len() * sinks.len()).max(1) as f32;
     Ok(Enhanced {
         boundary: closed_path(smoothed, &gentle, &counts, object[0]),
@@ -128,14 +130,14 @@ fn outermost<const D: usize>(volume: Volume<'_, D>) -> impl Iterator<Item = usiz
 }
 
 /// Formula 25 for every sample: 1 on even ground, near 0 on edges.
-fn gentle<const D: usize>(smoothed: Volume<'_, D>) -> Vec<f32> {
+fn gentle<const D: usize>(smoothed: Volume<'_, D>, patience: &Patience<'_>) -> Vec<f32> {
     let extremes = |(low, high): (f32, f32), &s: &f32| (low.min(s), high.max(s));
     let (low, high) = smoothed
         .samples
         .iter()
         .fold((f32::INFINITY, f32::NEG_INFINITY), extremes);
     let grey = 255.0 / (high - low).max(f32::MIN_POSITIVE);
-    let mut gentle = steepness(smoothed);
+    let mut gentle = steepness(smoothed, patience);
     gentle
         .iter_mut()
         .for_each(|g| *g = (-STEEP * grey * *g).exp());
@@ -164,11 +166,12 @@ fn passed<const D: usize>(
     gentle: &[f32],
     sources: &[usize],
     sinks: &[usize],
+    patience: &Patience<'_>,
 ) -> Vec<u32> {
     let parts: Vec<Vec<u32>> = sources
         .par_iter()
         .map(|&source| {
-            let before = shortest(grid, gentle, source, sinks);
+            let before = shortest(grid, gentle, source, sinks, patience);
             let mut passed = Vec::new();
             for &sink in sinks {
                 let mut at = sink as u32;
@@ -193,6 +196,7 @@ fn shortest<const D: usize>(
     gentle: &[f32],
     source: usize,
     sinks: &[usize],
+    patience: &Patience<'_>,
 ) -> Vec<u32> {
     let mut cost = vec![f32::INFINITY; gentle.len()];
     let mut before = vec![NONE; gentle.len()];
@@ -206,6 +210,9 @@ fn shortest<const D: usize>(
     while let Some((so_far, i)) = queue.pop() {
         if so_far > cost[i] {
             continue;
+        }
+        if patience.over() {
+            break;
         }
         if wanted.binary_search(&i).is_ok() {
             left -= 1;

@@ -11,6 +11,7 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use crate::feature::volume::Volume;
+use crate::observer::Patience;
 
 /// Round a start the straight way is taken this far, in samples.
 const STRAIGHT: i32 = 3;
@@ -39,6 +40,7 @@ pub fn marching<const D: usize>(
     step: [f64; D],
     slowness: &[f32],
     starts: &[usize],
+    patience: &Patience<'_>,
 ) -> Vec<f32> {
     let grid = Volume {
         dims,
@@ -58,6 +60,9 @@ pub fn marching<const D: usize>(
     while let Some((time, sample)) = front.queue.pop() {
         if front.known[sample] || time > front.time[sample] {
             continue;
+        }
+        if patience.over() {
+            break;
         }
         front.known[sample] = true;
         let at = grid.coordinates(sample);
@@ -172,7 +177,13 @@ mod tests {
             dims,
             samples: &slowness,
         };
-        let got = marching(dims, step, &slowness, &[grid.index(at)]);
+        let got = marching(
+            dims,
+            step,
+            &slowness,
+            &[grid.index(at)],
+            &Patience::endless(),
+        );
         let mut worst = 0.0f64;
         for (i, &time) in got.iter().enumerate() {
             let p = grid.coordinates(i);
@@ -230,7 +241,13 @@ mod tests {
                 .map(|i| (1.0 + 0.8 * (3.0 * y(i)).sin()) as f32)
                 .collect();
             let starts: Vec<usize> = (0..nx).collect();
-            let got = marching([nx, ny], [step; 2], &slowness, &starts);
+            let got = marching(
+                [nx, ny],
+                [step; 2],
+                &slowness,
+                &starts,
+                &Patience::endless(),
+            );
             let truth = |i: usize| y(i) + 0.8 / 3.0 * (1.0 - (3.0 * y(i)).cos());
             let errors = got
                 .iter()
@@ -249,13 +266,13 @@ mod tests {
     fn the_nearest_start_counts() {
         let (dims, slowness) = ([50, 40], vec![1.0; 2000]);
         let starts = [5 * 50 + 7, 30 * 50 + 41];
-        let both = marching(dims, [1.0; 2], &slowness, &starts);
-        let one = starts.map(|s| marching(dims, [1.0; 2], &slowness, &[s]));
+        let both = marching(dims, [1.0; 2], &slowness, &starts, &Patience::endless());
+        let one = starts.map(|s| marching(dims, [1.0; 2], &slowness, &[s], &Patience::endless()));
         for (i, &time) in both.iter().enumerate() {
             let nearest = one[0][i].min(one[1][i]);
             assert!((time - nearest).abs() < 0.5, "{time} {nearest}");
         }
-        let none = marching(dims, [1.0; 2], &slowness, &[]);
+        let none = marching(dims, [1.0; 2], &slowness, &[], &Patience::endless());
         assert!(none.iter().all(|t| *t == f32::INFINITY));
     }
 
@@ -266,7 +283,7 @@ mod tests {
         let (nx, ny, g) = (80, 60, 0.05);
         let speed = |y: usize| 1.0 + g * y as f64;
         let slowness: Vec<f32> = (0..nx * ny).map(|i| (1.0 / speed(i / nx)) as f32).collect();
-        let got = marching([nx, ny], [1.0; 2], &slowness, &[20]);
+        let got = marching([nx, ny], [1.0; 2], &slowness, &[20], &Patience::endless());
         for (i, &time) in got.iter().enumerate() {
             let (x, y) = (i % nx, i / nx);
             let squares = (x as f64 - 20.0).powi(2) + (y as f64).powi(2);

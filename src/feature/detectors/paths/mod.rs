@@ -7,14 +7,14 @@
 //! The boundary is a path from sample to sample: what it surrounds is smoothed, and points are where
 //! that is steepest ([`steepest`](mod@crate::feature::steepest)).
 //!
-//! - [`enhance`]: the paths, their confidence, and the closed path
-//! - [`marching`]: how long a front takes to reach every sample
+//! - `enhance`: the paths, their confidence, and the closed path
+//! - `marching`: how long a front takes to reach every sample
 //!
 //! Scale: one sample for the gradient, 1.5 for the closed path. Assumptions: the object's edge is
 //! steep nearly all the way round, and the first of its points lies inside it.
 
-pub mod enhance;
-pub mod marching;
+pub(crate) mod enhance;
+pub(crate) mod marching;
 
 use super::{Detector, Found, Scene, Thresholds};
 use crate::error::Result;
@@ -73,7 +73,7 @@ impl<const D: usize> Detector<D> for Paths {
         let (dims, scale, seeds) = (scene.image.dims(), scene.scale(), &scene.asked.seeds);
         let samples = scene.smoothed();
         let smoothed = Volume::new(dims, &samples);
-        let found = enhance::enhance(smoothed, &scene.image.geometry, seeds)?;
+        let found = enhance::enhance(smoothed, &scene.image.geometry, seeds, scene.patience)?;
         let drawn = format!(
             "shortest paths at scale {scale} from {} sources in the object to {} sinks around it",
             seeds.sources, seeds.sinks
@@ -86,10 +86,15 @@ impl<const D: usize> Detector<D> for Paths {
             notes.push(format!(
                 "{drawn}: a boundary of {length} samples around {inside}"
             ));
-            gaussian::smooth(dims, &mut values, [PATH_SCALE; D]);
+            gaussian::smooth(dims, &mut values, [PATH_SCALE; D], scene.patience);
             let closed = Volume::new(dims, &values);
-            let steepness = steepness(closed);
-            candidates = steepest(closed, Volume::new(dims, &steepness), LEAST_STEP.low);
+            let steepness = steepness(closed, scene.patience);
+            candidates = steepest(
+                closed,
+                Volume::new(dims, &steepness),
+                LEAST_STEP.low,
+                scene.patience,
+            );
         } else {
             notes.push(format!("{drawn}: no path goes around the object"));
         }

@@ -102,7 +102,7 @@ fn shortest_paths_are_the_shortest() {
             });
         }
     }
-    let before = shortest(grid, &costs, source, &sinks);
+    let before = shortest(grid, &costs, source, &sinks, &Patience::endless());
     for sink in sinks {
         let (mut at, mut cost) = (sink, 0.0);
         while at != source {
@@ -113,7 +113,7 @@ fn shortest_paths_are_the_shortest() {
         assert!((cost - least[sink]).abs() < 1e-5);
     }
     // Every path passes its ends.
-    let counts = passed(grid, &costs, &[source], &sinks);
+    let counts = passed(grid, &costs, &[source], &sinks, &Patience::endless());
     assert_eq!((counts[source], counts[62], counts[0]), (5, 2, 1));
 }
 

@@ -4,20 +4,20 @@
 //! (inline, crossline, sample). Physical coordinates are X, Y and minus the two-way time in
 //! milliseconds: negative downwards, so that pictures with z up show the survey the right way up.
 //!
-//! - [`bytes`]: which trace header bytes hold what
+//! - `bytes`: which trace header bytes hold what
 //! - `text`, `header`: the file's headers; byte order, sample format, layout
 //! - `headers`: the headers of all traces, as columns
-//! - [`grid`]: from line numbers to cells
-//! - [`place`]: from coordinates to the affine map that places the survey
+//! - `grid`: from line numbers to cells
+//! - `place`: from coordinates to the affine map that places the survey
 //! - [`Survey`]: all of these together; [`scan`] and [`read`] show what it found
 //! - `load`: its samples, put into an image
 
-pub mod bytes;
-pub mod grid;
+pub(crate) mod bytes;
+pub(crate) mod grid;
 mod header;
 mod headers;
 mod load;
-pub mod place;
+pub(crate) mod place;
 mod survey;
 mod text;
 

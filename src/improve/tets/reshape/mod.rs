@@ -64,7 +64,7 @@ pub fn reshape(
     if let Some(node) = (0..targets.len()).find(astray) {
         return Err(Refusal::Node(node as u32));
     }
-    let outcome = improver.improve(&mut Patience::endless());
+    let outcome = improver.improve(&Patience::endless());
     let finished = improver.finish(kinds);
     Ok(Reshaped {
         mesh: finished.mesh,
@@ -299,7 +299,7 @@ impl Improver<'_> {
             for floor in COLLAPSES {
                 for features_first in [true, false] {
                     if (around.iter()).any(|&n| self.collapse_if(node, n, floor, features_first)) {
-                        self.flip_queue(&mut Patience::endless());
+                        self.flip_queue(&Patience::endless());
                         return true;
                     }
                 }
@@ -337,7 +337,7 @@ impl Improver<'_> {
             // Coordinates in a side stay what they are, to the bit.
             let x = std::array::from_fn(|k| if from[k] == to[k] { from[k] } else { x[k] });
             self.move_to(node, x, hold);
-            self.flip_queue(&mut Patience::endless());
+            self.flip_queue(&Patience::endless());
             return;
         }
     }
@@ -356,7 +356,7 @@ impl Improver<'_> {
                 moved |= went;
                 !arrived
             });
-            self.flip_queue(&mut Patience::endless());
+            self.flip_queue(&Patience::endless());
             if pending.is_empty() || (!moved && pending.len() == before) {
                 return;
             }

@@ -1,7 +1,7 @@
 //! Nodes that come, go and move.
 
 use super::*;
-use crate::lattice::seeding::{Alignment, regular};
+use crate::lattice::seeding::{Alignment, fcc};
 use crate::mesh::check::check;
 use crate::mesh::delaunay;
 
@@ -20,7 +20,7 @@ fn circumsphere_of_a_corner() {
 
 /// A box of atoms, four units apart.
 fn part() -> (TetMesh, Vec<AtomKind>) {
-    let atoms = regular(EXTENT, &Distance::Constant(4.0), &[], Alignment::On).unwrap();
+    let atoms = fcc(EXTENT, &Distance::Constant(4.0), &[], Alignment::On).unwrap();
     let mesh = delaunay::delaunay(&atoms.positions).unwrap();
     (mesh, atoms.kinds)
 }

@@ -85,7 +85,7 @@ pub fn relax(
     mut points: Vec<[f64; 2]>,
     mobility: &[[f64; 2]],
     relaxation: &Relaxation<2>,
-    mut patience: Patience<'_>,
+    patience: &Patience<'_>,
 ) -> Result<(TriMesh, Vec<Round>)> {
     let mut mesh = delaunay_plane(&points)?;
     let mut rounds = Vec::with_capacity(relaxation.rounds);

@@ -42,7 +42,7 @@ fn weight_of_a_disc() -> Field<2> {
         samples: &image.samples,
     };
     weight(Field {
-        samples: steepness(volume),
+        samples: steepness(volume, &Patience::endless()),
         ..image
     })
 }
@@ -113,7 +113,7 @@ fn random_points_become_centroids_of_their_triangles() {
             atoms.positions.clone(),
             &mobility,
             &relaxation,
-            Patience::endless(),
+            &Patience::endless(),
         )
         .unwrap();
         // Moves lower the energy, and so do the flips between them.
@@ -183,7 +183,7 @@ fn with_an_image_the_energy_falls_and_the_mesh_stays_valid() {
             atoms.positions.clone(),
             &mobility,
             &relaxation,
-            Patience::endless(),
+            &Patience::endless(),
         )
         .unwrap();
         assert_eq!(rounds.len(), ROUNDS);

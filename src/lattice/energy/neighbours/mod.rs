@@ -8,13 +8,13 @@
 //! are indices into that table, which are short, and the positions of a chunk's members, copied
 //! together, fit the nearest cache.
 //!
-//! - [`fixed`]: positions as integers
-//! - [`rows`]: the rows of a chunk
+//! - `fixed`: positions as integers
+//! - `rows`: the rows of a chunk
 //! - `scratch`: working memory with which rows are made
 //! - `search`: finding the points near an atom
 
-pub mod fixed;
-pub mod rows;
+pub(crate) mod fixed;
+pub(crate) mod rows;
 mod scratch;
 mod search;
 
@@ -24,7 +24,7 @@ pub use rows::Rows;
 use rayon::prelude::*;
 
 use scratch::Scratch;
-use search::{Cells, Search};
+use search::{AtomCells, Search};
 
 /// Atoms per unit of parallel work. Fixed, so that sums do not depend on the number of threads.
 pub const CHUNK: usize = 1024;
@@ -44,7 +44,7 @@ pub const FILLER: u16 = u16::MAX;
 pub struct Neighbours {
     /// One for each chunk of atoms.
     pub chunks: Vec<Rows>,
-    cells: Cells,
+    cells: AtomCells,
 }
 
 impl Neighbours {

@@ -23,11 +23,6 @@ impl Rows {
         self.spans.len()
     }
 
-    /// Whether the chunk has no atoms.
-    pub fn is_empty(&self) -> bool {
-        self.spans.is_empty()
-    }
-
     /// The groups of neighbours of each atom of the chunk.
     #[inline(always)]
     pub fn iter(&self) -> impl Iterator<Item = &[[u16; LANES]]> {

@@ -11,7 +11,7 @@ use super::{LANES, NOWHERE, Point};
 /// Not [`Buckets`](crate::geometry::buckets::Buckets): sorted anew at every repair of the list, so arrays
 /// are kept, and rows of cells are looked at in whole groups of points whose positions lie together.
 #[derive(Clone, Default)]
-pub struct Cells {
+pub struct AtomCells {
     /// The near corner of the grid.
     origin: [i32; 3],
     /// Edges of a cell, in fixed-point units.
@@ -28,7 +28,7 @@ pub struct Cells {
     cell_of: Vec<u32>,
 }
 
-impl Cells {
+impl AtomCells {
     /// Sorts points into cells of the given edges, or larger ones if they were many more than points.
     fn sort(&mut self, points: &[Point], reach: &[f32], edges: [f32; 3]) {
         let (mut low, mut high) = ([i32::MAX; 3], [i32::MIN; 3]);
@@ -79,7 +79,7 @@ pub struct Search<'a> {
     reach: &'a [f32],
     slope: f32,
     most: f32,
-    cells: &'a Cells,
+    cells: &'a AtomCells,
 }
 
 /// Edges of a search cell in units of the smallest reach: rows of cells along x are looked at from one
@@ -87,7 +87,12 @@ pub struct Search<'a> {
 const EDGES: [f32; 3] = [0.25, 0.75, 0.75];
 
 impl<'a> Search<'a> {
-    pub fn new(points: &'a [Point], reach: &'a [f32], slope: f32, cells: &'a mut Cells) -> Self {
+    pub fn new(
+        points: &'a [Point],
+        reach: &'a [f32],
+        slope: f32,
+        cells: &'a mut AtomCells,
+    ) -> Self {
         let (mut least, mut most) = (f32::INFINITY, 0.0f32);
         for &r in reach {
             least = least.min(r);

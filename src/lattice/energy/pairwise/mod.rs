@@ -11,10 +11,10 @@
 //!           + (b(x_k) - A_k) grad beta(x_k) + beta(x_k) grad b(x_k)
 //! ```
 //!
-//! Alongside, j runs over mirror images as well ([`Images`]), which by symmetry leaves the formulas as
+//! Alongside, j runs over mirror images as well (`Images`), which by symmetry leaves the formulas as
 //! they are, and -b takes the place of b.
 //!
-//! Distances are computed in `f32` from fixed-point positions ([`FixedPoint`]) and summed in a fixed
+//! Distances are computed in `f32` from fixed-point positions (`FixedPoint`) and summed in a fixed
 //! order, so the result is the same for any number of threads and on any machine.
 
 use pulp::Arch;

@@ -17,11 +17,12 @@ use crate::error::{Error, Result, cause};
 use crate::feature::FeaturePoint;
 use crate::feature::by_sample::BySample;
 use crate::feature::crossing::Candidate;
-use crate::feature::symmetric::{Matrix, eigenvalues};
+use crate::feature::symmetric::{Symmetric, eigenvalues};
 use crate::feature::volume::Volume;
 use crate::image::Field;
 use crate::lattice::AtomKind;
 use crate::lattice::distance::{Distance, of_atoms};
+use crate::observer::Patience;
 
 /// The least distance (samples) between points that are kept: one more than the least radius.
 pub const fn closest(dimensions: usize) -> f64 {
@@ -72,6 +73,7 @@ pub fn seeded<const D: usize>(
     points: &[FeaturePoint<D>],
     image: &Field<D>,
     others: &[[f64; D]],
+    patience: &Patience<'_>,
 ) -> Result<(Atoms<D>, Distance<D>)> {
     let (dims, step, extent) = (image.dims, image.step, image.extent());
     if let Some(k) = (0..D).find(|&k| (dims[k] as f64 - 1.0) < 2.0 * UNIFORM) {
@@ -82,7 +84,7 @@ pub fn seeded<const D: usize>(
         )));
     }
     let mut held = Held::new(dims);
-    let on_features = thinned(points, dims, step, &mut held);
+    let on_features = thinned(points, dims, step, &mut held, patience);
     let mut rest = Vec::new();
     if D == 2 {
         for i in dots(image) {
@@ -111,12 +113,12 @@ pub fn seeded<const D: usize>(
     let mut atoms = Atoms::in_box(rest, extent);
     atoms.positions.extend_from_slice(&on_features);
     atoms.kinds.resize(atoms.positions.len(), AtomKind::Fixed);
-    let mut distance = of_atoms(&atoms.positions, extent, GROWTH);
+    let mut distance = of_atoms(&atoms.positions, extent, GROWTH, patience);
     distance.validate(extent)?;
     if !others.is_empty() {
         let others = fixed::checked(others, extent, &distance, Alignment::On)?;
         fixed::insert(&mut atoms, &others, extent, &distance);
-        distance = of_atoms(&atoms.positions, extent, GROWTH);
+        distance = of_atoms(&atoms.positions, extent, GROWTH, patience);
     }
     Ok((atoms, distance))
 }
@@ -127,6 +129,7 @@ fn thinned<const D: usize>(
     dims: [usize; D],
     step: [f64; D],
     held: &mut Held<D>,
+    patience: &Patience<'_>,
 ) -> Vec<[f64; D]> {
     let candidate = |point: &FeaturePoint<D>| {
         let at: [f64; D] = std::array::from_fn(|k| {
@@ -149,6 +152,9 @@ fn thinned<const D: usize>(
     let grid = BySample::new(dims, &candidates);
     let mut kept = Vec::new();
     for c in &candidates {
+        if patience.over() {
+            break;
+        }
         let at = grid.coordinates(c);
         if held.free(at, radius(&grid, c)) {
             held.hold(at);
@@ -163,7 +169,7 @@ fn thinned<const D: usize>(
 
 /// How far from a feature point others are left out, in samples: formulas 1, 2, 22 and 23.
 fn radius<const D: usize>(grid: &BySample<'_, D>, centre: &Candidate<D>) -> i32 {
-    let mut spread: Matrix<D> = [[0.0; D]; D];
+    let mut spread: Symmetric<D> = [[0.0; D]; D];
     grid.each_around(grid.coordinates(centre), window(D), |i| {
         let off: [f64; D] =
             std::array::from_fn(|k| f64::from(grid.candidates[i].position[k] - centre.position[k]));

@@ -29,7 +29,7 @@ fn seeds<const D: usize>(image: &Image<D>) -> (Features<D>, Atoms<D>, Distance<D
         step: [1.0; D],
         samples: image.as_slice().to_vec(),
     };
-    let (atoms, distance) = seeded(&features.points, &field, &[]).unwrap();
+    let (atoms, distance) = seeded(&features.points, &field, &[], &Patience::endless()).unwrap();
     (features, atoms, distance)
 }
 
@@ -90,7 +90,13 @@ fn straight_features_keep_fewer_points_than_corners() {
             strength: 1.0,
         })
         .collect();
-    let kept = thinned(&line, dims, [1.0; 2], &mut Held::new(dims));
+    let kept = thinned(
+        &line,
+        dims,
+        [1.0; 2],
+        &mut Held::new(dims),
+        &Patience::endless(),
+    );
     let gaps: Vec<f64> = kept.windows(2).map(|w| w[1][0] - w[0][0]).collect();
     assert!(gaps.iter().all(|g| *g == 6.0), "{gaps:?}");
     // A right angle: about its corner the points spread alike in both directions.
@@ -100,7 +106,13 @@ fn straight_features_keep_fewer_points_than_corners() {
         normal: [1.0, 0.0],
         strength: 1.0,
     }));
-    let kept = thinned(&corner, dims, [1.0; 2], &mut Held::new(dims));
+    let kept = thinned(
+        &corner,
+        dims,
+        [1.0; 2],
+        &mut Held::new(dims),
+        &Patience::endless(),
+    );
     let near = |x: &&[f64; 2]| (x[0] - 30.2).hypot(x[1] - 20.2) < 3.5;
     assert!(kept.iter().filter(near).count() >= 2, "{kept:?}");
     // The step of the lattice does not matter.
@@ -109,7 +121,13 @@ fn straight_features_keep_fewer_points_than_corners() {
         ..*p
     };
     let stretched: Vec<_> = corner.iter().map(stretch).collect();
-    let same = thinned(&stretched, dims, [2.0, 0.5], &mut Held::new(dims));
+    let same = thinned(
+        &stretched,
+        dims,
+        [2.0, 0.5],
+        &mut Held::new(dims),
+        &Patience::endless(),
+    );
     assert_eq!(same.len(), kept.len());
 }
 
@@ -174,6 +192,8 @@ fn in_space_only_the_sides_have_uniform_points() {
 #[test]
 fn small_images_are_refused() {
     let field = Field::from_fn([40, 12], [1.0; 2], |[x, _]| x);
-    let error = seeded(&[], &field, &[]).unwrap_err().to_string();
+    let error = seeded(&[], &field, &[], &Patience::endless())
+        .unwrap_err()
+        .to_string();
     assert!(error.contains("12 samples along axis 1"), "{error}");
 }

@@ -28,6 +28,7 @@ use crate::geometry::random::Random;
 use crate::geometry::scatter::Scatter;
 use crate::image::Field;
 use crate::lattice::distance::Distance;
+use crate::observer::Patience;
 
 /// Failures in a row after which the next table is used (Fernandes & Gattass 2009, table 1).
 const FAILURES: usize = 1024;
@@ -101,6 +102,7 @@ pub fn drawn<const D: usize>(
     alignment: Alignment,
     seed: u64,
     most: usize,
+    patience: &Patience<'_>,
 ) -> Result<Vec<[f64; D]>> {
     let [low, high] = varies(potential, extent, "guide")?;
     let level = |b: f32| {
@@ -158,6 +160,7 @@ pub fn drawn<const D: usize>(
                     distance,
                     &mut random,
                     most.saturating_add(fixed.len()),
+                    patience,
                 );
             }
         }
@@ -175,10 +178,11 @@ fn fill<const D: usize>(
     distance: &Distance<D>,
     random: &mut Random,
     most: usize,
+    patience: &Patience<'_>,
 ) {
     for table in gammas().map_while(|gamma| levels.table(gamma)) {
         let mut failures = 0;
-        while failures <= FAILURES && placed.positions().len() < most {
+        while failures <= FAILURES && placed.positions().len() < most && !patience.over() {
             let x = position(levels.draw(&table, random));
             let d = distance.at(x);
             let inside = |&k: &usize| x[k].min(extent[k] - x[k]) >= MARGIN * d;

@@ -136,8 +136,18 @@ pub fn valley<const D: usize>(extent: [f64; D]) -> Field<D> {
 fn check<const D: usize>(extent: [f64; D], distance: &Distance<D>, densest: f64) {
     let potential = valley(extent);
     let how = |seed, most| Seeding::Guide { seed, most };
-    let place =
-        |how, alignment| seed(how, extent, distance, &[], alignment, Some(&potential)).unwrap();
+    let place = |how, alignment| {
+        seed(
+            how,
+            extent,
+            distance,
+            &[],
+            alignment,
+            Some(&potential),
+            &Patience::endless(),
+        )
+        .unwrap()
+    };
     let atoms = place(how(1, usize::MAX), Alignment::On);
     let spacing = spacing(&atoms, distance);
     let [least, _, median, _, widest] = spacing;
@@ -192,9 +202,17 @@ fn a_potential_without_features_is_refused() {
         most: usize::MAX,
     };
     let message = |field: Option<&Field<2>>| {
-        seed(how, extent, &distance, &[], Alignment::On, field)
-            .unwrap_err()
-            .to_string()
+        seed(
+            how,
+            extent,
+            &distance,
+            &[],
+            Alignment::On,
+            field,
+            &Patience::endless(),
+        )
+        .unwrap_err()
+        .to_string()
     };
     assert!(message(None).contains("image"));
     field.samples.fill(-0.25);

@@ -1,0 +1,92 @@
+//! Settings of what is followed.
+
+use super::{Said, bad, finites};
+use crate::Result;
+use crate::feature::FeatureKind;
+use crate::job::asked::{Followed, StrongKind, What};
+
+/// What is followed, and how it is sought.
+pub(super) fn followed(said: &Said) -> Result<Followed> {
+    let settings = &said.settings;
+    if let Some(sigma) = settings.sigma.filter(|s| !(s.is_finite() && *s > 0.0)) {
+        let problem = "is not a positive number of samples";
+        let remedy = "omit it, or give about the features' thickness";
+        return Err(bad("sigma", sigma, problem, remedy));
+    }
+    if let Some(threshold) = settings.threshold.filter(|t| !t.is_finite()) {
+        let remedy = "omit it: the automatic threshold is printed";
+        return Err(bad(
+            "threshold",
+            threshold,
+            "is not a finite number",
+            remedy,
+        ));
+    }
+    let kind = settings.feature.unwrap_or(FeatureKind::Auto);
+    let threshold = settings.threshold;
+    if kind != FeatureKind::Paths {
+        let problem = "applies to an object whose boundary is followed by paths";
+        said.unused(
+            &["object", "background"],
+            problem,
+            "follow paths, or omit it",
+        )?;
+    }
+    let weights = weights(settings.feature_weights.as_deref())?;
+    if kind != FeatureKind::FaultsAndHorizons {
+        let problem = "weighs faults against horizons, but they are not followed together";
+        said.unused(&["feature-weights"], problem, "follow both, or omit it")?;
+    }
+    if matches!(kind, FeatureKind::Labels | FeatureKind::Paths) {
+        let problem = format!("applies to the strength of features, but {kind} have none");
+        said.unused(
+            &["threshold"],
+            &problem,
+            "omit it, or follow other features",
+        )?;
+    }
+    let strong = |kind| What::Strong { kind, threshold };
+    Ok(Followed {
+        sigma: settings.sigma,
+        what: match kind {
+            FeatureKind::Auto => strong(StrongKind::Auto),
+            FeatureKind::Ridges => strong(StrongKind::Ridges),
+            FeatureKind::Valleys => strong(StrongKind::Valleys),
+            FeatureKind::Edges => strong(StrongKind::Edges),
+            FeatureKind::Canny => strong(StrongKind::Canny),
+            FeatureKind::Horizons => strong(StrongKind::Horizons),
+            FeatureKind::Faults => strong(StrongKind::Faults),
+            FeatureKind::Potential => strong(StrongKind::Potential),
+            FeatureKind::FaultsAndHorizons => What::FaultsAndHorizons { threshold, weights },
+            FeatureKind::Labels => What::Labels,
+            FeatureKind::Paths => What::Paths {
+                object: points("object", settings.object.as_deref())?,
+                background: points("background", settings.background.as_deref())?,
+            },
+        },
+    })
+}
+
+/// Two numbers in (0, 1].
+fn weights(text: Option<&str>) -> Result<[f64; 2]> {
+    let Some(text) = text else {
+        return Ok([1.0; 2]);
+    };
+    match finites(text).as_deref() {
+        Some(&[f, h]) if [f, h].iter().all(|w| *w > 0.0 && *w <= 1.0) => Ok([f, h]),
+        _ => Err(bad(
+            "feature-weights",
+            text,
+            "is not two numbers above 0 and at most 1",
+            "give the weights of faults and horizons, such as 1,0.5",
+        )),
+    }
+}
+
+fn points(name: &str, texts: Option<&[String]>) -> Result<Vec<Vec<f64>>> {
+    let point = |text: &String| match finites(text) {
+        Some(point) if matches!(point.len(), 2 | 3) => Ok(point),
+        _ => Err(bad(name, text, "is not a point", "give a point X,Y")),
+    };
+    texts.unwrap_or_default().iter().map(point).collect()
+}

@@ -1,10 +1,11 @@
 # make demo   install what is missing, build, mesh the sample volume, say which files to open
 # make test   install what is missing, then every check there is; says how many it had to skip
+# make bench-networks   what becomes of twenty random fault networks, some minutes
 # make package   build what a registry would give to others
 # make book   the documentation as a site, target/book/index.html, with its links checked
 
 .POSIX:
-.PHONY: help demo test package book bench validators packages
+.PHONY: help demo test package book bench bench-networks validators packages
 
 SAMPLE = data/faults.vti
 
@@ -43,6 +44,9 @@ book:
 
 bench: packages
 	cargo bench --locked --bench whole
+
+bench-networks: packages
+	cargo bench --locked --bench networks
 
 validators:
 	@scripts/validators.sh

@@ -146,6 +146,7 @@ fn put_lattice<const D: usize>(
     params.spacing = match lattice.apart {
         Apart::Everywhere(d) => Spacing::Constant(d),
         Apart::Varying { min, max, ref by } => match by {
+            DistanceFrom::Gaps => Spacing::FromGaps { min, max },
             DistanceFrom::Features => Spacing::FromFeatures { min, max },
             DistanceFrom::Image => Spacing::FromImage { min, max },
             DistanceFrom::Laplacian => Spacing::FromLaplacian { min, max },

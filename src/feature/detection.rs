@@ -24,6 +24,9 @@ pub struct Detection<const D: usize> {
     pub seeds: PathSeeds<D>,
     /// The least nominal distance between atoms, in lattice units: what the lattice resolves.
     pub d_min: f64,
+    /// The largest, where the distance follows gaps between features: then these say how close atoms may
+    /// stand ([`Features::spacing`](super::Features::spacing)). `None` where features do not decide it.
+    pub up_to: Option<f64>,
     /// Lattice-space distance between samples.
     pub step: [f64; D],
 }
@@ -38,6 +41,7 @@ impl<const D: usize> Default for Detection<D> {
             weights: [1.0; 2],
             seeds: PathSeeds::default(),
             d_min: 8.0,
+            up_to: None,
             step: [1.0; D],
         }
     }
@@ -51,6 +55,18 @@ impl<const D: usize> Detection<D> {
             d_min,
             ..Self::default()
         }
+    }
+}
+
+impl<const D: usize> Detection<D> {
+    /// The least and the largest distance between atoms, if it follows gaps.
+    pub(super) fn gaps(&self) -> Option<[f64; 2]> {
+        self.up_to.map(|most| [self.d_min, most.max(self.d_min)])
+    }
+
+    /// The distance between atoms where nothing else is: what a feature's size is measured by.
+    pub(super) fn d_max(&self) -> f64 {
+        self.gaps().map_or(self.d_min, |[_, most]| most)
     }
 }
 

@@ -21,22 +21,28 @@
 //! - `tensor`: normals of layers
 //! - `steepness`: magnitudes of gradients
 //! - `steepest`: where they are largest
+//! - `lifted`: ridges at all orientations, where sheets cross, branch or run close
 //! - `crossing`: candidates: where a sheet crosses the columns of samples
 //! - `ridges`: ridges of a volume
 //!
 //! From candidates to the potential:
 //! - `by_sample`: candidates by the sample they belong to
-//! - `repair`: ridges through crossings and up to the box's sides
+//! - `quadric`: a sheet near a place
+//! - `repair`: ridges up to the box's sides
 //! - `sheets`: hysteresis, sheets too near one another, crumbs
+//! - `gaps`: how fine a lattice must be between sheets that run close
 //! - `potential`: b(x)
 
 pub(crate) mod by_sample;
 pub(crate) mod crossing;
 mod detection;
 pub(crate) mod detectors;
+pub(crate) mod gaps;
 pub(crate) mod gaussian;
 mod kind;
+pub(crate) mod lifted;
 pub(crate) mod potential;
+pub(crate) mod quadric;
 pub(crate) mod repair;
 pub(crate) mod ridges;
 pub(crate) mod rows;
@@ -84,7 +90,9 @@ pub struct Features<const D: usize> {
     pub on_horizon: Vec<bool>,
     /// The image potential b(x) in [-1, 0]: every feature a valley of depth 1 and width `sigma`.
     pub potential: Field<D>,
-    /// Width of the valleys in lattice units: d_min / 4.
+    /// For each of them the distance that atoms may have there, where it was asked for by gaps.
+    pub spacing: Option<Vec<f32>>,
+    /// Width of the widest valleys in lattice units: a quarter of the distance between atoms.
     pub sigma: f64,
     /// One or more plain lines: what was picked and why, threshold, counts.
     pub notes: Vec<String>,
@@ -101,7 +109,8 @@ impl<const D: usize> Features<D> {
             points: Vec::new(),
             on_horizon: Vec::new(),
             potential: field(dims, asked, vec![0.0; dims.iter().product()]),
-            sigma: asked.d_min / 4.0,
+            spacing: asked.gaps().map(|_| Vec::new()),
+            sigma: asked.d_max() / 4.0,
             notes: Vec::new(),
             settled: Vec::new(),
             confidence: None,
@@ -183,6 +192,11 @@ fn follow<const D: usize>(
     let thresholds = found.thresholds;
     let rules = sheets::Rules {
         high: thresholds.high,
+        agreement: if found.sharp {
+            sheets::SHARP
+        } else {
+            sheets::BLUNT
+        },
         resolution: detector.resolution() * asked.d_min,
         min_area: scene.least_area(detector.least_sheet()),
         open,
@@ -191,11 +205,18 @@ fn follow<const D: usize>(
     drop(found.candidates);
     scene.patience.lasts(Stage::Features)?;
     sheets.describe(kind, &rules, &mut notes);
-    let sigma = asked.d_min / 4.0;
+    let sigma = asked.d_max() / 4.0;
+    let spacing = asked.gaps().map(|limits| {
+        let spacing = gaps::spacing(dims, &sheets.points, asked.step, limits);
+        notes.push(gaps::note(&spacing, limits));
+        spacing
+    });
+    // A valley is as wide as a quarter of the distance that atoms have there (Hale 2002).
+    let width = |i: usize| spacing.as_ref().map_or(sigma as f32, |d| d[i] / 4.0);
     let potential = detector.potential(scene.image).map_or_else(
         || {
             let FoundSheets { points, rim, .. } = &sheets;
-            potential::potential(points, rim, dims, asked.step, sigma, scene.patience)
+            potential::potential(points, rim, dims, asked.step, sigma, width, scene.patience)
         },
         |samples| field(dims, asked, samples),
     );
@@ -203,6 +224,7 @@ fn follow<const D: usize>(
     Ok(Features {
         on_horizon: vec![kind == FeatureKind::Horizons; sheets.points.len()],
         points: sheets.points,
+        spacing,
         potential,
         sigma,
         notes,

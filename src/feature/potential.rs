@@ -27,14 +27,15 @@ const LEADING: f32 = 0.95;
 /// Layers of samples per parallel task: fixed, so that results do not depend on the threads.
 const SLAB: usize = 32;
 
-/// The potential of feature points that are sorted by the last axis, on a grid of `dims` samples; `rim` tells
-/// for each point whether its sheet ends there.
+/// The potential of feature points that are sorted by the last axis, on a grid of `dims` samples; `rim`
+/// tells for each point whether its sheet ends there, `width` how wide its valley is, at most `sigma`.
 pub fn potential<const D: usize>(
     points: &[FeaturePoint<D>],
     rim: &[bool],
     dims: [usize; D],
     step: [f64; D],
     sigma: f64,
+    width: impl Fn(usize) -> f32 + Sync,
     patience: &Patience<'_>,
 ) -> Field<D> {
     let mut samples = vec![f32::INFINITY; dims.iter().product()];
@@ -63,16 +64,17 @@ pub fn potential<const D: usize>(
                 out,
                 sigma: sigma as f32,
             };
-            for (point, &ends) in points[start..end].iter().zip(&rim[start..end]) {
+            for i in start..end {
                 if patience.over() {
                     return;
                 }
-                splat.add(point);
-                if ends {
-                    splat.add_round(point);
+                splat.sigma = width(i);
+                splat.add(&points[i]);
+                if rim[i] {
+                    splat.add_round(&points[i]);
                 }
             }
-            bells(splat.out, sigma as f32);
+            bells(splat.out);
         });
     Field {
         dims,
@@ -81,7 +83,8 @@ pub fn potential<const D: usize>(
     }
 }
 
-/// Squared distances to the nearest disc, in a slab of layers along the last axis.
+/// Squared distances to the nearest disc, in units of the width of its valley, in a slab of layers
+/// along the last axis.
 struct Splat<'a, const D: usize> {
     /// Samples of the slab along each axis.
     dims: [usize; D],
@@ -89,6 +92,7 @@ struct Splat<'a, const D: usize> {
     /// The slab's first layer.
     from: usize,
     out: &'a mut [f32],
+    /// Width of the valley of the point at hand.
     sigma: f32,
 }
 
@@ -139,6 +143,7 @@ impl<const D: usize> Splat<'_, D> {
         let (h, n) = (self.step, point.normal);
         let centre = self.in_samples(point.position);
         let radius = DISC * h.iter().fold(f32::INFINITY, |a, &b| a.min(b));
+        let scale = 1.0 / (self.sigma * self.sigma);
         let (mut low, mut span) = ([0usize; D], [0usize; D]);
         for k in 0..D {
             let reach = CUT as f32 * self.sigma / h[k];
@@ -170,7 +175,7 @@ impl<const D: usize> Splat<'_, D> {
                 let s = r * n[0] + along;
                 let across = (r * r + square - s * s).max(0.0).sqrt();
                 let past = (across - radius).max(0.0);
-                *nearest = nearest.min(s * s + past * past);
+                *nearest = nearest.min((s * s + past * past) * scale);
             }
         }
     }
@@ -188,16 +193,16 @@ impl<const D: usize> Splat<'_, D> {
         let s = dot(r, n);
         let past = ((dot(r, r) - s * s).max(0.0).sqrt() - radius).max(0.0);
         let nearest = &mut self.out[i];
-        *nearest = nearest.min(s * s + past * past);
+        *nearest = nearest.min((s * s + past * past) / (self.sigma * self.sigma));
     }
 }
 
-/// Squared distances -> valleys.
-fn bells(samples: &mut [f32], sigma: f32) {
+/// Squared distances in widths of valleys -> valleys.
+fn bells(samples: &mut [f32]) {
     let cut = (CUT * CUT) as f32;
     let rest = (-0.5 * cut).exp();
     for s in samples {
-        let u = *s / (sigma * sigma);
+        let u = *s;
         *s = if u < cut {
             -((-0.5 * u).exp() - rest) / (1.0 - rest)
         } else {

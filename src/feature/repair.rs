@@ -1,15 +1,13 @@
-//! Ridges through crossings and up to the sides of the box.
+//! Ridges up to the sides of the box.
 //!
-//! Within some widths of the smoothing, two crossing ridges bend one another's crests together and
-//! turn the Hessian's eigenvectors to the bisectors; at the sides of the box, mirrored samples do
-//! the same. There candidates are *doubtful*. The others around them tell where the sheets run: from
-//! the rim of the doubtful zone each sheet is continued column by column, every new point read from
-//! a quadratic surface fitted to the reliable points nearby (on the far side of a crossing too).
-//! Doubtful candidates beside a continued sheet are dropped.
+//! At the sides of the box, mirrored samples bend crests and turn the Hessian's eigenvectors. There
+//! candidates are *doubtful*. The others tell where the sheets run: from the rim of the doubtful zone
+//! each sheet is continued column by column, every new point read from a quadratic surface fitted to the
+//! reliable points nearby. Doubtful candidates beside a continued sheet are dropped.
 
 use super::by_sample::BySample;
 use super::crossing::{Candidate, nearest};
-use super::symmetric::{Symmetric, eigenvalues};
+use super::quadric::Quadric;
 use super::volume::Volume;
 use crate::geometry::{dot, sub};
 use crate::observer::Patience;
@@ -18,7 +16,7 @@ use crate::observer::Patience;
 /// middle of wide zones, where the first finds too few.
 const RADII: [i32; 2] = [8, 15];
 /// Normals of one sheet agree at least this much (cosine).
-const SAME_NORMAL: f32 = 0.9;
+const SAME_NORMAL: f32 = 0.966;
 /// Two fits of one sheet agree at least this much (cosine).
 const SAME_FIT: f32 = 0.97;
 /// A sheet goes on while the smoothed image is at least this share of what it was at the rim.
@@ -31,17 +29,10 @@ const SEGMENT: u32 = 3;
 const STEPS: u32 = 16;
 /// A sample is given this many new points at most.
 const MOST: usize = 4;
-/// Expected error of a point (samples) ...
-const ERROR: f64 = 0.15;
-/// ... and expected second-order coefficient of a sheet (per sample): radius of curvature a hundred.
-const BEND: f64 = 0.005;
 /// Doubtful candidates at most this many samples along each axis from a new point are dropped.
 const BESIDE: i32 = 2;
-/// Where normals nearby spread more than this (share of the tensor of normals that is not along
-/// their main direction), sheets cross.
-const MIXED: f64 = 0.05;
 
-/// Continues sheets through crossings and to the sides of the box; `candidates` are ridge points, in
+/// Continues sheets to the sides of the box; `candidates` are ridge points, in
 /// the order of samples, of a volume smoothed over `scale` samples, those of at least `strong` sure.
 pub fn repair<const D: usize>(
     smoothed: Volume<'_, D>,
@@ -50,7 +41,7 @@ pub fn repair<const D: usize>(
     strong: f32,
     patience: &Patience<'_>,
 ) -> Vec<Candidate<D>> {
-    let zone = Zone::new(smoothed.dims, &candidates, scale, strong);
+    let zone = Zone::new(smoothed.dims, scale);
     let (doubtful, reliable): (Vec<_>, Vec<_>) = candidates.iter().partition(|c| {
         let at = smoothed.coordinates(c.voxel as usize);
         zone.holds(at.map(|i| i as i32))
@@ -109,81 +100,23 @@ pub fn repair<const D: usize>(
     all
 }
 
-/// Where candidates are doubtful: near the sides, and in cells where normals are mixed.
+/// Where candidates are doubtful: near the sides.
 struct Zone<const D: usize> {
     dims: [i32; D],
     margin: i32,
-    cell: i32,
-    cells: [usize; D],
-    mixed: Vec<bool>,
 }
 
 impl<const D: usize> Zone<D> {
-    fn new(dims: [usize; D], candidates: &[Candidate<D>], scale: f64, strong: f32) -> Self {
-        let cell = (2.5 * scale).ceil() as i32;
-        let mut zone = Self {
+    fn new(dims: [usize; D], scale: f64) -> Self {
+        Self {
             dims: dims.map(|n| n as i32),
             margin: (1.5 * scale).ceil() as i32,
-            cell,
-            cells: dims.map(|n| n.div_ceil(cell as usize)),
-            mixed: Vec::new(),
-        };
-        let mut tensors = vec![[[0.0f64; D]; D]; zone.cells.iter().product()];
-        let samples = Volume { dims, samples: &[] };
-        for c in candidates.iter().filter(|c| c.strength >= strong) {
-            let at = samples.coordinates(c.voxel as usize).map(|i| i as i32);
-            let tensor = &mut tensors[zone.cell_of(at)];
-            for k in 0..D {
-                for l in 0..D {
-                    tensor[k][l] += f64::from(c.normal[k] * c.normal[l]);
-                }
-            }
         }
-        zone.mixed = (0..tensors.len())
-            .map(|i| trace(&tensors[i]) > 0.0 && zone.is_mixed(&tensors, i))
-            .collect();
-        zone
-    }
-
-    /// Whether normals of different sheets meet in a cell and the ones that touch it.
-    fn is_mixed(&self, tensors: &[Symmetric<D>], cell: usize) -> bool {
-        let samples: &[f32] = &[];
-        let cells = Volume {
-            dims: self.cells,
-            samples,
-        };
-        let at = cells.coordinates(cell);
-        let mut sum = [[0.0; D]; D];
-        for number in 0..3usize.pow(D as u32) {
-            let mut rest = number;
-            let near: [usize; D] = std::array::from_fn(|k| {
-                let i = (at[k] + rest % 3).wrapping_sub(1);
-                rest /= 3;
-                i
-            });
-            if (0..D).all(|k| near[k] < self.cells[k]) {
-                let tensor = &tensors[cells.index(near)];
-                for k in 0..D {
-                    for l in 0..D {
-                        sum[k][l] += tensor[k][l];
-                    }
-                }
-            }
-        }
-        trace(&sum) - eigenvalues(&sum)[D - 1] > MIXED * trace(&sum)
-    }
-
-    /// The cell that holds a sample.
-    fn cell_of(&self, at: [i32; D]) -> usize {
-        (0..D)
-            .rev()
-            .fold(0, |i, k| i * self.cells[k] + (at[k] / self.cell) as usize)
     }
 
     /// Whether a sample of the box is in the zone.
     fn holds(&self, at: [i32; D]) -> bool {
         (0..D).any(|k| at[k] < self.margin || at[k] >= self.dims[k] - self.margin)
-            || self.mixed[self.cell_of(at)]
     }
 
     fn inside(&self, at: [i32; D]) -> bool {
@@ -200,10 +133,6 @@ impl<const D: usize> Zone<D> {
             })
         })
     }
-}
-
-fn trace<const D: usize>(m: &Symmetric<D>) -> f64 {
-    (0..D).map(|k| m[k][k]).sum()
 }
 
 /// Where a front left the reliable part of its sheet.
@@ -369,74 +298,5 @@ impl<const D: usize> Continuation<'_, D> {
             normal,
             strength: like.strength,
         })
-    }
-}
-
-/// A quadratic surface (in 2-D a parabola) through points, by weighted least squares.
-struct Quadric<const D: usize> {
-    /// The upper half of the normal equations, and their right-hand sides in the last column.
-    equations: [[f64; 7]; 6],
-    /// The weight of a point falls with the square of its distance over this.
-    width: f64,
-}
-
-impl<const D: usize> Quadric<D> {
-    /// Constant, slopes and bends: fewer points carry no fit.
-    const TERMS: usize = D * (D + 1) / 2;
-
-    fn new(radius: i32) -> Self {
-        Self {
-            equations: [[0.0; 7]; 6],
-            width: 0.5 * f64::from(radius),
-        }
-    }
-
-    /// Adds a point; its height is its component along `axis`.
-    fn add(&mut self, away: [f32; D], axis: usize) {
-        let mut row = [1.0; 7];
-        let mut squares = 0.0;
-        let mut bend = D;
-        for k in 1..D {
-            row[k] = f64::from(away[(axis + k) % D]);
-            squares += row[k] * row[k];
-        }
-        for k in 1..D {
-            for l in k..D {
-                row[bend] = row[k] * row[l];
-                bend += 1;
-            }
-        }
-        row[6] = f64::from(away[axis]);
-        let weight = (-0.5 * squares / (self.width * self.width)).exp() / (ERROR * ERROR);
-        for i in 0..Self::TERMS {
-            for j in (i..Self::TERMS).chain([6]) {
-                self.equations[i][j] += weight * row[i] * row[j];
-            }
-        }
-    }
-
-    /// The terms' coefficients, with the prior on bends, by Cholesky; constant and slopes first.
-    fn solve(mut self) -> Option<[f64; 6]> {
-        let m = &mut self.equations;
-        for i in D..Self::TERMS {
-            m[i][i] += 1.0 / (BEND * BEND);
-        }
-        for i in 0..Self::TERMS {
-            for k in 0..i {
-                let f = m[k][i] / m[k][k];
-                for j in (i..Self::TERMS).chain([6]) {
-                    m[i][j] -= f * m[k][j];
-                }
-            }
-            if m[i][i] <= 1e-9 {
-                return None;
-            }
-        }
-        let mut c = [0.0; 6];
-        for i in (0..Self::TERMS).rev() {
-            let sum: f64 = (i + 1..Self::TERMS).map(|j| m[i][j] * c[j]).sum();
-            c[i] = (m[i][6] - sum) / m[i][i];
-        }
-        Some(c)
     }
 }

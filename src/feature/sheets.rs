@@ -23,6 +23,8 @@ pub type Open<const D: usize> = [[bool; 2]; D];
 pub struct Rules<const D: usize> {
     /// A sheet has at least one point as strong as this.
     pub high: f32,
+    /// Which points make one sheet.
+    pub agreement: Agreement,
     /// Parallel sheets nearer than this (lattice units) exclude one another.
     pub resolution: f64,
     /// A sheet covers at least this area (lattice units squared; in 2-D this length).
@@ -69,12 +71,32 @@ impl<const D: usize> FoundSheets<D> {
     }
 }
 
-/// Neighbours belong to one sheet if their normals agree at least this much (cosine) ...
+/// When points are of one sheet, and when sheets are parallel.
+#[derive(Debug, Clone, Copy)]
+pub struct Agreement {
+    /// Neighbours belong to one sheet if their normals agree at least this much (cosine) ...
+    normal: f32,
+    /// ... and each is off the other's plane by less than this (samples).
+    plane: f32,
+    /// Sheets whose normals agree at least this much (cosine) are parallel; others cross.
+    parallel: f32,
+}
+
+/// Where normals are off by more than ten degrees here and there.
+pub const BLUNT: Agreement = Agreement {
+    normal: 0.8,
+    plane: 1.0,
+    parallel: 0.9,
+};
+/// Where normals are known to a few degrees: sheets may cross at 15 degrees.
+pub const SHARP: Agreement = Agreement {
+    normal: 0.97,
+    plane: 0.6,
+    parallel: 0.985,
+};
+
+/// Round a point, those of its own sheet agree with its normal at least this much (cosine).
 const SAME_NORMAL: f32 = 0.8;
-/// ... and each is off the other's plane by less than this (samples).
-const SAME_PLANE: f32 = 1.0;
-/// Sheets whose normals agree at least this much (cosine) are parallel; others cross.
-const PARALLEL: f32 = 0.9;
 /// Nearer than this (samples), a parallel point is taken for part of the same sheet.
 const TOGETHER: f32 = 1.5;
 
@@ -101,6 +123,7 @@ pub fn sheets<const D: usize>(
     let mut growth = Growth {
         grid: &grid,
         step: step.map(|h| h as f32),
+        agreement: rules.agreement,
         resolution: rules.resolution as f32,
         owner: vec![FREE; candidates.len()],
         blocker: vec![FREE; candidates.len()],
@@ -183,6 +206,7 @@ fn lattice_point<const D: usize>(c: &Candidate<D>, step: [f64; D]) -> FeaturePoi
 struct Growth<'a, const D: usize> {
     grid: &'a BySample<'a, D>,
     step: [f32; D],
+    agreement: Agreement,
     resolution: f32,
     owner: Vec<u32>,
     blocker: Vec<u32>,
@@ -238,9 +262,9 @@ impl<const D: usize> Growth<'_, D> {
             }
             let other = &grid.candidates[j];
             let apart = sub(other.position, c.position);
-            let joined = dot(other.normal, c.normal).abs() >= SAME_NORMAL
-                && dot(apart, c.normal).abs() < SAME_PLANE
-                && dot(apart, other.normal).abs() < SAME_PLANE;
+            let joined = dot(other.normal, c.normal).abs() >= self.agreement.normal
+                && dot(apart, c.normal).abs() < self.agreement.plane
+                && dot(apart, other.normal).abs() < self.agreement.plane;
             if joined {
                 self.around.push(j);
             }
@@ -276,7 +300,7 @@ impl<const D: usize> Growth<'_, D> {
                 }
                 let other = &grid.candidates[o];
                 let across = dot(sub(other.position, c.position), c.normal).abs();
-                if dot(other.normal, c.normal).abs() >= PARALLEL
+                if dot(other.normal, c.normal).abs() >= self.agreement.parallel
                     && across > TOGETHER
                     && across * unit < self.resolution
                 {

@@ -235,6 +235,8 @@ impl Apart {
 /// What a distance that varies follows.
 #[derive(Debug, Clone, PartialEq)]
 pub enum DistanceFrom {
+    /// Gaps between features: the least where they run close together or cross at shallow angles.
+    Gaps,
     /// The least on features, growing away from them.
     Features,
     /// The least where the image is lowest, the largest where it is highest.

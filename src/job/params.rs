@@ -22,6 +22,13 @@ pub enum Spacing {
         /// Distance far from them.
         max: f64,
     },
+    /// `max`, but `min` at least where features run close together.
+    FromGaps {
+        /// Least distance.
+        min: f64,
+        /// Distance where no other feature is near.
+        max: f64,
+    },
     /// Where the image is lowest `min`, where it is highest `max`.
     FromImage {
         /// Least distance.
@@ -58,6 +65,7 @@ impl Spacing {
         match self {
             Self::Constant(d) => d,
             Self::FromFeatures { min, .. }
+            | Self::FromGaps { min, .. }
             | Self::FromImage { min, .. }
             | Self::FromLaplacian { min, .. }
             | Self::OfAtoms { min, .. }
@@ -70,6 +78,7 @@ impl Spacing {
         match self {
             Self::Constant(d) => d,
             Self::FromFeatures { max, .. }
+            | Self::FromGaps { max, .. }
             | Self::FromImage { max, .. }
             | Self::FromLaplacian { max, .. }
             | Self::OfAtoms { max, .. }
@@ -256,6 +265,10 @@ impl<const D: usize> Params<D> {
             weights: self.feature_weights,
             seeds: self.seeds.clone(),
             d_min: self.spacing.min(),
+            up_to: match self.spacing {
+                Spacing::FromGaps { max, .. } => Some(max),
+                _ => None,
+            },
             step,
             ..feature::Detection::default()
         }

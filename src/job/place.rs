@@ -178,6 +178,7 @@ fn varying<const D: usize>(
         Spacing::FromFeatures { min, max } => {
             distance::from_features(features, min, max, GROWTH, patience)
         }
+        Spacing::FromGaps { min, max } => distance::from_gaps(features, min, max, GROWTH, patience),
         Spacing::FromImage { min, max } => {
             distance::from_image(&field(image), min, max, GROWTH, patience)
         }

@@ -23,11 +23,12 @@ pub struct Settings {
     /// The mesh to write [default: the image's name with .vtu, in this folder]
     #[cfg_attr(feature = "cli", arg(short, long, value_name = "MESH.vtu"))]
     pub output: Option<PathBuf>,
-    /// Nominal distance between atoms, in samples, or MIN:MAX with --distance-from [default: 8]
+    /// Nominal distance between atoms, in samples, or MIN:MAX [default: 8]
     #[cfg_attr(feature = "cli", arg(long, value_name = "D"))]
     #[serde(deserialize_with = "text_or_number")]
     pub distance: Option<String>,
-    /// What a distance MIN:MAX follows: features (MIN on them, increasing away from them), image (MIN
+    /// What a distance MIN:MAX follows: gaps (MAX, but down to MIN where features run close together or
+    /// cross at shallow angles; the default), features (MIN on them, increasing away from them), image (MIN
     /// where it is lowest, MAX where it is highest), laplacian (of the potential), or a file with a
     /// distance per sample
     #[cfg_attr(feature = "cli", arg(long, value_name = "WHAT"))]

@@ -225,6 +225,7 @@ fn detected_points_stand_in_for_truth() {
         potential,
         sigma: 1.0,
         notes: vec![],
+        spacing: None,
         settled: vec![],
         confidence: None,
     };

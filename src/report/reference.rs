@@ -15,8 +15,8 @@ const SIDEWAYS: f64 = 1.0;
 pub struct Reference<'a, const D: usize = 3> {
     /// What it was made from, for the report.
     pub source: &'static str,
-    /// Points on the features: from truth, each sample closer than half a sample to a feature,
-    /// moved onto it; else the detected points.
+    /// Points on the features: from truth, each sample closer than half a sample to a feature, moved
+    /// onto it (but where the feature tapers out); else the detected points.
     pub points: Vec<[f32; D]>,
     /// For each of them, where the truth knows it, how far the next feature is and at what angle it
     /// lies (degrees).

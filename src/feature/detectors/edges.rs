@@ -30,6 +30,7 @@ impl<const D: usize> Detector<D> for Edges {
         drop(smoothed);
         let search = RidgeSearch {
             finest: 1.0,
+            lifts: false,
             ..RidgeSearch::new(scene)
         };
         Ok(search.find(steepness, notes))

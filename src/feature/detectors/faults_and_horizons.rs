@@ -32,16 +32,26 @@ pub fn together<const D: usize>(
     }
     first.points.extend(second.points);
     first.on_horizon.extend(second.on_horizon);
-    let last_axis_first = |p: &(FeaturePoint<D>, bool), q: &(FeaturePoint<D>, bool)| {
+    let spacing: Option<Vec<f32>> = first
+        .spacing
+        .zip(second.spacing)
+        .map(|(a, b)| [a, b].concat());
+    // Without one, any number is put beside each point and taken off again.
+    let beside = spacing.clone().unwrap_or(vec![0.0; first.points.len()]);
+    type Placed<const D: usize> = ((FeaturePoint<D>, bool), f32);
+    let last_axis_first = |(p, _): &Placed<D>, (q, _): &Placed<D>| {
         let (p, q) = (p.0.position.iter().rev(), q.0.position.iter().rev());
         p.zip(q)
             .map(|(a, b)| a.total_cmp(b))
             .find(|order| order.is_ne())
             .unwrap_or(std::cmp::Ordering::Equal)
     };
-    let mut points: Vec<_> = first.points.into_iter().zip(first.on_horizon).collect();
+    let points = first.points.into_iter().zip(first.on_horizon);
+    let mut points: Vec<Placed<D>> = points.zip(beside).collect();
     points.sort_by(last_axis_first);
+    let (points, beside): (Vec<_>, Vec<f32>) = points.into_iter().unzip();
     (first.points, first.on_horizon) = points.into_iter().unzip();
+    first.spacing = spacing.map(|_| beside);
     first.notes.extend(second.notes);
     first.settled.extend(second.settled);
     first

@@ -153,7 +153,7 @@ impl<'a, const D: usize> Scene<'a, D> {
     }
 
     /// The least area of a sheet in square lattice units (in 2-D its length), where it covers `cells`
-    /// squares of the least distance between atoms.
+    /// squares of the distance between atoms.
     pub fn least_area(&self, cells: f64) -> f64 {
         if let Some(settled) = self.settled {
             return settled.min_area;
@@ -164,7 +164,7 @@ impl<'a, const D: usize> Scene<'a, D> {
             .map(|k| (1..D).map(|l| side((k + l) % D)).product())
             .fold(0.0, f64::max);
         // In a small image a large sheet is smaller.
-        (cells * asked.d_min.powi(D as i32 - 1)).min(0.25 * section)
+        (cells * asked.d_max().powi(D as i32 - 1)).min(0.25 * section)
     }
 }
 
@@ -198,6 +198,9 @@ pub struct Found<const D: usize> {
     pub scale: f64,
     /// What decides which of them make sheets.
     pub thresholds: Thresholds,
+    /// Whether normals are known to a few degrees, so that sheets that cross at shallow angles can be
+    /// told apart by them.
+    pub sharp: bool,
     /// The value of the thin mask whose middle was sought.
     pub mask: Option<f32>,
     /// Of paths: the share of them that passes each sample.
@@ -211,6 +214,7 @@ impl<const D: usize> Found<D> {
             candidates,
             scale,
             thresholds,
+            sharp: false,
             mask: None,
             confidence: None,
         }

@@ -1,8 +1,9 @@
 //! Ridges: sheets of high values; and valleys, sheets of low ones.
 //!
 //! Method: a Gaussian, then the points at which the derivative across the sheet passes through zero
-//! (Hale 2002; Steger 1998: [`ridges`](mod@crate::feature::ridges)), then
-//! [`repair`](mod@crate::feature::repair) where sheets cross and at the sides of the box.
+//! (Hale 2002; Steger 1998: [`ridges`](mod@crate::feature::ridges)); where sheets cross, branch or run
+//! close, at all orientations ([`lifted`](mod@crate::feature::lifted)); and
+//! [`repair`](mod@crate::feature::repair) at the sides of the box.
 //!
 //! Scale: 1.5 samples at first; where noise hides what is seen there (see [`Statistics::drowned`]) by
 //! quarters up to 3 samples. Assumptions: a sheet is a few samples wide, bends little within three times
@@ -11,6 +12,8 @@
 
 use super::{Detector, Found, Scene, Thresholds};
 use crate::error::Result;
+use crate::feature::crossing::Candidate;
+use crate::feature::lifted::{Ambiguous, Search, merged};
 use crate::feature::repair::repair;
 use crate::feature::ridges::{self, Statistics, ridges};
 use crate::feature::volume::Volume;
@@ -56,6 +59,8 @@ pub struct RidgeSearch<'a, const D: usize> {
     pub finest: f64,
     /// The only scale, if given.
     pub scale: Option<f64>,
+    /// Whether sheets may cross at shallow angles or run close, so that all orientations are looked at.
+    pub lifts: bool,
     /// Thresholds (low, high) where none are given.
     pub automatic: fn(&Statistics) -> (f32, f32),
 }
@@ -67,6 +72,7 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
             scene,
             finest: FINEST,
             scale: scene.asked.scale,
+            lifts: true,
             automatic: Statistics::thresholds,
         }
     }
@@ -74,11 +80,54 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
     /// Ridges of `samples`, as many as the image has.
     pub fn find(&self, mut samples: Vec<f32>, notes: &mut Vec<String>) -> Found<D> {
         let (dims, patience) = (self.scene.image.dims(), self.scene.patience);
+        let image = samples.clone();
         let (scale, thresholds) = self.smooth(&mut samples, notes);
         let smoothed = Volume::new(dims, &samples);
         let candidates = ridges(smoothed, scale, thresholds.low, patience);
+        let candidates = match self.lifts {
+            true => self.lifted(&image, smoothed, candidates, thresholds, notes),
+            false => candidates,
+        };
         let candidates = repair(smoothed, candidates, scale, thresholds.high, patience);
-        Found::new(candidates, scale, thresholds)
+        Found {
+            sharp: self.lifts,
+            ..Found::new(candidates, scale, thresholds)
+        }
+    }
+
+    /// Ridge points at all orientations where one is not enough, the others as they are.
+    fn lifted(
+        &self,
+        image: &[f32],
+        smoothed: Volume<'_, D>,
+        candidates: Vec<Candidate<D>>,
+        thresholds: Thresholds,
+        notes: &mut Vec<String>,
+    ) -> Vec<Candidate<D>> {
+        let (dims, patience) = (self.scene.image.dims(), self.scene.patience);
+        let zone = Ambiguous::new(smoothed, &candidates, thresholds.high);
+        let search = Search {
+            image: Volume::new(dims, image),
+            smoothed,
+            zone: &zone,
+            candidates: &candidates,
+            strong: thresholds.high,
+            low: thresholds.low,
+            typical: ridges::typical(candidates.iter().map(|c| c.strength)),
+            patience,
+        };
+        let lifted = search.points();
+        let before = candidates.len();
+        let (candidates, count) = merged(dims, &zone, &candidates, &lifted, thresholds.high);
+        if count > 0 {
+            notes.push(format!(
+                "sheets cross, branch or run close in {:.1} % of the samples: {count} points there at all \
+                 angles, in place of {}",
+                100.0 * zone.share(),
+                before + count - candidates.len(),
+            ));
+        }
+        candidates
     }
 
     /// Smooths samples as settled on, as asked for, or so that ridges do not drown in noise; the scale,

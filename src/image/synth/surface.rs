@@ -24,12 +24,12 @@ pub(super) struct End {
     pub side: f64,
 }
 
-/// A rim inside the volume, at which a sheet has tapered to half its strength: an ellipse in the
+/// A rim inside the volume, at which a sheet has tapered to a tenth of its strength: an ellipse in the
 /// sheet's plane coordinates about its centre.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Rim {
     pub radii: [f64; 2],
-    /// Over this many samples about the rim the strength falls from 1 to 0.
+    /// Over this many samples the strength falls from 1 inside of the rim to 0 outside.
     pub taper: f64,
 }
 
@@ -49,7 +49,8 @@ impl Rim {
 
     /// Strength there, from 1 well inside to 0 well outside, smooth (cubic) in between.
     pub fn strength(&self, at: [f64; 2]) -> f64 {
-        let u = (0.5 + self.inside(at) / self.taper).clamp(0.0, 1.0);
+        // A fifth of the way the cubic is a tenth high.
+        let u = (0.2 + self.inside(at) / self.taper).clamp(0.0, 1.0);
         u * u * (3.0 - 2.0 * u)
     }
 

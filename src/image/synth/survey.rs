@@ -63,7 +63,7 @@ pub(super) fn exists(surfaces: &[Surface], k: usize, at: [f64; 3]) -> bool {
 
 /// For each sample within half a sample of a surface: how far the surface's closest point is from the
 /// next surface (at most [`REACH`]), and at what angle that one lies there (degrees); elsewhere
-/// ([`REACH`], 90).
+/// ([`REACH`], 90). Where the surface tapers out to less than half its strength, (-1, 90).
 pub(super) fn next(surfaces: &[Surface], truth: &Truth) -> Vec<[f32; 2]> {
     let place = |i: usize| truth.index_of(i).map(|c| c as f64);
     let nearest = |p: [f64; 3], without: Option<usize>| {
@@ -92,6 +92,9 @@ pub(super) fn next(surfaces: &[Surface], truth: &Truth) -> Vec<[f32; 2]> {
             let Some((_, k, foot)) = nearest(place(i), None) else {
                 return far;
             };
+            if surfaces[k].strength(foot.point) < 0.5 {
+                return [-1.0, 90.0];
+            }
             nearest(foot.point, Some(k)).map_or(far, |(d, _, other)| {
                 let cosine = dot(other.normal, foot.normal).abs().min(1.0);
                 [d as f32, cosine.acos().to_degrees() as f32]

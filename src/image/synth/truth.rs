@@ -32,7 +32,9 @@ pub struct Truth<const D: usize = 3> {
     /// about each closest point. Not so for voxels.
     pub smooth: bool,
     /// Of networks: for samples within half a sample of a feature, how far the closest point of it is
-    /// from the next feature (at most [`REACH`]), and the angle between the two there, in degrees.
+    /// from the next feature (at most [`REACH`]), and the angle between the two there, in degrees. The
+    /// distance is -1 where the feature tapers out to less than half its strength: what lies on it there
+    /// is right, but nobody asks for it.
     pub next: Option<Vec<[f32; 2]>>,
 }
 

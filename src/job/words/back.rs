@@ -112,6 +112,7 @@ impl Settings {
             Apart::Varying { min, max, by } => {
                 self.distance = Some(format!("{min}:{max}"));
                 self.distance_from = Some(match by {
+                    DistanceFrom::Gaps => "gaps".into(),
                     DistanceFrom::Features => "features".into(),
                     DistanceFrom::Image => "image".into(),
                     DistanceFrom::Laplacian => "laplacian".into(),

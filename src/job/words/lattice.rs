@@ -167,6 +167,7 @@ fn apart(settings: &Settings) -> Result<Apart> {
     }
     let by = match (max, from) {
         (None, None) => return Ok(Apart::Everywhere(min)),
+        (Some(_), None | Some("gaps")) => DistanceFrom::Gaps,
         (Some(_), Some("features")) => DistanceFrom::Features,
         (Some(_), Some("image")) => DistanceFrom::Image,
         (Some(_), Some("laplacian")) => DistanceFrom::Laplacian,
@@ -175,16 +176,8 @@ fn apart(settings: &Settings) -> Result<Apart> {
             return Err(bad(
                 "distance-from",
                 other,
-                "is not features, image, laplacian or a file",
+                "is not gaps, features, image, laplacian or a file",
                 "give one of these, or an image of distances in samples",
-            ));
-        }
-        (Some(_), None) => {
-            return Err(bad(
-                "distance",
-                text,
-                "gives the range of the distance, but not what it follows",
-                "add a distance-from such as features",
             ));
         }
         (None, Some(from)) => {

@@ -27,17 +27,55 @@ pub fn from_features<const D: usize>(
     growth: f64,
     patience: &Patience<'_>,
 ) -> Result<Distance<D>> {
+    at_points(features, min, max, growth, patience, |_| min as f32)
+}
+
+/// d(x) as the gaps between features ask for ([`Features::spacing`]) at every feature point, from `min`
+/// to `max`, growing away from where it is small by `growth` per lattice unit.
+///
+/// # Errors
+/// As [`from_features`].
+pub fn from_gaps<const D: usize>(
+    features: &Features<D>,
+    min: f64,
+    max: f64,
+    growth: f64,
+    patience: &Patience<'_>,
+) -> Result<Distance<D>> {
+    let spacing = features.spacing.as_deref().unwrap_or(&[]);
+    let at = |i: usize| {
+        spacing
+            .get(i)
+            .map_or(max as f32, |d| d.clamp(min as f32, max as f32))
+    };
+    // Where no gap asks for less, one number says it all.
+    if (0..features.points.len()).all(|i| at(i) >= max as f32) {
+        limits(min, max, growth)?;
+        return Ok(Distance::Constant(max));
+    }
+    at_points(features, min, max, growth, patience, at)
+}
+
+/// d(x) from d at each feature point.
+fn at_points<const D: usize>(
+    features: &Features<D>,
+    min: f64,
+    max: f64,
+    growth: f64,
+    patience: &Patience<'_>,
+    at_point: impl Fn(usize) -> f32,
+) -> Result<Distance<D>> {
     limits(min, max, growth)?;
     let mut field = coarse_grid(features.potential.extent(), min, max);
     let (dims, step) = (field.dims, field.step);
-    for point in &features.points {
+    for (i, point) in features.points.iter().enumerate() {
         let low: [usize; D] = std::array::from_fn(|k| {
             ((f64::from(point.position[k]) / step[k]) as usize).min(dims[k] - 2)
         });
         for corner in 0..1usize << D {
             let index = |k: usize| low[k] + (corner >> k & 1);
             let at = (0..D).rev().fold(0, |at, k| at * dims[k] + index(k));
-            field.samples[at] = min as f32;
+            field.samples[at] = field.samples[at].min(at_point(i));
         }
     }
     limit_gradient(&mut field, growth, patience);
@@ -114,6 +152,7 @@ mod tests {
             sigma: 1.0,
             notes: vec![],
             settled: vec![],
+            spacing: None,
             confidence: None,
         }
     }

@@ -11,7 +11,7 @@ pub(crate) mod grading;
 pub(crate) mod sources;
 
 pub use atoms::of_atoms;
-pub use features::from_features;
+pub use features::{from_features, from_gaps};
 pub use grading::limit_gradient;
 pub use sources::{from_image, from_laplacian, from_samples};
 

@@ -1,0 +1,142 @@
+//! What atomesh makes of fault networks as real surveys have them: twenty random ones, each with faults
+//! that cross at 15 degrees and more, branch, run close and taper out. `make bench-networks`, or
+//! `cargo bench --bench networks [-- FIRST LAST]`; every figure beside its median over the seeds and its
+//! worst, with the seed that gave it.
+
+use std::path::Path;
+use std::process::Command;
+
+use serde_json::Value;
+
+type Outcome<T> = Result<T, Box<dyn std::error::Error + Send + Sync>>;
+
+/// How each network is meshed, beside the defaults.
+const MESH: [&str; 2] = ["--distance", "2.7:8"];
+
+/// A figure of the reports: where it is, what to call it, and whether more is better.
+const FIGURES: [(&str, &str, bool); 7] = [
+    (
+        "/fidelity/on_feature/coverage_half",
+        "coverage within half a sample",
+        true,
+    ),
+    (
+        "/fidelity/on_feature/coverage_one",
+        "coverage within one sample",
+        true,
+    ),
+    (
+        "/fidelity/claimed/coverage_one",
+        "coverage by claimed faces, one sample",
+        true,
+    ),
+    (
+        "/fidelity/claimed/precision",
+        "precision of claimed faces",
+        true,
+    ),
+    (
+        "/quality/smallest_angle/worst",
+        "smallest angle (degrees)",
+        true,
+    ),
+    (
+        "/quality/largest_angle/worst",
+        "largest angle (degrees)",
+        false,
+    ),
+    ("cells", "tetrahedra", false),
+];
+
+fn main() -> Outcome<()> {
+    // `cargo test --benches` runs benches only to see that they start.
+    let arguments: Vec<String> = std::env::args().collect();
+    if !arguments.iter().any(|a| a == "--bench") {
+        return Ok(());
+    }
+    let mut seeds = arguments.iter().filter_map(|a| a.parse::<u32>().ok());
+    let (first, last) = (seeds.next().unwrap_or(1), seeds.next().unwrap_or(20));
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("networks");
+    std::fs::create_dir_all(&folder)?;
+    let mut figures: Vec<Vec<(f64, u32)>> = vec![Vec::new(); FIGURES.len()];
+    let mut by_gap: Vec<(String, f64, [f64; 2])> = Vec::new();
+    for seed in first..=last {
+        let number = seed.to_string();
+        let synth = [
+            "synth",
+            "network",
+            "-o",
+            "n.npy",
+            "--truth",
+            "t.npy",
+            "--rng-seed",
+            &number,
+        ];
+        run(&folder, &synth)?;
+        let mesh = ["mesh", "n.npy", "-o", "n.vtu", "--json", MESH[0], MESH[1]];
+        let report = run(&folder, &mesh)?;
+        let judged = run(&folder, &["quality", "n.vtu", "--truth", "t.npy", "--json"])?;
+        for (k, (place, _, _)) in FIGURES.iter().enumerate() {
+            let value = match *place {
+                "cells" => report.pointer("/quality/cells"),
+                place => judged.pointer(place),
+            };
+            figures[k].push((value.and_then(Value::as_f64).unwrap_or(f64::NAN), seed));
+        }
+        let classes = judged
+            .pointer("/fidelity/on_feature/by_gap")
+            .and_then(Value::as_array);
+        for (k, class) in classes.into_iter().flatten().enumerate() {
+            let number = |name: &str| class[name].as_f64().unwrap_or(0.0);
+            if by_gap.len() == k {
+                let to = class["to"]
+                    .as_f64()
+                    .map_or("and more".into(), |to| format!("to {to}"));
+                by_gap.push((format!("{} {to}", number("from")), 0.0, [0.0; 2]));
+            }
+            let points = number("points");
+            by_gap[k].1 += points;
+            by_gap[k].2[0] += points * number("coverage_half");
+            by_gap[k].2[1] += points * number("coverage_one");
+        }
+        eprintln!("seed {seed}: {}", line(&figures));
+    }
+    println!("| figure | median | worst | seed |\n|---|---|---|---|");
+    for ((_, name, more), values) in FIGURES.iter().zip(&mut figures) {
+        values.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let middle = values[values.len() / 2].0;
+        let worst = if *more {
+            values[0]
+        } else {
+            values[values.len() - 1]
+        };
+        println!("| {name} | {middle:.3} | {:.3} | {} |", worst.0, worst.1);
+    }
+    println!(
+        "\n| distance to the next fault (samples) | within half a sample | within one |\n|---|---|---|"
+    );
+    for (class, points, [half, one]) in by_gap {
+        println!("| {class} | {:.3} | {:.3} |", half / points, one / points);
+    }
+    Ok(())
+}
+
+/// The last seed's figures.
+fn line(figures: &[Vec<(f64, u32)>]) -> String {
+    let last = figures.iter().filter_map(|f| f.last());
+    last.map(|(value, _)| format!("{value:.3} ")).collect()
+}
+
+/// Runs atomesh; what it says as JSON, if it does.
+fn run(folder: &Path, arguments: &[&str]) -> Outcome<Value> {
+    let output = Command::new(env!("CARGO_BIN_EXE_atomesh"))
+        .current_dir(folder)
+        .args(arguments)
+        .arg("--quiet")
+        .output()?;
+    if !output.status.success() {
+        let said = String::from_utf8_lossy(&output.stderr);
+        return Err(format!("atomesh {}: {said}", arguments.join(" ")).into());
+    }
+    Ok(serde_json::from_slice(&output.stdout).unwrap_or(Value::Null))
+}

@@ -1,0 +1,76 @@
+//! A sheet near a place as a quadratic surface.
+
+/// Expected error of a point (samples) ...
+const ERROR: f64 = 0.15;
+/// ... and expected second-order coefficient of a sheet (per sample): radius of curvature a hundred.
+const BEND: f64 = 0.005;
+
+/// A quadratic surface (in 2-D a parabola) through points, by weighted least squares.
+pub struct Quadric<const D: usize> {
+    /// The upper half of the normal equations, and their right-hand sides in the last column.
+    equations: [[f64; 7]; 6],
+    /// The weight of a point falls with the square of its distance over this.
+    width: f64,
+}
+
+impl<const D: usize> Quadric<D> {
+    /// Constant, slopes and bends: fewer points carry no fit.
+    pub const TERMS: usize = D * (D + 1) / 2;
+
+    /// No points yet; their weights fall within `radius` samples.
+    pub fn new(radius: i32) -> Self {
+        Self {
+            equations: [[0.0; 7]; 6],
+            width: 0.5 * f64::from(radius),
+        }
+    }
+
+    /// Adds a point; its height is its component along `axis`.
+    pub fn add(&mut self, away: [f32; D], axis: usize) {
+        let mut row = [1.0; 7];
+        let mut squares = 0.0;
+        let mut bend = D;
+        for k in 1..D {
+            row[k] = f64::from(away[(axis + k) % D]);
+            squares += row[k] * row[k];
+        }
+        for k in 1..D {
+            for l in k..D {
+                row[bend] = row[k] * row[l];
+                bend += 1;
+            }
+        }
+        row[6] = f64::from(away[axis]);
+        let weight = (-0.5 * squares / (self.width * self.width)).exp() / (ERROR * ERROR);
+        for i in 0..Self::TERMS {
+            for j in (i..Self::TERMS).chain([6]) {
+                self.equations[i][j] += weight * row[i] * row[j];
+            }
+        }
+    }
+
+    /// The terms' coefficients, with the prior on bends, by Cholesky; constant and slopes first.
+    pub fn solve(mut self) -> Option<[f64; 6]> {
+        let m = &mut self.equations;
+        for i in D..Self::TERMS {
+            m[i][i] += 1.0 / (BEND * BEND);
+        }
+        for i in 0..Self::TERMS {
+            for k in 0..i {
+                let f = m[k][i] / m[k][k];
+                for j in (i..Self::TERMS).chain([6]) {
+                    m[i][j] -= f * m[k][j];
+                }
+            }
+            if m[i][i] <= 1e-9 {
+                return None;
+            }
+        }
+        let mut c = [0.0; 6];
+        for i in (0..Self::TERMS).rev() {
+            let sum: f64 = (i + 1..Self::TERMS).map(|j| m[i][j] * c[j]).sum();
+            c[i] = (m[i][6] - sum) / m[i][i];
+        }
+        Some(c)
+    }
+}

@@ -101,9 +101,9 @@ const ROUND: i32 = 4;
 /// Mean square (samples) of the places along a sheet that a filter sees, for both directions alike.
 const SEEN: f64 = 28.0;
 /// Points are stronger than this share of the strong ones, of which there are [`STRONG`].
-const SHARE: f64 = 0.36;
+const SHARE: f64 = 0.46;
 /// Where sheets are followed down to less than that, still stronger than this share.
-const LEAST_SHARE: f32 = 0.2;
+const LEAST_SHARE: f32 = 0.15;
 /// Share of all points that are at least as strong as a strong one.
 const STRONG: f64 = 0.03;
 /// Points are sought where the image is at least this share as high as on typical ridges.

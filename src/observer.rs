@@ -122,8 +122,9 @@ pub struct Progress {
 /// | before atoms move ([`Stage::Reading`] to [`Stage::Placing`]) | [`Error::Interrupted`] |
 /// | while they move ([`Stage::Optimising`], [`Stage::Pairing`]) | the best lattice so far, joined and improved |
 /// | while the mesh is smoothed or improved | the mesh as far as it has come: valid, with more slivers or edges across features |
-/// | while it is measured | the mesh, with fewer figures |
+/// | while it is measured | the mesh, with those figures that were found by then; whether it is valid may be missing, too |
 /// | in an edit | [`Error::Interrupted`]: the mesh stays as it was |
+/// | in a flow, by a [`Patience`] | [`Error::Interrupted`] |
 ///
 /// Three things run to their end once they are begun: reading a file, one evaluation of the energy of all
 /// atoms, and what joins all atoms at once ([`Stage::Joining`] and [`Stage::Cutting`], where TetGen is at

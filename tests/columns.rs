@@ -294,7 +294,7 @@ fn impossible_columns_are_refused() {
             "map.vtu --horizon base.npy --horizon mid.npy --horizon top.npy --horizon 2000",
             "cross",
         ),
-        ("map.vtu --horizon 5 --horizon 5", "no thickness"),
+        ("map.vtu --horizon 5 --horizon 5", "coincide everywhere"),
         ("map.vtu --horizon top.npy --horizon cube.npy", "3-D image"),
         (
             "map.vtu --horizon top.npy --horizon far.npy",

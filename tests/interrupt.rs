@@ -11,8 +11,9 @@ use atomesh::ErrorKind;
 use atomesh::image::synth::{self, Kind};
 use atomesh::image::{Geometry, Image};
 use atomesh::improve::Scheme;
-use atomesh::job::{self, CellKind, Meshing, Params, Space, Spacing};
+use atomesh::job::{self, BOX_TOLERANCE, CellKind, Made, Meshing, Params, Space, Spacing};
 use atomesh::lattice::optimize::Stop;
+use atomesh::mesh::check::{Known, check, check_known};
 use atomesh::observer::{Observer, Stage};
 
 /// Says stop from a stage on.
@@ -54,12 +55,20 @@ where
             Ok(outcome) => {
                 assert!(from.has_lattice(), "{from} gave a mesh");
                 assert_eq!(outcome.stop, Stop::Interrupted, "{from}");
-                let report = &outcome.report;
-                let fills = match &report.voronoi {
-                    Some(cells) => cells.check.passed(),
-                    None => report.filling.as_ref().is_some_and(|check| check.passed()),
+                let (low, high) = ([0.0; D], outcome.extent);
+                let check = match &outcome.made {
+                    Made::Simplices(made) => check(&made.mesh, low, high, BOX_TOLERANCE),
+                    Made::Voronoi { mesh, weld } => {
+                        let known = Known {
+                            weld: *weld,
+                            ..Known::default()
+                        };
+                        check_known(mesh, known, low, high, BOX_TOLERANCE)
+                    }
                 };
-                assert!(fills, "{from}: {report:?}");
+                assert!(check.passed(), "{from}: {check:?}");
+                // It says no to the end: what measuring would find is missing.
+                assert_eq!(outcome.report.fidelity, None, "{from}");
             }
         }
     }

@@ -12,7 +12,7 @@ use std::time::Duration;
 
 use crate::error::cause;
 use crate::files::exit_without_unfinished;
-use crate::observer::Stage;
+use crate::observer::{Patience, Stage};
 use crate::{Error, Result};
 
 /// The exit code of an interrupted process.
@@ -72,6 +72,11 @@ impl Interrupts {
             stage.has_lattice() && stage > Stage::Optimising,
             Ordering::SeqCst,
         );
+    }
+
+    /// What `work` gives, which ends soon once the user wants to stop.
+    pub fn until_wanted<T>(&self, work: impl FnOnce(&Patience<'_>) -> T) -> T {
+        Patience::of(&mut || !self.wanted(), work)
     }
 
     /// Whether the user wants to stop.

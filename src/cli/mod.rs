@@ -24,7 +24,7 @@ mod wells;
 use std::process::ExitCode;
 
 use crate::error::cause;
-use crate::{Error, Result};
+use crate::{Error, ErrorKind, Result};
 use args::{CommandLine, Verb};
 use common::global::Ending;
 use console::{Console, complain};
@@ -38,7 +38,10 @@ pub fn main(line: &CommandLine) -> ExitCode {
         Ok(Ending::Interrupted) => ExitCode::from(INTERRUPTED),
         Err(error) => {
             complain(format_args!("error: {}", console::in_words(&error)));
-            ExitCode::FAILURE
+            match error.kind() {
+                ErrorKind::Interrupted => ExitCode::from(INTERRUPTED),
+                _ => ExitCode::FAILURE,
+            }
         }
     }
 }
@@ -58,7 +61,7 @@ fn run(line: &CommandLine) -> Result<Ending> {
         Verb::Feature(args) => verbs::feature::feature(args, console)?,
         Verb::Convert(args) => verbs::convert::convert(args, console)?,
         Verb::Edit(args) => verbs::edit::edit(args, console)?,
-        Verb::Flow(args) => verbs::flow::flow(args, console)?,
+        Verb::Flow(args) => verbs::flow::flow(args, interrupts, console)?,
         Verb::Columns(args) => verbs::columns::run(args, console)?,
         Verb::Export(args) => verbs::export::export(args, console)?,
         Verb::Paint(args) => verbs::paint::paint(args, console)?,

@@ -1,5 +1,23 @@
 //! Meshes to other programs, and surfaces to files. Physical coordinates only.
 //!
+//! Two surfaces, a square and half a square, as OBJ:
+//!
+//! ```
+//! use atomesh::export::{SurfaceFile, write_obj};
+//!
+//! let nodes = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+//! let triangles = [[0, 1, 2], [0, 2, 3], [0, 1, 4]];
+//! let file = SurfaceFile::new(&nodes, &triangles, &[0, 2, 3], "fault");
+//! let path = std::env::temp_dir().join("atomesh-export.obj");
+//! write_obj(&path, &file)?;
+//!
+//! let text = std::fs::read_to_string(&path).unwrap_or_default();
+//! assert_eq!(text.lines().filter(|line| line.starts_with("f ")).count(), 3);
+//! assert!(text.contains("g fault2\nf 1 2 5\n"));
+//! # std::fs::remove_file(&path).ok();
+//! # Ok::<(), atomesh::Error>(())
+//! ```
+//!
 //! - [`format`](mod@format): the table of formats
 //! - [`simulators`]: models for flow simulators
 //! - [`corner_point`]: corner-point grids, sampled from any cells

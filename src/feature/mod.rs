@@ -121,6 +121,26 @@ impl<const D: usize> Features<D> {
 /// Finds the features of an image and their potential. Where traces are [missing](Image::missing) there
 /// are no features, nor next to them.
 ///
+/// The edge of a disc:
+///
+/// ```
+/// use atomesh::feature::{self, Detection, FeatureKind};
+/// use atomesh::image::{Geometry, Image};
+///
+/// let from_centre = |x: f64, y: f64| (x - 30.0).hypot(y - 25.0);
+/// let outside = |i: usize| from_centre((i % 60) as f64, (i / 60) as f64) - 15.0;
+/// let disc = (0..60 * 50).map(|i| -outside(i).tanh() as f32);
+/// let image = Image::new([60, 50], disc.collect(), Geometry::default());
+///
+/// let found = feature::detect(&image, &Detection::of(FeatureKind::Edges, 5.0))?;
+/// assert!(found.points.len() > 50);
+/// for point in &found.points {
+///     let [x, y] = point.position.map(f64::from);
+///     assert!((from_centre(x, y) - 15.0).abs() < 1.0);
+/// }
+/// # Ok::<(), atomesh::Error>(())
+/// ```
+///
 /// # Errors
 /// [`Error::Feature`](crate::Error::Feature) for impossible wishes,
 /// [`Error::Image`](crate::Error::Image) for an image that has NaN or infinite samples, is constant, or

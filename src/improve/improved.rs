@@ -20,7 +20,8 @@ pub struct Counts {
     pub pierced_snapped: usize,
     /// Edges that pierced a feature and were split on it.
     pub pierced_split: usize,
-    /// Edges that still pierce a feature.
+    /// Edges that still pierce a feature; where improvement was stopped, only those that it knew of and
+    /// had not come to.
     pub pierced_left: usize,
     /// Edges collapsed.
     pub collapses: usize,

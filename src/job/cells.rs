@@ -3,6 +3,7 @@
 
 use rayon::prelude::*;
 
+use super::measure::measured;
 use super::{BOX_TOLERANCE, Made, Meshing, Params, Scene, Space, Stages, pairs};
 use crate::Result;
 use crate::geometry::{add_scaled, dot, in_space, norm, sub};
@@ -11,10 +12,10 @@ use crate::improve::sheets::{SAME_SHEET, Sheets};
 use crate::lattice::energy::{Beta, Pairwise};
 use crate::lattice::optimize::{self, Stop};
 use crate::lattice::seeding::{Alignment, Atoms};
-use crate::mesh::check::{Known, check_known};
+use crate::mesh::check::{Known, check_while};
 use crate::mesh::graph::Graph;
 use crate::mesh::poly::PolyMesh;
-use crate::observer::Stage;
+use crate::observer::{Patience, Stage};
 use crate::report::{self, Reference, Report};
 
 /// Evaluations in which the other atoms make room for pairs.
@@ -36,7 +37,7 @@ where
         features,
         distance,
     } = *scene;
-    let (step, weld) = (features.potential.step, params.weld);
+    let weld = params.weld;
     let sheets = Space::<D>::sheets(scene);
     if !features.points.is_empty() {
         stages.begin(Stage::Pairing);
@@ -67,33 +68,54 @@ where
     mesh.on_feature = across(&mesh, &sheets);
 
     stages.begin(Stage::Measuring);
-    let graph = Graph::from_poly(&mesh);
-    let physical = Graph::from_poly(&to_world(&mesh, step, &image.geometry));
+    let report = stages.patiently(|patience| measure(&mesh, weld, scene, image, patience));
+    Ok((Made::Voronoi { mesh, weld }, report))
+}
+
+/// The figures of cells, as far as `patience` lasts: what was not measured to its end is left out.
+fn measure<const D: usize>(
+    mesh: &PolyMesh<D>,
+    weld: f64,
+    scene: &Scene<'_, D>,
+    image: &Image<D>,
+    patience: &Patience<'_>,
+) -> Report {
+    let (features, distance) = (scene.features, scene.distance);
+    let step = features.potential.step;
+    let graph = Graph::from_poly(mesh);
     let known = Known {
         weld,
         ..Known::default()
     };
-    let check = check_known(&mesh, known, [0.0; D], extent, BOX_TOLERANCE);
-    let mut report = Report {
-        voronoi: Some(report::voronoi(check, &graph, &physical)),
-        lattice: Some(report::lattice_of_graph(&graph, |x| distance.at(x))),
-        ..Report::default()
-    };
-    if stages.keep_going() && !features.points.is_empty() {
+    let voronoi = measured(patience, || {
+        let low = [0.0; D];
+        let check = check_while(mesh, known, low, scene.extent, BOX_TOLERANCE, patience);
+        let physical = Graph::from_poly(&to_world(mesh, step, &image.geometry));
+        report::voronoi(check, &graph, &physical)
+    });
+    let fidelity = measured(patience, || {
         let reference = Reference::from_features(features);
-        report.fidelity = Some(fidelity(&mesh, step, &reference));
+        let any = !features.points.is_empty();
+        any.then(|| fidelity(mesh, step, &reference, patience))
+    });
+    Report {
+        voronoi,
+        lattice: Some(report::lattice_of_graph(&graph, |x| distance.at(x))),
+        fidelity: fidelity.flatten(),
+        ..Report::default()
     }
-    Ok((Made::Voronoi { mesh, weld }, report))
 }
 
-/// Fidelity of cells in a lattice space where samples are `step` apart.
+/// Fidelity of cells in a lattice space where samples are `step` apart; of no use once `patience` is
+/// over.
 pub fn fidelity<const D: usize>(
     mesh: &PolyMesh<D>,
     step: [f64; D],
     reference: &Reference<'_, D>,
+    patience: &Patience<'_>,
 ) -> report::Fidelity {
     let in_samples = mesh.mapped(|x| std::array::from_fn(|k| x[k] / step[k]), false);
-    report::fidelity_of_cells(&in_samples, reference)
+    report::fidelity_of_cells_while(&in_samples, reference, patience)
 }
 
 /// Cells in lattice space as cells where the image lies in the world.

@@ -6,13 +6,15 @@ use super::frame::lattice_extent;
 use crate::Result;
 use crate::feature::Features;
 use crate::mesh::Simplices;
-use crate::mesh::check::{Known, check_known};
+use crate::mesh::check::{Known, check_while};
+use crate::observer::Patience;
 use crate::report::{self, Reference, Report};
 
 /// How far the volume may be off the box's, and sides from flat, as a share.
 pub const BOX_TOLERANCE: f64 = 1e-9;
 
-/// Shapes, fidelity (unless it is stopped) and validity of a mesh in lattice space.
+/// Shapes, fidelity and validity of a mesh in lattice space, as far as `patience` lasts: what was not
+/// measured to its end is left out.
 pub(super) fn measure<const D: usize, M: Simplices<D>>(
     mesh: &M,
     neighbors: Option<&[u32]>,
@@ -20,32 +22,39 @@ pub(super) fn measure<const D: usize, M: Simplices<D>>(
     step: [f64; D],
     features: &Features<D>,
     claimed: Option<&[u8]>,
-    keep_going: &mut dyn FnMut() -> bool,
+    patience: &Patience<'_>,
 ) -> Result<Report> {
-    let extent = lattice_extent(dims, step);
-    let fidelity = match features.points.is_empty() || !keep_going() {
-        true => None,
-        false => {
-            let reference = Reference::from_features(features);
-            let in_samples = scaled(mesh, step.map(|s| 1.0 / s));
-            Some(report::fidelity(&*in_samples, &reference, claimed)?)
-        }
+    let quality = measured(patience, || report::quality_while(mesh, patience));
+    let known = Known {
+        neighbors,
+        ..Known::default()
     };
+    let extent = lattice_extent(dims, step);
+    let filling = measured(patience, || {
+        check_while(mesh, known, [0.0; D], extent, BOX_TOLERANCE, patience)
+    });
+    let fidelity = measured(patience, || {
+        let reference = Reference::from_features(features);
+        let in_samples = scaled(mesh, step.map(|s| 1.0 / s));
+        let any = !features.points.is_empty();
+        any.then(|| report::fidelity_while(&*in_samples, &reference, claimed, patience))
+            .transpose()
+    });
     Ok(Report {
-        quality: Some(report::quality(mesh)),
-        fidelity,
-        filling: Some(check_known(
-            mesh,
-            Known {
-                neighbors,
-                ..Known::default()
-            },
-            [0.0; D],
-            extent,
-            BOX_TOLERANCE,
-        )),
+        quality,
+        filling,
+        fidelity: fidelity.transpose()?.flatten(),
         ..Report::default()
     })
+}
+
+/// What `measure` gives, if `patience` lasts from before it until after.
+pub(super) fn measured<T>(patience: &Patience<'_>, measure: impl FnOnce() -> T) -> Option<T> {
+    if patience.over() {
+        return None;
+    }
+    let figures = measure();
+    (!patience.over()).then_some(figures)
 }
 
 /// A mesh with each axis scaled.

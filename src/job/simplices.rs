@@ -51,24 +51,29 @@ where
     } = Space::<D>::join(atoms, scene, relaxation.as_ref(), options.as_ref(), stages)?;
 
     stages.begin(Stage::Measuring);
-    let keep_going = &mut || stages.keep_going();
     let claimed = improvement.is_some().then_some(&*made.feature_faces);
     let (dims, features) = (image.dims(), scene.features);
     let neighbors = neighbors.as_deref();
-    let mut report = measure(
-        &made.mesh, neighbors, dims, step, features, claimed, keep_going,
-    )?;
-    report.lattice = Some(report::lattice(&made.mesh, |x| scene.distance.at(x)));
-    report.improvement = improvement;
-    if let Some((mesh, faces)) = rival {
-        let faces = Some(faces.as_slice());
-        let other = measure(&mesh, None, dims, step, features, faces, keep_going)?;
-        report.rival = other.quality.map(|quality| Rival {
-            method: SliverMethod::Joe,
-            quality,
-            fidelity: other.fidelity,
-        });
-    }
+    let report = stages.patiently(|patience| {
+        let mut report = measure(
+            &made.mesh, neighbors, dims, step, features, claimed, patience,
+        )?;
+        report.lattice = Some(report::lattice(&made.mesh, |x| scene.distance.at(x)));
+        if let Some((mesh, faces)) = rival {
+            let faces = Some(faces.as_slice());
+            let other = measure(&mesh, None, dims, step, features, faces, patience)?;
+            report.rival = other.quality.map(|quality| Rival {
+                method: SliverMethod::Joe,
+                quality,
+                fidelity: other.fidelity,
+            });
+        }
+        Ok(report)
+    });
+    let report = Report {
+        improvement,
+        ..report?
+    };
     Ok((Made::Simplices(made), report))
 }
 

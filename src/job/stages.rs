@@ -97,9 +97,12 @@ mod tests {
     use crate::feature::FeatureKind;
     use crate::image::synth::{self, Kind};
     use crate::image::{Geometry, Image};
-    use crate::job::{self, CellKind, Meshing, Outcome, Params, Space, Spacing};
+    use crate::job::{
+        self, BOX_TOLERANCE, CellKind, Made, Meshing, Outcome, Params, Space, Spacing,
+    };
     use crate::lattice::optimize::{Method, Stop};
     use crate::lattice::seeding::Seeding;
+    use crate::mesh::check::{Known, check, check_known};
 
     /// Counts questions by stage; says no from some question of one stage on.
     #[derive(Default)]
@@ -164,12 +167,26 @@ mod tests {
                     Ok(outcome) => {
                         assert!(stage.has_lattice(), "{stage} gave a mesh after {after}");
                         assert_eq!(outcome.stop, Stop::Interrupted, "{stage} after {after}");
-                        let report = outcome.report;
-                        let fills = match &report.voronoi {
-                            Some(cells) => cells.check.passed(),
-                            None => report.filling.is_some_and(|check| check.passed()),
+                        let (low, tolerance) = ([0.0; D], BOX_TOLERANCE);
+                        let check = match &outcome.made {
+                            Made::Simplices(made) => {
+                                check(&made.mesh, low, outcome.extent, tolerance)
+                            }
+                            Made::Voronoi { mesh, weld } => {
+                                let known = Known {
+                                    weld: *weld,
+                                    ..Known::default()
+                                };
+                                check_known(mesh, known, low, outcome.extent, tolerance)
+                            }
                         };
-                        assert!(fills, "{stage} after {after}");
+                        assert!(check.passed(), "{stage} after {after}: {check:?}");
+                        // It goes on saying no: nothing is measured to its end.
+                        let report = outcome.report;
+                        let measured = report.filling.is_some() || report.voronoi.is_some();
+                        let may = stage == Stage::Measuring && after > 0;
+                        assert!(may || !measured, "{stage} after {after}");
+                        assert_eq!(report.fidelity, None, "{stage} after {after}");
                     }
                 }
             }
@@ -253,7 +270,7 @@ mod tests {
             (Placing, 100),
             (Optimising, 5),
             (Improving, 10),
-            (Measuring, 1),
+            (Measuring, 8),
         ];
         stopped(&ball(), &params, &stages);
         let genetic = Params {
@@ -280,7 +297,12 @@ mod tests {
             stopped(
                 &disc(),
                 &params,
-                &[(Features, 100), (Placing, 100), (Improving, 5)],
+                &[
+                    (Features, 100),
+                    (Placing, 100),
+                    (Improving, 5),
+                    (Measuring, 8),
+                ],
             );
         }
         let canny = Params {
@@ -297,6 +319,7 @@ mod tests {
             (Placing, 100),
             (Optimising, 5),
             (Pairing, 1),
+            (Measuring, 100),
         ];
         stopped(&disc(), &cells, &stages);
     }

@@ -1,7 +1,12 @@
 //! Tetrahedra with neighbours, for local changes: rings of edges, stars of nodes, and the exchange
 //! of one set of tetrahedra for another that fills the same cavity.
 
+use rayon::prelude::*;
+
 use super::{FACES, TetMesh};
+
+/// Slots renumbered in one task, at least.
+const SLOTS: usize = 1 << 14;
 
 /// No tetrahedron: beyond the box.
 pub const NONE: u32 = u32::MAX;
@@ -449,12 +454,11 @@ impl Complex {
             tets[slot - 1][0] != NONE
         });
         tets.retain(|t| t[0] != NONE);
-        for tet in &mut tets {
+        let all = tets.par_iter_mut().zip(&mut neighbors);
+        all.with_min_len(SLOTS).for_each(|(tet, around)| {
             *tet = tet.map(|i| number[i as usize]);
-        }
-        for n in neighbors.as_flattened_mut() {
-            *n = renumbered.get(*n as usize).copied().unwrap_or(NONE);
-        }
+            *around = around.map(|n| renumbered.get(n as usize).copied().unwrap_or(NONE));
+        });
         (TetMesh { nodes, tets }, neighbors, kept)
     }
 }

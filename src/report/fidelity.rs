@@ -7,10 +7,11 @@
 //! areas lengths; nothing else differs.
 
 use super::nearest::{Tree, square_to_face};
+use super::pieces::{Piece, sample};
 use super::reference::Reference;
-use crate::geometry::dot;
 use crate::mesh::Simplices;
 use crate::mesh::poly::PolyMesh;
+use crate::observer::Patience;
 use crate::{Error, Result, error::cause};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -19,8 +20,6 @@ use serde::Serialize;
 const NODE: f64 = 0.75;
 /// Largest distance of its centroid; also what counts as *on* for precision.
 const CENTROID: f64 = 1.0;
-/// Faces are sampled by triangles with edges no longer than this, in samples.
-const FINE: f64 = 2.0;
 /// Feature points in one task: neighbours, so that one's nearest face is a hint for the next.
 const CHUNK: usize = 4096;
 
@@ -120,6 +119,19 @@ pub fn fidelity<const D: usize, M: Simplices<D>>(
     reference: &Reference<'_, D>,
     claimed: Option<&[u8]>,
 ) -> Result<Fidelity> {
+    fidelity_while(mesh, reference, claimed, &Patience::endless())
+}
+
+/// The same as long as `patience` lasts; once it is over, the figures are of no use.
+///
+/// # Errors
+/// Those of [`fidelity`].
+pub(crate) fn fidelity_while<const D: usize, M: Simplices<D>>(
+    mesh: &M,
+    reference: &Reference<'_, D>,
+    claimed: Option<&[u8]>,
+    patience: &Patience<'_>,
+) -> Result<Fidelity> {
     if let Some(flags) = claimed
         && flags.len() != mesh.len()
     {
@@ -129,13 +141,14 @@ pub fn fidelity<const D: usize, M: Simplices<D>>(
             "give one byte per cell",
         )));
     }
-    let (faces, sets) = faces(mesh, reference, claimed);
+    let (faces, sets) = faces(mesh, reference, claimed, patience);
     Ok(judge(
         mesh.nodes(),
         &faces,
         &sets,
         claimed.is_some(),
         reference,
+        patience,
     ))
 }
 
@@ -145,7 +158,16 @@ pub fn fidelity_of_cells<const D: usize>(
     mesh: &PolyMesh<D>,
     reference: &Reference<'_, D>,
 ) -> Fidelity {
-    let near = near(&mesh.nodes, reference);
+    fidelity_of_cells_while(mesh, reference, &Patience::endless())
+}
+
+/// The same as long as `patience` lasts; once it is over, the figures are of no use.
+pub(crate) fn fidelity_of_cells_while<const D: usize>(
+    mesh: &PolyMesh<D>,
+    reference: &Reference<'_, D>,
+    patience: &Patience<'_>,
+) -> Fidelity {
+    let near = near(&mesh.nodes, reference, patience);
     let sets_of_faces: Vec<u8> = (0..mesh.inner_faces())
         .into_par_iter()
         .map(|f| {
@@ -171,7 +193,7 @@ pub fn fidelity_of_cells<const D: usize>(
             sets.push(set);
         }
     }
-    let mut found = judge(&nodes, &triangles, &sets, true, reference);
+    let mut found = judge(&nodes, &triangles, &sets, true, reference, patience);
     let count = |set: u8| sets_of_faces.iter().filter(|&&s| s & set != 0).count();
     found.on_feature.faces = count(ON_FEATURE);
     if let Some(found) = &mut found.claimed {
@@ -181,9 +203,20 @@ pub fn fidelity_of_cells<const D: usize>(
 }
 
 /// Whether each node is as near to a feature as those of on-feature faces.
-fn near<const D: usize>(nodes: &[[f64; D]], reference: &Reference<'_, D>) -> Vec<bool> {
-    let within = |&p: &[f64; D]| reference.within(p, NODE);
-    nodes.par_iter().map(within).collect()
+fn near<const D: usize>(
+    nodes: &[[f64; D]],
+    reference: &Reference<'_, D>,
+    patience: &Patience<'_>,
+) -> Vec<bool> {
+    let mut near = vec![false; nodes.len()];
+    let parts = near.par_chunks_mut(CHUNK).zip(nodes.par_chunks(CHUNK));
+    parts.for_each(|(near, nodes)| {
+        if !patience.over() {
+            let within = nodes.iter().map(|&p| reference.within(p, NODE));
+            near.iter_mut().zip(within).for_each(|(n, w)| *n = w);
+        }
+    });
+    near
 }
 
 /// Compares faces, each of which belongs to the sets of its bits, with the features.
@@ -193,11 +226,12 @@ fn judge<const D: usize>(
     sets: &[u8],
     claims: bool,
     reference: &Reference<'_, D>,
+    patience: &Patience<'_>,
 ) -> Fidelity {
-    let pieces = pieces(nodes, reference, faces, sets);
-    let (to_on, to_claimed) = to_faces(nodes, faces, sets, &reference.points);
+    let pieces = pieces(nodes, reference, faces, sets, patience);
+    let (to_on, to_claimed) = to_faces(nodes, faces, sets, &reference.points, patience);
     let corners = of_corners(nodes.len(), faces, sets);
-    let to_corners = distances(nodes, &corners, reference);
+    let to_corners = distances(nodes, &corners, reference, patience);
     let compare = |set: u8, to_faces: Vec<f64>| {
         let count = sets.iter().filter(|&&s| s & set != 0).count();
         let pieces = pieces.iter().filter(|(s, _)| s & set != 0);
@@ -228,8 +262,9 @@ fn faces<const D: usize>(
     mesh: &impl Simplices<D>,
     reference: &Reference<'_, D>,
     claimed: Option<&[u8]>,
+    patience: &Patience<'_>,
 ) -> (Vec<[u32; D]>, Vec<u8>) {
-    let near = near(mesh.nodes(), reference);
+    let near = near(mesh.nodes(), reference, patience);
     let mut found: Vec<([u32; D], u8)> = (0..mesh.len())
         .into_par_iter()
         .flat_map_iter(|c| {
@@ -291,10 +326,12 @@ fn distances<const D: usize>(
     nodes: &[[f64; D]],
     sets: &[u8],
     reference: &Reference<'_, D>,
+    patience: &Patience<'_>,
 ) -> Vec<f64> {
     nodes
         .par_chunks(CHUNK)
         .zip(sets.par_chunks(CHUNK))
+        .take_any_while(|_| !patience.over())
         .flat_map_iter(|(nodes, sets)| {
             let mut hint = None;
             let mut distance = |x: [f64; D]| reference.distance(x, &mut hint);
@@ -314,10 +351,12 @@ fn pieces<const D: usize>(
     reference: &Reference<'_, D>,
     faces: &[[u32; D]],
     sets: &[u8],
+    patience: &Patience<'_>,
 ) -> Vec<(u8, Piece)> {
     faces
         .par_chunks(CHUNK)
         .zip(sets.par_chunks(CHUNK))
+        .take_any_while(|_| !patience.over())
         .flat_map_iter(|(faces, sets)| {
             let mut found = Vec::new();
             let mut hint = None;
@@ -337,6 +376,7 @@ fn to_faces<const D: usize>(
     faces: &[[u32; D]],
     sets: &[u8],
     points: &[[f32; D]],
+    patience: &Patience<'_>,
 ) -> (Vec<f64>, Vec<f64>) {
     let shapes: Vec<[[f64; D]; D]> = faces.iter().map(|&f| corners(nodes, f)).collect();
     let boxes: Vec<[[f64; D]; 2]> = shapes
@@ -361,6 +401,7 @@ fn to_faces<const D: usize>(
     };
     points
         .par_chunks(CHUNK)
+        .take_any_while(|_| !patience.over())
         .flat_map_iter(|points| {
             let mut hints = [None; 3];
             let mut found = Vec::with_capacity(points.len());
@@ -427,50 +468,6 @@ fn compare(
             .zip(area_95)
             .map_or(f64::INFINITY, |(a, (b, _))| a.max(*b)),
         by_gap: Vec::new(),
-    }
-}
-
-/// Distance to the features and area of a small piece of a face.
-type Piece = (f64, f64);
-
-/// The equal small pieces of a face, each measured at its centroid.
-fn sample<const D: usize>(
-    face: &[[f64; D]; D],
-    reference: &Reference<'_, D>,
-    hint: &mut Option<usize>,
-    mut piece: impl FnMut(Piece),
-) {
-    // From corner 0 to the two others; in the plane there is one other.
-    let side = |i: usize| -> [f64; D] { std::array::from_fn(|k| face[i][k] - face[0][k]) };
-    let (u, v) = (side(1), side(D - 1));
-    let square = |w: [f64; D]| w.iter().map(|c| c * c).sum::<f64>();
-    let third = std::array::from_fn(|k| v[k] - u[k]);
-    let longest = square(u).max(square(v)).max(square(third)).sqrt();
-    let n = (longest / FINE).ceil().clamp(1.0, 256.0) as usize;
-    let along = dot(u, v);
-    let area = if D == 2 {
-        square(u).sqrt()
-    } else {
-        0.5 * (square(u) * square(v) - along * along).max(0.0).sqrt()
-    };
-    let part = area / n.pow(D as u32 - 1) as f64;
-    let mut at = |i: f64, j: f64| {
-        let (s, t) = (i / n as f64, j / n as f64);
-        let x = std::array::from_fn(|k| face[0][k] + s * u[k] + t * v[k]);
-        piece((reference.distance(x, hint), part));
-    };
-    for i in 0..n {
-        if D == 2 {
-            at(i as f64 + 0.5, 0.0);
-            continue;
-        }
-        for j in 0..n - i {
-            let (i, j) = (i as f64, j as f64);
-            at(i + 1.0 / 3.0, j + 1.0 / 3.0);
-            if i + j + 1.0 < n as f64 {
-                at(i + 2.0 / 3.0, j + 2.0 / 3.0);
-            }
-        }
     }
 }
 

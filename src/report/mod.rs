@@ -2,6 +2,7 @@
 //!
 //! - `quality`: shapes of the tetrahedra
 //! - `fidelity`: how well the mesh's faces follow the features
+//! - `pieces`: faces cut into small pieces
 //! - `reference`: where the features really are
 //! - `lattice`: how evenly the atoms are spread
 //! - `cells`: Voronoi cells, as flow simulators see them
@@ -13,6 +14,7 @@ pub mod cost;
 pub(crate) mod fidelity;
 pub(crate) mod lattice;
 mod nearest;
+mod pieces;
 pub(crate) mod quality;
 pub(crate) mod reference;
 pub(crate) mod table;
@@ -22,7 +24,9 @@ mod test_mesh;
 pub use cells::{Voronoi, lattice_of_graph, voronoi};
 pub use cost::{Clock, StageCost};
 pub use fidelity::{Fidelity, Match, fidelity, fidelity_of_cells};
+pub(crate) use fidelity::{fidelity_of_cells_while, fidelity_while};
 pub use lattice::{Lattice, Optimisation, lattice};
+pub(crate) use quality::quality_while;
 pub use quality::{Quality, quality, smallest_angles};
 pub use reference::Reference;
 

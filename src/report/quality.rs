@@ -2,6 +2,7 @@
 //! angles.
 
 use crate::mesh::Simplices;
+use crate::observer::Patience;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::ops::Range;
@@ -117,9 +118,18 @@ struct Shapes {
 
 /// Measures every cell in the space in which the mesh's nodes are given.
 pub fn quality<const D: usize, M: Simplices<D>>(mesh: &M) -> Quality {
+    quality_while(mesh, &Patience::endless())
+}
+
+/// The same as long as `patience` lasts; once it is over, the figures are of no use.
+pub(crate) fn quality_while<const D: usize, M: Simplices<D>>(
+    mesh: &M,
+    patience: &Patience<'_>,
+) -> Quality {
     let cells = mesh.len();
     let parts: Vec<Shapes> = (0..cells.div_ceil(CHUNK))
         .into_par_iter()
+        .take_any_while(|_| !patience.over())
         .map(|part| shapes(mesh, part * CHUNK..cells.min((part + 1) * CHUNK)))
         .collect();
     let gather = |part: fn(&Shapes) -> &Vec<f32>| -> Vec<f32> {
@@ -329,7 +339,7 @@ fn worst<const D: usize>(
 ) -> Vec<Worst> {
     let badness = |c: usize| -smallest[c].min(largest[c]);
     let mut found: Vec<usize> = Vec::with_capacity(LISTED + 1);
-    for c in 0..mesh.len() {
+    for c in 0..smallest.len() {
         let full = found.len() == LISTED;
         if full
             && found

@@ -16,6 +16,30 @@ use crate::{Error, Result};
 const REGION: &str = "region";
 
 /// A mesh read from a file, in lattice space; where the file has it is kept as positions only.
+///
+/// ```
+/// use atomesh::image::{Geometry, Image};
+/// use atomesh::job::{self, Params, Spacing};
+/// use atomesh::observer::Unobserved;
+/// use atomesh::store::{AnyMesh, StoredMesh, read_any_vtu};
+///
+/// // A disc, on samples 25 m apart.
+/// let from_centre = |i: usize| ((i % 40) as f64 - 20.0).hypot((i / 40) as f64 - 18.0);
+/// let disc = (0..40 * 36).map(|i| f32::from(from_centre(i) < 11.0));
+/// let geometry = Geometry { axes: [[25.0, 0.0], [0.0, 25.0]], ..Geometry::default() };
+/// let image = Image::new([40, 36], disc.collect(), geometry);
+/// let params = Params { spacing: Spacing::Constant(5.0), ..Params::default() };
+/// let path = std::env::temp_dir().join("atomesh-stored-mesh.vtu");
+/// job::run(&image, &params, &mut Unobserved)?.write(&path)?;
+///
+/// let AnyMesh::Plane(file) = read_any_vtu(&path)? else { unreachable!("an image of the plane") };
+/// let stored = StoredMesh::new(file, "the disc")?;
+/// assert_eq!(stored.space.extent, [39.0, 35.0]);
+/// assert_eq!(stored.space.to_world([39.0, 35.0]), [975.0, 875.0]);
+/// assert!(stored.marks().is_some_and(|marks| marks.contains(&true)));
+/// # std::fs::remove_file(&path).ok();
+/// # Ok::<(), atomesh::Error>(())
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct StoredMesh<const D: usize = 3, M = TetMesh> {
     /// In lattice space, in the box `[0, extent]`.

@@ -7,6 +7,7 @@ use serde_json::json;
 
 use crate::cli::common::output::check_output;
 use crate::cli::console::Console;
+use crate::cli::interrupts::Interrupts;
 use crate::cli::parse::{bad, by_region, number, rows};
 use crate::error::cause;
 use crate::job::{Meshing, Space};
@@ -122,9 +123,10 @@ const RATE: f64 = 1e-3;
 const LINES: usize = 200;
 
 /// Runs the verb.
-pub fn flow(args: &FlowArgs, console: &mut Console) -> Result<()> {
+pub fn flow(args: &FlowArgs, interrupts: &Interrupts, console: &mut Console) -> Result<()> {
     let typed = Typed {
         args,
+        interrupts,
         wells: TypedWell::all(args)?,
         sides: sides(&args.pressure)?,
         laws: fault_laws(args)?,
@@ -146,6 +148,7 @@ pub fn flow(args: &FlowArgs, console: &mut Console) -> Result<()> {
 /// What was typed, as far as it can be understood without the mesh.
 struct Typed<'a> {
     args: &'a FlowArgs,
+    interrupts: &'a Interrupts,
     wells: Vec<TypedWell>,
     sides: Vec<(u8, f64)>,
     laws: FaultLaws,
@@ -167,7 +170,9 @@ impl Typed<'_> {
             .streamlines
             .as_ref()
             .map(|_| args.lines.unwrap_or(LINES));
-        let outcome = flow_through_elements(stored, rock, &barriers, &conditions, lines)?;
+        let outcome = self.interrupts.until_wanted(|patience| {
+            flow_through_elements(stored, rock, &barriers, &conditions, lines, patience)
+        })?;
         self.write(outcome, console)
     }
 
@@ -190,7 +195,9 @@ impl Typed<'_> {
             .streamlines
             .as_ref()
             .map(|_| args.lines.unwrap_or(LINES));
-        let (outcome, off) = flow_through_cells(stored, &rock, &barriers, &conditions, lines)?;
+        let (outcome, off) = self.interrupts.until_wanted(|patience| {
+            flow_through_cells(stored, &rock, &barriers, &conditions, lines, patience)
+        })?;
         if off > 1.0 {
             console.note(format_args!(
                 "the lines between cells deviate by {off:.0} degrees from the permeability times their faces' normals, on average: two-point fluxes are rough"

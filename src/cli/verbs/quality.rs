@@ -12,6 +12,7 @@ use crate::mesh::Simplices;
 use crate::mesh::check::{Known, check, check_known};
 use crate::mesh::graph::Graph;
 use crate::mesh::poly::PolyMesh;
+use crate::observer::Patience;
 use crate::report::{self, Reference, Report};
 use crate::store::{LatticeSpace, StoredMesh, read_any_vtu, with_mesh};
 use crate::{Error, Result};
@@ -86,7 +87,12 @@ fn measure_cells<const D: usize>(
     let mut report = Report::default();
     if let Some((truth, note)) = &truth {
         let reference = Reference::from_truth(truth);
-        report.fidelity = Some(cells::fidelity(mesh, space.step, &reference));
+        report.fidelity = Some(cells::fidelity(
+            mesh,
+            space.step,
+            &reference,
+            &Patience::endless(),
+        ));
         report.notes.push(note.clone());
     }
     let physical = stored.in_world(Graph::from_poly);

@@ -135,6 +135,22 @@ impl AnyLoaded {
 
 /// Reads a 3-D image of any known format.
 ///
+/// ```
+/// use atomesh::image::formats::{self, ReadOptions};
+/// use atomesh::image::synth::{self, Kind, Options};
+///
+/// let options = Options { dims: [12, 11, 10], ..Options::default() };
+/// let image = synth::make(Kind::Sphere, &options)?.image;
+/// let path = std::env::temp_dir().join("atomesh-formats-read.npy");
+/// formats::write(&path, &image)?;
+///
+/// let loaded = formats::read(&path, &ReadOptions::default())?;
+/// assert_eq!(loaded.image.dims(), [12, 11, 10]);
+/// assert_eq!(loaded.image.samples, image.samples);
+/// # std::fs::remove_file(&path).ok();
+/// # Ok::<(), atomesh::Error>(())
+/// ```
+///
 /// # Errors
 /// [`Error::Io`] if the file cannot be read, is of no known format, is damaged or 2-D.
 pub fn read(path: &Path, options: &ReadOptions) -> Result<Loaded<3>> {

@@ -31,7 +31,9 @@ pub fn exude(
 ) -> Result<(Improved, Vec<u8>)> {
     let target = aim.min_dihedral.to_radians().sin();
     let taken = std::mem::take(mesh);
-    let mut improver = Improver::new(taken, neighbors, kinds, extent, sheets, distance, target);
+    let mut improver = Improver::new(
+        taken, neighbors, kinds, extent, sheets, distance, target, patience,
+    );
     let poor_before = improver.poor().len();
     improver.recover(patience);
     let counts = improver.counts;

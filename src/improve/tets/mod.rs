@@ -56,7 +56,9 @@ pub fn improve(
 ) -> (Improved, Vec<u8>) {
     let target = target.min_dihedral.to_radians().sin();
     let (taken, around) = (std::mem::take(mesh), std::mem::take(neighbors));
-    let mut improver = Improver::new(taken, around, kinds, extent, sheets, distance, target);
+    let mut improver = Improver::new(
+        taken, around, kinds, extent, sheets, distance, target, patience,
+    );
     let outcome = improver.improve(patience);
     let finished = improver.finish(kinds);
     (*mesh, *neighbors, *kinds) = (finished.mesh, finished.neighbors, finished.kinds);
@@ -107,12 +109,16 @@ impl<'a> Improver<'a> {
         sheets: &'a Sheets,
         distance: &'a Distance<3>,
         target: f64,
+        patience: &Patience<'_>,
     ) -> Self {
         let (holds, beside) = mesh
             .nodes
             .par_iter()
             .zip(kinds)
-            .map(|(&x, &kind)| Hold::new(x, kind, extent, sheets))
+            .map(|(&x, &kind)| match patience.over() {
+                true => (Hold::by_box(x, kind, extent), Beside::Nothing),
+                false => Hold::new(x, kind, extent, sheets),
+            })
             .unzip();
         let mut sines = vec![0.0f32; mesh.tets.len()];
         sines
@@ -342,7 +348,7 @@ impl Improver<'_> {
         self.polish(8, patience);
         self.mend(patience);
         self.release(patience);
-        self.counts.pierced_left = self.count_pierced();
+        self.counts.pierced_left = self.count_pierced(patience);
         let blocked = self.blocked();
         Improved {
             poor_before,

@@ -23,12 +23,14 @@ const CHUNK: usize = 1 << 14;
 const SEEN: usize = 1 << 13;
 
 impl Improver<'_> {
-    /// The edges of the given tetrahedra that pierce a feature, as pairs of nodes in rising order.
-    fn pierced_among(&self, tets: &[u32]) -> Vec<(u32, u32)> {
+    /// The edges of the given tetrahedra that pierce a feature, as pairs of nodes in rising order; of
+    /// all if `patience` lasts.
+    fn pierced_among(&self, tets: &[u32], patience: &Patience<'_>) -> Vec<(u32, u32)> {
         // Four nodes of each of millions of tetrahedra: a byte a node stays in the cache.
         let near: Vec<bool> = self.holds.iter().map(|hold| !hold.far).collect();
         let mut edges: Vec<(u32, u32)> = tets
             .par_chunks(CHUNK)
+            .take_any_while(|_| !patience.over())
             .flat_map_iter(|tets| {
                 // An edge has some five tetrahedra, most of them close by in memory: those seen
                 // last need no second look.
@@ -61,13 +63,17 @@ impl Improver<'_> {
         edges.dedup();
         edges
             .into_par_iter()
+            .take_any_while(|_| !patience.over())
             .filter(|&(a, b)| self.pierces(a, b))
             .collect()
     }
 
     /// Counts the edges that pierce a feature: those that recovery left, and those that moved or
-    /// new nodes have made since.
-    pub(super) fn count_pierced(&mut self) -> usize {
+    /// new nodes have made since. Once `patience` is over, only the former.
+    pub(super) fn count_pierced(&mut self, patience: &Patience<'_>) -> usize {
+        if patience.over() {
+            return self.unrecovered.len();
+        }
         let mut nodes = std::mem::take(&mut self.stirred);
         nodes.extend(self.unrecovered.iter().flat_map(|&(a, b)| [a, b]));
         nodes.sort_unstable();
@@ -75,7 +81,7 @@ impl Improver<'_> {
         // Not those of changes that were taken back.
         nodes.retain(|&n| (n as usize) < self.complex.nodes.len());
         let tets = self.stars(nodes);
-        self.pierced_among(&tets).len()
+        self.pierced_among(&tets, patience).len()
     }
 
     /// The tetrahedra at any of the nodes, each once.
@@ -93,16 +99,20 @@ impl Improver<'_> {
     /// Makes the mesh follow the features.
     pub(super) fn recover(&mut self, patience: &Patience<'_>) {
         let all: Vec<u32> = (0..self.complex.tets.len() as u32).collect();
-        let mut pierced = self.pierced_among(&all);
+        let mut pierced = self.pierced_among(&all, patience);
         self.beside = Vec::new();
         self.counts.pierced_before = pierced.len();
         for (round, floor) in FLOORS.into_iter().enumerate() {
             // Flips never make a piercing edge: only moved and new nodes need another look.
             let mut again = Vec::new();
-            for (a, b) in std::mem::take(&mut pierced) {
+            let edges = std::mem::take(&mut pierced);
+            for (i, &(a, b)) in edges.iter().enumerate() {
                 if patience.over() {
-                    // It stays, and is counted.
-                } else if self.recover_by_flip(a, b, floor) {
+                    // They stay, and are counted.
+                    self.unrecovered = edges[i..].to_vec();
+                    return;
+                }
+                if self.recover_by_flip(a, b, floor) {
                     self.counts.pierced_flipped += 1;
                 } else if self.recover_by_snap(a, b) {
                     self.counts.pierced_snapped += 1;
@@ -112,7 +122,7 @@ impl Improver<'_> {
                 again.extend([a, b]);
             }
             let tets = self.stars(again);
-            pierced = self.pierced_among(&tets);
+            pierced = self.pierced_among(&tets, patience);
         }
         self.unrecovered = pierced;
         self.stirred.clear();

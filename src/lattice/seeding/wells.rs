@@ -81,7 +81,10 @@ impl<const D: usize> Way<D> {
                 let here = found[found.len() - 1].1;
                 s = (s + STEP * here).min(length);
                 let share = s / length;
-                let x = std::array::from_fn(|k| leg[0][k] + share * (leg[1][k] - leg[0][k]));
+                let x = match s < length {
+                    true => std::array::from_fn(|k| leg[0][k] + share * (leg[1][k] - leg[0][k])),
+                    false => leg[1],
+                };
                 found.push((x, d(x)));
             }
         }
@@ -168,11 +171,12 @@ pub fn atoms<const D: usize>(
         let whole = measure[measure.len() - 1];
         let count = whole.round().max(if whole > 0.5 { 1.0 } else { 0.0 }) as usize;
         for i in 0..=count {
-            // Rounded, the last could lie beyond the end.
             let goal = (whole * i as f64 / count.max(1) as f64).min(whole);
             let at = measure.partition_point(|m| *m < goal);
             let x = match at.checked_sub(1) {
                 None => followed[0].0,
+                // Rounded, it could lie beside the end.
+                _ if i == count => followed[followed.len() - 1].0,
                 Some(before) => {
                     let share = (goal - measure[before]) / (measure[at] - measure[before]);
                     let (a, b) = (followed[before].0, followed[at].0);

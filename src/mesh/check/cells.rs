@@ -5,6 +5,7 @@ use super::{Bounds, Check, Checked, Known, Sides, flat};
 use crate::geometry::dot;
 use crate::mesh::Mesh;
 use crate::mesh::poly::{Beyond, NO_CELL, PolyMesh, SIDE_0};
+use crate::observer::Patience;
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -70,12 +71,16 @@ impl<const D: usize> Checked<D> for PolyMesh<D> {
         known: Known<'_>,
         bounds: &Bounds<D>,
         found: &mut Check,
+        patience: &Patience<'_>,
     ) -> Option<Sides<D>> {
         let in_columns = in_columns(self, bounds);
         let faces = self.faces_of_cells();
         let sound: Vec<[bool; 2]> = (0..self.sites.len())
             .into_par_iter()
             .map(|cell| {
+                if patience.over() {
+                    return [true; 2];
+                }
                 let faces = faces.get(cell);
                 let holds_site = holds_site(self, cell, faces, in_columns);
                 [closed(self, cell, faces), holds_site]
@@ -97,7 +102,10 @@ impl<const D: usize> Checked<D> for PolyMesh<D> {
         );
 
         let widest = |of: &(dyn Fn(usize) -> f64 + Sync)| {
-            let off = |f: usize| (of(f) - flat::welded(self, f, known.weld)).max(0.0);
+            let off = |f: usize| match patience.over() {
+                true => 0.0,
+                false => (of(f) - flat::welded(self, f, known.weld)).max(0.0),
+            };
             let off = (0..self.face_cells.len()).into_par_iter().map(off);
             off.reduce(|| 0.0, f64::max) / bounds.longest()
         };

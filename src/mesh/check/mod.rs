@@ -12,6 +12,7 @@ mod simplices;
 pub use cells::CellCheck;
 
 use super::Mesh;
+use crate::observer::Patience;
 use serde::Serialize;
 
 /// What [`check`] found. A mesh that is right has `problems` empty.
@@ -103,6 +104,7 @@ pub trait Checked<const D: usize> {
         known: Known<'_>,
         bounds: &Bounds<D>,
         found: &mut Check,
+        patience: &Patience<'_>,
     ) -> Option<Sides<D>>;
 }
 
@@ -130,6 +132,18 @@ pub fn check_known<const D: usize, M: Mesh<D>>(
     high: [f64; D],
     tolerance: f64,
 ) -> Check {
+    check_while(mesh, known, low, high, tolerance, &Patience::endless())
+}
+
+/// The same as long as `patience` lasts; once it is over, nothing can be said of the mesh.
+pub(crate) fn check_while<const D: usize, M: Mesh<D>>(
+    mesh: &M,
+    known: Known<'_>,
+    low: [f64; D],
+    high: [f64; D],
+    tolerance: f64,
+    patience: &Patience<'_>,
+) -> Check {
     let mut found = Check {
         nodes: mesh.nodes().len(),
         cells: mesh.len(),
@@ -149,6 +163,9 @@ pub fn check_known<const D: usize, M: Mesh<D>>(
         tolerance,
     };
 
+    if patience.over() {
+        return found;
+    }
     let volumes: Vec<f64> = mesh.cell_volumes().into_iter().map(|(v, _)| v).collect();
     let wrong = |v: &f64| *v <= 0.0;
     found.not_positive = volumes.iter().filter(|v| wrong(v)).count();
@@ -176,7 +193,7 @@ pub fn check_known<const D: usize, M: Mesh<D>>(
             M::CELLS
         ));
     }
-    if let Some(sides) = mesh.check_faces(known, &bounds, &mut found) {
+    if let Some(sides) = mesh.check_faces(known, &bounds, &mut found, patience) {
         sides.judge(&bounds, &mut found);
     }
     found

@@ -461,7 +461,7 @@ mod tests {
         let one = Division::Counts(vec![1]);
         for (z, division, want) in [
             (vec![flat(0.0)], &one, "at least two"),
-            (vec![flat(1.0), flat(1.0)], &one, "no thickness"),
+            (vec![flat(1.0), flat(1.0)], &one, "coincide everywhere"),
             (
                 vec![flat(0.0), bent, flat(10.0)],
                 &one,

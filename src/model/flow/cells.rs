@@ -16,7 +16,7 @@ use super::wells::Well;
 use crate::error::cause;
 use crate::geometry::dot;
 use crate::mesh::graph::{Connection, Graph, Locator};
-use crate::observer::{Observer, Patience, Unobserved};
+use crate::observer::Patience;
 use crate::{Error, Result};
 
 /// The pressure system of a graph of cells, ready for any sources.
@@ -121,18 +121,18 @@ impl<'a, const D: usize> CellFlow<'a, D> {
     /// # Errors
     /// [`Error::Flow`] if rates do not balance where they must, or a side has no faces.
     pub fn solve(&self, rates: &[f64], sides: &[(u8, f64)]) -> Result<Solution> {
-        self.solve_observed(rates, sides, &mut Unobserved)
+        self.solve_while(rates, sides, &Patience::endless())
     }
 
-    /// The same under an observer, which is asked between iterations whether to go on.
+    /// The same as long as `patience` lasts, which is asked between iterations.
     ///
     /// # Errors
-    /// Those of [`solve`](Self::solve), and [`Error::Interrupted`] if the observer says no.
-    pub fn solve_observed(
+    /// Those of [`solve`](Self::solve), and [`Error::Interrupted`] once it is over.
+    pub fn solve_while(
         &self,
         rates: &[f64],
         sides: &[(u8, f64)],
-        observer: &mut dyn Observer,
+        patience: &Patience<'_>,
     ) -> Result<Solution> {
         let (cells, n) = (rates.len(), rates.len() + sides.len());
         let mut couplings = Vec::new();
@@ -181,9 +181,7 @@ impl<'a, const D: usize> CellFlow<'a, D> {
         all_rates.resize(n, 0.0);
         let mut weights = self.graph.volume.clone();
         weights.resize(n, 0.0);
-        Patience::of(&mut || observer.keep_going(), |patience| {
-            solve(&matrix, &all_rates, &fixed, &weights, 0.0, patience)
-        })
+        solve(&matrix, &all_rates, &fixed, &weights, 0.0, patience)
     }
 
     /// The rate through every face; `sides` as given to [`solve`](Self::solve).

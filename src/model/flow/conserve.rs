@@ -62,12 +62,14 @@ impl<const D: usize, M: Simplices<D>> ElementFlow<D, M> {
     /// pressure.
     ///
     /// # Errors
-    /// [`Error::Flow`](crate::Error::Flow) if the correction cannot be found.
+    /// [`Error::Flow`](crate::Error::Flow) if the correction cannot be found;
+    /// [`Error::Interrupted`](crate::Error::Interrupted) once `patience` is over.
     pub fn face_rates(
         &self,
         pressure: &[f64],
         wells: &[Located],
         fixed: &[(u32, f64)],
+        patience: &Patience<'_>,
     ) -> Result<FaceRates<D>> {
         let mesh = &self.split.mesh;
         let count = mesh.len();
@@ -158,7 +160,6 @@ impl<const D: usize, M: Simplices<D>> ElementFlow<D, M> {
         volume.push(0.0);
         let all = sum(faces.len(), |face| faces[face].rate.abs());
         let fixed = [(count as u32, 0.0)];
-        let patience = &Patience::endless();
         let phi = solve(&matrix, &missing, &fixed, &volume, all, patience)?.pressure;
         let corrected = |face: usize| {
             let Face { rate, weight } = faces[face];
@@ -222,7 +223,9 @@ mod tests {
             let side = flow.nodes_where(|i| mesh.nodes()[i][1] == 0.0);
             let fixed: Vec<(u32, f64)> = side.into_iter().map(|i| (i, 0.0)).collect();
             let found = flow.solve(&flow.rates(&wells), &fixed).unwrap();
-            let rates = flow.face_rates(&found.pressure, &wells, &fixed).unwrap();
+            let rates = flow
+                .face_rates(&found.pressure, &wells, &fixed, &Patience::endless())
+                .unwrap();
             let mut through_side = 0.0;
             for c in 0..mesh.len() {
                 let here = wells.iter().filter(|w| w.cell as usize == c);
@@ -277,7 +280,9 @@ mod tests {
         let pocket = (0..nodes.len()).filter(|&i| found.pressure[i] == 0.0);
         assert!(found.figures.undetermined > 0);
         assert!(pocket.count() >= found.figures.undetermined);
-        let rates = flow.face_rates(&found.pressure, &[], &fixed).unwrap();
+        let rates = flow
+            .face_rates(&found.pressure, &[], &fixed, &Patience::endless())
+            .unwrap();
         for c in 0..rates.len() {
             let sum: f64 = rates.of(c).0.iter().sum();
             assert!(sum.abs() < 1e-9, "{c}: {sum}");
@@ -302,7 +307,9 @@ mod tests {
             .collect();
         let none = vec![0.0; mesh.nodes().len()];
         let found = flow.solve(&none, &fixed).unwrap();
-        let rates = flow.face_rates(&found.pressure, &[], &fixed).unwrap();
+        let rates = flow
+            .face_rates(&found.pressure, &[], &fixed, &Patience::endless())
+            .unwrap();
         for c in 0..mesh.len() {
             let (g, _) = gradients(&corners(&mesh, c));
             for k in 0..=D {

@@ -26,7 +26,7 @@ use crate::error::cause;
 use crate::geometry::dot;
 use crate::geometry::groups::grouped;
 use crate::mesh::{Simplices, TetMesh};
-use crate::observer::{Observer, Patience, Unobserved};
+use crate::observer::Patience;
 use crate::{Error, Result};
 
 /// The pressure system of a mesh, ready for any sources.
@@ -93,22 +93,20 @@ impl<const D: usize, M: Simplices<D>> ElementFlow<D, M> {
     /// # Errors
     /// [`Error::Flow`] if rates do not balance where they must.
     pub fn solve(&self, rates: &[f64], fixed: &[(u32, f64)]) -> Result<Solution> {
-        self.solve_observed(rates, fixed, &mut Unobserved)
+        self.solve_while(rates, fixed, &Patience::endless())
     }
 
-    /// The same under an observer, which is asked between iterations whether to go on.
+    /// The same as long as `patience` lasts, which is asked between iterations.
     ///
     /// # Errors
-    /// Those of [`solve`](Self::solve), and [`Error::Interrupted`] if the observer says no.
-    pub fn solve_observed(
+    /// Those of [`solve`](Self::solve), and [`Error::Interrupted`] once it is over.
+    pub fn solve_while(
         &self,
         rates: &[f64],
         fixed: &[(u32, f64)],
-        observer: &mut dyn Observer,
+        patience: &Patience<'_>,
     ) -> Result<Solution> {
-        Patience::of(&mut || observer.keep_going(), |patience| {
-            solve(&self.matrix, rates, fixed, &self.volume, 0.0, patience)
-        })
+        solve(&self.matrix, rates, fixed, &self.volume, 0.0, patience)
     }
 
     /// The rate at each node due to wells: shared between the nodes of its cell.

@@ -343,31 +343,38 @@ fn pressure_is_continuous_round_the_tip_of_a_fault() {
 }
 
 #[test]
-fn an_observer_stops_the_iterations() {
-    /// Says no after some questions.
-    struct Stopper(usize);
-    impl Observer for Stopper {
-        fn keep_going(&mut self) -> bool {
-            self.0 = self.0.saturating_sub(1);
-            self.0 > 0
-        }
-    }
+fn what_runs_out_of_patience_stops_wherever_it_is() {
     let mesh = jittered_box::<3, TetMesh>([8, 7, 6], [8.0, 7.0, 6.0], 0.2, |_| false);
     let bits = vec![0; mesh.tets.len()];
     let rock = Rock::uniform(Tensor::isotropic(1.0), 1.0);
     let flow = flow_through(&mesh, &bits, rock, Faults::CLOSED);
     let (none, fixed) = (no_rates(&flow), ends(&flow, 8.0, 1.0, 0.0));
-    for questions in [1, 3] {
-        let mut stopper = Stopper(questions);
-        let stopped = flow.solve_observed(&none, &fixed, &mut stopper);
-        let error = stopped.unwrap_err();
-        assert_eq!(error.kind(), crate::ErrorKind::Interrupted, "{error}");
-        assert_eq!(stopper.0, 0);
+    // What it gives, and how often it was asked before that.
+    let ask = |questions: usize, of: &dyn Fn(&Patience<'_>) -> Result<()>| {
+        let mut asked = 0;
+        let mut keep_going = || {
+            asked += 1;
+            asked <= questions
+        };
+        let done = Patience::of(&mut keep_going, of);
+        (done, asked)
+    };
+    let pressure = flow.solve(&none, &fixed).unwrap().pressure;
+    let solve = |patience: &Patience<'_>| flow.solve_while(&none, &fixed, patience).map(|_| ());
+    let rates = |patience: &Patience<'_>| {
+        let rates = flow.face_rates(&pressure, &[], &fixed, patience);
+        rates.map(|_| ())
+    };
+    for work in [&solve as &dyn Fn(&Patience<'_>) -> Result<()>, &rates] {
+        let (done, all) = ask(usize::MAX, work);
+        assert!(done.is_ok() && all > 4, "asked {all} times");
+        for questions in [0, 1, all / 2, all - 1] {
+            let (stopped, asked) = ask(questions, work);
+            let error = stopped.unwrap_err();
+            assert_eq!(error.kind(), crate::ErrorKind::Interrupted, "{error}");
+            assert_eq!(asked, questions + 1, "of {all}");
+        }
     }
-    assert!(
-        flow.solve_observed(&none, &fixed, &mut Stopper(usize::MAX))
-            .is_ok()
-    );
 }
 
 /// Pressure of a source at `from` and a sink at `to`, rate 1 and mobility 1, no flow through the

@@ -251,6 +251,7 @@ mod tests {
     use crate::mesh::TriMesh;
     use crate::mesh::voronoi::voronoi_plane;
     use crate::model::flow::{CellFlow, Faults, Rock, Streamlines, Tensor};
+    use crate::observer::Patience;
 
     /// Places without order in the box `[0, extent]`.
     fn places<const D: usize>(count: usize, extent: [f64; D]) -> Vec<[f64; D]> {
@@ -302,7 +303,7 @@ mod tests {
         let rates = flow.rates(&found.pressure[..graph.volume.len()], &sides);
         let inside: Inside<D, M> = Inside::new(mesh, &graph, &rates, &flow.velocity(&rates));
         conserved(&inside, &vec![0.0; graph.volume.len()], section);
-        let all = Streamlines::through(&inside, &[], &[], 40);
+        let all = Streamlines::through(&inside, &[], &[], 40, &Patience::endless());
         assert!((all.rate * 40.0 - 2.0 * section).abs() < 1e-6 * section);
         let mut begin = 0;
         for &end in &all.ends {
@@ -331,7 +332,7 @@ mod tests {
         let inside: Inside<D, M> = Inside::new(mesh, &graph, &rates, &flow.velocity(&rates));
         conserved(&inside, &sources, 1.0);
         let wells = [(cells[0] as u32, 1.0), (cells[1] as u32, -1.0)];
-        let all = Streamlines::through(&inside, &wells, &[from, to], 60);
+        let all = Streamlines::through(&inside, &wells, &[from, to], 60, &Patience::endless());
         assert!((all.rate * 60.0 - 1.0).abs() < 1e-9);
         let mut begin = 0;
         let mut arrived = 0;

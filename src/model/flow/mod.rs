@@ -3,6 +3,25 @@
 //! Units are free as long as they fit together; the command line uses SI: metres, Pa, Pa s, m^2 for
 //! permeability, m^3/s for rates.
 //!
+//! From a pressure of 1 on the left to 0 on the right of a square:
+//!
+//! ```
+//! use atomesh::mesh::TriMesh;
+//! use atomesh::model::flow::{Barriers, ElementFlow, Rock, Tensor};
+//!
+//! let mesh = TriMesh {
+//!     nodes: vec![[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.5, 0.5]],
+//!     triangles: vec![[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]],
+//! };
+//! let rock = Rock::uniform(Tensor::isotropic(2.0), 1.0);
+//! let flow = ElementFlow::new(&mesh, &Barriers::default(), rock)?;
+//! let found = flow.solve(&[0.0; 5], &[(0, 1.0), (3, 1.0), (1, 0.0), (2, 0.0)])?;
+//! assert!((found.pressure[4] - 0.5).abs() < 1e-12);
+//! assert!((found.figures.throughput - 2.0).abs() < 1e-12);
+//! assert!((flow.velocity(&found.pressure)[0][0] - 2.0).abs() < 1e-12);
+//! # Ok::<(), atomesh::Error>(())
+//! ```
+//!
 //! - `rock`: permeability, viscosity, and faults as thin layers
 //! - `barriers`: which faces are faults, each with its own law
 //! - `split`: a mesh torn along its faults

@@ -23,6 +23,7 @@ use crate::files::atomic_write;
 use crate::files::vtk::{Document, Source};
 use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
+use crate::observer::Patience;
 
 /// Faces that one streamline may cross: far more than any that does not go round in circles.
 const MOST_FACES: usize = 100_000;
@@ -51,19 +52,21 @@ struct Inlet {
 
 impl<const D: usize> Streamlines<D> {
     /// Traces `count` streamlines from sources and from where fluid comes in through the boundary to
-    /// sinks or out. `positions` are where the wells are.
+    /// sinks or out. `positions` are where the wells are. Once `patience` is over, what is left is left
+    /// out.
     pub fn trace<M: Simplices<D>>(
         mesh: &M,
         rates: &FaceRates<D>,
         wells: &[Located],
         positions: &[[f64; D]],
         count: usize,
+        patience: &Patience<'_>,
     ) -> Self {
         let wells: Vec<(Range<u32>, f64)> = wells
             .iter()
             .map(|well| (well.cell..well.cell + 1, well.rate))
             .collect();
-        Self::between(mesh, rates, &wells, positions, count)
+        Self::between(mesh, rates, &wells, positions, count, patience)
     }
 
     /// The same through polyhedra or polygons, each of which is cut into parts. Wells are known by
@@ -73,13 +76,21 @@ impl<const D: usize> Streamlines<D> {
         wells: &[(u32, f64)],
         positions: &[[f64; D]],
         count: usize,
+        patience: &Patience<'_>,
     ) -> Self {
         let parts = |cell: u32| inside.first[cell as usize]..inside.first[cell as usize + 1];
         let wells: Vec<_> = wells
             .iter()
             .map(|&(cell, rate)| (parts(cell), rate))
             .collect();
-        Self::between(&inside.mesh, &inside.rates, &wells, positions, count)
+        Self::between(
+            &inside.mesh,
+            &inside.rates,
+            &wells,
+            positions,
+            count,
+            patience,
+        )
     }
 
     /// From sources to sinks, each of which is a range of cells.
@@ -89,6 +100,7 @@ impl<const D: usize> Streamlines<D> {
         wells: &[(Range<u32>, f64)],
         positions: &[[f64; D]],
         count: usize,
+        patience: &Patience<'_>,
     ) -> Self {
         let inlets = inlets(rates, wells);
         let total: f64 = inlets.iter().map(|inlet| inlet.rate).sum();
@@ -113,6 +125,7 @@ impl<const D: usize> Streamlines<D> {
         };
         let lines: Vec<(Vec<[f64; D]>, Vec<f64>)> = starts
             .into_par_iter()
+            .take_any_while(|_| !patience.over())
             .map(|(inlet, line)| {
                 let mut points = Vec::new();
                 let mut time = Vec::new();
@@ -330,8 +343,11 @@ mod tests {
             .collect();
         let none = vec![0.0; mesh.nodes().len()];
         let found = flow.solve(&none, &fixed).unwrap();
-        let rates = flow.face_rates(&found.pressure, &[], &fixed).unwrap();
-        let all = Streamlines::trace(&mesh, &rates, &[], &[], 50);
+        let rates = flow
+            .face_rates(&found.pressure, &[], &fixed, &Patience::endless())
+            .unwrap();
+        let patience = &Patience::endless();
+        let all = Streamlines::trace(&mesh, &rates, &[], &[], 50, patience);
         assert!((all.rate * 50.0 - 2.0 * 4f64.powi(D as i32 - 1)).abs() < 1e-9);
         for line in lines_of(&all) {
             let (first, last) = (line[0], line[line.len() - 1]);
@@ -368,8 +384,11 @@ mod tests {
         };
         let wells = flow.locate(&[well(from, 1.0), well(to, -1.0)]).unwrap();
         let found = flow.solve(&flow.rates(&wells), &[]).unwrap();
-        let rates = flow.face_rates(&found.pressure, &wells, &[]).unwrap();
-        let all = Streamlines::trace(&flow.split.mesh, &rates, &wells, &[from, to], 40);
+        let rates = flow
+            .face_rates(&found.pressure, &wells, &[], &Patience::endless())
+            .unwrap();
+        let patience = &Patience::endless();
+        let all = Streamlines::trace(&flow.split.mesh, &rates, &wells, &[from, to], 40, patience);
         let lines = lines_of(&all);
         assert_eq!(lines.len(), 40);
         let arrived = lines.iter().filter(|line| line.last() == Some(&to)).count();

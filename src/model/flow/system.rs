@@ -118,13 +118,7 @@ pub fn solve(
     let mut tolerance = TOLERANCE;
     for _ in 0..4 {
         let (iterations, residual) = solver.improve(&b, &mut x, tolerance, patience);
-        if patience.over() {
-            return Err(Error::Interrupted(cause(
-                "flow",
-                "interrupted before its pressures were found",
-                "solve it again",
-            )));
-        }
+        lasts(patience)?;
         figures.iterations += iterations;
         figures.residual = residual;
         for (&i, &x) in free.iter().zip(&x) {
@@ -160,6 +154,15 @@ pub fn solve(
         inflow,
         figures,
     })
+}
+
+/// Refuses to go on once `patience` is over.
+pub(super) fn lasts(patience: &Patience<'_>) -> Result<()> {
+    if patience.over() {
+        let (problem, remedy) = ("interrupted before it was computed", "compute it again");
+        return Err(Error::Interrupted(cause("flow", problem, remedy)));
+    }
+    Ok(())
 }
 
 /// What enters at each unknown, and how far rates and flow are from balance.

@@ -9,12 +9,14 @@ use crate::mesh::Simplices;
 use crate::mesh::graph::{Graph, Locator};
 use crate::mesh::poly::PolyMesh;
 use crate::model::flow::report::{Exchange, Fault, Faulted, FlowReport, Range};
+use crate::model::flow::system::lasts;
 use crate::model::flow::{
     Barriers, CellFlow, ElementFlow, Faults, Inside, Rock, Solution, Streamlines, Well,
 };
 use crate::model::surface::kind::{Kind, kinds};
 use crate::model::surface::stored::{group, horizon_facets};
 use crate::model::surface::{self, select};
+use crate::observer::Patience;
 use crate::store::{FieldValue, MeshFile, Stored, StoredMesh};
 use crate::{Error, Result};
 
@@ -142,13 +144,14 @@ pub struct FlowOutcome<const D: usize, M> {
 /// Flow through triangles or tetrahedra, and `lines` streamlines.
 ///
 /// # Errors
-/// Those of [`ElementFlow`].
+/// Those of [`ElementFlow`]; [`Error::Interrupted`] once `patience` is over.
 pub fn flow_through_elements<const D: usize, M: Simplices<D>>(
     stored: StoredMesh<D, M>,
     rock: Rock,
     barriers: &Barriers,
     conditions: &Conditions<D>,
     lines: Option<usize>,
+    patience: &Patience<'_>,
 ) -> Result<FlowOutcome<D, M>> {
     let on_sides = on_sides(&stored, &conditions.sides);
     let (mesh, arrays) = stored.into_file().split();
@@ -156,7 +159,7 @@ pub fn flow_through_elements<const D: usize, M: Simplices<D>>(
     drop(mesh);
     let located = flow.locate(&conditions.wells)?;
     let (fixed, sides) = fixed(&flow, &on_sides);
-    let found = flow.solve(&flow.rates(&located), &fixed)?;
+    let found = flow.solve_while(&flow.rates(&located), &fixed, patience)?;
 
     let p = &found.pressure;
     let mut side_rates = [0.0; 6];
@@ -179,13 +182,14 @@ pub fn flow_through_elements<const D: usize, M: Simplices<D>>(
 
     let mut streamlines = None;
     if let Some(count) = lines {
-        let rates = flow.face_rates(p, &located, &fixed)?;
+        let rates = flow.face_rates(p, &located, &fixed, patience)?;
         let positions: Vec<[f64; D]> = conditions.wells.iter().map(|well| well.position).collect();
         let mesh = &flow.split.mesh;
         streamlines = Some(Streamlines::trace(
-            mesh, &rates, &located, &positions, count,
+            mesh, &rates, &located, &positions, count, patience,
         ));
     }
+    lasts(patience)?;
     let file = torn_file(flow, found, arrays, &report);
     Ok(FlowOutcome {
         file,
@@ -200,13 +204,14 @@ pub fn flow_through_elements<const D: usize, M: Simplices<D>>(
 /// average.
 ///
 /// # Errors
-/// Those of [`CellFlow`].
+/// Those of [`CellFlow`]; [`Error::Interrupted`] once `patience` is over.
 pub fn flow_through_cells<const D: usize>(
     stored: StoredMesh<D, PolyMesh<D>>,
     rock: &Rock,
     barriers: &Barriers,
     conditions: &Conditions<D>,
     lines: Option<usize>,
+    patience: &Patience<'_>,
 ) -> Result<(FlowOutcome<D, PolyMesh<D>>, f64)>
 where
     Space<D>: Meshing<D>,
@@ -216,7 +221,7 @@ where
     let flow = CellFlow::with_barriers(&graph, rock, barriers)?;
     let cells = graph.volume.len();
     let sides = &conditions.sides;
-    let found = flow.solve(&flow.well_rates(&conditions.wells)?, sides)?;
+    let found = flow.solve_while(&flow.well_rates(&conditions.wells)?, sides, patience)?;
     let (p, of_sides) = found.pressure.split_at(cells);
     let rates = flow.rates(p, sides);
     let mut side_rates = [0.0; 6];
@@ -241,8 +246,11 @@ where
         let wells: Vec<(u32, f64)> = wells
             .filter_map(|well| Some((locator.cell_at(well.position)? as u32, well.rate)))
             .collect();
-        streamlines = Some(Streamlines::through(&inside, &wells, &positions, count));
+        streamlines = Some(Streamlines::through(
+            &inside, &wells, &positions, count, patience,
+        ));
     }
+    lasts(patience)?;
     let velocity = components(&velocity);
     let pressure = DataArray::scalars("pressure", p.to_vec());
     file.cell_data

@@ -5,6 +5,24 @@
 //! least; and beyond a gap, as it is left where features cross, the facets that lie in the plane.
 //! One ridge may mislead, so ridges vote: see `unite`.
 //!
+//! Two faults that cross:
+//!
+//! ```
+//! use atomesh::model::surface::{Options, Surfaces};
+//!
+//! // Along x from -9 to 9, then along y; the node in the middle belongs to both.
+//! let along_x = (-9..=9).map(|x| [f64::from(x), 0.0]);
+//! let along_y = (-9..=9).filter(|y| *y != 0).map(|y| [0.0, f64::from(y)]);
+//! let nodes: Vec<[f64; 2]> = along_x.chain(along_y).collect();
+//! let mut edges: Vec<[u32; 2]> = (0..18).map(|i| [i, i + 1]).collect();
+//! let other: Vec<u32> = (19..28).chain([9]).chain(28..37).collect();
+//! edges.extend(other.windows(2).map(|pair| [pair[0].min(pair[1]), pair[0].max(pair[1])]));
+//!
+//! let surfaces = Surfaces::find(&nodes, edges, &[], &Options::default());
+//! assert_eq!(surfaces.len(), 2);
+//! assert_eq!(surfaces.start, [0, 18, 36]);
+//! ```
+//!
 //! - `facets`: facets and their ridges: triangles and edges in 3-D, edges and nodes in 2-D
 //! - `select`: the facets of a mesh that lie on features
 //! - `pairs`: what continues what

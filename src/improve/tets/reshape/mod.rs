@@ -43,7 +43,16 @@ pub fn reshape(
     })?;
     let target = target.min_dihedral.to_radians().sin();
     let own = &kinds[..count];
-    let mut improver = Improver::new(part, neighbors, own, extent, sheets, distance, target);
+    let mut improver = Improver::new(
+        part,
+        neighbors,
+        own,
+        extent,
+        sheets,
+        distance,
+        target,
+        &Patience::endless(),
+    );
     // Nodes move before edges are searched.
     improver.beside = Vec::new();
     for node in count..targets.len() {

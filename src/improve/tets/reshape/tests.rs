@@ -142,7 +142,16 @@ fn the_home_of_a_position_is_that_of_all_tetrahedra_that_holds_it_best() {
     let distance = Distance::Constant(4.0);
     let tets = mesh.tets.clone();
     let nodes = mesh.nodes.clone();
-    let mut improver = Improver::new(mesh, neighbors, &kinds, EXTENT, &sheets, &distance, 0.2);
+    let mut improver = Improver::new(
+        mesh,
+        neighbors,
+        &kinds,
+        EXTENT,
+        &sheets,
+        &distance,
+        0.2,
+        &Patience::endless(),
+    );
     let mut state = 9u32;
     let mut random = || {
         state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);

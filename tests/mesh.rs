@@ -107,7 +107,13 @@ fn an_image_becomes_a_valid_mesh_that_is_aligned() {
         );
         assert_eq!(
             seen["cell_data"],
-            serde_json::json!(["region", "min_dihedral", "volume", "feature_faces"])
+            serde_json::json!([
+                "region",
+                "min_dihedral",
+                "volume",
+                "feature_faces",
+                "angles"
+            ])
         );
         let bounds: Vec<f64> = serde_json::from_value(seen["bounds"].clone()).unwrap();
         assert_eq!(bounds, [0.0, 43.0, 0.0, 35.0, 0.0, 31.0]);

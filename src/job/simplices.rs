@@ -11,6 +11,7 @@ use crate::image::{Field, Image};
 use crate::improve::triangles::relax::{self, Relaxation};
 use crate::improve::{self, SliverMethod};
 use crate::lattice::seeding::Atoms;
+use crate::mesh::Mesh;
 use crate::observer::{Patience, Stage};
 use crate::report::{self, Report, Rival};
 use crate::{Error, Result};
@@ -44,7 +45,7 @@ where
         method: params.slivers,
     });
     let Joined {
-        made,
+        mut made,
         neighbors,
         improvement,
         rival,
@@ -58,6 +59,12 @@ where
     let mut report = measure(
         &made.mesh, neighbors, dims, step, features, claimed, keep_going,
     )?;
+    let distance = |n: u32| scene.distance.at(made.mesh.nodes()[n as usize]);
+    let judged = report::judged(&made.mesh, &made.feature_faces, scene.extent, distance);
+    if let Some(quality) = &mut report.quality {
+        quality.angles = Some(judged.angles.clone());
+    }
+    made.judged = judged;
     report.lattice = Some(report::lattice(&made.mesh, |x| scene.distance.at(x)));
     report.improvement = improvement;
     if let Some((mesh, faces)) = rival {

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::acute::{AcuteLine, Piece, acute_lines};
-use super::quality::{CHUNK, Worst, angle, largest, smallest};
+use super::quality::{CHUNK, Worst, angle, centroid, largest, smallest};
 use crate::geometry::buckets::Buckets;
 use crate::geometry::{add_scaled, distance2, dot, sub};
 use crate::mesh::{Mesh, Simplices};
@@ -102,7 +102,7 @@ pub fn judged<const D: usize, M: Simplices<D>>(
         unexplained: unexplained.len(),
         worst_unexplained: worst.map(|bad| Worst {
             cell: bad.cell,
-            centroid: centroid(mesh, bad.cell).to_vec(),
+            centroid: centroid(mesh, bad.cell),
             smallest: angle(f64::from(bad.small)),
             largest: 180.0 - angle(f64::from(bad.large)),
         }),
@@ -133,11 +133,6 @@ fn bad<const D: usize, M: Simplices<D>>(mesh: &M) -> Vec<Bad> {
     };
     let chunks = (0..mesh.len().div_ceil(CHUNK)).into_par_iter();
     chunks.flat_map_iter(of_chunk).collect()
-}
-
-fn centroid<const D: usize>(mesh: &impl Simplices<D>, cell: usize) -> [f64; D] {
-    let corners = mesh.cell(cell).iter().map(|&n| mesh.nodes()[n as usize]);
-    corners.fold([0.0; D], |sum, x| add_scaled(sum, 1.0 / (D + 1) as f64, x))
 }
 
 /// The lines of a mesh, to be asked what they explain.
@@ -230,3 +225,7 @@ pub fn mean_edges<const D: usize, M: Mesh<D> + Simplices<D>>(mesh: &M) -> Vec<f6
         .map(|&(sum, count)| if count > 0.0 { sum / count } else { 0.0 })
         .collect()
 }
+
+#[cfg(test)]
+#[path = "angles_tests.rs"]
+mod tests;

@@ -326,6 +326,13 @@ fn at_ranks<const N: usize>(values: &[f32], ranks: [usize; N]) -> [f64; N] {
     found
 }
 
+/// The mean of a cell's corners.
+pub(super) fn centroid<const D: usize>(mesh: &impl Simplices<D>, c: usize) -> Vec<f64> {
+    let corners = mesh.cell(c);
+    let sum = |k: usize| -> f64 { corners.iter().map(|&n| mesh.nodes()[n as usize][k]).sum() };
+    (0..D).map(|k| sum(k) / corners.len() as f64).collect()
+}
+
 fn worst<const D: usize>(
     mesh: &impl Simplices<D>,
     smallest: &[f32],
@@ -346,16 +353,11 @@ fn worst<const D: usize>(
         found.insert(place, c);
         found.truncate(LISTED);
     }
-    let centroid = |c: usize| {
-        let corners = mesh.cell(c);
-        let sum = |k: usize| -> f64 { corners.iter().map(|&n| mesh.nodes()[n as usize][k]).sum() };
-        (0..D).map(|k| sum(k) / corners.len() as f64).collect()
-    };
     found
         .into_iter()
         .map(|c| Worst {
             cell: c,
-            centroid: centroid(c),
+            centroid: centroid(mesh, c),
             smallest: angle(smallest[c].into()),
             largest: 180.0 - angle(largest[c].into()),
         })

@@ -5,8 +5,8 @@
 //! and the sides of the box that it lies in, are rays in the plane square to it:
 //!
 //! ```text
-//!      \      / feature          The wedge between two rays with none in between is acute if it is
-//!       \   /                    narrower than 30 degrees and at least one of the two is a feature.
+//!      \      / feature          The wedge between two rays with none in between, of which at least
+//!       \   /                    one is a feature, is acute if it is narrower than 30 degrees.
 //!    ____\/____ side
 //! ```
 //!
@@ -20,8 +20,13 @@ use crate::geometry::sets::Sets;
 use crate::geometry::{add_scaled, cross, dot, in_space, norm, sub, unit};
 use crate::mesh::Simplices;
 
-/// Faces that meet at less than this, in degrees, make an acute line.
+/// A line at which faces meet at less than this on average, in degrees, is acute.
 pub const ACUTE: f64 = 30.0;
+/// A single edge of a rough surface may be this wide without an end of the line.
+const WIDEST: f64 = 35.0;
+/// The least length of a line in space, in units of d. One or two edges at which rough faces happen to
+/// be folded are no line.
+const LEAST_LENGTH: f64 = 2.0;
 /// The least size of a patch at an acute line: of area over d^2 (of length over d in the plane).
 const LEAST_PATCH: f64 = 2.0;
 /// To either side of a place on a line, in units of d, its angle is averaged.
@@ -195,18 +200,17 @@ struct Wedge {
     faces: [Option<u32>; 2],
 }
 
-/// The acute lines of a mesh that fills the box `[0, extent]`. `feature_faces` has a byte for each cell,
-/// of which bit k stands for face k; `distance` is d at each node.
-pub fn acute_lines<const D: usize, M: Simplices<D>>(
+/// The acute lines of a mesh that fills the box `[0, extent]`, of its [faces on features](on_features);
+/// `distance` is d at each node.
+pub(super) fn acute_lines<const D: usize, M: Simplices<D>>(
     mesh: &M,
-    feature_faces: &[u8],
+    faces: &[[u32; D]],
     extent: [f64; D],
     distance: &impl Fn(u32) -> f64,
 ) -> Vec<AcuteLine> {
     let nodes = mesh.nodes();
-    let faces = on_features(mesh, feature_faces, extent);
     let mut seen: Vec<Seen> = (0..)
-        .zip(&faces)
+        .zip(faces)
         .flat_map(|(face, nodes)| (0..D).map(move |k| seen_from(nodes, face, k)))
         .collect();
     seen.sort_unstable();
@@ -222,7 +226,7 @@ pub fn acute_lines<const D: usize, M: Simplices<D>>(
         }
     }
     let mut area = vec![0.0; faces.len()];
-    for (face, corners) in (0..).zip(&faces) {
+    for (face, corners) in (0..).zip(faces) {
         area[patches.find(face) as usize] += M::face_area(&corners.map(|n| nodes[n as usize]));
     }
     wedges.retain(|wedge| {
@@ -231,11 +235,17 @@ pub fn acute_lines<const D: usize, M: Simplices<D>>(
         let mut faces = wedge.faces.iter().flatten();
         faces.all(|&face| area[patches.find(face) as usize] >= least)
     });
-    chained(&wedges, nodes)
+    let mut lines = chained(&wedges, nodes);
+    lines.retain(|line| {
+        let d = line.nodes.iter().map(|&n| distance(n)).sum::<f64>() / line.nodes.len() as f64;
+        line.mean_angle < ACUTE && (D == 2 || line.length >= LEAST_LENGTH * d)
+    });
+    lines
 }
 
-/// The faces on features, each once, its nodes rising. Those in a side of the box are that side.
-fn on_features<const D: usize, M: Simplices<D>>(
+/// The faces on features, each once, its nodes rising. `feature_faces` has a byte for each cell, of which
+/// bit k stands for face k. Faces in a side of the box are that side.
+pub(super) fn on_features<const D: usize, M: Simplices<D>>(
     mesh: &M,
     feature_faces: &[u8],
     extent: [f64; D],
@@ -260,7 +270,7 @@ fn on_features<const D: usize, M: Simplices<D>>(
 }
 
 /// The sides of the box in which all of these nodes lie.
-fn sides<const D: usize>(
+pub(super) fn sides<const D: usize>(
     positions: &[[f64; D]],
     nodes: &[u32],
     extent: [f64; D],
@@ -284,7 +294,7 @@ fn seen_from<const D: usize>(face_nodes: &[u32; D], face: u32, k: usize) -> Seen
     }
 }
 
-/// The narrowest acute wedge at a ridge.
+/// The narrowest wedge at a ridge, if it is narrow enough for a line to pass.
 fn acutest<const D: usize>(nodes: &[[f64; D]], round: &[Seen], extent: [f64; D]) -> Option<Wedge> {
     let ridge = round.first()?.ridge;
     let [a, b] = ridge.map(|n| in_space(nodes[n as usize]));
@@ -335,7 +345,7 @@ fn acutest<const D: usize>(nodes: &[[f64; D]], round: &[Seen], extent: [f64; D])
             (Err(_), Err(_)) => return None,
         };
         let angle = angle.to_degrees();
-        (angle < ACUTE).then_some(Wedge {
+        (angle < WIDEST).then_some(Wedge {
             ridge,
             angle,
             pair,

@@ -97,16 +97,21 @@ fn assert_judged_by_the_rule<const D: usize, M: Simplices<D>>(mesh: &M, judged: 
         let [most, least] = [largest(cosines.as_ref()), smallest(cosines.as_ref())];
         let worse = most.acos().to_degrees();
         let worse = worse.min(180.0 - least.acos().to_degrees());
+        let held = |&n: &u32| {
+            let x = mesh.nodes()[n as usize];
+            let on_side = (0..D).any(|k| x[k] == 0.0 || x[k] == extent(mesh)[k]);
+            on_side || middle(at(n)) || diagonal(at(n))
+        };
         let near = judged.angles.acute_lines.iter().any(|line| {
+            // Lines run along z from one end of the box to the other.
             let from = |n: u32| {
-                let x = mesh.nodes()[n as usize];
-                let on = line.nodes.iter().map(|&m| mesh.nodes()[m as usize]);
-                // Lines run along z from one end of the box to the other.
-                on.map(|y| (x[0] - y[0]).hypot(x[1] - y[1]))
-                    .fold(9e9, f64::min)
+                let [x, y] = [n, line.nodes[0]].map(|n| mesh.nodes()[n as usize]);
+                (x[0] - y[0]).hypot(x[1] - y[1])
             };
-            let near = mesh.cell(c).iter().any(|&n| from(n) <= 2.0 + 1e-9);
-            near && worse >= 0.7 * line.mean_angle
+            let cell = mesh.cell(c);
+            let touches = cell.iter().any(|n| line.nodes.contains(n));
+            let in_wedge = cell.iter().all(held) && cell.iter().any(|&n| from(n) <= 2.0 + 1e-9);
+            (touches || in_wedge) && worse >= 0.7 * line.mean_angle
         });
         let verdict = match (worse >= 30.0, near) {
             (true, _) => OK,
@@ -237,6 +242,30 @@ fn a_single_face_that_stands_off_a_feature_explains_nothing() {
     bits[cell] |= 1 << k;
     let judged = judged(&mesh, &bits, extent(&mesh), |_| 1.0);
     assert!(described(&judged).is_empty(), "{:?}", judged.angles);
+}
+
+#[test]
+fn a_line_goes_on_where_single_edges_are_wider_and_may_not_be_too_short() {
+    let mut mesh = kuhn_box([N, N, DEEP], 1.0);
+    for x in &mut mesh.nodes {
+        // From 25 to 33 degrees.
+        let narrow = (25.0 + 2.0 * x[2]).to_radians().tan();
+        x[0] = (x[0] - N as f64 / 2.0) * narrow;
+    }
+    let bits = faces(&mesh, &[middle, diagonal]);
+    let lines = |d: f64| judged(&mesh, &bits, [1e3; 3], |_| d).angles.acute_lines;
+    let [line] = &lines(1.0)[..] else {
+        panic!("{:?}", lines(1.0));
+    };
+    assert_eq!((line.pair, line.nodes.len()), (Pair::Features, DEEP + 1));
+    assert!(
+        line.least_angle < 28.0 && line.mean_angle < 30.0,
+        "{line:?}"
+    );
+    assert!(line.angles.iter().any(|angle| *angle > 30.0), "{line:?}");
+    // It is 4 long.
+    assert_eq!(lines(1.9).len(), 1);
+    assert!(lines(2.1).is_empty());
 }
 
 #[test]

@@ -250,7 +250,7 @@ fn a_line_goes_on_where_single_edges_are_wider_and_may_not_be_too_short() {
     for x in &mut mesh.nodes {
         // From 25 to 33 degrees.
         let narrow = (25.0 + 2.0 * x[2]).to_radians().tan();
-        x[0] = (x[0] - N as f64 / 2.0) * narrow;
+        x[0] = 100.0 + (x[0] - N as f64 / 2.0) * narrow;
     }
     let bits = faces(&mesh, &[middle, diagonal]);
     let lines = |d: f64| judged(&mesh, &bits, [1e3; 3], |_| d).angles.acute_lines;

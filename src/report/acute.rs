@@ -59,7 +59,11 @@ impl std::fmt::Display for Pair {
             return f.write_str("two features");
         };
         let axis = ["x", "y", "z"][usize::from(side / 2).min(2)];
-        let end = if side % 2 == 0 { "low" } else { "high" };
+        let end = if side.is_multiple_of(2) {
+            "low"
+        } else {
+            "high"
+        };
         write!(f, "feature and {end} side along {axis}")
     }
 }
@@ -277,7 +281,11 @@ pub(super) fn sides<const D: usize>(
 ) -> impl Iterator<Item = u8> {
     (0..2 * D as u8).filter(move |side| {
         let axis = usize::from(side / 2);
-        let plane = if side % 2 == 0 { 0.0 } else { extent[axis] };
+        let plane = if side.is_multiple_of(2) {
+            0.0
+        } else {
+            extent[axis]
+        };
         let off = |&n: &u32| (positions[n as usize][axis] - plane).abs();
         nodes.iter().all(|n| off(n) <= IN_SIDE * extent[axis])
     })
@@ -317,7 +325,7 @@ fn acutest<const D: usize>(nodes: &[[f64; D]], round: &[Seen], extent: [f64; D])
     // How far a direction leads out of a side.
     let out = |v: [f64; 3], side: u8| {
         let c = v[usize::from(side / 2)];
-        if side % 2 == 0 { -c } else { c }
+        if side.is_multiple_of(2) { -c } else { c }
     };
     for &side in &sides {
         let mut normal = [0.0; 3];

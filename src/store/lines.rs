@@ -45,16 +45,13 @@ pub fn write_lines<const D: usize>(
     document.array(Source::slice("angle", 1, &angles));
     document.close();
     document.open("CellData", &[]);
-    let of_lines: [(&str, fn(&AcuteLine) -> f64); 3] = [
-        ("mean_angle", |line| line.mean_angle),
-        ("least_angle", |line| line.least_angle),
-        ("length", |line| line.length),
-    ];
-    for (name, of) in of_lines {
-        document.array(Source::computed(name, 1, lines.len(), move |i| {
-            of(&lines[i])
-        }));
-    }
+    let mut of_lines = |name: &str, of: fn(&AcuteLine) -> f64| {
+        let value = move |i: usize| of(&lines[i]);
+        document.array(Source::computed(name, 1, lines.len(), value));
+    };
+    of_lines("mean_angle", |line| line.mean_angle);
+    of_lines("least_angle", |line| line.least_angle);
+    of_lines("length", |line| line.length);
     document.array(Source::slice("pair", 1, &pairs));
     document.close();
     document.open("Points", &[]);

@@ -107,7 +107,13 @@ fn an_image_becomes_a_valid_mesh_that_is_aligned() {
         );
         assert_eq!(
             seen["cell_data"],
-            serde_json::json!(["region", "min_dihedral", "volume", "feature_faces"])
+            serde_json::json!([
+                "region",
+                "min_dihedral",
+                "volume",
+                "feature_faces",
+                "angles"
+            ])
         );
         let bounds: Vec<f64> = serde_json::from_value(seen["bounds"].clone()).unwrap();
         assert_eq!(bounds, [0.0, 43.0, 0.0, 35.0, 0.0, 31.0]);
@@ -499,4 +505,73 @@ fn help_shows_examples_and_version_says_the_licence() {
         assert!(help.contains("Example:\n  atomesh "), "{help}");
     }
     assert!(succeed(here, &["--version"]).contains("AGPL-3.0"));
+}
+
+/// What VTK finds in a file of lines.
+const LINES: &str = r#"
+import json, sys
+from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
+reader = vtkXMLPolyDataReader()
+reader.SetFileName(sys.argv[1])
+reader.Update()
+lines = reader.GetOutput()
+values = lambda a: [a.GetTuple1(k) for k in range(a.GetNumberOfTuples())]
+cells = lines.GetCellData()
+print(json.dumps({
+    "lines": lines.GetNumberOfLines(), "verts": lines.GetNumberOfVerts(),
+    "points": [lines.GetPoint(k) for k in range(lines.GetNumberOfPoints())],
+    "angle": values(lines.GetPointData().GetArray("angle")),
+    **{n: values(cells.GetArray(n)) for n in ["mean_angle", "least_angle", "length", "pair"]},
+}))
+"#;
+
+#[test]
+fn angles_at_a_line_where_a_sheet_meets_a_side_are_explained() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    // A sheet that meets the side x = 0 at y = 60, at 25 degrees.
+    let (sine, cosine) = 25f32.to_radians().sin_cos();
+    npy(&at.join("image.npy"), [96, 96, 40], |[x, y, _]| {
+        let off = x as f32 * cosine + (y as f32 - 60.0) * sine;
+        (-0.5 * (off / 1.5).powi(2)).exp()
+    });
+    let mesh = "mesh image.npy --distance 6 --feature ridges --sigma 0.7 --lines a.vtp --json";
+    let words: Vec<&str> = mesh.split(' ').collect();
+    let report = json(&succeed(at, &words));
+    let angles = &report["quality"]["angles"];
+    let count = |name: &str| angles[name].as_u64().unwrap();
+    assert!(count("near_acute_line") > 5, "{angles}");
+    assert_eq!(count("unexplained"), 0, "{angles}");
+    assert!(angles["worst_unexplained"].is_null());
+    let all = report["quality"]["cells"].as_u64().unwrap();
+    assert_eq!(count("ok") + count("near_acute_line"), all);
+    let [line] = &angles["acute_lines"].as_array().unwrap()[..] else {
+        panic!("{angles}");
+    };
+    assert_eq!(line["pair"], "feature and low side along x");
+    assert!((line["mean_angle"].as_f64().unwrap() - 25.0).abs() < 1.0);
+    assert!((line["length"].as_f64().unwrap() - 39.0).abs() < 0.5);
+
+    // The file of the mesh is enough to know it all again.
+    let again = ["quality", "image.vtu", "--lines", "b.vtp", "--json"];
+    let again = json(&succeed(at, &again));
+    let counts = ["ok", "near_acute_line", "unexplained"];
+    let of = |angles: &Value| counts.map(|name| angles[name].clone());
+    assert_eq!(of(&again["quality"]["angles"]), of(angles));
+    let table = succeed(at, &["quality", "image.vtu"]);
+    assert!(table.contains("unexplained: 0\n"), "{table}");
+    assert!(table.contains("acute lines: 1, 39 long in all"), "{table}");
+    for name in ["a.vtp", "b.vtp"] {
+        let Some(seen) = vtk(LINES, &[&at.join(name)]) else {
+            continue;
+        };
+        assert_eq!((&seen["lines"], &seen["verts"]), (&1.into(), &0.into()));
+        assert_eq!(seen["pair"], serde_json::json!([1.0]));
+        let points = seen["points"].as_array().unwrap();
+        assert_eq!(points.len(), seen["angle"].as_array().unwrap().len());
+        for point in points {
+            let [x, y] = [0, 1].map(|k| point[k].as_f64().unwrap());
+            assert!(x.abs() < 1e-9 && (y - 60.0).abs() < 1.0, "{point}");
+        }
+    }
 }

@@ -71,6 +71,7 @@ const CHOICES: &[Choice] = &[
         "--background 40,96",
     ),
     any("--potential-out b.vti"),
+    any("--lines l.vtp"),
     any("--align alongside"),
     any("--cells voronoi"),
     any("--beta 0.1"),

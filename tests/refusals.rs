@@ -137,6 +137,11 @@ fn files_that_are_no_images() {
             assert_says(&refused(folder.path(), &[verb, name]), &[name]);
         }
     }
+    std::fs::write(folder.path().join("l.vtp"), "not a mesh").unwrap();
+    assert_says(
+        &refused(folder.path(), &["quality", "l.vtp", "--lines", "./l.vtp"]),
+        &["--lines", "overwrite"],
+    );
     assert_says(
         &refused(
             folder.path(),
@@ -241,6 +246,12 @@ fn impossible_outputs() {
     assert_says(&mesh(&["--report", "absent/r.json"]), &["absent"]);
     assert_says(&mesh(&["--potential-out", "absent/b.vti"]), &["absent"]);
     assert_says(&mesh(&["--trace", "absent/t.pvd"]), &["absent"]);
+    assert_says(&mesh(&["--lines", "absent/l.vtp"]), &["absent"]);
+    assert_says(&mesh(&["--lines", "l.vtu"]), &["--lines", ".vtp"]);
+    assert_says(
+        &mesh(&["--lines", "l.vtp", "--cells", "voronoi"]),
+        &["--lines", "Voronoi cells"],
+    );
     assert_says(&mesh(&["-o", "m.stl"]), &["m.stl", ".vtu"]);
     assert_says(&mesh(&["-o", "."]), &["."]);
     assert_says(

@@ -57,6 +57,11 @@ fn cells_fill_the_box_and_follow_the_faults() {
     for key in ["connections", "on_feature"] {
         assert_eq!(again["voronoi"][key], voronoi[key]);
     }
+    let line = refused(folder, &["quality", "v.vtu", "--lines", "l.vtp"]);
+    assert!(
+        line.contains("--lines l.vtp: v.vtu holds Voronoi cells"),
+        "{line}"
+    );
     let claimed = &again["fidelity"]["claimed"];
     // Measured: 0.859.
     assert!(number(&claimed["coverage_one"]) > 0.84, "{claimed}");

@@ -50,6 +50,7 @@ pub fn check_files(image: &Path, job: &Job, config: Option<&Path>) -> Result<()>
         (job.outputs.report.as_ref(), "--report", "json"),
         (trace, "--trace", "pvd"),
         (job.outputs.potential.as_ref(), "--potential-out", "vti"),
+        (job.outputs.lines.as_ref(), "--lines", "vtp"),
     ];
     let mut seen: Vec<&Path> = Vec::new();
     for (path, option, ending) in outputs {

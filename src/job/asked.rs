@@ -386,6 +386,8 @@ pub struct Outputs {
     pub report: Option<PathBuf>,
     /// The potential b(x).
     pub potential: Option<PathBuf>,
+    /// The acute lines of tetrahedra or triangles.
+    pub lines: Option<PathBuf>,
 }
 
 impl Job {

@@ -15,7 +15,7 @@ use crate::mesh::poly::PolyMesh;
 use crate::mesh::voronoi;
 use crate::mesh::{Simplices, TetMesh, TriMesh};
 use crate::observer::Stage;
-use crate::report::Improvement;
+use crate::report::{Improvement, Judged};
 
 /// The plane (`D` = 2) or space (`D` = 3).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -86,6 +86,8 @@ pub struct Marked<M> {
     pub kinds: Vec<AtomKind>,
     /// For each cell, bit k: its face (edge, in the plane) k, opposite node k, lies on a feature.
     pub feature_faces: Vec<u8>,
+    /// Which angles the features explain; empty until the mesh is measured.
+    pub judged: Judged,
 }
 
 /// Atoms joined to a mesh.
@@ -112,6 +114,7 @@ impl<M> Joined<M> {
                 feature_faces: vec![0; mesh.len()],
                 mesh,
                 kinds,
+                judged: Judged::default(),
             },
             neighbors,
             improvement: None,
@@ -230,6 +233,7 @@ impl Meshing<3> for Space<3> {
                 mesh,
                 kinds,
                 feature_faces,
+                judged: Judged::default(),
             },
             neighbors,
             improvement: Some(Improvement::from(&outcome)),
@@ -313,6 +317,7 @@ impl Meshing<2> for Space<2> {
                 mesh,
                 kinds,
                 feature_faces,
+                judged: Judged::default(),
             },
             neighbors: None,
             improvement: Some(Improvement::from(&outcome)),

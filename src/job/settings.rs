@@ -63,6 +63,10 @@ pub struct Settings {
     /// Also write the potential b(x)
     #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.vti"))]
     pub potential_out: Option<PathBuf>,
+    /// Also write the lines where features, or a feature and a side of the box, meet at less than 30
+    /// degrees, with their angles
+    #[cfg_attr(feature = "cli", arg(long, value_name = "LINES.vtp"))]
+    pub lines: Option<PathBuf>,
     /// Atoms on features, or alongside [default: on; alongside with --cells voronoi]
     #[cfg_attr(feature = "cli", arg(long, value_name = "WHERE"))]
     pub align: Option<AlignName>,

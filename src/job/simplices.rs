@@ -11,6 +11,7 @@ use crate::image::{Field, Image};
 use crate::improve::triangles::relax::{self, Relaxation};
 use crate::improve::{self, SliverMethod};
 use crate::lattice::seeding::Atoms;
+use crate::mesh::Mesh;
 use crate::observer::{Patience, Stage};
 use crate::report::{self, Report, Rival};
 use crate::{Error, Result};
@@ -44,7 +45,7 @@ where
         method: params.slivers,
     });
     let Joined {
-        made,
+        mut made,
         neighbors,
         improvement,
         rival,
@@ -54,10 +55,15 @@ where
     let claimed = improvement.is_some().then_some(&*made.feature_faces);
     let (dims, features) = (image.dims(), scene.features);
     let neighbors = neighbors.as_deref();
+    let distance = |n: u32| scene.distance.at(made.mesh.nodes()[n as usize]);
+    let judged = report::judged(&made.mesh, &made.feature_faces, scene.extent, distance);
     let report = stages.patiently(|patience| {
         let mut report = measure(
             &made.mesh, neighbors, dims, step, features, claimed, patience,
         )?;
+        if let Some(quality) = &mut report.quality {
+            quality.angles = Some(judged.angles.clone());
+        }
         report.lattice = Some(report::lattice(&made.mesh, |x| scene.distance.at(x)));
         if let Some((mesh, faces)) = rival {
             let faces = Some(faces.as_slice());
@@ -74,6 +80,7 @@ where
         improvement,
         ..report?
     };
+    made.judged = judged;
     Ok((Made::Simplices(made), report))
 }
 

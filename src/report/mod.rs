@@ -1,6 +1,8 @@
 //! What is measured about a mesh and about the run that made it.
 //!
 //! - `quality`: shapes of the tetrahedra
+//! - `acute`: lines at which features, or a feature and a side of the box, meet at a small angle
+//! - `angles`: which bad angles these explain
 //! - `fidelity`: how well the mesh's faces follow the features
 //! - `pieces`: faces cut into small pieces
 //! - `reference`: where the features really are
@@ -9,6 +11,8 @@
 //! - [`cost`]: seconds and memory of each stage
 //! - `table`: a report on one screen
 
+mod acute;
+pub(crate) mod angles;
 pub(crate) mod cells;
 pub mod cost;
 pub(crate) mod fidelity;
@@ -21,6 +25,8 @@ pub(crate) mod table;
 #[cfg(test)]
 mod test_mesh;
 
+pub use acute::{AcuteLine, Pair};
+pub use angles::{Angles, Judged, judged};
 pub use cells::{Voronoi, lattice_of_graph, voronoi};
 pub use cost::{Clock, StageCost};
 pub use fidelity::{Fidelity, Match, fidelity, fidelity_of_cells};

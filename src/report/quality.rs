@@ -1,6 +1,7 @@
 //! The shapes of a mesh's cells, in figures: tetrahedra by their dihedral angles, triangles by their
 //! angles.
 
+use super::Angles;
 use crate::mesh::Simplices;
 use crate::observer::Patience;
 use rayon::prelude::*;
@@ -10,7 +11,7 @@ use std::ops::Range;
 /// Bins of the histogram of angles, of 10 degrees each.
 pub const BINS: usize = 18;
 /// Cells in one task; fixed, so that sums do not depend on the number of threads.
-const CHUNK: usize = 1 << 14;
+pub(super) const CHUNK: usize = 1 << 14;
 /// How many of the worst cells are listed.
 const LISTED: usize = 10;
 
@@ -83,6 +84,8 @@ pub struct Quality {
     pub largest_volume: f64,
     /// The cells whose angles are farthest from 90 degrees, worst first.
     pub worst: Vec<Worst>,
+    /// Which angles beyond [30, 150] the features explain, where that was asked.
+    pub angles: Option<Angles>,
 }
 
 /// The smallest angle of every cell, in degrees.
@@ -159,6 +162,7 @@ pub(crate) fn quality_while<const D: usize, M: Simplices<D>>(
         above_160: below(&largest, 20.0),
         histogram,
         worst: worst(mesh, &smallest, &largest),
+        angles: None,
         smallest_angle: points(&smallest, Bad::Small).map(angle),
         largest_angle: from_180(points(&largest, Bad::Small)),
         mean_ratio: points(&gather(|p| &p.ratio), Bad::Small),
@@ -208,15 +212,15 @@ fn shapes<const D: usize>(mesh: &impl Simplices<D>, cells: Range<usize>) -> Shap
 }
 
 /// The angle, in degrees, whose cosine is that much below one.
-fn angle(versine: f64) -> f64 {
+pub(super) fn angle(versine: f64) -> f64 {
     (1.0 - versine).acos().to_degrees()
 }
 
-fn largest(values: &[f64]) -> f64 {
+pub(super) fn largest(values: &[f64]) -> f64 {
     values.iter().copied().fold(f64::NEG_INFINITY, f64::max)
 }
 
-fn smallest(values: &[f64]) -> f64 {
+pub(super) fn smallest(values: &[f64]) -> f64 {
     values.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
@@ -332,6 +336,13 @@ fn at_ranks<const N: usize>(values: &[f32], ranks: [usize; N]) -> [f64; N] {
     found
 }
 
+/// The mean of a cell's corners.
+pub(super) fn centroid<const D: usize>(mesh: &impl Simplices<D>, c: usize) -> Vec<f64> {
+    let corners = mesh.cell(c);
+    let sum = |k: usize| -> f64 { corners.iter().map(|&n| mesh.nodes()[n as usize][k]).sum() };
+    (0..D).map(|k| sum(k) / corners.len() as f64).collect()
+}
+
 fn worst<const D: usize>(
     mesh: &impl Simplices<D>,
     smallest: &[f32],
@@ -352,16 +363,11 @@ fn worst<const D: usize>(
         found.insert(place, c);
         found.truncate(LISTED);
     }
-    let centroid = |c: usize| {
-        let corners = mesh.cell(c);
-        let sum = |k: usize| -> f64 { corners.iter().map(|&n| mesh.nodes()[n as usize][k]).sum() };
-        (0..D).map(|k| sum(k) / corners.len() as f64).collect()
-    };
     found
         .into_iter()
         .map(|c| Worst {
             cell: c,
-            centroid: centroid(c),
+            centroid: centroid(mesh, c),
             smallest: angle(smallest[c].into()),
             largest: 180.0 - angle(largest[c].into()),
         })

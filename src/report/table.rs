@@ -1,7 +1,7 @@
 //! A report on one screen.
 
 use super::quality::{Points, Quality};
-use super::{Fidelity, Match, Report, Voronoi};
+use super::{Angles, Fidelity, Match, Report, Voronoi};
 
 /// How many groups of blocked tetrahedra are shown.
 const GROUPS: usize = 4;
@@ -252,7 +252,35 @@ fn shapes(line: &mut impl FnMut(&str, String), space: &str, quality: &Quality) {
         grouped(quality.above_160)
     );
     line("", counts);
+    if let Some(angles) = &quality.angles {
+        explained(line, angles);
+    }
     line("", format!("angles 0 |{}| 180", bars(&quality.histogram)));
+}
+
+/// What bad angles are due to.
+fn explained(line: &mut impl FnMut(&str, String), angles: &Angles) {
+    let [ok, near, rest] = [angles.ok, angles.near_acute_line, angles.unexplained].map(grouped);
+    let mut counts = format!("in [30, 150]: {ok}, near an acute line: {near}, unexplained: {rest}");
+    if let Some(worst) = &angles.worst_unexplained {
+        counts += &format!(" ({:.1} to {:.1})", worst.smallest, worst.largest);
+    }
+    line("", counts);
+    let lines = &angles.acute_lines;
+    if lines.is_empty() {
+        return;
+    }
+    let length: f64 = lines.iter().map(|line| line.length).sum();
+    let least = lines.iter().map(|line| line.least_angle);
+    let least = least.fold(f64::INFINITY, f64::min);
+    let text = match length > 0.0 {
+        true => format!(
+            "acute lines: {}, {length:.0} long in all",
+            grouped(lines.len())
+        ),
+        false => format!("acute corners: {}", grouped(lines.len())),
+    };
+    line("", format!("{text}; least angle {least:.1}"));
 }
 
 fn matches(line: &mut impl FnMut(&str, String), fidelity: &Fidelity) {

@@ -5,7 +5,7 @@ use std::path::Path;
 use rayon::prelude::*;
 
 use super::cells::cells_to_file;
-use super::{write_cells_vtu, write_vtu};
+use super::{write_cells_vtu, write_lines, write_vtu};
 use crate::Result;
 use crate::feature::Settled;
 use crate::files::vtk::DataArray;
@@ -13,7 +13,7 @@ use crate::image::Geometry;
 pub use crate::job::Provenance;
 use crate::job::horizons::horizon_bits;
 use crate::job::{Made, Marked, Meshing, Outcome, Space};
-use crate::mesh::Simplices;
+use crate::mesh::{Mesh, Simplices};
 use crate::report::smallest_angles;
 use crate::store::{FieldValue, MeshFile, face_bits_to_physical, to_physical};
 
@@ -50,7 +50,7 @@ where
         point_data: vec![
             DataArray::scalars("atom_kind", kinds),
             DataArray::scalars("feature", feature),
-            DataArray::scalars("distance", distance),
+            DataArray::scalars(DISTANCE, distance),
         ],
         cell_data: vec![
             DataArray::scalars("region", vec![0i32; lattice.len()]),
@@ -60,6 +60,7 @@ where
                 M::FEATURE_FACES,
                 face_bits_to_physical::<D>(&made.feature_faces, mirrored),
             ),
+            DataArray::scalars(ANGLES, made.judged.cells.clone()),
         ],
         field_data: {
             let mut fields =
@@ -92,11 +93,33 @@ where
             }
         }
     }
+
+    /// Writes the acute lines of tetrahedra or triangles, where the image lies in the world, as
+    /// [`write_lines`] does; Voronoi cells have none.
+    ///
+    /// # Errors
+    /// [`Error::Io`](crate::Error::Io) if the file cannot be written.
+    pub fn write_lines(&self, path: &Path) -> Result<()> {
+        let none = Vec::new();
+        let (lines, nodes) = match self.simplices() {
+            Some(made) => (&made.judged.angles.acute_lines, made.mesh.nodes()),
+            None => (&none, &[][..]),
+        };
+        write_lines(path, lines, |n| {
+            let x = nodes[n as usize];
+            let index = std::array::from_fn(|k| x[k] / self.step[k]);
+            self.geometry.to_physical(index)
+        })
+    }
 }
 
+/// The array that says which cells have angles beyond [30, 150], and whether features explain them.
+pub(crate) const ANGLES: &str = "angles";
 /// The array that says which faces on features lie on horizons, which are no barriers to flow: bits
 /// of cells as in `feature_faces`, or for polyhedra and polygons pairs of cells.
 pub(crate) const HORIZON_FACES: &str = "horizon_faces";
+/// The array of d at each node.
+pub(crate) const DISTANCE: &str = "distance";
 /// Field data of welded Voronoi cells: the share of their size within which nodes are one.
 pub(crate) const WELD: &str = "weld";
 /// The field of units of the coordinates, commas between them.

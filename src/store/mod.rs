@@ -3,6 +3,7 @@
 //!
 //! - `vtu`: VTK unstructured grids, our own mesh format
 //! - `polyhedra`: the same for polyhedra and polygons
+//! - `lines`: acute lines as VTK poly data
 //! - `pvd`: the lattice after each round, for ParaView
 //! - `file`: from a job's outcome to a file
 //! - `cells`: the same for Voronoi cells
@@ -10,11 +11,13 @@
 
 pub(crate) mod cells;
 pub(crate) mod file;
+pub(crate) mod lines;
 pub(crate) mod polyhedra;
 pub(crate) mod pvd;
 pub(crate) mod stored;
 pub(crate) mod vtu;
 
+pub use lines::write_lines;
 pub use polyhedra::write_cells_vtu;
 pub use pvd::Trace;
 pub use stored::{LatticeSpace, Stored, StoredMesh};

@@ -181,6 +181,9 @@ impl Run<'_> {
             input_sha256,
         };
         outcome.write(&output)?;
+        if let Some(path) = &job.outputs.lines {
+            outcome.write_lines(path)?;
+        }
         if let Some(made) = outcome.simplices()
             && !image.geometry.has_shape_of(outcome.step)
         {

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use crate::cli::common::output::check_output;
 use crate::cli::console::Console;
 use crate::error::cause;
 use crate::image::synth::Truth;
@@ -13,8 +14,10 @@ use crate::mesh::check::{Known, check, check_known};
 use crate::mesh::graph::Graph;
 use crate::mesh::poly::PolyMesh;
 use crate::observer::Patience;
-use crate::report::{self, Reference, Report};
-use crate::store::{LatticeSpace, StoredMesh, read_any_vtu, with_mesh};
+use crate::report::angles::mean_edges;
+use crate::report::{self, Judged, Quality, Reference, Report};
+use crate::store::file::DISTANCE;
+use crate::store::{LatticeSpace, StoredMesh, read_any_vtu, with_mesh, write_lines};
 use crate::{Error, Result};
 
 /// `atomesh quality`.
@@ -26,10 +29,19 @@ pub struct QualityArgs {
     /// Exact distance to the features, as `synth --truth` writes it
     #[arg(long, value_name = "DIST.npy")]
     pub truth: Option<PathBuf>,
+    /// Also write the lines where features, or a feature and a side of the box, meet at less than 30
+    /// degrees, with their angles
+    #[arg(long, value_name = "LINES.vtp")]
+    pub lines: Option<PathBuf>,
 }
 
 /// Runs the verb.
 pub fn quality(args: &QualityArgs, console: &mut Console) -> Result<()> {
+    if let Some(path) = &args.lines {
+        let mut inputs = vec![args.mesh.as_path()];
+        inputs.extend(args.truth.as_deref());
+        check_output(path, "--lines", &["vtp"], &inputs)?;
+    }
     console.begin_stage("reading");
     let place = args.mesh.display().to_string();
     let file = read_any_vtu(&args.mesh)?;
@@ -47,8 +59,16 @@ fn measure<const D: usize, M: Simplices<D>>(
     let truth = read_truth(args, &stored.space)?;
     console.begin_stage("measuring the mesh");
     let (mesh, space) = (&stored.lattice, &stored.space);
+    let judged = judged(&stored);
+    if let Some(path) = &args.lines {
+        let place = |n: u32| stored.world.nodes[n as usize];
+        write_lines(path, &judged.angles.acute_lines, place)?;
+    }
     let mut report = Report {
-        quality: Some(report::quality(mesh)),
+        quality: Some(Quality {
+            angles: Some(judged.angles),
+            ..report::quality(mesh)
+        }),
         filling: Some(check(mesh, [0.0; D], space.extent, BOX_TOLERANCE)),
         ..Report::default()
     };
@@ -69,12 +89,35 @@ fn measure<const D: usize, M: Simplices<D>>(
     Ok(())
 }
 
+/// Which angles the features explain. A mesh that does not say how far apart its atoms shall be, stands
+/// for itself.
+fn judged<const D: usize, M: Simplices<D>>(stored: &StoredMesh<D, M>) -> Judged {
+    let (mesh, space) = (&stored.lattice, &stored.space);
+    let arrays = &stored.arrays.point_data;
+    let given = arrays.iter().find(|array| array.name == DISTANCE);
+    let given = given.map(|array| array.values.to_f64());
+    let distance = given
+        .filter(|d| d.len() == mesh.nodes().len() && d.iter().all(|d| *d > 0.0))
+        .unwrap_or_else(|| mean_edges(mesh));
+    let faces = stored.feature_faces.as_deref().unwrap_or_default();
+    report::judged(mesh, faces, space.extent, |n| distance[n as usize])
+}
+
 /// The same for polyhedra or polygons.
 fn measure_cells<const D: usize>(
     args: &QualityArgs,
     mut stored: StoredMesh<D, PolyMesh<D>>,
     console: &mut Console,
 ) -> Result<()> {
+    if let Some(path) = &args.lines {
+        let place = format!("--lines {}", path.display());
+        let problem = format!(
+            "{} holds Voronoi cells, which have no such angles",
+            args.mesh.display()
+        );
+        let remedy = "give a mesh of tetrahedra or triangles, or omit it";
+        return Err(Error::Job(cause(place, problem, remedy)));
+    }
     let truth = read_truth(args, &stored.space)?;
     console.begin_stage("measuring the mesh");
     let (mesh, space) = (&stored.lattice, &stored.space);

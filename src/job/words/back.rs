@@ -16,6 +16,7 @@ impl From<Job> for Settings {
             output: job.outputs.mesh,
             report: job.outputs.report,
             potential_out: job.outputs.potential,
+            lines: job.outputs.lines,
             atoms_from: job.atoms_from,
             metric: Some(match &job.metric {
                 LatticeSpace::Samples => "samples".into(),

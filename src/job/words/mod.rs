@@ -56,6 +56,7 @@ impl TryFrom<Settings> for Job {
                 mesh: settings.output,
                 report: settings.report,
                 potential: settings.potential_out,
+                lines: settings.lines,
             },
         })
     }
@@ -123,7 +124,7 @@ fn voronoi(said: &Said) -> Result<bool> {
 fn cells(said: &Said, voronoi: bool) -> Result<Cells> {
     let settings = &said.settings;
     if voronoi {
-        let of_others = ["slivers", "min-dihedral", "smooth"];
+        let of_others = ["slivers", "min-dihedral", "smooth", "lines"];
         let problem = "applies to tetrahedra and triangles, but the mesh has Voronoi cells";
         said.unused(&of_others, problem, "omit it, or choose tets")?;
         let weld = settings.weld.unwrap_or(0.0);
@@ -256,6 +257,7 @@ mod tests {
             ("cells = \"voronoi\"\nmin-dihedral = 20", "min-dihedral"),
             ("cells = \"voronoi\"\nkappa = 0.7", "kappa"),
             ("weld = 0.01", "weld"),
+            ("cells = \"voronoi\"\nlines = \"l.vtp\"", "lines"),
             ("max-atoms = 9", "max-atoms"),
             ("well-distance = 3", "well-distance"),
             ("evaluator = \"sampled\"\nkappa = 0.7", "kappa"),

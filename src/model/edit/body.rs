@@ -8,8 +8,8 @@ use crate::lattice::AtomKind;
 use crate::lattice::seeding::kind_in_box;
 use crate::mesh::Simplices;
 use crate::mesh::check::check;
-use crate::report::smallest_angles;
-use crate::store::file::HORIZON_FACES;
+use crate::report::{judged, smallest_angles};
+use crate::store::file::{ANGLES, HORIZON_FACES};
 use crate::store::{FieldValue, MeshFile, StoredMesh, face_bits_to_physical, turned};
 use crate::{Error, Result};
 
@@ -365,6 +365,10 @@ impl<const D: usize, M: Simplices<D>> Body<D, M> {
     pub fn into_file(self) -> MeshFile<M> {
         let kinds: Vec<u8> = self.kinds.iter().map(|&kind| kind as u8).collect();
         let lattice = M::from_parts(self.nodes, self.corners);
+        let mirrored = self.geometry.determinant() < 0.0;
+        let bits = face_bits_to_physical::<D>(&self.bits, mirrored);
+        let distance = |n: u32| f64::from(self.distance[n as usize]);
+        let angles = judged(&lattice, &bits, self.extent, distance).cells;
         // A field of the same name further down is a newer one.
         let mut fields: Vec<(String, FieldValue)> = Vec::new();
         for (name, value) in self.fields {
@@ -385,6 +389,7 @@ impl<const D: usize, M: Simplices<D>> Body<D, M> {
                 DataArray::scalars(M::MIN_ANGLE, self.angle),
                 DataArray::scalars(M::VOLUME, self.volume),
                 DataArray::scalars(M::FEATURE_FACES, self.bits),
+                DataArray::scalars(ANGLES, angles),
             ],
             field_data: fields,
         };
@@ -406,6 +411,7 @@ pub fn dropped<const D: usize, M: Simplices<D>>(file: &MeshFile<M>) -> Vec<Strin
         M::MIN_ANGLE,
         M::VOLUME,
         M::FEATURE_FACES,
+        ANGLES,
         HORIZON_FACES,
     ];
     let arrays = file.point_data.iter().chain(&file.cell_data);

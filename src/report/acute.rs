@@ -1,0 +1,408 @@
+//! Acute lines: where two faces, each on a feature or a side of the box, meet at a small angle. No mesh
+//! that holds both has larger angles there.
+//!
+//! A line is made of *ridges*: edges in space, nodes in the plane. The faces on features around a ridge,
+//! and the sides of the box that it lies in, are rays in the plane square to it:
+//!
+//! ```text
+//!      \      / feature          The wedge between two rays with none in between, of which at least
+//!       \   /                    one is a feature, is acute if it is narrower than 30 degrees.
+//!    ____\/____ side
+//! ```
+//!
+//! Claims may be wrong: a flat cell both of whose sides are said to lie on one feature, or a single face
+//! that stands off it. They shall explain nothing. So faces are joined into patches across all ridges
+//! that are not acute, and a feature at an acute line must be a patch of some size.
+
+use serde::{Serialize, Serializer};
+
+use crate::geometry::sets::Sets;
+use crate::geometry::{add_scaled, cross, dot, in_space, norm, sub, unit};
+use crate::mesh::Simplices;
+
+/// A line at which faces meet at less than this on average, in degrees, is acute.
+pub const ACUTE: f64 = 30.0;
+/// A single edge of a rough surface may be this wide without an end of the line.
+const WIDEST: f64 = 35.0;
+/// The least length of a line in space, in units of d. One or two edges at which rough faces happen to
+/// be folded are no line.
+const LEAST_LENGTH: f64 = 2.0;
+/// The least size of a patch at an acute line: of area over d^2 (of length over d in the plane).
+const LEAST_PATCH: f64 = 2.0;
+/// To either side of a place on a line, in units of d, its angle is averaged.
+const AVERAGED: f64 = 2.0;
+/// Nodes nearer to a side of the box than this, over its length, are in it: what rounding leaves.
+const IN_SIDE: f64 = 1e-7;
+
+/// What meets at an acute line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Pair {
+    /// Two features.
+    Features,
+    /// A feature and a side of the box: 2 k at the low end of axis k, 2 k + 1 at the high one.
+    Side(u8),
+}
+
+impl Pair {
+    /// As a number: 0 for two features, else 1 more than the side's.
+    pub fn code(self) -> u8 {
+        match self {
+            Self::Features => 0,
+            Self::Side(side) => side + 1,
+        }
+    }
+}
+
+impl std::fmt::Display for Pair {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self::Side(side) = self else {
+            return f.write_str("two features");
+        };
+        let axis = ["x", "y", "z"][usize::from(side / 2).min(2)];
+        let end = if side.is_multiple_of(2) {
+            "low"
+        } else {
+            "high"
+        };
+        write!(f, "feature and {end} side along {axis}")
+    }
+}
+
+impl Serialize for Pair {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+/// Edges of a mesh one after the other, in the plane a single node, where the same pair meets at an
+/// acute angle. Lengths and angles are in the space that was measured.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct AcuteLine {
+    /// What meets there.
+    pub pair: Pair,
+    /// Its length; 0 in the plane.
+    pub length: f64,
+    /// The smallest angle of all its edges, in degrees.
+    pub least_angle: f64,
+    /// The mean angle by length.
+    pub mean_angle: f64,
+    /// Its nodes in order; the last is the first where it is closed.
+    #[serde(skip)]
+    pub nodes: Vec<u32>,
+    /// The angle at each of its edges, in degrees; in the plane, at its node.
+    #[serde(skip)]
+    pub angles: Vec<f64>,
+}
+
+/// A piece of a line, for whoever asks what is near it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Piece {
+    /// Its ends; one node twice in the plane.
+    pub nodes: [u32; 2],
+    /// The angle of the line there, in degrees: the mean of what is near along it.
+    pub angle: f64,
+}
+
+impl AcuteLine {
+    fn new<const D: usize>(
+        nodes: Vec<u32>,
+        angles: Vec<f64>,
+        pair: Pair,
+        positions: &[[f64; D]],
+    ) -> Self {
+        let lengths = lengths(&nodes, positions);
+        let length: f64 = lengths.iter().sum();
+        let mean_angle = match length > 0.0 {
+            true => weighted(&angles, &lengths) / length,
+            false => angles.iter().sum::<f64>() / angles.len() as f64,
+        };
+        Self {
+            pair,
+            length,
+            least_angle: angles.iter().copied().fold(f64::INFINITY, f64::min),
+            mean_angle,
+            nodes,
+            angles,
+        }
+    }
+
+    /// Its edges (its node in the plane), each with the mean angle of the edges near it along the line.
+    /// A single edge of a rough surface can be far off that.
+    pub(super) fn pieces<const D: usize>(
+        &self,
+        positions: &[[f64; D]],
+        distance: &impl Fn(u32) -> f64,
+    ) -> Vec<Piece> {
+        if let &[node] = &*self.nodes {
+            let angle = self.mean_angle;
+            return vec![Piece {
+                nodes: [node; 2],
+                angle,
+            }];
+        }
+        let lengths = lengths(&self.nodes, positions);
+        let mut at = 0.0;
+        let middles: Vec<f64> = (lengths.iter())
+            .map(|length| {
+                at += length;
+                at - 0.5 * length
+            })
+            .collect();
+        let pieces = (0..lengths.len()).map(|i| {
+            let nodes = [self.nodes[i], self.nodes[i + 1]];
+            let reach = AVERAGED * 0.5 * nodes.map(distance).iter().sum::<f64>();
+            let from = middles.partition_point(|&m| m < middles[i] - reach);
+            let to = middles.partition_point(|&m| m <= middles[i] + reach);
+            let length: f64 = lengths[from..to].iter().sum();
+            let sum = weighted(&self.angles[from..to], &lengths[from..to]);
+            let angle = if length > 0.0 {
+                sum / length
+            } else {
+                self.angles[i]
+            };
+            Piece { nodes, angle }
+        });
+        pieces.collect()
+    }
+}
+
+fn lengths<const D: usize>(nodes: &[u32], positions: &[[f64; D]]) -> Vec<f64> {
+    let long = |ends: &[u32]| {
+        let [a, b] = [ends[0], ends[1]].map(|n| positions[n as usize]);
+        norm(sub(a, b))
+    };
+    nodes.windows(2).map(long).collect()
+}
+
+fn weighted(values: &[f64], weights: &[f64]) -> f64 {
+    values.iter().zip(weights).map(|(v, w)| v * w).sum()
+}
+
+/// A face on a feature, seen from one of its ridges.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Seen {
+    ridge: [u32; 2],
+    face: u32,
+    /// The node of the face off the ridge.
+    apex: u32,
+}
+
+/// A half-plane that ends at a ridge.
+struct Ray {
+    /// In radians, round the ridge.
+    angle: f64,
+    /// A face on a feature, or a side of the box.
+    of: Result<u32, u8>,
+}
+
+/// A wedge between two rays.
+struct Wedge {
+    ridge: [u32; 2],
+    angle: f64,
+    pair: Pair,
+    /// The faces on features.
+    faces: [Option<u32>; 2],
+}
+
+/// The acute lines of a mesh that fills the box `[0, extent]`, of its [faces on features](on_features);
+/// `distance` is d at each node.
+pub(super) fn acute_lines<const D: usize, M: Simplices<D>>(
+    mesh: &M,
+    faces: &[[u32; D]],
+    extent: [f64; D],
+    distance: &impl Fn(u32) -> f64,
+) -> Vec<AcuteLine> {
+    let nodes = mesh.nodes();
+    let mut seen: Vec<Seen> = (0..)
+        .zip(faces)
+        .flat_map(|(face, nodes)| (0..D).map(move |k| seen_from(nodes, face, k)))
+        .collect();
+    seen.sort_unstable();
+
+    let mut patches = Sets::new(faces.len());
+    let mut wedges = Vec::new();
+    for round in seen.chunk_by(|a, b| a.ridge == b.ridge) {
+        match acutest(nodes, round, extent) {
+            Some(wedge) => wedges.push(wedge),
+            None => round
+                .windows(2)
+                .for_each(|pair| patches.unite(pair[0].face, pair[1].face)),
+        }
+    }
+    let mut area = vec![0.0; faces.len()];
+    for (face, corners) in (0..).zip(faces) {
+        area[patches.find(face) as usize] += M::face_area(&corners.map(|n| nodes[n as usize]));
+    }
+    wedges.retain(|wedge| {
+        let d = 0.5 * wedge.ridge.map(distance).iter().sum::<f64>();
+        let least = LEAST_PATCH * d.powi(D as i32 - 1);
+        let mut faces = wedge.faces.iter().flatten();
+        faces.all(|&face| area[patches.find(face) as usize] >= least)
+    });
+    let mut lines = chained(&wedges, nodes);
+    lines.retain(|line| {
+        let d = line.nodes.iter().map(|&n| distance(n)).sum::<f64>() / line.nodes.len() as f64;
+        line.mean_angle < ACUTE && (D == 2 || line.length >= LEAST_LENGTH * d)
+    });
+    lines
+}
+
+/// The faces on features, each once, its nodes rising. `feature_faces` has a byte for each cell, of which
+/// bit k stands for face k. Faces in a side of the box are that side.
+pub(super) fn on_features<const D: usize, M: Simplices<D>>(
+    mesh: &M,
+    feature_faces: &[u8],
+    extent: [f64; D],
+) -> Vec<[u32; D]> {
+    let mut faces = Vec::new();
+    for (c, &bits) in feature_faces
+        .iter()
+        .enumerate()
+        .filter(|(_, bits)| **bits != 0)
+    {
+        for k in (0..=D).filter(|k| bits >> k & 1 == 1) {
+            let mut face = mesh.face(c, k);
+            face.sort_unstable();
+            if sides(mesh.nodes(), &face, extent).next().is_none() {
+                faces.push(face);
+            }
+        }
+    }
+    faces.sort_unstable();
+    faces.dedup();
+    faces
+}
+
+/// The sides of the box in which all of these nodes lie.
+pub(super) fn sides<const D: usize>(
+    positions: &[[f64; D]],
+    nodes: &[u32],
+    extent: [f64; D],
+) -> impl Iterator<Item = u8> {
+    (0..2 * D as u8).filter(move |side| {
+        let axis = usize::from(side / 2);
+        let plane = if side.is_multiple_of(2) {
+            0.0
+        } else {
+            extent[axis]
+        };
+        let off = |&n: &u32| (positions[n as usize][axis] - plane).abs();
+        nodes.iter().all(|n| off(n) <= IN_SIDE * extent[axis])
+    })
+}
+
+fn seen_from<const D: usize>(face_nodes: &[u32; D], face: u32, k: usize) -> Seen {
+    let node = |i: usize| face_nodes[(k + 1 + i) % D];
+    let mut ridge = [node(0), node(D - 2)];
+    ridge.sort_unstable();
+    Seen {
+        ridge,
+        face,
+        apex: face_nodes[k],
+    }
+}
+
+/// The narrowest wedge at a ridge, if it is narrow enough for a line to pass.
+fn acutest<const D: usize>(nodes: &[[f64; D]], round: &[Seen], extent: [f64; D]) -> Option<Wedge> {
+    let ridge = round.first()?.ridge;
+    let [a, b] = ridge.map(|n| in_space(nodes[n as usize]));
+    let along = if D == 2 {
+        [0.0, 0.0, 1.0]
+    } else {
+        unit(sub(b, a))
+    };
+    let square = |v: [f64; 3]| unit(add_scaled(v, -dot(v, along), along));
+    let mut directions: Vec<([f64; 3], Result<u32, u8>)> = (round.iter())
+        .map(|seen| {
+            let apex = in_space(nodes[seen.apex as usize]);
+            (square(sub(apex, a)), Ok(seen.face))
+        })
+        .collect();
+    let sides: Vec<u8> = sides(nodes, &ridge, extent).collect();
+    if directions.len() + sides.len() < 2 {
+        return None;
+    }
+    // How far a direction leads out of a side.
+    let out = |v: [f64; 3], side: u8| {
+        let c = v[usize::from(side / 2)];
+        if side.is_multiple_of(2) { -c } else { c }
+    };
+    for &side in &sides {
+        let mut normal = [0.0; 3];
+        normal[usize::from(side / 2)] = 1.0;
+        let within = unit(cross(along, normal));
+        let both = [within, within.map(|c| -c)].into_iter();
+        let inside = both.filter(|&v| sides.iter().all(|&other| out(v, other) <= IN_SIDE));
+        directions.extend(inside.map(|v| (v, Err(side))));
+    }
+    let x = directions[0].0;
+    let y = cross(along, x);
+    let mut rays: Vec<Ray> = (directions.iter())
+        .map(|&(v, of)| Ray {
+            angle: dot(v, y).atan2(dot(v, x)),
+            of,
+        })
+        .collect();
+    rays.sort_by(|a, b| a.angle.total_cmp(&b.angle).then(a.of.cmp(&b.of)));
+    let wedge = |i: usize| {
+        let (this, next) = (&rays[i], &rays[(i + 1) % rays.len()]);
+        let angle = (next.angle - this.angle).rem_euclid(std::f64::consts::TAU);
+        let pair = match (this.of, next.of) {
+            (Ok(_), Ok(_)) => Pair::Features,
+            (Ok(_), Err(side)) | (Err(side), Ok(_)) => Pair::Side(side),
+            (Err(_), Err(_)) => return None,
+        };
+        let angle = angle.to_degrees();
+        (angle < WIDEST).then_some(Wedge {
+            ridge,
+            angle,
+            pair,
+            faces: [this.of.ok(), next.of.ok()],
+        })
+    };
+    let wedges = (0..rays.len()).filter_map(wedge);
+    wedges.min_by(|a, b| a.angle.total_cmp(&b.angle))
+}
+
+/// Wedges, in the order of their ridges, as lines: a line goes on where just one other ridge of the same
+/// pair begins.
+fn chained<const D: usize>(wedges: &[Wedge], positions: &[[f64; D]]) -> Vec<AcuteLine> {
+    let line = |nodes, angles, pair| AcuteLine::new(nodes, angles, pair, positions);
+    if D == 2 {
+        let single = |w: &Wedge| line(vec![w.ridge[0]], vec![w.angle], w.pair);
+        return wedges.iter().map(single).collect();
+    }
+    let mut ends: Vec<(u32, Pair, usize)> = (wedges.iter().enumerate())
+        .flat_map(|(i, w)| w.ridge.map(|node| (node, w.pair, i)))
+        .collect();
+    ends.sort_unstable();
+    let at = |node: u32, pair: Pair| {
+        let from = ends.partition_point(|end| (end.0, end.1) < (node, pair));
+        let to = ends.partition_point(|end| (end.0, end.1) <= (node, pair));
+        &ends[from..to]
+    };
+    let mut used = vec![false; wedges.len()];
+    let mut walk = |first: usize, from: u32| {
+        let pair = wedges[first].pair;
+        let (mut nodes, mut angles) = (vec![from], Vec::new());
+        let mut next = Some(first);
+        let mut node = from;
+        while let Some(i) = next.filter(|&i| !used[i]) {
+            used[i] = true;
+            let [a, b] = wedges[i].ridge;
+            node = if a == node { b } else { a };
+            nodes.push(node);
+            angles.push(wedges[i].angle);
+            next = match at(node, pair) {
+                [one, other] => Some(if one.2 == i { other.2 } else { one.2 }),
+                _ => None,
+            };
+        }
+        (!angles.is_empty()).then(|| line(nodes, angles, pair))
+    };
+    // Open lines from their ends, then what is closed from anywhere.
+    let from_ends = ends.iter().filter(|end| at(end.0, end.1).len() != 2);
+    let mut lines: Vec<AcuteLine> = from_ends.filter_map(|end| walk(end.2, end.0)).collect();
+    lines.extend((0..wedges.len()).filter_map(|i| walk(i, wedges[i].ridge[0])));
+    lines
+}

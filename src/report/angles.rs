@@ -1,0 +1,243 @@
+//! Which bad angles the features themselves explain.
+//!
+//! Where two sheets, or a sheet and a side of the box, meet at theta, no mesh that holds both has all
+//! dihedral angles above theta. So what is promised is: every angle is in [30, 150], except in cells
+//! that touch an acute line or lie in its wedge, whose angles are in [s, 180 - s] with s = [`SHARE`]
+//! theta. Every other cell is *unexplained*. A cell lies in the wedge if all its nodes are on features or
+//! sides of the box and one is within [`REACH`] d of the line: farther away the wedge is wide enough for
+//! nodes between the two. (Beside a line no more cells are bad than anywhere else at features, as was
+//! seen on sheets at 25 degrees to a side: there, all that were bad touched the line.)
+
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::acute::{AcuteLine, Piece, acute_lines, on_features, sides};
+use super::quality::{CHUNK, Worst, angle, centroid, largest, smallest};
+use crate::geometry::buckets::Buckets;
+use crate::geometry::{add_scaled, distance2, dot, sub};
+use crate::mesh::{Mesh, Simplices};
+
+/// Angles shall be at least this, and at most 180 minus it, in degrees.
+pub const LEAST: f64 = 30.0;
+/// How far from the line its wedge is too narrow for nodes in between, in units of d.
+pub const REACH: f64 = 2.0;
+/// The share of the line's angle that theirs must have. A wedge of theta is filled with cells of which
+/// some have a little less.
+pub const SHARE: f64 = 0.7;
+
+/// What the cell data of a file say of a cell whose angles are all in [30, 150].
+pub const OK: u8 = 0;
+/// Of one whose angles are not, but which is near an acute line that explains them.
+pub const NEAR_ACUTE_LINE: u8 = 1;
+/// Of any other.
+pub const UNEXPLAINED: u8 = 2;
+
+/// Angles beyond [30, 150], explained. Angles are dihedral in tetrahedra.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Angles {
+    /// Cells all of whose angles are in [30, 150] degrees.
+    pub ok: usize,
+    /// Others near an acute line, whose angles are no worse than it explains.
+    pub near_acute_line: usize,
+    /// All other cells.
+    pub unexplained: usize,
+    /// The cell among these whose angles are farthest from 90 degrees.
+    pub worst_unexplained: Option<Worst>,
+    /// Where features, or a feature and a side of the box, meet at less than 30 degrees.
+    pub acute_lines: Vec<AcuteLine>,
+}
+
+/// The same with what it says of each cell.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Judged {
+    /// In figures.
+    pub angles: Angles,
+    /// For each cell [`OK`], [`NEAR_ACUTE_LINE`] or [`UNEXPLAINED`].
+    pub cells: Vec<u8>,
+}
+
+/// A cell with an angle out of range, and what its angles need for a cosine of one, as in
+/// [`quality`](super::quality()).
+struct Bad {
+    cell: usize,
+    small: f32,
+    large: f32,
+}
+
+impl Bad {
+    fn worse(&self) -> f32 {
+        self.small.min(self.large)
+    }
+}
+
+/// What that of an angle in degrees is.
+fn versine(angle: f64) -> f64 {
+    1.0 - angle.to_radians().cos()
+}
+
+/// Judges the angles of a mesh that fills the box `[0, extent]`. `feature_faces` has a byte for each cell,
+/// of which bit k says that face k lies on a feature; it may be empty. `distance` is d at each node.
+pub fn judged<const D: usize, M: Simplices<D>>(
+    mesh: &M,
+    feature_faces: &[u8],
+    extent: [f64; D],
+    distance: impl Fn(u32) -> f64,
+) -> Judged {
+    let nodes = mesh.nodes();
+    let faces = on_features(mesh, feature_faces, extent);
+    let acute_lines = acute_lines(mesh, &faces, extent, &distance);
+    let mut on_feature = vec![false; nodes.len()];
+    for &node in faces.as_flattened() {
+        on_feature[node as usize] = true;
+    }
+    let held = |n: &u32| on_feature[*n as usize] || sides(nodes, &[*n], extent).next().is_some();
+    let explained = Explained::new(&acute_lines, nodes, &distance);
+    let mut cells = vec![OK; mesh.len()];
+    let mut unexplained = Vec::new();
+    for bad in bad(mesh) {
+        let cell = mesh.cell(bad.cell);
+        cells[bad.cell] = match explained.holds(cell, cell.iter().all(held), bad.worse()) {
+            true => NEAR_ACUTE_LINE,
+            false => UNEXPLAINED,
+        };
+        if cells[bad.cell] == UNEXPLAINED {
+            unexplained.push(bad);
+        }
+    }
+    let count = |verdict: u8| cells.iter().filter(|&&cell| cell == verdict).count();
+    let worst = (unexplained.iter()).min_by(|a, b| a.worse().total_cmp(&b.worse()));
+    let angles = Angles {
+        ok: count(OK),
+        near_acute_line: count(NEAR_ACUTE_LINE),
+        unexplained: unexplained.len(),
+        worst_unexplained: worst.map(|bad| Worst {
+            cell: bad.cell,
+            centroid: centroid(mesh, bad.cell),
+            smallest: angle(f64::from(bad.small)),
+            largest: 180.0 - angle(f64::from(bad.large)),
+        }),
+        acute_lines,
+    };
+    Judged { angles, cells }
+}
+
+/// The cells with an angle out of range, rising.
+fn bad<const D: usize, M: Simplices<D>>(mesh: &M) -> Vec<Bad> {
+    let limit = versine(LEAST);
+    let of_chunk = |chunk: usize| {
+        let first = chunk * CHUNK;
+        let (mut found, mut cell) = (Vec::new(), first);
+        mesh.shapes(first..mesh.len().min(first + CHUNK), |shape| {
+            let cosines = shape.cosines.as_ref();
+            let bad = Bad {
+                cell,
+                small: (1.0 - largest(cosines)) as f32,
+                large: (1.0 + smallest(cosines)) as f32,
+            };
+            if f64::from(bad.worse()) < limit {
+                found.push(bad);
+            }
+            cell += 1;
+        });
+        found
+    };
+    let chunks = (0..mesh.len().div_ceil(CHUNK)).into_par_iter();
+    chunks.flat_map_iter(of_chunk).collect()
+}
+
+/// The lines of a mesh, to be asked what they explain.
+struct Explained<'a, const D: usize> {
+    nodes: &'a [[f64; D]],
+    pieces: Vec<Piece>,
+    /// How far from each piece angles are explained.
+    reach: Vec<f64>,
+    middles: Buckets<D>,
+    /// How far from the middle of any piece a place may be that is in its reach.
+    farthest: f64,
+}
+
+impl<'a, const D: usize> Explained<'a, D> {
+    fn new(lines: &[AcuteLine], nodes: &'a [[f64; D]], distance: &impl Fn(u32) -> f64) -> Self {
+        let pieces = lines.iter().flat_map(|line| line.pieces(nodes, distance));
+        let pieces: Vec<Piece> = pieces.collect();
+        let reach = |piece: &Piece| REACH * 0.5 * piece.nodes.map(distance).iter().sum::<f64>();
+        let reach: Vec<f64> = pieces.iter().map(reach).collect();
+        let ends = |piece: &Piece| piece.nodes.map(|n| nodes[n as usize]);
+        let middle = |piece: &Piece| {
+            let [a, b] = ends(piece);
+            add_scaled(a, 0.5, sub(b, a))
+        };
+        let middles: Vec<[f64; D]> = pieces.iter().map(middle).collect();
+        let farthest = pieces.iter().zip(&reach).map(|(piece, reach)| {
+            let [a, b] = ends(piece);
+            reach + 0.5 * distance2(&a, &b).sqrt()
+        });
+        let farthest = farthest.fold(0.0, f64::max);
+        Self {
+            nodes,
+            middles: Buckets::new(&middles, farthest.max(1e-9)),
+            pieces,
+            reach,
+            farthest,
+        }
+    }
+
+    /// Whether a cell is near a line that explains its angles, the worse of which has this versine;
+    /// `held` says that all its nodes are on features or sides of the box.
+    fn holds(&self, cell: &[u32], held: bool, versine_of_worse: f32) -> bool {
+        if self.pieces.is_empty() {
+            return false;
+        }
+        cell.iter().any(|&n| {
+            let x = self.nodes[n as usize];
+            let mut near = false;
+            self.middles.visit_within(x, self.farthest, |i| {
+                let piece = &self.pieces[i];
+                let within = || held && self.square_from(x, piece) <= self.reach[i].powi(2);
+                near = near
+                    || (f64::from(versine_of_worse) >= versine(SHARE * piece.angle)
+                        && (piece.nodes.contains(&n) || within()));
+            });
+            near
+        })
+    }
+
+    /// The square of the distance of a point from a piece.
+    fn square_from(&self, x: [f64; D], piece: &Piece) -> f64 {
+        let [a, b] = piece.nodes.map(|n| self.nodes[n as usize]);
+        let (along, off) = (sub(b, a), sub(x, a));
+        let long = dot(along, along);
+        let share = if long > 0.0 {
+            dot(off, along) / long
+        } else {
+            0.0
+        };
+        distance2(&x, &add_scaled(a, share.clamp(0.0, 1.0), along))
+    }
+}
+
+/// The mean length of the edges of cells at each node: what d is about, where a mesh does not say.
+pub fn mean_edges<const D: usize, M: Mesh<D> + Simplices<D>>(mesh: &M) -> Vec<f64> {
+    let nodes = mesh.nodes();
+    let mut sums = vec![(0.0, 0.0); nodes.len()];
+    for c in 0..mesh.len() {
+        let cell = mesh.cell(c);
+        for (i, &a) in cell.iter().enumerate() {
+            for &b in &cell[i + 1..] {
+                let length = distance2(&nodes[a as usize], &nodes[b as usize]).sqrt();
+                for node in [a, b] {
+                    let (sum, count) = &mut sums[node as usize];
+                    *sum += length;
+                    *count += 1.0;
+                }
+            }
+        }
+    }
+    (sums.iter())
+        .map(|&(sum, count)| if count > 0.0 { sum / count } else { 0.0 })
+        .collect()
+}
+
+#[cfg(test)]
+#[path = "angles_tests.rs"]
+mod tests;

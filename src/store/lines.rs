@@ -1,0 +1,76 @@
+//! Acute lines as VTK poly data (`.vtp`).
+
+use std::path::Path;
+
+use crate::Result;
+use crate::files::atomic_write;
+use crate::files::vtk::{Document, Source};
+use crate::geometry::in_space;
+use crate::report::AcuteLine;
+
+/// Writes lines as poly lines, in the plane as vertices; `place` is where a node is in the world. Cell
+/// data are each line's `mean_angle` and `least_angle` in degrees, its `length` (both as they were
+/// measured, in lattice space), and its `pair`: 0 for two features, else 1 more than the number of the
+/// side of the box that a feature meets. Point data are the `angle`.
+///
+/// # Errors
+/// [`Error::Io`](crate::Error::Io) if the file cannot be written.
+pub fn write_lines<const D: usize>(
+    path: &Path,
+    lines: &[AcuteLine],
+    place: impl Fn(u32) -> [f64; D],
+) -> Result<()> {
+    let nodes = lines.iter().flat_map(|line| &line.nodes);
+    let points: Vec<[f64; 3]> = nodes.map(|&n| in_space(place(n))).collect();
+    let angles: Vec<f64> = lines.iter().flat_map(at_nodes).collect();
+    let mut end = 0;
+    let ends: Vec<i64> = (lines.iter())
+        .map(|line| {
+            end += line.nodes.len() as i64;
+            end
+        })
+        .collect();
+    let pairs: Vec<u8> = lines.iter().map(|line| line.pair.code()).collect();
+
+    let mut document = Document::new("PolyData", &[]);
+    let shape = if D == 2 { "Verts" } else { "Lines" };
+    document.open(
+        "Piece",
+        &[
+            ("NumberOfPoints", points.len().to_string()),
+            (&format!("NumberOf{shape}"), lines.len().to_string()),
+        ],
+    );
+    document.open("PointData", &[]);
+    document.array(Source::slice("angle", 1, &angles));
+    document.close();
+    document.open("CellData", &[]);
+    let mut of_lines = |name: &str, of: fn(&AcuteLine) -> f64| {
+        let value = move |i: usize| of(&lines[i]);
+        document.array(Source::computed(name, 1, lines.len(), value));
+    };
+    of_lines("mean_angle", |line| line.mean_angle);
+    of_lines("least_angle", |line| line.least_angle);
+    of_lines("length", |line| line.length);
+    document.array(Source::slice("pair", 1, &pairs));
+    document.close();
+    document.open("Points", &[]);
+    document.array(Source::slice("Points", 3, points.as_flattened()));
+    document.close();
+    document.open(shape, &[]);
+    document.array(Source::computed("connectivity", 1, points.len(), |i| {
+        i as i64
+    }));
+    document.array(Source::slice("offsets", 1, &ends));
+    atomic_write(path, |out| document.write(out))
+}
+
+/// The angle at each node of a line: the mean of the edges that meet there.
+fn at_nodes(line: &AcuteLine) -> Vec<f64> {
+    let edges = &line.angles;
+    let at = |i: usize| {
+        let around = &edges[i.saturating_sub(1)..edges.len().min(i + 1)];
+        around.iter().sum::<f64>() / around.len() as f64
+    };
+    (0..line.nodes.len()).map(at).collect()
+}

@@ -367,7 +367,7 @@ fn gocad_is_told_the_units_of_a_survey() {
         .unwrap();
     let heard = String::from_utf8(heard.stderr).unwrap();
     assert!(
-        heard.contains("axes of different units (line, line, ms): no dip"),
+        heard.contains("axes of different units (no unit, no unit, ms): no dip"),
         "{heard}"
     );
 }
@@ -724,7 +724,7 @@ fn a_velocity_makes_depth_of_time() {
         ("surface time.vtu -o s.vtp --velocity -3", "--velocity"),
         (
             "mesh time.nrrd -o x.vtu --velocity 0",
-            "--velocity 0 is not positive",
+            "--velocity 0: is not positive",
         ),
     ] {
         let line = refused(at, &job.split_whitespace().collect::<Vec<_>>());

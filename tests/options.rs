@@ -97,6 +97,8 @@ const CHOICES: &[Choice] = &[
     any("--smooth odt"),
     any("--metric physical"),
     any("--metric 1,1.4"),
+    any("--metric shape"),
+    any("--velocity 2400"),
     any("--rng-seed 7"),
     any("--report r.json"),
     any("--trace t.pvd"),

@@ -73,6 +73,7 @@ fn one_sheet_is_one_surface_in_every_format() {
         "{said}"
     );
     assert_eq!(surface["components"], 1);
+    assert_eq!(surface["surface"], 1, "numbered as in the file");
 
     let table = succeed(at, &["surface", "mesh.vtu", "-o", "s.obj", "--up", "x"]);
     assert!(
@@ -350,6 +351,25 @@ fn gocad_is_told_the_units_of_a_survey() {
         text.contains("AXIS_UNIT \"unitless\" \"unitless\" \"ms\"\n"),
         "{text}"
     );
+    // Lines against milliseconds have no angle.
+    let said = json(&succeed(
+        at,
+        &["surface", "mesh.vtu", "-o", "s.vtp", "--json"],
+    ));
+    let surface = &said["surfaces"][0];
+    assert!(
+        surface["dip"].is_null() && surface["strike"].is_f64(),
+        "{said}"
+    );
+    let heard = common::atomesh(at)
+        .args(["surface", "mesh.vtu", "-o", "s.vtp"])
+        .output()
+        .unwrap();
+    let heard = String::from_utf8(heard.stderr).unwrap();
+    assert!(
+        heard.contains("axes of different units (no unit, no unit, ms): no dip"),
+        "{heard}"
+    );
 }
 
 #[test]
@@ -529,28 +549,13 @@ fn the_seven_faults_of_a_public_volume_are_the_seven_largest_surfaces() {
     ];
     succeed(at, &job);
     succeed(at, &["surface", "mesh.vtu", "-o", "s.vtp", "--quiet"]);
-    let file = atomesh::files::vtk::VtkFile::read(&at.join("s.vtp"), "PolyData").unwrap();
-    let piece = file.piece().unwrap();
-    let array = |group: &str| {
-        file.array(&piece.child(group).unwrap().children[0])
-            .unwrap()
-    };
-    let points = array("Points").values.to_f64();
-    let corners = array("Polys").values.to_i64();
-    let labels = array("CellData").values.to_i64();
+    let file = SurfacesOfFile::read(&at.join("s.vtp"));
     let mut found = Vec::new();
     for surface in 1..=7 {
         let mut faces: std::collections::BTreeMap<[i64; 2], usize> = Default::default();
-        for (corners, _) in corners
-            .chunks(3)
-            .zip(&labels)
-            .filter(|(_, l)| **l == surface)
-        {
-            let place = |k: usize| {
-                let sum: f64 = corners.iter().map(|&n| points[3 * n as usize + k]).sum();
-                (sum / 3.0).round() as usize
-            };
-            if let Some(fault) = fault(place(0) + 64 * (place(1) + 64 * place(2))) {
+        for (corners, _) in file.faces_of(surface) {
+            let [x, y, z] = middle(&corners).map(|c| c.round() as usize);
+            if let Some(fault) = fault(x + 64 * (y + 64 * z)) {
                 *faces.entry(fault).or_default() += 1;
             }
         }
@@ -562,4 +567,176 @@ fn the_seven_faults_of_a_public_volume_are_the_seven_largest_surfaces() {
     found.sort_unstable();
     found.dedup();
     assert_eq!(found.len(), 7, "{found:?}");
+}
+
+/// What a .vtp holds of surfaces.
+struct SurfacesOfFile {
+    points: Vec<f64>,
+    corners: Vec<i64>,
+    labels: Vec<i64>,
+    horizon: Vec<i64>,
+}
+
+impl SurfacesOfFile {
+    fn read(path: &std::path::Path) -> Self {
+        let file = atomesh::files::vtk::VtkFile::read(path, "PolyData").unwrap();
+        let piece = file.piece().unwrap();
+        let arrays = |group: &str| {
+            let group = piece.child(group).unwrap();
+            let arrays = group
+                .children
+                .iter()
+                .map(|array| file.array(array).unwrap());
+            arrays.collect::<Vec<_>>()
+        };
+        let data = arrays("CellData");
+        let horizon = data.iter().find(|array| array.name == "horizon").unwrap();
+        Self {
+            points: arrays("Points")[0].values.to_f64(),
+            corners: arrays("Polys")[0].values.to_i64(),
+            labels: data[0].values.to_i64(),
+            horizon: horizon.values.to_i64(),
+        }
+    }
+
+    /// The corners of each face of a surface, and whether that is a horizon.
+    fn faces_of(&self, surface: i64) -> impl Iterator<Item = ([[f64; 3]; 3], bool)> {
+        let point = |n: i64| std::array::from_fn(|k| self.points[3 * n as usize + k]);
+        let faces = self.corners.chunks(3).zip(&self.labels).zip(&self.horizon);
+        let own = faces.filter(move |((_, label), _)| **label == surface);
+        own.map(move |((face, _), horizon)| ([0, 1, 2].map(|k| point(face[k])), *horizon != 0))
+    }
+}
+
+fn middle(corners: &[[f64; 3]; 3]) -> [f64; 3] {
+    std::array::from_fn(|k| corners.iter().map(|x| x[k]).sum::<f64>() / 3.0)
+}
+
+fn area([a, b, c]: &[[f64; 3]; 3]) -> f64 {
+    let [u, v] = [b, c].map(|x| [x[0] - a[0], x[1] - a[1], x[2] - a[2]]);
+    let normal = [0, 1, 2].map(|k| {
+        let (i, j) = ((k + 1) % 3, (k + 2) % 3);
+        u[i] * v[j] - u[j] * v[i]
+    });
+    0.5 * normal.iter().map(|c| c * c).sum::<f64>().sqrt()
+}
+
+/// Horizons of layers that two faults throw by 4 to 12 samples: of their area at most 3 % lies more than
+/// two samples off the reflector on which most of the horizon lies.
+#[test]
+fn horizons_stay_on_their_reflector_beyond_faults() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let synth = "synth amplitude -o image.vti --layers depth.npy --dims 96,120,80 --count 2 \
+                 --signal-to-noise 8 --quiet";
+    succeed(at, &synth.split_whitespace().collect::<Vec<_>>());
+    let mesh = "mesh image.vti -o mesh.vtu --distance 5 --feature faults+horizons --quiet";
+    succeed(at, &mesh.split(' ').collect::<Vec<_>>());
+    let surface = "surface mesh.vtu -o s.vtp --up x --json";
+    let said = json(&succeed(at, &surface.split(' ').collect::<Vec<_>>()));
+    let file = SurfacesOfFile::read(&at.join("s.vtp"));
+    let read = atomesh::image::formats::read_any(&at.join("depth.npy"), &Default::default());
+    let depth = read.unwrap().image::<3>().unwrap();
+    // Along x depth grows with x.
+    let depth = |p: [f64; 3]| {
+        let near: [usize; 3] = std::array::from_fn(|k| p[k].round() as usize);
+        let [nx, ny, _] = depth.dims();
+        let sample = depth.as_slice()[near[0] + nx * (near[1] + ny * near[2])];
+        f64::from(sample) + p[0] - near[0] as f64
+    };
+    let (mut all, mut off) = (0.0, 0.0);
+    for surface in 1..=said["surfaces"].as_array().unwrap().len() as i64 {
+        let faces = file.faces_of(surface).filter(|face| face.1);
+        let mut faces: Vec<[f64; 2]> = faces.map(|(x, _)| [depth(middle(&x)), area(&x)]).collect();
+        faces.sort_by(|a, b| a[0].total_cmp(&b[0]));
+        // The reflector with the most area within two samples on either side.
+        let within = |from: f64| -> f64 {
+            let faces = faces.iter().skip_while(|face| face[0] < from);
+            faces
+                .take_while(|face| face[0] <= from + 4.0)
+                .map(|face| face[1])
+                .sum()
+        };
+        let own: f64 = faces.iter().map(|face| face[1]).sum();
+        all += own;
+        off += own - faces.iter().map(|face| within(face[0])).fold(0.0, f64::max);
+    }
+    // Before horizons ended on faults: 0.29.
+    assert!(off <= 0.03 * all, "{off} of {all}");
+    assert!(all > 40_000.0, "{all}");
+}
+
+/// A volume in metres and two-way time, and one velocity: true dips, of a mesh made in depth and of the
+/// surfaces of one made in time.
+#[test]
+fn a_velocity_makes_depth_of_time() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let mut image = b"NRRD0004\ntype: float\ndimension: 3\nspace dimension: 3\nsizes: 44 36 32\n\
+        space directions: (25,0,0) (0,25,0) (0,0,12)\nspace origin: (0,0,1000)\n\
+        space units: \"m\" \"m\" \"ms\"\nendian: little\nencoding: raw\n\n"
+        .to_vec();
+    let value = sheet(DIMS);
+    for z in 0..DIMS[2] {
+        for y in 0..DIMS[1] {
+            for x in 0..DIMS[0] {
+                image.extend(value([x, y, z]).to_le_bytes());
+            }
+        }
+    }
+    std::fs::write(at.join("time.nrrd"), image).unwrap();
+    let run = |job: &str| succeed(at, &job.split_whitespace().collect::<Vec<_>>());
+    let mesh = "mesh time.nrrd --distance 6 --feature ridges --quiet -o";
+    run(&format!("{mesh} time.vtu"));
+    run(&format!("{mesh} depth.vtu --velocity 1500"));
+    // x = 22 + 0.1 y - 0.1 z in samples of 25 m by 25 m by 9 m.
+    let normal = [1.0 / 25.0, -0.1 / 25.0, 0.1 / 9.0];
+    let length = normal.iter().map(|c| c * c).sum::<f64>().sqrt();
+    let dip = (normal[2] / length).acos().to_degrees();
+    // The height of the box, through which the sheet goes, and how far it is along y.
+    let area = 35.0 * 25.0 * 31.0 * 9.0 * length / normal[0];
+    for job in [
+        "surface depth.vtu -o s.vtp --json",
+        "surface time.vtu --velocity 1500 -o s.vtp --json",
+    ] {
+        let said = json(&run(job));
+        let surface = &said["surfaces"][0];
+        let found = ["dip", "area"].map(|name| surface[name].as_f64().unwrap());
+        assert!((found[0] - dip).abs() < 0.6, "{job} {dip} {said}");
+        assert!((found[1] / area - 1.0).abs() < 0.03, "{job} {area} {said}");
+        // Samples lie 1000 to 1372 ms deep.
+        let depth = ["low", "high"].map(|end| surface[end][2].as_f64().unwrap());
+        assert!(depth[0] > 749.0 && depth[1] < 1030.0, "{said}");
+    }
+    let said = json(&run("surface time.vtu -o s.vtp --json"));
+    assert!(said["surfaces"][0]["dip"].is_null(), "{said}");
+    let heard = common::atomesh(at)
+        .args(["mesh", "time.nrrd", "-o", "x.vtu", "--distance", "9"])
+        .output()
+        .unwrap();
+    let heard = String::from_utf8(heard.stderr).unwrap();
+    assert!(heard.contains("WARNING: z is time (ms)"), "{heard}");
+    for (job, words) in [
+        (
+            "surface depth.vtu -o s.vtp --velocity 1500",
+            "no coordinate is in s",
+        ),
+        ("surface time.vtu -o s.vtp --velocity -3", "--velocity"),
+        (
+            "mesh time.nrrd -o x.vtu --velocity 0",
+            "--velocity 0: is not positive",
+        ),
+    ] {
+        let line = refused(at, &job.split_whitespace().collect::<Vec<_>>());
+        assert!(line.contains(words), "{words}: {line}");
+    }
+    let heard = common::atomesh(at)
+        .args(["mesh", "time.nrrd", "--velocity", "v.vti"])
+        .output()
+        .unwrap();
+    let said = String::from_utf8(heard.stderr).unwrap();
+    assert!(
+        !heard.status.success() && said.contains("give one velocity in m/s"),
+        "{said}"
+    );
 }

@@ -195,6 +195,7 @@ fn metric<const D: usize>(space: &LatticeSpace) -> Result<Metric<D>> {
     match space {
         LatticeSpace::Samples => Ok(Metric::Samples),
         LatticeSpace::Physical => Ok(Metric::Physical),
+        LatticeSpace::Shape => Ok(Metric::Shape),
         LatticeSpace::Scales(scales) => match scales.as_slice().try_into() {
             Ok(scales) => Ok(Metric::Scales(scales)),
             Err(_) => {

@@ -30,8 +30,11 @@ pub struct Job {
     pub atoms_from: Option<PathBuf>,
     /// What the mesh is made of.
     pub cells: Cells,
-    /// The length of a sample along each axis of lattice space.
+    /// The length of a sample along each axis of lattice space; by default [`LatticeSpace::Shape`] with a
+    /// velocity.
     pub metric: LatticeSpace,
+    /// Metres a second that make depth of two-way time; time stays time if `None`.
+    pub velocity: Option<f64>,
     /// Seed of all random numbers; 1 by default.
     pub seed: RngSeed,
     /// What is written, and where.
@@ -373,6 +376,8 @@ pub enum LatticeSpace {
     Samples,
     /// The image's spacing.
     Physical,
+    /// The same times one factor, such that a cube of lattice space holds as many samples as ever.
+    Shape,
     /// As given, x first.
     Scales(Vec<f64>),
 }

@@ -103,6 +103,8 @@ pub enum Metric<const D: usize = 3> {
     Samples,
     /// The image's physical spacing.
     Physical,
+    /// The same times one factor, such that a cube of lattice space holds as many samples as ever.
+    Shape,
     /// As given.
     Scales([f64; D]),
 }
@@ -113,6 +115,11 @@ impl<const D: usize> Metric<D> {
         match self {
             Self::Samples => [1.0; D],
             Self::Physical => geometry.spacing(),
+            Self::Shape => {
+                let spacing = geometry.spacing();
+                let mean = spacing.iter().product::<f64>().powf(1.0 / D as f64);
+                spacing.map(|s| s / mean)
+            }
             Self::Scales(step) => step,
         }
     }

@@ -123,9 +123,13 @@ pub struct Settings {
     /// Smooth the triangles of a 2-D image where it is flat; nodes on features stay
     #[cfg_attr(feature = "cli", arg(long, value_name = "HOW"))]
     pub smooth: Option<Scheme>,
-    /// Lattice space: samples, physical, or a scale per axis SX,SY,SZ (SX,SY in 2-D) [default: samples]
+    /// Lattice space: samples, physical, shape (physical, but as many samples to a cell as with samples),
+    /// or a scale per axis SX,SY,SZ (SX,SY in 2-D) [default: samples; shape with --velocity]
     #[cfg_attr(feature = "cli", arg(long, value_name = "SPACE"))]
     pub metric: Option<String>,
+    /// Makes depth in metres of two-way time: one velocity in m/s for the whole image
+    #[cfg_attr(feature = "cli", arg(long, value_name = "V", allow_negative_numbers = true, value_parser = velocity))]
+    pub velocity: Option<f64>,
     /// Seed of the random perturbations [default: 1]
     #[cfg_attr(feature = "cli", arg(long, value_name = "N"))]
     pub rng_seed: Option<u64>,
@@ -230,6 +234,17 @@ impl Settings {
             Error::Job(cause("options", e.message(), "see the list of options")).because(e)
         })
     }
+}
+
+/// A velocity as typed.
+///
+/// # Errors
+/// Says what to give for anything but a number.
+#[cfg(feature = "cli")]
+pub(crate) fn velocity(text: &str) -> std::result::Result<f64, String> {
+    text.parse().map_err(|_| {
+        "is no number; a file of velocities is not read: give one velocity in m/s".to_string()
+    })
 }
 
 /// TOML may say `distance = 8` or `distance = "4:12"`.

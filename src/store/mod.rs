@@ -20,7 +20,7 @@ pub(crate) mod vtu;
 pub use lines::write_lines;
 pub use polyhedra::write_cells_vtu;
 pub use pvd::Trace;
-pub use stored::{LatticeSpace, Stored, StoredMesh};
+pub use stored::{LatticeSpace, Stored, StoredMesh, in_depth};
 #[cfg(feature = "cli")]
 pub(crate) use vtu::with_mesh;
 pub use vtu::{AnyMesh, FieldValue, MeshFile, read_any_vtu, read_vtu, write_vtu};

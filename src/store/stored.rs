@@ -12,6 +12,12 @@ use crate::mesh::poly::PolyMesh;
 use crate::mesh::{Mesh, Positions, Simplices, TetMesh};
 use crate::{Error, Result};
 
+/// The velocity in m/s that made depth of time.
+const VELOCITY: &str = "depth_velocity";
+
+/// Cell arrays that are as large as cells in the world are.
+const SIZES: [&str; 2] = ["volume", "area"];
+
 /// The cell array of regions.
 const REGION: &str = "region";
 
@@ -264,6 +270,49 @@ impl<const D: usize> LatticeSpace<D> {
             "give the image that was meshed, or one of the same dimensions",
         )))
     }
+}
+
+/// A mesh with depth in metres for two-way time, as [`Geometry::in_depth`] has it. In lattice space it
+/// is the same as before.
+///
+/// # Errors
+/// As [`Geometry::in_depth`].
+pub fn in_depth<const D: usize, M: Mesh<D>>(
+    file: MeshFile<M>,
+    velocity: f64,
+) -> Result<MeshFile<M>> {
+    let geometry = match LatticeSpace::of(&file, file.mesh.nodes()) {
+        Some(space) => space.geometry,
+        None => Geometry::default(),
+    };
+    let (depth, factor) = geometry.in_depth(velocity)?;
+    let scaled = |x: &[f64; D]| Some(std::array::from_fn(|k| x[k] * factor[k]));
+    let positions = file.mesh.positions(scaled);
+    let (mut mesh, mut rest) = file.split();
+    if let Some(mut positions) = positions {
+        mesh.exchange(&mut positions, false);
+    }
+    let grown: f64 = factor.iter().product();
+    for array in &mut rest.cell_data {
+        if SIZES.contains(&array.name.as_str()) {
+            let sizes = array.values.to_f64().into_iter();
+            array.values = sizes
+                .map(|size| (size * grown) as f32)
+                .collect::<Vec<f32>>()
+                .into();
+        }
+    }
+    for (name, value) in &mut rest.field_data {
+        match (name.as_str(), value) {
+            ("origin", FieldValue::F64s(origin)) => *origin = depth.origin.to_vec(),
+            ("axes", FieldValue::F64s(axes)) => *axes = depth.axes.as_flattened().to_vec(),
+            (UNITS, FieldValue::Text(units)) => *units = depth.units.join(","),
+            _ => {}
+        }
+    }
+    let velocity = FieldValue::F64s(vec![velocity]);
+    rest.field_data.push((VELOCITY.into(), velocity));
+    Ok(rest.with_mesh(mesh))
 }
 
 impl<const D: usize, M: Stored<D>> StoredMesh<D, M> {

@@ -3,8 +3,10 @@
 //! - [`global`]: options that every verb has
 //! - [`options`]: settings in the words of the command line
 //! - [`output`]: what may be written where
+//! - [`depth`]: depth of two-way time
 //! - [`feature`]: how features are asked for
 
+pub mod depth;
 pub mod feature;
 pub mod global;
 pub mod options;

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::json;
 
+use crate::cli::common::depth::{in_depth, warn_of_time};
 use crate::cli::common::output::check_output;
 use crate::cli::console::Console;
 use crate::cli::interrupts::Interrupts;
@@ -67,6 +68,10 @@ pub struct FlowArgs {
         allow_hyphen_values = true
     )]
     pub permeability: String,
+    /// Makes depth in metres of two-way time: one velocity in m/s for the whole mesh; sources and sinks
+    /// are given in depth then
+    #[arg(long, value_name = "V", allow_negative_numbers = true, value_parser = crate::job::settings::velocity)]
+    pub velocity: Option<f64>,
     /// Viscosity in Pa s
     #[arg(
         long,
@@ -161,7 +166,9 @@ impl Typed<'_> {
         console: &mut Console,
     ) -> Result<FlowReport> {
         let args = self.args;
+        let file = in_depth(file, args.velocity)?;
         let mut stored = StoredMesh::new(file, &args.mesh.display().to_string())?;
+        warn_of_time(&stored.space.geometry, console);
         let rock = rock(args, &stored)?;
         let conditions = self.conditions()?;
         let barriers = self.barriers(&mut stored, console)?;
@@ -186,7 +193,9 @@ impl Typed<'_> {
         Space<D>: Meshing<D>,
     {
         let args = self.args;
+        let file = in_depth(file, args.velocity)?;
         let mut stored = StoredMesh::new(file, &args.mesh.display().to_string())?;
+        warn_of_time(&stored.space.geometry, console);
         let rock = rock(args, &stored)?;
         let conditions = self.conditions()?;
         let barriers = self.barriers(&mut stored, console)?;

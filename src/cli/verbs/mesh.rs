@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
+use crate::cli::common::depth::warn_of_time;
 use crate::cli::common::global::Ending;
 use crate::cli::common::options::{named, read_options, setting_of};
 use crate::cli::common::output::potential_image;
@@ -136,7 +137,13 @@ impl Run<'_> {
             interrupts,
             mut clock,
         } = self;
-        let Loaded { image, notes, .. } = loaded;
+        let Loaded {
+            mut image, notes, ..
+        } = loaded;
+        match job.velocity {
+            Some(velocity) => image.geometry = image.geometry.in_depth(velocity).map_err(named)?.0,
+            None => warn_of_time(&image.geometry, console),
+        }
         let input_sha256 = file_hash(path)?;
         image.check(&path.display().to_string())?;
         let params = params::<D>(job)?;

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::json;
 
+use crate::cli::common::depth::in_depth;
 use crate::cli::common::feature::{detection, job_of};
 use crate::cli::common::output::{check_output, shown};
 use crate::cli::console::Console;
@@ -39,9 +40,13 @@ pub struct SurfaceArgs {
     /// How surfaces are told apart.
     #[command(flatten)]
     pub grouping: Grouping,
-    /// Omit surfaces smaller than this, in square samples (length in 2-D) [default: ten faces]
+    /// Omit surfaces smaller than this, in square samples (length in 2-D); 0 keeps all [default: ten
+    /// faces, and 2 % of the largest surface]
     #[arg(long, value_name = "AREA", allow_negative_numbers = true)]
     pub min_area: Option<f64>,
+    /// Show in the table which surfaces meet (--json always says it)
+    #[arg(long)]
+    pub meets: bool,
     /// Depth of b(x), from 0 to 1, from which faces count as lying on the features of IMAGE
     /// [default: 0.6]
     #[arg(long, value_name = "DEPTH", requires = "image")]
@@ -60,6 +65,9 @@ pub struct SurfaceArgs {
         requires = "image"
     )]
     pub threshold: Option<f32>,
+    /// Makes depth in metres of two-way time: one velocity in m/s for the whole mesh
+    #[arg(long, value_name = "V", allow_negative_numbers = true, value_parser = crate::job::settings::velocity)]
+    pub velocity: Option<f64>,
     /// How to read the image.
     #[command(flatten, next_help_heading = "Reading the image")]
     pub input: InputOptions,
@@ -260,6 +268,7 @@ fn surfaces_of<const D: usize, M: Stored<D>>(
 ) -> Result<()> {
     let options = args.grouping.options(args.min_area)?;
     let (up, z_up) = args.grouping.up::<D>()?;
+    let file = in_depth(file, args.velocity)?;
     let distance = least_distance(&file);
     let mut stored = StoredMesh::new(file, &args.mesh.display().to_string())?;
     // What else the file holds is not needed any more.
@@ -273,6 +282,12 @@ fn surfaces_of<const D: usize, M: Stored<D>>(
     };
     console.begin_stage("grouping faces");
     let mut surfaces = group(&stored, facets, &options);
+    let units = &stored.space.geometry.units;
+    let up = up.in_units(units);
+    if !up.dips {
+        let time = stored.space.geometry.time_axis().is_some();
+        console.note(mixed_units(units, &up, time));
+    }
     let nodes = stored.world.nodes.as_slice();
     surfaces.orient(nodes, up.up);
     let measures = measure(&surfaces, nodes, &up, &horizon_facets(&stored));
@@ -281,16 +296,17 @@ fn surfaces_of<const D: usize, M: Stored<D>>(
     file.names = measures.iter().map(name).collect();
     file.cell_data = cell_data(&surfaces, &measures, nodes);
     write_file(&args.output, file, &stored.space.geometry, z_up)?;
-    let mut text = table(&measures, D);
+    let mut text = table(&measures, D, args.meets);
     if surfaces.filled > 0 {
         text += &format!("\n{} faces close gaps", surfaces.filled);
     }
     if surfaces.dropped > 0 {
         text += &format!(
-            "\nleft out: {} small surfaces, {:.0} {} in all",
+            "\nleft out: {} small surfaces, {:.0} {} in all, {:.1} % of the area; --min-area 0 keeps them",
             surfaces.dropped,
             surfaces.dropped_area,
             if D == 2 { "samples" } else { "square samples" },
+            100.0 * surfaces.dropped_share(stored.lattice.nodes()),
         );
     }
     text += &format!(
@@ -313,7 +329,29 @@ fn surfaces_of<const D: usize, M: Stored<D>>(
 
 /// What a surface is called in files.
 fn name(measure: &Measure) -> String {
-    format!("{}{}", measure.kind.name(), measure.surface + 1)
+    format!("{}{}", measure.kind.name(), measure.surface)
+}
+
+/// Why dips are not given.
+fn mixed_units<const D: usize>(units: &[String; D], up: &Up<D>, time: bool) -> String {
+    let said = |unit: &String| match unit.as_str() {
+        "" => "no unit".to_string(),
+        unit => unit.to_string(),
+    };
+    let lost = if up.strikes {
+        "no dip"
+    } else {
+        "neither dip nor strike"
+    };
+    format!(
+        "axes of different units ({}): {lost}; area, off plane and rim mix them{}",
+        units.iter().map(said).collect::<Vec<_>>().join(", "),
+        if time {
+            "; --velocity makes depth of time"
+        } else {
+            ""
+        }
+    )
 }
 
 /// Writes surfaces in the format of the file's ending.
@@ -370,20 +408,21 @@ fn cell_data<const D: usize>(
                 .collect::<Vec<f32>>()
                 .into(),
         },
-        DataArray::scalars("dip", of(&|m| m.dip)),
+        DataArray::scalars("dip", of(&|m| m.dip.unwrap_or(f64::NAN))),
         DataArray::scalars("strike", of(&|m| m.strike.unwrap_or(f64::NAN))),
         DataArray::scalars(if D == 2 { "length" } else { "area" }, of(&|m| m.area)),
         DataArray::scalars("horizon", labels.iter().map(horizon).collect::<Vec<u8>>()),
     ]
 }
 
-/// The largest surfaces as lines of text.
-fn table(measures: &[Measure], dimension: usize) -> String {
+/// The largest surfaces as lines of text, and if asked for the surfaces that they meet.
+fn table(measures: &[Measure], dimension: usize, meets: bool) -> String {
     const MOST: usize = 40;
     let [area, rim] = match dimension {
         2 => ["length", "ends"],
         _ => ["area", "rim"],
     };
+    let title = |name: &'static str| if meets { name } else { "" };
     let mut lines = vec![format!(
         "{:>7} {:>7} {:>11} {:>6} {:>6} {:>4} {:>9} {:>9} {:>6} {:>5}  {}",
         "surface",
@@ -396,26 +435,30 @@ fn table(measures: &[Measure], dimension: usize) -> String {
         rim,
         "pieces",
         "holes",
-        "meets"
+        title("meets")
     )];
+    let angle = |angle: Option<f64>| angle.map_or("-".into(), |angle| format!("{angle:.0}"));
     for m in measures.iter().take(MOST) {
-        let meets: Vec<String> = m.meets.iter().map(|s| (s + 1).to_string()).collect();
-        let strike = m.strike.map_or("-".into(), |strike| format!("{strike:.0}"));
+        let others = m.meets.iter().filter(|_| meets);
+        let others: Vec<String> = others.map(ToString::to_string).collect();
         lines.push(format!(
-            "{:>7} {:>7} {:>11.5} {:>6} {:>6} {:>4.0} {:>9.3} {:>9.5} {:>6} {:>5}  {}",
-            m.surface + 1,
+            "{:>7} {:>7} {:>11.5} {:>6} {:>6} {:>4} {:>9.3} {:>9.5} {:>6} {:>5}  {}",
+            m.surface,
             m.kind.name(),
             Short(m.area),
             m.facets,
-            strike,
-            m.dip,
+            angle(m.strike),
+            angle(m.dip),
             Short(m.off_plane),
             Short(m.rim),
             m.components,
             m.holes,
-            meets.join(" ")
+            others.join(" ")
         ));
     }
+    lines
+        .iter_mut()
+        .for_each(|line| line.truncate(line.trim_end().len()));
     if measures.len() > MOST {
         lines.push(format!("... and {} smaller ones", measures.len() - MOST));
     }

@@ -23,6 +23,10 @@ pub struct SynthArgs {
     /// Also write the exact distance to the features
     #[arg(long, value_name = "DIST.npy")]
     pub truth: Option<PathBuf>,
+    /// Also write how deep each sample was before folding and faulting (amplitude and network-amplitude):
+    /// the same all along a reflector
+    #[arg(long, value_name = "DEPTH.npy")]
+    pub layers: Option<PathBuf>,
     /// Number of samples along x, y and z; NX,NY makes a 2-D image
     #[arg(long, value_name = "NX,NY,NZ", default_value = "128,128,128")]
     pub dims: String,
@@ -59,6 +63,20 @@ pub fn synth(args: &SynthArgs, console: &mut Console) -> Result<()> {
         width: args.width,
     };
     let kind = args.kind.parse()?;
+    if let Some(layers) = &args.layers {
+        let others = [Some(args.output.as_path()), args.truth.as_deref()];
+        check_output(
+            layers,
+            "--layers",
+            &["npy"],
+            &others.into_iter().flatten().collect::<Vec<_>>(),
+        )?;
+        let depth = synth::layers(kind, &options)?;
+        match dims.len() {
+            2 => formats::write(layers, &depth.flatten())?,
+            _ => formats::write(layers, &depth)?,
+        }
+    }
     match dims.len() {
         2 => keep(args, &synth::make_plane(kind, &options)?, console),
         _ => keep(args, &synth::make(kind, &options)?, console),

@@ -11,77 +11,132 @@ const FREQUENCY: f64 = 0.08;
 /// Knots of the table of layers, a sample.
 const FINE: f64 = 8.0;
 
-/// The amplitude of folded layers, with rms 1. `sides` has one bit a fault: the layers on a
-/// fault's positive side are thrown along x by 4 to 12 samples, varying along the fault and tapering out
-/// about its rim.
+/// Folded layers thrown by faults. `sides` has one bit a fault: the layers on a fault's positive side
+/// are thrown along x by 4 to 12 samples, varying along the fault and tapering out about its rim.
 ///
 /// The depth of a sample before folding and faulting is
-/// `w = x + fold(y, z) (1/2 + x / nx) + sum of throws`; impedance is constant within a layer of w,
-/// and the trace along x is its derivative convolved with the wavelet.
+/// `w = x + fold(y, z) (1/2 + x / nx) + sum of throws`.
+struct Folded<'a> {
+    dims: [usize; 3],
+    sides: &'a [u32],
+    faults: &'a [Surface],
+    throws: Vec<Throw>,
+    folds: Vec<[f64; 4]>,
+    tapers: bool,
+}
+
+impl<'a> Folded<'a> {
+    fn new(random: &mut Random, sides: &'a [u32], faults: &'a [Surface], dims: [usize; 3]) -> Self {
+        let [_, ny, nz] = dims;
+        let throws: Vec<Throw> = faults.iter().map(|_| Throw::new(random)).collect();
+        let folds: Vec<[f64; 4]> = (0..4)
+            .map(|_| {
+                let k = PI / ny.max(nz) as f64 * random.range(1.0, 4.0);
+                let (sin, cos) = random.range(0.0, TAU).sin_cos();
+                // The slope of each fold is at most 0.12.
+                [
+                    random.range(0.04, 0.12) / k,
+                    k * cos,
+                    k * sin,
+                    random.range(0.0, TAU),
+                ]
+            })
+            .collect();
+        Self {
+            dims,
+            sides,
+            faults,
+            throws,
+            folds,
+            tapers: faults.iter().any(|s| s.rim.is_some()),
+        }
+    }
+
+    /// How far folds and throws may shift a layer.
+    fn reach(&self) -> f64 {
+        let folds = self.folds.iter().map(|f| 1.5 * f[0]);
+        folds.sum::<f64>() + 17.0 * self.faults.len() as f64
+    }
+
+    /// The depths of samples `-margin..depths.len() - margin` of a row along x.
+    fn depths(&self, row: usize, margin: usize, depths: &mut [f64]) {
+        let [nx, ny, _] = self.dims;
+        let (y, z) = ((row % ny) as f64, (row / ny) as f64);
+        let fold: f64 = (self.folds.iter())
+            .map(|f| f[0] * (f[1] * y + f[2] * z + f[3]).sin())
+            .sum();
+        let sides = &self.sides[row * nx..(row + 1) * nx];
+        let (mut last, mut shift) = (u32::MAX, 0.0);
+        for (i, depth) in depths.iter_mut().enumerate() {
+            let x = i as f64 - margin as f64;
+            let side = sides[i.saturating_sub(margin).min(nx - 1)];
+            // A throw that tapers out changes from sample to sample.
+            if side != last || self.tapers && side != 0 {
+                let p = [x.clamp(0.0, (nx - 1) as f64), y, z];
+                let thrown = (0..self.faults.len()).filter(|k| side >> k & 1 == 1);
+                shift = thrown
+                    .map(|k| self.throws[k].at(y, z) * self.faults[k].strength(p))
+                    .sum();
+                last = side;
+            }
+            // Folding is not continued beyond the box, so that w stays within the layers.
+            let stretch = 0.5 + x.clamp(0.0, nx as f64) / nx as f64;
+            *depth = x + fold * stretch + shift;
+        }
+    }
+}
+
+/// What the layers of an amplitude are made with.
+fn random_of(options: &Options) -> Random {
+    Random::of(options.seed, 0xa3b1)
+}
+
+/// How deep each sample of [`amplitude`] was before folding and faulting: the same all along a reflector.
+pub(super) fn depths(sides: &[u32], faults: &[Surface], options: &Options) -> Vec<f32> {
+    let folded = Folded::new(&mut random_of(options), sides, faults, options.dims);
+    let nx = options.dims[0];
+    let mut samples = vec![0f32; sides.len()];
+    samples.par_chunks_mut(nx).enumerate().for_each_init(
+        || vec![0.0; nx],
+        |depths, (row, samples)| {
+            folded.depths(row, 0, depths);
+            samples
+                .iter_mut()
+                .zip(depths)
+                .for_each(|(s, w)| *s = *w as f32);
+        },
+    );
+    samples
+}
+
+/// The amplitude of folded layers thrown by faults, with rms 1: impedance is constant within a layer of
+/// w, and the trace along x is its derivative convolved with the wavelet.
 pub(super) fn amplitude(sides: &[u32], surfaces: &[Surface], options: &Options) -> Vec<f32> {
-    let faults = surfaces.len();
-    let tapers = surfaces.iter().any(|s| s.rim.is_some());
-    let [nx, ny, nz] = options.dims;
-    let mut random = Random::of(options.seed, 0xa3b1);
-    let throws: Vec<Throw> = (0..faults).map(|_| Throw::new(&mut random)).collect();
-    let folds: Vec<[f64; 4]> = (0..4)
-        .map(|_| {
-            let k = PI / ny.max(nz) as f64 * random.range(1.0, 4.0);
-            let (sin, cos) = random.range(0.0, TAU).sin_cos();
-            // The slope of each fold is at most 0.12.
-            [
-                random.range(0.04, 0.12) / k,
-                k * cos,
-                k * sin,
-                random.range(0.0, TAU),
-            ]
-        })
-        .collect();
-    let reach: f64 = folds.iter().map(|f| 1.5 * f[0]).sum::<f64>() + 17.0 * faults as f64;
+    let [nx, ny, _] = options.dims;
+    let mut random = random_of(options);
+    let folded = Folded::new(&mut random, sides, surfaces, options.dims);
     let wavelet = wavelet_slope();
     let margin = wavelet.len() / 2;
-    let pad = reach + margin as f64 + 4.0;
+    let pad = folded.reach() + margin as f64 + 4.0;
     let layers = Layers::new(&mut random, -pad, nx as f64 + pad);
 
     let mut samples = vec![0f32; sides.len()];
-    samples
-        .par_chunks_mut(nx)
-        .zip(sides.par_chunks(nx))
-        .enumerate()
-        .for_each_init(
-            || vec![0f32; nx + 2 * margin],
-            |impedance, (row, (trace, sides))| {
-                let (y, z) = ((row % ny) as f64, (row / ny) as f64);
-                let fold: f64 = folds
+    samples.par_chunks_mut(nx).enumerate().for_each_init(
+        || (vec![0.0; nx + 2 * margin], vec![0f32; nx + 2 * margin]),
+        |(depths, impedance), (row, trace)| {
+            folded.depths(row, margin, depths);
+            for (impedance, &w) in impedance.iter_mut().zip(&*depths) {
+                *impedance = layers.mean(w);
+            }
+            for (x, sample) in trace.iter_mut().enumerate() {
+                *sample = impedance[x..]
                     .iter()
-                    .map(|f| f[0] * (f[1] * y + f[2] * z + f[3]).sin())
+                    .zip(&wavelet)
+                    .map(|(i, w)| i * w)
                     .sum();
-                let (mut last, mut shift) = (u32::MAX, 0.0);
-                for (i, impedance) in impedance.iter_mut().enumerate() {
-                    let x = i as f64 - margin as f64;
-                    let side = sides[i.saturating_sub(margin).min(nx - 1)];
-                    // A throw that tapers out changes from sample to sample.
-                    if side != last || tapers && side != 0 {
-                        let p = [x.clamp(0.0, (nx - 1) as f64), y, z];
-                        let thrown = (0..faults).filter(|k| side >> k & 1 == 1);
-                        shift = thrown
-                            .map(|k| throws[k].at(y, z) * surfaces[k].strength(p))
-                            .sum();
-                        last = side;
-                    }
-                    // Folding is not continued beyond the box, so that w stays within the layers.
-                    let stretch = 0.5 + x.clamp(0.0, nx as f64) / nx as f64;
-                    *impedance = layers.mean(x + fold * stretch + shift);
-                }
-                for (x, sample) in trace.iter_mut().enumerate() {
-                    *sample = impedance[x..]
-                        .iter()
-                        .zip(&wavelet)
-                        .map(|(i, w)| i * w)
-                        .sum();
-                }
-            },
-        );
+            }
+        },
+    );
     let squares: Vec<f64> = samples
         .par_chunks(nx * ny)
         .map(|plane| plane.iter().map(|&s| f64::from(s * s)).sum())

@@ -76,6 +76,11 @@ impl Kind {
 }
 
 impl Kind {
+    /// Whether it shows layers that faults throw.
+    pub fn has_layers(self) -> bool {
+        matches!(self, Kind::Amplitude | Kind::NetworkAmplitude)
+    }
+
     /// Whether its faults are those of [`Kind::Network`].
     fn is_network(self) -> bool {
         matches!(
@@ -249,13 +254,7 @@ pub struct Synthetic<const D: usize = 3> {
 /// crossing each other at less than 30 degrees.
 pub fn make(kind: Kind, options: &Options) -> Result<Synthetic> {
     options.check(kind)?;
-    let surfaces = match kind {
-        Kind::Planes => crossing::faults(options, 0.0)?,
-        Kind::Faults | Kind::Amplitude | Kind::Blocks => crossing::faults(options, 1.0)?,
-        Kind::Network | Kind::NetworkAmplitude | Kind::NetworkMask => network::faults(options)?,
-        Kind::Sphere => balls(options, 1),
-        Kind::Shells => balls(options, options.count()),
-    };
+    let surfaces = surfaces(kind, options)?;
     let (mut truth, sides) = survey::survey(&surfaces, options.dims);
     if kind.is_network() {
         truth.next = Some(survey::next(&surfaces, &truth));
@@ -280,6 +279,37 @@ pub fn make(kind: Kind, options: &Options) -> Result<Synthetic> {
     }
     let image = Image::new(options.dims, samples, Geometry::default());
     Ok(Synthetic { image, truth })
+}
+
+/// How deep each sample of [`make`]'s image was before folding and faulting, in samples along x: the same
+/// all along a reflector. So it is known whether a horizon stays on its reflector beyond a fault.
+///
+/// # Errors
+/// As [`make`], and [`Error::Job`] for an image [without layers](Kind::has_layers).
+pub fn layers(kind: Kind, options: &Options) -> Result<Image<3>> {
+    options.check(kind)?;
+    if !kind.has_layers() {
+        return Err(Error::Job(cause(
+            "layers",
+            "this kind of image has none",
+            "choose amplitude or network-amplitude",
+        )));
+    }
+    let surfaces = surfaces(kind, options)?;
+    let (_, sides) = survey::survey(&surfaces, options.dims);
+    let samples = amplitude::depths(&sides, &surfaces, options);
+    Ok(Image::new(options.dims, samples, Geometry::default()))
+}
+
+/// The surfaces that an image is made of.
+fn surfaces(kind: Kind, options: &Options) -> Result<Vec<Surface>> {
+    Ok(match kind {
+        Kind::Planes => crossing::faults(options, 0.0)?,
+        Kind::Faults | Kind::Amplitude | Kind::Blocks => crossing::faults(options, 1.0)?,
+        Kind::Network | Kind::NetworkAmplitude | Kind::NetworkMask => network::faults(options)?,
+        Kind::Sphere => balls(options, 1),
+        Kind::Shells => balls(options, options.count()),
+    })
 }
 
 /// Makes a synthetic 2-D image and its truth, as [`make`] does: curves instead of surfaces, a disc

@@ -21,8 +21,10 @@ impl From<Job> for Settings {
             metric: Some(match &job.metric {
                 LatticeSpace::Samples => "samples".into(),
                 LatticeSpace::Physical => "physical".into(),
+                LatticeSpace::Shape => "shape".into(),
                 LatticeSpace::Scales(scales) => joined(scales),
             }),
+            velocity: job.velocity,
             rng_seed: Some(job.seed.0),
             input: job.input,
             ..Self::default()

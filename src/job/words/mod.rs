@@ -47,10 +47,13 @@ impl TryFrom<Settings> for Job {
             atoms_from: settings.atoms_from,
             cells,
             metric: match settings.metric.as_deref() {
+                None if settings.velocity.is_some() => LatticeSpace::Shape,
                 None | Some("samples") => LatticeSpace::Samples,
                 Some("physical") => LatticeSpace::Physical,
+                Some("shape") => LatticeSpace::Shape,
                 Some(scales) => LatticeSpace::Scales(axis_scales(scales)?),
             },
+            velocity: settings.velocity,
             seed: settings.rng_seed.map_or(RngSeed::default(), RngSeed),
             outputs: Outputs {
                 mesh: settings.output,
@@ -181,7 +184,7 @@ const MOST_WELDED: f64 = 0.2;
 
 /// A positive scale for each of two or three axes.
 fn axis_scales(text: &str) -> Result<Vec<f64>> {
-    let remedy = "give samples, physical, or a positive number per axis such as 1,1,0.2";
+    let remedy = "give samples, physical, shape, or a positive number per axis such as 1,1,0.2";
     let Some(scales) = finites(text) else {
         return Err(bad("metric", text, "is not made of numbers", remedy));
     };
@@ -226,6 +229,8 @@ mod tests {
             "seeding = \"canny\"\nsmooth = \"odt\"\nfeature = \"labels\"\nslivers = \"none\"",
             "feature = \"paths\"\nobject = [\"1,2\", \"-3,4.5\"]\nevaluator = \"sampled\"",
             "feature = \"faults+horizons\"\nfeature-weights = \"1,0.5\"\nmetric = \"1,1,0.2\"",
+            "velocity = 2400.0",
+            "velocity = 2400.0\nmetric = \"samples\"",
             "seeding = \"guide\"\nmax-atoms = 50\n[input]\ninline-byte = 9",
         ] {
             let job = job(text).unwrap();

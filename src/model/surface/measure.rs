@@ -12,7 +12,7 @@ use crate::geometry::{add_scaled, dot, norm, normal, sub, unit};
 /// Figures of one surface, in the space of the nodes that were given. In 2-D, area means length.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Measure {
-    /// Number of the surface; 0 is the largest.
+    /// Number of the surface; 1 is the largest.
     pub surface: usize,
     /// Fault or horizon.
     pub kind: Kind,
@@ -22,10 +22,12 @@ pub struct Measure {
     pub area: f64,
     /// Unit vector along which the facets' normals vary least, pointing up: the axis of the area-weighted normals.
     pub normal: Vec<f64>,
-    /// Angle between that normal and up, in degrees: 0 is horizontal, 90 vertical.
-    pub dip: f64,
+    /// Angle between that normal and up, in degrees: 0 is horizontal, 90 vertical. `None` where
+    /// coordinates have different units ([`Up::in_units`]).
+    pub dip: Option<f64>,
     /// Direction of the horizontal line in the mean plane, in degrees from north towards east, such
-    /// that the surface dips to the right of it. 3-D only.
+    /// that the surface dips to the right of it. 3-D only, and `None` if north and east have different
+    /// units.
     pub strike: Option<f64>,
     /// Centre of area.
     pub centre: Vec<f64>,
@@ -41,7 +43,7 @@ pub struct Measure {
     pub components: usize,
     /// Closed curves of the rim beyond the first of each piece. 3-D only: 0 in 2-D.
     pub holes: usize,
-    /// Surfaces that share a ridge's nodes with this one.
+    /// Surfaces that share a ridge's nodes with this one, by their numbers.
     pub meets: Vec<usize>,
 }
 
@@ -54,6 +56,10 @@ pub struct Up<const D: usize> {
     pub north: [f64; D],
     /// Unit vector towards east.
     pub east: [f64; D],
+    /// Whether angles against the horizontal mean something.
+    pub dips: bool,
+    /// Whether angles in the map do.
+    pub strikes: bool,
 }
 
 impl<const D: usize> Up<D> {
@@ -66,6 +72,22 @@ impl<const D: usize> Up<D> {
             up: if positive { up } else { up.map(|c| -c) },
             east: unit(axis + 1),
             north: unit(axis + 2),
+            dips: true,
+            strikes: true,
+        }
+    }
+
+    /// The same where coordinates are in `units`: there is no angle between milliseconds and metres.
+    #[must_use]
+    pub fn in_units(self, units: &[String; D]) -> Self {
+        let map: Vec<&String> = (units.iter().zip(self.up))
+            .filter(|(_, up)| *up == 0.0)
+            .map(|(unit, _)| unit)
+            .collect();
+        Self {
+            dips: units.iter().all(|unit| *unit == units[0]),
+            strikes: map.iter().all(|unit| *unit == map[0]),
+            ..self
         }
     }
 }
@@ -129,13 +151,13 @@ fn one<const D: usize>(
     // The normal leans towards where the surface dips; strike is a right angle before that.
     let towards = dot(n, up.east).atan2(dot(n, up.north)).to_degrees();
     Measure {
-        surface,
+        surface: surface + 1,
         kind,
         facets: list.len(),
         area,
         normal: n.to_vec(),
-        dip,
-        strike: (D == 3).then(|| (towards - 90.0).rem_euclid(360.0)),
+        dip: up.dips.then_some(dip),
+        strike: (D == 3 && up.strikes).then(|| (towards - 90.0).rem_euclid(360.0)),
         centre: centre.to_vec(),
         low: low.to_vec(),
         high: high.to_vec(),
@@ -253,7 +275,7 @@ fn shape<const D: usize>(nodes: &[[f64; D]], list: &[[u32; D]]) -> Shape {
     }
 }
 
-/// For each surface, those that it shares at least as many nodes with as a ridge has.
+/// For each surface, the numbers from 1 of those that it shares at least as many nodes with as a ridge has.
 fn meetings<const D: usize>(surfaces: &Surfaces<D>) -> Vec<Vec<usize>> {
     let mut at: Vec<(u32, u32)> = (0..surfaces.len())
         .flat_map(|s| {
@@ -277,7 +299,7 @@ fn meetings<const D: usize>(surfaces: &Surfaces<D>) -> Vec<Vec<usize>> {
     let mut meets = vec![Vec::new(); surfaces.len()];
     for same in pairs.chunk_by(|a, b| a == b) {
         if same.len() >= D - 1 {
-            meets[same[0].0 as usize].push(same[0].1 as usize);
+            meets[same[0].0 as usize].push(same[0].1 as usize + 1);
         }
     }
     meets

@@ -26,6 +26,7 @@
 //! - `facets`: facets and their ridges: triangles and edges in 3-D, edges and nodes in 2-D
 //! - `select`: the facets of a mesh that lie on features
 //! - `pairs`: what continues what
+//! - `walls`: horizons end on faults
 //! - `unite`: pieces and votes -> surfaces
 //! - `fill`: gaps closed by faces that the mesh has there
 //! - `kind`: faults and horizons
@@ -42,11 +43,13 @@ pub(crate) mod pairs;
 pub mod select;
 pub mod stored;
 pub(crate) mod unite;
+pub(crate) mod walls;
 
 use facets::{Facets, NONE};
 pub use kind::Kind;
 pub use measure::{Measure, measure};
 use pairs::{Cores, Vote, across_crossings, across_gaps, across_ridges, rims};
+use walls::Walls;
 
 /// What makes facets one surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -55,8 +58,8 @@ pub struct Options {
     pub max_bend: f64,
     /// The widest gap across which a surface goes on, in units of the facets' size.
     pub reach: f64,
-    /// Smaller surfaces are dropped: least area (3-D) or length (2-D), in the space of the nodes; ten
-    /// facets if `None`.
+    /// Smaller surfaces are dropped: least area (3-D) or length (2-D), in the space of the nodes; if
+    /// `None` that of ten facets, and a fiftieth of the largest surface.
     pub min_area: Option<f64>,
 }
 
@@ -72,6 +75,9 @@ impl Default for Options {
 
 /// Smaller surfaces than this many facets are crumbs.
 const FEWEST: f64 = 10.0;
+
+/// Next to the largest surface, surfaces smaller than this part of it are confetti.
+const SHARE: f64 = 0.02;
 
 /// Facets grouped into surfaces.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -90,20 +96,25 @@ pub struct Surfaces<const D: usize> {
 
 impl<const D: usize> Surfaces<D> {
     /// Groups facets into surfaces. `candidates` are facets that may be added where a surface has a
-    /// gap. Distances and angles are those of `nodes`: use lattice space, in which the mesh is even.
+    /// gap; `horizons`, nodes ascending, sorted, are those that lie on horizons, which end where the others,
+    /// faults, cross them. Distances and angles are those of `nodes`: use lattice space, in which the mesh is even.
     ///
     /// The result does not depend on the number of threads.
     pub fn find(
         nodes: &[[f64; D]],
         facets: Vec<[u32; D]>,
         candidates: &[[u32; D]],
+        horizons: &[[u32; D]],
         options: &Options,
     ) -> Self {
         let straight = options.max_bend.to_radians().cos();
         let facets = Facets::new(nodes, facets);
-        let cores = Cores::new(&facets);
-        let (mut votes, rim) = across_ridges(&facets, &cores, straight);
-        votes.extend(across_gaps(&facets, &cores, &rim, options.reach, straight));
+        let walls = Walls::new(&facets, horizons);
+        let walls = walls.as_ref();
+        let cores = Cores::new(&facets, walls);
+        let (mut votes, rim) = across_ridges(&facets, &cores, walls, straight);
+        let reach = options.reach;
+        votes.extend(across_gaps(&facets, &cores, walls, &rim, reach, straight));
         let unite_pieces = |piece: &[u32], count: usize, votes: &[Vote]| {
             let facing = unite::Facing::of_pieces(&facets, piece, count);
             let (united, count) = unite::unite(&rims(&facets, piece, count), facing, votes);
@@ -113,7 +124,7 @@ impl<const D: usize> Surfaces<D> {
         let (united, surface, count) = unite_pieces(&cores.core, cores.count, &votes);
         // Once more, across wider gaps; what was against stays so.
         let mut votes: Vec<Vote> = votes.iter().filter_map(|v| v.between(&united)).collect();
-        votes.extend(across_crossings(&facets, &surface, &cores.normals));
+        votes.extend(across_crossings(&facets, &surface, &cores.normals, walls));
         let (_, surface, count) = unite_pieces(&surface, count, &votes);
         let added = fill::fill(&facets, &surface, &cores.normals, candidates, straight);
 
@@ -129,7 +140,9 @@ impl<const D: usize> Surfaces<D> {
             areas[*s as usize] += area(facet);
         }
         let mean = areas.iter().sum::<f64>() / members.len().max(1) as f64;
-        let least = options.min_area.unwrap_or(FEWEST * mean);
+        let largest = areas.iter().copied().fold(0.0, f64::max);
+        let least = (FEWEST * mean).max(SHARE * largest);
+        let least = options.min_area.unwrap_or(least);
         let mut order: Vec<usize> = (0..count).collect();
         order.sort_by(|&a, &b| areas[b].total_cmp(&areas[a]).then(a.cmp(&b)));
         let kept = order.partition_point(|&s| areas[s] >= least);
@@ -150,6 +163,13 @@ impl<const D: usize> Surfaces<D> {
             dropped: count - kept,
             dropped_area: order[kept..].iter().map(|&s| areas[s]).sum(),
         }
+    }
+
+    /// The share of all area that was dropped, in the space of [`find`](Self::find)'s nodes.
+    pub fn dropped_share(&self, nodes: &[[f64; D]]) -> f64 {
+        let area = |f: &[u32; D]| crate::geometry::normal(&f.map(|n| nodes[n as usize]));
+        let kept: f64 = (self.facets.iter().map(area).map(crate::geometry::norm)).sum();
+        self.dropped_area / (kept + self.dropped_area).max(f64::MIN_POSITIVE)
     }
 
     /// Number of surfaces.

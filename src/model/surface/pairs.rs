@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use super::facets::{Facets, NONE};
+use super::walls::Walls;
 use crate::geometry::buckets::Buckets;
 use crate::geometry::sets::Sets;
 use crate::geometry::{add_scaled, dot, norm, sub, unit};
@@ -29,12 +30,17 @@ pub struct Cores<const D: usize> {
 }
 
 impl<const D: usize> Cores<D> {
-    /// Facets that meet two by two with little bend, by themselves and by their averaged normals.
-    pub fn new(facets: &Facets<D>) -> Self {
+    /// Facets that meet two by two with little bend, by themselves and by their averaged normals, and
+    /// no fault between them.
+    pub fn new(facets: &Facets<D>, walls: Option<&Walls<D>>) -> Self {
         let count = facets.len();
+        let neighbour = |side: usize| match sure_neighbour(facets, side) {
+            g if g != NONE && parted(walls, side / D, g as usize) => NONE,
+            g => g,
+        };
         let smooth: Vec<[u32; D]> = (0..count)
             .into_par_iter()
-            .map(|f| std::array::from_fn(|k| sure_neighbour(facets, D * f + k)))
+            .map(|f| std::array::from_fn(|k| neighbour(D * f + k)))
             .collect();
         let area: Vec<[f64; D]> = (0..count)
             .into_par_iter()
@@ -80,8 +86,13 @@ impl<const D: usize> Cores<D> {
     }
 }
 
+/// Whether walls part two facets.
+fn parted<const D: usize>(walls: Option<&Walls<D>>, f: usize, g: usize) -> bool {
+    walls.is_some_and(|walls| walls.part(f, g))
+}
+
 /// The facet beyond a side, if it is the only one and the bend is small.
-fn sure_neighbour<const D: usize>(facets: &Facets<D>, side: usize) -> u32 {
+pub fn sure_neighbour<const D: usize>(facets: &Facets<D>, side: usize) -> u32 {
     let ridge = facets.ridges[side / D][side % D] as usize;
     match *facets.sides(ridge) {
         [a, b] => {
@@ -128,6 +139,7 @@ pub const FULL: u32 = 64;
 pub fn across_ridges<const D: usize>(
     facets: &Facets<D>,
     cores: &Cores<D>,
+    walls: Option<&Walls<D>>,
     straight: f64,
 ) -> (Vec<Vote>, Vec<u32>) {
     let mut votes = Vec::new();
@@ -152,7 +164,10 @@ pub fn across_ridges<const D: usize>(
                 );
                 let plain = -dot(facets.inward(a as usize), facets.inward(b as usize));
                 let parallel = dot(cores.normals[a as usize / D], cores.normals[b as usize / D]);
-                if averaged.max(plain) > straight && parallel.abs() > straight {
+                if averaged.max(plain) > straight
+                    && parallel.abs() > straight
+                    && !parted(walls, a as usize / D, b as usize / D)
+                {
                     bends.push((averaged + plain, a, b));
                 }
             }
@@ -198,6 +213,7 @@ fn favour<const D: usize>(cores: &Cores<D>, a: u32, b: u32, straight: f64) -> u3
 pub fn across_gaps<const D: usize>(
     facets: &Facets<D>,
     cores: &Cores<D>,
+    walls: Option<&Walls<D>>,
     rim: &[u32],
     reach: f64,
     straight: f64,
@@ -240,7 +256,8 @@ pub fn across_gaps<const D: usize>(
                         && flat(normal)
                         && flat(cores.normals[g])
                 };
-                if dot(normal, cores.normals[g]).abs() > straight && onward {
+                if dot(normal, cores.normals[g]).abs() > straight && onward && !parted(walls, f, g)
+                {
                     best = Some((far, j));
                 }
             });
@@ -336,6 +353,7 @@ pub fn across_crossings<const D: usize>(
     facets: &Facets<D>,
     surface: &[u32],
     normals: &[[f64; D]],
+    walls: Option<&Walls<D>>,
 ) -> Vec<Vote> {
     let count = facets.len();
     let size = (0..count).map(|f| facets.size(f)).sum::<f64>() / count.max(1) as f64;
@@ -403,6 +421,7 @@ pub fn across_crossings<const D: usize>(
                     && dot(here.normal, there.normal).abs() > SAME_PLANE
                     && dot(across, here.normal).abs() < off
                     && dot(across, there.normal).abs() < off
+                    && !parted(walls, rim[i] / D, rim[j] / D)
                 {
                     best = Some((far, j));
                 }

@@ -11,7 +11,14 @@ pub fn group<const D: usize, M: Mesh<D>>(
     options: &Options,
 ) -> Surfaces<D> {
     let candidates = select::spanned(&stored.lattice, &facets);
-    Surfaces::find(stored.lattice.nodes(), facets, &candidates, options)
+    let horizons = horizon_facets(stored);
+    Surfaces::find(
+        stored.lattice.nodes(),
+        facets,
+        &candidates,
+        &horizons,
+        options,
+    )
 }
 
 /// The facets of a mesh that lie on horizons, nodes ascending, sorted.

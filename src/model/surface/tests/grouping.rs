@@ -6,11 +6,11 @@ use super::*;
 fn sheets_that_cross_stay_two_and_meet() {
     for degrees in [30.0, 45.0, 90.0, 140.0] {
         let (nodes, facets) = crossing(degrees);
-        let surfaces = Surfaces::find(&nodes, facets, &[], &Options::default());
+        let surfaces = Surfaces::find(&nodes, facets, &[], &[], &Options::default());
         let found = measure(&surfaces, &nodes, &Up::along(2, true), &[]);
         assert_eq!(found.len(), 2, "{degrees}");
         assert!((found[0].area - 100.0).abs() < 1e-9 && (found[1].area - 80.0).abs() < 1e-9);
-        assert_eq!([&found[0].meets[..], &found[1].meets[..]], [[1], [0]]);
+        assert_eq!([&found[0].meets[..], &found[1].meets[..]], [[2], [1]]);
         assert_eq!([found[0].components, found[0].holes], [1, 0]);
         assert!((found[0].rim - 40.0).abs() < 1e-9 && found[0].off_plane < 1e-9);
     }
@@ -19,7 +19,7 @@ fn sheets_that_cross_stay_two_and_meet() {
 #[test]
 fn the_order_of_facets_changes_nothing() {
     let (nodes, facets) = crossing(40.0);
-    let want = Surfaces::find(&nodes, facets.clone(), &[], &Options::default());
+    let want = Surfaces::find(&nodes, facets.clone(), &[], &[], &Options::default());
     let mut seed = 7;
     for _ in 0..5 {
         let mut keyed: Vec<(f64, [u32; 3])> =
@@ -27,7 +27,7 @@ fn the_order_of_facets_changes_nothing() {
         keyed.sort_by(|a, b| a.0.total_cmp(&b.0));
         let shuffled = keyed.into_iter().map(|k| k.1).collect();
         assert_eq!(
-            Surfaces::find(&nodes, shuffled, &[], &Options::default()),
+            Surfaces::find(&nodes, shuffled, &[], &[], &Options::default()),
             want
         );
     }
@@ -46,7 +46,7 @@ fn a_gap_at_the_crossing_does_not_part_a_surface() {
     let (gap, kept): (Vec<_>, Vec<_>) = rest.into_iter().partition(off);
     assert_eq!(gap.len(), 40);
     facets.extend(kept);
-    let surfaces = Surfaces::find(&nodes, facets.clone(), &[], &Options::default());
+    let surfaces = Surfaces::find(&nodes, facets.clone(), &[], &[], &Options::default());
     assert_eq!(surfaces.len(), 2);
     assert!((areas(&surfaces, &nodes)[1] - 60.0).abs() < 1e-9);
     // Half of the gap closes with faces that hang on what there is.
@@ -58,7 +58,7 @@ fn a_gap_at_the_crossing_does_not_part_a_surface() {
         .collect();
     let stray = [half[0][0], half[1][1], facets[0][0]];
     let one_side = [half, vec![stray]].concat();
-    let closed = Surfaces::find(&nodes, facets, &one_side, &Options::default());
+    let closed = Surfaces::find(&nodes, facets, &one_side, &[], &Options::default());
     assert_eq!(
         (closed.len(), closed.filled),
         (2, 0),
@@ -76,7 +76,7 @@ fn a_wide_gap(off: f64) -> usize {
     add_sheet(&mut nodes, &mut facets, [16, 10], |i, j| {
         [(i - 8.0) * cos - 1.0, (i - 8.0) * sin, j]
     });
-    let surfaces = Surfaces::find(&nodes, facets, &[], &Options::default());
+    let surfaces = Surfaces::find(&nodes, facets, &[], &[], &Options::default());
     let mut areas = areas(&surfaces, &nodes);
     areas.sort_by(|a, b| b.total_cmp(a));
     assert!((areas.iter().sum::<f64>() - 360.0).abs() < 1e-9);
@@ -88,6 +88,67 @@ fn a_strip_missing_at_a_low_angle_crossing_does_not_part_a_surface() {
     assert_eq!(a_wide_gap(0.0), 2);
     assert_eq!(a_wide_gap(0.5), 2);
     assert_eq!(a_wide_gap(2.5), 3);
+}
+
+/// A horizon and a fault across it, `cut` squares long of the ten that it would need; beyond the fault
+/// the horizon goes on after `gap` squares.
+fn horizons_at_a_fault(cut: usize, gap: f64) -> usize {
+    let (mut nodes, mut facets) = (Vec::new(), Vec::new());
+    add_sheet(&mut nodes, &mut facets, [8, 10], |i, j| [i - 8.0, j, 0.0]);
+    add_sheet(&mut nodes, &mut facets, [8, 10], |i, j| [i + gap, j, 0.0]);
+    let mut horizons = facets.clone();
+    horizons.iter_mut().for_each(|facet| facet.sort_unstable());
+    horizons.sort_unstable();
+    add_sheet(&mut nodes, &mut facets, [cut, 10], |i, j| [0.0, i, j - 5.0]);
+    let surfaces = Surfaces::find(&nodes, facets, &[], &horizons, &Options::default());
+    let kinds = kind::kinds(&surfaces, &nodes, &horizons);
+    assert_eq!(kinds.iter().filter(|k| **k == Kind::Fault).count(), 1);
+    assert_eq!(surfaces.dropped, 0);
+    surfaces.len() - 1
+}
+
+#[test]
+fn horizons_end_on_faults_but_go_on_around_them() {
+    assert_eq!(horizons_at_a_fault(10, 0.0), 2);
+    assert_eq!(horizons_at_a_fault(10, 1.0), 2, "across a gap");
+    assert_eq!(horizons_at_a_fault(4, 0.0), 1, "around the fault's end");
+}
+
+#[test]
+fn confetti_beside_a_large_surface_is_dropped_by_default() {
+    let (mut nodes, mut facets) = (Vec::new(), Vec::new());
+    add_sheet(&mut nodes, &mut facets, [40, 40], |i, j| [i, j, 0.0]);
+    add_sheet(&mut nodes, &mut facets, [4, 4], |i, j| [i, j, 9.0]);
+    add_sheet(&mut nodes, &mut facets, [7, 7], |i, j| [i, j, 18.0]);
+    let found = |min_area| {
+        let options = Options {
+            min_area,
+            ..Options::default()
+        };
+        let surfaces = Surfaces::find(&nodes, facets.clone(), &[], &[], &options);
+        let share = surfaces.dropped_share(&nodes);
+        assert!((share - surfaces.dropped_area / 1665.0).abs() < 1e-12);
+        (surfaces.len(), surfaces.dropped_area)
+    };
+    assert_eq!(found(None), (2, 16.0));
+    assert_eq!(found(Some(0.0)), (3, 0.0));
+}
+
+#[test]
+fn angles_between_different_units_are_not_given() {
+    let (mut nodes, mut facets) = (Vec::new(), Vec::new());
+    add_sheet(&mut nodes, &mut facets, [8, 8], |i, j| [i, j, 2.0 * i]);
+    let surfaces = Surfaces::find(&nodes, facets, &[], &[], &Options::default());
+    let angles = |axis: usize, units: [&str; 3]| {
+        let up = Up::along(axis, true).in_units(&units.map(String::from));
+        let found = measure(&surfaces, &nodes, &up, &[]);
+        let round = |angle: Option<f64>| angle.map(|a| a.round());
+        (round(found[0].strike), round(found[0].dip))
+    };
+    // The surface dips to the west.
+    assert_eq!(angles(2, ["m", "m", "m"]), (Some(180.0), Some(63.0)));
+    assert_eq!(angles(2, ["m", "m", "ms"]), (Some(180.0), None));
+    assert_eq!(angles(0, ["m", "m", "ms"]), (None, None));
 }
 
 #[test]
@@ -102,7 +163,7 @@ fn holes_close_with_candidates_in_the_plane_only() {
     let top = nodes.len() as u32 - 1;
     let wrong = [facets[0][0], facets[0][1], top];
     let candidates = [missing, vec![wrong]].concat();
-    let surfaces = Surfaces::find(&nodes, facets, &candidates, &Options::default());
+    let surfaces = Surfaces::find(&nodes, facets, &candidates, &[], &Options::default());
     assert_eq!((surfaces.len(), surfaces.filled), (1, 3));
     let sorted = |mut list: Vec<[u32; 3]>| {
         list.sort_unstable();
@@ -118,7 +179,7 @@ fn a_surface_that_ends_at_another_is_its_own() {
     add_sheet(&mut nodes, &mut facets, [6, 10], |i, j| {
         [0.8 * i, 0.6 * i, j]
     });
-    let surfaces = Surfaces::find(&nodes, facets, &[], &Options::default());
+    let surfaces = Surfaces::find(&nodes, facets, &[], &[], &Options::default());
     let areas = areas(&surfaces, &nodes);
     assert!(areas.len() == 2 && (areas[0] - 100.0).abs() < 1e-9 && (areas[1] - 60.0).abs() < 1e-9);
 }
@@ -133,13 +194,13 @@ fn small_surfaces_are_dropped_and_counted() {
             min_area,
             ..Options::default()
         };
-        Surfaces::find(&nodes, facets.clone(), &[], &options)
+        Surfaces::find(&nodes, facets.clone(), &[], &[], &options)
     };
     let surfaces = find(None);
     assert_eq!((surfaces.len(), surfaces.dropped), (1, 1));
     assert!((surfaces.dropped_area - 2.0).abs() < 1e-12);
     assert_eq!(find(Some(1.9)).len(), 2);
-    assert!(Surfaces::<3>::find(&[], vec![], &[], &Options::default()).is_empty());
+    assert!(Surfaces::<3>::find(&[], vec![], &[], &[], &Options::default()).is_empty());
 }
 
 /// Lines that cross: the same grouping, one dimension down.
@@ -159,7 +220,7 @@ fn in_two_dimensions_lines_cross_too() {
             last = next;
         }
     }
-    let mut surfaces = Surfaces::find(&nodes, facets.clone(), &[], &Options::default());
+    let mut surfaces = Surfaces::find(&nodes, facets.clone(), &[], &[], &Options::default());
     surfaces.orient(&nodes, [0.0, 1.0]);
     let found = measure(&surfaces, &nodes, &Up::along(1, true), &[]);
     assert_eq!(found.len(), 2);
@@ -168,7 +229,7 @@ fn in_two_dimensions_lines_cross_too() {
         assert!((line.area - 24.0).abs() < 0.2 && line.strike.is_none());
         assert_eq!(line.meets.len(), 1);
     }
-    let mut dips: Vec<f64> = found.iter().map(|m| m.dip).collect();
+    let mut dips: Vec<f64> = found.iter().map(|m| m.dip.unwrap()).collect();
     dips.sort_by(f64::total_cmp);
     // The arms rise by 0.048 on the mean.
     let tilt = 0.048f64.atan().to_degrees();
@@ -185,7 +246,7 @@ fn in_two_dimensions_lines_cross_too() {
     }
     // Without the segments at the crossing it stays two lines.
     facets.retain(|f| f[0] != 0);
-    let apart = Surfaces::find(&nodes, facets, &[], &Options::default());
+    let apart = Surfaces::find(&nodes, facets, &[], &[], &Options::default());
     assert_eq!(areas(&apart, &nodes).len(), 2);
 }
 
@@ -212,13 +273,13 @@ fn strike_and_dip_of_known_planes() {
                 f.swap(1, 2);
             }
         });
-        let mut surfaces = Surfaces::find(&nodes, facets, &[], &Options::default());
+        let mut surfaces = Surfaces::find(&nodes, facets, &[], &[], &Options::default());
         let up = Up::along(2, true);
         surfaces.orient(&nodes, up.up);
         let [found] = &measure(&surfaces, &nodes, &up, &[])[..] else {
             panic!("one")
         };
-        assert!((found.dip - dip).abs() < 1e-6, "{dip} {found:?}");
+        assert!((found.dip.unwrap() - dip).abs() < 1e-6, "{dip} {found:?}");
         assert!(
             (found.strike.unwrap() - strike + 180.0).rem_euclid(360.0) - 180.0 < 1e-6,
             "{found:?}"
@@ -252,7 +313,7 @@ fn rims_holes_and_closed_surfaces() {
         let r = 12.0 + 5.0 * b.cos();
         [r * a.cos(), r * a.sin(), 30.0 + 5.0 * b.sin()]
     });
-    let mut surfaces = Surfaces::find(&nodes, facets, &[], &Options::default());
+    let mut surfaces = Surfaces::find(&nodes, facets, &[], &[], &Options::default());
     let up = Up::along(2, true);
     surfaces.orient(&nodes, up.up);
     let found = measure(&surfaces, &nodes, &up, &[]);
@@ -297,13 +358,13 @@ fn surfaces_that_are_mostly_of_horizons_are_horizons() {
         plane(&mesh, 0, 3.0, |_| false),
     );
     let facets = [layer.clone(), fault.clone()].concat();
-    let surfaces = Surfaces::find(&mesh.nodes, facets, &[], &Options::default());
+    let surfaces = Surfaces::find(&mesh.nodes, facets, &[], &[], &Options::default());
     // A few of the fault's facets are taken for a horizon's.
     let mut horizons = [layer, fault[..10].to_vec()].concat();
     horizons.sort_unstable();
     let up = Up::along(2, true);
     for m in measure(&surfaces, &mesh.nodes, &up, &horizons) {
-        let want = if m.dip < 45.0 {
+        let want = if m.dip.unwrap() < 45.0 {
             Kind::Horizon
         } else {
             Kind::Fault

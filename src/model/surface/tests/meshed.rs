@@ -41,6 +41,7 @@ fn group(outcome: &Outcome, min_area: Option<f64>) -> Surfaces<3> {
         &outcome.simplices().unwrap().mesh.nodes,
         faces,
         &candidates,
+        &[],
         &options,
     )
 }

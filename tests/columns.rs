@@ -104,10 +104,14 @@ fn columns_between_horizons_pass_every_verb() {
     assert_eq!(quality["voronoi"]["not_positive"], 0);
     // Damage is still found.
     let mut damaged = file.clone();
-    damaged.mesh.sites[7][0] += 30.0;
+    damaged.mesh.sites[7][2] += 30.0;
     atomesh::store::write_cells_vtu(&folder.join("damaged.vtu"), &damaged).unwrap();
     let said = refused(folder, &["validate", "damaged.vtu"]);
     assert!(said.contains("do not hold their site"), "{said}");
+    // Moved sideways it stands in no column any more.
+    damaged.mesh.sites[7][0] += 30.0;
+    atomesh::store::write_cells_vtu(&folder.join("damaged.vtu"), &damaged).unwrap();
+    assert!(refused(folder, &["validate", "damaged.vtu"]).contains("invalid"));
 
     let flow = "flow cells.vtu -o flow.vtu --pressure xmin=2e5 --pressure xmax=1e5 --faults open";
     run(folder, &format!("{flow} --quiet"));

@@ -116,11 +116,12 @@ const CHOICES: &[Choice] = &[
 /// Options of which, one given, the other says what is so anyhow: alongside is where atoms of Voronoi
 /// cells stand; a lattice whose distance varies, be it for wells, is always grown, as the help says of
 /// fcc; bare samples are 1 apart, in metres as in samples.
-const TWINS: [[&str; 2]; 4] = [
+const TWINS: [[&str; 2]; 5] = [
     ["--align alongside", "--cells voronoi"],
     ["--seeding grown", "--distance-from"],
     ["--seeding grown", "--well-distance"],
     ["--metric physical", "--raw"],
+    ["--metric shape", "--raw"],
 ];
 
 /// What came of a run: exit code, what was said, figures, and the files with what is in them.

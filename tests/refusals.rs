@@ -101,7 +101,6 @@ fn impossible_distances() {
         );
         assert_says(&line, &["distance"]);
     }
-    refused(folder.path(), &["mesh", "good.npy", "--distance", "4:8"]);
 }
 
 #[test]

@@ -47,8 +47,9 @@ impl<'a, const D: usize> Reference<'a, D> {
         };
         let inside = |p: [f32; D]| (0..D).all(|k| (-1e-3..=last[k] + 1e-3).contains(&p[k]));
         let (mut points, mut next) = (Vec::new(), truth.next.as_ref().map(|_| Vec::new()));
-        for i in (0..truth.distance.len()).filter(|&i| truth.distance[i] < 0.5 && inside(point(i)))
-        {
+        let asked_for = |i: usize| truth.next.as_ref().is_none_or(|next| next[i][0] >= 0.0);
+        let wanted = |&i: &usize| truth.distance[i] < 0.5 && asked_for(i) && inside(point(i));
+        for i in (0..truth.distance.len()).filter(wanted) {
             points.push(point(i));
             if let (Some(next), Some(of_samples)) = (&mut next, &truth.next) {
                 next.push(of_samples[i]);

@@ -61,6 +61,8 @@ pub struct RidgeSearch<'a, const D: usize> {
     pub scale: Option<f64>,
     /// Whether sheets may cross at shallow angles or run close, so that all orientations are looked at.
     pub lifts: bool,
+    /// Where no threshold is given, points at all angles are kept down to this share of the strong ones.
+    pub least: fn(&Thresholds) -> f32,
     /// Thresholds (low, high) where none are given.
     pub automatic: fn(&Statistics) -> (f32, f32),
 }
@@ -73,6 +75,7 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
             finest: FINEST,
             scale: scene.asked.scale,
             lifts: true,
+            least: |_| 0.46,
             automatic: Statistics::thresholds,
         }
     }
@@ -106,14 +109,18 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
     ) -> Vec<Candidate<D>> {
         let (dims, patience) = (self.scene.image.dims(), self.scene.patience);
         let zone = Ambiguous::new(smoothed, &candidates, thresholds.high);
+        let typical = ridges::typical(candidates.iter().map(|c| c.strength));
         let search = Search {
             image: Volume::new(dims, image),
             smoothed,
             zone: &zone,
             candidates: &candidates,
             strong: thresholds.high,
-            low: thresholds.low,
-            typical: ridges::typical(candidates.iter().map(|c| c.strength)),
+            share: match self.scene.thresholds() {
+                Some(_) => thresholds.low / typical,
+                None => (self.least)(&thresholds),
+            },
+            typical,
             patience,
         };
         let lifted = search.points();

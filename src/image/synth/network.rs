@@ -501,7 +501,10 @@ mod tests {
         for seed in 1..5 {
             let made = make(Kind::NetworkMask, &options(seed)).unwrap();
             let (mut on, mut holes, mut strays) = (0, 0, 0);
-            for (sample, &distance) in made.image.as_slice().iter().zip(&made.truth.distance) {
+            let next = made.truth.next.unwrap();
+            let samples = made.image.as_slice().iter().zip(&made.truth.distance);
+            // Where a fault tapers out nothing is painted.
+            for ((sample, &distance), _) in samples.zip(&next).filter(|s| s.1[0] >= 0.0) {
                 assert!(*sample == 0.0 || *sample == 1.0);
                 on += usize::from(distance < 0.45 && *sample == 1.0);
                 holes += usize::from(distance < 0.45 && *sample == 0.0);

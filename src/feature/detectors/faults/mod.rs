@@ -52,6 +52,9 @@ impl<const D: usize> Detector<D> for Faults {
         let search = RidgeSearch {
             scale: None,
             automatic: semblance::thresholds,
+            // Likelihoods vary along a fault much more than those of an image of faults: 0.18 where there
+            // is little noise, more where noise lifts the threshold.
+            least: |thresholds| 0.18 * thresholds.low / semblance::LEAST[0],
             ..RidgeSearch::new(scene)
         };
         let mut found = search.find(likelihood, notes);

@@ -65,7 +65,7 @@ fn balanced<const D: usize>(amplitude: Volume<'_, D>, patience: &Patience<'_>) -
 
 /// Likelihood down to which a fault is followed, and which it must reach somewhere; or these
 /// multiples of the noise, if they are more.
-const LEAST: [f32; 2] = [0.035, 0.1];
+pub const LEAST: [f32; 2] = [0.035, 0.1];
 const OVER_NOISE: [f32; 2] = [1.75, 2.5];
 
 /// Thresholds for the ridges of [`likelihood`]: semblance is a share, so they are the same for all

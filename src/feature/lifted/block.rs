@@ -1,0 +1,307 @@
+//! A block of samples, in which sheets meet in a few lines.
+
+use super::filters::{CLOSE, CROSSING, Filters, NEAR};
+use super::zone::{CELL, MIXED_NORMALS, WIDE_RIDGES, trace};
+use super::{SAME_SHEET, Search};
+use crate::feature::crossing::Candidate;
+use crate::feature::symmetric::{Symmetric, eigenvalues, eigenvector};
+use crate::feature::volume::Volume;
+use crate::geometry::{cross, dot, in_space, unit};
+
+/// Samples along an edge of a block with one line and one set of filters.
+pub const BLOCK: usize = 16;
+/// Directions that normals gather round in a block, at most ...
+const MODES: usize = 4;
+/// ... judged by so many normals ...
+const NORMALS: usize = 300;
+/// ... within this (cosine: 18 degrees) ...
+const SAME_MODE: f64 = 0.95;
+/// ... with at least this share of all.
+const LEAST_MODE: f64 = 0.04;
+/// Lines nearer than this (cosine: 15 degrees) are one.
+const SAME_LINE: f64 = 0.966;
+
+/// What all blocks share.
+pub struct Job<'a, const D: usize> {
+    /// Candidates by the block that they lie in: where each block's begin, and their numbers.
+    pub by_block: (Vec<u32>, Vec<u32>),
+    pub search: &'a Search<'a, D>,
+    /// The image for [`CROSSING`] and for [`CLOSE`].
+    pub sources: [Volume<'a, D>; 2],
+    pub level: f32,
+    pub floor: f32,
+}
+
+/// What a thread needs for a block.
+#[derive(Default)]
+pub struct Scratch {
+    /// Samples of the block and a margin.
+    pub raw: Vec<f32>,
+    /// 1 for those inside the image, 0 for the others; nothing if all are inside.
+    pub inside: Vec<f32>,
+    /// Both, smoothed along the line.
+    pub line: Vec<f32>,
+    pub line_inside: Vec<f32>,
+    /// The block and a small margin, smoothed along a sheet.
+    pub sheet: Vec<f32>,
+    /// C and D of each row that matters, of each angle, of each sample of the row.
+    pub second: Vec<f32>,
+    pub first: Vec<f32>,
+}
+
+impl<const D: usize> Job<'_, D> {
+    pub fn of_block(&self, first: [usize; D], scratch: &mut Scratch) -> Vec<Candidate<D>> {
+        let (zone, dims) = (self.search.zone, self.search.image.dims);
+        // The ambiguous cells of the block decide on the line.
+        let side = BLOCK / CELL;
+        let (mut tensor, mut kinds) = ([[0.0; D]; D], [false; 2]);
+        for number in 0..side.pow(D as u32) {
+            let mut rest = number;
+            let at: [usize; D] = std::array::from_fn(|k| {
+                let i = first[k] + rest % side * CELL;
+                rest /= side;
+                i
+            });
+            if (0..D).any(|k| at[k] >= dims[k]) {
+                continue;
+            }
+            let cell = zone.cell_of(at);
+            kinds[0] |= zone.flags[cell] == MIXED_NORMALS;
+            kinds[1] |= zone.flags[cell] & WIDE_RIDGES != 0;
+            let around = zone.around(cell, 1);
+            for k in 0..D {
+                for l in 0..D {
+                    tensor[k][l] += around[k][l];
+                }
+            }
+        }
+        let mut found = Vec::new();
+        if trace(&tensor) == 0.0 {
+            return found;
+        }
+        let modes = self.modes(first);
+        let lines = self.lines(&modes, &tensor);
+        for (kind, shape) in [CROSSING, CLOSE].into_iter().enumerate() {
+            let wanted = |at: [usize; D]| {
+                let flags = zone.flags[zone.cell_of(at)];
+                let of_kind = if flags & WIDE_RIDGES != 0 { 1 } else { 0 };
+                flags != 0
+                    && of_kind == kind
+                    && self.search.smoothed.samples[self.search.smoothed.index(at)] >= self.floor
+            };
+            if kinds[kind] {
+                let mask = Mask::new(dims, first, wanted);
+                for line in lines.iter().filter(|_| mask.any) {
+                    let filters = Filters::new(shape, frame(*line), &modes, kind == 1);
+                    filters.fill(self.sources[kind], first, self.level, &mask, scratch);
+                    filters.apply(&mask, scratch);
+                    filters.points(dims, &mask, first, scratch, &mut found);
+                }
+            }
+        }
+        if lines.len() > 1 {
+            found = once(found);
+        }
+        found
+    }
+
+    /// The lines in which the sheets of a block may meet: square to each two of the directions that
+    /// normals have there.
+    fn lines(&self, modes: &[[f64; D]], tensor: &Symmetric<D>) -> Vec<[f64; D]> {
+        let usual = vec![eigenvector(tensor, eigenvalues(tensor)[0])];
+        if D == 2 {
+            return usual;
+        }
+        let mut lines: Vec<[f64; D]> = Vec::new();
+        for (i, a) in modes.iter().enumerate() {
+            for b in &modes[..i] {
+                let line = cross(in_space(*a), in_space(*b));
+                let length = dot(line, line).sqrt();
+                let line = std::array::from_fn(|k| line[k] / length);
+                if lines.iter().all(|l| dot(*l, line).abs() < SAME_LINE) {
+                    lines.push(line);
+                }
+            }
+        }
+        match lines.is_empty() {
+            true => usual,
+            false => lines,
+        }
+    }
+
+    /// Up to [`MODES`] directions round which the normals of candidates in and beside a block gather.
+    fn modes(&self, first: [usize; D]) -> Vec<[f64; D]> {
+        let dims = self.search.image.dims;
+        let edges = dims.map(|n| n.div_ceil(BLOCK));
+        let reach = BLOCK / 2;
+        let mut normals: Vec<([f64; D], f64)> = Vec::new();
+        for number in 0..3usize.pow(D as u32) {
+            let mut rest = number;
+            let near: [usize; D] = std::array::from_fn(|k| {
+                let i = (first[k] / BLOCK + rest % 3).wrapping_sub(1);
+                rest /= 3;
+                i
+            });
+            if (0..D).any(|k| near[k] >= edges[k]) {
+                continue;
+            }
+            let block = (0..D).rev().fold(0, |i, k| i * edges[k] + near[k]);
+            let (start, order) = &self.by_block;
+            for &i in &order[start[block] as usize..start[block + 1] as usize] {
+                let c = &self.search.candidates[i as usize];
+                let at = self.search.image.coordinates(c.voxel as usize);
+                let close =
+                    (0..D).all(|k| at[k] + reach >= first[k] && at[k] < first[k] + BLOCK + reach);
+                if close && c.strength >= self.search.strong {
+                    normals.push((c.normal.map(f64::from), f64::from(c.strength)));
+                }
+            }
+        }
+        let every = normals.len() / NORMALS + 1;
+        let mut normals: Vec<([f64; D], f64)> = normals.into_iter().step_by(every).collect();
+        let all: f64 = normals.iter().map(|n| n.1).sum();
+        let mut modes = Vec::new();
+        while modes.len() < MODES {
+            let Some((start, _)) = normals.iter().max_by(|a, b| a.1.total_cmp(&b.1)).copied()
+            else {
+                break;
+            };
+            // The best of some starts, moved to the mean of what is round it.
+            let support = |about: [f64; D]| -> ([f64; D], f64) {
+                let (mut sum, mut weight) = ([0.0; D], 0.0);
+                for (n, w) in &normals {
+                    let c = dot(*n, about);
+                    if c.abs() > SAME_MODE {
+                        weight += w;
+                        for k in 0..D {
+                            sum[k] += w * c.signum() * n[k];
+                        }
+                    }
+                }
+                (unit(sum), weight)
+            };
+            let some = normals.iter().step_by(normals.len() / 16 + 1).map(|n| n.0);
+            let best = some
+                .chain([start])
+                .map(support)
+                .max_by(|a, b| a.1.total_cmp(&b.1));
+            let Some((mode, _)) = best else { break };
+            let (mode, weight) = support(mode);
+            if weight < LEAST_MODE * all {
+                break;
+            }
+            modes.push(mode);
+            normals.retain(|(n, _)| dot(*n, mode).abs() <= SAME_MODE);
+        }
+        modes
+    }
+}
+
+/// Which samples of a block matter.
+pub struct Mask {
+    pub samples: Vec<bool>,
+    /// Of each row of x.
+    pub rows: Vec<bool>,
+    /// Of each row of x in the block and its small margin.
+    pub around: Vec<bool>,
+    pub any: bool,
+}
+
+impl Mask {
+    fn new<const D: usize>(
+        dims: [usize; D],
+        first: [usize; D],
+        wanted: impl Fn([usize; D]) -> bool,
+    ) -> Self {
+        let rows = BLOCK.pow(D as u32 - 1);
+        let wide = BLOCK + 2 * NEAR;
+        let mut mask = Self {
+            samples: vec![false; rows * BLOCK],
+            rows: vec![false; rows],
+            around: vec![false; wide.pow(D as u32 - 1)],
+            any: false,
+        };
+        for i in 0..rows * BLOCK {
+            let at = in_block(i, first);
+            if (0..D).all(|k| at[k] < dims[k]) && wanted(at) {
+                mask.samples[i] = true;
+                mask.rows[i / BLOCK] = true;
+                mask.any = true;
+            }
+        }
+        for row in (0..rows).filter(|&r| mask.rows[r]) {
+            let side = 2 * NEAR + 1;
+            for number in 0..side.pow(D as u32 - 1) {
+                let (mut rest, mut near, mut to, mut stride) = (row, number, 0, 1);
+                for _ in 1..D {
+                    to += (rest % BLOCK + near % side) * stride;
+                    rest /= BLOCK;
+                    near /= side;
+                    stride *= wide;
+                }
+                mask.around[to] = true;
+            }
+        }
+        mask
+    }
+}
+
+/// The sample of the image that is number `i` of a block.
+pub fn in_block<const D: usize>(i: usize, first: [usize; D]) -> [usize; D] {
+    let mut rest = i;
+    std::array::from_fn(|k| {
+        let j = first[k] + rest % BLOCK;
+        rest /= BLOCK;
+        j
+    })
+}
+
+/// Of points that different lines gave for one sheet in one column, the strongest.
+fn once<const D: usize>(mut found: Vec<Candidate<D>>) -> Vec<Candidate<D>> {
+    found.sort_by(|a, b| {
+        (a.voxel, a.axis)
+            .cmp(&(b.voxel, b.axis))
+            .then(b.strength.total_cmp(&a.strength))
+    });
+    let mut kept: Vec<Candidate<D>> = Vec::with_capacity(found.len());
+    for c in found {
+        let same = |k: &&Candidate<D>| (k.voxel, k.axis) == (c.voxel, c.axis);
+        let known = kept
+            .iter()
+            .rev()
+            .take_while(same)
+            .any(|k| dot(k.normal, c.normal).abs() > SAME_SHEET);
+        if !known {
+            kept.push(c);
+        }
+    }
+    kept
+}
+
+/// The line in which sheets meet (in 2-D none), and two directions square to it.
+fn frame<const D: usize>(line: [f64; D]) -> [[f64; D]; 3] {
+    let mut frame = [[0.0; D]; 3];
+    if D == 2 {
+        frame[1][0] = 1.0;
+        frame[2][1] = 1.0;
+        return frame;
+    }
+    let line = in_space(line);
+    let least = (0..3).fold(0, |best, k| {
+        if line[k].abs() < line[best].abs() {
+            k
+        } else {
+            best
+        }
+    });
+    let mut other = [0.0; 3];
+    other[least] = 1.0;
+    let a = cross(line, other);
+    let length = dot(a, a).sqrt();
+    let a = a.map(|c| c / length);
+    let b = cross(line, a);
+    for k in 0..D {
+        (frame[0][k], frame[1][k], frame[2][k]) = (line[k], a[k], b[k]);
+    }
+    frame
+}

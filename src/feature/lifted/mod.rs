@@ -1,0 +1,352 @@
+//! Ridges where sheets cross, branch or run close: orientation as a coordinate of its own.
+//!
+//! Seen through an isotropic Gaussian, two sheets that meet at a shallow angle or run a few samples
+//! apart are one ridge. A filter that is long along a sheet and narrow across it tells them apart.
+//! Two sheets through one place share the line in which they meet, so that only the angle about this
+//! line has to be sought: the image is smoothed along the line, and in the plane square to it filters
+//! at 24 angles give the second derivative across, C, and the first, D. *Every* maximum of C
+//! over the angle is a point of a sheet, D / C samples off: one sample may hold several (orientation
+//! scores: Janssen and others 2018; surface voting: Wu & Fomel 2018).
+//!
+//! This is done only where it matters: see [`Ambiguous`]. Elsewhere ridges are as
+//! [`ridges`](mod@super::ridges) finds them, at a tenth of the cost.
+//!
+//! - `zone`: where
+//! - `block`: the lines of a block of samples
+//! - `filters`: filters at all angles about a line
+
+mod block;
+mod filters;
+mod zone;
+
+use super::by_sample::BySample;
+use super::crossing::{Candidate, nearest};
+use super::gaussian;
+use super::quadric::Quadric;
+use super::volume::Volume;
+use crate::geometry::groups::grouped;
+use crate::geometry::{dot, sub};
+use crate::observer::Patience;
+use block::{BLOCK, Job, Scratch};
+use filters::CROSSING;
+use rayon::prelude::*;
+
+pub use zone::Ambiguous;
+
+/// Nearer than this (samples) in one column ...
+const DOUBLE: f32 = 0.75;
+/// ... points whose normals agree this much (cosine: 18 degrees) are one.
+const SAME_COLUMN: f32 = 0.95;
+
+/// Points of one column with normals nearer than this (cosine: 10 degrees) are of one sheet.
+const SAME_SHEET: f32 = 0.985;
+/// Points within this many samples along each axis smooth one another.
+const ROUND: i32 = 4;
+/// Mean square (samples) of the places along a sheet that a filter sees, for both directions alike.
+const SEEN: f64 = 28.0;
+/// Share of all points that are at least as strong as a strong one.
+const STRONG: f64 = 0.03;
+/// Points are sought where the image is at least this share as high as on typical ridges.
+const FLOOR: f64 = 0.25;
+/// Points at all angles are believed where they are beside this share of the usual ones in a block.
+const EXPLAINED: f64 = 0.4;
+
+/// What is sought in an image.
+pub struct Search<'a, const D: usize> {
+    /// The image as it is.
+    pub image: Volume<'a, D>,
+    /// The same, smoothed as ridges were sought in it.
+    pub smoothed: Volume<'a, D>,
+    /// Where.
+    pub zone: &'a Ambiguous<D>,
+    /// Ridge points, in the order of samples, from whose normals the lines are guessed.
+    pub candidates: &'a [Candidate<D>],
+    /// Candidates of at least this strength are sure.
+    pub strong: f32,
+    /// Points are stronger than this share of the strong ones, of which there are [`STRONG`].
+    pub share: f32,
+    /// Strength that the strong ones are given.
+    pub typical: f32,
+    /// Asked at each block.
+    pub patience: &'a Patience<'a>,
+}
+
+impl<const D: usize> Search<'_, D> {
+    /// Ridge points of the ambiguous samples, in the order of samples.
+    pub fn points(&self) -> Vec<Candidate<D>> {
+        let dims = self.image.dims;
+        let blocks = dims.map(|n| n.div_ceil(BLOCK));
+        let mut blurred = self.image.samples.to_vec();
+        gaussian::smooth(dims, &mut blurred, [CROSSING.blur; D], self.patience);
+        let edges = dims.map(|n| n.div_ceil(BLOCK));
+        let block_of = |c: &Candidate<D>| {
+            let at = self.image.coordinates(c.voxel as usize);
+            (0..D).rev().fold(0, |i, k| i * edges[k] + at[k] / BLOCK)
+        };
+        let count = edges.iter().product();
+        let (start, order) = grouped(count, self.candidates.iter().map(block_of));
+        let job = Job {
+            by_block: (start, order),
+            search: self,
+            sources: [Volume::new(dims, &blurred), self.image],
+            level: median(self.image.samples.iter().copied().step_by(7)),
+            floor: self.floor(),
+        };
+        let found: Vec<Vec<Candidate<D>>> = (0..blocks.iter().product::<usize>())
+            .into_par_iter()
+            .map_init(Scratch::default, |scratch, block| {
+                if self.patience.over() {
+                    return Vec::new();
+                }
+                let mut rest = block;
+                let first: [usize; D] = std::array::from_fn(|k| {
+                    let i = rest % blocks[k];
+                    rest /= blocks[k];
+                    i * BLOCK
+                });
+                job.of_block(first, scratch)
+            })
+            .collect();
+        let mut found: Vec<Candidate<D>> = found.into_iter().flatten().collect();
+        let mut strengths: Vec<f32> = found.iter().map(|c| c.strength).collect();
+        if strengths.is_empty() {
+            return found;
+        }
+        let rank = ((1.0 - STRONG) * strengths.len() as f64) as usize;
+        let strong = *strengths.select_nth_unstable_by(rank, f32::total_cmp).1;
+        let least = self.share * strong;
+        found.retain(|c| c.strength > least);
+        for c in &mut found {
+            c.strength *= self.typical / strong;
+        }
+        found.sort_by_key(|c| c.voxel);
+        self.polished(&found)
+    }
+
+    /// Points moved onto the quadratic surface through those round them, and back by what a long filter
+    /// shifts a sheet that bends.
+    fn polished(&self, points: &[Candidate<D>]) -> Vec<Candidate<D>> {
+        let grid = BySample::new(self.image.dims, points);
+        let polish = |c: &Candidate<D>| {
+            let axis = c.axis as usize;
+            let mut surface = Quadric::<D>::new(2 * ROUND);
+            let mut count = 0;
+            grid.each_around(grid.coordinates(c), ROUND, |j| {
+                let other = &points[j];
+                let away = sub(other.position, c.position);
+                let length = dot(away, away).sqrt();
+                if dot(other.normal, c.normal).abs() >= SAME_SHEET
+                    && dot(away, c.normal).abs() <= 0.4 + 0.08 * length
+                {
+                    surface.add(away, axis);
+                    count += 1;
+                }
+            });
+            let solved = match count > 2 * Quadric::<D>::TERMS {
+                true => surface.solve(),
+                false => None,
+            };
+            let Some(terms) = solved else { return *c };
+            // What a filter sees of a bent sheet is its mean height.
+            let (mut shift, mut bend) = (0.0, D);
+            for k in 1..D {
+                for l in k..D {
+                    if k == l {
+                        shift += SEEN * terms[bend];
+                    }
+                    bend += 1;
+                }
+            }
+            let height = (terms[0] - shift) as f32;
+            let mut normal = [0.0f32; D];
+            normal[axis] = 1.0;
+            for k in 1..D {
+                normal[(axis + k) % D] = -terms[k] as f32;
+            }
+            let length = dot(normal, normal).sqrt();
+            let normal = normal.map(|n| n / length);
+            if height.abs() > 0.75 || dot(normal, c.normal).abs() < SAME_SHEET {
+                return *c;
+            }
+            let mut moved = *c;
+            let last = (self.image.dims[axis] - 1) as f32;
+            moved.position[axis] = (c.position[axis] + height).clamp(0.0, last);
+            moved.normal = normal;
+            let at = moved.position.map(|x| nearest(x).max(0) as usize);
+            moved.voxel = self.image.index(at) as u32;
+            moved
+        };
+        let mut moved: Vec<Candidate<D>> = points.par_iter().map(polish).collect();
+        moved.sort_by_key(|c| c.voxel);
+        self.thinned(&moved)
+    }
+
+    /// Points without those that a stronger one of the same sheet stands beside in its column.
+    fn thinned(&self, points: &[Candidate<D>]) -> Vec<Candidate<D>> {
+        let grid = BySample::new(self.image.dims, points);
+        let alone = |i: usize| {
+            let c = &points[i];
+            let axis = c.axis as usize;
+            let mut at = grid.coordinates(c);
+            at[axis] -= 1;
+            let mut alone = true;
+            grid.each_in_column(at, axis, 3, |j| {
+                let other = &points[j];
+                let beside = other.axis == c.axis
+                    && (other.position[axis] - c.position[axis]).abs() < DOUBLE
+                    && dot(other.normal, c.normal).abs() > SAME_COLUMN;
+                if j != i && beside {
+                    alone &= (c.strength, i) > (other.strength, j);
+                }
+            });
+            alone
+        };
+        let kept = (0..points.len()).into_par_iter().filter(|&i| alone(i));
+        kept.map(|i| points[i]).collect()
+    }
+
+    /// The height of the smoothed image below which there is nothing to find.
+    fn floor(&self) -> f32 {
+        let all = self.smoothed.samples;
+        let level = median(all.iter().copied().step_by(7));
+        // The highest of each row of 64 samples: mostly ridges, if there are ridges.
+        let mut tops: Vec<f32> = all
+            .chunks(64)
+            .map(|row| row.iter().copied().fold(f32::MIN, f32::max))
+            .collect();
+        let rank = tops.len() * 9 / 10;
+        match tops.is_empty() {
+            true => level,
+            false => {
+                level
+                    + FLOOR as f32 * (*tops.select_nth_unstable_by(rank, f32::total_cmp).1 - level)
+            }
+        }
+    }
+}
+
+/// Ridge points of a volume that is ambiguous here and there: those at all angles where these explain
+/// the `usual` ones, which are kept elsewhere and where sheets bend too much for long filters. In the
+/// order of samples; and the number of points at all angles among them.
+pub fn merged<const D: usize>(
+    dims: [usize; D],
+    zone: &Ambiguous<D>,
+    usual: &[Candidate<D>],
+    lifted: &[Candidate<D>],
+    strong: f32,
+) -> (Vec<Candidate<D>>, usize) {
+    let samples = Volume { dims, samples: &[] };
+    let edges = dims.map(|n| n.div_ceil(BLOCK));
+    let at = |c: &Candidate<D>| samples.coordinates(c.voxel as usize);
+    let block = |c: &Candidate<D>| (0..D).rev().fold(0, |i, k| i * edges[k] + at(c)[k] / BLOCK);
+    let grid = BySample::new(dims, lifted);
+    // Of each block: the sure usual points, and those with a point at some angle beside them.
+    let mut seen = vec![[0usize; 2]; edges.iter().product()];
+    for c in usual
+        .iter()
+        .filter(|c| c.strength >= strong && zone.holds(at(c)))
+    {
+        let mut beside = false;
+        grid.each_around(grid.coordinates(c), 2, |_| beside = true);
+        let seen = &mut seen[block(c)];
+        seen[0] += 1;
+        seen[1] += usize::from(beside);
+    }
+    let explained: Vec<bool> = seen
+        .iter()
+        .map(|&[all, beside]| beside as f64 >= EXPLAINED * all as f64)
+        .collect();
+    let by_lifted = |c: &Candidate<D>| zone.holds(at(c)) && explained[block(c)];
+    let mut all: Vec<Candidate<D>> = lifted
+        .iter()
+        .copied()
+        .filter(|c| explained[block(c)])
+        .collect();
+    let count = all.len();
+    all.extend(usual.iter().copied().filter(|c| !by_lifted(c)));
+    all.sort_by_key(|c| c.voxel);
+    (all, count)
+}
+
+fn median(samples: impl Iterator<Item = f32>) -> f32 {
+    let mut some: Vec<f32> = samples.collect();
+    let middle = some.len() / 2;
+    match some.is_empty() {
+        true => 0.0,
+        false => *some.select_nth_unstable_by(middle, f32::total_cmp).1,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::feature::scenes::{Sheet, ridge_image};
+    use crate::feature::{Detection, FeatureKind, detect};
+    use crate::geometry::{dot, sub, unit};
+
+    /// Of the places on plane `a` that are `from` to `to` samples from plane `b`, the share at which a
+    /// point of its own normal (within 10 degrees) lies within half a sample; a plane is a normal and a
+    /// place.
+    fn found([a, b]: [([f64; 3], [f64; 3]); 2], [from, to]: [f64; 2], noise: f64) -> (f64, usize) {
+        let dims = [64, 72, 48];
+        let planes = [a, b].map(|(normal, through)| Sheet::plane(normal, through));
+        let image = ridge_image(dims, &planes, 1.5, noise);
+        let asked = Detection {
+            up_to: Some(8.0),
+            ..Detection::of(FeatureKind::Ridges, 8.0 / 3.0)
+        };
+        let points = detect(&image, &asked).unwrap().points;
+        let n = unit(a.0);
+        let (mut places, mut good) = (0, 0);
+        for z in (6..dims[2] - 6).step_by(3) {
+            for y in (6..dims[1] - 6).step_by(2) {
+                let (y, z) = (y as f64, z as f64);
+                let x = a.1[0] - (n[1] * (y - a.1[1]) + n[2] * (z - a.1[2])) / n[0];
+                let p = [x, y, z];
+                let gap = planes[1].distance(p).abs();
+                if !(6.0..dims[0] as f64 - 6.0).contains(&x) || gap < from || gap >= to {
+                    continue;
+                }
+                places += 1;
+                good += usize::from(points.iter().any(|q| {
+                    let away = sub(q.position.map(f64::from), p);
+                    let across = dot(away, n);
+                    let same = dot(q.normal.map(f64::from), n).abs() > 0.985;
+                    across.abs() <= 0.5 && dot(away, away) - across * across < 1.5 && same
+                }));
+            }
+        }
+        (good as f64 / f64::from(places.max(1)), places as usize)
+    }
+
+    #[test]
+    fn both_of_two_sheets_that_cross_at_twenty_degrees_are_found_near_the_crossing() {
+        let middle = [32.0, 36.0, 24.0];
+        for turn in [0.0, 0.5] {
+            let (sin, cos) = 20f64.to_radians().sin_cos();
+            let first = [1.0, 0.2, turn];
+            // Turned about a line that is square to it.
+            let n = unit(first);
+            let line = unit([-n[2], 0.0, n[0]]);
+            let side = crate::geometry::cross(line, n);
+            let second = std::array::from_fn(|k| cos * n[k] + sin * side[k]);
+            let planes = [(first, middle), (second, middle)];
+            for pair in [planes, [planes[1], planes[0]]] {
+                let (share, places) = found(pair, [2.0, 6.0], 0.15);
+                assert!(share > 0.95 && places > 50, "{turn}: {share} of {places}");
+            }
+        }
+    }
+
+    #[test]
+    fn four_fifths_of_both_of_two_parallel_sheets_four_samples_apart_are_found() {
+        let normal = [1.0, 0.3, 0.2];
+        let n = unit(normal);
+        let middle = [32.0, 36.0, 24.0];
+        let beside = std::array::from_fn(|k| middle[k] + 4.0 * n[k]);
+        let planes = [(normal, middle), (normal, beside)];
+        for pair in [planes, [planes[1], planes[0]]] {
+            let (share, places) = found(pair, [3.0, 5.0], 0.15);
+            assert!(share > 0.8 && places > 50, "{share} of {places}");
+        }
+    }
+}

@@ -1,0 +1,166 @@
+//! Where one orientation a sample may not be all there is.
+
+use crate::feature::crossing::Candidate;
+use crate::feature::symmetric::{Symmetric, eigenvalues};
+use crate::feature::volume::Volume;
+use rayon::prelude::*;
+
+/// Samples along an edge of the cells that are ambiguous or not.
+pub const CELL: usize = 4;
+/// Cells on either side over which the ambiguous zone is widened.
+const WIDEN: usize = 2;
+/// Normals of a cell and those around it are mixed where this share of their tensor is not along
+/// their main direction: sheets that cross at 15 degrees have 0.017.
+const MIXED: f64 = 0.013;
+/// Ridges are too wide to be one where their squared width is this many times that of the narrow ones (of which there are a
+/// quarter: where many run in pairs, half of all may be too wide).
+const WIDE: f64 = 1.5;
+/// Nearer to a side of the box than this (samples) normals say nothing.
+const SIDE: usize = 4;
+
+/// Where one orientation a sample may not be all there is: normals are mixed, or a ridge is wider than
+/// ridges are.
+pub struct Ambiguous<const D: usize> {
+    /// Number of cells along each axis.
+    cells: [usize; D],
+    /// Of each cell, why it is ambiguous: [`MIXED_NORMALS`], [`WIDE_RIDGES`].
+    pub(super) flags: Vec<u8>,
+    /// Sum over the candidates of each cell of the tensors of their normals.
+    tensors: Vec<Symmetric<D>>,
+}
+
+/// Normals of different sheets meet.
+pub const MIXED_NORMALS: u8 = 1;
+/// Ridges are wider than one is.
+pub const WIDE_RIDGES: u8 = 2;
+
+impl<const D: usize> Ambiguous<D> {
+    /// Judges ridge points of at least `strong` in a smoothed image.
+    pub fn new(smoothed: Volume<'_, D>, candidates: &[Candidate<D>], strong: f32) -> Self {
+        let dims = smoothed.dims;
+        let cells = dims.map(|n| n.div_ceil(CELL));
+        let count = cells.iter().product();
+        let mut zone = Self {
+            cells,
+            flags: vec![0; count],
+            tensors: vec![[[0.0; D]; D]; count],
+        };
+        // Height over curvature of a ridge is its squared width.
+        let mut widths = vec![[0.0f64; 2]; count];
+        for c in candidates.iter().filter(|c| c.strength >= strong) {
+            let at = smoothed.coordinates(c.voxel as usize);
+            // At the sides mirrored samples turn normals.
+            if (0..D).any(|k| at[k] < SIDE || at[k] + SIDE >= dims[k]) {
+                continue;
+            }
+            let cell = zone.cell_of(at);
+            let height = f64::from(smoothed.samples[c.voxel as usize]);
+            widths[cell][0] += height;
+            widths[cell][1] += f64::from(c.strength);
+            for k in 0..D {
+                for l in 0..D {
+                    zone.tensors[cell][k][l] += f64::from(c.normal[k] * c.normal[l]);
+                }
+            }
+        }
+        let ratio = |w: &[f64; 2]| w[0] / w[1];
+        let mut ratios: Vec<f64> = widths.iter().filter(|w| w[1] > 0.0).map(ratio).collect();
+        if ratios.is_empty() {
+            return zone;
+        }
+        let middle = ratios.len() / 4;
+        let usual = *ratios.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let wide_around = |i: usize| {
+            let mut sum = [0.0; 2];
+            for j in zone.cells_around(i, 1) {
+                sum = [0, 1].map(|k: usize| sum[k] + widths[j][k]);
+            }
+            sum
+        };
+        let spread: Vec<f64> = (0..count)
+            .into_par_iter()
+            .map(|i| {
+                if trace(&zone.tensors[i]) == 0.0 {
+                    return 0.0;
+                }
+                let around = zone.around(i, 1);
+                1.0 - eigenvalues(&around)[D - 1] / trace(&around)
+            })
+            .collect();
+        let flags: Vec<u8> = (0..count)
+            .into_par_iter()
+            .map(|i| {
+                if trace(&zone.tensors[i]) == 0.0 {
+                    return 0;
+                }
+                let mixed = spread[i] > MIXED;
+                let wide = usual > 0.0 && ratio(&wide_around(i)) > WIDE * usual;
+                u8::from(mixed) * MIXED_NORMALS + u8::from(wide) * WIDE_RIDGES
+            })
+            .collect();
+        for (i, flag) in flags.into_iter().enumerate().filter(|f| f.1 != 0) {
+            let around: Vec<usize> = zone.cells_around(i, WIDEN).collect();
+            for j in around {
+                zone.flags[j] |= flag;
+            }
+        }
+        zone
+    }
+
+    /// Share of the image that is ambiguous.
+    pub fn share(&self) -> f64 {
+        let flagged = self.flags.iter().filter(|&&f| f != 0).count();
+        flagged as f64 / self.flags.len().max(1) as f64
+    }
+
+    /// Whether a sample is ambiguous.
+    pub fn holds(&self, at: [usize; D]) -> bool {
+        self.flags[self.cell_of(at)] != 0
+    }
+
+    pub(super) fn cell_of(&self, at: [usize; D]) -> usize {
+        (0..D)
+            .rev()
+            .fold(0, |i, k| i * self.cells[k] + at[k] / CELL)
+    }
+
+    /// The cells at most `reach` away along each axis.
+    fn cells_around(&self, cell: usize, reach: usize) -> impl Iterator<Item = usize> {
+        let cells = self.cells;
+        let mut rest = cell;
+        let at: [usize; D] = std::array::from_fn(|k| {
+            let i = rest % cells[k];
+            rest /= cells[k];
+            i
+        });
+        let side = 2 * reach + 1;
+        (0..side.pow(D as u32)).filter_map(move |number| {
+            let mut rest = number;
+            let near: [usize; D] = std::array::from_fn(|k| {
+                let i = (at[k] + rest % side).wrapping_sub(reach);
+                rest /= side;
+                i
+            });
+            (0..D)
+                .all(|k| near[k] < cells[k])
+                .then(|| (0..D).rev().fold(0, |i, k| i * cells[k] + near[k]))
+        })
+    }
+
+    /// The tensor of normals of a cell and those around it.
+    pub(super) fn around(&self, cell: usize, reach: usize) -> Symmetric<D> {
+        let mut sum = [[0.0; D]; D];
+        for j in self.cells_around(cell, reach) {
+            for k in 0..D {
+                for l in 0..D {
+                    sum[k][l] += self.tensors[j][k][l];
+                }
+            }
+        }
+        sum
+    }
+}
+
+pub fn trace<const D: usize>(m: &Symmetric<D>) -> f64 {
+    (0..D).map(|k| m[k][k]).sum()
+}

@@ -52,9 +52,9 @@ pub fn choose<const D: usize>(image: &Image<D>) -> (&'static dyn Detector<D>, St
     let (detector, what): (&dyn Detector<D>, _) =
         if (-1.0..-0.9).contains(&least) && most <= 0.0 && spread.median > -0.1 {
             (&Potential, "all values in [-1, 0], most near 0")
-        } else if lean > 0.3 && spread.above < 0.4 && spread.thin > 0.5 {
+        } else if lean > 0.3 && spread.above < 0.4 && spread.thin > THIN_SHARE {
             (&Ridges, "thin sheets of high values on a low background")
-        } else if lean < -0.3 && spread.above > 0.6 && spread.thin > 0.5 {
+        } else if lean < -0.3 && spread.above > 0.6 && spread.thin > THIN_SHARE {
             (&Valleys, "thin sheets of low values on a high background")
         } else if lean.abs() < 0.35 && spread.median.abs() < 0.15 * span && spread.low < 0.0 {
             (&Horizons, "values are spread symmetrically about zero")
@@ -63,6 +63,10 @@ pub fn choose<const D: usize>(image: &Image<D>) -> (&'static dyn Detector<D>, St
         };
     (detector, format!("{what}: {figures}"))
 }
+
+/// The rarer values are thin sheets if at least this share of them lies in something thin: less than
+/// half of it does where sheets run close together.
+const THIN_SHARE: f64 = 0.33;
 
 /// Samples to either side of a thin sheet that are outside it, this far along some axis.
 const THIN: usize = 6;

@@ -51,6 +51,10 @@ pub const FINEST: f64 = 1.5;
 /// Where ridges drown in noise they are sought on a smoother image, up to this scale (samples).
 const COARSEST: f64 = 3.0;
 
+/// Where more than this share of an image is ambiguous (foam, pores, masks as thick as what is between
+/// them), long filters see several sheets at once and tell nothing apart.
+const CROWDED: f64 = 0.85;
+
 /// How ridges are sought, in the image or in what a detector makes of it.
 pub struct RidgeSearch<'a, const D: usize> {
     /// The image, and what is settled on or asked for.
@@ -87,13 +91,15 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
         let (scale, thresholds) = self.smooth(&mut samples, notes);
         let smoothed = Volume::new(dims, &samples);
         let candidates = ridges(smoothed, scale, thresholds.low, patience);
-        let candidates = match self.lifts {
-            true => self.lifted(&image, smoothed, candidates, thresholds, notes),
+        let zone = Ambiguous::new(smoothed, &candidates, thresholds.high);
+        let sharp = self.lifts && zone.share() < CROWDED;
+        let candidates = match sharp {
+            true => self.lifted(&image, smoothed, &zone, candidates, thresholds, notes),
             false => candidates,
         };
         let candidates = repair(smoothed, candidates, scale, thresholds.high, patience);
         Found {
-            sharp: self.lifts,
+            sharp,
             ..Found::new(candidates, scale, thresholds)
         }
     }
@@ -103,17 +109,17 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
         &self,
         image: &[f32],
         smoothed: Volume<'_, D>,
+        zone: &Ambiguous<D>,
         candidates: Vec<Candidate<D>>,
         thresholds: Thresholds,
         notes: &mut Vec<String>,
     ) -> Vec<Candidate<D>> {
         let (dims, patience) = (self.scene.image.dims(), self.scene.patience);
-        let zone = Ambiguous::new(smoothed, &candidates, thresholds.high);
         let typical = ridges::typical(candidates.iter().map(|c| c.strength));
         let search = Search {
             image: Volume::new(dims, image),
             smoothed,
-            zone: &zone,
+            zone,
             candidates: &candidates,
             strong: thresholds.high,
             share: match self.scene.thresholds() {
@@ -125,7 +131,7 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
         };
         let lifted = search.points();
         let before = candidates.len();
-        let (candidates, count) = merged(dims, &zone, &candidates, &lifted, thresholds.high);
+        let (candidates, count) = merged(dims, zone, &candidates, &lifted, thresholds.high);
         if count > 0 {
             notes.push(format!(
                 "sheets cross, branch or run close in {:.1} % of the samples: {count} points there at all \

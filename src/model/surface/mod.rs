@@ -18,7 +18,7 @@
 //! let other: Vec<u32> = (19..28).chain([9]).chain(28..37).collect();
 //! edges.extend(other.windows(2).map(|pair| [pair[0].min(pair[1]), pair[0].max(pair[1])]));
 //!
-//! let surfaces = Surfaces::find(&nodes, edges, &[], &Options::default());
+//! let surfaces = Surfaces::find(&nodes, edges, &[], &[], &Options::default());
 //! assert_eq!(surfaces.len(), 2);
 //! assert_eq!(surfaces.start, [0, 18, 36]);
 //! ```

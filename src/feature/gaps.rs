@@ -200,7 +200,7 @@ mod tests {
                 assert!(d < 2.6, "{away} {d}");
             }
             // Within what the growth along the sheet allows.
-            let most = (2.5 + 0.11 * away).min(8.0).max(2.5);
+            let most = (2.5 + 0.11 * away).clamp(2.5, 8.0);
             assert!(
                 f64::from(d) <= most + 0.2 && f64::from(d) >= gap.min(most).min(2.5),
                 "{away} {d}"

@@ -15,7 +15,7 @@ use super::acute::{AcuteLine, Piece, acute_lines, on_features, sides};
 use super::quality::{CHUNK, Worst, angle, centroid, largest, smallest};
 use crate::geometry::buckets::Buckets;
 use crate::geometry::{add_scaled, distance2, dot, sub};
-use crate::mesh::{Mesh, Simplices};
+use crate::mesh::Simplices;
 
 /// Angles shall be at least this, and at most 180 minus it, in degrees.
 pub const LEAST: f64 = 30.0;
@@ -52,7 +52,7 @@ pub struct Angles {
 pub struct Judged {
     /// In figures.
     pub angles: Angles,
-    /// For each cell [`OK`], [`NEAR_ACUTE_LINE`] or [`UNEXPLAINED`].
+    /// For each cell 0 (fine), 1 (near an acute line) or 2 (unexplained).
     pub cells: Vec<u8>,
 }
 
@@ -217,7 +217,8 @@ impl<'a, const D: usize> Explained<'a, D> {
 }
 
 /// The mean length of the edges of cells at each node: what d is about, where a mesh does not say.
-pub fn mean_edges<const D: usize, M: Mesh<D> + Simplices<D>>(mesh: &M) -> Vec<f64> {
+#[cfg(feature = "cli")]
+pub fn mean_edges<const D: usize, M: Simplices<D>>(mesh: &M) -> Vec<f64> {
     let nodes = mesh.nodes();
     let mut sums = vec![(0.0, 0.0); nodes.len()];
     for c in 0..mesh.len() {

@@ -59,7 +59,7 @@ impl Check {
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Known<'a> {
     /// Of simplices: for every cell and face, in order, the cell on its other side, or
-    /// [`NONE`](super::complex::NONE). Whether they are right is checked, which takes less time than to
+    /// `NONE`. Whether they are right is checked, which takes less time than to
     /// find them.
     pub neighbors: Option<&'a [u32]>,
     /// Of polyhedra and polygons: the share of their distance to their sites within which nodes are

@@ -23,7 +23,7 @@ pub struct Measure {
     /// Unit vector along which the facets' normals vary least, pointing up: the axis of the area-weighted normals.
     pub normal: Vec<f64>,
     /// Angle between that normal and up, in degrees: 0 is horizontal, 90 vertical. `None` where
-    /// coordinates have different units ([`Up::in_units`]).
+    /// coordinates have different units (`Up::in_units`).
     pub dip: Option<f64>,
     /// Direction of the horizontal line in the mean plane, in degrees from north towards east, such
     /// that the surface dips to the right of it. 3-D only, and `None` if north and east have different

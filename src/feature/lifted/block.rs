@@ -1,7 +1,7 @@
 //! A block of samples, in which sheets meet in a few lines.
 
 use super::filters::{CLOSE, CROSSING, Filters, NEAR};
-use super::zone::{CELL, MIXED_NORMALS, WIDE_RIDGES, trace};
+use super::zone::{CELL, MIXED_NORMALS, WIDE_RIDGES, around, trace};
 use super::{SAME_SHEET, Search};
 use crate::feature::crossing::Candidate;
 use crate::feature::symmetric::{Symmetric, eigenvalues, eigenvector};
@@ -21,14 +21,22 @@ const LEAST_MODE: f64 = 0.04;
 /// Lines nearer than this (cosine: 15 degrees) are one.
 const SAME_LINE: f64 = 0.966;
 
+/// The blocks of an image, numbered as samples are.
+pub fn blocks<const D: usize>(dims: [usize; D]) -> Volume<'static, D> {
+    Volume::new(dims.map(|n| n.div_ceil(BLOCK)), &[])
+}
+
 /// What all blocks share.
 pub struct Job<'a, const D: usize> {
+    pub blocks: Volume<'a, D>,
     /// Candidates by the block that they lie in: where each block's begin, and their numbers.
     pub by_block: (Vec<u32>, Vec<u32>),
     pub search: &'a Search<'a, D>,
     /// The image for [`CROSSING`] and for [`CLOSE`].
     pub sources: [Volume<'a, D>; 2],
+    /// What the image is where there is nothing: its median.
     pub level: f32,
+    /// Where the smoothed image is lower, nothing is sought.
     pub floor: f32,
 }
 
@@ -50,6 +58,7 @@ pub struct Scratch {
 }
 
 impl<const D: usize> Job<'_, D> {
+    /// Ridge points of the block that begins at sample `first`.
     pub fn of_block(&self, first: [usize; D], scratch: &mut Scratch) -> Vec<Candidate<D>> {
         let (zone, dims) = (self.search.zone, self.search.image.dims);
         // The ambiguous cells of the block decide on the line.
@@ -131,21 +140,11 @@ impl<const D: usize> Job<'_, D> {
 
     /// Up to [`MODES`] directions round which the normals of candidates in and beside a block gather.
     fn modes(&self, first: [usize; D]) -> Vec<[f64; D]> {
-        let dims = self.search.image.dims;
-        let edges = dims.map(|n| n.div_ceil(BLOCK));
+        let blocks = &self.blocks;
         let reach = BLOCK / 2;
         let mut normals: Vec<([f64; D], f64)> = Vec::new();
-        for number in 0..3usize.pow(D as u32) {
-            let mut rest = number;
-            let near: [usize; D] = std::array::from_fn(|k| {
-                let i = (first[k] / BLOCK + rest % 3).wrapping_sub(1);
-                rest /= 3;
-                i
-            });
-            if (0..D).any(|k| near[k] >= edges[k]) {
-                continue;
-            }
-            let block = (0..D).rev().fold(0, |i, k| i * edges[k] + near[k]);
+        let own = blocks.index(first.map(|i| i / BLOCK));
+        for block in around(blocks, own, 1) {
             let (start, order) = &self.by_block;
             for &i in &order[start[block] as usize..start[block + 1] as usize] {
                 let c = &self.search.candidates[i as usize];

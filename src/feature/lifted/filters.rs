@@ -79,6 +79,7 @@ pub struct Filters<const D: usize> {
 }
 
 impl<const D: usize> Filters<D> {
+    /// Filters about the line of a frame, for sheets with normals near `modes` (any, if there are none).
     pub fn new(shape: Shape, frame: [[f64; D]; 3], modes: &[[f64; D]], wide: bool) -> Self {
         let line = if D == 3 { shape.line } else { 0.0 };
         let reach = (CUT * shape.along.hypot(line)).ceil() as usize + NEAR_X + 1;

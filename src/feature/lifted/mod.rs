@@ -27,7 +27,7 @@ use super::volume::Volume;
 use crate::geometry::groups::grouped;
 use crate::geometry::{dot, sub};
 use crate::observer::Patience;
-use block::{BLOCK, Job, Scratch};
+use block::{BLOCK, Job, Scratch, blocks};
 use filters::CROSSING;
 use rayon::prelude::*;
 
@@ -75,36 +75,29 @@ impl<const D: usize> Search<'_, D> {
     /// Ridge points of the ambiguous samples, in the order of samples.
     pub fn points(&self) -> Vec<Candidate<D>> {
         let dims = self.image.dims;
-        let blocks = dims.map(|n| n.div_ceil(BLOCK));
+        let blocks = blocks(dims);
         let mut blurred = self.image.samples.to_vec();
         gaussian::smooth(dims, &mut blurred, [CROSSING.blur; D], self.patience);
-        let edges = dims.map(|n| n.div_ceil(BLOCK));
         let block_of = |c: &Candidate<D>| {
             let at = self.image.coordinates(c.voxel as usize);
-            (0..D).rev().fold(0, |i, k| i * edges[k] + at[k] / BLOCK)
+            blocks.index(at.map(|i| i / BLOCK))
         };
-        let count = edges.iter().product();
-        let (start, order) = grouped(count, self.candidates.iter().map(block_of));
+        let count = blocks.dims.iter().product();
         let job = Job {
-            by_block: (start, order),
+            blocks,
+            by_block: grouped(count, self.candidates.iter().map(block_of)),
             search: self,
             sources: [Volume::new(dims, &blurred), self.image],
             level: median(self.image.samples.iter().copied().step_by(7)),
             floor: self.floor(),
         };
-        let found: Vec<Vec<Candidate<D>>> = (0..blocks.iter().product::<usize>())
+        let found: Vec<Vec<Candidate<D>>> = (0..count)
             .into_par_iter()
             .map_init(Scratch::default, |scratch, block| {
                 if self.patience.over() {
                     return Vec::new();
                 }
-                let mut rest = block;
-                let first: [usize; D] = std::array::from_fn(|k| {
-                    let i = rest % blocks[k];
-                    rest /= blocks[k];
-                    i * BLOCK
-                });
-                job.of_block(first, scratch)
+                job.of_block(blocks.coordinates(block).map(|i| i * BLOCK), scratch)
             })
             .collect();
         let mut found: Vec<Candidate<D>> = found.into_iter().flatten().collect();
@@ -236,12 +229,12 @@ pub fn merged<const D: usize>(
     strong: f32,
 ) -> (Vec<Candidate<D>>, usize) {
     let samples = Volume { dims, samples: &[] };
-    let edges = dims.map(|n| n.div_ceil(BLOCK));
+    let blocks = blocks(dims);
     let at = |c: &Candidate<D>| samples.coordinates(c.voxel as usize);
-    let block = |c: &Candidate<D>| (0..D).rev().fold(0, |i, k| i * edges[k] + at(c)[k] / BLOCK);
+    let block = |c: &Candidate<D>| blocks.index(at(c).map(|i| i / BLOCK));
     let grid = BySample::new(dims, lifted);
     // Of each block: the sure usual points, and those with a point at some angle beside them.
-    let mut seen = vec![[0usize; 2]; edges.iter().product()];
+    let mut seen = vec![[0usize; 2]; blocks.dims.iter().product()];
     for c in usual
         .iter()
         .filter(|c| c.strength >= strong && zone.holds(at(c)))

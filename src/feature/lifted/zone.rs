@@ -12,8 +12,8 @@ const WIDEN: usize = 2;
 /// Normals of a cell and those around it are mixed where this share of their tensor is not along
 /// their main direction: sheets that cross at 15 degrees have 0.017.
 const MIXED: f64 = 0.013;
-/// Ridges are too wide to be one where their squared width is this many times that of the narrow ones (of which there are a
-/// quarter: where many run in pairs, half of all may be too wide).
+/// Ridges are too wide to be one where their squared width is this many times that of the narrow ones (of
+/// which there are a quarter: where many run in pairs, half of all may be too wide).
 const WIDE: f64 = 1.5;
 /// Nearer to a side of the box than this (samples) normals say nothing.
 const SIDE: usize = 4;
@@ -21,8 +21,8 @@ const SIDE: usize = 4;
 /// Where one orientation a sample may not be all there is: normals are mixed, or a ridge is wider than
 /// ridges are.
 pub struct Ambiguous<const D: usize> {
-    /// Number of cells along each axis.
-    cells: [usize; D],
+    /// The cells, numbered as samples are.
+    cells: Volume<'static, D>,
     /// Of each cell, why it is ambiguous: [`MIXED_NORMALS`], [`WIDE_RIDGES`].
     pub(super) flags: Vec<u8>,
     /// Sum over the candidates of each cell of the tensors of their normals.
@@ -38,8 +38,8 @@ impl<const D: usize> Ambiguous<D> {
     /// Judges ridge points of at least `strong` in a smoothed image.
     pub fn new(smoothed: Volume<'_, D>, candidates: &[Candidate<D>], strong: f32) -> Self {
         let dims = smoothed.dims;
-        let cells = dims.map(|n| n.div_ceil(CELL));
-        let count = cells.iter().product();
+        let cells = Volume::new(dims.map(|n| n.div_ceil(CELL)), &[]);
+        let count = cells.dims.iter().product();
         let mut zone = Self {
             cells,
             flags: vec![0; count],
@@ -72,7 +72,7 @@ impl<const D: usize> Ambiguous<D> {
         let usual = *ratios.select_nth_unstable_by(middle, f64::total_cmp).1;
         let wide_around = |i: usize| {
             let mut sum = [0.0; 2];
-            for j in zone.cells_around(i, 1) {
+            for j in around(&zone.cells, i, 1) {
                 sum = [0, 1].map(|k: usize| sum[k] + widths[j][k]);
             }
             sum
@@ -99,7 +99,7 @@ impl<const D: usize> Ambiguous<D> {
             })
             .collect();
         for (i, flag) in flags.into_iter().enumerate().filter(|f| f.1 != 0) {
-            let around: Vec<usize> = zone.cells_around(i, WIDEN).collect();
+            let around: Vec<usize> = around(&zone.cells, i, WIDEN).collect();
             for j in around {
                 zone.flags[j] |= flag;
             }
@@ -119,38 +119,13 @@ impl<const D: usize> Ambiguous<D> {
     }
 
     pub(super) fn cell_of(&self, at: [usize; D]) -> usize {
-        (0..D)
-            .rev()
-            .fold(0, |i, k| i * self.cells[k] + at[k] / CELL)
-    }
-
-    /// The cells at most `reach` away along each axis.
-    fn cells_around(&self, cell: usize, reach: usize) -> impl Iterator<Item = usize> {
-        let cells = self.cells;
-        let mut rest = cell;
-        let at: [usize; D] = std::array::from_fn(|k| {
-            let i = rest % cells[k];
-            rest /= cells[k];
-            i
-        });
-        let side = 2 * reach + 1;
-        (0..side.pow(D as u32)).filter_map(move |number| {
-            let mut rest = number;
-            let near: [usize; D] = std::array::from_fn(|k| {
-                let i = (at[k] + rest % side).wrapping_sub(reach);
-                rest /= side;
-                i
-            });
-            (0..D)
-                .all(|k| near[k] < cells[k])
-                .then(|| (0..D).rev().fold(0, |i, k| i * cells[k] + near[k]))
-        })
+        self.cells.index(at.map(|i| i / CELL))
     }
 
     /// The tensor of normals of a cell and those around it.
     pub(super) fn around(&self, cell: usize, reach: usize) -> Symmetric<D> {
         let mut sum = [[0.0; D]; D];
-        for j in self.cells_around(cell, reach) {
+        for j in around(&self.cells, cell, reach) {
             for k in 0..D {
                 for l in 0..D {
                     sum[k][l] += self.tensors[j][k][l];
@@ -161,6 +136,28 @@ impl<const D: usize> Ambiguous<D> {
     }
 }
 
+/// The cells of a grid at most `reach` from one along each axis, itself among them.
+pub fn around<const D: usize>(
+    grid: &Volume<'_, D>,
+    cell: usize,
+    reach: usize,
+) -> impl Iterator<Item = usize> {
+    let (at, dims) = (grid.coordinates(cell), grid.dims);
+    let side = 2 * reach + 1;
+    (0..side.pow(D as u32)).filter_map(move |number| {
+        let mut rest = number;
+        let near: [usize; D] = std::array::from_fn(|k| {
+            let i = (at[k] + rest % side).wrapping_sub(reach);
+            rest /= side;
+            i
+        });
+        (0..D)
+            .all(|k| near[k] < dims[k])
+            .then(|| Volume::new(dims, &[]).index(near))
+    })
+}
+
+/// The sum of a matrix's diagonal.
 pub fn trace<const D: usize>(m: &Symmetric<D>) -> f64 {
     (0..D).map(|k| m[k][k]).sum()
 }

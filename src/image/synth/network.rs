@@ -112,7 +112,7 @@ impl Drawn {
         let sign = if random.draw() < 0.5 { -1.0 } else { 1.0 };
         // The line in which both meet: upright in the plane, else anywhere in the parent's plane.
         let any = {
-            let level = unit(cross(meet.normal, [1.0, 0.0, 0.0]));
+            let level = level(meet.normal);
             let down = cross(meet.normal, level);
             let (sin, cos) = random.range(0.0, TAU).sin_cos();
             match flat {
@@ -143,11 +143,11 @@ impl Drawn {
                 Self::new(random, dims, earlier, (meet.point, normal, waves), end)
             }
             Relation::Conjugate => {
-                let level = match flat {
+                let about = match flat {
                     true => [0.0, 0.0, 1.0],
-                    false => unit(cross(meet.normal, [1.0, 0.0, 0.0])),
+                    false => level(meet.normal),
                 };
-                let normal = turned(sign * random.range(40.0, 70.0), level);
+                let normal = turned(sign * random.range(40.0, 70.0), about);
                 let waves = waves(random, extent, flat);
                 Self::new(random, dims, earlier, (meet.point, normal, waves), None)
             }
@@ -192,27 +192,22 @@ impl Drawn {
             let foot = other.surface.closest_inside(p.point);
             let gap = sub(foot.point, p.point);
             let shallow = dot(foot.normal, p.normal).abs() > SHALLOWEST.to_radians().cos();
-            let there = ends_there || other_exists(other, earlier, foot.point);
+            let there = ends_there || other.surface.exists(|i| &earlier[i].surface, foot.point);
             !there || !shallow || dot(gap, gap) > APART * APART
         })
     }
-}
-
-fn other_exists(fault: &Drawn, all: &[Drawn], at: [f64; 3]) -> bool {
-    fault
-        .surface
-        .end
-        .is_none_or(|end| all[end.surface].surface.level(at) * end.side >= 0.0)
 }
 
 fn index_of(all: &[Drawn], one: &Drawn) -> usize {
     all.iter().position(|f| std::ptr::eq(f, one)).unwrap_or(0)
 }
 
-fn unit(v: [f64; 3]) -> [f64; 3] {
-    let length = dot(v, v).sqrt();
+/// A horizontal direction in a sheet; y where the sheet itself is horizontal.
+fn level(normal: [f64; 3]) -> [f64; 3] {
+    let along = cross(normal, [1.0, 0.0, 0.0]);
+    let length = dot(along, along).sqrt();
     match length > 1e-9 {
-        true => v.map(|c| c / length),
+        true => along.map(|c| c / length),
         false => [0.0, 1.0, 0.0],
     }
 }
@@ -270,9 +265,7 @@ fn points(surface: &Surface, dims: [usize; 3], earlier: &[Drawn]) -> Vec<Foot> {
             let foot = surface.at(at);
             let inside =
                 (0..3).all(|k| (0.0..=extent[k]).contains(&foot.point[k]) || extent[k] == 0.0);
-            let there = surface
-                .end
-                .is_none_or(|end| earlier[end.surface].surface.level(foot.point) * end.side >= 0.0);
+            let there = surface.exists(|i| &earlier[i].surface, foot.point);
             if inside && there && surface.strength(foot.point) >= 0.5 {
                 found.push(foot);
             }

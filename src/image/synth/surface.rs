@@ -213,16 +213,7 @@ impl Surface {
                         break;
                     }
                 }
-                let at = [h - base, a, b];
-                let normal = direction([1.0, -g[0], -g[1]]);
-                let world = |v: [f64; 3]| -> [f64; 3] {
-                    std::array::from_fn(|c| (0..3).map(|k| v[k] * frame[k][c]).sum())
-                };
-                let offset = world(at);
-                Foot {
-                    point: std::array::from_fn(|c| centre[c] + offset[c]),
-                    normal: world(normal),
-                }
+                self.at([a, b])
             }
             Shape::Ball { centre, radius } => {
                 let normal = direction(sub(p, *centre));
@@ -268,6 +259,12 @@ impl Surface {
                 normal: [1.0, 0.0, 0.0],
             },
         }
+    }
+
+    /// Whether it exists at a point of it: on its side of the one of `all` at which it ends.
+    pub(super) fn exists<'a>(&self, all: impl Fn(usize) -> &'a Surface, at: [f64; 3]) -> bool {
+        self.end
+            .is_none_or(|end| all(end.surface).level(at) * end.side >= 0.0)
     }
 
     /// Strength of a sheet's ridge, throw or likelihood near a place: 1, but for its rim.

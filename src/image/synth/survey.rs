@@ -56,9 +56,7 @@ pub(super) fn survey(surfaces: &[Surface], dims: [usize; 3]) -> (Truth, Vec<u32>
 
 /// Whether a surface exists at a point of it: on its side of the one at which it ends.
 pub(super) fn exists(surfaces: &[Surface], k: usize, at: [f64; 3]) -> bool {
-    surfaces[k]
-        .end
-        .is_none_or(|end| surfaces[end.surface].level(at) * end.side >= 0.0)
+    surfaces[k].exists(|i| &surfaces[i], at)
 }
 
 /// For each sample within half a sample of a surface: how far the surface's closest point is from the

@@ -1,6 +1,6 @@
 //! From a mesh to a reservoir model: metres with z upwards, porosity and permeability in every cell,
 //! transmissibilities, wells. Everything that a simulator is given is here; how it is written is the
-//! business of [`export`](crate::export).
+//! business of the house `export`.
 //!
 //! - `frame`: from a mesh's coordinates to metres and depth
 //! - `sample`: averages of an image over cells

@@ -161,6 +161,7 @@ where
     if let (Some(lattice), Some(optimised)) = (&mut report.lattice, &optimised) {
         lattice.optimisation = Some(optimisation(optimised, lattice.atoms));
     }
+    report.left_out = Some(features.left_out);
     report.notes.extend(features.notes.iter().cloned());
     let (costs, interrupted) = stages.end();
     report.stages = costs;

@@ -52,6 +52,7 @@ pub fn together<const D: usize>(
     let (points, beside): (Vec<_>, Vec<f32>) = points.into_iter().unzip();
     (first.points, first.on_horizon) = points.into_iter().unzip();
     first.spacing = spacing.map(|_| beside);
+    first.left_out += second.left_out;
     first.notes.extend(second.notes);
     first.settled.extend(second.settled);
     first

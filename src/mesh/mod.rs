@@ -25,6 +25,8 @@
 //!            1
 //! ```
 
+#[cfg(test)]
+pub(crate) mod boxes;
 pub mod check;
 pub(crate) mod complex;
 pub mod delaunay;

@@ -2,6 +2,7 @@
 
 use super::quality::{Points, Quality};
 use super::{Angles, Fidelity, Match, Report, Voronoi};
+use crate::improve::Sealed;
 
 /// How many groups of blocked tetrahedra are shown.
 const GROUPS: usize = 4;
@@ -97,6 +98,17 @@ impl Report {
                     ),
                 );
             }
+            let Sealed {
+                faces, area, rooms, ..
+            } = improvement.sealed;
+            line(
+                "rooms",
+                format!(
+                    "{} between the faces on features, of which {} (area {area:.0}) close holes",
+                    grouped(rooms),
+                    grouped(faces)
+                ),
+            );
         }
         if let Some(rival) = &self.rival {
             line("", rival.to_string());

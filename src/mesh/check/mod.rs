@@ -199,6 +199,24 @@ pub(crate) fn check_while<const D: usize, M: Mesh<D>>(
     found
 }
 
+/// The share of the box `[0, extent]` that cells fill: 1 of a valid mesh, less of one with a hole, more
+/// where cells overlap. `None` if a cell is flat or inverted, so that their sum says nothing.
+pub fn filled_share<const D: usize, M: Mesh<D>>(mesh: &M, extent: [f64; D]) -> Option<f64> {
+    let bounds = Bounds {
+        low: [0.0; D],
+        high: extent,
+        tolerance: 0.0,
+    };
+    let mut filled = 0.0;
+    for (volume, _) in mesh.cell_volumes() {
+        if volume <= 0.0 {
+            return None;
+        }
+        filled += volume;
+    }
+    Some(filled / mesh.room(&bounds))
+}
+
 /// The name of one cell.
 fn singular(name: &str) -> String {
     match name.strip_suffix("hedra") {

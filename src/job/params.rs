@@ -64,56 +64,41 @@ pub enum Spacing {
 impl Spacing {
     /// The smallest distance asked for.
     pub fn min(self) -> f64 {
-        match self {
-            Self::Constant(d) => d,
-            Self::FromFeatures { min, .. }
-            | Self::FromGaps { min, .. }
-            | Self::FromImage { min, .. }
-            | Self::FromLaplacian { min, .. }
-            | Self::OfAtoms { min, .. }
-            | Self::Given { min, .. } => min,
-        }
+        self.limits()[0]
     }
 
     /// The largest distance asked for.
     pub fn max(self) -> f64 {
+        self.limits()[1]
+    }
+
+    fn limits(self) -> [f64; 2] {
         match self {
-            Self::Constant(d) => d,
-            Self::FromFeatures { max, .. }
-            | Self::FromGaps { max, .. }
-            | Self::FromImage { max, .. }
-            | Self::FromLaplacian { max, .. }
-            | Self::OfAtoms { max, .. }
-            | Self::Given { max, .. } => max,
+            Self::Constant(d) => [d; 2],
+            Self::FromFeatures { min, max }
+            | Self::FromGaps { min, max }
+            | Self::FromImage { min, max }
+            | Self::FromLaplacian { min, max }
+            | Self::OfAtoms { min, max }
+            | Self::Given { min, max } => [min, max],
         }
     }
 
-    /// The same kind with both distances changed; those of Canny's points are samples anyhow.
-    fn mapped(self, change: impl Fn(f64) -> f64) -> Self {
-        match self {
-            Self::OfAtoms { .. } => self,
-            Self::Constant(d) => Self::Constant(change(d)),
-            Self::FromFeatures { min, max } => Self::FromFeatures {
-                min: change(min),
-                max: change(max),
-            },
-            Self::FromGaps { min, max } => Self::FromGaps {
-                min: change(min),
-                max: change(max),
-            },
-            Self::FromImage { min, max } => Self::FromImage {
-                min: change(min),
-                max: change(max),
-            },
-            Self::FromLaplacian { min, max } => Self::FromLaplacian {
-                min: change(min),
-                max: change(max),
-            },
-            Self::Given { min, max } => Self::Given {
-                min: change(min),
-                max: change(max),
-            },
+    /// The same kind in a larger unit of length; Canny's points are samples apart anyhow.
+    fn in_units_of(mut self, unit: f64) -> Self {
+        match &mut self {
+            Self::OfAtoms { .. } => {}
+            Self::Constant(d) => *d /= unit,
+            Self::FromFeatures { min, max }
+            | Self::FromGaps { min, max }
+            | Self::FromImage { min, max }
+            | Self::FromLaplacian { min, max }
+            | Self::Given { min, max } => {
+                *min /= unit;
+                *max /= unit;
+            }
         }
+        self
     }
 
     /// That of [`Seeding::Canny`], in a space of `dimensions`.
@@ -316,7 +301,7 @@ impl<const D: usize> Params<D> {
             return Cow::Borrowed(self);
         }
         let mut params = self.clone();
-        params.spacing = self.spacing.mapped(|d| d / unit);
+        params.spacing = self.spacing.in_units_of(unit);
         params.well_distance = self.well_distance.map(|d| d / unit);
         if let Some(distances) = &mut params.distances {
             let samples = distances.as_slice().iter();

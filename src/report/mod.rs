@@ -22,8 +22,6 @@ mod pieces;
 pub(crate) mod quality;
 pub(crate) mod reference;
 pub(crate) mod table;
-#[cfg(test)]
-mod test_mesh;
 
 pub use acute::{AcuteLine, Pair};
 pub use angles::{Angles, Judged, judged};

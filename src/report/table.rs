@@ -375,10 +375,10 @@ fn bars(bins: &[u64]) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::test_mesh::kuhn_box;
     use super::super::*;
     use super::*;
     use crate::mesh::check::check;
+    use crate::mesh::test_mesh::kuhn_box;
     use crate::observer::Stage;
 
     fn full() -> Report {

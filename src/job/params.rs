@@ -268,7 +268,7 @@ impl<const D: usize> Default for Params<D> {
     fn default() -> Self {
         Self {
             cells: CellKind::default(),
-            spacing: Spacing::Constant(8.0),
+            spacing: Spacing::FromGaps { min: 2.7, max: 8.0 },
             feature: feature::FeatureKind::Auto,
             sigma: None,
             threshold: None,

@@ -10,9 +10,6 @@ use serde_json::Value;
 
 type Outcome<T> = Result<T, Box<dyn std::error::Error + Send + Sync>>;
 
-/// How each network is meshed, beside the defaults.
-const MESH: [&str; 2] = ["--distance", "2.7:8"];
-
 /// A figure of the reports: where it is, what to call it, and whether more is better.
 const FIGURES: [(&str, &str, bool); 7] = [
     (
@@ -77,7 +74,7 @@ fn main() -> Outcome<()> {
             &number,
         ];
         run(&folder, &synth)?;
-        let mesh = ["mesh", "n.npy", "-o", "n.vtu", MESH[0], MESH[1]];
+        let mesh = ["mesh", "n.npy", "-o", "n.vtu"];
         run(&folder, &mesh)?;
         let judged = run(&folder, &["quality", "n.vtu", "--truth", "t.npy", "--json"])?;
         for (k, (place, _, _)) in FIGURES.iter().enumerate() {

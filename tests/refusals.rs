@@ -456,6 +456,7 @@ fn meshes_that_make_no_sense() {
     });
     cube(&at.join("turned.vtu"), 4.0, 1, |_, tets| tets[2].swap(0, 1));
     cube(&at.join("twice.vtu"), 4.0, 2, |_, _| {});
+    cube(&at.join("holed.vtu"), 4.0, 1, |_, tets| tets.truncate(5));
     // Volumes are beyond all numbers.
     cube(&at.join("huge.vtu"), 1e150, 1, |_, _| {});
     cube(&at.join("flat.vtu"), 4.0, 1, |points, _| {
@@ -469,12 +470,22 @@ fn meshes_that_make_no_sense() {
             "number 2 of its tetrahedra",
         ),
         ("twice.vtu", "instead of the box's 64", "overlap"),
+        ("holed.vtu", "instead of the box's 64", "cells are missing"),
         ("huge.vtu", "fill inf", "has the volume"),
         ("flat.vtu", "flat or inverted", "flat or inverted"),
     ] {
         assert_says(&refused(at, &["validate", name]), &[name, checked]);
         let export = ["export", name, "--to", "msh", "-o", "x.msh"];
         assert_says(&refused(at, &export), &[name, exported]);
+    }
+    // Where a simulator would notice nothing, flow does not go on either.
+    let flow = |name| {
+        let pressures = ["--pressure", "xmin=1e5", "--pressure", "xmax=0"];
+        [&["flow", name, "-o", "flow.vtu"][..], &pressures].concat()
+    };
+    succeed(at, &flow("good.vtu"));
+    for (name, problem) in [("twice.vtu", "overlap"), ("holed.vtu", "cells are missing")] {
+        assert_says(&refused(at, &flow(name)), &[name, problem]);
     }
 }
 

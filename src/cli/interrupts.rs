@@ -1,9 +1,9 @@
 //! Ctrl-C.
 //!
 //! It ends the process at once, with no file half written, while there is nothing worth keeping: in
-//! every verb but `mesh`, and in `mesh` before atoms move. While they move they stop, and the best
-//! lattice so far becomes a mesh. Later the mesh is written as far as it has come, if that takes no
-//! longer than [`QUICK`]. Once more, it always ends the process at once.
+//! every verb but `mesh`, and in `mesh` before atoms move. Then atoms stop, and what there is becomes a
+//! mesh and is written, if that takes no longer than [`QUICK`]. Once more, it always ends the process at
+//! once.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -18,7 +18,7 @@ use crate::{Error, Result};
 /// The exit code of an interrupted process.
 pub const INTERRUPTED: u8 = 130;
 
-/// The longest that an interrupted job goes on once its atoms are at rest.
+/// The longest that an interrupted job goes on.
 const QUICK: Duration = Duration::from_millis(1500);
 
 /// What the interrupt handler and a job tell each other.
@@ -29,8 +29,6 @@ pub struct Interrupts(Arc<Shared>);
 struct Shared {
     /// There is a lattice worth keeping.
     lattice: AtomicBool,
-    /// It is at rest.
-    at_rest: AtomicBool,
     /// The user wants to stop.
     wanted: AtomicBool,
 }
@@ -48,13 +46,11 @@ impl Interrupts {
             if again || !shared.lattice.load(Ordering::SeqCst) {
                 end();
             }
-            if shared.at_rest.load(Ordering::SeqCst) {
-                // Beside the handler, which a second Ctrl-C must reach.
-                thread::spawn(|| {
-                    thread::sleep(QUICK);
-                    end();
-                });
-            }
+            // Beside the handler, which a second Ctrl-C must reach.
+            thread::spawn(|| {
+                thread::sleep(QUICK);
+                end();
+            });
         });
         installed.map_err(|e| {
             Error::Job(cause("interrupt handler", &e, "start the job again")).because(e)
@@ -64,14 +60,7 @@ impl Interrupts {
 
     /// A stage of `mesh` begins.
     pub fn stage(&self, stage: Stage) {
-        let Shared {
-            lattice, at_rest, ..
-        } = &*self.0;
-        lattice.store(stage.has_lattice(), Ordering::SeqCst);
-        at_rest.store(
-            stage.has_lattice() && stage > Stage::Optimising,
-            Ordering::SeqCst,
-        );
+        self.0.lattice.store(stage.has_lattice(), Ordering::SeqCst);
     }
 
     /// What `work` gives, which ends soon once the user wants to stop.

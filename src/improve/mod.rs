@@ -12,6 +12,7 @@
 //! - `hold`: what holds a node (box sides, features)
 //! - `settle`: atoms near features go onto them
 //! - `pierce`: where edges pass through features
+//! - `seal`: faces that close holes
 //! - `target`: what to aim at
 //! - `improved`: what was done, and what blocked more
 //! - `part`: what is asked of a part of a mesh, and what becomes of it
@@ -28,11 +29,13 @@ pub(crate) mod triangles;
 mod improved;
 mod part;
 mod pierce;
+mod seal;
 mod settle;
 mod target;
 
 pub use improved::{Blocked, Counts, Improved};
 pub use part::{Refusal, Reshaped, Wanted};
+pub use seal::{Sealed, seal};
 pub use settle::settle;
 pub use target::{SliverMethod, Target};
 pub use triangles::relax::Scheme;

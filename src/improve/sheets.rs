@@ -170,14 +170,14 @@ impl Sheets {
         self.fine[at / 64] >> (at % 64) & 1 == 1
     }
 
-    /// Runs `visit` on every point, with its number, in the cells within the fitting radius of `x`.
+    /// Runs `visit` on every point, with its number, in the cells within `radius` of `x`.
     #[inline]
-    fn visit(&self, x: [f64; 3], mut visit: impl FnMut(u32, [f32; 3])) {
+    fn visit(&self, x: [f64; 3], radius: f64, mut visit: impl FnMut(u32, [f32; 3])) {
         let low: [usize; 3] = std::array::from_fn(|k| {
-            (((x[k] - self.radius) / self.cell).max(0.0) as usize).min(self.dims[k] - 1)
+            (((x[k] - radius) / self.cell).max(0.0) as usize).min(self.dims[k] - 1)
         });
         let high: [usize; 3] = std::array::from_fn(|k| {
-            (((x[k] + self.radius) / self.cell).max(0.0) as usize).min(self.dims[k] - 1)
+            (((x[k] + radius) / self.cell).max(0.0) as usize).min(self.dims[k] - 1)
         });
         for z in low[2]..=high[2] {
             for y in low[1]..=high[1] {
@@ -192,6 +192,28 @@ impl Sheets {
 
     /// The sheets near `x`: those that pass within the fitting radius, fitted by planes.
     pub fn near(&self, x: [f64; 3]) -> NearSheets {
+        self.fitted(x, self.radius, 0.6, |_| true)
+    }
+
+    /// The same within another radius, and up to nearly that far beyond a sheet's edge. Wide patches are
+    /// fitted to every second point.
+    pub fn near_within(&self, x: [f64; 3], radius: f64) -> NearSheets {
+        // So that all sheets of a crossing find room.
+        let every_second = radius > 4.5;
+        let takes = |p: [f32; 3]| p.iter().map(|c| c.round() as i64).sum::<i64>() & 1 == 0;
+        self.fitted(x, radius, 0.9, |p| !every_second || takes(p))
+    }
+
+    /// Sheets fitted to the points within `radius` that are taken; they end `beyond` times that from the
+    /// mean of theirs.
+    #[inline]
+    fn fitted(
+        &self,
+        x: [f64; 3],
+        radius: f64,
+        beyond: f64,
+        takes: impl Fn([f32; 3]) -> bool,
+    ) -> NearSheets {
         const ROOM: usize = 192;
         let mut result = NearSheets::default();
         if self.points.is_empty() || self.far(x) {
@@ -202,13 +224,13 @@ impl Sheets {
         let mut found = [(0u32, 0f32); ROOM + 1];
         let mut count = 0;
         let centre = x.map(|c| c as f32);
-        let limit = (self.radius * self.radius) as f32;
-        self.visit(x, |i, p| {
+        let limit = (radius * radius) as f32;
+        self.visit(x, radius, |i, p| {
             let r = sub(p, centre);
             let r2 = dot(r, r);
             // No branch: which of them are near cannot be foretold.
             found[count] = (i, r2);
-            count = (count + usize::from(r2 < limit)).min(ROOM);
+            count = (count + usize::from(r2 < limit && takes(p))).min(ROOM);
         });
         // One sheet after the other, each grown from the nearest point that is left.
         while count >= 4 && result.count < MOST {
@@ -254,7 +276,7 @@ impl Sheets {
                 let offset = dot(r, normal);
                 // Beyond the sheet's edge there is no sheet.
                 let aside = norm(add_scaled(r, -offset, normal));
-                if aside < 0.6 * self.radius && offset.abs() < self.radius {
+                if aside < beyond * radius && offset.abs() < radius {
                     result.push(Sheet { normal, offset });
                 }
             }

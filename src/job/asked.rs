@@ -176,7 +176,7 @@ impl Default for PlacementJob {
 /// A lattice, and how its energy is lowered.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LatticeJob {
-    /// How far atoms shall be apart, in samples; 8 everywhere by default.
+    /// How far atoms shall be apart, in samples; 8, and 2.7 in gaps between features, by default.
     pub apart: Apart,
     /// Initial positions of atoms; a regular lattice by default.
     pub start: Start,
@@ -197,7 +197,7 @@ pub struct LatticeJob {
 impl Default for LatticeJob {
     fn default() -> Self {
         Self {
-            apart: Apart::Everywhere(8.0),
+            apart: Apart::default(),
             start: Start::Fcc,
             wells: None,
             beta: BetaFrom::Constant(0.5),
@@ -223,6 +223,17 @@ pub enum Apart {
         /// What it follows.
         by: DistanceFrom,
     },
+}
+
+impl Default for Apart {
+    /// 8, and a third of it in gaps between features.
+    fn default() -> Self {
+        Self::Varying {
+            min: 2.7,
+            max: 8.0,
+            by: DistanceFrom::Gaps,
+        }
+    }
 }
 
 impl Apart {

@@ -1,12 +1,14 @@
 //! How atoms at rest become a mesh: what differs between the plane and space.
 
 use super::Stages;
-use crate::Result;
+use crate::error::cause;
 use crate::feature::{FeaturePoint, Features};
 use crate::geometry::in_space;
 use crate::improve::sheets::Sheets;
 use crate::improve::triangles::relax::Relaxation;
-use crate::improve::{self, Refusal, Reshaped, SliverMethod, Target, Wanted, tets, triangles};
+use crate::improve::{
+    self, Refusal, Reshaped, Sealed, SliverMethod, Target, Wanted, tets, triangles,
+};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
 use crate::lattice::seeding::Atoms;
@@ -14,8 +16,9 @@ use crate::mesh::delaunay::{self, Delaunay};
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::voronoi;
 use crate::mesh::{Simplices, TetMesh, TriMesh};
-use crate::observer::Stage;
+use crate::observer::{Patience, Stage};
 use crate::report::{Improvement, Judged};
+use crate::{Error, Result};
 
 /// The plane (`D` = 2) or space (`D` = 3).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -158,6 +161,48 @@ where
     sheets
 }
 
+/// Adds to the faces on features (`marks`) those that close holes.
+pub(super) fn close_holes<const D: usize>(
+    mesh: &<Space<D> as Meshing<D>>::Mesh,
+    neighbors: &[u32],
+    scene: &Scene<'_, D>,
+    marks: &mut [u8],
+    patience: &Patience<'_>,
+) -> Sealed
+where
+    Space<D>: Meshing<D>,
+{
+    let points = scene.features.points.iter().map(Space::<D>::in_space);
+    let points: Vec<FeaturePoint<3>> = points.collect();
+    let (extent, distance) = (scene.extent, scene.distance);
+    improve::seal(mesh, neighbors, &points, extent, distance, marks, patience)
+}
+
+/// The same in a part of a mesh.
+fn close_holes_of_part<const D: usize>(
+    mut part: Reshaped<<Space<D> as Meshing<D>>::Mesh>,
+    scene: &Scene<'_, D>,
+) -> std::result::Result<Reshaped<<Space<D> as Meshing<D>>::Mesh>, Refusal>
+where
+    Space<D>: Meshing<D>,
+{
+    let neighbors = neighbors_of(&part.mesh).map_err(Refusal::Part)?;
+    let (marks, patience) = (&mut part.feature_faces, Patience::endless());
+    close_holes(&part.mesh, &neighbors, scene, marks, &patience);
+    Ok(part)
+}
+
+/// For every cell and face, in order, the cell on its other side, or `NONE`.
+pub(super) fn neighbors_of<const D: usize, M: Simplices<D>>(mesh: &M) -> Result<Vec<u32>> {
+    mesh.neighbors().map_err(|face| {
+        Error::Mesh(cause(
+            format!("face {face:?}"),
+            format!("belongs to more than two {}", M::CELLS),
+            "mesh the image again",
+        ))
+    })
+}
+
 impl Meshing<3> for Space<3> {
     type Mesh = TetMesh;
 
@@ -253,7 +298,8 @@ impl Meshing<3> for Space<3> {
             min_dihedral: min_angle,
             method: SliverMethod::Joe,
         };
-        tets::reshape(part, &wanted, extent, &sheets, distance, &options)
+        let part = tets::reshape(part, &wanted, extent, &sheets, distance, &options)?;
+        close_holes_of_part(part, scene)
     }
 
     fn cells(atoms: &[[f64; 3]], extent: [f64; 3], weld: f64) -> Result<PolyMesh<3>> {
@@ -333,7 +379,8 @@ impl Meshing<2> for Space<2> {
     ) -> std::result::Result<Reshaped<TriMesh>, Refusal> {
         let (extent, distance) = (scene.extent, scene.distance);
         let sheets = put_onto_sheets(&mut wanted.targets, &wanted.kinds, scene);
-        triangles::reshape(&part, &wanted, extent, &sheets, distance, min_angle)
+        let part = triangles::reshape(&part, &wanted, extent, &sheets, distance, min_angle)?;
+        close_holes_of_part(part, scene)
     }
 
     fn cells(atoms: &[[f64; 2]], extent: [f64; 2], weld: f64) -> Result<PolyMesh<2>> {

@@ -1,6 +1,8 @@
 //! What a job asks for: how far atoms are apart, what they follow, how they move, what is done with the
 //! mesh.
 
+use std::borrow::Cow;
+
 use serde::{Deserialize, Serialize};
 
 use crate::feature;
@@ -10,7 +12,7 @@ use crate::improve::triangles::relax::Scheme;
 use crate::lattice::optimize;
 use crate::lattice::seeding::{self, Seeding};
 
-/// How far atoms shall be apart, in lattice units.
+/// How far atoms shall be apart, in the lengths of [`Params::metric`] (Canny's points: in samples).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Spacing {
     /// The same everywhere.
@@ -62,28 +64,41 @@ pub enum Spacing {
 impl Spacing {
     /// The smallest distance asked for.
     pub fn min(self) -> f64 {
-        match self {
-            Self::Constant(d) => d,
-            Self::FromFeatures { min, .. }
-            | Self::FromGaps { min, .. }
-            | Self::FromImage { min, .. }
-            | Self::FromLaplacian { min, .. }
-            | Self::OfAtoms { min, .. }
-            | Self::Given { min, .. } => min,
-        }
+        self.limits()[0]
     }
 
     /// The largest distance asked for.
     pub fn max(self) -> f64 {
+        self.limits()[1]
+    }
+
+    fn limits(self) -> [f64; 2] {
         match self {
-            Self::Constant(d) => d,
-            Self::FromFeatures { max, .. }
-            | Self::FromGaps { max, .. }
-            | Self::FromImage { max, .. }
-            | Self::FromLaplacian { max, .. }
-            | Self::OfAtoms { max, .. }
-            | Self::Given { max, .. } => max,
+            Self::Constant(d) => [d; 2],
+            Self::FromFeatures { min, max }
+            | Self::FromGaps { min, max }
+            | Self::FromImage { min, max }
+            | Self::FromLaplacian { min, max }
+            | Self::OfAtoms { min, max }
+            | Self::Given { min, max } => [min, max],
         }
+    }
+
+    /// The same kind in a larger unit of length; Canny's points are samples apart anyhow.
+    fn in_units_of(mut self, unit: f64) -> Self {
+        match &mut self {
+            Self::OfAtoms { .. } => {}
+            Self::Constant(d) => *d /= unit,
+            Self::FromFeatures { min, max }
+            | Self::FromGaps { min, max }
+            | Self::FromImage { min, max }
+            | Self::FromLaplacian { min, max }
+            | Self::Given { min, max } => {
+                *min /= unit;
+                *max /= unit;
+            }
+        }
+        self
     }
 
     /// That of [`Seeding::Canny`], in a space of `dimensions`.
@@ -95,8 +110,10 @@ impl Spacing {
     }
 }
 
-/// The length of one sample along each axis of lattice space, which says in which space cells
-/// shall be well shaped.
+/// The length of one sample along each axis, which says in which space cells shall be well shaped.
+///
+/// Lattice space has these lengths, but for a common factor: a unit cube of it holds one sample, so
+/// that windows and grids are as large as for [`Metric::Samples`] whatever the unit of length.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Metric<const D: usize = 3> {
     /// 1: cells are as flat as the image's own samples.
@@ -112,17 +129,37 @@ pub enum Metric<const D: usize = 3> {
 impl<const D: usize> Metric<D> {
     /// The step of lattice space along each axis.
     pub fn step(self, geometry: &Geometry<D>) -> [f64; D] {
+        let unit = self.unit(geometry);
+        self.lengths(geometry).map(|length| length / unit)
+    }
+
+    /// The length of the unit of lattice space, a cube of which holds as many samples as ever.
+    pub fn unit(self, geometry: &Geometry<D>) -> f64 {
+        match self {
+            Self::Samples | Self::Shape => 1.0,
+            Self::Physical | Self::Scales(_) => mean(self.lengths(geometry)),
+        }
+    }
+
+    /// The length of one sample along each axis.
+    pub fn lengths(self, geometry: &Geometry<D>) -> [f64; D] {
         match self {
             Self::Samples => [1.0; D],
             Self::Physical => geometry.spacing(),
             Self::Shape => {
                 let spacing = geometry.spacing();
-                let mean = spacing.iter().product::<f64>().powf(1.0 / D as f64);
-                spacing.map(|s| s / mean)
+                spacing.map(|s| s / mean(spacing))
             }
-            Self::Scales(step) => step,
+            Self::Scales(lengths) => lengths,
         }
     }
+}
+
+/// The geometric mean; exact where all are the same.
+fn mean<const D: usize>(lengths: [f64; D]) -> f64 {
+    let longest = lengths.into_iter().fold(0.0, f64::max);
+    let shape: f64 = lengths.iter().map(|length| length / longest).product();
+    longest * shape.powf(1.0 / D as f64)
 }
 
 /// The weight of the image against the lattice: 0 is lattice only, 1 image only.
@@ -231,7 +268,7 @@ impl<const D: usize> Default for Params<D> {
     fn default() -> Self {
         Self {
             cells: CellKind::default(),
-            spacing: Spacing::Constant(8.0),
+            spacing: Spacing::FromGaps { min: 2.7, max: 8.0 },
             feature: feature::FeatureKind::Auto,
             sigma: None,
             threshold: None,
@@ -258,6 +295,22 @@ impl<const D: usize> Default for Params<D> {
 }
 
 impl<const D: usize> Params<D> {
+    /// The same with distances in units of lattice space, each of which is `unit` long.
+    pub(crate) fn in_lattice_units(&self, unit: f64) -> Cow<'_, Self> {
+        if unit == 1.0 {
+            return Cow::Borrowed(self);
+        }
+        let mut params = self.clone();
+        params.spacing = self.spacing.in_units_of(unit);
+        params.well_distance = self.well_distance.map(|d| d / unit);
+        if let Some(distances) = &mut params.distances {
+            let samples = distances.as_slice().iter();
+            let samples = samples.map(|&d| (f64::from(d) / unit) as f32).collect();
+            **distances = Image::new(distances.dims(), samples, distances.geometry.clone());
+        }
+        Cow::Owned(params)
+    }
+
     /// How features are sought.
     pub fn feature_options(&self, step: [f64; D]) -> feature::Detection<D> {
         // Canny's points are, unless another feature is named, points of Canny's edges.

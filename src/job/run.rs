@@ -3,8 +3,8 @@
 use super::frame::{Frame, lattice_extent};
 use super::optimise::optimisation;
 use super::place::{Placed, Placing};
-use super::{CellKind, Marked, Meshing, Params, Scene, Space, Stages, cells, simplices};
-use crate::Result;
+use super::{CellKind, Marked, Meshing, Params, Scene, Space, Spacing, Stages, cells, simplices};
+use crate::error::cause;
 use crate::feature::{self, Features};
 use crate::image::{Geometry, Image};
 use crate::lattice::distance::Distance;
@@ -13,6 +13,7 @@ use crate::lattice::seeding::Alignment;
 use crate::mesh::poly::PolyMesh;
 use crate::observer::{Observer, Stage};
 use crate::report::Report;
+use crate::{Error, Result};
 
 /// What a job made, in lattice space, and what led to it.
 #[derive(Debug, Clone)]
@@ -132,9 +133,14 @@ where
     placing.check(params, alignment)?;
     simplices::check_smoothing(params)?;
     let step = params.metric.step(&image.geometry);
-    // Before the work: the largest distance must fit, whatever the features are.
     let extent = lattice_extent(image.dims(), step);
-    Distance::Constant(params.spacing.max()).validate(extent)?;
+    // Before the work: the largest distance must fit, whatever the features are.
+    let room = match params.spacing {
+        Spacing::OfAtoms { .. } => extent,
+        _ => lattice_extent(image.dims(), params.metric.lengths(&image.geometry)),
+    };
+    Distance::Constant(params.spacing.max()).validate(room)?;
+    let params = &*params.in_lattice_units(params.metric.unit(&image.geometry));
     let frame = Frame::new(image, params)?;
 
     let mut stages = Stages::new(observer);
@@ -161,6 +167,7 @@ where
     if let (Some(lattice), Some(optimised)) = (&mut report.lattice, &optimised) {
         lattice.optimisation = Some(optimisation(optimised, lattice.atoms));
     }
+    refuse_invalid(&report)?;
     report.left_out = Some(features.left_out);
     report.notes.extend(features.notes.iter().cloned());
     let (costs, interrupted) = stages.end();
@@ -182,4 +189,92 @@ where
         stop,
         report,
     })
+}
+
+/// The last safety net: a mesh that was measured and found invalid is an error, not a result.
+fn refuse_invalid(report: &Report) -> Result<()> {
+    let of_cells = report.voronoi.as_ref().map(|cells| &cells.check);
+    let check = report.filling.as_ref().or(of_cells);
+    match check.and_then(|check| check.problems.first()) {
+        None => Ok(()),
+        Some(problem) => Err(Error::Mesh(cause(
+            "the mesh",
+            format!("came out invalid: {problem}"),
+            "choose another distance, seeding or seed; and please report it with the image, for \
+             this should never happen",
+        ))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::job::Metric;
+    use crate::mesh::check::Check;
+    use crate::observer::Unobserved;
+
+    /// A disc with a soft edge, whose samples are so long.
+    fn disc(sample: f64) -> Image<2> {
+        let off = |i: usize| ((i % 60) as f32 - 30.0).hypot((i / 60) as f32 - 25.0) - 15.0;
+        let samples = (0..60 * 50).map(|i| 50.0 - 20.0 * off(i).clamp(-2.0, 2.0));
+        let mut geometry = Geometry::default();
+        geometry.axes = geometry.axes.map(|axis| axis.map(|a| a * sample));
+        Image::new([60, 50], samples.collect(), geometry)
+    }
+
+    #[test]
+    fn a_mesh_is_the_same_whatever_the_unit_of_length() {
+        let made = |sample: f64, metric: Metric<2>, sizes: [f64; 2]| {
+            let [min, max] = sizes.map(|d| d * sample);
+            let spacing = Spacing::FromFeatures { min, max };
+            let params = Params {
+                metric,
+                spacing,
+                ..Params::default()
+            };
+            let outcome = run(&disc(sample), &params, &mut Unobserved).unwrap();
+            let mesh = &outcome.simplices().unwrap().mesh;
+            assert!(mesh.triangles.len() > 100, "{sample}");
+            (mesh.clone(), outcome.step)
+        };
+        let sizes = [4.0, 6.0];
+        let expected = made(1.0, Metric::Samples, sizes);
+        // Powers of two, so that nothing is rounded: from micrometres to 10^60.
+        for power in [-20, -3, 9, 20, 33, 200] {
+            let sample = 2f64.powi(power);
+            assert_eq!(made(sample, Metric::Physical, sizes), expected, "{sample}");
+        }
+        let scales = Metric::Scales([512.0; 2]);
+        assert_eq!(made(1.0, scales, sizes.map(|d| 512.0 * d)), expected);
+    }
+
+    #[test]
+    fn what_does_not_fit_is_said_in_the_units_of_the_user() {
+        let params = Params::<2> {
+            metric: Metric::Physical,
+            spacing: Spacing::Constant(16_000.0),
+            ..Params::default()
+        };
+        let error = run(&disc(400.0), &params, &mut Unobserved).unwrap_err();
+        let said = error.to_string();
+        assert!(
+            said.contains("a side of 19600") && said.contains("at most 9800"),
+            "{said}"
+        );
+    }
+
+    #[test]
+    fn an_invalid_mesh_is_no_result() {
+        let problems = vec!["the triangles fill 4 instead of the box's 5".to_string()];
+        let mut report = Report::default();
+        assert!(refuse_invalid(&report).is_ok());
+        report.filling = Some(Check::default());
+        assert!(refuse_invalid(&report).is_ok());
+        report.filling = Some(Check {
+            problems,
+            ..Check::default()
+        });
+        let said = refuse_invalid(&report).unwrap_err().to_string();
+        assert!(said.contains("fill 4 instead of the box's 5"), "{said}");
+    }
 }

@@ -23,7 +23,7 @@ pub struct Settings {
     /// The mesh to write [default: the image's name with .vtu, in this folder]
     #[cfg_attr(feature = "cli", arg(short, long, value_name = "MESH.vtu"))]
     pub output: Option<PathBuf>,
-    /// Nominal distance between atoms, in samples, or MIN:MAX [default: 8]
+    /// Nominal distance between atoms, in samples, or MIN:MAX [default: 2.7:8]
     #[cfg_attr(feature = "cli", arg(long, value_name = "D"))]
     #[serde(deserialize_with = "text_or_number")]
     pub distance: Option<String>,

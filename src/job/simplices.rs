@@ -1,7 +1,7 @@
 //! Atoms at rest become tetrahedra, or triangles in the plane.
 
 use super::canny::smoothed;
-use super::join::Joined;
+use super::join::{Joined, close_holes, neighbors_of};
 use super::measure::measure;
 use super::{CellKind, Made, Meshing, Params, Scene, Space, Stages};
 use crate::error::cause;
@@ -47,14 +47,24 @@ where
     let Joined {
         mut made,
         neighbors,
-        improvement,
+        mut improvement,
         rival,
     } = Space::<D>::join(atoms, scene, relaxation.as_ref(), options.as_ref(), stages)?;
 
+    let neighbors = match neighbors {
+        Some(neighbors) => neighbors,
+        None => neighbors_of(&made.mesh)?,
+    };
+    if let Some(improvement) = &mut improvement {
+        improvement.sealed = stages.patiently(|patience| {
+            let marks = &mut made.feature_faces;
+            close_holes(&made.mesh, &neighbors, scene, marks, patience)
+        });
+    }
     stages.begin(Stage::Measuring);
     let claimed = improvement.is_some().then_some(&*made.feature_faces);
     let (dims, features) = (image.dims(), scene.features);
-    let neighbors = neighbors.as_deref();
+    let neighbors = Some(neighbors.as_slice());
     let distance = |n: u32| scene.distance.at(made.mesh.nodes()[n as usize]);
     let judged = report::judged(&made.mesh, &made.feature_faces, scene.extent, distance);
     let report = stages.patiently(|patience| {

@@ -25,6 +25,8 @@
 //!            1
 //! ```
 
+#[cfg(test)]
+pub(crate) mod boxes;
 pub mod check;
 pub(crate) mod complex;
 pub mod delaunay;
@@ -34,6 +36,8 @@ pub mod poly;
 mod poly_columns;
 pub(crate) mod poly_from;
 pub mod quality;
+#[cfg(test)]
+pub(crate) mod test_mesh;
 pub(crate) mod tri;
 pub mod voronoi;
 

@@ -147,21 +147,16 @@ impl PolyMesh<2> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::TriMesh;
     use super::super::check::check;
     use super::super::graph::Graph;
     use super::super::poly::samples::two_cells;
-    use super::super::{TetMesh, TriMesh};
     use super::*;
+    use crate::mesh::test_mesh::kuhn_box;
 
     #[test]
     fn tetrahedra_fill_the_box_as_polyhedra() {
-        // A cube of six tetrahedra round its diagonal.
-        let corner = |i: u32| std::array::from_fn(|k| f64::from(i >> k & 1));
-        let round = [1, 3, 2, 6, 4, 5, 1];
-        let mesh = TetMesh {
-            nodes: (0..8).map(corner).collect(),
-            tets: round.windows(2).map(|w| [0, w[0], w[1], 7]).collect(),
-        };
+        let mesh = kuhn_box([1; 3], 1.0);
         let mut poly = PolyMesh::from_simplices(&mesh, &[1; 6], &[3; 6]).unwrap();
         assert_eq!((poly.inner_faces(), poly.face_cells.len()), (6, 18));
         poly.assign_sides([0.0; 3], [1.0; 3]);

@@ -77,9 +77,9 @@ pub(super) fn figures<const D: usize>(
 
 #[cfg(test)]
 mod tests {
-    use super::super::test_mesh::kuhn_box;
     use super::*;
     use crate::mesh::TetMesh;
+    use crate::mesh::test_mesh::kuhn_box;
 
     #[test]
     fn spacing_is_the_shortest_edge_over_the_nominal_distance() {

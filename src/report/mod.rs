@@ -22,8 +22,6 @@ mod pieces;
 pub(crate) mod quality;
 pub(crate) mod reference;
 pub(crate) mod table;
-#[cfg(test)]
-mod test_mesh;
 
 pub use acute::{AcuteLine, Pair};
 pub use angles::{Angles, Judged, judged};
@@ -118,6 +116,8 @@ pub struct Improvement {
     pub poor_after: usize,
     /// Changes made.
     pub counts: improve::Counts,
+    /// Holes in the faces on features that were closed.
+    pub sealed: improve::Sealed,
     /// The tetrahedra still below the target, grouped by what holds their nodes; largest group
     /// first.
     pub blockers: Vec<Blocker>,
@@ -202,6 +202,7 @@ impl From<&improve::Improved> for Improvement {
             poor_before: outcome.poor_before,
             poor_after: outcome.poor_after,
             counts: outcome.counts,
+            sealed: improve::Sealed::default(),
             blockers,
             worst: outcome.blocked.iter().take(20).cloned().collect(),
         }

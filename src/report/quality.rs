@@ -376,8 +376,8 @@ fn worst<const D: usize>(
 
 #[cfg(test)]
 mod tests {
-    use super::super::test_mesh::kuhn_box;
     use super::*;
+    use crate::mesh::test_mesh::kuhn_box;
     use crate::mesh::{TetMesh, TriMesh};
 
     #[test]

@@ -2,6 +2,7 @@
 
 use super::quality::{Points, Quality};
 use super::{Angles, Fidelity, Match, Report, Voronoi};
+use crate::improve::Sealed;
 
 /// How many groups of blocked tetrahedra are shown.
 const GROUPS: usize = 4;
@@ -107,6 +108,17 @@ impl Report {
                     ),
                 );
             }
+            let Sealed {
+                faces, area, rooms, ..
+            } = improvement.sealed;
+            line(
+                "rooms",
+                format!(
+                    "{} between the faces on features, of which {} (area {area:.0}) close holes",
+                    grouped(rooms),
+                    grouped(faces)
+                ),
+            );
         }
         if let Some(rival) = &self.rival {
             line("", rival.to_string());
@@ -373,10 +385,10 @@ fn bars(bins: &[u64]) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::test_mesh::kuhn_box;
     use super::super::*;
     use super::*;
     use crate::mesh::check::check;
+    use crate::mesh::test_mesh::kuhn_box;
     use crate::observer::Stage;
 
     fn full() -> Report {

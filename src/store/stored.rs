@@ -7,6 +7,7 @@ use super::{FieldValue, MeshFile, face_bits_to_physical, write_cells_vtu, write_
 use crate::error::cause;
 use crate::files::vtk::{DataArray, Values};
 use crate::image::Geometry;
+use crate::mesh::check;
 use crate::mesh::interface::marks_of_bits;
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::{Mesh, Positions, Simplices, TetMesh};
@@ -357,6 +358,28 @@ impl<const D: usize, M: Stored<D>> StoredMesh<D, M> {
         })
     }
 
+    /// Refuses cells that overlap, and those that leave a hole in their box: a simulator would take it
+    /// for a wall and say nothing. `place` names the file in errors.
+    ///
+    /// # Errors
+    /// [`Error::Mesh`] for either. Cells without a positive volume are not looked for.
+    pub fn check_filled(&self, place: &str) -> Result<()> {
+        let share = check::filled_share(&self.lattice, self.space.extent);
+        let problem = match share {
+            Some(share) if share > 1.0 + FILLED => {
+                format!("some of its cells overlap: they fill {share:.4} times their box")
+            }
+            Some(share) if share < 1.0 - FILLED => {
+                format!(
+                    "cells are missing: they fill {share:.4} of their box, and fluid would flow around the rest"
+                )
+            }
+            _ => return Ok(()),
+        };
+        let remedy = "give a mesh that passes the checker: mesh the image again";
+        Err(Error::Mesh(cause(place, problem, remedy)))
+    }
+
     /// Which faces of `lattice` lie on features, by number; `None` if the file does not say.
     pub fn marks(&self) -> Option<Vec<bool>> {
         self.lattice.marks(self.feature_faces.as_deref())
@@ -384,6 +407,9 @@ impl<const D: usize, M: Stored<D>> StoredMesh<D, M> {
         self.arrays.with_mesh(self.lattice)
     }
 }
+
+/// Cells may fill this much less or more than their box.
+const FILLED: f64 = 1e-6;
 
 /// The smallest box that holds all points.
 pub fn bounds<const D: usize>(points: &[[f64; D]]) -> ([f64; D], [f64; D]) {

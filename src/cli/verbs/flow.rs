@@ -167,7 +167,7 @@ impl Typed<'_> {
     ) -> Result<FlowReport> {
         let args = self.args;
         let file = in_depth(file, args.velocity)?;
-        let mut stored = StoredMesh::new(file, &args.mesh.display().to_string())?;
+        let mut stored = sound(file, &args.mesh)?;
         warn_of_time(&stored.space.geometry, console);
         let rock = rock(args, &stored)?;
         let conditions = self.conditions()?;
@@ -194,7 +194,7 @@ impl Typed<'_> {
     {
         let args = self.args;
         let file = in_depth(file, args.velocity)?;
-        let mut stored = StoredMesh::new(file, &args.mesh.display().to_string())?;
+        let mut stored = sound(file, &args.mesh)?;
         warn_of_time(&stored.space.geometry, console);
         let rock = rock(args, &stored)?;
         let conditions = self.conditions()?;
@@ -281,6 +281,14 @@ impl Typed<'_> {
             }
         }
     }
+}
+
+/// A mesh through which fluid can flow wherever it should.
+fn sound<const D: usize, M: Stored<D>>(file: MeshFile<M>, path: &Path) -> Result<StoredMesh<D, M>> {
+    let place = path.display().to_string();
+    let stored = StoredMesh::new(file, &place)?;
+    stored.check_filled(&place)?;
+    Ok(stored)
 }
 
 /// Sides of the box with their pressures.

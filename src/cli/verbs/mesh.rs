@@ -298,7 +298,7 @@ impl Observer for Watcher<'_> {
         if self.heard.is_none() && self.interrupts.wanted() {
             self.heard = Some(self.stage);
             self.console
-                .note("interrupted: writing what there is; press Ctrl-C again to end at once");
+                .note("interrupted: what there is becomes a mesh if that takes no longer than two seconds; press Ctrl-C again to end at once");
         }
         // Atoms that were stopped are joined and improved in full.
         self.heard

@@ -297,9 +297,6 @@ fn surfaces_of<const D: usize, M: Stored<D>>(
     file.cell_data = cell_data(&surfaces, &measures, nodes);
     write_file(&args.output, file, &stored.space.geometry, z_up)?;
     let mut text = table(&measures, D, args.meets);
-    if surfaces.filled > 0 {
-        text += &format!("\n{} faces close gaps", surfaces.filled);
-    }
     if surfaces.dropped > 0 {
         text += &format!(
             "\nleft out: {} small surfaces, {:.0} {} in all, {:.1} % of the area; --min-area 0 keeps them",
@@ -319,7 +316,6 @@ fn surfaces_of<const D: usize, M: Stored<D>>(
         &json!({
             "file": shown(&args.output),
             "surfaces": measures,
-            "filled_faces": surfaces.filled,
             "dropped": surfaces.dropped,
             "dropped_area": surfaces.dropped_area,
         }),
@@ -424,7 +420,7 @@ fn table(measures: &[Measure], dimension: usize, meets: bool) -> String {
     };
     let title = |name: &'static str| if meets { name } else { "" };
     let mut lines = vec![format!(
-        "{:>7} {:>7} {:>11} {:>6} {:>6} {:>4} {:>9} {:>9} {:>6} {:>5}  {}",
+        "{:>7} {:>7} {:>11} {:>6} {:>6} {:>4} {:>9} {:>9} {:>6} {:>5} {:>9}  {}",
         "surface",
         "kind",
         area,
@@ -435,6 +431,7 @@ fn table(measures: &[Measure], dimension: usize, meets: bool) -> String {
         rim,
         "pieces",
         "holes",
+        "hole area",
         title("meets")
     )];
     let angle = |angle: Option<f64>| angle.map_or("-".into(), |angle| format!("{angle:.0}"));
@@ -442,7 +439,7 @@ fn table(measures: &[Measure], dimension: usize, meets: bool) -> String {
         let others = m.meets.iter().filter(|_| meets);
         let others: Vec<String> = others.map(ToString::to_string).collect();
         lines.push(format!(
-            "{:>7} {:>7} {:>11.5} {:>6} {:>6} {:>4} {:>9.3} {:>9.5} {:>6} {:>5}  {}",
+            "{:>7} {:>7} {:>11.5} {:>6} {:>6} {:>4} {:>9.3} {:>9.5} {:>6} {:>5} {:>9.3}  {}",
             m.surface,
             m.kind.name(),
             Short(m.area),
@@ -453,6 +450,7 @@ fn table(measures: &[Measure], dimension: usize, meets: bool) -> String {
             Short(m.rim),
             m.components,
             m.holes,
+            Short(m.hole_area),
             others.join(" ")
         ));
     }

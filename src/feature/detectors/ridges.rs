@@ -53,7 +53,10 @@ const COARSEST: f64 = 3.0;
 
 /// Where more than this share of an image is ambiguous (foam, pores), long filters see several sheets at
 /// once and tell nothing apart.
-const CROWDED: f64 = 0.85;
+const CROWDED: f64 = 0.9;
+
+/// A ridge of this share of a sure one's strength may be two sheets side by side.
+const WEAK: f32 = 0.6;
 
 /// How ridges are sought, in the image or in what a detector makes of it.
 pub struct RidgeSearch<'a, const D: usize> {
@@ -94,7 +97,13 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
         let (scale, thresholds) = self.smooth(&mut samples, notes);
         let smoothed = Volume::new(dims, &samples);
         let candidates = ridges(smoothed, scale, thresholds.low, patience);
-        let zone = Ambiguous::new(smoothed, &candidates, thresholds.high);
+        let typical = ridges::typical(candidates.iter().map(|c| c.strength));
+        let zone = Ambiguous::new(
+            smoothed,
+            &candidates,
+            thresholds.high,
+            weakest(&thresholds, typical, WEAK * thresholds.high),
+        );
         let sharp = self.lifts && zone.share() < self.most_ambiguous;
         let candidates = match sharp {
             true => self.lifted(&image, smoothed, &zone, candidates, thresholds, notes),
@@ -124,7 +133,7 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
             smoothed,
             zone,
             candidates: &candidates,
-            strong: thresholds.high,
+            clear: weakest(&thresholds, typical, thresholds.low),
             share: match self.scene.thresholds() {
                 Some(_) => thresholds.low / typical,
                 None => (self.least)(&thresholds),
@@ -181,6 +190,15 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
             statistics.noise, statistics.typical
         ));
         (scale, thresholds)
+    }
+}
+
+/// The strength down to which ridges tell where to look and at which angles: to `least`, for two sheets side
+/// by side are one weak ridge; but not into noise, where typical ridges are not sure.
+fn weakest(thresholds: &Thresholds, typical: f32, least: f32) -> f32 {
+    match thresholds.high > typical {
+        true => thresholds.high,
+        false => least,
     }
 }
 

@@ -17,7 +17,7 @@ const NORMALS: usize = 300;
 /// ... within this (cosine: 18 degrees) ...
 const SAME_MODE: f64 = 0.95;
 /// ... with at least this share of all.
-const LEAST_MODE: f64 = 0.04;
+const LEAST_MODE: f64 = 0.025;
 /// Lines nearer than this (cosine: 15 degrees) are one.
 const SAME_LINE: f64 = 0.966;
 
@@ -85,10 +85,20 @@ impl<const D: usize> Job<'_, D> {
             }
         }
         let mut found = Vec::new();
-        if trace(&tensor) == 0.0 {
+        let modes = self.modes(first);
+        if modes.is_empty() {
             return found;
         }
-        let modes = self.modes(first);
+        // Sheets that run side by side may have no sure point here.
+        if trace(&tensor) == 0.0 {
+            for n in &modes {
+                for k in 0..D {
+                    for l in 0..D {
+                        tensor[k][l] += n[k] * n[l];
+                    }
+                }
+            }
+        }
         let lines = self.lines(&modes, &tensor);
         for (kind, shape) in [CROSSING, CLOSE].into_iter().enumerate() {
             let wanted = |at: [usize; D]| {
@@ -151,7 +161,7 @@ impl<const D: usize> Job<'_, D> {
                 let at = self.search.image.coordinates(c.voxel as usize);
                 let close =
                     (0..D).all(|k| at[k] + reach >= first[k] && at[k] < first[k] + BLOCK + reach);
-                if close && c.strength >= self.search.strong {
+                if close && c.strength >= self.search.clear {
                     normals.push((c.normal.map(f64::from), f64::from(c.strength)));
                 }
             }

@@ -61,8 +61,8 @@ pub struct Search<'a, const D: usize> {
     pub zone: &'a Ambiguous<D>,
     /// Ridge points, in the order of samples, from whose normals the lines are guessed.
     pub candidates: &'a [Candidate<D>],
-    /// Candidates of at least this strength are sure.
-    pub strong: f32,
+    /// Directions are sought among candidates of at least this strength.
+    pub clear: f32,
     /// Points are stronger than this share of the strong ones, of which there are [`STRONG`].
     pub share: f32,
     /// Strength that the strong ones are given.

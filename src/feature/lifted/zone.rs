@@ -35,8 +35,14 @@ pub const MIXED_NORMALS: u8 = 1;
 pub const WIDE_RIDGES: u8 = 2;
 
 impl<const D: usize> Ambiguous<D> {
-    /// Judges ridge points of at least `strong` in a smoothed image.
-    pub fn new(smoothed: Volume<'_, D>, candidates: &[Candidate<D>], strong: f32) -> Self {
+    /// Judges ridge points of a smoothed image: normals by points of at least `strong`, and widths by those
+    /// of at least `clear`, for a ridge too wide for its height is weak.
+    pub fn new(
+        smoothed: Volume<'_, D>,
+        candidates: &[Candidate<D>],
+        strong: f32,
+        clear: f32,
+    ) -> Self {
         let dims = smoothed.dims;
         let cells = Volume::new(dims.map(|n| n.div_ceil(CELL)), &[]);
         let count = cells.dims.iter().product();
@@ -47,7 +53,7 @@ impl<const D: usize> Ambiguous<D> {
         };
         // Height over curvature of a ridge is its squared width.
         let mut widths = vec![[0.0f64; 2]; count];
-        for c in candidates.iter().filter(|c| c.strength >= strong) {
+        for c in candidates.iter().filter(|c| c.strength >= clear) {
             let at = smoothed.coordinates(c.voxel as usize);
             // At the sides mirrored samples turn normals.
             if (0..D).any(|k| at[k] < SIDE || at[k] + SIDE >= dims[k]) {
@@ -57,7 +63,8 @@ impl<const D: usize> Ambiguous<D> {
             let height = f64::from(smoothed.samples[c.voxel as usize]);
             widths[cell][0] += height;
             widths[cell][1] += f64::from(c.strength);
-            for k in 0..D {
+            let sure = if c.strength >= strong { D } else { 0 };
+            for k in 0..sure {
                 for l in 0..D {
                     zone.tensors[cell][k][l] += f64::from(c.normal[k] * c.normal[l]);
                 }
@@ -90,7 +97,7 @@ impl<const D: usize> Ambiguous<D> {
         let flags: Vec<u8> = (0..count)
             .into_par_iter()
             .map(|i| {
-                if trace(&zone.tensors[i]) == 0.0 {
+                if widths[i][1] == 0.0 {
                     return 0;
                 }
                 let mixed = spread[i] > MIXED;

@@ -7,6 +7,8 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
+use quick_xml::Reader;
+use quick_xml::events::Event;
 use tiff::decoder::{Decoder, DecodingResult, Limits};
 use tiff::tags::Tag;
 use tiff::{ColorType, TiffError};
@@ -47,7 +49,7 @@ pub fn read(path: &Path) -> Result<Loaded> {
     let decoder = Decoder::new(BufReader::new(file)).map_err(|e| fault(0, e))?;
     let mut decoder = decoder.with_limits(limits);
     let description = decoder.get_tag_ascii_string(Tag::ImageDescription);
-    let stack = Stack::of(&description.unwrap_or_default());
+    let description = description.unwrap_or_default();
     let mut first = None;
     let mut samples = Vec::new();
     loop {
@@ -89,6 +91,7 @@ pub fn read(path: &Path) -> Result<Loaded> {
     let Some((nx, ny, color)) = first else {
         return Err(refuse(path, "has no page", DAMAGED));
     };
+    let stack = Stack::of(&description, usize::from(color.num_samples()));
     if let Some(fault) = stack.and_then(|stack| stack.fault(pages)) {
         return refusal(fault);
     }
@@ -106,51 +109,99 @@ pub fn read(path: &Path) -> Result<Loaded> {
     })
 }
 
-/// What ImageJ says of a stack in the description of its first page.
+/// What ImageJ or an OME-TIFF says of a stack in the description of its first page.
+#[derive(Default)]
 struct Stack {
+    /// Planes in the file.
+    planes: usize,
+    /// Images, each a stack of its own.
     images: usize,
     channels: usize,
     slices: usize,
-    frames: usize,
+    times: usize,
 }
 
 impl Stack {
-    /// `None` if the words are not ImageJ's.
-    fn of(description: &str) -> Option<Self> {
-        if !description.starts_with("ImageJ=") {
-            return None;
+    /// `None` if the words are neither's. `per_page` is the number of channels in a page.
+    fn of(description: &str, per_page: usize) -> Option<Self> {
+        if description.starts_with("ImageJ=") {
+            return Some(Self::of_imagej(description));
         }
+        Self::of_ome(description, per_page)
+    }
+
+    fn of_imagej(description: &str) -> Self {
         let count = |name: &str| {
             let mut fields = description.lines().filter_map(|line| line.split_once('='));
-            let (_, value) = fields.find(|(field, _)| *field == name)?;
-            value.trim().parse().ok()
+            let value = fields.find(|(field, _)| *field == name);
+            value.map_or(1, |(_, value)| value.trim().parse().unwrap_or(1))
         };
-        Some(Self {
-            images: count("images").unwrap_or(1),
-            channels: count("channels").unwrap_or(1),
-            slices: count("slices").unwrap_or(1),
-            frames: count("frames").unwrap_or(1),
-        })
+        Self {
+            planes: count("images"),
+            images: 1,
+            channels: count("channels"),
+            slices: count("slices"),
+            times: count("frames"),
+        }
+    }
+
+    /// Its elements `Pixels` say how many planes there are of each kind, one element an image.
+    fn of_ome(description: &str, per_page: usize) -> Option<Self> {
+        let mut stack = Self::default();
+        let mut reader = Reader::from_str(description);
+        loop {
+            let (Event::Start(element) | Event::Empty(element)) = (match reader.read_event() {
+                Ok(Event::Eof) | Err(_) => break,
+                Ok(event @ (Event::Start(_) | Event::Empty(_))) => event,
+                Ok(_) => continue,
+            }) else {
+                continue;
+            };
+            if element.local_name().as_ref() != "Pixels" {
+                continue;
+            }
+            let count = |name: &str| {
+                let attribute = element.try_get_attribute(name).ok().flatten();
+                attribute.and_then(|a| a.value.trim().parse().ok())
+            };
+            stack.images += 1;
+            if stack.images == 1 {
+                // The channels of a page are its colours.
+                stack.channels = count("SizeC").unwrap_or(1) / per_page.max(1);
+                stack.slices = count("SizeZ").unwrap_or(1);
+                stack.times = count("SizeT").unwrap_or(1);
+                stack.planes = 1;
+            }
+        }
+        (stack.images > 0).then_some(stack)
     }
 
     /// Why a file of so many pages is not one volume, if so, and what to do.
     fn fault(&self, pages: usize) -> Option<(String, &'static str)> {
-        let Self {
-            images,
-            channels,
-            slices,
-            frames,
-        } = *self;
-        if channels > 1 || (slices > 1 && frames > 1) {
-            let problem = format!("holds {channels} channels of {slices} slices at {frames} times");
+        let kinds = [
+            (self.images, "images"),
+            (self.channels, "channels"),
+            (self.times, "times"),
+        ];
+        let several = kinds.iter().filter(|(count, _)| *count > 1);
+        let several: Vec<String> = several.map(|(count, of)| format!("{count} {of}")).collect();
+        if !several.is_empty() {
+            let (several, slices) = (several.join(" and "), self.slices);
+            let each = if slices > 1 {
+                format!(", each of {slices} slices")
+            } else {
+                String::new()
+            };
             return Some((
-                problem,
-                "give one channel at one time, e.g. in Python with tifffile",
+                format!("holds {several}{each}, so its pages are not the planes of one volume"),
+                "write one channel at one time to a file, e.g. in Python with tifffile (and if \
+                 these are slices in truth, tell ImageJ in Image > Properties)",
             ));
         }
         // Beyond 4 GB ImageJ writes one page, and the other planes behind it without any.
-        (pages == 1 && images > 1).then(|| {
-            let problem = format!("holds {images} planes, of which only the first is a page");
+        let planes = self.planes;
+        (pages == 1 && planes > 1).then(|| {
+            let problem = format!("holds {planes} planes, of which only the first is a page");
             (
                 problem,
                 "write a page for each, e.g. in Python with tifffile",
@@ -194,7 +245,10 @@ fn add(page: DecodingResult, channels: usize, count: usize, samples: &mut Vec<f3
 #[cfg(test)]
 mod tests {
     use super::*;
-    use tiff::encoder::{TiffEncoder, colortype::Gray8};
+    use tiff::encoder::{
+        TiffEncoder,
+        colortype::{Gray8, RGB8},
+    };
 
     #[test]
     fn stacks_of_imagej_that_are_no_volume_are_refused() {
@@ -216,15 +270,54 @@ mod tests {
             12,
             "ImageJ=1.11a\nimages=12\nchannels=2\nslices=3\nframes=2\n",
         );
-        assert!(said.contains("2 channels of 3 slices at 2 times"), "{said}");
+        let all = "a.tif: holds 2 channels and 2 times, each of 3 slices";
+        assert!(said.contains(all), "{said}");
         let said = refusal(6, "ImageJ=1.11a\nimages=6\nslices=3\nframes=2\n");
-        assert!(said.contains("one time"), "{said}");
+        assert!(said.contains("holds 2 times, each of 3"), "{said}");
+        let said = refusal(4, "ImageJ=1.53t\nimages=4\nframes=4\n");
+        assert!(said.contains("holds 4 times, so"), "{said}");
         let said = refusal(1, "ImageJ=1.53t\nimages=5\nslices=5\n");
         assert!(said.contains("a.tif: holds 5 planes"), "{said}");
         for words in ["ImageJ=1.53t\nimages=4\nslices=4\n", "a rock, channels=2"] {
             assert_eq!(read_stack(4, words).unwrap(), [3, 2, 4]);
         }
-        let times = "ImageJ=1.53t\nimages=4\nframes=4\n";
-        assert_eq!(read_stack(4, times).unwrap(), [3, 2, 4]);
+    }
+
+    #[test]
+    fn ome_stacks_that_are_no_volume_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.ome.tif");
+        let write = |pages: usize, images: &[[usize; 3]]| {
+            let pixels = images.iter().map(|[z, c, t]| {
+                format!("<Image ID=\"Image:0\"><Pixels DimensionOrder=\"XYZCT\" SizeC=\"{c}\" SizeT=\"{t}\" SizeX=\"3\" SizeY=\"2\" SizeZ=\"{z}\" Type=\"uint8\"><TiffData/></Pixels></Image>")
+            });
+            let words = format!(
+                "<?xml version=\"1.0\"?><!-- not by hand --><OME xmlns=\"http://www.openmicroscopy.org/Schemas/OME/2016-06\">{}</OME>",
+                pixels.collect::<String>()
+            );
+            let mut encoder = TiffEncoder::new(std::fs::File::create(&path).unwrap()).unwrap();
+            for number in 0..pages {
+                let mut page = encoder.new_image::<RGB8>(3, 2).unwrap();
+                if number == 0 {
+                    let tag = Tag::ImageDescription;
+                    page.encoder().write_tag(tag, words.as_str()).unwrap();
+                }
+                page.write_data(&[7; 18]).unwrap();
+            }
+            read(&path).map(|loaded| loaded.image.dims())
+        };
+        // Three channels are the colours of each page.
+        assert_eq!(write(4, &[[4, 3, 1]]).unwrap(), [3, 2, 4]);
+        assert_eq!(write(4, &[[4, 1, 1]]).unwrap(), [3, 2, 4]);
+        let refusals = [
+            (6, vec![[3, 6, 1]], "holds 2 channels, each of 3 slices"),
+            (6, vec![[3, 3, 2]], "holds 2 times, each of 3 slices"),
+            (6, vec![[1, 6, 3]], "holds 2 channels and 3 times, so"),
+            (2, vec![[1, 3, 1]; 2], "holds 2 images, so"),
+        ];
+        for (pages, images, words) in refusals {
+            let said = write(pages, &images).unwrap_err().to_string();
+            assert!(said.contains(words), "{said}");
+        }
     }
 }

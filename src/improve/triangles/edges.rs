@@ -192,8 +192,9 @@ impl Improver<'_> {
     /// new edge passes through a curve, and the worst new angle has a cotangent below `limit`.
     pub(super) fn collapse(&mut self, a: u32, b: u32, limit: f64) -> bool {
         let (p, q) = (self.holds[a as usize], self.holds[b as usize]);
-        let fixed = self.kinds[a as usize] == AtomKind::Fixed;
-        if fixed || !p.within(&q) {
+        // What may not move at all is a fixed node or a corner of the box; another such node, which
+        // is held as much, cannot take its place.
+        if p.axes == 7 || !p.within(&q) {
             return false;
         }
         self.gather(a);

@@ -137,6 +137,39 @@ fn triangles_that_overlap_are_refused_and_left_as_they_are() {
     assert_eq!(mesh, before);
 }
 
+#[test]
+fn corners_of_the_box_stay_where_other_nodes_are_held_as_much() {
+    // The corners hold each other's coordinates, and a fixed node those of all: no angle can be as
+    // large as asked for, and the shortest edges are those between such nodes.
+    let boxed = [[0.0, 0.0], [4.0, 0.0], [0.0, 4.0], [4.0, 4.0]];
+    let inside = [[2.0, 0.0], [1.0, 2.0], [3.0, 2.0], [2.0, 4.0]];
+    let sheets = Sheets::new(&[], [4.0, 4.0, 0.0], 4.8, 3.4);
+    for (fixed, min_angle) in [(None, 60.0), (Some([4.0, 0.3]), 30.0)] {
+        let nodes = [&boxed[..], &inside, fixed.as_slice()].concat();
+        let kind = |x: &[f64; 2]| match fixed == Some(*x) {
+            true => AtomKind::Fixed,
+            false => seeding::kind_in_box(*x, [4.0; 2]),
+        };
+        let mut kinds: Vec<AtomKind> = nodes.iter().map(kind).collect();
+        let mut mesh = delaunay_plane(&nodes).unwrap();
+        improve(
+            &mut mesh,
+            &mut kinds,
+            [4.0; 2],
+            &sheets,
+            &Distance::Constant(2.0),
+            min_angle,
+            &Patience::endless(),
+        )
+        .unwrap();
+        let found = check(&mesh, [0.0; 2], [4.0; 2], 1e-12);
+        assert!(found.passed(), "{fixed:?}: {:?}", found.problems);
+        for corner in boxed {
+            assert!(mesh.nodes.contains(&corner), "{fixed:?}: {corner:?}");
+        }
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 24, failure_persistence: None, ..Default::default() })]
     #[test]

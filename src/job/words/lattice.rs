@@ -154,9 +154,11 @@ fn wells(said: &Said) -> Result<Option<Wells>> {
 }
 
 fn apart(settings: &Settings) -> Result<Apart> {
-    let text = settings.distance.as_deref().unwrap_or("8");
+    let (text, from) = match (&settings.distance, &settings.distance_from) {
+        (None, None) => return Ok(Apart::default()),
+        (text, from) => (text.as_deref().unwrap_or("2.7:8"), from.as_deref()),
+    };
     let range = text.split_once(':');
-    let from = settings.distance_from.as_deref();
     let (min, max) = match range {
         None => (positive(text, text)?, None),
         Some((min, max)) => (positive(min, text)?, Some(positive(max, text)?)),

@@ -68,7 +68,8 @@ impl<const D: usize> Distance<D> {
     ///
     /// # Errors
     /// [`Error::Distance`] if d is not a positive number, if it is larger than the box, if a side
-    /// of the box is shorter than two d, or if a field does not span the box.
+    /// of the box is shorter than two d, if a field does not span the box, or if it asks for more
+    /// atoms than can be numbered.
     pub fn validate(&self, extent: [f64; D]) -> Result<()> {
         let fail = |problem: String, remedy: String| {
             Err(Error::Distance(cause("distance", problem, remedy)))
@@ -111,9 +112,34 @@ impl<const D: usize> Distance<D> {
                 remedy,
             );
         }
+        let atoms = self.about_atoms(extent);
+        if atoms > MOST_ATOMS {
+            return fail(
+                format!(
+                    "it asks for about {atoms:.0e} atoms in a box of {extent:?}, more than can be numbered"
+                ),
+                "give a larger distance, of a few samples".into(),
+            );
+        }
         Ok(())
     }
+
+    /// About how many atoms so far apart the box `[0, extent]` holds.
+    fn about_atoms(&self, extent: [f64; D]) -> f64 {
+        match self {
+            Self::Constant(d) => extent.iter().map(|e| e / d).product(),
+            Self::Field(field) => {
+                let room: f64 = extent.iter().product();
+                let per_volume = |&d: &f32| f64::from(d).powi(-(D as i32));
+                let sum: f64 = field.samples.iter().map(per_volume).sum();
+                room * sum / field.samples.len() as f64
+            }
+        }
+    }
 }
+
+/// Atoms have numbers of 32 bits, and so have cells, of which there are up to seven times as many.
+const MOST_ATOMS: f64 = 6e8;
 
 /// Folds samples with `f`, but lets one NaN make the result NaN.
 fn reduce(samples: &[f32], f: impl Fn(f32, f32) -> f32) -> f64 {
@@ -282,6 +308,7 @@ mod tests {
             (f64::INFINITY, "finite"),
             (80.0, "larger than the box"),
             (10.1, "shorter than twice"),
+            (0.001, "about 8e13 atoms"),
         ] {
             let message = accepts(d).unwrap_err().to_string();
             assert!(

@@ -199,6 +199,24 @@ pub(crate) fn check_while<const D: usize, M: Mesh<D>>(
     found
 }
 
+/// The share of the box `[0, extent]` that cells fill: 1 of a valid mesh, less of one with a hole, more
+/// where cells overlap. `None` if a cell is flat or inverted, so that their sum says nothing.
+pub fn filled_share<const D: usize, M: Mesh<D>>(mesh: &M, extent: [f64; D]) -> Option<f64> {
+    let bounds = Bounds {
+        low: [0.0; D],
+        high: extent,
+        tolerance: 0.0,
+    };
+    let mut filled = 0.0;
+    for (volume, _) in mesh.cell_volumes() {
+        if volume <= 0.0 {
+            return None;
+        }
+        filled += volume;
+    }
+    Some(filled / mesh.room(&bounds))
+}
+
 /// The name of one cell.
 fn singular(name: &str) -> String {
     match name.strip_suffix("hedra") {
@@ -268,25 +286,13 @@ impl<const D: usize> Sides<D> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::volume6;
     use crate::mesh::complex::NONE;
+    use crate::mesh::test_mesh::kuhn_box;
     use crate::mesh::{Simplices, TetMesh};
 
-    /// The unit cube as six tetrahedra about its diagonal (Kuhn).
+    /// The unit cube as six tetrahedra.
     fn cube() -> TetMesh {
-        let nodes: Vec<[f64; 3]> = (0..8)
-            .map(|i| [f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2)])
-            .collect();
-        let paths = [[1, 3], [1, 5], [2, 3], [2, 6], [4, 5], [4, 6]];
-        let tets = paths
-            .iter()
-            .map(|&[a, b]| {
-                let tet = [0, a, b, 7];
-                let p = tet.map(|i: u32| nodes[i as usize]);
-                if volume6(&p) > 0.0 { tet } else { [0, b, a, 7] }
-            })
-            .collect();
-        TetMesh { nodes, tets }
+        kuhn_box([1; 3], 1.0)
     }
 
     #[test]

@@ -115,6 +115,9 @@ where
     let settled = settled_of(&file);
     let mut body = Body::new(file, place)?;
     body.check_dims(image.dims())?;
+    // The file knows the units of its lattice space.
+    let lengths = params.metric.lengths(&image.geometry);
+    let params = &*params.in_lattice_units(lengths[0] / body.step[0]);
     let mut summary = Summary {
         nodes: [body.nodes.len(), 0],
         atoms: vec![None; edits.len()],
@@ -160,6 +163,7 @@ where
         let parts = stages.run(Stage::Mending, |_| {
             scope.rejoin(&mut body, &scene, &context, &mut summary)
         })?;
+        refuse_invalid(&parts)?;
         for (all, part) in quality.iter_mut().zip(parts) {
             append(all, part);
         }
@@ -205,6 +209,33 @@ impl EditStages<'_> {
         })
     }
 }
+
+/// The last safety net: the cells `[before, after]` of a neighbourhood must fill the same room.
+fn refuse_invalid<const D: usize, M: Simplices<D>>(parts: &[M; 2]) -> Result<()> {
+    let [before, after] = parts.each_ref().map(|part| {
+        let volumes = part.cell_volumes().into_iter().map(|(volume, _)| volume);
+        let least = volumes.clone().fold(f64::INFINITY, f64::min);
+        (least, volumes.sum::<f64>())
+    });
+    if after.0 > 0.0 && (after.1 - before.1).abs() <= FILLING * before.1 {
+        return Ok(());
+    }
+    Err(Error::Mesh(cause(
+        "the edited mesh",
+        format!(
+            "came out invalid: around an edit its {} fill {} instead of {}, the smallest has {}",
+            M::CELLS,
+            after.1,
+            before.1,
+            after.0
+        ),
+        "give other positions, or mesh the image again; and please report it with the mesh, for this \
+         should never happen",
+    )))
+}
+
+/// Cells made anew may differ by this share in volume from those that they replace.
+const FILLING: f64 = 1e-9;
 
 /// Adds a part's cells to those of others.
 fn append<const D: usize, M: Simplices<D>>(all: &mut Option<M>, part: M) {

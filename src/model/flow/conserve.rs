@@ -197,8 +197,9 @@ fn back_face<const D: usize>(around: &[u32], face: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mesh::boxes::{faces_on, jittered_box};
     use crate::mesh::{TetMesh, TriMesh};
-    use crate::model::flow::test_meshes::{faces_on, flow_through, jittered_box, torn_box};
+    use crate::model::flow::test_meshes::{flow_through, torn_box};
     use crate::model::flow::{Faults, Rock, Tensor, Well};
 
     fn every_cell_is_in_balance<const D: usize, M: Simplices<D>>() {

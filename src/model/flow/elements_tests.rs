@@ -4,8 +4,9 @@ use std::f64::consts::PI;
 
 use super::*;
 use crate::mesh::TriMesh;
+use crate::mesh::boxes::{faces_on, jittered_box};
 use crate::model::flow::Faults;
-use crate::model::flow::test_meshes::{faces_on, flow_through, jittered_box, torn_box};
+use crate::model::flow::test_meshes::{flow_through, torn_box};
 
 /// Nodes of the torn mesh in sides of the box, by a predicate of position.
 fn nodes_at<const D: usize, M: Simplices<D>>(

@@ -316,8 +316,9 @@ fn follow<const D: usize, M: Simplices<D>>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mesh::boxes::{faces_on, jittered_box};
     use crate::mesh::{TetMesh, TriMesh};
-    use crate::model::flow::test_meshes::{faces_on, flow_through, jittered_box};
+    use crate::model::flow::test_meshes::flow_through;
     use crate::model::flow::{Faults, Rock, Tensor, Well};
 
     fn lines_of<const D: usize>(all: &Streamlines<D>) -> Vec<&[[f64; D]]> {

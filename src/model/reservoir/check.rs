@@ -4,7 +4,6 @@ use crate::geometry::sets::Sets;
 use serde::Serialize;
 
 use super::Model;
-use super::prepared::FILLED;
 
 /// Angle in degrees from which on two-point fluxes are called rough.
 const ROUGH: f64 = 1.0;
@@ -140,12 +139,6 @@ impl Checks {
     /// What the user should know, if anything: one line each.
     pub fn notes(&self) -> Vec<String> {
         let mut notes = Vec::new();
-        if self.volume_error > FILLED {
-            notes.push(format!(
-                "the cells do not fill their box: {:.4} of it is missing",
-                self.volume_error
-            ));
-        }
         if self.angle[0] > ROUGH {
             let remedy = match self.in_columns {
                 true => "level layers, or cells that are not columns,",

@@ -11,9 +11,6 @@ use crate::model::reservoir::{Down, Frame, Mean, Model, Places, sample};
 use crate::store::{AnyMesh, MeshFile, Stored, StoredMesh};
 use crate::{Error, Result};
 
-/// How far the volume of cells may be from that of the box that they fill, relative to it.
-pub(super) const FILLED: f64 = 1e-6;
-
 /// Where a mesh's coordinates are in metres and depth.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Placement {
@@ -128,6 +125,7 @@ impl Parts {
         solid: impl FnOnce(PolyMesh<D>) -> PolyMesh<3>,
     ) -> Result<(Self, Option<M>)> {
         let stored = StoredMesh::new(file, place)?;
+        stored.check_filled(place)?;
         let space = stored.space.clone();
         let features_known = stored.marks().is_some();
         let (mesh, simplices, arrays) = M::cells(stored, place)?;
@@ -211,20 +209,11 @@ impl Prepared {
         let columns = columns.filter(|a| [COLUMN, LAYER].contains(&a.name.as_str()));
         model.properties.extend(columns.cloned());
         let box_volume = box_volume * frame.volume_of_unit();
-        let mut filled = 0.0;
         for (cell, &volume) in model.graph.volume.iter().enumerate() {
             if !(volume > 0.0 && volume.is_finite()) {
                 let problem = format!("cell {cell} has the volume {volume:e} m^3");
                 return Err(refuse(place, problem));
             }
-            filled += volume;
-        }
-        if filled > (1.0 + FILLED) * box_volume {
-            let problem = format!(
-                "some of its cells overlap: they fill {:.4} times their box",
-                filled / box_volume
-            );
-            return Err(refuse(place, problem));
         }
         Ok(Self {
             model,

@@ -164,8 +164,9 @@ fn fill<const D: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mesh::Simplices;
     use crate::mesh::poly::samples::two_cells;
-    use crate::mesh::{Simplices, TetMesh};
+    use crate::mesh::test_mesh::kuhn_box;
 
     #[test]
     fn every_sample_of_two_boxes_has_its_cell() {
@@ -190,18 +191,7 @@ mod tests {
     #[test]
     fn samples_lie_inside_the_tetrahedra_that_they_are_given_to() {
         // A cube of six tetrahedra round its diagonal, and nothing beyond.
-        let nodes: Vec<[f64; 3]> = (0..8)
-            .map(|i| [i & 1, i >> 1 & 1, i >> 2].map(|c| 10.0 * f64::from(c)))
-            .collect();
-        let tets = vec![
-            [0, 1, 3, 7],
-            [0, 3, 2, 7],
-            [0, 2, 6, 7],
-            [0, 6, 4, 7],
-            [0, 4, 5, 7],
-            [0, 5, 1, 7],
-        ];
-        let mesh = TetMesh { nodes, tets };
+        let mesh = kuhn_box([1; 3], 10.0);
         let across = mesh.cells_of_faces().unwrap();
         let dims = [13, 11, 12];
         let found = cells_of_samples(&mesh, &across, dims, [1.0; 3]);

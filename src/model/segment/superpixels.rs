@@ -67,9 +67,10 @@ impl Superpixels {
 mod tests {
     use super::*;
     use crate::image::Geometry;
+    use crate::mesh::TriMesh;
     use crate::mesh::poly::PolyMesh;
     use crate::mesh::poly::samples::two_cells;
-    use crate::mesh::{TetMesh, TriMesh};
+    use crate::mesh::test_mesh::kuhn_box;
     use crate::model::reservoir::sample::{Mean, Places, sample};
 
     /// The image of a function of the index.
@@ -114,18 +115,7 @@ mod tests {
     #[test]
     fn means_of_tetrahedra_agree_with_exact_volumes() {
         // A cube of six tetrahedra round its diagonal, 40 samples a side.
-        let nodes: Vec<[f64; 3]> = (0..8)
-            .map(|i| [i & 1, i >> 1 & 1, i >> 2].map(|c| 40.0 * f64::from(c)))
-            .collect();
-        let tets = vec![
-            [0, 1, 3, 7],
-            [0, 3, 2, 7],
-            [0, 2, 6, 7],
-            [0, 6, 4, 7],
-            [0, 4, 5, 7],
-            [0, 5, 1, 7],
-        ];
-        let mesh = TetMesh { nodes, tets };
+        let mesh = kuhn_box([1; 3], 40.0);
         let image = image([41; 3], |[x, y, z]| x * x + 20.0 * y - z * y);
         let found = superpixels(&mesh, &image, [1.0; 3]);
         let cells = PolyMesh::from_simplices(&mesh, &[], &[]).unwrap();

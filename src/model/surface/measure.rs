@@ -1,5 +1,7 @@
 //! Area, orientation, extent, rim and neighbours of surfaces.
 
+use std::collections::BTreeMap;
+
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -7,7 +9,7 @@ use super::Surfaces;
 use super::facets::Facets;
 use super::kind::{Kind, kinds};
 use crate::geometry::sets::Sets;
-use crate::geometry::{add_scaled, dot, norm, normal, sub, unit};
+use crate::geometry::{add_scaled, cross, dot, in_space, norm, normal, sub, unit};
 
 /// Figures of one surface, in the space of the nodes that were given. In 2-D, area means length.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -43,6 +45,8 @@ pub struct Measure {
     pub components: usize,
     /// Closed curves of the rim beyond the first of each piece. 3-D only: 0 in 2-D.
     pub holes: usize,
+    /// Area of these holes, each as a flat one of the same rim would show it most.
+    pub hole_area: f64,
     /// Surfaces that share a ridge's nodes with this one, by their numbers.
     pub meets: Vec<usize>,
 }
@@ -146,6 +150,7 @@ fn one<const D: usize>(
         rim,
         components,
         holes,
+        hole_area,
     } = shape(nodes, list);
     let dip = dot(n, up.up).clamp(-1.0, 1.0).acos().to_degrees();
     // The normal leans towards where the surface dips; strike is a right angle before that.
@@ -165,6 +170,7 @@ fn one<const D: usize>(
         rim,
         components,
         holes,
+        hole_area,
         meets,
     }
 }
@@ -215,6 +221,7 @@ struct Shape {
     rim: f64,
     components: usize,
     holes: usize,
+    hole_area: f64,
 }
 
 /// Rim, pieces and holes of one surface.
@@ -241,38 +248,55 @@ fn shape<const D: usize>(nodes: &[[f64; D]], list: &[[u32; D]]) -> Shape {
             _ => 1.0,
         }
     });
-    // Closed curves of the rim: sets of rim nodes that rim edges connect.
-    let mut loops = Vec::new();
-    if D == 3 {
-        let mut at: Vec<u32> = rim_sides
-            .iter()
-            .flat_map(|&s| facets.ridge_nodes(s))
-            .collect();
-        at.sort_unstable();
-        at.dedup();
-        let place = |n: u32| at.partition_point(|&m| m < n) as u32;
-        let mut curves = Sets::new(at.len());
-        for &side in &rim_sides {
-            let ends: Vec<u32> = facets.ridge_nodes(side).map(place).collect();
-            curves.unite(ends[0], ends[1]);
-        }
-        loops = rim_sides
-            .iter()
-            .map(|&side| {
-                let end = facets.ridge_nodes(side).map(place).next().unwrap_or(0);
-                (piece[side / D], curves.find(end))
-            })
-            .collect();
-        loops.sort_unstable();
-        loops.dedup();
-    }
-    let mut open: Vec<u32> = loops.iter().map(|l| l.0).collect();
-    open.dedup();
+    let (holes, hole_area) = holes(&facets, &rim_sides, &piece);
     Shape {
         rim: rim.sum(),
         components,
-        holes: loops.len() - open.len(),
+        holes,
+        hole_area,
     }
+}
+
+/// Holes of a surface, of which `rim` holds the sides without a neighbour, and their area: of the closed
+/// curves of each piece's rim, all but the one that encloses most.
+fn holes<const D: usize>(facets: &Facets<D>, rim: &[usize], piece: &[u32]) -> (usize, f64) {
+    if D != 3 {
+        return (0, 0.0);
+    }
+    let mut at: Vec<u32> = rim.iter().flat_map(|&s| facets.ridge_nodes(s)).collect();
+    at.sort_unstable();
+    at.dedup();
+    let place = |n: u32| at.partition_point(|&m| m < n) as u32;
+    // Closed curves: rim nodes that rim edges connect.
+    let mut curves = Sets::new(at.len());
+    for &side in rim {
+        let ends: Vec<u32> = facets.ridge_nodes(side).map(place).collect();
+        curves.unite(ends[0], ends[1]);
+    }
+    // Twice the vector area of each: facets show one side, and so its edges run one way.
+    let mut enclosed: BTreeMap<(u32, u32), [f64; 3]> = BTreeMap::new();
+    for &side in rim {
+        let facet = facets.corners(side / D);
+        let [a, b] = [1, 2].map(|step| in_space(facet[(side % D + step) % D]));
+        let first = facets.ridge_nodes(side).map(place).next().unwrap_or(0);
+        let curve = curves.find(first);
+        let base = in_space(facets.nodes[at[curve as usize] as usize]);
+        let sum = enclosed.entry((piece[side / D], curve)).or_default();
+        *sum = add_scaled(*sum, 1.0, cross(sub(a, base), sub(b, base)));
+    }
+    let curves: Vec<(u32, f64)> = (enclosed.iter())
+        .map(|((piece, _), area)| (*piece, 0.5 * norm(*area)))
+        .collect();
+    curves
+        .chunk_by(|a, b| a.0 == b.0)
+        .fold((0, 0.0), |(count, area), of_piece| {
+            let areas = of_piece.iter().map(|curve| curve.1);
+            let largest = areas.clone().fold(0.0, f64::max);
+            (
+                count + of_piece.len() - 1,
+                area + areas.sum::<f64>() - largest,
+            )
+        })
 }
 
 /// For each surface, the numbers from 1 of those that it shares at least as many nodes with as a ridge has.

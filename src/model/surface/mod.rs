@@ -18,7 +18,7 @@
 //! let other: Vec<u32> = (19..28).chain([9]).chain(28..37).collect();
 //! edges.extend(other.windows(2).map(|pair| [pair[0].min(pair[1]), pair[0].max(pair[1])]));
 //!
-//! let surfaces = Surfaces::find(&nodes, edges, &[], &[], &Options::default());
+//! let surfaces = Surfaces::find(&nodes, edges, &[], &Options::default());
 //! assert_eq!(surfaces.len(), 2);
 //! assert_eq!(surfaces.start, [0, 18, 36]);
 //! ```
@@ -28,7 +28,7 @@
 //! - `pairs`: what continues what
 //! - `walls`: horizons end on faults
 //! - `unite`: pieces and votes -> surfaces
-//! - `fill`: gaps closed by faces that the mesh has there
+//! - `patch`: crumbs that close holes of a surface are part of it
 //! - `kind`: faults and horizons
 //! - `stored`: the surfaces of a mesh that a file holds
 //! - `measure`: area, orientation, extent, rim
@@ -36,15 +36,16 @@
 
 pub mod adjacency;
 pub(crate) mod facets;
-pub(crate) mod fill;
 pub(crate) mod kind;
 pub(crate) mod measure;
 pub(crate) mod pairs;
+pub(crate) mod patch;
 pub mod select;
 pub mod stored;
 pub(crate) mod unite;
 pub(crate) mod walls;
 
+use crate::geometry::norm;
 use facets::{Facets, NONE};
 pub use kind::Kind;
 pub use measure::{Measure, measure};
@@ -86,8 +87,6 @@ pub struct Surfaces<const D: usize> {
     pub facets: Vec<[u32; D]>,
     /// Where the facets of each surface begin, and the end: largest surface first.
     pub start: Vec<usize>,
-    /// Facets that were added to close gaps.
-    pub filled: usize,
     /// Surfaces that were too small.
     pub dropped: usize,
     /// Their area.
@@ -95,15 +94,13 @@ pub struct Surfaces<const D: usize> {
 }
 
 impl<const D: usize> Surfaces<D> {
-    /// Groups facets into surfaces. `candidates` are facets that may be added where a surface has a
-    /// gap; `horizons`, nodes ascending, sorted, are those that lie on horizons, which end where the others,
+    /// Groups facets into surfaces. `horizons`, nodes ascending, sorted, are those that lie on horizons, which end where the others,
     /// faults, cross them. Distances and angles are those of `nodes`: use lattice space, in which the mesh is even.
     ///
     /// The result does not depend on the number of threads.
     pub fn find(
         nodes: &[[f64; D]],
         facets: Vec<[u32; D]>,
-        candidates: &[[u32; D]],
         horizons: &[[u32; D]],
         options: &Options,
     ) -> Self {
@@ -126,20 +123,12 @@ impl<const D: usize> Surfaces<D> {
         let mut votes: Vec<Vote> = votes.iter().filter_map(|v| v.between(&united)).collect();
         votes.extend(across_crossings(&facets, &surface, &cores.normals, walls));
         let (_, surface, count) = unite_pieces(&surface, count, &votes);
-        let added = fill::fill(&facets, &surface, &cores.normals, candidates, straight);
 
         let mut areas = vec![0.0; count];
-        let members = facets.facets.iter().copied().zip(surface);
-        let mut members: Vec<([u32; D], u32)> = members.collect();
-        let filled = added.len();
-        members.extend(added);
-        let area = |facet: &[u32; D]| {
-            crate::geometry::norm(crate::geometry::normal(&facet.map(|n| nodes[n as usize])))
-        };
-        for (facet, s) in &members {
-            areas[*s as usize] += area(facet);
+        for (f, &s) in surface.iter().enumerate() {
+            areas[s as usize] += norm(facets.normal(f));
         }
-        let mean = areas.iter().sum::<f64>() / members.len().max(1) as f64;
+        let mean = areas.iter().sum::<f64>() / facets.len().max(1) as f64;
         let largest = areas.iter().copied().fold(0.0, f64::max);
         let least = (FEWEST * mean).max(SHARE * largest);
         let least = options.min_area.unwrap_or(least);
@@ -150,8 +139,15 @@ impl<const D: usize> Surfaces<D> {
         for (place, &s) in order[..kept].iter().enumerate() {
             rank[s] = place as u32;
         }
-        let mut members: Vec<(u32, [u32; D])> = (members.into_iter())
-            .map(|(facet, s)| (rank[s as usize], facet))
+        let crumb = |s: usize| rank[s] == NONE && areas[s] < FEWEST * mean;
+        let crumbs: Vec<bool> = (0..count).map(crumb).collect();
+        let patches = patch::patches(&facets, &surface, &crumbs);
+        let dropped: Vec<usize> = (order[kept..].iter().copied())
+            .filter(|&s| patches[s].is_none_or(|whole| rank[whole as usize] == NONE))
+            .collect();
+        let rank_of = |s: u32| rank[patches[s as usize].unwrap_or(s) as usize];
+        let mut members: Vec<(u32, [u32; D])> = (facets.facets.iter().zip(&surface))
+            .map(|(&facet, &s)| (rank_of(s), facet))
             .filter(|(s, _)| *s != NONE)
             .collect();
         members.sort_unstable();
@@ -159,9 +155,8 @@ impl<const D: usize> Surfaces<D> {
         Self {
             start: start.collect(),
             facets: members.iter().map(|m| m.1).collect(),
-            filled,
-            dropped: count - kept,
-            dropped_area: order[kept..].iter().map(|&s| areas[s]).sum(),
+            dropped: dropped.len(),
+            dropped_area: dropped.iter().map(|&s| areas[s]).sum(),
         }
     }
 

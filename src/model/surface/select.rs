@@ -42,18 +42,6 @@ pub fn marked<const D: usize, F: Mesh<D>>(mesh: &F, marks: &[bool]) -> Vec<[u32;
     facets_where(mesh, |face, _| marks[face])
 }
 
-/// The facets not in `taken` (sorted) whose nodes are all nodes of facets in it: where gaps may be
-/// closed.
-pub fn spanned<const D: usize, F: Mesh<D>>(mesh: &F, taken: &[[u32; D]]) -> Vec<[u32; D]> {
-    let mut on = vec![false; mesh.nodes().len()];
-    for &n in taken.as_flattened() {
-        on[n as usize] = true;
-    }
-    facets_where(mesh, |_, facet| {
-        facet.iter().all(|&n| on[n as usize]) && taken.binary_search(facet).is_err()
-    })
-}
-
 /// A label for each face of a mesh: that of the first of its facets that is in `labelled` (nodes
 /// ascending, sorted), else 0.
 pub fn labels_of_faces<const D: usize, F: Mesh<D>>(

@@ -4,21 +4,14 @@ use super::{Options, Surfaces, select};
 use crate::mesh::Mesh;
 use crate::store::StoredMesh;
 
-/// Groups facets of a mesh into surfaces and closes their gaps, in lattice space.
+/// Groups facets of a mesh into surfaces, in lattice space.
 pub fn group<const D: usize, M: Mesh<D>>(
     stored: &StoredMesh<D, M>,
     facets: Vec<[u32; D]>,
     options: &Options,
 ) -> Surfaces<D> {
-    let candidates = select::spanned(&stored.lattice, &facets);
     let horizons = horizon_facets(stored);
-    Surfaces::find(
-        stored.lattice.nodes(),
-        facets,
-        &candidates,
-        &horizons,
-        options,
-    )
+    Surfaces::find(stored.lattice.nodes(), facets, &horizons, options)
 }
 
 /// The facets of a mesh that lie on horizons, nodes ascending, sorted.

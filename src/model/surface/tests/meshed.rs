@@ -32,7 +32,6 @@ fn marked(outcome: &Outcome) -> Vec<[u32; 3]> {
 
 fn group(outcome: &Outcome, min_area: Option<f64>) -> Surfaces<3> {
     let faces = marked(outcome);
-    let candidates = select::spanned(&outcome.simplices().unwrap().mesh, &faces);
     let options = Options {
         min_area,
         ..Options::default()
@@ -40,7 +39,6 @@ fn group(outcome: &Outcome, min_area: Option<f64>) -> Surfaces<3> {
     Surfaces::find(
         &outcome.simplices().unwrap().mesh.nodes,
         faces,
-        &candidates,
         &[],
         &options,
     )

@@ -16,10 +16,10 @@ use crate::geometry;
 use crate::geometry::{dot, norm, normal};
 use crate::mesh::Mesh;
 use crate::mesh::Simplices;
+use crate::mesh::boxes::jittered_box;
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::voronoi::voronoi_plane;
 use crate::mesh::{TetMesh, TriMesh};
-use crate::model::flow::test_meshes::jittered_box;
 use crate::model::paint::{Seed, blocks, clearance, contrast, paint as flow};
 
 /// Numbers in [0, 1) that look random.

@@ -1,10 +1,10 @@
 //! A mesh for tests: a box of cubes, each cut into the six tetrahedra about its diagonal.
 
-use crate::mesh::TetMesh;
+use super::TetMesh;
 
 /// `cubes` cubes along each axis, each of side `size`, from the origin (Kuhn's subdivision, which
 /// conforms from cube to cube).
-pub(super) fn kuhn_box(cubes: [usize; 3], size: f64) -> TetMesh {
+pub(crate) fn kuhn_box(cubes: [usize; 3], size: f64) -> TetMesh {
     let n = cubes.map(|c| c + 1);
     let node = |x: usize, y: usize, z: usize| ((z * n[1] + y) * n[0] + x) as u32;
     let mut mesh = TetMesh::default();

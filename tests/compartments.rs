@@ -1,0 +1,152 @@
+//! Closed faults part a mesh into the blocks that they part the volume into: twenty networks of three
+//! planes, 45 degrees and more apart, in noise.
+#![cfg(feature = "tetgen")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "a test that cannot go on has failed"
+)]
+
+mod common;
+
+use std::path::Path;
+
+use common::{npy, succeed};
+use serde_json::Value;
+
+/// Samples along each axis.
+const N: usize = 64;
+/// The smallest block, in samples.
+const SMALLEST: usize = 1500;
+/// Root mean square of the noise, on faults of height 1.
+const NOISE: f64 = 0.2;
+
+/// Numbers in [0, 1), a sequence for each seed.
+struct Random(u64);
+
+impl Random {
+    fn draw(&mut self) -> f64 {
+        self.0 = self
+            .0
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        let mixed = (self.0 ^ self.0 >> 29).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        (mixed >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    fn normal(&mut self) -> f64 {
+        let radius = (-2.0 * (1.0 - self.draw()).ln()).sqrt();
+        radius * (std::f64::consts::TAU * self.draw()).cos()
+    }
+}
+
+/// Planes n.x = c.
+type Planes = [([f64; 3], f64); 3];
+
+fn level((n, c): &([f64; 3], f64), x: [usize; 3]) -> f64 {
+    n[0] * x[0] as f64 + n[1] * x[1] as f64 + n[2] * x[2] as f64 - c
+}
+
+/// How many samples each block has: the block of a sample says on which side of each plane it is.
+fn blocks(planes: &Planes) -> [usize; 8] {
+    let mut blocks = [0; 8];
+    for i in 0..N * N * N {
+        let x = [i % N, i / N % N, i / N / N];
+        let code = (0..3)
+            .filter(|&p| level(&planes[p], x) > 0.0)
+            .map(|p| 1 << p);
+        blocks[code.sum::<usize>()] += 1;
+    }
+    blocks
+}
+
+/// Three planes, the first of which parts the low side of x from the high one; and the number of blocks
+/// between them.
+fn network(random: &mut Random) -> (Planes, usize) {
+    loop {
+        let planes: Planes = std::array::from_fn(|p| {
+            let mut n: [f64; 3] = std::array::from_fn(|_| random.normal());
+            if p == 0 {
+                n = [
+                    1.0,
+                    0.2 * n[1].clamp(-1.5, 1.5),
+                    0.2 * n[2].clamp(-1.5, 1.5),
+                ];
+            }
+            let length = n.iter().map(|c| c * c).sum::<f64>().sqrt();
+            let n = n.map(|c| c / length);
+            let spread = if p == 0 { 0.1 } else { 0.5 };
+            let through = |c: f64, u: f64| c * (N - 1) as f64 * (0.5 + spread * (u - 0.5));
+            (n, n.iter().map(|&c| through(c, random.draw())).sum())
+        });
+        let cosine = |a: usize, b: usize| -> f64 {
+            (0..3)
+                .map(|k| planes[a].0[k] * planes[b].0[k])
+                .sum::<f64>()
+                .abs()
+        };
+        let apart = [cosine(0, 1), cosine(0, 2), cosine(1, 2)]
+            .iter()
+            .all(|c| *c < 0.7071);
+        let sizes = blocks(&planes);
+        let corners = |x: usize| {
+            [0, N - 1].iter().all(|&y| {
+                [0, N - 1]
+                    .iter()
+                    .all(|&z| (level(&planes[0], [x, y, z]) > 0.0) == (x > 0))
+            })
+        };
+        if apart && corners(0) && corners(N - 1) && sizes.iter().all(|&s| s == 0 || s >= SMALLEST) {
+            return (planes, sizes.iter().filter(|s| **s > 0).count());
+        }
+    }
+}
+
+/// What closed faults let through of what open ones do, and the compartments.
+fn closed(folder: &Path) -> (f64, u64) {
+    let flow = |faults: &str| -> Value {
+        let sides = ["--pressure", "xmin=2e5", "--pressure", "xmax=1e5"];
+        let how = [
+            "flow", "m.vtu", "-o", "f.vtu", "--quiet", "--json", "--faults", faults,
+        ];
+        serde_json::from_str(&succeed(folder, &[&how[..], &sides].concat())).unwrap()
+    };
+    let [open, closed] = ["open", "closed"].map(flow);
+    let through = |said: &Value| said["figures"]["throughput"].as_f64().unwrap();
+    let compartments = closed["figures"]["compartments"].as_u64().unwrap();
+    (through(&closed) / through(&open), compartments)
+}
+
+#[test]
+fn at_least_nineteen_of_twenty_networks_have_their_exact_blocks() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut random = Random(7);
+    let mut wrong = Vec::new();
+    for seed in 0..20 {
+        let (planes, blocks) = network(&mut random);
+        npy(&folder.path().join("n.npy"), [N; 3], |x| {
+            let nearest = planes
+                .iter()
+                .map(|p| level(p, x).abs())
+                .fold(f64::INFINITY, f64::min);
+            ((-0.5 * (nearest / 1.5).powi(2)).exp() + NOISE * random.normal()) as f32
+        });
+        let mesh = [
+            "mesh",
+            "n.npy",
+            "-o",
+            "m.vtu",
+            "--distance",
+            "6",
+            "--quiet",
+            "--json",
+        ];
+        let report: Value = serde_json::from_str(&succeed(folder.path(), &mesh)).unwrap();
+        let rooms = report["improvement"]["sealed"]["rooms"].as_u64().unwrap();
+        let (leak, compartments) = closed(folder.path());
+        if [rooms, compartments] != [blocks as u64; 2] || leak > 1e-12 {
+            wrong.push(format!("{seed}: {blocks} blocks, {rooms} rooms, {compartments} compartments, {leak:e} flows"));
+        }
+    }
+    assert!(wrong.len() <= 1, "{wrong:#?}");
+}

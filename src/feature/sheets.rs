@@ -444,6 +444,12 @@ mod tests {
             }
         }
         places.push(([27, 40, 30], 0.2));
+        // The first sheet starts inside.
+        for (at, strength) in &mut places {
+            if *at == [15, 15, 20] {
+                *strength = 1.5;
+            }
+        }
         places.sort_by_key(|(at, _)| (at[2], at[1], at[0]));
         let candidates: Vec<Candidate<3>> = places
             .iter()

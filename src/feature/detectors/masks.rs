@@ -147,8 +147,8 @@ mod tests {
             features.notes
         );
         let fit = fit(dims, &sheets, &features.points);
-        assert!(fit.coverage > 0.93, "{fit:?}");
-        assert!(fit.precision > 0.98 && fit.rms < 0.3, "{fit:?}");
+        assert!(fit.coverage > 0.92, "{fit:?}");
+        assert!(fit.precision > 0.97 && fit.rms < 0.3, "{fit:?}");
     }
 
     #[test]

@@ -7,6 +7,9 @@ use crate::lattice::AtomKind;
 /// Nodes this close to a sheet lie on it: settling leaves less.
 const ON_SHEET: f64 = 0.11;
 
+/// From so close to its sheets one step takes a node onto them.
+const CLOSE: f64 = 0.1;
+
 /// The sheets near a node.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Beside {
@@ -212,7 +215,7 @@ impl Hold {
             for k in 0..3 {
                 x[k] = x[k].clamp(0.0, extent[k]);
             }
-            if worst < 0.01 {
+            if worst < CLOSE {
                 return Some(x);
             }
         }

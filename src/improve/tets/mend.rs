@@ -2,6 +2,7 @@
 //! itself makes things worse, followed by flips and smoothing around it, and kept only if the worst
 //! tetrahedron of all that was touched has become better.
 
+use super::memory::Trial;
 use super::{Hold, Improver};
 use crate::geometry::{norm, sub};
 use crate::improve::target::UNUSABLE;
@@ -67,7 +68,7 @@ impl Improver<'_> {
                     return;
                 }
                 if self.complex.alive(t) && self.sine_of(t) < self.target {
-                    self.mend_one(t);
+                    self.mend_if_changed(t);
                 }
             }
             self.polish(2, patience);
@@ -90,7 +91,7 @@ impl Improver<'_> {
                 if patience.over() {
                     return;
                 }
-                if !self.complex.alive(t) || self.sine_of(t) >= usable || self.mend_one(t) {
+                if !self.complex.alive(t) || self.sine_of(t) >= usable || self.mend_if_changed(t) {
                     continue;
                 }
                 let tet = self.complex.tets[t as usize];
@@ -114,11 +115,29 @@ impl Improver<'_> {
                     undo.nodes.push((node, x, hold));
                 }
                 self.holds[i].clear_sheets();
+                self.memory.change(self.complex.tets[t as usize]);
                 any = true;
             }
         }
         self.measure(t);
         any
+    }
+
+    /// Mends a tetrahedron, unless that was in vain and nothing has changed at its neighbours since.
+    fn mend_if_changed(&mut self, t: u32) -> bool {
+        let mut around = Vec::new();
+        for node in self.complex.tets[t as usize] {
+            self.complex.star(node, &mut self.star);
+            around.extend(self.star.iter().flat_map(|&t| self.complex.tets[t as usize]));
+        }
+        if self.memory.in_vain(Trial::Mend, t, &around) {
+            return false;
+        }
+        let mended = self.mend_one(t);
+        if !mended {
+            self.memory.failed(Trial::Mend, t);
+        }
+        mended
     }
 
     fn mend_one(&mut self, t: u32) -> bool {
@@ -169,6 +188,7 @@ impl Improver<'_> {
     /// touched has become better.
     fn attempt(&mut self, change: impl FnOnce(&mut Self) -> bool) -> bool {
         self.complex.begin();
+        self.memory.begin();
         self.undo = Some(Undo {
             node_count: self.complex.nodes.len(),
             touched: std::mem::take(&mut self.touched),
@@ -192,10 +212,12 @@ impl Improver<'_> {
         let target = self.target as f32;
         if changed && after.min(target) > before + 2e-3 {
             self.complex.keep();
+            self.memory.keep();
             self.queue.extend(inside);
             return true;
         }
         self.complex.take_back();
+        self.memory.take_back();
         for (t, sine) in undo.slots {
             self.sines[t as usize] = sine;
         }

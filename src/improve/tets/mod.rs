@@ -13,6 +13,7 @@ mod collapse;
 mod exude;
 mod finish;
 mod flips;
+mod memory;
 mod mend;
 mod recover;
 mod reshape;
@@ -24,6 +25,7 @@ pub use reshape::reshape;
 use rayon::prelude::*;
 
 use super::hold::{Beside, Hold};
+use self::memory::{Memory, Trial};
 use super::pierce::piercing;
 use super::sheets::{Sheet, Sheets};
 use super::{Counts, Improved, Target};
@@ -90,6 +92,7 @@ struct Improver<'a> {
     stirred: Vec<u32>,
     /// What a transaction under way has overwritten.
     undo: Option<mend::Undo>,
+    memory: Memory,
     // Scratch.
     ring: Ring,
     fresh: Vec<[u32; 4]>,
@@ -149,6 +152,7 @@ impl<'a> Improver<'a> {
             unrecovered: Vec::new(),
             stirred: Vec::new(),
             undo: None,
+            memory: Memory::default(),
             ring: Ring::default(),
             fresh: Vec::new(),
             slots: Vec::new(),
@@ -201,6 +205,9 @@ impl<'a> Improver<'a> {
             // Slots that die must count among what was there before.
             undo.touch(old, &self.sines);
         }
+        let Self { complex, fresh, .. } = self;
+        let before = old.iter().flat_map(|&t| complex.tets[t as usize]);
+        self.memory.change(before.chain(fresh.iter().flatten().copied()));
         self.complex.exchange(old, &self.fresh, &mut self.slots);
         for &t in &old[self.fresh.len().min(old.len())..] {
             self.sines[t as usize] = f32::INFINITY;
@@ -232,8 +239,18 @@ impl<'a> Improver<'a> {
                 self.queue.clear();
                 break;
             }
-            if self.complex.alive(t) && self.sine_of(t) < self.target && self.flip(t) {
+            if !self.complex.alive(t) || self.sine_of(t) >= self.target {
+                continue;
+            }
+            // All that flips of it depend on is at its nodes.
+            let tet = self.complex.tets[t as usize];
+            if self.memory.in_vain(Trial::Flip, t, &tet) {
+                continue;
+            }
+            if self.flip(t) {
                 self.counts.flips += 1;
+            } else {
+                self.memory.failed(Trial::Flip, t);
             }
         }
     }
@@ -254,7 +271,7 @@ impl<'a> Improver<'a> {
     /// Smooths one node; true if it moved.
     fn smooth(&mut self, node: u32) -> bool {
         let mut hold = self.holds[node as usize];
-        if hold.axes == 7 {
+        if hold.axes == 7 || self.memory.in_vain(Trial::Smooth, node, &[node]) {
             return false;
         }
         self.gather(node);
@@ -267,7 +284,10 @@ impl<'a> Improver<'a> {
             self.enough,
             &mut self.smoothing,
         );
-        let Some((x, _)) = best else { return false };
+        let Some((x, _)) = best else {
+            self.memory.failed(Trial::Smooth, node);
+            return false;
+        };
         self.move_to(node, x, hold);
         true
     }
@@ -284,6 +304,9 @@ impl<'a> Improver<'a> {
         if !hold.far {
             self.stirred.push(node);
         }
+        let tets = &self.complex.tets;
+        let around = self.star.iter().flat_map(|&t| tets[t as usize]);
+        self.memory.change(around);
         for i in 0..self.star.len() {
             self.measure(self.star[i]);
         }

@@ -278,10 +278,14 @@ pub fn best_position(
                         trial[k] = trial[k].clamp(0.0, extent[k]);
                     }
                 }
+                // Off the sheets first, along which it has gone straight: what is no better there is not
+                // worth putting onto them.
+                let least = best + 1e-3 * (1.0 - first).max(0.1);
+                let worthwhile = hold.count == 0 || worst(trial, star, least) > least;
                 let mut trial_hold = *hold;
-                if let Some(trial) = trial_hold.settle(trial, extent, sheets) {
-                    let value = worst(trial, star, best);
-                    if value > best + 1e-3 * (1.0 - first).max(0.1) {
+                if worthwhile && let Some(trial) = trial_hold.settle(trial, extent, sheets) {
+                    let value = worst(trial, star, least);
+                    if value > least {
                         (x, best, *hold) = (trial, value, trial_hold);
                         moved = true;
                         break;

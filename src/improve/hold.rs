@@ -150,6 +150,14 @@ impl Hold {
         self.alone = false;
     }
 
+    /// Without the sheets.
+    pub fn within_sides(&self) -> Self {
+        Self {
+            axes: self.axes,
+            ..Self::default()
+        }
+    }
+
     /// The directions in which the node may move.
     pub fn freedom(&self) -> Freedom {
         Freedom {
@@ -185,8 +193,14 @@ impl Hold {
 
     /// Puts `x` back onto the sheets that hold it (a few Newton steps), never off the box's sides.
     /// Returns None if the sheets are no longer there.
-    pub fn settle(
+    pub fn settle(&mut self, x: [f64; 3], extent: [f64; 3], sheets: &Sheets) -> Option<[f64; 3]> {
+        self.settle_within(0.0, x, extent, sheets)
+    }
+
+    /// The same, no nearer to the sheets than `stray`.
+    pub fn settle_within(
         &mut self,
+        stray: f64,
         mut x: [f64; 3],
         extent: [f64; 3],
         sheets: &Sheets,
@@ -194,6 +208,7 @@ impl Hold {
         if self.count == 0 {
             return Some(x);
         }
+        let beyond = |offset: f64| offset - offset.clamp(-stray, stray);
         for _ in 0..3 {
             let near = sheets.near(x);
             let mut worst = 0.0f64;
@@ -208,9 +223,9 @@ impl Hold {
                     })
                     .filter(|s| dot(s.normal, held).abs() > 0.7)?;
                 self.normals[i] = sheet.normal.map(|c| c as f32);
-                worst = worst.max(sheet.offset.abs());
+                worst = worst.max(beyond(sheet.offset).abs());
             }
-            let step = self.step_to(&near)?;
+            let step = self.step_to(&near, beyond)?;
             x = add_scaled(x, 1.0, step);
             for k in 0..3 {
                 x[k] = x[k].clamp(0.0, extent[k]);
@@ -222,13 +237,17 @@ impl Hold {
         let near = sheets.near(x);
         let close = self.normals().all(|held| {
             near.iter()
-                .any(|s| dot(s.normal, held).abs() > 0.7 && s.offset.abs() < 0.1)
+                .any(|s| dot(s.normal, held).abs() > 0.7 && beyond(s.offset).abs() < 0.1)
         });
         close.then_some(x)
     }
 
     /// The smallest allowed move that cancels the offsets from the held sheets.
-    fn step_to(&self, near: &super::sheets::NearSheets) -> Option<[f64; 3]> {
+    fn step_to(
+        &self,
+        near: &super::sheets::NearSheets,
+        beyond: impl Fn(f64) -> f64,
+    ) -> Option<[f64; 3]> {
         let free = |mut n: [f64; 3]| {
             for k in 0..3 {
                 if self.axes >> k & 1 == 1 {
@@ -240,7 +259,7 @@ impl Hold {
         let offset = |held: [f64; 3]| {
             near.iter()
                 .find(|s| dot(s.normal, held).abs() > 0.99)
-                .map(|s| (s.normal, s.offset))
+                .map(|s| (s.normal, beyond(s.offset)))
         };
         let mut normals = self.normals();
         let (n, s) = offset(normals.next()?)?;

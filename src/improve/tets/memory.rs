@@ -85,7 +85,9 @@ impl Memory {
         for write in self.undo.take().into_iter().flatten().rev() {
             match write {
                 Write::Changed(node, before) => self.changed[node as usize] = before,
-                Write::Tried(trial, what, before) => self.tried[trial as usize][what as usize] = before,
+                Write::Tried(trial, what, before) => {
+                    self.tried[trial as usize][what as usize] = before
+                }
             }
         }
     }

@@ -3,7 +3,7 @@
 //! tetrahedron of all that was touched has become better.
 
 use super::memory::Trial;
-use super::{Hold, Improver};
+use super::{Hold, Improver, MARGIN};
 use crate::geometry::{norm, sub};
 use crate::improve::target::UNUSABLE;
 use crate::mesh::{EDGES, FACES};
@@ -128,7 +128,11 @@ impl Improver<'_> {
         let mut around = Vec::new();
         for node in self.complex.tets[t as usize] {
             self.complex.star(node, &mut self.star);
-            around.extend(self.star.iter().flat_map(|&t| self.complex.tets[t as usize]));
+            around.extend(
+                self.star
+                    .iter()
+                    .flat_map(|&t| self.complex.tets[t as usize]),
+            );
         }
         if self.memory.in_vain(Trial::Mend, t, &around) {
             return false;
@@ -181,7 +185,35 @@ impl Improver<'_> {
                 return true;
             }
         }
+        if self.attempt(|s| s.put_in(t)) {
+            self.counts.insertions += 1;
+            return true;
+        }
         false
+    }
+
+    /// Puts a node into the middle of a tetrahedron, and joins it anew with what is around.
+    fn put_in(&mut self, t: u32) -> bool {
+        let corners = self.complex.corners(t);
+        let x = std::array::from_fn(|k| corners.iter().map(|p| p[k]).sum::<f64>() / 4.0);
+        let hold = Hold {
+            far: self.sheets.far(x),
+            ..Hold::default()
+        };
+        let new = self.complex.add_node(x);
+        self.holds.push(hold);
+        let Some(cavity) = self.cavity(t, new, true, FLOOR) else {
+            return false;
+        };
+        let mut rim: Vec<u32> = self.fresh.iter().flatten().copied().collect();
+        rim.sort_unstable();
+        rim.dedup();
+        if rim.iter().any(|&n| n != new && self.pierces(n, new)) {
+            return false;
+        }
+        self.stirred.push(new);
+        self.commit(&cavity);
+        true
     }
 
     /// Makes a change, mends around it, and keeps it all only if the worst tetrahedron of what was
@@ -234,6 +266,7 @@ impl Improver<'_> {
     /// Flips and smoothing of what the change left below target.
     fn mend_around(&mut self) {
         let mut nodes = Vec::new();
+        self.enough = self.target + MARGIN;
         for round in 0..3 {
             let mut touched: Vec<u32> = self.queue.clone();
             self.flip_queue(&Patience::endless());

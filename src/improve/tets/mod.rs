@@ -24,8 +24,8 @@ pub use reshape::reshape;
 
 use rayon::prelude::*;
 
-use super::hold::{Beside, Hold};
 use self::memory::{Memory, Trial};
+use super::hold::{Beside, Hold};
 use super::pierce::piercing;
 use super::sheets::{Sheet, Sheets};
 use super::{Counts, Improved, Target};
@@ -39,6 +39,11 @@ use crate::observer::Patience;
 
 /// The first round of smoothing, over many nodes, stops this far above target (sine).
 const MARGIN: f64 = 0.02;
+
+/// Where tetrahedra stay below target otherwise, their nodes may at last be so far (samples) off the
+/// features that hold them. No feature is known better than to some tenths of a sample, while an angle
+/// that lacks a degree needs little room.
+const STRAYS: [f64; 2] = [0.25, 0.4];
 
 /// Makes a Delaunay mesh follow the features and frees it of slivers, in place.
 ///
@@ -85,6 +90,8 @@ struct Improver<'a> {
     target: f64,
     /// Smoothing a node stops at this sine.
     enough: f64,
+    /// Smoothing may take nodes so far off the sheets that hold them.
+    stray: f64,
     counts: Counts,
     /// Edges that recovery left piercing a feature, and nodes near features that have moved or come
     /// since.
@@ -148,6 +155,7 @@ impl<'a> Improver<'a> {
             queue: Vec::new(),
             target,
             enough: 1.0,
+            stray: 0.0,
             counts: Counts::default(),
             unrecovered: Vec::new(),
             stirred: Vec::new(),
@@ -207,7 +215,8 @@ impl<'a> Improver<'a> {
         }
         let Self { complex, fresh, .. } = self;
         let before = old.iter().flat_map(|&t| complex.tets[t as usize]);
-        self.memory.change(before.chain(fresh.iter().flatten().copied()));
+        self.memory
+            .change(before.chain(fresh.iter().flatten().copied()));
         self.complex.exchange(old, &self.fresh, &mut self.slots);
         for &t in &old[self.fresh.len().min(old.len())..] {
             self.sines[t as usize] = f32::INFINITY;
@@ -281,6 +290,7 @@ impl<'a> Improver<'a> {
             &mut hold,
             self.extent,
             self.sheets,
+            self.stray,
             self.enough,
             &mut self.smoothing,
         );
@@ -370,6 +380,12 @@ impl Improver<'_> {
         self.recover(patience);
         self.polish(8, patience);
         self.mend(patience);
+        for stray in STRAYS {
+            self.stray = stray;
+            self.memory.forget();
+            self.polish(8, patience);
+            self.mend(patience);
+        }
         self.release(patience);
         self.counts.pierced_left = self.count_pierced(patience);
         let blocked = self.blocked();

@@ -234,6 +234,7 @@ pub fn best_position(
     hold: &mut Hold,
     extent: [f64; 3],
     sheets: &Sheets,
+    stray: f64,
     enough: f64,
     scratch: &mut Scratch,
 ) -> Option<([f64; 3], f64)> {
@@ -245,7 +246,10 @@ pub fn best_position(
             break;
         }
         let angles = angles_below(best + 0.35, x, star, &mut scratch.angles);
-        let freedom = hold.freedom();
+        let freedom = match stray > 0.0 {
+            true => hold.within_sides().freedom(),
+            false => hold.freedom(),
+        };
         let mut band = 0.02;
         let mut moved = false;
         // A wider band of active angles if the narrow one gives no step.
@@ -283,7 +287,9 @@ pub fn best_position(
                 let least = best + 1e-3 * (1.0 - first).max(0.1);
                 let worthwhile = hold.count == 0 || worst(trial, star, least) > least;
                 let mut trial_hold = *hold;
-                if worthwhile && let Some(trial) = trial_hold.settle(trial, extent, sheets) {
+                if worthwhile
+                    && let Some(trial) = trial_hold.settle_within(stray, trial, extent, sheets)
+                {
                     let value = worst(trial, star, least);
                     if value > least {
                         (x, best, *hold) = (trial, value, trial_hold);
@@ -378,6 +384,7 @@ mod tests {
             &mut hold,
             [9.0; 3],
             &sheets,
+            0.0,
             1.0,
             &mut Scratch::default(),
         )

@@ -12,10 +12,17 @@ use crate::observer::Patience;
 /// A split, collapse or swap must at least leave tetrahedra with volume.
 const FLOOR: f64 = 0.01;
 
+/// Least gain in sine, where target is not reached.
+const GAIN: f32 = 2e-3;
+
 /// Longest edge that may be collapsed and shortest that may be split, over d: the lattice keeps its
 /// spacing.
 const LONGEST_COLLAPSE: f64 = 0.85;
 const SHORTEST_SPLIT: f64 = 0.95;
+
+/// A node put into a tetrahedron keeps this distance, over d, from others: about what it has in the
+/// middle of a face of a regular one.
+const ROOM: f64 = 0.5;
 
 /// So many tetrahedra, or one in a hundred if that is more, are worked on in a round.
 const PATIENCE: usize = 1000;
@@ -164,6 +171,10 @@ impl Improver<'_> {
                 return true;
             }
         }
+        if self.attempt(|s| s.put_in(t, &tet)) {
+            self.counts.insertions += 1;
+            return true;
+        }
         for [i, j] in EDGES {
             let (a, b) = (tet[i], tet[j]);
             if length(self, a, b) > LONGEST_COLLAPSE {
@@ -185,17 +196,31 @@ impl Improver<'_> {
                 return true;
             }
         }
-        if self.attempt(|s| s.put_in(t)) {
-            self.counts.insertions += 1;
-            return true;
+        for face in FACES {
+            if self.attempt(|s| s.put_in(t, &face.map(|i| tet[i]))) {
+                self.counts.insertions += 1;
+                return true;
+            }
         }
         false
     }
 
-    /// Puts a node into the middle of a tetrahedron, and joins it anew with what is around.
-    fn put_in(&mut self, t: u32) -> bool {
-        let corners = self.complex.corners(t);
-        let x = std::array::from_fn(|k| corners.iter().map(|p| p[k]).sum::<f64>() / 4.0);
+    /// Puts a node into the middle of tetrahedron `t`, or of one of its faces, and joins it anew with
+    /// what is around.
+    fn put_in(&mut self, t: u32, middle_of: &[u32]) -> bool {
+        // In a face on a side of the box, or on a feature, the node would have to stay.
+        let shared = |normal| middle_of.iter().all(|&n| self.holds[n as usize].on(normal));
+        let first = self.holds[middle_of[0] as usize];
+        let mut normals = first.normals();
+        if self.in_side(middle_of) || middle_of.len() == 3 && normals.any(shared) {
+            return false;
+        }
+        let x: [f64; 3] = std::array::from_fn(|k| {
+            let sum: f64 = (middle_of.iter())
+                .map(|&n| self.complex.nodes[n as usize][k])
+                .sum();
+            sum / middle_of.len() as f64
+        });
         let hold = Hold {
             far: self.sheets.far(x),
             ..Hold::default()
@@ -208,7 +233,9 @@ impl Improver<'_> {
         let mut rim: Vec<u32> = self.fresh.iter().flatten().copied().collect();
         rim.sort_unstable();
         rim.dedup();
-        if rim.iter().any(|&n| n != new && self.pierces(n, new)) {
+        let room = ROOM * self.distance.at(x);
+        let near = |n: u32| norm(sub(self.complex.nodes[n as usize], x)) < room;
+        if (rim.iter()).any(|&n| n != new && (near(n) || self.pierces(n, new))) {
             return false;
         }
         self.stirred.push(new);
@@ -242,7 +269,8 @@ impl Improver<'_> {
             .map(|s| self.sines[s.0 as usize])
             .fold(f32::INFINITY, f32::min);
         let target = self.target as f32;
-        if changed && after.min(target) > before + 2e-3 {
+        let better = after > before + GAIN || after >= target && before < target;
+        if changed && better {
             self.complex.keep();
             self.memory.keep();
             self.queue.extend(inside);

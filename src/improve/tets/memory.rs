@@ -92,3 +92,44 @@ impl Memory {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_is_in_vain_before_it_has_failed_or_after_a_change_at_its_nodes() {
+        let mut memory = Memory::default();
+        let flip = |memory: &Memory| memory.in_vain(Trial::Flip, 5, &[1, 2, 3, 4]);
+        memory.change([1, 2]);
+        assert!(!flip(&memory));
+        memory.failed(Trial::Flip, 5);
+        assert!(flip(&memory));
+        assert!(!memory.in_vain(Trial::Smooth, 5, &[1]), "not tried");
+        memory.change([7]);
+        assert!(flip(&memory), "far away");
+        memory.change([4]);
+        assert!(!flip(&memory));
+        memory.failed(Trial::Flip, 5);
+        memory.forget();
+        assert!(!flip(&memory));
+    }
+
+    #[test]
+    fn what_is_taken_back_was_neither_changed_nor_tried() {
+        let mut memory = Memory::default();
+        memory.change([0, 1]);
+        memory.failed(Trial::Smooth, 1);
+        memory.begin();
+        memory.change([1, 2]);
+        memory.failed(Trial::Smooth, 2);
+        memory.take_back();
+        assert!(memory.in_vain(Trial::Smooth, 1, &[1]));
+        assert!(!memory.in_vain(Trial::Smooth, 2, &[2]));
+        memory.begin();
+        memory.change([1]);
+        memory.keep();
+        memory.take_back();
+        assert!(!memory.in_vain(Trial::Smooth, 1, &[1]));
+    }
+}

@@ -45,6 +45,9 @@ const MARGIN: f64 = 0.02;
 /// that lacks a degree needs little room.
 const STRAYS: [f64; 2] = [0.25, 0.4];
 
+/// And at most so far, over d.
+const FARTHEST: f64 = 0.15;
+
 /// Makes a Delaunay mesh follow the features and frees it of slivers, in place.
 ///
 /// `neighbors` are those of the tetrahedra (see [`complex`](crate::mesh::complex)) and stay so.
@@ -381,7 +384,7 @@ impl Improver<'_> {
         self.polish(8, patience);
         self.mend(patience);
         for stray in STRAYS {
-            self.stray = stray;
+            self.stray = stray.min(FARTHEST * self.distance.min());
             self.memory.forget();
             self.polish(8, patience);
             self.mend(patience);

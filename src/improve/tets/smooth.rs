@@ -8,6 +8,7 @@
 use crate::geometry::wide::wide;
 use crate::geometry::{add_scaled, cross, dot, norm, sub};
 use crate::improve::hold::Hold;
+use crate::improve::lookup::Lookup;
 use crate::improve::sheets::Sheets;
 use crate::mesh::quality::min_sine;
 
@@ -223,6 +224,7 @@ const GAIN: f64 = 1e-3;
 pub struct Scratch {
     angles: Vec<Angle>,
     active: Vec<[f64; 3]>,
+    lookup: Lookup,
 }
 
 /// Climbs from `x` to a position where the smallest sine around the node is larger, keeping to what
@@ -288,7 +290,8 @@ pub fn best_position(
                 let worthwhile = hold.count == 0 || worst(trial, star, least) > least;
                 let mut trial_hold = *hold;
                 if worthwhile
-                    && let Some(trial) = trial_hold.settle_within(stray, trial, extent, sheets)
+                    && let Some(trial) =
+                        trial_hold.settle_within(stray, trial, extent, sheets, &mut scratch.lookup)
                 {
                     let value = worst(trial, star, least);
                     if value > least {

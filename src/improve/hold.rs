@@ -1,6 +1,7 @@
 //! What holds a node: the sides of the box, and the features it lies on.
 
-use super::sheets::{SAME_SHEET, Sheets};
+use super::lookup::Lookup;
+use super::sheets::{NearSheets, SAME_SHEET, Sheets};
 use crate::geometry::{add_scaled, dot, norm};
 use crate::lattice::AtomKind;
 
@@ -147,6 +148,14 @@ impl Hold {
         self.alone = false;
     }
 
+    /// Without the sheets.
+    pub fn within_sides(&self) -> Self {
+        Self {
+            axes: self.axes,
+            ..Self::default()
+        }
+    }
+
     /// The directions in which the node may move.
     pub fn freedom(&self) -> Freedom {
         Freedom {
@@ -182,21 +191,42 @@ impl Hold {
 
     /// Puts `x` back onto the sheets that hold it (a few Newton steps), never off the box's sides.
     /// Returns None if the sheets are no longer there.
-    pub fn settle(
+    pub fn settle(&mut self, x: [f64; 3], extent: [f64; 3], sheets: &Sheets) -> Option<[f64; 3]> {
+        self.steps_onto(x, extent, [0.0, 0.01], |x| sheets.near(x))
+    }
+
+    /// The same by planes that are [remembered](Lookup), and no nearer to the sheets than `stray`.
+    pub fn settle_within(
+        &mut self,
+        stray: f64,
+        x: [f64; 3],
+        extent: [f64; 3],
+        sheets: &Sheets,
+        lookup: &mut Lookup,
+    ) -> Option<[f64; 3]> {
+        // One step goes to a plane; how far off those of the next cell are is no matter.
+        self.steps_onto(x, extent, [stray, 0.1], |x| lookup.near(sheets, x))
+    }
+
+    /// Steps until the node is at most `stray` off all sheets, or was by no more than `close` farther
+    /// off before the last.
+    fn steps_onto(
         &mut self,
         mut x: [f64; 3],
         extent: [f64; 3],
-        sheets: &Sheets,
+        [stray, close]: [f64; 2],
+        mut near: impl FnMut([f64; 3]) -> NearSheets,
     ) -> Option<[f64; 3]> {
         if self.count == 0 {
             return Some(x);
         }
+        let beyond = |offset: f64| offset - offset.clamp(-stray, stray);
         for _ in 0..3 {
-            let near = sheets.near(x);
+            let here = near(x);
             let mut worst = 0.0f64;
             for i in 0..usize::from(self.count) {
                 let held = self.normals[i].map(f64::from);
-                let sheet = near
+                let sheet = here
                     .iter()
                     .max_by(|a, b| {
                         dot(a.normal, held)
@@ -205,27 +235,27 @@ impl Hold {
                     })
                     .filter(|s| dot(s.normal, held).abs() > 0.7)?;
                 self.normals[i] = sheet.normal.map(|c| c as f32);
-                worst = worst.max(sheet.offset.abs());
+                worst = worst.max(beyond(sheet.offset).abs());
             }
-            let step = self.step_to(&near)?;
+            let step = self.step_to(&here, beyond)?;
             x = add_scaled(x, 1.0, step);
             for k in 0..3 {
                 x[k] = x[k].clamp(0.0, extent[k]);
             }
-            if worst < 0.01 {
+            if worst < close {
                 return Some(x);
             }
         }
-        let near = sheets.near(x);
+        let here = near(x);
         let close = self.normals().all(|held| {
-            near.iter()
-                .any(|s| dot(s.normal, held).abs() > 0.7 && s.offset.abs() < 0.1)
+            here.iter()
+                .any(|s| dot(s.normal, held).abs() > 0.7 && beyond(s.offset).abs() < 0.1)
         });
         close.then_some(x)
     }
 
     /// The smallest allowed move that cancels the offsets from the held sheets.
-    fn step_to(&self, near: &super::sheets::NearSheets) -> Option<[f64; 3]> {
+    fn step_to(&self, near: &NearSheets, beyond: impl Fn(f64) -> f64) -> Option<[f64; 3]> {
         let free = |mut n: [f64; 3]| {
             for k in 0..3 {
                 if self.axes >> k & 1 == 1 {
@@ -237,7 +267,7 @@ impl Hold {
         let offset = |held: [f64; 3]| {
             near.iter()
                 .find(|s| dot(s.normal, held).abs() > 0.99)
-                .map(|s| (s.normal, s.offset))
+                .map(|s| (s.normal, beyond(s.offset)))
         };
         let mut normals = self.normals();
         let (n, s) = offset(normals.next()?)?;
@@ -298,5 +328,34 @@ mod tests {
         assert!(safe(on, nothing, [true, false]));
         assert!(!safe((1.0, beside(1.0, 0.0, 1.0)), nothing, [false; 2]));
         assert!(!safe(on, (3.0, Beside::Several), [true, false]));
+    }
+
+    #[test]
+    fn a_node_may_stray_from_its_sheet_so_far_and_no_farther() {
+        let mut points = Vec::new();
+        for k in 0..=12 {
+            for j in 0..=12 {
+                points.push(crate::feature::FeaturePoint {
+                    position: [6.0, j as f32, k as f32],
+                    normal: [1.0, 0.0, 0.0],
+                    strength: 1.0,
+                });
+            }
+        }
+        let extent = [12.0; 3];
+        let sheets = Sheets::new(&points, extent, 3.0, 6.0);
+        let mut lookup = Lookup::default();
+        for (from, exact, loose) in [(6.2, 6.0, 6.2), (6.9, 6.0, 6.25), (5.1, 6.0, 5.75)] {
+            let mut hold = Hold::default();
+            hold.add([1.0, 0.0, 0.0]);
+            let x = [from, 6.0, 6.0];
+            let on = hold.settle(x, extent, &sheets).unwrap();
+            let near = hold
+                .settle_within(0.25, x, extent, &sheets, &mut lookup)
+                .unwrap();
+            assert!((on[0] - exact).abs() < 1e-6, "{on:?}");
+            assert!((near[0] - loose).abs() < 1e-6, "{near:?}");
+            assert_eq!((on[1], on[2], near[1], near[2]), (6.0, 6.0, 6.0, 6.0));
+        }
     }
 }

@@ -9,6 +9,7 @@
 //! What they share; the plane is z = 0 of space, and a curve a sheet that stands upright on it:
 //!
 //! - `sheets`: the features as local planes
+//! - `lookup`: the local planes, remembered where they were asked for
 //! - `hold`: what holds a node (box sides, features)
 //! - `settle`: atoms near features go onto them
 //! - `pierce`: where edges pass through features
@@ -27,6 +28,7 @@ pub(crate) mod tets;
 pub(crate) mod triangles;
 
 mod improved;
+mod lookup;
 mod part;
 mod pierce;
 mod seal;

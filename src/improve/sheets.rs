@@ -39,6 +39,18 @@ impl NearSheets {
         self.count == 0
     }
 
+    /// The same planes, as seen from a place that is so far from the first.
+    pub(super) fn seen_from(&self, way: [f64; 3]) -> Self {
+        let mut moved = Self::default();
+        for sheet in self.iter() {
+            moved.push(Sheet {
+                offset: sheet.offset + dot(way, sheet.normal),
+                ..*sheet
+            });
+        }
+        moved
+    }
+
     fn push(&mut self, sheet: Sheet) {
         if self.count < MOST {
             self.sheets[self.count] = sheet;
@@ -129,6 +141,11 @@ impl Sheets {
             fine_dims,
             fine,
         }
+    }
+
+    /// Planes are fitted to the points within this.
+    pub(super) fn radius(&self) -> f64 {
+        self.radius
     }
 
     /// A quick and safe test before [`Sheets::pierced`]: whether a feature point may be within about

@@ -2,7 +2,8 @@
 //! itself makes things worse, followed by flips and smoothing around it, and kept only if the worst
 //! tetrahedron of all that was touched has become better.
 
-use super::{Hold, Improver};
+use super::memory::Trial;
+use super::{Hold, Improver, MARGIN};
 use crate::geometry::{norm, sub};
 use crate::improve::target::UNUSABLE;
 use crate::mesh::{EDGES, FACES};
@@ -11,10 +12,17 @@ use crate::observer::Patience;
 /// A split, collapse or swap must at least leave tetrahedra with volume.
 const FLOOR: f64 = 0.01;
 
+/// Least gain in sine, where target is not reached.
+const GAIN: f32 = 2e-3;
+
 /// Longest edge that may be collapsed and shortest that may be split, over d: the lattice keeps its
 /// spacing.
 const LONGEST_COLLAPSE: f64 = 0.85;
 const SHORTEST_SPLIT: f64 = 0.95;
+
+/// A node put into a tetrahedron keeps this distance, over d, from others: about what it has in the
+/// middle of a face of a regular one.
+const ROOM: f64 = 0.5;
 
 /// So many tetrahedra, or one in a hundred if that is more, are worked on in a round.
 const PATIENCE: usize = 1000;
@@ -67,7 +75,7 @@ impl Improver<'_> {
                     return;
                 }
                 if self.complex.alive(t) && self.sine_of(t) < self.target {
-                    self.mend_one(t);
+                    self.mend_if_changed(t);
                 }
             }
             self.polish(2, patience);
@@ -90,7 +98,7 @@ impl Improver<'_> {
                 if patience.over() {
                     return;
                 }
-                if !self.complex.alive(t) || self.sine_of(t) >= usable || self.mend_one(t) {
+                if !self.complex.alive(t) || self.sine_of(t) >= usable || self.mend_if_changed(t) {
                     continue;
                 }
                 let tet = self.complex.tets[t as usize];
@@ -114,11 +122,33 @@ impl Improver<'_> {
                     undo.nodes.push((node, x, hold));
                 }
                 self.holds[i].clear_sheets();
+                self.memory.change(self.complex.tets[t as usize]);
                 any = true;
             }
         }
         self.measure(t);
         any
+    }
+
+    /// Mends a tetrahedron, unless that was in vain and nothing has changed at its neighbours since.
+    fn mend_if_changed(&mut self, t: u32) -> bool {
+        let mut around = Vec::new();
+        for node in self.complex.tets[t as usize] {
+            self.complex.star(node, &mut self.star);
+            around.extend(
+                self.star
+                    .iter()
+                    .flat_map(|&t| self.complex.tets[t as usize]),
+            );
+        }
+        if self.memory.in_vain(Trial::Mend, t, &around) {
+            return false;
+        }
+        let mended = self.mend_one(t);
+        if !mended {
+            self.memory.failed(Trial::Mend, t);
+        }
+        mended
     }
 
     fn mend_one(&mut self, t: u32) -> bool {
@@ -141,6 +171,10 @@ impl Improver<'_> {
                 return true;
             }
         }
+        if self.attempt(|s| s.put_in(t, &tet)) {
+            self.counts.insertions += 1;
+            return true;
+        }
         for [i, j] in EDGES {
             let (a, b) = (tet[i], tet[j]);
             if length(self, a, b) > LONGEST_COLLAPSE {
@@ -162,13 +196,58 @@ impl Improver<'_> {
                 return true;
             }
         }
+        for face in FACES {
+            if self.attempt(|s| s.put_in(t, &face.map(|i| tet[i]))) {
+                self.counts.insertions += 1;
+                return true;
+            }
+        }
         false
+    }
+
+    /// Puts a node into the middle of tetrahedron `t`, or of one of its faces, and joins it anew with
+    /// what is around.
+    fn put_in(&mut self, t: u32, middle_of: &[u32]) -> bool {
+        // In a face on a side of the box, or on a feature, the node would have to stay.
+        let shared = |normal| middle_of.iter().all(|&n| self.holds[n as usize].on(normal));
+        let first = self.holds[middle_of[0] as usize];
+        let mut normals = first.normals();
+        if self.in_side(middle_of) || middle_of.len() == 3 && normals.any(shared) {
+            return false;
+        }
+        let x: [f64; 3] = std::array::from_fn(|k| {
+            let sum: f64 = (middle_of.iter())
+                .map(|&n| self.complex.nodes[n as usize][k])
+                .sum();
+            sum / middle_of.len() as f64
+        });
+        let hold = Hold {
+            far: self.sheets.far(x),
+            ..Hold::default()
+        };
+        let new = self.complex.add_node(x);
+        self.holds.push(hold);
+        let Some(cavity) = self.cavity(t, new, true, FLOOR) else {
+            return false;
+        };
+        let mut rim: Vec<u32> = self.fresh.iter().flatten().copied().collect();
+        rim.sort_unstable();
+        rim.dedup();
+        let room = ROOM * self.distance.at(x);
+        let near = |n: u32| norm(sub(self.complex.nodes[n as usize], x)) < room;
+        if (rim.iter()).any(|&n| n != new && (near(n) || self.pierces(n, new))) {
+            return false;
+        }
+        self.stirred.push(new);
+        self.commit(&cavity);
+        true
     }
 
     /// Makes a change, mends around it, and keeps it all only if the worst tetrahedron of what was
     /// touched has become better.
     fn attempt(&mut self, change: impl FnOnce(&mut Self) -> bool) -> bool {
         self.complex.begin();
+        self.memory.begin();
         self.undo = Some(Undo {
             node_count: self.complex.nodes.len(),
             touched: std::mem::take(&mut self.touched),
@@ -190,12 +269,15 @@ impl Improver<'_> {
             .map(|s| self.sines[s.0 as usize])
             .fold(f32::INFINITY, f32::min);
         let target = self.target as f32;
-        if changed && after.min(target) > before + 2e-3 {
+        let better = after > before + GAIN || after >= target && before < target;
+        if changed && better {
             self.complex.keep();
+            self.memory.keep();
             self.queue.extend(inside);
             return true;
         }
         self.complex.take_back();
+        self.memory.take_back();
         for (t, sine) in undo.slots {
             self.sines[t as usize] = sine;
         }
@@ -212,6 +294,7 @@ impl Improver<'_> {
     /// Flips and smoothing of what the change left below target.
     fn mend_around(&mut self) {
         let mut nodes = Vec::new();
+        self.enough = self.target + MARGIN;
         for round in 0..3 {
             let mut touched: Vec<u32> = self.queue.clone();
             self.flip_queue(&Patience::endless());

@@ -13,6 +13,7 @@ mod collapse;
 mod exude;
 mod finish;
 mod flips;
+mod memory;
 mod mend;
 mod recover;
 mod reshape;
@@ -23,6 +24,7 @@ pub use reshape::reshape;
 
 use rayon::prelude::*;
 
+use self::memory::{Memory, Trial};
 use super::hold::{Beside, Hold};
 use super::pierce::piercing;
 use super::sheets::{Sheet, Sheets};
@@ -37,6 +39,14 @@ use crate::observer::Patience;
 
 /// The first round of smoothing, over many nodes, stops this far above target (sine).
 const MARGIN: f64 = 0.02;
+
+/// Where tetrahedra stay below target otherwise, their nodes may at last be so far (samples) off the
+/// features that hold them. No feature is known better than to some tenths of a sample, while an angle
+/// that lacks a degree needs little room.
+const STRAYS: [f64; 2] = [0.25, 0.4];
+
+/// And at most so far, over d.
+const FARTHEST: f64 = 0.15;
 
 /// Makes a Delaunay mesh follow the features and frees it of slivers, in place.
 ///
@@ -83,6 +93,8 @@ struct Improver<'a> {
     target: f64,
     /// Smoothing a node stops at this sine.
     enough: f64,
+    /// Smoothing may take nodes so far off the sheets that hold them.
+    stray: f64,
     counts: Counts,
     /// Edges that recovery left piercing a feature, and nodes near features that have moved or come
     /// since.
@@ -90,6 +102,7 @@ struct Improver<'a> {
     stirred: Vec<u32>,
     /// What a transaction under way has overwritten.
     undo: Option<mend::Undo>,
+    memory: Memory,
     // Scratch.
     ring: Ring,
     fresh: Vec<[u32; 4]>,
@@ -145,10 +158,12 @@ impl<'a> Improver<'a> {
             queue: Vec::new(),
             target,
             enough: 1.0,
+            stray: 0.0,
             counts: Counts::default(),
             unrecovered: Vec::new(),
             stirred: Vec::new(),
             undo: None,
+            memory: Memory::default(),
             ring: Ring::default(),
             fresh: Vec::new(),
             slots: Vec::new(),
@@ -201,6 +216,10 @@ impl<'a> Improver<'a> {
             // Slots that die must count among what was there before.
             undo.touch(old, &self.sines);
         }
+        let Self { complex, fresh, .. } = self;
+        let before = old.iter().flat_map(|&t| complex.tets[t as usize]);
+        self.memory
+            .change(before.chain(fresh.iter().flatten().copied()));
         self.complex.exchange(old, &self.fresh, &mut self.slots);
         for &t in &old[self.fresh.len().min(old.len())..] {
             self.sines[t as usize] = f32::INFINITY;
@@ -232,8 +251,18 @@ impl<'a> Improver<'a> {
                 self.queue.clear();
                 break;
             }
-            if self.complex.alive(t) && self.sine_of(t) < self.target && self.flip(t) {
+            if !self.complex.alive(t) || self.sine_of(t) >= self.target {
+                continue;
+            }
+            // All that flips of it depend on is at its nodes.
+            let tet = self.complex.tets[t as usize];
+            if self.memory.in_vain(Trial::Flip, t, &tet) {
+                continue;
+            }
+            if self.flip(t) {
                 self.counts.flips += 1;
+            } else {
+                self.memory.failed(Trial::Flip, t);
             }
         }
     }
@@ -254,7 +283,7 @@ impl<'a> Improver<'a> {
     /// Smooths one node; true if it moved.
     fn smooth(&mut self, node: u32) -> bool {
         let mut hold = self.holds[node as usize];
-        if hold.axes == 7 {
+        if hold.axes == 7 || self.memory.in_vain(Trial::Smooth, node, &[node]) {
             return false;
         }
         self.gather(node);
@@ -264,10 +293,14 @@ impl<'a> Improver<'a> {
             &mut hold,
             self.extent,
             self.sheets,
+            self.stray,
             self.enough,
             &mut self.smoothing,
         );
-        let Some((x, _)) = best else { return false };
+        let Some((x, _)) = best else {
+            self.memory.failed(Trial::Smooth, node);
+            return false;
+        };
         self.move_to(node, x, hold);
         true
     }
@@ -284,6 +317,9 @@ impl<'a> Improver<'a> {
         if !hold.far {
             self.stirred.push(node);
         }
+        let tets = &self.complex.tets;
+        let around = self.star.iter().flat_map(|&t| tets[t as usize]);
+        self.memory.change(around);
         for i in 0..self.star.len() {
             self.measure(self.star[i]);
         }
@@ -347,6 +383,12 @@ impl Improver<'_> {
         self.recover(patience);
         self.polish(8, patience);
         self.mend(patience);
+        for stray in STRAYS {
+            self.stray = stray.min(FARTHEST * self.distance.min());
+            self.memory.forget();
+            self.polish(8, patience);
+            self.mend(patience);
+        }
         self.release(patience);
         self.counts.pierced_left = self.count_pierced(patience);
         let blocked = self.blocked();

@@ -8,6 +8,7 @@
 use crate::geometry::wide::wide;
 use crate::geometry::{add_scaled, cross, dot, norm, sub};
 use crate::improve::hold::Hold;
+use crate::improve::lookup::Lookup;
 use crate::improve::sheets::Sheets;
 use crate::mesh::quality::min_sine;
 
@@ -223,6 +224,7 @@ const GAIN: f64 = 1e-3;
 pub struct Scratch {
     angles: Vec<Angle>,
     active: Vec<[f64; 3]>,
+    lookup: Lookup,
 }
 
 /// Climbs from `x` to a position where the smallest sine around the node is larger, keeping to what
@@ -234,6 +236,7 @@ pub fn best_position(
     hold: &mut Hold,
     extent: [f64; 3],
     sheets: &Sheets,
+    stray: f64,
     enough: f64,
     scratch: &mut Scratch,
 ) -> Option<([f64; 3], f64)> {
@@ -245,7 +248,10 @@ pub fn best_position(
             break;
         }
         let angles = angles_below(best + 0.35, x, star, &mut scratch.angles);
-        let freedom = hold.freedom();
+        let freedom = match stray > 0.0 {
+            true => hold.within_sides().freedom(),
+            false => hold.freedom(),
+        };
         let mut band = 0.02;
         let mut moved = false;
         // A wider band of active angles if the narrow one gives no step.
@@ -278,10 +284,17 @@ pub fn best_position(
                         trial[k] = trial[k].clamp(0.0, extent[k]);
                     }
                 }
+                // Off the sheets first, along which it has gone straight: what is no better there is not
+                // worth putting onto them.
+                let least = best + 1e-3 * (1.0 - first).max(0.1);
+                let worthwhile = hold.count == 0 || worst(trial, star, least) > least;
                 let mut trial_hold = *hold;
-                if let Some(trial) = trial_hold.settle(trial, extent, sheets) {
-                    let value = worst(trial, star, best);
-                    if value > best + 1e-3 * (1.0 - first).max(0.1) {
+                if worthwhile
+                    && let Some(trial) =
+                        trial_hold.settle_within(stray, trial, extent, sheets, &mut scratch.lookup)
+                {
+                    let value = worst(trial, star, least);
+                    if value > least {
                         (x, best, *hold) = (trial, value, trial_hold);
                         moved = true;
                         break;
@@ -374,6 +387,7 @@ mod tests {
             &mut hold,
             [9.0; 3],
             &sheets,
+            0.0,
             1.0,
             &mut Scratch::default(),
         )

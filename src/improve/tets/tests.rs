@@ -126,6 +126,11 @@ fn a_jittered_box_becomes_good_and_stays_a_box() {
 
 /// The area of mesh faces in the plane x = `at`.
 fn area_on_plane(mesh: &TetMesh, at: f64) -> f64 {
+    area_within(mesh, at, 0.12)
+}
+
+/// The area of mesh faces that are nowhere farther off the plane x = `at`.
+fn area_within(mesh: &TetMesh, at: f64, off: f64) -> f64 {
     let mut faces = std::collections::BTreeSet::new();
     for tet in &mesh.tets {
         for f in FACES {
@@ -133,7 +138,7 @@ fn area_on_plane(mesh: &TetMesh, at: f64) -> f64 {
             face.sort_unstable();
             if face
                 .iter()
-                .all(|&i| (mesh.nodes[i as usize][0] - at).abs() < 0.12)
+                .all(|&i| (mesh.nodes[i as usize][0] - at).abs() < off)
             {
                 faces.insert(face);
             }
@@ -234,4 +239,29 @@ fn exudation_keeps_the_faces_on_a_plane_and_removes_slivers() {
     let (was, is) = (poor(&plain), poor(&exuded));
     assert_eq!(outcome.poor_after, is);
     assert!(2 * is < was, "{was} to {is}");
+}
+
+#[test]
+fn a_wide_gap_between_two_sheets_gets_nodes_and_the_sheets_stay_whole() {
+    // No node lies between the sheets, twice the spacing apart: whatever joins them is too steep, and no
+    // flip, collapse or split alone makes it better.
+    let h = 4.0;
+    let on_sheets = |x: f64| x == h || x == 2.0 * h;
+    let (mut mesh, mut kinds, mut extent) = box_mesh([3, 6, 6], h, 0.1, |x| !on_sheets(x[0]));
+    for x in &mut mesh.nodes {
+        x[0] += if x[0] > 1.5 * h { h } else { 0.0 };
+    }
+    extent[0] += h;
+    let mut points = plane_points(h, extent);
+    points.extend(plane_points(3.0 * h, extent));
+    let sheets = Sheets::new(&points, extent, 3.0, 8.0);
+    assert!(worst(&mesh) < 0.45);
+    let (outcome, _) = run(&mut mesh, &mut kinds, extent, &sheets);
+    assert!(check(&mesh, [0.0; 3], extent, 1e-12).passed());
+    assert_eq!(outcome.poor_after, 0, "{outcome:?}");
+    assert!(worst(&mesh) > 0.4999, "{}", worst(&mesh));
+    for at in [h, 3.0 * h] {
+        let area = area_within(&mesh, at, STRAYS[1] + 0.02) / (extent[1] * extent[2]);
+        assert!((area - 1.0).abs() < 0.01, "{area}");
+    }
 }

@@ -216,7 +216,13 @@ impl Improver<'_> {
 
     /// Tetrahedra round `home` all of whose outer faces the new node sees so well that the smallest
     /// sine of what it spans with them, left in `fresh`, is above `floor`.
-    fn cavity(&mut self, home: u32, new: u32, delaunay: bool, floor: f64) -> Option<Vec<u32>> {
+    pub(super) fn cavity(
+        &mut self,
+        home: u32,
+        new: u32,
+        delaunay: bool,
+        floor: f64,
+    ) -> Option<Vec<u32>> {
         let x = self.complex.nodes[new as usize];
         let mut cavity = vec![home];
         let mut next = 0;

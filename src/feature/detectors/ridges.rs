@@ -55,7 +55,7 @@ const COARSEST: f64 = 3.0;
 /// once and tell nothing apart.
 const CROWDED: f64 = 0.9;
 
-/// A ridge of this share of a sure one's strength may be two sheets side by side.
+/// A ridge of this share of a sure one's strength tells where to look and at which angles.
 const WEAK: f32 = 0.6;
 
 /// How ridges are sought, in the image or in what a detector makes of it.
@@ -98,15 +98,15 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
         let smoothed = Volume::new(dims, &samples);
         let candidates = ridges(smoothed, scale, thresholds.low, patience);
         let typical = ridges::typical(candidates.iter().map(|c| c.strength));
-        let zone = Ambiguous::new(
-            smoothed,
-            &candidates,
-            thresholds.high,
-            weakest(&thresholds, typical, WEAK * thresholds.high),
-        );
+        // Two sheets side by side are one weak ridge; where noise is stronger than that, none is seen.
+        let noisy = thresholds.high > typical;
+        let clear = if noisy { 1.0 } else { WEAK } * thresholds.high;
+        let zone = Ambiguous::new(smoothed, &candidates, thresholds.high, clear);
         let sharp = self.lifts && zone.share() < self.most_ambiguous;
         let candidates = match sharp {
-            true => self.lifted(&image, smoothed, &zone, candidates, thresholds, notes),
+            true => self.lifted(
+                &image, smoothed, &zone, candidates, thresholds, clear, notes,
+            ),
             false => candidates,
         };
         let candidates = repair(smoothed, candidates, scale, thresholds.high, patience);
@@ -124,6 +124,7 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
         zone: &Ambiguous<D>,
         candidates: Vec<Candidate<D>>,
         thresholds: Thresholds,
+        clear: f32,
         notes: &mut Vec<String>,
     ) -> Vec<Candidate<D>> {
         let (dims, patience) = (self.scene.image.dims(), self.scene.patience);
@@ -133,7 +134,7 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
             smoothed,
             zone,
             candidates: &candidates,
-            clear: weakest(&thresholds, typical, thresholds.low),
+            clear,
             share: match self.scene.thresholds() {
                 Some(_) => thresholds.low / typical,
                 None => (self.least)(&thresholds),
@@ -190,15 +191,6 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
             statistics.noise, statistics.typical
         ));
         (scale, thresholds)
-    }
-}
-
-/// The strength down to which ridges tell where to look and at which angles: to `least`, for two sheets side
-/// by side are one weak ridge; but not into noise, where typical ridges are not sure.
-fn weakest(thresholds: &Thresholds, typical: f32, least: f32) -> f32 {
-    match thresholds.high > typical {
-        true => thresholds.high,
-        false => least,
     }
 }
 

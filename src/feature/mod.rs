@@ -19,6 +19,7 @@
 //! - `rows`: second differences of whole rows at once
 //! - `symmetric`: eigenvectors of Hessians and structure tensors
 //! - `tensor`: normals of layers
+//! - `depth`: how deep samples lie inside a mask
 //! - `steepness`: magnitudes of gradients
 //! - `steepest`: where they are largest
 //! - `lifted`: ridges at all orientations, where sheets cross, branch or run close
@@ -36,6 +37,7 @@
 
 pub(crate) mod by_sample;
 pub(crate) mod crossing;
+pub(crate) mod depth;
 mod detection;
 pub(crate) mod detectors;
 pub(crate) mod gaps;
@@ -72,6 +74,7 @@ pub use detectors::paths::PathSeeds;
 pub use kind::FeatureKind;
 pub use lines::{FeatureLine, LineKind, SHORTEST, lines};
 pub use settled::Settled;
+pub use sheets::LeftOut;
 
 /// One detected point of a feature (fault, horizon, wall) at its sub-sample position.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -99,6 +102,8 @@ pub struct Features<const D: usize> {
     pub spacing: Option<Vec<f32>>,
     /// Width of the widest valleys in lattice units: a quarter of the distance between atoms.
     pub sigma: f64,
+    /// Points that were found and are not among them, by the reason.
+    pub left_out: LeftOut,
     /// One or more plain lines: what was picked and why, threshold, counts.
     pub notes: Vec<String>,
     /// The scales and thresholds that were settled on, one for each kind of feature followed.
@@ -117,6 +122,7 @@ impl<const D: usize> Features<D> {
             potential: field(dims, asked, vec![0.0; dims.iter().product()]),
             spacing: asked.gaps().map(|_| Vec::new()),
             sigma: asked.d_max() / 4.0,
+            left_out: LeftOut::default(),
             notes: Vec::new(),
             settled: Vec::new(),
             confidence: None,
@@ -225,6 +231,7 @@ fn follow<const D: usize>(
         },
         resolution: detector.resolution() * asked.d_min,
         min_area: scene.least_area(detector.least_sheet()),
+        least_width: detector.least_width(asked.d_min),
         open,
     };
     let sheets = sheets::sheets(dims, &found.candidates, asked.step, &rules, scene.patience);
@@ -254,6 +261,7 @@ fn follow<const D: usize>(
         spacing,
         potential,
         sigma,
+        left_out: sheets.left_out,
         notes,
         settled: vec![Settled {
             kind,

@@ -1,4 +1,4 @@
-//! From candidates to sheets: hysteresis, resolution, and no crumbs.
+//! From candidates to sheets: hysteresis, resolution, no crumbs and no fringes.
 //!
 //! Sheets are grown one after the other, each from the strongest candidate left, over neighbouring
 //! samples whose points lie in one another's planes. A sheet blocks whatever lies parallel to it and
@@ -10,6 +10,9 @@ use super::crossing::{Candidate, nearest};
 use super::{FeatureKind, FeaturePoint};
 use crate::geometry::{dot, sub};
 use crate::observer::Patience;
+use rayon::prelude::*;
+use serde::Serialize;
+use std::ops::AddAssign;
 
 /// No sheet.
 const FREE: u32 = u32::MAX;
@@ -29,6 +32,8 @@ pub struct Rules<const D: usize> {
     pub resolution: f64,
     /// A sheet covers at least this area (lattice units squared; in 2-D this length).
     pub min_area: f64,
+    /// Parts of a sheet that are narrower than about this (samples) are left out; 0 if any width will do.
+    pub least_width: usize,
     /// A sheet that reaches an open side may be larger than what is seen of it, and is not judged by
     /// its area.
     pub open: Open<D>,
@@ -45,25 +50,51 @@ pub struct FoundSheets<const D: usize> {
     pub rim: Vec<bool>,
     /// Number of sheets.
     pub sheets: usize,
-    /// Points dropped because a stronger sheet runs parallel and too near.
-    pub too_near: usize,
-    /// Points dropped because they are weak or lie in sheets that are too small.
-    pub crumbs: usize,
+    /// What became of the other points.
+    pub left_out: LeftOut,
+}
+
+/// Points that were found and are not followed, by the reason.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+pub struct LeftOut {
+    /// Parallel to a stronger sheet, and nearer to it than the finest spacing resolves.
+    pub near_another_sheet: usize,
+    /// In pieces that are too small.
+    pub in_small_pieces: usize,
+    /// In parts of sheets that are too narrow.
+    pub in_narrow_parts: usize,
+    /// Weak, and not followed from anything strong.
+    pub weak: usize,
+}
+
+impl AddAssign for LeftOut {
+    fn add_assign(&mut self, other: Self) {
+        self.near_another_sheet += other.near_another_sheet;
+        self.in_small_pieces += other.in_small_pieces;
+        self.in_narrow_parts += other.in_narrow_parts;
+        self.weak += other.weak;
+    }
 }
 
 impl<const D: usize> FoundSheets<D> {
     /// Notes what was kept of features of one kind, and what was not.
     pub fn describe(&self, kind: FeatureKind, rules: &Rules<D>, notes: &mut Vec<String>) {
-        notes.push(format!(
-            "{} feature points in {} sheets; dropped {} nearer than {:.1} to a stronger parallel sheet \
-             and {} weak or in sheets smaller than {:.0}",
+        let out = &self.left_out;
+        let mut note = format!(
+            "{} feature points in {} sheets; left out {} nearer than {:.1} to a stronger parallel sheet, {} \
+             in pieces smaller than {:.0}",
             self.points.len(),
             self.sheets,
-            self.too_near,
+            out.near_another_sheet,
             rules.resolution,
-            self.crumbs,
+            out.in_small_pieces,
             rules.min_area,
-        ));
+        );
+        if rules.least_width > 0 {
+            let (count, width) = (out.in_narrow_parts, rules.least_width);
+            note += &format!(", {count} in parts narrower than {width} samples");
+        }
+        notes.push(note + &format!(" and {} weak", out.weak));
         if self.points.is_empty() {
             notes.push(format!(
                 "NO FEATURE ({kind}) was found, so the mesh follows none: try another kind of \
@@ -111,7 +142,13 @@ const fn core(dimensions: usize) -> usize {
     if dimensions == 3 { 4 } else { 1 }
 }
 
+/// In a piece that is too small ...
 const CRUMB: u32 = u32::MAX - 1;
+/// ... and in a part that is too narrow.
+const NARROW: u32 = u32::MAX - 2;
+/// A place is inside a sheet that fills this share of the columns round it. Along a straight rim half
+/// are filled: it is kept for what is inside beside it.
+const FILLED: f64 = 0.8;
 
 /// Groups candidates (in the order of samples) into sheets that keep the rules.
 pub fn sheets<const D: usize>(
@@ -139,7 +176,10 @@ pub fn sheets<const D: usize>(
             break;
         }
         if growth.owner[seed] == FREE && growth.blocker[seed] == FREE {
-            let area = growth.grow(seed, sheets as u32, patience);
+            let mut area = growth.grow(seed, sheets as u32, patience);
+            if rules.least_width > 0 && area >= rules.min_area {
+                area = growth.trim(sheets as u32, rules.least_width as i32 / 2, patience);
+            }
             if area < rules.min_area && !growth.reaches(&rules.open) {
                 growth.give_up();
             } else {
@@ -152,21 +192,23 @@ pub fn sheets<const D: usize>(
         sheet: Vec::new(),
         rim: Vec::new(),
         sheets,
-        too_near: 0,
-        crumbs: 0,
+        left_out: LeftOut::default(),
     };
     for (i, c) in candidates.iter().enumerate() {
         if patience.over() {
             break;
         }
-        if growth.owner[i] < CRUMB {
-            result.points.push(lattice_point(c, step));
-            result.sheet.push(growth.owner[i] + 1);
-            result.rim.push(growth.ends_at(c));
-        } else if growth.blocker[i] != FREE {
-            result.too_near += 1;
-        } else {
-            result.crumbs += 1;
+        let out = &mut result.left_out;
+        match growth.owner[i] {
+            CRUMB => out.in_small_pieces += 1,
+            NARROW => out.in_narrow_parts += 1,
+            FREE if growth.blocker[i] != FREE => out.near_another_sheet += 1,
+            FREE => out.weak += 1,
+            _ => {
+                result.points.push(lattice_point(c, step));
+                result.sheet.push(growth.owner[i] + 1);
+                result.rim.push(growth.ends_at(c));
+            }
         }
     }
     result
@@ -233,13 +275,51 @@ impl<const D: usize> Growth<'_, D> {
             let i = self.members[next];
             next += 1;
             let c = &self.grid.candidates[i];
-            let axis = c.axis as usize;
-            let cell: f32 = (1..D).map(|k| self.step[(axis + k) % D]).product();
-            area += f64::from(cell / c.normal[axis].abs());
+            area += self.area_of(c);
             self.block_parallel(i, sheet);
             self.take_neighbours(i, sheet);
         }
         area
+    }
+
+    /// The area, in square lattice units, of what a sheet has in one column.
+    fn area_of(&self, c: &Candidate<D>) -> f64 {
+        let axis = c.axis as usize;
+        let cell: f32 = (1..D).map(|k| self.step[(axis + k) % D]).product();
+        f64::from(cell / c.normal[axis].abs())
+    }
+
+    /// Takes from the last sheet what is farther than `reach` samples from all places that are inside it
+    /// (an opening, in the terms of morphology); returns the area that is left.
+    fn trim(&mut self, sheet: u32, reach: i32, patience: &Patience<'_>) -> f64 {
+        let grid = self.grid;
+        let (dims, owner) = (grid.dims.map(|n| n as i32), &self.owner);
+        let is_inside = |&i: &usize| {
+            let c = &grid.candidates[i];
+            let at = grid.coordinates(c);
+            let columns: i32 = (1..D)
+                .map(|k| (c.axis as usize + k) % D)
+                .map(|k| (at[k] + reach).min(dims[k] - 1) - (at[k] - reach).max(0) + 1)
+                .product();
+            let mut own = 0;
+            grid.each_around(at, reach, |j| own += i32::from(owner[j] == sheet));
+            !patience.over() && f64::from(own) >= FILLED * f64::from(columns)
+        };
+        let inside: Vec<usize> = self.members.par_iter().copied().filter(is_inside).collect();
+        let mut kept = vec![false; grid.candidates.len()];
+        for i in inside {
+            let at = grid.coordinates(&grid.candidates[i]);
+            grid.each_around(at, reach, |j| kept[j] = true);
+        }
+        let (left, narrow): (Vec<usize>, Vec<usize>) = self.members.iter().partition(|&&i| kept[i]);
+        for i in narrow {
+            self.owner[i] = NARROW;
+        }
+        self.members = left;
+        self.members
+            .iter()
+            .map(|&i| self.area_of(&grid.candidates[i]))
+            .sum()
     }
 
     /// Whether the last sheet reaches an open side.
@@ -320,7 +400,7 @@ impl<const D: usize> Growth<'_, D> {
         let (mut sum, mut count) = ([0.0f32; D], 0);
         self.grid.each_around(self.grid.coordinates(c), 1, |j| {
             let other = &self.grid.candidates[j];
-            if self.owner[j] < CRUMB && dot(other.normal, c.normal).abs() >= SAME_NORMAL {
+            if self.owner[j] < NARROW && dot(other.normal, c.normal).abs() >= SAME_NORMAL {
                 count += 1;
                 for k in 0..D {
                     sum[k] += other.position[k] - c.position[k];
@@ -339,5 +419,72 @@ impl<const D: usize> Growth<'_, D> {
         for &i in &self.blocked {
             self.blocker[i] = FREE;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_left_out_is_counted_by_the_reason() {
+        let dims = [30, 50, 40];
+        // At x = 15 a square with a strip two samples wide; a weaker square two samples beside it; far
+        // off a small piece and a weak point.
+        let mut places: Vec<([usize; 3], f32)> = Vec::new();
+        for z in 5..35 {
+            for y in 0..50 {
+                let of_square = y < 30;
+                let of_strip = (19..21).contains(&z);
+                if of_square || of_strip {
+                    places.push(([15, y, z], 1.0));
+                }
+                if of_square {
+                    places.push(([17, y, z], 0.8));
+                }
+                if (8..12).contains(&z) && (40..44).contains(&y) {
+                    places.push(([3, y, z], 0.9));
+                }
+            }
+        }
+        places.push(([27, 40, 30], 0.2));
+        // The first sheet starts inside.
+        for (at, strength) in &mut places {
+            if *at == [15, 15, 20] {
+                *strength = 1.5;
+            }
+        }
+        places.sort_by_key(|(at, _)| (at[2], at[1], at[0]));
+        let candidates: Vec<Candidate<3>> = places
+            .iter()
+            .map(|&(at, strength)| Candidate::new(dims, at, 0, 0.0, [1.0, 0.0, 0.0], strength))
+            .collect();
+        let found = |least_width| {
+            let rules = Rules {
+                high: 0.5,
+                agreement: BLUNT,
+                resolution: 3.0,
+                min_area: 50.0,
+                least_width,
+                open: [[false; 2]; 3],
+            };
+            sheets(dims, &candidates, [1.0; 3], &rules, &Patience::endless())
+        };
+        let out = LeftOut {
+            near_another_sheet: 900,
+            in_small_pieces: 16,
+            in_narrow_parts: 0,
+            weak: 1,
+        };
+        let any_width = found(0);
+        assert_eq!(
+            (any_width.points.len(), any_width.left_out),
+            (900 + 40, out)
+        );
+        // What is within four samples of the square's inside is kept.
+        let trimmed = found(8);
+        let narrow = trimmed.left_out.in_narrow_parts;
+        assert!((30..=40).contains(&narrow), "{narrow}");
+        assert_eq!(trimmed.points.len(), 900 + 40 - narrow);
     }
 }

@@ -135,6 +135,16 @@ impl<'a, const D: usize> Volume<'a, D> {
         matrix
     }
 
+    /// The sum of second differences along the axes.
+    #[inline]
+    pub fn laplacian(&self, at: [usize; D]) -> f32 {
+        let (before, after) = self.neighbours(at);
+        let (s, i) = (self.samples, self.index(at));
+        (0..D)
+            .map(|k| s[i + after[k]] + s[i - before[k]] - 2.0 * s[i])
+            .sum()
+    }
+
     /// Second differences.
     #[inline]
     pub fn hessian(&self, at: [usize; D]) -> Symmetric<D> {

@@ -168,6 +168,7 @@ where
         lattice.optimisation = Some(optimisation(optimised, lattice.atoms));
     }
     refuse_invalid(&report)?;
+    report.left_out = Some(features.left_out);
     report.notes.extend(features.notes.iter().cloned());
     let (costs, interrupted) = stages.end();
     report.stages = costs;

@@ -225,6 +225,7 @@ fn detected_points_stand_in_for_truth() {
         points,
         potential,
         sigma: 1.0,
+        left_out: Default::default(),
         notes: vec![],
         spacing: None,
         settled: vec![],

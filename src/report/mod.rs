@@ -34,6 +34,7 @@ pub(crate) use quality::quality_while;
 pub use quality::{Quality, quality, smallest_angles};
 pub use reference::Reference;
 
+use crate::feature::LeftOut;
 use crate::improve;
 use crate::mesh::check::Check;
 use serde::Serialize;
@@ -56,6 +57,8 @@ pub struct Report {
     pub quality: Option<Quality>,
     /// Shapes in physical space, where it differs.
     pub quality_physical: Option<Quality>,
+    /// Feature points that were found and left out, by the reason.
+    pub left_out: Option<LeftOut>,
     /// Fidelity to the features.
     pub fidelity: Option<Fidelity>,
     /// Whether the mesh is valid and fills its box.
@@ -82,6 +85,7 @@ impl Default for Report {
             lattice: None,
             quality: None,
             quality_physical: None,
+            left_out: None,
             fidelity: None,
             filling: None,
             voronoi: None,

@@ -72,6 +72,16 @@ impl Report {
                 shapes(&mut line, name, quality);
             }
         }
+        if let Some(out) = &self.left_out {
+            let parts = [
+                (out.near_another_sheet, "too near another sheet"),
+                (out.in_small_pieces, "in small pieces"),
+                (out.in_narrow_parts, "in narrow parts"),
+                (out.weak, "weak"),
+            ];
+            let said = parts.map(|(count, why)| format!("{} {why}", grouped(count)));
+            line("left out", format!("feature points: {}", said.join(", ")));
+        }
         if let Some(fidelity) = &self.fidelity {
             matches(&mut line, fidelity);
         }

@@ -51,6 +51,7 @@ pub fn together<const D: usize>(
     first.on_horizon = ordered(&order, &first.on_horizon);
     first.sheet = ordered(&order, &first.sheet);
     first.spacing = spacing.map(|spacing| ordered(&order, &spacing));
+    first.left_out += second.left_out;
     first.notes.extend(second.notes);
     first.settled.extend(second.settled);
     first

@@ -23,6 +23,9 @@ pub struct Horizons;
 /// Width (samples) of the structure tensor's window.
 const WINDOW: f64 = 4.0;
 
+/// Parts of horizons this wide (samples) are followed at any distance between atoms.
+const WIDEST: usize = 12;
+
 impl<const D: usize> Detector<D> for Horizons {
     fn kind(&self) -> FeatureKind {
         FeatureKind::Horizons
@@ -54,6 +57,12 @@ impl<const D: usize> Detector<D> for Horizons {
         if D == 3 { 16.0 } else { 8.0 }
     }
 
+    /// Reflectors fray out: their amplitude passes the threshold here and there, in strips and patches that
+    /// a lattice cannot follow.
+    fn least_width(&self, d_min: f64) -> usize {
+        ((3.0 * d_min).round() as usize).clamp(4, WIDEST)
+    }
+
     /// Reflectors lie one above the other everywhere: leave room for a layer of atoms between.
     fn resolution(&self) -> f64 {
         1.5
@@ -61,7 +70,7 @@ impl<const D: usize> Detector<D> for Horizons {
 
     /// Normals are averaged over windows of four samples.
     fn reach(&self, _scale: f64) -> usize {
-        14
+        14 + WIDEST
     }
 }
 

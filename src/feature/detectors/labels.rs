@@ -5,13 +5,14 @@
 //! different winners the interface lies where the lead changes hands. That is smooth where the labels
 //! are stairs, counts every interface once, and needs no special case where three labels meet.
 //!
-//! A mask (two values) that covers less than a quarter of the image and is thinner than 3.5 samples stands
-//! for the sheet in its middle, which is the ridge of its smoothed indicator.
+//! A mask (two values) of thin sheets stands for what is in their middle: see
+//! [`masks`](mod@super::masks).
 //!
-//! Scale: one sample; of masks half their thickness, at least 1.5 samples. Assumption: a label's regions
-//! are thicker than 1.4 times the scale, or smoothing gives them to their neighbours.
+//! Scale: one sample. Assumption: a label's regions are thicker than 1.4 times the scale, or smoothing
+//! gives them to their neighbours.
 
-use super::ridges::{FINEST, RidgeSearch};
+use super::masks::{self, Mask};
+use super::ridges::RidgeSearch;
 use super::{Detector, Found, Scene, Thresholds};
 use crate::error::{Error, Result, cause};
 use crate::feature::FeatureKind;
@@ -39,19 +40,18 @@ impl<const D: usize> Detector<D> for Labels {
         };
         if let Some(settled) = scene.settled {
             if let Some(value) = settled.mask {
-                return Ok(middle_of(value, FINEST, scene, notes));
+                let middle = masks::middle_of(volume, value, scene.patience);
+                return Ok(middle_sheet(value, middle, scene, notes));
             }
-        } else if let [a, b] = values[..] {
-            let mask = mask(volume, [a, b]);
-            if mask.share < 0.25 && mask.thickness < THIN {
-                notes.push(format!(
-                    "a mask {:.1} samples thick, {:.1} % of the volume: its middle is the feature",
-                    mask.thickness,
-                    100.0 * mask.share
-                ));
-                let scale = (0.5 * mask.thickness).max(FINEST);
-                return Ok(middle_of(mask.value, scale, scene, notes));
-            }
+        } else if let [a, b] = values[..]
+            && let Some(mask) = Mask::of(volume, [a, b], scene.patience)
+        {
+            notes.push(format!(
+                "a mask {:.1} samples thick, {:.1} % of the volume: its middle is the feature",
+                mask.thickness,
+                100.0 * mask.share
+            ));
+            return Ok(middle_sheet(mask.value, mask.middle, scene, notes));
         }
         let scale = scene.scale();
         notes.push(format!(
@@ -69,24 +69,29 @@ impl<const D: usize> Detector<D> for Labels {
     }
 }
 
-/// The middle of the thin mask of samples of one value.
-fn middle_of<const D: usize>(
+/// The sheets in the middle of the mask of one value.
+fn middle_sheet<const D: usize>(
     value: f32,
-    finest: f64,
+    middle: Vec<f32>,
     scene: &Scene<'_, D>,
     notes: &mut Vec<String>,
 ) -> Found<D> {
-    let inside = |s: &f32| f32::from(u8::from(*s == value));
-    let samples = scene.image.as_slice().iter().map(inside).collect();
     let search = RidgeSearch {
-        finest,
+        finest: MIDDLE,
+        most_ambiguous: f64::INFINITY,
+        least: |_| LEAST,
         ..RidgeSearch::new(scene)
     };
     Found {
         mask: Some(value),
-        ..search.find(samples, notes)
+        ..search.find(middle, notes)
     }
 }
+
+/// The scale (samples) at which the middle of a mask is sought: it is narrow, and noise has no part in it.
+const MIDDLE: f64 = 1.0;
+/// Points at all angles are kept down to this share of the strong ones: without noise, more than usual.
+const LEAST: f32 = 0.4;
 
 /// More different values than this are no labels.
 const MOST_LABELS: usize = 64;
@@ -107,53 +112,6 @@ pub fn values(samples: &[f32]) -> Option<Vec<f32>> {
         }
     }
     Some(found)
-}
-
-/// Masks thinner than this (samples) stand for the sheet in their middle: no lattice has cells inside.
-const THIN: f64 = 3.5;
-
-/// A mask's minority: its value, its share of the volume and its mean thickness in samples.
-#[derive(Debug, Clone, Copy)]
-struct Mask {
-    /// The value of the samples in the minority.
-    value: f32,
-    /// Their share of all samples.
-    share: f64,
-    /// Mean thickness in samples: twice the volume over the surface.
-    thickness: f64,
-}
-
-/// Describes a volume of two values.
-fn mask<const D: usize>(volume: Volume<'_, D>, [a, b]: [f32; 2]) -> Mask {
-    let s = volume.samples;
-    let count = s.iter().filter(|v| **v == b).count();
-    let (value, count) = if 2 * count <= s.len() {
-        (b, count)
-    } else {
-        (a, s.len() - count)
-    };
-    let faces: usize = volume
-        .strides()
-        .iter()
-        .map(|&stride| {
-            s.iter()
-                .zip(s.iter().skip(stride))
-                .filter(|(u, v)| u != v)
-                .count()
-        })
-        .sum();
-    // On average over all slopes, a surface has 3/2 as many sample faces as its area, and a curve
-    // 4 / pi as many sample edges as its length.
-    let excess = if D == 3 {
-        1.5
-    } else {
-        4.0 / std::f64::consts::PI
-    };
-    Mask {
-        value,
-        share: count as f64 / s.len().max(1) as f64,
-        thickness: 2.0 * excess * count as f64 / faces.max(1) as f64,
-    }
 }
 
 /// Points on the interfaces between labels, in the order of samples; `sigma` smooths the stairs.
@@ -306,6 +264,33 @@ mod tests {
                 fit.coverage > 0.99 && fit.precision > 0.99 && fit.rms < 0.25,
                 "{half} {fit:?}"
             );
+        }
+    }
+
+    #[test]
+    fn a_layer_three_samples_thick_keeps_both_sides() {
+        let dims = [64, 60, 56];
+        let middle = [32.0, 30.0, 28.0];
+        let flat =
+            |off: f64| Sheet::plane([0.15, 0.1, 1.0], [middle[0], middle[1], middle[2] + off]);
+        let bent = |off: f64| Sheet::Cylinder([32.0, -40.0], 70.0 + off);
+        for sides in [[flat(-1.5), flat(1.5)], [bent(-1.5), bent(1.5)]] {
+            let image = image_of(dims, |p| {
+                let above = sides.iter().filter(|s| s.distance(p) > 0.0).count();
+                [2.0, 5.0, 9.0][above]
+            });
+            let asked = Detection {
+                up_to: Some(8.0),
+                ..Detection::of(FeatureKind::Auto, 8.0 / 3.0)
+            };
+            let features = detect(&image, &asked).unwrap();
+            let fit = fit(dims, &sides, &features.points);
+            assert!(fit.coverage > 0.99 && fit.precision > 0.999, "{fit:?}");
+            assert!(fit.rms < 0.15, "{fit:?}");
+            // Atoms may stand as far apart as the layer is thick.
+            let spacing = features.spacing.unwrap();
+            let mean = spacing.iter().map(|&d| f64::from(d)).sum::<f64>() / spacing.len() as f64;
+            assert!((2.8..3.2).contains(&mean), "{mean}");
         }
     }
 }

@@ -4,7 +4,8 @@
 //! - `edges`: ridges of Prewitt's gradient magnitude
 //! - `canny`: where the gradient is steepest along itself
 //! - `paths`: the boundary of one object, by random shortest paths
-//! - `labels`: interfaces between labels, the middle of a thin mask
+//! - `labels`: interfaces between labels, and of masks what
+//! - `masks` tells: the sheet in their middle
 //! - `horizons`: crests and troughs of seismic amplitude
 //! - `faults`: where layers of seismic amplitude do not continue
 //! - `faults_and_horizons`: both, in one potential
@@ -21,6 +22,7 @@ pub(crate) mod faults;
 pub(crate) mod faults_and_horizons;
 pub(crate) mod horizons;
 pub(crate) mod labels;
+pub(crate) mod masks;
 pub(crate) mod paths;
 pub(crate) mod potential;
 pub(crate) mod ridges;
@@ -51,6 +53,12 @@ pub trait Detector<const D: usize>: Sync {
     /// (in 2-D its length, in such distances).
     fn least_sheet(&self) -> f64 {
         2.0
+    }
+
+    /// Parts of sheets narrower than this (samples) are worth no cells, where atoms stand at least `d_min`
+    /// apart; 0 if any width is.
+    fn least_width(&self, _d_min: f64) -> usize {
+        0
     }
 
     /// Parallel sheets nearer than this, in units of the least distance between atoms, exclude one

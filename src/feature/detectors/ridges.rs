@@ -47,12 +47,12 @@ impl<const D: usize> Detector<D> for Valleys {
 }
 
 /// The scale (samples) at which ridges are sought first.
-pub const FINEST: f64 = 1.5;
+const FINEST: f64 = 1.5;
 /// Where ridges drown in noise they are sought on a smoother image, up to this scale (samples).
 const COARSEST: f64 = 3.0;
 
-/// Where more than this share of an image is ambiguous (foam, pores, masks as thick as what is between
-/// them), long filters see several sheets at once and tell nothing apart.
+/// Where more than this share of an image is ambiguous (foam, pores), long filters see several sheets at
+/// once and tell nothing apart.
 const CROWDED: f64 = 0.9;
 
 /// A ridge of this share of a sure one's strength may be two sheets side by side.
@@ -68,6 +68,8 @@ pub struct RidgeSearch<'a, const D: usize> {
     pub scale: Option<f64>,
     /// Whether sheets may cross at shallow angles or run close, so that all orientations are looked at.
     pub lifts: bool,
+    /// ... unless at least this share of the image is ambiguous.
+    pub most_ambiguous: f64,
     /// Where no threshold is given, points at all angles are kept down to this share of the strong ones.
     pub least: fn(&Thresholds) -> f32,
     /// Thresholds (low, high) where none are given.
@@ -82,6 +84,7 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
             finest: FINEST,
             scale: scene.asked.scale,
             lifts: true,
+            most_ambiguous: CROWDED,
             least: |_| 0.46,
             automatic: Statistics::thresholds,
         }
@@ -101,7 +104,7 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
             thresholds.high,
             weakest(&thresholds, typical, WEAK * thresholds.high),
         );
-        let sharp = self.lifts && zone.share() < CROWDED;
+        let sharp = self.lifts && zone.share() < self.most_ambiguous;
         let candidates = match sharp {
             true => self.lifted(&image, smoothed, &zone, candidates, thresholds, notes),
             false => candidates,

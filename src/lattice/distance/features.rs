@@ -151,6 +151,7 @@ mod tests {
             points,
             potential,
             sigma: 1.0,
+            left_out: Default::default(),
             notes: vec![],
             settled: vec![],
             spacing: None,

@@ -1,0 +1,181 @@
+//! Masks of sheets, as interpreters and networks paint them: 1 to 5 samples thick, ragged, with holes and
+//! stray pieces, crossing. The feature is the sheet in their middle.
+//!
+//! The distance to a mask's surface, positive inside, is a roof over each sheet: as sharp for a thick
+//! part as for a thin one, so that the thick do not outshine the thin, and with one ridge, so that no
+//! sheet is found twice. What its ridges are sought in is how sharply it bends down (the negated
+//! Laplacian: the medial axis of Blum 1967, blurred by half a sample's stairs). Where sheets meet, this
+//! middle bends and forks; lines of sight along the sheets, from both sides, see past it
+//! ([`lifted`](mod@crate::feature::lifted)).
+//!
+//! Assumption: a mask is thinner than [`THIN`] samples on average.
+
+use crate::feature::depth::depth;
+use crate::feature::gaussian::smooth;
+use crate::feature::volume::Volume;
+use crate::observer::Patience;
+use rayon::prelude::*;
+
+/// Masks thinner than this (samples) ...
+const THIN: f64 = 5.5;
+/// ... that cover less than this share of the image ...
+const SPARSE: f64 = 0.4;
+/// ... stand for the sheet in their middle, unless more than this share of their samples ...
+const FEW: f64 = 0.02;
+/// ... is deeper than this share of their thickness: half of it in a sheet, 0.63 in a tube, and 0.7 in a
+/// ball.
+const DEEP: f64 = 0.65;
+/// Where sheets cross it bends by more, which says no more.
+const SHARPEST: f32 = 1.0;
+/// Width (samples) of the Gaussian that takes the stairs off the roof.
+const STAIRS: f64 = 0.7;
+/// The mask that a volume of two values is, if its middle is what counts.
+pub struct Mask {
+    /// The value of the samples in the minority.
+    pub value: f32,
+    /// Their share of all samples.
+    pub share: f64,
+    /// Mean thickness in samples: four times the mean depth.
+    pub thickness: f64,
+    /// High in its middle: see [`middle`].
+    pub middle: Vec<f32>,
+}
+
+impl Mask {
+    /// Judges a volume of two values.
+    pub fn of<const D: usize>(
+        volume: Volume<'_, D>,
+        [a, b]: [f32; 2],
+        patience: &Patience<'_>,
+    ) -> Option<Self> {
+        let s = volume.samples;
+        let count = s.iter().filter(|v| **v == b).count();
+        let (value, count) = match 2 * count <= s.len() {
+            true => (b, count),
+            false => (a, s.len() - count),
+        };
+        let share = count as f64 / s.len().max(1) as f64;
+        if share >= SPARSE {
+            return None;
+        }
+        let inside = painted(volume, value);
+        let depth = depth(volume.dims, &inside, patience);
+        // Across a sheet depths go from nothing to half the thickness and back.
+        let sum: f64 = depth.iter().map(|&d| f64::from(d.max(0.0))).sum();
+        let thickness = 4.0 * sum / count as f64;
+        let deep = (DEEP * thickness) as f32;
+        let deep = depth.iter().filter(|d| **d > deep).count();
+        (thickness < THIN && deep as f64 <= FEW * count as f64).then(|| Self {
+            value,
+            share,
+            thickness,
+            middle: middle(volume.dims, &inside, depth, patience),
+        })
+    }
+}
+
+/// How sharply the roof over the mask of samples of a value bends: about 1 in the middle of a sheet.
+pub fn middle_of<const D: usize>(
+    volume: Volume<'_, D>,
+    value: f32,
+    patience: &Patience<'_>,
+) -> Vec<f32> {
+    let inside = painted(volume, value);
+    let depth = depth(volume.dims, &inside, patience);
+    middle(volume.dims, &inside, depth, patience)
+}
+
+fn middle<const D: usize>(
+    dims: [usize; D],
+    inside: &[bool],
+    mut roof: Vec<f32>,
+    patience: &Patience<'_>,
+) -> Vec<f32> {
+    smooth(dims, &mut roof, [STAIRS; D], patience);
+    let volume = Volume::new(dims, &roof);
+    let bend = |(i, &inside): (usize, &bool)| {
+        if !inside {
+            return 0.0;
+        }
+        let laplacian = volume.laplacian(volume.coordinates(i));
+        (-laplacian).clamp(0.0, SHARPEST)
+    };
+    inside.par_iter().enumerate().map(bend).collect()
+}
+
+fn painted<const D: usize>(volume: Volume<'_, D>, value: f32) -> Vec<bool> {
+    volume.samples.iter().map(|s| *s == value).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::feature::scenes::{Noise, Sheet, fit, image_of};
+    use crate::feature::{Detection, FeatureKind, detect};
+
+    fn gaps() -> Detection<3> {
+        Detection {
+            up_to: Some(8.0),
+            ..Detection::of(FeatureKind::Auto, 2.7)
+        }
+    }
+
+    #[test]
+    fn sheets_five_samples_thick_that_cross_have_one_middle_each() {
+        let dims = [72, 64, 56];
+        let (sin, cos) = 35f64.to_radians().sin_cos();
+        let middle = [36.0, 32.0, 28.0];
+        let sheets = [
+            Sheet::plane([1.0, 0.1, 0.2], middle),
+            Sheet::plane([cos, sin, 0.1], middle),
+        ];
+        // Frayed by noise, with a hole through one sheet and stray pieces.
+        let mut noise = Noise::new(3);
+        let strays: Vec<[f64; 3]> = (0..12)
+            .map(|_| dims.map(|n| n as f64 * noise.uniform()))
+            .collect();
+        let image = image_of(dims, |p| {
+            let near = |c: [f64; 3]| (0..3).map(|k| (p[k] - c[k]).powi(2)).sum::<f64>().sqrt();
+            let off = |s: &Sheet| s.distance(p).abs();
+            let thick = 2.5 + 0.2 * noise.normal();
+            let painted = near([33.0, 10.0, 48.0]) > 4.0 && sheets.iter().any(|s| off(s) < thick);
+            f64::from(u8::from(painted || strays.iter().any(|&c| near(c) < 1.7)))
+        });
+        let features = detect(&image, &gaps()).unwrap();
+        assert!(
+            features.notes[1].contains("its middle"),
+            "{:?}",
+            features.notes
+        );
+        let fit = fit(dims, &sheets, &features.points);
+        assert!(fit.coverage > 0.92, "{fit:?}");
+        assert!(fit.precision > 0.97 && fit.rms < 0.3, "{fit:?}");
+    }
+
+    #[test]
+    fn many_sheets_in_a_third_of_the_volume_have_their_middles() {
+        let dims = [60, 60, 48];
+        let sheets: Vec<Sheet> = (0..7)
+            .map(|i| {
+                let turn = if i % 2 == 0 { 0.15 } else { -0.4 };
+                Sheet::plane([1.0, turn, 0.1], [4.0 + 8.5 * f64::from(i), 30.0, 24.0])
+            })
+            .collect();
+        let image = image_of(dims, |p| {
+            f64::from(u8::from(sheets.iter().any(|s| s.distance(p).abs() < 1.5)))
+        });
+        let features = detect(&image, &gaps()).unwrap();
+        let fit = fit(dims, &sheets, &features.points);
+        assert!(fit.coverage > 0.93 && fit.precision > 0.97, "{fit:?}");
+    }
+
+    #[test]
+    fn a_ball_is_no_thin_mask() {
+        let dims = [40, 40, 40];
+        let ball = [Sheet::Sphere([20.0; 3], 5.0)];
+        let image = image_of(dims, |p| f64::from(u8::from(ball[0].distance(p) < 0.0)));
+        let asked = Detection::of(FeatureKind::Labels, 2.0);
+        let features = detect(&image, &asked).unwrap();
+        let fit = fit(dims, &ball, &features.points);
+        assert!(fit.coverage > 0.95 && fit.precision > 0.95, "{fit:?}");
+    }
+}

@@ -1,6 +1,6 @@
 //! Lines drawn through many places that tell of them.
 
-use super::{Place, SHORTEST};
+use super::Place;
 use crate::geometry::buckets::Buckets;
 use crate::geometry::{add_scaled, dot, norm, sub, unit};
 use crate::observer::Patience;
@@ -41,11 +41,7 @@ pub(super) fn draw(places: &[Place], in_plane: bool, patience: &Patience<'_>) ->
         if patience.over() {
             break;
         }
-        let line = pen.line(first, in_plane);
-        let length: f64 = line.windows(2).map(|p| norm(sub(p[1].at, p[0].at))).sum();
-        if in_plane || length >= SHORTEST {
-            lines.push(line);
-        }
+        lines.push(pen.line(first, in_plane));
     }
     lines
 }

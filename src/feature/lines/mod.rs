@@ -114,9 +114,10 @@ pub(crate) fn lines_while<const D: usize>(
     let mut order: Vec<u32> = (0..points.len() as u32).collect();
     order.sort_by_key(|&i| points[i as usize].voxel);
     let sorted: Vec<Candidate<D>> = order.iter().map(|&i| points[i as usize]).collect();
+    let sheet_of = |i: u32| features.sheet.get(i as usize).copied().unwrap_or(0);
     let sheets = Sheets {
         grid: BySample::new(dims, &sorted),
-        of: order.iter().map(|&i| features.sheet[i as usize]).collect(),
+        of: order.iter().map(|&i| sheet_of(i)).collect(),
         step,
     };
     let meetings = sheets.places(patience, |i| sheets.meetings(i));
@@ -124,7 +125,7 @@ pub(crate) fn lines_while<const D: usize>(
     let drawn = draw(&meetings, D == 2, patience);
     patience.lasts(Stage::Features)?;
     let mut lines: Vec<FeatureLine<D>> = (drawn.iter())
-        .map(|line| sheets.line(line, sheets.kind(line)))
+        .filter_map(|line| sheets.line(line, sheets.kind(line)))
         .collect();
     let near_meeting = Buckets::new(&met, AHEAD);
     let ends = sheets.places(patience, |i| {
@@ -133,7 +134,8 @@ pub(crate) fn lines_while<const D: usize>(
     });
     let drawn = draw(&ends, D == 2, patience);
     patience.lasts(Stage::Features)?;
-    lines.extend(drawn.iter().map(|line| sheets.line(line, LineKind::Tip)));
+    let tips = drawn.iter();
+    lines.extend(tips.filter_map(|line| sheets.line(line, LineKind::Tip)));
     Ok(lines)
 }
 
@@ -395,23 +397,29 @@ impl<const D: usize> Sheets<'_, D> {
         })
     }
 
-    /// What is told of a line.
-    fn line(&self, line: &[Place], kind: LineKind) -> FeatureLine<D> {
-        let places: Vec<[f64; D]> = (line.iter())
-            .map(|place| {
-                let last = |k: usize| (self.grid.dims[k] - 1) as f64;
-                std::array::from_fn(|k| place.at[k].clamp(0.0, last(k)) * self.step[k])
-            })
-            .collect();
-        let lengths = places.windows(2).map(|p| norm(sub(p[1], p[0])));
-        let length = lengths.fold(0.0, |sum, length| sum + length);
-        FeatureLine {
+    /// What is told of a line, as far as it is in the box, if it is long enough.
+    fn line(&self, line: &[Place], kind: LineKind) -> Option<FeatureLine<D>> {
+        let in_box = |place: &Place| -> [f64; D] {
+            std::array::from_fn(|k| place.at[k].clamp(0.0, (self.grid.dims[k] - 1) as f64))
+        };
+        let length = |places: &[[f64; D]]| {
+            let steps = places.windows(2).map(|p| norm(sub(p[1], p[0])));
+            steps.fold(0.0, |sum, step| sum + step)
+        };
+        let mut places: Vec<[f64; D]> = line.iter().map(in_box).collect();
+        if D == 3 && length(&places) < SHORTEST {
+            return None;
+        }
+        for place in &mut places {
+            *place = std::array::from_fn(|k| place[k] * self.step[k]);
+        }
+        Some(FeatureLine {
             kind,
             sheets: line[0].sheets,
             angle: line.iter().map(|place| place.angle).sum::<f64>() / line.len() as f64,
-            length,
+            length: length(&places),
             places,
-        }
+        })
     }
 }
 

@@ -182,3 +182,38 @@ fn threads_change_nothing_and_patience_is_asked() {
     let kind = stopped.unwrap_err().kind();
     assert_eq!(kind, crate::ErrorKind::Interrupted);
 }
+
+#[test]
+fn lines_of_networks_are_few_and_lie_where_two_faults_are_near() {
+    for seed in [1, 5, 9] {
+        let options = Options {
+            dims: [80; 3],
+            seed,
+            signal_to_noise: 4.0,
+            ..Options::default()
+        };
+        let made = synth::make(Kind::Network, &options).unwrap();
+        let found = detect(&made.image, &Detection::of(FeatureKind::Ridges, 2.7)).unwrap();
+        let lines = lines(&found).unwrap();
+        assert!(lines.iter().all(|line| line.length >= SHORTEST));
+        let (tips, meetings): (Vec<_>, Vec<_>) =
+            lines.iter().partition(|line| line.kind == LineKind::Tip);
+        let next = made.truth.next.as_ref().unwrap();
+        let (mut near, mut all) = (0, 0);
+        for place in meetings.iter().flat_map(|line| &line.places) {
+            // How far the next fault is, is known of samples on faults.
+            let known = |i: usize| made.truth.distance[i] < 0.5 && next[i][0] < 2.5;
+            let around = |n: usize| {
+                let at = |k: usize, by: usize| (place[k].round() as usize + by).clamp(1, 80) - 1;
+                (at(2, n / 9) * 80 + at(1, n / 3 % 3)) * 80 + at(0, n % 3)
+            };
+            all += 1;
+            near += u32::from((0..27).map(around).any(known));
+        }
+        let share = f64::from(near) / f64::from(all);
+        let counts = (meetings.len(), tips.len());
+        println!("{seed}: {counts:?}, {near} of {all}");
+        assert!(counts.0 <= 10 && counts.1 <= 20, "{seed}: {counts:?}");
+        assert!(share >= 0.8, "{seed}: {near} of {all}");
+    }
+}

@@ -87,7 +87,7 @@ fn network(random: &mut Random) -> (Planes, usize) {
         };
         let apart = [cosine(0, 1), cosine(0, 2), cosine(1, 2)]
             .iter()
-            .all(|c| *c < 0.7071);
+            .all(|c| *c < std::f64::consts::FRAC_1_SQRT_2);
         let sizes = blocks(&planes);
         let corners = |x: usize| {
             [0, N - 1].iter().all(|&y| {

@@ -77,7 +77,7 @@ pub fn note(spacing: &[f32], [least, most]: [f64; 2]) -> String {
 }
 
 /// Points in samples, as candidates of the samples that they are nearest to.
-fn in_samples<const D: usize>(
+pub(super) fn in_samples<const D: usize>(
     dims: [usize; D],
     points: &[FeaturePoint<D>],
     step: [f64; D],

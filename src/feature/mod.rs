@@ -31,6 +31,7 @@
 //! - `quadric`: a sheet near a place
 //! - `repair`: ridges up to the box's sides
 //! - `sheets`: hysteresis, sheets too near one another, crumbs
+//! - `lines`: where sheets cross, branch and end
 //! - `gaps`: how fine a lattice must be between sheets that run close
 //! - `potential`: b(x)
 
@@ -43,6 +44,7 @@ pub(crate) mod gaps;
 pub(crate) mod gaussian;
 mod kind;
 pub(crate) mod lifted;
+mod lines;
 pub(crate) mod potential;
 pub(crate) mod quadric;
 pub(crate) mod repair;
@@ -70,6 +72,7 @@ use sheets::{FoundSheets, Open};
 pub use detection::Detection;
 pub use detectors::paths::PathSeeds;
 pub use kind::FeatureKind;
+pub use lines::{FeatureLine, LineKind, SHORTEST, lines};
 pub use settled::Settled;
 pub use sheets::LeftOut;
 
@@ -89,6 +92,8 @@ pub struct FeaturePoint<const D: usize> {
 pub struct Features<const D: usize> {
     /// The features as points, in a fixed order (the order of samples).
     pub points: Vec<FeaturePoint<D>>,
+    /// For each of them the number of the sheet that it is part of, from 1.
+    pub sheet: Vec<u32>,
     /// For each of them whether it lies on a horizon, which is no barrier to flow.
     pub on_horizon: Vec<bool>,
     /// The image potential b(x) in [-1, 0]: every feature a valley of depth 1 and width `sigma`.
@@ -112,6 +117,7 @@ impl<const D: usize> Features<D> {
     pub fn none(dims: [usize; D], asked: &Detection<D>) -> Self {
         Self {
             points: Vec::new(),
+            sheet: Vec::new(),
             on_horizon: Vec::new(),
             potential: field(dims, asked, vec![0.0; dims.iter().product()]),
             spacing: asked.gaps().map(|_| Vec::new()),
@@ -251,6 +257,7 @@ fn follow<const D: usize>(
     Ok(Features {
         on_horizon: vec![kind == FeatureKind::Horizons; sheets.points.len()],
         points: sheets.points,
+        sheet: sheets.sheet,
         spacing,
         potential,
         sigma,

@@ -44,6 +44,8 @@ pub struct Rules<const D: usize> {
 pub struct FoundSheets<const D: usize> {
     /// Points of all sheets, in the order of samples.
     pub points: Vec<FeaturePoint<D>>,
+    /// For each point the number of its sheet, from 1.
+    pub sheet: Vec<u32>,
     /// For each point, whether its sheet ends there.
     pub rim: Vec<bool>,
     /// Number of sheets.
@@ -187,6 +189,7 @@ pub fn sheets<const D: usize>(
     }
     let mut result = FoundSheets {
         points: Vec::new(),
+        sheet: Vec::new(),
         rim: Vec::new(),
         sheets,
         left_out: LeftOut::default(),
@@ -203,6 +206,7 @@ pub fn sheets<const D: usize>(
             FREE => out.weak += 1,
             _ => {
                 result.points.push(lattice_point(c, step));
+                result.sheet.push(growth.owner[i] + 1);
                 result.rim.push(growth.ends_at(c));
             }
         }

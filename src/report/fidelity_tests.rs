@@ -220,6 +220,7 @@ fn detected_points_stand_in_for_truth() {
         samples: vec![0.0; 17 * 17 * 17],
     };
     let features = Features {
+        sheet: vec![],
         on_horizon: vec![],
         points,
         potential,

@@ -1,8 +1,9 @@
-//! Acute lines as VTK poly data (`.vtp`).
+//! Lines as VTK poly data (`.vtp`): acute lines of meshes, and where features meet and end.
 
 use std::path::Path;
 
 use crate::Result;
+use crate::feature::FeatureLine;
 use crate::files::atomic_write;
 use crate::files::vtk::{Document, Source};
 use crate::geometry::in_space;
@@ -23,36 +24,90 @@ pub fn write_lines<const D: usize>(
     let nodes = lines.iter().flat_map(|line| &line.nodes);
     let points: Vec<[f64; 3]> = nodes.map(|&n| in_space(place(n))).collect();
     let angles: Vec<f64> = lines.iter().flat_map(at_nodes).collect();
+    let pairs: Vec<u8> = lines.iter().map(|line| line.pair.code()).collect();
+    let of_lines = |name: &str, of: fn(&AcuteLine) -> f64| {
+        let value = move |i: usize| of(&lines[i]);
+        Source::computed(name, 1, lines.len(), value)
+    };
+    write_poly_lines::<D>(
+        path,
+        &points,
+        lines.iter().map(|line| line.nodes.len()),
+        vec![Source::slice("angle", 1, &angles)],
+        vec![
+            of_lines("mean_angle", |line| line.mean_angle),
+            of_lines("least_angle", |line| line.least_angle),
+            of_lines("length", |line| line.length),
+            Source::slice("pair", 1, &pairs),
+        ],
+    )
+}
+
+/// Writes the lines at which features meet and end as poly lines, in the plane as vertices; `place` is
+/// where a place in lattice space is in the world. Cell data are each line's `kind` (0 for a crossing, 1
+/// for a branch, 2 for a tip), its `angle` in degrees and its `length` (both in lattice space), and its
+/// `sheets`: two numbers, of a tip 0 and one.
+///
+/// # Errors
+/// [`Error::Io`](crate::Error::Io) if the file cannot be written.
+pub fn write_feature_lines<const D: usize>(
+    path: &Path,
+    lines: &[FeatureLine<D>],
+    place: impl Fn([f64; D]) -> [f64; D],
+) -> Result<()> {
+    let places = lines.iter().flat_map(|line| &line.places);
+    let points: Vec<[f64; 3]> = places.map(|&x| in_space(place(x))).collect();
+    let kinds: Vec<u8> = lines.iter().map(|line| line.kind as u8).collect();
+    let sheets: Vec<u32> = lines.iter().flat_map(|line| line.sheets).collect();
+    let of_lines = |name: &str, of: fn(&FeatureLine<D>) -> f64| {
+        let value = move |i: usize| of(&lines[i]);
+        Source::computed(name, 1, lines.len(), value)
+    };
+    write_poly_lines::<D>(
+        path,
+        &points,
+        lines.iter().map(|line| line.places.len()),
+        Vec::new(),
+        vec![
+            Source::slice("kind", 1, &kinds),
+            of_lines("angle", |line| line.angle),
+            of_lines("length", |line| line.length),
+            Source::slice("sheets", 2, &sheets),
+        ],
+    )
+}
+
+/// Writes lines, each of so many of the points, and their data; in the plane as vertices.
+fn write_poly_lines<'a, const D: usize>(
+    path: &Path,
+    points: &'a [[f64; 3]],
+    counts: impl ExactSizeIterator<Item = usize>,
+    of_points: Vec<Source<'a>>,
+    of_lines: Vec<Source<'a>>,
+) -> Result<()> {
     let mut end = 0;
-    let ends: Vec<i64> = (lines.iter())
-        .map(|line| {
-            end += line.nodes.len() as i64;
+    let ends: Vec<i64> = counts
+        .map(|count| {
+            end += count as i64;
             end
         })
         .collect();
-    let pairs: Vec<u8> = lines.iter().map(|line| line.pair.code()).collect();
-
     let mut document = Document::new("PolyData", &[]);
     let shape = if D == 2 { "Verts" } else { "Lines" };
     document.open(
         "Piece",
         &[
             ("NumberOfPoints", points.len().to_string()),
-            (&format!("NumberOf{shape}"), lines.len().to_string()),
+            (&format!("NumberOf{shape}"), ends.len().to_string()),
         ],
     );
     document.open("PointData", &[]);
-    document.array(Source::slice("angle", 1, &angles));
+    of_points
+        .into_iter()
+        .for_each(|array| document.array(array));
     document.close();
     document.open("CellData", &[]);
-    let mut of_lines = |name: &str, of: fn(&AcuteLine) -> f64| {
-        let value = move |i: usize| of(&lines[i]);
-        document.array(Source::computed(name, 1, lines.len(), value));
-    };
-    of_lines("mean_angle", |line| line.mean_angle);
-    of_lines("least_angle", |line| line.least_angle);
-    of_lines("length", |line| line.length);
-    document.array(Source::slice("pair", 1, &pairs));
+    of_lines.into_iter().for_each(|array| document.array(array));
     document.close();
     document.open("Points", &[]);
     document.array(Source::slice("Points", 3, points.as_flattened()));

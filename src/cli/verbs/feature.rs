@@ -1,20 +1,22 @@
 //! `atomesh feature`: only the image processing.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::cli::common::feature::{detection, job_of};
 use crate::cli::common::options::read_options;
 use crate::cli::common::output::{WRITTEN, by, check_output, potential_image, shown};
 use crate::cli::console::Console;
 use crate::error::cause;
-use crate::feature::FeatureKind;
+use crate::feature::{FeatureKind, Features, LineKind, SHORTEST};
+use crate::image::Geometry;
 use crate::image::formats;
 use crate::image::formats::InputOptions;
 use crate::image::formats::{AnyLoaded, Loaded};
 use crate::job::Settings;
+use crate::store::write_feature_lines;
 use crate::{Error, Result, feature};
 
 /// `atomesh feature`.
@@ -26,6 +28,10 @@ pub struct FeatureArgs {
     /// The potential b(x): .vti, .npy, .nrrd, .mha, .nii or .nii.gz; .png in 2-D
     #[arg(short, long, value_name = "OUT.vti")]
     pub output: PathBuf,
+    /// Also write the lines at which features cross, branch off one another and end, with the angle and
+    /// the two sheets (in 2-D the points): .vtp
+    #[arg(long, value_name = "LINES.vtp")]
+    pub lines: Option<PathBuf>,
     /// The features to find
     #[arg(long, value_name = "KIND", default_value = "auto")]
     pub feature: FeatureKind,
@@ -63,6 +69,9 @@ pub struct FeatureArgs {
 /// Runs the verb.
 pub fn feature(args: &FeatureArgs, console: &mut Console) -> Result<()> {
     check_output(&args.output, "--output", &WRITTEN, &[&args.image])?;
+    if let Some(path) = &args.lines {
+        check_output(path, "--lines", &["vtp"], &[&args.image, &args.output])?;
+    }
     if let Some(path) = &args.confidence_out {
         check_output(
             path,
@@ -112,13 +121,20 @@ fn find<const D: usize>(
     if let (Some(path), Some(confidence)) = (&args.confidence_out, &found.confidence) {
         formats::write(path, &potential_image(confidence, &loaded.image.geometry))?;
     }
+    let lines = match &args.lines {
+        Some(path) => Some(written_lines(path, &found, &loaded.image.geometry)?),
+        None => None,
+    };
     let dims = potential.dims().to_vec();
     let path = args.output.display();
     console.result(
         format_args!(
-            "{}\nwrote {path}: {} samples",
+            "{}\nwrote {path}: {} samples{}",
             found.notes.join("\n"),
-            by(&dims)
+            by(&dims),
+            lines
+                .as_ref()
+                .map_or_else(String::new, |lines| lines.shown.clone()),
         ),
         &json!({
             "file": shown(&args.output),
@@ -126,7 +142,57 @@ fn find<const D: usize>(
             "points": found.points.len(),
             "sigma": found.sigma,
             "notes": found.notes,
+            "lines": lines.map(|lines| lines.json),
         }),
     );
     Ok(())
+}
+
+/// What is said of lines that were written.
+struct WrittenLines {
+    shown: String,
+    json: Value,
+}
+
+/// Writes the lines at which features meet and end.
+fn written_lines<const D: usize>(
+    path: &Path,
+    found: &Features<D>,
+    geometry: &Geometry<D>,
+) -> Result<WrittenLines> {
+    let lines = feature::lines(found)?;
+    // Samples are one apart in the lattice space of this verb.
+    write_feature_lines(path, &lines, |x| geometry.to_physical(x))?;
+    let of_kind = |kind: LineKind| {
+        let lines = lines.iter().filter(move |line| line.kind == kind);
+        let (count, length) = lines.fold((0, 0.0), |(count, length), line| {
+            (count + 1, length + line.length)
+        });
+        let shown = match D {
+            2 => format!("{count}"),
+            _ => format!("{count} ({length:.0} samples long)"),
+        };
+        (shown, json!({ "count": count, "length": length }))
+    };
+    let [crossings, branches, tips] =
+        [LineKind::Crossing, LineKind::Branch, LineKind::Tip].map(of_kind);
+    let least = match D {
+        2 => String::new(),
+        _ => format!("; lines shorter than {SHORTEST:.0} samples are left out"),
+    };
+    Ok(WrittenLines {
+        shown: format!(
+            "\nwrote {}: crossings {}, branches {}, tips {}{least}",
+            path.display(),
+            crossings.0,
+            branches.0,
+            tips.0,
+        ),
+        json: json!({
+            "file": shown(path),
+            "crossings": crossings.1,
+            "branches": branches.1,
+            "tips": tips.1,
+        }),
+    })
 }

@@ -7,7 +7,7 @@
 use super::faults::Faults;
 use super::horizons::Horizons;
 use super::{Detection, Part};
-use crate::feature::{FeaturePoint, Features};
+use crate::feature::Features;
 
 /// The two detectors. A threshold that is asked for is one of amplitude, so it is the horizons'; the
 /// faults' own is found from the image.
@@ -32,30 +32,33 @@ pub fn together<const D: usize>(
     }
     first.points.extend(second.points);
     first.on_horizon.extend(second.on_horizon);
+    let last = first.sheet.iter().copied().max().unwrap_or(0);
+    first.sheet.extend(second.sheet.iter().map(|s| last + s));
     let spacing: Option<Vec<f32>> = first
         .spacing
         .zip(second.spacing)
         .map(|(a, b)| [a, b].concat());
-    // Without one, any number is put beside each point and taken off again.
-    let beside = spacing.clone().unwrap_or(vec![0.0; first.points.len()]);
-    type Placed<const D: usize> = ((FeaturePoint<D>, bool), f32);
-    let last_axis_first = |(p, _): &Placed<D>, (q, _): &Placed<D>| {
-        let (p, q) = (p.0.position.iter().rev(), q.0.position.iter().rev());
+    let last_axis_first = |&i: &usize, &j: &usize| {
+        let [p, q] = [i, j].map(|i| first.points[i].position.iter().rev());
         p.zip(q)
             .map(|(a, b)| a.total_cmp(b))
             .find(|order| order.is_ne())
             .unwrap_or(std::cmp::Ordering::Equal)
     };
-    let points = first.points.into_iter().zip(first.on_horizon);
-    let mut points: Vec<Placed<D>> = points.zip(beside).collect();
-    points.sort_by(last_axis_first);
-    let (points, beside): (Vec<_>, Vec<f32>) = points.into_iter().unzip();
-    (first.points, first.on_horizon) = points.into_iter().unzip();
-    first.spacing = spacing.map(|_| beside);
+    let mut order: Vec<usize> = (0..first.points.len()).collect();
+    order.sort_by(last_axis_first);
+    first.points = ordered(&order, &first.points);
+    first.on_horizon = ordered(&order, &first.on_horizon);
+    first.sheet = ordered(&order, &first.sheet);
+    first.spacing = spacing.map(|spacing| ordered(&order, &spacing));
     first.left_out += second.left_out;
     first.notes.extend(second.notes);
     first.settled.extend(second.settled);
     first
+}
+
+fn ordered<T: Copy>(order: &[usize], values: &[T]) -> Vec<T> {
+    order.iter().map(|&i| values[i]).collect()
 }
 
 #[cfg(test)]

@@ -51,7 +51,7 @@ pub struct Sealed {
 /// Adds to the marked faces of a mesh (`marks`: bit k of a cell for its face k) those that close holes
 /// in the sheets of `points`, and marks every face on both of its sides.
 ///
-/// `neighbors` has for every cell and face, in order, the cell beyond, or [`NONE`].
+/// `neighbors` has for every cell and face, in order, the cell beyond, or `NONE`.
 pub fn seal<const D: usize, M: Simplices<D>>(
     mesh: &M,
     neighbors: &[u32],

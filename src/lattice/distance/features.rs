@@ -146,6 +146,7 @@ mod tests {
             samples: vec![0.0; 64 * 50 * 40],
         };
         Features {
+            sheet: vec![],
             on_horizon: vec![],
             points,
             potential,

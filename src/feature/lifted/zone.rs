@@ -15,6 +15,8 @@ const MIXED: f64 = 0.013;
 /// Ridges are too wide to be one where their squared width is this many times that of the narrow ones (of
 /// which there are a quarter: where many run in pairs, half of all may be too wide).
 const WIDE: f64 = 1.5;
+/// A weak ridge of at least this share of the mean height of sure ones may be two side by side.
+const HIGH: f64 = 0.8;
 /// Nearer to a side of the box than this (samples) normals say nothing.
 const SIDE: usize = 4;
 
@@ -51,27 +53,40 @@ impl<const D: usize> Ambiguous<D> {
             flags: vec![0; count],
             tensors: vec![[[0.0; D]; D]; count],
         };
+        let height = |c: &Candidate<D>| f64::from(smoothed.samples[c.voxel as usize]);
+        let sure = || candidates.iter().filter(|c| c.strength >= strong);
+        let high = sure().map(height).sum::<f64>() / sure().count().max(1) as f64;
         // Height over curvature of a ridge is its squared width.
-        let mut widths = vec![[0.0f64; 2]; count];
+        let (mut widths, mut sure_widths) = (vec![[0.0f64; 2]; count], vec![[0.0f64; 2]; count]);
         for c in candidates.iter().filter(|c| c.strength >= clear) {
+            // What is weak and not high either is noise.
+            if c.strength < strong && height(c) < HIGH * high {
+                continue;
+            }
             let at = smoothed.coordinates(c.voxel as usize);
             // At the sides mirrored samples turn normals.
             if (0..D).any(|k| at[k] < SIDE || at[k] + SIDE >= dims[k]) {
                 continue;
             }
             let cell = zone.cell_of(at);
-            let height = f64::from(smoothed.samples[c.voxel as usize]);
-            widths[cell][0] += height;
-            widths[cell][1] += f64::from(c.strength);
-            let sure = if c.strength >= strong { D } else { 0 };
-            for k in 0..sure {
+            let width = [height(c), f64::from(c.strength)];
+            widths[cell] = [0, 1].map(|k: usize| widths[cell][k] + width[k]);
+            if c.strength < strong {
+                continue;
+            }
+            sure_widths[cell] = [0, 1].map(|k: usize| sure_widths[cell][k] + width[k]);
+            for k in 0..D {
                 for l in 0..D {
                     zone.tensors[cell][k][l] += f64::from(c.normal[k] * c.normal[l]);
                 }
             }
         }
         let ratio = |w: &[f64; 2]| w[0] / w[1];
-        let mut ratios: Vec<f64> = widths.iter().filter(|w| w[1] > 0.0).map(ratio).collect();
+        let mut ratios: Vec<f64> = sure_widths
+            .iter()
+            .filter(|w| w[1] > 0.0)
+            .map(ratio)
+            .collect();
         if ratios.is_empty() {
             return zone;
         }

@@ -76,7 +76,7 @@ const CHOICES: &[Choice] = &[
     any("--cells voronoi"),
     any("--beta 0.1"),
     any("--beta ../in/weights.mha"),
-    any("--seeding grown"),
+    with("--distance 8", "--seeding grown"),
     any("--seeding refine"),
     any("--seeding guide"),
     any("--seeding projection"),

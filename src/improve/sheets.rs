@@ -212,11 +212,9 @@ impl Sheets {
         self.fitted(x, self.radius, 0.6, |_| true)
     }
 
-    /// The same within another radius, and up to nearly that far beyond a sheet's edge. Wide patches are
-    /// fitted to every second point.
-    pub fn near_within(&self, x: [f64; 3], radius: f64) -> NearSheets {
-        // So that all sheets of a crossing find room.
-        let every_second = radius > 4.5;
+    /// The same within another radius, and up to nearly that far beyond a sheet's edge; to `every_second`
+    /// point, for wide patches, so that all sheets of a crossing find room.
+    pub fn near_within(&self, x: [f64; 3], radius: f64, every_second: bool) -> NearSheets {
         let takes = |p: [f32; 3]| p.iter().map(|c| c.round() as i64).sum::<i64>() & 1 == 0;
         self.fitted(x, radius, 0.9, |p| !every_second || takes(p))
     }

@@ -55,7 +55,7 @@ const COARSEST: f64 = 3.0;
 /// once and tell nothing apart.
 const CROWDED: f64 = 0.9;
 
-/// A ridge of this share of a sure one's strength tells where to look and at which angles.
+/// Of two sheets side by side, which are one ridge, this share of a sure one's strength is left.
 const WEAK: f32 = 0.6;
 
 /// How ridges are sought, in the image or in what a detector makes of it.
@@ -70,6 +70,8 @@ pub struct RidgeSearch<'a, const D: usize> {
     pub lifts: bool,
     /// ... unless at least this share of the image is ambiguous.
     pub most_ambiguous: f64,
+    /// Ridges of this share of a sure one's strength tell where to look and at which angles.
+    pub weak: f32,
     /// Where no threshold is given, points at all angles are kept down to this share of the strong ones.
     pub least: fn(&Thresholds) -> f32,
     /// Thresholds (low, high) where none are given.
@@ -85,6 +87,7 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
             scale: scene.asked.scale,
             lifts: true,
             most_ambiguous: CROWDED,
+            weak: WEAK,
             least: |_| 0.46,
             automatic: Statistics::thresholds,
         }
@@ -100,7 +103,7 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
         let typical = ridges::typical(candidates.iter().map(|c| c.strength));
         // Two sheets side by side are one weak ridge; where noise is stronger than that, none is seen.
         let noisy = thresholds.high > typical;
-        let clear = if noisy { 1.0 } else { WEAK } * thresholds.high;
+        let clear = if noisy { 1.0 } else { self.weak } * thresholds.high;
         let zone = Ambiguous::new(smoothed, &candidates, thresholds.high, clear);
         let sharp = self.lifts && zone.share() < self.most_ambiguous;
         let candidates = match sharp {

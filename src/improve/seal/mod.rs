@@ -19,9 +19,13 @@ use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
 use crate::observer::Patience;
 
-/// Radius of the patches that tell on which side a cell is, in units of d, and at most.
+/// Radius of the patches that tell on which side a cell is, in units of d; and least and largest. In the plane
+/// a patch holds fewer points.
 const PATCH: f64 = 0.8;
+const PATCH_OF_CURVE: f64 = 1.2;
 const RADII: [f64; 2] = [2.5, 6.5];
+/// Patches of surfaces wider than this have points enough if every second one is taken.
+const DENSE: f64 = 4.5;
 
 /// Two cells see the same sheet if one's plane is this little off at the other, in units of their distance.
 const ONE_SHEET: f64 = 0.35;
@@ -30,8 +34,9 @@ const ONE_SHEET: f64 = 0.35;
 const POCKET: f64 = 0.5;
 
 /// The radius of patches where the lattice has spacing d.
-fn radius_at(d: f64) -> f64 {
-    (PATCH * d).clamp(RADII[0], RADII[1])
+fn radius_at<const D: usize>(d: f64) -> f64 {
+    let patch = if D == 2 { PATCH_OF_CURVE } else { PATCH };
+    (patch * d).clamp(RADII[0], RADII[1])
 }
 
 /// What was closed.
@@ -61,7 +66,7 @@ pub fn seal<const D: usize, M: Simplices<D>>(
     marks: &mut [u8],
     patience: &Patience<'_>,
 ) -> Sealed {
-    let radius = radius_at(distance.max());
+    let radius = radius_at::<D>(distance.max());
     let sheets = Sheets::new(points, in_space(extent), radius, radius);
     let mut sealing = Sealing {
         mesh,
@@ -188,8 +193,10 @@ impl<const D: usize, M: Simplices<D>> Sealing<'_, D, M> {
 
     /// The sheets near the centroid of a cell.
     fn near(&self, c: u32) -> NearSheets {
-        let radius = radius_at(self.spacing(c));
-        self.sheets.near_within(self.centroid(c), radius)
+        let radius = radius_at::<D>(self.spacing(c));
+        let every_second = D == 3 && radius > DENSE;
+        self.sheets
+            .near_within(self.centroid(c), radius, every_second)
     }
 
     /// Whether a sheet passes between two cells.

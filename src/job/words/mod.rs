@@ -272,7 +272,7 @@ mod tests {
             assert!(error.contains(": ") && error.contains("; "), "{error}");
         }
         // What is so by default is no offence.
-        assert!(job("seeding = \"canny\"\nbeta = 0.5\ndistance = 8").is_ok());
+        assert!(job("seeding = \"canny\"\nbeta = 0.5\ndistance = \"2.7:8\"").is_ok());
     }
 
     #[test]

@@ -52,6 +52,8 @@ impl<const D: usize> Detector<D> for Faults {
         let search = RidgeSearch {
             scale: None,
             automatic: semblance::thresholds,
+            // What is weak here is mostly where layers end.
+            weak: 1.0,
             // Likelihoods vary along a fault much more than those of an image of faults: 0.18 where there
             // is little noise, more where noise lifts the threshold.
             least: |thresholds| 0.18 * thresholds.low / semblance::LEAST[0],

@@ -529,27 +529,40 @@ print(json.dumps({
 fn angles_at_a_line_where_a_sheet_meets_a_side_are_explained() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    // A sheet that meets the side x = 0 at y = 60, at 15 degrees.
-    let (sine, cosine) = 15f32.to_radians().sin_cos();
+    // A sheet that meets the side x = 0 at y = 60, at 25 degrees.
+    let (sine, cosine) = 25f32.to_radians().sin_cos();
     npy(&at.join("image.npy"), [96, 96, 40], |[x, y, _]| {
         let off = x as f32 * cosine + (y as f32 - 60.0) * sine;
         (-0.5 * (off / 1.5).powi(2)).exp()
     });
     let mesh = "mesh image.npy --distance 6 --feature ridges --sigma 0.7 --lines a.vtp --json";
     let words: Vec<&str> = mesh.split(' ').collect();
+    // Nodes may stray so far that all angles are 30 degrees even there.
     let report = json(&succeed(at, &words));
+    assert_eq!(
+        report["quality"]["angles"]["ok"],
+        report["quality"]["cells"]
+    );
+    let covered = report["fidelity"]["claimed"]["coverage_one"].as_f64();
+    assert!(covered.unwrap() > 0.99, "{covered:?}");
+    // Where less is asked for, the line stays as acute as it is.
+    let report = json(&succeed(
+        at,
+        &[&words[..], &["--min-dihedral", "25"]].concat(),
+    ));
     let angles = &report["quality"]["angles"];
     let count = |name: &str| angles[name].as_u64().unwrap();
     assert!(count("near_acute_line") > 5, "{angles}");
-    assert_eq!(count("unexplained"), 0, "{angles}");
-    assert!(angles["worst_unexplained"].is_null());
+    let worst = angles["worst_unexplained"]["smallest"].as_f64();
+    assert!(worst.is_none_or(|angle| angle >= 25.0), "{angles}");
     let all = report["quality"]["cells"].as_u64().unwrap();
-    assert_eq!(count("ok") + count("near_acute_line"), all);
+    let kinds = ["ok", "near_acute_line", "unexplained"];
+    assert_eq!(kinds.map(count).iter().sum::<u64>(), all);
     let [line] = &angles["acute_lines"].as_array().unwrap()[..] else {
         panic!("{angles}");
     };
     assert_eq!(line["pair"], "feature and low side along x");
-    assert!((line["mean_angle"].as_f64().unwrap() - 15.0).abs() < 1.0);
+    assert!((line["mean_angle"].as_f64().unwrap() - 25.0).abs() < 1.0);
     assert!((line["length"].as_f64().unwrap() - 39.0).abs() < 0.5);
 
     // The file of the mesh is enough to know it all again.
@@ -559,7 +572,8 @@ fn angles_at_a_line_where_a_sheet_meets_a_side_are_explained() {
     let of = |angles: &Value| counts.map(|name| angles[name].clone());
     assert_eq!(of(&again["quality"]["angles"]), of(angles));
     let table = succeed(at, &["quality", "image.vtu"]);
-    assert!(table.contains("unexplained: 0\n"), "{table}");
+    let unexplained = format!("unexplained: {}", count("unexplained"));
+    assert!(table.contains(&unexplained), "{table}");
     assert!(table.contains("acute lines: 1, 39 long in all"), "{table}");
     for name in ["a.vtp", "b.vtp"] {
         let Some(seen) = vtk(LINES, &[&at.join(name)]) else {

@@ -53,7 +53,7 @@ const COARSEST: f64 = 3.0;
 
 /// Where more than this share of an image is ambiguous (foam, pores), long filters see several sheets at
 /// once and tell nothing apart.
-const CROWDED: f64 = 0.9;
+const CROWDED: f64 = 0.85;
 
 /// Of two sheets side by side, which are one ridge, this share of a sure one's strength is left.
 const WEAK: f32 = 0.6;

@@ -9,6 +9,7 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 
 use super::Evaluator;
+use super::params::DISTANCES;
 use super::settings::Settings;
 use crate::feature::FeatureKind;
 use crate::image::formats::InputOptions;
@@ -226,13 +227,10 @@ pub enum Apart {
 }
 
 impl Default for Apart {
-    /// 8, and a third of it in gaps between features.
     fn default() -> Self {
-        Self::Varying {
-            min: 2.7,
-            max: 8.0,
-            by: DistanceFrom::Gaps,
-        }
+        let [min, max] = DISTANCES;
+        let by = DistanceFrom::Gaps;
+        Self::Varying { min, max, by }
     }
 }
 

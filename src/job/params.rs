@@ -61,6 +61,16 @@ pub enum Spacing {
     },
 }
 
+/// 8 samples, and a third of that in gaps between features.
+pub(super) const DISTANCES: [f64; 2] = [2.7, 8.0];
+
+impl Default for Spacing {
+    fn default() -> Self {
+        let [min, max] = DISTANCES;
+        Self::FromGaps { min, max }
+    }
+}
+
 impl Spacing {
     /// The smallest distance asked for.
     pub fn min(self) -> f64 {
@@ -268,7 +278,7 @@ impl<const D: usize> Default for Params<D> {
     fn default() -> Self {
         Self {
             cells: CellKind::default(),
-            spacing: Spacing::FromGaps { min: 2.7, max: 8.0 },
+            spacing: Spacing::default(),
             feature: feature::FeatureKind::Auto,
             sigma: None,
             threshold: None,

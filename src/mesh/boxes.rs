@@ -1,7 +1,7 @@
 //! Meshes for tests: boxes of cubes, each cut into the tetrahedra (squares: triangles) about its
 //! diagonal.
 
-use super::Simplices;
+use super::{Simplices, TetMesh};
 
 /// `n` cubes along each axis of a box from the origin to `extent`; inner nodes for which `moves`
 /// holds are shifted by up to `jitter` of a cube.
@@ -32,7 +32,7 @@ pub fn jittered_box<const D: usize, M: Simplices<D>>(
     for i in 0..posts.iter().product() {
         let at = place(i, posts);
         let inside = (0..D).all(|c| at[c] > 0 && at[c] < n[c]);
-        let x: [f64; D] = std::array::from_fn(|c| at[c] as f64 / n[c] as f64 * extent[c]);
+        let x: [f64; D] = std::array::from_fn(|c| at[c] as f64 * extent[c] / n[c] as f64);
         let shift = if inside && moves(x) { jitter } else { 0.0 };
         nodes.push(std::array::from_fn(|c| {
             x[c] + shift * noise() * extent[c] / n[c] as f64
@@ -68,6 +68,11 @@ pub fn jittered_box<const D: usize, M: Simplices<D>>(
         }
     }
     M::from_parts(nodes, corners)
+}
+
+/// `n` cubes along each axis, each of side `size`, from the origin.
+pub fn kuhn_box(n: [usize; 3], size: f64) -> TetMesh {
+    jittered_box(n, n.map(|n| size * n as f64), 0.0, |_| false)
 }
 
 /// Bits for the faces whose nodes all are on a surface.

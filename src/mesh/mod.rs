@@ -36,8 +36,6 @@ pub mod poly;
 mod poly_columns;
 pub(crate) mod poly_from;
 pub mod quality;
-#[cfg(test)]
-pub(crate) mod test_mesh;
 pub(crate) mod tri;
 pub mod voronoi;
 

@@ -152,7 +152,7 @@ mod tests {
     use super::super::graph::Graph;
     use super::super::poly::samples::two_cells;
     use super::*;
-    use crate::mesh::test_mesh::kuhn_box;
+    use crate::mesh::boxes::kuhn_box;
 
     #[test]
     fn tetrahedra_fill_the_box_as_polyhedra() {

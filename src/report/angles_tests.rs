@@ -2,7 +2,7 @@ use super::super::acute::Pair;
 use super::super::quality::quality;
 use super::*;
 use crate::mesh::Mesh;
-use crate::mesh::test_mesh::kuhn_box;
+use crate::mesh::boxes::kuhn_box;
 use crate::mesh::{TetMesh, TriMesh};
 
 /// Cubes along x and y; a few along z.

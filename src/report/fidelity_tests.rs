@@ -2,7 +2,7 @@ use super::*;
 use crate::image::synth::truth::{REACH, Truth};
 use crate::image::synth::{Kind, Options, make};
 use crate::mesh::TriMesh;
-use crate::mesh::test_mesh::kuhn_box;
+use crate::mesh::boxes::kuhn_box;
 use crate::mesh::tri::SIDES;
 
 /// Truth of a feature given by its closest point and normal.

@@ -79,7 +79,7 @@ pub(super) fn figures<const D: usize>(
 mod tests {
     use super::*;
     use crate::mesh::TetMesh;
-    use crate::mesh::test_mesh::kuhn_box;
+    use crate::mesh::boxes::kuhn_box;
 
     #[test]
     fn spacing_is_the_shortest_edge_over_the_nominal_distance() {

@@ -377,7 +377,7 @@ fn worst<const D: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::test_mesh::kuhn_box;
+    use crate::mesh::boxes::kuhn_box;
     use crate::mesh::{TetMesh, TriMesh};
 
     #[test]

@@ -387,8 +387,8 @@ fn bars(bins: &[u64]) -> String {
 mod tests {
     use super::super::*;
     use super::*;
+    use crate::mesh::boxes::kuhn_box;
     use crate::mesh::check::check;
-    use crate::mesh::test_mesh::kuhn_box;
     use crate::observer::Stage;
 
     fn full() -> Report {

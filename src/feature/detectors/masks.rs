@@ -29,6 +29,7 @@ const DEEP: f64 = 0.65;
 const SHARPEST: f32 = 1.0;
 /// Width (samples) of the Gaussian that takes the stairs off the roof.
 const STAIRS: f64 = 0.7;
+
 /// The mask that a volume of two values is, if its middle is what counts.
 pub struct Mask {
     /// The value of the samples in the minority.

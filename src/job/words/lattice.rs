@@ -9,6 +9,7 @@ use crate::job::Evaluator;
 use crate::job::asked::{
     Apart, BetaFrom, DistanceFrom, LatticeEnergy, LatticeJob, PlacementJob, Start, Wells,
 };
+use crate::job::params::DISTANCES;
 use crate::job::settings::{SeedingName, Settings};
 
 /// Atoms on Canny's points.
@@ -154,10 +155,10 @@ fn wells(said: &Said) -> Result<Option<Wells>> {
 }
 
 fn apart(settings: &Settings) -> Result<Apart> {
-    let (text, from) = match (&settings.distance, &settings.distance_from) {
-        (None, None) => return Ok(Apart::default()),
-        (text, from) => (text.as_deref().unwrap_or("2.7:8"), from.as_deref()),
-    };
+    let [least, most] = DISTANCES;
+    let by_default = format!("{least}:{most}");
+    let text = settings.distance.as_deref().unwrap_or(&by_default);
+    let from = settings.distance_from.as_deref();
     let range = text.split_once(':');
     let (min, max) = match range {
         None => (positive(text, text)?, None),

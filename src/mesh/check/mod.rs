@@ -286,8 +286,8 @@ impl<const D: usize> Sides<D> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mesh::boxes::kuhn_box;
     use crate::mesh::complex::NONE;
-    use crate::mesh::test_mesh::kuhn_box;
     use crate::mesh::{Simplices, TetMesh};
 
     /// The unit cube as six tetrahedra.

@@ -165,8 +165,8 @@ fn fill<const D: usize>(
 mod tests {
     use super::*;
     use crate::mesh::Simplices;
+    use crate::mesh::boxes::kuhn_box;
     use crate::mesh::poly::samples::two_cells;
-    use crate::mesh::test_mesh::kuhn_box;
 
     #[test]
     fn every_sample_of_two_boxes_has_its_cell() {

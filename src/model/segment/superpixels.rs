@@ -68,9 +68,9 @@ mod tests {
     use super::*;
     use crate::image::Geometry;
     use crate::mesh::TriMesh;
+    use crate::mesh::boxes::kuhn_box;
     use crate::mesh::poly::PolyMesh;
     use crate::mesh::poly::samples::two_cells;
-    use crate::mesh::test_mesh::kuhn_box;
     use crate::model::reservoir::sample::{Mean, Places, sample};
 
     /// The image of a function of the index.

@@ -93,7 +93,6 @@ impl Placing {
         self,
         image: &Image<D>,
         params: &Params<D>,
-        alignment: Alignment,
         features: &Features<D>,
         frame: &Frame<D>,
         stages: &mut Stages<'_>,
@@ -106,39 +105,65 @@ impl Placing {
             Self::Canny => stages.unless_stopped(Stage::Placing, |patience| {
                 canny::placed(image, params, features, frame, patience)
             }),
-            Self::Lattice => lattice(image, params, alignment, features, frame, stages),
+            Self::Lattice => {
+                let distance = apart(image, params, features, frame, stages)?;
+                let fixed = fixed(&distance, Alignment::On, frame)?;
+                lattice(params, distance, &fixed, features, frame, stages)
+            }
         }
     }
 }
 
-/// Seeds a lattice and moves it.
-fn lattice<const D: usize>(
+/// The nominal distance between atoms, also at wells.
+pub(super) fn apart<const D: usize>(
     image: &Image<D>,
     params: &Params<D>,
+    features: &Features<D>,
+    frame: &Frame<D>,
+    stages: &mut Stages<'_>,
+) -> Result<Distance<D>> {
+    let (extent, ways) = (frame.extent, &frame.ways);
+    stages.unless_stopped(Stage::Placing, |patience| {
+        let distance = varying(image, params, features, frame.step, patience)?;
+        patience.lasts(Stage::Placing)?;
+        match params.well_distance.filter(|_| !ways.is_empty()) {
+            Some(least) => wells::refined(distance, ways, least, GROWTH, extent, patience),
+            None => Ok(distance),
+        }
+    })
+}
+
+/// The atoms that never move: those given, and those of wells.
+pub(super) fn fixed<const D: usize>(
+    distance: &Distance<D>,
     alignment: Alignment,
+    frame: &Frame<D>,
+) -> Result<Vec<[f64; D]>> {
+    let mut fixed = frame.fixed.clone();
+    fixed.extend(wells::atoms(&frame.ways, distance, frame.extent, alignment)?);
+    Ok(fixed)
+}
+
+/// Seeds a lattice with atoms on features, and moves it.
+pub(super) fn lattice<const D: usize>(
+    params: &Params<D>,
+    distance: Distance<D>,
+    fixed: &[[f64; D]],
     features: &Features<D>,
     frame: &Frame<D>,
     stages: &mut Stages<'_>,
 ) -> Result<Placed<D>> {
-    let (extent, ways) = (frame.extent, &frame.ways);
-    let (mut atoms, distance) = stages.unless_stopped(Stage::Placing, |patience| {
-        let mut distance = varying(image, params, features, frame.step, patience)?;
-        patience.lasts(Stage::Placing)?;
-        if let Some(least) = params.well_distance.filter(|_| !ways.is_empty()) {
-            distance = wells::refined(distance, ways, least, GROWTH, extent, patience)?;
-        }
-        let mut fixed = frame.fixed.clone();
-        fixed.extend(wells::atoms(ways, &distance, extent, alignment)?);
-        let atoms = seeding::seed(
+    let alignment = Alignment::On;
+    let mut atoms = stages.unless_stopped(Stage::Placing, |patience| {
+        seeding::seed(
             params.seeding,
-            extent,
+            frame.extent,
             &distance,
-            &fixed,
+            fixed,
             alignment,
             Some(&features.potential),
             patience,
-        )?;
-        Ok((atoms, distance))
+        )
     })?;
 
     stages.begin(Stage::Optimising);

@@ -149,20 +149,22 @@ where
     let features = stages.unless_stopped(Stage::Features, |patience| {
         feature::detect_while(image, &options, patience)
     })?;
-    let Placed {
-        atoms,
-        distance,
-        optimised,
-    } = placing.place(image, params, alignment, &features, &frame, &mut stages)?;
-
-    let scene = Scene {
-        extent,
-        features: &features,
-        distance: &distance,
-    };
-    let (made, mut report) = match params.cells {
-        CellKind::Simplices => simplices::made(atoms, &scene, image, params, &mut stages)?,
-        CellKind::Voronoi => cells::made(atoms, &scene, image, params, &mut stages)?,
+    let (made, mut report, distance, optimised) = match params.cells {
+        CellKind::Simplices => {
+            let Placed {
+                atoms,
+                distance,
+                optimised,
+            } = placing.place(image, params, &features, &frame, &mut stages)?;
+            let scene = Scene {
+                extent,
+                features: &features,
+                distance: &distance,
+            };
+            let (made, report) = simplices::made(atoms, &scene, image, params, &mut stages)?;
+            (made, report, distance, optimised)
+        }
+        CellKind::Voronoi => cells::made(image, params, &features, &frame, &mut stages)?,
     };
     if let (Some(lattice), Some(optimised)) = (&mut report.lattice, &optimised) {
         lattice.optimisation = Some(optimisation(optimised, lattice.atoms));

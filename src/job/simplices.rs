@@ -44,23 +44,14 @@ where
         min_dihedral,
         method: params.slivers,
     });
+    let joined = Space::<D>::join(atoms, scene, relaxation.as_ref(), options.as_ref(), stages)?;
+    let (joined, neighbors) = sealed(joined, scene, stages)?;
     let Joined {
         mut made,
-        neighbors,
-        mut improvement,
+        improvement,
         rival,
-    } = Space::<D>::join(atoms, scene, relaxation.as_ref(), options.as_ref(), stages)?;
-
-    let neighbors = match neighbors {
-        Some(neighbors) => neighbors,
-        None => neighbors_of(&made.mesh)?,
-    };
-    if let Some(improvement) = &mut improvement {
-        improvement.sealed = stages.patiently(|patience| {
-            let marks = &mut made.feature_faces;
-            close_holes(&made.mesh, &neighbors, scene, marks, patience)
-        });
-    }
+        ..
+    } = joined;
     stages.begin(Stage::Measuring);
     let claimed = improvement.is_some().then_some(&*made.feature_faces);
     let (dims, features) = (image.dims(), scene.features);
@@ -92,6 +83,34 @@ where
     };
     made.judged = judged;
     Ok((Made::Simplices(made), report))
+}
+
+/// Closes the holes of what was improved; gives the neighbours of cells besides.
+pub(super) fn sealed<const D: usize>(
+    mut joined: Joined<<Space<D> as Meshing<D>>::Mesh>,
+    scene: &Scene<'_, D>,
+    stages: &mut Stages<'_>,
+) -> Result<(Joined<<Space<D> as Meshing<D>>::Mesh>, Vec<u32>)>
+where
+    Space<D>: Meshing<D>,
+{
+    let Joined {
+        made,
+        neighbors,
+        improvement,
+        ..
+    } = &mut joined;
+    let neighbors = match neighbors.take() {
+        Some(neighbors) => neighbors,
+        None => neighbors_of(&made.mesh)?,
+    };
+    if let Some(improvement) = improvement {
+        improvement.sealed = stages.patiently(|patience| {
+            let marks = &mut made.feature_faces;
+            close_holes(&made.mesh, &neighbors, scene, marks, patience)
+        });
+    }
+    Ok((joined, neighbors))
 }
 
 /// How the triangles shall be smoothed, if they shall be.

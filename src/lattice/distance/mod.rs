@@ -48,6 +48,20 @@ impl<const D: usize> Distance<D> {
         }
     }
 
+    /// So many times the distance, everywhere.
+    pub fn times(&self, factor: f64) -> Self {
+        match self {
+            Self::Constant(d) => Self::Constant(d * factor),
+            Self::Field(field) => {
+                let samples = field.samples.iter().map(|&d| (f64::from(d) * factor) as f32);
+                Self::Field(Field {
+                    samples: samples.collect(),
+                    ..field.clone()
+                })
+            }
+        }
+    }
+
     /// The smallest d anywhere; NaN if any sample is NaN.
     pub fn min(&self) -> f64 {
         match self {

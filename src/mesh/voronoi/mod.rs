@@ -12,6 +12,7 @@
 
 mod assemble;
 mod centre;
+pub mod conform;
 mod mirror;
 mod needles;
 mod nodes;

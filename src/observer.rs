@@ -23,10 +23,6 @@ pub enum Stage {
     Placing,
     /// Atoms move onto features, or alongside.
     Optimising,
-    /// Atoms alongside features become pairs (Voronoi cells).
-    Pairing,
-    /// Voronoi cells are cut.
-    Cutting,
     /// Atoms are joined.
     Joining,
     /// A triangulation of the plane is smoothed under the weight of its image.
@@ -35,6 +31,10 @@ pub enum Stage {
     Comparing,
     /// Features are recovered and slivers removed.
     Improving,
+    /// Sites are put on either side of features, and atoms around them (Voronoi cells).
+    Conforming,
+    /// Voronoi cells are cut.
+    Cutting,
     /// The mesh is measured.
     Measuring,
     /// Files are written.
@@ -67,12 +67,12 @@ impl fmt::Display for Stage {
             Self::Features => "finding features",
             Self::Placing => "placing atoms",
             Self::Optimising => "moving atoms onto features",
-            Self::Pairing => "pairing atoms",
-            Self::Cutting => "cutting cells",
             Self::Joining => "joining atoms",
             Self::Smoothing => "smoothing",
             Self::Comparing => "removing slivers the other way",
             Self::Improving => "removing slivers",
+            Self::Conforming => "putting sites beside features",
+            Self::Cutting => "cutting cells",
             Self::Measuring => "measuring the mesh",
             Self::Writing => "writing",
             Self::FeaturesEverywhere => "finding features everywhere",
@@ -120,7 +120,7 @@ pub struct Progress {
 /// | asked for | gives |
 /// |---|---|
 /// | before atoms move ([`Stage::Reading`] to [`Stage::Placing`]) | [`Error::Interrupted`] |
-/// | while they move ([`Stage::Optimising`], [`Stage::Pairing`]) | the best lattice so far, joined and improved |
+/// | while they move ([`Stage::Optimising`], [`Stage::Conforming`]) | the best lattice so far, joined and improved |
 /// | while the mesh is smoothed or improved | the mesh as far as it has come: valid, with more slivers or edges across features |
 /// | while it is measured | the mesh, with those figures that were found by then; whether it is valid may be missing, too |
 /// | in an edit | [`Error::Interrupted`]: the mesh stays as it was |

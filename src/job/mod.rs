@@ -12,7 +12,7 @@
 //! - `simplices`: atoms at rest become tetrahedra or triangles
 //! - `join`: how atoms become simplices, which differs in the plane and in space
 //! - `cells`: how they become Voronoi cells
-//! - `pairs`: atoms in pairs on either side of a feature
+//! - `even`: cells more alike
 //! - `measure`: the figures of either
 //! - `horizons`: which faces lie on horizons
 //!
@@ -22,12 +22,12 @@
 pub mod asked;
 mod canny;
 pub(crate) mod cells;
+mod even;
 mod frame;
 pub(crate) mod horizons;
 mod join;
 mod measure;
 mod optimise;
-mod pairs;
 mod params;
 mod place;
 mod run;

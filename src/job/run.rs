@@ -164,7 +164,11 @@ where
             let (made, report) = simplices::made(atoms, &scene, image, params, &mut stages)?;
             (made, report, distance, optimised)
         }
-        CellKind::Voronoi => cells::made(image, params, &features, &frame, &mut stages)?,
+        CellKind::Voronoi => {
+            let cells = cells::made(image, params, &features, &frame, &mut stages)?;
+            let (made, report, distance, rest) = cells;
+            (made, report, distance, Some(rest))
+        }
     };
     if let (Some(lattice), Some(optimised)) = (&mut report.lattice, &optimised) {
         lattice.optimisation = Some(optimisation(optimised, lattice.atoms));

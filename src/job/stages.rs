@@ -318,7 +318,7 @@ mod tests {
             (Features, 100),
             (Placing, 100),
             (Optimising, 5),
-            (Pairing, 1),
+            (Conforming, 1),
             (Measuring, 100),
         ];
         stopped(&disc(), &cells, &stages);

@@ -4,7 +4,8 @@ use serde::Serialize;
 
 use super::Lattice;
 use crate::mesh::check::Check;
-use crate::mesh::graph::Graph;
+use crate::geometry::{norm, sub};
+use crate::mesh::graph::{Connection, Graph};
 
 /// Shares of the mean area below which faces are counted as tiny.
 pub const TINY: [f64; 4] = [1e-6, 1e-4, 1e-3, 1e-2];
@@ -22,6 +23,16 @@ pub struct Voronoi {
     pub on_feature: usize,
     /// Volume (area in the plane) of the smallest and the largest cell over the mean.
     pub volumes: [f64; 2],
+    /// The volumes of neighbours over one another, the larger first: the worst, and what one connection
+    /// in a thousand exceeds.
+    pub volume_ratio: [f64; 2],
+    /// Number of cells over that of cubes of edge d that fill the same volume, where d is known.
+    pub cells_per_cube: Option<f64>,
+    /// The share of the features' surfaces whose triangles (edges in the plane) are faces of cells, where
+    /// that is known; elsewhere faces follow them as nearly as they do.
+    pub conforming: Option<f64>,
+    /// Length of the shortest connection over the mean.
+    pub shortest_connection: f64,
     /// Area of the smallest connection over the mean.
     pub smallest_face: f64,
     /// The share of connections smaller than 1e-6, 1e-4, 1e-3 and 1e-2 of the mean area.
@@ -59,6 +70,19 @@ pub fn voronoi<const D: usize>(check: Check, graph: &Graph<D>, physical: &Graph<
         }
         [worst, if all > 0.0 { sum / all } else { 0.0 }]
     };
+    let mut ratios: Vec<f64> = (graph.connections.iter())
+        .map(|c| {
+            let [v, w] = c.cells.map(|c| graph.volume[c as usize]);
+            v.max(w) / v.min(w)
+        })
+        .collect();
+    ratios.sort_by(|a, b| b.total_cmp(a));
+    let ratio = |place: usize| ratios.get(place).copied().unwrap_or(1.0);
+    let length = |c: &Connection<D>| {
+        let [a, b] = c.cells.map(|c| graph.site[c as usize]);
+        norm(sub(a, b))
+    };
+    let lengths = || graph.connections.iter().map(length);
     let positive = |d: f64| d > 0.0;
     Voronoi {
         kind: if D == 2 { "polygons" } else { "polyhedra" },
@@ -69,6 +93,10 @@ pub fn voronoi<const D: usize>(check: Check, graph: &Graph<D>, physical: &Graph<
             least(&mut graph.volume.iter().copied()) / volume,
             -least(&mut graph.volume.iter().map(|v| -v)) / volume,
         ],
+        volume_ratio: [ratio(0), ratio(count / 1000)],
+        cells_per_cube: None,
+        conforming: None,
+        shortest_connection: least(&mut lengths()) / mean(lengths().sum(), count),
         smallest_face: least(&mut graph.connections.iter().map(|c| c.area)) / area,
         tiny_faces: TINY.map(tiny),
         angle: angles(graph),

@@ -195,8 +195,19 @@ fn cells(line: &mut impl FnMut(&str, String), voronoi: &Voronoi) {
     let [smallest, largest] = voronoi.volumes;
     line(
         "cells",
-        format!("smallest {smallest:.2}, largest {largest:.2} of the mean volume"),
+        format!(
+            "smallest {smallest:.2}, largest {largest:.2} of the mean volume; neighbours up to \
+             {:.1} times as large, one in a thousand more than {:.1}",
+            voronoi.volume_ratio[0], voronoi.volume_ratio[1]
+        ),
     );
+    if let (Some(cells), Some(share)) = (voronoi.cells_per_cube, voronoi.conforming) {
+        let share = 100.0 * share;
+        line(
+            "",
+            format!("{cells:.2} for each d cubed; {share:.1} % of surfaces are faces exactly"),
+        );
+    }
     line(
         "faces",
         format!(
@@ -210,9 +221,9 @@ fn cells(line: &mut impl FnMut(&str, String), voronoi: &Voronoi) {
     line(
         "",
         format!(
-            "smallest {:.0e} of the mean area; below 1e-6 {a:.2} %, 1e-4 {b:.2} %, 1e-3 {c:.2} %, \
+            "shortest connection {:.2} of the mean; smallest face {:.0e} of the mean area, below 1e-6 {a:.2} %, 1e-4 {b:.2} %, 1e-3 {c:.2} %, \
              1e-2 {d:.1} %",
-            voronoi.smallest_face
+            voronoi.shortest_connection, voronoi.smallest_face
         ),
     );
     let angle = |[worst, mean]: [f64; 2]| format!("worst {worst:.1e}, mean {mean:.1e}");

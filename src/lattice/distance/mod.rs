@@ -48,15 +48,15 @@ impl<const D: usize> Distance<D> {
         }
     }
 
-    /// So many times the distance, everywhere.
-    pub fn times(&self, factor: f64) -> Self {
+    /// What a function makes of the distance, everywhere.
+    pub fn map(&self, make: impl Fn(f64) -> f64) -> Self {
         match self {
-            Self::Constant(d) => Self::Constant(d * factor),
+            Self::Constant(d) => Self::Constant(make(*d)),
             Self::Field(field) => {
-                let samples = field.samples.iter().map(|&d| (f64::from(d) * factor) as f32);
+                let made = field.samples.iter().map(|&d| make(f64::from(d)) as f32);
                 Self::Field(Field {
-                    samples: samples.collect(),
-                    ..field.clone()
+                    samples: made.collect(),
+                    ..*field
                 })
             }
         }

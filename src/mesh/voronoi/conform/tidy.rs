@@ -1,209 +1,184 @@
-//! Surfaces with better triangles: flips, collapses and tangential smoothing.
+//! Surfaces with triangles nearer to equilateral: edges are flipped, nodes slide along the surface.
 
-use super::balls::env;
-use super::surface::Surface;
-use crate::geometry::{add_scaled, cross, dot, in_space, norm, sub, unit};
+use super::surface::{Ridge, Surface};
+use crate::geometry::{add_scaled, cross, dot, in_space, norm, normal, sub, unit};
 use crate::mesh::complex::NONE;
 
+/// Facets whose normals agree this much (cosine) are of one smooth surface.
+const FLAT: f64 = 0.85;
+/// A facet turns by no more than this (cosine) when a node slides.
+const TURN: f64 = 0.9;
+/// Ridges that go on this straight (cosine) are one line.
+const STRAIGHT: f64 = 0.8;
+/// Rounds of flips and slides.
+const ROUNDS: usize = 4;
+/// More flips than any surface needs: so many for each edge.
+const FLIPS: usize = 20;
+
 impl<const D: usize> Surface<D> {
-    /// Which nodes are inside of one surface: not at rims, lines or sides of the box.
-    fn inner(&self, extent: [f64; D]) -> Vec<bool> {
-        let mut inner: Vec<bool> = (0..self.nodes.len() as u32).map(|n| self.sides(n, extent) == 0).collect();
-        for (ridge, facets) in self.ridges() {
-            let sharp = facets.len() != 2 || {
-                let n = [facets[0], facets[1]].map(|f| self.up(f as usize));
-                dot(n[0], n[1]).abs() < 0.85
-            };
-            if sharp {
-                ridge.iter().filter(|&&n| n != NONE).for_each(|&n| inner[n as usize] = false);
-            }
-        }
-        inner
-    }
-
-    /// For each node in a chain of sharp ridges (of a rim, a line, a border) the two next to it; the
-    /// directions in which nodes may move.
-    pub(super) fn ways(&self, extent: [f64; D]) -> Vec<Vec<[f64; D]>> {
-        let mut ways = vec![Vec::new(); self.nodes.len()];
-        if D != 3 { return ways; }
-        let inner = self.inner(extent);
-        let chains = self.chains(extent);
-        let stars = self.stars();
-        for n in 0..self.nodes.len() {
-            if let Some([a, b]) = chains[n] {
-                ways[n].push(unit(sub(self.nodes[b as usize], self.nodes[a as usize])));
-            } else if inner[n] {
-                let mut normal = [0.0; 3];
-                for &f in stars.get(n) {
-                    let x = self.corners(f as usize).map(in_space);
-                    let v = cross(sub(x[1], x[0]), sub(x[2], x[0]));
-                    normal = add_scaled(normal, if dot(v, normal) < 0.0 { -1.0 } else { 1.0 }, v);
-                }
-                let normal = unit(normal);
-                let axis = (0..3).min_by(|&i, &j| normal[i].abs().total_cmp(&normal[j].abs())).unwrap_or(0);
-                let mut e = [0.0; 3];
-                e[axis] = 1.0;
-                let u = unit(cross(normal, e));
-                let v = cross(normal, u);
-                for w in [u, v] { ways[n].push(std::array::from_fn(|k| w[k])); }
-            }
-        }
-        ways
-    }
-
-    fn chains(&self, extent: [f64; D]) -> Vec<Option<[u32; 2]>> {
-        // Class of each sharp ridge: sides and number of facets.
-        let mut at: Vec<Vec<(u32, (u8, usize))>> = vec![Vec::new(); self.nodes.len()];
-        for (ridge, facets) in self.ridges() {
-            let side = self.sides(ridge[0], extent) & self.sides(ridge[1], extent);
-            let sharp = facets.len() != 2 || {
-                let n = [facets[0], facets[1]].map(|f| self.up(f as usize));
-                dot(n[0], n[1]).abs() < 0.85
-            };
-            if sharp {
-                at[ridge[0] as usize].push((ridge[1], (side, facets.len())));
-                at[ridge[1] as usize].push((ridge[0], (side, facets.len())));
-            }
-        }
-        (0..self.nodes.len()).map(|n| match at[n][..] {
-            [(a, x), (b, y)] if x == y && self.sides(n as u32, extent) == x.0 => {
-                let [p, q] = [a, b].map(|m| unit(sub(in_space(self.nodes[m as usize]), in_space(self.nodes[n]))));
-                (dot(p, q) < -0.8).then_some([a, b])
-            }
-            _ => None,
-        }).collect()
-    }
-
-    fn up(&self, f: usize) -> [f64; 3] {
-        let x = self.corners(f).map(in_space);
-        unit(cross(sub(x[1], x[0]), sub(x[D - 1], x[0])))
-    }
-
+    /// Flips edges and lets nodes slide. Lines where surfaces meet or end, and those in the sides of the
+    /// box `[0, extent]`, stay where they are; nodes slide along them.
     pub fn tidy(&mut self, extent: [f64; D]) {
-        if D != 3 { return; }
-        for _ in 0..env("TIDY", 4.0) as usize {
+        if D != 3 {
+            return;
+        }
+        for _ in 0..ROUNDS {
             self.flip();
-            let short = env("SHORT", 0.55);
-            if short > 0.0 { self.collapse(extent, short); self.flip(); }
-            self.smooth(extent);
+            self.slide(extent);
         }
         self.flip();
     }
 
-    fn smooth(&mut self, extent: [f64; D]) {
-        let inner = self.inner(extent);
-        let stars = self.stars();
-        for (n, chain) in self.chains(extent).into_iter().enumerate() {
-            let Some([a, b]) = chain else { continue };
-            let [p, q] = [a, b].map(|m| self.nodes[m as usize]);
-            let t = unit(sub(q, p));
-            let x = self.nodes[n];
-            let middle: [f64; D] = std::array::from_fn(|k| 0.5 * (p[k] + q[k]));
-            self.nodes[n] = add_scaled(x, dot(sub(middle, x), t), t);
-        }
-        for n in 0..self.nodes.len() {
-            if !inner[n] { continue; }
-            let here = in_space(self.nodes[n]);
-            let star = stars.get(n);
-            // Normal, and the mean of the facets' centres by area.
-            let (mut normal, mut sum, mut weight) = ([0.0; 3], [0.0; 3], 0.0);
-            let mut first = None;
-            for &f in star {
-                let x = self.corners(f as usize).map(in_space);
-                let mut v = cross(sub(x[1], x[0]), sub(x[2], x[0]));
-                let against = *first.get_or_insert(v);
-                if dot(v, against) < 0.0 { v = v.map(|c| -c); }
-                normal = add_scaled(normal, 1.0, v);
-                let area = norm(v);
-                let centre: [f64; 3] = std::array::from_fn(|k| (x[0][k] + x[1][k] + x[2][k]) / 3.0);
-                sum = add_scaled(sum, area, centre);
-                weight += area;
-            }
-            if weight <= 0.0 { continue; }
-            let normal = unit(normal);
-            let step = sub(sum.map(|c| c / weight), here);
-            let step = add_scaled(step, -dot(step, normal), normal);
-            let before: Vec<[f64; 3]> = star.iter().map(|&f| self.up(f as usize)).collect();
-            let old = self.nodes[n];
-            let worst = |s: &Self| star.iter().map(|&f| s.shape(f as usize)).fold(f64::INFINITY, f64::min);
-            let was = worst(self);
-            for share in [1.0, 0.5] {
-                self.nodes[n] = std::array::from_fn(|k| here[k] + share * step[k]);
-                let kept = star.iter().zip(&before).all(|(&f, b)| dot(self.up(f as usize), *b) > 0.9);
-                if kept && worst(self) > was { break; }
-                self.nodes[n] = old;
-            }
-        }
-    }
-
-    /// 1 for an equilateral triangle, 0 for a flat one.
-    fn shape(&self, f: usize) -> f64 {
-        let x = self.corners(f).map(in_space);
-        let [u, v, w] = [sub(x[1], x[0]), sub(x[2], x[1]), sub(x[0], x[2])];
-        2.0 * 3f64.sqrt() * norm(cross(u, v)) / (dot(u, u) + dot(v, v) + dot(w, w))
-    }
-
-    fn collapse(&mut self, extent: [f64; D], short: f64) {
-        let inner = self.inner(extent);
-        let sizes = self.sizes();
-        let ridges: Vec<[u32; 2]> = self.ridges().into_iter().filter(|r| r.1.len() == 2).map(|r| r.0).collect();
-        let mut touched = vec![false; self.nodes.len()];
-        let mut gone = vec![false; self.facets.len()];
-        let mut stars: Vec<Vec<u32>> = vec![Vec::new(); self.nodes.len()];
-        for (f, facet) in self.facets.iter().enumerate() {
-            facet.iter().for_each(|&n| stars[n as usize].push(f as u32));
-        }
-        for [p, q] in ridges {
-            let [pu, qu] = [p as usize, q as usize];
-            if touched[pu] || touched[qu] { continue; }
-            let length = norm(sub(self.nodes[pu], self.nodes[qu]));
-            if length > short * 0.5 * (sizes[pu] + sizes[qu]) { continue; }
-            // The one that goes must be inside.
-            let (go, stay) = match (inner[pu], inner[qu]) { (true, _) => (pu, qu), (_, true) => (qu, pu), _ => continue };
-            let both: Vec<u32> = stars[go].iter().copied().filter(|&f| self.facets[f as usize].contains(&(stay as u32))).collect();
-            let rest: Vec<u32> = stars[go].iter().copied().filter(|f| !both.contains(f)).collect();
-            let common = {
-                let of = |n: usize| { let mut v: Vec<u32> = stars[n].iter().flat_map(|&f| self.facets[f as usize]).collect(); v.sort_unstable(); v.dedup(); v };
-                let b = of(stay);
-                of(go).into_iter().filter(|n| b.binary_search(n).is_ok()).count()
+    /// Flips edges between facets that are nearly in one plane until the two angles opposite each sum up to
+    /// at most 180 degrees, so that no node is within the circle round another facet.
+    fn flip(&mut self) {
+        let mut ridges = self.ridges();
+        let mut queue: Vec<Ridge> = ridges.keys().rev().copied().collect();
+        // Where angles are nearly right, rounding must not lead to and fro for ever.
+        let mut left = FLIPS * queue.len();
+        while let Some(ridge) = queue.pop().filter(|_| left > 0) {
+            let Some(&[f, g]) = ridges.get(&ridge).map(|f| &f[..]) else {
+                continue;
             };
-            if both.len() != 2 || common != 4 { continue; }
-            let old = self.nodes[go];
-            let up: Vec<[f64; 3]> = rest.iter().map(|&f| self.up(f as usize)).collect();
-            let to = if inner[stay] && inner[go] { std::array::from_fn(|k| 0.5 * (self.nodes[go][k] + self.nodes[stay][k])) } else { self.nodes[stay] };
-            let old_stay = self.nodes[stay];
-            let rest_stay: Vec<u32> = stars[stay].iter().copied().filter(|f| !both.contains(f)).collect();
-            let up_stay: Vec<[f64; 3]> = rest_stay.iter().map(|&f| self.up(f as usize)).collect();
-            self.nodes[go] = to;
-            self.nodes[stay] = to;
-            let fine = rest.iter().zip(&up).chain(rest_stay.iter().zip(&up_stay)).all(|(&f, u)| dot(self.up(f as usize), *u) > 0.9 && self.shape(f as usize) > 0.3);
-            if !fine {
-                self.nodes[go] = old;
-                self.nodes[stay] = old_stay;
+            let Some((across, new)) = self.flipped(ridge, [f, g]) else {
+                continue;
+            };
+            if ridges.contains_key(&across) {
                 continue;
             }
-            for &f in &both { gone[f as usize] = true; }
-            for &f in &rest {
-                for n in &mut self.facets[f as usize] { if *n as usize == go { *n = stay as u32; } }
+            left -= 1;
+            for (old, new) in [f, g].into_iter().zip(new) {
+                for ridge in self.ridges_of(old as usize) {
+                    if let Some(facets) = ridges.get_mut(&ridge) {
+                        facets.retain(|&t| t != old);
+                    }
+                }
+                self.facets[old as usize] = new;
             }
-            for &f in both.iter().chain(&rest).chain(&rest_stay) { for n in self.facets[f as usize] { touched[n as usize] = true; } }
-            touched[go] = true;
+            ridges.remove(&ridge);
+            for facet in [f, g] {
+                for ridge in self.ridges_of(facet as usize) {
+                    ridges.entry(ridge).or_default().push(facet);
+                    queue.push(ridge);
+                }
+            }
         }
-        let mut left = gone.iter();
-        self.facets.retain(|_| left.next().is_some_and(|g| !*g));
-        self.drop_unused();
     }
 
-    fn drop_unused(&mut self) {
-        let mut number = vec![NONE; self.nodes.len()];
-        let mut nodes = Vec::new();
-        for facet in &mut self.facets {
-            for n in facet {
-                let to = &mut number[*n as usize];
-                if *to == NONE { *to = nodes.len() as u32; nodes.push(self.nodes[*n as usize]); }
-                *n = *to;
+    /// The other diagonal of two triangles and the two that it makes, if these are better.
+    fn flipped(&self, ridge: Ridge, facets: [u32; 2]) -> Option<(Ridge, [[u32; D]; 2])> {
+        let at = |n: u32| in_space(self.nodes[n as usize]);
+        let nodes = self.facets[facets[0] as usize];
+        let k = (0..D).find(|&k| !ridge.contains(&nodes[k]))?;
+        let (a, p, q) = (nodes[k], nodes[(k + 1) % D], nodes[(k + 2) % D]);
+        let other = &self.facets[facets[1] as usize];
+        let b = *other.iter().find(|n| !ridge.contains(n))?;
+        let cotangent = |apex: u32| {
+            let [u, v] = [p, q].map(|n| sub(at(n), at(apex)));
+            dot(u, v) / norm(cross(u, v)).max(f64::MIN_POSITIVE)
+        };
+        if cotangent(a) + cotangent(b) > -1e-6 {
+            return None;
+        }
+        let up = |t: [u32; 3]| unit(cross(sub(at(t[1]), at(t[0])), sub(at(t[2]), at(t[0]))));
+        let old = [[p, q, a], [q, p, b]].map(up);
+        let new = [[p, b, a], [q, a, b]];
+        let level = |n: [f64; 3]| old.iter().all(|&o| dot(o, n) > FLAT);
+        let better = level(old[0]) && new.iter().all(|&t| level(up(t)));
+        better.then(|| ([a.min(b), a.max(b)], new.map(|t| std::array::from_fn(|k| t[k]))))
+    }
+
+    /// Moves every node once, lines first: to the middle between the two next on its line, or to the mean of
+    /// the facets round it, but along the surface only and if the worst of these facets gets better.
+    fn slide(&mut self, extent: [f64; D]) {
+        let sharp = self.sharp();
+        for (n, ends) in self.next_on_lines(&sharp, extent).into_iter().enumerate() {
+            if let Some(ends) = ends {
+                let [p, q] = ends.map(|m| self.nodes[m as usize]);
+                let along = unit(sub(q, p));
+                let x = self.nodes[n];
+                let middle = add_scaled(p, 0.5, sub(q, p));
+                self.nodes[n] = add_scaled(x, dot(sub(middle, x), along), along);
             }
         }
-        self.nodes = nodes;
+        let mut held: Vec<bool> = (0..self.nodes.len() as u32)
+            .map(|n| self.sides(n, extent) != 0)
+            .collect();
+        for n in sharp.iter().flat_map(|(ridge, _)| ridge) {
+            if *n != NONE {
+                held[*n as usize] = true;
+            }
+        }
+        let stars = self.stars();
+        for n in (0..self.nodes.len()).filter(|&n| !held[n]) {
+            let star = stars.get(n);
+            let (mut up, mut sum, mut weight) = ([0.0; D], [0.0; D], 0.0);
+            for &f in star {
+                let x = self.corners(f as usize);
+                let n = normal(&x);
+                up = add_scaled(up, if dot(n, up) < 0.0 { -1.0 } else { 1.0 }, n);
+                let area = norm(n);
+                x.iter().for_each(|&x| sum = add_scaled(sum, area / D as f64, x));
+                weight += area;
+            }
+            if weight <= 0.0 {
+                continue;
+            }
+            let (up, here) = (unit(up), self.nodes[n]);
+            let step = sub(sum.map(|c| c / weight), here);
+            let step = add_scaled(step, -dot(step, up), up);
+            let before: Vec<[f64; D]> = star.iter().map(|&f| self.up(f as usize)).collect();
+            let worst = |surface: &Self| {
+                let shapes = star.iter().map(|&f| surface.roundness(f as usize));
+                shapes.fold(f64::INFINITY, f64::min)
+            };
+            let was = worst(self);
+            for share in [1.0, 0.5] {
+                self.nodes[n] = add_scaled(here, share, step);
+                let mut turns = star.iter().zip(&before);
+                let level = turns.all(|(&f, before)| dot(self.up(f as usize), *before) > TURN);
+                if level && worst(self) > was {
+                    break;
+                }
+                self.nodes[n] = here;
+            }
+        }
+    }
+
+    /// 1 for an equilateral triangle, 0 for one without area.
+    fn roundness(&self, facet: usize) -> f64 {
+        let x = self.corners(facet);
+        let edges = [1, 2, 0].map(|k| sub(x[k], x[(k + 2) % D]));
+        let squares: f64 = edges.iter().map(|&e| dot(e, e)).sum();
+        4.0 * 3f64.sqrt() * norm(normal(&x)) / squares.max(f64::MIN_POSITIVE)
+    }
+
+    /// The ridges at which surfaces meet, end or are folded, and how many facets each has.
+    fn sharp(&self) -> Vec<(Ridge, usize)> {
+        let ridges = self.ridges().into_iter();
+        let sharp = ridges.filter(|(_, facets)| match facets[..] {
+            [f, g] => dot(self.up(f as usize), self.up(g as usize)).abs() < FLAT,
+            _ => true,
+        });
+        sharp.map(|(ridge, facets)| (ridge, facets.len())).collect()
+    }
+
+    /// For each node on a line that goes on evenly the two next to it: on the same sides of the box, and
+    /// where as many facets meet.
+    fn next_on_lines(&self, sharp: &[(Ridge, usize)], extent: [f64; D]) -> Vec<Option<[u32; 2]>> {
+        let mut at: Vec<Vec<(u32, (u8, usize))>> = vec![Vec::new(); self.nodes.len()];
+        for &([a, b], facets) in sharp {
+            let kind = (self.sides(a, extent) & self.sides(b, extent), facets);
+            at[a as usize].push((b, kind));
+            at[b as usize].push((a, kind));
+        }
+        let next = |n: usize| match at[n][..] {
+            [(a, kind), (b, other)] if kind == other && self.sides(n as u32, extent) == kind.0 => {
+                let ways = [a, b].map(|m| unit(sub(self.nodes[m as usize], self.nodes[n])));
+                (dot(ways[0], ways[1]) < -STRAIGHT).then_some([a, b])
+            }
+            _ => None,
+        };
+        (0..self.nodes.len()).map(next).collect()
     }
 }

@@ -117,7 +117,9 @@ fn voronoi_cells_are_stopped_in_every_stage() {
         cells: CellKind::Voronoi,
         ..spaced(6.0)
     };
-    let stages = [Features, Placing, Optimising, Joining, Improving, Conforming, Cutting, Measuring];
+    let stages = [
+        Features, Placing, Optimising, Joining, Improving, Conforming, Cutting, Measuring,
+    ];
     stopped_everywhere(&disc(), &params, &stages);
     if cfg!(feature = "tetgen") {
         let params = Params {

@@ -6,9 +6,7 @@ use rayon::prelude::*;
 use super::even::Even;
 use super::frame::Frame;
 use super::measure::measured;
-use super::{
-    BOX_TOLERANCE, Made, Marked, Meshing, Params, Scene, Space, Stages, place, simplices,
-};
+use super::{BOX_TOLERANCE, Made, Marked, Meshing, Params, Scene, Space, Stages, place, simplices};
 use crate::Result;
 use crate::feature::Features;
 use crate::image::{Geometry, Image};
@@ -34,6 +32,8 @@ const ROUNDS: usize = 2;
 /// The largest distance between the nodes of surfaces, in units of that between atoms: then cells beside
 /// surfaces, of which each node has two on either side, are as large as others.
 const COARSER: f64 = 1.5;
+/// How much of that where the distance is the same everywhere, and nothing tells where surfaces run close.
+const EVENLY: f64 = 0.5;
 
 /// The smallest angle of the mesh whose faces are surfaces, if slivers are left in.
 const ANGLE: f64 = 30.0;
@@ -122,7 +122,11 @@ where
     let shortest = extent.iter().copied().fold(f64::INFINITY, f64::min);
     let coarser = COARSER.min(0.5 * shortest / max);
     let distance = distance.map(|d| {
-        let share = if max > min { (d - min) / (max - min) } else { 1.0 };
+        let share = if max > min {
+            (d - min) / (max - min)
+        } else {
+            EVENLY
+        };
         d * (1.0 + share * (coarser - 1.0))
     });
     let placed = place::lattice(params, distance, &[], features, frame, stages)?;
@@ -286,4 +290,3 @@ pub fn to_world<const D: usize>(
         geometry.determinant() < 0.0,
     )
 }
-

@@ -74,7 +74,9 @@ impl<const D: usize> Even<'_, D> {
             kinds: staying.iter().map(|&i| kinds[i]).collect(),
         };
         atoms.positions.extend(fresh);
-        atoms.kinds.resize(atoms.positions.len(), AtomKind::Interior);
+        atoms
+            .kinds
+            .resize(atoms.positions.len(), AtomKind::Interior);
         *self.atoms = atoms;
     }
 
@@ -91,13 +93,18 @@ impl<const D: usize> Even<'_, D> {
             small[cells[0] as usize] |= w > SMALL_SITE * v;
             small[cells[1] as usize] |= v > SMALL_SITE * w;
         }
-        self.sites.give_up(|i| small[first + 2 * i] || small[first + 2 * i + 1]);
+        self.sites
+            .give_up(|i| small[first + 2 * i] || small[first + 2 * i + 1]);
         let areas: Vec<f64> = (0..inner).map(|f| mesh.face_shape(f).area()).collect();
         let tiny = TINY * areas.iter().sum::<f64>() / inner.max(1) as f64;
         let mut steps = vec![[0.0; D]; mesh.sites.len()];
         for f in (0..inner).filter(|&f| areas[f] < tiny) {
             let [a, b] = mesh.face_cells[f].map(|c| c as usize);
-            let by = if mesh.faces.get(f).len() > D { OPEN } else { -OPEN };
+            let by = if mesh.faces.get(f).len() > D {
+                OPEN
+            } else {
+                -OPEN
+            };
             let line = sub(mesh.sites[b], mesh.sites[a]);
             steps[a] = add_scaled(steps[a], by, line);
             steps[b] = add_scaled(steps[b], -by, line);
@@ -112,7 +119,10 @@ impl<const D: usize> Even<'_, D> {
 
     /// Whether an atom may move.
     fn is_free(&self, atom: usize) -> bool {
-        self.atoms.kinds.get(atom).is_some_and(|&kind| kind != AtomKind::Fixed)
+        self.atoms
+            .kinds
+            .get(atom)
+            .is_some_and(|&kind| kind != AtomKind::Fixed)
     }
 
     /// Places for more atoms: where cells meet far from their atoms, the farthest first.

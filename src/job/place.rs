@@ -140,7 +140,12 @@ pub(super) fn fixed<const D: usize>(
     frame: &Frame<D>,
 ) -> Result<Vec<[f64; D]>> {
     let mut fixed = frame.fixed.clone();
-    fixed.extend(wells::atoms(&frame.ways, distance, frame.extent, alignment)?);
+    fixed.extend(wells::atoms(
+        &frame.ways,
+        distance,
+        frame.extent,
+        alignment,
+    )?);
     Ok(fixed)
 }
 

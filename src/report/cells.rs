@@ -3,8 +3,8 @@
 use serde::Serialize;
 
 use super::Lattice;
-use crate::mesh::check::Check;
 use crate::geometry::{norm, sub};
+use crate::mesh::check::Check;
 use crate::mesh::graph::{Connection, Graph};
 
 /// Shares of the mean area below which faces are counted as tiny.

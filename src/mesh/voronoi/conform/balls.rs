@@ -17,6 +17,11 @@ const LOW: f64 = 0.08;
 const WIDE: f64 = 0.9;
 /// No facet makes balls larger than this circle round it would (the square, in units of the edges).
 const ROUND: f64 = 0.45;
+/// Points shall be outside of balls by this difference of squares, in units of the edges: where two are hardly
+/// parted by a ball, one will have to go ...
+const MARGIN: f64 = 0.08;
+/// ... but that is this much of a fault only.
+const NEARLY: f64 = 0.3;
 /// Rounds in which sizes and radii become those of their neighbourhood.
 const SMOOTH: usize = 2;
 /// Rounds in which radii grow where spheres do not meet.
@@ -84,7 +89,7 @@ impl<const D: usize> Balls<D> {
     /// The two points of a facet, above and below it, if both are fit for sites: in no ball, inside the
     /// box, and not too near to the facet.
     pub fn points(&self, f: usize) -> Option<[[f64; D]; 2]> {
-        if self.fault(f) > 0.0 {
+        if self.deepest(f) > 0.0 {
             return None;
         }
         let (centre, square) = self.meeting(f)?;
@@ -125,7 +130,8 @@ impl<const D: usize> Balls<D> {
         let star = self.stars.get(n);
         let circle = |&f: &u32| {
             let met = meeting(&self.surface.corners(f as usize), &[0.0; D]);
-            met.map_or(f64::INFINITY, |(_, height)| -height).min(ROUND * square)
+            met.map_or(f64::INFINITY, |(_, height)| -height)
+                .min(ROUND * square)
         };
         let mean = star.iter().map(circle).sum::<f64>() / star.len().max(1) as f64;
         (mean + HIGH * HIGH * square).sqrt()
@@ -186,17 +192,28 @@ impl<const D: usize> Balls<D> {
         [height, -height].map(|h| add_scaled(centre, h, up))
     }
 
-    /// What is wrong with a facet: 0 if both of its points are fit for sites, else between 1 and 2.
+    /// What is wrong with a facet: between 1 and 2 if one of its points is not fit for a site, less if one
+    /// is but nearly covered.
     fn fault(&self, f: usize) -> f64 {
+        match self.deepest(f) {
+            depth if depth > 0.0 => 1.0 + depth.min(1.0),
+            depth if depth > -MARGIN => NEARLY * (1.0 + depth / MARGIN),
+            _ => 0.0,
+        }
+    }
+
+    /// How deep, at most, a point of a facet lies in a ball, as the difference of squares in units of the
+    /// edges; or how much it lacks of the least height and of that distance from the sides of the box.
+    fn deepest(&self, f: usize) -> f64 {
         let size = self.size(f);
         let Some((centre, square)) = self.meeting(f) else {
-            return 2.0;
+            return 1.0;
         };
         let lacks = (LOW * LOW - square / (size * size)).min(1.0);
         if lacks > 0.0 {
-            return 1.0 + lacks;
+            return lacks;
         }
-        let mut deepest = 0.0f64;
+        let mut deepest = -MARGIN;
         for x in self.above_and_below(f, centre, square) {
             for k in 0..D {
                 let out = (LOW * size - x[k]).max(x[k] - self.extent[k] + LOW * size);
@@ -208,10 +225,7 @@ impl<const D: usize> Balls<D> {
                 deepest = deepest.max(depth / (size * size));
             }
         }
-        match deepest > 0.0 {
-            true => 1.0 + deepest.min(1.0),
-            false => 0.0,
-        }
+        deepest
     }
 
     /// Changes radii, one after the other, as long as that takes faults away.
@@ -284,10 +298,7 @@ fn smoothed<const D: usize>(surface: &Surface<D>, mut values: Vec<f64>) -> Vec<f
 /// Where the spheres of a facet's nodes meet, given the squares of their radii: in two points, mirror
 /// images in the facet. Gives the point half-way, and the square of the height of the two above and below
 /// it, which is negative if they do not meet. `None` if the facet has no area.
-fn meeting<const D: usize>(
-    x: &[[f64; D]; D],
-    squares: &[f64; D],
-) -> Option<([f64; D], f64)> {
+fn meeting<const D: usize>(x: &[[f64; D]; D], squares: &[f64; D]) -> Option<([f64; D], f64)> {
     let u: [[f64; D]; D] = std::array::from_fn(|k| sub(x[k], x[0]));
     // (c - x0) . u_k = (|u_k|^2 + w_0 - w_k) / 2.
     let right: [f64; D] =

@@ -57,7 +57,8 @@ impl<'a, const D: usize> Facets<'a, D> {
     fn new(surface: &'a Surface<D>) -> Self {
         let middle = |f: usize| {
             let x = surface.corners(f);
-            x.iter().fold([0.0; D], |sum, &x| add_scaled(sum, 1.0 / D as f64, x))
+            x.iter()
+                .fold([0.0; D], |sum, &x| add_scaled(sum, 1.0 / D as f64, x))
         };
         let middles: Vec<[f64; D]> = (0..surface.facets.len()).map(middle).collect();
         let squares = middles.iter().enumerate().flat_map(|(f, middle)| {

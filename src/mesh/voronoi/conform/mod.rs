@@ -72,7 +72,10 @@ impl<const D: usize> Conforming<D> {
     /// The sites: for each of the [`facets`](Self::facets) that above and that below it, then those ahead
     /// of rims.
     pub fn sites(&self) -> Vec<[f64; D]> {
-        let points = self.facets.iter().filter_map(|&f| self.balls.points(f as usize));
+        let points = self
+            .facets
+            .iter()
+            .filter_map(|&f| self.balls.points(f as usize));
         let mut sites = points.flatten().collect();
         self.add_rims(&mut sites);
         sites
@@ -93,7 +96,8 @@ impl<const D: usize> Conforming<D> {
     /// [`facets`](Self::facets).
     pub fn give_up(&mut self, unfit: impl Fn(usize) -> bool) {
         let mut place = 0..;
-        self.facets.retain(|_| place.next().is_none_or(|i| !unfit(i)));
+        self.facets
+            .retain(|_| place.next().is_none_or(|i| !unfit(i)));
     }
 
     /// The facets whose points are fit for sites and apart from one another, the larger of two that are
@@ -150,7 +154,9 @@ impl<const D: usize> Conforming<D> {
             let [f] = facets[..] else { continue };
             let nodes = ridge.iter().filter(|&&n| n != NONE);
             let on_side = nodes.fold(u8::MAX, |s, &n| s & surface.sides(n, self.balls.extent()));
-            let opposite = surface.facets[f as usize].iter().position(|n| !ridge.contains(n));
+            let opposite = surface.facets[f as usize]
+                .iter()
+                .position(|n| !ridge.contains(n));
             if on_side != 0 || self.facets.binary_search(&f).is_err() {
                 continue;
             }

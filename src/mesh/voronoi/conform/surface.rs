@@ -70,8 +70,7 @@ impl<const D: usize> Surface<D> {
         for facet in &self.facets {
             for (i, &a) in facet.iter().enumerate() {
                 for &b in &facet[..i] {
-                    let length =
-                        distance2(&self.nodes[a as usize], &self.nodes[b as usize]).sqrt();
+                    let length = distance2(&self.nodes[a as usize], &self.nodes[b as usize]).sqrt();
                     for n in [a, b] {
                         sums[n as usize].0 += length;
                         sums[n as usize].1 += 1;
@@ -79,7 +78,9 @@ impl<const D: usize> Surface<D> {
                 }
             }
         }
-        sums.iter().map(|&(sum, count)| sum / count.max(1) as f64).collect()
+        sums.iter()
+            .map(|&(sum, count)| sum / count.max(1) as f64)
+            .collect()
     }
 
     /// The facets at each ridge.

@@ -85,7 +85,12 @@ impl<const D: usize> Surface<D> {
         let new = [[p, b, a], [q, a, b]];
         let level = |n: [f64; 3]| old.iter().all(|&o| dot(o, n) > FLAT);
         let better = level(old[0]) && new.iter().all(|&t| level(up(t)));
-        better.then(|| ([a.min(b), a.max(b)], new.map(|t| std::array::from_fn(|k| t[k]))))
+        better.then(|| {
+            (
+                [a.min(b), a.max(b)],
+                new.map(|t| std::array::from_fn(|k| t[k])),
+            )
+        })
     }
 
     /// Moves every node once, lines first: to the middle between the two next on its line, or to the mean of
@@ -118,7 +123,8 @@ impl<const D: usize> Surface<D> {
                 let n = normal(&x);
                 up = add_scaled(up, if dot(n, up) < 0.0 { -1.0 } else { 1.0 }, n);
                 let area = norm(n);
-                x.iter().for_each(|&x| sum = add_scaled(sum, area / D as f64, x));
+                x.iter()
+                    .for_each(|&x| sum = add_scaled(sum, area / D as f64, x));
                 weight += area;
             }
             if weight <= 0.0 {

@@ -1,7 +1,7 @@
 //! What atomesh makes of fault networks as real surveys have them: twenty random ones, each with faults
 //! that cross at 15 degrees and more, branch, run close and taper out. `make bench-networks`, or
-//! `cargo bench --bench networks [-- FIRST LAST]`; every figure beside its median over the seeds and its
-//! worst, with the seed that gave it.
+//! `cargo bench --bench networks [-- [voronoi] [FIRST LAST]]`; every figure beside its median over the seeds
+//! and its worst, with the seed that gave it. With `voronoi`, of Voronoi cells instead of tetrahedra.
 
 use std::path::Path;
 use std::process::Command;
@@ -11,7 +11,44 @@ use serde_json::Value;
 type Outcome<T> = Result<T, Box<dyn std::error::Error + Send + Sync>>;
 
 /// A figure of the reports: where it is, what to call it, and whether more is better.
-const FIGURES: [(&str, &str, bool); 7] = [
+type Figure = (&'static str, &'static str, bool);
+
+/// Those of Voronoi cells.
+const OF_CELLS: [Figure; 6] = [
+    (
+        "/fidelity/claimed/coverage_half",
+        "coverage within half a sample",
+        true,
+    ),
+    (
+        "/fidelity/claimed/coverage_one",
+        "coverage within one sample",
+        true,
+    ),
+    (
+        "/fidelity/claimed/precision",
+        "precision of faces on features",
+        true,
+    ),
+    (
+        "/voronoi/volume_ratio/0",
+        "neighbours' volumes, largest ratio",
+        false,
+    ),
+    (
+        "/voronoi/shortest_connection",
+        "shortest connection over the mean",
+        true,
+    ),
+    (
+        "/voronoi/tiny_faces/2",
+        "share of faces below 1e-3 of the mean",
+        false,
+    ),
+];
+
+/// Those of tetrahedra.
+const OF_TETRAHEDRA: [Figure; 7] = [
     (
         "/fidelity/on_feature/coverage_half",
         "coverage within half a sample",
@@ -55,11 +92,13 @@ fn main() -> Outcome<()> {
     if !arguments.iter().any(|a| a == "--bench") {
         return Ok(());
     }
+    let cells = arguments.iter().any(|a| a == "voronoi");
+    let sought: &[Figure] = if cells { &OF_CELLS } else { &OF_TETRAHEDRA };
     let mut seeds = arguments.iter().filter_map(|a| a.parse::<u32>().ok());
     let (first, last) = (seeds.next().unwrap_or(1), seeds.next().unwrap_or(20));
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("networks");
     std::fs::create_dir_all(&folder)?;
-    let mut figures: Vec<Vec<(f64, u32)>> = vec![Vec::new(); FIGURES.len()];
+    let mut figures: Vec<Vec<(f64, u32)>> = vec![Vec::new(); sought.len()];
     let mut by_gap: Vec<(String, f64, [f64; 2])> = Vec::new();
     for seed in first..=last {
         let number = seed.to_string();
@@ -74,10 +113,11 @@ fn main() -> Outcome<()> {
             &number,
         ];
         run(&folder, &synth)?;
-        let mesh = ["mesh", "n.npy", "-o", "n.vtu"];
+        let kind = if cells { "voronoi" } else { "tets" };
+        let mesh = ["mesh", "n.npy", "-o", "n.vtu", "--cells", kind];
         run(&folder, &mesh)?;
         let judged = run(&folder, &["quality", "n.vtu", "--truth", "t.npy", "--json"])?;
-        for (k, (place, _, _)) in FIGURES.iter().enumerate() {
+        for (k, (place, _, _)) in sought.iter().enumerate() {
             figures[k].push((
                 judged
                     .pointer(place)
@@ -105,7 +145,7 @@ fn main() -> Outcome<()> {
         eprintln!("seed {seed}: {}", line(&figures));
     }
     println!("| figure | median | worst | seed |\n|---|---|---|---|");
-    for ((_, name, more), values) in FIGURES.iter().zip(&mut figures) {
+    for ((_, name, more), values) in sought.iter().zip(&mut figures) {
         values.sort_by(|a, b| a.0.total_cmp(&b.0));
         let middle = values[values.len() / 2].0;
         let worst = if *more {

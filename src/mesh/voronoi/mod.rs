@@ -6,6 +6,7 @@
 //! - `nodes`: the nodes of cells
 //! - `needles`: faces narrower than rounding, which are none
 //! - `assemble`: faces with nodes, in order
+//! - [`conform`]: sites whose cells have the facets of a surface for faces
 //!
 //! The cells are the dual of the Delaunay triangulation of atoms and images: a node for every
 //! simplex (its centre), a face for every edge (square to it, half-way), a cell for every atom.

@@ -50,7 +50,7 @@ fn model(folder: &Path, mesh: &str, top: f64, k: &[f64]) -> Model {
     let tensor = Tensor::from_numbers(k).unwrap().scaled(MILLIDARCY);
     let model = &mut prepared.model;
     model
-        .set_permeability(Rock::uniform(tensor, 1.0), Faults::OPEN)
+        .set_permeability(Rock::uniform(tensor, 1.0))
         .unwrap();
     prepared.model
 }

@@ -63,7 +63,8 @@ fn model(folder: &Path, mesh: &str, top: f64, k: &[f64], faults: Faults) -> Mode
     let mut prepared = Prepared::new(file, mesh, &placement).unwrap();
     let tensor = Tensor::from_numbers(k).unwrap().scaled(MILLIDARCY);
     let rock = Rock::uniform(tensor, 1.0);
-    prepared.model.set_permeability(rock, faults).unwrap();
+    prepared.model.set_faults(&faults.into()).unwrap();
+    prepared.model.set_permeability(rock).unwrap();
     prepared.model
 }
 

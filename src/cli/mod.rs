@@ -4,6 +4,7 @@
 //! - [`verbs`]: one a file, its arguments and its run
 //! - [`common`]: what verbs share
 //! - [`job`]: the files of a job of `mesh`
+//! - [`faults`]: how faults resist flow
 //! - [`parse`]: the small grammars inside option values
 //! - [`provenance`]: the hash of the input
 //! - [`rock`]: porosity, permeability and the like from numbers, tables and images
@@ -13,6 +14,7 @@
 pub mod args;
 pub mod common;
 pub mod console;
+pub mod faults;
 pub mod interrupts;
 pub mod job;
 pub mod parse;

@@ -24,16 +24,30 @@ pub enum Content {
     Properties,
     /// How faults resist flow: transmissibilities.
     Faults,
+    /// Faults that nothing crosses.
+    ClosedFaults,
+    /// How faults resist flow, also where no permeability is known.
+    BareFaults,
     /// Wells.
     Wells,
     /// What fills the pores.
     Fluid,
-    /// The pressure at first, and gravity, which it follows from.
+    /// The pressure at first.
     Pressure,
+    /// Fluids without weight.
+    Gravity,
     /// The time that a simulation covers.
     Duration,
     /// The number of cells along each axis of a grid that the model is resampled on.
     Grid,
+}
+
+impl Content {
+    /// Whether it is of a simulation, not of the rock.
+    pub fn is_of_a_case(self) -> bool {
+        use Content::{Duration, Fluid, Gravity, Pressure, Wells};
+        matches!(self, Wells | Fluid | Pressure | Gravity | Duration)
+    }
 }
 
 impl std::fmt::Display for Content {
@@ -44,9 +58,12 @@ impl std::fmt::Display for Content {
             Self::Regions => "regions of cells",
             Self::Properties => "properties of cells",
             Self::Faults => "fault multipliers",
+            Self::ClosedFaults => "closed faults",
+            Self::BareFaults => "faults without permeability",
             Self::Wells => "wells",
             Self::Fluid => "fluids",
-            Self::Pressure => "pressure or gravity",
+            Self::Pressure => "pressure",
+            Self::Gravity => "fluids without weight",
             Self::Duration => "simulation time",
             Self::Grid => "grid of a chosen size",
         })
@@ -89,9 +106,11 @@ pub const FORMATS: &[Format] = &[
             Content::Permeability,
             Content::Properties,
             Content::Faults,
+            Content::ClosedFaults,
             Content::Wells,
             Content::Fluid,
             Content::Pressure,
+            Content::Gravity,
             Content::Duration,
         ],
         write: opm::write,
@@ -108,6 +127,8 @@ pub const FORMATS: &[Format] = &[
             Content::Porosity,
             Content::Permeability,
             Content::Properties,
+            Content::ClosedFaults,
+            Content::BareFaults,
         ],
         write: openfoam::write,
     },
@@ -123,6 +144,9 @@ pub const FORMATS: &[Format] = &[
             Content::Porosity,
             Content::Permeability,
             Content::Properties,
+            Content::Faults,
+            Content::ClosedFaults,
+            Content::BareFaults,
         ],
         write: pflotran::write,
     },
@@ -138,6 +162,9 @@ pub const FORMATS: &[Format] = &[
             Content::Porosity,
             Content::Permeability,
             Content::Properties,
+            Content::Faults,
+            Content::ClosedFaults,
+            Content::BareFaults,
         ],
         write: tough::write,
     },
@@ -154,8 +181,10 @@ pub const FORMATS: &[Format] = &[
             Content::Permeability,
             Content::Properties,
             Content::Faults,
+            Content::ClosedFaults,
             Content::Wells,
             Content::Pressure,
+            Content::Gravity,
             Content::Duration,
         ],
         write: disv::write,
@@ -173,6 +202,7 @@ pub const FORMATS: &[Format] = &[
             Content::Permeability,
             Content::Properties,
             Content::Faults,
+            Content::ClosedFaults,
         ],
         write: mrst::write,
     },
@@ -203,7 +233,12 @@ pub const FORMATS: &[Format] = &[
             Content::Porosity,
             Content::Permeability,
             Content::Faults,
+            Content::ClosedFaults,
             Content::Grid,
+            Content::Wells,
+            Content::Fluid,
+            Content::Pressure,
+            Content::Duration,
         ],
         write: grdecl::write,
     },
@@ -235,6 +270,7 @@ pub const FORMATS: &[Format] = &[
             Content::Permeability,
             Content::Properties,
             Content::Faults,
+            Content::ClosedFaults,
         ],
         write: darts::write,
     },
@@ -373,6 +409,11 @@ impl Format {
             format!("the format {} holds no {content}", self.name),
             format!("omit it, or export to {}", able.join(", ")),
         )))
+    }
+
+    /// Whether it is complete without rock, but has no place then for what happens in a simulation.
+    pub fn case_needs_rock(&self) -> bool {
+        self.name == "grdecl"
     }
 
     /// The twin of a file.

@@ -7,15 +7,16 @@ use clap::builder::{PossibleValue, PossibleValuesParser};
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
-use super::flow::{check_thickness, faults};
 use crate::cli::common::output::shown;
 use crate::cli::console::Console;
+use crate::cli::faults::FaultOptions;
 use crate::cli::parse::{bad, number, point};
 use crate::cli::rock::RockOptions;
 use crate::cli::wells::{WellFile, is_well_file};
 use crate::error::cause;
 use crate::export::{Content, FORMATS, Format};
 use crate::mesh::graph::Locator;
+use crate::model::flow::through::FaultLaws;
 use crate::model::reservoir::frame::metres;
 use crate::model::reservoir::{
     BAR, Case, Checks, Completion, Control, DAY, Down, Fluid, Model, Tracer, Trajectory, Well,
@@ -39,13 +40,9 @@ pub struct ExportArgs {
     /// What fills the cells.
     #[command(flatten, next_help_heading = "Rock")]
     pub rock: RockOptions,
-    /// How features resist flow across them: open, closed, or a factor, from 0 to 1, of the
-    /// transmissibility there [default: open]
-    #[arg(long, value_name = "HOW", help_heading = "Rock")]
-    pub faults: Option<String>,
-    /// Thickness (m) of the layer to which the factor of --faults applies [default: from cell to cell]
-    #[arg(long, value_name = "W", help_heading = "Rock")]
-    pub fault_thickness: Option<f64>,
+    /// How faults resist flow.
+    #[command(flatten, next_help_heading = "Faults")]
+    pub faults: FaultOptions,
     /// Columns along two axes, and layers, of a corner-point grid (grdecl) [default: as fine as the
     /// cells]
     #[arg(long, value_name = "NX,NY,NZ", help_heading = None)]
@@ -196,7 +193,7 @@ impl CaseOptions {
                 positive(option, value)?;
                 let called = format!("{option} {text}");
                 let tracer = tracer.get_or_init(|| Tracer::new(model));
-                let (own_name, radius, completions) = if is_well_file(place) {
+                let (own_name, radius, way, completions) = if is_well_file(place) {
                     along_file(place, called, tracer, prepared, console)?
                 } else {
                     let point = prepared.frame.to_model(point(option, place, remedy)?);
@@ -209,6 +206,7 @@ impl CaseOptions {
                     (
                         own_name,
                         radius,
+                        vec![point],
                         tracer.complete_cell(&called, cell, radius)?,
                     )
                 };
@@ -226,6 +224,7 @@ impl CaseOptions {
                     cells: completions.iter().map(|c| (c.cell, c.index)).collect(),
                     lengths: completions.iter().map(|c| c.length).collect(),
                     radius,
+                    way,
                     control: match letter {
                         'I' => Control::Inject(value / DAY),
                         _ => Control::Pressure(value * BAR),
@@ -253,14 +252,14 @@ impl CaseOptions {
     }
 }
 
-/// Name, radius at its first point, and completions of a well along the way in a file.
+/// Name, radius at its first point, way and completions of a well along the way in a file.
 fn along_file(
     path: &str,
     called: String,
     tracer: &Tracer,
     prepared: &Prepared,
     console: &Console,
-) -> Result<(String, f64, Vec<Completion>)> {
+) -> Result<(String, f64, Vec<[f64; 3]>, Vec<Completion>)> {
     let file = WellFile::<3>::read(Path::new(path), 2)?;
     let frame = &prepared.frame;
     let points = file.points.iter();
@@ -279,7 +278,7 @@ fn along_file(
             "{path}: {inside:.2} of the well's {all:.2} m lie in the mesh"
         ));
     }
-    Ok((file.name, way.radii[0], completions))
+    Ok((file.name, way.radii[0], way.points, completions))
 }
 
 /// Three numbers of cells.
@@ -314,7 +313,7 @@ fn refuse(option: &str, problem: &str) -> Error {
 
 impl ExportArgs {
     /// No option is typed that the format, or what else is typed, leaves without effect.
-    fn check_options(&self, format: &Format) -> Result<()> {
+    fn check_options(&self, format: &Format, laws: &FaultLaws) -> Result<()> {
         let (rock, case) = (&self.rock, &self.case);
         let typed = [
             ("--porosity", rock.porosity.is_some(), Content::Porosity),
@@ -325,7 +324,6 @@ impl ExportArgs {
                 Content::Permeability,
             ),
             ("--property", !rock.property.is_empty(), Content::Properties),
-            ("--faults", self.faults.is_some(), Content::Faults),
             ("--injector", !case.injector.is_empty(), Content::Wells),
             ("--producer", !case.producer.is_empty(), Content::Wells),
             ("--well-radius", case.well_radius.is_some(), Content::Wells),
@@ -335,18 +333,33 @@ impl ExportArgs {
                 case.pressure_at_top.is_some(),
                 Content::Pressure,
             ),
-            ("--no-gravity", case.no_gravity, Content::Pressure),
+            ("--no-gravity", case.no_gravity, Content::Gravity),
             ("--days", case.days.is_some(), Content::Duration),
             ("--grid", self.grid.is_some(), Content::Grid),
         ];
         for (option, _, content) in typed.iter().filter(|typed| typed.1) {
             format.check_holds(*content, option)?;
         }
-        check_thickness(
-            self.fault_thickness,
-            self.faults.as_deref().unwrap_or("open"),
-            false,
-        )?;
+        if let Some(option) = self.faults.typed() {
+            let content = match laws.any_between() {
+                true => Content::Faults,
+                false => Content::ClosedFaults,
+            };
+            format.check_holds(content, option)?;
+        }
+        let has_rock = rock.permeability.is_some() && rock.porosity.is_some();
+        if let Some((option, ..)) = typed
+            .iter()
+            .find(|typed| typed.1 && typed.2.is_of_a_case())
+            .filter(|_| !has_rock && format.case_needs_rock())
+        {
+            let problem = format!(
+                "is of a deck, and {} writes one only for a known rock",
+                format.name
+            );
+            let remedy = "give --porosity and --permeability, or omit it";
+            return Err(Error::Job(cause(*option, problem, remedy)));
+        }
         if rock.permeability.is_none() {
             if rock.permeability_unit.is_some() {
                 return Err(refuse(
@@ -354,10 +367,12 @@ impl ExportArgs {
                     "is given without a permeability",
                 ));
             }
-            if self.faults.is_some() {
+            if let Some(option) = self.faults.typed()
+                && !format.holds.contains(&Content::BareFaults)
+            {
                 let problem =
                     "changes the transmissibility of faults, but no permeability is given";
-                return Err(refuse("--faults", problem));
+                return Err(refuse(option, problem));
             }
         }
         let wells = case.injector.iter().chain(&case.producer);
@@ -379,11 +394,8 @@ impl ExportArgs {
 pub fn export(args: &ExportArgs, console: &mut Console) -> Result<()> {
     let format = Format::named(&args.to)?;
     let placement = args.space.placement()?;
-    let faults = faults(
-        args.faults.as_deref().unwrap_or("open"),
-        args.fault_thickness,
-    )?;
-    args.check_options(format)?;
+    let laws = args.faults.laws("open")?;
+    args.check_options(format, &laws)?;
     format.check_target(&args.output)?;
     let inputs = [Some(args.output.clone()), format.twin_of(&args.output)];
     if inputs
@@ -418,11 +430,14 @@ pub fn export(args: &ExportArgs, console: &mut Console) -> Result<()> {
         ));
     }
     console.begin_stage("filling cells");
+    prepared.model.set_faults(&laws)?;
     if let Some(rock) = args.rock.fill(&mut prepared, console)? {
-        prepared.model.set_permeability(rock, faults)?;
+        prepared.model.set_permeability(rock)?;
     }
     if !(args.case.injector.is_empty() && args.case.producer.is_empty()) || format.depth {
         prepared.model.case = args.case.case(&prepared, console)?;
+        let idle = prepared.model.idle_producers();
+        idle.iter().for_each(|note| console.note(note));
     }
     prepared.model.grid = args.grid.as_deref().map(grid).transpose()?;
     console.begin_stage("checking");

@@ -15,6 +15,8 @@ use crate::model::reservoir::Model;
 
 type Out<'a> = &'a mut std::io::BufWriter<std::fs::File>;
 
+/// Characters of a number: the most that is read.
+const WIDTH: usize = 20;
 /// Numbers in a line of a set.
 const IN_LINE: usize = 16;
 /// The local nodes of faces S1 to S4, from 0 on.
@@ -36,8 +38,11 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         writeln!(out, "*NODE, NSET=NALL")?;
         write_items(out, mesh.nodes.len(), |text, i| {
             let [x, y, z] = mesh.nodes[i];
-            let text = text.int(i + 1).word(", ").real(x).word(", ");
-            text.real(y).word(", ").real(z).end();
+            text.int(i + 1);
+            for x in [x, y, z] {
+                text.word(", ").real_within(x, WIDTH);
+            }
+            text.end();
         })?;
         writeln!(out, "*ELEMENT, TYPE={kind}, ELSET=EALL")?;
         write_items(out, mesh.len(), |text, t| {

@@ -1,6 +1,9 @@
 //! PFLOTRAN's explicit unstructured grid: `CELLS` at their sites, `CONNECTIONS` at the points where
 //! lines between sites meet the faces. Beside it a file `NAME-xmin.ex` for each side of the box, with
 //! its faces, for boundary conditions.
+//!
+//! PFLOTRAN knows no multipliers, but areas: what a fault lets through is a share of its face, and a closed
+//! one is no connection.
 
 use std::io::Write;
 use std::path::Path;
@@ -24,11 +27,13 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             let text = text.int(c + 1).point(graph.site[c]);
             text.and_real(graph.volume[c]).end();
         })?;
-        writeln!(out, "CONNECTIONS {}", graph.connections.len())?;
-        write_items(out, graph.connections.len(), |text, i| {
-            let c = &graph.connections[i];
+        let open = model.open_connections();
+        writeln!(out, "CONNECTIONS {}", open.len())?;
+        write_items(out, open.len(), |text, i| {
+            let (i, factor) = open[i];
+            let c = &graph.connections[i as usize];
             let text = text.int(c.cells[0] + 1).and_int(c.cells[1] + 1);
-            text.point(c.point).and_real(c.area).end();
+            text.point(c.point).and_real(factor * c.area).end();
         })
     })?;
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();

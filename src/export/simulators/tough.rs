@@ -1,4 +1,7 @@
 //! TOUGH2's file MESH: fixed columns, ten characters a number.
+//!
+//! It knows no multipliers, but areas: what a fault lets through is a share of its face, and a closed one is
+//! no connection.
 
 use std::io::Write;
 use std::path::Path;
@@ -47,15 +50,17 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             text.end();
         })?;
         writeln!(out, "\nCONNE")?;
-        write_items(out, graph.connections.len(), |text, i| {
-            let c = &graph.connections[i];
+        let open = model.open_connections();
+        write_items(out, open.len(), |text, i| {
+            let (i, factor) = open[i];
+            let c = &graph.connections[i as usize];
             let [a, b] = c.cells.map(|cell| name(cell as usize));
             let (axis, beta) = direction(c, &graph.site);
             text.word(ascii(&a))
                 .word(ascii(&b))
                 .word("                   ");
             text.int(axis);
-            for value in [c.distance[0], c.distance[1], c.area, beta] {
+            for value in [c.distance[0], c.distance[1], factor * c.area, beta] {
                 text.word(ascii(&ten(value)));
             }
             text.end();

@@ -66,7 +66,7 @@ impl MeshFile<()> {
 /// A value that belongs to the whole mesh.
 #[derive(Debug, Clone, PartialEq)]
 pub enum FieldValue {
-    /// Text; without zero characters.
+    /// Text; a file has the bytes of its UTF-8, since readers (meshio) stumble over VTK's own strings.
     Text(String),
     /// Real numbers.
     F64s(Vec<f64>),
@@ -150,7 +150,7 @@ pub(super) fn begin_piece<'a, const D: usize>(
         document.open("FieldData", &[]);
         for (name, value) in fields {
             document.array(match value {
-                FieldValue::Text(text) => Source::text(name, text),
+                FieldValue::Text(text) => Source::slice(name, 1, text.as_bytes()),
                 FieldValue::F64s(numbers) => Source::slice(name, 1, numbers),
                 FieldValue::Ints(numbers) => Source::slice(name, 1, numbers),
             });
@@ -320,6 +320,7 @@ pub(super) fn read_fields(file: &VtkFile) -> Result<Vec<(String, FieldValue)>> {
                 name,
                 match file.array(array)?.values {
                     Values::F64(v) => FieldValue::F64s(v),
+                    Values::U8(v) => FieldValue::Text(String::from_utf8_lossy(&v).into_owned()),
                     v @ Values::F32(_) => FieldValue::F64s(v.to_f64()),
                     v => FieldValue::Ints(v.to_i64()),
                 },

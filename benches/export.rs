@@ -9,7 +9,7 @@ use atomesh::Result;
 use atomesh::export::FORMATS;
 use atomesh::mesh::poly::PolyMesh;
 use atomesh::mesh::{delaunay, voronoi};
-use atomesh::model::flow::{Faults, Rock, Tensor};
+use atomesh::model::flow::{Rock, Tensor};
 use atomesh::model::reservoir::Model;
 use atomesh::report::cost::{cpu_seconds, peak_mb};
 

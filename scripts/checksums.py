@@ -115,7 +115,7 @@ def hashes_of_vtk(data, name):
         if section == "FieldData" and element.get("type") == "String" and values[:1] in (b"{", b"["):
             lines.extend(hashes_of_json(values.rstrip(b"\0"), line))
             return
-        shape = [element.get(key) for key in ("type", "NumberOfComponents", "NumberOfTuples")]
+        shape = [element.get("type"), element.get("NumberOfComponents", "1"), element.get("NumberOfTuples")]
         lines.append((line, sha(repr(shape).encode() + values)))
 
     visit(root, None)

@@ -48,28 +48,16 @@ impl FaultOptions {
     pub fn laws(&self, usual: &str) -> Result<FaultLaws> {
         let how = self.faults.as_deref().unwrap_or(usual);
         if self.barriers.is_some() && how == "open" {
-            let problem = format!(
-                "selects surfaces that resist flow, but --faults {how} lets it through"
-            );
+            let problem =
+                format!("selects surfaces that resist flow, but --faults {how} lets it through");
             return Err(Error::Job(cause("--barriers", problem, "omit it")));
         }
         let thickness = self.fault_thickness;
         check_thickness(thickness, how, !self.fault_multiplier.is_empty())?;
         let law = faults(how, thickness)?;
-        let standing = match self.barriers.as_deref().unwrap_or("faults") {
-            "faults" => Standing::Faults,
-            "horizons" => Standing::Horizons,
-            "all" => Standing::All,
-            text => {
-                let numbers = text.split(',').map(|word| word.trim().parse());
-                let numbers = numbers
-                    .collect::<std::result::Result<_, _>>()
-                    .map_err(|_| {
-                        let remedy = "give faults, horizons, all, or numbers such as 1,4";
-                        bad("--barriers", text, "does not say which surfaces", remedy)
-                    })?;
-                Standing::Numbered(numbers)
-            }
+        let standing = match self.barriers.as_deref() {
+            Some(text) => standing("--barriers", text)?,
+            None => Standing::Faults,
         };
         let mut own: Vec<(u32, Faults)> = Vec::new();
         for text in &self.fault_multiplier {
@@ -151,4 +139,23 @@ fn multipliers(text: &str, thickness: Option<f64>) -> Result<Vec<(String, u32, F
     })?;
     let law = Faults::new(number(option, factor, remedy)?, thickness)?;
     Ok(vec![(format!("{option} {text}"), fault, law)])
+}
+
+/// Which surfaces are meant: `faults`, `horizons`, `all`, or their numbers.
+pub fn standing(option: &str, text: &str) -> Result<Standing> {
+    Ok(match text {
+        "faults" => Standing::Faults,
+        "horizons" => Standing::Horizons,
+        "all" => Standing::All,
+        text => {
+            let numbers = text.split(',').map(|word| word.trim().parse());
+            let numbers = numbers
+                .collect::<std::result::Result<_, _>>()
+                .map_err(|_| {
+                    let remedy = "give faults, horizons, all, or numbers such as 1,4";
+                    bad(option, text, "does not say which surfaces", remedy)
+                })?;
+            Standing::Numbered(numbers)
+        }
+    })
 }

@@ -40,6 +40,10 @@ pub enum Content {
     Duration,
     /// The number of cells along each axis of a grid that the model is resampled on.
     Grid,
+    /// Nodes doubled along surfaces.
+    Split,
+    /// Elements with nodes in the middle of their edges.
+    Quadratic,
 }
 
 impl Content {
@@ -66,6 +70,8 @@ impl std::fmt::Display for Content {
             Self::Gravity => "fluids without weight",
             Self::Duration => "simulation time",
             Self::Grid => "grid of a chosen size",
+            Self::Split => "meshes split along surfaces",
+            Self::Quadratic => "quadratic elements",
         })
     }
 }
@@ -218,6 +224,7 @@ pub const FORMATS: &[Format] = &[
             Content::Porosity,
             Content::Permeability,
             Content::Properties,
+            Content::Split,
         ],
         write: geos::write,
     },
@@ -281,7 +288,7 @@ pub const FORMATS: &[Format] = &[
         twin: false,
         any_cells: false,
         depth: false,
-        holds: &[Content::Regions],
+        holds: &[Content::Regions, Content::Split, Content::Quadratic],
         write: msh::write_4,
     },
     Format {
@@ -291,7 +298,7 @@ pub const FORMATS: &[Format] = &[
         twin: false,
         any_cells: false,
         depth: false,
-        holds: &[Content::Regions],
+        holds: &[Content::Regions, Content::Split, Content::Quadratic],
         write: msh::write_2,
     },
     Format {
@@ -301,7 +308,7 @@ pub const FORMATS: &[Format] = &[
         twin: false,
         any_cells: false,
         depth: false,
-        holds: &[Content::Regions],
+        holds: &[Content::Regions, Content::Split, Content::Quadratic],
         write: inp::write,
     },
     Format {

@@ -245,11 +245,13 @@ impl Typed<'_> {
                 console.begin_stage("grouping faces into faults");
                 barriers(stored, &marks, laws)
             }
-            None if self.args.faults.faults.is_some() || !laws.own.is_empty() => Err(Error::Flow(cause(
-                place,
-                "does not say which of its faces lie on features",
-                "give a mesh that atomesh mesh wrote, or --faults open",
-            ))),
+            None if self.args.faults.faults.is_some() || !laws.own.is_empty() => {
+                Err(Error::Flow(cause(
+                    place,
+                    "does not say which of its faces lie on features",
+                    "give a mesh that atomesh mesh wrote, or --faults open",
+                )))
+            }
             None => {
                 console.note(format_args!(
                     "{place} does not say which faces lie on features: no faults"

@@ -55,7 +55,12 @@ pub(crate) fn check(model: &Model, porosity: &[f64]) -> Result<()> {
 }
 
 /// A keyword with a number for each cell.
-pub(crate) fn array(out: Out, name: &str, cells: usize, value: impl Fn(usize) -> f64 + Sync) -> Done {
+pub(crate) fn array(
+    out: Out,
+    name: &str,
+    cells: usize,
+    value: impl Fn(usize) -> f64 + Sync,
+) -> Done {
     writeln!(out, "{name}")?;
     write_numbers(out, cells, value)?;
     writeln!(out, "/\n")
@@ -133,7 +138,11 @@ fn wells(out: Out, case: &Case, open: &[Vec<Opening>]) -> Done {
     }
     writeln!(out, "/\nCOMPDAT")?;
     for (Well { name, radius, .. }, open) in all() {
-        for Opening { cell: [i, j, k], index } in open {
+        for Opening {
+            cell: [i, j, k],
+            index,
+        } in open
+        {
             let (factor, width) = (TRANSMISSIBILITY * index, 2.0 * radius);
             writeln!(out, " {name} {i} {j} {k} {k} OPEN 1* {factor} {width} /")?;
         }

@@ -7,12 +7,14 @@
 //! - `check`: what is looked at before anything is written
 //! - `trajectory`: wells through cells
 //! - `completion`: well indices
+//! - `sides`: the two sides of surfaces, and meshes torn along them
 
 pub(crate) mod check;
 pub(crate) mod completion;
 pub(crate) mod frame;
 pub(crate) mod prepared;
 pub(crate) mod sample;
+pub(crate) mod sides;
 pub(crate) mod trajectory;
 
 pub use prepared::{Placement, Prepared};
@@ -26,7 +28,7 @@ use crate::mesh::TetMesh;
 use crate::mesh::graph::Graph;
 use crate::mesh::poly::PolyMesh;
 use crate::model::flow::through::FaultLaws;
-use crate::model::flow::{Barriers, CellFlow, Rock};
+use crate::model::flow::{Barriers, CellFlow, Rock, Split};
 use crate::model::surface::Kind;
 use crate::{Error, Result};
 
@@ -58,6 +60,10 @@ pub struct Model {
     pub mesh: PolyMesh<3>,
     /// The same cells as tetrahedra, if that is what they are.
     pub tets: Option<TetMesh>,
+    /// Whether simplices shall have nodes in the middle of their edges.
+    pub quadratic: bool,
+    /// The tetrahedra torn along surfaces, if they shall be.
+    pub torn: Option<Split>,
     /// Of a layer of prisms on triangles, those: of the first half of the mesh's nodes.
     pub triangles: Option<Vec<[u32; 3]>>,
     /// Cells and connections.
@@ -294,8 +300,9 @@ impl Model {
             let Control::Pressure(own) = well.control else {
                 return None;
             };
-            let deepest = well.cells.iter().map(|c| self.depth(c.0 as usize));
-            let around = self.initial_pressure(deepest.fold(top, f64::max), top);
+            // The pressure of a well is that at its first cell.
+            let depth = self.depth(well.cells.first()?.0 as usize);
+            let around = self.initial_pressure(depth, top);
             (own >= around).then(|| {
                 format!(
                     "producer {}: its pressure of {} bar is not below the {:.2} bar that the rock has there at first: nothing flows into it until an injector raises that",

@@ -11,7 +11,7 @@ use crate::error::Result;
 use crate::files::Batch;
 use crate::files::vtk::xml::Element;
 use crate::files::vtk::{DataArray, Document, Source, Values, VtkFile};
-use crate::mesh::poly::PolyMesh;
+use crate::mesh::poly::{Lists, PolyMesh};
 use crate::mesh::{Mesh, Simplices, TetMesh, TriMesh};
 
 /// A mesh and everything that is stored with it.
@@ -134,6 +134,48 @@ pub fn add_vtu<const D: usize, M: Simplices<D>>(
         }));
     }
     document.array(Source::computed("types", 1, cells, |_| M::VTK_CELL));
+    batch.write(path, |out| document.write(out))
+}
+
+/// Cells of several kinds, for other programs.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct MixedCells {
+    /// The nodes of each cell.
+    pub corners: Lists,
+    /// VTK's number of each cell's kind.
+    pub kinds: Vec<u8>,
+}
+
+impl MixedCells {
+    /// Puts a cell behind the others.
+    pub fn push(&mut self, kind: u8, corners: impl IntoIterator<Item = u32>) {
+        self.corners.push(corners);
+        self.kinds.push(kind);
+    }
+}
+
+/// Adds a file of such cells to those that belong together.
+///
+/// # Errors
+/// As [`write_vtu`].
+pub fn add_mixed_vtu(
+    batch: &mut Batch,
+    path: &Path,
+    nodes: &[[f64; 3]],
+    cells: &MixedCells,
+    point_data: &[DataArray],
+    cell_data: &[DataArray],
+) -> Result<()> {
+    check_lengths(path, point_data, nodes.len(), "nodes")?;
+    check_lengths(path, cell_data, cells.kinds.len(), "cells")?;
+    let mut document = Document::new("UnstructuredGrid", &[]);
+    let [points, arrays]: [Vec<_>; 2] = [point_data, cell_data].map(|a| a.iter().collect());
+    let count = cells.kinds.len();
+    begin_piece(&mut document, &[], nodes, count, &points, &arrays);
+    document.open("Cells", &[]);
+    document.array(integers("connectivity", &cells.corners.items));
+    document.array(integers("offsets", &cells.corners.offsets[1..]));
+    document.array(Source::slice("types", 1, &cells.kinds));
     batch.write(path, |out| document.write(out))
 }
 

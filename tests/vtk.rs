@@ -149,7 +149,7 @@ print(json.dumps({
         };
         assert_eq!(found["kinds"], serde_json::json!([kind]));
         assert_eq!(found["cells"], found["regions"]);
-        assert!(found["points"].as_u64().unwrap() > 100 && found["cells"].as_u64().unwrap() > 50);
+        assert!(found["points"].as_u64().unwrap() > 40 && found["cells"].as_u64().unwrap() > 20);
         let parameters = found["parameters"].as_str().unwrap();
         assert!(parameters.contains("distance = \"8\""), "{parameters}");
         assert_eq!((&found["sha"], &found["units"]), (&64.into(), &",,".into()));

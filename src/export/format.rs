@@ -40,6 +40,8 @@ pub enum Content {
     Duration,
     /// The number of cells along each axis of a grid that the model is resampled on.
     Grid,
+    /// The names of faces: sides, surfaces, interfaces of regions.
+    Names,
     /// Nodes doubled along surfaces.
     Split,
     /// Elements with nodes in the middle of their edges.
@@ -70,6 +72,7 @@ impl std::fmt::Display for Content {
             Self::Gravity => "fluids without weight",
             Self::Duration => "simulation time",
             Self::Grid => "grid of a chosen size",
+            Self::Names => "names of faces",
             Self::Split => "meshes split along surfaces",
             Self::Quadratic => "quadratic elements",
         })
@@ -129,6 +132,7 @@ pub const FORMATS: &[Format] = &[
         any_cells: true,
         depth: false,
         holds: &[
+            Content::Names,
             Content::Regions,
             Content::Porosity,
             Content::Permeability,
@@ -203,6 +207,7 @@ pub const FORMATS: &[Format] = &[
         any_cells: true,
         depth: true,
         holds: &[
+            Content::Names,
             Content::Regions,
             Content::Porosity,
             Content::Permeability,
@@ -220,6 +225,7 @@ pub const FORMATS: &[Format] = &[
         any_cells: true,
         depth: false,
         holds: &[
+            Content::Names,
             Content::Regions,
             Content::Porosity,
             Content::Permeability,
@@ -236,6 +242,7 @@ pub const FORMATS: &[Format] = &[
         any_cells: true,
         depth: true,
         holds: &[
+            Content::Names,
             Content::Regions,
             Content::Porosity,
             Content::Permeability,
@@ -257,6 +264,7 @@ pub const FORMATS: &[Format] = &[
         any_cells: true,
         depth: true,
         holds: &[
+            Content::Names,
             Content::Regions,
             Content::Porosity,
             Content::Permeability,
@@ -288,7 +296,12 @@ pub const FORMATS: &[Format] = &[
         twin: false,
         any_cells: false,
         depth: false,
-        holds: &[Content::Regions, Content::Split, Content::Quadratic],
+        holds: &[
+            Content::Names,
+            Content::Regions,
+            Content::Split,
+            Content::Quadratic,
+        ],
         write: msh::write_4,
     },
     Format {
@@ -298,7 +311,12 @@ pub const FORMATS: &[Format] = &[
         twin: false,
         any_cells: false,
         depth: false,
-        holds: &[Content::Regions, Content::Split, Content::Quadratic],
+        holds: &[
+            Content::Names,
+            Content::Regions,
+            Content::Split,
+            Content::Quadratic,
+        ],
         write: msh::write_2,
     },
     Format {
@@ -308,7 +326,12 @@ pub const FORMATS: &[Format] = &[
         twin: false,
         any_cells: false,
         depth: false,
-        holds: &[Content::Regions, Content::Split, Content::Quadratic],
+        holds: &[
+            Content::Names,
+            Content::Regions,
+            Content::Split,
+            Content::Quadratic,
+        ],
         write: inp::write,
     },
     Format {
@@ -318,7 +341,7 @@ pub const FORMATS: &[Format] = &[
         twin: false,
         any_cells: false,
         depth: false,
-        holds: &[Content::Regions],
+        holds: &[Content::Names, Content::Regions],
         write: medit::write,
     },
     Format {
@@ -328,7 +351,7 @@ pub const FORMATS: &[Format] = &[
         twin: false,
         any_cells: false,
         depth: false,
-        holds: &[Content::Regions],
+        holds: &[Content::Names, Content::Regions],
         write: tetgen::write,
     },
     Format {
@@ -338,7 +361,7 @@ pub const FORMATS: &[Format] = &[
         twin: false,
         any_cells: true,
         depth: false,
-        holds: &[],
+        holds: &[Content::Names],
         write: stl::write,
     },
     Format {
@@ -348,7 +371,7 @@ pub const FORMATS: &[Format] = &[
         twin: false,
         any_cells: true,
         depth: false,
-        holds: &[],
+        holds: &[Content::Names],
         write: stl::write_obj,
     },
 ];

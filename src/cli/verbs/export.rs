@@ -192,7 +192,11 @@ pub fn export(args: &ExportArgs, console: &mut Console) -> Result<()> {
             "is for 2-D meshes, but the mesh is 3-D",
         ));
     }
-    let mut prepared = Prepared::new(mesh, &place, &placement)?;
+    let names = format.holds.contains(&Content::Names);
+    let mut prepared = match names || split.is_some() || args.faults.typed().is_some() {
+        true => Prepared::new(mesh, &place, &placement)?,
+        false => Prepared::without_surfaces(mesh, &place, &placement)?,
+    };
     if format.depth {
         check_depth(&prepared.model, &args.space)?;
     }

@@ -16,6 +16,7 @@ use super::walk::Walk;
 use super::{faults, wells};
 use crate::Result;
 use crate::export::containers::text::{Text, write_items, write_numbers};
+use crate::export::meshers::groups::shift_of_regions;
 use crate::export::simulators::deck::{self, Done, Opening, Out};
 use crate::files::Batch;
 use crate::model::reservoir::{BAR, Fluid, MILLIDARCY, Model};
@@ -124,14 +125,14 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     let ending = path.extension().unwrap_or_default().to_string_lossy();
     let regions = path.with_file_name(format!("{stem}-regions.{ending}"));
-    let least = graph.region.iter().min().copied().unwrap_or(0);
+    let shift = shift_of_regions(model);
     batch.write(&regions, |out| {
         writeln!(out, "FIPNUM")?;
         whole_numbers(out, cells, |at| {
             // The region with most of the cell.
             let regions = cell(at).regions.iter();
             let most = regions.max_by(|a, b| a.1.total_cmp(&b.1));
-            most.map_or(1, |(region, _)| i64::from(*region) - i64::from(least) + 1)
+            most.map_or(1, |(region, _)| i64::from(*region) + shift)
         })
     })?;
     let (Some(porosity), Some(_)) = (&model.porosity, &model.permeability) else {

@@ -115,6 +115,12 @@ pub fn regions(model: &Model) -> Vec<i32> {
     regions
 }
 
+/// What is added to regions where numbers begin with 1: nothing if they do.
+pub fn shift_of_regions(model: &Model) -> i64 {
+    let least = model.mesh.region.iter().min().copied().unwrap_or(1);
+    (1 - i64::from(least)).max(0)
+}
+
 /// A name of a region for formats that take letters, digits and _ only.
 pub fn region_name(region: i32) -> String {
     format!("region{region}").replace('-', "_")

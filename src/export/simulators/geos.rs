@@ -1,4 +1,4 @@
-//! A VTU for GEOS: `attribute` says the region of each cell (from 1 on), and rock has the names that
+//! A VTU for GEOS: `attribute` says the region of each cell (1 or more), and rock has the names that
 //! GEOS' own examples give it, so that `fieldsToImport` and `fieldNamesInGEOS` are the same. Names of faces
 //! are sets of nodes, arrays of 0 and 1 for `nodesetNames`; beside tetrahedra also triangles, whose
 //! `attribute` is the number of the name, from which GEOS makes sets, too.
@@ -12,7 +12,7 @@ use std::io::Write;
 use std::path::Path;
 
 use crate::Result;
-use crate::export::meshers::groups::{Names, nodes_of};
+use crate::export::meshers::groups::{Names, nodes_of, shift_of_regions};
 use crate::export::meshers::simplices::{Simplices, Torn};
 use crate::files::Batch;
 use crate::files::vtk::xml::escape;
@@ -35,9 +35,9 @@ const NEEDS: &str = "a mesh for GEOS";
 /// # Errors
 /// [`Error::Io`](crate::Error::Io) if it cannot be written.
 pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
-    let region = &model.graph.region;
-    let least = region.iter().min().copied().unwrap_or(0);
-    let attribute: Vec<i32> = region.iter().map(|r| r - least + 1).collect();
+    let shift = shift_of_regions(model);
+    let own = model.mesh.region.iter();
+    let attribute: Vec<i32> = own.map(|&r| (i64::from(r) + shift) as i32).collect();
     let mut arrays = vec![DataArray::scalars("attribute", attribute)];
     if let Some(porosity) = &model.porosity {
         arrays.push(DataArray::scalars(ROCK[0], porosity.clone()));

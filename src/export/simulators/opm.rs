@@ -11,6 +11,7 @@ pub use super::deck::TRANSMISSIBILITY;
 use super::deck::{Opening, array, check, head, properties, schedule};
 use crate::Result;
 use crate::export::containers::text::write_items;
+use crate::export::meshers::groups::shift_of_regions;
 use crate::files::Batch;
 use crate::model::reservoir::{BAR, Fluid, MILLIDARCY, Model};
 
@@ -76,11 +77,10 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         writeln!(out, "TRANX\n {cells}*0 /\n")?;
         properties(out, case)?;
         writeln!(out, "REGIONS\n")?;
-        let least = graph.region.iter().min().copied().unwrap_or(0);
+        let shift = shift_of_regions(model);
         writeln!(out, "FIPNUM")?;
         write_items(out, cells, |text, c| {
-            text.and_int(i64::from(graph.region[c]) - i64::from(least) + 1)
-                .end();
+            text.and_int(i64::from(graph.region[c]) + shift).end();
         })?;
         writeln!(out, "/\n\nSOLUTION\n")?;
         numbers(out, "PRESSURE", &pressure)?;

@@ -1,6 +1,6 @@
 //! PFLOTRAN's explicit unstructured grid: `CELLS` at their sites, `CONNECTIONS` at the points where
 //! lines between sites meet the faces. Beside it a file `NAME-xmin.ex` for each side of the box, with
-//! its faces, for boundary conditions.
+//! its faces, for boundary conditions, and if there are several regions `NAME-region1.txt` with the cells of each.
 //!
 //! PFLOTRAN knows no multipliers, but areas: what a fault lets through is a share of its face, and a closed
 //! one is no connection.
@@ -10,6 +10,7 @@ use std::path::Path;
 
 use crate::Result;
 use crate::export::containers::text::write_items;
+use crate::export::meshers::groups::{region_name, regions};
 use crate::files::Batch;
 use crate::mesh::graph::BoundaryFace;
 use crate::mesh::poly::SIDES;
@@ -51,6 +52,17 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
                 text.and_real(face.area).end();
             })
         })?;
+    }
+    let regions = regions(model);
+    if regions.len() > 1 {
+        for region in regions {
+            let own = |c: &usize| graph.region[*c] == region;
+            let own: Vec<usize> = (0..model.len()).filter(own).collect();
+            let file = format!("{stem}-{}.txt", region_name(region));
+            batch.write(&path.with_file_name(file), |out| {
+                write_items(out, own.len(), |text, i| text.int(own[i] + 1).end())
+            })?;
+        }
     }
     Ok(())
 }

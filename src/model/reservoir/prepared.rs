@@ -9,7 +9,7 @@ use crate::mesh::{Mesh, Positions, Simplices, TetMesh};
 use crate::model::columns::{COLUMN, LAYER};
 use crate::model::reservoir::{Down, FaceSurfaces, Frame, Mean, Model, Places, sample};
 use crate::model::surface::select::labels_of_faces;
-use crate::model::surface::stored::{Numbered, numbered};
+use crate::model::surface::stored::numbered;
 use crate::store::{AnyMesh, MeshFile, Stored, StoredMesh};
 use crate::{Error, Result};
 
@@ -62,7 +62,7 @@ pub struct Prepared {
 
 /// The parts of a mesh that are the same for all kinds of cells.
 struct Parts {
-    surfaces: FaceSurfaces,
+    surfaces: Option<FaceSurfaces>,
     mesh: PolyMesh<3>,
     tets: Option<TetMesh>,
     triangles: Option<Vec<[u32; 3]>>,
@@ -85,7 +85,7 @@ type Cells<const D: usize, M> = (PolyMesh<D>, Option<M>, Vec<u32>, MeshFile<()>)
 
 /// A kind of cells that models are made of.
 trait Modelled<const D: usize>: Stored<D> {
-    /// `facets` are those of [`Numbered`]; each face of the cells gets the number of its first.
+    /// `facets` are those of [`Numbered`](crate::model::surface::stored::Numbered); each face of the cells gets the number of its first.
     fn cells(
         stored: StoredMesh<D, Self>,
         facets: &[([u32; D], u32)],
@@ -135,11 +135,12 @@ impl<const D: usize> Modelled<D> for PolyMesh<D> {
 
 impl Parts {
     /// The parts that all kinds of cells have, and the simplices if they are such; `solid` makes
-    /// polyhedra of the plane's polygons, `thickness` high.
+    /// polyhedra of the plane's polygons, `thickness` high. Surfaces are found if `grouped`.
     fn common<const D: usize, M: Modelled<D>>(
         file: MeshFile<M>,
         place: &str,
         thickness: f64,
+        grouped: bool,
         solid: impl FnOnce(PolyMesh<D>) -> PolyMesh<3>,
     ) -> Result<(Self, Option<M>)> {
         let stored = StoredMesh::new(file, place)?;
@@ -147,20 +148,22 @@ impl Parts {
         let space = stored.space.clone();
         let marks = stored.marks();
         let features_known = marks.is_some();
+        let marks = marks.filter(|_| grouped);
         let numbered = marks.map(|marks| numbered(&stored, &marks));
-        let numbered: Numbered<D> = numbered.unwrap_or_default();
-        let (mesh, simplices, mut surface, arrays) = M::cells(stored, &numbered.facets, place)?;
+        let facets = numbered.as_ref().map_or(&[][..], |found| &found.facets);
+        let (mesh, simplices, mut surface, arrays) = M::cells(stored, facets, place)?;
         // Those of prisms on edges have the edges' numbers.
         surface.truncate(mesh.inner_faces());
+        let surfaces = numbered.map(|found| FaceSurfaces {
+            kinds: found.kinds,
+            kept: found.kept,
+            of_connection: surface,
+        });
         let samples: [f64; D] = std::array::from_fn(|k| space.extent[k] / space.step[k]);
         let volume = samples.iter().product::<f64>() * space.geometry.determinant().abs();
         let dim = |k: usize| samples.get(k).map_or(1.0, |n| n + 1.0);
         let parts = Self {
-            surfaces: FaceSurfaces {
-                kinds: numbered.kinds,
-                kept: numbered.kept,
-                of_connection: surface,
-            },
+            surfaces,
             mesh: solid(mesh),
             tets: None,
             triangles: None,
@@ -174,21 +177,23 @@ impl Parts {
     }
 
     /// Of a mesh of any kind of cells; those of the plane become prisms.
-    fn of(file: AnyMesh, place: &str, thickness: f64) -> Result<Self> {
+    fn of(file: AnyMesh, place: &str, thickness: f64, grouped: bool) -> Result<Self> {
         let prisms = |mesh: PolyMesh<2>| mesh.extruded(thickness);
         // Formats that hold simplices only get these as they are, so that the kinds part here.
         Ok(match file {
             AnyMesh::Space(file) => {
-                let (parts, tets) = Self::common(file, place, thickness, |mesh| mesh)?;
+                let (parts, tets) = Self::common(file, place, thickness, grouped, |mesh| mesh)?;
                 Self { tets, ..parts }
             }
             AnyMesh::Plane(file) => {
-                let (parts, mesh) = Self::common(file, place, thickness, prisms)?;
+                let (parts, mesh) = Self::common(file, place, thickness, grouped, prisms)?;
                 let triangles = mesh.map(|mesh| mesh.triangles);
                 Self { triangles, ..parts }
             }
-            AnyMesh::SpaceCells(file) => Self::common(file, place, thickness, |mesh| mesh)?.0,
-            AnyMesh::PlaneCells(file) => Self::common(file, place, thickness, prisms)?.0,
+            AnyMesh::SpaceCells(file) => {
+                Self::common(file, place, thickness, grouped, |mesh| mesh)?.0
+            }
+            AnyMesh::PlaneCells(file) => Self::common(file, place, thickness, grouped, prisms)?.0,
         })
     }
 }
@@ -199,7 +204,19 @@ impl Prepared {
     /// # Errors
     /// [`Error::Mesh`] for a mesh that makes no sense, [`Error::Export`] for units that do not.
     pub fn new(file: AnyMesh, place: &str, placement: &Placement) -> Result<Self> {
-        let parts = Parts::of(file, place, placement.thickness)?;
+        Self::made(file, place, placement, true)
+    }
+
+    /// The same without its surfaces, which take time to find: all faces on features are one fault.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn without_surfaces(file: AnyMesh, place: &str, placement: &Placement) -> Result<Self> {
+        Self::made(file, place, placement, false)
+    }
+
+    fn made(file: AnyMesh, place: &str, placement: &Placement, grouped: bool) -> Result<Self> {
+        let parts = Parts::of(file, place, placement.thickness, grouped)?;
         let cell_data = parts.cell_data;
         let Placement {
             length,
@@ -225,7 +242,9 @@ impl Prepared {
             tets
         });
         let mut model = Model::new(mesh, tets);
-        model.surfaces = parts.surfaces;
+        if let Some(surfaces) = parts.surfaces {
+            model.surfaces = surfaces;
+        }
         model.triangles = parts.triangles.map(|mut triangles| {
             if frame.mirrors() {
                 triangles

@@ -367,6 +367,41 @@ fn meshes_of_the_plane_become_a_layer_of_prisms() {
 }
 
 #[test]
+fn pflotran_has_rock_cell_by_cell() {
+    let folder = folder();
+    let folder = folder.path();
+    let rock = "--porosity sheet.npy --permeability 100,50,10 --permeability-unit mD --quiet";
+    run(
+        folder,
+        &format!("export cells.vtu --to pflotran -o a.uge --depth-at-top 0 {rock}"),
+    );
+    let path = folder.join("a-rock.h5");
+    let Some(found) = judged("h5py", "datasets.py", &[path.as_os_str()]) else {
+        return;
+    };
+    let cells = numbers(&found["Cell Ids"]);
+    let all = 1..=cells.len();
+    assert!(cells.len() > 100 && cells.iter().copied().eq(all.map(|c| c as f64)));
+    for (axis, k) in [("X", 100.0), ("Y", 50.0), ("Z", 10.0)] {
+        let values = numbers(&found[format!("Permeability{axis}")]);
+        assert_eq!(values.len(), cells.len());
+        assert!(
+            values.iter().all(|v| near(*v, k * MILLIDARCY, 1e-12)),
+            "{axis}"
+        );
+    }
+    let porosity = numbers(&found["Porosity"]);
+    assert_eq!(porosity.len(), cells.len());
+    assert!(porosity.iter().any(|p| *p > 0.3) && porosity.iter().any(|p| *p < 0.01));
+    // Without rock there is no such file.
+    run(
+        folder,
+        "export cells.vtu --to pflotran -o b.uge --depth-at-top 0 --quiet",
+    );
+    assert!(!folder.join("b-rock.h5").exists());
+}
+
+#[test]
 fn pflotrans_grid_is_the_graph() {
     let folder = folder();
     let folder = folder.path();
@@ -432,7 +467,8 @@ fn toughio_reads_the_tough2_mesh() {
     let folder = folder.path();
     run(
         folder,
-        "export cells.vtu --to tough2 -o MESH --depth-at-top 100 --quiet",
+        "export cells.vtu --to tough2 -o MESH --depth-at-top 100 --quiet \
+         --permeability 100,50,10 --permeability-unit mD",
     );
     let model = model(folder, "cells.vtu", 100.0, &[1.0]);
     let graph = &model.graph;
@@ -442,6 +478,9 @@ fn toughio_reads_the_tough2_mesh() {
     };
     for (volume, known) in numbers(&found["volume"]).iter().zip(&graph.volume) {
         assert!(near(*volume, *known, 1e-5));
+    }
+    for modifier in numbers(&found["modifier"]) {
+        assert!(near(modifier, 100.0 * MILLIDARCY, 1e-4), "{modifier}");
     }
     let centers = found["center"].as_array().unwrap();
     assert_eq!(centers.len(), model.len());

@@ -1,7 +1,8 @@
 //! TOUGH2's file MESH: fixed columns, ten characters a number.
 //!
 //! It knows no multipliers, but areas: what a fault lets through is a share of its face, and a closed one is
-//! no connection.
+//! no connection. The permeability along x, in m^2, is each element's modifier (PMX), for rocks of
+//! permeability 1.
 
 use std::io::Write;
 use std::path::Path;
@@ -43,7 +44,11 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             let (volume, [x, y, z]) = (graph.volume[c], graph.site[c]);
             text.word(ascii(&name(c))).word("          ");
             text.word(ascii(&rock(graph.region[c])));
-            text.word(ascii(&ten(volume))).word("                    ");
+            text.word(ascii(&ten(volume))).word("          ");
+            match &model.permeability {
+                Some(known) => text.word(ascii(&ten(known.rock.mobility(c).0[0]))),
+                None => text.word("          "),
+            };
             for value in [x, y, z] {
                 text.word(ascii(&ten(value)));
             }

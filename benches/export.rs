@@ -9,7 +9,7 @@ use atomesh::Result;
 use atomesh::export::FORMATS;
 use atomesh::mesh::poly::PolyMesh;
 use atomesh::mesh::{delaunay, voronoi};
-use atomesh::model::flow::{Faults, Rock, Tensor};
+use atomesh::model::flow::{Rock, Tensor};
 use atomesh::model::reservoir::Model;
 use atomesh::report::cost::{cpu_seconds, peak_mb};
 
@@ -57,7 +57,7 @@ fn run() -> Result<()> {
 /// Writes a model in every format; where `tets_only`, in those only that hold tetrahedra and no others.
 fn measure(mut model: Model, tets_only: bool, folder: &Path) -> Result<()> {
     let rock = Rock::uniform(Tensor::isotropic(1e-13), 1.0);
-    model.set_permeability(rock, Faults::OPEN)?;
+    model.set_permeability(rock)?;
     model.porosity = Some(vec![0.2; model.len()]);
     println!("{} cells", model.len());
     for format in FORMATS {

@@ -112,10 +112,15 @@ def hashes_of_vtk(data, name):
         else:
             values = (element.text or "").encode()
         line = f"{name}:{section}/{array_name}"
-        if section == "FieldData" and element.get("type") == "String" and values[:1] in (b"{", b"["):
-            lines.extend(hashes_of_json(values.rstrip(b"\0"), line))
+        # Text is text, whether it is stored as VTK's strings or as bytes.
+        if section == "FieldData" and element.get("type") in ("String", "UInt8"):
+            values = values.rstrip(b"\0")
+            if values[:1] in (b"{", b"["):
+                lines.extend(hashes_of_json(values, line))
+            else:
+                lines.append((line, sha(repr(["String", "1", "1"]).encode() + values + b"\0")))
             return
-        shape = [element.get(key) for key in ("type", "NumberOfComponents", "NumberOfTuples")]
+        shape = [element.get("type"), element.get("NumberOfComponents", "1"), element.get("NumberOfTuples")]
         lines.append((line, sha(repr(shape).encode() + values)))
 
     visit(root, None)

@@ -1,11 +1,11 @@
 #!/bin/sh
 # Installs the programs that judge atomesh's files, each independent of it: VTK, Gmsh, toughio, xtgeo,
-# resqpy, open-DARTS, SciPy and a reader of simulators' output from PyPI into .venv; OPM Flow, OpenFOAM
-# and CalculiX by apt. Tests then use them; without one they name it and check less.
+# resqpy, open-DARTS, SciPy, meshio and a reader of simulators' output from PyPI into .venv; OPM Flow,
+# OpenFOAM, CalculiX and Octave by apt. Tests then use them; without one they name it and check less.
 set -eu
 
-modules="vtkmodules.vtkIOXML resfo gmsh toughio scipy xtgeo resqpy darts flopy"
-packages="libopm-simulators-bin openfoam calculix-ccx libglu1-mesa libxft2 libxcursor1 libxinerama1"
+modules="vtkmodules.vtkIOXML resfo gmsh toughio scipy xtgeo resqpy darts flopy meshio"
+packages="libopm-simulators-bin openfoam calculix-ccx octave libglu1-mesa libxft2 libxcursor1 libxinerama1"
 
 absent() {
     echo "note: $1: tests that need them check less" >&2
@@ -24,7 +24,7 @@ install_modules() {
         { absent "python3 -m venv fails (apt install python3-venv)"; return; }
     pip=".venv/bin/pip install --quiet --disable-pip-version-check"
     # VTK without what it draws plots with.
-    { $pip --no-deps vtk && $pip resfo gmsh toughio h5py scipy xtgeo resqpy xarray flopy; } ||
+    { $pip --no-deps vtk && $pip resfo gmsh toughio h5py scipy xtgeo resqpy xarray flopy meshio; } ||
         absent "pip install fails"
     # DARTS asks for much that it does not need to solve for pressures.
     $pip --no-deps open-darts || absent "pip install open-darts fails"
@@ -53,7 +53,7 @@ install_packages() {
 if command -v dpkg >/dev/null 2>&1 && command -v apt-get >/dev/null 2>&1; then
     install_packages
 else
-    absent "no apt here; install OPM Flow, OpenFOAM and CalculiX yourself"
+    absent "no apt here; install OPM Flow, OpenFOAM, CalculiX and Octave yourself"
 fi
 # A folder made elsewhere is of no use.
 if ! { [ -x .venv/bin/python ] && python_modules; }; then

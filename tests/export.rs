@@ -13,7 +13,7 @@ use std::path::Path;
 use std::process::Command;
 
 use atomesh::export::simulators::opm;
-use atomesh::model::flow::{Faults, Rock, Tensor};
+use atomesh::model::flow::{Rock, Tensor};
 use atomesh::model::reservoir::{MILLIDARCY, Model};
 use atomesh::model::reservoir::{Placement, Prepared};
 use atomesh::store::{AnyMesh, read_any_vtu, read_vtu};
@@ -49,9 +49,7 @@ fn model(folder: &Path, mesh: &str, top: f64, k: &[f64]) -> Model {
     let mut prepared = Prepared::new(file, mesh, &placement).unwrap();
     let tensor = Tensor::from_numbers(k).unwrap().scaled(MILLIDARCY);
     let model = &mut prepared.model;
-    model
-        .set_permeability(Rock::uniform(tensor, 1.0), Faults::OPEN)
-        .unwrap();
+    model.set_permeability(Rock::uniform(tensor, 1.0)).unwrap();
     prepared.model
 }
 
@@ -202,8 +200,6 @@ fn field(path: &Path) -> Vec<f64> {
 fn openfoam_accepts_the_mesh_and_is_exact_for_a_linear_field() {
     let folder = folder();
     let folder = folder.path();
-    let head =
-        |class: &str| format!("FoamFile {{ version 2.0; format ascii; class {class}; object o; }}");
     for (mesh, tolerance) in [("cells", 1e-10), ("tets", 1e-5)] {
         run(
             folder,
@@ -219,20 +215,9 @@ fn openfoam_accepts_the_mesh_and_is_exact_for_a_linear_field() {
         let faults: Vec<&str> = said.lines().filter(|l| l.contains("***")).collect();
         let corners = |l: &&str| mesh == "tets" && l.contains("small determinant");
         assert!(faults.iter().all(corners), "{said}");
-        assert!(said.contains("features"), "{said}");
+        assert!(said.contains("fault1"), "{said}");
 
-        std::fs::write(
-            case.join("0/T"),
-            format!(
-                "{}\ndimensions [0 0 0 1 0 0 0];\ninternalField uniform 0;\nboundaryField\n{{\n\
-                 \".*\" {{ type zeroGradient; }}\nxmin {{ type fixedValue; value uniform 1; }}\n\
-                 xmax {{ type fixedValue; value uniform 0; }}\n}}\n",
-                head("volScalarField")
-            ),
-        )
-        .unwrap();
-        let transport = format!("{}\nDT DT [0 2 -1 0 0 0 0] 1;\n", head("dictionary"));
-        std::fs::write(case.join("constant/transportProperties"), transport).unwrap();
+        // As it is.
         openfoam("laplacianFoam", &case, &[]).unwrap();
         openfoam(
             "postProcess",
@@ -245,6 +230,102 @@ fn openfoam_accepts_the_mesh_and_is_exact_for_a_linear_field() {
             assert!((t - (1.0 - x / 39.0)).abs() < tolerance, "{t} at {x}");
         }
         assert!(field(&case.join("0/porosity")).iter().all(|p| *p == 0.2));
+    }
+}
+
+#[test]
+fn a_closed_fault_is_a_patch_of_openfoam_that_nothing_crosses() {
+    let folder = folder();
+    let folder = folder.path();
+    run(
+        folder,
+        "export cells.vtu --to openfoam -o case --faults closed --quiet",
+    );
+    let case = folder.join("case");
+    let faces = |name: &str| -> usize {
+        let text = std::fs::read_to_string(case.join("constant/polyMesh/boundary")).unwrap();
+        let (_, patch) = text.split_once(&format!("\n{name}\n")).unwrap();
+        let (_, count) = patch.split_once("nFaces ").unwrap();
+        count.split_once(';').unwrap().0.parse().unwrap()
+    };
+    let closed: usize = faces("fault1");
+    assert!(closed > 40 && closed.is_multiple_of(2), "{closed}");
+    let Some(said) = openfoam("checkMesh", &case, &["-allTopology"]) else {
+        return;
+    };
+    assert!(said.contains("Mesh OK."), "{said}");
+    let pairs = format!("(baffle faces): {}", closed / 2);
+    assert!(said.contains(&pairs), "{said}");
+    openfoam("laplacianFoam", &case, &[]).unwrap();
+    let t = field(&case.join("1e+12/T"));
+    let near = |value: f64| t.iter().filter(|t| (*t - value).abs() < 1e-6).count();
+    assert!(near(1.0) > t.len() / 3 && near(0.0) > t.len() / 3);
+    assert_eq!(near(1.0) + near(0.0), t.len());
+    // What lets through a share of what rock does has no place there.
+    let said = refused(
+        folder,
+        &[
+            "export",
+            "cells.vtu",
+            "--to",
+            "openfoam",
+            "-o",
+            "other",
+            "--faults",
+            "0.1",
+        ],
+    );
+    assert!(
+        said.contains("fault multipliers") && said.contains("opm"),
+        "{said}"
+    );
+}
+
+#[test]
+fn faults_are_areas_where_a_format_has_no_multipliers() {
+    let folder = folder();
+    let folder = folder.path();
+    // Of each connection its cells and its area.
+    let areas = |to: &str, faults: &str| -> Vec<(String, f64)> {
+        let out = if to == "tough2" { "MESH" } else { "grid.uge" };
+        let export = format!("export cells.vtu --to {to} -o {out} --depth-at-top 100 --quiet");
+        run(folder, &format!("{export} --faults {faults}"));
+        let text = std::fs::read_to_string(folder.join(out)).unwrap();
+        let word = if to == "tough2" {
+            "CONNE"
+        } else {
+            "CONNECTIONS"
+        };
+        let lines = text
+            .lines()
+            .skip_while(|line| !line.starts_with(word))
+            .skip(1);
+        let row = |line: &str| match to {
+            "tough2" => (line[..10].to_string(), line[50..60].trim().parse().unwrap()),
+            _ => {
+                let (cells, area) = line.rsplit_once(' ').unwrap();
+                (cells.to_string(), area.parse().unwrap())
+            }
+        };
+        lines.take_while(|line| !line.is_empty()).map(row).collect()
+    };
+    let on = model(folder, "cells.vtu", 100.0, &[1.0]).graph.connections;
+    for to in ["pflotran", "tough2"] {
+        let open = areas(to, "open");
+        assert_eq!(open.len(), on.len());
+        let tight = areas(to, "0.01");
+        for ((open, tight), c) in open.iter().zip(&tight).zip(&on) {
+            let factor = if c.on_feature { 0.01 } else { 1.0 };
+            assert_eq!(open.0, tight.0);
+            assert!(
+                near(factor * open.1, tight.1, 1e-5),
+                "{to} {open:?} {tight:?}"
+            );
+        }
+        let closed = areas(to, "closed");
+        let left = open.iter().zip(&on).filter(|(_, c)| !c.on_feature);
+        assert!(left.map(|(row, _)| row).eq(&closed), "{to}");
+        assert!(closed.len() < open.len() - 40);
     }
 }
 
@@ -283,6 +364,41 @@ fn meshes_of_the_plane_become_a_layer_of_prisms() {
             assert!(said.contains("Mesh OK."), "{said}");
         }
     }
+}
+
+#[test]
+fn pflotran_has_rock_cell_by_cell() {
+    let folder = folder();
+    let folder = folder.path();
+    let rock = "--porosity sheet.npy --permeability 100,50,10 --permeability-unit mD --quiet";
+    run(
+        folder,
+        &format!("export cells.vtu --to pflotran -o a.uge --depth-at-top 0 {rock}"),
+    );
+    let path = folder.join("a-rock.h5");
+    let Some(found) = judged("h5py", "datasets.py", &[path.as_os_str()]) else {
+        return;
+    };
+    let cells = numbers(&found["Cell Ids"]);
+    let all = 1..=cells.len();
+    assert!(cells.len() > 100 && cells.iter().copied().eq(all.map(|c| c as f64)));
+    for (axis, k) in [("X", 100.0), ("Y", 50.0), ("Z", 10.0)] {
+        let values = numbers(&found[format!("Permeability{axis}")]);
+        assert_eq!(values.len(), cells.len());
+        assert!(
+            values.iter().all(|v| near(*v, k * MILLIDARCY, 1e-12)),
+            "{axis}"
+        );
+    }
+    let porosity = numbers(&found["Porosity"]);
+    assert_eq!(porosity.len(), cells.len());
+    assert!(porosity.iter().any(|p| *p > 0.3) && porosity.iter().any(|p| *p < 0.01));
+    // Without rock there is no such file.
+    run(
+        folder,
+        "export cells.vtu --to pflotran -o b.uge --depth-at-top 0 --quiet",
+    );
+    assert!(!folder.join("b-rock.h5").exists());
 }
 
 #[test]
@@ -351,7 +467,8 @@ fn toughio_reads_the_tough2_mesh() {
     let folder = folder.path();
     run(
         folder,
-        "export cells.vtu --to tough2 -o MESH --depth-at-top 100 --quiet",
+        "export cells.vtu --to tough2 -o MESH --depth-at-top 100 --quiet \
+         --permeability 100,50,10 --permeability-unit mD",
     );
     let model = model(folder, "cells.vtu", 100.0, &[1.0]);
     let graph = &model.graph;
@@ -361,6 +478,9 @@ fn toughio_reads_the_tough2_mesh() {
     };
     for (volume, known) in numbers(&found["volume"]).iter().zip(&graph.volume) {
         assert!(near(*volume, *known, 1e-5));
+    }
+    for modifier in numbers(&found["modifier"]) {
+        assert!(near(modifier, 100.0 * MILLIDARCY, 1e-4), "{modifier}");
     }
     let centers = found["center"].as_array().unwrap();
     assert_eq!(centers.len(), model.len());
@@ -395,6 +515,17 @@ fn gmsh_reads_volumes_regions_and_surfaces() {
         if z < 16 { 1.0 } else { 2.0 }
     });
     let tets = read_vtu(&folder.join("tets.vtu")).unwrap().mesh.tets.len();
+    // PFLOTRAN's regions are lists of cells.
+    run(
+        folder,
+        "export tets.vtu --to pflotran -o a.uge --region labels.npy --depth-at-top 9 --quiet",
+    );
+    let lists = [1, 2].map(|r| std::fs::read_to_string(folder.join(format!("a-region{r}.txt"))));
+    let mut cells: Vec<usize> = (lists.iter())
+        .flat_map(|list| list.as_ref().unwrap().lines().map(|n| n.parse().unwrap()))
+        .collect();
+    cells.sort_unstable();
+    assert!(cells.into_iter().eq(1..=tets));
     for version in ["msh", "msh2"] {
         let line = format!("export tets.vtu --to {version} -o a.msh --region labels.npy --quiet");
         run(folder, &line);
@@ -411,10 +542,11 @@ fn gmsh_reads_volumes_regions_and_surfaces() {
         };
         let all = count(3, "region1") + count(3, "region2");
         assert_eq!(all as usize, tets, "{groups:?}");
-        for side in ["xmin", "xmax", "ymin", "ymax", "zmin", "zmax", "features"] {
+        for side in ["xmin", "xmax", "ymin", "ymax", "zmin", "zmax", "fault1"] {
             assert!(count(2, side) > 10, "{groups:?}");
         }
-        assert_eq!(groups.len(), 9);
+        assert!(count(2, "interface_1_2") > 10, "{groups:?}");
+        assert_eq!(groups.len(), 10, "{groups:?}");
     }
 }
 
@@ -495,6 +627,84 @@ fn calculix_bends_the_mesh_and_conserves_its_weight() {
 }
 
 #[test]
+fn calculix_reads_coordinates_of_any_length() {
+    let folder = folder();
+    let folder = folder.path();
+    let export = "export tets.vtu --to inp -o mesh.inp --length-unit um --quiet";
+    run(folder, export);
+    let job = "*INCLUDE, INPUT=mesh.inp\n*MATERIAL, NAME=ROCK\n*ELASTIC\n1E9, 0.0\n\
+               *SOLID SECTION, ELSET=EALL, MATERIAL=ROCK\n*STEP\n*STATIC\n*BOUNDARY\n\
+               NXMIN, 1, 3, 0.0\n*EL PRINT, ELSET=EALL, TOTALS=ONLY\nEVOL\n*END STEP\n";
+    std::fs::write(folder.join("job.inp"), job).unwrap();
+    let mut ccx = Command::new("ccx");
+    ccx.current_dir(folder).arg("job");
+    if simulator(&mut ccx).is_none() {
+        return;
+    }
+    let said = std::fs::read_to_string(folder.join("job.dat")).unwrap();
+    let volume = said.lines().last().unwrap().trim().parse::<f64>().unwrap();
+    assert!(near(volume, 1e-18 * VOLUME, 1e-5), "{volume}");
+}
+
+#[test]
+fn gmsh_and_calculix_have_quadratic_fields_exact_on_quadratic_elements() {
+    let folder = folder();
+    let folder = folder.path();
+    for version in ["msh", "msh2"] {
+        run(
+            folder,
+            &format!("export tets.vtu --to {version} -o a.msh --quadratic --quiet"),
+        );
+        let path = folder.join("a.msh");
+        let Some(found) = judged("Gmsh", "quadratic.py", &[path.as_os_str()]) else {
+            return;
+        };
+        // Of straight elements, Jacobians at all of Gauss' points are those of the corners: only right if
+        // every middle is where its place among the nodes says.
+        assert!(near(found["volume"].as_f64().unwrap(), VOLUME, 1e-9));
+        assert!(found["spread"].as_f64().unwrap() < 1e-9, "{found}");
+        assert!(found["triangles"].as_u64().unwrap() > 100);
+    }
+    run(
+        folder,
+        "export tets.vtu --to inp -o mesh.inp --quadratic --quiet",
+    );
+    // Bent by its own weight's like: a body force of 2 along x, held at x = 0, has u = x (39 - x / 2) 2 / E.
+    let job = "*INCLUDE, INPUT=mesh.inp\n*MATERIAL, NAME=ROCK\n*ELASTIC\n2.0, 0.0\n*DENSITY\n1.0\n\
+               *SOLID SECTION, ELSET=EALL, MATERIAL=ROCK\n*STEP\n*STATIC\n*BOUNDARY\n\
+               NXMIN, 1, 1, 0.0\nNYMIN, 2, 2, 0.0\nNZMIN, 3, 3, 0.0\n*DLOAD\nEALL, GRAV, 2.0, 1., 0., 0.\n\
+               *NODE PRINT, NSET=NALL\nU\n*END STEP\n";
+    std::fs::write(folder.join("job.inp"), job).unwrap();
+    let mut ccx = Command::new("ccx");
+    ccx.current_dir(folder).arg("job");
+    if simulator(&mut ccx).is_none() {
+        return;
+    }
+    let text = std::fs::read_to_string(folder.join("mesh.inp")).unwrap();
+    let nodes = text
+        .lines()
+        .skip(1)
+        .take_while(|line| !line.starts_with('*'));
+    let x: Vec<f64> = nodes
+        .map(|line| line.split(", ").nth(1).unwrap().parse().unwrap())
+        .collect();
+    let said = std::fs::read_to_string(folder.join("job.dat")).unwrap();
+    let mut displaced = 0;
+    for line in said.lines() {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        if let [node, u, _, _] = words[..]
+            && let (Ok(node), Ok(u)) = (node.parse::<usize>(), u.parse::<f64>())
+        {
+            let x = x[node - 1];
+            let want = x * (39.0 - 0.5 * x);
+            assert!((u - want).abs() < 1e-3, "{line}: {want}");
+            displaced += 1;
+        }
+    }
+    assert_eq!(displaced, x.len());
+}
+
+#[test]
 fn surfaces_of_any_cells_close_the_box() {
     let folder = folder();
     let folder = folder.path();
@@ -509,7 +719,7 @@ fn surfaces_of_any_cells_close_the_box() {
             let words: Vec<&str> = line.split_whitespace().collect();
             match words[..] {
                 // Outwards, so that pyramids on the sides add up.
-                ["solid", name] => inside = name == "features",
+                ["solid", name] => inside = ["fault1", "scraps"].contains(&name),
                 ["vertex", x, y, z] => corners.push([x, y, z].map(|c| c.parse::<f64>().unwrap())),
                 ["endfacet"] => {
                     if !inside {
@@ -524,7 +734,7 @@ fn surfaces_of_any_cells_close_the_box() {
             }
         }
         assert!(near(volume, VOLUME, 1e-12), "{volume}");
-        assert!(text.contains("solid features"));
+        assert!(text.contains("solid fault1"));
         run(
             folder,
             &format!("export {mesh}.vtu --to obj -o {mesh}.obj --quiet"),

@@ -87,7 +87,7 @@ fn every_option_changes_the_files_or_is_refused() {
         ],
     );
     std::fs::write(folder.join("way.csv"), "12,12,2,0.1\n12,12,17,0.1\n").unwrap();
-    let options: [&[(&str, &str)]; 18] = [
+    let options: [&[(&str, &str)]; 23] = [
         &[("--porosity", "0.3")],
         &[("--permeability", "50")],
         &[("--property", "amplitude=sheet.npy")],
@@ -95,6 +95,11 @@ fn every_option_changes_the_files_or_is_refused() {
         &[("--faults", "0.01")],
         &[("--faults", "closed"), ("--fault-thickness", "2")],
         &[("--fault-thickness", "2")],
+        &[("--fault-multiplier", "1:0.01")],
+        &[("--faults", "closed"), ("--barriers", "horizons")],
+        &[("--faults", "closed"), ("--fault-multiplier", "1:1")],
+        &[("--split", "faults")],
+        &[("--quadratic", "")],
         &[("--injector", "12,12,9:100")],
         &[("--producer", "12,12,9:90")],
         &[("--injector", "12,12,9:100"), ("--well-radius", "0.2")],
@@ -173,16 +178,26 @@ fn what_a_format_cannot_hold_is_refused_with_those_that_can() {
         refused(folder, &words.split_whitespace().collect::<Vec<_>>())
     };
     let rock = "--permeability 100 --permeability-unit mD";
-    let said = export(&format!("--to pflotran -o a.uge --faults 0.1 {rock}"));
+    let said = export(&format!("--to resqml -o a.epc --faults 0.1 {rock}"));
     assert!(
-        said.contains("--faults") && said.contains("opm, disv, mrst"),
+        said.contains("--faults") && said.contains("opm, pflotran, tough2, disv, mrst"),
+        "{said}"
+    );
+    let said = export(&format!("--to mrst -o a.mat --injector 9,9,9:10 {rock}"));
+    assert!(
+        said.contains("--injector") && said.contains("opm, disv, grdecl"),
         "{said}"
     );
     let said = export(&format!(
         "--to grdecl -o a.GRDECL --injector 9,9,9:10 {rock}"
     ));
     assert!(
-        said.contains("--injector") && said.contains("opm, disv"),
+        said.contains("--injector") && said.contains("--porosity"),
+        "{said}"
+    );
+    let said = export(&format!("--to mrst -o a.mat --barriers all {rock}"));
+    assert!(
+        said.contains("--barriers") && said.contains("open"),
         "{said}"
     );
     let said = export(&format!("--to mrst -o a.mat --grid 3,3,3 {rock}"));

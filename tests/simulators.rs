@@ -63,7 +63,8 @@ fn model(folder: &Path, mesh: &str, top: f64, k: &[f64], faults: Faults) -> Mode
     let mut prepared = Prepared::new(file, mesh, &placement).unwrap();
     let tensor = Tensor::from_numbers(k).unwrap().scaled(MILLIDARCY);
     let rock = Rock::uniform(tensor, 1.0);
-    prepared.model.set_permeability(rock, faults).unwrap();
+    prepared.model.set_faults(&faults.into()).unwrap();
+    prepared.model.set_permeability(rock).unwrap();
     prepared.model
 }
 
@@ -194,7 +195,15 @@ fn mrsts_grid_has_our_totals_and_fluxes() {
         );
         assert_eq!(numbers(&found["tags"]), [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
         let on = graph.connections.iter().filter(|c| c.on_feature).count();
-        assert_eq!(found["on_features"], on);
+        let tagged = |name: &str| found["tagged"][name].as_u64().unwrap_or(0) as usize;
+        assert!(tagged("fault1") > 40 && tagged("interface_1_2") > 40);
+        let surfaces = model.surfaces.kinds.len();
+        let surfaces = (1..=surfaces).map(|n| tagged(&format!("fault{n}")));
+        assert_eq!(surfaces.sum::<usize>() + tagged("scraps"), on);
+        for name in ["xmin", "zmax", "fault1", "interface_1_2"] {
+            let nodes = found["sets"][name].as_u64().unwrap();
+            assert!(nodes > 40 && tagged(name) > 0, "{name}");
+        }
         if mesh == "cells" {
             has_our_pressure(folder, &numbers(&found["pressure"]), ends, 1e-7);
         }
@@ -208,6 +217,40 @@ fn mrsts_grid_has_our_totals_and_fluxes() {
 }
 
 #[test]
+fn octave_loads_the_grid_for_mrst() {
+    let folder = folder();
+    let folder = folder.path();
+    let export = "export cells.vtu --to mrst -o cells.mat --depth-at-top 1000";
+    run(
+        folder,
+        &format!("{export} {ROCK} --property amplitude=sheet.npy"),
+    );
+    let model = model(folder, "cells.vtu", 1000.0, &[1.0], Faults::OPEN);
+    let program = "load cells.mat; n = strcmp(G.faces.tagNames, 'fault1');\
+        printf('%d %d %d %d %d\\n', G.cells.num, numel(T), sum(G.faces.tag == find(n)), \
+        numel(G.nodes.sets.fault1), numel(properties.amplitude));";
+    let mut octave = Command::new("octave-cli");
+    octave
+        .current_dir(folder)
+        .args(["--norc", "--eval", program]);
+    let Some(said) = simulator(&mut octave) else {
+        return;
+    };
+    let found: Vec<usize> = said
+        .split_whitespace()
+        .map(|n| n.parse().unwrap())
+        .collect();
+    let connections = &model.graph.connections;
+    let on = connections.iter().filter(|c| c.on_feature).count();
+    assert_eq!(
+        found[..2],
+        [model.len(), connections.len() + model.graph.boundary.len()]
+    );
+    assert!(found[2] > 40 && found[2] <= on && found[3] > 40, "{said}");
+    assert_eq!(found[4], model.len());
+}
+
+#[test]
 fn vtk_reads_the_mesh_for_geos() {
     let folder = folder();
     let folder = folder.path();
@@ -217,6 +260,7 @@ fn vtk_reads_the_mesh_for_geos() {
         run(folder, &format!("{export} {ROCK}"));
         let program = "\
 import json, sys
+import numpy as np
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
 from vtkmodules.vtkFiltersVerdict import vtkCellSizeFilter
 from vtkmodules.util.numpy_support import vtk_to_numpy
@@ -225,10 +269,15 @@ reader.SetFileName(sys.argv[1])
 size = vtkCellSizeFilter()
 size.SetInputConnection(reader.GetOutputPort())
 size.Update()
-data = size.GetOutput().GetCellData()
-array = lambda name: vtk_to_numpy(data.GetArray(name))
+mesh = size.GetOutput()
+data, points = mesh.GetCellData(), mesh.GetPointData()
+kinds = np.array([mesh.GetCellType(c) for c in range(mesh.GetNumberOfCells())])
+array = lambda name: vtk_to_numpy(data.GetArray(name))[kinds > 5]
+faces = vtk_to_numpy(data.GetArray('attribute'))[kinds == 5]
 print(json.dumps({
-    'kinds': sorted({size.GetOutput().GetCellType(c) for c in range(size.GetOutput().GetNumberOfCells())}),
+    'kinds': sorted(set(kinds.tolist())), 'faces': faces.tolist(),
+    'sets': {points.GetArrayName(k): int(vtk_to_numpy(points.GetArray(k)).sum())
+             for k in range(points.GetNumberOfArrays())},
     'attribute': array('attribute').tolist(), 'integer': array('attribute').dtype.kind,
     'perm': array('rockPerm_permeability')[0].tolist(),
     'pores': float((array('rockPorosity_referencePorosity') * array('Volume')).sum()),
@@ -236,7 +285,24 @@ print(json.dumps({
         let Some(found) = vtk(program, &[&folder.join("geos.vtu")]) else {
             return;
         };
-        assert_eq!(numbers(&found["kinds"]), [f64::from(kind)]);
+        let kinds = numbers(&found["kinds"]);
+        assert_eq!(kinds.last(), Some(&f64::from(kind)));
+        for name in ["xmin", "zmax", "fault1", "interface_1_2"] {
+            assert!(
+                found["sets"][name].as_u64().unwrap() > 40,
+                "{name}: {found}"
+            );
+        }
+        let faces = numbers(&found["faces"]);
+        match mesh {
+            // The sides have the numbers 1 to 6, the first surface 9.
+            "tets" => {
+                let has = |number: f64| faces.iter().filter(|f| **f == number).count() > 40;
+                assert!((1..=6).all(|n| has(f64::from(n))) && has(9.0));
+                assert_eq!(kinds, [5.0, 10.0]);
+            }
+            _ => assert_eq!(kinds.len(), 1),
+        }
         assert_eq!(found["integer"], "i");
         let regions = numbers(&found["attribute"]);
         assert!(regions.contains(&1.0) && regions.contains(&2.0));
@@ -316,12 +382,10 @@ fn xtgeo_and_opm_flow_read_the_corner_point_grid() {
             found["split"]
         );
         assert!((middle - 3.1).abs() < 0.2 && most < 4.5, "{middle}, {most}");
-        assert!(
-            near(property("MULTX")[0], TIGHT, 1e-4),
-            "{:?}",
-            property("MULTX")
-        );
-        assert_eq!(property("MULTX")[2], 1.0);
+        let text = std::fs::read_to_string(&files[0]).unwrap();
+        let said = format!("MULTFLT\n 'FAULT1' {TIGHT} /\n");
+        assert!(text.contains("FAULTS\n 'FAULT1' ") && text.contains(&said));
+        assert!(!text.contains("MULTX"));
         if region.is_empty() {
             assert_eq!(dims, [13.0, 9.0, 7.0]);
             assert_eq!(number("split"), 0.0);
@@ -356,6 +420,18 @@ fn xtgeo_and_opm_flow_read_the_corner_point_grid() {
         };
         let porv = numbers(&found["porv"]).iter().sum::<f64>();
         assert!(near(porv, pores, 0.01), "{porv}");
+        if region.is_empty() {
+            // One column along x in 13 is a fault's: 100 times tighter than its neighbours.
+            let along = found["tranx"].as_array().unwrap().iter();
+            let along: Vec<f64> = along
+                .filter_map(Value::as_f64)
+                .filter(|t| *t > 0.0)
+                .collect();
+            let most = along.iter().copied().fold(0.0, f64::max);
+            let tight = along.iter().filter(|t| **t < 2.0 * TIGHT * most).count();
+            assert_eq!(along.len(), 12 * 9 * 7);
+            assert_eq!(tight, 9 * 7);
+        }
     }
 }
 
@@ -392,7 +468,25 @@ fn resqpy_reads_volumes_handedness_and_rock() {
             assert!(near(volume.as_f64().unwrap(), known, 1e-9), "{mesh} {cell}");
         }
         let properties = found["properties"].as_object().unwrap();
-        assert_eq!(properties.len(), 6);
+        let faces = &properties["names of faces"];
+        assert_eq!(
+            [&faces[0], &faces[4]],
+            [&Value::from("categorical"), &Value::from("faces")]
+        );
+        let connections = &model.graph.connections;
+        let of_faces = faces[5].as_array().unwrap();
+        assert_eq!(of_faces.len(), model.mesh.face_cells.len());
+        let named = |name: &str| of_faces.iter().filter(|f| **f == name).count();
+        let on = connections.iter().filter(|c| c.on_feature).count();
+        assert!(named("fault1") > 40 && named("fault1") <= on);
+        assert!(named("xmin") > 20 && named("interface_1_2") > 40);
+        for name in ["xmin", "zmax", "fault1", "interface_1_2"] {
+            let nodes = &properties[name];
+            assert_eq!(nodes[4], "nodes");
+            let within = numbers(&nodes[3]);
+            assert_eq!(within.len(), model.mesh.nodes.len());
+            assert!(within.iter().sum::<f64>() > 40.0, "{name}");
+        }
         for (title, kind, unit, facet, value) in [
             ("permeability x", "permeability rock", "mD", "I", 100.0),
             ("permeability y", "permeability rock", "mD", "J", 100.0),

@@ -110,3 +110,45 @@ point b float 2 -1.5
     let plain = said.replace("long long", "long");
     assert_eq!(plain, want.replace("long long", "long"));
 }
+
+/// meshio reads meshes of tetrahedra and of triangles, with all that is said of them.
+#[test]
+#[cfg(feature = "tetgen")]
+fn meshio_reads_meshes_with_their_text() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let dims = [28, 24, 20];
+    common::npy(&folder.join("tetra.npy"), dims, common::sheet(dims));
+    common::npy_2d(&folder.join("triangle.npy"), [60, 50], |[x, _]| {
+        (-0.5 * ((x as f32 - 30.0) / 1.5).powi(2)).exp()
+    });
+    let program = "\
+import json, sys
+import meshio
+mesh = meshio.read(sys.argv[1])
+text = lambda name: bytes(mesh.field_data[name].astype('u1')).decode()
+print(json.dumps({
+    'points': len(mesh.points), 'cells': sum(len(block.data) for block in mesh.cells),
+    'kinds': sorted({block.type.rstrip('0123456789') for block in mesh.cells}),
+    'regions': sum(len(part) for part in mesh.cell_data['region']),
+    'parameters': text('parameters'), 'sha': len(text('input_sha256')), 'units': text('units')}))";
+    for kind in ["tetra", "triangle"] {
+        let [image, file] = ["npy", "vtu"].map(|ending| format!("{kind}.{ending}"));
+        let mesh = ["mesh", &image, "--distance", "8", "--quiet", "-o", &file];
+        common::succeed(folder, &mesh);
+        let path = folder.join(&file);
+        let Some(found) = common::vtk(program, &[&path]) else {
+            return;
+        };
+        assert_eq!(found["kinds"], serde_json::json!([kind]));
+        assert_eq!(found["cells"], found["regions"]);
+        assert!(found["points"].as_u64().unwrap() > 40 && found["cells"].as_u64().unwrap() > 20);
+        let parameters = found["parameters"].as_str().unwrap();
+        assert!(parameters.contains("distance = \"8\""), "{parameters}");
+        let units = if kind == "tetra" { ",," } else { "," };
+        assert_eq!(
+            (&found["sha"], &found["units"]),
+            (&64.into(), &units.into())
+        );
+    }
+}

@@ -28,7 +28,7 @@ fn prisms(atoms: &[[f64; 2]], extent: [f64; 2], k: &[f64]) -> Model {
 
 fn with_rock(mut model: Model, k: &[f64]) -> Model {
     let rock = Rock::uniform(Tensor::from_numbers(k).unwrap(), 1.0);
-    model.set_permeability(rock, Faults::OPEN).unwrap();
+    model.set_permeability(rock).unwrap();
     model
 }
 

@@ -4,6 +4,8 @@
 //! - [`verbs`]: one a file, its arguments and its run
 //! - [`common`]: what verbs share
 //! - [`job`]: the files of a job of `mesh`
+//! - [`case`]: where a model lies, and what happens in it
+//! - [`faults`]: how faults resist flow
 //! - [`parse`]: the small grammars inside option values
 //! - [`provenance`]: the hash of the input
 //! - [`rock`]: porosity, permeability and the like from numbers, tables and images
@@ -11,8 +13,10 @@
 //! - [`console`]: everything that is printed
 
 pub mod args;
+pub mod case;
 pub mod common;
 pub mod console;
+pub mod faults;
 pub mod interrupts;
 pub mod job;
 pub mod parse;

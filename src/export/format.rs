@@ -24,16 +24,36 @@ pub enum Content {
     Properties,
     /// How faults resist flow: transmissibilities.
     Faults,
+    /// Faults that nothing crosses.
+    ClosedFaults,
+    /// How faults resist flow, also where no permeability is known.
+    BareFaults,
     /// Wells.
     Wells,
     /// What fills the pores.
     Fluid,
-    /// The pressure at first, and gravity, which it follows from.
+    /// The pressure at first.
     Pressure,
+    /// Fluids without weight.
+    Gravity,
     /// The time that a simulation covers.
     Duration,
     /// The number of cells along each axis of a grid that the model is resampled on.
     Grid,
+    /// The names of faces: sides, surfaces, interfaces of regions.
+    Names,
+    /// Nodes doubled along surfaces.
+    Split,
+    /// Elements with nodes in the middle of their edges.
+    Quadratic,
+}
+
+impl Content {
+    /// Whether it is of a simulation, not of the rock.
+    pub fn is_of_a_case(self) -> bool {
+        use Content::{Duration, Fluid, Gravity, Pressure, Wells};
+        matches!(self, Wells | Fluid | Pressure | Gravity | Duration)
+    }
 }
 
 impl std::fmt::Display for Content {
@@ -44,11 +64,17 @@ impl std::fmt::Display for Content {
             Self::Regions => "regions of cells",
             Self::Properties => "properties of cells",
             Self::Faults => "fault multipliers",
+            Self::ClosedFaults => "closed faults",
+            Self::BareFaults => "faults without permeability",
             Self::Wells => "wells",
             Self::Fluid => "fluids",
-            Self::Pressure => "pressure or gravity",
+            Self::Pressure => "pressure",
+            Self::Gravity => "fluids without weight",
             Self::Duration => "simulation time",
             Self::Grid => "grid of a chosen size",
+            Self::Names => "names of faces",
+            Self::Split => "meshes split along surfaces",
+            Self::Quadratic => "quadratic elements",
         })
     }
 }
@@ -89,9 +115,11 @@ pub const FORMATS: &[Format] = &[
             Content::Permeability,
             Content::Properties,
             Content::Faults,
+            Content::ClosedFaults,
             Content::Wells,
             Content::Fluid,
             Content::Pressure,
+            Content::Gravity,
             Content::Duration,
         ],
         write: opm::write,
@@ -104,10 +132,13 @@ pub const FORMATS: &[Format] = &[
         any_cells: true,
         depth: false,
         holds: &[
+            Content::Names,
             Content::Regions,
             Content::Porosity,
             Content::Permeability,
             Content::Properties,
+            Content::ClosedFaults,
+            Content::BareFaults,
         ],
         write: openfoam::write,
     },
@@ -123,6 +154,9 @@ pub const FORMATS: &[Format] = &[
             Content::Porosity,
             Content::Permeability,
             Content::Properties,
+            Content::Faults,
+            Content::ClosedFaults,
+            Content::BareFaults,
         ],
         write: pflotran::write,
     },
@@ -138,6 +172,9 @@ pub const FORMATS: &[Format] = &[
             Content::Porosity,
             Content::Permeability,
             Content::Properties,
+            Content::Faults,
+            Content::ClosedFaults,
+            Content::BareFaults,
         ],
         write: tough::write,
     },
@@ -154,8 +191,10 @@ pub const FORMATS: &[Format] = &[
             Content::Permeability,
             Content::Properties,
             Content::Faults,
+            Content::ClosedFaults,
             Content::Wells,
             Content::Pressure,
+            Content::Gravity,
             Content::Duration,
         ],
         write: disv::write,
@@ -168,11 +207,13 @@ pub const FORMATS: &[Format] = &[
         any_cells: true,
         depth: true,
         holds: &[
+            Content::Names,
             Content::Regions,
             Content::Porosity,
             Content::Permeability,
             Content::Properties,
             Content::Faults,
+            Content::ClosedFaults,
         ],
         write: mrst::write,
     },
@@ -184,10 +225,12 @@ pub const FORMATS: &[Format] = &[
         any_cells: true,
         depth: false,
         holds: &[
+            Content::Names,
             Content::Regions,
             Content::Porosity,
             Content::Permeability,
             Content::Properties,
+            Content::Split,
         ],
         write: geos::write,
     },
@@ -199,11 +242,17 @@ pub const FORMATS: &[Format] = &[
         any_cells: true,
         depth: true,
         holds: &[
+            Content::Names,
             Content::Regions,
             Content::Porosity,
             Content::Permeability,
             Content::Faults,
+            Content::ClosedFaults,
             Content::Grid,
+            Content::Wells,
+            Content::Fluid,
+            Content::Pressure,
+            Content::Duration,
         ],
         write: grdecl::write,
     },
@@ -215,6 +264,7 @@ pub const FORMATS: &[Format] = &[
         any_cells: true,
         depth: true,
         holds: &[
+            Content::Names,
             Content::Regions,
             Content::Porosity,
             Content::Permeability,
@@ -235,6 +285,7 @@ pub const FORMATS: &[Format] = &[
             Content::Permeability,
             Content::Properties,
             Content::Faults,
+            Content::ClosedFaults,
         ],
         write: darts::write,
     },
@@ -245,7 +296,12 @@ pub const FORMATS: &[Format] = &[
         twin: false,
         any_cells: false,
         depth: false,
-        holds: &[Content::Regions],
+        holds: &[
+            Content::Names,
+            Content::Regions,
+            Content::Split,
+            Content::Quadratic,
+        ],
         write: msh::write_4,
     },
     Format {
@@ -255,7 +311,12 @@ pub const FORMATS: &[Format] = &[
         twin: false,
         any_cells: false,
         depth: false,
-        holds: &[Content::Regions],
+        holds: &[
+            Content::Names,
+            Content::Regions,
+            Content::Split,
+            Content::Quadratic,
+        ],
         write: msh::write_2,
     },
     Format {
@@ -265,7 +326,12 @@ pub const FORMATS: &[Format] = &[
         twin: false,
         any_cells: false,
         depth: false,
-        holds: &[Content::Regions],
+        holds: &[
+            Content::Names,
+            Content::Regions,
+            Content::Split,
+            Content::Quadratic,
+        ],
         write: inp::write,
     },
     Format {
@@ -275,7 +341,7 @@ pub const FORMATS: &[Format] = &[
         twin: false,
         any_cells: false,
         depth: false,
-        holds: &[Content::Regions],
+        holds: &[Content::Names, Content::Regions],
         write: medit::write,
     },
     Format {
@@ -285,7 +351,7 @@ pub const FORMATS: &[Format] = &[
         twin: false,
         any_cells: false,
         depth: false,
-        holds: &[Content::Regions],
+        holds: &[Content::Names, Content::Regions],
         write: tetgen::write,
     },
     Format {
@@ -295,7 +361,7 @@ pub const FORMATS: &[Format] = &[
         twin: false,
         any_cells: true,
         depth: false,
-        holds: &[],
+        holds: &[Content::Names],
         write: stl::write,
     },
     Format {
@@ -305,7 +371,7 @@ pub const FORMATS: &[Format] = &[
         twin: false,
         any_cells: true,
         depth: false,
-        holds: &[],
+        holds: &[Content::Names],
         write: stl::write_obj,
     },
 ];
@@ -373,6 +439,11 @@ impl Format {
             format!("the format {} holds no {content}", self.name),
             format!("omit it, or export to {}", able.join(", ")),
         )))
+    }
+
+    /// Whether it is complete without rock, but has no place then for what happens in a simulation.
+    pub fn case_needs_rock(&self) -> bool {
+        self.name == "grdecl"
     }
 
     /// The twin of a file.

@@ -8,18 +8,18 @@ use serde_json::json;
 use crate::cli::common::depth::{in_depth, warn_of_time};
 use crate::cli::common::output::check_output;
 use crate::cli::console::Console;
+use crate::cli::faults::FaultOptions;
 use crate::cli::interrupts::Interrupts;
-use crate::cli::parse::{bad, by_region, number, rows};
+use crate::cli::parse::{bad, by_region, number};
 use crate::error::cause;
 use crate::job::{Meshing, Space};
 use crate::mesh::Simplices;
 use crate::mesh::poly::PolyMesh;
 use crate::model::flow::report::FlowReport;
 use crate::model::flow::through::{
-    Conditions, FaultLaws, FlowOutcome, SIDES, Standing, barriers, flow_through_cells,
-    flow_through_elements,
+    Conditions, FaultLaws, FlowOutcome, SIDES, barriers, flow_through_cells, flow_through_elements,
 };
-use crate::model::flow::{Barriers, Faults, Rock, Streamlines, Tensor, Well};
+use crate::model::flow::{Barriers, Rock, Streamlines, Tensor, Well};
 use crate::store::{MeshFile, Stored, StoredMesh, read_any_vtu, with_mesh};
 use crate::{Error, Result};
 
@@ -43,22 +43,9 @@ pub struct FlowArgs {
     /// memory. Sides without one are closed
     #[arg(long, value_name = "SIDE=P")]
     pub pressure: Vec<String>,
-    /// How faults resist flow across them: closed, open, or the factor, from 0 to 1, of the
-    /// permeability there [default: closed]
-    #[arg(long, value_name = "HOW", allow_hyphen_values = true)]
-    pub faults: Option<String>,
-    /// Thickness (m) of the layer to which the factor of --faults applies [default: from cell to cell]
-    #[arg(long, value_name = "W")]
-    pub fault_thickness: Option<f64>,
-    /// The factor of one fault, by the number that `atomesh surface MESH` gives it; may be repeated;
-    /// or a CSV file of lines surface,factor[,thickness]
-    #[arg(long, value_name = "N:FACTOR", allow_hyphen_values = true)]
-    pub fault_multiplier: Vec<String>,
-    /// The surfaces to which --faults applies: faults, horizons, all, or numbers N,N,... Others are
-    /// open
-    /// [default: faults]
-    #[arg(long, value_name = "WHICH")]
-    pub barriers: Option<String>,
+    /// How faults resist flow.
+    #[command(flatten)]
+    pub faults: FaultOptions,
     /// Permeability in m^2 (1 mD is 9.87e-16 m^2): K; KX,KY,KZ; KXX,KYY,KZZ,KXY,KYZ,KXZ (in 2-D K;
     /// KX,KY; KXX,KYY,KXY); a CSV file of lines region,K; or a cell array of the mesh
     #[arg(
@@ -92,7 +79,7 @@ impl FlowArgs {
     /// No output replaces an input or the other output.
     fn check_files(&self) -> Result<()> {
         let mut inputs = vec![self.mesh.as_path(), Path::new(&self.permeability)];
-        inputs.extend(self.fault_multiplier.iter().map(Path::new));
+        inputs.extend(self.faults.fault_multiplier.iter().map(Path::new));
         check_output(&self.output, "--output", &["vtu"], &inputs)?;
         inputs.push(&self.output);
         match &self.streamlines {
@@ -103,19 +90,9 @@ impl FlowArgs {
 
     /// No option is typed that another leaves without effect.
     fn check_options(&self) -> Result<()> {
-        let refuse =
-            |option: &str, problem: &str| Err(Error::Job(cause(option, problem, "omit it")));
         if self.lines.is_some() && self.streamlines.is_none() {
-            return refuse(
-                "--lines",
-                "is the number of streamlines, but none are to be written",
-            );
-        }
-        if self.barriers.is_some() && self.faults.as_deref() == Some("open") {
-            return refuse(
-                "--barriers",
-                "selects surfaces that resist flow, but --faults open lets it through",
-            );
+            let problem = "is the number of streamlines, but none are to be written";
+            return Err(Error::Job(cause("--lines", problem, "omit it")));
         }
         Ok(())
     }
@@ -134,7 +111,7 @@ pub fn flow(args: &FlowArgs, interrupts: &Interrupts, console: &mut Console) -> 
         interrupts,
         wells: TypedWell::all(args)?,
         sides: sides(&args.pressure)?,
-        laws: fault_laws(args)?,
+        laws: args.faults.laws("closed")?,
     };
     args.check_files()?;
     args.check_options()?;
@@ -268,11 +245,13 @@ impl Typed<'_> {
                 console.begin_stage("grouping faces into faults");
                 barriers(stored, &marks, laws)
             }
-            None if self.args.faults.is_some() || !laws.own.is_empty() => Err(Error::Flow(cause(
-                place,
-                "does not say which of its faces lie on features",
-                "give a mesh that atomesh mesh wrote, or --faults open",
-            ))),
+            None if self.args.faults.faults.is_some() || !laws.own.is_empty() => {
+                Err(Error::Flow(cause(
+                    place,
+                    "does not say which of its faces lie on features",
+                    "give a mesh that atomesh mesh wrote, or --faults open",
+                )))
+            }
             None => {
                 console.note(format_args!(
                     "{place} does not say which faces lie on features: no faults"
@@ -377,108 +356,6 @@ fn well(option: &str, text: &str) -> Result<(Vec<f64>, Option<f64>)> {
     }
     let position = place.split(',').map(|word| number(option, word, remedy));
     Ok((position.collect::<Result<_>>()?, rate))
-}
-
-/// What faults do: `closed`, `open`, or a multiplier.
-pub(super) fn faults(how: &str, thickness: Option<f64>) -> Result<Faults> {
-    match how {
-        "closed" => Faults::new(0.0, thickness),
-        "open" => Ok(Faults::OPEN),
-        text => {
-            let remedy = "give open, closed, or a multiplier from 0 to 1";
-            Faults::new(number("--faults", text, remedy)?, thickness)
-        }
-    }
-}
-
-/// Checks that a thickness, which is that of the layer that a factor is for, has such a factor.
-pub(super) fn check_thickness(thickness: Option<f64>, faults: &str, factors: bool) -> Result<()> {
-    if thickness.is_none() || factors || !matches!(faults, "closed" | "open") {
-        return Ok(());
-    }
-    Err(Error::Job(cause(
-        "--fault-thickness",
-        format!("is that of the layer to which a factor applies, but faults are {faults}"),
-        "give a factor, such as --faults 0.01, or omit it",
-    )))
-}
-
-/// Which surfaces resist flow, and how.
-fn fault_laws(args: &FlowArgs) -> Result<FaultLaws> {
-    let thickness = args.fault_thickness;
-    let how = args.faults.as_deref().unwrap_or("closed");
-    check_thickness(thickness, how, !args.fault_multiplier.is_empty())?;
-    let law = faults(how, thickness)?;
-    let standing = match args.barriers.as_deref().unwrap_or("faults") {
-        "faults" => Standing::Faults,
-        "horizons" => Standing::Horizons,
-        "all" => Standing::All,
-        text => {
-            let numbers = text.split(',').map(|word| word.trim().parse());
-            let numbers = numbers
-                .collect::<std::result::Result<_, _>>()
-                .map_err(|_| {
-                    let remedy = "give faults, horizons, all, or numbers such as 1,4";
-                    bad("--barriers", text, "does not say which surfaces", remedy)
-                })?;
-            Standing::Numbered(numbers)
-        }
-    };
-    let mut own: Vec<(u32, Faults)> = Vec::new();
-    for text in &args.fault_multiplier {
-        for (place, number, law) in multipliers(text, thickness)? {
-            if own.iter().any(|known| known.0 == number) {
-                let problem = format!("gives fault {number} a second factor");
-                return Err(Error::Flow(cause(place, problem, "give each fault once")));
-            }
-            own.push((number, law));
-        }
-    }
-    Ok(FaultLaws { standing, law, own })
-}
-
-/// Faults with laws of their own, and where that was said: `N:FACTOR`, or from a CSV file.
-fn multipliers(text: &str, thickness: Option<f64>) -> Result<Vec<(String, u32, Faults)>> {
-    let number_of =
-        |x: f64| (x >= 1.0 && x <= f64::from(u32::MAX) && x.fract() == 0.0).then_some(x as u32);
-    let option = "--fault-multiplier";
-    let path = Path::new(text);
-    if path.is_file() {
-        let row = |row: &[f64]| match *row {
-            [fault, factor] => Some((number_of(fault)?, factor, thickness)),
-            [fault, factor, thickness] => Some((number_of(fault)?, factor, Some(thickness))),
-            _ => None,
-        };
-        let remedy = "write surface,factor or surface,factor,thickness";
-        let rows = rows(
-            path,
-            row,
-            "a surface's number, its factor and perhaps its thickness",
-            remedy,
-        )?;
-        let law = |(line, (fault, factor, thickness))| {
-            Ok((
-                format!("{text}:{line}"),
-                fault,
-                Faults::new(factor, thickness)?,
-            ))
-        };
-        return rows.into_iter().map(law).collect();
-    }
-    let remedy = "give the number of a surface and its factor, such as 3:0.01, or a CSV file";
-    let (fault, factor) = text
-        .split_once(':')
-        .ok_or_else(|| bad(option, text, "has no ':' and is not a file", remedy))?;
-    let fault = number_of(number(option, fault, remedy)?).ok_or_else(|| {
-        bad(
-            option,
-            text,
-            "names no surface (numbers begin at 1)",
-            remedy,
-        )
-    })?;
-    let law = Faults::new(number(option, factor, remedy)?, thickness)?;
-    Ok(vec![(format!("{option} {text}"), fault, law)])
 }
 
 /// The mobility of every cell: from numbers, from a file by region, or from an array of the mesh.

@@ -73,7 +73,7 @@ impl<'a> Value<'a> {
             Self::Struct(fields) => {
                 let names = 8 + padded((NAME * fields.len()) as u64);
                 let values = fields.iter().map(|(_, value)| 8 + value.size(""));
-                16 + names + values.sum::<u64>()
+                8 + names + values.sum::<u64>()
             }
         }
     }
@@ -100,7 +100,9 @@ impl<'a> Value<'a> {
             }
             Self::Cells(values) => values.iter().try_for_each(|value| value.write("", out)),
             Self::Struct(fields) => {
-                element(out, INT32, &(NAME as u32).to_le_bytes())?;
+                // Packed with its tag, as readers (Octave) ask for it here.
+                out.write_all(&(INT32 | 4 << 16).to_le_bytes())?;
+                out.write_all(&(NAME as u32).to_le_bytes())?;
                 let mut names = vec![0; NAME * fields.len()];
                 for (room, (name, _)) in names.chunks_mut(NAME).zip(fields) {
                     room[..name.len()].copy_from_slice(name.as_bytes());

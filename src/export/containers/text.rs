@@ -36,6 +36,22 @@ impl Text {
         self.word(zmij::Buffer::new().format(number))
     }
 
+    /// Adds a number in at most `width` characters (12 or more): as [`real`](Self::real) does if that
+    /// fits, else with as many digits as do.
+    pub fn real_within(&mut self, number: f64, width: usize) -> &mut Self {
+        let start = self.bytes.len();
+        self.real(number);
+        for decimals in (0..width).rev() {
+            if self.bytes.len() - start <= width {
+                break;
+            }
+            self.bytes.truncate(start);
+            // Memory takes all that is written to it.
+            let _ = write!(self.bytes, "{number:.decimals$e}");
+        }
+        self
+    }
+
     /// Adds a number, a space before it.
     #[inline]
     pub fn and_int(&mut self, number: impl itoa::Integer) -> &mut Self {
@@ -109,6 +125,25 @@ pub fn write_numbers(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn long_numbers_are_shortened_to_the_width() {
+        for number in [
+            0.1,
+            -5.253_295_402_101_371e-6,
+            -123_456_789.123_456_78,
+            -1.234_567_890_123_456_7e-123,
+            612_345.678,
+            -1.234_567_890_123_456_7e300,
+        ] {
+            let mut text = Text::default();
+            text.real_within(number, 20);
+            let text = String::from_utf8(text.bytes).unwrap();
+            let read: f64 = text.parse().unwrap();
+            assert!(text.len() <= 20, "{text}");
+            assert!((read - number).abs() <= 1e-11 * number.abs(), "{text}");
+        }
+    }
 
     #[test]
     fn items_come_in_order_and_numbers_come_back() {

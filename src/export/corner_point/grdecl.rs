@@ -1,21 +1,25 @@
 //! A corner-point grid (Eclipse's GRDECL) for simulators that take no connections of their own: a model
 //! resampled on [`pillars`](super::pillars) and [`layers`](super::layers).
 //!
-//! Two files: `NAME.GRDECL` for a deck's section GRID, and `NAME-regions.GRDECL` with FIPNUM for
-//! REGIONS. METRIC units; z is depth.
+//! `NAME.GRDECL` is for a deck's section GRID, `NAME-regions.GRDECL` with FIPNUM for REGIONS; of a model
+//! whose rock is known `NAME.DATA` is a deck that includes both. METRIC units; z is depth.
 
 use std::io::Write;
 use std::path::Path;
 
 use rayon::prelude::*;
 
+use super::corners::Corners;
 use super::layers::{Layers, lines_of};
 use super::pillars::{Outline, Pillars};
 use super::walk::Walk;
+use super::{faults, wells};
 use crate::Result;
 use crate::export::containers::text::{Text, write_items, write_numbers};
+use crate::export::meshers::groups::shift_of_regions;
+use crate::export::simulators::deck::{self, Done, Opening, Out};
 use crate::files::Batch;
-use crate::model::reservoir::{MILLIDARCY, Model};
+use crate::model::reservoir::{BAR, Fluid, MILLIDARCY, Model};
 
 /// Lines through a column along i and j, on which cells are averaged.
 const LINES: usize = 3;
@@ -51,6 +55,10 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             (0..n).map(sums).collect::<Vec<_>>()
         })
         .collect();
+    let grid = Corners {
+        pillars: &pillars,
+        layers: &layers,
+    };
     let cells = n * m * layers.count;
     let cell = |at: usize| &columns[at % (n * m)][at / (n * m)];
     let mean = |at: usize, sum: f64| match cell(at).weight {
@@ -105,32 +113,60 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         if model.permeability.is_some() {
             for (k, name) in ["PERMX", "PERMY", "PERMZ"].into_iter().enumerate() {
                 writeln!(out, "{name}")?;
-                write_numbers(out, cells, |at| match cell(at).weight {
-                    0.0 => 0.0,
-                    weight => (cell(at).permeability[k] / weight).exp() / MILLIDARCY,
+                write_numbers(out, cells, |at| {
+                    let mean = cell(at).mean_permeability();
+                    mean.map_or(0.0, |mean| mean[k] / MILLIDARCY)
                 })?;
                 writeln!(out, "/\n")?;
             }
         }
-        multipliers(out, model, &walk, &pillars, &layers)
+        faults::write(out, model, &walk, &grid)
     })?;
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     let ending = path.extension().unwrap_or_default().to_string_lossy();
     let regions = path.with_file_name(format!("{stem}-regions.{ending}"));
-    let least = graph.region.iter().min().copied().unwrap_or(0);
+    let shift = shift_of_regions(model);
     batch.write(&regions, |out| {
         writeln!(out, "FIPNUM")?;
         whole_numbers(out, cells, |at| {
             // The region with most of the cell.
             let regions = cell(at).regions.iter();
             let most = regions.max_by(|a, b| a.1.total_cmp(&b.1));
-            most.map_or(1, |(region, _)| i64::from(*region) - i64::from(least) + 1)
+            most.map_or(1, |(region, _)| i64::from(*region) + shift)
         })
+    })?;
+    let (Some(porosity), Some(_)) = (&model.porosity, &model.permeability) else {
+        return Ok(());
+    };
+    deck::check(model, porosity)?;
+    let rock = |at: [usize; 3]| cell(grid.at(at)).mean_permeability();
+    let open: Vec<Vec<Opening>> = (model.case.wells.iter())
+        .map(|well| wells::openings(well, &grid, rock))
+        .collect::<Result<_>>()?;
+    let [name, regions] = [path, &regions].map(|p| p.file_name().unwrap_or_default());
+    let top = model.top();
+    batch.write(&path.with_extension("DATA"), |out| {
+        let says = "a corner-point grid";
+        deck::head(out, &model.case, says, grid.dims(), &open)?;
+        let include = |out: Out, name: &std::ffi::OsStr| {
+            writeln!(out, "INCLUDE\n '{}' /\n", name.to_string_lossy())
+        };
+        writeln!(out, "GRID\nINIT\nGRIDFILE\n 0 1 /\n")?;
+        include(out, name)?;
+        deck::properties(out, &model.case)?;
+        writeln!(out, "REGIONS\n")?;
+        include(out, regions)?;
+        writeln!(out, "SOLUTION\n")?;
+        deck::array(out, "PRESSURE", cells, |at| {
+            let middle = grid.point([at % n, at / n % m, at / (n * m)], [0.5; 3]);
+            model.initial_pressure(-middle[2], top) / BAR
+        })?;
+        if model.case.fluid == Fluid::OilWater {
+            writeln!(out, "SWAT\n {cells}*0.2 /")?;
+        }
+        deck::schedule(out, &model.case, &open)
     })
 }
-
-type Out<'a> = &'a mut std::io::BufWriter<std::fs::File>;
-type Done = std::io::Result<()>;
 
 /// Whole numbers, many a line, and the slash at their end.
 fn whole_numbers(out: Out, count: usize, value: impl Fn(usize) -> i64 + Sync) -> Done {
@@ -224,6 +260,12 @@ fn sums(
 }
 
 impl Sum {
+    /// The geometric mean along i, j and z; `None` without rock.
+    fn mean_permeability(&self) -> Option<[f64; 3]> {
+        let mean = || self.permeability.map(|k| (k / self.weight).exp());
+        (self.weight > 0.0).then(mean)
+    }
+
     fn add(&mut self, model: &Model, pillars: &Pillars, cell: u32, weight: f64) {
         let at = cell as usize;
         self.weight += weight;
@@ -243,73 +285,6 @@ impl Sum {
             None => self.regions.push((region, weight)),
         }
     }
-}
-
-/// How faults lower transmissibilities, between the centres of cells that are neighbours: MULTX,
-/// MULTY and MULTZ; nothing if they do not.
-fn multipliers(out: Out, model: &Model, walk: &Walk, pillars: &Pillars, layers: &Layers) -> Done {
-    let Some(permeability) = &model.permeability else {
-        return Ok(());
-    };
-    let open = |i: usize| {
-        let c = &model.graph.connections[i];
-        let along = c
-            .cells
-            .map(|cell| permeability.rock.mobility(cell as usize).along(c.normal));
-        c.area / (c.distance[0] / along[0] + c.distance[1] / along[1])
-    };
-    let count = model.graph.connections.len();
-    let factor: Vec<f64> = (0..count)
-        .into_par_iter()
-        .map(|i| match model.graph.connections[i].on_feature {
-            true => (permeability.transmissibility[i] / open(i)).min(1.0),
-            false => 1.0,
-        })
-        .collect();
-    if factor.iter().all(|&f| f > 1.0 - 1e-9) {
-        return Ok(());
-    }
-    let [n, m] = pillars.columns;
-    let centre = |[i, j, k]: [usize; 3]| {
-        let column = j * n + i;
-        let z: f64 = (0..4)
-            .map(|c| layers.corner(column, c)[k..=k + 1].iter().sum::<f64>())
-            .sum();
-        let [top, bottom] = pillars.within(column, [0.5, 0.5]);
-        let share = (z / 8.0 - top[2]) / (bottom[2] - top[2]);
-        let along = |k: usize| top[k] + share * (bottom[k] - top[k]);
-        std::array::from_fn::<f64, 3, _>(along)
-    };
-    let dims = [n, m, layers.count];
-    for (axis, name) in ["MULTX", "MULTY", "MULTZ"].into_iter().enumerate() {
-        let row = |row: usize| {
-            let mut from = 0;
-            let of = |i: usize| {
-                let cell = [i, row % m, row / m];
-                let mut next = cell;
-                next[axis] += 1;
-                if next[axis] == dims[axis] {
-                    return 1.0;
-                }
-                let [p, q] = [cell, next].map(centre);
-                from = walk.cell_at(p, from);
-                let line = walk.line(p, std::array::from_fn(|k| q[k] - p[k]), from);
-                let between = line.iter().filter(|piece| (0.0..1.0).contains(&piece.end));
-                let crossed = between.filter_map(|piece| piece.leaves_by);
-                // A rough face is crossed more than once.
-                crossed.map(|c| factor[c as usize]).fold(1.0, f64::min)
-            };
-            (0..n).map(of).collect::<Vec<f64>>()
-        };
-        let all: Vec<f64> = (0..m * layers.count)
-            .into_par_iter()
-            .flat_map_iter(row)
-            .collect();
-        writeln!(out, "{name}")?;
-        write_numbers(out, all.len(), |at| all[at])?;
-        writeln!(out, "/\n")?;
-    }
-    Ok(())
 }
 
 #[cfg(test)]

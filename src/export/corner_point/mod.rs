@@ -1,10 +1,16 @@
 //! Corner-point grids, sampled from any cells.
 //!
-//! - `grdecl`: the file
+//! - `grdecl`: the files
 //! - `pillars`, `layers`: the grid
+//! - `corners`: its cells
+//! - `faults`: surfaces as faces between its cells
+//! - `wells`: the cells that wells are open to
 //! - `walk`: lines through cells, by which both are found
 
+pub(crate) mod corners;
+pub(crate) mod faults;
 pub(crate) mod grdecl;
 pub(crate) mod layers;
 pub(crate) mod pillars;
 pub(crate) mod walk;
+pub(crate) mod wells;

@@ -1,7 +1,10 @@
 //! Abaqus' and CalculiX' input: nodes and C3D4 elements, an element set for each region, and for each
 //! named group of faces a node set and a surface. To be included (`*INCLUDE`) by a file with materials
-//! and steps. Of a mesh of the plane, CPE3 elements (S3 where it does not lie in z = constant), and no
-//! surfaces.
+//! and steps. Of a mesh of the plane, CPE3 elements (S3, without surfaces, where it does not lie in
+//! z = constant). Quadratic ones are C3D10, CPE6 and S6.
+//!
+//! Of a mesh that is torn along surfaces, the cohesive elements between their two sides (COH3D6) are in a
+//! second file, `NAME-cohesive.inp`: CalculiX, which has none, joins the two sides in its own ways.
 
 use std::io::Write;
 use std::path::Path;
@@ -15,10 +18,14 @@ use crate::model::reservoir::Model;
 
 type Out<'a> = &'a mut std::io::BufWriter<std::fs::File>;
 
+/// Characters of a number: the most that is read.
+const WIDTH: usize = 20;
 /// Numbers in a line of a set.
 const IN_LINE: usize = 16;
 /// The local nodes of faces S1 to S4, from 0 on.
-const FACES: [[usize; 3]; 4] = [[0, 1, 2], [0, 3, 1], [1, 3, 2], [2, 3, 0]];
+const FACES: [&[usize]; 4] = [&[0, 1, 2], &[0, 3, 1], &[1, 3, 2], &[2, 3, 0]];
+/// Of a triangle's edges.
+const EDGES: [&[usize]; 3] = [&[0, 1], &[1, 2], &[2, 0]];
 
 /// Writes the mesh; numbers begin with 1.
 ///
@@ -27,27 +34,33 @@ const FACES: [[usize; 3]; 4] = [[0, 1, 2], [0, 3, 1], [1, 3, 2], [2, 3, 0]];
 pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let mesh = &Simplices::new(model, "Abaqus' format")?;
     let level = mesh.nodes.iter().all(|p| p[2] == mesh.nodes[0][2]);
-    let kind = match mesh.size {
-        4 => "C3D4",
-        _ if level => "CPE3",
-        _ => "S3",
+    let kind = match (mesh.size, mesh.is_quadratic()) {
+        (4, false) => "C3D4",
+        (4, true) => "C3D10",
+        (_, false) if level => "CPE3",
+        (_, true) if level => "CPE6",
+        (_, false) => "S3",
+        (_, true) => "S6",
     };
     batch.write(path, |out| {
         writeln!(out, "*NODE, NSET=NALL")?;
-        write_items(out, mesh.nodes.len(), |text, i| {
-            let [x, y, z] = mesh.nodes[i];
-            let text = text.int(i + 1).word(", ").real(x).word(", ");
-            text.real(y).word(", ").real(z).end();
+        write_items(out, mesh.node_count(), |text, i| {
+            let [x, y, z] = mesh.point(i);
+            text.int(i + 1);
+            for x in [x, y, z] {
+                text.word(", ").real_within(x, WIDTH);
+            }
+            text.end();
         })?;
         writeln!(out, "*ELEMENT, TYPE={kind}, ELSET=EALL")?;
         write_items(out, mesh.len(), |text, t| {
             text.int(t + 1);
-            for n in mesh.get(t) {
+            mesh.visit(mesh.get(t), |n| {
                 text.word(", ").int(n + 1);
-            }
+            });
             text.end();
         })?;
-        for region in regions(&model.mesh) {
+        for region in regions(model) {
             let of = |t: &u32| mesh.region[*t as usize] == region;
             let own: Vec<u32> = (0..mesh.len() as u32).filter(of).collect();
             let name = region_name(region).to_uppercase();
@@ -56,25 +69,57 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         }
         for named in &mesh.named {
             let name = named.name.to_uppercase();
-            let mut nodes = named.sides.items.clone();
+            let mut nodes = Vec::new();
+            (0..named.sides.len()).for_each(|i| mesh.visit(named.sides.get(i), |n| nodes.push(n)));
             nodes.sort_unstable();
             nodes.dedup();
             writeln!(out, "*NSET, NSET=N{name}")?;
             set(out, &nodes)?;
-            if mesh.size == 3 {
+            if kind.starts_with('S') {
                 continue;
             }
+            let faces = if mesh.size == 4 { &FACES[..] } else { &EDGES };
             writeln!(out, "*SURFACE, NAME=S{name}, TYPE=ELEMENT")?;
             write_items(out, named.cells.len(), |text, i| {
                 let cell = named.cells[i] as usize;
-                let (ring, tet) = (named.sides.get(i), mesh.get(cell));
-                let of_face = |face: &[usize; 3]| face.iter().all(|&k| ring.contains(&tet[k]));
-                let side = FACES.iter().position(of_face).map_or(0, |k| k + 1);
+                let (ring, corners) = (named.sides.get(i), mesh.get(cell));
+                let of_face = |face: &&[usize]| face.iter().all(|&k| ring.contains(&corners[k]));
+                let side = faces.iter().position(of_face).map_or(0, |k| k + 1);
                 text.int(cell + 1).word(", S").int(side).end();
             })?;
         }
         Ok(())
-    })
+    })?;
+    mesh.write_twins(batch, path, 1)?;
+    cohesive(mesh, batch, path)
+}
+
+/// The elements between the two sides of what the mesh is torn along, with numbers that follow those of the
+/// others.
+fn cohesive(mesh: &Simplices, batch: &mut Batch, path: &Path) -> Result<()> {
+    if mesh.torn.is_empty() {
+        return Ok(());
+    }
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    batch.write(
+        &path.with_file_name(format!("{stem}-cohesive.inp")),
+        |out| {
+            let mut next = mesh.len() + 1;
+            for torn in &mesh.torn {
+                let name = torn.name.to_uppercase();
+                writeln!(out, "*ELEMENT, TYPE=COH3D6, ELSET={name}")?;
+                write_items(out, torn.pairs.len(), |text, i| {
+                    text.int(next + i);
+                    for &n in torn.pairs[i].as_flattened() {
+                        text.word(", ").int(n + 1);
+                    }
+                    text.end();
+                })?;
+                next += torn.pairs.len();
+            }
+            Ok(())
+        },
+    )
 }
 
 /// The numbers of a set, from 1 on.

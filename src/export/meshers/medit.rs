@@ -1,5 +1,5 @@
 //! Medit's `.mesh` in text (INRIA, MMG, FreeFem++): tetrahedra with their regions, triangles with the
-//! numbers of their [`groups`](super::groups). Of a mesh of the plane, triangles and edges.
+//! numbers of their names. Of a mesh of the plane, triangles and edges.
 
 use std::io::Write;
 use std::path::Path;

@@ -1,27 +1,29 @@
 //! Gmsh's mesh format, versions 2.2 and 4.1, in text: tetrahedra in a physical volume for each region,
-//! triangles in a physical surface for each side of the box and for what lies on features. Of a mesh of
-//! the plane, triangles and edges.
+//! triangles in a physical surface for each side of the box, each surface, and what parts two regions. Of a
+//! mesh of the plane, triangles and edges. Between the two sides of a surface along which the mesh is torn,
+//! prisms of no thickness, in a physical volume that has its name.
 //!
-//! Numbers of nodes and of tetrahedra are those of the mesh plus 1; triangles come after.
+//! Numbers of nodes and of tetrahedra are those of the mesh plus 1; triangles and prisms come after. No two
+//! physical groups have the same number, whatever their dimension, since some readers (DARTS) do not look at
+//! that.
 
 use std::io::Write;
 use std::path::Path;
 
 use super::groups::{region_name, regions};
-use super::simplices::{Named, Simplices};
+use super::simplices::{Named, Simplices, Torn};
 use crate::Result;
-use crate::export::containers::text::write_items;
+use crate::export::containers::text::{Text, write_items};
 use crate::files::Batch;
 use crate::model::reservoir::Model;
 
 type Out<'a> = &'a mut std::io::BufWriter<std::fs::File>;
 type Done = std::io::Result<()>;
 
-/// The number of the first region: none is that of a surface too, since some readers (DARTS) do not look
-/// at dimensions.
-const FIRST_REGION: usize = 9;
-/// Gmsh's numbers of element types, by their number of nodes.
-const TYPES: [u8; 5] = [0, 0, 1, 2, 4];
+/// Gmsh's numbers of element types, by their number of corners; and of quadratic ones.
+const TYPES: [[u8; 2]; 5] = [[0, 0], [0, 0], [1, 8], [2, 9], [4, 11]];
+/// Its number of prisms.
+const PRISM: u8 = 6;
 
 fn head(out: Out, version: &str, regions: &[i32], mesh: &Simplices) -> Done {
     let dim = mesh.size - 1;
@@ -29,14 +31,45 @@ fn head(out: Out, version: &str, regions: &[i32], mesh: &Simplices) -> Done {
         out,
         "$MeshFormat\n{version} 0 8\n$EndMeshFormat\n$PhysicalNames"
     )?;
-    writeln!(out, "{}", mesh.named.len() + regions.len())?;
+    let count = mesh.named.len() + mesh.torn.len() + regions.len();
+    writeln!(out, "{count}")?;
     for Named { number, name, .. } in &mesh.named {
         writeln!(out, "{} {number} \"{name}\"", dim - 1)?;
     }
-    for (number, &region) in (FIRST_REGION..).zip(regions) {
+    for Torn { number, name, .. } in &mesh.torn {
+        writeln!(out, "{dim} {number} \"{name}\"")?;
+    }
+    for (number, &region) in (mesh.next_number()..).zip(regions) {
         writeln!(out, "{dim} {number} \"{}\"", region_name(region))?;
     }
     writeln!(out, "$EndPhysicalNames")
+}
+
+/// The types of the cells, and of their sides.
+fn kinds(mesh: &Simplices) -> [u8; 2] {
+    let order = usize::from(mesh.is_quadratic());
+    [mesh.size, mesh.size - 1].map(|size| TYPES[size][order])
+}
+
+/// Ends a line with the nodes of a cell or side. Gmsh has the last two nodes of ten the other way round.
+fn put(mesh: &Simplices, text: &mut Text, corners: &[u32]) {
+    let (mut nodes, mut count) = ([0; 10], 0);
+    mesh.visit(corners, |n| {
+        nodes[count] = n + 1;
+        count += 1;
+    });
+    if count == nodes.len() {
+        nodes.swap(8, 9);
+    }
+    for n in &nodes[..count] {
+        text.and_int(*n);
+    }
+    text.end();
+}
+
+/// Number of prisms between torn faces.
+fn prisms(mesh: &Simplices) -> usize {
+    mesh.torn.iter().map(|torn| torn.pairs.len()).sum()
 }
 
 /// Version 2.2.
@@ -45,35 +78,43 @@ fn head(out: Out, version: &str, regions: &[i32], mesh: &Simplices) -> Done {
 /// [`Error::Export`](crate::Error::Export) if the cells are neither tetrahedra nor triangles.
 pub fn write_2(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let mesh = &Simplices::new(model, "Gmsh's format")?;
-    let regions = regions(&model.mesh);
+    let regions = regions(model);
+    mesh.write_twins(batch, path, 1)?;
     batch.write(path, |out| {
         head(out, "2.2", &regions, mesh)?;
-        writeln!(out, "$Nodes\n{}", mesh.nodes.len())?;
-        write_items(out, mesh.nodes.len(), |text, i| {
-            text.int(i + 1).point(mesh.nodes[i]).end();
+        writeln!(out, "$Nodes\n{}", mesh.node_count())?;
+        write_items(out, mesh.node_count(), |text, i| {
+            text.int(i + 1).point(mesh.point(i)).end();
         })?;
-        writeln!(out, "$EndNodes\n$Elements\n{}", mesh.len() + mesh.sides())?;
+        let count = mesh.len() + mesh.sides() + prisms(mesh);
+        writeln!(out, "$EndNodes\n$Elements\n{count}")?;
         let mut next = mesh.len() + 1;
-        let (kind, of_side) = (TYPES[mesh.size], TYPES[mesh.size - 1]);
+        let [kind, of_side] = kinds(mesh);
         for Named { number, sides, .. } in &mesh.named {
             write_items(out, sides.len(), |text, i| {
                 let text = text.int(next + i).and_int(of_side).word(" 2");
                 text.and_int(*number).and_int(*number);
-                for &n in sides.get(i) {
+                put(mesh, text, sides.get(i));
+            })?;
+            next += sides.len();
+        }
+        for Torn { number, pairs, .. } in &mesh.torn {
+            write_items(out, pairs.len(), |text, i| {
+                let text = text.int(next + i).and_int(PRISM).word(" 2");
+                text.and_int(*number).and_int(*number);
+                for &n in pairs[i].as_flattened() {
                     text.and_int(n + 1);
                 }
                 text.end();
             })?;
-            next += sides.len();
+            next += pairs.len();
         }
+        let first_region = mesh.next_number();
         write_items(out, mesh.len(), |text, t| {
-            let region = regions.partition_point(|&r| r < mesh.region[t]) + FIRST_REGION;
+            let region = regions.partition_point(|&r| r < mesh.region[t]) + first_region;
             let text = text.int(t + 1).and_int(kind).word(" 2");
             text.and_int(region).and_int(region);
-            for n in mesh.get(t) {
-                text.and_int(n + 1);
-            }
-            text.end();
+            put(mesh, text, mesh.get(t));
         })?;
         writeln!(out, "$EndElements")
     })
@@ -85,7 +126,7 @@ pub fn write_2(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
 /// [`Error::Export`](crate::Error::Export) if the cells are neither tetrahedra nor triangles.
 pub fn write_4(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let mesh = &Simplices::new(model, "Gmsh's format")?;
-    let regions = regions(&model.mesh);
+    let regions = regions(model);
     let nowhere = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
     let (low, high) = mesh.nodes.iter().fold(nowhere, |(low, high), p| {
         (
@@ -93,10 +134,12 @@ pub fn write_4(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             std::array::from_fn(|k| high[k].max(p[k])),
         )
     });
+    mesh.write_twins(batch, path, 1)?;
     batch.write(path, |out| {
         head(out, "4.1", &regions, mesh)?;
-        let (dim, kind, of_side) = (mesh.size - 1, TYPES[mesh.size], TYPES[mesh.size - 1]);
-        let (sides, cells) = (mesh.named.len(), regions.len());
+        let (dim, [kind, of_side]) = (mesh.size - 1, kinds(mesh));
+        let (sides, cells) = (mesh.named.len(), regions.len() + mesh.torn.len());
+        let first_region = mesh.next_number();
         match dim {
             3 => writeln!(out, "$Entities\n0 0 {sides} {cells}")?,
             _ => writeln!(out, "$Entities\n0 {sides} {cells} 0")?,
@@ -106,43 +149,49 @@ pub fn write_4(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         for Named { number, .. } in &mesh.named {
             writeln!(out, "{number} {x} {y} {z} {u} {v} {w} 1 {number} 0")?;
         }
-        for number in FIRST_REGION..FIRST_REGION + regions.len() {
+        let torn = mesh.torn.iter().map(|torn| torn.number);
+        for number in torn.chain(first_region..first_region + regions.len()) {
             writeln!(out, "{number} {x} {y} {z} {u} {v} {w} 1 {number} 0")?;
         }
-        let nodes = mesh.nodes.len();
+        let nodes = mesh.node_count();
         writeln!(
             out,
-            "$EndEntities\n$Nodes\n1 {nodes} 1 {nodes}\n{dim} {FIRST_REGION} 0 {nodes}"
+            "$EndEntities\n$Nodes\n1 {nodes} 1 {nodes}\n{dim} {first_region} 0 {nodes}"
         )?;
         write_items(out, nodes, |text, i| text.int(i + 1).end())?;
         write_items(out, nodes, |text, i| {
-            let [x, y, z] = mesh.nodes[i];
+            let [x, y, z] = mesh.point(i);
             text.real(x).and_real(y).and_real(z).end();
         })?;
-        let (blocks, count) = (sides + cells, mesh.len() + mesh.sides());
+        let (blocks, count) = (sides + cells, mesh.len() + mesh.sides() + prisms(mesh));
         writeln!(out, "$EndNodes\n$Elements\n{blocks} {count} 1 {count}")?;
         let mut next = mesh.len() + 1;
         for Named { number, sides, .. } in &mesh.named {
             writeln!(out, "{} {number} {of_side} {}", dim - 1, sides.len())?;
             write_items(out, sides.len(), |text, i| {
                 text.int(next + i);
-                for &n in sides.get(i) {
+                put(mesh, text, sides.get(i));
+            })?;
+            next += sides.len();
+        }
+        for Torn { number, pairs, .. } in &mesh.torn {
+            writeln!(out, "{dim} {number} {PRISM} {}", pairs.len())?;
+            write_items(out, pairs.len(), |text, i| {
+                text.int(next + i);
+                for &n in pairs[i].as_flattened() {
                     text.and_int(n + 1);
                 }
                 text.end();
             })?;
-            next += sides.len();
+            next += pairs.len();
         }
-        for (number, &region) in (FIRST_REGION..).zip(&regions) {
+        for (number, &region) in (first_region..).zip(&regions) {
             let of = |t: &u32| mesh.region[*t as usize] == region;
             let own: Vec<u32> = (0..mesh.len() as u32).filter(of).collect();
             writeln!(out, "{dim} {number} {kind} {}", own.len())?;
             write_items(out, own.len(), |text, i| {
                 text.int(own[i] + 1);
-                for n in mesh.get(own[i] as usize) {
-                    text.and_int(n + 1);
-                }
-                text.end();
+                put(mesh, text, mesh.get(own[i] as usize));
             })?;
         }
         writeln!(out, "$EndElements")

@@ -1,15 +1,29 @@
 //! Meshes of simplices for those formats that hold nothing else: tetrahedra with triangles on what has a
 //! name, or, of the plane, triangles with edges.
 
-use super::groups::groups;
+use std::io::Write;
+use std::path::Path;
+
+use rayon::prelude::*;
+
+use super::groups::Names;
 use crate::Result;
+use crate::export::containers::text::write_items;
+use crate::files::Batch;
+use crate::mesh::FACES;
 use crate::mesh::poly::Lists;
 use crate::model::reservoir::Model;
+
+/// The edges of a tetrahedron in whose middle its further nodes are, in Abaqus' order; of a triangle the
+/// first three.
+pub const MIDDLES: [[usize; 2]; 6] = [[0, 1], [1, 2], [2, 0], [0, 3], [1, 3], [2, 3]];
 
 /// A mesh of tetrahedra or triangles.
 pub struct Simplices<'a> {
     /// Positions.
     pub nodes: &'a [[f64; 3]],
+    /// Of a quadratic mesh the edges, ascending, each with a node in its middle, which follow the others.
+    edges: Vec<[u32; 2]>,
     /// The nodes of each, one after the other.
     corners: &'a [u32],
     /// Number of nodes of each: 4, or 3.
@@ -18,59 +32,199 @@ pub struct Simplices<'a> {
     pub region: &'a [i32],
     /// What has a name.
     pub named: Vec<Named>,
+    /// The surfaces along which the mesh is torn.
+    pub torn: Vec<Torn>,
 }
 
 /// Sides of simplices that have a name.
 pub struct Named {
-    /// As [`Group::name`](super::groups::Group).
-    pub name: &'static str,
-    /// As [`Group::number`](super::groups::Group).
+    /// As [`Names`] has it; the two sides of a surface along which the mesh is torn end in `_a` (the lower
+    /// one) and `_b`.
+    pub name: String,
+    /// Its number, from 1 on; no other name has it.
     pub number: usize,
-    /// The nodes of each side.
+    /// The nodes of each side, turning anticlockwise seen from outside its cell.
     pub sides: Lists,
-    /// The first cell that has it.
+    /// The cell that each is seen from: of a surface the one below it.
     pub cells: Vec<u32>,
 }
 
+/// A surface along which a mesh is torn.
+pub struct Torn {
+    /// The surface's name, for the elements between its two sides.
+    pub name: String,
+    /// Its number, which no other name has.
+    pub number: usize,
+    /// Each face as its lower cell has it, anticlockwise seen from above, and as its upper cell has it, in
+    /// the same order. At a tip nodes are the same.
+    pub pairs: Vec<[[u32; 3]; 2]>,
+    /// The lower cell and the upper one.
+    pub cells: Vec<[u32; 2]>,
+}
+
 impl<'a> Simplices<'a> {
-    /// The simplices of a model.
+    /// The simplices of a model, torn if it is.
     ///
     /// # Errors
     /// [`Error::Export`](crate::Error::Export) if the cells are others; `needs` says who asks.
     pub fn new(model: &'a Model, needs: &str) -> Result<Self> {
         let mesh = &model.mesh;
-        let (corners, size, nodes) = match &model.triangles {
-            Some(triangles) => (triangles.as_flattened(), 3, mesh.nodes.len() / 2),
-            None => {
+        let (corners, size, nodes) = match (&model.triangles, &model.torn) {
+            (Some(triangles), _) => {
+                let nodes = &mesh.nodes[..mesh.nodes.len() / 2];
+                (triangles.as_flattened(), 3, nodes)
+            }
+            (None, Some(torn)) => (torn.mesh.tets.as_flattened(), 4, &torn.mesh.nodes[..]),
+            (None, None) => {
                 let tets = &model.need_tets(needs)?.tets;
-                (tets.as_flattened(), 4, mesh.nodes.len())
+                (tets.as_flattened(), 4, &mesh.nodes[..])
             }
         };
-        let below = |n: &u32| (*n as usize) < nodes;
-        let named = groups(mesh).into_iter().map(|group| {
-            let mut named = Named {
-                name: group.name,
-                number: group.number,
-                sides: Lists::default(),
-                cells: Vec::new(),
-            };
-            for f in group.faces {
-                // Of a layer's upright faces the lower edge.
-                let side = || mesh.faces.get(f as usize).iter().copied().filter(below);
-                if size == 4 || side().count() == 2 {
-                    named.sides.push(side());
-                    named.cells.push(mesh.face_cells[f as usize][0]);
-                }
-            }
-            named
-        });
-        Ok(Self {
-            nodes: &mesh.nodes[..nodes],
+        let mut simplices = Self {
+            nodes,
+            edges: Vec::new(),
             corners,
             size,
             region: &mesh.region,
-            named: named.filter(|named| !named.cells.is_empty()).collect(),
-        })
+            named: Vec::new(),
+            torn: Vec::new(),
+        };
+        let names = Names::new(model);
+        let rises = model.rises();
+        simplices.tear(model, &names, &rises);
+        let is_torn = |name: &str| simplices.torn.iter().any(|torn| torn.name == name);
+        for group in names.groups() {
+            if is_torn(&group.name) {
+                continue;
+            }
+            let mut named = Named::new(group.name, group.number);
+            for f in group.faces {
+                let side = rises.get(f as usize).is_some_and(|rises| !rises);
+                named.add(model, &simplices, f, usize::from(side));
+            }
+            if !named.cells.is_empty() {
+                simplices.named.push(named);
+            }
+        }
+        // What is torn comes last, both of its sides, and then what is between them.
+        let mut next = names.names.len() + 1;
+        let mut sides = Vec::new();
+        for torn in &mut simplices.torn {
+            for (side, letter) in ["a", "b"].into_iter().enumerate() {
+                let mut named = Named::new(format!("{}_{letter}", torn.name), next);
+                next += 1;
+                for (pair, cells) in torn.pairs.iter().zip(&torn.cells) {
+                    let [p, q, r] = pair[side];
+                    named
+                        .sides
+                        .push(if side == 0 { [p, q, r] } else { [q, p, r] });
+                    named.cells.push(cells[side]);
+                }
+                sides.push(named);
+            }
+        }
+        for torn in &mut simplices.torn {
+            torn.number = next;
+            next += 1;
+        }
+        simplices.named.extend(sides);
+        if model.quadratic {
+            simplices.find_edges();
+        }
+        Ok(simplices)
+    }
+
+    fn find_edges(&mut self) {
+        let middles = &MIDDLES[..self.middles()];
+        let of = |t: usize| {
+            let corners = self.get(t);
+            middles
+                .iter()
+                .map(move |edge| ascending(edge.map(|k| corners[k])))
+        };
+        let mut edges: Vec<[u32; 2]> = (0..self.len()).flat_map(of).collect();
+        edges.par_sort_unstable();
+        edges.dedup();
+        self.edges = edges;
+    }
+
+    /// Number of edges of each simplex.
+    fn middles(&self) -> usize {
+        self.size * (self.size - 1) / 2
+    }
+
+    /// Whether there are nodes in the middle of edges.
+    pub fn is_quadratic(&self) -> bool {
+        !self.edges.is_empty()
+    }
+
+    /// Number of nodes, those in the middle of edges among them.
+    pub fn node_count(&self) -> usize {
+        self.nodes.len() + self.edges.len()
+    }
+
+    /// The position of a node.
+    pub fn point(&self, node: usize) -> [f64; 3] {
+        match node.checked_sub(self.nodes.len()) {
+            None => self.nodes[node],
+            Some(edge) => {
+                let [a, b] = self.edges[edge].map(|n| self.nodes[n as usize]);
+                std::array::from_fn(|k| 0.5 * (a[k] + b[k]))
+            }
+        }
+    }
+
+    /// Visits the nodes of a simplex, or of a side of one, with these corners: they, and if the mesh is
+    /// quadratic those in the middle of its edges, in the order of [`MIDDLES`].
+    pub fn visit(&self, corners: &[u32], mut visit: impl FnMut(u32)) {
+        corners.iter().for_each(|&n| visit(n));
+        if self.is_quadratic() {
+            let count = corners.len() * (corners.len() - 1) / 2;
+            for edge in &MIDDLES[..count] {
+                let edge = ascending(edge.map(|k| corners[k]));
+                let at = self.edges.partition_point(|known| *known < edge);
+                visit((self.nodes.len() + at) as u32);
+            }
+        }
+    }
+
+    /// Finds the surfaces along which a model is torn.
+    fn tear(&mut self, model: &Model, names: &Names, rises: &[bool]) {
+        let Some(split) = &model.torn else {
+            return;
+        };
+        let face_cells = &model.mesh.face_cells;
+        let mut faces: Vec<_> = split.faces.iter().collect();
+        faces.sort_by_key(|face| (face.label, face.cells));
+        for own in faces.chunk_by(|a, b| a.label == b.label) {
+            let number = names.of_surface(model, own[0].label);
+            let mut torn = Torn {
+                name: names.name(number).to_string(),
+                number: 0,
+                pairs: Vec::with_capacity(own.len()),
+                cells: Vec::with_capacity(own.len()),
+            };
+            for face in own {
+                let f = face_cells[..model.mesh.inner_faces()].binary_search(&face.cells);
+                let lower = usize::from(!f.is_ok_and(|f| rises[f]));
+                let mut pair = [face.nodes[lower], face.nodes[1 - lower]];
+                let cell = face.cells[lower];
+                if !self.turns_outwards(cell as usize, pair[0]) {
+                    pair.iter_mut().for_each(|nodes| nodes.swap(0, 1));
+                }
+                torn.pairs.push(pair);
+                torn.cells.push([cell, face.cells[1 - lower]]);
+            }
+            self.torn.push(torn);
+        }
+    }
+
+    /// Whether three nodes of a tetrahedron turn anticlockwise seen from outside.
+    fn turns_outwards(&self, cell: usize, face: [u32; 3]) -> bool {
+        let corners = self.get(cell);
+        let at = face.map(|n| corners.iter().position(|&m| m == n).unwrap_or(0));
+        let same = |ring: &[usize; 3]| (0..3).any(|k| [0, 1, 2].map(|i| ring[(i + k) % 3]) == at);
+        !FACES.iter().any(same)
     }
 
     /// Number of simplices.
@@ -86,5 +240,74 @@ impl<'a> Simplices<'a> {
     /// Number of sides that have a name.
     pub fn sides(&self) -> usize {
         self.named.iter().map(|named| named.cells.len()).sum()
+    }
+
+    /// The first number that no name has.
+    pub fn next_number(&self) -> usize {
+        let named = self.named.iter().map(|named| named.number);
+        let torn = self.torn.iter().map(|torn| torn.number);
+        named.chain(torn).max().unwrap_or(0) + 1
+    }
+
+    /// Writes the twin faces of a torn mesh to `NAME-twins.csv` beside the file: surface, cells and nodes of
+    /// the lower side and the upper one. Numbers begin with `first`.
+    pub fn write_twins(&self, batch: &mut Batch, path: &Path, first: u32) -> Result<()> {
+        if self.torn.is_empty() {
+            return Ok(());
+        }
+        let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+        batch.write(&path.with_file_name(format!("{stem}-twins.csv")), |out| {
+            writeln!(out, "surface,cell_a,cell_b,a1,a2,a3,b1,b2,b3")?;
+            for torn in &self.torn {
+                write_items(out, torn.pairs.len(), |text, i| {
+                    text.word(&torn.name);
+                    for n in torn.cells[i].iter().chain(torn.pairs[i].as_flattened()) {
+                        text.word(",").int(n + first);
+                    }
+                    text.end();
+                })?;
+            }
+            Ok(())
+        })
+    }
+}
+
+fn ascending([a, b]: [u32; 2]) -> [u32; 2] {
+    [a.min(b), a.max(b)]
+}
+
+impl Named {
+    fn new(name: String, number: usize) -> Self {
+        Self {
+            name,
+            number,
+            sides: Lists::default(),
+            cells: Vec::new(),
+        }
+    }
+
+    /// Adds a face as one of its two cells has it.
+    fn add(&mut self, model: &Model, simplices: &Simplices, face: u32, side: usize) {
+        let mesh = &model.mesh;
+        let cell = mesh.face_cells[face as usize][side];
+        let mut ring = mesh.faces.get(face as usize).to_vec();
+        if side == 1 {
+            ring.reverse();
+        }
+        if simplices.size == 3 {
+            // Of a layer's upright faces the lower edge.
+            ring.retain(|&n| (n as usize) < simplices.nodes.len());
+            if ring.len() != 2 {
+                return;
+            }
+        } else if let (Some(torn), Some(tets)) = (&model.torn, &model.tets) {
+            let (before, after) = (&tets.tets[cell as usize], &torn.mesh.tets[cell as usize]);
+            for n in &mut ring {
+                let at = before.iter().position(|m| m == n);
+                *n = after[at.unwrap_or(0)];
+            }
+        }
+        self.sides.push(ring);
+        self.cells.push(cell);
     }
 }

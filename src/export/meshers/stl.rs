@@ -16,7 +16,7 @@ use crate::model::reservoir::Model;
 /// Every named group of faces, in triangles.
 fn surfaces(model: &Model) -> SurfaceFile<3> {
     let mesh = &model.mesh;
-    let groups = groups(mesh);
+    let groups = groups(model);
     let (mut facets, mut start) = (Vec::new(), vec![0]);
     for group in &groups {
         for &f in &group.faces {
@@ -27,7 +27,7 @@ fn surfaces(model: &Model) -> SurfaceFile<3> {
         start.push(facets.len());
     }
     let mut file = SurfaceFile::new(&mesh.nodes, &facets, &start, "");
-    file.names = groups.iter().map(|group| group.name.to_string()).collect();
+    file.names = groups.into_iter().map(|group| group.name).collect();
     file
 }
 

@@ -1,5 +1,5 @@
 //! TetGen's `.node`, `.ele` and `.face`: nodes, tetrahedra with their regions, triangles with the
-//! numbers of their [`groups`]. Numbers begin with 1.
+//! numbers of their names. Numbers begin with 1.
 
 use std::io::Write;
 use std::path::Path;
@@ -33,7 +33,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             text.and_int(mesh.region[t]).end();
         })
     })?;
-    let groups = groups(mesh);
+    let groups = groups(model);
     batch.write(&path.with_extension("face"), |out| {
         writeln!(
             out,

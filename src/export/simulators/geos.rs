@@ -1,28 +1,43 @@
-//! A VTU for GEOS: `attribute` says the region of each cell (from 1 on), and rock has the names that
-//! GEOS' own examples give it, so that `fieldsToImport` and `fieldNamesInGEOS` are the same.
+//! A VTU for GEOS: `attribute` says the region of each cell (1 or more), and rock has the names that
+//! GEOS' own examples give it, so that `fieldsToImport` and `fieldNamesInGEOS` are the same. Names of faces
+//! are sets of nodes, arrays of 0 and 1 for `nodesetNames`; beside tetrahedra also triangles, whose
+//! `attribute` is the number of the name, from which GEOS makes sets, too.
+//!
+//! Of a mesh that is torn along surfaces, `NAME.vtm` has the mesh as its block `main` and a block for each
+//! surface (`faceBlocks`), which says by `collocated_nodes` which nodes of the mesh are at each of its own.
 //!
 //! GEOS itself takes tetrahedra, and prisms; of other polyhedra, only those that it can name.
 
+use std::io::Write;
 use std::path::Path;
 
 use crate::Result;
+use crate::export::meshers::groups::{Names, nodes_of, shift_of_regions};
+use crate::export::meshers::simplices::{Simplices, Torn};
 use crate::files::Batch;
+use crate::files::vtk::xml::escape;
 use crate::files::vtk::{DataArray, Packing};
+use crate::mesh::{Mesh, TetMesh, TriMesh};
+use crate::model::flow::Split;
 use crate::model::reservoir::Model;
 use crate::store::polyhedra::add_cells_vtu;
-use crate::store::vtu::{MeshFile, add_vtu};
+use crate::store::vtu::{MixedCells, add_mixed_vtu};
 
 /// The names of porosity and permeability.
 const ROCK: [&str; 2] = ["rockPorosity_referencePorosity", "rockPerm_permeability"];
+/// VTK's numbers of cells.
+const TRIANGLE: u8 = TriMesh::VTK_CELL;
+const TETRAHEDRON: u8 = TetMesh::VTK_CELL;
+const NEEDS: &str = "a mesh for GEOS";
 
 /// Writes the mesh.
 ///
 /// # Errors
 /// [`Error::Io`](crate::Error::Io) if it cannot be written.
 pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
-    let region = &model.graph.region;
-    let least = region.iter().min().copied().unwrap_or(0);
-    let attribute: Vec<i32> = region.iter().map(|r| r - least + 1).collect();
+    let shift = shift_of_regions(model);
+    let own = model.mesh.region.iter();
+    let attribute: Vec<i32> = own.map(|&r| (i64::from(r) + shift) as i32).collect();
     let mut arrays = vec![DataArray::scalars("attribute", attribute)];
     if let Some(porosity) = &model.porosity {
         arrays.push(DataArray::scalars(ROCK[0], porosity.clone()));
@@ -36,13 +51,139 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         });
     }
     arrays.extend(model.properties.iter().cloned());
-    let Some(tets) = &model.tets else {
-        return add_cells_vtu(batch, path, &model.mesh, &[], &arrays, &[], Packing::None);
+    if model.tets.is_some() {
+        return tetrahedra(model, batch, path, arrays);
+    }
+    let sets = Names::new(model).groups().into_iter();
+    let sets: Vec<DataArray> = sets
+        .map(|group| {
+            set(
+                &group.name,
+                model.mesh.nodes.len(),
+                &nodes_of(model, &group.faces),
+            )
+        })
+        .collect();
+    add_cells_vtu(batch, path, &model.mesh, &sets, &arrays, &[], Packing::None)
+}
+
+/// A set of nodes: 1 where they are in it.
+fn set(name: &str, count: usize, nodes: &[u32]) -> DataArray {
+    let mut within = vec![0i32; count];
+    nodes.iter().for_each(|&n| within[n as usize] = 1);
+    DataArray::scalars(name, within)
+}
+
+/// Tetrahedra and triangles; `arrays` are those of the tetrahedra.
+fn tetrahedra(model: &Model, batch: &mut Batch, path: &Path, arrays: Vec<DataArray>) -> Result<()> {
+    let mesh = &Simplices::new(model, NEEDS)?;
+    let mut cells = MixedCells::default();
+    (0..mesh.len()).for_each(|t| cells.push(TETRAHEDRON, mesh.get(t).iter().copied()));
+    // Triangles have what the cells have that they are seen from.
+    let mut rows: Vec<u32> = (0..mesh.len() as u32).collect();
+    let mut numbers = Vec::new();
+    for named in &mesh.named {
+        for (i, &cell) in named.cells.iter().enumerate() {
+            cells.push(TRIANGLE, named.sides.get(i).iter().copied());
+            rows.push(cell);
+            numbers.push(named.number as i32);
+        }
+    }
+    let mut arrays: Vec<DataArray> = (arrays.into_iter())
+        .map(|array| DataArray {
+            values: array.values.tuples(&rows, array.components),
+            ..array
+        })
+        .collect();
+    let mut attribute: Vec<i32> = arrays[0]
+        .values
+        .to_i64()
+        .iter()
+        .map(|&a| a as i32)
+        .collect();
+    attribute[mesh.len()..].copy_from_slice(&numbers);
+    arrays[0].values = attribute.into();
+    let sets: Vec<DataArray> = (mesh.named.iter())
+        .map(|named| set(&named.name, mesh.nodes.len(), &named.sides.items))
+        .collect();
+    add_mixed_vtu(batch, path, mesh.nodes, &cells, &sets, &arrays)?;
+    match &model.torn {
+        Some(split) => fractures(mesh, split, batch, path),
+        None => Ok(()),
+    }
+}
+
+/// The surfaces along which a mesh is torn, each in a file, and the one that lists all.
+fn fractures(mesh: &Simplices, split: &Split, batch: &mut Batch, path: &Path) -> Result<()> {
+    // All nodes at the place of each, it among them.
+    let mut places: Vec<(u32, u32)> = split.original.iter().copied().zip(0..).collect();
+    places.sort_unstable();
+    let at = |n: u32| {
+        let place = split.original[n as usize];
+        let first = places.partition_point(|p| p.0 < place);
+        places[first..].iter().take_while(move |p| p.0 == place)
     };
-    let file = MeshFile {
-        mesh: tets.clone(),
-        cell_data: arrays,
-        ..MeshFile::default()
-    };
-    add_vtu(batch, path, &file)
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let mut blocks = vec![("main".to_string(), format!("{stem}.vtu"))];
+    for Torn {
+        name,
+        number,
+        pairs,
+        ..
+    } in &mesh.torn
+    {
+        // A face of whose nodes none is doubled parts nothing.
+        let parts = |pair: &&[[u32; 3]; 2]| pair[0] != pair[1];
+        let faces: Vec<[u32; 3]> = pairs.iter().filter(parts).map(|pair| pair[0]).collect();
+        let place = |n: &u32| split.original[*n as usize];
+        let mut own: Vec<u32> = faces.as_flattened().iter().map(place).collect();
+        own.sort_unstable();
+        own.dedup();
+        let most = own.iter().map(|&n| at(n).count()).max().unwrap_or(0);
+        let mut collocated = Vec::with_capacity(most * own.len());
+        for &n in &own {
+            let here = collocated.len();
+            collocated.extend(at(n).map(|p| i64::from(p.1)));
+            collocated.resize(here + most, -1);
+        }
+        let mut cells = MixedCells::default();
+        for face in &faces {
+            let local = |n: u32| own.partition_point(|&m| m < place(&n)) as u32;
+            cells.push(TRIANGLE, face.map(local));
+        }
+        let nodes: Vec<[f64; 3]> = own.iter().map(|&n| mesh.nodes[n as usize]).collect();
+        let collocated = DataArray {
+            name: "collocated_nodes".into(),
+            components: most,
+            values: collocated.into(),
+        };
+        let attribute = DataArray::scalars("attribute", vec![*number as i32; faces.len()]);
+        let file = format!("{stem}-{name}.vtu");
+        let own_path = path.with_file_name(&file);
+        add_mixed_vtu(
+            batch,
+            &own_path,
+            &nodes,
+            &cells,
+            &[collocated],
+            &[attribute],
+        )?;
+        blocks.push((name.clone(), file));
+    }
+    mesh.write_twins(batch, path, 0)?;
+    batch.write(&path.with_extension("vtm"), |out| {
+        writeln!(
+            out,
+            "<?xml version=\"1.0\"?>\n<VTKFile type=\"vtkMultiBlockDataSet\" version=\"1.0\">\n  \
+             <vtkMultiBlockDataSet>"
+        )?;
+        for (i, (name, file)) in blocks.iter().enumerate() {
+            let file = escape(file);
+            writeln!(
+                out,
+                "    <DataSet index=\"{i}\" name=\"{name}\" file=\"{file}\"/>"
+            )?;
+        }
+        writeln!(out, "  </vtkMultiBlockDataSet>\n</VTKFile>")
+    })
 }

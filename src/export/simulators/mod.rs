@@ -1,6 +1,7 @@
 //! Models for flow simulators, one format a file.
 //!
-//! - [`opm`]: decks for OPM Flow and Eclipse
+//! - [`opm`]: decks for OPM Flow and Eclipse, of cells and connections
+//! - `deck`: what all decks have in common
 //! - `openfoam`: OpenFOAM cases
 //! - `disv`: MODFLOW 6 on columns
 //! - `pflotran`, `tough`, `darts`: cells and connections for PFLOTRAN, TOUGH2 and DARTS
@@ -9,6 +10,7 @@
 //! - `resqml`: RESQML packages
 
 pub(crate) mod darts;
+pub(crate) mod deck;
 pub(crate) mod disv;
 pub(crate) mod geos;
 pub(crate) mod mrst;

@@ -2,7 +2,8 @@
 //! transmissibility of every face.
 //!
 //! As MRST has it: z is depth; numbers begin with 1, and 0 is outside; normals are as long as the
-//! face's area and point from the first neighbour to the second. `G.cells.sites` are the points that
+//! face's area and point from the first neighbour to the second. `G.faces.tagNames` has the name for each
+//! `G.faces.tag`, and `G.nodes.sets` the nodes of each name. `G.cells.sites` are the points that
 //! `T` is for: `computeTrans` takes centroids instead, which on Voronoi cells is wrong.
 //! Source: K.-A. Lie, "An Introduction to Reservoir Simulation Using MATLAB/GNU Octave", section 3.4.
 
@@ -11,7 +12,7 @@ use std::path::Path;
 use crate::Result;
 use crate::export::containers::binary::Numbers;
 use crate::export::containers::mat::{self, Value};
-use crate::export::meshers::groups::groups;
+use crate::export::meshers::groups::{Group, Names, nodes_of};
 use crate::files::Batch;
 use crate::files::vtk::Scalar;
 use crate::mesh::poly::SIDE_0;
@@ -42,13 +43,15 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let (mesh, graph) = (&model.mesh, &model.graph);
     let (cells, faces, inner) = (model.len(), mesh.face_cells.len(), mesh.inner_faces());
     let of_cells = mesh.faces_of_cells();
-    let mut tag = vec![0u8; faces];
-    for group in groups(mesh) {
-        group
-            .faces
-            .iter()
-            .for_each(|&f| tag[f as usize] = group.number as u8);
-    }
+    let names = Names::new(model);
+    let words = names.names.iter().map(|name| Value::Text(name));
+    let groups = names.groups();
+    let set = |group: &'_ Group| {
+        let nodes = nodes_of(model, &group.faces);
+        Value::column(Numbers::computed(nodes.len(), move |i| nodes[i] + 1))
+    };
+    let sets = groups.iter().filter(|group| mat::is_name(&group.name));
+    let sets = sets.map(|group| (group.name.as_str(), set(group)));
     let area = |f: usize| match f.checked_sub(inner) {
         None => (graph.connections[f].area, graph.connections[f].normal),
         Some(outer) => (graph.boundary[outer].area, graph.boundary[outer].normal),
@@ -94,7 +97,8 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             "neighbors",
             Value::Matrix(faces, 2, Numbers::computed(2 * faces, neighbour)),
         ),
-        ("tag", Value::column(Numbers::slice(&tag))),
+        ("tag", Value::column(Numbers::slice(&names.of_face))),
+        ("tagNames", Value::Cells(words.collect())),
         (
             "areas",
             Value::column(Numbers::computed(faces, |f| area(f).0)),
@@ -117,6 +121,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             "coords",
             points(mesh.nodes.len(), |n| downwards(mesh.nodes[n])),
         ),
+        ("sets", Value::Struct(sets.collect())),
     ]);
     let grid = Value::Struct(vec![
         ("cells", of_cell),

@@ -1,33 +1,27 @@
-//! An OpenFOAM case: `constant/polyMesh`, what is known of each cell as fields in `0`, and as much
-//! of `system` as its utilities ask for.
+//! An OpenFOAM case: `constant/polyMesh`, what is known of each cell as fields in `0`, and a case that runs.
 //!
-//! A patch for each side of the box, a cell zone for each region, and a face zone `features`.
+//! A patch for each side of the box, a cell zone for each region, and a face zone for each surface and for
+//! what parts two regions. A closed fault is a patch in place of a zone: of two faces back to back for each
+//! of its faces.
 
 use std::io::Write;
 use std::path::Path;
 
-use crate::Result;
+use crate::error::cause;
 use crate::export::containers::text::write_items;
-use crate::export::meshers::groups::{region_name, regions};
+use crate::export::meshers::groups::{Names, region_name, regions};
 use crate::files::Batch;
-use crate::mesh::poly::{Beyond, SIDES};
 use crate::model::reservoir::Model;
+use crate::{Error, Result};
 
 /// Writes the case into the folder `path`; what else is there stays.
 ///
 /// # Errors
-/// [`Error::Io`](crate::Error::Io) if a file cannot be written.
+/// [`Error::Export`] for a fault that is neither open nor closed, [`Error::Io`] if a file cannot be written.
 pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let mesh = &model.mesh;
-    let inner = mesh.inner_faces();
-    // Faces of the boundary patch after patch.
-    let patch = |f: usize| match mesh.beyond(f) {
-        Beyond::Side(side) => side,
-        _ => SIDES.len(),
-    };
-    let mut order: Vec<u32> = (0..mesh.face_cells.len() as u32).collect();
-    order[inner..].sort_by_key(|&f| (patch(f as usize), mesh.face_cells[f as usize][0]));
-
+    let names = Names::new(model);
+    let faces = Faces::new(model, &names)?;
     let folder = path.join("constant/polyMesh");
     batch.folder(&folder)?;
     batch.write(&folder.join("points"), |out| {
@@ -41,48 +35,104 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
                 .end();
         })
     })?;
+    let count = faces.order.len();
     batch.write(&folder.join("faces"), |out| {
-        list(out, "faceList", "faces", order.len(), |text, i| {
-            let ring = mesh.faces.get(order[i] as usize);
-            text.int(ring.len()).word("(").int(ring[0]);
-            ring[1..].iter().for_each(|&n| {
-                text.and_int(n);
-            });
+        list(out, "faceList", "faces", count, |text, i| {
+            let Face { face, side, .. } = faces.order[i];
+            let ring = mesh.faces.get(face as usize);
+            let last = ring.len() - 1;
+            text.int(ring.len()).word("(");
+            for k in 0..=last {
+                let node = ring[if side == 0 { k } else { last - k }];
+                text.word(if k == 0 { "" } else { " " }).int(node);
+            }
             text.word(")").end();
         })
     })?;
     batch.write(&folder.join("owner"), |out| {
-        list(out, "labelList", "owner", order.len(), |text, i| {
-            text.int(mesh.face_cells[order[i] as usize][0]).end();
+        list(out, "labelList", "owner", count, |text, i| {
+            let Face { face, side, .. } = faces.order[i];
+            text.int(mesh.face_cells[face as usize][side]).end();
         })
     })?;
     batch.write(&folder.join("neighbour"), |out| {
-        list(out, "labelList", "neighbour", inner, |text, i| {
-            text.int(mesh.face_cells[i][1]).end();
+        list(out, "labelList", "neighbour", faces.inner, |text, i| {
+            text.int(mesh.face_cells[faces.order[i].face as usize][1])
+                .end();
         })
     })?;
-    let mut patches: Vec<(&str, usize, usize)> = Vec::new();
-    for (i, &f) in order.iter().enumerate().skip(inner) {
-        let name = SIDES.get(patch(f as usize)).copied().unwrap_or("boundary");
-        match patches.last_mut() {
-            Some(last) if last.0 == name => last.2 += 1,
-            _ => patches.push((name, i, 1)),
-        }
-    }
     batch.write(&folder.join("boundary"), |out| {
         header(out, "polyBoundaryMesh", "boundary")?;
-        writeln!(out, "{}\n(", patches.len())?;
-        for (name, start, count) in &patches {
+        let patches = || faces.order[faces.inner..].chunk_by(|a, b| a.patch == b.patch);
+        writeln!(out, "{}\n(", patches().count())?;
+        let mut start = faces.inner;
+        for patch in patches() {
+            let (name, count) = (names.name(patch[0].patch), patch.len());
             writeln!(
                 out,
                 "{name}\n{{\n    type patch;\n    nFaces {count};\n    startFace {start};\n}}"
             )?;
+            start += count;
         }
         writeln!(out, ")")
     })?;
-    zones(model, batch, &folder, &order)?;
+    zones(model, batch, &folder, &names, &faces)?;
     fields(model, batch, path)?;
-    system(batch, path)
+    let has_closed = faces.order.iter().any(|face| face.side == 1);
+    case(batch, path, has_closed)
+}
+
+/// A face of the case.
+#[derive(Debug, Clone, Copy)]
+struct Face {
+    /// Its number in the mesh.
+    face: u32,
+    /// Which of its two cells owns it: 1 for the second side of a closed fault.
+    side: usize,
+    /// The number of its patch's name; 0 inside.
+    patch: u32,
+}
+
+/// The faces in OpenFOAM's order: those between cells, then patch after patch.
+struct Faces {
+    order: Vec<Face>,
+    /// How many are between cells.
+    inner: usize,
+}
+
+impl Faces {
+    fn new(model: &Model, names: &Names) -> Result<Self> {
+        let mesh = &model.mesh;
+        let mut order = Vec::with_capacity(mesh.face_cells.len());
+        let mut outer = Vec::new();
+        for f in 0..mesh.face_cells.len() {
+            let face = |side, patch| Face {
+                face: f as u32,
+                side,
+                patch,
+            };
+            if f >= mesh.inner_faces() {
+                outer.push(face(0, names.of_face[f]));
+                continue;
+            }
+            match model.fault_factor(f) {
+                0.0 => outer.extend([0, 1].map(|side| face(side, names.of_face[f]))),
+                1.0 => order.push(face(0, 0)),
+                factor => {
+                    return Err(Error::Export(cause(
+                        "an OpenFOAM case",
+                        format!("has no faults that let through {factor} of what rock does"),
+                        "close them, or leave them open",
+                    )));
+                }
+            }
+        }
+        let owner = |f: &Face| mesh.face_cells[f.face as usize][f.side];
+        outer.sort_by_key(|f| (f.patch, owner(f)));
+        let inner = order.len();
+        order.extend(outer);
+        Ok(Self { order, inner })
+    }
 }
 
 type Out<'a> = &'a mut std::io::BufWriter<std::fs::File>;
@@ -109,10 +159,17 @@ fn list(
     writeln!(out, ")")
 }
 
-/// A cell zone for each region, if there are several, and a face zone of what is on features.
-fn zones(model: &Model, batch: &mut Batch, folder: &Path, order: &[u32]) -> Result<()> {
+/// A cell zone for each region, if there are several, and for each name of faces inside a face zone, all of
+/// whose faces show the same side where it is a surface.
+fn zones(
+    model: &Model,
+    batch: &mut Batch,
+    folder: &Path,
+    names: &Names,
+    faces: &Faces,
+) -> Result<()> {
     let mesh = &model.mesh;
-    let regions = regions(mesh);
+    let regions = regions(model);
     if regions.len() > 1 {
         batch.write(&folder.join("cellZones"), |out| {
             header(out, "regIOobject", "cellZones")?;
@@ -132,21 +189,36 @@ fn zones(model: &Model, batch: &mut Batch, folder: &Path, order: &[u32]) -> Resu
             writeln!(out, ")")
         })?;
     }
-    let on_feature = |i: &u32| mesh.on_feature[order[*i as usize] as usize];
-    let faces: Vec<u32> = (0..order.len() as u32).filter(on_feature).collect();
-    if faces.is_empty() {
+    let mut zones: Vec<Vec<u32>> = vec![Vec::new(); names.names.len() + 1];
+    for (i, face) in faces.order[..faces.inner].iter().enumerate() {
+        zones[names.of_face[face.face as usize] as usize].push(i as u32);
+    }
+    let zones: Vec<(u32, &Vec<u32>)> = (1..)
+        .zip(&zones[1..])
+        .filter(|(_, faces)| !faces.is_empty())
+        .collect();
+    if zones.is_empty() {
         return Ok(());
     }
+    let rises = model.rises();
     batch.write(&folder.join("faceZones"), |out| {
         header(out, "regIOobject", "faceZones")?;
-        let count = faces.len();
-        writeln!(
-            out,
-            "1\n(\nfeatures\n{{\n    type faceZone;\n    faceLabels List<label>"
-        )?;
-        writeln!(out, "{count}\n(")?;
-        write_items(out, count, |text, i| text.int(faces[i]).end())?;
-        writeln!(out, ");\n    flipMap List<bool> {count}{{0}};\n}}\n)")
+        writeln!(out, "{}\n(", zones.len())?;
+        for (name, own) in &zones {
+            let (name, count) = (names.name(*name), own.len());
+            writeln!(
+                out,
+                "{name}\n{{\n    type faceZone;\n    faceLabels List<label>\n{count}\n("
+            )?;
+            write_items(out, count, |text, i| text.int(own[i]).end())?;
+            writeln!(out, ");\n    flipMap List<bool>\n{count}\n(")?;
+            write_items(out, count, |text, i| {
+                let face = faces.order[own[i] as usize].face as usize;
+                text.int(u8::from(!rises[face])).end();
+            })?;
+            writeln!(out, ");\n}}")?;
+        }
+        writeln!(out, ")")
     })
 }
 
@@ -203,36 +275,58 @@ fn fields(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     Ok(())
 }
 
-/// What no utility starts without; kept if it is there.
-fn system(batch: &mut Batch, path: &Path) -> Result<()> {
-    let folder = path.join("system");
-    batch.folder(&folder)?;
+/// What makes a case that `laplacianFoam` runs as it is, of a folder that is none yet: `system`, a field T
+/// that falls from `xmin` to `xmax`, and its diffusivity. Closed faults may enclose cells where nothing says
+/// what T is; it stays there what it was, if time is not left out but very long.
+fn case(batch: &mut Batch, path: &Path, has_closed: bool) -> Result<()> {
+    if path.join("system/controlDict").exists() {
+        return Ok(());
+    }
+    let (scheme, time) = match has_closed {
+        true => ("Euler", "1e12"),
+        false => ("steadyState", "1"),
+    };
+    let control = format!(
+        "application laplacianFoam;\nstartFrom startTime;\nstartTime 0;\nstopAt endTime;\nendTime {time};\n\
+         deltaT {time};\nwriteControl timeStep;\nwriteInterval 1;\nwritePrecision 15;"
+    );
+    let schemes = format!(
+        "ddtSchemes {{ default {scheme}; }}\ngradSchemes {{ default leastSquares; }}\n\
+         divSchemes {{ default none; }}\nlaplacianSchemes {{ default Gauss linear corrected; }}\n\
+         interpolationSchemes {{ default linear; }}\nsnGradSchemes {{ default corrected; }}"
+    );
     let files = [
+        ("system", "controlDict", "dictionary", control.as_str()),
+        ("system", "fvSchemes", "dictionary", schemes.as_str()),
         (
-            "controlDict",
-            "application laplacianFoam;\nstartFrom startTime;\nstartTime 0;\nstopAt endTime;\n\
-             endTime 1;\ndeltaT 1;\nwriteControl timeStep;\nwriteInterval 1;\nwritePrecision 15;",
-        ),
-        (
-            "fvSchemes",
-            "ddtSchemes { default steadyState; }\ngradSchemes { default leastSquares; }\n\
-             divSchemes { default none; }\nlaplacianSchemes { default Gauss linear corrected; }\n\
-             interpolationSchemes { default linear; }\nsnGradSchemes { default corrected; }",
-        ),
-        (
+            "system",
             "fvSolution",
+            "dictionary",
             "solvers\n{\n    \".*\"\n    {\n        solver PCG;\n        preconditioner DIC;\n        \
              tolerance 1e-14;\n        relTol 0;\n    }\n}\nSIMPLE { nNonOrthogonalCorrectors 30; }",
         ),
+        (
+            "constant",
+            "transportProperties",
+            "dictionary",
+            "DT DT [0 2 -1 0 0 0 0] 1;",
+        ),
+        (
+            "0",
+            "T",
+            "volScalarField",
+            "dimensions [0 0 0 1 0 0 0];\ninternalField uniform 0;\nboundaryField\n{\n    \
+             \".*\" { type zeroGradient; }\n    xmin { type fixedValue; value uniform 1; }\n    \
+             xmax { type fixedValue; value uniform 0; }\n}",
+        ),
     ];
-    for (name, content) in files {
-        let file = folder.join(name);
-        if !file.exists() {
-            batch.write(&file, |out| {
-                header(out, "dictionary", name)?;
-                writeln!(out, "{content}")
-            })?;
-        }
+    for (folder, name, class, content) in files {
+        let folder = path.join(folder);
+        batch.folder(&folder)?;
+        batch.write(&folder.join(name), |out| {
+            header(out, class, name)?;
+            writeln!(out, "{content}")
+        })?;
     }
     Ok(())
 }

@@ -1,12 +1,20 @@
 //! PFLOTRAN's explicit unstructured grid: `CELLS` at their sites, `CONNECTIONS` at the points where
 //! lines between sites meet the faces. Beside it a file `NAME-xmin.ex` for each side of the box, with
-//! its faces, for boundary conditions.
+//! its faces, for boundary conditions, and if there are several regions `NAME-region1.txt` with the cells of each.
+//!
+//! Porosity and permeability cell by cell are in `NAME-rock.h5`, as `DATASET`s that are indexed by cell.
+//!
+//! PFLOTRAN knows no multipliers, but areas: what a fault lets through is a share of its face, and a closed
+//! one is no connection.
 
 use std::io::Write;
 use std::path::Path;
 
 use crate::Result;
+use crate::export::containers::binary::Numbers;
+use crate::export::containers::hdf5::{self, Node};
 use crate::export::containers::text::write_items;
+use crate::export::meshers::groups::{region_name, regions};
 use crate::files::Batch;
 use crate::mesh::graph::BoundaryFace;
 use crate::mesh::poly::SIDES;
@@ -24,11 +32,13 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             let text = text.int(c + 1).point(graph.site[c]);
             text.and_real(graph.volume[c]).end();
         })?;
-        writeln!(out, "CONNECTIONS {}", graph.connections.len())?;
-        write_items(out, graph.connections.len(), |text, i| {
-            let c = &graph.connections[i];
+        let open = model.open_connections();
+        writeln!(out, "CONNECTIONS {}", open.len())?;
+        write_items(out, open.len(), |text, i| {
+            let (i, factor) = open[i];
+            let c = &graph.connections[i as usize];
             let text = text.int(c.cells[0] + 1).and_int(c.cells[1] + 1);
-            text.point(c.point).and_real(c.area).end();
+            text.point(c.point).and_real(factor * c.area).end();
         })
     })?;
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
@@ -47,5 +57,43 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             })
         })?;
     }
+    rock(
+        model,
+        batch,
+        &path.with_file_name(format!("{stem}-rock.h5")),
+    )?;
+    let regions = regions(model);
+    if regions.len() > 1 {
+        for region in regions {
+            let own = |c: &usize| graph.region[*c] == region;
+            let own: Vec<usize> = (0..model.len()).filter(own).collect();
+            let file = format!("{stem}-{}.txt", region_name(region));
+            batch.write(&path.with_file_name(file), |out| {
+                write_items(out, own.len(), |text, i| text.int(own[i] + 1).end())
+            })?;
+        }
+    }
     Ok(())
+}
+
+/// What is known of the rock, cell by cell.
+fn rock(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
+    let cells = model.len();
+    let data = |name: &str, numbers| (name.to_string(), Node::Data(vec![cells as u64], numbers));
+    let ids = Numbers::computed(cells, |c| c as i32 + 1);
+    let mut nodes = vec![data("Cell Ids", ids)];
+    if let Some(porosity) = &model.porosity {
+        nodes.push(data("Porosity", Numbers::slice(porosity)));
+    }
+    if let Some(permeability) = &model.permeability {
+        for (k, axis) in ["X", "Y", "Z"].into_iter().enumerate() {
+            let value = move |c: usize| permeability.rock.mobility(c).0[k];
+            let name = format!("Permeability{axis}");
+            nodes.push(data(&name, Numbers::computed(cells, value)));
+        }
+    }
+    if nodes.len() == 1 {
+        return Ok(());
+    }
+    batch.write(path, |out| hdf5::write(out, &Node::Group(nodes)))
 }

@@ -2,6 +2,9 @@
 //!
 //! z is elevation (the reference system says so), so that what is right-handed needs no second
 //! thought: seen from outside its first cell, a face's nodes turn anticlockwise.
+//!
+//! Which surface or side a face lies on is a categorical property of faces, whose table has the names; which
+//! nodes lie on it is a property of nodes with the same name, 1 or 0.
 
 use std::path::Path;
 
@@ -11,6 +14,7 @@ use crate::Result;
 use crate::export::containers::binary::Numbers;
 use crate::export::containers::epc::{self, Object, PROXY, uuid};
 use crate::export::containers::hdf5::{self, Node};
+use crate::export::meshers::groups::{Names, nodes_of};
 use crate::files::Batch;
 use crate::files::vtk::Values;
 use crate::files::vtk::xml::escape;
@@ -25,6 +29,10 @@ struct Property<'a> {
     unit: &'static str,
     /// The direction that it is for.
     facet: Option<&'static str>,
+    /// What there is a number for.
+    element: &'static str,
+    /// Whether its numbers stand for the names in the table.
+    named: bool,
     numbers: Numbers<'a>,
 }
 
@@ -34,6 +42,7 @@ struct Property<'a> {
 /// [`Error::Io`](crate::Error::Io) if a file cannot be written.
 pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let (mesh, cells) = (&model.mesh, model.len());
+    let names = Names::new(model);
     let of_cells = mesh.faces_of_cells();
     let companion = path.with_extension("h5");
     let companion_name = companion.file_name().unwrap_or_default().to_string_lossy();
@@ -131,21 +140,43 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         ),
     ]);
     let mut nodes = vec![(grid.uuid.clone(), grid_node)];
-    let mut objects = vec![proxy, crs, grid];
-    for property in properties(model) {
+    let entry = |(number, name): (u32, &String)| {
+        format!(
+            "<resqml2:Value xsi:type=\"resqml2:StringLookup\"><resqml2:Key>{number}</resqml2:Key>\
+             <resqml2:Value>{name}</resqml2:Value></resqml2:Value>\n"
+        )
+    };
+    let none = "none".to_string();
+    let table = Object {
+        kind: "StringTableLookup",
+        uuid: uuid(&digest, "names"),
+        title: "names of faces".into(),
+        body: (0..)
+            .zip([&none].into_iter().chain(&names.names))
+            .map(entry)
+            .collect(),
+        refers_to: Vec::new(),
+        has_arrays: false,
+    };
+    let mut objects = vec![proxy, crs, grid, table];
+    for property in properties(model, &names) {
         let id = uuid(&digest, &format!("property {}", property.title));
-        let (proxy, grid) = (&objects[0], &objects[2]);
+        let (proxy, grid, table) = (&objects[0], &objects[2], &objects[3]);
         let values = format!(
             "<eml:PathInHdfFile>/RESQML/{id}/values_patch0</eml:PathInHdfFile>{}",
             proxy.reference("eml:HdfProxy")
         );
-        let body = property.xml(&grid.reference("resqml2:SupportingRepresentation"), &values);
+        let body = property.xml(
+            &grid.reference("resqml2:SupportingRepresentation"),
+            &values,
+            &table.reference("resqml2:Lookup"),
+        );
         objects.push(Object {
             kind: property.object(),
             uuid: id.clone(),
             title: escape(&property.title),
             body,
-            refers_to: vec![2],
+            refers_to: if property.named { vec![2, 3] } else { vec![2] },
             has_arrays: true,
         });
         let values = data(property.numbers);
@@ -191,12 +222,14 @@ fn lists(lists: &Lists) -> Node<'_> {
     ])
 }
 
-fn properties(model: &Model) -> Vec<Property<'_>> {
+fn properties<'a>(model: &'a Model, names: &'a Names) -> Vec<Property<'a>> {
     let property = |title: &str, kind, unit, facet, numbers| Property {
         title: title.into(),
         kind,
         unit,
         facet,
+        element: "cells",
+        named: false,
         numbers,
     };
     let region = Numbers::slice(&model.graph.region);
@@ -231,23 +264,40 @@ fn properties(model: &Model) -> Vec<Property<'_>> {
         };
         all.push(property(&array.name, "continuous", "Euc", None, numbers));
     }
+    let numbers = Numbers::slice(&names.of_face);
+    all.push(Property {
+        element: "faces",
+        named: true,
+        ..property("names of faces", "categorical", "", None, numbers)
+    });
+    for group in names.groups() {
+        let mut within = vec![0u8; model.mesh.nodes.len()];
+        let nodes = nodes_of(model, &group.faces);
+        nodes.iter().for_each(|&n| within[n as usize] = 1);
+        let numbers = Numbers::computed(within.len(), move |n| within[n]);
+        all.push(Property {
+            element: "nodes",
+            ..property(&group.name, "index", "", None, numbers)
+        });
+    }
     all
 }
 
 impl Property<'_> {
     fn is_whole(&self) -> bool {
-        self.kind == "index"
+        self.kind == "index" || self.named
     }
 
     fn object(&self) -> &'static str {
-        match self.is_whole() {
-            true => "DiscreteProperty",
-            false => "ContinuousProperty",
+        match (self.named, self.is_whole()) {
+            (true, _) => "CategoricalProperty",
+            (_, true) => "DiscreteProperty",
+            _ => "ContinuousProperty",
         }
     }
 
-    /// What is in the object; `values` says where its numbers are.
-    fn xml(&self, grid: &str, values: &str) -> String {
+    /// What is in the object; `values` says where its numbers are, `table` where their names are.
+    fn xml(&self, grid: &str, values: &str, table: &str) -> String {
         let dataset =
             format!("<resqml2:Values xsi:type=\"eml:Hdf5Dataset\">{values}</resqml2:Values>");
         let values = match self.is_whole() {
@@ -265,17 +315,18 @@ impl Property<'_> {
                  </resqml2:Value></resqml2:Facet>\n"
             )
         });
-        let unit = match self.is_whole() {
-            true => String::new(),
-            false => format!("\n<resqml2:UOM>{}</resqml2:UOM>", self.unit),
+        let unit = match (self.named, self.is_whole()) {
+            (true, _) => format!("\n{table}"),
+            (_, true) => String::new(),
+            _ => format!("\n<resqml2:UOM>{}</resqml2:UOM>", self.unit),
         };
         format!(
-            "<resqml2:Count>1</resqml2:Count><resqml2:IndexableElement>cells\
+            "<resqml2:Count>1</resqml2:Count><resqml2:IndexableElement>{}\
              </resqml2:IndexableElement>\n{grid}\n<resqml2:PropertyKind \
              xsi:type=\"resqml2:StandardPropertyKind\"><resqml2:Kind>{}</resqml2:Kind>\
              </resqml2:PropertyKind>\n<resqml2:PatchOfValues><resqml2:RepresentationPatchIndex>0\
              </resqml2:RepresentationPatchIndex>{values}</resqml2:PatchOfValues>\n{facet}{unit}",
-            self.kind
+            self.element, self.kind
         )
     }
 }

@@ -1,4 +1,8 @@
 //! TOUGH2's file MESH: fixed columns, ten characters a number.
+//!
+//! It knows no multipliers, but areas: what a fault lets through is a share of its face, and a closed one is
+//! no connection. The permeability along x, in m^2, is each element's modifier (PMX), for rocks of
+//! permeability 1.
 
 use std::io::Write;
 use std::path::Path;
@@ -40,22 +44,28 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             let (volume, [x, y, z]) = (graph.volume[c], graph.site[c]);
             text.word(ascii(&name(c))).word("          ");
             text.word(ascii(&rock(graph.region[c])));
-            text.word(ascii(&ten(volume))).word("                    ");
+            text.word(ascii(&ten(volume))).word("          ");
+            match &model.permeability {
+                Some(known) => text.word(ascii(&ten(known.rock.mobility(c).0[0]))),
+                None => text.word("          "),
+            };
             for value in [x, y, z] {
                 text.word(ascii(&ten(value)));
             }
             text.end();
         })?;
         writeln!(out, "\nCONNE")?;
-        write_items(out, graph.connections.len(), |text, i| {
-            let c = &graph.connections[i];
+        let open = model.open_connections();
+        write_items(out, open.len(), |text, i| {
+            let (i, factor) = open[i];
+            let c = &graph.connections[i as usize];
             let [a, b] = c.cells.map(|cell| name(cell as usize));
             let (axis, beta) = direction(c, &graph.site);
             text.word(ascii(&a))
                 .word(ascii(&b))
                 .word("                   ");
             text.int(axis);
-            for value in [c.distance[0], c.distance[1], c.area, beta] {
+            for value in [c.distance[0], c.distance[1], factor * c.area, beta] {
                 text.word(ascii(&ten(value)));
             }
             text.end();

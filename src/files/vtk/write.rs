@@ -171,12 +171,16 @@ impl<'a> Document<'a> {
             Kind::Numbers => "DataArray",
             Kind::Text => "Array",
         };
+        // As VTK does it; readers (meshio) take one component for a matrix.
+        let components = match source.components {
+            1 => String::new(),
+            count => format!("NumberOfComponents=\"{count}\" "),
+        };
         self.text.push_str(&format!(
-            "<{element} type=\"{}\" Name=\"{}\" NumberOfComponents=\"{}\" NumberOfTuples=\"{}\" \
+            "<{element} type=\"{}\" Name=\"{}\" {components}NumberOfTuples=\"{}\" \
              format=\"appended\" offset=",
             source.kind,
             escape(&source.name),
-            source.components,
             source.tuples(),
         ));
         self.arrays.push((self.text.len(), source));

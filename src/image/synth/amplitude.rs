@@ -2,17 +2,23 @@
 
 use super::Options;
 use super::surface::Surface;
+use super::truth::Truth;
 use crate::geometry::random::Random;
 use rayon::prelude::*;
 use std::f64::consts::{PI, TAU};
 
 /// Peak frequency of the Ricker wavelet, in cycles per sample.
 const FREQUENCY: f64 = 0.08;
+/// Faults flatter than this (degrees) slip along the layers and throw none.
+const FLATTEST: f64 = 40.0;
+/// Layers thrown by less than this (samples) look whole: a sixth of the wavelet's period.
+const UNSEEN: f32 = 2.0;
 /// Knots of the table of layers, a sample.
 const FINE: f64 = 8.0;
 
 /// Folded layers thrown by faults. `sides` has one bit a fault: the layers on a fault's positive side
-/// are thrown along x by 4 to 12 samples, varying along the fault and tapering out about its rim.
+/// are thrown along x by 4 to 12 samples, varying along the fault; where it has a rim the throw tapers out
+/// towards that and away from the fault. Throws of faults that meet add up, or cancel each other.
 ///
 /// The depth of a sample before folding and faulting is
 /// `w = x + fold(y, z) (1/2 + x / nx) + sum of throws`.
@@ -28,7 +34,15 @@ struct Folded<'a> {
 impl<'a> Folded<'a> {
     fn new(random: &mut Random, sides: &'a [u32], faults: &'a [Surface], dims: [usize; 3]) -> Self {
         let [_, ny, nz] = dims;
-        let throws: Vec<Throw> = faults.iter().map(|_| Throw::new(random)).collect();
+        let flattest = FLATTEST.to_radians().cos();
+        let throw = |fault: &Surface| {
+            let throw = Throw::new(random);
+            match fault.upright()[0].abs() <= flattest {
+                true => throw,
+                false => Throw { mean: 0.0, ..throw },
+            }
+        };
+        let throws: Vec<Throw> = faults.iter().map(throw).collect();
         let folds: Vec<[f64; 4]> = (0..4)
             .map(|_| {
                 let k = PI / ny.max(nz) as f64 * random.range(1.0, 4.0);
@@ -75,7 +89,7 @@ impl<'a> Folded<'a> {
                 let p = [x.clamp(0.0, (nx - 1) as f64), y, z];
                 let thrown = (0..self.faults.len()).filter(|k| side >> k & 1 == 1);
                 shift = thrown
-                    .map(|k| self.throws[k].at(y, z) * self.faults[k].strength(p))
+                    .map(|k| self.throws[k].at(y, z) * self.faults[k].displacement(p))
                     .sum();
                 last = side;
             }
@@ -107,6 +121,38 @@ pub(super) fn depths(sides: &[u32], faults: &[Surface], options: &Options) -> Ve
         },
     );
     samples
+}
+
+/// Marks in `next` (see [`Truth::next`]) what nobody can see of the faults: where they throw the layers by less
+/// than [`UNSEEN`] samples, as throws of faults that meet may cancel each other.
+pub(super) fn leave_out_unseen(
+    next: &mut [[f32; 2]],
+    truth: &Truth,
+    sides: &[u32],
+    faults: &[Surface],
+    options: &Options,
+) {
+    let depths = depths(sides, faults, options);
+    // What a layer is shifted by beside the fault: depth less the sample's own.
+    let shift = |p: [f32; 3]| {
+        let at: [usize; 3] =
+            std::array::from_fn(|k| (p[k].round().max(0.0) as usize).min(truth.dims[k] - 1));
+        depths[truth.sample(at)] - at[0] as f32
+    };
+    next.par_iter_mut().enumerate().for_each(|(i, next)| {
+        if truth.distance[i] < 0.5 {
+            let at = truth.index_of(i).map(|c| c as f32);
+            let normal = truth.direction[i];
+            let beside = |off: f32| {
+                shift(std::array::from_fn(|k| {
+                    at[k] + (truth.distance[i] + off) * normal[k]
+                }))
+            };
+            if (beside(1.5) - beside(-1.5)).abs() < UNSEEN {
+                *next = [-1.0, 90.0];
+            }
+        }
+    });
 }
 
 /// The amplitude of folded layers thrown by faults, with rms 1: impedance is constant within a layer of

@@ -256,8 +256,12 @@ pub fn make(kind: Kind, options: &Options) -> Result<Synthetic> {
     options.check(kind)?;
     let surfaces = surfaces(kind, options)?;
     let (mut truth, sides) = survey::survey(&surfaces, options.dims);
-    if kind.is_network() {
-        truth.next = Some(survey::next(&surfaces, &truth));
+    if kind.is_network() || kind.has_layers() {
+        let mut next = survey::next(&surfaces, &truth);
+        if kind.has_layers() {
+            amplitude::leave_out_unseen(&mut next, &truth, &sides, &surfaces, options);
+        }
+        truth.next = Some(next);
     }
     let mut samples = match kind {
         Kind::Planes | Kind::Faults | Kind::Shells => ridges(&truth, options),

@@ -267,9 +267,29 @@ impl Surface {
             .is_none_or(|end| all(end.surface).level(at) * end.side >= 0.0)
     }
 
-    /// Strength of a sheet's ridge, throw or likelihood near a place: 1, but for its rim.
+    /// Strength of a sheet's ridge or likelihood near a place: 1, but for its rim.
     pub(super) fn strength(&self, p: [f64; 3]) -> f64 {
         self.rim.map_or(1.0, |rim| rim.strength(self.in_plane(p)))
+    }
+
+    /// The normal of a sheet without its waves; x of a ball.
+    pub(super) fn upright(&self) -> [f64; 3] {
+        match &self.shape {
+            Shape::Sheet { frame, .. } => frame[0],
+            Shape::Ball { .. } => [1.0, 0.0, 0.0],
+        }
+    }
+
+    /// The share of its throw by which a fault displaces a place: 1, but within a rim it falls as an ellipse
+    /// does from the middle outwards, and away from the sheet over the lesser radius.
+    pub(super) fn displacement(&self, p: [f64; 3]) -> f64 {
+        self.rim.map_or(1.0, |rim| {
+            let [s, t] = self.in_plane(p);
+            let [a, b] = rim.radii;
+            let inside = 1.0 - (s / a).powi(2) - (t / b).powi(2);
+            let near = 1.0 - (self.level(p) / a.min(b)).powi(2);
+            inside.max(0.0).sqrt() * near.max(0.0).powi(2)
+        })
     }
 
     /// The closest point inside the rim, if there is one; on the rim the normal is still the sheet's.

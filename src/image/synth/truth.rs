@@ -18,7 +18,7 @@ pub const REACH: f32 = 10.0;
 /// closest feature point, which is normal to the feature (on the feature itself: either of its
 /// normals). In the plane the shape is `(3, ny, nx)`, with one component less. See [`REACH`].
 ///
-/// Truth of a network has two more: how far the closest point is from the next feature, and the angle
+/// Truth of networks and of layers has two more: how far the closest point is from the next feature, and the angle
 /// between the two ([`Truth::next`]).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Truth<const D: usize = 3> {
@@ -31,10 +31,10 @@ pub struct Truth<const D: usize = 3> {
     /// Whether the directions are normals of a surface, so that a feature may be taken as flat
     /// about each closest point. Not so for voxels.
     pub smooth: bool,
-    /// Of networks: for samples within half a sample of a feature, how far the closest point of it is
+    /// Of networks and layers: for samples within half a sample of a feature, how far the closest point of it is
     /// from the next feature (at most [`REACH`]), and the angle between the two there, in degrees. The
-    /// distance is -1 where the feature tapers out to less than half its strength: what lies on it there
-    /// is right, but nobody asks for it.
+    /// distance is -1 where the feature tapers out to less than half its strength, or throws layers by less
+    /// than two samples: what lies on it there is right, but nobody asks for it.
     pub next: Option<Vec<[f32; 2]>>,
 }
 

@@ -13,9 +13,9 @@ use crate::model::flow::system::lasts;
 use crate::model::flow::{
     Barriers, CellFlow, ElementFlow, Faults, Inside, Rock, Solution, Streamlines, Well,
 };
-use crate::model::surface::kind::{Kind, kinds};
-use crate::model::surface::stored::{group, horizon_facets};
-use crate::model::surface::{self, select};
+use crate::model::surface::Kind;
+use crate::model::surface::select;
+use crate::model::surface::stored::numbered;
 use crate::observer::Patience;
 use crate::store::{FieldValue, MeshFile, Stored, StoredMesh};
 use crate::{Error, Result};
@@ -72,9 +72,57 @@ pub struct FaultLaws {
     pub own: Vec<(u32, Faults)>,
 }
 
-/// The barriers on the faces of a mesh where its file has it. Surfaces have the numbers that they have with
-/// default options for surfaces, from 1; gaps in them are closed, and crumbs that touch one are part of
-/// it.
+impl From<Faults> for FaultLaws {
+    /// The same for all faults; horizons are open.
+    fn from(law: Faults) -> Self {
+        Self {
+            standing: Standing::Faults,
+            law,
+            own: Vec::new(),
+        }
+    }
+}
+
+impl FaultLaws {
+    /// Whether any law is neither open nor closed.
+    pub fn any_between(&self) -> bool {
+        let own = self.own.iter().map(|own| own.1);
+        own.chain([self.law])
+            .any(|law| law.multiplier() > 0.0 && !law.are_open())
+    }
+
+    /// The law of each surface, by their kinds.
+    ///
+    /// # Errors
+    /// [`Error::Flow`] if a law is for a surface that does not exist.
+    pub fn of_surfaces(&self, kinds: &[Kind]) -> Result<Vec<Faults>> {
+        let named = match &self.standing {
+            Standing::Numbered(numbers) => numbers.as_slice(),
+            _ => &[],
+        };
+        let own = self.own.iter().map(|own| own.0);
+        for number in own.chain(named.iter().copied()) {
+            if number == 0 || number as usize > kinds.len() {
+                return Err(Error::Flow(cause(
+                    format!("fault {number}"),
+                    format!("does not exist: the mesh has {} surfaces", kinds.len()),
+                    "give a number that `atomesh surface` prints for this mesh",
+                )));
+            }
+        }
+        let law = |(number, &kind): (u32, &Kind)| {
+            let own = self.own.iter().find(|own| own.0 == number);
+            match own {
+                Some(&(_, law)) => law,
+                None if self.standing.holds(number, kind) => self.law,
+                None => Faults::OPEN,
+            }
+        };
+        Ok((1..).zip(kinds).map(law).collect())
+    }
+}
+
+/// The barriers on the faces of a mesh where its file has it, its surfaces [`numbered`].
 ///
 /// # Errors
 /// [`Error::Flow`] if a law is for a surface that does not exist.
@@ -83,51 +131,10 @@ pub fn barriers<const D: usize, M: Stored<D>>(
     marks: &[bool],
     laws: &FaultLaws,
 ) -> Result<Barriers> {
-    let options = surface::Options {
-        min_area: Some(0.0),
-        ..surface::Options::default()
-    };
-    let surfaces = group(stored, select::marked(&stored.lattice, marks), &options);
-    let named = match &laws.standing {
-        Standing::Numbered(numbers) => numbers.as_slice(),
-        _ => &[],
-    };
-    let asked = laws
-        .own
-        .iter()
-        .map(|own| own.0)
-        .chain(named.iter().copied());
-    for number in asked {
-        if number == 0 || number as usize > surfaces.len() {
-            return Err(Error::Flow(cause(
-                format!("fault {number}"),
-                format!("does not exist: the mesh has {} surfaces", surfaces.len()),
-                "give a number that `atomesh surface` prints for this mesh",
-            )));
-        }
-    }
-    let nodes = stored.lattice.nodes();
-    let kinds = kinds(&surfaces, nodes, &horizon_facets(stored));
-    let law = |(number, kind): (u32, Kind)| {
-        let own = laws.own.iter().find(|own| own.0 == number);
-        match own {
-            Some(&(_, law)) => law,
-            None if laws.standing.holds(number, kind) => laws.law,
-            None => Faults::OPEN,
-        }
-    };
-    let part_of = surfaces.adopted(nodes);
-    let mut labelled: Vec<([u32; D], u32)> = (surfaces.facets.iter())
-        .zip(surfaces.labels())
-        .map(|(facet, surface)| {
-            let mut facet = *facet;
-            facet.sort_unstable();
-            (facet, part_of[surface as usize] + 1)
-        })
-        .collect();
-    labelled.sort_unstable();
-    let label = stored.in_world(|mesh| select::labels_of_faces(mesh, &labelled));
-    Barriers::new(label, (1..).zip(kinds).map(law).collect())
+    let surfaces = numbered(stored, marks);
+    let laws = laws.of_surfaces(&surfaces.kinds)?;
+    let label = stored.in_world(|mesh| select::labels_of_faces(mesh, &surfaces.facets));
+    Barriers::new(label, laws)
 }
 
 /// A flow that was computed: the file to write, and what is said of it.

@@ -189,7 +189,7 @@ mod tests {
     fn two_boxes() {
         let mut model = Model::new(two_cells::<3>(0.75), None);
         let rock = || Rock::uniform(Tensor::isotropic(2.0), 1.0);
-        model.set_permeability(rock(), Faults::OPEN).unwrap();
+        model.set_permeability(rock()).unwrap();
         model.porosity = Some(vec![0.5, 0.25]);
         let found = Checks::new(&model, 2.0);
         assert_eq!(
@@ -200,7 +200,8 @@ mod tests {
         assert_eq!(found.pore_volume, Some(0.375 + 0.3125));
         assert_eq!(found.parts, [(0, 2)]);
         assert!(found.notes().is_empty());
-        model.set_permeability(rock(), Faults::CLOSED).unwrap();
+        model.set_faults(&Faults::CLOSED.into()).unwrap();
+        model.set_permeability(rock()).unwrap();
         let found = Checks::new(&model, 2.0);
         assert_eq!(found.parts, [(0, 1), (1, 1)]);
         assert!(found.table().contains("not connected  2 parts"));

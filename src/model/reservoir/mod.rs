@@ -7,12 +7,14 @@
 //! - `check`: what is looked at before anything is written
 //! - `trajectory`: wells through cells
 //! - `completion`: well indices
+//! - `sides`: the two sides of surfaces, and meshes torn along them
 
 pub(crate) mod check;
 pub(crate) mod completion;
 pub(crate) mod frame;
 pub(crate) mod prepared;
 pub(crate) mod sample;
+pub(crate) mod sides;
 pub(crate) mod trajectory;
 
 pub use prepared::{Placement, Prepared};
@@ -25,7 +27,9 @@ use crate::geometry::dot;
 use crate::mesh::TetMesh;
 use crate::mesh::graph::Graph;
 use crate::mesh::poly::PolyMesh;
-use crate::model::flow::{CellFlow, Faults, Rock};
+use crate::model::flow::through::FaultLaws;
+use crate::model::flow::{Barriers, CellFlow, Rock, Split};
+use crate::model::surface::Kind;
 use crate::{Error, Result};
 
 pub use check::Checks;
@@ -40,6 +44,10 @@ pub const MILLIDARCY: f64 = 9.869_232_667_160_13e-16;
 pub const BAR: f64 = 1e5;
 /// One day in seconds.
 pub const DAY: f64 = 86_400.0;
+/// Densities in kg/m^3.
+pub const WATER_DENSITY: f64 = 1000.0;
+/// Likewise, of oil.
+pub const OIL_DENSITY: f64 = 850.0;
 /// Acceleration of gravity in m/s^2.
 pub const GRAVITY: f64 = 9.806_65;
 
@@ -52,10 +60,18 @@ pub struct Model {
     pub mesh: PolyMesh<3>,
     /// The same cells as tetrahedra, if that is what they are.
     pub tets: Option<TetMesh>,
+    /// Whether simplices shall have nodes in the middle of their edges.
+    pub quadratic: bool,
+    /// The tetrahedra torn along surfaces, if they shall be.
+    pub torn: Option<Split>,
     /// Of a layer of prisms on triangles, those: of the first half of the mesh's nodes.
     pub triangles: Option<Vec<[u32; 3]>>,
     /// Cells and connections.
     pub graph: Graph<3>,
+    /// The surfaces that the faces on features form.
+    pub surfaces: FaceSurfaces,
+    /// How they resist flow.
+    pub barriers: Barriers,
     /// Share of pores in each cell's volume.
     pub porosity: Option<Vec<f64>>,
     /// Permeability in m^2, with what follows from it.
@@ -67,6 +83,31 @@ pub struct Model {
     /// Columns along two axes, and layers, of a grid that the model is resampled on; as fine as the
     /// cells if not given.
     pub grid: Option<[usize; 3]>,
+}
+
+/// The surfaces of a mesh, and which of them each connection lies on.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct FaceSurfaces {
+    /// The kind of surface 1, 2 ...: they have the numbers that `atomesh surface` gives them.
+    pub kinds: Vec<Kind>,
+    /// How many of them, the first, are more than scraps.
+    pub kept: usize,
+    /// For each connection the number of its surface; 0 for none.
+    pub of_connection: Vec<u32>,
+}
+
+impl FaceSurfaces {
+    /// One fault of all connections on features.
+    fn one_fault(graph: &Graph<3>) -> Self {
+        let on = graph.connections.iter().map(|c| u32::from(c.on_feature));
+        let of_connection: Vec<u32> = on.collect();
+        let any = of_connection.contains(&1);
+        Self {
+            kinds: if any { vec![Kind::Fault] } else { Vec::new() },
+            kept: usize::from(any),
+            of_connection,
+        }
+    }
 }
 
 /// Permeability and what follows from it.
@@ -87,6 +128,16 @@ pub enum Fluid {
     Water,
     /// Oil, and water that is injected.
     OilWater,
+}
+
+impl Fluid {
+    /// Density in kg/m^3 of what fills the pores at first.
+    pub fn density(self) -> f64 {
+        match self {
+            Self::Water => WATER_DENSITY,
+            Self::OilWater => OIL_DENSITY,
+        }
+    }
 }
 
 /// Fluids, wells, and the time that a simulation covers.
@@ -131,6 +182,8 @@ pub struct Well {
     pub lengths: Vec<f64>,
     /// Radius in metres.
     pub radius: f64,
+    /// Its way, in the model's metres; a single point if it is upright and open to one cell.
+    pub way: Vec<[f64; 3]>,
     /// What it does.
     pub control: Control,
 }
@@ -147,10 +200,13 @@ pub enum Control {
 }
 
 impl Model {
-    /// A model of cells in metres, z upwards; nothing is known yet but their shapes.
+    /// A model of cells in metres, z upwards; nothing is known yet but their shapes. All faces on
+    /// features are one fault, which is open.
     pub fn new(mesh: PolyMesh<3>, tets: Option<TetMesh>) -> Self {
+        let graph = Graph::from_poly(&mesh);
         Self {
-            graph: Graph::from_poly(&mesh),
+            surfaces: FaceSurfaces::one_fault(&graph),
+            graph,
             mesh,
             tets,
             ..Self::default()
@@ -172,19 +228,91 @@ impl Model {
         -self.graph.site[cell][2]
     }
 
+    /// Says how surfaces resist flow. Before [`set_permeability`](Self::set_permeability), which looks
+    /// at it.
+    ///
+    /// # Errors
+    /// [`Error::Flow`] if a law is for a surface that does not exist.
+    pub fn set_faults(&mut self, laws: &FaultLaws) -> Result<()> {
+        let of_surfaces = laws.of_surfaces(&self.surfaces.kinds)?;
+        self.barriers = Barriers::new(self.surfaces.of_connection.clone(), of_surfaces)?;
+        Ok(())
+    }
+
+    /// The factor of a connection's transmissibility that its fault is: 1 where there is none or it is
+    /// open, 0 if it is closed. Without permeability, that of a rock which is the same everywhere.
+    pub fn fault_factor(&self, connection: usize) -> f64 {
+        let Some(label) = self.barriers.label(connection) else {
+            return 1.0;
+        };
+        let c = &self.graph.connections[connection];
+        let mobility = c.cells.map(|cell| match &self.permeability {
+            Some(known) => known.rock.mobility(cell as usize).along(c.normal),
+            None => 1.0,
+        });
+        let open = c.distance[0] / mobility[0] + c.distance[1] / mobility[1];
+        let fault = self.barriers.law(label).conductance(c.distance, mobility);
+        open / (open + 1.0 / fault)
+    }
+
+    /// The connections that are not closed, each with its [`fault_factor`](Self::fault_factor).
+    pub fn open_connections(&self) -> Vec<(u32, f64)> {
+        let factors = (0..self.graph.connections.len()).map(|i| (i as u32, self.fault_factor(i)));
+        factors.filter(|(_, factor)| *factor > 0.0).collect()
+    }
+
     /// Gives the rock its permeability, in m^2, and finds all transmissibilities: as
     /// [`CellFlow`] does, for a viscosity of 1.
     ///
     /// # Errors
     /// [`Error::Flow`] names a connection that would have a negative transmissibility.
-    pub fn set_permeability(&mut self, rock: Rock, faults: Faults) -> Result<()> {
-        let flow = CellFlow::new(&self.graph, &rock, faults)?;
+    pub fn set_permeability(&mut self, rock: Rock) -> Result<()> {
+        let flow = CellFlow::with_barriers(&self.graph, &rock, &self.barriers)?;
         let transmissibility = flow.transmissibility;
         self.permeability = Some(Permeability {
             rock,
             transmissibility,
         });
         Ok(())
+    }
+
+    /// Depth of the shallowest site in metres.
+    pub fn top(&self) -> f64 {
+        (0..self.len())
+            .map(|cell| self.depth(cell))
+            .fold(f64::INFINITY, f64::min)
+    }
+
+    /// The pressure in Pa at a depth at first; `top` is [`top`](Self::top).
+    pub fn initial_pressure(&self, depth: f64, top: f64) -> f64 {
+        let case = &self.case;
+        match case.gravity {
+            true => case.top_pressure + case.fluid.density() * GRAVITY * (depth - top),
+            false => case.top_pressure,
+        }
+    }
+
+    /// A line for each producer whose pressure is not below that of the rock at first: it has nothing to
+    /// draw fluid with.
+    pub fn idle_producers(&self) -> Vec<String> {
+        let top = self.top();
+        let idle = |well: &Well| {
+            let Control::Pressure(own) = well.control else {
+                return None;
+            };
+            // The pressure of a well is that at its first cell.
+            let depth = self.depth(well.cells.first()?.0 as usize);
+            let around = self.initial_pressure(depth, top);
+            (own >= around).then(|| {
+                format!(
+                    "producer {}: its pressure of {} bar is not below the {:.2} bar that the rock has there at first: nothing flows into it until an injector raises that",
+                    well.name,
+                    own / BAR,
+                    around / BAR
+                )
+            })
+        };
+        self.case.wells.iter().filter_map(idle).collect()
     }
 
     /// The porosity.
@@ -253,12 +381,12 @@ impl Model {
 mod tests {
     use super::*;
     use crate::mesh::poly::samples::two_cells;
-    use crate::model::flow::Tensor;
+    use crate::model::flow::{Faults, Tensor};
 
     fn model() -> Model {
         let mut model = Model::new(two_cells::<3>(0.75), None);
         let rock = Rock::uniform(Tensor::from_numbers(&[2.0, 8.0, 1.0]).unwrap(), 1.0);
-        model.set_permeability(rock, Faults::OPEN).unwrap();
+        model.set_permeability(rock).unwrap();
         model
     }
 
@@ -268,6 +396,34 @@ mod tests {
         let permeability = model.need_permeability("x").unwrap();
         assert_eq!(permeability.transmissibility, [2.0]);
         assert!(model.two_point_angles()[0] < 1e-12);
+    }
+
+    #[test]
+    fn a_fault_is_a_factor_with_and_without_permeability() {
+        let bare = Model::new(two_cells::<3>(0.75), None);
+        for multiplier in [0.0, 0.25, 1.0] {
+            let law = Faults::new(multiplier, None).unwrap();
+            let mut model = bare.clone();
+            model.set_faults(&law.into()).unwrap();
+            assert!((model.fault_factor(0) - multiplier).abs() < 1e-15);
+            let rock = Rock::uniform(Tensor::isotropic(3.0), 1.0);
+            model.set_permeability(rock).unwrap();
+            assert!((model.fault_factor(0) - multiplier).abs() < 1e-15);
+            let t = model.permeability.as_ref().unwrap().transmissibility[0];
+            assert!((t - 3.0 * multiplier).abs() < 1e-15, "{t}");
+        }
+        // A horizon is no barrier, unless it is named.
+        let mut model = bare;
+        model.surfaces.kinds = vec![Kind::Horizon];
+        let mut laws = FaultLaws::from(Faults::CLOSED);
+        model.set_faults(&laws).unwrap();
+        assert_eq!(model.fault_factor(0), 1.0);
+        laws.own = vec![(1, Faults::new(0.5, None).unwrap())];
+        model.set_faults(&laws).unwrap();
+        assert!((model.fault_factor(0) - 0.5).abs() < 1e-15);
+        laws.own[0].0 = 2;
+        let error = model.set_faults(&laws).unwrap_err().to_string();
+        assert!(error.starts_with("fault 2: does not exist"), "{error}");
     }
 
     #[test]

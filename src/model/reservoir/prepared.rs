@@ -7,7 +7,9 @@ use crate::image::{Geometry, Image};
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::{Mesh, Positions, Simplices, TetMesh};
 use crate::model::columns::{COLUMN, LAYER};
-use crate::model::reservoir::{Down, Frame, Mean, Model, Places, sample};
+use crate::model::reservoir::{Down, FaceSurfaces, Frame, Mean, Model, Places, sample};
+use crate::model::surface::select::labels_of_faces;
+use crate::model::surface::stored::numbered;
 use crate::store::{AnyMesh, MeshFile, Stored, StoredMesh};
 use crate::{Error, Result};
 
@@ -60,6 +62,7 @@ pub struct Prepared {
 
 /// The parts of a mesh that are the same for all kinds of cells.
 struct Parts {
+    surfaces: Option<FaceSurfaces>,
     mesh: PolyMesh<3>,
     tets: Option<TetMesh>,
     triangles: Option<Vec<[u32; 3]>>,
@@ -77,16 +80,25 @@ fn refuse(place: &str, problem: String) -> Error {
 }
 
 /// A mesh as polyhedra or polygons in the file's coordinates, their sides known; the simplices that it is
-/// of, if it is; and what else the file holds.
-type Cells<const D: usize, M> = (PolyMesh<D>, Option<M>, MeshFile<()>);
+/// of, if it is; the number of each face's surface; and what else the file holds.
+type Cells<const D: usize, M> = (PolyMesh<D>, Option<M>, Vec<u32>, MeshFile<()>);
 
 /// A kind of cells that models are made of.
 trait Modelled<const D: usize>: Stored<D> {
-    fn cells(stored: StoredMesh<D, Self>, place: &str) -> Result<Cells<D, Self>>;
+    /// `facets` are those of [`Numbered`](crate::model::surface::stored::Numbered); each face of the cells gets the number of its first.
+    fn cells(
+        stored: StoredMesh<D, Self>,
+        facets: &[([u32; D], u32)],
+        place: &str,
+    ) -> Result<Cells<D, Self>>;
 }
 
 impl<const D: usize, M: Simplices<D>> Modelled<D> for M {
-    fn cells(stored: StoredMesh<D, M>, place: &str) -> Result<Cells<D, M>> {
+    fn cells(
+        stored: StoredMesh<D, M>,
+        facets: &[([u32; D], u32)],
+        place: &str,
+    ) -> Result<Cells<D, M>> {
         let cells = 0..stored.lattice.len();
         let sound = |&c: &usize| stored.lattice.volume(c) > 0.0;
         if let Some(cell) = cells.clone().find(|c| !sound(c)) {
@@ -97,6 +109,7 @@ impl<const D: usize, M: Simplices<D>> Modelled<D> for M {
         let region = stored.regions().unwrap_or_default();
         let mut mesh = PolyMesh::from_simplices(&stored.lattice, bits, &region)?;
         mesh.assign_sides([0.0; D], stored.space.extent);
+        let surface = labels_of_faces(&mesh, facets);
         let sites = mesh.sites.iter().map(|&x| stored.space.to_world(x));
         let mut world = Positions {
             nodes: stored.world.nodes.clone(),
@@ -104,35 +117,53 @@ impl<const D: usize, M: Simplices<D>> Modelled<D> for M {
         };
         mesh.exchange(&mut world, stored.space.is_mirrored());
         let (simplices, arrays) = stored.into_file().split();
-        Ok((mesh, Some(simplices), arrays))
+        Ok((mesh, Some(simplices), surface, arrays))
     }
 }
 
 impl<const D: usize> Modelled<D> for PolyMesh<D> {
-    fn cells(stored: StoredMesh<D, Self>, _: &str) -> Result<Cells<D, Self>> {
+    fn cells(
+        stored: StoredMesh<D, Self>,
+        facets: &[([u32; D], u32)],
+        _: &str,
+    ) -> Result<Cells<D, Self>> {
         let (mesh, arrays) = stored.into_file().split();
-        Ok((mesh, None, arrays))
+        let surface = labels_of_faces(&mesh, facets);
+        Ok((mesh, None, surface, arrays))
     }
 }
 
 impl Parts {
     /// The parts that all kinds of cells have, and the simplices if they are such; `solid` makes
-    /// polyhedra of the plane's polygons, `thickness` high.
+    /// polyhedra of the plane's polygons, `thickness` high. Surfaces are found if `grouped`.
     fn common<const D: usize, M: Modelled<D>>(
         file: MeshFile<M>,
         place: &str,
         thickness: f64,
+        grouped: bool,
         solid: impl FnOnce(PolyMesh<D>) -> PolyMesh<3>,
     ) -> Result<(Self, Option<M>)> {
         let stored = StoredMesh::new(file, place)?;
         stored.check_filled(place)?;
         let space = stored.space.clone();
-        let features_known = stored.marks().is_some();
-        let (mesh, simplices, arrays) = M::cells(stored, place)?;
+        let marks = stored.marks();
+        let features_known = marks.is_some();
+        let marks = marks.filter(|_| grouped);
+        let numbered = marks.map(|marks| numbered(&stored, &marks));
+        let facets = numbered.as_ref().map_or(&[][..], |found| &found.facets);
+        let (mesh, simplices, mut surface, arrays) = M::cells(stored, facets, place)?;
+        // Those of prisms on edges have the edges' numbers.
+        surface.truncate(mesh.inner_faces());
+        let surfaces = numbered.map(|found| FaceSurfaces {
+            kinds: found.kinds,
+            kept: found.kept,
+            of_connection: surface,
+        });
         let samples: [f64; D] = std::array::from_fn(|k| space.extent[k] / space.step[k]);
         let volume = samples.iter().product::<f64>() * space.geometry.determinant().abs();
         let dim = |k: usize| samples.get(k).map_or(1.0, |n| n + 1.0);
         let parts = Self {
+            surfaces,
             mesh: solid(mesh),
             tets: None,
             triangles: None,
@@ -146,21 +177,23 @@ impl Parts {
     }
 
     /// Of a mesh of any kind of cells; those of the plane become prisms.
-    fn of(file: AnyMesh, place: &str, thickness: f64) -> Result<Self> {
+    fn of(file: AnyMesh, place: &str, thickness: f64, grouped: bool) -> Result<Self> {
         let prisms = |mesh: PolyMesh<2>| mesh.extruded(thickness);
         // Formats that hold simplices only get these as they are, so that the kinds part here.
         Ok(match file {
             AnyMesh::Space(file) => {
-                let (parts, tets) = Self::common(file, place, thickness, |mesh| mesh)?;
+                let (parts, tets) = Self::common(file, place, thickness, grouped, |mesh| mesh)?;
                 Self { tets, ..parts }
             }
             AnyMesh::Plane(file) => {
-                let (parts, mesh) = Self::common(file, place, thickness, prisms)?;
+                let (parts, mesh) = Self::common(file, place, thickness, grouped, prisms)?;
                 let triangles = mesh.map(|mesh| mesh.triangles);
                 Self { triangles, ..parts }
             }
-            AnyMesh::SpaceCells(file) => Self::common(file, place, thickness, |mesh| mesh)?.0,
-            AnyMesh::PlaneCells(file) => Self::common(file, place, thickness, prisms)?.0,
+            AnyMesh::SpaceCells(file) => {
+                Self::common(file, place, thickness, grouped, |mesh| mesh)?.0
+            }
+            AnyMesh::PlaneCells(file) => Self::common(file, place, thickness, grouped, prisms)?.0,
         })
     }
 }
@@ -171,7 +204,19 @@ impl Prepared {
     /// # Errors
     /// [`Error::Mesh`] for a mesh that makes no sense, [`Error::Export`] for units that do not.
     pub fn new(file: AnyMesh, place: &str, placement: &Placement) -> Result<Self> {
-        let parts = Parts::of(file, place, placement.thickness)?;
+        Self::made(file, place, placement, true)
+    }
+
+    /// The same without its surfaces, which take time to find: all faces on features are one fault.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn without_surfaces(file: AnyMesh, place: &str, placement: &Placement) -> Result<Self> {
+        Self::made(file, place, placement, false)
+    }
+
+    fn made(file: AnyMesh, place: &str, placement: &Placement, grouped: bool) -> Result<Self> {
+        let parts = Parts::of(file, place, placement.thickness, grouped)?;
         let cell_data = parts.cell_data;
         let Placement {
             length,
@@ -197,6 +242,9 @@ impl Prepared {
             tets
         });
         let mut model = Model::new(mesh, tets);
+        if let Some(surfaces) = parts.surfaces {
+            model.surfaces = surfaces;
+        }
         model.triangles = parts.triangles.map(|mut triangles| {
             if frame.mirrors() {
                 triangles

@@ -177,6 +177,19 @@ impl<const D: usize> Surfaces<D> {
         self.len() == 0
     }
 
+    /// How many of the surfaces, the first, are as large as the default [`Options::min_area`] asks for.
+    pub fn usual(&self, nodes: &[[f64; D]]) -> usize {
+        let area = |f: &[u32; D]| norm(crate::geometry::normal(&f.map(|n| nodes[n as usize])));
+        let areas: Vec<f64> = (0..self.len())
+            .map(|s| self.of(s).iter().map(area).sum())
+            .collect();
+        let mean = areas.iter().sum::<f64>() / self.facets.len().max(1) as f64;
+        let largest = areas.iter().copied().fold(0.0, f64::max);
+        // Sums in another order than in `find`.
+        let least = (FEWEST * mean).max(SHARE * largest) * (1.0 - 1e-9);
+        areas.iter().take_while(|&&area| area >= least).count()
+    }
+
     /// The facets of a surface.
     pub fn of(&self, surface: usize) -> &[[u32; D]] {
         &self.facets[self.start[surface]..self.start[surface + 1]]

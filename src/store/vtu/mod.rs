@@ -11,7 +11,7 @@ use crate::error::Result;
 use crate::files::Batch;
 use crate::files::vtk::xml::Element;
 use crate::files::vtk::{DataArray, Document, Source, Values, VtkFile};
-use crate::mesh::poly::PolyMesh;
+use crate::mesh::poly::{Lists, PolyMesh};
 use crate::mesh::{Mesh, Simplices, TetMesh, TriMesh};
 
 /// A mesh and everything that is stored with it.
@@ -66,7 +66,7 @@ impl MeshFile<()> {
 /// A value that belongs to the whole mesh.
 #[derive(Debug, Clone, PartialEq)]
 pub enum FieldValue {
-    /// Text; without zero characters.
+    /// Text; a file has the bytes of its UTF-8, since readers (meshio) stumble over VTK's own strings.
     Text(String),
     /// Real numbers.
     F64s(Vec<f64>),
@@ -137,6 +137,48 @@ pub fn add_vtu<const D: usize, M: Simplices<D>>(
     batch.write(path, |out| document.write(out))
 }
 
+/// Cells of several kinds, for other programs.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct MixedCells {
+    /// The nodes of each cell.
+    pub corners: Lists,
+    /// VTK's number of each cell's kind.
+    pub kinds: Vec<u8>,
+}
+
+impl MixedCells {
+    /// Puts a cell behind the others.
+    pub fn push(&mut self, kind: u8, corners: impl IntoIterator<Item = u32>) {
+        self.corners.push(corners);
+        self.kinds.push(kind);
+    }
+}
+
+/// Adds a file of such cells to those that belong together.
+///
+/// # Errors
+/// As [`write_vtu`].
+pub fn add_mixed_vtu(
+    batch: &mut Batch,
+    path: &Path,
+    nodes: &[[f64; 3]],
+    cells: &MixedCells,
+    point_data: &[DataArray],
+    cell_data: &[DataArray],
+) -> Result<()> {
+    check_lengths(path, point_data, nodes.len(), "nodes")?;
+    check_lengths(path, cell_data, cells.kinds.len(), "cells")?;
+    let mut document = Document::new("UnstructuredGrid", &[]);
+    let [points, arrays]: [Vec<_>; 2] = [point_data, cell_data].map(|a| a.iter().collect());
+    let count = cells.kinds.len();
+    begin_piece(&mut document, &[], nodes, count, &points, &arrays);
+    document.open("Cells", &[]);
+    document.array(integers("connectivity", &cells.corners.items));
+    document.array(integers("offsets", &cells.corners.offsets[1..]));
+    document.array(Source::slice("types", 1, &cells.kinds));
+    batch.write(path, |out| document.write(out))
+}
+
 /// Opens the only piece, with everything in it up to its cells.
 pub(super) fn begin_piece<'a, const D: usize>(
     document: &mut Document<'a>,
@@ -150,7 +192,7 @@ pub(super) fn begin_piece<'a, const D: usize>(
         document.open("FieldData", &[]);
         for (name, value) in fields {
             document.array(match value {
-                FieldValue::Text(text) => Source::text(name, text),
+                FieldValue::Text(text) => Source::slice(name, 1, text.as_bytes()),
                 FieldValue::F64s(numbers) => Source::slice(name, 1, numbers),
                 FieldValue::Ints(numbers) => Source::slice(name, 1, numbers),
             });
@@ -320,6 +362,7 @@ pub(super) fn read_fields(file: &VtkFile) -> Result<Vec<(String, FieldValue)>> {
                 name,
                 match file.array(array)?.values {
                     Values::F64(v) => FieldValue::F64s(v),
+                    Values::U8(v) => FieldValue::Text(String::from_utf8_lossy(&v).into_owned()),
                     v @ Values::F32(_) => FieldValue::F64s(v.to_f64()),
                     v => FieldValue::Ints(v.to_i64()),
                 },

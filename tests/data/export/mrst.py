@@ -65,7 +65,10 @@ print(
             "perm": np.atleast_2d(rock.perm.T).T.tolist(),
             "poro": rock.poro.tolist(),
             "tags": sorted(set(faces.tag[~inner].astype(int).tolist())),
-            "on_features": int((faces.tag[inner] == 8).sum()),
+            "tagged": {
+                str(name): int((faces.tag == n + 1).sum()) for n, name in enumerate(faces.tagNames)
+            },
+            "sets": {name: int(np.size(getattr(nodes.sets, name))) for name in nodes.sets._fieldnames},
             "pressure": (pressure - pressure.mean()).tolist(),
         }
     )

@@ -26,6 +26,7 @@ print(
             "porv": [float(v) for v in init["PORV"]],
             "depth": [float(v) for v in init["DEPTH"]],
             "t": pairs,
+            "tranx": [float(t) for t in init["TRANX"]],
             "pressure": [float(v) for v in restart["PRESSURE"]],
             "swat": [float(v) for v in restart.get("SWAT", ())],
         }

@@ -36,13 +36,20 @@ handed = np.zeros(grid.cell_count)
 np.add.at(handed, cells, sign * flux[grid.faces_per_cell.astype(int)])
 
 properties = {}
-for uuid in model.uuids(obj_type="ContinuousProperty") + model.uuids(obj_type="DiscreteProperty"):
+for uuid in (
+    model.uuids(obj_type="ContinuousProperty")
+    + model.uuids(obj_type="DiscreteProperty")
+    + model.uuids(obj_type="CategoricalProperty")
+):
     found = resqpy.property.Property(model, uuid=uuid)
+    names = found.string_lookup()
     properties[found.title] = [
         found.property_kind(),
         found.uom() if found.is_continuous() else None,
         found.facet(),
         np.asarray(found.array_ref(), dtype=float).tolist(),
+        found.indexable_element(),
+        [names.get_string(int(n)) for n in found.array_ref()] if names is not None else None,
     ]
 print(
     json.dumps(

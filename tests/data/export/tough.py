@@ -20,6 +20,7 @@ print(
     json.dumps(
         {
             "volume": [float(e["volume"]) for _, e in elements],
+            "modifier": [float(e.get("permeability_modifier") or 0.0) for _, e in elements],
             "rock": [str(e["material"]) for _, e in elements],
             "center": [[float(x) for x in e["center"]] for _, e in elements],
             "connections": connections,

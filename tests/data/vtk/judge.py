@@ -18,6 +18,8 @@ def show(name, data):
         values = array.GetNumberOfValues()
         if isinstance(array, vtk.vtkStringArray):
             print(name, array.GetName(), repr(array.GetValue(0)))
+        elif name == "field" and array.GetDataTypeAsString() == "unsigned char":
+            print(name, array.GetName(), repr(bytes(array.GetValue(j) for j in range(values)).decode()))
         else:
             total = sum(array.GetVariantValue(j).ToDouble() for j in range(values))
             print(name, array.GetName(), array.GetDataTypeAsString(), values, f"{total:.9g}")

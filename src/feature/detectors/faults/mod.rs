@@ -1,9 +1,9 @@
 //! Faults: where layers of seismic amplitude do not continue.
 //!
 //! 1. Normals of layers by the structure tensor ([`Normals`]).
-//! 2. Semblance of amplitudes along the layers (Marfurt et al. 1998), its numerator and denominator each
-//!    smoothed over the steep plane through a sample for which their ratio is least (Hale 2013):
-//!    `semblance` and `scan`. One less its square is the likelihood of a fault.
+//! 2. Semblance of what the layers show on one side of a fault and on the other (after Marfurt et al. 1998),
+//!    its numerator and denominator each smoothed over the steep plane through a sample for which their ratio
+//!    is least (Hale 2013): `semblance` and `scan`. One less its square is the likelihood of a fault.
 //! 3. Ridges of the likelihood ([`ridges`](super::ridges)), but for those that run along the layers.
 //!
 //! Scale: one sample for derivatives, twelve for the tensor's window, so that a throw does not pass for a

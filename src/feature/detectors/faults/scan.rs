@@ -44,20 +44,17 @@ const ROWS: usize = 16;
 /// One less the squared semblance, in [0, 1], of the steep plane through each sample for which it is
 /// lowest: of its upper and its lower half, the harmonic mean.
 ///
-/// `parts` are numerator and denominator of the semblance, both positive; planes are steep against
-/// layers across the axis `vertical`.
+/// `parts(across, every)` are numerator and denominator of the semblance, both positive, between the two
+/// sides of faults square to the horizontal direction `across`, on every so many planes along `vertical`,
+/// the axis that layers lie across.
 pub fn likelihood<const D: usize>(
     dims: [usize; D],
-    parts: [Vec<f32>; 2],
     vertical: usize,
     patience: &Patience<'_>,
+    parts: impl Fn([f64; D], usize) -> [Vec<f32>; 2],
 ) -> Vec<f32> {
     let mut thin = dims;
     thin[vertical] = dims[vertical].div_ceil(THIN_OUT);
-    let rows = PaddedRows::new(
-        thin,
-        parts.map(|part| thin_out(dims, &part, vertical, thin)),
-    );
     let mut most = vec![0.0f32; thin.iter().product()];
     let horizontal = |k: &usize| *k != vertical;
     for across in (0..D).filter(horizontal) {
@@ -73,14 +70,20 @@ pub fn likelihood<const D: usize>(
             })
             .collect();
         let Some(along) = (0..D).find(|k| horizontal(k) && *k != across) else {
-            rows.raise(&dips, &mut most, patience);
+            let mut normal = [0.0; D];
+            normal[across] = 1.0;
+            PaddedRows::new(thin, parts(normal, THIN_OUT)).raise(&dips, &mut most, patience);
             continue;
         };
         // Strikes at 45 degrees cross both axes: once is enough.
         let last = STRIKES.len() - usize::from(along < across);
         for &slope in &STRIKES[usize::from(along < across)..last] {
+            let mut normal = [0.0; D];
+            normal[across] = 1.0;
+            normal[along] = -slope;
             let strike = taps(along, 1.0, across, slope, ALONG_STRIKE);
-            rows.smoothed(&strike, patience)
+            PaddedRows::new(thin, parts(normal, THIN_OUT))
+                .smoothed(&strike, patience)
                 .raise(&dips, &mut most, patience);
         }
     }
@@ -279,43 +282,7 @@ impl<const D: usize> PaddedRows<D> {
     }
 }
 
-/// Every [`THIN_OUT`]-th plane along an axis, averaged with its neighbours.
-fn thin_out<const D: usize>(
-    dims: [usize; D],
-    samples: &[f32],
-    axis: usize,
-    thin: [usize; D],
-) -> Vec<f32> {
-    let (from, to) = (
-        Volume { dims, samples },
-        Volume {
-            dims: thin,
-            samples: &[],
-        },
-    );
-    let stride = from.strides()[axis];
-    (0..thin.iter().product())
-        .into_par_iter()
-        .map(|i| {
-            let mut at = to.coordinates(i);
-            at[axis] *= THIN_OUT;
-            let middle = from.index(at);
-            let before = if at[axis] > 0 {
-                middle - stride
-            } else {
-                middle
-            };
-            let after = if at[axis] + 1 < dims[axis] {
-                middle + stride
-            } else {
-                middle
-            };
-            0.5 * samples[middle] + 0.25 * (samples[before] + samples[after])
-        })
-        .collect()
-}
-
-/// The opposite of [`thin_out`]: linear between the planes.
+/// Samples of all planes from those of every [`THIN_OUT`]-th: linear between them.
 fn fill_in<const D: usize>(
     thin: [usize; D],
     samples: &[f32],

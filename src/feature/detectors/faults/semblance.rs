@@ -1,24 +1,28 @@
 //! Where waveforms do not continue along the layers.
 //!
-//! Semblance compares the energy of a mean with the mean energy. Means are taken over a patch of the
-//! layer round each sample (structure-oriented semblance: Marfurt et al. 1998, Hale 2013). Where a
-//! fault throws the layers, the patch joins waveforms that do not match, and semblance falls. Noise
-//! lowers it too, so numerator and denominator are smoothed before they are divided, over pieces of
-//! all the planes that a fault might run along: [`scan`].
+//! Semblance compares the energy of a mean with the mean energy (structure-oriented semblance: Marfurt
+//! et al. 1998, Hale 2013). Here the two that are compared are what is seen of the layer on either side
+//! of a fault that might run through the sample: two half discs, each averaged before they are compared,
+//! so that noise lowers no semblance. Where a fault throws the layers, waveforms on both sides do not
+//! match. Chance mismatches remain, so numerator and denominator are smoothed before they are divided,
+//! over pieces of all the planes that a fault might run along: [`scan`].
 
 use super::scan;
 use crate::feature::gaussian::smooth;
 use crate::feature::ridges::Statistics;
 use crate::feature::tensor::Normals;
 use crate::feature::volume::{Volume, root_mean_square};
+use crate::geometry::dot;
+use crate::geometry::wide::wide;
 use crate::observer::Patience;
 use rayon::prelude::*;
 
-/// Disc of a layer: radius and standard deviation (samples) of its weights.
-const LAYER: Disc = Disc {
-    radius: 3,
-    width: 2.0,
-};
+/// Radius (samples) of the disc of a layer round a sample ...
+const RADIUS: i32 = 4;
+/// ... and the standard deviation of its weights.
+const WIDTH: f32 = 2.5;
+/// What is nearer than this (samples) to the fault belongs to neither half.
+const ON_FAULT: f64 = 0.5;
 
 /// Width (samples) of the Gaussian under which the rms of amplitudes is taken.
 const BALANCE: f64 = 6.0;
@@ -32,6 +36,9 @@ const QUIET: f32 = 0.1;
 /// Rows per parallel task.
 const ROWS: usize = 64;
 
+/// Samples of a row that share one normal of the layers: its window is wider.
+const LANES: usize = 8;
+
 /// How likely a fault runs through each sample, in [0, 1]: see [`scan::likelihood`]. `layers` are the
 /// normals of amplitudes smoothed to the scale of their derivatives; their window should be wide, as
 /// a throw must not pass for a dip.
@@ -40,15 +47,12 @@ pub fn likelihood<const D: usize>(
     layers: &Normals<D>,
     patience: &Patience<'_>,
 ) -> Vec<f32> {
-    let dims = amplitude.dims;
-    let a = &balanced(amplitude, patience)[..];
-    let [mut of_mean, mut mean_of] = in_patches(dims, layers, &LAYER, patience, |i, j, t| {
-        let value = a[i] + t * (a[j] - a[i]);
-        [value, value * value]
-    });
-    of_mean.par_iter_mut().for_each(|m| *m = *m * *m + QUIET);
-    mean_of.par_iter_mut().for_each(|m| *m += QUIET);
-    scan::likelihood(dims, [of_mean, mean_of], layers.main_axis(), patience)
+    let balanced = balanced(amplitude, patience);
+    let balanced = Volume::new(amplitude.dims, &balanced);
+    let vertical = layers.main_axis();
+    scan::likelihood(amplitude.dims, vertical, patience, |across, every| {
+        both_sides(balanced, layers, across, (vertical, every), patience)
+    })
 }
 
 /// Amplitudes over their rms round each sample, so that no layer has more say than others.
@@ -65,8 +69,8 @@ fn balanced<const D: usize>(amplitude: Volume<'_, D>, patience: &Patience<'_>) -
 
 /// Likelihood down to which a fault is followed, and which it must reach somewhere; or these
 /// multiples of the noise, if they are more.
-pub const LEAST: [f32; 2] = [0.035, 0.1];
-const OVER_NOISE: [f32; 2] = [1.75, 2.5];
+pub const LEAST: [f32; 2] = [0.05, 0.12];
+const OVER_NOISE: [f32; 2] = [3.0, 7.0];
 
 /// Thresholds for the ridges of [`likelihood`]: semblance is a share, so they are the same for all
 /// images, unless there is much noise.
@@ -75,96 +79,215 @@ pub fn thresholds(statistics: &Statistics) -> (f32, f32) {
     (least(0), least(1))
 }
 
-/// A disc of samples with Gaussian weights.
-struct Disc {
-    radius: i32,
-    width: f32,
-}
+/// A sample of a disc: its offset, on which side of the fault it is, and its weight.
+type Tap<const D: usize> = ([i32; D], usize, f32);
 
-impl Disc {
-    /// Offsets in the plane of the axes other than `axis`, and their weights.
-    fn offsets<const D: usize>(&self, axis: usize) -> Vec<([i32; D], f32)> {
-        let line: Vec<i32> = (-self.radius..=self.radius).collect();
-        let all = (0..line.len().pow(D as u32 - 1)).map(|number| {
-            let mut rest = number;
-            let mut offset = [0; D];
-            for k in 1..D {
-                offset[(axis + k) % D] = line[rest % line.len()];
-                rest /= line.len();
-            }
-            let square: i32 = offset.iter().map(|o| o * o).sum();
-            let weight = (-0.5 * square as f32 / (self.width * self.width)).exp();
-            (offset, square, weight)
-        });
-        // Round, but with the ends of the axes.
-        all.filter(|(_, square, _)| *square <= self.radius * self.radius + 1)
-            .map(|(offset, _, weight)| (offset, weight))
-            .collect()
-    }
-}
-
-/// Weighted means of two values over patches at right angles to the normals. `value` reads both
-/// between two samples `i` and `j` of memory, at share `t` of the way.
-fn in_patches<const D: usize>(
-    dims: [usize; D],
-    normals: &Normals<D>,
-    patch: &Disc,
-    patience: &Patience<'_>,
-    value: impl Fn(usize, usize, f32) -> [f32; 2] + Sync,
-) -> [Vec<f32>; 2] {
-    let count = dims.iter().product();
-    let space = Volume { dims, samples: &[] };
-    let strides = space.strides();
-    let offsets: [Vec<([i32; D], f32)>; D] = std::array::from_fn(|axis| patch.offsets(axis));
-    let mut means = [vec![0.0f32; count], vec![0.0f32; count]];
-    let [first, second] = &mut means;
-    let chunk = ROWS * dims[0];
-    let chunks = first
-        .par_chunks_mut(chunk)
-        .zip(second.par_chunks_mut(chunk));
-    chunks.enumerate().for_each(|(number, (first, second))| {
-        if patience.over() {
-            return;
+/// Samples of a disc in the plane of the axes other than `axis`, but for those on a fault that runs square
+/// to `across`.
+fn halves<const D: usize>(axis: usize, across: [f64; D]) -> Vec<Tap<D>> {
+    let line: Vec<i32> = (-RADIUS..=RADIUS).collect();
+    let length = dot(across, across).sqrt();
+    let tap = |number: usize| {
+        let mut rest = number;
+        let mut offset = [0; D];
+        for k in 1..D {
+            offset[(axis + k) % D] = line[rest % line.len()];
+            rest /= line.len();
         }
-        for i in 0..first.len() {
-            let at = space.coordinates(number * chunk + i);
-            let normal = normals.coarse(at);
-            let axis = (1..D).fold(0, |a, k| {
-                if normal[k].abs() > normal[a].abs() {
-                    k
-                } else {
-                    a
-                }
-            });
-            let slope = normal.map(|c| -c / normal[axis]);
-            let last = (dims[axis] - 1) as f32;
-            let (mut sums, mut total) = ([0.0f32; 2], 0.0f32);
-            for (offset, weight) in &offsets[axis] {
-                let mut start = 0;
-                let mut along = at[axis] as f32;
-                let mut inside = true;
-                for k in 0..D {
-                    if k != axis {
-                        let to = at[k] as i32 + offset[k];
-                        inside &= to >= 0 && (to as usize) < dims[k];
-                        start += to.max(0) as usize * strides[k];
-                        along += offset[k] as f32 * slope[k];
-                    }
-                }
-                if !inside || !(0.0..=last).contains(&along) {
-                    continue;
-                }
-                let low = along as usize;
-                let high = (low + 1).min(dims[axis] - 1);
-                let (low_at, high_at) = (start + low * strides[axis], start + high * strides[axis]);
-                let values = value(low_at, high_at, along - low as f32);
-                total += weight;
-                for (sum, value) in sums.iter_mut().zip(values) {
-                    *sum += weight * value;
+        let square: i32 = offset.iter().map(|o| o * o).sum();
+        let off = dot(offset.map(f64::from), across) / length;
+        let weight = (-0.5 * square as f32 / (WIDTH * WIDTH)).exp();
+        // Round, but with the ends of the axes.
+        let counts = square <= RADIUS * RADIUS + 1 && off.abs() > ON_FAULT;
+        counts.then_some((offset, usize::from(off > 0.0), weight))
+    };
+    (0..line.len().pow(D as u32 - 1)).filter_map(tap).collect()
+}
+
+/// Energy of the mean and mean energy of what the layers show on either side of faults square to the
+/// horizontal direction `across`, one through each sample of every `every`-th plane along `vertical`.
+fn both_sides<const D: usize>(
+    amplitude: Volume<'_, D>,
+    layers: &Normals<D>,
+    across: [f64; D],
+    (vertical, every): (usize, usize),
+    patience: &Patience<'_>,
+) -> [Vec<f32>; 2] {
+    let sides = Sides {
+        amplitude,
+        strides: amplitude.strides(),
+        layers,
+        taps: std::array::from_fn(|axis| halves(axis, across)),
+    };
+    let mut thin = amplitude.dims;
+    thin[vertical] = thin[vertical].div_ceil(every);
+    let space = Volume {
+        dims: thin,
+        samples: &[],
+    };
+    let mut step = [1; D];
+    step[vertical] = every;
+    let count = thin.iter().product();
+    let mut parts = [vec![0.0f32; count], vec![0.0f32; count]];
+    let [of_mean, mean_of] = &mut parts;
+    let chunk = ROWS * thin[0];
+    let chunks = of_mean
+        .par_chunks_mut(chunk)
+        .zip(mean_of.par_chunks_mut(chunk));
+    chunks.enumerate().for_each(|(number, (of_mean, mean_of))| {
+        let rows = of_mean.chunks_mut(thin[0]).zip(mean_of.chunks_mut(thin[0]));
+        for (row, (of_mean, mean_of)) in rows.enumerate() {
+            if patience.over() {
+                return;
+            }
+            let at = space.coordinates(number * chunk + row * thin[0]);
+            let mut at: [usize; D] = std::array::from_fn(|k| at[k] * step[k]);
+            for x in (0..amplitude.dims[0]).step_by(LANES) {
+                at[0] = x;
+                let means = sides.means(at);
+                for lane in (0..LANES.min(amplitude.dims[0] - x)).step_by(step[0]) {
+                    let [a, b] = means.map(|side| side[lane]);
+                    let to = (x + lane) / step[0];
+                    of_mean[to] = 0.25 * (a + b) * (a + b) + QUIET;
+                    mean_of[to] = 0.5 * (a * a + b * b) + QUIET;
                 }
             }
-            (first[i], second[i]) = (sums[0] / total, sums[1] / total);
         }
     });
-    means
+    parts
+}
+
+/// What the layers show on both sides of faults of one strike.
+struct Sides<'a, const D: usize> {
+    amplitude: Volume<'a, D>,
+    strides: [usize; D],
+    layers: &'a Normals<D>,
+    /// For each axis that the layers may lie across.
+    taps: [Vec<Tap<D>>; D],
+}
+
+impl<const D: usize> Sides<'_, D> {
+    /// Weighted means over both half discs of the layer through each of [`LANES`] samples of a row; the
+    /// same twice where a side is outside of the image.
+    fn means(&self, at: [usize; D]) -> [[f32; LANES]; 2] {
+        let mut middle = at;
+        middle[0] = (at[0] + LANES / 2).min(self.amplitude.dims[0] - 1);
+        let normal = self.layers.coarse(middle);
+        let axis = (1..D).fold(0, |a, k| {
+            if normal[k].abs() > normal[a].abs() {
+                k
+            } else {
+                a
+            }
+        });
+        let slope = normal.map(|c| -c / normal[axis]);
+        let lead = slope.iter().map(|s| s.abs()).sum::<f32>() * RADIUS as f32;
+        let margin = |k: usize| {
+            if k == axis {
+                lead as usize + 2
+            } else {
+                RADIUS as usize
+            }
+        };
+        let inside = (0..D).all(|k| {
+            let last = if k == 0 { at[0] + LANES } else { at[k] };
+            at[k] >= margin(k) && last + margin(k) < self.amplitude.dims[k]
+        });
+        let mut sums = [[0.0f32; LANES]; 2];
+        let mut totals = [[0.0f32; LANES]; 2];
+        if inside {
+            wide(
+                #[inline(always)]
+                || self.add_inside(at, axis, slope, &mut sums, &mut totals),
+            );
+        } else {
+            for lane in 0..LANES.min(self.amplitude.dims[0] - at[0]) {
+                self.add_one(at, lane, axis, slope, &mut sums, &mut totals);
+            }
+        }
+        for lane in 0..LANES {
+            for side in 0..2 {
+                sums[side][lane] /= totals[side][lane].max(f32::MIN_POSITIVE);
+            }
+            for side in 0..2 {
+                if totals[side][lane] == 0.0 {
+                    sums[side][lane] = sums[1 - side][lane];
+                }
+            }
+        }
+        sums
+    }
+
+    /// Adds up the samples of all lanes; none of them is outside.
+    #[inline(always)]
+    fn add_inside(
+        &self,
+        at: [usize; D],
+        axis: usize,
+        slope: [f32; D],
+        sums: &mut [[f32; LANES]; 2],
+        totals: &mut [[f32; LANES]; 2],
+    ) {
+        let base: usize = (0..D).map(|k| at[k] * self.strides[k]).sum();
+        let mut weights = [0.0f32; 2];
+        for (offset, side, weight) in &self.taps[axis] {
+            let (mut to, mut shift) = (base as isize, 0.0f32);
+            for k in 0..D {
+                // Along the axis the offset is zero and its slope minus one.
+                to += offset[k] as isize * self.strides[k] as isize;
+                shift += offset[k] as f32 * slope[k];
+            }
+            let low = shift.floor();
+            to += low as isize * self.strides[axis] as isize;
+            let share = shift - low;
+            let from = |start: usize| self.amplitude.samples[start..].first_chunk::<LANES>();
+            let pair = (from(to as usize), from(to as usize + self.strides[axis]));
+            let (Some(low), Some(high)) = pair else {
+                continue;
+            };
+            weights[*side] += weight;
+            for lane in 0..LANES {
+                sums[*side][lane] += weight * (low[lane] + share * (high[lane] - low[lane]));
+            }
+        }
+        *totals = weights.map(|w| [w; LANES]);
+    }
+
+    /// Adds up the samples of one lane that are inside the image.
+    fn add_one(
+        &self,
+        mut at: [usize; D],
+        lane: usize,
+        axis: usize,
+        slope: [f32; D],
+        sums: &mut [[f32; LANES]; 2],
+        totals: &mut [[f32; LANES]; 2],
+    ) {
+        at[0] += lane;
+        let dims = self.amplitude.dims;
+        let last = (dims[axis] - 1) as f32;
+        for (offset, side, weight) in &self.taps[axis] {
+            let mut start = 0;
+            let mut along = at[axis] as f32;
+            let mut inside = true;
+            for k in 0..D {
+                if k != axis {
+                    let to = at[k] as i32 + offset[k];
+                    inside &= to >= 0 && (to as usize) < dims[k];
+                    start += to.max(0) as usize * self.strides[k];
+                    along += offset[k] as f32 * slope[k];
+                }
+            }
+            if !inside || !(0.0..=last).contains(&along) {
+                continue;
+            }
+            let low = along as usize;
+            let high = (low + 1).min(dims[axis] - 1);
+            let [low_at, high_at] = [low, high].map(|i| start + i * self.strides[axis]);
+            let a = self.amplitude.samples[low_at];
+            let b = self.amplitude.samples[high_at];
+            sums[*side][lane] += weight * (a + (along - low as f32) * (b - a));
+            totals[*side][lane] += weight;
+        }
+    }
 }

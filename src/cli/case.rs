@@ -1,0 +1,260 @@
+//! Where a model lies, and what happens in it, as typed.
+
+use std::cell::OnceCell;
+use std::path::Path;
+
+use clap::{Args, ValueEnum};
+
+use super::console::Console;
+use super::parse::{bad, number, point};
+use super::wells::{WellFile, is_well_file};
+use crate::error::cause;
+use crate::mesh::graph::Locator;
+use crate::model::reservoir::frame::metres;
+use crate::model::reservoir::{
+    BAR, Case, Completion, Control, DAY, Down, Fluid, Model, Placement, Prepared, Tracer,
+    Trajectory, Well,
+};
+use crate::{Error, Result};
+
+/// Where a mesh's coordinates are in metres and depth.
+#[derive(Debug, Clone, Args)]
+pub struct SpaceOptions {
+    /// Unit of the mesh's coordinates, where the mesh does not state it [default: m]: m, km, ft,
+    /// cm, mm, um
+    #[arg(long, value_name = "UNIT")]
+    pub length_unit: Option<String>,
+    /// The coordinate that is depth, with its sign: -z if z grows upwards, z if downwards, x ...
+    #[arg(
+        long,
+        value_name = "AXIS",
+        default_value = "-z",
+        allow_hyphen_values = true
+    )]
+    pub down: String,
+    /// Depth (m) of the mesh's shallowest point [default: by its coordinates]
+    #[arg(long, value_name = "DEPTH", allow_hyphen_values = true)]
+    pub depth_at_top: Option<f64>,
+    /// Velocity (m/s) that turns two-way time into depth
+    #[arg(long, value_name = "V", allow_hyphen_values = true)]
+    pub velocity: Option<f64>,
+    /// Thickness of a 2-D mesh, in the unit of its coordinates [default: 1]
+    #[arg(long, value_name = "T")]
+    pub thickness: Option<f64>,
+}
+
+/// What fills the pores.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum FluidChoice {
+    /// Water only
+    Water,
+    /// Oil, into which water is injected
+    OilWater,
+}
+
+/// What happens in a simulation.
+#[derive(Debug, Clone, Args)]
+pub struct CaseOptions {
+    /// What fills the pores [default: water]
+    #[arg(long, value_name = "FLUID")]
+    pub fluid: Option<FluidChoice>,
+    /// A well that injects water, in m^3/day, vertical in the cell at X,Y,Z (the mesh's
+    /// coordinates), or along the trajectory in a CSV file of lines x,y,z,radius:
+    /// [NAME=]FILE.csv:RATE; may be repeated
+    #[arg(long, value_name = "[NAME=]X,Y,Z:RATE", allow_hyphen_values = true)]
+    pub injector: Vec<String>,
+    /// A well that produces at a pressure in bar, at X,Y,Z or along the trajectory in a file; may
+    /// be repeated
+    #[arg(long, value_name = "[NAME=]X,Y,Z:BAR", allow_hyphen_values = true)]
+    pub producer: Vec<String>,
+    /// Radius (m) of wells that are given by a point [default: 0.1]
+    #[arg(long, value_name = "R")]
+    pub well_radius: Option<f64>,
+    /// Initial pressure (bar) at the top [default: hydrostatic from 1.01325 at depth 0]
+    #[arg(long, value_name = "BAR")]
+    pub pressure_at_top: Option<f64>,
+    /// Fluids without weight (no hydrostatic gradient)
+    #[arg(long)]
+    pub no_gravity: bool,
+    /// Number of days to simulate [default: 3650]
+    #[arg(long, value_name = "DAYS")]
+    pub days: Option<f64>,
+}
+
+impl SpaceOptions {
+    /// The options, checked.
+    ///
+    /// # Errors
+    /// [`Error::Job`] for an unknown unit or axis, or numbers that make no sense.
+    pub fn placement(&self) -> Result<Placement> {
+        let known = |unit: &String| {
+            let remedy = "give m, km, ft, cm, mm or um";
+            let unknown = || bad("--length-unit", unit, "is not a known unit", remedy);
+            metres(unit).ok_or_else(unknown)
+        };
+        let length = self.length_unit.as_ref().map(known).transpose()?;
+        let grows = !self.down.starts_with('-');
+        let name = self.down.trim_start_matches('-');
+        let axis = ["x", "y", "z"].iter().position(|axis| *axis == name);
+        let axis = axis.ok_or_else(|| {
+            let remedy = "give x, y, z, -x, -y or -z";
+            bad("--down", &self.down, "is not an axis", remedy)
+        })?;
+        if let Some(thickness) = self.thickness {
+            positive("--thickness", thickness)?;
+        }
+        Ok(Placement {
+            length,
+            down: Down { axis, grows },
+            velocity: self.velocity,
+            top: self.depth_at_top,
+            thickness: self.thickness.unwrap_or(1.0),
+        })
+    }
+}
+
+fn positive(option: &str, value: f64) -> Result<()> {
+    if value > 0.0 && value.is_finite() {
+        return Ok(());
+    }
+    let problem = "is not a positive number";
+    Err(bad(option, &value.to_string(), problem, "give one above 0"))
+}
+
+impl CaseOptions {
+    /// The case, its wells in cells of the model.
+    ///
+    /// # Errors
+    /// [`Error::Job`] for what makes no sense, [`Error::Export`] for wells that lie outside.
+    pub fn case(&self, prepared: &Prepared, console: &Console) -> Result<Case> {
+        let days = self.days.unwrap_or(3650.0);
+        positive("--days", days)?;
+        let radius = self.well_radius.unwrap_or(0.1);
+        positive("--well-radius", radius)?;
+        let model = &prepared.model;
+        let mut wells: Vec<Well> = Vec::new();
+        let (tracer, locator) = (OnceCell::new(), OnceCell::new());
+        let typed = [
+            ("--injector", &self.injector, 'I'),
+            ("--producer", &self.producer, 'P'),
+        ];
+        for (option, texts, letter) in typed {
+            for text in texts {
+                let (name, rest) = match text.split_once('=') {
+                    Some((name, rest)) => (Some(name.to_string()), rest),
+                    None => (None, text.as_str()),
+                };
+                let remedy = "give X,Y,Z:VALUE or FILE.csv:VALUE, with NAME= before it or not";
+                let Some((place, value)) = rest.rsplit_once(':') else {
+                    return Err(bad(option, text, "has no ':'", remedy));
+                };
+                let value = number(option, value, remedy)?;
+                positive(option, value)?;
+                let called = format!("{option} {text}");
+                let tracer = tracer.get_or_init(|| Tracer::new(model));
+                let (own_name, radius, way, completions) = if is_well_file(place) {
+                    let (name, way, completions) =
+                        along_file(place, called, tracer, prepared, console)?;
+                    (name, way.radii[0], way.points, completions)
+                } else {
+                    let point = prepared.frame.to_model(point(option, place, remedy)?);
+                    let locator = locator.get_or_init(|| Locator::new(&model.graph));
+                    let cell = locator.cell_at(point).ok_or_else(|| {
+                        let remedy = "give a point inside, in the mesh's coordinates (`atomesh info` shows its extent)";
+                        bad(option, text, "lies outside the mesh", remedy)
+                    })?;
+                    let own_name = format!("{letter}{}", wells.len() + 1);
+                    (
+                        own_name,
+                        radius,
+                        vec![point],
+                        tracer.complete_cell(&called, cell, radius)?,
+                    )
+                };
+                let name = name.unwrap_or(own_name);
+                if wells.iter().any(|known| known.name == name) {
+                    return Err(bad(
+                        option,
+                        text,
+                        "has the same name as another well",
+                        remedy,
+                    ));
+                }
+                wells.push(Well {
+                    name,
+                    cells: completions.iter().map(|c| (c.cell, c.index)).collect(),
+                    lengths: completions.iter().map(|c| c.length).collect(),
+                    radius,
+                    way,
+                    control: match letter {
+                        'I' => Control::Inject(value / DAY),
+                        _ => Control::Pressure(value * BAR),
+                    },
+                });
+            }
+        }
+        let top = (0..model.len()).map(|cell| model.depth(cell));
+        let top = top.fold(f64::INFINITY, f64::min);
+        let hydrostatic = 1.013_25 * BAR + 1000.0 * crate::model::reservoir::GRAVITY * top;
+        if let Some(bar) = self.pressure_at_top {
+            positive("--pressure-at-top", bar)?;
+        }
+        Ok(Case {
+            title: "atomesh".into(),
+            fluid: match self.fluid.unwrap_or(FluidChoice::Water) {
+                FluidChoice::Water => Fluid::Water,
+                FluidChoice::OilWater => Fluid::OilWater,
+            },
+            gravity: !self.no_gravity,
+            top_pressure: self.pressure_at_top.map_or(hydrostatic, |bar| bar * BAR),
+            wells,
+            duration: days * DAY,
+        })
+    }
+}
+
+/// Name, way and completions of a well along the way in a file.
+fn along_file(
+    path: &str,
+    called: String,
+    tracer: &Tracer,
+    prepared: &Prepared,
+    console: &Console,
+) -> Result<(String, Trajectory, Vec<Completion>)> {
+    let file = WellFile::<3>::read(Path::new(path), 2)?;
+    let frame = &prepared.frame;
+    let points = file.points.iter();
+    let way = Trajectory {
+        name: called,
+        points: points.clone().map(|p| frame.to_model(p.1)).collect(),
+        radii: points.map(|p| p.2 * frame.across()).collect(),
+    };
+    let completions = tracer.complete(&way)?;
+    let (all, inside) = (
+        way.length(),
+        completions.iter().map(|c| c.length).sum::<f64>(),
+    );
+    if inside < (1.0 - 1e-6) * all {
+        console.note(format_args!(
+            "{path}: {inside:.2} of the well's {all:.2} m lie in the mesh"
+        ));
+    }
+    Ok((file.name, way, completions))
+}
+
+/// Depth must grow downwards from the surface.
+///
+/// # Errors
+/// [`Error::Export`] for a mesh that reaches above it.
+pub fn check_depth(model: &Model, space: &SpaceOptions) -> Result<()> {
+    let depths = (0..model.len()).map(|cell| model.depth(cell));
+    let top = depths.fold(f64::INFINITY, f64::min);
+    if top >= 0.0 {
+        return Ok(());
+    }
+    Err(Error::Export(cause(
+        format!("--down {}", space.down),
+        format!("puts the mesh's top {:.6} m above depth 0", -top),
+        "give the other sign if that coordinate grows the other way, or --depth-at-top",
+    )))
+}

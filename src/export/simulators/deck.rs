@@ -1,0 +1,168 @@
+//! What decks for OPM Flow and Eclipse have in common, whatever their grid: head, fluids, wells, time.
+//! METRIC units.
+
+use std::io::Write;
+
+use crate::Result;
+use crate::error::{Error, cause};
+use crate::export::containers::text::write_numbers;
+use crate::model::reservoir::{
+    BAR, Case, Control, DAY, Fluid, Model, OIL_DENSITY, WATER_DENSITY, Well,
+};
+
+/// From m^3 to cP rm3/day/bar, so that T dp / viscosity is a rate in METRIC units.
+pub const TRANSMISSIBILITY: f64 = DAY * BAR / 1e-3;
+/// Number of reports.
+const REPORTS: usize = 10;
+
+pub(crate) type Out<'a> = &'a mut std::io::BufWriter<std::fs::File>;
+pub(crate) type Done = std::io::Result<()>;
+
+/// A well's opening to a cell.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Opening {
+    /// i, j and k of the cell, from 1 on.
+    pub cell: [usize; 3],
+    /// The well index in m^3.
+    pub index: f64,
+}
+
+/// Checks what a deck needs of a model.
+///
+/// # Errors
+/// [`Error::Export`] for a porosity outside (0, 1], or a well's name that no deck can hold.
+pub(crate) fn check(model: &Model, porosity: &[f64]) -> Result<()> {
+    let wrong = |p: &f64| !(*p > 0.0 && *p <= 1.0);
+    if let Some(cell) = porosity.iter().position(wrong) {
+        return Err(Error::Export(cause(
+            "porosity",
+            format!("is {} in cell {cell}", porosity[cell]),
+            "give fractions of volume above 0 and up to 1",
+        )));
+    }
+    for well in &model.case.wells {
+        let plain = |c: char| c.is_ascii_alphanumeric() || c == '_';
+        let first = well.name.starts_with(|c: char| c.is_ascii_alphabetic());
+        if !well.name.chars().all(plain) || !first || well.name.len() > 8 {
+            return Err(Error::Export(cause(
+                format!("well '{}'", well.name),
+                "has a name that a deck cannot hold",
+                "give up to eight letters, digits or _, the first a letter",
+            )));
+        }
+    }
+    Ok(())
+}
+
+/// A keyword with a number for each cell.
+pub(crate) fn array(
+    out: Out,
+    name: &str,
+    cells: usize,
+    value: impl Fn(usize) -> f64 + Sync,
+) -> Done {
+    writeln!(out, "{name}")?;
+    write_numbers(out, cells, value)?;
+    writeln!(out, "/\n")
+}
+
+/// RUNSPEC of a grid of these dimensions; `says` is a line for people, `open` as for [`schedule`].
+pub(crate) fn head(
+    out: Out,
+    case: &Case,
+    says: &str,
+    dims: [usize; 3],
+    open: &[Vec<Opening>],
+) -> Done {
+    let most = open.iter().map(Vec::len).max().unwrap_or(1);
+    let wells = case.wells.len().max(1);
+    let phases = match case.fluid {
+        Fluid::Water => "WATER",
+        Fluid::OilWater => "OIL\nWATER",
+    };
+    let [n, m, layers] = dims;
+    writeln!(
+        out,
+        "-- atomesh {}: {says}\n\
+         RUNSPEC\nTITLE\n {}\n\nDIMENS\n {n} {m} {layers} /\n{phases}\nMETRIC\n\
+         START\n 1 JAN 2000 /\nWELLDIMS\n {wells} {most} 1 {wells} /\nTABDIMS\n/\nUNIFOUT\n",
+        env!("CARGO_PKG_VERSION"),
+        case.title
+    )
+}
+
+/// PROPS.
+pub(crate) fn properties(out: Out, case: &Case) -> Done {
+    let reference = case.top_pressure / BAR;
+    writeln!(
+        out,
+        "PROPS\n\nPVTW\n {reference} 1.0 4.5E-5 1.0 0 /\nROCK\n {reference} 4.5E-5 /\n\
+         DENSITY\n {OIL_DENSITY} {WATER_DENSITY} 1 /"
+    )?;
+    if case.fluid == Fluid::OilWater {
+        writeln!(
+            out,
+            "PVCDO\n {reference} 1.1 1.0E-4 2.0 0 /\n\
+             SWOF\n 0.2 0.0 1.0 0\n 0.4 0.0625 0.4444 0\n 0.6 0.25 0.1111 0\n 0.8 0.5625 0.0 0\n 1.0 1.0 0.0 0 /"
+        )?;
+    }
+    writeln!(out)
+}
+
+/// SUMMARY and SCHEDULE; `open` has the cells that each well is open to.
+pub(crate) fn schedule(out: Out, case: &Case, open: &[Vec<Opening>]) -> Done {
+    writeln!(out, "SUMMARY\nFPR\nWBHP\n/\nWWIR\n/\nWWPR\n/")?;
+    if case.fluid == Fluid::OilWater {
+        writeln!(out, "WOPR\n/\nFOPT")?;
+    }
+    writeln!(out, "\nSCHEDULE\n\nRPTRST\n BASIC=2 /")?;
+    if !case.wells.is_empty() {
+        wells(out, case, open)?;
+    }
+    let step = case.duration / DAY / REPORTS as f64;
+    writeln!(out, "TSTEP\n {REPORTS}*{step} /\n\nEND")
+}
+
+fn wells(out: Out, case: &Case, open: &[Vec<Opening>]) -> Done {
+    let main = match case.fluid {
+        Fluid::Water => "WATER",
+        Fluid::OilWater => "OIL",
+    };
+    let all = || case.wells.iter().zip(open);
+    writeln!(out, "WELSPECS")?;
+    for (well, open) in all() {
+        let injects = matches!(well.control, Control::Inject(_));
+        let phase = if injects { "WATER" } else { main };
+        let [i, j, _] = open.first().map_or([1; 3], |first| first.cell);
+        writeln!(out, " {} G {i} {j} 1* {phase} /", well.name)?;
+    }
+    writeln!(out, "/\nCOMPDAT")?;
+    for (Well { name, radius, .. }, open) in all() {
+        for Opening {
+            cell: [i, j, k],
+            index,
+        } in open
+        {
+            let (factor, width) = (TRANSMISSIBILITY * index, 2.0 * radius);
+            writeln!(out, " {name} {i} {j} {k} {k} OPEN 1* {factor} {width} /")?;
+        }
+    }
+    writeln!(out, "/")?;
+    for well in &case.wells {
+        let name = &well.name;
+        match well.control {
+            Control::Inject(rate) => writeln!(
+                out,
+                "WCONINJE\n {name} WATER OPEN RATE {} 1* 1E5 /\n/",
+                rate * DAY
+            )?,
+            Control::Produce(rate) => {
+                writeln!(out, "WCONPROD\n {name} OPEN LRAT 3* {} /\n/", rate * DAY)?;
+            }
+            Control::Pressure(pressure) => {
+                writeln!(out, "WCONPROD\n {name} OPEN BHP 5* {} /\n/", pressure / BAR)?;
+            }
+        }
+    }
+    Ok(())
+}

@@ -240,7 +240,7 @@ def exports():
     run("export-opm-oil", f"export @cells3/mesh.vtu --to opm -o out.DATA {rock} --fluid oil-water"
         " --pressure-at-top 220")
     run("export-opm-trajectory", f"export @cells3-well/mesh.vtu --to opm -o out.DATA {rock}"
-        " --injector A=@inputs/well3.csv:50 --producer B=32,30,24:150 --well-radius 0.2")
+        " --injector A=@inputs/well3.csv:50 --producer B=32,30,24:150 --well-radius 0.1")
     run("export-disv-wells", "export @columns/mesh.vtu --to disv -o model --down z --porosity 0.2 --permeability 100"
         " --permeability-unit mD --depth-at-top 1000 --injector 20,20,10:5 --producer 100,80,20:90")
     run("export-mrst-images", "export @cells3/mesh.vtu --to mrst -o out.mat --down z"

@@ -110,8 +110,8 @@ fn a_noisy_ball_is_found_on_tetrahedra_and_on_polyhedra() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     ball(folder, [48, 44, 40], 13.0, 0.2);
-    // Measured: 0.928 and 0.973.
-    for (cells, least) in [("tets", 0.92), ("voronoi", 0.965)] {
+    // Measured: 0.928 and 0.930 (of cells about as large as one another, not smaller beside the surface, 0.973).
+    for (cells, least) in [("tets", 0.92), ("voronoi", 0.92)] {
         let mesh = format!("mesh ball.vti -o m.vtu --distance 5 --feature edges --cells {cells}");
         answer(folder, &mesh);
         let found = answer(

@@ -384,7 +384,8 @@ fn xtgeo_and_opm_flow_read_the_corner_point_grid() {
         assert!((middle - 3.1).abs() < 0.2 && most < 4.5, "{middle}, {most}");
         let text = std::fs::read_to_string(&files[0]).unwrap();
         let said = format!("MULTFLT\n 'FAULT1' {TIGHT} /\n");
-        assert!(text.contains("FAULTS\n 'FAULT1' ") && text.contains(&said));
+        let faults = text.contains("FAULTS\n 'FAULT1' ");
+        assert!(faults && text.contains(&said), "{faults} {grid} {region}");
         assert!(!text.contains("MULTX"));
         if region.is_empty() {
             assert_eq!(dims, [13.0, 9.0, 7.0]);

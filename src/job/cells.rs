@@ -32,8 +32,6 @@ const ROUNDS: usize = 2;
 /// The largest distance between the nodes of surfaces, in units of that between atoms: then cells beside
 /// surfaces, of which each node has two on either side, are as large as others.
 const COARSER: f64 = 1.5;
-/// How much of that where the distance is the same everywhere, and nothing tells where surfaces run close.
-const EVENLY: f64 = 0.5;
 
 /// The smallest angle of the mesh whose faces are surfaces, if slivers are left in.
 const ANGLE: f64 = 30.0;
@@ -122,10 +120,11 @@ where
     let shortest = extent.iter().copied().fold(f64::INFINITY, f64::min);
     let coarser = COARSER.min(0.5 * shortest / max);
     let distance = distance.map(|d| {
+        // Where the distance is the same everywhere, nothing tells where surfaces bend or run close.
         let share = if max > min {
             (d - min) / (max - min)
         } else {
-            EVENLY
+            0.0
         };
         d * (1.0 + share * (coarser - 1.0))
     });

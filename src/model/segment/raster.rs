@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 
+use crate::geometry::norm;
 use crate::mesh::Mesh;
 use crate::mesh::complex::NONE;
 
@@ -58,6 +59,10 @@ fn whole(low: f64, high: f64, n: usize) -> std::ops::Range<usize> {
     }
 }
 
+/// Facets smaller than this share of their mean area are left out: rounding leaves them no direction, and a
+/// convex cell hardly changes without them.
+const TINY: f64 = 1e-6;
+
 /// Half spaces and boxes in units of samples.
 fn shapes<const D: usize, F: Mesh<D>>(
     mesh: &F,
@@ -69,12 +74,22 @@ fn shapes<const D: usize, F: Mesh<D>>(
         .par_iter()
         .map(|p| std::array::from_fn(|k| p[k] / step[k]))
         .collect();
+    let (mut area, mut count) = (0.0, 0usize);
+    for face in 0..cells.len() {
+        mesh.facets(face, |facet| {
+            area += facing(&facet.map(|n| nodes[n as usize])).1;
+            count += 1;
+        });
+    }
+    let tiny = TINY * area / count.max(1) as f64;
     let mut shapes: Vec<Cell<D>> = Vec::new();
     for (face, beyond) in cells.iter().enumerate() {
         mesh.facets(face, |facet| {
             let corners = facet.map(|n| nodes[n as usize]);
-            let normal = unit_normal(&corners);
-            let Some(normal) = normal else { return };
+            let (normal, area) = facing(&corners);
+            if area <= tiny {
+                return;
+            }
             let c = (0..D).map(|k| normal[k] * corners[0][k]).sum::<f64>();
             for (&cell, sign) in beyond.iter().zip([1.0, -1.0]) {
                 if cell == NONE {
@@ -105,18 +120,11 @@ fn shapes<const D: usize, F: Mesh<D>>(
     shapes
 }
 
-/// The unit normal of an edge or a triangle; `None` if it has no size.
-fn unit_normal<const D: usize>(corners: &[[f64; D]; D]) -> Option<[f64; D]> {
-    let edge = |i: usize, k: usize| corners[i][k] - corners[0][k];
-    let normal: [f64; D] = std::array::from_fn(|k| match D {
-        2 => [edge(1, 1), -edge(1, 0)][k],
-        _ => {
-            let (i, j) = ((k + 1) % 3, (k + 2) % 3);
-            edge(1, i) * edge(2, j) - edge(1, j) * edge(2, i)
-        }
-    });
-    let length = normal.iter().map(|n| n * n).sum::<f64>().sqrt();
-    (length > 0.0).then(|| normal.map(|n| n / length))
+/// The unit normal of an edge and its length, or of a triangle and its area.
+fn facing<const D: usize>(corners: &[[f64; D]; D]) -> ([f64; D], f64) {
+    let normal = crate::geometry::normal(corners);
+    let length = norm(normal);
+    (normal.map(|n| n / length.max(f64::MIN_POSITIVE)), length)
 }
 
 /// Gives a cell the samples of one section that lie in it and in no cell before, row by row.

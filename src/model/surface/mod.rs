@@ -74,8 +74,10 @@ impl Default for Options {
     }
 }
 
-/// Smaller surfaces than this many facets are crumbs.
-const FEWEST: f64 = 10.0;
+/// Smaller surfaces than this many facets are crumbs: ten faces, or as many edges as those are wide.
+const fn fewest<const D: usize>() -> f64 {
+    if D == 2 { 3.0 } else { 10.0 }
+}
 
 /// Next to the largest surface, surfaces smaller than this part of it are confetti.
 const SHARE: f64 = 0.02;
@@ -130,7 +132,7 @@ impl<const D: usize> Surfaces<D> {
         }
         let mean = areas.iter().sum::<f64>() / facets.len().max(1) as f64;
         let largest = areas.iter().copied().fold(0.0, f64::max);
-        let least = (FEWEST * mean).max(SHARE * largest);
+        let least = (fewest::<D>() * mean).max(SHARE * largest);
         let least = options.min_area.unwrap_or(least);
         let mut order: Vec<usize> = (0..count).collect();
         order.sort_by(|&a, &b| areas[b].total_cmp(&areas[a]).then(a.cmp(&b)));
@@ -139,7 +141,7 @@ impl<const D: usize> Surfaces<D> {
         for (place, &s) in order[..kept].iter().enumerate() {
             rank[s] = place as u32;
         }
-        let crumb = |s: usize| rank[s] == NONE && areas[s] < FEWEST * mean;
+        let crumb = |s: usize| rank[s] == NONE && areas[s] < fewest::<D>() * mean;
         let crumbs: Vec<bool> = (0..count).map(crumb).collect();
         let patches = patch::patches(&facets, &surface, &crumbs);
         let dropped: Vec<usize> = (order[kept..].iter().copied())
@@ -186,7 +188,7 @@ impl<const D: usize> Surfaces<D> {
         let mean = areas.iter().sum::<f64>() / self.facets.len().max(1) as f64;
         let largest = areas.iter().copied().fold(0.0, f64::max);
         // Sums in another order than in `find`.
-        let least = (FEWEST * mean).max(SHARE * largest) * (1.0 - 1e-9);
+        let least = (fewest::<D>() * mean).max(SHARE * largest) * (1.0 - 1e-9);
         areas.iter().take_while(|&&area| area >= least).count()
     }
 
@@ -205,7 +207,7 @@ impl<const D: usize> Surfaces<D> {
         };
         let mut part_of: Vec<u32> = (0..self.len() as u32).collect();
         let all: f64 = (0..self.len()).map(area).sum();
-        let least = FEWEST * all / self.facets.len().max(1) as f64;
+        let least = fewest::<D>() * all / self.facets.len().max(1) as f64;
         let first = (0..self.len()).position(|s| area(s) < least);
         let first = first.unwrap_or(self.len());
         let mut on: Vec<(u32, u32)> = (0..first)

@@ -80,7 +80,7 @@ def hashes_of_file(path, name):
         return hashes_of_headed(data, name)
     if path.suffix == ".gz":
         return [(name, sha(gzip.decompress(data)))]
-    if path.suffix in (".epc", ".h5"):
+    if path.suffix == ".epc" or path.suffix == ".h5" and path.with_suffix(".epc").exists():
         return hashes_of_resqml(path, name)
     if path.suffix == ".mat":
         # The first 116 bytes are a text: what made it.

@@ -69,8 +69,8 @@ fn balanced<const D: usize>(amplitude: Volume<'_, D>, patience: &Patience<'_>) -
 
 /// Likelihood down to which a fault is followed, and which it must reach somewhere; or these
 /// multiples of the noise, if they are more.
-pub const LEAST: [f32; 2] = [0.05, 0.12];
-const OVER_NOISE: [f32; 2] = [3.0, 7.0];
+pub const LEAST: [f32; 2] = [0.06, 0.14];
+const OVER_NOISE: [f32; 2] = [1.75, 2.5];
 
 /// Thresholds for the ridges of [`likelihood`]: semblance is a share, so they are the same for all
 /// images, unless there is much noise.

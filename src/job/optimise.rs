@@ -8,14 +8,13 @@ use crate::image::Field;
 use crate::lattice::distance::Distance;
 use crate::lattice::energy::{Energy, Pairwise, Regularised, Sampled};
 use crate::lattice::optimize::{self, Stop};
-use crate::lattice::seeding::{Alignment, Atoms};
+use crate::lattice::seeding::Atoms;
 use crate::observer::{Observer, Patience};
 use crate::report::Optimisation;
 
 /// The energy that a job's atoms shall have least of: the same for both evaluators, up to sampling.
 fn energy<'a, const D: usize>(
     params: &Params<D>,
-    alignment: Alignment,
     mobility: Vec<[f64; D]>,
     potential: &'a Field<D>,
     distance: &'a Distance<D>,
@@ -23,8 +22,7 @@ fn energy<'a, const D: usize>(
 ) -> Result<Box<dyn Energy<D> + 'a>> {
     let (beta, extent) = (frame.beta.clone(), frame.extent);
     let pairs = |beta| -> Result<Pairwise<'a, D>> {
-        let pairs = Pairwise::new(extent, distance, Some(potential), beta)?;
-        Ok(pairs.aligned(alignment).uncrowded())
+        Ok(Pairwise::new(extent, distance, Some(potential), beta)?.uncrowded())
     };
     Ok(match params.evaluator {
         Evaluator::Pairwise if params.kappa != 1.0 => {
@@ -41,7 +39,6 @@ fn energy<'a, const D: usize>(
 pub(super) fn optimise<const D: usize>(
     atoms: &mut Atoms<D>,
     params: &Params<D>,
-    alignment: Alignment,
     features: &Features<D>,
     distance: &Distance<D>,
     frame: &Frame<D>,
@@ -51,7 +48,7 @@ pub(super) fn optimise<const D: usize>(
     let mut pass = |potential: &Field<D>, observer: &mut dyn Observer| {
         let extent = frame.extent;
         let mobility = atoms.mobility(extent);
-        let mut energy = energy(params, alignment, mobility, potential, distance, frame)?;
+        let mut energy = energy(params, mobility, potential, distance, frame)?;
         optimize::optimize(atoms, &mut *energy, distance, extent, &options, observer)
     };
     for coarse in (1..=params.coarse_passes).rev() {
@@ -151,14 +148,7 @@ mod tests {
                 ..Params::default()
             };
             let mobility = vec![[1.0; 2]; atoms.len()];
-            let energy = energy(
-                &params,
-                Alignment::On,
-                mobility,
-                &potential,
-                &distance,
-                &frame,
-            );
+            let energy = energy(&params, mobility, &potential, &distance, &frame);
             let mut gradient = vec![[0.0; 2]; atoms.len()];
             energy.unwrap().evaluate(&atoms, &mut gradient)
         });

@@ -158,14 +158,13 @@ pub(super) fn lattice<const D: usize>(
     frame: &Frame<D>,
     stages: &mut Stages<'_>,
 ) -> Result<Placed<D>> {
-    let alignment = Alignment::On;
     let mut atoms = stages.unless_stopped(Stage::Placing, |patience| {
         seeding::seed(
             params.seeding,
             frame.extent,
             &distance,
             fixed,
-            alignment,
+            Alignment::On,
             Some(&features.potential),
             patience,
         )
@@ -177,7 +176,6 @@ pub(super) fn lattice<const D: usize>(
     let optimised = optimise(
         &mut atoms,
         params,
-        alignment,
         features,
         &distance,
         frame,

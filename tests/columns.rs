@@ -14,14 +14,10 @@ use std::process::Command;
 use atomesh::mesh::graph::Graph;
 use atomesh::mesh::poly::PolyMesh;
 use atomesh::store::{AnyMesh, MeshFile, read_any_vtu};
-use common::{judged, npy, npy_2d, refused, simulator, succeed};
+use common::{judged, npy, npy_2d, refused, run, simulator};
 use serde_json::Value;
 
 const ROCK: &str = "--porosity 0.2 --permeability 100 --permeability-unit mD --quiet";
-
-fn run(folder: &Path, line: &str) -> String {
-    succeed(folder, &line.split_whitespace().collect::<Vec<_>>())
-}
 
 /// A folder with `map.vtu`, the cells of a map of 60 x 50 samples with one fault across it, and the
 /// horizons `top.npy`, `mid.npy` (which touches the top in part) and `base.npy`: depths.

@@ -16,28 +16,13 @@ use atomesh::export::simulators::opm;
 use atomesh::model::flow::{Rock, Tensor};
 use atomesh::model::reservoir::{MILLIDARCY, Model};
 use atomesh::model::reservoir::{Placement, Prepared};
-use atomesh::store::{AnyMesh, read_any_vtu, read_vtu};
-use common::{judged, npy, refused, sheet, simulator, succeed};
+use atomesh::store::{AnyMesh, read_any_vtu};
+use common::{SHEET as DIMS, judged, near, npy, numbers, refused, run, sheet_folder, simulator};
 use serde_json::Value;
 
-const DIMS: [usize; 3] = [40, 36, 32];
 /// Volume of the box.
 const VOLUME: f64 = 39.0 * 35.0 * 31.0;
 const ROCK: &str = "--porosity 0.2 --permeability 100 --permeability-unit mD --quiet";
-
-fn run(folder: &Path, line: &str) -> String {
-    succeed(folder, &line.split_whitespace().collect::<Vec<_>>())
-}
-
-/// A folder with meshes of a sheet across the box: `cells.vtu` of Voronoi cells, `tets.vtu`.
-fn folder() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    npy(&folder.path().join("sheet.npy"), DIMS, sheet(DIMS));
-    let mesh = "mesh sheet.npy --distance 6 --quiet -o";
-    run(folder.path(), &format!("{mesh} cells.vtu --cells voronoi"));
-    run(folder.path(), &format!("{mesh} tets.vtu"));
-    folder
-}
 
 /// The model that the verb makes of a mesh.
 fn model(folder: &Path, mesh: &str, top: f64, k: &[f64]) -> Model {
@@ -51,15 +36,6 @@ fn model(folder: &Path, mesh: &str, top: f64, k: &[f64]) -> Model {
     let model = &mut prepared.model;
     model.set_permeability(Rock::uniform(tensor, 1.0)).unwrap();
     prepared.model
-}
-
-fn numbers(value: &Value) -> Vec<f64> {
-    let items = value.as_array().unwrap().iter();
-    items.map(|v| v.as_f64().unwrap()).collect()
-}
-
-fn near(a: f64, b: f64, tolerance: f64) -> bool {
-    (a - b).abs() <= tolerance * a.abs().max(b.abs())
 }
 
 /// Runs OPM Flow on a deck, and says what it found.
@@ -76,7 +52,7 @@ fn flow(folder: &Path, case: &str) -> Option<Value> {
 
 #[test]
 fn opm_flow_has_our_transmissibilities_pore_volumes_and_depths() {
-    let folder = folder();
+    let folder = sheet_folder();
     let folder = folder.path();
     for mesh in ["cells.vtu", "tets.vtu"] {
         let rock = "--porosity 0.2 --permeability 100,100,10 --permeability-unit mD --quiet";
@@ -120,7 +96,7 @@ fn opm_flow_has_our_transmissibilities_pore_volumes_and_depths() {
 
 #[test]
 fn opm_flow_has_our_steady_pressure() {
-    let folder = folder();
+    let folder = sheet_folder();
     let folder = folder.path();
     // 8.64 m^3 a day are 1e-4 m^3/s. Water is hardly compressible near its reference pressure.
     let wells = "--injector 5,5,5:8.64 --producer 33,30,25:200 --pressure-at-top 200 --days 3650";
@@ -161,7 +137,7 @@ fn opm_flow_has_our_steady_pressure() {
 
 #[test]
 fn oil_is_driven_out_by_water() {
-    let folder = folder();
+    let folder = sheet_folder();
     let folder = folder.path();
     let wells = "--injector INJ=5,5,5:50 --producer PROD=33,30,25:150";
     let deck = "export cells.vtu --to opm -o OIL.DATA --fluid oil-water --depth-at-top 1500";
@@ -198,7 +174,7 @@ fn field(path: &Path) -> Vec<f64> {
 
 #[test]
 fn openfoam_accepts_the_mesh_and_is_exact_for_a_linear_field() {
-    let folder = folder();
+    let folder = sheet_folder();
     let folder = folder.path();
     for (mesh, tolerance) in [("cells", 1e-10), ("tets", 1e-5)] {
         run(
@@ -246,7 +222,7 @@ fn openfoam_accepts_the_mesh_and_is_exact_for_a_linear_field() {
 
 #[test]
 fn a_closed_fault_is_a_patch_of_openfoam_that_nothing_crosses() {
-    let folder = folder();
+    let folder = sheet_folder();
     let folder = folder.path();
     run(
         folder,
@@ -294,7 +270,7 @@ fn a_closed_fault_is_a_patch_of_openfoam_that_nothing_crosses() {
 
 #[test]
 fn faults_are_areas_where_a_format_has_no_multipliers() {
-    let folder = folder();
+    let folder = sheet_folder();
     let folder = folder.path();
     // Of each connection its cells and its area.
     let areas = |to: &str, faults: &str| -> Vec<(String, f64)> {
@@ -379,7 +355,7 @@ fn meshes_of_the_plane_become_a_layer_of_prisms() {
 
 #[test]
 fn pflotran_has_rock_cell_by_cell() {
-    let folder = folder();
+    let folder = sheet_folder();
     let folder = folder.path();
     let rock = "--porosity sheet.npy --permeability 100,50,10 --permeability-unit mD --quiet";
     run(
@@ -414,7 +390,7 @@ fn pflotran_has_rock_cell_by_cell() {
 
 #[test]
 fn pflotrans_grid_is_the_graph() {
-    let folder = folder();
+    let folder = sheet_folder();
     let folder = folder.path();
     run(
         folder,
@@ -474,7 +450,7 @@ fn pflotrans_grid_is_the_graph() {
 
 #[test]
 fn toughio_reads_the_tough2_mesh() {
-    let folder = folder();
+    let folder = sheet_folder();
     let folder = folder.path();
     run(
         folder,
@@ -518,246 +494,8 @@ fn toughio_reads_the_tough2_mesh() {
 }
 
 #[test]
-fn gmsh_reads_volumes_regions_and_surfaces() {
-    let folder = folder();
-    let folder = folder.path();
-    // Two regions by labels.
-    npy(&folder.join("labels.npy"), DIMS, |[_, _, z]| {
-        if z < 16 { 1.0 } else { 2.0 }
-    });
-    let tets = read_vtu(&folder.join("tets.vtu")).unwrap().mesh.tets.len();
-    // PFLOTRAN's regions are lists of cells.
-    run(
-        folder,
-        "export tets.vtu --to pflotran -o a.uge --region labels.npy --depth-at-top 9 --quiet",
-    );
-    let lists = [1, 2].map(|r| std::fs::read_to_string(folder.join(format!("a-region{r}.txt"))));
-    let mut cells: Vec<usize> = (lists.iter())
-        .flat_map(|list| list.as_ref().unwrap().lines().map(|n| n.parse().unwrap()))
-        .collect();
-    cells.sort_unstable();
-    assert!(cells.into_iter().eq(1..=tets));
-    for version in ["msh", "msh2"] {
-        let line = format!("export tets.vtu --to {version} -o a.msh --region labels.npy --quiet");
-        run(folder, &line);
-        let path = folder.join("a.msh");
-        let Some(found) = judged("Gmsh", "physical.py", &[path.as_os_str()]) else {
-            return;
-        };
-        assert_eq!(found["tets"], tets);
-        assert!(near(found["volume"].as_f64().unwrap(), VOLUME, 1e-12));
-        let groups = found["groups"].as_array().unwrap();
-        let count = |dim: u64, name: &str| {
-            let group = groups.iter().find(|g| g[0] == dim && g[1] == name).unwrap();
-            group[2].as_u64().unwrap()
-        };
-        let all = count(3, "region1") + count(3, "region2");
-        assert_eq!(all as usize, tets, "{groups:?}");
-        for side in ["xmin", "xmax", "ymin", "ymax", "zmin", "zmax", "fault1"] {
-            assert!(count(2, side) > 10, "{groups:?}");
-        }
-        assert!(count(2, "interface_1_2") > 10, "{groups:?}");
-        assert_eq!(groups.len(), 10, "{groups:?}");
-    }
-}
-
-#[test]
-fn meshio_reads_medit_tetgen_and_abaqus() {
-    let folder = folder();
-    let folder = folder.path();
-    let mesh = read_vtu(&folder.join("tets.vtu")).unwrap().mesh;
-    for (to, file, format) in [
-        ("medit", "a.mesh", "medit"),
-        ("tetgen", "a.node", "tetgen"),
-        ("inp", "a.inp", "abaqus"),
-    ] {
-        run(
-            folder,
-            &format!("export tets.vtu --to {to} -o {file} --quiet"),
-        );
-        let path = folder.join(file);
-        let arguments = [path.as_os_str(), OsStr::new(format)];
-        let Some(found) = judged("meshio", "simplices.py", &arguments) else {
-            return;
-        };
-        let rows = |name: &str| -> Vec<Vec<f64>> {
-            found[name]
-                .as_array()
-                .unwrap()
-                .iter()
-                .map(numbers)
-                .collect()
-        };
-        let points = rows("points");
-        assert_eq!(points.len(), mesh.nodes.len());
-        for (point, node) in points.iter().zip(&mesh.nodes) {
-            assert!((0..3).all(|k| near(point[k], node[k], 1e-14)), "{to}");
-        }
-        let tets: Vec<[u32; 4]> = rows("tets")
-            .iter()
-            .map(|row| [0, 1, 2, 3].map(|k| row[k] as u32))
-            .collect();
-        assert_eq!(tets, mesh.tets, "{to}");
-        if to == "medit" {
-            assert!(found["triangles"].as_u64().unwrap() > 100);
-        }
-    }
-}
-
-#[test]
-fn calculix_bends_the_mesh_and_conserves_its_weight() {
-    let folder = folder();
-    let folder = folder.path();
-    run(folder, "export tets.vtu --to inp -o mesh.inp --quiet");
-    // Pulled by one side: linear displacement, which linear tetrahedra have exactly.
-    let job = "*INCLUDE, INPUT=mesh.inp\n*MATERIAL, NAME=ROCK\n*ELASTIC\n1E9, 0.0\n\
-               *SOLID SECTION, ELSET=EALL, MATERIAL=ROCK\n*STEP\n*STATIC\n*BOUNDARY\n\
-               NXMIN, 1, 1, 0.0\nNYMIN, 2, 2, 0.0\nNZMIN, 3, 3, 0.0\nNXMAX, 1, 1, 0.39\n\
-               *NODE PRINT, NSET=NALL\nU\n*EL PRINT, ELSET=EALL, TOTALS=ONLY\nEVOL\n*END STEP\n";
-    std::fs::write(folder.join("job.inp"), job).unwrap();
-    let mut ccx = Command::new("ccx");
-    ccx.current_dir(folder).arg("job");
-    if simulator(&mut ccx).is_none() {
-        return;
-    }
-    let nodes = read_vtu(&folder.join("tets.vtu")).unwrap().mesh.nodes;
-    let said = std::fs::read_to_string(folder.join("job.dat")).unwrap();
-    let mut displaced = 0;
-    for line in said.lines() {
-        let words: Vec<&str> = line.split_whitespace().collect();
-        if let [node, x, _, _] = words[..]
-            && let (Ok(node), Ok(x)) = (node.parse::<usize>(), x.parse::<f64>())
-        {
-            assert!((x - 0.01 * nodes[node - 1][0]).abs() < 1e-6, "{line}");
-            displaced += 1;
-        }
-    }
-    assert_eq!(displaced, nodes.len());
-    let volume = said.lines().last().unwrap().trim().parse::<f64>().unwrap();
-    assert!(near(volume, VOLUME, 1e-5), "{volume}");
-}
-
-#[test]
-fn calculix_reads_coordinates_of_any_length() {
-    let folder = folder();
-    let folder = folder.path();
-    let export = "export tets.vtu --to inp -o mesh.inp --length-unit um --quiet";
-    run(folder, export);
-    let job = "*INCLUDE, INPUT=mesh.inp\n*MATERIAL, NAME=ROCK\n*ELASTIC\n1E9, 0.0\n\
-               *SOLID SECTION, ELSET=EALL, MATERIAL=ROCK\n*STEP\n*STATIC\n*BOUNDARY\n\
-               NXMIN, 1, 3, 0.0\n*EL PRINT, ELSET=EALL, TOTALS=ONLY\nEVOL\n*END STEP\n";
-    std::fs::write(folder.join("job.inp"), job).unwrap();
-    let mut ccx = Command::new("ccx");
-    ccx.current_dir(folder).arg("job");
-    if simulator(&mut ccx).is_none() {
-        return;
-    }
-    let said = std::fs::read_to_string(folder.join("job.dat")).unwrap();
-    let volume = said.lines().last().unwrap().trim().parse::<f64>().unwrap();
-    assert!(near(volume, 1e-18 * VOLUME, 1e-5), "{volume}");
-}
-
-#[test]
-fn gmsh_and_calculix_have_quadratic_fields_exact_on_quadratic_elements() {
-    let folder = folder();
-    let folder = folder.path();
-    for version in ["msh", "msh2"] {
-        run(
-            folder,
-            &format!("export tets.vtu --to {version} -o a.msh --quadratic --quiet"),
-        );
-        let path = folder.join("a.msh");
-        let Some(found) = judged("Gmsh", "quadratic.py", &[path.as_os_str()]) else {
-            return;
-        };
-        // Of straight elements, Jacobians at all of Gauss' points are those of the corners: only right if
-        // every middle is where its place among the nodes says.
-        assert!(near(found["volume"].as_f64().unwrap(), VOLUME, 1e-9));
-        assert!(found["spread"].as_f64().unwrap() < 1e-9, "{found}");
-        assert!(found["triangles"].as_u64().unwrap() > 100);
-    }
-    run(
-        folder,
-        "export tets.vtu --to inp -o mesh.inp --quadratic --quiet",
-    );
-    // Bent by its own weight's like: a body force of 2 along x, held at x = 0, has u = x (39 - x / 2) 2 / E.
-    let job = "*INCLUDE, INPUT=mesh.inp\n*MATERIAL, NAME=ROCK\n*ELASTIC\n2.0, 0.0\n*DENSITY\n1.0\n\
-               *SOLID SECTION, ELSET=EALL, MATERIAL=ROCK\n*STEP\n*STATIC\n*BOUNDARY\n\
-               NXMIN, 1, 1, 0.0\nNYMIN, 2, 2, 0.0\nNZMIN, 3, 3, 0.0\n*DLOAD\nEALL, GRAV, 2.0, 1., 0., 0.\n\
-               *NODE PRINT, NSET=NALL\nU\n*END STEP\n";
-    std::fs::write(folder.join("job.inp"), job).unwrap();
-    let mut ccx = Command::new("ccx");
-    ccx.current_dir(folder).arg("job");
-    if simulator(&mut ccx).is_none() {
-        return;
-    }
-    let text = std::fs::read_to_string(folder.join("mesh.inp")).unwrap();
-    let nodes = text
-        .lines()
-        .skip(1)
-        .take_while(|line| !line.starts_with('*'));
-    let x: Vec<f64> = nodes
-        .map(|line| line.split(", ").nth(1).unwrap().parse().unwrap())
-        .collect();
-    let said = std::fs::read_to_string(folder.join("job.dat")).unwrap();
-    let mut displaced = 0;
-    for line in said.lines() {
-        let words: Vec<&str> = line.split_whitespace().collect();
-        if let [node, u, _, _] = words[..]
-            && let (Ok(node), Ok(u)) = (node.parse::<usize>(), u.parse::<f64>())
-        {
-            let x = x[node - 1];
-            let want = x * (39.0 - 0.5 * x);
-            assert!((u - want).abs() < 1e-3, "{line}: {want}");
-            displaced += 1;
-        }
-    }
-    assert_eq!(displaced, x.len());
-}
-
-#[test]
-fn surfaces_of_any_cells_close_the_box() {
-    let folder = folder();
-    let folder = folder.path();
-    for mesh in ["cells", "tets"] {
-        run(
-            folder,
-            &format!("export {mesh}.vtu --to stl -o {mesh}.stl --quiet"),
-        );
-        let text = std::fs::read_to_string(folder.join(format!("{mesh}.stl"))).unwrap();
-        let (mut volume, mut corners, mut inside) = (0.0, Vec::new(), true);
-        for line in text.lines() {
-            let words: Vec<&str> = line.split_whitespace().collect();
-            match words[..] {
-                // Outwards, so that pyramids on the sides add up.
-                ["solid", name] => inside = ["fault1", "scraps"].contains(&name),
-                ["vertex", x, y, z] => corners.push([x, y, z].map(|c| c.parse::<f64>().unwrap())),
-                ["endfacet"] => {
-                    if !inside {
-                        let [a, b, c] = corners[..] else {
-                            panic!("{line}")
-                        };
-                        volume += tripod(a, b, c);
-                    }
-                    corners.clear();
-                }
-                _ => {}
-            }
-        }
-        assert!(near(volume, VOLUME, 1e-12), "{volume}");
-        assert!(text.contains("solid fault1"));
-        run(
-            folder,
-            &format!("export {mesh}.vtu --to obj -o {mesh}.obj --quiet"),
-        );
-        let text = std::fs::read_to_string(folder.join(format!("{mesh}.obj"))).unwrap();
-        assert_eq!(text.lines().filter(|l| l.starts_with("g ")).count(), 7);
-    }
-}
-
-#[test]
 fn images_fill_cells_and_refusals_name_what_is_wrong() {
-    let folder = folder();
+    let folder = sheet_folder();
     let folder = folder.path();
     npy(&folder.join("phi.npy"), DIMS, |[x, _, _]| {
         0.1 + 0.005 * x as f32
@@ -842,13 +580,4 @@ fn images_fill_cells_and_refusals_name_what_is_wrong() {
         let said = refused(folder, &line.split_whitespace().collect::<Vec<_>>());
         assert!(said.contains(want), "{line}\n{said}");
     }
-}
-
-/// The volume of a tetrahedron with its first corner in the origin.
-fn tripod(a: [f64; 3], b: [f64; 3], c: [f64; 3]) -> f64 {
-    let across = |k: usize| {
-        let (l, m) = ((k + 1) % 3, (k + 2) % 3);
-        b[l] * c[m] - b[m] * c[l]
-    };
-    (0..3).map(|k| a[k] * across(k)).sum::<f64>() / 6.0
 }

@@ -17,12 +17,8 @@ use std::process::Command;
 use atomesh::files::vtk::DataArray;
 use atomesh::mesh::{FACES, TetMesh};
 use atomesh::store::{MeshFile, write_vtu};
-use common::{atomesh, judged, npy, python_says, refused, sheet, simulator, succeed, vtk};
+use common::{atomesh, judged, npy, python_says, refused, run, sheet, simulator, vtk};
 use serde_json::Value;
-
-fn run(folder: &Path, line: &str) -> String {
-    succeed(folder, &line.split_whitespace().collect::<Vec<_>>())
-}
 
 fn json(folder: &Path, line: &str) -> Value {
     serde_json::from_str(&run(folder, line)).unwrap()

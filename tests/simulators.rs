@@ -17,7 +17,7 @@ use atomesh::model::flow::{Faults, Rock, Tensor};
 use atomesh::model::reservoir::{MILLIDARCY, Model};
 use atomesh::model::reservoir::{Placement, Prepared};
 use atomesh::store::{AnyMesh, read_any_vtu};
-use common::{judged, npy, refused, sheet, simulator, succeed, vtk};
+use common::{judged, near, npy, numbers, refused, run, sheet, simulator, vtk};
 use serde_json::Value;
 
 const DIMS: [usize; 3] = [40, 36, 32];
@@ -25,10 +25,6 @@ const DIMS: [usize; 3] = [40, 36, 32];
 const VOLUME: f64 = 39.0 * 35.0 * 31.0;
 const TIGHT: f64 = 0.01;
 const ROCK: &str = "--porosity phi.npy --permeability 100,100,10 --permeability-unit mD --quiet";
-
-fn run(folder: &Path, line: &str) -> String {
-    succeed(folder, &line.split_whitespace().collect::<Vec<_>>())
-}
 
 /// A folder with meshes of a fault across the box: `cells.vtu` of Voronoi cells, `tets.vtu`; `phi.npy`,
 /// porosity that grows with x, and `labels.npy`: two layers, the fault's throw 8.
@@ -66,15 +62,6 @@ fn model(folder: &Path, mesh: &str, top: f64, k: &[f64], faults: Faults) -> Mode
     prepared.model.set_faults(&faults.into()).unwrap();
     prepared.model.set_permeability(rock).unwrap();
     prepared.model
-}
-
-fn numbers(value: &Value) -> Vec<f64> {
-    let items = value.as_array().unwrap().iter();
-    items.map(|v| v.as_f64().unwrap()).collect()
-}
-
-fn near(a: f64, b: f64, tolerance: f64) -> bool {
-    (a - b).abs() <= tolerance * a.abs().max(b.abs())
 }
 
 /// The cell whose site is nearest to a point.

@@ -233,3 +233,32 @@ pub fn simulator(command: &mut Command) -> Option<String> {
         }
     }
 }
+
+/// Runs a line of words; gives standard output.
+pub fn run(folder: &Path, line: &str) -> String {
+    succeed(folder, &line.split_whitespace().collect::<Vec<_>>())
+}
+
+/// Samples of the image in [`sheet_folder`].
+pub const SHEET: [usize; 3] = [40, 36, 32];
+
+/// A folder with meshes of a sheet across the box: `cells.vtu` of Voronoi cells, `tets.vtu`.
+pub fn sheet_folder() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    npy(&folder.path().join("sheet.npy"), SHEET, sheet(SHEET));
+    let mesh = "mesh sheet.npy --distance 6 --quiet -o";
+    run(folder.path(), &format!("{mesh} cells.vtu --cells voronoi"));
+    run(folder.path(), &format!("{mesh} tets.vtu"));
+    folder
+}
+
+/// The numbers of a list.
+pub fn numbers(value: &serde_json::Value) -> Vec<f64> {
+    let items = value.as_array().unwrap().iter();
+    items.map(|v| v.as_f64().unwrap()).collect()
+}
+
+/// Whether two numbers agree to a share of the larger.
+pub fn near(a: f64, b: f64, tolerance: f64) -> bool {
+    (a - b).abs() <= tolerance * a.abs().max(b.abs())
+}

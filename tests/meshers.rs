@@ -1,0 +1,265 @@
+//! `atomesh export` for programs that take meshes: what it writes is read by them.
+#![cfg(feature = "tetgen")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "a test that cannot go on has failed"
+)]
+
+mod common;
+
+use std::ffi::OsStr;
+use std::process::Command;
+
+use atomesh::store::read_vtu;
+use common::{SHEET as DIMS, judged, near, npy, numbers, run, sheet_folder, simulator};
+
+/// Volume of the box.
+const VOLUME: f64 = 39.0 * 35.0 * 31.0;
+
+#[test]
+fn gmsh_reads_volumes_regions_and_surfaces() {
+    let folder = sheet_folder();
+    let folder = folder.path();
+    // Two regions by labels.
+    npy(&folder.join("labels.npy"), DIMS, |[_, _, z]| {
+        if z < 16 { 1.0 } else { 2.0 }
+    });
+    let tets = read_vtu(&folder.join("tets.vtu")).unwrap().mesh.tets.len();
+    // PFLOTRAN's regions are lists of cells.
+    run(
+        folder,
+        "export tets.vtu --to pflotran -o a.uge --region labels.npy --depth-at-top 9 --quiet",
+    );
+    let lists = [1, 2].map(|r| std::fs::read_to_string(folder.join(format!("a-region{r}.txt"))));
+    let mut cells: Vec<usize> = (lists.iter())
+        .flat_map(|list| list.as_ref().unwrap().lines().map(|n| n.parse().unwrap()))
+        .collect();
+    cells.sort_unstable();
+    assert!(cells.into_iter().eq(1..=tets));
+    for version in ["msh", "msh2"] {
+        let line = format!("export tets.vtu --to {version} -o a.msh --region labels.npy --quiet");
+        run(folder, &line);
+        let path = folder.join("a.msh");
+        let Some(found) = judged("Gmsh", "physical.py", &[path.as_os_str()]) else {
+            return;
+        };
+        assert_eq!(found["tets"], tets);
+        assert!(near(found["volume"].as_f64().unwrap(), VOLUME, 1e-12));
+        let groups = found["groups"].as_array().unwrap();
+        let count = |dim: u64, name: &str| {
+            let group = groups.iter().find(|g| g[0] == dim && g[1] == name).unwrap();
+            group[2].as_u64().unwrap()
+        };
+        let all = count(3, "region1") + count(3, "region2");
+        assert_eq!(all as usize, tets, "{groups:?}");
+        for side in ["xmin", "xmax", "ymin", "ymax", "zmin", "zmax", "fault1"] {
+            assert!(count(2, side) > 10, "{groups:?}");
+        }
+        assert!(count(2, "interface_1_2") > 10, "{groups:?}");
+        assert_eq!(groups.len(), 10, "{groups:?}");
+    }
+}
+
+#[test]
+fn meshio_reads_medit_tetgen_and_abaqus() {
+    let folder = sheet_folder();
+    let folder = folder.path();
+    let mesh = read_vtu(&folder.join("tets.vtu")).unwrap().mesh;
+    for (to, file, format) in [
+        ("medit", "a.mesh", "medit"),
+        ("tetgen", "a.node", "tetgen"),
+        ("inp", "a.inp", "abaqus"),
+    ] {
+        run(
+            folder,
+            &format!("export tets.vtu --to {to} -o {file} --quiet"),
+        );
+        let path = folder.join(file);
+        let arguments = [path.as_os_str(), OsStr::new(format)];
+        let Some(found) = judged("meshio", "simplices.py", &arguments) else {
+            return;
+        };
+        let rows = |name: &str| -> Vec<Vec<f64>> {
+            found[name]
+                .as_array()
+                .unwrap()
+                .iter()
+                .map(numbers)
+                .collect()
+        };
+        let points = rows("points");
+        assert_eq!(points.len(), mesh.nodes.len());
+        for (point, node) in points.iter().zip(&mesh.nodes) {
+            assert!((0..3).all(|k| near(point[k], node[k], 1e-14)), "{to}");
+        }
+        let tets: Vec<[u32; 4]> = rows("tets")
+            .iter()
+            .map(|row| [0, 1, 2, 3].map(|k| row[k] as u32))
+            .collect();
+        assert_eq!(tets, mesh.tets, "{to}");
+        if to == "medit" {
+            assert!(found["triangles"].as_u64().unwrap() > 100);
+        }
+    }
+}
+
+#[test]
+fn calculix_bends_the_mesh_and_conserves_its_weight() {
+    let folder = sheet_folder();
+    let folder = folder.path();
+    run(folder, "export tets.vtu --to inp -o mesh.inp --quiet");
+    // Pulled by one side: linear displacement, which linear tetrahedra have exactly.
+    let job = "*INCLUDE, INPUT=mesh.inp\n*MATERIAL, NAME=ROCK\n*ELASTIC\n1E9, 0.0\n\
+               *SOLID SECTION, ELSET=EALL, MATERIAL=ROCK\n*STEP\n*STATIC\n*BOUNDARY\n\
+               NXMIN, 1, 1, 0.0\nNYMIN, 2, 2, 0.0\nNZMIN, 3, 3, 0.0\nNXMAX, 1, 1, 0.39\n\
+               *NODE PRINT, NSET=NALL\nU\n*EL PRINT, ELSET=EALL, TOTALS=ONLY\nEVOL\n*END STEP\n";
+    std::fs::write(folder.join("job.inp"), job).unwrap();
+    let mut ccx = Command::new("ccx");
+    ccx.current_dir(folder).arg("job");
+    if simulator(&mut ccx).is_none() {
+        return;
+    }
+    let nodes = read_vtu(&folder.join("tets.vtu")).unwrap().mesh.nodes;
+    let said = std::fs::read_to_string(folder.join("job.dat")).unwrap();
+    let mut displaced = 0;
+    for line in said.lines() {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        if let [node, x, _, _] = words[..]
+            && let (Ok(node), Ok(x)) = (node.parse::<usize>(), x.parse::<f64>())
+        {
+            assert!((x - 0.01 * nodes[node - 1][0]).abs() < 1e-6, "{line}");
+            displaced += 1;
+        }
+    }
+    assert_eq!(displaced, nodes.len());
+    let volume = said.lines().last().unwrap().trim().parse::<f64>().unwrap();
+    assert!(near(volume, VOLUME, 1e-5), "{volume}");
+}
+
+#[test]
+fn calculix_reads_coordinates_of_any_length() {
+    let folder = sheet_folder();
+    let folder = folder.path();
+    let export = "export tets.vtu --to inp -o mesh.inp --length-unit um --quiet";
+    run(folder, export);
+    let job = "*INCLUDE, INPUT=mesh.inp\n*MATERIAL, NAME=ROCK\n*ELASTIC\n1E9, 0.0\n\
+               *SOLID SECTION, ELSET=EALL, MATERIAL=ROCK\n*STEP\n*STATIC\n*BOUNDARY\n\
+               NXMIN, 1, 3, 0.0\n*EL PRINT, ELSET=EALL, TOTALS=ONLY\nEVOL\n*END STEP\n";
+    std::fs::write(folder.join("job.inp"), job).unwrap();
+    let mut ccx = Command::new("ccx");
+    ccx.current_dir(folder).arg("job");
+    if simulator(&mut ccx).is_none() {
+        return;
+    }
+    let said = std::fs::read_to_string(folder.join("job.dat")).unwrap();
+    let volume = said.lines().last().unwrap().trim().parse::<f64>().unwrap();
+    assert!(near(volume, 1e-18 * VOLUME, 1e-5), "{volume}");
+}
+
+#[test]
+fn gmsh_and_calculix_have_quadratic_fields_exact_on_quadratic_elements() {
+    let folder = sheet_folder();
+    let folder = folder.path();
+    for version in ["msh", "msh2"] {
+        run(
+            folder,
+            &format!("export tets.vtu --to {version} -o a.msh --quadratic --quiet"),
+        );
+        let path = folder.join("a.msh");
+        let Some(found) = judged("Gmsh", "quadratic.py", &[path.as_os_str()]) else {
+            return;
+        };
+        // Of straight elements, Jacobians at all of Gauss' points are those of the corners: only right if
+        // every middle is where its place among the nodes says.
+        assert!(near(found["volume"].as_f64().unwrap(), VOLUME, 1e-9));
+        assert!(found["spread"].as_f64().unwrap() < 1e-9, "{found}");
+        assert!(found["triangles"].as_u64().unwrap() > 100);
+    }
+    run(
+        folder,
+        "export tets.vtu --to inp -o mesh.inp --quadratic --quiet",
+    );
+    // Bent by its own weight's like: a body force of 2 along x, held at x = 0, has u = x (39 - x / 2) 2 / E.
+    let job = "*INCLUDE, INPUT=mesh.inp\n*MATERIAL, NAME=ROCK\n*ELASTIC\n2.0, 0.0\n*DENSITY\n1.0\n\
+               *SOLID SECTION, ELSET=EALL, MATERIAL=ROCK\n*STEP\n*STATIC\n*BOUNDARY\n\
+               NXMIN, 1, 1, 0.0\nNYMIN, 2, 2, 0.0\nNZMIN, 3, 3, 0.0\n*DLOAD\nEALL, GRAV, 2.0, 1., 0., 0.\n\
+               *NODE PRINT, NSET=NALL\nU\n*END STEP\n";
+    std::fs::write(folder.join("job.inp"), job).unwrap();
+    let mut ccx = Command::new("ccx");
+    ccx.current_dir(folder).arg("job");
+    if simulator(&mut ccx).is_none() {
+        return;
+    }
+    let text = std::fs::read_to_string(folder.join("mesh.inp")).unwrap();
+    let nodes = text
+        .lines()
+        .skip(1)
+        .take_while(|line| !line.starts_with('*'));
+    let x: Vec<f64> = nodes
+        .map(|line| line.split(", ").nth(1).unwrap().parse().unwrap())
+        .collect();
+    let said = std::fs::read_to_string(folder.join("job.dat")).unwrap();
+    let mut displaced = 0;
+    for line in said.lines() {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        if let [node, u, _, _] = words[..]
+            && let (Ok(node), Ok(u)) = (node.parse::<usize>(), u.parse::<f64>())
+        {
+            let x = x[node - 1];
+            let want = x * (39.0 - 0.5 * x);
+            assert!((u - want).abs() < 1e-3, "{line}: {want}");
+            displaced += 1;
+        }
+    }
+    assert_eq!(displaced, x.len());
+}
+
+#[test]
+fn surfaces_of_any_cells_close_the_box() {
+    let folder = sheet_folder();
+    let folder = folder.path();
+    for mesh in ["cells", "tets"] {
+        run(
+            folder,
+            &format!("export {mesh}.vtu --to stl -o {mesh}.stl --quiet"),
+        );
+        let text = std::fs::read_to_string(folder.join(format!("{mesh}.stl"))).unwrap();
+        let (mut volume, mut corners, mut inside) = (0.0, Vec::new(), true);
+        for line in text.lines() {
+            let words: Vec<&str> = line.split_whitespace().collect();
+            match words[..] {
+                // Outwards, so that pyramids on the sides add up.
+                ["solid", name] => inside = ["fault1", "scraps"].contains(&name),
+                ["vertex", x, y, z] => corners.push([x, y, z].map(|c| c.parse::<f64>().unwrap())),
+                ["endfacet"] => {
+                    if !inside {
+                        let [a, b, c] = corners[..] else {
+                            panic!("{line}")
+                        };
+                        volume += tripod(a, b, c);
+                    }
+                    corners.clear();
+                }
+                _ => {}
+            }
+        }
+        assert!(near(volume, VOLUME, 1e-12), "{volume}");
+        assert!(text.contains("solid fault1"));
+        run(
+            folder,
+            &format!("export {mesh}.vtu --to obj -o {mesh}.obj --quiet"),
+        );
+        let text = std::fs::read_to_string(folder.join(format!("{mesh}.obj"))).unwrap();
+        assert_eq!(text.lines().filter(|l| l.starts_with("g ")).count(), 7);
+    }
+}
+
+/// The volume of a tetrahedron with its first corner in the origin.
+fn tripod(a: [f64; 3], b: [f64; 3], c: [f64; 3]) -> f64 {
+    let across = |k: usize| {
+        let (l, m) = ((k + 1) % 3, (k + 2) % 3);
+        b[l] * c[m] - b[m] * c[l]
+    };
+    (0..3).map(|k| a[k] * across(k)).sum::<f64>() / 6.0
+}

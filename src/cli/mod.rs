@@ -11,11 +11,13 @@
 //! - [`rock`]: porosity, permeability and the like from numbers, tables and images
 //! - [`wells`]: trajectories of wells
 //! - [`console`]: everything that is printed
+//! - [`desk`]: where a verb works, for other front ends
 
 pub mod args;
 pub mod case;
 pub mod common;
 pub mod console;
+pub mod desk;
 pub mod faults;
 pub mod interrupts;
 pub mod job;
@@ -54,9 +56,19 @@ fn run(line: &CommandLine) -> Result<Ending> {
     if let Some(threads) = line.common.threads {
         start_threads(threads)?;
     }
-    let console = &mut Console::new(&line.common);
-    let interrupts = &Interrupts::watch()?;
-    match &line.verb {
+    perform(
+        &line.verb,
+        &Interrupts::watch()?,
+        &mut Console::new(&line.common),
+    )
+}
+
+/// Does what a verb says.
+///
+/// # Errors
+/// Those of the verb.
+pub fn perform(verb: &Verb, interrupts: &Interrupts, console: &mut Console) -> Result<Ending> {
+    match verb {
         Verb::Mesh(args) => return verbs::mesh::mesh(args, interrupts, console),
         Verb::Quality(args) => verbs::quality::quality(args, console)?,
         Verb::Validate(args) => verbs::validate::validate(args, console)?,
@@ -64,7 +76,7 @@ fn run(line: &CommandLine) -> Result<Ending> {
         Verb::Info(args) => verbs::info::info(args, console)?,
         Verb::Feature(args) => verbs::feature::feature(args, console)?,
         Verb::Convert(args) => verbs::convert::convert(args, console)?,
-        Verb::Edit(args) => verbs::edit::edit(args, console)?,
+        Verb::Edit(args) => verbs::edit::edit(args, interrupts, console)?,
         Verb::Flow(args) => verbs::flow::flow(args, interrupts, console)?,
         Verb::Columns(args) => verbs::columns::run(args, console)?,
         Verb::Export(args) => verbs::export::export(args, console)?,

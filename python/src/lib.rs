@@ -24,6 +24,7 @@ use atomesh::cli::common::global::Ending;
 use atomesh::cli::console::Console;
 use atomesh::cli::interrupts::Interrupts;
 use clap::Parser;
+use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -70,14 +71,15 @@ fn run<'py>(
         .name("atomesh".into())
         .spawn(move || {
             let mut console = Console::at(memory);
-            let work = || atomesh::cli::perform(&line.verb, &asked, &mut console);
+            let mut work = || atomesh::cli::perform(&line.verb, &asked, &mut console);
             catch_unwind(AssertUnwindSafe(|| match &pool {
-                Some(pool) => pool.install(work),
+                Some(pool) => pool.install(&mut work),
                 None => work(),
             }))
         })
         .map_err(|error| words::failed(py, "a thread", &error))?;
 
+    // Ctrl-C, which also reaches a callback that is at work; and what else a callback raises.
     let mut signal: Option<PyErr> = None;
     let mut raised: Option<PyErr> = None;
     loop {
@@ -85,25 +87,21 @@ fn run<'py>(
             let events = events.lock().unwrap_or_else(PoisonError::into_inner);
             events.recv_timeout(TICK)
         });
-        match event {
-            Err(RecvTimeoutError::Disconnected) => break,
-            Err(RecvTimeoutError::Timeout) => {}
-            Ok(event) => {
-                if let (Some(tell), None) = (&tell, &raised)
-                    && let Err(error) = hear(tell, &event)
-                {
-                    interrupts.want();
-                    raised = Some(error);
-                }
-            }
-        }
-        if let Err(error) = py.check_signals() {
+        let heard = match (event, &tell) {
+            (Err(RecvTimeoutError::Disconnected), _) => break,
+            (Ok(event), Some(tell)) if raised.is_none() => hear(tell, &event),
+            _ => Ok(()),
+        };
+        if let Err(error) = heard.and_then(|()| py.check_signals()) {
             if signal.is_some() {
                 // A second time: whatever becomes of the work, which has been asked to stop.
                 return Err(error);
             }
             interrupts.want();
-            signal = Some(error);
+            match error.is_instance_of::<PyKeyboardInterrupt>(py) {
+                true => signal = Some(error),
+                false => raised = Some(error),
+            }
         }
     }
     let ended = py.detach(|| job.join());

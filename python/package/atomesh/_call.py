@@ -91,8 +91,8 @@ def _words(option: Mapping[str, Any], value: Any, folder: Path) -> list[str]:
     values = [value]
     if option["repeated"]:
         if isinstance(value, Mapping):
-            # X,Y,Z[:RATE], SIDE=P, N:X,Y,Z: what stands between the two parts.
-            between = next((c for c in option["value"] or "" if c in ":="), ":")
+            # X,Y,Z[:RATE], N:X,Y,Z, [NAME=]X,Y,Z:VALUE, but SIDE=P: what stands between the two parts.
+            between = ":" if ":" in (option["value"] or ":") else "="
             values = [f"{_text(a)}{between}{_text(b)}" for a, b in value.items()]
         elif isinstance(value, (list, tuple)) and not _is_point(value):
             values = list(value)

@@ -30,6 +30,8 @@ class Image:
 
     def __init__(self, native: _native.Image) -> None:
         self._native = native
+        #: What the verb that made it reports.
+        self.report: dict[str, Any] = {}
 
     @classmethod
     def of(
@@ -229,7 +231,8 @@ def _of_simpleitk(volume: Any) -> _Found:
 
 
 def _of_nibabel(volume: Any) -> _Found:
-    affine = np.asarray(volume.affine)
+    # nibabel's x grows to the right and y to the front; ours, ITK's and of files read by `read`, the other way.
+    affine = np.diag([-1.0, -1.0, 1.0, 1.0]) @ np.asarray(volume.affine)
     array = np.asarray(volume.dataobj)
     while array.ndim > 3 and array.shape[-1] == 1:
         array = array[..., 0]

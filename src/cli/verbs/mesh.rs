@@ -21,7 +21,7 @@ use crate::mesh::Simplices;
 use crate::observer::{Observer, Progress, Stage};
 use crate::report::{Clock, Input, quality};
 use crate::store::{Trace, to_physical};
-use crate::{Error, Result};
+use crate::{Error, ErrorKind, Result};
 
 /// `atomesh mesh`.
 #[derive(Debug, Args)]
@@ -168,7 +168,7 @@ impl Run<'_> {
                 if let Some(trace) = trace {
                     trace.discard();
                 }
-                return match interrupts.wanted() {
+                return match interrupts.wanted() && error.kind() != ErrorKind::Interrupted {
                     true => {
                         complain(format_args!("error: {}", in_words(&error)));
                         Ok(Ending::Interrupted)

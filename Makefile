@@ -1,11 +1,13 @@
 # make demo   install what is missing, build, mesh the sample volume, say which files to open
 # make test   install what is missing, then every check there is; says how many it had to skip
 # make bench-networks   what becomes of twenty random fault networks, some minutes
+# make wheel  the Python package for others, with all libraries that it needs, in target/wheels
+# make python-test   build the Python package and run every test of it
 # make package   build what a registry would give to others
 # make book   the documentation as a site, target/book/index.html, with its links checked
 
 .POSIX:
-.PHONY: help demo test package book bench bench-networks validators packages
+.PHONY: help demo test wheel python-test package book bench bench-networks validators packages
 
 SAMPLE = data/faults.vti
 
@@ -36,8 +38,14 @@ test: packages
 	ATOMESH_SKIPPED="$$PWD/target/skipped" cargo test --workspace --locked
 	@scripts/skipped.sh target/skipped
 
+wheel: packages
+	@scripts/python.sh wheel
+
+python-test: packages
+	@scripts/python.sh test
+
 package: packages
-	cargo package --workspace --locked --allow-dirty
+	cargo package --workspace --exclude atomesh-python --locked --allow-dirty
 
 book:
 	@scripts/book.sh

@@ -5,7 +5,7 @@ import sys
 import textwrap
 from pathlib import Path
 
-from atomesh._call import verbs
+from atomesh._call import argument, verbs
 
 FILE = Path(__file__).parent / "package" / "atomesh" / "_options.pyi"
 
@@ -56,7 +56,7 @@ def written() -> str:
                 continue
             help = " ".join((option["help"] or "").split())
             lines += [f"    #: {line}" for line in textwrap.wrap(help, 92)]
-            lines.append(f"    {option['name'].replace('-', '_')}: {kind(option)} | None")
+            lines.append(f"    {argument(option['name'])}: {kind(option)} | None")
         if len(lines) == 1:
             continue
         parts.append("\n".join(lines) + "\n")

@@ -64,6 +64,8 @@ test)
     "$venv/bin/python" python/notebooks.py --scripts target/python/scripts
     (cd python && "../$venv/bin/mypy" --config-file pyproject.toml --cache-dir ../target/python/mypy \
         package/atomesh ../target/python/scripts)
+    # What `make test` has built, if it has: both shall do the same.
+    [ ! -x target/debug/atomesh ] || export ATOMESH_BINARY="$PWD/target/debug/atomesh"
     (cd python && "../$venv/bin/pytest" -o cache_dir=../target/python/pytest)
     "$venv/bin/python" python/notebooks.py
     ;;

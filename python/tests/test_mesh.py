@@ -149,7 +149,7 @@ def test_paint_segment_edit(mesh, faults):
     painted = mesh.paint({(6, 6, 6): 3}, image=faults)
     assert set(np.unique(painted.cell_data["region"])) <= {0, 3}
     bright = atomesh.mesh(ball(), distance=5, feature="edges")
-    cut = bright.segment(object=(17, 15, 13), background=[((0, 0, 0), (3, 3, 3)), (32, 28, 24)])
+    cut = bright.segment(object=(17, 15, 13), background=[((0, 0, 0), (3, 3, 3)), (32, 28, 24)], lambda_=0.9)
     label = cut.cell_data["label"]
     assert 0 < label.mean() < 0.5 and cut.report["cells"]["object"] == label.sum()
     edited = mesh.edit(add=[(20.5, 20.5, 20.5)], remove=[_inside(mesh)])
@@ -198,6 +198,12 @@ def test_a_picture(mesh, tmp_path):
     except Exception as problem:  # VTK without a display
         pytest.skip(f"no picture here: {problem}")
     assert picture.stat().st_size > 2000
+
+
+def test_an_image_in_a_file_is_drawn(faults, tmp_path):
+    faults.save(tmp_path / "a.npy")
+    one = atomesh.mesh(tmp_path / "a.npy", distance=8)
+    assert "<img" in one._repr_html_() and np.array_equal(one.image.samples, faults.samples)
 
 
 def test_other_verbs(faults, tmp_path):

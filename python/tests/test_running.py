@@ -33,6 +33,17 @@ def test_ten_threads_mesh_as_one_does():
     assert bytes_of(atomesh.mesh(ball(), distance=5, feature="edges", threads=1)) == one
 
 
+@pytest.mark.skipif("ATOMESH_BINARY" not in os.environ, reason="ATOMESH_BINARY does not name the program")
+@pytest.mark.parametrize("cells", ["tets", "voronoi"])
+def test_the_command_line_writes_the_same_bytes(tmp_path, cells):
+    image = tmp_path / "ball.vti"
+    atomesh.Image.of(ball(), (2, 3, 4)).save(image)
+    words = ["mesh", image, "-o", tmp_path / "a.vtu", "--distance", "6", "--cells", cells, "--quiet"]
+    subprocess.run([os.environ["ATOMESH_BINARY"], *words], check=True)
+    atomesh.mesh(image, distance=6, cells=cells).save(tmp_path / "b.vtu")
+    assert (tmp_path / "a.vtu").read_bytes() == (tmp_path / "b.vtu").read_bytes()
+
+
 def test_other_threads_run_meanwhile():
     counted = 0
     stop = threading.Event()

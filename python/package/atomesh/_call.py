@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import functools
 import json
+import keyword
 import logging
 import os
 import sys
@@ -42,7 +43,13 @@ def verbs() -> dict[str, Any]:
 @functools.lru_cache(maxsize=None)
 def options_of(verb: str) -> dict[str, dict[str, Any]]:
     """The options of a verb by their names as keyword arguments."""
-    return {option["name"].replace("-", "_"): option for option in verbs()[verb]["options"]}
+    return {argument(option["name"]): option for option in verbs()[verb]["options"]}
+
+
+def argument(name: str) -> str:
+    """An option's name as a keyword argument: `lambda` has an underscore at its end."""
+    name = name.replace("-", "_")
+    return f"{name}_" if keyword.iskeyword(name) else name
 
 
 class Answer:
@@ -153,7 +160,10 @@ class _Teller:
         self._lines = progress is True
         if progress is True:
             try:
-                from tqdm.auto import tqdm
+                # Without ipywidgets it warns in notebooks, and then shows a bar of text.
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore")
+                    from tqdm.auto import tqdm
             except ImportError:
                 return
             self._bar = tqdm(total=100, bar_format="{desc} {percentage:3.0f}%|{bar}| {elapsed}{postfix}")

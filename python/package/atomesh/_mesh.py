@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import base64
+import functools
 import html
 import os
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Union
 
 import numpy as np
 
 from . import _native
-from ._call import Answer, call, error
-from ._image import NAME, Image
+from ._call import Answer, call, error, options_of
+from ._image import NAME, Image, read
 from ._surfaces import Surfaces
 
 if TYPE_CHECKING:
@@ -65,7 +66,12 @@ class Mesh:
     Arrays are NumPy's, read-only, without copies of what the mesh holds.
     """
 
-    def __init__(self, native: _native.Mesh, answer: Answer | None = None, image: Image | None = None) -> None:
+    def __init__(
+        self,
+        native: _native.Mesh,
+        answer: Answer | None = None,
+        image: Image | Callable[[], Image] | None = None,
+    ) -> None:
         self._native = native
         self._image = image
         self._text = answer.text if answer else ""
@@ -157,7 +163,9 @@ class Mesh:
 
     @property
     def image(self) -> Image | None:
-        """The image that was meshed, if it is at hand."""
+        """The image that was meshed, if it is at hand; read anew if it was given as a file."""
+        if callable(self._image):
+            self._image = self._image()
         return self._image
 
     # How good it is
@@ -290,10 +298,10 @@ class Mesh:
         plotter = pyvista.Plotter()
         flat = self.kind in ("triangle", "polygon")
         if clip and not flat:
-            middle = self.points.mean(axis=0)
-            low, high = self.points.min(axis=0), self.points.max(axis=0)
-            bounds = [middle[0], high[0], low[1], middle[1], middle[2], high[2]]
-            grid = grid.clip_box(bounds, crinkle=True)
+            # The corner towards PyVista's camera.
+            middle = 0.5 * (self.points.min(axis=0) + self.points.max(axis=0))
+            in_corner = (grid.cell_centers().points > middle).all(axis=1)
+            grid = grid.extract_cells(np.flatnonzero(~in_corner))
         plotter.add_mesh(grid, color="#dfe6ee", show_edges=True, edge_color="#8090a0", line_width=0.5)
         faces = self.feature_faces
         if len(faces):
@@ -406,9 +414,9 @@ class Mesh:
     def _needs_image(self, verb: str, image: Volume | None) -> Image:
         if image is not None:
             return Image.of(image)
-        if self._image is None:
+        if self.image is None:
             raise error(f"{verb}()", "needs the image that was meshed", "give image=")
-        return self._image
+        return self.image
 
     def _call(self, verb: str, given: Sequence[str], options: Mapping[str, Any], held: Any = None, **more: Any) -> Answer:
         return call(verb, given, options, {MESH: self._native, **(held or {})}, **more)
@@ -429,7 +437,7 @@ class Mesh:
 
     def _repr_html_(self) -> str:
         picture = ""
-        if self._image is not None:
+        if self.image is not None:
             png = base64.b64encode(self.slice().png).decode()
             picture = f'<img src="data:image/png;base64,{png}" style="max-width:100%"/>'
         return f"{picture}<pre>{html.escape(repr(self))}</pre>"
@@ -466,8 +474,15 @@ def mesh(
     Of the options the usual ones are `distance` (between atoms, in samples, "4:10" for a range), `feature`
     ("faults", "horizons", "edges", "labels" ...) and `beta`; `atomesh.options("mesh")` lists all.
     """
-    held, given, image = {}, os.fspath(volume) if isinstance(volume, (str, os.PathLike)) else NAME, None
-    if given == NAME or spacing is not None or origin is not None or units is not None:
+    held: dict[str, Any] = {}
+    image: Image | Callable[[], Image] | None = None
+    if isinstance(volume, (str, os.PathLike)) and spacing is None and origin is None and units is None:
+        given = os.fspath(volume)
+        # With a velocity the mesh lies in depth, the image in time.
+        if options.get("velocity") is None:
+            known = options_of("convert")
+            image = functools.partial(read, given, **{k: v for k, v in options.items() if k in known})
+    else:
         image = Image.of(volume, spacing, origin, units)
         given, held = NAME, {NAME: image._native}
     answer = call("mesh", [given], {"output": MADE, **options}, held, [MADE], progress, threads)

@@ -451,7 +451,7 @@ class SegmentOptions(TypedDict, total=False):
     #: The boundary between object and background, smoothed: .vtp, .obj, or GOCAD's .ts
     surface_out: _Path | None
     #: Weight of the values against the boundary
-    lambda: _Number | None
+    lambda_: _Number | None
     #: Difference of neighbouring cells' values at which a boundary is cheap [default: the root
     #: mean square of all differences]
     sigma: _Number | None

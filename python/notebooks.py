@@ -18,7 +18,12 @@ for path in sorted((Path(__file__).parent / "examples").glob("*.ipynb")):
     begun = time.monotonic()
     notebook = nbformat.read(path, as_version=4)
     with tempfile.TemporaryDirectory() as folder:
-        client = NotebookClient(notebook, timeout=300, resources={"metadata": {"path": folder}})
+        client = NotebookClient(
+            notebook,
+            timeout=300,
+            resources={"metadata": {"path": folder}},
+            extra_arguments=["--IPKernelApp.log_level=ERROR"],
+        )
         client.execute()
     if what == "--keep":
         nbformat.write(notebook, Path(folder_of_results) / path.name)

@@ -66,7 +66,7 @@ test)
         package/atomesh ../target/python/scripts)
     # What `make test` has built, if it has: both shall do the same.
     [ ! -x target/debug/atomesh ] || export ATOMESH_BINARY="$PWD/target/debug/atomesh"
-    (cd python && "../$venv/bin/pytest" -o cache_dir=../target/python/pytest)
+    (cd python && "../$venv/bin/pytest" -p no:cacheprovider)
     "$venv/bin/python" python/notebooks.py
     ;;
 *)

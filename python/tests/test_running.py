@@ -151,12 +151,3 @@ def test_a_killed_worker_is_one_error_and_leaves_nothing():
     assert killed and not workers()
     # The next one is none the worse.
     assert atomesh.mesh(ball(), distance=6).n_cells > 50
-
-
-def test_tetgens_own_error_is_one_error(tmp_path):
-    """Linked into this process TetGen would free twice."""
-    points = "\n".join(f"{x},{y},{z}" for x in (0, 0) for y in (5, 5) for z in (5, 5))
-    (tmp_path / "atoms.csv").write_text(points + "\n")
-    with pytest.raises(atomesh.Error):
-        atomesh.mesh(ball(), distance=6, atoms_from=tmp_path / "atoms.csv")
-    assert atomesh.mesh(ball(), distance=6).n_cells > 50

@@ -131,7 +131,8 @@ fn numbers(output: &mut impl Read, count: u64) -> io::Result<Vec<[u32; 4]>> {
     (0..count).map(read).collect()
 }
 
-#[cfg(all(test, unix))]
+#[cfg(test)]
+#[cfg(unix)]
 mod tests {
     use std::os::unix::fs::PermissionsExt;
     use std::time::Instant;

@@ -98,6 +98,10 @@ impl Desk for Memory {
         self.tell(Event::Note(line.to_string()));
     }
 
+    fn line(&self, line: &str) {
+        self.tell(Event::Note(line.to_string()));
+    }
+
     fn stage(&mut self, name: &str) {
         self.tell(Event::Stage(name.to_string()));
     }

@@ -71,7 +71,7 @@ fn run<'py>(
         .name("atomesh".into())
         .spawn(move || {
             let mut console = Console::at(memory);
-            let mut work = || atomesh::cli::perform(&line.verb, &asked, &mut console);
+            let mut work = || atomesh::cli::perform_at(&line, &asked, &mut console);
             catch_unwind(AssertUnwindSafe(|| match &pool {
                 Some(pool) => pool.install(&mut work),
                 None => work(),

@@ -10,20 +10,25 @@ use serde_json::{Value, json};
 /// All verbs.
 pub fn described() -> Value {
     let line = CommandLine::command();
+    // Of the options that every verb has, the one that is not the functions' own.
+    let shared: Vec<&Arg> = (line.get_arguments())
+        .filter(|arg| arg.get_long() == Some("max-memory"))
+        .collect();
     let verbs = line
         .get_subcommands()
         .filter(|verb| verb.get_name() != "help");
     Value::Object(
         verbs
-            .map(|verb| (verb.get_name().to_string(), described_verb(verb)))
+            .map(|verb| (verb.get_name().to_string(), described_verb(verb, &shared)))
             .collect(),
     )
 }
 
-fn described_verb(verb: &Command) -> Value {
+fn described_verb(verb: &Command, shared: &[&Arg]) -> Value {
     let said = |arg: &&Arg| !matches!(arg.get_id().as_str(), "help" | "version");
     let [given, options]: [Vec<Value>; 2] = [true, false].map(|positional| {
         verb.get_arguments()
+            .chain(shared.iter().copied())
             .filter(said)
             .filter(|arg| arg.is_positional() == positional)
             .map(described_arg)

@@ -52,6 +52,11 @@ impl Console {
         self.desk.note(&line.to_string());
     }
 
+    /// One line beside the progress.
+    pub fn line(&self, line: impl Display) {
+        self.desk.line(&line.to_string());
+    }
+
     /// A stage begins.
     pub fn begin_stage(&mut self, name: impl Display) {
         self.desk.stage(&name.to_string());
@@ -188,12 +193,16 @@ impl Desk for Terminal {
     }
 
     fn note(&self, line: &str) {
+        self.line(&format!("note: {line}"));
+    }
+
+    fn line(&self, line: &str) {
         if self.quiet {
             return;
         }
         match &self.bar {
-            Some(bar) => bar.suspend(|| complain(format_args!("note: {line}"))),
-            None => complain(format_args!("note: {line}")),
+            Some(bar) => bar.suspend(|| complain(line)),
+            None => complain(line),
         }
     }
 

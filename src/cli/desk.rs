@@ -2,7 +2,7 @@
 //!
 //! The program's own desk is the terminal and the files of the operating system. Another front end, such
 //! as a Python session, sets up one of its own, at which meshes, images and surfaces that it has in memory
-//! go by names as if they were files, and calls [`perform`](super::perform).
+//! go by names as if they were files, and calls [`perform_at`](super::perform_at).
 
 use std::any::Any;
 use std::path::Path;
@@ -21,6 +21,9 @@ pub trait Desk: Send {
 
     /// One line about something that the user should know but that stops nothing.
     fn note(&self, line: &str);
+
+    /// One line beside the progress.
+    fn line(&self, line: &str);
 
     /// A stage begins.
     fn stage(&mut self, name: &str);

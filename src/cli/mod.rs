@@ -12,6 +12,7 @@
 //! - [`wells`]: trajectories of wells
 //! - [`console`]: everything that is printed
 //! - [`desk`]: where a verb works, for other front ends
+//! - [`out_of_memory`]: how the process ends then
 
 pub mod args;
 pub mod case;
@@ -21,6 +22,7 @@ pub mod desk;
 pub mod faults;
 pub mod interrupts;
 pub mod job;
+pub mod out_of_memory;
 pub mod parse;
 pub mod provenance;
 pub mod rock;
@@ -30,7 +32,8 @@ mod wells;
 use std::process::ExitCode;
 
 use crate::error::cause;
-use crate::{Error, ErrorKind, Result};
+use crate::files::together;
+use crate::{Error, ErrorKind, Result, memory};
 use args::{CommandLine, Verb};
 use common::global::Ending;
 use console::{Console, complain};
@@ -39,7 +42,8 @@ use interrupts::{INTERRUPTED, Interrupts};
 /// Runs what was typed. Exit codes: 0 done, 1 bad input or failed job, 130 interrupted (wrong usage,
 /// 2, is found while parsing).
 pub fn main(line: &CommandLine) -> ExitCode {
-    match run(line) {
+    let prepared = start_threads(line.common.threads).and_then(|()| Interrupts::watch());
+    match prepared.and_then(|interrupts| perform(line, &interrupts)) {
         Ok(Ending::Done) => ExitCode::SUCCESS,
         Ok(Ending::Interrupted) => ExitCode::from(INTERRUPTED),
         Err(error) => {
@@ -52,23 +56,29 @@ pub fn main(line: &CommandLine) -> ExitCode {
     }
 }
 
-fn run(line: &CommandLine) -> Result<Ending> {
-    if let Some(threads) = line.common.threads {
-        start_threads(threads)?;
-    }
-    perform(
-        &line.verb,
-        &Interrupts::watch()?,
-        &mut Console::new(&line.common),
-    )
-}
-
-/// Does what a verb says.
+/// Runs what was typed in a process that goes on: with its threads, and with interrupts as they come. What
+/// it writes appears when it is done, or not at all.
 ///
 /// # Errors
 /// Those of the verb.
-pub fn perform(verb: &Verb, interrupts: &Interrupts, console: &mut Console) -> Result<Ending> {
-    match verb {
+pub fn perform(line: &CommandLine, interrupts: &Interrupts) -> Result<Ending> {
+    together(|| perform_at(line, interrupts, &mut Console::new(&line.common)))
+}
+
+/// Does what was typed at a console, at which what it writes need not be files. Unlike [`perform`] it may
+/// run in several threads at once; each file appears by itself.
+///
+/// # Errors
+/// Those of the verb.
+pub fn perform_at(
+    line: &CommandLine,
+    interrupts: &Interrupts,
+    console: &mut Console,
+) -> Result<Ending> {
+    if let Some(bytes) = line.common.max_memory {
+        memory::allow(bytes);
+    }
+    match &line.verb {
         Verb::Mesh(args) => return verbs::mesh::mesh(args, interrupts, console),
         Verb::Quality(args) => verbs::quality::quality(args, console)?,
         Verb::Validate(args) => verbs::validate::validate(args, console)?,
@@ -88,16 +98,23 @@ pub fn perform(verb: &Verb, interrupts: &Interrupts, console: &mut Console) -> R
     Ok(Ending::Done)
 }
 
-fn start_threads(count: usize) -> Result<()> {
+/// As many as asked for, otherwise one for each processor.
+fn start_threads(count: Option<usize>) -> Result<()> {
     let refuse = |problem: &str| {
-        let remedy = "give the number of processors, or omit it";
-        Error::Job(cause(format!("--threads {count}"), problem, remedy))
+        let (place, remedy) = match count {
+            Some(count) => (
+                format!("--threads {count}"),
+                "give the number of processors, or omit it",
+            ),
+            None => ("threads".into(), "give a smaller number with --threads"),
+        };
+        Error::Job(cause(place, problem, remedy))
     };
-    if count == 0 || count > 4096 {
+    if count.is_some_and(|count| count == 0 || count > 4096) {
         return Err(refuse("is not from 1 to 4096"));
     }
     rayon::ThreadPoolBuilder::new()
-        .num_threads(count)
+        .num_threads(count.unwrap_or_default())
         .build_global()
         .map_err(|e| refuse(&e.to_string()).because(e))
 }

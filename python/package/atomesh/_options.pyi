@@ -106,6 +106,9 @@ class MeshOptions(TypedDict, total=False):
     interval_byte: int | None
     #: Options from a TOML file; those typed here win
     config: _Path | None
+    #: Memory that may be taken, e.g. 8G or 500M; what would take more is refused before it is
+    #: begun [default: what is free]
+    max_memory: int | None
 
 class FeatureOptions(TypedDict, total=False):
     #: Also write the lines at which features cross, branch off one another and end, with the angle
@@ -148,6 +151,9 @@ class FeatureOptions(TypedDict, total=False):
     delay_byte: int | None
     #: SEG-Y: trace header byte of the sample interval in microseconds [default: 117]
     interval_byte: int | None
+    #: Memory that may be taken, e.g. 8G or 500M; what would take more is refused before it is
+    #: begun [default: what is free]
+    max_memory: int | None
 
 class InfoOptions(TypedDict, total=False):
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
@@ -167,6 +173,9 @@ class InfoOptions(TypedDict, total=False):
     delay_byte: int | None
     #: SEG-Y: trace header byte of the sample interval in microseconds [default: 117]
     interval_byte: int | None
+    #: Memory that may be taken, e.g. 8G or 500M; what would take more is refused before it is
+    #: begun [default: what is free]
+    max_memory: int | None
 
 class ConvertOptions(TypedDict, total=False):
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
@@ -186,6 +195,9 @@ class ConvertOptions(TypedDict, total=False):
     delay_byte: int | None
     #: SEG-Y: trace header byte of the sample interval in microseconds [default: 117]
     interval_byte: int | None
+    #: Memory that may be taken, e.g. 8G or 500M; what would take more is refused before it is
+    #: begun [default: what is free]
+    max_memory: int | None
 
 class QualityOptions(TypedDict, total=False):
     #: Exact distance to the features, as `synth --truth` writes it
@@ -193,6 +205,14 @@ class QualityOptions(TypedDict, total=False):
     #: Also write the lines where features, or a feature and a side of the box, meet at less than
     #: 30 degrees, with their angles
     lines: _Path | None
+    #: Memory that may be taken, e.g. 8G or 500M; what would take more is refused before it is
+    #: begun [default: what is free]
+    max_memory: int | None
+
+class ValidateOptions(TypedDict, total=False):
+    #: Memory that may be taken, e.g. 8G or 500M; what would take more is refused before it is
+    #: begun [default: what is free]
+    max_memory: int | None
 
 class FlowOptions(TypedDict, total=False):
     #: Pressure (Pa) of a side of the box: xmin, xmax, ymin ..., the image's axes, x the fastest in
@@ -222,6 +242,9 @@ class FlowOptions(TypedDict, total=False):
     streamlines: _Path | None
     #: Number of streamlines [default: 200]
     lines: int | None
+    #: Memory that may be taken, e.g. 8G or 500M; what would take more is refused before it is
+    #: begun [default: what is free]
+    max_memory: int | None
 
 class EditOptions(TypedDict, total=False):
     #: Edits from a CSV file, one per line: add,X,Y,Z or move,N,X,Y,Z or remove,N
@@ -246,6 +269,9 @@ class EditOptions(TypedDict, total=False):
     delay_byte: int | None
     #: SEG-Y: trace header byte of the sample interval in microseconds [default: 117]
     interval_byte: int | None
+    #: Memory that may be taken, e.g. 8G or 500M; what would take more is refused before it is
+    #: begun [default: what is free]
+    max_memory: int | None
 
 class ColumnsOptions(TypedDict, total=False):
     #: Number of layers between horizons: one for all, or N,N,... [default: 1]
@@ -273,6 +299,9 @@ class ColumnsOptions(TypedDict, total=False):
     delay_byte: int | None
     #: SEG-Y: trace header byte of the sample interval in microseconds [default: 117]
     interval_byte: int | None
+    #: Memory that may be taken, e.g. 8G or 500M; what would take more is refused before it is
+    #: begun [default: what is free]
+    max_memory: int | None
 
 class ExportOptions(TypedDict, total=False):
     #: Porosity: a number, a CSV file of lines region,porosity, a cell array of the mesh, or an
@@ -354,6 +383,9 @@ class ExportOptions(TypedDict, total=False):
     no_gravity: bool | None
     #: Number of days to simulate [default: 3650]
     days: _Number | None
+    #: Memory that may be taken, e.g. 8G or 500M; what would take more is refused before it is
+    #: begun [default: what is free]
+    max_memory: int | None
 
 class SliceOptions(TypedDict, total=False):
     #: The point where the planes meet, in physical coordinates [default: the middle]
@@ -375,6 +407,9 @@ class SliceOptions(TypedDict, total=False):
     delay_byte: int | None
     #: SEG-Y: trace header byte of the sample interval in microseconds [default: 117]
     interval_byte: int | None
+    #: Memory that may be taken, e.g. 8G or 500M; what would take more is refused before it is
+    #: begun [default: what is free]
+    max_memory: int | None
 
 class SurfaceOptions(TypedDict, total=False):
     #: Largest bend from face to face within a surface, in degrees
@@ -414,6 +449,9 @@ class SurfaceOptions(TypedDict, total=False):
     delay_byte: int | None
     #: SEG-Y: trace header byte of the sample interval in microseconds [default: 117]
     interval_byte: int | None
+    #: Memory that may be taken, e.g. 8G or 500M; what would take more is refused before it is
+    #: begun [default: what is free]
+    max_memory: int | None
 
 class PaintOptions(TypedDict, total=False):
     #: Paint stops this far from its seed, in samples (less far through narrow openings)
@@ -444,6 +482,9 @@ class PaintOptions(TypedDict, total=False):
     delay_byte: int | None
     #: SEG-Y: trace header byte of the sample interval in microseconds [default: 117]
     interval_byte: int | None
+    #: Memory that may be taken, e.g. 8G or 500M; what would take more is refused before it is
+    #: begun [default: what is free]
+    max_memory: int | None
 
 class SegmentOptions(TypedDict, total=False):
     #: The label of each sample, as an image
@@ -476,6 +517,9 @@ class SegmentOptions(TypedDict, total=False):
     delay_byte: int | None
     #: SEG-Y: trace header byte of the sample interval in microseconds [default: 117]
     interval_byte: int | None
+    #: Memory that may be taken, e.g. 8G or 500M; what would take more is refused before it is
+    #: begun [default: what is free]
+    max_memory: int | None
 
 class SynthOptions(TypedDict, total=False):
     #: Also write the exact distance to the features
@@ -493,3 +537,6 @@ class SynthOptions(TypedDict, total=False):
     width: _Number | None
     #: Seed of all random numbers
     rng_seed: int | None
+    #: Memory that may be taken, e.g. 8G or 500M; what would take more is refused before it is
+    #: begun [default: what is free]
+    max_memory: int | None

@@ -5,9 +5,11 @@
 # make python-test   build the Python package and run every test of it
 # make package   build what a registry would give to others
 # make book   the documentation as a site, target/book/index.html, with its links checked
+# make fuzz   random files and small jobs, led by what code they reach: SECONDS=60 for each of three targets
+# make soak   kills, interrupts, full disks and too little memory: RUNS=100 of each
 
 .POSIX:
-.PHONY: help demo test wheel python-test package book bench bench-networks validators packages
+.PHONY: fuzz soak help demo test wheel python-test package book bench bench-networks validators packages
 
 SAMPLE = data/faults.vti
 
@@ -58,3 +60,12 @@ bench-networks: packages
 
 validators:
 	@scripts/validators.sh
+
+SECONDS = 60
+fuzz: packages
+	@scripts/fuzz.sh $(SECONDS)
+
+RUNS = 100
+soak: packages
+	cargo build --locked
+	scripts/soak.py target/debug/atomesh --kills $(RUNS) --interrupts $(RUNS) --memory $(RUNS) --disks $(RUNS)

@@ -1,10 +1,12 @@
 #!/bin/sh
 # Installs the programs that judge atomesh's files, each independent of it: VTK, Gmsh, toughio, xtgeo,
-# resqpy, open-DARTS, SciPy, meshio and a reader of simulators' output from PyPI into .venv; OPM Flow,
+# resqpy, open-DARTS, SciPy, meshio, the readers of images of the field (segyio, nibabel, pynrrd, SimpleITK,
+# tifffile) and a reader of simulators' output from PyPI into .venv; OPM Flow,
 # OpenFOAM, CalculiX and Octave by apt. Tests then use them; without one they name it and check less.
 set -eu
 
-modules="vtkmodules.vtkIOXML resfo gmsh toughio scipy xtgeo resqpy darts flopy meshio"
+modules="vtkmodules.vtkIOXML resfo gmsh toughio scipy xtgeo resqpy darts flopy meshio
+segyio nibabel nrrd SimpleITK tifffile"
 packages="libopm-simulators-bin openfoam calculix-ccx octave libglu1-mesa libxft2 libxcursor1 libxinerama1"
 
 absent() {
@@ -24,7 +26,8 @@ install_modules() {
         { absent "python3 -m venv fails (apt install python3-venv)"; return; }
     pip=".venv/bin/pip install --quiet --disable-pip-version-check"
     # VTK without what it draws plots with.
-    { $pip --no-deps vtk && $pip resfo gmsh toughio h5py scipy xtgeo resqpy xarray flopy meshio; } ||
+    { $pip --no-deps vtk && $pip resfo gmsh toughio h5py scipy xtgeo resqpy xarray flopy meshio &&
+        $pip segyio nibabel pynrrd SimpleITK tifffile; } ||
         absent "pip install fails"
     # DARTS asks for much that it does not need to solve for pressures.
     $pip --no-deps open-darts || absent "pip install open-darts fails"

@@ -148,11 +148,30 @@ pub fn cause(
 ) -> Cause {
     Cause {
         place: place.to_string(),
-        problem: problem.to_string(),
+        problem: one_line(problem.to_string()),
         remedy: remedy.to_string(),
         parameter: None,
         source: None,
     }
+}
+
+/// Characters of a problem at most: words from files may be of any length.
+const MOST: usize = 600;
+
+/// Text as one line that is not too long.
+fn one_line(mut text: String) -> String {
+    if let Some((end, _)) = text.char_indices().nth(MOST) {
+        text.truncate(end);
+        text.push_str(" ...");
+    }
+    if text.contains(['\n', '\r']) {
+        let words = text.split(['\n', '\r']).map(str::trim);
+        text = words
+            .filter(|words| !words.is_empty())
+            .collect::<Vec<_>>()
+            .join(" ");
+    }
+    text
 }
 
 /// An operating-system error about a path, as [`Error::Io`].
@@ -171,6 +190,14 @@ mod tests {
     use std::error::Error as _;
 
     use super::*;
+
+    #[test]
+    fn words_of_files_make_one_line_of_bounded_length() {
+        let error = cause("a", "is odd:\n  one\r\ntwo\n", "b").to_string();
+        assert_eq!(error, "a: is odd: one two; b");
+        let error = cause("a", "é".repeat(10_000), "b").to_string();
+        assert_eq!(error.chars().count(), "a: ; b".len() + MOST + " ...".len());
+    }
 
     #[test]
     fn an_error_has_a_kind_one_line_and_its_source() {

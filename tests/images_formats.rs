@@ -79,6 +79,31 @@ fn files_of_others_are_read_as_others_read_them() {
     }
 }
 
+/// Some 300 files that segyio, nibabel, pynrrd, SimpleITK and tifffile write, and some that atomesh writes.
+#[test]
+fn values_and_places_are_those_of_the_libraries_of_the_field() {
+    let folder = tempfile::tempdir().unwrap();
+    let judge = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/images/others.py");
+    let arguments = [
+        judge.as_os_str(),
+        env!("CARGO_BIN_EXE_atomesh").as_ref(),
+        folder.path().as_os_str(),
+    ];
+    let Some(said) = common::python_says("segyio and SimpleITK", &arguments) else {
+        return;
+    };
+    println!("{said}");
+    let read = said.lines().filter_map(|line| {
+        line.split_once(": ")?
+            .1
+            .split(' ')
+            .next()?
+            .parse::<u32>()
+            .ok()
+    });
+    assert!(read.sum::<u32>() >= 280, "{said}");
+}
+
 #[test]
 fn files_that_are_no_images_are_refused_in_one_line() {
     let Some(folder) = data() else { return };

@@ -143,6 +143,50 @@ fn triangles_are_stopped_in_every_stage() {
     stopped_everywhere(&disc(), &params, &stages);
 }
 
+/// Alone in this program: what others write meanwhile would belong to it.
+#[test]
+fn the_files_of_a_job_appear_together_or_not_at_all() {
+    use atomesh::files::{Batch, atomic_write, together};
+    use std::io::Write;
+
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let names = || {
+        let entries = std::fs::read_dir(folder.path()).unwrap();
+        let mut names: Vec<_> = entries.map(|entry| entry.unwrap().file_name()).collect();
+        names.sort();
+        names
+    };
+    std::fs::write(at("a"), "before").unwrap();
+    let write = |fails: bool| {
+        together(|| {
+            atomic_write(&at("a"), |out| out.write_all(b"first"))?;
+            atomic_write(&at("a"), |out| out.write_all(b"last"))?;
+            let mut batch = Batch::default();
+            batch.folder(&at("case/inner"))?;
+            batch.write(&at("case/inner/b"), |out| out.write_all(b"b"))?;
+            batch.commit()?;
+            // As long as the job lasts, nothing has changed.
+            assert_eq!(std::fs::read(at("a")).unwrap(), b"before");
+            assert!(!at("case/inner/b").exists());
+            atomic_write(&at("c"), |out| match fails {
+                true => Err(std::io::Error::other("disk full")),
+                false => out.write_all(b"c"),
+            })
+        })
+    };
+    assert!(write(true).unwrap_err().to_string().contains("disk full"));
+    assert_eq!(names(), ["a"]);
+    assert_eq!(std::fs::read(at("a")).unwrap(), b"before");
+    write(false).unwrap();
+    assert_eq!(names(), ["a", "c", "case"]);
+    assert_eq!(std::fs::read(at("a")).unwrap(), b"last");
+    assert_eq!(std::fs::read(at("case/inner/b")).unwrap(), b"b");
+    // After it, each file appears at once again.
+    atomic_write(&at("a"), |out| out.write_all(b"alone")).unwrap();
+    assert_eq!(std::fs::read(at("a")).unwrap(), b"alone");
+}
+
 #[cfg(all(unix, feature = "tetgen"))]
 mod signals {
     use std::io::{BufRead, BufReader};
@@ -157,8 +201,12 @@ mod signals {
     const AT_MOST: Duration = Duration::from_secs(4);
 
     fn interrupt(child: &Child) {
+        signal(child, "-INT");
+    }
+
+    fn signal(child: &Child, name: &str) {
         let pid = child.id().to_string();
-        Command::new("kill").args(["-INT", &pid]).status().unwrap();
+        Command::new("kill").args([name, &pid]).status().unwrap();
     }
 
     fn start(folder: &Path, line: &str) -> Child {
@@ -255,7 +303,8 @@ mod signals {
         for moment in [0.1, 0.4, 0.8, 1.2, 1.6] {
             let child = start(folder.path(), "synth faults -o big.npy --dims 200,200,200");
             sleep(Duration::from_secs_f64(moment));
-            interrupt(&child);
+            // As a user and as a batch system do.
+            signal(&child, if moment < 1.0 { "-INT" } else { "-TERM" });
             let (code, took) = end(child);
             assert!(took < AT_MOST, "went on for {took:?} after {moment} s");
             match (code, made(folder.path()).as_slice()) {
@@ -266,5 +315,33 @@ mod signals {
                 other => panic!("{other:?} after {moment} s"),
             }
         }
+    }
+
+    /// What a killed process leaves has a temporary name and no owner; what another is just writing is
+    /// locked by it.
+    #[test]
+    fn what_a_killed_process_left_is_removed_by_the_next() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        let [dead, alive] =
+            ["dead", "alive"].map(|name| at(&format!(".{name}.vtu.aBc123.atomesh-unfinished")));
+        for path in [&dead, &alive, &at(".mine"), &at("dead.vtu")] {
+            std::fs::write(path, "x").unwrap();
+        }
+        let owner = std::fs::File::open(&alive).unwrap();
+        owner.lock().unwrap();
+        succeed(
+            folder.path(),
+            &["synth", "sphere", "-o", "a.npy", "--dims", "9,9,9"],
+        );
+        assert!(
+            !dead.exists() && alive.exists() && at(".mine").exists() && at("dead.vtu").exists()
+        );
+        drop(owner);
+        succeed(
+            folder.path(),
+            &["synth", "sphere", "-o", "a.npy", "--dims", "9,9,9"],
+        );
+        assert!(!alive.exists());
     }
 }

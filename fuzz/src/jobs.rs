@@ -5,7 +5,7 @@ use std::path::Path;
 
 use atomesh::image::{Geometry, Image, formats};
 
-use crate::verbs::{meshed, performed};
+use super::verbs::{meshed, performed};
 
 /// Choices, from bytes; without bytes the first one.
 struct Choices<'a>(&'a [u8]);

@@ -1,7 +1,9 @@
 //! What the fuzz targets share, and the test of any job.
 
+pub mod images;
 pub mod jobs;
-pub mod verbs;
+pub mod meshes;
+mod verbs;
 
 use std::cell::RefCell;
 use std::path::{Path, PathBuf};

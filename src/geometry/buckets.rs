@@ -48,10 +48,11 @@ impl<const D: usize> Buckets<D> {
 
     /// The cell that holds a point, the last axis first: points are visited in the order of these.
     pub fn cell_of(&self, p: [f64; D]) -> [u32; D] {
-        // One cell is left below, so that neighbours need no care.
+        // One cell is left below and one above, so that neighbours need no care.
+        const LAST: f64 = (u32::MAX - 2) as f64;
         std::array::from_fn(|k| {
             let axis = D - 1 - k;
-            ((p[axis] - self.low[axis]) / self.cell) as u32 + 1
+            ((p[axis] - self.low[axis]) / self.cell).clamp(0.0, LAST) as u32 + 1
         })
     }
 
@@ -83,6 +84,15 @@ impl<const D: usize> Buckets<D> {
             return;
         };
         let points = &self.points[start..end];
+        let rows: f64 = (0..D - 1)
+            .map(|k| f64::from(high[k] - low[k]) + 1.0)
+            .product();
+        if rows > points.len() as f64 {
+            // Cells that are small against the radius: points are fewer than rows of cells.
+            let within = |cell: &[u32; D]| (0..D).all(|k| low[k] <= cell[k] && cell[k] <= high[k]);
+            (points.iter().filter(|(cell, _)| within(cell))).for_each(|&(_, i)| visit(i as usize));
+            return;
+        }
         // Cells that differ along the first axis only lie one after the other.
         let mut row = low;
         loop {

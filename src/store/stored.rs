@@ -7,6 +7,7 @@ use super::{FieldValue, MeshFile, face_bits_to_physical, write_cells_vtu, write_
 use crate::error::cause;
 use crate::files::vtk::{DataArray, Values};
 use crate::image::Geometry;
+use crate::job::BOX_TOLERANCE;
 use crate::mesh::check;
 use crate::mesh::interface::marks_of_bits;
 use crate::mesh::poly::PolyMesh;
@@ -239,6 +240,29 @@ impl<const D: usize> LatticeSpace<D> {
     pub fn to_lattice(&self, point: [f64; D]) -> Option<[f64; D]> {
         let index = self.geometry.to_index(point)?;
         Some(std::array::from_fn(|k| index[k] * self.step[k]))
+    }
+
+    /// How exactly the mesh fills its box, relative to it: as exactly as one is made, but no more than a
+    /// file can say, whose coordinates may be large against the cells (metres of a national grid).
+    pub fn tolerance(&self) -> f64 {
+        let corner = |c: usize| -> [f64; D] {
+            std::array::from_fn(|k| if c >> k & 1 == 1 { self.extent[k] } else { 0.0 })
+        };
+        let corners = (0..1 << D).flat_map(|c| self.to_world(corner(c)));
+        let rounding = f64::EPSILON * corners.fold(0.0, |most, x| x.abs().max(most));
+        let here = Geometry {
+            origin: [0.0; D],
+            ..self.geometry.clone()
+        };
+        let of_axis =
+            |c: usize| here.to_index(std::array::from_fn(|k| f64::from(u8::from(k == c))));
+        let columns: Option<Vec<[f64; D]>> = (0..D).map(of_axis).collect();
+        let moved = |k: usize| -> f64 {
+            let columns = columns.iter().flatten();
+            columns.map(|column| column[k].abs()).sum::<f64>() * self.step[k] * rounding
+        };
+        let off: f64 = (0..D).map(|k| moved(k) / self.extent[k]).sum();
+        (4.0 * off).clamp(BOX_TOLERANCE, 1e-3)
     }
 
     /// Number of samples along each axis of the image that was meshed, if it was one.

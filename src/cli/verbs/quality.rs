@@ -8,7 +8,7 @@ use crate::cli::common::output::check_output;
 use crate::cli::console::Console;
 use crate::error::cause;
 use crate::image::synth::Truth;
-use crate::job::{BOX_TOLERANCE, cells, scaled};
+use crate::job::{cells, scaled};
 use crate::mesh::Simplices;
 use crate::mesh::check::{Known, check, check_known};
 use crate::mesh::graph::Graph;
@@ -69,7 +69,7 @@ fn measure<const D: usize, M: Simplices<D>>(
             angles: Some(judged.angles),
             ..report::quality(mesh)
         }),
-        filling: Some(check(mesh, [0.0; D], space.extent, BOX_TOLERANCE)),
+        filling: Some(check(mesh, [0.0; D], space.extent, space.tolerance())),
         ..Report::default()
     };
     if let Some((truth, note)) = &truth {
@@ -125,7 +125,7 @@ fn measure_cells<const D: usize>(
         weld: stored.weld,
         ..Known::default()
     };
-    let found = check_known(mesh, known, [0.0; D], space.extent, BOX_TOLERANCE);
+    let found = check_known(mesh, known, [0.0; D], space.extent, space.tolerance());
     let graph = Graph::from_poly(mesh);
     let mut report = Report::default();
     if let Some((truth, note)) = &truth {

@@ -472,7 +472,7 @@ struct Short(f64);
 impl std::fmt::Display for Short {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let digits = f.precision().unwrap_or(4) as i32;
-        let before = self.0.abs().max(1e-300).log10().floor() as i32 + 1;
+        let before = self.0.abs().clamp(1e-300, 1e300).log10().floor() as i32 + 1;
         let decimals = (digits - before).clamp(0, 9) as usize;
         f.pad_integral(self.0 >= 0.0, "", &format!("{:.decimals$}", self.0.abs()))
     }

@@ -9,7 +9,6 @@ use serde_json::json;
 use crate::cli::common::output::shown;
 use crate::cli::console::Console;
 use crate::error::cause;
-use crate::job::BOX_TOLERANCE;
 use crate::mesh::check::{Known, check_known};
 use crate::mesh::delaunay;
 use crate::mesh::{Mesh, Simplices, TetMesh, TriMesh};
@@ -34,17 +33,20 @@ pub fn validate(args: &ValidateArgs, console: &mut Console) -> Result<()> {
     let verdicts = match mesh {
         AnyMesh::Plane(file) => {
             let stored = StoredMesh::new(file, &place)?;
-            others_too(by_atomesh(&stored), || Ok(vec![by_spade(&stored.lattice)?]))
+            others_too(by_atomesh(&stored), || {
+                Ok(vec![by_spade(&stored.lattice, stored.space.tolerance())?])
+            })
         }
         AnyMesh::Space(file) => {
             let mut stored = StoredMesh::new(file, &place)?;
             others_too(by_atomesh(&stored), || {
+                let tolerance = stored.space.tolerance();
                 let mut verdicts = Vec::new();
                 if cfg!(feature = "tetgen") {
-                    verdicts.push(by_tetgen(&stored.lattice)?);
+                    verdicts.push(by_tetgen(&stored.lattice, tolerance)?);
                 }
                 if cfg!(feature = "cgal") {
-                    verdicts.push(stored.in_world(by_cgal)?);
+                    verdicts.push(stored.in_world(|mesh| by_cgal(mesh, tolerance))?);
                 }
                 Ok(verdicts)
             })
@@ -87,7 +89,7 @@ fn by_atomesh<const D: usize, M: Mesh<D>>(stored: &StoredMesh<D, M>) -> Verdict 
         ..Known::default()
     };
     let (low, high) = ([0.0; D], stored.space.extent);
-    let found = check_known(&stored.lattice, known, low, high, BOX_TOLERANCE);
+    let found = check_known(&stored.lattice, known, low, high, stored.space.tolerance());
     let what = match &found.of_cells {
         None => format!(
             "{} {} of positive {}, conforming, fill the box ({} off by {:.0e}), sides flat, all {} \
@@ -123,38 +125,43 @@ fn by_atomesh<const D: usize, M: Mesh<D>>(stored: &StoredMesh<D, M>) -> Verdict 
 
 /// TetGen cannot read a mesh without changing it, so it is asked for the convex hull of the nodes:
 /// the mesh must fill it.
-fn by_tetgen(mesh: &TetMesh) -> Result<Verdict> {
+fn by_tetgen(mesh: &TetMesh, tolerance: f64) -> Result<Verdict> {
     let hull = delaunay::delaunay(&mesh.nodes)?;
-    Ok(by_hull("TetGen", mesh, &hull))
+    Ok(by_hull("TetGen", mesh, &hull, tolerance))
 }
 
 /// The same in the plane by spade.
-fn by_spade(mesh: &TriMesh) -> Result<Verdict> {
+fn by_spade(mesh: &TriMesh, tolerance: f64) -> Result<Verdict> {
     let hull = delaunay::delaunay_plane(&mesh.nodes)?;
-    Ok(by_hull("spade", mesh, &hull))
+    Ok(by_hull("spade", mesh, &hull, tolerance))
 }
 
 /// Whether a mesh fills the convex hull of its nodes, of which another triangulation is given.
-fn by_hull<const D: usize, M: Simplices<D>>(by: &'static str, mesh: &M, hull: &M) -> Verdict {
+fn by_hull<const D: usize, M: Simplices<D>>(
+    by: &'static str,
+    mesh: &M,
+    hull: &M,
+    tolerance: f64,
+) -> Verdict {
     let volume = |mesh: &M| -> f64 { (0..mesh.len()).map(|c| mesh.volume(c)).sum() };
     let error = (volume(mesh) - volume(hull)).abs() / volume(hull);
     let name = M::VOLUME;
     Verdict {
         by,
         what: format!("fills the convex hull of its nodes ({name} off by {error:.0e})"),
-        problem: (error > BOX_TOLERANCE)
+        problem: (error > tolerance)
             .then(|| format!("its {name} differs from that of its nodes' hull by {error:.1e}")),
     }
 }
 
 /// CGAL's exact predicates, on the coordinates as they are in the file.
-fn by_cgal(mesh: &TetMesh) -> Result<Verdict> {
+fn by_cgal(mesh: &TetMesh, tolerance: f64) -> Result<Verdict> {
     let TetMesh { nodes, tets } = mesh;
     let verdict = delaunay::cgal::validate(nodes, tets)?;
     Ok(Verdict {
         by: "CGAL",
         what: "a triangulation of the convex hull of its nodes, by exact predicates".into(),
-        problem: verdict.faults(BOX_TOLERANCE).into_iter().next(),
+        problem: verdict.faults(tolerance).into_iter().next(),
     })
 }
 

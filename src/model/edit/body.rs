@@ -3,7 +3,6 @@
 use crate::error::cause;
 use crate::files::vtk::{DataArray, Values};
 use crate::image::Geometry;
-use crate::job::BOX_TOLERANCE;
 use crate::lattice::AtomKind;
 use crate::lattice::seeding::kind_in_box;
 use crate::mesh::Simplices;
@@ -96,7 +95,7 @@ impl<const D: usize, M: Simplices<D>> Body<D, M> {
         if !space.by_file {
             return Err(refuse("does not record its lattice space".into()));
         }
-        let found = check(&lattice, [0.0; D], space.extent, BOX_TOLERANCE);
+        let found = check(&lattice, [0.0; D], space.extent, space.tolerance());
         if let Some(problem) = found.problems.first() {
             return Err(refuse(format!("is not valid: {problem}")));
         }

@@ -55,7 +55,7 @@ fn whole(low: f64, high: f64, n: usize) -> std::ops::Range<usize> {
     low..if high < 0.0 {
         0
     } else {
-        (high as usize + 1).min(n)
+        (high as usize).saturating_add(1).min(n)
     }
 }
 

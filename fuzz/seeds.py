@@ -1,0 +1,85 @@
+#!/usr/bin/env python3
+"""Makes the first corpus of the fuzz targets with a built atomesh: fuzz/seeds.py BINARY FOLDER [FILES...].
+FILES are images and meshes that once broke something."""
+
+import os
+import struct
+import subprocess
+import sys
+import tempfile
+
+# As in src/images.rs.
+ENDINGS = ["npy", "vti", "nrrd", "mha", "nii", "tif", "png", "sgy", "inr", "nii.gz", "vtk", "mhd", "nhdr"]
+
+binary, target, *files = sys.argv[1:]
+binary = os.path.abspath(binary)
+for kind in ("images", "meshes", "jobs"):
+    os.makedirs(os.path.join(target, kind), exist_ok=True)
+
+
+def keep(kind, name, first, content):
+    with open(os.path.join(target, kind, name), "wb") as out:
+        out.write(bytes([first]) + content)
+
+
+def content(path):
+    with open(path, "rb") as file:
+        return file.read()
+
+
+def image(name, path):
+    ending = next((e for e in sorted(ENDINGS, key=len, reverse=True) if path.endswith("." + e)), None)
+    if ending and os.path.getsize(path) < 30000:
+        keep("images", name, ENDINGS.index(ending), content(path))
+
+
+def mesh(name, path):
+    if os.path.getsize(path) < 40000:
+        keep("meshes", name, 0, content(path))
+
+
+def survey(lines=4, samples=9):
+    """A small SEG-Y volume of IEEE floats."""
+    head = bytearray(3600)
+    struct.pack_into(">hhh", head, 3216, 4000, 0, samples)
+    struct.pack_into(">h", head, 3224, 5)
+    traces = []
+    for i in range(lines):
+        for j in range(lines):
+            header = bytearray(240)
+            struct.pack_into(">h", header, 70, 1)
+            struct.pack_into(">hh", header, 114, samples, 4000)
+            struct.pack_into(">iiii", header, 180, 1000 + 25 * j, 2000 + 12 * i, 10 + i, 20 + j)
+            values = [(i - j) * k * 0.5 for k in range(samples)]
+            traces.append(bytes(header) + struct.pack(f">{samples}f", *values))
+    return bytes(head) + b"".join(traces)
+
+
+with tempfile.TemporaryDirectory() as folder:
+    def run(*words):
+        subprocess.run([binary, *words, "--quiet"], cwd=folder, check=True)
+
+    at = lambda name: os.path.join(folder, name)
+    run("synth", "sphere", "-o", "b.npy", "--dims", "9,8,8")
+    run("synth", "sphere", "-o", "s.npy", "--dims", "24,20")
+    for ending in ("npy", "vti", "nrrd", "mha", "nii", "nii.gz"):
+        run("convert", "b.npy", "c." + ending)
+        image("space-" + ending, at("c." + ending))
+    for ending in ("npy", "png", "nrrd"):
+        run("convert", "s.npy", "d." + ending)
+        image("plane-" + ending, at("d." + ending))
+    with open(at("l.sgy"), "wb") as out:
+        out.write(survey())
+    image("survey", at("l.sgy"))
+    run("mesh", "b.npy", "-o", "t.vtu", "--distance", "3", "--feature", "edges")
+    run("mesh", "b.npy", "-o", "v.vtu", "--distance", "3", "--cells", "voronoi")
+    run("mesh", "s.npy", "-o", "p.vtu", "--distance", "5")
+    run("mesh", "s.npy", "-o", "q.vtu", "--distance", "6", "--cells", "voronoi")
+    for name in "tvpq":
+        mesh("made-" + name, at(name + ".vtu"))
+for path in files:
+    name = os.path.basename(path)
+    (mesh if path.endswith(".vtu") else image)(name, path)
+for n in range(40):
+    # Draws of any length.
+    keep("jobs", f"draw-{n}", n, bytes((37 * n * k + n) % 251 for k in range(1, 60 + n)))

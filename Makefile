@@ -1,13 +1,15 @@
 # make demo   install what is missing, build, mesh the sample volume, say which files to open
 # make test   install what is missing, then every check there is; says how many it had to skip
 # make bench-networks   what becomes of twenty random fault networks, some minutes
+# make wheel  the Python package for others, with all libraries that it needs, in target/wheels
+# make python-test   build the Python package and run every test of it
 # make package   build what a registry would give to others
 # make book   the documentation as a site, target/book/index.html, with its links checked
 # make fuzz   random files and small jobs, led by what code they reach: SECONDS=60 for each of three targets
 # make soak   kills, interrupts, full disks and too little memory: RUNS=100 of each
 
 .POSIX:
-.PHONY: fuzz soak help demo test package book bench bench-networks validators packages
+.PHONY: fuzz soak help demo test wheel python-test package book bench bench-networks validators packages
 
 SAMPLE = data/faults.vti
 
@@ -38,8 +40,14 @@ test: packages
 	ATOMESH_SKIPPED="$$PWD/target/skipped" cargo test --workspace --locked
 	@scripts/skipped.sh target/skipped
 
+wheel: packages
+	@scripts/python.sh wheel
+
+python-test: packages
+	@scripts/python.sh test
+
 package: packages
-	cargo package --workspace --locked --allow-dirty
+	cargo package --workspace --exclude atomesh-python --locked --allow-dirty
 
 book:
 	@scripts/book.sh

@@ -1,7 +1,11 @@
-//! Builds the CGAL bridge when the `cgal` feature is on.
+//! Builds the CGAL bridge when the `cgal` feature is on, and says where the TetGen worker is.
 
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");
+    // For tests: the program that runs TetGen by itself.
+    if let Ok(worker) = std::env::var("DEP_TET_WORKER") {
+        println!("cargo::rustc-env=ATOMESH_TETGEN_WORKER={worker}");
+    }
     #[cfg(feature = "cgal")]
     cgal();
 }

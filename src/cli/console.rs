@@ -1,33 +1,189 @@
-//! Everything that atomesh prints: results on standard output, progress on standard error.
+//! Everything that atomesh prints: results on standard output, progress on standard error; and the meshes and
+//! images that verbs name, which at another [`Desk`] need not be files.
 
+use std::any::Any;
 use std::fmt::Display;
 use std::io::{IsTerminal, Write, stderr, stdout};
+use std::path::Path;
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-use crate::Error;
 use crate::cli::common::global::Common;
+use crate::cli::common::options::read_options;
+use crate::cli::desk::{Desk, Kept};
+use crate::cli::provenance::file_hash;
+use crate::export::SurfaceFile;
+use crate::image::Image;
+use crate::image::formats::{self, AnyLoaded, InputOptions};
+use crate::job::{Meshing, Outcome, Space};
+use crate::store::{AnyMesh, MeshFile, Stored, read_any_vtu};
+use crate::{Error, Result};
 
-/// Where lines go, and whether they go anywhere.
+/// What verbs speak to, and through which they read and write: a [`Desk`] with a few words of its own.
 pub struct Console {
+    desk: Box<dyn Desk>,
+}
+
+impl Console {
+    /// The terminal, as the common options ask for it.
+    pub fn new(common: &Common) -> Self {
+        Self::at(Terminal {
+            quiet: common.quiet,
+            json: common.json,
+            bar: None,
+        })
+    }
+
+    /// A console at another desk.
+    pub fn at(desk: impl Desk + 'static) -> Self {
+        Self {
+            desk: Box::new(desk),
+        }
+    }
+
+    /// The result of a verb.
+    pub fn result(&mut self, text: impl Display, json: &serde_json::Value) {
+        self.desk.result(&text.to_string(), json);
+    }
+
+    /// One line about something that the user should know but that stops nothing.
+    pub fn note(&self, line: impl Display) {
+        self.desk.note(&line.to_string());
+    }
+
+    /// One line beside the progress.
+    pub fn line(&self, line: impl Display) {
+        self.desk.line(&line.to_string());
+    }
+
+    /// A stage begins.
+    pub fn begin_stage(&mut self, name: impl Display) {
+        self.desk.stage(&name.to_string());
+    }
+
+    /// How much of the stage is done at most, in [0, 1], and what it is at.
+    pub fn progress(&self, share: f64, what: impl Display) {
+        self.desk.progress(share, &what.to_string());
+    }
+
+    /// The stage is over.
+    pub fn end_stage(&mut self) {
+        self.desk.end_stage();
+    }
+
+    /// A mesh that an argument names.
+    ///
+    /// # Errors
+    /// As [`read_any_vtu`].
+    pub fn read_mesh(&self, path: &Path) -> Result<AnyMesh> {
+        match self.desk.mesh(path) {
+            Some(mesh) => Ok(mesh),
+            None => read_any_vtu(path),
+        }
+    }
+
+    /// An image that an argument names.
+    ///
+    /// # Errors
+    /// As [`formats::read_any`]; [`Error::Job`] for options that do not apply to it.
+    pub fn read_image(&self, path: &Path, input: &InputOptions) -> Result<AnyLoaded> {
+        match self.desk.image(path) {
+            Some(image) => {
+                input.refuse_unused("the image is in memory")?;
+                Ok(image)
+            }
+            None => formats::read_any(path, &read_options(input, path)?),
+        }
+    }
+
+    /// The hash of an image or of a mesh that an argument names.
+    ///
+    /// # Errors
+    /// As [`file_hash`].
+    pub fn hash(&self, path: &Path) -> Result<String> {
+        match self.desk.hash(path) {
+            Some(hash) => Ok(hash),
+            None => file_hash(path),
+        }
+    }
+
+    /// Writes a mesh.
+    ///
+    /// # Errors
+    /// As [`Stored::write`].
+    pub fn write_mesh<const D: usize, M>(&mut self, path: &Path, file: MeshFile<M>) -> Result<()>
+    where
+        M: Stored<D>,
+    {
+        self.write(path, file, |file| M::write(path, file))
+    }
+
+    /// Writes the mesh of a job.
+    ///
+    /// # Errors
+    /// As [`Outcome::write`].
+    pub fn write_outcome<const D: usize>(&mut self, path: &Path, outcome: &Outcome<D>) -> Result<()>
+    where
+        Space<D>: Meshing<D>,
+    {
+        if !self.desk.keeps(path) {
+            return outcome.write(path);
+        }
+        if let Some(mesh) = outcome.file() {
+            self.desk.keep(path, Kept::Mesh(Box::new(mesh)));
+        }
+        Ok(())
+    }
+
+    /// Writes an image.
+    ///
+    /// # Errors
+    /// As [`formats::write`].
+    pub fn write_image<const D: usize>(&mut self, path: &Path, image: Image<D>) -> Result<()> {
+        self.write(path, image, |image| formats::write(path, image))
+    }
+
+    /// Writes surfaces by what `write` does.
+    ///
+    /// # Errors
+    /// As `write`.
+    pub fn write_surfaces<const D: usize>(
+        &mut self,
+        path: &Path,
+        file: SurfaceFile<D>,
+        write: impl FnOnce(&SurfaceFile<D>) -> Result<()>,
+    ) -> Result<()> {
+        self.write(path, file, write)
+    }
+
+    /// Keeps a result, or writes it.
+    fn write<T: Any>(
+        &mut self,
+        path: &Path,
+        result: T,
+        write: impl FnOnce(&T) -> Result<()>,
+    ) -> Result<()> {
+        if !self.desk.keeps(path) {
+            return write(&result);
+        }
+        if let Some(kept) = Kept::of(result) {
+            self.desk.keep(path, kept);
+        }
+        Ok(())
+    }
+}
+
+/// The terminal: where lines go, and whether they go anywhere.
+struct Terminal {
     quiet: bool,
     json: bool,
     bar: Option<ProgressBar>,
 }
 
-impl Console {
-    /// A console as the common options ask for it.
-    pub fn new(common: &Common) -> Self {
-        Self {
-            quiet: common.quiet,
-            json: common.json,
-            bar: None,
-        }
-    }
-
-    /// Prints the result of a verb: `json` if asked for, else `text` unless `--quiet`.
-    pub fn result(&mut self, text: impl Display, json: &serde_json::Value) {
+impl Desk for Terminal {
+    /// Prints `json` if asked for, else `text` unless `--quiet`.
+    fn result(&mut self, text: &str, json: &serde_json::Value) {
         self.end_stage();
         if self.json {
             print(format_args!("{json:#}"));
@@ -36,13 +192,11 @@ impl Console {
         }
     }
 
-    /// One line about something that the user should know but that stops nothing.
-    pub fn note(&self, line: impl Display) {
-        self.line(format_args!("note: {line}"));
+    fn note(&self, line: &str) {
+        self.line(&format!("note: {line}"));
     }
 
-    /// One line beside the progress.
-    pub fn line(&self, line: impl Display) {
+    fn line(&self, line: &str) {
         if self.quiet {
             return;
         }
@@ -52,8 +206,8 @@ impl Console {
         }
     }
 
-    /// A stage begins: a spinner, later perhaps a bar, on a terminal, a plain line elsewhere.
-    pub fn begin_stage(&mut self, name: impl Display) {
+    /// A spinner, later perhaps a bar, on a terminal, a plain line elsewhere.
+    fn stage(&mut self, name: &str) {
         self.end_stage();
         if self.quiet {
             return;
@@ -68,8 +222,8 @@ impl Console {
         }
     }
 
-    /// How much of the stage is done at most, in [0, 1], and what it is at; only a terminal shows it.
-    pub fn progress(&self, share: f64, what: impl Display) {
+    /// Only a terminal shows it.
+    fn progress(&self, share: f64, what: &str) {
         if let Some(bar) = &self.bar {
             if bar.length().is_none() {
                 bar.set_length(100);
@@ -80,8 +234,8 @@ impl Console {
         }
     }
 
-    /// The stage is over: its bar vanishes.
-    pub fn end_stage(&mut self) {
+    /// The bar vanishes.
+    fn end_stage(&mut self) {
         if let Some(bar) = self.bar.take() {
             bar.finish_and_clear();
         }

@@ -68,6 +68,11 @@ impl Interrupts {
         Patience::of(&mut || !self.wanted(), work)
     }
 
+    /// The user wants to stop.
+    pub fn want(&self) {
+        self.0.wanted.store(true, Ordering::SeqCst);
+    }
+
     /// Whether the user wants to stop.
     pub fn wanted(&self) -> bool {
         self.0.wanted.load(Ordering::SeqCst)

@@ -11,12 +11,14 @@
 //! - [`rock`]: porosity, permeability and the like from numbers, tables and images
 //! - [`wells`]: trajectories of wells
 //! - [`console`]: everything that is printed
+//! - [`desk`]: where a verb works, for other front ends
 //! - [`out_of_memory`]: how the process ends then
 
 pub mod args;
 pub mod case;
 pub mod common;
 pub mod console;
+pub mod desk;
 pub mod faults;
 pub mod interrupts;
 pub mod job;
@@ -60,14 +62,22 @@ pub fn main(line: &CommandLine) -> ExitCode {
 /// # Errors
 /// Those of the verb.
 pub fn perform(line: &CommandLine, interrupts: &Interrupts) -> Result<Ending> {
+    together(|| perform_at(line, interrupts, &mut Console::new(&line.common)))
+}
+
+/// Does what was typed at a console, at which what it writes need not be files. Unlike [`perform`] it may
+/// run in several threads at once; each file appears by itself.
+///
+/// # Errors
+/// Those of the verb.
+pub fn perform_at(
+    line: &CommandLine,
+    interrupts: &Interrupts,
+    console: &mut Console,
+) -> Result<Ending> {
     if let Some(bytes) = line.common.max_memory {
         memory::allow(bytes);
     }
-    together(|| verb(line, interrupts))
-}
-
-fn verb(line: &CommandLine, interrupts: &Interrupts) -> Result<Ending> {
-    let console = &mut Console::new(&line.common);
     match &line.verb {
         Verb::Mesh(args) => return verbs::mesh::mesh(args, interrupts, console),
         Verb::Quality(args) => verbs::quality::quality(args, console)?,
@@ -76,7 +86,7 @@ fn verb(line: &CommandLine, interrupts: &Interrupts) -> Result<Ending> {
         Verb::Info(args) => verbs::info::info(args, console)?,
         Verb::Feature(args) => verbs::feature::feature(args, console)?,
         Verb::Convert(args) => verbs::convert::convert(args, console)?,
-        Verb::Edit(args) => verbs::edit::edit(args, console)?,
+        Verb::Edit(args) => verbs::edit::edit(args, interrupts, console)?,
         Verb::Flow(args) => verbs::flow::flow(args, interrupts, console)?,
         Verb::Columns(args) => verbs::columns::run(args, console)?,
         Verb::Export(args) => verbs::export::export(args, console)?,

@@ -10,8 +10,8 @@ use super::parse::{bad, by_region};
 use crate::error::cause;
 use crate::files::vtk::DataArray;
 use crate::image::Image;
+use crate::image::formats::AnyLoaded;
 use crate::image::formats::InputOptions;
-use crate::image::formats::{self, AnyLoaded};
 use crate::model::flow::{Rock, Tensor};
 use crate::model::reservoir::Prepared;
 use crate::model::reservoir::{MILLIDARCY, Mean};
@@ -225,7 +225,7 @@ fn is_table(text: &str) -> bool {
 
 /// An image as part of space.
 fn read(path: &Path, input: &InputOptions, console: &Console) -> Result<Image<3>> {
-    let (image, notes) = match formats::read_any(path, &input.read_options()?)? {
+    let (image, notes) = match console.read_image(path, input)? {
         AnyLoaded::Plane(loaded) => (loaded.image.in_space(), loaded.notes),
         AnyLoaded::Space(loaded) => (loaded.image, loaded.notes),
     };

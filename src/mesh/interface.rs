@@ -24,7 +24,7 @@ use crate::{Error, Result};
 /// Faces are numbered as in [`Connection::face`](super::graph::Connection::face): face k of simplex c
 /// is `(D + 1) c + k`, so that a face between two simplices has two numbers; those of polyhedra and
 /// polygons are the mesh's own.
-pub trait Mesh<const D: usize>: Clone + Debug + Send + Sync + Checked<D> {
+pub trait Mesh<const D: usize>: Clone + Debug + Send + Sync + Checked<D> + 'static {
     /// What the cells are called, in the plural.
     const CELLS: &'static str;
     /// What the size of a cell is called.

@@ -15,7 +15,7 @@ use crate::job::horizons::horizon_bits;
 use crate::job::{Made, Marked, Meshing, Outcome, Space};
 use crate::mesh::{Mesh, Simplices};
 use crate::report::smallest_angles;
-use crate::store::{FieldValue, MeshFile, face_bits_to_physical, to_physical};
+use crate::store::{AnyMesh, FieldValue, MeshFile, face_bits_to_physical, to_physical};
 
 /// The outcome of a job where the image lies in the world, with all that is known of each node and
 /// cell.
@@ -80,6 +80,15 @@ impl<const D: usize> Outcome<D>
 where
     Space<D>: Meshing<D>,
 {
+    /// The mesh with all that is known of it, where the image lies in the world, as [`Self::write`] writes
+    /// it; `None` unless the image has two axes or three.
+    pub fn file(&self) -> Option<AnyMesh> {
+        AnyMesh::of(match &self.made {
+            Made::Simplices(made) => Box::new(to_file(self, made)),
+            Made::Voronoi { mesh, weld } => Box::new(cells_to_file(self, mesh, *weld)),
+        })
+    }
+
     /// Writes the mesh with all that is known of it, where the image lies in the world, as a VTU file:
     /// wholly or not at all.
     ///

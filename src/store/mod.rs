@@ -18,7 +18,7 @@ pub(crate) mod stored;
 pub(crate) mod vtu;
 
 pub use lines::{write_feature_lines, write_lines};
-pub use polyhedra::write_cells_vtu;
+pub use polyhedra::{Streams, write_cells_vtu};
 pub use pvd::Trace;
 pub use stored::{LatticeSpace, Stored, StoredMesh, in_depth};
 #[cfg(feature = "cli")]

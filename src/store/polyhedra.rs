@@ -110,18 +110,20 @@ pub fn add_cells_vtu<const D: usize>(
 }
 
 /// The cells as VTK lists them.
-#[derive(Default)]
-struct Streams {
+#[derive(Debug, Default)]
+pub struct Streams {
     /// The nodes of each cell; in the plane in order round it.
-    corners: Vec<u32>,
-    corner_ends: Vec<u64>,
+    pub corners: Vec<u32>,
+    /// Where those of each cell end.
+    pub corner_ends: Vec<u64>,
     /// For each cell the number of its faces, and for each of those the number of its nodes and them.
     faces: Vec<u32>,
     face_ends: Vec<u64>,
 }
 
 impl Streams {
-    fn new<const D: usize>(mesh: &PolyMesh<D>) -> Self {
+    /// Of a mesh.
+    pub fn new<const D: usize>(mesh: &PolyMesh<D>) -> Self {
         let lists = mesh.faces_of_cells();
         let cells = mesh.sites.len();
         let part = |chunk: usize| {

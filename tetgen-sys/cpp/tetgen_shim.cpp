@@ -60,6 +60,10 @@ extern "C" int tetgen_shim_run(const double *points, int32_t point_count, const 
   }
 }
 
+extern "C" const char *tetgen_shim_switches(int with_neighbors) {
+  return with_neighbors ? "zQNFJn" : "zQNFJ";
+}
+
 extern "C" void tetgen_shim_free(tetgen_shim_mesh *mesh) {
   delete[] mesh->tetrahedra;
   delete[] mesh->neighbors;

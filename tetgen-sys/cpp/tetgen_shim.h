@@ -35,6 +35,11 @@ typedef struct tetgen_shim_mesh {
 int tetgen_shim_run(const double *points, int32_t point_count, const char *switches,
                     tetgen_shim_mesh *mesh);
 
+/* The switches with which atomesh runs TetGen. z: count from zero; Q: quiet; N, F: no copies of nodes
+ * and hull faces come back; J: do not renumber the nodes when one is left out; n, if asked for: hand
+ * over neighbours. The default insertion order is the fastest. */
+const char *tetgen_shim_switches(int with_neighbors);
+
 /* Frees what tetgen_shim_run allocated; does nothing on an empty mesh. */
 void tetgen_shim_free(tetgen_shim_mesh *mesh);
 

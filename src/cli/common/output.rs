@@ -59,13 +59,18 @@ pub fn potential_image<const D: usize>(potential: &Field<D>, geometry: &Geometry
     Image::new(potential.dims, potential.samples.clone(), geometry.clone())
 }
 
-/// Says which image was written.
-pub fn written<const D: usize>(console: &mut Console, path: &Path, image: &Image<D>) {
+/// Writes an image and says which.
+///
+/// # Errors
+/// As [`Console::write_image`].
+pub fn written<const D: usize>(console: &mut Console, path: &Path, image: Image<D>) -> Result<()> {
     let dims = image.dims();
+    console.write_image(path, image)?;
     console.result(
         format_args!("wrote {}: {} samples", path.display(), by(&dims)),
         &json!({ "file": shown(path), "dims": dims.to_vec() }),
     );
+    Ok(())
 }
 
 /// A path as text, for JSON, which has no place for names that are not UTF-8.

@@ -8,15 +8,14 @@ use serde_json::json;
 use crate::cli::common::output::{check_output, shown};
 use crate::cli::console::Console;
 use crate::cli::parse::{bad, number};
-use crate::cli::provenance::file_hash;
 use crate::error::cause;
 use crate::export::surfaces::vtp::read_triangles;
+use crate::image::formats::AnyLoaded;
 use crate::image::formats::InputOptions;
-use crate::image::formats::{self, AnyLoaded};
 use crate::mesh::poly::PolyMesh;
 use crate::model::columns::horizon::{Horizon, Triangles};
 use crate::model::columns::{Columns, Division, columns};
-use crate::store::{AnyMesh, LatticeSpace, StoredMesh, read_any_vtu, write_cells_vtu};
+use crate::store::{AnyMesh, LatticeSpace, StoredMesh};
 
 use crate::model::columns::drawn::columns_to_file;
 use crate::store::file::Provenance;
@@ -75,7 +74,7 @@ pub fn run(args: &ColumnsArgs, console: &mut Console) -> Result<()> {
     let inputs: Vec<&Path> = [args.map.as_path()].into_iter().chain(files).collect();
     check_output(&args.output, "--output", &["vtu"], &inputs)?;
     console.begin_stage("reading");
-    let (map, space) = map(&args.map)?;
+    let (map, space) = map(&args.map, console)?;
     let mut z = Vec::new();
     for text in &args.horizon {
         let horizon = horizon(text, &space, &args.input, console)?;
@@ -103,11 +102,11 @@ pub fn run(args: &ColumnsArgs, console: &mut Console) -> Result<()> {
     console.begin_stage("writing");
     let provenance = Provenance {
         parameters: format!("columns = {:?}", args.horizon),
-        input_sha256: file_hash(&args.map)?,
+        input_sha256: console.hash(&args.map)?,
     };
     let z_unit = args.z_unit.as_ref().unwrap_or(&space.geometry.units[0]);
     let file = columns_to_file(found, &map.region, &space, z_unit, &provenance);
-    write_cells_vtu(&args.output, &file)?;
+    console.write_mesh(&args.output, file)?;
     console.result(
         format_args!("{table}\nwrote {}", args.output.display()),
         &result,
@@ -159,8 +158,8 @@ fn division(args: &ColumnsArgs) -> Result<Division> {
 }
 
 /// The map, where its file has it, and where its lattice space is.
-fn map(path: &Path) -> Result<(PolyMesh<2>, LatticeSpace<2>)> {
-    let what = match read_any_vtu(path)? {
+fn map(path: &Path, console: &Console) -> Result<(PolyMesh<2>, LatticeSpace<2>)> {
+    let what = match console.read_mesh(path)? {
         AnyMesh::PlaneCells(file) => {
             let stored = StoredMesh::new(file, &path.display().to_string())?;
             let space = stored.space.clone();
@@ -211,7 +210,7 @@ fn horizon(
         }
         return Ok(Horizon::Surface(Triangles::new(triangles)));
     }
-    let loaded = formats::read_any(path, &input.read_options()?)?;
+    let loaded = console.read_image(path, input)?;
     let AnyLoaded::Plane(loaded) = loaded else {
         let remedy = "give an image of z over the map";
         return Err(bad("--horizon", text, "is a 3-D image", remedy));

@@ -5,10 +5,8 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use crate::Result;
-use crate::cli::common::options::read_options;
 use crate::cli::common::output::{WRITTEN, check_output, written};
 use crate::cli::console::Console;
-use crate::image::formats;
 use crate::image::formats::InputOptions;
 use crate::image::formats::{AnyLoaded, Loaded};
 
@@ -29,20 +27,15 @@ pub struct ConvertArgs {
 /// Runs the verb.
 pub fn convert(args: &ConvertArgs, console: &mut Console) -> Result<()> {
     check_output(&args.output, "OUT", &WRITTEN, &[&args.input_file])?;
-    match formats::read_any(
-        &args.input_file,
-        &read_options(&args.input, &args.input_file)?,
-    )? {
-        AnyLoaded::Plane(loaded) => rewrite(&loaded, &args.output, console),
-        AnyLoaded::Space(loaded) => rewrite(&loaded, &args.output, console),
+    match console.read_image(&args.input_file, &args.input)? {
+        AnyLoaded::Plane(loaded) => rewrite(loaded, &args.output, console),
+        AnyLoaded::Space(loaded) => rewrite(loaded, &args.output, console),
     }
 }
 
-fn rewrite<const D: usize>(loaded: &Loaded<D>, to: &Path, console: &mut Console) -> Result<()> {
+fn rewrite<const D: usize>(loaded: Loaded<D>, to: &Path, console: &mut Console) -> Result<()> {
     for note in &loaded.notes {
         console.note(note);
     }
-    formats::write(to, &loaded.image)?;
-    written(console, to, &loaded.image);
-    Ok(())
+    written(console, to, loaded.image)
 }

@@ -5,14 +5,12 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::json;
 
-use crate::cli::common::options::read_options;
 use crate::cli::common::output::{check_output, shown};
 use crate::cli::console::Console;
+use crate::cli::interrupts::Interrupts;
 use crate::cli::job::params;
 use crate::cli::parse;
-use crate::cli::provenance::file_hash;
 use crate::error::{cause, os};
-use crate::image::formats;
 use crate::image::formats::InputOptions;
 use crate::image::formats::{AnyLoaded, Loaded};
 use crate::improve;
@@ -23,7 +21,7 @@ use crate::model::edit::body::dropped;
 use crate::model::edit::{Change, Edit, Summary, edit as edit_mesh};
 use crate::observer::{Observer, Stage};
 use crate::report::{Clock, Report};
-use crate::store::{FieldValue, MeshFile, read_any_vtu, with_mesh, write_vtu};
+use crate::store::{FieldValue, MeshFile, with_mesh};
 use crate::{Error, Result};
 
 /// `atomesh edit`.
@@ -63,7 +61,7 @@ const POINT: &str = "give a point such as 1500,2000,300 (1500,2000 in 2-D)";
 const ATOM: &str = "give the number of a point of the mesh, as ParaView shows it";
 
 /// Runs the verb.
-pub fn edit(args: &EditArgs, console: &mut Console) -> Result<()> {
+pub fn edit(args: &EditArgs, interrupts: &Interrupts, console: &mut Console) -> Result<()> {
     let mut inputs: Vec<&Path> = vec![&args.mesh, &args.image];
     inputs.extend(args.edits.as_deref());
     check_output(&args.output, "--output", &["vtu"], &inputs)?;
@@ -72,8 +70,8 @@ pub fn edit(args: &EditArgs, console: &mut Console) -> Result<()> {
     clock.begin(Stage::Reading);
     let refuse =
         |problem: &str, remedy: &str| Err(Error::Job(cause(args.mesh.display(), problem, remedy)));
-    with_mesh!(read_any_vtu(&args.mesh)?,
-        simplices file => run(args, file, clock, console),
+    with_mesh!(console.read_mesh(&args.mesh)?,
+        simplices file => run(args, file, clock, interrupts, console),
         cells _ => refuse(
             "is a mesh of Voronoi cells",
             "edit a mesh of triangles or tetrahedra",
@@ -86,6 +84,7 @@ fn run<const D: usize, M: Simplices<D>>(
     args: &EditArgs,
     file: MeshFile<M>,
     mut clock: Clock,
+    interrupts: &Interrupts,
     console: &mut Console,
 ) -> Result<()>
 where
@@ -93,8 +92,7 @@ where
 {
     let edits = edits(args)?;
     let (job, mut notes) = job(args, &file)?;
-    let input = read_options(&job.input, &args.image)?;
-    let Some(Loaded { image, .. }) = loaded(formats::read_any(&args.image, &input)?) else {
+    let Some(Loaded { image, .. }) = loaded(console.read_image(&args.image, &job.input)?) else {
         return Err(Error::Job(cause(
             args.image.display(),
             format!("is not a {D}-D image, but the mesh is {D}-D"),
@@ -103,7 +101,7 @@ where
     };
     image.check(&args.image.display().to_string())?;
     let params = params::<D>(&job)?;
-    let hash = file_hash(&args.image)?;
+    let hash = console.hash(&args.image)?;
     if text(&file, "input_sha256").is_some_and(|known| known.trim() != hash) {
         notes.push(format!(
             "{} is not the file that was meshed (its SHA-256 differs)",
@@ -120,8 +118,11 @@ where
     clock.end();
 
     let place = args.mesh.display().to_string();
-    let cells = file.mesh.len();
-    let mut watcher = Watcher { console };
+    let before = file.mesh.len();
+    let mut watcher = Watcher {
+        console,
+        interrupts,
+    };
     let edited = edit_mesh(
         file,
         &place,
@@ -131,9 +132,10 @@ where
         args.free,
         &mut watcher,
     )?;
+    let after = edited.file.mesh.len();
     console.begin_stage(Stage::Writing);
     clock.begin(Stage::Writing);
-    write_vtu(&args.output, &edited.file)?;
+    console.write_mesh(&args.output, edited.file)?;
     clock.end();
 
     let mut summary = edited.summary;
@@ -151,7 +153,7 @@ where
     {
         all.extend(more);
     }
-    let cells = [cells, edited.file.mesh.len()];
+    let cells = [before, after];
     let table = table::<D, M>(&edits, &summary, cells);
     console.result(
         format_args!("{table}\nwrote {}", args.output.display()),
@@ -365,10 +367,15 @@ fn table<const D: usize, M: Simplices<D>>(
 /// Shows the stages.
 struct Watcher<'a> {
     console: &'a mut Console,
+    interrupts: &'a Interrupts,
 }
 
 impl Observer for Watcher<'_> {
     fn stage(&mut self, stage: Stage) {
         self.console.begin_stage(stage);
+    }
+
+    fn keep_going(&mut self) -> bool {
+        !self.interrupts.wanted()
     }
 }

@@ -17,7 +17,7 @@ use crate::error::cause;
 use crate::export::{Content, FORMATS, Format};
 use crate::model::flow::through::FaultLaws;
 use crate::model::reservoir::{Checks, Prepared};
-use crate::store::{AnyMesh, read_any_vtu};
+use crate::store::AnyMesh;
 use crate::{Error, Result};
 
 /// `atomesh export`.
@@ -184,7 +184,7 @@ pub fn export(args: &ExportArgs, console: &mut Console) -> Result<()> {
 
     console.begin_stage("reading");
     let place = args.mesh.display().to_string();
-    let mesh = read_any_vtu(&args.mesh)?;
+    let mesh = console.read_mesh(&args.mesh)?;
     let in_space = matches!(mesh, AnyMesh::Space(_) | AnyMesh::SpaceCells(_));
     if args.space.thickness.is_some() && in_space {
         return Err(refuse(

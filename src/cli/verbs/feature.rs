@@ -6,13 +6,11 @@ use clap::Args;
 use serde_json::{Value, json};
 
 use crate::cli::common::feature::{detection, job_of};
-use crate::cli::common::options::read_options;
 use crate::cli::common::output::{WRITTEN, by, check_output, potential_image, shown};
 use crate::cli::console::Console;
 use crate::error::cause;
 use crate::feature::{FeatureKind, Features, LineKind, SHORTEST};
 use crate::image::Geometry;
-use crate::image::formats;
 use crate::image::formats::InputOptions;
 use crate::image::formats::{AnyLoaded, Loaded};
 use crate::job::Settings;
@@ -87,7 +85,7 @@ pub fn feature(args: &FeatureArgs, console: &mut Console) -> Result<()> {
             )));
         }
     }
-    match formats::read_any(&args.image, &read_options(&args.input, &args.image)?)? {
+    match console.read_image(&args.image, &args.input)? {
         AnyLoaded::Plane(loaded) => find(args, loaded, console),
         AnyLoaded::Space(loaded) => find(args, loaded, console),
     }
@@ -117,15 +115,15 @@ fn find<const D: usize>(
     console.begin_stage("finding features");
     let found = feature::detect(&loaded.image, &options)?;
     let potential = potential_image(&found.potential, &loaded.image.geometry);
-    formats::write(&args.output, &potential)?;
     if let (Some(path), Some(confidence)) = (&args.confidence_out, &found.confidence) {
-        formats::write(path, &potential_image(confidence, &loaded.image.geometry))?;
+        console.write_image(path, potential_image(confidence, &loaded.image.geometry))?;
     }
     let lines = match &args.lines {
         Some(path) => Some(written_lines(path, &found, &loaded.image.geometry)?),
         None => None,
     };
     let dims = potential.dims().to_vec();
+    console.write_image(&args.output, potential)?;
     let path = args.output.display();
     console.result(
         format_args!(

@@ -20,7 +20,7 @@ use crate::model::flow::through::{
     Conditions, FaultLaws, FlowOutcome, SIDES, barriers, flow_through_cells, flow_through_elements,
 };
 use crate::model::flow::{Barriers, Rock, Streamlines, Tensor, Well};
-use crate::store::{MeshFile, Stored, StoredMesh, read_any_vtu, with_mesh};
+use crate::store::{MeshFile, Stored, StoredMesh, with_mesh};
 use crate::{Error, Result, memory};
 
 /// `atomesh flow`.
@@ -120,7 +120,7 @@ pub fn flow(args: &FlowArgs, interrupts: &Interrupts, console: &mut Console) -> 
     args.check_files()?;
     args.check_options()?;
     console.begin_stage("reading");
-    let report = with_mesh!(read_any_vtu(&args.mesh)?,
+    let report = with_mesh!(console.read_mesh(&args.mesh)?,
         simplices file => typed.through_elements(file, console),
         cells file => typed.through_cells(file, console)
     )?;
@@ -205,7 +205,7 @@ impl Typed<'_> {
         if let (Some(path), Some(lines)) = (&self.args.streamlines, &outcome.streamlines) {
             Streamlines::write(lines, path)?;
         }
-        M::write(&self.args.output, &outcome.file)?;
+        console.write_mesh(&self.args.output, outcome.file)?;
         Ok(outcome.report)
     }
 

@@ -14,7 +14,7 @@ use crate::image::formats;
 use crate::image::formats::InputOptions;
 use crate::mesh::Mesh;
 use crate::store::stored::bounds;
-use crate::store::{FieldValue, MeshFile, read_any_vtu, with_mesh};
+use crate::store::{FieldValue, MeshFile, with_mesh};
 
 /// `atomesh info`.
 #[derive(Debug, Args)]
@@ -50,7 +50,7 @@ fn is_mesh(path: &Path) -> bool {
 
 /// The same of a mesh.
 fn of_mesh(path: &Path, console: &mut Console) -> Result<()> {
-    with_mesh!(read_any_vtu(path)?, file => describe(path, &file, console));
+    with_mesh!(console.read_mesh(path)?, file => describe(path, &file, console));
     Ok(())
 }
 

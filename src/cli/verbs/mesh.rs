@@ -7,15 +7,13 @@ use clap::Args;
 
 use crate::cli::common::depth::warn_of_time;
 use crate::cli::common::global::Ending;
-use crate::cli::common::options::{named, read_options, setting_of};
+use crate::cli::common::options::{named, setting_of};
 use crate::cli::common::output::potential_image;
 use crate::cli::console::{Console, print};
 use crate::cli::interrupts::Interrupts;
 use crate::cli::job::{check_files, output, params};
-use crate::cli::provenance::file_hash;
 use crate::error::{cause, os};
 use crate::image::Geometry;
-use crate::image::formats;
 use crate::image::formats::{AnyLoaded, Loaded};
 use crate::job::{Job, Meshing, Outcome, Provenance, Settings, Space};
 use crate::lattice::optimize::Stop;
@@ -57,7 +55,7 @@ pub fn mesh(args: &MeshArgs, interrupts: &Interrupts, console: &mut Console) -> 
     let mut clock = Clock::new();
     console.begin_stage(Stage::Reading);
     clock.begin(Stage::Reading);
-    let loaded = formats::read_any(image, &read_options(&job.input, image)?)?;
+    let loaded = console.read_image(image, &job.input)?;
     clock.end();
     let run = Run {
         path: image,
@@ -145,7 +143,7 @@ impl Run<'_> {
             Some(velocity) => image.geometry = image.geometry.in_depth(velocity).map_err(named)?.0,
             None => warn_of_time(&image.geometry, console),
         }
-        let input_sha256 = file_hash(path)?;
+        let input_sha256 = console.hash(path)?;
         image.check(&path.display().to_string())?;
         let params = params::<D>(job)?;
         let output = output(path, job);
@@ -183,7 +181,7 @@ impl Run<'_> {
             parameters: toml_of(&job.clone().reproducible())?,
             input_sha256,
         };
-        outcome.write(&output)?;
+        console.write_outcome(&output, &outcome)?;
         if let Some(path) = &job.outputs.lines {
             outcome.write_lines(path)?;
         }
@@ -201,7 +199,7 @@ impl Run<'_> {
             ..
         } = outcome;
         if let Some(path) = &job.outputs.potential {
-            formats::write(path, &potential_image(&features.potential, &image.geometry))?;
+            console.write_image(path, potential_image(&features.potential, &image.geometry))?;
         }
         clock.end();
 

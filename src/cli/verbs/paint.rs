@@ -18,7 +18,7 @@ use crate::mesh::Mesh;
 use crate::model::paint::{Seed, blocks, contrast, paint as flow};
 use crate::model::surface::adjacency::{Adjacency, holding, skin};
 use crate::model::surface::stored::group;
-use crate::store::{LatticeSpace, MeshFile, Stored, StoredMesh, read_any_vtu, with_mesh};
+use crate::store::{LatticeSpace, MeshFile, Stored, StoredMesh, with_mesh};
 
 /// Smaller rooms than this many cells are crumbs between surfaces.
 const CRUMB: usize = 24;
@@ -86,7 +86,7 @@ pub fn paint(args: &PaintArgs, console: &mut Console) -> Result<()> {
         args.input.refuse_unused("no image is given")?;
     }
     console.begin_stage("reading");
-    with_mesh!(read_any_vtu(&args.mesh)?, file => paint_mesh(args, file, console))
+    with_mesh!(console.read_mesh(&args.mesh)?, file => paint_mesh(args, file, console))
 }
 
 fn paint_mesh<const D: usize, M: Stored<D>>(
@@ -130,7 +130,7 @@ fn paint_mesh<const D: usize, M: Stored<D>>(
                 })
                 .collect::<Result<_>>()?;
             let mut cost: Vec<f64> = cells.links.iter().map(|l| cells.resistance(l)).collect();
-            if let Some(harder) = image_contrast(args, &space, &cells)? {
+            if let Some(harder) = image_contrast(args, &space, &cells, console)? {
                 cost.iter_mut().zip(harder).for_each(|(c, h)| *c *= h);
             }
             let (painted, _) = flow(&cells, &block, &cost, &seeds, level);
@@ -153,9 +153,9 @@ fn paint_mesh<const D: usize, M: Stored<D>>(
             .iter()
             .map(|r| format!("region{}", r.region))
             .collect();
-        write_file(path, skins, &space.geometry, z_up)?;
+        write_file(path, skins, &space.geometry, z_up, console)?;
     }
-    M::write(&args.output, &file)?;
+    console.write_mesh(&args.output, file)?;
     let mut lines = vec![format!(
         "{:>6} {:>9} {:>13} {:>7}",
         "region",
@@ -210,11 +210,12 @@ fn image_contrast<const D: usize>(
     args: &PaintArgs,
     space: &LatticeSpace<D>,
     cells: &Adjacency<D>,
+    console: &Console,
 ) -> Result<Option<Vec<f64>>> {
     let Some(path) = &args.image else {
         return Ok(None);
     };
-    let image = image_of(path, &args.input, space)?;
+    let image = image_of(path, &args.input, space, console)?;
     let field = Field {
         dims: image.dims(),
         step: space.step,

@@ -17,7 +17,7 @@ use crate::observer::Patience;
 use crate::report::angles::mean_edges;
 use crate::report::{self, Judged, Quality, Reference, Report};
 use crate::store::file::DISTANCE;
-use crate::store::{LatticeSpace, StoredMesh, read_any_vtu, with_mesh, write_lines};
+use crate::store::{LatticeSpace, StoredMesh, with_mesh, write_lines};
 use crate::{Error, Result};
 
 /// `atomesh quality`.
@@ -44,7 +44,7 @@ pub fn quality(args: &QualityArgs, console: &mut Console) -> Result<()> {
     }
     console.begin_stage("reading");
     let place = args.mesh.display().to_string();
-    let file = read_any_vtu(&args.mesh)?;
+    let file = console.read_mesh(&args.mesh)?;
     with_mesh!(file,
         simplices file => measure(args, StoredMesh::new(file, &place)?, console),
         cells file => measure_cells(args, StoredMesh::new(file, &place)?, console)

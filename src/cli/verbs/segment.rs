@@ -13,7 +13,6 @@ use crate::cli::parse;
 use crate::error::cause;
 use crate::export::SurfaceFile;
 use crate::files::vtk::DataArray;
-use crate::image::formats;
 use crate::image::formats::InputOptions;
 use crate::image::{Geometry, Image};
 use crate::mesh::Mesh;
@@ -21,7 +20,7 @@ use crate::model::segment::superpixels::Superpixels;
 use crate::model::segment::{Options, Seeds, boundary, cut_cells, cut_samples, dice};
 use crate::model::surface::adjacency::{Adjacency, holding};
 use crate::report::cost::cpu_seconds;
-use crate::store::{LatticeSpace, MeshFile, Stored, StoredMesh, read_any_vtu, with_mesh};
+use crate::store::{LatticeSpace, MeshFile, Stored, StoredMesh, with_mesh};
 use crate::{Error, Result};
 
 /// `atomesh segment`.
@@ -135,7 +134,7 @@ pub fn segment(args: &SegmentArgs, console: &mut Console) -> Result<()> {
         }
     }
     console.begin_stage("reading");
-    with_mesh!(read_any_vtu(&args.mesh)?, file => of_mesh(args, file, console))
+    with_mesh!(console.read_mesh(&args.mesh)?, file => of_mesh(args, file, console))
 }
 
 fn of_mesh<const D: usize, M: Stored<D>>(
@@ -146,9 +145,9 @@ fn of_mesh<const D: usize, M: Stored<D>>(
     let marks = Marks::<D>::all(args)?;
     let stored = StoredMesh::new(file, &args.mesh.display().to_string())?;
     let space = stored.space.clone();
-    let image = image_of(&args.image, &args.input, &space)?;
+    let image = image_of(&args.image, &args.input, &space, console)?;
     let truth = (args.truth.as_deref())
-        .map(|path| image_of(path, &InputOptions::default(), &space))
+        .map(|path| image_of(path, &InputOptions::default(), &space, console))
         .transpose()?;
     let truth: Option<Vec<u8>> = truth.map(|image| {
         image
@@ -210,10 +209,8 @@ fn of_mesh<const D: usize, M: Stored<D>>(
     console.begin_stage("writing");
     if let (Some(path), Some(labels)) = (&args.labels_out, of_samples) {
         let labels = labels.into_iter().map(f32::from).collect();
-        formats::write(
-            path,
-            &Image::new(image.dims(), labels, image.geometry.clone()),
-        )?;
+        let labels = Image::new(image.dims(), labels, image.geometry.clone());
+        console.write_image(path, labels)?;
     }
     let mut file = stored.into_file();
     if let Some(path) = &args.surface_out {
@@ -224,7 +221,7 @@ fn of_mesh<const D: usize, M: Stored<D>>(
         let mut nodes = physical.nodes().to_vec();
         boundary::smooth(&mut nodes, &facets, 3, 0.5);
         let surface = SurfaceFile::new(&nodes, &facets, &[0, facets.len()], "object");
-        write_file(path, surface, &space.geometry, true)?;
+        write_file(path, surface, &space.geometry, true, console)?;
     }
     file.cell_data
         .retain(|array| !matches!(array.name.as_str(), "label" | "mean"));
@@ -232,7 +229,7 @@ fn of_mesh<const D: usize, M: Stored<D>>(
         .push(DataArray::scalars("label", found.labels));
     file.cell_data
         .push(DataArray::scalars("mean", superpixels.means));
-    M::write(&args.output, &file)?;
+    console.write_mesh(&args.output, file)?;
 
     let names = ["cells", "samples"];
     let mut lines = vec![format!(

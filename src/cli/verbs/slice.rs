@@ -5,16 +5,14 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::json;
 
-use crate::cli::common::options::read_options;
 use crate::cli::common::output::{check_output, shown};
 use crate::cli::console::Console;
 use crate::cli::parse;
 use crate::error::cause;
-use crate::image::formats;
 use crate::image::formats::AnyLoaded;
 use crate::image::formats::InputOptions;
 use crate::model::slice::{self, Skeleton};
-use crate::store::{AnyMesh, read_any_vtu};
+use crate::store::AnyMesh;
 use crate::{Error, Result};
 
 /// `atomesh slice`.
@@ -51,8 +49,8 @@ pub fn slice(args: &SliceArgs, console: &mut Console) -> Result<()> {
         .map(|text| parse::point("--at", text, "give a point such as 1500,2000,300"))
         .transpose()?;
     console.begin_stage("reading");
-    let image = formats::read_any(&args.image, &read_options(&args.input, &args.image)?)?;
-    let mesh = read_any_vtu(&args.mesh)?;
+    let image = console.read_image(&args.image, &args.input)?;
+    let mesh = console.read_mesh(&args.mesh)?;
     console.begin_stage("drawing");
     let refuse =
         |problem: &str, remedy: &str| Error::Job(cause(args.mesh.display(), problem, remedy));

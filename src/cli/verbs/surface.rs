@@ -14,7 +14,6 @@ use crate::error::cause;
 use crate::export::{SurfaceFile, write_obj, write_tsurf, write_vtp};
 use crate::files::vtk::DataArray;
 use crate::geometry::{normal, unit};
-use crate::image::formats;
 use crate::image::formats::InputOptions;
 use crate::image::{Geometry, Image};
 use crate::job::Settings;
@@ -22,7 +21,7 @@ use crate::mesh::Mesh;
 use crate::model::surface::measure::Up;
 use crate::model::surface::stored::{group, horizon_facets};
 use crate::model::surface::{Kind, Measure, Options, Surfaces, measure, select};
-use crate::store::{LatticeSpace, MeshFile, Stored, StoredMesh, read_any_vtu, with_mesh};
+use crate::store::{LatticeSpace, MeshFile, Stored, StoredMesh, with_mesh};
 use crate::{Error, Result, feature};
 
 /// `atomesh surface`.
@@ -180,9 +179,10 @@ pub fn image_of<const D: usize>(
     path: &Path,
     input: &InputOptions,
     space: &LatticeSpace<D>,
+    console: &Console,
 ) -> Result<Image<D>> {
     let place = path.display().to_string();
-    let read = formats::read_any(path, &input.read_options()?)?;
+    let read = console.read_image(path, input)?;
     let image = read.image().ok_or_else(|| {
         let problem = format!("is not a {D}-D image, but the mesh is {D}-D");
         Error::Image(cause(&place, problem, "give the image that was meshed"))
@@ -200,7 +200,7 @@ fn facets_on_image<const D: usize, M: Mesh<D>>(
     distance: Option<f64>,
     console: &mut Console,
 ) -> Result<Vec<[u32; D]>> {
-    let image = image_of(path, &args.input, &stored.space)?;
+    let image = image_of(path, &args.input, &stored.space, console)?;
     let job = job_of(Settings {
         feature: args.feature,
         sigma: args.sigma,
@@ -258,7 +258,7 @@ pub fn surface(args: &SurfaceArgs, console: &mut Console) -> Result<()> {
         ));
     }
     console.begin_stage("reading");
-    with_mesh!(read_any_vtu(&args.mesh)?, file => surfaces_of(args, file, console))
+    with_mesh!(console.read_mesh(&args.mesh)?, file => surfaces_of(args, file, console))
 }
 
 fn surfaces_of<const D: usize, M: Stored<D>>(
@@ -295,7 +295,7 @@ fn surfaces_of<const D: usize, M: Stored<D>>(
     let mut file = SurfaceFile::new(nodes, &surfaces.facets, &surfaces.start, "surface");
     file.names = measures.iter().map(name).collect();
     file.cell_data = cell_data(&surfaces, &measures, nodes);
-    write_file(&args.output, file, &stored.space.geometry, z_up)?;
+    write_file(&args.output, file, &stored.space.geometry, z_up, console)?;
     let mut text = table(&measures, D, args.meets);
     if surfaces.dropped > 0 {
         text += &format!(
@@ -359,6 +359,7 @@ pub fn write_file<const D: usize>(
     mut file: SurfaceFile<D>,
     geometry: &Geometry<D>,
     z_up: bool,
+    console: &mut Console,
 ) -> Result<()> {
     file.units = geometry.in_space().units;
     file.z_up = z_up;
@@ -366,13 +367,15 @@ pub fn write_file<const D: usize>(
         path.extension()
             .is_some_and(|e| e.eq_ignore_ascii_case(ending))
     };
-    if ends("obj") {
-        write_obj(path, &file)
-    } else if ends("ts") {
-        write_tsurf(path, &file)
-    } else {
-        write_vtp(path, &file)
-    }
+    console.write_surfaces(path, file, |file| {
+        if ends("obj") {
+            write_obj(path, file)
+        } else if ends("ts") {
+            write_tsurf(path, file)
+        } else {
+            write_vtp(path, file)
+        }
+    })
 }
 
 /// What is known of each face and of the surface that it is part of.

@@ -8,8 +8,8 @@ use crate::Result;
 use crate::cli::common::output::{WRITTEN, check_output, written};
 use crate::cli::console::Console;
 use crate::cli::parse;
+use crate::image::synth;
 use crate::image::synth::Synthetic;
-use crate::image::{formats, synth};
 
 /// `atomesh synth`.
 #[derive(Debug, Args)]
@@ -73,25 +73,19 @@ pub fn synth(args: &SynthArgs, console: &mut Console) -> Result<()> {
         )?;
         let depth = synth::layers(kind, &options)?;
         match dims.len() {
-            2 => formats::write(layers, &depth.flatten())?,
-            _ => formats::write(layers, &depth)?,
+            2 => console.write_image(layers, depth.flatten())?,
+            _ => console.write_image(layers, depth)?,
         }
     }
     match dims.len() {
-        2 => keep(args, &synth::make_plane(kind, &options)?, console),
-        _ => keep(args, &synth::make(kind, &options)?, console),
+        2 => keep(args, synth::make_plane(kind, &options)?, console),
+        _ => keep(args, synth::make(kind, &options)?, console),
     }
 }
 
-fn keep<const D: usize>(
-    args: &SynthArgs,
-    made: &Synthetic<D>,
-    console: &mut Console,
-) -> Result<()> {
-    formats::write(&args.output, &made.image)?;
+fn keep<const D: usize>(args: &SynthArgs, made: Synthetic<D>, console: &mut Console) -> Result<()> {
     if let Some(path) = &args.truth {
         made.truth.write(path)?;
     }
-    written(console, &args.output, &made.image);
-    Ok(())
+    written(console, &args.output, made.image)
 }

@@ -12,7 +12,7 @@ use crate::error::cause;
 use crate::mesh::check::{Known, check_known};
 use crate::mesh::delaunay;
 use crate::mesh::{Mesh, Simplices, TetMesh, TriMesh};
-use crate::store::{AnyMesh, StoredMesh, read_any_vtu};
+use crate::store::{AnyMesh, StoredMesh};
 use crate::{Error, Result};
 
 /// `atomesh validate`.
@@ -27,7 +27,7 @@ pub struct ValidateArgs {
 pub fn validate(args: &ValidateArgs, console: &mut Console) -> Result<()> {
     console.begin_stage("reading");
     let place = args.mesh.display().to_string();
-    let mesh = read_any_vtu(&args.mesh)?;
+    let mesh = console.read_mesh(&args.mesh)?;
     console.begin_stage("checking");
     // The second opinions differ by kind: who knows cells of that kind is asked.
     let verdicts = match mesh {

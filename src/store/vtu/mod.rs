@@ -4,6 +4,7 @@
 //! tetrahedron is ours: node 3 on the side from which nodes 0, 1, 2 turn anticlockwise. Triangles
 //! lie in the plane z = 0.
 
+use std::any::Any;
 use std::path::Path;
 
 use super::polyhedra::{self, is_polygon};
@@ -292,13 +293,33 @@ pub enum AnyMesh {
     SpaceCells(MeshFile<PolyMesh<3>>),
 }
 
+impl AnyMesh {
+    /// A [`MeshFile`] of any of these kinds; `None` of anything else.
+    pub fn of(file: Box<dyn Any>) -> Option<Self> {
+        let file = match file.downcast() {
+            Ok(plane) => return Some(Self::Plane(*plane)),
+            Err(other) => other,
+        };
+        let file = match file.downcast() {
+            Ok(space) => return Some(Self::Space(*space)),
+            Err(other) => other,
+        };
+        match file.downcast() {
+            Ok(cells) => Some(Self::PlaneCells(*cells)),
+            Err(other) => Some(Self::SpaceCells(*other.downcast().ok()?)),
+        }
+    }
+}
+
 /// Does the same with a mesh of any kind: `with_mesh!(mesh, file => ...)`; or one thing with simplices
 /// and another with polygons and polyhedra: `with_mesh!(mesh, simplices file => ..., cells file =>
 /// ...)`.
 #[cfg(feature = "cli")]
+#[macro_export]
+#[doc(hidden)]
 macro_rules! with_mesh {
     ($mesh:expr, $file:pat => $run:expr) => {
-        $crate::store::with_mesh!($mesh, simplices $file => $run, cells $file => $run)
+        $crate::with_mesh!($mesh, simplices $file => $run, cells $file => $run)
     };
     ($mesh:expr, simplices $simplices:pat => $run:expr, cells $cells:pat => $other:expr) => {
         match $mesh {
@@ -310,7 +331,7 @@ macro_rules! with_mesh {
     };
 }
 #[cfg(feature = "cli")]
-pub(crate) use with_mesh;
+pub(crate) use crate::with_mesh;
 
 /// Reads a mesh of triangles or polygons in the plane z = 0 (quadrilaterals are polygons), of
 /// tetrahedra as [`read_vtu`] does, or of polyhedra.

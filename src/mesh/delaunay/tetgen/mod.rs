@@ -5,9 +5,15 @@
 //! What TetGen does badly on bad points is kept from it: everything it would assert on is checked
 //! before, and its errors come back as [`Error::Delaunay`](crate::Error::Delaunay).
 
+#[cfg(feature = "tetgen")]
+mod worker;
+
 use crate::error::{Result, cause};
 use crate::geometry::{cross, dot};
 use crate::mesh::TetMesh;
+
+#[cfg(feature = "tetgen")]
+pub use worker::run_in_worker;
 
 /// The neighbour beyond a face of the hull.
 pub const OUTSIDE: u32 = u32::MAX;
@@ -26,7 +32,7 @@ pub struct Delaunay {
 ///
 /// Nodes are all points in their order, every one used; tetrahedra are positively oriented (see
 /// [`crate::mesh`]), never flat, and fill the convex hull exactly. One call at a time runs in a
-/// process; others wait.
+/// process; others wait, unless [`run_in_worker`](super::run_in_worker) gives each a process of its own.
 ///
 /// # Errors
 /// [`Error::Delaunay`](crate::Error::Delaunay) for fewer than four points, a coordinate that is
@@ -46,14 +52,14 @@ pub fn delaunay_with_neighbors(points: &[[f64; 3]]) -> Result<Delaunay> {
 
 fn run(points: &[[f64; 3]], with_neighbors: bool) -> Result<Delaunay> {
     check_points(points)?;
-    let (tets, neighbors) = ffi::tetrahedra(points, with_neighbors)?;
-    check_all_used(points, &tets)?;
+    let answer = tetrahedra(points, with_neighbors)?;
+    check_all_used(points, &answer.tets)?;
     Ok(Delaunay {
         mesh: TetMesh {
             nodes: points.to_vec(),
-            tets,
+            tets: answer.tets,
         },
-        neighbors,
+        neighbors: answer.neighbors,
     })
 }
 
@@ -179,19 +185,66 @@ fn check_all_used(points: &[[f64; 3]], tets: &[[u32; 4]]) -> Result<()> {
     ))
 }
 
-/// Tetrahedra, and their neighbours if asked for.
-type TetsAndNeighbors = (Vec<[u32; 4]>, Vec<[u32; 4]>);
+/// What TetGen answers.
+#[cfg_attr(not(feature = "tetgen"), allow(dead_code))]
+struct Answer {
+    /// `TETGEN_SHIM_OK`, or why there is nothing else.
+    status: i64,
+    tets: Vec<[u32; 4]>,
+    /// Empty if not asked for.
+    neighbors: Vec<[u32; 4]>,
+}
 
 #[cfg(not(feature = "tetgen"))]
-mod ffi {
-    use super::{Result, TetsAndNeighbors, fault};
+fn tetrahedra(_: &[[f64; 3]], _: bool) -> Result<Answer> {
+    Err(fault(
+        "this atomesh was built without TetGen",
+        "install libtet1.5-dev and libclang-dev and build with the feature `tetgen` (on by default)",
+    ))
+}
 
-    pub fn tetrahedra(_: &[[f64; 3]], _: bool) -> Result<TetsAndNeighbors> {
-        Err(fault(
-            "this atomesh was built without TetGen",
-            "install libtet1.5-dev and libclang-dev and build with the feature `tetgen` (on by default)",
-        ))
+/// Tetrahedra and, when asked for, neighbours; `points` have passed `check_points`.
+#[cfg(feature = "tetgen")]
+fn tetrahedra(points: &[[f64; 3]], with_neighbors: bool) -> Result<Answer> {
+    use tetgen_sys as sys;
+    let answer = match worker::program() {
+        Some(program) => worker::ask(program, points, with_neighbors)?,
+        None => ffi::run(points, with_neighbors),
+    };
+    match answer.status as sys::tetgen_shim_status {
+        sys::TETGEN_SHIM_OK => {}
+        sys::TETGEN_SHIM_BAD_INPUT => {
+            return Err(fault(
+                "TetGen finds all points in one plane or on one line, or nearly so",
+                "give points that span a volume",
+            ));
+        }
+        sys::TETGEN_SHIM_OUT_OF_MEMORY => {
+            return Err(fault(
+                format!("{} points do not fit in memory", points.len()),
+                "use a larger nominal distance",
+            ));
+        }
+        other => {
+            return Err(fault(
+                format!("TetGen stopped with its error {other}"),
+                "please report it with the image and the options",
+            ));
+        }
     }
+    // TetGen's tetrahedra point to nodes; a stray index would be undefined behaviour later on.
+    if answer
+        .tets
+        .iter()
+        .flatten()
+        .any(|&node| node as usize >= points.len())
+    {
+        return Err(fault(
+            "TetGen returned a node that was not given",
+            "please report it",
+        ));
+    }
+    Ok(answer)
 }
 
 #[cfg(feature = "tetgen")]
@@ -201,18 +254,12 @@ mod ffi {
 
     use tetgen_sys as sys;
 
-    use super::{Result, TetsAndNeighbors, fault};
+    use super::Answer;
 
     /// TetGen is not re-entrant: `exactinit` writes the error bounds of its predicates, made for
     /// the extent of the points at hand, into globals. A second run at the same time would use
     /// the wrong bounds, and be wrong without notice. Hence one run at a time in a process.
     static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
-
-    /// z: count from zero; Q: quiet; N, F: no copies of nodes and hull faces come back; J: do not
-    /// renumber the nodes when one is left out. The default insertion order is the fastest.
-    const SWITCHES: &std::ffi::CStr = c"zQNFJ";
-    /// The same and n: hand over neighbours.
-    const SWITCHES_WITH_NEIGHBORS: &std::ffi::CStr = c"zQNFJn";
 
     /// Owns what the C++ side allocated and gives it back.
     struct Owned(sys::tetgen_shim_mesh);
@@ -239,13 +286,8 @@ mod ffi {
         }
     }
 
-    /// Tetrahedra and, when asked for, neighbours; `points` have passed `check_points`.
-    pub fn tetrahedra(points: &[[f64; 3]], with_neighbors: bool) -> Result<TetsAndNeighbors> {
-        let switches = if with_neighbors {
-            SWITCHES_WITH_NEIGHBORS
-        } else {
-            SWITCHES
-        };
+    /// TetGen in this process.
+    pub fn run(points: &[[f64; 3]], with_neighbors: bool) -> Answer {
         let mut mesh = Owned(sys::tetgen_shim_mesh {
             tetrahedra: std::ptr::null_mut(),
             neighbors: std::ptr::null_mut(),
@@ -254,51 +296,22 @@ mod ffi {
         // A panic elsewhere cannot leave TetGen half-way: a poisoned lock is as good as new.
         let lock = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
         // SAFETY: `points` is read only, 3 * len finite doubles of nonzero extent, len >= 4 and
-        // below i32::MAX (`check_points`); the switches end with zero; the lock is held. The shim
-        // catches every exception.
+        // below i32::MAX (`check_points`); the switches are a constant that ends with zero; the lock
+        // is held. The shim catches every exception.
         let status = unsafe {
             sys::tetgen_shim_run(
                 points.as_ptr().cast(),
                 points.len() as i32,
-                switches.as_ptr(),
+                sys::tetgen_shim_switches(i32::from(with_neighbors)),
                 &raw mut mesh.0,
             )
         };
         drop(lock);
-        match status as sys::tetgen_shim_status {
-            sys::TETGEN_SHIM_OK => {}
-            sys::TETGEN_SHIM_BAD_INPUT => {
-                return Err(fault(
-                    "TetGen finds all points in one plane or on one line, or nearly so",
-                    "give points that span a volume",
-                ));
-            }
-            sys::TETGEN_SHIM_OUT_OF_MEMORY => {
-                return Err(fault(
-                    format!("{} points do not fit in memory", points.len()),
-                    "use a larger nominal distance",
-                ));
-            }
-            other => {
-                return Err(fault(
-                    format!("TetGen stopped with its error {other}"),
-                    "please report it with the image and the options",
-                ));
-            }
+        Answer {
+            status: i64::from(status),
+            tets: mesh.copy(mesh.0.tetrahedra),
+            neighbors: mesh.copy(mesh.0.neighbors),
         }
-        let tets = mesh.copy(mesh.0.tetrahedra);
-        // TetGen's tetrahedra point to nodes; a stray index would be undefined behaviour later on.
-        if tets
-            .iter()
-            .flatten()
-            .any(|&node| node as usize >= points.len())
-        {
-            return Err(fault(
-                "TetGen returned a node that was not given",
-                "please report it",
-            ));
-        }
-        Ok((tets, mesh.copy(mesh.0.neighbors)))
     }
 }
 

@@ -1,0 +1,241 @@
+"""Images: samples, and where they lie in the world."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Union
+
+import numpy as np
+
+from . import _native
+from ._call import call, error
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    Volume = Union[str, os.PathLike[str], "Image", npt.NDArray[Any], Any]
+
+#: The name under which verbs know the image of a call.
+NAME = "<volume>"
+
+
+class Image:
+    """A 2-D or 3-D image and where its samples lie.
+
+    `samples` has shape (nz, ny, nx), in 2-D (ny, nx), as ITK and VTK have it: x is the array's last
+    axis. `spacing`, `origin` and `units` are in the order x, y, z.
+    """
+
+    def __init__(self, native: _native.Image) -> None:
+        self._native = native
+        #: What the verb that made it reports.
+        self.report: dict[str, Any] = {}
+
+    @classmethod
+    def of(
+        cls,
+        volume: Volume,
+        spacing: Sequence[float] | None = None,
+        origin: Sequence[float] | None = None,
+        units: str | Sequence[str] | None = None,
+    ) -> Image:
+        """An image of whatever holds one.
+
+        `volume`: a file's path, a NumPy array of shape (nz, ny, nx) or (ny, nx), an xarray.DataArray, a
+        pyvista.ImageData, a SimpleITK or a nibabel image. `spacing` (the distance of samples), `origin`
+        (the position of the first one), each x, y, z, and `units` replace what it says of itself.
+        """
+        if isinstance(volume, (str, os.PathLike)):
+            return cls.of(read(volume), spacing, origin, units)
+        if isinstance(volume, Image):
+            found = _Found(volume.samples, volume.origin, volume.axes, volume.units)
+        else:
+            found = _found(volume)
+        array = np.asarray(found.array)
+        if array.ndim == 3 and array.shape[0] == 1:
+            array = array[0]
+            found.origin, found.axes = found.origin[:2], found.axes[:2, :2]
+        if array.ndim not in (2, 3):
+            shape = "x".join(map(str, array.shape))
+            raise error(NAME, f"has shape {shape}", "give an array of two axes or three")
+        if not (np.issubdtype(array.dtype, np.number) or array.dtype == bool) or np.iscomplexobj(array):
+            raise error(NAME, f"holds {array.dtype}", "give real numbers")
+        count = array.ndim
+        axes = np.array(found.axes, dtype=float)
+        if spacing is not None:
+            lengths = np.linalg.norm(axes, axis=1)[:, None]
+            axes = axes / lengths * _numbers("spacing", spacing, count)[:, None]
+        place = found.origin if origin is None else _numbers("origin", origin, count)
+        if units is None:
+            units = found.units or [""] * count
+        units = [units] * count if isinstance(units, str) else list(units)
+        names = ["x", "y", "z"][:count]
+        samples = np.ascontiguousarray(array, dtype=np.float32)
+        try:
+            native = _native.Image(
+                samples, [float(c) for c in place], axes.tolist(), units, names, str(array.dtype)
+            )
+        except ValueError as problem:
+            raise error(NAME, str(problem), "give as many of each as the array has axes") from None
+        return cls(native)
+
+    @property
+    def samples(self) -> npt.NDArray[np.float32]:
+        """The samples, float32, shape (nz, ny, nx) or (ny, nx); read-only, no copy."""
+        return self._native.samples
+
+    @property
+    def origin(self) -> npt.NDArray[np.float64]:
+        """The position of the first sample: x, y, z."""
+        return np.array(self._native.place[0])
+
+    @property
+    def axes(self) -> npt.NDArray[np.float64]:
+        """From one sample to the next along each image axis, an axis a row."""
+        return np.array(self._native.place[1])
+
+    @property
+    def spacing(self) -> npt.NDArray[np.float64]:
+        """The distance of samples along each axis."""
+        lengths: npt.NDArray[np.float64] = np.linalg.norm(self.axes, axis=1)
+        return lengths
+
+    @property
+    def units(self) -> list[str]:
+        """The units of the axes; empty where unknown."""
+        return self._native.place[2]
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[Any]:
+        return np.array(self.samples, dtype=dtype, copy=copy if copy else None)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes .vti, .npy, .nrrd, .mha, .nii or .nii.gz, in 2-D .png, too."""
+        call("convert", [NAME, path], {}, {NAME: self._native})
+
+    def to_pyvista(self) -> Any:
+        """A pyvista.ImageData with the samples as the point array `samples`."""
+        import pyvista
+
+        samples, axes = self.samples, np.eye(3)
+        count = samples.ndim
+        axes[:count, :count] = self.axes
+        lengths = np.linalg.norm(axes, axis=1)
+        grid = pyvista.ImageData(
+            dimensions=(*samples.shape[::-1], 1)[:3],
+            spacing=lengths,
+            origin=(*self.origin, 0.0)[:3],
+            direction_matrix=(axes / lengths[:, None]).T,
+        )
+        grid.point_data["samples"] = samples.ravel()
+        return grid
+
+    def __repr__(self) -> str:
+        shape = " x ".join(map(str, self.samples.shape[::-1]))
+        spacing = ", ".join(f"{s:g}" for s in self.spacing)
+        return f"<atomesh.Image {shape}, spacing {spacing}>"
+
+
+def read(path: str | os.PathLike[str], **options: Any) -> Image:
+    """Reads an image file of any format that atomesh knows; options as those of `atomesh convert`."""
+    answer = call("convert", [path, "<image>.vti"], options, keep=["<image>.vti"])
+    return Image(answer.kept["<image>.vti"])
+
+
+def _numbers(what: str, values: Sequence[float], count: int) -> npt.NDArray[np.float64]:
+    numbers = np.atleast_1d(np.asarray(values, dtype=float))
+    if numbers.shape != (count,) or not np.isfinite(numbers).all() or (what == "spacing" and (numbers <= 0).any()):
+        order = "x, y, z" if count == 3 else "x, y"
+        raise error(f"{what}={values}", f"is not {count} numbers", f"give {order}")
+    return numbers
+
+
+class _Found:
+    """An array, x the last axis, and where it lies."""
+
+    def __init__(self, array: Any, origin: Any = None, axes: Any = None, units: Any = None) -> None:
+        self.array = array
+        count = np.ndim(array)
+        self.origin = np.zeros(count) if origin is None else np.asarray(origin, dtype=float)
+        self.axes = np.eye(count) if axes is None else np.asarray(axes, dtype=float)
+        self.units: list[str] | None = units
+
+
+def _found(volume: Any) -> _Found:
+    """By what it can do, not by what it is: nothing needs to be imported."""
+    if all(hasattr(volume, name) for name in ("dims", "coords", "values", "transpose")):
+        return _of_xarray(volume)
+    if all(hasattr(volume, name) for name in ("dimensions", "spacing", "origin", "point_data")):
+        return _of_pyvista(volume)
+    if all(hasattr(volume, name) for name in ("GetSpacing", "GetOrigin", "GetDirection")):
+        return _of_simpleitk(volume)
+    if hasattr(volume, "affine") and hasattr(volume, "dataobj"):
+        return _of_nibabel(volume)
+    return _Found(volume)
+
+
+def _of_xarray(volume: Any) -> _Found:
+    dims = [str(dim) for dim in volume.dims]
+    letters = {dim.lower(): dim for dim in dims}
+    if set(letters) in ({"x", "y", "z"}, {"x", "y"}):
+        volume = volume.transpose(*(letters[letter] for letter in "zyx" if letter in letters))
+        dims = [str(dim) for dim in volume.dims]
+    origin, spacing, units = [], [], []
+    for dim in reversed(dims):
+        unit, start, step = "", 0.0, 1.0
+        if dim in volume.coords:
+            coordinate = volume.coords[dim]
+            unit = str(coordinate.attrs.get("units", ""))
+            values = np.asarray(coordinate.values)
+            if np.issubdtype(values.dtype, np.timedelta64):
+                values, unit = values / np.timedelta64(1, "ms"), "ms"
+            values = values.astype(float)
+            start = float(values[0])
+            if len(values) > 1:
+                steps = np.diff(values)
+                step = float(values[-1] - values[0]) / (len(values) - 1)
+                if step == 0 or np.abs(steps - step).max() > 1e-3 * abs(step):
+                    raise error(f"coordinate {dim}", "is not evenly spaced", "interpolate it, e.g. DataArray.interp")
+        origin.append(start)
+        spacing.append(step)
+        units.append(unit)
+    return _Found(volume.values, origin, np.diag(spacing), units)
+
+
+def _of_pyvista(volume: Any) -> _Found:
+    dimensions, spacing = np.array(volume.dimensions), np.array(volume.spacing, dtype=float)
+    origin = np.array(volume.origin, dtype=float)
+    turn = np.array(getattr(volume, "direction_matrix", np.eye(3)), dtype=float)
+    values = volume.active_scalars
+    if values is None:
+        arrays = list(volume.point_data.values()) or list(volume.cell_data.values())
+        if not arrays:
+            raise error(NAME, "is ImageData without an array", "give it point data")
+        values = arrays[0]
+    values = np.asarray(values)
+    axes = (turn * spacing).T
+    if len(values) != dimensions.prod():
+        # Cell data: samples in the middle of cells.
+        dimensions = np.maximum(dimensions - 1, 1)
+        origin = origin + 0.5 * axes.sum(axis=0)
+    return _Found(values.reshape(dimensions[::-1]), origin, axes)
+
+
+def _of_simpleitk(volume: Any) -> _Found:
+    array = sys.modules[type(volume).__module__.split(".")[0]].GetArrayFromImage(volume)
+    count = volume.GetDimension()
+    turn = np.array(volume.GetDirection()).reshape(count, count)
+    axes = (turn * np.array(volume.GetSpacing())).T
+    return _Found(array, volume.GetOrigin(), axes, ["mm"] * count)
+
+
+def _of_nibabel(volume: Any) -> _Found:
+    # nibabel's x grows to the right and y to the front; ours, ITK's and of files read by `read`, the other way.
+    affine = np.diag([-1.0, -1.0, 1.0, 1.0]) @ np.asarray(volume.affine)
+    array = np.asarray(volume.dataobj)
+    while array.ndim > 3 and array.shape[-1] == 1:
+        array = array[..., 0]
+    unit = volume.header.get_xyzt_units()[0]
+    units = [{"unknown": "", "meter": "m", "micron": "um"}.get(unit, unit)] * 3
+    return _Found(array.T, affine[:3, 3], affine[:3, :3].T, units)

@@ -1,0 +1,84 @@
+"""The extension module: verbs at a desk where meshes and images are in memory."""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+__version__: str
+
+class Error(Exception):
+    """What is wrong, where, and what to do about it."""
+
+    #: The file, argument or item that is at fault.
+    place: str
+    #: What is wrong with it.
+    problem: str
+    #: What to do.
+    remedy: str
+    #: Such as "Io", "Image", "Mesh", "Usage".
+    kind: str
+
+class Mesh:
+    @staticmethod
+    def read(path: Path) -> Mesh: ...
+    def write(self, path: Path) -> None: ...
+    @property
+    def kind(self) -> str: ...
+    @property
+    def n_cells(self) -> int: ...
+    @property
+    def points(self) -> npt.NDArray[np.float64]: ...
+    @property
+    def simplices(self) -> npt.NDArray[np.uint32] | None: ...
+    @property
+    def corners(self) -> list[npt.NDArray[Any]] | None: ...
+    @property
+    def faces(self) -> list[npt.NDArray[Any]] | None: ...
+    @property
+    def feature_faces(self) -> npt.NDArray[np.uint32]: ...
+    @property
+    def point_data(self) -> dict[str, npt.NDArray[Any]]: ...
+    @property
+    def cell_data(self) -> dict[str, npt.NDArray[Any]]: ...
+    @property
+    def fields(self) -> dict[str, Any]: ...
+
+class Image:
+    def __init__(
+        self,
+        samples: npt.NDArray[np.float32],
+        origin: Sequence[float],
+        axes: Sequence[Sequence[float]],
+        units: Sequence[str],
+        names: Sequence[str],
+        encoding: str,
+    ) -> None: ...
+    @property
+    def samples(self) -> npt.NDArray[np.float32]: ...
+    @property
+    def place(self) -> tuple[list[float], list[list[float]], list[str]]: ...
+
+class Surfaces:
+    @property
+    def points(self) -> npt.NDArray[np.float64]: ...
+    @property
+    def faces(self) -> npt.NDArray[np.uint32]: ...
+    @property
+    def start(self) -> list[int]: ...
+    @property
+    def names(self) -> list[str]: ...
+    @property
+    def cell_data(self) -> dict[str, npt.NDArray[Any]]: ...
+
+def run(
+    words: Sequence[str],
+    held: Mapping[str, Mesh | Image],
+    keep: Sequence[str],
+    tell: Callable[[str, float, str], object] | None,
+    threads: int | None,
+) -> dict[str, Any]: ...
+def run_tetgen_in(program: Path) -> None: ...
+def describe() -> str: ...

@@ -1,0 +1,77 @@
+//! What verbs there are, and the options of each, as the command line declares them.
+
+use std::any::TypeId;
+use std::path::PathBuf;
+
+use atomesh::cli::args::CommandLine;
+use clap::{Arg, ArgAction, Command, CommandFactory};
+use serde_json::{Value, json};
+
+/// All verbs.
+pub fn described() -> Value {
+    let line = CommandLine::command();
+    // Of the options that every verb has, the one that is not the functions' own.
+    let shared: Vec<&Arg> = (line.get_arguments())
+        .filter(|arg| arg.get_long() == Some("max-memory"))
+        .collect();
+    let verbs = line
+        .get_subcommands()
+        .filter(|verb| verb.get_name() != "help");
+    Value::Object(
+        verbs
+            .map(|verb| (verb.get_name().to_string(), described_verb(verb, &shared)))
+            .collect(),
+    )
+}
+
+fn described_verb(verb: &Command, shared: &[&Arg]) -> Value {
+    let said = |arg: &&Arg| !matches!(arg.get_id().as_str(), "help" | "version");
+    let [given, options]: [Vec<Value>; 2] = [true, false].map(|positional| {
+        verb.get_arguments()
+            .chain(shared.iter().copied())
+            .filter(said)
+            .filter(|arg| arg.is_positional() == positional)
+            .map(described_arg)
+            .collect()
+    });
+    json!({
+        "about": verb.get_about().map(ToString::to_string),
+        "positional": given,
+        "options": options,
+    })
+}
+
+fn described_arg(arg: &Arg) -> Value {
+    let values = arg.get_possible_values();
+    let names: Vec<&str> = values.iter().map(|value| value.get_name()).collect();
+    let defaults: Vec<String> = arg
+        .get_default_values()
+        .iter()
+        .map(|value| value.to_string_lossy().into_owned())
+        .collect();
+    json!({
+        "name": arg.get_long().unwrap_or(arg.get_id().as_str()),
+        "type": kind(arg),
+        "help": arg.get_help().map(ToString::to_string),
+        "flag": matches!(arg.get_action(), ArgAction::SetTrue),
+        "repeated": matches!(arg.get_action(), ArgAction::Append),
+        "required": arg.is_required_set(),
+        "value": arg.get_value_names().and_then(|names| names.first()).map(ToString::to_string),
+        "choices": names,
+        "default": defaults.first(),
+    })
+}
+
+/// What an option's value is.
+fn kind(arg: &Arg) -> &'static str {
+    let parsed = arg.get_value_parser().type_id();
+    if parsed == TypeId::of::<f64>() || parsed == TypeId::of::<f32>() {
+        "number"
+    } else if parsed == TypeId::of::<usize>() || parsed == TypeId::of::<u64>() {
+        "whole"
+    } else if parsed == TypeId::of::<PathBuf>() {
+        "path"
+    } else {
+        "text"
+    }
+}

@@ -1,0 +1,273 @@
+"""Meshes: what they hold, what is read of them, what is made of them."""
+
+import json
+import pickle
+import subprocess
+import sys
+import warnings
+
+import numpy as np
+import pytest
+
+import atomesh
+from conftest import ball, disc
+
+
+def volumes(mesh):
+    corners = mesh.points[mesh.cells]
+    return np.linalg.det(corners[:, 1:] - corners[:, :1]) / (6 if corners.shape[1] == 4 else 2)
+
+
+def test_arrays_are_of_the_mesh_itself(mesh):
+    assert mesh.kind == "tetra" and mesh.cells.shape == (mesh.n_cells, 4)
+    assert mesh.points.shape == (mesh.n_points, 3) and mesh.points.dtype == np.float64
+    for array in [mesh.points, mesh.cells, mesh.feature_faces, *mesh.point_data.values(), *mesh.cell_data.values()]:
+        assert not array.flags.writeable and not array.flags.owndata
+    assert np.shares_memory(mesh.points, mesh.points)
+    assert np.shares_memory(mesh.cell_data["volume"], mesh.cell_data["volume"])
+    assert {len(values) for values in mesh.point_data.values()} == {mesh.n_points}
+    assert {len(values) for values in mesh.cell_data.values()} == {mesh.n_cells}
+
+
+def test_arrays_outlive_their_mesh():
+    points = atomesh.mesh(disc(), distance=6).points
+    copy = points.copy()
+    other = [atomesh.mesh(disc(), distance=7).points for _ in range(3)]
+    assert np.array_equal(points, copy) and len(other) == 3
+
+
+def test_cells_are_positive_and_fill_the_box(mesh, faults):
+    assert (volumes(mesh) > 0).all()
+    box = np.prod([n - 1 for n in faults.samples.shape])
+    assert volumes(mesh).sum() == pytest.approx(box)
+    assert np.allclose(mesh.cell_data["volume"], volumes(mesh), rtol=1e-5)
+
+
+def test_feature_faces_are_faces_of_cells(mesh):
+    faces = {tuple(sorted(face)) for face in mesh.feature_faces.tolist()}
+    assert len(faces) == len(mesh.feature_faces) > 50
+    all_faces = {
+        tuple(sorted(face)) for k in range(4) for face in np.delete(mesh.cells, k, axis=1).tolist()
+    }
+    assert faces <= all_faces
+
+
+def test_the_report_is_that_of_the_command_line(mesh):
+    assert mesh.report["lattice"]["atoms"] == mesh.n_points
+    assert mesh.quality["smallest_angle"]["worst"] > 1
+    assert mesh.fidelity["feature_points"] > 100
+    assert f"{mesh.n_cells} tetrahedra" in repr(mesh) and "angle" in repr(mesh)
+    assert mesh.report["parameters"]["distance"] in (6, "6")
+    json.dumps(mesh.report)
+
+
+def test_a_notebook_shows_a_picture_and_the_table(mesh):
+    shown = mesh._repr_html_()
+    assert shown.startswith('<img src="data:image/png;base64,') and "tetrahedra" in shown
+
+
+def test_a_file_and_back(mesh, tmp_path):
+    mesh.save(tmp_path / "a.vtu")
+    back = atomesh.load(tmp_path / "a.vtu")
+    assert np.array_equal(back.points, mesh.points) and np.array_equal(back.cells, mesh.cells)
+    assert np.array_equal(back.feature_faces, mesh.feature_faces)
+    assert back.quality["cells"] == mesh.n_cells
+    assert back.fidelity == {} and back.report == {}
+    assert {"parameters", "units", "atomesh_version"} <= set(back.fields)
+    assert atomesh.info(tmp_path / "a.vtu")["tetrahedra"] == mesh.n_cells
+    with pytest.raises(atomesh.Error, match="use export"):
+        mesh.save(tmp_path / "a.msh")
+
+
+def test_triangles_of_a_plane():
+    plane = atomesh.mesh(disc(), distance=5, feature="edges", spacing=(2, 3))
+    assert plane.kind == "triangle" and plane.points.shape[1] == 2 and plane.cells.shape[1] == 3
+    assert volumes(plane).sum() == pytest.approx(47 * 2 * 47 * 3)
+    assert plane.feature_faces.shape[1] == 2 and len(plane.feature_faces) > 10
+    assert plane.to_pyvista().n_cells == plane.n_cells
+
+
+def test_voronoi_cells(cells):
+    assert cells.kind == "polyhedron" and len(cells.cells) == cells.n_cells == len(cells.sites)
+    assert len(cells.faces) == len(cells.face_cells)
+    assert cells.face_cells[:, 0].max() < cells.n_cells
+    inner = cells.face_cells[:, 1] < cells.n_cells
+    assert inner.any() and not inner.all()
+    assert set(cells.face_cells[~inner, 1]) <= set(range(2**32 - 7, 2**32 - 1))
+    assert len(cells.feature_faces) > 20 and len(cells.cell_data["region"]) == cells.n_cells
+    with pytest.raises(atomesh.Error, match="make it by atomesh.voronoi"):
+        atomesh.mesh(disc(), distance=8).faces
+
+
+def test_pyvista_and_meshio_have_the_same_volume(mesh, cells):
+    pytest.importorskip("meshio")
+    pytest.importorskip("pyvista")
+    for one in (mesh, cells, atomesh.voronoi(disc(), distance=6, feature="edges")):
+        grid = one.to_pyvista()
+        assert grid.n_cells == one.n_cells and grid.n_points == one.n_points
+        low, high = one.points.min(axis=0), one.points.max(axis=0)
+        sizes = grid.compute_cell_sizes()
+        size = sizes["Area"] if one.points.shape[1] == 2 else sizes["Volume"]
+        assert np.abs(size).sum() == pytest.approx(np.prod(high - low), rel=1e-3)
+        other = one.to_meshio()
+        assert sum(len(block.data) for block in other.cells) == one.n_cells
+        for name in one.cell_data:
+            assert sum(len(block) for block in other.cell_data[name]) == one.n_cells
+    assert np.array_equal(mesh.to_meshio().cells_dict["tetra"], mesh.cells)
+    assert "region" in cells.to_meshio().cell_data
+
+
+def test_surfaces(mesh):
+    surfaces = mesh.surfaces()
+    assert len(surfaces) >= 1 and surfaces[0].kind == "fault"
+    assert surfaces[0].faces.shape[1] == 3 and surfaces[0].faces.max() < len(surfaces.points)
+    assert surfaces[0].measures["area"] > 0
+    assert len(mesh.surfaces(kind="horizon")) == 0
+    data = surfaces.to_pyvista()
+    assert set(np.unique(data["surface"])) == set(range(1, len(surfaces) + 1))
+    assert data.area == pytest.approx(sum(s.measures["area"] for s in surfaces), rel=1e-4)
+    assert surfaces[0].to_pyvista().n_cells == len(surfaces[0].faces)
+    assert len(mesh.surfaces(image=mesh.image, feature="ridges")) >= 1
+
+
+def test_flow(mesh, cells):
+    for one in (mesh, cells):
+        done = one.flow(injectors=(6, 6, 6), producers=[(40, 36, 34)], faults="open", permeability=1e-12)
+        pressure = done.cell_data.get("pressure", done.point_data.get("pressure"))
+        assert np.ptp(pressure) > 0
+    rates = mesh.flow({(6, 6, 6): 0.002}, {(40, 36, 34): 0.0015, (6, 36, 6): 0.0005}, faults="open")
+    assert [well["rate"] for well in rates.report["exchange"]] == [0.002, -0.0015, -0.0005]
+    sides = mesh.flow(pressure={"xmin": 1e6, "xmax": 0}, faults="open")
+    assert sides.n_cells == mesh.n_cells
+    with pytest.raises(atomesh.Error, match="nothing makes fluid flow"):
+        mesh.flow()
+
+
+def test_paint_segment_edit(mesh, faults):
+    painted = mesh.paint()
+    assert painted.cell_data["region"].min() >= 1
+    painted = mesh.paint({(6, 6, 6): 3}, image=faults)
+    assert set(np.unique(painted.cell_data["region"])) <= {0, 3}
+    bright = atomesh.mesh(ball(), distance=5, feature="edges")
+    cut = bright.segment(object=(17, 15, 13), background=[((0, 0, 0), (3, 3, 3)), (32, 28, 24)], lambda_=0.9)
+    label = cut.cell_data["label"]
+    assert 0 < label.mean() < 0.5 and cut.report["cells"]["object"] == label.sum()
+    edited = mesh.edit(add=[(20.5, 20.5, 20.5)], remove=[_inside(mesh)])
+    assert np.isclose(edited.points, (20.5, 20.5, 20.5)).all(axis=1).any()
+    assert edited.report["edits"]
+
+
+def _inside(mesh):
+    middle = mesh.points - mesh.points.mean(axis=0)
+    return int(np.argmin((middle**2).sum(axis=1)))
+
+
+def test_columns():
+    chart = atomesh.voronoi(disc(), distance=8, feature="edges", spacing=(10, 10))
+    y, _ = np.mgrid[:48, :48]
+    model = chart.columns([100.0, 120.0 + y, 180.0], layers="2,3")
+    assert model.n_cells == 5 * chart.n_cells and model.report["layers"] == [2, 3]
+
+
+def test_export(mesh, cells, tmp_path):
+    mesh.export("msh", tmp_path / "a.msh")
+    assert (tmp_path / "a.msh").stat().st_size > 1000
+    said = cells.export(
+        "opm", tmp_path / "CASE.DATA", porosity=0.2, permeability=100, permeability_unit="mD", depth_at_top=2000,
+        injector={(6, 6, 6): 3e7}, producer={(40, 36, 34): 1e7},
+    )
+    assert (tmp_path / "CASE.DATA").exists() and [well["name"] for well in said["wells"]]
+
+
+def test_quality_and_validity(mesh, tmp_path):
+    assert mesh.validate()["valid"] is True
+    exact = tmp_path / "distance.npy"
+    image = atomesh.synth("sphere", dims=(40, 40, 40), truth=exact)
+    one = atomesh.mesh(image, distance=6)
+    assert one.measure(truth=exact)["fidelity"]["feature_points"] > 0
+    assert one.measure(truth=np.load(exact))["fidelity"] == one.measure(truth=exact)["fidelity"]
+
+
+def test_a_picture(mesh, tmp_path):
+    picture = mesh.slice(at=(20, 20, 20), path=tmp_path / "a.png")
+    assert picture._repr_png_()[:4] == b"\x89PNG" == (tmp_path / "a.png").read_bytes()[:4]
+    pytest.importorskip("pyvista")
+    picture = tmp_path / "3d.png"
+    try:
+        mesh.plot(screenshot=picture, window_size=(300, 300), interactive=False)
+    except Exception as problem:  # VTK without a display
+        pytest.skip(f"no picture here: {problem}")
+    assert picture.stat().st_size > 2000
+
+
+def test_an_image_in_a_file_is_drawn(faults, tmp_path):
+    faults.save(tmp_path / "a.npy")
+    one = atomesh.mesh(tmp_path / "a.npy", distance=8)
+    assert "<img" in one._repr_html_() and np.array_equal(one.image.samples, faults.samples)
+
+
+def test_other_verbs(faults, tmp_path):
+    potential = atomesh.feature(faults, feature="ridges", lines=tmp_path / "lines.vtp")
+    assert potential.samples.shape == faults.samples.shape and potential.report["points"] > 0
+    assert potential.samples.min() == -1 and potential.samples.max() == 0
+    atomesh.convert(faults, tmp_path / "a.nrrd")
+    said = atomesh.info(tmp_path / "a.nrrd")
+    assert said["image"]["numpy_shape"] == list(faults.samples.shape)
+    assert "ridges" in atomesh.options("mesh")["feature"]
+
+
+def test_arrays_in_place_of_files(faults):
+    beta = np.full(faults.samples.shape, 0.3)
+    wells = np.array([[20, 20, 0, 1], [22, 21, 39, 1.0]])
+    one = atomesh.mesh(faults, distance=6, feature="ridges", beta=beta, well=wells)
+    assert one.n_cells > 100
+    pulled = atomesh.mesh(faults, distance=6, atoms_from=np.array([[20.25, 20.25, 20.25]]))
+    assert np.isclose(pulled.points, 20.25).all(axis=1).any()
+
+
+def test_errors_say_what_to_do(mesh):
+    with pytest.raises(atomesh.Error, match="did you mean distance=") as caught:
+        atomesh.mesh(disc(), distanse=5)
+    assert caught.value.remedy.startswith("did you mean") and caught.value.kind == "Usage"
+    with pytest.raises(atomesh.Error, match="distance= ?-1|distance") as caught:
+        atomesh.mesh(disc(), distance=-1)
+    assert caught.value.place and caught.value.problem and "--" not in str(caught.value)
+    with pytest.raises(atomesh.Error, match="possible values") as caught:
+        atomesh.mesh(disc(), feature="folds")
+    assert "feature=" in str(caught.value) and "--" not in str(caught.value)
+    with pytest.raises(atomesh.Error, match="give image="):
+        atomesh.load.__globals__["Mesh"](mesh._native).edit(add=[(1, 2, 3)])
+    assert isinstance(pickle.loads(pickle.dumps(RuntimeError("x"))), RuntimeError)
+
+
+def test_progress(capsys, monkeypatch):
+    heard = []
+    atomesh.mesh(disc(), distance=6, progress=lambda stage, share: heard.append((stage, share)))
+    stages = {stage for stage, _ in heard}
+    assert {"finding features", "moving atoms onto features"} <= stages
+    assert all(0 <= share <= 1 for _, share in heard)
+    monkeypatch.setitem(sys.modules, "tqdm", None)
+    monkeypatch.setitem(sys.modules, "tqdm.auto", None)
+    atomesh.mesh(disc(), distance=6, progress=True)
+    assert "finding features ..." in capsys.readouterr().err
+
+
+def test_what_a_callback_raises_comes_through():
+    def refuse(stage, share):
+        raise KeyError(stage)
+
+    with pytest.raises(KeyError):
+        atomesh.mesh(disc(), distance=6, progress=refuse)
+
+
+def test_time_is_warned_of():
+    with pytest.warns(UserWarning, match="is time"):
+        atomesh.mesh(ball(), distance=8, units=("m", "m", "ms"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        atomesh.mesh(ball(), distance=8, units="m")
+
+
+def test_it_needs_nothing_but_numpy():
+    code = "import sys, atomesh; print(sorted({'pyvista','vtk','meshio','xarray','tqdm'} & set(sys.modules)))"
+    assert subprocess.check_output([sys.executable, "-c", code], text=True).strip() == "[]"

@@ -1,0 +1,123 @@
+"""What a volume may be: arrays, paths, and images of other packages, each where it lies in the world."""
+
+import numpy as np
+import pytest
+
+import atomesh
+from conftest import ball
+
+SPACING, ORIGIN = (2.0, 3.0, 4.0), (10.0, 20.0, 30.0)
+
+
+def nodes(volume, **options):
+    return atomesh.mesh(volume, distance=7, feature="edges", **options).points
+
+
+@pytest.fixture(scope="module")
+def expected():
+    return nodes(ball(), spacing=SPACING, origin=ORIGIN)
+
+
+def test_an_array_lies_where_it_is_said(expected):
+    far = [o + s * (n - 1) for o, s, n in zip(ORIGIN, SPACING, ball().shape[::-1])]
+    assert np.allclose(expected.min(axis=0), ORIGIN)
+    assert np.allclose(expected.max(axis=0), far)
+
+
+@pytest.mark.parametrize("kind", [np.float64, np.float32, np.int16, np.uint8, bool])
+def test_arrays_of_every_type(kind):
+    array = ball() > 50 if kind is bool else np.round(ball()).astype(kind)
+    assert np.array_equal(atomesh.Image.of(array).samples, array.astype(np.float32))
+    assert np.array_equal(atomesh.Image.of(array[:, ::-1, ::2]).samples, array[:, ::-1, ::2].astype(np.float32))
+
+
+def test_a_file(tmp_path, expected):
+    image = atomesh.Image.of(ball(), SPACING, ORIGIN)
+    image.save(tmp_path / "ball.vti")
+    assert np.array_equal(nodes(tmp_path / "ball.vti"), expected)
+    read = atomesh.read(str(tmp_path / "ball.vti"))
+    assert np.array_equal(read.samples, image.samples)
+    assert np.allclose(read.spacing, SPACING) and np.allclose(read.origin, ORIGIN)
+    # Another place than the file says.
+    moved = nodes(tmp_path / "ball.vti", origin=(0, 0, 0))
+    assert np.allclose(moved, expected - ORIGIN)
+
+
+def test_xarray(expected):
+    xarray = pytest.importorskip("xarray")
+    coords = {
+        name: (name, ORIGIN[k] + SPACING[k] * np.arange(ball().shape[2 - k]), {"units": "m"})
+        for k, name in enumerate("xyz")
+    }
+    array = xarray.DataArray(ball(), dims=("z", "y", "x"), coords=coords)
+    assert np.array_equal(nodes(array), expected)
+    # Axes that are named come to their places.
+    assert np.array_equal(nodes(array.transpose("x", "z", "y")), expected)
+    assert atomesh.Image.of(array).units == ["m"] * 3
+    crooked = array.assign_coords(x=np.arange(array.sizes["x"]) ** 2)
+    with pytest.raises(atomesh.Error, match="x: is not evenly spaced"):
+        atomesh.mesh(crooked)
+
+
+def test_pyvista(expected):
+    pyvista = pytest.importorskip("pyvista")
+    grid = pyvista.ImageData(dimensions=ball().shape[::-1], spacing=SPACING, origin=ORIGIN)
+    grid["values"] = ball().ravel()
+    assert np.array_equal(nodes(grid), expected)
+    corner = np.array(ORIGIN) - 0.5 * np.array(SPACING)
+    grid = pyvista.ImageData(dimensions=np.array(ball().shape[::-1]) + 1, spacing=SPACING, origin=corner)
+    grid.cell_data["values"] = ball().ravel()
+    assert np.allclose(nodes(grid), expected)
+    back = atomesh.Image.of(ball(), SPACING, ORIGIN).to_pyvista()
+    assert np.array_equal(nodes(back), expected)
+
+
+def test_the_accessor_of_pyvista(expected):
+    pyvista = pytest.importorskip("pyvista", minversion="0.48")
+    grid = atomesh.Image.of(ball(), SPACING, ORIGIN).to_pyvista()
+    assert np.array_equal(grid.atomesh.mesh(distance=7, feature="edges").points, expected)
+    potential = grid.atomesh.feature(feature="edges")
+    assert isinstance(potential, pyvista.ImageData) and potential.dimensions == grid.dimensions
+
+
+def test_simpleitk(expected):
+    sitk = pytest.importorskip("SimpleITK")
+    image = sitk.GetImageFromArray(ball())
+    image.SetSpacing(SPACING)
+    image.SetOrigin(ORIGIN)
+    assert np.array_equal(nodes(image), expected)
+    turned = (0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    image.SetDirection(turned)
+    found = atomesh.Image.of(image)
+    assert np.allclose(found.origin + found.axes[0], image.TransformIndexToPhysicalPoint((1, 0, 0)))
+    assert np.allclose(found.origin + found.axes[1], image.TransformIndexToPhysicalPoint((0, 1, 0)))
+
+
+def test_nibabel(tmp_path, expected):
+    nibabel = pytest.importorskip("nibabel")
+    affine = np.diag([*SPACING, 1.0])
+    affine[:3, 3] = ORIGIN
+    image = nibabel.Nifti1Image(ball().T, affine)
+    # To the left and to the back, as ITK has it.
+    assert np.allclose(nodes(image), expected * [-1, -1, 1])
+    # As its own file says.
+    nibabel.save(image, tmp_path / "ball.nii.gz")
+    assert np.allclose(nodes(tmp_path / "ball.nii.gz"), nodes(image), atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    "volume, options, says",
+    [
+        (np.zeros(5), {}, "shape 5; give an array of two axes or three"),
+        (np.zeros((4, 4, 4), complex), {}, "holds complex128; give real numbers"),
+        (np.array([["a"]]), {}, "give real numbers"),
+        (ball(), {"spacing": (1, 2)}, "is not 3 numbers; give x, y, z"),
+        (ball(), {"spacing": (1, 2, 0)}, "spacing=.* give x, y, z"),
+        (ball(), {"units": ["m"]}, "as many"),
+        (np.full((9, 9, 9), np.nan), {}, "NaN"),
+        ("absent.npy", {}, "absent.npy: cannot open"),
+    ],
+)
+def test_what_is_no_image_is_said(volume, options, says):
+    with pytest.raises(atomesh.Error, match=says):
+        atomesh.mesh(volume, **options)

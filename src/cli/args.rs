@@ -14,6 +14,7 @@ use crate::cli::verbs::info::InfoArgs;
 use crate::cli::verbs::mesh::MeshArgs;
 use crate::cli::verbs::paint::PaintArgs;
 use crate::cli::verbs::quality::QualityArgs;
+use crate::cli::verbs::report::ReportArgs;
 use crate::cli::verbs::segment::SegmentArgs;
 use crate::cli::verbs::slice::SliceArgs;
 use crate::cli::verbs::surface::SurfaceArgs;
@@ -82,6 +83,9 @@ pub enum Verb {
     /// Quality and fidelity figures of a mesh
     #[command(after_help = "Example:\n  atomesh quality mesh.vtu --truth distance.npy")]
     Quality(QualityArgs),
+    /// A page to look at: mesh, image and figures in one HTML file for any browser
+    #[command(after_help = "Example:\n  atomesh report survey.sgy mesh.vtu -o page.html")]
+    Report(ReportArgs),
     /// Checks a mesh by our own checker, TetGen and CGAL
     #[command(after_help = "Example:\n  atomesh validate mesh.vtu")]
     Validate(ValidateArgs),

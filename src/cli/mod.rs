@@ -59,6 +59,7 @@ fn run(line: &CommandLine) -> Result<Ending> {
     match &line.verb {
         Verb::Mesh(args) => return verbs::mesh::mesh(args, interrupts, console),
         Verb::Quality(args) => verbs::quality::quality(args, console)?,
+        Verb::Report(args) => verbs::report::report(args, console)?,
         Verb::Validate(args) => verbs::validate::validate(args, console)?,
         Verb::Slice(args) => verbs::slice::slice(args, console)?,
         Verb::Info(args) => verbs::info::info(args, console)?,

@@ -1,7 +1,9 @@
 //! Where an image's samples lie in the world.
 
+use serde::Serialize;
+
 use crate::error::cause;
-use crate::geometry::dot;
+use crate::geometry::{dot, norm};
 use crate::{Error, Result};
 
 /// Seconds in a unit of time; `None` for what is no unit of time.
@@ -186,6 +188,91 @@ impl<const D: usize> Geometry<D> {
             x[k] /= matrix[k][k];
         }
         (determinant, Some(x))
+    }
+}
+
+/// How positions along an image axis are read off: values run evenly from the first sample to the
+/// last.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Ruler {
+    /// What is read off, with its unit.
+    pub label: String,
+    /// The value at the first sample.
+    pub first: f64,
+    /// The value at the last one.
+    pub last: f64,
+}
+
+/// A name with its unit, if it has one.
+fn with_unit(name: &str, unit: &str) -> String {
+    match unit {
+        "" => name.to_string(),
+        unit => format!("{name} [{unit}]"),
+    }
+}
+
+impl<const D: usize> Geometry<D> {
+    /// The physical coordinate that changes most along image axis `k`.
+    fn main_coordinate(&self, k: usize) -> usize {
+        let step = self.axes[k];
+        (1..D).fold(0, |most, c| {
+            if step[c].abs() > step[most].abs() {
+                c
+            } else {
+                most
+            }
+        })
+    }
+
+    /// How positions along image axis `k` are read off, `steps` samples long: by the physical coordinate
+    /// that it runs along; where it runs obliquely, as the lines of a turned survey do, by the distance
+    /// from its first sample.
+    pub fn ruler(&self, k: usize, steps: f64) -> Ruler {
+        let along = self.main_coordinate(k);
+        let length = norm(self.axes[k]);
+        let (name, unit) = (&self.names[k], &self.units[along]);
+        if self.axes[k][along].abs() >= (1.0 - 1e-6) * length {
+            return Ruler {
+                label: with_unit(name, unit),
+                first: self.origin[along],
+                last: self.origin[along] + steps * self.axes[k][along],
+            };
+        }
+        Ruler {
+            label: with_unit(&format!("{name}, from the first"), unit),
+            first: 0.0,
+            last: steps * length,
+        }
+    }
+
+    /// By how much each physical coordinate is enlarged where it is drawn: 1 for all if they have one
+    /// unit. A coordinate of another unit than the first is drawn as long, next to the first, as the
+    /// image axis along it is in a space of `extent` for so many `samples`.
+    pub fn aspect(&self, samples: [f64; D], extent: [f64; D]) -> [f64; D] {
+        // Lengths of the world for one of the other space, along the axis of each coordinate.
+        let scale: [f64; D] = std::array::from_fn(|c| {
+            let along = (0..D).find(|&k| self.main_coordinate(k) == c).unwrap_or(c);
+            samples[along] * norm(self.axes[along]) / extent[along].max(f64::MIN_POSITIVE)
+        });
+        std::array::from_fn(|c| match self.units[c] == self.units[0] {
+            true => 1.0,
+            false => scale[0] / scale[c].max(f64::MIN_POSITIVE),
+        })
+    }
+
+    /// Whether the last physical coordinate grows downwards: times and depths do, and in the plane what
+    /// has its first sample on top; of samples in units of themselves none is known to grow upwards.
+    pub fn points_down(&self) -> bool {
+        const DOWN: [&str; 5] = ["sample", "time", "depth", "twt", "tvd"];
+        let last = D - 1;
+        let along = (0..D).find(|&k| self.main_coordinate(k) == last);
+        let down = along.is_none_or(|k| self.axes[k][last] >= 0.0);
+        if D == 2 {
+            return down;
+        }
+        let named = along.is_some_and(|k| DOWN.contains(&&*self.names[k].to_ascii_lowercase()));
+        let without_units = self.units.iter().all(String::is_empty);
+        seconds(&self.units[last]).is_some() || named || (without_units && down)
     }
 }
 

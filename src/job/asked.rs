@@ -402,6 +402,8 @@ pub struct Outputs {
     pub potential: Option<PathBuf>,
     /// The acute lines of tetrahedra or triangles.
     pub lines: Option<PathBuf>,
+    /// The page to look at.
+    pub page: Option<PathBuf>,
 }
 
 impl Job {

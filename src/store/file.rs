@@ -122,6 +122,22 @@ pub(crate) const HORIZON_FACES: &str = "horizon_faces";
 pub(crate) const DISTANCE: &str = "distance";
 /// Field data of welded Voronoi cells: the share of their size within which nodes are one.
 pub(crate) const WELD: &str = "weld";
+/// The unit of the numbers of an array of ours, by its name and the units of the coordinates; empty for
+/// numbers without unit and where it is not known.
+pub(crate) fn unit_of<const D: usize>(array: &str, units: &[String; D]) -> String {
+    match array {
+        "min_dihedral" | "min_angle" => "degrees".to_string(),
+        DISTANCE => "samples".to_string(),
+        "volume" | "area" if units.iter().all(|unit| *unit == units[0]) => {
+            match units[0].as_str() {
+                "" => String::new(),
+                unit => format!("{unit}^{D}"),
+            }
+        }
+        "volume" | "area" => units.join(" "),
+        _ => String::new(),
+    }
+}
 /// The field of units of the coordinates, commas between them.
 pub(super) const UNITS: &str = "units";
 /// The name under which a file keeps what feature detection settled on.

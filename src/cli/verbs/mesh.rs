@@ -14,15 +14,18 @@ use crate::cli::interrupts::Interrupts;
 use crate::cli::job::{check_files, output, params};
 use crate::cli::provenance::file_hash;
 use crate::error::{cause, os};
-use crate::image::Geometry;
+use crate::export::page::{self, About, LARGEST, Written};
 use crate::image::formats;
 use crate::image::formats::{AnyLoaded, Loaded};
-use crate::job::{Job, Meshing, Outcome, Provenance, Settings, Space};
+use crate::image::{Geometry, Image};
+use crate::job::{Job, Made, Meshing, Outcome, Provenance, Settings, Space};
 use crate::lattice::optimize::Stop;
 use crate::mesh::Simplices;
 use crate::observer::{Observer, Progress, Stage};
 use crate::report::{Clock, Input, quality};
-use crate::store::{Trace, to_physical};
+use crate::store::cells::cells_to_file;
+use crate::store::file::to_file;
+use crate::store::{StoredMesh, Trace, to_physical};
 use crate::{Error, Result};
 
 /// `atomesh mesh`.
@@ -197,22 +200,17 @@ impl Run<'_> {
             let physical = to_physical(&made.mesh, outcome.step, &image.geometry);
             outcome.report.quality_physical = Some(quality(&physical));
         }
-        let Outcome {
-            features,
-            stop,
-            provenance,
-            mut report,
-            ..
-        } = outcome;
         if let Some(path) = &job.outputs.potential {
-            formats::write(path, &potential_image(&features.potential, &image.geometry))?;
+            let potential = &outcome.features.potential;
+            formats::write(path, &potential_image(potential, &image.geometry))?;
         }
         clock.end();
 
+        let mut report = std::mem::take(&mut outcome.report);
         report.input = Some(Input {
             file: path.display().to_string(),
             dims: image.dims().to_vec(),
-            hash: format!("sha256:{}", provenance.input_sha256),
+            hash: format!("sha256:{}", outcome.provenance.input_sha256),
         });
         report.parameters = serde_json::to_value(job).unwrap_or_default();
         report.notes.splice(0..0, notes);
@@ -224,14 +222,49 @@ impl Run<'_> {
         if let Some(path) = &job.outputs.report {
             crate::files::atomic_write(path, |out| writeln!(out, "{json:#}"))?;
         }
-        console.result(
-            format_args!("{}\nwrote {}", report.table().trim_end(), output.display()),
-            &json,
-        );
-        Ok(match stop == Stop::Interrupted || interrupts.wanted() {
-            true => Ending::Interrupted,
-            false => Ending::Done,
-        })
+        let mut said = format!("{}\nwrote {}", report.table().trim_end(), output.display());
+        if let Some(path) = &job.outputs.page {
+            let written = write_page(path, &output, &image, &outcome, json.clone())?;
+            said = format!("{said}\n{}", super::report::said(path, written));
+        }
+        console.result(said, &json);
+        Ok(
+            match outcome.stop == Stop::Interrupted || interrupts.wanted() {
+                true => Ending::Interrupted,
+                false => Ending::Done,
+            },
+        )
+    }
+}
+
+/// The page of a mesh that has just been made and written to `output`.
+fn write_page<const D: usize, M: Simplices<D>>(
+    path: &Path,
+    output: &Path,
+    image: &Image<D>,
+    outcome: &Outcome<D>,
+    report: serde_json::Value,
+) -> Result<Written>
+where
+    Space<D>: Meshing<D, Mesh = M>,
+{
+    let name = output.file_name().unwrap_or(output.as_os_str());
+    let about = About {
+        title: name.to_string_lossy().into_owned(),
+        report,
+        parameters: outcome.provenance.parameters.clone(),
+        input_hash: outcome.provenance.input_sha256.clone(),
+    };
+    let place = output.display().to_string();
+    match &outcome.made {
+        Made::Simplices(made) => {
+            let stored = StoredMesh::new(to_file(outcome, made), &place)?;
+            page::write(path, Some(image), &stored, &about, LARGEST)
+        }
+        Made::Voronoi { mesh, weld } => {
+            let stored = StoredMesh::new(cells_to_file(outcome, mesh, *weld), &place)?;
+            page::write(path, Some(image), &stored, &about, LARGEST)
+        }
     }
 }
 

@@ -10,6 +10,7 @@ pub mod info;
 pub mod mesh;
 pub mod paint;
 pub mod quality;
+pub mod report;
 pub mod segment;
 pub mod slice;
 pub mod surface;

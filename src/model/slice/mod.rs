@@ -13,12 +13,12 @@ mod shades;
 mod skeleton;
 
 pub use canvas::Canvas;
+pub(crate) use shades::Shades;
 pub use skeleton::Skeleton;
 
 use crate::error::cause;
 use crate::image::{Geometry, Image};
 use crate::{Error, Result};
-use shades::Shades;
 
 /// Width and height of a picture aimed at, in pixels.
 const SIZE: [f32; 2] = [1400.0, 1200.0];

@@ -1,11 +1,13 @@
 #!/bin/sh
 # Installs the programs that judge atomesh's files, each independent of it: VTK, Gmsh, toughio, xtgeo,
 # resqpy, open-DARTS, SciPy, meshio and a reader of simulators' output from PyPI into .venv; OPM Flow,
-# OpenFOAM, CalculiX and Octave by apt. Tests then use them; without one they name it and check less.
+# OpenFOAM, CalculiX, Octave and Chromium, which opens pages, by apt. Tests then use them; without one they name it and check less.
 set -eu
 
 modules="vtkmodules.vtkIOXML resfo gmsh toughio scipy xtgeo resqpy darts flopy meshio"
 packages="libopm-simulators-bin openfoam calculix-ccx octave libglu1-mesa libxft2 libxcursor1 libxinerama1"
+# Where there is no shell of its own (Ubuntu), the whole browser.
+browser="chromium-headless-shell chromium"
 
 absent() {
     echo "note: $1: tests that need them check less" >&2
@@ -31,12 +33,22 @@ install_modules() {
     python_modules || absent "some of the Python modules ($modules) do not load"
 }
 
+missing_browser() {
+    for name in $browser; do
+        command -v "$name" >/dev/null 2>&1 && return
+    done
+    for name in $browser; do
+        apt-cache show "$name" >/dev/null 2>&1 && { echo " $name"; return; }
+    done
+}
+
 install_packages() {
     missing=""
     for package in $packages; do
         dpkg -s "$package" 2>/dev/null | grep -q '^Status: install ok installed' ||
             missing="$missing $package"
     done
+    missing="$missing$(missing_browser)"
     [ -n "$missing" ] || return 0
     as_root=""
     if [ "$(id -u)" -ne 0 ]; then
@@ -53,7 +65,7 @@ install_packages() {
 if command -v dpkg >/dev/null 2>&1 && command -v apt-get >/dev/null 2>&1; then
     install_packages
 else
-    absent "no apt here; install OPM Flow, OpenFOAM, CalculiX and Octave yourself"
+    absent "no apt here; install OPM Flow, OpenFOAM, CalculiX, Octave and Chromium yourself"
 fi
 # A folder made elsewhere is of no use.
 if ! { [ -x .venv/bin/python ] && python_modules; }; then

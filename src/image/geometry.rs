@@ -260,19 +260,17 @@ impl<const D: usize> Geometry<D> {
         })
     }
 
-    /// Whether the last physical coordinate grows downwards: times and depths do, and in the plane what
-    /// has its first sample on top; of samples in units of themselves none is known to grow upwards.
+    /// Whether the last physical coordinate grows downwards: times and depths do that grow from sample
+    /// to sample, and so do samples in units of themselves and all rows of images in the plane. (A survey's
+    /// height, or its time below zero, grows upwards.)
     pub fn points_down(&self) -> bool {
         const DOWN: [&str; 5] = ["sample", "time", "depth", "twt", "tvd"];
         let last = D - 1;
         let along = (0..D).find(|&k| self.main_coordinate(k) == last);
-        let down = along.is_none_or(|k| self.axes[k][last] >= 0.0);
-        if D == 2 {
-            return down;
-        }
+        let grows = along.is_none_or(|k| self.axes[k][last] >= 0.0);
         let named = along.is_some_and(|k| DOWN.contains(&&*self.names[k].to_ascii_lowercase()));
         let without_units = self.units.iter().all(String::is_empty);
-        seconds(&self.units[last]).is_some() || named || (without_units && down)
+        grows && (D == 2 || named || without_units || seconds(&self.units[last]).is_some())
     }
 }
 

@@ -79,7 +79,7 @@ pub fn report(args: &ReportArgs, console: &mut Console) -> Result<()> {
 /// A line that says what was written.
 pub(super) fn said(path: &Path, written: Written) -> String {
     let megabytes = written.bytes as f64 * 1e-6;
-    let thinned = match written.faces < written.of_faces {
+    let thinned = match written.thinned {
         true => format!(
             ", {} of {} faces: its cut stops at {} places along each axis",
             written.faces,

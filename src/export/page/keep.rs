@@ -1,7 +1,7 @@
 //! The faces that the page's cut can show.
 
-use super::faces::Faces;
 use crate::mesh::complex::NONE;
+use crate::model::slice::Faces;
 
 /// What a page holds of a mesh.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -16,18 +16,40 @@ pub(super) struct Kept {
     pub bins: Vec<[u8; 3]>,
 }
 
+/// Between which of the `steps - 1` places of the cut the middle of each cell lies.
+fn bins(faces: &Faces, steps: usize) -> Vec<[u8; 3]> {
+    let bin = |x: f64| ((x * steps as f64) as usize).min(steps - 1) as u8;
+    faces.middles.iter().map(|m| m.map(bin)).collect()
+}
+
+/// Whether a page keeps a face.
+fn is_kept(faces: &Faces, bins: &[[u8; 3]], face: usize) -> bool {
+    let [a, b] = faces.cells[face];
+    b == NONE || faces.surfaces[face] > 0 || bins[a as usize] != bins[b as usize]
+}
+
+/// How many faces a page with so many steps keeps, and how many cells these have.
+pub(super) fn count(faces: &Faces, steps: usize) -> (usize, usize) {
+    let bins = bins(faces, steps);
+    let mut seen = vec![false; faces.middles.len() + 1];
+    let mut count = 0;
+    for face in (0..faces.len()).filter(|&face| is_kept(faces, &bins, face)) {
+        count += 1;
+        for cell in faces.cells[face] {
+            seen[(cell as usize).min(faces.middles.len())] = true;
+        }
+    }
+    let cells = seen[..faces.middles.len()].iter().filter(|&&seen| seen);
+    (count, cells.count())
+}
+
 impl Kept {
     /// The faces on the boundary, those on features, and those whose cells are parted by one of the
     /// `steps - 1` places, evenly spread along each axis, at which the cut stops.
     pub(super) fn of(faces: &Faces, steps: usize) -> Self {
-        let bin = |x: f64| ((x * steps as f64) as usize).min(steps - 1) as u8;
-        let bins: Vec<[u8; 3]> = faces.middles.iter().map(|m| m.map(bin)).collect();
-        let wanted = |face: usize| {
-            let [a, b] = faces.cells[face];
-            b == NONE || faces.surfaces[face] > 0 || bins[a as usize] != bins[b as usize]
-        };
+        let bins = bins(faces, steps);
         let mut kept: Vec<u32> = (0..faces.len())
-            .filter(|&f| wanted(f))
+            .filter(|&f| is_kept(faces, &bins, f))
             .map(|f| f as u32)
             .collect();
 

@@ -144,16 +144,22 @@ class Labels {
     }
     const away = 20 + Math.abs(out[0]) * wide + 14 * Math.abs(out[1]);
     const half = this.pen.measureText(ruler.label).width / 2;
+    const clamp = x => Math.min(Math.max(x, half + 4), this.width - half - 4);
+    if (Math.abs(b[1] - a[1]) > 2 * Math.abs(b[0] - a[0])) {
+      // Above the upper end of what stands upright.
+      const top = a[1] < b[1] ? a : b;
+      return this.text(ruler.label, clamp(top[0]), Math.max(top[1] - 16, 10), 'center');
+    }
     const x = middle[0] + away * out[0] + (align === 'left' ? half : align === 'right' ? -half : 0);
     const y = middle[1] + away * out[1];
-    this.text(ruler.label, Math.min(Math.max(x, half + 4), this.width - half - 4), Math.min(Math.max(y, 10), this.height - 10), 'center');
+    this.text(ruler.label, clamp(x), Math.min(Math.max(y, 10), this.height - 10), 'center');
   }
 
   /** What colours mean. */
   legends(page) {
     let x = 14;
     const bottom = this.height - 48;
-    const high = Math.min(150, Math.max(60, this.height * 0.25));
+    const high = this.width < 600 ? 74 : 150;
     const array = page.array;
     if (page.look.cells && array) {
       const title = array.unit ? `${array.name} [${array.unit}]` : array.name;
@@ -162,7 +168,7 @@ class Labels {
         : this.bar(title, page.range, t => css(ramp(t)), x, bottom, high);
     }
     const image = this.facts.image;
-    if (image && page.look.sections.length && page.palette) {
+    if (image && (page.look.sections.length || (page.look.cells && page.painted))) {
       const color = t => css([...page.palette.subarray(3 * Math.round(255 * t), 3 * Math.round(255 * t) + 3)]);
       x = this.bar('image', [image.low, image.high], color, x, bottom, high);
     }
@@ -182,7 +188,7 @@ class Labels {
     pen.strokeRect(x + 0.5, bottom - tall + 0.5, 14, tall - 1);
     this.text(title, x, bottom - tall - 12);
     let wide = pen.measureText(title).width;
-    const { found, step } = ticks(low, high, Math.floor(tall / 28));
+    const { found, step } = ticks(low, high, Math.floor(tall / 24));
     for (const value of high > low ? found : [low]) {
       const y = bottom - (high > low ? (value - low) / (high - low) : 0.5) * tall;
       pen.strokeStyle = this.quiet;

@@ -1,20 +1,16 @@
 //! A page to look at: one HTML file with a mesh, its image and its figures, which any browser opens
 //! without a network.
 //!
-//! - `faces`: any mesh as faces with the cells on either side
 //! - `keep`: the faces that the page's cut can show
 //! - `pack`: numbers as bytes, and bytes as text
 //! - `values`: what the page colours cells by
 //! - `picture`: the image as a texture
-//! - `frame`: where all this lies, and how it is drawn
 //! - `page.html`, `style.css` and the scripts: what the browser gets, put together here
 //!
 //! The browser shows a face when just one of its two cells is shown, so that a cut anywhere is a
 //! closed surface of whole cells. The cut of an axis stops at `steps - 1` places at most, and a face
 //! whose cells no such place parts is never seen: it is left out. Large meshes get fewer places.
 
-mod faces;
-mod frame;
 mod keep;
 mod pack;
 mod picture;
@@ -29,10 +25,11 @@ use serde_json::{Value, json};
 use crate::error::cause;
 use crate::files::atomic_write;
 use crate::image::Image;
+use crate::model::slice::{Faces, Frame};
 use crate::model::surface::stored::numbered;
 use crate::store::{Stored, StoredMesh};
 use crate::{Error, Result};
-use faces::Faces;
+
 use keep::Kept;
 use pack::{Packed, Streams};
 
@@ -54,8 +51,10 @@ pub struct About {
 pub struct Written {
     /// Size of the file.
     pub bytes: usize,
-    /// Places along each axis at which the cut can stop, and one.
+    /// Into how many parts the places at which the cut can stop divide each axis.
     pub steps: usize,
+    /// Whether the page has fewer places than a browser can show, to be small enough.
+    pub thinned: bool,
     /// Faces in the page.
     pub faces: usize,
     /// Faces of the mesh.
@@ -64,10 +63,11 @@ pub struct Written {
 
 /// The largest page, in bytes.
 pub const LARGEST: usize = 10_000_000;
-/// Places at which the cut can stop, at most: places are kept in a byte.
-const STEPS: usize = 256;
-/// The fewest: a cut through the middle.
-const FEWEST: usize = 2;
+/// Into how many parts places of the cut divide an axis: the most, as a byte keeps the part, and fewer
+/// down to a cut through the middle.
+const STEPS: [usize; 18] = [
+    256, 192, 128, 96, 80, 64, 56, 48, 40, 32, 28, 24, 20, 16, 12, 8, 4, 2,
+];
 
 /// Writes a page; the file appears whole or not at all.
 ///
@@ -86,11 +86,22 @@ pub fn write<const D: usize, M: Stored<D>>(
     let faces = Faces::of(stored, &surfaces.facets)?;
     let arrays = values::of(stored, &faces, image);
     let texture = image.map(picture::of);
-    let frame = frame::of(stored, image);
+    let frame = Frame::of(&stored.space, image.map(|image| &image.geometry));
     let kinds: Vec<_> = surfaces.kinds.iter().map(|kind| kind.name()).collect();
 
-    let mut steps = STEPS;
+    // Bytes of a face and of a cell, guessed; corrected by what the first page shows.
+    let by_cell = 3.0 + 2.6 * arrays.len() as f64;
+    let rest = 120_000.0 + texture.as_ref().map_or(0.0, |t| 1.35 * t.bytes.len() as f64);
+    let guess = |steps: usize| {
+        let (kept, cells) = keep::count(&faces, steps);
+        rest + 5.5 * kept as f64 + by_cell * cells as f64
+    };
+    let mut correction = 1.0;
+    let mut left = &STEPS[..];
     loop {
+        let enough = |&&steps: &&usize| correction * guess(steps) <= largest as f64;
+        let at = left.iter().position(|steps| enough(&steps)).unwrap_or(left.len() - 1);
+        let steps = left[at];
         let kept = Kept::of(&faces, steps);
         let mut streams = Streams::default();
         streams.faces(&faces, &kept);
@@ -112,9 +123,11 @@ pub fn write<const D: usize, M: Stored<D>>(
                 "kept": kept.faces.len(),
             },
             "steps": steps,
+            "thinned": steps < STEPS[0],
             "frame": frame,
             "arrays": arrays,
             "surfaces": kinds,
+            "large_surfaces": surfaces.kept,
             "image": texture.as_ref().map(|texture| &texture.facts),
             "streams": layout,
         });
@@ -124,11 +137,14 @@ pub fn write<const D: usize, M: Stored<D>>(
             return Ok(Written {
                 bytes: page.len(),
                 steps,
+                thinned: steps < STEPS[0],
                 faces: kept.faces.len(),
                 of_faces: faces.len(),
             });
         }
-        if steps == FEWEST {
+        correction = 1.02 * page.len() as f64 / guess(steps);
+        left = &left[at + 1..];
+        if left.is_empty() {
             return Err(Error::Export(cause(
                 path.display(),
                 format!(
@@ -140,15 +156,7 @@ pub fn write<const D: usize, M: Stored<D>>(
                 "mesh a part of the image, or with a larger distance",
             )));
         }
-        steps = fewer(steps, page.len() as f64 / largest as f64);
     }
-}
-
-/// Fewer places for the cut, of a page so many times too large. The faces that are kept grow at most
-/// in proportion to the places.
-fn fewer(steps: usize, times: f64) -> usize {
-    let enough = (steps as f64 / times.max(2.0)).log2().floor();
-    (1 << enough.max(0.0) as usize).clamp(FEWEST, steps / 2)
 }
 
 /// The scripts, in the order in which they build on each other.

@@ -10,10 +10,10 @@ use flate2::Compression;
 use flate2::write::ZlibEncoder;
 use serde_json::{Value, json};
 
-use super::faces::Faces;
 use super::keep::Kept;
 use super::picture::Texture;
 use crate::mesh::complex::NONE;
+use crate::model::slice::Faces;
 
 /// The largest number of a coordinate.
 const FINEST: f64 = 65535.0;

@@ -23,9 +23,9 @@ function figures(facts) {
     const { smallest_angle: small, largest_angle: large, mean_ratio: ratio, angles } = quality;
     const degree = value => value === null ? '–' : `${value.toFixed(1)}°`;
     const kind = quality.kind === 'tetrahedra' ? 'dihedral angle' : 'angle';
-    rows.push([`Smallest ${kind}${where}`, degree(small.worst), small.worst < 10]);
+    rows.push([`Smallest ${kind}${where}`, degree(small.worst), !where.includes('world') && small.worst < 10]);
     rows.push(['… of 1 % of cells below', degree(small.percent)]);
-    rows.push([`Largest ${kind}${where}`, degree(large.worst), large.worst > 170]);
+    rows.push([`Largest ${kind}${where}`, degree(large.worst), !where.includes('world') && large.worst > 170]);
     rows.push(['Cells below 30°', written(quality.below_30)]);
     rows.push(['Cells above 150°', written(quality.above_150)]);
     if (angles) rows.push(['… that no feature explains', written(angles.unexplained), angles.unexplained > 0]);
@@ -44,7 +44,7 @@ function figures(facts) {
   if (cells) {
     rows.push(['Connections', written(cells.connections)], ['… along features', written(cells.on_feature)]);
     rows.push(['Smallest of mean volume', written(cells.volumes[0], 0.001)], ['Largest of mean volume', written(cells.volumes[1], 0.001)]);
-    rows.push(['Surfaces that are faces', percent(cells.conforming)]);
+    if (cells.conforming !== null) rows.push(['Surfaces that are faces', percent(cells.conforming)]);
     rows.push(['Faces below 1 % of mean area', percent(cells.tiny_faces[3])]);
     rows.push(['Off orthogonal, worst', `${cells.angle_physical[0].toFixed(2)}°`]);
     rows.push(['Connections not positive', written(cells.not_positive), cells.not_positive > 0]);
@@ -88,7 +88,7 @@ function showFidelity(fidelity) {
 
 /** Counts of a cell array's values in bins, or the report's of all angles. */
 function histogramOf(array, report) {
-  if (array && array.name.startsWith('min_') && report.quality) {
+  if ((!array || array.name.startsWith('min_')) && report.quality) {
     const counts = report.quality.histogram;
     return { title: `All ${report.quality.kind === 'tetrahedra' ? 'dihedral ' : ''}angles [degrees]`, counts, low: 0, high: 180 };
   }

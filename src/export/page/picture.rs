@@ -70,6 +70,7 @@ pub(super) fn of<const D: usize>(image: &Image<D>) -> Texture {
             "low": low,
             "high": high,
             "colors": base64(&colors),
+            "line": shades.mesh(),
         }),
     }
 }

@@ -9,31 +9,46 @@ in vec3 place;
 in float sides;
 in vec4 color;
 out vec3 at;
+out vec3 p;
 out vec3 corner;
 flat out vec4 tint;
 flat out int edges;
 void main() {
-  vec4 p = vec4(place, 1.0);
-  at = vec3(dot(across, p), dot(up, p), dot(towards, p));
+  p = place;
+  vec4 q = vec4(place, 1.0);
+  at = vec3(dot(across, q), dot(up, q), dot(towards, q));
   gl_Position = vec4(at.xy / halfSize.xy, -at.z / halfSize.z - nearer, 1.0);
   int k = gl_VertexID % 3;
   corner = vec3(k == 0, k == 1, k == 2);
   tint = color;
   edges = int(sides + 0.5);
 }`;
-const FACE_COLOR = `#version 300 es
+/** The colour of the image at a place in the box. */
+const imageColor = flat => `
+uniform highp ${flat ? 'sampler2D' : 'sampler3D'} samples;
+uniform sampler2D colors;
+uniform vec3 dims;
+vec3 imageColor(vec3 p) {
+  vec3 q = (p * (dims - 1.0) + 0.5) / dims;
+  float value = texture(samples, q${flat ? '.xy' : ''}).r;
+  return texture(colors, vec2((value * 255.0 + 0.5) / 256.0, 0.5)).rgb;
+}`;
+const faceColor = flat => `#version 300 es
 precision highp float;
 uniform vec4 line;
-uniform float width, flatLight;
+uniform float width, painted, flatLight;
 in vec3 at;
+in vec3 p;
 in vec3 corner;
 flat in vec4 tint;
 flat in int edges;
 out vec4 result;
+${imageColor(flat)}
 void main() {
   vec3 normal = normalize(cross(dFdx(at), dFdy(at)));
   float facing = abs(dot(normal, normalize(vec3(-0.25, 0.35, 0.9))));
-  vec3 lit = tint.rgb * mix(0.5 + 0.52 * facing, 1.0, flatLight);
+  vec3 plain = painted > 0.5 ? imageColor(p) : tint.rgb;
+  vec3 lit = plain * mix(0.66 + 0.36 * facing, 1.0, flatLight);
   vec3 change = fwidth(corner);
   vec3 pixels = corner / max(change, vec3(1e-6));
   vec3 far = vec3((edges & 1) != 0 ? pixels.x : 1e6, (edges & 2) != 0 ? pixels.y : 1e6, (edges & 4) != 0 ? pixels.z : 1e6);
@@ -56,16 +71,10 @@ void main() {
 }`;
 const sectionColor = flat => `#version 300 es
 precision highp float;
-uniform highp ${flat ? 'sampler2D' : 'sampler3D'} samples;
-uniform sampler2D colors;
-uniform vec3 dims;
 in vec3 p;
 out vec4 result;
-void main() {
-  vec3 q = (p * (dims - 1.0) + 0.5) / dims;
-  float value = texture(samples, q${flat ? '.xy' : ''}).r;
-  result = vec4(texture(colors, vec2((value * 255.0 + 0.5) / 256.0, 0.5)).rgb, 1.0);
-}`;
+${imageColor(flat)}
+void main() { result = vec4(imageColor(p), 1.0); }`;
 const LINE_COLOR = `#version 300 es
 precision highp float;
 uniform vec4 line;
@@ -136,13 +145,15 @@ class Scene {
     if (!gl) throw new Error('This browser has no WebGL2, which draws the mesh; the figures beside it are complete.');
     Object.assign(this, { canvas, gl, facts, mesh });
     this.flat = facts.dimensions === 2;
-    this.faceProgram = this.program(FACE_SHADER, FACE_COLOR);
+    this.faceProgram = this.program(FACE_SHADER, faceColor(this.flat));
     this.lineProgram = this.program(SECTION_SHADER, LINE_COLOR);
     this.cells = this.layer();
     this.features = this.layer();
     this.box = this.places(BOX.flat(2));
     this.section = this.places(new Array(12).fill(0));
-    if (facts.image) this.loadImage(facts.image);
+    // Without an image a texture of one byte: what is not used must be complete all the same.
+    this.loadImage(facts.image || { dims: [1, 1, 1], colors: null });
+    this.hasImage = !!facts.image;
     gl.enable(gl.DEPTH_TEST);
     gl.depthFunc(gl.LEQUAL);
   }
@@ -196,14 +207,15 @@ class Scene {
     const gl = this.gl;
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
     const target = this.flat ? gl.TEXTURE_2D : gl.TEXTURE_3D;
+    const bytes = this.mesh.image || new Uint8Array(1);
     this.image = { target, texture: gl.createTexture(), colors: gl.createTexture(), dims };
     gl.bindTexture(target, this.image.texture);
-    if (this.flat) gl.texImage2D(target, 0, gl.R8, dims[0], dims[1], 0, gl.RED, gl.UNSIGNED_BYTE, this.mesh.image);
-    else gl.texImage3D(target, 0, gl.R8, ...dims, 0, gl.RED, gl.UNSIGNED_BYTE, this.mesh.image);
+    if (this.flat) gl.texImage2D(target, 0, gl.R8, dims[0], dims[1], 0, gl.RED, gl.UNSIGNED_BYTE, bytes);
+    else gl.texImage3D(target, 0, gl.R8, ...dims, 0, gl.RED, gl.UNSIGNED_BYTE, bytes);
     for (const way of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T, gl.TEXTURE_WRAP_R]) gl.texParameteri(target, way, gl.CLAMP_TO_EDGE);
     gl.texParameteri(target, gl.TEXTURE_MIN_FILTER, gl.LINEAR);
     gl.texParameteri(target, gl.TEXTURE_MAG_FILTER, gl.LINEAR);
-    this.palette = fromBase64(colors);
+    this.palette = colors ? fromBase64(colors) : new Uint8Array(768);
     gl.bindTexture(gl.TEXTURE_2D, this.image.colors);
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGB8, 256, 1, 0, gl.RGB, gl.UNSIGNED_BYTE, this.palette);
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
@@ -276,18 +288,32 @@ class Scene {
       gl.uniform1f(uniforms.nearer, nearer);
       return uniforms;
     };
-    const layer = ({ array, triangles }, nearer, line) => {
+    const withImage = uniforms => {
+      gl.activeTexture(gl.TEXTURE1);
+      gl.bindTexture(gl.TEXTURE_2D, this.image.colors);
+      gl.activeTexture(gl.TEXTURE0);
+      gl.bindTexture(this.image.target, this.image.texture);
+      gl.uniform1i(uniforms.samples, 0);
+      gl.uniform1i(uniforms.colors, 1);
+      gl.uniform3fv(uniforms.dims, this.image.dims);
+    };
+    const layer = ({ array, triangles }, nearer, line, painted) => {
       if (!triangles.count) return;
       const uniforms = use(this.faceProgram, nearer);
       gl.uniform4fv(uniforms.line, line);
       gl.uniform1f(uniforms.width, look.lineWidth);
+      gl.uniform1f(uniforms.painted, painted ? 1 : 0);
       gl.uniform1f(uniforms.flatLight, this.flat ? 1 : 0);
+      withImage(uniforms);
       gl.bindVertexArray(array);
       gl.drawArrays(gl.TRIANGLES, 0, 3 * triangles.count);
     };
-    if (look.cells) layer(this.cells, 0, look.line);
-    if (look.features) layer(this.features, 2e-4, look.featureLine);
-    if (this.image) look.sections.forEach(({ axis, share }) => this.drawSection(use, axis, share));
+    if (look.cells) layer(this.cells, 0, look.line, look.painted);
+    if (look.features) layer(this.features, 2e-4, look.featureLine, false);
+    for (const { axis, share } of look.sections) {
+      withImage(use(this.sectionProgram, this.flat ? -1e-3 : 0));
+      this.drawSection(axis, share);
+    }
     if (!this.flat) {
       const uniforms = use(this.lineProgram, 1e-4);
       gl.uniform4fv(uniforms.line, look.box);
@@ -296,16 +322,8 @@ class Scene {
     }
   }
 
-  drawSection(use, axis, share) {
-    const { gl, image } = this;
-    const uniforms = use(this.sectionProgram, this.flat ? -1e-3 : 0);
-    gl.activeTexture(gl.TEXTURE1);
-    gl.bindTexture(gl.TEXTURE_2D, image.colors);
-    gl.activeTexture(gl.TEXTURE0);
-    gl.bindTexture(image.target, image.texture);
-    gl.uniform1i(uniforms.samples, 0);
-    gl.uniform1i(uniforms.colors, 1);
-    gl.uniform3fv(uniforms.dims, image.dims);
+  drawSection(axis, share) {
+    const { gl } = this;
     gl.bindVertexArray(this.section.array);
     gl.bindBuffer(gl.ARRAY_BUFFER, this.section.buffer);
     gl.bufferSubData(gl.ARRAY_BUFFER, 0, new Float32Array(sectionCorners(axis, share).flat()));
@@ -341,7 +359,7 @@ class Scene {
     };
     if (look.cells) look1(this.cells, 'cell');
     if (look.features) look1(this.features, 'feature');
-    if (this.image) {
+    if (this.hasImage) {
       for (const { axis, share } of look.sections) {
         const [a, b, c, d] = sectionCorners(axis, share).map(p => way.rows.map(row => dot(row, p) + row[3]));
         const hits = [depthInside(x, y, a, b, c), depthInside(x, y, b, d, c)].filter(z => z !== null);

@@ -2,12 +2,12 @@
 
 use serde_json::{Value, json};
 
-use super::faces::Faces;
 use super::keep::Kept;
 use super::pack::Streams;
 use crate::files::vtk::{DataArray, Values};
 use crate::image::{Field, Image};
 use crate::mesh::complex::NONE;
+use crate::model::slice::Faces;
 use crate::store::file::{ANGLES, HORIZON_FACES, unit_of};
 use crate::store::{Stored, StoredMesh};
 

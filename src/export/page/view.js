@@ -6,7 +6,7 @@ const frame = facts.frame;
 const flat = frame.flat = facts.dimensions === 2;
 const page = {
   flat, facts, ratio: 1, picked: null, range: [0, 1], array: null, palette: null, kindsShown: [],
-  cut: { at: [0, 0, 0], turned: [false, false, false], mode: 'corner' },
+  cut: { at: [facts.steps, facts.steps, facts.steps], turned: [false, false, false], mode: 'corner' },
   view: {}, look: {}, ready: false, frames: 0, firstFrame: null,
   dark: matchMedia('(prefers-color-scheme: dark)').matches,
 };
@@ -34,11 +34,15 @@ function way() {
   const { rows, size } = projection(frame, page.view);
   const canvas = scene.canvas;
   const bounds = [0, 1].map(k => rows[k].slice(0, 3).reduce((sum, c) => sum + Math.abs(c), 0));
-  // Room for axes and their numbers.
-  const room = [Math.min(130, canvas.width / page.ratio * 0.28), Math.min(110, canvas.height / page.ratio * 0.24)].map(c => c * page.ratio);
+  // Room for axes and their numbers, and for legends on the left or below.
+  const narrow = canvas.width / page.ratio < 600;
+  const axes = narrow ? [84, 60] : [130, 90];
+  const legends = narrow ? [26, 130] : [110, flat ? 20 : 0];
+  const room = axes.map((c, k) => (c + legends[k]) * page.ratio);
+  page.aside = legends.map(c => c * page.ratio / 2);
   page.fit = page.fit || Math.min((canvas.width - room[0]) / bounds[0], (canvas.height - room[1]) / bounds[1]);
   const scale = page.fit * page.view.zoom;
-  const moved = rows.map((row, k) => row.map(c => c * scale).map((c, i) => i === 3 && k < 2 ? c + page.view.move[k] * scale : c));
+  const moved = rows.map((row, k) => row.map((c, i) => c * scale + (i === 3 && k < 2 ? page.view.move[k] * scale + page.aside[k] : 0)));
   return { rows: moved, scale, halfSize: [canvas.width / 2, canvas.height / 2, Math.max(size * scale, 1)] };
 }
 
@@ -53,8 +57,8 @@ function show() {
   const theme = page.dark ? DARK : LIGHT;
   page.look = {
     ...theme,
-    cells: element('cells').checked, features: element('features').checked,
-    line: element('edges').checked ? theme.line : [0, 0, 0, 0],
+    cells: element('cells').checked, painted: page.painted, features: element('features').checked,
+    line: !element('edges').checked ? [0, 0, 0, 0] : page.painted ? facts.image.line.map(c => c / 255) : theme.line,
     featureLine: element('edges').checked ? [...theme.line.slice(0, 3), 0.3] : [0, 0, 0, 0],
     lineWidth: 0.55 * page.ratio,
     sections: page.sections(),
@@ -88,12 +92,16 @@ function categories(array) {
   });
 }
 
+/** The choice that paints cells with the image itself; no array has such a name. */
+const PAINTED = '\u0000image';
+
 function chooseColor(name) {
   const array = mesh.arrays.find(array => array.name === name) || null;
   page.array = array;
+  page.painted = name === PAINTED;
   page.range = array ? [array.low, array.high] : [0, 1];
   element('range').hidden = !array || !!array.categories;
-  element('color').value = array ? array.name : '';
+  element('color').value = name;
   if (array) { element('low').value = Number(array.low.toPrecision(5)); element('high').value = Number(array.high.toPrecision(5)); }
   recolor();
 }
@@ -116,7 +124,7 @@ function recolor() {
     };
   }
   page.colorOfSurface = number => KINDS[facts.surfaces[number - 1]] || KINDS.fault;
-  drawHistogram(array, facts.about.report);
+  drawHistogram(array || (facts.about.report.quality ? null : mesh.arrays.find(other => /^(volume|area)$/.test(other.name))), facts.about.report);
   redraw(true);
 }
 
@@ -172,11 +180,13 @@ function makeControls() {
   page.sections = () => page.sectionSliders.filter(part => part.box.checked)
     .map(part => ({ axis: part.axis, share: flat ? 0 : Number(part.input.value) / Number(part.input.max) }));
 
-  const names = mesh.arrays.map(array => array.name);
-  element('color').replaceChildren(...['', ...names].map(name => {
+  const choices = mesh.arrays.map(array => [array.name, array.name]);
+  choices.unshift(['', 'features only']);
+  if (facts.image) choices.unshift([PAINTED, 'the image']);
+  element('color').replaceChildren(...choices.map(([value, text]) => {
     const option = document.createElement('option');
-    option.value = name;
-    option.textContent = name || 'none: features only';
+    option.value = value;
+    option.textContent = text;
     return option;
   }));
   element('color').addEventListener('change', event => chooseColor(event.target.value));
@@ -333,7 +343,7 @@ function zoom(factor, x, y) {
   page.view.zoom = Math.min(Math.max(before * factor, 0.2), 200);
   const grown = page.view.zoom / before;
   const stage = element('stage');
-  const off = [x - stage.clientWidth / 2, stage.clientHeight / 2 - y].map(c => c * page.ratio / (page.fit * page.view.zoom));
+  const off = [x - stage.clientWidth / 2, stage.clientHeight / 2 - y].map((c, k) => (c * page.ratio - page.aside[k]) / (page.fit * page.view.zoom));
   page.view.move = page.view.move.map((m, k) => m + off[k] * (1 - grown));
   redraw();
 }
@@ -411,7 +421,7 @@ function pressed(event) {
 /** What the page does not show of the mesh. */
 function shortfalls() {
   const { faces, kept } = facts.counts;
-  if (facts.steps === 256) return [];
+  if (!facts.thinned) return [];
   return [`Thinned to fit into a page: the cut stops at ${facts.steps - 1} places along each axis, and only faces that one of these shows are here, ${grouped(kept)} of ${grouped(faces)}. Every cell that is shown is a cell of the mesh.`];
 }
 
@@ -426,7 +436,7 @@ async function start() {
   element('data').remove();
   for (const array of mesh.arrays) array.categories = categories(array);
   const counted = new Map();
-  for (const kind of facts.surfaces) counted.set(kind, (counted.get(kind) || 0) + 1);
+  for (const kind of facts.surfaces.slice(0, facts.large_surfaces)) counted.set(kind, (counted.get(kind) || 0) + 1);
   page.kindsShown = [...counted].map(([kind, count]) => [kind, KINDS[kind], count]);
   page.mesh = mesh;
   scene = new Scene(element('scene'), facts, mesh);
@@ -437,8 +447,7 @@ async function start() {
   reset();
   listen();
   element('message').textContent = '';
-  const angle = mesh.arrays.find(array => array.name.startsWith('min_')) || mesh.arrays.find(array => /volume|area/.test(array.name));
-  chooseColor(angle ? angle.name : '');
+  chooseColor(facts.image ? PAINTED : '');
   page.ready = true;
 }
 

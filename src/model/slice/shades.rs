@@ -79,7 +79,7 @@ impl Shades {
     }
 
     /// The colour of the mesh.
-    pub(super) fn mesh(&self) -> [u8; 4] {
+    pub(crate) fn mesh(&self) -> [u8; 4] {
         if self.swings {
             [20, 20, 20, 120]
         } else if self.dark {
@@ -89,8 +89,17 @@ impl Shades {
         }
     }
 
-    /// The colour of its faces on features.
-    pub(super) fn feature(&self) -> [u8; 4] {
+    /// The colour of its faces on horizons.
+    pub(crate) fn horizon(&self) -> [u8; 4] {
+        if self.swings {
+            [225, 150, 0, 255]
+        } else {
+            [0, 190, 160, 255]
+        }
+    }
+
+    /// The colour of its faces on other features.
+    pub(crate) fn feature(&self) -> [u8; 4] {
         if self.swings {
             [0, 135, 60, 255]
         } else {

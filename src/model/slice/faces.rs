@@ -11,7 +11,7 @@ use crate::store::{Stored, StoredMesh};
 /// Faces that bound cells in space. In the plane each cell is a face of itself alone, and the mesh's
 /// edges on features are lines.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub(super) struct Faces {
+pub(crate) struct Faces {
     /// Node positions as shares of the box, in [0, 1].
     pub nodes: Vec<[f64; 3]>,
     /// The nodes of each face, in order round it.
@@ -31,7 +31,7 @@ impl Faces {
     ///
     /// # Errors
     /// [`Error::Mesh`](crate::Error::Mesh) if more than two cells share a face.
-    pub(super) fn of<const D: usize, M: Stored<D>>(
+    pub(crate) fn of<const D: usize, M: Stored<D>>(
         stored: &StoredMesh<D, M>,
         surfaces: &[([u32; D], u32)],
     ) -> Result<Self> {
@@ -59,7 +59,7 @@ impl Faces {
     }
 
     /// Number of faces.
-    pub(super) fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.cells.len()
     }
 

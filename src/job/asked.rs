@@ -404,6 +404,8 @@ pub struct Outputs {
     pub lines: Option<PathBuf>,
     /// The page to look at.
     pub page: Option<PathBuf>,
+    /// The faces on features, with the number of the surface of each.
+    pub surfaces: Option<PathBuf>,
 }
 
 impl Job {

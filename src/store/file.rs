@@ -9,13 +9,13 @@ use super::{write_cells_vtu, write_lines, write_vtu};
 use crate::Result;
 use crate::feature::Settled;
 use crate::files::vtk::DataArray;
-use crate::image::Geometry;
+use crate::image::{Geometry, Image};
 pub use crate::job::Provenance;
 use crate::job::horizons::horizon_bits;
 use crate::job::{Made, Marked, Meshing, Outcome, Space};
 use crate::mesh::{Mesh, Simplices};
 use crate::report::smallest_angles;
-use crate::store::{FieldValue, MeshFile, face_bits_to_physical, to_physical};
+use crate::store::{FieldValue, LatticeSpace, MeshFile, face_bits_to_physical, to_physical};
 
 /// The outcome of a job where the image lies in the world, with all that is known of each node and
 /// cell.
@@ -94,6 +94,25 @@ where
         }
     }
 
+    /// The same with the image's value at each node and in the middle of each cell, as arrays `image`.
+    ///
+    /// # Errors
+    /// As [`write`](Self::write).
+    pub fn write_with_image(&self, path: &Path, image: &Image<D>) -> Result<()> {
+        match &self.made {
+            Made::Simplices(made) => {
+                let mut file = to_file(self, made);
+                add_image(&mut file, image);
+                write_vtu(path, &file)
+            }
+            Made::Voronoi { mesh, weld } => {
+                let mut file = cells_to_file(self, mesh, *weld);
+                add_image(&mut file, image);
+                write_cells_vtu(path, &file)
+            }
+        }
+    }
+
     /// Writes the acute lines of tetrahedra or triangles, where the image lies in the world, as
     /// [`write_lines`] does; Voronoi cells have none.
     ///
@@ -113,6 +132,27 @@ where
     }
 }
 
+/// Adds the image's value at each node and in the middle of each cell, interpolated linearly, as arrays
+/// `image`.
+pub fn add_image<const D: usize, M: Mesh<D>>(file: &mut MeshFile<M>, image: &Image<D>) {
+    let space = LatticeSpace::of(file, file.mesh.nodes()).filter(|space| space.by_file);
+    let geometry = space.map_or_else(|| image.geometry.clone(), |space| space.geometry);
+    let at = |x: [f64; D]| match geometry.to_index(x) {
+        Some(index) => image.linear(index),
+        None => f32::NAN,
+    };
+    let nodes = file.mesh.nodes();
+    let on_nodes: Vec<f32> = nodes.par_iter().map(|&x| at(x)).collect();
+    let cells = file.mesh.cell_volumes();
+    let in_cells: Vec<f32> = cells.par_iter().map(|&(_, middle)| at(middle)).collect();
+    let arrays = &mut file.point_data;
+    arrays.push(DataArray::scalars(IMAGE, on_nodes));
+    let arrays = &mut file.cell_data;
+    arrays.push(DataArray::scalars(IMAGE, in_cells));
+}
+
+/// The arrays of the image's values.
+pub(crate) const IMAGE: &str = "image";
 /// The array that says which cells have angles beyond [30, 150], and whether features explain them.
 pub(crate) const ANGLES: &str = "angles";
 /// The array that says which faces on features lie on horizons, which are no barriers to flow: bits

@@ -23,6 +23,7 @@ use crate::model::edit::body::dropped;
 use crate::model::edit::{Change, Edit, Summary, edit as edit_mesh};
 use crate::observer::{Observer, Stage};
 use crate::report::{Clock, Report};
+use crate::store::file::add_image;
 use crate::store::{FieldValue, MeshFile, read_any_vtu, with_mesh, write_vtu};
 use crate::{Error, Result};
 
@@ -122,7 +123,7 @@ where
     let place = args.mesh.display().to_string();
     let cells = file.mesh.len();
     let mut watcher = Watcher { console };
-    let edited = edit_mesh(
+    let mut edited = edit_mesh(
         file,
         &place,
         &image,
@@ -133,6 +134,7 @@ where
     )?;
     console.begin_stage(Stage::Writing);
     clock.begin(Stage::Writing);
+    add_image(&mut edited.file, &image);
     write_vtu(&args.output, &edited.file)?;
     clock.end();
 

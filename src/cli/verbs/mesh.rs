@@ -190,7 +190,7 @@ impl Run<'_> {
             parameters: toml_of(&job.clone().reproducible())?,
             input_sha256,
         };
-        outcome.write(&output)?;
+        outcome.write_with_image(&output, &image)?;
         if let Some(path) = &job.outputs.lines {
             outcome.write_lines(path)?;
         }
@@ -227,6 +227,10 @@ impl Run<'_> {
             let written = write_page(path, &output, &image, &outcome, json.clone())?;
             said = format!("{said}\n{}", super::report::said(path, written));
         }
+        if let Some(path) = &job.outputs.surfaces {
+            let surfaces = write_surfaces(path, &output, &outcome)?;
+            said = format!("{said}\nwrote {}: {surfaces} surfaces", path.display());
+        }
         console.result(said, &json);
         Ok(
             match outcome.stop == Stop::Interrupted || interrupts.wanted() {
@@ -234,6 +238,29 @@ impl Run<'_> {
                 false => Ending::Done,
             },
         )
+    }
+}
+
+/// Writes the faces on features of a mesh that has just been made and written to `output`, each with the
+/// number of its surface; says how many surfaces there are.
+fn write_surfaces<const D: usize, M: Simplices<D>>(
+    path: &Path,
+    output: &Path,
+    outcome: &Outcome<D>,
+) -> Result<usize>
+where
+    Space<D>: Meshing<D, Mesh = M>,
+{
+    let place = output.display().to_string();
+    match &outcome.made {
+        Made::Simplices(made) => {
+            let stored = StoredMesh::new(to_file(outcome, made), &place)?;
+            super::surface::write_marked(path, &stored)
+        }
+        Made::Voronoi { mesh, weld } => {
+            let stored = StoredMesh::new(cells_to_file(outcome, mesh, *weld), &place)?;
+            super::surface::write_marked(path, &stored)
+        }
     }
 }
 

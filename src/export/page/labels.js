@@ -25,7 +25,6 @@ class Labels {
       return [this.width / 2 + x / ratio, this.height / 2 - y / ratio];
     };
     if (page.flat) this.featureLines(page);
-    this.sectionFrames(page);
     this.pickedCell(page);
     this.axes(page, way);
     this.legends(page);
@@ -64,16 +63,6 @@ class Labels {
     for (let i = 0; i < lines.length; i++) {
       this.pen.strokeStyle = css(page.colorOfSurface(lines[i]));
       this.path([this.screen(this.node(ends[2 * i])), this.screen(this.node(ends[2 * i + 1]))]);
-    }
-  }
-
-  sectionFrames(page) {
-    if (page.flat || !page.look.sections.length) return;
-    this.pen.lineWidth = 1;
-    this.pen.strokeStyle = this.quiet;
-    for (const { axis, share } of page.look.sections) {
-      const [a, b, c, d] = sectionCorners(axis, share).map(this.screen);
-      this.path([a, b, d, c], true);
     }
   }
 
@@ -164,7 +153,7 @@ class Labels {
     if (page.look.cells && array) {
       const title = array.unit ? `${array.name} [${array.unit}]` : array.name;
       x = array.categories
-        ? this.swatches(title, array.categories.map(c => [css(c.color), c.name]), x, bottom, high)
+        ? this.swatches(title, array.categories.map(c => [[css(c.color)], c.name]), x, bottom, high)
         : this.bar(title, page.range, t => css(ramp(t)), x, bottom, high);
     }
     const image = this.facts.image;
@@ -173,7 +162,7 @@ class Labels {
       x = this.bar('image', [image.low, image.high], color, x, bottom, high);
     }
     if (page.look.features && page.kindsShown.length) {
-      this.swatches('features', page.kindsShown.map(([name, color]) => [css(color), name]), x, bottom, high);
+      this.swatches('features', page.kindsShown.map(([name, colors]) => [colors.map(css), name]), x, bottom, high);
     }
   }
 
@@ -209,9 +198,11 @@ class Labels {
     const top = bottom - shown.length * line;
     this.text(title, x, top - 8);
     let wide = pen.measureText(title).width;
-    shown.forEach(([color, name], i) => {
-      pen.fillStyle = color;
-      pen.fillRect(x, top + i * line + 3, 12, 12);
+    shown.forEach(([colors, name], i) => {
+      colors.forEach((color, k) => {
+        pen.fillStyle = color;
+        pen.fillRect(x + k * 12 / colors.length, top + i * line + 3, 12 / colors.length, 12);
+      });
       this.text(name, x + 18, top + i * line + 9);
       wide = Math.max(wide, 18 + pen.measureText(name).width);
     });

@@ -40,8 +40,15 @@ const VIRIDIS = [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253
 const DISTINCT = [[86, 180, 233], [230, 159, 0], [0, 158, 115], [240, 228, 66], [204, 121, 167], [0, 114, 178], [213, 94, 0], [148, 103, 189], [140, 86, 75], [127, 188, 65], [190, 190, 190], [23, 190, 207]];
 const NO_VALUE = [150, 150, 150];
 const PLAIN = { light: [196, 208, 220], dark: [112, 128, 144] };
-/** Faults and horizons. */
-const KINDS = { fault: [214, 69, 35], horizon: [0, 133, 110] };
+/** Faults are red to orange, horizons green to blue; neighbours in number are told apart. */
+const KINDS = {
+  fault: [[214, 69, 35], [236, 138, 60], [178, 42, 78], [240, 170, 110], [150, 62, 30]],
+  horizon: [[0, 133, 110], [88, 178, 150], [22, 104, 150], [124, 190, 104], [0, 92, 84]],
+};
+const colorOfSurface = (kind, number) => {
+  const colors = KINDS[kind] || KINDS.fault;
+  return colors[(number - 1) % colors.length];
+};
 
 function ramp(t) {
   const x = Math.min(Math.max(t, 0), 1) * (VIRIDIS.length - 1);

@@ -91,7 +91,10 @@ pub fn write<const D: usize, M: Stored<D>>(
 
     // Bytes of a face and of a cell, guessed; corrected by what the first page shows.
     let by_cell = 3.0 + 2.6 * arrays.len() as f64;
-    let rest = 120_000.0 + texture.as_ref().map_or(0.0, |t| 1.35 * t.bytes.len() as f64);
+    let rest = 120_000.0
+        + texture
+            .as_ref()
+            .map_or(0.0, |t| 1.35 * t.bytes.len() as f64);
     let guess = |steps: usize| {
         let (kept, cells) = keep::count(&faces, steps);
         rest + 5.5 * kept as f64 + by_cell * cells as f64
@@ -100,7 +103,10 @@ pub fn write<const D: usize, M: Stored<D>>(
     let mut left = &STEPS[..];
     loop {
         let enough = |&&steps: &&usize| correction * guess(steps) <= largest as f64;
-        let at = left.iter().position(|steps| enough(&steps)).unwrap_or(left.len() - 1);
+        let at = left
+            .iter()
+            .position(|steps| enough(&steps))
+            .unwrap_or(left.len() - 1);
         let steps = left[at];
         let kept = Kept::of(&faces, steps);
         let mut streams = Streams::default();

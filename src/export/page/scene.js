@@ -150,7 +150,7 @@ class Scene {
     this.cells = this.layer();
     this.features = this.layer();
     this.box = this.places(BOX.flat(2));
-    this.section = this.places(new Array(12).fill(0));
+    this.section = this.places(new Array(24).fill(0));
     // Without an image a texture of one byte: what is not used must be complete all the same.
     this.loadImage(facts.image || { dims: [1, 1, 1], colors: null });
     this.hasImage = !!facts.image;
@@ -313,6 +313,8 @@ class Scene {
     for (const { axis, share } of look.sections) {
       withImage(use(this.sectionProgram, this.flat ? -1e-3 : 0));
       this.drawSection(axis, share);
+      gl.uniform4fv(use(this.lineProgram, 1e-4).line, look.box);
+      if (!this.flat) gl.drawArrays(gl.LINE_LOOP, 4, 4);
     }
     if (!this.flat) {
       const uniforms = use(this.lineProgram, 1e-4);
@@ -326,7 +328,9 @@ class Scene {
     const { gl } = this;
     gl.bindVertexArray(this.section.array);
     gl.bindBuffer(gl.ARRAY_BUFFER, this.section.buffer);
-    gl.bufferSubData(gl.ARRAY_BUFFER, 0, new Float32Array(sectionCorners(axis, share).flat()));
+    // The section, and then its frame.
+    const [a, b, c, d] = sectionCorners(axis, share);
+    gl.bufferSubData(gl.ARRAY_BUFFER, 0, new Float32Array([a, b, c, d, a, b, d, c].flat()));
     gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
   }
 

@@ -5,10 +5,10 @@ use serde_json::{Value, json};
 use super::keep::Kept;
 use super::pack::Streams;
 use crate::files::vtk::{DataArray, Values};
-use crate::image::{Field, Image};
+use crate::image::Image;
 use crate::mesh::complex::NONE;
 use crate::model::slice::Faces;
-use crate::store::file::{ANGLES, HORIZON_FACES, unit_of};
+use crate::store::file::{ANGLES, HORIZON_FACES, IMAGE, unit_of};
 use crate::store::{Stored, StoredMesh};
 
 /// Stands for no number.
@@ -118,19 +118,15 @@ pub(super) fn of<const D: usize, M: Stored<D>>(
         }
     }
     if let Some(image) = image
-        && arrays.iter().all(|array| array.name != "image")
+        && arrays.iter().all(|array| array.name != IMAGE)
     {
         let dims = image.dims();
-        let field = Field {
-            dims,
-            step: [1.0; D],
-            samples: image.as_slice().to_vec(),
-        };
         let at = |middle: &[f64; 3]| {
-            field.value(std::array::from_fn(|k| middle[k] * (dims[k] - 1) as f64))
+            let index = std::array::from_fn(|k| middle[k] * (dims[k] - 1) as f64);
+            f64::from(image.linear(index))
         };
         arrays.push(Array {
-            name: "image".to_string(),
+            name: IMAGE.to_string(),
             unit: String::new(),
             values: faces.middles.iter().map(at).collect(),
             whole: false,

@@ -123,7 +123,7 @@ function recolor() {
       return table[Math.round(255 * Math.min(Math.max(share, 0), 1))];
     };
   }
-  page.colorOfSurface = number => KINDS[facts.surfaces[number - 1]] || KINDS.fault;
+  page.colorOfSurface = number => colorOfSurface(facts.surfaces[number - 1], number);
   drawHistogram(array || (facts.about.report.quality ? null : mesh.arrays.find(other => /^(volume|area)$/.test(other.name))), facts.about.report);
   redraw(true);
 }
@@ -208,7 +208,7 @@ function makeControls() {
   element('theme').addEventListener('click', () => { page.dark = !page.dark; themed(); });
   element('fold').addEventListener('click', fold);
   if (!page.kindsShown.length) { element('features').checked = false; element('features-label').hidden = true; }
-  element('kinds').replaceChildren(...page.kindsShown.map(([name, color, count]) => {
+  element('kinds').replaceChildren(...page.kindsShown.map(([name, [color], count]) => {
     const line = document.createElement('div'), swatch = document.createElement('span');
     swatch.className = 'swatch';
     swatch.style.background = css(color);
@@ -437,7 +437,7 @@ async function start() {
   for (const array of mesh.arrays) array.categories = categories(array);
   const counted = new Map();
   for (const kind of facts.surfaces.slice(0, facts.large_surfaces)) counted.set(kind, (counted.get(kind) || 0) + 1);
-  page.kindsShown = [...counted].map(([kind, count]) => [kind, KINDS[kind], count]);
+  page.kindsShown = [...counted].map(([kind, count]) => [kind, (KINDS[kind] || KINDS.fault).slice(0, 3), count]);
   page.mesh = mesh;
   scene = new Scene(element('scene'), facts, mesh);
   page.palette = scene.palette;

@@ -61,6 +61,7 @@ impl TryFrom<Settings> for Job {
                 potential: settings.potential_out,
                 lines: settings.lines,
                 page: settings.page,
+                surfaces: settings.surfaces,
             },
         })
     }

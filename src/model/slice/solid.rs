@@ -1,7 +1,7 @@
 //! A mesh as a body with a corner open: its cells painted with the image, faces on features in their
 //! own colours. Drawn by software, so that no graphics card is needed.
 
-use super::canvas::Canvas;
+use super::canvas::{Canvas, LETTER};
 use super::faces::Faces;
 use super::frame::Frame;
 use super::furniture::{ABOVE, BELOW, Caption, INK, LEFT, RIGHT, number, ticks};
@@ -48,16 +48,21 @@ pub fn solid<M: Stored<3>>(
     let wide = |row: &[f64; 4]| row[..3].iter().map(|c| c.abs()).sum::<f64>();
     let unit = (SIZE[0] / wide(&rows[0])).min(SIZE[1] / wide(&rows[1]));
     let size = [0, 1].map(|k| (unit * wide(&rows[k])).ceil());
-    // Numbers stand outside of the body on all sides.
-    let [left, above] = [f64::from(LEFT), f64::from(ABOVE)];
+    // Numbers and names of axes stand outside of the body on all sides.
+    let longest = (frame.rulers.iter()).fold(0, |most, r| most.max(r.label.chars().count()));
+    let left = LEFT.max(0.8 * LETTER[0] * longest as f32);
+    let above = f64::from(ABOVE);
     let mut canvas = blank(
-        size[0] as f32 + LEFT + RIGHT + 40.0,
+        size[0] as f32 + left + RIGHT + 40.0,
         size[1] as f32 + ABOVE + BELOW + 50.0,
     )?;
-    let middle = [left + 0.5 * size[0] + 20.0, above + 0.5 * size[1]];
-    let mut raster = Raster::new(canvas.size(), rows, unit, middle);
-
+    let middle = [
+        f64::from(left) + 0.5 * size[0] + 20.0,
+        above + 0.5 * size[1],
+    ];
     let shades = Shades::of(image.as_slice());
+    let mut raster = Raster::new(canvas.size(), rows, unit, middle, shades.mesh());
+
     let near: [bool; 3] = std::array::from_fn(|k| rows[2][k] > 0.0);
     let shown = |cell: u32| {
         cell != NONE
@@ -71,7 +76,8 @@ pub fn solid<M: Stored<3>>(
             })
     };
     let color_of = |p: [f64; 3]| {
-        let [r, g, b, _] = shades.color(linear(image, p));
+        let index = std::array::from_fn(|k| p[k] * (dims[k] - 1) as f64);
+        let [r, g, b, _] = shades.color(image.linear(index));
         [r, g, b]
     };
     let mut seen = Vec::new();
@@ -106,25 +112,6 @@ pub fn solid<M: Stored<3>>(
     Ok(canvas)
 }
 
-/// The image at a point of its box, shares in [0, 1], interpolated linearly.
-fn linear(image: &Image<3>, p: [f64; 3]) -> f32 {
-    let dims = image.dims();
-    let samples = image.as_slice();
-    let at: [(usize, usize, f32); 3] = std::array::from_fn(|k| {
-        let last = dims[k] - 1;
-        let x = (p[k] * last as f64).clamp(0.0, last as f64);
-        let low = (x as usize).min(last.saturating_sub(1));
-        (low, (low + 1).min(last), (x - low as f64) as f32)
-    });
-    let mix = |a: f32, b: f32, t: f32| a + t * (b - a);
-    let row = |y: usize, z: usize| {
-        let start = (z * dims[1] + y) * dims[0];
-        mix(samples[start + at[0].0], samples[start + at[0].1], at[0].2)
-    };
-    let layer = |z: usize| mix(row(at[1].0, z), row(at[1].1, z), at[1].2);
-    mix(layer(at[2].0), layer(at[2].1), at[2].2)
-}
-
 /// Colours and how near they are, [`FINER`] times as many as pixels along each axis.
 struct Raster {
     size: [usize; 2],
@@ -133,10 +120,18 @@ struct Raster {
     near: Vec<f32>,
     /// From a point of the box to pixels and to how near it is.
     rows: [[f64; 4]; 3],
+    /// Edges of cells.
+    line: [u8; 4],
 }
 
 impl Raster {
-    fn new(pixels: [u32; 2], rows: [[f64; 4]; 3], unit: f64, middle: [f64; 2]) -> Self {
+    fn new(
+        pixels: [u32; 2],
+        rows: [[f64; 4]; 3],
+        unit: f64,
+        middle: [f64; 2],
+        line: [u8; 4],
+    ) -> Self {
         let size = pixels.map(|n| n as usize * FINER);
         let fine = unit * FINER as f64;
         let depth: f64 = rows[2][..3]
@@ -154,6 +149,7 @@ impl Raster {
             colors: vec![None; size[0] * size[1]],
             near: vec![f32::NEG_INFINITY; size[0] * size[1]],
             rows: [across, up, towards.map(|c| 2.0 * c / depth)],
+            line,
         }
     }
 
@@ -194,7 +190,8 @@ impl Raster {
             low..high
         };
         let small = heights.iter().copied().fold(f64::INFINITY, f64::min);
-        let ink = ((small - 3.0) / 8.0).clamp(0.0, 1.0) * 0.65;
+        // Edges fade where cells are small.
+        let ink = ((small - 3.0) / 8.0).clamp(0.0, 1.0) * f64::from(self.line[3].max(150)) / 255.0;
         for y in bounds(1) {
             for x in bounds(0) {
                 let (px, py) = (x as f64 + 0.5, y as f64 + 0.5);
@@ -213,12 +210,15 @@ impl Raster {
                 // Sides lie opposite the corners c, a and b.
                 let beside = [v * heights[0], w * heights[1], u * heights[2]];
                 let on_edge = (0..3).any(|k| edges[k] && beside[k] < EDGE);
-                let shade = if on_edge { light * (1.0 - ink) } else { light };
+                let ink = if on_edge { ink } else { 0.0 };
                 let p = std::array::from_fn(|k| {
                     w * corners[0][k] + u * corners[1][k] + v * corners[2][k]
                 });
-                let color = color(p).map(|c| (f64::from(c) * shade).min(255.0) as u8);
-                self.colors[at] = Some(color);
+                let fill = color(p);
+                self.colors[at] = Some(std::array::from_fn(|k| {
+                    let lit = (f64::from(fill[k]) * light).min(255.0);
+                    (lit + ink * (f64::from(self.line[k]) - lit)) as u8
+                }));
             }
         }
     }
@@ -330,7 +330,7 @@ fn axis(canvas: &mut Canvas, raster: &Raster, ruler: &Ruler, k: usize) {
     if out[0] * (middle[0] - centre[0]) + out[1] * (middle[1] - centre[1]) < 0.0 {
         out = out.map(|c| -c);
     }
-    let half_line = 0.5 * super::canvas::LETTER[1];
+    let half_line = 0.5 * LETTER[1];
     // Text ends, begins or has its middle where it stands, by the way out.
     let anchor = match out[0] {
         x if x > 0.35 => 0.0,

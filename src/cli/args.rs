@@ -16,6 +16,7 @@ use crate::cli::verbs::paint::PaintArgs;
 use crate::cli::verbs::quality::QualityArgs;
 use crate::cli::verbs::report::ReportArgs;
 use crate::cli::verbs::segment::SegmentArgs;
+use crate::cli::verbs::setup::{CompletionsArgs, ManArgs};
 use crate::cli::verbs::slice::SliceArgs;
 use crate::cli::verbs::surface::SurfaceArgs;
 use crate::cli::verbs::synth::SynthArgs;
@@ -130,6 +131,17 @@ pub enum Verb {
         after_help = "Example:\n  atomesh synth faults -o faults.vti --truth distance.npy --dims 170,150,128"
     )]
     Synth(SynthArgs),
+    /// What this program is made of, what it runs on, and which programs beside it are there
+    #[command(after_help = "Example:\n  atomesh doctor")]
+    Doctor,
+    /// What a shell needs to complete words
+    #[command(
+        after_help = "Example:\n  atomesh completions bash > ~/.local/share/bash-completion/completions/atomesh"
+    )]
+    Completions(CompletionsArgs),
+    /// Manual pages
+    #[command(after_help = "Example:\n  atomesh man -o ~/.local/share/man/man1")]
+    Man(ManArgs),
 }
 
 #[cfg(test)]

@@ -73,6 +73,9 @@ fn run(line: &CommandLine) -> Result<Ending> {
         Verb::Segment(args) => verbs::segment::segment(args, console)?,
         Verb::Surface(args) => verbs::surface::surface(args, console)?,
         Verb::Synth(args) => verbs::synth::synth(args, console)?,
+        Verb::Doctor => verbs::setup::doctor(console)?,
+        Verb::Completions(args) => verbs::setup::completions(args),
+        Verb::Man(args) => verbs::setup::man(args, console)?,
     }
     Ok(Ending::Done)
 }

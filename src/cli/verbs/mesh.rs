@@ -24,7 +24,7 @@ use crate::mesh::Simplices;
 use crate::observer::{Observer, Progress, Stage};
 use crate::report::{Clock, Input, quality};
 use crate::store::cells::cells_to_file;
-use crate::store::file::to_file;
+use crate::store::file::{add_image, to_file};
 use crate::store::{StoredMesh, Trace, to_physical};
 use crate::{Error, Result};
 
@@ -283,13 +283,18 @@ where
         input_hash: outcome.provenance.input_sha256.clone(),
     };
     let place = output.display().to_string();
+    // As the file has it.
     match &outcome.made {
         Made::Simplices(made) => {
-            let stored = StoredMesh::new(to_file(outcome, made), &place)?;
+            let mut file = to_file(outcome, made);
+            add_image(&mut file, image);
+            let stored = StoredMesh::new(file, &place)?;
             page::write(path, Some(image), &stored, &about, LARGEST)
         }
         Made::Voronoi { mesh, weld } => {
-            let stored = StoredMesh::new(cells_to_file(outcome, mesh, *weld), &place)?;
+            let mut file = cells_to_file(outcome, mesh, *weld);
+            add_image(&mut file, image);
+            let stored = StoredMesh::new(file, &place)?;
             page::write(path, Some(image), &stored, &about, LARGEST)
         }
     }

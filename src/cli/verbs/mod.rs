@@ -12,6 +12,7 @@ pub mod paint;
 pub mod quality;
 pub mod report;
 pub mod segment;
+pub mod setup;
 pub mod slice;
 pub mod surface;
 pub mod synth;

@@ -33,12 +33,17 @@ install_modules() {
     python_modules || absent "some of the Python modules ($modules) do not load"
 }
 
-missing_browser() {
+has_browser() {
     for name in $browser; do
-        command -v "$name" >/dev/null 2>&1 && return
+        ! command -v "$name" >/dev/null 2>&1 || return 0
     done
+    return 1
+}
+
+# The first that there is a package of; known only after an update.
+packaged_browser() {
     for name in $browser; do
-        apt-cache show "$name" >/dev/null 2>&1 && { echo " $name"; return; }
+        ! apt-cache show "$name" >/dev/null 2>&1 || { echo "$name"; return; }
     done
 }
 
@@ -48,16 +53,19 @@ install_packages() {
         dpkg -s "$package" 2>/dev/null | grep -q '^Status: install ok installed' ||
             missing="$missing $package"
     done
-    missing="$missing$(missing_browser)"
-    [ -n "$missing" ] || return 0
+    if [ -z "$missing" ] && has_browser; then
+        return 0
+    fi
     as_root=""
     if [ "$(id -u)" -ne 0 ]; then
         command -v sudo >/dev/null 2>&1 ||
             { absent "not root and no sudo to install$missing"; return; }
         as_root="sudo"
     fi
+    $as_root apt-get update -qq || { absent "apt-get update fails"; return; }
+    has_browser || missing="$missing $(packaged_browser)"
     echo "Installing validators:$missing"
-    { $as_root apt-get update -qq && $as_root env DEBIAN_FRONTEND=noninteractive \
+    { $as_root env DEBIAN_FRONTEND=noninteractive \
         apt-get install -y -qq --no-install-recommends $missing >/dev/null; } ||
         absent "apt-get install fails"
 }

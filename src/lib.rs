@@ -56,6 +56,7 @@ pub mod image;
 pub mod improve;
 pub mod job;
 pub mod lattice;
+pub mod memory;
 pub mod mesh;
 pub mod model;
 pub mod observer;

@@ -109,6 +109,17 @@ pub struct Progress {
     pub image: f64,
 }
 
+/// How large a mesh will become, before it is made.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Estimate {
+    /// Atoms.
+    pub atoms: f64,
+    /// Tetrahedra, triangles, or Voronoi cells.
+    pub cells: f64,
+    /// Bytes of memory that it takes more.
+    pub bytes: f64,
+}
+
 /// Sees what goes on inside the library, which itself never prints, and may ask it to stop. All
 /// methods have a default that does nothing. They are called by whichever thread is at work, but never
 /// by two at once.
@@ -137,6 +148,9 @@ pub struct Progress {
 pub trait Observer: Send {
     /// A stage begins.
     fn stage(&mut self, _stage: Stage) {}
+
+    /// The distance between atoms is known, none is placed.
+    fn estimate(&mut self, _estimate: &Estimate) {}
 
     /// A step of the optimiser has been accepted.
     fn progress(&mut self, _progress: &Progress) {}

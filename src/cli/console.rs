@@ -38,12 +38,17 @@ impl Console {
 
     /// One line about something that the user should know but that stops nothing.
     pub fn note(&self, line: impl Display) {
+        self.line(format_args!("note: {line}"));
+    }
+
+    /// One line beside the progress.
+    pub fn line(&self, line: impl Display) {
         if self.quiet {
             return;
         }
         match &self.bar {
-            Some(bar) => bar.suspend(|| complain(format_args!("note: {line}"))),
-            None => complain(format_args!("note: {line}")),
+            Some(bar) => bar.suspend(|| complain(line)),
+            None => complain(line),
         }
     }
 

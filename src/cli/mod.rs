@@ -11,6 +11,7 @@
 //! - [`rock`]: porosity, permeability and the like from numbers, tables and images
 //! - [`wells`]: trajectories of wells
 //! - [`console`]: everything that is printed
+//! - [`out_of_memory`]: how the process ends then
 
 pub mod args;
 pub mod case;
@@ -19,6 +20,7 @@ pub mod console;
 pub mod faults;
 pub mod interrupts;
 pub mod job;
+pub mod out_of_memory;
 pub mod parse;
 pub mod provenance;
 pub mod rock;
@@ -28,7 +30,8 @@ mod wells;
 use std::process::ExitCode;
 
 use crate::error::cause;
-use crate::{Error, ErrorKind, Result};
+use crate::files::together;
+use crate::{Error, ErrorKind, Result, memory};
 use args::{CommandLine, Verb};
 use common::global::Ending;
 use console::{Console, complain};
@@ -37,7 +40,8 @@ use interrupts::{INTERRUPTED, Interrupts};
 /// Runs what was typed. Exit codes: 0 done, 1 bad input or failed job, 130 interrupted (wrong usage,
 /// 2, is found while parsing).
 pub fn main(line: &CommandLine) -> ExitCode {
-    match run(line) {
+    let prepared = start_threads(line.common.threads).and_then(|()| Interrupts::watch());
+    match prepared.and_then(|interrupts| perform(line, &interrupts)) {
         Ok(Ending::Done) => ExitCode::SUCCESS,
         Ok(Ending::Interrupted) => ExitCode::from(INTERRUPTED),
         Err(error) => {
@@ -50,12 +54,20 @@ pub fn main(line: &CommandLine) -> ExitCode {
     }
 }
 
-fn run(line: &CommandLine) -> Result<Ending> {
-    if let Some(threads) = line.common.threads {
-        start_threads(threads)?;
+/// Runs what was typed in a process that goes on: with its threads, and with interrupts as they come. What
+/// it writes appears when it is done, or not at all.
+///
+/// # Errors
+/// Those of the verb.
+pub fn perform(line: &CommandLine, interrupts: &Interrupts) -> Result<Ending> {
+    if let Some(bytes) = line.common.max_memory {
+        memory::allow(bytes);
     }
+    together(|| verb(line, interrupts))
+}
+
+fn verb(line: &CommandLine, interrupts: &Interrupts) -> Result<Ending> {
     let console = &mut Console::new(&line.common);
-    let interrupts = &Interrupts::watch()?;
     match &line.verb {
         Verb::Mesh(args) => return verbs::mesh::mesh(args, interrupts, console),
         Verb::Quality(args) => verbs::quality::quality(args, console)?,
@@ -80,16 +92,23 @@ fn run(line: &CommandLine) -> Result<Ending> {
     Ok(Ending::Done)
 }
 
-fn start_threads(count: usize) -> Result<()> {
+/// As many as asked for, otherwise one for each processor.
+fn start_threads(count: Option<usize>) -> Result<()> {
     let refuse = |problem: &str| {
-        let remedy = "give the number of processors, or omit it";
-        Error::Job(cause(format!("--threads {count}"), problem, remedy))
+        let (place, remedy) = match count {
+            Some(count) => (
+                format!("--threads {count}"),
+                "give the number of processors, or omit it",
+            ),
+            None => ("threads".into(), "give a smaller number with --threads"),
+        };
+        Error::Job(cause(place, problem, remedy))
     };
-    if count == 0 || count > 4096 {
+    if count.is_some_and(|count| count == 0 || count > 4096) {
         return Err(refuse("is not from 1 to 4096"));
     }
     rayon::ThreadPoolBuilder::new()
-        .num_threads(count)
+        .num_threads(count.unwrap_or_default())
         .build_global()
         .map_err(|e| refuse(&e.to_string()).because(e))
 }

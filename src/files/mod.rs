@@ -11,5 +11,7 @@ mod open;
 pub mod vtk;
 
 pub use at::read_exact_at;
-pub use atomic::{Batch, atomic_write, check_target, exit_without_unfinished};
+pub use atomic::{
+    Batch, atomic_write, check_target, exit_without_unfinished, remove_unfinished, together,
+};
 pub use open::open;

@@ -22,6 +22,7 @@
 pub mod asked;
 mod canny;
 pub(crate) mod cells;
+mod estimate;
 mod even;
 mod frame;
 pub(crate) mod horizons;

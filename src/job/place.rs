@@ -3,7 +3,7 @@
 
 use super::frame::Frame;
 use super::optimise::optimise;
-use super::{Evaluator, Meshing, Params, Space, Spacing, Stages, canny};
+use super::{Evaluator, Meshing, Params, Space, Spacing, Stages, canny, estimate};
 use crate::error::cause;
 use crate::feature::Features;
 use crate::geometry::in_space;
@@ -102,9 +102,16 @@ impl Placing {
     {
         stages.begin_unless_stopped(Stage::Placing)?;
         match self {
-            Self::Canny => stages.unless_stopped(Stage::Placing, |patience| {
-                canny::placed(image, params, features, frame, patience)
-            }),
+            Self::Canny => {
+                let placed = stages.unless_stopped(Stage::Placing, |patience| {
+                    canny::placed(image, params, features, frame, patience)
+                })?;
+                let atoms = placed.atoms.positions.len() as f64;
+                let estimate = estimate::of_atoms::<D>(atoms, params.cells);
+                stages.observer.estimate(&estimate);
+                estimate::afford(&estimate)?;
+                Ok(placed)
+            }
             Self::Lattice => {
                 let distance = apart(image, params, features, frame, stages)?;
                 let fixed = fixed(&distance, Alignment::On, frame)?;
@@ -123,14 +130,18 @@ pub(super) fn apart<const D: usize>(
     stages: &mut Stages<'_>,
 ) -> Result<Distance<D>> {
     let (extent, ways) = (frame.extent, &frame.ways);
-    stages.unless_stopped(Stage::Placing, |patience| {
+    let distance = stages.unless_stopped(Stage::Placing, |patience| {
         let distance = varying(image, params, features, frame.step, patience)?;
         patience.lasts(Stage::Placing)?;
         match params.well_distance.filter(|_| !ways.is_empty()) {
             Some(least) => wells::refined(distance, ways, least, GROWTH, extent, patience),
             None => Ok(distance),
         }
-    })
+    })?;
+    let estimate = estimate::of_distance(&distance, extent, params.cells);
+    stages.observer.estimate(&estimate);
+    estimate::afford(&estimate)?;
+    Ok(distance)
 }
 
 /// The atoms that never move: those given, and those of wells.

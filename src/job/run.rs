@@ -3,7 +3,9 @@
 use super::frame::{Frame, lattice_extent};
 use super::optimise::optimisation;
 use super::place::{Placed, Placing};
-use super::{CellKind, Marked, Meshing, Params, Scene, Space, Spacing, Stages, cells, simplices};
+use super::{
+    CellKind, Marked, Meshing, Params, Scene, Space, Spacing, Stages, cells, estimate, simplices,
+};
 use crate::error::cause;
 use crate::feature::{self, Features};
 use crate::image::{Geometry, Image};
@@ -140,7 +142,13 @@ where
         _ => lattice_extent(image.dims(), params.metric.lengths(&image.geometry)),
     };
     Distance::Constant(params.spacing.max()).validate(room)?;
+    estimate::afford_features(image.dims())?;
     let params = &*params.in_lattice_units(params.metric.unit(&image.geometry));
+    if !matches!(params.spacing, Spacing::OfAtoms { .. }) {
+        // As many as if they were nowhere closer.
+        let sparsest = Distance::Constant(params.spacing.max());
+        estimate::afford(&estimate::of_distance(&sparsest, extent, params.cells))?;
+    }
     let frame = Frame::new(image, params)?;
 
     let mut stages = Stages::new(observer);

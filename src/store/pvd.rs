@@ -43,14 +43,6 @@ impl Trace {
         self.write_collection()
     }
 
-    /// Removes all files of the trace: of a job that failed, nothing stays behind.
-    pub fn discard(self) {
-        for (_, name) in &self.rounds {
-            let _ = std::fs::remove_file(self.path.with_file_name(name));
-        }
-        let _ = std::fs::remove_file(&self.path);
-    }
-
     fn write_collection(&self) -> Result<()> {
         atomic_write(&self.path, |out| {
             writeln!(

@@ -21,7 +21,7 @@ use crate::model::flow::through::{
 };
 use crate::model::flow::{Barriers, Rock, Streamlines, Tensor, Well};
 use crate::store::{MeshFile, Stored, StoredMesh, read_any_vtu, with_mesh};
-use crate::{Error, Result};
+use crate::{Error, Result, memory};
 
 /// `atomesh flow`.
 #[derive(Debug, Args)]
@@ -93,6 +93,10 @@ impl FlowArgs {
         if self.lines.is_some() && self.streamlines.is_none() {
             let problem = "is the number of streamlines, but none are to be written";
             return Err(Error::Job(cause("--lines", problem, "omit it")));
+        }
+        if let Some(lines) = self.lines {
+            let what = format!("{lines} streamlines");
+            memory::afford("--lines", 4e3 * lines as f64, what, "ask for fewer")?;
         }
         Ok(())
     }

@@ -9,7 +9,7 @@ use crate::cli::common::depth::warn_of_time;
 use crate::cli::common::global::Ending;
 use crate::cli::common::options::{named, read_options, setting_of};
 use crate::cli::common::output::potential_image;
-use crate::cli::console::{Console, complain, in_words, print};
+use crate::cli::console::{Console, print};
 use crate::cli::interrupts::Interrupts;
 use crate::cli::job::{check_files, output, params};
 use crate::cli::provenance::file_hash;
@@ -20,8 +20,9 @@ use crate::image::formats::{AnyLoaded, Loaded};
 use crate::image::{Geometry, Image};
 use crate::job::{Job, Made, Meshing, Outcome, Provenance, Settings, Space};
 use crate::lattice::optimize::Stop;
+use crate::memory::Bytes;
 use crate::mesh::Simplices;
-use crate::observer::{Observer, Progress, Stage};
+use crate::observer::{Estimate, Observer, Progress, Stage};
 use crate::report::{Clock, Input, quality};
 use crate::store::cells::cells_to_file;
 use crate::store::file::{add_image, to_file};
@@ -166,20 +167,15 @@ impl Run<'_> {
             heard: None,
         };
         let outcome = crate::job::run(&image, &params, &mut watcher);
-        let Watcher { trace, failed, .. } = watcher;
+        let failed = watcher.failed;
         let mut outcome = match failed.map_or(outcome, Err) {
             Ok(outcome) => outcome,
             Err(error) => {
-                if let Some(trace) = trace {
-                    trace.discard();
-                }
-                return match interrupts.wanted() {
-                    true => {
-                        complain(format_args!("error: {}", in_words(&error)));
-                        Ok(Ending::Interrupted)
-                    }
-                    false => Err(error),
-                };
+                // What was left undone may look like another fault.
+                return Err(match interrupts.wanted() {
+                    true => Error::Interrupted(error.cause().clone()),
+                    false => error,
+                });
             }
         };
 
@@ -300,6 +296,17 @@ where
     }
 }
 
+/// A large number in two digits.
+fn rounded(number: f64) -> String {
+    match number {
+        n if n >= 1e6 => format!("{:.1} million", n / 1e6),
+        n => {
+            let step = 10f64.powf((n.max(10.0)).log10().floor() - 1.0);
+            format!("{:.0}", (n / step).round() * step)
+        }
+    }
+}
+
 /// Shows the pipeline's progress, keeps its lattices, and passes on the wish to stop.
 struct Watcher<'a> {
     console: &'a mut Console,
@@ -339,6 +346,20 @@ impl Observer for Watcher<'_> {
         self.stage = stage;
         self.console.begin_stage(stage);
         self.interrupts.stage(stage);
+    }
+
+    fn estimate(&mut self, estimate: &Estimate) {
+        let Estimate {
+            atoms,
+            cells,
+            bytes,
+        } = *estimate;
+        self.console.line(format_args!(
+            "about {} atoms, {} cells, {} of memory",
+            rounded(atoms),
+            rounded(cells),
+            Bytes(bytes)
+        ));
     }
 
     fn progress(&mut self, progress: &Progress) {

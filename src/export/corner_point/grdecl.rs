@@ -14,12 +14,12 @@ use super::layers::{Layers, lines_of};
 use super::pillars::{Outline, Pillars};
 use super::walk::Walk;
 use super::{faults, wells};
-use crate::Result;
 use crate::export::containers::text::{Text, write_items, write_numbers};
 use crate::export::meshers::groups::shift_of_regions;
 use crate::export::simulators::deck::{self, Done, Opening, Out};
 use crate::files::Batch;
 use crate::model::reservoir::{BAR, Fluid, MILLIDARCY, Model};
+use crate::{Result, memory};
 
 /// Lines through a column along i and j, on which cells are averaged.
 const LINES: usize = 3;
@@ -44,6 +44,9 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let graph = &model.graph;
     let outline = Outline::new(graph, &model.mesh.nodes, NEEDS)?;
     let [n, m, layers] = model.grid.unwrap_or_else(|| usual(model, &outline));
+    let cells = [n, m, layers].iter().map(|&n| n as f64).product::<f64>();
+    let what = format!("a grid of {cells} cells");
+    memory::afford("grid", 250.0 * cells, what, "ask for fewer cells")?;
     let pillars = Pillars::new(&outline, [n, m], graph);
     let walk = Walk::new(&model.mesh, graph);
     let layers = Layers::new(model, &walk, &pillars, layers);

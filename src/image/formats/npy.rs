@@ -35,7 +35,7 @@ pub fn read(path: &Path) -> Result<Loaded> {
             "reshape the array to (nz, ny, nx), or (ny, nx) in 2-D, in NumPy and save it again";
         Error::Io(cause(path.display(), problem, remedy))
     })?;
-    let mut samples = vec![0.0; nx * ny * nz];
+    let mut samples = samples::room(path, nx * ny * nz)?;
     header
         .encoding
         .read(&file, start, &mut samples)
@@ -68,7 +68,7 @@ pub fn read_array(path: &Path) -> Result<ArrayD<f32>> {
         header,
         ..
     } = Opened::new(path)?;
-    let mut samples = vec![0.0; header.shape.iter().product()];
+    let mut samples = samples::room(path, header.shape.iter().product())?;
     header
         .encoding
         .read(&file, start, &mut samples)

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use flate2::bufread::{MultiGzDecoder, ZlibDecoder};
 
-use super::samples::Encoding;
+use super::samples::{self, Encoding};
 use super::{Format, Loaded};
 use crate::error::{Error, Result, cause, os};
 use crate::files;
@@ -128,7 +128,7 @@ impl Packed {
                 if rest < needed {
                     return short(rest, "are there");
                 }
-                let mut samples = vec![0.0; count];
+                let mut samples = samples::room(&self.path, count)?;
                 self.encoding
                     .read(&file, self.at + start, &mut samples)
                     .map_err(|e| os(&self.path, "read", e))?;
@@ -139,6 +139,7 @@ impl Packed {
                 if there < 2 * count as u64 - 1 {
                     return short(there, "of text are there");
                 }
+                samples::afford(&self.path, count)?;
                 file.seek(SeekFrom::Start(self.at))
                     .map_err(|e| os(&self.path, "read", e))?;
                 let mut text = Vec::new();
@@ -154,6 +155,7 @@ impl Packed {
                         "of compressed data are there, which cannot hold them",
                     );
                 }
+                samples::afford(&self.path, count)?;
                 file.seek(SeekFrom::Start(self.at))
                     .map_err(|e| os(&self.path, "read", e))?;
                 self.inflated(&mut unpack(file), needed)

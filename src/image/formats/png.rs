@@ -13,7 +13,7 @@ use std::path::Path;
 use png::{BitDepth, ColorType, Decoder, DecodingError, Encoder, Transformations};
 
 use super::packed::{DAMAGED, DEFLATE};
-use super::samples::{Encoding, Endian, SampleType};
+use super::samples::{self, Encoding, Endian, SampleType};
 use super::{Format, Loaded};
 use crate::error::{Error, Result, cause, os};
 use crate::files::atomic_write;
@@ -69,6 +69,7 @@ pub fn read(path: &Path) -> Result<Loaded<2>> {
             return refuse(problem, "give a picture of at most 2^33 bytes");
         }
     };
+    samples::afford(path, size)?;
     let mut bytes = vec![0; size];
     let frame = reader.next_frame(&mut bytes).map_err(fault)?;
     reader.finish().map_err(fault)?;

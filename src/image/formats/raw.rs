@@ -97,7 +97,7 @@ pub fn read(path: &Path, spec: RawSpec) -> Result<Loaded> {
             "check the dimensions and the type given for the raw samples",
         )));
     }
-    let mut samples = vec![0.0; nx * ny * nz];
+    let mut samples = samples::room(path, nx * ny * nz)?;
     spec.encoding
         .read(&file, 0, &mut samples)
         .map_err(|e| os(path, "read", e))?;

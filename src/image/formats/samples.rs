@@ -2,11 +2,13 @@
 
 use std::fs::File;
 use std::io;
+use std::path::Path;
 
 use half::f16;
 use rayon::prelude::*;
 
 use crate::files::read_exact_at;
+use crate::{Result, memory};
 
 /// How one sample is coded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -36,6 +38,26 @@ pub enum SampleType {
 pub enum Endian {
     Little,
     Big,
+}
+
+/// Refuses so many samples of a file if there is no memory for them.
+///
+/// # Errors
+/// [`Error::Job`](crate::Error::Job).
+pub fn afford(path: &Path, count: usize) -> Result<()> {
+    // Whatever is done with an image, there will be a second field as large.
+    let bytes = 8.0 * count as f64;
+    let what = format!("{count} samples");
+    memory::afford(path.display(), bytes, what, "give a part of the image")
+}
+
+/// Room for so many samples of a file, all zero.
+///
+/// # Errors
+/// As [`afford`].
+pub fn room(path: &Path, count: usize) -> Result<Vec<f32>> {
+    afford(path, count)?;
+    Ok(vec![0.0; count])
 }
 
 /// How samples lie in a file.

@@ -7,6 +7,7 @@
 use std::path::Path;
 use std::str::FromStr;
 
+use super::samples;
 use crate::error::Result;
 use crate::files::atomic_write;
 use crate::files::vtk::xml::Element;
@@ -80,6 +81,7 @@ pub fn read(path: &Path) -> Result<Image<3>> {
         .find(|a| active.is_some() && a.attribute("Name") == active)
         .or_else(|| arrays().next())
         .ok_or_else(|| file.fault("has no data on its points", "write samples as point data"))?;
+    samples::afford(path, count)?;
     let array = file.array(element)?;
     if array.components != 1 {
         return Err(file.fault(

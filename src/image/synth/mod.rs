@@ -29,7 +29,7 @@ use std::str::FromStr;
 use crate::error::cause;
 use crate::geometry::random::Random;
 use crate::image::{Geometry, Image};
-use crate::{Error, Result};
+use crate::{Error, Result, memory};
 use rayon::prelude::*;
 use surface::Surface;
 
@@ -164,6 +164,14 @@ impl Options {
                 "choose other dimensions",
             );
         }
+        let samples = (nx * ny * nz) as f64;
+        let what = format!("{samples} samples");
+        memory::afford(
+            "synth dims",
+            36.0 * samples,
+            what,
+            "choose smaller dimensions",
+        )?;
         if kind != Kind::Sphere && !(1..=16).contains(&self.count()) {
             return bad(
                 format!("count {}", self.count()),

@@ -15,6 +15,8 @@ pub use features::{from_features, from_gaps};
 pub use grading::limit_gradient;
 pub use sources::{from_image, from_laplacian, from_samples};
 
+use std::f64::consts::SQRT_2;
+
 use crate::error::{Error, Result, cause};
 use crate::image::Field;
 
@@ -138,17 +140,22 @@ impl<const D: usize> Distance<D> {
         Ok(())
     }
 
-    /// About how many atoms so far apart the box `[0, extent]` holds.
-    fn about_atoms(&self, extent: [f64; D]) -> f64 {
-        match self {
-            Self::Constant(d) => extent.iter().map(|e| e / d).product(),
+    /// About how many atoms so far apart the box `[0, extent]` holds, those on its sides included: the
+    /// densest lattice has sqrt(2) / d^3 in space, 2 / (sqrt(3) d^2) in the plane.
+    pub fn about_atoms(&self, extent: [f64; D]) -> f64 {
+        let room: f64 = extent.iter().product();
+        let per_volume = match self {
+            Self::Constant(d) => d.powi(-(D as i32)),
             Self::Field(field) => {
-                let room: f64 = extent.iter().product();
                 let per_volume = |&d: &f32| f64::from(d).powi(-(D as i32));
                 let sum: f64 = field.samples.iter().map(per_volume).sum();
-                room * sum / field.samples.len() as f64
+                sum / field.samples.len() as f64
             }
-        }
+        };
+        let densest = if D == 2 { 2.0 / 3f64.sqrt() } else { SQRT_2 };
+        let d = per_volume.powf(-1.0 / D as f64);
+        let with_sides: f64 = extent.iter().map(|e| 1.0 + d / e).product();
+        densest * room * per_volume * with_sides
     }
 }
 

@@ -20,7 +20,7 @@ pub mod horizon;
 
 use crate::error::cause;
 use crate::mesh::poly::{Lists, PolyMesh, SIDE_0};
-use crate::{Error, Result};
+use crate::{Error, Result, memory};
 
 /// The cell array that numbers columns.
 pub const COLUMN: &str = "column";
@@ -104,6 +104,14 @@ pub fn columns(
         }
     }
     let counts = division.counts(z, nodes)?;
+    let layers: f64 = counts.iter().map(|&n| n as f64).sum();
+    let (levels, cells) = (layers * nodes as f64, layers * map.sites.len() as f64);
+    memory::afford(
+        "layers",
+        32.0 * levels + 400.0 * cells,
+        format!("{layers} layers of {} cells", map.sites.len()),
+        "ask for fewer",
+    )?;
     let found = Builder::new(map, z, &counts, z_up, least.max(nothing)).columns(counts);
     if found.column.is_empty() {
         let problem = format!("have no layer between them that is thicker than {least}");

@@ -11,6 +11,12 @@ use crate::image::Image;
 use crate::image::formats::samples::{Endian, SampleType};
 
 impl Survey {
+    /// How many samples the volume has.
+    pub fn count(&self) -> usize {
+        let cells = self.grid.as_ref().map_or(0, |grid| grid.trace.len());
+        cells.saturating_mul(self.layout.samples)
+    }
+
     /// Reads the samples. Cells without a trace are zero. Adds a note if the samples look wrong.
     ///
     /// # Errors

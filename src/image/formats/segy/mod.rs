@@ -28,7 +28,7 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::{Format, Loaded};
+use super::{Format, Loaded, samples};
 use crate::error::{Error, Result, os};
 
 pub use bytes::SegyBytes;
@@ -91,6 +91,7 @@ pub fn read(path: &Path, bytes: &SegyBytes) -> Result<Loaded> {
     if let Some(problem) = survey.problem {
         return Err(Error::Io(problem));
     }
+    samples::afford(path, survey.count())?;
     let image = survey.load().map_err(|e| os(path, "read", e))?;
     Ok(Loaded {
         image,

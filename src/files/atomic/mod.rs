@@ -5,6 +5,13 @@
 //! renamed; what they replace is kept under a second name until all have taken theirs, and takes its
 //! name back if one cannot. No operating system renames several files in one step: were the computer
 //! switched off between two of these renames, the first ones would be there without the others.
+//!
+//! What a killed process leaves under temporary names, the next one that writes into the same folder
+//! removes.
+
+mod leftovers;
+mod placed;
+mod unfinished;
 
 use std::collections::BTreeSet;
 use std::fs::{self, File};
@@ -12,9 +19,42 @@ use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use tempfile::{Builder, TempPath};
-
 use crate::error::{Error, Result, cause, os};
+use placed::Placed;
+use unfinished::{Taken, Unfinished};
+
+pub use unfinished::{exit_without_unfinished, remove_unfinished};
+
+/// All that the process writes during `work` appears when it has succeeded; if it fails, nothing does.
+/// Of several files written to one path, the last remains.
+///
+/// For programs that write the files of one job, from whatever threads: calls are not to overlap.
+///
+/// # Errors
+/// Those of the work; [`Error::Io`] if a file cannot take its name: then none has.
+pub fn together<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {
+    /// Also where the work panics.
+    struct Open;
+    impl Drop for Open {
+        fn drop(&mut self) {
+            *open() = None;
+        }
+    }
+    *open() = Some(Batch::default());
+    let guard = Open;
+    let done = work()?;
+    let batch = open().take();
+    drop(guard);
+    batch.map_or(Ok(()), Batch::commit)?;
+    Ok(done)
+}
+
+/// What [`together`] has gathered so far.
+static OPEN: Mutex<Option<Batch>> = Mutex::new(None);
+
+fn open() -> MutexGuard<'static, Option<Batch>> {
+    OPEN.lock().unwrap_or_else(PoisonError::into_inner)
+}
 
 /// Writes a file so that nobody ever sees half of it: `write` fills a temporary file in the
 /// target's own folder, which then takes the target's name (replacing what was there).
@@ -71,30 +111,37 @@ impl Batch {
             .take_while(|folder| *folder != Path::new("") && !folder.is_dir())
             .collect();
         for folder in missing.into_iter().rev() {
+            // Not between the folder and the note of it may the process end.
+            let mut all = unfinished::all();
             fs::create_dir(folder).map_err(|error| os(folder, "make the folder", error))?;
+            all.folders.push(folder.to_path_buf());
             self.folders.push(folder.to_path_buf());
         }
         Ok(())
     }
 
-    /// Gives all files their names.
+    /// Gives all files their names, or those of a larger job ([`together`]) at its end.
     ///
     /// # Errors
     /// [`Error::Io`] if one cannot take its name; those before it have given theirs back then, and
     /// what they had replaced is there again.
     pub fn commit(mut self) -> Result<()> {
+        if let Some(job) = &mut *open() {
+            job.take_over(self);
+            return Ok(());
+        }
         // Whoever removes unfinished files waits until all these are finished.
-        let mut unfinished = unfinished();
+        let mut unfinished = unfinished::all();
         let many = self.files.len() > 1;
         let folders: BTreeSet<PathBuf> = (self.files.iter())
             .map(|(_, path)| folder_of(path).to_path_buf())
             .collect();
-        let files: Vec<(TempPath, PathBuf)> = (self.files.drain(..))
+        let files: Vec<(Taken, PathBuf)> = (self.files.drain(..))
             .filter_map(|(file, path)| Some((file.taken(&mut unfinished)?, path)))
             .collect();
         let mut placed: Vec<Placed> = Vec::new();
         for (temporary, path) in files {
-            match Placed::new(temporary, path, many) {
+            match Placed::new(temporary.path, path, many) {
                 Ok(file) => placed.push(file),
                 Err(error) => {
                     placed.into_iter().rev().for_each(Placed::undo);
@@ -103,77 +150,37 @@ impl Batch {
             }
         }
         drop(placed);
-        self.folders.clear();
+        let made = std::mem::take(&mut self.folders);
+        unfinished.folders.retain(|folder| !made.contains(folder));
         folders.iter().for_each(|folder| sync_folder(folder));
         Ok(())
+    }
+}
+
+impl Batch {
+    /// What another has written, in place of what was to have the same names.
+    fn take_over(&mut self, mut other: Self) {
+        let paths: BTreeSet<&Path> = other.files.iter().map(|(_, path)| path.as_path()).collect();
+        self.files
+            .retain(|(_, path)| !paths.contains(path.as_path()));
+        self.files.append(&mut other.files);
+        self.folders.append(&mut other.folders);
     }
 }
 
 impl Drop for Batch {
     fn drop(&mut self) {
         self.files.clear();
+        if self.folders.is_empty() {
+            return;
+        }
+        let mut all = unfinished::all();
+        all.folders.retain(|folder| !self.folders.contains(folder));
         for folder in self.folders.iter().rev() {
             // Fails, as it shall, where there are files in it.
             let _ = fs::remove_dir(folder);
         }
     }
-}
-
-/// A file that has taken its name, and what had that name before.
-struct Placed {
-    path: PathBuf,
-    /// Removed when dropped.
-    before: Option<TempPath>,
-}
-
-impl Placed {
-    fn new(temporary: TempPath, path: PathBuf, keep: bool) -> Result<Self> {
-        let failed = |error| os(&path, "write", error);
-        let before = match keep && path.is_file() {
-            true => Some(second_name(&path).map_err(failed)?),
-            false => None,
-        };
-        match temporary.persist(&path) {
-            Ok(()) => Ok(Self { path, before }),
-            Err(error) => {
-                let failed = failed(error.error);
-                // It has a name less where a file cannot have two.
-                if let Some(before) = before
-                    && !path.exists()
-                {
-                    Self::restore(before, &path);
-                }
-                Err(failed)
-            }
-        }
-    }
-
-    fn undo(self) {
-        match self.before {
-            Some(before) => Self::restore(before, &self.path),
-            // Nothing useful can be done if this fails: the first error is the one to report.
-            None => drop(fs::remove_file(&self.path)),
-        }
-    }
-
-    fn restore(before: TempPath, path: &Path) {
-        if let Err(kept) = before.persist(path) {
-            // Better under a strange name than gone.
-            let _ = kept.path.keep();
-        }
-    }
-}
-
-/// Gives a file a second name in its folder; where files cannot have two, another name.
-fn second_name(path: &Path) -> io::Result<TempPath> {
-    let mut builder = Builder::new();
-    let prefix = prefix(path);
-    let builder = builder.prefix(&prefix).suffix(".old");
-    let folder = folder_of(path);
-    let linked = builder
-        .make_in(folder, |name| fs::hard_link(path, name))
-        .or_else(|_| builder.make_in(folder, |name| fs::rename(path, name)))?;
-    Ok(linked.into_temp_path())
 }
 
 /// Checks that a file could be written at `path`: its folder exists and it is not a folder itself.
@@ -208,14 +215,6 @@ fn folder_of(path: &Path) -> &Path {
     }
 }
 
-/// What temporary names in place of a target's begin with: hidden, and recognisable.
-fn prefix(target: &Path) -> String {
-    let name = target.file_name().unwrap_or_default().to_string_lossy();
-    // Cut so that a long (but legal) target name does not make an illegal temporary one.
-    let stem: String = name.chars().take(40).collect();
-    format!(".{stem}.")
-}
-
 /// Makes a renamed file's new name last, where folders can be synchronised.
 fn sync_folder(folder: &Path) {
     #[cfg(unix)]
@@ -225,66 +224,6 @@ fn sync_folder(folder: &Path) {
     }
     #[cfg(not(unix))]
     let _ = folder;
-}
-
-/// Every temporary file that has not taken its name yet.
-static UNFINISHED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
-
-fn unfinished() -> MutexGuard<'static, BTreeSet<PathBuf>> {
-    UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-/// Ends the process, from any thread, with no file half written: temporary files that have not taken
-/// their names yet are removed, and those that are just taking theirs are waited for. Nobody else writes
-/// or ends a file in between.
-pub fn exit_without_unfinished(code: i32) -> ! {
-    let mut unfinished = unfinished();
-    for path in std::mem::take(&mut *unfinished) {
-        // Nothing useful can be done if this fails: the process ends.
-        let _ = fs::remove_file(path);
-    }
-    std::process::exit(code)
-}
-
-/// A temporary file that is deleted when dropped.
-struct Unfinished(Option<TempPath>);
-
-impl Unfinished {
-    fn create(target: &Path) -> Result<(Self, File)> {
-        check_target(target)?;
-        let mut builder = Builder::new();
-        let prefix = prefix(target);
-        builder.prefix(&prefix).suffix(".tmp");
-        #[cfg(unix)]
-        {
-            // As any other new file, not private as temporary ones are by default.
-            use std::os::unix::fs::PermissionsExt;
-            builder.permissions(fs::Permissions::from_mode(0o666));
-        }
-        // Not between the file and the note of it may the process end.
-        let mut unfinished = unfinished();
-        let (file, path) = builder
-            .tempfile_in(folder_of(target))
-            .map_err(|error| os(target, "write", error))?
-            .into_parts();
-        unfinished.insert(path.to_path_buf());
-        Ok((Self(Some(path)), file))
-    }
-
-    /// The file, no longer in the list of unfinished ones.
-    fn taken(mut self, unfinished: &mut BTreeSet<PathBuf>) -> Option<TempPath> {
-        let path = self.0.take()?;
-        unfinished.remove(&*path);
-        Some(path)
-    }
-}
-
-impl Drop for Unfinished {
-    fn drop(&mut self) {
-        if let Some(path) = self.0.take() {
-            unfinished().remove(&*path);
-        }
-    }
 }
 
 #[cfg(test)]
@@ -389,12 +328,12 @@ mod tests {
         fs::write(&path, b"old").unwrap();
         let mut batch = Batch::default();
         batch.write(&path, |w| w.write_all(b"new")).unwrap();
-        let temporary = batch.files[0].0.0.as_ref().unwrap().to_path_buf();
-        assert!(unfinished().contains(&temporary));
+        let temporary = batch.files[0].0.path().to_path_buf();
+        assert!(unfinished::all().files.contains(&temporary));
         // As `exit_without_unfinished` does, which would trouble the tests beside this one.
         fs::remove_file(&temporary).unwrap();
         assert!(batch.commit().is_err());
-        assert!(!unfinished().contains(&temporary));
+        assert!(!unfinished::all().files.contains(&temporary));
         assert_eq!(fs::read(&path).unwrap(), b"old");
         assert_eq!(names(folder.path()), ["a.txt"]);
     }

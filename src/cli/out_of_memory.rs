@@ -1,0 +1,98 @@
+//! What happens when the operating system has no more memory to give: one line, no file left half
+//! written, exit code 1. Without it the process would be aborted.
+
+#![allow(unsafe_code)]
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
+
+use crate::files::remove_unfinished;
+
+/// The system's allocator, which ends the process where it would give nothing.
+pub struct Careful;
+
+// SAFETY: all is left to the system's allocator; where that returns null, nothing returns.
+unsafe impl GlobalAlloc for Careful {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        // SAFETY: as the caller promises.
+        there(unsafe { System.alloc(layout) }, layout.size())
+    }
+
+    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
+        // SAFETY: as the caller promises.
+        there(unsafe { System.alloc_zeroed(layout) }, layout.size())
+    }
+
+    unsafe fn realloc(&self, memory: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        // SAFETY: as the caller promises.
+        there(unsafe { System.realloc(memory, layout, size) }, size)
+    }
+
+    unsafe fn dealloc(&self, memory: *mut u8, layout: Layout) {
+        // SAFETY: as the caller promises.
+        unsafe { System.dealloc(memory, layout) }
+    }
+}
+
+#[inline]
+fn there(memory: *mut u8, size: usize) -> *mut u8 {
+    if memory.is_null() {
+        end(size);
+    }
+    memory
+}
+
+#[cold]
+fn end(size: usize) -> ! {
+    static ENDING: AtomicBool = AtomicBool::new(false);
+    if ENDING.swap(true, SeqCst) {
+        // Another thread is at it, or this one, within what follows.
+        wait();
+    }
+    // Nothing here may take memory, nor wait for a lock that a thread without memory holds.
+    let mut digits = [0; 20];
+    say(b"error: memory: the operating system has none left for ");
+    say(decimal(size, &mut digits));
+    say(b" bytes more; give a larger distance or a part of the image, or use a machine with more memory\n");
+    remove_unfinished();
+    // SAFETY: ends the process, without handlers that might need memory.
+    unsafe { libc::_exit(1) }
+}
+
+/// Waits for the thread that ends the process, but not for ever.
+fn wait() -> ! {
+    for _ in 0..100 {
+        std::thread::sleep(std::time::Duration::from_millis(10));
+    }
+    // SAFETY: as above.
+    unsafe { libc::_exit(1) }
+}
+
+fn say(text: &[u8]) {
+    // SAFETY: the bytes are there; a failure to write is no matter.
+    let _ = unsafe { libc::write(2, text.as_ptr().cast(), text.len() as _) };
+}
+
+fn decimal(mut number: usize, digits: &mut [u8; 20]) -> &[u8] {
+    let mut at = digits.len();
+    loop {
+        at -= 1;
+        digits[at] = b'0' + (number % 10) as u8;
+        number /= 10;
+        if number == 0 {
+            return &digits[at..];
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_written_without_memory() {
+        for number in [0, 7, 10, 123_456, usize::MAX] {
+            assert_eq!(decimal(number, &mut [0; 20]), number.to_string().as_bytes());
+        }
+    }
+}

@@ -1,0 +1,136 @@
+//! What a process that was killed leaves behind, and the next one removes.
+//!
+//! A temporary file is locked for as long as its process lives: a file with a temporary name that can be
+//! locked belongs to nobody. Where files cannot be locked, nothing is removed.
+
+use std::collections::BTreeSet;
+use std::ffi::{OsStr, OsString};
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+/// How names of files end that have not taken theirs yet.
+pub const UNFINISHED: &str = ".atomesh-unfinished";
+
+/// How second names of files end that are being replaced.
+pub const BEFORE: &str = ".atomesh-before";
+
+/// Random characters in a temporary name.
+pub const RANDOM: usize = 6;
+
+/// What temporary names in place of a target's begin with: hidden, and recognisable.
+pub fn prefix(target: &Path) -> OsString {
+    let name = target.file_name().unwrap_or_default();
+    let mut prefix = OsString::from(".");
+    match name.to_str() {
+        // Cut so that a long (but legal) target name does not make an illegal temporary one.
+        Some(name) if name.len() > MOST => prefix.extend([cut(name)]),
+        _ => prefix.push(name),
+    }
+    prefix.push(".");
+    prefix
+}
+
+/// Bytes of a target's name that a temporary one holds at most: names have at most 255.
+const MOST: usize = 200;
+
+fn cut(name: &str) -> &OsStr {
+    let end = (0..=MOST).rev().find(|&i| name.is_char_boundary(i));
+    OsStr::new(&name[..end.unwrap_or_default()])
+}
+
+/// Removes what killed processes left in a folder; once for each folder.
+pub fn sweep(folder: &Path) {
+    static SWEPT: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+    let swept = SWEPT
+        .lock()
+        .unwrap_or_else(PoisonError::into_inner)
+        .insert(folder.to_path_buf());
+    if swept {
+        sweep_now(folder);
+    }
+}
+
+/// Failures are no matter here: what cannot be removed stays.
+fn sweep_now(folder: &Path) {
+    let Ok(entries) = fs::read_dir(folder) else {
+        return;
+    };
+    for entry in entries.flatten() {
+        let (name, path) = (entry.file_name(), entry.path());
+        let Some(name) = name.to_str().and_then(|name| name.strip_prefix('.')) else {
+            continue;
+        };
+        let unfinished = name.ends_with(UNFINISHED);
+        let before = name.strip_suffix(BEFORE);
+        if !unfinished && before.is_none() || !entry.file_type().is_ok_and(|kind| kind.is_file()) {
+            continue;
+        }
+        let Ok(file) = File::open(&path) else {
+            continue;
+        };
+        if file.try_lock().is_err() {
+            continue;
+        }
+        let target =
+            before.and_then(|name| Some(folder.join(&name[..name.len().checked_sub(RANDOM + 1)?])));
+        let _ = match target {
+            // Killed where files cannot have two names, between giving this one up and the new one.
+            Some(target) if !target.exists() => fs::rename(&path, target),
+            _ => fs::remove_file(&path),
+        };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_nobody_holds_is_removed_and_what_was_replaced_comes_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        let temporary = |target: &str, suffix: &str| {
+            let mut name = prefix(Path::new(target));
+            name.push("aBc123");
+            name.push(suffix);
+            at(name.to_str().unwrap())
+        };
+        let [dead, alive] = ["dead", "alive"].map(|name| temporary(name, UNFINISHED));
+        let [kept, lost] = ["kept.vtu", "lost.vtu"].map(|name| temporary(name, BEFORE));
+        for path in [
+            &dead,
+            &alive,
+            &kept,
+            &lost,
+            &at("kept.vtu"),
+            &at(".other.tmp"),
+        ] {
+            fs::write(path, path.to_str().unwrap()).unwrap();
+        }
+        let held = File::open(&alive).unwrap();
+        held.lock().unwrap();
+        sweep_now(folder.path());
+        let there = |path: &Path| path.exists();
+        assert!(!there(&dead) && there(&alive) && !there(&kept) && !there(&lost));
+        assert!(there(&at(".other.tmp")));
+        assert_eq!(
+            fs::read_to_string(at("kept.vtu")).unwrap(),
+            at("kept.vtu").to_str().unwrap()
+        );
+        assert_eq!(
+            fs::read_to_string(at("lost.vtu")).unwrap(),
+            lost.to_str().unwrap()
+        );
+        drop(held);
+        sweep_now(folder.path());
+        assert!(!there(&alive));
+    }
+
+    #[test]
+    fn long_names_are_cut_between_characters() {
+        let long = "é".repeat(120);
+        let cut = prefix(Path::new(&long));
+        assert_eq!(cut.to_str().unwrap(), format!(".{}.", "é".repeat(100)));
+    }
+}

@@ -1,0 +1,115 @@
+//! How large a mesh will become.
+
+use super::CellKind;
+use crate::Result;
+use crate::lattice::distance::Distance;
+use crate::memory;
+use crate::observer::Estimate;
+
+/// What a job takes besides its mesh, in bytes a sample: the image, its potential, and one field more.
+const SAMPLE: f64 = 12.0;
+
+/// What a mesh takes while it is made, improved, measured and written, in bytes an atom; measured with
+/// 0.1 to 3 million atoms.
+fn bytes_per_atom<const D: usize>(kind: CellKind) -> f64 {
+    match (D, kind) {
+        (2, CellKind::Simplices) => 360.0,
+        (2, CellKind::Voronoi) => 900.0,
+        (_, CellKind::Simplices) => 1_000.0,
+        (_, CellKind::Voronoi) => 2_600.0,
+    }
+}
+
+/// Cells an atom.
+fn cells_per_atom<const D: usize>(kind: CellKind) -> f64 {
+    match (D, kind) {
+        (_, CellKind::Voronoi) => 1.0,
+        (2, CellKind::Simplices) => 2.0,
+        (_, CellKind::Simplices) => 6.0,
+    }
+}
+
+/// Refuses an image for whose features there is no memory.
+///
+/// # Errors
+/// [`Error::Job`](crate::Error::Job).
+pub(super) fn afford_features<const D: usize>(dims: [usize; D]) -> Result<()> {
+    // The image itself has been read.
+    let samples: f64 = dims.iter().map(|&n| n as f64).product();
+    let bytes = (SAMPLE - 4.0) * samples;
+    let remedy = "give a part of the image, or every second sample";
+    memory::afford(
+        "the image",
+        bytes,
+        format!("features of {samples:.0} samples"),
+        remedy,
+    )
+}
+
+/// The size of a mesh of atoms so far apart.
+pub(super) fn of_distance<const D: usize>(
+    distance: &Distance<D>,
+    extent: [f64; D],
+    kind: CellKind,
+) -> Estimate {
+    of_atoms::<D>(distance.about_atoms(extent), kind)
+}
+
+/// The size of a mesh of so many atoms.
+pub(super) fn of_atoms<const D: usize>(atoms: f64, kind: CellKind) -> Estimate {
+    Estimate {
+        atoms,
+        cells: atoms * cells_per_atom::<D>(kind),
+        bytes: atoms * bytes_per_atom::<D>(kind),
+    }
+}
+
+/// Refuses a mesh for which there is no memory.
+///
+/// # Errors
+/// [`Error::Job`](crate::Error::Job) with the figures.
+pub(super) fn afford(estimate: &Estimate) -> Result<()> {
+    let what = format!(
+        "about {:.2e} atoms and {:.2e} cells",
+        estimate.atoms, estimate.cells
+    );
+    memory::afford("distance", estimate.bytes, what, "give a larger distance")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_lattice_has_as_many_atoms_as_are_seeded() {
+        use crate::lattice::seeding::{Alignment, Seeding, seed};
+        use crate::observer::Patience;
+
+        let patience = &Patience::endless();
+        let (space, plane) = (Distance::Constant(5.0), Distance::Constant(5.0));
+        let seeded = seed(
+            Seeding::default(),
+            [150.0; 3],
+            &space,
+            &[],
+            Alignment::On,
+            None,
+            patience,
+        );
+        let about = of_distance(&space, [150.0; 3], CellKind::Simplices).atoms;
+        let atoms = seeded.unwrap().positions.len() as f64;
+        assert!((about / atoms - 1.0).abs() < 0.15, "{about} and {atoms}");
+        let seeded = seed(
+            Seeding::default(),
+            [400.0; 2],
+            &plane,
+            &[],
+            Alignment::On,
+            None,
+            patience,
+        );
+        let about = of_distance(&plane, [400.0; 2], CellKind::Simplices).atoms;
+        let atoms = seeded.unwrap().positions.len() as f64;
+        assert!((about / atoms - 1.0).abs() < 0.15, "{about} and {atoms}");
+    }
+}

@@ -1,4 +1,10 @@
 //! Pages to look at: made by the binary, opened in a headless browser.
+#![cfg(feature = "tetgen")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "a test that cannot go on has failed"
+)]
 
 mod common;
 
@@ -12,7 +18,7 @@ use common::{no_validator, npy, npy_2d, refused, run, sheet};
 fn looked_at(folder: &Path, pages: &[&str]) {
     let names = ["chromium-headless-shell", "chromium", "chromium-browser"];
     let there = |name: &&str| Command::new(name).arg("--version").output().is_ok();
-    if !names.iter().any(|name| there(name)) {
+    if !names.iter().any(there) {
         return no_validator("Chromium");
     }
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/page/look.py");

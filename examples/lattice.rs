@@ -14,7 +14,8 @@ use atomesh::image::{Field, Geometry, Image};
 use atomesh::lattice::distance::{self, Distance};
 use atomesh::lattice::energy::{Beta, Energy, Sampled, pair};
 use atomesh::lattice::seeding::{self, Alignment};
-use atomesh::model::slice::{self, Skeleton};
+use atomesh::model::slice::{self, Caption, Skeleton};
+use atomesh::model::surface::Kind;
 use atomesh::observer::Patience;
 
 fn main() -> anyhow::Result<()> {
@@ -92,7 +93,7 @@ fn one_atom(to: &str) -> anyhow::Result<()> {
         }
     }
     let image = Image::new([2 * SIDE, SIDE], rows.concat(), Geometry::default());
-    Ok(slice::plane(&image, &Skeleton::default())?.write(Path::new(to))?)
+    Ok(slice::plane(&image, &Skeleton::default(), &Caption::default())?.write(Path::new(to))?)
 }
 
 /// d(x) of the image's features, dark where it is small, and the atoms that are grown in it.
@@ -118,9 +119,9 @@ fn grown(image: &Image<2>, to: &str) -> anyhow::Result<()> {
             let first = crosses.nodes.len() as u32;
             crosses.nodes.extend([[x - u, y - v], [x + u, y + v]]);
             crosses.faces.push([first, first + 1]);
-            crosses.marked.push(true);
+            crosses.kinds.push(Some(Kind::Fault));
         }
     }
     let image = Image::new(image.dims(), samples, Geometry::default());
-    Ok(slice::plane(&image, &crosses)?.write(Path::new(to))?)
+    Ok(slice::plane(&image, &crosses, &Caption::default())?.write(Path::new(to))?)
 }

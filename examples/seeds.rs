@@ -22,7 +22,8 @@ use atomesh::lattice::seeding::{self, Alignment, Atoms, Seeding};
 use atomesh::mesh::Simplices;
 use atomesh::mesh::delaunay;
 use atomesh::mesh::poly::Lists;
-use atomesh::model::slice::{self, Skeleton};
+use atomesh::model::slice::{self, Caption, Skeleton};
+use atomesh::model::surface::Kind as SurfaceKind;
 use atomesh::observer::Patience;
 use atomesh::report::cost::cpu_seconds;
 use atomesh::report::quality;
@@ -195,13 +196,14 @@ fn pictures(image: &Image<2>, d: f64) -> anyhow::Result<()> {
                 offsets: (0..=sides.len() as u32).map(|side| 2 * side).collect(),
                 items: sides.concat(),
             },
-            marked: sides
+            kinds: sides
                 .iter()
-                .map(|side| side.iter().all(on_feature))
+                .map(|side| side.iter().all(on_feature).then_some(SurfaceKind::Fault))
                 .collect(),
             nodes,
         };
-        slice::plane(image, &skeleton)?.write(Path::new(&format!("{how}.png")))?;
+        slice::plane(image, &skeleton, &Caption::default())?
+            .write(Path::new(&format!("{how}.png")))?;
     }
     Ok(())
 }

@@ -1,13 +1,15 @@
 #!/bin/sh
 # Installs the programs that judge atomesh's files, each independent of it: VTK, Gmsh, toughio, xtgeo,
 # resqpy, open-DARTS, SciPy, meshio, the readers of images of the field (segyio, nibabel, pynrrd, SimpleITK,
-# tifffile) and a reader of simulators' output from PyPI into .venv; OPM Flow,
-# OpenFOAM, CalculiX and Octave by apt. Tests then use them; without one they name it and check less.
+# tifffile) and a reader of simulators' output from PyPI into .venv; OPM Flow, OpenFOAM, CalculiX, Octave and
+# Chromium, which opens pages, by apt. Tests then use them; without one they name it and check less.
 set -eu
 
 modules="vtkmodules.vtkIOXML resfo gmsh toughio scipy xtgeo resqpy darts flopy meshio
 segyio nibabel nrrd SimpleITK tifffile"
 packages="libopm-simulators-bin openfoam calculix-ccx octave libglu1-mesa libxft2 libxcursor1 libxinerama1"
+# Where there is no shell of its own (Ubuntu), the whole browser.
+browser="chromium-headless-shell chromium"
 
 absent() {
     echo "note: $1: tests that need them check less" >&2
@@ -34,21 +36,39 @@ install_modules() {
     python_modules || absent "some of the Python modules ($modules) do not load"
 }
 
+has_browser() {
+    for name in $browser; do
+        ! command -v "$name" >/dev/null 2>&1 || return 0
+    done
+    return 1
+}
+
+# The first that there is a package of; known only after an update.
+packaged_browser() {
+    for name in $browser; do
+        ! apt-cache show "$name" >/dev/null 2>&1 || { echo "$name"; return; }
+    done
+}
+
 install_packages() {
     missing=""
     for package in $packages; do
         dpkg -s "$package" 2>/dev/null | grep -q '^Status: install ok installed' ||
             missing="$missing $package"
     done
-    [ -n "$missing" ] || return 0
+    if [ -z "$missing" ] && has_browser; then
+        return 0
+    fi
     as_root=""
     if [ "$(id -u)" -ne 0 ]; then
         command -v sudo >/dev/null 2>&1 ||
             { absent "not root and no sudo to install$missing"; return; }
         as_root="sudo"
     fi
+    $as_root apt-get update -qq || { absent "apt-get update fails"; return; }
+    has_browser || missing="$missing $(packaged_browser)"
     echo "Installing validators:$missing"
-    { $as_root apt-get update -qq && $as_root env DEBIAN_FRONTEND=noninteractive \
+    { $as_root env DEBIAN_FRONTEND=noninteractive \
         apt-get install -y -qq --no-install-recommends $missing >/dev/null; } ||
         absent "apt-get install fails"
 }
@@ -56,7 +76,7 @@ install_packages() {
 if command -v dpkg >/dev/null 2>&1 && command -v apt-get >/dev/null 2>&1; then
     install_packages
 else
-    absent "no apt here; install OPM Flow, OpenFOAM, CalculiX and Octave yourself"
+    absent "no apt here; install OPM Flow, OpenFOAM, CalculiX, Octave and Chromium yourself"
 fi
 # A folder made elsewhere is of no use.
 if ! { [ -x .venv/bin/python ] && python_modules; }; then

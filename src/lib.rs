@@ -15,7 +15,7 @@
 //! job       all of the above in order: image in, mesh out
 //! store     meshes in files, in the image's physical coordinates
 //! model     what users do with a mesh: surfaces, paint, flow, columns, reservoir models, edits
-//! export    meshes and models to other programs
+//! export    meshes and models to other programs; a page for the browser
 //! cli       the command line (feature `cli`)
 //! ```
 //!

@@ -143,7 +143,6 @@ fn triangles_are_stopped_in_every_stage() {
     stopped_everywhere(&disc(), &params, &stages);
 }
 
-/// Alone in this program: what others write meanwhile would belong to it.
 #[test]
 fn the_files_of_a_job_appear_together_or_not_at_all() {
     use atomesh::files::{Batch, atomic_write, together};

@@ -54,8 +54,14 @@ for k in range(grid.GetNumberOfCells()):
     if det <= 0:
         errors.append("inverted cell %d" % k)
     geometric += det / 6
+units = {}
+for data in (grid.GetCellData(), grid.GetPointData()):
+    for k in range(data.GetNumberOfArrays()):
+        array = data.GetAbstractArray(k)
+        if array.HasInformation() and array.GetInformation().Has(array.UNITS_LABEL()):
+            units[array.GetName()] = array.GetInformation().Get(array.UNITS_LABEL())
 print(json.dumps({
-    "points": grid.GetNumberOfPoints(), "cells": grid.GetNumberOfCells(), "bounds": grid.GetBounds(),
+    "units": units, "points": grid.GetNumberOfPoints(), "cells": grid.GetNumberOfCells(), "bounds": grid.GetBounds(),
     "invalid": sum(states.GetTuple1(k) != 0 for k in range(states.GetNumberOfTuples())),
     "volume": sum(volume.GetTuple1(k) for k in range(volume.GetNumberOfTuples())),
     "geometric_volume": geometric,
@@ -103,7 +109,7 @@ fn an_image_becomes_a_valid_mesh_that_is_aligned() {
         assert_eq!(seen["corners"], 8);
         assert_eq!(
             seen["point_data"],
-            serde_json::json!(["atom_kind", "feature", "distance"])
+            serde_json::json!(["atom_kind", "feature", "distance", "image"])
         );
         assert_eq!(
             seen["cell_data"],
@@ -112,9 +118,13 @@ fn an_image_becomes_a_valid_mesh_that_is_aligned() {
                 "min_dihedral",
                 "volume",
                 "feature_faces",
-                "angles"
+                "angles",
+                "image"
             ])
         );
+        // Units as VTK has them.
+        let units = serde_json::json!({ "min_dihedral": "degrees", "distance": "samples" });
+        assert_eq!(seen["units"], units);
         let bounds: Vec<f64> = serde_json::from_value(seen["bounds"].clone()).unwrap();
         assert_eq!(bounds, [0.0, 43.0, 0.0, 35.0, 0.0, 31.0]);
         for key in ["volume", "geometric_volume"] {

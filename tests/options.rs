@@ -14,7 +14,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use atomesh::store::{AnyMesh, read_any_vtu};
-use common::{atomesh, files, succeed};
+use common::{atomesh, files, refused, succeed};
 use serde_json::Value;
 
 /// An option with a value that is none by default.
@@ -472,4 +472,28 @@ fn examples_give_the_same_bytes_from_their_configurations() {
     println!("{same} examples; without an image {without_image:#?}");
     assert!(same >= 10, "{same}");
     assert!(without_image.len() <= 20, "{without_image:#?}");
+}
+
+#[test]
+fn an_installation_says_what_it_is_and_how_it_is_used() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    for (shell, word) in [
+        ("bash", "complete"),
+        ("zsh", "#compdef"),
+        ("fish", "complete -c"),
+    ] {
+        let text = succeed(at, &["completions", shell]);
+        assert!(text.contains(word) && text.contains("columns"), "{shell}");
+    }
+    succeed(at, &["man", "-o", "."]);
+    let page = std::fs::read_to_string(at.join("atomesh-mesh.1")).unwrap();
+    assert!(page.contains(".TH") && page.contains("distance"));
+    assert!(at.join("atomesh.1").exists());
+    let said: serde_json::Value =
+        serde_json::from_str(&succeed(at, &["doctor", "--json"])).unwrap();
+    assert_eq!(said["atomesh"], env!("CARGO_PKG_VERSION"));
+    assert_eq!(said["TetGen"], "built in (AGPL-3.0)");
+    let error = refused(at, &["man", "-o", "absent"]);
+    assert!(error.contains("is no folder"), "{error}");
 }

@@ -322,7 +322,7 @@ fn use_mesh(choices: &mut Choices, folder: &Path, image: &str, mesh: &str, lies:
                 ("obj", "m.obj"),
             ]);
             let mut line = words(&["export", mesh, "--to", format, "-o", &out(name)]);
-            if choices.byte() % 4 > 0 {
+            if !choices.byte().is_multiple_of(4) {
                 line.extend(words(&[
                     "--porosity",
                     "0.2",

@@ -14,7 +14,9 @@ use crate::cli::verbs::info::InfoArgs;
 use crate::cli::verbs::mesh::MeshArgs;
 use crate::cli::verbs::paint::PaintArgs;
 use crate::cli::verbs::quality::QualityArgs;
+use crate::cli::verbs::report::ReportArgs;
 use crate::cli::verbs::segment::SegmentArgs;
+use crate::cli::verbs::setup::{CompletionsArgs, ManArgs};
 use crate::cli::verbs::slice::SliceArgs;
 use crate::cli::verbs::surface::SurfaceArgs;
 use crate::cli::verbs::synth::SynthArgs;
@@ -82,6 +84,9 @@ pub enum Verb {
     /// Quality and fidelity figures of a mesh
     #[command(after_help = "Example:\n  atomesh quality mesh.vtu --truth distance.npy")]
     Quality(QualityArgs),
+    /// A page to look at: mesh, image and figures in one HTML file for any browser
+    #[command(after_help = "Example:\n  atomesh report survey.sgy mesh.vtu -o page.html")]
+    Report(ReportArgs),
     /// Checks a mesh by our own checker, TetGen and CGAL
     #[command(after_help = "Example:\n  atomesh validate mesh.vtu")]
     Validate(ValidateArgs),
@@ -126,6 +131,17 @@ pub enum Verb {
         after_help = "Example:\n  atomesh synth faults -o faults.vti --truth distance.npy --dims 170,150,128"
     )]
     Synth(SynthArgs),
+    /// What this program is made of, what it runs on, and which programs beside it are there
+    #[command(after_help = "Example:\n  atomesh doctor")]
+    Doctor,
+    /// What a shell needs to complete words
+    #[command(
+        after_help = "Example:\n  atomesh completions bash > ~/.local/share/bash-completion/completions/atomesh"
+    )]
+    Completions(CompletionsArgs),
+    /// Manual pages
+    #[command(after_help = "Example:\n  atomesh man -o ~/.local/share/man/man1")]
+    Man(ManArgs),
 }
 
 #[cfg(test)]

@@ -119,18 +119,23 @@ impl Console {
         self.write(path, file, |file| M::write(path, file))
     }
 
-    /// Writes the mesh of a job.
+    /// Writes the mesh of a job, and its image's values in it.
     ///
     /// # Errors
-    /// As [`Outcome::write`].
-    pub fn write_outcome<const D: usize>(&mut self, path: &Path, outcome: &Outcome<D>) -> Result<()>
+    /// As [`Outcome::write_with_image`].
+    pub fn write_outcome<const D: usize>(
+        &mut self,
+        path: &Path,
+        outcome: &Outcome<D>,
+        image: &Image<D>,
+    ) -> Result<()>
     where
         Space<D>: Meshing<D>,
     {
         if !self.desk.keeps(path) {
-            return outcome.write(path);
+            return outcome.write_with_image(path, image);
         }
-        if let Some(mesh) = outcome.file() {
+        if let Some(mesh) = outcome.file(image) {
             self.desk.keep(path, Kept::Mesh(Box::new(mesh)));
         }
         Ok(())

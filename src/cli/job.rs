@@ -51,6 +51,8 @@ pub fn check_files(image: &Path, job: &Job, config: Option<&Path>) -> Result<()>
         (trace, "--trace", "pvd"),
         (job.outputs.potential.as_ref(), "--potential-out", "vti"),
         (job.outputs.lines.as_ref(), "--lines", "vtp"),
+        (job.outputs.page.as_ref(), "--page", "html"),
+        (job.outputs.surfaces.as_ref(), "--surfaces", "vtp"),
     ];
     let mut seen: Vec<&Path> = Vec::new();
     for (path, option, ending) in outputs {

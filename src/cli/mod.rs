@@ -62,11 +62,10 @@ pub fn main(line: &CommandLine) -> ExitCode {
 /// # Errors
 /// Those of the verb.
 pub fn perform(line: &CommandLine, interrupts: &Interrupts) -> Result<Ending> {
-    together(|| perform_at(line, interrupts, &mut Console::new(&line.common)))
+    perform_at(line, interrupts, &mut Console::new(&line.common))
 }
 
-/// Does what was typed at a console, at which what it writes need not be files. Unlike [`perform`] it may
-/// run in several threads at once; each file appears by itself.
+/// The same at a console, at which what it writes need not be files.
 ///
 /// # Errors
 /// Those of the verb.
@@ -78,9 +77,14 @@ pub fn perform_at(
     if let Some(bytes) = line.common.max_memory {
         memory::allow(bytes);
     }
+    together(|| verb(line, interrupts, console))
+}
+
+fn verb(line: &CommandLine, interrupts: &Interrupts, console: &mut Console) -> Result<Ending> {
     match &line.verb {
         Verb::Mesh(args) => return verbs::mesh::mesh(args, interrupts, console),
         Verb::Quality(args) => verbs::quality::quality(args, console)?,
+        Verb::Report(args) => verbs::report::report(args, console)?,
         Verb::Validate(args) => verbs::validate::validate(args, console)?,
         Verb::Slice(args) => verbs::slice::slice(args, console)?,
         Verb::Info(args) => verbs::info::info(args, console)?,
@@ -94,6 +98,9 @@ pub fn perform_at(
         Verb::Segment(args) => verbs::segment::segment(args, console)?,
         Verb::Surface(args) => verbs::surface::surface(args, console)?,
         Verb::Synth(args) => verbs::synth::synth(args, console)?,
+        Verb::Doctor => verbs::setup::doctor(console)?,
+        Verb::Completions(args) => verbs::setup::completions(args),
+        Verb::Man(args) => verbs::setup::man(args, console)?,
     }
     Ok(Ending::Done)
 }

@@ -23,6 +23,7 @@
 //! - [`corner_point`]: corner-point grids, sampled from any cells
 //! - [`meshers`]: triangles and tetrahedra with named faces, for other meshers and for finite elements
 //! - [`surfaces`]: labelled surfaces
+//! - [`page`]: a page for the browser, to look at a mesh with its image and figures
 //! - `containers`: numbers as text and as bytes, and the containers that hold them
 //! - `twin`: the VTU beside a format that does not hold the cells' shapes
 
@@ -30,6 +31,7 @@ pub(crate) mod containers;
 pub mod corner_point;
 pub mod format;
 pub mod meshers;
+pub mod page;
 pub mod simulators;
 pub mod surfaces;
 pub(crate) mod twin;

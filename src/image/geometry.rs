@@ -1,7 +1,9 @@
 //! Where an image's samples lie in the world.
 
+use serde::Serialize;
+
 use crate::error::cause;
-use crate::geometry::dot;
+use crate::geometry::{dot, norm};
 use crate::{Error, Result};
 
 /// Seconds in a unit of time; `None` for what is no unit of time.
@@ -189,6 +191,99 @@ impl<const D: usize> Geometry<D> {
     }
 }
 
+/// How positions along an image axis are read off: values run evenly from the first sample to the
+/// last.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Ruler {
+    /// What is read off, with its unit.
+    pub label: String,
+    /// The value at the first sample.
+    pub first: f64,
+    /// The value at the last one.
+    pub last: f64,
+}
+
+/// A name with its unit, if it has one.
+fn with_unit(name: &str, unit: &str) -> String {
+    match unit {
+        "" => name.to_string(),
+        unit => format!("{name} [{unit}]"),
+    }
+}
+
+impl<const D: usize> Geometry<D> {
+    /// The physical coordinate that changes most along image axis `k`.
+    fn main_coordinate(&self, k: usize) -> usize {
+        let step = self.axes[k];
+        (1..D).fold(0, |most, c| {
+            if step[c].abs() > step[most].abs() {
+                c
+            } else {
+                most
+            }
+        })
+    }
+
+    /// How positions along image axis `k` are read off, `steps` samples long: by the physical coordinate
+    /// that it runs along; where it runs obliquely, as the lines of a turned survey do, by the distance
+    /// from its first sample.
+    pub fn ruler(&self, k: usize, steps: f64) -> Ruler {
+        let along = self.main_coordinate(k);
+        let length = norm(self.axes[k]);
+        let (name, unit) = (&self.names[k], &self.units[along]);
+        if self.axes[k][along].abs() >= (1.0 - 1e-6) * length {
+            return Ruler {
+                label: with_unit(name, unit),
+                first: self.origin[along],
+                last: self.origin[along] + steps * self.axes[k][along],
+            };
+        }
+        Ruler {
+            label: with_unit(&format!("{name}, from the first"), unit),
+            first: 0.0,
+            last: steps * length,
+        }
+    }
+
+    /// By how much each physical coordinate is enlarged where it is drawn: 1 for all if they have one
+    /// unit. A coordinate of another unit than the first is drawn as long, next to those of the first's, as
+    /// the image axis along it is in a space of `extent` for so many `samples`.
+    pub fn aspect(&self, samples: [f64; D], extent: [f64; D]) -> [f64; D] {
+        // Lengths of the world for one of the other space.
+        let scale = |k: usize| samples[k] * norm(self.axes[k]) / extent[k].max(f64::MIN_POSITIVE);
+        let alike = (0..D).filter(|&k| self.units[self.main_coordinate(k)] == self.units[0]);
+        let scales: Vec<f64> = alike.map(scale).collect();
+        let mean = match scales.len() {
+            0 => scale(0),
+            count => scales.iter().sum::<f64>() / count as f64,
+        };
+        std::array::from_fn(|c| {
+            if self.units[c] == self.units[0] {
+                return 1.0;
+            }
+            let share = |k: usize| {
+                let length = norm(self.axes[k]);
+                self.axes[k][c].abs() / length.max(f64::MIN_POSITIVE)
+            };
+            let along = (1..D).fold(0, |most, k| if share(k) > share(most) { k } else { most });
+            mean / scale(along).max(f64::MIN_POSITIVE)
+        })
+    }
+
+    /// Whether the last physical coordinate grows downwards: times and depths do that grow from sample
+    /// to sample, and so do samples in units of themselves and all rows of images in the plane. (A survey's
+    /// height, or its time below zero, grows upwards.)
+    pub fn points_down(&self) -> bool {
+        const DOWN: [&str; 5] = ["sample", "time", "depth", "twt", "tvd"];
+        let last = D - 1;
+        let along = (0..D).find(|&k| self.main_coordinate(k) == last);
+        let grows = along.is_none_or(|k| self.axes[k][last] >= 0.0);
+        let named = along.is_some_and(|k| DOWN.contains(&&*self.names[k].to_ascii_lowercase()));
+        let without_units = self.units.iter().all(String::is_empty);
+        grows && (D == 2 || named || without_units || seconds(&self.units[last]).is_some())
+    }
+}
+
 impl<const D: usize> Geometry<D> {
     /// As part of space; what is missing is as in the default geometry.
     pub fn in_space(&self) -> Geometry<3> {
@@ -303,6 +398,55 @@ mod tests {
         let [a, b] = geometry.flatten().axes;
         assert_eq!(a, [4.0, 0.0]);
         assert_eq!(b, [-12.0, 5.0]);
+    }
+
+    #[test]
+    fn axes_are_read_off_in_the_world_or_by_distance() {
+        let mut survey = Geometry::<3> {
+            origin: [620_000.0, 6_000_000.0, -1000.0],
+            axes: [[0.0, 0.0, -4.0], [0.0, 25.0, 0.0], [3.0, 4.0, 0.0]],
+            names: ["sample", "crossline", "inline"].map(String::from),
+            units: ["m", "m", "ms"].map(String::from),
+        };
+        let said = |geometry: &Geometry<3>, k: usize| {
+            let Ruler { label, first, last } = geometry.ruler(k, 100.0);
+            (label, [first, last])
+        };
+        assert_eq!(said(&survey, 0), ("sample [ms]".into(), [-1000.0, -1400.0]));
+        let across = ("crossline [m]".into(), [6_000_000.0, 6_002_500.0]);
+        assert_eq!(said(&survey, 1), across);
+        // Oblique: neither x nor y alone says where along it one is.
+        let along = ("inline, from the first [m]".into(), [0.0, 500.0]);
+        assert_eq!(said(&survey, 2), along);
+
+        // A sample of 4 ms is drawn as long as the mean of 25 m and 5 m.
+        let cube = [100.0; 3];
+        let aspect = survey.aspect(cube, cube);
+        assert!(aspect[0] == 1.0 && aspect[1] == 1.0 && (aspect[2] - 3.75).abs() < 1e-12);
+        survey.units = Default::default();
+        assert_eq!(survey.aspect(cube, cube), [1.0; 3]);
+    }
+
+    #[test]
+    fn times_depths_and_rows_point_down_and_heights_up() {
+        let mut geometry = Geometry::<3>::default();
+        assert!(geometry.points_down(), "samples in units of themselves");
+        geometry.units = ["mm", "mm", "mm"].map(String::from);
+        assert!(!geometry.points_down(), "millimetres of a head");
+        geometry.names[2] = "Depth".into();
+        assert!(geometry.points_down());
+        geometry.axes[2][2] = -1.0;
+        assert!(!geometry.points_down(), "depth below zero");
+        let survey = Geometry::<3> {
+            axes: [[0.0, 0.0, 4.0], [25.0, 0.0, 0.0], [0.0, 25.0, 0.0]],
+            units: ["m", "m", "ms"].map(String::from),
+            ..Geometry::default()
+        };
+        assert!(survey.points_down());
+        let mut photograph = Geometry::<2>::with_spacing([0.0; 2], [2.0, 2.0]);
+        assert!(photograph.points_down());
+        photograph.axes[1][1] = -2.0;
+        assert!(!photograph.points_down());
     }
 
     #[test]

@@ -95,6 +95,33 @@ impl<const D: usize> Image<D> {
         std::array::from_fn(|k| shape[D - 1 - k])
     }
 
+    /// The value at a (fractional) sample index, interpolated linearly; beyond the sides that of the
+    /// nearest sample.
+    pub fn linear(&self, index: [f64; D]) -> f32 {
+        let (dims, samples) = (self.dims(), self.as_slice());
+        let mut value = 0.0;
+        for corner in 0..1usize << D {
+            let (mut weight, mut place, mut stride) = (1.0, 0, 1);
+            for k in 0..D {
+                let last = dims[k] - 1;
+                let x = index[k].clamp(0.0, last as f64);
+                let low = (x as usize).min(last.saturating_sub(1));
+                let t = (x - low as f64) as f32;
+                let (sample, share) = match corner >> k & 1 {
+                    0 => (low, 1.0 - t),
+                    _ => ((low + 1).min(last), t),
+                };
+                weight *= share;
+                place += sample * stride;
+                stride *= dims[k];
+            }
+            if weight > 0.0 {
+                value += weight * samples[place];
+            }
+        }
+        value
+    }
+
     /// The samples in memory order, x fastest.
     pub fn as_slice(&self) -> &[f32] {
         #[allow(clippy::expect_used)]
@@ -172,6 +199,29 @@ fn nearest_rows<const D: usize>(dims: [usize; D], wanted: &[bool]) -> Vec<Option
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn linear_functions_are_interpolated_exactly() {
+        let plane = |x: [f64; 3]| 2.0 + x[0] - 3.0 * x[1] + 0.5 * x[2];
+        let samples = (0..60).map(|i| [i % 5, i / 5 % 4, i / 20].map(|c| c as f64));
+        let samples = samples.map(|x| plane(x) as f32).collect();
+        let image = Image::new([5, 4, 3], samples, Geometry::default());
+        for x in [
+            [0.0; 3],
+            [4.0, 3.0, 2.0],
+            [1.25, 2.5, 0.75],
+            [3.9, 0.1, 1.0],
+        ] {
+            assert!(
+                (f64::from(image.linear(x)) - plane(x)).abs() < 1e-5,
+                "{x:?}"
+            );
+        }
+        assert_eq!(
+            image.linear([9.0, -1.0, 2.0]),
+            image.linear([4.0, 0.0, 2.0])
+        );
+    }
 
     #[test]
     fn missing_rows_are_continued_from_the_nearest() {

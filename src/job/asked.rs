@@ -402,6 +402,10 @@ pub struct Outputs {
     pub potential: Option<PathBuf>,
     /// The acute lines of tetrahedra or triangles.
     pub lines: Option<PathBuf>,
+    /// The page to look at.
+    pub page: Option<PathBuf>,
+    /// The faces on features, with the number of the surface of each.
+    pub surfaces: Option<PathBuf>,
 }
 
 impl Job {

@@ -67,6 +67,12 @@ pub struct Settings {
     /// degrees, with their angles
     #[cfg_attr(feature = "cli", arg(long, value_name = "LINES.vtp"))]
     pub lines: Option<PathBuf>,
+    /// Also write a page to look at: mesh, image and figures in one HTML file for any browser
+    #[cfg_attr(feature = "cli", arg(long, value_name = "PAGE.html"))]
+    pub page: Option<PathBuf>,
+    /// Also write the faces on features with the number of the surface of each, as `atomesh surface` does
+    #[cfg_attr(feature = "cli", arg(long, value_name = "SURFACES.vtp"))]
+    pub surfaces: Option<PathBuf>,
     /// Atoms on features, or alongside [default: on; alongside with --cells voronoi]
     #[cfg_attr(feature = "cli", arg(long, value_name = "WHERE"))]
     pub align: Option<AlignName>,

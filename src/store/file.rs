@@ -9,13 +9,15 @@ use super::{write_cells_vtu, write_lines, write_vtu};
 use crate::Result;
 use crate::feature::Settled;
 use crate::files::vtk::DataArray;
-use crate::image::Geometry;
+use crate::image::{Geometry, Image};
 pub use crate::job::Provenance;
 use crate::job::horizons::horizon_bits;
 use crate::job::{Made, Marked, Meshing, Outcome, Space};
 use crate::mesh::{Mesh, Simplices};
 use crate::report::smallest_angles;
-use crate::store::{AnyMesh, FieldValue, MeshFile, face_bits_to_physical, to_physical};
+use crate::store::{
+    AnyMesh, FieldValue, LatticeSpace, MeshFile, face_bits_to_physical, to_physical,
+};
 
 /// The outcome of a job where the image lies in the world, with all that is known of each node and
 /// cell.
@@ -80,12 +82,20 @@ impl<const D: usize> Outcome<D>
 where
     Space<D>: Meshing<D>,
 {
-    /// The mesh with all that is known of it, where the image lies in the world, as [`Self::write`] writes
-    /// it; `None` unless the image has two axes or three.
-    pub fn file(&self) -> Option<AnyMesh> {
+    /// The mesh with all that is known of it, where the image lies in the world, as
+    /// [`Self::write_with_image`] writes it; `None` unless the image has two axes or three.
+    pub fn file(&self, image: &Image<D>) -> Option<AnyMesh> {
         AnyMesh::of(match &self.made {
-            Made::Simplices(made) => Box::new(to_file(self, made)),
-            Made::Voronoi { mesh, weld } => Box::new(cells_to_file(self, mesh, *weld)),
+            Made::Simplices(made) => {
+                let mut file = to_file(self, made);
+                add_image(&mut file, image);
+                Box::new(file)
+            }
+            Made::Voronoi { mesh, weld } => {
+                let mut file = cells_to_file(self, mesh, *weld);
+                add_image(&mut file, image);
+                Box::new(file)
+            }
         })
     }
 
@@ -99,6 +109,25 @@ where
             Made::Simplices(made) => write_vtu(path, &to_file(self, made)),
             Made::Voronoi { mesh, weld } => {
                 write_cells_vtu(path, &cells_to_file(self, mesh, *weld))
+            }
+        }
+    }
+
+    /// The same with the image's value at each node and in the middle of each cell, as arrays `image`.
+    ///
+    /// # Errors
+    /// As [`write`](Self::write).
+    pub fn write_with_image(&self, path: &Path, image: &Image<D>) -> Result<()> {
+        match &self.made {
+            Made::Simplices(made) => {
+                let mut file = to_file(self, made);
+                add_image(&mut file, image);
+                write_vtu(path, &file)
+            }
+            Made::Voronoi { mesh, weld } => {
+                let mut file = cells_to_file(self, mesh, *weld);
+                add_image(&mut file, image);
+                write_cells_vtu(path, &file)
             }
         }
     }
@@ -122,6 +151,27 @@ where
     }
 }
 
+/// Adds the image's value at each node and in the middle of each cell, interpolated linearly, as arrays
+/// `image`.
+pub fn add_image<const D: usize, M: Mesh<D>>(file: &mut MeshFile<M>, image: &Image<D>) {
+    let space = LatticeSpace::of(file, file.mesh.nodes()).filter(|space| space.by_file);
+    let geometry = space.map_or_else(|| image.geometry.clone(), |space| space.geometry);
+    let at = |x: [f64; D]| match geometry.to_index(x) {
+        Some(index) => image.linear(index),
+        None => f32::NAN,
+    };
+    let nodes = file.mesh.nodes();
+    let on_nodes: Vec<f32> = nodes.par_iter().map(|&x| at(x)).collect();
+    let cells = file.mesh.cell_volumes();
+    let in_cells: Vec<f32> = cells.par_iter().map(|&(_, middle)| at(middle)).collect();
+    let arrays = &mut file.point_data;
+    arrays.push(DataArray::scalars(IMAGE, on_nodes));
+    let arrays = &mut file.cell_data;
+    arrays.push(DataArray::scalars(IMAGE, in_cells));
+}
+
+/// The arrays of the image's values.
+pub(crate) const IMAGE: &str = "image";
 /// The array that says which cells have angles beyond [30, 150], and whether features explain them.
 pub(crate) const ANGLES: &str = "angles";
 /// The array that says which faces on features lie on horizons, which are no barriers to flow: bits
@@ -131,6 +181,22 @@ pub(crate) const HORIZON_FACES: &str = "horizon_faces";
 pub(crate) const DISTANCE: &str = "distance";
 /// Field data of welded Voronoi cells: the share of their size within which nodes are one.
 pub(crate) const WELD: &str = "weld";
+/// The unit of the numbers of an array of ours, by its name and the units of the coordinates; empty for
+/// numbers without unit and where it is not known.
+pub(crate) fn unit_of<const D: usize>(array: &str, units: &[String; D]) -> String {
+    match array {
+        "min_dihedral" | "min_angle" => "degrees".to_string(),
+        DISTANCE => "samples".to_string(),
+        "volume" | "area" if units.iter().all(|unit| *unit == units[0]) => {
+            match units[0].as_str() {
+                "" => String::new(),
+                unit => format!("{unit}^{D}"),
+            }
+        }
+        "volume" | "area" => units.join(" "),
+        _ => String::new(),
+    }
+}
 /// The field of units of the coordinates, commas between them.
 pub(super) const UNITS: &str = "units";
 /// The name under which a file keeps what feature detection settled on.

@@ -194,7 +194,7 @@ impl<const D: usize> Stored<D> for PolyMesh<D> {
 
 impl<const D: usize> LatticeSpace<D> {
     /// Of a mesh with these nodes; `None` if the file says it only in part.
-    fn of<M>(file: &MeshFile<M>, nodes: &[[f64; D]]) -> Option<Self> {
+    pub(super) fn of<M>(file: &MeshFile<M>, nodes: &[[f64; D]]) -> Option<Self> {
         let array = |name: &str| match file.field(name) {
             Some(FieldValue::F64s(values)) => Some(values.as_slice()),
             _ => None,

@@ -13,15 +13,18 @@ use crate::cli::console::{Console, print};
 use crate::cli::interrupts::Interrupts;
 use crate::cli::job::{check_files, output, params};
 use crate::error::{cause, os};
-use crate::image::Geometry;
+use crate::export::page::{self, About, LARGEST, Written};
 use crate::image::formats::{AnyLoaded, Loaded};
-use crate::job::{Job, Meshing, Outcome, Provenance, Settings, Space};
+use crate::image::{Geometry, Image};
+use crate::job::{Job, Made, Meshing, Outcome, Provenance, Settings, Space};
 use crate::lattice::optimize::Stop;
 use crate::memory::Bytes;
 use crate::mesh::Simplices;
 use crate::observer::{Estimate, Observer, Progress, Stage};
 use crate::report::{Clock, Input, quality};
-use crate::store::{Trace, to_physical};
+use crate::store::cells::cells_to_file;
+use crate::store::file::{add_image, to_file};
+use crate::store::{StoredMesh, Trace, to_physical};
 use crate::{Error, Result};
 
 /// `atomesh mesh`.
@@ -181,7 +184,7 @@ impl Run<'_> {
             parameters: toml_of(&job.clone().reproducible())?,
             input_sha256,
         };
-        console.write_outcome(&output, &outcome)?;
+        console.write_outcome(&output, &outcome, &image)?;
         if let Some(path) = &job.outputs.lines {
             outcome.write_lines(path)?;
         }
@@ -191,22 +194,17 @@ impl Run<'_> {
             let physical = to_physical(&made.mesh, outcome.step, &image.geometry);
             outcome.report.quality_physical = Some(quality(&physical));
         }
-        let Outcome {
-            features,
-            stop,
-            provenance,
-            mut report,
-            ..
-        } = outcome;
         if let Some(path) = &job.outputs.potential {
-            console.write_image(path, potential_image(&features.potential, &image.geometry))?;
+            let potential = &outcome.features.potential;
+            console.write_image(path, potential_image(potential, &image.geometry))?;
         }
         clock.end();
 
+        let mut report = std::mem::take(&mut outcome.report);
         report.input = Some(Input {
             file: path.display().to_string(),
             dims: image.dims().to_vec(),
-            hash: format!("sha256:{}", provenance.input_sha256),
+            hash: format!("sha256:{}", outcome.provenance.input_sha256),
         });
         report.parameters = serde_json::to_value(job).unwrap_or_default();
         report.notes.splice(0..0, notes);
@@ -218,14 +216,82 @@ impl Run<'_> {
         if let Some(path) = &job.outputs.report {
             crate::files::atomic_write(path, |out| writeln!(out, "{json:#}"))?;
         }
-        console.result(
-            format_args!("{}\nwrote {}", report.table().trim_end(), output.display()),
-            &json,
-        );
-        Ok(match stop == Stop::Interrupted || interrupts.wanted() {
-            true => Ending::Interrupted,
-            false => Ending::Done,
-        })
+        let mut said = format!("{}\nwrote {}", report.table().trim_end(), output.display());
+        if let Some(path) = &job.outputs.page {
+            let written = write_page(path, &output, &image, &outcome, json.clone())?;
+            said = format!("{said}\n{}", super::report::said(path, written));
+        }
+        if let Some(path) = &job.outputs.surfaces {
+            let surfaces = write_surfaces(path, &output, &outcome, console)?;
+            said = format!("{said}\nwrote {}: {surfaces} surfaces", path.display());
+        }
+        console.result(said, &json);
+        Ok(
+            match outcome.stop == Stop::Interrupted || interrupts.wanted() {
+                true => Ending::Interrupted,
+                false => Ending::Done,
+            },
+        )
+    }
+}
+
+/// Writes the faces on features of a mesh that has just been made and written to `output`, each with the
+/// number of its surface; says how many surfaces there are.
+fn write_surfaces<const D: usize, M: Simplices<D>>(
+    path: &Path,
+    output: &Path,
+    outcome: &Outcome<D>,
+    console: &mut Console,
+) -> Result<usize>
+where
+    Space<D>: Meshing<D, Mesh = M>,
+{
+    let place = output.display().to_string();
+    match &outcome.made {
+        Made::Simplices(made) => {
+            let stored = StoredMesh::new(to_file(outcome, made), &place)?;
+            super::surface::write_marked(path, &stored, console)
+        }
+        Made::Voronoi { mesh, weld } => {
+            let stored = StoredMesh::new(cells_to_file(outcome, mesh, *weld), &place)?;
+            super::surface::write_marked(path, &stored, console)
+        }
+    }
+}
+
+/// The page of a mesh that has just been made and written to `output`.
+fn write_page<const D: usize, M: Simplices<D>>(
+    path: &Path,
+    output: &Path,
+    image: &Image<D>,
+    outcome: &Outcome<D>,
+    report: serde_json::Value,
+) -> Result<Written>
+where
+    Space<D>: Meshing<D, Mesh = M>,
+{
+    let name = output.file_name().unwrap_or(output.as_os_str());
+    let about = About {
+        title: name.to_string_lossy().into_owned(),
+        report,
+        parameters: outcome.provenance.parameters.clone(),
+        input_hash: outcome.provenance.input_sha256.clone(),
+    };
+    let place = output.display().to_string();
+    // As the file has it.
+    match &outcome.made {
+        Made::Simplices(made) => {
+            let mut file = to_file(outcome, made);
+            add_image(&mut file, image);
+            let stored = StoredMesh::new(file, &place)?;
+            page::write(path, Some(image), &stored, &about, LARGEST)
+        }
+        Made::Voronoi { mesh, weld } => {
+            let mut file = cells_to_file(outcome, mesh, *weld);
+            add_image(&mut file, image);
+            let stored = StoredMesh::new(file, &place)?;
+            page::write(path, Some(image), &stored, &about, LARGEST)
+        }
     }
 }
 

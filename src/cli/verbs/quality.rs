@@ -58,12 +58,23 @@ fn measure<const D: usize, M: Simplices<D>>(
 ) -> Result<()> {
     let truth = read_truth(args, &stored.space)?;
     console.begin_stage("measuring the mesh");
-    let (mesh, space) = (&stored.lattice, &stored.space);
-    let judged = judged(&stored);
+    let report = figures(&mut stored, truth)?;
     if let Some(path) = &args.lines {
         let place = |n: u32| stored.world.nodes[n as usize];
-        write_lines(path, &judged.angles.acute_lines, place)?;
+        let angles = report.quality.as_ref().and_then(|q| q.angles.as_ref());
+        write_lines(path, angles.map_or(&[], |a| &a.acute_lines), place)?;
     }
+    show(report, stored.space.by_file, console);
+    Ok(())
+}
+
+/// What is measured of tetrahedra or triangles, next to the truth if it is known.
+pub(super) fn figures<const D: usize, M: Simplices<D>>(
+    stored: &mut StoredMesh<D, M>,
+    truth: Option<(Truth<D>, String)>,
+) -> Result<Report> {
+    let (mesh, space) = (&stored.lattice, &stored.space);
+    let judged = judged(stored);
     let mut report = Report {
         quality: Some(Quality {
             angles: Some(judged.angles),
@@ -85,8 +96,7 @@ fn measure<const D: usize, M: Simplices<D>>(
     if !space.geometry.has_shape_of(space.step) {
         report.quality_physical = Some(stored.in_world(report::quality));
     }
-    show(report, stored.space.by_file, console);
-    Ok(())
+    Ok(report)
 }
 
 /// Which angles the features explain. A mesh that does not say how far apart its atoms shall be, stands
@@ -120,6 +130,16 @@ fn measure_cells<const D: usize>(
     }
     let truth = read_truth(args, &stored.space)?;
     console.begin_stage("measuring the mesh");
+    let report = figures_of_cells(&mut stored, truth);
+    show(report, stored.space.by_file, console);
+    Ok(())
+}
+
+/// The same for polyhedra or polygons.
+pub(super) fn figures_of_cells<const D: usize>(
+    stored: &mut StoredMesh<D, PolyMesh<D>>,
+    truth: Option<(Truth<D>, String)>,
+) -> Report {
     let (mesh, space) = (&stored.lattice, &stored.space);
     let known = Known {
         weld: stored.weld,
@@ -140,8 +160,7 @@ fn measure_cells<const D: usize>(
     }
     let physical = stored.in_world(Graph::from_poly);
     report.voronoi = Some(report::voronoi(found, &graph, &physical));
-    show(report, stored.space.by_file, console);
-    Ok(())
+    report
 }
 
 fn show(mut report: Report, placed_by_file: bool, console: &mut Console) {

@@ -1,18 +1,19 @@
 //! `atomesh slice`: pictures of a mesh over its image.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use serde_json::json;
 
 use crate::cli::common::output::{check_output, shown};
 use crate::cli::console::Console;
 use crate::cli::parse;
 use crate::error::cause;
-use crate::image::formats::AnyLoaded;
-use crate::image::formats::InputOptions;
-use crate::model::slice::{self, Skeleton};
-use crate::store::AnyMesh;
+use crate::image::formats::{AnyLoaded, InputOptions};
+use crate::image::{Geometry, Image};
+use crate::mesh::Mesh;
+use crate::model::slice::{self, Canvas, Caption, Skeleton};
+use crate::store::{AnyMesh, FieldValue, MeshFile, Stored, StoredMesh};
 use crate::{Error, Result};
 
 /// `atomesh slice`.
@@ -27,12 +28,25 @@ pub struct SliceArgs {
     /// The picture to write
     #[arg(short, long, value_name = "OUT.png")]
     pub output: PathBuf,
+    /// Sections with the planes of samples, or the mesh as a body with a corner open
+    #[arg(long, value_name = "VIEW", default_value = "sections")]
+    pub view: View,
     /// The point where the planes meet, in physical coordinates [default: the middle]
     #[arg(long, value_name = "X,Y,Z", allow_negative_numbers = true)]
     pub at: Option<String>,
     /// How to read the image.
     #[command(flatten, next_help_heading = "Reading the image")]
     pub input: InputOptions,
+}
+
+/// What a picture shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum View {
+    /// In 2-D the whole mesh, in 3-D its sections with three planes
+    Sections,
+    /// The mesh as a body with a corner open (3-D)
+    #[value(name = "3d")]
+    Solid,
 }
 
 /// Runs the verb.
@@ -52,41 +66,23 @@ pub fn slice(args: &SliceArgs, console: &mut Console) -> Result<()> {
     let image = console.read_image(&args.image, &args.input)?;
     let mesh = console.read_mesh(&args.mesh)?;
     console.begin_stage("drawing");
-    let refuse =
-        |problem: &str, remedy: &str| Error::Job(cause(args.mesh.display(), problem, remedy));
     let other = |mesh: u8, image: u8| {
         let problem = format!("is a {mesh}-D mesh, but the image is {image}-D");
-        refuse(&problem, "give the mesh of the image")
+        refuse(&args.mesh, &problem, "give the mesh of the image")
     };
-    let no_space = || {
-        refuse(
-            "the image's axes are linearly dependent",
-            "correct its geometry",
-        )
-    };
-    let picture = match image {
-        AnyLoaded::Plane(loaded) => {
-            let geometry = &loaded.image.geometry;
-            let skeleton = match mesh {
-                AnyMesh::Plane(file) => Skeleton::new(&file, geometry),
-                AnyMesh::PlaneCells(file) => Skeleton::new(&file, geometry),
-                _ => return Err(other(3, 2)),
-            };
-            slice::plane(&loaded.image, &skeleton.ok_or_else(no_space)?)?
+    let picture = match (image, mesh) {
+        (AnyLoaded::Plane(_), _) if args.view == View::Solid => {
+            let problem = "shows meshes in space, but the image is 2-D";
+            return Err(Error::Job(cause("--view 3d", problem, "omit it")));
         }
-        AnyLoaded::Space(loaded) => {
-            let geometry = &loaded.image.geometry;
-            let skeleton = match mesh {
-                AnyMesh::Space(file) => Skeleton::new(&file, geometry),
-                AnyMesh::SpaceCells(file) => Skeleton::new(&file, geometry),
-                _ => return Err(other(2, 3)),
-            };
-            let at = match at {
-                Some(at) => geometry.to_index(at).ok_or_else(no_space)?,
-                None => loaded.image.dims().map(|n| (n / 2) as f64),
-            };
-            slice::space(&loaded.image, &skeleton.ok_or_else(no_space)?, at)?
+        (AnyLoaded::Plane(loaded), AnyMesh::Plane(file)) => plane(args, &loaded.image, &file)?,
+        (AnyLoaded::Plane(loaded), AnyMesh::PlaneCells(file)) => plane(args, &loaded.image, &file)?,
+        (AnyLoaded::Space(loaded), AnyMesh::Space(file)) => space(args, &loaded.image, file, at)?,
+        (AnyLoaded::Space(loaded), AnyMesh::SpaceCells(file)) => {
+            space(args, &loaded.image, file, at)?
         }
+        (AnyLoaded::Plane(_), _) => return Err(other(3, 2)),
+        (AnyLoaded::Space(_), _) => return Err(other(2, 3)),
     };
     picture.write(&args.output)?;
     let [width, height] = picture.size();
@@ -95,4 +91,71 @@ pub fn slice(args: &SliceArgs, console: &mut Console) -> Result<()> {
         &json!({ "file": shown(&args.output), "size": [width, height] }),
     );
     Ok(())
+}
+
+fn refuse(place: &Path, problem: &str, remedy: &str) -> Error {
+    Error::Job(cause(place.display(), problem, remedy))
+}
+
+fn plane<M: Stored<2>>(args: &SliceArgs, image: &Image<2>, file: &MeshFile<M>) -> Result<Canvas> {
+    let skeleton = skeleton(args, file, &image.geometry)?;
+    slice::plane(image, &skeleton, &caption(args, file))
+}
+
+fn space<M: Stored<3>>(
+    args: &SliceArgs,
+    image: &Image<3>,
+    file: MeshFile<M>,
+    at: Option<[f64; 3]>,
+) -> Result<Canvas> {
+    let at = match at {
+        Some(at) => image.geometry.to_index(at).ok_or_else(|| flat(args))?,
+        None => image.dims().map(|n| (n / 2) as f64),
+    };
+    let caption = caption(args, &file);
+    match args.view {
+        View::Sections => {
+            let skeleton = skeleton(args, &file, &image.geometry)?;
+            slice::space(image, &skeleton, at, &caption)
+        }
+        View::Solid => {
+            let stored = StoredMesh::new(file, &args.mesh.display().to_string())?;
+            let place = args.image.display().to_string();
+            stored.space.check_dims(image.dims(), &place)?;
+            slice::solid(image, &stored, at, &caption)
+        }
+    }
+}
+
+fn skeleton<const D: usize, M: Stored<D>>(
+    args: &SliceArgs,
+    file: &MeshFile<M>,
+    geometry: &Geometry<D>,
+) -> Result<Skeleton<D>> {
+    Skeleton::new(file, geometry).ok_or_else(|| flat(args))
+}
+
+fn flat(args: &SliceArgs) -> Error {
+    let problem = "the image's axes are linearly dependent";
+    refuse(&args.mesh, problem, "correct its geometry")
+}
+
+/// The files, how many cells there are, and how far apart atoms were asked to be.
+fn caption<const D: usize, M: Mesh<D>>(args: &SliceArgs, file: &MeshFile<M>) -> Caption {
+    let name = |path: &Path| match path.file_name() {
+        Some(name) => name.to_string_lossy().into_owned(),
+        None => shown(path),
+    };
+    let distance = match file.field("parameters") {
+        Some(FieldValue::Text(text)) => toml::from_str::<toml::Table>(text.trim_end_matches('\0'))
+            .ok()
+            .and_then(|table| Some(table.get("distance")?.as_str()?.to_string())),
+        _ => None,
+    };
+    let distance = distance.map_or(String::new(), |d| format!(", d = {d} samples"));
+    Caption {
+        title: format!("{} over {}", name(&args.mesh), name(&args.image)),
+        subtitle: format!("{} {}{distance}", file.mesh.len(), M::CELLS),
+        values: String::new(),
+    }
 }

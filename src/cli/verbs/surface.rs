@@ -76,12 +76,15 @@ pub struct SurfaceArgs {
 #[derive(Debug, Clone, Args)]
 pub struct Grouping {
     /// Largest bend from face to face within a surface, in degrees
-    #[arg(long, value_name = "DEGREES", default_value_t = 25.0)]
+    #[arg(long, value_name = "DEGREES", default_value_t = MAX_BEND)]
     pub max_bend: f64,
     /// Which way is up: x, y, z or -x, -y, -z in physical coordinates [default: z; y in 2-D]
     #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
     pub up: Option<String>,
 }
+
+/// The largest bend from face to face within a surface unless it is said, in degrees.
+const MAX_BEND: f64 = 25.0;
 
 /// The endings of the surface formats that are written.
 pub const WRITTEN: [&str; 3] = ["vtp", "obj", "ts"];
@@ -281,21 +284,14 @@ fn surfaces_of<const D: usize, M: Stored<D>>(
         }
     };
     console.begin_stage("grouping faces");
-    let mut surfaces = group(&stored, facets, &options);
     let units = &stored.space.geometry.units;
     let up = up.in_units(units);
     if !up.dips {
         let time = stored.space.geometry.time_axis().is_some();
         console.note(mixed_units(units, &up, time));
     }
-    let nodes = stored.world.nodes.as_slice();
-    surfaces.orient(nodes, up.up);
-    let measures = measure(&surfaces, nodes, &up, &horizon_facets(&stored));
-    console.begin_stage("writing");
-    let mut file = SurfaceFile::new(nodes, &surfaces.facets, &surfaces.start, "surface");
-    file.names = measures.iter().map(name).collect();
-    file.cell_data = cell_data(&surfaces, &measures, nodes);
-    write_file(&args.output, file, &stored.space.geometry, z_up, console)?;
+    let up = (&up, z_up);
+    let (surfaces, measures) = write_groups(&args.output, &stored, facets, &options, up, console)?;
     let mut text = table(&measures, D, args.meets);
     if surfaces.dropped > 0 {
         text += &format!(
@@ -321,6 +317,54 @@ fn surfaces_of<const D: usize, M: Stored<D>>(
         }),
     );
     Ok(())
+}
+
+/// Groups facets of a mesh into surfaces, measures and writes them; `up` says where up is, and whether z
+/// is.
+fn write_groups<const D: usize, M: Stored<D>>(
+    path: &Path,
+    stored: &StoredMesh<D, M>,
+    facets: Vec<[u32; D]>,
+    options: &Options,
+    (up, z_up): (&Up<D>, bool),
+    console: &mut Console,
+) -> Result<(Surfaces<D>, Vec<Measure>)> {
+    let mut surfaces = group(stored, facets, options);
+    let nodes = stored.world.nodes.as_slice();
+    surfaces.orient(nodes, up.up);
+    let measures = measure(&surfaces, nodes, up, &horizon_facets(stored));
+    let mut file = SurfaceFile::new(nodes, &surfaces.facets, &surfaces.start, "surface");
+    file.names = measures.iter().map(name).collect();
+    file.cell_data = cell_data(&surfaces, &measures, nodes);
+    console.begin_stage("writing");
+    write_file(path, file, &stored.space.geometry, z_up, console)?;
+    Ok((surfaces, measures))
+}
+
+/// Writes all that `atomesh surface` writes of a mesh unless options say otherwise, and says how many
+/// surfaces there are: none of a mesh without features.
+///
+/// # Errors
+/// [`Error::Io`] if the file cannot be written.
+pub(super) fn write_marked<const D: usize, M: Stored<D>>(
+    path: &Path,
+    stored: &StoredMesh<D, M>,
+    console: &mut Console,
+) -> Result<usize> {
+    let grouping = Grouping {
+        max_bend: MAX_BEND,
+        up: None,
+    };
+    let (up, z_up) = grouping.up::<D>()?;
+    let up = up.in_units(&stored.space.geometry.units);
+    let marks = stored.marks().unwrap_or_default();
+    let facets = match marks.is_empty() {
+        true => Vec::new(),
+        false => select::marked(&stored.lattice, &marks),
+    };
+    let options = grouping.options(None)?;
+    let (surfaces, _) = write_groups(path, stored, facets, &options, (&up, z_up), console)?;
+    Ok(surfaces.len())
 }
 
 /// What a surface is called in files.

@@ -13,11 +13,11 @@ mod leftovers;
 mod placed;
 mod unfinished;
 
+use std::cell::RefCell;
 use std::collections::BTreeSet;
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use crate::error::{Error, Result, cause, os};
 use placed::Placed;
@@ -25,10 +25,8 @@ use unfinished::{Taken, Unfinished};
 
 pub use unfinished::{exit_without_unfinished, remove_unfinished};
 
-/// All that the process writes during `work` appears when it has succeeded; if it fails, nothing does.
+/// All that this thread writes during `work` appears when it has succeeded; if it fails, nothing does.
 /// Of several files written to one path, the last remains.
-///
-/// For programs that write the files of one job, from whatever threads: calls are not to overlap.
 ///
 /// # Errors
 /// Those of the work; [`Error::Io`] if a file cannot take its name: then none has.
@@ -37,23 +35,21 @@ pub fn together<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {
     struct Open;
     impl Drop for Open {
         fn drop(&mut self) {
-            *open() = None;
+            drop(OPEN.take());
         }
     }
-    *open() = Some(Batch::default());
+    OPEN.set(Some(Batch::default()));
     let guard = Open;
     let done = work()?;
-    let batch = open().take();
+    let batch = OPEN.take();
     drop(guard);
     batch.map_or(Ok(()), Batch::commit)?;
     Ok(done)
 }
 
-/// What [`together`] has gathered so far.
-static OPEN: Mutex<Option<Batch>> = Mutex::new(None);
-
-fn open() -> MutexGuard<'static, Option<Batch>> {
-    OPEN.lock().unwrap_or_else(PoisonError::into_inner)
+thread_local! {
+    /// What [`together`] has gathered so far.
+    static OPEN: RefCell<Option<Batch>> = const { RefCell::new(None) };
 }
 
 /// Writes a file so that nobody ever sees half of it: `write` fills a temporary file in the
@@ -126,8 +122,8 @@ impl Batch {
     /// [`Error::Io`] if one cannot take its name; those before it have given theirs back then, and
     /// what they had replaced is there again.
     pub fn commit(mut self) -> Result<()> {
-        if let Some(job) = &mut *open() {
-            job.take_over(self);
+        if OPEN.with_borrow(Option::is_some) {
+            OPEN.with_borrow_mut(|job| job.as_mut().map(|job| job.take_over(self)));
             return Ok(());
         }
         // Whoever removes unfinished files waits until all these are finished.

@@ -23,6 +23,8 @@ const OFFSET_WIDTH: usize = 20;
 /// One array to be written: its description, and how to make any part of its bytes.
 pub struct Source<'a> {
     name: String,
+    /// The unit of the numbers; empty if they have none, or none is known.
+    unit: String,
     components: usize,
     kind: &'static str,
     element: Kind,
@@ -46,6 +48,7 @@ impl<'a> Source<'a> {
     pub fn slice<T: Scalar>(name: &str, components: usize, values: &'a [T]) -> Self {
         Self {
             name: name.to_string(),
+            unit: String::new(),
             components,
             kind: T::KIND,
             element: Kind::Numbers,
@@ -64,6 +67,7 @@ impl<'a> Source<'a> {
     ) -> Self {
         Self {
             name: name.to_string(),
+            unit: String::new(),
             components,
             kind: T::KIND,
             element: Kind::Numbers,
@@ -77,6 +81,7 @@ impl<'a> Source<'a> {
     pub fn text(name: &str, text: &'a str) -> Self {
         Self {
             name: name.to_string(),
+            unit: String::new(),
             components: 1,
             kind: "String",
             element: Kind::Text,
@@ -90,6 +95,12 @@ impl<'a> Source<'a> {
                 }
             }),
         }
+    }
+
+    /// The same, with the unit of its numbers as VTK's `UNITS_LABEL`.
+    pub fn in_unit(mut self, unit: String) -> Self {
+        self.unit = unit;
+        self
     }
 
     fn tuples(&self) -> usize {
@@ -183,9 +194,18 @@ impl<'a> Document<'a> {
             escape(&source.name),
             source.tuples(),
         ));
-        self.arrays.push((self.text.len(), source));
+        let offset = self.text.len();
         self.text.push_str(&" ".repeat(OFFSET_WIDTH + 2));
-        self.text.push_str("/>\n");
+        if source.unit.is_empty() {
+            self.text.push_str("/>\n");
+        } else {
+            self.text.push_str(&format!(
+                "><InformationKey name=\"UNITS_LABEL\" location=\"vtkDataArray\">{}\
+                 </InformationKey></{element}>\n",
+                escape(&source.unit)
+            ));
+        }
+        self.arrays.push((offset, source));
     }
 
     fn indent(&mut self) {

@@ -17,6 +17,8 @@ impl From<Job> for Settings {
             report: job.outputs.report,
             potential_out: job.outputs.potential,
             lines: job.outputs.lines,
+            page: job.outputs.page,
+            surfaces: job.outputs.surfaces,
             atoms_from: job.atoms_from,
             metric: Some(match &job.metric {
                 LatticeSpace::Samples => "samples".into(),

@@ -60,6 +60,8 @@ impl TryFrom<Settings> for Job {
                 report: settings.report,
                 potential: settings.potential_out,
                 lines: settings.lines,
+                page: settings.page,
+                surfaces: settings.surfaces,
             },
         })
     }

@@ -8,7 +8,7 @@ use crate::lattice::seeding::kind_in_box;
 use crate::mesh::Simplices;
 use crate::mesh::check::check;
 use crate::report::{judged, smallest_angles};
-use crate::store::file::{ANGLES, HORIZON_FACES};
+use crate::store::file::{ANGLES, HORIZON_FACES, IMAGE};
 use crate::store::{FieldValue, MeshFile, StoredMesh, face_bits_to_physical, turned};
 use crate::{Error, Result};
 
@@ -412,6 +412,7 @@ pub fn dropped<const D: usize, M: Simplices<D>>(file: &MeshFile<M>) -> Vec<Strin
         M::FEATURE_FACES,
         ANGLES,
         HORIZON_FACES,
+        IMAGE,
     ];
     let arrays = file.point_data.iter().chain(&file.cell_data);
     let names = arrays.map(|array| array.name.clone());

@@ -1,65 +1,93 @@
 //! Pictures of a mesh over its image, as Hale (2001, 2002) shows them: in the plane the whole mesh,
-//! in space its sections with three orthogonal planes of samples.
+//! in space its sections with three orthogonal planes of samples, or all of it with a corner open.
 //!
 //! - `skeleton`: the faces of any mesh, each once, and where they meet a plane
-//! - `canvas`: pixels: images, lines, letters
+//! - `faces`: the same with the cells on either side
+//! - `frame`: where a mesh lies, and how its box is drawn
+//! - `panel`: a section on the canvas
+//! - `solid`: the mesh as a body with a corner open
+//! - `furniture`: title, numbers on axes, bar of colours, legend
+//! - `canvas`: pixels: lines, letters
 //! - `shades`: from samples to colours
 //!
-//! Pictures are drawn in sample indices, the space in which cells are meant to be well shaped; the
-//! numbers on the axes are physical coordinates.
+//! Lengths of one unit are drawn alike; where coordinates have unlike units, as metres and
+//! milliseconds, samples are as far apart along all axes.
 
 mod canvas;
+pub(crate) mod faces;
+pub(crate) mod frame;
+mod furniture;
+mod panel;
 mod shades;
 mod skeleton;
+mod solid;
 
 pub use canvas::Canvas;
+pub(crate) use faces::Faces;
+pub(crate) use frame::Frame;
+pub use furniture::Caption;
+pub(crate) use shades::Shades;
 pub use skeleton::Skeleton;
+pub use solid::solid;
 
 use crate::error::cause;
+use crate::geometry::norm;
 use crate::image::{Geometry, Image};
+use crate::model::surface::Kind;
 use crate::{Error, Result};
-use shades::Shades;
+use furniture::{ABOVE, BELOW, LEFT, RIGHT};
+use panel::{Line, Panel, extent};
 
-/// Width and height of a picture aimed at, in pixels.
+/// Width and height of what is drawn, in pixels, aimed at.
 const SIZE: [f32; 2] = [1400.0, 1200.0];
-/// Most pixels a sample is drawn with, along each axis.
+/// Most pixels a sample is drawn with, along the axis whose samples are nearest to each other.
 const LARGEST: f32 = 8.0;
-/// Space round panels, in pixels: for the numbers on the axes.
-const MARGIN: f32 = 64.0;
 /// Space between panels.
-const GAP: f32 = 76.0;
+const GAP: f32 = 106.0;
 
-/// The mesh of a 2-D image over it.
+/// The mesh of a 2-D image over it. Where time or depth is one of the axes it runs down the page.
 ///
 /// # Errors
 /// [`Error::Image`] for an image too large to draw.
-pub fn plane(image: &Image<2>, mesh: &Skeleton<2>) -> Result<Canvas> {
-    let [nx, ny] = image.dims();
+pub fn plane(image: &Image<2>, mesh: &Skeleton<2>, caption: &Caption) -> Result<Canvas> {
+    let dims = image.dims();
+    let geometry = &image.geometry;
+    let down = upright(geometry);
+    let across = 1 - down;
+    let apart = apart(geometry, dims);
+    let unit = unit_for(
+        &apart,
+        [
+            steps(dims[across]) * apart[across],
+            steps(dims[down]) * apart[down],
+        ],
+    );
     let panel = Panel {
-        axes: [0, 1],
-        place: None,
+        corner: [LEFT, ABOVE],
+        scale: [across, down].map(|k| unit * apart[k]),
+        dims: [dims[across], dims[down]],
+        flipped: [false, is_flipped(geometry, down)],
     };
-    let scale = scale_for([nx, ny]);
     let mut canvas = blank(
-        extent(nx, scale) + 2.0 * MARGIN,
-        extent(ny, scale) + 2.0 * MARGIN,
+        extent(panel.dims[0], panel.scale[0]) + LEFT + RIGHT,
+        extent(panel.dims[1], panel.scale[1]) + ABOVE + BELOW,
     )?;
     let shades = Shades::of(image.as_slice());
-    let frame = Frame {
-        corner: [MARGIN, MARGIN],
-        scale,
-        dims: [nx, ny],
-    };
-    frame.image(&mut canvas, &shades, |x, y| image.as_slice()[y * nx + x]);
+    let strides = [1, dims[0]];
+    panel.image(&mut canvas, &shades, |x, y| {
+        image.as_slice()[x * strides[across] + y * strides[down]]
+    });
     let lines: Vec<Line> = mesh
         .edges()
-        .map(|([a, b], marked)| Line {
-            ends: [a, b].map(|p| p.map(|c| c as f32)),
-            marked,
+        .map(|(ends, kind)| Line {
+            ends: ends.map(|p| [p[across] as f32, p[down] as f32]),
+            kind,
         })
         .collect();
-    frame.lines(&mut canvas, &shades, &lines);
-    frame.axes(&mut canvas, &image.geometry.in_space(), &panel);
+    panel.lines(&mut canvas, &shades, &lines);
+    let rulers = [across, down].map(|k| geometry.ruler(k, (dims[k] - 1) as f64));
+    panel.axes(&mut canvas, [&rulers[0], &rulers[1]], None);
+    furnish(&mut canvas, caption, &shades, &mesh.kinds);
     Ok(canvas)
 }
 
@@ -70,232 +98,143 @@ pub fn plane(image: &Image<2>, mesh: &Skeleton<2>) -> Result<Canvas> {
 ///
 /// # Errors
 /// [`Error::Job`] if `at` lies outside the image, [`Error::Image`] for an image too large to draw.
-pub fn space(image: &Image<3>, mesh: &Skeleton<3>, at: [f64; 3]) -> Result<Canvas> {
+pub fn space(
+    image: &Image<3>,
+    mesh: &Skeleton<3>,
+    at: [f64; 3],
+    caption: &Caption,
+) -> Result<Canvas> {
     let dims = image.dims();
-    for k in 0..3 {
-        if !(0.0..=(dims[k] - 1) as f64).contains(&at[k]) {
-            return Err(Error::Job(cause(
-                format!("slice at sample {at:?}"),
-                format!("lies outside the image of {dims:?} samples"),
-                "give a point inside the image",
-            )));
-        }
-    }
-    let up = upright(&image.geometry);
+    check_inside(dims, at)?;
+    let geometry = &image.geometry;
+    let up = upright(geometry);
     // The two others, the faster one across the page.
     let [across, deep] = match up {
         0 => [1, 2],
         1 => [0, 2],
         _ => [0, 1],
     };
-    let scale = scale_for([dims[across] + dims[deep], dims[deep] + dims[up]]);
-    let size = |k: usize| extent(dims[k], scale);
+    let apart = apart(geometry, dims);
+    let wide = |k: usize| steps(dims[k]) * apart[k];
+    let unit = unit_for(&apart, [wide(across) + wide(deep), wide(deep) + wide(up)]);
+    let size = |k: usize| extent(dims[k], unit * apart[k]);
     let mut canvas = blank(
-        size(across) + size(deep) + GAP + 2.0 * MARGIN,
-        size(deep) + size(up) + GAP + 2.0 * MARGIN,
+        size(across) + size(deep) + GAP + LEFT + RIGHT,
+        size(deep) + size(up) + GAP + ABOVE + BELOW,
     )?;
     let shades = Shades::of(image.as_slice());
-    let low = MARGIN + size(deep) + GAP;
-    let right = MARGIN + size(across) + GAP;
+    let rulers: [_; 3] = std::array::from_fn(|k| geometry.ruler(k, (dims[k] - 1) as f64));
+    let low = ABOVE + size(deep) + GAP;
+    let right = LEFT + size(across) + GAP;
     for ([h, v], corner) in [
-        ([across, deep], [MARGIN, MARGIN]),
-        ([across, up], [MARGIN, low]),
+        ([across, deep], [LEFT, ABOVE]),
+        ([across, up], [LEFT, low]),
         ([deep, up], [right, low]),
     ] {
         let normal = 3 - h - v;
         let panel = Panel {
-            axes: [h, v],
-            place: Some(at),
-        };
-        let frame = Frame {
             corner,
-            scale,
+            scale: [h, v].map(|k| unit * apart[k]),
             dims: [dims[h], dims[v]],
+            flipped: [false, v == up && is_flipped(geometry, up)],
         };
         let slice = at[normal].round() as usize;
         let strides = [1, dims[0], dims[0] * dims[1]];
         let samples = image.as_slice();
-        frame.image(&mut canvas, &shades, |x, y| {
+        panel.image(&mut canvas, &shades, |x, y| {
             samples[slice * strides[normal] + x * strides[h] + y * strides[v]]
         });
         let lines: Vec<Line> = mesh
             .section(normal, at[normal])
-            .map(|(ends, marked)| Line {
+            .map(|(ends, kind)| Line {
                 ends: ends.map(|p| [p[h] as f32, p[v] as f32]),
-                marked,
+                kind,
             })
             .collect();
-        frame.lines(&mut canvas, &shades, &lines);
-        frame.axes(&mut canvas, &image.geometry, &panel);
+        panel.lines(&mut canvas, &shades, &lines);
+        panel.axes(&mut canvas, [&rulers[h], &rulers[v]], Some([at[h], at[v]]));
     }
+    furnish(&mut canvas, caption, &shades, &mesh.kinds);
     Ok(canvas)
 }
 
+/// A point, in samples, is in the image.
+fn check_inside(dims: [usize; 3], at: [f64; 3]) -> Result<()> {
+    if (0..3).all(|k| (0.0..=steps(dims[k]).into()).contains(&at[k])) {
+        return Ok(());
+    }
+    Err(Error::Job(cause(
+        format!("slice at sample {at:?}"),
+        format!("lies outside the image of {dims:?} samples"),
+        "give a point inside the image",
+    )))
+}
+
+/// Title, bar of colours, and a legend of what there is.
+fn furnish(canvas: &mut Canvas, caption: &Caption, shades: &Shades, kinds: &[Option<Kind>]) {
+    canvas.caption(caption);
+    canvas.color_bar(caption, shades);
+    if kinds.is_empty() {
+        return;
+    }
+    let mut entries = vec![("mesh", shades.mesh())];
+    if kinds.contains(&Some(Kind::Fault)) {
+        let name = match kinds.contains(&Some(Kind::Horizon)) {
+            true => "fault",
+            false => "feature",
+        };
+        entries.push((name, shades.feature()));
+    }
+    if kinds.contains(&Some(Kind::Horizon)) {
+        entries.push(("horizon", shades.horizon()));
+    }
+    canvas.legend(&entries);
+}
+
 /// The image axis that runs most along the last physical coordinate.
-fn upright(geometry: &Geometry<3>) -> usize {
-    let share = |k: usize| geometry.axes[k][2].abs() / geometry.spacing()[k].max(f64::MIN_POSITIVE);
-    (0..2).fold(2, |best, k| if share(k) > share(best) { k } else { best })
+fn upright<const D: usize>(geometry: &Geometry<D>) -> usize {
+    let share =
+        |k: usize| geometry.axes[k][D - 1].abs() / geometry.spacing()[k].max(f64::MIN_POSITIVE);
+    (0..D - 1).fold(
+        D - 1,
+        |best, k| if share(k) > share(best) { k } else { best },
+    )
 }
 
-/// Pixels a sample for so many samples across and down.
-fn scale_for(samples: [usize; 2]) -> f32 {
-    (0..2).fold(LARGEST, |scale, k| scale.min(SIZE[k] / samples[k] as f32))
+/// Whether an axis has its last sample on top.
+fn is_flipped<const D: usize>(geometry: &Geometry<D>, up: usize) -> bool {
+    (geometry.axes[up][D - 1] >= 0.0) != geometry.points_down()
 }
 
-/// Pixels between the first sample and the last.
-fn extent(samples: usize, scale: f32) -> f32 {
-    (samples.max(2) - 1) as f32 * scale
+/// How far samples are drawn from each other along each axis, in one unit for all.
+fn apart<const D: usize>(geometry: &Geometry<D>, dims: [usize; D]) -> [f32; D] {
+    let samples = dims.map(|n| steps(n).into());
+    let aspect = geometry.aspect(samples, samples);
+    geometry
+        .axes
+        .map(|axis| norm::<D>(std::array::from_fn(|c| axis[c] * aspect[c])) as f32)
+}
+
+/// Steps from the first sample to the last.
+fn steps(samples: usize) -> f32 {
+    (samples.max(2) - 1) as f32
+}
+
+/// Pixels for a unit of length of a picture so wide and high.
+fn unit_for(apart: &[f32], lengths: [f32; 2]) -> f32 {
+    let nearest = apart.iter().copied().fold(f32::INFINITY, f32::min);
+    (0..2).fold(LARGEST / nearest, |unit, k| unit.min(SIZE[k] / lengths[k]))
 }
 
 fn blank(width: f32, height: f32) -> Result<Canvas> {
-    Canvas::new(width.ceil() as u32, height.ceil() as u32).ok_or_else(|| {
+    // Titles and legends need some width.
+    Canvas::new(width.ceil().max(520.0) as u32, height.ceil() as u32).ok_or_else(|| {
         Error::Image(cause(
             "picture",
             format!("{width:.0} x {height:.0} pixels cannot be drawn"),
             "give a smaller image",
         ))
     })
-}
-
-/// A line of the mesh, in sample indices of a panel.
-struct Line {
-    ends: [[f32; 2]; 2],
-    /// On a feature.
-    marked: bool,
-}
-
-/// Which axes of the image a panel shows.
-struct Panel {
-    /// Across the page and down it.
-    axes: [usize; 2],
-    /// The point through which the panel goes; none for a 2-D image.
-    place: Option<[f64; 3]>,
-}
-
-/// Where a panel lies on the canvas.
-struct Frame {
-    corner: [f32; 2],
-    /// Pixels a sample.
-    scale: f32,
-    dims: [usize; 2],
-}
-
-impl Frame {
-    fn pixel(&self, p: [f32; 2]) -> [f32; 2] {
-        [0, 1].map(|k| self.corner[k] + self.scale * p[k])
-    }
-
-    fn size(&self) -> [f32; 2] {
-        self.dims.map(|n| extent(n, self.scale))
-    }
-
-    /// The samples, interpolated linearly.
-    fn image(&self, canvas: &mut Canvas, shades: &Shades, sample: impl Fn(usize, usize) -> f32) {
-        let [width, height] = self.size();
-        let last = self.dims.map(|n| n - 1);
-        let taps = |pixel: u32, k: usize| {
-            let x = ((pixel as f32 + 0.5) / self.scale).clamp(0.0, last[k] as f32);
-            let low = (x as usize).min(last[k].saturating_sub(1));
-            (low, (low + 1).min(last[k]), x - low as f32)
-        };
-        for row in 0..height.ceil() as u32 {
-            let (y0, y1, v) = taps(row, 1);
-            for column in 0..width.ceil() as u32 {
-                let (x0, x1, u) = taps(column, 0);
-                let top = sample(x0, y0) * (1.0 - u) + sample(x1, y0) * u;
-                let bottom = sample(x0, y1) * (1.0 - u) + sample(x1, y1) * u;
-                let color = shades.color(top * (1.0 - v) + bottom * v);
-                let [left, above] = self.corner.map(|c| c as u32);
-                canvas.set(left + column, above + row, color);
-            }
-        }
-    }
-
-    /// The lines of the mesh, those on features above the others.
-    fn lines(&self, canvas: &mut Canvas, shades: &Shades, lines: &[Line]) {
-        let width = (0.17 * self.scale).clamp(0.6, 1.2);
-        for (marked, color, width) in [
-            (false, shades.mesh(), width),
-            (true, shades.feature(), 2.0 * width + 0.8),
-        ] {
-            let chosen = lines.iter().filter(|line| line.marked == marked);
-            let ends: Vec<_> = chosen.map(|l| l.ends.map(|p| self.pixel(p))).collect();
-            canvas.lines(&ends, color, width);
-        }
-    }
-
-    /// The frame, where the other panels cut this one, and the ends of its axes in physical
-    /// coordinates.
-    fn axes(&self, canvas: &mut Canvas, geometry: &Geometry<3>, panel: &Panel) {
-        const INK: [u8; 4] = [40, 40, 40, 255];
-        let [width, height] = self.size();
-        let [left, top] = self.corner;
-        let (right, bottom) = (left + width, top + height);
-        let corners = [[left, top], [right, top], [right, bottom], [left, bottom]];
-        let sides: Vec<_> = (0..4).map(|k| [corners[k], corners[(k + 1) % 4]]).collect();
-        canvas.lines(&sides, INK, 1.0);
-
-        let [h, v] = panel.axes;
-        if let Some(at) = panel.place {
-            let cut = self.pixel([at[h] as f32, at[v] as f32]);
-            let ticks = [
-                [[cut[0], top - 7.0], [cut[0], top]],
-                [[cut[0], bottom], [cut[0], bottom + 7.0]],
-                [[left - 7.0, cut[1]], [left, cut[1]]],
-                [[right, cut[1]], [right + 7.0, cut[1]]],
-            ];
-            canvas.lines(&ticks, INK, 1.5);
-        }
-        // The physical coordinate that changes most along an axis, at its two ends.
-        let ends = |axis: usize, count: usize| {
-            let step = geometry.axes[axis];
-            let most = (1..3).fold(0, |k, c| if step[c].abs() > step[k].abs() { c } else { k });
-            let at = |index: f64| {
-                let mut place = panel.place.unwrap_or_default();
-                place[axis] = index;
-                number(geometry.to_physical(place)[most])
-            };
-            let unit = match geometry.units[most].as_str() {
-                "" => String::new(),
-                unit => format!(" [{unit}]"),
-            };
-            let name = format!("{}{unit}", geometry.names[axis]);
-            (at(0.0), name, at((count - 1) as f64))
-        };
-        let line = canvas::LETTER[1];
-        let (first, name, last) = ends(h, self.dims[0]);
-        let y = bottom + 9.0;
-        canvas.text(&first, [left, y], 0.0, INK);
-        canvas.text(&name, [0.5 * (left + right), y + line], 0.5, INK);
-        canvas.text(&last, [right, y], 1.0, INK);
-        let (first, name, last) = ends(v, self.dims[1]);
-        let x = left - 9.0;
-        canvas.text(&first, [x, top], 1.0, INK);
-        canvas.text(&last, [x, bottom - line], 1.0, INK);
-        canvas.text(&name, [left, top - line - 8.0], 0.5, INK);
-        if let Some(at) = panel.place {
-            // Where the panel is along the axis that it does not show.
-            let normal = 3 - h - v;
-            let step = geometry.axes[normal];
-            let most = (1..3).fold(0, |k, c| if step[c].abs() > step[k].abs() { c } else { k });
-            let text = format!(
-                "{} {}",
-                geometry.names[normal],
-                number(geometry.to_physical(at)[most])
-            );
-            canvas.text(&text, [right, top - line - 8.0], 1.0, INK);
-        }
-    }
-}
-
-/// A coordinate with as many digits as a label has room for.
-fn number(value: f64) -> String {
-    let digits = match value.abs() {
-        a if a >= 1000.0 || value.fract() == 0.0 => 0,
-        a if a >= 10.0 => 1,
-        _ => 2,
-    };
-    format!("{value:.digits$}")
 }
 
 #[cfg(test)]

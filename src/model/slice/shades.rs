@@ -3,7 +3,7 @@
 /// How the samples of an image are coloured: grey from dark to bright or, where they swing about
 /// zero as seismic amplitudes do, blue, white and red.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Shades {
+pub(crate) struct Shades {
     /// The values that are black (or blue) and white (or red).
     range: [f32; 2],
     /// About zero.
@@ -17,7 +17,7 @@ const LOOKED_AT: usize = 1 << 18;
 
 impl Shades {
     /// Chosen so that one sample in 200 is beyond either end.
-    pub(super) fn of(samples: &[f32]) -> Self {
+    pub(crate) fn of(samples: &[f32]) -> Self {
         let stride = samples.len().div_ceil(LOOKED_AT).max(1);
         let finite = samples.iter().step_by(stride).copied();
         let mut values: Vec<f32> = finite.filter(|v| v.is_finite()).collect();
@@ -49,7 +49,7 @@ impl Shades {
     }
 
     /// The colour of a sample; NaN is light brown.
-    pub(super) fn color(&self, value: f32) -> [u8; 4] {
+    pub(crate) fn color(&self, value: f32) -> [u8; 4] {
         if value.is_nan() {
             return [205, 190, 160, 255];
         }
@@ -73,8 +73,13 @@ impl Shades {
         }
     }
 
+    /// The values with the first and the last colour.
+    pub(crate) fn range(&self) -> [f32; 2] {
+        self.range
+    }
+
     /// The colour of the mesh.
-    pub(super) fn mesh(&self) -> [u8; 4] {
+    pub(crate) fn mesh(&self) -> [u8; 4] {
         if self.swings {
             [20, 20, 20, 120]
         } else if self.dark {
@@ -84,8 +89,17 @@ impl Shades {
         }
     }
 
-    /// The colour of its faces on features.
-    pub(super) fn feature(&self) -> [u8; 4] {
+    /// The colour of its faces on horizons.
+    pub(crate) fn horizon(&self) -> [u8; 4] {
+        if self.swings {
+            [225, 150, 0, 255]
+        } else {
+            [0, 190, 160, 255]
+        }
+    }
+
+    /// The colour of its faces on other features.
+    pub(crate) fn feature(&self) -> [u8; 4] {
         if self.swings {
             [0, 135, 60, 255]
         } else {

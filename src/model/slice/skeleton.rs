@@ -3,6 +3,7 @@
 
 use crate::image::Geometry;
 use crate::mesh::poly::Lists;
+use crate::model::surface::Kind;
 use crate::store::{MeshFile, Stored};
 
 /// The faces of a mesh (edges, in the plane), with nodes in sample indices.
@@ -12,41 +13,47 @@ pub struct Skeleton<const D: usize> {
     pub nodes: Vec<[f64; D]>,
     /// The nodes of each face, in order round it.
     pub faces: Lists,
-    /// Whether each face lies on a feature.
-    pub marked: Vec<bool>,
+    /// On which kind of feature each face lies, if on one.
+    pub kinds: Vec<Option<Kind>>,
 }
 
 /// A point on a line of a section, and the next.
 type Segment<const D: usize> = [[f64; D]; 2];
 
 impl<const D: usize> Skeleton<D> {
-    /// Of a mesh file (physical coordinates) in the sample indices of an image; faces that the file
-    /// says lie on features are marked. `None` if the image's axes are linearly dependent.
+    /// Of a mesh file (physical coordinates) in the sample indices of an image, with what the file says of
+    /// faces on features. `None` if the image's axes are linearly dependent.
     pub fn new<M: Stored<D>>(file: &MeshFile<M>, geometry: &Geometry<D>) -> Option<Self> {
         let mesh = &file.mesh;
         let index = |&x: &[f64; D]| geometry.to_index(x);
         let nodes = mesh.nodes().iter().map(index).collect::<Option<_>>()?;
         let marks = mesh.marks(M::feature_faces(file, false).as_deref());
-        let (faces, marked) = mesh.faces_once(&marks.unwrap_or_default());
+        let (faces, on_feature) = mesh.faces_once(&marks.unwrap_or_default());
+        let (_, on_horizon) = mesh.faces_once(&M::horizons(file, false));
+        let kind = |(&feature, &horizon)| match (feature, horizon) {
+            (_, true) => Some(Kind::Horizon),
+            (true, false) => Some(Kind::Fault),
+            (false, false) => None,
+        };
         Some(Self {
             nodes,
             faces,
-            marked,
+            kinds: on_feature.iter().zip(&on_horizon).map(kind).collect(),
         })
     }
 
-    /// The faces, each as its nodes' positions and whether it is marked.
-    fn faces(&self) -> impl Iterator<Item = (&[u32], bool)> {
-        let numbered = self.marked.iter().enumerate();
-        numbered.map(|(face, &marked)| (self.faces.get(face), marked))
+    /// The faces, each as its nodes and the kind of feature on which it lies.
+    fn faces(&self) -> impl Iterator<Item = (&[u32], Option<Kind>)> {
+        let numbered = self.kinds.iter().enumerate();
+        numbered.map(|(face, &kind)| (self.faces.get(face), kind))
     }
 }
 
 impl Skeleton<2> {
-    /// The edges, with whether each is marked.
-    pub fn edges(&self) -> impl Iterator<Item = (Segment<2>, bool)> {
-        self.faces().filter_map(|(face, marked)| match *face {
-            [a, b] => Some(([a, b].map(|n| self.nodes[n as usize]), marked)),
+    /// The edges, with the kind of feature on which each lies.
+    pub fn edges(&self) -> impl Iterator<Item = (Segment<2>, Option<Kind>)> {
+        self.faces().filter_map(|(face, kind)| match *face {
+            [a, b] => Some(([a, b].map(|n| self.nodes[n as usize]), kind)),
             _ => None,
         })
     }
@@ -54,13 +61,17 @@ impl Skeleton<2> {
 
 impl Skeleton<3> {
     /// Where the faces meet the plane on which coordinate `axis` is `at`: a segment of each convex
-    /// face that the plane cuts, and whether the face is marked.
+    /// face that the plane cuts, and the kind of feature on which the face lies.
     ///
     /// A node exactly on the plane counts as beyond it, so that every cut face gives one segment
     /// and the segments of a cell close.
-    pub fn section(&self, axis: usize, at: f64) -> impl Iterator<Item = (Segment<3>, bool)> {
+    pub fn section(
+        &self,
+        axis: usize,
+        at: f64,
+    ) -> impl Iterator<Item = (Segment<3>, Option<Kind>)> {
         self.faces()
-            .filter_map(move |(face, marked)| Some((self.cut(face, axis, at)?, marked)))
+            .filter_map(move |(face, kind)| Some((self.cut(face, axis, at)?, kind)))
     }
 
     fn cut(&self, face: &[u32], axis: usize, at: f64) -> Option<Segment<3>> {

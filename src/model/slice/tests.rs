@@ -6,7 +6,7 @@ use crate::mesh::{TetMesh, TriMesh};
 use crate::store::MeshFile;
 
 /// The unit cube as six tetrahedra about its diagonal, scaled to side `size`.
-fn cube(size: f64) -> TetMesh {
+pub(super) fn cube(size: f64) -> TetMesh {
     let nodes: Vec<[f64; 3]> = (0..8)
         .map(|i| [i & 1, i >> 1 & 1, i >> 2].map(|c| size * f64::from(c)))
         .collect();
@@ -29,8 +29,8 @@ fn a_section_lies_in_its_plane_and_closes() {
     let mesh = file(cube(2.0), "feature_faces", vec![1, 0, 0, 0, 0, 0]);
     let skeleton = Skeleton::new(&mesh, &Geometry::default()).unwrap();
     // 12 faces on the sides and 6 about the diagonal; one is marked.
-    assert_eq!(skeleton.marked.len(), 18);
-    assert_eq!(skeleton.marked.iter().filter(|m| **m).count(), 1);
+    assert_eq!(skeleton.kinds.len(), 18);
+    assert_eq!(skeleton.kinds.iter().flatten().count(), 1);
     for axis in 0..3 {
         for at in [0.3, 1.0, 1.7] {
             let found: Vec<_> = skeleton.section(axis, at).map(|(ends, _)| ends).collect();
@@ -67,10 +67,13 @@ fn polygons_are_cut_as_triangles_are() {
             offsets: vec![0, 4],
             items: vec![0, 1, 2, 3],
         },
-        marked: vec![true],
+        kinds: vec![Some(Kind::Fault)],
     };
     let found: Vec<_> = skeleton.section(2, 0.5).collect();
-    assert_eq!(found, [([[4.0, 0.0, 0.5], [0.0, 0.0, 0.5]], true)]);
+    assert_eq!(
+        found,
+        [([[4.0, 0.0, 0.5], [0.0, 0.0, 0.5]], Some(Kind::Fault))]
+    );
 }
 
 #[test]
@@ -89,15 +92,18 @@ fn the_feature_edge_is_drawn_in_its_colour_where_it_is() {
     // The diagonal from (200, 0) to (100, 100), opposite node 0 of the first triangle.
     let mesh = file(mesh, "feature_edges", vec![1, 0]);
     let skeleton = Skeleton::new(&mesh, &image.geometry).unwrap();
-    assert_eq!(skeleton.edges().filter(|(_, marked)| *marked).count(), 1);
-    let picture = plane(&image, &skeleton).unwrap();
+    assert_eq!(
+        skeleton.edges().filter(|(_, kind)| kind.is_some()).count(),
+        1
+    );
+    let picture = plane(&image, &skeleton, &Caption::default()).unwrap();
     let [width, height] = picture.size();
-    assert_eq!([width, height], [288, 288]);
-    let middle = picture.color(width / 2, height / 2);
+    // 20 steps of 8 pixels, and room for what stands round them.
+    assert_eq!([width, height], [520, 160 + (ABOVE + BELOW) as u32]);
+    let middle = picture.color(LEFT as u32 + 80, ABOVE as u32 + 80);
     assert_eq!(middle, [255, 120, 0]);
     // Off the diagonal there is the image's grey: dark on the left, bright on the right.
-    let [left, right] =
-        [MARGIN as u32 + 20, width - MARGIN as u32 - 20].map(|x| picture.color(x, 100));
+    let [left, right] = [20, 140].map(|x| picture.color(LEFT as u32 + x, ABOVE as u32 + 40));
     assert!(
         left[0] == left[1] && left[0] < 80 && right[0] > 180,
         "{left:?} {right:?}"
@@ -107,7 +113,7 @@ fn the_feature_edge_is_drawn_in_its_colour_where_it_is() {
     let path = folder.path().join("a.png");
     picture.write(&path).unwrap();
     let back = crate::image::formats::png::read(&path).unwrap().image;
-    assert_eq!(back.dims(), [288, 288]);
+    assert_eq!(back.dims(), [width as usize, height as usize]);
 }
 
 #[test]
@@ -124,8 +130,8 @@ fn cells_are_drawn_as_simplices_are() {
     let geometry = Geometry::with_spacing([0.0; 2], [2.0; 2]);
     let skeleton = Skeleton::new(&file(mesh, "none", vec![]), &geometry).unwrap();
     let edges: Vec<_> = skeleton.edges().collect();
-    assert_eq!(edges[0], ([[2.0, 4.0], [2.0, 0.0]], true));
-    assert_eq!(edges[1], ([[2.0, 0.0], [0.0, 0.0]], false));
+    assert_eq!(edges[0], ([[2.0, 4.0], [2.0, 0.0]], Some(Kind::Fault)));
+    assert_eq!(edges[1], ([[2.0, 0.0], [0.0, 0.0]], None));
 }
 
 #[test]
@@ -133,13 +139,13 @@ fn three_panels_meet_at_the_point_and_points_outside_are_refused() {
     let image = Image::new([9, 7, 5], vec![0.5; 315], Geometry::default());
     let mesh = file(cube(4.0), "feature_faces", vec![0; 6]);
     let skeleton = Skeleton::new(&mesh, &image.geometry).unwrap();
-    let picture = space(&image, &skeleton, [4.0, 3.0, 2.0]).unwrap();
+    let picture = space(&image, &skeleton, [4.0, 3.0, 2.0], &Caption::default()).unwrap();
     let [width, height] = picture.size();
     // x and y across, y and z down.
-    assert_eq!(width, (8.0 * 14.0 + GAP + 2.0 * MARGIN) as u32);
-    assert_eq!(height, (8.0 * 10.0 + GAP + 2.0 * MARGIN) as u32);
+    assert_eq!(width, 520.max((8.0 * 14.0 + GAP + LEFT + RIGHT) as u32));
+    assert_eq!(height, (8.0 * 10.0 + GAP + ABOVE + BELOW) as u32);
     for wrong in [[9.0, 3.0, 2.0], [4.0, -1.0, 2.0], [4.0, 3.0, f64::NAN]] {
-        assert!(space(&image, &skeleton, wrong).is_err());
+        assert!(space(&image, &skeleton, wrong, &Caption::default()).is_err());
     }
 }
 
@@ -149,4 +155,54 @@ fn the_sample_axis_of_a_survey_is_upright() {
     assert_eq!(upright(&geometry), 2);
     geometry.axes = [[0.0, 0.0, 4.0], [25.0, 3.0, 0.0], [-3.0, 25.0, 0.0]];
     assert_eq!(upright(&geometry), 0);
+}
+
+/// A section of two rows of samples, the fast axis along time: bright early, dark late.
+#[test]
+fn sections_of_seismic_stand_upright_and_keep_the_shape_of_the_world() {
+    let samples: Vec<f32> = (0..40 * 20).map(|i| 1.0 - (i % 40) as f32 / 39.0).collect();
+    let mut geometry = Geometry::<2> {
+        origin: [500.0, 1000.0],
+        axes: [[0.0, 4.0], [25.0, 0.0]],
+        ..Geometry::default()
+    };
+    let draw = |geometry: &Geometry<2>| {
+        let image = Image::new([40, 20], samples.clone(), geometry.clone());
+        plane(&image, &Skeleton::default(), &Caption::default()).unwrap()
+    };
+    let ends = |canvas: &Canvas| {
+        let [_, height] = canvas.size();
+        let x = LEFT as u32 + 40;
+        [ABOVE as u32 + 6, height - BELOW as u32 - 6].map(|y| canvas.color(x, y)[0])
+    };
+    geometry.units = ["m".into(), "ms".into()];
+    let [early, late] = ends(&draw(&geometry));
+    assert!(early > 200 && late < 60, "{early} {late}");
+    // Time counted below zero: late is lowest all the same.
+    geometry.axes[0] = [0.0, -4.0];
+    let [early, late] = ends(&draw(&geometry));
+    assert!(early > 200 && late < 60, "{early} {late}");
+    // In metres, lengths are true: 475 m wide, 156 m high, 2 pixels a metre.
+    geometry.units = ["m".into(), "m".into()];
+    let [width, height] = draw(&geometry).size().map(|n| n as f32);
+    let shape = (width - LEFT - RIGHT) / (height - ABOVE - BELOW);
+    assert!((shape - 475.0 / 156.0).abs() < 0.05, "{shape}");
+}
+
+#[test]
+fn faults_and_horizons_have_colours_of_their_own() {
+    let image = Image::new([21, 21], vec![0.5; 441], Geometry::default());
+    let skeleton = Skeleton::<2> {
+        nodes: vec![[2.0, 5.0], [18.0, 5.0], [2.0, 15.0], [18.0, 15.0]],
+        faces: Lists {
+            offsets: vec![0, 2, 4],
+            items: vec![0, 1, 2, 3],
+        },
+        kinds: vec![Some(Kind::Fault), Some(Kind::Horizon)],
+    };
+    let picture = plane(&image, &skeleton, &Caption::default()).unwrap();
+    let at = |y: f32| picture.color(LEFT as u32 + 80, (ABOVE + 8.0 * y) as u32);
+    let shades = Shades::of(image.as_slice());
+    assert_eq!(at(5.0), shades.feature()[..3]);
+    assert_eq!(at(15.0), shades.horizon()[..3]);
 }

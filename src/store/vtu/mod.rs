@@ -7,6 +7,7 @@
 use std::any::Any;
 use std::path::Path;
 
+use super::file::{UNITS, unit_of};
 use super::polyhedra::{self, is_polygon};
 use crate::error::Result;
 use crate::files::Batch;
@@ -207,10 +208,20 @@ pub(super) fn begin_piece<'a, const D: usize>(
             ("NumberOfCells", cells.to_string()),
         ],
     );
+    let mut units = (fields.iter())
+        .find_map(|(name, value)| match value {
+            FieldValue::Text(text) if name == UNITS => Some(text.as_str()),
+            _ => None,
+        })
+        .unwrap_or_default()
+        .split(',')
+        .map(str::to_string);
+    let units: [String; D] = std::array::from_fn(|_| units.next().unwrap_or_default());
     for (element, arrays) in [("PointData", point_data), ("CellData", cell_data)] {
         document.open(element, &[]);
         for array in arrays {
-            document.array(array.values.source(&array.name, array.components));
+            let source = array.values.source(&array.name, array.components);
+            document.array(source.in_unit(unit_of(&array.name, &units)));
         }
         document.close();
     }

@@ -1,0 +1,178 @@
+//! `atomesh report`: a page to look at.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use serde_json::{Value, json};
+
+use super::quality::{figures, figures_of_cells};
+use crate::cli::common::output::{check_output, shown};
+use crate::cli::console::Console;
+use crate::error::{cause, os};
+use crate::export::page::{self, About, LARGEST, Written};
+use crate::image::Image;
+use crate::image::formats::{AnyLoaded, InputOptions};
+use crate::mesh::Simplices;
+use crate::mesh::poly::PolyMesh;
+use crate::report::{Input, Report};
+use crate::store::{AnyMesh, FieldValue, MeshFile, Stored, StoredMesh};
+use crate::{Error, Result};
+
+/// `atomesh report`.
+#[derive(Debug, Args)]
+pub struct ReportArgs {
+    /// The image that was meshed
+    #[arg(value_name = "IMAGE")]
+    pub image: PathBuf,
+    /// Its mesh
+    #[arg(value_name = "MESH.vtu")]
+    pub mesh: PathBuf,
+    /// The page to write
+    #[arg(short, long, value_name = "PAGE.html")]
+    pub output: PathBuf,
+    /// What mesh --report has written, for its fidelity, notes and cost [default: figures are measured
+    /// from the mesh]
+    #[arg(long, value_name = "REPORT.json")]
+    pub figures: Option<PathBuf>,
+    /// The page's heading [default: the mesh's name]
+    #[arg(long, value_name = "TEXT")]
+    pub title: Option<String>,
+    /// How to read the image.
+    #[command(flatten, next_help_heading = "Reading the image")]
+    pub input: InputOptions,
+}
+
+/// Runs the verb.
+pub fn report(args: &ReportArgs, console: &mut Console) -> Result<()> {
+    let mut inputs = vec![args.image.as_path(), args.mesh.as_path()];
+    inputs.extend(args.figures.as_deref());
+    check_output(&args.output, "--output", &["html"], &inputs)?;
+    console.begin_stage("reading");
+    let given = args.figures.as_deref().map(read_figures).transpose()?;
+    let image = console.read_image(&args.image, &args.input)?;
+    let mesh = console.read_mesh(&args.mesh)?;
+    let job = Asked { args, given };
+    let written = match (image, mesh) {
+        (AnyLoaded::Plane(l), AnyMesh::Plane(file)) => job.simplices(&l.image, file, console)?,
+        (AnyLoaded::Plane(l), AnyMesh::PlaneCells(file)) => job.cells(&l.image, file, console)?,
+        (AnyLoaded::Space(l), AnyMesh::Space(file)) => job.simplices(&l.image, file, console)?,
+        (AnyLoaded::Space(l), AnyMesh::SpaceCells(file)) => job.cells(&l.image, file, console)?,
+        (image, _) => {
+            let (of_image, of_mesh) = match image {
+                AnyLoaded::Plane(_) => (2, 3),
+                AnyLoaded::Space(_) => (3, 2),
+            };
+            let problem = format!("is a {of_mesh}-D mesh, but the image is {of_image}-D");
+            let remedy = "give the mesh of the image";
+            return Err(Error::Job(cause(args.mesh.display(), problem, remedy)));
+        }
+    };
+    console.result(
+        said(&args.output, written),
+        &json!({ "file": shown(&args.output), "page": written }),
+    );
+    Ok(())
+}
+
+/// A line that says what was written.
+pub(super) fn said(path: &Path, written: Written) -> String {
+    let megabytes = written.bytes as f64 * 1e-6;
+    let thinned = match written.thinned {
+        true => format!(
+            ", {} of {} faces: its cut stops at {} places along each axis",
+            written.faces,
+            written.of_faces,
+            written.steps - 1
+        ),
+        false => String::new(),
+    };
+    format!("wrote {}: {megabytes:.1} MB{thinned}", path.display())
+}
+
+/// The report of a run, as JSON.
+fn read_figures(path: &Path) -> Result<Value> {
+    let text = std::fs::read_to_string(path).map_err(|e| os(path, "read", e))?;
+    let refuse = |problem: String| {
+        let place = format!("--figures {}", path.display());
+        Error::Job(cause(
+            place,
+            problem,
+            "give the file that mesh --report has written",
+        ))
+    };
+    let value: Value =
+        serde_json::from_str(&text).map_err(|e| refuse(format!("is no JSON ({e})")).because(e))?;
+    match value.get("version").is_some() && value.get("quality").is_some() {
+        true => Ok(value),
+        false => Err(refuse("is no report of atomesh".to_string())),
+    }
+}
+
+/// What was asked for.
+struct Asked<'a> {
+    args: &'a ReportArgs,
+    given: Option<Value>,
+}
+
+impl Asked<'_> {
+    fn simplices<const D: usize, M: Simplices<D>>(
+        self,
+        image: &Image<D>,
+        file: MeshFile<M>,
+        console: &mut Console,
+    ) -> Result<Written> {
+        self.write(image, file, console, |stored| figures(stored, None))
+    }
+
+    fn cells<const D: usize>(
+        self,
+        image: &Image<D>,
+        file: MeshFile<PolyMesh<D>>,
+        console: &mut Console,
+    ) -> Result<Written> {
+        self.write(image, file, console, |stored| {
+            Ok(figures_of_cells(stored, None))
+        })
+    }
+
+    fn write<const D: usize, M: Stored<D>>(
+        self,
+        image: &Image<D>,
+        file: MeshFile<M>,
+        console: &mut Console,
+        measure: impl FnOnce(&mut StoredMesh<D, M>) -> Result<Report>,
+    ) -> Result<Written> {
+        let Self { args, given } = self;
+        let place = args.mesh.display().to_string();
+        let mut stored = StoredMesh::new(file, &place)?;
+        stored
+            .space
+            .check_dims(image.dims(), &args.image.display().to_string())?;
+        let report = match given {
+            Some(given) => given,
+            None => {
+                console.begin_stage("measuring the mesh");
+                let mut report = measure(&mut stored)?;
+                report.input = Some(Input {
+                    file: shown(&args.image),
+                    dims: image.dims().to_vec(),
+                    hash: format!("sha256:{}", console.hash(&args.image)?),
+                });
+                serde_json::to_value(&report).unwrap_or_default()
+            }
+        };
+        console.begin_stage("writing");
+        let text = |name: &str| match stored.arrays.field(name) {
+            Some(FieldValue::Text(text)) => text.trim_end_matches('\0').to_string(),
+            _ => String::new(),
+        };
+        let name = args.mesh.file_name().unwrap_or(args.mesh.as_os_str());
+        let about = About {
+            title: (args.title.clone()).unwrap_or_else(|| name.to_string_lossy().into_owned()),
+            report,
+            parameters: text("parameters"),
+            input_hash: text("input_sha256"),
+        };
+        page::write(&args.output, Some(image), &stored, &about, LARGEST)
+    }
+}

@@ -1,0 +1,170 @@
+//! `atomesh completions`, `man` and `doctor`: what belongs to an installation.
+
+use std::path::PathBuf;
+use std::process::{Command, Stdio};
+
+use clap::{Args, CommandFactory};
+use clap_complete::Shell;
+use serde_json::json;
+
+use crate::cli::args::CommandLine;
+use crate::cli::common::output::shown;
+use crate::cli::console::{Console, print};
+use crate::error::{cause, os};
+use crate::{Error, Result};
+
+/// `atomesh completions`.
+#[derive(Debug, Args)]
+pub struct CompletionsArgs {
+    /// For which shell
+    #[arg(value_name = "SHELL")]
+    pub shell: Shell,
+}
+
+/// `atomesh man`.
+#[derive(Debug, Args)]
+pub struct ManArgs {
+    /// The folder for the pages, which must exist
+    #[arg(short, long, value_name = "FOLDER")]
+    pub output: PathBuf,
+}
+
+/// Prints what a shell needs to complete words.
+pub fn completions(args: &CompletionsArgs) {
+    let mut text = Vec::new();
+    clap_complete::generate(
+        args.shell,
+        &mut CommandLine::command(),
+        "atomesh",
+        &mut text,
+    );
+    print(String::from_utf8_lossy(&text).trim_end());
+}
+
+/// Writes a manual page for the program and one for each verb.
+pub fn man(args: &ManArgs, console: &mut Console) -> Result<()> {
+    if !args.output.is_dir() {
+        let place = format!("--output {}", args.output.display());
+        return Err(Error::Io(cause(
+            place,
+            "is no folder",
+            "make it, or give another",
+        )));
+    }
+    let command = CommandLine::command();
+    let count = 1 + command.get_subcommands().count();
+    clap_mangen::generate_to(command, &args.output).map_err(|e| os(&args.output, "write", e))?;
+    console.result(
+        format_args!("wrote {count} pages into {}", args.output.display()),
+        &json!({ "folder": shown(&args.output), "pages": count }),
+    );
+    Ok(())
+}
+
+/// Programs that judge or use what atomesh writes, how they are asked whether they are there, and what
+/// they are for.
+const PROGRAMS: [(&str, &str, &str); 8] = [
+    (
+        "flow",
+        "--version",
+        "OPM Flow, simulates what export --to opm writes",
+    ),
+    (
+        "ccx",
+        "-v",
+        "CalculiX, computes what export --to inp writes",
+    ),
+    (
+        "checkMesh",
+        "-help",
+        "OpenFOAM, checks what export --to openfoam writes",
+    ),
+    (
+        "octave",
+        "--version",
+        "Octave, opens what export --to mrst writes",
+    ),
+    (
+        "gmsh",
+        "--version",
+        "Gmsh, opens what export --to msh writes",
+    ),
+    (
+        "chromium-headless-shell",
+        "--version",
+        "Chromium, tests pages",
+    ),
+    (
+        "python3",
+        "--version",
+        "Python, runs the scripts and some tests",
+    ),
+    (
+        "paraview",
+        "--version",
+        "ParaView, shows .vtu, .vti and .vtp files",
+    ),
+];
+
+/// Says what this program is made of, what it runs on and which others are there.
+pub fn doctor(console: &mut Console) -> Result<()> {
+    let built = |with: bool, what: &str, without: &str| match with {
+        true => what.to_string(),
+        false => format!("not built in: {without}"),
+    };
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let folder = std::env::temp_dir();
+    let writable = tempfile::tempfile_in(&folder).is_ok();
+    let mut lines = vec![
+        ("atomesh", env!("CARGO_PKG_VERSION").to_string()),
+        (
+            "TetGen",
+            built(
+                cfg!(feature = "tetgen"),
+                "built in (AGPL-3.0)",
+                "no 3-D meshes",
+            ),
+        ),
+        (
+            "CGAL",
+            built(
+                cfg!(feature = "cgal"),
+                "built in (GPL-3.0)",
+                "no second opinion, refinement or exudation",
+            ),
+        ),
+        ("processors", threads.to_string()),
+        (
+            "work folder",
+            format!(
+                "{}{}",
+                folder.display(),
+                if writable {
+                    ""
+                } else {
+                    ": cannot be written; set TMPDIR"
+                }
+            ),
+        ),
+    ];
+    for (program, option, what) in PROGRAMS {
+        // What an answer says differs too much to be shown; that there is one counts.
+        let there = Command::new(program)
+            .arg(option)
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .status()
+            .is_ok();
+        let state = if there { "there" } else { "absent" };
+        lines.push((program, format!("{state} ({what})")));
+    }
+    let text: Vec<String> = (lines.iter())
+        .map(|(name, said)| format!("{name:<25}{said}"))
+        .collect();
+    let said: serde_json::Map<String, serde_json::Value> = (lines.into_iter())
+        .map(|(name, said)| (name.to_string(), said.into()))
+        .collect();
+    console.result(text.join("\n"), &said.into());
+    Ok(())
+}

@@ -1,0 +1,345 @@
+use super::*;
+use crate::files::vtk::DataArray;
+use crate::image::Geometry;
+use crate::image::synth::{self, Kind};
+use crate::mesh::complex::NONE;
+use crate::mesh::poly::samples::two_cells;
+use crate::mesh::{Mesh, TriMesh};
+use crate::store::MeshFile;
+use std::collections::BTreeMap;
+use std::io::Read;
+
+/// A page taken apart again, as unpack.js does it.
+struct Unpacked {
+    facts: Value,
+    streams: BTreeMap<String, (usize, Vec<u8>)>,
+}
+
+impl Unpacked {
+    fn of(html: &str) -> Self {
+        let between = |start: &str| {
+            let from = html.find(start).unwrap() + start.len();
+            &html[from..from + html[from..].find("</script>").unwrap()]
+        };
+        let facts: Value = serde_json::from_str(between("id=\"facts\">")).unwrap();
+        let letters = between("id=\"data\">").trim();
+        let value = |letter: u8| match letter {
+            b'A'..=b'Z' => letter - b'A',
+            b'a'..=b'z' => letter - b'a' + 26,
+            b'0'..=b'9' => letter - b'0' + 52,
+            b'+' => 62,
+            b'/' => 63,
+            _ => 0,
+        };
+        let mut packed = Vec::new();
+        for four in letters.as_bytes().chunks(4) {
+            let word = (four.iter()).fold(0u32, |word, &l| word << 6 | u32::from(value(l)));
+            let bytes = word.to_be_bytes();
+            let padding = four.iter().filter(|&&l| l == b'=').count();
+            packed.extend_from_slice(&bytes[1..4 - padding]);
+        }
+        let mut all = Vec::new();
+        let mut decoder = flate2::read::ZlibDecoder::new(&packed[..]);
+        decoder.read_to_end(&mut all).unwrap();
+        let mut streams = BTreeMap::new();
+        let mut start = 0;
+        for stream in facts["streams"].as_array().unwrap() {
+            let number = |k: usize| stream[k].as_u64().unwrap() as usize;
+            let bytes = all[start..start + number(2)].to_vec();
+            start += number(2);
+            streams.insert(stream[0].as_str().unwrap().to_string(), (number(1), bytes));
+        }
+        assert_eq!(start, all.len());
+        Self { facts, streams }
+    }
+
+    fn numbers(&self, name: &str) -> Vec<u32> {
+        let (count, bytes) = &self.streams[name];
+        let mut found = Vec::new();
+        let (mut number, mut shift) = (0u32, 0);
+        for &byte in bytes {
+            number |= u32::from(byte & 127) << shift;
+            shift += 7;
+            if byte < 128 {
+                found.push(number);
+                (number, shift) = (0, 0);
+            }
+        }
+        assert_eq!(found.len(), *count);
+        found
+    }
+
+    /// Each face as its nodes' places, with its cells by their numbers in the mesh, and its surface.
+    fn faces(&self) -> Vec<(Vec<[u16; 3]>, [u32; 2], u32)> {
+        let signed = |n: u32| (n >> 1) as i64 ^ -i64::from(n & 1);
+        let mut place = [0i64; 3];
+        let nodes: Vec<[u16; 3]> = (self.numbers("nodes").chunks(3))
+            .map(|step| {
+                place = std::array::from_fn(|k| place[k] + signed(step[k]));
+                place.map(|c| u16::try_from(c).unwrap())
+            })
+            .collect();
+        let mut newest = 0;
+        let corners: Vec<u32> = (self.numbers("corners").into_iter())
+            .map(|back| {
+                let node = newest - back;
+                newest += u32::from(back == 0);
+                node
+            })
+            .collect();
+        let mut cell = 0;
+        let numbers: Vec<u32> = (self.numbers("numbers").into_iter())
+            .map(|step| {
+                cell += signed(step);
+                cell as u32
+            })
+            .collect();
+        let (mut start, mut owner) = (0, 0);
+        let sizes = self.numbers("sizes").into_iter();
+        let rest = (self.numbers("owners").into_iter())
+            .zip(self.numbers("beyond"))
+            .zip(self.numbers("surfaces"));
+        sizes
+            .zip(rest)
+            .map(|(size, ((step, beyond), surface))| {
+                let ring = &corners[start..start + size as usize];
+                start += size as usize;
+                owner += step;
+                let other = match beyond {
+                    0 => NONE,
+                    step => numbers[(owner + step) as usize],
+                };
+                let places = ring.iter().map(|&n| nodes[n as usize]).collect();
+                (places, [numbers[owner as usize], other], surface)
+            })
+            .collect()
+    }
+}
+
+fn stored<const D: usize, M: Stored<D>>(mesh: M, cell_data: Vec<DataArray>) -> StoredMesh<D, M> {
+    let file = MeshFile {
+        mesh,
+        point_data: Vec::new(),
+        cell_data,
+        field_data: Vec::new(),
+    };
+    StoredMesh::new(file, "mesh").unwrap()
+}
+
+/// Writes a page and takes it apart.
+fn page<const D: usize, M: Stored<D>>(
+    stored: &StoredMesh<D, M>,
+    image: Option<&Image<D>>,
+    largest: usize,
+) -> Result<(Written, Unpacked, String)> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("page.html");
+    let about = About {
+        title: "<b> & </script>".to_string(),
+        report: json!({ "note": "</script><script>alert(1)</script>" }),
+        ..About::default()
+    };
+    let written = write(&path, image, stored, &about, largest)?;
+    let html = std::fs::read_to_string(&path).unwrap();
+    assert_eq!(html.len(), written.bytes);
+    Ok((written, Unpacked::of(&html), html))
+}
+
+/// A box of cubes, six tetrahedra each.
+fn cubes(count: usize) -> crate::mesh::TetMesh {
+    let side = count + 1;
+    let node = |x: usize, y: usize, z: usize| ((z * side + y) * side + x) as u32;
+    let nodes = (0..side.pow(3))
+        .map(|i| [i % side, i / side % side, i / (side * side)].map(|c| c as f64))
+        .collect();
+    let mut tets = Vec::new();
+    for i in 0..count.pow(3) {
+        let [x, y, z] = [i % count, i / count % count, i / (count * count)];
+        let corner = |c: usize| node(x + (c & 1), y + (c >> 1 & 1), z + (c >> 2));
+        for [a, b] in [[1, 3], [5, 1], [3, 2], [2, 6], [4, 5], [6, 4]] {
+            tets.push([0, a, b, 7].map(corner));
+        }
+    }
+    crate::mesh::TetMesh { nodes, tets }
+}
+
+#[test]
+fn faces_cells_and_values_come_back() {
+    let mesh = cubes(4);
+    let count = mesh.tets.len();
+    let values: Vec<f32> = (0..count).map(|c| (c as f32 * 0.7).sin()).collect();
+    let labels: Vec<i32> = (0..count).map(|c| c as i32 / 7 - 3).collect();
+    let mut bits = vec![0u8; count];
+    bits[5] = 0b0100;
+    let stored = stored(
+        mesh,
+        vec![
+            DataArray::scalars("min_dihedral", values.clone()),
+            DataArray::scalars("label", labels.clone()),
+            DataArray::scalars("feature_faces", bits),
+        ],
+    );
+    let (written, page, html) = page(&stored, None, LARGEST).unwrap();
+    // 256 places part the middles of all cells that share a face.
+    let (sides, inside) = (6 * 4 * 4 * 2, (4 * count - 6 * 4 * 4 * 2) / 2);
+    assert_eq!(
+        (written.faces, written.of_faces),
+        (sides + inside, sides + inside)
+    );
+    assert!(!written.thinned && written.steps == 256);
+
+    let faces = page.faces();
+    let mut owned = vec![0; count];
+    for (places, cells, _) in &faces {
+        assert_eq!(places.len(), 3);
+        for &cell in cells.iter().filter(|&&c| c != NONE) {
+            owned[cell as usize] += 1;
+            // All nodes of the face are nodes of its cells, at the same place to 1/65535.
+            let corners = stored.lattice.corners(cell as usize);
+            let near = |p: &[u16; 3], q: &[f64; 3]| {
+                (0..3).all(|k| (f64::from(p[k]) / 65535.0 * 4.0 - q[k]).abs() < 1e-4)
+            };
+            assert!(places.iter().all(|p| corners.iter().any(|q| near(p, q))));
+        }
+    }
+    assert!(owned.iter().all(|&faces| faces == 4));
+    assert_eq!(faces.iter().filter(|face| face.2 > 0).count(), 1);
+
+    // Values by the order of cells in the page.
+    let numbers: Vec<u32> = {
+        let mut cell = 0i64;
+        let steps = page.numbers("numbers").into_iter();
+        steps
+            .map(|n| {
+                cell += (n >> 1) as i64 ^ -i64::from(n & 1);
+                cell as u32
+            })
+            .collect()
+    };
+    let arrays = page.facts["arrays"].as_array().unwrap();
+    let read = |name: &str| -> Vec<f64> {
+        let array = arrays.iter().find(|a| a["name"] == name).unwrap();
+        let (low, step) = (
+            array["low"].as_f64().unwrap(),
+            array["step"].as_f64().unwrap(),
+        );
+        let (count, bytes) = &page.streams[&format!("array {name}")];
+        let words = (0..*count).map(|i| u16::from_le_bytes([bytes[i], bytes[count + i]]));
+        words.map(|word| low + step * f64::from(word)).collect()
+    };
+    for (at, &cell) in numbers.iter().enumerate() {
+        let cell = cell as usize;
+        assert!((read("min_dihedral")[at] - f64::from(values[cell])).abs() < 2.0 / 65534.0);
+        assert_eq!(read("label")[at], f64::from(labels[cell]));
+    }
+    assert!(!arrays.iter().any(|array| array["name"] == "feature_faces"));
+    assert_eq!(arrays[0]["unit"], "degrees");
+
+    // What the user says cannot leave its place in the page.
+    assert_eq!(html.matches("</script>").count(), 3);
+    assert!(html.contains("<title>&lt;b&gt; &amp; &lt;/script&gt;</title>"));
+    assert!(!html.contains("{{") && !html.contains("://"));
+}
+
+#[test]
+fn polyhedra_triangles_and_polygons_come_too() {
+    let (_, page_of_cells, _) = page(&stored(two_cells::<3>(0.75), vec![]), None, LARGEST).unwrap();
+    let faces = page_of_cells.faces();
+    assert_eq!(
+        faces
+            .iter()
+            .filter(|(_, cells, _)| cells[1] != NONE)
+            .count(),
+        1
+    );
+    assert!(faces.iter().all(|(places, _, _)| places.len() == 4));
+
+    let square = TriMesh {
+        nodes: vec![[0.0; 2], [2.0, 0.0], [0.0, 2.0], [2.0, 2.0]],
+        triangles: vec![[0, 1, 2], [2, 1, 3]],
+    };
+    let marked = vec![DataArray::scalars("feature_edges", vec![1u8, 0])];
+    let image = Image::new([3, 3], vec![0.5; 9], Geometry::default());
+    let (_, flat, _) = page(&stored(square, marked), Some(&image), LARGEST).unwrap();
+    assert_eq!(flat.faces().len(), 2);
+    assert_eq!(flat.numbers("lines"), [1]);
+    assert_eq!(flat.numbers("ends").len(), 2);
+    let (_, cells, _) = page(&stored(two_cells::<2>(0.75), vec![]), None, LARGEST).unwrap();
+    let mut sizes: Vec<usize> = cells.faces().iter().map(|face| face.0.len()).collect();
+    sizes.sort_unstable();
+    assert_eq!(sizes, [4, 4]);
+}
+
+/// Faces between cells that no place of the cut parts are left out, and no others.
+#[test]
+fn fewer_places_thin_the_mesh_to_what_they_show() {
+    let mut mesh = cubes(12);
+    // Off the places of the cut, which would be ties.
+    for node in &mut mesh.nodes {
+        *node = node.map(|c| c + 0.013 * (c * (12.0 - c)) / 36.0);
+    }
+    let stored = stored(mesh, vec![]);
+    let faces = Faces::of(&stored, &[]).unwrap();
+    let mut before = faces.len();
+    for steps in [8, 4, 2] {
+        let kept = Kept::of(&faces, steps);
+        assert!(kept.faces.len() < before);
+        before = kept.faces.len();
+        let kept: std::collections::BTreeSet<u32> = kept.faces.into_iter().collect();
+        for (face, &[a, b]) in faces.cells.iter().enumerate() {
+            let parted = b == NONE
+                || (1..steps).any(|place| {
+                    let at = place as f64 / steps as f64;
+                    let [p, q] = [a, b].map(|c| faces.middles[c as usize]);
+                    (0..3).any(|k| (p[k] < at) != (q[k] < at))
+                });
+            assert_eq!(kept.contains(&(face as u32)), parted, "{steps} {face}");
+        }
+    }
+    for steps in [STEPS[0], 8, 4, 2] {
+        let kept = Kept::of(&faces, steps);
+        let counted = keep::count(&faces, steps);
+        assert_eq!(counted, (kept.faces.len(), kept.cells.len()));
+    }
+    let (whole, _, _) = page(&stored, None, LARGEST).unwrap();
+    let (thinned, unpacked, _) = page(&stored, None, whole.bytes - 40_000).unwrap();
+    assert!(thinned.thinned && thinned.bytes <= whole.bytes - 40_000);
+    assert!(thinned.faces < whole.faces && unpacked.faces().len() == thinned.faces);
+    assert_eq!(unpacked.facts["thinned"], true);
+}
+
+#[test]
+fn what_does_not_fit_is_refused() {
+    let error = page(&stored(cubes(12), vec![]), None, 60_000)
+        .err()
+        .unwrap();
+    let said = error.to_string();
+    assert!(
+        said.contains("would be of 0.") && said.contains("0.1 MB at most"),
+        "{said}"
+    );
+}
+
+#[test]
+fn a_page_is_the_same_every_time() {
+    let options = synth::Options {
+        dims: [20, 18, 16],
+        ..Default::default()
+    };
+    let image = synth::make(Kind::Sphere, &options).unwrap().image;
+    let mut mesh = cubes(4);
+    for node in &mut mesh.nodes {
+        *node = std::array::from_fn(|k| node[k] * [19.0, 17.0, 15.0][k] / 4.0);
+    }
+    let stored = stored(mesh, vec![]);
+    let (written, unpacked, first) = page(&stored, Some(&image), LARGEST).unwrap();
+    assert_eq!(first, page(&stored, Some(&image), LARGEST).unwrap().2);
+    assert!(written.bytes < 200_000);
+    assert_eq!(unpacked.facts["image"]["dims"], json!([20, 18, 16]));
+    assert_eq!(unpacked.streams["image"].0, 20 * 18 * 16);
+    let names: Vec<&Value> = (unpacked.facts["arrays"].as_array().unwrap().iter())
+        .map(|array| &array["name"])
+        .collect();
+    assert_eq!(names, ["image"]);
+    assert_eq!(stored.lattice.len(), 384);
+}

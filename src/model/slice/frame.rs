@@ -1,0 +1,83 @@
+//! Where a mesh lies, and how its box is drawn.
+
+use serde::Serialize;
+
+use crate::geometry::{dot, in_space};
+use crate::image::Geometry;
+use crate::image::geometry::Ruler;
+use crate::store::LatticeSpace;
+
+/// The box of lattice space in the world and in a picture.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub(crate) struct Frame {
+    /// Where the box begins in the world.
+    pub origin: [f64; 3],
+    /// Its edges in the world.
+    pub edges: [[f64; 3]; 3],
+    /// The units of the world's coordinates.
+    pub units: [String; 3],
+    /// The names of the image's axes.
+    pub names: [String; 3],
+    /// How many steps of samples the box is wide.
+    pub samples: [f64; 3],
+    /// How the edges are read off.
+    pub rulers: [Ruler; 3],
+    /// By how much each coordinate of the world is enlarged, so that lengths of unlike units are
+    /// comparable.
+    pub aspect: [f64; 3],
+    /// Whether the last coordinate is drawn downwards.
+    pub down: bool,
+}
+
+impl Frame {
+    /// Of a mesh's space; names, and units if the mesh has none, are those of the image.
+    pub(crate) fn of<const D: usize>(space: &LatticeSpace<D>, image: Option<&Geometry<D>>) -> Self {
+        let mut geometry = space.geometry.clone();
+        if let Some(image) = image {
+            geometry.names.clone_from(&image.names);
+            if geometry.units.iter().all(String::is_empty) {
+                geometry.units.clone_from(&image.units);
+            }
+        }
+        let samples: [f64; D] = std::array::from_fn(|k| space.extent[k] / space.step[k]);
+        let aspect = geometry.aspect(samples, space.extent);
+        let down = geometry.points_down();
+        let geometry: Geometry<3> = geometry.in_space();
+        let samples: [f64; 3] = in_space(samples);
+        Self {
+            origin: geometry.origin,
+            edges: std::array::from_fn(|k| geometry.axes[k].map(|step| step * samples[k])),
+            rulers: std::array::from_fn(|k| geometry.ruler(k, samples[k])),
+            units: geometry.units,
+            names: geometry.names,
+            samples,
+            aspect: std::array::from_fn(|k| aspect.get(k).copied().unwrap_or(1.0)),
+            down,
+        }
+    }
+
+    /// The edges of the box as they are drawn: enlarged, and upright.
+    pub(crate) fn drawn_edges(&self) -> [[f64; 3]; 3] {
+        let turned = [1.0, 1.0, if self.down { -1.0 } else { 1.0 }];
+        self.edges
+            .map(|edge| std::array::from_fn(|c| edge[c] * self.aspect[c] * turned[c]))
+    }
+
+    /// How a point of the box, shares in [0, 1], is drawn to whoever looks from a side and from above
+    /// (angles in radians): right, up and towards them, from the middle of the box. Each row holds the
+    /// share of each edge, and what is added.
+    pub(crate) fn seen_from(&self, side: f64, above: f64) -> [[f64; 4]; 3] {
+        let edges = self.drawn_edges();
+        let ((ss, cs), (sa, ca)) = (side.sin_cos(), above.sin_cos());
+        let directions = [
+            [cs, ss, 0.0],
+            [-ss * sa, cs * sa, ca],
+            [ss * ca, -cs * ca, sa],
+        ];
+        directions.map(|direction| {
+            let along = edges.map(|edge| dot(edge, direction));
+            let middle = 0.5 * along.iter().sum::<f64>();
+            [along[0], along[1], along[2], -middle]
+        })
+    }
+}

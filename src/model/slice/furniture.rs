@@ -1,0 +1,149 @@
+//! What stands round a picture: a title, numbers on axes, a bar of colours, a legend.
+
+use super::canvas::{Canvas, LETTER};
+use super::shades::Shades;
+
+/// What is written and framed with.
+pub(super) const INK: [u8; 4] = [40, 40, 40, 255];
+/// Space above, right of, below and left of what is drawn, in pixels.
+pub(super) const ABOVE: f32 = 78.0;
+pub(super) const RIGHT: f32 = 128.0;
+pub(super) const BELOW: f32 = 92.0;
+pub(super) const LEFT: f32 = 92.0;
+
+/// What is written over a picture and beside its bar of colours.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Caption {
+    /// The first line; empty for none.
+    pub title: String,
+    /// The second one.
+    pub subtitle: String,
+    /// What the image's values are, with their unit.
+    pub values: String,
+}
+
+/// Round numbers from one value to another, at most `most` steps apart, and the step.
+pub(super) fn ticks(first: f64, last: f64, most: f64) -> (Vec<f64>, f64) {
+    let (low, high) = (first.min(last), first.max(last));
+    let rough = (high - low) / most.max(1.0);
+    if !(rough > 0.0 && rough.is_finite()) {
+        return (vec![low], 1.0);
+    }
+    let ten = 10f64.powf(rough.log10().floor());
+    let round = [1.0, 2.0, 5.0, 10.0].map(|k| k * ten);
+    let step = round.into_iter().find(|&s| s >= rough * (1.0 - 1e-9));
+    let step = step.unwrap_or(10.0 * ten);
+    let from = (low / step - 1e-6).ceil() as i64;
+    let to = (high / step + 1e-6).floor() as i64;
+    ((from..=to).map(|i| i as f64 * step).collect(), step)
+}
+
+/// A multiple of a step, with as many digits as it needs.
+pub(super) fn number(value: f64, step: f64) -> String {
+    let size = value.abs().max(step);
+    if !(1e-4..1e9).contains(&size) {
+        return format!("{value:.1e}");
+    }
+    let digits = (-step.log10() - 1e-9).ceil().max(0.0) as usize;
+    let text = format!("{value:.digits$}");
+    match text
+        .trim_start_matches('-')
+        .chars()
+        .all(|c| "0.".contains(c))
+    {
+        true => text.trim_start_matches('-').to_string(),
+        false => text,
+    }
+}
+
+impl Canvas {
+    /// The lines above a picture.
+    pub(super) fn caption(&mut self, caption: &Caption) {
+        self.text(&caption.title, [LEFT, 12.0], 0.0, INK);
+        let below = [LEFT, 12.0 + LETTER[1] + 2.0];
+        self.text(&caption.subtitle, below, 0.0, [90, 90, 90, 255]);
+    }
+
+    /// Values and their colours, right of a picture.
+    pub(super) fn color_bar(&mut self, caption: &Caption, shades: &Shades) {
+        let [width, height] = self.size().map(|n| n as f32);
+        let (left, top) = (width - RIGHT + 34.0, ABOVE);
+        let tall = (height - ABOVE - BELOW).clamp(40.0, 260.0).floor();
+        let [low, high] = shades.range();
+        for row in 0..tall as u32 {
+            let share = 1.0 - row as f32 / (tall - 1.0);
+            let color = shades.color(low + share * (high - low));
+            for column in 0..18 {
+                self.set(left as u32 + column, top as u32 + row, color);
+            }
+        }
+        let (right, bottom) = (left + 18.0, top + tall);
+        let corners = [[left, top], [right, top], [right, bottom], [left, bottom]];
+        let sides: Vec<_> = (0..4).map(|k| [corners[k], corners[(k + 1) % 4]]).collect();
+        self.lines(&sides, INK, 1.0);
+        let name = match caption.values.as_str() {
+            "" => "image",
+            name => name,
+        };
+        self.text(name, [left, top - LETTER[1] - 6.0], 0.0, INK);
+        let (values, step) = ticks(f64::from(low), f64::from(high), f64::from(tall) / 40.0);
+        for value in values {
+            let share = (value as f32 - low) / (high - low);
+            let y = bottom - share.clamp(0.0, 1.0) * tall;
+            self.lines(&[[[right, y], [right + 4.0, y]]], INK, 1.0);
+            let at = [right + 7.0, y - 0.5 * LETTER[1]];
+            self.text(&number(value, step), at, 0.0, INK);
+        }
+    }
+
+    /// What the colours of lines and faces mean, below a picture.
+    pub(super) fn legend(&mut self, entries: &[(&str, [u8; 4])]) {
+        let y = self.size()[1] as f32 - 0.5 * LETTER[1] - 12.0;
+        let mut x = LEFT;
+        for &(name, [r, g, b, _]) in entries {
+            self.lines(&[[[x, y], [x + 22.0, y]]], [r, g, b, 255], 4.0);
+            self.text(name, [x + 30.0, y - 0.5 * LETTER[1]], 0.0, INK);
+            x += 30.0 + LETTER[0] * (name.len() as f32 + 3.0);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ticks_are_round_and_within() {
+        for (first, last, most) in [
+            (0.0, 9.9, 5.0),
+            (-1800.0, -999.0, 7.0),
+            (620_197.2, 620_999.1, 4.0),
+            (3e-5, 8e-5, 6.0),
+            (80.0, 20.0, 3.0),
+        ] {
+            let (found, step) = ticks(first, last, most);
+            assert!(!found.is_empty() && found.len() as f64 <= most + 1.0);
+            let leading = step / 10f64.powf((step * 1.0001).log10().floor());
+            let round = [1.0, 2.0, 5.0].iter().any(|r| (leading - r).abs() < 1e-9);
+            assert!(round, "{step}");
+            let (low, high) = (f64::min(first, last), f64::max(first, last));
+            let slack = 1e-5 * step;
+            assert!(
+                found
+                    .iter()
+                    .all(|t| (low - slack..=high + slack).contains(t))
+            );
+            assert!(found[0] - step < low && found[found.len() - 1] + step > high);
+        }
+        assert_eq!(ticks(5.0, 5.0, 4.0).0, [5.0]);
+    }
+
+    #[test]
+    fn numbers_have_the_digits_that_tell_them_apart() {
+        assert_eq!(number(0.30000000000000004, 0.1), "0.3");
+        assert_eq!(number(-1200.0, 200.0), "-1200");
+        assert_eq!(number(-0.0, 0.5), "0.0");
+        assert_eq!(number(620_250.0, 50.0), "620250");
+        assert_eq!(number(2e-5, 1e-5), "2.0e-5");
+    }
+}

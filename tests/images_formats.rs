@@ -105,6 +105,48 @@ fn values_and_places_are_those_of_the_libraries_of_the_field() {
 }
 
 #[test]
+fn what_a_header_says_twice_is_refused_and_wide_integers_are_noted() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mha");
+    let written = |sizes: &str| {
+        let head = format!(
+            "ObjectType = Image\nNDims = 3\n{sizes}\nElementType = MET_INT\nElementDataFile = LOCAL\n"
+        );
+        let samples = (0..60i32).flat_map(|i| (i + (1 << 25)).to_le_bytes());
+        std::fs::write(&path, head.bytes().chain(samples).collect::<Vec<u8>>()).unwrap();
+        formats::read(&path, &ReadOptions::default())
+    };
+    let error = written("DimSize = 5 4 3\nDimSize = 5 3 4")
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.contains("says twice what DimSize is: 5 4 3 and 5 3 4"),
+        "{error}"
+    );
+    let read = written("DimSize = 5 4 3\nDimSize = 5 4 3").unwrap();
+    assert!(
+        read.notes.iter().any(|note| note.contains("rounded")),
+        "{:?}",
+        read.notes
+    );
+    // As VTK has them.
+    let path = folder.path().join("a.vti");
+    let extent = "WholeExtent=\"0 1 0 1 0 1\" Origin=\"0 0 0\" Spacing=\"1 1 1\"";
+    let text = format!(
+        "<VTKFile type=\"ImageData\" version=\"1.0\" byte_order=\"LittleEndian\"><ImageData {extent}>\
+         <Piece Extent=\"0 1 0 1 0 1\"><PointData Scalars=\"v\"><DataArray type=\"Int64\" Name=\"v\" format=\"ascii\">\
+         33554433 1 2 3 4 5 6 7</DataArray></PointData></Piece></ImageData></VTKFile>"
+    );
+    std::fs::write(&path, text).unwrap();
+    let read = formats::read(&path, &ReadOptions::default()).unwrap();
+    assert!(
+        read.notes.iter().any(|note| note.contains("rounded")),
+        "{:?}",
+        read.notes
+    );
+}
+
+#[test]
 fn files_that_are_no_images_are_refused_in_one_line() {
     let Some(folder) = data() else { return };
     for (name, says) in [

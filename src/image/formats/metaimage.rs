@@ -39,8 +39,17 @@ impl<'a> Header<'a> {
             let Some((key, value)) = line.split_once('=') else {
                 break;
             };
-            lines.push((key.trim(), value.trim()));
-            if key.trim() == "ElementDataFile" {
+            let (key, value) = (key.trim(), value.trim());
+            if let Some((_, other)) = lines
+                .iter()
+                .find(|(name, other)| *name == key && *other != value)
+            {
+                let shown: String = format!("{other} and {value}").chars().take(60).collect();
+                let problem = format!("its header says twice what {key} is: {shown}");
+                return Err(refuse(path, problem, DAMAGED));
+            }
+            lines.push((key, value));
+            if key == "ElementDataFile" {
                 return Ok((Self { path, lines }, at as u64));
             }
         }

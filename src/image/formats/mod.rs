@@ -185,13 +185,16 @@ pub fn read_any(path: &Path, options: &ReadOptions) -> Result<AnyLoaded> {
         Format::Tiff => tiff::read(path)?,
         Format::Inrimage => inrimage::read(path)?,
         Format::Segy => segy::read(path, &options.segy)?,
-        Format::Vti => Loaded {
-            image: vti::read(path)?,
-            format: Format::Vti,
-            encoding: "VTK XML".into(),
-            notes: Vec::new(),
-            survey: None,
-        },
+        Format::Vti => {
+            let (image, note) = vti::read(path)?;
+            Loaded {
+                image,
+                format: Format::Vti,
+                encoding: "VTK XML".into(),
+                notes: note.into_iter().collect(),
+                survey: None,
+            }
+        }
     };
     Ok(match loaded.image.dims() {
         [_, _, 1] => {

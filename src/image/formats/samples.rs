@@ -96,6 +96,12 @@ impl std::fmt::Display for Encoding {
     }
 }
 
+/// A warning if wide integers were rounded on their way to these samples.
+pub fn rounding_note(samples: &[f32]) -> Option<String> {
+    let rounded = samples.iter().any(|v| v.abs() > 16_777_216.0);
+    rounded.then(|| "integers beyond 16777216 are rounded to 32-bit floats".to_string())
+}
+
 impl Encoding {
     /// Bytes of one sample.
     pub fn size(self) -> usize {
@@ -112,8 +118,7 @@ impl Encoding {
     pub fn rounding_note(self, samples: &[f32]) -> Option<String> {
         use SampleType::*;
         let wide = matches!(self.sample, I32 | U32 | I64 | U64);
-        let rounded = wide && samples.iter().any(|v| v.abs() > 16_777_216.0);
-        rounded.then(|| "integers beyond 16777216 are rounded to 32-bit floats".to_string())
+        wide.then(|| rounding_note(samples)).flatten()
     }
 
     /// Converts `bytes` (`out.len()` samples) to `f32`, each rounded to the nearest one.

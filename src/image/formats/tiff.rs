@@ -51,6 +51,7 @@ pub fn read(path: &Path) -> Result<Loaded> {
     let description = decoder.get_tag_ascii_string(Tag::ImageDescription);
     let description = description.unwrap_or_default();
     let mut first = None;
+    let mut wide = false;
     let mut samples = Vec::new();
     loop {
         let (nx, ny) = decoder.dimensions().map_err(|e| fault(pages, e))?;
@@ -74,10 +75,36 @@ pub fn read(path: &Path) -> Result<Loaded> {
                 return Err(refuse(path, problem, "write it as grey samples"));
             }
         };
+        if channels > 1
+            && decoder
+                .find_tag_unsigned(Tag::PlanarConfiguration)
+                .ok()
+                .flatten()
+                == Some(2u16)
+        {
+            let problem =
+                format!("page {pages} keeps each of its {channels} colours in a plane of its own");
+            let remedy = "write it as grey samples, or with the colours of a pixel together";
+            return Err(refuse(path, problem, remedy));
+        }
         let page = decoder.read_image().map_err(|e| fault(pages, e))?;
         let count = nx as usize * ny as usize;
         let before = samples.len();
-        add(page, channels, count, &mut samples);
+        match (page, color) {
+            (DecodingResult::U8(bytes), ColorType::Gray(bits @ (1 | 2 | 4))) => {
+                add_bits(&bytes, bits, nx as usize, count, &mut samples);
+            }
+            (page, _) => {
+                wide |= matches!(
+                    page,
+                    DecodingResult::U32(_)
+                        | DecodingResult::I32(_)
+                        | DecodingResult::U64(_)
+                        | DecodingResult::I64(_)
+                );
+                add(page, channels, count, &mut samples);
+            }
+        }
         if samples.len() != before + count || count == 0 {
             let problem = format!("page {pages} does not hold {shown}");
             return Err(refuse(path, problem, DAMAGED));
@@ -99,6 +126,10 @@ pub fn read(path: &Path) -> Result<Loaded> {
     if matches!(color, ColorType::RGB(_) | ColorType::RGBA(_)) {
         notes.push("colours are read as luminance (BT.709)".into());
     }
+    notes.extend(
+        wide.then(|| super::samples::rounding_note(&samples))
+            .flatten(),
+    );
     let dims = [nx as usize, ny as usize, pages];
     Ok(Loaded {
         image: Image::new(dims, samples, Geometry::default()),
@@ -210,6 +241,17 @@ impl Stack {
     }
 }
 
+/// Adds a page's samples of fewer than eight bits; each row begins with a byte, the highest bits first.
+fn add_bits(bytes: &[u8], bits: u8, nx: usize, count: usize, samples: &mut Vec<f32>) {
+    let (bits, mask) = (usize::from(bits), (1u8 << bits) - 1);
+    let row = (nx * bits).div_ceil(8);
+    let whole = bytes.chunks_exact(row.max(1)).take(count / nx.max(1));
+    for row in whole {
+        let value = |x: usize| row[x * bits / 8] >> (8 - bits - x * bits % 8) & mask;
+        samples.extend((0..nx).map(|x| f32::from(value(x))));
+    }
+}
+
 /// Adds a page's samples; of colours their luminance, of transparency nothing.
 fn add(page: DecodingResult, channels: usize, count: usize, samples: &mut Vec<f32>) {
     let mut each = |values: &mut dyn Iterator<Item = f32>| {
@@ -245,6 +287,30 @@ fn add(page: DecodingResult, channels: usize, count: usize, samples: &mut Vec<f3
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn samples_of_less_than_a_byte_are_unpacked() {
+        let unpacked = |bytes: &[u8], bits, nx, count| {
+            let mut samples = Vec::new();
+            add_bits(bytes, bits, nx, count, &mut samples);
+            samples
+        };
+        // Two rows each, the second from a byte of its own on.
+        assert_eq!(
+            unpacked(&[0b1010_0000, 0b0110_0000], 1, 3, 6),
+            [1., 0., 1., 0., 1., 1.]
+        );
+        assert_eq!(
+            unpacked(&[0b1101_0010, 0b0100_0000], 2, 3, 6)[..3],
+            [3., 1., 0.]
+        );
+        assert_eq!(
+            unpacked(&[0xab, 0xc0, 0x12, 0x30], 4, 3, 6),
+            [10., 11., 12., 1., 2., 3.]
+        );
+        // What is missing is for the caller to see.
+        assert_eq!(unpacked(&[0xab], 4, 3, 6), [0.; 0]);
+    }
     use tiff::encoder::{
         TiffEncoder,
         colortype::{Gray8, RGB8},

@@ -15,12 +15,12 @@ use crate::files::vtk::{Document, Source, VtkFile};
 use crate::image::{Geometry, Image};
 
 /// Reads the image of a `.vti` file: the active scalars of its points or, where it has none, the
-/// first array.
+/// first array; and a warning if its integers were rounded.
 ///
 /// # Errors
 /// [`Error::Io`](crate::Error::Io) if it is no such file, damaged, or holds no 3-D scalars on
 /// points.
-pub fn read(path: &Path) -> Result<Image<3>> {
+pub fn read(path: &Path) -> Result<(Image<3>, Option<String>)> {
     let file = VtkFile::read(path, "ImageData")?;
     let data_set = file.data_set();
     let piece = file.piece()?;
@@ -102,7 +102,10 @@ pub fn read(path: &Path) -> Result<Image<3>> {
             "write it again",
         ));
     }
-    Ok(Image::new(dims, array.values.to_f32(), geometry))
+    let wide = matches!(array.values.kind(), "Int32" | "UInt32" | "Int64" | "UInt64");
+    let samples = array.values.to_f32();
+    let note = wide.then(|| samples::rounding_note(&samples)).flatten();
+    Ok((Image::new(dims, samples, geometry), note))
 }
 
 /// An attribute of exactly `N` numbers.
@@ -189,7 +192,7 @@ mod tests {
     #[test]
     fn every_variant_that_vtk_writes_is_read() {
         for variant in VARIANTS {
-            let image = read(&fixture(&format!("{variant}.vti"))).unwrap();
+            let image = read(&fixture(&format!("{variant}.vti"))).unwrap().0;
             assert_eq!(image.dims(), [3, 2, 2], "{variant}");
             let want: Vec<f32> = (-5..7).map(|i| i as f32).collect();
             assert_eq!(image.as_slice(), want, "{variant}");
@@ -207,7 +210,7 @@ mod tests {
     #[test]
     fn legacy_images_keep_their_origin_in_double_precision() {
         for name in ["legacy_ascii.vtk", "legacy_binary.vtk"] {
-            let image = read(&fixture(name)).unwrap();
+            let image = read(&fixture(name)).unwrap().0;
             assert_eq!(image.dims(), [3, 2, 2], "{name}");
             let want: Vec<f32> = (-5..7).map(|i| i as f32).collect();
             assert_eq!(image.as_slice(), want, "{name}");
@@ -222,7 +225,7 @@ mod tests {
         let path = folder.path().join("a.vti");
         let image = oblique();
         write(&path, &image, "a < b").unwrap();
-        let back = read(&path).unwrap();
+        let back = read(&path).unwrap().0;
         assert_eq!(back.as_slice(), image.as_slice());
         assert_eq!(back.geometry.origin, image.geometry.origin);
         assert_eq!(back.geometry.names, image.geometry.names);
@@ -243,7 +246,7 @@ mod tests {
             Geometry::with_spacing([0.1, 1e6 + 0.1, -3.3], [0.1, 12.7, 1.0 / 3.0]),
         );
         write(&path, &straight, "s").unwrap();
-        assert_eq!(read(&path).unwrap(), straight);
+        assert_eq!(read(&path).unwrap().0, straight);
     }
 
     #[test]

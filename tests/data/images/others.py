@@ -235,6 +235,11 @@ def by_tifffile():
                 # Some packings need another package to be written.
                 continue
             compare(path, tifffile.imread(path))
+    # A bit a sample, in rows of whole bytes; colours in planes of their own are no volume.
+    tifffile.imwrite("tifffile-bits.tif", values("i2") > 0, photometric="minisblack")
+    compare("tifffile-bits.tif", tifffile.imread("tifffile-bits.tif"))
+    tifffile.imwrite("tifffile-planes.tif", values("u1")[:3], photometric="rgb", planarconfig="separate")
+    compare("tifffile-planes.tif", values("u1"), refused=("a plane of its own",))
     for name, options in (("imagej", {"imagej": True, "metadata": {"axes": "ZYX"}}), ("ome", {"ome": True, "metadata": {"axes": "ZYX"}}), ("tiled", {"tile": (16, 16)})):
         path = f"tifffile-{name}.tif"
         tifffile.imwrite(path, values("u2"), photometric="minisblack", **options)

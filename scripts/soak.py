@@ -209,7 +209,7 @@ def memory(bench, folder, count, rng, faults):
         line, made, _ = rng.choice(bench.jobs)
         place = tempfile.mkdtemp(dir=folder)
         # From what hardly loads the program to what suffices.
-        limit = int(30e6 * 20 ** rng.random())
+        limit = int(30e6 * 7 ** rng.random())
         child = bench.start(
             line, place, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
         )

@@ -38,6 +38,11 @@ class MeshOptions(TypedDict, total=False):
     #: Also write the lines where features, or a feature and a side of the box, meet at less than
     #: 30 degrees, with their angles
     lines: _Path | None
+    #: Also write a page to look at: mesh, image and figures in one HTML file for any browser
+    page: _Path | None
+    #: Also write the faces on features with the number of the surface of each, as `atomesh
+    #: surface` does
+    surfaces: _Path | None
     #: Atoms on features, or alongside [default: on; alongside with --cells voronoi]
     align: Literal["on", "alongside"] | None
     #: Cells of the mesh [default: tets; voronoi with --align alongside]
@@ -205,6 +210,33 @@ class QualityOptions(TypedDict, total=False):
     #: Also write the lines where features, or a feature and a side of the box, meet at less than
     #: 30 degrees, with their angles
     lines: _Path | None
+    #: Memory that may be taken, e.g. 8G or 500M; what would take more is refused before it is
+    #: begun [default: what is free]
+    max_memory: int | None
+
+class ReportOptions(TypedDict, total=False):
+    #: What mesh --report has written, for its fidelity, notes and cost [default: figures are
+    #: measured from the mesh]
+    figures: _Path | None
+    #: The page's heading [default: the mesh's name]
+    title: _Value | None
+    #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
+    #: 100x400x208:f32be
+    raw: _Value | None
+    #: SEG-Y: trace header byte of the inline number [default: 189]
+    inline_byte: int | None
+    #: SEG-Y: trace header byte of the crossline number [default: 193]
+    crossline_byte: int | None
+    #: SEG-Y: trace header byte of the x coordinate [default: 181]
+    x_byte: int | None
+    #: SEG-Y: trace header byte of the y coordinate [default: 185]
+    y_byte: int | None
+    #: SEG-Y: trace header byte of the coordinates' scale factor [default: 71]
+    scalar_byte: int | None
+    #: SEG-Y: trace header byte of the first sample's time in ms [default: 109]
+    delay_byte: int | None
+    #: SEG-Y: trace header byte of the sample interval in microseconds [default: 117]
+    interval_byte: int | None
     #: Memory that may be taken, e.g. 8G or 500M; what would take more is refused before it is
     #: begun [default: what is free]
     max_memory: int | None
@@ -388,6 +420,8 @@ class ExportOptions(TypedDict, total=False):
     max_memory: int | None
 
 class SliceOptions(TypedDict, total=False):
+    #: Sections with the planes of samples, or the mesh as a body with a corner open
+    view: Literal["sections", "3d"] | None
     #: The point where the planes meet, in physical coordinates [default: the middle]
     at: _Value | None
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
@@ -537,6 +571,21 @@ class SynthOptions(TypedDict, total=False):
     width: _Number | None
     #: Seed of all random numbers
     rng_seed: int | None
+    #: Memory that may be taken, e.g. 8G or 500M; what would take more is refused before it is
+    #: begun [default: what is free]
+    max_memory: int | None
+
+class DoctorOptions(TypedDict, total=False):
+    #: Memory that may be taken, e.g. 8G or 500M; what would take more is refused before it is
+    #: begun [default: what is free]
+    max_memory: int | None
+
+class CompletionsOptions(TypedDict, total=False):
+    #: Memory that may be taken, e.g. 8G or 500M; what would take more is refused before it is
+    #: begun [default: what is free]
+    max_memory: int | None
+
+class ManOptions(TypedDict, total=False):
     #: Memory that may be taken, e.g. 8G or 500M; what would take more is refused before it is
     #: begun [default: what is free]
     max_memory: int | None

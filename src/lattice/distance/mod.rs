@@ -329,7 +329,7 @@ mod tests {
             (f64::INFINITY, "finite"),
             (80.0, "larger than the box"),
             (10.1, "shorter than twice"),
-            (0.001, "about 8e13 atoms"),
+            (0.001, "about 1e14 atoms"),
         ] {
             let message = accepts(d).unwrap_err().to_string();
             assert!(

@@ -85,31 +85,15 @@ mod tests {
         use crate::lattice::seeding::{Alignment, Seeding, seed};
         use crate::observer::Patience;
 
-        let patience = &Patience::endless();
-        let (space, plane) = (Distance::Constant(5.0), Distance::Constant(5.0));
-        let seeded = seed(
-            Seeding::default(),
-            [150.0; 3],
-            &space,
-            &[],
-            Alignment::On,
-            None,
-            patience,
-        );
-        let about = of_distance(&space, [150.0; 3], CellKind::Simplices).atoms;
-        let atoms = seeded.unwrap().positions.len() as f64;
-        assert!((about / atoms - 1.0).abs() < 0.15, "{about} and {atoms}");
-        let seeded = seed(
-            Seeding::default(),
-            [400.0; 2],
-            &plane,
-            &[],
-            Alignment::On,
-            None,
-            patience,
-        );
-        let about = of_distance(&plane, [400.0; 2], CellKind::Simplices).atoms;
-        let atoms = seeded.unwrap().positions.len() as f64;
-        assert!((about / atoms - 1.0).abs() < 0.15, "{about} and {atoms}");
+        fn as_seeded<const D: usize>(extent: [f64; D]) {
+            let d = Distance::Constant(5.0);
+            let (way, patience) = (Seeding::default(), &Patience::endless());
+            let seeded = seed(way, extent, &d, &[], Alignment::On, None, patience);
+            let atoms = seeded.unwrap().positions.len() as f64;
+            let about = of_distance(&d, extent, CellKind::Simplices).atoms;
+            assert!((about / atoms - 1.0).abs() < 0.15, "{about} and {atoms}");
+        }
+        as_seeded([150.0; 3]);
+        as_seeded([400.0; 2]);
     }
 }

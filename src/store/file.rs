@@ -86,15 +86,9 @@ where
     /// [`Self::write_with_image`] writes it; `None` unless the image has two axes or three.
     pub fn file(&self, image: &Image<D>) -> Option<AnyMesh> {
         AnyMesh::of(match &self.made {
-            Made::Simplices(made) => {
-                let mut file = to_file(self, made);
-                add_image(&mut file, image);
-                Box::new(file)
-            }
+            Made::Simplices(made) => Box::new(with_image(to_file(self, made), image)),
             Made::Voronoi { mesh, weld } => {
-                let mut file = cells_to_file(self, mesh, *weld);
-                add_image(&mut file, image);
-                Box::new(file)
+                Box::new(with_image(cells_to_file(self, mesh, *weld), image))
             }
         })
     }
@@ -119,15 +113,9 @@ where
     /// As [`write`](Self::write).
     pub fn write_with_image(&self, path: &Path, image: &Image<D>) -> Result<()> {
         match &self.made {
-            Made::Simplices(made) => {
-                let mut file = to_file(self, made);
-                add_image(&mut file, image);
-                write_vtu(path, &file)
-            }
+            Made::Simplices(made) => write_vtu(path, &with_image(to_file(self, made), image)),
             Made::Voronoi { mesh, weld } => {
-                let mut file = cells_to_file(self, mesh, *weld);
-                add_image(&mut file, image);
-                write_cells_vtu(path, &file)
+                write_cells_vtu(path, &with_image(cells_to_file(self, mesh, *weld), image))
             }
         }
     }
@@ -151,10 +139,13 @@ where
     }
 }
 
-/// Adds the image's value at each node and in the middle of each cell, interpolated linearly, as arrays
-/// `image`.
-pub fn add_image<const D: usize, M: Mesh<D>>(file: &mut MeshFile<M>, image: &Image<D>) {
-    let space = LatticeSpace::of(file, file.mesh.nodes()).filter(|space| space.by_file);
+/// A mesh with the image's value at each node and in the middle of each cell, interpolated linearly, as
+/// arrays `image`.
+pub fn with_image<const D: usize, M: Mesh<D>>(
+    mut file: MeshFile<M>,
+    image: &Image<D>,
+) -> MeshFile<M> {
+    let space = LatticeSpace::of(&file, file.mesh.nodes()).filter(|space| space.by_file);
     let geometry = space.map_or_else(|| image.geometry.clone(), |space| space.geometry);
     let at = |x: [f64; D]| match geometry.to_index(x) {
         Some(index) => image.linear(index),
@@ -168,6 +159,7 @@ pub fn add_image<const D: usize, M: Mesh<D>>(file: &mut MeshFile<M>, image: &Ima
     arrays.push(DataArray::scalars(IMAGE, on_nodes));
     let arrays = &mut file.cell_data;
     arrays.push(DataArray::scalars(IMAGE, in_cells));
+    file
 }
 
 /// The arrays of the image's values.

@@ -21,7 +21,7 @@ use crate::model::edit::body::dropped;
 use crate::model::edit::{Change, Edit, Summary, edit as edit_mesh};
 use crate::observer::{Observer, Stage};
 use crate::report::{Clock, Report};
-use crate::store::file::add_image;
+use crate::store::file::with_image;
 use crate::store::{FieldValue, MeshFile, with_mesh};
 use crate::{Error, Result};
 
@@ -124,7 +124,7 @@ where
         console,
         interrupts,
     };
-    let mut edited = edit_mesh(
+    let edited = edit_mesh(
         file,
         &place,
         &image,
@@ -136,8 +136,7 @@ where
     let after = edited.file.mesh.len();
     console.begin_stage(Stage::Writing);
     clock.begin(Stage::Writing);
-    add_image(&mut edited.file, &image);
-    console.write_mesh(&args.output, edited.file)?;
+    console.write_mesh(&args.output, with_image(edited.file, &image))?;
     clock.end();
 
     let mut summary = edited.summary;

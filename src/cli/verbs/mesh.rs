@@ -23,7 +23,7 @@ use crate::mesh::Simplices;
 use crate::observer::{Estimate, Observer, Progress, Stage};
 use crate::report::{Clock, Input, quality};
 use crate::store::cells::cells_to_file;
-use crate::store::file::{add_image, to_file};
+use crate::store::file::{to_file, with_image};
 use crate::store::{StoredMesh, Trace, to_physical};
 use crate::{Error, Result};
 
@@ -281,14 +281,12 @@ where
     // As the file has it.
     match &outcome.made {
         Made::Simplices(made) => {
-            let mut file = to_file(outcome, made);
-            add_image(&mut file, image);
+            let file = with_image(to_file(outcome, made), image);
             let stored = StoredMesh::new(file, &place)?;
             page::write(path, Some(image), &stored, &about, LARGEST)
         }
         Made::Voronoi { mesh, weld } => {
-            let mut file = cells_to_file(outcome, mesh, *weld);
-            add_image(&mut file, image);
+            let file = with_image(cells_to_file(outcome, mesh, *weld), image);
             let stored = StoredMesh::new(file, &place)?;
             page::write(path, Some(image), &stored, &about, LARGEST)
         }

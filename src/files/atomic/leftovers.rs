@@ -72,9 +72,12 @@ fn sweep_now(folder: &Path) {
         if file.try_lock().is_err() {
             continue;
         }
-        let target =
-            before.and_then(|name| Some(folder.join(&name[..name.len().checked_sub(RANDOM + 1)?])));
-        let _ = match target {
+        // A name that may have been cut says nothing of its target.
+        let target = before
+            .and_then(|name| name.get(..name.len().checked_sub(RANDOM + 1)?))
+            .filter(|name| name.len() + 4 <= MOST);
+        let _ = match target.map(|name| folder.join(name)) {
+            None if !unfinished => continue,
             // Killed where files cannot have two names, between giving this one up and the new one.
             Some(target) if !target.exists() => fs::rename(&path, target),
             _ => fs::remove_file(&path),
@@ -97,6 +100,8 @@ mod tests {
             at(name.to_str().unwrap())
         };
         let [dead, alive] = ["dead", "alive"].map(|name| temporary(name, UNFINISHED));
+        // Nobody's, though it looks like it; cut within a character it would be no text.
+        let odd = at(&format!(".éééé{BEFORE}"));
         let [kept, lost] = ["kept.vtu", "lost.vtu"].map(|name| temporary(name, BEFORE));
         for path in [
             &dead,
@@ -105,6 +110,7 @@ mod tests {
             &lost,
             &at("kept.vtu"),
             &at(".other.tmp"),
+            &odd,
         ] {
             fs::write(path, path.to_str().unwrap()).unwrap();
         }
@@ -113,7 +119,7 @@ mod tests {
         sweep_now(folder.path());
         let there = |path: &Path| path.exists();
         assert!(!there(&dead) && there(&alive) && !there(&kept) && !there(&lost));
-        assert!(there(&at(".other.tmp")));
+        assert!(there(&at(".other.tmp")) && there(&odd));
         assert_eq!(
             fs::read_to_string(at("kept.vtu")).unwrap(),
             at("kept.vtu").to_str().unwrap()

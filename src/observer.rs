@@ -210,9 +210,17 @@ impl<'a> Patience<'a> {
         keep_going: &mut (dyn FnMut() -> bool + Send),
         work: impl FnOnce(&Patience<'_>) -> T,
     ) -> T {
-        let keep_going = Mutex::new(keep_going);
+        // The answer is kept beside the question: whoever comes between a no and its being known to all
+        // does not ask again.
+        let asked = Mutex::new((true, keep_going));
         // Who finds another asking goes on.
-        let ask = || keep_going.try_lock().map_or(true, |mut ask| ask());
+        let ask = || {
+            asked.try_lock().map_or(true, |mut asked| {
+                let (patient, keep_going) = &mut *asked;
+                *patient = *patient && keep_going();
+                *patient
+            })
+        };
         work(&Patience::new(&ask))
     }
 
@@ -271,4 +279,28 @@ pub(crate) fn interrupted(stage: Stage) -> Error {
         "interrupted before there was a lattice",
         "start the job again",
     ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn after_a_no_nobody_asks_again_however_many_ask_at_once() {
+        for _ in 0..200 {
+            let mut asked = 0;
+            let mut ask = || {
+                asked += 1;
+                asked < 50
+            };
+            Patience::of(&mut ask, |patience| {
+                std::thread::scope(|scope| {
+                    for _ in 0..4 {
+                        scope.spawn(|| while !patience.over() {});
+                    }
+                });
+            });
+            assert_eq!(asked, 50);
+        }
+    }
 }

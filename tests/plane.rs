@@ -9,7 +9,7 @@ mod common;
 
 use std::path::Path;
 
-use common::{refused, succeed};
+use common::{npy_2d, refused, succeed};
 use serde_json::Value;
 
 fn json(folder: &Path, arguments: &[&str]) -> Value {
@@ -202,4 +202,41 @@ fn passes_on_smoother_potentials_lower_the_energy_and_lose_nothing() {
         // Energies are negative.
         assert!(helped[1] < 1.01 * fine[1], "{width} {fine:?} {helped:?}");
     }
+}
+
+/// Small pictures of sharp things: rings, squares, bars, waves with a step.
+fn sharp(kind: usize, seed: usize) -> impl Fn([usize; 2]) -> f32 {
+    let (a, b) = (4 + seed % 5, 4 + seed / 5 % 7);
+    move |[x, y]| {
+        let [u, v] = [x as f32, y as f32];
+        match kind {
+            0 => ((x / a + y / b) % 2) as f32 * 10.0,
+            1 => (((u - 24.0).hypot(v - 17.0) / a as f32) as usize % 2) as f32 * 5.0,
+            2 => f32::from((u - 11.0).hypot(v - 14.0) < 9.0) + 0.7 * f32::from(x > 20 + a),
+            _ => (u / a as f32 + v / b as f32).sin() + f32::from(v > 0.3 * b as f32 * u),
+        }
+    }
+}
+
+#[test]
+fn dots_of_canny_give_no_angle_outside_20_to_160_in_12_pictures_and_one_in_200_unexplained() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let (mut cells, mut unexplained) = (0, 0);
+    for (kind, seed) in (0..4).flat_map(|kind| (0..3).map(move |seed| (kind, seed))) {
+        npy_2d(
+            &at.join("sharp.npy"),
+            [40 + seed, 36],
+            sharp(kind, 5 * seed),
+        );
+        let mesh = "mesh sharp.npy -o mesh.vtu --seeding canny --feature canny";
+        let arguments: Vec<&str> = mesh.split(' ').collect();
+        let quality = &json(at, &arguments)["quality"];
+        let count = |of: &Value| of.as_u64().unwrap();
+        let out = count(&quality["below_20"]) + count(&quality["above_160"]);
+        assert_eq!(out, 0, "kind {kind}, seed {seed}: {quality}");
+        cells += count(&quality["cells"]);
+        unexplained += count(&quality["angles"]["unexplained"]);
+    }
+    assert!(200 * unexplained <= cells, "{unexplained} of {cells}");
 }

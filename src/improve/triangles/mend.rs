@@ -1,7 +1,6 @@
 //! Angles are raised: by flips and smoothing, and where that is not enough by other means.
 
 use super::Improver;
-use crate::improve::target::UNUSABLE;
 use crate::mesh::complex::NONE;
 use crate::mesh::tri::SIDES;
 use crate::observer::Patience;
@@ -55,22 +54,21 @@ impl Improver<'_> {
     /// Lets nodes leave their curves where a triangle would otherwise stay unusable: one node if that
     /// is enough, else all three.
     pub(super) fn release(&mut self, patience: &Patience<'_>) {
-        let usable = 1.0 / UNUSABLE.to_radians().tan();
         for round in 0..4 {
-            let bad = self.above(usable);
+            let bad = self.above(self.usable);
             if bad.is_empty() {
                 return;
             }
             for t in bad {
                 let triangle = self.triangles[t as usize];
-                if self.cotangent(triangle) <= usable {
+                if self.cotangent(triangle) <= self.usable {
                     continue;
                 }
                 let held: Vec<u32> = triangle
                     .into_iter()
                     .filter(|&n| self.holds[n as usize].count > 0)
                     .collect();
-                let one = held.iter().any(|&n| self.let_go(n, usable));
+                let one = held.iter().any(|&n| self.let_go(n));
                 // Flips about the first ones may be enough for the others.
                 if !one && round > 1 {
                     self.counts.released += held.len();
@@ -85,15 +83,15 @@ impl Improver<'_> {
     }
 
     /// Frees a node from the curves that hold it and smooths it; takes that back if an angle about it
-    /// still has a cotangent above `usable`.
-    fn let_go(&mut self, node: u32, usable: f64) -> bool {
+    /// is still of no use.
+    fn let_go(&mut self, node: u32) -> bool {
         let i = node as usize;
         let (x, hold) = (self.nodes[i], self.holds[i]);
         self.holds[i].clear_sheets();
         self.smooth(node);
         self.gather(node);
         let around = self.star.iter().map(|&t| self.triangles[t as usize]);
-        if around.map(|t| self.cotangent(t)).fold(0.0, f64::max) <= usable {
+        if around.map(|t| self.cotangent(t)).fold(0.0, f64::max) <= self.usable {
             self.counts.released += 1;
             return true;
         }

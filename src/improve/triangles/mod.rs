@@ -17,6 +17,7 @@
 //! - `mend`: angles are raised
 //! - `edges`: flips, splits and collapses
 //! - `smooth`: a node moves to where it is best
+//! - `rework`: a change is tried together with what has to follow for it to pay
 //! - `reshape`(fn@reshape): atoms come, go and move in a part of a mesh
 //! - `relax`: Laplace's smoothing, before anything else
 
@@ -25,6 +26,7 @@ mod mend;
 mod recover;
 pub(crate) mod relax;
 mod reshape;
+mod rework;
 mod smooth;
 
 pub use reshape::reshape;
@@ -32,6 +34,7 @@ pub use reshape::reshape;
 use super::hold::Hold;
 use super::pierce::piercing;
 use super::sheets::{FACE_ON_SHEET, SAME_SHEET, Sheets};
+use super::target::UNUSABLE;
 use super::{Blocked, Counts, Improved};
 use crate::error::{Error, Result, cause};
 use crate::geometry::{add_scaled, dot, in_space, norm, sub};
@@ -117,6 +120,8 @@ struct Improver<'a> {
     extent: [f64; 2],
     sheets: &'a Sheets,
     distance: &'a Distance<2>,
+    /// Triangles with a larger cotangent are of no use.
+    usable: f64,
     /// Largest cotangent that an angle shall have.
     target: f64,
     /// Smoothing stops at this one, a little smaller.
@@ -161,6 +166,7 @@ impl<'a> Improver<'a> {
             extent,
             sheets,
             distance,
+            usable: cotangent(UNUSABLE),
             target: cotangent(min_angle),
             enough: cotangent((min_angle + MARGIN).min(59.0)),
             counts: Counts::default(),
@@ -174,7 +180,9 @@ impl<'a> Improver<'a> {
         let poor_before = self.poor().len();
         self.recover();
         self.polish(patience);
+        self.rework(self.usable, patience);
         self.release(patience);
+        self.rework(self.target, patience);
         let blocked = self.blocked();
         Improved {
             poor_before,

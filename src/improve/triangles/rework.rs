@@ -1,0 +1,386 @@
+//! Where no change helps by itself: one is tried together with the flips and the smoothing that follow.
+
+use std::cmp::Ordering;
+use std::collections::HashSet;
+
+use super::{Improver, STEEPEST};
+use crate::geometry::{add_scaled, in_space};
+use crate::improve::sheets::FACE_ON_SHEET;
+use crate::mesh::complex::NONE;
+use crate::mesh::tri::SIDES;
+use crate::observer::Patience;
+
+/// A change is tried in a part of the mesh that reaches this many triangles from a poor one.
+const RINGS: usize = 3;
+
+/// Of the length of features in such a part, so much stays at least.
+const FEATURES_STAY: f64 = 0.98;
+
+/// Of so many changes that do not help, a second is tried.
+const PROMISING: usize = 4;
+
+/// Times that all poor triangles are tried.
+const PASSES: usize = 3;
+
+/// A change that may help once flips and smoothing have followed.
+#[derive(Debug, Clone, Copy)]
+enum Change {
+    /// The first node goes to the second.
+    Collapse([u32; 2]),
+    /// A node comes in the middle of an edge.
+    Split([u32; 2]),
+}
+
+/// How good a part of a mesh is: less is better.
+#[derive(Debug, Clone, Copy, PartialEq, PartialOrd)]
+struct Badness {
+    /// Triangles of no use.
+    unusable: usize,
+    /// Triangles below target.
+    poor: usize,
+    /// The cotangent of the smallest angle.
+    worst: f64,
+}
+
+impl Badness {
+    fn total_cmp(&self, other: &Self) -> Ordering {
+        let counts = |b: &Self| (b.unusable, b.poor);
+        counts(self)
+            .cmp(&counts(other))
+            .then(self.worst.total_cmp(&other.worst))
+    }
+}
+
+/// A part of a mesh by itself.
+struct Patch<'a> {
+    improver: Improver<'a>,
+    /// The part's triangles and nodes in the mesh.
+    triangles: Vec<u32>,
+    nodes: Vec<u32>,
+}
+
+impl<'a> Improver<'a> {
+    /// Raises the smallest angle about each triangle with a cotangent above `limit`, as far as that can be
+    /// without features being lost.
+    pub(super) fn rework(&mut self, limit: f64, patience: &Patience<'_>) {
+        let mut in_vain = HashSet::new();
+        for _ in 0..PASSES {
+            let mut better = false;
+            for t in self.above(limit) {
+                if patience.over() {
+                    return;
+                }
+                let triangle = self.triangles[t as usize];
+                if triangle[0] == NONE
+                    || self.cotangent(triangle) <= limit
+                    || in_vain.contains(&triangle)
+                {
+                    continue;
+                }
+                if self.rework_about(t, patience) {
+                    better = true;
+                } else {
+                    in_vain.insert(triangle);
+                }
+            }
+            if !better {
+                return;
+            }
+        }
+    }
+
+    /// Tries all changes about one triangle and keeps the best; whether there was one. For a triangle of
+    /// no use, the most promising are tried with a second change.
+    fn rework_about(&mut self, t: u32, patience: &Patience<'_>) -> bool {
+        let patch = self.patch(t);
+        let part = &patch.improver;
+        let (now, length, pierced) = (part.badness(), part.feature_length(), part.pierced_edges());
+        let keeps = |trial: &Improver<'a>| {
+            trial.feature_length() >= FEATURES_STAY * length && trial.pierced_edges() <= pierced
+        };
+        let mut tried = part.tries(0, keeps, patience);
+        if now.unusable > 0 && tried.first().is_none_or(|(least, _)| *least >= now) {
+            tried.truncate(PROMISING);
+            let second = tried.iter().flat_map(|(_, trial)| {
+                let worst = trial.above(0.0)[0];
+                trial.tries(worst, keeps, patience)
+            });
+            let mut second: Vec<_> = second.collect();
+            second.sort_by(|(a, _), (b, _)| a.total_cmp(b));
+            tried = second;
+        }
+        let Some((then, done)) = tried.into_iter().next() else {
+            return false;
+        };
+        if then >= now {
+            return false;
+        }
+        let done = Patch {
+            triangles: patch.triangles,
+            nodes: patch.nodes,
+            improver: done,
+        };
+        self.replace(done);
+        true
+    }
+
+    /// What becomes of a part by each change about a triangle, where that `keeps` what shall be kept: the
+    /// best first.
+    fn tries(
+        &self,
+        t: u32,
+        keeps: impl Fn(&Self) -> bool,
+        patience: &Patience<'_>,
+    ) -> Vec<(Badness, Self)> {
+        let mut tried = Vec::new();
+        for change in self.changes(t) {
+            let mut trial = self.copied();
+            if trial.make(change) {
+                trial.flip_queue(patience);
+                trial.polish(patience);
+                if keeps(&trial) {
+                    let badness = trial.badness();
+                    tried.push((badness, trial));
+                    if badness.poor == 0 {
+                        break;
+                    }
+                }
+            }
+        }
+        tried.sort_by(|(a, _), (b, _)| a.total_cmp(b));
+        tried
+    }
+
+    /// Puts a part in the place that it was taken from.
+    fn replace(&mut self, patch: Patch<'a>) {
+        let Patch {
+            improver: part,
+            triangles: mut slots,
+            nodes: mut numbers,
+        } = patch;
+        let mut beyond: Vec<([u32; 2], u32)> = Vec::new();
+        for &t in &slots {
+            for k in 0..3 {
+                let other = self.neighbors[t as usize][k];
+                if other != NONE && !slots.contains(&other) {
+                    let edge = SIDES[k].map(|i| self.triangles[t as usize][i]);
+                    beyond.push((edge, other));
+                }
+            }
+        }
+        for i in 0..part.nodes.len() {
+            let (x, kind, hold) = (part.nodes[i], part.kinds[i], part.holds[i]);
+            match numbers.get(i) {
+                // Such a node stayed as it was, and may be held because of the part alone.
+                Some(_) if hold.axes == 7 => (),
+                Some(&n) => {
+                    self.nodes[n as usize] = x;
+                    self.kinds[n as usize] = kind;
+                    self.holds[n as usize] = hold;
+                }
+                None => {
+                    numbers.push(self.nodes.len() as u32);
+                    self.nodes.push(x);
+                    self.kinds.push(kind);
+                    self.holds.push(hold);
+                    self.triangle_of.push(NONE);
+                }
+            }
+        }
+        for &t in &slots {
+            self.triangles[t as usize] = [NONE; 3];
+        }
+        while slots.len() < part.triangles.len() {
+            slots.push(self.triangles.len() as u32);
+            self.triangles.push([NONE; 3]);
+            self.neighbors.push([NONE; 3]);
+        }
+        for t in part.alive().map(|t| t as usize) {
+            self.triangles[slots[t] as usize] = part.triangles[t].map(|n| numbers[n as usize]);
+        }
+        for t in part.alive().map(|t| t as usize) {
+            let triangle = self.triangles[slots[t] as usize];
+            let around = std::array::from_fn(|k| match part.neighbors[t][k] {
+                NONE => {
+                    let edge = SIDES[k].map(|i| triangle[i]);
+                    let other = beyond.iter().find(|(e, _)| *e == edge);
+                    other.map_or(NONE, |&(_, other)| other)
+                }
+                u => slots[u as usize],
+            });
+            self.put(slots[t], triangle, around);
+        }
+        self.counts = part.counts;
+    }
+
+    /// The triangles within some rings of one, whose first triangle that is.
+    fn patch(&self, t: u32) -> Patch<'a> {
+        let mut triangles = vec![t];
+        for _ in 0..RINGS {
+            for i in 0..triangles.len() {
+                for other in self.neighbors[triangles[i] as usize] {
+                    if other != NONE && !triangles.contains(&other) {
+                        triangles.push(other);
+                    }
+                }
+            }
+        }
+        let corners = triangles.iter().map(|&t| self.triangles[t as usize]);
+        let mut nodes: Vec<u32> = corners.clone().flatten().collect();
+        nodes.sort_unstable();
+        nodes.dedup();
+        let local = |n: u32| nodes.partition_point(|&m| m < n) as u32;
+        let inside = |t: u32| triangles.iter().position(|&u| u == t);
+        let neighbors = triangles
+            .iter()
+            .map(|&t| self.neighbors[t as usize].map(|u| inside(u).map_or(NONE, |u| u as u32)));
+        let neighbors: Vec<[u32; 3]> = neighbors.collect();
+        let local_triangles: Vec<[u32; 3]> = corners.map(|c| c.map(local)).collect();
+        let mut holds: Vec<_> = nodes.iter().map(|&n| self.holds[n as usize]).collect();
+        let mut triangle_of = vec![NONE; nodes.len()];
+        for (i, triangle) in local_triangles.iter().enumerate() {
+            for k in 0..3 {
+                triangle_of[triangle[k] as usize] = i as u32;
+                // What other triangles share stays.
+                if neighbors[i][k] == NONE && self.neighbors[triangles[i] as usize][k] != NONE {
+                    for n in SIDES[k].map(|i| triangle[i]) {
+                        holds[n as usize].axes = 7;
+                    }
+                }
+            }
+        }
+        let improver = Improver {
+            nodes: nodes.iter().map(|&n| self.nodes[n as usize]).collect(),
+            triangles: local_triangles,
+            neighbors,
+            triangle_of,
+            holds,
+            kinds: nodes.iter().map(|&n| self.kinds[n as usize]).collect(),
+            extent: self.extent,
+            sheets: self.sheets,
+            distance: self.distance,
+            usable: self.usable,
+            target: self.target,
+            enough: self.enough,
+            counts: self.counts,
+            queue: Vec::new(),
+            star: Vec::new(),
+        };
+        Patch {
+            improver,
+            triangles,
+            nodes,
+        }
+    }
+
+    fn copied(&self) -> Self {
+        Self {
+            nodes: self.nodes.clone(),
+            triangles: self.triangles.clone(),
+            neighbors: self.neighbors.clone(),
+            triangle_of: self.triangle_of.clone(),
+            holds: self.holds.clone(),
+            kinds: self.kinds.clone(),
+            queue: Vec::new(),
+            star: Vec::new(),
+            ..*self
+        }
+    }
+
+    fn badness(&self) -> Badness {
+        let none = Badness {
+            unusable: 0,
+            poor: 0,
+            worst: 0.0,
+        };
+        let cotangents = self
+            .alive()
+            .map(|t| self.cotangent(self.triangles[t as usize]));
+        cotangents.fold(none, |all, value| Badness {
+            unusable: all.unusable + usize::from(value > self.usable),
+            poor: all.poor + usize::from(value > self.target),
+            worst: all.worst.max(value),
+        })
+    }
+
+    /// Each edge once.
+    fn edges(&self) -> impl Iterator<Item = [u32; 2]> + '_ {
+        self.alive()
+            .flat_map(|t| (0..3).map(move |k| (t as usize, k)))
+            .filter_map(|(t, k)| {
+                let [a, b] = SIDES[k].map(|i| self.triangles[t][i]);
+                (a < b || self.neighbors[t][k] == NONE).then_some([a, b])
+            })
+    }
+
+    /// How long the edges on features are.
+    fn feature_length(&self) -> f64 {
+        let length = |[a, b]: [u32; 2]| {
+            let [p, q] = [a, b].map(|n| self.nodes[n as usize]);
+            (p[0] - q[0]).hypot(p[1] - q[1])
+        };
+        self.edges()
+            .filter(|&[a, b]| self.on_feature(a, b))
+            .map(length)
+            .sum()
+    }
+
+    fn pierced_edges(&self) -> usize {
+        self.edges()
+            .filter(|&[a, b]| self.pierced(a, b).is_some())
+            .count()
+    }
+
+    /// What may help a triangle: its edges, and those of its neighbours, collapse or are split.
+    fn changes(&self, t: u32) -> Vec<Change> {
+        let around = self.neighbors[t as usize];
+        let near = around.into_iter().filter(|&t| t != NONE);
+        let near = std::iter::once(t)
+            .chain(near)
+            .map(|t| self.triangles[t as usize]);
+        let mut edges: Vec<[u32; 2]> = near
+            .flat_map(|triangle| SIDES.map(|side| side.map(|i| triangle[i])))
+            .map(|[a, b]| [a.min(b), a.max(b)])
+            .collect();
+        edges.sort_unstable();
+        edges.dedup();
+        let changes = |[a, b]: [u32; 2]| {
+            [
+                Change::Collapse([a, b]),
+                Change::Collapse([b, a]),
+                Change::Split([a, b]),
+            ]
+        };
+        edges.into_iter().flat_map(changes).collect()
+    }
+
+    /// Makes a change if all triangles stay sound.
+    fn make(&mut self, change: Change) -> bool {
+        match change {
+            Change::Collapse([a, b]) => {
+                let done = self.collapse(a, b, STEEPEST);
+                self.counts.collapses += usize::from(done);
+                done
+            }
+            Change::Split([a, b]) => {
+                let [p, q] = [a, b].map(|n| in_space(self.nodes[n as usize]));
+                let mut at = std::array::from_fn(|k| 0.5 * (p[k] + q[k]));
+                if self.on_feature(a, b) {
+                    let near = self.sheets.near(at);
+                    let nearest = near.iter().filter(|s| s.offset.abs() < FACE_ON_SHEET);
+                    if let Some(s) =
+                        nearest.min_by(|s, t| s.offset.abs().total_cmp(&t.offset.abs()))
+                    {
+                        at = add_scaled(at, -s.offset, s.normal);
+                    }
+                }
+                let Some((t, k)) = self.find_edge(a, b) else {
+                    return false;
+                };
+                let done = self.split(t, k, [at[0], at[1]], None);
+                self.counts.insertions += usize::from(done);
+                done
+            }
+        }
+    }
+}

@@ -263,3 +263,114 @@ fn tripod(a: [f64; 3], b: [f64; 3], c: [f64; 3]) -> f64 {
     };
     (0..3).map(|k| a[k] * across(k)).sum::<f64>() / 6.0
 }
+
+#[test]
+fn vtk_reads_exodus_vtkhdf_xdmf_and_cgns_with_names_and_regions() {
+    let folder = sheet_folder();
+    let folder = folder.path();
+    npy(&folder.join("labels.npy"), DIMS, |[_, _, z]| {
+        if z < 16 { 1.0 } else { 2.0 }
+    });
+    let count = read_vtu(&folder.join("tets.vtu")).unwrap().mesh.tets.len();
+    // What each reader calls the whole, the two regions, and the lower side along x.
+    for (to, mesh, cells, side) in [
+        (
+            "exodus:exo",
+            "tets",
+            "/Element Blocks/region",
+            "/Side Sets/",
+        ),
+        (
+            "cgns:cgns",
+            "tets",
+            "/Base/Zone/Internal",
+            "/Base/Zone/Patches/",
+        ),
+        (
+            "cgns:cgns",
+            "cells",
+            "/Base/Zone/Internal",
+            "/Base/Zone/Patches/",
+        ),
+        ("xdmf:xdmf", "tets", "/cells/Data", "/"),
+        ("vtkhdf:vtkhdf", "tets", "", ""),
+        ("vtkhdf:vtkhdf", "cells", "", ""),
+    ] {
+        let (format, ending) = to.split_once(':').unwrap();
+        let file = format!("a.{ending}");
+        let rock = "--region labels.npy --quiet";
+        run(
+            folder,
+            &format!("export {mesh}.vtu --to {format} -o {file} {rock}"),
+        );
+        let path = folder.join(&file);
+        let Some(found) = judged("VTK", "sets.py", &[path.as_os_str()]) else {
+            return;
+        };
+        let found = found.as_array().unwrap();
+        let named = |start: &str| -> Vec<&serde_json::Value> {
+            let is = |part: &&serde_json::Value| part["name"].as_str().unwrap().starts_with(start);
+            found.iter().filter(is).collect()
+        };
+        let sum = |parts: &[&serde_json::Value], of: &str| -> f64 {
+            parts.iter().map(|part| part[of].as_f64().unwrap()).sum()
+        };
+        let whole = named(cells);
+        assert_eq!(whole.len(), if format == "exodus" { 2 } else { 1 }, "{to}");
+        // VTK measures polyhedra with faces that are not quite flat.
+        let exact = if mesh == "tets" { 1e-12 } else { 1e-7 };
+        assert!(near(sum(&whole, "volume"), VOLUME, exact), "{to} {mesh}");
+        if mesh == "tets" {
+            assert_eq!(sum(&whole, "cells") as usize, count, "{to}");
+        }
+        let regions: f64 = whole
+            .iter()
+            .map(|part| part["values"]["region"].as_f64().unwrap())
+            .sum();
+        let mean = regions / sum(&whole, "cells");
+        assert!(mean > 1.3 && mean < 1.7, "{to} {mesh}: {mean}");
+        let names = ["xmin", "ymax", "fault1", "interface_1_2"];
+        for name in names {
+            if format == "vtkhdf" {
+                let members = whole[0]["sets"][name].as_u64().unwrap_or(0);
+                assert!(members > 10, "{to} {mesh} {name}");
+                continue;
+            }
+            let part = named(&format!("{side}{name}"));
+            assert_eq!(part.len(), 1, "{to} {mesh} {name}");
+            if name == "xmin" {
+                assert!(near(sum(&part, "area"), 35.0 * 31.0, 1e-9), "{to} {mesh}");
+            }
+            assert!(
+                part[0]["cells"].as_u64().unwrap() > 10,
+                "{to} {mesh} {name}"
+            );
+        }
+    }
+    // Torn meshes have wedges between the two sides, and quadratic ones nodes in the middle of edges.
+    run(
+        folder,
+        "export tets.vtu --to exodus -o b.exo --split 1 --quiet",
+    );
+    run(
+        folder,
+        "export tets.vtu --to vtkhdf -o c.vtkhdf --quadratic --quiet",
+    );
+    let read = |file: &str| judged("VTK", "sets.py", &[folder.join(file).as_os_str()]).unwrap();
+    let torn = read("b.exo");
+    let part = |name: &str| {
+        torn.as_array()
+            .unwrap()
+            .iter()
+            .find(|part| part["name"] == name)
+            .unwrap()
+    };
+    let wedges = &part("/Element Blocks/fault1");
+    assert!(wedges["volume"].as_f64().unwrap() < 1e-12);
+    for side in ["/Side Sets/fault1_a", "/Side Sets/fault1_b"] {
+        assert_eq!(part(side)["cells"], wedges["cells"]);
+    }
+    let quadratic = &read("c.vtkhdf")[0];
+    assert!(near(quadratic["volume"].as_f64().unwrap(), VOLUME, 1e-9));
+    assert!(quadratic["nodes"].as_u64().unwrap() as usize > count);
+}

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use super::twin::add_twin;
 use crate::error::cause;
 use crate::export::corner_point::grdecl;
-use crate::export::meshers::{inp, medit, msh, stl, tetgen};
+use crate::export::meshers::{cgns, exodus, inp, medit, msh, stl, tetgen, vtkhdf, xdmf};
 use crate::export::simulators::{darts, disv, geos, mrst, openfoam, opm, pflotran, resqml, tough};
 use crate::files::{Batch, check_target};
 use crate::model::reservoir::Model;
@@ -353,6 +353,77 @@ pub const FORMATS: &[Format] = &[
         depth: false,
         holds: &[Content::Names, Content::Regions],
         write: tetgen::write,
+    },
+    Format {
+        name: "exodus",
+        what: "Exodus II: element blocks, side sets and node sets, values of cells",
+        endings: &["exo", "e", "ex2"],
+        twin: false,
+        any_cells: false,
+        depth: false,
+        holds: &[
+            Content::Names,
+            Content::Regions,
+            Content::Porosity,
+            Content::Permeability,
+            Content::Properties,
+            Content::Split,
+            Content::Quadratic,
+        ],
+        write: exodus::write,
+    },
+    Format {
+        name: "vtkhdf",
+        what: "VTKHDF: any cells with their values and sets of nodes",
+        endings: &["vtkhdf"],
+        twin: false,
+        any_cells: true,
+        depth: false,
+        holds: &[
+            Content::Names,
+            Content::Regions,
+            Content::Porosity,
+            Content::Permeability,
+            Content::Properties,
+            Content::Split,
+            Content::Quadratic,
+        ],
+        write: vtkhdf::write,
+    },
+    Format {
+        name: "xdmf",
+        what: "XDMF with HDF5: cells with their values, sets of faces and nodes",
+        endings: &["xdmf", "xmf"],
+        twin: false,
+        any_cells: false,
+        depth: false,
+        holds: &[
+            Content::Names,
+            Content::Regions,
+            Content::Porosity,
+            Content::Permeability,
+            Content::Properties,
+            Content::Split,
+            Content::Quadratic,
+        ],
+        write: xdmf::write,
+    },
+    Format {
+        name: "cgns",
+        what: "CGNS: any cells with their values, boundary conditions by name",
+        endings: &["cgns"],
+        twin: false,
+        any_cells: true,
+        depth: false,
+        holds: &[
+            Content::Names,
+            Content::Regions,
+            Content::Porosity,
+            Content::Permeability,
+            Content::Properties,
+            Content::Quadratic,
+        ],
+        write: cgns::write,
     },
     Format {
         name: "stl",

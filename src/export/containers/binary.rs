@@ -1,5 +1,5 @@
-//! Numbers as bytes, little endian: filled by all threads, written in order. For the containers
-//! that are put together here: [`mat`](super::mat), [`hdf5`](super::hdf5).
+//! Numbers as bytes: filled by all threads, written in order. For the containers that are put together
+//! here: [`mat`](super::mat), [`hdf5`](super::hdf5), [`netcdf`](super::netcdf).
 
 use std::io::{self, Write};
 use std::ops::Range;
@@ -57,11 +57,24 @@ impl<'a> Numbers<'a> {
         (self.len * self.size) as u64
     }
 
-    /// Writes them.
+    /// Writes them, little endian.
     ///
     /// # Errors
     /// If `out` cannot be written.
     pub fn write(&self, out: &mut impl Write) -> io::Result<()> {
+        self.write_parts(out, |_| ())
+    }
+
+    /// Writes them, big endian.
+    ///
+    /// # Errors
+    /// If `out` cannot be written.
+    pub fn write_big_endian(&self, out: &mut impl Write) -> io::Result<()> {
+        let turn = |part: &mut [u8]| part.chunks_exact_mut(self.size).for_each(<[u8]>::reverse);
+        self.write_parts(out, turn)
+    }
+
+    fn write_parts(&self, out: &mut impl Write, last: impl Fn(&mut [u8]) + Sync) -> io::Result<()> {
         let tasks = TASKS.min(self.len.div_ceil(NUMBERS));
         let mut parts: Vec<Vec<u8>> = vec![Vec::new(); tasks];
         for start in (0..self.len).step_by(TASKS * NUMBERS) {
@@ -69,6 +82,7 @@ impl<'a> Numbers<'a> {
                 part.clear();
                 let first = (start + task * NUMBERS).min(self.len);
                 (self.fill)(first..self.len.min(first + NUMBERS), part);
+                last(part);
             });
             parts.iter().try_for_each(|part| out.write_all(part))?;
         }

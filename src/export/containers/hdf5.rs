@@ -1,5 +1,5 @@
-//! HDF5 files of groups and plain datasets, written in one go: what every HDF5 library since 1.8
-//! reads. No chunks, compression or attributes.
+//! HDF5 files of groups, which may have attributes, and plain datasets, written in one go: what every HDF5
+//! library since 1.8 reads. No chunks, no compression.
 //!
 //! A superblock of version 0, object headers of version 1, groups that list their links in their
 //! headers. Layout: "HDF5 File Format Specification", version 3.0, sections II.A, IV.A.1.a and IV.A.2.
@@ -12,8 +12,29 @@ use super::binary::Numbers;
 pub enum Node<'a> {
     /// Named nodes; names have less than 256 bytes.
     Group(Vec<(String, Node<'a>)>),
+    /// The same with attributes.
+    Described(Vec<(String, Attribute)>, Vec<(String, Node<'a>)>),
     /// Lengths along all axes, the slowest first, and the numbers.
     Data(Vec<u64>, Numbers<'a>),
+}
+
+/// What is said of a group.
+pub enum Attribute {
+    /// A text in so many bytes, the last of which are 0 if it is shorter.
+    Text(String, usize),
+    /// Whole numbers.
+    Ints(Vec<i32>),
+}
+
+impl Node<'_> {
+    /// The attributes and the nodes of a group.
+    fn group(&self) -> Option<(&[(String, Attribute)], &[(String, Self)])> {
+        match self {
+            Self::Group(links) => Some((&[], links)),
+            Self::Described(attributes, links) => Some((attributes, links)),
+            Self::Data(..) => None,
+        }
+    }
 }
 
 const SUPERBLOCK: u64 = 96;
@@ -26,6 +47,7 @@ const FILL: u16 = 5;
 const LINK: u16 = 6;
 const LAYOUT: u16 = 8;
 const GROUP_INFO: u16 = 10;
+const ATTRIBUTE: u16 = 12;
 
 /// A message: its type, and its content.
 type Message = (u16, Vec<u8>);
@@ -67,13 +89,13 @@ fn header_size(messages: &[Message]) -> u64 {
 }
 
 fn count_headers(node: &Node, end: &mut u64) {
-    match node {
-        Node::Group(links) => {
-            let names = links.iter().map(|(name, _)| (name.as_str(), 0));
-            *end += header_size(&group(names));
-            links.iter().for_each(|(_, node)| count_headers(node, end));
-        }
-        Node::Data(dims, numbers) => *end += header_size(&dataset(dims, numbers, 0)),
+    if let Some((attributes, links)) = node.group() {
+        let names = links.iter().map(|(name, _)| (name.as_str(), 0));
+        *end += header_size(&group(attributes, names));
+        links.iter().for_each(|(_, node)| count_headers(node, end));
+    }
+    if let Node::Data(dims, numbers) = node {
+        *end += header_size(&dataset(dims, numbers, 0));
     }
 }
 
@@ -95,50 +117,101 @@ fn lay_out(node: &Node, next: &mut u64, data: &mut u64, bytes: &mut Vec<u8>) {
             bytes.resize(bytes.len() + size as usize - content.len(), 0);
         }
     };
-    match node {
-        Node::Group(links) => {
-            let names = links.iter().map(|(name, _)| (name.as_str(), 0));
-            *next += header_size(&group(names));
-            let (mut addresses, mut below) = (Vec::new(), Vec::new());
-            for (name, node) in links {
-                addresses.push((name.as_str(), *next));
-                lay_out(node, next, data, &mut below);
-            }
-            put(&group(addresses.into_iter()), bytes);
-            bytes.extend(below);
+    if let Some((attributes, links)) = node.group() {
+        let names = links.iter().map(|(name, _)| (name.as_str(), 0));
+        *next += header_size(&group(attributes, names));
+        let (mut addresses, mut below) = (Vec::new(), Vec::new());
+        for (name, node) in links {
+            addresses.push((name.as_str(), *next));
+            lay_out(node, next, data, &mut below);
         }
-        Node::Data(dims, numbers) => {
-            let messages = dataset(dims, numbers, *data);
-            *next += header_size(&messages);
-            *data += padded(numbers.bytes());
-            put(&messages, bytes);
-        }
+        put(&group(attributes, addresses.into_iter()), bytes);
+        bytes.extend(below);
+    }
+    if let Node::Data(dims, numbers) = node {
+        let messages = dataset(dims, numbers, *data);
+        *next += header_size(&messages);
+        *data += padded(numbers.bytes());
+        put(&messages, bytes);
     }
 }
 
 fn write_data(node: &Node, out: &mut impl Write) -> io::Result<()> {
-    match node {
-        Node::Group(links) => links.iter().try_for_each(|(_, node)| write_data(node, out)),
-        Node::Data(_, numbers) => {
-            numbers.write(out)?;
-            let bytes = numbers.bytes();
-            out.write_all(&[0; 8][..(padded(bytes) - bytes) as usize])
-        }
+    if let Some((_, links)) = node.group() {
+        links
+            .iter()
+            .try_for_each(|(_, node)| write_data(node, out))?;
     }
+    if let Node::Data(_, numbers) = node {
+        numbers.write(out)?;
+        let bytes = numbers.bytes();
+        out.write_all(&[0; 8][..(padded(bytes) - bytes) as usize])?;
+    }
+    Ok(())
 }
 
-/// The messages of a group with these links.
-fn group<'a>(links: impl Iterator<Item = (&'a str, u64)>) -> Vec<Message> {
+/// The messages of a group with these attributes and links, which are numbered in their order: some readers
+/// ask for them so.
+fn group<'a>(
+    attributes: &[(String, Attribute)],
+    links: impl Iterator<Item = (&'a str, u64)>,
+) -> Vec<Message> {
     // Links are in the header, not in a heap with a tree.
-    let info = [&[0, 0][..], &UNDEFINED, &UNDEFINED].concat();
-    let mut messages = vec![(LINK_INFO, info), (GROUP_INFO, vec![0, 0])];
+    let (mut messages, mut count) = (vec![(GROUP_INFO, vec![0, 0])], 0u64);
     messages.extend(links.map(|(name, address)| {
-        let mut link = vec![1, 0, name.len() as u8];
+        let mut link = vec![1, 4];
+        link.extend(count.to_le_bytes());
+        link.push(name.len() as u8);
         link.extend(name.as_bytes());
         link.extend(address.to_le_bytes());
+        count += 1;
         (LINK, link)
     }));
+    let info = [&[0, 1][..], &count.to_le_bytes(), &UNDEFINED, &UNDEFINED].concat();
+    messages.insert(0, (LINK_INFO, info));
+    messages.extend(
+        attributes
+            .iter()
+            .map(|(name, value)| (ATTRIBUTE, attribute(name, value))),
+    );
     messages
+}
+
+/// The content of an attribute's message.
+fn attribute(name: &str, value: &Attribute) -> Vec<u8> {
+    let (kind, space, bytes) = match value {
+        Attribute::Text(text, size) => {
+            let mut bytes = text.as_bytes().to_vec();
+            bytes.resize(*size, 0);
+            // Text that ends with a 0, of ASCII.
+            let mut kind = vec![0x13, 0, 0, 0];
+            kind.extend((*size as u32).to_le_bytes());
+            (kind, vec![1, 0, 0, 0, 0, 0, 0, 0], bytes)
+        }
+        Attribute::Ints(values) => {
+            let mut space = vec![1, 1, 0, 0, 0, 0, 0, 0];
+            space.extend((values.len() as u64).to_le_bytes());
+            let bytes = values
+                .iter()
+                .flat_map(|value| value.to_le_bytes())
+                .collect();
+            (datatype("Int32"), space, bytes)
+        }
+    };
+    let mut content = vec![1, 0];
+    for size in [name.len() + 1, kind.len(), space.len()] {
+        content.extend((size as u16).to_le_bytes());
+    }
+    let name = [name.as_bytes(), &[0]].concat();
+    for part in [name, kind, space] {
+        content.extend(&part);
+        content.resize(
+            content.len() + padded(part.len() as u64) as usize - part.len(),
+            0,
+        );
+    }
+    content.extend(bytes);
+    content
 }
 
 /// The messages of a dataset whose numbers are at an address.
@@ -193,7 +266,8 @@ mod tests {
         let data = Node::Data(vec![3], Numbers::slice(&numbers));
         let bytes = Node::Data(vec![5], Numbers::computed(5, |i| i as u8));
         let inner = Node::Group(vec![("numbers".into(), data)]);
-        let root = Node::Group(vec![("inner".into(), inner), ("bytes".into(), bytes)]);
+        let said = vec![("Version".into(), Attribute::Ints(vec![2, 3]))];
+        let root = Node::Described(said, vec![("inner".into(), inner), ("bytes".into(), bytes)]);
         let mut file = Vec::new();
         write(&mut file, &root).unwrap();
         // End of file, and the data at the end.

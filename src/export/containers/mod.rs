@@ -3,10 +3,12 @@
 //! - `text`: numbers as text, fast
 //! - `binary`: numbers as bytes
 //! - `mat`: MATLAB's container
-//! - `hdf5`, `epc`: the containers of RESQML
+//! - `hdf5`, `epc`: the containers of RESQML; VTKHDF, XDMF and CGNS are HDF5, too
+//! - `netcdf`: the container of Exodus
 
 pub(crate) mod binary;
 pub(crate) mod epc;
 pub(crate) mod hdf5;
 pub(crate) mod mat;
+pub(crate) mod netcdf;
 pub(crate) mod text;

@@ -1,13 +1,19 @@
-//! Triangles and tetrahedra with named faces, one format a file.
+//! Triangles and tetrahedra (VTKHDF and CGNS: any cells) with named faces, one format a file.
 //!
 //! - `groups`: the named faces
 //! - `simplices`: what the writers share
 //! - `msh`: meshes for Gmsh
 //! - `inp`: Abaqus and CalculiX
 //! - `medit`: meshes for Medit
+//! - `exodus`: Exodus II
+//! - `vtkhdf`, `xdmf`: HDF5 for VTK and ParaView
+//! - `cgns`: CGNS
+//! - `values`: what is known of each cell, for those that hold it
 //! - `tetgen`: meshes for TetGen
 //! - `stl`, `obj`: surfaces alone
 
+pub(crate) mod cgns;
+pub(crate) mod exodus;
 pub(crate) mod groups;
 pub(crate) mod inp;
 pub(crate) mod medit;
@@ -16,3 +22,6 @@ pub(crate) mod obj;
 pub(crate) mod simplices;
 pub(crate) mod stl;
 pub(crate) mod tetgen;
+pub(crate) mod values;
+pub(crate) mod vtkhdf;
+pub(crate) mod xdmf;

@@ -1,0 +1,176 @@
+//! XDMF 2 with its numbers in an HDF5 file beside it: cells with what is known of them, and sets of nodes for
+//! what has a name. ParaView, VisIt and meshio read it.
+//!
+//! The surfaces of names are grids of their own, since readers of XDMF do little with sets of faces.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use super::simplices::Simplices;
+use super::values::of_cells;
+use crate::Result;
+use crate::export::containers::binary::Numbers;
+use crate::export::containers::hdf5::{self, Node};
+use crate::files::Batch;
+use crate::files::vtk::xml::escape;
+use crate::model::reservoir::Model;
+
+/// XDMF's names of simplices: linear, quadratic; by their number of corners.
+const TOPOLOGY: [[&str; 2]; 5] = [
+    ["", ""],
+    ["", ""],
+    ["Polyline", "Edge_3"],
+    ["Triangle", "Tri_6"],
+    ["Tetrahedron", "Tet_10"],
+];
+
+/// What is written in both files.
+struct Written<'a> {
+    /// The name of the HDF5 file.
+    file: String,
+    xml: String,
+    nodes: Vec<(String, Node<'a>)>,
+}
+
+impl<'a> Written<'a> {
+    /// Puts a dataset into the one and what refers to it into the other.
+    fn data(&mut self, name: String, dims: &[usize], numbers: Numbers<'a>) {
+        let lengths: Vec<String> = dims.iter().map(usize::to_string).collect();
+        let (kind, precision) = match numbers.kind {
+            "Int32" => ("Int", 4),
+            "UInt32" => ("UInt", 4),
+            _ => ("Float", 8),
+        };
+        let _ = writeln!(
+            self.xml,
+            "<DataItem Dimensions=\"{}\" NumberType=\"{kind}\" Precision=\"{precision}\" \
+             Format=\"HDF\">{}:/{name}</DataItem>",
+            lengths.join(" "),
+            escape(&self.file),
+        );
+        let dims = dims.iter().map(|&n| n as u64).collect();
+        self.nodes.push((name, Node::Data(dims, numbers)));
+    }
+
+    /// Cells of one type.
+    fn topology(&mut self, name: String, kind: &str, size: usize, nodes: Vec<u32>) {
+        let count = nodes.len() / size;
+        let more = if kind == "Polyline" {
+            " NodesPerElement=\"2\""
+        } else {
+            ""
+        };
+        let _ = writeln!(
+            self.xml,
+            "<Topology TopologyType=\"{kind}\" NumberOfElements=\"{count}\"{more}>"
+        );
+        let numbers = Numbers::computed(nodes.len(), move |i| nodes[i] as i32);
+        self.data(name, &[count, size], numbers);
+        self.xml.push_str("</Topology>\n");
+    }
+}
+
+/// Writes both files.
+///
+/// # Errors
+/// [`Error::Export`](crate::Error::Export) if the cells are neither tetrahedra nor triangles.
+pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
+    let mesh = &Simplices::new(model, "XDMF")?;
+    let companion = path.with_extension("h5");
+    let name = companion.file_name().unwrap_or_default().to_string_lossy();
+    let mut written = Written {
+        file: name.into_owned(),
+        xml: "<?xml version=\"1.0\"?>\n<Xdmf Version=\"2.0\">\n<Domain>\n".into(),
+        nodes: Vec::new(),
+    };
+    let order = usize::from(mesh.is_quadratic());
+    let geometry = "<Geometry GeometryType=\"XYZ\">\n";
+    let points = mesh.node_count();
+    written
+        .xml
+        .push_str("<Grid Name=\"cells\" GridType=\"Uniform\">\n");
+    let mut corners = Vec::new();
+    (0..mesh.len()).for_each(|i| mesh.visit(mesh.get(i), |n| corners.push(n)));
+    let size = corners.len() / mesh.len().max(1);
+    written.topology("cells".into(), TOPOLOGY[mesh.size][order], size, corners);
+    written.xml.push_str(geometry);
+    let positions = Numbers::computed(3 * points, |i| mesh.point(i / 3)[i % 3]);
+    written.data("points".into(), &[points, 3], positions);
+    written.xml.push_str("</Geometry>\n");
+    for array in of_cells(model) {
+        let kind = match array.components {
+            1 => "Scalar",
+            3 => "Vector",
+            6 => "Tensor6",
+            _ => "Matrix",
+        };
+        let _ = writeln!(
+            written.xml,
+            "<Attribute Name=\"{}\" AttributeType=\"{kind}\" Center=\"Cell\">",
+            escape(&array.name)
+        );
+        let values = array.values.to_f64();
+        let dims = [mesh.len(), array.components];
+        let dims = if array.components == 1 {
+            &dims[..1]
+        } else {
+            &dims
+        };
+        let name = format!("of_cells_{}", array.name.replace('/', "_"));
+        match array.name.as_str() {
+            "region" => {
+                let numbers = Numbers::computed(values.len(), move |i| values[i] as i32);
+                written.data(name, dims, numbers);
+            }
+            _ => written.data(
+                name,
+                dims,
+                Numbers::computed(values.len(), move |i| values[i]),
+            ),
+        }
+        written.xml.push_str("</Attribute>\n");
+    }
+    let sides = |k: usize| {
+        let named = &mesh.named[k];
+        let mut nodes = Vec::new();
+        (0..named.cells.len()).for_each(|i| mesh.visit(named.sides.get(i), |n| nodes.push(n)));
+        nodes
+    };
+    for (k, named) in mesh.named.iter().enumerate() {
+        let mut nodes = sides(k);
+        nodes.sort_unstable();
+        nodes.dedup();
+        let _ = writeln!(
+            written.xml,
+            "<Set Name=\"{}\" SetType=\"Node\">",
+            escape(&named.name)
+        );
+        let count = nodes.len();
+        let numbers = Numbers::computed(count, move |i| nodes[i] as i32);
+        written.data(format!("nodes_{}", named.name), &[count], numbers);
+        written.xml.push_str("</Set>\n");
+    }
+    written.xml.push_str("</Grid>\n");
+    for (k, named) in mesh.named.iter().enumerate() {
+        let nodes = sides(k);
+        let size = nodes.len() / named.cells.len().max(1);
+        let _ = writeln!(
+            written.xml,
+            "<Grid Name=\"{}\" GridType=\"Uniform\">",
+            escape(&named.name)
+        );
+        let kind = TOPOLOGY[mesh.size - 1][order];
+        written.topology(format!("faces_{}", named.name), kind, size, nodes);
+        let _ = writeln!(
+            written.xml,
+            "{geometry}<DataItem Dimensions=\"{points} 3\" NumberType=\"Float\" Precision=\"8\" \
+             Format=\"HDF\">{}:/points</DataItem>\n</Geometry>\n</Grid>",
+            escape(&written.file),
+        );
+    }
+    written.xml.push_str("</Domain>\n</Xdmf>\n");
+    let root = Node::Group(written.nodes);
+    batch.write(&companion, |out| hdf5::write(out, &root))?;
+    let xml = written.xml;
+    batch.write(path, |out| std::io::Write::write_all(out, xml.as_bytes()))
+}

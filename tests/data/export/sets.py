@@ -1,0 +1,61 @@
+"""What VTK reads of an Exodus, VTKHDF, XDMF or CGNS file: sizes and names of cells, faces and nodes."""
+
+import json
+import sys
+
+import numpy as np
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkCommonCore import vtkLogger
+from vtkmodules.vtkCommonDataModel import vtkCompositeDataSet
+from vtkmodules.vtkFiltersVerdict import vtkCellSizeFilter
+from vtkmodules.vtkIOCGNSReader import vtkCGNSReader
+from vtkmodules.vtkIOExodus import vtkExodusIIReader
+from vtkmodules.vtkIOHDF import vtkHDFReader
+from vtkmodules.vtkIOXdmf2 import vtkXdmfReader
+
+
+def leaves(data, name=""):
+    if data.IsA("vtkCompositeDataSet"):
+        for i in range(data.GetNumberOfBlocks()):
+            said = data.GetMetaData(i) if data.HasMetaData(i) else None
+            own = said.Get(vtkCompositeDataSet.NAME()) if said else ""
+            if data.GetBlock(i):
+                yield from leaves(data.GetBlock(i), f"{name}/{own}")
+    else:
+        yield name, data
+
+
+vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
+path = sys.argv[1]
+ending = path.rsplit(".", 1)[1]
+reader = {"exo": vtkExodusIIReader, "vtkhdf": vtkHDFReader, "xdmf": vtkXdmfReader}.get(ending, vtkCGNSReader)()
+reader.SetFileName(path)
+reader.UpdateInformation()
+if ending == "exo":
+    for kind in (reader.ELEM_BLOCK, reader.SIDE_SET, reader.NODE_SET):
+        for i in range(reader.GetNumberOfObjects(kind)):
+            reader.SetObjectStatus(kind, i, 1)
+    reader.SetAllArrayStatus(reader.ELEM_BLOCK, 1)
+elif ending == "cgns":
+    reader.LoadBndPatchOn()
+    reader.EnableAllCellArrays()
+reader.Update()
+found = []
+for name, grid in leaves(reader.GetOutputDataObject(0)):
+    sizes = vtkCellSizeFilter()
+    sizes.SetInputData(grid)
+    sizes.Update()
+    own = sizes.GetOutput().GetCellData()
+    values, sets = grid.GetCellData(), grid.GetPointData()
+    arrays = {values.GetArrayName(i): vtk_to_numpy(values.GetArray(i)) for i in range(values.GetNumberOfArrays())}
+    nodes = {sets.GetArrayName(i): vtk_to_numpy(sets.GetArray(i)) for i in range(sets.GetNumberOfArrays())}
+    found.append({
+        "name": name,
+        "cells": grid.GetNumberOfCells(),
+        "nodes": grid.GetNumberOfPoints(),
+        "volume": float(np.abs(vtk_to_numpy(own.GetArray("Volume"))).sum()),
+        "area": float(np.abs(vtk_to_numpy(own.GetArray("Area"))).sum()),
+        "values": {name: float(np.sum(array)) for name, array in arrays.items()},
+        "sets": {name: int(np.sum(array)) for name, array in nodes.items()},
+    })
+print(json.dumps(found))

@@ -3,13 +3,14 @@
 # make bench-networks   what becomes of twenty random fault networks, some minutes
 # make wheel  the Python package for others, with all libraries that it needs, in target/wheels
 # make python-test   build the Python package and run every test of it
+# make deb    a Debian package of the program, in target/debian
 # make package   build what a registry would give to others
 # make book   the documentation as a site, target/book/index.html, with its links checked
 # make fuzz   random files and small jobs, led by what code they reach: SECONDS=60 for each of three targets
 # make soak   kills, interrupts, full disks and too little memory: RUNS=100 of each
 
 .POSIX:
-.PHONY: fuzz soak help demo test wheel python-test package book bench bench-networks validators packages
+.PHONY: fuzz soak help demo test wheel python-test deb package book bench bench-networks validators packages
 
 SAMPLE = data/faults.vti
 
@@ -45,6 +46,9 @@ wheel: packages
 
 python-test: packages
 	@scripts/python.sh test
+
+deb: packages
+	@scripts/deb.sh
 
 package: packages
 	cargo package --workspace --exclude atomesh-python --locked --allow-dirty

@@ -24,14 +24,39 @@ fn cgal() {
     }
     // The interval arithmetic of CGAL's predicates changes the rounding mode: the compiler must not
     // move computations across that. NDEBUG: without it CGAL checks every step of its own.
-    cxx_build::bridges(bridges)
+    let mut build = cxx_build::bridges(bridges);
+    build
         .files(sources)
         .std("c++17")
         .opt_level(2)
         .define("NDEBUG", None)
         .flag_if_supported("-frounding-math")
-        .warnings(false)
-        .compile("atomesh_cgal");
+        .warnings(false);
+    let compiler = build.get_compiler().to_command();
+    if let Some(missing) = missing(compiler) {
+        println!(
+            "cargo::error=atomesh: {missing}; on Debian and Ubuntu: apt install g++ libtet1.5-dev \
+             libcgal-dev libclang-dev; without CGAL: --no-default-features --features cli,tetgen"
+        );
+        return;
+    }
+    build.compile("atomesh_cgal");
     println!("cargo::rustc-link-lib=dylib=mpfr");
     println!("cargo::rustc-link-lib=dylib=gmp");
+}
+
+/// What the bridge needs and the system lacks.
+#[cfg(feature = "cgal")]
+fn missing(mut compiler: std::process::Command) -> Option<&'static str> {
+    use std::process::Stdio;
+    let out = std::env::var("OUT_DIR").expect("cargo sets OUT_DIR");
+    let probe = std::path::Path::new(&out).join("probe.cpp");
+    let text = "#include <CGAL/version.h>\n#include <gmp.h>\n#include <mpfr.h>\n";
+    std::fs::write(&probe, text).expect("OUT_DIR can be written");
+    compiler.arg("-fsyntax-only").arg(&probe);
+    match compiler.stderr(Stdio::null()).status() {
+        Ok(status) if status.success() => None,
+        Ok(_) => Some("CGAL's headers, or those of GMP and MPFR, are missing"),
+        Err(_) => Some("there is no C++ compiler"),
+    }
 }

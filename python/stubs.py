@@ -11,6 +11,7 @@ FILE = Path(__file__).parent / "package" / "atomesh" / "_options.pyi"
 
 #: Options that the functions name themselves.
 NAMED = {
+    "mesh": {"spacing", "origin"},
     "export": {"to", "output"},
     "flow": {"source", "sink"},
     "paint": {"seed", "image"},

@@ -155,6 +155,10 @@ pub trait Observer: Send {
     /// A step of the optimiser has been accepted.
     fn progress(&mut self, _progress: &Progress) {}
 
+    /// So much of the stage is done, in [0, 1], where that is known; said now and then, and never less
+    /// than before.
+    fn share(&mut self, _share: f64) {}
+
     /// A round of the optimiser has ended with these positions (lattice space).
     fn round(&mut self, _round: usize, _positions: &[[f64; 3]]) {}
 
@@ -176,12 +180,19 @@ impl Observer for Unobserved {}
 /// What takes long asks it once a row or a step, and where it is over leaves the rest undone: whoever
 /// gave it must look whether it is [`over`](Self::over) before trusting the result.
 pub struct Patience<'a> {
-    ask: Option<&'a (dyn Fn() -> bool + Sync)>,
+    ask: Option<&'a (dyn Fn(Option<f64>) -> bool + Sync)>,
     begun: Instant,
     /// When to ask again, in milliseconds from the beginning.
     next: AtomicU64,
     over: AtomicBool,
+    /// The bits of the share that is done, which rise with it; and of where the part at work begins and
+    /// ends.
+    done: AtomicU64,
+    part: [AtomicU64; 2],
 }
+
+/// What a [`Patience`] asks, given the share that is done where that is known.
+type Question<'a> = &'a mut (dyn FnMut(Option<f64>) -> bool + Send);
 
 /// Milliseconds between two questions; unit tests count them all.
 const BETWEEN_QUESTIONS: u64 = if cfg!(test) { 0 } else { 20 };
@@ -194,11 +205,13 @@ impl<'a> Patience<'a> {
             begun: Instant::now(),
             next: AtomicU64::new(0),
             over: AtomicBool::new(false),
+            done: AtomicU64::new(0),
+            part: [0.0, 1.0].map(|share: f64| AtomicU64::new(share.to_bits())),
         }
     }
 
     /// Until `ask` says no.
-    fn new(ask: &'a (dyn Fn() -> bool + Sync)) -> Self {
+    fn new(ask: &'a (dyn Fn(Option<f64>) -> bool + Sync)) -> Self {
         Self {
             ask: Some(ask),
             ..Self::endless()
@@ -210,14 +223,19 @@ impl<'a> Patience<'a> {
         keep_going: &mut (dyn FnMut() -> bool + Send),
         work: impl FnOnce(&Patience<'_>) -> T,
     ) -> T {
+        Self::telling(&mut |_| keep_going(), work)
+    }
+
+    /// The same, and whoever is asked is told how much is done.
+    pub fn telling<T>(keep_going: Question<'_>, work: impl FnOnce(&Patience<'_>) -> T) -> T {
         // The answer is kept beside the question: whoever comes between a no and its being known to all
         // does not ask again.
         let asked = Mutex::new((true, keep_going));
         // Who finds another asking goes on.
-        let ask = || {
+        let ask = |share| {
             asked.try_lock().map_or(true, |mut asked| {
                 let (patient, keep_going) = &mut *asked;
-                *patient = *patient && keep_going();
+                *patient = *patient && keep_going(share);
                 *patient
             })
         };
@@ -238,10 +256,31 @@ impl<'a> Patience<'a> {
                 .next
                 .compare_exchange(next, now + BETWEEN_QUESTIONS, Relaxed, Relaxed)
                 .is_ok();
-        if due && !ask() {
+        if due && !ask(self.share()) {
             self.over.store(true, Relaxed);
         }
         self.over.load(Relaxed)
+    }
+
+    /// So much of the [part](Self::part) at work is done, in [0, 1]. A guess will do: it is for whoever
+    /// waits.
+    pub fn reached(&self, share: f64) {
+        let [from, to] = [0, 1].map(|k| f64::from_bits(self.part[k].load(Relaxed)));
+        let share = from + (to - from) * share.clamp(0.0, 1.0);
+        self.done.fetch_max(share.to_bits(), Relaxed);
+    }
+
+    /// What comes now takes the work from one share of the whole to another.
+    pub fn part(&self, from: f64, to: f64) {
+        self.part[0].store(from.to_bits(), Relaxed);
+        self.part[1].store(to.to_bits(), Relaxed);
+        self.reached(0.0);
+    }
+
+    /// How much is done, where any work has said so.
+    fn share(&self) -> Option<f64> {
+        let share = f64::from_bits(self.done.load(Relaxed));
+        (share > 0.0).then_some(share)
     }
 
     /// Refuses to go on once it is over, where there is no result to stop with.
@@ -284,6 +323,31 @@ pub(crate) fn interrupted(stage: Stage) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_done_is_told_part_by_part_and_never_less_than_before() {
+        let mut told = Vec::new();
+        let mut ask = |share: Option<f64>| {
+            told.push(share);
+            true
+        };
+        Patience::telling(&mut ask, |patience| {
+            let say = |share| {
+                patience.reached(share);
+                patience.over();
+            };
+            say(0.0);
+            say(0.5);
+            say(0.25);
+            patience.part(0.75, 1.0);
+            say(0.0);
+            say(0.5);
+            say(7.0);
+        });
+        let all = [0.5, 0.5, 0.75, 0.875, 1.0].map(Some);
+        assert_eq!(told[0], None);
+        assert_eq!(told[1..], all);
+    }
 
     #[test]
     fn after_a_no_nobody_asks_again_however_many_ask_at_once() {

@@ -742,3 +742,106 @@ fn a_velocity_makes_depth_of_time() {
         "{said}"
     );
 }
+
+/// How far a point is off the sheet, in samples.
+fn off_sheet([x, y, z]: [f64; 3]) -> f64 {
+    (x - 22.0 - 0.1 * y + 0.1 * z).abs()
+}
+
+#[test]
+fn a_sheet_goes_through_sticks_and_grids_and_stays_where_it_is() {
+    let folder = folder();
+    let at = folder.path();
+    let convert = |from: &str, to: &str| json(&succeed(at, &["convert", from, to, "--json"]));
+    succeed(at, &["surface", "mesh.vtu", "-o", "a.vtp", "--quiet"]);
+    assert_eq!(convert("a.vtp", "a.ts")["surfaces"], 1);
+    assert_eq!(convert("a.ts", "b.vtp")["surfaces"], 1);
+
+    // Sticks lie on the surface, and so do triangles between them.
+    succeed(
+        at,
+        &[
+            "surface", "mesh.vtu", "-o", "a.csv", "--step", "3", "--quiet",
+        ],
+    );
+    for to in ["c.ts", "c.pl", "c.vtp"] {
+        assert_eq!(convert("a.csv", to)["surfaces"], 1, "{to}");
+    }
+    convert("c.pl", "b.csv");
+    let sticks = |name: &str| std::fs::read_to_string(at.join(name)).unwrap();
+    let points = |name: &str| -> Vec<[f64; 3]> {
+        let line = |line: &str| {
+            let fields: Vec<f64> = line
+                .split(',')
+                .skip(2)
+                .map(|f| f.parse().unwrap())
+                .collect();
+            fields.try_into().unwrap()
+        };
+        sticks(name).lines().skip(1).map(line).collect()
+    };
+    assert_eq!(points("a.csv"), points("b.csv"));
+
+    // A grid of its heights, in three formats.
+    let said = refused(at, &["surface", "mesh.vtu", "-o", "a.irap"]);
+    assert!(said.contains("there are 0 horizons"), "{said}");
+    let grid = [
+        "surface", "mesh.vtu", "-o", "a.zmap", "--number", "1", "--step", "2", "--quiet",
+    ];
+    succeed(at, &grid);
+    convert("a.zmap", "a.irap");
+    convert("a.irap", "a.cps3");
+    convert("a.cps3", "a.npy");
+    let [first, last] = ["a.zmap", "a.cps3"].map(|name| {
+        let info = json(&succeed(at, &["info", name, "--json"]));
+        assert_eq!(info["image"]["axes"][0]["spacing"], 2.0);
+        (info["image"]["min"].clone(), info["image"]["max"].clone())
+    });
+    assert_eq!(first, last);
+    // Nodes of the grid and points of sticks lie on the sheet.
+    let text = std::fs::read_to_string(at.join("a.irap")).unwrap();
+    let words: Vec<f64> = text
+        .split_whitespace()
+        .map(|w| w.parse().unwrap())
+        .collect();
+    let (ny, nx, [x0, y0]) = (words[1] as usize, words[8] as usize, [words[10], words[11]]);
+    let nodes = (0..nx * ny).map(|i| {
+        let (x, y) = (x0 + 2.0 * (i % nx) as f64, y0 + 2.0 * (i / nx) as f64);
+        [x, y, words[19 + i]]
+    });
+    let known: Vec<[f64; 3]> = nodes.filter(|node| node[2] < 1e6).collect();
+    let sticks = points("a.csv");
+    assert!(
+        known.len() >= 16 && sticks.len() >= 60,
+        "{} {}",
+        known.len(),
+        sticks.len()
+    );
+    for point in known.into_iter().chain(sticks) {
+        assert!(off_sheet(point) < 1.0, "{point:?}");
+    }
+
+    for (arguments, says) in [
+        (
+            &["surface", "mesh.vtu", "-o", "b.vtp", "--step", "2"][..],
+            "applies to sticks",
+        ),
+        (
+            &["surface", "mesh.vtu", "-o", "b.irap", "--number", "9"],
+            "there is no surface 9",
+        ),
+        (
+            &["surface", "mesh.vtu", "-o", "b.csv", "--step", "-2"],
+            "is no distance",
+        ),
+        (&["convert", "a.ts", "b.pl"], "holds lines"),
+        (&["convert", "a.ts", "b.vti"], "does not end in"),
+        (
+            &["convert", "a.ts", "b.vtp", "--spacing", "2"],
+            "surfaces are read",
+        ),
+    ] {
+        let said = refused(at, arguments);
+        assert!(said.contains(says), "{arguments:?}: {said}");
+    }
+}

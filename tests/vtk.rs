@@ -81,10 +81,18 @@ fn vtk_reads_meshes_images_and_traces() {
     .unwrap();
 
     let mut trace = Trace::create(&at("t.pvd")).unwrap();
-    let data = [DataArray::scalars("b", vec![-1.0f32, -0.5])];
-    trace.add(0.0, &[[0.0; 3], [1.0, 2.0, 3.0]], &data).unwrap();
+    let frame = MeshFile {
+        mesh: TetMesh {
+            nodes: vec![[0.0; 3], [6.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+            tets: vec![[0, 1, 2, 3]],
+        },
+        point_data: Vec::new(),
+        cell_data: Vec::new(),
+        field_data: vec![("energy".into(), FieldValue::F64s(vec![-0.5]))],
+    };
+    trace.add(0.0, &frame).unwrap();
 
-    let files = [at("a.vtu"), at("empty.vtu"), at("a.vti"), at("t_0000.vtp")];
+    let files = [at("a.vtu"), at("empty.vtu"), at("a.vti"), at("t_0000.vtu")];
     let files: Vec<&Path> = files.iter().map(|f| f.as_path()).collect();
     let Some(said) = judged(&files) else { return };
     let want = "\
@@ -104,8 +112,10 @@ points 60 cells 24
 point amplitude float 60 1770
 direction 0 -1 0 1 0 0 0 0 -1
 at 2 1 1 612320.678 25.5 -1
-points 2 cells 2
-point b float 2 -1.5
+points 4 cells 1
+field energy double 1 -0.5
+volume 1 positive True
+invalid cells 0
 ";
     let plain = said.replace("long long", "long");
     assert_eq!(plain, want.replace("long long", "long"));

@@ -2,7 +2,13 @@
 //! shim a program besides, `atomesh-tetgen`, whose path dependent build scripts find in `DEP_TET_WORKER`.
 
 use std::env;
+use std::panic;
 use std::path::{Path, PathBuf};
+use std::process::Stdio;
+
+/// What to do where something of the system is missing.
+const REMEDY: &str = "on Debian and Ubuntu: apt install g++ libtet1.5-dev libcgal-dev libclang-dev; \
+                      without TetGen and CGAL: --no-default-features --features cli";
 
 fn main() {
     let manifest = env::var("CARGO_MANIFEST_DIR").expect("cargo sets CARGO_MANIFEST_DIR");
@@ -13,31 +19,20 @@ fn main() {
     let worker = shim.join("worker.cpp");
     println!("cargo::rerun-if-changed={}", worker.display());
     println!("cargo::rerun-if-changed=build.rs");
+    let out = PathBuf::from(env::var("OUT_DIR").expect("cargo sets OUT_DIR"));
+    let mut build = cc::Build::new();
+    build.cpp(true).std("c++14").opt_level(2);
 
-    if !Path::new("/usr/include/tetgen.h").exists() && env::var_os("CPLUS_INCLUDE_PATH").is_none() {
-        println!(
-            "cargo::error=tetgen.h not found: install it (Debian, Ubuntu: apt install libtet1.5-dev) \
-             or build without TetGen (--no-default-features)"
-        );
+    if let Some(missing) = missing(&build, &out) {
+        println!("cargo::error=tetgen-sys: {missing}; {REMEDY}");
         return;
     }
-
-    cc::Build::new()
-        .cpp(true)
-        .std("c++14")
-        .opt_level(2)
-        .file(&source)
-        .compile("tetgen_shim");
+    build.clone().file(&source).compile("tetgen_shim");
     println!("cargo::rustc-link-lib=dylib=tet");
 
-    let out = PathBuf::from(env::var("OUT_DIR").expect("cargo sets OUT_DIR"));
     let program = out.join("atomesh-tetgen");
-    let compiler = cc::Build::new()
-        .cpp(true)
-        .std("c++14")
-        .opt_level(2)
-        .get_compiler();
-    let linked = compiler
+    let linked = build
+        .get_compiler()
         .to_command()
         .args([&worker, &source])
         .arg("-ltet")
@@ -45,21 +40,52 @@ fn main() {
         .arg(&program)
         .status();
     if !linked.is_ok_and(|status| status.success()) {
-        println!(
-            "cargo::error=the program that runs TetGen by itself cannot be linked with libtet"
-        );
+        println!("cargo::error=tetgen-sys: cannot link with TetGen's library, libtet; {REMEDY}");
         return;
     }
     println!("cargo::metadata=WORKER={}", program.display());
 
-    bindgen::Builder::default()
-        .header(header.to_string_lossy())
-        .allowlist_item("tetgen_shim_.*|TETGEN_SHIM_.*")
-        .default_enum_style(bindgen::EnumVariation::Consts)
-        .prepend_enum_name(false)
-        .layout_tests(false)
-        .generate()
-        .expect("the shim's header is plain C")
-        .write_to_file(out.join("bindings.rs"))
-        .expect("OUT_DIR can be written");
+    // Without libclang bindgen panics.
+    panic::set_hook(Box::new(|_| {}));
+    let bindings = panic::catch_unwind(|| {
+        bindgen::Builder::default()
+            .header(header.to_string_lossy())
+            .allowlist_item("tetgen_shim_.*|TETGEN_SHIM_.*")
+            .default_enum_style(bindgen::EnumVariation::Consts)
+            .prepend_enum_name(false)
+            .layout_tests(false)
+            .generate()
+    });
+    let _ = panic::take_hook();
+    match bindings {
+        Ok(bindings) => bindings
+            .expect("the shim's header is plain C")
+            .write_to_file(out.join("bindings.rs"))
+            .expect("OUT_DIR can be written"),
+        Err(_) => println!("cargo::error=tetgen-sys: libclang is missing; {REMEDY}"),
+    }
+}
+
+/// What the shim needs and the system lacks.
+fn missing(build: &cc::Build, out: &Path) -> Option<&'static str> {
+    let probe = out.join("probe.cpp");
+    let compiles = |text: &str| -> bool {
+        std::fs::write(&probe, text).expect("OUT_DIR can be written");
+        let Ok(compiler) = build.try_get_compiler() else {
+            return false;
+        };
+        let mut command = compiler.to_command();
+        let quiet = command
+            .arg("-fsyntax-only")
+            .arg(&probe)
+            .stderr(Stdio::null());
+        quiet.status().is_ok_and(|status| status.success())
+    };
+    if !compiles("#include <vector>\n") {
+        return Some("there is no C++ compiler");
+    }
+    if !compiles("#include <tetgen.h>\n") {
+        return Some("TetGen's header, tetgen.h, is missing");
+    }
+    None
 }

@@ -200,6 +200,24 @@ def test_a_picture(mesh, tmp_path):
     assert picture.stat().st_size > 2000
 
 
+def test_a_page(mesh, tmp_path):
+    said = mesh.page(tmp_path / "a.html", title="Two faults")
+    page = (tmp_path / "a.html").read_text()
+    assert said["page"]["bytes"] == (tmp_path / "a.html").stat().st_size
+    assert page.startswith("<!") and "Two faults" in page
+    # A mesh from a file is measured, and needs its image.
+    mesh.save(tmp_path / "a.vtu")
+    back = atomesh.load(tmp_path / "a.vtu")
+    with pytest.raises(atomesh.Error, match="needs the image"):
+        back.page(tmp_path / "b.html")
+    assert back.page(tmp_path / "b.html", image=mesh.image)["page"]["faces"] == said["page"]["faces"]
+
+
+def test_the_verdict_is_in_words_and_in_figures(mesh):
+    assert mesh.report["verdict"]["grade"] in ("good", "fair")
+    assert repr(mesh).splitlines()[1].startswith("good?")
+
+
 def test_an_image_in_a_file_is_drawn(faults, tmp_path):
     faults.save(tmp_path / "a.npy")
     one = atomesh.mesh(tmp_path / "a.npy", distance=8)

@@ -231,10 +231,12 @@ impl Desk for Terminal {
     fn progress(&self, share: f64, what: &str) {
         if let Some(bar) = &self.bar {
             if bar.length().is_none() {
-                bar.set_length(100);
-                bar.set_style(style("{spinner} {prefix} [{bar:20}] {elapsed} {msg}"));
+                bar.set_length(STEPS as u64);
+                bar.set_style(style(
+                    "{spinner} {prefix} [{bar:20}] {elapsed}, {eta} left at most  {msg}",
+                ));
             }
-            bar.set_position((100.0 * share.clamp(0.0, 1.0)) as u64);
+            bar.set_position((STEPS * share.clamp(0.0, 1.0)) as u64);
             bar.set_message(what.to_string());
         }
     }
@@ -246,6 +248,9 @@ impl Desk for Terminal {
         }
     }
 }
+
+/// Steps of a bar.
+const STEPS: f64 = 1000.0;
 
 /// A style from a template; the default one, should the template be faulty.
 fn style(template: &str) -> ProgressStyle {

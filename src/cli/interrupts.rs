@@ -10,6 +10,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 
+use crate::cli::console::Console;
 use crate::error::cause;
 use crate::files::exit_without_unfinished;
 use crate::observer::{Patience, Stage};
@@ -63,9 +64,19 @@ impl Interrupts {
         self.0.lattice.store(stage.has_lattice(), Ordering::SeqCst);
     }
 
-    /// What `work` gives, which ends soon once the user wants to stop.
-    pub fn until_wanted<T>(&self, work: impl FnOnce(&Patience<'_>) -> T) -> T {
-        Patience::of(&mut || !self.wanted(), work)
+    /// What `work` gives, which ends soon once the user wants to stop; a console is told how far it is.
+    pub fn until_wanted<T>(
+        &self,
+        console: &mut Console,
+        work: impl FnOnce(&Patience<'_>) -> T,
+    ) -> T {
+        let ask = &mut move |share: Option<f64>| {
+            if let Some(share) = share {
+                console.progress(share, "");
+            }
+            !self.wanted()
+        };
+        Patience::telling(ask, work)
     }
 
     /// The user wants to stop.

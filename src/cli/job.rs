@@ -34,6 +34,7 @@ pub fn check_files(image: &Path, job: &Job, config: Option<&Path>) -> Result<()>
     let mut inputs = vec![image];
     inputs.extend(config);
     inputs.extend(job.atoms_from.as_deref());
+    inputs.extend(job.input.geometry_from.as_deref());
     if let Some(lattice) = job.lattice() {
         if let Some(wells) = &lattice.wells {
             inputs.extend(wells.files.iter().map(PathBuf::as_path));

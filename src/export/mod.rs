@@ -39,5 +39,6 @@ pub(crate) mod twin;
 pub use format::{Content, FORMATS, Format};
 pub use meshers::obj::write_obj;
 pub use surfaces::SurfaceFile;
-pub use surfaces::tsurf::write_tsurf;
+pub use surfaces::sticks::{Sticks, read_sticks, write_sticks};
+pub use surfaces::tsurf::{Gocad, read_gocad, write_tsurf};
 pub use surfaces::vtp::write_vtp;

@@ -173,11 +173,13 @@ pub(crate) fn detect_while<const D: usize>(
     let image = &*detection::checked(image, asked)?;
     detection::refuse_constant(image)?;
     let (parts, why) = detectors::chosen(image, asked)?;
-    let follow_whole = |(detector, asked)| {
+    let count = parts.len() as f64;
+    let follow_whole = |(number, (detector, asked)): (usize, (_, _))| {
+        patience.part(number as f64 / count, (number + 1) as f64 / count);
         let scene = Scene::new(image, &asked, patience);
         follow(&scene, detector, [[false; 2]; D])
     };
-    let found: Result<Vec<_>> = parts.into_iter().map(follow_whole).collect();
+    let found: Result<Vec<_>> = parts.into_iter().enumerate().map(follow_whole).collect();
     let mut features = detectors::together(found?, image.dims(), asked);
     features.notes.splice(0..0, why);
     Ok(features)
@@ -209,6 +211,10 @@ pub(crate) fn detect_part<const D: usize>(
     Ok(detectors::together(found?, part.dims(), asked))
 }
 
+/// The share of the work that is done once candidates are found, roughly, and once they are sheets.
+const FOUND: f64 = 0.85;
+const IN_SHEETS: f64 = 0.95;
+
 /// Finds the features of one kind and their potential.
 fn follow<const D: usize>(
     scene: &Scene<'_, D>,
@@ -218,6 +224,7 @@ fn follow<const D: usize>(
     let (dims, asked, kind) = (scene.image.dims(), scene.asked, detector.kind());
     let mut notes = Vec::new();
     let found = detector.find(scene, &mut notes);
+    scene.patience.reached(FOUND);
     scene.patience.lasts(Stage::Features)?;
     let mut found = found?;
     found.drop_near_missing(scene.image, detector.beyond_smoothing(), &mut notes);
@@ -236,6 +243,7 @@ fn follow<const D: usize>(
     };
     let sheets = sheets::sheets(dims, &found.candidates, asked.step, &rules, scene.patience);
     drop(found.candidates);
+    scene.patience.reached(IN_SHEETS);
     scene.patience.lasts(Stage::Features)?;
     sheets.describe(kind, &rules, &mut notes);
     let sigma = asked.d_max() / 4.0;

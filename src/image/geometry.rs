@@ -306,6 +306,15 @@ impl Geometry<3> {
         self.axes[0][2] != 0.0 || self.axes[1][2] != 0.0
     }
 
+    /// Whether the plane of the first two axes is upright, one of them along the last coordinate: a section
+    /// as of a seismic line.
+    pub fn is_upright(&self) -> bool {
+        let [a, b, _] = self.axes;
+        let level = |v: [f64; 3]| v[2] == 0.0 && (v[0] != 0.0 || v[1] != 0.0);
+        let plumb = |v: [f64; 3]| v[0] == 0.0 && v[1] == 0.0 && v[2] != 0.0;
+        (plumb(a) && level(b)) || (level(a) && plumb(b))
+    }
+
     /// Of the section along the first two image axes: see [`Image::flatten`](super::Image::flatten).
     pub fn flatten(&self) -> Geometry<2> {
         let [a, b, _] = self.axes;
@@ -317,6 +326,18 @@ impl Geometry<3> {
                 axes: [[a[0], a[1]], [b[0], b[1]]],
                 names,
                 units,
+            };
+        }
+        if self.is_upright() {
+            // From the first sample along the section, and up.
+            let unit = (0..2)
+                .find(|&c| [a, b].iter().any(|v| v[c] != 0.0))
+                .unwrap_or(0);
+            return Geometry {
+                origin: [0.0, self.origin[2]],
+                axes: [a, b].map(|v| [v[0].hypot(v[1]), v[2]]),
+                names,
+                units: [self.units[unit].clone(), self.units[2].clone()],
             };
         }
         let length = dot(a, a).sqrt();

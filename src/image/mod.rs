@@ -141,8 +141,8 @@ impl<const D: usize> Image<D> {
 
 impl Image<3> {
     /// The first section along x and y as a 2-D image. Where its plane is that of the physical x and
-    /// y it stays there; else its coordinates are measured in the plane, from the first sample,
-    /// along the x axis and across.
+    /// y it stays there; else its coordinates are measured in the plane, from the first sample: of an upright
+    /// section along it, and up; of others along the x axis and across.
     pub fn flatten(&self) -> Image<2> {
         let [nx, ny, _] = self.dims();
         let samples = self.as_slice()[..nx * ny].to_vec();

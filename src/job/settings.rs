@@ -15,6 +15,16 @@ use crate::improve::triangles::relax::Scheme;
 use crate::lattice::optimize::Method;
 use crate::{Error, Result};
 
+/// Headings of the command line's help; what has none comes first.
+#[cfg(feature = "cli")]
+const FEATURES: &str = "Features";
+#[cfg(feature = "cli")]
+const ATOMS: &str = "Atoms";
+#[cfg(feature = "cli")]
+const SHAPES: &str = "Shapes of cells";
+#[cfg(feature = "cli")]
+const FILES: &str = "More files to write";
+
 /// What was said of a job. Lengths are in samples, weights without unit.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "cli", derive(clap::Args))]
@@ -37,113 +47,113 @@ pub struct Settings {
     #[cfg_attr(feature = "cli", arg(long, value_name = "KIND"))]
     pub feature: Option<FeatureKind>,
     /// Scale of the features in samples [default: by the kind of feature]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "S"))]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "S", help_heading = FEATURES))]
     pub sigma: Option<f64>,
     /// Smallest strength of a feature, in units of the feature image [default: automatic, printed]
     #[cfg_attr(
         feature = "cli",
-        arg(long, value_name = "T", allow_negative_numbers = true)
+        arg(long, value_name = "T", allow_negative_numbers = true, help_heading = FEATURES)
     )]
     pub threshold: Option<f32>,
     /// Weights F,H in (0, 1] of faults and horizons where both are followed [default: 1,1]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "F,H"))]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "F,H", help_heading = FEATURES))]
     pub feature_weights: Option<String>,
     /// Paths: a point of the object, in physical coordinates; may be repeated
     #[cfg_attr(
         feature = "cli",
-        arg(long, value_name = "X,Y", allow_hyphen_values = true)
+        arg(long, value_name = "X,Y", allow_hyphen_values = true, help_heading = FEATURES)
     )]
     pub object: Option<Vec<String>>,
     /// Paths: a point of the background; may be repeated [default: the image's outermost samples]
     #[cfg_attr(
         feature = "cli",
-        arg(long, value_name = "X,Y", allow_hyphen_values = true)
+        arg(long, value_name = "X,Y", allow_hyphen_values = true, help_heading = FEATURES)
     )]
     pub background: Option<Vec<String>>,
     /// Also write the potential b(x)
-    #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.vti"))]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.vti", help_heading = FILES))]
     pub potential_out: Option<PathBuf>,
     /// Also write the lines where features, or a feature and a side of the box, meet at less than 30
     /// degrees, with their angles
-    #[cfg_attr(feature = "cli", arg(long, value_name = "LINES.vtp"))]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "LINES.vtp", help_heading = FILES))]
     pub lines: Option<PathBuf>,
     /// Also write a page to look at: mesh, image and figures in one HTML file for any browser
     #[cfg_attr(feature = "cli", arg(long, value_name = "PAGE.html"))]
     pub page: Option<PathBuf>,
     /// Also write the faces on features with the number of the surface of each, as `atomesh surface` does
-    #[cfg_attr(feature = "cli", arg(long, value_name = "SURFACES.vtp"))]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "SURFACES.vtp", help_heading = FILES))]
     pub surfaces: Option<PathBuf>,
     /// Atoms on features, or alongside [default: on; alongside with --cells voronoi]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "WHERE"))]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "WHERE", help_heading = ATOMS))]
     pub align: Option<AlignName>,
     /// Cells of the mesh [default: tets; voronoi with --align alongside]
     #[cfg_attr(feature = "cli", arg(long, value_name = "KIND"))]
     pub cells: Option<CellsName>,
     /// Weight of the image against the lattice in [0, 1): a number, or an image file [default: 0.5]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "B"))]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "B", help_heading = ATOMS))]
     #[serde(deserialize_with = "text_or_number")]
     pub beta: Option<String>,
     /// Initial positions of atoms [default: fcc]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "HOW"))]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "HOW", help_heading = ATOMS))]
     pub seeding: Option<SeedingName>,
     /// Largest number of atoms that --seeding guide places [default: as many as find room]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "N"))]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "N", help_heading = ATOMS))]
     pub max_atoms: Option<usize>,
     /// Fixed atoms (wells, sources): a CSV file of x,y,z (x,y in 2-D) in the image's physical
     /// coordinates
-    #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.csv"))]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.csv", help_heading = ATOMS))]
     pub atoms_from: Option<PathBuf>,
     /// A well: fixed atoms along the trajectory in a CSV file of lines x,y,z,radius (x,y,radius in
     /// 2-D),
     /// in the image's physical coordinates; may be repeated
-    #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.csv"))]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.csv", help_heading = ATOMS))]
     pub well: Option<Vec<PathBuf>>,
     /// Distance between atoms at wells, in samples; it increases to --distance away from them
-    #[cfg_attr(feature = "cli", arg(long, value_name = "D"))]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "D", help_heading = ATOMS))]
     pub well_distance: Option<f64>,
     /// Evaluator of the lattice energy [default: pairwise]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "HOW", alias = "potential"))]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "HOW", alias = "potential", help_heading = ATOMS))]
     #[serde(alias = "potential")]
     pub evaluator: Option<Evaluator>,
     /// Weight in [0, 1] of the energy between atoms against their Laplacian coordinates, which make the
     /// lattice more regular; 0.7 is typical with them [default: 1, without]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "K"))]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "K", help_heading = ATOMS))]
     pub kappa: Option<f64>,
     /// How atoms are moved [default: lbfgs]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "HOW"))]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "HOW", help_heading = ATOMS))]
     pub optimizer: Option<Method>,
     /// Number of initial passes on a smoother potential [default: 0]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "N"))]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "N", help_heading = ATOMS))]
     pub coarse_to_fine: Option<usize>,
     /// Smallest dihedral angle aimed at, in degrees, the largest being 180 minus it; in 2-D the
     /// smallest angle [default: 30]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "DEGREES"))]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "DEGREES", help_heading = SHAPES))]
     pub min_dihedral: Option<f64>,
     /// How slivers are removed [default: joe]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "HOW"))]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "HOW", help_heading = SHAPES))]
     pub slivers: Option<SliversName>,
     /// Voronoi cells without their smallest faces: nodes closer together than this fraction of the
     /// cells' radius are merged [default: 0]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "SHARE"))]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "SHARE", help_heading = SHAPES))]
     pub weld: Option<f64>,
     /// Smooth the triangles of a 2-D image where it is flat; nodes on features stay
-    #[cfg_attr(feature = "cli", arg(long, value_name = "HOW"))]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "HOW", help_heading = SHAPES))]
     pub smooth: Option<Scheme>,
     /// Lattice space: samples, physical, shape (physical, but as many samples to a cell as with samples),
     /// or a scale per axis SX,SY,SZ (SX,SY in 2-D) [default: samples; shape with --velocity]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "SPACE"))]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "SPACE", help_heading = ATOMS))]
     pub metric: Option<String>,
     /// Makes depth in metres of two-way time: one velocity in m/s for the whole image
     #[cfg_attr(feature = "cli", arg(long, value_name = "V", allow_negative_numbers = true, value_parser = velocity))]
     pub velocity: Option<f64>,
     /// Seed of the random perturbations [default: 1]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "N"))]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "N", help_heading = ATOMS))]
     pub rng_seed: Option<u64>,
     /// Write the report as JSON
-    #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.json"))]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.json", help_heading = FILES))]
     pub report: Option<PathBuf>,
     /// Write the lattice after each round, for ParaView
-    #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.pvd"))]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.pvd", help_heading = FILES))]
     pub trace: Option<PathBuf>,
     /// How to read the image.
     #[cfg_attr(

@@ -49,7 +49,13 @@ impl<'a> Stages<'a> {
 
     /// What `work` gives, which ends soon where the observer says no.
     pub(super) fn patiently<T>(&mut self, work: impl FnOnce(&Patience<'_>) -> T) -> T {
-        Patience::of(&mut || self.keep_going(), work)
+        let ask = &mut |share: Option<f64>| {
+            if let Some(share) = share {
+                self.observer.share(share);
+            }
+            self.keep_going()
+        };
+        Patience::telling(ask, work)
     }
 
     /// The same where there is no result to stop with.

@@ -10,6 +10,7 @@
 //! - `cells`: Voronoi cells, as flow simulators see them
 //! - [`cost`]: seconds and memory of each stage
 //! - `table`: a report on one screen
+//! - `verdict`: a report in three lines
 
 mod acute;
 pub(crate) mod angles;
@@ -22,6 +23,7 @@ mod pieces;
 pub(crate) mod quality;
 pub(crate) mod reference;
 pub(crate) mod table;
+mod verdict;
 
 pub use acute::{AcuteLine, Pair};
 pub use angles::{Angles, Judged, judged};
@@ -33,6 +35,7 @@ pub use lattice::{Lattice, Optimisation, lattice};
 pub(crate) use quality::quality_while;
 pub use quality::{Quality, quality, smallest_angles};
 pub use reference::Reference;
+pub use verdict::{Grade, Verdict};
 
 use crate::feature::LeftOut;
 use crate::improve;

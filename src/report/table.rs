@@ -1,7 +1,7 @@
 //! A report on one screen.
 
 use super::quality::{Points, Quality};
-use super::{Angles, Fidelity, Match, Report, Voronoi};
+use super::{Angles, Fidelity, Match, Report, Verdict, Voronoi};
 use crate::improve::Sealed;
 
 /// How many groups of blocked tetrahedra are shown.
@@ -13,6 +13,11 @@ impl Report {
     pub fn table(&self) -> String {
         let mut lines = Vec::new();
         let mut line = |name: &str, text: String| lines.push(format!("{name:<12}{text}"));
+        if let Some(verdict) = Verdict::of(self) {
+            for (name, text) in verdict.lines() {
+                line(name, text);
+            }
+        }
         if let Some(input) = &self.input {
             let dims = input.dims.iter().map(usize::to_string);
             let dims = dims.collect::<Vec<_>>().join(" x ");
@@ -373,7 +378,7 @@ fn samples(value: f64) -> String {
 }
 
 /// 1234567 as 1,234,567.
-fn grouped(count: usize) -> String {
+pub(super) fn grouped(count: usize) -> String {
     let digits = count.to_string();
     let mut text = String::new();
     for (k, digit) in digits.chars().enumerate() {
@@ -484,7 +489,7 @@ mod tests {
     #[test]
     fn the_table_fits_a_screen_and_shows_every_section() {
         let text = full().table();
-        assert!(text.lines().count() <= 45, "{text}");
+        assert!(text.lines().count() <= 48, "{text}");
         for l in text.lines() {
             assert!(l.chars().count() <= 100, "{l}");
         }

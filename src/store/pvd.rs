@@ -1,5 +1,5 @@
-//! The lattice after each round as a ParaView time series: a `.pvd` collection and one `.vtp` file
-//! of vertices a round, beside it.
+//! The lattice after each round as a ParaView time series: a `.pvd` collection and a `.vtu` file a round
+//! beside it, of the lattice's cells.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -7,7 +7,8 @@ use std::path::{Path, PathBuf};
 use crate::error::Result;
 use crate::files::atomic_write;
 use crate::files::vtk::xml::escape;
-use crate::files::vtk::{DataArray, Document, Source};
+use crate::mesh::Simplices;
+use crate::store::{MeshFile, write_vtu};
 
 /// Writes a trace; after every [`add`](Self::add) the files on disk are complete and consistent.
 #[derive(Debug, Clone)]
@@ -31,14 +32,18 @@ impl Trace {
         Ok(trace)
     }
 
-    /// Adds a round: atoms in physical coordinates, and arrays with a tuple for each.
+    /// Adds a round: the lattice's cells in physical coordinates, and what is known of them.
     ///
     /// # Errors
-    /// [`Error::Io`](crate::Error::Io) if a file cannot be written.
-    pub fn add(&mut self, time: f64, atoms: &[[f64; 3]], data: &[DataArray]) -> Result<()> {
+    /// As [`write_vtu`].
+    pub fn add<const D: usize, M: Simplices<D>>(
+        &mut self,
+        time: f64,
+        lattice: &MeshFile<M>,
+    ) -> Result<()> {
         let stem = self.path.file_stem().unwrap_or_default().to_string_lossy();
-        let name = format!("{stem}_{:04}.vtp", self.rounds.len());
-        write_vertices(&self.path.with_file_name(&name), atoms, data)?;
+        let name = format!("{stem}_{:04}.vtu", self.rounds.len());
+        write_vtu(&self.path.with_file_name(&name), lattice)?;
         self.rounds.push((time, name));
         self.write_collection()
     }
@@ -63,59 +68,44 @@ impl Trace {
     }
 }
 
-/// Points as VTK poly data, each a vertex.
-fn write_vertices(path: &Path, points: &[[f64; 3]], data: &[DataArray]) -> Result<()> {
-    let count = points.len();
-    let none = ["NumberOfLines", "NumberOfStrips", "NumberOfPolys"].map(|n| (n, "0".to_string()));
-    let some = ["NumberOfPoints", "NumberOfVerts"].map(|n| (n, count.to_string()));
-    let mut document = Document::new("PolyData", &[]);
-    document.open("Piece", &[&some[..], &none[..]].concat());
-    document.open("PointData", &[]);
-    for array in data {
-        document.array(array.values.source(&array.name, array.components));
-    }
-    document.close();
-    document.open("Points", &[]);
-    document.array(Source::slice("Points", 3, points.as_flattened()));
-    document.close();
-    document.open("Verts", &[]);
-    document.array(Source::computed("connectivity", 1, count, |i| i as i64));
-    document.array(Source::computed("offsets", 1, count, |i| i as i64 + 1));
-    document.close();
-    atomic_write(path, |out| document.write(out))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::files::vtk::VtkFile;
+    use crate::mesh::TetMesh;
+    use crate::store::{FieldValue, read_vtu};
 
     #[test]
     fn every_round_is_listed_and_readable() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("run & co.pvd");
         let mut trace = Trace::create(&path).unwrap();
-        for round in 0..3 {
-            let atoms = [[f64::from(round), 0.25, -1.0], [4.0, 5.0, 6.0]];
-            let data = [DataArray::scalars("energy", vec![round as f32, 2.0])];
-            trace.add(f64::from(round), &atoms, &data).unwrap();
+        for round in 0..3u8 {
+            let lattice = MeshFile {
+                mesh: TetMesh {
+                    nodes: vec![
+                        [f64::from(round), 0.25, 0.0],
+                        [4.0, 5.0, 0.0],
+                        [0.0, 7.0, 0.0],
+                        [1.0; 3],
+                    ],
+                    tets: vec![[0, 1, 2, 3]],
+                },
+                point_data: Vec::new(),
+                cell_data: Vec::new(),
+                field_data: vec![("energy".into(), FieldValue::F64s(vec![-0.5]))],
+            };
+            trace.add(f64::from(round), &lattice).unwrap();
             let text = std::fs::read_to_string(&path).unwrap();
             let root = crate::files::vtk::xml::parse(text.as_bytes()).unwrap();
             let sets = &root.child("Collection").unwrap().children;
-            assert_eq!(sets.len(), round as usize + 1);
-            let name = sets[round as usize].attribute("file").unwrap();
-            assert_eq!(name, format!("run & co_000{round}.vtp"));
-            let file = VtkFile::read(&folder.path().join(name), "PolyData").unwrap();
-            let piece = file.piece().unwrap();
-            assert_eq!(piece.attribute("NumberOfVerts"), Some("2"));
-            let points = file
-                .array(&piece.child("Points").unwrap().children[0])
-                .unwrap();
-            assert_eq!(points.values, atoms.as_flattened().to_vec().into());
-            let energy = file
-                .array(&piece.child("PointData").unwrap().children[0])
-                .unwrap();
-            assert_eq!(energy, data[0]);
+            assert_eq!(sets.len(), usize::from(round) + 1);
+            let name = sets[usize::from(round)].attribute("file").unwrap();
+            assert_eq!(name, format!("run & co_000{round}.vtu"));
+            let found = read_vtu(&folder.path().join(name)).unwrap();
+            assert_eq!(
+                (found.mesh, found.field_data),
+                (lattice.mesh, lattice.field_data)
+            );
         }
         let missing = folder.path().join("nowhere/run.pvd");
         assert!(Trace::create(&missing).is_err());

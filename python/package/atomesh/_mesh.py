@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import functools
 import html
+import json
 import os
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
         MeshOptions,
         PaintOptions,
         QualityOptions,
+        ReportOptions,
         SegmentOptions,
         SurfaceOptions,
     )
@@ -327,6 +329,21 @@ class Mesh:
         if path is not None:
             picture.save(path)
         return picture
+
+    def page(
+        self, path: str | os.PathLike[str], image: Volume | None = None, **options: Unpack[ReportOptions]
+    ) -> dict[str, Any]:
+        """Writes a page to look at, one HTML file for any browser, and says how large it is: `atomesh report`.
+
+        Its figures are those of `report` where the mesh was made here, else they are measured.
+        """
+        image = self._needs_image("page", image)
+        with tempfile.TemporaryDirectory(prefix="atomesh-") as folder:
+            words: dict[str, Any] = {"output": path, **options}
+            if words.get("figures") is None and "verdict" in self._said:
+                words["figures"] = Path(folder) / "report.json"
+                words["figures"].write_text(json.dumps(self._said))
+            return self._call("report", [NAME, MESH], words, {NAME: image._native}).report
 
     # What is made of it
 

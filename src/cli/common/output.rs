@@ -10,7 +10,9 @@ use crate::image::{Field, Geometry, Image};
 use crate::{Error, Result};
 
 /// The endings of the image formats that are written.
-pub const WRITTEN: [&str; 7] = ["vti", "npy", "png", "nrrd", "mha", "nii", "gz"];
+pub const WRITTEN: [&str; 10] = [
+    "vti", "npy", "png", "nrrd", "mha", "nii", "gz", "irap", "zmap", "cps3",
+];
 
 /// Checks that a verb may write `path`: its ending, its folder, and that it is none of `inputs`.
 ///

@@ -10,6 +10,8 @@ use crate::cli::console::Console;
 use crate::cli::parse::{bad, number};
 use crate::error::cause;
 use crate::export::surfaces::vtp::read_triangles;
+use crate::export::{Gocad, read_gocad};
+use crate::image::Geometry;
 use crate::image::formats::AnyLoaded;
 use crate::image::formats::InputOptions;
 use crate::mesh::poly::PolyMesh;
@@ -210,6 +212,20 @@ fn horizon(
         }
         return Ok(Horizon::Surface(Triangles::new(triangles)));
     }
+    if path
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("ts"))
+    {
+        let Gocad::Surfaces(file) = read_gocad(path)? else {
+            let remedy = "give a file of TSurf objects";
+            return Err(bad("--horizon", text, "holds lines, no surface", remedy));
+        };
+        let corners = file
+            .facets
+            .iter()
+            .map(|f| f.map(|n| file.nodes[n as usize]));
+        return Ok(Horizon::Surface(Triangles::new(corners.collect())));
+    }
     let loaded = console.read_image(path, input)?;
     let AnyLoaded::Plane(loaded) = loaded else {
         let remedy = "give an image of z over the map";
@@ -217,7 +233,10 @@ fn horizon(
     };
     loaded.notes.iter().for_each(|note| console.note(note));
     let mut image = loaded.image;
-    if space.holds(image.dims()) {
+    // Samples that say nowhere where they lie are those of the map.
+    let bare = Geometry::<2>::default();
+    let placed = (image.geometry.origin, image.geometry.axes) != (bare.origin, bare.axes);
+    if !placed && space.holds(image.dims()) {
         image.geometry = space.geometry.clone();
     }
     Ok(Horizon::Grid(image))

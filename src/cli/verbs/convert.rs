@@ -1,22 +1,30 @@
-//! `atomesh convert`: from one image format to another.
+//! `atomesh convert`: from one format to another: images, grids of heights, surfaces.
 
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use serde_json::json;
 
-use crate::Result;
-use crate::cli::common::output::{WRITTEN, check_output, written};
+use crate::cli::common::output::{WRITTEN, check_output, shown, written};
 use crate::cli::console::Console;
+use crate::error::cause;
+use crate::export::surfaces::vtp::read_surfaces;
+use crate::export::{
+    Gocad, Sticks, SurfaceFile, read_gocad, read_sticks, write_obj, write_sticks, write_tsurf,
+    write_vtp,
+};
 use crate::image::formats::InputOptions;
 use crate::image::formats::{AnyLoaded, Loaded};
+use crate::{Error, Result};
 
 /// `atomesh convert`.
 #[derive(Debug, Args)]
 pub struct ConvertArgs {
-    /// The image to read
+    /// The image or grid to read; or surfaces: .vtp, GOCAD's .ts or .pl, or .csv of fault sticks
     #[arg(value_name = "IN")]
     pub input_file: PathBuf,
-    /// The image to write: .vti, .npy, .nrrd, .mha, .nii or .nii.gz; .png in 2-D
+    /// What to write: an image (.vti, .npy, .nrrd, .mha, .nii, .nii.gz, in 2-D .png), a grid (.irap, .zmap,
+    /// .cps3), or surfaces (.vtp, .obj, .ts, .pl, .csv)
     #[arg(value_name = "OUT")]
     pub output: PathBuf,
     /// How to read the image.
@@ -24,9 +32,20 @@ pub struct ConvertArgs {
     pub input: InputOptions,
 }
 
+/// The endings of surfaces that are read and of those that are written.
+const SURFACES: [&str; 4] = ["vtp", "ts", "pl", "csv"];
+const SURFACES_OUT: [&str; 5] = ["vtp", "obj", "ts", "pl", "csv"];
+
 /// Runs the verb.
 pub fn convert(args: &ConvertArgs, console: &mut Console) -> Result<()> {
-    check_output(&args.output, "OUT", &WRITTEN, &[&args.input_file])?;
+    if SURFACES.contains(&ending(&args.input_file).as_str()) {
+        args.input.refuse_unused("surfaces are read")?;
+        check_output(&args.output, "OUT", &SURFACES_OUT, &[&args.input_file])?;
+        return surfaces(&args.input_file, &args.output, console);
+    }
+    let mut inputs = vec![args.input_file.as_path()];
+    inputs.extend(args.input.geometry_from.as_deref());
+    check_output(&args.output, "OUT", &WRITTEN, &inputs)?;
     match console.read_image(&args.input_file, &args.input)? {
         AnyLoaded::Plane(loaded) => rewrite(loaded, &args.output, console),
         AnyLoaded::Space(loaded) => rewrite(loaded, &args.output, console),
@@ -38,4 +57,76 @@ fn rewrite<const D: usize>(loaded: Loaded<D>, to: &Path, console: &mut Console) 
         console.note(note);
     }
     written(console, to, loaded.image)
+}
+
+fn ending(path: &Path) -> String {
+    let ending = path.extension().unwrap_or_default();
+    ending.to_string_lossy().to_lowercase()
+}
+
+/// What a file of surfaces holds.
+enum Found {
+    Surfaces(SurfaceFile<3>),
+    Lines(SurfaceFile<2>),
+    Sticks(Vec<Sticks>),
+}
+
+fn surfaces(from: &Path, to: &Path, console: &mut Console) -> Result<()> {
+    let found = match ending(from).as_str() {
+        "vtp" => Found::Surfaces(read_surfaces(from)?),
+        "csv" => Found::Sticks(read_sticks(from)?),
+        _ => match read_gocad(from)? {
+            Gocad::Surfaces(file) => Found::Surfaces(file),
+            Gocad::Lines(file) => Found::Lines(file),
+        },
+    };
+    let count = match (found, ending(to).as_str()) {
+        (Found::Surfaces(_), "pl") => {
+            let remedy = "write surfaces as .ts, or as .csv of sticks, and these as .pl";
+            let place = format!("OUT {}", to.display());
+            let problem = format!("holds lines, but {} surfaces", from.display());
+            return Err(Error::Job(cause(place, problem, remedy)));
+        }
+        (Found::Surfaces(file), "csv") => {
+            let sticks = Sticks::of(&file, None);
+            write_sticks(to, &sticks)?;
+            sticks.len()
+        }
+        (Found::Surfaces(file), _) => put(to, file, console)?,
+        (Found::Lines(file), "csv") => {
+            let sticks = Sticks::of_lines(&file);
+            write_sticks(to, &sticks)?;
+            sticks.len()
+        }
+        (Found::Lines(file), _) => put(to, file, console)?,
+        (Found::Sticks(sticks), "csv") => {
+            write_sticks(to, &sticks)?;
+            sticks.len()
+        }
+        (Found::Sticks(sticks), "pl") => put(to, Sticks::lines(&sticks), console)?,
+        (Found::Sticks(sticks), _) => put(to, Sticks::surfaces(&sticks), console)?,
+    };
+    if count == 0 {
+        let remedy = "give a file with some";
+        return Err(Error::Job(cause(
+            from.display(),
+            "holds no surface",
+            remedy,
+        )));
+    }
+    console.result(
+        format_args!("wrote {}: {count} surfaces", to.display()),
+        &json!({ "file": shown(to), "surfaces": count }),
+    );
+    Ok(())
+}
+
+fn put<const D: usize>(to: &Path, file: SurfaceFile<D>, console: &mut Console) -> Result<usize> {
+    let count = file.names.len();
+    console.write_surfaces(to, file, |file| match ending(to).as_str() {
+        "vtp" => write_vtp(to, file),
+        "obj" => write_obj(to, file),
+        _ => write_tsurf(to, file),
+    })?;
+    Ok(count)
 }

@@ -376,6 +376,10 @@ impl Observer for Watcher<'_> {
         self.console.begin_stage(stage);
     }
 
+    fn share(&mut self, share: f64) {
+        self.console.progress(share, "");
+    }
+
     fn keep_going(&mut self) -> bool {
         !self.interrupts.wanted()
     }

@@ -158,7 +158,7 @@ impl Typed<'_> {
             .streamlines
             .as_ref()
             .map(|_| args.lines.unwrap_or(LINES));
-        let outcome = self.interrupts.until_wanted(|patience| {
+        let outcome = self.interrupts.until_wanted(console, |patience| {
             flow_through_elements(stored, rock, &barriers, &conditions, lines, patience)
         })?;
         self.write(outcome, console)
@@ -185,7 +185,7 @@ impl Typed<'_> {
             .streamlines
             .as_ref()
             .map(|_| args.lines.unwrap_or(LINES));
-        let (outcome, off) = self.interrupts.until_wanted(|patience| {
+        let (outcome, off) = self.interrupts.until_wanted(console, |patience| {
             flow_through_cells(stored, &rock, &barriers, &conditions, lines, patience)
         })?;
         if off > 1.0 {

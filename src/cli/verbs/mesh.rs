@@ -14,17 +14,19 @@ use crate::cli::interrupts::Interrupts;
 use crate::cli::job::{check_files, output, params};
 use crate::error::{cause, os};
 use crate::export::page::{self, About, LARGEST, Written};
+use crate::files::vtk::DataArray;
 use crate::image::formats::{AnyLoaded, Loaded};
 use crate::image::{Geometry, Image};
 use crate::job::{Job, Made, Meshing, Outcome, Provenance, Settings, Space};
 use crate::lattice::optimize::Stop;
 use crate::memory::Bytes;
 use crate::mesh::Simplices;
+use crate::mesh::delaunay::{delaunay, delaunay_plane};
 use crate::observer::{Estimate, Observer, Progress, Stage};
-use crate::report::{Clock, Input, quality};
+use crate::report::{Clock, Input, quality, smallest_angles};
 use crate::store::cells::cells_to_file;
 use crate::store::file::{to_file, with_image};
-use crate::store::{StoredMesh, Trace, to_physical};
+use crate::store::{FieldValue, MeshFile, StoredMesh, Trace, to_physical};
 use crate::{Error, Result};
 
 /// `atomesh mesh`.
@@ -158,6 +160,9 @@ impl Run<'_> {
             interrupts,
             trace_path: job.lattice().and_then(|lattice| lattice.trace.as_deref()),
             trace: None,
+            frames: 0,
+            energy: None,
+            plane: D == 2,
             geometry: image.geometry.in_space(),
             step: std::array::from_fn(|k| step.get(k).copied().unwrap_or(1.0)),
             failed: None,
@@ -212,7 +217,7 @@ impl Run<'_> {
             .stages
             .splice(0..0, clock.costs()[..1].iter().cloned());
         report.stages.extend_from_slice(&clock.costs()[1..]);
-        let json = serde_json::to_value(&report).unwrap_or_default();
+        let json = report.to_json();
         if let Some(path) = &job.outputs.report {
             crate::files::atomic_write(path, |out| writeln!(out, "{json:#}"))?;
         }
@@ -313,6 +318,12 @@ struct Watcher<'a> {
     trace_path: Option<&'a Path>,
     /// Begun with the first lattice.
     trace: Option<Trace>,
+    /// Lattices in it.
+    frames: usize,
+    /// P, A and B as last heard.
+    energy: Option<[f64; 3]>,
+    /// Whether lattices lie in the plane z = 0.
+    plane: bool,
     geometry: Geometry<3>,
     step: [f64; 3],
     /// Why a lattice could not be written.
@@ -324,17 +335,46 @@ struct Watcher<'a> {
 
 impl Watcher<'_> {
     /// Adds a lattice to the trace.
-    fn keep(&mut self, path: &Path, round: usize, positions: &[[f64; 3]]) -> Result<()> {
-        let physical = |x: &[f64; 3]| {
-            self.geometry
-                .to_physical(std::array::from_fn(|k| x[k] / self.step[k]))
+    fn keep(
+        &mut self,
+        path: &Path,
+        positions: &[[f64; 3]],
+        energy: Option<[f64; 3]>,
+    ) -> Result<()> {
+        if self.plane {
+            let atoms: Vec<[f64; 2]> = positions.iter().map(|x| [x[0], x[1]]).collect();
+            let step = [self.step[0], self.step[1]];
+            let geometry = self.geometry.flatten();
+            let mesh = to_physical(&delaunay_plane(&atoms)?, step, &geometry);
+            return self.add(path, mesh, energy);
+        }
+        let mesh = to_physical(&delaunay(positions)?, self.step, &self.geometry);
+        self.add(path, mesh, energy)
+    }
+
+    /// Adds the cells of a lattice in the world to the trace, and its energy: P, A and B.
+    fn add<const D: usize, M: Simplices<D>>(
+        &mut self,
+        path: &Path,
+        mesh: M,
+        energy: Option<[f64; 3]>,
+    ) -> Result<()> {
+        let names = ["energy", "energy_lattice", "energy_image"];
+        let energies = names.into_iter().zip(energy.into_iter().flatten());
+        let field = |(name, value): (&str, f64)| (name.into(), FieldValue::F64s(vec![value]));
+        let lattice = MeshFile {
+            point_data: Vec::new(),
+            cell_data: vec![DataArray::scalars(M::MIN_ANGLE, smallest_angles(&mesh))],
+            field_data: energies.map(field).collect(),
+            mesh,
         };
-        let atoms: Vec<[f64; 3]> = positions.iter().map(physical).collect();
         let trace = match &mut self.trace {
             Some(trace) => trace,
             none => none.insert(Trace::create(path)?),
         };
-        trace.add(round as f64, &atoms, &[])
+        trace.add(self.frames as f64, &lattice)?;
+        self.frames += 1;
+        Ok(())
     }
 }
 
@@ -360,17 +400,23 @@ impl Observer for Watcher<'_> {
     }
 
     fn progress(&mut self, progress: &Progress) {
+        self.energy = Some([progress.energy, progress.lattice, progress.image]);
         self.console.progress(
             progress.evaluations as f64 / self.most as f64,
             format_args!("round {}, energy {:.4e}", progress.round, progress.energy),
         );
     }
 
+    fn share(&mut self, share: f64) {
+        self.console.progress(share, "");
+    }
+
     fn round(&mut self, round: usize, positions: &[[f64; 3]]) {
         if let Some(path) = self.trace_path
             && self.failed.is_none()
         {
-            self.failed = self.keep(path, round, positions).err();
+            let energy = self.energy.filter(|_| round > 0);
+            self.failed = self.keep(path, positions, energy).err();
         }
     }
 

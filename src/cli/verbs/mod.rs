@@ -9,6 +9,7 @@ pub mod flow;
 pub mod info;
 pub mod mesh;
 pub mod paint;
+mod picks;
 pub mod quality;
 pub mod report;
 pub mod segment;

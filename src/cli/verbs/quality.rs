@@ -169,10 +169,7 @@ fn show(mut report: Report, placed_by_file: bool, console: &mut Console) {
             .notes
             .push("the file does not record its lattice space: measured in physical space".into());
     }
-    console.result(
-        report.table().trim_end(),
-        &serde_json::to_value(&report).unwrap_or_default(),
-    );
+    console.result(report.table().trim_end(), &report.to_json());
 }
 
 /// The truth about a mesh's features, if it is given, with a line that says what it is.

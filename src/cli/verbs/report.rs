@@ -158,7 +158,7 @@ impl Asked<'_> {
                     dims: image.dims().to_vec(),
                     hash: format!("sha256:{}", console.hash(&args.image)?),
                 });
-                serde_json::to_value(&report).unwrap_or_default()
+                report.to_json()
             }
         };
         console.begin_stage("writing");

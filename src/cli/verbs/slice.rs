@@ -9,8 +9,9 @@ use crate::cli::common::output::{check_output, shown};
 use crate::cli::console::Console;
 use crate::cli::parse;
 use crate::error::cause;
-use crate::image::formats::{AnyLoaded, InputOptions};
-use crate::image::{Geometry, Image};
+use crate::image::Geometry;
+use crate::image::formats::{AnyLoaded, InputOptions, Loaded};
+use crate::image::geometry::Ruler;
 use crate::mesh::Mesh;
 use crate::model::slice::{self, Canvas, Caption, Skeleton};
 use crate::store::{AnyMesh, FieldValue, MeshFile, Stored, StoredMesh};
@@ -75,12 +76,10 @@ pub fn slice(args: &SliceArgs, console: &mut Console) -> Result<()> {
             let problem = "shows meshes in space, but the image is 2-D";
             return Err(Error::Job(cause("--view 3d", problem, "omit it")));
         }
-        (AnyLoaded::Plane(loaded), AnyMesh::Plane(file)) => plane(args, &loaded.image, &file)?,
-        (AnyLoaded::Plane(loaded), AnyMesh::PlaneCells(file)) => plane(args, &loaded.image, &file)?,
-        (AnyLoaded::Space(loaded), AnyMesh::Space(file)) => space(args, &loaded.image, file, at)?,
-        (AnyLoaded::Space(loaded), AnyMesh::SpaceCells(file)) => {
-            space(args, &loaded.image, file, at)?
-        }
+        (AnyLoaded::Plane(loaded), AnyMesh::Plane(file)) => plane(args, &loaded, &file)?,
+        (AnyLoaded::Plane(loaded), AnyMesh::PlaneCells(file)) => plane(args, &loaded, &file)?,
+        (AnyLoaded::Space(loaded), AnyMesh::Space(file)) => space(args, &loaded, file, at)?,
+        (AnyLoaded::Space(loaded), AnyMesh::SpaceCells(file)) => space(args, &loaded, file, at)?,
         (AnyLoaded::Plane(_), _) => return Err(other(3, 2)),
         (AnyLoaded::Space(_), _) => return Err(other(2, 3)),
     };
@@ -97,24 +96,27 @@ fn refuse(place: &Path, problem: &str, remedy: &str) -> Error {
     Error::Job(cause(place.display(), problem, remedy))
 }
 
-fn plane<M: Stored<2>>(args: &SliceArgs, image: &Image<2>, file: &MeshFile<M>) -> Result<Canvas> {
+fn plane<M: Stored<2>>(args: &SliceArgs, loaded: &Loaded<2>, file: &MeshFile<M>) -> Result<Canvas> {
+    let image = &loaded.image;
     let skeleton = skeleton(args, file, &image.geometry)?;
-    slice::plane(image, &skeleton, &caption(args, file))
+    slice::plane(image, &skeleton, &caption(args, file, loaded))
 }
 
 fn space<M: Stored<3>>(
     args: &SliceArgs,
-    image: &Image<3>,
+    loaded: &Loaded<3>,
     file: MeshFile<M>,
     at: Option<[f64; 3]>,
 ) -> Result<Canvas> {
+    let image = &loaded.image;
     let at = match at {
         Some(at) => image.geometry.to_index(at).ok_or_else(|| flat(args))?,
         None => image.dims().map(|n| (n / 2) as f64),
     };
-    let caption = caption(args, &file);
+    let mut caption = caption(args, &file, loaded);
     match args.view {
         View::Sections => {
+            caption.subtitle += &met(loaded, at, &caption);
             let skeleton = skeleton(args, &file, &image.geometry)?;
             slice::space(image, &skeleton, at, &caption)
         }
@@ -141,7 +143,11 @@ fn flat(args: &SliceArgs) -> Error {
 }
 
 /// The files, how many cells there are, and how far apart atoms were asked to be.
-fn caption<const D: usize, M: Mesh<D>>(args: &SliceArgs, file: &MeshFile<M>) -> Caption {
+fn caption<const D: usize, M: Mesh<D>>(
+    args: &SliceArgs,
+    file: &MeshFile<M>,
+    loaded: &Loaded<D>,
+) -> Caption {
     let name = |path: &Path| match path.file_name() {
         Some(name) => name.to_string_lossy().into_owned(),
         None => shown(path),
@@ -157,5 +163,60 @@ fn caption<const D: usize, M: Mesh<D>>(args: &SliceArgs, file: &MeshFile<M>) -> 
         title: format!("{} over {}", name(&args.mesh), name(&args.image)),
         subtitle: format!("{} {}{distance}", file.mesh.len(), M::CELLS),
         values: String::new(),
+        rulers: std::array::from_fn(|k| (k < D).then(|| lines(loaded, k)).flatten()),
     }
+}
+
+/// An image axis that is read off by line numbers: of a survey's inlines or crosslines.
+fn lines<const D: usize>(loaded: &Loaded<D>, k: usize) -> Option<Ruler> {
+    let survey = loaded.survey.as_ref()?;
+    let geometry = &loaded.image.geometry;
+    let name = &geometry.names[k];
+    let lines = match &**name {
+        "inline" => survey.inlines?,
+        "crossline" => survey.crosslines?,
+        _ => return None,
+    };
+    let level = geometry.axes[k].iter().position(|&step| step != 0.0)?;
+    let unit = &geometry.units[level];
+    let apart = geometry.spacing()[k] / lines.step as f64;
+    let label = match &**unit {
+        "line" | "trace" => name.clone(),
+        unit => {
+            // Three digits are enough.
+            let digits = 2 - apart.abs().max(1e-9).log10().floor() as i32;
+            let ten = 10f64.powi(digits);
+            let apart = (apart * ten).round() / ten;
+            format!("{name} ({} apart)", format!("{apart} {unit}").trim())
+        }
+    };
+    Some(Ruler {
+        label,
+        first: lines.first as f64,
+        last: lines.last() as f64,
+    })
+}
+
+/// Where the sections of a survey meet: lines, and coordinates.
+fn met(loaded: &Loaded<3>, at: [f64; 3], caption: &Caption) -> String {
+    let dims = loaded.image.dims();
+    let number = |k: usize| {
+        let ruler = caption.rulers[k].as_ref()?;
+        let share = at[k] / (dims[k].max(2) - 1) as f64;
+        let line = ruler.first + share * (ruler.last - ruler.first);
+        Some(format!("{} {line:.0}", loaded.image.geometry.names[k]))
+    };
+    let lines: Vec<String> = (0..3).rev().filter_map(number).collect();
+    if lines.is_empty() {
+        return String::new();
+    }
+    let [x, y, z] = loaded.image.geometry.to_physical(at);
+    let units = &loaded.image.geometry.units;
+    format!(
+        "; at {}: x {x:.0} {}, y {y:.0} {}, z {z:.0} {}",
+        lines.join(", "),
+        units[0],
+        units[1],
+        units[2]
+    )
 }

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::json;
 
+use super::picks::{GRIDS, Picks, STICKS};
 use crate::cli::common::depth::in_depth;
 use crate::cli::common::feature::{detection, job_of};
 use crate::cli::common::output::{check_output, shown};
@@ -33,7 +34,8 @@ pub struct SurfaceArgs {
     /// Look for faces on the features of this image instead of those that the mesh declares
     #[arg(value_name = "IMAGE")]
     pub image: Option<PathBuf>,
-    /// The surfaces to write: .vtp, .obj, or GOCAD's .ts
+    /// The surfaces to write: .vtp, .obj, or GOCAD's .ts; faults as sticks: .csv; a horizon as a grid of its
+    /// heights: .irap, .zmap, .cps3
     #[arg(short, long, value_name = "S.vtp")]
     pub output: PathBuf,
     /// How surfaces are told apart.
@@ -43,6 +45,9 @@ pub struct SurfaceArgs {
     /// faces, and 2 % of the largest surface]
     #[arg(long, value_name = "AREA", allow_negative_numbers = true)]
     pub min_area: Option<f64>,
+    /// What becomes sticks or a grid.
+    #[command(flatten)]
+    pub picks: Picks,
     /// Show in the table which surfaces meet (--json always says it)
     #[arg(long)]
     pub meets: bool,
@@ -246,7 +251,9 @@ fn mean_spacing<const D: usize, M: Mesh<D>>(mesh: &M) -> f64 {
 pub fn surface(args: &SurfaceArgs, console: &mut Console) -> Result<()> {
     let mut inputs = vec![args.mesh.as_path()];
     inputs.extend(args.image.as_deref());
-    check_output(&args.output, "--output", &WRITTEN, &inputs)?;
+    let endings = [&WRITTEN[..], &STICKS, &GRIDS].concat();
+    check_output(&args.output, "--output", &endings, &inputs)?;
+    args.picks.refuse_unused(&args.output)?;
     let depth = args.depth.unwrap_or(DEPTH);
     if args.image.is_none() {
         args.input.refuse_unused("no image is given")?;
@@ -291,7 +298,8 @@ fn surfaces_of<const D: usize, M: Stored<D>>(
         console.note(mixed_units(units, &up, time));
     }
     let up = (&up, z_up);
-    let (surfaces, measures) = write_groups(&args.output, &stored, facets, &options, up, console)?;
+    let to = (args.output.as_path(), &args.picks);
+    let (surfaces, measures) = write_groups(to, &stored, facets, &options, up, console)?;
     let mut text = table(&measures, D, args.meets);
     if surfaces.dropped > 0 {
         text += &format!(
@@ -322,7 +330,7 @@ fn surfaces_of<const D: usize, M: Stored<D>>(
 /// Groups facets of a mesh into surfaces, measures and writes them; `up` says where up is, and whether z
 /// is.
 fn write_groups<const D: usize, M: Stored<D>>(
-    path: &Path,
+    (path, picks): (&Path, &Picks),
     stored: &StoredMesh<D, M>,
     facets: Vec<[u32; D]>,
     options: &Options,
@@ -337,7 +345,10 @@ fn write_groups<const D: usize, M: Stored<D>>(
     file.names = measures.iter().map(name).collect();
     file.cell_data = cell_data(&surfaces, &measures, nodes);
     console.begin_stage("writing");
-    write_file(path, file, &stored.space.geometry, z_up, console)?;
+    let geometry = &stored.space.geometry;
+    if !picks.write(path, &file, geometry, &measures, console)? {
+        write_file(path, file, geometry, z_up, console)?;
+    }
     Ok((surfaces, measures))
 }
 
@@ -363,7 +374,8 @@ pub(super) fn write_marked<const D: usize, M: Stored<D>>(
         false => select::marked(&stored.lattice, &marks),
     };
     let options = grouping.options(None)?;
-    let (surfaces, _) = write_groups(path, stored, facets, &options, (&up, z_up), console)?;
+    let to = (path, &Picks::default());
+    let (surfaces, _) = write_groups(to, stored, facets, &options, (&up, z_up), console)?;
     Ok(surfaces.len())
 }
 

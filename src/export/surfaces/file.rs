@@ -64,7 +64,8 @@ impl<const D: usize> SurfaceFile<D> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::export::{write_obj, write_tsurf, write_vtp};
+    use crate::export::surfaces::vtp::read_surfaces;
+    use crate::export::{Gocad, read_gocad, write_obj, write_tsurf, write_vtp};
     use crate::files::vtk::{Values, VtkFile};
     use std::collections::BTreeMap;
     use std::path::Path;
@@ -123,6 +124,14 @@ mod tests {
         assert_eq!(array("CellData", 1), file.cell_data[0]);
         let fields = read.data_set().child("FieldData").unwrap();
         assert_eq!(read.text(&fields.children[0]).unwrap(), "fault1\nfault2");
+
+        let again = read_surfaces(&path).unwrap();
+        assert_eq!((&again.names, &again.start), (&file.names, &file.start));
+        for (facet, want) in again.facets.iter().zip(&file.facets) {
+            let [found, want] = [(&again, facet), (&file, want)]
+                .map(|(file, facet)| facet.map(|n| file.nodes[n as usize]));
+            assert_eq!(found, want);
+        }
 
         file.cell_data[0].values = Values::U8(vec![1]);
         let error = write_vtp(&path, &file).unwrap_err().to_string();
@@ -243,6 +252,19 @@ mod tests {
                 let want = file.of(s).iter().map(|f| f.map(|n| file.nodes[n as usize]));
                 assert!(triangles.iter().copied().eq(want));
             }
+            let Gocad::Surfaces(again) = read_gocad(&path).unwrap() else {
+                panic!("no surfaces")
+            };
+            assert_eq!(
+                (&again.names, &again.units, again.z_up),
+                (&file.names, &file.units, z_up)
+            );
+            assert_eq!(again.start, file.start);
+            for (facet, want) in again.facets.iter().zip(&file.facets) {
+                let [found, want] = [(&again, facet), (&file, want)]
+                    .map(|(file, facet)| facet.map(|n| file.nodes[n as usize]));
+                assert_eq!(found, want);
+            }
         }
         let lines = SurfaceFile::new(&[[0.5, 1.0], [2.0, 3.0]], &[[0, 1]], &[0, 1], "line");
         write_tsurf(&path, &lines).unwrap();
@@ -250,5 +272,36 @@ mod tests {
         assert!(text.starts_with("GOCAD PLine 1\n") && text.contains("ILINE\nVRTX 1 0.5 1 0\n"));
         assert!(text.contains("AXIS_UNIT \"unitless\" \"unitless\" \"unitless\"\n"));
         assert!(text.ends_with("SEG 1 2\nEND\n"), "{text}");
+        let Gocad::Lines(again) = read_gocad(&path).unwrap() else {
+            panic!("no lines")
+        };
+        assert_eq!((again.nodes, again.facets), (lines.nodes, lines.facets));
+    }
+
+    #[test]
+    fn gocad_files_of_others_are_read_and_damage_is_named_by_its_line() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.ts");
+        let text = "GOCAD Well 1\nVRTX 1 bad\nEND\nGOCAD TSurf 1\nHEADER {\n*name: x\nname: Top Etive \n}\n\
+                    TFACE\nPVRTX 10 1 2 3 0.5\nVRTX 11 2 2 3 CNXYZ\nVRTX 12 2 3 3\nPATOM 13 10 7\n\
+                    TRGL 10 11 12\nTRGL 13 12 11\nBSTONE 10\nEND\n";
+        std::fs::write(&path, text).unwrap();
+        let Gocad::Surfaces(file) = read_gocad(&path).unwrap() else {
+            panic!("no surfaces")
+        };
+        assert_eq!(
+            (file.names, file.facets),
+            (vec!["Top_Etive".into()], vec![[0, 1, 2], [0, 2, 1]])
+        );
+        for (old, new, line) in [
+            ("TRGL 13 12 11", "TRGL 13 12 99", 15),
+            ("VRTX 12 2 3 3", "VRTX 12 2 x 3", 12),
+        ] {
+            std::fs::write(&path, text.replace(old, new)).unwrap();
+            let said = read_gocad(&path).unwrap_err().to_string();
+            assert!(said.contains(&format!("a.ts:{line}: ")), "{said}");
+        }
+        std::fs::write(&path, "GOCAD Voxet 1\nEND\n").unwrap();
+        assert!(read_gocad(&path).is_err());
     }
 }

@@ -2,11 +2,15 @@
 //!
 //! - `file`: what is written of them
 //! - `vtp`: VTK poly data
-//! - `tsurf`: surfaces for GOCAD
+//! - `heights`: a surface as a grid
+//! - `tsurf`: surfaces of and for GOCAD
+//! - `sticks`: fault sticks
 //!
 //! Wavefront OBJ is among the [`meshers`](super::meshers).
 
 pub(crate) mod file;
+pub mod heights;
+pub mod sticks;
 pub(crate) mod tsurf;
 pub mod vtp;
 

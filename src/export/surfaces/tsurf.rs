@@ -3,11 +3,13 @@
 //! An object is a header, a coordinate system, then its own vertices (`VRTX`, numbered from 1)
 //! and triangles (`TRGL`) or segments (`SEG`). `ZPOSITIVE` says which way z grows.
 
-use std::io::Write;
+use std::collections::HashMap;
+use std::io::{Read, Write};
 use std::path::Path;
 
-use crate::error::Result;
+use crate::error::{Error, Result, cause, os};
 use crate::export::surfaces::file::SurfaceFile;
+use crate::files;
 use crate::files::atomic_write;
 
 /// Writes surfaces; coordinates to the last digit, in the units that are known.
@@ -51,4 +53,125 @@ pub fn write_tsurf<const D: usize>(path: &Path, file: &SurfaceFile<D>) -> Result
         }
         Ok(())
     })
+}
+
+/// What a GOCAD file holds.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Gocad {
+    /// Surfaces: `TSurf` objects.
+    Surfaces(SurfaceFile<3>),
+    /// Lines: `PLine` objects.
+    Lines(SurfaceFile<2>),
+}
+
+/// Reads the `TSurf` objects of a GOCAD file, or its `PLine` objects if it has none of these; others are
+/// passed over. Vertices may have properties (`PVRTX`) or stand where others do (`ATOM`, `PATOM`).
+///
+/// # Errors
+/// [`Error::Io`] if the file cannot be read, is damaged, or has no such object; it names the line.
+pub fn read_gocad(path: &Path) -> Result<Gocad> {
+    let mut bytes = Vec::new();
+    let mut file = files::open(path, "give a GOCAD file")?;
+    file.read_to_end(&mut bytes)
+        .map_err(|e| os(path, "read", e))?;
+    let text = String::from_utf8_lossy(&bytes);
+    let surfaces = objects::<3>(path, &text, "TSurf", &["TRGL"])?;
+    if !surfaces.names.is_empty() {
+        return Ok(Gocad::Surfaces(surfaces));
+    }
+    let lines = objects::<2>(path, &text, "PLine", &["SEG"])?;
+    if !lines.names.is_empty() {
+        return Ok(Gocad::Lines(lines));
+    }
+    let problem = "holds no GOCAD object TSurf or PLine";
+    let remedy = "give a file of surfaces (.ts) or lines (.pl)";
+    Err(Error::Io(cause(path.display(), problem, remedy)))
+}
+
+/// The objects of one kind.
+fn objects<const D: usize>(
+    path: &Path,
+    text: &str,
+    kind: &str,
+    elements: &[&str],
+) -> Result<SurfaceFile<D>> {
+    let mut found = SurfaceFile::<D> {
+        start: vec![0],
+        z_up: true,
+        ..SurfaceFile::default()
+    };
+    let mut inside = false;
+    // Numbers of an object's vertices, in the file and here.
+    let mut numbers: HashMap<u32, u32> = HashMap::new();
+    for (number, line) in (1..).zip(text.lines()) {
+        let refuse = |problem: &str| {
+            let place = format!("{}:{number}", path.display());
+            Error::Io(cause(place, problem, "write it again"))
+        };
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let Some(&first) = words.first() else {
+            continue;
+        };
+        if first == "GOCAD" {
+            inside = words.get(1) == Some(&kind);
+            numbers.clear();
+            if inside {
+                found.names.push(format!("{kind}{}", found.names.len() + 1));
+                found.start.push(found.facets.len());
+            }
+            continue;
+        }
+        if !inside {
+            continue;
+        }
+        let id = |k: usize| words.get(k).and_then(|word| word.parse::<u32>().ok());
+        let of = |k: usize| id(k).and_then(|id| numbers.get(&id).copied());
+        match first {
+            _ if first.starts_with("name:") => {
+                let name = line.trim_start().trim_start_matches("name:").trim();
+                if let (Some(last), false) = (found.names.last_mut(), name.is_empty()) {
+                    *last = name.split_whitespace().collect::<Vec<_>>().join("_");
+                }
+            }
+            "AXIS_UNIT" => {
+                let units = words[1..].iter().map(|unit| unit.trim_matches('"'));
+                for (unit, told) in found.units.iter_mut().zip(units) {
+                    *unit = if told == "unitless" {
+                        String::new()
+                    } else {
+                        told.to_string()
+                    };
+                }
+            }
+            "ZPOSITIVE" => found.z_up = words.get(1) != Some(&"Depth"),
+            "VRTX" | "PVRTX" => {
+                let place: Option<Vec<f64>> =
+                    (2..5).map(|k| words.get(k)?.parse::<f64>().ok()).collect();
+                let place = place.and_then(|place| <[f64; 3]>::try_from(place).ok());
+                let (Some(id), Some(place)) = (id(1), place) else {
+                    return Err(refuse("is no vertex: number, x, y, z"));
+                };
+                numbers.insert(id, found.nodes.len() as u32);
+                found.nodes.push(place);
+            }
+            "ATOM" | "PATOM" => {
+                let (Some(own), Some(other)) = (id(1), of(2)) else {
+                    return Err(refuse("stands where no vertex does"));
+                };
+                numbers.insert(own, other);
+            }
+            _ if elements.contains(&first) => {
+                let nodes: Option<Vec<u32>> = (1..=D).map(of).collect();
+                let facet = nodes.and_then(|nodes| <[u32; D]>::try_from(nodes).ok());
+                let facet = facet.ok_or_else(|| refuse("names a vertex that there is not"))?;
+                found.facets.push(facet);
+                if let Some(end) = found.start.last_mut() {
+                    *end = found.facets.len();
+                }
+            }
+            "END" => inside = false,
+            _ => {}
+        }
+    }
+    Ok(found)
 }

@@ -1,10 +1,13 @@
 //! Surfaces as VTK poly data (`.vtp`): triangles, or line segments of a 2-D mesh; triangles back in.
 
+use std::cmp::Ordering;
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use crate::error::Result;
 use crate::export::surfaces::file::SurfaceFile;
 use crate::files::atomic_write;
+use crate::files::vtk::xml::Element;
 use crate::files::vtk::{Document, Source, VtkFile};
 use crate::store::vtu::{self, FieldValue, cell_values, check_lengths, read_nodes};
 
@@ -66,15 +69,22 @@ pub fn write_vtp<const D: usize>(path: &Path, file: &SurfaceFile<D>) -> Result<(
 /// surfaces though a number is given.
 pub fn read_triangles(path: &Path, number: Option<i64>) -> Result<Vec<[[f64; 3]; 3]>> {
     let file = VtkFile::read(path, "PolyData")?;
+    let found = labelled(&file, number.is_some())?.into_iter();
+    let wanted = found.filter(|(label, _)| number.is_none_or(|number| *label == number));
+    Ok(wanted.map(|(_, triangle)| triangle).collect())
+}
+
+/// The triangles of a file, each with the number of its surface; with 1 unless it is `numbered`.
+fn labelled(file: &VtkFile, numbered: bool) -> Result<Vec<(i64, [[f64; 3]; 3])>> {
     let piece = file.piece()?;
-    let points = vtu::count(&file, piece, "NumberOfPoints")?;
-    let nodes: Vec<[f64; 3]> = read_nodes(&file, file.child(piece, "Points")?, points)?;
+    let points = vtu::count(file, piece, "NumberOfPoints")?;
+    let nodes: Vec<[f64; 3]> = read_nodes(file, file.child(piece, "Points")?, points)?;
     let element = file.child(piece, "Polys")?;
-    let corners = cell_values(&file, element, "connectivity")?;
-    let ends = cell_values(&file, element, "offsets")?;
-    let labels = match number {
-        None => Vec::new(),
-        Some(_) => cell_values(&file, file.child(piece, "CellData")?, "surface")?,
+    let corners = cell_values(file, element, "connectivity")?;
+    let ends = cell_values(file, element, "offsets")?;
+    let labels = match numbered {
+        false => Vec::new(),
+        true => cell_values(file, file.child(piece, "CellData")?, "surface")?,
     };
     let mut found = Vec::new();
     let mut start = 0;
@@ -89,9 +99,70 @@ pub fn read_triangles(path: &Path, number: Option<i64>) -> Result<Vec<[[f64; 3];
             return Err(file.fault(problem, "write it again"));
         };
         start = end as usize;
-        if labels.get(i).copied() == number || number.is_none() {
-            found.extend((2..ring.len()).map(|k| [ring[0], ring[k - 1], ring[k]]));
+        let label = match numbered {
+            false => Some(1),
+            true => labels.get(i).copied(),
+        };
+        if let Some(label) = label {
+            found.extend((2..ring.len()).map(|k| (label, [ring[0], ring[k - 1], ring[k]])));
         }
     }
     Ok(found)
+}
+
+/// The surfaces of a file, ours or VTK's, by the numbers and names that it gives them; without numbers
+/// they are one.
+///
+/// # Errors
+/// [`Error::Io`](crate::Error::Io) if the file cannot be read or is damaged.
+pub fn read_surfaces(path: &Path) -> Result<SurfaceFile<3>> {
+    let file = VtkFile::read(path, "PolyData")?;
+    let numbered = file.piece()?.child("CellData").is_some_and(|data| {
+        let mut names = data.children.iter().map(|array| array.attribute("Name"));
+        names.any(|name| name == Some("surface"))
+    });
+    let names = file.data_set().child("FieldData").and_then(|fields| {
+        let named = |array: &&Element| array.attribute("Name") == Some("surfaces");
+        file.text(fields.children.iter().find(named)?).ok()
+    });
+    let names: Vec<String> = names.map_or(Vec::new(), |names| {
+        names
+            .trim_end_matches('\0')
+            .lines()
+            .map(String::from)
+            .collect()
+    });
+    let mut found = SurfaceFile {
+        start: vec![0],
+        z_up: true,
+        ..SurfaceFile::default()
+    };
+    let mut by_label: BTreeMap<i64, Vec<[[f64; 3]; 3]>> = BTreeMap::new();
+    for (label, triangle) in labelled(&file, numbered)? {
+        by_label.entry(label).or_default().push(triangle);
+    }
+    for (label, triangles) in by_label {
+        let mut nodes: Vec<[f64; 3]> = triangles.as_flattened().to_vec();
+        nodes.sort_unstable_by(by_coordinates);
+        nodes.dedup();
+        let first = found.nodes.len();
+        let place =
+            |x: [f64; 3]| (first + nodes.partition_point(|y| by_coordinates(y, &x).is_lt())) as u32;
+        found.facets.extend(triangles.iter().map(|t| t.map(place)));
+        found.nodes.extend(&nodes);
+        found.start.push(found.facets.len());
+        let name = usize::try_from(label - 1)
+            .ok()
+            .and_then(|at| names.get(at).cloned());
+        found
+            .names
+            .push(name.unwrap_or_else(|| format!("surface{label}")));
+    }
+    Ok(found)
+}
+
+fn by_coordinates(a: &[f64; 3], b: &[f64; 3]) -> Ordering {
+    (0..3).fold(Ordering::Equal, |found, k| {
+        found.then(a[k].total_cmp(&b[k]))
+    })
 }

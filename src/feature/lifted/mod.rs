@@ -29,6 +29,9 @@ use crate::geometry::{dot, sub};
 use crate::observer::Patience;
 use block::{BLOCK, Job, Scratch, blocks};
 use filters::CROSSING;
+use std::sync::atomic::AtomicUsize;
+use std::sync::atomic::Ordering::Relaxed;
+
 use rayon::prelude::*;
 
 pub use zone::Ambiguous;
@@ -71,6 +74,10 @@ pub struct Search<'a, const D: usize> {
     pub patience: &'a Patience<'a>,
 }
 
+/// The shares of the search for ridges that are done before and after it is at work on blocks, roughly.
+const BEFORE: f64 = 0.2;
+const AFTER: f64 = 0.8;
+
 impl<const D: usize> Search<'_, D> {
     /// Ridge points of the ambiguous samples, in the order of samples.
     pub fn points(&self) -> Vec<Candidate<D>> {
@@ -91,13 +98,17 @@ impl<const D: usize> Search<'_, D> {
             level: median(self.image.samples.iter().copied().step_by(7)),
             floor: self.floor(),
         };
+        let done = AtomicUsize::new(0);
         let found: Vec<Vec<Candidate<D>>> = (0..count)
             .into_par_iter()
             .map_init(Scratch::default, |scratch, block| {
                 if self.patience.over() {
                     return Vec::new();
                 }
-                job.of_block(blocks.coordinates(block).map(|i| i * BLOCK), scratch)
+                let found = job.of_block(blocks.coordinates(block).map(|i| i * BLOCK), scratch);
+                let done = (1 + done.fetch_add(1, Relaxed)) as f64 / count as f64;
+                self.patience.reached(BEFORE + (AFTER - BEFORE) * done);
+                found
             })
             .collect();
         let mut found: Vec<Candidate<D>> = found.into_iter().flatten().collect();

@@ -66,7 +66,7 @@ pub struct Axis {
     pub spacing: f64,
 }
 
-/// Reads a file and says what it holds. A SEG-Y file that is no 3-D volume (a line, gathers, a
+/// Reads a file and says what it holds. A SEG-Y file that is no image (gathers, a
 /// single trace, cut off) is described too, as far as its headers go.
 ///
 /// # Errors
@@ -83,14 +83,17 @@ pub fn describe(path: &Path, options: &ReadOptions) -> Result<Description> {
             let Cause {
                 problem, remedy, ..
             } = problem;
-            let note = format!("cannot be read as a 3-D volume: {problem}; {remedy}");
+            let note = format!("cannot be read as an image: {problem}; {remedy}");
             survey.notes.push(note);
         }
         return Ok(Description {
             file,
             format: Format::Segy.to_string(),
             encoding: survey.info.encoding.clone(),
-            image: image.as_ref().map(ImageDescription::of),
+            image: image.map(|image| match image.dims() {
+                [_, _, 1] => ImageDescription::of(&image.flatten()),
+                _ => ImageDescription::of(&image),
+            }),
             survey: Some(survey.info),
             notes: survey.notes,
         });
@@ -200,6 +203,21 @@ fn survey_rows(survey: &SegyInfo, row: &mut impl FnMut(&str, String)) {
     }
     if let Some(lines) = &survey.crosslines {
         row("crosslines", format!("{lines}, at byte {crossline}"));
+    }
+    if let (Some(fit), Some(inlines), Some(crosslines)) =
+        (&survey.fit, &survey.inlines, &survey.crosslines)
+    {
+        let ends =
+            [inlines, crosslines].map(|lines| [(0, lines.first), (lines.count - 1, lines.last())]);
+        for (i, inline) in ends[0] {
+            for (c, crossline) in ends[1] {
+                let [x, y] = [0, 1].map(|k| {
+                    fit.origin[k] + i as f64 * fit.inline[k] + c as f64 * fit.crossline[k]
+                });
+                let place = format!("inline {inline}, crossline {crossline} at ({x:.1}, {y:.1})");
+                row("corner", place);
+            }
+        }
     }
     if survey.missing + survey.duplicates > 0 {
         row(

@@ -1,9 +1,11 @@
 //! How to read an image whose file does not say it all, as a user says it.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
+use super::placement::Placement;
 use super::{Format, ReadOptions, SegyBytes, detect};
 use crate::error::cause;
 use crate::{Error, Result};
@@ -16,6 +18,29 @@ pub struct InputOptions {
     /// The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g. 100x400x208:f32be
     #[cfg_attr(feature = "cli", arg(long, value_name = "DIMS:TYPE"))]
     pub raw: Option<String>,
+    /// A bare array (.npy, raw, .tif, .png): distances between samples along its axes, the fastest
+    /// first, or one for all
+    #[cfg_attr(feature = "cli", arg(long, value_name = "A,B,C"))]
+    pub spacing: Option<String>,
+    /// A bare array: the position of its first sample
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)
+    )]
+    pub origin: Option<String>,
+    /// Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
+    #[cfg_attr(feature = "cli", arg(long, value_name = "U,V,W"))]
+    pub unit: Option<String>,
+    /// A bare array: what its axes are, the fastest first: x, y, z (-z where the coordinate falls from
+    /// sample to sample), or time, depth, sample (all downwards), crossline, inline [default: x,y,z]
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "A,B,C", allow_hyphen_values = true)
+    )]
+    pub axes: Option<String>,
+    /// A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
+    #[cfg_attr(feature = "cli", arg(long, value_name = "IMAGE"))]
+    pub geometry_from: Option<PathBuf>,
     /// SEG-Y: trace header byte of the inline number [default: 189]
     #[cfg_attr(feature = "cli", arg(long, value_name = "BYTE"))]
     pub inline_byte: Option<usize>,
@@ -77,13 +102,49 @@ impl InputOptions {
                 .map_err(|error: Error| error.at(format!("raw {text}")))
         };
         let raw = self.raw.as_ref().map(raw).transpose()?;
-        Ok(ReadOptions { raw, segy })
+        Ok(ReadOptions {
+            raw,
+            segy,
+            place: self.placement()?,
+        })
+    }
+
+    /// Where the image lies.
+    fn placement(&self) -> Result<Placement> {
+        let number = |text: &str| -> Result<f64> {
+            let found = text.parse::<f64>().ok().filter(|number| number.is_finite());
+            let remedy = "give numbers with commas between them";
+            found.ok_or_else(|| Error::Job(cause(text, "is no number", remedy)))
+        };
+        let place = Placement {
+            spacing: list("spacing", &self.spacing, number)?,
+            origin: list("origin", &self.origin, number)?,
+            units: list("unit", &self.unit, |text| Ok(text.to_string()))?,
+            axes: list("axes", &self.axes, FromStr::from_str)?,
+            from: self.geometry_from.clone(),
+        };
+        let others = [&self.spacing, &self.origin, &self.unit, &self.axes];
+        if let Some(path) = &place.from
+            && others.iter().any(|other| other.is_some())
+        {
+            return Err(Error::Job(cause(
+                format!("geometry-from {}", path.display()),
+                "says all about where the image lies",
+                "omit spacing, origin, unit and axes",
+            )));
+        }
+        Ok(place)
     }
 
     /// These, and those of `below` where these are silent.
     pub fn over(&self, below: &Self) -> Self {
         Self {
             raw: self.raw.clone().or_else(|| below.raw.clone()),
+            spacing: self.spacing.clone().or_else(|| below.spacing.clone()),
+            origin: self.origin.clone().or_else(|| below.origin.clone()),
+            unit: self.unit.clone().or_else(|| below.unit.clone()),
+            axes: self.axes.clone().or_else(|| below.axes.clone()),
+            geometry_from: (self.geometry_from.clone()).or_else(|| below.geometry_from.clone()),
             inline_byte: self.inline_byte.or(below.inline_byte),
             crossline_byte: self.crossline_byte.or(below.crossline_byte),
             x_byte: self.x_byte.or(below.x_byte),
@@ -112,7 +173,11 @@ impl InputOptions {
         ];
         if let Some((name, byte)) = bytes.iter().find_map(|(name, byte)| Some((name, (*byte)?))) {
             let format = detect(path, &options)?;
-            if format != Format::Segy {
+            let lender = options.place.from.as_deref().map(|from| {
+                let plain = ReadOptions::default();
+                detect(from, &plain)
+            });
+            if format != Format::Segy && lender.transpose()? != Some(Format::Segy) {
                 return Err(Error::Job(cause(
                     format!("{name} {byte}"),
                     format!(
@@ -125,4 +190,20 @@ impl InputOptions {
         }
         Ok(options)
     }
+}
+
+/// What stands between commas.
+fn list<T>(
+    name: &str,
+    text: &Option<String>,
+    parse: impl Fn(&str) -> Result<T>,
+) -> Result<Option<Vec<T>>> {
+    let Some(text) = text else { return Ok(None) };
+    let parts = text.split(',').map(|part| parse(part.trim()));
+    let parts: Result<Vec<T>> = parts.collect();
+    let named = |error: Error| match error.cause().place.starts_with(name) {
+        true => error,
+        false => error.at(format!("{name} {text}")),
+    };
+    parts.map(Some).map_err(named)
 }

@@ -3,6 +3,7 @@
 //! Files are recognised by their content, never by their name; what is written is chosen by the
 //! name's ending.
 //!
+//! - `grids`: heights in the plane: IRAP classic, ZMAP+, CPS-3
 //! - `inrimage`: INRIMAGE-4 volumes
 //! - `metaimage`: MetaImage, of ITK
 //! - `nifti`: NIfTI, of neuroscience
@@ -15,10 +16,12 @@
 //! - `vti`: VTK image data, and [`vtk`], the container it shares with meshes
 //! - `raw`: samples without a header, described by the user
 //! - `samples`: sample types and their conversion to `f32`
+//! - `placement`: where an image lies whose file does not say so
 //! - `input`: how a user says what a file does not
 //! - `describe`: what a file holds, for people and for programs
 
 pub(crate) mod describe;
+pub(crate) mod grids;
 pub(crate) mod input;
 pub(crate) mod inrimage;
 pub(crate) mod metaimage;
@@ -26,6 +29,7 @@ pub(crate) mod nifti;
 pub(crate) mod npy;
 pub(crate) mod nrrd;
 pub(crate) mod packed;
+pub(crate) mod placement;
 pub(crate) mod png;
 pub(crate) mod raw;
 pub(crate) mod samples;
@@ -44,16 +48,19 @@ use crate::image::Image;
 
 pub use describe::{Description, describe};
 pub use input::InputOptions;
+pub use placement::{AxisName, Placement};
 pub use raw::RawSpec;
 pub use segy::{SegyBytes, SegyInfo};
 
 /// What a user can say about how to read an image.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct ReadOptions {
     /// The file is raw samples as described here, whatever it looks like.
     pub raw: Option<RawSpec>,
     /// Where SEG-Y trace headers keep what is needed.
     pub segy: SegyBytes,
+    /// Where the image lies, if the file does not say so.
+    pub place: Placement,
 }
 
 /// The image formats that can be read.
@@ -77,6 +84,12 @@ pub enum Format {
     Tiff,
     /// INRIMAGE-4, `.inr` or `.inr.gz`.
     Inrimage,
+    /// A grid of heights, IRAP classic.
+    Irap,
+    /// A grid of heights, ZMAP+.
+    Zmap,
+    /// A grid of heights, CPS-3.
+    Cps3,
     /// Samples without a header.
     Raw,
 }
@@ -93,6 +106,9 @@ impl fmt::Display for Format {
             Self::Nrrd => "NRRD",
             Self::Tiff => "TIFF",
             Self::Inrimage => "INRIMAGE-4",
+            Self::Irap => "IRAP classic",
+            Self::Zmap => "ZMAP+",
+            Self::Cps3 => "CPS-3",
             Self::Raw => "raw samples",
         })
     }
@@ -172,8 +188,16 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Loaded<3>> {
 /// # Errors
 /// [`Error::Io`] if the file cannot be read, is of no known format, or is damaged.
 pub fn read_any(path: &Path, options: &ReadOptions) -> Result<AnyLoaded> {
+    options.place.put(samples_of(path, options)?, &options.segy)
+}
+
+/// Reads an image as it lies by its file.
+fn samples_of(path: &Path, options: &ReadOptions) -> Result<AnyLoaded> {
     let loaded = match detect(path, options)? {
         Format::Png => return png::read(path).map(AnyLoaded::Plane),
+        format @ (Format::Irap | Format::Zmap | Format::Cps3) => {
+            return grids::read(path, format).map(AnyLoaded::Plane);
+        }
         Format::Raw => match options.raw {
             Some(spec) => raw::read(path, spec)?,
             None => return Err(unknown(path)),
@@ -196,10 +220,15 @@ pub fn read_any(path: &Path, options: &ReadOptions) -> Result<AnyLoaded> {
             }
         }
     };
-    Ok(match loaded.image.dims() {
+    Ok(of_its_axes(loaded))
+}
+
+/// An image of space, or of the plane if it has a single sample along its last axis.
+fn of_its_axes(loaded: Loaded) -> AnyLoaded {
+    match loaded.image.dims() {
         [_, _, 1] => {
             let mut notes = loaded.notes;
-            if loaded.image.geometry.is_oblique() {
+            if loaded.image.geometry.is_oblique() && !loaded.image.geometry.is_upright() {
                 notes.push(
                     "its plane is not level: positions are measured in the plane, from the first sample"
                         .into(),
@@ -214,7 +243,7 @@ pub fn read_any(path: &Path, options: &ReadOptions) -> Result<AnyLoaded> {
             })
         }
         _ => AnyLoaded::Space(loaded),
-    })
+    }
 }
 
 /// Writes an image in the format that the ending of `path` names.
@@ -229,12 +258,15 @@ pub fn write<const D: usize>(path: &Path, image: &Image<D>) -> Result<()> {
         ("nii" | "nii.gz", _) => nifti::write(path, image),
         ("mha", _) => metaimage::write(path, image),
         ("nrrd", _) => nrrd::write(path, image),
+        ("irap", 2) => grids::write(path, image, Format::Irap),
+        ("zmap", 2) => grids::write(path, image, Format::Zmap),
+        ("cps3", 2) => grids::write(path, image, Format::Cps3),
         ("png", 2) => png::write(path, &image.in_space().flatten()),
         (other, _) => Err(Error::Io(cause(
             path.display(),
             format!("{D}-D images cannot be written with the ending '.{other}'"),
             match D {
-                2 => "use .png, .npy, .vti, .nrrd, .mha, .nii or .raw",
+                2 => "use .png, .npy, .vti, .nrrd, .mha, .nii, .raw, .irap, .zmap or .cps3",
                 _ => "use .npy, .vti, .nrrd, .mha, .nii, .nii.gz or .raw",
             },
         ))),
@@ -335,7 +367,7 @@ fn known(head: &[u8]) -> Option<Format> {
         _ if metaimage::looks_like(head) => Format::MetaImage,
         _ if tiff::MAGIC.iter().any(|magic| head.starts_with(magic)) => Format::Tiff,
         _ if nifti::looks_like(head) => Format::Nifti,
-        _ => return None,
+        _ => return grids::looks_like(head),
     })
 }
 
@@ -343,7 +375,7 @@ fn unknown(path: &Path) -> Error {
     Error::Io(
         cause(
             path.display(),
-            "is not in a known image format (SEG-Y, .npy, .vti, .nrrd, .mha, .nii, .tif, .inr, .png)",
+            "is not in a known image format (SEG-Y, .npy, .vti, .nrrd, .mha, .nii, .tif, .inr, .png, .irap, .zmap, .cps3)",
             "describe raw samples, e.g. as 100x400x208:f32be, or convert it to .npy",
         )
         .about("raw"),

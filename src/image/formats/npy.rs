@@ -10,6 +10,7 @@ use std::path::Path;
 use ndarray::{ArrayD, IxDyn, ShapeBuilder};
 use rayon::prelude::*;
 
+use super::placement::BARE;
 use super::samples::{self, Encoding, Endian, SampleType};
 use super::{Format, Loaded};
 use crate::error::{Error, Result, cause, os};
@@ -43,7 +44,7 @@ pub fn read(path: &Path) -> Result<Loaded> {
     if header.fortran_order {
         samples = c_order(&samples, [nz, ny, nx]);
     }
-    let mut notes = vec![".npy has no geometry: unit spacing, origin 0".to_string()];
+    let mut notes = vec![format!(".npy {BARE}")];
     if spare > 0 {
         notes.push(format!("{spare} bytes after the array are ignored"));
     }

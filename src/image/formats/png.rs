@@ -13,6 +13,7 @@ use std::path::Path;
 use png::{BitDepth, ColorType, Decoder, DecodingError, Encoder, Transformations};
 
 use super::packed::{DAMAGED, DEFLATE};
+use super::placement::BARE;
 use super::samples::{self, Encoding, Endian, SampleType};
 use super::{Format, Loaded};
 use crate::error::{Error, Result, cause, os};
@@ -84,7 +85,7 @@ pub fn read(path: &Path) -> Result<Loaded<2>> {
     };
     let mut values = vec![0f32; dims[0] * dims[1] * channels];
     encoding.decode(&bytes, &mut values);
-    let mut notes = vec!["a picture has no geometry: unit spacing, origin 0, y down".to_string()];
+    let mut notes = vec![format!("a picture {BARE}, y down")];
     let mut samples: Vec<f32> = match channels {
         1 => values,
         2 => values.iter().step_by(2).copied().collect(),

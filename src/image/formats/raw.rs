@@ -4,6 +4,7 @@ use std::fs::File;
 use std::path::Path;
 use std::str::FromStr;
 
+use super::placement::BARE;
 use super::samples::{self, Encoding, Endian, SampleType};
 use super::{Format, Loaded};
 use crate::error::{Error, Result, cause, os};
@@ -101,7 +102,7 @@ pub fn read(path: &Path, spec: RawSpec) -> Result<Loaded> {
     spec.encoding
         .read(&file, 0, &mut samples)
         .map_err(|e| os(path, "read", e))?;
-    let mut notes = vec!["a raw file has no geometry: unit spacing, origin 0".to_string()];
+    let mut notes = vec![format!("a raw file {BARE}")];
     notes.extend(spec.encoding.rounding_note(&samples));
     Ok(Loaded {
         image: Image::new(spec.dims, samples, Geometry::default()),

@@ -14,6 +14,7 @@ use tiff::tags::Tag;
 use tiff::{ColorType, TiffError};
 
 use super::packed::{DAMAGED, DEFLATE, refuse};
+use super::placement::BARE;
 use super::png::luminance;
 use super::{Format, Loaded};
 use crate::error::{Result, os};
@@ -122,7 +123,7 @@ pub fn read(path: &Path) -> Result<Loaded> {
     if let Some(fault) = stack.and_then(|stack| stack.fault(pages)) {
         return refusal(fault);
     }
-    let mut notes = vec!["a TIFF stack has no geometry: unit spacing, origin 0".to_string()];
+    let mut notes = vec![format!("a TIFF stack {BARE}")];
     if matches!(color, ColorType::RGB(_) | ColorType::RGBA(_)) {
         notes.push("colours are read as luminance (BT.709)".into());
     }

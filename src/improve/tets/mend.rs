@@ -64,13 +64,17 @@ impl Undo {
 impl Improver<'_> {
     /// Works on the tetrahedra below target, the worst first.
     pub(super) fn mend(&mut self, patience: &Patience<'_>) {
+        // Each round halves what is left, as a guess.
+        let mut left = 1.0;
         for _ in 0..4 {
             let mut poor = self.poor();
             poor.sort_by(|a, b| self.sine_of(*a).total_cmp(&self.sine_of(*b)).then(a.cmp(b)));
             let before = poor.len();
             // Where features ask for what no lattice can do, patience must end.
             let most = PATIENCE.max(self.complex.tets.len() / 100);
-            for t in poor.into_iter().take(most) {
+            let count = before.min(most) as f64;
+            for (number, t) in poor.into_iter().take(most).enumerate() {
+                patience.reached(1.0 - left * (1.0 - 0.5 * number as f64 / count));
                 if patience.over() {
                     return;
                 }
@@ -78,6 +82,7 @@ impl Improver<'_> {
                     self.mend_if_changed(t);
                 }
             }
+            left *= 0.5;
             self.polish(2, patience);
             if self.poor().len() >= before {
                 break;

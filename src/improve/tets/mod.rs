@@ -48,6 +48,11 @@ const STRAYS: [f64; 2] = [0.25, 0.4];
 /// And at most so far, over d.
 const FARTHEST: f64 = 0.15;
 
+/// The share of the work that is done once features are recovered, roughly, and once slivers have gone that
+/// flips and smoothing remove.
+const RECOVERED: f64 = 0.15;
+const POLISHED: f64 = 0.3;
+
 /// Makes a Delaunay mesh follow the features and frees it of slivers, in place.
 ///
 /// `neighbors` are those of the tetrahedra (see [`complex`](crate::mesh::complex)) and stay so.
@@ -380,10 +385,20 @@ impl Improver<'_> {
     /// All steps, in order.
     fn improve(&mut self, patience: &Patience<'_>) -> Improved {
         let poor_before = self.poor().len();
+        patience.part(0.0, RECOVERED);
         self.recover(patience);
+        patience.part(RECOVERED, POLISHED);
         self.polish(8, patience);
+        let mut done = POLISHED;
+        let turn = (1.0 - POLISHED) / (1 + STRAYS.len()) as f64;
+        let mut next = || {
+            patience.part(done, done + turn);
+            done += turn;
+        };
+        next();
         self.mend(patience);
         for stray in STRAYS {
+            next();
             self.stray = stray.min(FARTHEST * self.distance.min());
             self.memory.forget();
             self.polish(8, patience);

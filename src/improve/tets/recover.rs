@@ -107,6 +107,8 @@ impl Improver<'_> {
             let mut again = Vec::new();
             let edges = std::mem::take(&mut pierced);
             for (i, &(a, b)) in edges.iter().enumerate() {
+                let done = (round as f64 + i as f64 / edges.len() as f64) / FLOORS.len() as f64;
+                patience.reached(done);
                 if patience.over() {
                     // They stay, and are counted.
                     self.unrecovered = edges[i..].to_vec();

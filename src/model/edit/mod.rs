@@ -194,7 +194,13 @@ impl EditStages<'_> {
     fn run<T>(&mut self, stage: Stage, work: impl FnOnce(&Patience<'_>) -> Result<T>) -> Result<T> {
         self.clock.begin(stage);
         self.observer.stage(stage);
-        Patience::of(&mut || self.observer.keep_going(), |patience| {
+        let ask = &mut |share: Option<f64>| {
+            if let Some(share) = share {
+                self.observer.share(share);
+            }
+            self.observer.keep_going()
+        };
+        Patience::telling(ask, |patience| {
             let stopped =
                 || Error::Interrupted(cause(stage, "interrupted", "start the edit again"));
             if patience.over() {

@@ -348,6 +348,8 @@ impl<'a> Solver<'a> {
         let mut left = dot(&residual, &residual).sqrt() / scale;
         let mut iterations = 0;
         while left > tolerance && iterations < MOST_ITERATIONS && !patience.over() {
+            // Each iteration gains about as many digits as another.
+            patience.reached(left.ln() / tolerance.ln());
             self.multigrid.apply(&residual, &mut z);
             let next = dot(&residual, &z);
             let keep = if iterations == 0 { 0.0 } else { next / slope };

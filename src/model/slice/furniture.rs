@@ -2,6 +2,8 @@
 
 use super::canvas::{Canvas, LETTER};
 use super::shades::Shades;
+use crate::image::Geometry;
+use crate::image::geometry::Ruler;
 
 /// What is written and framed with.
 pub(super) const INK: [u8; 4] = [40, 40, 40, 255];
@@ -12,7 +14,7 @@ pub(super) const BELOW: f32 = 92.0;
 pub(super) const LEFT: f32 = 92.0;
 
 /// What is written over a picture and beside its bar of colours.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Caption {
     /// The first line; empty for none.
     pub title: String,
@@ -20,6 +22,21 @@ pub struct Caption {
     pub subtitle: String,
     /// What the image's values are, with their unit.
     pub values: String,
+    /// How image axes are read off that are not read off by coordinates: line numbers of a survey.
+    pub rulers: [Option<Ruler>; 3],
+}
+
+impl Caption {
+    /// How image axis `k` is read off, so many samples long.
+    pub(super) fn ruler<const D: usize>(
+        &self,
+        geometry: &Geometry<D>,
+        k: usize,
+        samples: usize,
+    ) -> Ruler {
+        let own = self.rulers[k].clone();
+        own.unwrap_or_else(|| geometry.ruler(k, (samples - 1) as f64))
+    }
 }
 
 /// Round numbers from one value to another, at most `most` steps apart, and the step.

@@ -35,6 +35,7 @@ use crate::geometry::norm;
 use crate::image::{Geometry, Image};
 use crate::model::surface::Kind;
 use crate::{Error, Result};
+use canvas::LETTER;
 use furniture::{ABOVE, BELOW, LEFT, RIGHT};
 use panel::{Line, Panel, extent};
 
@@ -71,6 +72,7 @@ pub fn plane(image: &Image<2>, mesh: &Skeleton<2>, caption: &Caption) -> Result<
     let mut canvas = blank(
         extent(panel.dims[0], panel.scale[0]) + LEFT + RIGHT,
         extent(panel.dims[1], panel.scale[1]) + ABOVE + BELOW,
+        caption,
     )?;
     let shades = Shades::of(image.as_slice());
     let strides = [1, dims[0]];
@@ -85,7 +87,7 @@ pub fn plane(image: &Image<2>, mesh: &Skeleton<2>, caption: &Caption) -> Result<
         })
         .collect();
     panel.lines(&mut canvas, &shades, &lines);
-    let rulers = [across, down].map(|k| geometry.ruler(k, (dims[k] - 1) as f64));
+    let rulers = [across, down].map(|k| caption.ruler(geometry, k, dims[k]));
     panel.axes(&mut canvas, [&rulers[0], &rulers[1]], None);
     furnish(&mut canvas, caption, &shades, &mesh.kinds);
     Ok(canvas)
@@ -121,9 +123,10 @@ pub fn space(
     let mut canvas = blank(
         size(across) + size(deep) + GAP + LEFT + RIGHT,
         size(deep) + size(up) + GAP + ABOVE + BELOW,
+        caption,
     )?;
     let shades = Shades::of(image.as_slice());
-    let rulers: [_; 3] = std::array::from_fn(|k| geometry.ruler(k, (dims[k] - 1) as f64));
+    let rulers: [_; 3] = std::array::from_fn(|k| caption.ruler(geometry, k, dims[k]));
     let low = ABOVE + size(deep) + GAP;
     let right = LEFT + size(across) + GAP;
     for ([h, v], corner) in [
@@ -226,9 +229,12 @@ fn unit_for(apart: &[f32], lengths: [f32; 2]) -> f32 {
     (0..2).fold(LARGEST / nearest, |unit, k| unit.min(SIZE[k] / lengths[k]))
 }
 
-fn blank(width: f32, height: f32) -> Result<Canvas> {
+fn blank(width: f32, height: f32, caption: &Caption) -> Result<Canvas> {
     // Titles and legends need some width.
-    Canvas::new(width.ceil().max(520.0) as u32, height.ceil() as u32).ok_or_else(|| {
+    let words = [&caption.title, &caption.subtitle].map(|line| line.chars().count());
+    let words = LEFT + LETTER[0] * (words[0].max(words[1]) + 2) as f32;
+    let width = width.max(520.0).max(words.min(SIZE[0]));
+    Canvas::new(width.ceil() as u32, height.ceil() as u32).ok_or_else(|| {
         Error::Image(cause(
             "picture",
             format!("{width:.0} x {height:.0} pixels cannot be drawn"),

@@ -41,7 +41,12 @@ pub fn solid<M: Stored<3>>(
     let surfaces = stored.marks().map(|marks| numbered(stored, &marks));
     let surfaces = surfaces.unwrap_or_default();
     let faces = Faces::of(stored, &surfaces.facets)?;
-    let frame = Frame::of(&stored.space, Some(&image.geometry));
+    let mut frame = Frame::of(&stored.space, Some(&image.geometry));
+    for (ruler, own) in frame.rulers.iter_mut().zip(&caption.rulers) {
+        if let Some(own) = own {
+            ruler.clone_from(own);
+        }
+    }
     let rows = frame.seen_from(FROM[0], FROM[1]);
     let share: [f64; 3] = std::array::from_fn(|k| at[k] / (dims[k].max(2) - 1) as f64);
 
@@ -55,6 +60,7 @@ pub fn solid<M: Stored<3>>(
     let mut canvas = blank(
         size[0] as f32 + left + RIGHT + 40.0,
         size[1] as f32 + ABOVE + BELOW + 50.0,
+        caption,
     )?;
     let middle = [
         f64::from(left) + 0.5 * size[0] + 20.0,

@@ -35,6 +35,9 @@ const DIPS: i32 = 6;
 /// Vertical distance (samples) of the planes that are scanned: semblance is smooth there.
 const THIN_OUT: usize = 2;
 
+/// The share of the search for faults that is done after the scan, roughly.
+const SCANNED: f64 = 0.8;
+
 /// Samples of x handled at once: the sums stay in registers.
 const LANES: usize = 32;
 
@@ -57,6 +60,9 @@ pub fn likelihood<const D: usize>(
     thin[vertical] = dims[vertical].div_ceil(THIN_OUT);
     let mut most = vec![0.0f32; thin.iter().product()];
     let horizontal = |k: &usize| *k != vertical;
+    // Each strike once.
+    let strikes = if D == 2 { 1 } else { 2 * STRIKES.len() - 1 } as f64;
+    let mut done = 0.0;
     for across in (0..D).filter(horizontal) {
         let dips: Vec<[Vec<Tap<D>>; 2]> = (-DIPS..=DIPS)
             .map(|dip| {
@@ -85,6 +91,8 @@ pub fn likelihood<const D: usize>(
             PaddedRows::new(thin, parts(normal, THIN_OUT))
                 .smoothed(&strike, patience)
                 .raise(&dips, &mut most, patience);
+            done += 1.0;
+            patience.reached(SCANNED * done / strikes);
         }
     }
     fill_in(thin, &most, vertical, dims)

@@ -17,6 +17,16 @@ impl Survey {
         cells.saturating_mul(self.layout.samples)
     }
 
+    /// How many samples there are along each axis, and which rows of them have no trace.
+    pub fn extent(&self) -> ([usize; 3], Vec<bool>) {
+        let Some(grid) = &self.grid else {
+            return ([0; 3], Vec::new());
+        };
+        let lines = [grid.crossline.count, grid.inline.count].map(|count| count as usize);
+        let missing = grid.trace.iter().map(|&trace| trace == MISSING).collect();
+        ([self.layout.samples, lines[0], lines[1]], missing)
+    }
+
     /// Reads the samples. Cells without a trace are zero. Adds a note if the samples look wrong.
     ///
     /// # Errors
@@ -64,9 +74,8 @@ impl Survey {
             .encoding
             .rounding_note(&out)
             .or(self.doubtful_floats()?);
-        let dims = [samples, crosslines, grid.inline.count as usize];
         self.notes.extend(doubts);
-        let missing = grid.trace.iter().map(|&trace| trace == MISSING).collect();
+        let (dims, missing) = self.extent();
         Ok(Image::new(dims, out, self.geometry.clone()).with_missing(missing))
     }
 

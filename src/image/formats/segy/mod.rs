@@ -1,4 +1,4 @@
-//! SEG-Y, revisions 0 to 2: post-stack 3-D volumes in any order of traces.
+//! SEG-Y, revisions 0 to 2: post-stack 3-D volumes in any order of traces, and 2-D lines.
 //!
 //! Image axes are `sample` (x, fastest in memory), `crossline` and `inline`, so the NumPy shape is
 //! (inline, crossline, sample). Physical coordinates are X, Y and minus the two-way time in
@@ -10,12 +10,14 @@
 //! - `grid`: from line numbers to cells
 //! - `place`: from coordinates to the affine map that places the survey
 //! - [`Survey`]: all of these together; [`scan`] and [`read`] show what it found
+//! - `line`: 2-D lines
 //! - `load`: its samples, put into an image
 
 pub(crate) mod bytes;
 pub(crate) mod grid;
 mod header;
 mod headers;
+mod line;
 mod load;
 pub(crate) mod place;
 mod survey;
@@ -28,8 +30,9 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::{Format, Loaded, samples};
+use super::{AnyLoaded, Format, Loaded, of_its_axes, samples};
 use crate::error::{Error, Result, os};
+use crate::image::Image;
 
 pub use bytes::SegyBytes;
 pub use grid::Lines;
@@ -66,13 +69,13 @@ pub struct SegyInfo {
     pub placed_by: String,
     /// How well the coordinates follow a regular grid.
     pub fit: Option<Fit>,
-    /// Why the file cannot be read as a 3-D volume.
+    /// Why the file cannot be read as a volume or a line.
     pub problem: Option<String>,
     /// The textual header.
     pub text: Vec<String>,
 }
 
-/// Reads all headers of a SEG-Y file and says what it holds, also when that is no 3-D volume.
+/// Reads all headers of a SEG-Y file and says what it holds, also when that is neither volume nor line.
 /// Returns also the notes that a user should see.
 ///
 /// # Errors
@@ -82,10 +85,10 @@ pub fn scan(path: &Path, bytes: &SegyBytes) -> Result<(SegyInfo, Vec<String>)> {
     Ok((survey.info, survey.notes))
 }
 
-/// Reads a 3-D post-stack volume.
+/// Reads a post-stack volume; of a line, one that is a single trace thick.
 ///
 /// # Errors
-/// [`Error::Io`] if the file cannot be read or holds anything but a 3-D post-stack volume.
+/// [`Error::Io`] if the file cannot be read or holds neither a post-stack volume nor a line.
 pub fn read(path: &Path, bytes: &SegyBytes) -> Result<Loaded> {
     let mut survey = Survey::open(path, bytes)?;
     if let Some(problem) = survey.problem {
@@ -100,4 +103,25 @@ pub fn read(path: &Path, bytes: &SegyBytes) -> Result<Loaded> {
         notes: survey.notes,
         survey: Some(survey.info),
     })
+}
+
+/// An image of zeros that lies where the samples of a file do, from its headers alone.
+///
+/// # Errors
+/// As [`read`].
+pub(super) fn placed(path: &Path, bytes: &SegyBytes) -> Result<AnyLoaded> {
+    let survey = Survey::open(path, bytes)?;
+    if let Some(problem) = survey.problem {
+        return Err(Error::Io(problem));
+    }
+    samples::afford(path, survey.count())?;
+    let (dims, missing) = survey.extent();
+    let zeros = vec![0.0; survey.count()];
+    Ok(of_its_axes(Loaded {
+        image: Image::new(dims, zeros, survey.geometry).with_missing(missing),
+        format: Format::Segy,
+        encoding: survey.info.encoding.clone(),
+        notes: survey.notes,
+        survey: Some(survey.info),
+    }))
 }

@@ -7,6 +7,7 @@ use super::bytes::SegyBytes;
 use super::grid::Grid;
 use super::header::Layout;
 use super::headers::Headers;
+use super::line::is_line;
 use super::place::Fit;
 use crate::error::{Cause, Result, cause, os};
 use crate::image::Geometry;
@@ -32,7 +33,7 @@ pub struct Survey {
     pub info: SegyInfo,
     /// What a user should know about how the file was understood.
     pub notes: Vec<String>,
-    /// Why the file cannot be read as a 3-D volume.
+    /// Why the file cannot be read as a volume or a line.
     pub problem: Option<Cause>,
     pub(super) layout: Layout,
     pub(super) grid: Option<Grid>,
@@ -96,7 +97,7 @@ impl Survey {
     }
 
     /// Fills in all that the trace headers say; stops with problem and remedy at the first thing
-    /// that keeps the file from being a 3-D volume.
+    /// that keeps the file from being a volume or a line.
     fn interpret(
         &mut self,
         bytes: &SegyBytes,
@@ -116,14 +117,30 @@ impl Survey {
             ));
         }
         match self.layout.traces {
-            0 => return Err(("has no traces".into(), "give a file with a 3-D volume")),
-            1 => return Err(("has a single trace".into(), "give a file with a 3-D volume")),
+            0 => {
+                return Err((
+                    "has no traces".into(),
+                    "give a file with a volume or a line",
+                ));
+            }
+            1 => {
+                return Err((
+                    "has a single trace".into(),
+                    "give a file with a volume or a line",
+                ));
+            }
             _ => {}
         }
 
-        let grid = self
-            .find_grid(bytes, headers)
-            .map_err(|problem| (problem, NO_LINES))?;
+        let grid = match self.find_grid(bytes, headers) {
+            Ok(grid) => grid,
+            Err(problem) if !is_line(bytes, headers) => return Err((problem, NO_LINES)),
+            Err(problem) => {
+                self.notes.push(problem);
+                self.take_line(None, bytes, headers);
+                return self.different_starts(bytes, headers).map_or(Ok(()), Err);
+            }
+        };
         self.info.inlines = Some(grid.inline);
         self.info.crosslines = Some(grid.crossline);
         if grid.is_prestack() {
@@ -153,18 +170,11 @@ impl Survey {
         }
         if grid.is_volume() {
             self.place(bytes, headers, &grid);
-        }
-        let problem = if !grid.is_volume() {
-            let problem = format!(
-                "is a single line, not a volume: inlines {}, crosslines {}",
-                grid.inline, grid.crossline
-            );
-            Some((problem, "give a 3-D volume"))
+            self.grid = Some(grid);
         } else {
-            self.different_starts(bytes, headers)
-        };
-        self.grid = Some(grid);
-        problem.map_or(Ok(()), Err)
+            self.take_line(Some(grid), bytes, headers);
+        }
+        self.different_starts(bytes, headers).map_or(Ok(()), Err)
     }
 
     /// Sample interval and time of the first sample.
@@ -327,21 +337,12 @@ impl Survey {
     }
 
     fn geometry_of(&mut self, grid: &Grid, headers: &Headers) -> Geometry<3> {
-        let vertical = self.info.dt_ms.unwrap_or(1.0);
+        let (vertical, top, time) = self.times();
         let (origin, crossline, inline, unit) = match &self.info.fit {
             Some(fit) => {
-                let unit = match (headers.i16s(89)[0], self.layout.feet) {
-                    (2, _) => "arcsec",
-                    (3, _) => "deg",
-                    (_, Some(true)) => "ft",
-                    (_, Some(false)) => "m",
-                    (_, None) => "",
-                };
-                if unit.is_empty() {
-                    self.notes
-                        .push("the file does not say whether X, Y are metres or feet".into());
-                }
-                (fit.origin, fit.crossline, fit.inline, unit)
+                let placed = (fit.origin, fit.crossline, fit.inline);
+                let unit = self.unit_of_length(headers);
+                (placed.0, placed.1, placed.2, unit)
             }
             None => {
                 self.notes.push(
@@ -357,16 +358,6 @@ impl Survey {
                 )
             }
         };
-        let time = if self.info.dt_ms.is_some() {
-            "ms"
-        } else {
-            "sample"
-        };
-        // Without an interval the start time has no place on an axis that counts samples.
-        let top = match self.info.dt_ms {
-            Some(_) => 0.0 - self.info.t0_ms, // not -t0, which may be -0
-            None => 0.0,
-        };
         Geometry {
             origin: [origin[0], origin[1], top],
             axes: [
@@ -380,8 +371,35 @@ impl Survey {
     }
 }
 
+impl Survey {
+    /// Step and start along the vertical, which goes down, and its unit.
+    pub(super) fn times(&self) -> (f64, f64, &'static str) {
+        match self.info.dt_ms {
+            Some(dt) => (dt, 0.0 - self.info.t0_ms, "ms"), // not -t0, which may be -0
+            // Without an interval the start time has no place on an axis that counts samples.
+            None => (1.0, 0.0, "sample"),
+        }
+    }
+
+    /// The unit of X and Y; empty, with a note, where the file does not say.
+    pub(super) fn unit_of_length(&mut self, headers: &Headers) -> &'static str {
+        let unit = match (headers.i16s(89)[0], self.layout.feet) {
+            (2, _) => "arcsec",
+            (3, _) => "deg",
+            (_, Some(true)) => "ft",
+            (_, Some(false)) => "m",
+            (_, None) => "",
+        };
+        if unit.is_empty() {
+            self.notes
+                .push("the file does not say whether X, Y are metres or feet".into());
+        }
+        unit
+    }
+}
+
 /// Coordinates with each trace's own scalar: divided if it is negative, multiplied if positive.
-fn scaled(x: &[i32], y: &[i32], headers: &Headers, scalar: usize) -> Vec<[f64; 2]> {
+pub(super) fn scaled(x: &[i32], y: &[i32], headers: &Headers, scalar: usize) -> Vec<[f64; 2]> {
     let scalars = match scalar {
         0 => vec![1; x.len()],
         byte => headers.i16s(byte),

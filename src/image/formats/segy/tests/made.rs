@@ -199,17 +199,13 @@ fn line_numbers_elsewhere() {
 }
 
 #[test]
-fn what_is_no_volume_is_refused_and_described() {
+fn what_is_no_image_is_refused_and_described() {
     let cut = |traces: usize| {
         let mut made = survey();
         made.traces.truncate(traces);
         made
     };
-    for (made, says) in [
-        (cut(0), "has no traces"),
-        (cut(1), "has a single trace"),
-        (cut(3), "is a single line"),
-    ] {
+    for (made, says) in [(cut(0), "has no traces"), (cut(1), "has a single trace")] {
         let refused = made.refusal();
         assert!(refused.contains(says), "{refused}");
         let info = made.scan();
@@ -360,4 +356,78 @@ proptest! {
             let _ = formats::describe(path, &ReadOptions::default());
         });
     }
+}
+
+/// Traces along a path: `places` of each, and the numbers at bytes 189, 193 and 21.
+fn line(places: impl Fn(usize) -> [f64; 2], numbers: impl Fn(usize) -> [i64; 3]) -> Made {
+    let mut made = survey();
+    made.traces = (0..5)
+        .map(|t| {
+            let [x, y] = places(t).map(|v| (100.0 * v).round() as i64);
+            let [inline, crossline, cdp] = numbers(t);
+            Trace {
+                fields: vec![
+                    (189, 4, inline),
+                    (193, 4, crossline),
+                    (21, 4, cdp),
+                    (181, 4, x),
+                    (185, 4, y),
+                    (71, 2, -100),
+                    (109, 2, 48),
+                ],
+                samples: (0..SAMPLES).map(|k| value(0, t, k)).collect(),
+            }
+        })
+        .collect();
+    made
+}
+
+#[test]
+fn a_line_is_an_image_of_the_plane_with_time_down() {
+    // 12.5 m from trace to trace, in a direction of its own; numbered by CDP alone, or by one inline.
+    let along = |t: usize| [600_000.0 + 7.5 * t as f64, 6_000_000.0 - 10.0 * t as f64];
+    for (numbers, name) in [
+        ([0, 0, 1], "trace"),
+        ([0, 1, 0], "crossline"),
+        ([2, 0, 0], "inline"),
+        ([1, 1, 1], "trace"),
+    ] {
+        let numbers: [i64; 3] = numbers;
+        let made = line(along, |t| numbers.map(|n| 100 + n * t as i64));
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("line.sgy");
+        std::fs::write(&path, made.bytes()).unwrap();
+        let loaded = match formats::read_any(&path, &ReadOptions::default()).unwrap() {
+            formats::AnyLoaded::Plane(loaded) => loaded,
+            formats::AnyLoaded::Space(_) => panic!("{name} is no plane"),
+        };
+        let geometry = &loaded.image.geometry;
+        assert_eq!(geometry.names, ["sample", name]);
+        assert_eq!(geometry.units, ["m", "ms"]);
+        assert_eq!(loaded.image.dims(), [SAMPLES, 5], "{name}");
+        let [x, t] = geometry.to_physical([2.0, 3.0]);
+        assert!((x - 37.5).abs() < 1e-6 && t == -56.0, "{name}: {x} {t}");
+        assert_eq!(f64::from(loaded.image.samples[[3, 2]]), value(0, 3, 2));
+        let note = |part: &str| loaded.notes.iter().any(|note| note.contains(part));
+        assert!(note("a 2-D line: 5 traces over 50.0"), "{:?}", loaded.notes);
+    }
+}
+
+#[test]
+fn what_jumps_from_line_to_line_is_no_line() {
+    // Three lines one after the other, whose numbers are nowhere.
+    let rows = |t: usize| [1000.0 * (t / 2) as f64, 25.0 * (t % 2) as f64];
+    let said = line(rows, |t| [0, 0, 100 + t as i64]).refusal();
+    assert!(said.contains("make no survey"), "{said}");
+    // Without places, numbers must run evenly.
+    let said = line(|_| [0.0; 2], |t| [0, 0, [1, 5, 2, 8, 3][t]]).refusal();
+    assert!(said.contains("make no survey"), "{said}");
+    let made = line(|_| [0.0; 2], |t| [0, 0, 7 + t as i64]);
+    let notes = made.read().unwrap().notes;
+    assert!(
+        notes
+            .iter()
+            .any(|note| note.contains("without usable X, Y")),
+        "{notes:?}"
+    );
 }

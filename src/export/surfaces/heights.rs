@@ -1,0 +1,83 @@
+//! A surface as a grid of heights, for programs that hold horizons so.
+
+use super::SurfaceFile;
+use crate::error::{Error, Result, cause};
+use crate::geometry::{norm, sub};
+use crate::image::{Geometry, Image};
+use crate::model::columns::horizon::{Horizon, Triangles};
+
+/// Most nodes of a grid.
+const MOST: f64 = 1e8;
+
+/// The heights of a surface over a grid along x and y, at whole multiples of its step (about the length of the
+/// surface's edges if `None`); NaN where the surface is not.
+///
+/// # Errors
+/// [`Error::Job`] for a step that is not positive, or makes too many nodes.
+pub fn heights(file: &SurfaceFile<3>, surface: usize, step: Option<f64>) -> Result<Image<2>> {
+    let triangles: Vec<[[f64; 3]; 3]> = file
+        .of(surface)
+        .iter()
+        .map(|facet| facet.map(|n| file.nodes[n as usize]))
+        .collect();
+    let level = |[x, y, _]: [f64; 3]| [x, y];
+    let edges = triangles
+        .iter()
+        .map(|&[a, b, _]| norm(sub(level(b), level(a))));
+    let mean = edges.sum::<f64>() / triangles.len().max(1) as f64;
+    let step = step.unwrap_or(mean);
+    let refuse = |problem: String| {
+        let place = format!("{} at a step of {step}", file.names[surface]);
+        Err(Error::Job(cause(place, problem, "give another step")))
+    };
+    if !(step.is_finite() && step > 0.0) {
+        return refuse("is no grid".into());
+    }
+    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+    for p in triangles.as_flattened() {
+        low = [0, 1].map(|k| low[k].min(p[k]));
+        high = [0, 1].map(|k| high[k].max(p[k]));
+    }
+    // The nodes inside, at least one.
+    let first = low.map(|low| (low / step).ceil());
+    let counts = [0, 1].map(|k| ((high[k] / step).floor() - first[k] + 1.0).max(1.0));
+    let [columns, rows] = counts;
+    if columns * rows > MOST {
+        return refuse(format!("makes {columns} x {rows} nodes"));
+    }
+    let dims = counts.map(|count| count as usize);
+    let geometry = Geometry::with_spacing(first.map(|first| first * step), [step; 2]);
+    let horizon = Horizon::Surface(Triangles::new(triangles));
+    let samples = (0..dims[0] * dims[1]).map(|i| {
+        let x = geometry.to_physical([(i % dims[0]) as f64, (i / dims[0]) as f64]);
+        horizon.at(x).map_or(f32::NAN, |z| z as f32)
+    });
+    let samples = samples.collect();
+    Ok(Image::new(dims, samples, geometry))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_plane_is_sampled_exactly_where_it_is() {
+        let height = |x: f64, y: f64| 100.0 + 0.5 * x - 0.25 * y;
+        let node = |x: f64, y: f64| [x, y, height(x, y)];
+        let nodes = [node(-1.0, 0.0), node(21.0, 0.0), node(21.0, 13.0)];
+        let file = SurfaceFile::new(&nodes, &[[0, 1, 2]], &[0, 1], "horizon");
+        let image = heights(&file, 0, Some(4.0)).unwrap();
+        assert_eq!((image.dims(), image.geometry.origin), ([6, 4], [0.0, 0.0]));
+        for (i, &z) in image.as_slice().iter().enumerate() {
+            let (x, y) = (4.0 * (i % 6) as f64, 4.0 * (i / 6) as f64);
+            let inside = y <= 13.0 / 22.0 * (x + 1.0);
+            assert_eq!(z.is_finite(), inside, "({x}, {y})");
+            assert!(!inside || (f64::from(z) - height(x, y)).abs() < 1e-5);
+        }
+        // By itself, about as fine as its edges.
+        assert_eq!(heights(&file, 0, None).unwrap().geometry.axes[0][0], 22.0);
+        for wrong in [0.0, f64::NAN, 1e-6] {
+            assert!(heights(&file, 0, Some(wrong)).is_err());
+        }
+    }
+}

@@ -1,0 +1,407 @@
+//! Fault sticks: the lines along which interpreters draw a fault from top to bottom, one beside the other.
+//!
+//! A table of `fault,stick,x,y,z`, the points of a stick one below the other; of other tables the columns
+//! may stand in any order and have other ones between them.
+
+use std::io::{Read, Write};
+use std::path::Path;
+
+use crate::error::{Error, Result, cause, os};
+use crate::export::SurfaceFile;
+use crate::files;
+use crate::files::atomic_write;
+use crate::geometry::{dot, norm, sub};
+
+/// A fault: its name, and its sticks from one end to the other.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Sticks {
+    /// What it is called.
+    pub name: String,
+    /// The points of each, from top to bottom.
+    pub sticks: Vec<Vec<[f64; 3]>>,
+}
+
+/// Points nearer than this, over a fault's length, are one.
+const SAME: f64 = 1e-9;
+
+/// How far sticks are apart unless it is said: so many on a surface.
+const COUNT: f64 = 10.0;
+
+impl Sticks {
+    /// Sticks of each surface: where it is cut by upright planes across its strike, `apart` from one
+    /// another (a tenth of its length if `None`).
+    pub fn of(file: &SurfaceFile<3>, apart: Option<f64>) -> Vec<Self> {
+        (0..file.names.len())
+            .map(|s| {
+                let triangles: Vec<[[f64; 3]; 3]> = file
+                    .of(s)
+                    .iter()
+                    .map(|facet| facet.map(|n| file.nodes[n as usize]))
+                    .collect();
+                Self {
+                    name: file.names[s].clone(),
+                    sticks: cut(&triangles, apart),
+                }
+            })
+            .collect()
+    }
+
+    /// The lines of each object, as sticks.
+    pub fn of_lines(file: &SurfaceFile<2>) -> Vec<Self> {
+        let of = |s: usize| {
+            let mut sticks: Vec<Vec<[f64; 3]>> = Vec::new();
+            let mut end = None;
+            for &[a, b] in file.of(s) {
+                let [from, to] = [a, b].map(|n| file.nodes[n as usize]);
+                match sticks.last_mut() {
+                    Some(stick) if end == Some(a) => stick.push(to),
+                    _ => sticks.push(vec![from, to]),
+                }
+                end = Some(b);
+            }
+            Self {
+                name: file.names[s].clone(),
+                sticks,
+            }
+        };
+        (0..file.names.len()).map(of).collect()
+    }
+
+    /// The sticks of each fault as lines.
+    pub fn lines(faults: &[Self]) -> SurfaceFile<2> {
+        let mut file = SurfaceFile {
+            start: vec![0],
+            z_up: true,
+            ..SurfaceFile::default()
+        };
+        for fault in faults {
+            for stick in &fault.sticks {
+                let from = file.nodes.len() as u32;
+                file.nodes.extend(stick);
+                let ends = (from + 1)..file.nodes.len() as u32;
+                file.facets.extend(ends.map(|end| [end - 1, end]));
+            }
+            file.names.push(fault.name.clone());
+            file.start.push(file.facets.len());
+        }
+        file
+    }
+
+    /// Triangles between neighbouring sticks of each fault, as a surface each; faults of a single stick are
+    /// left out.
+    pub fn surfaces(faults: &[Self]) -> SurfaceFile<3> {
+        let mut file = SurfaceFile {
+            start: vec![0],
+            z_up: true,
+            ..SurfaceFile::default()
+        };
+        for fault in faults {
+            let first = file.facets.len();
+            let mut before: Option<std::ops::Range<usize>> = None;
+            for stick in &fault.sticks {
+                let from = file.nodes.len();
+                file.nodes.extend(stick);
+                let here = from..file.nodes.len();
+                if let Some(before) = before.replace(here.clone()) {
+                    between(&mut file, before, here);
+                }
+            }
+            if file.facets.len() > first {
+                file.names.push(fault.name.clone());
+                file.start.push(file.facets.len());
+            }
+        }
+        file
+    }
+}
+
+/// Triangles between two sticks, each time with the shorter of the two edges that lead on.
+fn between(file: &mut SurfaceFile<3>, a: std::ops::Range<usize>, b: std::ops::Range<usize>) {
+    let (mut i, mut j) = (a.start, b.start);
+    let length =
+        |file: &SurfaceFile<3>, i: usize, j: usize| norm(sub(file.nodes[j], file.nodes[i]));
+    while i + 1 < a.end || j + 1 < b.end {
+        let next_a = match (i + 1 < a.end, j + 1 < b.end) {
+            (true, true) => length(file, i + 1, j) <= length(file, i, j + 1),
+            (left, _) => left,
+        };
+        let next = if next_a { i + 1 } else { j + 1 };
+        file.facets.push([i as u32, j as u32, next as u32]);
+        if next_a {
+            i = next;
+        } else {
+            j = next;
+        }
+    }
+}
+
+/// The horizontal direction along which a surface strikes: across the mean of its normals' level parts,
+/// whichever side they show.
+fn strike(triangles: &[[[f64; 3]; 3]]) -> [f64; 3] {
+    let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
+    for [a, b, c] in triangles {
+        let (u, v) = (sub(*b, *a), sub(*c, *a));
+        let normal = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2]];
+        // Large faces count more.
+        let size = normal[0].hypot(normal[1]).max(f64::MIN_POSITIVE);
+        xx += normal[0] * normal[0] / size;
+        xy += normal[0] * normal[1] / size;
+        yy += normal[1] * normal[1] / size;
+    }
+    let turn = 0.5 * (2.0 * xy).atan2(xx - yy);
+    [-turn.sin(), turn.cos(), 0.0]
+}
+
+/// The lines in which upright planes across the strike cut triangles.
+fn cut(triangles: &[[[f64; 3]; 3]], apart: Option<f64>) -> Vec<Vec<[f64; 3]>> {
+    let along = strike(triangles);
+    let places = triangles.iter().flatten().map(|&p| dot(p, along));
+    let (low, high) = places.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), place| {
+        (low.min(place), high.max(place))
+    });
+    let length = high - low;
+    if !(length > 0.0 && length.is_finite()) {
+        return Vec::new();
+    }
+    let count = (length / apart.unwrap_or(length / COUNT))
+        .round()
+        .clamp(1.0, 1e5) as usize;
+    // Not through the ends themselves.
+    let place = |k: usize| low + length * (k as f64 + 0.5) / count as f64;
+    let mut sticks = Vec::new();
+    for at in (0..count).map(place) {
+        let mut pieces: Vec<[[f64; 3]; 2]> = triangles
+            .iter()
+            .filter_map(|triangle| piece(triangle, along, at))
+            .collect();
+        while let Some([start, end]) = pieces.pop() {
+            let mut line = std::collections::VecDeque::from([start, end]);
+            while let Some((i, end, front)) = joining(&pieces, &line) {
+                pieces.swap_remove(i);
+                match front {
+                    true => line.push_front(end),
+                    false => line.push_back(end),
+                }
+            }
+            let mut stick: Vec<[f64; 3]> = line.into();
+            // Where a plane passes a node, it cuts many edges there.
+            stick.dedup_by(|a, b| norm(sub(*a, *b)) <= SAME * length);
+            if stick[0][2] < stick[stick.len() - 1][2] {
+                stick.reverse();
+            }
+            if stick.len() > 1 {
+                sticks.push(stick);
+            }
+        }
+    }
+    sticks
+}
+
+/// A piece that begins or ends where a line does, its other end, and whether it is at the line's front.
+fn joining(
+    pieces: &[[[f64; 3]; 2]],
+    line: &std::collections::VecDeque<[f64; 3]>,
+) -> Option<(usize, [f64; 3], bool)> {
+    let (front, back) = (line.front()?, line.back()?);
+    pieces.iter().enumerate().find_map(|(i, [a, b])| {
+        [(a, b), (b, a)]
+            .into_iter()
+            .find_map(|(near, far)| match near {
+                near if near == back => Some((i, *far, false)),
+                near if near == front => Some((i, *far, true)),
+                _ => None,
+            })
+    })
+}
+
+/// Where a plane cuts a triangle: points of its edges, the same from either side of one.
+fn piece(triangle: &[[f64; 3]; 3], along: [f64; 3], at: f64) -> Option<[[f64; 3]; 2]> {
+    let off = triangle.map(|p| dot(p, along) - at);
+    let mut ends = Vec::with_capacity(2);
+    for (a, b) in [(0, 1), (1, 2), (2, 0)] {
+        if (off[a] < 0.0) != (off[b] < 0.0) {
+            // From below, so that both triangles of an edge find the same bits.
+            let (a, b) = if off[a] < 0.0 { (a, b) } else { (b, a) };
+            let t = off[a] / (off[a] - off[b]);
+            ends.push(std::array::from_fn(|k| {
+                triangle[a][k] + t * (triangle[b][k] - triangle[a][k])
+            }));
+        }
+    }
+    <[[f64; 3]; 2]>::try_from(ends).ok().filter(|[a, b]| a != b)
+}
+
+/// Writes sticks.
+///
+/// # Errors
+/// [`Error::Io`] if the file cannot be written.
+pub fn write_sticks(path: &Path, faults: &[Sticks]) -> Result<()> {
+    atomic_write(path, |out| {
+        writeln!(out, "fault,stick,x,y,z")?;
+        for fault in faults {
+            for (number, stick) in (1..).zip(&fault.sticks) {
+                for [x, y, z] in stick {
+                    writeln!(out, "{},{number},{x},{y},{z}", fault.name)?;
+                }
+            }
+        }
+        Ok(())
+    })
+}
+
+/// Reads sticks.
+///
+/// # Errors
+/// [`Error::Io`] if the file cannot be read, or is no such table; it names the line.
+pub fn read_sticks(path: &Path) -> Result<Vec<Sticks>> {
+    let mut text = String::new();
+    let mut file = files::open(path, "give a table of fault sticks")?;
+    file.read_to_string(&mut text)
+        .map_err(|e| os(path, "read", e))?;
+    let refuse = |line: usize, problem: String| {
+        let place = format!("{}:{line}", path.display());
+        let remedy = "give columns fault,stick,x,y,z";
+        Error::Io(cause(place, problem, remedy))
+    };
+    let told = |line: &(usize, &str)| !line.1.trim().is_empty() && !line.1.starts_with('#');
+    let mut lines = (1..).zip(text.lines()).filter(told);
+    let (number, header) = lines.next().ok_or_else(|| refuse(1, "is empty".into()))?;
+    let names: Vec<String> = header
+        .split(',')
+        .map(|name| name.trim().to_lowercase())
+        .collect();
+    let mut columns = [0; 5];
+    for (column, name) in columns.iter_mut().zip(["fault", "stick", "x", "y", "z"]) {
+        let found = names.iter().position(|other| other == name);
+        *column = found.ok_or_else(|| refuse(number, format!("has no column {name}")))?;
+    }
+    let mut faults: Vec<Sticks> = Vec::new();
+    let mut last: Option<(usize, String)> = None;
+    for (number, line) in lines {
+        let fields: Vec<&str> = line.split(',').map(str::trim).collect();
+        let field = |k: usize| fields.get(columns[k]).copied().unwrap_or("");
+        let mut point = [0.0; 3];
+        for (k, coordinate) in point.iter_mut().enumerate() {
+            let found = field(2 + k).parse::<f64>().ok().filter(|c| c.is_finite());
+            *coordinate =
+                found.ok_or_else(|| refuse(number, format!("'{}' is no number", field(2 + k))))?;
+        }
+        let fault = match faults.iter().position(|fault| fault.name == field(0)) {
+            Some(fault) => fault,
+            None => {
+                faults.push(Sticks {
+                    name: field(0).to_string(),
+                    sticks: Vec::new(),
+                });
+                faults.len() - 1
+            }
+        };
+        let here = (fault, field(1).to_string());
+        let sticks = &mut faults[fault].sticks;
+        if last.as_ref() != Some(&here) {
+            sticks.push(Vec::new());
+        }
+        last = Some(here);
+        if let Some(stick) = sticks.last_mut() {
+            stick.push(point);
+        }
+    }
+    Ok(faults)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A plane that dips by 60 degrees and strikes at 30, of squares cut in two.
+    fn plane() -> SurfaceFile<3> {
+        let (s, c) = 30f64.to_radians().sin_cos();
+        let node = |i: usize, j: usize| {
+            let (along, down) = (10.0 * i as f64, 5.0 * j as f64);
+            let away = down / 3f64.sqrt();
+            [along * s + away * c, along * c - away * s, -100.0 - down]
+        };
+        let nodes: Vec<[f64; 3]> = (0..9)
+            .flat_map(|i| (0..7).map(move |j| node(i, j)))
+            .collect();
+        let mut facets = Vec::new();
+        for i in 0..8u32 {
+            for j in 0..6 {
+                let at = 7 * i + j;
+                facets.push([at, at + 7, at + 8]);
+                facets.push([at, at + 8, at + 1]);
+            }
+        }
+        let start = [0, facets.len()];
+        SurfaceFile::new(&nodes, &facets, &start, "fault")
+    }
+
+    #[test]
+    fn sticks_run_down_a_fault_and_make_it_again() {
+        let file = plane();
+        let faults = Sticks::of(&file, Some(8.0));
+        assert_eq!((faults.len(), faults[0].sticks.len()), (1, 10));
+        for stick in &faults[0].sticks {
+            // Down dip: 30 deep, from edge to edge, in order.
+            assert!(stick.windows(2).all(|p| p[1][2] < p[0][2]), "{stick:?}");
+            let [top, base] = [stick[0], stick[stick.len() - 1]];
+            assert!((top[2] - base[2] - 30.0).abs() < 1e-9);
+            let level = (base[0] - top[0]).hypot(base[1] - top[1]);
+            assert!((level - 30.0 / 3f64.sqrt()).abs() < 1e-9, "{level}");
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("sticks.csv");
+        write_sticks(&path, &faults).unwrap();
+        assert_eq!(read_sticks(&path).unwrap(), faults);
+        assert_eq!(Sticks::of_lines(&Sticks::lines(&faults)), faults);
+
+        // Nine of the ten strips of the plane lie between sticks.
+        let again = Sticks::surfaces(&faults);
+        assert_eq!(
+            (again.names.as_slice(), again.start.len()),
+            (&["fault1".to_string()][..], 2)
+        );
+        let area: f64 = again
+            .facets
+            .iter()
+            .map(|f| area(f.map(|n| again.nodes[n as usize])))
+            .sum();
+        let whole = 80.0 * 30.0 / 60f64.to_radians().sin();
+        assert!(
+            (area - 0.9 * whole).abs() < 1e-6 * whole,
+            "{area} of {whole}"
+        );
+    }
+
+    fn area([a, b, c]: [[f64; 3]; 3]) -> f64 {
+        let (u, v) = (sub(b, a), sub(c, a));
+        let n: [f64; 3] = std::array::from_fn(|k| {
+            u[(k + 1) % 3] * v[(k + 2) % 3] - u[(k + 2) % 3] * v[(k + 1) % 3]
+        });
+        0.5 * norm(n)
+    }
+
+    #[test]
+    fn tables_of_others_are_read_and_faults_in_them_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.csv");
+        let text = "# picks\nX,Y,Z,Interpreter,Fault,Stick\n1,2,-3,me,F 1,7\n1,2,-4,me,F 1,7\n\n5,2,-3,me,F 1,8\n9,9,9,me,F2,1\n";
+        std::fs::write(&path, text).unwrap();
+        let faults = read_sticks(&path).unwrap();
+        let counts: Vec<Vec<usize>> = faults
+            .iter()
+            .map(|fault| fault.sticks.iter().map(Vec::len).collect())
+            .collect();
+        assert_eq!(counts, [vec![2, 1], vec![1]]);
+        assert_eq!(faults[0].sticks[1], [[5.0, 2.0, -3.0]]);
+        for (text, says) in [
+            ("", "is empty"),
+            ("x,y,z\n1,2,3\n", "has no column fault"),
+            ("fault,stick,x,y,z\na,1,2,3\n", "a.csv:2: '' is no number"),
+        ] {
+            std::fs::write(&path, text).unwrap();
+            let said = read_sticks(&path).unwrap_err().to_string();
+            assert!(said.contains(says), "{said}");
+        }
+    }
+}

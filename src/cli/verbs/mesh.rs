@@ -20,8 +20,9 @@ use crate::job::{Job, Made, Meshing, Outcome, Provenance, Settings, Space};
 use crate::lattice::optimize::Stop;
 use crate::memory::Bytes;
 use crate::mesh::Simplices;
-use crate::observer::{Estimate, Observer, Progress, Stage};
-use crate::report::{Clock, Input, quality};
+use crate::mesh::delaunay::{delaunay, delaunay_plane};
+use crate::observer::{Estimate, Observer, Progress, Snapshot, Stage};
+use crate::report::{Clock, Input, Quality, TracedLattice, quality};
 use crate::store::cells::cells_to_file;
 use crate::store::file::{to_file, with_image};
 use crate::store::{StoredMesh, Trace, to_physical};
@@ -158,6 +159,8 @@ impl Run<'_> {
             interrupts,
             trace_path: job.lattice().and_then(|lattice| lattice.trace.as_deref()),
             trace: None,
+            traced: Vec::new(),
+            plane: D == 2,
             geometry: image.geometry.in_space(),
             step: std::array::from_fn(|k| step.get(k).copied().unwrap_or(1.0)),
             failed: None,
@@ -165,7 +168,7 @@ impl Run<'_> {
             heard: None,
         };
         let outcome = crate::job::run(&image, &params, &mut watcher);
-        let failed = watcher.failed;
+        let (failed, traced) = (watcher.failed, watcher.traced);
         let mut outcome = match failed.map_or(outcome, Err) {
             Ok(outcome) => outcome,
             Err(error) => {
@@ -207,6 +210,7 @@ impl Run<'_> {
             hash: format!("sha256:{}", outcome.provenance.input_sha256),
         });
         report.parameters = serde_json::to_value(job).unwrap_or_default();
+        report.trace = traced;
         report.notes.splice(0..0, notes);
         report
             .stages
@@ -313,6 +317,10 @@ struct Watcher<'a> {
     trace_path: Option<&'a Path>,
     /// Begun with the first lattice.
     trace: Option<Trace>,
+    /// The lattices in it.
+    traced: Vec<TracedLattice>,
+    /// Whether they lie in the plane z = 0.
+    plane: bool,
     geometry: Geometry<3>,
     step: [f64; 3],
     /// Why a lattice could not be written.
@@ -324,17 +332,39 @@ struct Watcher<'a> {
 
 impl Watcher<'_> {
     /// Adds a lattice to the trace.
-    fn keep(&mut self, path: &Path, round: usize, positions: &[[f64; 3]]) -> Result<()> {
+    fn keep(&mut self, path: &Path, snapshot: &Snapshot<'_>) -> Result<()> {
         let physical = |x: &[f64; 3]| {
             self.geometry
                 .to_physical(std::array::from_fn(|k| x[k] / self.step[k]))
         };
-        let atoms: Vec<[f64; 3]> = positions.iter().map(physical).collect();
+        let atoms: Vec<[f64; 3]> = snapshot.positions.iter().map(physical).collect();
+        let step = self.traced.len();
         let trace = match &mut self.trace {
+            // The lattice with which another optimisation begins is there already.
+            Some(_) if snapshot.round == 0 => return Ok(()),
             Some(trace) => trace,
             none => none.insert(Trace::create(path)?),
         };
-        trace.add(round as f64, &atoms, &[])
+        trace.add(step as f64, &atoms, &[])?;
+        let shapes = self.shapes(snapshot.positions)?;
+        self.traced.push(TracedLattice {
+            step,
+            worst_quality: shapes.mean_ratio.worst,
+            mean_quality: shapes.mean_ratio_mean,
+            energy: snapshot.energy,
+            energy_lattice: snapshot.lattice,
+            energy_image: snapshot.image,
+        });
+        Ok(())
+    }
+
+    /// Shapes of the Delaunay simplices of atoms.
+    fn shapes(&self, atoms: &[[f64; 3]]) -> Result<Quality> {
+        if self.plane {
+            let atoms: Vec<[f64; 2]> = atoms.iter().map(|x| [x[0], x[1]]).collect();
+            return Ok(quality(&delaunay_plane(&atoms)?));
+        }
+        Ok(quality(&delaunay(atoms)?))
     }
 }
 
@@ -366,12 +396,16 @@ impl Observer for Watcher<'_> {
         );
     }
 
-    fn round(&mut self, round: usize, positions: &[[f64; 3]]) {
+    fn lattice(&mut self, snapshot: &Snapshot<'_>) {
         if let Some(path) = self.trace_path
             && self.failed.is_none()
         {
-            self.failed = self.keep(path, round, positions).err();
+            self.failed = self.keep(path, snapshot).err();
         }
+    }
+
+    fn wants_lattices(&self) -> bool {
+        self.trace_path.is_some()
     }
 
     fn keep_going(&mut self) -> bool {

@@ -109,6 +109,21 @@ pub struct Progress {
     pub image: f64,
 }
 
+/// A lattice on its way.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Snapshot<'a> {
+    /// Of which round it is the result, from 1; 0 for the lattice with which an optimisation begins.
+    pub round: usize,
+    /// Where the atoms are, in lattice space.
+    pub positions: &'a [[f64; 3]],
+    /// P = (1 - beta) A + beta B as published.
+    pub energy: f64,
+    /// A, between atoms, as published.
+    pub lattice: f64,
+    /// B, in the image.
+    pub image: f64,
+}
+
 /// How large a mesh will become, before it is made.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Estimate {
@@ -159,8 +174,14 @@ pub trait Observer: Send {
     /// than before.
     fn share(&mut self, _share: f64) {}
 
-    /// A round of the optimiser has ended with these positions (lattice space).
-    fn round(&mut self, _round: usize, _positions: &[[f64; 3]]) {}
+    /// The lattice before atoms move, and after each round of the optimiser (each generation of a
+    /// genetic algorithm).
+    fn lattice(&mut self, _snapshot: &Snapshot<'_>) {}
+
+    /// Whether [`lattice`](Self::lattice) shall be called: each call takes an evaluation of the energy.
+    fn wants_lattices(&self) -> bool {
+        false
+    }
 
     /// Whether to go on; `false` ends the stage soon.
     fn keep_going(&mut self) -> bool {

@@ -89,6 +89,7 @@ const CHOICES: &[Choice] = &[
     any("--kappa 0.7"),
     any("--optimizer descent"),
     any("--optimizer genetic"),
+    any("--rounds 3"),
     any("--coarse-to-fine 1"),
     any("--min-dihedral 12"),
     any("--slivers none"),

@@ -86,7 +86,7 @@ fn every_optimizer_makes_a_valid_mesh_and_comes_near_the_least_energy() {
         let energy = |more: &[&str]| {
             let guide = ["--seeding", "guide", "--slivers", "none"];
             let report = valid(at, image, &[&guide[..], more].concat());
-            number(&report["lattice"]["optimisation"]["energy"])
+            number(&report["lattice"]["optimisation"]["minimised"])
         };
         let lbfgs = energy(&[]);
         let [descent, genetic] = ["descent", "genetic"].map(|o| energy(&["--optimizer", o]));
@@ -98,6 +98,61 @@ fn every_optimizer_makes_a_valid_mesh_and_comes_near_the_least_energy() {
             valid(at, image, &["--kappa", "0.7", "--optimizer", optimizer]);
         }
     }
+}
+
+#[test]
+fn a_trace_has_a_frame_for_each_generation_with_energy_and_quality() {
+    let folder = folder();
+    let at = folder.path();
+    for image in ["plane.npy", "space.npy"] {
+        let more = "--seeding guide --optimizer genetic --slivers none --trace t.pvd";
+        let more: Vec<&str> = more.split(' ').collect();
+        let report = valid(at, image, &more);
+        let trace = report["trace"].as_array().unwrap();
+        let pvd = std::fs::read_to_string(at.join("t.pvd")).unwrap();
+        assert_eq!(pvd.matches("<DataSet").count(), trace.len());
+        // Nine evaluations a generation, one of the lattice as it was seeded, one of it perturbed.
+        let optimisation = &report["lattice"]["optimisation"];
+        let evaluations = optimisation["evaluations"].as_u64().unwrap() as usize;
+        assert_eq!(evaluations, 2 + 9 * (trace.len() - 1));
+        assert!(trace.len() > 20, "{}", trace.len());
+        // What is said of the last is said of the mesh, too.
+        let (first, last) = (&trace[0], trace.last().unwrap());
+        let atoms = report["lattice"]["atoms"].as_u64().unwrap() as f64;
+        let energy = number(&last["energy"]) / atoms;
+        assert!((energy - number(&optimisation["energy"])).abs() < 1e-6);
+        let (mean, mesh) = (number(&last["mean_quality"]), &report["quality"]);
+        assert!(
+            (mean - number(&mesh["mean_ratio_mean"])).abs() < 1e-3,
+            "{mean} {mesh}"
+        );
+        // As in the paper's table 3.
+        assert!(number(&last["energy"]) < number(&first["energy"]));
+        assert!(mean > number(&first["mean_quality"]));
+    }
+}
+
+#[test]
+fn rounds_end_when_one_gains_nothing() {
+    let folder = folder();
+    let at = folder.path();
+    let optimised = |rounds: &[&str]| {
+        let report = valid(
+            at,
+            "plane.npy",
+            &[&["--seeding", "guide"][..], rounds].concat(),
+        );
+        report["lattice"]["optimisation"].clone()
+    };
+    let (one, many) = (optimised(&[]), optimised(&["--rounds", "50"]));
+    assert_eq!(one, optimised(&["--rounds", "1"]));
+    let evaluations = |of: &Value| of["evaluations"].as_u64().unwrap();
+    assert!(number(&many["minimised"]) < number(&one["minimised"]));
+    assert!(evaluations(&many) > evaluations(&one));
+    assert!(
+        evaluations(&many) < 50 * 40 && many["stop"] == "converged",
+        "{many}"
+    );
 }
 
 #[test]

@@ -106,7 +106,7 @@ pub fn any_job(folder: &Path, bytes: &[u8]) {
     if scale != "samples" {
         words.extend(["--metric".into(), scale.into()]);
     }
-    let table: [(&str, &[&str]); 19] = [
+    let table: [(&str, &[&str]); 20] = [
         (
             "--feature",
             &[
@@ -141,6 +141,7 @@ pub fn any_job(folder: &Path, bytes: &[u8]) {
         ("--evaluator", &["pairwise", "sampled"]),
         ("--kappa", &["0.7", "0", "1"]),
         ("--optimizer", &["descent", "lbfgs", "genetic"]),
+        ("--rounds", &["1", "4", "0"]),
         ("--coarse-to-fine", &["1", "3"]),
         ("--min-dihedral", &["20", "30", "45", "60", "0", "90"]),
         ("--slivers", &["none", "joe", "exude"]),

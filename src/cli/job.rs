@@ -189,6 +189,7 @@ fn put_lattice<const D: usize>(
     params.evaluator = lattice.energy.evaluator();
     params.kappa = lattice.energy.kappa();
     params.optimizer = lattice.optimizer;
+    params.rounds = lattice.rounds;
     params.coarse_passes = lattice.coarse_passes;
     Ok(())
 }

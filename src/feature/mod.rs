@@ -59,7 +59,7 @@ pub(crate) mod tensor;
 pub(crate) mod volume;
 
 #[cfg(test)]
-mod scenes;
+pub(crate) mod scenes;
 #[cfg(test)]
 mod tests;
 

@@ -189,6 +189,9 @@ pub struct LatticeJob {
     pub energy: LatticeEnergy,
     /// How atoms are moved; by L-BFGS by default.
     pub optimizer: optimize::Method,
+    /// Most rounds of perturbing and minimising, at least 1; if `None`, one, or three with Laplacian
+    /// coordinates.
+    pub rounds: Option<usize>,
     /// Number of initial passes on a smoother potential, at most 8; 0 by default.
     pub coarse_passes: usize,
     /// Where the lattice after each round is written, for ParaView.
@@ -204,6 +207,7 @@ impl Default for LatticeJob {
             beta: BetaFrom::Constant(0.5),
             energy: LatticeEnergy::Pairwise { kappa: 1.0 },
             optimizer: optimize::Method::Lbfgs,
+            rounds: None,
             coarse_passes: 0,
             trace: None,
         }
@@ -251,7 +255,8 @@ pub enum DistanceFrom {
     Gaps,
     /// The least on features, growing away from them.
     Features,
-    /// The least where the image is lowest, the largest where it is highest.
+    /// The least where the image is darkest, or brightest where bright features are followed, the largest
+    /// at the other end.
     Image,
     /// The Laplacian of the potential: the least in its valleys.
     Laplacian,
@@ -264,7 +269,7 @@ pub enum DistanceFrom {
 pub enum Start {
     /// A regular lattice fitted to the box: face-centred cubic, triangular in 2-D.
     Fcc,
-    /// A regular lattice grown from fixed atoms (wells) and the sides of the box.
+    /// A regular lattice grown from fixed atoms (wells), or from the middle of the box.
     Grown,
     /// Delaunay refinement: isotropic.
     Refine,

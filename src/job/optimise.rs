@@ -67,7 +67,15 @@ pub(super) fn optimise<const D: usize>(
 
 /// How the atoms of a job are moved.
 pub(crate) fn moving<const D: usize>(params: &Params<D>) -> optimize::Effort {
-    optimiser(params.seed).with(params.optimizer, params.kappa != 1.0)
+    let effort = optimiser(params.seed).with(params.optimizer, params.kappa != 1.0);
+    match params.rounds {
+        None => effort,
+        Some(rounds) => optimize::Effort {
+            max_evaluations: effort.max_evaluations / effort.max_rounds * rounds,
+            max_rounds: rounds,
+            ..effort
+        },
+    }
 }
 
 /// How atoms are moved by default.
@@ -75,7 +83,8 @@ pub(crate) fn optimiser(seed: u64) -> optimize::Effort {
     optimize::Effort {
         seed,
         tolerance: 1e-3,
-        // Improvement takes over from here: a second round changes neither quality nor fidelity.
+        // Improvement takes over from here: a second round, unless asked for, changes neither quality
+        // nor fidelity.
         max_rounds: 1,
         max_evaluations: 40,
         ..optimize::Effort::default()
@@ -107,10 +116,14 @@ fn smoother<const D: usize>(
 /// The report's lines on the optimiser.
 pub(super) fn optimisation(outcome: &optimize::Rest, atoms: usize) -> Optimisation {
     let per_atom = 1.0 / atoms as f64;
+    let terms = outcome.terms;
     Optimisation {
-        energy_lattice: outcome.parts.lattice * per_atom,
-        energy_image: outcome.parts.image * per_atom,
-        energy: outcome.energy_after * per_atom,
+        energy_lattice: terms.published.lattice * per_atom,
+        energy_image: terms.published.image * per_atom,
+        energy: terms.energy * per_atom,
+        added_by_stiffening: terms.stiffening * per_atom,
+        added_by_laplacian: terms.smoothing * per_atom,
+        minimised: outcome.energy_after * per_atom,
         evaluations: outcome.evaluations,
         stop: match outcome.stop {
             Stop::Converged => "converged",
@@ -124,7 +137,133 @@ pub(super) fn optimisation(outcome: &optimize::Rest, atoms: usize) -> Optimisati
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::feature::Detection;
+    use crate::geometry::distance2;
     use crate::lattice::energy::Beta;
+    use crate::lattice::seeding::{self, Alignment};
+    use crate::observer::Unobserved;
+
+    /// The share of atoms, farther than 1.5 d from all sides, that have so many others within 1.25 d.
+    fn regular<const D: usize>(atoms: &[[f64; D]], d: f64, extent: [f64; D], count: usize) -> f64 {
+        let inside = |x: &&[f64; D]| {
+            (0..D).all(|k| (x[k] - 0.5 * extent[k]).abs() < 0.5 * extent[k] - 1.5 * d)
+        };
+        let near = |x: &[f64; D]| {
+            let within = |y: &&[f64; D]| distance2(x, y) < (1.25 * d).powi(2);
+            atoms.iter().filter(within).count() - 1
+        };
+        let inside: Vec<usize> = atoms.iter().filter(inside).map(near).collect();
+        assert!(inside.len() > 150, "{}", inside.len());
+        inside.iter().filter(|&&n| n == count).count() as f64 / inside.len() as f64
+    }
+
+    /// A lattice of an image without features at rest.
+    fn at_rest<const D: usize>(
+        extent: [f64; D],
+        d: f64,
+        beta: f64,
+        params: &Params<D>,
+    ) -> (Atoms<D>, optimize::Rest) {
+        let distance = Distance::Constant(d);
+        let mut atoms = seeding::fcc(extent, &distance, &[], Alignment::On).unwrap();
+        let dims = extent.map(|l| l as usize + 1);
+        let features = Features::none(dims, &Detection::default());
+        let frame = Frame {
+            step: [1.0; D],
+            extent,
+            beta: Beta::Constant(beta),
+            fixed: Vec::new(),
+            ways: Vec::new(),
+        };
+        let observer = &mut Unobserved;
+        let rest = optimise(&mut atoms, params, &features, &distance, &frame, observer).unwrap();
+        (atoms, rest)
+    }
+
+    #[test]
+    fn without_an_image_the_lattice_stays_regular_whatever_beta() {
+        for extent in [[63.0; 3], [89.0, 79.0, 69.0], [75.0, 61.0, 83.0]] {
+            for (beta, seed) in [(0.0, 1), (0.0, 2), (0.0, 3), (0.3, 1), (0.5, 2), (0.8, 3)] {
+                let params = Params {
+                    seed,
+                    ..Params::default()
+                };
+                let (atoms, _) = at_rest(extent, 6.0, beta, &params);
+                let share = regular(&atoms.positions, 6.0, extent, 12);
+                assert!(
+                    share >= 0.99,
+                    "{extent:?}, beta {beta}, seed {seed}: {share}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn the_report_has_the_published_energy_and_what_is_added() {
+        // phi as printed, and the sums of Hale's equations 1, 3 and 6.
+        let phi = |u: f64| match u < 1.5 {
+            true => {
+                153.0 / 256.0 - 9.0 / 8.0 * u + 19.0 / 24.0 * u.powi(3) - 5.0 / 16.0 * u.powi(4)
+            }
+            false => 0.0,
+        };
+        let (extent, d, beta) = ([80.0, 60.0], 6.0, 0.6);
+        let b = |x: [f64; 2]| -0.01 * x[0];
+        let potential = Field::from_fn([81, 61], [1.0; 2], b);
+        let distance = Distance::Constant(d);
+        let frame = Frame {
+            step: [1.0; 2],
+            extent,
+            beta: Beta::Constant(beta),
+            fixed: Vec::new(),
+            ways: Vec::new(),
+        };
+        for (evaluator, kappa, exact) in [
+            (Evaluator::Pairwise, 1.0, 1e-4),
+            (Evaluator::Pairwise, 0.7, 1e-4),
+            (Evaluator::Sampled, 1.0, 0.1),
+        ] {
+            let params = Params {
+                evaluator,
+                kappa,
+                ..Params::default()
+            };
+            let mut atoms = seeding::fcc(extent, &distance, &[], Alignment::On).unwrap();
+            let features = Features {
+                potential: potential.clone(),
+                ..Features::none([81, 61], &Detection::default())
+            };
+            let observer = &mut Unobserved;
+            let rest = optimise(&mut atoms, &params, &features, &distance, &frame, observer);
+            let found = optimisation(&rest.unwrap(), atoms.len());
+            let x = &atoms.positions;
+            let per_atom = 1.0 / x.len() as f64;
+            let pairs = |of: &dyn Fn(f64) -> f64| {
+                let of = |(i, j): (usize, usize)| of(distance2(&x[i], &x[j]).sqrt() / d);
+                let all = (0..x.len()).flat_map(|i| (0..x.len()).map(move |j| (i, j)));
+                0.5 * per_atom * all.filter(|(i, j)| i != j).map(of).sum::<f64>()
+            };
+            let a = pairs(&phi);
+            let image = per_atom * x.iter().map(|&x| b(x)).sum::<f64>();
+            let p = (1.0 - beta) * a + beta * image;
+            let k = 20.0 * beta / (1.0 - beta);
+            let stiffening = (1.0 - beta) * pairs(&|u| k / 3.0 * (1.0 - u).max(0.0).powi(3));
+            let near = |value: f64, want: f64| {
+                assert!(
+                    (value - want).abs() < exact * p.abs(),
+                    "{value} {want}: {found:?}"
+                );
+            };
+            near(found.energy_lattice, a);
+            near(found.energy_image, image);
+            near(found.energy, p);
+            near(found.added_by_stiffening, stiffening);
+            assert!(stiffening > 0.001 * p.abs(), "{stiffening}");
+            let sum = found.energy + found.added_by_stiffening + found.added_by_laplacian;
+            assert!((sum - found.minimised).abs() < 1e-9, "{found:?}");
+            assert_eq!(found.added_by_laplacian == 0.0, kappa == 1.0);
+        }
+    }
 
     #[test]
     fn both_evaluators_have_the_energy_of_crowded_atoms() {

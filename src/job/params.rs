@@ -31,7 +31,8 @@ pub enum Spacing {
         /// Distance where no other feature is near.
         max: f64,
     },
-    /// Where the image is lowest `min`, where it is highest `max`.
+    /// Where the image is as dark as its features `min` (as bright, if they are bright), at the other end
+    /// `max`.
     FromImage {
         /// Least distance.
         min: f64,
@@ -258,6 +259,9 @@ pub struct Params<const D: usize = 3> {
     pub kappa: f64,
     /// How atoms are moved.
     pub optimizer: optimize::Method,
+    /// Most rounds of perturbing and minimising (Hale 2001, Algorithm 3), which end when one gains nothing;
+    /// if `None`, one, or three with Laplacian coordinates.
+    pub rounds: Option<usize>,
     /// Number of passes on smoother potentials before the last one: the first is 2^n times as wide.
     pub coarse_passes: usize,
     /// Smallest (dihedral) angle aimed at, in degrees; `None` leaves the slivers in.
@@ -293,6 +297,7 @@ impl<const D: usize> Default for Params<D> {
             evaluator: Evaluator::Pairwise,
             kappa: 1.0,
             optimizer: optimize::Method::Lbfgs,
+            rounds: None,
             coarse_passes: 0,
             min_dihedral: Some(30.0),
             slivers: improve::SliverMethod::Joe,

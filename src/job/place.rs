@@ -5,10 +5,9 @@ use super::frame::Frame;
 use super::optimise::optimise;
 use super::{Evaluator, Meshing, Params, Space, Spacing, Stages, canny, estimate};
 use crate::error::cause;
-use crate::feature::Features;
-use crate::geometry::in_space;
+use crate::feature::{FeatureKind, Features};
 use crate::image::{Field, Image};
-use crate::lattice::distance::{self, Distance};
+use crate::lattice::distance::{self, Dense, Distance};
 use crate::lattice::optimize;
 use crate::lattice::seeding::{self, Alignment, Atoms, Seeding, wells};
 use crate::observer::{Patience, Stage};
@@ -182,8 +181,6 @@ pub(super) fn lattice<const D: usize>(
     })?;
 
     stages.begin(Stage::Optimising);
-    let positions: Vec<[f64; 3]> = atoms.positions.iter().map(|&x| in_space(x)).collect();
-    stages.observer.round(0, &positions);
     let optimised = optimise(
         &mut atoms,
         params,
@@ -197,6 +194,48 @@ pub(super) fn lattice<const D: usize>(
         distance,
         optimised: Some(optimised),
     })
+}
+
+/// Where a distance from the image is least: where it looks as its features do; and why.
+fn dense<const D: usize>(image: &Image<D>, features: &Features<D>) -> (Dense, String) {
+    let mask = |value: f32| {
+        let samples = image.as_slice().iter();
+        let sum: f64 = samples.map(|&s| f64::from(s)).sum();
+        f64::from(value) * image.as_slice().len() as f64 > sum
+    };
+    let kinds = features.settled.iter();
+    let mut of = kinds.filter_map(|of| match (of.kind, of.mask) {
+        (FeatureKind::Ridges, _) => Some((Dense::Bright, "ridges, which are bright".into())),
+        (FeatureKind::Valleys, _) => Some((Dense::Dark, "valleys, which are dark".into())),
+        (FeatureKind::Labels, Some(value)) if mask(value) => {
+            Some((Dense::Bright, format!("a thin mask of {value}")))
+        }
+        (FeatureKind::Labels, Some(value)) => {
+            Some((Dense::Dark, format!("a thin mask of {value}")))
+        }
+        _ => None,
+    });
+    let followed = of.next_back();
+    followed.unwrap_or_else(|| (Dense::Dark, "features neither bright nor dark".into()))
+}
+
+/// What whoever reads the report should know of how the distance came about.
+pub(super) fn note<const D: usize>(
+    image: &Image<D>,
+    params: &Params<D>,
+    features: &Features<D>,
+) -> Option<String> {
+    let Spacing::FromImage { .. } = params.spacing else {
+        return None;
+    };
+    let (dense, why) = dense(image, features);
+    let end = match dense {
+        Dense::Dark => "darkest",
+        Dense::Bright => "brightest",
+    };
+    Some(format!(
+        "distance from image: least where it is {end}, for it has {why}"
+    ))
 }
 
 /// The nominal distance that the parameters ask for.
@@ -219,7 +258,8 @@ fn varying<const D: usize>(
         }
         Spacing::FromGaps { min, max } => distance::from_gaps(features, min, max, GROWTH, patience),
         Spacing::FromImage { min, max } => {
-            distance::from_image(&field(image), min, max, GROWTH, patience)
+            let dense = dense(image, features).0;
+            distance::from_image(&field(image), dense, min, max, GROWTH, patience)
         }
         Spacing::FromLaplacian { min, max } => distance::from_laplacian(
             &features.potential,
@@ -254,6 +294,35 @@ fn varying<const D: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::feature::{Detection, detect};
+    use crate::image::Geometry;
+
+    #[test]
+    fn a_distance_from_the_image_is_least_on_features_bright_or_dark() {
+        for (sign, kind, word) in [
+            (1.0, FeatureKind::Ridges, "brightest"),
+            (-1.0, FeatureKind::Valleys, "darkest"),
+        ] {
+            let line = |x: usize| (-0.5 * ((x as f64 - 40.0) / 1.5).powi(2)).exp();
+            let samples = (0..80 * 70).map(|i| (sign * line(i % 80)) as f32);
+            let image = Image::new([80, 70], samples.collect(), Geometry::default());
+            let features = detect(&image, &Detection::of(kind, 4.0)).unwrap();
+            let params = Params {
+                spacing: Spacing::FromImage { min: 4.0, max: 7.0 },
+                ..Params::default()
+            };
+            let d = varying(&image, &params, &features, [1.0; 2], &Patience::endless());
+            let d = |x: f64| d.as_ref().unwrap().at([x, 35.0]);
+            assert!(
+                d(40.0) < 4.1 && d(5.0) > 6.0,
+                "{kind}: {} {}",
+                d(40.0),
+                d(5.0)
+            );
+            let note = note(&image, &params, &features).unwrap();
+            assert!(note.contains(word), "{note}");
+        }
+    }
 
     #[test]
     fn refusals_name_the_parameter_that_is_to_be_changed() {

@@ -2,7 +2,7 @@
 
 use super::frame::{Frame, lattice_extent};
 use super::optimise::optimisation;
-use super::place::{Placed, Placing};
+use super::place::{self, Placed, Placing};
 use super::{
     CellKind, Marked, Meshing, Params, Scene, Space, Spacing, Stages, cells, estimate, simplices,
 };
@@ -184,6 +184,7 @@ where
     refuse_invalid(&report)?;
     report.left_out = Some(features.left_out);
     report.notes.extend(features.notes.iter().cloned());
+    report.notes.extend(place::note(image, params, &features));
     let (costs, interrupted) = stages.end();
     report.stages = costs;
     let stop = match &optimised {

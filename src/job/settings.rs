@@ -39,8 +39,8 @@ pub struct Settings {
     pub distance: Option<String>,
     /// What a distance MIN:MAX follows: gaps (MAX, but down to MIN where features run close together or
     /// cross at shallow angles; the default), features (MIN on them, increasing away from them), image (MIN
-    /// where it is lowest, MAX where it is highest), laplacian (of the potential), or a file with a
-    /// distance per sample
+    /// where it is darkest, MAX where it is brightest; the other way round where bright features are
+    /// followed), laplacian (of the potential), or a file with a distance per sample
     #[cfg_attr(feature = "cli", arg(long, value_name = "WHAT"))]
     pub distance_from: Option<String>,
     /// The features to follow [default: auto]
@@ -122,6 +122,10 @@ pub struct Settings {
     /// How atoms are moved [default: lbfgs]
     #[cfg_attr(feature = "cli", arg(long, value_name = "HOW", help_heading = ATOMS))]
     pub optimizer: Option<Method>,
+    /// Most rounds of moving atoms a little by chance and minimising; they end when one gains nothing
+    /// [default: 1; 3 with --kappa]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "N", help_heading = ATOMS))]
+    pub rounds: Option<usize>,
     /// Number of initial passes on a smoother potential [default: 0]
     #[cfg_attr(feature = "cli", arg(long, value_name = "N", help_heading = ATOMS))]
     pub coarse_to_fine: Option<usize>,
@@ -152,7 +156,8 @@ pub struct Settings {
     /// Write the report as JSON
     #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.json", help_heading = FILES))]
     pub report: Option<PathBuf>,
-    /// Write the lattice after each round, for ParaView
+    /// Write the lattice before atoms move and after each round or generation, for ParaView; the report
+    /// then has the energy and the quality of each
     #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.pvd", help_heading = FILES))]
     pub trace: Option<PathBuf>,
     /// How to read the image.
@@ -172,7 +177,7 @@ pub enum SeedingName {
     /// A regular lattice fitted to the box: face-centred cubic, triangular in 2-D; grown where the
     /// distance varies
     Fcc,
-    /// A regular lattice grown from fixed atoms (wells) and the sides of the box
+    /// A regular lattice grown from fixed atoms (wells), or from the middle of the box
     Grown,
     /// Delaunay refinement: isotropic
     Refine,

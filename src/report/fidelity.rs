@@ -391,12 +391,10 @@ fn to_faces<const D: usize>(
             ]
         })
         .collect();
-    let tree = Tree::new(&boxes);
+    let tree = Tree::new(&boxes, sets);
     let nearest = |p: [f64; D], wanted: u8, hint: Option<usize>| {
-        let hint = hint.filter(|&i| sets[i] & wanted != 0);
-        tree.nearest(p, f64::INFINITY, hint, |i| match sets[i] & wanted {
-            0 => f64::INFINITY,
-            _ => square_to_face(p, &shapes[i]),
+        tree.nearest(p, wanted, f64::INFINITY, hint, |i| {
+            square_to_face(p, &shapes[i])
         })
     };
     points

@@ -15,19 +15,42 @@ pub struct Lattice {
     pub optimisation: Option<Optimisation>,
 }
 
-/// How the optimisation went.
+/// How the optimisation went. All energies are per atom.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Optimisation {
-    /// Lattice energy A per atom.
+    /// A between atoms, as published.
     pub energy_lattice: f64,
-    /// Image energy B per atom.
+    /// B of atoms in the image, as published.
     pub energy_image: f64,
-    /// P = (1 - beta) A + beta B per atom.
+    /// P = (1 - beta) A + beta B, as published.
     pub energy: f64,
+    /// What the stiffening of the force between atoms adds to P.
+    pub added_by_stiffening: f64,
+    /// What Laplacian coordinates add to that, where these were asked for.
+    pub added_by_laplacian: f64,
+    /// The sum of P and what is added: what was minimised.
+    pub minimised: f64,
     /// Evaluations of the energy and its gradient.
     pub evaluations: usize,
     /// Why it stopped.
     pub stop: String,
+}
+
+/// A lattice on its way, and the Delaunay mesh of its atoms.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TracedLattice {
+    /// 0 before atoms moved, then one more for each round or generation.
+    pub step: usize,
+    /// The lowest mean ratio of its simplices (in the plane Q = 4 sqrt(3) A / (l1^2 + l2^2 + l3^2)).
+    pub worst_quality: f64,
+    /// The mean of their mean ratios.
+    pub mean_quality: f64,
+    /// P = (1 - beta) A + beta B of all atoms, as published.
+    pub energy: f64,
+    /// A of all atoms, as published.
+    pub energy_lattice: f64,
+    /// B of all atoms.
+    pub energy_image: f64,
 }
 
 /// Figures of a lattice from its mesh, in lattice space, with the nominal distance at any

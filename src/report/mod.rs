@@ -31,7 +31,7 @@ pub use cells::{Voronoi, lattice_of_graph, voronoi};
 pub use cost::{Clock, StageCost};
 pub use fidelity::{Fidelity, Match, fidelity, fidelity_of_cells};
 pub(crate) use fidelity::{fidelity_of_cells_while, fidelity_while};
-pub use lattice::{Lattice, Optimisation, lattice};
+pub use lattice::{Lattice, Optimisation, TracedLattice, lattice};
 pub(crate) use quality::quality_while;
 pub use quality::{Quality, quality, smallest_angles};
 pub use reference::Reference;
@@ -56,6 +56,9 @@ pub struct Report {
     pub stages: Vec<StageCost>,
     /// The atoms.
     pub lattice: Option<Lattice>,
+    /// The lattice as it moved, where it was traced.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub trace: Vec<TracedLattice>,
     /// Shapes in lattice space, in which cells are meant to be well shaped.
     pub quality: Option<Quality>,
     /// Shapes in physical space, where it differs.
@@ -86,6 +89,7 @@ impl Default for Report {
             parameters: serde_json::Value::Null,
             stages: Vec::new(),
             lattice: None,
+            trace: Vec::new(),
             quality: None,
             quality_physical: None,
             left_out: None,

@@ -163,6 +163,8 @@ struct Node<const D: usize> {
     end: u32,
     /// The second child; the first follows its parent.
     second: u32,
+    /// The sets that its items belong to, as bits.
+    sets: u8,
 }
 
 impl<const D: usize> Node<D> {
@@ -173,35 +175,42 @@ impl<const D: usize> Node<D> {
     }
 }
 
-/// A tree of bounding boxes over items that are known by their index.
-pub(super) struct Tree<const D: usize> {
+/// A tree of bounding boxes over items that are known by their index, each of which belongs to the
+/// sets of its bits.
+pub(super) struct Tree<'a, const D: usize> {
     nodes: Vec<Node<D>>,
     order: Vec<u32>,
+    sets: &'a [u8],
 }
 
-impl<const D: usize> Tree<D> {
-    /// A tree over items with the given boxes (low and high corner), split at the median of the
-    /// longest axis.
-    pub(super) fn new(boxes: &[[[f64; D]; 2]]) -> Self {
+impl<'a, const D: usize> Tree<'a, D> {
+    /// A tree over items with the given boxes (low and high corner) and sets, split at the median of
+    /// the longest axis.
+    pub(super) fn new(boxes: &[[[f64; D]; 2]], sets: &'a [u8]) -> Self {
         let mut order: Vec<u32> = (0..boxes.len() as u32).collect();
         let mut nodes = Vec::with_capacity(boxes.len());
         if !boxes.is_empty() {
-            build(boxes, &mut order, 0, &mut nodes);
+            build(boxes, sets, &mut order, 0, &mut nodes);
         }
-        Self { nodes, order }
+        Self { nodes, order, sets }
     }
 
-    /// The nearest item and its squared distance, `square(item)` being the exact squared distance
-    /// from `p` to an item; none if that is not below `limit` for any. `hint` may be an item that
-    /// is likely to be near, to save time; of equally near items it may change which one is found.
+    /// The nearest item of the `wanted` sets and its squared distance, `square(item)` being the exact
+    /// squared distance from `p` to an item; none if that is not below `limit` for any. Branches
+    /// without a wanted item are not looked into: of sets with few items the search is as quick as
+    /// in a tree of their own. `hint` may be an item that is likely to be near, to save time; of
+    /// equally near items it may change which one is found.
     pub(super) fn nearest(
         &self,
         p: [f64; D],
+        wanted: u8,
         limit: f64,
         hint: Option<usize>,
         square: impl Fn(usize) -> f64,
     ) -> Option<(usize, f64)> {
+        let is_wanted = |item: usize| self.sets[item] & wanted != 0;
         let mut best = hint
+            .filter(|&item| is_wanted(item))
             .map(|item| (item, square(item)))
             .filter(|(_, d)| *d < limit);
         let mut stack = [(0u32, 0f64); 64];
@@ -213,12 +222,18 @@ impl<const D: usize> Tree<D> {
                 continue;
             }
             let node = &self.nodes[at as usize];
+            if node.sets & wanted == 0 {
+                continue;
+            }
             let items = &self.order[node.start as usize..node.end as usize];
             if items.len() <= LEAF {
-                for &item in items {
-                    let d = square(item as usize);
+                for item in items.iter().map(|&item| item as usize) {
+                    if !is_wanted(item) {
+                        continue;
+                    }
+                    let d = square(item);
                     if d < best.map_or(limit, |(_, least)| least) {
-                        best = Some((item as usize, d));
+                        best = Some((item, d));
                     }
                 }
             } else {
@@ -242,12 +257,15 @@ impl<const D: usize> Tree<D> {
 /// Appends the nodes over `order`, whose first item is item `start` of the whole.
 fn build<const D: usize>(
     boxes: &[[[f64; D]; 2]],
+    sets: &[u8],
     order: &mut [u32],
     start: usize,
     nodes: &mut Vec<Node<D>>,
 ) {
     let (mut low, mut high) = ([f64::INFINITY; D], [f64::NEG_INFINITY; D]);
+    let mut all = 0;
     for &item in order.iter() {
+        all |= sets[item as usize];
         let [l, h] = boxes[item as usize];
         for k in 0..D {
             low[k] = low[k].min(l[k]);
@@ -262,6 +280,7 @@ fn build<const D: usize>(
         start: start as u32,
         end,
         second: 0,
+        sets: all,
     });
     if order.len() <= LEAF {
         return;
@@ -274,14 +293,15 @@ fn build<const D: usize>(
         middle(a).total_cmp(&middle(b)).then(a.cmp(&b))
     });
     let (left, right) = order.split_at_mut(half);
-    build(boxes, left, start, nodes);
+    build(boxes, sets, left, start, nodes);
     nodes[at].second = nodes.len() as u32;
-    build(boxes, right, start + half, nodes);
+    build(boxes, sets, right, start + half, nodes);
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::distance2;
 
     const FAR: f64 = f64::INFINITY;
 
@@ -367,19 +387,43 @@ mod tests {
             .map(|_| std::array::from_fn(|_| random(&mut seed)))
             .collect();
         let boxes: Vec<[Point; 2]> = points.iter().map(|&p| [p, p]).collect();
-        let tree = Tree::new(&boxes);
+        // One set of every item, one of every third, one of the last.
+        let last = points.len() - 1;
+        let sets: Vec<u8> = (0..=last)
+            .map(|i| 1 | u8::from(i % 3 == 0) << 1 | u8::from(i == last) << 2)
+            .collect();
+        let tree = Tree::new(&boxes, &sets);
         for _ in 0..200 {
             let p: Point = std::array::from_fn(|_| 2.0 * random(&mut seed) - 0.5);
             let square = |i: usize| dot(sub(p, points[i]), sub(p, points[i]));
-            let scanned = (0..points.len()).map(square).fold(f64::INFINITY, f64::min);
-            assert_eq!(tree.nearest(p, FAR, None, square).unwrap().1, scanned);
-            assert_eq!(tree.nearest(p, FAR, Some(7), square).unwrap().1, scanned);
-            assert!(tree.nearest(p, scanned, Some(7), square).is_none());
+            for wanted in [1, 2, 4, 6, 7] {
+                let of_sets = (0..points.len()).filter(|&i| sets[i] & wanted != 0);
+                let scanned = of_sets.map(square).fold(f64::INFINITY, f64::min);
+                let nearest = |limit, hint| tree.nearest(p, wanted, limit, hint, square);
+                assert_eq!(nearest(FAR, None).unwrap().1, scanned);
+                assert_eq!(nearest(FAR, Some(7)).unwrap().1, scanned);
+                assert!(nearest(scanned, Some(7)).is_none());
+            }
         }
-        assert!(
-            Tree::<3>::new(&[])
-                .nearest([0.0; 3], FAR, None, |_| 0.0)
-                .is_none()
-        );
+        let none = Tree::<3>::new(&[], &[]);
+        assert!(none.nearest([0.0; 3], 1, FAR, None, |_| 0.0).is_none());
+    }
+
+    #[test]
+    fn sets_without_items_cost_no_search() {
+        let boxes: Vec<[Point; 2]> = (0..4096)
+            .map(|i| [[f64::from(i % 64), f64::from(i / 64), 0.0]; 2])
+            .collect();
+        let sets: Vec<u8> = (0..4096).map(|i| 1 | u8::from(i == 77) << 1).collect();
+        let tree = Tree::new(&boxes, &sets);
+        for (wanted, most) in [(4, 0), (2, 1)] {
+            let looked_at = std::cell::Cell::new(0);
+            let square = |i: usize| {
+                looked_at.set(looked_at.get() + 1);
+                distance2(&boxes[i][0], &[60.2, 60.1, 5.0])
+            };
+            tree.nearest([60.2, 60.1, 5.0], wanted, FAR, None, square);
+            assert_eq!(looked_at.get(), most);
+        }
     }
 }

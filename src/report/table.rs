@@ -1,11 +1,13 @@
 //! A report on one screen.
 
 use super::quality::{Points, Quality};
-use super::{Angles, Fidelity, Match, Report, Verdict, Voronoi};
+use super::{Angles, Fidelity, Match, Report, TracedLattice, Verdict, Voronoi};
 use crate::improve::Sealed;
 
 /// How many groups of blocked tetrahedra are shown.
 const GROUPS: usize = 4;
+/// How many lattices of a trace are shown, about evenly chosen from the first to the last.
+const TRACED: usize = 10;
 
 impl Report {
     /// The report as a table of plain lines, about 80 columns wide; sections without figures are
@@ -58,12 +60,25 @@ impl Report {
                 line(
                     "",
                     format!(
-                        "energy per atom {:.4} = lattice {:.4} and image {:.4}; {} evaluations, {}",
-                        o.energy, o.energy_lattice, o.energy_image, o.evaluations, o.stop
+                        "energy per atom, as published: P {:.4}, of atoms A {:.4}, in the image B {:.4}",
+                        o.energy, o.energy_lattice, o.energy_image
                     ),
                 );
+                let laplacian = match o.added_by_laplacian {
+                    0.0 => String::new(),
+                    added => format!(" + {added:.4} Laplacian coordinates"),
+                };
+                line(
+                    "",
+                    format!(
+                        "minimised {:.4} = P + {:.4} stiffening{laplacian}",
+                        o.minimised, o.added_by_stiffening
+                    ),
+                );
+                line("", format!("{} evaluations, {}", o.evaluations, o.stop));
             }
         }
+        traced(&mut line, &self.trace);
         for (space, quality) in [
             ("lattice", &self.quality),
             ("physical", &self.quality_physical),
@@ -178,6 +193,27 @@ impl Report {
                 ),
             );
         }
+    }
+}
+
+/// Lattices on their way, as Fernandes & Gattass (2009) show them in their table 3.
+fn traced(line: &mut impl FnMut(&str, String), trace: &[TracedLattice]) {
+    let Some(last) = trace.len().checked_sub(1) else {
+        return;
+    };
+    line("trace", "  step   worst Q    mean Q   energy P".into());
+    let shown = TRACED.min(last + 1);
+    for row in 0..shown {
+        let lattice = &trace[row * last / (shown - 1).max(1)];
+        let TracedLattice {
+            step,
+            worst_quality,
+            mean_quality,
+            energy,
+            ..
+        } = lattice;
+        let text = format!("{step:6} {worst_quality:9.3} {mean_quality:9.3} {energy:10.3}");
+        line("", text);
     }
 }
 
@@ -449,6 +485,9 @@ mod tests {
             energy_lattice: -0.3,
             energy_image: -0.1,
             energy: -0.2,
+            added_by_stiffening: 0.03,
+            added_by_laplacian: 0.005,
+            minimised: -0.165,
             evaluations: 120,
             stop: "converged".into(),
         });

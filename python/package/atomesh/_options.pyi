@@ -18,8 +18,9 @@ class MeshOptions(TypedDict, total=False):
     distance: _Value | None
     #: What a distance MIN:MAX follows: gaps (MAX, but down to MIN where features run close
     #: together or cross at shallow angles; the default), features (MIN on them, increasing away
-    #: from them), image (MIN where it is lowest, MAX where it is highest), laplacian (of the
-    #: potential), or a file with a distance per sample
+    #: from them), image (MIN where it is darkest, MAX where it is brightest; the other way round
+    #: where bright features are followed), laplacian (of the potential), or a file with a distance
+    #: per sample
     distance_from: _Value | None
     #: The features to follow [default: auto]
     feature: Literal["auto", "ridges", "valleys", "edges", "canny", "paths", "horizons", "faults", "faults+horizons", "labels", "potential"] | None
@@ -68,6 +69,9 @@ class MeshOptions(TypedDict, total=False):
     kappa: _Number | None
     #: How atoms are moved [default: lbfgs]
     optimizer: Literal["lbfgs", "descent", "genetic"] | None
+    #: Most rounds of moving atoms a little by chance and minimising; they end when one gains
+    #: nothing [default: 1; 3 with --kappa]
+    rounds: int | None
     #: Number of initial passes on a smoother potential [default: 0]
     coarse_to_fine: int | None
     #: Smallest dihedral angle aimed at, in degrees, the largest being 180 minus it; in 2-D the
@@ -90,7 +94,8 @@ class MeshOptions(TypedDict, total=False):
     rng_seed: int | None
     #: Write the report as JSON
     report: _Path | None
-    #: Write the lattice after each round, for ParaView
+    #: Write the lattice before atoms move and after each round or generation, for ParaView; the
+    #: report then has the energy and the quality of each
     trace: _Path | None
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     #: 100x400x208:f32be

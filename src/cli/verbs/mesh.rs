@@ -22,8 +22,8 @@ use crate::lattice::optimize::Stop;
 use crate::memory::Bytes;
 use crate::mesh::Simplices;
 use crate::mesh::delaunay::{delaunay, delaunay_plane};
-use crate::observer::{Estimate, Observer, Progress, Stage};
-use crate::report::{Clock, Input, quality, smallest_angles};
+use crate::observer::{Estimate, Observer, Progress, Snapshot, Stage};
+use crate::report::{Clock, Input, TracedLattice, quality, smallest_angles};
 use crate::store::cells::cells_to_file;
 use crate::store::file::{to_file, with_image};
 use crate::store::{FieldValue, MeshFile, StoredMesh, Trace, to_physical};
@@ -160,8 +160,7 @@ impl Run<'_> {
             interrupts,
             trace_path: job.lattice().and_then(|lattice| lattice.trace.as_deref()),
             trace: None,
-            frames: 0,
-            energy: None,
+            traced: Vec::new(),
             plane: D == 2,
             geometry: image.geometry.in_space(),
             step: std::array::from_fn(|k| step.get(k).copied().unwrap_or(1.0)),
@@ -170,7 +169,7 @@ impl Run<'_> {
             heard: None,
         };
         let outcome = crate::job::run(&image, &params, &mut watcher);
-        let failed = watcher.failed;
+        let (failed, traced) = (watcher.failed, watcher.traced);
         let mut outcome = match failed.map_or(outcome, Err) {
             Ok(outcome) => outcome,
             Err(error) => {
@@ -212,6 +211,7 @@ impl Run<'_> {
             hash: format!("sha256:{}", outcome.provenance.input_sha256),
         });
         report.parameters = serde_json::to_value(job).unwrap_or_default();
+        report.trace = traced;
         report.notes.splice(0..0, notes);
         report
             .stages
@@ -318,10 +318,8 @@ struct Watcher<'a> {
     trace_path: Option<&'a Path>,
     /// Begun with the first lattice.
     trace: Option<Trace>,
-    /// Lattices in it.
-    frames: usize,
-    /// P, A and B as last heard.
-    energy: Option<[f64; 3]>,
+    /// The lattices in it.
+    traced: Vec<TracedLattice>,
     /// Whether lattices lie in the plane z = 0.
     plane: bool,
     geometry: Geometry<3>,
@@ -335,45 +333,58 @@ struct Watcher<'a> {
 
 impl Watcher<'_> {
     /// Adds a lattice to the trace.
-    fn keep(
-        &mut self,
-        path: &Path,
-        positions: &[[f64; 3]],
-        energy: Option<[f64; 3]>,
-    ) -> Result<()> {
+    fn keep(&mut self, path: &Path, snapshot: &Snapshot<'_>) -> Result<()> {
+        // The lattice with which another optimisation begins is there already.
+        if self.trace.is_some() && snapshot.round == 0 {
+            return Ok(());
+        }
         if self.plane {
-            let atoms: Vec<[f64; 2]> = positions.iter().map(|x| [x[0], x[1]]).collect();
+            let atoms: Vec<[f64; 2]> = snapshot.positions.iter().map(|x| [x[0], x[1]]).collect();
             let step = [self.step[0], self.step[1]];
             let geometry = self.geometry.flatten();
-            let mesh = to_physical(&delaunay_plane(&atoms)?, step, &geometry);
-            return self.add(path, mesh, energy);
+            return self.add(path, &delaunay_plane(&atoms)?, step, &geometry, snapshot);
         }
-        let mesh = to_physical(&delaunay(positions)?, self.step, &self.geometry);
-        self.add(path, mesh, energy)
+        let (mesh, geometry) = (delaunay(snapshot.positions)?, self.geometry.clone());
+        self.add(path, &mesh, self.step, &geometry, snapshot)
     }
 
-    /// Adds the cells of a lattice in the world to the trace, and its energy: P, A and B.
+    /// Adds the cells of a lattice to the trace, in the world, and what is said of it.
     fn add<const D: usize, M: Simplices<D>>(
         &mut self,
         path: &Path,
-        mesh: M,
-        energy: Option<[f64; 3]>,
+        mesh: &M,
+        step: [f64; D],
+        geometry: &Geometry<D>,
+        snapshot: &Snapshot<'_>,
     ) -> Result<()> {
-        let names = ["energy", "energy_lattice", "energy_image"];
-        let energies = names.into_iter().zip(energy.into_iter().flatten());
+        let energies = [
+            ("energy", snapshot.energy),
+            ("energy_lattice", snapshot.lattice),
+            ("energy_image", snapshot.image),
+        ];
         let field = |(name, value): (&str, f64)| (name.into(), FieldValue::F64s(vec![value]));
-        let lattice = MeshFile {
+        let shapes = quality(mesh);
+        let mesh = to_physical(mesh, step, geometry);
+        let frame = MeshFile {
             point_data: Vec::new(),
             cell_data: vec![DataArray::scalars(M::MIN_ANGLE, smallest_angles(&mesh))],
-            field_data: energies.map(field).collect(),
+            field_data: energies.into_iter().map(field).collect(),
             mesh,
         };
         let trace = match &mut self.trace {
             Some(trace) => trace,
             none => none.insert(Trace::create(path)?),
         };
-        trace.add(self.frames as f64, &lattice)?;
-        self.frames += 1;
+        let step = self.traced.len();
+        trace.add(step as f64, &frame)?;
+        self.traced.push(TracedLattice {
+            step,
+            worst_quality: shapes.mean_ratio.worst,
+            mean_quality: shapes.mean_ratio_mean,
+            energy: snapshot.energy,
+            energy_lattice: snapshot.lattice,
+            energy_image: snapshot.image,
+        });
         Ok(())
     }
 }
@@ -400,7 +411,6 @@ impl Observer for Watcher<'_> {
     }
 
     fn progress(&mut self, progress: &Progress) {
-        self.energy = Some([progress.energy, progress.lattice, progress.image]);
         self.console.progress(
             progress.evaluations as f64 / self.most as f64,
             format_args!("round {}, energy {:.4e}", progress.round, progress.energy),
@@ -411,13 +421,16 @@ impl Observer for Watcher<'_> {
         self.console.progress(share, "");
     }
 
-    fn round(&mut self, round: usize, positions: &[[f64; 3]]) {
+    fn lattice(&mut self, snapshot: &Snapshot<'_>) {
         if let Some(path) = self.trace_path
             && self.failed.is_none()
         {
-            let energy = self.energy.filter(|_| round > 0);
-            self.failed = self.keep(path, positions, energy).err();
+            self.failed = self.keep(path, snapshot).err();
         }
+    }
+
+    fn wants_lattices(&self) -> bool {
+        self.trace_path.is_some()
     }
 
     fn keep_going(&mut self) -> bool {

@@ -148,6 +148,7 @@ impl Settings {
             self.kappa = Some(kappa);
         }
         self.optimizer = Some(lattice.optimizer);
+        self.rounds = lattice.rounds;
         self.coarse_to_fine = Some(lattice.coarse_passes);
         self.trace = lattice.trace;
     }

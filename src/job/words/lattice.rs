@@ -39,6 +39,7 @@ pub(super) fn canny(said: &Said, voronoi: bool) -> Result<PlacementJob> {
             "kappa",
             "optimizer",
             "evaluator",
+            "rounds",
             "coarse-to-fine",
             "trace",
         ],
@@ -97,6 +98,10 @@ pub(super) fn lattice(
             "1 or 2 are typical",
         ));
     }
+    if settings.rounds == Some(0) {
+        let problem = "would not move any atom";
+        return Err(bad("rounds", 0, problem, "give 1 or more, or omit it"));
+    }
     Ok(LatticeJob {
         apart: apart(settings)?,
         start,
@@ -104,6 +109,7 @@ pub(super) fn lattice(
         beta: beta(settings.beta.as_deref())?,
         energy: energy(said, voronoi)?,
         optimizer: settings.optimizer.unwrap_or_default(),
+        rounds: settings.rounds,
         coarse_passes,
         trace: settings.trace.clone(),
     })

@@ -232,6 +232,7 @@ mod tests {
             "feature = \"paths\"\nobject = [\"1,2\", \"-3,4.5\"]\nevaluator = \"sampled\"",
             "feature = \"faults+horizons\"\nfeature-weights = \"1,0.5\"\nmetric = \"1,1,0.2\"",
             "velocity = 2400.0",
+            "rounds = 5\noptimizer = \"genetic\"",
             "velocity = 2400.0\nmetric = \"samples\"",
             "seeding = \"guide\"\nmax-atoms = 50\n[input]\ninline-byte = 9",
         ] {
@@ -252,6 +253,8 @@ mod tests {
             ("seeding = \"canny\"\noptimizer = \"genetic\"", "optimizer"),
             ("seeding = \"canny\"\nevaluator = \"sampled\"", "evaluator"),
             ("seeding = \"canny\"\ncoarse-to-fine = 1", "coarse-to-fine"),
+            ("seeding = \"canny\"\nrounds = 2", "rounds"),
+            ("rounds = 0", "rounds"),
             ("seeding = \"canny\"\ntrace = \"t.pvd\"", "trace"),
             ("seeding = \"canny\"\ndistance = 5", "distance"),
             ("seeding = \"canny\"\nrng-seed = 5", "rng-seed"),

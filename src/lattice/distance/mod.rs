@@ -13,7 +13,7 @@ pub(crate) mod sources;
 pub use atoms::of_atoms;
 pub use features::{from_features, from_gaps};
 pub use grading::limit_gradient;
-pub use sources::{from_image, from_laplacian, from_samples};
+pub use sources::{Dense, from_image, from_laplacian, from_samples};
 
 use std::f64::consts::SQRT_2;
 

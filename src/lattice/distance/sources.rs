@@ -10,8 +10,17 @@ use crate::feature::gaussian::smooth;
 use crate::image::Field;
 use crate::observer::Patience;
 
-/// d(x) = `min` where the smoothed image is lowest, `max` where it is highest, and linear between
-/// (Hale 2001, figure 5).
+/// Where an image asks for atoms near each other.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Dense {
+    /// Where it is dark, as in Hale 2001.
+    Dark,
+    /// Where it is bright.
+    Bright,
+}
+
+/// d(x) = `min` where the smoothed image is darkest (or brightest, as `dense` says), `max` where it is
+/// most unlike that, and linear between (Hale 2001, figure 5).
 ///
 /// The image is smoothed by a Gaussian of width `max` (lattice units): what is finer no lattice of
 /// such distances can follow.
@@ -21,6 +30,7 @@ use crate::observer::Patience;
 /// (0, 1], and an image that is constant.
 pub fn from_image<const D: usize>(
     image: &Field<D>,
+    dense: Dense,
     min: f64,
     max: f64,
     growth: f64,
@@ -46,7 +56,11 @@ pub fn from_image<const D: usize>(
     }
     let slope = (max - min) as f32 / span;
     for s in &mut field.samples {
-        *s = (min as f32 + slope * (*s - low)).clamp(min as f32, max as f32);
+        let away = match dense {
+            Dense::Dark => *s - low,
+            Dense::Bright => high - *s,
+        };
+        *s = (min as f32 + slope * away).clamp(min as f32, max as f32);
     }
     limit_gradient(&mut field, growth, patience);
     Ok(Distance::Field(field))
@@ -182,14 +196,16 @@ mod tests {
         let k = std::f64::consts::PI / dims[0] as f64;
         let image = Field::from_fn(dims, [1.0; D], |p| 50.0 + 7.0 * ((p[0] + 0.5) * k).cos());
         let (min, max) = (5.0, 7.0);
-        let d = from_image(&image, min, max, 0.1, &Patience::endless()).unwrap();
-        for x in 0..dims[0] {
-            let mut p: [f64; D] = std::array::from_fn(|k| 0.5 * (dims[k] - 1) as f64);
-            p[0] = x as f64;
-            let truth = 6.0 + ((p[0] + 0.5) * k).cos();
-            assert!((d.at(p) - truth).abs() < 0.01, "{x} {} {truth}", d.at(p));
+        for (dense, sign) in [(Dense::Dark, 1.0), (Dense::Bright, -1.0)] {
+            let d = from_image(&image, dense, min, max, 0.1, &Patience::endless()).unwrap();
+            for x in 0..dims[0] {
+                let mut p: [f64; D] = std::array::from_fn(|k| 0.5 * (dims[k] - 1) as f64);
+                p[0] = x as f64;
+                let truth = 6.0 + sign * ((p[0] + 0.5) * k).cos();
+                assert!((d.at(p) - truth).abs() < 0.01, "{x} {} {truth}", d.at(p));
+            }
+            assert_eq!((d.min(), d.max()), (min, max));
         }
-        assert_eq!((d.min(), d.max()), (min, max));
     }
 
     #[test]
@@ -225,8 +241,8 @@ mod tests {
         let flat = Field::from_fn([30, 30], [1.0; 2], |_| 3.0);
         let nan = Field::from_fn([30, 30], [1.0; 2], |_| f64::NAN);
         let errors = [
-            from_image(&flat, 4.0, 8.0, 0.1, &Patience::endless()),
-            from_image(&nan, 4.0, 8.0, 0.1, &Patience::endless()),
+            from_image(&flat, Dense::Dark, 4.0, 8.0, 0.1, &Patience::endless()),
+            from_image(&nan, Dense::Bright, 4.0, 8.0, 0.1, &Patience::endless()),
             from_samples(nan, 4.0, 8.0, 0.1, &Patience::endless()),
             from_samples(flat.clone(), 8.0, 4.0, 0.1, &Patience::endless()),
             from_laplacian(&flat, 1.0, 4.0, 8.0, 0.0, &Patience::endless()),

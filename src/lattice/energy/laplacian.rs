@@ -29,7 +29,7 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::neighbours::CHUNK;
-use super::{Beta, Energy, Pairwise, Parts};
+use super::{Beta, Energy, Pairwise, Parts, Terms};
 use crate::error::{Error, Result, cause};
 use crate::lattice::distance::Distance;
 use crate::mesh::Simplices;
@@ -228,6 +228,16 @@ impl<const D: usize> Energy<D> for Regularised<'_, D> {
             image,
         };
         energy + weighted
+    }
+
+    fn terms(&mut self, x: &[[f64; D]], minimised: f64, gradient: &mut [[f64; D]]) -> Terms {
+        // Atoms alone, A counting in full.
+        let alone = self.pairs.clone().counting(1.0).evaluate(x, gradient);
+        let terms = self.pairs.terms(x, alone, gradient);
+        Terms {
+            smoothing: minimised - alone,
+            ..terms
+        }
     }
 
     fn stiffness(&self, x: &[[f64; D]]) -> Vec<f32> {

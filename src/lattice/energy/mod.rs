@@ -60,6 +60,19 @@ pub struct Parts {
     pub image: f64,
 }
 
+/// What the energy of a lattice consists of. What is minimised is the sum P + stiffening + smoothing.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Terms {
+    /// A between atoms and B in the image, both as published and unweighted.
+    pub published: Parts,
+    /// P = (1 - beta) A + beta B of these.
+    pub energy: f64,
+    /// What the [stiffening](pair) of the force between atoms adds to P.
+    pub stiffening: f64,
+    /// What A' in the place of A adds to that ([`laplacian`]).
+    pub smoothing: f64,
+}
+
 /// Something that knows the energy of a lattice.
 pub trait Energy<const D: usize> {
     /// Computes P at the positions `x` and, in `gradient`, its derivative with respect to every
@@ -71,6 +84,11 @@ pub trait Energy<const D: usize> {
     fn stiffness(&self, x: &[[f64; D]]) -> Vec<f32> {
         vec![1.0; x.len()]
     }
+
+    /// What the energy of the lattice at `x`, which is `minimised` by [`Energy::evaluate`], consists of.
+    /// What it writes to `gradient`, which is as long, is of no use. Neither the parts of the last
+    /// evaluation nor what a round has frozen changes.
+    fn terms(&mut self, x: &[[f64; D]], minimised: f64, gradient: &mut [[f64; D]]) -> Terms;
 
     /// Called with the lattice at the start of every round of an optimisation: what is frozen in a
     /// round may change here. Says whether it has, so that energies of before are no longer to be

@@ -15,7 +15,7 @@
 //! reference and the thing to beat, not the tool of choice.
 
 use super::pair::{CUTOFF, potential};
-use super::{Beta, Energy, Parts};
+use super::{Beta, Energy, Parts, Terms};
 use crate::image::Field;
 use crate::lattice::distance::Distance;
 use crate::lattice::seeding::Alignment;
@@ -261,6 +261,22 @@ impl<const D: usize> Energy<D> for Sampled<'_, D> {
         }
         self.parts = parts;
         energy
+    }
+
+    fn terms(&mut self, x: &[[f64; D]], minimised: f64, gradient: &mut [[f64; D]]) -> Terms {
+        let (parts, stiffness) = (self.parts, self.stiffness);
+        self.stiffness = 0.0;
+        self.tabulate();
+        let energy = self.evaluate(x, gradient);
+        let terms = Terms {
+            published: self.parts,
+            energy,
+            stiffening: minimised - energy,
+            smoothing: 0.0,
+        };
+        (self.parts, self.stiffness) = (parts, stiffness);
+        self.tabulate();
+        terms
     }
 
     fn twin(&self) -> Box<dyn Energy<D> + Send + '_> {

@@ -22,7 +22,7 @@ use rayon::prelude::*;
 
 use super::bounds::Bounds;
 use super::minimise::{Budget, FIRST_CURVATURE, Minimiser, finite};
-use super::{Effort, Stop};
+use super::{Effort, Stop, show};
 use crate::error::Result;
 use crate::geometry::random::uniform;
 use crate::lattice::energy::{Energy, Parts};
@@ -138,6 +138,15 @@ pub fn evolve<const D: usize>(
             });
         }
         history.push(least);
+        let spare = &mut children[0].gradient;
+        show(
+            &parents[0].positions,
+            least,
+            generation as usize,
+            &mut *twins[0],
+            spare,
+            observer,
+        );
         if let Some(n) = history.len().checked_sub(WINDOW + 1)
             && history[n] - least <= options.tolerance * least.abs()
         {

@@ -20,14 +20,14 @@ pub(crate) mod lbfgs;
 pub(crate) mod minimise;
 pub(crate) mod temperature;
 
-pub use crate::observer::{Observer, Progress, Unobserved};
+pub use crate::observer::{Observer, Progress, Snapshot, Unobserved};
 
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result, cause};
 use crate::geometry::in_space;
 use crate::lattice::distance::Distance;
-use crate::lattice::energy::{Energy, Parts};
+use crate::lattice::energy::{Energy, Terms};
 use crate::lattice::seeding::Atoms;
 use bounds::Bounds;
 use minimise::{Budget, Minimiser};
@@ -121,12 +121,12 @@ pub struct Rest {
     pub iterations: usize,
     /// Evaluations of the energy.
     pub evaluations: usize,
-    /// P of the lattice as given.
+    /// What is minimised, of the lattice as given.
     pub energy_before: f64,
-    /// P of the lattice as left.
+    /// The same of the lattice as left.
     pub energy_after: f64,
-    /// A and B of the lattice as left.
-    pub parts: Parts,
+    /// What the latter consists of.
+    pub terms: Terms,
 }
 
 /// Lowers the energy of a lattice in the box `[0, extent]`.
@@ -151,8 +151,10 @@ pub fn optimize<const D: usize>(
         limit: options.max_evaluations,
     };
     energy.refresh(&atoms.positions)?;
-    let (energy_before, parts) = minimiser.measure(&atoms.positions, energy, &mut budget)?;
-    let mut best = (energy_before, parts);
+    let (energy_before, _) = minimiser.measure(&atoms.positions, energy, &mut budget)?;
+    let mut best = energy_before;
+    let mut spare = vec![[0.0; D]; atoms.len()];
+    show(&atoms.positions, best, 0, energy, &mut spare, observer);
     let mut rounds = 0;
     let stop = loop {
         if rounds == options.max_rounds || budget.spent() {
@@ -163,7 +165,7 @@ pub fn optimize<const D: usize>(
             break Stop::Interrupted;
         }
         if rounds > 0 && energy.refresh(&atoms.positions)? {
-            best = minimiser.measure(&atoms.positions, energy, &mut budget)?;
+            (best, _) = minimiser.measure(&atoms.positions, energy, &mut budget)?;
         }
         rounds += 1;
         let key = options.seed.wrapping_add(rounds as u64);
@@ -190,18 +192,19 @@ pub fn optimize<const D: usize>(
                 )?
             }
         };
-        let before = best.0;
+        let before = best;
         let first = rounds == 1;
-        if minimiser.energy() < best.0 {
-            best = (minimiser.energy(), minimiser.parts());
+        if minimiser.energy() < best {
+            best = minimiser.energy();
             atoms.positions.copy_from_slice(minimiser.positions());
         }
-        let positions: Vec<[f64; 3]> = atoms.positions.iter().map(|&x| in_space(x)).collect();
-        observer.round(rounds, &positions);
+        if options.method != Method::Genetic {
+            show(&atoms.positions, best, rounds, energy, &mut spare, observer);
+        }
         if stop == Stop::Interrupted {
             break stop;
         }
-        if !first && before - best.0 <= options.tolerance * before.abs() {
+        if !first && before - best <= options.tolerance * before.abs() {
             break Stop::Converged;
         }
     };
@@ -211,9 +214,32 @@ pub fn optimize<const D: usize>(
         iterations: budget.iterations,
         evaluations: budget.evaluations,
         energy_before,
-        energy_after: best.0,
-        parts: best.1,
+        energy_after: best,
+        terms: energy.terms(&atoms.positions, best, &mut spare),
     })
+}
+
+/// Shows an observer who wants to see it a lattice, of which so much is minimised.
+fn show<const D: usize>(
+    x: &[[f64; D]],
+    minimised: f64,
+    round: usize,
+    energy: &mut (impl Energy<D> + ?Sized),
+    spare: &mut [[f64; D]],
+    observer: &mut dyn Observer,
+) {
+    if !observer.wants_lattices() {
+        return;
+    }
+    let terms = energy.terms(x, minimised, spare);
+    let positions: Vec<[f64; 3]> = x.iter().map(|&x| in_space(x)).collect();
+    observer.lattice(&Snapshot {
+        round,
+        positions: &positions,
+        energy: terms.energy,
+        lattice: terms.published.lattice,
+        image: terms.published.image,
+    });
 }
 
 fn check(options: &Effort, atoms: usize) -> Result<()> {

@@ -34,7 +34,7 @@ fn evaluator<'a>(distance: &'a Distance<3>, valley: &'a Field<3>) -> Pairwise<'a
 #[derive(Default)]
 struct Recorder {
     energies: Vec<f64>,
-    rounds: usize,
+    snapshots: usize,
     stop_after: Option<usize>,
 }
 
@@ -44,10 +44,15 @@ impl Observer for Recorder {
         let energy = 0.4 * progress.lattice + 0.6 * progress.image;
         assert!((energy - progress.energy).abs() < 1e-6);
     }
-    fn round(&mut self, round: usize, positions: &[[f64; 3]]) {
-        self.rounds += 1;
-        assert_eq!(self.rounds, round);
-        assert!(positions.len() > 100);
+    fn lattice(&mut self, snapshot: &Snapshot<'_>) {
+        assert_eq!(self.snapshots, snapshot.round);
+        self.snapshots += 1;
+        assert!(snapshot.positions.len() > 100);
+        let energy = 0.4 * snapshot.lattice + 0.6 * snapshot.image;
+        assert!((energy - snapshot.energy).abs() < 1e-6);
+    }
+    fn wants_lattices(&self) -> bool {
+        true
     }
     fn keep_going(&mut self) -> bool {
         self.stop_after.is_none_or(|n| self.energies.len() < n)
@@ -80,7 +85,7 @@ fn atoms_settle_on_the_surface_and_the_box_stays_exact() {
     );
     assert_eq!(
         (outcome.rounds, outcome.iterations),
-        (recorder.rounds, recorder.energies.len())
+        (recorder.snapshots - 1, recorder.energies.len())
     );
 
     // The box: every atom still on its sides, none outside, none freed or fixed.

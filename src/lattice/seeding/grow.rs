@@ -3,12 +3,14 @@
 //! A queue of atoms grows the lattice: an atom proposes the sites that its neighbours would have in
 //! the densest regular lattice of spacing d(x), face-centred cubic or triangular, and a site becomes
 //! an atom if no atom is nearer than 0.8 d. Hale marks spheres in a volume of flags; here atoms are
-//! kept in a grid of cells.
+//! kept in a grid of cells. Hale's sites are d(x) away from an atom at x; here the mean of d at both ends,
+//! so that more of them fall together where d varies.
 //!
 //! The box comes first, so that it is filled exactly: its corners; atoms along its edges, in 3-D
 //! sqrt 2 d apart as on the edges of a (100) box; in 3-D atoms in its sides, grown from the edges as
-//! centred squares; and only then the inside, grown from fixed atoms and sides inwards. All of it in
-//! the orientation of the box's axes, so that where d hardly varies the fronts meet as one lattice.
+//! centred squares. Then the inside grows from its fixed atoms or, if there are none, from its centre, as
+//! in Hale: one front, which nothing meets but the sides, leaves a lattice without grain boundaries. What
+//! room is left beside the sides is filled from these.
 //!
 //! Alongside, the same happens on a box that is half a d smaller on every side.
 
@@ -88,7 +90,10 @@ impl<'a, const D: usize> Grown<'a, D> {
             let from = self.placed.positions()[n as usize];
             let d = self.distance.at(from);
             for step in &steps {
-                let site = self.onto(std::array::from_fn(|k| from[k] + d * step[k]), sides);
+                // As far away as d asks for at both ends: then a neighbour asks for the same pair.
+                let after =
+                    |d: f64| self.onto(std::array::from_fn(|k| from[k] + d * step[k]), sides);
+                let site = after(0.5 * (d + self.distance.at(after(d))));
                 let d = self.distance.at(site);
                 let inside = along.iter().all(|&k| {
                     let [low, high] = self.ends(k, d);
@@ -205,10 +210,18 @@ pub fn grown<const D: usize>(
                     }
                 }
             } else {
-                // From the fixed atoms first.
                 let on = |&n: &u32| lattice.sides[n as usize] & sides == sides;
-                let queue = (before..count).chain(0..before).filter(on).collect();
-                lattice.grow(queue, sides, patience);
+                let mut seeds: VecDeque<u32> = (before..count).filter(on).collect();
+                let rims: VecDeque<u32> = (0..before).filter(on).collect();
+                let centre = extent.map(|l| 0.5 * l);
+                if rank == 0
+                    && seeds.is_empty()
+                    && lattice.placed.is_free(&centre, FREE * distance.at(centre))
+                {
+                    seeds.push_back(lattice.add(centre, 0));
+                }
+                lattice.grow(seeds, sides, patience);
+                lattice.grow(rims, sides, patience);
             }
         }
         is_fixed.resize(lattice.placed.positions().len(), false);
@@ -294,6 +307,71 @@ pub(super) mod tests {
         }
         println!("widest hole {widest:.3} d");
         assert!(widest < 1.1, "{widest}");
+    }
+
+    /// The share of atoms, farther than 2 d from all sides, that have as many others within 1.25 d as in the
+    /// densest lattice.
+    fn regular<const D: usize>(how: Seeding, extent: [f64; D], distance: &Distance<D>) -> f64 {
+        let patience = &Patience::endless();
+        let atoms = seed(how, extent, distance, &[], Alignment::On, None, patience).unwrap();
+        // The sides are exact and carry their own lattice.
+        let count = |kind| atoms.kinds.iter().filter(|&&k| k == kind).count();
+        assert_eq!(count(AtomKind::Corner), 1 << D);
+        assert!(count(AtomKind::Edge) > 6 * D && (D == 2 || count(AtomKind::Side) > 100));
+        let wanted = if D == 2 { 6 } else { 12 };
+        let (mut all, mut whole) = (0, 0);
+        for x in &atoms.positions {
+            let d = distance.at(*x);
+            if (0..D).any(|k| x[k].min(extent[k] - x[k]) < 2.0 * d) {
+                continue;
+            }
+            let near = |y: &&[f64; D]| distance2(x, y) < (1.25 * d).powi(2);
+            all += 1;
+            whole += usize::from(atoms.positions.iter().filter(near).count() - 1 == wanted);
+        }
+        assert!(all > 50, "{all}");
+        f64::from(whole as u32) / f64::from(all)
+    }
+
+    /// d rises along the diagonal by `slope`, or in waves whose slope is at most that.
+    fn sloping<const D: usize>(extent: [f64; D], slope: f64, waves: bool) -> Distance<D> {
+        let dims = extent.map(|l| l as usize + 1);
+        let step = std::array::from_fn(|k| extent[k] / (dims[k] - 1) as f64);
+        Distance::Field(Field::from_fn(dims, step, |x| {
+            if waves {
+                let steepest = slope * (D as f64).sqrt();
+                let wave = |k: usize| (x[k] * steepest / 1.5 + k as f64).sin();
+                6.0 + 1.5 * (0..D).map(wave).sum::<f64>() / D as f64
+            } else {
+                4.0 + slope * x.iter().sum::<f64>() / (D as f64).sqrt()
+            }
+        }))
+    }
+
+    #[test]
+    fn a_variable_lattice_is_regular_inside() {
+        for (slope, waves) in [(0.05, false), (0.08, false), (0.05, true), (0.08, true)] {
+            let extent = [120.0, 91.0];
+            let share = regular(Seeding::Fcc, extent, &sloping(extent, slope, waves));
+            println!("2-D, slope {slope}, waves {waves}: {share:.3}");
+            assert!(share >= 0.75, "{slope} {waves}: {share}");
+        }
+        for (slope, waves) in [(0.03, false), (0.05, false), (0.08, false), (0.05, true)] {
+            let extent = [70.0, 63.0, 55.0];
+            let share = regular(Seeding::Fcc, extent, &sloping(extent, slope, waves));
+            println!("3-D, slope {slope}, waves {waves}: {share:.3}");
+            assert!(share >= 0.95, "{slope} {waves}: {share}");
+        }
+    }
+
+    #[test]
+    fn grown_at_a_constant_distance_it_is_regular_inside() {
+        for d in [5.0, 6.0] {
+            let distance = Distance::Constant(d);
+            assert!(regular(Seeding::Grown, [120.0, 91.0], &distance) >= 0.95);
+            let distance = Distance::Constant(d);
+            assert!(regular(Seeding::Grown, [70.0, 63.0, 55.0], &distance) >= 0.95);
+        }
     }
 
     #[test]

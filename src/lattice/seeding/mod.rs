@@ -126,7 +126,7 @@ pub enum Seeding {
     /// (`grow::grown`).
     #[default]
     Fcc,
-    /// Grown by Algorithm 2 whatever d, from fixed atoms and the sides of the box: the lattice is
+    /// Grown by Algorithm 2 whatever d, from fixed atoms or the centre of the box: the lattice is
     /// regular around wells rather than in the box.
     Grown,
     /// Delaunay refinement (`refine::refined`), isotropic.

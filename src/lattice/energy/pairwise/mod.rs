@@ -28,7 +28,7 @@ use super::image_term::ImageTerm;
 use super::images::Images;
 use super::neighbours::{CHUNK, FixedPoint, NOWHERE, Neighbours, Point, Rows};
 use super::pair::CUTOFF;
-use super::{Beta, Energy, Parts};
+use super::{Beta, Energy, Parts, Terms};
 use crate::error::{Error, Result, cause};
 use crate::image::Field;
 use crate::lattice::distance::Distance;
@@ -377,6 +377,20 @@ impl<const D: usize> Energy<D> for Pairwise<'_, D> {
             return f64::NAN;
         }
         total[2]
+    }
+
+    fn terms(&mut self, x: &[[f64; D]], minimised: f64, gradient: &mut [[f64; D]]) -> Terms {
+        let (parts, kappa, stiffness) = (self.parts, self.kappa, self.stiffness);
+        (self.kappa, self.stiffness) = (1.0, 0.0);
+        let energy = self.evaluate(x, gradient);
+        let terms = Terms {
+            published: self.parts,
+            energy,
+            stiffening: minimised - energy,
+            smoothing: 0.0,
+        };
+        (self.parts, self.kappa, self.stiffness) = (parts, kappa, stiffness);
+        terms
     }
 
     fn stiffness(&self, x: &[[f64; D]]) -> Vec<f32> {

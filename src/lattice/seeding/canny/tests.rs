@@ -131,6 +131,107 @@ fn straight_features_keep_fewer_points_than_corners() {
     assert_eq!(same.len(), kept.len());
 }
 
+/// The edge of a disc as a detector finds it: the samples that it passes nearest to along an axis, each
+/// moved onto it.
+fn circle(dims: [usize; 2], centre: [f64; 2], radius: f64) -> Vec<FeaturePoint<2>> {
+    let empty = Volume { dims, samples: &[] };
+    let mut found = Vec::new();
+    for i in 0..dims[0] * dims[1] {
+        let at = empty.coordinates(i);
+        let from: [f64; 2] = std::array::from_fn(|k| at[k] as f64 - centre[k]);
+        let r = from[0].hypot(from[1]);
+        if (r - radius).abs() <= 0.5 * from[0].abs().max(from[1].abs()) / r.max(1e-9) {
+            found.push(FeaturePoint {
+                position: std::array::from_fn(|k| (centre[k] + radius / r * from[k]) as f32),
+                normal: std::array::from_fn(|k| (from[k] / r) as f32),
+                strength: 1.0,
+            });
+        }
+    }
+    found
+}
+
+#[test]
+fn the_more_a_line_bends_the_more_of_its_points_are_kept() {
+    let dims = [120, 120];
+    // Mean over some centres, for samples lie differently about each.
+    let spacing = |radius: f64| {
+        let centres = [[60.3, 59.7], [60.0, 60.5], [59.9, 60.15], [60.45, 60.3]];
+        let kept = centres.map(|centre| {
+            let points = circle(dims, centre, radius);
+            let held = &mut Held::new(dims);
+            thinned(&points, dims, [1.0; 2], held, &Patience::endless()).len() as f64
+        });
+        2.0 * std::f64::consts::PI * radius * 4.0 / kept.iter().sum::<f64>()
+    };
+    let spacings = [3.0, 5.0, 6.0, 7.0, 8.0].map(spacing);
+    println!("{spacings:?}");
+    assert!(spacings[1] <= 3.0, "{spacings:?}");
+    assert!(spacings.is_sorted_by(|a, b| a < b), "{spacings:?}");
+    // Those that hardly bend within a window are lines: six samples along an axis, 8.5 askew.
+    for radius in [10.0, 15.0, 20.0, 30.0, 45.0] {
+        let wide = spacing(radius);
+        assert!(wide > spacings[4] - 0.1 && wide < 8.5, "{radius}: {wide}");
+    }
+}
+
+#[test]
+fn lines_side_by_side_are_no_detail() {
+    let dims = [90, 90];
+    for apart in [3.0, 5.0, 9.0f32] {
+        let line = |y: f32| {
+            (0..90).map(move |i| FeaturePoint {
+                position: [i as f32, y],
+                normal: [0.0, 1.0],
+                strength: 1.0,
+            })
+        };
+        let lines: Vec<_> = (0..5).flat_map(|n| line(20.2 + apart * n as f32)).collect();
+        let held = &mut Held::new(dims);
+        let kept = thinned(&lines, dims, [1.0; 2], held, &Patience::endless());
+        // Coarse, each leaves out a square of eleven samples.
+        let most = 5.0 * 90.0 / 6.0 + 5.0;
+        assert!((kept.len() as f64) < most, "{apart}: {}", kept.len());
+    }
+}
+
+/// Atoms where an image in noise is seeded, over atoms where it is without.
+fn in_noise<const D: usize>(dims: [usize; D], radius: f64, percent: f64) {
+    let image = |noise: f64, seed: u64| {
+        let mut random = crate::feature::scenes::Noise::new(seed);
+        let clean = ball(dims, radius);
+        let samples = clean.as_slice().iter();
+        let noisy = samples.map(|&s| s + (noise * random.normal()) as f32);
+        Image::new(dims, noisy.collect(), Geometry::default())
+    };
+    let atoms = |image: Image<D>| {
+        let (features, ..) = seeds(&image);
+        let mut samples = image.as_slice().to_vec();
+        crate::feature::gaussian::smooth(dims, &mut samples, [1.0; D], &Patience::endless());
+        let step = [1.0; D];
+        let field = Field {
+            dims,
+            step,
+            samples,
+        };
+        let seeded = seeded(&features.points, &field, &[], &Patience::endless());
+        seeded.unwrap().0.len() as f64
+    };
+    let clean = atoms(image(0.0, 1));
+    for seed in 1..4 {
+        let share = atoms(image(percent, seed)) / clean;
+        println!("{D}-D, seed {seed}: {share} of {clean}");
+        assert!((0.8..=1.5).contains(&share), "{D}-D, seed {seed}: {share}");
+    }
+}
+
+#[test]
+fn noise_adds_few_atoms() {
+    in_noise([192, 180], 60.0, 5.0);
+    in_noise([256, 240], 90.0, 5.0);
+    in_noise([56, 52, 50], 17.0, 5.0);
+}
+
 #[test]
 fn dots_hold_as_much_as_the_map() {
     // A parabola bends alike everywhere, and by more than a dot takes away.

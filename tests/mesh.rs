@@ -397,12 +397,12 @@ fn every_option_of_mesh_runs() {
         .filter_map(|s| s.split('"').next())
         .collect();
     assert!(steps.len() >= 2, "{pvd}");
-    for (round, step) in steps.iter().enumerate() {
+    for step in steps {
         let frame = json(&succeed(folder.path(), &["info", step, "--json"]));
         let [nodes, cells] = ["nodes", "tetrahedra"].map(|what| frame[what].as_u64().unwrap());
         assert!(cells > 2 * nodes, "{step}: {frame}");
         let energy = &frame["fields"]["energy"][0];
-        assert_eq!(energy.is_f64(), round > 0, "{step}: {frame}");
+        assert!(energy.is_f64(), "{step}: {frame}");
     }
 }
 

@@ -89,7 +89,7 @@ const CHOICES: &[Choice] = &[
     any("--kappa 0.7"),
     any("--optimizer descent"),
     any("--optimizer genetic"),
-    any("--rounds 3"),
+    any("--rounds 2"),
     any("--coarse-to-fine 1"),
     any("--min-dihedral 12"),
     any("--slivers none"),
@@ -473,7 +473,7 @@ fn examples_give_the_same_bytes_from_their_configurations() {
     let same = seen.len();
     println!("{same} examples; without an image {without_image:#?}");
     assert!(same >= 10, "{same}");
-    assert!(without_image.len() <= 20, "{without_image:#?}");
+    assert!(without_image.len() <= 24, "{without_image:#?}");
 }
 
 #[test]

@@ -17,7 +17,7 @@ const RINGS: usize = 3;
 const FEATURES_STAY: f64 = 0.98;
 
 /// Of so many changes that do not help, a second is tried.
-const PROMISING: usize = 4;
+const PROMISING: usize = 12;
 
 /// Times that all poor triangles are tried.
 const PASSES: usize = 3;

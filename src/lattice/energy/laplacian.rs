@@ -311,8 +311,9 @@ mod tests {
         let (mut worst, mut square, mut count) = (0.0f64, 0.0, 0.0);
         for n in 0..x.len() {
             for k in (0..D).filter(|&k| mobility[n][k] > 0.0) {
-                // Large enough for the single precision of pairs; errors are of fourth order.
-                let (h, at) = (4e-3, x[n][k]);
+                // Large enough for the single precision of pairs, if they count; errors are of fourth order.
+                let h = if kappa > 0.0 { 4e-3 } else { 1e-3 };
+                let at = x[n][k];
                 let mut value = |offset: f64| {
                     x[n][k] = at + offset;
                     energy.evaluate(&x, &mut unused)

@@ -117,6 +117,11 @@ fn odd_and_broken_files() {
         ("segyio/mapping-unsupported-type.sgy", LINES),
         ("segyio/mapping-shifted.sgy", "several traces in a cell"),
         ("segyio/multiformats/Format4msb.sgy", "sample format 4"),
+        // A line, which is an image of the plane.
+        (
+            "segysak/f3-iline-111.sgy",
+            "is a 2-D image of 75 x 18 samples",
+        ),
     ];
     let read: &[(&str, [usize; 3])] = &[
         ("segyio/tiny.sgy", [4, 2, 3]),
@@ -128,7 +133,6 @@ fn odd_and_broken_files() {
         ("segyio/trace-header-extension1.sgy", [4, 2, 3]),
         ("segyio/小文件.sgy", [50, 5, 5]),
         ("segyio/rotated-small-rev2.sgy", [50, 5, 5]),
-        ("segysak/f3-iline-111.sgy", [75, 18, 1]),
         ("segysak/f3-ebcidctest.sgy", [463, 100, 2]),
         ("segysak/f3-withdead.sgy", [75, 18, 23]),
         ("segysak/test-geometry.sgy", [4, 202, 61]),

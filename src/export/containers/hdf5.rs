@@ -26,9 +26,12 @@ pub enum Attribute {
     Ints(Vec<i32>),
 }
 
+/// Things by name.
+type Named<T> = [(String, T)];
+
 impl Node<'_> {
     /// The attributes and the nodes of a group.
-    fn group(&self) -> Option<(&[(String, Attribute)], &[(String, Self)])> {
+    fn group(&self) -> Option<(&Named<Attribute>, &Named<Self>)> {
         match self {
             Self::Group(links) => Some((&[], links)),
             Self::Described(attributes, links) => Some((attributes, links)),

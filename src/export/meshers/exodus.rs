@@ -148,13 +148,12 @@ fn blocks(model: &Model, mesh: &Simplices, order: &[u32]) -> Vec<Block> {
         }
     });
     let mut blocks: Vec<Block> = of_regions.collect();
-    let mut next = blocks.iter().map(|block| block.number).max().unwrap_or(0);
-    for torn in &mesh.torn {
-        next += 1;
+    let last = blocks.iter().map(|block| block.number).max().unwrap_or(0);
+    for (number, torn) in (last + 1..).zip(&mesh.torn) {
         let nodes = torn.pairs.iter().flat_map(|pair| pair.as_flattened());
         blocks.push(Block {
             name: torn.name.clone(),
-            number: next,
+            number,
             kind: "WEDGE",
             nodes: nodes.map(|&n| n as i32 + 1).collect(),
             size: 6,

@@ -100,6 +100,14 @@ class MeshOptions(TypedDict, total=False):
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     #: 100x400x208:f32be
     raw: _Value | None
+    #: Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
+    unit: _Value | None
+    #: A bare array: what its axes are, the fastest first: x, y, z (-z where the coordinate falls
+    #: from sample to sample), or time, depth, sample (all downwards), crossline, inline [default:
+    #: x,y,z]
+    axes: _Value | None
+    #: A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
+    geometry_from: _Path | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
     #: SEG-Y: trace header byte of the crossline number [default: 193]
@@ -147,6 +155,19 @@ class FeatureOptions(TypedDict, total=False):
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     #: 100x400x208:f32be
     raw: _Value | None
+    #: A bare array (.npy, raw, .tif, .png): distances between samples along its axes, the fastest
+    #: first, or one for all
+    spacing: _Value | None
+    #: A bare array: the position of its first sample
+    origin: _Value | None
+    #: Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
+    unit: _Value | None
+    #: A bare array: what its axes are, the fastest first: x, y, z (-z where the coordinate falls
+    #: from sample to sample), or time, depth, sample (all downwards), crossline, inline [default:
+    #: x,y,z]
+    axes: _Value | None
+    #: A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
+    geometry_from: _Path | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
     #: SEG-Y: trace header byte of the crossline number [default: 193]
@@ -169,6 +190,19 @@ class InfoOptions(TypedDict, total=False):
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     #: 100x400x208:f32be
     raw: _Value | None
+    #: A bare array (.npy, raw, .tif, .png): distances between samples along its axes, the fastest
+    #: first, or one for all
+    spacing: _Value | None
+    #: A bare array: the position of its first sample
+    origin: _Value | None
+    #: Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
+    unit: _Value | None
+    #: A bare array: what its axes are, the fastest first: x, y, z (-z where the coordinate falls
+    #: from sample to sample), or time, depth, sample (all downwards), crossline, inline [default:
+    #: x,y,z]
+    axes: _Value | None
+    #: A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
+    geometry_from: _Path | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
     #: SEG-Y: trace header byte of the crossline number [default: 193]
@@ -191,6 +225,19 @@ class ConvertOptions(TypedDict, total=False):
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     #: 100x400x208:f32be
     raw: _Value | None
+    #: A bare array (.npy, raw, .tif, .png): distances between samples along its axes, the fastest
+    #: first, or one for all
+    spacing: _Value | None
+    #: A bare array: the position of its first sample
+    origin: _Value | None
+    #: Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
+    unit: _Value | None
+    #: A bare array: what its axes are, the fastest first: x, y, z (-z where the coordinate falls
+    #: from sample to sample), or time, depth, sample (all downwards), crossline, inline [default:
+    #: x,y,z]
+    axes: _Value | None
+    #: A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
+    geometry_from: _Path | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
     #: SEG-Y: trace header byte of the crossline number [default: 193]
@@ -228,6 +275,19 @@ class ReportOptions(TypedDict, total=False):
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     #: 100x400x208:f32be
     raw: _Value | None
+    #: A bare array (.npy, raw, .tif, .png): distances between samples along its axes, the fastest
+    #: first, or one for all
+    spacing: _Value | None
+    #: A bare array: the position of its first sample
+    origin: _Value | None
+    #: Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
+    unit: _Value | None
+    #: A bare array: what its axes are, the fastest first: x, y, z (-z where the coordinate falls
+    #: from sample to sample), or time, depth, sample (all downwards), crossline, inline [default:
+    #: x,y,z]
+    axes: _Value | None
+    #: A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
+    geometry_from: _Path | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
     #: SEG-Y: trace header byte of the crossline number [default: 193]
@@ -292,6 +352,19 @@ class EditOptions(TypedDict, total=False):
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     #: 100x400x208:f32be
     raw: _Value | None
+    #: A bare array (.npy, raw, .tif, .png): distances between samples along its axes, the fastest
+    #: first, or one for all
+    spacing: _Value | None
+    #: A bare array: the position of its first sample
+    origin: _Value | None
+    #: Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
+    unit: _Value | None
+    #: A bare array: what its axes are, the fastest first: x, y, z (-z where the coordinate falls
+    #: from sample to sample), or time, depth, sample (all downwards), crossline, inline [default:
+    #: x,y,z]
+    axes: _Value | None
+    #: A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
+    geometry_from: _Path | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
     #: SEG-Y: trace header byte of the crossline number [default: 193]
@@ -322,6 +395,19 @@ class ColumnsOptions(TypedDict, total=False):
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     #: 100x400x208:f32be
     raw: _Value | None
+    #: A bare array (.npy, raw, .tif, .png): distances between samples along its axes, the fastest
+    #: first, or one for all
+    spacing: _Value | None
+    #: A bare array: the position of its first sample
+    origin: _Value | None
+    #: Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
+    unit: _Value | None
+    #: A bare array: what its axes are, the fastest first: x, y, z (-z where the coordinate falls
+    #: from sample to sample), or time, depth, sample (all downwards), crossline, inline [default:
+    #: x,y,z]
+    axes: _Value | None
+    #: A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
+    geometry_from: _Path | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
     #: SEG-Y: trace header byte of the crossline number [default: 193]
@@ -358,6 +444,19 @@ class ExportOptions(TypedDict, total=False):
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     #: 100x400x208:f32be
     raw: _Value | None
+    #: A bare array (.npy, raw, .tif, .png): distances between samples along its axes, the fastest
+    #: first, or one for all
+    spacing: _Value | None
+    #: A bare array: the position of its first sample
+    origin: _Value | None
+    #: Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
+    unit: _Value | None
+    #: A bare array: what its axes are, the fastest first: x, y, z (-z where the coordinate falls
+    #: from sample to sample), or time, depth, sample (all downwards), crossline, inline [default:
+    #: x,y,z]
+    axes: _Value | None
+    #: A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
+    geometry_from: _Path | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
     #: SEG-Y: trace header byte of the crossline number [default: 193]
@@ -432,6 +531,19 @@ class SliceOptions(TypedDict, total=False):
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     #: 100x400x208:f32be
     raw: _Value | None
+    #: A bare array (.npy, raw, .tif, .png): distances between samples along its axes, the fastest
+    #: first, or one for all
+    spacing: _Value | None
+    #: A bare array: the position of its first sample
+    origin: _Value | None
+    #: Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
+    unit: _Value | None
+    #: A bare array: what its axes are, the fastest first: x, y, z (-z where the coordinate falls
+    #: from sample to sample), or time, depth, sample (all downwards), crossline, inline [default:
+    #: x,y,z]
+    axes: _Value | None
+    #: A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
+    geometry_from: _Path | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
     #: SEG-Y: trace header byte of the crossline number [default: 193]
@@ -458,6 +570,11 @@ class SurfaceOptions(TypedDict, total=False):
     #: Omit surfaces smaller than this, in square samples (length in 2-D); 0 keeps all [default:
     #: ten faces, and 2 % of the largest surface]
     min_area: _Number | None
+    #: The surface that becomes a grid, by its number in the table [default: the only horizon]
+    number: int | None
+    #: Distance between sticks, or between the nodes of a grid, in the unit of x [default: ten
+    #: sticks a fault; about the length of the surface's edges]
+    step: _Number | None
     #: Show in the table which surfaces meet (--json always says it)
     meets: bool | None
     #: Depth of b(x), from 0 to 1, from which faces count as lying on the features of IMAGE
@@ -474,6 +591,19 @@ class SurfaceOptions(TypedDict, total=False):
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     #: 100x400x208:f32be
     raw: _Value | None
+    #: A bare array (.npy, raw, .tif, .png): distances between samples along its axes, the fastest
+    #: first, or one for all
+    spacing: _Value | None
+    #: A bare array: the position of its first sample
+    origin: _Value | None
+    #: Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
+    unit: _Value | None
+    #: A bare array: what its axes are, the fastest first: x, y, z (-z where the coordinate falls
+    #: from sample to sample), or time, depth, sample (all downwards), crossline, inline [default:
+    #: x,y,z]
+    axes: _Value | None
+    #: A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
+    geometry_from: _Path | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
     #: SEG-Y: trace header byte of the crossline number [default: 193]
@@ -507,6 +637,19 @@ class PaintOptions(TypedDict, total=False):
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     #: 100x400x208:f32be
     raw: _Value | None
+    #: A bare array (.npy, raw, .tif, .png): distances between samples along its axes, the fastest
+    #: first, or one for all
+    spacing: _Value | None
+    #: A bare array: the position of its first sample
+    origin: _Value | None
+    #: Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
+    unit: _Value | None
+    #: A bare array: what its axes are, the fastest first: x, y, z (-z where the coordinate falls
+    #: from sample to sample), or time, depth, sample (all downwards), crossline, inline [default:
+    #: x,y,z]
+    axes: _Value | None
+    #: A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
+    geometry_from: _Path | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
     #: SEG-Y: trace header byte of the crossline number [default: 193]
@@ -542,6 +685,19 @@ class SegmentOptions(TypedDict, total=False):
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     #: 100x400x208:f32be
     raw: _Value | None
+    #: A bare array (.npy, raw, .tif, .png): distances between samples along its axes, the fastest
+    #: first, or one for all
+    spacing: _Value | None
+    #: A bare array: the position of its first sample
+    origin: _Value | None
+    #: Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
+    unit: _Value | None
+    #: A bare array: what its axes are, the fastest first: x, y, z (-z where the coordinate falls
+    #: from sample to sample), or time, depth, sample (all downwards), crossline, inline [default:
+    #: x,y,z]
+    axes: _Value | None
+    #: A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
+    geometry_from: _Path | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
     #: SEG-Y: trace header byte of the crossline number [default: 193]

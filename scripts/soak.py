@@ -141,8 +141,8 @@ def ended(child, seconds):
         return child.returncode, said.decode(errors="replace")
     except subprocess.TimeoutExpired:
         child.kill()
-        child.communicate()
-        return None, ""
+        _, said = child.communicate()
+        return None, said.decode(errors="replace")
 
 
 def kills(bench, folder, count, rng, faults):
@@ -216,13 +216,14 @@ def memory(bench, folder, count, rng, faults):
         code, said = ended(child, 120)
         # 127: the loader itself found no room.
         if code == 127 and "error while loading shared libraries" in said:
-            code = None
-        if code is None and not said:
-            faults.say("memory", limit, "hangs:", *line)
-        elif code:
-            failed += 1
-            one_line(f"memory {limit}", code, said, line, faults)
-        if code is not None:
+            shutil.rmtree(place)
+            continue
+        if code is None:
+            faults.say("memory", limit, "hangs:", said[-600:], *line)
+        else:
+            if code:
+                failed += 1
+                one_line(f"memory {limit}", code, said, line, faults)
             all_or_none("memory", line, made, place, faults, code)
         shutil.rmtree(place)
     return f"{failed} of {count} had too little"

@@ -100,6 +100,17 @@ pub struct Format {
     write: fn(&Model, &mut Batch, &Path) -> Result<()>,
 }
 
+/// What formats hold that keep names and values, and elements of any order.
+const NAMES_AND_ROCK: &[Content] = &[
+    Content::Names,
+    Content::Regions,
+    Content::Porosity,
+    Content::Permeability,
+    Content::Properties,
+    Content::Split,
+    Content::Quadratic,
+];
+
 /// All of them.
 pub const FORMATS: &[Format] = &[
     Format {
@@ -361,15 +372,7 @@ pub const FORMATS: &[Format] = &[
         twin: false,
         any_cells: false,
         depth: false,
-        holds: &[
-            Content::Names,
-            Content::Regions,
-            Content::Porosity,
-            Content::Permeability,
-            Content::Properties,
-            Content::Split,
-            Content::Quadratic,
-        ],
+        holds: NAMES_AND_ROCK,
         write: exodus::write,
     },
     Format {
@@ -379,15 +382,7 @@ pub const FORMATS: &[Format] = &[
         twin: false,
         any_cells: true,
         depth: false,
-        holds: &[
-            Content::Names,
-            Content::Regions,
-            Content::Porosity,
-            Content::Permeability,
-            Content::Properties,
-            Content::Split,
-            Content::Quadratic,
-        ],
+        holds: NAMES_AND_ROCK,
         write: vtkhdf::write,
     },
     Format {
@@ -397,15 +392,7 @@ pub const FORMATS: &[Format] = &[
         twin: false,
         any_cells: false,
         depth: false,
-        holds: &[
-            Content::Names,
-            Content::Regions,
-            Content::Porosity,
-            Content::Permeability,
-            Content::Properties,
-            Content::Split,
-            Content::Quadratic,
-        ],
+        holds: NAMES_AND_ROCK,
         write: xdmf::write,
     },
     Format {

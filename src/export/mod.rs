@@ -25,6 +25,7 @@
 //! - [`surfaces`]: labelled surfaces
 //! - [`page`]: a page for the browser, to look at a mesh with its image and figures
 //! - `containers`: numbers as text and as bytes, and the containers that hold them
+//! - `values`: what is known of each cell
 //! - `twin`: the VTU beside a format that does not hold the cells' shapes
 
 pub(crate) mod containers;
@@ -35,6 +36,7 @@ pub mod page;
 pub mod simulators;
 pub mod surfaces;
 pub(crate) mod twin;
+pub(crate) mod values;
 
 pub use format::{Content, FORMATS, Format};
 pub use meshers::obj::write_obj;

@@ -3,6 +3,7 @@
 
 use std::path::Path;
 
+use super::values::of_rock;
 use crate::Result;
 use crate::files::Batch;
 use crate::files::vtk::{DataArray, Packing};
@@ -24,18 +25,7 @@ pub fn add_twin(batch: &mut Batch, path: &Path, model: &Model) -> Result<()> {
         ),
         DataArray::scalars("two_point_angle", worst_angles(model)),
     ];
-    if let Some(porosity) = &model.porosity {
-        arrays.push(DataArray::scalars("porosity", porosity.clone()));
-    }
-    if let Some(permeability) = &model.permeability {
-        let of = |cell: usize| permeability.rock.mobility(cell).0;
-        arrays.push(DataArray {
-            name: "permeability".into(),
-            components: 6,
-            values: (0..cells).flat_map(of).collect::<Vec<f64>>().into(),
-        });
-    }
-    arrays.extend(model.properties.iter().cloned());
+    arrays.extend(of_rock(model));
     let version = FieldValue::Text(env!("CARGO_PKG_VERSION").to_string());
     let fields = [("atomesh_version".to_string(), version)];
     add_cells_vtu(

@@ -11,10 +11,10 @@ use std::path::Path;
 
 use super::groups::Names;
 use super::simplices::Simplices;
-use super::values::{components, of_cells};
 use crate::Result;
 use crate::export::containers::binary::Numbers;
 use crate::export::containers::hdf5::{self, Attribute, Node};
+use crate::export::values::columns;
 use crate::files::Batch;
 use crate::mesh::poly::Lists;
 use crate::model::reservoir::Model;
@@ -68,14 +68,9 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let families: Vec<Child> = families.collect();
     zone.push(inner("ZoneBC", "ZoneBC_t", conditions));
     let mut values = vec![text("GridLocation", "GridLocation_t", "CellCenter")];
-    for known in of_cells(model) {
-        let (width, numbers) = (known.components, known.values.to_f64());
-        let numbers = std::sync::Arc::new(numbers);
-        for (k, name) in components(&known).into_iter().enumerate() {
-            let numbers = numbers.clone();
-            let component = Numbers::computed(model.len(), move |i| numbers[width * i + k]);
-            values.push(array(&name, component));
-        }
+    for (name, column) in columns(model) {
+        let numbers = Numbers::computed(column.len(), move |i| column[i]);
+        values.push(array(&name, numbers));
     }
     zone.push(inner("Values", "FlowSolution_t", values));
     let sizes = [nodes as i32, model.len() as i32, 0];
@@ -172,16 +167,15 @@ fn letters<'a>(text: &str, length: usize) -> Node<'a> {
 }
 
 fn text<'a>(name: &str, label: &str, text: &str) -> Child<'a> {
+    text_above(name, label, text, Vec::new())
+}
+
+/// A text with nodes below it.
+fn text_above<'a>(name: &str, label: &str, text: &str, children: Vec<Child<'a>>) -> Child<'a> {
     let bytes = text.as_bytes().to_vec();
-    let length = bytes.len();
-    let numbers = Numbers::computed(length, move |i| bytes[i] as i8);
-    node(
-        name,
-        label,
-        "C1",
-        Some((vec![length as u64], numbers)),
-        Vec::new(),
-    )
+    let numbers = Numbers::computed(bytes.len(), move |i| bytes[i] as i8);
+    let data = Some((vec![numbers.len as u64], numbers));
+    node(name, label, "C1", data, children)
 }
 
 fn ints<'a>(values: Vec<i32>) -> Numbers<'a> {
@@ -226,10 +220,8 @@ fn condition<'a>(name: &str, place: &str, points: Vec<i32>, is_range: bool) -> C
     let points = node(list, label, "I4", Some((dims, ints(points))), Vec::new());
     let place = text("GridLocation", "GridLocation_t", place);
     let family = text("FamilyName", "FamilyName_t", name);
-    let bytes = b"FamilySpecified";
-    let kind = Numbers::computed(bytes.len(), |i| bytes[i] as i8);
-    let data = Some((vec![bytes.len() as u64], kind));
-    node(name, "BC_t", "C1", data, vec![points, place, family])
+    let children = vec![points, place, family];
+    text_above(name, "BC_t", "FamilySpecified", children)
 }
 
 /// Sections, and boundary conditions.

@@ -11,10 +11,10 @@ use std::path::Path;
 
 use super::groups::{region_name, regions, shift_of_regions};
 use super::simplices::{Named, Simplices};
-use super::values::{components, of_cells};
 use crate::error::cause;
 use crate::export::containers::binary::Numbers;
 use crate::export::containers::netcdf::{self, Attribute, File, MOST_BYTES, Variable};
+use crate::export::values::columns;
 use crate::files::Batch;
 use crate::model::reservoir::Model;
 use crate::{Error, Result};
@@ -50,7 +50,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let mesh = &Simplices::new(model, "Exodus II")?;
     let mut order: Vec<u32> = (0..mesh.len() as u32).collect();
     order.sort_by_key(|&cell| mesh.region[cell as usize]);
-    let blocks = blocks(model, mesh, &order);
+    let (blocks, columns) = (blocks(model, mesh, &order), columns(model));
     let most = blocks.iter().map(|block| 4 * block.nodes.len() as u64);
     if most.chain([8 * mesh.node_count() as u64]).max() > Some(MOST_BYTES) {
         return Err(Error::Export(cause(
@@ -87,7 +87,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         place[cell as usize] = number;
     }
     put_sets(&mut file, mesh, &place, dim);
-    put_values(&mut file, model, &blocks, &order);
+    put_values(&mut file, &columns, &blocks, &order);
     batch.write(path, |out| netcdf::write(out, &file))
 }
 
@@ -248,40 +248,39 @@ fn put_sets<'a>(file: &mut File<'a>, mesh: &Simplices, place: &[i32], dim: usize
 }
 
 /// The values of cells, which wedges do not have.
-fn put_values<'a>(file: &mut File<'a>, model: &Model, blocks: &[Block], order: &'a [u32]) {
-    let arrays = of_cells(model);
-    let names: Vec<String> = arrays.iter().flat_map(components).collect();
+fn put_values<'a>(
+    file: &mut File<'a>,
+    columns: &'a [(String, Vec<f64>)],
+    blocks: &[Block],
+    order: &'a [u32],
+) {
     let wedge = |block: &Block| block.kind == "WEDGE";
-    file.dimensions.push(("num_elem_var".into(), names.len()));
-    let (count, width) = (blocks.len(), names.len());
-    let table: Vec<i32> = (0..count * width)
-        .map(|i| i32::from(!wedge(&blocks[i / width])))
+    let (count, width) = (blocks.len(), columns.len());
+    file.dimensions.push(("num_elem_var".into(), width));
+    let known: Vec<i32> = blocks
+        .iter()
+        .map(|block| i32::from(!wedge(block)))
         .collect();
-    let table = Numbers::computed(table.len(), move |i| table[i]);
+    let table = Numbers::computed(count * width, move |i| known[i / width]);
     let on = ["num_el_blk", "num_elem_var"];
     file.variables
         .push(Variable::new("elem_var_tab", &on, table));
+    let names: Vec<String> = columns.iter().map(|(name, _)| name.clone()).collect();
     let on = ["num_elem_var", "len_name"];
     file.variables
         .push(Variable::texts("name_elem_var", &on, NAME, &names));
     let now = Numbers::computed(1, |_| 0.0f64);
     file.variables
         .push(Variable::new("time_whole", &["time_step"], now));
-    let mut variable = 0;
-    for array in arrays {
-        let (width, values) = (array.components, std::sync::Arc::new(array.values.to_f64()));
-        for component in 0..width {
-            variable += 1;
-            let mut start = 0;
-            for (k, block) in (1..).zip(blocks).filter(|(_, block)| !wedge(block)) {
-                let values = values.clone();
-                let at = move |i: usize| values[width * order[start + i] as usize + component];
-                let name = format!("vals_elem_var{variable}eb{k}");
-                let on = ["time_step", &format!("num_el_in_blk{k}")];
-                let numbers = Numbers::computed(block.len(), at);
-                file.variables.push(Variable::new(name, &on, numbers));
-                start += block.len();
-            }
+    for (number, (_, values)) in (1..).zip(columns) {
+        let mut start = 0;
+        for (k, block) in (1..).zip(blocks).filter(|(_, block)| !wedge(block)) {
+            let own = &order[start..][..block.len()];
+            start += block.len();
+            let name = format!("vals_elem_var{number}eb{k}");
+            let on = ["time_step", &format!("num_el_in_blk{k}")];
+            let numbers = Numbers::computed(own.len(), |i| values[own[i] as usize]);
+            file.variables.push(Variable::new(name, &on, numbers));
         }
     }
 }

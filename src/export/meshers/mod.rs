@@ -8,7 +8,6 @@
 //! - `exodus`: Exodus II
 //! - `vtkhdf`, `xdmf`: HDF5 for VTK and ParaView
 //! - `cgns`: CGNS
-//! - `values`: what is known of each cell, for those that hold it
 //! - `tetgen`: meshes for TetGen
 //! - `stl`, `obj`: surfaces alone
 
@@ -22,6 +21,5 @@ pub(crate) mod obj;
 pub(crate) mod simplices;
 pub(crate) mod stl;
 pub(crate) mod tetgen;
-pub(crate) mod values;
 pub(crate) mod vtkhdf;
 pub(crate) mod xdmf;

@@ -7,12 +7,13 @@ use std::path::Path;
 
 use super::groups::{Names, nodes_of};
 use super::simplices::Simplices;
-use super::values::of_cells;
 use crate::Result;
 use crate::export::containers::binary::Numbers;
 use crate::export::containers::hdf5::{self, Attribute, Node};
+use crate::export::values::of_cells;
 use crate::files::Batch;
 use crate::files::vtk::DataArray;
+use crate::mesh::poly::Lists;
 use crate::model::reservoir::Model;
 
 /// VTK's numbers of cells: of linear simplices by their number of corners, of quadratic ones; of others.
@@ -34,10 +35,10 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         false => None,
     };
     let arrays = of_cells(model);
-    let of_cells = model.mesh.faces_of_cells();
+    let faces = model.mesh.faces_of_cells();
     let (mut nodes, cells, sets) = match &simplices {
         Some(mesh) => of_simplices(mesh),
-        None => of_polyhedra(model, &of_cells),
+        None => of_polyhedra(model, &faces),
     };
     let rows = |array: &DataArray| {
         let mut values = array.values.to_f64();
@@ -141,10 +142,7 @@ fn of_simplices<'a>(mesh: &'a Simplices) -> (Nodes<'a>, usize, Sets) {
 }
 
 /// The same of polyhedra, whose faces are each in the file once.
-fn of_polyhedra<'a>(
-    model: &'a Model,
-    of_cells: &'a crate::mesh::poly::Lists,
-) -> (Nodes<'a>, usize, Sets) {
+fn of_polyhedra<'a>(model: &'a Model, of_cells: &'a Lists) -> (Nodes<'a>, usize, Sets) {
     let mesh = &model.mesh;
     let (mut connectivity, mut offsets): (Vec<i64>, Vec<i64>) = (Vec::new(), vec![0]);
     let mut own: Vec<u32> = Vec::new();

@@ -7,10 +7,10 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use super::simplices::Simplices;
-use super::values::of_cells;
 use crate::Result;
 use crate::export::containers::binary::Numbers;
 use crate::export::containers::hdf5::{self, Node};
+use crate::export::values::of_cells;
 use crate::files::Batch;
 use crate::files::vtk::xml::escape;
 use crate::model::reservoir::Model;

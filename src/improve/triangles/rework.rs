@@ -3,6 +3,8 @@
 use std::cmp::Ordering;
 use std::collections::HashSet;
 
+use rayon::prelude::*;
+
 use super::{Improver, STEEPEST};
 use crate::geometry::{add_scaled, in_space};
 use crate::improve::sheets::FACE_ON_SHEET;
@@ -98,23 +100,25 @@ impl<'a> Improver<'a> {
         let keeps = |trial: &Improver<'a>| {
             trial.feature_length() >= FEATURES_STAY * length && trial.pierced_edges() <= pierced
         };
-        let mut tried = part.tries(0, keeps, patience);
-        if now.unusable > 0 && tried.first().is_none_or(|(least, _)| *least >= now) {
-            tried.truncate(PROMISING);
-            let second = tried.iter().flat_map(|(_, trial)| {
+        let better = |(then, trial): &(Badness, Improver<'a>)| *then < now && keeps(trial);
+        let mut tried = part.tries(0, now, keeps, patience);
+        let mut found = tried.iter().position(better);
+        if found.is_none() && now.unusable > 0 {
+            let promising = tried.iter().filter(|(_, trial)| keeps(trial));
+            let promising: Vec<_> = promising.take(PROMISING).collect();
+            let second = promising.into_par_iter().flat_map_iter(|(_, trial)| {
                 let worst = trial.above(0.0)[0];
-                trial.tries(worst, keeps, patience)
+                trial.tries(worst, now, keeps, patience)
             });
             let mut second: Vec<_> = second.collect();
             second.sort_by(|(a, _), (b, _)| a.total_cmp(b));
+            found = second.iter().position(better);
             tried = second;
         }
-        let Some((then, done)) = tried.into_iter().next() else {
+        let Some(found) = found else {
             return false;
         };
-        if then >= now {
-            return false;
-        }
+        let (_, done) = tried.swap_remove(found);
         let done = Patch {
             triangles: patch.triangles,
             nodes: patch.nodes,
@@ -124,26 +128,28 @@ impl<'a> Improver<'a> {
         true
     }
 
-    /// What becomes of a part by each change about a triangle, where that `keeps` what shall be kept: the
-    /// best first.
+    /// What becomes of a part by each change about a triangle, the best first; no more are tried after one
+    /// that leaves fewer triangles poor and `keeps` what shall be kept.
     fn tries(
         &self,
         t: u32,
+        now: Badness,
         keeps: impl Fn(&Self) -> bool,
         patience: &Patience<'_>,
     ) -> Vec<(Badness, Self)> {
         let mut tried = Vec::new();
+        let fewest = (now.unusable, now.poor);
         for change in self.changes(t) {
             let mut trial = self.copied();
             if trial.make(change) {
                 trial.flip_queue(patience);
                 trial.polish(patience);
-                if keeps(&trial) {
-                    let badness = trial.badness();
-                    tried.push((badness, trial));
-                    if badness.poor == 0 {
-                        break;
-                    }
+                let badness = trial.badness();
+                let fewer = (badness.unusable, badness.poor) < fewest;
+                let enough = fewer && keeps(&trial);
+                tried.push((badness, trial));
+                if enough {
+                    break;
                 }
             }
         }

@@ -73,6 +73,18 @@ pub struct Terms {
     pub smoothing: f64,
 }
 
+impl Terms {
+    /// Without Laplacian coordinates: what of the `minimised` is not P is stiffening.
+    fn of_pairs(published: Parts, energy: f64, minimised: f64) -> Self {
+        Self {
+            published,
+            energy,
+            stiffening: minimised - energy,
+            smoothing: 0.0,
+        }
+    }
+}
+
 /// Something that knows the energy of a lattice.
 pub trait Energy<const D: usize> {
     /// Computes P at the positions `x` and, in `gradient`, its derivative with respect to every

@@ -268,12 +268,7 @@ impl<const D: usize> Energy<D> for Sampled<'_, D> {
         self.stiffness = 0.0;
         self.tabulate();
         let energy = self.evaluate(x, gradient);
-        let terms = Terms {
-            published: self.parts,
-            energy,
-            stiffening: minimised - energy,
-            smoothing: 0.0,
-        };
+        let terms = Terms::of_pairs(self.parts, energy, minimised);
         (self.parts, self.stiffness) = (parts, stiffness);
         self.tabulate();
         terms

@@ -383,12 +383,7 @@ impl<const D: usize> Energy<D> for Pairwise<'_, D> {
         let (parts, kappa, stiffness) = (self.parts, self.kappa, self.stiffness);
         (self.kappa, self.stiffness) = (1.0, 0.0);
         let energy = self.evaluate(x, gradient);
-        let terms = Terms {
-            published: self.parts,
-            energy,
-            stiffening: minimised - energy,
-            smoothing: 0.0,
-        };
+        let terms = Terms::of_pairs(self.parts, energy, minimised);
         (self.parts, self.kappa, self.stiffness) = (parts, kappa, stiffness);
         terms
     }

@@ -50,7 +50,12 @@ python-test: packages
 deb: packages
 	@scripts/deb.sh
 
+# Cargo takes a crate of a registry for unchanged, and so what it unpacked and built of our own from
+# an earlier run: that goes first. Its registry for a workspace's crates has no host, so the folder's
+# name starts with a hyphen.
 package: packages
+	rm -rf "$${CARGO_HOME:-$$HOME/.cargo}"/registry/src/-*/tetgen-sys-*
+	cargo clean --quiet --locked -p tetgen-sys
 	cargo package --workspace --exclude atomesh-python --locked --allow-dirty
 
 book:

@@ -6,8 +6,8 @@
 //! three nodes declared on a feature) are measured beside them. In the plane faces are edges and
 //! areas lengths; nothing else differs.
 
-use super::nearest::{Tree, square_to_face};
 use super::pieces::{Piece, sample};
+use super::reach::to_faces;
 use super::reference::Reference;
 use crate::mesh::Simplices;
 use crate::mesh::poly::PolyMesh;
@@ -20,7 +20,7 @@ use serde::Serialize;
 const NODE: f64 = 0.75;
 /// Largest distance of its centroid; also what counts as *on* for precision.
 const CENTROID: f64 = 1.0;
-/// Feature points in one task: neighbours, so that one's nearest face is a hint for the next.
+/// Nodes or faces in one task: neighbours, so that one's nearest feature point is a hint for the next.
 const CHUNK: usize = 4096;
 
 /// How a set of faces compares with the features. What has no value (no faces, no features) is
@@ -229,7 +229,8 @@ fn judge<const D: usize>(
     patience: &Patience<'_>,
 ) -> Fidelity {
     let pieces = pieces(nodes, reference, faces, sets, patience);
-    let (to_on, to_claimed) = to_faces(nodes, faces, sets, &reference.points, patience);
+    let wanted = [ON_FEATURE, CLAIMED];
+    let [to_on, to_claimed] = to_faces(nodes, faces, sets, &reference.points, wanted, patience);
     let corners = of_corners(nodes.len(), faces, sets);
     let to_corners = distances(nodes, &corners, reference, patience);
     let compare = |set: u8, to_faces: Vec<f64>| {
@@ -306,7 +307,7 @@ fn faces<const D: usize>(
         .unzip()
 }
 
-fn corners<const D: usize>(nodes: &[[f64; D]], face: [u32; D]) -> [[f64; D]; D] {
+pub(super) fn corners<const D: usize>(nodes: &[[f64; D]], face: [u32; D]) -> [[f64; D]; D] {
     face.map(|n| nodes[n as usize])
 }
 
@@ -368,58 +369,6 @@ fn pieces<const D: usize>(
             found
         })
         .collect()
-}
-
-/// Distances from points of the features to the nearest face of each set.
-fn to_faces<const D: usize>(
-    nodes: &[[f64; D]],
-    faces: &[[u32; D]],
-    sets: &[u8],
-    points: &[[f32; D]],
-    patience: &Patience<'_>,
-) -> (Vec<f64>, Vec<f64>) {
-    let shapes: Vec<[[f64; D]; D]> = faces.iter().map(|&f| corners(nodes, f)).collect();
-    let boxes: Vec<[[f64; D]; 2]> = shapes
-        .iter()
-        .map(|face| {
-            let end = |fold: fn(f64, f64) -> f64, k: usize| {
-                face.iter().map(|p| p[k]).fold(face[0][k], fold)
-            };
-            [
-                std::array::from_fn(|k| end(f64::min, k)),
-                std::array::from_fn(|k| end(f64::max, k)),
-            ]
-        })
-        .collect();
-    let tree = Tree::new(&boxes, sets);
-    let nearest = |p: [f64; D], wanted: u8, hint: Option<usize>| {
-        tree.nearest(p, wanted, f64::INFINITY, hint, |i| {
-            square_to_face(p, &shapes[i])
-        })
-    };
-    points
-        .par_chunks(CHUNK)
-        .take_any_while(|_| !patience.over())
-        .flat_map_iter(|points| {
-            let mut hints = [None; 3];
-            let mut found = Vec::with_capacity(points.len());
-            for p in points.iter().map(|p| p.map(f64::from)) {
-                let any = nearest(p, ON_FEATURE | CLAIMED, hints[2]);
-                hints[2] = any.map(|(i, _)| i);
-                // The nearest face of all mostly belongs to both sets.
-                let distances = [ON_FEATURE, CLAIMED].map(|set| {
-                    let nearest = match any {
-                        Some((i, _)) if sets[i] & set != 0 => any,
-                        _ => nearest(p, set, hints[usize::from(set == CLAIMED)]),
-                    };
-                    hints[usize::from(set == CLAIMED)] = nearest.map(|(i, _)| i);
-                    nearest.map_or(f64::INFINITY, |(_, square)| square.sqrt())
-                });
-                found.push((distances[0], distances[1]));
-            }
-            found
-        })
-        .unzip()
 }
 
 /// Compares a set of faces, given as pieces and the distance of their farthest corner, with points of

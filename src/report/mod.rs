@@ -5,6 +5,7 @@
 //! - `angles`: which bad angles these explain
 //! - `fidelity`: how well the mesh's faces follow the features
 //! - `pieces`: faces cut into small pieces
+//! - `reach`: how far feature points are from the faces
 //! - `reference`: where the features really are
 //! - `lattice`: how evenly the atoms are spread
 //! - `cells`: Voronoi cells, as flow simulators see them
@@ -21,6 +22,7 @@ pub(crate) mod lattice;
 mod nearest;
 mod pieces;
 pub(crate) mod quality;
+mod reach;
 pub(crate) mod reference;
 pub(crate) mod table;
 mod verdict;

@@ -9,11 +9,14 @@ type Point = [f64; 3];
 /// Squared distance from a point to a triangle, exact for all seven regions of its plane (the
 /// inside, three edges, three corners), also for a degenerate triangle. After Ericson, Real-Time
 /// Collision Detection, 5.1.5.
+#[inline]
 pub(super) fn square_to_triangle(p: Point, [a, b, c]: [Point; 3]) -> f64 {
     let (ab, ac, ap) = (sub(b, a), sub(c, a), sub(p, a));
     let square = |t: f64, u: f64| {
-        let gap: Point = std::array::from_fn(|k| ap[k] - t * ab[k] - u * ac[k]);
-        dot(gap, gap)
+        let x = ap[0] - t * ab[0] - u * ac[0];
+        let y = ap[1] - t * ab[1] - u * ac[1];
+        let z = ap[2] - t * ab[2] - u * ac[2];
+        x * x + y * y + z * z
     };
     let (d1, d2) = (dot(ab, ap), dot(ac, ap));
     if d1 <= 0.0 && d2 <= 0.0 {
@@ -84,6 +87,7 @@ impl<const D: usize> Points<D> {
         )
     }
 
+    #[inline]
     fn along(&self, k: usize, x: f64) -> usize {
         ((x / CELL) as usize).min(self.dims[k] - 1)
     }
@@ -93,9 +97,15 @@ impl<const D: usize> Points<D> {
         self.sorted[i]
     }
 
+    #[inline]
     fn square(&self, p: [f64; D], i: usize) -> f64 {
         let q = &self.sorted[i];
-        (0..D).fold(0.0, |sum, k| sum + (p[k] - f64::from(q[k])).powi(2))
+        let mut sum = 0.0;
+        for k in 0..D {
+            let gap = p[k] - f64::from(q[k]);
+            sum += gap * gap;
+        }
+        sum
     }
 
     /// The nearest point, by its number in the new order, and its squared distance; none if all are
@@ -123,29 +133,102 @@ impl<const D: usize> Points<D> {
         }
     }
 
-    /// Looks at all points in the cells within `radius` of `p`.
-    fn look_within(&self, p: [f64; D], radius: f64, limit: f64, best: &mut Option<(usize, f64)>) {
-        let low: [usize; D] = std::array::from_fn(|k| self.along(k, p[k] - radius));
-        let high: [usize; D] = std::array::from_fn(|k| self.along(k, p[k] + radius));
-        let rows: usize = (1..D).map(|k| high[k] - low[k] + 1).product();
-        let (mut which, mut least) = best.unwrap_or((usize::MAX, limit * limit));
-        for number in 0..rows {
-            // The row's place along the other axes, the last slowest.
-            let (mut rest, mut row, mut stride) = (number, 0, self.dims[0]);
-            for k in 1..D {
-                let count = high[k] - low[k] + 1;
-                row += (low[k] + rest % count) * stride;
-                rest /= count;
-                stride *= self.dims[k];
+    /// The square of how far at least the points in cells of that number along an axis are away along
+    /// it. The outermost cells have all points outside the box, too.
+    #[inline]
+    fn square_to_slab(&self, k: usize, along: usize, x: f64) -> f64 {
+        let mut gap = 0f64;
+        if along > 0 {
+            gap = gap.max(CELL * along as f64 - x);
+        }
+        if along + 1 < self.dims[k] {
+            gap = gap.max(x - CELL * (along + 1) as f64);
+        }
+        gap * gap
+    }
+
+    /// The points in each row of cells that touch a box, with the place of the row's first cell.
+    #[inline]
+    fn rows(
+        &self,
+        low: [f64; D],
+        high: [f64; D],
+        mut row: impl FnMut([usize; D], std::ops::Range<usize>),
+    ) {
+        let (mut first, mut last) = ([0; D], [0; D]);
+        for k in 0..D {
+            first[k] = self.along(k, low[k]);
+            last[k] = self.along(k, high[k]);
+        }
+        let mut at = first;
+        loop {
+            let mut cell = 0;
+            for k in (1..D).rev() {
+                cell = (cell + at[k]) * self.dims[k - 1];
             }
-            let (from, to) = (self.start[row + low[0]], self.start[row + high[0] + 1]);
-            for i in from as usize..to as usize {
+            let [from, to] = [self.start[cell + first[0]], self.start[cell + last[0] + 1]];
+            row(at, from as usize..to as usize);
+            // The next row, the last axis slowest.
+            let mut k = 1;
+            while k < D && at[k] == last[k] {
+                at[k] = first[k];
+                k += 1;
+            }
+            if k >= D {
+                return;
+            }
+            at[k] += 1;
+        }
+    }
+
+    /// The points in a box, by their numbers in the new order.
+    pub(super) fn within(&self, low: [f64; D], high: [f64; D], mut each: impl FnMut(usize)) {
+        self.rows(low, high, |_, points| {
+            for i in points {
+                let q = &self.sorted[i];
+                let mut inside = true;
+                for k in 0..D {
+                    let x = f64::from(q[k]);
+                    inside &= low[k] <= x && x <= high[k];
+                }
+                if inside {
+                    each(i);
+                }
+            }
+        });
+    }
+
+    /// Looks at the points in the cells within `radius` of `p` that may be nearer than `best`.
+    fn look_within(&self, p: [f64; D], radius: f64, limit: f64, best: &mut Option<(usize, f64)>) {
+        let (mut which, mut least) = best.unwrap_or((usize::MAX, limit * limit));
+        // Some near point lets far rows be passed over. Rounding must not lose equally near ones, of
+        // which the first is taken.
+        let mut near = least;
+        self.rows(p, p, |_, points| {
+            near = points.fold(near, |near, i| near.min(self.square(p, i)));
+        });
+        near *= 1.0 + 1e-9;
+        let (mut low, mut high) = (p, p);
+        let reach = radius.min(near.sqrt());
+        for k in 0..D {
+            low[k] -= reach;
+            high[k] += reach;
+        }
+        self.rows(low, high, |at, points| {
+            let mut away = 0.0;
+            for k in 1..D {
+                away += self.square_to_slab(k, at[k], p[k]);
+            }
+            if away > near {
+                return;
+            }
+            for i in points {
                 let square = self.square(p, i);
                 if square < least {
                     (which, least) = (i, square);
                 }
             }
-        }
+        });
         if which != usize::MAX {
             *best = Some((which, least));
         }
@@ -168,11 +251,21 @@ struct Node<const D: usize> {
 }
 
 impl<const D: usize> Node<D> {
+    #[inline]
     fn square(&self, p: [f64; D]) -> f64 {
-        (0..D)
-            .map(|k| (self.low[k] - p[k]).max(p[k] - self.high[k]).max(0.0))
-            .fold(0.0, |s, gap| s + gap * gap)
+        square_to_box(p, &self.low, &self.high)
     }
+}
+
+/// Squared distance from a point to a box.
+#[inline]
+fn square_to_box<const D: usize>(p: [f64; D], low: &[f64; D], high: &[f64; D]) -> f64 {
+    let mut sum = 0.0;
+    for k in 0..D {
+        let gap = (low[k] - p[k]).max(p[k] - high[k]).max(0.0);
+        sum += gap * gap;
+    }
+    sum
 }
 
 /// A tree of bounding boxes over items that are known by their index, each of which belongs to the
@@ -180,19 +273,25 @@ impl<const D: usize> Node<D> {
 pub(super) struct Tree<'a, const D: usize> {
     nodes: Vec<Node<D>>,
     order: Vec<u32>,
+    boxes: &'a [[[f64; D]; 2]],
     sets: &'a [u8],
 }
 
 impl<'a, const D: usize> Tree<'a, D> {
     /// A tree over items with the given boxes (low and high corner) and sets, split at the median of
     /// the longest axis.
-    pub(super) fn new(boxes: &[[[f64; D]; 2]], sets: &'a [u8]) -> Self {
+    pub(super) fn new(boxes: &'a [[[f64; D]; 2]], sets: &'a [u8]) -> Self {
         let mut order: Vec<u32> = (0..boxes.len() as u32).collect();
         let mut nodes = Vec::with_capacity(boxes.len());
         if !boxes.is_empty() {
             build(boxes, sets, &mut order, 0, &mut nodes);
         }
-        Self { nodes, order, sets }
+        Self {
+            nodes,
+            order,
+            boxes,
+            sets,
+        }
     }
 
     /// The nearest item of the `wanted` sets and its squared distance, `square(item)` being the exact
@@ -213,12 +312,13 @@ impl<'a, const D: usize> Tree<'a, D> {
             .filter(|&item| is_wanted(item))
             .map(|item| (item, square(item)))
             .filter(|(_, d)| *d < limit);
+        let mut least = best.map_or(limit, |(_, d)| d);
         let mut stack = [(0u32, 0f64); 64];
         let mut depth = usize::from(!self.nodes.is_empty());
         while depth > 0 {
             depth -= 1;
             let (at, bound) = stack[depth];
-            if bound >= best.map_or(limit, |(_, d)| d) {
+            if bound >= least {
                 continue;
             }
             let node = &self.nodes[at as usize];
@@ -227,13 +327,15 @@ impl<'a, const D: usize> Tree<'a, D> {
             }
             let items = &self.order[node.start as usize..node.end as usize];
             if items.len() <= LEAF {
-                for item in items.iter().map(|&item| item as usize) {
-                    if !is_wanted(item) {
+                for &item in items {
+                    let item = item as usize;
+                    let [low, high] = &self.boxes[item];
+                    if !is_wanted(item) || square_to_box(p, low, high) >= least {
                         continue;
                     }
                     let d = square(item);
-                    if d < best.map_or(limit, |(_, least)| least) {
-                        best = Some((item, d));
+                    if d < least {
+                        (best, least) = (Some((item, d)), d);
                     }
                 }
             } else {
@@ -375,6 +477,16 @@ mod tests {
                 assert!(grid.nearest(p, 0.999 * scanned.sqrt(), hint).is_none());
                 assert!(grid.nearest(p, 1.001 * scanned.sqrt(), hint).is_some());
             }
+        }
+        for _ in 0..100 {
+            let low: Point = extent.map(|e| e * (1.4 * random(&mut seed) - 0.4));
+            let high = low.map(|c| c + 6.0 * random(&mut seed));
+            let mut found = Vec::new();
+            grid.within(low, high, |i| found.push(order[i]));
+            found.sort_unstable();
+            let inside = |q: &[f32; 3]| (0..3).all(|k| (low[k]..=high[k]).contains(&q[k].into()));
+            let scanned = (0..).zip(&points).filter(|(_, q)| inside(q));
+            assert!(found.into_iter().eq(scanned.map(|(i, _)| i)));
         }
         let (none, _) = Points::new(&[], extent);
         assert!(none.nearest([1.0; 3], 9.0, None).is_none());

@@ -219,7 +219,7 @@ fn of_mesh<const D: usize, M: Stored<D>>(
         let across = physical.cells_of_faces()?;
         let facets = boundary::between(physical, &across, labels);
         let mut nodes = physical.nodes().to_vec();
-        boundary::smooth(&mut nodes, &facets, 3, 0.5);
+        boundary::smooth(&mut nodes, &facets);
         let surface = SurfaceFile::new(&nodes, &facets, &[0, facets.len()], "object");
         write_file(path, surface, &space.geometry, true, console)?;
     }

@@ -17,3 +17,4 @@ pub mod reservoir;
 pub mod segment;
 pub mod slice;
 pub mod surface;
+pub mod ways;

@@ -14,32 +14,36 @@ use std::collections::{BTreeMap, BinaryHeap};
 use crate::geometry::sets::Sets;
 use crate::model::surface::adjacency::Adjacency;
 use crate::model::surface::facets::NONE;
-
-/// Where paint of a unit begins.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Seed {
-    /// The cell.
-    pub cell: u32,
-    /// The unit; several seeds may belong to one.
-    pub unit: u32,
-}
+use crate::model::ways::{Arrivals, Source, Ways};
 
 /// For each cell the distance to the nearest surface, along ways between cell centres that cross
 /// none; infinite where there is none to reach.
 pub fn clearance<const D: usize>(cells: &Adjacency<D>) -> Vec<f64> {
-    let mut sources = Vec::new();
+    let mut least = vec![f64::INFINITY; cells.len()];
+    let mut done = vec![false; cells.len()];
+    // Distances are not negative, so their bits are in their order.
+    let mut queue: BinaryHeap<Reverse<(u64, u32)>> = BinaryHeap::new();
     for link in cells.links.iter().filter(|link| !link.open) {
-        sources.extend(link.cells.map(|c| (0.5 * link.distance, c, 0)));
+        queue.extend(
+            link.cells
+                .map(|c| Reverse(((0.5 * link.distance).to_bits(), c))),
+        );
     }
-    let distance: Vec<f64> = cells.links.iter().map(|link| link.distance).collect();
-    spread(
-        cells,
-        &sources,
-        &distance,
-        |l| cells.links[l].open,
-        f64::INFINITY,
-    )
-    .0
+    while let Some(Reverse((at, c))) = queue.pop() {
+        if std::mem::replace(&mut done[c as usize], true) {
+            continue;
+        }
+        let at = f64::from_bits(at);
+        least[c as usize] = at;
+        for (_, link, n) in cells.around(c) {
+            let there = at + link.distance;
+            if link.open && !done[n as usize] && there < least[n as usize] {
+                least[n as usize] = there;
+                queue.push(Reverse((there.to_bits(), n)));
+            }
+        }
+    }
+    least
 }
 
 /// The blocks between surfaces: for each cell the number of its block, largest block 0, and
@@ -146,67 +150,23 @@ fn by_size<const D: usize>(
     (block, count)
 }
 
-/// Paints from seeds: each cell gets the unit of the seed from which paint arrives first. `cost`
-/// holds what it takes to flow through each link; paint stays in the block (see [`blocks`]) of its
-/// seed and stops where it has cost `level`.
-///
-/// Returns the unit of each cell, `None` where no paint arrives, and the cost there. Of seeds whose
-/// paint arrives at once the lower unit wins.
+/// Paints from seeds: each cell gets the label of the seed from which paint arrives first. Paint flows
+/// the shortest way, as far as `level`; it stays in the block (see [`blocks`]) of its seed. What links
+/// say in `harder` (see [`contrast`]) lengthens ways through them.
 pub fn paint<const D: usize>(
-    cells: &Adjacency<D>,
+    ways: &Ways<'_, D>,
     block: &[u32],
-    cost: &[f64],
-    seeds: &[Seed],
+    harder: Option<&[f64]>,
+    seeds: &[Source<D>],
     level: f64,
-) -> (Vec<Option<u32>>, Vec<f64>) {
-    let sources: Vec<(f64, u32, u32)> = seeds.iter().map(|s| (0.0, s.cell, s.unit)).collect();
+) -> Arrivals {
+    let links = &ways.cells().links;
     let passes = |l: usize| {
-        let [a, b] = cells.links[l].cells.map(|c| block[c as usize]);
-        cells.links[l].open && a == b
+        let [a, b] = links[l].cells.map(|c| block[c as usize]);
+        links[l].open && a == b
     };
-    let (arrival, unit) = spread(cells, &sources, cost, passes, level);
-    let painted = arrival
-        .iter()
-        .zip(unit)
-        .map(|(a, u)| a.is_finite().then_some(u));
-    (painted.collect(), arrival)
-}
-
-/// Least cost from any of the sources (cost there, cell, label) to each cell, infinite beyond
-/// `most`, and the label of that source.
-fn spread<const D: usize>(
-    cells: &Adjacency<D>,
-    sources: &[(f64, u32, u32)],
-    cost: &[f64],
-    passes: impl Fn(usize) -> bool,
-    most: f64,
-) -> (Vec<f64>, Vec<u32>) {
-    let mut least = vec![f64::INFINITY; cells.len()];
-    let mut label = vec![NONE; cells.len()];
-    // Costs are not negative, so their bits are in their order.
-    let mut queue: BinaryHeap<Reverse<(u64, u32, u32)>> = BinaryHeap::new();
-    queue.extend(
-        sources
-            .iter()
-            .map(|&(at, c, s)| Reverse((at.to_bits(), s, c))),
-    );
-    while let Some(Reverse((at, s, c))) = queue.pop() {
-        if label[c as usize] != NONE {
-            continue;
-        }
-        let at = f64::from_bits(at);
-        least[c as usize] = at;
-        label[c as usize] = s;
-        for (l, _, n) in cells.around(c) {
-            let there = at + cost[l];
-            if label[n as usize] == NONE && there <= most && there < least[n as usize] && passes(l)
-            {
-                least[n as usize] = there;
-                queue.push(Reverse((there.to_bits(), s, n)));
-            }
-        }
-    }
-    (least, label)
+    let toll = |l: usize| harder.map_or(0.0, |harder| (harder[l] - 1.0) * links[l].distance);
+    ways.spread(seeds, passes, toll, level)
 }
 
 /// How much harder paint flows between cells whose image values differ: 1 + (difference / rms

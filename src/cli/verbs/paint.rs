@@ -15,9 +15,10 @@ use crate::export::SurfaceFile;
 use crate::image::Field;
 use crate::image::formats::InputOptions;
 use crate::mesh::Mesh;
-use crate::model::paint::{Seed, blocks, contrast, paint as flow};
+use crate::model::paint::{blocks, contrast, paint as flow};
 use crate::model::surface::adjacency::{Adjacency, holding, skin};
 use crate::model::surface::stored::group;
+use crate::model::ways::{Source, Ways};
 use crate::store::{LatticeSpace, MeshFile, Stored, StoredMesh, with_mesh};
 
 /// Smaller rooms than this many cells are crumbs between surfaces.
@@ -44,7 +45,7 @@ pub struct PaintArgs {
     /// Paint flows less easily where the values of this image change
     #[arg(long, value_name = "IMAGE")]
     pub image: Option<PathBuf>,
-    /// Paint stops this far from its seed, in samples (less far through narrow openings)
+    /// Paint stops this far from its seed, in samples, by the shortest way that crosses no surface
     #[arg(long, value_name = "SAMPLES")]
     pub level: Option<f64>,
     /// Openings narrower than this fraction of the blocks they join are cracks, through which paint
@@ -113,30 +114,31 @@ fn paint_mesh<const D: usize, M: Stored<D>>(
     let across = stored.lattice.cells_of_faces()?;
     let cells = Adjacency::new(&stored.lattice, &across, &closed);
     let (block, count) = blocks(&cells, neck, CRUMB);
-    // Faces have other numbers where the world mirrors the lattice.
     let space = stored.space.clone();
-    let mut file = stored.into_file();
-    let across = file.mesh.cells_of_faces()?;
     let regions: Vec<u32> = match &seeds {
         None => block.iter().map(|b| b + 1).collect(),
         Some(seeds) => {
-            let seeds: Vec<Seed> = (seeds.iter().zip(&args.seed))
-                .map(|(&(p, unit), text)| {
-                    let cell = holding(&file.mesh, &across, p).ok_or_else(|| {
+            let sources: Vec<Source<D>> = (seeds.iter().zip(&args.seed))
+                .map(|(&(p, label), text)| {
+                    let at = space.to_lattice(p);
+                    let held = at.and_then(|at| Some((at, holding(&stored.lattice, &across, at)?)));
+                    let (at, cell) = held.ok_or_else(|| {
                         let remedy = "give physical coordinates; atomesh info shows their range";
                         parse::bad("--seed", text, "lies outside the mesh", remedy)
                     })?;
-                    Ok(Seed { cell, unit })
+                    Ok(Source { at, cell, label })
                 })
                 .collect::<Result<_>>()?;
-            let mut cost: Vec<f64> = cells.links.iter().map(|l| cells.resistance(l)).collect();
-            if let Some(harder) = image_contrast(args, &space, &cells, console)? {
-                cost.iter_mut().zip(harder).for_each(|(c, h)| *c *= h);
-            }
-            let (painted, _) = flow(&cells, &block, &cost, &seeds, level);
-            painted.into_iter().map(|unit| unit.unwrap_or(0)).collect()
+            let harder = image_contrast(args, &space, &cells, console)?;
+            let ways = Ways::new(&stored.lattice, &across, &cells);
+            let painted = flow(&ways, &block, harder.as_deref(), &sources, level);
+            let label = |label: Option<u32>| label.unwrap_or(0);
+            painted.label.into_iter().map(label).collect()
         }
     };
+    let mut file = stored.into_file();
+    // Faces have other numbers where the world mirrors the lattice.
+    let across = file.mesh.cells_of_faces()?;
 
     console.begin_stage("writing");
     M::set_regions(&mut file, regions.iter().map(|&r| r as i32).collect());

@@ -87,15 +87,6 @@ impl<const D: usize> Adjacency<D> {
             (l as usize, link, if a == cell { b } else { a })
         })
     }
-
-    /// How hard it is for paint to flow through a link: the distance, and more of it where the face
-    /// is small for its cells (a narrow door is no shortcut).
-    pub fn resistance(&self, link: &Link) -> f64 {
-        let [a, b] = link.cells.map(|c| self.volumes[c as usize]);
-        // 1 for a brick's faces, 1.5 for a regular tetrahedron's.
-        let width = 2.0 * link.area * link.distance / (a + b);
-        link.distance / width.clamp(1e-6, 1.0)
-    }
 }
 
 /// The cell that holds a point, cells being convex; of several that touch it the first. `cells` are

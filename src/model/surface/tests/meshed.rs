@@ -158,7 +158,8 @@ fn painted_units_have_their_volume_and_do_not_leak() {
     let cells = cells(&outcome.simplices().unwrap().mesh, &closed);
     let (block, count) = blocks(&cells, 0.3, 24);
     assert_eq!(count, 6);
-    let cost: Vec<f64> = cells.links.iter().map(|l| cells.resistance(l)).collect();
+    let of_image = &outcome.simplices().unwrap().mesh;
+    let ways = Ways::new(of_image, &of_image.cells_of_faces().unwrap(), &cells);
 
     // The truth: the volume of each unit, by points half a sample apart.
     let mut truth = [0.0; 6];
@@ -182,11 +183,12 @@ fn painted_units_have_their_volume_and_do_not_leak() {
     for [x, y] in places {
         let seed = [x, y, 25.3];
         let want = unit(seed);
-        let seeds = [Seed {
-            cell: at(&outcome.simplices().unwrap().mesh, seed),
-            unit: want,
-        }];
-        let (painted, _) = flow(&cells, &block, &cost, &seeds, f64::INFINITY);
+        let source = Source {
+            at: seed,
+            cell: at(of_image, seed),
+            label: want,
+        };
+        let painted = flow(&ways, &block, None, &[source], f64::INFINITY).label;
         let (mut all, mut wrong) = (0.0, 0.0);
         for t in 0..cells.len() {
             if painted[t].is_some() {

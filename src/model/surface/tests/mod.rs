@@ -20,7 +20,8 @@ use crate::mesh::boxes::jittered_box;
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::voronoi::voronoi_plane;
 use crate::mesh::{TetMesh, TriMesh};
-use crate::model::paint::{Seed, blocks, clearance, contrast, paint as flow};
+use crate::model::paint::{blocks, clearance, contrast, paint as flow};
+use crate::model::ways::{Source, Ways};
 
 /// Numbers in [0, 1) that look random.
 fn random(seed: &mut u64) -> f64 {

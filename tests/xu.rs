@@ -99,6 +99,49 @@ fn smoothing_makes_better_triangles_and_leaves_canny_points_alone() {
     }
 }
 
+/// A disc, a square and a bar askew, of 100 on 0, with noise of 5.
+fn noisy(shape: usize, seed: u64) -> Image<2> {
+    let mut state = seed;
+    let mut uniform = || {
+        state = state
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) as f64 / (1u64 << 31) as f64
+    };
+    let value = |i: usize| {
+        let [x, y] = [(i % 128) as f64 - 63.3, (i / 128) as f64 - 63.8];
+        let (u, v) = (0.921 * x + 0.389 * y, 0.921 * y - 0.389 * x);
+        let off = match shape {
+            0 => x.hypot(y) - 40.0,
+            1 => x.abs().max(y.abs()) - 36.0,
+            _ => (u.abs() - 45.0).max(v.abs() - 9.0),
+        };
+        let noise = (0..12).map(|_| uniform()).sum::<f64>() - 6.0;
+        (100.0 / (1.0 + (2.0 * off).exp()) + 5.0 * noise) as f32
+    };
+    let samples = (0..128 * 128).map(value).collect();
+    Image::new([128, 128], samples, Geometry::default())
+}
+
+#[test]
+fn smoothing_in_noise_keeps_the_edges_on_features() {
+    let covered = |image: &Image<2>, smooth| {
+        let outcome = by_canny(image, smooth, Some(30.0));
+        outcome.report.fidelity.unwrap().on_feature.coverage_one
+    };
+    for (shape, seed) in [(0, 1), (0, 2), (0, 3), (1, 1), (1, 2), (2, 1), (2, 2)] {
+        let image = noisy(shape, seed);
+        let plain = covered(&image, None);
+        for scheme in [Scheme::Cvt, Scheme::Odt] {
+            let smooth = covered(&image, Some(scheme));
+            assert!(
+                smooth >= plain - 0.01,
+                "{shape} {seed} {scheme:?} {plain} {smooth}"
+            );
+        }
+    }
+}
+
 #[test]
 #[cfg(feature = "tetgen")]
 fn canny_points_in_space_make_a_valid_mesh() {

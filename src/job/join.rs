@@ -334,9 +334,11 @@ impl Meshing<2> for Space<2> {
             (Some(relaxation), Some(sheets)) => {
                 stages.begin(Stage::Smoothing);
                 let mobility = triangles::mobility(&atoms, extent, sheets);
+                let kept = triangles::feature_edges(&atoms, extent, sheets, distance)?;
                 stages
                     .patiently(|patience| {
-                        triangles::relax::relax(atoms.positions, &mobility, relaxation, patience)
+                        let points = atoms.positions;
+                        triangles::relax::relax(points, &kept, &mobility, relaxation, patience)
                     })?
                     .0
             }

@@ -43,6 +43,7 @@ use crate::lattice::distance::Distance;
 use crate::lattice::seeding::Atoms;
 use crate::mesh::TriMesh;
 use crate::mesh::complex::NONE;
+use crate::mesh::delaunay::delaunay_plane;
 use crate::mesh::tri::{SIDES, angles, neighbors, worst_cotangent};
 use crate::observer::Patience;
 
@@ -87,6 +88,26 @@ pub fn improve(
     let finished = improver.finish();
     (*mesh, *kinds) = (finished.mesh, finished.kinds);
     Ok((outcome, finished.feature_faces))
+}
+
+/// The edges on features of the Delaunay triangulation of atoms, after edges that pass through a curve
+/// were flipped where that frees it.
+///
+/// # Errors
+/// Those of [`delaunay_plane`].
+pub fn feature_edges(
+    atoms: &Atoms<2>,
+    extent: [f64; 2],
+    sheets: &Sheets,
+    distance: &Distance<2>,
+) -> Result<Vec<[u32; 2]>> {
+    let mesh = delaunay_plane(&atoms.positions)?;
+    let neighbors = adjacency(&mesh)?;
+    let (kinds, least) = (&atoms.kinds, UNUSABLE);
+    let mut improver = Improver::new(mesh, neighbors, kinds, extent, sheets, distance, least);
+    improver.flip_off_curves();
+    let on_feature = |&[a, b]: &[u32; 2]| improver.on_feature(a, b);
+    Ok(improver.edges().filter(on_feature).collect())
 }
 
 /// Neighbours of every triangle.
@@ -232,6 +253,16 @@ impl<'a> Improver<'a> {
 
     fn alive(&self) -> impl Iterator<Item = u32> + '_ {
         (0..self.triangles.len() as u32).filter(|&t| self.triangles[t as usize][0] != NONE)
+    }
+
+    /// Each edge once.
+    fn edges(&self) -> impl Iterator<Item = [u32; 2]> + '_ {
+        self.alive()
+            .flat_map(|t| (0..3).map(move |k| (t as usize, k)))
+            .filter_map(|(t, k)| {
+                let [a, b] = SIDES[k].map(|i| self.triangles[t][i]);
+                (a < b || self.neighbors[t][k] == NONE).then_some([a, b])
+            })
     }
 
     fn corners(&self, triangle: [u32; 3]) -> [[f64; 2]; 3] {

@@ -3,26 +3,19 @@
 use super::{Improver, STEEPEST};
 use crate::geometry::in_space;
 use crate::improve::hold::Hold;
-use crate::mesh::complex::NONE;
-use crate::mesh::tri::{SIDES, worst_cotangent};
+use crate::mesh::tri::worst_cotangent;
 
 /// An end of a pierced edge is pulled onto the curve from this far, in units of d.
 const SNAP: f64 = 0.5;
 
+/// Edges are freed so many times at most: one that is freed may bring another.
+const ROUNDS: usize = 6;
+
 impl Improver<'_> {
     /// No edge may pass through a curve.
     pub(super) fn recover(&mut self) {
-        for round in 0..6 {
-            let mut edges = Vec::new();
-            for t in self.alive() {
-                for k in 0..3 {
-                    let [a, b] = SIDES[k].map(|i| self.triangles[t as usize][i]);
-                    let once = a < b || self.neighbors[t as usize][k] == NONE;
-                    if once && self.pierced(a, b).is_some() {
-                        edges.push([a, b]);
-                    }
-                }
-            }
+        for round in 0..ROUNDS {
+            let edges = self.pierced_edges();
             if round == 0 {
                 self.counts.pierced_before = edges.len();
             }
@@ -42,12 +35,7 @@ impl Improver<'_> {
             return;
         };
         let Some(at) = self.pierced(a, b) else { return };
-        if let Some([p, q]) = self.flipped(t, k)
-            && self.cotangent(p).max(self.cotangent(q)) < STEEPEST
-            && self.pierced(p[0], p[2]).is_none()
-        {
-            self.flip(t, k);
-            self.counts.pierced_flipped += 1;
+        if self.flip_away(t, k) {
             return;
         }
         // The nearer end goes to the curve if it is free to.
@@ -61,6 +49,42 @@ impl Improver<'_> {
         } else if self.split(t, k, at, None) {
             self.counts.pierced_split += 1;
         }
+    }
+
+    /// Flips an edge that passes through a curve, if the other diagonal does not.
+    fn flip_away(&mut self, t: u32, k: usize) -> bool {
+        if let Some([p, q]) = self.flipped(t, k)
+            && self.cotangent(p).max(self.cotangent(q)) < STEEPEST
+            && self.pierced(p[0], p[2]).is_none()
+        {
+            self.flip(t, k);
+            self.counts.pierced_flipped += 1;
+            return true;
+        }
+        false
+    }
+
+    /// Flips edges that pass through a curve, as long as that helps; nodes stay.
+    pub(super) fn flip_off_curves(&mut self) {
+        for _ in 0..ROUNDS {
+            let mut flipped = false;
+            for [a, b] in self.pierced_edges() {
+                if let Some((t, k)) = self.find_edge(a, b)
+                    && self.pierced(a, b).is_some()
+                {
+                    flipped |= self.flip_away(t, k);
+                }
+            }
+            if !flipped {
+                return;
+            }
+        }
+    }
+
+    /// The edges that pass through a curve.
+    pub(super) fn pierced_edges(&self) -> Vec<[u32; 2]> {
+        let pierced = |&[a, b]: &[u32; 2]| self.pierced(a, b).is_some();
+        self.edges().filter(pierced).collect()
     }
 
     /// Moves a node that no feature holds to `at` on a curve, if all triangles stay sound.

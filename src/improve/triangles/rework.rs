@@ -96,9 +96,14 @@ impl<'a> Improver<'a> {
     fn rework_about(&mut self, t: u32, patience: &Patience<'_>) -> bool {
         let patch = self.patch(t);
         let part = &patch.improver;
-        let (now, length, pierced) = (part.badness(), part.feature_length(), part.pierced_edges());
+        let (now, length, pierced) = (
+            part.badness(),
+            part.feature_length(),
+            part.pierced_edges().len(),
+        );
         let keeps = |trial: &Improver<'a>| {
-            trial.feature_length() >= FEATURES_STAY * length && trial.pierced_edges() <= pierced
+            trial.feature_length() >= FEATURES_STAY * length
+                && trial.pierced_edges().len() <= pierced
         };
         let better = |(then, trial): &(Badness, Improver<'a>)| *then < now && keeps(trial);
         let mut tried = part.tries(0, now, keeps, patience);
@@ -309,16 +314,6 @@ impl<'a> Improver<'a> {
         })
     }
 
-    /// Each edge once.
-    fn edges(&self) -> impl Iterator<Item = [u32; 2]> + '_ {
-        self.alive()
-            .flat_map(|t| (0..3).map(move |k| (t as usize, k)))
-            .filter_map(|(t, k)| {
-                let [a, b] = SIDES[k].map(|i| self.triangles[t][i]);
-                (a < b || self.neighbors[t][k] == NONE).then_some([a, b])
-            })
-    }
-
     /// How long the edges on features are.
     fn feature_length(&self) -> f64 {
         let length = |[a, b]: [u32; 2]| {
@@ -329,12 +324,6 @@ impl<'a> Improver<'a> {
             .filter(|&[a, b]| self.on_feature(a, b))
             .map(length)
             .sum()
-    }
-
-    fn pierced_edges(&self) -> usize {
-        self.edges()
-            .filter(|&[a, b]| self.pierced(a, b).is_some())
-            .count()
     }
 
     /// What may help a triangle: its edges, and those of its neighbours, collapse or are split.

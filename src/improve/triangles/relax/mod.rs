@@ -1,6 +1,6 @@
 //! Smoothing of a triangulation under the weight of its image (Xu 2016, section 2.3): nodes move
 //! towards the centroids of the triangles around them, weighted by how steep the image is there, and
-//! edges are flipped back to Delaunay's, in turns.
+//! edges, but for those on features, are flipped back to Delaunay's, in turns.
 //!
 //! What the steps (formulas 9 to 12) aim at, for a constant image, is a small energy, the sum over
 //! triangles of area times the sum of squared edges: up to a constant both the squared distance of the
@@ -16,7 +16,7 @@ use crate::Result;
 use crate::geometry::groups::grouped;
 use crate::image::Field;
 use crate::mesh::TriMesh;
-use crate::mesh::delaunay::delaunay_plane;
+use crate::mesh::delaunay::{constrained_plane, delaunay_plane};
 use crate::mesh::tri::{SIDES, area2, squared_sides};
 use crate::observer::Patience;
 
@@ -76,18 +76,25 @@ pub struct Round {
 /// Halvings of a step that does not lower the energy; then the node stays.
 const HALVINGS: usize = 4;
 
-/// The Delaunay triangulation of points, once smoothed. `mobility` says which coordinates of each may
-/// change: 1 for free, 0 for held. When `patience` is over, the others stay where they are.
+/// The Delaunay triangulation of points, once smoothed, with the edges `kept` (of one triangulation of
+/// them) among its own: without, nodes that come near a curve would take edges on it away. `mobility`
+/// says which coordinates of each may change: 1 for free, 0 for held; the ends of kept edges are. When
+/// `patience` is over, the others stay where they are.
 ///
 /// # Errors
-/// Those of [`delaunay_plane`].
+/// Those of [`constrained_plane`].
 pub fn relax(
     mut points: Vec<[f64; 2]>,
+    kept: &[[u32; 2]],
     mobility: &[[f64; 2]],
     relaxation: &Relaxation<2>,
     patience: &Patience<'_>,
 ) -> Result<(TriMesh, Vec<Round>)> {
-    let mut mesh = delaunay_plane(&points)?;
+    let join = |points: &[[f64; 2]]| match kept {
+        [] => delaunay_plane(points),
+        kept => constrained_plane(points, kept),
+    };
+    let mut mesh = join(&points)?;
     let mut rounds = Vec::with_capacity(relaxation.rounds);
     for _ in 0..relaxation.rounds {
         let mut round = Round {
@@ -105,7 +112,7 @@ pub fn relax(
         round.after = energy(&mesh, relaxation);
         rounds.push(round);
         points = mesh.nodes;
-        mesh = delaunay_plane(&points)?;
+        mesh = join(&points)?;
         if round.moved == 0 {
             break;
         }

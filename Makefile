@@ -6,11 +6,12 @@
 # make deb    a Debian package of the program, in target/debian
 # make package   build what a registry would give to others
 # make book   the documentation as a site, target/book/index.html, with its links checked
+# make figures   pictures and figures of docs/ made again: DATA=folder with other people's images
 # make fuzz   random files and small jobs, led by what code they reach: SECONDS=60 for each of three targets
 # make soak   kills, interrupts, full disks and too little memory: RUNS=100 of each
 
 .POSIX:
-.PHONY: fuzz soak help demo test wheel python-test deb package book bench bench-networks validators packages
+.PHONY: figures fuzz soak help demo test wheel python-test deb package book bench bench-networks validators packages
 
 SAMPLE = data/faults.vti
 
@@ -40,6 +41,7 @@ test: packages
 	@mkdir -p target && rm -f target/skipped
 	ATOMESH_SKIPPED="$$PWD/target/skipped" cargo test --workspace --locked
 	@scripts/skipped.sh target/skipped
+	python3 scripts/figures.py target/debug/atomesh --check
 
 wheel: packages
 	@scripts/python.sh wheel
@@ -69,6 +71,10 @@ bench-networks: packages
 
 validators:
 	@scripts/validators.sh
+
+figures: packages
+	cargo build --locked
+	python3 scripts/figures.py target/debug/atomesh $(if $(DATA),--data $(DATA))
 
 SECONDS = 60
 fuzz: packages

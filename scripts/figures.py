@@ -1,0 +1,160 @@
+#!/usr/bin/env python3
+"""Makes figures and pictures of docs/ again: scripts/figures.py BINARY [--check] [--data FOLDER]
+
+Every figure listed here is a line of a page as the program gives it today; a line that the page does not
+hold is printed beside the one that it does, and the script fails. `--check` does this for those that need
+only the program and take seconds. Otherwise pictures are made, too, in target/figures, under the names that
+they have in docs/ (there they have been reduced). Pictures of other people's images need the folder that
+holds these (BrainT1Slice.png, FatMRISlice.png, 3_fractures.raw), and are left out without. Needs no package.
+"""
+import argparse
+import json
+import pathlib
+import subprocess
+import sys
+import tempfile
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+
+
+class Work:
+    """A folder to work in, and the program."""
+
+    def __init__(self, binary, folder):
+        self.binary, self.folder = pathlib.Path(binary).resolve(), folder
+
+    def run(self, line):
+        """Runs the program, quietly."""
+        subprocess.run([self.binary, *line.split(), "--quiet"], cwd=self.folder, check=True, stdout=subprocess.DEVNULL)
+
+    def json(self, line):
+        """What the program answers."""
+        command = [self.binary, *line.split(), "--json", "--quiet"]
+        return json.loads(subprocess.run(command, cwd=self.folder, check=True, stdout=subprocess.PIPE).stdout)
+
+
+def plane_row(work, name, image, mesh):
+    """A row of the table of two-dimensions.md."""
+    work.run(f"synth {image} --dims 256,256 -o slice.png --truth truth.npy")
+    work.run(f"mesh slice.png -o mesh.vtu {mesh}")
+    found = work.json("quality mesh.vtu --truth truth.npy")
+    quality, faces = found["quality"], found["fidelity"]["claimed"]
+    angles = f"{quality['smallest_angle']['worst']:.1f} to {quality['largest_angle']['worst']:.1f}"
+    ratio = f"{quality['mean_ratio']['worst']:.3f} | {quality['mean_ratio_mean']:.3f}"
+    return f"| {name} | {quality['cells']} | {angles} | {ratio} | {faces['coverage_one']:.3f} | {faces['precision']:.3f} |"
+
+
+def plane(work):
+    rows = [plane_row(work, "the picture above (d 6 to 18)", "faults --signal-to-noise 20 --rng-seed 1",
+                      "--distance 6:18 --distance-from features")]
+    images = [(f"`faults`, seed {seed}", f"faults --rng-seed {seed}") for seed in (1, 2, 3, 4)]
+    images += [(f"`{kind}`", kind) for kind in ("planes", "shells", "sphere", "blocks")]
+    return rows + [plane_row(work, name, f"{image} --signal-to-noise 10", "--distance 8") for name, image in images]
+
+
+def generations(work):
+    work.run("synth faults -o slice.npy --dims 128,112")
+    found = work.json("mesh slice.npy --distance 8 --seeding guide --optimizer genetic --slivers none "
+                      "--trace lattices.pvd -o evolved.vtu")
+    trace = found["trace"]
+    rows = [trace[n] for n in (0, 12, 24, 48, 72, 108)]
+    return [f"| {n} | {row['worst_quality']:.3f} | {row['mean_quality']:.3f} | {row['energy']:.3f} |"
+            for n, row in zip((0, 12, 24, 48, 72, 108), rows)]
+
+
+def ball(work):
+    work.run("synth sphere --dims 128,128,128 --signal-to-noise inf -o ball.vti")
+    quality = work.json("mesh ball.vti -o ball.vtu --seeding canny --feature canny --slivers none")["quality"]
+    return [f"has {quality['nodes']:,} and {quality['cells']:,}."]
+
+
+# What a page says, and how to find it out.
+QUICK = [("two-dimensions.md", plane), ("guide-tables.md", generations), ("canny.md", ball)]
+
+
+def slices(work):
+    work.run(f"mesh {work.data}/BrainT1Slice.png -o brain.vtu --seeding canny --smooth odt")
+    quality = work.json("quality brain.vtu")["quality"]
+    angles = f"{quality['smallest_angle']['worst']:.1f} and {quality['largest_angle']['worst']:.1f} degrees"
+    return [f"has {quality['nodes']:,} nodes, and every angle is between {angles}"]
+
+
+def fractures(work):
+    count = {}
+    for distance in ("2.7:8", "4", "5", "6", "8"):
+        work.run(f"mesh {work.data}/3_fractures.raw --raw 100x100x100:u8 --distance {distance} -o fractures.vtu")
+        count[distance] = len(work.json("surface fractures.vtu -o fractures.vtp")["surfaces"])
+    number = ["none", "one", "two", "three", "four", "five", "six"]
+    return [f"The default distance and 4 give all {number[count['2.7:8']]} walls" if count["2.7:8"] == count["4"] else str(count),
+            f"5 and 6 give {number[count['5']]}" if count["5"] == count["6"] else str(count), f"8 gives {number[count['8']]}"]
+
+
+# The same of other people's images.
+WITH_DATA = [("canny.md", slices), ("surfaces.md", fractures)]
+
+# Pictures by the commands of their pages.
+PICTURES = {
+    "two-dimensions-mesh.png": ["synth faults --dims 256,256 --signal-to-noise 20 --rng-seed 1 -o slice.png",
+                                "mesh slice.png -o mesh.vtu --distance 6:18 --distance-from features",
+                                "slice slice.png mesh.vtu -o {}"],
+    "two-dimensions-disc.png": ["synth sphere --dims 256,256 --signal-to-noise 10 -o disc.png",
+                                "mesh disc.png -o disc.vtu --feature edges", "slice disc.png disc.vtu -o {}"],
+    "two-dimensions-sections.png": [f"mesh {ROOT}/data/faults.vti -o faults.vtu",
+                                    f"slice {ROOT}/data/faults.vti faults.vtu -o {{}}"],
+    "figures-sections.png": ["synth amplitude --dims 128,112,96 --count 3 -o amplitude.vti",
+                             "mesh amplitude.vti -o both.vtu --feature faults+horizons --distance 6",
+                             "slice amplitude.vti both.vtu -o {}"],
+    "figures-potential.png": ["synth faults --dims 256,256 --signal-to-noise 20 --rng-seed 1 -o slice.png",
+                              "mesh slice.png -o mesh.vtu --distance 6:18 --distance-from features",
+                              "feature slice.png -o b.vti --distance 8", "slice b.vti mesh.vtu -o {}"],
+    "figures-cells.png": ["synth faults --dims 256,256 --signal-to-noise 20 --rng-seed 1 -o slice.png",
+                          "mesh slice.png -o cells.vtu --cells voronoi --distance 8", "slice slice.png cells.vtu -o {}"],
+    "editing.png": ["synth faults -o slice.png --dims 160,120 --signal-to-noise 10", "mesh slice.png -o mesh.vtu",
+                    "edit mesh.vtu slice.png -o edited.vtu --add 40.5,60 --move 150:104,58 --remove 90",
+                    "slice slice.png edited.vtu -o {}"],
+    "guide-tables.png": ["synth faults -o slice.png --dims 256,256 --signal-to-noise 20 --rng-seed 1",
+                         "mesh slice.png --distance 14 --seeding guide --max-evaluations 1 --slivers none -o drawn.vtu",
+                         "slice slice.png drawn.vtu -o {}"],
+}
+PICTURES_WITH_DATA = {
+    "canny.png": ["mesh {data}/BrainT1Slice.png -o brain.vtu --seeding canny --smooth odt",
+                  "slice {data}/BrainT1Slice.png brain.vtu -o {}"],
+    "paths.png": ["mesh {data}/FatMRISlice.png -o paths.vtu --feature paths --object 128,128",
+                  "slice {data}/FatMRISlice.png paths.vtu -o {}"],
+}
+
+
+def compare(work, page, figures):
+    """Whether a page holds what is found; says what it lacks."""
+    text = " ".join((ROOT / "docs" / page).read_text().split())
+    lacking = [line for line in figures(work) if line not in text]
+    for line in lacking:
+        print(f"docs/{page} does not say: {line}")
+    return not lacking
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split(":")[0])
+    parser.add_argument("binary")
+    parser.add_argument("--check", action="store_true", help="only compare what takes seconds")
+    parser.add_argument("--data", type=pathlib.Path, help="other people's images")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        work = Work(options.binary, folder)
+        work.data = options.data and options.data.resolve()
+        figures = QUICK + (WITH_DATA if work.data and not options.check else [])
+        # All of them, even after one that differs.
+        true = all([compare(work, page, find) for page, find in figures])
+        if not options.check:
+            out = ROOT / "target" / "figures"
+            out.mkdir(parents=True, exist_ok=True)
+            for name, lines in {**PICTURES, **(PICTURES_WITH_DATA if work.data else {})}.items():
+                for line in lines:
+                    work.run(line.replace("{data}", str(work.data)).replace("{}", str(out / name)))
+                print(f"made {out / name}")
+    print("docs agree" if true else "docs differ")
+    sys.exit(not true)
+
+
+if __name__ == "__main__":
+    main()

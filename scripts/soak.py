@@ -140,9 +140,19 @@ def ended(child, seconds):
         _, said = child.communicate(timeout=seconds)
         return child.returncode, said.decode(errors="replace")
     except subprocess.TimeoutExpired:
+        where = whereabouts(child.pid)
         child.kill()
         _, said = child.communicate()
-        return None, said.decode(errors="replace")
+        return None, said.decode(errors="replace") + where
+
+
+def whereabouts(pid):
+    """What the threads of a process that hangs are doing, where a debugger tells."""
+    if not shutil.which("gdb"):
+        return ""
+    asked = ["gdb", "-p", str(pid), "-batch", "-ex", "thread apply all backtrace 25"]
+    told = subprocess.run(asked, capture_output=True, text=True).stdout
+    return "\n" + "\n".join(row for row in told.splitlines() if row.startswith(("Thread", "#")))
 
 
 def kills(bench, folder, count, rng, faults):
@@ -219,7 +229,7 @@ def memory(bench, folder, count, rng, faults):
             shutil.rmtree(place)
             continue
         if code is None:
-            faults.say("memory", limit, "hangs:", said[-600:], *line)
+            faults.say("memory", limit, "hangs:", *line, said[-9000:])
         else:
             if code:
                 failed += 1

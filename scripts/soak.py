@@ -146,6 +146,11 @@ def ended(child, seconds):
         return None, said.decode(errors="replace") + where
 
 
+def patience(took):
+    """Seconds after which a job that took so long undisturbed hangs, on a machine that has other work too."""
+    return 120 + 60 * took
+
+
 def whereabouts(pid):
     """What the threads of a process that hangs are doing, where a debugger tells."""
     if not shutil.which("gdb"):
@@ -216,16 +221,16 @@ def memory(bench, folder, count, rng, faults):
     """An address space that is too small, by any amount."""
     failed = 0
     for _ in range(count):
-        line, made, _ = rng.choice(bench.jobs)
+        line, made, took = rng.choice(bench.jobs)
         place = tempfile.mkdtemp(dir=folder)
         # From what hardly loads the program to what suffices.
         limit = int(30e6 * 7 ** rng.random())
         child = bench.start(
             line, place, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
         )
-        code, said = ended(child, 120)
+        code, said = ended(child, patience(took))
         # 127: the loader itself found no room.
-        if code == 127 and "error while loading shared libraries" in said:
+        if code == 127 and ("error while loading shared libraries" in said or "for initial thread" in said):
             shutil.rmtree(place)
             continue
         if code is None:
@@ -243,11 +248,11 @@ def disks(bench, disk, count, rng, faults):
     """A disk that is full after any number of bytes."""
     failed = 0
     for _ in range(count):
-        line, made, _ = rng.choice(bench.jobs)
+        line, made, took = rng.choice(bench.jobs)
         size = max(int(sum(made.values()) * rng.uniform(0, 1.2)) >> 12, 1) << 12
         subprocess.run(["mount", "-o", f"remount,size={size}", disk], check=True)
         place = tempfile.mkdtemp(dir=disk)
-        code, said = ended(bench.start(line, place), 120)
+        code, said = ended(bench.start(line, place), patience(took))
         if code is None:
             faults.say("full disk hangs:", *line)
         elif code:

@@ -47,6 +47,7 @@ const STACK: usize = 8 << 20;
 
 /// Runs what was typed. Exit codes: 0 done, 1 bad input or failed job, 130 interrupted, 2 wrong usage.
 pub fn main() -> ExitCode {
+    out_of_memory::watch_threads();
     // A stack that is there from the start: the first one's grows, and where it finds no memory to do so
     // the system kills the process without a word.
     let stack = thread::Builder::new().name("main".into()).stack_size(STACK);

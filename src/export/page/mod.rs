@@ -65,8 +65,8 @@ pub struct Written {
 pub const LARGEST: usize = 10_000_000;
 /// Into how many parts places of the cut divide an axis: the most, as a byte keeps the part, and fewer
 /// down to a cut through the middle.
-const STEPS: [usize; 18] = [
-    256, 192, 128, 96, 80, 64, 56, 48, 40, 32, 28, 24, 20, 16, 12, 8, 4, 2,
+const STEPS: [usize; 24] = [
+    256, 192, 128, 96, 80, 64, 56, 48, 40, 32, 28, 24, 20, 16, 14, 12, 10, 8, 7, 6, 5, 4, 3, 2,
 ];
 
 /// Writes a page; the file appears whole or not at all.

@@ -113,7 +113,7 @@ fn ways_reach_a_disc_and_a_ball_whatever_the_cells() {
 }
 
 /// A wall from the left side to the tip at (36, 36), and a source above it: below, ways go round the
-/// tip.
+/// tip, and turn in the centre of a cell near it.
 #[test]
 fn ways_go_round_the_end_of_a_wall() {
     let (tip, at, most) = ([36.0, 36.0], [24.2, 44.1], 30.0);
@@ -128,7 +128,7 @@ fn ways_go_round_the_end_of_a_wall() {
             length(at, tip) + length(tip, p)
         }
     };
-    for (n, least) in [(24, 0.96), (48, 0.975)] {
+    for (n, least) in [(24, 0.96), (48, 0.97)] {
         let moves = |x: [f64; 2]| x[1] != tip[1];
         let mesh: TriMesh = jittered_box([n; 2], [72.0; 2], 0.3, moves);
         let mut wall = Vec::new();
@@ -149,7 +149,7 @@ fn ways_go_round_the_end_of_a_wall() {
         wall.dedup();
         assert_eq!(wall.len(), n / 2);
         let [found, best] = dice(&mesh, &wall, at, most, |p| way(p) <= most);
-        assert!(found > least && found > best - 0.006, "{n}: {found} {best}");
+        assert!(found > least && found > best - 0.02, "{n}: {found} {best}");
         // As the crow flies it would be another place.
         assert!(dice(&mesh, &wall, at, most, |p| length(at, p) <= most)[0] < 0.93);
     }

@@ -27,7 +27,7 @@ pub(super) fn to_faces<const D: usize>(
     patience: &Patience<'_>,
 ) -> [Vec<f64>; 2] {
     let shapes: Vec<[[f64; D]; D]> = faces.iter().map(|&f| corners(nodes, f)).collect();
-    let boxes: Vec<[[f64; D]; 2]> = shapes.iter().map(|face| box_of(face)).collect();
+    let boxes: Vec<[[f64; D]; 2]> = shapes.iter().map(box_of).collect();
     let close = by_faces(&shapes, &boxes, sets, points, wanted, patience);
     let mut tree = None;
     [0, 1].map(|i| {

@@ -10,7 +10,7 @@ mod common;
 
 use std::path::Path;
 
-use common::{Survey, atomesh, files, npy, segy, sheet, succeed, vtk};
+use common::{Survey, atomesh, files, npy, run, segy, sheet, succeed, vtk};
 use serde_json::Value;
 
 const DIMS: [usize; 3] = [44, 36, 32];
@@ -170,6 +170,32 @@ fn the_same_bytes_for_any_number_of_threads_and_every_time() {
     ];
     succeed(folder.path(), &other);
     assert!(bytes("a.vtu") != bytes("d.vtu"), "the seed changes nothing");
+}
+
+/// With one thread one process makes all tetrahedra, with more there are workers.
+#[test]
+fn large_meshes_are_the_same_from_any_number_of_workers() {
+    let folder = folder();
+    let at = folder.path();
+    run(at, "synth faults -o large.npy --dims 112,104,104 --quiet");
+    for threads in [1, 2, 3] {
+        let line = "mesh large.npy --distance 3.5 --feature edges --slivers none --quiet";
+        let said = run(
+            at,
+            &format!("{line} -o {threads}.vtu --threads {threads} --json"),
+        );
+        let atoms = json(&said)["lattice"]["atoms"].as_u64().unwrap();
+        assert!(atoms > 40_000, "{atoms} are not many");
+    }
+    let bytes = |name: &str| std::fs::read(at.join(name)).unwrap();
+    assert!(
+        bytes("1.vtu") == bytes("2.vtu"),
+        "one process and two workers differ"
+    );
+    assert!(
+        bytes("2.vtu") == bytes("3.vtu"),
+        "two and three workers differ"
+    );
 }
 
 #[test]

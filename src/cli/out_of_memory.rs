@@ -51,8 +51,8 @@ fn there(memory: *mut u8, size: usize) -> *mut u8 {
 pub fn watch_threads() {
     let usual = panic::take_hook();
     panic::set_hook(Box::new(move |info| {
-        let said = info.payload_as_str().unwrap_or_default();
-        if said.starts_with("failed to allocate an alternative stack") {
+        let said = info.payload().downcast_ref::<String>();
+        if said.is_some_and(|said| said.starts_with("failed to allocate an alternative stack")) {
             end(STACK);
         }
         usual(info);

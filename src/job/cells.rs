@@ -6,10 +6,11 @@ use rayon::prelude::*;
 use super::even::Even;
 use super::frame::Frame;
 use super::measure::measured;
-use super::{BOX_TOLERANCE, Made, Marked, Meshing, Params, Scene, Space, Stages, place, simplices};
+use super::{BOX_TOLERANCE, Made, Marked, Meshing, Params, Scene, Space, Stages, place, regions, simplices};
 use crate::Result;
 use crate::feature::Features;
 use crate::image::{Geometry, Image};
+use crate::improve::regions::Places;
 use crate::improve::{SliverMethod, Target};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
@@ -83,6 +84,11 @@ where
         mesh = cut(&atoms, &sites, extent, weld)?;
     }
     mesh.on_feature = sites.faces(&mesh, atoms.len());
+    let numbers = features.labels.as_ref().map(|labelled| {
+        let numbers = Places::of_cells(&mesh).labels(labelled);
+        mesh.region = regions::of_labels(&numbers, &labelled.labels);
+        numbers
+    });
 
     stages.begin(Stage::Measuring);
     let scene = Scene {
@@ -92,6 +98,12 @@ where
     };
     let report = stages.patiently(|patience| {
         let mut report = measure(&mesh, weld, &scene, image, patience);
+        report.regions = numbers.as_ref().and_then(|numbers| {
+            let places = Places::of_cells(&mesh);
+            let sizes: Vec<f64> = mesh.cell_shapes().iter().map(|shape| shape.0).collect();
+            let step = features.potential.step;
+            regions::report(image, &params.labels, &places, &sizes, numbers, step, patience)
+        });
         if let Some(voronoi) = &mut report.voronoi {
             voronoi.conforming = Some(sites.share(&mesh, atoms.len()));
         }

@@ -8,6 +8,7 @@
 //! - `reference`: where the features really are
 //! - `lattice`: how evenly the atoms are spread
 //! - `cells`: Voronoi cells, as flow simulators see them
+//! - `regions`: what became of the labels of an image
 //! - [`cost`]: seconds and memory of each stage
 //! - `table`: a report on one screen
 //! - `verdict`: a report in three lines
@@ -21,6 +22,7 @@ pub(crate) mod lattice;
 mod nearest;
 mod pieces;
 pub(crate) mod quality;
+mod regions;
 pub(crate) mod reference;
 pub(crate) mod table;
 mod verdict;
@@ -35,6 +37,7 @@ pub use lattice::{Lattice, Optimisation, TracedLattice, lattice};
 pub(crate) use quality::quality_while;
 pub use quality::{Quality, quality, smallest_angles};
 pub use reference::Reference;
+pub use regions::{Lost, Region, Regions};
 pub use verdict::{Grade, Verdict};
 
 use crate::feature::LeftOut;
@@ -72,6 +75,9 @@ pub struct Report {
     pub filling: Option<Check>,
     /// The cells of a Voronoi mesh, of which the above says nothing.
     pub voronoi: Option<Voronoi>,
+    /// The regions that the labels of the image became.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub regions: Option<Regions>,
     /// What was improved, and what stands in the way of the rest.
     pub improvement: Option<Improvement>,
     /// What the other method makes of the same atoms, where the two are compared.
@@ -96,6 +102,7 @@ impl Default for Report {
             fidelity: None,
             filling: None,
             voronoi: None,
+            regions: None,
             improvement: None,
             rival: None,
             notes: Vec::new(),

@@ -130,6 +130,7 @@ impl Report {
             .or_else(|| self.quality.as_ref().and_then(|q| self.shapes(q)))
             .or_else(|| self.voronoi.as_ref().and_then(|v| self.flow(v)))
             .or_else(|| self.features())
+            .or_else(|| self.lost())
     }
 
     /// A mesh of an image in which no feature was found.
@@ -227,6 +228,26 @@ impl Report {
             ),
             option: self.finer(),
             change: "smaller faces follow bends more closely, with more cells",
+        })
+    }
+
+    /// Parts of labels that the mesh does not have.
+    fn lost(&self) -> Option<Fault> {
+        let lost = &self.regions.as_ref()?.lost;
+        let largest = lost.iter().max_by_key(|of_label| of_label.largest)?;
+        let parts: usize = lost.iter().map(|of_label| of_label.parts).sum();
+        let parts = match parts {
+            1 => "a part".to_string(),
+            parts => format!("{} parts", grouped(parts)),
+        };
+        Some(Fault {
+            poor: format!(
+                "{parts} of labels are lost, the largest {} samples of label {}",
+                grouped(largest.largest),
+                largest.label
+            ),
+            option: Some(largest.option()),
+            change: "cells of that label become smaller, and the part is kept",
         })
     }
 

@@ -55,7 +55,10 @@ where
             DataArray::scalars(DISTANCE, distance),
         ],
         cell_data: vec![
-            DataArray::scalars("region", vec![0i32; lattice.len()]),
+            DataArray::scalars("region", match made.regions.is_empty() {
+                true => vec![0i32; lattice.len()],
+                false => made.regions.clone(),
+            }),
             DataArray::scalars(M::MIN_ANGLE, smallest),
             DataArray::scalars(M::VOLUME, volume),
             DataArray::scalars(

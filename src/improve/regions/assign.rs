@@ -1,0 +1,136 @@
+//! A cell has the label of most of its volume.
+
+use rayon::prelude::*;
+
+use crate::feature::Labelled;
+use crate::geometry::groups::grouped;
+use crate::geometry::{add_scaled, sub};
+use crate::mesh::complex::NONE;
+use crate::mesh::poly::PolyMesh;
+use crate::mesh::Simplices;
+
+/// Cells are divided by so many planes along each edge: their label is asked for in as many places as
+/// that gives.
+const PLANES: usize = 5;
+
+/// Cells, and places in them that stand for equal parts of each.
+pub struct Places<'a, const D: usize> {
+    of_cell: Box<dyn Fn(usize, &mut dyn FnMut([f64; D])) + Sync + 'a>,
+    count: usize,
+}
+
+impl<'a, const D: usize> Places<'a, D> {
+    /// Of simplices.
+    pub fn of_simplices<M: Simplices<D>>(mesh: &'a M) -> Self {
+        let places = places::<D>(PLANES);
+        let of_cell = move |c: usize, visit: &mut dyn FnMut([f64; D])| {
+            let corners = mesh.cell(c);
+            for weights in &places {
+                let mut x = [0.0; D];
+                for (weight, &n) in weights.iter().zip(corners) {
+                    x = add_scaled(x, *weight, mesh.nodes()[n as usize]);
+                }
+                visit(x);
+            }
+        };
+        Self {
+            of_cell: Box::new(of_cell),
+            count: mesh.len(),
+        }
+    }
+
+    /// Of polygons or polyhedra: between the site and the nodes of every face.
+    pub fn of_cells(mesh: &'a PolyMesh<D>) -> Self {
+        let count = mesh.sites.len();
+        let ends = mesh.face_cells.iter().flatten().map(|&c| (c as usize).min(count));
+        let (start, ends) = grouped(count + 1, ends);
+        let of_cell = move |c: usize, visit: &mut dyn FnMut([f64; D])| {
+            let site = mesh.sites[c];
+            visit(site);
+            for end in &ends[start[c] as usize..start[c + 1] as usize] {
+                for &n in mesh.faces.get(*end as usize / 2) {
+                    let out = sub(mesh.nodes[n as usize], site);
+                    for share in OUTWARDS {
+                        visit(add_scaled(site, share, out));
+                    }
+                }
+            }
+        };
+        Self {
+            of_cell: Box::new(of_cell),
+            count,
+        }
+    }
+
+    /// Visits the places in a cell.
+    pub fn each(&self, cell: usize, mut visit: impl FnMut([f64; D])) {
+        (self.of_cell)(cell, &mut visit);
+    }
+
+    /// The label of each cell: that of most places in it.
+    pub fn labels(&self, labelled: &Labelled<D>) -> Vec<u8> {
+        let of_cell = |c: usize| {
+            let mut votes = Votes::default();
+            self.each(c, |x| votes.add(labelled.at(x)));
+            votes.most()
+        };
+        (0..self.count).into_par_iter().map(of_cell).collect()
+    }
+}
+
+/// How far out places in polyhedra are, as shares of the way from the site to a node.
+const OUTWARDS: [f64; 2] = [0.5, 0.85];
+
+/// For each cell of a mesh with `neighbors`, by face, the faces beyond which another label is.
+pub fn marks<const D: usize>(regions: &[u8], neighbors: &[u32]) -> Vec<u8> {
+    let of_cell = |(region, beyond): (&u8, &[u32])| {
+        let other = |n: u32| n != NONE && regions[n as usize] != *region;
+        let bits = beyond.iter().enumerate().map(|(k, &n)| u8::from(other(n)) << k);
+        bits.sum()
+    };
+    regions.iter().zip(neighbors.chunks(D + 1)).map(of_cell).collect()
+}
+
+/// Places in a simplex, as weights of its corners: the corners of as many small ones, drawn inwards.
+fn places<const D: usize>(planes: usize) -> Vec<Vec<f64>> {
+    let mut found = Vec::new();
+    let mut counts = vec![0; D + 1];
+    lay_out(planes - 1, 0, &mut counts, &mut |counts| {
+        let inwards = 1.0 / (D + 1) as f64;
+        let weight = |&count: &usize| (count as f64 + inwards) / planes as f64;
+        found.push(counts.iter().map(weight).collect());
+    });
+    found
+}
+
+/// Visits every way to put `left` things into the places from `place` on.
+fn lay_out(left: usize, place: usize, counts: &mut [usize], visit: &mut impl FnMut(&[usize])) {
+    if place + 1 == counts.len() {
+        counts[place] = left;
+        visit(counts);
+        return;
+    }
+    for here in 0..=left {
+        counts[place] = here;
+        lay_out(left - here, place + 1, counts, visit);
+    }
+}
+
+/// How often each label was found.
+#[derive(Debug, Clone, Default)]
+struct Votes(Vec<(u8, u32)>);
+
+impl Votes {
+    fn add(&mut self, label: u8) {
+        match self.0.iter_mut().find(|(known, _)| *known == label) {
+            Some((_, count)) => *count += 1,
+            None => self.0.push((label, 1)),
+        }
+    }
+
+    /// The label found most often; of several the one found first.
+    fn most(&self) -> u8 {
+        let better = |a: (u8, u32), &b: &(u8, u32)| if b.1 > a.1 { b } else { a };
+        self.0.iter().fold((0, 0), better).0
+    }
+}

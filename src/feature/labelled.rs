@@ -28,8 +28,11 @@ impl LabelWish {
     pub fn parse(text: &str) -> Result<Self, (String, &'static str)> {
         let remedy = "give VALUE:distance=D,name=NAME or VALUE:into=VALUE";
         let number = |text: &str| text.trim().parse::<f64>().ok().filter(|x| x.is_finite());
-        let (label, wishes) = text.split_once(':').ok_or_else(|| ("says nothing of a label".into(), remedy))?;
-        let label = number(label).ok_or_else(|| (format!("'{label}' is no value of a label"), remedy))?;
+        let (label, wishes) = text
+            .split_once(':')
+            .ok_or_else(|| ("says nothing of a label".into(), remedy))?;
+        let label =
+            number(label).ok_or_else(|| (format!("'{label}' is no value of a label"), remedy))?;
         let mut wish = Self {
             label: label as f32,
             distance: None,
@@ -41,7 +44,10 @@ impl LabelWish {
             match (key.trim(), number(value)) {
                 ("distance", Some(d)) if d > 0.0 => wish.distance = Some(d),
                 ("distance", _) => {
-                    return Err((format!("distance '{value}' is not a positive number of samples"), remedy));
+                    return Err((
+                        format!("distance '{value}' is not a positive number of samples"),
+                        remedy,
+                    ));
                 }
                 ("into", Some(into)) if into != label => wish.into = Some(into as f32),
                 ("into", _) => return Err((format!("'{value}' is no other label"), remedy)),
@@ -68,7 +74,9 @@ fn is_name(text: &str) -> bool {
     let text = text.trim();
     !text.is_empty()
         && text.len() <= 60
-        && text.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-')
+        && text
+            .chars()
+            .all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-')
 }
 
 impl fmt::Display for LabelWish {
@@ -134,6 +142,8 @@ pub struct Labelled<const D: usize> {
     pub step: [f64; D],
     /// The labels' values, ascending.
     pub labels: Vec<f32>,
+    /// What they are called, where they have names.
+    pub names: Vec<Option<String>>,
     /// For each sample the number of the label that leads.
     pub winner: Vec<u8>,
     /// How far it is ahead of the next, from 0 to 1.
@@ -144,6 +154,11 @@ pub struct Labelled<const D: usize> {
 }
 
 impl<const D: usize> Labelled<D> {
+    /// The region that cells of the label of this number have.
+    pub fn region(&self, number: usize) -> i32 {
+        region(&self.labels, number)
+    }
+
     /// The samples round a position in lattice space, each with its weight.
     #[inline]
     fn around(&self, x: [f64; D], mut visit: impl FnMut(usize, f64)) {
@@ -231,6 +246,16 @@ impl<const D: usize> Labelled<D> {
     }
 }
 
+/// The region of one of several labels: its value, where all values are whole numbers, else its number.
+pub fn region(labels: &[f32], number: usize) -> i32 {
+    let whole = labels.iter().all(|l| l.fract() == 0.0 && l.abs() < 1e9);
+    if whole {
+        labels[number] as i32
+    } else {
+        number as i32
+    }
+}
+
 /// Interfaces are sought in steps of this many samples.
 const PACE: f64 = 0.25;
 
@@ -269,4 +294,63 @@ pub fn components<const D: usize>(image: &Image<D>) -> Option<(Vec<f32>, Vec<u8>
     let numbers = numbers(image.as_slice(), &labels);
     let components = Components::of(image.dims(), &numbers);
     Some((labels, numbers, components))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn wishes_are_read_and_written() {
+        for text in ["3:distance=4,name=fault", "-2:into=7", "0.5:name=a-b_1"] {
+            assert_eq!(LabelWish::parse(text).unwrap().to_string(), text);
+        }
+        for (text, word) in [
+            ("3", "says nothing"),
+            ("x:distance=3", "no value of a label"),
+            ("3:distance=0", "not a positive"),
+            ("3:distance=nan", "not a positive"),
+            ("3:into=3", "no other label"),
+            ("3:name=two words", "letters"),
+            ("3:colour=red", "not known"),
+            ("3:into=4,name=x", "says more"),
+        ] {
+            let (problem, _) = LabelWish::parse(text).unwrap_err();
+            assert!(problem.contains(word), "{text}: {problem}");
+        }
+    }
+
+    #[test]
+    fn an_interface_is_found_from_either_side() {
+        let labelled = Labelled {
+            dims: [6, 2],
+            step: [1.0, 1.0],
+            labels: vec![1.0, 2.0, 3.0],
+            names: vec![None; 3],
+            winner: [[0, 0, 1, 1, 1, 2]; 2].concat(),
+            lead: [[0.9, 0.3, 0.1, 0.8, 0.6, 0.6]; 2].concat(),
+            volumes: vec![0.0; 3],
+        };
+        for x in [0.2, 1.1, 1.9, 3.0] {
+            let off = labelled
+                .crossing([x, 0.5], [1.0, 0.0], [0, 1], 4.0)
+                .unwrap();
+            assert!((x + off - 1.75).abs() < 1e-6, "{x} {off}");
+        }
+        assert!(
+            labelled
+                .crossing([3.0, 0.5], [-1.0, 0.0], [0, 1], 4.0)
+                .is_none()
+        );
+        let off = labelled
+            .crossing([4.1, 0.5], [-1.0, 0.0], [2, 1], 4.0)
+            .unwrap();
+        assert!((off + 0.4).abs() < 1e-6, "{off}");
+        assert_eq!(labelled.at([1.6, 0.0]), 0);
+        assert_eq!(labelled.at([1.9, 0.0]), 1);
+        assert_eq!(
+            volumes([6, 2], [1.0, 1.0], &labelled.winner, 3),
+            [1.5, 3.0, 0.5]
+        );
+    }
 }

@@ -6,11 +6,13 @@ use rayon::prelude::*;
 use super::even::Even;
 use super::frame::Frame;
 use super::measure::measured;
-use super::{BOX_TOLERANCE, Made, Marked, Meshing, Params, Scene, Space, Stages, place, regions, simplices};
+use super::{
+    BOX_TOLERANCE, Made, Marked, Meshing, Params, Scene, Space, Stages, place, regions, simplices,
+};
 use crate::Result;
 use crate::feature::Features;
 use crate::image::{Geometry, Image};
-use crate::improve::regions::Places;
+use crate::improve::regions::{Places, Votes};
 use crate::improve::{SliverMethod, Target};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
@@ -85,8 +87,12 @@ where
     }
     mesh.on_feature = sites.faces(&mesh, atoms.len());
     let numbers = features.labels.as_ref().map(|labelled| {
-        let numbers = Places::of_cells(&mesh).labels(labelled);
-        mesh.region = regions::of_labels(&numbers, &labelled.labels);
+        let votes = Places::of_cells(&mesh).votes(labelled);
+        let numbers: Vec<u8> = votes.iter().map(Votes::most).collect();
+        mesh.region = numbers
+            .iter()
+            .map(|&n| labelled.region(n as usize))
+            .collect();
         numbers
     });
 
@@ -102,7 +108,15 @@ where
             let places = Places::of_cells(&mesh);
             let sizes: Vec<f64> = mesh.cell_shapes().iter().map(|shape| shape.0).collect();
             let step = features.potential.step;
-            regions::report(image, &params.labels, &places, &sizes, numbers, step, patience)
+            regions::report(
+                image,
+                &params.labels,
+                &places,
+                &sizes,
+                numbers,
+                step,
+                patience,
+            )
         });
         if let Some(voronoi) = &mut report.voronoi {
             voronoi.conforming = Some(sites.share(&mesh, atoms.len()));

@@ -272,7 +272,11 @@ fn of_labels<const D: usize>(
         let x = std::array::from_fn(|k| at[k] as f64 * step[k]);
         if let Some(wish) = wishes[labelled.at(x) as usize] {
             let d = &mut field.samples[i];
-            *d = if wish <= most { d.min(wish as f32) } else { *d * (wish / most) as f32 };
+            *d = if wish <= most {
+                d.min(wish as f32)
+            } else {
+                *d * (wish / most) as f32
+            };
         }
     });
     distance::limit_gradient(&mut field, GROWTH, patience);

@@ -9,8 +9,8 @@ use crate::error::cause;
 use crate::feature::steepness::steepness;
 use crate::feature::volume::Volume;
 use crate::image::{Field, Image};
-use crate::improve::triangles::relax::{self, Relaxation};
 use crate::improve::regions::Places;
+use crate::improve::triangles::relax::{self, Relaxation};
 use crate::improve::{self, SliverMethod};
 use crate::lattice::seeding::Atoms;
 use crate::mesh::{Mesh, Simplices};
@@ -55,7 +55,10 @@ where
         ..
     } = joined;
     let numbers = scene.features.labels.as_ref().map(|labelled| {
-        let angle = improvement.is_some().then_some(params.min_dihedral).flatten();
+        let angle = improvement
+            .is_some()
+            .then_some(params.min_dihedral)
+            .flatten();
         stages.patiently(|patience| {
             regions::of_simplices(&mut made, &neighbors, scene, labelled, angle, patience)
         })
@@ -76,7 +79,15 @@ where
         report.regions = numbers.as_ref().and_then(|numbers| {
             let places = Places::of_simplices(&made.mesh);
             let sizes: Vec<f64> = (0..made.mesh.len()).map(|c| made.mesh.volume(c)).collect();
-            regions::report(image, &params.labels, &places, &sizes, numbers, step, patience)
+            regions::report(
+                image,
+                &params.labels,
+                &places,
+                &sizes,
+                numbers,
+                step,
+                patience,
+            )
         });
         report.lattice = Some(report::lattice(&made.mesh, |x| scene.distance.at(x)));
         if let Some((mesh, faces)) = rival {

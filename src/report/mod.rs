@@ -22,8 +22,8 @@ pub(crate) mod lattice;
 mod nearest;
 mod pieces;
 pub(crate) mod quality;
-mod regions;
 pub(crate) mod reference;
+mod regions;
 pub(crate) mod table;
 mod verdict;
 

@@ -41,6 +41,8 @@ pub struct Lost {
     pub name: Option<String>,
     /// How many parts.
     pub parts: usize,
+    /// Whether that is all of the label.
+    pub whole: bool,
     /// Their samples.
     pub samples: usize,
     /// The samples of the largest.
@@ -59,9 +61,14 @@ impl Lost {
 
     /// What to say.
     pub fn said(&self) -> String {
-        let name = self.name.as_ref().map_or(String::new(), |name| format!(" ({name})"));
+        let name = self
+            .name
+            .as_ref()
+            .map_or(String::new(), |name| format!(" ({name})"));
         let at: Vec<String> = self.at.iter().map(|x| format!("{x:.4}")).collect();
-        let at = at.iter().map(|x| x.trim_end_matches('0').trim_end_matches('.'));
+        let at = at
+            .iter()
+            .map(|x| x.trim_end_matches('0').trim_end_matches('.'));
         let at = at.collect::<Vec<_>>().join(", ");
         let what = match self.parts {
             1 => format!("a part of {} samples at ({at})", self.largest),
@@ -70,7 +77,11 @@ impl Lost {
                 self.samples, self.largest
             ),
         };
-        format!("LOST of label {}{name}: {what}; {} keeps it", self.label, self.option())
+        format!(
+            "LOST of label {}{name}: {what}; {} keeps it",
+            self.label,
+            self.option()
+        )
     }
 }
 
@@ -117,6 +128,7 @@ mod tests {
             label: 13.0,
             name: Some("cyst".into()),
             parts: 2,
+            whole: false,
             samples: 20,
             largest: 18,
             at: vec![29.0, 42.5, 71.0],

@@ -11,6 +11,9 @@ const SHARE: f64 = 0.9;
 /// A share of faces narrower than the least of [`TINY`](super::cells::TINY) that is worth a word.
 const TINY_FACES: f64 = 0.01;
 
+/// Parts of labels of fewer samples are no loss, unless nothing else has the label.
+const CRUMB: usize = 8;
+
 /// How good a mesh is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
@@ -235,6 +238,10 @@ impl Report {
     fn lost(&self) -> Option<Fault> {
         let lost = &self.regions.as_ref()?.lost;
         let largest = lost.iter().max_by_key(|of_label| of_label.largest)?;
+        let whole = lost.iter().any(|lost| lost.whole);
+        if !whole && largest.largest < CRUMB {
+            return None;
+        }
         let parts: usize = lost.iter().map(|of_label| of_label.parts).sum();
         let parts = match parts {
             1 => "a part".to_string(),

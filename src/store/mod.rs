@@ -7,16 +7,19 @@
 //! - `pvd`: the lattice after each round, for ParaView
 //! - `file`: from a job's outcome to a file
 //! - `cells`: the same for Voronoi cells
+//! - `labels`: regions that are labels of an image
 //! - `stored`: meshes that files hold, whatever their cells are, and the way back to lattice space
 
 pub(crate) mod cells;
 pub(crate) mod file;
+pub(crate) mod labels;
 pub(crate) mod lines;
 pub(crate) mod polyhedra;
 pub(crate) mod pvd;
 pub(crate) mod stored;
 pub(crate) mod vtu;
 
+pub use labels::{LabelledRegion, labels_of};
 pub use lines::{write_feature_lines, write_lines};
 pub use polyhedra::{Streams, write_cells_vtu};
 pub use pvd::Trace;

@@ -115,7 +115,9 @@ impl Contest {
 /// left to others; `None` if it does so anyhow.
 fn factor(indicator: &[f32], count: usize) -> Option<f32> {
     let mut sorted: Vec<f32> = indicator.to_vec();
-    let last = count.checked_sub(1).filter(|last| last + 1 < sorted.len())?;
+    let last = count
+        .checked_sub(1)
+        .filter(|last| last + 1 < sorted.len())?;
     let descending = |a: &f32, b: &f32| b.total_cmp(a);
     let (_, &mut inside, outside) = sorted.select_nth_unstable_by(last, descending);
     let outside = outside.iter().copied().fold(0.0, f32::max);
@@ -205,9 +207,13 @@ mod tests {
     #[test]
     fn what_is_small_or_thin_keeps_its_volume() {
         assert_eq!(kept(|p| p == [12, 11, 9]), 1.0);
-        let off = |p: [usize; 3]| [12.0, 11.0, 9.0].map(|c| c).iter().zip(p).fold(0.0, |s, (c, x)| {
-            s + (x as f64 - c).powi(2)
-        });
+        let off = |p: [usize; 3]| {
+            [12.0, 11.0, 9.0]
+                .map(|c| c)
+                .iter()
+                .zip(p)
+                .fold(0.0, |s, (c, x)| s + (x as f64 - c).powi(2))
+        };
         assert!((kept(|p| off(p) < 3.0) - 1.0).abs() < 0.1);
         // A membrane one sample thick, flat and tilted.
         assert_eq!(kept(|p| p[2] == 8), 1.0);

@@ -39,6 +39,11 @@ impl<const D: usize> Detector<D> for Labels {
         0.0
     }
 
+    /// A region is no use without its other side, even if that is nearer than cells are wide.
+    fn resolution(&self) -> f64 {
+        0.5
+    }
+
     fn find(&self, scene: &Scene<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
         let volume = scene.volume();
         let Some(values) = values(volume.samples, MOST_LABELS) else {
@@ -154,11 +159,18 @@ fn contest<const D: usize>(
         dims,
         step: asked.step,
         volumes: volumes(dims, asked.step, &label, values.len()),
+        names: values.iter().map(|&label| name(asked, label)).collect(),
         labels: values,
         winner,
         lead,
     };
     (labelled, limits)
+}
+
+/// What a label is called.
+fn name<const D: usize>(asked: &Detection<D>, label: f32) -> Option<String> {
+    let wish = asked.labels.iter().find(|wish| wish.label == label);
+    wish.and_then(|wish| wish.name.clone())
 }
 
 /// The distance wished for in a label.
@@ -213,7 +225,11 @@ impl<const D: usize> Limits<D> {
             return None;
         }
         let gaps = gaps.unwrap_or_else(|| vec![f32::INFINITY; points.len()]);
-        Some((points.iter().zip(gaps)).map(|(point, gap)| gap.min(limit(point))).collect())
+        Some(
+            (points.iter().zip(gaps))
+                .map(|(point, gap)| gap.min(limit(point)))
+                .collect(),
+        )
     }
 }
 

@@ -5,9 +5,9 @@ use rayon::prelude::*;
 use crate::feature::Labelled;
 use crate::geometry::groups::grouped;
 use crate::geometry::{add_scaled, sub};
+use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
 use crate::mesh::poly::PolyMesh;
-use crate::mesh::Simplices;
 
 /// Cells are divided by so many planes along each edge: their label is asked for in as many places as
 /// that gives.
@@ -42,7 +42,11 @@ impl<'a, const D: usize> Places<'a, D> {
     /// Of polygons or polyhedra: between the site and the nodes of every face.
     pub fn of_cells(mesh: &'a PolyMesh<D>) -> Self {
         let count = mesh.sites.len();
-        let ends = mesh.face_cells.iter().flatten().map(|&c| (c as usize).min(count));
+        let ends = mesh
+            .face_cells
+            .iter()
+            .flatten()
+            .map(|&c| (c as usize).min(count));
         let (start, ends) = grouped(count + 1, ends);
         let of_cell = move |c: usize, visit: &mut dyn FnMut([f64; D])| {
             let site = mesh.sites[c];
@@ -67,12 +71,12 @@ impl<'a, const D: usize> Places<'a, D> {
         (self.of_cell)(cell, &mut visit);
     }
 
-    /// The label of each cell: that of most places in it.
-    pub fn labels(&self, labelled: &Labelled<D>) -> Vec<u8> {
+    /// How often which label is found in each cell.
+    pub fn votes(&self, labelled: &Labelled<D>) -> Vec<Votes> {
         let of_cell = |c: usize| {
             let mut votes = Votes::default();
             self.each(c, |x| votes.add(labelled.at(x)));
-            votes.most()
+            votes
         };
         (0..self.count).into_par_iter().map(of_cell).collect()
     }
@@ -85,10 +89,17 @@ const OUTWARDS: [f64; 2] = [0.5, 0.85];
 pub fn marks<const D: usize>(regions: &[u8], neighbors: &[u32]) -> Vec<u8> {
     let of_cell = |(region, beyond): (&u8, &[u32])| {
         let other = |n: u32| n != NONE && regions[n as usize] != *region;
-        let bits = beyond.iter().enumerate().map(|(k, &n)| u8::from(other(n)) << k);
+        let bits = beyond
+            .iter()
+            .enumerate()
+            .map(|(k, &n)| u8::from(other(n)) << k);
         bits.sum()
     };
-    regions.iter().zip(neighbors.chunks(D + 1)).map(of_cell).collect()
+    regions
+        .iter()
+        .zip(neighbors.chunks(D + 1))
+        .map(of_cell)
+        .collect()
 }
 
 /// Places in a simplex, as weights of its corners: the corners of as many small ones, drawn inwards.
@@ -116,9 +127,61 @@ fn lay_out(left: usize, place: usize, counts: &mut [usize], visit: &mut impl FnM
     }
 }
 
+/// The label of each simplex: that of most of it, unless it would be a spike between cells of another label
+/// that it has nearly as much of.
+pub fn labels<const D: usize, M: Simplices<D>>(
+    mesh: &M,
+    neighbors: &[u32],
+    labelled: &Labelled<D>,
+) -> Vec<u8> {
+    let votes = Places::of_simplices(mesh).votes(labelled);
+    let mut regions: Vec<u8> = votes.iter().map(Votes::most).collect();
+    for _ in 0..ROUNDS {
+        let mut changed = false;
+        for c in 0..mesh.len() {
+            let here = regions[c];
+            let beyond = &neighbors[(D + 1) * c..][..D + 1];
+            let other = |n: u32| n != NONE && regions[n as usize] != here;
+            if !beyond.iter().any(|&n| other(n)) {
+                continue;
+            }
+            let volume = mesh.volume(c);
+            let area = |k: usize| M::face_area(&mesh.face(c, k).map(|n| mesh.nodes()[n as usize]));
+            let areas: [f64; 4] = std::array::from_fn(|k| if k <= D { area(k) } else { 0.0 });
+            let price = PRICE * volume / areas.iter().sum::<f64>();
+            let cost = |label: u8| {
+                let faces = beyond.iter().zip(areas).filter(|(n, _)| **n != NONE);
+                let parted = faces.filter(|(n, _)| regions[**n as usize] != label);
+                let parted: f64 = parted.map(|(_, area)| area).sum();
+                volume * (1.0 - votes[c].share(label)) + price * parted
+            };
+            let (mut best, mut least) = (here, cost(here));
+            for &n in beyond.iter().filter(|n| other(**n)) {
+                let label = regions[n as usize];
+                if votes[c].share(label) >= SOME && cost(label) < (1.0 - 1e-9) * least {
+                    (best, least) = (label, cost(label));
+                }
+            }
+            changed |= best != here;
+            regions[c] = best;
+        }
+        if !changed {
+            break;
+        }
+    }
+    regions
+}
+
+/// Rounds in which cells may change their labels.
+const ROUNDS: usize = 5;
+/// What a whole surface between labels costs, in volumes of its cell that has the wrong label.
+const PRICE: f64 = 1.0;
+/// A cell takes no label of which it has less than this share.
+const SOME: f64 = 0.2;
+
 /// How often each label was found.
 #[derive(Debug, Clone, Default)]
-struct Votes(Vec<(u8, u32)>);
+pub struct Votes(Vec<(u8, u32)>);
 
 impl Votes {
     fn add(&mut self, label: u8) {
@@ -128,8 +191,15 @@ impl Votes {
         }
     }
 
+    /// The share of the finds that were of a label.
+    fn share(&self, label: u8) -> f64 {
+        let all: u32 = self.0.iter().map(|(_, count)| count).sum();
+        let own = self.0.iter().find(|(known, _)| *known == label);
+        f64::from(own.map_or(0, |(_, count)| *count)) / f64::from(all.max(1))
+    }
+
     /// The label found most often; of several the one found first.
-    fn most(&self) -> u8 {
+    pub fn most(&self) -> u8 {
         let better = |a: (u8, u32), &b: &(u8, u32)| if b.1 > a.1 { b } else { a };
         self.0.iter().fold((0, 0), better).0
     }

@@ -58,10 +58,19 @@ mod tests {
         let lacking = [-3.0, 1.0, 2.0];
         let p = pressures(&lacking, &areas);
         for (region, lacks) in lacking.iter().enumerate() {
-            let grown: f64 = areas.iter().map(|&([a, b], area)| {
-                let moved = area * (p[a as usize] - p[b as usize]);
-                if a as usize == region { moved } else if b as usize == region { -moved } else { 0.0 }
-            }).sum();
+            let grown: f64 = areas
+                .iter()
+                .map(|&([a, b], area)| {
+                    let moved = area * (p[a as usize] - p[b as usize]);
+                    if a as usize == region {
+                        moved
+                    } else if b as usize == region {
+                        -moved
+                    } else {
+                        0.0
+                    }
+                })
+                .sum();
             assert!((grown - lacks).abs() < 1e-6, "{region}: {grown}");
         }
     }

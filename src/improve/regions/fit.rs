@@ -87,7 +87,12 @@ pub fn fit<const D: usize, M: Simplices<D>>(
         })
         .collect();
     let count = fitting.labelled.labels.len();
-    let step = fitting.labelled.step.iter().copied().fold(f64::INFINITY, f64::min);
+    let step = fitting
+        .labelled
+        .step
+        .iter()
+        .copied()
+        .fold(f64::INFINITY, f64::min);
     let mut gives: BTreeMap<[u8; 2], f64> = BTreeMap::new();
     for sweep in 0..SWEEPS {
         if patience.over() {
@@ -144,7 +149,12 @@ impl<const D: usize> Fitting<'_, D> {
         let across = across.map(|a| a / area.max(f64::MIN_POSITIVE));
         let beyond = self.neighbors[(D + 1) * c + k];
         let pair = [c, beyond as usize].map(|c| self.regions[c]);
-        let step = self.labelled.step.iter().copied().fold(f64::INFINITY, f64::min);
+        let step = self
+            .labelled
+            .step
+            .iter()
+            .copied()
+            .fold(f64::INFINITY, f64::min);
         let mut sums = [(0.0, 0.0, 0.0); D];
         for weights in quadrature::<D>() {
             let mut at = [0.0; D];
@@ -218,7 +228,10 @@ impl<const D: usize> Fitting<'_, D> {
                 return -1.0;
             }
             let cosines = mesh.shape(c as usize).cosines;
-            let most = cosines.as_ref().iter().fold(0.0, |most, c| c.abs().max(most));
+            let most = cosines
+                .as_ref()
+                .iter()
+                .fold(0.0, |most, c| c.abs().max(most));
             most.acos().to_degrees()
         };
         star.iter().map(angle).fold(180.0, f64::min)
@@ -302,11 +315,13 @@ fn quadrature<const D: usize>() -> impl Iterator<Item = [f64; D]> {
     let in_triangle = rows.flat_map(move |i| {
         (0..parts - i).flat_map(move |j| {
             // The triangle that stands on its base, and the one beside it that hangs.
-            [1.0 / 3.0, 2.0 / 3.0].into_iter().filter_map(move |inside| {
-                let [u, v] = [i, j].map(|c| (c as f64 + inside) / n);
-                let rest = 1.0 - u - v;
-                (rest > 0.0).then(|| std::array::from_fn(|k| [u, v, rest][k]))
-            })
+            [1.0 / 3.0, 2.0 / 3.0]
+                .into_iter()
+                .filter_map(move |inside| {
+                    let [u, v] = [i, j].map(|c| (c as f64 + inside) / n);
+                    let rest = 1.0 - u - v;
+                    (rest > 0.0).then(|| std::array::from_fn(|k| [u, v, rest][k]))
+                })
         })
     });
     in_edge.chain(in_triangle)

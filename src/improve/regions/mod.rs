@@ -11,7 +11,7 @@ mod assign;
 mod balance;
 mod fit;
 
-pub use assign::{Places, marks};
+pub use assign::{Places, Votes, labels, marks};
 pub use fit::{Fitting, fit};
 
 use crate::mesh::Simplices;

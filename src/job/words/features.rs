@@ -79,16 +79,24 @@ pub(super) fn followed(said: &Said) -> Result<Followed> {
 fn wishes(texts: &[String]) -> Result<Vec<LabelWish>> {
     let mut wishes: Vec<LabelWish> = Vec::new();
     for text in texts {
-        let wish = LabelWish::parse(text).map_err(|(problem, remedy)| {
-            bad("label", text, &problem, remedy)
-        })?;
+        let wish = LabelWish::parse(text)
+            .map_err(|(problem, remedy)| bad("label", text, &problem, remedy))?;
         if wishes.iter().any(|known| known.label == wish.label) {
             let problem = "is about a label that another one is about, too";
-            return Err(bad("label", text, problem, "say all of a label at once, with commas"));
+            return Err(bad(
+                "label",
+                text,
+                problem,
+                "say all of a label at once, with commas",
+            ));
         }
         wishes.push(wish);
     }
-    let gone = |into: f32| wishes.iter().any(|wish| wish.label == into && wish.into.is_some());
+    let gone = |into: f32| {
+        wishes
+            .iter()
+            .any(|wish| wish.label == into && wish.into.is_some())
+    };
     if let Some(wish) = wishes.iter().find(|wish| wish.into.is_some_and(gone)) {
         let problem = "puts a label into one that is itself put into another";
         return Err(bad("label", wish, problem, "name the last of them"));

@@ -155,6 +155,7 @@ mod tests {
             notes: vec![],
             settled: vec![],
             spacing: None,
+            labels: None,
             confidence: None,
         }
     }

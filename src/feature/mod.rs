@@ -223,6 +223,10 @@ pub(crate) fn detect_part<const D: usize>(
 const FOUND: f64 = 0.85;
 const IN_SHEETS: f64 = 0.95;
 
+/// A region is no use without its other side, even if that is nearer than atoms: interfaces between labels
+/// exclude parallel ones nearer than this, in units of the least distance between atoms.
+const OTHER_SIDE: f64 = 0.5;
+
 /// Finds the features of one kind and their potential.
 fn follow<const D: usize>(
     scene: &Scene<'_, D>,
@@ -244,8 +248,16 @@ fn follow<const D: usize>(
         } else {
             sheets::BLUNT
         },
-        resolution: detector.resolution() * asked.least(),
-        min_area: scene.least_area(detector.least_sheet()),
+        resolution: asked.least()
+            * match found.labels {
+                Some(_) => OTHER_SIDE,
+                None => detector.resolution(),
+            },
+        min_area: match found.labels {
+            // What is too small has gone before: of the rest everything is followed.
+            Some(_) => 0.0,
+            None => scene.least_area(detector.least_sheet()),
+        },
         least_width: detector.least_width(asked.d_min),
         open,
     };

@@ -165,7 +165,14 @@ where
         method: SliverMethod::Joe,
     };
     let joined = Space::<D>::join(placed.atoms, &scene, None, Some(&target), stages)?;
-    let (joined, neighbors) = simplices::sealed(joined, &scene, stages)?;
+    let (mut joined, neighbors) = simplices::sealed(joined, &scene, stages)?;
+    if let Some(labelled) = &features.labels {
+        let angle = Some(target.min_dihedral);
+        stages.patiently(|patience| {
+            let made = &mut joined.made;
+            regions::of_simplices(made, &neighbors, &scene, labelled, angle, patience)
+        });
+    }
     let Marked {
         mesh,
         feature_faces,

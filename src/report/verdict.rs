@@ -244,12 +244,12 @@ impl Report {
         }
         let parts: usize = lost.iter().map(|of_label| of_label.parts).sum();
         let parts = match parts {
-            1 => "a part".to_string(),
-            parts => format!("{} parts", grouped(parts)),
+            1 => "a part of a label is".to_string(),
+            parts => format!("{} parts of labels are", grouped(parts)),
         };
         Some(Fault {
             poor: format!(
-                "{parts} of labels are lost, the largest {} samples of label {}",
+                "{parts} lost, the largest {} samples of label {}",
                 grouped(largest.largest),
                 largest.label
             ),

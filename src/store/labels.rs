@@ -29,8 +29,18 @@ pub(super) fn labels_field<const D: usize>(labelled: &Labelled<D>) -> Option<(St
             name: name.clone(),
         })
         .collect();
-    let text = serde_json::to_string(&regions).ok()?;
+    labels_text(&regions)
+}
+
+/// The field that says it.
+pub(super) fn labels_text(regions: &[LabelledRegion]) -> Option<(String, FieldValue)> {
+    let text = serde_json::to_string(regions).ok()?;
     Some((LABELS.into(), FieldValue::Text(text)))
+}
+
+/// Regions that are set anew are no labels any more.
+pub(super) fn forget_labels<M>(file: &mut MeshFile<M>) {
+    file.field_data.retain(|(name, _)| name != LABELS);
 }
 
 /// The labels of a file; none if its regions are no labels.

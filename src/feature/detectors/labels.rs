@@ -34,16 +34,6 @@ impl<const D: usize> Detector<D> for Labels {
         FeatureKind::Labels
     }
 
-    /// What is too small has gone before: of the rest everything is followed.
-    fn least_sheet(&self) -> f64 {
-        0.0
-    }
-
-    /// A region is no use without its other side, even if that is nearer than cells are wide.
-    fn resolution(&self) -> f64 {
-        0.5
-    }
-
     fn find(&self, scene: &Scene<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
         let volume = scene.volume();
         let Some(values) = values(volume.samples, MOST_LABELS) else {

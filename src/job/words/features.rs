@@ -4,6 +4,7 @@ use super::{Said, bad, finites};
 use crate::Result;
 use crate::feature::{FeatureKind, LabelWish};
 use crate::job::asked::{Followed, StrongKind, What};
+use crate::job::settings::SeedingName;
 
 /// What is followed, and how it is sought.
 pub(super) fn followed(said: &Said) -> Result<Followed> {
@@ -27,6 +28,11 @@ pub(super) fn followed(said: &Said) -> Result<Followed> {
         FeatureKind::Auto if !wishes.is_empty() => FeatureKind::Labels,
         kind => kind,
     };
+    let sized = wishes.iter().find(|wish| wish.distance.is_some());
+    if let (Some(wish), Some(SeedingName::Canny)) = (sized, settings.seeding) {
+        let problem = "has a distance of its own, but with seeding canny the image determines it";
+        return Err(bad("label", wish, problem, "choose another seeding"));
+    }
     if kind != FeatureKind::Labels {
         let problem = format!("is about a label, but {kind} are followed");
         said.unused(&["label"], &problem, "follow labels, or omit it")?;

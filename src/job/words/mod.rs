@@ -270,6 +270,7 @@ mod tests {
             ("weld = 0.01", "weld"),
             ("cells = \"voronoi\"\nlines = \"l.vtp\"", "lines"),
             ("label = [\"3:distance=0\"]", "label"),
+            ("seeding = \"canny\"\nlabel = [\"3:distance=2\"]", "label"),
             ("label = [\"3:name=a\", \"3:distance=2\"]", "label"),
             ("label = [\"3:into=4\", \"4:into=5\"]", "label"),
             ("feature = \"edges\"\nlabel = [\"3:distance=2\"]", "label"),

@@ -1,6 +1,7 @@
 //! Which label is where, between samples too.
 
 use super::components::Components;
+use crate::error::{Error, Result, cause};
 use crate::image::Image;
 use std::fmt;
 
@@ -25,7 +26,7 @@ impl LabelWish {
     ///
     /// # Errors
     /// The problem, and what to give instead.
-    pub fn parse(text: &str) -> Result<Self, (String, &'static str)> {
+    pub fn parse(text: &str) -> std::result::Result<Self, (String, &'static str)> {
         let remedy = "give VALUE:distance=D,name=NAME or VALUE:into=VALUE";
         let number = |text: &str| text.trim().parse::<f64>().ok().filter(|x| x.is_finite());
         let (label, wishes) = text
@@ -91,20 +92,42 @@ impl fmt::Display for LabelWish {
     }
 }
 
+/// What to say of a wish for a label that is not among those of the image.
+pub fn not_there(wish: &LabelWish, values: &[f32]) -> Error {
+    let most = 12;
+    let mut names: Vec<String> = values.iter().take(most).map(f32::to_string).collect();
+    if values.len() > most {
+        names.push("...".into());
+    }
+    Error::Feature(cause(
+        format!("label {}", wish.label),
+        format!("is not in the image, whose labels are {}", names.join(", ")),
+        "name a label of the image",
+    ))
+}
+
 /// An image with labels given to others as `wishes` say, all at once; `None` if none is.
-pub fn merged<const D: usize>(image: &Image<D>, wishes: &[LabelWish]) -> Option<Image<D>> {
+///
+/// # Errors
+/// [`Error::Feature`] if one that shall be given away is not in the image.
+pub fn merged<const D: usize>(image: &Image<D>, wishes: &[LabelWish]) -> Result<Option<Image<D>>> {
+    let mut away = wishes.iter().filter(|wish| wish.into.is_some());
+    if let Some(wish) = away.find(|wish| !image.as_slice().contains(&wish.label)) {
+        let values = values(image.as_slice(), MOST_LABELS).unwrap_or_default();
+        return Err(not_there(wish, &values));
+    }
     let merge: Vec<(f32, f32)> = (wishes.iter())
         .filter_map(|wish| Some((wish.label, wish.into?)))
         .collect();
     if merge.is_empty() {
-        return None;
+        return Ok(None);
     }
     let samples = image.as_slice().iter().map(|sample| {
         let merge = merge.iter().find(|(label, _)| label == sample);
         merge.map_or(*sample, |(_, into)| *into)
     });
     let made = Image::new(image.dims(), samples.collect(), image.geometry.clone());
-    Some(made.with_missing(image.missing.clone()))
+    Ok(Some(made.with_missing(image.missing.clone())))
 }
 
 /// The different values of a volume in ascending order, if there are at most `most`.

@@ -127,7 +127,7 @@ pub fn run<const D: usize>(
 where
     Space<D>: Meshing<D>,
 {
-    let merged = labelled::merged(image, &params.labels);
+    let merged = labelled::merged(image, &params.labels)?;
     let image = merged.as_ref().unwrap_or(image);
     let alignment = match params.cells {
         CellKind::Simplices => Alignment::On,

@@ -21,7 +21,9 @@ use super::{Detector, Found, Scene, Thresholds};
 use crate::error::{Error, Result, cause};
 use crate::feature::components::{Component, Components};
 use crate::feature::crossing::{Candidate, dominant_axes};
-use crate::feature::labelled::{Labelled, MOST_LABELS, numbers, values, volumes};
+use crate::feature::labelled::{
+    LabelWish, Labelled, MOST_LABELS, not_there, numbers, values, volumes,
+};
 use crate::feature::volume::Volume;
 use crate::feature::{Detection, FeatureKind, FeaturePoint};
 use crate::observer::Patience;
@@ -43,12 +45,9 @@ impl<const D: usize> Detector<D> for Labels {
                 "choose ridges, edges or horizons, or merge labels",
             )));
         };
-        if let Some(wish) = (scene.asked.labels.iter()).find(|wish| !values.contains(&wish.label)) {
-            return Err(Error::Feature(cause(
-                format!("label {}", wish.label),
-                format!("is not in the image, whose labels are {}", listed(&values)),
-                "name a label of the image",
-            )));
+        let absent = |wish: &&LabelWish| wish.into.is_none() && !values.contains(&wish.label);
+        if let Some(wish) = scene.asked.labels.iter().find(absent) {
+            return Err(not_there(wish, &values));
         }
         if let Some(settled) = scene.settled {
             if let Some(value) = settled.mask {
@@ -84,16 +83,6 @@ impl<const D: usize> Detector<D> for Labels {
             ..Found::new(candidates, scale, thresholds)
         })
     }
-}
-
-/// Labels by name, at most a dozen.
-fn listed(values: &[f32]) -> String {
-    let most = 12;
-    let mut names: Vec<String> = values.iter().take(most).map(f32::to_string).collect();
-    if values.len() > most {
-        names.push("...".into());
-    }
-    names.join(", ")
 }
 
 /// A part of a label is kept if its volume is at least this share of the cube of the distance between

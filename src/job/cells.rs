@@ -21,7 +21,7 @@ use crate::lattice::optimize::{self, Stop};
 use crate::lattice::seeding::{self, Alignment, Atoms, fixed};
 use crate::mesh::check::{Known, check_while};
 use crate::mesh::graph::Graph;
-use crate::mesh::poly::PolyMesh;
+use crate::mesh::poly::{Beyond, PolyMesh};
 use crate::mesh::voronoi::conform::{Conforming, Surface};
 use crate::observer::{Patience, Stage};
 use crate::report::{self, Reference, Report};
@@ -89,10 +89,15 @@ where
     let numbers = features.labels.as_ref().map(|labelled| {
         let votes = Places::of_cells(&mesh).votes(labelled);
         let numbers: Vec<u8> = votes.iter().map(Votes::most).collect();
-        mesh.region = numbers
-            .iter()
+        mesh.region = (numbers.iter())
             .map(|&n| labelled.region(n as usize))
             .collect();
+        // Then what is on features has no holes.
+        let parts = |f: usize| match mesh.beyond(f) {
+            Beyond::Cell(other) => numbers[other] != numbers[mesh.face_cells[f][0] as usize],
+            _ => false,
+        };
+        mesh.on_feature = (0..mesh.face_cells.len()).map(parts).collect();
         numbers
     });
 

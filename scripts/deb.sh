@@ -12,7 +12,7 @@ folder="$profile"
 tool="$(command -v cargo-deb || true)"
 if [ -z "$tool" ]; then
     tool=target/tools/bin/cargo-deb
-    [ -x "$tool" ] || cargo install --quiet --locked --root target/tools cargo-deb@3
+    [ -x "$tool" ] || cargo install --quiet --locked --root target/tools 'cargo-deb@^3'
 fi
 
 cargo build --locked --profile "$profile"

@@ -140,9 +140,24 @@ def ended(child, seconds):
         _, said = child.communicate(timeout=seconds)
         return child.returncode, said.decode(errors="replace")
     except subprocess.TimeoutExpired:
+        where = whereabouts(child.pid)
         child.kill()
         _, said = child.communicate()
-        return None, said.decode(errors="replace")
+        return None, said.decode(errors="replace") + where
+
+
+def patience(took):
+    """Seconds after which a job that took so long undisturbed hangs, on a machine that has other work too."""
+    return 120 + 60 * took
+
+
+def whereabouts(pid):
+    """What the threads of a process that hangs are doing, where a debugger tells."""
+    if not shutil.which("gdb"):
+        return ""
+    asked = ["gdb", "-p", str(pid), "-batch", "-ex", "thread apply all backtrace 25"]
+    told = subprocess.run(asked, capture_output=True, text=True).stdout
+    return "\n" + "\n".join(row for row in told.splitlines() if row.startswith(("Thread", "#")))
 
 
 def kills(bench, folder, count, rng, faults):
@@ -206,20 +221,20 @@ def memory(bench, folder, count, rng, faults):
     """An address space that is too small, by any amount."""
     failed = 0
     for _ in range(count):
-        line, made, _ = rng.choice(bench.jobs)
+        line, made, took = rng.choice(bench.jobs)
         place = tempfile.mkdtemp(dir=folder)
         # From what hardly loads the program to what suffices.
         limit = int(30e6 * 7 ** rng.random())
         child = bench.start(
             line, place, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
         )
-        code, said = ended(child, 120)
+        code, said = ended(child, patience(took))
         # 127: the loader itself found no room.
-        if code == 127 and "error while loading shared libraries" in said:
+        if code == 127 and ("error while loading shared libraries" in said or "for initial thread" in said):
             shutil.rmtree(place)
             continue
         if code is None:
-            faults.say("memory", limit, "hangs:", said[-600:], *line)
+            faults.say("memory", limit, "hangs:", *line, said[-9000:])
         else:
             if code:
                 failed += 1
@@ -233,11 +248,11 @@ def disks(bench, disk, count, rng, faults):
     """A disk that is full after any number of bytes."""
     failed = 0
     for _ in range(count):
-        line, made, _ = rng.choice(bench.jobs)
+        line, made, took = rng.choice(bench.jobs)
         size = max(int(sum(made.values()) * rng.uniform(0, 1.2)) >> 12, 1) << 12
         subprocess.run(["mount", "-o", f"remount,size={size}", disk], check=True)
         place = tempfile.mkdtemp(dir=disk)
-        code, said = ended(bench.start(line, place), 120)
+        code, said = ended(bench.start(line, place), patience(took))
         if code is None:
             faults.say("full disk hangs:", *line)
         elif code:

@@ -560,3 +560,36 @@ fn seg_y_files_of_others() {
     }
     assert!(tried > 50, "only {tried} files in {}", formats.display());
 }
+
+/// Also memory that hardly loads the program, and where its stack cannot grow.
+#[test]
+#[cfg(target_os = "linux")]
+fn any_little_memory() {
+    let folder = folder();
+    let under = |kilobytes: usize| {
+        let line = format!(
+            "ulimit -v {kilobytes}; exec \"$0\" synth planes -o p.npy --dims 99,99 --quiet"
+        );
+        let mut shell = std::process::Command::new("sh");
+        shell.args(["-c", &line, env!("CARGO_BIN_EXE_atomesh")]);
+        shell.current_dir(&folder).output().unwrap()
+    };
+    // Without a code the system itself, and with 127 the loader found no room for the program.
+    let loads = |kilobytes: &usize| !matches!(under(*kilobytes).status.code(), None | Some(127));
+    let first = (10_000..).step_by(250).find(loads).unwrap();
+    let mut told = 0;
+    for kilobytes in (first..first + 6_000).step_by(60) {
+        let done = under(kilobytes);
+        let said = String::from_utf8(done.stderr).unwrap();
+        match done.status.code() {
+            Some(0 | 127) => (),
+            Some(1) => {
+                told += 1;
+                assert_eq!(said.lines().count(), 1, "{kilobytes}: {said}");
+                assert!(said.starts_with("error: "), "{kilobytes}: {said}");
+            }
+            other => panic!("{kilobytes} kB: {other:?}, {said}"),
+        }
+    }
+    assert!(told > 10, "{told}");
+}

@@ -30,6 +30,9 @@ pub mod verbs;
 mod wells;
 
 use std::process::ExitCode;
+use std::thread;
+
+use clap::Parser;
 
 use crate::error::cause;
 use crate::files::together;
@@ -39,9 +42,28 @@ use common::global::Ending;
 use console::{Console, complain};
 use interrupts::{INTERRUPTED, Interrupts};
 
-/// Runs what was typed. Exit codes: 0 done, 1 bad input or failed job, 130 interrupted (wrong usage,
-/// 2, is found while parsing).
-pub fn main(line: &CommandLine) -> ExitCode {
+/// Bytes of the stack on which all runs that is not shared among threads.
+const STACK: usize = 8 << 20;
+
+/// Runs what was typed. Exit codes: 0 done, 1 bad input or failed job, 130 interrupted, 2 wrong usage.
+pub fn main() -> ExitCode {
+    out_of_memory::watch_threads();
+    // A stack that is there from the start: the first one's grows, and where it finds no memory to do so
+    // the system kills the process without a word.
+    let stack = thread::Builder::new().name("main".into()).stack_size(STACK);
+    match stack.spawn(|| perform_alone(&CommandLine::parse())) {
+        // A panic has been told by its thread; its code is that of any.
+        Ok(thread) => thread.join().unwrap_or(ExitCode::from(101)),
+        Err(error) => {
+            let remedy = "end other programs, or use a machine with more memory";
+            complain(format_args!("error: {}", cause("memory", error, remedy)));
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Runs what was typed, in a process of its own.
+fn perform_alone(line: &CommandLine) -> ExitCode {
     let prepared = start_threads(line.common.threads).and_then(|()| Interrupts::watch());
     match prepared.and_then(|interrupts| perform(line, &interrupts)) {
         Ok(Ending::Done) => ExitCode::SUCCESS,

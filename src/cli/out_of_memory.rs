@@ -4,9 +4,13 @@
 #![allow(unsafe_code)]
 
 use std::alloc::{GlobalAlloc, Layout, System};
+use std::panic;
 use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
 
 use crate::files::remove_unfinished;
+
+/// Bytes of the stack on which a thread handles the overflow of its own.
+const STACK: usize = 8192;
 
 /// The system's allocator, which ends the process where it would give nothing.
 pub struct Careful;
@@ -40,6 +44,19 @@ fn there(memory: *mut u8, size: usize) -> *mut u8 {
         end(size);
     }
     memory
+}
+
+/// From now on a thread that finds no memory to start with ends the process in the same way. The standard
+/// library panics there, where no panic can be caught.
+pub fn watch_threads() {
+    let usual = panic::take_hook();
+    panic::set_hook(Box::new(move |info| {
+        let said = info.payload_as_str().unwrap_or_default();
+        if said.starts_with("failed to allocate an alternative stack") {
+            end(STACK);
+        }
+        usual(info);
+    }));
 }
 
 #[cold]

@@ -65,8 +65,8 @@ pub struct Written {
 pub const LARGEST: usize = 10_000_000;
 /// Into how many parts places of the cut divide an axis: the most, as a byte keeps the part, and fewer
 /// down to a cut through the middle.
-const STEPS: [usize; 18] = [
-    256, 192, 128, 96, 80, 64, 56, 48, 40, 32, 28, 24, 20, 16, 12, 8, 4, 2,
+const STEPS: [usize; 24] = [
+    256, 192, 128, 96, 80, 64, 56, 48, 40, 32, 28, 24, 20, 16, 14, 12, 10, 8, 7, 6, 5, 4, 3, 2,
 ];
 
 /// Writes a page; the file appears whole or not at all.
@@ -89,25 +89,29 @@ pub fn write<const D: usize, M: Stored<D>>(
     let frame = Frame::of(&stored.space, image.map(|image| &image.geometry));
     let kinds: Vec<_> = surfaces.kinds.iter().map(|kind| kind.name()).collect();
 
-    // Bytes of a face and of a cell, guessed; corrected by what the first page shows.
-    let by_cell = 3.0 + 2.6 * arrays.len() as f64;
+    // Bytes of what every page has, and of a face and of a cell: guessed, and corrected by each page made.
     let rest = 120_000.0
         + texture
             .as_ref()
             .map_or(0.0, |t| 1.35 * t.bytes.len() as f64);
+    let by_cell = 3.0 + 2.6 * arrays.len() as f64;
     let guess = |steps: usize| {
         let (kept, cells) = keep::count(&faces, steps);
-        rest + 5.5 * kept as f64 + by_cell * cells as f64
+        5.5 * kept as f64 + by_cell * cells as f64
     };
     let mut correction = 1.0;
-    let mut left = &STEPS[..];
-    loop {
-        let enough = |&&steps: &&usize| correction * guess(steps) <= largest as f64;
-        let at = left
-            .iter()
-            .position(|steps| enough(&steps))
-            .unwrap_or(left.len() - 1);
-        let steps = left[at];
+    // The finest steps that fit are searched: those before `finest` are too fine, those from `coarsest` on
+    // no finer than those of the page that is there.
+    let (mut finest, mut coarsest) = (0, STEPS.len());
+    let (mut fits, mut too_large) = (None, 0);
+    while finest < coarsest {
+        let enough = |&at: &usize| rest + correction * guess(STEPS[at]) <= largest as f64;
+        let at = match (finest..coarsest).find(enough) {
+            Some(at) => at,
+            None if fits.is_some() => break,
+            None => coarsest - 1,
+        };
+        let steps = STEPS[at];
         let kept = Kept::of(&faces, steps);
         let mut streams = Streams::default();
         streams.faces(&faces, &kept);
@@ -138,31 +142,36 @@ pub fn write<const D: usize, M: Stored<D>>(
             "streams": layout,
         });
         let page = html(&about.title, &facts, &base64);
-        if page.len() <= largest {
-            atomic_write(path, |out| out.write_all(page.as_bytes()))?;
-            return Ok(Written {
+        correction = 1.01 * (page.len() as f64 - rest).max(0.0) / guess(steps);
+        if page.len() > largest {
+            finest = at + 1;
+            too_large = page.len();
+        } else {
+            coarsest = at;
+            let written = Written {
                 bytes: page.len(),
                 steps,
                 thinned: steps < STEPS[0],
                 faces: kept.faces.len(),
                 of_faces: faces.len(),
-            });
-        }
-        correction = 1.02 * page.len() as f64 / guess(steps);
-        left = &left[at + 1..];
-        if left.is_empty() {
-            return Err(Error::Export(cause(
-                path.display(),
-                format!(
-                    "would be of {:.1} MB even with no more than the sides, the features and one cut, \
-                     and browsers are given {:.1} MB at most",
-                    page.len() as f64 * 1e-6,
-                    largest as f64 * 1e-6
-                ),
-                "mesh a part of the image, or with a larger distance",
-            )));
+            };
+            fits = Some((page, written));
         }
     }
+    let Some((page, written)) = fits else {
+        return Err(Error::Export(cause(
+            path.display(),
+            format!(
+                "would be of {:.1} MB even with no more than the sides, the features and one cut, and \
+                 browsers are given {:.1} MB at most",
+                too_large as f64 * 1e-6,
+                largest as f64 * 1e-6
+            ),
+            "mesh a part of the image, or with a larger distance",
+        )));
+    };
+    atomic_write(path, |out| out.write_all(page.as_bytes()))?;
+    Ok(written)
 }
 
 /// The scripts, in the order in which they build on each other.

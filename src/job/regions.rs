@@ -274,7 +274,8 @@ mod tests {
             regions.lost
         );
         let small = regions.regions.iter().find(|r| r.label == 7.0).unwrap();
-        assert!(small.off_percent.abs() < 2.0, "{small:?}");
+        // It has 27 samples.
+        assert!(small.off_percent.abs() < 10.0, "{small:?}");
     }
 
     #[test]

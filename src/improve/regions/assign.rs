@@ -13,9 +13,12 @@ use crate::mesh::poly::PolyMesh;
 /// that gives.
 const PLANES: usize = 5;
 
+/// Visits the places in a cell.
+type Visiting<'a, const D: usize> = dyn Fn(usize, &mut dyn FnMut([f64; D])) + Sync + 'a;
+
 /// Cells, and places in them that stand for equal parts of each.
 pub struct Places<'a, const D: usize> {
-    of_cell: Box<dyn Fn(usize, &mut dyn FnMut([f64; D])) + Sync + 'a>,
+    of_cell: Box<Visiting<'a, D>>,
     count: usize,
 }
 
@@ -175,7 +178,7 @@ pub fn labels<const D: usize, M: Simplices<D>>(
 /// Rounds in which cells may change their labels.
 const ROUNDS: usize = 5;
 /// What a whole surface between labels costs, in volumes of its cell that has the wrong label.
-const PRICE: f64 = 1.0;
+const PRICE: f64 = 1.5;
 /// A cell takes no label of which it has less than this share.
 const SOME: f64 = 0.2;
 

@@ -27,13 +27,18 @@ fn main() {
         println!("cargo::error=tetgen-sys: {missing}; {REMEDY}");
         return;
     }
-    build.clone().file(&source).compile("tetgen_shim");
+    build
+        .clone()
+        .file(&source)
+        .file(&worker)
+        .compile("tetgen_shim");
     println!("cargo::rustc-link-lib=dylib=tet");
 
     let program = out.join("atomesh-tetgen");
     let linked = build
         .get_compiler()
         .to_command()
+        .arg("-DATOMESH_TETGEN_PROGRAM")
         .args([&worker, &source])
         .arg("-ltet")
         .arg("-o")

@@ -42,12 +42,30 @@ use common::global::Ending;
 use console::{Console, complain};
 use interrupts::{INTERRUPTED, Interrupts};
 
+/// The argument with which this program is TetGen's worker and nothing else.
+#[cfg(feature = "tetgen")]
+const WORKER: &str = "--tetgen-worker";
+
 /// Bytes of the stack on which all runs that is not shared among threads.
 const STACK: usize = 8 << 20;
 
 /// Runs what was typed. Exit codes: 0 done, 1 bad input or failed job, 130 interrupted, 2 wrong usage.
 pub fn main() -> ExitCode {
     out_of_memory::watch_threads();
+    #[cfg(feature = "tetgen")]
+    {
+        use crate::mesh::delaunay::{serve, share_with_workers};
+        // This program again, for TetGen's part of large meshes.
+        if std::env::args_os()
+            .nth(1)
+            .is_some_and(|first| first == WORKER)
+        {
+            return ExitCode::from(serve());
+        }
+        if let Ok(program) = std::env::current_exe() {
+            share_with_workers(program, &[WORKER]);
+        }
+    }
     // A stack that is there from the start: the first one's grows, and where it finds no memory to do so
     // the system kills the process without a word.
     let stack = thread::Builder::new().name("main".into()).stack_size(STACK);

@@ -15,7 +15,7 @@ pub struct StageCost {
     pub seconds: f64,
     /// Seconds of processor time in user mode, over all threads; to a hundredth.
     pub cpu_seconds: f64,
-    /// Largest memory of the process up to the stage's end, in MB (10^6 bytes); 0 where the system
+    /// Largest memory of the process, with the processes that work for it, up to the stage's end, in MB (10^6 bytes); 0 where the system
     /// does not tell.
     pub peak_mb: f64,
 }
@@ -72,27 +72,32 @@ impl Default for Clock {
     }
 }
 
-/// User-mode processor seconds of this process so far; 0 where the system does not tell. Linux
+/// User-mode processor seconds of this process, and of those that worked for it and have ended, so far; 0 where the system does not tell. Linux
 /// counts in ticks, of which it shows programs a hundred a second on every architecture.
 pub fn cpu_seconds() -> f64 {
     let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    // The name in parentheses may hold spaces; utime is the 12th field after it.
-    let ticks = stat
+    // The name in parentheses may hold spaces; utime is the 12th field after it, cutime the 14th.
+    let fields = stat
         .rsplit(')')
         .next()
-        .and_then(|rest| rest.split_whitespace().nth(11));
+        .unwrap_or_default()
+        .split_whitespace();
+    let ticks = fields.enumerate().filter(|(at, _)| [11, 13].contains(at));
     ticks
-        .and_then(|word| word.parse::<f64>().ok())
-        .unwrap_or(0.0)
+        .filter_map(|(_, word)| word.parse::<f64>().ok())
+        .sum::<f64>()
         / 100.0
 }
 
-/// Largest resident memory of this process so far, in MB; 0 where the system does not tell.
+/// Largest resident memory of this process so far, with those that work for it, in MB; 0 where the system does not tell.
 pub fn peak_mb() -> f64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
     let kilobytes = line.and_then(|rest| rest.split_whitespace().next()?.parse::<f64>().ok());
-    kilobytes.unwrap_or(0.0) * 1024.0 / 1e6
+    let own = kilobytes.unwrap_or(0.0) * 1024.0 / 1e6;
+    #[cfg(feature = "tetgen")]
+    let own = own.max(crate::mesh::delaunay::peak_mb());
+    own
 }
 
 #[cfg(all(test, target_os = "linux"))]

@@ -1,7 +1,8 @@
 // TetGen in a process of its own: points on standard input, tetrahedra on standard output, then the end.
 //
 // What a program runs that cannot hold TetGen itself (a shared library hides terminatetetgen, see
-// tetgen_shim.cpp) or would not have TetGen's end be its own. All numbers as this machine has them:
+// tetgen_shim.cpp), would not have TetGen's end be its own, or wants several at once. All numbers as this
+// machine has them:
 //
 //   in   uint64 points, uint64 whether neighbours are asked for, 3 doubles a point
 //   out  int64 status (tetgen_shim.h), uint64 tetrahedra, 4 int32 each, and if asked for 4 neighbours each
@@ -47,7 +48,7 @@ bool write_all(int to, const void *from, size_t bytes) {
 
 } // namespace
 
-int main() {
+extern "C" int tetgen_shim_serve(void) {
 #ifdef __linux__
   // Who asked has gone: so does this.
   prctl(PR_SET_PDEATHSIG, SIGKILL);
@@ -85,3 +86,7 @@ int main() {
   // The operating system takes memory back faster.
   _exit(told ? 0 : 5);
 }
+
+#ifdef ATOMESH_TETGEN_PROGRAM
+int main() { return tetgen_shim_serve(); }
+#endif

@@ -6,6 +6,8 @@
 //! before, and its errors come back as [`Error::Delaunay`](crate::Error::Delaunay).
 
 #[cfg(feature = "tetgen")]
+mod parts;
+#[cfg(feature = "tetgen")]
 mod worker;
 
 use crate::error::{Result, cause};
@@ -13,10 +15,18 @@ use crate::geometry::{cross, dot};
 use crate::mesh::TetMesh;
 
 #[cfg(feature = "tetgen")]
-pub use worker::run_in_worker;
+pub use worker::{peak_mb, run_in_worker, serve, share_with_workers};
 
 /// The neighbour beyond a face of the hull.
 pub const OUTSIDE: u32 = u32::MAX;
+
+/// So many points are triangulated in parts, if there are workers to do so, and come in an order that does
+/// not depend on it.
+#[cfg(feature = "tetgen")]
+const LARGE: usize = 40_000;
+/// A part has at least so many points.
+#[cfg(feature = "tetgen")]
+const SMALLEST_PART: usize = 20_000;
 
 /// A Delaunay triangulation and its adjacency.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -207,10 +217,25 @@ fn tetrahedra(_: &[[f64; 3]], _: bool) -> Result<Answer> {
 #[cfg(feature = "tetgen")]
 fn tetrahedra(points: &[[f64; 3]], with_neighbors: bool) -> Result<Answer> {
     use tetgen_sys as sys;
-    let answer = match worker::program() {
-        Some(program) => worker::ask(program, points, with_neighbors)?,
-        None => ffi::run(points, with_neighbors),
+    let one_run = |points: &[[f64; 3]], with_neighbors| match worker::for_all() {
+        Some(program) => worker::ask(program, points, with_neighbors),
+        None => Ok(ffi::run(points, with_neighbors)),
     };
+    let large = points.len() >= LARGE;
+    let count = rayon::current_num_threads().min(points.len() / SMALLEST_PART);
+    let in_parts = match worker::for_parts() {
+        Some(program) if large && count > 1 => {
+            parts::joined(points, count, &|part| worker::ask(program, part, true))?
+        }
+        _ => None,
+    };
+    let mut answer = match in_parts {
+        Some(answer) => answer,
+        None => one_run(points, with_neighbors)?,
+    };
+    if !with_neighbors {
+        answer.neighbors = Vec::new();
+    }
     match answer.status as sys::tetgen_shim_status {
         sys::TETGEN_SHIM_OK => {}
         sys::TETGEN_SHIM_BAD_INPUT => {
@@ -243,6 +268,9 @@ fn tetrahedra(points: &[[f64; 3]], with_neighbors: bool) -> Result<Answer> {
             "TetGen returned a node that was not given",
             "please report it",
         ));
+    }
+    if large {
+        parts::order(points.len(), &mut answer);
     }
     Ok(answer)
 }

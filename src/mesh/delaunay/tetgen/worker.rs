@@ -1,14 +1,15 @@
-//! TetGen in a process of its own, one for each mesh: `atomesh-tetgen` of `tetgen-sys`.
+//! TetGen in processes of its own: `atomesh-tetgen` of `tetgen-sys`, or any program that [serves](serve).
 //!
-//! For a program that cannot hold TetGen itself (a shared library such as Python's extension modules
+//! For several parts of one triangulation at once; for a program that cannot hold TetGen itself (a shared library such as Python's extension modules
 //! hides the symbol with which the shim makes TetGen's errors harmless), or that wants to live on
 //! whatever becomes of TetGen. The answer is the same to the byte, and calls do not wait for one another.
 //! What goes over the pipes is told in `tetgen-sys/cpp/worker.cpp`.
 
 use std::io::{self, BufReader, BufWriter, Read, Write};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::sync::OnceLock;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::thread;
 use std::time::Duration;
 
@@ -18,17 +19,60 @@ use crate::error::Result;
 /// Hundredths of a second in which a worker that has hung up may end by itself.
 const GRACE: usize = 50;
 
-static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
+/// A program that runs TetGen.
+pub(super) struct Program {
+    path: PathBuf,
+    arguments: &'static [&'static str],
+    /// For all, or only for parts of large ones.
+    for_all: bool,
+}
 
-/// From now on TetGen runs in processes of this program, `atomesh-tetgen`, instead of in this process. The
-/// first call counts.
+static PROGRAM: OnceLock<Program> = OnceLock::new();
+
+/// The largest memory of this process and its workers together, in MB, where the system tells.
+static PEAK_MB: AtomicU64 = AtomicU64::new(0);
+
+/// From now on TetGen runs in processes of this program, `atomesh-tetgen`, instead of in this process; large
+/// triangulations in several at once. The first call of this or [`share_with_workers`] counts.
 pub fn run_in_worker(program: impl Into<PathBuf>) {
-    PROGRAM.get_or_init(|| program.into());
+    PROGRAM.get_or_init(|| Program {
+        path: program.into(),
+        arguments: &[],
+        for_all: true,
+    });
+}
+
+/// From now on large triangulations are made in parts, by as many processes of this program at once as there
+/// are threads; with these arguments it has to [`serve`].
+pub fn share_with_workers(program: impl Into<PathBuf>, arguments: &'static [&'static str]) {
+    PROGRAM.get_or_init(|| Program {
+        path: program.into(),
+        arguments,
+        for_all: false,
+    });
 }
 
 /// The program to run, if it shall not be this one.
-pub(super) fn program() -> Option<&'static Path> {
-    PROGRAM.get().map(PathBuf::as_path)
+pub(super) fn for_all() -> Option<&'static Program> {
+    PROGRAM.get().filter(|program| program.for_all)
+}
+
+/// The program for parts.
+pub(super) fn for_parts() -> Option<&'static Program> {
+    PROGRAM.get()
+}
+
+/// Largest memory so far of this process together with its workers, in MB (10^6 bytes); 0 without any.
+pub fn peak_mb() -> f64 {
+    PEAK_MB.load(Relaxed) as f64
+}
+
+/// Reads points from standard input and writes their tetrahedra on standard output, as `atomesh-tetgen` does;
+/// gives the exit code.
+#[allow(unsafe_code)]
+pub fn serve() -> u8 {
+    // SAFETY: touches nothing but its own memory, standard input and output; the one TetGen that runs.
+    unsafe { tetgen_sys::tetgen_shim_serve() as u8 }
 }
 
 /// What TetGen, run by `program`, answers.
@@ -36,23 +80,28 @@ pub(super) fn program() -> Option<&'static Path> {
 /// # Errors
 /// [`Error::Delaunay`](crate::Error::Delaunay) if it cannot be run, or ends without an answer: crashes,
 /// is killed, hangs up. It never outlives the call.
-pub(super) fn ask(program: &Path, points: &[[f64; 3]], with_neighbors: bool) -> Result<Answer> {
+pub(super) fn ask(program: &Program, points: &[[f64; 3]], with_neighbors: bool) -> Result<Answer> {
     let remedy = "install atomesh again";
-    let spawned = Command::new(program)
+    let spawned = Command::new(&program.path)
+        .args(program.arguments)
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .stderr(Stdio::null())
         .spawn();
     let child = spawned.map_err(|e| {
-        let problem = format!("TetGen's program {} cannot be run: {e}", program.display());
+        let problem = format!(
+            "TetGen's program {} cannot be run: {e}",
+            program.path.display()
+        );
         fault(problem, remedy)
     })?;
     let mut worker = Worker(child);
     let (Some(input), Some(output)) = (worker.0.stdin.take(), worker.0.stdout.take()) else {
         return Err(fault("TetGen's program has no pipes", remedy));
     };
+    let pid = worker.0.id();
     tell(input, points, with_neighbors)
-        .and_then(|()| hear(output, with_neighbors))
+        .and_then(|()| hear(output, with_neighbors, || note_memory(pid)))
         .map_err(|error| worker.lost(&error))
 }
 
@@ -102,13 +151,19 @@ fn tell(input: ChildStdin, points: &[[f64; 3]], with_neighbors: bool) -> io::Res
     input.flush()
 }
 
-fn hear(output: ChildStdout, with_neighbors: bool) -> io::Result<Answer> {
+/// What the worker answers; `at_work` while it still has all that it needed.
+fn hear(
+    output: ChildStdout,
+    with_neighbors: bool,
+    at_work: impl FnOnce() -> Memory,
+) -> io::Result<Answer> {
     let mut output = BufReader::with_capacity(1 << 16, output);
     let mut number = [0; 8];
     output.read_exact(&mut number)?;
     let status = i64::from_ne_bytes(number);
     output.read_exact(&mut number)?;
     let count = u64::from_ne_bytes(number);
+    let _until_it_is_read = at_work();
     let tets = numbers(&mut output, count)?;
     let neighbors = match with_neighbors {
         true => numbers(&mut output, count)?,
@@ -119,6 +174,32 @@ fn hear(output: ChildStdout, with_neighbors: bool) -> io::Result<Answer> {
         tets,
         neighbors,
     })
+}
+
+/// Memory of a worker that is at work, in MB.
+struct Memory(u64);
+
+/// Of all workers at work.
+static WORKERS_MB: AtomicU64 = AtomicU64::new(0);
+
+/// Takes down what a worker and all others have at its end, with this process.
+fn note_memory(worker: u32) -> Memory {
+    let megabytes = |process: &str, row: &str| {
+        let status = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap_or_default();
+        let line = status.lines().find_map(|line| line.strip_prefix(row));
+        let kilobytes = line.and_then(|rest| rest.split_whitespace().next()?.parse::<u64>().ok());
+        kilobytes.unwrap_or(0) * 1024 / 1_000_000
+    };
+    let memory = Memory(megabytes(&worker.to_string(), "VmHWM:"));
+    let workers = WORKERS_MB.fetch_add(memory.0, Relaxed) + memory.0;
+    PEAK_MB.fetch_max(workers + megabytes("self", "VmRSS:"), Relaxed);
+    memory
+}
+
+impl Drop for Memory {
+    fn drop(&mut self) {
+        WORKERS_MB.fetch_sub(self.0, Relaxed);
+    }
 }
 
 fn numbers(output: &mut impl Read, count: u64) -> io::Result<Vec<[u32; 4]>> {
@@ -135,12 +216,22 @@ fn numbers(output: &mut impl Read, count: u64) -> io::Result<Vec<[u32; 4]>> {
 #[cfg(unix)]
 mod tests {
     use std::os::unix::fs::PermissionsExt;
+    use std::path::Path;
     use std::time::Instant;
 
     use super::*;
     use crate::geometry::random::Random;
 
     const REAL: &str = env!("ATOMESH_TETGEN_WORKER");
+
+    fn program(path: impl Into<PathBuf>) -> Program {
+        let (path, arguments, for_all) = (path.into(), &[][..], true);
+        Program {
+            path,
+            arguments,
+            for_all,
+        }
+    }
 
     fn scattered(count: usize) -> Vec<[f64; 3]> {
         let mut random = Random::new(5);
@@ -158,7 +249,7 @@ mod tests {
     }
 
     fn refusal(program: &Path, points: &[[f64; 3]]) -> String {
-        match ask(program, points, true) {
+        match ask(&self::program(program), points, true) {
             Ok(_) => panic!("{} answered", program.display()),
             Err(error) => error.to_string(),
         }
@@ -169,7 +260,7 @@ mod tests {
         let points = scattered(3000);
         for with_neighbors in [false, true] {
             let own = super::super::ffi::run(&points, with_neighbors);
-            let other = ask(Path::new(REAL), &points, with_neighbors).unwrap();
+            let other = ask(&program(REAL), &points, with_neighbors).unwrap();
             assert_eq!((own.status, own.tets), (other.status, other.tets));
             assert_eq!(own.neighbors, other.neighbors);
             assert_eq!(other.neighbors.is_empty(), !with_neighbors);
@@ -183,7 +274,7 @@ mod tests {
             .map(|i| (f64::from(i % 20), f64::from(i / 20)))
             .map(|(x, y)| [x, y, x + 2.0 * y])
             .collect();
-        let answer = ask(Path::new(REAL), &flat, true).unwrap();
+        let answer = ask(&program(REAL), &flat, true).unwrap();
         assert_eq!(answer.status, i64::from(tetgen_sys::TETGEN_SHIM_BAD_INPUT));
         assert!(answer.tets.is_empty());
     }

@@ -1,0 +1,432 @@
+//! One triangulation by several runs of TetGen at once, each of a part of the points.
+//!
+//! Space is cut into slabs. The points of a slab and of a halo round it are triangulated. A tetrahedron
+//! whose circumsphere, as far as points can be in it at all, lies in slab and halo is one of the whole's:
+//! it is *certified*. Where all at the slab's own points are, the slab keeps those whose first point (by
+//! number) is its own; else the halo is widened (as Peterka, Morozov and Phillips 2014 do by blocks). Ties of
+//! cospherical points TetGen breaks by the points' numbers, which come in the same order in each part.
+//!
+//! So the tetrahedra are those of a single run. So that they are in the same order, too, both are put into
+//! [`order`].
+
+use std::panic::resume_unwind;
+use std::thread;
+
+use rayon::prelude::*;
+
+use super::{Answer, OUTSIDE};
+use crate::error::Result;
+use crate::geometry::{cross, dot, sub};
+
+/// The first halo, in mean distances of points.
+const HALO: f64 = 2.5;
+/// How often a halo is tried; each is twice as wide as the one before.
+const TRIES: usize = 3;
+/// The neighbour is kept by another slab.
+const ELSEWHERE: u32 = OUTSIDE - 1;
+/// The rounding of a circumcentre, in distances, where its sphere's radius is the distance: it grows with
+/// the square of the radius. (2e-16 times what a flat tetrahedron makes of it, and room.)
+const ROUNDING: f64 = 1e-9;
+/// Points whose tetrahedra are put in order together.
+const TOGETHER: usize = 4096;
+
+/// What `run` answers for all points, from its answers for `count` parts, at the same time; with neighbours,
+/// in no order. None if this way does not lead there: points that do not fill a box, or are too uneven.
+///
+/// # Errors
+/// Those of `run`.
+pub fn joined<R>(points: &[[f64; 3]], count: usize, run: &R) -> Result<Option<Answer>>
+where
+    R: Fn(&[[f64; 3]]) -> Result<Answer> + Sync,
+{
+    let Some(slabs) = Slabs::new(points, count) else {
+        return Ok(None);
+    };
+    let slabs = &slabs;
+    let parts: Vec<Result<Option<Answer>>> = thread::scope(|scope| {
+        let at_work: Vec<_> = (0..count)
+            .map(|slab| scope.spawn(move || slabs.part(slab, run)))
+            .collect();
+        let ended = at_work.into_iter().map(thread::ScopedJoinHandle::join);
+        ended
+            .map(|part| part.unwrap_or_else(|panic| resume_unwind(panic)))
+            .collect()
+    });
+    let parts: Option<Vec<Answer>> = parts.into_iter().collect::<Result<_>>()?;
+    Ok(parts.and_then(together))
+}
+
+/// The parts' tetrahedra one after the other, with neighbours across.
+fn together(parts: Vec<Answer>) -> Option<Answer> {
+    let count = parts.iter().map(|part| part.tets.len()).sum();
+    let mut all = Answer {
+        status: parts.first()?.status,
+        tets: Vec::with_capacity(count),
+        neighbors: Vec::with_capacity(count),
+    };
+    // Faces beyond which another part goes on.
+    let mut open: Vec<([u32; 3], u32, usize)> = Vec::new();
+    for part in parts {
+        let first = all.tets.len() as u32;
+        for (tet, neighbors) in part.tets.iter().zip(&part.neighbors) {
+            let this = all.tets.len() as u32;
+            all.tets.push(*tet);
+            all.neighbors
+                .push(std::array::from_fn(|k| match neighbors[k] {
+                    ELSEWHERE => {
+                        let mut face = [1, 2, 3].map(|j| tet[(k + j) % 4]);
+                        face.sort_unstable();
+                        open.push((face, this, k));
+                        ELSEWHERE
+                    }
+                    OUTSIDE => OUTSIDE,
+                    own => first + own,
+                }));
+        }
+    }
+    open.sort_unstable();
+    let (pairs, []) = open.as_chunks::<2>() else {
+        return None;
+    };
+    for [(face, a, k), (other, b, l)] in pairs {
+        if face != other {
+            return None;
+        }
+        all.neighbors[*a as usize][*k] = *b;
+        all.neighbors[*b as usize][*l] = *a;
+    }
+    Some(all)
+}
+
+/// Space, cut across its longest axis so that each slab has as many points.
+struct Slabs<'a> {
+    points: &'a [[f64; 3]],
+    low: [f64; 3],
+    high: [f64; 3],
+    axis: usize,
+    /// Where one slab ends and the next begins.
+    cuts: Vec<f64>,
+    /// Of points, if they stood regularly.
+    distance: f64,
+}
+
+impl<'a> Slabs<'a> {
+    /// None if the points cannot be cut so often.
+    fn new(points: &'a [[f64; 3]], count: usize) -> Option<Self> {
+        let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+        for p in points {
+            for k in 0..3 {
+                low[k] = low[k].min(p[k]);
+                high[k] = high[k].max(p[k]);
+            }
+        }
+        let size = sub(high, low);
+        let axis = (0..3).max_by(|&k, &l| size[k].total_cmp(&size[l]))?;
+        let mut along: Vec<f64> = points.iter().map(|p| p[axis]).collect();
+        let cuts: Vec<f64> = (1..count)
+            .map(|i| {
+                *along
+                    .select_nth_unstable_by(i * points.len() / count, f64::total_cmp)
+                    .1
+            })
+            .collect();
+        let apart = cuts.windows(2).all(|two| two[0] < two[1])
+            && cuts.first().is_none_or(|&cut| low[axis] < cut);
+        let distance = (2f64.sqrt() * size.iter().product::<f64>() / points.len() as f64).cbrt();
+        apart.then_some(Self {
+            points,
+            low,
+            high,
+            axis,
+            cuts,
+            distance,
+        })
+    }
+
+    /// The tetrahedra that a slab keeps, with neighbours among them.
+    fn part<R>(&self, slab: usize, run: &R) -> Result<Option<Answer>>
+    where
+        R: Fn(&[[f64; 3]]) -> Result<Answer>,
+    {
+        let from = slab
+            .checked_sub(1)
+            .map_or(f64::NEG_INFINITY, |i| self.cuts[i]);
+        let to = self.cuts.get(slab).copied().unwrap_or(f64::INFINITY);
+        for halo in (0..TRIES).map(|i| HALO * self.distance * f64::from(1 << i)) {
+            let within = [from - halo, to + halo];
+            let has = |&i: &u32| {
+                let x = self.points[i as usize][self.axis];
+                within[0] <= x && x <= within[1]
+            };
+            let members: Vec<u32> = (0..self.points.len() as u32).filter(has).collect();
+            let points: Vec<[f64; 3]> = members.iter().map(|&i| self.points[i as usize]).collect();
+            let answer = run(&points)?;
+            if answer.status != 0 {
+                return Ok(None);
+            }
+            if let Some(kept) = self.kept(&answer, &members, [from, to], within) {
+                return Ok(Some(kept));
+            }
+        }
+        Ok(None)
+    }
+
+    /// What the slab from one place to another keeps of the triangulation of `members`, all `within` some
+    /// bounds; None if a tetrahedron at one of its points is not certified.
+    fn kept(
+        &self,
+        answer: &Answer,
+        members: &[u32],
+        [from, to]: [f64; 2],
+        within: [f64; 2],
+    ) -> Option<Answer> {
+        let point = |local: u32| self.points[members[local as usize] as usize];
+        let owns = |local: u32| {
+            let x = point(local)[self.axis];
+            from <= x && x < to
+        };
+        let mut number = vec![ELSEWHERE; answer.tets.len()];
+        let mut count = 0;
+        for ((tet, neighbors), number) in answer.tets.iter().zip(&answer.neighbors).zip(&mut number)
+        {
+            let own = tet.map(owns);
+            if !own.contains(&true) {
+                continue;
+            }
+            let corners = tet.map(point);
+            let hull_is_real = (0..4).all(|k| {
+                let face = [1, 2, 3].map(|j| (k + j) % 4);
+                neighbors[k] != OUTSIDE
+                    || !face.iter().any(|&j| own[j])
+                    || self.on_a_side(face.map(|j| corners[j]))
+            });
+            if !(hull_is_real && self.certified(corners, within)) {
+                return None;
+            }
+            if owns(*tet.iter().min()?) {
+                *number = count;
+                count += 1;
+            }
+        }
+        let mine = |t: &usize| number[*t] != ELSEWHERE;
+        let neighbor = |n: u32| match n {
+            OUTSIDE => OUTSIDE,
+            n => number[n as usize],
+        };
+        let all = 0..answer.tets.len();
+        Some(Answer {
+            status: answer.status,
+            tets: (all.clone().filter(mine))
+                .map(|t| answer.tets[t].map(|local| members[local as usize]))
+                .collect(),
+            neighbors: (all.filter(mine))
+                .map(|t| answer.neighbors[t].map(neighbor))
+                .collect(),
+        })
+    }
+
+    /// Whether a face lies in one side of the box of all points, so that nothing is beyond.
+    fn on_a_side(&self, face: [[f64; 3]; 3]) -> bool {
+        (0..3).any(|k| {
+            [self.low[k], self.high[k]]
+                .iter()
+                .any(|&side| face.iter().all(|p| p[k] == side))
+        })
+    }
+
+    /// Whether all that could be in the circumsphere is `within` the bounds.
+    fn certified(&self, [a, b, c, d]: [[f64; 3]; 4], within: [f64; 2]) -> bool {
+        let [b, c, d] = [b, c, d].map(|p| sub(p, a));
+        let [normal_b, normal_c, normal_d] = [cross(c, d), cross(d, b), cross(b, c)];
+        let twice = 2.0 * dot(b, normal_b);
+        let [b2, c2, d2] = [b, c, d].map(|p| dot(p, p));
+        let middle: [f64; 3] = std::array::from_fn(|k| {
+            (b2 * normal_b[k] + c2 * normal_c[k] + d2 * normal_d[k]) / twice
+        });
+        let radius2 = dot(middle, middle);
+        let rounding = ROUNDING * radius2 / self.distance;
+        // In the box of all points the sphere is less wide where its middle is outside.
+        let outside2: f64 = (0..3)
+            .filter(|&k| k != self.axis)
+            .map(|k| {
+                let x = a[k] + middle[k];
+                (self.low[k] - x).max(x - self.high[k]).max(0.0).powi(2)
+            })
+            .sum();
+        let reach =
+            (radius2 - outside2).max(0.0).sqrt() + (rounding * radius2.sqrt()).sqrt() + rounding;
+        let x = a[self.axis] + middle[self.axis];
+        // Not so for what is no number.
+        within[0] <= x - reach && x + reach <= within[1]
+    }
+}
+
+/// Tetrahedra in an order that depends on nothing but themselves: each begins with its first point (by
+/// number) and goes on with the first of the others, its turn unchanged; and so they follow one another.
+pub fn order(points: usize, answer: &mut Answer) {
+    let Answer {
+        tets, neighbors, ..
+    } = answer;
+    let with_neighbors = !neighbors.is_empty();
+    let turns: Vec<[u8; 4]> = tets.par_iter().map(turn).collect();
+    let turned = |t: u32| turns[t as usize].map(|k| tets[t as usize][usize::from(k)]);
+    // By the first point ...
+    let mut starts = vec![0u32; points + 1];
+    for t in 0..tets.len() as u32 {
+        starts[turned(t)[0] as usize + 1] += 1;
+    }
+    for i in 0..points {
+        starts[i + 1] += starts[i];
+    }
+    let mut sorted = vec![0u32; tets.len()];
+    let mut next = starts.clone();
+    for t in 0..tets.len() as u32 {
+        let place = &mut next[turned(t)[0] as usize];
+        sorted[*place as usize] = t;
+        *place += 1;
+    }
+    drop(next);
+    // ... and then by the others.
+    let mut rest = sorted.as_mut_slice();
+    let mut groups = Vec::with_capacity(points / TOGETHER + 1);
+    for first in (0..points).step_by(TOGETHER) {
+        let last = (first + TOGETHER).min(points);
+        let (group, after) = rest.split_at_mut((starts[last] - starts[first]) as usize);
+        rest = after;
+        groups.push((first..last, group));
+    }
+    groups.into_par_iter().for_each(|(nodes, group)| {
+        let from = starts[nodes.start];
+        for node in nodes {
+            let place = (starts[node] - from) as usize..(starts[node + 1] - from) as usize;
+            group[place].sort_unstable_by_key(|&t| turned(t));
+        }
+    });
+    let new_tets = sorted.par_iter().map(|&t| turned(t)).collect();
+    if with_neighbors {
+        let mut place = vec![0u32; tets.len()];
+        for (new, &old) in sorted.iter().enumerate() {
+            place[old as usize] = new as u32;
+        }
+        let moved = |&t: &u32| {
+            turns[t as usize].map(|k| match neighbors[t as usize][usize::from(k)] {
+                OUTSIDE => OUTSIDE,
+                n => place[n as usize],
+            })
+        };
+        *neighbors = sorted.par_iter().map(moved).collect();
+    }
+    *tets = new_tets;
+}
+
+/// The even permutation after which the least number is first and the least of the others second.
+fn turn(tet: &[u32; 4]) -> [u8; 4] {
+    const FIRST: [[u8; 4]; 4] = [[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]];
+    let least = (0..4).min_by_key(|&k| tet[k]).unwrap_or(0);
+    let [a, b, c, d] = FIRST[least];
+    let others = [[b, c, d], [c, d, b], [d, b, c]];
+    let [b, c, d] = others
+        .into_iter()
+        .min_by_key(|others| tet[usize::from(others[0])])
+        .unwrap_or([b, c, d]);
+    [a, b, c, d]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::ffi;
+    use super::*;
+    use crate::geometry::random::Random;
+
+    /// Points of a cubic lattice with both ends of each axis, moved by up to `noise` within the box.
+    fn lattice(dims: [usize; 3], noise: f64, place: impl Fn(f64) -> f64) -> Vec<[f64; 3]> {
+        let mut random = Random::new(7);
+        let mut points = Vec::new();
+        for x in 0..dims[0] {
+            for y in 0..dims[1] {
+                for z in 0..dims[2] {
+                    let at = [x, y, z];
+                    points.push(std::array::from_fn(|k| {
+                        let moved = noise * (random.draw() - 0.5);
+                        let end = at[k] == 0 || at[k] == dims[k] - 1;
+                        place(at[k] as f64 + if end { 0.0 } else { moved })
+                    }));
+                }
+            }
+        }
+        points
+    }
+
+    fn whole(points: &[[f64; 3]]) -> Answer {
+        let mut answer = ffi::run(points, true);
+        order(points.len(), &mut answer);
+        answer
+    }
+
+    #[test]
+    fn parts_give_the_tetrahedra_of_the_whole() {
+        let run = |points: &[[f64; 3]]| Ok(ffi::run(points, true));
+        let scenes = [
+            // In general position, cospherical everywhere, and of uneven distances.
+            lattice([30, 14, 12], 0.9, |x| x),
+            lattice([30, 10, 9], 0.0, |x| x),
+            lattice([12, 11, 34], 0.5, |x| x + 0.02 * x * x),
+        ];
+        for (scene, points) in scenes.iter().enumerate() {
+            let single = whole(points);
+            for count in [1, 2, 3, 5] {
+                let mut parts = joined(points, count, &run).unwrap().unwrap();
+                order(points.len(), &mut parts);
+                assert!(parts.tets == single.tets, "scene {scene}, {count} parts");
+                assert!(
+                    parts.neighbors == single.neighbors,
+                    "scene {scene}, {count} parts"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn points_that_do_not_fill_a_box_are_left_to_a_single_run() {
+        let run = |points: &[[f64; 3]]| Ok(ffi::run(points, true));
+        let mut random = Random::new(3);
+        let ball: Vec<[f64; 3]> =
+            std::iter::repeat_with(|| std::array::from_fn(|_| 2.0 * random.draw() - 1.0))
+                .filter(|p| dot(*p, *p) < 1.0)
+                .take(3000)
+                .collect();
+        assert!(joined(&ball, 2, &run).unwrap().is_none());
+    }
+
+    #[test]
+    fn order_keeps_tetrahedra_and_neighbours() {
+        let points = lattice([9, 8, 7], 0.7, |x| x);
+        let before = ffi::run(&points, true);
+        let after = whole(&points);
+        let sorted = |tets: &[[u32; 4]]| {
+            let mut all: Vec<[u32; 4]> = tets.to_vec();
+            all.iter_mut().for_each(|t| t.sort_unstable());
+            all.sort_unstable();
+            all
+        };
+        assert_eq!(sorted(&before.tets), sorted(&after.tets));
+        assert!(after.tets.is_sorted());
+        for (t, tet) in after.tets.iter().enumerate() {
+            let [a, b, c, d] = tet.map(|i| points[i as usize]);
+            assert!(dot(cross(sub(b, a), sub(c, a)), sub(d, a)) > 0.0);
+            for (k, &n) in after.neighbors[t]
+                .iter()
+                .enumerate()
+                .filter(|n| *n.1 != OUTSIDE)
+            {
+                let shared = [1, 2, 3].map(|j| tet[(k + j) % 4]);
+                assert!(
+                    shared
+                        .iter()
+                        .all(|node| after.tets[n as usize].contains(node))
+                );
+                assert!(after.neighbors[n as usize].contains(&(t as u32)));
+            }
+        }
+    }
+}

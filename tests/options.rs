@@ -59,6 +59,8 @@ const CHOICES: &[Choice] = &[
     any("--sigma 2.5"),
     any("--threshold 0.9"),
     of("labels.mha", "", "--threshold 0.9"),
+    of("labels.mha", "", "--label 1:distance=4,name=disc"),
+    of("labels.mha", "", "--label 2:into=1"),
     of(
         "faulted.mha",
         "--feature faults+horizons",

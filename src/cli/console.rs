@@ -17,7 +17,7 @@ use crate::export::SurfaceFile;
 use crate::image::Image;
 use crate::image::formats::{self, AnyLoaded, InputOptions};
 use crate::job::{Meshing, Outcome, Space};
-use crate::store::{AnyMesh, MeshFile, Stored, read_any_vtu};
+use crate::store::{AnyMesh, MeshFile, Stored, read_any_mesh};
 use crate::{Error, Result};
 
 /// What verbs speak to, and through which they read and write: a [`Desk`] with a few words of its own.
@@ -75,11 +75,11 @@ impl Console {
     /// A mesh that an argument names.
     ///
     /// # Errors
-    /// As [`read_any_vtu`].
+    /// As [`read_any_mesh`].
     pub fn read_mesh(&self, path: &Path) -> Result<AnyMesh> {
         match self.desk.mesh(path) {
             Some(mesh) => Ok(mesh),
-            None => read_any_vtu(path),
+            None => read_any_mesh(path),
         }
     }
 

@@ -94,6 +94,7 @@ pub fn params<const D: usize>(job: &Job) -> Result<Params<D>> {
         threshold: job.features.threshold(),
         feature_weights: job.features.weights(),
         seeds: seeds(job)?,
+        labels: job.features.labels().to_vec(),
         fixed: job
             .atoms_from
             .as_deref()

@@ -56,6 +56,8 @@ impl RockOptions {
             let labels: Vec<i32> = labels.iter().map(|&l| l.round() as i32).collect();
             prepared.model.graph.region.clone_from(&labels);
             prepared.model.mesh.region = labels;
+            // They are not those that the mesh was made of.
+            prepared.model.labels.clear();
         }
         if let Some(text) = &self.porosity {
             let values = self.values("--porosity", text, Mean::Arithmetic, prepared, console)?;

@@ -1,6 +1,7 @@
 //! How features are asked for, and what is refused.
 
 use super::FeatureKind;
+use super::LabelWish;
 use super::detectors::paths::PathSeeds;
 use super::volume::Volume;
 use crate::error::{Error, Result, cause};
@@ -27,6 +28,8 @@ pub struct Detection<const D: usize> {
     /// The largest, where the distance follows gaps between features: then these say how close atoms may
     /// stand ([`Features::spacing`](super::Features::spacing)). `None` where features do not decide it.
     pub up_to: Option<f64>,
+    /// Of [`FeatureKind::Labels`]: what is wanted of each.
+    pub labels: Vec<LabelWish>,
     /// Lattice-space distance between samples.
     pub step: [f64; D],
 }
@@ -42,6 +45,7 @@ impl<const D: usize> Default for Detection<D> {
             seeds: PathSeeds::default(),
             d_min: 8.0,
             up_to: None,
+            labels: Vec::new(),
             step: [1.0; D],
         }
     }
@@ -62,6 +66,12 @@ impl<const D: usize> Detection<D> {
     /// The least and the largest distance between atoms, if it follows gaps.
     pub(super) fn gaps(&self) -> Option<[f64; 2]> {
         self.up_to.map(|most| [self.d_min, most.max(self.d_min)])
+    }
+
+    /// The least distance between atoms anywhere.
+    pub(super) fn least(&self) -> f64 {
+        let wishes = self.labels.iter().filter_map(|wish| wish.distance);
+        wishes.fold(self.d_min, f64::min)
     }
 
     /// The distance between atoms where nothing else is: what a feature's size is measured by.

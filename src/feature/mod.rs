@@ -20,6 +20,8 @@
 //! - `symmetric`: eigenvectors of Hessians and structure tensors
 //! - `tensor`: normals of layers
 //! - `depth`: how deep samples lie inside a mask
+//! - `components`: connected parts of labels
+//! - `labelled`: which label is where, between samples too
 //! - `steepness`: magnitudes of gradients
 //! - `steepest`: where they are largest
 //! - `lifted`: ridges at all orientations, where sheets cross, branch or run close
@@ -36,6 +38,7 @@
 //! - `potential`: b(x)
 
 pub(crate) mod by_sample;
+pub(crate) mod components;
 pub(crate) mod crossing;
 pub(crate) mod depth;
 mod detection;
@@ -43,6 +46,7 @@ pub(crate) mod detectors;
 pub(crate) mod gaps;
 pub(crate) mod gaussian;
 mod kind;
+pub(crate) mod labelled;
 pub(crate) mod lifted;
 mod lines;
 pub(crate) mod potential;
@@ -72,6 +76,7 @@ use sheets::{FoundSheets, Open};
 pub use detection::Detection;
 pub use detectors::paths::PathSeeds;
 pub use kind::FeatureKind;
+pub use labelled::{LabelWish, Labelled};
 pub use lines::{FeatureLine, LineKind, SHORTEST, lines};
 pub use settled::Settled;
 pub use sheets::LeftOut;
@@ -108,6 +113,8 @@ pub struct Features<const D: usize> {
     pub notes: Vec<String>,
     /// The scales and thresholds that were settled on, one for each kind of feature followed.
     pub settled: Vec<Settled>,
+    /// Of [`FeatureKind::Labels`], unless they are a thin mask: which label is where.
+    pub labels: Option<Labelled<D>>,
     /// Of [`FeatureKind::Paths`]: the share of the paths that pass each sample.
     pub confidence: Option<Field<D>>,
 }
@@ -125,6 +132,7 @@ impl<const D: usize> Features<D> {
             left_out: LeftOut::default(),
             notes: Vec::new(),
             settled: Vec::new(),
+            labels: None,
             confidence: None,
         }
     }
@@ -215,6 +223,10 @@ pub(crate) fn detect_part<const D: usize>(
 const FOUND: f64 = 0.85;
 const IN_SHEETS: f64 = 0.95;
 
+/// A region is no use without its other side, even if that is nearer than atoms: interfaces between labels
+/// exclude parallel ones nearer than this, in units of the least distance between atoms.
+const OTHER_SIDE: f64 = 0.5;
+
 /// Finds the features of one kind and their potential.
 fn follow<const D: usize>(
     scene: &Scene<'_, D>,
@@ -236,8 +248,16 @@ fn follow<const D: usize>(
         } else {
             sheets::BLUNT
         },
-        resolution: detector.resolution() * asked.d_min,
-        min_area: scene.least_area(detector.least_sheet()),
+        resolution: asked.least()
+            * match found.labels {
+                Some(_) => OTHER_SIDE,
+                None => detector.resolution(),
+            },
+        min_area: match found.labels {
+            // What is too small has gone before: of the rest everything is followed.
+            Some(_) => 0.0,
+            None => scene.least_area(detector.least_sheet()),
+        },
         least_width: detector.least_width(asked.d_min),
         open,
     };
@@ -247,11 +267,16 @@ fn follow<const D: usize>(
     scene.patience.lasts(Stage::Features)?;
     sheets.describe(kind, &rules, &mut notes);
     let sigma = asked.d_max() / 4.0;
-    let spacing = asked.gaps().map(|limits| {
-        let spacing = gaps::spacing(dims, &sheets.points, asked.step, limits);
-        notes.push(gaps::note(&spacing, limits));
-        spacing
-    });
+    let gaps = asked.gaps();
+    let spacing = gaps.map(|limits| gaps::spacing(dims, &sheets.points, asked.step, limits));
+    let (labels, limits) = found.labels.unzip();
+    let spacing = match limits {
+        Some(limits) => limits.spacing(&sheets.points, asked.step, spacing),
+        None => spacing,
+    };
+    if let (Some(spacing), Some(limits)) = (&spacing, gaps) {
+        notes.push(gaps::note(spacing, limits));
+    }
     // A valley is as wide as a quarter of the distance that atoms have there (Hale 2002).
     let width = |i: usize| spacing.as_ref().map_or(sigma as f32, |d| d[i] / 4.0);
     let potential = detector.potential(scene.image).map_or_else(
@@ -279,6 +304,7 @@ fn follow<const D: usize>(
             min_area: rules.min_area,
             mask: found.mask,
         }],
+        labels,
         confidence: found.confidence.map(|samples| field(dims, asked, samples)),
     })
 }

@@ -14,6 +14,7 @@
 //! - `settle`: atoms near features go onto them
 //! - `pierce`: where edges pass through features
 //! - `seal`: faces that close holes
+//! - `regions`: cells take the labels of the image, and faces between them lie where labels change
 //! - `target`: what to aim at
 //! - `improved`: what was done, and what blocked more
 //! - `part`: what is asked of a part of a mesh, and what becomes of it
@@ -23,6 +24,7 @@
 //! It is established once (`recover`) and every later change keeps it.
 
 pub(crate) mod hold;
+pub mod regions;
 pub(crate) mod sheets;
 pub(crate) mod tets;
 pub(crate) mod triangles;

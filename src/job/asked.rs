@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::Evaluator;
 use super::params::DISTANCES;
 use super::settings::Settings;
-use crate::feature::FeatureKind;
+use crate::feature::{FeatureKind, LabelWish};
 use crate::image::formats::InputOptions;
 use crate::improve;
 use crate::improve::triangles::relax::Scheme;
@@ -79,8 +79,11 @@ pub enum What {
         /// Depths, in (0, 1], of the valleys of faults and of horizons; 1 each by default.
         weights: [f64; 2],
     },
-    /// Interfaces between labels, or the rim of a mask.
-    Labels,
+    /// Interfaces between labels, or the middle of a mask.
+    Labels {
+        /// What is wanted of labels; distances in samples.
+        wishes: Vec<LabelWish>,
+    },
     /// The boundary of an object, by random shortest paths (2-D).
     Paths {
         /// Points of the object, in the image's physical coordinates.
@@ -135,7 +138,7 @@ impl Followed {
                 StrongKind::Potential => FeatureKind::Potential,
             },
             What::FaultsAndHorizons { .. } => FeatureKind::FaultsAndHorizons,
-            What::Labels => FeatureKind::Labels,
+            What::Labels { .. } => FeatureKind::Labels,
             What::Paths { .. } => FeatureKind::Paths,
         }
     }
@@ -144,7 +147,15 @@ impl Followed {
     pub fn threshold(&self) -> Option<f32> {
         match self.what {
             What::Strong { threshold, .. } | What::FaultsAndHorizons { threshold, .. } => threshold,
-            What::Labels | What::Paths { .. } => None,
+            What::Labels { .. } | What::Paths { .. } => None,
+        }
+    }
+
+    /// What is wanted of labels.
+    pub fn labels(&self) -> &[LabelWish] {
+        match &self.what {
+            What::Labels { wishes } => wishes,
+            _ => &[],
         }
     }
 

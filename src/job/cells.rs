@@ -6,10 +6,13 @@ use rayon::prelude::*;
 use super::even::Even;
 use super::frame::Frame;
 use super::measure::measured;
-use super::{BOX_TOLERANCE, Made, Marked, Meshing, Params, Scene, Space, Stages, place, simplices};
+use super::{
+    BOX_TOLERANCE, Made, Marked, Meshing, Params, Scene, Space, Stages, place, regions, simplices,
+};
 use crate::Result;
 use crate::feature::Features;
 use crate::image::{Geometry, Image};
+use crate::improve::regions::{Places, Votes};
 use crate::improve::{SliverMethod, Target};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
@@ -18,7 +21,7 @@ use crate::lattice::optimize::{self, Stop};
 use crate::lattice::seeding::{self, Alignment, Atoms, fixed};
 use crate::mesh::check::{Known, check_while};
 use crate::mesh::graph::Graph;
-use crate::mesh::poly::PolyMesh;
+use crate::mesh::poly::{Beyond, PolyMesh};
 use crate::mesh::voronoi::conform::{Conforming, Surface};
 use crate::observer::{Patience, Stage};
 use crate::report::{self, Reference, Report};
@@ -83,6 +86,20 @@ where
         mesh = cut(&atoms, &sites, extent, weld)?;
     }
     mesh.on_feature = sites.faces(&mesh, atoms.len());
+    let numbers = features.labels.as_ref().map(|labelled| {
+        let votes = Places::of_cells(&mesh).votes(labelled);
+        let numbers: Vec<u8> = votes.iter().map(Votes::most).collect();
+        mesh.region = (numbers.iter())
+            .map(|&n| labelled.region(n as usize))
+            .collect();
+        // Then what is on features has no holes.
+        let parts = |f: usize| match mesh.beyond(f) {
+            Beyond::Cell(other) => numbers[other] != numbers[mesh.face_cells[f][0] as usize],
+            _ => false,
+        };
+        mesh.on_feature = (0..mesh.face_cells.len()).map(parts).collect();
+        numbers
+    });
 
     stages.begin(Stage::Measuring);
     let scene = Scene {
@@ -92,6 +109,20 @@ where
     };
     let report = stages.patiently(|patience| {
         let mut report = measure(&mesh, weld, &scene, image, patience);
+        report.regions = numbers.as_ref().and_then(|numbers| {
+            let places = Places::of_cells(&mesh);
+            let sizes: Vec<f64> = mesh.cell_shapes().iter().map(|shape| shape.0).collect();
+            let step = features.potential.step;
+            regions::report(
+                image,
+                &params.labels,
+                &places,
+                &sizes,
+                numbers,
+                step,
+                patience,
+            )
+        });
         if let Some(voronoi) = &mut report.voronoi {
             voronoi.conforming = Some(sites.share(&mesh, atoms.len()));
         }
@@ -139,7 +170,14 @@ where
         method: SliverMethod::Joe,
     };
     let joined = Space::<D>::join(placed.atoms, &scene, None, Some(&target), stages)?;
-    let (joined, neighbors) = simplices::sealed(joined, &scene, stages)?;
+    let (mut joined, neighbors) = simplices::sealed(joined, &scene, stages)?;
+    if let Some(labelled) = &features.labels {
+        let angle = Some(target.min_dihedral);
+        stages.patiently(|patience| {
+            let made = &mut joined.made;
+            regions::of_simplices(made, &neighbors, &scene, labelled, angle, patience)
+        });
+    }
     let Marked {
         mesh,
         feature_faces,

@@ -89,6 +89,8 @@ pub struct Marked<M> {
     pub kinds: Vec<AtomKind>,
     /// For each cell, bit k: its face (edge, in the plane) k, opposite node k, lies on a feature.
     pub feature_faces: Vec<u8>,
+    /// The region of each cell; empty if the image has no labels.
+    pub regions: Vec<i32>,
     /// Which angles the features explain; empty until the mesh is measured.
     pub judged: Judged,
 }
@@ -117,6 +119,7 @@ impl<M> Joined<M> {
                 feature_faces: vec![0; mesh.len()],
                 mesh,
                 kinds,
+                regions: Vec::new(),
                 judged: Judged::default(),
             },
             neighbors,
@@ -278,6 +281,7 @@ impl Meshing<3> for Space<3> {
                 mesh,
                 kinds,
                 feature_faces,
+                regions: Vec::new(),
                 judged: Judged::default(),
             },
             neighbors,
@@ -365,6 +369,7 @@ impl Meshing<2> for Space<2> {
                 mesh,
                 kinds,
                 feature_faces,
+                regions: Vec::new(),
                 judged: Judged::default(),
             },
             neighbors: None,

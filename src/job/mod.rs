@@ -14,6 +14,7 @@
 //! - `cells`: how they become Voronoi cells
 //! - `even`: cells more alike
 //! - `measure`: the figures of either
+//! - `regions`: labels of cells, and faces where they change
 //! - `horizons`: which faces lie on horizons
 //!
 //! All works in *lattice space* (sample index times a step per axis); `store` puts the outcome where
@@ -31,6 +32,7 @@ mod measure;
 mod optimise;
 mod params;
 mod place;
+mod regions;
 mod run;
 pub mod settings;
 mod simplices;

@@ -242,6 +242,8 @@ pub struct Params<const D: usize = 3> {
     pub feature_weights: [f64; 2],
     /// Points of an object and around it, for [`feature::FeatureKind::Paths`].
     pub seeds: feature::PathSeeds<D>,
+    /// What is wanted of labels, for [`feature::FeatureKind::Labels`].
+    pub labels: Vec<feature::LabelWish>,
     /// Weight of the image.
     pub beta: Weight<D>,
     /// Atoms that stay where they are (wells, sources).
@@ -289,6 +291,7 @@ impl<const D: usize> Default for Params<D> {
             feature_weights: [1.0; 2],
             distances: None,
             seeds: feature::PathSeeds::default(),
+            labels: Vec::new(),
             beta: Weight::Constant(0.5),
             fixed: Vec::new(),
             wells: Vec::new(),
@@ -318,6 +321,9 @@ impl<const D: usize> Params<D> {
         let mut params = self.clone();
         params.spacing = self.spacing.in_units_of(unit);
         params.well_distance = self.well_distance.map(|d| d / unit);
+        for wish in &mut params.labels {
+            wish.distance = wish.distance.map(|d| d / unit);
+        }
         if let Some(distances) = &mut params.distances {
             let samples = distances.as_slice().iter();
             let samples = samples.map(|&d| (f64::from(d) / unit) as f32).collect();
@@ -339,6 +345,7 @@ impl<const D: usize> Params<D> {
             threshold: self.threshold,
             weights: self.feature_weights,
             seeds: self.seeds.clone(),
+            labels: self.labels.clone(),
             d_min: self.spacing.min(),
             up_to: match self.spacing {
                 Spacing::FromGaps { max, .. } => Some(max),

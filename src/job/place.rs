@@ -5,6 +5,7 @@ use super::frame::Frame;
 use super::optimise::optimise;
 use super::{Evaluator, Meshing, Params, Space, Spacing, Stages, canny, estimate};
 use crate::error::cause;
+use crate::feature::components::for_each_sample;
 use crate::feature::{FeatureKind, Features};
 use crate::image::{Field, Image};
 use crate::lattice::distance::{self, Dense, Distance};
@@ -131,6 +132,7 @@ pub(super) fn apart<const D: usize>(
     let (extent, ways) = (frame.extent, &frame.ways);
     let distance = stages.unless_stopped(Stage::Placing, |patience| {
         let distance = varying(image, params, features, frame.step, patience)?;
+        let distance = of_labels(distance, params, features, patience);
         patience.lasts(Stage::Placing)?;
         match params.well_distance.filter(|_| !ways.is_empty()) {
             Some(least) => wells::refined(distance, ways, least, GROWTH, extent, patience),
@@ -238,6 +240,49 @@ pub(super) fn note<const D: usize>(
     ))
 }
 
+/// A distance with that of each label in its samples, if one has its own: where it is less than the
+/// largest elsewhere it limits it; where it is more, all grows with it.
+fn of_labels<const D: usize>(
+    distance: Distance<D>,
+    params: &Params<D>,
+    features: &Features<D>,
+    patience: &Patience<'_>,
+) -> Distance<D> {
+    let Some(labelled) = &features.labels else {
+        return distance;
+    };
+    let wish = |label: &f32| {
+        let wish = params.labels.iter().find(|wish| wish.label == *label);
+        wish.and_then(|wish| wish.distance)
+    };
+    let wishes: Vec<Option<f64>> = labelled.labels.iter().map(wish).collect();
+    if wishes.iter().all(Option::is_none) {
+        return distance;
+    }
+    let most = params.spacing.max();
+    let mut field = match &distance {
+        Distance::Field(field) => field.clone(),
+        Distance::Constant(d) => {
+            let least = wishes.iter().flatten().copied().fold(*d, f64::min);
+            distance::coarse_grid(features.potential.extent(), least, *d)
+        }
+    };
+    let (dims, step) = (field.dims, field.step);
+    for_each_sample(dims, |i, at| {
+        let x = std::array::from_fn(|k| at[k] as f64 * step[k]);
+        if let Some(wish) = wishes[labelled.at(x) as usize] {
+            let d = &mut field.samples[i];
+            *d = if wish <= most {
+                d.min(wish as f32)
+            } else {
+                *d * (wish / most) as f32
+            };
+        }
+    });
+    distance::limit_gradient(&mut field, GROWTH, patience);
+    Distance::Field(field)
+}
+
 /// The nominal distance that the parameters ask for.
 fn varying<const D: usize>(
     image: &Image<D>,
@@ -251,12 +296,19 @@ fn varying<const D: usize>(
         step,
         samples: image.as_slice().to_vec(),
     };
+    let wishes = || params.labels.iter().filter_map(|wish| wish.distance);
+    let least = |d: f64| wishes().fold(d, f64::min);
     match params.spacing {
+        Spacing::Constant(d) if features.spacing.is_some() => {
+            distance::from_gaps(features, least(d), d.max(least(d)), GROWTH, patience)
+        }
         Spacing::Constant(d) => Ok(Distance::Constant(d)),
         Spacing::FromFeatures { min, max } => {
             distance::from_features(features, min, max, GROWTH, patience)
         }
-        Spacing::FromGaps { min, max } => distance::from_gaps(features, min, max, GROWTH, patience),
+        Spacing::FromGaps { min, max } => {
+            distance::from_gaps(features, least(min), max, GROWTH, patience)
+        }
         Spacing::FromImage { min, max } => {
             let dense = dense(image, features).0;
             distance::from_image(&field(image), dense, min, max, GROWTH, patience)

@@ -7,7 +7,7 @@ use super::{
     CellKind, Marked, Meshing, Params, Scene, Space, Spacing, Stages, cells, estimate, simplices,
 };
 use crate::error::cause;
-use crate::feature::{self, Features};
+use crate::feature::{self, Features, labelled};
 use crate::image::{Geometry, Image};
 use crate::lattice::distance::Distance;
 use crate::lattice::optimize::{self, Stop};
@@ -127,6 +127,8 @@ pub fn run<const D: usize>(
 where
     Space<D>: Meshing<D>,
 {
+    let merged = labelled::merged(image, &params.labels)?;
+    let image = merged.as_ref().unwrap_or(image);
     let alignment = match params.cells {
         CellKind::Simplices => Alignment::On,
         CellKind::Voronoi => Alignment::Alongside,
@@ -141,7 +143,9 @@ where
         Spacing::OfAtoms { .. } => extent,
         _ => lattice_extent(image.dims(), params.metric.lengths(&image.geometry)),
     };
-    Distance::Constant(params.spacing.max()).validate(room)?;
+    let wishes = params.labels.iter().filter_map(|wish| wish.distance);
+    let largest = wishes.fold(params.spacing.max(), f64::max);
+    Distance::Constant(largest).validate(room)?;
     estimate::afford_features(image.dims())?;
     let params = &*params.in_lattice_units(params.metric.unit(&image.geometry));
     if !matches!(params.spacing, Spacing::OfAtoms { .. }) {

@@ -58,6 +58,10 @@ pub struct Settings {
     /// Weights F,H in (0, 1] of faults and horizons where both are followed [default: 1,1]
     #[cfg_attr(feature = "cli", arg(long, value_name = "F,H", help_heading = FEATURES))]
     pub feature_weights: Option<String>,
+    /// What is wanted of a label: VALUE:distance=D,name=NAME (distance between atoms in it, in samples), or
+    /// VALUE:into=VALUE (it becomes part of another label); may be repeated
+    #[cfg_attr(feature = "cli", arg(long, value_name = "VALUE:WISHES", allow_hyphen_values = true, help_heading = FEATURES))]
+    pub label: Option<Vec<String>>,
     /// Paths: a point of the object, in physical coordinates; may be repeated
     #[cfg_attr(
         feature = "cli",

@@ -3,15 +3,17 @@
 use super::canny::smoothed;
 use super::join::{Joined, close_holes, neighbors_of};
 use super::measure::measure;
+use super::regions;
 use super::{CellKind, Made, Meshing, Params, Scene, Space, Stages};
 use crate::error::cause;
 use crate::feature::steepness::steepness;
 use crate::feature::volume::Volume;
 use crate::image::{Field, Image};
+use crate::improve::regions::Places;
 use crate::improve::triangles::relax::{self, Relaxation};
 use crate::improve::{self, SliverMethod};
 use crate::lattice::seeding::Atoms;
-use crate::mesh::Mesh;
+use crate::mesh::{Mesh, Simplices};
 use crate::observer::{Patience, Stage};
 use crate::report::{self, Report, Rival};
 use crate::{Error, Result};
@@ -52,6 +54,15 @@ where
         rival,
         ..
     } = joined;
+    let numbers = scene.features.labels.as_ref().map(|labelled| {
+        let angle = improvement
+            .is_some()
+            .then_some(params.min_dihedral)
+            .flatten();
+        stages.patiently(|patience| {
+            regions::of_simplices(&mut made, &neighbors, scene, labelled, angle, patience)
+        })
+    });
     stages.begin(Stage::Measuring);
     let claimed = improvement.is_some().then_some(&*made.feature_faces);
     let (dims, features) = (image.dims(), scene.features);
@@ -65,6 +76,19 @@ where
         if let Some(quality) = &mut report.quality {
             quality.angles = Some(judged.angles.clone());
         }
+        report.regions = numbers.as_ref().and_then(|numbers| {
+            let places = Places::of_simplices(&made.mesh);
+            let sizes: Vec<f64> = (0..made.mesh.len()).map(|c| made.mesh.volume(c)).collect();
+            regions::report(
+                image,
+                &params.labels,
+                &places,
+                &sizes,
+                numbers,
+                step,
+                patience,
+            )
+        });
         report.lattice = Some(report::lattice(&made.mesh, |x| scene.distance.at(x)));
         if let Some((mesh, faces)) = rival {
             let faces = Some(faces.as_slice());

@@ -229,6 +229,7 @@ fn detected_points_stand_in_for_truth() {
         notes: vec![],
         spacing: None,
         settled: vec![],
+        labels: None,
         confidence: None,
     };
     let reference = Reference::from_features(&features);

@@ -9,6 +9,7 @@
 //! - `reference`: where the features really are
 //! - `lattice`: how evenly the atoms are spread
 //! - `cells`: Voronoi cells, as flow simulators see them
+//! - `regions`: what became of the labels of an image
 //! - [`cost`]: seconds and memory of each stage
 //! - `table`: a report on one screen
 //! - `verdict`: a report in three lines
@@ -24,6 +25,7 @@ mod pieces;
 pub(crate) mod quality;
 mod reach;
 pub(crate) mod reference;
+mod regions;
 pub(crate) mod table;
 mod verdict;
 
@@ -37,6 +39,7 @@ pub use lattice::{Lattice, Optimisation, TracedLattice, lattice};
 pub(crate) use quality::quality_while;
 pub use quality::{Quality, quality, smallest_angles};
 pub use reference::Reference;
+pub use regions::{Lost, Region, Regions};
 pub use verdict::{Grade, Verdict};
 
 use crate::feature::LeftOut;
@@ -74,6 +77,9 @@ pub struct Report {
     pub filling: Option<Check>,
     /// The cells of a Voronoi mesh, of which the above says nothing.
     pub voronoi: Option<Voronoi>,
+    /// The regions that the labels of the image became.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub regions: Option<Regions>,
     /// What was improved, and what stands in the way of the rest.
     pub improvement: Option<Improvement>,
     /// What the other method makes of the same atoms, where the two are compared.
@@ -98,6 +104,7 @@ impl Default for Report {
             fidelity: None,
             filling: None,
             voronoi: None,
+            regions: None,
             improvement: None,
             rival: None,
             notes: Vec::new(),

@@ -105,6 +105,11 @@ impl Report {
         if let Some(fidelity) = &self.fidelity {
             matches(&mut line, fidelity);
         }
+        if let Some(regions) = &self.regions {
+            for (number, text) in regions.lines().into_iter().enumerate() {
+                line(if number == 0 { "regions" } else { "" }, text);
+            }
+        }
         if let Some(improvement) = &self.improvement {
             line(
                 "slivers",

@@ -11,6 +11,9 @@ const SHARE: f64 = 0.9;
 /// A share of faces narrower than the least of [`TINY`](super::cells::TINY) that is worth a word.
 const TINY_FACES: f64 = 0.01;
 
+/// Parts of labels of fewer samples are no loss, unless nothing else has the label.
+const CRUMB: usize = 8;
+
 /// How good a mesh is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
@@ -130,6 +133,7 @@ impl Report {
             .or_else(|| self.quality.as_ref().and_then(|q| self.shapes(q)))
             .or_else(|| self.voronoi.as_ref().and_then(|v| self.flow(v)))
             .or_else(|| self.features())
+            .or_else(|| self.lost())
     }
 
     /// A mesh of an image in which no feature was found.
@@ -227,6 +231,30 @@ impl Report {
             ),
             option: self.finer(),
             change: "smaller faces follow bends more closely, with more cells",
+        })
+    }
+
+    /// Parts of labels that the mesh does not have.
+    fn lost(&self) -> Option<Fault> {
+        let lost = &self.regions.as_ref()?.lost;
+        let largest = lost.iter().max_by_key(|of_label| of_label.largest)?;
+        let whole = lost.iter().any(|lost| lost.whole);
+        if !whole && largest.largest < CRUMB {
+            return None;
+        }
+        let parts: usize = lost.iter().map(|of_label| of_label.parts).sum();
+        let parts = match parts {
+            1 => "a part of a label is".to_string(),
+            parts => format!("{} parts of labels are", grouped(parts)),
+        };
+        Some(Fault {
+            poor: format!(
+                "{parts} lost, the largest {} samples of label {}",
+                grouped(largest.largest),
+                largest.label
+            ),
+            option: Some(largest.option()),
+            change: "cells of that label become smaller, and the part is kept",
         })
     }
 

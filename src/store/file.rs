@@ -5,6 +5,7 @@ use std::path::Path;
 use rayon::prelude::*;
 
 use super::cells::cells_to_file;
+use super::labels::labels_field;
 use super::{write_cells_vtu, write_lines, write_vtu};
 use crate::Result;
 use crate::feature::Settled;
@@ -55,7 +56,13 @@ where
             DataArray::scalars(DISTANCE, distance),
         ],
         cell_data: vec![
-            DataArray::scalars("region", vec![0i32; lattice.len()]),
+            DataArray::scalars(
+                "region",
+                match made.regions.is_empty() {
+                    true => vec![0i32; lattice.len()],
+                    false => made.regions.clone(),
+                },
+            ),
             DataArray::scalars(M::MIN_ANGLE, smallest),
             DataArray::scalars(M::VOLUME, volume),
             DataArray::scalars(
@@ -68,6 +75,7 @@ where
             let mut fields =
                 common_fields(geometry, outcome.step, outcome.extent, &outcome.provenance);
             fields.extend(settled_field(&outcome.features.settled));
+            fields.extend(outcome.features.labels.as_ref().and_then(labels_field));
             fields
         },
     };

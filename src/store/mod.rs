@@ -7,16 +7,22 @@
 //! - `pvd`: the lattice after each round, for ParaView
 //! - `file`: from a job's outcome to a file
 //! - `cells`: the same for Voronoi cells
+//! - `foreign`: meshes of other programs
+//! - `labels`: regions that are labels of an image
 //! - `stored`: meshes that files hold, whatever their cells are, and the way back to lattice space
 
 pub(crate) mod cells;
 pub(crate) mod file;
+mod foreign;
+pub(crate) mod labels;
 pub(crate) mod lines;
 pub(crate) mod polyhedra;
 pub(crate) mod pvd;
 pub(crate) mod stored;
 pub(crate) mod vtu;
 
+pub use foreign::read_any_mesh;
+pub use labels::{LabelledRegion, labels_of};
 pub use lines::{write_feature_lines, write_lines};
 pub use polyhedra::{Streams, write_cells_vtu};
 pub use pvd::Trace;

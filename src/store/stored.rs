@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use super::file::{HORIZON_FACES, UNITS, WELD};
+use super::labels::forget_labels;
 use super::{FieldValue, MeshFile, face_bits_to_physical, write_cells_vtu, write_vtu};
 use crate::error::cause;
 use crate::files::vtk::{DataArray, Values};
@@ -131,6 +132,7 @@ impl<const D: usize, M: Simplices<D>> Stored<D> for M {
     }
 
     fn set_regions(file: &mut MeshFile<Self>, regions: Vec<i32>) {
+        forget_labels(file);
         let array = DataArray::scalars(REGION, regions);
         match file.cell_data.iter_mut().find(|a| a.name == array.name) {
             Some(old) => *old = array,
@@ -184,6 +186,7 @@ impl<const D: usize> Stored<D> for PolyMesh<D> {
     }
 
     fn set_regions(file: &mut MeshFile<Self>, regions: Vec<i32>) {
+        forget_labels(file);
         file.mesh.region = regions;
     }
 

@@ -31,6 +31,7 @@ pub fn detection<const D: usize>(
         threshold: job.features.threshold(),
         weights: job.features.weights(),
         seeds: seeds(job)?,
+        labels: job.features.labels().to_vec(),
         d_min,
         step,
         ..feature::Detection::default()

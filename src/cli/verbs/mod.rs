@@ -1,5 +1,6 @@
 //! The verbs, one a file: its arguments and its run.
 
+mod between;
 pub mod columns;
 pub mod convert;
 pub mod edit;

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::json;
 
+use super::between::regions_of;
 use super::picks::{GRIDS, Picks, STICKS};
 use crate::cli::common::depth::in_depth;
 use crate::cli::common::feature::{detection, job_of};
@@ -22,7 +23,7 @@ use crate::mesh::Mesh;
 use crate::model::surface::measure::Up;
 use crate::model::surface::stored::{group, horizon_facets};
 use crate::model::surface::{Kind, Measure, Options, Surfaces, measure, select};
-use crate::store::{LatticeSpace, MeshFile, Stored, StoredMesh, with_mesh};
+use crate::store::{LatticeSpace, MeshFile, Stored, StoredMesh, labels_of, with_mesh};
 use crate::{Error, Result, feature};
 
 /// `atomesh surface`.
@@ -41,6 +42,9 @@ pub struct SurfaceArgs {
     /// How surfaces are told apart.
     #[command(flatten)]
     pub grouping: Grouping,
+    /// What makes faces one surface
+    #[arg(long, value_name = "WHAT", default_value = "bends")]
+    pub by: By,
     /// Omit surfaces smaller than this, in square samples (length in 2-D); 0 keeps all [default: ten
     /// faces, and 2 % of the largest surface]
     #[arg(long, value_name = "AREA", allow_negative_numbers = true)]
@@ -75,6 +79,16 @@ pub struct SurfaceArgs {
     /// How to read the image.
     #[command(flatten, next_help_heading = "Reading the image")]
     pub input: InputOptions,
+}
+
+/// What makes faces one surface.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum By {
+    /// Faces on features that continue one another: faults, horizons
+    Bends,
+    /// All faces between the same two regions, and between a region and the sides of the mesh: those of a
+    /// region enclose it
+    Regions,
 }
 
 /// What makes faces one surface, and how its orientation is told.
@@ -280,7 +294,11 @@ fn surfaces_of<const D: usize, M: Stored<D>>(
     let (up, z_up) = args.grouping.up::<D>()?;
     let file = in_depth(file, args.velocity)?;
     let distance = least_distance(&file);
+    let labels = labels_of(&file);
     let mut stored = StoredMesh::new(file, &args.mesh.display().to_string())?;
+    if args.by == By::Regions {
+        return regions_of(args, &stored, &labels, z_up, console);
+    }
     // What else the file holds is not needed any more.
     stored.arrays = MeshFile::default();
     let facets = match &args.image {
@@ -523,7 +541,7 @@ fn table(measures: &[Measure], dimension: usize, meets: bool) -> String {
 }
 
 /// A number in about as many digits as the precision asks for.
-struct Short(f64);
+pub(super) struct Short(pub f64);
 
 impl std::fmt::Display for Short {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {

@@ -140,7 +140,7 @@ fn blocks(model: &Model, mesh: &Simplices, order: &[u32]) -> Vec<Block> {
             mesh.visit(mesh.get(cell as usize), |n| nodes.push(n as i32 + 1));
         }
         Block {
-            name: region_name(region),
+            name: region_name(model, region),
             number: (i64::from(region) + shift) as i32,
             kind,
             nodes,

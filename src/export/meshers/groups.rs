@@ -13,7 +13,7 @@ const SCRAPS: u32 = 8;
 pub struct Names {
     /// By number, from 1 on: the sides `xmin` ... `zmax`, `boundary`, `scraps`; then the surfaces `fault1`,
     /// `horizon2` ..., number 8 + theirs; then `interface_1_2` between regions 1 and 2, where that is on no
-    /// surface.
+    /// surface, or where regions are labels.
     pub names: Vec<String>,
     /// The number of each face's name; 0 for none.
     pub of_face: Vec<u32>,
@@ -45,18 +45,24 @@ impl Names {
             (pair[0] != pair[1]).then_some(pair)
         };
         let surface_of = |f: usize| surfaces.of_connection.get(f).copied().unwrap_or(0);
-        let bare = (0..mesh.inner_faces()).filter(|&f| surface_of(f) == 0);
+        // What parts labels has their names.
+        let labelled = !model.labels.is_empty() && model.torn.is_none();
+        let bare = (0..mesh.inner_faces()).filter(|&f| labelled || surface_of(f) == 0);
         let mut pairs: Vec<[i32; 2]> = bare.filter_map(regions).collect();
         pairs.sort_unstable();
         pairs.dedup();
         let before = names.len() as u32;
-        let interface = |[a, b]: &[i32; 2]| format!("interface_{a}_{b}").replace('-', "_");
+        let called = |region: &i32| match name_of(model, *region) {
+            Some(name) => name.replace('-', "_"),
+            None => region.to_string().replace('-', "_"),
+        };
+        let interface = |[a, b]: &[i32; 2]| format!("interface_{}_{}", called(a), called(b));
         names.extend(pairs.iter().map(interface));
 
         let number = |f: usize| match mesh.beyond(f) {
             Beyond::Side(side) => side as u32 + 1,
             Beyond::Nothing => BOUNDARY,
-            Beyond::Cell(_) => match surface_of(f) {
+            Beyond::Cell(_) => match if labelled { 0 } else { surface_of(f) } {
                 0 => regions(f).map_or(0, |pair| {
                     before + 1 + pairs.partition_point(|known| *known < pair) as u32
                 }),
@@ -122,8 +128,16 @@ pub fn shift_of_regions(model: &Model) -> i64 {
 }
 
 /// A name of a region for formats that take letters, digits and _ only.
-pub fn region_name(region: i32) -> String {
-    format!("region{region}").replace('-', "_")
+pub fn region_name(model: &Model, region: i32) -> String {
+    let name = name_of(model, region).map(String::from);
+    name.unwrap_or_else(|| format!("region{region}"))
+        .replace('-', "_")
+}
+
+/// What the label that a region is is called.
+fn name_of(model: &Model, region: i32) -> Option<&str> {
+    let label = model.labels.iter().find(|label| label.region == region);
+    label.and_then(|label| label.name.as_deref())
 }
 
 /// The nodes of faces, ascending, each once.

@@ -63,7 +63,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         for region in regions(model) {
             let of = |t: &u32| mesh.region[*t as usize] == region;
             let own: Vec<u32> = (0..mesh.len() as u32).filter(of).collect();
-            let name = region_name(region).to_uppercase();
+            let name = region_name(model, region).to_uppercase();
             writeln!(out, "*ELSET, ELSET={name}")?;
             set(out, &own)?;
         }

@@ -25,13 +25,13 @@ const TYPES: [[u8; 2]; 5] = [[0, 0], [0, 0], [1, 8], [2, 9], [4, 11]];
 /// Its number of prisms.
 const PRISM: u8 = 6;
 
-fn head(out: Out, version: &str, regions: &[i32], mesh: &Simplices) -> Done {
+fn head(out: Out, version: &str, names: &[String], mesh: &Simplices) -> Done {
     let dim = mesh.size - 1;
     writeln!(
         out,
         "$MeshFormat\n{version} 0 8\n$EndMeshFormat\n$PhysicalNames"
     )?;
-    let count = mesh.named.len() + mesh.torn.len() + regions.len();
+    let count = mesh.named.len() + mesh.torn.len() + names.len();
     writeln!(out, "{count}")?;
     for Named { number, name, .. } in &mesh.named {
         writeln!(out, "{} {number} \"{name}\"", dim - 1)?;
@@ -39,8 +39,8 @@ fn head(out: Out, version: &str, regions: &[i32], mesh: &Simplices) -> Done {
     for Torn { number, name, .. } in &mesh.torn {
         writeln!(out, "{dim} {number} \"{name}\"")?;
     }
-    for (number, &region) in (mesh.next_number()..).zip(regions) {
-        writeln!(out, "{dim} {number} \"{}\"", region_name(region))?;
+    for (number, name) in (mesh.next_number()..).zip(names) {
+        writeln!(out, "{dim} {number} \"{name}\"")?;
     }
     writeln!(out, "$EndPhysicalNames")
 }
@@ -79,9 +79,10 @@ fn prisms(mesh: &Simplices) -> usize {
 pub fn write_2(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let mesh = &Simplices::new(model, "Gmsh's format")?;
     let regions = regions(model);
+    let names: Vec<String> = regions.iter().map(|&r| region_name(model, r)).collect();
     mesh.write_twins(batch, path, 1)?;
     batch.write(path, |out| {
-        head(out, "2.2", &regions, mesh)?;
+        head(out, "2.2", &names, mesh)?;
         writeln!(out, "$Nodes\n{}", mesh.node_count())?;
         write_items(out, mesh.node_count(), |text, i| {
             text.int(i + 1).point(mesh.point(i)).end();
@@ -127,6 +128,7 @@ pub fn write_2(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
 pub fn write_4(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let mesh = &Simplices::new(model, "Gmsh's format")?;
     let regions = regions(model);
+    let names: Vec<String> = regions.iter().map(|&r| region_name(model, r)).collect();
     let nowhere = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
     let (low, high) = mesh.nodes.iter().fold(nowhere, |(low, high), p| {
         (
@@ -136,7 +138,7 @@ pub fn write_4(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     });
     mesh.write_twins(batch, path, 1)?;
     batch.write(path, |out| {
-        head(out, "4.1", &regions, mesh)?;
+        head(out, "4.1", &names, mesh)?;
         let (dim, [kind, of_side]) = (mesh.size - 1, kinds(mesh));
         let (sides, cells) = (mesh.named.len(), regions.len() + mesh.torn.len());
         let first_region = mesh.next_number();

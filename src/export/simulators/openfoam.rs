@@ -177,7 +177,7 @@ fn zones(
             for &region in &regions {
                 let of = |c: &u32| mesh.region[*c as usize] == region;
                 let cells: Vec<u32> = (0..model.len() as u32).filter(of).collect();
-                let name = region_name(region);
+                let name = region_name(model, region);
                 writeln!(
                     out,
                     "{name}\n{{\n    type cellZone;\n    cellLabels List<label>"

@@ -67,7 +67,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         for region in regions {
             let own = |c: &usize| graph.region[*c] == region;
             let own: Vec<usize> = (0..model.len()).filter(own).collect();
-            let file = format!("{stem}-{}.txt", region_name(region));
+            let file = format!("{stem}-{}.txt", region_name(model, region));
             batch.write(&path.with_file_name(file), |out| {
                 write_items(out, own.len(), |text, i| text.int(own[i] + 1).end())
             })?;

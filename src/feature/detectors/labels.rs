@@ -1,24 +1,31 @@
 //! Labels: the interfaces between them, and thin masks.
 //!
-//! The indicator of each label is smoothed; the winner at a sample is the label with the largest
-//! smoothed indicator, and its lead is how far it is ahead of the runner-up. Between two samples with
-//! different winners the interface lies where the lead changes hands. That is smooth where the labels
-//! are stairs, counts every interface once, and needs no special case where three labels meet.
+//! The winner at a sample is the label that leads there once stairs are smoothed
+//! ([`contest`](mod@super::contest)), and its lead is how far it is ahead of the runner-up. Between two
+//! samples with different winners the interface lies where the lead changes hands. That is smooth where
+//! the labels are stairs, counts every interface once, and needs no special case where three labels
+//! meet.
+//!
+//! Connected parts of labels that no lattice of the distance asked for can hold are given to what they
+//! lie in; where parts are small, atoms stand closer, as far as the distance asked for allows.
 //!
 //! A mask (two values) of thin sheets stands for what is in their middle: see
 //! [`masks`](mod@super::masks).
 //!
-//! Scale: one sample. Assumption: a label's regions are thicker than 1.4 times the scale, or smoothing
-//! gives them to their neighbours.
+//! Scale: one sample.
 
+use super::contest::Contest;
 use super::masks::{self, Mask};
 use super::ridges::RidgeSearch;
 use super::{Detector, Found, Scene, Thresholds};
 use crate::error::{Error, Result, cause};
-use crate::feature::FeatureKind;
+use crate::feature::components::{Component, Components};
 use crate::feature::crossing::{Candidate, dominant_axes};
-use crate::feature::gaussian::smooth;
+use crate::feature::labelled::{
+    LabelWish, Labelled, MOST_LABELS, not_there, numbers, values, volumes,
+};
 use crate::feature::volume::Volume;
+use crate::feature::{Detection, FeatureKind, FeaturePoint};
 use crate::observer::Patience;
 
 /// Finds interfaces between labels, and the middle of a thin mask.
@@ -31,19 +38,24 @@ impl<const D: usize> Detector<D> for Labels {
 
     fn find(&self, scene: &Scene<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
         let volume = scene.volume();
-        let Some(values) = values(volume.samples) else {
+        let Some(values) = values(volume.samples, MOST_LABELS) else {
             return Err(Error::Feature(cause(
                 "feature 'labels'",
                 format!("the image has more than {MOST_LABELS} different values"),
                 "choose ridges, edges or horizons, or merge labels",
             )));
         };
+        let absent = |wish: &&LabelWish| wish.into.is_none() && !values.contains(&wish.label);
+        if let Some(wish) = scene.asked.labels.iter().find(absent) {
+            return Err(not_there(wish, &values));
+        }
         if let Some(settled) = scene.settled {
             if let Some(value) = settled.mask {
                 let middle = masks::middle_of(volume, value, scene.patience);
                 return Ok(middle_sheet(value, middle, scene, notes));
             }
         } else if let [a, b] = values[..]
+            && scene.asked.labels.is_empty()
             && let Some(mask) = Mask::of(volume, [a, b], scene.patience)
         {
             notes.push(format!(
@@ -58,14 +70,145 @@ impl<const D: usize> Detector<D> for Labels {
             "interfaces between {} labels, smoothed over {scale}",
             values.len()
         ));
-        let candidates = interfaces(volume, &values, scale, scene.patience);
+        let (labelled, limits) = contest(scene, values, scale, notes);
+        let candidates = Lead::of(&labelled).candidates(scene.patience);
         // Each is as strong as 1: all are followed.
         let thresholds = Thresholds {
             low: 0.0,
             high: 1.0,
             origin: "all",
         };
-        Ok(Found::new(candidates, scale, thresholds))
+        Ok(Found {
+            labels: Some((labelled, limits)),
+            ..Found::new(candidates, scale, thresholds)
+        })
+    }
+}
+
+/// A part of a label is kept if its volume is at least this share of the cube of the distance between
+/// atoms.
+const KEPT: f64 = 0.3;
+
+/// The labels as they lead after smoothing, without what no lattice can hold; and the distance that atoms
+/// may have in each part.
+fn contest<const D: usize>(
+    scene: &Scene<'_, D>,
+    values: Vec<f32>,
+    scale: f64,
+    notes: &mut Vec<String>,
+) -> (Labelled<D>, Limits<D>) {
+    let (asked, dims) = (scene.asked, scene.image.dims());
+    let sample: f64 = asked.step.iter().product();
+    let mut label = numbers(scene.image.as_slice(), &values);
+    let mut components = Components::of(dims, &label);
+    let least = |part: &Component<D>| least_distance(asked, values[part.label as usize]);
+    let gone = components.absorb(&mut label, |part| {
+        let volume = part.samples as f64 * sample;
+        // Of a part of an image nobody knows how far it goes on.
+        let unknown = scene.settled.is_some() && part.on_side(dims);
+        unknown || volume >= KEPT * least(part).powi(D as i32)
+    });
+    if gone[1] > 0 {
+        notes.push(format!(
+            "{} parts of labels, {} samples in all, are too small to be followed",
+            gone[1], gone[0]
+        ));
+        components = Components::of(dims, &label);
+    }
+    let (winner, lead) =
+        Contest::held(&components, &label, values.len(), scale, scene.patience).lead();
+    let most = asked.d_max();
+    let distance = components.all.iter().map(|part| {
+        let least = least_distance(asked, values[part.label as usize]);
+        let wish = wish(asked, values[part.label as usize]).unwrap_or(most);
+        let radius = part.radius(sample);
+        // Faces so long are at most half a sample off a ball.
+        let bend = 2.0 * radius.sqrt();
+        match asked.gaps() {
+            Some(_) => radius.min(bend).min(wish).max(least) as f32,
+            None => wish as f32,
+        }
+    });
+    let limits = Limits {
+        distance: distance.collect(),
+        most: most as f32,
+        components,
+    };
+    let labelled = Labelled {
+        dims,
+        step: asked.step,
+        volumes: volumes(dims, asked.step, &label, values.len()),
+        names: values.iter().map(|&label| name(asked, label)).collect(),
+        labels: values,
+        winner,
+        lead,
+    };
+    (labelled, limits)
+}
+
+/// What a label is called.
+fn name<const D: usize>(asked: &Detection<D>, label: f32) -> Option<String> {
+    let wish = asked.labels.iter().find(|wish| wish.label == label);
+    wish.and_then(|wish| wish.name.clone())
+}
+
+/// The distance wished for in a label.
+fn wish<const D: usize>(asked: &Detection<D>, label: f32) -> Option<f64> {
+    let wish = asked.labels.iter().find(|wish| wish.label == label);
+    wish.and_then(|wish| wish.distance)
+}
+
+/// The least distance that atoms may have in a label.
+fn least_distance<const D: usize>(asked: &Detection<D>, label: f32) -> f64 {
+    wish(asked, label).map_or(asked.d_min, |wish| match asked.gaps() {
+        Some(_) => wish.min(asked.d_min),
+        None => wish,
+    })
+}
+
+/// How far apart atoms may stand in each part of each label.
+#[derive(Debug, Clone)]
+pub struct Limits<const D: usize> {
+    distance: Vec<f32>,
+    most: f32,
+    components: Components<D>,
+}
+
+impl<const D: usize> Limits<D> {
+    /// The distance that atoms may have at feature points: that of gaps, and no more than what is on
+    /// either side allows; `None` if it is the same everywhere.
+    pub fn spacing(
+        &self,
+        points: &[FeaturePoint<D>],
+        step: [f64; D],
+        gaps: Option<Vec<f32>>,
+    ) -> Option<Vec<f32>> {
+        let dims = self.components.dims;
+        let volume = Volume::new(dims, &[]);
+        let limit = |point: &FeaturePoint<D>| {
+            // It lies between two samples along one axis, on samples along the others.
+            let at: [f32; D] = std::array::from_fn(|k| point.position[k] / step[k] as f32);
+            let corner = |c: usize| {
+                let near = |k: usize| match c >> k & 1 {
+                    0 => (at[k] + 1e-3).floor(),
+                    _ => (at[k] - 1e-3).ceil(),
+                };
+                let sample: [usize; D] =
+                    std::array::from_fn(|k| (near(k).max(0.0) as usize).min(dims[k] - 1));
+                let part = self.components.of_sample[volume.index(sample)];
+                self.distance[part as usize]
+            };
+            (0..1usize << D).map(corner).fold(f32::INFINITY, f32::min)
+        };
+        if gaps.is_none() && self.distance.iter().all(|&d| d == self.most) {
+            return None;
+        }
+        let gaps = gaps.unwrap_or_else(|| vec![f32::INFINITY; points.len()]);
+        Some(
+            (points.iter().zip(gaps))
+                .map(|(point, gap)| gap.min(limit(point)))
+                .collect(),
+        )
     }
 }
 
@@ -93,80 +236,26 @@ const MIDDLE: f64 = 1.0;
 /// Points at all angles are kept down to this share of the strong ones: without noise, more than usual.
 const LEAST: f32 = 0.4;
 
-/// More different values than this are no labels.
-const MOST_LABELS: usize = 64;
-
-/// The different values of a volume in ascending order, if there are at most 64.
-pub fn values(samples: &[f32]) -> Option<Vec<f32>> {
-    let mut found: Vec<f32> = Vec::new();
-    let mut last = f32::NAN;
-    for &s in samples {
-        if s != last {
-            last = s;
-            if let Err(i) = found.binary_search_by(|v| v.total_cmp(&s)) {
-                if found.len() == MOST_LABELS {
-                    return None;
-                }
-                found.insert(i, s);
-            }
-        }
-    }
-    Some(found)
-}
-
-/// Points on the interfaces between labels, in the order of samples; `sigma` smooths the stairs.
-fn interfaces<const D: usize>(
-    volume: Volume<'_, D>,
-    labels: &[f32],
-    sigma: f64,
-    patience: &Patience<'_>,
-) -> Vec<Candidate<D>> {
-    let dims = volume.dims;
-    let count = volume.samples.len();
-    let mut winner = vec![0u8; count];
-    let mut best = vec![f32::NEG_INFINITY; count];
-    let mut second = vec![f32::NEG_INFINITY; count];
-    let mut indicator = vec![0.0f32; count];
-    for (number, label) in labels.iter().enumerate() {
-        if patience.over() {
-            break;
-        }
-        for (i, s) in indicator.iter_mut().zip(volume.samples) {
-            *i = f32::from(u8::from(s == label));
-        }
-        smooth(dims, &mut indicator, [sigma; D], patience);
-        for i in 0..count {
-            let value = indicator[i];
-            if value > best[i] {
-                second[i] = best[i];
-                best[i] = value;
-                winner[i] = number as u8;
-            } else if value > second[i] {
-                second[i] = value;
-            }
-        }
-    }
-    drop(indicator);
-    best.iter_mut().zip(&second).for_each(|(b, s)| *b -= s);
-    drop(second);
-    let lead = Lead {
-        winner: &winner,
-        lead: Volume {
-            dims,
-            samples: &best,
-        },
-    };
-    lead.lead
-        .by_rows(patience, |first, (): &mut (), found| lead.row(first, found))
-}
-
 /// The winning label of each sample and how far it leads.
 struct Lead<'a, const D: usize> {
     winner: &'a [u8],
     lead: Volume<'a, D>,
 }
 
-impl<const D: usize> Lead<'_, D> {
+impl<'a, const D: usize> Lead<'a, D> {
+    fn of(labelled: &'a Labelled<D>) -> Self {
+        Self {
+            winner: &labelled.winner,
+            lead: Volume::new(labelled.dims, &labelled.lead),
+        }
+    }
+
+    /// Points on the interfaces between labels, in the order of samples.
+    fn candidates(&self, patience: &Patience<'_>) -> Vec<Candidate<D>> {
+        self.lead
+            .by_rows(patience, |first, (): &mut (), found| self.row(first, found))
+    }
+
     fn row(&self, first: [usize; D], found: &mut Vec<Candidate<D>>) {
         let (lead, dims, strides) = (self.lead.samples, self.lead.dims, self.lead.strides());
         let start = self.lead.index(first);

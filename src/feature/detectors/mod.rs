@@ -6,6 +6,7 @@
 //! - `paths`: the boundary of one object, by random shortest paths
 //! - `labels`: interfaces between labels, and of masks what
 //! - `masks` tells: the sheet in their middle
+//! - `contest`: which label leads at each sample
 //! - `horizons`: crests and troughs of seismic amplitude
 //! - `faults`: where layers of seismic amplitude do not continue
 //! - `faults_and_horizons`: both, in one potential
@@ -17,6 +18,7 @@
 
 pub(crate) mod auto;
 pub(crate) mod canny;
+pub(crate) mod contest;
 pub(crate) mod edges;
 pub(crate) mod faults;
 pub(crate) mod faults_and_horizons;
@@ -29,6 +31,7 @@ pub(crate) mod ridges;
 
 use super::crossing::Candidate;
 use super::gaussian;
+use super::labelled::Labelled;
 use super::volume::Volume;
 use super::{Detection, FeatureKind, Features, Settled};
 use crate::error::{Error, Result, cause};
@@ -211,6 +214,8 @@ pub struct Found<const D: usize> {
     pub sharp: bool,
     /// The value of the thin mask whose middle was sought.
     pub mask: Option<f32>,
+    /// Of labels: which leads where, and how far apart atoms may stand.
+    pub labels: Option<(Labelled<D>, labels::Limits<D>)>,
     /// Of paths: the share of them that passes each sample.
     pub confidence: Option<Vec<f32>>,
 }
@@ -224,6 +229,7 @@ impl<const D: usize> Found<D> {
             thresholds,
             sharp: false,
             mask: None,
+            labels: None,
             confidence: None,
         }
     }

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use crate::feature::LabelWish;
 use crate::improve;
 use crate::job::asked::{
     Apart, BetaFrom, Cells, DistanceFrom, Followed, Job, LatticeEnergy, LatticeJob, LatticeSpace,
@@ -79,7 +80,11 @@ impl Settings {
                 self.object = texts(object);
                 self.background = texts(background);
             }
-            What::Strong { .. } | What::Labels => {}
+            What::Labels { wishes } => {
+                let texts: Vec<String> = wishes.iter().map(LabelWish::to_string).collect();
+                self.label = (!texts.is_empty()).then_some(texts);
+            }
+            What::Strong { .. } => {}
         }
     }
 

@@ -2,8 +2,9 @@
 
 use super::{Said, bad, finites};
 use crate::Result;
-use crate::feature::FeatureKind;
+use crate::feature::{FeatureKind, LabelWish};
 use crate::job::asked::{Followed, StrongKind, What};
+use crate::job::settings::SeedingName;
 
 /// What is followed, and how it is sought.
 pub(super) fn followed(said: &Said) -> Result<Followed> {
@@ -22,7 +23,20 @@ pub(super) fn followed(said: &Said) -> Result<Followed> {
             remedy,
         ));
     }
-    let kind = settings.feature.unwrap_or(FeatureKind::Auto);
+    let wishes = wishes(settings.label.as_deref().unwrap_or_default())?;
+    let kind = match settings.feature.unwrap_or(FeatureKind::Auto) {
+        FeatureKind::Auto if !wishes.is_empty() => FeatureKind::Labels,
+        kind => kind,
+    };
+    let sized = wishes.iter().find(|wish| wish.distance.is_some());
+    if let (Some(wish), Some(SeedingName::Canny)) = (sized, settings.seeding) {
+        let problem = "has a distance of its own, but with seeding canny the image determines it";
+        return Err(bad("label", wish, problem, "choose another seeding"));
+    }
+    if kind != FeatureKind::Labels {
+        let problem = format!("is about a label, but {kind} are followed");
+        said.unused(&["label"], &problem, "follow labels, or omit it")?;
+    }
     let threshold = settings.threshold;
     if kind != FeatureKind::Paths {
         let problem = "applies to an object whose boundary is followed by paths";
@@ -58,13 +72,42 @@ pub(super) fn followed(said: &Said) -> Result<Followed> {
             FeatureKind::Faults => strong(StrongKind::Faults),
             FeatureKind::Potential => strong(StrongKind::Potential),
             FeatureKind::FaultsAndHorizons => What::FaultsAndHorizons { threshold, weights },
-            FeatureKind::Labels => What::Labels,
+            FeatureKind::Labels => What::Labels { wishes },
             FeatureKind::Paths => What::Paths {
                 object: points("object", settings.object.as_deref())?,
                 background: points("background", settings.background.as_deref())?,
             },
         },
     })
+}
+
+/// What is wanted of labels, each named once.
+fn wishes(texts: &[String]) -> Result<Vec<LabelWish>> {
+    let mut wishes: Vec<LabelWish> = Vec::new();
+    for text in texts {
+        let wish = LabelWish::parse(text)
+            .map_err(|(problem, remedy)| bad("label", text, &problem, remedy))?;
+        if wishes.iter().any(|known| known.label == wish.label) {
+            let problem = "is about a label that another one is about, too";
+            return Err(bad(
+                "label",
+                text,
+                problem,
+                "say all of a label at once, with commas",
+            ));
+        }
+        wishes.push(wish);
+    }
+    let gone = |into: f32| {
+        wishes
+            .iter()
+            .any(|wish| wish.label == into && wish.into.is_some())
+    };
+    if let Some(wish) = wishes.iter().find(|wish| wish.into.is_some_and(gone)) {
+        let problem = "puts a label into one that is itself put into another";
+        return Err(bad("label", wish, problem, "name the last of them"));
+    }
+    Ok(wishes)
 }
 
 /// Two numbers in (0, 1].

@@ -83,7 +83,7 @@ fn at_points<const D: usize>(
 }
 
 /// A field of `max` everywhere, on a grid of spacing at most `min / 2` that spans the box.
-pub(super) fn coarse_grid<const D: usize>(extent: [f64; D], min: f64, max: f64) -> Field<D> {
+pub(crate) fn coarse_grid<const D: usize>(extent: [f64; D], min: f64, max: f64) -> Field<D> {
     let cells = extent.map(|e| (2.0 * e / min).ceil().max(1.0) as usize);
     let dims = cells.map(|c| c + 1);
     Field {
@@ -155,6 +155,7 @@ mod tests {
             notes: vec![],
             settled: vec![],
             spacing: None,
+            labels: None,
             confidence: None,
         }
     }

@@ -11,6 +11,7 @@ pub(crate) mod grading;
 pub(crate) mod sources;
 
 pub use atoms::of_atoms;
+pub(crate) use features::coarse_grid;
 pub use features::{from_features, from_gaps};
 pub use grading::limit_gradient;
 pub use sources::{Dense, from_image, from_laplacian, from_samples};

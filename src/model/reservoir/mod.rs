@@ -30,6 +30,7 @@ use crate::mesh::poly::PolyMesh;
 use crate::model::flow::through::FaultLaws;
 use crate::model::flow::{Barriers, CellFlow, Rock, Split};
 use crate::model::surface::Kind;
+use crate::store::LabelledRegion;
 use crate::{Error, Result};
 
 pub use check::Checks;
@@ -68,6 +69,8 @@ pub struct Model {
     pub triangles: Option<Vec<[u32; 3]>>,
     /// Cells and connections.
     pub graph: Graph<3>,
+    /// The regions that are labels of an image, if they are: what parts them has the names of both.
+    pub labels: Vec<LabelledRegion>,
     /// The surfaces that the faces on features form.
     pub surfaces: FaceSurfaces,
     /// How they resist flow.

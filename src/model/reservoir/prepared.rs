@@ -10,7 +10,7 @@ use crate::model::columns::{COLUMN, LAYER};
 use crate::model::reservoir::{Down, FaceSurfaces, Frame, Mean, Model, Places, sample};
 use crate::model::surface::select::labels_of_faces;
 use crate::model::surface::stored::numbered;
-use crate::store::{AnyMesh, MeshFile, Stored, StoredMesh};
+use crate::store::{AnyMesh, LabelledRegion, MeshFile, Stored, StoredMesh, labels_of};
 use crate::{Error, Result};
 
 /// Where a mesh's coordinates are in metres and depth.
@@ -71,6 +71,7 @@ struct Parts {
     box_volume: f64,
     features_known: bool,
     cell_data: Vec<DataArray>,
+    labels: Vec<LabelledRegion>,
 }
 
 /// A mesh that no model can be made of.
@@ -171,6 +172,7 @@ impl Parts {
             dims: std::array::from_fn(dim),
             box_volume: volume * if D == 2 { thickness } else { 1.0 },
             features_known,
+            labels: labels_of(&arrays),
             cell_data: arrays.cell_data,
         };
         Ok((parts, simplices))
@@ -242,6 +244,7 @@ impl Prepared {
             tets
         });
         let mut model = Model::new(mesh, tets);
+        model.labels = parts.labels;
         if let Some(surfaces) = parts.surfaces {
             model.surfaces = surfaces;
         }

@@ -32,6 +32,7 @@
 //! - `kind`: faults and horizons
 //! - `stored`: the surfaces of a mesh that a file holds
 //! - `measure`: area, orientation, extent, rim
+//! - `pairs_of_regions`: what every two regions share
 //! - `adjacency`: cells and the faces between them
 
 pub mod adjacency;
@@ -39,6 +40,7 @@ pub(crate) mod facets;
 pub(crate) mod kind;
 pub(crate) mod measure;
 pub(crate) mod pairs;
+pub mod pairs_of_regions;
 pub(crate) mod patch;
 pub mod select;
 pub mod stored;

@@ -8,6 +8,7 @@ use std::any::Any;
 use std::path::Path;
 
 use super::file::{UNITS, unit_of};
+use super::foreign;
 use super::polyhedra::{self, is_polygon};
 use crate::error::Result;
 use crate::files::Batch;
@@ -361,6 +362,7 @@ pub fn read_any_vtu(path: &Path) -> Result<AnyMesh> {
         Some(&kind) if kind == i64::from(PolyMesh::<3>::VTK_CELL) => {
             AnyMesh::SpaceCells(polyhedra::read_cells(&file)?)
         }
+        Some(_) if foreign::is_mixed(&types) => foreign::mixed(path, &file, &types)?,
         _ => AnyMesh::Space(read_cells(&file)?),
     })
 }

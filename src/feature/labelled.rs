@@ -1,0 +1,379 @@
+//! Which label is where, between samples too.
+
+use super::components::Components;
+use crate::error::{Error, Result, cause};
+use crate::image::Image;
+use std::fmt;
+
+/// More different values than this are no labels.
+pub const MOST_LABELS: usize = 255;
+
+/// What a user wants of one label.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LabelWish {
+    /// The value of its samples.
+    pub label: f32,
+    /// The distance between atoms in it, in lattice units; as elsewhere if `None`.
+    pub distance: Option<f64>,
+    /// What it is called.
+    pub name: Option<String>,
+    /// The label that its samples are given to.
+    pub into: Option<f32>,
+}
+
+impl LabelWish {
+    /// Reads `VALUE:distance=D,name=NAME` or `VALUE:into=VALUE`.
+    ///
+    /// # Errors
+    /// The problem, and what to give instead.
+    pub fn parse(text: &str) -> std::result::Result<Self, (String, &'static str)> {
+        let remedy = "give VALUE:distance=D,name=NAME or VALUE:into=VALUE";
+        let number = |text: &str| text.trim().parse::<f64>().ok().filter(|x| x.is_finite());
+        let (label, wishes) = text
+            .split_once(':')
+            .ok_or_else(|| ("says nothing of a label".into(), remedy))?;
+        let label =
+            number(label).ok_or_else(|| (format!("'{label}' is no value of a label"), remedy))?;
+        let mut wish = Self {
+            label: label as f32,
+            distance: None,
+            name: None,
+            into: None,
+        };
+        for part in wishes.split(',') {
+            let (key, value) = part.split_once('=').unwrap_or((part, ""));
+            match (key.trim(), number(value)) {
+                ("distance", Some(d)) if d > 0.0 => wish.distance = Some(d),
+                ("distance", _) => {
+                    return Err((
+                        format!("distance '{value}' is not a positive number of samples"),
+                        remedy,
+                    ));
+                }
+                ("into", Some(into)) if into != label => wish.into = Some(into as f32),
+                ("into", _) => return Err((format!("'{value}' is no other label"), remedy)),
+                ("name", _) if is_name(value) => wish.name = Some(value.trim().to_string()),
+                ("name", _) => {
+                    let problem = format!("name '{value}' is not made of letters, digits, - and _");
+                    return Err((problem, "give a name such as left_lung"));
+                }
+                _ => return Err((format!("'{part}' is not known"), remedy)),
+            }
+        }
+        if wish.into.is_some() && (wish.distance.is_some() || wish.name.is_some()) {
+            return Err((
+                "says more of a label that becomes part of another".into(),
+                "say it of the other",
+            ));
+        }
+        Ok(wish)
+    }
+}
+
+/// Whether formats with named sets can hold a name.
+fn is_name(text: &str) -> bool {
+    let text = text.trim();
+    !text.is_empty()
+        && text.len() <= 60
+        && text
+            .chars()
+            .all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-')
+}
+
+impl fmt::Display for LabelWish {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let parts = [
+            self.distance.map(|d| format!("distance={d}")),
+            self.name.as_ref().map(|name| format!("name={name}")),
+            self.into.map(|into| format!("into={into}")),
+        ];
+        let parts: Vec<String> = parts.into_iter().flatten().collect();
+        write!(f, "{}:{}", self.label, parts.join(","))
+    }
+}
+
+/// What to say of a wish for a label that is not among those of the image.
+pub fn not_there(wish: &LabelWish, values: &[f32]) -> Error {
+    let most = 12;
+    let mut names: Vec<String> = values.iter().take(most).map(f32::to_string).collect();
+    if values.len() > most {
+        names.push("...".into());
+    }
+    Error::Feature(cause(
+        format!("label {}", wish.label),
+        format!("is not in the image, whose labels are {}", names.join(", ")),
+        "name a label of the image",
+    ))
+}
+
+/// An image with labels given to others as `wishes` say, all at once; `None` if none is.
+///
+/// # Errors
+/// [`Error::Feature`] if one that shall be given away is not in the image.
+pub fn merged<const D: usize>(image: &Image<D>, wishes: &[LabelWish]) -> Result<Option<Image<D>>> {
+    let mut away = wishes.iter().filter(|wish| wish.into.is_some());
+    if let Some(wish) = away.find(|wish| !image.as_slice().contains(&wish.label)) {
+        let values = values(image.as_slice(), MOST_LABELS).unwrap_or_default();
+        return Err(not_there(wish, &values));
+    }
+    let merge: Vec<(f32, f32)> = (wishes.iter())
+        .filter_map(|wish| Some((wish.label, wish.into?)))
+        .collect();
+    if merge.is_empty() {
+        return Ok(None);
+    }
+    let samples = image.as_slice().iter().map(|sample| {
+        let merge = merge.iter().find(|(label, _)| label == sample);
+        merge.map_or(*sample, |(_, into)| *into)
+    });
+    let made = Image::new(image.dims(), samples.collect(), image.geometry.clone());
+    Ok(Some(made.with_missing(image.missing.clone())))
+}
+
+/// The different values of a volume in ascending order, if there are at most `most`.
+pub fn values(samples: &[f32], most: usize) -> Option<Vec<f32>> {
+    let mut found: Vec<f32> = Vec::new();
+    let mut last = f32::NAN;
+    for &s in samples {
+        if s != last {
+            last = s;
+            if let Err(i) = found.binary_search_by(|v| v.total_cmp(&s)) {
+                if found.len() == most {
+                    return None;
+                }
+                found.insert(i, s);
+            }
+        }
+    }
+    Some(found)
+}
+
+/// The number of each sample's label among `labels`, which are ascending and at most [`MOST_LABELS`].
+pub fn numbers(samples: &[f32], labels: &[f32]) -> Vec<u8> {
+    let number = |s: &f32| labels.partition_point(|label| label < s).min(254) as u8;
+    use rayon::prelude::*;
+    samples.par_iter().map(number).collect()
+}
+
+/// Labels after smoothing: which leads at each sample, and by how much. Between two samples that
+/// different labels lead, the interface is where the lead changes hands.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Labelled<const D: usize> {
+    /// Number of samples along each axis.
+    pub dims: [usize; D],
+    /// Lattice-space distance between samples.
+    pub step: [f64; D],
+    /// The labels' values, ascending.
+    pub labels: Vec<f32>,
+    /// What they are called, where they have names.
+    pub names: Vec<Option<String>>,
+    /// For each sample the number of the label that leads.
+    pub winner: Vec<u8>,
+    /// How far it is ahead of the next, from 0 to 1.
+    pub lead: Vec<f32>,
+    /// Volume of each label's samples, as far as they lie in the box, in lattice units; what is too
+    /// small to be kept counts as what it lies in.
+    pub volumes: Vec<f64>,
+}
+
+impl<const D: usize> Labelled<D> {
+    /// The region that cells of the label of this number have.
+    pub fn region(&self, number: usize) -> i32 {
+        region(&self.labels, number)
+    }
+
+    /// The samples round a position in lattice space, each with its weight.
+    #[inline]
+    fn around(&self, x: [f64; D], mut visit: impl FnMut(usize, f64)) {
+        let (mut corner, mut stride) = (0, 1);
+        let (mut strides, mut fraction) = ([0; D], [0.0; D]);
+        for k in 0..D {
+            let last = self.dims[k] - 1;
+            if last > 0 {
+                let u = (x[k] / self.step[k]).clamp(0.0, last as f64);
+                let low = (u as usize).min(last - 1);
+                corner += low * stride;
+                strides[k] = stride;
+                fraction[k] = u - low as f64;
+            }
+            stride *= self.dims[k];
+        }
+        for c in 0..1usize << D {
+            let (mut at, mut weight) = (corner, 1.0);
+            for k in 0..D {
+                let high = c >> k & 1 == 1;
+                at += if high { strides[k] } else { 0 };
+                weight *= if high { fraction[k] } else { 1.0 - fraction[k] };
+            }
+            visit(at, weight);
+        }
+    }
+
+    /// The number of the label at a position in lattice space.
+    pub fn at(&self, x: [f64; D]) -> u8 {
+        // As many as there are samples round a position in space.
+        let (mut sums, mut count) = ([(0u8, 0.0f64); 8], 0);
+        self.around(x, |i, weight| {
+            let (label, lead) = (self.winner[i], weight * f64::from(self.lead[i]));
+            match sums[..count].iter_mut().find(|(known, _)| *known == label) {
+                Some((_, sum)) => *sum += lead,
+                None => {
+                    sums[count] = (label, lead);
+                    count += 1;
+                }
+            }
+        });
+        let most = |a: (u8, f64), &b: &(u8, f64)| if b.1 > a.1 { b } else { a };
+        sums[..count].iter().fold(sums[0], most).0
+    }
+
+    /// How far label `a` leads over label `b` at a position: negative where `b` leads, zero where others
+    /// do.
+    #[inline]
+    fn between(&self, x: [f64; D], [a, b]: [u8; 2]) -> f64 {
+        let mut sum = 0.0;
+        self.around(x, |i, weight| {
+            let sign = match self.winner[i] {
+                winner if winner == a => 1.0,
+                winner if winner == b => -1.0,
+                _ => 0.0,
+            };
+            sum += sign * weight * f64::from(self.lead[i]);
+        });
+        sum
+    }
+
+    /// How far from `x`, along the unit vector `along`, label `a` ends and label `b` begins: the nearest
+    /// such place within `reach` lattice units either way.
+    pub fn crossing(&self, x: [f64; D], along: [f64; D], pair: [u8; 2], reach: f64) -> Option<f64> {
+        let pace = PACE * self.step.iter().copied().fold(f64::INFINITY, f64::min);
+        let lead = |t: f64| self.between(std::array::from_fn(|k| x[k] + t * along[k]), pair);
+        let mut before = lead(0.0);
+        if before == 0.0 {
+            return None;
+        }
+        let pace = pace.copysign(before);
+        let mut t: f64 = 0.0;
+        while t.abs() < reach {
+            let after = lead(t + pace);
+            if after == 0.0 {
+                return None;
+            }
+            if (after > 0.0) != (before > 0.0) {
+                return Some(t + pace * before / (before - after));
+            }
+            before = after;
+            t += pace;
+        }
+        None
+    }
+}
+
+/// The region of one of several labels: its value, where all values are whole numbers, else its number.
+pub fn region(labels: &[f32], number: usize) -> i32 {
+    let whole = labels.iter().all(|l| l.fract() == 0.0 && l.abs() < 1e9);
+    if whole {
+        labels[number] as i32
+    } else {
+        number as i32
+    }
+}
+
+/// Interfaces are sought in steps of this many samples.
+const PACE: f64 = 0.25;
+
+/// The volume of the samples of each label, as far as they lie in the image's box: samples on its sides
+/// are there by half.
+pub fn volumes<const D: usize>(
+    dims: [usize; D],
+    step: [f64; D],
+    label: &[u8],
+    count: usize,
+) -> Vec<f64> {
+    let mut volumes = vec![0.0; count];
+    let sample: f64 = step.iter().product();
+    let row = dims[0].max(1);
+    for (number, labels) in label.chunks(row).enumerate() {
+        let mut rest = number;
+        let mut weight = sample;
+        for &n in &dims[1..] {
+            let at = rest % n;
+            rest /= n;
+            weight *= if at == 0 || at + 1 == n { 0.5 } else { 1.0 };
+        }
+        let inside = labels.iter().enumerate();
+        for (at, &label) in inside {
+            let end = if at == 0 || at + 1 == row { 0.5 } else { 1.0 };
+            volumes[label as usize] += weight * end;
+        }
+    }
+    volumes
+}
+
+/// The component that each sample of an image of labels belongs to, and their values; `None` where it
+/// has too many.
+pub fn components<const D: usize>(image: &Image<D>) -> Option<(Vec<f32>, Vec<u8>, Components<D>)> {
+    let labels = values(image.as_slice(), MOST_LABELS)?;
+    let numbers = numbers(image.as_slice(), &labels);
+    let components = Components::of(image.dims(), &numbers);
+    Some((labels, numbers, components))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn wishes_are_read_and_written() {
+        for text in ["3:distance=4,name=fault", "-2:into=7", "0.5:name=a-b_1"] {
+            assert_eq!(LabelWish::parse(text).unwrap().to_string(), text);
+        }
+        for (text, word) in [
+            ("3", "says nothing"),
+            ("x:distance=3", "no value of a label"),
+            ("3:distance=0", "not a positive"),
+            ("3:distance=nan", "not a positive"),
+            ("3:into=3", "no other label"),
+            ("3:name=two words", "letters"),
+            ("3:colour=red", "not known"),
+            ("3:into=4,name=x", "says more"),
+        ] {
+            let (problem, _) = LabelWish::parse(text).unwrap_err();
+            assert!(problem.contains(word), "{text}: {problem}");
+        }
+    }
+
+    #[test]
+    fn an_interface_is_found_from_either_side() {
+        let labelled = Labelled {
+            dims: [6, 2],
+            step: [1.0, 1.0],
+            labels: vec![1.0, 2.0, 3.0],
+            names: vec![None; 3],
+            winner: [[0, 0, 1, 1, 1, 2]; 2].concat(),
+            lead: [[0.9, 0.3, 0.1, 0.8, 0.6, 0.6]; 2].concat(),
+            volumes: vec![0.0; 3],
+        };
+        for x in [0.2, 1.1, 1.9, 3.0] {
+            let off = labelled
+                .crossing([x, 0.5], [1.0, 0.0], [0, 1], 4.0)
+                .unwrap();
+            assert!((x + off - 1.75).abs() < 1e-6, "{x} {off}");
+        }
+        assert!(
+            labelled
+                .crossing([3.0, 0.5], [-1.0, 0.0], [0, 1], 4.0)
+                .is_none()
+        );
+        let off = labelled
+            .crossing([4.1, 0.5], [-1.0, 0.0], [2, 1], 4.0)
+            .unwrap();
+        assert!((off + 0.4).abs() < 1e-6, "{off}");
+        assert_eq!(labelled.at([1.6, 0.0]), 0);
+        assert_eq!(labelled.at([1.9, 0.0]), 1);
+        assert_eq!(
+            volumes([6, 2], [1.0, 1.0], &labelled.winner, 3),
+            [1.5, 3.0, 0.5]
+        );
+    }
+}

@@ -1,0 +1,328 @@
+//! Nodes between regions move so that faces lie on the interface in the mean.
+//!
+//! Faces whose nodes lie on a curved interface cut its bulges off, and regions are too small. So it is
+//! not nodes that are put onto the interface but faces: from places on each face the interface is
+//! sought along its normal, and a node moves to where the squares of these distances, over the faces
+//! round it, are least. On a smooth interface that is a move along the normal; on a line where three
+//! regions meet all of their interfaces decide. Interfaces then give way a little, all those between
+//! two regions alike, so that every region has the volume of its samples.
+//!
+//! No move makes an angle worse that is out of the range aimed at, nor takes one out of it.
+
+use std::collections::BTreeMap;
+
+use rayon::prelude::*;
+
+use super::{balance, volumes};
+use crate::feature::Labelled;
+use crate::geometry::groups::grouped;
+use crate::geometry::{add_scaled, dot, norm, normal, sub};
+use crate::lattice::AtomKind;
+use crate::mesh::Simplices;
+use crate::mesh::complex::NONE;
+use crate::observer::Patience;
+
+/// Moves of every node, at most.
+const SWEEPS: usize = 10;
+/// From the sweep of this number on volumes are balanced.
+const BALANCED: usize = 2;
+/// Interfaces are sought up to this far from faces, in samples ...
+const REACH: f64 = 3.0;
+/// ... and give way by at most so many.
+const GIVES: f64 = 0.35;
+/// A node moves at most this share of the length of its shortest edge at a time.
+const SHARE: f64 = 0.25;
+/// How much a move is held back where faces say nothing of its direction.
+const HOLD: f64 = 0.02;
+/// Parts of a move that are tried.
+const PARTS: [f64; 4] = [1.0, 0.5, 0.25, 0.1];
+
+/// What is fitted.
+#[derive(Debug, Clone, Copy)]
+pub struct Fitting<'a, const D: usize> {
+    /// The labels.
+    pub labelled: &'a Labelled<D>,
+    /// The label of each cell.
+    pub regions: &'a [u8],
+    /// For every cell and face, in order, the cell on its other side.
+    pub neighbors: &'a [u32],
+    /// What each node may do.
+    pub kinds: &'a [AtomKind],
+    /// The far corner of the box.
+    pub extent: [f64; D],
+    /// Angles are to be at least so large (degrees), and at most 180 less it.
+    pub min_angle: f64,
+}
+
+/// A face between two regions.
+struct Face<const D: usize> {
+    nodes: [u32; D],
+    /// The regions, the smaller number first, from which the normal points into the other.
+    pair: [u8; 2],
+    normal: [f64; D],
+    area: f64,
+    /// By node, how far the interface is, and how sure that is.
+    off: [(f64, f64); D],
+}
+
+/// Fits the interfaces of a mesh.
+pub fn fit<const D: usize, M: Simplices<D>>(
+    mesh: &mut M,
+    fitting: &Fitting<'_, D>,
+    patience: &Patience<'_>,
+) {
+    let cells = mesh.len();
+    let corners = mesh.connectivity();
+    let (start, slots) = grouped(mesh.nodes().len(), corners.iter().map(|&n| n as usize));
+    let around: Vec<u32> = slots.iter().map(|slot| slot / (D as u32 + 1)).collect();
+    let star = |n: u32| &around[start[n as usize] as usize..start[n as usize + 1] as usize];
+    let sides: Vec<(u32, u32)> = (0..cells as u32)
+        .flat_map(|c| (0..=D as u32).map(move |k| (c, k)))
+        .filter(|&(c, k)| {
+            let beyond = fitting.neighbors[(D + 1) * c as usize + k as usize];
+            beyond != NONE && {
+                let [here, there] = [c, beyond].map(|c| fitting.regions[c as usize]);
+                here < there
+            }
+        })
+        .collect();
+    let count = fitting.labelled.labels.len();
+    let step = fitting
+        .labelled
+        .step
+        .iter()
+        .copied()
+        .fold(f64::INFINITY, f64::min);
+    let mut gives: BTreeMap<[u8; 2], f64> = BTreeMap::new();
+    for sweep in 0..SWEEPS {
+        if patience.over() {
+            return;
+        }
+        let faces: Vec<Face<D>> = (sides.par_iter())
+            .map(|&side| fitting.face(&*mesh, side))
+            .collect();
+        if sweep >= BALANCED {
+            let had = volumes(&*mesh, fitting.regions, count);
+            let lacking: Vec<f64> = (fitting.labelled.volumes.iter().zip(&had))
+                .map(|(wanted, had)| if *had > 0.0 { wanted - had } else { 0.0 })
+                .collect();
+            let mut areas: BTreeMap<[u8; 2], f64> = BTreeMap::new();
+            for face in &faces {
+                *areas.entry(face.pair).or_default() += face.area;
+            }
+            let areas: Vec<_> = areas.into_iter().collect();
+            let pressure = balance::pressures(&lacking, &areas);
+            for (pair, _) in areas {
+                let by = pressure[pair[0] as usize] - pressure[pair[1] as usize];
+                let give = gives.entry(pair).or_default();
+                *give = (*give + by).clamp(-GIVES * step, GIVES * step);
+            }
+        }
+        let give = |pair| gives.get(&pair).copied().unwrap_or(0.0);
+        let mut pulls: BTreeMap<u32, Pull<D>> = BTreeMap::new();
+        for face in &faces {
+            for (&n, &(off, sure)) in face.nodes.iter().zip(&face.off) {
+                let pull = pulls.entry(n).or_default();
+                pull.add(face.normal, off + give(face.pair), sure * face.area);
+            }
+        }
+        for (&n, pull) in &pulls {
+            if let Some(by) = fitting.allowed(&*mesh, n, pull) {
+                fitting.shift(mesh, n, by, star(n));
+            }
+        }
+    }
+}
+
+impl<const D: usize> Fitting<'_, D> {
+    /// What a face between regions is, and how far off.
+    fn face<M: Simplices<D>>(&self, mesh: &M, (c, k): (u32, u32)) -> Face<D> {
+        let (c, k) = (c as usize, k as usize);
+        let nodes = mesh.face(c, k);
+        let x = nodes.map(|n| mesh.nodes()[n as usize]);
+        let apex = mesh.nodes()[mesh.cell(c)[k] as usize];
+        let mut across = normal(&x);
+        if dot(across, sub(apex, x[0])) > 0.0 {
+            across = across.map(|a| -a);
+        }
+        let area = norm(across);
+        let across = across.map(|a| a / area.max(f64::MIN_POSITIVE));
+        let beyond = self.neighbors[(D + 1) * c + k];
+        let pair = [c, beyond as usize].map(|c| self.regions[c]);
+        let step = self
+            .labelled
+            .step
+            .iter()
+            .copied()
+            .fold(f64::INFINITY, f64::min);
+        let mut sums = [(0.0, 0.0, 0.0); D];
+        for weights in quadrature::<D>() {
+            let mut at = [0.0; D];
+            for (weight, corner) in weights.iter().zip(&x) {
+                at = add_scaled(at, *weight, *corner);
+            }
+            let off = self.labelled.crossing(at, across, pair, REACH * step);
+            for (sum, weight) in sums.iter_mut().zip(weights) {
+                sum.2 += weight;
+                if let Some(off) = off {
+                    sum.0 += weight * off;
+                    sum.1 += weight;
+                }
+            }
+        }
+        Face {
+            nodes,
+            pair,
+            normal: across,
+            area,
+            off: sums.map(|(off, sure, all)| (off / f64::max(sure, 1e-12), sure / all)),
+        }
+    }
+
+    /// Where a node is pulled to, as far as the sides of the box let it.
+    fn allowed<M: Simplices<D>>(&self, mesh: &M, n: u32, pull: &Pull<D>) -> Option<[f64; D]> {
+        let kind = self.kinds[n as usize];
+        if matches!(kind, AtomKind::Corner | AtomKind::Fixed) {
+            return None;
+        }
+        let x = mesh.nodes()[n as usize];
+        let held = std::array::from_fn(|k| x[k] <= 0.0 || x[k] >= self.extent[k]);
+        pull.solve(held)
+    }
+
+    /// Moves a node by as much as the angles round it allow.
+    fn shift<M: Simplices<D>>(&self, mesh: &mut M, n: u32, by: [f64; D], star: &[u32]) {
+        let x = mesh.nodes()[n as usize];
+        let mut shortest = f64::INFINITY;
+        for &c in star {
+            for &m in mesh.cell(c as usize) {
+                if m != n {
+                    shortest = shortest.min(norm(sub(mesh.nodes()[m as usize], x)));
+                }
+            }
+        }
+        let length = norm(by);
+        if length < 1e-6 * shortest {
+            return;
+        }
+        let scale = (SHARE * shortest / length).min(1.0);
+        let enough = self.worst(mesh, star).min(self.min_angle);
+        for part in PARTS {
+            let mut there = add_scaled(x, scale * part, by);
+            for k in 0..D {
+                there[k] = there[k].clamp(0.0, self.extent[k]);
+            }
+            mesh.parts_mut().0[n as usize] = there;
+            if self.worst(mesh, star) >= enough {
+                return;
+            }
+        }
+        mesh.parts_mut().0[n as usize] = x;
+    }
+
+    /// The angle nearest to 0 or 180 degrees among some cells, as the difference; negative where one is
+    /// turned inside out.
+    fn worst<M: Simplices<D>>(&self, mesh: &M, star: &[u32]) -> f64 {
+        let angle = |&c: &u32| {
+            if mesh.volume(c as usize) <= 0.0 {
+                return -1.0;
+            }
+            let cosines = mesh.shape(c as usize).cosines;
+            let most = cosines
+                .as_ref()
+                .iter()
+                .fold(0.0, |most, c| c.abs().max(most));
+            most.acos().to_degrees()
+        };
+        star.iter().map(angle).fold(180.0, f64::min)
+    }
+}
+
+/// What faces say of where a node should be.
+#[derive(Debug, Clone, Copy)]
+struct Pull<const D: usize> {
+    matrix: [[f64; D]; D],
+    right: [f64; D],
+}
+
+impl<const D: usize> Default for Pull<D> {
+    fn default() -> Self {
+        Self {
+            matrix: [[0.0; D]; D],
+            right: [0.0; D],
+        }
+    }
+}
+
+impl<const D: usize> Pull<D> {
+    /// It should be `off` along a normal.
+    fn add(&mut self, along: [f64; D], off: f64, weight: f64) {
+        for i in 0..D {
+            for j in 0..D {
+                self.matrix[i][j] += weight * along[i] * along[j];
+            }
+            self.right[i] += weight * along[i] * off;
+        }
+    }
+
+    /// The move that does most of this along the axes that are not held.
+    fn solve(mut self, held: [bool; D]) -> Option<[f64; D]> {
+        let trace: f64 = (0..D).map(|i| self.matrix[i][i]).sum();
+        if trace <= 0.0 {
+            return None;
+        }
+        for i in 0..D {
+            self.matrix[i][i] += HOLD * trace;
+            if held[i] {
+                for j in 0..D {
+                    self.matrix[i][j] = 0.0;
+                    self.matrix[j][i] = 0.0;
+                }
+                self.matrix[i][i] = 1.0;
+                self.right[i] = 0.0;
+            }
+        }
+        // Positive definite: no pivots are needed.
+        let (mut a, mut b) = (self.matrix, self.right);
+        for i in 0..D {
+            for j in i + 1..D {
+                let share = a[j][i] / a[i][i];
+                for k in i..D {
+                    a[j][k] -= share * a[i][k];
+                }
+                b[j] -= share * b[i];
+            }
+        }
+        for i in (0..D).rev() {
+            for j in i + 1..D {
+                b[i] -= a[i][j] * b[j];
+            }
+            b[i] /= a[i][i];
+        }
+        b.iter().all(|c| c.is_finite()).then_some(b)
+    }
+}
+
+/// Places on a face, evenly spread, as weights of its nodes.
+fn quadrature<const D: usize>() -> impl Iterator<Item = [f64; D]> {
+    let parts = if D == 2 { 6 } else { 4 };
+    let n = parts as f64;
+    let in_edge = (0..if D == 2 { parts } else { 0 }).map(move |i| {
+        let t = (i as f64 + 0.5) / n;
+        std::array::from_fn(|k| if k == 0 { 1.0 - t } else { t })
+    });
+    let rows = 0..if D == 3 { parts } else { 0 };
+    let in_triangle = rows.flat_map(move |i| {
+        (0..parts - i).flat_map(move |j| {
+            // The triangle that stands on its base, and the one beside it that hangs.
+            [1.0 / 3.0, 2.0 / 3.0]
+                .into_iter()
+                .filter_map(move |inside| {
+                    let [u, v] = [i, j].map(|c| (c as f64 + inside) / n);
+                    let rest = 1.0 - u - v;
+                    (rest > 0.0).then(|| std::array::from_fn(|k| [u, v, rest][k]))
+                })
+        })
+    });
+    in_edge.chain(in_triangle)
+}

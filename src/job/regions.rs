@@ -1,0 +1,342 @@
+//! The regions of a mesh of labels: which cells have which label, faces where labels change, and what
+//! became of each connected part.
+
+use rayon::prelude::*;
+
+use super::{Marked, Scene};
+use crate::feature::labelled::{Labelled, components};
+use crate::feature::volume::Volume;
+use crate::feature::{LabelWish, labelled};
+use crate::image::Image;
+use crate::improve::regions::{self, Fitting, Places};
+use crate::mesh::Simplices;
+use crate::observer::Patience;
+use crate::report::{Lost, Region, Regions};
+
+/// A part of a label of which the cells with its label hold less than this share is lost.
+const HELD: f64 = 0.25;
+
+/// Gives the cells of simplices their regions, and fits the faces between them; gives the number of each
+/// cell's label.
+pub(super) fn of_simplices<const D: usize, M: Simplices<D>>(
+    made: &mut Marked<M>,
+    neighbors: &[u32],
+    scene: &Scene<'_, D>,
+    labelled: &Labelled<D>,
+    min_angle: Option<f64>,
+    patience: &Patience<'_>,
+) -> Vec<u8> {
+    let regions = regions::labels(&made.mesh, neighbors, labelled);
+    if let Some(min_angle) = min_angle {
+        let fitting = Fitting {
+            labelled,
+            regions: &regions,
+            neighbors,
+            kinds: &made.kinds,
+            extent: scene.extent,
+            min_angle,
+        };
+        regions::fit(&mut made.mesh, &fitting, patience);
+        made.feature_faces = regions::marks::<D>(&regions, neighbors);
+    }
+    made.regions = regions
+        .iter()
+        .map(|&n| labelled.region(n as usize))
+        .collect();
+    regions
+}
+
+/// What came of the labels of an image: `places` are those of the cells, whose volumes are `sizes` and whose
+/// labels have `numbers`. `None` if they are too many, or `patience` does not last.
+pub(super) fn report<const D: usize>(
+    image: &Image<D>,
+    wishes: &[LabelWish],
+    places: &Places<'_, D>,
+    sizes: &[f64],
+    numbers: &[u8],
+    step: [f64; D],
+    patience: &Patience<'_>,
+) -> Option<Regions> {
+    let (labels, of_sample, parts) = components(image)?;
+    if patience.over() {
+        return None;
+    }
+    let dims = image.dims();
+    let volume = Volume::new(dims, &[]);
+    let world = image.geometry.determinant().abs() / step.iter().product::<f64>();
+    // Of each cell, how many of its places lie in which part of its own label.
+    let held: Vec<Vec<(u32, f64)>> = (0..numbers.len())
+        .into_par_iter()
+        .map(|c| {
+            let (mut found, mut count) = (Vec::new(), 0.0f64);
+            places.each(c, |x| {
+                let at = std::array::from_fn(|k| {
+                    ((x[k] / step[k]).round().max(0.0) as usize).min(dims[k] - 1)
+                });
+                let i = volume.index(at);
+                count += 1.0;
+                if of_sample[i] == numbers[c] {
+                    let part = parts.of_sample[i];
+                    match found.iter_mut().find(|(known, _)| *known == part) {
+                        Some((_, sum)) => *sum += 1.0,
+                        None => found.push((part, 1.0)),
+                    }
+                }
+            });
+            found
+                .iter_mut()
+                .for_each(|(_, sum)| *sum *= sizes[c] / count);
+            found
+        })
+        .collect();
+    let mut inside = vec![0.0; parts.all.len()];
+    for &(part, volume) in held.iter().flatten() {
+        inside[part as usize] += volume;
+    }
+    let sample: f64 = step.iter().product();
+    let samples = labelled::volumes(dims, step, &of_sample, labels.len());
+    let name = |n: usize| {
+        let wish = wishes.iter().find(|wish| wish.label == labels[n]);
+        wish.and_then(|wish| wish.name.clone())
+    };
+    let mut all: Vec<Region> = (0..labels.len())
+        .map(|n| Region {
+            label: f64::from(labels[n]),
+            region: labelled::region(&labels, n),
+            name: name(n),
+            parts: 0,
+            cells: 0,
+            volume: 0.0,
+            volume_of_samples: samples[n] * world,
+            off_percent: 0.0,
+        })
+        .collect();
+    for (&n, size) in numbers.iter().zip(sizes) {
+        all[n as usize].cells += 1;
+        all[n as usize].volume += size * world;
+    }
+    for region in &mut all {
+        region.off_percent = 100.0 * (region.volume / region.volume_of_samples - 1.0);
+    }
+    let mut lost: Vec<Lost> = Vec::new();
+    for (part, inside) in parts.all.iter().zip(&inside) {
+        let n = part.label as usize;
+        all[n].parts += 1;
+        let size = part.samples as f64 * sample;
+        if *inside >= HELD * size {
+            continue;
+        }
+        let at = volume.coordinates(part.first);
+        let new = Lost {
+            label: f64::from(labels[n]),
+            name: name(n),
+            parts: 1,
+            whole: false,
+            samples: part.samples,
+            largest: part.samples,
+            at: image.geometry.to_physical(at.map(|i| i as f64)).to_vec(),
+            distance: keeping(size, D),
+        };
+        match lost.iter_mut().find(|known| known.label == new.label) {
+            Some(known) => {
+                known.parts += 1;
+                known.samples += new.samples;
+                if new.largest > known.largest {
+                    (known.largest, known.at, known.distance) = (new.largest, new.at, new.distance);
+                }
+            }
+            None => lost.push(new),
+        }
+    }
+    for lost in &mut lost {
+        let of_label = all.iter().find(|region| region.label == lost.label);
+        lost.whole = of_label.is_some_and(|region| region.parts == lost.parts);
+    }
+    Some(Regions { regions: all, lost })
+}
+
+/// A distance between atoms at which a part of this volume is kept: about half its width, in two digits.
+fn keeping(volume: f64, dimensions: usize) -> f64 {
+    let d = 0.55 * volume.powf(1.0 / dimensions as f64);
+    let tenths = 10f64.powf(1.0 - d.log10().floor());
+    (d * tenths).floor() / tenths
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::feature::FeatureKind;
+    use crate::feature::scenes::image_of;
+    use crate::job::{CellKind, Outcome, Params, Spacing, run};
+    use crate::mesh::complex::NONE;
+    use crate::observer::Unobserved;
+
+    /// Balls of different sizes in two layers that a dyke cuts, somewhat different for each seed.
+    fn scene(seed: f64) -> Image<3> {
+        let balls = [(9.0, 3.0), (4.0, 5.0), (2.0, 7.0)];
+        let centre = |k: usize| {
+            [
+                [16.0 + seed, 18.0, 20.0],
+                [37.0, 13.0 + seed, 12.0],
+                [38.0, 33.0, 30.0],
+            ][k]
+        };
+        image_of([52, 46, 42], |p| {
+            for (k, (radius, label)) in balls.into_iter().enumerate() {
+                let off = (0..3).map(|i| (p[i] - centre(k)[i]).powi(2)).sum::<f64>();
+                if off < radius * radius {
+                    return label;
+                }
+            }
+            let dyke = (p[0] - 27.0) + 0.3 * (p[1] - 20.0) + 0.2 * seed * (p[2] - 20.0);
+            match dyke.abs() < 2.6 {
+                true => 9.0,
+                false => {
+                    1.0 + f64::from(u8::from(
+                        p[2] > 24.0 + 0.15 * p[0] + 2.0 * (p[1] / 9.0 + seed).sin(),
+                    ))
+                }
+            }
+        })
+    }
+
+    fn meshed(image: &Image<3>, params: &Params<3>) -> Outcome<3> {
+        run(image, params, &mut Unobserved).unwrap()
+    }
+
+    #[test]
+    fn regions_have_the_volumes_of_their_samples_and_faces_where_labels_change() {
+        for seed in [0.0, 1.0, 2.0] {
+            let outcome = meshed(&scene(seed), &Params::default());
+            let regions = outcome.report.regions.as_ref().unwrap();
+            // Where stairs of two interfaces meet there are single samples.
+            assert!(
+                regions.lost.iter().all(|lost| lost.largest < 3),
+                "{regions:?}"
+            );
+            let labels: Vec<i32> = regions.regions.iter().map(|r| r.region).collect();
+            assert_eq!(labels, [1, 2, 3, 5, 7, 9]);
+            for region in &regions.regions {
+                // A ball of 33 samples is all of five small cells.
+                let most = if region.label == 7.0 { 25.0 } else { 0.5 };
+                assert!(region.off_percent.abs() < most, "{seed}: {region:?}");
+            }
+            let made = outcome.simplices().unwrap();
+            let neighbors = made.mesh.neighbors().unwrap();
+            for (face, &n) in neighbors.iter().enumerate() {
+                let (c, k) = (face / 4, face % 4);
+                let parts = n != NONE && made.regions[c] != made.regions[n as usize];
+                assert_eq!(made.feature_faces[c] >> k & 1 == 1, parts);
+            }
+            let angles = outcome.report.quality.as_ref().unwrap();
+            assert!(
+                angles.smallest_angle.worst > 20.0,
+                "{}",
+                angles.smallest_angle.worst
+            );
+            let fidelity = outcome.report.fidelity.as_ref().unwrap();
+            let faces = fidelity.claimed.as_ref().unwrap();
+            assert!(
+                faces.coverage_half > 0.98 && faces.precision > 0.98,
+                "{faces:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn what_is_lost_is_named_and_kept_by_the_option_that_is_named() {
+        let params = Params {
+            spacing: Spacing::Constant(7.0),
+            ..Params::default()
+        };
+        let image = scene(1.0);
+        let outcome = meshed(&image, &params);
+        let lost = &outcome.report.regions.as_ref().unwrap().lost;
+        let whole: Vec<&Lost> = lost.iter().filter(|lost| lost.largest > 2).collect();
+        let [one] = whole[..] else {
+            panic!("{lost:?}");
+        };
+        assert_eq!((one.label, one.parts, one.whole), (7.0, 1, true));
+        assert!(one.largest > 25 && one.largest < 40, "{one:?}");
+        assert!(one.said().contains("label 7") && one.said().contains("keeps it"));
+        let wish = one.option();
+        let wish = LabelWish::parse(wish.strip_prefix("--label ").unwrap()).unwrap();
+        let kept = Params {
+            labels: vec![wish],
+            feature: FeatureKind::Labels,
+            ..params
+        };
+        let outcome = meshed(&image, &kept);
+        let regions = outcome.report.regions.as_ref().unwrap();
+        assert!(
+            regions.lost.iter().all(|lost| lost.largest < 3),
+            "{:?}",
+            regions.lost
+        );
+        let small = regions.regions.iter().find(|r| r.label == 7.0).unwrap();
+        // It has 27 samples.
+        assert!(small.off_percent.abs() < 10.0, "{small:?}");
+    }
+
+    #[test]
+    fn a_label_has_its_own_distance_and_name_or_becomes_part_of_another() {
+        let wishes = ["3:distance=2.5,name=core", "5:into=1", "9:distance=12"];
+        let wishes = wishes.map(|text| LabelWish::parse(text).unwrap());
+        let params = Params {
+            spacing: Spacing::Constant(7.0),
+            feature: FeatureKind::Labels,
+            labels: wishes.to_vec(),
+            ..Params::default()
+        };
+        let outcome = meshed(&scene(0.0), &params);
+        let regions = &outcome.report.regions.as_ref().unwrap().regions;
+        assert!(regions.iter().all(|region| region.label != 5.0));
+        let core = regions.iter().find(|region| region.label == 3.0).unwrap();
+        assert_eq!(core.name.as_deref(), Some("core"));
+        // A cell of the densest lattice has d^3 / (6 sqrt 2).
+        let about = core.volume / (2.5f64.powi(3) / 8.485);
+        let cells = core.cells as f64;
+        assert!(
+            cells > 0.5 * about && cells < 2.0 * about,
+            "{cells} {about}"
+        );
+        assert!(outcome.distance.at([16.0, 18.0, 20.0]) < 2.6);
+        assert!(outcome.distance.at([46.0, 40.0, 8.0]) < 7.1);
+    }
+
+    #[test]
+    fn voronoi_cells_and_triangles_have_regions_too() {
+        let params = Params {
+            cells: CellKind::Voronoi,
+            spacing: Spacing::Constant(5.0),
+            ..Params::default()
+        };
+        let outcome = meshed(&scene(0.0), &params);
+        let cells = outcome.voronoi().unwrap();
+        assert!(cells.region.contains(&3) && cells.region.contains(&9));
+        for region in &outcome.report.regions.as_ref().unwrap().regions {
+            let large = [1.0, 2.0, 3.0].contains(&region.label);
+            assert!(!large || region.off_percent.abs() < 3.0, "{region:?}");
+        }
+        let disc = |x: f64, y: f64| f64::from(u8::from((x - 22.0).hypot(y - 19.0) < 11.0));
+        let samples = (0..48 * 40).map(|i| disc((i % 48) as f64, (i / 48) as f64) as f32);
+        let image = Image::new([48, 40], samples.collect(), Default::default());
+        let outcome = run(&image, &Params::<2>::default(), &mut Unobserved).unwrap();
+        let regions = &outcome.report.regions.as_ref().unwrap().regions;
+        assert!(
+            regions.iter().all(|region| region.off_percent.abs() < 0.5),
+            "{regions:?}"
+        );
+    }
+
+    #[test]
+    fn labels_that_are_no_whole_numbers_are_numbered() {
+        let of = |labels: &[f32]| -> Vec<i32> {
+            (0..labels.len())
+                .map(|n| labelled::region(labels, n))
+                .collect()
+        };
+        assert_eq!(of(&[-1.0, 0.0, 300.0]), [-1, 0, 300]);
+        assert_eq!(of(&[0.25, 1.0]), [0, 1]);
+    }
+}

@@ -1,0 +1,143 @@
+//! What became of the labels of an image.
+
+use serde::Serialize;
+
+/// The regions of a mesh.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Regions {
+    /// One for each label, in ascending order.
+    pub regions: Vec<Region>,
+    /// Connected parts of labels that the mesh does not have, by label.
+    pub lost: Vec<Lost>,
+}
+
+/// A region of the mesh.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Region {
+    /// The value that its samples have.
+    pub label: f64,
+    /// The value that its cells have.
+    pub region: i32,
+    /// What it is called.
+    pub name: Option<String>,
+    /// Number of connected parts in the image.
+    pub parts: usize,
+    /// Number of cells.
+    pub cells: usize,
+    /// Volume (area in 2-D) of its cells, in the image's units.
+    pub volume: f64,
+    /// Volume of its samples, as far as they lie in the box through the outermost samples.
+    pub volume_of_samples: f64,
+    /// By how much the volume is off that of the samples, in percent.
+    pub off_percent: f64,
+}
+
+/// Parts of a label that the mesh does not have.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Lost {
+    /// The label.
+    pub label: f64,
+    /// What it is called.
+    pub name: Option<String>,
+    /// How many parts.
+    pub parts: usize,
+    /// Whether that is all of the label.
+    pub whole: bool,
+    /// Their samples.
+    pub samples: usize,
+    /// The samples of the largest.
+    pub largest: usize,
+    /// Where its first sample is, in the image's coordinates.
+    pub at: Vec<f64>,
+    /// The distance between atoms, in samples, that would keep it.
+    pub distance: f64,
+}
+
+impl Lost {
+    /// The option that would keep the largest.
+    pub fn option(&self) -> String {
+        format!("--label {}:distance={}", self.label, self.distance)
+    }
+
+    /// What to say.
+    pub fn said(&self) -> String {
+        let name = self
+            .name
+            .as_ref()
+            .map_or(String::new(), |name| format!(" ({name})"));
+        let at: Vec<String> = self.at.iter().map(|x| format!("{x:.4}")).collect();
+        let at = at
+            .iter()
+            .map(|x| x.trim_end_matches('0').trim_end_matches('.'));
+        let at = at.collect::<Vec<_>>().join(", ");
+        let what = match self.parts {
+            1 => format!("a part of {} samples at ({at})", self.largest),
+            parts => format!(
+                "{parts} parts of {} samples, the largest of {} at ({at})",
+                self.samples, self.largest
+            ),
+        };
+        format!(
+            "LOST of label {}{name}: {what}; {} keeps it",
+            self.label,
+            self.option()
+        )
+    }
+}
+
+/// How many regions are shown.
+const SHOWN: usize = 40;
+
+impl Regions {
+    /// The lines of the table.
+    pub(super) fn lines(&self) -> Vec<String> {
+        let mut lines = vec![format!(
+            "{:>8} {:>9} {:>14} {:>14} {:>8}  name",
+            "label", "cells", "volume", "of samples", "off %"
+        )];
+        for region in self.regions.iter().take(SHOWN) {
+            let number = |x: f64| match x.abs() {
+                a if a >= 1e9 || (a < 1e-2 && a > 0.0) => format!("{x:.4e}"),
+                _ => format!("{x:.1}"),
+            };
+            lines.push(format!(
+                "{:>8} {:>9} {:>14} {:>14} {:>+8.2}  {}",
+                region.label,
+                super::table::grouped(region.cells),
+                number(region.volume),
+                number(region.volume_of_samples),
+                region.off_percent,
+                region.name.as_deref().unwrap_or("")
+            ));
+        }
+        if self.regions.len() > SHOWN {
+            lines.push(format!("... {} more in JSON", self.regions.len() - SHOWN));
+        }
+        lines.extend(self.lost.iter().map(Lost::said));
+        lines
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_lost_is_named_with_its_size_and_what_keeps_it() {
+        let lost = Lost {
+            label: 13.0,
+            name: Some("cyst".into()),
+            parts: 2,
+            whole: false,
+            samples: 20,
+            largest: 18,
+            at: vec![29.0, 42.5, 71.0],
+            distance: 1.4,
+        };
+        assert_eq!(
+            lost.said(),
+            "LOST of label 13 (cyst): 2 parts of 20 samples, the largest of 18 at (29, 42.5, 71); \
+             --label 13:distance=1.4 keeps it"
+        );
+    }
+}

@@ -1,0 +1,302 @@
+//! Meshes that other programs wrote: Gmsh's and Exodus.
+//!
+//! - `gmsh`: `.msh`, versions 2.2 and 4.1, text and binary
+//! - `exodus`: Exodus II in NetCDF's classic formats
+//! - `netcdf`: these formats
+//!
+//! They become what our own files are: tetrahedra with their region, and the faces within the mesh that
+//! belong to named surfaces as faces on features; or triangles of the plane.
+
+mod exodus;
+mod gmsh;
+mod netcdf;
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+
+use super::labels::{LabelledRegion, labels_text};
+use super::vtu::{cell_values, count, read_any_vtu, read_arrays, read_nodes};
+use super::{AnyMesh, MeshFile};
+use crate::error::{cause, os};
+use crate::files::open;
+use crate::files::vtk::{DataArray, VtkFile};
+use crate::mesh::complex::NONE;
+use crate::mesh::{Simplices, TetMesh, TriMesh};
+use crate::{Error, Result};
+
+/// Reads a mesh: ours, VTK's, Gmsh's or Exodus'; which, its first bytes say.
+///
+/// # Errors
+/// As [`read_any_vtu`]; [`Error::Mesh`] for what is damaged or holds other cells than simplices.
+pub fn read_any_mesh(path: &Path) -> Result<AnyMesh> {
+    use std::io::Read;
+    let mut first = Vec::new();
+    let file = open(path, "give a mesh")?;
+    let read = file.take(16).read_to_end(&mut first);
+    read.map_err(|e| os(path, "read", e))?;
+    let all = || fs::read(path).map_err(|e| os(path, "read", e));
+    let mesh = if first.starts_with(b"$MeshFormat") || first.starts_with(b"$Comments") {
+        gmsh::read(&all()?).and_then(Foreign::assembled)
+    } else if first.starts_with(b"CDF") {
+        exodus::read(&all()?).and_then(Foreign::assembled)
+    } else if first.starts_with(b"\x89HDF") {
+        Err(Fault {
+            problem: "is HDF5, or NetCDF-4 on it".into(),
+            remedy: "write NetCDF's classic format (nccopy -k 64-bit-offset), or .vtu",
+        })
+    } else {
+        return read_any_vtu(path);
+    };
+    mesh.map_err(|fault| Error::Mesh(cause(path.display(), fault.problem, fault.remedy)))
+}
+
+/// VTK's numbers of vertices, lines, triangles and tetrahedra, with their corners.
+const SMALLER: [(i64, usize); 4] = [(1, 1), (3, 2), (5, 3), (10, 4)];
+/// Arrays of cells that programs (ours, Gmsh through meshio, Medit, GEOS) number regions by.
+const REGIONS: [&str; 5] = [
+    "region",
+    "gmsh:physical",
+    "medit:ref",
+    "attribute",
+    "CellEntityIds",
+];
+
+/// Whether VTK's cells are tetrahedra with triangles, lines or vertices beside them.
+pub(super) fn is_mixed(types: &[i64]) -> bool {
+    let small = |kind: &i64| SMALLER.iter().any(|(known, _)| known == kind);
+    types.iter().all(small) && types.contains(&10) && types.iter().any(|kind| *kind != 10)
+}
+
+/// A mesh of such cells: triangles within it lie on features.
+pub(super) fn mixed(path: &Path, file: &VtkFile, types: &[i64]) -> Result<AnyMesh> {
+    let piece = file.piece()?;
+    let points = count(file, piece, "NumberOfPoints")?;
+    let cells = file.child(piece, "Cells")?;
+    let (ends, corners) = (
+        cell_values(file, cells, "offsets")?,
+        cell_values(file, cells, "connectivity")?,
+    );
+    let arrays = read_arrays(file, piece, "CellData", types.len())?;
+    let named = |name: &&str| arrays.iter().find(|a| a.name == *name && a.components == 1);
+    let regions = REGIONS
+        .iter()
+        .find_map(named)
+        .map(|array| array.values.to_i64());
+    let damaged = || file.fault("has cells of other nodes than it says", "write it again");
+    let mut foreign = Foreign {
+        nodes: read_nodes(file, file.child(piece, "Points")?, points)?,
+        ..Foreign::default()
+    };
+    let mut begin = 0;
+    for (c, kind) in types.iter().enumerate() {
+        let size = SMALLER
+            .iter()
+            .find(|(known, _)| known == kind)
+            .map_or(0, |(_, size)| *size);
+        let end = usize::try_from(*ends.get(c).ok_or_else(damaged)?).map_err(|_| damaged())?;
+        let nodes = corners.get(begin..end).filter(|nodes| nodes.len() == size);
+        let node = |k: usize| u32::try_from(nodes.map_or(-1, |nodes| nodes[k]));
+        let all = |k: usize| node(k).map_err(|_| damaged());
+        let region = regions.as_ref().map_or(0, |regions| regions[c] as i32);
+        match size {
+            4 => foreign
+                .tets
+                .push(([all(0)?, all(1)?, all(2)?, all(3)?], region)),
+            3 => foreign
+                .triangles
+                .push(([all(0)?, all(1)?, all(2)?], region)),
+            _ if nodes.is_none() => return Err(damaged()),
+            _ => {}
+        }
+        begin = end;
+    }
+    let fault = |fault: Fault| Error::Mesh(cause(path.display(), fault.problem, fault.remedy));
+    foreign.assembled().map_err(fault)
+}
+
+/// What is wrong with a file.
+#[derive(Debug)]
+struct Fault {
+    problem: String,
+    remedy: &'static str,
+}
+
+impl Fault {
+    /// Of a file that is not as its format says.
+    fn damaged(problem: impl Into<String>) -> Self {
+        Self {
+            problem: problem.into(),
+            remedy: "write it again",
+        }
+    }
+}
+
+type Found<T> = std::result::Result<T, Fault>;
+
+/// A mesh as formats of finite elements have it.
+#[derive(Debug, Default)]
+struct Foreign {
+    nodes: Vec<[f64; 3]>,
+    /// Corners of tetrahedra, each with the number of its region.
+    tets: Vec<([u32; 4], i32)>,
+    /// Corners of triangles, with regions: the cells of a mesh of the plane, else faces.
+    triangles: Vec<([u32; 3], i32)>,
+    /// Ends of edges: faces of a mesh of the plane.
+    edges: Vec<[u32; 2]>,
+    /// Names of regions.
+    names: BTreeMap<i32, String>,
+}
+
+impl Foreign {
+    /// The mesh that it is.
+    fn assembled(self) -> Found<AnyMesh> {
+        let count = self.nodes.len();
+        let used = |corners: &[u32]| corners.iter().all(|&n| (n as usize) < count);
+        let known = self.tets.iter().all(|(t, _)| used(t))
+            && self.triangles.iter().all(|(t, _)| used(t))
+            && self.edges.iter().all(|e| used(e));
+        if !known {
+            return Err(Fault::damaged("has a cell of nodes that it does not have"));
+        }
+        if let Some(node) = self
+            .nodes
+            .iter()
+            .position(|x| x.iter().any(|c| !c.is_finite()))
+        {
+            return Err(Fault::damaged(format!("node {node} is not finite")));
+        }
+        if !self.tets.is_empty() {
+            let faces = self.triangles.iter().map(|(face, _)| *face).collect();
+            let file = made::<3, TetMesh, 4>(&self.nodes, &self.tets, faces, &self.names)?;
+            return Ok(AnyMesh::Space(file));
+        }
+        if self.triangles.is_empty() {
+            return Err(Fault {
+                problem: "holds neither tetrahedra nor triangles".into(),
+                remedy: "give a mesh of these",
+            });
+        }
+        let off = |&n: &u32| self.nodes[n as usize][2] != 0.0;
+        if self.triangles.iter().any(|(t, _)| t.iter().any(off)) {
+            return Err(Fault {
+                problem: "holds triangles off the plane z = 0, but no tetrahedra".into(),
+                remedy: "give the mesh of the volume, or one of that plane",
+            });
+        }
+        let nodes: Vec<[f64; 2]> = self.nodes.iter().map(|x| [x[0], x[1]]).collect();
+        let file = made::<2, TriMesh, 3>(&nodes, &self.triangles, self.edges, &self.names)?;
+        Ok(AnyMesh::Plane(file))
+    }
+}
+
+/// Simplices of `N` nodes with their regions and with marks on the `faces` within the mesh; nodes that no
+/// cell has are left out, and cells turned to be positive.
+fn made<const D: usize, M: Simplices<D>, const N: usize>(
+    nodes: &[[f64; D]],
+    cells: &[([u32; N], i32)],
+    mut faces: Vec<[u32; D]>,
+    names: &BTreeMap<i32, String>,
+) -> Found<MeshFile<M>> {
+    let mut place = vec![NONE; nodes.len()];
+    for &n in cells.iter().flat_map(|(corners, _)| corners) {
+        place[n as usize] = 0;
+    }
+    let mut kept = Vec::new();
+    for (place, &x) in place.iter_mut().zip(nodes) {
+        if *place == 0 {
+            *place = kept.len() as u32;
+            kept.push(x);
+        }
+    }
+    let corners = cells.iter().flat_map(|(corners, _)| corners);
+    let corners: Vec<u32> = corners.map(|&n| place[n as usize]).collect();
+    let mut mesh = M::from_parts(kept, corners);
+    let turned: Vec<usize> = (0..mesh.len()).filter(|&c| mesh.volume(c) < 0.0).collect();
+    for c in turned {
+        mesh.parts_mut().1.swap(N * c + N - 2, N * c + N - 1);
+    }
+    let neighbors = mesh
+        .neighbors()
+        .map_err(|face| Fault::damaged(format!("more than two cells share the face {face:?}")))?;
+    for face in &mut faces {
+        *face = face.map(|n| place[n as usize]);
+        face.sort_unstable();
+    }
+    faces.sort_unstable();
+    let marked = |c: usize| -> u8 {
+        let bit = |k: usize| {
+            let mut face = mesh.face(c, k);
+            face.sort_unstable();
+            let within = neighbors[N * c + k] != NONE;
+            u8::from(within && faces.binary_search(&face).is_ok()) << k
+        };
+        (0..N).map(bit).sum()
+    };
+    let marks: Vec<u8> = (0..mesh.len()).map(marked).collect();
+    let regions: Vec<i32> = cells.iter().map(|(_, region)| *region).collect();
+    let mut field_data = Vec::new();
+    if !names.is_empty() {
+        let mut known = regions.clone();
+        known.sort_unstable();
+        known.dedup();
+        let labels = known.iter().map(|&region| LabelledRegion {
+            region,
+            label: f64::from(region),
+            name: names.get(&region).cloned(),
+        });
+        let labels: Vec<_> = labels.collect();
+        field_data.extend(labels_text(&labels));
+    }
+    Ok(MeshFile {
+        mesh,
+        point_data: Vec::new(),
+        cell_data: vec![
+            DataArray::scalars("region", regions),
+            DataArray::scalars(M::FEATURE_FACES, marks),
+        ],
+        field_data,
+    })
+}
+
+/// The region that a name of ours stands for: `region7` is 7.
+fn numbered(name: &str) -> Option<i32> {
+    name.strip_prefix("region")?.replace('_', "-").parse().ok()
+}
+
+/// Gives regions the numbers that their names stand for, if these are numbers that no other has; other
+/// names are kept as far as exports can hold them.
+fn settle(groups: BTreeMap<i32, String>) -> (BTreeMap<i32, i32>, BTreeMap<i32, String>) {
+    let numbers: BTreeMap<i32, i32> = (groups.iter())
+        .filter_map(|(&group, name)| Some((group, numbered(name)?)))
+        .collect();
+    let free = |number: &i32| !groups.contains_key(number) || numbers.contains_key(number);
+    if !numbers.is_empty() && numbers.values().all(free) {
+        let rest = groups
+            .into_iter()
+            .filter(|(group, _)| !numbers.contains_key(group));
+        let names = named(rest);
+        return (numbers, names);
+    }
+    (BTreeMap::new(), named(groups))
+}
+
+fn named(groups: impl IntoIterator<Item = (i32, String)>) -> BTreeMap<i32, String> {
+    let plain = |name: String| -> String {
+        let plain = |c: char| {
+            if c.is_ascii_alphanumeric() || c == '-' {
+                c
+            } else {
+                '_'
+            }
+        };
+        name.chars().take(60).map(plain).collect()
+    };
+    let named = groups
+        .into_iter()
+        .filter(|(_, name)| !name.trim().is_empty());
+    named.map(|(group, name)| (group, plain(name))).collect()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,207 @@
+//! Small meshes of others, as text and as bytes.
+
+use super::*;
+use crate::mesh::Mesh as _;
+
+/// Two tetrahedra on a triangle that is a surface; node 9 belongs to no cell.
+const TEXT_2: &str = "$MeshFormat
+2.2 0 8
+$EndMeshFormat
+$PhysicalNames
+3
+2 5 \"fault\"
+3 1 \"left lung\"
+3 2 \"rest\"
+$EndPhysicalNames
+$Nodes
+6
+1 0 0 0
+2 1 0 0
+3 0 1 0
+4 0 0 1
+5 0 0 -1
+9 7 7 7
+$EndNodes
+$Elements
+4
+1 15 2 0 1 9
+2 2 2 5 1 1 2 3
+3 4 2 1 1 1 2 3 4
+4 4 2 2 2 1 2 3 5
+$EndElements
+";
+
+const TEXT_4: &str = "$MeshFormat
+4.1 0 8
+$EndMeshFormat
+$PhysicalNames
+3
+2 5 \"fault\"
+3 1 \"left lung\"
+3 2 \"rest\"
+$EndPhysicalNames
+$Entities
+1 0 1 2
+1 7 7 7 0
+1 0 0 0 1 1 0 1 5 0
+1 0 0 0 1 1 1 1 1 1 1
+2 0 0 -1 1 1 0 1 2 1 1
+$EndEntities
+$Nodes
+2 6 1 9
+0 1 0 1
+9
+7 7 7
+3 1 0 5
+1
+2
+3
+4
+5
+0 0 0
+1 0 0
+0 1 0
+0 0 1
+0 0 -1
+$EndNodes
+$Elements
+3 3 2 4
+2 1 2 1
+2 1 2 3
+3 1 4 1
+3 1 2 3 4
+3 2 4 1
+4 1 2 3 5
+$EndElements
+";
+
+fn bytes_2(swap: bool) -> Vec<u8> {
+    let mut bytes = b"$MeshFormat\n2.2 1 8\n".to_vec();
+    fn put<const N: usize>(bytes: &mut Vec<u8>, mut number: [u8; N], swap: bool) {
+        if swap {
+            number.reverse();
+        }
+        bytes.extend(number);
+    }
+    put(&mut bytes, 1i32.to_le_bytes(), swap);
+    bytes.extend(b"\n$EndMeshFormat\n$Nodes\n5\n");
+    let nodes = [
+        [0.0, 0.0, 0.0],
+        [1.0, 0.0, 0.0],
+        [0.0, 1.0, 0.0],
+        [0.0, 0.0, 1.0],
+        [0.0, 0.0, -1.0],
+    ];
+    for (number, x) in (1i32..).zip(nodes) {
+        put(&mut bytes, number.to_le_bytes(), swap);
+        let _ = x.map(|c: f64| put(&mut bytes, c.to_le_bytes(), swap));
+    }
+    bytes.extend(b"\n$EndNodes\n$Elements\n3\n");
+    #[rustfmt::skip]
+    let elements: [i32; 25] = [
+        2, 1, 2, 1, 5, 1, 1, 2, 3,
+        4, 2, 2, 2, 1, 1, 1, 2, 3, 4, 3, 2, 2, 1, 2, 3,
+    ];
+    let _ = elements.map(|n| put(&mut bytes, n.to_le_bytes(), swap));
+    put(&mut bytes, 5i32.to_le_bytes(), swap);
+    bytes.extend(b"\n$EndElements\n");
+    bytes
+}
+
+fn tets(bytes: &[u8]) -> MeshFile<TetMesh> {
+    match gmsh::read(bytes).and_then(Foreign::assembled) {
+        Ok(AnyMesh::Space(file)) => file,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn gmsh_meshes_keep_regions_names_and_surfaces() {
+    let own = [
+        TEXT_2.as_bytes().to_vec(),
+        TEXT_4.as_bytes().to_vec(),
+        bytes_2(false),
+        bytes_2(true),
+    ];
+    for (number, bytes) in own.iter().enumerate() {
+        let file = tets(bytes);
+        assert_eq!(file.mesh.nodes.len(), 5, "{number}");
+        assert_eq!(file.mesh.len(), 2, "{number}");
+        assert!((0..2).all(|c| file.mesh.volume(c) > 0.16), "{number}");
+        let array = |name: &str| file.cell_array(name).unwrap().values.to_i64();
+        assert_eq!(array("region"), [1, 2], "{number}");
+        for (c, bits) in array("feature_faces").into_iter().enumerate() {
+            let k = bits.trailing_zeros() as usize;
+            assert_eq!(bits.count_ones(), 1, "{number}");
+            let apex = file.mesh.nodes[file.mesh.tets[c][k] as usize];
+            assert_eq!(apex[2].abs(), 1.0, "{number}");
+        }
+        let names: Vec<_> = crate::store::labels_of(&file)
+            .into_iter()
+            .map(|l| l.name)
+            .collect();
+        if number < 2 {
+            assert_eq!(names, [Some("left_lung".into()), Some("rest".into())]);
+        }
+    }
+}
+
+#[test]
+fn triangles_of_the_plane_are_a_mesh_and_others_are_refused() {
+    let text = |elements: &str| {
+        format!(
+            "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n5\n1 0 0 0\n2 1 0 0\n3 1 1 0\n4 0 1 0\n5 0 0 1\n\
+             $EndNodes\n$Elements\n{elements}$EndElements\n"
+        )
+    };
+    let read = |elements: &str| gmsh::read(text(elements).as_bytes()).and_then(Foreign::assembled);
+    let Ok(AnyMesh::Plane(file)) = read("3\n1 1 2 9 1 1 3\n2 2 2 4 1 1 3 2\n3 2 2 6 1 1 3 4\n")
+    else {
+        panic!("no mesh of the plane");
+    };
+    assert!((0..2).all(|c| file.mesh.volume(c) == 0.5));
+    let edges = file.cell_array("feature_edges").unwrap().values.to_i64();
+    assert!(edges.iter().all(|bits| bits.count_ones() == 1), "{edges:?}");
+    for (elements, word) in [
+        ("1\n1 5 2 1 1 1 2 3 4 1 2 3 4\n", "hexahedra"),
+        ("1\n1 2 2 1 1 1 2 5\n", "off the plane"),
+        ("1\n1 2 2 1 1 1 2 8\n", "node 8"),
+        ("1\n1 1 2 1 1 1 2\n", "neither"),
+        ("2\n1 2 2 1 1 1 2 3\n", "where a number should be"),
+        ("1\n1 77 2 1 1 1 2 3\n", "type 77"),
+        (
+            "3\n1 2 2 1 1 1 2 3\n2 2 2 1 1 1 2 3\n3 2 2 1 1 1 2 3\n",
+            "share the face",
+        ),
+    ] {
+        let fault = read(elements).unwrap_err();
+        assert!(
+            fault.problem.contains(word),
+            "{elements}: {}",
+            fault.problem
+        );
+    }
+    let old = TEXT_4.replace("4.1", "4.0");
+    assert!(
+        gmsh::read(old.as_bytes())
+            .unwrap_err()
+            .remedy
+            .contains("4.1")
+    );
+}
+
+#[test]
+fn cut_files_are_refused_wherever_they_end() {
+    let mut all = vec![
+        TEXT_2.as_bytes().to_vec(),
+        TEXT_4.as_bytes().to_vec(),
+        bytes_2(false),
+    ];
+    for bytes in &mut all {
+        let whole = bytes.len() - b"$EndElements\n".len();
+        for end in 12..whole {
+            let made = gmsh::read(&bytes[..end]).and_then(Foreign::assembled);
+            assert!(made.is_err(), "{end} of {whole}");
+        }
+    }
+}

@@ -1,0 +1,52 @@
+//! The regions of a mesh that are labels of its image, as its file keeps them.
+
+use serde::{Deserialize, Serialize};
+
+use super::{FieldValue, MeshFile};
+use crate::feature::Labelled;
+
+/// The name under which a file keeps them.
+const LABELS: &str = "labels";
+
+/// A region that is a label of the image.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct LabelledRegion {
+    /// The value that its cells have.
+    pub region: i32,
+    /// The value that its samples have.
+    pub label: f64,
+    /// What it is called.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
+}
+
+/// What a file says of labels.
+pub(super) fn labels_field<const D: usize>(labelled: &Labelled<D>) -> Option<(String, FieldValue)> {
+    let regions: Vec<LabelledRegion> = (labelled.labels.iter().zip(&labelled.names).enumerate())
+        .map(|(number, (&label, name))| LabelledRegion {
+            region: labelled.region(number),
+            label: f64::from(label),
+            name: name.clone(),
+        })
+        .collect();
+    labels_text(&regions)
+}
+
+/// The field that says it.
+pub(super) fn labels_text(regions: &[LabelledRegion]) -> Option<(String, FieldValue)> {
+    let text = serde_json::to_string(regions).ok()?;
+    Some((LABELS.into(), FieldValue::Text(text)))
+}
+
+/// Regions that are set anew are no labels any more.
+pub(super) fn forget_labels<M>(file: &mut MeshFile<M>) {
+    file.field_data.retain(|(name, _)| name != LABELS);
+}
+
+/// The labels of a file; none if its regions are no labels.
+pub fn labels_of<M>(file: &MeshFile<M>) -> Vec<LabelledRegion> {
+    match file.field(LABELS) {
+        Some(FieldValue::Text(text)) => serde_json::from_str(text.trim()).unwrap_or_default(),
+        _ => Vec::new(),
+    }
+}

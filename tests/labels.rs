@@ -1,0 +1,183 @@
+//! Images of labels: from the image to regions, surfaces and named sets.
+#![cfg(feature = "tetgen")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "a test that cannot go on has failed"
+)]
+
+mod common;
+
+use std::collections::BTreeMap;
+
+use common::{npy, refused, run};
+
+/// Two layers, a ball in both, and a speck.
+fn label([x, y, z]: [usize; 3]) -> f32 {
+    let off = |c: [f32; 3]| {
+        let p = [x, y, z].map(|i| i as f32);
+        (0..3).map(|k| (p[k] - c[k]).powi(2)).sum::<f32>().sqrt()
+    };
+    match () {
+        () if off([20.0, 17.0, 15.0]) < 9.0 => 3.0,
+        () if [x, y, z] == [34, 30, 27] => 7.0,
+        () => 1.0 + f32::from(u8::from(z as f32 > 14.0 + 0.1 * x as f32)),
+    }
+}
+
+#[test]
+fn labels_become_regions_closed_surfaces_and_named_sets() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    npy(&folder.join("labels.npy"), [40, 36, 32], label);
+    let said = run(
+        folder,
+        "mesh labels.npy -o m.vtu --distance 3:6 --label 3:name=core",
+    );
+    let lost =
+        "LOST of label 7: a part of 1 samples at (34, 30, 27); --label 7:distance=0.55 keeps it";
+    assert!(said.contains(lost), "{said}");
+    assert!(said.contains("label 7") && said.contains("fair"), "{said}");
+
+    let said = run(folder, "surface m.vtu --by regions -o s.obj");
+    assert!(said.contains("wrote s.obj: 5 surfaces"), "{said}");
+    let text = std::fs::read_to_string(folder.join("s.obj")).unwrap();
+    let mut surfaces: BTreeMap<&str, Vec<[usize; 3]>> = BTreeMap::new();
+    let mut name = "";
+    for line in text.lines() {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        match words[..] {
+            ["o" | "g", now] => name = now,
+            ["f", a, b, c] => {
+                let face = [a, b, c].map(|n| n.split('/').next().unwrap().parse().unwrap());
+                surfaces.entry(name).or_default().push(face);
+            }
+            _ => {}
+        }
+    }
+    let names: Vec<&str> = surfaces.keys().copied().collect();
+    assert_eq!(names, ["1_2", "1_core", "1_outside", "2_core", "2_outside"]);
+    for region in ["1", "2", "core"] {
+        let mut edges: BTreeMap<[usize; 2], i32> = BTreeMap::new();
+        for (name, faces) in &surfaces {
+            let (inside, outside) = name.split_once('_').unwrap();
+            let sign = i32::from(inside == region) - i32::from(outside == region);
+            for face in faces {
+                for k in 0..3 {
+                    let (a, b) = (face[k], face[(k + 1) % 3]);
+                    *edges.entry([a.min(b), a.max(b)]).or_default() +=
+                        if a < b { sign } else { -sign };
+                }
+            }
+        }
+        assert!(edges.values().all(|sum| *sum == 0), "{region} has a hole");
+    }
+
+    run(folder, "export m.vtu --to msh2 -o m.msh --quiet");
+    let text = std::fs::read_to_string(folder.join("m.msh")).unwrap();
+    for name in [
+        "core",
+        "region1",
+        "interface_1_2",
+        "interface_1_core",
+        "interface_2_core",
+        "xmin",
+    ] {
+        assert!(
+            text.contains(&format!("\"{name}\"")),
+            "no {name}: {}",
+            &text[..600]
+        );
+    }
+    assert!(!text.contains("fault1"), "{}", &text[..600]);
+}
+
+#[test]
+fn labels_that_are_not_there_and_wishes_that_cannot_be_met_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    npy(&folder.join("labels.npy"), [40, 36, 32], label);
+    for (wish, word) in [
+        (
+            "--label 5:distance=2",
+            "label 5: is not in the image, whose labels are 1, 2, 3, 7",
+        ),
+        ("--label 3:distance=0", "--label 3:distance=0"),
+        ("--label 3:colour=1", "is not known"),
+        ("--label 3:distance=40", "40"),
+        ("--label 3:name=x --feature edges", "--label"),
+    ] {
+        let line = format!("mesh labels.npy -o m.vtu {wish}");
+        let said = refused(folder, &line.split_whitespace().collect::<Vec<_>>());
+        assert!(said.contains(word), "{wish}: {said}");
+    }
+    run(folder, "synth sphere -o s.npy --dims 30,30,30 --quiet");
+    run(
+        folder,
+        "mesh s.npy -o s.vtu --distance 6 --feature edges --quiet",
+    );
+    let said = refused(
+        folder,
+        &["surface", "s.vtu", "--by", "regions", "-o", "a.vtp"],
+    );
+    assert!(said.contains("only one region"), "{said}");
+}
+
+#[test]
+fn meshes_of_others_are_good_for_every_verb() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    npy(&folder.join("labels.npy"), [40, 36, 32], label);
+    run(
+        folder,
+        "mesh labels.npy -o m.vtu --distance 6 --label 3:name=core --quiet",
+    );
+    let own: serde_json::Value =
+        serde_json::from_str(&run(folder, "quality m.vtu --json --quiet")).unwrap();
+    for (format, file) in [("msh", "a.msh"), ("msh2", "b.msh"), ("exodus", "c.exo")] {
+        run(
+            folder,
+            &format!("export m.vtu --to {format} -o {file} --quiet"),
+        );
+        let said = run(folder, &format!("quality {file} --json --quiet"));
+        let other: serde_json::Value = serde_json::from_str(&said).unwrap();
+        for figure in ["nodes", "cells", "below_20"] {
+            assert_eq!(
+                own["quality"][figure], other["quality"][figure],
+                "{file} {figure}"
+            );
+        }
+        assert_eq!(
+            other["box"]["problems"].as_array().map(Vec::len),
+            Some(0),
+            "{file}"
+        );
+        let said = run(
+            folder,
+            &format!("surface {file} --by regions -o {format}.obj"),
+        );
+        for name in ["core", "1 ", "2 "] {
+            assert!(said.contains(name), "{file}: {said}");
+        }
+        run(
+            folder,
+            &format!("export {file} --to inp -o {format}.inp --quiet"),
+        );
+        let text = std::fs::read_to_string(folder.join(format!("{format}.inp"))).unwrap();
+        assert!(text.contains("ELSET=CORE"), "{file}");
+        run(
+            folder,
+            &format!("flow {file} -o flow.vtu --pressure xmin=1 --pressure xmax=0 --quiet"),
+        );
+    }
+    let cut = std::fs::read(folder.join("c.exo")).unwrap();
+    std::fs::write(folder.join("cut.exo"), &cut[..cut.len() / 2]).unwrap();
+    let said = refused(folder, &["quality", "cut.exo"]);
+    assert!(said.contains("cut.exo: is cut off"), "{said}");
+    std::fs::write(folder.join("hdf.exo"), b"\x89HDF\r\n\x1a\n and more bytes").unwrap();
+    let said = refused(folder, &["quality", "hdf.exo"]);
+    assert!(
+        said.contains("NetCDF-4") && said.contains("nccopy"),
+        "{said}"
+    );
+}

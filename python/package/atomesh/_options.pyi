@@ -30,6 +30,9 @@ class MeshOptions(TypedDict, total=False):
     threshold: _Number | None
     #: Weights F,H in (0, 1] of faults and horizons where both are followed [default: 1,1]
     feature_weights: _Value | None
+    #: What is wanted of a label: VALUE:distance=D,name=NAME (distance between atoms in it, in
+    #: samples), or VALUE:into=VALUE (it becomes part of another label); may be repeated
+    label: _Values | None
     #: Paths: a point of the object, in physical coordinates; may be repeated
     object: _Values | None
     #: Paths: a point of the background; may be repeated [default: the image's outermost samples]
@@ -567,6 +570,8 @@ class SurfaceOptions(TypedDict, total=False):
     max_bend: _Number | None
     #: Which way is up: x, y, z or -x, -y, -z in physical coordinates [default: z; y in 2-D]
     up: _Value | None
+    #: What makes faces one surface
+    by: Literal["bends", "regions"] | None
     #: Omit surfaces smaller than this, in square samples (length in 2-D); 0 keeps all [default:
     #: ten faces, and 2 % of the largest surface]
     min_area: _Number | None
@@ -623,7 +628,7 @@ class SurfaceOptions(TypedDict, total=False):
     max_memory: int | None
 
 class PaintOptions(TypedDict, total=False):
-    #: Paint stops this far from its seed, in samples (less far through narrow openings)
+    #: Paint stops this far from its seed, in samples, by the shortest way that crosses no surface
     level: _Number | None
     #: Openings narrower than this fraction of the blocks they join are cracks, through which paint
     #: does not pass; 0 for none

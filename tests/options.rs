@@ -59,7 +59,7 @@ const CHOICES: &[Choice] = &[
     any("--sigma 2.5"),
     any("--threshold 0.9"),
     of("labels.mha", "", "--threshold 0.9"),
-    of("labels.mha", "", "--label 1:distance=4,name=disc"),
+    of("labels.mha", "", "--label 1:distance=6,name=disc"),
     of("labels.mha", "", "--label 2:into=1"),
     of(
         "faulted.mha",
@@ -119,8 +119,10 @@ const CHOICES: &[Choice] = &[
 
 /// Options of which, one given, the other says what is so anyhow: alongside is where atoms of Voronoi
 /// cells stand; a lattice whose distance varies, be it for wells, is always grown, as the help says of
-/// fcc; bare samples are 1 apart, in metres as in samples.
-const TWINS: [[&str; 2]; 5] = [
+/// fcc; bare samples are 1 apart, in metres as in samples; labels for which something is wanted are followed.
+const TWINS: [[&str; 2]; 7] = [
+    ["--feature labels", "--label 1:distance"],
+    ["--seeding grown", "--label 1:distance"],
     ["--align alongside", "--cells voronoi"],
     ["--seeding grown", "--distance-from"],
     ["--seeding grown", "--well-distance"],

@@ -5,7 +5,8 @@ Every figure listed here is a line of a page as the program gives it today; a li
 hold is printed beside the one that it does, and the script fails. `--check` does this for those that need
 only the program and take seconds. Otherwise pictures are made, too, in target/figures, under the names that
 they have in docs/ (there they have been reduced). Pictures of other people's images need the folder that
-holds these (BrainT1Slice.png, FatMRISlice.png, 3_fractures.raw), and are left out without. Pictures that scripts of their own draw (their pages say which) are not made here. Needs no package.
+holds these (BrainT1Slice.png, FatMRISlice.png, 3_fractures.raw), and are left out without.
+Pictures that scripts of their own draw (their pages say which) are not made here. Needs no package.
 """
 import argparse
 import json

@@ -182,6 +182,11 @@ impl<const D: usize> Labelled<D> {
         region(&self.labels, number)
     }
 
+    /// The least distance between samples in lattice space.
+    pub fn least_step(&self) -> f64 {
+        self.step.iter().copied().fold(f64::INFINITY, f64::min)
+    }
+
     /// The samples round a position in lattice space, each with its weight.
     #[inline]
     fn around(&self, x: [f64; D], mut visit: impl FnMut(usize, f64)) {

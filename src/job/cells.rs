@@ -110,18 +110,8 @@ where
     let report = stages.patiently(|patience| {
         let mut report = measure(&mesh, weld, &scene, image, patience);
         report.regions = numbers.as_ref().and_then(|numbers| {
-            let places = Places::of_cells(&mesh);
-            let sizes: Vec<f64> = mesh.cell_shapes().iter().map(|shape| shape.0).collect();
-            let step = features.potential.step;
-            regions::report(
-                image,
-                &params.labels,
-                &places,
-                &sizes,
-                numbers,
-                step,
-                patience,
-            )
+            let (places, step) = (Places::of_cells(&mesh), features.potential.step);
+            regions::report(image, &params.labels, &places, numbers, step, patience)
         });
         if let Some(voronoi) = &mut report.voronoi {
             voronoi.conforming = Some(sites.share(&mesh, atoms.len()));

@@ -46,13 +46,11 @@ pub(super) fn of_simplices<const D: usize, M: Simplices<D>>(
     regions
 }
 
-/// What came of the labels of an image: `places` are those of the cells, whose volumes are `sizes` and whose
-/// labels have `numbers`. `None` if they are too many, or `patience` does not last.
+/// What came of the labels of an image: `places` are those of the cells, whose labels have `numbers`. `None` if they are too many, or `patience` does not last.
 pub(super) fn report<const D: usize>(
     image: &Image<D>,
     wishes: &[LabelWish],
     places: &Places<'_, D>,
-    sizes: &[f64],
     numbers: &[u8],
     step: [f64; D],
     patience: &Patience<'_>,
@@ -85,7 +83,7 @@ pub(super) fn report<const D: usize>(
             });
             found
                 .iter_mut()
-                .for_each(|(_, sum)| *sum *= sizes[c] / count);
+                .for_each(|(_, sum)| *sum *= places.sizes[c] / count);
             found
         })
         .collect();
@@ -111,7 +109,7 @@ pub(super) fn report<const D: usize>(
             off_percent: 0.0,
         })
         .collect();
-    for (&n, size) in numbers.iter().zip(sizes) {
+    for (&n, size) in numbers.iter().zip(&places.sizes) {
         all[n as usize].cells += 1;
         all[n as usize].volume += size * world;
     }

@@ -13,7 +13,7 @@ use crate::improve::regions::Places;
 use crate::improve::triangles::relax::{self, Relaxation};
 use crate::improve::{self, SliverMethod};
 use crate::lattice::seeding::Atoms;
-use crate::mesh::{Mesh, Simplices};
+use crate::mesh::Mesh;
 use crate::observer::{Patience, Stage};
 use crate::report::{self, Report, Rival};
 use crate::{Error, Result};
@@ -78,16 +78,7 @@ where
         }
         report.regions = numbers.as_ref().and_then(|numbers| {
             let places = Places::of_simplices(&made.mesh);
-            let sizes: Vec<f64> = (0..made.mesh.len()).map(|c| made.mesh.volume(c)).collect();
-            regions::report(
-                image,
-                &params.labels,
-                &places,
-                &sizes,
-                numbers,
-                step,
-                patience,
-            )
+            regions::report(image, &params.labels, &places, numbers, step, patience)
         });
         report.lattice = Some(report::lattice(&made.mesh, |x| scene.distance.at(x)));
         if let Some((mesh, faces)) = rival {

@@ -20,6 +20,8 @@ type Visiting<'a, const D: usize> = dyn Fn(usize, &mut dyn FnMut([f64; D])) + Sy
 pub struct Places<'a, const D: usize> {
     of_cell: Box<Visiting<'a, D>>,
     count: usize,
+    /// The cells' volumes (areas in 2-D).
+    pub sizes: Vec<f64>,
 }
 
 impl<'a, const D: usize> Places<'a, D> {
@@ -39,6 +41,7 @@ impl<'a, const D: usize> Places<'a, D> {
         Self {
             of_cell: Box::new(of_cell),
             count: mesh.len(),
+            sizes: (0..mesh.len()).map(|c| mesh.volume(c)).collect(),
         }
     }
 
@@ -66,6 +69,7 @@ impl<'a, const D: usize> Places<'a, D> {
         Self {
             of_cell: Box::new(of_cell),
             count,
+            sizes: mesh.cell_shapes().iter().map(|shape| shape.0).collect(),
         }
     }
 

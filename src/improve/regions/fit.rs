@@ -87,12 +87,7 @@ pub fn fit<const D: usize, M: Simplices<D>>(
         })
         .collect();
     let count = fitting.labelled.labels.len();
-    let step = fitting
-        .labelled
-        .step
-        .iter()
-        .copied()
-        .fold(f64::INFINITY, f64::min);
+    let step = fitting.labelled.least_step();
     let mut gives: BTreeMap<[u8; 2], f64> = BTreeMap::new();
     for sweep in 0..SWEEPS {
         if patience.over() {
@@ -149,12 +144,7 @@ impl<const D: usize> Fitting<'_, D> {
         let across = across.map(|a| a / area.max(f64::MIN_POSITIVE));
         let beyond = self.neighbors[(D + 1) * c + k];
         let pair = [c, beyond as usize].map(|c| self.regions[c]);
-        let step = self
-            .labelled
-            .step
-            .iter()
-            .copied()
-            .fold(f64::INFINITY, f64::min);
+        let step = self.labelled.least_step();
         let mut sums = [(0.0, 0.0, 0.0); D];
         for weights in quadrature::<D>() {
             let mut at = [0.0; D];

@@ -258,6 +258,7 @@ fn follow<const D: usize>(
             Some(_) => 0.0,
             None => scene.least_area(detector.least_sheet()),
         },
+        sure: detector.least_sure(),
         least_width: detector.least_width(asked.d_min),
         open,
     };

@@ -19,7 +19,7 @@ use crate::observer::Patience;
 
 /// A Gaussian ridge as wide as the smoothing has, in the smoothed image, sigma^2 times its second
 /// derivative lower than its height by this factor.
-const HEIGHT: f64 = 2.828_427_124_746_19;
+pub const HEIGHT: f64 = 2.828_427_124_746_19;
 
 /// The second direction is tried where its eigenvalue is at least this share of the first one.
 const SECOND: f32 = 0.4;

@@ -32,6 +32,9 @@ pub struct Rules<const D: usize> {
     pub resolution: f64,
     /// A sheet covers at least this area (lattice units squared; in 2-D this length).
     pub min_area: f64,
+    /// At least this share of a sheet is as strong as `high`, if it is not [`ENOUGH`]: what noise makes has a
+    /// few strong points, from which weak ones are followed.
+    pub sure: f64,
     /// Parts of a sheet that are narrower than about this (samples) are left out; 0 if any width will do.
     pub least_width: usize,
     /// A sheet that reaches an open side may be larger than what is seen of it, and is not judged by
@@ -136,6 +139,9 @@ const TOGETHER: f32 = 1.5;
 /// The mean of the points round a point is this far off (samples) where a sheet ends.
 const LOPSIDED: f32 = 0.25;
 
+/// As many times the least area of a sheet, as strong as can be wished, are no noise.
+const ENOUGH: f64 = 4.0;
+
 /// A point passes its sheet on if it has this many neighbours in it: inside a sheet there are eight,
 /// along its straight rim five; along a curve there are two, at its end one.
 const fn core(dimensions: usize) -> usize {
@@ -176,11 +182,12 @@ pub fn sheets<const D: usize>(
             break;
         }
         if growth.owner[seed] == FREE && growth.blocker[seed] == FREE {
-            let mut area = growth.grow(seed, sheets as u32, patience);
+            let [mut area, sure] = growth.grow(seed, sheets as u32, rules.high, patience);
+            let enough = (rules.sure * area).min(ENOUGH * rules.min_area);
             if rules.least_width > 0 && area >= rules.min_area {
                 area = growth.trim(sheets as u32, rules.least_width as i32 / 2, patience);
             }
-            if area < rules.min_area && !growth.reaches(&rules.open) {
+            if (area < rules.min_area || sure < enough) && !growth.reaches(&rules.open) {
                 growth.give_up();
             } else {
                 sheets += 1;
@@ -263,23 +270,27 @@ struct Growth<'a, const D: usize> {
 }
 
 impl<const D: usize> Growth<'_, D> {
-    /// Grows the sheet of `seed`; returns its area in square lattice units.
-    fn grow(&mut self, seed: usize, sheet: u32, patience: &Patience<'_>) -> f64 {
+    /// Grows the sheet of `seed`; returns its area in square lattice units, and the area of what is as strong
+    /// as `high` of it.
+    fn grow(&mut self, seed: usize, sheet: u32, high: f32, patience: &Patience<'_>) -> [f64; 2] {
         self.members.clear();
         self.blocked.clear();
         self.members.push(seed);
         self.owner[seed] = sheet;
-        let mut area = 0.0;
+        let (mut area, mut sure) = (0.0, 0.0);
         let mut next = 0;
         while next < self.members.len() && !patience.over() {
             let i = self.members[next];
             next += 1;
             let c = &self.grid.candidates[i];
             area += self.area_of(c);
+            if c.strength >= high {
+                sure += self.area_of(c);
+            }
             self.block_parallel(i, sheet);
             self.take_neighbours(i, sheet);
         }
-        area
+        [area, sure]
     }
 
     /// The area, in square lattice units, of what a sheet has in one column.
@@ -465,6 +476,7 @@ mod tests {
                 agreement: BLUNT,
                 resolution: 3.0,
                 min_area: 50.0,
+                sure: 0.0,
                 least_width,
                 open: [[false; 2]; 3],
             };

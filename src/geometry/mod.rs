@@ -17,4 +17,6 @@ pub(crate) mod sets;
 pub(crate) mod vector;
 pub(crate) mod wide;
 
-pub use vector::{add_scaled, cross, distance2, dot, in_space, norm, normal, sub, unit, volume6};
+pub use vector::{
+    add_scaled, cross, distance2, dot, in_space, norm, normal, solve_positive, sub, unit, volume6,
+};

@@ -57,6 +57,26 @@ pub fn distance2<const D: usize>(a: &[f64; D], b: &[f64; D]) -> f64 {
     (0..D).map(|k| (a[k] - b[k]).powi(2)).sum()
 }
 
+/// Solves a small symmetric positive definite system by elimination; zero where it is singular.
+pub fn solve_positive<const D: usize>(mut a: [[f64; D]; D], mut b: [f64; D]) -> [f64; D] {
+    for i in 0..D {
+        if a[i][i] <= 0.0 {
+            return [0.0; D];
+        }
+        for r in i + 1..D {
+            let factor = a[r][i] / a[i][i];
+            b[r] -= factor * b[i];
+            let pivot = a[i];
+            (i..D).for_each(|c| a[r][c] -= factor * pivot[c]);
+        }
+    }
+    for i in (0..D).rev() {
+        let known: f64 = (i + 1..D).map(|c| a[i][c] * b[c]).sum();
+        b[i] = (b[i] - known) / a[i][i];
+    }
+    b
+}
+
 /// Length.
 #[inline]
 pub fn norm<const D: usize>(a: [f64; D]) -> f64 {

@@ -58,6 +58,11 @@ pub trait Detector<const D: usize>: Sync {
         2.0
     }
 
+    /// The share of a small sheet that is as strong as its seeds must be, or it is noise.
+    fn least_sure(&self) -> f64 {
+        0.0
+    }
+
     /// Parts of sheets narrower than this (samples) are worth no cells, where atoms stand at least `d_min`
     /// apart; 0 if any width is.
     fn least_width(&self, _d_min: f64) -> usize {

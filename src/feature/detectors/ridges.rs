@@ -27,6 +27,10 @@ impl<const D: usize> Detector<D> for Ridges {
         FeatureKind::Ridges
     }
 
+    fn least_sure(&self) -> f64 {
+        SURE
+    }
+
     fn find(&self, scene: &Scene<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
         Ok(RidgeSearch::new(scene).find(scene.image.as_slice().to_vec(), notes))
     }
@@ -38,6 +42,10 @@ pub struct Valleys;
 impl<const D: usize> Detector<D> for Valleys {
     fn kind(&self) -> FeatureKind {
         FeatureKind::Valleys
+    }
+
+    fn least_sure(&self) -> f64 {
+        SURE
     }
 
     fn find(&self, scene: &Scene<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
@@ -54,6 +62,9 @@ const COARSEST: f64 = 3.0;
 /// Where more than this share of an image is ambiguous (foam, pores), long filters see several sheets at
 /// once and tell nothing apart.
 const CROWDED: f64 = 0.85;
+
+/// Of a small sheet, this share is sure: of pieces of noise up to .13 are, of sheets half and more.
+const SURE: f64 = 0.2;
 
 /// Of two sheets side by side, which are one ridge, this share of a sure one's strength is left.
 const WEAK: f32 = 0.6;
@@ -104,7 +115,7 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
         // Two sheets side by side are one weak ridge; where noise is stronger than that, none is seen.
         let noisy = thresholds.high > typical;
         let clear = if noisy { 1.0 } else { self.weak } * thresholds.high;
-        let zone = Ambiguous::new(smoothed, &candidates, thresholds.high, clear);
+        let zone = Ambiguous::new(smoothed, scale, &candidates, thresholds.high, clear);
         let sharp = self.lifts && zone.share() < self.most_ambiguous;
         let candidates = match sharp {
             true => self.lifted(

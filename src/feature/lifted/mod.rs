@@ -12,11 +12,13 @@
 //! [`ridges`](mod@super::ridges) finds them, at a tenth of the cost.
 //!
 //! - `zone`: where
+//! - `spread`: how normals vary beyond what one sheet would have
 //! - `block`: the lines of a block of samples
 //! - `filters`: filters at all angles about a line
 
 mod block;
 mod filters;
+mod spread;
 mod zone;
 
 use super::by_sample::BySample;

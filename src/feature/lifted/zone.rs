@@ -1,7 +1,10 @@
 //! Where one orientation a sample may not be all there is.
 
+use super::median;
+use super::spread::spread;
 use crate::feature::crossing::Candidate;
-use crate::feature::symmetric::{Symmetric, eigenvalues};
+use crate::feature::ridges::HEIGHT;
+use crate::feature::symmetric::Symmetric;
 use crate::feature::volume::Volume;
 use rayon::prelude::*;
 
@@ -9,12 +12,15 @@ use rayon::prelude::*;
 pub const CELL: usize = 4;
 /// Cells on either side over which the ambiguous zone is widened.
 const WIDEN: usize = 2;
-/// Normals of a cell and those around it are mixed where this share of their tensor is not along
-/// their main direction: sheets that cross at 15 degrees have 0.017.
-const MIXED: f64 = 0.013;
+/// Normals are mixed where their [`spread`] is above this (sheets that cross at 15 degrees have 0.017) ...
+const MIXED: f64 = 0.009;
+/// ... or above as many times what noise leaves on a sheet: what a tenth of the cells stays below.
+const NOISE: f64 = 6.0;
 /// Ridges are too wide to be one where their squared width is this many times that of the narrow ones (of
 /// which there are a quarter: where many run in pairs, half of all may be too wide).
 const WIDE: f64 = 1.5;
+/// The narrow ones have a squared width (samples) of at most this before smoothing, or are two each.
+const SINGLE: f64 = 4.0;
 /// A weak ridge of at least this share of the mean height of sure ones may be two side by side.
 const HIGH: f64 = 0.8;
 /// Nearer to a side of the box than this (samples) normals say nothing.
@@ -38,9 +44,11 @@ pub const WIDE_RIDGES: u8 = 2;
 
 impl<const D: usize> Ambiguous<D> {
     /// Judges ridge points of a smoothed image: normals by points of at least `strong`, and widths by those
-    /// of at least `clear`, for a ridge too wide for its height is weak.
+    /// of at least `clear`, for a ridge too wide for its height is weak. `scale` is the width (samples) of the
+    /// Gaussian that smoothed it.
     pub fn new(
         smoothed: Volume<'_, D>,
+        scale: f64,
         candidates: &[Candidate<D>],
         strong: f32,
         clear: f32,
@@ -53,10 +61,12 @@ impl<const D: usize> Ambiguous<D> {
             flags: vec![0; count],
             tensors: vec![[[0.0; D]; D]; count],
         };
-        let height = |c: &Candidate<D>| f64::from(smoothed.samples[c.voxel as usize]);
+        let level = median(smoothed.samples.iter().copied().step_by(7));
+        let height = |c: &Candidate<D>| f64::from(smoothed.samples[c.voxel as usize] - level);
         let sure = || candidates.iter().filter(|c| c.strength >= strong);
         let high = sure().map(height).sum::<f64>() / sure().count().max(1) as f64;
-        // Height over curvature of a ridge is its squared width.
+        let mut places = vec![[0.0; D]; count];
+        // Height over curvature of a ridge is its squared width, and so is in other units height over strength.
         let (mut widths, mut sure_widths) = (vec![[0.0f64; 2]; count], vec![[0.0f64; 2]; count]);
         for c in candidates.iter().filter(|c| c.strength >= clear) {
             // What is weak and not high either is noise.
@@ -76,6 +86,7 @@ impl<const D: usize> Ambiguous<D> {
             }
             sure_widths[cell] = [0, 1].map(|k: usize| sure_widths[cell][k] + width[k]);
             for k in 0..D {
+                places[cell][k] += f64::from(c.position[k]);
                 for l in 0..D {
                     zone.tensors[cell][k][l] += f64::from(c.normal[k] * c.normal[l]);
                 }
@@ -91,7 +102,9 @@ impl<const D: usize> Ambiguous<D> {
             return zone;
         }
         let middle = ratios.len() / 4;
-        let usual = *ratios.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let narrow = *ratios.select_nth_unstable_by(middle, f64::total_cmp).1;
+        // All may run in pairs. A strength is a curvature times HEIGHT scale^2.
+        let usual = narrow.min((1.0 + SINGLE / (scale * scale)) / HEIGHT);
         let wide_around = |i: usize| {
             let mut sum = [0.0; 2];
             for j in around(&zone.cells, i, 1) {
@@ -99,23 +112,20 @@ impl<const D: usize> Ambiguous<D> {
             }
             sum
         };
-        let spread: Vec<f64> = (0..count)
-            .into_par_iter()
-            .map(|i| {
-                if trace(&zone.tensors[i]) == 0.0 {
-                    return 0.0;
-                }
-                let around = zone.around(i, 1);
-                1.0 - eigenvalues(&around)[D - 1] / trace(&around)
-            })
-            .collect();
+        let spread = spread(&zone.cells, &zone.tensors, &places);
+        let mut least: Vec<f64> = spread.iter().copied().filter(|s| *s > 0.0).collect();
+        let tenth = least.len() / 10;
+        let mixed = match least.is_empty() {
+            true => MIXED,
+            false => MIXED.min(NOISE * *least.select_nth_unstable_by(tenth, f64::total_cmp).1),
+        };
         let flags: Vec<u8> = (0..count)
             .into_par_iter()
             .map(|i| {
                 if widths[i][1] == 0.0 {
                     return 0;
                 }
-                let mixed = spread[i] > MIXED;
+                let mixed = spread[i] > mixed;
                 let wide = usual > 0.0 && ratio(&wide_around(i)) > WIDE * usual;
                 u8::from(mixed) * MIXED_NORMALS + u8::from(wide) * WIDE_RIDGES
             })

@@ -14,7 +14,7 @@ use super::sparse::{Matrix, sum};
 use super::system::{Solution, solve};
 use super::wells::Well;
 use crate::error::cause;
-use crate::geometry::dot;
+use crate::geometry::{dot, solve_positive};
 use crate::mesh::graph::{Connection, Graph, Locator};
 use crate::observer::Patience;
 use crate::{Error, Result};
@@ -227,7 +227,7 @@ impl<'a, const D: usize> CellFlow<'a, D> {
             add(f.cell, f.area, f.normal, rate);
         }
         sums.into_iter()
-            .map(|(square, flux)| solve_small(square, flux))
+            .map(|(square, flux)| solve_positive(square, flux))
             .collect()
     }
 
@@ -265,26 +265,6 @@ fn angle_error<const D: usize>(graph: &Graph<D>, rock: &Rock) -> f64 {
     let area = sum(connections.len(), |i| connections[i].area);
     let weighted = sum(connections.len(), |i| connections[i].area * angle(i));
     (weighted / area.max(f64::MIN_POSITIVE)).to_degrees()
-}
-
-/// Solves a small symmetric positive definite system by elimination; zero where it is singular.
-fn solve_small<const D: usize>(mut a: [[f64; D]; D], mut b: [f64; D]) -> [f64; D] {
-    for i in 0..D {
-        if a[i][i] <= 0.0 {
-            return [0.0; D];
-        }
-        for r in i + 1..D {
-            let factor = a[r][i] / a[i][i];
-            b[r] -= factor * b[i];
-            let pivot = a[i];
-            (i..D).for_each(|c| a[r][c] -= factor * pivot[c]);
-        }
-    }
-    for i in (0..D).rev() {
-        let known: f64 = (i + 1..D).map(|c| a[i][c] * b[c]).sum();
-        b[i] = (b[i] - known) / a[i][i];
-    }
-    b
 }
 
 #[cfg(test)]

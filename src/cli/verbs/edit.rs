@@ -214,12 +214,13 @@ fn job<M>(args: &EditArgs, file: &MeshFile<M>) -> Result<(Job, Vec<String>)> {
     let mut notes = Vec::new();
     let mut note = |line: &str| notes.push(line.to_string());
     // The mesh knows its fixed atoms and its distances, which files may not do any more.
-    let is_voronoi = matches!(job.cells, Cells::Voronoi { .. });
-    if !is_voronoi {
+    // Voronoi cells know the former once they have been edited.
+    let asks = matches!(job.cells, Cells::Voronoi { .. }) && file.cell_array(cells::KIND).is_none();
+    if !asks {
         job.atoms_from = None;
     }
     if let PlacementJob::Lattice(lattice) = &mut job.placement {
-        if !is_voronoi {
+        if !asks {
             lattice.wells = None;
         }
         if let Apart::Varying { by, .. } = &mut lattice.apart {

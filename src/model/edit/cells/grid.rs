@@ -13,8 +13,9 @@ use crate::store::file::{DISTANCE, HORIZON_FACES, IMAGE};
 use crate::store::{FieldValue, LatticeSpace, MeshFile, StoredMesh, labels_of};
 use crate::{Error, Result};
 
-/// What is stored for each cell.
-pub(super) const KIND: &str = "atom_kind";
+/// The array that says of each cell what its atom may do, once cells have been edited.
+pub(crate) const KIND: &str = "atom_kind";
+/// The array that says which cells have a face on a feature.
 pub(super) const ON_FEATURE: &str = "on_feature";
 
 /// The name of the cells' volumes.

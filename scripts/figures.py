@@ -113,6 +113,10 @@ PICTURES = {
     "editing.png": ["synth faults -o slice.png --dims 160,120 --signal-to-noise 10", "mesh slice.png -o mesh.vtu",
                     "edit mesh.vtu slice.png -o edited.vtu --add 40.5,60 --move 150:104,58 --remove 90",
                     "slice slice.png edited.vtu -o {}"],
+    "editing-cells.png": ["synth faults -o slice.png --dims 160,120 --signal-to-noise 10",
+                          "mesh slice.png -o cells.vtu --cells voronoi",
+                          "edit cells.vtu slice.png -o edited.vtu --add 40.5,60 --move 150:104,58 --remove 90",
+                          "slice slice.png edited.vtu -o {}"],
 }
 PICTURES_WITH_DATA = {
     "canny.png": ["mesh {data}/BrainT1Slice.png -o brain.vtu --seeding canny --smooth odt",

@@ -129,8 +129,20 @@ fn and_in_the_plane() {
         at,
         &words("mesh slice.png -o cells.vtu --cells voronoi --quiet"),
     );
-    let error = refused(at, &words("edit cells.vtu slice.png -o x.vtu --remove 100"));
-    assert!(error.contains("Voronoi"), "{error}");
+    let edit = "edit cells.vtu slice.png -o cells2.vtu --add 30.5,40.25 --remove 100";
+    let said = json(at, &words(edit));
+    assert!(
+        said["atoms"][0].is_u64() && said["atoms"][1].is_null(),
+        "{said}"
+    );
+    assert_eq!(json(at, &["validate", "cells2.vtu"])["valid"], true);
+    // Same input, same bytes.
+    let bytes = std::fs::read(at.join("cells2.vtu")).unwrap();
+    let line = [&words(edit)[..], &["--threads", "1", "--quiet"]].concat();
+    succeed(at, &line);
+    assert!(bytes == std::fs::read(at.join("cells2.vtu")).unwrap());
+    let error = refused(at, &words("edit cells.vtu slice.png -o x.vtu --add 0,20"));
+    assert!(error.contains("where cells end"), "{error}");
 }
 
 #[test]

@@ -17,13 +17,13 @@ use crate::improve::{SliverMethod, Target};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
 use crate::lattice::energy::{Beta, Pairwise};
-use crate::lattice::optimize::{self, Stop};
+use crate::lattice::optimize::{self, Stop, temperature};
 use crate::lattice::seeding::{self, Alignment, Atoms, fixed};
 use crate::mesh::check::{Known, check_while};
 use crate::mesh::graph::Graph;
 use crate::mesh::poly::{Beyond, PolyMesh};
 use crate::mesh::voronoi::conform::{Conforming, Surface};
-use crate::observer::{Patience, Stage};
+use crate::observer::{Observer, Patience, Stage};
 use crate::report::{self, Reference, Report};
 
 /// Evaluations in which atoms come to rest among sites.
@@ -64,27 +64,9 @@ where
     let mut sites = Conforming::new(surface, extent, &given);
     let (mut atoms, rest) = around(&sites, &given, params, &distance, features, frame, stages)?;
     stages.begin(Stage::Cutting);
-    let mut mesh = cut(&atoms, &sites, extent, 0.0)?;
-    for round in 0..=ROUNDS {
-        if !stages.keep_going() {
-            break;
-        }
-        let mut even = Even {
-            atoms: &mut atoms,
-            sites: &mut sites,
-            mesh: &mesh,
-            distance: &distance,
-            extent,
-        };
-        match round < ROUNDS {
-            true => even.out(),
-            false => even.open(),
-        }
-        mesh = cut(&atoms, &sites, extent, 0.0)?;
-    }
-    if weld > 0.0 {
-        mesh = cut(&atoms, &sites, extent, weld)?;
-    }
+    let mut mesh = even(&mut atoms, &mut sites, &distance, extent, weld, &mut || {
+        stages.keep_going()
+    })?;
     mesh.on_feature = sites.faces(&mesh, atoms.len());
     let numbers = features.labels.as_ref().map(|labelled| {
         let votes = Places::of_cells(&mesh).votes(labelled);
@@ -119,6 +101,72 @@ where
         report
     });
     Ok((Made::Voronoi { mesh, weld }, report, distance, rest))
+}
+
+/// Cuts the cells of atoms and, behind these, of sites, while atoms move, come and go until cells are more
+/// alike; for as long as it may go on.
+///
+/// # Errors
+/// Those of [`Meshing::cells`].
+pub(crate) fn even<const D: usize>(
+    atoms: &mut Atoms<D>,
+    sites: &mut Conforming<D>,
+    distance: &Distance<D>,
+    extent: [f64; D],
+    weld: f64,
+    keep_going: &mut dyn FnMut() -> bool,
+) -> Result<PolyMesh<D>>
+where
+    Space<D>: Meshing<D>,
+{
+    let mut mesh = cut(atoms, sites, extent, 0.0)?;
+    for round in 0..=ROUNDS {
+        if !keep_going() {
+            break;
+        }
+        let mut even = Even {
+            atoms,
+            sites,
+            mesh: &mesh,
+            distance,
+            extent,
+        };
+        match round < ROUNDS {
+            true => even.out(),
+            false => even.open(),
+        }
+        mesh = cut(atoms, sites, extent, 0.0)?;
+    }
+    match weld > 0.0 {
+        true => cut(atoms, sites, extent, weld),
+        false => Ok(mesh),
+    }
+}
+
+/// The surfaces of features in a box in which no atoms are given.
+///
+/// # Errors
+/// Those of seeding and of the triangulation.
+pub(crate) fn surface_in<const D: usize>(
+    params: &Params<D>,
+    distance: &Distance<D>,
+    features: &Features<D>,
+    (step, extent): ([f64; D], [f64; D]),
+    beta: Beta<D>,
+    observer: &mut dyn Observer,
+) -> Result<Surface<D>>
+where
+    Space<D>: Meshing<D>,
+{
+    let frame = Frame {
+        step,
+        extent,
+        beta,
+        fixed: Vec::new(),
+        ways: Vec::new(),
+    };
+    let stages = &mut Stages::new(observer);
+    surface(params, distance, features, &frame, stages)
 }
 
 /// The surfaces of features: the faces on them in an aligned mesh that is somewhat coarser than the
@@ -201,32 +249,67 @@ fn around<const D: usize>(
         Some(&features.potential),
         &Patience::endless(),
     )?;
-    keep_out(&mut atoms, sites);
-    let options = optimize::Effort {
-        seed: params.seed,
-        max_rounds: 1,
-        max_evaluations: EVALUATIONS,
-        ..optimize::Effort::default()
-    };
-    let energy = Pairwise::new(extent, distance, None, Beta::Constant(0.0))?;
-    let mut energy = energy.aligned(Alignment::Alongside);
-    let rest = optimize::optimize(
-        &mut atoms,
-        &mut energy,
-        distance,
-        extent,
-        &options,
-        stages.observer,
-    )?;
-    if rest.stop == Stop::Interrupted {
-        stages.stopped();
-    }
     // Fixed atoms are the last, and the sites the last of these.
     let own = atoms.len() - positions.len();
     atoms.positions.truncate(own);
     atoms.kinds.truncate(own);
-    keep_out(&mut atoms, sites);
+    let observer = &mut *stages.observer;
+    let rest = rest(
+        &mut atoms,
+        sites,
+        &[],
+        distance,
+        extent,
+        params.seed,
+        observer,
+    )?;
+    if rest.stop == Stop::Interrupted {
+        stages.stopped();
+    }
     Ok((atoms, rest))
+}
+
+/// Brings atoms to rest around the sites, and takes out those in balls; only those near `edited` positions,
+/// where there are any. Those for which there would be no room stay where they were.
+///
+/// # Errors
+/// Those of the optimiser.
+pub(crate) fn rest<const D: usize>(
+    atoms: &mut Atoms<D>,
+    sites: &Conforming<D>,
+    edited: &[([f64; D], f64)],
+    distance: &Distance<D>,
+    extent: [f64; D],
+    seed: u64,
+    observer: &mut dyn Observer,
+) -> Result<optimize::Rest> {
+    keep_out(atoms, sites);
+    let before = atoms.positions.clone();
+    atoms.positions.extend(sites.sites());
+    atoms.kinds.resize(atoms.positions.len(), AtomKind::Fixed);
+    let temperature = match edited {
+        [] => Vec::new(),
+        _ => temperature::around(&atoms.positions, edited),
+    };
+    let options = optimize::Effort {
+        seed,
+        max_rounds: 1,
+        max_evaluations: EVALUATIONS,
+        temperature,
+        ..optimize::Effort::default()
+    };
+    let energy = Pairwise::new(extent, distance, None, Beta::Constant(0.0))?;
+    let mut energy = energy.aligned(Alignment::Alongside);
+    let rest = optimize::optimize(atoms, &mut energy, distance, extent, &options, observer)?;
+    atoms.positions.truncate(before.len());
+    atoms.kinds.truncate(before.len());
+    for (x, from) in atoms.positions.iter_mut().zip(before) {
+        if !sites.room().holds(*x) {
+            *x = from;
+        }
+    }
+    keep_out(atoms, sites);
+    Ok(rest)
 }
 
 /// Takes out the atoms inside balls, but for fixed ones.

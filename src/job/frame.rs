@@ -74,7 +74,7 @@ pub(crate) fn lattice_beta<const D: usize>(
 }
 
 /// The trajectories of wells in lattice space, as far as they lie in the box.
-fn lattice_ways<const D: usize>(
+pub(crate) fn lattice_ways<const D: usize>(
     params: &Params<D>,
     geometry: &Geometry<D>,
     step: [f64; D],

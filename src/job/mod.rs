@@ -40,7 +40,7 @@ mod stages;
 mod words;
 
 pub use asked::Job;
-pub(crate) use frame::{lattice_beta, lattice_points};
+pub(crate) use frame::{lattice_beta, lattice_points, lattice_ways};
 pub use join::{Joined, Marked, Meshing, Scene, Space};
 pub use measure::{BOX_TOLERANCE, scaled};
 pub(crate) use optimise::moving;

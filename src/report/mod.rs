@@ -36,6 +36,7 @@ pub use cost::{Clock, StageCost};
 pub use fidelity::{Fidelity, Match, fidelity, fidelity_of_cells};
 pub(crate) use fidelity::{fidelity_of_cells_while, fidelity_while};
 pub use lattice::{Lattice, Optimisation, TracedLattice, lattice};
+pub(crate) use nearest::square_to_face;
 pub(crate) use quality::quality_while;
 pub use quality::{Quality, quality, smallest_angles};
 pub use reference::Reference;

@@ -51,7 +51,7 @@ pub(super) fn square_to_triangle(p: Point, [a, b, c]: [Point; 3]) -> f64 {
 
 /// Squared distance from a point to a face of a mesh: a triangle in space, a segment in the plane
 /// (which is a flat triangle in space).
-pub(super) fn square_to_face<const D: usize>(p: [f64; D], face: &[[f64; D]; D]) -> f64 {
+pub(crate) fn square_to_face<const D: usize>(p: [f64; D], face: &[[f64; D]; D]) -> f64 {
     square_to_triangle(in_space(p), [face[0], face[1], face[D - 1]].map(in_space))
 }
 

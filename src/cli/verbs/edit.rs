@@ -11,24 +11,25 @@ use crate::cli::interrupts::Interrupts;
 use crate::cli::job::params;
 use crate::cli::parse;
 use crate::error::{cause, os};
+use crate::image::Image;
 use crate::image::formats::InputOptions;
 use crate::image::formats::{AnyLoaded, Loaded};
 use crate::improve;
 use crate::job::asked::{Apart, Cells, DistanceFrom, PlacementJob, Slivers};
-use crate::job::{Job, Meshing, Space};
-use crate::mesh::Simplices;
-use crate::model::edit::body::dropped;
-use crate::model::edit::{Change, Edit, Summary, edit as edit_mesh};
+use crate::job::{Job, Params};
+use crate::mesh::Mesh;
+use crate::model::edit::cells::{self, edit_cells};
+use crate::model::edit::{Change, Edit, Edited, Summary, body, edit as edit_simplices};
 use crate::observer::{Observer, Stage};
 use crate::report::{Clock, Report};
 use crate::store::file::with_image;
-use crate::store::{FieldValue, MeshFile, with_mesh};
+use crate::store::{FieldValue, MeshFile, Stored, with_mesh};
 use crate::{Error, Result};
 
 /// `atomesh edit`.
 #[derive(Debug, Args)]
 pub struct EditArgs {
-    /// A mesh of triangles or tetrahedra written by atomesh
+    /// A mesh written by atomesh
     #[arg(value_name = "MESH.vtu")]
     pub mesh: PathBuf,
     /// The image that was meshed
@@ -40,7 +41,7 @@ pub struct EditArgs {
     /// A new atom, in the image's physical coordinates (X,Y in 2-D); may be repeated, like all edits
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     pub add: Vec<String>,
-    /// Moves atom N, a point of the mesh as ParaView numbers them, to X,Y,Z
+    /// Moves atom N to X,Y,Z: a point of the mesh as ParaView numbers them, or of Voronoi cells a cell
     #[arg(long = "move", value_name = "N:X,Y,Z", allow_hyphen_values = true)]
     pub moves: Vec<String>,
     /// Removes atom N
@@ -69,28 +70,39 @@ pub fn edit(args: &EditArgs, interrupts: &Interrupts, console: &mut Console) -> 
     let mut clock = Clock::new();
     console.begin_stage(Stage::Reading);
     clock.begin(Stage::Reading);
-    let refuse =
-        |problem: &str, remedy: &str| Err(Error::Job(cause(args.mesh.display(), problem, remedy)));
     with_mesh!(console.read_mesh(&args.mesh)?,
-        simplices file => run(args, file, clock, interrupts, console),
-        cells _ => refuse(
-            "is a mesh of Voronoi cells",
-            "edit a mesh of triangles or tetrahedra",
-        )
+        simplices file => {
+            let lost = body::dropped(&file);
+            run(args, file, edit_simplices, lost, clock, interrupts, console)
+        },
+        cells file => {
+            let lost = cells::dropped(&file);
+            run(args, file, edit_cells, lost, clock, interrupts, console)
+        }
     )
 }
 
-/// The same in the plane and in space.
-fn run<const D: usize, M: Simplices<D>>(
+/// How a mesh of some kind of cells is edited.
+type Editing<const D: usize, M> = fn(
+    MeshFile<M>,
+    &str,
+    &Image<D>,
+    &Params<D>,
+    &[Edit<D>],
+    bool,
+    &mut dyn Observer,
+) -> Result<Edited<M>>;
+
+/// The same in the plane and in space, whatever the cells are; arrays that are `lost` are dropped.
+fn run<const D: usize, M: Stored<D>>(
     args: &EditArgs,
     file: MeshFile<M>,
+    edit: Editing<D, M>,
+    lost: Vec<String>,
     mut clock: Clock,
     interrupts: &Interrupts,
     console: &mut Console,
-) -> Result<()>
-where
-    Space<D>: Meshing<D, Mesh = M>,
-{
+) -> Result<()> {
     let edits = edits(args)?;
     let (job, mut notes) = job(args, &file)?;
     let Some(Loaded { image, .. }) = loaded(console.read_image(&args.image, &job.input)?) else {
@@ -109,7 +121,6 @@ where
             args.image.display()
         ));
     }
-    let lost = dropped(&file);
     if !lost.is_empty() {
         notes.push(format!(
             "dropped the arrays {}, which an edit cannot know",
@@ -124,7 +135,7 @@ where
         console,
         interrupts,
     };
-    let edited = edit_mesh(
+    let edited = edit(
         file,
         &place,
         &image,
@@ -203,9 +214,15 @@ fn job<M>(args: &EditArgs, file: &MeshFile<M>) -> Result<(Job, Vec<String>)> {
     let mut notes = Vec::new();
     let mut note = |line: &str| notes.push(line.to_string());
     // The mesh knows its fixed atoms and its distances, which files may not do any more.
-    job.atoms_from = None;
+    // Voronoi cells know the former once they have been edited.
+    let asks = matches!(job.cells, Cells::Voronoi { .. }) && file.cell_array(cells::KIND).is_none();
+    if !asks {
+        job.atoms_from = None;
+    }
     if let PlacementJob::Lattice(lattice) = &mut job.placement {
-        lattice.wells = None;
+        if !asks {
+            lattice.wells = None;
+        }
         if let Apart::Varying { by, .. } = &mut lattice.apart {
             *by = DistanceFrom::Features;
         }
@@ -305,7 +322,7 @@ fn from_file<const D: usize>(path: &Path) -> Result<Vec<Edit<D>>> {
 }
 
 /// What was done, on one screen.
-fn table<const D: usize, M: Simplices<D>>(
+fn table<const D: usize, M: Mesh<D>>(
     edits: &[Edit<D>],
     summary: &Summary,
     cells: [usize; 2],

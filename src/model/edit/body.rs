@@ -1,10 +1,11 @@
 //! A mesh that can be changed in places: what a file holds, in slots that may be empty.
 
+use super::resolve::Lattice;
 use crate::error::cause;
 use crate::files::vtk::{DataArray, Values};
 use crate::image::Geometry;
 use crate::lattice::AtomKind;
-use crate::lattice::seeding::kind_in_box;
+use crate::lattice::seeding::{Alignment, kind_in_box};
 use crate::mesh::Simplices;
 use crate::mesh::check::check;
 use crate::report::{judged, smallest_angles};
@@ -171,9 +172,18 @@ impl<const D: usize, M: Simplices<D>> Body<D, M> {
         Ok(())
     }
 
-    /// The name of the mesh in errors.
-    pub fn place(&self) -> &str {
-        &self.place
+    /// The atoms, as long as no slot is empty.
+    pub fn lattice(&self) -> Lattice<'_, D> {
+        Lattice {
+            place: &self.place,
+            nodes: &self.nodes,
+            kinds: &self.kinds,
+            distance: &self.distance,
+            extent: self.extent,
+            step: self.step,
+            geometry: &self.geometry,
+            alignment: Alignment::On,
+        }
     }
 
     /// Slots of cells.
@@ -185,19 +195,6 @@ impl<const D: usize, M: Simplices<D>> Body<D, M> {
     pub fn cell(&self, c: usize) -> Option<&[u32]> {
         let cell = &self.corners[(D + 1) * c..(D + 1) * (c + 1)];
         (cell[0] != NOTHING).then_some(cell)
-    }
-
-    /// The nominal distance at the node nearest to a position.
-    pub fn distance_near(&self, x: [f64; D]) -> f64 {
-        let gap = |n: usize| -> f64 { (0..D).map(|k| (self.nodes[n][k] - x[k]).powi(2)).sum() };
-        let (_, nearest) = (0..self.nodes.len())
-            .filter(|&n| self.used[n])
-            .map(|n| (gap(n), n))
-            .fold(
-                (f64::INFINITY, 0),
-                |best, one| if one.0 < best.0 { one } else { best },
-            );
-        f64::from(self.distance[nearest])
     }
 
     /// An empty slot for a node.

@@ -7,11 +7,15 @@
 //!
 //! - `resolve`: what the user asks for -> changes, checked, in groups that do not meet
 //! - `window`: the part of an image round an edit
+//! - `around`: the features there
 //! - `spacing`: d(x) there, as the mesh knows it
 //! - `neighbourhood`: the atoms and cells round an edit, and what becomes of them
 //! - `body`: a mesh that can be changed in places
+//! - `cells`: the same of Voronoi cells
 
+pub(crate) mod around;
 pub mod body;
+pub mod cells;
 pub(crate) mod neighbourhood;
 pub(crate) mod resolve;
 pub(crate) mod spacing;
@@ -29,8 +33,9 @@ use crate::report::{Clock, Quality, StageCost};
 use crate::store::file::{settled_field, settled_of};
 use crate::store::{FieldValue, MeshFile};
 use crate::{Error, Result};
+use around::Context;
 use body::Body;
-use neighbourhood::{Context, Scope};
+use neighbourhood::Scope;
 
 /// What shall happen to one atom; positions are physical.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -147,7 +152,7 @@ where
         edits,
     };
     let groups = stages.run(Stage::Neighbourhoods, |_| {
-        resolve::resolve(&body, edits, free)
+        resolve::resolve(&body.lattice(), edits, free)
     })?;
     let mut quality: [Option<M>; 2] = [None, None];
     for group in groups {

@@ -1,47 +1,33 @@
 //! The atoms and cells round some edits, and what becomes of them.
 
+use super::around::{Around, Context};
 use super::body::Body;
 use super::resolve::{Action, Group, REACH, Step, sides, square};
 use super::spacing;
 use super::window::Window;
-use super::{Change, Edit, Summary};
+use super::{Change, Summary};
 use crate::error::cause;
 use crate::feature::settled::reach;
-use crate::feature::{self, Features, Settled, detect_part};
-use crate::image::Image;
+use crate::feature::{self, Features};
 use crate::improve::{Refusal, Wanted};
 use crate::job::horizons::horizon_bits;
-use crate::job::{self, Evaluator, Meshing, Params, Scene, Space, Spacing};
+use crate::job::{self, Evaluator, Meshing, Scene, Space};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
-use crate::lattice::energy::{Beta, Energy, Pairwise, Regularised, Sampled};
+use crate::lattice::energy::{Energy, Pairwise, Regularised, Sampled};
 use crate::lattice::optimize::{self, temperature};
 use crate::lattice::seeding::{Atoms, kind_in_box, sides_held};
 use crate::mesh::Simplices;
 use crate::observer::{Patience, Patient};
 use crate::{Error, Result};
 
-/// What is the same for all neighbourhoods.
-pub struct Context<'a, const D: usize> {
-    /// The image.
-    pub image: &'a Image<D>,
-    /// What the mesh was made with.
-    pub params: &'a Params<D>,
-    /// What detection settled on.
-    pub settled: &'a [Settled],
-    /// The weight of the image.
-    pub beta: &'a Beta<D>,
-    /// All edits.
-    pub edits: &'a [Edit<D>],
-}
-
 /// Movable atoms nearer than this to one that comes, in units of d, make room for it, as they do for
 /// fixed atoms in a new lattice ...
-const ROOM_TO_COME: f64 = 0.7;
+pub(super) const ROOM_TO_COME: f64 = 0.7;
 /// ... nearer than this to one that is shifted: their number shall stay the same ...
-const ROOM_TO_SHIFT: f64 = 0.5;
+pub(super) const ROOM_TO_SHIFT: f64 = 0.5;
 /// ... and one nearer than this to one that comes becomes it.
-const TAKEN: f64 = 0.35;
+pub(super) const TAKEN: f64 = 0.35;
 
 /// The smallest angle aimed at where the mesh was made without improvement.
 const MIN_ANGLE: f64 = 30.0;
@@ -66,13 +52,6 @@ pub struct Scope<const D: usize, M> {
     wanted: Wanted<D>,
     /// For each atom that comes, its step.
     newcomers: Vec<Step<D>>,
-}
-
-/// What a neighbourhood lies in.
-pub struct Around<const D: usize> {
-    features: Features<D>,
-    distance: Distance<D>,
-    beta: Beta<D>,
 }
 
 impl<const D: usize, M: Simplices<D>> Scope<D, M>
@@ -147,32 +126,10 @@ where
         context: &Context<'_, D>,
         patience: &Patience<'_>,
     ) -> Result<Around<D>> {
-        let params = context.params;
-        let options = params.feature_options(body.step);
-        let part = self.window.cut(context.image);
-        let features = detect_part(
-            &part,
-            &options,
-            context.settled,
-            &self.window.open,
-            patience,
-        )?;
-        let at_nodes = |&n: &u32| f64::from(body.distance[n as usize]);
-        let distance = match params.spacing {
-            Spacing::Constant(d) => Distance::Constant(d),
-            _ => {
-                let d: Vec<f64> = self.numbers.iter().map(at_nodes).collect();
-                spacing::from_nodes(&self.part, &d, self.window.extent())
-            }
-        };
-        let beta = match context.beta {
-            Beta::Constant(beta) => Beta::Constant(*beta),
-            Beta::Field(field) => Beta::Field(self.window.cut_field(field)),
-        };
-        Ok(Around {
-            features,
-            distance,
-            beta,
+        Around::look(&self.window, body.step, context, patience, || {
+            let at_nodes = |&n: &u32| f64::from(body.distance[n as usize]);
+            let d: Vec<f64> = self.numbers.iter().map(at_nodes).collect();
+            Ok(spacing::from_nodes(&self.part, &d, self.window.extent()))
         })
     }
 

@@ -1,15 +1,48 @@
 //! What the user asks for -> changes of the lattice, checked, in groups whose neighbourhoods do not
 //! meet.
 
-use super::body::Body;
 use super::{Change, Edit};
 use crate::error::cause;
+use crate::image::Geometry;
 use crate::job::{FixedAtom, lattice_points};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
 use crate::lattice::seeding::{Alignment, fixed, kind_in_box, sides_held};
-use crate::mesh::Simplices;
 use crate::{Error, Result};
+
+/// The atoms of a mesh, before any edit.
+#[derive(Debug, Clone, Copy)]
+pub struct Lattice<'a, const D: usize> {
+    /// The name of the mesh in errors.
+    pub place: &'a str,
+    /// Where atoms are.
+    pub nodes: &'a [[f64; D]],
+    /// What each may do.
+    pub kinds: &'a [AtomKind],
+    /// d at each.
+    pub distance: &'a [f32],
+    /// The far corner of the box.
+    pub extent: [f64; D],
+    /// Length of one sample along each axis.
+    pub step: [f64; D],
+    /// From samples to physical coordinates.
+    pub geometry: &'a Geometry<D>,
+    /// On features atoms are nodes of a mesh, alongside they have cells.
+    pub alignment: Alignment,
+}
+
+impl<const D: usize> Lattice<'_, D> {
+    /// The nominal distance at the atom nearest to a position.
+    pub fn distance_near(&self, x: [f64; D]) -> f64 {
+        let gaps = self.nodes.iter().map(|&y| square(x, y));
+        let nearest = gaps
+            .zip(self.distance)
+            .fold((f64::INFINITY, 0.0), |best, (gap, &d)| {
+                if gap < best.0 { (gap, d) } else { best }
+            });
+        f64::from(nearest.1)
+    }
+}
 
 /// A change of the lattice; positions are of lattice space.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -67,36 +100,36 @@ pub const REACH: f64 = 7.5;
 /// # Errors
 /// [`Error::Mesh`] for an atom that does not exist, is edited twice or is a corner of the box;
 /// [`Error::Seeding`] for a place outside the box or that of another atom.
-pub fn resolve<const D: usize, M: Simplices<D>>(
-    body: &Body<D, M>,
+pub fn resolve<const D: usize>(
+    lattice: &Lattice<'_, D>,
     edits: &[Edit<D>],
     free: bool,
 ) -> Result<Vec<Group<D>>> {
-    check_atoms(body, edits)?;
-    let targets = targets(body, edits)?;
+    check_atoms(lattice, edits)?;
+    let targets = targets(lattice, edits)?;
     let mut all = Vec::new();
     for (number, (edit, target)) in edits.iter().zip(targets).enumerate() {
         let step = |action| Step {
             action,
             edit: number,
             kind: match target {
-                Some(to) if free => kind_in_box(to, body.extent),
+                Some(to) if free => kind_in_box(to, lattice.extent),
                 _ => AtomKind::Fixed,
             },
         };
-        let at = |node: u32| body.nodes[node as usize];
+        let at = |node: u32| lattice.nodes[node as usize];
         let one = |action, places: &[[f64; D]]| Group {
             steps: vec![step(action)],
             edited: (places.iter())
-                .map(|&x| (x, body.distance_near(x)))
+                .map(|&x| (x, lattice.distance_near(x)))
                 .collect(),
         };
         match (edit.change, target) {
             (Change::Remove(node), _) => all.push(one(Action::Go { node }, &[at(node)])),
             (Change::Move(node, _), Some(to)) => {
                 let from = at(node);
-                let far = square(from, to).sqrt() > SHIFT * body.distance_near(from);
-                if far || sides(from, body.extent) != sides(to, body.extent) {
+                let far = square(from, to).sqrt() > SHIFT * lattice.distance_near(from);
+                if far || sides(from, lattice.extent) != sides(to, lattice.extent) {
                     let number = Some(node);
                     all.push(one(Action::Go { node }, &[from]));
                     all.push(one(Action::Come { to, number }, &[to]));
@@ -123,10 +156,7 @@ pub fn sides<const D: usize>(x: [f64; D], extent: [f64; D]) -> u32 {
 }
 
 /// Atoms must exist, be no corners, and be edited once.
-fn check_atoms<const D: usize, M: Simplices<D>>(
-    body: &Body<D, M>,
-    edits: &[Edit<D>],
-) -> Result<()> {
+fn check_atoms<const D: usize>(lattice: &Lattice<'_, D>, edits: &[Edit<D>]) -> Result<()> {
     let mut seen: Vec<(u32, &str)> = Vec::new();
     for edit in edits {
         let (Change::Move(node, _) | Change::Remove(node)) = edit.change else {
@@ -134,18 +164,23 @@ fn check_atoms<const D: usize, M: Simplices<D>>(
         };
         let refuse =
             |problem: String, remedy: &str| Err(Error::Mesh(cause(&edit.name, problem, remedy)));
-        let count = body.nodes.len();
+        let count = lattice.nodes.len();
         if node as usize >= count {
             return refuse(
                 format!(
                     "{} has no atom {node}: they are 0 to {}",
-                    body.place(),
+                    lattice.place,
                     count - 1
                 ),
-                "give the number of a point of the mesh, as ParaView shows it",
+                match lattice.alignment {
+                    Alignment::On => "give the number of a point of the mesh, as ParaView shows it",
+                    Alignment::Alongside => {
+                        "give the number of a cell of the mesh, as ParaView shows it"
+                    }
+                },
             );
         }
-        if sides_held(body.nodes[node as usize], body.extent) == D {
+        if sides_held(lattice.nodes[node as usize], lattice.extent) == D {
             return refuse(
                 format!("atom {node} is a corner of the box, which the mesh must fill"),
                 "give another atom",
@@ -164,8 +199,8 @@ fn check_atoms<const D: usize, M: Simplices<D>>(
 
 /// Where atoms come or are moved to, in lattice space: in the box, on its sides exactly, and not at the
 /// place of another atom that stays.
-fn targets<const D: usize, M: Simplices<D>>(
-    body: &Body<D, M>,
+fn targets<const D: usize>(
+    lattice: &Lattice<'_, D>,
     edits: &[Edit<D>],
 ) -> Result<Vec<Option<[f64; D]>>> {
     let target = |edit: &Edit<D>| match edit.change {
@@ -179,10 +214,14 @@ fn targets<const D: usize, M: Simplices<D>>(
         })
         .collect();
     let points: Vec<FixedAtom<D>> = placed.iter().map(|(_, point)| point.clone()).collect();
-    let points = lattice_points(&points, &body.geometry, body.step, body.extent)?;
-    let least = body.distance.iter().copied().fold(f32::INFINITY, f32::min);
+    let points = lattice_points(&points, lattice.geometry, lattice.step, lattice.extent)?;
+    let least = lattice
+        .distance
+        .iter()
+        .copied()
+        .fold(f32::INFINITY, f32::min);
     let least = Distance::Constant(f64::from(least));
-    let points = fixed::checked(&points, body.extent, &least, Alignment::On)?;
+    let points = fixed::checked(&points, lattice.extent, &least, lattice.alignment)?;
     let leaves = |node: usize| {
         let of = |edit: &Edit<D>| match edit.change {
             Change::Move(n, _) | Change::Remove(n) => n as usize == node,
@@ -192,9 +231,10 @@ fn targets<const D: usize, M: Simplices<D>>(
     };
     let mut targets = vec![None; edits.len()];
     for ((number, point), to) in placed.iter().zip(points) {
-        let same = 1e-6 * body.distance_near(to);
-        for (node, &x) in body.nodes.iter().enumerate() {
-            let stays = body.kinds[node] == AtomKind::Fixed || sides_held(x, body.extent) == D;
+        let same = 1e-6 * lattice.distance_near(to);
+        for (node, &x) in lattice.nodes.iter().enumerate() {
+            let stays =
+                lattice.kinds[node] == AtomKind::Fixed || sides_held(x, lattice.extent) == D;
             if stays && square(x, to) <= same * same && !leaves(node) {
                 return Err(Error::Seeding(cause(
                     &point.name,

@@ -12,7 +12,7 @@ use crate::store::StoredMesh;
 use crate::store::file::to_file;
 
 /// An image with a bright curved sheet across it, somewhere in the world.
-fn image<const D: usize>(dims: [usize; D]) -> Image<D> {
+pub(super) fn image<const D: usize>(dims: [usize; D]) -> Image<D> {
     let value = |i: usize| {
         let mut rest = i;
         let x: [f64; D] = std::array::from_fn(|k| {
@@ -34,11 +34,11 @@ fn image<const D: usize>(dims: [usize; D]) -> Image<D> {
     )
 }
 
-fn world<const D: usize>(sample: [f64; D]) -> [f64; D] {
+pub(super) fn world<const D: usize>(sample: [f64; D]) -> [f64; D] {
     std::array::from_fn(|k| 100.0 + if k + 1 == D { -2.0 } else { 2.0 } * sample[k])
 }
 
-fn params<const D: usize>(d: f64) -> Params<D> {
+pub(super) fn params<const D: usize>(d: f64) -> Params<D> {
     Params {
         spacing: Spacing::Constant(d),
         feature: feature::FeatureKind::Ridges,
@@ -54,7 +54,7 @@ where
     to_file(&outcome, outcome.simplices().unwrap())
 }
 
-fn named<const D: usize>(changes: &[Change<D>]) -> Vec<Edit<D>> {
+pub(super) fn named<const D: usize>(changes: &[Change<D>]) -> Vec<Edit<D>> {
     let edit = |(n, &change)| Edit {
         name: format!("edit {n}"),
         change,
@@ -108,7 +108,7 @@ fn nearest<const D: usize, M: Simplices<D>>(file: &MeshFile<M>, sample: [f64; D]
     nodes.min_by(|&a, &b| gap(a).total_cmp(&gap(b))).unwrap() as u32
 }
 
-fn bits<const D: usize>(x: [f64; D]) -> [u64; D] {
+pub(super) fn bits<const D: usize>(x: [f64; D]) -> [u64; D] {
     x.map(f64::to_bits)
 }
 

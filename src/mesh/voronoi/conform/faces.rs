@@ -46,7 +46,8 @@ impl<const D: usize> Conforming<D> {
 }
 
 /// The facets of a surface, by their places.
-struct Facets<'a, const D: usize> {
+#[derive(Debug)]
+pub struct Facets<'a, const D: usize> {
     surface: &'a Surface<D>,
     grid: Buckets<D>,
     /// No corner is farther from the middle of its facet.
@@ -54,7 +55,8 @@ struct Facets<'a, const D: usize> {
 }
 
 impl<'a, const D: usize> Facets<'a, D> {
-    fn new(surface: &'a Surface<D>) -> Self {
+    /// Sorts them.
+    pub fn new(surface: &'a Surface<D>) -> Self {
         let middle = |f: usize| {
             let x = surface.corners(f);
             x.iter()
@@ -74,7 +76,7 @@ impl<'a, const D: usize> Facets<'a, D> {
     }
 
     /// Whether one of them is between two points.
-    fn part(&self, a: [f64; D], b: [f64; D]) -> bool {
+    pub fn part(&self, a: [f64; D], b: [f64; D]) -> bool {
         if self.surface.facets.is_empty() {
             return false;
         }

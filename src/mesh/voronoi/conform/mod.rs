@@ -11,6 +11,7 @@
 //! - `tidy`: better triangles
 //! - `balls`: radii such that few points are covered
 //! - `faces`: the faces of cells that lie on the surface
+//! - `room`: where sites may stand
 //!
 //! A facet whose points are covered, beyond a side of the box or too near to those of another facet goes
 //! without sites. The cells around take its place, and as their sites are mirror images in nearly the same
@@ -21,6 +22,7 @@
 
 mod balls;
 mod faces;
+mod room;
 mod surface;
 mod tidy;
 
@@ -29,6 +31,8 @@ use crate::geometry::scatter::Scatter;
 use crate::geometry::{distance2, norm, normal};
 use crate::mesh::complex::NONE;
 use balls::Balls;
+pub use faces::Facets;
+pub use room::Room;
 pub use surface::Surface;
 
 /// Sites nearer to one another than this, in units of the edges round them, are too near.
@@ -38,6 +42,7 @@ const APART: f64 = 0.25;
 #[derive(Debug)]
 pub struct Conforming<const D: usize> {
     balls: Balls<D>,
+    room: Room<D>,
     grid: Buckets<D>,
     largest: f64,
     /// The facets that have their two sites, ascending.
@@ -47,11 +52,22 @@ pub struct Conforming<const D: usize> {
 impl<const D: usize> Conforming<D> {
     /// Sites for a surface in the box `[0, extent]`, none of them near the atoms that are `given`.
     pub fn new(surface: Surface<D>, extent: [f64; D], given: &[[f64; D]]) -> Self {
+        Self::within(surface, extent, given, Room::default())
+    }
+
+    /// The same where there is `room`; other atoms keep to it, too.
+    pub fn within(
+        surface: Surface<D>,
+        extent: [f64; D],
+        given: &[[f64; D]],
+        room: Room<D>,
+    ) -> Self {
         let balls = Balls::new(surface, extent);
         let largest = balls.squares.iter().fold(0.0f64, |m, &w| m.max(w)).sqrt();
         let mut conforming = Self {
             grid: Buckets::new(&balls.surface.nodes, largest.max(f64::MIN_POSITIVE)),
             largest,
+            room,
             facets: Vec::new(),
             balls,
         };
@@ -81,10 +97,15 @@ impl<const D: usize> Conforming<D> {
         sites
     }
 
-    /// Whether a place is outside of all balls.
+    /// Where sites and other atoms may stand.
+    pub fn room(&self) -> &Room<D> {
+        &self.room
+    }
+
+    /// Whether there is room at a place outside of all balls.
     pub fn is_free(&self, x: [f64; D]) -> bool {
-        let mut free = true;
-        if !self.surface().nodes.is_empty() {
+        let mut free = self.room.holds(x);
+        if free && !self.surface().nodes.is_empty() {
             self.grid.visit_within(x, self.largest, |n| {
                 free = free && !self.balls.covers(n, &x);
             });
@@ -107,7 +128,8 @@ impl<const D: usize> Conforming<D> {
         let mut facets: Vec<u32> = Vec::new();
         let mut points: Vec<[f64; D]> = Vec::new();
         for f in 0..self.surface().facets.len() {
-            if let Some(pair) = balls.points(f) {
+            let fits = |pair: &[[f64; D]; 2]| pair.iter().all(|&x| self.room.holds(x));
+            if let Some(pair) = balls.points(f).filter(fits) {
                 facets.push(f as u32);
                 points.extend(pair);
             }

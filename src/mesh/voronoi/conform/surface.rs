@@ -43,6 +43,23 @@ impl<const D: usize> Surface<D> {
         surface
     }
 
+    /// The facets that are `wanted`, as a surface.
+    pub fn part(&self, wanted: impl Fn(usize) -> bool) -> Self {
+        let mut part = Self::default();
+        let mut number = vec![NONE; self.nodes.len()];
+        for (_, facet) in self.facets.iter().enumerate().filter(|&(f, _)| wanted(f)) {
+            part.facets.push(facet.map(|n| {
+                let number = &mut number[n as usize];
+                if *number == NONE {
+                    *number = part.nodes.len() as u32;
+                    part.nodes.push(self.nodes[n as usize]);
+                }
+                *number
+            }));
+        }
+        part
+    }
+
     /// The positions of a facet's nodes.
     pub fn corners(&self, facet: usize) -> [[f64; D]; D] {
         self.facets[facet].map(|n| self.nodes[n as usize])

@@ -1,0 +1,131 @@
+//! Local edits of Voronoi cells.
+//!
+//! Cells follow from their sites: what stays are nodes, each as long as the sites on the sphere round it
+//! stay and none comes inside. So beyond five d of every edit all nodes are kept, and so are those of
+//! the faces on features that are as good as before; the sites at kept nodes do not move. All others near an
+//! edit are warm: where features or sites at them have changed, faces on features are made anew; atoms
+//! come to rest, and their cells are cut.
+//!
+//! - `grid`: the cells as they are
+//! - `kept`: what of them stays
+//! - `patch`: the cells round an edit, and what is new there
+//! - `anew`: cells made anew while others stay
+//! - `stitch`: the mesh with patches in place of what they are made for
+
+mod anew;
+mod grid;
+mod kept;
+mod patch;
+mod stitch;
+
+use super::{Change, Context, Edit, EditStages, Edited, Summary, history, resolve};
+use crate::Result;
+use crate::feature;
+use crate::image::Image;
+use crate::job::{Meshing, Params, Space, lattice_beta};
+use crate::mesh::poly::PolyMesh;
+use crate::observer::{Observer, Patience, Stage};
+use crate::report::Clock;
+use crate::store::MeshFile;
+use crate::store::file::{settled_field, settled_of};
+use grid::Grid;
+pub(crate) use grid::KIND;
+pub use grid::dropped;
+use patch::{Patch, Scope};
+
+/// Edits Voronoi cells that [`job::run`](crate::job::run) made of `image`, as [`edit`](super::edit()) edits
+/// simplices; the number of an atom is that of its cell.
+///
+/// Cells all of whose nodes are farther than five d from every edited position are the same bits as before,
+/// and so are those nodes.
+///
+/// # Errors
+/// As [`edit`](super::edit()); [`Error::Seeding`](crate::Error::Seeding) also for a position on a side of the
+/// box, where cells end.
+pub fn edit_cells<const D: usize>(
+    file: MeshFile<PolyMesh<D>>,
+    place: &str,
+    image: &Image<D>,
+    params: &Params<D>,
+    edits: &[Edit<D>],
+    free: bool,
+    observer: &mut dyn Observer,
+) -> Result<Edited<PolyMesh<D>>>
+where
+    Space<D>: Meshing<D>,
+{
+    let clock = Clock::new();
+    let mut stages = EditStages { clock, observer };
+    let settled = settled_of(&file);
+    let mut grid = Grid::new(file, place, params)?;
+    grid.space.check_dims(image.dims(), "the image")?;
+    let step = grid.space.step;
+    // The file knows the units of its lattice space.
+    let lengths = params.metric.lengths(&image.geometry);
+    let params = &*params.in_lattice_units(lengths[0] / step[0]);
+    let mut summary = Summary {
+        nodes: [grid.mesh.nodes.len(), 0],
+        atoms: vec![None; edits.len()],
+        ..Summary::default()
+    };
+    let settled = match settled {
+        Some(settled) => settled,
+        None => {
+            let options = params.feature_options(step);
+            let look = |patience: &Patience<'_>| feature::detect_while(image, &options, patience);
+            let settled = stages.run(Stage::FeaturesEverywhere, look)?.settled;
+            summary.notes.push(
+                "the mesh does not record how its features were found, so they were sought in the \
+                 whole image; the new mesh records how"
+                    .into(),
+            );
+            grid.fields.extend(settled_field(&settled));
+            settled
+        }
+    };
+    let beta = lattice_beta(&params.beta, image.dims(), step)?;
+    let context = Context {
+        image,
+        params,
+        settled: &settled,
+        beta: &beta,
+        edits,
+    };
+    let groups = stages.run(Stage::Neighbourhoods, |_| {
+        resolve::resolve(&grid.lattice(), edits, free)
+    })?;
+    let mut patches: Vec<Patch<D>> = Vec::new();
+    for group in groups {
+        let scope = stages.run(Stage::Neighbours, |_| {
+            Ok(Scope::new(&grid, group, &context))
+        })?;
+        let around = stages.run(Stage::Features, |patience| scope.look(&context, patience))?;
+        summary.samples += around.features.potential.samples.len();
+        let surface = stages.run(Stage::Conforming, |patience| {
+            scope.surface(&around, &context, patience)
+        })?;
+        patches.push(stages.run(Stage::Cutting, |patience| {
+            scope.patch(&around, &surface, &context, &mut summary, patience)
+        })?);
+    }
+    let history = history(&grid.fields, edits);
+    grid.fields.push(history);
+    let file = stages.run(Stage::Assembling, |_| {
+        stitch::stitched(grid, patches, &mut summary)
+    })?;
+    let mut clock = stages.clock;
+    clock.end();
+    summary.stages = clock.costs().to_vec();
+    Ok(Edited { file, summary })
+}
+
+/// Where the user has put an atom.
+fn put<const D: usize>(edit: &Edit<D>) -> Option<[f64; D]> {
+    match edit.change {
+        Change::Add(x) | Change::Move(_, x) => Some(x),
+        Change::Remove(_) => None,
+    }
+}
+
+#[cfg(test)]
+mod tests;

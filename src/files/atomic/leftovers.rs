@@ -63,9 +63,16 @@ fn sweep_now(folder: &Path) {
         };
         let unfinished = name.ends_with(UNFINISHED);
         let before = name.strip_suffix(BEFORE);
-        if !unfinished && before.is_none() || !entry.file_type().is_ok_and(|kind| kind.is_file()) {
+        let Ok(kind) = entry.file_type() else {
+            continue;
+        };
+        if !unfinished && before.is_none() || kind.is_symlink() {
             continue;
         }
+        let remove = |path: &Path| match kind.is_dir() {
+            true => fs::remove_dir_all(path),
+            false => fs::remove_file(path),
+        };
         let Ok(file) = File::open(&path) else {
             continue;
         };
@@ -80,7 +87,7 @@ fn sweep_now(folder: &Path) {
             None if !unfinished => continue,
             // Killed where files cannot have two names, between giving this one up and the new one.
             Some(target) if !target.exists() => fs::rename(&path, target),
-            _ => fs::remove_file(&path),
+            _ => remove(&path),
         };
     }
 }

@@ -32,8 +32,8 @@ use crate::{Error, Result};
 /// `atomesh mesh`.
 #[derive(Debug, Args)]
 pub struct MeshArgs {
-    /// The image: SEG-Y, .npy, .vti, .nrrd, .mha, .nii, .tif, .inr, .png (2-D), or raw samples with
-    /// --raw
+    /// The image: SEG-Y, Zarr, MDIO, .npy, .vti, .nrrd, .mha, .nii, .tif, .inr, .png (2-D), or raw
+    /// samples with --raw
     #[arg(value_name = "IMAGE", required_unless_present = "print_config")]
     pub image: Option<PathBuf>,
     /// What is to be done.

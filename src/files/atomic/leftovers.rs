@@ -121,10 +121,15 @@ mod tests {
         ] {
             fs::write(path, path.to_str().unwrap()).unwrap();
         }
+        // A folder, with what is in it.
+        let tree = temporary("a.zarr", UNFINISHED);
+        fs::create_dir_all(tree.join("c")).unwrap();
+        fs::write(tree.join("c/0"), "").unwrap();
         let held = File::open(&alive).unwrap();
         held.lock().unwrap();
         sweep_now(folder.path());
         let there = |path: &Path| path.exists();
+        assert!(!cfg!(unix) || !there(&tree));
         assert!(!there(&dead) && there(&alive) && !there(&kept) && !there(&lost));
         assert!(there(&at(".other.tmp")) && there(&odd));
         assert_eq!(

@@ -117,7 +117,7 @@ pub struct Stream {
 }
 
 /// Bytes of samples that are held at a time, unless a single plane takes more.
-const HELD: usize = 1 << 28;
+const HELD: usize = 1 << 26;
 
 /// Samples in the order of memory, a slab of planes at a time.
 pub trait Slabs {

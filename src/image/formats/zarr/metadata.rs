@@ -15,6 +15,9 @@ pub const NODE: &str = "zarr.json";
 /// No chunk holds more bytes than this: Blosc's limit too.
 const LARGEST_CHUNK: usize = i32::MAX as usize;
 
+/// No array has more elements: what no chunk holds takes time to be passed over, though no room.
+const MOST_ELEMENTS: usize = 1 << 40;
+
 /// No metadata are longer: what is longer describes no array.
 const LONGEST: u64 = 1 << 26;
 
@@ -114,8 +117,8 @@ impl Metadata {
             .filter(|&bytes| bytes <= LARGEST_CHUNK)
             .ok_or_else(|| format!("has chunks of {chunk:?} elements, more than 2 GB"))?;
         product(&shape)
-            .and_then(|count| count.checked_mul(8))
-            .ok_or_else(|| format!("has the shape {shape:?}, more than any file holds"))?;
+            .filter(|&count| count <= MOST_ELEMENTS)
+            .ok_or_else(|| format!("has the shape {shape:?}, more than any survey"))?;
         let encoding = &value["chunk_key_encoding"];
         let prefixed = match encoding["name"].as_str().or(encoding.as_str()) {
             Some("default") => true,

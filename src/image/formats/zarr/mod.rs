@@ -17,9 +17,6 @@ mod metadata;
 mod place;
 mod write;
 
-#[cfg(test)]
-mod tests;
-
 use std::path::Path;
 
 use serde_json::Value;

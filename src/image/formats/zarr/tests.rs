@@ -1,1 +1,0 @@
-//! Arrays written here and read again; those of others are judged in `tests/zarr.rs`.

@@ -122,13 +122,10 @@ pub fn write(path: &Path, slabs: &dyn Slabs) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::formats::{AnyLoaded, Loaded};
+    use crate::image::formats::Loaded;
 
     fn read(path: &Path, spec: RawSpec) -> Result<Loaded> {
-        let AnyLoaded::Space(loaded) = open(path, spec)?.load(path)? else {
-            panic!("not in space")
-        };
-        Ok(loaded)
+        open(path, spec)?.loaded(path)
     }
 
     #[test]

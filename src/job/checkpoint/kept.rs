@@ -262,22 +262,21 @@ mod tests {
 
     #[test]
     fn what_is_put_is_taken_again_bit_by_bit() {
+        type Both = (Vec<[f64; 3]>, (Option<String>, Vec<Stop>));
         let mut bytes = Vec::new();
-        let value = (
+        let value: Both = (
             vec![[0.1f64, -0.0, f64::NAN], [f64::MIN_POSITIVE, 1e300, 3.0]],
             (Some("é".to_string()), vec![Stop::Interrupted]),
         );
         value.put(&mut bytes).unwrap();
         let rest = &mut &bytes[..];
-        let taken: (Vec<[f64; 3]>, (Option<String>, Vec<Stop>)) = Kept::take(rest).unwrap();
+        let taken = Both::take(rest).unwrap();
         assert!(rest.is_empty());
         let bits = |all: &[[f64; 3]]| all.concat().iter().map(|v| v.to_bits()).collect::<Vec<_>>();
         assert_eq!(bits(&taken.0), bits(&value.0));
         assert_eq!(taken.1, value.1);
         for cut in 0..bytes.len() {
-            assert!(
-                <(Vec<[f64; 3]>, (Option<String>, Vec<Stop>))>::take(&mut &bytes[..cut]).is_none()
-            );
+            assert!(Both::take(&mut &bytes[..cut]).is_none());
         }
     }
 }

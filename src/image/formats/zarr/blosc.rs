@@ -287,7 +287,7 @@ mod tests {
     fn blosclz_copies_what_was_there() {
         // Three literals, then nine bytes from three before, then one literal.
         let mut out = [0; 13];
-        let packed = [2, b'a', b'b', b'c', 6 + 1 << 5, 0, 2, 0, b'd'];
+        let packed = [2, b'a', b'b', b'c', 7 << 5, 0, 2, 0, b'd'];
         // Length 6 + 0 + 3 = 9 at distance 2 + 1.
         assert_eq!(blosclz(&packed, &mut out), Some(13));
         assert_eq!(&out, b"abcabcabcabcd");

@@ -246,7 +246,7 @@ fn any_change_of_a_store_is_refused_or_read() {
             .into_iter()
             .filter(|(_, bytes)| !bytes.is_empty())
             .collect();
-        for _ in 0..250 {
+        for _ in 0..120 {
             let (path, bytes) = &files[random(files.len())];
             let path = at(store).join(path);
             let mut changed = bytes.clone();
@@ -271,7 +271,7 @@ fn any_change_of_a_store_is_refused_or_read() {
         }
     }
     println!("{read} read, {not} refused");
-    assert!(read > 50 && not > 50, "{read} read, {not} refused");
+    assert!(read > 20 && not > 20, "{read} read, {not} refused");
 }
 
 /// A volume of 335 MB as it would be held in memory, where half of that is left beside the program: its figures,

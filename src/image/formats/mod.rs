@@ -58,8 +58,10 @@ pub use input::InputOptions;
 pub use placement::{AxisName, Placement};
 pub use raw::RawSpec;
 pub use segy::{Lines, SegyBytes, SegyInfo};
+pub(crate) use write::Parts;
 pub use write::write;
-pub(crate) use write::{Parts, is_written_in_parts, write_survey};
+#[cfg(feature = "cli")]
+pub(crate) use write::{is_written_in_parts, write_survey};
 
 /// What a user can say about how to read an image.
 #[derive(Debug, Clone, Default, PartialEq)]

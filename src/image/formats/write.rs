@@ -58,6 +58,7 @@ pub(crate) fn write_survey<const D: usize>(
 const IN_PARTS: [&str; 7] = ["npy", "raw", "bin", "nii", "nii.gz", "nrrd", "zarr"];
 
 /// Whether what this ending names is written part by part.
+#[cfg(feature = "cli")]
 pub(crate) fn is_written_in_parts(path: &Path) -> bool {
     IN_PARTS.contains(&ending(path).as_str())
 }

@@ -1,12 +1,12 @@
 #!/bin/sh
 # Installs the programs that judge atomesh's files, each independent of it: VTK, Gmsh, toughio, xtgeo,
 # resqpy, open-DARTS, SciPy, meshio, the readers of images of the field (segyio, nibabel, pynrrd, SimpleITK,
-# tifffile) and a reader of simulators' output from PyPI into .venv; OPM Flow, OpenFOAM, CalculiX, Octave and
+# tifffile, zarr) and a reader of simulators' output from PyPI into .venv; OPM Flow, OpenFOAM, CalculiX, Octave and
 # Chromium, which opens pages, by apt. Tests then use them; without one they name it and check less.
 set -eu
 
 modules="vtkmodules.vtkIOXML resfo gmsh toughio scipy xtgeo resqpy darts flopy meshio
-segyio nibabel nrrd SimpleITK tifffile"
+segyio nibabel nrrd SimpleITK tifffile zarr"
 packages="libopm-simulators-bin openfoam calculix-ccx octave libglu1-mesa libxft2 libxcursor1 libxinerama1"
 # Where there is no shell of its own (Ubuntu), the whole browser.
 browser="chromium-headless-shell chromium"
@@ -29,7 +29,7 @@ install_modules() {
     pip=".venv/bin/pip install --quiet --disable-pip-version-check"
     # VTK without what it draws plots with.
     { $pip --no-deps vtk && $pip resfo gmsh toughio h5py scipy xtgeo resqpy xarray flopy meshio &&
-        $pip segyio nibabel pynrrd SimpleITK tifffile; } ||
+        $pip segyio nibabel pynrrd SimpleITK tifffile zarr; } ||
         absent "pip install fails"
     # DARTS asks for much that it does not need to solve for pressures.
     $pip --no-deps open-darts || absent "pip install open-darts fails"

@@ -174,8 +174,13 @@ fn one_line(mut text: String) -> String {
     text
 }
 
-/// An operating-system error about a path, as [`Error::Io`].
+/// An operating-system error about a path, as [`Error::Io`]; an error of ours that came through one of its,
+/// as it was.
 pub fn os(path: &Path, doing: &str, source: std::io::Error) -> Error {
+    let source = match source.downcast::<Error>() {
+        Ok(ours) => return ours,
+        Err(source) => source,
+    };
     let remedy = match source.kind() {
         std::io::ErrorKind::NotFound => "check the path",
         std::io::ErrorKind::PermissionDenied => "check the permissions",

@@ -164,6 +164,9 @@ pub trait Observer: Send {
     /// A stage begins.
     fn stage(&mut self, _stage: Stage) {}
 
+    /// A line that a user should know.
+    fn note(&mut self, _line: &str) {}
+
     /// The distance between atoms is known, none is placed.
     fn estimate(&mut self, _estimate: &Estimate) {}
 

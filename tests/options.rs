@@ -74,6 +74,7 @@ const CHOICES: &[Choice] = &[
     ),
     any("--potential-out b.vti"),
     any("--lines l.vtp"),
+    any("--checkpoint kept"),
     any("--align alongside"),
     any("--cells voronoi"),
     any("--beta 0.1"),

@@ -300,6 +300,7 @@ impl Image {
                 encoding,
                 notes: Vec::new(),
                 survey: None,
+                lines: None,
             })
         }
         let place = (origin, axes, units, names);
@@ -425,6 +426,7 @@ pub fn to_python<'py>(py: Python<'py>, kept: Kept) -> PyResult<Bound<'py, PyAny>
             encoding: "float32".into(),
             notes: Vec::new(),
             survey: None,
+            lines: None,
         }
     }
     Ok(match kept {

@@ -15,7 +15,8 @@ use crate::cli::desk::{Desk, Kept};
 use crate::cli::provenance::file_hash;
 use crate::export::SurfaceFile;
 use crate::image::Image;
-use crate::image::formats::{self, AnyLoaded, InputOptions};
+use crate::image::formats::stream::Opened;
+use crate::image::formats::{self, AnyLoaded, InputOptions, Lines};
 use crate::job::{Meshing, Outcome, Space};
 use crate::store::{AnyMesh, MeshFile, Stored, read_any_mesh};
 use crate::{Error, Result};
@@ -97,6 +98,22 @@ impl Console {
         }
     }
 
+    /// The same with its samples left in the file, where they may be more than memory holds.
+    ///
+    /// # Errors
+    /// As [`Console::read_image`].
+    pub fn open_image(&self, path: &Path, input: &InputOptions) -> Result<Opened> {
+        match self.desk.image(path) {
+            Some(_) => self.read_image(path, input).map(Opened::Held),
+            None => formats::open(path, &read_options(input, path)?),
+        }
+    }
+
+    /// Whether what goes to `path` is kept in memory.
+    pub fn keeps(&self, path: &Path) -> bool {
+        self.desk.keeps(path)
+    }
+
     /// The hash of an image or of a mesh that an argument names.
     ///
     /// # Errors
@@ -146,7 +163,22 @@ impl Console {
     /// # Errors
     /// As [`formats::write`].
     pub fn write_image<const D: usize>(&mut self, path: &Path, image: Image<D>) -> Result<()> {
-        self.write(path, image, |image| formats::write(path, image))
+        self.write_survey(path, image, None)
+    }
+
+    /// Writes an image with the numbers of its inlines and crosslines, where it has any.
+    ///
+    /// # Errors
+    /// As [`formats::write`].
+    pub fn write_survey<const D: usize>(
+        &mut self,
+        path: &Path,
+        image: Image<D>,
+        lines: Option<[Lines; 2]>,
+    ) -> Result<()> {
+        self.write(path, image, |image| {
+            formats::write_survey(path, image, lines)
+        })
     }
 
     /// Writes surfaces by what `write` does.

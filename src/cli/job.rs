@@ -69,6 +69,13 @@ pub fn check_files(image: &Path, job: &Job, config: Option<&Path>) -> Result<()>
         }
         seen.push(path);
     }
+    if let (Some(folder), Some(_)) = (&job.outputs.checkpoint, trace) {
+        return Err(Error::Job(cause(
+            format!("--checkpoint {}", folder.display()),
+            "keeps no lattices for --trace",
+            "omit one of them",
+        )));
+    }
     Ok(())
 }
 

@@ -1,20 +1,52 @@
 //! Where a result comes from: version, options and the hash of the input.
 
 use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
 
 use crate::Result;
 use crate::error::os;
 
-/// The SHA-256 of a file, as `sha256sum` prints it.
+/// The SHA-256 of a file, as `sha256sum` prints it; of a folder that of the names of its files, in order,
+/// each followed by what is in it.
 ///
 /// # Errors
-/// [`crate::Error::Io`] if the file cannot be read.
+/// [`crate::Error::Io`] if something cannot be read.
 pub fn file_hash(path: &Path) -> Result<String> {
-    let mut file = crate::files::open(path, "give a file")?;
     let mut hasher = Sha256::new();
+    match path.is_dir() {
+        true => add_folder(path, path, &mut hasher)?,
+        false => add_file(path, &mut hasher)?,
+    }
+    Ok(hasher
+        .finalize()
+        .iter()
+        .map(|byte| format!("{byte:02x}"))
+        .collect())
+}
+
+fn add_folder(root: &Path, folder: &Path, hasher: &mut Sha256) -> Result<()> {
+    let failed = |e| os(folder, "read", e);
+    let mut inside: Vec<PathBuf> = std::fs::read_dir(folder)
+        .and_then(|entries| entries.map(|entry| Ok(entry?.path())).collect())
+        .map_err(failed)?;
+    inside.sort();
+    for path in inside {
+        if path.is_dir() {
+            add_folder(root, &path, hasher)?;
+            continue;
+        }
+        let name = path.strip_prefix(root).unwrap_or(&path);
+        hasher.update(name.to_string_lossy().as_bytes());
+        hasher.update([0]);
+        add_file(&path, hasher)?;
+    }
+    Ok(())
+}
+
+fn add_file(path: &Path, hasher: &mut Sha256) -> Result<()> {
+    let mut file = crate::files::open(path, "give a file")?;
     let mut buffer = vec![0; 1 << 18];
     loop {
         let count = file.read(&mut buffer).map_err(|e| os(path, "read", e))?;
@@ -23,11 +55,7 @@ pub fn file_hash(path: &Path) -> Result<String> {
         }
         hasher.update(&buffer[..count]);
     }
-    Ok(hasher
-        .finalize()
-        .iter()
-        .map(|byte| format!("{byte:02x}"))
-        .collect())
+    Ok(())
 }
 
 #[cfg(test)]

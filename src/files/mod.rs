@@ -12,6 +12,7 @@ pub mod vtk;
 
 pub use at::read_exact_at;
 pub use atomic::{
-    Batch, atomic_write, check_target, exit_without_unfinished, remove_unfinished, together,
+    Batch, atomic_write, check_target, check_tree, exit_without_unfinished, remove_unfinished,
+    together,
 };
 pub use open::open;

@@ -25,32 +25,9 @@ pub struct Stats<const D: usize> {
 impl<const D: usize> Image<D> {
     /// Statistics in one parallel pass, the same for any number of threads.
     pub fn stats(&self) -> Stats<D> {
-        // Summed within chunks of fixed size, then in order.
-        const CHUNK: usize = 1 << 16;
-        let samples = self.as_slice();
-        let parts: Vec<Part> = samples.par_chunks(CHUNK).map(Part::of).collect();
-
-        let first_bad = parts
-            .iter()
-            .position(|part| part.finite < part.len)
-            .and_then(|chunk| {
-                let start = chunk * CHUNK;
-                let rest = samples[start..].iter().position(|v| !v.is_finite())?;
-                Some(self.index_of(start + rest))
-            });
-        let finite: usize = parts.iter().map(|part| part.finite).sum();
-        let nan: usize = parts.iter().map(|part| part.nan).sum();
-        let sum: f64 = parts.iter().map(|part| part.sum).sum();
-        Stats {
-            min: parts.iter().fold(f32::INFINITY, |m, part| m.min(part.min)),
-            max: parts
-                .iter()
-                .fold(f32::NEG_INFINITY, |m, part| m.max(part.max)),
-            mean: sum / finite.max(1) as f64,
-            nan,
-            infinite: samples.len() - finite - nan,
-            first_bad,
-        }
+        let mut tally = Tally::default();
+        tally.add(self.as_slice());
+        tally.stats(self.dims())
     }
 
     /// Refuses an image that no job can work with: without samples, with samples that are not
@@ -88,15 +65,70 @@ impl<const D: usize> Image<D> {
         }
         Ok(())
     }
+}
 
-    /// Index (x first) of a position in [`Image::as_slice`].
-    fn index_of(&self, mut position: usize) -> [usize; D] {
-        self.dims().map(|n| {
-            let index = position % n;
-            position /= n;
-            index
-        })
+/// Samples are summed within chunks of this size, then in order.
+const CHUNK: usize = 1 << 16;
+
+/// Statistics of samples that come part by part, in the order of memory: whatever the parts are, the figures
+/// are the same.
+#[derive(Default)]
+pub(crate) struct Tally {
+    parts: Vec<Part>,
+    /// The samples of a chunk that is not whole yet.
+    begun: Vec<f32>,
+}
+
+impl Tally {
+    /// Adds the next samples.
+    pub fn add(&mut self, mut samples: &[f32]) {
+        if !self.begun.is_empty() {
+            let (first, rest) = samples.split_at((CHUNK - self.begun.len()).min(samples.len()));
+            self.begun.extend_from_slice(first);
+            samples = rest;
+            if self.begun.len() == CHUNK {
+                self.parts.push(Part::of(&self.begun));
+                self.begun.clear();
+            }
+        }
+        let (chunks, rest) = samples.split_at(samples.len() - samples.len() % CHUNK);
+        self.parts
+            .par_extend(chunks.par_chunks(CHUNK).map(Part::of));
+        self.begun.extend_from_slice(rest);
     }
+
+    /// The statistics of an image of so many samples along each axis, all of which were added.
+    pub fn stats<const D: usize>(mut self, dims: [usize; D]) -> Stats<D> {
+        self.parts.push(Part::of(&self.begun));
+        let parts = &self.parts;
+        let first_bad = parts
+            .iter()
+            .enumerate()
+            .find_map(|(chunk, part)| Some(chunk * CHUNK + part.first_bad?))
+            .map(|position| index_of(dims, position));
+        let finite: usize = parts.iter().map(|part| part.finite).sum();
+        let nan: usize = parts.iter().map(|part| part.nan).sum();
+        let sum: f64 = parts.iter().map(|part| part.sum).sum();
+        Stats {
+            min: parts.iter().fold(f32::INFINITY, |m, part| m.min(part.min)),
+            max: parts
+                .iter()
+                .fold(f32::NEG_INFINITY, |m, part| m.max(part.max)),
+            mean: sum / finite.max(1) as f64,
+            nan,
+            infinite: parts.iter().map(|part| part.len).sum::<usize>() - finite - nan,
+            first_bad,
+        }
+    }
+}
+
+/// Index (x first) of a position in memory order.
+fn index_of<const D: usize>(dims: [usize; D], mut position: usize) -> [usize; D] {
+    dims.map(|n| {
+        let index = position % n;
+        position /= n;
+        index
+    })
 }
 
 /// What [`Stats`] is added up from.
@@ -107,6 +139,8 @@ struct Part {
     sum: f64,
     min: f32,
     max: f32,
+    /// The first sample that is not finite.
+    first_bad: Option<usize>,
 }
 
 impl Part {
@@ -118,6 +152,7 @@ impl Part {
             sum: 0.0,
             min: f32::INFINITY,
             max: f32::NEG_INFINITY,
+            first_bad: samples.iter().position(|v| !v.is_finite()),
         };
         for &v in samples {
             let finite = v.is_finite();
@@ -154,6 +189,21 @@ mod tests {
         assert!((stats.mean - (n - 1.0) / 2.0).abs() < 1e-6);
         assert_eq!((stats.nan, stats.infinite, stats.first_bad), (0, 0, None));
         assert!(image.check("ramp").is_ok());
+    }
+
+    #[test]
+    fn statistics_are_the_same_whatever_the_parts() {
+        let mut image = ramp([70, 60, 50]);
+        image.samples[[40, 3, 2]] = f32::NAN;
+        let whole = image.stats();
+        for part in [1000, 70 * 60, (1 << 16) - 1, 1 << 16, (1 << 17) + 5] {
+            let mut tally = super::Tally::default();
+            image
+                .as_slice()
+                .chunks(part)
+                .for_each(|part| tally.add(part));
+            assert_eq!(tally.stats(image.dims()), whole, "{part}");
+        }
     }
 
     #[test]

@@ -422,6 +422,8 @@ pub struct Outputs {
     pub page: Option<PathBuf>,
     /// The faces on features, with the number of the surface of each.
     pub surfaces: Option<PathBuf>,
+    /// The folder in which the results of stages are kept.
+    pub checkpoint: Option<PathBuf>,
 }
 
 impl Job {

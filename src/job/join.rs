@@ -1,6 +1,7 @@
 //! How atoms at rest become a mesh: what differs between the plane and space.
 
 use super::Stages;
+use super::checkpoint::Kept;
 use crate::error::cause;
 use crate::feature::{FeaturePoint, Features};
 use crate::geometry::in_space;
@@ -27,7 +28,7 @@ pub struct Space<const D: usize>;
 /// A space in which meshes are made.
 pub trait Meshing<const D: usize> {
     /// What is made: triangles or tetrahedra.
-    type Mesh: Simplices<D>;
+    type Mesh: Simplices<D> + Kept;
 
     /// Puts the atoms that are next to a feature onto it, joins all and improves the result until
     /// every angle is at least as large as `improvement` asks, where that can be; without it, only
@@ -223,7 +224,9 @@ impl Meshing<3> for Space<3> {
         let Delaunay {
             mut mesh,
             mut neighbors,
-        } = delaunay::delaunay_with_neighbors(&atoms.positions)?;
+        } = stages.kept("4-joined", |_| {
+            delaunay::delaunay_with_neighbors(&atoms.positions)
+        })?;
         let mut kinds = atoms.kinds;
         let (Some(options), Some(sheets)) = (improvement, &sheets) else {
             return Ok(Joined::as_it_is(

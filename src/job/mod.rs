@@ -4,6 +4,7 @@
 //! - [`settings`]: the same as flat options, `words`: how these are read
 //! - `params`: what the pass is told, with the files that were named
 //! - `run`: the one pass through all stages
+//! - `checkpoint`: what stages gave, kept in a folder to go on from
 //! - `stages`: what clock and observer are told of them
 //! - `frame`: lattice space, and what lies in it
 //! - `place`: atoms at rest, placed on a lattice that moves or as Canny's points
@@ -23,6 +24,7 @@
 pub mod asked;
 mod canny;
 pub(crate) mod cells;
+mod checkpoint;
 mod estimate;
 mod even;
 mod frame;
@@ -40,11 +42,12 @@ mod stages;
 mod words;
 
 pub use asked::Job;
+pub use checkpoint::Checkpoint;
 pub(crate) use frame::{lattice_beta, lattice_points, lattice_ways};
 pub use join::{Joined, Marked, Meshing, Scene, Space};
 pub use measure::{BOX_TOLERANCE, scaled};
 pub(crate) use optimise::moving;
 pub use params::{CellKind, Evaluator, FixedAtom, Metric, Params, Spacing, Weight, WellPath};
-pub use run::{Made, Outcome, Provenance, run};
+pub use run::{Made, Outcome, Provenance, run, run_from};
 pub use settings::Settings;
 pub use stages::Stages;

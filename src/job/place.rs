@@ -9,7 +9,7 @@ use crate::feature::components::for_each_sample;
 use crate::feature::{FeatureKind, Features};
 use crate::image::{Field, Image};
 use crate::lattice::distance::{self, Dense, Distance};
-use crate::lattice::optimize;
+use crate::lattice::optimize::{self, Stop};
 use crate::lattice::seeding::{self, Alignment, Atoms, Seeding, wells};
 use crate::observer::{Patience, Stage};
 use crate::{Error, Result};
@@ -170,27 +170,34 @@ pub(super) fn lattice<const D: usize>(
     frame: &Frame<D>,
     stages: &mut Stages<'_>,
 ) -> Result<Placed<D>> {
-    let mut atoms = stages.unless_stopped(Stage::Placing, |patience| {
-        seeding::seed(
-            params.seeding,
-            frame.extent,
+    let (atoms, optimised) = stages.kept("3-moved", |stages| {
+        let mut atoms = stages.kept("2-seeded", |stages| {
+            stages.unless_stopped(Stage::Placing, |patience| {
+                seeding::seed(
+                    params.seeding,
+                    frame.extent,
+                    &distance,
+                    fixed,
+                    Alignment::On,
+                    Some(&features.potential),
+                    patience,
+                )
+            })
+        })?;
+        stages.begin(Stage::Optimising);
+        let optimised = optimise(
+            &mut atoms,
+            params,
+            features,
             &distance,
-            fixed,
-            Alignment::On,
-            Some(&features.potential),
-            patience,
-        )
+            frame,
+            stages.observer,
+        )?;
+        if optimised.stop == Stop::Interrupted {
+            stages.stopped();
+        }
+        Ok((atoms, optimised))
     })?;
-
-    stages.begin(Stage::Optimising);
-    let optimised = optimise(
-        &mut atoms,
-        params,
-        features,
-        &distance,
-        frame,
-        stages.observer,
-    )?;
     Ok(Placed {
         atoms,
         distance,

@@ -4,7 +4,8 @@ use super::frame::{Frame, lattice_extent};
 use super::optimise::optimisation;
 use super::place::{self, Placed, Placing};
 use super::{
-    CellKind, Marked, Meshing, Params, Scene, Space, Spacing, Stages, cells, estimate, simplices,
+    CellKind, Checkpoint, Marked, Meshing, Params, Scene, Space, Spacing, Stages, cells, estimate,
+    simplices,
 };
 use crate::error::cause;
 use crate::feature::{self, Features, labelled};
@@ -127,6 +128,23 @@ pub fn run<const D: usize>(
 where
     Space<D>: Meshing<D>,
 {
+    run_from(image, params, None, observer)
+}
+
+/// The same; what its stages give is kept in a folder, and what is there of the same job is taken up.
+///
+/// # Errors
+/// As [`run`], and [`Error::Io`](crate::Error::Io) if something cannot be kept.
+pub fn run_from<const D: usize>(
+    image: &Image<D>,
+    params: &Params<D>,
+    checkpoint: Option<&Checkpoint>,
+    observer: &mut dyn Observer,
+) -> Result<Outcome<D>>
+where
+    Space<D>: Meshing<D>,
+{
+    let checkpoint = checkpoint.map(|kept| kept.of(image, params));
     let merged = labelled::merged(image, &params.labels)?;
     let image = merged.as_ref().unwrap_or(image);
     let alignment = match params.cells {
@@ -155,11 +173,13 @@ where
     }
     let frame = Frame::new(image, params)?;
 
-    let mut stages = Stages::new(observer);
+    let mut stages = Stages::new(observer).keeping(checkpoint);
     stages.begin_unless_stopped(Stage::Features)?;
     let options = params.feature_options(step);
-    let features = stages.unless_stopped(Stage::Features, |patience| {
-        feature::detect_while(image, &options, patience)
+    let features = stages.kept("1-features", |stages| {
+        stages.unless_stopped(Stage::Features, |patience| {
+            feature::detect_while(image, &options, patience)
+        })
     })?;
     let (made, mut report, distance, optimised) = match params.cells {
         CellKind::Simplices => {

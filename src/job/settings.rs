@@ -84,6 +84,10 @@ pub struct Settings {
     /// Also write a page to look at: mesh, image and figures in one HTML file for any browser
     #[cfg_attr(feature = "cli", arg(long, value_name = "PAGE.html"))]
     pub page: Option<PathBuf>,
+    /// Keep what each stage gives in a folder: the same command, started again after it was ended, goes on
+    /// from there and makes the same mesh
+    #[cfg_attr(feature = "cli", arg(long, value_name = "FOLDER", help_heading = FILES))]
+    pub checkpoint: Option<PathBuf>,
     /// Also write the faces on features with the number of the surface of each, as `atomesh surface` does
     #[cfg_attr(feature = "cli", arg(long, value_name = "SURFACES.vtp", help_heading = FILES))]
     pub surfaces: Option<PathBuf>,

@@ -46,8 +46,10 @@ where
         min_dihedral,
         method: params.slivers,
     });
-    let joined = Space::<D>::join(atoms, scene, relaxation.as_ref(), options.as_ref(), stages)?;
-    let (joined, neighbors) = sealed(joined, scene, stages)?;
+    let (joined, neighbors) = stages.kept("5-improved", |stages| {
+        let joined = Space::<D>::join(atoms, scene, relaxation.as_ref(), options.as_ref(), stages)?;
+        sealed(joined, scene, stages)
+    })?;
     let Joined {
         mut made,
         improvement,

@@ -1,5 +1,6 @@
 //! What clock and observer are told.
 
+use super::checkpoint::{Found, Kept, OfJob};
 use crate::Result;
 use crate::observer::{Observer, Patience, Stage, interrupted};
 use crate::report::{Clock, StageCost};
@@ -9,6 +10,7 @@ pub struct Stages<'a> {
     clock: Clock,
     pub(super) observer: &'a mut dyn Observer,
     interrupted: bool,
+    checkpoint: Option<OfJob>,
 }
 
 impl<'a> Stages<'a> {
@@ -18,7 +20,40 @@ impl<'a> Stages<'a> {
             clock: Clock::new(),
             observer,
             interrupted: false,
+            checkpoint: None,
         }
+    }
+
+    /// The same; what they give is kept there.
+    pub(super) fn keeping(mut self, checkpoint: Option<OfJob>) -> Self {
+        self.checkpoint = checkpoint;
+        self
+    }
+
+    /// What `work` gives, or what was kept of it under this name when the job was run before.
+    ///
+    /// # Errors
+    /// Those of the work, and of keeping its result.
+    pub(super) fn kept<T: Kept>(
+        &mut self,
+        name: &str,
+        work: impl FnOnce(&mut Self) -> Result<T>,
+    ) -> Result<T> {
+        match self.checkpoint.as_ref().map(|kept| kept.found(name)) {
+            Some(Found::Whole(value)) => return Ok(value),
+            Some(Found::Useless(why)) => self.observer.note(&why),
+            Some(Found::Nothing) | None => (),
+        }
+        let value = work(self)?;
+        // What was stopped is no whole result.
+        if self.checkpoint.is_some()
+            && self.keep_going()
+            && !self.interrupted
+            && let Some(checkpoint) = &self.checkpoint
+        {
+            checkpoint.keep(name, &value)?;
+        }
+        Ok(value)
     }
 
     /// A stage begins.

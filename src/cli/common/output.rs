@@ -10,8 +10,8 @@ use crate::image::{Field, Geometry, Image};
 use crate::{Error, Result};
 
 /// The endings of the image formats that are written.
-pub const WRITTEN: [&str; 10] = [
-    "vti", "npy", "png", "nrrd", "mha", "nii", "gz", "irap", "zmap", "cps3",
+pub const WRITTEN: [&str; 11] = [
+    "vti", "npy", "png", "nrrd", "mha", "nii", "gz", "zarr", "irap", "zmap", "cps3",
 ];
 
 /// Checks that a verb may write `path`: its ending, its folder, and that it is none of `inputs`.
@@ -19,11 +19,15 @@ pub const WRITTEN: [&str; 10] = [
 /// # Errors
 /// [`Error::Job`] or [`Error::Io`] that names the option or the path.
 pub fn check_output(path: &Path, option: &str, endings: &[&str], inputs: &[&Path]) -> Result<()> {
-    crate::files::check_target(path)?;
     let ending = path
         .extension()
         .and_then(|e| e.to_str())
         .map(str::to_ascii_lowercase);
+    match ending.as_deref() {
+        // A folder.
+        Some("zarr") if endings.contains(&"zarr") => crate::files::check_tree(path, "zarr.json")?,
+        _ => crate::files::check_target(path)?,
+    }
     let place = format!("{option} {}", path.display());
     if !ending.is_some_and(|ending| endings.contains(&ending.as_str())) {
         let known: Vec<String> = endings.iter().map(|ending| format!(".{ending}")).collect();
@@ -68,11 +72,16 @@ pub fn potential_image<const D: usize>(potential: &Field<D>, geometry: &Geometry
 pub fn written<const D: usize>(console: &mut Console, path: &Path, image: Image<D>) -> Result<()> {
     let dims = image.dims();
     console.write_image(path, image)?;
+    said_written(console, path, &dims);
+    Ok(())
+}
+
+/// Says which image was written, and of how many samples.
+pub fn said_written(console: &mut Console, path: &Path, dims: &[usize]) {
     console.result(
-        format_args!("wrote {}: {} samples", path.display(), by(&dims)),
+        format_args!("wrote {}: {} samples", path.display(), by(dims)),
         &json!({ "file": shown(path), "dims": dims.to_vec() }),
     );
-    Ok(())
 }
 
 /// A path as text, for JSON, which has no place for names that are not UTF-8.

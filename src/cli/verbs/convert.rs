@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::json;
 
-use crate::cli::common::output::{WRITTEN, check_output, shown, written};
+use crate::cli::common::output::{WRITTEN, check_output, said_written, shown};
 use crate::cli::console::Console;
 use crate::error::cause;
 use crate::export::surfaces::vtp::read_surfaces;
@@ -13,8 +13,8 @@ use crate::export::{
     Gocad, Sticks, SurfaceFile, read_gocad, read_sticks, write_obj, write_sticks, write_tsurf,
     write_vtp,
 };
-use crate::image::formats::InputOptions;
-use crate::image::formats::{AnyLoaded, Loaded};
+use crate::image::formats::stream::{Opened, Stream};
+use crate::image::formats::{AnyLoaded, InputOptions, Loaded, Parts, is_written_in_parts};
 use crate::{Error, Result};
 
 /// `atomesh convert`.
@@ -23,7 +23,7 @@ pub struct ConvertArgs {
     /// The image or grid to read; or surfaces: .vtp, GOCAD's .ts or .pl, or .csv of fault sticks
     #[arg(value_name = "IN")]
     pub input_file: PathBuf,
-    /// What to write: an image (.vti, .npy, .nrrd, .mha, .nii, .nii.gz, in 2-D .png), a grid (.irap, .zmap,
+    /// What to write: an image (.vti, .npy, .nrrd, .mha, .nii, .nii.gz, .zarr, in 2-D .png), a grid (.irap, .zmap,
     /// .cps3), or surfaces (.vtp, .obj, .ts, .pl, .csv)
     #[arg(value_name = "OUT")]
     pub output: PathBuf,
@@ -46,7 +46,13 @@ pub fn convert(args: &ConvertArgs, console: &mut Console) -> Result<()> {
     let mut inputs = vec![args.input_file.as_path()];
     inputs.extend(args.input.geometry_from.as_deref());
     check_output(&args.output, "OUT", &WRITTEN, &inputs)?;
-    match console.read_image(&args.input_file, &args.input)? {
+    let opened = match console.open_image(&args.input_file, &args.input)? {
+        Opened::Stream(stream) if in_parts(&args.output, console) => {
+            return pass_on(stream, &args.output, console);
+        }
+        other => other,
+    };
+    match opened.load(&args.input_file)? {
         AnyLoaded::Plane(loaded) => rewrite(loaded, &args.output, console),
         AnyLoaded::Space(loaded) => rewrite(loaded, &args.output, console),
     }
@@ -56,7 +62,37 @@ fn rewrite<const D: usize>(loaded: Loaded<D>, to: &Path, console: &mut Console) 
     for note in &loaded.notes {
         console.note(note);
     }
-    written(console, to, loaded.image)
+    let dims = loaded.image.dims();
+    console.write_survey(to, loaded.image, loaded.lines)?;
+    said_written(console, to, &dims);
+    Ok(())
+}
+
+/// Whether what goes to `to` is written part by part.
+fn in_parts(to: &Path, console: &Console) -> bool {
+    !console.keeps(to) && is_written_in_parts(to)
+}
+
+/// Writes an image that may be larger than memory as it is read.
+fn pass_on(stream: Stream, to: &Path, console: &mut Console) -> Result<()> {
+    let head = &stream.head;
+    for note in &head.notes {
+        console.note(note);
+    }
+    let parts = Parts {
+        dims: head.dims,
+        geometry: &head.geometry,
+        missing: &head.missing,
+        lines: head.lines,
+        sample: stream.coded.sample,
+        slabs: &stream,
+    };
+    parts.write(to)?;
+    if let Some(note) = stream.note() {
+        console.note(note);
+    }
+    said_written(console, to, &head.dims);
+    Ok(())
 }
 
 fn ending(path: &Path) -> String {

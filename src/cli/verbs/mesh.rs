@@ -17,7 +17,7 @@ use crate::export::page::{self, About, LARGEST, Written};
 use crate::files::vtk::DataArray;
 use crate::image::formats::{AnyLoaded, Loaded};
 use crate::image::{Geometry, Image};
-use crate::job::{Job, Made, Meshing, Outcome, Provenance, Settings, Space};
+use crate::job::{Checkpoint, Job, Made, Meshing, Outcome, Provenance, Settings, Space};
 use crate::lattice::optimize::Stop;
 use crate::memory::Bytes;
 use crate::mesh::Simplices;
@@ -32,8 +32,8 @@ use crate::{Error, Result};
 /// `atomesh mesh`.
 #[derive(Debug, Args)]
 pub struct MeshArgs {
-    /// The image: SEG-Y, .npy, .vti, .nrrd, .mha, .nii, .tif, .inr, .png (2-D), or raw samples with
-    /// --raw
+    /// The image: SEG-Y, Zarr, MDIO, .npy, .vti, .nrrd, .mha, .nii, .tif, .inr, .png (2-D), or raw
+    /// samples with --raw
     #[arg(value_name = "IMAGE", required_unless_present = "print_config")]
     pub image: Option<PathBuf>,
     /// What is to be done.
@@ -168,7 +168,10 @@ impl Run<'_> {
             stage: Stage::Reading,
             heard: None,
         };
-        let outcome = crate::job::run(&image, &params, &mut watcher);
+        let checkpoint = (job.outputs.checkpoint.as_deref())
+            .map(Checkpoint::new)
+            .transpose()?;
+        let outcome = crate::job::run_from(&image, &params, checkpoint.as_ref(), &mut watcher);
         let (failed, traced) = (watcher.failed, watcher.traced);
         let mut outcome = match failed.map_or(outcome, Err) {
             Ok(outcome) => outcome,
@@ -394,6 +397,10 @@ impl Observer for Watcher<'_> {
         self.stage = stage;
         self.console.begin_stage(stage);
         self.interrupts.stage(stage);
+    }
+
+    fn note(&mut self, line: &str) {
+        self.console.note(line);
     }
 
     fn estimate(&mut self, estimate: &Estimate) {

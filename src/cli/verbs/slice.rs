@@ -10,10 +10,11 @@ use crate::cli::console::Console;
 use crate::cli::parse;
 use crate::error::cause;
 use crate::image::Geometry;
+use crate::image::formats::stream::{Head, Opened, Slabs};
 use crate::image::formats::{AnyLoaded, InputOptions, Loaded};
 use crate::image::geometry::Ruler;
 use crate::mesh::Mesh;
-use crate::model::slice::{self, Canvas, Caption, Skeleton};
+use crate::model::slice::{self, Canvas, Caption, Sections, Skeleton};
 use crate::store::{AnyMesh, FieldValue, MeshFile, Stored, StoredMesh};
 use crate::{Error, Result};
 
@@ -64,7 +65,13 @@ pub fn slice(args: &SliceArgs, console: &mut Console) -> Result<()> {
         .map(|text| parse::point("--at", text, "give a point such as 1500,2000,300"))
         .transpose()?;
     console.begin_stage("reading");
-    let image = console.read_image(&args.image, &args.input)?;
+    let image = match console.open_image(&args.image, &args.input)? {
+        // Painted at any point, not only on planes.
+        Opened::Stream(stream) if args.view == View::Solid => {
+            Opened::Held(Opened::Stream(stream).load(&args.image)?)
+        }
+        other => other,
+    };
     let mesh = console.read_mesh(&args.mesh)?;
     console.begin_stage("drawing");
     let other = |mesh: u8, image: u8| {
@@ -72,16 +79,18 @@ pub fn slice(args: &SliceArgs, console: &mut Console) -> Result<()> {
         refuse(&args.mesh, &problem, "give the mesh of the image")
     };
     let picture = match (image, mesh) {
-        (AnyLoaded::Plane(_), _) if args.view == View::Solid => {
+        (Opened::Held(AnyLoaded::Plane(_)), _) if args.view == View::Solid => {
             let problem = "shows meshes in space, but the image is 2-D";
             return Err(Error::Job(cause("--view 3d", problem, "omit it")));
         }
-        (AnyLoaded::Plane(loaded), AnyMesh::Plane(file)) => plane(args, &loaded, &file)?,
-        (AnyLoaded::Plane(loaded), AnyMesh::PlaneCells(file)) => plane(args, &loaded, &file)?,
-        (AnyLoaded::Space(loaded), AnyMesh::Space(file)) => space(args, &loaded, file, at)?,
-        (AnyLoaded::Space(loaded), AnyMesh::SpaceCells(file)) => space(args, &loaded, file, at)?,
-        (AnyLoaded::Plane(_), _) => return Err(other(3, 2)),
-        (AnyLoaded::Space(_), _) => return Err(other(2, 3)),
+        (Opened::Held(AnyLoaded::Plane(loaded)), mesh) => match mesh {
+            AnyMesh::Plane(file) => plane(args, &loaded, &file)?,
+            AnyMesh::PlaneCells(file) => plane(args, &loaded, &file)?,
+            _ => return Err(other(3, 2)),
+        },
+        (image, AnyMesh::Space(file)) => space(args, image, file, at)?,
+        (image, AnyMesh::SpaceCells(file)) => space(args, image, file, at)?,
+        _ => return Err(other(2, 3)),
     };
     picture.write(&args.output)?;
     let [width, height] = picture.size();
@@ -99,32 +108,37 @@ fn refuse(place: &Path, problem: &str, remedy: &str) -> Error {
 fn plane<M: Stored<2>>(args: &SliceArgs, loaded: &Loaded<2>, file: &MeshFile<M>) -> Result<Canvas> {
     let image = &loaded.image;
     let skeleton = skeleton(args, file, &image.geometry)?;
-    slice::plane(image, &skeleton, &caption(args, file, loaded))
+    slice::plane(image, &skeleton, &caption(args, file, &loaded.head()))
 }
 
 fn space<M: Stored<3>>(
     args: &SliceArgs,
-    loaded: &Loaded<3>,
+    image: Opened,
     file: MeshFile<M>,
     at: Option<[f64; 3]>,
 ) -> Result<Canvas> {
-    let image = &loaded.image;
-    let at = match at {
-        Some(at) => image.geometry.to_index(at).ok_or_else(|| flat(args))?,
-        None => image.dims().map(|n| (n / 2) as f64),
+    let (head, slabs): (Head<3>, &dyn Slabs) = match &image {
+        Opened::Stream(stream) => (stream.head.clone(), stream),
+        Opened::Held(AnyLoaded::Space(loaded)) => (loaded.head(), &loaded.image),
+        Opened::Held(AnyLoaded::Plane(_)) => return Err(flat(args)),
     };
-    let mut caption = caption(args, &file, loaded);
-    match args.view {
-        View::Sections => {
-            caption.subtitle += &met(loaded, at, &caption);
-            let skeleton = skeleton(args, &file, &image.geometry)?;
-            slice::space(image, &skeleton, at, &caption)
-        }
-        View::Solid => {
+    let at = match at {
+        Some(at) => head.geometry.to_index(at).ok_or_else(|| flat(args))?,
+        None => head.dims.map(|n| (n / 2) as f64),
+    };
+    let mut caption = caption(args, &file, &head);
+    match (args.view, &image) {
+        (View::Solid, Opened::Held(AnyLoaded::Space(loaded))) => {
             let stored = StoredMesh::new(file, &args.mesh.display().to_string())?;
             let place = args.image.display().to_string();
-            stored.space.check_dims(image.dims(), &place)?;
-            slice::solid(image, &stored, at, &caption)
+            stored.space.check_dims(head.dims, &place)?;
+            slice::solid(&loaded.image, &stored, at, &caption)
+        }
+        _ => {
+            caption.subtitle += &met(&head, at, &caption);
+            let skeleton = skeleton(args, &file, &head.geometry)?;
+            let sections = Sections::of(&args.image, head.dims, slabs, at)?;
+            slice::space(&sections, &head.geometry, &skeleton, &caption)
         }
     }
 }
@@ -146,7 +160,7 @@ fn flat(args: &SliceArgs) -> Error {
 fn caption<const D: usize, M: Mesh<D>>(
     args: &SliceArgs,
     file: &MeshFile<M>,
-    loaded: &Loaded<D>,
+    head: &Head<D>,
 ) -> Caption {
     let name = |path: &Path| match path.file_name() {
         Some(name) => name.to_string_lossy().into_owned(),
@@ -163,18 +177,18 @@ fn caption<const D: usize, M: Mesh<D>>(
         title: format!("{} over {}", name(&args.mesh), name(&args.image)),
         subtitle: format!("{} {}{distance}", file.mesh.len(), M::CELLS),
         values: String::new(),
-        rulers: std::array::from_fn(|k| (k < D).then(|| lines(loaded, k)).flatten()),
+        rulers: std::array::from_fn(|k| (k < D).then(|| lines(head, k)).flatten()),
     }
 }
 
 /// An image axis that is read off by line numbers: of a survey's inlines or crosslines.
-fn lines<const D: usize>(loaded: &Loaded<D>, k: usize) -> Option<Ruler> {
-    let survey = loaded.survey.as_ref()?;
-    let geometry = &loaded.image.geometry;
+fn lines<const D: usize>(head: &Head<D>, k: usize) -> Option<Ruler> {
+    let [inlines, crosslines] = head.lines?;
+    let geometry = &head.geometry;
     let name = &geometry.names[k];
     let lines = match &**name {
-        "inline" => survey.inlines?,
-        "crossline" => survey.crosslines?,
+        "inline" => inlines,
+        "crossline" => crosslines,
         _ => return None,
     };
     let level = geometry.axes[k].iter().position(|&step| step != 0.0)?;
@@ -198,20 +212,20 @@ fn lines<const D: usize>(loaded: &Loaded<D>, k: usize) -> Option<Ruler> {
 }
 
 /// Where the sections of a survey meet: lines, and coordinates.
-fn met(loaded: &Loaded<3>, at: [f64; 3], caption: &Caption) -> String {
-    let dims = loaded.image.dims();
+fn met(head: &Head<3>, at: [f64; 3], caption: &Caption) -> String {
+    let dims = head.dims;
     let number = |k: usize| {
         let ruler = caption.rulers[k].as_ref()?;
         let share = at[k] / (dims[k].max(2) - 1) as f64;
         let line = ruler.first + share * (ruler.last - ruler.first);
-        Some(format!("{} {line:.0}", loaded.image.geometry.names[k]))
+        Some(format!("{} {line:.0}", head.geometry.names[k]))
     };
     let lines: Vec<String> = (0..3).rev().filter_map(number).collect();
     if lines.is_empty() {
         return String::new();
     }
-    let [x, y, z] = loaded.image.geometry.to_physical(at);
-    let units = &loaded.image.geometry.units;
+    let [x, y, z] = head.geometry.to_physical(at);
+    let units = &head.geometry.units;
     format!(
         "; at {}: x {x:.0} {}, y {y:.0} {}, z {z:.0} {}",
         lines.join(", "),

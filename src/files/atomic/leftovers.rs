@@ -63,9 +63,16 @@ fn sweep_now(folder: &Path) {
         };
         let unfinished = name.ends_with(UNFINISHED);
         let before = name.strip_suffix(BEFORE);
-        if !unfinished && before.is_none() || !entry.file_type().is_ok_and(|kind| kind.is_file()) {
+        let Ok(kind) = entry.file_type() else {
+            continue;
+        };
+        if !unfinished && before.is_none() || kind.is_symlink() {
             continue;
         }
+        let remove = |path: &Path| match kind.is_dir() {
+            true => fs::remove_dir_all(path),
+            false => fs::remove_file(path),
+        };
         let Ok(file) = File::open(&path) else {
             continue;
         };
@@ -80,7 +87,7 @@ fn sweep_now(folder: &Path) {
             None if !unfinished => continue,
             // Killed where files cannot have two names, between giving this one up and the new one.
             Some(target) if !target.exists() => fs::rename(&path, target),
-            _ => fs::remove_file(&path),
+            _ => remove(&path),
         };
     }
 }
@@ -114,10 +121,15 @@ mod tests {
         ] {
             fs::write(path, path.to_str().unwrap()).unwrap();
         }
+        // A folder, with what is in it.
+        let tree = temporary("a.zarr", UNFINISHED);
+        fs::create_dir_all(tree.join("c")).unwrap();
+        fs::write(tree.join("c/0"), "").unwrap();
         let held = File::open(&alive).unwrap();
         held.lock().unwrap();
         sweep_now(folder.path());
         let there = |path: &Path| path.exists();
+        assert!(!cfg!(unix) || !there(&tree));
         assert!(!there(&dead) && there(&alive) && !there(&kept) && !there(&lost));
         assert!(there(&at(".other.tmp")) && there(&odd));
         assert_eq!(

@@ -11,6 +11,7 @@
 
 mod leftovers;
 mod placed;
+mod tree;
 mod unfinished;
 
 use std::cell::RefCell;
@@ -21,8 +22,10 @@ use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result, cause, os};
 use placed::Placed;
+use tree::{PlacedTree, Tree};
 use unfinished::{Taken, Unfinished};
 
+pub use tree::check_tree;
 pub use unfinished::{exit_without_unfinished, remove_unfinished};
 
 /// All that this thread writes during `work` appears when it has succeeded; if it fails, nothing does.
@@ -45,6 +48,14 @@ pub fn together<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {
     drop(guard);
     batch.map_or(Ok(()), Batch::commit)?;
     Ok(done)
+}
+
+/// What this writes appears when it is written, also within [`together`].
+pub fn at_once<T>(work: impl FnOnce() -> T) -> T {
+    let job = OPEN.take();
+    let done = work();
+    OPEN.set(job);
+    done
 }
 
 thread_local! {
@@ -75,9 +86,30 @@ pub struct Batch {
     files: Vec<(Unfinished, PathBuf)>,
     /// Folders made for them, the outer ones first.
     folders: Vec<PathBuf>,
+    /// Folders that appear with all that is in them.
+    trees: Vec<Tree>,
 }
 
 impl Batch {
+    /// Writes a folder in place of what has its name: `fill` is told where. It is known by `file` in it, and
+    /// replaces no folder without that, unless it is empty.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the folder around it does not exist or something else has its name; those of
+    /// filling it.
+    pub fn tree(
+        &mut self,
+        path: &Path,
+        file: &str,
+        fill: impl FnOnce(&Path) -> Result<()>,
+    ) -> Result<()> {
+        let tree = Tree::create(path, file)?;
+        fill(tree.path())?;
+        sync_folder(tree.path());
+        self.trees.push(tree);
+        Ok(())
+    }
+
     /// Writes one of the files; its folder must exist.
     ///
     /// # Errors
@@ -128,10 +160,23 @@ impl Batch {
         }
         // Whoever removes unfinished files waits until all these are finished.
         let mut unfinished = unfinished::all();
-        let many = self.files.len() > 1;
-        let folders: BTreeSet<PathBuf> = (self.files.iter())
-            .map(|(_, path)| folder_of(path).to_path_buf())
+        let many = self.files.len() + self.trees.len() > 1;
+        let trees = self.trees.iter().map(Tree::target);
+        let paths = (self.files.iter()).map(|(_, path)| path.as_path());
+        let folders: BTreeSet<PathBuf> = (paths.chain(trees))
+            .map(|path| folder_of(path).to_path_buf())
             .collect();
+        let mut grown: Vec<PlacedTree> = Vec::new();
+        let undone = |grown: Vec<PlacedTree>| grown.into_iter().rev().for_each(PlacedTree::undo);
+        for tree in std::mem::take(&mut self.trees) {
+            match tree.place(&mut unfinished) {
+                Ok(tree) => grown.push(tree),
+                Err(error) => {
+                    undone(grown);
+                    return Err(error);
+                }
+            }
+        }
         let files: Vec<(Taken, PathBuf)> = (self.files.drain(..))
             .filter_map(|(file, path)| Some((file.taken(&mut unfinished)?, path)))
             .collect();
@@ -141,6 +186,7 @@ impl Batch {
                 Ok(file) => placed.push(file),
                 Err(error) => {
                     placed.into_iter().rev().for_each(Placed::undo);
+                    undone(grown);
                     return Err(error);
                 }
             }
@@ -161,12 +207,17 @@ impl Batch {
             .retain(|(_, path)| !paths.contains(path.as_path()));
         self.files.append(&mut other.files);
         self.folders.append(&mut other.folders);
+        let later = std::mem::take(&mut other.trees);
+        let replaced = |tree: &Tree| later.iter().any(|other| other.target() == tree.target());
+        self.trees.retain(|tree| !replaced(tree));
+        self.trees.extend(later);
     }
 }
 
 impl Drop for Batch {
     fn drop(&mut self) {
         self.files.clear();
+        self.trees.clear();
         if self.folders.is_empty() {
             return;
         }
@@ -280,6 +331,36 @@ mod tests {
         assert_eq!(names(&inner), ["a", "b"]);
         assert!(fill(true).is_err());
         assert_eq!(names(&inner), ["a", "b"]);
+    }
+
+    #[test]
+    fn a_folder_appears_whole_in_place_of_its_like_or_not_at_all() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.tree");
+        let fill = |text: &'static str, fails: bool| {
+            let mut batch = Batch::default();
+            batch.tree(&path, "mark", |at| {
+                fs::write(at.join("mark"), text).map_err(|e| os(at, "write", e))?;
+                match fails {
+                    true => Err(Error::Io(cause("disk", "is full", "make room"))),
+                    false => fs::write(at.join(text), "").map_err(|e| os(at, "write", e)),
+                }
+            })?;
+            batch.commit()
+        };
+        assert!(fill("one", true).is_err());
+        assert!(names(folder.path()).is_empty());
+        fill("one", false).unwrap();
+        fill("two", false).unwrap();
+        assert_eq!(names(&path), ["mark", "two"]);
+        assert!(fill("three", true).is_err());
+        assert_eq!(names(&path), ["mark", "two"]);
+        assert_eq!(names(folder.path()), ["a.tree"]);
+        // A folder of something else stays.
+        fs::remove_file(path.join("mark")).unwrap();
+        let error = fill("four", false).unwrap_err().to_string();
+        assert!(error.contains("holds no mark"), "{error}");
+        assert_eq!(names(&path), ["two"]);
     }
 
     /// The second of three files cannot take its name: the first gives its own back, with what was

@@ -16,6 +16,7 @@ use crate::error::{Result, os};
 static ALL: Mutex<All> = Mutex::new(All {
     files: BTreeSet::new(),
     folders: Vec::new(),
+    trees: BTreeSet::new(),
 });
 
 /// What would be left if the process ended now.
@@ -25,6 +26,8 @@ pub struct All {
     pub files: BTreeSet<PathBuf>,
     /// Folders made for files that are not there yet, the outer ones first.
     pub folders: Vec<PathBuf>,
+    /// Folders under temporary names, with all that is in them.
+    pub trees: BTreeSet<PathBuf>,
 }
 
 /// The list of all; while it is held, no file is begun or ended, nor does the process end.
@@ -50,10 +53,17 @@ pub fn remove_unfinished() {
 }
 
 fn remove(all: &mut All) {
-    let All { files, folders } = std::mem::take(all);
+    let All {
+        files,
+        folders,
+        trees,
+    } = std::mem::take(all);
     // Nothing useful can be done if this fails: the process ends.
     for path in files {
         let _ = fs::remove_file(path);
+    }
+    for path in trees {
+        let _ = fs::remove_dir_all(path);
     }
     for path in folders.into_iter().rev() {
         let _ = fs::remove_dir(path);

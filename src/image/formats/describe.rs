@@ -5,9 +5,11 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::{AnyLoaded, Format, Loaded, ReadOptions, SegyInfo, detect, read_any, segy};
+use super::stream::{Opened, Slabs};
+use super::{AnyLoaded, Format, Loaded, ReadOptions, SegyInfo, detect, open, segy};
 use crate::error::{Cause, Result, os};
-use crate::image::{Image, Stats};
+use crate::image::check::Tally;
+use crate::image::{Geometry, Image, Stats};
 
 /// What an image file holds.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -72,43 +74,46 @@ pub struct Axis {
 /// # Errors
 /// [`crate::Error::Io`] if the file cannot be read or understood at all.
 pub fn describe(path: &Path, options: &ReadOptions) -> Result<Description> {
-    let file = path.display().to_string();
-    if detect(path, options)? == Format::Segy {
-        let mut survey = segy::Survey::open(path, &options.segy)?;
-        let image = match survey.has_samples() {
-            true => Some(survey.load().map_err(|e| os(path, "read", e))?),
-            false => None,
-        };
-        if let Some(problem) = &survey.problem {
-            let Cause {
-                problem, remedy, ..
-            } = problem;
-            let note = format!("cannot be read as an image: {problem}; {remedy}");
-            survey.notes.push(note);
+    if detect(path, options)? == Format::Segy && options.place.is_empty() {
+        return describe_survey(segy::Survey::open(path, &options.segy)?, path);
+    }
+    Description::of_opened(path, open(path, options)?)
+}
+
+/// A SEG-Y file, of which there is something to say also where it is no image.
+fn describe_survey(mut survey: segy::Survey, path: &Path) -> Result<Description> {
+    let problem = survey.problem.take();
+    let mut description = match survey.has_samples() {
+        true => {
+            let stream = survey.stream(path)?;
+            Description::of_opened(path, Opened::Stream(stream))?
         }
-        return Ok(Description {
-            file,
+        false => Description {
+            file: path.display().to_string(),
             format: Format::Segy.to_string(),
             encoding: survey.info.encoding.clone(),
-            image: image.map(|image| match image.dims() {
-                [_, _, 1] => ImageDescription::of(&image.flatten()),
-                _ => ImageDescription::of(&image),
-            }),
+            image: None,
             survey: Some(survey.info),
             notes: survey.notes,
-        });
+        },
+    };
+    if let Some(Cause {
+        problem, remedy, ..
+    }) = &problem
+    {
+        let note = format!("cannot be read as an image: {problem}; {remedy}");
+        description.notes.push(note);
     }
-    Ok(match read_any(path, options)? {
-        AnyLoaded::Plane(loaded) => Description::of(file, loaded),
-        AnyLoaded::Space(loaded) => Description::of(file, loaded),
-    })
+    Ok(description)
 }
 
 impl ImageDescription {
     /// Describes an image.
     pub fn of<const D: usize>(image: &Image<D>) -> Self {
-        let dims = image.dims();
-        let geometry = &image.geometry;
+        Self::from(image.dims(), &image.geometry, image.stats())
+    }
+
+    fn from<const D: usize>(dims: [usize; D], geometry: &Geometry<D>, stats: Stats<D>) -> Self {
         let spacing = geometry.spacing();
         let Stats {
             min,
@@ -117,7 +122,7 @@ impl ImageDescription {
             nan,
             infinite,
             first_bad,
-        } = image.stats();
+        } = stats;
         Self {
             axes: (0..D)
                 .map(|k| Axis {
@@ -127,7 +132,7 @@ impl ImageDescription {
                     spacing: spacing[k],
                 })
                 .collect(),
-            numpy_shape: image.samples.shape().to_vec(),
+            numpy_shape: dims.iter().rev().copied().collect(),
             origin: geometry.origin.to_vec(),
             far_corner: geometry
                 .to_physical(dims.map(|n| n.saturating_sub(1) as f64))
@@ -144,9 +149,39 @@ impl ImageDescription {
 }
 
 impl Description {
-    fn of<const D: usize>(file: String, loaded: Loaded<D>) -> Self {
+    /// Of an image, whose samples are looked at once and need not fit into memory.
+    fn of_opened(path: &Path, opened: Opened) -> Result<Self> {
+        let stream = match opened {
+            Opened::Stream(stream) if stream.head.dims[2] > 1 => stream,
+            other => {
+                return Ok(match other.load(path)? {
+                    AnyLoaded::Plane(loaded) => Self::of(path, loaded),
+                    AnyLoaded::Space(loaded) => Self::of(path, loaded),
+                });
+            }
+        };
+        let mut tally = Tally::default();
+        let add = &mut |slab: &[f32]| {
+            tally.add(slab);
+            Ok(())
+        };
+        stream.each(1, add).map_err(|e| os(path, "read", e))?;
+        let note = stream.note();
+        let head = stream.head;
+        let stats = tally.stats(head.dims);
+        Ok(Self {
+            file: path.display().to_string(),
+            format: head.format.to_string(),
+            encoding: head.encoding,
+            image: Some(ImageDescription::from(head.dims, &head.geometry, stats)),
+            survey: head.survey,
+            notes: head.notes.into_iter().chain(note).collect(),
+        })
+    }
+
+    fn of<const D: usize>(path: &Path, loaded: Loaded<D>) -> Self {
         Self {
-            file,
+            file: path.display().to_string(),
             format: loaded.format.to_string(),
             encoding: loaded.encoding,
             image: Some(ImageDescription::of(&loaded.image)),
@@ -281,7 +316,6 @@ fn image_rows(image: &ImageDescription, row: &mut impl FnMut(&str, String)) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::Geometry;
 
     #[test]
     fn an_image_in_numbers_and_in_words() {

@@ -99,6 +99,7 @@ pub(super) fn read(path: &Path, format: Format) -> Result<Loaded<2>> {
         encoding: "text".into(),
         notes: Vec::new(),
         survey: None,
+        lines: None,
     })
 }
 

@@ -13,8 +13,11 @@
 //! - `png`: pictures, as 2-D images
 //! - `segy`: seismic volumes
 //! - `tiff`: TIFF stacks
+//! - `zarr`: arrays in chunks, Zarr and MDIO
+//! - `write`: images to files, in the format that the ending names
 //! - `vti`: VTK image data, and [`vtk`], the container it shares with meshes
 //! - `raw`: samples without a header, described by the user
+//! - `stream`: images that may be larger than memory, read part by part
 //! - `samples`: sample types and their conversion to `f32`
 //! - `placement`: where an image lies whose file does not say so
 //! - `input`: how a user says what a file does not
@@ -34,8 +37,11 @@ pub(crate) mod png;
 pub(crate) mod raw;
 pub(crate) mod samples;
 pub mod segy;
+pub(crate) mod stream;
 pub(crate) mod tiff;
 pub mod vti;
+mod write;
+pub(crate) mod zarr;
 
 use std::any::Any;
 use std::fmt;
@@ -45,12 +51,17 @@ use std::path::Path;
 use crate::error::{Error, Result, cause, os};
 use crate::files::{self, vtk};
 use crate::image::Image;
+use stream::Opened;
 
 pub use describe::{Description, describe};
 pub use input::InputOptions;
 pub use placement::{AxisName, Placement};
 pub use raw::RawSpec;
-pub use segy::{SegyBytes, SegyInfo};
+pub use segy::{Lines, SegyBytes, SegyInfo};
+pub(crate) use write::Parts;
+pub use write::write;
+#[cfg(feature = "cli")]
+pub(crate) use write::{is_written_in_parts, write_survey};
 
 /// What a user can say about how to read an image.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -90,6 +101,8 @@ pub enum Format {
     Zmap,
     /// A grid of heights, CPS-3.
     Cps3,
+    /// A folder with an array in chunks, Zarr version 3; also MDIO version 1.
+    Zarr,
     /// Samples without a header.
     Raw,
 }
@@ -109,6 +122,7 @@ impl fmt::Display for Format {
             Self::Irap => "IRAP classic",
             Self::Zmap => "ZMAP+",
             Self::Cps3 => "CPS-3",
+            Self::Zarr => "Zarr",
             Self::Raw => "raw samples",
         })
     }
@@ -127,6 +141,8 @@ pub struct Loaded<const D: usize = 3> {
     pub notes: Vec<String>,
     /// What a SEG-Y file's headers say.
     pub survey: Option<SegyInfo>,
+    /// Numbers of the inlines and crosslines of a survey.
+    pub lines: Option<[Lines; 2]>,
 }
 
 /// An image of the plane or of space.
@@ -188,27 +204,45 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Loaded<3>> {
 /// # Errors
 /// [`Error::Io`] if the file cannot be read, is of no known format, or is damaged.
 pub fn read_any(path: &Path, options: &ReadOptions) -> Result<AnyLoaded> {
-    options.place.put(samples_of(path, options)?, &options.segy)
+    open(path, options)?.load(path)
 }
 
-/// Reads an image as it lies by its file.
-fn samples_of(path: &Path, options: &ReadOptions) -> Result<AnyLoaded> {
+/// Opens an image of any known format: the samples of those that may be larger than memory are left in
+/// their files.
+///
+/// # Errors
+/// As [`read_any`].
+pub(crate) fn open(path: &Path, options: &ReadOptions) -> Result<Opened> {
+    let opened = match in_file(path, options)? {
+        // The plane's geometry is made with its samples.
+        Opened::Stream(stream) if stream.head.dims[2] == 1 => {
+            Opened::Held(of_its_axes(stream.loaded(path)?))
+        }
+        other => other,
+    };
+    options.place.put(opened, &options.segy)
+}
+
+/// Opens an image as it lies by its file.
+fn in_file(path: &Path, options: &ReadOptions) -> Result<Opened> {
     let loaded = match detect(path, options)? {
-        Format::Png => return png::read(path).map(AnyLoaded::Plane),
+        Format::Png => return png::read(path).map(AnyLoaded::Plane).map(Opened::Held),
         format @ (Format::Irap | Format::Zmap | Format::Cps3) => {
-            return grids::read(path, format).map(AnyLoaded::Plane);
+            let read = grids::read(path, format);
+            return read.map(AnyLoaded::Plane).map(Opened::Held);
         }
         Format::Raw => match options.raw {
-            Some(spec) => raw::read(path, spec)?,
+            Some(spec) => return raw::open(path, spec).map(Opened::Stream),
             None => return Err(unknown(path)),
         },
-        Format::Npy => npy::read(path)?,
+        Format::Npy => return npy::open(path),
+        Format::Segy => return segy::open(path, &options.segy).map(Opened::Stream),
+        Format::Zarr => return zarr::open(path).map(Opened::Stream),
         Format::Nifti => nifti::read(path)?,
         Format::MetaImage => metaimage::read(path)?,
         Format::Nrrd => nrrd::read(path)?,
         Format::Tiff => tiff::read(path)?,
         Format::Inrimage => inrimage::read(path)?,
-        Format::Segy => segy::read(path, &options.segy)?,
         Format::Vti => {
             let (image, note) = vti::read(path)?;
             Loaded {
@@ -217,10 +251,11 @@ fn samples_of(path: &Path, options: &ReadOptions) -> Result<AnyLoaded> {
                 encoding: "VTK XML".into(),
                 notes: note.into_iter().collect(),
                 survey: None,
+                lines: None,
             }
         }
     };
-    Ok(of_its_axes(loaded))
+    Ok(Opened::Held(of_its_axes(loaded)))
 }
 
 /// An image of space, or of the plane if it has a single sample along its last axis.
@@ -240,36 +275,10 @@ fn of_its_axes(loaded: Loaded) -> AnyLoaded {
                 encoding: loaded.encoding,
                 notes,
                 survey: loaded.survey,
+                lines: loaded.lines,
             })
         }
         _ => AnyLoaded::Space(loaded),
-    }
-}
-
-/// Writes an image in the format that the ending of `path` names.
-///
-/// # Errors
-/// [`Error::Io`] if the ending is unknown or the file cannot be written.
-pub fn write<const D: usize>(path: &Path, image: &Image<D>) -> Result<()> {
-    match (ending(path).as_str(), D) {
-        ("npy", _) => npy::write(path, image),
-        ("raw" | "bin", _) => raw::write(path, image),
-        ("vti", _) => vti::write(path, &image.in_space(), "samples"),
-        ("nii" | "nii.gz", _) => nifti::write(path, image),
-        ("mha", _) => metaimage::write(path, image),
-        ("nrrd", _) => nrrd::write(path, image),
-        ("irap", 2) => grids::write(path, image, Format::Irap),
-        ("zmap", 2) => grids::write(path, image, Format::Zmap),
-        ("cps3", 2) => grids::write(path, image, Format::Cps3),
-        ("png", 2) => png::write(path, &image.in_space().flatten()),
-        (other, _) => Err(Error::Io(cause(
-            path.display(),
-            format!("{D}-D images cannot be written with the ending '.{other}'"),
-            match D {
-                2 => "use .png, .npy, .vti, .nrrd, .mha, .nii, .raw, .irap, .zmap or .cps3",
-                _ => "use .npy, .vti, .nrrd, .mha, .nii, .nii.gz or .raw",
-            },
-        ))),
     }
 }
 
@@ -298,7 +307,13 @@ const NOT_READ: &[(&str, usize, &[u8])] = &[
 /// [`Error::Io`] if the file cannot be read or is of no format that can be.
 pub fn detect(path: &Path, options: &ReadOptions) -> Result<Format> {
     let mut head = Vec::new();
-    let file = files::open(path, "give an image file")?;
+    if options.raw.is_none() && zarr::is_node(path)? {
+        return Ok(Format::Zarr);
+    }
+    let file = files::open(
+        path,
+        "give an image file, or a folder with an array of Zarr",
+    )?;
     if options.raw.is_some() {
         return Ok(Format::Raw);
     }
@@ -375,7 +390,7 @@ fn unknown(path: &Path) -> Error {
     Error::Io(
         cause(
             path.display(),
-            "is not in a known image format (SEG-Y, .npy, .vti, .nrrd, .mha, .nii, .tif, .inr, .png, .irap, .zmap, .cps3)",
+            "is not in a known image format (SEG-Y, .npy, .vti, .nrrd, .mha, .nii, .tif, .inr, .png, .irap, .zmap, .cps3, Zarr)",
             "describe raw samples, e.g. as 100x400x208:f32be, or convert it to .npy",
         )
         .about("raw"),

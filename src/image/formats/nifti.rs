@@ -13,10 +13,11 @@ use flate2::write::GzEncoder;
 
 use super::packed::{self, DAMAGED, Packed, Packing, Skip, refuse, two_or_three};
 use super::samples::{self, Encoding, Endian, SampleType};
+use super::stream::Slabs;
 use super::{Format, Loaded};
 use crate::error::Result;
 use crate::files::atomic_write;
-use crate::image::{Geometry, Image};
+use crate::image::Geometry;
 
 /// Bytes of the longer header, NIfTI-2's.
 const HEADER: u64 = 540;
@@ -294,13 +295,17 @@ fn beside(header: &Path) -> Result<(PathBuf, Packing)> {
 /// # Errors
 /// [`Error::Io`](crate::Error::Io) if the file cannot be written or an axis is too long for the
 /// format.
-pub fn write<const D: usize>(path: &Path, image: &Image<D>) -> Result<()> {
-    let dims = image.dims();
+pub fn write<const D: usize>(
+    path: &Path,
+    dims: [usize; D],
+    geometry: &Geometry<D>,
+    slabs: &dyn Slabs,
+) -> Result<()> {
     if dims.iter().any(|&n| n > i16::MAX as usize) {
         let problem = format!("NIfTI-1 holds at most {} samples along an axis", i16::MAX);
         return Err(refuse(path, problem, "write .nrrd or .mha"));
     }
-    let placed = turned(image.geometry.in_space());
+    let placed = turned(geometry.in_space());
     let spacing = placed.spacing();
     let mut head = [0u8; 352];
     let mut put = |at: usize, bytes: &[u8]| head[at..at + bytes.len()].copy_from_slice(bytes);
@@ -343,10 +348,10 @@ pub fn write<const D: usize>(path: &Path, image: &Image<D>) -> Result<()> {
         if packed {
             let mut out = GzEncoder::new(out, Compression::fast());
             out.write_all(&head)?;
-            samples::write(&mut out, image.as_slice())?;
+            samples::write_slabs(&mut out, slabs)?;
             return out.finish().map(|_| ());
         }
         out.write_all(&head)?;
-        samples::write(out, image.as_slice())
+        samples::write_slabs(out, slabs)
     })
 }

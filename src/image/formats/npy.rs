@@ -10,52 +10,58 @@ use std::path::Path;
 use ndarray::{ArrayD, IxDyn, ShapeBuilder};
 use rayon::prelude::*;
 
-use super::placement::BARE;
 use super::samples::{self, Encoding, Endian, SampleType};
-use super::{Format, Loaded};
+use super::stream::{Head, Opened, Plain, Slabs, Stream};
+use super::{Format, of_its_axes};
 use crate::error::{Error, Result, cause, os};
 use crate::files::{atomic_write, read_exact_at};
-use crate::image::{Geometry, Image};
 
 /// The first bytes of every `.npy` file.
 pub const MAGIC: &[u8] = b"\x93NUMPY";
 
-/// Reads a 3-D array as `f32`, or a 2-D one as if it had a single sample along z.
+/// Opens a 3-D array, or a 2-D one as if it had a single sample along z. One in Fortran order is read.
 ///
 /// # Errors
 /// [`Error::Io`] if the file cannot be read, is cut off, is not 2-D or 3-D, or holds no real numbers.
-pub fn read(path: &Path) -> Result<Loaded> {
-    let Opened {
+pub fn open(path: &Path) -> Result<Opened> {
+    let Found {
         file,
         start,
         spare,
         header,
-    } = Opened::new(path)?;
+    } = Found::new(path)?;
     let [nz, ny, nx] = three_dims(&header.shape).map_err(|problem| {
         let remedy =
             "reshape the array to (nz, ny, nx), or (ny, nx) in 2-D, in NumPy and save it again";
         Error::Io(cause(path.display(), problem, remedy))
     })?;
+    let encoding = header.encoding;
+    let mut head = Head::bare(Format::Npy, [nx, ny, nz], encoding, ".npy");
+    if spare > 0 {
+        let note = format!("{spare} bytes after the array are ignored");
+        head.notes.push(note);
+    }
+    if !header.fortran_order {
+        return Ok(Opened::Stream(Stream {
+            head,
+            coded: encoding,
+            planes: Box::new(Plain {
+                path: path.to_path_buf(),
+                file,
+                start,
+                encoding,
+                plane: nx * ny,
+            }),
+            largest: Default::default(),
+        }));
+    }
     let mut samples = samples::room(path, nx * ny * nz)?;
-    header
-        .encoding
+    encoding
         .read(&file, start, &mut samples)
         .map_err(|e| os(path, "read", e))?;
-    if header.fortran_order {
-        samples = c_order(&samples, [nz, ny, nx]);
-    }
-    let mut notes = vec![format!(".npy {BARE}")];
-    if spare > 0 {
-        notes.push(format!("{spare} bytes after the array are ignored"));
-    }
-    notes.extend(header.encoding.rounding_note(&samples));
-    Ok(Loaded {
-        image: Image::new([nx, ny, nz], samples, Geometry::default()),
-        format: Format::Npy,
-        encoding: header.encoding.to_string(),
-        notes,
-        survey: None,
-    })
+    samples = c_order(&samples, [nz, ny, nx]);
+    head.notes.extend(encoding.rounding_note(&samples));
+    Ok(Opened::Held(of_its_axes(head.with(samples))))
 }
 
 /// Reads an array of any shape as `f32`, for arrays that are not images.
@@ -63,12 +69,12 @@ pub fn read(path: &Path) -> Result<Loaded> {
 /// # Errors
 /// [`Error::Io`] if the file cannot be read, is cut off or holds no real numbers.
 pub fn read_array(path: &Path) -> Result<ArrayD<f32>> {
-    let Opened {
+    let Found {
         file,
         start,
         header,
         ..
-    } = Opened::new(path)?;
+    } = Found::new(path)?;
     let mut samples = samples::room(path, header.shape.iter().product())?;
     header
         .encoding
@@ -83,7 +89,7 @@ pub fn read_array(path: &Path) -> Result<ArrayD<f32>> {
 }
 
 /// A file whose header is understood and whose samples are all there.
-struct Opened {
+struct Found {
     file: File,
     /// Where the samples begin.
     start: u64,
@@ -92,7 +98,7 @@ struct Opened {
     header: Header,
 }
 
-impl Opened {
+impl Found {
     fn new(path: &Path) -> Result<Self> {
         let file = File::open(path).map_err(|e| os(path, "open", e))?;
         let length = file.metadata().map_err(|e| os(path, "read", e))?.len();
@@ -139,12 +145,17 @@ impl Opened {
     }
 }
 
-/// Writes the samples as little-endian `f32` in C order, shape `(nz, ny, nx)`.
+/// Writes samples of so many along each axis, x first, as little-endian `f32` in C order, shape
+/// `(nz, ny, nx)`.
 ///
 /// # Errors
 /// [`Error::Io`] if the file cannot be written.
-pub fn write<const D: usize>(path: &Path, image: &Image<D>) -> Result<()> {
-    write_array(path, &image.samples)
+pub fn write(path: &Path, dims: &[usize], slabs: &dyn Slabs) -> Result<()> {
+    let shape: Vec<usize> = dims.iter().rev().copied().collect();
+    atomic_write(path, |writer| {
+        writer.write_all(&header_of(&shape))?;
+        samples::write_slabs(writer, slabs)
+    })
 }
 
 /// Writes an array of any shape as little-endian `f32` in C order.
@@ -153,24 +164,29 @@ pub fn write<const D: usize>(path: &Path, image: &Image<D>) -> Result<()> {
 /// [`Error::Io`] if the file cannot be written.
 pub fn write_array(path: &Path, array: &ArrayD<f32>) -> Result<()> {
     let array = array.as_standard_layout();
-    let shape: Vec<String> = array.shape().iter().map(usize::to_string).collect();
-    let comma = if shape.len() == 1 { "," } else { "" };
-    let mut header = format!(
-        "{{'descr': '<f4', 'fortran_order': False, 'shape': ({}{comma}), }}",
-        shape.join(", ")
-    );
-    // Magic, version and length take 10 bytes; the data starts at a multiple of 64.
-    let padded = (10 + header.len() + 1).next_multiple_of(64) - 10;
-    header.push_str(&" ".repeat(padded - 1 - header.len()));
-    header.push('\n');
-
     atomic_write(path, |writer| {
-        writer.write_all(MAGIC)?;
-        writer.write_all(&[1, 0])?;
-        writer.write_all(&(padded as u16).to_le_bytes())?;
-        writer.write_all(header.as_bytes())?;
+        writer.write_all(&header_of(array.shape()))?;
         samples::write(writer, array.as_slice().unwrap_or_default())
     })
+}
+
+/// All that stands before the samples.
+fn header_of(shape: &[usize]) -> Vec<u8> {
+    let words: Vec<String> = shape.iter().map(usize::to_string).collect();
+    let comma = if shape.len() == 1 { "," } else { "" };
+    let mut text = format!(
+        "{{'descr': '<f4', 'fortran_order': False, 'shape': ({}{comma}), }}",
+        words.join(", ")
+    );
+    // Magic, version and length take 10 bytes; the data starts at a multiple of 64.
+    let padded = (10 + text.len() + 1).next_multiple_of(64) - 10;
+    text.push_str(&" ".repeat(padded - 1 - text.len()));
+    text.push('\n');
+    let mut header = MAGIC.to_vec();
+    header.extend([1, 0]);
+    header.extend((padded as u16).to_le_bytes());
+    header.extend(text.as_bytes());
+    header
 }
 
 /// The header's text and where the data starts; `None` if it is not there in full.
@@ -345,7 +361,16 @@ impl<'a> Cursor<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::image::formats::{AnyLoaded, Loaded};
+    use crate::image::{Geometry, Image};
     use proptest::prelude::*;
+
+    fn in_space(read: AnyLoaded) -> Loaded {
+        match read {
+            AnyLoaded::Space(loaded) => loaded,
+            AnyLoaded::Plane(loaded) => panic!("2-D: {:?}", loaded.image.dims()),
+        }
+    }
 
     fn file(version: u8, dict: &str, data: &[u8]) -> Vec<u8> {
         let mut bytes = MAGIC.to_vec();
@@ -359,11 +384,15 @@ mod tests {
         bytes
     }
 
-    fn read_bytes(bytes: &[u8]) -> Result<Loaded> {
+    fn any_of(bytes: &[u8]) -> Result<AnyLoaded> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.npy");
         std::fs::write(&path, bytes).unwrap();
-        read(&path)
+        open(&path)?.load(&path)
+    }
+
+    fn read_bytes(bytes: &[u8]) -> Result<Loaded> {
+        any_of(bytes).map(in_space)
     }
 
     #[test]
@@ -372,8 +401,9 @@ mod tests {
         let path = folder.path().join("a.npy");
         let samples: Vec<f32> = (0..5 * 4 * 3).map(|i| i as f32 * 0.25 - 3.0).collect();
         let image = Image::new([5, 4, 3], samples, Geometry::default());
-        write(&path, &image).unwrap();
-        assert_eq!(read(&path).unwrap().image, image);
+        write(&path, &image.dims(), &image).unwrap();
+        let again = open(&path).unwrap().load(&path).unwrap();
+        assert_eq!(in_space(again).image, image);
         // As NumPy wants it: the data starts at a multiple of 64.
         assert_eq!(
             std::fs::metadata(&path).unwrap().len() % 64,
@@ -512,7 +542,7 @@ mod tests {
             let at = at.min(bytes.len() - 1);
             bytes[at] = byte;
             bytes.truncate(cut);
-            let _ = read_bytes(&bytes);
+            let _ = any_of(&bytes);
         }
     }
 }

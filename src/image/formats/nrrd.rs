@@ -13,10 +13,11 @@ use flate2::write::GzEncoder;
 use super::metaimage::sibling;
 use super::packed::{self, DAMAGED, Packed, Packing, Skip, refuse, two_or_three};
 use super::samples::{self, Encoding, Endian, SampleType};
+use super::stream::Slabs;
 use super::{Format, Loaded};
 use crate::error::Result;
 use crate::files::atomic_write;
-use crate::image::{Geometry, Image};
+use crate::image::Geometry;
 
 /// The first bytes of every NRRD file.
 pub const MAGIC: &[u8] = b"NRRD000";
@@ -421,8 +422,12 @@ fn along_axes(header: &Header<'_>, axes: &[usize], geometry: &mut Geometry<3>) -
 ///
 /// # Errors
 /// [`Error::Io`](crate::Error::Io) if the file cannot be written.
-pub fn write<const D: usize>(path: &Path, image: &Image<D>) -> Result<()> {
-    let geometry = &image.geometry;
+pub fn write<const D: usize>(
+    path: &Path,
+    dims: [usize; D],
+    geometry: &Geometry<D>,
+    slabs: &dyn Slabs,
+) -> Result<()> {
     let vector = |v: &[f64; D]| format!("({})", v.map(|x| format!("{x:?}")).join(","));
     let quoted = |words: &[String; D]| {
         let clean = |word: &String| format!("\"{}\"", word.replace(['"', '\n'], " "));
@@ -436,7 +441,7 @@ pub fn write<const D: usize>(path: &Path, image: &Image<D>) -> Result<()> {
         "NRRD0004\ntype: float\ndimension: {D}\nspace dimension: {D}\nsizes: {}\n\
          space directions: {}\nkinds: {}\nlabels: {}\n{units}endian: little\nencoding: gzip\n\
          space origin: {}\n\n",
-        image.dims().map(|n| n.to_string()).join(" "),
+        dims.map(|n| n.to_string()).join(" "),
         geometry.axes.each_ref().map(vector).join(" "),
         ["domain"; D].join(" "),
         quoted(&geometry.names),
@@ -445,7 +450,7 @@ pub fn write<const D: usize>(path: &Path, image: &Image<D>) -> Result<()> {
     atomic_write(path, |out| {
         out.write_all(header.as_bytes())?;
         let mut out = GzEncoder::new(out, Compression::fast());
-        samples::write(&mut out, image.as_slice())?;
+        samples::write_slabs(&mut out, slabs)?;
         out.finish().map(|_| ())
     })
 }

@@ -89,6 +89,7 @@ impl Packed {
             encoding: format!("{}{packed}", self.encoding),
             notes,
             survey: None,
+            lines: None,
         })
     }
 

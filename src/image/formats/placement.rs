@@ -2,7 +2,8 @@
 
 use std::path::PathBuf;
 
-use super::{AnyLoaded, Format, Loaded, SegyBytes, detect, read_any, segy};
+use super::stream::{Head, Opened};
+use super::{AnyLoaded, SegyBytes, open};
 use crate::error::{Error, Result, cause};
 use crate::image::Geometry;
 use crate::image::formats::ReadOptions;
@@ -64,6 +65,13 @@ impl std::str::FromStr for AxisName {
     }
 }
 
+impl AxisName {
+    /// Number of the coordinate of space, and whether it falls from sample to sample.
+    pub(super) fn along(&self) -> (usize, bool) {
+        (self.coordinate.unwrap_or(2), self.falls)
+    }
+}
+
 impl Placement {
     /// Whether nothing is said.
     pub fn is_empty(&self) -> bool {
@@ -75,30 +83,31 @@ impl Placement {
     /// # Errors
     /// [`Error::Job`] for what does not fit the image, and for an image that lies somewhere already; those
     /// of reading the other image.
-    pub(super) fn put(&self, loaded: AnyLoaded, segy: &SegyBytes) -> Result<AnyLoaded> {
+    pub(super) fn put(&self, opened: Opened, segy: &SegyBytes) -> Result<Opened> {
         if self.is_empty() {
-            return Ok(loaded);
+            return Ok(opened);
         }
-        Ok(match loaded {
-            AnyLoaded::Plane(loaded) => {
-                let from = self.other(segy)?.map(|from| match from {
-                    AnyLoaded::Plane(from) => Some(from),
-                    AnyLoaded::Space(_) => None,
-                });
-                AnyLoaded::Plane(self.placed(loaded, from)?)
+        Ok(match opened {
+            Opened::Stream(mut stream) => {
+                let from = self.other(segy)?.map(Opened::head);
+                stream.head = self.placed(stream.head, from)?;
+                Opened::Stream(stream)
             }
-            AnyLoaded::Space(loaded) => {
-                let from = self.other(segy)?.map(|from| match from {
-                    AnyLoaded::Space(from) => Some(from),
-                    AnyLoaded::Plane(_) => None,
-                });
-                AnyLoaded::Space(self.placed(loaded, from)?)
+            Opened::Held(AnyLoaded::Plane(loaded)) => {
+                let from = self.other(segy)?.map(Opened::head);
+                let head = self.placed(loaded.head(), from)?;
+                Opened::Held(AnyLoaded::Plane(head.with_array(loaded.image.samples)))
+            }
+            Opened::Held(AnyLoaded::Space(loaded)) => {
+                let from = self.other(segy)?.map(Opened::head);
+                let head = self.placed(loaded.head(), from)?;
+                Opened::Held(AnyLoaded::Space(head.with_array(loaded.image.samples)))
             }
         })
     }
 
-    /// The image whose geometry is asked for.
-    fn other(&self, segy: &SegyBytes) -> Result<Option<AnyLoaded>> {
+    /// The image whose geometry is asked for; its samples are not read where its headers are enough.
+    fn other(&self, segy: &SegyBytes) -> Result<Option<Opened>> {
         let Some(path) = &self.from else {
             return Ok(None);
         };
@@ -106,22 +115,18 @@ impl Placement {
             segy: *segy,
             ..ReadOptions::default()
         };
-        match detect(path, &options)? {
-            // Its headers are enough.
-            Format::Segy => segy::placed(path, segy).map(Some),
-            _ => read_any(path, &options).map(Some),
-        }
+        open(path, &options).map(Some)
     }
 
     /// One with `D` axes; `from` is the other image, if there is one, if that has as many.
     fn placed<const D: usize>(
         &self,
-        mut loaded: Loaded<D>,
-        from: Option<Option<Loaded<D>>>,
-    ) -> Result<Loaded<D>> {
+        mut head: Head<D>,
+        from: Option<Option<Head<D>>>,
+    ) -> Result<Head<D>> {
         let name = self.first();
         let bare = Geometry::<D>::default();
-        let found = &loaded.image.geometry;
+        let found = &head.geometry;
         let says_units_only = Self {
             units: None,
             ..self.clone()
@@ -132,18 +137,18 @@ impl Placement {
                 name,
                 format!(
                     "is given, but the file ({}) says itself where it lies",
-                    loaded.format
+                    head.format
                 ),
                 "omit it; to place its samples elsewhere, convert it to .npy first",
             )));
         }
         if !says_units_only {
-            loaded.notes.retain(|note| !note.contains(BARE));
+            head.notes.retain(|note| !note.contains(BARE));
         }
         if let Some(from) = from {
-            let dims = loaded.image.dims();
+            let dims = head.dims;
             let path = self.from.as_deref().unwrap_or(std::path::Path::new(""));
-            let other = from.filter(|from| from.image.dims() == dims);
+            let other = from.filter(|from| from.dims == dims);
             let other = other.ok_or_else(|| {
                 Error::Job(cause(
                     name,
@@ -151,11 +156,12 @@ impl Placement {
                     "give the image from which this one was made",
                 ))
             })?;
-            loaded.image.geometry = other.image.geometry;
-            loaded.image = loaded.image.with_missing(other.image.missing);
-            loaded.survey = other.survey;
-            loaded.notes.push(format!("placed as {}", path.display()));
-            return Ok(loaded);
+            head.geometry = other.geometry;
+            head.missing = other.missing;
+            head.survey = other.survey;
+            head.lines = other.lines;
+            head.notes.push(format!("placed as {}", path.display()));
+            return Ok(head);
         }
         if self.units.is_some() && found.units.iter().any(|unit| !unit.is_empty()) {
             return Err(Error::Job(cause(
@@ -177,8 +183,8 @@ impl Placement {
         if let Some(units) = &self.units {
             geometry.units = each("unit", units, true)?;
         }
-        loaded.image.geometry = geometry;
-        Ok(loaded)
+        head.geometry = geometry;
+        Ok(head)
     }
 
     /// A bare geometry with axes along the coordinates that are asked for, and so long.
@@ -265,7 +271,7 @@ fn each<T: Clone, const D: usize>(name: &str, values: &[T], same: bool) -> Resul
 mod tests {
     use super::*;
     use crate::image::Image;
-    use crate::image::formats::InputOptions;
+    use crate::image::formats::{InputOptions, read_any};
 
     /// Reads a small array under these options.
     fn read(dims: &[usize], words: [Option<&str>; 4]) -> Result<AnyLoaded> {

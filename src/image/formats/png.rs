@@ -113,6 +113,7 @@ pub fn read(path: &Path) -> Result<Loaded<2>> {
         encoding: format!("{bits}-bit {name}"),
         notes,
         survey: None,
+        lines: None,
     })
 }
 

@@ -4,12 +4,11 @@ use std::fs::File;
 use std::path::Path;
 use std::str::FromStr;
 
-use super::placement::BARE;
+use super::Format;
 use super::samples::{self, Encoding, Endian, SampleType};
-use super::{Format, Loaded};
+use super::stream::{Head, Plain, Slabs, Stream};
 use crate::error::{Error, Result, cause, os};
 use crate::files::atomic_write;
-use crate::image::{Geometry, Image};
 
 /// Dims and sample type of a raw file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -74,11 +73,11 @@ impl FromStr for RawSpec {
     }
 }
 
-/// Reads a raw file. Its length must be exactly what the description says.
+/// Opens a raw file. Its length must be exactly what the description says.
 ///
 /// # Errors
-/// [`Error::Io`] if the file cannot be read or its length differs.
-pub fn read(path: &Path, spec: RawSpec) -> Result<Loaded> {
+/// [`Error::Io`] if the file cannot be opened or its length differs.
+pub fn open(path: &Path, spec: RawSpec) -> Result<Stream> {
     let file = File::open(path).map_err(|e| os(path, "open", e))?;
     let length = file.metadata().map_err(|e| os(path, "read", e))?.len();
     let size = spec.encoding.size();
@@ -98,18 +97,17 @@ pub fn read(path: &Path, spec: RawSpec) -> Result<Loaded> {
             "check the dimensions and the type given for the raw samples",
         )));
     }
-    let mut samples = samples::room(path, nx * ny * nz)?;
-    spec.encoding
-        .read(&file, 0, &mut samples)
-        .map_err(|e| os(path, "read", e))?;
-    let mut notes = vec![format!("a raw file {BARE}")];
-    notes.extend(spec.encoding.rounding_note(&samples));
-    Ok(Loaded {
-        image: Image::new(spec.dims, samples, Geometry::default()),
-        format: Format::Raw,
-        encoding: spec.encoding.to_string(),
-        notes,
-        survey: None,
+    Ok(Stream {
+        head: Head::bare(Format::Raw, spec.dims, spec.encoding, "a raw file"),
+        coded: spec.encoding,
+        planes: Box::new(Plain {
+            path: path.to_path_buf(),
+            file,
+            start: 0,
+            encoding: spec.encoding,
+            plane: nx * ny,
+        }),
+        largest: Default::default(),
     })
 }
 
@@ -117,13 +115,18 @@ pub fn read(path: &Path, spec: RawSpec) -> Result<Loaded> {
 ///
 /// # Errors
 /// [`Error::Io`] if the file cannot be written.
-pub fn write<const D: usize>(path: &Path, image: &Image<D>) -> Result<()> {
-    atomic_write(path, |writer| samples::write(writer, image.as_slice()))
+pub fn write(path: &Path, slabs: &dyn Slabs) -> Result<()> {
+    atomic_write(path, |writer| samples::write_slabs(writer, slabs))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::image::formats::Loaded;
+
+    fn read(path: &Path, spec: RawSpec) -> Result<Loaded> {
+        open(path, spec)?.loaded(path)
+    }
 
     #[test]
     fn descriptions() {

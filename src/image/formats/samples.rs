@@ -7,6 +7,7 @@ use std::path::Path;
 use half::f16;
 use rayon::prelude::*;
 
+use super::stream::Slabs;
 use crate::files::read_exact_at;
 use crate::{Result, memory};
 
@@ -116,9 +117,13 @@ impl Encoding {
 
     /// A warning if integers were rounded on their way to `f32`, which holds 24 bits.
     pub fn rounding_note(self, samples: &[f32]) -> Option<String> {
+        self.is_wide().then(|| rounding_note(samples)).flatten()
+    }
+
+    /// Whether these are integers of more bits than `f32` holds.
+    pub fn is_wide(self) -> bool {
         use SampleType::*;
-        let wide = matches!(self.sample, I32 | U32 | I64 | U64);
-        wide.then(|| rounding_note(samples)).flatten()
+        matches!(self.sample, I32 | U32 | I64 | U64)
     }
 
     /// Converts `bytes` (`out.len()` samples) to `f32`, each rounded to the nearest one.
@@ -196,6 +201,14 @@ pub fn write(writer: &mut impl io::Write, samples: &[f32]) -> io::Result<()> {
         writer.write_all(&bytes)?;
     }
     Ok(())
+}
+
+/// Writes samples as little-endian `f32`, slab by slab.
+///
+/// # Errors
+/// What the operating system reports, or what keeps the samples from being read.
+pub fn write_slabs(writer: &mut impl io::Write, slabs: &dyn Slabs) -> io::Result<()> {
+    slabs.each(1, &mut |slab| write(writer, slab))
 }
 
 fn convert<const N: usize>(bytes: &[u8], out: &mut [f32], value: impl Fn([u8; N]) -> f32) {

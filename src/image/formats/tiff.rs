@@ -138,6 +138,7 @@ pub fn read(path: &Path) -> Result<Loaded> {
         encoding: format!("{color:?}"),
         notes,
         survey: None,
+        lines: None,
     })
 }
 

@@ -20,6 +20,7 @@ impl From<Job> for Settings {
             lines: job.outputs.lines,
             page: job.outputs.page,
             surfaces: job.outputs.surfaces,
+            checkpoint: job.outputs.checkpoint,
             atoms_from: job.atoms_from,
             metric: Some(match &job.metric {
                 LatticeSpace::Samples => "samples".into(),

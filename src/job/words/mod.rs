@@ -62,6 +62,7 @@ impl TryFrom<Settings> for Job {
                 lines: settings.lines,
                 page: settings.page,
                 surfaces: settings.surfaces,
+                checkpoint: settings.checkpoint,
             },
         })
     }

@@ -30,8 +30,11 @@ pub(crate) use shades::Shades;
 pub use skeleton::Skeleton;
 pub use solid::solid;
 
-use crate::error::cause;
+use std::path::Path;
+
+use crate::error::{cause, os};
 use crate::geometry::norm;
+use crate::image::formats::stream::Slabs;
 use crate::image::{Geometry, Image};
 use crate::model::surface::Kind;
 use crate::{Error, Result};
@@ -93,22 +96,19 @@ pub fn plane(image: &Image<2>, mesh: &Skeleton<2>, caption: &Caption) -> Result<
     Ok(canvas)
 }
 
-/// The sections of a mesh with the three planes of samples through `at` (sample indices, x first),
-/// over the image: the horizontal one on top, the two upright ones below it.
+/// The sections of a mesh with three planes of samples, over the image: the horizontal one on top, the two upright ones below it.
 ///
 /// Upright is the image axis that runs most along the last physical coordinate.
 ///
 /// # Errors
-/// [`Error::Job`] if `at` lies outside the image, [`Error::Image`] for an image too large to draw.
+/// [`Error::Image`] for an image too large to draw.
 pub fn space(
-    image: &Image<3>,
+    image: &Sections,
+    geometry: &Geometry<3>,
     mesh: &Skeleton<3>,
-    at: [f64; 3],
     caption: &Caption,
 ) -> Result<Canvas> {
-    let dims = image.dims();
-    check_inside(dims, at)?;
-    let geometry = &image.geometry;
+    let Sections { dims, at, .. } = *image;
     let up = upright(geometry);
     // The two others, the faster one across the page.
     let [across, deep] = match up {
@@ -125,7 +125,7 @@ pub fn space(
         size(deep) + size(up) + GAP + ABOVE + BELOW,
         caption,
     )?;
-    let shades = Shades::of(image.as_slice());
+    let shades = image.shades;
     let rulers: [_; 3] = std::array::from_fn(|k| caption.ruler(geometry, k, dims[k]));
     let low = ABOVE + size(deep) + GAP;
     let right = LEFT + size(across) + GAP;
@@ -141,12 +141,7 @@ pub fn space(
             dims: [dims[h], dims[v]],
             flipped: [false, v == up && is_flipped(geometry, up)],
         };
-        let slice = at[normal].round() as usize;
-        let strides = [1, dims[0], dims[0] * dims[1]];
-        let samples = image.as_slice();
-        panel.image(&mut canvas, &shades, |x, y| {
-            samples[slice * strides[normal] + x * strides[h] + y * strides[v]]
-        });
+        panel.image(&mut canvas, &shades, |x, y| image.sample([h, v], [x, y]));
         let lines: Vec<Line> = mesh
             .section(normal, at[normal])
             .map(|(ends, kind)| Line {
@@ -159,6 +154,60 @@ pub fn space(
     }
     furnish(&mut canvas, caption, &shades, &mesh.kinds);
     Ok(canvas)
+}
+
+/// What is drawn of an image in space: three planes of its samples.
+pub struct Sections {
+    dims: [usize; 3],
+    /// Where they meet, in samples.
+    at: [f64; 3],
+    /// Those across each axis, in memory order.
+    planes: [Vec<f32>; 3],
+    shades: Shades,
+}
+
+impl Sections {
+    /// The planes of samples through `at` (sample indices, x first), in one pass over an image of so many
+    /// samples along each axis, which need not fit into memory.
+    ///
+    /// # Errors
+    /// [`Error::Job`] if `at` lies outside the image; those of reading it, from `place`.
+    pub fn of(place: &Path, dims: [usize; 3], slabs: &dyn Slabs, at: [f64; 3]) -> Result<Self> {
+        check_inside(dims, at)?;
+        let [nx, ny, nz] = dims;
+        let slice = at.map(|x| x.round() as usize);
+        let stride = Shades::stride(nx * ny * nz);
+        let mut planes: [Vec<f32>; 3] = Default::default();
+        let (mut looked_at, mut first) = (Vec::new(), 0);
+        let gather = &mut |slab: &[f32]| {
+            for (k, plane) in slab.chunks(nx * ny).enumerate() {
+                let start = (first + k) * nx * ny;
+                let skipped = start.next_multiple_of(stride) - start;
+                looked_at.extend(plane.iter().skip(skipped).step_by(stride));
+                planes[0].extend(plane.iter().skip(slice[0]).step_by(nx));
+                planes[1].extend_from_slice(&plane[slice[1] * nx..][..nx]);
+                if first + k == slice[2] {
+                    planes[2] = plane.to_vec();
+                }
+            }
+            first += slab.len() / (nx * ny);
+            Ok(())
+        };
+        slabs.each(1, gather).map_err(|e| os(place, "read", e))?;
+        Ok(Self {
+            dims,
+            at,
+            planes,
+            shades: Shades::of_some(looked_at),
+        })
+    }
+
+    /// The sample of a section that has these indices along two axes.
+    fn sample(&self, axes: [usize; 2], index: [usize; 2]) -> f32 {
+        let plane = &self.planes[3 - axes[0] - axes[1]];
+        let [fast, slow] = if axes[0] < axes[1] { [0, 1] } else { [1, 0] };
+        plane[index[fast] + self.dims[axes[fast]] * index[slow]]
+    }
 }
 
 /// A point, in samples, is in the image.

@@ -18,9 +18,18 @@ const LOOKED_AT: usize = 1 << 18;
 impl Shades {
     /// Chosen so that one sample in 200 is beyond either end.
     pub(crate) fn of(samples: &[f32]) -> Self {
-        let stride = samples.len().div_ceil(LOOKED_AT).max(1);
-        let finite = samples.iter().step_by(stride).copied();
-        let mut values: Vec<f32> = finite.filter(|v| v.is_finite()).collect();
+        let stride = Self::stride(samples.len());
+        Self::of_some(samples.iter().step_by(stride).copied().collect())
+    }
+
+    /// Of so many samples, those are looked at whose number is a multiple of this.
+    pub(crate) fn stride(count: usize) -> usize {
+        count.div_ceil(LOOKED_AT).max(1)
+    }
+
+    /// From those of the samples that are looked at.
+    pub(crate) fn of_some(mut values: Vec<f32>) -> Self {
+        values.retain(|v| v.is_finite());
         values.sort_unstable_by(f32::total_cmp);
         let rank = |share: f64| {
             let at = share * values.len().saturating_sub(1) as f64;

@@ -139,13 +139,15 @@ fn three_panels_meet_at_the_point_and_points_outside_are_refused() {
     let image = Image::new([9, 7, 5], vec![0.5; 315], Geometry::default());
     let mesh = file(cube(4.0), "feature_faces", vec![0; 6]);
     let skeleton = Skeleton::new(&mesh, &image.geometry).unwrap();
-    let picture = space(&image, &skeleton, [4.0, 3.0, 2.0], &Caption::default()).unwrap();
+    let sections = |at| Sections::of(Path::new("image"), image.dims(), &image, at);
+    let through = sections([4.0, 3.0, 2.0]).unwrap();
+    let picture = space(&through, &image.geometry, &skeleton, &Caption::default()).unwrap();
     let [width, height] = picture.size();
     // x and y across, y and z down.
     assert_eq!(width, 520.max((8.0 * 14.0 + GAP + LEFT + RIGHT) as u32));
     assert_eq!(height, (8.0 * 10.0 + GAP + ABOVE + BELOW) as u32);
     for wrong in [[9.0, 3.0, 2.0], [4.0, -1.0, 2.0], [4.0, 3.0, f64::NAN]] {
-        assert!(space(&image, &skeleton, wrong, &Caption::default()).is_err());
+        assert!(sections(wrong).is_err());
     }
 }
 

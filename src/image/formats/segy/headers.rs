@@ -1,4 +1,4 @@
-//! The headers of all traces, as columns.
+//! Fields of the headers of all traces, as columns.
 
 use std::io;
 
@@ -10,47 +10,84 @@ use super::text;
 use crate::files::read_exact_at;
 use crate::image::formats::samples::Endian;
 
-/// Raw trace headers, one after the other.
+/// A field of a trace header: its first byte, from 1, and how many there are.
+pub type Field = (usize, usize);
+
+/// Coordinates in revision 2's trace header extension 1, counted on from the standard header.
+const EXTENSION: [Field; 2] = [(TRACE_HEADER + 161, 8), (TRACE_HEADER + 169, 8)];
+
+/// Some fields of every trace header, and all of the first one: the rest of them would take as much memory
+/// as many an image.
 pub struct Headers {
+    /// The fields of one trace after those of the other.
     bytes: Vec<u8>,
-    /// Bytes kept of each trace: its standard header, and the first additional one if there is one.
-    stride: usize,
+    /// Which fields these are, in order.
+    fields: Vec<Field>,
+    /// The standard header of the first trace, and its first additional one if there is one.
+    first: Vec<u8>,
     endian: Endian,
 }
 
 impl Headers {
-    /// Reads the headers of all traces, and nothing else.
-    pub fn read(layout: &Layout) -> io::Result<Self> {
+    /// Reads these fields of the headers of all traces.
+    pub fn read(layout: &Layout, fields: &[Field]) -> io::Result<Self> {
         const TRACES: usize = 256;
         let stride = layout.trace_header.min(2 * TRACE_HEADER);
-        let mut bytes = vec![0; layout.traces * stride];
+        let mut fields: Vec<Field> = fields.to_vec();
+        if stride == 2 * TRACE_HEADER {
+            fields.extend(EXTENSION);
+        }
+        fields.sort_unstable();
+        fields.dedup();
+        let kept: usize = fields.iter().map(|(_, width)| width).sum();
+        let mut bytes = vec![0; layout.traces * kept];
+        let mut first = vec![0; if layout.traces > 0 { stride } else { 0 }];
+        read_exact_at(&layout.file, &mut first, layout.start)?;
         let step = layout.trace_bytes();
         bytes
-            .par_chunks_mut(TRACES * stride)
+            .par_chunks_mut(TRACES * kept)
             .enumerate()
-            .try_for_each(|(chunk, bytes)| {
-                for (i, header) in bytes.chunks_mut(stride).enumerate() {
-                    let trace = (chunk * TRACES + i) as u64;
-                    read_exact_at(&layout.file, header, layout.start + trace * step)?;
-                }
-                Ok::<_, io::Error>(())
-            })?;
+            .try_for_each_init(
+                || vec![0; stride],
+                |header, (chunk, bytes)| {
+                    for (i, kept) in bytes.chunks_mut(kept).enumerate() {
+                        let trace = (chunk * TRACES + i) as u64;
+                        read_exact_at(&layout.file, header, layout.start + trace * step)?;
+                        let mut to = 0;
+                        for &(byte, width) in &fields {
+                            kept[to..to + width].copy_from_slice(&header[byte - 1..][..width]);
+                            to += width;
+                        }
+                    }
+                    Ok::<_, io::Error>(())
+                },
+            )?;
         Ok(Self {
             bytes,
-            stride,
+            fields,
+            first,
             endian: layout.encoding.endian,
         })
     }
 
     /// Field of `N` bytes at `byte` (from 1) of every trace, most significant byte first.
     fn fields<const N: usize>(&self, byte: usize) -> impl Iterator<Item = [u8; N]> {
-        self.bytes.chunks(self.stride).map(move |header| {
-            let mut raw: [u8; N] = std::array::from_fn(|i| header[byte - 1 + i]);
-            if self.endian == Endian::Little {
-                raw.reverse();
-            }
-            raw
-        })
+        let before = self.fields.iter().take_while(|field| **field != (byte, N));
+        let at: usize = before.map(|(_, width)| width).sum();
+        let kept: usize = self.fields.iter().map(|(_, width)| width).sum();
+        assert!(at + N <= kept, "the field at byte {byte} was not read");
+        self.bytes
+            .chunks(kept)
+            .map(move |fields| self.raw(&fields[at..]))
+    }
+
+    /// Some bytes, the most significant one first.
+    fn raw<const N: usize>(&self, bytes: &[u8]) -> [u8; N] {
+        let mut raw: [u8; N] = std::array::from_fn(|i| bytes[i]);
+        if self.endian == Endian::Little {
+            raw.reverse();
+        }
+        raw
     }
 
     /// 4-byte integers.
@@ -63,14 +100,17 @@ impl Headers {
         self.fields(byte).map(i16::from_be_bytes).collect()
     }
 
-    /// 8-byte floats of revision 2's trace header extension 1; `None` if the traces have none.
-    pub fn extension_f64s(&self, byte: usize) -> Option<Vec<f64>> {
-        let extension = self.bytes.get(TRACE_HEADER..self.stride)?;
+    /// A 2-byte integer of the first trace, whichever fields were read.
+    pub fn first_i16(&self, byte: usize) -> i16 {
+        i16::from_be_bytes(self.raw(&self.first[byte - 1..]))
+    }
+
+    /// 8-byte floats of revision 2's trace header extension 1: the first or the second coordinate; `None` if
+    /// the traces have none.
+    pub fn extension_f64s(&self, coordinate: usize) -> Option<Vec<f64>> {
+        let extension = self.first.get(TRACE_HEADER..)?;
         let name = text::decode(extension.get(232..240)?);
-        (name == "SEG00001").then(|| {
-            self.fields(TRACE_HEADER + byte)
-                .map(f64::from_be_bytes)
-                .collect()
-        })
+        let (byte, _) = EXTENSION[coordinate];
+        (name == "SEG00001").then(|| self.fields(byte).map(f64::from_be_bytes).collect())
     }
 }

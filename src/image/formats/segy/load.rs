@@ -1,24 +1,22 @@
-//! The samples of a survey, put into an image.
+//! The samples of a survey, read as an image's.
 
 use std::io;
+use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 
-use super::grid::MISSING;
+use super::grid::{Grid, MISSING};
+use super::header::Layout;
 use super::survey::Survey;
+use crate::error::{Error, Result, cause, os};
 use crate::files::read_exact_at;
-use crate::image::Image;
+use crate::image::formats::Format;
 use crate::image::formats::samples::{Endian, SampleType};
+use crate::image::formats::stream::{Head, Planes, Stream};
 
 impl Survey {
-    /// How many samples the volume has.
-    pub fn count(&self) -> usize {
-        let cells = self.grid.as_ref().map_or(0, |grid| grid.trace.len());
-        cells.saturating_mul(self.layout.samples)
-    }
-
     /// How many samples there are along each axis, and which rows of them have no trace.
-    pub fn extent(&self) -> ([usize; 3], Vec<bool>) {
+    fn extent(&self) -> ([usize; 3], Vec<bool>) {
         let Some(grid) = &self.grid else {
             return ([0; 3], Vec::new());
         };
@@ -27,56 +25,42 @@ impl Survey {
         ([self.layout.samples, lines[0], lines[1]], missing)
     }
 
-    /// Reads the samples. Cells without a trace are zero. Adds a note if the samples look wrong.
+    /// The image whose samples are still in the file; cells without a trace are zero.
     ///
     /// # Errors
-    /// What the operating system reports.
-    pub fn load(&mut self) -> io::Result<Image<3>> {
-        let Some(grid) = &self.grid else {
-            return Err(io::Error::other("no grid of traces"));
-        };
-        let layout = &self.layout;
-        let samples = layout.samples;
-        let crosslines = grid.crossline.count as usize;
-        let trace_bytes = layout.trace_bytes() as usize;
-        // Neighbouring cells whose traces follow one another in the file are read together.
-        let longest = (1 << 18) / trace_bytes + 1;
-
-        let mut out = vec![0.0; grid.trace.len() * samples];
-        out.par_chunks_mut(crosslines * samples)
-            .zip(grid.trace.par_chunks(crosslines))
-            .try_for_each_init(Vec::new, |buffer, (mut out, mut traces)| {
-                while let Some(&first) = traces.first() {
-                    let follows = |(i, &trace): (usize, &usize)| {
-                        first != MISSING && i < longest && trace == first + i
-                    };
-                    let run = traces
-                        .iter()
-                        .enumerate()
-                        .take_while(|&t| follows(t))
-                        .count();
-                    if run > 0 {
-                        buffer.resize(run * trace_bytes, 0);
-                        let offset = layout.start + (first * trace_bytes) as u64;
-                        read_exact_at(&layout.file, buffer, offset)?;
-                        for (trace, out) in buffer.chunks(trace_bytes).zip(out.chunks_mut(samples))
-                        {
-                            layout.encoding.decode(&trace[layout.trace_header..], out);
-                        }
-                    }
-                    let done = run.max(1);
-                    traces = &traces[done..];
-                    out = &mut out[done * samples..];
-                }
-                Ok::<_, io::Error>(())
-            })?;
-        let doubts = layout
-            .encoding
-            .rounding_note(&out)
-            .or(self.doubtful_floats()?);
-        self.notes.extend(doubts);
+    /// [`Error::Io`] if the traces make no grid, or some of them cannot be read.
+    pub(in crate::image::formats) fn stream(mut self, path: &Path) -> Result<Stream> {
         let (dims, missing) = self.extent();
-        Ok(Image::new(dims, out, self.geometry.clone()).with_missing(missing))
+        let nothing = || {
+            Error::Io(cause(
+                path.display(),
+                "has no grid of traces",
+                "give a volume",
+            ))
+        };
+        let grid = self.grid.take().ok_or_else(nothing)?;
+        let doubts = self.doubtful_floats();
+        self.notes.extend(doubts.map_err(|e| os(path, "read", e))?);
+        let lines = self.info.inlines.zip(self.info.crosslines);
+        Ok(Stream {
+            head: Head {
+                dims,
+                geometry: self.geometry,
+                missing,
+                format: Format::Segy,
+                encoding: self.info.encoding.clone(),
+                notes: self.notes,
+                lines: lines.map(|(inlines, crosslines)| [inlines, crosslines]),
+                survey: Some(self.info),
+            },
+            coded: self.layout.encoding,
+            planes: Box::new(Traces {
+                path: path.to_path_buf(),
+                layout: self.layout,
+                grid,
+            }),
+            largest: Default::default(),
+        })
     }
 
     /// A warning if a file that claims IBM floats seems to hold IEEE ones, a frequent mistake. An
@@ -109,5 +93,54 @@ impl Survey {
                 100.0 * unnormal as f64 / nonzero as f64
             )
         }))
+    }
+}
+
+/// The traces of a survey, as samples.
+struct Traces {
+    path: PathBuf,
+    layout: Layout,
+    grid: Grid,
+}
+
+impl Planes for Traces {
+    fn read(&self, first: usize, out: &mut [f32]) -> Result<()> {
+        let layout = &self.layout;
+        let samples = layout.samples;
+        let crosslines = self.grid.crossline.count as usize;
+        let trace_bytes = layout.trace_bytes() as usize;
+        // Neighbouring cells whose traces follow one another in the file are read together.
+        let longest = (1 << 18) / trace_bytes + 1;
+        out.par_chunks_mut(crosslines * samples)
+            .zip(self.grid.trace[first * crosslines..].par_chunks(crosslines))
+            .try_for_each_init(Vec::new, |buffer, (mut out, mut traces)| {
+                while let Some(&first) = traces.first() {
+                    let follows = |(i, &trace): (usize, &usize)| {
+                        first != MISSING && i < longest && trace == first + i
+                    };
+                    let run = traces
+                        .iter()
+                        .enumerate()
+                        .take_while(|&t| follows(t))
+                        .count();
+                    let done = run.max(1);
+                    let (here, rest) = out.split_at_mut(done * samples);
+                    if run == 0 {
+                        here.fill(0.0);
+                    } else {
+                        buffer.resize(run * trace_bytes, 0);
+                        let offset = layout.start + (first * trace_bytes) as u64;
+                        read_exact_at(&layout.file, buffer, offset)?;
+                        let traces = buffer.chunks(trace_bytes);
+                        for (trace, out) in traces.zip(here.chunks_mut(samples)) {
+                            layout.encoding.decode(&trace[layout.trace_header..], out);
+                        }
+                    }
+                    traces = &traces[done..];
+                    out = rest;
+                }
+                Ok::<_, io::Error>(())
+            })
+            .map_err(|e| os(&self.path, "read", e))
     }
 }

@@ -11,7 +11,7 @@
 //! - `place`: from coordinates to the affine map that places the survey
 //! - [`Survey`]: all of these together; [`scan`] and [`read`] show what it found
 //! - `line`: 2-D lines
-//! - `load`: its samples, put into an image
+//! - `load`: its samples, read as an image's
 
 pub(crate) mod bytes;
 pub(crate) mod grid;
@@ -30,9 +30,9 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::{AnyLoaded, Format, Loaded, of_its_axes, samples};
-use crate::error::{Error, Result, os};
-use crate::image::Image;
+use super::Loaded;
+use super::stream::Stream;
+use crate::error::{Error, Result};
 
 pub use bytes::SegyBytes;
 pub use grid::Lines;
@@ -85,43 +85,22 @@ pub fn scan(path: &Path, bytes: &SegyBytes) -> Result<(SegyInfo, Vec<String>)> {
     Ok((survey.info, survey.notes))
 }
 
-/// Reads a post-stack volume; of a line, one that is a single trace thick.
+/// Opens a post-stack volume; of a line, one that is a single trace thick.
 ///
 /// # Errors
 /// [`Error::Io`] if the file cannot be read or holds neither a post-stack volume nor a line.
-pub fn read(path: &Path, bytes: &SegyBytes) -> Result<Loaded> {
-    let mut survey = Survey::open(path, bytes)?;
-    if let Some(problem) = survey.problem {
-        return Err(Error::Io(problem));
-    }
-    samples::afford(path, survey.count())?;
-    let image = survey.load().map_err(|e| os(path, "read", e))?;
-    Ok(Loaded {
-        image,
-        format: Format::Segy,
-        encoding: survey.info.encoding.clone(),
-        notes: survey.notes,
-        survey: Some(survey.info),
-    })
-}
-
-/// An image of zeros that lies where the samples of a file do, from its headers alone.
-///
-/// # Errors
-/// As [`read`].
-pub(super) fn placed(path: &Path, bytes: &SegyBytes) -> Result<AnyLoaded> {
+pub(super) fn open(path: &Path, bytes: &SegyBytes) -> Result<Stream> {
     let survey = Survey::open(path, bytes)?;
     if let Some(problem) = survey.problem {
         return Err(Error::Io(problem));
     }
-    samples::afford(path, survey.count())?;
-    let (dims, missing) = survey.extent();
-    let zeros = vec![0.0; survey.count()];
-    Ok(of_its_axes(Loaded {
-        image: Image::new(dims, zeros, survey.geometry).with_missing(missing),
-        format: Format::Segy,
-        encoding: survey.info.encoding.clone(),
-        notes: survey.notes,
-        survey: Some(survey.info),
-    }))
+    survey.stream(path)
+}
+
+/// Reads a post-stack volume; of a line, one that is a single trace thick.
+///
+/// # Errors
+/// As [`Survey::open`]; [`Error::Io`] if the file holds neither a post-stack volume nor a line.
+pub fn read(path: &Path, bytes: &SegyBytes) -> Result<Loaded> {
+    open(path, bytes)?.loaded(path)
 }

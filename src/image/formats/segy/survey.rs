@@ -6,7 +6,7 @@ use super::SegyInfo;
 use super::bytes::SegyBytes;
 use super::grid::Grid;
 use super::header::Layout;
-use super::headers::Headers;
+use super::headers::{Field, Headers};
 use super::line::is_line;
 use super::place::Fit;
 use crate::error::{Cause, Result, cause, os};
@@ -26,6 +26,20 @@ const STARTS: &str =
 
 /// The image axes, the fastest in memory first.
 const AXES: [&str; 3] = ["sample", "crossline", "inline"];
+
+/// The fields of all trace headers that are looked at.
+fn fields(bytes: &SegyBytes) -> Vec<Field> {
+    let given = [bytes.inline, bytes.crossline, bytes.x, bytes.y];
+    let others = OTHER_LINE_BYTES.concat();
+    // Offset, source coordinates.
+    let long = given.into_iter().chain(others).chain([37, 73, 77]);
+    // Whether a trace is dead.
+    let short = [bytes.scalar, bytes.delay, 29];
+    let long = long.map(|byte| (byte, 4));
+    long.chain(short.map(|byte| (byte, 2)))
+        .filter(|(byte, _)| *byte > 0)
+        .collect()
+}
 
 /// An open SEG-Y file whose headers have been understood.
 pub struct Survey {
@@ -49,7 +63,7 @@ impl Survey {
     pub fn open(path: &Path, bytes: &SegyBytes) -> Result<Self> {
         bytes.check()?;
         let layout = Layout::open(path)?;
-        let headers = Headers::read(&layout).map_err(|e| os(path, "read", e))?;
+        let headers = Headers::read(&layout, &fields(bytes)).map_err(|e| os(path, "read", e))?;
         let (major, minor) = layout.revision;
         let info = SegyInfo {
             encoding: layout.encoding.to_string(),
@@ -181,7 +195,7 @@ impl Survey {
     fn find_times(&mut self, bytes: &SegyBytes, headers: &Headers) {
         let first = |byte: usize| match byte {
             0 => 0,
-            _ => headers.i16s(byte)[0],
+            byte => headers.first_i16(byte),
         };
         let of_trace = Some(f64::from(first(bytes.dt))).filter(|&dt| dt > 0.0);
         let dt = match (self.layout.dt, of_trace) {
@@ -298,7 +312,7 @@ impl Survey {
         let standard = SegyBytes::default();
         let mut tried: Vec<(String, std::result::Result<Fit, String>)> = Vec::new();
         // Where revision 2's floating-point coordinates are given, they supersede the integers.
-        if let (Some(x), Some(y)) = (headers.extension_f64s(161), headers.extension_f64s(169)) {
+        if let (Some(x), Some(y)) = (headers.extension_f64s(0), headers.extension_f64s(1)) {
             let positions: Vec<[f64; 2]> = x.into_iter().zip(y).map(|(x, y)| [x, y]).collect();
             if positions.iter().any(|p| *p != [0.0, 0.0]) {
                 let fit = Fit::of(&cells, &positions);
@@ -383,7 +397,7 @@ impl Survey {
 
     /// The unit of X and Y; empty, with a note, where the file does not say.
     pub(super) fn unit_of_length(&mut self, headers: &Headers) -> &'static str {
-        let unit = match (headers.i16s(89)[0], self.layout.feet) {
+        let unit = match (headers.first_i16(89), self.layout.feet) {
             (2, _) => "arcsec",
             (3, _) => "deg",
             (_, Some(true)) => "ft",

@@ -325,7 +325,7 @@ fn segy_is_recognised_by_its_content() {
     let path = folder.path().join("no-ending");
     std::fs::write(&path, survey().bytes()).unwrap();
     let loaded = formats::read(&path, &ReadOptions::default()).unwrap();
-    assert_eq!(loaded.format, Format::Segy);
+    assert_eq!(loaded.format, formats::Format::Segy);
     // A mask of zeros and ones has a plausible sample format, but no text.
     std::fs::write(&path, [0u8, 1].repeat(5000)).unwrap();
     let error = formats::read(&path, &ReadOptions::default()).unwrap_err();

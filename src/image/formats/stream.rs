@@ -1,0 +1,263 @@
+//! Images whose samples are read when they are wanted, plane by plane: these may be larger than memory.
+
+use std::fs::File;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+
+use ndarray::ArrayD;
+use rayon::prelude::*;
+
+use super::placement::BARE;
+use super::samples::{self, Encoding};
+use super::segy::{Lines, SegyInfo};
+use super::{AnyLoaded, Format, Loaded, of_its_axes};
+use crate::error::{Result, os};
+use crate::image::{Geometry, Image};
+use crate::memory;
+
+/// All that is known of an image but its samples.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Head<const D: usize> {
+    /// Samples along each axis, x first.
+    pub dims: [usize; D],
+    /// Where they lie.
+    pub geometry: Geometry<D>,
+    /// Which rows along x hold no data, as [`Image::missing`] has it.
+    pub missing: Vec<bool>,
+    /// See [`Loaded::format`] and what follows there.
+    pub format: Format,
+    pub encoding: String,
+    pub notes: Vec<String>,
+    pub survey: Option<SegyInfo>,
+    pub lines: Option<[Lines; 2]>,
+}
+
+impl Head<3> {
+    /// Of a file that says nothing but how many samples there are and how they are coded; `what` it is.
+    pub fn bare(format: Format, dims: [usize; 3], encoding: Encoding, what: &str) -> Self {
+        Self {
+            dims,
+            geometry: Geometry::default(),
+            missing: Vec::new(),
+            format,
+            encoding: encoding.to_string(),
+            notes: vec![format!("{what} {BARE}")],
+            survey: None,
+            lines: None,
+        }
+    }
+}
+
+impl<const D: usize> Head<D> {
+    /// With its samples in memory order, of which there must be as many.
+    pub fn with(self, samples: Vec<f32>) -> Loaded<D> {
+        // An array of its shape, to be placed below.
+        let bare = Image::new(self.dims, samples, Geometry::default());
+        self.with_array(bare.samples)
+    }
+
+    /// With its samples as an array of its shape, in standard layout.
+    pub fn with_array(self, samples: ArrayD<f32>) -> Loaded<D> {
+        let image = Image {
+            samples,
+            geometry: self.geometry,
+            missing: Vec::new(),
+        };
+        Loaded {
+            image: image.with_missing(self.missing),
+            format: self.format,
+            encoding: self.encoding,
+            notes: self.notes,
+            survey: self.survey,
+            lines: self.lines,
+        }
+    }
+}
+
+impl<const D: usize> Loaded<D> {
+    /// All that is known of it but its samples.
+    pub fn head(&self) -> Head<D> {
+        Head {
+            dims: self.image.dims(),
+            geometry: self.image.geometry.clone(),
+            missing: self.image.missing.clone(),
+            format: self.format,
+            encoding: self.encoding.clone(),
+            notes: self.notes.clone(),
+            survey: self.survey.clone(),
+            lines: self.lines,
+        }
+    }
+}
+
+/// Samples in a file, which are read by whole planes along x and y.
+pub trait Planes: Send + Sync {
+    /// Fills `out` with the samples of whole planes, from the one numbered `first` on.
+    ///
+    /// # Errors
+    /// [`Error::Io`](crate::Error::Io) if they cannot be read.
+    fn read(&self, first: usize, out: &mut [f32]) -> Result<()>;
+
+    /// How many planes are best read together.
+    fn together(&self) -> usize {
+        1
+    }
+}
+
+/// An image of space whose samples are still in its file.
+pub struct Stream {
+    /// What is known without them.
+    pub head: Head<3>,
+    /// How an element is coded, for those that may be rounded.
+    pub coded: Encoding,
+    pub planes: Box<dyn Planes>,
+    /// The largest magnitude among the samples that were read, as bits.
+    pub largest: AtomicU32,
+}
+
+/// Bytes of samples that are held at a time, unless a single plane takes more.
+const HELD: usize = 1 << 26;
+
+/// Samples in the order of memory, a slab of planes at a time.
+pub trait Slabs {
+    /// Calls `work` for one slab after the other, each of whole planes along the last axis: as many as
+    /// `multiple` of these, or any number of times as many, but for the last.
+    ///
+    /// # Errors
+    /// Those of the work and of reading; [`os`] gives the latter back as they were.
+    fn each(
+        &self,
+        multiple: usize,
+        work: &mut dyn FnMut(&[f32]) -> io::Result<()>,
+    ) -> io::Result<()>;
+}
+
+impl<const D: usize> Slabs for Image<D> {
+    fn each(
+        &self,
+        multiple: usize,
+        work: &mut dyn FnMut(&[f32]) -> io::Result<()>,
+    ) -> io::Result<()> {
+        let plane: usize = self.dims()[..D - 1].iter().product();
+        let slab = plane.saturating_mul(multiple).max(1);
+        self.as_slice().chunks(slab).try_for_each(work)
+    }
+}
+
+impl Slabs for Stream {
+    fn each(
+        &self,
+        multiple: usize,
+        work: &mut dyn FnMut(&[f32]) -> io::Result<()>,
+    ) -> io::Result<()> {
+        let [nx, ny, nz] = self.head.dims;
+        let plane = nx * ny;
+        let held = (HELD / 4 / plane.max(1)).max(1);
+        let wanted = least_common_multiple(multiple, self.planes.together());
+        let planes = match wanted <= 4 * held {
+            // As many times as many as are held easily.
+            true => wanted * (held / wanted).max(1),
+            false => multiple.max(1),
+        };
+        let planes = planes.min(nz.max(1));
+        memory::afford(
+            "a part of the image",
+            4.0 * (planes * plane) as f64,
+            format!("{planes} planes of {nx} x {ny} samples"),
+            "write it with smaller chunks",
+        )
+        .map_err(io::Error::other)?;
+        let mut slab = vec![0.0; planes * plane];
+        for first in (0..nz).step_by(planes) {
+            let part = &mut slab[..planes.min(nz - first) * plane];
+            self.planes.read(first, part).map_err(io::Error::other)?;
+            if self.coded.is_wide() {
+                // Bits of numbers without sign are in the order of the numbers.
+                let bits = part.par_iter().map(|v| v.abs().to_bits()).max();
+                self.largest.fetch_max(bits.unwrap_or(0), Relaxed);
+            }
+            work(part)?;
+        }
+        Ok(())
+    }
+}
+
+fn least_common_multiple(a: usize, b: usize) -> usize {
+    let (mut x, mut y) = (a.max(1), b.max(1));
+    while y > 0 {
+        (x, y) = (y, x % y);
+    }
+    (a.max(1) / x).saturating_mul(b.max(1))
+}
+
+impl Stream {
+    /// Reads all samples.
+    ///
+    /// # Errors
+    /// [`Error::Job`](crate::Error::Job) if there is no memory for them, [`Error::Io`](crate::Error::Io) if
+    /// they cannot be read.
+    pub fn loaded(mut self, place: &Path) -> Result<Loaded> {
+        let count = self.head.dims.iter().product();
+        let mut samples = samples::room(place, count)?;
+        self.planes.read(0, &mut samples)?;
+        self.head.notes.extend(self.coded.rounding_note(&samples));
+        Ok(self.head.with(samples))
+    }
+
+    /// What must be said of the samples that were read by [`Slabs::each`].
+    pub fn note(&self) -> Option<String> {
+        let largest = f32::from_bits(self.largest.load(Relaxed));
+        self.coded.rounding_note(&[largest])
+    }
+}
+
+/// Samples that lie in a file as they are, the fastest axis first.
+pub struct Plain {
+    pub path: PathBuf,
+    pub file: File,
+    /// The byte at which they begin.
+    pub start: u64,
+    pub encoding: Encoding,
+    /// Samples of a plane.
+    pub plane: usize,
+}
+
+impl Planes for Plain {
+    fn read(&self, first: usize, out: &mut [f32]) -> Result<()> {
+        let at = self.start + (first * self.plane * self.encoding.size()) as u64;
+        let read = self.encoding.read(&self.file, at, out);
+        read.map_err(|e| os(&self.path, "read", e))
+    }
+}
+
+/// An image that was opened: in memory, or still in its file.
+pub enum Opened {
+    /// Still in its file.
+    Stream(Stream),
+    /// In memory.
+    Held(AnyLoaded),
+}
+
+impl Opened {
+    /// With all samples in memory.
+    ///
+    /// # Errors
+    /// Those of [`Stream::loaded`].
+    pub fn load(self, place: &Path) -> Result<AnyLoaded> {
+        match self {
+            Self::Stream(stream) => stream.loaded(place).map(of_its_axes),
+            Self::Held(loaded) => Ok(loaded),
+        }
+    }
+
+    /// Its head, if it has `D` axes.
+    pub fn head<const D: usize>(self) -> Option<Head<D>> {
+        let head: Box<dyn std::any::Any> = match self {
+            Self::Stream(stream) => Box::new(stream.head),
+            Self::Held(AnyLoaded::Plane(loaded)) => Box::new(loaded.head()),
+            Self::Held(AnyLoaded::Space(loaded)) => Box::new(loaded.head()),
+        };
+        head.downcast().ok().map(|head| *head)
+    }
+}

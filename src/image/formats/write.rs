@@ -1,0 +1,96 @@
+//! Images to files, in the format that the ending names: whole, or part by part.
+
+use std::path::Path;
+
+use super::samples::SampleType;
+use super::stream::Slabs;
+use super::{Format, Lines, ending, grids, metaimage, nifti, npy, nrrd, png, raw, vti, zarr};
+use crate::error::{Error, Result, cause};
+use crate::image::{Geometry, Image};
+
+/// Writes an image in the format that the ending of `path` names.
+///
+/// # Errors
+/// [`Error::Io`] if the ending is unknown or the file cannot be written.
+pub fn write<const D: usize>(path: &Path, image: &Image<D>) -> Result<()> {
+    write_survey(path, image, None)
+}
+
+/// The same of a survey, whose line numbers are written where the format has a place for them.
+///
+/// # Errors
+/// As [`write`].
+pub(crate) fn write_survey<const D: usize>(
+    path: &Path,
+    image: &Image<D>,
+    lines: Option<[Lines; 2]>,
+) -> Result<()> {
+    match (ending(path).as_str(), D) {
+        ("vti", _) => vti::write(path, &image.in_space(), "samples"),
+        ("mha", _) => metaimage::write(path, image),
+        ("irap", 2) => grids::write(path, image, Format::Irap),
+        ("zmap", 2) => grids::write(path, image, Format::Zmap),
+        ("cps3", 2) => grids::write(path, image, Format::Cps3),
+        ("png", 2) => png::write(path, &image.in_space().flatten()),
+        (ending, _) if IN_PARTS.contains(&ending) => {
+            let whole = Parts {
+                dims: image.dims(),
+                geometry: &image.geometry,
+                missing: &image.missing,
+                lines,
+                sample: SampleType::F32,
+                slabs: image,
+            };
+            whole.write(path)
+        }
+        (other, _) => Err(Error::Io(cause(
+            path.display(),
+            format!("{D}-D images cannot be written with the ending '.{other}'"),
+            match D {
+                2 => "use .png, .npy, .vti, .nrrd, .mha, .nii, .zarr, .raw, .irap, .zmap or .cps3",
+                _ => "use .npy, .vti, .nrrd, .mha, .nii, .nii.gz, .zarr or .raw",
+            },
+        ))),
+    }
+}
+
+/// Endings of the formats that are written part by part, of images that may be larger than memory.
+const IN_PARTS: [&str; 7] = ["npy", "raw", "bin", "nii", "nii.gz", "nrrd", "zarr"];
+
+/// Whether what this ending names is written part by part.
+#[cfg(feature = "cli")]
+pub(crate) fn is_written_in_parts(path: &Path) -> bool {
+    IN_PARTS.contains(&ending(path).as_str())
+}
+
+/// An image to be written part by part.
+pub(crate) struct Parts<'a, const D: usize> {
+    /// Samples along each axis, x first.
+    pub dims: [usize; D],
+    /// Where they lie.
+    pub geometry: &'a Geometry<D>,
+    /// Which rows hold no data, as [`Image::missing`] has it.
+    pub missing: &'a [bool],
+    /// Numbers of the inlines and crosslines of a survey.
+    pub lines: Option<[Lines; 2]>,
+    /// The type that holds them, where it is known.
+    pub sample: SampleType,
+    /// The samples.
+    pub slabs: &'a dyn Slabs,
+}
+
+impl<const D: usize> Parts<'_, D> {
+    /// Writes it, in one of the formats that [`is_written_in_parts`] knows.
+    ///
+    /// # Errors
+    /// As [`write`].
+    pub fn write(&self, path: &Path) -> Result<()> {
+        match ending(path).as_str() {
+            "npy" => npy::write(path, &self.dims, self.slabs),
+            "nii" | "nii.gz" => nifti::write(path, self.dims, self.geometry, self.slabs),
+            "nrrd" => nrrd::write(path, self.dims, self.geometry, self.slabs),
+            "zarr" => zarr::write(path, self),
+            _ => raw::write(path, self.slabs),
+        }
+    }
+}

@@ -1,0 +1,256 @@
+//! Elements of an array, cell by cell: a cell is a chunk, or one of those within a shard.
+
+use std::fs::File;
+use std::io::ErrorKind;
+use std::path::Path;
+
+use rayon::prelude::*;
+
+use super::codecs::{Problem, Shard};
+use super::metadata::Metadata;
+use crate::error::{Error, Result, cause, os};
+use crate::files::read_exact_at;
+use crate::image::formats::samples::{self, SampleType};
+use crate::image::formats::stream::Planes;
+use crate::memory;
+
+/// What to do about a damaged chunk.
+const DAMAGED: &str = "copy or write the array again";
+
+/// Cells decoded at once for each thread.
+const BATCH: usize = 2;
+
+/// An index entry of a cell that no shard holds.
+const ABSENT: u64 = u64::MAX;
+
+impl Metadata {
+    /// Elements along the last three axes, the slowest first; all before these have one.
+    pub fn volume(&self) -> Option<[usize; 3]> {
+        let axes = self.shape.len();
+        let before = axes.saturating_sub(3);
+        (self.shape[..before].iter().all(|&n| n == 1) && axes >= 2).then(|| last_three(&self.shape))
+    }
+
+    /// The bytes of the elements of a cell, given by its number along each axis; `None` where no chunk
+    /// holds it.
+    fn cell(&self, cell: &[usize]) -> Result<Option<Vec<u8>>> {
+        let codecs = &self.codecs;
+        let Some(shard) = &codecs.shard else {
+            let path = self.file(cell);
+            let Some((file, length)) = opened(&path)? else {
+                return Ok(None);
+            };
+            let packed = part(&path, &file, 0, length, length)?;
+            let done = codecs.cell.unpacked(packed, &codecs.shape);
+            return done.map(Some).map_err(|problem| damaged(&path, &problem));
+        };
+        let along = |of: fn(usize, usize) -> usize| -> Vec<usize> {
+            cell.iter()
+                .zip(&shard.cells)
+                .map(|(&c, &n)| of(c, n))
+                .collect()
+        };
+        let path = self.file(&along(|c, n| c / n));
+        let Some((file, length)) = opened(&path)? else {
+            return Ok(None);
+        };
+        let within = along(|c, n| c % n);
+        let number = within
+            .iter()
+            .zip(&shard.cells)
+            .fold(0, |number, (c, n)| number * n + c);
+        let Some((start, count)) = entry(shard, &path, &file, length, number)? else {
+            return Ok(None);
+        };
+        let packed = part(&path, &file, start, count, length)?;
+        let done = codecs.cell.unpacked(packed, &codecs.shape);
+        let told = |problem: Problem| damaged(&path, &format!("chunk {within:?} {problem}"));
+        done.map(Some).map_err(told)
+    }
+
+    /// All elements, of a small array.
+    ///
+    /// # Errors
+    /// [`Error::Io`] for chunks that cannot be read, [`Error::Job`] if there is no memory for them.
+    pub fn all(&self) -> Result<Vec<f64>> {
+        let count: usize = self.shape.iter().product();
+        let (place, remedy) = (self.folder.display(), "give a part of the image");
+        memory::afford(
+            place,
+            8.0 * count as f64,
+            format!("{count} elements"),
+            remedy,
+        )?;
+        let mut out = vec![self.fill; count];
+        let size = self.codecs.cell.encoding.size();
+        self.gather(0, &mut out, self.fill, |bytes| {
+            bytes
+                .chunks_exact(size)
+                .map(|raw| self.number(raw))
+                .collect()
+        })?;
+        Ok(out)
+    }
+
+    /// One element.
+    fn number(&self, raw: &[u8]) -> f64 {
+        use SampleType::*;
+        let encoding = self.codecs.cell.encoding;
+        // In the order of this machine's numbers as they are written: most significant byte first.
+        let mut bits = [0; 8];
+        let bytes = &mut bits[8 - raw.len()..];
+        bytes.copy_from_slice(raw);
+        if encoding.endian == samples::Endian::Little {
+            bytes.reverse();
+        }
+        let bits = u64::from_be_bytes(bits);
+        match encoding.sample {
+            F64 => f64::from_bits(bits),
+            I64 => bits as i64 as f64,
+            U64 | U32 => bits as f64,
+            I32 => f64::from(bits as u32 as i32),
+            _ => {
+                let mut out = [0.0];
+                encoding.decode(raw, &mut out);
+                out[0].into()
+            }
+        }
+    }
+
+    /// Fills `out` with elements of whole planes along the last two axes, from plane `first` of the third
+    /// last on.
+    fn gather<T: Copy + Send>(
+        &self,
+        first: usize,
+        out: &mut [T],
+        fill: T,
+        decode: impl Fn(&[u8]) -> Vec<T> + Sync,
+    ) -> Result<()> {
+        let [nz, ny, nx] = last_three(&self.shape);
+        let [cz, cy, cx] = last_three(&self.codecs.shape);
+        let last = (first + out.len() / (ny * nx).max(1)).min(nz);
+        let axes = self.shape.len();
+        let cells = [
+            last.div_ceil(cz).saturating_sub(first / cz),
+            ny.div_ceil(cy),
+            nx.div_ceil(cx),
+        ];
+        let count: usize = cells.iter().product();
+        let place = |number: usize| {
+            let [_, rows, columns] = cells;
+            let (plane, rest) = (number / (rows * columns), number % (rows * columns));
+            [first / cz + plane, rest / columns, rest % columns]
+        };
+        let batch = BATCH * rayon::current_num_threads();
+        for start in (0..count).step_by(batch) {
+            let numbers = start..(start + batch).min(count);
+            let decoded: Vec<Option<Vec<T>>> = (numbers.clone().into_par_iter())
+                .map(|number| {
+                    // All axes before the last three have one element.
+                    let mut cell = vec![0; axes.saturating_sub(3)];
+                    cell.extend(&place(number)[3 - axes.min(3)..]);
+                    Ok(self.cell(&cell)?.map(|bytes| decode(&bytes)))
+                })
+                .collect::<Result<_>>()?;
+            for (number, values) in numbers.zip(decoded) {
+                let [k, j, i] = place(number);
+                let [z0, y0, x0] = [k * cz, j * cy, i * cx];
+                let wide = cx.min(nx - x0);
+                for z in z0.max(first)..(z0 + cz).min(last) {
+                    for y in y0..(y0 + cy).min(ny) {
+                        let to = ((z - first) * ny + y) * nx + x0;
+                        let row = &mut out[to..to + wide];
+                        match &values {
+                            None => row.fill(fill),
+                            Some(values) => {
+                                let from = ((z - z0) * cy + y - y0) * cx;
+                                row.copy_from_slice(&values[from..from + wide]);
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Planes for Metadata {
+    fn read(&self, first: usize, out: &mut [f32]) -> Result<()> {
+        let encoding = self.codecs.cell.encoding;
+        self.gather(first, out, self.fill as f32, |bytes| {
+            let mut values = vec![0.0; bytes.len() / encoding.size()];
+            encoding.decode(bytes, &mut values);
+            values
+        })
+    }
+
+    fn together(&self) -> usize {
+        last_three(&self.codecs.shape)[0]
+    }
+}
+
+/// The last three of these numbers, with 1 for one that is missing before them.
+fn last_three(counts: &[usize]) -> [usize; 3] {
+    let axes = counts.len();
+    std::array::from_fn(|k| (axes + k).checked_sub(3).map_or(1, |at| counts[at]))
+}
+
+/// A chunk's file and its length; `None` if it has none.
+fn opened(path: &Path) -> Result<Option<(File, u64)>> {
+    let file = match File::open(path) {
+        Ok(file) => file,
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
+        Err(error) => return Err(os(path, "open", error)),
+    };
+    let about = file.metadata().map_err(|e| os(path, "read", e))?;
+    match about.is_file() {
+        true => Ok(Some((file, about.len()))),
+        false => Err(damaged(path, "is no file")),
+    }
+}
+
+/// Part of a chunk's file, which has so many bytes.
+fn part(path: &Path, file: &File, start: u64, count: u64, length: u64) -> Result<Vec<u8>> {
+    if start.checked_add(count).is_none_or(|end| end > length) {
+        let problem = format!("is cut off: bytes {start} + {count} of {length} are named");
+        return Err(damaged(path, &problem));
+    }
+    memory::afford(path.display(), count as f64, "a chunk", DAMAGED)?;
+    let mut bytes = vec![0; count as usize];
+    read_exact_at(file, &mut bytes, start).map_err(|e| os(path, "read", e))?;
+    Ok(bytes)
+}
+
+/// Where a cell lies in a shard of so many bytes, and how many it has there.
+fn entry(
+    shard: &Shard,
+    path: &Path,
+    file: &File,
+    length: u64,
+    number: usize,
+) -> Result<Option<(u64, u64)>> {
+    let size = shard.index_bytes() as u64;
+    let at = match shard.at_end {
+        true => length.saturating_sub(size),
+        false => 0,
+    };
+    let mut shape = shard.cells.clone();
+    shape.push(2);
+    let index = part(path, file, at, size, length)?;
+    let index = shard.index.unpacked(index, &shape);
+    let index = index.map_err(|problem| damaged(path, &format!("its index {problem}")))?;
+    let value = |k: usize| {
+        let raw = index[8 * (2 * number + k)..].first_chunk::<8>();
+        raw.map_or(ABSENT, |raw| match shard.index.encoding.endian {
+            samples::Endian::Little => u64::from_le_bytes(*raw),
+            samples::Endian::Big => u64::from_be_bytes(*raw),
+        })
+    };
+    let (start, count) = (value(0), value(1));
+    Ok(((start, count) != (ABSENT, ABSENT)).then_some((start, count)))
+}
+
+fn damaged(path: &Path, problem: &str) -> Error {
+    Error::Io(cause(path.display(), problem, DAMAGED))
+}

@@ -1,0 +1,246 @@
+//! What a node's `zarr.json` says: a group, or an array, its chunks and how they are coded.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::{Map, Value};
+
+use super::codecs::Codecs;
+use crate::error::{Result, os};
+use crate::image::formats::packed::refuse;
+use crate::image::formats::samples::SampleType;
+
+/// The file that makes a folder a node of Zarr version 3.
+pub const NODE: &str = "zarr.json";
+
+/// No chunk holds more bytes than this: Blosc's limit too.
+const LARGEST_CHUNK: usize = i32::MAX as usize;
+
+/// No array has more elements: what no chunk holds takes time to be passed over, though no room.
+const MOST_ELEMENTS: usize = 1 << 40;
+
+/// No metadata are longer: what is longer describes no array.
+const LONGEST: u64 = 1 << 26;
+
+/// A node of the hierarchy.
+pub enum Node {
+    /// A folder of nodes, with its attributes.
+    Group(Map<String, Value>),
+    /// An array.
+    Array(Box<Metadata>),
+}
+
+/// What an array is.
+pub struct Metadata {
+    /// The folder of the array.
+    pub folder: PathBuf,
+    /// Elements along each axis, the slowest first.
+    pub shape: Vec<usize>,
+    /// The value of elements that no chunk holds.
+    pub fill: f64,
+    /// How chunks are coded.
+    pub codecs: Codecs,
+    /// Names of its axes; empty where an axis has none.
+    pub names: Vec<String>,
+    /// What else is said of it.
+    pub attributes: Map<String, Value>,
+    /// How chunks' files are named.
+    keys: Keys,
+}
+
+/// How chunks' files are named.
+struct Keys {
+    /// `c/1/2/3`, rather than `1/2/3`.
+    prefixed: bool,
+    /// Between the numbers.
+    separator: char,
+}
+
+impl Node {
+    /// Reads the metadata of the node in a folder.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`] if there are none, or they describe nothing that is read here.
+    pub fn open(folder: &Path) -> Result<Self> {
+        let path = folder.join(NODE);
+        let length = std::fs::metadata(&path).map_err(|e| os(&path, "open", e))?;
+        if length.len() > LONGEST {
+            let problem = format!("has {} bytes, which are no metadata", length.len());
+            return Err(refuse(&path, problem, AGAIN));
+        }
+        let text = std::fs::read(&path).map_err(|e| os(&path, "read", e))?;
+        let bad = |problem: String| refuse(&path, problem, AGAIN);
+        let value: Value = serde_json::from_slice(&text)
+            .map_err(|e| bad(format!("is no JSON of Zarr: {e}")).because(e))?;
+        if value["zarr_format"] != 3 {
+            let problem = format!("is of Zarr version {}, not 3", value["zarr_format"]);
+            return Err(refuse(&path, problem, VERSION_2));
+        }
+        let attributes = value["attributes"].as_object().cloned().unwrap_or_default();
+        match value["node_type"].as_str() {
+            Some("group") => Ok(Self::Group(attributes)),
+            Some("array") => {
+                let array = Metadata::of(folder, &value, attributes);
+                array.map(|array| Self::Array(Box::new(array))).map_err(bad)
+            }
+            _ => Err(bad(format!(
+                "has the node_type {}, neither array nor group",
+                value["node_type"]
+            ))),
+        }
+    }
+}
+
+/// What to do about metadata that make no sense.
+pub const AGAIN: &str = "write the array again, e.g. with zarr-python's defaults";
+
+/// What to do about an older store.
+pub const VERSION_2: &str = "convert it to version 3, e.g. with zarr-python: zarr.create_array(new, data=zarr.open(old)[:]), \
+or with multidimio of version 1 from the SEG-Y file";
+
+impl Metadata {
+    fn of(
+        folder: &Path,
+        value: &Value,
+        attributes: Map<String, Value>,
+    ) -> std::result::Result<Self, String> {
+        let shape = counts(&value["shape"]).ok_or("has no shape")?;
+        let grid = &value["chunk_grid"];
+        if grid["name"] != "regular" {
+            return Err(format!("has the chunk grid {}, not regular", grid["name"]));
+        }
+        let chunk = counts(&grid["configuration"]["chunk_shape"])
+            .filter(|chunk| chunk.len() == shape.len() && !chunk.contains(&0))
+            .ok_or_else(|| format!("has no chunk_shape of {} numbers", shape.len()))?;
+        let sample = sample_type(&value["data_type"])?;
+        product(&chunk)
+            .and_then(|count| count.checked_mul(size_of(sample)))
+            .filter(|&bytes| bytes <= LARGEST_CHUNK)
+            .ok_or_else(|| format!("has chunks of {chunk:?} elements, more than 2 GB"))?;
+        product(&shape)
+            .filter(|&count| count <= MOST_ELEMENTS)
+            .ok_or_else(|| format!("has the shape {shape:?}, more than any survey"))?;
+        let encoding = &value["chunk_key_encoding"];
+        let prefixed = match encoding["name"].as_str().or(encoding.as_str()) {
+            Some("default") => true,
+            Some("v2") => false,
+            _ => {
+                return Err(format!(
+                    "has the chunk_key_encoding {encoding}, not default or v2"
+                ));
+            }
+        };
+        let separator = match encoding["configuration"]["separator"].as_str() {
+            Some("/") => '/',
+            Some(".") => '.',
+            None if prefixed => '/',
+            None => '.',
+            Some(other) => return Err(format!("has chunk keys separated by '{other}'")),
+        };
+        let transformers = value["storage_transformers"].as_array();
+        if transformers.is_some_and(|all| !all.is_empty()) {
+            return Err("has storage transformers, which are not read".into());
+        }
+        let names = match value["dimension_names"].as_array() {
+            Some(names) if names.len() == shape.len() => names
+                .iter()
+                .map(|name| name.as_str().unwrap_or_default().to_string())
+                .collect(),
+            _ => vec![String::new(); shape.len()],
+        };
+        Ok(Self {
+            folder: folder.to_path_buf(),
+            codecs: Codecs::of(&value["codecs"], &chunk, sample)?,
+            fill: fill(&value["fill_value"], sample)?,
+            keys: Keys {
+                prefixed,
+                separator,
+            },
+            shape,
+            names,
+            attributes,
+        })
+    }
+
+    /// The file of a chunk.
+    pub fn file(&self, chunk: &[usize]) -> PathBuf {
+        let numbers: Vec<String> = chunk.iter().map(usize::to_string).collect();
+        let Keys {
+            prefixed,
+            separator,
+        } = self.keys;
+        let joined = numbers.join(&separator.to_string());
+        let key = match (prefixed, joined.is_empty()) {
+            (true, true) => "c".to_string(),
+            (true, false) => format!("c{separator}{joined}"),
+            (false, true) => "0".to_string(),
+            (false, false) => joined,
+        };
+        self.folder.join(key)
+    }
+}
+
+/// A product, if it is a number of this machine.
+pub fn product(counts: &[usize]) -> Option<usize> {
+    counts.iter().try_fold(1usize, |all, &n| all.checked_mul(n))
+}
+
+/// A list of whole numbers.
+pub fn counts(value: &Value) -> Option<Vec<usize>> {
+    let all = value.as_array()?.iter();
+    all.map(|n| n.as_u64().and_then(|n| usize::try_from(n).ok()))
+        .collect()
+}
+
+fn sample_type(value: &Value) -> std::result::Result<SampleType, String> {
+    use SampleType::*;
+    Ok(match value.as_str().or(value["name"].as_str()) {
+        Some("bool") => Bool,
+        Some("int8") => I8,
+        Some("uint8") => U8,
+        Some("int16") => I16,
+        Some("uint16") => U16,
+        Some("int32") => I32,
+        Some("uint32") => U32,
+        Some("int64") => I64,
+        Some("uint64") => U64,
+        Some("float16") => F16,
+        Some("float32") => F32,
+        Some("float64") => F64,
+        Some(other) => return Err(format!("has the data type {other}, no real number")),
+        None => return Err("has no data type".into()),
+    })
+}
+
+fn size_of(sample: SampleType) -> usize {
+    use crate::image::formats::samples::{Encoding, Endian};
+    let endian = Endian::Little;
+    Encoding { sample, endian }.size()
+}
+
+/// The value of what no chunk holds, as its type has it.
+fn fill(value: &Value, sample: SampleType) -> std::result::Result<f64, String> {
+    let bad = || format!("has the fill_value {value}, which is no {sample:?}");
+    match value {
+        Value::Bool(on) => Ok(f64::from(u8::from(*on))),
+        Value::Number(number) => number.as_f64().ok_or_else(bad),
+        Value::String(text) => match (text.as_str(), sample) {
+            ("NaN", _) => Ok(f64::NAN),
+            ("Infinity", _) => Ok(f64::INFINITY),
+            ("-Infinity", _) => Ok(f64::NEG_INFINITY),
+            (text, _) => {
+                let bits = text
+                    .strip_prefix("0x")
+                    .map(|hex| u64::from_str_radix(hex, 16));
+                match (bits, sample) {
+                    (Some(Ok(bits)), SampleType::F16) => {
+                        Ok(half::f16::from_bits(bits as u16).to_f64())
+                    }
+                    (Some(Ok(bits)), SampleType::F32) => Ok(f32::from_bits(bits as u32).into()),
+                    (Some(Ok(bits)), SampleType::F64) => Ok(f64::from_bits(bits)),
+                    _ => Err(bad()),
+                }
+            }
+        },
+        _ => Err(bad()),
+    }
+}

@@ -1,0 +1,208 @@
+//! Zarr version 3 in local folders: an array in chunks, alone or in a group; and MDIO version 1, which is such
+//! a group of a survey.
+//!
+//! An array of shape `(nz, ny, nx)` becomes an image of dims `[nx, ny, nz]`. It is read chunk by chunk,
+//! by as many threads as there are; never all compressed data at once.
+//!
+//! - `metadata`: what `zarr.json` says
+//! - `codecs`: from the bytes of a chunk to elements; `blosc`: one of the codecs
+//! - `array`: elements of an array
+//! - `place`: where it lies, by the arrays beside it
+//! - `write`: an image as such a group
+
+mod array;
+mod blosc;
+mod codecs;
+mod metadata;
+mod place;
+mod write;
+
+use std::path::Path;
+
+use serde_json::Value;
+
+use super::packed::refuse;
+use super::stream::{Head, Planes, Stream};
+use super::{Format, samples};
+use crate::error::{Error, Result, os};
+use metadata::{Metadata, NODE, Node, VERSION_2};
+
+pub use write::write;
+
+/// Whether a path is a folder of Zarr.
+///
+/// # Errors
+/// [`Error::Io`] for one of version 2.
+pub fn is_node(path: &Path) -> Result<bool> {
+    if !path.is_dir() {
+        return Ok(false);
+    }
+    if path.join(NODE).is_file() {
+        return Ok(true);
+    }
+    let old = [".zarray", ".zgroup", ".zmetadata"];
+    match old.iter().any(|name| path.join(name).is_file()) {
+        true => {
+            let problem = "is of Zarr version 2 (or MDIO version 0), which is not read";
+            Err(refuse(path, problem, VERSION_2))
+        }
+        false => Ok(false),
+    }
+}
+
+/// Opens an array, or the only one of a group that can be an image.
+///
+/// # Errors
+/// [`Error::Io`] for metadata that cannot be read, and where there is no such array or more than one.
+pub fn open(path: &Path) -> Result<Stream> {
+    let (array, group) = match Node::open(path)? {
+        Node::Group(attributes) => (chosen(path, &attributes)?, Some(path.to_path_buf())),
+        Node::Array(array) => {
+            let folder = path.canonicalize().map_err(|e| os(path, "open", e))?;
+            let around = folder.parent().filter(|folder| folder.join(NODE).is_file());
+            (*array, around.map(Path::to_path_buf))
+        }
+    };
+    let shown = by(&array.shape);
+    let [nz, ny, nx] = array
+        .volume()
+        .filter(|dims| !dims.contains(&0))
+        .ok_or_else(|| {
+            let problem = format!("holds {shown} elements, where 2 or 3 axes are needed");
+            refuse(
+                &array.folder,
+                problem,
+                "give another array, or a part of this one",
+            )
+        })?;
+    let coded = array.codecs.cell.encoding;
+    let mut head = Head {
+        encoding: format!("{coded}{}", array.codecs.cell.packing()),
+        notes: Vec::new(),
+        ..Head::bare(Format::Zarr, [nx, ny, nz], coded, "Zarr")
+    };
+    if group.as_deref() == Some(path) {
+        let name = array.folder.file_name().unwrap_or_default();
+        head.notes
+            .push(format!("the array {}", name.to_string_lossy()));
+    }
+    place::place(&mut head, &array, group.as_deref())?;
+    let planes: Box<dyn Planes> = match head.missing.is_empty() {
+        true => Box::new(array),
+        false => Box::new(Live {
+            array,
+            missing: head.missing.clone(),
+            plane: [nx, ny],
+        }),
+    };
+    Ok(Stream {
+        head,
+        coded,
+        planes,
+        largest: Default::default(),
+    })
+}
+
+/// The array of a group that is an image: the one that the group names, or else the only one.
+fn chosen(group: &Path, attributes: &serde_json::Map<String, Value>) -> Result<Metadata> {
+    let entries = std::fs::read_dir(group).map_err(|e| os(group, "read", e))?;
+    let mut folders: Vec<_> = entries
+        .flatten()
+        .map(|entry| entry.path())
+        .filter(|path| path.join(NODE).is_file())
+        .collect();
+    folders.sort();
+    let named = attributes.get("attributes").unwrap_or(&Value::Null);
+    if let Some(name) = named["defaultVariableName"].as_str()
+        && let Some(folder) = folders.iter().find(|path| path.ends_with(name))
+        && let Node::Array(array) = Node::open(folder)?
+    {
+        return Ok(*array);
+    }
+    let mut failed: Option<Error> = None;
+    let mut arrays: Vec<Metadata> = Vec::new();
+    for folder in &folders {
+        match Node::open(folder) {
+            Ok(Node::Array(array)) => arrays.push(*array),
+            Ok(Node::Group(_)) => (),
+            Err(error) => failed = failed.or(Some(error)),
+        }
+    }
+    // Arrays that only say where the others lie.
+    let beside: Vec<String> = arrays
+        .iter()
+        .filter_map(|array| array.attributes.get("coordinates")?.as_str())
+        .flat_map(|names| names.split_whitespace().map(String::from))
+        .chain([place::MASK.to_string()])
+        .collect();
+    let name = |array: &Metadata| {
+        let name = array.folder.file_name().unwrap_or_default();
+        name.to_string_lossy().into_owned()
+    };
+    for axes in [3, 2] {
+        let mut fit: Vec<Metadata> = Vec::new();
+        let (taken, left): (Vec<_>, Vec<_>) = arrays.into_iter().partition(|array| {
+            array.volume().is_some() && array.shape.len() >= axes && !beside.contains(&name(array))
+        });
+        arrays = left;
+        fit.extend(taken);
+        let Some(first) = fit.pop() else { continue };
+        if fit.is_empty() {
+            return Ok(first);
+        }
+        fit.push(first);
+        let named: Vec<String> = fit
+            .iter()
+            .map(|array| format!("{} ({})", name(array), by(&array.shape)))
+            .collect();
+        return Err(refuse(
+            group,
+            format!("holds several arrays: {}", named.join(", ")),
+            &format!("give one of them, as in {}", fit[0].folder.display()),
+        ));
+    }
+    Err(failed.unwrap_or_else(|| {
+        let problem = "is a group of Zarr without an array of two or three axes";
+        refuse(group, problem, "give the folder of an array")
+    }))
+}
+
+/// 3 x 4 x 5.
+fn by(counts: &[usize]) -> String {
+    let words: Vec<String> = counts.iter().map(usize::to_string).collect();
+    words.join(" x ")
+}
+
+/// An array some of whose rows hold no data: zeros, whatever is written there.
+struct Live {
+    array: Metadata,
+    missing: Vec<bool>,
+    /// Samples of a plane along its axes.
+    plane: [usize; 2],
+}
+
+impl Planes for Live {
+    fn read(&self, first: usize, out: &mut [f32]) -> Result<()> {
+        self.array.read(first, out)?;
+        let [nx, ny] = self.plane;
+        let missing = &self.missing[first * ny..];
+        for (row, _) in out.chunks_mut(nx).zip(missing).filter(|(_, m)| **m) {
+            row.fill(0.0);
+        }
+        Ok(())
+    }
+
+    fn together(&self) -> usize {
+        self.array.together()
+    }
+}
+
+/// How elements are coded that hold all samples of this type without loss: as these are, if 32-bit floats hold
+/// them.
+fn exact(sample: samples::SampleType) -> samples::SampleType {
+    use samples::SampleType::*;
+    match sample {
+        Bool | I8 | U8 | I16 | U16 | F16 => sample,
+        _ => F32,
+    }
+}

@@ -1,0 +1,353 @@
+//! An image as a group of Zarr, with the arrays that say where it lies: xarray opens it as a data set, and
+//! that of a survey has what MDIO calls its own.
+
+use std::fs::{self, File};
+use std::io::Write;
+use std::path::Path;
+
+use rayon::prelude::*;
+use serde_json::{Map, Value, json};
+
+use super::metadata::NODE;
+use super::place::{MASK, OURS, POSITIONS};
+use super::{blosc, exact};
+use crate::error::{Result, os};
+use crate::files::Batch;
+use crate::image::Geometry;
+use crate::image::formats::Parts;
+use crate::image::formats::samples::SampleType;
+
+/// Samples of a chunk along each axis.
+const CHUNK: usize = 64;
+
+/// Writes an image as a folder of Zarr version 3: chunks of 64 samples along each axis, packed by Blosc.
+///
+/// # Errors
+/// [`crate::Error::Io`] if it cannot be written.
+pub fn write<const D: usize>(path: &Path, image: &Parts<'_, D>) -> Result<()> {
+    let mut batch = Batch::default();
+    batch.tree(path, NODE, |folder| fill(path, folder, image))?;
+    batch.commit()
+}
+
+fn fill<const D: usize>(path: &Path, folder: &Path, image: &Parts<'_, D>) -> Result<()> {
+    let failed = |error| os(path, "write", error);
+    let names = axis_names(image.geometry);
+    let name = match image.lines {
+        Some(_) => "amplitude",
+        None => "samples",
+    };
+    let group = json!({
+        "zarr_format": 3,
+        "node_type": "group",
+        "attributes": { "attributes": { "defaultVariableName": name } },
+    });
+    put(folder, &group).map_err(failed)?;
+
+    let shape: Vec<usize> = image.dims.iter().rev().copied().collect();
+    let array = Written {
+        folder: folder.join(name),
+        names: names.iter().rev().cloned().collect(),
+        chunk: shape.iter().map(|&n| n.clamp(1, CHUNK)).collect(),
+        shape,
+        sample: exact(image.sample),
+    };
+    let space = image.geometry.in_space();
+    let mut attributes = Map::new();
+    attributes.insert(
+        OURS.into(),
+        json!({
+            "about": "position = origin + sum of index[k] * axes[k], index of the fastest axis first",
+            "origin": space.origin, "axes": space.axes, "names": space.names, "units": space.units,
+        }),
+    );
+    let beside = coordinates(folder, image, &names).map_err(failed)?;
+    if !beside.is_empty() {
+        attributes.insert("coordinates".into(), beside.join(" ").into());
+    }
+    array.begin(Value::Object(attributes)).map_err(failed)?;
+    let mut first = 0;
+    let done = image.slabs.each(array.chunk[0], &mut |slab| {
+        let planes = slab.len() / array.plane().max(1);
+        array.put_planes(first, planes, slab)?;
+        first += planes;
+        Ok(())
+    });
+    done.map_err(failed)
+}
+
+/// A name for each axis, all different, x first.
+fn axis_names<const D: usize>(geometry: &Geometry<D>) -> Vec<String> {
+    let mut names: Vec<String> = Vec::new();
+    for k in 0..D {
+        let unit = match geometry.axes[k].iter().position(|step| *step != 0.0) {
+            Some(c) => &*geometry.units[c],
+            None => "",
+        };
+        let name = match (&*geometry.names[k], unit) {
+            // As MDIO calls it.
+            ("sample", "ms" | "s" | "us") => "time",
+            ("sample", "m" | "ft") => "depth",
+            (name, _) => name,
+        };
+        let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-');
+        let clean: String = name.chars().filter(|c| plain(*c)).collect();
+        let taken = [MASK, POSITIONS[0], POSITIONS[1], "amplitude", "samples"];
+        match clean.is_empty() || names.contains(&clean) || taken.contains(&&*clean) {
+            true => names.push(format!("axis_{k}")),
+            false => names.push(clean),
+        }
+    }
+    names
+}
+
+/// Writes the arrays that say where the image lies; names those of them that are of no axis.
+fn coordinates<const D: usize>(
+    folder: &Path,
+    image: &Parts<'_, D>,
+    names: &[String],
+) -> std::io::Result<Vec<String>> {
+    let geometry = image.geometry;
+    for k in 0..D {
+        let count = image.dims[k];
+        let lines = match (&*names[k], image.lines) {
+            ("inline", Some([inlines, _])) => Some(inlines),
+            ("crossline", Some([_, crosslines])) => Some(crosslines),
+            _ => None,
+        };
+        if let Some(lines) = lines {
+            let numbers = (0..count as i64).map(|i| (lines.first + i * lines.step) as i32);
+            let bytes: Vec<u8> = numbers.flat_map(i32::to_le_bytes).collect();
+            let one = small(
+                folder,
+                &names[k],
+                &names[k..=k],
+                vec![count],
+                SampleType::I32,
+            );
+            one.whole(&bytes, "")?;
+            continue;
+        }
+        // Along one coordinate of the world, downwards as positive numbers.
+        let along: Vec<usize> = (0..D).filter(|&c| geometry.axes[k][c] != 0.0).collect();
+        let [c] = along[..] else { continue };
+        let downwards = matches!(&*names[k], "time" | "depth" | "sample" | "twt");
+        let sign = match downwards && geometry.axes[k][c] < 0.0 {
+            true => -1.0,
+            false => 1.0,
+        };
+        let value = |i| 0.0 + sign * (geometry.origin[c] + i as f64 * geometry.axes[k][c]);
+        let bytes: Vec<u8> = (0..count)
+            .flat_map(|i| f64::to_le_bytes(value(i)))
+            .collect();
+        let one = small(
+            folder,
+            &names[k],
+            &names[k..=k],
+            vec![count],
+            SampleType::F64,
+        );
+        one.whole(&bytes, &geometry.units[c])?;
+    }
+    if image.lines.is_none() || D < 3 {
+        return Ok(Vec::new());
+    }
+    let [ny, nz] = [image.dims[1], image.dims[2]];
+    let across = [names[2].clone(), names[1].clone()];
+    let mut beside = Vec::new();
+    for (c, name) in POSITIONS.into_iter().enumerate() {
+        let position = |row: usize| {
+            let [inline, crossline] = [row / ny, row % ny].map(|i| i as f64);
+            let along = inline * geometry.axes[2][c] + crossline * geometry.axes[1][c];
+            geometry.origin[c] + along
+        };
+        let bytes: Vec<u8> = (0..ny * nz)
+            .flat_map(|row| f64::to_le_bytes(position(row)))
+            .collect();
+        let one = small(folder, name, &across, vec![nz, ny], SampleType::F64);
+        one.whole(&bytes, &geometry.units[c])?;
+        beside.push(name.to_string());
+    }
+    let live = |row: usize| u8::from(!image.missing.get(row).unwrap_or(&false));
+    let bytes: Vec<u8> = (0..ny * nz).map(live).collect();
+    small(folder, MASK, &across, vec![nz, ny], SampleType::Bool).whole(&bytes, "")?;
+    Ok(beside)
+}
+
+/// An array that is one chunk.
+fn small(
+    folder: &Path,
+    name: &str,
+    axes: &[String],
+    shape: Vec<usize>,
+    sample: SampleType,
+) -> Written {
+    Written {
+        folder: folder.join(name),
+        names: axes.to_vec(),
+        chunk: shape.iter().map(|&n| n.max(1)).collect(),
+        shape,
+        sample,
+    }
+}
+
+/// An array that is being written.
+struct Written {
+    folder: std::path::PathBuf,
+    names: Vec<String>,
+    shape: Vec<usize>,
+    chunk: Vec<usize>,
+    sample: SampleType,
+}
+
+impl Written {
+    /// Makes its folder and metadata.
+    fn begin(&self, attributes: Value) -> std::io::Result<()> {
+        use SampleType::*;
+        let (name, endian) = match self.sample {
+            Bool => ("bool", None),
+            I8 => ("int8", None),
+            U8 => ("uint8", None),
+            I16 => ("int16", Some("little")),
+            U16 => ("uint16", Some("little")),
+            I32 => ("int32", Some("little")),
+            F16 => ("float16", Some("little")),
+            F64 => ("float64", Some("little")),
+            _ => ("float32", Some("little")),
+        };
+        let bytes = match endian {
+            Some(endian) => json!({ "name": "bytes", "configuration": { "endian": endian } }),
+            None => json!({ "name": "bytes" }),
+        };
+        let fill = match self.sample {
+            Bool => json!(false),
+            F16 | F32 | F64 => json!(0.0),
+            _ => json!(0),
+        };
+        fs::create_dir(&self.folder)?;
+        let array = json!({
+            "zarr_format": 3,
+            "node_type": "array",
+            "shape": self.shape,
+            "data_type": name,
+            "chunk_grid": { "name": "regular", "configuration": { "chunk_shape": self.chunk } },
+            "chunk_key_encoding": { "name": "default", "configuration": { "separator": "/" } },
+            "fill_value": fill,
+            "codecs": [bytes, { "name": "blosc", "configuration": {
+                "typesize": self.size(), "cname": "lz4", "clevel": 5, "shuffle": "shuffle", "blocksize": 0,
+            } }],
+            "attributes": attributes,
+            "dimension_names": self.names,
+        });
+        put(&self.folder, &array)
+    }
+
+    /// Bytes of an element.
+    fn size(&self) -> usize {
+        use SampleType::*;
+        match self.sample {
+            Bool | I8 | U8 => 1,
+            I16 | U16 | F16 => 2,
+            F64 => 8,
+            _ => 4,
+        }
+    }
+
+    /// Writes the only chunk, and all there is to say.
+    fn whole(&self, bytes: &[u8], unit: &str) -> std::io::Result<()> {
+        let kind = match unit {
+            "ms" | "s" | "us" => "time",
+            _ => "length",
+        };
+        let units = match unit {
+            "" => json!({}),
+            unit => json!({ "units": unit, "unitsV1": { kind: unit } }),
+        };
+        self.begin(units)?;
+        self.put_chunk(&vec![0; self.shape.len()], bytes)
+    }
+
+    /// Elements of a plane across the slowest axis.
+    fn plane(&self) -> usize {
+        self.shape[1..].iter().product()
+    }
+
+    /// Writes the chunks of some planes, which begin where a chunk begins.
+    fn put_planes(&self, first: usize, planes: usize, samples: &[f32]) -> std::io::Result<()> {
+        // In the plane the slowest axis is y, and there is a single column of chunks in the third.
+        let (ny, nx, cy, cx) = match self.shape[..] {
+            [_, ny, nx] => (ny, nx, self.chunk[1], self.chunk[2]),
+            _ => (1, self.plane(), 1, self.chunk[self.chunk.len() - 1]),
+        };
+        let cz = self.chunk[0];
+        let [rows, columns] = [ny.div_ceil(cy), nx.div_ceil(cx)];
+        let count = planes.div_ceil(cz) * rows * columns;
+        (0..count).into_par_iter().try_for_each(|number| {
+            let (z, rest) = (number / (rows * columns), number % (rows * columns));
+            let (y, x) = (rest / columns, rest % columns);
+            // Beyond the array's end a chunk is filled up.
+            let mut values = vec![0.0; cz * cy * cx];
+            let wide = cx.min(nx - x * cx);
+            for k in 0..cz.min(planes - z * cz) {
+                for j in 0..cy.min(ny - y * cy) {
+                    let from = ((z * cz + k) * ny + y * cy + j) * nx + x * cx;
+                    let to = (k * cy + j) * cx;
+                    values[to..to + wide].copy_from_slice(&samples[from..from + wide]);
+                }
+            }
+            // What no chunk holds is zero.
+            if values.iter().all(|v| v.to_bits() == 0) {
+                return Ok(());
+            }
+            let bytes = self.coded(&values);
+            match self.shape.len() {
+                3 => self.put_chunk(&[first / cz + z, y, x], &bytes),
+                _ => self.put_chunk(&[first / cz + z, x], &bytes),
+            }
+        })
+    }
+
+    /// The bytes of samples.
+    fn coded(&self, samples: &[f32]) -> Vec<u8> {
+        use SampleType::*;
+        match self.sample {
+            Bool => samples.iter().map(|v| u8::from(*v != 0.0)).collect(),
+            I8 => samples.iter().map(|v| *v as i8 as u8).collect(),
+            U8 => samples.iter().map(|v| *v as u8).collect(),
+            I16 => samples
+                .iter()
+                .flat_map(|v| (*v as i16).to_le_bytes())
+                .collect(),
+            U16 => samples
+                .iter()
+                .flat_map(|v| (*v as u16).to_le_bytes())
+                .collect(),
+            F16 => samples
+                .iter()
+                .flat_map(|v| half::f16::from_f32(*v).to_le_bytes())
+                .collect(),
+            _ => samples.iter().flat_map(|v| v.to_le_bytes()).collect(),
+        }
+    }
+
+    fn put_chunk(&self, chunk: &[usize], bytes: &[u8]) -> std::io::Result<()> {
+        let mut path = self.folder.join("c");
+        path.extend(chunk.iter().map(usize::to_string));
+        if let Some(folder) = path.parent() {
+            fs::create_dir_all(folder)?;
+        }
+        written(&path, &blosc::packed(bytes, self.size()))
+    }
+}
+
+/// Writes the metadata of a node.
+fn put(folder: &Path, value: &Value) -> std::io::Result<()> {
+    written(&folder.join(NODE), format!("{value:#}\n").as_bytes())
+}
+
+/// Writes a file and brings it to the disk.
+fn written(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+    let mut file = File::create(path)?;
+    file.write_all(bytes)?;
+    file.sync_all()
+}

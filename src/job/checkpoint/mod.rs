@@ -1,0 +1,181 @@
+//! What stages gave, kept in a folder: a job that was ended goes on from there, and ends as it would have
+//! ended anyhow.
+//!
+//! Each stage has a file, which says of which job it is and what the check sum of the rest is: what is of
+//! another image, other parameters or another version is made anew, and so is what is damaged.
+//!
+//! - `kept`: results as bytes
+
+mod kept;
+
+use std::fmt::Write as _;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use sha2::{Digest, Sha256};
+
+use super::{Params, Weight};
+use crate::Result;
+use crate::error::{Error, cause, os};
+use crate::files::{self, atomic};
+use crate::image::Image;
+pub use kept::Kept;
+
+/// How every file of a stage begins.
+const MAGIC: &[u8] = b"atomesh checkpoint 1\n";
+
+/// Bytes of a check sum.
+const SUM: usize = 32;
+
+/// A folder with what the stages of a job gave.
+#[derive(Debug, Clone)]
+pub struct Checkpoint {
+    folder: PathBuf,
+}
+
+/// The same, of one job.
+pub struct OfJob {
+    folder: PathBuf,
+    /// Tells this job from all others.
+    key: [u8; SUM],
+}
+
+impl Checkpoint {
+    /// In this folder, which is made if it is not there.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if it cannot be made, or is no folder.
+    pub fn new(folder: &Path) -> Result<Self> {
+        if folder.exists() && !folder.is_dir() {
+            let remedy = "give the name of a folder";
+            return Err(Error::Io(cause(folder.display(), "is no folder", remedy)));
+        }
+        std::fs::create_dir_all(folder).map_err(|e| os(folder, "make the folder", e))?;
+        Ok(Self {
+            folder: folder.to_path_buf(),
+        })
+    }
+
+    /// For a job: by all that decides its result.
+    pub(super) fn of<const D: usize>(&self, image: &Image<D>, params: &Params<D>) -> OfJob {
+        let mut hasher = Sha256::new();
+        hasher.update(env!("CARGO_PKG_VERSION"));
+        add(&mut hasher, image);
+        // Images are written out in full, not as they are shown.
+        let mut rest = params.clone();
+        for image in rest.distances.take().iter() {
+            add(&mut hasher, image);
+        }
+        if let Weight::Image(image) = std::mem::replace(&mut rest.beta, Weight::Constant(0.0)) {
+            add(&mut hasher, &image);
+        } else {
+            rest.beta = params.beta.clone();
+        }
+        hasher.update(format!("{rest:?}"));
+        OfJob {
+            folder: self.folder.clone(),
+            key: hasher.finalize().into(),
+        }
+    }
+}
+
+/// An image's samples, and where they lie.
+fn add<const D: usize>(hasher: &mut Sha256, image: &Image<D>) {
+    let mut text = String::new();
+    // Writing to a String cannot fail.
+    let _ = write!(
+        text,
+        "{:?} {:?} {:?}",
+        image.dims(),
+        image.geometry,
+        image.missing
+    );
+    hasher.update(text);
+    let mut bytes = Vec::new();
+    for part in image.as_slice().chunks(1 << 16) {
+        bytes.clear();
+        bytes.extend(part.iter().flat_map(|v| v.to_le_bytes()));
+        hasher.update(&bytes);
+    }
+}
+
+/// What there is of a stage.
+pub enum Found<T> {
+    /// Its result.
+    Whole(T),
+    /// Nothing.
+    Nothing,
+    /// A file that is of no use, and why.
+    Useless(String),
+}
+
+impl OfJob {
+    fn file(&self, stage: &str) -> PathBuf {
+        self.folder.join(format!("{stage}.checkpoint"))
+    }
+
+    /// What was kept of a stage.
+    pub fn found<T: Kept>(&self, stage: &str) -> Found<T> {
+        let path = self.file(stage);
+        let useless = |why: &str| Found::Useless(format!("{}: {why}", path.display()));
+        if !path.exists() {
+            return Found::Nothing;
+        }
+        let read = files::open(&path, "remove it")
+            .and_then(|_| std::fs::read(&path).map_err(|e| os(&path, "read", e)));
+        let Ok(bytes) = read else {
+            return useless("cannot be read: this stage is made again");
+        };
+        let parts = bytes.strip_prefix(MAGIC).and_then(|rest| {
+            let (key, rest) = rest.split_first_chunk::<SUM>()?;
+            let (sum, rest) = rest.split_first_chunk::<SUM>()?;
+            Some((key, sum, rest))
+        });
+        let Some((key, sum, mut rest)) = parts else {
+            return useless("is damaged: this stage is made again");
+        };
+        if *key != self.key {
+            return useless(
+                "is of another image, other options or another version: this stage is made anew",
+            );
+        }
+        let whole = Sha256::digest(rest)[..] == sum[..];
+        match whole.then(|| T::take(&mut rest)).flatten() {
+            Some(value) if rest.is_empty() => Found::Whole(value),
+            _ => useless("is damaged: this stage is made again"),
+        }
+    }
+
+    /// Keeps the result of a stage, whatever becomes of the job.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if it cannot be written.
+    pub fn keep<T: Kept>(&self, stage: &str, value: &T) -> Result<()> {
+        let mut sum = Summing(Sha256::new());
+        let path = self.file(stage);
+        value.put(&mut sum).map_err(|e| os(&path, "write", e))?;
+        let sum = sum.0.finalize();
+        atomic::at_once(|| {
+            files::atomic_write(&path, |out| {
+                out.write_all(MAGIC)?;
+                out.write_all(&self.key)?;
+                out.write_all(&sum)?;
+                value.put(out)
+            })
+        })
+    }
+}
+
+/// Only sums up what is written.
+struct Summing(Sha256);
+
+impl Write for Summing {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.update(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}

@@ -1,0 +1,155 @@
+"""Arrays written by zarr-python, in every type, codec and layout: `atomesh convert` must read their values; and
+what `atomesh convert` writes, zarr-python and xarray must read.
+
+    zarrs.py ATOMESH FOLDER
+
+Prints how many stores were read and written, and one line for each difference; exit code 1 if there is any."""
+
+import itertools
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import xarray
+import zarr
+from zarr.codecs import BloscCodec, Crc32cCodec, GzipCodec, TransposeCodec, ZstdCodec
+
+atomesh, folder = sys.argv[1:]
+os.chdir(folder)
+rng = np.random.default_rng(5)
+faults, read, written = [], 0, 0
+SHAPE = (13, 10, 17)
+
+
+def values(dtype, shape=SHAPE):
+    """Smooth with some noise, so that compression has something to do."""
+    dtype = np.dtype(dtype)
+    wave = 50 + 40 * np.sin(np.arange(np.prod(shape)) / 9).reshape(shape) + rng.integers(0, 5, shape)
+    return (wave > 50) if dtype == bool else wave.astype(dtype)
+
+
+def run(*words):
+    return subprocess.run([atomesh, *words], capture_output=True, text=True)
+
+
+def compare(name, array, path=None):
+    global read
+    done = run("convert", path or name, "out.npy", "--quiet")
+    if done.returncode:
+        faults.append(f"{name}: refused: {done.stderr.strip()}")
+        return
+    read += 1
+    ours, theirs = np.load("out.npy"), np.asarray(array).astype(np.float32)
+    if ours.shape != theirs.shape or not np.array_equal(ours, theirs, equal_nan=True):
+        faults.append(f"{name}: {ours.shape} {theirs.shape} values differ")
+
+
+def write(name, array, **how):
+    how.setdefault("chunks", (5, 4, 8))
+    store = zarr.create_array(name, shape=array.shape, dtype=array.dtype, overwrite=True, **how)
+    store[...] = array
+    return store
+
+
+types = ["bool", "i1", "u1", "<i2", "<u2", "<i4", "<u4", "<i8", "<u8", "<f2", "<f4", "<f8"]
+for number, dtype in enumerate(types):
+    array = values(dtype)
+    write(f"t{number}.zarr", array)
+    compare(f"t{number}.zarr", array)
+    if np.dtype(dtype).itemsize > 1:
+        serializer = zarr.codecs.BytesCodec(endian="big")
+        write(f"b{number}.zarr", array, serializer=serializer)
+        compare(f"b{number}.zarr", array)
+
+# Blosc by each of its compressors, with each of its shuffles; more than one block.
+large = values("f4", (60, 50, 40))
+small = values("i2", (6, 7, 5))
+for number, (cname, shuffle, level) in enumerate(itertools.product(
+        ["lz4", "lz4hc", "blosclz", "zlib", "zstd"], ["noshuffle", "shuffle", "bitshuffle"], [1, 9])):
+    codec = BloscCodec(cname=cname, shuffle=shuffle, clevel=level)
+    for array, chunks in ((large, (60, 50, 40)), (small, (3, 7, 5))):
+        if array is large and level == 1 and shuffle != "shuffle":
+            continue
+        name = f"blosc{number}{array.dtype}.zarr"
+        write(name, array, chunks=chunks, compressors=[codec])
+        compare(name, array)
+noise = rng.integers(0, 1 << 30, SHAPE).astype("u4")
+write("noise.zarr", noise, compressors=[BloscCodec()])
+compare("noise.zarr", noise)
+
+array = values("f4")
+chains = {
+    "none": dict(compressors=None),
+    "zstd": dict(compressors=[ZstdCodec(level=3, checksum=True)]),
+    "zstd19": dict(compressors=[ZstdCodec(level=19)]),
+    "gzip": dict(compressors=[GzipCodec(level=6)]),
+    "sums": dict(compressors=[Crc32cCodec()]),
+    "both": dict(compressors=[GzipCodec(level=1), Crc32cCodec()]),
+    "turned": dict(filters=[TransposeCodec(order=(2, 0, 1))], compressors=[ZstdCodec()]),
+    "twice": dict(filters=[TransposeCodec(order=(2, 0, 1)), TransposeCodec(order=(1, 0, 2))]),
+    "dots": dict(chunk_key_encoding={"name": "default", "separator": "."}),
+    "keys2": dict(chunk_key_encoding={"name": "v2", "separator": "."}),
+    "shards": dict(shards=(10, 8, 16)),
+    "shards_zstd": dict(shards=(10, 8, 16), compressors=[ZstdCodec()], filters=[TransposeCodec(order=(1, 2, 0))]),
+    "whole": dict(chunks=SHAPE),
+    "thin": dict(chunks=(1, 10, 17)),
+}
+for name, how in chains.items():
+    write(f"{name}.zarr", array, **how)
+    compare(f"{name}.zarr", array)
+
+# What no chunk holds, alone and within shards.
+for name, fill, how in (("gaps", 7.5, {}), ("nans", np.nan, {}), ("holes", -1.0, dict(shards=(10, 8, 16)))):
+    store = zarr.create_array(f"{name}.zarr", shape=SHAPE, dtype="f4", chunks=(5, 4, 8), fill_value=fill, **how)
+    store[5:10, 4:8] = array[5:10, 4:8]
+    compare(f"{name}.zarr", store[...])
+
+# In the plane, in a group, with an axis of one before the others, and as xarray writes coordinates.
+plane = values("u2", (30, 20))
+write("plane.zarr", plane, chunks=(8, 8))
+compare("plane.zarr", plane)
+write("four.zarr", array[None], chunks=(1, 5, 4, 8))
+compare("four.zarr", array)
+group = zarr.create_group("group.zarr")
+for name in ("a", "b"):
+    group.create_array(name, data=array)
+compare("group.zarr/b", array)
+several = run("info", "group.zarr")
+if several.returncode != 1 or "several arrays: a (13 x 10 x 17), b" not in several.stderr:
+    faults.append(f"group.zarr: {several.stderr}")
+coordinates = {"z": 100 + 2.0 * np.arange(13), "y": 5.0 - 3 * np.arange(10), "x": ("x", 4.0 * np.arange(17), {"units": "m"})}
+data = xarray.Dataset({"density": (("z", "y", "x"), array)}, coords=coordinates)
+data.to_zarr("xarray.zarr", zarr_format=3, consolidated=False)
+compare("xarray.zarr", array)
+image = json.loads(run("info", "xarray.zarr", "--json").stdout)["image"]
+steps = [axis["step"] for axis in image["axes"]]
+if image["origin"] != [0, 5, 100] or steps != [[4, 0, 0], [0, -3, 0], [0, 0, 2]] or image["units"][0] != "m":
+    faults.append(f"xarray.zarr lies at {image}")
+zarr.create_array("old.zarr", shape=SHAPE, dtype="f4", chunks=SHAPE, zarr_format=2)
+old = run("info", "old.zarr")
+if old.returncode != 1 or "Zarr version 2" not in old.stderr:
+    faults.append(f"old.zarr: {old.stderr}")
+
+# What is written here, of every type that is kept, of small and large images.
+for dtype, shape in itertools.product(["u1", "i2", "f2", "f4", "f8", "bool"], [(13, 10, 17), (70, 65, 130), (9, 70)]):
+    array = values(dtype, shape)
+    np.save("in.npy", array)
+    done = run("convert", "in.npy", "out.zarr", "--quiet", "--spacing", "2")
+    if done.returncode:
+        faults.append(f"writing {dtype} {shape}: {done.stderr}")
+        continue
+    written += 1
+    theirs = zarr.open("out.zarr")["samples"]
+    kept = np.float32 if dtype == "f8" or len(shape) == 2 else np.dtype(dtype)
+    if theirs.dtype != kept or not np.array_equal(theirs[...], array.astype(kept)):
+        faults.append(f"writing {dtype} {shape}: read as {theirs}")
+    data = xarray.open_zarr("out.zarr", consolidated=False)
+    if data.samples.dims != ("z", "y", "x")[-len(shape):] or data.x.values[1] != 2:
+        faults.append(f"writing {dtype} {shape}: xarray has {data}")
+    compare("again", array, "out.zarr")
+
+print(f"zarr-python: {read} read, {written} written")
+print("\n".join(faults))
+sys.exit(bool(faults))

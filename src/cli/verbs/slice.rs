@@ -14,7 +14,7 @@ use crate::image::formats::{AnyLoaded, InputOptions, Loaded};
 use crate::image::geometry::Ruler;
 use crate::mesh::Mesh;
 use crate::model::slice::{self, Canvas, Caption, Skeleton};
-use crate::store::{AnyMesh, FieldValue, MeshFile, Stored, StoredMesh};
+use crate::store::{AnyMesh, FieldValue, MeshFile, Stored, StoredMesh, in_depth_of};
 use crate::{Error, Result};
 
 /// `atomesh slice`.
@@ -76,10 +76,10 @@ pub fn slice(args: &SliceArgs, console: &mut Console) -> Result<()> {
             let problem = "shows meshes in space, but the image is 2-D";
             return Err(Error::Job(cause("--view 3d", problem, "omit it")));
         }
-        (AnyLoaded::Plane(loaded), AnyMesh::Plane(file)) => plane(args, &loaded, &file)?,
-        (AnyLoaded::Plane(loaded), AnyMesh::PlaneCells(file)) => plane(args, &loaded, &file)?,
-        (AnyLoaded::Space(loaded), AnyMesh::Space(file)) => space(args, &loaded, file, at)?,
-        (AnyLoaded::Space(loaded), AnyMesh::SpaceCells(file)) => space(args, &loaded, file, at)?,
+        (AnyLoaded::Plane(loaded), AnyMesh::Plane(file)) => plane(args, loaded, &file)?,
+        (AnyLoaded::Plane(loaded), AnyMesh::PlaneCells(file)) => plane(args, loaded, &file)?,
+        (AnyLoaded::Space(loaded), AnyMesh::Space(file)) => space(args, loaded, file, at)?,
+        (AnyLoaded::Space(loaded), AnyMesh::SpaceCells(file)) => space(args, loaded, file, at)?,
         (AnyLoaded::Plane(_), _) => return Err(other(3, 2)),
         (AnyLoaded::Space(_), _) => return Err(other(2, 3)),
     };
@@ -96,7 +96,17 @@ fn refuse(place: &Path, problem: &str, remedy: &str) -> Error {
     Error::Job(cause(place.display(), problem, remedy))
 }
 
-fn plane<M: Stored<2>>(args: &SliceArgs, loaded: &Loaded<2>, file: &MeshFile<M>) -> Result<Canvas> {
+/// The image in depth, if its mesh is.
+fn below<const D: usize, M: Mesh<D>>(mut loaded: Loaded<D>, file: &MeshFile<M>) -> Loaded<D> {
+    let image = &mut loaded.image;
+    if let Some(geometry) = in_depth_of(file, &image.geometry, image.dims()) {
+        image.geometry = geometry;
+    }
+    loaded
+}
+
+fn plane<M: Stored<2>>(args: &SliceArgs, loaded: Loaded<2>, file: &MeshFile<M>) -> Result<Canvas> {
+    let loaded = &below(loaded, file);
     let image = &loaded.image;
     let skeleton = skeleton(args, file, &image.geometry)?;
     slice::plane(image, &skeleton, &caption(args, file, loaded))
@@ -104,10 +114,11 @@ fn plane<M: Stored<2>>(args: &SliceArgs, loaded: &Loaded<2>, file: &MeshFile<M>)
 
 fn space<M: Stored<3>>(
     args: &SliceArgs,
-    loaded: &Loaded<3>,
+    loaded: Loaded<3>,
     file: MeshFile<M>,
     at: Option<[f64; 3]>,
 ) -> Result<Canvas> {
+    let loaded = &below(loaded, &file);
     let image = &loaded.image;
     let at = match at {
         Some(at) => image.geometry.to_index(at).ok_or_else(|| flat(args))?,

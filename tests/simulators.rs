@@ -208,14 +208,16 @@ fn octave_loads_the_grid_for_mrst() {
     let folder = folder();
     let folder = folder.path();
     let export = "export cells.vtu --to mrst -o cells.mat --depth-at-top 1000";
+    let wells = "--injector 2,17,15:20 --producer 37,17,15:90 --producer 37,2,2:90";
     run(
         folder,
-        &format!("{export} {ROCK} --property amplitude=sheet.npy"),
+        &format!("{export} {ROCK} --property amplitude=sheet.npy {wells}"),
     );
     let model = model(folder, "cells.vtu", 1000.0, &[1.0], Faults::OPEN);
     let program = "load cells.mat; n = strcmp(G.faces.tagNames, 'fault1');\
-        printf('%d %d %d %d %d\\n', G.cells.num, numel(T), sum(G.faces.tag == find(n)), \
-        numel(G.nodes.sets.fault1), numel(properties.amplitude));";
+        printf('%d %d %d %d %d %d\\n', G.cells.num, numel(T), sum(G.faces.tag == find(n)), \
+        numel(G.nodes.sets.fault1), numel(properties.amplitude), \
+        sum(strcmp({W.type}, 'bhp') .* [W.val]));";
     let mut octave = Command::new("octave-cli");
     octave
         .current_dir(folder)
@@ -235,6 +237,7 @@ fn octave_loads_the_grid_for_mrst() {
     );
     assert!(found[2] > 40 && found[2] <= on && found[3] > 40, "{said}");
     assert_eq!(found[4], model.len());
+    assert_eq!(found[5], 2 * 90 * 100_000);
 }
 
 #[test]

@@ -1,6 +1,7 @@
 # make demo   install what is missing, build, mesh the sample volume, say which files to open
 # make test   install what is missing, then every check there is; says how many it had to skip
 # make bench-networks   what becomes of twenty random fault networks, some minutes
+# make reservoir   from a seismic volume to ten years of its simulation, in target/reservoir
 # make wheel  the Python package for others, with all libraries that it needs, in target/wheels
 # make python-test   build the Python package and run every test of it
 # make deb    a Debian package of the program, in target/debian
@@ -11,7 +12,7 @@
 # make soak   kills, interrupts, full disks and too little memory: RUNS=100 of each
 
 .POSIX:
-.PHONY: figures fuzz soak help demo test wheel python-test deb package book bench bench-networks validators packages
+.PHONY: figures fuzz soak help demo reservoir test wheel python-test deb package book bench bench-networks validators packages
 
 SAMPLE = data/faults.vti
 
@@ -31,6 +32,10 @@ demo: packages
 	@echo "  $(SAMPLE)    the image it was made from"
 	@echo "  out/potential.vti  the potential b(x) that pulled the atoms"
 	@echo "and out/faults.json holds every figure of the table above."
+
+reservoir: packages validators
+	cargo build --locked
+	.venv/bin/python scripts/reservoir.py target/debug/atomesh target/reservoir
 
 test: packages
 	cargo fmt --all --check

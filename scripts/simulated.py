@@ -4,17 +4,37 @@
 pressure (red high, blue low) in the cells behind the middle of y."""
 import sys
 
+import numpy as np
 import resfo
+from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkDoubleArray, vtkLookupTable
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader, vtkXMLUnstructuredGridWriter
 
 
+def cells(path):
+    """The mesh in a file."""
+    reader = vtkXMLUnstructuredGridReader()
+    reader.SetFileName(str(path))
+    reader.Update()
+    return reader.GetOutput()
+
+
+def cell_array(path, name):
+    """A value of each cell of the mesh in a file."""
+    return np.array(vtk_to_numpy(cells(path).GetCellData().GetArray(name)), dtype=float)
+
+
+def write(mesh, path):
+    """Writes the mesh."""
+    writer = vtkXMLUnstructuredGridWriter()
+    writer.SetFileName(str(path))
+    writer.SetInputData(mesh)
+    writer.Write()
+
+
 def simulated(twin, folder, case):
     """The cells with the last pressure and saturation."""
-    reader = vtkXMLUnstructuredGridReader()
-    reader.SetFileName(twin)
-    reader.Update()
-    mesh = reader.GetOutput()
+    mesh = cells(twin)
     # Of several reports the last.
     found = {name.strip(): values for name, values in resfo.read(f"{folder}/{case}.UNRST")}
     for name in ("PRESSURE", "SWAT"):
@@ -28,8 +48,8 @@ def simulated(twin, folder, case):
     return mesh
 
 
-def draw(mesh, out):
-    """The cells whose centres are behind the middle of y."""
+def draw(mesh, out, name="simulated_pressure"):
+    """The cells whose centres are behind the middle of y, coloured by one of their values."""
     import vtkmodules.vtkRenderingOpenGL2  # noqa: F401 (registers the renderer)
     from vtkmodules.vtkCommonDataModel import vtkPlane
     from vtkmodules.vtkFiltersExtraction import vtkExtractGeometry
@@ -49,11 +69,11 @@ def draw(mesh, out):
     mapper = vtkPolyDataMapper()
     mapper.SetInputConnection(surface.GetOutputPort())
     mapper.SetScalarModeToUseCellFieldData()
-    mapper.SelectColorArray("simulated_pressure")
+    mapper.SelectColorArray(name)
     colors = vtkLookupTable()
     colors.SetHueRange(0.67, 0.0)
     mapper.SetLookupTable(colors)
-    mapper.SetScalarRange(mesh.GetCellData().GetArray("simulated_pressure").GetRange())
+    mapper.SetScalarRange(mesh.GetCellData().GetArray(name).GetRange())
     actor = vtkActor()
     actor.SetMapper(mapper)
     actor.GetProperty().EdgeVisibilityOn()
@@ -76,16 +96,13 @@ def draw(mesh, out):
     image.SetInput(window)
     writer = vtkPNGWriter()
     writer.SetInputConnection(image.GetOutputPort())
-    writer.SetFileName(out)
+    writer.SetFileName(str(out))
     writer.Write()
 
 
 def main(twin, folder, case, out, picture=None):
     mesh = simulated(twin, folder, case)
-    writer = vtkXMLUnstructuredGridWriter()
-    writer.SetFileName(out)
-    writer.SetInputData(mesh)
-    writer.Write()
+    write(mesh, out)
     if picture:
         draw(mesh, picture)
 

@@ -172,6 +172,30 @@ fn field(path: &Path) -> Vec<f64> {
         .collect()
 }
 
+/// The points of a case, and whether each is in a point zone.
+fn on_points(case: &Path, zone: &str) -> Vec<([f64; 3], bool)> {
+    let read = |name: &str| std::fs::read_to_string(case.join("constant/polyMesh").join(name));
+    let zones = read("pointZones").unwrap();
+    let (_, zone) = zones.split_once(&format!("\n{zone}\n{{")).unwrap();
+    let (_, list) = zone.split_once("\n(").unwrap();
+    let (list, _) = list.split_once("\n)").unwrap();
+    let within: Vec<usize> = list
+        .split_whitespace()
+        .map(|n| n.parse().unwrap())
+        .collect();
+    let points = read("points").unwrap();
+    let (_, list) = points.split_once("\n(").unwrap();
+    let lines = list.lines().filter(|line| line.starts_with('('));
+    let point = |line: &str| -> [f64; 3] {
+        let numbers = line.trim_matches(['(', ')']).split_whitespace();
+        let numbers: Vec<f64> = numbers.map(|v| v.parse().unwrap()).collect();
+        numbers.try_into().unwrap()
+    };
+    (lines.map(point).enumerate())
+        .map(|(i, p)| (p, within.binary_search(&i).is_ok()))
+        .collect()
+}
+
 #[test]
 fn openfoam_accepts_the_mesh_and_is_exact_for_a_linear_field() {
     let folder = sheet_folder();
@@ -186,6 +210,12 @@ fn openfoam_accepts_the_mesh_and_is_exact_for_a_linear_field() {
             return;
         };
         assert!(said.contains("Mesh OK."), "{said}");
+        // The nodes of a side are those that lie on it.
+        let nodes = on_points(&case, "xmin");
+        let on = nodes.iter().filter(|(p, within)| (p[0] == 0.0) == *within);
+        assert_eq!(on.count(), nodes.len());
+        let nodes = on_points(&case, "fault1");
+        assert!(nodes.iter().filter(|n| n.1).count() > 40, "{mesh}");
         let strict = match mesh {
             "cells" => {
                 // It judges cells by their tiniest faces, which welding takes away.

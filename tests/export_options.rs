@@ -183,9 +183,9 @@ fn what_a_format_cannot_hold_is_refused_with_those_that_can() {
         said.contains("--faults") && said.contains("opm, pflotran, tough2, disv, mrst"),
         "{said}"
     );
-    let said = export(&format!("--to mrst -o a.mat --injector 9,9,9:10 {rock}"));
+    let said = export(&format!("--to resqml -o a.epc --injector 9,9,9:10 {rock}"));
     assert!(
-        said.contains("--injector") && said.contains("opm, disv, grdecl"),
+        said.contains("--injector") && said.contains("opm, disv, mrst, grdecl, darts"),
         "{said}"
     );
     let said = export(&format!(

@@ -208,14 +208,16 @@ fn octave_loads_the_grid_for_mrst() {
     let folder = folder();
     let folder = folder.path();
     let export = "export cells.vtu --to mrst -o cells.mat --depth-at-top 1000";
+    let wells = "--injector 2,17,15:20 --producer 37,17,15:90 --producer 37,2,2:90";
     run(
         folder,
-        &format!("{export} {ROCK} --property amplitude=sheet.npy"),
+        &format!("{export} {ROCK} --property amplitude=sheet.npy {wells}"),
     );
     let model = model(folder, "cells.vtu", 1000.0, &[1.0], Faults::OPEN);
     let program = "load cells.mat; n = strcmp(G.faces.tagNames, 'fault1');\
-        printf('%d %d %d %d %d\\n', G.cells.num, numel(T), sum(G.faces.tag == find(n)), \
-        numel(G.nodes.sets.fault1), numel(properties.amplitude));";
+        printf('%d %d %d %d %d %d\\n', G.cells.num, numel(T), sum(G.faces.tag == find(n)), \
+        numel(G.nodes.sets.fault1), numel(properties.amplitude), \
+        sum(strcmp({W.type}, 'bhp') .* [W.val]));";
     let mut octave = Command::new("octave-cli");
     octave
         .current_dir(folder)
@@ -235,6 +237,7 @@ fn octave_loads_the_grid_for_mrst() {
     );
     assert!(found[2] > 40 && found[2] <= on && found[3] > 40, "{said}");
     assert_eq!(found[4], model.len());
+    assert_eq!(found[5], 2 * 90 * 100_000);
 }
 
 #[test]
@@ -559,6 +562,51 @@ fn darts_runs_on_our_connections_and_on_gmshs_mesh() {
         side(true),
         side(false)
     );
+}
+
+#[test]
+fn mrst_and_darts_have_our_wells() {
+    let folder = folder();
+    let folder = folder.path();
+    // 20 m3/day of water of 1 cP, taken out at 90 bar.
+    let (rate, bottom) = (20.0 / 86_400.0, 90e5);
+    let wells = "--injector 2,17,15:20 --producer P=37,17,15:90";
+    let rock = "--porosity 0.2 --permeability 100 --permeability-unit mD --depth-at-top 1000";
+    for (to, judge, script, files, unit, tolerance) in [
+        ("mrst", "SciPy", "mrst.py", &["blocks.mat"][..], 1.0, 1e-7),
+        (
+            "darts",
+            "open-DARTS",
+            "steady.py",
+            &["blocks.conn", "blocks.cells", "blocks.wells"],
+            1e5,
+            1e-3,
+        ),
+    ] {
+        let export = format!("export cells.vtu --to {to} -o {} {rock} {wells}", files[0]);
+        let said = run(folder, &format!("{export} --faults {TIGHT} --json --quiet"));
+        let said: Value = serde_json::from_str(&said).unwrap();
+        let opening = |well: usize| numbers(&said["wells"][well]["cells"][0]);
+        let [injector, producer] = [0, 1].map(opening);
+        let files: Vec<_> = files.iter().map(|f| folder.join(f)).collect();
+        let arguments: Vec<&OsStr> = files.iter().map(|f| f.as_os_str()).collect();
+        let Some(found) = judged(judge, script, &arguments) else {
+            return;
+        };
+        let pressure: Vec<f64> = numbers(&found["pressure"])
+            .iter()
+            .map(|p| unit * p)
+            .collect();
+        let cells = [injector[0], producer[0]].map(|cell| cell as usize);
+        has_our_pressure(folder, &pressure, cells, tolerance);
+        // What is injected leaves through the producer's index.
+        let above = rate * 1e-3 / producer[1];
+        let off = pressure[cells[1]] - bottom - above;
+        assert!(
+            off.abs() < tolerance.max(1e-6) * above,
+            "{to}: {off} of {above}"
+        );
+    }
 }
 
 #[test]

@@ -26,7 +26,7 @@ pub use labels::{LabelledRegion, labels_of};
 pub use lines::{write_feature_lines, write_lines};
 pub use polyhedra::{Streams, write_cells_vtu};
 pub use pvd::Trace;
-pub use stored::{LatticeSpace, Stored, StoredMesh, in_depth};
+pub use stored::{LatticeSpace, Stored, StoredMesh, in_depth, in_depth_of};
 #[cfg(feature = "cli")]
 pub(crate) use vtu::with_mesh;
 pub use vtu::{AnyMesh, FieldValue, MeshFile, read_any_vtu, read_vtu, write_vtu};

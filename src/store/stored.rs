@@ -162,10 +162,10 @@ impl<const D: usize> Stored<D> for PolyMesh<D> {
         let Some(FieldValue::Ints(pairs)) = file.field(HORIZON_FACES) else {
             return Vec::new();
         };
-        let face_cells = &file.mesh.face_cells;
-        let mut horizons = vec![false; face_cells.len()];
+        // In the order of their cells; then come the faces on sides.
+        let face_cells = &file.mesh.face_cells[..file.mesh.inner_faces()];
+        let mut horizons = vec![false; file.mesh.face_cells.len()];
         for pair in pairs.as_chunks::<2>().0 {
-            // Faces are in the order of their cells.
             if let Ok(face) = face_cells.binary_search(&pair.map(|cell| cell as u32)) {
                 horizons[face] = true;
             }
@@ -341,6 +341,22 @@ pub fn in_depth<const D: usize, M: Mesh<D>>(
     let velocity = FieldValue::F64s(vec![velocity]);
     rest.field_data.push((VELOCITY.into(), velocity));
     Ok(rest.with_mesh(mesh))
+}
+
+/// Where an image in two-way time lies below a mesh that was made of it in depth; `None` if there is no such
+/// difference between them, or the mesh is not of an image of these dims.
+pub fn in_depth_of<const D: usize, M: Mesh<D>>(
+    file: &MeshFile<M>,
+    image: &Geometry<D>,
+    dims: [usize; D],
+) -> Option<Geometry<D>> {
+    image.time_axis()?;
+    let space = LatticeSpace::of(file, file.mesh.nodes())?;
+    let in_depth = space.by_file && space.holds(dims) && space.geometry.time_axis().is_none();
+    in_depth.then(|| Geometry {
+        names: image.names.clone(),
+        ..space.geometry
+    })
 }
 
 impl<const D: usize, M: Stored<D>> StoredMesh<D, M> {
@@ -525,6 +541,47 @@ mod tests {
         });
         there_and_back(two_cells::<2>(0.75));
         there_and_back(two_cells::<3>(0.75));
+    }
+
+    #[test]
+    fn faces_on_horizons_are_found_among_faces_on_sides() {
+        // A row of 40 boxes, each neighbour's face on a horizon: more faces lie on sides.
+        let mut row = two_cells::<3>(1.0);
+        let side = row.face_cells[1];
+        row.face_cells = (0..39).map(|c| [c, c + 1]).collect();
+        row.face_cells.extend((0..40).map(|c| [c, side[1]]));
+        let pairs = row.face_cells[..39].iter().flat_map(|c| c.map(i64::from));
+        let pairs = FieldValue::Ints(pairs.collect());
+        let mut file = MeshFile::<()>::default().with_mesh(row);
+        file.field_data.push((HORIZON_FACES.into(), pairs));
+        let found = PolyMesh::<3>::horizons(&file, false);
+        assert_eq!(found, [[true; 39].as_slice(), &[false; 40]].concat());
+    }
+
+    #[test]
+    fn an_image_in_time_lies_where_its_mesh_in_depth_does() {
+        let (mut time, space) = file(two_cells::<3>(0.75), -4.0);
+        time.field_data
+            .push((UNITS.into(), FieldValue::Text("m,m,ms".into())));
+        let units = ["m", "m", "ms"].map(String::from);
+        let names = ["sample", "crossline", "inline"].map(String::from);
+        let image = Geometry {
+            units,
+            names: names.clone(),
+            ..space.geometry.clone()
+        };
+        let dims = [5; 3];
+        assert_eq!(in_depth_of(&time, &image, dims), None);
+        let depth = in_depth(time, 3000.0).unwrap();
+        assert_eq!(in_depth_of(&depth, &image, [5, 5, 6]), None);
+        let there = in_depth_of(&depth, &image, dims).unwrap();
+        assert_eq!((there.axes[2], there.names), ([0.0, 0.0, -6.0], names));
+        assert_eq!(there.origin, [10.0, 10.0, 15.0]);
+        let metres = Geometry {
+            units: ["m", "m", "m"].map(String::from),
+            ..image
+        };
+        assert_eq!(in_depth_of(&depth, &metres, dims), None);
     }
 
     #[test]

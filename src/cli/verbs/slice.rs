@@ -15,7 +15,7 @@ use crate::image::formats::{AnyLoaded, InputOptions, Loaded};
 use crate::image::geometry::Ruler;
 use crate::mesh::Mesh;
 use crate::model::slice::{self, Canvas, Caption, Sections, Skeleton};
-use crate::store::{AnyMesh, FieldValue, MeshFile, Stored, StoredMesh};
+use crate::store::{AnyMesh, FieldValue, MeshFile, Stored, StoredMesh, in_depth_of};
 use crate::{Error, Result};
 
 /// `atomesh slice`.
@@ -84,8 +84,8 @@ pub fn slice(args: &SliceArgs, console: &mut Console) -> Result<()> {
             return Err(Error::Job(cause("--view 3d", problem, "omit it")));
         }
         (Opened::Held(AnyLoaded::Plane(loaded)), mesh) => match mesh {
-            AnyMesh::Plane(file) => plane(args, &loaded, &file)?,
-            AnyMesh::PlaneCells(file) => plane(args, &loaded, &file)?,
+            AnyMesh::Plane(file) => plane(args, loaded, &file)?,
+            AnyMesh::PlaneCells(file) => plane(args, loaded, &file)?,
             _ => return Err(other(3, 2)),
         },
         (image, AnyMesh::Space(file)) => space(args, image, file, at)?,
@@ -105,7 +105,17 @@ fn refuse(place: &Path, problem: &str, remedy: &str) -> Error {
     Error::Job(cause(place.display(), problem, remedy))
 }
 
-fn plane<M: Stored<2>>(args: &SliceArgs, loaded: &Loaded<2>, file: &MeshFile<M>) -> Result<Canvas> {
+/// The image in depth, if its mesh is.
+fn below<const D: usize, M: Mesh<D>>(mut loaded: Loaded<D>, file: &MeshFile<M>) -> Loaded<D> {
+    let image = &mut loaded.image;
+    if let Some(geometry) = in_depth_of(file, &image.geometry, image.dims()) {
+        image.geometry = geometry;
+    }
+    loaded
+}
+
+fn plane<M: Stored<2>>(args: &SliceArgs, loaded: Loaded<2>, file: &MeshFile<M>) -> Result<Canvas> {
+    let loaded = &below(loaded, file);
     let image = &loaded.image;
     let skeleton = skeleton(args, file, &image.geometry)?;
     slice::plane(image, &skeleton, &caption(args, file, &loaded.head()))
@@ -117,8 +127,20 @@ fn space<M: Stored<3>>(
     file: MeshFile<M>,
     at: Option<[f64; 3]>,
 ) -> Result<Canvas> {
+    let image = match image {
+        Opened::Held(AnyLoaded::Space(loaded)) => {
+            Opened::Held(AnyLoaded::Space(below(loaded, &file)))
+        }
+        other => other,
+    };
     let (head, slabs): (Head<3>, &dyn Slabs) = match &image {
-        Opened::Stream(stream) => (stream.head.clone(), stream),
+        Opened::Stream(stream) => {
+            let mut head = stream.head.clone();
+            if let Some(geometry) = in_depth_of(&file, &head.geometry, head.dims) {
+                head.geometry = geometry;
+            }
+            (head, stream)
+        }
         Opened::Held(AnyLoaded::Space(loaded)) => (loaded.head(), &loaded.image),
         Opened::Held(AnyLoaded::Plane(_)) => return Err(flat(args)),
     };

@@ -20,8 +20,13 @@ pub enum Value<'a> {
     /// A row of values.
     Cells(Vec<Value<'a>>),
     /// Named values; names have at most 31 letters.
-    Struct(Vec<(&'a str, Value<'a>)>),
+    Struct(Fields<'a>),
+    /// A column of such, all with the same names.
+    Structs(Vec<Fields<'a>>),
 }
+
+/// Named values.
+pub type Fields<'a> = Vec<(&'a str, Value<'a>)>;
 
 /// Types of the elements of a file.
 const INT8: u32 = 1;
@@ -48,7 +53,7 @@ impl<'a> Value<'a> {
     fn class(&self) -> u32 {
         match self {
             Self::Cells(_) => 1,
-            Self::Struct(_) => 2,
+            Self::Struct(_) | Self::Structs(_) => 2,
             Self::Text(_) => 4,
             Self::Matrix(..) => 6,
         }
@@ -60,6 +65,7 @@ impl<'a> Value<'a> {
             Self::Text(text) => [1, text.len()],
             Self::Cells(values) => [1, values.len()],
             Self::Struct(_) => [1, 1],
+            Self::Structs(all) => [all.len(), 1],
         }
     }
 
@@ -70,11 +76,8 @@ impl<'a> Value<'a> {
             Self::Matrix(_, _, numbers) => 8 + padded(numbers.bytes()),
             Self::Text(text) => 8 + padded(2 * text.len() as u64),
             Self::Cells(values) => values.iter().map(|value| 8 + value.size("")).sum(),
-            Self::Struct(fields) => {
-                let names = 8 + padded((NAME * fields.len()) as u64);
-                let values = fields.iter().map(|(_, value)| 8 + value.size(""));
-                8 + names + values.sum::<u64>()
-            }
+            Self::Struct(fields) => size_of(std::slice::from_ref(fields)),
+            Self::Structs(all) => size_of(all),
         }
     }
 
@@ -99,21 +102,31 @@ impl<'a> Value<'a> {
                 element(out, UINT16, &letters)
             }
             Self::Cells(values) => values.iter().try_for_each(|value| value.write("", out)),
-            Self::Struct(fields) => {
-                // Packed with its tag, as readers (Octave) ask for it here.
-                out.write_all(&(INT32 | 4 << 16).to_le_bytes())?;
-                out.write_all(&(NAME as u32).to_le_bytes())?;
-                let mut names = vec![0; NAME * fields.len()];
-                for (room, (name, _)) in names.chunks_mut(NAME).zip(fields) {
-                    room[..name.len()].copy_from_slice(name.as_bytes());
-                }
-                element(out, INT8, &names)?;
-                fields
-                    .iter()
-                    .try_for_each(|(_, value)| value.write("", out))
-            }
+            Self::Struct(fields) => write_structs(std::slice::from_ref(fields), out),
+            Self::Structs(all) => write_structs(all, out),
         }
     }
+}
+
+/// Bytes of structures' names and values.
+fn size_of(all: &[Fields<'_>]) -> u64 {
+    let names = 8 + padded((NAME * all.first().map_or(0, Vec::len)) as u64);
+    let values = all.iter().flatten().map(|(_, value)| 8 + value.size(""));
+    8 + names + values.sum::<u64>()
+}
+
+fn write_structs(all: &[Fields<'_>], out: &mut impl Write) -> io::Result<()> {
+    // Packed with its tag, as readers (Octave) ask for it here.
+    out.write_all(&(INT32 | 4 << 16).to_le_bytes())?;
+    out.write_all(&(NAME as u32).to_le_bytes())?;
+    let fields = all.first().map_or(&[][..], Vec::as_slice);
+    let mut names = vec![0; NAME * fields.len()];
+    for (room, (name, _)) in names.chunks_mut(NAME).zip(fields) {
+        room[..name.len()].copy_from_slice(name.as_bytes());
+    }
+    element(out, INT8, &names)?;
+    let mut values = all.iter().flatten();
+    values.try_for_each(|(_, value)| value.write("", out))
 }
 
 fn padded(bytes: u64) -> u64 {
@@ -209,6 +222,13 @@ mod tests {
             (
                 "kind",
                 Value::Cells(vec![Value::Text("odd"), Value::number(7.0)]),
+            ),
+            (
+                "all",
+                Value::Structs(vec![
+                    vec![("name", Value::Text("one"))],
+                    vec![("name", Value::Text("another"))],
+                ]),
             ),
         ];
         let value = Value::Struct(fields);

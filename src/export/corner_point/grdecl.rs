@@ -16,7 +16,7 @@ use super::walk::Walk;
 use super::{faults, wells};
 use crate::export::containers::text::{Text, write_items, write_numbers};
 use crate::export::meshers::groups::shift_of_regions;
-use crate::export::simulators::deck::{self, Done, Opening, Out};
+use crate::export::simulators::deck::{self, Done, Opening, Out, WATER_LEFT};
 use crate::files::Batch;
 use crate::model::reservoir::{BAR, Fluid, MILLIDARCY, Model};
 use crate::{Result, memory};
@@ -165,7 +165,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             model.initial_pressure(-middle[2], top) / BAR
         })?;
         if model.case.fluid == Fluid::OilWater {
-            writeln!(out, "SWAT\n {cells}*0.2 /")?;
+            writeln!(out, "SWAT\n {cells}*{WATER_LEFT} /")?;
         }
         deck::schedule(out, &model.case, &open)
     })

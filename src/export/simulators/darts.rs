@@ -1,7 +1,9 @@
 //! Connections and cells as open-DARTS' `conn_mesh` takes them, in columns that `numpy.loadtxt` reads:
-//! `NAME.conn` with block_m, block_p, tran, tranD, and beside it `NAME.cells`.
+//! `NAME.conn` with block_m, block_p, tran, tranD, and beside it `NAME.cells`; if there are wells `NAME.wells`,
+//! a line for each block that one is open to.
 //!
-//! Blocks begin with 0. tran is in cP m3/day/bar, as DARTS has it; tranD is area over distance (m).
+//! Blocks begin with 0. tran is in cP m3/day/bar, as DARTS has it, and so are the indices of wells; tranD is area
+//! over distance (m).
 
 use std::io::Write;
 use std::path::Path;
@@ -10,7 +12,7 @@ use super::opm::TRANSMISSIBILITY;
 use crate::Result;
 use crate::export::containers::text::write_items;
 use crate::files::Batch;
-use crate::model::reservoir::{MILLIDARCY, Model};
+use crate::model::reservoir::{BAR, Control, DAY, MILLIDARCY, Model, Well};
 
 const NEEDS: &str = "a DARTS connection list";
 
@@ -41,5 +43,24 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             }
             text.and_int(graph.region[c]).point(graph.site[c]).end();
         })
+    })?;
+    if model.case.wells.is_empty() {
+        return Ok(());
+    }
+    batch.write(&path.with_extension("wells"), |out| {
+        writeln!(out, "# name block index radius control value (m3/day, bar)")?;
+        for well in &model.case.wells {
+            let (control, value) = match well.control {
+                Control::Inject(rate) => ("inject", rate * DAY),
+                Control::Produce(rate) => ("produce", rate * DAY),
+                Control::Pressure(pressure) => ("pressure", pressure / BAR),
+            };
+            let Well { name, radius, .. } = well;
+            for (block, index) in &well.cells {
+                let index = TRANSMISSIBILITY * index;
+                writeln!(out, "{name} {block} {index:e} {radius} {control} {value}")?;
+            }
+        }
+        Ok(())
     })
 }

@@ -12,6 +12,10 @@ use crate::model::reservoir::{
 
 /// From m^3 to cP rm3/day/bar, so that T dp / viscosity is a rate in METRIC units.
 pub const TRANSMISSIBILITY: f64 = DAY * BAR / 1e-3;
+/// Saturation of water that does not flow, in rock full of oil.
+pub(crate) const WATER_LEFT: f64 = 0.2;
+/// Steps of the table of relative permeabilities up to the oil that does not flow.
+const ROWS: usize = 12;
 /// Number of reports.
 const REPORTS: usize = 10;
 
@@ -103,8 +107,20 @@ pub(crate) fn properties(out: Out, case: &Case) -> Done {
         writeln!(
             out,
             "PVCDO\n {reference} 1.1 1.0E-4 2.0 0 /\n\
-             SWOF\n 0.2 0.0 1.0 0\n 0.4 0.0625 0.4444 0\n 0.6 0.25 0.1111 0\n 0.8 0.5625 0.0 0\n 1.0 1.0 0.0 0 /"
+             SWOF"
         )?;
+        // Corey's exponents of 2, a fifth of water that stays and a fifth of oil.
+        for step in 0..=ROWS {
+            let water = WATER_LEFT + 0.6 * step as f64 / ROWS as f64;
+            let [of_water, of_oil] = [(water - WATER_LEFT) / 0.8, (0.8 - water) / 0.6];
+            writeln!(
+                out,
+                " {water:.3} {:.6} {:.6} 0",
+                of_water.powi(2),
+                of_oil.powi(2)
+            )?;
+        }
+        writeln!(out, " 1 1 0 0 /")?;
     }
     writeln!(out)
 }
@@ -113,7 +129,7 @@ pub(crate) fn properties(out: Out, case: &Case) -> Done {
 pub(crate) fn schedule(out: Out, case: &Case, open: &[Vec<Opening>]) -> Done {
     writeln!(out, "SUMMARY\nFPR\nWBHP\n/\nWWIR\n/\nWWPR\n/")?;
     if case.fluid == Fluid::OilWater {
-        writeln!(out, "WOPR\n/\nFOPT")?;
+        writeln!(out, "WOPR\n/\nFOPT\nFOIP\nFWIT\nFWPT")?;
     }
     writeln!(out, "\nSCHEDULE\n\nRPTRST\n BASIC=2 /")?;
     if !case.wells.is_empty() {

@@ -4,19 +4,20 @@
 //! As MRST has it: z is depth; numbers begin with 1, and 0 is outside; normals are as long as the
 //! face's area and point from the first neighbour to the second. `G.faces.tagNames` has the name for each
 //! `G.faces.tag`, and `G.nodes.sets` the nodes of each name. `G.cells.sites` are the points that
-//! `T` is for: `computeTrans` takes centroids instead, which on Voronoi cells is wrong.
+//! `T` is for: `computeTrans` takes centroids instead, which on Voronoi cells is wrong. `W` are the wells, if
+//! there are any, with the fields that `addWell` makes.
 //! Source: K.-A. Lie, "An Introduction to Reservoir Simulation Using MATLAB/GNU Octave", section 3.4.
 
 use std::path::Path;
 
 use crate::Result;
 use crate::export::containers::binary::Numbers;
-use crate::export::containers::mat::{self, Value};
+use crate::export::containers::mat::{self, Fields, Value};
 use crate::export::meshers::groups::{Group, Names, nodes_of};
 use crate::files::Batch;
 use crate::files::vtk::Scalar;
 use crate::mesh::poly::SIDE_0;
-use crate::model::reservoir::{Model, Permeability};
+use crate::model::reservoir::{Control, Model, Permeability, Well};
 
 /// A point in metres with z downwards.
 fn downwards([x, y, z]: [f64; 3]) -> [f64; 3] {
@@ -157,6 +158,10 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     if !rock.is_empty() {
         variables.push(("rock", Value::Struct(rock)));
     }
+    if !model.case.wells.is_empty() {
+        let wells = model.case.wells.iter().map(|w| well(model, w));
+        variables.push(("W", Value::Structs(wells.collect())));
+    }
     let columns: Vec<_> = model
         .properties
         .iter()
@@ -176,6 +181,43 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     }
     mat::check(path, &variables)?;
     batch.write(path, |out| mat::write(out, &variables))
+}
+
+/// A well as `addWell` makes it, in SI units: rates are positive where it injects. Pressures are those at the depth
+/// of its first cell.
+fn well<'a>(model: &'a Model, well: &'a Well) -> Fields<'a> {
+    let (kind, value) = match well.control {
+        Control::Inject(rate) => ("rate", rate),
+        Control::Produce(rate) => ("rate", -rate),
+        Control::Pressure(pressure) => ("bhp", pressure),
+    };
+    let sign = if matches!(well.control, Control::Inject(_)) {
+        1.0
+    } else {
+        -1.0
+    };
+    let count = well.cells.len();
+    let depth = |i: usize| model.depth(well.cells[i].0 as usize);
+    let reference = if count > 0 { depth(0) } else { 0.0 };
+    let of_cells = |value: fn(&(u32, f64)) -> f64| {
+        Value::column(Numbers::computed(count, move |i| value(&well.cells[i])))
+    };
+    vec![
+        ("name", Value::Text(&well.name)),
+        ("cells", of_cells(|c| f64::from(c.0 + 1))),
+        ("type", Value::Text(kind)),
+        ("val", Value::number(value)),
+        ("sign", Value::number(sign)),
+        ("WI", of_cells(|c| c.1)),
+        (
+            "dZ",
+            Value::column(Numbers::computed(count, move |i| depth(i) - reference)),
+        ),
+        ("r", Value::number(well.radius)),
+        ("refDepth", Value::number(reference)),
+        ("compi", Value::number(1.0)),
+        ("status", Value::number(1.0)),
+    ]
 }
 
 /// A column if the rock is isotropic, three for kx, ky, kz, or all six: xx, xy, xz, yy, yz, zz.

@@ -1,7 +1,7 @@
 //! An OpenFOAM case: `constant/polyMesh`, what is known of each cell as fields in `0`, and a case that runs.
 //!
-//! A patch for each side of the box, a cell zone for each region, and a face zone for each surface and for
-//! what parts two regions. A closed fault is a patch in place of a zone: of two faces back to back for each
+//! A patch for each side of the box, a cell zone for each region, a face zone for each surface and for
+//! what parts two regions, and a point zone for the nodes of each of these and of the sides. A closed fault is a patch in place of a zone: of two faces back to back for each
 //! of its faces.
 
 use std::io::Write;
@@ -9,7 +9,7 @@ use std::path::Path;
 
 use crate::error::cause;
 use crate::export::containers::text::write_items;
-use crate::export::meshers::groups::{Names, region_name, regions};
+use crate::export::meshers::groups::{Names, nodes_of, region_name, regions};
 use crate::files::Batch;
 use crate::model::reservoir::Model;
 use crate::{Error, Result};
@@ -77,6 +77,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         writeln!(out, ")")
     })?;
     zones(model, batch, &folder, &names, &faces)?;
+    point_zones(model, batch, &folder, &names)?;
     fields(model, batch, path)?;
     let has_closed = faces.order.iter().any(|face| face.side == 1);
     case(batch, path, has_closed)
@@ -216,6 +217,26 @@ fn zones(
                 let face = faces.order[own[i] as usize].face as usize;
                 text.int(u8::from(!rises[face])).end();
             })?;
+            writeln!(out, ");\n}}")?;
+        }
+        writeln!(out, ")")
+    })
+}
+
+/// A zone for the nodes of each name of faces.
+fn point_zones(model: &Model, batch: &mut Batch, folder: &Path, names: &Names) -> Result<()> {
+    let groups = names.groups();
+    batch.write(&folder.join("pointZones"), |out| {
+        header(out, "regIOobject", "pointZones")?;
+        writeln!(out, "{}\n(", groups.len())?;
+        for group in &groups {
+            let nodes = nodes_of(model, &group.faces);
+            let (name, count) = (&group.name, nodes.len());
+            writeln!(
+                out,
+                "{name}\n{{\n    type pointZone;\n    pointLabels List<label>\n{count}\n("
+            )?;
+            write_items(out, count, |text, i| text.int(nodes[i]).end())?;
             writeln!(out, ");\n}}")?;
         }
         writeln!(out, ")")

@@ -8,7 +8,7 @@ use std::io::Write;
 use std::path::Path;
 
 pub use super::deck::TRANSMISSIBILITY;
-use super::deck::{Opening, array, check, head, properties, schedule};
+use super::deck::{Opening, WATER_LEFT, array, check, head, properties, schedule};
 use crate::Result;
 use crate::export::containers::text::write_items;
 use crate::export::meshers::groups::shift_of_regions;
@@ -46,7 +46,8 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         .collect();
 
     batch.write(path, |out| {
-        let says = "cell i of the mesh is box (i + 1, 1, 1)";
+        let says = "cell i of the mesh is box (i + 1, 1, 1)\n\
+            -- faults that are nearly closed: flow --linear-solver=cpr needs a tenth of the iterations";
         head(out, case, says, [cells, 1, 1], &open)?;
         writeln!(out, "GRID\nINIT\nGRIDFILE\n 0 1 /\n")?;
         for keyword in ["DX", "DY", "DZ"] {
@@ -85,7 +86,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         writeln!(out, "/\n\nSOLUTION\n")?;
         numbers(out, "PRESSURE", &pressure)?;
         if case.fluid == Fluid::OilWater {
-            writeln!(out, "SWAT\n {cells}*0.2 /")?;
+            writeln!(out, "SWAT\n {cells}*{WATER_LEFT} /")?;
         }
         schedule(out, case, &open)
     })

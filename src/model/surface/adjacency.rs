@@ -5,6 +5,9 @@ use crate::geometry::{dot, norm, normal, sub};
 use crate::mesh::Mesh;
 use crate::mesh::complex::NONE;
 
+/// Facets narrower than this share of the largest face's size are not asked on which side a point is.
+const NARROW: f64 = 1e-5;
+
 /// A face between two cells.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Link {
@@ -98,6 +101,12 @@ pub fn holding<const D: usize, F: Mesh<D>>(
 ) -> Option<u32> {
     let nodes = mesh.nodes();
     let mut size = 0.0f64;
+    for face in 0..cells.len() {
+        mesh.facets(face, |facet| {
+            size = size.max(norm(normal(&facet.map(|n| nodes[n as usize]))));
+        });
+    }
+    let size = size.powf(1.0 / (D as f64 - 1.0));
     // How far the point is beyond the outermost of each cell's faces.
     let mut outside: Vec<f64> = Vec::new();
     for (face, cells) in cells.iter().enumerate() {
@@ -106,18 +115,22 @@ pub fn holding<const D: usize, F: Mesh<D>>(
             let n = normal(&corners);
             let area = norm(n);
             let off = dot(sub(p, corners[0]), n) / area;
+            let longest = (corners
+                .iter()
+                .flat_map(|a| corners.iter().map(|b| norm(sub(*a, *b)))))
+            .fold(0.0, f64::max);
+            // Of narrow facets rounding leaves no direction; the cell hardly grows without them.
+            let is_wide = area > NARROW * size * longest.powi(D as i32 - 2);
             for (&cell, off) in cells.iter().zip([off, -off]) {
-                // A facet without area has no side.
-                if cell != NONE && area > 0.0 {
+                if cell != NONE && is_wide {
                     let cell = cell as usize;
                     outside.resize(outside.len().max(cell + 1), f64::NEG_INFINITY);
                     outside[cell] = outside[cell].max(off);
                 }
             }
-            size = size.max(area);
         });
     }
-    let slack = 1e-9 * size.powf(1.0 / (D as f64 - 1.0));
+    let slack = 1e-9 * size;
     let found = outside.iter().position(|&off| off <= slack);
     found.map(|cell| cell as u32)
 }

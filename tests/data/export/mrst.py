@@ -1,5 +1,6 @@
 """Solves two-point flow on a grid for MRST with SciPy, and prints totals as JSON: mrst.py FILE SOURCE
-SINK, both cells from 1 on, with a rate of 1e-4 m3/s and a viscosity of 1e-3 Pa s."""
+SINK, both cells from 1 on, with a rate of 1e-4 m3/s and a viscosity of 1e-3 Pa s; or mrst.py FILE, which has
+wells."""
 
 import json
 import sys
@@ -11,7 +12,8 @@ from scipy.sparse.linalg import spsolve
 
 # As MATLAB has it: everything is double.
 data = scipy.io.loadmat(sys.argv[1], mat_dtype=True, squeeze_me=True, struct_as_record=False)
-source, sink = (int(a) - 1 for a in sys.argv[2:4])
+ends = [int(a) - 1 for a in sys.argv[2:4]]
+wells = np.atleast_1d(data.get("W", []))
 grid, rock, t = data["G"], data["rock"], data["T"]
 cells, faces, nodes = grid.cells, grid.faces, grid.nodes
 n, nf = int(cells.num), int(faces.num)
@@ -44,11 +46,29 @@ a, b = (neighbors[inner] - 1).T
 matrix = sparse.coo_matrix((t[inner], (a, b)), (n, n))
 matrix = matrix + matrix.T
 matrix = sparse.diags(np.asarray(matrix.sum(axis=1)).ravel()) - matrix
-rates = np.zeros(n)
-rates[source], rates[sink] = 1e-4, -1e-4
-free = np.arange(1, n)
 pressure = np.zeros(n)
-pressure[free] = spsolve(matrix.tocsc()[free][:, free], 1e-3 * rates[free])
+if ends:
+    rates = np.zeros(n)
+    rates[ends] = 1e-4, -1e-4
+    free = np.arange(1, n)
+    pressure[free] = spsolve(matrix.tocsc()[free][:, free], 1e-3 * rates[free])
+    pressure -= pressure.mean()
+else:
+    # As incompTPFA has it, without gravity: each well's pressure is one more unknown.
+    matrix = sparse.block_diag([matrix, sparse.csr_matrix((len(wells), len(wells)))]).tolil()
+    right = np.zeros(n + len(wells))
+    for row, well in enumerate(wells, n):
+        if well.type == "bhp":
+            matrix[row, row], right[row] = 1.0, well.val
+        else:
+            right[row] = 1e-3 * well.val
+        for cell, index in zip(np.atleast_1d(well.cells).astype(int) - 1, np.atleast_1d(well.WI)):
+            matrix[cell, cell] += index
+            matrix[cell, row] -= index
+            if well.type != "bhp":
+                matrix[row, row] += index
+                matrix[row, cell] -= index
+    pressure = spsolve(matrix.tocsc(), right)[:n]
 print(
     json.dumps(
         {
@@ -69,7 +89,7 @@ print(
                 str(name): int((faces.tag == n + 1).sum()) for n, name in enumerate(faces.tagNames)
             },
             "sets": {name: int(np.size(getattr(nodes.sets, name))) for name in nodes.sets._fieldnames},
-            "pressure": (pressure - pressure.mean()).tolist(),
+            "pressure": pressure.tolist(),
         }
     )
 )

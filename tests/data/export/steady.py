@@ -1,6 +1,6 @@
 """Runs open-DARTS to a steady state of water between two blocks of given pressure, and prints the pressures
 as JSON. On our own connections: steady.py NAME.conn NAME.cells HIGH LOW. On a mesh that it discretizes
-itself: steady.py NAME.msh HIGH LOW. Blocks begin with 0."""
+itself: steady.py NAME.msh HIGH LOW. Blocks begin with 0. Between wells: steady.py NAME.conn NAME.cells NAME.wells"""
 
 import contextlib
 import importlib.util
@@ -19,7 +19,7 @@ said = os.dup(1)
 os.dup2(2, 1)
 
 import numpy as np
-from darts.engines import conn_mesh, index_vector, value_vector
+from darts.engines import conn_mesh, index_vector, value_vector, well_control_iface
 from darts.models.darts_model import DartsModel
 from darts.physics.base.physics import PhysicsBase
 from darts.physics.base.property_container import PropertyContainer
@@ -29,8 +29,9 @@ from darts.physics.properties.flash import SinglePhase
 from darts.reservoirs.reservoir_base import ReservoirBase
 from darts.reservoirs.unstruct_reservoir import UnstructReservoir
 
-files = [os.path.abspath(a) for a in sys.argv[1:-2]]
-high, low = (int(a) for a in sys.argv[-2:])
+has_wells = sys.argv[-1].endswith(".wells")
+files = [os.path.abspath(a) for a in (sys.argv[1:] if has_wells else sys.argv[1:-2])]
+ends = [] if has_wells else [int(a) for a in sys.argv[-2:]]
 
 
 class Connections(ReservoirBase):
@@ -49,6 +50,17 @@ class Connections(ReservoirBase):
         for name, values in zip(("volume", "poro", "depth"), cells.T):
             np.array(getattr(mesh, name), copy=False)[:] = values
         return mesh
+
+    def set_wells(self, verbose=False):
+        """The wells of a file, each a body in which pressure is one."""
+        with open(files[2]) as lines:
+            rows = [line.split() for line in lines if not line.startswith("#")]
+        for name, block, index, radius, control, value in rows:
+            if self.get_well(name) is None:
+                self.add_well(name, well_diameter=2 * float(radius))
+                self.controls[name] = control, float(value)
+            well = self.get_well(name)
+            well.perforations = well.perforations + [(0, int(block), float(index), 0.0)]
 
     def set_boundary_volume(self, boundary_volumes):
         pass
@@ -76,6 +88,7 @@ class Model(DartsModel):
             self.reservoir.physical_tags["boundary"] = [t for d, t in groups if d == 2]
         else:
             self.reservoir = Connections(self.timer)
+            self.reservoir.controls = {}
         water = PropertyContainer(
             phases_name=["wat"], components_name=["H2O"], Mw=[18.0], temperature=1.0
         )
@@ -95,15 +108,25 @@ class Model(DartsModel):
         self.ts_control.dt_max = 1e6
 
     def set_wells(self, verbose=None):
-        # There are none; and water has no weight where all blocks are at one depth.
+        # Water has no weight where all blocks are at one depth.
         np.array(self.reservoir.mesh.depth, copy=False)[:] = 0.0
+        if has_wells:
+            self.reservoir.set_wells()
+
+    def set_well_controls(self):
+        for well in self.reservoir.wells:
+            control, value = self.reservoir.controls[well.name]
+            kind = well_control_iface.BHP if control == "pressure" else well_control_iface.VOLUMETRIC_RATE
+            phase = None if control == "pressure" else "wat"
+            self.physics.set_well_controls(well.control, kind, control == "inject", value, phase, [], 1.0)
 
     def set_initial_conditions(self):
         mesh = self.reservoir.mesh
         start = np.full(mesh.n_res_blocks, 200.0)
-        start[high], start[low] = 201.0, 199.0
         # So large that their pressure stays.
-        np.array(mesh.volume, copy=False)[[high, low]] = 1e15
+        for block, pressure in zip(ends, (201.0, 199.0)):
+            start[block] = pressure
+            np.array(mesh.volume, copy=False)[block] = 1e15
         self.physics.set_initial_conditions_from_array(mesh, {"pressure": start})
 
 

@@ -29,6 +29,27 @@ fn cells_know_their_volumes_and_doors() {
     assert!(twice.cells_of_faces().is_err());
 }
 
+#[cfg(feature = "tetgen")]
+#[test]
+fn a_point_is_held_by_the_cell_of_the_nearest_site_where_cells_touch_in_tiny_faces() {
+    let mut seed = 7;
+    for off in [1e-9, 1e-7, 1e-5] {
+        let mut sites = middles([4, 4, 4]);
+        for x in sites.iter_mut().flatten() {
+            *x += off * (random(&mut seed) - 0.5);
+        }
+        let mesh = crate::mesh::voronoi::voronoi(&sites, [4.0; 3]).unwrap();
+        let across = mesh.cells_of_faces().unwrap();
+        for _ in 0..500 {
+            let x: [f64; 3] = std::array::from_fn(|_| 4.0 * random(&mut seed));
+            let far = |cell: usize| norm(geometry::sub(sites[cell], x));
+            let cell = holding(&mesh, &across, x).map(|c| far(c as usize));
+            let nearest = (0..sites.len()).map(far).fold(f64::INFINITY, f64::min);
+            assert!(cell.is_some_and(|d| d < nearest + 1e-4), "{off}: {x:?}");
+        }
+    }
+}
+
 /// Paint in three layers as thick as this, with a crack between two of them.
 fn paint_fills_its_layer<const D: usize, F: Mesh<D>>(mesh: &F, thick: f64) {
     let up = D - 1;

@@ -1,0 +1,198 @@
+#!/usr/bin/env python
+"""A reservoir from a seismic volume to its simulation: scripts/reservoir.py BINARY FOLDER [--distance D]
+(with .venv's modules, which `make validators` installs; OPM Flow as `flow`)
+
+A synthetic survey becomes SEG-Y, its fault and horizons cells, the layers between them rock; OPM Flow simulates
+ten years of water injection. Then the same cells go to every solver at hand, for their steady pressures side by
+side. Prints each command, and figures as a table; FOLDER/figures.json has them, too. docs/reservoir-case.md
+"""
+import argparse
+import json
+import pathlib
+import re
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import resfo
+import segyio
+
+import simulated
+
+JUDGES = pathlib.Path(__file__).resolve().parent.parent / "tests/data/export"
+# A survey of 12.5 m x 12.5 m x 4 ms at 3000 m/s, so 6 m.
+CORNER, APART, INTERVAL, VELOCITY = (600_000.0, 6_000_000.0), 12.5, 4, 3000
+# The space in which rock ten times tighter upwards than sideways conducts equally in all directions.
+METRIC = f"{6 / APART * 10 ** 0.5:.5f},1,1"
+WEST, EAST = (600_300, 6_000_500), (601_150, 6_000_300)
+# What an interpreter clicks on: west and east of the fault, layer by layer downwards.
+LAYERS = {1: [(WEST, -15), (WEST, -60), (EAST, -40), (EAST, -110)],
+          2: [(WEST, -160), (EAST, -155), (EAST, -235)],
+          3: [(WEST, -300), (WEST, -372), (EAST, -340)]}
+# Porosity, horizontal and vertical permeability (mD): seal, sand, silt. What no paint reached is seal.
+ROCK = {0: (0.05, 0.1, 0.01), 1: (0.05, 0.1, 0.01), 2: (0.22, 200, 20), 3: (0.12, 20, 2)}
+# Where wells are open: x, y, top and bottom of the sand.
+WELLS = {"I1": (600_125, 6_000_375, -100, -225), "P1": (600_625, 6_000_625, -105, -230),
+         "P2": (601_062, 6_000_125, -150, -280)}
+INJECTED, PRODUCED_AT = 2500, 180
+# One cell of the sand on either side of the fault, for the steady flow between them.
+HIGH, LOW, STEADY = (600_125, 6_000_375, -160), (601_062, 6_000_125, -235), 30
+FAULTS = 0.001
+
+
+class Case:
+    """A folder to work in, and what is found there."""
+
+    def __init__(self, binary, folder):
+        self.binary, self.folder, self.figures = pathlib.Path(binary).resolve(), folder, {}
+
+    def atomesh(self, line):
+        """Runs a verb; gives its answer."""
+        print(f"$ atomesh {line}", flush=True)
+        command = [self.binary, *line.split(), "--json", "--quiet"]
+        return json.loads(subprocess.run(command, cwd=self.folder, check=True, stdout=subprocess.PIPE).stdout)
+
+    def flow(self, case, out, *options):
+        """Runs OPM Flow; gives the number of its linear iterations."""
+        line = ["flow", f"{case}.DATA", f"--output-dir={out}", *options]
+        print("$", *line, flush=True)
+        said = subprocess.run([*line, "--threads-per-process=1"], cwd=self.folder, check=True,
+                              stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True).stdout
+        return int(re.search(r"Overall Linear Iterations:\s+(\d+)", said)[1])
+
+    def table(self, name, columns, row):
+        """Writes a CSV file with a line for each rock."""
+        lines = [",".join(["region", *columns])]
+        lines += [",".join(map(str, [number, *row(rock)])) for number, rock in ROCK.items()]
+        (self.folder / name).write_text("\n".join(lines) + "\n")
+
+    def judge(self, script, *arguments):
+        """Pressures that an independent solver finds."""
+        found = subprocess.run([sys.executable, JUDGES / script, *map(str, arguments)], cwd=self.folder,
+                               check=True, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+        return np.array(json.loads(found.stdout)["pressure"])
+
+
+def survey(case):
+    """Two to three clear reflectors and a steep fault, as SEG-Y."""
+    case.atomesh("synth amplitude -o amplitude.npy --dims 64,100,80 --count 1 --signal-to-noise 8")
+    volume = np.load(case.folder / "amplitude.npy")
+    path = case.folder / "survey.sgy"
+    segyio.tools.from_array3D(path, volume, dt=1000 * INTERVAL)
+    inlines, crosslines, _ = volume.shape
+    with segyio.open(path, "r+") as file:
+        for trace in range(inlines * crosslines):
+            x, y = CORNER[0] + APART * (trace % crosslines), CORNER[1] + APART * (trace // crosslines)
+            file.header[trace].update({segyio.su.scalco: -100, segyio.su.cdpx: round(100 * x),
+                                       segyio.su.cdpy: round(100 * y)})
+
+
+def model(case, distance):
+    """Cells that conform to fault and horizons, with their layers."""
+    mesh = case.atomesh(f"mesh survey.sgy -o cells.vtu --cells voronoi --feature faults+horizons --threshold 1.2"
+                        f" --velocity {VELOCITY} --metric {METRIC} --distance {distance}")
+    surfaces = case.atomesh("surface cells.vtu -o surfaces.vtp")["surfaces"]
+    seeds = [f"--seed {x},{y},{z}={layer}" for layer, places in LAYERS.items() for (x, y), z in places]
+    layers = case.atomesh(f"paint cells.vtu -o layers.vtu {' '.join(seeds)}")["regions"]
+    for view in ("sections", "3d"):
+        case.atomesh(f"slice survey.sgy layers.vtu -o {view}.png --view {view}")
+    case.table("porosity.csv", ["porosity"], lambda rock: rock[:1])
+    case.table("permeability.csv", ["kx", "ky", "kz"], lambda rock: (rock[1], rock[1], rock[2]))
+    for name, (x, y, top, bottom) in WELLS.items():
+        (case.folder / f"{name}.csv").write_text(f"x,y,z,radius\n{x},{y},{top},0.1\n{x},{y},{bottom},0.1\n")
+    case.figures["surfaces"] = [{key: surface[key] for key in ("kind", "area", "dip")} for surface in surfaces]
+    case.figures["layers"] = {str(layer["region"]): layer["volume"] for layer in layers}
+    return mesh
+
+
+def export(case, to, out, more):
+    """The model in a format, with what all of them share."""
+    return case.atomesh(f"export layers.vtu --to {to} -o {out} --depth-at-top 2000 --porosity porosity.csv"
+                        f" --permeability permeability.csv --permeability-unit mD {more}")
+
+
+def read(folder, case, ending):
+    """The arrays of a file of OPM Flow, all reports of each."""
+    found = {}
+    for name, values in resfo.read(folder / f"{case}.{ending}"):
+        found.setdefault(name.strip(), []).append(values)
+    return found
+
+
+def ten_years(case):
+    """Water drives oil, with the fault open and nearly closed."""
+    wells = f"--injector I1.csv:{INJECTED} --producer P1.csv:{PRODUCED_AT} --producer P2.csv:{PRODUCED_AT}"
+    fluid = f"--fluid oil-water {wells}"
+    export(case, "opm", "OPEN.DATA", fluid)
+    done = export(case, "opm", "CASE.DATA", f"{fluid} --faults {FAULTS}")
+    case.figures["model"] = done["checks"]
+    case.figures["iterations"] = {"open, ILU(0)": case.flow("OPEN", "open"),
+                                  f"{FAULTS}, ILU(0)": case.flow("CASE", "ilu"),
+                                  f"{FAULTS}, CPR": case.flow("CASE", "cpr", "--linear-solver=cpr")}
+    mesh = simulated.simulated(case.folder / "CASE.vtu", case.folder / "cpr", "CASE")
+    simulated.write(mesh, case.folder / "simulated.vtu")
+    for name in ("pressure", "swat"):
+        simulated.draw(mesh, case.folder / f"{name}.png", f"simulated_{name}")
+
+    out = case.folder / "cpr"
+    pores = np.array(read(out, "CASE", "INIT")["PORV"][0], dtype=float)
+    mean = [float((np.array(p, dtype=float) * pores).sum() / pores.sum())
+            for p in read(out, "CASE", "UNRST")["PRESSURE"]]
+    names = [name.decode().strip() for name in read(out, "CASE", "SMSPEC")["KEYWORDS"][0]]
+    first, last = (dict(zip(names, map(float, read(out, "CASE", "UNSMRY")["PARAMS"][step]))) for step in (0, -1))
+    case.figures["ten years"] = {
+        "pore volume, m3": float(pores.sum()), "oil in place, sm3": first["FOIP"] + first["FOPT"],
+        "oil left, sm3": last["FOIP"], "oil produced, sm3": last["FOPT"], "water injected, sm3": last["FWIT"],
+        "water produced, sm3": last["FWPT"], "mean pressure, bar": [mean[0], mean[-1]]}
+
+
+def shares(pressure, high, low):
+    """Pressures from 0 in one cell to 1 in another."""
+    return (pressure - pressure[low]) / (pressure[high] - pressure[low])
+
+
+def side_by_side(case):
+    """The steady flow of water from cell to cell through the nearly closed fault, by every solver at hand."""
+    ends = [",".join(map(str, point)) for point in (HIGH, LOW)]
+    faults = f"--faults {FAULTS}"
+    wells = f"--injector {ends[0]}:{STEADY} --producer {ends[1]}:195"
+    done = export(case, "opm", "STEADY.DATA", f"{faults} {wells} --no-gravity --days 36500")
+    high, low = (well["cells"][0][0] for well in done["wells"])
+    case.flow("STEADY", "steady", "--solver-max-time-step-in-days=36500", "--linear-solver-reduction=1e-6",
+              "--linear-solver-max-iter=2000")
+    found = {"OPM Flow": np.array(read(case.folder / "steady", "STEADY", "UNRST")["PRESSURE"][-1], dtype=float)}
+    export(case, "mrst", "blocks.mat", f"{faults} {wells}")
+    found["MRST's grid, SciPy"] = case.judge("mrst.py", "blocks.mat") / 1e5
+    export(case, "darts", "blocks.conn", f"{faults} {wells}")
+    found["open-DARTS"] = case.judge("steady.py", "blocks.conn", "blocks.cells", "blocks.wells")
+    # The rock in m2, as `flow` takes it; the depth of the deck plays no part.
+    case.table("permeability-m2.csv", ["kx", "ky", "kz"],
+               lambda rock: [k * 9.86923266716013e-16 for k in (rock[1], rock[1], rock[2])])
+    case.atomesh(f"flow layers.vtu -o flow.vtu --permeability permeability-m2.csv {faults}"
+                 f" --source {ends[0]}:1e-4 --sink {ends[1]}:1e-4")
+    ours = shares(simulated.cell_array(case.folder / "flow.vtu", "pressure"), high, low)
+    case.figures["range, bar"] = float(np.ptp(found["OPM Flow"]))
+    case.figures["apart"] = {name: float(np.abs(shares(p, high, low) - ours).max()) for name, p in found.items()}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("binary")
+    parser.add_argument("folder", type=pathlib.Path)
+    parser.add_argument("--distance", default="8", help="between sites, in samples [default: 8]")
+    asked = parser.parse_args()
+    asked.folder.mkdir(parents=True, exist_ok=True)
+    case = Case(asked.binary, asked.folder.resolve())
+    survey(case)
+    model(case, asked.distance)
+    if shutil.which("flow") is None:
+        sys.exit("no OPM Flow here: the cells are made, but not simulated (make validators installs it)")
+    ten_years(case)
+    side_by_side(case)
+    (case.folder / "figures.json").write_text(json.dumps(case.figures, indent=1) + "\n")
+    print(json.dumps(case.figures, indent=1))
+
+
+if __name__ == "__main__":
+    main()

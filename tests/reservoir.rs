@@ -1,0 +1,78 @@
+//! A reservoir from a seismic volume to its simulation: `scripts/reservoir.py`, as `make reservoir` runs it, with
+//! larger cells.
+#![cfg(feature = "tetgen")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "a test that cannot go on has failed"
+)]
+
+mod common;
+
+use std::path::Path;
+use std::process::Command;
+
+use common::{near, no_validator, numbers};
+use serde_json::Value;
+
+#[test]
+fn a_seismic_volume_becomes_a_reservoir_that_every_solver_agrees_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let python = root.join(".venv/bin/python");
+    if !python.exists() {
+        return no_validator("OPM Flow's files and open-DARTS");
+    }
+    let mut script = Command::new(python);
+    script.arg(root.join("scripts/reservoir.py"));
+    script.arg(env!("CARGO_BIN_EXE_atomesh")).arg(folder.path());
+    let output = script.args(["--distance", "10"]).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    if said.contains("no OPM Flow here") {
+        return no_validator("OPM Flow");
+    }
+    assert!(output.status.success(), "{said}");
+    let figures = std::fs::read_to_string(folder.path().join("figures.json")).unwrap();
+    let figures: Value = serde_json::from_str(&figures).unwrap();
+
+    // One fault, and horizons on both sides of it; what is painted are the layers of the whole box.
+    let surfaces = figures["surfaces"].as_array().unwrap();
+    let steep = |s: &&Value| s["dip"].as_f64().unwrap() > 75.0;
+    assert_eq!(surfaces[0]["kind"], "fault");
+    assert!(surfaces.iter().filter(steep).count() < surfaces.len() - 3);
+    let layers = figures["layers"].as_object().unwrap();
+    let layers: f64 = layers.values().map(|v| v.as_f64().unwrap()).sum();
+    let volume = 63.0 * 6.0 * (99.0 * 12.5) * (79.0 * 12.5);
+    assert!(near(layers, volume, 0.05), "{layers} of {volume}");
+    let model = &figures["model"];
+    assert!(near(model["volume"].as_f64().unwrap(), volume, 1e-9));
+    assert!(model["angle"][0].as_f64().unwrap() < 0.1, "{model}");
+
+    let iterations = figures["iterations"].as_object().unwrap();
+    assert_eq!(iterations.len(), 3);
+    let all = iterations.values().map(|n| n.as_u64().unwrap());
+    assert!(all.max().unwrap() < 2000, "{iterations:?}");
+    // What is no longer in place was produced.
+    let years = &figures["ten years"];
+    let number = |name: &str| years[name].as_f64().unwrap();
+    let gone = number("oil in place, sm3") - number("oil left, sm3");
+    assert!(gone > 0.01 * number("oil in place, sm3"));
+    assert!(near(gone, number("oil produced, sm3"), 1e-3), "{years}");
+    assert!(near(
+        number("pore volume, m3"),
+        model["pore_volume"].as_f64().unwrap(),
+        1e-6
+    ));
+    let pressure = numbers(&years["mean pressure, bar"]);
+    assert!((150.0..300.0).contains(&pressure[1]), "{pressure:?}");
+    for name in ["pressure", "swat", "sections", "3d"] {
+        let bytes = std::fs::read(folder.path().join(format!("{name}.png"))).unwrap();
+        assert!(bytes.len() > 10_000, "{name}");
+    }
+
+    let apart = figures["apart"].as_object().unwrap();
+    assert_eq!(apart.len(), 3);
+    for (solver, off) in apart {
+        assert!(off.as_f64().unwrap() < 1e-3, "{solver}: {off}");
+    }
+}

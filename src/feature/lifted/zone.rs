@@ -12,10 +12,11 @@ use rayon::prelude::*;
 pub const CELL: usize = 4;
 /// Cells on either side over which the ambiguous zone is widened.
 const WIDEN: usize = 2;
-/// Normals are mixed where their [`spread`] is above this (sheets that cross at 15 degrees have 0.017) ...
-const MIXED: f64 = 0.009;
-/// ... or above as many times what noise leaves on a sheet: what a tenth of the cells stays below.
+/// Normals are mixed where their [`spread`] (sheets that cross at 15 degrees have 0.017) is as many times above what
+/// noise leaves on a sheet: what a tenth of the cells stays below ...
 const NOISE: f64 = 6.0;
+/// ... but no less and no more than this.
+const MIXED: [f64; 2] = [0.003, 0.009];
 /// Ridges are too wide to be one where their squared width is this many times that of the narrow ones (of
 /// which there are a quarter: where many run in pairs, half of all may be too wide).
 const WIDE: f64 = 1.5;
@@ -115,10 +116,11 @@ impl<const D: usize> Ambiguous<D> {
         let spread = spread(&zone.cells, &zone.tensors, &places);
         let mut least: Vec<f64> = spread.iter().copied().filter(|s| *s > 0.0).collect();
         let tenth = least.len() / 10;
-        let mixed = match least.is_empty() {
-            true => MIXED,
-            false => MIXED.min(NOISE * *least.select_nth_unstable_by(tenth, f64::total_cmp).1),
+        let noise = match least.is_empty() {
+            true => 0.0,
+            false => *least.select_nth_unstable_by(tenth, f64::total_cmp).1,
         };
+        let mixed = (NOISE * noise).clamp(MIXED[0], MIXED[1]);
         let flags: Vec<u8> = (0..count)
             .into_par_iter()
             .map(|i| {

@@ -44,6 +44,9 @@ class MeshOptions(TypedDict, total=False):
     lines: _Path | None
     #: Also write a page to look at: mesh, image and figures in one HTML file for any browser
     page: _Path | None
+    #: Keep what each stage gives in a folder: the same command, started again after it was ended,
+    #: goes on from there and makes the same mesh
+    checkpoint: _Path | None
     #: Also write the faces on features with the number of the surface of each, as `atomesh
     #: surface` does
     surfaces: _Path | None

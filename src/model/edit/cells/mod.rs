@@ -29,6 +29,7 @@ use crate::report::Clock;
 use crate::store::MeshFile;
 use crate::store::file::{settled_field, settled_of};
 use grid::Grid;
+#[cfg(feature = "cli")]
 pub(crate) use grid::KIND;
 pub use grid::dropped;
 use patch::{Patch, Scope};

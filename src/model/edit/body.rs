@@ -1,6 +1,7 @@
 //! A mesh that can be changed in places: what a file holds, in slots that may be empty.
 
 use super::resolve::Lattice;
+use super::unknown;
 use crate::error::cause;
 use crate::files::vtk::{DataArray, Values};
 use crate::image::Geometry;
@@ -411,11 +412,7 @@ pub fn dropped<const D: usize, M: Simplices<D>>(file: &MeshFile<M>) -> Vec<Strin
         HORIZON_FACES,
         IMAGE,
     ];
-    let arrays = file.point_data.iter().chain(&file.cell_data);
-    let names = arrays.map(|array| array.name.clone());
-    names
-        .filter(|name| !known.contains(&name.as_str()))
-        .collect()
+    unknown(file, &known)
 }
 
 /// A scalar array of the right length.

@@ -24,7 +24,7 @@ pub(crate) mod window;
 use serde::Serialize;
 
 use crate::error::cause;
-use crate::feature;
+use crate::feature::{self, Settled};
 use crate::image::Image;
 use crate::job::{Meshing, Params, Space, lattice_beta};
 use crate::mesh::Simplices;
@@ -130,18 +130,7 @@ where
     };
     let settled = match settled {
         Some(settled) => settled,
-        None => {
-            let options = params.feature_options(body.step);
-            let look = |patience: &Patience<'_>| feature::detect_while(image, &options, patience);
-            let settled = stages.run(Stage::FeaturesEverywhere, look)?.settled;
-            summary.notes.push(
-                "the mesh does not record how its features were found, so they were sought in the \
-                 whole image; the new mesh records how"
-                    .into(),
-            );
-            body.fields.extend(settled_field(&settled));
-            settled
-        }
+        None => stages.settle(image, params, body.step, &mut summary, &mut body.fields)?,
     };
     let beta = lattice_beta(&params.beta, image.dims(), body.step)?;
     let context = Context {
@@ -192,6 +181,30 @@ struct EditStages<'a> {
 }
 
 impl EditStages<'_> {
+    /// What detection settles on for the whole image, where a mesh does not record it: the new one does.
+    ///
+    /// # Errors
+    /// Those of detection.
+    fn settle<const D: usize>(
+        &mut self,
+        image: &Image<D>,
+        params: &Params<D>,
+        step: [f64; D],
+        summary: &mut Summary,
+        fields: &mut Vec<(String, FieldValue)>,
+    ) -> Result<Vec<Settled>> {
+        let options = params.feature_options(step);
+        let look = |patience: &Patience<'_>| feature::detect_while(image, &options, patience);
+        let settled = self.run(Stage::FeaturesEverywhere, look)?.settled;
+        summary.notes.push(
+            "the mesh does not record how its features were found, so they were sought in the \
+             whole image; the new mesh records how"
+                .into(),
+        );
+        fields.extend(settled_field(&settled));
+        Ok(settled)
+    }
+
     /// What the work of a stage gives.
     ///
     /// # Errors
@@ -219,6 +232,15 @@ impl EditStages<'_> {
             }
         })
     }
+}
+
+/// Names of a mesh's arrays that are not among those that are `known`.
+fn unknown<M>(file: &MeshFile<M>, known: &[&str]) -> Vec<String> {
+    let arrays = file.point_data.iter().chain(&file.cell_data);
+    let names = arrays.map(|array| array.name.clone());
+    names
+        .filter(|name| !known.contains(&name.as_str()))
+        .collect()
 }
 
 /// The last safety net: the cells `[before, after]` of a neighbourhood must fill the same room.

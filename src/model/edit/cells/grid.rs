@@ -9,6 +9,7 @@ use crate::mesh::Positions;
 use crate::mesh::check::{Known, check_known};
 use crate::mesh::poly::{Lists, NO_CELL, PolyMesh};
 use crate::model::edit::resolve::Lattice;
+use crate::model::edit::unknown;
 use crate::store::file::{DISTANCE, HORIZON_FACES, IMAGE};
 use crate::store::{FieldValue, LatticeSpace, MeshFile, StoredMesh, labels_of};
 use crate::{Error, Result};
@@ -200,9 +201,5 @@ pub fn dropped<const D: usize>(file: &MeshFile<PolyMesh<D>>) -> Vec<String> {
         HORIZON_FACES,
         IMAGE,
     ];
-    let arrays = file.point_data.iter().chain(&file.cell_data);
-    let names = arrays.map(|array| array.name.clone());
-    names
-        .filter(|name| !known.contains(&name.as_str()))
-        .collect()
+    unknown(file, &known)
 }

@@ -20,14 +20,13 @@ mod stitch;
 
 use super::{Change, Context, Edit, EditStages, Edited, Summary, history, resolve};
 use crate::Result;
-use crate::feature;
 use crate::image::Image;
 use crate::job::{Meshing, Params, Space, lattice_beta};
 use crate::mesh::poly::PolyMesh;
-use crate::observer::{Observer, Patience, Stage};
+use crate::observer::{Observer, Stage};
 use crate::report::Clock;
 use crate::store::MeshFile;
-use crate::store::file::{settled_field, settled_of};
+use crate::store::file::settled_of;
 use grid::Grid;
 #[cfg(feature = "cli")]
 pub(crate) use grid::KIND;
@@ -71,18 +70,7 @@ where
     };
     let settled = match settled {
         Some(settled) => settled,
-        None => {
-            let options = params.feature_options(step);
-            let look = |patience: &Patience<'_>| feature::detect_while(image, &options, patience);
-            let settled = stages.run(Stage::FeaturesEverywhere, look)?.settled;
-            summary.notes.push(
-                "the mesh does not record how its features were found, so they were sought in the \
-                 whole image; the new mesh records how"
-                    .into(),
-            );
-            grid.fields.extend(settled_field(&settled));
-            settled
-        }
+        None => stages.settle(image, params, step, &mut summary, &mut grid.fields)?,
     };
     let beta = lattice_beta(&params.beta, image.dims(), step)?;
     let context = Context {

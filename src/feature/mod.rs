@@ -25,6 +25,7 @@
 //! - `steepness`: magnitudes of gradients
 //! - `steepest`: where they are largest
 //! - `lifted`: ridges at all orientations, where sheets cross, branch or run close
+//! - `corners`: of edges in the plane, where their sides cross
 //! - `crossing`: candidates: where a sheet crosses the columns of samples
 //! - `ridges`: ridges of a volume
 //!
@@ -39,6 +40,7 @@
 
 pub(crate) mod by_sample;
 pub(crate) mod components;
+pub(crate) mod corners;
 pub(crate) mod crossing;
 pub(crate) mod depth;
 mod detection;

@@ -142,6 +142,12 @@ const LOPSIDED: f32 = 0.25;
 /// As many times the least area of a sheet, as strong as can be wished, are no noise.
 const ENOUGH: f64 = 4.0;
 
+/// A small sheet that lies within this of others (samples) cannot be told from them: where a sheet is cut off
+/// sharply, filters that stand askew there see its corners.
+const SHADOW: f32 = 2.0;
+/// ... with this share of its points.
+const SHADED: f64 = 0.9;
+
 /// A point passes its sheet on if it has this many neighbours in it: inside a sheet there are eight,
 /// along its straight rim five; along a curve there are two, at its end one.
 const fn core(dimensions: usize) -> usize {
@@ -183,11 +189,13 @@ pub fn sheets<const D: usize>(
         }
         if growth.owner[seed] == FREE && growth.blocker[seed] == FREE {
             let [mut area, sure] = growth.grow(seed, sheets as u32, rules.high, patience);
-            let enough = (rules.sure * area).min(ENOUGH * rules.min_area);
+            let large = ENOUGH * rules.min_area;
+            let unsure = sure < (rules.sure * area).min(large)
+                || area < large && growth.shaded(sheets as u32, patience);
             if rules.least_width > 0 && area >= rules.min_area {
                 area = growth.trim(sheets as u32, rules.least_width as i32 / 2, patience);
             }
-            if (area < rules.min_area || sure < enough) && !growth.reaches(&rules.open) {
+            if (area < rules.min_area || unsure) && !growth.reaches(&rules.open) {
                 growth.give_up();
             } else {
                 sheets += 1;
@@ -331,6 +339,22 @@ impl<const D: usize> Growth<'_, D> {
             .iter()
             .map(|&i| self.area_of(&grid.candidates[i]))
             .sum()
+    }
+
+    /// Whether the last sheet lies in the shadow of those before it.
+    fn shaded(&self, sheet: u32, patience: &Patience<'_>) -> bool {
+        let of_another = |&i: &usize| {
+            let c = &self.grid.candidates[i];
+            let mut near = false;
+            self.grid
+                .each_around(self.grid.coordinates(c), SHADOW as i32, |j| {
+                    let apart = sub(self.grid.candidates[j].position, c.position);
+                    near |= self.owner[j] < sheet && dot(apart, apart) < SHADOW * SHADOW;
+                });
+            !patience.over() && near
+        };
+        let shaded = self.members.par_iter().filter(|i| of_another(i)).count();
+        shaded as f64 >= SHADED * self.members.len() as f64
     }
 
     /// Whether the last sheet reaches an open side.
@@ -498,5 +522,48 @@ mod tests {
         let narrow = trimmed.left_out.in_narrow_parts;
         assert!((30..=40).contains(&narrow), "{narrow}");
         assert_eq!(trimmed.points.len(), 900 + 40 - narrow);
+    }
+
+    #[test]
+    fn a_small_sheet_in_the_shadow_of_a_stronger_one_is_none() {
+        let dims = [30, 40, 40];
+        // At x = 15 a square; across its rim a piece that is turned by 22 degrees, up to `far` samples off it.
+        let found = |far: f64| {
+            let mut places: Vec<([usize; 3], f32, [f64; 3], f32)> = Vec::new();
+            let (sin, cos) = 22.0f64.to_radians().sin_cos();
+            for z in 5..35 {
+                for y in 5..35 {
+                    places.push(([15, y, z], 0.0, [1.0, 0.0, 0.0], 1.0));
+                    let off = (y as f64 - 24.0) * sin / cos;
+                    if y >= 20 && off <= far && off.abs() > 0.6 {
+                        let x = 15.0 + off;
+                        let at = [x.round() as usize, y, z];
+                        places.push((at, (x - x.round()) as f32, [cos, -sin, 0.0], 0.9));
+                    }
+                }
+            }
+            places.sort_by_key(|p| (p.0[2], p.0[1], p.0[0]));
+            let candidates: Vec<Candidate<3>> = places
+                .iter()
+                .map(|&(at, off, normal, strength)| {
+                    Candidate::new(dims, at, 0, off, normal, strength)
+                })
+                .collect();
+            let rules = Rules {
+                high: 0.5,
+                agreement: SHARP,
+                resolution: 3.0,
+                min_area: 60.0,
+                sure: 0.0,
+                least_width: 0,
+                open: [[false; 2]; 3],
+            };
+            let found = sheets(dims, &candidates, [1.0; 3], &rules, &Patience::endless());
+            (found.sheets, found.left_out.in_small_pieces)
+        };
+        let (sheets, crumbs) = found(1.7);
+        assert_eq!(sheets, 1);
+        assert!(crumbs > 60, "{crumbs}");
+        assert_eq!(found(4.0).0, 2);
     }
 }

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::file::{HORIZON_FACES, WELD, common_fields};
+use super::file::{HORIZON_FACES, WELD, common_fields, settled_field};
 use super::labels::labels_field;
 use super::{FieldValue, MeshFile};
 use crate::files::vtk::DataArray;
@@ -42,6 +42,7 @@ where
         outcome.extent,
         &outcome.provenance,
     );
+    field_data.extend(settled_field(&outcome.features.settled));
     field_data.extend(outcome.features.labels.as_ref().and_then(labels_field));
     if weld > 0.0 {
         field_data.push((WELD.into(), FieldValue::F64s(vec![weld])));

@@ -13,6 +13,7 @@
 use super::{Detector, Found, Scene, Thresholds};
 use crate::error::Result;
 use crate::feature::FeatureKind;
+use crate::feature::corners::{self, cornered};
 use crate::feature::crossing::Candidate;
 use crate::feature::ridges::typical;
 use crate::feature::steepest::steepest;
@@ -48,7 +49,13 @@ impl<const D: usize> Detector<D> for Canny {
             "steepest places at scale {scale}: {thresholds}, noise up to {:.4} per sample",
             noise[1]
         ));
+        let candidates = cornered(dims, candidates, scale, thresholds.high, scene.patience);
         Ok(Found::new(candidates, scale, thresholds))
+    }
+
+    /// Corners look along their arms.
+    fn reach(&self, scale: f64) -> usize {
+        (3.0 * scale).ceil() as usize + 3 + corners::reach(scale)
     }
 }
 

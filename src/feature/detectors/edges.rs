@@ -12,6 +12,7 @@ use super::ridges::RidgeSearch;
 use super::{Detector, Found, Scene};
 use crate::error::Result;
 use crate::feature::FeatureKind;
+use crate::feature::corners::{self, cornered};
 use crate::feature::steepness::prewitt;
 use crate::feature::volume::Volume;
 
@@ -33,7 +34,17 @@ impl<const D: usize> Detector<D> for Edges {
             lifts: false,
             ..RidgeSearch::new(scene)
         };
-        Ok(search.find(steepness, notes))
+        let mut found = search.find(steepness, notes);
+        // Smoothed for the gradient and for its ridges.
+        let width = scene.scale().hypot(found.scale);
+        let sure = found.thresholds.high;
+        found.candidates = cornered(dims, found.candidates, width, sure, scene.patience);
+        Ok(found)
+    }
+
+    /// Corners look along their arms.
+    fn reach(&self, scale: f64) -> usize {
+        (3.0 * scale).ceil() as usize + 3 + corners::reach(scale.hypot(scale))
     }
 }
 

@@ -19,6 +19,7 @@ use crate::feature::by_sample::BySample;
 use crate::feature::crossing::Candidate;
 use crate::feature::symmetric::{Symmetric, eigenvalues};
 use crate::feature::volume::Volume;
+use crate::geometry::dot;
 use crate::image::Field;
 use crate::lattice::AtomKind;
 use crate::lattice::distance::{Distance, of_atoms};
@@ -52,6 +53,9 @@ const fn radii(dimensions: usize) -> [i32; 3] {
         [1, 3, 5]
     }
 }
+
+/// Normals at one place that agree less than this (cosine) are of a corner.
+const TURNS: f32 = 0.97;
 
 /// Feature points nearer than this (samples) to a side of the box are put onto it.
 const TO_SIDE: f64 = 0.75;
@@ -156,17 +160,28 @@ fn thinned<const D: usize>(
         });
         let sample = at.map(|c| c.round() as usize);
         let position = at.map(|c| c as f32);
+        let normal = point.normal.map(f64::from);
         Candidate {
             position,
-            ..Candidate::new(dims, sample, 0, 0.0, [0.0; D], point.strength)
+            ..Candidate::new(dims, sample, 0, 0.0, normal, point.strength)
         }
     };
     let mut candidates: Vec<Candidate<D>> = points.iter().map(candidate).collect();
     candidates.sort_by_key(|c| c.voxel);
     let grid = BySample::new(dims, &candidates);
+    // A corner has the normals of both its sides: it comes first, so that none beside it takes its place.
+    let is_corner = |c: &&Candidate<D>| {
+        let mut turns = false;
+        grid.each(grid.coordinates(c), |j| {
+            let other = &grid.candidates[j];
+            turns |= other.position == c.position && dot(other.normal, c.normal).abs() < TURNS;
+        });
+        turns
+    };
+    let (corners, rest): (Vec<_>, Vec<_>) = candidates.iter().partition(is_corner);
     let mut around = Around::default();
     let mut kept = Vec::new();
-    for c in &candidates {
+    for c in corners.into_iter().chain(rest) {
         if patience.over() {
             break;
         }

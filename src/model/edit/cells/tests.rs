@@ -148,6 +148,8 @@ where
     ];
     let Edited { file, summary } = edited(&before, &image, &params, &changes).unwrap();
     check_cells(&file);
+    // How features were found is on record.
+    assert!(summary.notes.is_empty(), "{:?}", summary.notes);
 
     // Atoms are where they were put, to the bit.
     let at = |n: usize| file.mesh.sites[summary.atoms[n].unwrap() as usize];
@@ -182,7 +184,7 @@ where
     let again = edited(&file, &image, &params, &[next]).unwrap();
     check_cells(&again.file);
     assert!(again.file.mesh.sites.contains(&world(added)));
-    assert!(again.summary.notes.is_empty(), "features are on record now");
+    assert!(again.summary.notes.is_empty(), "{:?}", again.summary.notes);
 }
 
 #[test]

@@ -69,7 +69,7 @@ fn flow_through_a_sheet(at: &Path) {
     run(at, "mesh sheet.npy -o mesh.vtu --distance 6 --quiet");
     run(
         at,
-        "flow mesh.vtu --pressure xmin=2e5 --pressure xmax=1e5 --pressure ymax=1e5 --faults 0.01 -o flow.vtu --streamlines lines.vtp --lines 30 --quiet",
+        "flow mesh.vtu --pressure xmin=2e5 --pressure xmax=1e5 --faults 0.01 -o flow.vtu --streamlines lines.vtp --lines 30 --quiet",
     );
 }
 

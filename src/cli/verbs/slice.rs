@@ -46,8 +46,8 @@ pub struct SliceArgs {
     /// across x, y or z [default: corner]
     #[arg(long, value_name = "WHERE")]
     pub cut: Option<Opened3d>,
-    /// Which way is up: x, y, z or -x, -y, -z in physical coordinates [default: as the image has it; z of
-    /// surfaces alone]
+    /// Which way is up: x, y, z or -x, -y, -z in physical coordinates [default: as the image has it; z where
+    /// none is known]
     #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
     pub up: Option<String>,
     /// How to read the image.
@@ -324,8 +324,9 @@ impl Drawing<'_> {
         };
         let index = |at| space.geometry.to_index(at).ok_or_else(|| self.flat());
         let at = self.at.map(index).transpose()?;
-        let alone = loaded.is_none() && stored.is_none();
-        let up = self.up::<3>()?.or(alone.then_some(Upward {
+        // Surfaces, and meshes that do not say where their image lies, have z up.
+        let said = loaded.is_some() || stored.as_ref().is_some_and(|s| s.space.by_file);
+        let up = self.up::<3>()?.or((!said).then_some(Upward {
             coordinate: 2,
             down: false,
         }));

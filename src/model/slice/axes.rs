@@ -49,6 +49,8 @@ pub(super) fn axis(canvas: &mut Canvas, raster: &Raster, ruler: &Ruler, k: usize
         _ => 0.5,
     };
     let (values, step) = ticks(ruler.first, ruler.last, f64::from(long / 70.0));
+    let longest = values.iter().map(|&value| number(value, step).len()).max();
+    let longest = longest.unwrap_or(0);
     for value in values {
         let t = ((value - ruler.first) / (ruler.last - ruler.first)) as f32;
         let at: [f32; 2] = std::array::from_fn(|i| a[i] + t * along[i]);
@@ -62,7 +64,9 @@ pub(super) fn axis(canvas: &mut Canvas, raster: &Raster, ruler: &Ruler, k: usize
         let top = if a[1] < b[1] { a } else { b };
         canvas.text(&ruler.label, [top[0], top[1] - 3.5 * half_line], 0.5, INK);
     } else {
-        let at: [f32; 2] = std::array::from_fn(|i| middle[i] + 46.0 * out[i]);
+        // Beyond the numbers.
+        let far = 38.0 + LETTER[0] * longest as f32 * out[0].abs();
+        let at: [f32; 2] = std::array::from_fn(|i| middle[i] + far * out[i]);
         canvas.text(&ruler.label, [at[0], at[1] - half_line], anchor, INK);
     }
 }

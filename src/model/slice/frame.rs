@@ -33,13 +33,20 @@ pub(crate) struct Frame {
 }
 
 impl Frame {
-    /// Of a mesh's space; names, and units if the mesh has none, are those of the image.
+    /// Of a mesh's space; names, and units if the mesh has none, are those of the image if there is one.
     pub(crate) fn of<const D: usize>(space: &LatticeSpace<D>, image: Option<&Geometry<D>>) -> Self {
         let mut geometry = space.geometry.clone();
-        if let Some(image) = image {
-            geometry.names.clone_from(&image.names);
-            if geometry.units.iter().all(String::is_empty) {
-                geometry.units.clone_from(&image.units);
+        match image {
+            Some(image) => {
+                geometry.names.clone_from(&image.names);
+                if geometry.units.iter().all(String::is_empty) {
+                    geometry.units.clone_from(&image.units);
+                }
+            }
+            // The coordinate that is read off along each axis.
+            None => {
+                let along = |k| ["x", "y", "z"][geometry.main_coordinate(k)].to_string();
+                geometry.names = std::array::from_fn(along);
             }
         }
         let samples: [f64; D] = std::array::from_fn(|k| space.extent[k] / space.step[k]);

@@ -40,16 +40,16 @@ const SCALE: [[f64; 3]; 7] = [
     [165.0, 0.0, 38.0],
 ];
 
-/// Of things that are told apart by number.
+/// Of things that are told apart by number; the first are none of the colours of amplitudes.
 pub(super) const KINDS: [[u8; 3]; 10] = [
-    [86, 152, 205],
+    [95, 185, 180],
     [232, 157, 72],
-    [104, 178, 120],
+    [86, 152, 205],
     [201, 92, 96],
     [148, 120, 190],
     [160, 125, 95],
     [222, 150, 190],
-    [120, 190, 190],
+    [104, 178, 120],
     [190, 185, 80],
     [130, 140, 150],
 ];

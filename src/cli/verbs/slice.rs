@@ -45,7 +45,7 @@ pub struct SliceArgs {
     /// What is taken away in --view 3d: the corner beyond that point, or all in front of the plane through it
     /// across x, y or z [default: corner]
     #[arg(long, value_name = "WHERE")]
-    pub cut: Option<Opened3d>,
+    pub cut: Option<Taken>,
     /// Which way is up: x, y, z or -x, -y, -z in physical coordinates [default: as the image has it; z where
     /// none is known]
     #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
@@ -67,7 +67,7 @@ pub enum View {
 
 /// What is taken away of a body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum Opened3d {
+pub enum Taken {
     /// A corner; of a mesh whole cells
     Corner,
     /// Half of it, across x
@@ -341,11 +341,11 @@ impl Drawing<'_> {
                 .flatten(),
             shapes: self.shapes,
             up,
-            cut: match self.files.args.cut.unwrap_or(Opened3d::Corner) {
-                Opened3d::Corner => Cut::Corner,
-                Opened3d::X => Cut::Plane(0),
-                Opened3d::Y => Cut::Plane(1),
-                Opened3d::Z => Cut::Plane(2),
+            cut: match self.files.args.cut.unwrap_or(Taken::Corner) {
+                Taken::Corner => Cut::Corner,
+                Taken::X => Cut::Plane(0),
+                Taken::Y => Cut::Plane(1),
+                Taken::Z => Cut::Plane(2),
             },
             at,
         };

@@ -13,7 +13,7 @@ RUN cargo install --locked --path . --root /opt/atomesh
 
 FROM debian:bookworm-slim
 RUN apt-get update && apt-get install -y --no-install-recommends \
-    libtet1.5 libgmp10 libmpfr6 && rm -rf /var/lib/apt/lists/*
+    libtet1.5 libgmp10 && rm -rf /var/lib/apt/lists/*
 COPY --from=build /opt/atomesh/bin/atomesh /usr/local/bin/atomesh
 COPY LICENSE-MIT LICENSE-APACHE python/licences/TetGen-AGPL-3.0 python/licences/GPL-3.0 \
     python/licences/LGPL-3.0 packaging/copyright /usr/share/doc/atomesh/

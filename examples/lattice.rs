@@ -14,7 +14,7 @@ use atomesh::image::{Field, Geometry, Image};
 use atomesh::lattice::distance::{self, Distance};
 use atomesh::lattice::energy::{Beta, Energy, Sampled, pair};
 use atomesh::lattice::seeding::{self, Alignment};
-use atomesh::model::slice::{self, Caption, Skeleton};
+use atomesh::model::slice::{self, Caption, Overlay, Skeleton};
 use atomesh::model::surface::Kind;
 use atomesh::observer::Patience;
 
@@ -93,7 +93,7 @@ fn one_atom(to: &str) -> anyhow::Result<()> {
         }
     }
     let image = Image::new([2 * SIDE, SIDE], rows.concat(), Geometry::default());
-    Ok(slice::plane(&image, &Skeleton::default(), &Caption::default())?.write(Path::new(to))?)
+    Ok(slice::plane(&image, &Overlay::default(), &Caption::default())?.write(Path::new(to))?)
 }
 
 /// d(x) of the image's features, dark where it is small, and the atoms that are grown in it.
@@ -123,5 +123,9 @@ fn grown(image: &Image<2>, to: &str) -> anyhow::Result<()> {
         }
     }
     let image = Image::new(image.dims(), samples, Geometry::default());
+    let crosses = Overlay {
+        mesh: crosses,
+        ..Overlay::default()
+    };
     Ok(slice::plane(&image, &crosses, &Caption::default())?.write(Path::new(to))?)
 }

@@ -14,7 +14,7 @@ use atomesh::lattice::distance::Distance;
 use atomesh::lattice::energy::{Beta, Energy, Sampled};
 use atomesh::lattice::optimize::{self, Unobserved};
 use atomesh::lattice::seeding::{self, Alignment, Atoms};
-use atomesh::model::slice::{self, Caption, Skeleton};
+use atomesh::model::slice::{self, Caption, Overlay};
 
 /// Weight of the image, as in the paper.
 const BETA: f64 = 0.3;
@@ -57,6 +57,6 @@ fn draw(energy: &mut Sampled<2>, atoms: &Atoms<2>, to: &str) -> anyhow::Result<(
     energy.evaluate(&atoms.positions, &mut vec![[0.0; 2]; atoms.len()]);
     let total = energy.total();
     let image = Image::new(total.dims, total.samples, Geometry::default());
-    let picture = slice::plane(&image, &Skeleton::default(), &Caption::default())?;
+    let picture = slice::plane(&image, &Overlay::default(), &Caption::default())?;
     Ok(picture.write(Path::new(to))?)
 }

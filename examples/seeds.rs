@@ -22,7 +22,7 @@ use atomesh::lattice::seeding::{self, Alignment, Atoms, Seeding};
 use atomesh::mesh::Simplices;
 use atomesh::mesh::delaunay;
 use atomesh::mesh::poly::Lists;
-use atomesh::model::slice::{self, Caption, Skeleton};
+use atomesh::model::slice::{self, Caption, Overlay, Skeleton};
 use atomesh::model::surface::Kind as SurfaceKind;
 use atomesh::observer::Patience;
 use atomesh::report::cost::cpu_seconds;
@@ -202,8 +202,11 @@ fn pictures(image: &Image<2>, d: f64) -> anyhow::Result<()> {
                 .collect(),
             nodes,
         };
-        slice::plane(image, &skeleton, &Caption::default())?
-            .write(Path::new(&format!("{how}.png")))?;
+        let over = Overlay {
+            mesh: skeleton,
+            ..Overlay::default()
+        };
+        slice::plane(image, &over, &Caption::default())?.write(Path::new(&format!("{how}.png")))?;
     }
     Ok(())
 }

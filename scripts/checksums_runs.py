@@ -146,6 +146,9 @@ def figures():
         run(f"truth-{mesh}", f"quality @{mesh}/mesh.vtu --truth @{faults}/truth.npy")
         run(f"slice-{mesh}", f"slice {image} @{mesh}/mesh.vtu -o picture.png")
     run("slice-at", "slice @faults3/image.vti @mesh3-everything/mesh.vtu -o picture.png --at 10,12,20")
+    solid = "slice @faults3/image.vti @mesh3-everything/mesh.vtu -o picture.png --view 3d --color min_dihedral"
+    run("slice-corner", solid)
+    run("slice-cut", f"{solid} --cut y --up -x")
 
 
 def surfaces():

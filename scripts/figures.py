@@ -5,8 +5,8 @@ Every figure listed here is a line of a page as the program gives it today; a li
 hold is printed beside the one that it does, and the script fails. `--check` does this for those that need
 only the program and take seconds. Otherwise pictures are made, too, in target/figures, under the names that
 they have in docs/ (there they have been reduced). Pictures of other people's images need the folder that
-holds these (BrainT1Slice.png, FatMRISlice.png, 3_fractures.raw), and are left out without.
-Pictures that scripts of their own draw (their pages say which) are not made here. Needs no package.
+holds these (BrainT1Slice.png, FatMRISlice.png, 3_fractures.raw, SEISMIC3D.sgy), and are left out without.
+Pictures of what simulators computed are made with them, not here (their pages say how). Needs no package.
 """
 import argparse
 import json
@@ -93,6 +93,9 @@ def fractures(work):
 # The same of other people's images.
 WITH_DATA = [("canny.md", slices), ("surfaces.md", fractures)]
 
+UNIT = ["synth amplitude -o image.vti --dims 96,120,80 --count 1 --rng-seed 3 --signal-to-noise 8",
+        "mesh image.vti -o mesh.vtu --distance 5 --feature faults+horizons",
+        "paint mesh.vtu --seed 62,75,40=1 --seed 62,14,40=1 -o painted.vtu --surface-out unit.vtp"]
 # Pictures by the commands of their pages.
 PICTURES = {
     "two-dimensions-mesh.png": ["synth faults --dims 256,256 --signal-to-noise 20 --rng-seed 1 -o slice.png",
@@ -117,12 +120,35 @@ PICTURES = {
                           "mesh slice.png -o cells.vtu --cells voronoi",
                           "edit cells.vtu slice.png -o edited.vtu --add 40.5,60 --move 150:104,58 --remove 90",
                           "slice slice.png edited.vtu -o {}"],
+    "faults-image.png": [f"slice {ROOT}/data/faults.vti -o {{}} --view 3d --at 79,0,0"],
+    "faults.png": [f"mesh {ROOT}/data/faults.vti -o faults.vtu", "slice faults.vtu -o {} --view 3d --at 15,65,50"],
+    "slice-3d.png": ["synth amplitude --dims 128,112,96 --count 3 -o amplitude.vti",
+                     "mesh amplitude.vti -o both.vtu --feature faults+horizons --distance 6",
+                     "slice amplitude.vti both.vtu -o {} --view 3d"],
+    "voronoi.png": ["synth faults -o faults.vti --truth distance.npy --dims 128,128,128",
+                    "mesh faults.vti --align alongside --cells voronoi --distance 8 -o cells.vtu",
+                    "slice cells.vtu -o {} --view 3d"],
+    "flow.png": [f"mesh {ROOT}/data/faults.vti -o faults.vtu --distance 5",
+                 "flow faults.vtu --source 15,60,20 --sink 60,12,20 --faults 0.01 -o flow.vtu --streamlines lines.vtp --lines 40",
+                 "slice flow.vtu lines.vtp -o {} --view 3d --cut z --color pressure"],
+    "flow-plane.png": ["synth planes -o faults.vti --dims 160,120 --count 4 --rng-seed 5",
+                       "mesh faults.vti -o faults.vtu --distance 5 --feature ridges",
+                       "flow faults.vtu --source 15,20 --sink 145,100 --faults 0.01 -o flow.vtu --streamlines lines.vtp --lines 30",
+                       "slice faults.vti flow.vtu lines.vtp -o {} --color pressure"],
+    "surfaces.png": ["synth faults -o faults.vti --dims 170,150,128", "mesh faults.vti -o mesh.vtu",
+                     "surface mesh.vtu -o surfaces.vtp", "slice surfaces.vtp -o {} --view 3d"],
+    "unit.png": [*UNIT, "slice image.vti painted.vtu -o {} --view 3d --cut z --up -x --color region"],
+    "unit-surface.png": [*UNIT, "slice unit.vtp -o {} --view 3d --up -x"],
 }
 PICTURES_WITH_DATA = {
     "canny.png": ["mesh {data}/BrainT1Slice.png -o brain.vtu --seeding canny --smooth odt",
                   "slice {data}/BrainT1Slice.png brain.vtu -o {}"],
     "paths.png": ["mesh {data}/FatMRISlice.png -o paths.vtu --feature paths --object 128,128",
                   "slice {data}/FatMRISlice.png paths.vtu -o {}"],
+    "surfaces-fractures.png": ["mesh {data}/3_fractures.raw --raw 100x100x100:u8 -o mesh.vtu",
+                               "surface mesh.vtu -o surfaces.vtp", "slice surfaces.vtp -o {} --view 3d"],
+    "horizons.png": ["mesh {data}/SEISMIC3D.sgy -o mesh.vtu --feature horizons",
+                     "slice {data}/SEISMIC3D.sgy mesh.vtu -o {} --view 3d"],
 }
 
 

@@ -133,7 +133,7 @@ def ten_years(case):
     mesh = simulated.simulated(case.folder / "CASE.vtu", case.folder / "cpr", "CASE")
     simulated.write(mesh, case.folder / "simulated.vtu")
     for name in ("pressure", "swat"):
-        simulated.draw(mesh, case.folder / f"{name}.png", f"simulated_{name}")
+        case.atomesh(f"slice simulated.vtu -o {name}.png --view 3d --cut y --color simulated_{name}")
 
     out = case.folder / "cpr"
     pores = np.array(read(out, "CASE", "INIT")["PORV"][0], dtype=float)

@@ -1,13 +1,12 @@
 #!/usr/bin/env python
-"""Puts what OPM Flow found onto the cells: scripts/simulated.py TWIN.vtu FOLDER CASE OUT.vtu [OUT.png]
-(with .venv's VTK and resfo). The last pressure (bar) and saturation of water; and a picture of the
-pressure (red high, blue low) in the cells behind the middle of y."""
+"""Puts what OPM Flow found onto the cells: scripts/simulated.py TWIN.vtu FOLDER CASE OUT.vtu
+(with .venv's VTK and resfo). The last pressure (bar) and saturation of water."""
 import sys
 
 import numpy as np
 import resfo
 from vtkmodules.util.numpy_support import vtk_to_numpy
-from vtkmodules.vtkCommonCore import vtkDoubleArray, vtkLookupTable
+from vtkmodules.vtkCommonCore import vtkDoubleArray
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader, vtkXMLUnstructuredGridWriter
 
 
@@ -48,66 +47,11 @@ def simulated(twin, folder, case):
     return mesh
 
 
-def draw(mesh, out, name="simulated_pressure"):
-    """The cells whose centres are behind the middle of y, coloured by one of their values."""
-    import vtkmodules.vtkRenderingOpenGL2  # noqa: F401 (registers the renderer)
-    from vtkmodules.vtkCommonDataModel import vtkPlane
-    from vtkmodules.vtkFiltersExtraction import vtkExtractGeometry
-    from vtkmodules.vtkFiltersGeometry import vtkDataSetSurfaceFilter
-    from vtkmodules.vtkIOImage import vtkPNGWriter
-    from vtkmodules.vtkRenderingCore import (
-        vtkActor, vtkPolyDataMapper, vtkRenderer, vtkRenderWindow, vtkWindowToImageFilter)
-
-    plane = vtkPlane()
-    plane.SetOrigin(mesh.GetCenter())
-    plane.SetNormal(0, -1, 0)
-    behind = vtkExtractGeometry()
-    behind.SetInputData(mesh)
-    behind.SetImplicitFunction(plane)
-    surface = vtkDataSetSurfaceFilter()
-    surface.SetInputConnection(behind.GetOutputPort())
-    mapper = vtkPolyDataMapper()
-    mapper.SetInputConnection(surface.GetOutputPort())
-    mapper.SetScalarModeToUseCellFieldData()
-    mapper.SelectColorArray(name)
-    colors = vtkLookupTable()
-    colors.SetHueRange(0.67, 0.0)
-    mapper.SetLookupTable(colors)
-    mapper.SetScalarRange(mesh.GetCellData().GetArray(name).GetRange())
-    actor = vtkActor()
-    actor.SetMapper(mapper)
-    actor.GetProperty().EdgeVisibilityOn()
-    actor.GetProperty().SetAmbient(0.4)
-    renderer = vtkRenderer()
-    renderer.SetBackground(1, 1, 1)
-    renderer.AddActor(actor)
-    camera = renderer.GetActiveCamera()
-    camera.SetPosition(0.3, -1, 0.4)
-    camera.SetViewUp(0, 0, 1)
-    renderer.ResetCamera()
-    camera.Zoom(1.2)
-    renderer.ResetCameraClippingRange()
-    window = vtkRenderWindow()
-    window.SetOffScreenRendering(1)
-    window.SetSize(900, 640)
-    window.AddRenderer(renderer)
-    window.Render()
-    image = vtkWindowToImageFilter()
-    image.SetInput(window)
-    writer = vtkPNGWriter()
-    writer.SetInputConnection(image.GetOutputPort())
-    writer.SetFileName(str(out))
-    writer.Write()
-
-
-def main(twin, folder, case, out, picture=None):
-    mesh = simulated(twin, folder, case)
-    write(mesh, out)
-    if picture:
-        draw(mesh, picture)
+def main(twin, folder, case, out):
+    write(simulated(twin, folder, case), out)
 
 
 if __name__ == "__main__":
-    if len(sys.argv) not in (5, 6):
+    if len(sys.argv) != 5:
         sys.exit(__doc__)
     main(*sys.argv[1:])

@@ -301,6 +301,12 @@ fn use_mesh(choices: &mut Choices, folder: &Path, image: &str, mesh: &str, lies:
             if choices.rarely(2) {
                 line.push(format!("--at={}", choices.point(lies)));
             }
+            if choices.rarely(2) {
+                line.extend(words(&["--view", "3d", "--cut", "z", "--up=-x"]));
+            }
+            if choices.rarely(2) {
+                line.extend(words(&["--color", "region"]));
+            }
             performed(folder, &line);
         }
         _ => {

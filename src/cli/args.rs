@@ -110,8 +110,10 @@ pub enum Verb {
         after_help = "Example:\n  atomesh export cells.vtu --to opm -o CASE.DATA --porosity 0.2 --permeability 100 --permeability-unit mD --depth-at-top 2000"
     )]
     Export(Box<ExportArgs>),
-    /// A picture of the mesh over its image: in 3-D its sections with three orthogonal planes
-    #[command(after_help = "Example:\n  atomesh slice survey.sgy mesh.vtu -o sections.png")]
+    /// A picture of the mesh over its image, of a part of it in space, of surfaces and of lines
+    #[command(
+        after_help = "Example:\n  atomesh slice survey.sgy mesh.vtu -o sections.png\n  atomesh slice flow.vtu lines.vtp -o flow.png --view 3d --cut z --color pressure"
+    )]
     Slice(SliceArgs),
     /// Faces on features, grouped into labelled surfaces: faults, horizons
     #[command(after_help = "Example:\n  atomesh surface mesh.vtu -o faults.vtp")]

@@ -83,6 +83,20 @@ pub fn point<const D: usize>(option: &str, text: &str, remedy: &str) -> Result<[
     Ok(point)
 }
 
+/// A physical coordinate by its number, and whether it is positive: x, y, z or -x, -y, -z; in the plane
+/// without z.
+pub fn axis<const D: usize>(option: &str, text: &str) -> Result<(usize, bool)> {
+    let axes = &["x", "y", "z"][..D];
+    let name = text.strip_prefix('-').unwrap_or(text);
+    match axes.iter().position(|&axis| axis == name) {
+        Some(axis) => Ok((axis, name.len() == text.len())),
+        None => {
+            let remedy = format!("give {}, or -{}", axes.join(", "), axes.join(", -"));
+            Err(bad(option, text, "is not an axis of the mesh", &remedy))
+        }
+    }
+}
+
 /// Points from a CSV file, one `x,y,z` (`x,y` in 2-D) a line, with the line that each stands on.
 pub fn points<const D: usize>(path: &Path) -> Result<Vec<(usize, [f64; D])>> {
     let remedy = match D {

@@ -213,7 +213,7 @@ fn with_unit(name: &str, unit: &str) -> String {
 
 impl<const D: usize> Geometry<D> {
     /// The physical coordinate that changes most along image axis `k`.
-    fn main_coordinate(&self, k: usize) -> usize {
+    pub(crate) fn main_coordinate(&self, k: usize) -> usize {
         let step = self.axes[k];
         (1..D).fold(0, |most, c| {
             if step[c].abs() > step[most].abs() {

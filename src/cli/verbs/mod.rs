@@ -1,6 +1,7 @@
 //! The verbs, one a file: its arguments and its run.
 
 mod between;
+mod captions;
 pub mod columns;
 pub mod convert;
 pub mod edit;

@@ -147,24 +147,9 @@ impl Grouping {
     /// # Errors
     /// [`Error::Job`] for anything but an axis of space or of the plane, or minus one.
     pub fn up<const D: usize>(&self) -> Result<(Up<D>, bool)> {
-        let axes = &["x", "y", "z"][..D];
-        let typed = self.up.as_deref().unwrap_or(axes[D - 1]);
-        let positive = !typed.starts_with('-');
-        let axis = axes
-            .iter()
-            .position(|&a| a == typed.trim_start_matches('-'));
-        match axis {
-            Some(axis) => Ok((Up::along(axis, positive), positive)),
-            None => {
-                let remedy = format!("give {}, or -{}", axes.join(", "), axes.join(", -"));
-                Err(parse::bad(
-                    "--up",
-                    typed,
-                    "is not an axis of the mesh",
-                    &remedy,
-                ))
-            }
-        }
+        let typed = self.up.as_deref().unwrap_or(["x", "y", "z"][D - 1]);
+        let (axis, positive) = parse::axis::<D>("--up", typed)?;
+        Ok((Up::along(axis, positive), positive))
     }
 }
 

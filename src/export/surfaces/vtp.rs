@@ -4,12 +4,14 @@ use std::cmp::Ordering;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use crate::error::Result;
 use crate::export::surfaces::file::SurfaceFile;
 use crate::files::atomic_write;
 use crate::files::vtk::xml::Element;
 use crate::files::vtk::{Document, Source, VtkFile};
+use crate::model::slice::Shape;
+use crate::model::surface::Kind;
 use crate::store::vtu::{self, FieldValue, cell_values, check_lengths, read_nodes};
+use crate::{Error, Result};
 
 /// Writes surfaces with the number of each facet's surface (`surface`), the numbers of the file's
 /// table of surfaces as cell data, and names as one text, a line a surface.
@@ -76,10 +78,20 @@ pub fn read_triangles(path: &Path, number: Option<i64>) -> Result<Vec<[[f64; 3];
 
 /// The triangles of a file, each with the number of its surface; with 1 unless it is `numbered`.
 fn labelled(file: &VtkFile, numbered: bool) -> Result<Vec<(i64, [[f64; 3]; 3])>> {
+    let polygons = rings(file, "Polys", numbered)?.into_iter();
+    let fan = |(label, ring): (i64, Vec<[f64; 3]>)| {
+        let triangle = |k: usize| (label, [ring[0], ring[k - 1], ring[k]]);
+        (2..ring.len()).map(triangle).collect::<Vec<_>>()
+    };
+    Ok(polygons.flat_map(fan).collect())
+}
+
+/// The points of each polygon or line of a file, with the number of the surface to which it belongs, likewise.
+fn rings(file: &VtkFile, element: &str, numbered: bool) -> Result<Vec<(i64, Vec<[f64; 3]>)>> {
     let piece = file.piece()?;
     let points = vtu::count(file, piece, "NumberOfPoints")?;
     let nodes: Vec<[f64; 3]> = read_nodes(file, file.child(piece, "Points")?, points)?;
-    let element = file.child(piece, "Polys")?;
+    let element = file.child(piece, element)?;
     let corners = cell_values(file, element, "connectivity")?;
     let ends = cell_values(file, element, "offsets")?;
     let labels = match numbered {
@@ -95,7 +107,7 @@ fn labelled(file: &VtkFile, numbered: bool) -> Result<Vec<(i64, [[f64; 3]; 3])>>
         let node = |&n: &i64| usize::try_from(n).ok().and_then(|n| nodes.get(n)).copied();
         let ring: Option<Vec<[f64; 3]>> = ring.and_then(|ring| ring.iter().map(node).collect());
         let Some(ring) = ring else {
-            let problem = format!("its polygon {i} is damaged");
+            let problem = format!("its polygon or line {i} is damaged");
             return Err(file.fault(problem, "write it again"));
         };
         start = end as usize;
@@ -103,11 +115,70 @@ fn labelled(file: &VtkFile, numbered: bool) -> Result<Vec<(i64, [[f64; 3]; 3])>>
             false => Some(1),
             true => labels.get(i).copied(),
         };
-        if let Some(label) = label {
-            found.extend((2..ring.len()).map(|k| (label, [ring[0], ring[k - 1], ring[k]])));
-        }
+        found.extend(label.map(|label| (label, ring)));
     }
     Ok(found)
+}
+
+/// The surfaces and lines of a file as they are drawn, by the numbers and names that it gives them; without
+/// numbers they are one, of the file's name.
+///
+/// # Errors
+/// [`Error::Io`](crate::Error::Io) if the file cannot be read, is damaged, or holds neither.
+pub fn read_shapes(path: &Path) -> Result<Vec<Shape>> {
+    let file = VtkFile::read(path, "PolyData")?;
+    let (numbered, names) = (is_numbered(&file)?, names(&file));
+    let holds = |element: &str| Ok::<_, Error>(file.piece()?.child(element).is_some());
+    let mut shapes: BTreeMap<i64, Shape> = BTreeMap::new();
+    if holds("Polys")? {
+        for (label, triangle) in labelled(&file, numbered)? {
+            shapes.entry(label).or_default().triangles.push(triangle);
+        }
+    }
+    if holds("Lines")? {
+        // Numbers are those of polygons, if there are any.
+        for (label, line) in rings(&file, "Lines", numbered && shapes.is_empty())? {
+            shapes.entry(label).or_default().lines.push(line);
+        }
+    }
+    if shapes.is_empty() {
+        return Err(file.fault("holds neither polygons nor lines", "leave it out"));
+    }
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    for (label, shape) in &mut shapes {
+        shape.name = match numbered {
+            true => name_of(*label, &names),
+            false => stem.to_string(),
+        };
+        let kinds = [Kind::Fault, Kind::Horizon].into_iter();
+        let mut named = kinds.filter(|kind| numbered && shape.name.starts_with(kind.name()));
+        shape.kind = named.next();
+    }
+    Ok(shapes.into_values().collect())
+}
+
+/// Whether a file says to which surface each of its cells belongs.
+fn is_numbered(file: &VtkFile) -> Result<bool> {
+    let data = file.piece()?.child("CellData");
+    let mut arrays = data.iter().flat_map(|data| &data.children);
+    Ok(arrays.any(|array| array.attribute("Name") == Some("surface")))
+}
+
+/// The names of a file's surfaces, from number 1 on.
+fn names(file: &VtkFile) -> Vec<String> {
+    let names = file.data_set().child("FieldData").and_then(|fields| {
+        let named = |array: &&Element| array.attribute("Name") == Some("surfaces");
+        file.text(fields.children.iter().find(named)?).ok()
+    });
+    let names = names.unwrap_or_default();
+    let lines = names.trim_end_matches('\0').lines();
+    lines.map(String::from).collect()
+}
+
+fn name_of(label: i64, names: &[String]) -> String {
+    let at = usize::try_from(label - 1).ok();
+    let name = at.and_then(|at| names.get(at).cloned());
+    name.unwrap_or_else(|| format!("surface{label}"))
 }
 
 /// The surfaces of a file, ours or VTK's, by the numbers and names that it gives them; without numbers
@@ -117,21 +188,7 @@ fn labelled(file: &VtkFile, numbered: bool) -> Result<Vec<(i64, [[f64; 3]; 3])>>
 /// [`Error::Io`](crate::Error::Io) if the file cannot be read or is damaged.
 pub fn read_surfaces(path: &Path) -> Result<SurfaceFile<3>> {
     let file = VtkFile::read(path, "PolyData")?;
-    let numbered = file.piece()?.child("CellData").is_some_and(|data| {
-        let mut names = data.children.iter().map(|array| array.attribute("Name"));
-        names.any(|name| name == Some("surface"))
-    });
-    let names = file.data_set().child("FieldData").and_then(|fields| {
-        let named = |array: &&Element| array.attribute("Name") == Some("surfaces");
-        file.text(fields.children.iter().find(named)?).ok()
-    });
-    let names: Vec<String> = names.map_or(Vec::new(), |names| {
-        names
-            .trim_end_matches('\0')
-            .lines()
-            .map(String::from)
-            .collect()
-    });
+    let (numbered, names) = (is_numbered(&file)?, names(&file));
     let mut found = SurfaceFile {
         start: vec![0],
         z_up: true,
@@ -151,12 +208,7 @@ pub fn read_surfaces(path: &Path) -> Result<SurfaceFile<3>> {
         found.facets.extend(triangles.iter().map(|t| t.map(place)));
         found.nodes.extend(&nodes);
         found.start.push(found.facets.len());
-        let name = usize::try_from(label - 1)
-            .ok()
-            .and_then(|at| names.get(at).cloned());
-        found
-            .names
-            .push(name.unwrap_or_else(|| format!("surface{label}")));
+        found.names.push(name_of(label, &names));
     }
     Ok(found)
 }

@@ -27,16 +27,26 @@ pub(crate) struct Frame {
     pub aspect: [f64; 3],
     /// Whether the last coordinate is drawn downwards.
     pub down: bool,
+    /// The coordinate that is drawn upright: the last one, unless another is asked for.
+    #[serde(skip)]
+    pub up: usize,
 }
 
 impl Frame {
-    /// Of a mesh's space; names, and units if the mesh has none, are those of the image.
+    /// Of a mesh's space; names, and units if the mesh has none, are those of the image if there is one.
     pub(crate) fn of<const D: usize>(space: &LatticeSpace<D>, image: Option<&Geometry<D>>) -> Self {
         let mut geometry = space.geometry.clone();
-        if let Some(image) = image {
-            geometry.names.clone_from(&image.names);
-            if geometry.units.iter().all(String::is_empty) {
-                geometry.units.clone_from(&image.units);
+        match image {
+            Some(image) => {
+                geometry.names.clone_from(&image.names);
+                if geometry.units.iter().all(String::is_empty) {
+                    geometry.units.clone_from(&image.units);
+                }
+            }
+            // The coordinate that is read off along each axis.
+            None => {
+                let along = |k| ["x", "y", "z"][geometry.main_coordinate(k)].to_string();
+                geometry.names = std::array::from_fn(along);
             }
         }
         let samples: [f64; D] = std::array::from_fn(|k| space.extent[k] / space.step[k]);
@@ -53,14 +63,24 @@ impl Frame {
             samples,
             aspect: std::array::from_fn(|k| aspect.get(k).copied().unwrap_or(1.0)),
             down,
+            up: 2,
         }
     }
 
     /// The edges of the box as they are drawn: enlarged, and upright.
     pub(crate) fn drawn_edges(&self) -> [[f64; 3]; 3] {
-        let turned = [1.0, 1.0, if self.down { -1.0 } else { 1.0 }];
-        self.edges
-            .map(|edge| std::array::from_fn(|c| edge[c] * self.aspect[c] * turned[c]))
+        let turned = if self.down { -1.0 } else { 1.0 };
+        let order = [(self.up + 1) % 3, (self.up + 2) % 3, self.up];
+        self.edges.map(|edge| {
+            let [x, y, z] = order.map(|c| edge[c] * self.aspect[c]);
+            [x, y, z * turned]
+        })
+    }
+
+    /// How an edge of the box is drawn, mostly: 0 from left to right, 1 away from whoever looks, 2 upwards.
+    pub(crate) fn drawn_along(&self, edge: usize) -> usize {
+        let along = self.drawn_edges()[edge].map(f64::abs);
+        (0..2).fold(2, |most, c| if along[c] > along[most] { c } else { most })
     }
 
     /// How a point of the box, shares in [0, 1], is drawn to whoever looks from a side and from above

@@ -1,7 +1,6 @@
 //! What stands round a picture: a title, numbers on axes, a bar of colours, a legend.
 
 use super::canvas::{Canvas, LETTER};
-use super::shades::Shades;
 use crate::image::Geometry;
 use crate::image::geometry::Ruler;
 
@@ -73,6 +72,15 @@ pub(super) fn number(value: f64, step: f64) -> String {
     }
 }
 
+/// The same where there is room for few letters.
+fn short_number(value: f64, step: f64) -> String {
+    if value.abs().max(step) < 1e6 || value == 0.0 {
+        return number(value, step);
+    }
+    let digits = value.abs().log10().floor() - (step.log10() + 1e-9).floor();
+    format!("{value:.*e}", digits.max(0.0) as usize)
+}
+
 impl Canvas {
     /// The lines above a picture.
     pub(super) fn caption(&mut self, caption: &Caption) {
@@ -81,46 +89,61 @@ impl Canvas {
         self.text(&caption.subtitle, below, 0.0, [90, 90, 90, 255]);
     }
 
-    /// Values and their colours, right of a picture.
-    pub(super) fn color_bar(&mut self, caption: &Caption, shades: &Shades) {
+    /// Values from `low` to `high` and their colours, right of a picture.
+    pub(super) fn color_bar(
+        &mut self,
+        name: &str,
+        [low, high]: [f64; 2],
+        color: impl Fn(f64) -> [u8; 3],
+    ) {
         let [width, height] = self.size().map(|n| n as f32);
         let (left, top) = (width - RIGHT + 34.0, ABOVE);
         let tall = (height - ABOVE - BELOW).clamp(40.0, 260.0).floor();
-        let [low, high] = shades.range();
         for row in 0..tall as u32 {
-            let share = 1.0 - row as f32 / (tall - 1.0);
-            let color = shades.color(low + share * (high - low));
+            let share = 1.0 - f64::from(row) / f64::from(tall - 1.0);
+            let [r, g, b] = color(low + share * (high - low));
             for column in 0..18 {
-                self.set(left as u32 + column, top as u32 + row, color);
+                self.set(left as u32 + column, top as u32 + row, [r, g, b, 255]);
             }
         }
         let (right, bottom) = (left + 18.0, top + tall);
         let corners = [[left, top], [right, top], [right, bottom], [left, bottom]];
         let sides: Vec<_> = (0..4).map(|k| [corners[k], corners[(k + 1) % 4]]).collect();
         self.lines(&sides, INK, 1.0);
-        let name = match caption.values.as_str() {
-            "" => "image",
-            name => name,
-        };
-        self.text(name, [left, top - LETTER[1] - 6.0], 0.0, INK);
-        let (values, step) = ticks(f64::from(low), f64::from(high), f64::from(tall) / 40.0);
+        // A long name ends at the edge of the picture.
+        let room = width - 4.0 - LETTER[0] * name.chars().count() as f32;
+        let above = [left.min(room), top - LETTER[1] - 6.0];
+        self.text(name, above, 0.0, INK);
+        let (values, step) = ticks(low, high, f64::from(tall) / 40.0);
         for value in values {
-            let share = (value as f32 - low) / (high - low);
-            let y = bottom - share.clamp(0.0, 1.0) * tall;
+            let share = ((value - low) / (high - low)).clamp(0.0, 1.0) as f32;
+            let y = bottom - share * tall;
             self.lines(&[[[right, y], [right + 4.0, y]]], INK, 1.0);
             let at = [right + 7.0, y - 0.5 * LETTER[1]];
-            self.text(&number(value, step), at, 0.0, INK);
+            self.text(&short_number(value, step), at, 0.0, INK);
         }
     }
 
-    /// What the colours of lines and faces mean, below a picture.
-    pub(super) fn legend(&mut self, entries: &[(&str, [u8; 4])]) {
-        let y = self.size()[1] as f32 - 0.5 * LETTER[1] - 12.0;
+    /// What the colours of lines and faces mean, below a picture: as many as there is room for.
+    pub(super) fn legend(&mut self, entries: &[(String, [u8; 3])]) {
+        let [width, height] = self.size().map(|n| n as f32);
+        let y = height - 0.5 * LETTER[1] - 12.0;
         let mut x = LEFT;
-        for &(name, [r, g, b, _]) in entries {
-            self.lines(&[[[x, y], [x + 22.0, y]]], [r, g, b, 255], 4.0);
+        for (i, (name, [r, g, b])) in entries.iter().enumerate() {
+            let wide = 30.0 + LETTER[0] * (name.chars().count() as f32 + 3.0);
+            let rest = format!("and {} more", entries.len() - i);
+            let last = i + 1 == entries.len();
+            let room = if last {
+                0.0
+            } else {
+                LETTER[0] * rest.len() as f32
+            };
+            if x + wide + room > width {
+                return self.text(&rest, [x, y - 0.5 * LETTER[1]], 0.0, INK);
+            }
+            self.lines(&[[[x, y], [x + 22.0, y]]], [*r, *g, *b, 255], 4.0);
             self.text(name, [x + 30.0, y - 0.5 * LETTER[1]], 0.0, INK);
-            x += 30.0 + LETTER[0] * (name.len() as f32 + 3.0);
+            x += wide;
         }
     }
 }
@@ -162,5 +185,8 @@ mod tests {
         assert_eq!(number(-0.0, 0.5), "0.0");
         assert_eq!(number(620_250.0, 50.0), "620250");
         assert_eq!(number(2e-5, 1e-5), "2.0e-5");
+        assert_eq!(short_number(620_250.0, 50.0), "620250");
+        assert_eq!(short_number(-4e7, 2e7), "-4e7");
+        assert_eq!(short_number(1.25e7, 5e5), "1.25e7");
     }
 }

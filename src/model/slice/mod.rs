@@ -1,24 +1,36 @@
 //! Pictures of a mesh over its image, as Hale (2001, 2002) shows them: in the plane the whole mesh,
-//! in space its sections with three orthogonal planes of samples, or all of it with a corner open.
+//! in space its sections with three orthogonal planes of samples, or all of it with a part taken away.
 //!
 //! - `skeleton`: the faces of any mesh, each once, and where they meet a plane
 //! - `faces`: the same with the cells on either side
 //! - `frame`: where a mesh lies, and how its box is drawn
 //! - `panel`: a section on the canvas
-//! - `solid`: the mesh as a body with a corner open
-//! - `furniture`: title, numbers on axes, bar of colours, legend
+//! - `paint`: what cells are painted with: an array of the mesh
+//! - `shape`: surfaces and lines beside the mesh
+//! - `solid`: what stands in a box, seen from outside
+//! - `opening`: what is taken away of it, and the cells that a plane cuts
+//! - `raster`: near things hide far ones
+//! - `axes`: numbers along the edges of a box
+//! - `marks`: what colours mean
+//! - `furniture`: title, numbers, bar of colours, legend
 //! - `canvas`: pixels: lines, letters
 //! - `shades`: from samples to colours
 //!
 //! Lengths of one unit are drawn alike; where coordinates have unlike units, as metres and
 //! milliseconds, samples are as far apart along all axes.
 
+mod axes;
 mod canvas;
 pub(crate) mod faces;
 pub(crate) mod frame;
 mod furniture;
+mod marks;
+mod opening;
+mod paint;
 mod panel;
+mod raster;
 mod shades;
+mod shape;
 mod skeleton;
 mod solid;
 
@@ -26,9 +38,11 @@ pub use canvas::Canvas;
 pub(crate) use faces::Faces;
 pub(crate) use frame::Frame;
 pub use furniture::Caption;
+pub use paint::Paint;
 pub(crate) use shades::Shades;
+pub use shape::Shape;
 pub use skeleton::Skeleton;
-pub use solid::solid;
+pub use solid::{Body, Cut, Solid};
 
 use std::path::Path;
 
@@ -36,10 +50,11 @@ use crate::error::{cause, os};
 use crate::geometry::norm;
 use crate::image::formats::stream::Slabs;
 use crate::image::{Geometry, Image};
-use crate::model::surface::Kind;
+use crate::store::{Stored, StoredMesh};
 use crate::{Error, Result};
 use canvas::LETTER;
 use furniture::{ABOVE, BELOW, LEFT, RIGHT};
+use marks::Marks;
 use panel::{Line, Panel, extent};
 
 /// Width and height of what is drawn, in pixels, aimed at.
@@ -49,14 +64,58 @@ const LARGEST: f32 = 8.0;
 /// Space between panels.
 const GAP: f32 = 106.0;
 
+/// Which way is up in a picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Upward {
+    /// The physical coordinate that is drawn upright.
+    pub coordinate: usize,
+    /// Whether it grows downwards.
+    pub down: bool,
+}
+
+/// What is drawn over an image.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Overlay<const D: usize> {
+    /// The mesh.
+    pub mesh: Skeleton<D>,
+    /// Its cells, and what they are painted with.
+    pub painted: Option<Painted>,
+    /// Surfaces, where the plane meets them; in the plane lines. In physical coordinates.
+    pub shapes: Vec<Shape>,
+    /// Which way is up; as the image has it if not given.
+    pub up: Option<Upward>,
+}
+
+/// Cells with their paint.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Painted {
+    faces: Faces,
+    paint: Paint,
+}
+
+impl Painted {
+    /// Paints the cells of a mesh.
+    ///
+    /// # Errors
+    /// [`Error::Mesh`] if more than two cells share a face.
+    pub fn new<const D: usize, M: Stored<D>>(
+        stored: &StoredMesh<D, M>,
+        paint: Paint,
+    ) -> Result<Self> {
+        let faces = Faces::of(stored, &[])?;
+        Ok(Self { faces, paint })
+    }
+}
+
 /// The mesh of a 2-D image over it. Where time or depth is one of the axes it runs down the page.
 ///
 /// # Errors
 /// [`Error::Image`] for an image too large to draw.
-pub fn plane(image: &Image<2>, mesh: &Skeleton<2>, caption: &Caption) -> Result<Canvas> {
+pub fn plane(image: &Image<2>, over: &Overlay<2>, caption: &Caption) -> Result<Canvas> {
     let dims = image.dims();
     let geometry = &image.geometry;
-    let down = upright(geometry);
+    let up = over.up.unwrap_or_else(|| upward(geometry));
+    let down = axis_along(geometry, up.coordinate);
     let across = 1 - down;
     let apart = apart(geometry, dims);
     let unit = unit_for(
@@ -70,7 +129,7 @@ pub fn plane(image: &Image<2>, mesh: &Skeleton<2>, caption: &Caption) -> Result<
         corner: [LEFT, ABOVE],
         scale: [across, down].map(|k| unit * apart[k]),
         dims: [dims[across], dims[down]],
-        flipped: [false, is_flipped(geometry, down)],
+        flipped: [false, is_flipped(geometry, down, up)],
     };
     let mut canvas = blank(
         extent(panel.dims[0], panel.scale[0]) + LEFT + RIGHT,
@@ -82,34 +141,58 @@ pub fn plane(image: &Image<2>, mesh: &Skeleton<2>, caption: &Caption) -> Result<
     panel.image(&mut canvas, &shades, |x, y| {
         image.as_slice()[x * strides[across] + y * strides[down]]
     });
-    let lines: Vec<Line> = mesh
+    let mut marks = Marks::new(Some(shades), over.painted.as_ref().map(|p| &p.paint));
+    if let Some(Painted { faces, paint }) = &over.painted {
+        for (face, cells) in faces.cells.iter().enumerate() {
+            let corner = |&n: &u32| {
+                let p = faces.nodes[n as usize];
+                let at = [across, down].map(|k| p[k] as f32 * steps(dims[k]));
+                (at, paint.value(cells[0], n))
+            };
+            let ring: Vec<_> = faces.rings.get(face).iter().map(corner).collect();
+            panel.fill(&mut canvas, &ring, |value| paint.color(value));
+        }
+    }
+    let lines: Vec<Line> = over
+        .mesh
         .edges()
         .map(|(ends, kind)| Line {
             ends: ends.map(|p| [p[across] as f32, p[down] as f32]),
             kind,
         })
         .collect();
-    panel.lines(&mut canvas, &shades, &lines);
+    panel.lines(&mut canvas, &marks, &lines);
+    for (shape, color) in over.shapes.iter().zip(shape::colors(&over.shapes)) {
+        let place = |[x, y, _]: [f64; 3]| {
+            let at = geometry.to_index([x, y]).unwrap_or_default();
+            [at[across] as f32, at[down] as f32]
+        };
+        let lines: Vec<_> = shape.segments().map(|ends| ends.map(place)).collect();
+        panel.thick(&mut canvas, color, &lines);
+        marks.saw_shape(shape, color);
+    }
     let rulers = [across, down].map(|k| caption.ruler(geometry, k, dims[k]));
     panel.axes(&mut canvas, [&rulers[0], &rulers[1]], None);
-    furnish(&mut canvas, caption, &shades, &mesh.kinds);
+    marks.saw_all(&over.mesh.kinds);
+    marks.put_on(&mut canvas, caption);
     Ok(canvas)
 }
 
 /// The sections of a mesh with three planes of samples, over the image: the horizontal one on top, the two upright ones below it.
 ///
-/// Upright is the image axis that runs most along the last physical coordinate.
+/// Upright is the image axis that runs most along the coordinate that is up.
 ///
 /// # Errors
 /// [`Error::Image`] for an image too large to draw.
 pub fn space(
     image: &Sections,
     geometry: &Geometry<3>,
-    mesh: &Skeleton<3>,
+    over: &Overlay<3>,
     caption: &Caption,
 ) -> Result<Canvas> {
     let Sections { dims, at, .. } = *image;
-    let up = upright(geometry);
+    let upward = over.up.unwrap_or_else(|| upward(geometry));
+    let up = axis_along(geometry, upward.coordinate);
     // The two others, the faster one across the page.
     let [across, deep] = match up {
         0 => [1, 2],
@@ -126,6 +209,10 @@ pub fn space(
         caption,
     )?;
     let shades = image.shades;
+    let mut marks = Marks::new(Some(shades), over.painted.as_ref().map(|p| &p.paint));
+    for (shape, color) in over.shapes.iter().zip(shape::colors(&over.shapes)) {
+        marks.saw_shape(shape, color);
+    }
     let rulers: [_; 3] = std::array::from_fn(|k| caption.ruler(geometry, k, dims[k]));
     let low = ABOVE + size(deep) + GAP;
     let right = LEFT + size(across) + GAP;
@@ -139,20 +226,37 @@ pub fn space(
             corner,
             scale: [h, v].map(|k| unit * apart[k]),
             dims: [dims[h], dims[v]],
-            flipped: [false, v == up && is_flipped(geometry, up)],
+            flipped: [false, v == up && is_flipped(geometry, up, upward)],
         };
         panel.image(&mut canvas, &shades, |x, y| image.sample([h, v], [x, y]));
-        let lines: Vec<Line> = mesh
+        if let Some(Painted { faces, paint }) = &over.painted {
+            let share = at[normal] / f64::from(steps(dims[normal]));
+            let value = |cell, node| paint.value(cell, node);
+            for (_, ring) in opening::sections(faces, normal, share, &value) {
+                let place = |p: [f64; 3]| [h, v].map(|k| p[k] as f32 * steps(dims[k]));
+                let ring: Vec<_> = ring.iter().map(|&(p, value)| (place(p), value)).collect();
+                panel.fill(&mut canvas, &ring, |value| paint.color(value));
+            }
+        }
+        let flat = |ends: [[f64; 3]; 2]| ends.map(|p| [p[h] as f32, p[v] as f32]);
+        let lines: Vec<Line> = over
+            .mesh
             .section(normal, at[normal])
             .map(|(ends, kind)| Line {
-                ends: ends.map(|p| [p[h] as f32, p[v] as f32]),
+                ends: flat(ends),
                 kind,
             })
             .collect();
-        panel.lines(&mut canvas, &shades, &lines);
+        panel.lines(&mut canvas, &marks, &lines);
+        for (shape, color) in over.shapes.iter().zip(shape::colors(&over.shapes)) {
+            let place = |x: [f64; 3]| geometry.to_index(x).unwrap_or_default();
+            let lines: Vec<_> = shape.section(normal, at[normal], place).map(flat).collect();
+            panel.thick(&mut canvas, color, &lines);
+        }
         panel.axes(&mut canvas, [&rulers[h], &rulers[v]], Some([at[h], at[v]]));
     }
-    furnish(&mut canvas, caption, &shades, &mesh.kinds);
+    marks.saw_all(&over.mesh.kinds);
+    marks.put_on(&mut canvas, caption);
     Ok(canvas)
 }
 
@@ -222,40 +326,31 @@ fn check_inside(dims: [usize; 3], at: [f64; 3]) -> Result<()> {
     )))
 }
 
-/// Title, bar of colours, and a legend of what there is.
-fn furnish(canvas: &mut Canvas, caption: &Caption, shades: &Shades, kinds: &[Option<Kind>]) {
-    canvas.caption(caption);
-    canvas.color_bar(caption, shades);
-    if kinds.is_empty() {
-        return;
+/// Up as an image has it: its last physical coordinate.
+fn upward<const D: usize>(geometry: &Geometry<D>) -> Upward {
+    Upward {
+        coordinate: D - 1,
+        down: geometry.points_down(),
     }
-    let mut entries = vec![("mesh", shades.mesh())];
-    if kinds.contains(&Some(Kind::Fault)) {
-        let name = match kinds.contains(&Some(Kind::Horizon)) {
-            true => "fault",
-            false => "feature",
-        };
-        entries.push((name, shades.feature()));
-    }
-    if kinds.contains(&Some(Kind::Horizon)) {
-        entries.push(("horizon", shades.horizon()));
-    }
-    canvas.legend(&entries);
 }
 
-/// The image axis that runs most along the last physical coordinate.
-fn upright<const D: usize>(geometry: &Geometry<D>) -> usize {
-    let share =
-        |k: usize| geometry.axes[k][D - 1].abs() / geometry.spacing()[k].max(f64::MIN_POSITIVE);
-    (0..D - 1).fold(
-        D - 1,
-        |best, k| if share(k) > share(best) { k } else { best },
+/// The image axis that runs most along a physical coordinate.
+fn axis_along<const D: usize>(geometry: &Geometry<D>, coordinate: usize) -> usize {
+    let share = |k: usize| {
+        geometry.axes[k][coordinate].abs() / geometry.spacing()[k].max(f64::MIN_POSITIVE)
+    };
+    // Of two that run alike along it that of the same number.
+    (0..D).fold(
+        coordinate,
+        |best, k| {
+            if share(k) > share(best) { k } else { best }
+        },
     )
 }
 
 /// Whether an axis has its last sample on top.
-fn is_flipped<const D: usize>(geometry: &Geometry<D>, up: usize) -> bool {
-    (geometry.axes[up][D - 1] >= 0.0) != geometry.points_down()
+fn is_flipped<const D: usize>(geometry: &Geometry<D>, axis: usize, up: Upward) -> bool {
+    (geometry.axes[axis][up.coordinate] >= 0.0) != up.down
 }
 
 /// How far samples are drawn from each other along each axis, in one unit for all.

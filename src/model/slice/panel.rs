@@ -2,6 +2,7 @@
 
 use super::canvas::{Canvas, LETTER};
 use super::furniture::{INK, number, ticks};
+use super::marks::Marks;
 use super::shades::Shades;
 use crate::image::geometry::Ruler;
 use crate::model::surface::Kind;
@@ -70,18 +71,76 @@ impl Panel {
         }
     }
 
+    /// A convex polygon painted with the values at its corners, which are in sample indices, where they have
+    /// a colour.
+    pub(super) fn fill(
+        &self,
+        canvas: &mut Canvas,
+        ring: &[([f32; 2], f64)],
+        color: impl Fn(f64) -> Option<[u8; 3]>,
+    ) {
+        for i in 1..ring.len().saturating_sub(1) {
+            let corners = [ring[0], ring[i], ring[i + 1]];
+            let [a, b, c] = corners.map(|(p, _)| self.pixel(p));
+            // A cell's number stays what it is.
+            let one = corners.iter().all(|(_, value)| *value == corners[0].1);
+            let area = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1]);
+            if area.abs() < 1e-6 {
+                continue;
+            }
+            let bounds = |k: usize| {
+                let low = a[k].min(b[k]).min(c[k]).floor().max(0.0);
+                low as u32..a[k].max(b[k]).max(c[k]).ceil() as u32
+            };
+            for y in bounds(1) {
+                for x in bounds(0) {
+                    let (px, py) = (x as f32 + 0.5, y as f32 + 0.5);
+                    let u = ((px - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (py - a[1])) / area;
+                    let v = ((b[0] - a[0]) * (py - a[1]) - (px - a[0]) * (b[1] - a[1])) / area;
+                    // Pixels on a side belong to both.
+                    if u < -1e-4 || v < -1e-4 || u + v > 1.0001 {
+                        continue;
+                    }
+                    let shares = [1.0 - u - v, u, v].map(f64::from);
+                    let value = match one {
+                        true => corners[0].1,
+                        false => (0..3).map(|k| shares[k] * corners[k].1).sum(),
+                    };
+                    if let Some([r, g, b]) = color(value) {
+                        canvas.set(x, y, [r, g, b, 255]);
+                    }
+                }
+            }
+        }
+    }
+
     /// The lines of the mesh, those on features above the others.
-    pub(super) fn lines(&self, canvas: &mut Canvas, shades: &Shades, lines: &[Line]) {
-        let width = (0.17 * self.scale[0].min(self.scale[1])).clamp(0.6, 1.2);
-        for (kind, color, width) in [
-            (None, shades.mesh(), width),
-            (Some(Kind::Horizon), shades.horizon(), 2.0 * width + 0.8),
-            (Some(Kind::Fault), shades.feature(), 2.0 * width + 0.8),
+    pub(super) fn lines(&self, canvas: &mut Canvas, marks: &Marks, lines: &[Line]) {
+        let thin = self.width();
+        for (kind, width) in [
+            (None, thin),
+            (Some(Kind::Horizon), 2.0 * thin + 0.8),
+            (Some(Kind::Fault), 2.0 * thin + 0.8),
         ] {
+            let color = match kind {
+                None => marks.edges(),
+                Some(kind) => opaque(marks.trace(kind)),
+            };
             let chosen = lines.iter().filter(|line| line.kind == kind);
             let ends: Vec<_> = chosen.map(|l| l.ends.map(|p| self.pixel(p))).collect();
             canvas.lines(&ends, color, width);
         }
+    }
+
+    /// Lines that are not the mesh's.
+    pub(super) fn thick(&self, canvas: &mut Canvas, color: [u8; 3], lines: &[[[f32; 2]; 2]]) {
+        let ends: Vec<_> = lines.iter().map(|l| l.map(|p| self.pixel(p))).collect();
+        canvas.lines(&ends, opaque(color), 1.6 * self.width() + 0.4);
+    }
+
+    /// The width of lines of the mesh.
+    fn width(&self) -> f32 {
+        (0.17 * self.scale[0].min(self.scale[1])).clamp(0.6, 1.2)
     }
 
     /// The frame, where the other sections cut this one (`cut`, a sample across and down), and numbers
@@ -132,4 +191,8 @@ impl Panel {
 /// Pixels between the first sample and the last.
 pub(super) fn extent(samples: usize, scale: f32) -> f32 {
     (samples.max(2) - 1) as f32 * scale
+}
+
+fn opaque([r, g, b]: [u8; 3]) -> [u8; 4] {
+    [r, g, b, 255]
 }

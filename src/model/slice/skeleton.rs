@@ -7,7 +7,7 @@ use crate::model::surface::Kind;
 use crate::store::{MeshFile, Stored};
 
 /// The faces of a mesh (edges, in the plane), with nodes in sample indices.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Skeleton<const D: usize> {
     /// Node positions in sample indices, x first.
     pub nodes: Vec<[f64; D]>,

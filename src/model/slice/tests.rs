@@ -3,6 +3,7 @@ use crate::files::vtk::DataArray;
 use crate::mesh::poly::Lists;
 use crate::mesh::poly::{PolyMesh, SIDE_0};
 use crate::mesh::{TetMesh, TriMesh};
+use crate::model::surface::Kind;
 use crate::store::MeshFile;
 
 /// The unit cube as six tetrahedra about its diagonal, scaled to side `size`.
@@ -15,13 +16,26 @@ pub(super) fn cube(size: f64) -> TetMesh {
     TetMesh { nodes, tets }
 }
 
-fn file<M>(mesh: M, name: &str, bits: Vec<u8>) -> MeshFile<M> {
+pub(super) fn file<M>(mesh: M, name: &str, bits: Vec<u8>) -> MeshFile<M> {
     MeshFile {
         mesh,
         point_data: Vec::new(),
         cell_data: vec![DataArray::scalars(name, bits)],
         field_data: Vec::new(),
     }
+}
+
+fn over<const D: usize>(mesh: Skeleton<D>) -> Overlay<D> {
+    Overlay {
+        mesh,
+        ..Overlay::default()
+    }
+}
+
+/// The cells of a unit cube.
+pub(super) fn unit_cube() -> Faces {
+    let stored = StoredMesh::new(file(cube(1.0), "none", vec![0; 6]), "cube").unwrap();
+    Faces::of(&stored, &[]).unwrap()
 }
 
 #[test]
@@ -96,7 +110,7 @@ fn the_feature_edge_is_drawn_in_its_colour_where_it_is() {
         skeleton.edges().filter(|(_, kind)| kind.is_some()).count(),
         1
     );
-    let picture = plane(&image, &skeleton, &Caption::default()).unwrap();
+    let picture = plane(&image, &over(skeleton), &Caption::default()).unwrap();
     let [width, height] = picture.size();
     // 20 steps of 8 pixels, and room for what stands round them.
     assert_eq!([width, height], [520, 160 + (ABOVE + BELOW) as u32]);
@@ -141,7 +155,13 @@ fn three_panels_meet_at_the_point_and_points_outside_are_refused() {
     let skeleton = Skeleton::new(&mesh, &image.geometry).unwrap();
     let sections = |at| Sections::of(Path::new("image"), image.dims(), &image, at);
     let through = sections([4.0, 3.0, 2.0]).unwrap();
-    let picture = space(&through, &image.geometry, &skeleton, &Caption::default()).unwrap();
+    let picture = space(
+        &through,
+        &image.geometry,
+        &over(skeleton),
+        &Caption::default(),
+    )
+    .unwrap();
     let [width, height] = picture.size();
     // x and y across, y and z down.
     assert_eq!(width, 520.max((8.0 * 14.0 + GAP + LEFT + RIGHT) as u32));
@@ -154,9 +174,10 @@ fn three_panels_meet_at_the_point_and_points_outside_are_refused() {
 #[test]
 fn the_sample_axis_of_a_survey_is_upright() {
     let mut geometry = Geometry::<3>::default();
-    assert_eq!(upright(&geometry), 2);
+    assert_eq!(axis_along(&geometry, 2), 2);
     geometry.axes = [[0.0, 0.0, 4.0], [25.0, 3.0, 0.0], [-3.0, 25.0, 0.0]];
-    assert_eq!(upright(&geometry), 0);
+    assert_eq!(axis_along(&geometry, 2), 0);
+    assert_eq!([0, 1].map(|c| axis_along(&geometry, c)), [1, 2]);
 }
 
 /// A section of two rows of samples, the fast axis along time: bright early, dark late.
@@ -170,7 +191,7 @@ fn sections_of_seismic_stand_upright_and_keep_the_shape_of_the_world() {
     };
     let draw = |geometry: &Geometry<2>| {
         let image = Image::new([40, 20], samples.clone(), geometry.clone());
-        plane(&image, &Skeleton::default(), &Caption::default()).unwrap()
+        plane(&image, &Overlay::default(), &Caption::default()).unwrap()
     };
     let ends = |canvas: &Canvas| {
         let [_, height] = canvas.size();
@@ -202,9 +223,83 @@ fn faults_and_horizons_have_colours_of_their_own() {
         },
         kinds: vec![Some(Kind::Fault), Some(Kind::Horizon)],
     };
-    let picture = plane(&image, &skeleton, &Caption::default()).unwrap();
+    let picture = plane(&image, &over(skeleton), &Caption::default()).unwrap();
     let at = |y: f32| picture.color(LEFT as u32 + 80, (ABOVE + 8.0 * y) as u32);
     let shades = Shades::of(image.as_slice());
     assert_eq!(at(5.0), shades.feature()[..3]);
     assert_eq!(at(15.0), shades.horizon()[..3]);
+}
+
+#[test]
+fn cells_of_the_plane_are_painted_and_lines_are_drawn_where_they_are() {
+    let image = Image::new([21, 21], vec![0.5; 441], Geometry::default());
+    let nodes = vec![[0.0, 0.0], [20.0, 0.0], [0.0, 20.0], [20.0, 20.0]];
+    let mesh = TriMesh {
+        nodes,
+        triangles: vec![[0, 1, 2], [2, 1, 3]],
+    };
+    let mut mesh = file(mesh, "feature_edges", vec![1, 0]);
+    let values = vec![0.0, 10.0, 10.0, 20.0];
+    mesh.point_data.push(DataArray::scalars("pressure", values));
+    let skeleton = Skeleton::new(&mesh, &image.geometry).unwrap();
+    let stored = StoredMesh::new(mesh, "square").unwrap();
+    let paint = Paint::of(&stored, "pressure", "square").unwrap();
+    let painted = Painted::new(&stored, paint).unwrap();
+    let line = Shape {
+        lines: vec![vec![[2.0, 5.0, 0.0], [12.0, 5.0, 0.0]]],
+        ..Shape::default()
+    };
+    let over = Overlay {
+        painted: Some(painted),
+        shapes: vec![line],
+        ..over(skeleton)
+    };
+    let picture = plane(&image, &over, &Caption::default()).unwrap();
+    let at = |x: f32, y: f32| picture.color((LEFT + 8.0 * x) as u32, (ABOVE + 8.0 * y) as u32);
+    let ([r, _, b], [s, _, c]) = (at(1.0, 1.0), at(19.0, 19.0));
+    assert!(b > r && s > c, "{r} {b}, {s} {c}");
+    // The diagonal is a feature: dark. The line is green, and ends where it ends.
+    assert!(at(10.0, 10.0).iter().all(|c| *c < 40));
+    let [r, g, b] = at(8.0, 5.0);
+    assert!(g > r + 40 && g > b + 40, "{r} {g} {b}");
+    assert_ne!(at(13.0, 5.0), [r, g, b]);
+    let error = Paint::of(&stored, "presure", "square")
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.contains("give one of feature_edges, pressure"),
+        "{error}"
+    );
+}
+
+#[test]
+fn sections_are_painted_by_region_and_surfaces_leave_traces() {
+    let image = Image::new([10; 3], vec![0.5; 1000], Geometry::default());
+    let mesh = file(cube(9.0), "region", vec![0, 3, 3, 3, 3, 3]);
+    let stored = StoredMesh::new(mesh, "cube").unwrap();
+    let paint = Paint::of(&stored, "region", "cube").unwrap();
+    let sheet = Shape {
+        kind: Some(Kind::Fault),
+        triangles: vec![[[6.0, -30.0, -30.0], [6.0, 90.0, 4.0], [6.0, -30.0, 90.0]]],
+        ..Shape::default()
+    };
+    let over = Overlay {
+        painted: Some(Painted::new(&stored, paint).unwrap()),
+        shapes: vec![sheet],
+        ..Overlay::default()
+    };
+    let at = [4.0, 4.0, 5.0];
+    let through = Sections::of(Path::new("image"), image.dims(), &image, at).unwrap();
+    let picture = space(&through, &image.geometry, &over, &Caption::default()).unwrap();
+    // The section across z is the first panel, x across and y down.
+    let color = |x: f32, y: f32| picture.color((LEFT + 8.0 * x) as u32, (ABOVE + 8.0 * y) as u32);
+    // The first cell holds 0 < z < y < x < 9 or another order of the three; it is not painted.
+    let painted = (0..81).filter(|i| {
+        let [r, g, b] = color((i % 9) as f32 + 0.6, (i / 9) as f32 + 0.3);
+        r != g || g != b
+    });
+    let painted = painted.count();
+    assert!((50..80).contains(&painted), "{painted}");
+    let [r, g, b] = color(6.0, 2.0);
+    assert!(r > g + 60 && g > b, "{r} {g} {b}");
 }

@@ -1,0 +1,138 @@
+//! Surfaces and lines that are drawn with a mesh, with an image, or by themselves.
+
+use super::paint::KINDS;
+use crate::model::surface::Kind;
+
+/// A surface of triangles, or lines, in physical coordinates.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Shape {
+    /// What the legend calls it.
+    pub name: String,
+    /// What it is, if that is known.
+    pub kind: Option<Kind>,
+    /// Its triangles.
+    pub triangles: Vec<[[f64; 3]; 3]>,
+    /// Its lines, each from point to point.
+    pub lines: Vec<Vec<[f64; 3]>>,
+}
+
+const FAULTS: [[u8; 3]; 6] = [
+    [205, 85, 60],
+    [236, 160, 75],
+    [150, 60, 95],
+    [228, 200, 105],
+    [135, 80, 60],
+    [220, 125, 145],
+];
+const HORIZONS: [[u8; 3]; 6] = [
+    [60, 155, 140],
+    [80, 125, 195],
+    [130, 185, 95],
+    [75, 105, 130],
+    [150, 135, 200],
+    [115, 190, 210],
+];
+/// Lines that are not on surfaces: streamlines and the like.
+const LINES: [u8; 3] = [30, 110, 50];
+
+impl Shape {
+    /// All its points.
+    pub fn points(&self) -> impl Iterator<Item = [f64; 3]> {
+        let triangles = self.triangles.as_flattened().iter();
+        triangles.chain(self.lines.iter().flatten()).copied()
+    }
+
+    /// The pieces of its lines.
+    pub(super) fn segments(&self) -> impl Iterator<Item = [[f64; 3]; 2]> {
+        self.lines
+            .iter()
+            .flat_map(|line| line.windows(2).map(|ends| [ends[0], ends[1]]))
+    }
+
+    /// Where its triangles meet the plane on which coordinate `axis` is `at`, all points as `map` has them.
+    pub(super) fn section(
+        &self,
+        axis: usize,
+        at: f64,
+        map: impl Fn([f64; 3]) -> [f64; 3],
+    ) -> impl Iterator<Item = [[f64; 3]; 2]> {
+        self.triangles.iter().filter_map(move |triangle| {
+            let ring = triangle.map(|x| (map(x), 0.0));
+            Some(cut(&ring, axis, at)?.map(|(p, _)| p))
+        })
+    }
+}
+
+/// A colour for each: faults and horizons have families of their own, in which no two neighbours are alike.
+pub(super) fn colors(shapes: &[Shape]) -> Vec<[u8; 3]> {
+    let mut used = [0; 3];
+    let color = |shape: &Shape| {
+        let (family, which): (&[[u8; 3]], usize) = match shape.kind {
+            Some(Kind::Fault) => (&FAULTS, 0),
+            Some(Kind::Horizon) => (&HORIZONS, 1),
+            None if shape.triangles.is_empty() => return LINES,
+            None => (&KINDS, 2),
+        };
+        let number = used[which];
+        used[which] += 1;
+        // Darker each time that the family begins again.
+        let light = 1.0 - 0.2 * (number / family.len() % 3) as f64;
+        family[number % family.len()].map(|c| (light * f64::from(c)) as u8)
+    };
+    shapes.iter().map(color).collect()
+}
+
+/// Where a convex polygon meets the plane on which coordinate `axis` is `at`, and the values there. A corner
+/// exactly on the plane counts as beyond it, so that the sections of neighbours close.
+pub(super) fn cut(ring: &[([f64; 3], f64)], axis: usize, at: f64) -> Option<[([f64; 3], f64); 2]> {
+    let mut found = [([0.0; 3], 0.0); 2];
+    let mut count = 0;
+    for i in 0..ring.len() {
+        let [(p, value), (q, next)] = [ring[i], ring[(i + 1) % ring.len()]];
+        let (u, v) = (p[axis] - at, q[axis] - at);
+        if (u < 0.0) == (v < 0.0) || count == 2 {
+            continue;
+        }
+        let t = u / (u - v);
+        let x = std::array::from_fn(|k| p[k] + t * (q[k] - p[k]));
+        found[count] = (x, value + t * (next - value));
+        count += 1;
+    }
+    (count == 2).then_some(found)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn faults_are_warm_and_horizons_are_cool_and_no_two_are_alike() {
+        let of = |kind: Option<Kind>| Shape {
+            kind,
+            triangles: vec![[[0.0; 3]; 3]],
+            ..Shape::default()
+        };
+        let shapes: Vec<Shape> = (0..14)
+            .map(|i| of(Some(if i < 7 { Kind::Fault } else { Kind::Horizon })))
+            .collect();
+        let mut colors = colors(&shapes);
+        assert!(colors[..7].iter().all(|[r, _, b]| r > b));
+        assert!(colors[7..].iter().all(|[r, g, b]| r < g || r < b));
+        colors.sort_unstable();
+        colors.dedup();
+        assert_eq!(colors.len(), 14);
+    }
+
+    #[test]
+    fn values_are_interpolated_where_a_polygon_is_cut() {
+        let ring = [
+            ([0.0; 3], 0.0),
+            ([4.0, 0.0, 0.0], 8.0),
+            ([4.0, 0.0, 4.0], 0.0),
+        ];
+        let [(p, at_p), (q, at_q)] = cut(&ring, 0, 1.0).unwrap();
+        assert_eq!((p, at_p), ([1.0, 0.0, 0.0], 2.0));
+        assert_eq!((q, at_q), ([1.0, 0.0, 1.0], 0.0));
+        assert_eq!(cut(&ring, 0, 5.0), None);
+    }
+}

@@ -1,0 +1,197 @@
+use super::*;
+use crate::files::vtk::DataArray;
+use crate::model::slice::tests::{cube, file};
+
+/// Dark for x below the middle of 10 samples, bright above.
+fn halves() -> Image<3> {
+    let samples = (0..1000).map(|i| if i % 10 < 5 { 0.0 } else { 1.0 });
+    Image::new([10; 3], samples.collect(), Geometry::default())
+}
+
+/// A cube of six tetrahedra.
+fn solid<'a>(image: Option<&'a Image<3>>, paint: Option<(&str, DataArray)>) -> Solid<'a> {
+    let mut mesh = file(cube(9.0), "feature_faces", vec![1, 0, 0, 0, 0, 0]);
+    let color = paint.map(|(of, array)| {
+        let name = array.name.clone();
+        match of {
+            "cells" => mesh.cell_data.push(array),
+            _ => mesh.point_data.push(array),
+        }
+        name
+    });
+    let stored = StoredMesh::new(mesh, "cube").unwrap();
+    Solid {
+        space: stored.space.clone(),
+        image,
+        mesh: Some(Body::of(&stored).unwrap()),
+        paint: color.map(|name| Paint::of(&stored, &name, "cube").unwrap()),
+        shapes: Vec::new(),
+        up: None,
+        cut: Cut::Corner,
+        at: None,
+    }
+}
+
+fn count(canvas: &Canvas, wanted: impl Fn([u8; 3]) -> bool) -> usize {
+    let [width, height] = canvas.size();
+    (100..height - 100)
+        .flat_map(|y| (100..width - 150).map(move |x| (x, y)))
+        .filter(|&(x, y)| wanted(canvas.color(x, y)))
+        .count()
+}
+
+fn draw(solid: &Solid) -> Canvas {
+    solid.draw(&Caption::default()).unwrap()
+}
+
+const WHITE: fn([u8; 3]) -> bool = |c| c == [255; 3];
+const DARK: fn([u8; 3]) -> bool = |[r, g, b]| r < 45 && g < 45 && b < 45;
+const BRIGHT: fn([u8; 3]) -> bool = |[r, g, b]| (150..255).contains(&r) && r == g && g == b;
+const RED: fn([u8; 3]) -> bool = |[r, _, b]| r > b && r - b > 60;
+const BLUE: fn([u8; 3]) -> bool = |[r, _, b]| b > r && b - r > 60;
+
+#[test]
+fn cells_are_painted_with_the_image_and_the_corner_is_open() {
+    let image = halves();
+    let at = |at| Solid {
+        at: Some(at),
+        ..solid(Some(&image), None)
+    };
+    let whole = draw(&at([9.0, 0.0, 0.0]));
+    let open = draw(&at([0.0, 9.0, 9.0]));
+    let (dark, bright) = (count(&whole, DARK), count(&whole, BRIGHT));
+    assert!(dark > 50_000 && bright > 50_000, "{dark} {bright}");
+    // Some of its cells have gone.
+    assert_ne!(count(&open, WHITE), count(&whole, WHITE));
+    assert!(at([10.0, 0.0, 0.0]).draw(&Caption::default()).is_err());
+}
+
+#[test]
+fn a_plane_across_x_shows_what_is_behind_it() {
+    let image = halves();
+    // Whoever looks stands where x is large: what is left is dark but for the far side of the plane.
+    for mesh in [true, false] {
+        let mut half = solid(Some(&image), None);
+        if !mesh {
+            half.mesh = None;
+        }
+        half.cut = Cut::Plane(0);
+        half.at = Some([4.0, 4.5, 4.5]);
+        let half = draw(&half);
+        let (dark, bright) = (count(&half, DARK), count(&half, BRIGHT));
+        assert!(dark > 50_000 && bright < 2_000, "{mesh}: {dark} {bright}");
+    }
+}
+
+#[test]
+fn nodes_and_cells_are_painted_from_blue_to_red() {
+    // By x: nodes of the cube have even numbers on the left.
+    let by_x: Vec<f64> = (0..8).map(|i| f64::from(i & 1)).collect();
+    let mut painted = solid(None, Some(("nodes", DataArray::scalars("pressure", by_x))));
+    for cut in [Cut::Corner, Cut::Plane(1), Cut::Plane(2)] {
+        painted.cut = cut;
+        let canvas = draw(&painted);
+        let (red, blue) = (count(&canvas, RED), count(&canvas, BLUE));
+        assert!(red > 20_000 && blue > 20_000, "{cut:?}: {red} {blue}");
+        // Blue is left of red.
+        let [width, height] = canvas.size();
+        let mean = |wanted: fn([u8; 3]) -> bool| {
+            let columns = (0..width - 150).filter(|&x| wanted(canvas.color(x, height / 2)));
+            let columns: Vec<u32> = columns.collect();
+            columns.iter().sum::<u32>() / columns.len().max(1) as u32
+        };
+        assert!(mean(BLUE) < mean(RED), "{cut:?}");
+        // The bar of colours.
+        let bar = [ABOVE as u32 + 3, ABOVE as u32 + 250];
+        let [high, low] = bar.map(|y| canvas.color(width - RIGHT as u32 + 40, y));
+        assert!(RED(high) && BLUE(low), "{high:?} {low:?}");
+    }
+}
+
+#[test]
+fn features_are_dark_lines_where_a_plane_cuts_them() {
+    let flat = DataArray::scalars("pressure", vec![0.0, 1.0, 0.5, 0.5, 0.5, 0.5]);
+    let mut painted = solid(None, Some(("cells", flat)));
+    painted.cut = Cut::Plane(2);
+    let black: fn([u8; 3]) -> bool = |[r, g, b]| r < 30 && g < 30 && b < 30;
+    let with = count(&draw(&painted), black);
+    for kind in &mut painted.mesh.as_mut().unwrap().faces.surfaces {
+        *kind = 0;
+    }
+    let without = count(&draw(&painted), black);
+    assert!(with > without + 500, "{with} {without}");
+}
+
+#[test]
+fn regions_have_colours_of_their_own_and_what_has_none_is_the_image() {
+    let image = halves();
+    let regions = DataArray::scalars("region", vec![0_i32, 0, 1, 1, 2, 2]);
+    let canvas = draw(&solid(Some(&image), Some(("cells", regions))));
+    let near = |color: [u8; 3]| {
+        move |c: [u8; 3]| {
+            // However they are lit.
+            let light = f64::from(c[0]) / f64::from(color[0]);
+            (0.5..1.1).contains(&light)
+                && (0..3).all(|k| (f64::from(c[k]) - light * f64::from(color[k])).abs() < 4.0)
+        }
+    };
+    let found = [0, 1].map(|i| count(&canvas, near(super::super::paint::KINDS[i])));
+    assert!(found.iter().all(|n| *n > 10_000), "{found:?}");
+    assert!(count(&canvas, DARK) + count(&canvas, BRIGHT) > 10_000);
+}
+
+#[test]
+fn near_shapes_hide_far_ones_and_stand_upright() {
+    let square = |y: f64, kind| {
+        let corners = [[0.0, y, 0.0], [4.0, y, 0.0], [4.0, y, 9.0], [0.0, y, 9.0]];
+        let [a, b, c, d] = corners;
+        Shape {
+            kind: Some(kind),
+            triangles: vec![[a, b, c], [a, c, d]],
+            ..Shape::default()
+        }
+    };
+    let line = Shape {
+        lines: vec![vec![[0.0, 0.0, 9.0], [4.0, 0.0, 9.0]]],
+        ..Shape::default()
+    };
+    let shapes = vec![square(2.0, Kind::Fault), square(5.0, Kind::Horizon), line];
+    let mut drawn = Solid {
+        space: Solid::space_around(&shapes),
+        image: None,
+        mesh: None,
+        paint: None,
+        up: Some(Upward {
+            coordinate: 2,
+            down: false,
+        }),
+        shapes,
+        cut: Cut::Corner,
+        at: None,
+    };
+    let canvas = draw(&drawn);
+    let green = |[r, g, b]: [u8; 3]| g > r && g > b && g - r > 40;
+    let (near, far) = (
+        count(&canvas, RED),
+        count(&canvas, |c| green(c) && c[2] > 80),
+    );
+    // The two are alike, but one hides a part of the other.
+    assert!(2 * near > 3 * far && far > 1_000, "{near} {far}");
+    // The line is on top, or below.
+    let middle = |canvas: &Canvas| {
+        let [width, height] = canvas.size();
+        let dark_green = |c: [u8; 3]| green(c) && c[2] < 80;
+        let seen = (0..width - 150).flat_map(|x| (60..height - 60).map(move |y| (x, y)));
+        let seen: Vec<u32> = (seen.filter(|&(x, y)| dark_green(canvas.color(x, y))))
+            .map(|(_, y)| y)
+            .collect();
+        assert!(seen.len() > 100, "{}", seen.len());
+        2 * seen.iter().sum::<u32>() / seen.len() as u32 > height
+    };
+    assert!(!middle(&canvas));
+    drawn.up = Some(Upward {
+        coordinate: 2,
+        down: true,
+    });
+    assert!(middle(&draw(&drawn)));
+}

@@ -1,0 +1,161 @@
+//! Pictures by `slice`: what is painted, cut and drawn beside the mesh is where it should be; and what cannot
+//! be drawn is refused in a line that says what there is.
+#![cfg(feature = "tetgen")]
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+
+mod common;
+
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+
+use common::{npy, npy_2d, refused, run, sheet};
+
+/// A picture's pixels, row by row, without what stands round what is drawn.
+struct Pixels {
+    width: usize,
+    colors: Vec<[u8; 3]>,
+}
+
+impl Pixels {
+    fn read(path: &Path) -> Self {
+        let decoder = png::Decoder::new(BufReader::new(File::open(path).unwrap()));
+        let mut reader = decoder.read_info().unwrap();
+        let mut bytes = vec![0; reader.output_buffer_size().unwrap()];
+        let info = reader.next_frame(&mut bytes).unwrap();
+        let (width, height) = (info.width as usize, info.height as usize);
+        let rows = bytes.as_chunks::<3>().0.chunks(width);
+        let inside = rows.skip(60).take(height - 100);
+        let colors: Vec<[u8; 3]> = inside.flat_map(|row| row[..width - 130].to_vec()).collect();
+        Self {
+            width: width - 130,
+            colors,
+        }
+    }
+
+    /// Of the pixels with such a colour: how many there are, and their mean column and row.
+    fn with(&self, wanted: impl Fn(&[u8; 3]) -> bool) -> (usize, [usize; 2]) {
+        let colors = self.colors.iter().enumerate();
+        let found: Vec<usize> = (colors.filter(|(_, c)| wanted(c)))
+            .map(|(i, _)| i)
+            .collect();
+        let mean = |of: fn(usize, usize) -> usize| {
+            let sum: usize = found.iter().map(|&i| of(i, self.width)).sum();
+            sum / found.len().max(1)
+        };
+        (found.len(), [mean(|i, w| i % w), mean(|i, w| i / w)])
+    }
+}
+
+fn red([r, _, b]: &[u8; 3]) -> bool {
+    *r > 80 && r - (*r).min(*b) > 60
+}
+
+fn blue([r, _, b]: &[u8; 3]) -> bool {
+    *b > 80 && b - (*b).min(*r) > 60
+}
+
+fn green([r, g, b]: &[u8; 3]) -> bool {
+    *g > 60 && u16::from(*g) > 2 * u16::from(*r.max(b))
+}
+
+fn black(color: &[u8; 3]) -> bool {
+    color.iter().all(|c| *c < 28)
+}
+
+/// A curved sheet nearly across x, its mesh, and the flow through it from small x to large x.
+fn flow_through_a_sheet(at: &Path) {
+    npy(&at.join("sheet.npy"), [40, 36, 32], sheet([40, 36, 32]));
+    run(at, "mesh sheet.npy -o mesh.vtu --distance 6 --quiet");
+    run(
+        at,
+        "flow mesh.vtu --pressure xmin=2e5 --pressure xmax=1e5 --faults 0.01 -o flow.vtu --streamlines lines.vtp --lines 30 --quiet",
+    );
+}
+
+#[test]
+fn flow_is_drawn_with_its_faults_and_streamlines() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    flow_through_a_sheet(at);
+    let draw = |files: &str, more: &str| {
+        run(
+            at,
+            &format!("slice {files} -o a.png --view 3d --quiet {more}"),
+        );
+        Pixels::read(&at.join("a.png"))
+    };
+    let painted = draw("flow.vtu", "--color pressure --cut z");
+    let ((high, [left, _]), (low, [right, _])) = (painted.with(red), painted.with(blue));
+    assert!(high > 5_000 && low > 5_000, "{high} {low}");
+    assert!(left < right, "{left} {right}");
+    let (dark, _) = painted.with(black);
+    assert!(dark > 500, "{dark}");
+    assert_eq!(painted.with(green).0, 0);
+    let (lines, _) = draw("flow.vtu lines.vtp", "--color pressure --cut z").with(green);
+    assert!(lines > 300, "{lines}");
+    // With the image, and by themselves.
+    assert!(draw("sheet.npy lines.vtp", "").with(green).0 > 300);
+    let alone = draw("lines.vtp", "");
+    assert!(alone.with(green).0 > 300 && alone.with(red).0 == 0);
+}
+
+#[test]
+fn surfaces_stand_by_themselves_and_upright() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    npy(&at.join("sheet.npy"), [40, 36, 32], sheet([40, 36, 32]));
+    run(at, "mesh sheet.npy -o mesh.vtu --distance 6 --quiet");
+    run(at, "surface mesh.vtu -o sheet.vtp --quiet");
+    let mut sizes = Vec::new();
+    for up in ["z", "x"] {
+        run(
+            at,
+            &format!("slice sheet.vtp -o {up}.png --view 3d --up {up} --quiet"),
+        );
+        let pixels = Pixels::read(&at.join(format!("{up}.png")));
+        let (count, _) = pixels.with(red);
+        assert!(count > 10_000, "{count}");
+        sizes.push((pixels.width, pixels.colors.len()));
+    }
+    assert_ne!(sizes[0], sizes[1]);
+    // Its trace on sections.
+    run(at, "slice sheet.npy sheet.vtp -o s.png --quiet");
+    assert!(Pixels::read(&at.join("s.png")).with(red).0 > 300);
+}
+
+#[test]
+fn what_cannot_be_drawn_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    flow_through_a_sheet(at);
+    npy_2d(&at.join("line.npy"), [40, 36], |[x, _]| x as f32);
+    run(at, "surface mesh.vtu -o sheet.vtp --quiet");
+    std::fs::write(at.join("torn.vtp"), "<VTKFile type=\"PolyData\"").unwrap();
+    for (line, said) in [
+        ("slice flow.vtu", "give the image, or --view 3d"),
+        ("slice sheet.npy mesh.vtu lines.vtp", "give --view 3d"),
+        ("slice sheet.npy mesh.vtu --cut x", "give --view 3d"),
+        (
+            "slice flow.vtu --view 3d --color presure",
+            "node, pressure, region",
+        ),
+        (
+            "slice sheet.npy --view 3d --color pressure",
+            "give the mesh",
+        ),
+        ("slice sheet.vtp --view 3d --cut x", "omit it"),
+        ("slice sheet.vtp --view 3d --at 1,2,3", "omit it"),
+        ("slice sheet.vtp --view 3d --up w", "give x, y, z, or -x"),
+        ("slice sheet.vtp --view 3d --spacing 1,1,1", "omit it"),
+        ("slice torn.vtp --view 3d", "torn.vtp"),
+        ("slice absent.vtp --view 3d", "absent.vtp"),
+        ("slice line.npy sheet.vtp", "the image is 2-D"),
+        ("slice line.npy mesh.vtu", "the image is 2-D"),
+        ("slice sheet.npy mesh.vtu flow.vtu", "one file too many"),
+    ] {
+        let line = format!("{line} -o p.png");
+        let error = refused(at, &line.split(' ').collect::<Vec<_>>());
+        assert!(error.contains(said), "{line}: {error}");
+    }
+}

@@ -217,7 +217,7 @@ impl<const D: usize> Balls<D> {
 
     /// What is wrong with a facet: between 1 and 2 if one of its points is not fit for a site, less if one
     /// is but nearly covered.
-    pub(super) fn fault(&self, f: usize) -> f64 {
+    fn fault(&self, f: usize) -> f64 {
         match self.deepest(f) {
             depth if depth > 0.0 => 1.0 + depth.min(1.0),
             depth if depth > -MARGIN => NEARLY * (1.0 + depth / MARGIN),

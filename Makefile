@@ -1,6 +1,7 @@
 # make demo   install what is missing, build, mesh the sample volume, say which files to open
 # make test   install what is missing, then every check there is; says how many it had to skip
 # make bench-networks   what becomes of twenty random fault networks, some minutes
+# make bench-labels   meshes of labelled images beside CGAL's: DATA=folder with other people's images
 # make reservoir   from a seismic volume to ten years of its simulation, in target/reservoir
 # make wheel  the Python package for others, with all libraries that it needs, in target/wheels
 # make python-test   build the Python package and run every test of it
@@ -12,7 +13,7 @@
 # make soak   kills, interrupts, full disks and too little memory: RUNS=100 of each
 
 .POSIX:
-.PHONY: figures fuzz soak help demo reservoir test wheel python-test deb package book bench bench-networks validators packages
+.PHONY: figures fuzz soak help demo reservoir test wheel python-test deb package book bench bench-networks bench-labels validators packages
 
 SAMPLE = data/faults.vti
 
@@ -73,6 +74,12 @@ bench: packages
 
 bench-networks: packages
 	cargo bench --locked --bench networks
+
+bench-labels: packages validators
+	cargo build --locked
+	@mkdir -p target/labels
+	$(CXX) -O2 -DNDEBUG -std=c++17 benches/cgal_labels.cpp -o target/labels/cgal_labels -lgmp -lmpfr
+	.venv/bin/python benches/labels.py target/debug/atomesh target/labels/cgal_labels target/labels $(if $(DATA),--data $(DATA))
 
 validators:
 	@scripts/validators.sh

@@ -49,6 +49,8 @@ fn cells_fill_the_box_and_follow_the_faults() {
     assert_eq!(number(&voronoi["check"]["flatness_error"]), 0.0);
     assert_eq!(number(&voronoi["not_positive"]), 0.0);
     assert!(number(&voronoi["angle"][0]) < 1e-6);
+    let ratio = &voronoi["volume_ratio"][0];
+    assert!(number(ratio) < 6.0, "neighbours' volumes {ratio}");
 
     let valid = json(folder, &["validate", "v.vtu"]);
     assert_eq!(valid["valid"], true, "{valid}");

@@ -29,8 +29,12 @@ use crate::report::{self, Reference, Report};
 /// Evaluations in which atoms come to rest among sites.
 const EVALUATIONS: usize = 15;
 
-/// Rounds in which cells become more alike before tiny faces are opened, and cells cut for good.
+/// Rounds in which cells become more alike, ...
 const ROUNDS: usize = 2;
+/// ... then those in which tiny faces are opened, ...
+const OPENINGS: usize = 4;
+/// ... and at most so many in which nothing but the smallest cells goes.
+const EQUAL: usize = 3;
 
 /// The largest distance between the nodes of surfaces, in units of that between atoms: then cells beside
 /// surfaces, of which each node has two on either side, are as large as others.
@@ -120,7 +124,7 @@ where
     Space<D>: Meshing<D>,
 {
     let mut mesh = cut(atoms, sites, extent, 0.0)?;
-    for round in 0..=ROUNDS {
+    for round in 0..ROUNDS + OPENINGS + EQUAL {
         if !keep_going() {
             break;
         }
@@ -131,9 +135,19 @@ where
             distance,
             extent,
         };
-        match round < ROUNDS {
-            true => even.out(),
-            false => even.open(),
+        if round < ROUNDS {
+            even.out();
+        } else {
+            let equal = !even.equalise();
+            if round < ROUNDS + OPENINGS {
+                even.open();
+            } else if equal {
+                break;
+            }
+        }
+        if round == ROUNDS {
+            sites.widen();
+            keep_out(atoms, sites);
         }
         mesh = cut(atoms, sites, extent, 0.0)?;
     }

@@ -1,6 +1,8 @@
 //! Cells more alike: atoms come where there is room for one, go where there is none, and move to the
 //! middles of their cells.
 
+use std::collections::BTreeMap;
+
 use crate::geometry::scatter::Scatter;
 use crate::geometry::{add_scaled, distance2, sub};
 use crate::lattice::AtomKind;
@@ -13,8 +15,8 @@ use crate::mesh::voronoi::conform::Conforming;
 const CENTRE: f64 = 0.8;
 /// An atom goes if a neighbour's cell is so many times as large, ...
 const SMALL: f64 = 4.0;
-/// ... and at last, a facet gives up its two sites.
-const SMALL_SITE: f64 = 6.0;
+/// ... and at last, a site goes.
+const SMALL_SITE: f64 = 5.8;
 /// Of two atoms nearer than this, in units of d, one goes.
 const NEAR: f64 = 0.5;
 /// Where all atoms are farther than this, in units of d, there is room for one more ...
@@ -25,8 +27,8 @@ const FREE: f64 = 0.8;
 const INSET: f64 = 0.25;
 /// Faces smaller than this share of their mean area are tiny.
 const TINY: f64 = 1.5e-3;
-/// Atoms whose cells touch in a tiny face move by this share of their distance.
-const OPEN: f64 = 0.02;
+/// Atoms whose cells touch in a tiny face move, all in all, by this share of their distance.
+const OPEN: f64 = 0.04;
 
 /// Atoms whose cells were cut, together with sites that stay; their cells come first.
 pub(super) struct Even<'a, const D: usize> {
@@ -80,41 +82,94 @@ impl<const D: usize> Even<'_, D> {
         *self.atoms = atoms;
     }
 
-    /// Moves atoms whose cells touch in a tiny face: those that would hardly part, apart, so that it is gone;
-    /// those that a ring of four and more others keeps apart, nearer to each other, so that it grows. Facets
-    /// whose cells are still much smaller than others give up their sites.
-    pub fn open(&mut self) {
+    /// Takes sites away whose cells are still much smaller than a neighbour's; whether there are any.
+    pub fn equalise(&mut self) -> bool {
         let mesh = self.mesh;
-        let inner = mesh.inner_faces();
         let (shapes, first) = (mesh.cell_shapes(), self.atoms.len());
         let mut small = vec![false; shapes.len()];
-        for cells in &mesh.face_cells[..inner] {
+        for cells in &mesh.face_cells[..mesh.inner_faces()] {
             let [v, w] = cells.map(|c| shapes[c as usize].0);
             small[cells[0] as usize] |= w > SMALL_SITE * v;
             small[cells[1] as usize] |= v > SMALL_SITE * w;
         }
-        self.sites
-            .give_up(|i| small[first + 2 * i] || small[first + 2 * i + 1]);
+        self.sites.give_up(|i| small[first + i])
+    }
+
+    /// Moves atoms at tiny faces: those whose cells would hardly part, apart, so that the face is gone; those that a
+    /// ring of four and more others keeps apart, nearer to each other, so that it grows. Where neither may move,
+    /// atoms of the ring do, with the same effect.
+    pub fn open(&mut self) {
+        let mesh = self.mesh;
+        let inner = mesh.inner_faces();
         let areas: Vec<f64> = (0..inner).map(|f| mesh.face_shape(f).area()).collect();
         let tiny = TINY * areas.iter().sum::<f64>() / inner.max(1) as f64;
-        let mut steps = vec![[0.0; D]; mesh.sites.len()];
-        for f in (0..inner).filter(|&f| areas[f] < tiny) {
-            let [a, b] = mesh.face_cells[f].map(|c| c as usize);
-            let by = if mesh.faces.get(f).len() > D {
-                OPEN
-            } else {
+        let tiny: Vec<usize> = (0..inner).filter(|&f| areas[f] < tiny).collect();
+        let cells = self.cells_at(&tiny);
+        let mut steps = vec![[0.0; D]; self.atoms.len()];
+        for f in tiny {
+            let pair = mesh.face_cells[f].map(|c| c as usize);
+            let [x, y] = pair.map(|c| mesh.sites[c]);
+            let apart = if mesh.faces.get(f).len() > D {
                 -OPEN
+            } else {
+                OPEN
             };
-            let line = sub(mesh.sites[b], mesh.sites[a]);
-            steps[a] = add_scaled(steps[a], by, line);
-            steps[b] = add_scaled(steps[b], -by, line);
+            let mut move_by = |movers: &[usize], target: &dyn Fn(usize) -> [f64; D], by: f64| {
+                for &i in movers {
+                    let away = sub(mesh.sites[i], target(i));
+                    steps[i] = add_scaled(steps[i], by / movers.len() as f64, away);
+                }
+            };
+            let ends: Vec<usize> = pair.into_iter().filter(|&c| self.is_free(c)).collect();
+            if ends.is_empty() {
+                let middle = add_scaled(x, 0.5, sub(y, x));
+                let (ring, fixed) = self.ring(f, &cells);
+                move_by(&ring, &|_| middle, if fixed { OPEN } else { -apart });
+            } else {
+                move_by(&ends, &|i| if i == pair[0] { y } else { x }, apart);
+            }
         }
-        for (i, step) in steps[..self.atoms.len()].iter().enumerate() {
+        for (i, step) in steps.iter().enumerate() {
             let to = add_scaled(self.atoms.positions[i], 1.0, *step);
             if self.is_free(i) && self.sites.is_free(to) {
                 self.atoms.positions[i] = to;
             }
         }
+    }
+
+    /// The cells at the nodes of some faces.
+    fn cells_at(&self, faces: &[usize]) -> BTreeMap<u32, Vec<u32>> {
+        let mesh = self.mesh;
+        let nodes = faces.iter().flat_map(|&f| mesh.faces.get(f));
+        let mut at: BTreeMap<u32, Vec<u32>> = nodes.map(|&n| (n, Vec::new())).collect();
+        let mut asked = vec![false; mesh.nodes.len()];
+        at.keys().for_each(|&n| asked[n as usize] = true);
+        for f in 0..mesh.inner_faces() {
+            for n in mesh.faces.get(f).iter().filter(|&&n| asked[n as usize]) {
+                let cells = mesh.face_cells[f].iter();
+                at.entry(*n).or_default().extend(cells);
+            }
+        }
+        for cells in at.values_mut() {
+            cells.sort_unstable();
+            cells.dedup();
+        }
+        at
+    }
+
+    /// The atoms round a face that may move: of cells along its edges. And whether more cells than need be meet at
+    /// a node of it, as at nodes of surfaces: then the face stays, and can but grow.
+    fn ring(&self, face: usize, cells_at: &BTreeMap<u32, Vec<u32>>) -> (Vec<usize>, bool) {
+        let nodes = self.mesh.faces.get(face).iter();
+        let at: Vec<&Vec<u32>> = nodes.filter_map(|n| cells_at.get(n)).collect();
+        let stays = at.iter().any(|cells| cells.len() > D + 1);
+        let mut ring: Vec<u32> = at.into_iter().flatten().copied().collect();
+        ring.sort_unstable();
+        let pair = self.mesh.face_cells[face];
+        let along_edge = ring.chunk_by(|a, b| a == b).filter(|same| same.len() > 1);
+        let others = along_edge.map(|same| same[0]).filter(|c| !pair.contains(c));
+        let free = others.map(|c| c as usize).filter(|&c| self.is_free(c));
+        (free.collect(), stays)
     }
 
     /// Whether an atom may move.

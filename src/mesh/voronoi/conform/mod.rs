@@ -10,6 +10,7 @@
 //! - `surface`: the facets, and how they meet
 //! - `tidy`: better triangles
 //! - `balls`: radii such that few points are covered
+//! - `wedges`: and few faces between sites are slender
 //! - `faces`: the faces of cells that lie on the surface
 //! - `room`: where sites may stand
 //!
@@ -25,6 +26,7 @@ mod faces;
 mod room;
 mod surface;
 mod tidy;
+mod wedges;
 
 use crate::geometry::buckets::Buckets;
 use crate::geometry::scatter::Scatter;
@@ -47,6 +49,8 @@ pub struct Conforming<const D: usize> {
     largest: f64,
     /// The facets that have their two sites, ascending.
     facets: Vec<u32>,
+    /// The facets, and of each the node opposite its rim, of the sites ahead of rims.
+    rims: Vec<(u32, usize)>,
 }
 
 impl<const D: usize> Conforming<D> {
@@ -63,15 +67,17 @@ impl<const D: usize> Conforming<D> {
         room: Room<D>,
     ) -> Self {
         let balls = Balls::new(surface, extent);
-        let largest = balls.squares.iter().fold(0.0f64, |m, &w| m.max(w)).sqrt();
+        let largest = balls.largest();
         let mut conforming = Self {
             grid: Buckets::new(&balls.surface.nodes, largest.max(f64::MIN_POSITIVE)),
             largest,
             room,
             facets: Vec::new(),
+            rims: Vec::new(),
             balls,
         };
         conforming.facets = conforming.apart(given);
+        conforming.rims = conforming.ahead();
         conforming
     }
 
@@ -92,9 +98,8 @@ impl<const D: usize> Conforming<D> {
             .facets
             .iter()
             .filter_map(|&f| self.balls.points(f as usize));
-        let mut sites = points.flatten().collect();
-        self.add_rims(&mut sites);
-        sites
+        let rims = self.rims.iter().filter_map(|&rim| self.ahead_of(rim));
+        points.flatten().chain(rims).collect()
     }
 
     /// Where sites and other atoms may stand.
@@ -113,12 +118,29 @@ impl<const D: usize> Conforming<D> {
         free
     }
 
-    /// Takes the two sites of those facets away, of which `unfit` says so by their place in
-    /// [`facets`](Self::facets).
-    pub fn give_up(&mut self, unfit: impl Fn(usize) -> bool) {
-        let mut place = 0..;
+    /// Takes those of the [`sites`](Self::sites) away that are `unfit`, those of facets in pairs; whether there
+    /// are any.
+    pub fn give_up(&mut self, unfit: impl Fn(usize) -> bool) -> bool {
+        let (facets, rims) = (self.facets.len(), self.rims.len());
+        let mut place = 0..facets;
+        let pair = |i: usize| unfit(2 * i) || unfit(2 * i + 1);
         self.facets
-            .retain(|_| place.next().is_none_or(|i| !unfit(i)));
+            .retain(|_| place.next().is_none_or(|i| !pair(i)));
+        let mut place = 2 * facets..;
+        self.rims.retain(|_| place.next().is_none_or(|i| !unfit(i)));
+        self.facets.len() < facets || self.rims.len() < rims
+    }
+
+    /// Moves sites a little along the spheres that they are on, so that fewer faces between them are slender;
+    /// no facet loses its sites so.
+    pub fn widen(&mut self) {
+        let room = &self.room;
+        let fits = |pair: &[[f64; D]; 2]| pair.iter().all(|&x| room.holds(x));
+        self.balls.widen(&self.facets, fits);
+        self.largest = self.balls.largest();
+        let mut rims = std::mem::take(&mut self.rims);
+        rims.retain(|&rim| self.ahead_of(rim).is_some());
+        self.rims = rims;
     }
 
     /// The facets whose points are fit for sites and apart from one another, the larger of two that are
@@ -168,10 +190,17 @@ impl<const D: usize> Conforming<D> {
         facets
     }
 
-    /// Adds the sites ahead of the rims of facets that have sites.
-    fn add_rims(&self, sites: &mut Vec<[f64; D]>) {
+    /// The site ahead of the rim of a facet opposite its k-th node, if there is room.
+    fn ahead_of(&self, (f, k): (u32, usize)) -> Option<[f64; D]> {
+        self.balls
+            .beyond(f as usize, k)
+            .filter(|&x| self.is_free(x))
+    }
+
+    /// The rims ahead of which sites stand: of facets that have sites.
+    fn ahead(&self) -> Vec<(u32, usize)> {
         let surface = self.surface();
-        let mut rims: Vec<([f64; D], f64)> = Vec::new();
+        let mut rims: Vec<((u32, usize), [f64; D], f64)> = Vec::new();
         for (ridge, facets) in surface.ridges() {
             let [f] = facets[..] else { continue };
             let nodes = ridge.iter().filter(|&&n| n != NONE);
@@ -182,26 +211,30 @@ impl<const D: usize> Conforming<D> {
             if on_side != 0 || self.facets.binary_search(&f).is_err() {
                 continue;
             }
-            let point = opposite.and_then(|k| self.balls.beyond(f as usize, k));
-            if let Some(x) = point.filter(|&x| self.is_free(x)) {
-                rims.push((x, APART * self.balls.size(f as usize)));
+            let Some(rim) = opposite.map(|k| (f, k)) else {
+                continue;
+            };
+            if let Some(x) = self.ahead_of(rim) {
+                rims.push((rim, x, APART * self.balls.size(f as usize)));
             }
         }
+        let mut ahead = Vec::new();
         if rims.is_empty() {
-            return;
+            return ahead;
         }
         let extent = self.balls.extent();
-        let reach = rims.iter().fold(0.0f64, |most, rim| most.max(rim.1));
+        let reach = rims.iter().fold(0.0f64, |most, rim| most.max(rim.2));
         // Never more than a million cells.
         let volume: f64 = extent.iter().product();
         let edge = reach.max((volume / 1e6).powf(1.0 / D as f64));
         let mut placed = Scatter::new([0.0; D], extent, edge);
-        sites.iter().for_each(|&x| _ = placed.add(x));
-        for (x, room) in rims {
+        self.sites().into_iter().for_each(|x| _ = placed.add(x));
+        for (rim, x, room) in rims {
             if placed.is_free(&x, room) {
                 placed.add(x);
-                sites.push(x);
+                ahead.push(rim);
             }
         }
+        ahead
     }
 }

@@ -34,6 +34,7 @@ pub struct Anew<'a, const D: usize> {
     scope: &'a Scope<'a, D>,
     around: &'a Around<D>,
     surface: &'a Surface<D>,
+    changed: &'a Changed<D>,
     kept: &'a Kept,
     /// The cells of the window: of the atoms that stay, of those that are put, of others, of sites.
     mesh: PolyMesh<D>,
@@ -63,7 +64,7 @@ where
     pub fn new(
         scope: &'a Scope<'a, D>,
         around: &'a Around<D>,
-        (surface, changed): (&'a Surface<D>, &Changed<D>),
+        (surface, changed): (&'a Surface<D>, &'a Changed<D>),
         (kept, range): (&'a Kept, f64),
         gone: &[bool],
         puts: &[Put<D>],
@@ -141,6 +142,7 @@ where
             scope,
             around,
             surface,
+            changed,
             kept,
             mesh,
             sites,
@@ -313,7 +315,7 @@ where
     }
 
     /// Which faces of the window lie on features: those on surfaces, and of those between cells that stay
-    /// also those that were.
+    /// also those that were, where features have not changed.
     fn marks(&self, patch: &Patch<D>) -> Vec<bool> {
         let Self { scope, mesh, .. } = self;
         let grid = scope.grid;
@@ -334,8 +336,10 @@ where
             let [x, y] = [a, b].map(|c| mesh.sites[c as usize]);
             *mark = match inner.binary_search(&cells) {
                 _ if grid.labelled => region(cells[0]) != region(cells[1]),
-                Ok(old) => grid.mesh.on_feature[old],
-                Err(_) => *mark || facets.part(x, y),
+                Ok(old) if !self.changed.anew(&mesh.face_shape(f).centroid) => {
+                    grid.mesh.on_feature[old]
+                }
+                _ => *mark || facets.part(x, y),
             };
         }
         marks

@@ -145,10 +145,6 @@ where
                 break;
             }
         }
-        if round == ROUNDS {
-            sites.widen();
-            keep_out(atoms, sites);
-        }
         mesh = cut(atoms, sites, extent, 0.0)?;
     }
     match weld > 0.0 {

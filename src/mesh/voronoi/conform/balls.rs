@@ -3,7 +3,6 @@
 use rayon::prelude::*;
 
 use super::surface::Surface;
-use super::wedges::Wedges;
 use crate::geometry::buckets::Buckets;
 use crate::geometry::{add_scaled, distance2, dot, sub, unit};
 use crate::mesh::poly::Lists;
@@ -15,7 +14,7 @@ const FIRST: f64 = 0.6;
 /// ... and the least height that will do. No point is nearer to a side of the box, either.
 const LOW: f64 = 0.08;
 /// The largest radius, in units of the edges.
-pub(super) const WIDE: f64 = 0.9;
+const WIDE: f64 = 0.9;
 /// No facet makes balls larger than this circle round it would (the square, in units of the edges).
 const ROUND: f64 = 0.45;
 /// Points shall be outside of balls by this difference of squares, in units of the edges: where two are hardly
@@ -45,9 +44,9 @@ pub struct Balls<const D: usize> {
     pub squares: Vec<f64>,
     extent: [f64; D],
     /// The length of edges at each node.
-    pub(super) sizes: Vec<f64>,
+    sizes: Vec<f64>,
     /// The facets at each node.
-    pub(super) stars: Lists,
+    stars: Lists,
     /// For each facet the nodes, but its own, whose balls may cover its points.
     near: Lists,
 }
@@ -72,19 +71,8 @@ impl<const D: usize> Balls<D> {
             }
         }
         balls.near = balls.found_near();
-        let touched = balls.touched();
-        balls.settle(&touched);
+        balls.settle();
         balls
-    }
-
-    /// Changes radii a little so that fewer faces between the sites of some `facets` are slender; these sites
-    /// stay apart from balls, and where they fit.
-    pub fn widen(&mut self, facets: &[u32], fits: impl Fn(&[[f64; D]; 2]) -> bool) {
-        // In the plane sites are two and two, and all edges as long as the height of these.
-        if D == 3 && !facets.is_empty() {
-            let touched = self.touched();
-            Wedges::new(self, &touched, facets, &fits).widen();
-        }
     }
 
     /// The far corner of the box.
@@ -110,13 +98,8 @@ impl<const D: usize> Balls<D> {
         if self.deepest(f) > 0.0 {
             return None;
         }
-        self.meet(f)
-    }
-
-    /// The two points of a facet, fit or not, if the spheres of its nodes meet.
-    pub(super) fn meet(&self, f: usize) -> Option<[[f64; D]; 2]> {
         let (centre, square) = self.meeting(f)?;
-        (square >= 0.0).then(|| self.above_and_below(f, centre, square))
+        Some(self.above_and_below(f, centre, square))
     }
 
     /// Whether a ball holds a point.
@@ -251,20 +234,14 @@ impl<const D: usize> Balls<D> {
         deepest
     }
 
-    /// For each node the facets whose points its radius may change or cover.
-    pub(super) fn touched(&self) -> Vec<Vec<u32>> {
-        let nodes = 0..self.surface.nodes.len();
-        let mut touched: Vec<Vec<u32>> = nodes.map(|n| self.stars.get(n).to_vec()).collect();
-        for f in 0..self.surface.facets.len() {
+    /// Changes radii, one after the other, as long as that takes faults away.
+    fn settle(&mut self) {
+        let (nodes, facets) = (self.surface.nodes.len(), self.surface.facets.len());
+        let mut touched: Vec<Vec<u32>> = (0..nodes).map(|n| self.stars.get(n).to_vec()).collect();
+        for f in 0..facets {
             let near = self.near.get(f).iter();
             near.for_each(|&n| touched[n as usize].push(f as u32));
         }
-        touched
-    }
-
-    /// Changes radii, one after the other, as long as that takes faults away.
-    fn settle(&mut self, touched: &[Vec<u32>]) {
-        let (nodes, facets) = (self.surface.nodes.len(), self.surface.facets.len());
         let mut faults: Vec<f64> = (0..facets).map(|f| self.fault(f)).collect();
         for _ in 0..ROUNDS {
             let mut asked = vec![false; nodes];

@@ -10,7 +10,6 @@
 //! - `surface`: the facets, and how they meet
 //! - `tidy`: better triangles
 //! - `balls`: radii such that few points are covered
-//! - `wedges`: and few faces between sites are slender
 //! - `faces`: the faces of cells that lie on the surface
 //! - `room`: where sites may stand
 //!
@@ -26,7 +25,6 @@ mod faces;
 mod room;
 mod surface;
 mod tidy;
-mod wedges;
 
 use crate::geometry::buckets::Buckets;
 use crate::geometry::scatter::Scatter;
@@ -129,18 +127,6 @@ impl<const D: usize> Conforming<D> {
         let mut place = 2 * facets..;
         self.rims.retain(|_| place.next().is_none_or(|i| !unfit(i)));
         self.facets.len() < facets || self.rims.len() < rims
-    }
-
-    /// Moves sites a little along the spheres that they are on, so that fewer faces between them are slender;
-    /// no facet loses its sites so.
-    pub fn widen(&mut self) {
-        let room = &self.room;
-        let fits = |pair: &[[f64; D]; 2]| pair.iter().all(|&x| room.holds(x));
-        self.balls.widen(&self.facets, fits);
-        self.largest = self.balls.largest();
-        let mut rims = std::mem::take(&mut self.rims);
-        rims.retain(|&rim| self.ahead_of(rim).is_some());
-        self.rims = rims;
     }
 
     /// The facets whose points are fit for sites and apart from one another, the larger of two that are

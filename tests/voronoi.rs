@@ -78,7 +78,7 @@ fn cells_fill_the_box_and_follow_the_faults() {
         "--cells",
         "voronoi",
     ];
-    let welded = json(folder, &[&weld[..], &["--weld", "0.03"]].concat());
+    let welded = json(folder, &[&weld[..], &["--weld", "0.02"]].concat());
     let tiny = |report: &serde_json::Value| number(&report["voronoi"]["tiny_faces"][1]);
     assert!(
         tiny(&welded) < 0.2 * tiny(&report),

@@ -530,10 +530,19 @@ class ExportOptions(TypedDict, total=False):
     max_memory: int | None
 
 class SliceOptions(TypedDict, total=False):
-    #: Sections with the planes of samples, or the mesh as a body with a corner open
+    #: Sections with the planes of samples, or what there is in space, a part of it taken away
     view: Literal["sections", "3d"] | None
+    #: Paint cells with this array of the mesh, of cells or of nodes, such as pressure or region
+    #: [default: the image]
+    color: _Value | None
     #: The point where the planes meet, in physical coordinates [default: the middle]
     at: _Value | None
+    #: What is taken away in --view 3d: the corner beyond that point, or all in front of the plane
+    #: through it across x, y or z [default: corner]
+    cut: Literal["corner", "x", "y", "z"] | None
+    #: Which way is up: x, y, z or -x, -y, -z in physical coordinates [default: as the image has
+    #: it; z where none is known]
+    up: _Value | None
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     #: 100x400x208:f32be
     raw: _Value | None

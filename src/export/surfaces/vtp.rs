@@ -17,7 +17,7 @@ use crate::{Error, Result};
 /// table of surfaces as cell data, and names as one text, a line a surface.
 ///
 /// # Errors
-/// [`Error::Io`](crate::Error::Io) if the file cannot be written, [`Error::Mesh`](crate::Error::Mesh)
+/// [`Error::Io`] if the file cannot be written, [`Error::Mesh`]
 /// if an array does not have a tuple per facet.
 pub fn write_vtp<const D: usize>(path: &Path, file: &SurfaceFile<D>) -> Result<()> {
     let (points, cells) = (file.nodes.len(), file.facets.len());
@@ -67,7 +67,7 @@ pub fn write_vtp<const D: usize>(path: &Path, file: &SurfaceFile<D>) -> Result<(
 /// of that number.
 ///
 /// # Errors
-/// [`Error::Io`](crate::Error::Io) if the file cannot be read, is damaged, or does not number its
+/// [`Error::Io`] if the file cannot be read, is damaged, or does not number its
 /// surfaces though a number is given.
 pub fn read_triangles(path: &Path, number: Option<i64>) -> Result<Vec<[[f64; 3]; 3]>> {
     let file = VtkFile::read(path, "PolyData")?;
@@ -124,7 +124,7 @@ fn rings(file: &VtkFile, element: &str, numbered: bool) -> Result<Vec<(i64, Vec<
 /// numbers they are one, of the file's name.
 ///
 /// # Errors
-/// [`Error::Io`](crate::Error::Io) if the file cannot be read, is damaged, or holds neither.
+/// [`Error::Io`] if the file cannot be read, is damaged, or holds neither.
 pub fn read_shapes(path: &Path) -> Result<Vec<Shape>> {
     let file = VtkFile::read(path, "PolyData")?;
     let (numbered, names) = (is_numbered(&file)?, names(&file));
@@ -185,7 +185,7 @@ fn name_of(label: i64, names: &[String]) -> String {
 /// they are one.
 ///
 /// # Errors
-/// [`Error::Io`](crate::Error::Io) if the file cannot be read or is damaged.
+/// [`Error::Io`] if the file cannot be read or is damaged.
 pub fn read_surfaces(path: &Path) -> Result<SurfaceFile<3>> {
     let file = VtkFile::read(path, "PolyData")?;
     let (numbered, names) = (is_numbered(&file)?, names(&file));

@@ -450,17 +450,18 @@ fn regions_go_with_the_cells() {
     assert!(wrong < 20, "{wrong} of {}", regions.len());
 }
 
+/// Why something is refused: in one line, with a remedy.
+pub(super) fn refusal<T>(outcome: crate::Result<T>) -> String {
+    let error = outcome.err().unwrap().to_string();
+    assert!(!error.contains('\n') && error.contains("; "), "{error}");
+    error
+}
+
 #[test]
 fn impossible_edits_are_refused() {
     let (image, params) = (image([60, 50]), params(5.0));
     let file = made(&image, &params);
-    let refused = |changes: &[Change<2>]| {
-        let error = edited(&file, &image, &params, changes)
-            .unwrap_err()
-            .to_string();
-        assert!(!error.contains('\n') && error.contains("; "), "{error}");
-        error
-    };
+    let refused = |changes: &[Change<2>]| refusal(edited(&file, &image, &params, changes));
     let well = world([30.0, 20.0]);
     let outside = refused(&[Change::Add(world([61.0, 20.0]))]);
     assert!(

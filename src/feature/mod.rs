@@ -70,7 +70,7 @@ pub(crate) mod scenes;
 mod tests;
 
 use crate::error::Result;
-use crate::image::{Field, Image};
+use crate::image::{Field, Image, Sparse};
 use crate::observer::{Patience, Stage};
 use detectors::{Detector, Scene};
 use sheets::{FoundSheets, Open};
@@ -104,7 +104,7 @@ pub struct Features<const D: usize> {
     /// For each of them whether it lies on a horizon, which is no barrier to flow.
     pub on_horizon: Vec<bool>,
     /// The image potential b(x) in [-1, 0]: every feature a valley of depth 1 and width `sigma`.
-    pub potential: Field<D>,
+    pub potential: Sparse<D>,
     /// For each of them the distance that atoms may have there, where it was asked for by gaps.
     pub spacing: Option<Vec<f32>>,
     /// Width of the widest valleys in lattice units: a quarter of the distance between atoms.
@@ -128,7 +128,7 @@ impl<const D: usize> Features<D> {
             points: Vec::new(),
             sheet: Vec::new(),
             on_horizon: Vec::new(),
-            potential: field(dims, asked, vec![0.0; dims.iter().product()]),
+            potential: Sparse::zero(dims, asked.step),
             spacing: asked.gaps().map(|_| Vec::new()),
             sigma: asked.d_max() / 4.0,
             left_out: LeftOut::default(),
@@ -271,7 +271,9 @@ fn follow<const D: usize>(
     sheets.describe(kind, &rules, &mut notes);
     let sigma = asked.d_max() / 4.0;
     let gaps = asked.gaps();
-    let spacing = gaps.map(|limits| gaps::spacing(dims, &sheets.points, asked.step, limits));
+    // Sharp normals tell sheets apart, and those may run as near one another as points of one do.
+    let sheet = (!found.sharp).then_some(&sheets.sheet[..]);
+    let spacing = gaps.map(|limits| gaps::spacing(dims, &sheets.points, sheet, asked.step, limits));
     let (labels, limits) = found.labels.unzip();
     let spacing = match limits {
         Some(limits) => limits.spacing(&sheets.points, asked.step, spacing),
@@ -287,7 +289,7 @@ fn follow<const D: usize>(
             let FoundSheets { points, rim, .. } = &sheets;
             potential::potential(points, rim, dims, asked.step, sigma, width, scene.patience)
         },
-        |samples| field(dims, asked, samples),
+        |samples| Sparse::of(&field(dims, asked, samples)),
     );
     scene.patience.lasts(Stage::Features)?;
     Ok(Features {

@@ -6,16 +6,19 @@
 //! - `geometry`: from sample indices to physical coordinates
 //! - `check`: statistics, and refusing what no mesh can be made of
 //! - `field`: samples in *lattice space* and their smooth interpolation
+//! - `sparse`: the same of what is zero nearly everywhere
 
 pub(crate) mod check;
 pub(crate) mod field;
 pub mod formats;
 pub(crate) mod geometry;
+pub(crate) mod sparse;
 pub mod synth;
 
 pub use check::Stats;
 pub use field::Field;
 pub use geometry::Geometry;
+pub use sparse::Sparse;
 
 use ndarray::ArrayD;
 

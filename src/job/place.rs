@@ -321,7 +321,7 @@ fn varying<const D: usize>(
             distance::from_image(&field(image), dense, min, max, GROWTH, patience)
         }
         Spacing::FromLaplacian { min, max } => distance::from_laplacian(
-            &features.potential,
+            &features.potential.dense(),
             features.sigma,
             min,
             max,

@@ -202,7 +202,7 @@ impl Run<'_> {
             outcome.report.quality_physical = Some(quality(&physical));
         }
         if let Some(path) = &job.outputs.potential {
-            let potential = &outcome.features.potential;
+            let potential = outcome.features.potential.dense();
             console.write_image(path, potential_image(potential, &image.geometry))?;
         }
         clock.end();

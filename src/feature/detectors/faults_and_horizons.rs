@@ -26,10 +26,8 @@ pub fn together<const D: usize>(
     weights: [f64; 2],
 ) -> Features<D> {
     let [a, b] = weights.map(|w| w as f32);
-    let samples = first.potential.samples.iter_mut();
-    for (deepest, other) in samples.zip(&second.potential.samples) {
-        *deepest = (a * *deepest).min(b * other);
-    }
+    let deepest = |first: f32, second: f32| (a * first).min(b * second);
+    first.potential = first.potential.combined(&second.potential, deepest);
     first.points.extend(second.points);
     first.on_horizon.extend(second.on_horizon);
     let last = first.sheet.iter().copied().max().unwrap_or(0);

@@ -58,7 +58,7 @@ mod tests {
             "{:?}",
             features.notes
         );
-        assert_eq!(features.potential.samples, b);
+        assert_eq!(features.potential.dense().samples, b);
         assert!(fit(dims, &sheets, &features.points).coverage > 0.99);
         assert!(detect(&ridges, &Detection::of(FeatureKind::Potential, 8.0)).is_err());
     }

@@ -331,6 +331,7 @@ mod tests {
         assert_eq!(features.potential.dims, dims);
         let deepest = features
             .potential
+            .dense()
             .samples
             .iter()
             .copied()

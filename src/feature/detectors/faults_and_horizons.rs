@@ -90,12 +90,9 @@ mod tests {
             both.points.len(),
             faults.points.len() + horizons.points.len()
         );
-        let parts = faults
-            .potential
-            .samples
-            .iter()
-            .zip(&horizons.potential.samples);
-        for (b, (f, h)) in both.potential.samples.iter().zip(parts) {
+        let [faults, horizons, both] =
+            [faults, horizons, both].map(|found| found.potential.dense().samples);
+        for (b, (f, h)) in both.iter().zip(faults.iter().zip(&horizons)) {
             assert_eq!(*b, f.min(0.5 * h));
         }
         let refused = asked(FeatureKind::FaultsAndHorizons, [0.0, 1.0]);

@@ -19,7 +19,7 @@ impl<const D: usize> Detector<D> for Potential {
     }
 
     fn find(&self, scene: &Scene<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
-        let mut samples = scene.image.as_slice().iter();
+        let mut samples = scene.image()?.as_slice().iter();
         if let Some(value) = samples.find(|s| !(-1.0..=0.0).contains(*s)) {
             return Err(Error::Image(cause(
                 "image",

@@ -9,6 +9,7 @@ use super::gaussian;
 use super::volume::Volume;
 use crate::error::Result;
 use crate::image::Layers;
+use crate::memory;
 use crate::observer::Patience;
 use rayon::prelude::*;
 use std::borrow::Cow;
@@ -16,8 +17,10 @@ use std::ops::Range;
 
 /// A volume of at most so many samples is smoothed as a whole ...
 const WHOLE: usize = 1 << 27;
+/// ... if there is room for so many bytes a sample ...
+const HELD: f64 = 12.0;
 /// ... of others a window's own layers have about so many samples ...
-const WINDOW: usize = 1 << 22;
+const WINDOW: usize = 1 << 21;
 /// ... and are a multiple of these.
 pub const MULTIPLE: usize = 16;
 
@@ -132,6 +135,8 @@ impl Held {
         // The room is used again: to ask for it anew would cost as much as to smooth it.
         let from = self.samples.len() - kept.len() * layer;
         self.samples.copy_within(from.., 0);
+        let more = (to.len() * layer).saturating_sub(self.samples.len());
+        self.samples.reserve_exact(more);
         self.samples.resize(to.len() * layer, 0.0);
         let new = kept.end..to.end;
         if !new.is_empty() {
@@ -197,8 +202,15 @@ impl Stages {
             let (before, stage) = self.0.split_at_mut(i);
             let (before, stage) = (before.last(), &mut stage[0]);
             let radius = gaussian::radius(stage.scale);
-            let seen = wide(to, beyond, count);
             beyond -= radius;
+            let wanted = wide(to, beyond, count);
+            // Of what is smoothed already nothing is asked again.
+            let known = &stage.smoothed.range;
+            let first = match known.contains(&wanted.start) {
+                true => known.end,
+                false => wanted.start,
+            };
+            let seen = wide(&(first..wanted.end), radius, count);
             let deep = |layers: usize| {
                 let mut dims = dims;
                 dims[D - 1] = layers;
@@ -219,7 +231,7 @@ impl Stages {
                 flat,
                 smoothed,
             } = stage;
-            smoothed.slide(wide(to, beyond, count), layer, |new, out| {
+            smoothed.slide(wanted, layer, |new, out| {
                 let seen = wide(&new, radius, count);
                 let (dims, first) = (deep(seen.len()), new.start - seen.start);
                 let flat = flat.layers(seen, layer);
@@ -259,13 +271,13 @@ impl<'a, const D: usize> Samples<'a, D> {
         }
     }
 
-    /// In memory, if it is not large.
+    /// In memory, if it is not large and there is room for it and what is made of it.
     ///
     /// # Errors
     /// That of reading.
     pub fn held_if_small(self) -> Result<Self> {
         match self.raw {
-            Raw::InLayers(layers, sign) if self.count() <= self.limits[0] => {
+            Raw::InLayers(layers, sign) if self.count() <= self.limits[0] && self.has_room() => {
                 let mut samples = vec![0.0; self.count()];
                 layers.read(0, &mut samples)?;
                 samples.iter_mut().for_each(|s| *s *= sign);
@@ -276,6 +288,11 @@ impl<'a, const D: usize> Samples<'a, D> {
             }
             _ => Ok(self),
         }
+    }
+
+    fn has_room(&self) -> bool {
+        let bytes = HELD * self.count() as f64;
+        memory::afford("features", bytes, "all samples", "look at some layers").is_ok()
     }
 
     /// The share of the windows of a large volume that tell enough, as one in so many.
@@ -402,7 +419,7 @@ impl<'a, const D: usize> Samples<'a, D> {
 }
 
 #[cfg(test)]
-pub(super) mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::feature::scenes::Noise;
     use crate::image::{Geometry, Image};

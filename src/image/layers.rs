@@ -11,7 +11,7 @@ use crate::geometry::groups::grouped;
 use rayon::prelude::*;
 
 /// Samples that are read together.
-const TOGETHER: usize = 1 << 24;
+const TOGETHER: usize = 1 << 22;
 
 /// Samples by layers: planes along x and y in 3-D, rows in 2-D.
 pub trait Layers<const D: usize>: Sync {

@@ -253,6 +253,8 @@ fn refuse_invalid(report: &Report) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::feature::scenes::{Sheet, ridge_image};
+    use crate::feature::windows::tests::ByLayers;
     use crate::job::Metric;
     use crate::mesh::check::Check;
     use crate::observer::Unobserved;
@@ -305,6 +307,47 @@ mod tests {
             said.contains("a side of 19600") && said.contains("at most 9800"),
             "{said}"
         );
+    }
+
+    #[test]
+    fn an_image_in_layers_gives_the_mesh_of_one_in_memory() {
+        let sheets = [Sheet::plane([1.0, 0.4, 0.2], [22.0; 3])];
+        let image = ridge_image([48, 44, 40], &sheets, 1.5, 0.1);
+        let by_layers = ByLayers(&image);
+        let folder = tempfile::tempdir().unwrap();
+        let [held, in_layers] =
+            [Source::Held(&image), Source::InLayers(&by_layers)].map(|source| {
+                let params = Params {
+                    spacing: Spacing::Constant(7.0),
+                    ..Params::default()
+                };
+                let kept = Checkpoint::new(&folder.path().join("kept")).unwrap();
+                let outcome = run_from(source, &params, Some(&kept), &mut Unobserved).unwrap();
+                // What was kept of the one is of the same job.
+                assert!(
+                    outcome
+                        .report
+                        .notes
+                        .iter()
+                        .all(|note| !note.contains("anew"))
+                );
+                let path = folder.path().join("mesh.vtu");
+                outcome.write_with_image(&path, source).unwrap();
+                std::fs::read(path).unwrap()
+            });
+        assert!(held == in_layers);
+        // Labels are found with all samples at hand.
+        let label = |s: &f32| f32::from(u8::from(*s > 0.5));
+        let samples = image.as_slice().iter().map(label).collect();
+        let mask = Image::new(image.dims(), samples, Geometry::default());
+        let features = run_from(
+            Source::InLayers(&ByLayers(&mask)),
+            &Params::default(),
+            None,
+            &mut Unobserved,
+        );
+        let notes = features.unwrap().report.notes;
+        assert!(notes[0].contains("labels"), "{notes:?}");
     }
 
     #[test]

@@ -62,17 +62,27 @@ pub(super) struct Points<const D: usize> {
     /// Where each cell's points start; x fastest, one more at the end.
     start: Vec<u32>,
     dims: [usize; D],
+    /// Side of a cell.
+    side: f64,
 }
 
-/// Side of a cell.
+/// Side of a cell, or, where there would be more cells than this, twice or four times as much.
 const CELL: f64 = 2.0;
+const CELLS: usize = 1 << 24;
 
 impl<const D: usize> Points<D> {
     /// Sorts points in or near the box `[0, extent]`; also gives their numbers in the new order.
     pub(super) fn new(points: &[[f32; D]], extent: [f64; D]) -> (Self, Vec<u32>) {
-        let dims = extent.map(|e| (e / CELL) as usize + 1);
+        let mut side = CELL;
+        let dims = loop {
+            let dims = extent.map(|e| (e / side) as usize + 1);
+            if dims.iter().product::<usize>() <= CELLS {
+                break dims;
+            }
+            side *= 2.0;
+        };
         let cell = |p: &[f32; D]| {
-            let along = |k: usize| ((f64::from(p[k]) / CELL) as usize).min(dims[k] - 1);
+            let along = |k: usize| ((f64::from(p[k]) / side) as usize).min(dims[k] - 1);
             (0..D).rev().fold(0, |cell, k| cell * dims[k] + along(k))
         };
         let (start, order) = grouped(dims.iter().product(), points.iter().map(cell));
@@ -82,6 +92,7 @@ impl<const D: usize> Points<D> {
                 sorted,
                 start,
                 dims,
+                side,
             },
             order,
         )
@@ -89,7 +100,7 @@ impl<const D: usize> Points<D> {
 
     #[inline]
     fn along(&self, k: usize, x: f64) -> usize {
-        ((x / CELL) as usize).min(self.dims[k] - 1)
+        ((x / self.side) as usize).min(self.dims[k] - 1)
     }
 
     /// Where point `i` of the new order is.
@@ -121,8 +132,8 @@ impl<const D: usize> Points<D> {
             .map(|i| (i, self.square(p, i)))
             .filter(|(_, square)| *square < limit * limit);
         // Every point within the radius is looked at: it grows until the nearest is among them.
-        let known = best.map_or(CELL, |(_, square)| square.sqrt() * (1.0 + 1e-9));
-        let mut radius = known.min(CELL).min(limit);
+        let known = best.map_or(self.side, |(_, square)| square.sqrt() * (1.0 + 1e-9));
+        let mut radius = known.min(self.side).min(limit);
         loop {
             self.look_within(p, radius, limit, &mut best);
             let done = best.is_some_and(|(_, square)| square <= radius * radius);
@@ -139,10 +150,10 @@ impl<const D: usize> Points<D> {
     fn square_to_slab(&self, k: usize, along: usize, x: f64) -> f64 {
         let mut gap = 0f64;
         if along > 0 {
-            gap = gap.max(CELL * along as f64 - x);
+            gap = gap.max(self.side * along as f64 - x);
         }
         if along + 1 < self.dims[k] {
-            gap = gap.max(x - CELL * (along + 1) as f64);
+            gap = gap.max(x - self.side * (along + 1) as f64);
         }
         gap * gap
     }

@@ -16,8 +16,10 @@ use rayon::prelude::*;
 const CLEAR: f32 = 40.0;
 /// Within this of a point (samples), what has its normal is of its own sheet ...
 const OWN: f32 = 1.5;
-/// ... if the normals agree within this (degrees), or both are of one sheet in any case.
+/// ... if the normals agree within this (degrees).
 const SAME: f32 = 10.0;
+/// Points of one sheet are beside one another nearer than this (samples), whatever their normals.
+const OWN_SHEET: f32 = 1.0;
 /// A point's disc is met by a normal that passes it no farther than this (samples).
 const DISC: f32 = 0.9;
 /// Distances grow by no more than this for each unit of length.
@@ -134,7 +136,8 @@ fn gap<const D: usize>(
                 let away = sub(other.position, c.position);
                 let along = dot(away, c.normal);
                 let aside = (dot(away, away) - along * along).max(0.0).sqrt();
-                let own = (agree >= same || one_sheet(o)) && along.abs() < OWN;
+                let own = (agree >= same && along.abs() < OWN)
+                    || (one_sheet(o) && along.abs() < OWN_SHEET);
                 if agree >= clear && !own && aside <= DISC && along * sign >= 0.0 {
                     gap = gap.min(along.abs() * unit);
                     met = true;

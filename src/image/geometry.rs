@@ -16,6 +16,35 @@ fn seconds(unit: &str) -> Option<f64> {
     }
 }
 
+/// The physical coordinate that is two-way time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TimeCoordinate {
+    /// Which it is.
+    pub coordinate: usize,
+    /// Seconds in its unit.
+    pub seconds: f64,
+}
+
+/// Why no depth can be made of an image's time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NoDepth {
+    /// What stands in the way.
+    pub problem: String,
+    /// What to do.
+    pub remedy: &'static str,
+}
+
+impl NoDepth {
+    /// As an error about what should have made depth.
+    pub fn at(&self, place: String) -> Error {
+        let problem = format!(
+            "makes depth in metres of two-way time, but {}",
+            self.problem
+        );
+        Error::Image(cause(place, problem, self.remedy))
+    }
+}
+
 /// Maps sample indices (x first) to physical coordinates: `origin + sum_k index[k] * axes[k]`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Geometry<const D: usize> {
@@ -91,39 +120,60 @@ impl<const D: usize> Geometry<D> {
         self.units.iter().position(|unit| seconds(unit).is_some())
     }
 
+    /// Where two-way time is that depth in metres can be made of: the other coordinates must be metres (one
+    /// without a unit is taken to be).
+    ///
+    /// # Errors
+    /// What stands in the way, and the remedy.
+    pub fn two_way_time(&self) -> std::result::Result<TimeCoordinate, NoDepth> {
+        let seconds = self.units.iter().map(|unit| seconds(unit));
+        let found = (0..)
+            .zip(seconds)
+            .find_map(|(c, seconds)| Some((c, seconds?)));
+        let Some((coordinate, seconds)) = found else {
+            return Err(NoDepth {
+                problem: "no coordinate is in s, ms or us".into(),
+                remedy: "omit it",
+            });
+        };
+        let metres = |c: usize| matches!(&*self.units[c], "" | "m");
+        if let Some(c) = (0..D).find(|&c| c != coordinate && !metres(c)) {
+            return Err(NoDepth {
+                problem: format!("a coordinate beside time is in {}, not in m", self.units[c]),
+                remedy: "read the survey's coordinates in metres (of SEG-Y by the bytes of x and y)",
+            });
+        }
+        Ok(TimeCoordinate {
+            coordinate,
+            seconds,
+        })
+    }
+
+    /// The image axis that runs along a coordinate, if no other coordinate changes along it, nor this one
+    /// along another axis.
+    pub fn axis_along(&self, coordinate: usize) -> Option<usize> {
+        let alone = |k: usize| {
+            (0..D).all(|c| (self.axes[k][c] != 0.0) == (c == coordinate))
+                && (0..D).all(|l| l == k || self.axes[l][coordinate] == 0.0)
+        };
+        (0..D).find(|&k| alone(k))
+    }
+
     /// The same with depth in metres for two-way time, and the factor from the one to the other:
     /// `depth = velocity * time / 2`, at one velocity in metres a second.
     ///
     /// # Errors
-    /// [`Error::Image`] without a coordinate in s, ms or us, if another is in anything but metres (one
-    /// without a unit is taken to be), and for a velocity that is not positive.
+    /// [`Error::Image`] for a velocity that is not positive, and as [`Self::two_way_time`].
     pub fn in_depth(&self, velocity: f64) -> Result<(Self, [f64; D])> {
-        let refuse = |problem: &str, remedy: &str| {
-            let place = format!("velocity {velocity}");
-            Err(Error::Image(cause(place, problem, remedy)))
-        };
+        let place = format!("velocity {velocity}");
         if !(velocity.is_finite() && velocity > 0.0) {
-            return refuse("is not positive", "give metres a second, 2000 say");
+            let remedy = "give metres a second, 2000 say";
+            return Err(Error::Image(cause(place, "is not positive", remedy)));
         }
-        let Some(axis) = self.time_axis() else {
-            let problem = "makes depth of time, but no coordinate is in s, ms or us";
-            return refuse(problem, "omit it");
-        };
-        let others = (0..D).filter(|&k| k != axis);
-        if let Some(k) = others
-            .into_iter()
-            .find(|&k| !matches!(&*self.units[k], "" | "m"))
-        {
-            let problem = format!(
-                "makes metres of time, but another coordinate is in {}",
-                self.units[k]
-            );
-            let remedy =
-                "read the survey's coordinates in metres (of SEG-Y by the bytes of x and y)";
-            return refuse(&problem, remedy);
-        }
+        let time = self.two_way_time().map_err(|no| no.at(place))?;
+        let axis = time.coordinate;
         let mut factor = [1.0; D];
-        factor[axis] = 0.5 * velocity * seconds(&self.units[axis]).unwrap_or(1.0);
+        factor[axis] = 0.5 * velocity * time.seconds;
         let mut depth = self.clone();
         depth.origin[axis] *= factor[axis];
         for step in &mut depth.axes {

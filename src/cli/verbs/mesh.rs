@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use crate::cli::common::depth::warn_of_time;
+use crate::cli::common::depth::{image_in_depth, params_in_depth, warn_of_time};
 use crate::cli::common::global::Ending;
 use crate::cli::common::options::{named, setting_of};
 use crate::cli::common::output::potential_image;
@@ -14,6 +14,7 @@ use crate::cli::interrupts::Interrupts;
 use crate::cli::job::{check_files, output, params};
 use crate::error::{cause, os};
 use crate::export::page::{self, About, LARGEST, Written};
+use crate::feature::FeatureKind;
 use crate::files::vtk::DataArray;
 use crate::image::formats::{AnyLoaded, Loaded};
 use crate::image::{Geometry, Image};
@@ -142,15 +143,19 @@ impl Run<'_> {
             mut clock,
         } = self;
         let Loaded {
-            mut image, notes, ..
+            image, mut notes, ..
         } = loaded;
-        match job.velocity {
-            Some(velocity) => image.geometry = image.geometry.in_depth(velocity).map_err(named)?.0,
-            None => warn_of_time(&image.geometry, console),
+        let dims = image.dims().to_vec();
+        if job.velocity.is_none() {
+            warn_of_time(&image.geometry, console);
         }
         let input_sha256 = console.hash(path)?;
         image.check(&path.display().to_string())?;
-        let params = params::<D>(job)?;
+        let mut params = params::<D>(job)?;
+        let labels = params.feature == FeatureKind::Labels;
+        let (image, stretch) = image_in_depth(image, job.velocity.as_ref(), labels, console)?;
+        params_in_depth(&mut params, stretch.as_ref())?;
+        notes.extend(stretch.into_iter().flat_map(|stretch| stretch.notes));
         let output = output(path, job);
 
         let step = params.metric.step(&image.geometry);
@@ -210,7 +215,7 @@ impl Run<'_> {
         let mut report = std::mem::take(&mut outcome.report);
         report.input = Some(Input {
             file: path.display().to_string(),
-            dims: image.dims().to_vec(),
+            dims,
             hash: format!("sha256:{}", outcome.provenance.input_sha256),
         });
         report.parameters = serde_json::to_value(job).unwrap_or_default();

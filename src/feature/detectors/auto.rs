@@ -14,7 +14,6 @@ use super::horizons::Horizons;
 use super::labels::Labels;
 use super::potential::Potential;
 use super::ridges::{Ridges, Valleys};
-use crate::feature::labelled::values;
 use crate::feature::volume::Volume;
 use crate::image::Image;
 
@@ -22,17 +21,13 @@ use crate::image::Image;
 pub fn choose<const D: usize>(image: &Image<D>) -> (&'static dyn Detector<D>, String) {
     let s = image.as_slice();
     let volume = Volume::new(image.dims(), s);
-    if let Some(labels) = values(s, FEW_LABELS) {
-        let equal = s.windows(2).filter(|w| w[0] == w[1]).count();
-        let share = equal as f64 / (s.len().max(2) - 1) as f64;
-        if share > 0.75 {
-            let why = format!(
-                "{} different values, {:.0} % of neighbours equal",
-                labels.len(),
-                100.0 * share
-            );
-            return (&Labels, why);
-        }
+    if let Some(labels) = image.looks_labelled() {
+        let why = format!(
+            "{} different values, {:.0} % of neighbours equal",
+            labels.values,
+            100.0 * labels.equal
+        );
+        return (&Labels, why);
     }
     let spread = Spread::of(volume);
     let span = (spread.high - spread.low).max(f32::MIN_POSITIVE);
@@ -64,9 +59,6 @@ pub fn choose<const D: usize>(image: &Image<D>) -> (&'static dyn Detector<D>, St
         };
     (detector, format!("{what}: {figures}"))
 }
-
-/// An image of more different values than this is one of labels only if it is said.
-const FEW_LABELS: usize = 64;
 
 /// The rarer values are thin sheets if at least this share of them lies in something thin: less than
 /// half of it does where sheets run close together.

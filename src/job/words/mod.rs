@@ -53,7 +53,10 @@ impl TryFrom<Settings> for Job {
                 Some("shape") => LatticeSpace::Shape,
                 Some(scales) => LatticeSpace::Scales(axis_scales(scales)?),
             },
-            velocity: settings.velocity,
+            velocity: settings.velocity.map(|text| match text.parse() {
+                Ok(velocity) => velocity,
+                Err(never) => match never {},
+            }),
             seed: settings.rng_seed.map_or(RngSeed::default(), RngSeed),
             outputs: Outputs {
                 mesh: settings.output,
@@ -233,6 +236,7 @@ mod tests {
             "feature = \"paths\"\nobject = [\"1,2\", \"-3,4.5\"]\nevaluator = \"sampled\"",
             "feature = \"faults+horizons\"\nfeature-weights = \"1,0.5\"\nmetric = \"1,1,0.2\"",
             "velocity = 2400.0",
+            "velocity = \"velocities.sgy\"",
             "label = [\"3:distance=4,name=fault\", \"5:into=3\"]",
             "rounds = 5\noptimizer = \"genetic\"",
             "velocity = 2400.0\nmetric = \"samples\"",

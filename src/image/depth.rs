@@ -7,7 +7,8 @@
 use ndarray::{ArrayD, Axis, Dimension, IxDyn, Zip};
 use rayon::prelude::*;
 
-use super::velocity::{Column, Velocities};
+use super::column::Column;
+use super::velocity::Velocities;
 use crate::error::cause;
 use crate::image::{Field, Geometry, Image};
 use crate::memory;

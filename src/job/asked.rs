@@ -4,10 +4,8 @@
 //! many axes there are. What makes no sense cannot be said: a job has cells of one kind, with the
 //! options of that kind. It is read and written as flat [`Settings`], by serde as on a command line.
 
-use std::convert::Infallible;
 use std::fmt::{self, Display};
 use std::path::PathBuf;
-use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
@@ -314,15 +312,13 @@ pub enum VelocityFrom {
     File(PathBuf),
 }
 
-impl FromStr for VelocityFrom {
-    type Err = Infallible;
-
+impl From<String> for VelocityFrom {
     /// A number, or else the name of a file.
-    fn from_str(text: &str) -> Result<Self, Infallible> {
-        Ok(match text.trim().parse() {
+    fn from(text: String) -> Self {
+        match text.trim().parse() {
             Ok(number) => Self::Constant(number),
             Err(_) => Self::File(text.into()),
-        })
+        }
     }
 }
 

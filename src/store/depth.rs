@@ -101,9 +101,9 @@ impl<const D: usize, M: Stored<D>> StoredMesh<D, M> {
         self.space.by_file = false;
         let fields = &mut self.arrays.field_data;
         fields.retain(|(name, _)| !SPACE.contains(&name.as_str()) && name != UNITS);
-        let text = |text: String| FieldValue::Text(text);
-        fields.push((UNITS.into(), text(self.space.geometry.units.join(","))));
-        fields.push((VELOCITY.into(), text(velocities.name.clone())));
+        let units = FieldValue::Text(self.space.geometry.units.join(","));
+        let velocity = FieldValue::Text(velocities.name.clone());
+        fields.extend([(UNITS.into(), units), (VELOCITY.into(), velocity)]);
         Ok(reach.notes)
     }
 

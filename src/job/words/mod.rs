@@ -11,7 +11,9 @@ mod back;
 mod features;
 mod lattice;
 
-use super::asked::{Cells, Job, LatticeSpace, Outputs, PlacementJob, RngSeed, Slivers};
+use super::asked::{
+    Cells, Job, LatticeSpace, Outputs, PlacementJob, RngSeed, Slivers, VelocityFrom,
+};
 use super::settings::{AlignName, CellsName, SeedingName, Settings, SliversName};
 use crate::error::cause;
 use crate::improve;
@@ -53,10 +55,7 @@ impl TryFrom<Settings> for Job {
                 Some("shape") => LatticeSpace::Shape,
                 Some(scales) => LatticeSpace::Scales(axis_scales(scales)?),
             },
-            velocity: settings.velocity.map(|text| match text.parse() {
-                Ok(velocity) => velocity,
-                Err(never) => match never {},
-            }),
+            velocity: settings.velocity.map(VelocityFrom::from),
             seed: settings.rng_seed.map_or(RngSeed::default(), RngSeed),
             outputs: Outputs {
                 mesh: settings.output,

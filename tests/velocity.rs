@@ -107,19 +107,17 @@ fn a_file_of_velocities_makes_true_depth() {
             "{job} {found:?} {area}"
         );
     }
-    // A bare array of as many samples as the image lies where the image does.
-    npy(
-        &at.join("exact.npy"),
-        [100, 40, 24],
-        |[sample, crossline, inline]| {
-            velocity(SURVEY.position(inline, crossline), 4.0 * sample as f64) as f32
-        },
-    );
-    let found = plane(&run(
-        at,
-        "surface time.vtu --velocity exact.npy -o s.vtp --json",
-    ));
-    assert!((found[0] - dip).abs() < 0.5, "{found:?}");
+    // On the image's own grid: a bare array of as many samples lies where the image does.
+    let own = |[sample, crossline, inline]: [usize; 3]| {
+        velocity(SURVEY.position(inline, crossline), 4.0 * sample as f64) as f32
+    };
+    npy(&at.join("own.npy"), [100, 40, 24], own);
+    segy(&at.join("own.sgy"), &SURVEY, own);
+    for own in ["own.npy", "own.sgy"] {
+        let job = format!("surface time.vtu --velocity {own} -o s.vtp --json");
+        let found = plane(&run(at, &job));
+        assert!((found[0] - dip).abs() < 0.5, "{own} {found:?}");
+    }
     // One velocity for all makes another dip of it.
     let found = plane(&run(at, "surface time.vtu --velocity 2200 -o s.vtp --json"));
     assert!((found[0] - dip).abs() > 3.0, "{found:?}");

@@ -240,6 +240,7 @@ impl Drawing<'_> {
         Ok(depth.unwrap_or_else(|| geometry.clone()))
     }
 
+    /// The image, where [`Self::placed`] says.
     fn below<const D: usize, M: Mesh<D>>(
         &self,
         mut loaded: Loaded<D>,

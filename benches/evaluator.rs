@@ -1,7 +1,7 @@
 //! CPU time of one evaluation of the lattice energy: `pairwise` against `sampled`, on one thread.
 //! `cargo bench --bench evaluator`; the target at d = 8 is a factor of ten.
 
-use atomesh::image::Field;
+use atomesh::image::{Field, Sparse};
 use atomesh::lattice::distance::Distance;
 use atomesh::lattice::energy::{Beta, Energy, Pairwise, Sampled};
 use atomesh::lattice::seeding::{self, Alignment};
@@ -49,7 +49,9 @@ fn evaluate(bencher: Bencher, energy: &mut dyn Energy<3>, atoms: &[[f64; 3]]) {
 fn pairwise(bencher: Bencher, d: u32) {
     let (atoms, distance, field) = case(f64::from(d));
     let extent = field.extent();
-    if let Ok(mut energy) = Pairwise::new(extent, &distance, Some(&field), Beta::Constant(0.5)) {
+    let potential = Sparse::of(&field);
+    if let Ok(mut energy) = Pairwise::new(extent, &distance, Some(&potential), Beta::Constant(0.5))
+    {
         evaluate(bencher, &mut energy, &atoms);
     }
 }
@@ -57,6 +59,6 @@ fn pairwise(bencher: Bencher, d: u32) {
 #[divan::bench(args = [4, 8, 12], sample_count = 7, sample_size = 1)]
 fn sampled(bencher: Bencher, d: u32) {
     let (atoms, distance, field) = case(f64::from(d));
-    let mut energy = Sampled::new(&distance, &field, Beta::Constant(0.5));
+    let mut energy = Sampled::new(&distance, field, Beta::Constant(0.5));
     evaluate(bencher, &mut energy, &atoms);
 }

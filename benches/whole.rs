@@ -306,7 +306,7 @@ fn evaluators() -> Outcome<()> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
     let (pairwise, sampled) = pool.install(|| -> Outcome<(f64, f64)> {
         let mut pairwise = Pairwise::new(extent, &distance, Some(&found.potential), beta.clone())?;
-        let mut sampled = Sampled::new(&distance, &found.potential, beta);
+        let mut sampled = Sampled::new(&distance, found.potential.dense(), beta);
         Ok((time(&mut pairwise), time(&mut sampled)))
     })?;
     let figure = format!(

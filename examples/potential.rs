@@ -33,12 +33,12 @@ fn main() -> anyhow::Result<()> {
         d_min: d,
         ..feature::Detection::default()
     };
-    let potential = feature::detect(&loaded.image, &options)?.potential;
+    let potential = feature::detect(&loaded.image, &options)?.potential.dense();
     let distance = Distance::Constant(d);
     let extent = potential.extent();
     let mut atoms = seeding::fcc(extent, &distance, &[], Alignment::On)?;
 
-    let mut energy = Sampled::new(&distance, &potential, Beta::Constant(BETA));
+    let mut energy = Sampled::new(&distance, potential, Beta::Constant(BETA));
     draw(&mut energy, &atoms, before)?;
     let options = optimize::Effort::default();
     optimize::optimize(

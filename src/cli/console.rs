@@ -14,9 +14,9 @@ use crate::cli::common::options::read_options;
 use crate::cli::desk::{Desk, Kept};
 use crate::cli::provenance::file_hash;
 use crate::export::SurfaceFile;
-use crate::image::Image;
 use crate::image::formats::stream::Opened;
 use crate::image::formats::{self, AnyLoaded, InputOptions, Lines};
+use crate::image::{Image, Source};
 use crate::job::{Meshing, Outcome, Space};
 use crate::store::{AnyMesh, MeshFile, Stored, read_any_mesh};
 use crate::{Error, Result};
@@ -144,7 +144,7 @@ impl Console {
         &mut self,
         path: &Path,
         outcome: &Outcome<D>,
-        image: &Image<D>,
+        image: Source<'_, D>,
     ) -> Result<()>
     where
         Space<D>: Meshing<D>,
@@ -152,7 +152,7 @@ impl Console {
         if !self.desk.keeps(path) {
             return outcome.write_with_image(path, image);
         }
-        if let Some(mesh) = outcome.file(image) {
+        if let Some(mesh) = outcome.file(image)? {
             self.desk.keep(path, Kept::Mesh(Box::new(mesh)));
         }
         Ok(())

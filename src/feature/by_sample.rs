@@ -5,6 +5,18 @@ use super::crossing::Candidate;
 /// Samples per entry of the index, as a power of two: candidates are sparse, so a short walk through
 /// a segment costs less than an entry for every sample.
 const SEGMENT: u32 = 3;
+/// ... and more where there would be more entries than this.
+const ENTRIES: usize = 1 << 24;
+
+/// Samples per entry of an index of the samples of a volume, as a power of two.
+pub(super) fn segment<const D: usize>(dims: [usize; D]) -> u32 {
+    let count: usize = dims.iter().product();
+    let mut shift = SEGMENT;
+    while count >> shift > ENTRIES {
+        shift += 1;
+    }
+    shift
+}
 
 /// Candidates by the sample they belong to.
 pub struct BySample<'a, const D: usize> {
@@ -14,6 +26,8 @@ pub struct BySample<'a, const D: usize> {
     pub candidates: &'a [Candidate<D>],
     /// Their samples.
     voxels: Vec<u32>,
+    /// Samples per segment, as a power of two.
+    shift: u32,
     /// First candidate at or after the first sample of each segment.
     start: Vec<u32>,
 }
@@ -21,10 +35,11 @@ pub struct BySample<'a, const D: usize> {
 impl<'a, const D: usize> BySample<'a, D> {
     /// `candidates` must be in the order of samples.
     pub fn new(dims: [usize; D], candidates: &'a [Candidate<D>]) -> Self {
-        let segments = (dims.iter().product::<usize>() >> SEGMENT) + 1;
+        let shift = segment(dims);
+        let segments = (dims.iter().product::<usize>() >> shift) + 1;
         let mut start = vec![0u32; segments + 1];
         for c in candidates {
-            start[(c.voxel >> SEGMENT) as usize + 1] += 1;
+            start[(c.voxel >> shift) as usize + 1] += 1;
         }
         for i in 0..segments {
             start[i + 1] += start[i];
@@ -33,6 +48,7 @@ impl<'a, const D: usize> BySample<'a, D> {
             dims,
             candidates,
             voxels: candidates.iter().map(|c| c.voxel).collect(),
+            shift,
             start,
         }
     }
@@ -64,8 +80,8 @@ impl<'a, const D: usize> BySample<'a, D> {
             return;
         }
         let (low, high) = ((row + low as usize) as u32, (row + high as usize) as u32);
-        let first = self.start[(low >> SEGMENT) as usize] as usize;
-        let end = self.start[((high - 1) >> SEGMENT) as usize + 1] as usize;
+        let first = self.start[(low >> self.shift) as usize] as usize;
+        let end = self.start[((high - 1) >> self.shift) as usize + 1] as usize;
         for (i, voxel) in self.voxels[first..end].iter().enumerate() {
             if (low..high).contains(voxel) {
                 visit(first + i);
@@ -104,7 +120,7 @@ impl<'a, const D: usize> BySample<'a, D> {
             voxel = voxel * self.dims[k] + i.max(0) as usize;
         }
         for _ in low..high {
-            let segment = voxel >> SEGMENT;
+            let segment = voxel >> self.shift;
             let (first, end) = (
                 self.start[segment] as usize,
                 self.start[segment + 1] as usize,

@@ -94,13 +94,18 @@ pub(super) fn checked<'a, const D: usize>(
     let samples = image.as_slice();
     if let Some(i) = first_not_finite(samples) {
         let volume = Volume::new(image.dims(), samples);
-        return Err(Error::Image(cause(
-            format!("image sample {:?}", volume.coordinates(i)),
-            format!("is {}", samples[i]),
-            "fill missing samples before meshing",
-        )));
+        return Err(not_finite(volume.coordinates(i), samples[i]));
     }
     Ok(image)
+}
+
+/// The error of a sample that is NaN or infinite.
+pub(super) fn not_finite<const D: usize>(at: [usize; D], value: f32) -> Error {
+    Error::Image(cause(
+        format!("image sample {at:?}"),
+        format!("is {value}"),
+        "fill missing samples before meshing",
+    ))
 }
 
 /// Whether all samples of an image are the same.
@@ -125,7 +130,7 @@ pub(super) fn refuse_constant<const D: usize>(image: &Image<D>) -> Result<()> {
 const MOST_SAMPLES: u128 = u32::MAX as u128;
 
 /// Refuses an image with more samples than can be numbered. [`FeatureKind::Paths`] numbers them twice.
-fn refuse_too_many<const D: usize>(dims: [usize; D], kind: FeatureKind) -> Result<()> {
+pub(super) fn refuse_too_many<const D: usize>(dims: [usize; D], kind: FeatureKind) -> Result<()> {
     let samples = dims
         .iter()
         .fold(1u128, |all, &n| all.saturating_mul(n as u128));
@@ -144,7 +149,7 @@ fn refuse_too_many<const D: usize>(dims: [usize; D], kind: FeatureKind) -> Resul
 }
 
 /// Refuses wishes that no image can meet.
-fn refuse_impossible<const D: usize>(asked: &Detection<D>) -> Result<()> {
+pub(super) fn refuse_impossible<const D: usize>(asked: &Detection<D>) -> Result<()> {
     let positive = |x: f64| x > 0.0 && x.is_finite();
     let fail =
         |what: String, remedy: &str| Err(Error::Feature(cause("feature detection", what, remedy)));
@@ -186,7 +191,7 @@ fn refuse_impossible<const D: usize>(asked: &Detection<D>) -> Result<()> {
 }
 
 /// The first sample that is NaN or infinite.
-fn first_not_finite(samples: &[f32]) -> Option<usize> {
+pub(super) fn first_not_finite(samples: &[f32]) -> Option<usize> {
     // Without a way out of the inner loop it runs on many samples at once.
     let broken = |chunk: &[f32]| !chunk.iter().fold(true, |all, s| all & s.is_finite());
     let chunk = samples.chunks(4096).position(broken)? * 4096;

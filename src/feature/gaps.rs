@@ -3,7 +3,8 @@
 //! From each point of a sheet another one is sought along the normal, both ways. Nearer than the
 //! largest distance between atoms, the gap is the distance that they may have there; at a shallow
 //! crossing it goes to zero, and the least distance decides. Sheets that cross at more than
-//! [`CLEAR`] degrees need no finer lattice: one row of atoms stands on both.
+//! [`CLEAR`] degrees need no finer lattice: one row of atoms stands on both. Nor does a sheet whose
+//! normals scatter in noise, if it is known which points are of one sheet.
 
 use super::FeaturePoint;
 use super::by_sample::BySample;
@@ -15,7 +16,7 @@ use rayon::prelude::*;
 const CLEAR: f32 = 40.0;
 /// Within this of a point (samples), what has its normal is of its own sheet ...
 const OWN: f32 = 1.5;
-/// ... if the normals agree within this (degrees).
+/// ... if the normals agree within this (degrees), or both are of one sheet in any case.
 const SAME: f32 = 10.0;
 /// A point's disc is met by a normal that passes it no farther than this (samples).
 const DISC: f32 = 0.9;
@@ -25,10 +26,12 @@ const GROWTH: f32 = 0.1;
 const SWEEPS: usize = 3;
 
 /// For each point of features, in the order of samples, the distance that atoms may have there in
-/// lattice units: from `least` in gaps and at shallow crossings to `most`.
+/// lattice units: from `least` in gaps and at shallow crossings to `most`. `sheet` numbers the sheet of
+/// each where normals alone do not tell sheets apart.
 pub fn spacing<const D: usize>(
     dims: [usize; D],
     points: &[FeaturePoint<D>],
+    sheet: Option<&[u32]>,
     step: [f64; D],
     [least, most]: [f64; 2],
 ) -> Vec<f32> {
@@ -37,11 +40,13 @@ pub fn spacing<const D: usize>(
     let mut order: Vec<u32> = (0..points.len() as u32).collect();
     order.sort_by_key(|&i| candidates[i as usize].voxel);
     let sorted: Vec<Candidate<D>> = order.iter().map(|&i| candidates[i as usize]).collect();
+    let sheets: Option<Vec<u32>> =
+        sheet.map(|sheet| order.iter().map(|&i| sheet[i as usize]).collect());
     let grid = BySample::new(dims, &sorted);
     let step = step.map(|h| h as f32);
-    let mut spacing: Vec<f32> = sorted
-        .par_iter()
-        .map(|c| gap(&grid, c, step, most).clamp(least, most))
+    let mut spacing: Vec<f32> = (0..sorted.len())
+        .into_par_iter()
+        .map(|i| gap(&grid, sheets.as_deref(), i, step, most).clamp(least, most))
         .collect();
     if spacing.iter().any(|&d| d < most) {
         for sweep in 0..2 * SWEEPS {
@@ -102,7 +107,15 @@ pub(super) fn in_samples<const D: usize>(
 }
 
 /// How far, along the normal of a point, the next sheet is, in lattice units; `most` if farther.
-fn gap<const D: usize>(grid: &BySample<'_, D>, c: &Candidate<D>, step: [f32; D], most: f32) -> f32 {
+fn gap<const D: usize>(
+    grid: &BySample<'_, D>,
+    sheets: Option<&[u32]>,
+    i: usize,
+    step: [f32; D],
+    most: f32,
+) -> f32 {
+    let c = &grid.candidates[i];
+    let one_sheet = |o: usize| sheets.is_some_and(|sheets| sheets[o] == sheets[i]);
     let clear = CLEAR.to_radians().cos();
     let same = SAME.to_radians().cos();
     // Lattice units along the lattice's own normal that one sample along the samples' normal is.
@@ -121,7 +134,7 @@ fn gap<const D: usize>(grid: &BySample<'_, D>, c: &Candidate<D>, step: [f32; D],
                 let away = sub(other.position, c.position);
                 let along = dot(away, c.normal);
                 let aside = (dot(away, away) - along * along).max(0.0).sqrt();
-                let own = agree >= same && along.abs() < OWN;
+                let own = (agree >= same || one_sheet(o)) && along.abs() < OWN;
                 if agree >= clear && !own && aside <= DISC && along * sign >= 0.0 {
                     gap = gap.min(along.abs() * unit);
                     met = true;
@@ -139,10 +152,13 @@ fn gap<const D: usize>(grid: &BySample<'_, D>, c: &Candidate<D>, step: [f32; D],
 mod tests {
     use super::*;
 
-    /// Points on planes through `middles`, half a sample apart.
-    fn planes(dims: [usize; 3], planes: &[([f64; 3], [f64; 3])]) -> Vec<FeaturePoint<3>> {
-        let mut points = Vec::new();
-        for &(middle, normal) in planes {
+    /// Points on planes, and the number of the plane of each.
+    fn planes(
+        dims: [usize; 3],
+        planes: &[([f64; 3], [f64; 3])],
+    ) -> (Vec<FeaturePoint<3>>, Vec<u32>) {
+        let (mut points, mut sheet) = (Vec::new(), Vec::new());
+        for (number, &(middle, normal)) in planes.iter().enumerate() {
             let n = crate::geometry::unit(normal);
             for z in 0..dims[2] {
                 for y in 0..dims[1] {
@@ -155,29 +171,30 @@ mod tests {
                             normal: n.map(|c| c as f32),
                             strength: 1.0,
                         });
+                        sheet.push(number as u32 + 1);
                     }
                 }
             }
         }
-        points
+        (points, sheet)
     }
 
     #[test]
     fn between_parallel_sheets_the_distance_is_the_gap() {
         let dims = [40, 30, 30];
         let x = [1.0, 0.0, 0.0];
-        let points = planes(dims, &[([15.0, 0.0, 0.0], x), ([20.0, 0.0, 0.0], x)]);
-        for d in spacing(dims, &points, [1.0; 3], [2.0, 8.0]) {
+        let (points, _) = planes(dims, &[([15.0, 0.0, 0.0], x), ([20.0, 0.0, 0.0], x)]);
+        for d in spacing(dims, &points, None, [1.0; 3], [2.0, 8.0]) {
             assert!((d - 5.0).abs() < 1e-3, "{d}");
         }
         // In lattice units, and no less than the least.
         let mut stretched = points.clone();
         stretched.iter_mut().for_each(|p| p.position[0] *= 2.0);
-        for d in spacing(dims, &stretched, [2.0, 1.0, 1.0], [2.0, 16.0]) {
+        for d in spacing(dims, &stretched, None, [2.0, 1.0, 1.0], [2.0, 16.0]) {
             assert!((d - 10.0).abs() < 1e-3, "{d}");
         }
         assert!(
-            spacing(dims, &points, [1.0; 3], [6.0, 8.0])
+            spacing(dims, &points, None, [1.0; 3], [6.0, 8.0])
                 .iter()
                 .all(|&d| d == 6.0)
         );
@@ -188,11 +205,11 @@ mod tests {
         let dims = [60, 100, 12];
         let slope = 20f64.to_radians().tan();
         let middle = [30.0, 50.0, 6.0];
-        let points = planes(
+        let (points, _) = planes(
             dims,
             &[(middle, [1.0, 0.0, 0.0]), (middle, [1.0, slope, 0.0])],
         );
-        let found = spacing(dims, &points, [1.0; 3], [2.5, 8.0]);
+        let found = spacing(dims, &points, None, [1.0; 3], [2.5, 8.0]);
         for (p, d) in points.iter().zip(found) {
             let away = f64::from((p.position[1] - 50.0).abs());
             let gap = slope * away;
@@ -212,14 +229,34 @@ mod tests {
     fn steep_crossings_and_single_sheets_need_no_finer_lattice() {
         let dims = [60, 60, 12];
         let middle = [30.0, 30.0, 6.0];
-        let points = planes(
+        let (points, _) = planes(
             dims,
             &[(middle, [1.0, 0.5, 0.0]), (middle, [1.0, -0.6, 0.0])],
         );
         assert!(
-            spacing(dims, &points, [1.0; 3], [2.5, 8.0])
+            spacing(dims, &points, None, [1.0; 3], [2.5, 8.0])
                 .iter()
                 .all(|&d| d == 8.0)
         );
+    }
+
+    #[test]
+    fn a_sheet_whose_normals_scatter_is_not_beside_itself() {
+        let dims = [40, 30, 30];
+        let (mut points, sheet) = planes(dims, &[([15.0, 0.0, 0.0], [1.0, 0.0, 0.0])]);
+        let mut random = crate::geometry::random::Random::new(5);
+        for p in &mut points {
+            let mut scatter = |most: f64| random.range(-most, most);
+            p.position[0] += scatter(0.4) as f32;
+            let normal = [1.0, scatter(0.4), scatter(0.4)];
+            p.normal = crate::geometry::unit(normal).map(|c| c as f32);
+        }
+        let lattice = [2.0, 8.0];
+        let found = spacing(dims, &points, Some(&sheet), [1.0; 3], lattice);
+        assert!(found.iter().all(|&d| d == 8.0), "{found:?}");
+        // The same points as two sheets are a sheet beside another one.
+        let two: Vec<u32> = (0..points.len() as u32).map(|i| i % 2).collect();
+        let found = spacing(dims, &points, Some(&two), [1.0; 3], lattice);
+        assert!(found.iter().any(|&d| d < 8.0));
     }
 }

@@ -15,10 +15,14 @@ use rayon::prelude::*;
 /// Samples of x handled at once: the sums stay in registers.
 const LANES: usize = 16;
 
+/// How many samples to either side a kernel looks.
+pub fn radius(sigma: f64) -> usize {
+    (4.0 * sigma).ceil() as usize
+}
+
 /// The right half of a symmetric smoothing kernel: `weights[0]` is the centre.
 fn half_kernel(sigma: f64) -> Vec<f32> {
-    let radius = (4.0 * sigma).ceil() as usize;
-    let raw: Vec<f64> = (0..=radius)
+    let raw: Vec<f64> = (0..=radius(sigma))
         .map(|i| (-0.5 * (i as f64 / sigma).powi(2)).exp())
         .collect();
     let sum = raw[0] + 2.0 * raw[1..].iter().sum::<f64>();
@@ -99,6 +103,56 @@ pub fn smooth<const D: usize>(
     }
 }
 
+/// Fills `out` with layers, square to the last axis, of an image convolved along that axis only, from the
+/// one numbered `first` on: exactly as [`smooth`] has them.
+pub fn smooth_last<const D: usize>(
+    dims: [usize; D],
+    samples: &[f32],
+    sigma: f64,
+    first: usize,
+    out: &mut [f32],
+    patience: &Patience<'_>,
+) {
+    let (nx, layer) = (dims[0], dims[..D - 1].iter().product::<usize>());
+    let (rows, kernel) = (layer / nx.max(1), half_kernel(sigma));
+    let work = |(row, out): (usize, &mut [f32])| {
+        if patience.over() {
+            return;
+        }
+        let (j, row) = (first + row / rows, row % rows);
+        let start = |shift: isize| mirrored(j as isize + shift, dims[D - 1]) * layer + row * nx;
+        let source = |shift: isize| &samples[start(shift)..][..nx];
+        let pairs: Vec<(&[f32], &[f32])> = (0..kernel.len() as isize)
+            .map(|i| (source(-i), source(i)))
+            .collect();
+        wide(
+            #[inline(always)]
+            || summed(&kernel, &pairs, out),
+        );
+    };
+    out.par_chunks_mut(nx.max(1)).enumerate().for_each(work);
+}
+
+/// The weighted sum of pairs of rows, the first of which is one row twice.
+#[inline(always)]
+fn summed(kernel: &[f32], pairs: &[(&[f32], &[f32])], out: &mut [f32]) {
+    for (block, out) in out.chunks_mut(LANES).enumerate() {
+        let x = block * LANES;
+        if let Ok(out) = <&mut [f32; LANES]>::try_from(&mut *out) {
+            let pair = |i: usize| (lanes(&pairs[i].0[x..]), lanes(&pairs[i].1[x..]));
+            *out = weighted(kernel, pair(0).0, pair);
+        } else {
+            for (l, o) in out.iter_mut().enumerate() {
+                let mut sum = kernel[0] * pairs[0].0[x + l];
+                for (w, (a, b)) in kernel.iter().zip(pairs).skip(1) {
+                    sum += w * (a[x + l] + b[x + l]);
+                }
+                *o = sum;
+            }
+        }
+    }
+}
+
 /// Smooths one contiguous row along itself.
 #[inline(always)]
 fn smooth_row(row: &mut [f32], kernel: &[f32], scratch: &mut Vec<f32>) {
@@ -137,27 +191,12 @@ fn smooth_across(rows: &mut [&mut [f32]], kernel: &[f32], scratch: &mut Vec<f32>
     for row in rows.iter() {
         scratch.extend_from_slice(row);
     }
-    let source = &scratch[..];
-    for j in 0..n {
-        let start = |shift: isize| mirrored(j as isize + shift, n) * nx;
-        let pairs: Vec<(usize, usize)> = (0..kernel.len() as isize)
-            .map(|i| (start(-i), start(i)))
+    for (j, out) in rows.iter_mut().enumerate() {
+        let source = |shift: isize| &scratch[mirrored(j as isize + shift, n) * nx..][..nx];
+        let pairs: Vec<(&[f32], &[f32])> = (0..kernel.len() as isize)
+            .map(|i| (source(-i), source(i)))
             .collect();
-        for (block, out) in rows[j].chunks_mut(LANES).enumerate() {
-            let x = block * LANES;
-            if let Ok(out) = <&mut [f32; LANES]>::try_from(&mut *out) {
-                let at = |row: usize| lanes(&source[row + x..]);
-                *out = weighted(kernel, at(pairs[0].0), |i| (at(pairs[i].0), at(pairs[i].1)));
-            } else {
-                for (l, o) in out.iter_mut().enumerate() {
-                    let mut sum = kernel[0] * source[pairs[0].0 + x + l];
-                    for (w, (a, b)) in kernel.iter().zip(&pairs).skip(1) {
-                        sum += w * (source[a + x + l] + source[b + x + l]);
-                    }
-                    *o = sum;
-                }
-            }
-        }
+        summed(kernel, &pairs, out);
     }
 }
 

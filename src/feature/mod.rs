@@ -15,6 +15,7 @@
 //!
 //! What detectors share:
 //! - `volume`: samples in memory and their finite differences
+//! - `windows`: samples some layers at a time, of images that may be larger than memory
 //! - `gaussian`: smoothing
 //! - `rows`: second differences of whole rows at once
 //! - `symmetric`: eigenvectors of Hessians and structure tensors
@@ -63,6 +64,7 @@ pub(crate) mod steepness;
 pub(crate) mod symmetric;
 pub(crate) mod tensor;
 pub(crate) mod volume;
+pub(crate) mod windows;
 
 #[cfg(test)]
 pub(crate) mod scenes;
@@ -70,10 +72,11 @@ pub(crate) mod scenes;
 mod tests;
 
 use crate::error::Result;
-use crate::image::{Field, Image};
+use crate::image::{Field, Image, Source, Sparse};
 use crate::observer::{Patience, Stage};
 use detectors::{Detector, Scene};
 use sheets::{FoundSheets, Open};
+use windows::Samples;
 
 pub use detection::Detection;
 pub use detectors::paths::PathSeeds;
@@ -104,7 +107,7 @@ pub struct Features<const D: usize> {
     /// For each of them whether it lies on a horizon, which is no barrier to flow.
     pub on_horizon: Vec<bool>,
     /// The image potential b(x) in [-1, 0]: every feature a valley of depth 1 and width `sigma`.
-    pub potential: Field<D>,
+    pub potential: Sparse<D>,
     /// For each of them the distance that atoms may have there, where it was asked for by gaps.
     pub spacing: Option<Vec<f32>>,
     /// Width of the widest valleys in lattice units: a quarter of the distance between atoms.
@@ -128,7 +131,7 @@ impl<const D: usize> Features<D> {
             points: Vec::new(),
             sheet: Vec::new(),
             on_horizon: Vec::new(),
-            potential: field(dims, asked, vec![0.0; dims.iter().product()]),
+            potential: Sparse::zero(dims, asked.step),
             spacing: asked.gaps().map(|_| Vec::new()),
             sigma: asked.d_max() / 4.0,
             left_out: LeftOut::default(),
@@ -168,7 +171,7 @@ impl<const D: usize> Features<D> {
 /// [`Error::Image`](crate::Error::Image) for an image that has NaN or infinite samples, is constant, or
 /// is not what `asked.kind` says.
 pub fn detect<const D: usize>(image: &Image<D>, asked: &Detection<D>) -> Result<Features<D>> {
-    detect_while(image, asked, &Patience::endless())
+    detect_held(image, asked, &Patience::endless())
 }
 
 /// The same as long as there is patience.
@@ -176,6 +179,35 @@ pub fn detect<const D: usize>(image: &Image<D>, asked: &Detection<D>) -> Result<
 /// # Errors
 /// Those of [`detect`], and [`Error::Interrupted`](crate::Error::Interrupted).
 pub(crate) fn detect_while<const D: usize>(
+    source: Source<'_, D>,
+    asked: &Detection<D>,
+    patience: &Patience<'_>,
+) -> Result<Features<D>> {
+    let layers = match source {
+        Source::Held(image) => return detect_held(image, asked, patience),
+        Source::InLayers(layers) => layers,
+    };
+    detection::refuse_impossible(asked)?;
+    detection::refuse_too_many(layers.dims(), asked.kind)?;
+    let samples = Samples::in_layers(layers, 1.0);
+    let chosen = match detectors::auto::choose_in_layers(&samples, patience)? {
+        _ if asked.kind != FeatureKind::Auto => {
+            detectors::of(asked.kind).map(|detector| (vec![(detector, asked.clone())], None))
+        }
+        Some(choice) => Some(detectors::named(choice, asked)?),
+        None => None,
+    };
+    match chosen {
+        Some((parts, why)) if parts.iter().all(|(detector, _)| detector.in_layers()) => {
+            follow_parts(source, parts, why, asked, patience)
+        }
+        // What needs the whole image has it.
+        _ => detect_held(&layers.load()?, asked, patience),
+    }
+}
+
+/// The same of an image in memory.
+fn detect_held<const D: usize>(
     image: &Image<D>,
     asked: &Detection<D>,
     patience: &Patience<'_>,
@@ -183,14 +215,25 @@ pub(crate) fn detect_while<const D: usize>(
     let image = &*detection::checked(image, asked)?;
     detection::refuse_constant(image)?;
     let (parts, why) = detectors::chosen(image, asked)?;
+    follow_parts(Source::Held(image), parts, why, asked, patience)
+}
+
+/// Finds features by some detectors.
+fn follow_parts<const D: usize>(
+    source: Source<'_, D>,
+    parts: Vec<detectors::Part<D>>,
+    why: Option<String>,
+    asked: &Detection<D>,
+    patience: &Patience<'_>,
+) -> Result<Features<D>> {
     let count = parts.len() as f64;
     let follow_whole = |(number, (detector, asked)): (usize, (_, _))| {
         patience.part(number as f64 / count, (number + 1) as f64 / count);
-        let scene = Scene::new(image, &asked, patience);
+        let scene = Scene::new(source, &asked, patience);
         follow(&scene, detector, [[false; 2]; D])
     };
     let found: Result<Vec<_>> = parts.into_iter().enumerate().map(follow_whole).collect();
-    let mut features = detectors::together(found?, image.dims(), asked);
+    let mut features = detectors::together(found?, source.dims(), asked);
     features.notes.splice(0..0, why);
     Ok(features)
 }
@@ -235,13 +278,15 @@ fn follow<const D: usize>(
     detector: &dyn Detector<D>,
     open: Open<D>,
 ) -> Result<Features<D>> {
-    let (dims, asked, kind) = (scene.image.dims(), scene.asked, detector.kind());
+    let (dims, asked, kind) = (scene.dims(), scene.asked, detector.kind());
     let mut notes = Vec::new();
     let found = detector.find(scene, &mut notes);
     scene.patience.reached(FOUND);
     scene.patience.lasts(Stage::Features)?;
     let mut found = found?;
-    found.drop_near_missing(scene.image, detector.beyond_smoothing(), &mut notes);
+    if let Source::Held(image) = scene.source {
+        found.drop_near_missing(image, detector.beyond_smoothing(), &mut notes);
+    }
     let thresholds = found.thresholds;
     let rules = sheets::Rules {
         high: thresholds.high,
@@ -271,7 +316,9 @@ fn follow<const D: usize>(
     sheets.describe(kind, &rules, &mut notes);
     let sigma = asked.d_max() / 4.0;
     let gaps = asked.gaps();
-    let spacing = gaps.map(|limits| gaps::spacing(dims, &sheets.points, asked.step, limits));
+    // Sharp normals tell sheets apart, and those may run as near one another as points of one do.
+    let sheet = (!found.sharp).then_some(&sheets.sheet[..]);
+    let spacing = gaps.map(|limits| gaps::spacing(dims, &sheets.points, sheet, asked.step, limits));
     let (labels, limits) = found.labels.unzip();
     let spacing = match limits {
         Some(limits) => limits.spacing(&sheets.points, asked.step, spacing),
@@ -282,12 +329,16 @@ fn follow<const D: usize>(
     }
     // A valley is as wide as a quarter of the distance that atoms have there (Hale 2002).
     let width = |i: usize| spacing.as_ref().map_or(sigma as f32, |d| d[i] / 4.0);
-    let potential = detector.potential(scene.image).map_or_else(
+    let own = match scene.source {
+        Source::Held(image) => detector.potential(image),
+        Source::InLayers(_) => None,
+    };
+    let potential = own.map_or_else(
         || {
             let FoundSheets { points, rim, .. } = &sheets;
             potential::potential(points, rim, dims, asked.step, sigma, width, scene.patience)
         },
-        |samples| field(dims, asked, samples),
+        |samples| Sparse::of(&field(dims, asked, samples)),
     );
     scene.patience.lasts(Stage::Features)?;
     Ok(Features {

@@ -10,9 +10,8 @@
 
 use super::FeaturePoint;
 use crate::geometry::dot;
-use crate::image::Field;
+use crate::image::Sparse;
 use crate::observer::Patience;
-use rayon::prelude::*;
 
 /// The bell is cut at this many sigma.
 const CUT: f64 = 3.0;
@@ -24,9 +23,6 @@ const DISC: f32 = 0.75;
 /// Axes along which a normal is at least this much as fast as along its fastest one lead, too.
 const LEADING: f32 = 0.95;
 
-/// Layers of samples per parallel task: fixed, so that results do not depend on the threads.
-const SLAB: usize = 32;
-
 /// The potential of feature points that are sorted by the last axis, on a grid of `dims` samples; `rim`
 /// tells for each point whether its sheet ends there, `width` how wide its valley is, at most `sigma`.
 pub fn potential<const D: usize>(
@@ -37,50 +33,42 @@ pub fn potential<const D: usize>(
     sigma: f64,
     width: impl Fn(usize) -> f32 + Sync,
     patience: &Patience<'_>,
-) -> Field<D> {
-    let mut samples = vec![f32::INFINITY; dims.iter().product()];
+) -> Sparse<D> {
     let last = D - 1;
     let layer: usize = dims[..last].iter().product();
     // Points are sorted by their samples, so along the last axis within half a sample and a bit.
     let reach = CUT * sigma + 2.5 * step[last];
-    samples
-        .par_chunks_mut((layer * SLAB).max(1))
-        .enumerate()
-        .for_each(|(slab, out)| {
-            let from = slab * SLAB;
-            let height = |p: &FeaturePoint<D>| f64::from(p.position[last]);
-            let near = (
-                from as f64 * step[last] - reach,
-                (from + SLAB) as f64 * step[last] + reach,
-            );
-            let start = points.partition_point(|p| height(p) < near.0);
-            let end = points.partition_point(|p| height(p) <= near.1);
-            let mut dims = dims;
-            dims[last] = out.len() / layer.max(1);
-            let mut splat = Splat {
-                dims,
-                step: step.map(|h| h as f32),
-                from,
-                out,
-                sigma: sigma as f32,
-            };
-            for i in start..end {
-                if patience.over() {
-                    return;
-                }
-                splat.sigma = width(i);
-                splat.add(&points[i]);
-                if rim[i] {
-                    splat.add_round(&points[i]);
-                }
+    Sparse::by_layers(dims, step, |layers| {
+        let mut samples = vec![f32::INFINITY; layer * layers.len()];
+        let height = |p: &FeaturePoint<D>| f64::from(p.position[last]);
+        let near = (
+            layers.start as f64 * step[last] - reach,
+            layers.end as f64 * step[last] + reach,
+        );
+        let start = points.partition_point(|p| height(p) < near.0);
+        let end = points.partition_point(|p| height(p) <= near.1);
+        let mut dims = dims;
+        dims[last] = layers.len();
+        let mut splat = Splat {
+            dims,
+            step: step.map(|h| h as f32),
+            from: layers.start,
+            out: &mut samples,
+            sigma: sigma as f32,
+        };
+        for i in start..end {
+            if patience.over() {
+                break;
             }
-            bells(splat.out);
-        });
-    Field {
-        dims,
-        step,
-        samples,
-    }
+            splat.sigma = width(i);
+            splat.add(&points[i]);
+            if rim[i] {
+                splat.add_round(&points[i]);
+            }
+        }
+        bells(&mut samples);
+        samples
+    })
 }
 
 /// Squared distances to the nearest disc, in units of the width of its valley, in a slab of layers
@@ -97,11 +85,15 @@ struct Splat<'a, const D: usize> {
 }
 
 impl<const D: usize> Splat<'_, D> {
-    /// A point in samples from the slab's first one.
+    /// A point in samples.
     fn in_samples(&self, position: [f32; D]) -> [f32; D] {
-        let mut at = std::array::from_fn(|k| position[k] / self.step[k]);
-        at[D - 1] -= self.from as f32;
-        at
+        std::array::from_fn(|k| position[k] / self.step[k])
+    }
+
+    /// The first sample of the slab along an axis, and the one after its last.
+    fn ends(&self, k: usize) -> [usize; 2] {
+        let first = if k == D - 1 { self.from } else { 0 };
+        [first, first + self.dims[k]]
     }
 
     /// Lowers the squared distances along the point's normal to those from its disc.
@@ -147,8 +139,9 @@ impl<const D: usize> Splat<'_, D> {
         let (mut low, mut span) = ([0usize; D], [0usize; D]);
         for k in 0..D {
             let reach = CUT as f32 * self.sigma / h[k];
-            let first = ((centre[k] - reach).ceil() as i32).max(0);
-            let end = ((centre[k] + reach).floor() as i32 + 1).min(self.dims[k] as i32);
+            let ends = self.ends(k).map(|end| end as i32);
+            let first = ((centre[k] - reach).ceil() as i32).max(ends[0]);
+            let end = ((centre[k] + reach).floor() as i32 + 1).min(ends[1]);
             if first >= end {
                 return;
             }
@@ -166,9 +159,9 @@ impl<const D: usize> Splat<'_, D> {
                 square += r * r;
             }
             for k in (1..D).rev() {
-                start = (start + at[k]) * self.dims[k - 1];
+                start = (start + at[k] - self.ends(k)[0]) * self.dims[k - 1];
             }
-            let first = start + low[0];
+            let first = start + low[0] - self.ends(0)[0];
             let from = (low[0] as f32 - centre[0]) * h[0];
             for (x, nearest) in self.out[first..first + span[0]].iter_mut().enumerate() {
                 let r = from + x as f32 * h[0];
@@ -183,12 +176,14 @@ impl<const D: usize> Splat<'_, D> {
     /// Lowers the squared distance of one sample to that from the disc round `centre`.
     #[inline]
     fn lower(&mut self, at: [i32; D], centre: [f32; D], n: [f32; D], radius: f32) {
-        if (0..D).any(|k| at[k] < 0 || at[k] as usize >= self.dims[k]) {
-            return;
+        let mut i = 0;
+        for k in (0..D).rev() {
+            let [first, end] = self.ends(k);
+            if at[k] < first as i32 || at[k] >= end as i32 {
+                return;
+            }
+            i = i * self.dims[k] + (at[k] as usize - first);
         }
-        let i = (0..D)
-            .rev()
-            .fold(0, |i, k| i * self.dims[k] + at[k] as usize);
         let r: [f32; D] = std::array::from_fn(|k| (at[k] as f32 - centre[k]) * self.step[k]);
         let s = dot(r, n);
         let past = ((dot(r, r) - s * s).max(0.0).sqrt() - radius).max(0.0);
@@ -227,6 +222,7 @@ mod tests {
         let d_min = 8.0;
         let features = detect(&image, &Detection::of(FeatureKind::Ridges, d_min)).unwrap();
         let (sigma, rest) = (features.sigma, (-4.5f64).exp());
+        let potential = features.potential.dense();
         assert_eq!(sigma, d_min / 4.0);
         // Off the crossing, and at it (where both sheets are within three samples).
         let (mut worst, mut deepest) = ([0.0f64; 2], 0.0f32);
@@ -234,7 +230,7 @@ mod tests {
             for y in 5..39 {
                 for x in 5..43 {
                     let p = [x as f64, y as f64, z as f64];
-                    let b = features.potential.samples[(z * 44 + y) * 48 + x];
+                    let b = potential.samples[(z * 44 + y) * 48 + x];
                     deepest = deepest.min(b);
                     let s = sheets
                         .iter()

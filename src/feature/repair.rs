@@ -5,7 +5,7 @@
 //! each sheet is continued column by column, every new point read from a quadratic surface fitted to the
 //! reliable points nearby. Doubtful candidates beside a continued sheet are dropped.
 
-use super::by_sample::BySample;
+use super::by_sample::{BySample, segment};
 use super::crossing::{Candidate, nearest};
 use super::quadric::Quadric;
 use super::volume::Volume;
@@ -23,8 +23,6 @@ const SAME_FIT: f32 = 0.97;
 const SUPPORT: f32 = 0.7;
 /// No point.
 const NONE: u32 = u32::MAX;
-/// New points are listed by this many samples in a row, as a power of two.
-const SEGMENT: u32 = 3;
 /// A front goes this many columns into the zone at most.
 const STEPS: u32 = 16;
 /// A sample is given this many new points at most.
@@ -32,18 +30,118 @@ const MOST: usize = 4;
 /// Doubtful candidates at most this many samples along each axis from a new point are dropped.
 const BESIDE: i32 = 2;
 
+/// The heights of a smoothed volume that [`repair`] asks for: near the sides of the box.
+pub struct Shell<const D: usize> {
+    dims: [usize; D],
+    /// Samples along each axis from either side that are kept: none or all of them, if they would meet.
+    low: [usize; D],
+    high: [usize; D],
+    heights: Vec<f32>,
+}
+
+impl<const D: usize> Shell<D> {
+    /// For a volume smoothed over `scale` samples. Nothing is in it yet.
+    pub fn new(dims: [usize; D], scale: f64) -> Self {
+        let width = margin(scale) + 1;
+        let met = |k: usize| dims[k] <= 2 * width;
+        let mut shell = Self {
+            dims,
+            low: std::array::from_fn(|k| if met(k) { dims[k] } else { width }),
+            high: std::array::from_fn(|k| if met(k) { 0 } else { width }),
+            heights: Vec::new(),
+        };
+        let last = D - 1;
+        let middle = dims[last] - shell.low[last] - shell.high[last];
+        let count = (dims[last] - middle) * shell.layer(last) + middle * shell.kept(last);
+        shell.heights.reserve_exact(count);
+        shell
+    }
+
+    /// Samples of a layer square to an axis, of those axes before it.
+    fn layer(&self, axis: usize) -> usize {
+        self.dims[..axis].iter().product()
+    }
+
+    /// Those of them that are kept where the layer is not near a side.
+    fn kept(&self, axis: usize) -> usize {
+        match axis {
+            0 => 0,
+            _ => {
+                let k = axis - 1;
+                let near = self.low[k] + self.high[k];
+                near * self.layer(k) + (self.dims[k] - near) * self.kept(k)
+            }
+        }
+    }
+
+    /// Adds the next layers along the last axis.
+    pub fn add(&mut self, layers: &[f32], first: usize) {
+        let last = D - 1;
+        for (i, layer) in layers.chunks_exact(self.layer(last).max(1)).enumerate() {
+            match self.near(first + i, last) {
+                true => self.heights.extend_from_slice(layer),
+                false => self.add_part(layer, last),
+            }
+        }
+    }
+
+    fn near(&self, at: usize, k: usize) -> bool {
+        at < self.low[k] || at >= self.dims[k] - self.high[k]
+    }
+
+    /// Adds what is kept of a layer square to an axis.
+    fn add_part(&mut self, layer: &[f32], axis: usize) {
+        let k = axis - 1;
+        if k == 0 {
+            self.heights.extend_from_slice(&layer[..self.low[0]]);
+            self.heights
+                .extend_from_slice(&layer[self.dims[0] - self.high[0]..]);
+            return;
+        }
+        for (at, part) in layer.chunks_exact(self.layer(k).max(1)).enumerate() {
+            match self.near(at, k) {
+                true => self.heights.extend_from_slice(part),
+                false => self.add_part(part, k),
+            }
+        }
+    }
+
+    /// The height at a sample at most one farther from a side than where candidates are doubtful.
+    fn at(&self, at: [usize; D]) -> f32 {
+        let mut place = 0;
+        for k in (0..D).rev() {
+            let (layer, kept) = (self.layer(k), self.kept(k));
+            let before = at[k].min(self.low[k]);
+            let beyond = at[k].saturating_sub(self.dims[k] - self.high[k]);
+            place += (before + beyond) * layer + (at[k] - before - beyond) * kept;
+            if self.near(at[k], k) {
+                // All of it is there.
+                return self.heights[(0..k).rev().fold(0, |i, l| i * self.dims[l] + at[l]) + place];
+            }
+        }
+        debug_assert!(false, "{at:?} is not near a side");
+        f32::NEG_INFINITY
+    }
+}
+
+/// How far from the sides (samples) candidates are doubtful.
+fn margin(scale: f64) -> usize {
+    (1.5 * scale).ceil() as usize
+}
+
 /// Continues sheets to the sides of the box; `candidates` are ridge points, in
 /// the order of samples, of a volume smoothed over `scale` samples, those of at least `strong` sure.
 pub fn repair<const D: usize>(
-    smoothed: Volume<'_, D>,
+    smoothed: &Shell<D>,
     candidates: Vec<Candidate<D>>,
     scale: f64,
     strong: f32,
     patience: &Patience<'_>,
 ) -> Vec<Candidate<D>> {
-    let zone = Zone::new(smoothed.dims, scale);
+    let (dims, samples) = (smoothed.dims, Volume::new(smoothed.dims, &[]));
+    let zone = Zone::new(dims, scale);
     let (doubtful, reliable): (Vec<_>, Vec<_>) = candidates.iter().partition(|c| {
-        let at = smoothed.coordinates(c.voxel as usize);
+        let at = samples.coordinates(c.voxel as usize);
         zone.holds(at.map(|i| i as i32))
     });
     // Where most is doubtful (foam, pores), there is nothing to continue from.
@@ -51,7 +149,8 @@ pub fn repair<const D: usize>(
         return candidates;
     }
     drop(candidates);
-    let grid = BySample::new(smoothed.dims, &reliable);
+    let grid = BySample::new(dims, &reliable);
+    let shift = segment(dims);
     let mut fill = Continuation {
         smoothed,
         zone: &zone,
@@ -59,14 +158,15 @@ pub fn repair<const D: usize>(
         points: Vec::new(),
         fronts: Vec::new(),
         previous: Vec::new(),
-        by_segment: vec![NONE; (smoothed.samples.len() >> SEGMENT) + 1],
+        shift,
+        by_segment: vec![NONE; (dims.iter().product::<usize>() >> shift) + 1],
     };
     for c in reliable.iter().filter(|c| c.strength >= strong) {
         if patience.over() {
             break;
         }
         if zone.near(grid.coordinates(c)) {
-            let level = smoothed.samples[c.voxel as usize];
+            let level = smoothed.at(samples.coordinates(c.voxel as usize));
             fill.step_from(
                 c,
                 Departure {
@@ -87,7 +187,7 @@ pub fn repair<const D: usize>(
     }
     let mut points = fill.points;
     points.sort_by_key(|c| c.voxel);
-    let continued = BySample::new(smoothed.dims, &points);
+    let continued = BySample::new(dims, &points);
     let beside = |c: &Candidate<D>| {
         let mut found = false;
         continued.each_around(continued.coordinates(c), BESIDE, |_| found = true);
@@ -110,7 +210,7 @@ impl<const D: usize> Zone<D> {
     fn new(dims: [usize; D], scale: f64) -> Self {
         Self {
             dims: dims.map(|n| n as i32),
-            margin: (1.5 * scale).ceil() as i32,
+            margin: margin(scale) as i32,
         }
     }
 
@@ -148,19 +248,25 @@ struct Departure<const D: usize> {
 
 /// The fronts that fill the zone.
 struct Continuation<'a, const D: usize> {
-    smoothed: Volume<'a, D>,
+    smoothed: &'a Shell<D>,
     zone: &'a Zone<D>,
     reliable: &'a BySample<'a, D>,
     points: Vec<Candidate<D>>,
     /// Where the front of each new point comes from.
     fronts: Vec<Departure<D>>,
-    /// The latest new point among a few samples in a row.
+    /// New points are listed by this many samples in a row, as a power of two.
+    shift: u32,
+    /// The latest new point among these.
     by_segment: Vec<u32>,
     /// For each new point, the one before it among the same samples.
     previous: Vec<u32>,
 }
 
 impl<const D: usize> Continuation<'_, D> {
+    fn samples(&self) -> Volume<'static, D> {
+        Volume::new(self.smoothed.dims, &[])
+    }
+
     /// Tries to continue a sheet from one point into the columns around it.
     fn step_from(&mut self, from: &Candidate<D>, front: Departure<D>) {
         let axis = from.axis as usize;
@@ -182,10 +288,13 @@ impl<const D: usize> Continuation<'_, D> {
                 .find_map(|&radius| self.fit(guess, from, radius));
             let Some(point) = fitted else { continue };
             let at = point.position.map(nearest);
-            let goes_on = self.smoothed.samples[point.voxel as usize] >= least
+            if !self.zone.holds(at) {
+                continue;
+            }
+            let goes_on = self.smoothed.at(at.map(|i| i as usize)) >= least
                 && dot(point.normal, front.normal).abs() >= SAME_NORMAL;
-            if goes_on && self.zone.holds(at) && !self.taken(at, from) {
-                let latest = &mut self.by_segment[(point.voxel >> SEGMENT) as usize];
+            if goes_on && !self.taken(at, from) {
+                let latest = &mut self.by_segment[(point.voxel >> self.shift) as usize];
                 self.previous.push(*latest);
                 *latest = self.points.len() as u32;
                 self.points.push(point);
@@ -202,10 +311,7 @@ impl<const D: usize> Continuation<'_, D> {
         (-1..=1).any(|j| {
             let mut at = column;
             at[axis] += j;
-            self.zone.inside(at) && {
-                let voxel = self.smoothed.index(at.map(|i| i as usize));
-                self.smoothed.samples[voxel] >= least
-            }
+            self.zone.inside(at) && self.smoothed.at(at.map(|i| i as usize)) >= least
         })
     }
 
@@ -218,9 +324,9 @@ impl<const D: usize> Continuation<'_, D> {
             if !self.zone.inside(v) {
                 return false;
             }
-            let voxel = self.smoothed.index(v.map(|i| i as usize)) as u32;
+            let voxel = self.samples().index(v.map(|i| i as usize)) as u32;
             let mut count = 0;
-            let mut i = self.by_segment[(voxel >> SEGMENT) as usize];
+            let mut i = self.by_segment[(voxel >> self.shift) as usize];
             while i != NONE {
                 let p = &self.points[i as usize];
                 if p.voxel == voxel {
@@ -292,7 +398,7 @@ impl<const D: usize> Continuation<'_, D> {
             return None;
         }
         Some(Candidate {
-            voxel: self.smoothed.index(at.map(|i| i as usize)) as u32,
+            voxel: self.samples().index(at.map(|i| i as usize)) as u32,
             axis: like.axis,
             position,
             normal,

@@ -14,8 +14,10 @@
 use super::crossing::{Candidate, along_axis, dominant_axes};
 use super::rows::Curvature;
 use super::symmetric::{eigenvalues, eigenvector};
-use super::volume::Volume;
+use super::windows::{Samples, Window};
+use crate::error::Result;
 use crate::observer::Patience;
+use std::ops::Range;
 
 /// A Gaussian ridge as wide as the smoothing has, in the smoothed image, sigma^2 times its second
 /// derivative lower than its height by this factor.
@@ -24,20 +26,23 @@ pub const HEIGHT: f64 = 2.828_427_124_746_19;
 /// The second direction is tried where its eigenvalue is at least this share of the first one.
 const SECOND: f32 = 0.4;
 
-/// Ridge points whose strength is at least `low`, in the order of samples, of a volume that was
-/// smoothed with a Gaussian of width `sigma` samples.
+/// How far (samples) differences look.
+pub const REACH: usize = 3;
+
+/// Ridge points whose strength is at least `low`, in the order of samples, of the own layers of a window
+/// with a halo of [`REACH`], smoothed with a Gaussian of width `sigma` samples.
 ///
 /// The strength is -sigma^2 times the second derivative across the ridge, scaled to be the ridge's
 /// height if the ridge was a Gaussian of width `sigma` before smoothing.
 pub fn ridges<const D: usize>(
-    smoothed: Volume<'_, D>,
+    window: &Window<'_, D>,
     sigma: f64,
     low: f32,
     patience: &Patience<'_>,
 ) -> Vec<Candidate<D>> {
-    smoothed.by_rows(patience, |first, curvature: &mut Curvature, found| {
-        curvature.measure(smoothed, first);
-        row(smoothed, sigma, low, first, curvature, found);
+    window.by_rows(patience, |first, curvature: &mut Curvature, found| {
+        curvature.measure(window.smoothed.volume, first);
+        row(window, sigma, low, first, curvature, found);
     })
 }
 
@@ -50,7 +55,8 @@ const fn median_to_noise(dimensions: usize) -> f64 {
 /// Ratio of noise to typical strength (one where there is only white noise) from which ridges drown.
 const DROWNED: f32 = 0.5;
 
-/// What the image says about ridge strengths, seen on one row in sixteen (in 2-D on all).
+/// What the image says about ridge strengths, seen on one row in sixteen (in 2-D on all), of large volumes in
+/// some of the layers.
 #[derive(Debug, Clone, Copy)]
 pub struct Statistics {
     /// What noise does to the Laplacian (standard deviation), in units of strength. Sheets bend the
@@ -82,26 +88,35 @@ impl Statistics {
 }
 
 /// Measures [`Statistics`] for [`ridges`].
+///
+/// # Errors
+/// That of reading.
 pub fn statistics<const D: usize>(
-    smoothed: Volume<'_, D>,
+    samples: &Samples<'_, D>,
     sigma: f64,
     patience: &Patience<'_>,
-) -> Statistics {
+) -> Result<Statistics> {
     let every = if D == 3 { 16 } else { 1 };
-    let parts: Vec<(Vec<f32>, Vec<Candidate<D>>)> =
-        smoothed.by_rows(patience, |first, curvature: &mut Curvature, parts| {
-            let number: usize = (1..D).map(|k| first[k] * [1, 1, 7][k]).sum();
-            if !number.is_multiple_of(every) {
-                return;
-            }
-            curvature.measure(smoothed, first);
-            let mut found = Vec::new();
-            row(smoothed, sigma, 0.0, first, curvature, &mut found);
-            let [lowest, next] = &curvature.lowest;
-            let magnitude = |x: usize| sideways::<D>(lowest[x], next[x]);
-            let magnitudes = (0..lowest.len()).step_by(2).map(magnitude).collect();
-            parts.push((magnitudes, found));
-        });
+    let mut parts: Vec<(Vec<f32>, Vec<f32>)> = Vec::new();
+    let some = |own: Range<usize>| (own.start / own.len()).is_multiple_of(samples.one_in());
+    samples.each(REACH, None, &some, patience, &mut |window| {
+        parts.extend(
+            window.by_rows(patience, |first, curvature: &mut Curvature, parts| {
+                let place = window.smoothed.in_volume(first);
+                let number: usize = (1..D).map(|k| place[k] * [1, 1, 7][k]).sum();
+                if !number.is_multiple_of(every) {
+                    return;
+                }
+                curvature.measure(window.smoothed.volume, first);
+                let mut found = Vec::new();
+                row(window, sigma, 0.0, first, curvature, &mut found);
+                let [lowest, next] = &curvature.lowest;
+                let magnitude = |x: usize| sideways::<D>(lowest[x], next[x]);
+                let magnitudes = (0..lowest.len()).step_by(2).map(magnitude).collect();
+                parts.push((magnitudes, found.iter().map(|c| c.strength).collect()));
+            }),
+        );
+    })?;
     let mut magnitudes: Vec<f32> = parts.iter().flat_map(|p| p.0.iter().copied()).collect();
     let middle = magnitudes.len() / 2;
     let median = if middle > 0 {
@@ -109,10 +124,10 @@ pub fn statistics<const D: usize>(
     } else {
         0.0
     };
-    Statistics {
+    Ok(Statistics {
         noise: (f64::from(median) * median_to_noise(D) * sigma * sigma * HEIGHT) as f32,
-        typical: typical(parts.iter().flat_map(|p| &p.1).map(|c| c.strength)),
-    }
+        typical: typical(parts.iter().flat_map(|p| p.1.iter().copied())),
+    })
 }
 
 /// The typical strength, which the strong ones decide: sum of cubes over sum of squares.
@@ -141,7 +156,7 @@ fn sideways<const D: usize>(lowest: f32, next: f32) -> f32 {
 
 /// Ridge points of the row of x from `first`.
 fn row<const D: usize>(
-    smoothed: Volume<'_, D>,
+    window: &Window<'_, D>,
     sigma: f64,
     low: f32,
     first: [usize; D],
@@ -152,6 +167,7 @@ fn row<const D: usize>(
     // it carries nearly all of it, and noise in the other two takes off less than a half.
     let scale = (HEIGHT * sigma * sigma) as f32;
     let (least, bound) = (-low / scale, -0.5 * low / scale);
+    let smoothed = window.smoothed.volume;
     let [lowest, next] = &curvature.lowest;
     let row = lowest.iter().zip(&curvature.laplacian);
     for (x, (&lowest, &laplacian)) in row.enumerate() {
@@ -170,7 +186,8 @@ fn row<const D: usize>(
             for axis in dominant_axes(w) {
                 if let Some(offset) = along_axis(smoothed, at, w, axis) {
                     let strength = -value * scale;
-                    found.push(Candidate::new(smoothed.dims, at, axis, offset, w, strength));
+                    let at = window.smoothed.in_volume(at);
+                    found.push(Candidate::new(window.dims, at, axis, offset, w, strength));
                 }
             }
         }

@@ -54,7 +54,7 @@ mod tests {
             &Patience::endless(),
         )
         .unwrap();
-        assert!(found.points.is_empty() && found.potential.samples.iter().all(|b| *b == 0.0));
+        assert!(found.points.is_empty() && found.potential.is_zero());
     }
 
     #[test]

@@ -3,6 +3,7 @@
 use super::symmetric::Symmetric;
 use crate::observer::Patience;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Rows per parallel task: fixed, so that results do not depend on the threads.
 const ROWS: usize = 128;
@@ -58,11 +59,22 @@ impl<'a, const D: usize> Volume<'a, D> {
         visit: impl Fn([usize; D], &mut S, &mut Vec<T>) + Sync,
     ) -> Vec<T> {
         let rows = self.samples.len() / self.dims[0].max(1);
-        let parts: Vec<Vec<T>> = (0..rows.div_ceil(ROWS))
+        self.by_some_rows(0..rows, patience, visit)
+    }
+
+    /// The same of some of the rows.
+    pub fn by_some_rows<S: Default, T: Send>(
+        &self,
+        rows: Range<usize>,
+        patience: &Patience<'_>,
+        visit: impl Fn([usize; D], &mut S, &mut Vec<T>) + Sync,
+    ) -> Vec<T> {
+        let parts: Vec<Vec<T>> = (0..rows.len().div_ceil(ROWS))
             .into_par_iter()
             .map(|part| {
                 let (mut scratch, mut found) = (S::default(), Vec::new());
-                for row in part * ROWS..((part + 1) * ROWS).min(rows) {
+                let first = rows.start + part * ROWS;
+                for row in first..(first + ROWS).min(rows.end) {
                     if patience.over() {
                         break;
                     }

@@ -88,7 +88,7 @@ impl<const D: usize> Image<D> {
 }
 
 /// An image of more different values than this is one of labels only if it is said.
-const FEW_LABELS: usize = 64;
+pub const FEW_LABELS: usize = 64;
 
 /// The different values of a volume in ascending order, if there are at most `most`.
 pub fn values(samples: &[f32], most: usize) -> Option<Vec<f32>> {

@@ -22,11 +22,11 @@ pub struct Field<const D: usize> {
 
 /// Where a coordinate falls along one axis: four taps and their weights.
 #[derive(Clone, Copy)]
-struct Taps {
+pub(super) struct Taps {
     /// Index of the sample at or before the coordinate.
-    cell: usize,
+    pub cell: usize,
     /// The four taps' offsets in the sample array.
-    offset: [usize; 4],
+    pub offset: [usize; 4],
     /// Weights of the value.
     value: [f32; 4],
     /// Weights of the derivative along this axis.
@@ -34,7 +34,9 @@ struct Taps {
 }
 
 impl Taps {
-    fn new(x: f64, n: usize, step: f64, stride: usize) -> Self {
+    /// At `x` along an axis of `n` samples `step` apart, which are `stride` apart in memory.
+    #[inline]
+    pub fn new(x: f64, n: usize, step: f64, stride: usize) -> Self {
         let last = n.max(1) - 1;
         let index = x / step;
         let inside = index >= 0.0 && index <= last as f64;
@@ -123,54 +125,65 @@ impl<const D: usize> Field<D> {
             };
             line.map(|sample| sample - base)
         };
-        // Sums over all axes but x, one lane per x tap: sums[0] for the value, sums[k] for axis k.
-        let mut sums = [[0.0f32; 4]; D];
-        // Axes beyond the second innermost, so that each sample is weighted only once or twice.
-        let planes = if D > 2 { 4usize.pow(D as u32 - 2) } else { 1 };
-        for tap in 0..if D > 1 { 4 } else { 1 } {
-            let start = if D > 1 { taps[1].offset[tap] } else { 0 };
-            let mut inner = [[0.0f32; 4]; D];
-            for plane in 0..planes {
-                let tap = |k: usize| (plane >> (2 * (k - 2))) & 3;
-                let line = line(start + (2..D).map(|k| taps[k].offset[tap(k)]).sum::<usize>());
-                for axis in (0..D).filter(|&axis| axis != 1) {
-                    let weight = |k: usize| match k == axis {
-                        true => taps[k].slope[tap(k)],
-                        false => taps[k].value[tap(k)],
-                    };
-                    let weight: f32 = (2..D).map(weight).product();
-                    for lane in 0..4 {
-                        inner[axis][lane] += weight * line[lane];
-                    }
-                }
-            }
-            let (value, slope) = match D {
-                1 => (1.0, 0.0),
-                _ => (taps[1].value[tap], taps[1].slope[tap]),
-            };
-            for axis in 0..D {
-                let (weight, inner) = match axis {
-                    1 => (slope, &inner[0]),
-                    _ => (value, &inner[axis]),
+        interpolated(&taps, base, line)
+    }
+}
+
+/// Value and gradient from the taps along each axis; `line` gives the four samples along x, less `base`,
+/// of the row that begins where the taps of the other axes say.
+#[inline(always)]
+pub(super) fn interpolated<const D: usize>(
+    taps: &[Taps; D],
+    base: f32,
+    line: impl Fn(usize) -> [f32; 4],
+) -> (f64, [f64; D]) {
+    // Sums over all axes but x, one lane per x tap: sums[0] for the value, sums[k] for axis k.
+    let mut sums = [[0.0f32; 4]; D];
+    // Axes beyond the second innermost, so that each sample is weighted only once or twice.
+    let planes = if D > 2 { 4usize.pow(D as u32 - 2) } else { 1 };
+    for tap in 0..if D > 1 { 4 } else { 1 } {
+        let start = if D > 1 { taps[1].offset[tap] } else { 0 };
+        let mut inner = [[0.0f32; 4]; D];
+        for plane in 0..planes {
+            let tap = |k: usize| (plane >> (2 * (k - 2))) & 3;
+            let line = line(start + (2..D).map(|k| taps[k].offset[tap(k)]).sum::<usize>());
+            for axis in (0..D).filter(|&axis| axis != 1) {
+                let weight = |k: usize| match k == axis {
+                    true => taps[k].slope[tap(k)],
+                    false => taps[k].value[tap(k)],
                 };
+                let weight: f32 = (2..D).map(weight).product();
                 for lane in 0..4 {
-                    sums[axis][lane] += weight * inner[lane];
+                    inner[axis][lane] += weight * line[lane];
                 }
             }
         }
-        let dot = |a: &[f32; 4], b: &[f32; 4]| -> f64 {
-            (f64::from(a[0] * b[0]) + f64::from(a[1] * b[1]))
-                + (f64::from(a[2] * b[2]) + f64::from(a[3] * b[3]))
+        let (value, slope) = match D {
+            1 => (1.0, 0.0),
+            _ => (taps[1].value[tap], taps[1].slope[tap]),
         };
-        let gradient = std::array::from_fn(|axis| {
-            if axis == 0 {
-                dot(&sums[0], &taps[0].slope)
-            } else {
-                dot(&sums[axis], &taps[0].value)
+        for axis in 0..D {
+            let (weight, inner) = match axis {
+                1 => (slope, &inner[0]),
+                _ => (value, &inner[axis]),
+            };
+            for lane in 0..4 {
+                sums[axis][lane] += weight * inner[lane];
             }
-        });
-        (f64::from(base) + dot(&sums[0], &taps[0].value), gradient)
+        }
     }
+    let dot = |a: &[f32; 4], b: &[f32; 4]| -> f64 {
+        (f64::from(a[0] * b[0]) + f64::from(a[1] * b[1]))
+            + (f64::from(a[2] * b[2]) + f64::from(a[3] * b[3]))
+    };
+    let gradient = std::array::from_fn(|axis| {
+        if axis == 0 {
+            dot(&sums[0], &taps[0].slope)
+        } else {
+            dot(&sums[axis], &taps[0].value)
+        }
+    });
+    (f64::from(base) + dot(&sums[0], &taps[0].value), gradient)
 }
 
 #[cfg(test)]

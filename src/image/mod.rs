@@ -10,6 +10,8 @@
 //! - `depth`: an image in two-way time becomes one in depth
 //! - `check`: statistics, and refusing what no mesh can be made of
 //! - `field`: samples in *lattice space* and their smooth interpolation
+//! - `layers`: samples some layers at a time, in memory or not
+//! - `sparse`: the same of what is zero nearly everywhere
 
 pub(crate) mod check;
 pub(crate) mod column;
@@ -17,6 +19,8 @@ pub(crate) mod depth;
 pub(crate) mod field;
 pub mod formats;
 pub(crate) mod geometry;
+pub(crate) mod layers;
+pub(crate) mod sparse;
 pub mod synth;
 pub(crate) mod time;
 pub(crate) mod velocity;
@@ -26,6 +30,8 @@ pub use column::Column;
 pub use depth::Stretch;
 pub use field::Field;
 pub use geometry::Geometry;
+pub use layers::{Layers, Source};
+pub use sparse::Sparse;
 pub use time::{NoDepth, TimeCoordinate};
 pub use velocity::{Reach, Velocities};
 
@@ -110,28 +116,7 @@ impl<const D: usize> Image<D> {
     /// The value at a (fractional) sample index, interpolated linearly; beyond the sides that of the
     /// nearest sample.
     pub fn linear(&self, index: [f64; D]) -> f32 {
-        let (dims, samples) = (self.dims(), self.as_slice());
-        let mut value = 0.0;
-        for corner in 0..1usize << D {
-            let (mut weight, mut place, mut stride) = (1.0, 0, 1);
-            for k in 0..D {
-                let last = dims[k] - 1;
-                let x = index[k].clamp(0.0, last as f64);
-                let low = (x as usize).min(last.saturating_sub(1));
-                let t = (x - low as f64) as f32;
-                let (sample, share) = match corner >> k & 1 {
-                    0 => (low, 1.0 - t),
-                    _ => ((low + 1).min(last), t),
-                };
-                weight *= share;
-                place += sample * stride;
-                stride *= dims[k];
-            }
-            if weight > 0.0 {
-                value += weight * samples[place];
-            }
-        }
-        value
+        linear(self.dims(), self.as_slice(), index)
     }
 
     /// The samples in memory order, x fastest.
@@ -161,6 +146,31 @@ impl Image<3> {
         let missing = self.missing.iter().copied().take(ny).collect();
         Image::new([nx, ny], samples, self.geometry.flatten()).with_missing(missing)
     }
+}
+
+/// [`Image::linear`] of samples.
+fn linear<const D: usize>(dims: [usize; D], samples: &[f32], index: [f64; D]) -> f32 {
+    let mut value = 0.0;
+    for corner in 0..1usize << D {
+        let (mut weight, mut place, mut stride) = (1.0, 0, 1);
+        for k in 0..D {
+            let last = dims[k] - 1;
+            let x = index[k].clamp(0.0, last as f64);
+            let low = (x as usize).min(last.saturating_sub(1));
+            let t = (x - low as f64) as f32;
+            let (sample, share) = match corner >> k & 1 {
+                0 => (low, 1.0 - t),
+                _ => ((low + 1).min(last), t),
+            };
+            weight *= share;
+            place += sample * stride;
+            stride *= dims[k];
+        }
+        if weight > 0.0 {
+            value += weight * samples[place];
+        }
+    }
+    value
 }
 
 /// The square of the distance between two rows along x, in samples.

@@ -11,7 +11,7 @@ use super::{
 };
 use crate::Result;
 use crate::feature::Features;
-use crate::image::{Geometry, Image};
+use crate::image::{Geometry, Source};
 use crate::improve::regions::{Places, Votes};
 use crate::improve::{SliverMethod, Target};
 use crate::lattice::AtomKind;
@@ -48,7 +48,7 @@ type Cells<const D: usize> = (Made<D>, Report, Distance<D>, optimize::Rest);
 
 /// Cuts Voronoi cells that conform to features, and measures them.
 pub(super) fn made<const D: usize>(
-    image: &Image<D>,
+    source: Source<'_, D>,
     params: &Params<D>,
     features: &Features<D>,
     frame: &Frame<D>,
@@ -59,7 +59,7 @@ where
 {
     let (extent, weld) = (frame.extent, params.weld);
     stages.begin_unless_stopped(Stage::Placing)?;
-    let distance = place::apart(image, params, features, frame, stages)?;
+    let distance = place::apart(source, params, features, frame, stages)?;
     let given = place::fixed(&distance, Alignment::Alongside, frame)?;
     let given = fixed::checked(&given, extent, &distance, Alignment::Alongside)?;
     let surface = surface(params, &distance, features, frame, stages)?;
@@ -93,12 +93,16 @@ where
         features,
         distance: &distance,
     };
+    let labelled = numbers.is_some().then(|| source.whole()).transpose()?;
     let report = stages.patiently(|patience| {
-        let mut report = measure(&mesh, weld, &scene, image, patience);
-        report.regions = numbers.as_ref().and_then(|numbers| {
-            let (places, step) = (Places::of_cells(&mesh), features.potential.step);
-            regions::report(image, &params.labels, &places, numbers, step, patience)
-        });
+        let mut report = measure(&mesh, weld, &scene, source.geometry(), patience);
+        report.regions = numbers
+            .as_ref()
+            .zip(labelled.as_ref())
+            .and_then(|(numbers, image)| {
+                let (places, step) = (Places::of_cells(&mesh), features.potential.step);
+                regions::report(image, &params.labels, &places, numbers, step, patience)
+            });
         if let Some(voronoi) = &mut report.voronoi {
             voronoi.conforming = Some(sites.share(&mesh, atoms.len()));
         }
@@ -353,7 +357,7 @@ fn measure<const D: usize>(
     mesh: &PolyMesh<D>,
     weld: f64,
     scene: &Scene<'_, D>,
-    image: &Image<D>,
+    geometry: &Geometry<D>,
     patience: &Patience<'_>,
 ) -> Report {
     let (features, distance) = (scene.features, scene.distance);
@@ -366,7 +370,7 @@ fn measure<const D: usize>(
     let voronoi = measured(patience, || {
         let low = [0.0; D];
         let check = check_while(mesh, known, low, scene.extent, BOX_TOLERANCE, patience);
-        let physical = Graph::from_poly(&to_world(mesh, step, &image.geometry));
+        let physical = Graph::from_poly(&to_world(mesh, step, geometry));
         let cubes = graph.volume.iter().zip(&graph.site);
         let cubes = cubes.map(|(volume, &x)| volume / distance.at(x).powi(D as i32));
         report::Voronoi {

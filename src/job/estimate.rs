@@ -2,12 +2,15 @@
 
 use super::CellKind;
 use crate::Result;
+use crate::image::Source;
 use crate::lattice::distance::Distance;
 use crate::memory;
 use crate::observer::Estimate;
 
-/// What a job takes besides its mesh, in bytes a sample: the image, its potential, and one field more.
-const SAMPLE: f64 = 12.0;
+/// What features take besides an image in memory, in bytes a sample: the image smoothed, and some more.
+const SAMPLE: f64 = 8.0;
+/// ... and of one whose layers are read, in bytes a sample of a layer: twice as many layers as filters see.
+const LAYER: f64 = 1_200.0;
 
 /// What a mesh takes while it is made, improved, measured and written, in bytes an atom; measured with
 /// 0.1 to 3 million atoms.
@@ -33,10 +36,14 @@ fn cells_per_atom<const D: usize>(kind: CellKind) -> f64 {
 ///
 /// # Errors
 /// [`Error::Job`](crate::Error::Job).
-pub(super) fn afford_features<const D: usize>(dims: [usize; D]) -> Result<()> {
-    // The image itself has been read.
+pub(super) fn afford_features<const D: usize>(source: Source<'_, D>) -> Result<()> {
+    let dims = source.dims();
     let samples: f64 = dims.iter().map(|&n| n as f64).product();
-    let bytes = (SAMPLE - 4.0) * samples;
+    let bytes = match source {
+        Source::Held(_) => SAMPLE * samples,
+        // Some layers at a time.
+        Source::InLayers(_) => LAYER * samples / dims[D - 1].max(1) as f64,
+    };
     let remedy = "give a part of the image, or every second sample";
     memory::afford(
         "the image",

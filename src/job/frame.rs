@@ -2,7 +2,7 @@
 
 use super::{FixedAtom, Params, Weight};
 use crate::error::cause;
-use crate::image::{Field, Geometry, Image};
+use crate::image::{Field, Geometry};
 use crate::lattice::energy::Beta;
 use crate::lattice::seeding::wells::Way;
 use crate::{Error, Result};
@@ -30,8 +30,7 @@ impl<const D: usize> Frame<D> {
     /// # Errors
     /// [`Error::Seeding`] for atoms and wells that do not lie in the image, [`Error::Job`] for weights
     /// of other dims.
-    pub fn new(image: &Image<D>, params: &Params<D>) -> Result<Self> {
-        let (dims, geometry) = (image.dims(), &image.geometry);
+    pub fn new(dims: [usize; D], geometry: &Geometry<D>, params: &Params<D>) -> Result<Self> {
         let step = params.metric.step(geometry);
         let extent = lattice_extent(dims, step);
         Ok(Self {

@@ -4,7 +4,7 @@ use super::frame::Frame;
 use super::{Evaluator, Params};
 use crate::Result;
 use crate::feature::{Features, gaussian};
-use crate::image::Field;
+use crate::image::Sparse;
 use crate::lattice::distance::Distance;
 use crate::lattice::energy::{Energy, Pairwise, Regularised, Sampled};
 use crate::lattice::optimize::{self, Stop};
@@ -16,7 +16,7 @@ use crate::report::Optimisation;
 fn energy<'a, const D: usize>(
     params: &Params<D>,
     mobility: Vec<[f64; D]>,
-    potential: &'a Field<D>,
+    potential: &'a Sparse<D>,
     distance: &'a Distance<D>,
     frame: &Frame<D>,
 ) -> Result<Box<dyn Energy<D> + 'a>> {
@@ -31,7 +31,7 @@ fn energy<'a, const D: usize>(
             Box::new(energy?)
         }
         Evaluator::Pairwise => Box::new(pairs(beta)?),
-        Evaluator::Sampled => Box::new(Sampled::new(distance, potential, beta).uncrowded()),
+        Evaluator::Sampled => Box::new(Sampled::new(distance, potential.dense(), beta).uncrowded()),
     })
 }
 
@@ -45,7 +45,7 @@ pub(super) fn optimise<const D: usize>(
     observer: &mut dyn Observer,
 ) -> Result<optimize::Rest> {
     let options = moving(params);
-    let mut pass = |potential: &Field<D>, observer: &mut dyn Observer| {
+    let mut pass = |potential: &Sparse<D>, observer: &mut dyn Observer| {
         let extent = frame.extent;
         let mobility = atoms.mobility(extent);
         let mut energy = energy(params, mobility, potential, distance, frame)?;
@@ -93,12 +93,12 @@ pub(crate) fn optimiser(seed: u64) -> optimize::Effort {
 
 /// A potential whose valleys, of width `sigma`, are `factor` times as wide and as deep as before.
 fn smoother<const D: usize>(
-    potential: &Field<D>,
+    potential: &Sparse<D>,
     sigma: f64,
     factor: f64,
     patience: &Patience<'_>,
-) -> Field<D> {
-    let mut wide = potential.clone();
+) -> Sparse<D> {
+    let mut wide = potential.dense();
     // Widths add in quadrature; the depth of a straight valley falls as its width grows.
     let added = sigma * (factor * factor - 1.0).sqrt();
     gaussian::smooth(
@@ -110,7 +110,7 @@ fn smoother<const D: usize>(
     for b in &mut wide.samples {
         *b = (*b * factor as f32).clamp(-1.0, 0.0);
     }
-    wide
+    Sparse::of(&wide)
 }
 
 /// The report's lines on the optimiser.
@@ -139,6 +139,7 @@ mod tests {
     use super::*;
     use crate::feature::Detection;
     use crate::geometry::distance2;
+    use crate::image::Field;
     use crate::lattice::energy::Beta;
     use crate::lattice::seeding::{self, Alignment};
     use crate::observer::Unobserved;
@@ -209,7 +210,7 @@ mod tests {
         };
         let (extent, d, beta) = ([80.0, 60.0], 6.0, 0.6);
         let b = |x: [f64; 2]| -0.01 * x[0];
-        let potential = Field::from_fn([81, 61], [1.0; 2], b);
+        let potential = Sparse::of(&Field::from_fn([81, 61], [1.0; 2], b));
         let distance = Distance::Constant(d);
         let frame = Frame {
             step: [1.0; 2],
@@ -273,6 +274,7 @@ mod tests {
             .map(|i| [6.0 * f64::from(i % 7) + 12.0, 6.0 * f64::from(i / 7) + 12.0])
             .collect();
         let potential = Field::from_fn([61, 61], [1.0; 2], |x| -0.01 * x[0]);
+        let potential = Sparse::of(&potential);
         let distance = Distance::Constant(d);
         let frame = Frame {
             step: [1.0; 2],

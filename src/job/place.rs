@@ -7,7 +7,7 @@ use super::{Evaluator, Meshing, Params, Space, Spacing, Stages, canny, estimate}
 use crate::error::cause;
 use crate::feature::components::for_each_sample;
 use crate::feature::{FeatureKind, Features};
-use crate::image::{Field, Image};
+use crate::image::{Field, Image, Source};
 use crate::lattice::distance::{self, Dense, Distance};
 use crate::lattice::optimize::{self, Stop};
 use crate::lattice::seeding::{self, Alignment, Atoms, Seeding, wells};
@@ -91,7 +91,7 @@ impl Placing {
     /// Those of distances and seeding; [`Error::Interrupted`] before there is a lattice.
     pub fn place<const D: usize>(
         self,
-        image: &Image<D>,
+        source: Source<'_, D>,
         params: &Params<D>,
         features: &Features<D>,
         frame: &Frame<D>,
@@ -104,7 +104,7 @@ impl Placing {
         match self {
             Self::Canny => {
                 let placed = stages.unless_stopped(Stage::Placing, |patience| {
-                    canny::placed(image, params, features, frame, patience)
+                    canny::placed(&*source.whole()?, params, features, frame, patience)
                 })?;
                 let atoms = placed.atoms.positions.len() as f64;
                 let estimate = estimate::of_atoms::<D>(atoms, params.cells);
@@ -113,7 +113,7 @@ impl Placing {
                 Ok(placed)
             }
             Self::Lattice => {
-                let distance = apart(image, params, features, frame, stages)?;
+                let distance = apart(source, params, features, frame, stages)?;
                 let fixed = fixed(&distance, Alignment::On, frame)?;
                 lattice(params, distance, &fixed, features, frame, stages)
             }
@@ -123,7 +123,7 @@ impl Placing {
 
 /// The nominal distance between atoms, also at wells.
 pub(super) fn apart<const D: usize>(
-    image: &Image<D>,
+    source: Source<'_, D>,
     params: &Params<D>,
     features: &Features<D>,
     frame: &Frame<D>,
@@ -131,7 +131,7 @@ pub(super) fn apart<const D: usize>(
 ) -> Result<Distance<D>> {
     let (extent, ways) = (frame.extent, &frame.ways);
     let distance = stages.unless_stopped(Stage::Placing, |patience| {
-        let distance = varying(image, params, features, frame.step, patience)?;
+        let distance = varying(source, params, features, frame.step, patience)?;
         let distance = of_labels(distance, params, features, patience);
         patience.lasts(Stage::Placing)?;
         match params.well_distance.filter(|_| !ways.is_empty()) {
@@ -230,21 +230,21 @@ fn dense<const D: usize>(image: &Image<D>, features: &Features<D>) -> (Dense, St
 
 /// What whoever reads the report should know of how the distance came about.
 pub(super) fn note<const D: usize>(
-    image: &Image<D>,
+    source: Source<'_, D>,
     params: &Params<D>,
     features: &Features<D>,
-) -> Option<String> {
+) -> Result<Option<String>> {
     let Spacing::FromImage { .. } = params.spacing else {
-        return None;
+        return Ok(None);
     };
-    let (dense, why) = dense(image, features);
+    let (dense, why) = dense(&*source.whole()?, features);
     let end = match dense {
         Dense::Dark => "darkest",
         Dense::Bright => "brightest",
     };
-    Some(format!(
+    Ok(Some(format!(
         "distance from image: least where it is {end}, for it has {why}"
-    ))
+    )))
 }
 
 /// A distance with that of each label in its samples, if one has its own: where it is less than the
@@ -292,7 +292,7 @@ fn of_labels<const D: usize>(
 
 /// The nominal distance that the parameters ask for.
 fn varying<const D: usize>(
-    image: &Image<D>,
+    source: Source<'_, D>,
     params: &Params<D>,
     features: &Features<D>,
     step: [f64; D],
@@ -317,11 +317,12 @@ fn varying<const D: usize>(
             distance::from_gaps(features, least(min), max, GROWTH, patience)
         }
         Spacing::FromImage { min, max } => {
-            let dense = dense(image, features).0;
-            distance::from_image(&field(image), dense, min, max, GROWTH, patience)
+            let image = source.whole()?;
+            let dense = dense(&image, features).0;
+            distance::from_image(&field(&image), dense, min, max, GROWTH, patience)
         }
         Spacing::FromLaplacian { min, max } => distance::from_laplacian(
-            &features.potential,
+            &features.potential.dense(),
             features.sigma,
             min,
             max,
@@ -334,7 +335,7 @@ fn varying<const D: usize>(
             "give a distance, or place Canny's points",
         ))),
         Spacing::Given { min, max } => match &params.distances {
-            Some(given) if given.dims() == image.dims() => {
+            Some(given) if given.dims() == source.dims() => {
                 distance::from_samples(field(given), min, max, GROWTH, patience)
             }
             given => Err(Error::Job(cause(
@@ -342,7 +343,7 @@ fn varying<const D: usize>(
                 format!(
                     "have dimensions {:?}, the image {:?}",
                     given.as_ref().map(|image| image.dims()).unwrap_or([0; D]),
-                    image.dims()
+                    source.dims()
                 ),
                 "give one distance per sample of the image",
             ))),
@@ -370,7 +371,13 @@ mod tests {
                 spacing: Spacing::FromImage { min: 4.0, max: 7.0 },
                 ..Params::default()
             };
-            let d = varying(&image, &params, &features, [1.0; 2], &Patience::endless());
+            let d = varying(
+                Source::Held(&image),
+                &params,
+                &features,
+                [1.0; 2],
+                &Patience::endless(),
+            );
             let d = |x: f64| d.as_ref().unwrap().at([x, 35.0]);
             assert!(
                 d(40.0) < 4.1 && d(5.0) > 6.0,
@@ -378,7 +385,8 @@ mod tests {
                 d(40.0),
                 d(5.0)
             );
-            let note = note(&image, &params, &features).unwrap();
+            let note = note(Source::Held(&image), &params, &features);
+            let note = note.unwrap().unwrap();
             assert!(note.contains(word), "{note}");
         }
     }

@@ -9,7 +9,7 @@ use super::{
 };
 use crate::error::cause;
 use crate::feature::{self, Features, labelled};
-use crate::image::{Geometry, Image};
+use crate::image::{Geometry, Image, Source};
 use crate::lattice::distance::Distance;
 use crate::lattice::optimize::{self, Stop};
 use crate::lattice::seeding::Alignment;
@@ -128,15 +128,16 @@ pub fn run<const D: usize>(
 where
     Space<D>: Meshing<D>,
 {
-    run_from(image, params, None, observer)
+    run_from(Source::Held(image), params, None, observer)
 }
 
-/// The same; what its stages give is kept in a folder, and what is there of the same job is taken up.
+/// The same of an image that need not be in memory; what its stages give is kept in a folder, and what is
+/// there of the same job is taken up.
 ///
 /// # Errors
-/// As [`run`], and [`Error::Io`](crate::Error::Io) if something cannot be kept.
+/// As [`run`], and [`Error::Io`](crate::Error::Io) if something cannot be kept or read.
 pub fn run_from<const D: usize>(
-    image: &Image<D>,
+    source: Source<'_, D>,
     params: &Params<D>,
     checkpoint: Option<&Checkpoint>,
     observer: &mut dyn Observer,
@@ -144,9 +145,13 @@ pub fn run_from<const D: usize>(
 where
     Space<D>: Meshing<D>,
 {
-    let checkpoint = checkpoint.map(|kept| kept.of(image, params));
-    let merged = labelled::merged(image, &params.labels)?;
-    let image = merged.as_ref().unwrap_or(image);
+    let checkpoint = checkpoint.map(|kept| kept.of(source, params)).transpose()?;
+    let merged = match params.labels.is_empty() {
+        true => None,
+        false => labelled::merged(&*source.whole()?, &params.labels)?,
+    };
+    let source = merged.as_ref().map_or(source, Source::Held);
+    let (dims, geometry) = (source.dims(), source.geometry());
     let alignment = match params.cells {
         CellKind::Simplices => Alignment::On,
         CellKind::Voronoi => Alignment::Alongside,
@@ -154,31 +159,31 @@ where
     let placing = Placing::of(params);
     placing.check(params, alignment)?;
     simplices::check_smoothing(params)?;
-    let step = params.metric.step(&image.geometry);
-    let extent = lattice_extent(image.dims(), step);
+    let step = params.metric.step(geometry);
+    let extent = lattice_extent(dims, step);
     // Before the work: the largest distance must fit, whatever the features are.
     let room = match params.spacing {
         Spacing::OfAtoms { .. } => extent,
-        _ => lattice_extent(image.dims(), params.metric.lengths(&image.geometry)),
+        _ => lattice_extent(dims, params.metric.lengths(geometry)),
     };
     let wishes = params.labels.iter().filter_map(|wish| wish.distance);
     let largest = wishes.fold(params.spacing.max(), f64::max);
     Distance::Constant(largest).validate(room)?;
-    estimate::afford_features(image.dims())?;
-    let params = &*params.in_lattice_units(params.metric.unit(&image.geometry));
+    estimate::afford_features(source)?;
+    let params = &*params.in_lattice_units(params.metric.unit(geometry));
     if !matches!(params.spacing, Spacing::OfAtoms { .. }) {
         // As many as if they were nowhere closer.
         let sparsest = Distance::Constant(params.spacing.max());
         estimate::afford(&estimate::of_distance(&sparsest, extent, params.cells))?;
     }
-    let frame = Frame::new(image, params)?;
+    let frame = Frame::new(dims, geometry, params)?;
 
     let mut stages = Stages::new(observer).keeping(checkpoint);
     stages.begin_unless_stopped(Stage::Features)?;
     let options = params.feature_options(step);
     let features = stages.kept("1-features", |stages| {
         stages.unless_stopped(Stage::Features, |patience| {
-            feature::detect_while(image, &options, patience)
+            feature::detect_while(source, &options, patience)
         })
     })?;
     let (made, mut report, distance, optimised) = match params.cells {
@@ -187,17 +192,17 @@ where
                 atoms,
                 distance,
                 optimised,
-            } = placing.place(image, params, &features, &frame, &mut stages)?;
+            } = placing.place(source, params, &features, &frame, &mut stages)?;
             let scene = Scene {
                 extent,
                 features: &features,
                 distance: &distance,
             };
-            let (made, report) = simplices::made(atoms, &scene, image, params, &mut stages)?;
+            let (made, report) = simplices::made(atoms, &scene, source, params, &mut stages)?;
             (made, report, distance, optimised)
         }
         CellKind::Voronoi => {
-            let cells = cells::made(image, params, &features, &frame, &mut stages)?;
+            let cells = cells::made(source, params, &features, &frame, &mut stages)?;
             let (made, report, distance, rest) = cells;
             (made, report, distance, Some(rest))
         }
@@ -208,7 +213,7 @@ where
     refuse_invalid(&report)?;
     report.left_out = Some(features.left_out);
     report.notes.extend(features.notes.iter().cloned());
-    report.notes.extend(place::note(image, params, &features));
+    report.notes.extend(place::note(source, params, &features)?);
     let (costs, interrupted) = stages.end();
     report.stages = costs;
     let stop = match &optimised {
@@ -220,7 +225,7 @@ where
         made,
         extent,
         step,
-        geometry: image.geometry.clone(),
+        geometry: geometry.clone(),
         features,
         distance,
         optimised,

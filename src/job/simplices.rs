@@ -8,7 +8,7 @@ use super::{CellKind, Made, Meshing, Params, Scene, Space, Stages};
 use crate::error::cause;
 use crate::feature::steepness::steepness;
 use crate::feature::volume::Volume;
-use crate::image::{Field, Image};
+use crate::image::{Field, Image, Source};
 use crate::improve::regions::Places;
 use crate::improve::triangles::relax::{self, Relaxation};
 use crate::improve::{self, SliverMethod};
@@ -33,7 +33,7 @@ pub(super) fn check_smoothing<const D: usize>(params: &Params<D>) -> Result<()> 
 pub(super) fn made<const D: usize>(
     atoms: Atoms<D>,
     scene: &Scene<'_, D>,
-    image: &Image<D>,
+    source: Source<'_, D>,
     params: &Params<D>,
     stages: &mut Stages<'_>,
 ) -> Result<(Made<D>, Report)>
@@ -41,7 +41,10 @@ where
     Space<D>: Meshing<D>,
 {
     let step = scene.features.potential.step;
-    let relaxation = relaxation(image, params, step);
+    let relaxation = match params.smooth {
+        Some(scheme) => Some(relaxation(&*source.whole()?, scheme, params, step)),
+        None => None,
+    };
     let options = params.min_dihedral.map(|min_dihedral| improve::Target {
         min_dihedral,
         method: params.slivers,
@@ -67,7 +70,8 @@ where
     });
     stages.begin(Stage::Measuring);
     let claimed = improvement.is_some().then_some(&*made.feature_faces);
-    let (dims, features) = (image.dims(), scene.features);
+    let (dims, features) = (source.dims(), scene.features);
+    let labelled = numbers.is_some().then(|| source.whole()).transpose()?;
     let neighbors = Some(neighbors.as_slice());
     let distance = |n: u32| scene.distance.at(made.mesh.nodes()[n as usize]);
     let judged = report::judged(&made.mesh, &made.feature_faces, scene.extent, distance);
@@ -78,10 +82,13 @@ where
         if let Some(quality) = &mut report.quality {
             quality.angles = Some(judged.angles.clone());
         }
-        report.regions = numbers.as_ref().and_then(|numbers| {
-            let places = Places::of_simplices(&made.mesh);
-            regions::report(image, &params.labels, &places, numbers, step, patience)
-        });
+        report.regions = numbers
+            .as_ref()
+            .zip(labelled.as_ref())
+            .and_then(|(numbers, image)| {
+                let places = Places::of_simplices(&made.mesh);
+                regions::report(image, &params.labels, &places, numbers, step, patience)
+            });
         report.lattice = Some(report::lattice(&made.mesh, |x| scene.distance.at(x)));
         if let Some((mesh, faces)) = rival {
             let faces = Some(faces.as_slice());
@@ -130,23 +137,23 @@ where
     Ok((joined, neighbors))
 }
 
-/// How the triangles shall be smoothed, if they shall be.
+/// How the triangles shall be smoothed.
 fn relaxation<const D: usize>(
     image: &Image<D>,
+    scheme: relax::Scheme,
     params: &Params<D>,
     step: [f64; D],
-) -> Option<Relaxation<D>> {
-    let scheme = params.smooth?;
+) -> Relaxation<D> {
     // It is of the plane, and soon done.
     let patience = &Patience::endless();
     let image = smoothed(image, step, params.sigma.unwrap_or(1.0), patience);
     let steepness = steepness(Volume::new(image.dims, &image.samples), patience);
-    Some(Relaxation {
+    Relaxation {
         scheme,
         weight: relax::weight(Field {
             samples: steepness,
             ..image
         }),
         rounds: relax::ROUNDS,
-    })
+    }
 }

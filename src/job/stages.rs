@@ -137,7 +137,7 @@ mod tests {
     use crate::ErrorKind;
     use crate::feature::FeatureKind;
     use crate::image::synth::{self, Kind};
-    use crate::image::{Geometry, Image};
+    use crate::image::{Geometry, Image, Source};
     use crate::job::{
         self, BOX_TOLERANCE, CellKind, Made, Meshing, Outcome, Params, Space, Spacing,
     };
@@ -283,7 +283,7 @@ mod tests {
                     ..Counting::default()
                 };
                 let found = Patience::of(&mut || observer.keep_going(), |patience| {
-                    crate::feature::detect_while(&image, &options, patience)
+                    crate::feature::detect_while(Source::Held(&image), &options, patience)
                 });
                 (found, observer.questions[&Stage::Features])
             };

@@ -206,7 +206,6 @@ fn distance_does_not_run_on_where_a_surface_ends() {
 #[test]
 fn detected_points_stand_in_for_truth() {
     use crate::feature::{FeaturePoint, Features};
-    use crate::image::Field;
     let points = (0..17 * 17)
         .map(|i| FeaturePoint {
             position: [8.0, (i % 17) as f32, (i / 17) as f32],
@@ -214,11 +213,7 @@ fn detected_points_stand_in_for_truth() {
             strength: 1.0,
         })
         .collect();
-    let potential = Field {
-        dims: [17; 3],
-        step: [1.0; 3],
-        samples: vec![0.0; 17 * 17 * 17],
-    };
+    let potential = crate::image::Sparse::zero([17; 3], [1.0; 3]);
     let features = Features {
         sheet: vec![],
         on_horizon: vec![],

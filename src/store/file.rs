@@ -10,7 +10,7 @@ use super::{write_cells_vtu, write_lines, write_vtu};
 use crate::Result;
 use crate::feature::Settled;
 use crate::files::vtk::DataArray;
-use crate::image::{Geometry, Image};
+use crate::image::{Geometry, Source};
 pub use crate::job::Provenance;
 use crate::job::horizons::horizon_bits;
 use crate::job::{Made, Marked, Meshing, Outcome, Space};
@@ -92,13 +92,16 @@ where
 {
     /// The mesh with all that is known of it, where the image lies in the world, as
     /// [`Self::write_with_image`] writes it; `None` unless the image has two axes or three.
-    pub fn file(&self, image: &Image<D>) -> Option<AnyMesh> {
-        AnyMesh::of(match &self.made {
-            Made::Simplices(made) => Box::new(with_image(to_file(self, made), image)),
+    ///
+    /// # Errors
+    /// That of reading the image.
+    pub fn file(&self, image: Source<'_, D>) -> Result<Option<AnyMesh>> {
+        Ok(AnyMesh::of(match &self.made {
+            Made::Simplices(made) => Box::new(with_image(to_file(self, made), image)?),
             Made::Voronoi { mesh, weld } => {
-                Box::new(with_image(cells_to_file(self, mesh, *weld), image))
+                Box::new(with_image(cells_to_file(self, mesh, *weld), image)?)
             }
-        })
+        }))
     }
 
     /// Writes the mesh with all that is known of it, where the image lies in the world, as a VTU file:
@@ -118,12 +121,12 @@ where
     /// The same with the image's value at each node and in the middle of each cell, as arrays `image`.
     ///
     /// # Errors
-    /// As [`write`](Self::write).
-    pub fn write_with_image(&self, path: &Path, image: &Image<D>) -> Result<()> {
+    /// As [`write`](Self::write), and that of reading the image.
+    pub fn write_with_image(&self, path: &Path, image: Source<'_, D>) -> Result<()> {
         match &self.made {
-            Made::Simplices(made) => write_vtu(path, &with_image(to_file(self, made), image)),
+            Made::Simplices(made) => write_vtu(path, &with_image(to_file(self, made), image)?),
             Made::Voronoi { mesh, weld } => {
-                write_cells_vtu(path, &with_image(cells_to_file(self, mesh, *weld), image))
+                write_cells_vtu(path, &with_image(cells_to_file(self, mesh, *weld), image)?)
             }
         }
     }
@@ -149,25 +152,28 @@ where
 
 /// A mesh with the image's value at each node and in the middle of each cell, interpolated linearly, as
 /// arrays `image`.
+///
+/// # Errors
+/// That of reading the image.
 pub fn with_image<const D: usize, M: Mesh<D>>(
     mut file: MeshFile<M>,
-    image: &Image<D>,
-) -> MeshFile<M> {
+    image: Source<'_, D>,
+) -> Result<MeshFile<M>> {
     let space = LatticeSpace::of(&file, file.mesh.nodes()).filter(|space| space.by_file);
-    let geometry = space.map_or_else(|| image.geometry.clone(), |space| space.geometry);
-    let at = |x: [f64; D]| match geometry.to_index(x) {
-        Some(index) => image.linear(index),
-        None => f32::NAN,
-    };
-    let nodes = file.mesh.nodes();
-    let on_nodes: Vec<f32> = nodes.par_iter().map(|&x| at(x)).collect();
+    let geometry = space.map_or_else(|| image.geometry().clone(), |space| space.geometry);
+    let nodes = file.mesh.nodes().par_iter();
+    let nodes: Vec<_> = nodes.map(|&x| geometry.to_index(x)).collect();
     let cells = file.mesh.cell_volumes();
-    let in_cells: Vec<f32> = cells.par_iter().map(|&(_, middle)| at(middle)).collect();
+    let cells = cells
+        .par_iter()
+        .map(|&(_, middle)| geometry.to_index(middle));
+    let cells: Vec<_> = cells.collect();
+    let (on_nodes, in_cells) = (image.linear(&nodes)?, image.linear(&cells)?);
     let arrays = &mut file.point_data;
     arrays.push(DataArray::scalars(IMAGE, on_nodes));
     let arrays = &mut file.cell_data;
     arrays.push(DataArray::scalars(IMAGE, in_cells));
-    file
+    Ok(file)
 }
 
 /// The arrays of the image's values.

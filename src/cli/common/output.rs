@@ -61,8 +61,8 @@ pub fn same_file(a: &Path, b: &Path) -> bool {
 }
 
 /// A potential, or what else there is a value of for every sample, as an image that lies where the image it came from lies.
-pub fn potential_image<const D: usize>(potential: &Field<D>, geometry: &Geometry<D>) -> Image<D> {
-    Image::new(potential.dims, potential.samples.clone(), geometry.clone())
+pub fn potential_image<const D: usize>(potential: Field<D>, geometry: &Geometry<D>) -> Image<D> {
+    Image::new(potential.dims, potential.samples, geometry.clone())
 }
 
 /// Writes an image and says which.

@@ -13,9 +13,9 @@ use crate::cli::job::params;
 use crate::cli::parse;
 use crate::error::{cause, os};
 use crate::feature::FeatureKind;
-use crate::image::Image;
 use crate::image::formats::InputOptions;
 use crate::image::formats::{AnyLoaded, Loaded};
+use crate::image::{Image, Source};
 use crate::improve;
 use crate::job::asked::{Apart, Cells, DistanceFrom, PlacementJob, Slivers};
 use crate::job::{Job, Params};
@@ -154,7 +154,8 @@ fn run<const D: usize, M: Stored<D>>(
     let after = edited.file.mesh.len();
     console.begin_stage(Stage::Writing);
     clock.begin(Stage::Writing);
-    console.write_mesh(&args.output, with_image(edited.file, &image))?;
+    let file = with_image(edited.file, Source::Held(&image))?;
+    console.write_mesh(&args.output, file)?;
     clock.end();
 
     let mut summary = edited.summary;

@@ -114,9 +114,12 @@ fn find<const D: usize>(
     loaded.image.check(&args.image.display().to_string())?;
     console.begin_stage("finding features");
     let found = feature::detect(&loaded.image, &options)?;
-    let potential = potential_image(&found.potential, &loaded.image.geometry);
+    let potential = potential_image(found.potential.dense(), &loaded.image.geometry);
     if let (Some(path), Some(confidence)) = (&args.confidence_out, &found.confidence) {
-        console.write_image(path, potential_image(confidence, &loaded.image.geometry))?;
+        console.write_image(
+            path,
+            potential_image(confidence.clone(), &loaded.image.geometry),
+        )?;
     }
     let lines = match &args.lines {
         Some(path) => Some(written_lines(path, &found, &loaded.image.geometry)?),

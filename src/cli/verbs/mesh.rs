@@ -16,9 +16,11 @@ use crate::error::{cause, os};
 use crate::export::page::{self, About, LARGEST, Written};
 use crate::feature::FeatureKind;
 use crate::files::vtk::DataArray;
-use crate::image::formats::{AnyLoaded, Loaded};
-use crate::image::{Geometry, Image};
-use crate::job::{Checkpoint, Job, Made, Meshing, Outcome, Provenance, Settings, Space};
+use crate::image::formats::stream::{Opened, Stream};
+use crate::image::formats::{AnyLoaded, Loaded, of_its_axes};
+use crate::image::{Geometry, Image, Source};
+use crate::job::asked::VelocityFrom;
+use crate::job::{Checkpoint, Job, Made, Meshing, Outcome, Params, Provenance, Settings, Space};
 use crate::lattice::optimize::Stop;
 use crate::memory::Bytes;
 use crate::mesh::Simplices;
@@ -61,7 +63,14 @@ pub fn mesh(args: &MeshArgs, interrupts: &Interrupts, console: &mut Console) -> 
     let mut clock = Clock::new();
     console.begin_stage(Stage::Reading);
     clock.begin(Stage::Reading);
-    let loaded = console.read_image(image, &job.input)?;
+    // Traces are stretched in memory.
+    let stretched = matches!(job.velocity, Some(VelocityFrom::File(_)));
+    let opened = match console.open_image(image, &job.input)? {
+        Opened::Stream(stream) if stretched || !stream.stays() => {
+            stream.loaded(image).map(of_its_axes).map(Opened::Held)?
+        }
+        opened => opened,
+    };
     clock.end();
     let run = Run {
         path: image,
@@ -69,15 +78,32 @@ pub fn mesh(args: &MeshArgs, interrupts: &Interrupts, console: &mut Console) -> 
         interrupts,
         clock,
     };
-    match loaded {
-        AnyLoaded::Plane(loaded) => run.mesh(loaded, console),
-        AnyLoaded::Space(loaded) if cfg!(feature = "tetgen") => run.mesh(loaded, console),
-        AnyLoaded::Space(_) => Err(Error::Job(cause(
+    let able = cfg!(feature = "tetgen");
+    match opened {
+        Opened::Held(AnyLoaded::Plane(loaded)) => run.mesh_held(loaded, console),
+        Opened::Held(AnyLoaded::Space(loaded)) if able => run.mesh_held(loaded, console),
+        Opened::Stream(mut stream) if able => {
+            if let Some(VelocityFrom::Constant(velocity)) = job.velocity {
+                let geometry = &mut stream.head.geometry;
+                *geometry = geometry.in_depth(velocity).map_err(named)?.0;
+            }
+            let (image, dims) = (Source::InLayers(&stream), stream.head.dims);
+            run.mesh(image, dims, params(&job)?, &|| said_of(&stream), console)
+        }
+        _ => Err(Error::Job(cause(
             "atomesh mesh",
             "this program was built without TetGen and makes no 3-D mesh",
             "build it with the default features",
         ))),
     }
+}
+
+/// What is to be said of an image that is still in its file.
+fn said_of(stream: &Stream) -> Vec<String> {
+    let mut notes = stream.head.notes.clone();
+    notes.extend(stream.note());
+    notes.push("the image is left in its file, some layers of which are read at a time".into());
+    notes
 }
 
 /// The job: what was typed over the configuration file.
@@ -128,9 +154,42 @@ struct Run<'a> {
 }
 
 impl Run<'_> {
-    fn mesh<const D: usize, M: Simplices<D>>(
+    /// Meshes an image in memory.
+    fn mesh_held<const D: usize, M: Simplices<D>>(
         self,
         loaded: Loaded<D>,
+        console: &mut Console,
+    ) -> Result<Ending>
+    where
+        Space<D>: Meshing<D, Mesh = M>,
+    {
+        let Loaded {
+            image, mut notes, ..
+        } = loaded;
+        let dims = image.dims();
+        image.check(&self.path.display().to_string())?;
+        let mut params = params::<D>(self.job)?;
+        let velocity = self.job.velocity.as_ref();
+        let labels = params.feature == FeatureKind::Labels;
+        let (image, stretch) = image_in_depth(image, velocity, labels, console)?;
+        params_in_depth(&mut params, stretch.as_ref())?;
+        notes.extend(stretch.into_iter().flat_map(|stretch| stretch.notes));
+        self.mesh(
+            Source::Held(&image),
+            dims,
+            params,
+            &|| notes.clone(),
+            console,
+        )
+    }
+
+    /// Meshes an image, of which there are `notes`; its file is of so many samples.
+    fn mesh<const D: usize, M: Simplices<D>>(
+        self,
+        image: Source<'_, D>,
+        dims: [usize; D],
+        params: Params<D>,
+        notes: &dyn Fn() -> Vec<String>,
         console: &mut Console,
     ) -> Result<Ending>
     where
@@ -142,23 +201,12 @@ impl Run<'_> {
             interrupts,
             mut clock,
         } = self;
-        let Loaded {
-            image, mut notes, ..
-        } = loaded;
-        let dims = image.dims().to_vec();
-        if job.velocity.is_none() {
-            warn_of_time(&image.geometry, console);
-        }
+        let geometry = image.geometry();
+        warn_of_time(geometry, console);
         let input_sha256 = console.hash(path)?;
-        image.check(&path.display().to_string())?;
-        let mut params = params::<D>(job)?;
-        let labels = params.feature == FeatureKind::Labels;
-        let (image, stretch) = image_in_depth(image, job.velocity.as_ref(), labels, console)?;
-        params_in_depth(&mut params, stretch.as_ref())?;
-        notes.extend(stretch.into_iter().flat_map(|stretch| stretch.notes));
         let output = output(path, job);
 
-        let step = params.metric.step(&image.geometry);
+        let step = params.metric.step(geometry);
         let mut watcher = Watcher {
             console,
             most: crate::job::moving(&params).max_evaluations,
@@ -167,7 +215,7 @@ impl Run<'_> {
             trace: None,
             traced: Vec::new(),
             plane: D == 2,
-            geometry: image.geometry.in_space(),
+            geometry: geometry.in_space(),
             step: std::array::from_fn(|k| step.get(k).copied().unwrap_or(1.0)),
             failed: None,
             stage: Stage::Reading,
@@ -176,7 +224,7 @@ impl Run<'_> {
         let checkpoint = (job.outputs.checkpoint.as_deref())
             .map(Checkpoint::new)
             .transpose()?;
-        let outcome = crate::job::run_from(&image, &params, checkpoint.as_ref(), &mut watcher);
+        let outcome = crate::job::run_from(image, &params, checkpoint.as_ref(), &mut watcher);
         let (failed, traced) = (watcher.failed, watcher.traced);
         let mut outcome = match failed.map_or(outcome, Err) {
             Ok(outcome) => outcome,
@@ -196,31 +244,31 @@ impl Run<'_> {
             parameters: toml_of(&job.clone().reproducible())?,
             input_sha256,
         };
-        console.write_outcome(&output, &outcome, &image)?;
+        console.write_outcome(&output, &outcome, image)?;
         if let Some(path) = &job.outputs.lines {
             outcome.write_lines(path)?;
         }
         if let Some(made) = outcome.simplices()
-            && !image.geometry.has_shape_of(outcome.step)
+            && !geometry.has_shape_of(outcome.step)
         {
-            let physical = to_physical(&made.mesh, outcome.step, &image.geometry);
+            let physical = to_physical(&made.mesh, outcome.step, geometry);
             outcome.report.quality_physical = Some(quality(&physical));
         }
         if let Some(path) = &job.outputs.potential {
-            let potential = &outcome.features.potential;
-            console.write_image(path, potential_image(potential, &image.geometry))?;
+            let potential = outcome.features.potential.dense();
+            console.write_image(path, potential_image(potential, geometry))?;
         }
         clock.end();
 
         let mut report = std::mem::take(&mut outcome.report);
         report.input = Some(Input {
             file: path.display().to_string(),
-            dims,
+            dims: dims.to_vec(),
             hash: format!("sha256:{}", outcome.provenance.input_sha256),
         });
         report.parameters = serde_json::to_value(job).unwrap_or_default();
         report.trace = traced;
-        report.notes.splice(0..0, notes);
+        report.notes.splice(0..0, notes());
         report
             .stages
             .splice(0..0, clock.costs()[..1].iter().cloned());
@@ -231,7 +279,7 @@ impl Run<'_> {
         }
         let mut said = format!("{}\nwrote {}", report.table().trim_end(), output.display());
         if let Some(path) = &job.outputs.page {
-            let written = write_page(path, &output, &image, &outcome, json.clone())?;
+            let written = write_page(path, &output, &*image.whole()?, &outcome, json.clone())?;
             said = format!("{said}\n{}", super::report::said(path, written));
         }
         if let Some(path) = &job.outputs.surfaces {
@@ -294,12 +342,12 @@ where
     // As the file has it.
     match &outcome.made {
         Made::Simplices(made) => {
-            let file = with_image(to_file(outcome, made), image);
+            let file = with_image(to_file(outcome, made), Source::Held(image))?;
             let stored = StoredMesh::new(file, &place)?;
             page::write(path, Some(image), &stored, &about, LARGEST)
         }
         Made::Voronoi { mesh, weld } => {
-            let file = with_image(cells_to_file(outcome, mesh, *weld), image);
+            let file = with_image(cells_to_file(outcome, mesh, *weld), Source::Held(image))?;
             let stored = StoredMesh::new(file, &place)?;
             page::write(path, Some(image), &stored, &about, LARGEST)
         }

@@ -14,55 +14,131 @@ use super::horizons::Horizons;
 use super::labels::Labels;
 use super::potential::Potential;
 use super::ridges::{Ridges, Valleys};
+use crate::error::Result;
+use crate::feature::detection::{first_not_finite, not_finite};
 use crate::feature::volume::Volume;
+use crate::feature::windows::{Samples, Window, layer};
 use crate::image::Image;
+use crate::image::check::FEW_LABELS;
+use crate::observer::Patience;
+use std::collections::BTreeSet;
 
-/// The detector that fits an image, and why.
-pub fn choose<const D: usize>(image: &Image<D>) -> (&'static dyn Detector<D>, String) {
-    let s = image.as_slice();
-    let volume = Volume::new(image.dims(), s);
+/// A detector that fits an image, and why.
+pub type Choice<const D: usize> = (&'static dyn Detector<D>, String);
+
+/// The detector that fits an image.
+///
+/// # Errors
+/// [`Error::Image`](crate::Error::Image) for samples that are not finite.
+pub fn choose<const D: usize>(image: &Image<D>) -> Result<Choice<D>> {
     if let Some(labels) = image.looks_labelled() {
         let why = format!(
             "{} different values, {:.0} % of neighbours equal",
             labels.values,
             100.0 * labels.equal
         );
-        return (&Labels, why);
+        return Ok((&Labels, why));
     }
-    let spread = Spread::of(volume);
-    let span = (spread.high - spread.low).max(f32::MIN_POSITIVE);
-    // Far ends: how much farther the high values lie from the median than the low ones.
-    let lean = (spread.high + spread.low - 2.0 * spread.median) / span;
-    let figures = format!(
-        "1 %, 50 % and 99 % of values at {:.4}, {:.4}, {:.4}; {:.0} % in the upper \
-         half, {:.0} % of the rarer half thin",
-        spread.low,
-        spread.median,
-        spread.high,
-        100.0 * spread.above,
-        100.0 * spread.thin,
-    );
-    let (least, most) = s
-        .iter()
-        .fold((f32::MAX, f32::MIN), |(a, b), &v| (a.min(v), b.max(v)));
-    let (detector, what): (&dyn Detector<D>, _) =
-        if (-1.0..-0.9).contains(&least) && most <= 0.0 && spread.median > -0.1 {
-            (&Potential, "all values in [-1, 0], most near 0")
-        } else if lean > 0.3 && spread.above < 0.4 && spread.thin > THIN_SHARE {
-            (&Ridges, "thin sheets of high values on a low background")
-        } else if lean < -0.3 && spread.above > 0.6 && spread.thin > THIN_SHARE {
-            (&Valleys, "thin sheets of low values on a high background")
-        } else if lean.abs() < 0.35 && spread.median.abs() < 0.15 * span && spread.low < 0.0 {
-            (&Horizons, "values are spread symmetrically about zero")
-        } else {
-            (&Edges, "neither thin sheets nor values about zero")
-        };
-    (detector, format!("{what}: {figures}"))
+    let samples = Samples::held(image.dims(), image.as_slice());
+    Ok(Survey::of(&samples, &Patience::endless())?.choice())
+}
+
+/// The detector that fits an image whose layers are read one after the other; `None` if it takes the whole
+/// image in memory to tell, for it may be one of labels.
+///
+/// # Errors
+/// That of reading, and [`Error::Image`](crate::Error::Image) for samples that are not finite.
+pub fn choose_in_layers<const D: usize>(
+    samples: &Samples<'_, D>,
+    patience: &Patience<'_>,
+) -> Result<Option<Choice<D>>> {
+    let survey = Survey::of(samples, patience)?;
+    Ok(survey.many_values.then(|| survey.choice()))
+}
+
+/// What is seen of an image on one way through it.
+struct Survey {
+    spread: Spread,
+    least: f32,
+    most: f32,
+    /// Whether it has more different values than an image of labels.
+    many_values: bool,
+}
+
+impl Survey {
+    fn of<const D: usize>(samples: &Samples<'_, D>, patience: &Patience<'_>) -> Result<Self> {
+        let (mut least, mut most) = (f32::MAX, f32::MIN);
+        let mut some = BTreeSet::new();
+        let mut looks = Looks::new(samples.dims());
+        let mut broken = None;
+        samples.each(THIN + 1, None, &|_| true, patience, &mut |window| {
+            let own = window.raw.layers(&window.own);
+            for part in own.chunks(CHUNK) {
+                let fold = |(a, b): (f32, f32), &v: &f32| (a.min(v), b.max(v));
+                (least, most) = part.iter().fold((least, most), fold);
+                if some.len() <= FEW_LABELS {
+                    // -0 is 0.
+                    some.extend(part.iter().map(|v| (v + 0.0).to_bits()));
+                }
+            }
+            let place = || first_not_finite(own);
+            broken = broken.or_else(|| place().map(|i| (i, window.own.start, own[i])));
+            looks.look(window);
+        })?;
+        if let Some((i, layer, value)) = broken {
+            let mut at = Volume::new(samples.dims(), &[]).coordinates(i);
+            at[D - 1] += layer;
+            return Err(not_finite(at, value));
+        }
+        Ok(Self {
+            spread: looks.spread(),
+            least,
+            most,
+            many_values: some.len() > FEW_LABELS,
+        })
+    }
+
+    fn choice<const D: usize>(&self) -> Choice<D> {
+        let Self {
+            spread,
+            least,
+            most,
+            ..
+        } = self;
+        let span = (spread.high - spread.low).max(f32::MIN_POSITIVE);
+        // Far ends: how much farther the high values lie from the median than the low ones.
+        let lean = (spread.high + spread.low - 2.0 * spread.median) / span;
+        let figures = format!(
+            "1 %, 50 % and 99 % of values at {:.4}, {:.4}, {:.4}; {:.0} % in the upper \
+             half, {:.0} % of the rarer half thin",
+            spread.low,
+            spread.median,
+            spread.high,
+            100.0 * spread.above,
+            100.0 * spread.thin,
+        );
+        let (detector, what): (&dyn Detector<D>, _) =
+            if (-1.0..-0.9).contains(least) && *most <= 0.0 && spread.median > -0.1 {
+                (&Potential, "all values in [-1, 0], most near 0")
+            } else if lean > 0.3 && spread.above < 0.4 && spread.thin > THIN_SHARE {
+                (&Ridges, "thin sheets of high values on a low background")
+            } else if lean < -0.3 && spread.above > 0.6 && spread.thin > THIN_SHARE {
+                (&Valleys, "thin sheets of low values on a high background")
+            } else if lean.abs() < 0.35 && spread.median.abs() < 0.15 * span && spread.low < 0.0 {
+                (&Horizons, "values are spread symmetrically about zero")
+            } else {
+                (&Edges, "neither thin sheets nor values about zero")
+            };
+        (detector, format!("{what}: {figures}"))
+    }
 }
 
 /// The rarer values are thin sheets if at least this share of them lies in something thin: less than
 /// half of it does where sheets run close together.
 const THIN_SHARE: f64 = 0.33;
+
+/// Samples looked at together.
+const CHUNK: usize = 4096;
 
 /// Samples to either side of a thin sheet that are outside it, this far along some axis.
 const THIN: usize = 6;
@@ -78,33 +154,63 @@ struct Spread {
     thin: f64,
 }
 
-impl Spread {
-    /// Looks at some 10^5 means over 3^D samples.
-    fn of<const D: usize>(volume: Volume<'_, D>) -> Self {
-        let stride = (volume.samples.len() / 100_000).max(1) | 1;
-        let places = (0..volume.samples.len())
-            .step_by(stride)
-            .map(|i| volume.coordinates(i));
-        let means: Vec<f32> = places.clone().map(|at| local_mean(volume, at)).collect();
+/// Means at some places of an image.
+struct Looks<const D: usize> {
+    /// Every so many samples one is looked at.
+    stride: usize,
+    means: Vec<f32>,
+    /// Those of the places [`THIN`] samples to either side along each axis.
+    beside: Vec<[[f32; 2]; D]>,
+}
+
+impl<const D: usize> Looks<D> {
+    /// At some 10^5 places.
+    fn new(dims: [usize; D]) -> Self {
+        let count: usize = dims.iter().product();
+        Self {
+            stride: (count / 100_000).max(1) | 1,
+            means: Vec::new(),
+            beside: Vec::new(),
+        }
+    }
+
+    /// Looks at a window's own places.
+    fn look(&mut self, window: &Window<'_, D>) {
+        let volume = window.raw.volume;
+        let (whole, layer) = (Volume::new(window.dims, &[]), layer(window.dims));
+        let first = (window.own.start * layer).next_multiple_of(self.stride);
+        for i in (first..window.own.end * layer).step_by(self.stride) {
+            let at = window.raw.in_stack(whole.coordinates(i));
+            self.means.push(local_mean(volume, at));
+            self.beside.push(std::array::from_fn(|k| {
+                let (mut before, mut after) = (at, at);
+                before[k] = at[k].saturating_sub(THIN);
+                after[k] = (at[k] + THIN).min(volume.dims[k] - 1);
+                [before, after].map(|at| local_mean(volume, at))
+            }));
+        }
+    }
+
+    fn spread(self) -> Spread {
+        let means = self.means;
         let mut sorted = means.clone();
         sorted.sort_by(f32::total_cmp);
-        let at = |share: f64| sorted[((sorted.len() - 1) as f64 * share) as usize];
+        let at = |share: f64| {
+            let rank = (sorted.len().saturating_sub(1) as f64 * share) as usize;
+            sorted.get(rank).copied().unwrap_or(0.0)
+        };
         let (low, median, high) = (at(0.01), at(0.5), at(0.99));
         let middle = 0.5 * (low + high);
         let above = means.iter().filter(|m| **m > middle).count() as f64 / means.len() as f64;
         let rare = above < 0.5;
         let (mut inside, mut thin) = (0usize, 0usize);
-        for (at, _) in places.zip(&means).filter(|(_, m)| (**m > middle) == rare) {
+        let rarer = means.iter().zip(&self.beside);
+        for (_, beside) in rarer.filter(|(m, _)| (**m > middle) == rare) {
             inside += 1;
-            let outside = |at: [usize; D]| (local_mean(volume, at) > middle) != rare;
-            thin += usize::from((0..D).any(|k| {
-                let (mut before, mut after) = (at, at);
-                before[k] = at[k].saturating_sub(THIN);
-                after[k] = (at[k] + THIN).min(volume.dims[k] - 1);
-                outside(before) && outside(after)
-            }));
+            let outside = |pair: &[f32; 2]| pair.iter().all(|&m| (m > middle) != rare);
+            thin += usize::from(beside.iter().any(outside));
         }
-        Self {
+        Spread {
             low,
             median,
             high,

@@ -29,8 +29,8 @@ impl<const D: usize> Detector<D> for Canny {
     }
 
     fn find(&self, scene: &Scene<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
-        let (dims, scale) = (scene.image.dims(), scene.scale());
-        let samples = scene.smoothed();
+        let (dims, scale) = (scene.dims(), scene.scale());
+        let samples = scene.smoothed()?;
         let smoothed = Volume::new(dims, &samples);
         let steepness = steepness(smoothed, scene.patience);
         let noise = above_noise::<D>(&steepness);

@@ -15,6 +15,7 @@ use crate::feature::FeatureKind;
 use crate::feature::corners::{self, cornered};
 use crate::feature::steepness::prewitt;
 use crate::feature::volume::Volume;
+use crate::feature::windows::Samples;
 
 /// Finds steps between low and high values.
 pub struct Edges;
@@ -25,8 +26,8 @@ impl<const D: usize> Detector<D> for Edges {
     }
 
     fn find(&self, scene: &Scene<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
-        let dims = scene.image.dims();
-        let smoothed = scene.smoothed();
+        let dims = scene.dims();
+        let smoothed = scene.smoothed()?;
         let steepness = prewitt(Volume::new(dims, &smoothed), scene.patience);
         drop(smoothed);
         let search = RidgeSearch {
@@ -34,7 +35,7 @@ impl<const D: usize> Detector<D> for Edges {
             lifts: false,
             ..RidgeSearch::new(scene)
         };
-        let mut found = search.find(steepness, notes);
+        let mut found = search.find(Samples::held(dims, steepness), notes)?;
         // Smoothed for the gradient and for its ridges.
         let width = scene.scale().hypot(found.scale);
         let sure = found.thresholds.high;

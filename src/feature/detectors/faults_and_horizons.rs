@@ -26,10 +26,8 @@ pub fn together<const D: usize>(
     weights: [f64; 2],
 ) -> Features<D> {
     let [a, b] = weights.map(|w| w as f32);
-    let samples = first.potential.samples.iter_mut();
-    for (deepest, other) in samples.zip(&second.potential.samples) {
-        *deepest = (a * *deepest).min(b * other);
-    }
+    let deepest = |first: f32, second: f32| (a * first).min(b * second);
+    first.potential = first.potential.combined(&second.potential, deepest);
     first.points.extend(second.points);
     first.on_horizon.extend(second.on_horizon);
     let last = first.sheet.iter().copied().max().unwrap_or(0);
@@ -92,12 +90,9 @@ mod tests {
             both.points.len(),
             faults.points.len() + horizons.points.len()
         );
-        let parts = faults
-            .potential
-            .samples
-            .iter()
-            .zip(&horizons.potential.samples);
-        for (b, (f, h)) in both.potential.samples.iter().zip(parts) {
+        let [faults, horizons, both] =
+            [faults, horizons, both].map(|found| found.potential.dense().samples);
+        for (b, (f, h)) in both.iter().zip(faults.iter().zip(&horizons)) {
             assert_eq!(*b, f.min(0.5 * h));
         }
         let refused = asked(FeatureKind::FaultsAndHorizons, [0.0, 1.0]);

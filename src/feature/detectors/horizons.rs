@@ -34,8 +34,8 @@ impl<const D: usize> Detector<D> for Horizons {
     fn find(&self, scene: &Scene<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
         let scale = scene.scale();
         let window = scene.asked.smoothing.unwrap_or(WINDOW);
-        let samples = scene.smoothed();
-        let smoothed = Volume::new(scene.image.dims(), &samples);
+        let samples = scene.smoothed()?;
+        let smoothed = Volume::new(scene.dims(), &samples);
         let normals = Normals::new(smoothed, window, scene.patience);
         let thresholds = scene.thresholds().unwrap_or_else(|| {
             let rms = root_mean_square(&samples);

@@ -23,6 +23,7 @@ use crate::feature::components::{Component, Components};
 use crate::feature::crossing::{Candidate, dominant_axes};
 use crate::feature::labelled::{LabelWish, Labelled, MOST_LABELS, not_there, numbers, volumes};
 use crate::feature::volume::Volume;
+use crate::feature::windows::Samples;
 use crate::feature::{Detection, FeatureKind, FeaturePoint};
 use crate::image::check::values;
 use crate::observer::Patience;
@@ -36,7 +37,7 @@ impl<const D: usize> Detector<D> for Labels {
     }
 
     fn find(&self, scene: &Scene<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
-        let volume = scene.volume();
+        let volume = scene.volume()?;
         let Some(values) = values(volume.samples, MOST_LABELS) else {
             return Err(Error::Feature(cause(
                 "feature 'labels'",
@@ -51,7 +52,7 @@ impl<const D: usize> Detector<D> for Labels {
         if let Some(settled) = scene.settled {
             if let Some(value) = settled.mask {
                 let middle = masks::middle_of(volume, value, scene.patience);
-                return Ok(middle_sheet(value, middle, scene, notes));
+                return middle_sheet(value, middle, scene, notes);
             }
         } else if let [a, b] = values[..]
             && scene.asked.labels.is_empty()
@@ -62,14 +63,14 @@ impl<const D: usize> Detector<D> for Labels {
                 mask.thickness,
                 100.0 * mask.share
             ));
-            return Ok(middle_sheet(mask.value, mask.middle, scene, notes));
+            return middle_sheet(mask.value, mask.middle, scene, notes);
         }
         let scale = scene.scale();
         notes.push(format!(
             "interfaces between {} labels, smoothed over {scale}",
             values.len()
         ));
-        let (labelled, limits) = contest(scene, values, scale, notes);
+        let (labelled, limits) = contest(scene, values, scale, notes)?;
         let candidates = Lead::of(&labelled).candidates(scene.patience);
         // Each is as strong as 1: all are followed.
         let thresholds = Thresholds {
@@ -95,10 +96,10 @@ fn contest<const D: usize>(
     values: Vec<f32>,
     scale: f64,
     notes: &mut Vec<String>,
-) -> (Labelled<D>, Limits<D>) {
-    let (asked, dims) = (scene.asked, scene.image.dims());
+) -> Result<(Labelled<D>, Limits<D>)> {
+    let (asked, dims) = (scene.asked, scene.dims());
     let sample: f64 = asked.step.iter().product();
-    let mut label = numbers(scene.image.as_slice(), &values);
+    let mut label = numbers(scene.volume()?.samples, &values);
     let mut components = Components::of(dims, &label);
     let least = |part: &Component<D>| least_distance(asked, values[part.label as usize]);
     let gone = components.absorb(&mut label, |part| {
@@ -142,7 +143,7 @@ fn contest<const D: usize>(
         winner,
         lead,
     };
-    (labelled, limits)
+    Ok((labelled, limits))
 }
 
 /// What a label is called.
@@ -217,17 +218,17 @@ fn middle_sheet<const D: usize>(
     middle: Vec<f32>,
     scene: &Scene<'_, D>,
     notes: &mut Vec<String>,
-) -> Found<D> {
+) -> Result<Found<D>> {
     let search = RidgeSearch {
         finest: MIDDLE,
         most_ambiguous: f64::INFINITY,
         least: |_| LEAST,
         ..RidgeSearch::new(scene)
     };
-    Found {
+    Ok(Found {
         mask: Some(value),
-        ..search.find(middle, notes)
-    }
+        ..search.find(Samples::held(scene.dims(), middle), notes)?
+    })
 }
 
 /// The scale (samples) at which the middle of a mask is sought: it is narrow, and noise has no part in it.

@@ -33,9 +33,10 @@ use super::crossing::Candidate;
 use super::gaussian;
 use super::labelled::Labelled;
 use super::volume::Volume;
+use super::windows::Samples;
 use super::{Detection, FeatureKind, Features, Settled};
 use crate::error::{Error, Result, cause};
-use crate::image::Image;
+use crate::image::{Image, Source};
 use crate::observer::Patience;
 use std::fmt;
 
@@ -87,6 +88,11 @@ pub trait Detector<const D: usize>: Sync {
         2.0
     }
 
+    /// Whether it needs but some layers of the image at a time.
+    fn in_layers(&self) -> bool {
+        false
+    }
+
     /// b(x), where the image says it itself.
     fn potential(&self, _image: &Image<D>) -> Option<Vec<f32>> {
         None
@@ -96,8 +102,9 @@ pub trait Detector<const D: usize>: Sync {
 /// What a detector works on.
 #[derive(Debug, Clone, Copy)]
 pub struct Scene<'a, const D: usize> {
-    /// The image, whose samples are finite and not all the same, and go on where traces are missing.
-    pub image: &'a Image<D>,
+    /// The image, whose samples are finite and not all the same, and go on where traces are missing; in
+    /// memory, unless the detector finds [in layers](Detector::in_layers).
+    pub source: Source<'a, D>,
     /// What is asked for: scale, thresholds, what is known of an object.
     pub asked: &'a Detection<D>,
     /// Of a part of an image, what was settled on for the whole.
@@ -108,9 +115,9 @@ pub struct Scene<'a, const D: usize> {
 
 impl<'a, const D: usize> Scene<'a, D> {
     /// A whole image.
-    pub fn new(image: &'a Image<D>, asked: &'a Detection<D>, patience: &'a Patience<'a>) -> Self {
+    pub fn new(source: Source<'a, D>, asked: &'a Detection<D>, patience: &'a Patience<'a>) -> Self {
         Self {
-            image,
+            source,
             asked,
             settled: None,
             patience,
@@ -126,13 +133,51 @@ impl<'a, const D: usize> Scene<'a, D> {
     ) -> Self {
         Self {
             settled: Some(settled),
-            ..Self::new(image, asked, patience)
+            ..Self::new(Source::Held(image), asked, patience)
         }
     }
 
-    /// The samples.
-    pub fn volume(&self) -> Volume<'a, D> {
-        Volume::new(self.image.dims(), self.image.as_slice())
+    /// Samples along each axis.
+    pub fn dims(&self) -> [usize; D] {
+        self.source.dims()
+    }
+
+    /// The image in memory.
+    ///
+    /// # Errors
+    /// [`Error::Feature`] if it is not there.
+    pub fn image(&self) -> Result<&'a Image<D>> {
+        match self.source {
+            Source::Held(image) => Ok(image),
+            Source::InLayers(_) => Err(Error::Feature(cause(
+                "feature detection",
+                "needs an image in memory",
+                "choose ridges or valleys, which are found in layers",
+            ))),
+        }
+    }
+
+    /// The samples in memory.
+    ///
+    /// # Errors
+    /// Those of [`Scene::image`].
+    pub fn volume(&self) -> Result<Volume<'a, D>> {
+        Ok(Volume::new(self.dims(), self.image()?.as_slice()))
+    }
+
+    /// The samples times `sign`, to be looked at some layers at a time.
+    ///
+    /// # Errors
+    /// That of reading.
+    pub fn samples(&self, sign: f32) -> Result<Samples<'a, D>> {
+        match self.source {
+            Source::Held(image) if sign == 1.0 => Ok(Samples::held(image.dims(), image.as_slice())),
+            Source::Held(image) => {
+                let signed: Vec<f32> = image.as_slice().iter().map(|s| sign * s).collect();
+                Ok(Samples::held(image.dims(), signed))
+            }
+            Source::InLayers(layers) => Samples::in_layers(layers, sign).held_if_small(),
+        }
     }
 
     /// Width (samples) of the Gaussian under which derivatives are taken, if not by noise.
@@ -141,15 +186,14 @@ impl<'a, const D: usize> Scene<'a, D> {
     }
 
     /// The samples smoothed over [`Scene::scale`].
-    pub fn smoothed(&self) -> Vec<f32> {
-        let mut samples = self.image.as_slice().to_vec();
-        gaussian::smooth(
-            self.image.dims(),
-            &mut samples,
-            [self.scale(); D],
-            self.patience,
-        );
-        samples
+    ///
+    /// # Errors
+    /// Those of [`Scene::image`].
+    pub fn smoothed(&self) -> Result<Vec<f32>> {
+        let mut samples = self.image()?.as_slice().to_vec();
+        let scale = [self.scale(); D];
+        gaussian::smooth(self.dims(), &mut samples, scale, self.patience);
+        Ok(samples)
     }
 
     /// The thresholds, unless they are to be found from the image.
@@ -174,7 +218,7 @@ impl<'a, const D: usize> Scene<'a, D> {
         if let Some(settled) = self.settled {
             return settled.min_area;
         }
-        let (dims, asked) = (self.image.dims(), self.asked);
+        let (dims, asked) = (self.dims(), self.asked);
         let side = |k: usize| (dims[k] as f64 - 1.0) * asked.step[k];
         let section = (0..D)
             .map(|k| (1..D).map(|l| side((k + l) % D)).product())
@@ -296,7 +340,17 @@ pub fn chosen<const D: usize>(image: &Image<D>, asked: &Detection<D>) -> Result<
     if let Some(detector) = of(asked.kind) {
         return Ok((vec![(detector, asked.clone())], None));
     }
-    let (detector, why) = auto::choose(image);
+    named(auto::choose(image)?, asked)
+}
+
+/// The detector that an image decided on, and why.
+///
+/// # Errors
+/// [`Error::Feature`] if the threshold asked for does not apply to its features.
+pub fn named<const D: usize>(
+    (detector, why): auto::Choice<D>,
+    asked: &Detection<D>,
+) -> Result<Chosen<D>> {
     let kind = detector.kind();
     match asked.threshold {
         Some(threshold) if kind == FeatureKind::Labels => Err(Error::Feature(cause(

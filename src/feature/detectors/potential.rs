@@ -19,7 +19,7 @@ impl<const D: usize> Detector<D> for Potential {
     }
 
     fn find(&self, scene: &Scene<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
-        let mut samples = scene.image.as_slice().iter();
+        let mut samples = scene.image()?.as_slice().iter();
         if let Some(value) = samples.find(|s| !(-1.0..=0.0).contains(*s)) {
             return Err(Error::Image(cause(
                 "image",
@@ -58,7 +58,7 @@ mod tests {
             "{:?}",
             features.notes
         );
-        assert_eq!(features.potential.samples, b);
+        assert_eq!(features.potential.dense().samples, b);
         assert!(fit(dims, &sheets, &features.points).coverage > 0.99);
         assert!(detect(&ridges, &Detection::of(FeatureKind::Potential, 8.0)).is_err());
     }

@@ -12,12 +12,14 @@
 
 use super::{Detector, Found, Scene, Thresholds};
 use crate::error::Result;
+use crate::feature::FeatureKind;
 use crate::feature::crossing::Candidate;
 use crate::feature::lifted::{Ambiguous, Search, merged};
-use crate::feature::repair::repair;
+use crate::feature::repair::{Shell, repair};
 use crate::feature::ridges::{self, Statistics, ridges};
 use crate::feature::volume::Volume;
-use crate::feature::{FeatureKind, gaussian};
+use crate::feature::windows::Samples;
+use crate::observer::Patience;
 
 /// Finds sheets of high values.
 pub struct Ridges;
@@ -32,7 +34,11 @@ impl<const D: usize> Detector<D> for Ridges {
     }
 
     fn find(&self, scene: &Scene<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
-        Ok(RidgeSearch::new(scene).find(scene.image.as_slice().to_vec(), notes))
+        RidgeSearch::new(scene).find(scene.samples(1.0)?, notes)
+    }
+
+    fn in_layers(&self) -> bool {
+        true
     }
 }
 
@@ -49,8 +55,11 @@ impl<const D: usize> Detector<D> for Valleys {
     }
 
     fn find(&self, scene: &Scene<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
-        let negated = scene.image.as_slice().iter().map(|s| -s).collect();
-        Ok(RidgeSearch::new(scene).find(negated, notes))
+        RidgeSearch::new(scene).find(scene.samples(-1.0)?, notes)
+    }
+
+    fn in_layers(&self) -> bool {
+        true
     }
 }
 
@@ -105,92 +114,70 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
     }
 
     /// Ridges of `samples`, as many as the image has.
-    pub fn find(&self, mut samples: Vec<f32>, notes: &mut Vec<String>) -> Found<D> {
-        let (dims, patience) = (self.scene.image.dims(), self.scene.patience);
-        let image = samples.clone();
-        let (scale, thresholds) = self.smooth(&mut samples, notes);
-        let smoothed = Volume::new(dims, &samples);
-        let candidates = ridges(smoothed, scale, thresholds.low, patience);
+    ///
+    /// # Errors
+    /// That of reading them.
+    pub fn find(&self, mut samples: Samples<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
+        let (dims, patience) = (samples.dims(), self.scene.patience);
+        let (scale, thresholds) = self.smooth(&mut samples, notes)?;
+        let seen = Seen::of(&samples, scale, thresholds.low, patience)?;
+        let candidates = &seen.candidates;
         let typical = ridges::typical(candidates.iter().map(|c| c.strength));
         // Two sheets side by side are one weak ridge; where noise is stronger than that, none is seen.
         let noisy = thresholds.high > typical;
         let clear = if noisy { 1.0 } else { self.weak } * thresholds.high;
-        let zone = Ambiguous::new(smoothed, scale, &candidates, thresholds.high, clear);
+        let high = thresholds.high;
+        let zone = Ambiguous::new(dims, scale, candidates, &seen.heights, high, clear);
         let sharp = self.lifts && zone.share() < self.most_ambiguous;
+        let shell = seen.shell;
         let candidates = match sharp {
-            true => self.lifted(
-                &image, smoothed, &zone, candidates, thresholds, clear, notes,
-            ),
-            false => candidates,
+            true => {
+                let search = Search {
+                    image: &samples,
+                    level: seen.level,
+                    floor: seen.floor,
+                    zone: &zone,
+                    candidates,
+                    clear,
+                    share: match self.scene.thresholds() {
+                        Some(_) => thresholds.low / typical,
+                        None => (self.least)(&thresholds),
+                    },
+                    typical,
+                    patience,
+                };
+                lifted(&search, high, notes)?
+            }
+            false => seen.candidates,
         };
-        let candidates = repair(smoothed, candidates, scale, thresholds.high, patience);
-        Found {
+        let candidates = repair(&shell, candidates, scale, high, patience);
+        Ok(Found {
             sharp,
             ..Found::new(candidates, scale, thresholds)
-        }
-    }
-
-    /// Ridge points at all orientations where one is not enough, the others as they are.
-    fn lifted(
-        &self,
-        image: &[f32],
-        smoothed: Volume<'_, D>,
-        zone: &Ambiguous<D>,
-        candidates: Vec<Candidate<D>>,
-        thresholds: Thresholds,
-        clear: f32,
-        notes: &mut Vec<String>,
-    ) -> Vec<Candidate<D>> {
-        let (dims, patience) = (self.scene.image.dims(), self.scene.patience);
-        let typical = ridges::typical(candidates.iter().map(|c| c.strength));
-        let search = Search {
-            image: Volume::new(dims, image),
-            smoothed,
-            zone,
-            candidates: &candidates,
-            clear,
-            share: match self.scene.thresholds() {
-                Some(_) => thresholds.low / typical,
-                None => (self.least)(&thresholds),
-            },
-            typical,
-            patience,
-        };
-        let lifted = search.points();
-        let before = candidates.len();
-        let (candidates, count) = merged(dims, zone, &candidates, &lifted, thresholds.high);
-        if count > 0 {
-            notes.push(format!(
-                "sheets cross, branch or run close in {:.1} % of the samples: {count} points there at all \
-                 angles, in place of {}",
-                100.0 * zone.share(),
-                before + count - candidates.len(),
-            ));
-        }
-        candidates
+        })
     }
 
     /// Smooths samples as settled on, as asked for, or so that ridges do not drown in noise; the scale,
     /// and the thresholds there.
-    fn smooth(&self, samples: &mut [f32], notes: &mut Vec<String>) -> (f64, Thresholds) {
-        let (dims, patience) = (self.scene.image.dims(), self.scene.patience);
+    fn smooth(
+        &self,
+        samples: &mut Samples<'_, D>,
+        notes: &mut Vec<String>,
+    ) -> Result<(f64, Thresholds)> {
+        let patience = self.scene.patience;
         let given = self.scene.thresholds();
         if let (Some(settled), Some(thresholds)) = (self.scene.settled, given) {
-            gaussian::smooth(dims, samples, [settled.scale; D], patience);
-            return (settled.scale, thresholds);
+            samples.smooth(settled.scale, patience);
+            return Ok((settled.scale, thresholds));
         }
         let mut scale = self.scale.unwrap_or(self.finest);
-        gaussian::smooth(dims, samples, [scale; D], patience);
-        let measure = |samples: &[f32], scale| {
-            ridges::statistics(Volume::new(dims, samples), scale, patience)
-        };
-        let mut statistics = measure(samples, scale);
+        samples.smooth(scale, patience);
+        let mut statistics = ridges::statistics(samples, scale, patience)?;
         while self.scale.is_none() && statistics.drowned() && scale < COARSEST {
             let coarser = (1.25 * scale).min(COARSEST);
-            let further = (coarser * coarser - scale * scale).sqrt();
-            gaussian::smooth(dims, samples, [further; D], patience);
+            samples.smooth((coarser * coarser - scale * scale).sqrt(), patience);
             scale = coarser;
-            statistics = measure(samples, scale);
+            statistics = ridges::statistics(samples, scale, patience)?;
         }
         let thresholds = given.unwrap_or_else(|| {
             let (low, high) = (self.automatic)(&statistics);
@@ -204,7 +191,107 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
             "ridges at scale {scale}: {thresholds}, noise {:.4}, typical strength {:.4}",
             statistics.noise, statistics.typical
         ));
-        (scale, thresholds)
+        Ok((scale, thresholds))
+    }
+}
+
+/// Ridge points at all orientations where one is not enough, the others as they are; those of at least
+/// `strong` are sure.
+fn lifted<const D: usize>(
+    search: &Search<'_, D>,
+    strong: f32,
+    notes: &mut Vec<String>,
+) -> Result<Vec<Candidate<D>>> {
+    let (dims, zone) = (search.image.dims(), search.zone);
+    let before = search.candidates.len();
+    let points = search.points()?;
+    let (candidates, count) = merged(dims, zone, search.candidates, &points, strong);
+    if count > 0 {
+        notes.push(format!(
+            "sheets cross, branch or run close in {:.1} % of the samples: {count} points there at all \
+             angles, in place of {}",
+            100.0 * zone.share(),
+            before + count - candidates.len(),
+        ));
+    }
+    Ok(candidates)
+}
+
+/// Of the tops of rows of samples, which are mostly ridges if there are ridges, this share of the typical
+/// one's height is where points are sought.
+const FLOOR: f32 = 0.25;
+/// Samples of these rows.
+const ROW: usize = 64;
+
+/// What is seen of smoothed samples on one way through them.
+struct Seen<const D: usize> {
+    /// Ridge points, in the order of samples.
+    candidates: Vec<Candidate<D>>,
+    /// How much higher the smoothed image is at each than where there is nothing.
+    heights: Vec<f32>,
+    /// The median of the image as it is.
+    level: f32,
+    /// The height of the smoothed image below which there is nothing to find.
+    floor: f32,
+    /// Its heights near the sides.
+    shell: Shell<D>,
+}
+
+impl<const D: usize> Seen<D> {
+    fn of(samples: &Samples<'_, D>, scale: f64, low: f32, patience: &Patience<'_>) -> Result<Self> {
+        let (dims, every) = (samples.dims(), samples.every());
+        let whole = Volume::new(dims, &[]);
+        let mut shell = Shell::new(dims, scale);
+        let (mut candidates, mut heights) = (Vec::new(), Vec::new());
+        // Samples here and there, as they are and smoothed; and the highest of each row of smoothed ones.
+        let (mut some, mut tops) = ([Vec::new(), Vec::new()], Vec::new());
+        let mut passed: usize = 0;
+        samples.each(ridges::REACH, None, &|_| true, patience, &mut |window| {
+            let found = ridges(window, scale, low, patience);
+            let smoothed = window.smoothed;
+            let height = |c: &Candidate<D>| smoothed.at(whole.coordinates(c.voxel as usize));
+            heights.extend(found.iter().map(height));
+            candidates.extend(found);
+            let own = smoothed.layers(&window.own);
+            shell.add(own, window.own.start);
+            let skipped = passed.next_multiple_of(every) - passed;
+            for (some, stack) in some.iter_mut().zip([window.raw, smoothed]) {
+                let own = stack.layers(&window.own).iter();
+                some.extend(own.skip(skipped).step_by(every).copied());
+            }
+            let begun = own.len().min(passed.next_multiple_of(ROW) - passed);
+            let highest = |row: &[f32]| row.iter().copied().fold(f32::MIN, f32::max);
+            if let Some(top) = tops.last_mut().filter(|_| begun > 0) {
+                *top = highest(&own[..begun]).max(*top);
+            }
+            tops.extend(own[begun..].chunks(ROW).map(highest));
+            passed += own.len();
+        })?;
+        let [level, nothing] = some.map(median);
+        heights.iter_mut().for_each(|height| *height -= nothing);
+        let rank = tops.len() * 9 / 10;
+        let floor = match tops.is_empty() {
+            true => nothing,
+            false => {
+                let top = *tops.select_nth_unstable_by(rank, f32::total_cmp).1;
+                nothing + FLOOR * (top - nothing)
+            }
+        };
+        Ok(Self {
+            candidates,
+            heights,
+            level,
+            floor,
+            shell,
+        })
+    }
+}
+
+fn median(mut some: Vec<f32>) -> f32 {
+    let middle = some.len() / 2;
+    match some.is_empty() {
+        true => 0.0,
+        false => *some.select_nth_unstable_by(middle, f32::total_cmp).1,
     }
 }
 
@@ -331,6 +418,7 @@ mod tests {
         assert_eq!(features.potential.dims, dims);
         let deepest = features
             .potential
+            .dense()
             .samples
             .iter()
             .copied()
@@ -390,6 +478,42 @@ mod tests {
                     assert!(off < 0.1 && angle < 0.5, "3-D {normal:?} {off} {angle}");
                 }
             }
+        }
+    }
+
+    #[test]
+    fn a_few_layers_at_a_time_show_what_all_do() {
+        use super::{Detector, RidgeSearch, Ridges, Scene};
+        use crate::feature::windows::Samples;
+        use crate::feature::windows::tests::ByLayers;
+        use crate::image::Source;
+        use crate::observer::Patience;
+
+        // Two sheets that cross at 20 degrees, and noise that has them sought at all angles.
+        let dims = [52, 48, 150];
+        let middle = [26.0, 24.0, 75.0];
+        let sheets = [[1.0, 0.1, 0.0], [0.95, 0.1, 0.34]].map(|n| Sheet::plane(n, middle));
+        let image = ridge_image(dims, &sheets, 1.5, 0.25);
+        let asked = Detection::of(FeatureKind::Ridges, 8.0);
+        let patience = Patience::endless();
+        let scene = Scene::new(Source::Held(&image), &asked, &patience);
+        let (mut notes, mut other_notes) = (Vec::new(), Vec::new());
+        let whole = Ridges.find(&scene, &mut notes).unwrap();
+        assert!(
+            notes.iter().any(|note| note.contains("all angles")),
+            "{notes:?}"
+        );
+        let by_layers = ByLayers(&image);
+        let samples = Samples::in_layers(&by_layers, 1.0).limited([0, 1]);
+        let parts = RidgeSearch::new(&scene)
+            .find(samples, &mut other_notes)
+            .unwrap();
+        assert_eq!(notes, other_notes);
+        assert_eq!(whole.candidates.len(), parts.candidates.len());
+        for (a, b) in whole.candidates.iter().zip(&parts.candidates) {
+            let figures = |c: &super::Candidate<3>| (c.voxel, c.axis, c.position, c.normal);
+            assert_eq!(figures(a), figures(b));
+            assert_eq!(a.strength, b.strength);
         }
     }
 }

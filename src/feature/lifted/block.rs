@@ -6,10 +6,11 @@ use super::{SAME_SHEET, Search};
 use crate::feature::crossing::Candidate;
 use crate::feature::symmetric::{Symmetric, eigenvalues, eigenvector};
 use crate::feature::volume::Volume;
+use crate::feature::windows::{MULTIPLE, Window};
 use crate::geometry::{cross, dot, in_space, unit};
 
 /// Samples along an edge of a block with one line and one set of filters.
-pub const BLOCK: usize = 16;
+pub const BLOCK: usize = MULTIPLE;
 /// Directions that normals gather round in a block, at most ...
 const MODES: usize = 4;
 /// ... judged by so many normals ...
@@ -30,14 +31,10 @@ pub fn blocks<const D: usize>(dims: [usize; D]) -> Volume<'static, D> {
 pub struct Job<'a, const D: usize> {
     pub blocks: Volume<'a, D>,
     /// Candidates by the block that they lie in: where each block's begin, and their numbers.
-    pub by_block: (Vec<u32>, Vec<u32>),
+    pub by_block: &'a (Vec<u32>, Vec<u32>),
     pub search: &'a Search<'a, D>,
-    /// The image for [`CROSSING`] and for [`CLOSE`].
-    pub sources: [Volume<'a, D>; 2],
-    /// What the image is where there is nothing: its median.
-    pub level: f32,
-    /// Where the smoothed image is lower, nothing is sought.
-    pub floor: f32,
+    /// The layers of the image in which blocks are looked at.
+    pub window: &'a Window<'a, D>,
 }
 
 /// What a thread needs for a block.
@@ -60,7 +57,7 @@ pub struct Scratch {
 impl<const D: usize> Job<'_, D> {
     /// Ridge points of the block that begins at sample `first`.
     pub fn of_block(&self, first: [usize; D], scratch: &mut Scratch) -> Vec<Candidate<D>> {
-        let (zone, dims) = (self.search.zone, self.search.image.dims);
+        let (zone, window, dims) = (self.search.zone, self.window, self.window.dims);
         // The ambiguous cells of the block decide on the line.
         let side = BLOCK / CELL;
         let (mut tensor, mut kinds) = ([[0.0; D]; D], [false; 2]);
@@ -100,19 +97,24 @@ impl<const D: usize> Job<'_, D> {
             }
         }
         let lines = self.lines(&modes, &tensor);
-        for (kind, shape) in [CROSSING, CLOSE].into_iter().enumerate() {
+        let sources = [(CROSSING, window.blurred), (CLOSE, window.raw)];
+        for (kind, (shape, source)) in sources.into_iter().enumerate() {
             let wanted = |at: [usize; D]| {
                 let flags = zone.flags[zone.cell_of(at)];
                 let of_kind = if flags & WIDE_RIDGES != 0 { 1 } else { 0 };
-                flags != 0
-                    && of_kind == kind
-                    && self.search.smoothed.samples[self.search.smoothed.index(at)] >= self.floor
+                flags != 0 && of_kind == kind && window.smoothed.at(at) >= self.search.floor
             };
             if kinds[kind] {
                 let mask = Mask::new(dims, first, wanted);
                 for line in lines.iter().filter(|_| mask.any) {
                     let filters = Filters::new(shape, frame(*line), &modes, kind == 1);
-                    filters.fill(self.sources[kind], first, self.level, &mask, scratch);
+                    filters.fill(
+                        source.volume,
+                        source.in_stack(first),
+                        self.search.level,
+                        &mask,
+                        scratch,
+                    );
                     filters.apply(&mask, scratch);
                     filters.points(dims, &mask, first, scratch, &mut found);
                 }
@@ -155,10 +157,10 @@ impl<const D: usize> Job<'_, D> {
         let mut normals: Vec<([f64; D], f64)> = Vec::new();
         let own = blocks.index(first.map(|i| i / BLOCK));
         for block in around(blocks, own, 1) {
-            let (start, order) = &self.by_block;
+            let (start, order) = self.by_block;
             for &i in &order[start[block] as usize..start[block + 1] as usize] {
                 let c = &self.search.candidates[i as usize];
-                let at = self.search.image.coordinates(c.voxel as usize);
+                let at = Volume::new(self.window.dims, &[]).coordinates(c.voxel as usize);
                 let close =
                     (0..D).all(|k| at[k] + reach >= first[k] && at[k] < first[k] + BLOCK + reach);
                 if close && c.strength >= self.search.clear {

@@ -44,6 +44,8 @@ const TURNS: [i32; 2] = [2, 4];
 const SQUARE: f64 = 0.8;
 /// Filters are cut at this many standard deviations.
 const CUT: f64 = 2.0;
+/// Layers to either side of a block that filters look at.
+pub const HALO: usize = 56;
 /// Step (samples) of the places along a sheet at which the image is read.
 const STEP: f64 = 2.5;
 /// A mean is one of what is inside the image if at least this share is.

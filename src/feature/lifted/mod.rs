@@ -23,14 +23,15 @@ mod zone;
 
 use super::by_sample::BySample;
 use super::crossing::{Candidate, nearest};
-use super::gaussian;
 use super::quadric::Quadric;
 use super::volume::Volume;
+use super::windows::Samples;
+use crate::error::Result;
 use crate::geometry::groups::grouped;
 use crate::geometry::{dot, sub};
 use crate::observer::Patience;
 use block::{BLOCK, Job, Scratch, blocks};
-use filters::CROSSING;
+use filters::{CROSSING, HALO};
 use std::sync::atomic::AtomicUsize;
 use std::sync::atomic::Ordering::Relaxed;
 
@@ -51,17 +52,17 @@ const ROUND: i32 = 4;
 const SEEN: f64 = 28.0;
 /// Share of all points that are at least as strong as a strong one.
 const STRONG: f64 = 0.03;
-/// Points are sought where the image is at least this share as high as on typical ridges.
-const FLOOR: f64 = 0.25;
 /// Points at all angles are believed where they are beside this share of the usual ones in a block.
 const EXPLAINED: f64 = 0.4;
 
 /// What is sought in an image.
 pub struct Search<'a, const D: usize> {
-    /// The image as it is.
-    pub image: Volume<'a, D>,
-    /// The same, smoothed as ridges were sought in it.
-    pub smoothed: Volume<'a, D>,
+    /// The image, smoothed as ridges were sought in it.
+    pub image: &'a Samples<'a, D>,
+    /// What the image is where there is nothing: its median.
+    pub level: f32,
+    /// The height of the smoothed image below which there is nothing to find.
+    pub floor: f32,
     /// Where.
     pub zone: &'a Ambiguous<D>,
     /// Ridge points, in the order of samples, from whose normals the lines are guessed.
@@ -82,41 +83,54 @@ const AFTER: f64 = 0.8;
 
 impl<const D: usize> Search<'_, D> {
     /// Ridge points of the ambiguous samples, in the order of samples.
-    pub fn points(&self) -> Vec<Candidate<D>> {
-        let dims = self.image.dims;
-        let blocks = blocks(dims);
-        let mut blurred = self.image.samples.to_vec();
-        gaussian::smooth(dims, &mut blurred, [CROSSING.blur; D], self.patience);
+    ///
+    /// # Errors
+    /// That of reading.
+    pub fn points(&self) -> Result<Vec<Candidate<D>>> {
+        let dims = self.image.dims();
+        let (samples, blocks) = (Volume::new(dims, &[]), blocks(dims));
         let block_of = |c: &Candidate<D>| {
-            let at = self.image.coordinates(c.voxel as usize);
+            let at = samples.coordinates(c.voxel as usize);
             blocks.index(at.map(|i| i / BLOCK))
         };
         let count = blocks.dims.iter().product();
-        let job = Job {
-            blocks,
-            by_block: grouped(count, self.candidates.iter().map(block_of)),
-            search: self,
-            sources: [Volume::new(dims, &blurred), self.image],
-            level: median(self.image.samples.iter().copied().step_by(7)),
-            floor: self.floor(),
-        };
+        let by_block = grouped(count, self.candidates.iter().map(block_of));
+        let layer = count / blocks.dims[D - 1].max(1);
+        let mut found: Vec<Candidate<D>> = Vec::new();
         let done = AtomicUsize::new(0);
-        let found: Vec<Vec<Candidate<D>>> = (0..count)
-            .into_par_iter()
-            .map_init(Scratch::default, |scratch, block| {
-                if self.patience.over() {
-                    return Vec::new();
-                }
-                let found = job.of_block(blocks.coordinates(block).map(|i| i * BLOCK), scratch);
-                let done = (1 + done.fetch_add(1, Relaxed)) as f64 / count as f64;
-                self.patience.reached(BEFORE + (AFTER - BEFORE) * done);
-                found
-            })
-            .collect();
-        let mut found: Vec<Candidate<D>> = found.into_iter().flatten().collect();
+        let wanted = |own| self.zone.in_layers(own);
+        self.image.each(
+            0,
+            Some((CROSSING.blur, HALO)),
+            &wanted,
+            self.patience,
+            &mut |window| {
+                let job = Job {
+                    blocks,
+                    by_block: &by_block,
+                    search: self,
+                    window,
+                };
+                let own = window.own.start / BLOCK * layer..window.own.end.div_ceil(BLOCK) * layer;
+                let of_blocks: Vec<Vec<Candidate<D>>> = own
+                    .into_par_iter()
+                    .map_init(Scratch::default, |scratch, block| {
+                        if self.patience.over() {
+                            return Vec::new();
+                        }
+                        let found =
+                            job.of_block(blocks.coordinates(block).map(|i| i * BLOCK), scratch);
+                        let done = (1 + done.fetch_add(1, Relaxed)) as f64 / count as f64;
+                        self.patience.reached(BEFORE + (AFTER - BEFORE) * done);
+                        found
+                    })
+                    .collect();
+                found.extend(of_blocks.into_iter().flatten());
+            },
+        )?;
         let mut strengths: Vec<f32> = found.iter().map(|c| c.strength).collect();
         if strengths.is_empty() {
-            return found;
+            return Ok(found);
         }
         let rank = ((1.0 - STRONG) * strengths.len() as f64) as usize;
         let strong = *strengths.select_nth_unstable_by(rank, f32::total_cmp).1;
@@ -126,13 +140,13 @@ impl<const D: usize> Search<'_, D> {
             c.strength *= self.typical / strong;
         }
         found.sort_by_key(|c| c.voxel);
-        self.polished(&found)
+        Ok(self.polished(&found))
     }
 
     /// Points moved onto the quadratic surface through those round them, and back by what a long filter
     /// shifts a sheet that bends.
     fn polished(&self, points: &[Candidate<D>]) -> Vec<Candidate<D>> {
-        let grid = BySample::new(self.image.dims, points);
+        let grid = BySample::new(self.image.dims(), points);
         let polish = |c: &Candidate<D>| {
             let axis = c.axis as usize;
             let mut surface = Quadric::<D>::new(2 * ROUND);
@@ -175,11 +189,11 @@ impl<const D: usize> Search<'_, D> {
                 return *c;
             }
             let mut moved = *c;
-            let last = (self.image.dims[axis] - 1) as f32;
+            let last = (self.image.dims()[axis] - 1) as f32;
             moved.position[axis] = (c.position[axis] + height).clamp(0.0, last);
             moved.normal = normal;
             let at = moved.position.map(|x| nearest(x).max(0) as usize);
-            moved.voxel = self.image.index(at) as u32;
+            moved.voxel = Volume::new(self.image.dims(), &[]).index(at) as u32;
             moved
         };
         let mut moved: Vec<Candidate<D>> = points.par_iter().map(polish).collect();
@@ -189,7 +203,7 @@ impl<const D: usize> Search<'_, D> {
 
     /// Points without those that a stronger one of the same sheet stands beside in its column.
     fn thinned(&self, points: &[Candidate<D>]) -> Vec<Candidate<D>> {
-        let grid = BySample::new(self.image.dims, points);
+        let grid = BySample::new(self.image.dims(), points);
         let alone = |i: usize| {
             let c = &points[i];
             let axis = c.axis as usize;
@@ -209,25 +223,6 @@ impl<const D: usize> Search<'_, D> {
         };
         let kept = (0..points.len()).into_par_iter().filter(|&i| alone(i));
         kept.map(|i| points[i]).collect()
-    }
-
-    /// The height of the smoothed image below which there is nothing to find.
-    fn floor(&self) -> f32 {
-        let all = self.smoothed.samples;
-        let level = median(all.iter().copied().step_by(7));
-        // The highest of each row of 64 samples: mostly ridges, if there are ridges.
-        let mut tops: Vec<f32> = all
-            .chunks(64)
-            .map(|row| row.iter().copied().fold(f32::MIN, f32::max))
-            .collect();
-        let rank = tops.len() * 9 / 10;
-        match tops.is_empty() {
-            true => level,
-            false => {
-                level
-                    + FLOOR as f32 * (*tops.select_nth_unstable_by(rank, f32::total_cmp).1 - level)
-            }
-        }
     }
 }
 
@@ -272,15 +267,6 @@ pub fn merged<const D: usize>(
     all.extend(usual.iter().copied().filter(|c| !by_lifted(c)));
     all.sort_by_key(|c| c.voxel);
     (all, count)
-}
-
-fn median(samples: impl Iterator<Item = f32>) -> f32 {
-    let mut some: Vec<f32> = samples.collect();
-    let middle = some.len() / 2;
-    match some.is_empty() {
-        true => 0.0,
-        false => *some.select_nth_unstable_by(middle, f32::total_cmp).1,
-    }
 }
 
 #[cfg(test)]

@@ -1,8 +1,7 @@
 //! How normals vary from cell to cell beyond what one sheet that bends would have.
 
-use super::zone::{around, trace};
+use super::zone::trace;
 use crate::feature::symmetric::{Symmetric, eigenvalues, eigenvector};
-use crate::feature::volume::Volume;
 use crate::geometry::{dot, solve_positive, sub};
 use rayon::prelude::*;
 
@@ -19,12 +18,13 @@ struct Mean<const D: usize> {
 }
 
 /// Of each cell, the mean square deviation (of unit vectors, so the square of an angle) of the normals of the cells
-/// round it from normals that vary linearly along the sheet, as those of one sheet do that bends evenly. Zero
-/// where a cell has no points. `tensors` are the sums of the normals' tensors, `places` those of positions.
-pub fn spread<const D: usize>(
-    cells: &Volume<'_, D>,
+/// round it, itself among them, from normals that vary linearly along the sheet, as those of one sheet do that
+/// bends evenly. Zero where a cell has no points. `tensors` are the sums of the normals' tensors, `places` those
+/// of positions; `beside` gives the cells round one.
+pub fn spread<const D: usize, I: Iterator<Item = usize>>(
     tensors: &[Symmetric<D>],
     places: &[[f64; D]],
+    beside: impl Fn(usize) -> I + Sync,
 ) -> Vec<f64> {
     let mean = |(tensor, place): (&Symmetric<D>, &[f64; D])| {
         let weight = trace(tensor);
@@ -37,7 +37,7 @@ pub fn spread<const D: usize>(
     let means: Vec<Option<Mean<D>>> = tensors.par_iter().zip(places).map(mean).collect();
     let of_cell = |i: usize| {
         means[i].map_or(0.0, |_| {
-            let near = || around(cells, i, 1).filter_map(|j| means[j]);
+            let near = || beside(i).filter_map(|j| means[j]);
             about_a_bent_sheet(near)
         })
     };
@@ -97,7 +97,8 @@ fn about_a_bent_sheet<const D: usize, I: Iterator<Item = Mean<D>>>(near: impl Fn
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::feature::lifted::zone::CELL;
+    use crate::feature::lifted::zone::{CELL, around};
+    use crate::feature::volume::Volume;
     use crate::geometry::unit;
 
     /// The largest spread over 6^3 cells, of points each with its normal.
@@ -111,7 +112,7 @@ mod tests {
                 (0..3).for_each(|l| tensors[cell][k][l] += normal[k] * normal[l]);
             }
         }
-        let all = spread(&cells, &tensors, &places);
+        let all = spread(&tensors, &places, |cell| around(&cells, cell, 1));
         all.into_iter().fold(0.0, f64::max)
     }
 

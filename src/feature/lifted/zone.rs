@@ -1,12 +1,12 @@
 //! Where one orientation a sample may not be all there is.
 
-use super::median;
 use super::spread::spread;
 use crate::feature::crossing::Candidate;
 use crate::feature::ridges::HEIGHT;
 use crate::feature::symmetric::Symmetric;
 use crate::feature::volume::Volume;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Samples along an edge of the cells that are ambiguous or not.
 pub const CELL: usize = 4;
@@ -34,8 +34,25 @@ pub struct Ambiguous<const D: usize> {
     cells: Volume<'static, D>,
     /// Of each cell, why it is ambiguous: [`MIXED_NORMALS`], [`WIDE_RIDGES`].
     pub(super) flags: Vec<u8>,
-    /// Sum over the candidates of each cell of the tensors of their normals.
+    /// Of each cell with candidates, the number that it has among these; else [`NONE`].
+    slots: Vec<u32>,
+    /// Sum over the candidates of each of these of the tensors of their normals.
     tensors: Vec<Symmetric<D>>,
+}
+
+/// A cell without candidates.
+const NONE: u32 = u32::MAX;
+
+/// What the ridge points of a cell say.
+#[derive(Clone, Copy)]
+struct Ridges<const D: usize> {
+    cell: usize,
+    /// Sum of positions.
+    places: [f64; D],
+    /// Height over curvature of a ridge is its squared width, and so is in other units height over
+    /// strength: sums of heights and strengths, of all and of the sure ones.
+    widths: [f64; 2],
+    sure_widths: [f64; 2],
 }
 
 /// Normals of different sheets meet.
@@ -44,61 +61,70 @@ pub const MIXED_NORMALS: u8 = 1;
 pub const WIDE_RIDGES: u8 = 2;
 
 impl<const D: usize> Ambiguous<D> {
-    /// Judges ridge points of a smoothed image: normals by points of at least `strong`, and widths by those
-    /// of at least `clear`, for a ridge too wide for its height is weak. `scale` is the width (samples) of the
-    /// Gaussian that smoothed it.
+    /// Judges ridge points of a smoothed image, of which `heights` tells how much higher it is there than
+    /// where there is nothing: normals by points of at least `strong`, and widths by those of at least
+    /// `clear`, for a ridge too wide for its height is weak. `scale` is the width (samples) of the Gaussian that
+    /// smoothed it.
     pub fn new(
-        smoothed: Volume<'_, D>,
+        dims: [usize; D],
         scale: f64,
         candidates: &[Candidate<D>],
+        heights: &[f32],
         strong: f32,
         clear: f32,
     ) -> Self {
-        let dims = smoothed.dims;
+        let samples = Volume::new(dims, &[]);
         let cells = Volume::new(dims.map(|n| n.div_ceil(CELL)), &[]);
         let count = cells.dims.iter().product();
         let mut zone = Self {
             cells,
             flags: vec![0; count],
-            tensors: vec![[[0.0; D]; D]; count],
+            slots: vec![NONE; count],
+            tensors: Vec::new(),
         };
-        let level = median(smoothed.samples.iter().copied().step_by(7));
-        let height = |c: &Candidate<D>| f64::from(smoothed.samples[c.voxel as usize] - level);
-        let sure = || candidates.iter().filter(|c| c.strength >= strong);
-        let high = sure().map(height).sum::<f64>() / sure().count().max(1) as f64;
-        let mut places = vec![[0.0; D]; count];
-        // Height over curvature of a ridge is its squared width, and so is in other units height over strength.
-        let (mut widths, mut sure_widths) = (vec![[0.0f64; 2]; count], vec![[0.0f64; 2]; count]);
-        for c in candidates.iter().filter(|c| c.strength >= clear) {
+        let all = || candidates.iter().zip(heights.iter().map(|&h| f64::from(h)));
+        let sure = || all().filter(|(c, _)| c.strength >= strong);
+        let high = sure().map(|(_, height)| height).sum::<f64>() / sure().count().max(1) as f64;
+        let mut cells: Vec<Ridges<D>> = Vec::new();
+        for (c, height) in all().filter(|(c, _)| c.strength >= clear) {
             // What is weak and not high either is noise.
-            if c.strength < strong && height(c) < HIGH * high {
+            if c.strength < strong && height < HIGH * high {
                 continue;
             }
-            let at = smoothed.coordinates(c.voxel as usize);
+            let at = samples.coordinates(c.voxel as usize);
             // At the sides mirrored samples turn normals.
             if (0..D).any(|k| at[k] < SIDE || at[k] + SIDE >= dims[k]) {
                 continue;
             }
-            let cell = zone.cell_of(at);
-            let width = [height(c), f64::from(c.strength)];
-            widths[cell] = [0, 1].map(|k: usize| widths[cell][k] + width[k]);
+            let number = zone.cell_of(at);
+            if zone.slots[number] == NONE {
+                zone.slots[number] = cells.len() as u32;
+                zone.tensors.push([[0.0; D]; D]);
+                cells.push(Ridges {
+                    cell: number,
+                    places: [0.0; D],
+                    widths: [0.0; 2],
+                    sure_widths: [0.0; 2],
+                });
+            }
+            let slot = zone.slots[number] as usize;
+            let (cell, tensor) = (&mut cells[slot], &mut zone.tensors[slot]);
+            let width = [height, f64::from(c.strength)];
+            cell.widths = [0, 1].map(|k: usize| cell.widths[k] + width[k]);
             if c.strength < strong {
                 continue;
             }
-            sure_widths[cell] = [0, 1].map(|k: usize| sure_widths[cell][k] + width[k]);
+            cell.sure_widths = [0, 1].map(|k: usize| cell.sure_widths[k] + width[k]);
             for k in 0..D {
-                places[cell][k] += f64::from(c.position[k]);
+                cell.places[k] += f64::from(c.position[k]);
                 for l in 0..D {
-                    zone.tensors[cell][k][l] += f64::from(c.normal[k] * c.normal[l]);
+                    tensor[k][l] += f64::from(c.normal[k] * c.normal[l]);
                 }
             }
         }
-        let ratio = |w: &[f64; 2]| w[0] / w[1];
-        let mut ratios: Vec<f64> = sure_widths
-            .iter()
-            .filter(|w| w[1] > 0.0)
-            .map(ratio)
-            .collect();
+        let ratio = |w: [f64; 2]| w[0] / w[1];
+        let sure_widths = cells.iter().map(|cell| cell.sure_widths);
+        let mut ratios: Vec<f64> = sure_widths.filter(|w| w[1] > 0.0).map(ratio).collect();
         if ratios.is_empty() {
             return zone;
         }
@@ -108,12 +134,16 @@ impl<const D: usize> Ambiguous<D> {
         let usual = narrow.min((1.0 + SINGLE / (scale * scale)) / HEIGHT);
         let wide_around = |i: usize| {
             let mut sum = [0.0; 2];
-            for j in around(&zone.cells, i, 1) {
-                sum = [0, 1].map(|k: usize| sum[k] + widths[j][k]);
+            for j in around(&zone.cells, i, 1).filter_map(|j| zone.slot(j)) {
+                sum = [0, 1].map(|k: usize| sum[k] + cells[j].widths[k]);
             }
             sum
         };
-        let spread = spread(&zone.cells, &zone.tensors, &places);
+        let places: Vec<[f64; D]> = cells.iter().map(|cell| cell.places).collect();
+        let beside = |slot: usize| {
+            around(&zone.cells, cells[slot].cell, 1).filter_map(|cell| zone.slot(cell))
+        };
+        let spread = spread(&zone.tensors, &places, beside);
         let mut least: Vec<f64> = spread.iter().copied().filter(|s| *s > 0.0).collect();
         let tenth = least.len() / 10;
         let noise = match least.is_empty() {
@@ -121,19 +151,19 @@ impl<const D: usize> Ambiguous<D> {
             false => *least.select_nth_unstable_by(tenth, f64::total_cmp).1,
         };
         let mixed = (NOISE * noise).clamp(MIXED[0], MIXED[1]);
-        let flags: Vec<u8> = (0..count)
+        let flags: Vec<u8> = (0..cells.len())
             .into_par_iter()
             .map(|i| {
-                if widths[i][1] == 0.0 {
+                if cells[i].widths[1] == 0.0 {
                     return 0;
                 }
                 let mixed = spread[i] > mixed;
-                let wide = usual > 0.0 && ratio(&wide_around(i)) > WIDE * usual;
+                let wide = usual > 0.0 && ratio(wide_around(cells[i].cell)) > WIDE * usual;
                 u8::from(mixed) * MIXED_NORMALS + u8::from(wide) * WIDE_RIDGES
             })
             .collect();
         for (i, flag) in flags.into_iter().enumerate().filter(|f| f.1 != 0) {
-            let around: Vec<usize> = around(&zone.cells, i, WIDEN).collect();
+            let around: Vec<usize> = around(&zone.cells, cells[i].cell, WIDEN).collect();
             for j in around {
                 zone.flags[j] |= flag;
             }
@@ -152,6 +182,23 @@ impl<const D: usize> Ambiguous<D> {
         self.flags[self.cell_of(at)] != 0
     }
 
+    /// The number of a cell among those with candidates.
+    fn slot(&self, cell: usize) -> Option<usize> {
+        match self.slots[cell] {
+            NONE => None,
+            slot => Some(slot as usize),
+        }
+    }
+
+    /// Whether any of these layers of samples along the last axis is ambiguous.
+    pub fn in_layers(&self, layers: Range<usize>) -> bool {
+        let cells: usize = self.cells.dims[..D - 1].iter().product();
+        let (first, end) = (layers.start / CELL, layers.end.div_ceil(CELL));
+        self.flags[first * cells..end * cells]
+            .iter()
+            .any(|&flag| flag != 0)
+    }
+
     pub(super) fn cell_of(&self, at: [usize; D]) -> usize {
         self.cells.index(at.map(|i| i / CELL))
     }
@@ -159,7 +206,7 @@ impl<const D: usize> Ambiguous<D> {
     /// The tensor of normals of a cell and those around it.
     pub(super) fn around(&self, cell: usize, reach: usize) -> Symmetric<D> {
         let mut sum = [[0.0; D]; D];
-        for j in around(&self.cells, cell, reach) {
+        for j in around(&self.cells, cell, reach).filter_map(|j| self.slot(j)) {
             for k in 0..D {
                 for l in 0..D {
                     sum[k][l] += self.tensors[j][k][l];

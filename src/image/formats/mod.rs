@@ -259,7 +259,7 @@ fn in_file(path: &Path, options: &ReadOptions) -> Result<Opened> {
 }
 
 /// An image of space, or of the plane if it has a single sample along its last axis.
-fn of_its_axes(loaded: Loaded) -> AnyLoaded {
+pub(crate) fn of_its_axes(loaded: Loaded) -> AnyLoaded {
     match loaded.image.dims() {
         [_, _, 1] => {
             let mut notes = loaded.notes;

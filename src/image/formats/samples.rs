@@ -176,7 +176,8 @@ impl Encoding {
     /// # Errors
     /// What the operating system reports, the file being too short included.
     pub fn read(self, file: &File, offset: u64, out: &mut [f32]) -> io::Result<()> {
-        const CHUNK: usize = 1 << 18;
+        // Buffers so small are not asked of the system anew.
+        const CHUNK: usize = 1 << 14;
         let size = self.size();
         out.par_chunks_mut(CHUNK)
             .enumerate()

@@ -116,6 +116,9 @@ pub struct Stream {
     pub largest: AtomicU32,
 }
 
+/// Images of more samples are left in their files where they can be.
+const LARGE: usize = 1 << 26;
+
 /// Bytes of samples that are held at a time, unless a single plane takes more.
 const HELD: usize = 1 << 26;
 
@@ -171,12 +174,7 @@ impl Slabs for Stream {
         let mut slab = vec![0.0; planes * plane];
         for first in (0..nz).step_by(planes) {
             let part = &mut slab[..planes.min(nz - first) * plane];
-            self.planes.read(first, part).map_err(io::Error::other)?;
-            if self.coded.is_wide() {
-                // Bits of numbers without sign are in the order of the numbers.
-                let bits = part.par_iter().map(|v| v.abs().to_bits()).max();
-                self.largest.fetch_max(bits.unwrap_or(0), Relaxed);
-            }
+            self.planes(first, part).map_err(io::Error::other)?;
             work(part)?;
         }
         Ok(())
@@ -192,6 +190,29 @@ fn least_common_multiple(a: usize, b: usize) -> usize {
 }
 
 impl Stream {
+    /// Reads whole planes, from the one numbered `first` on.
+    ///
+    /// # Errors
+    /// [`Error::Io`](crate::Error::Io) if they cannot be read.
+    pub fn planes(&self, first: usize, out: &mut [f32]) -> Result<()> {
+        self.planes.read(first, out)?;
+        if self.coded.is_wide() {
+            // Bits of numbers without sign are in the order of the numbers.
+            let bits = out.par_iter().map(|v| v.abs().to_bits()).max();
+            self.largest.fetch_max(bits.unwrap_or(0), Relaxed);
+        }
+        Ok(())
+    }
+
+    /// Whether its samples are so many that they are better left in the file, or there is no memory for
+    /// them; and may be, for none are missing and it has three axes.
+    pub fn stays(&self) -> bool {
+        let dims = self.head.dims;
+        let count: usize = dims.iter().product();
+        let large = count > LARGE || samples::afford(Path::new("the image"), 3 * count).is_err();
+        large && self.head.missing.is_empty() && dims.iter().all(|&n| n > 1)
+    }
+
     /// Reads all samples.
     ///
     /// # Errors
@@ -205,7 +226,7 @@ impl Stream {
         Ok(self.head.with(samples))
     }
 
-    /// What must be said of the samples that were read by [`Slabs::each`].
+    /// What must be said of the samples that were read.
     pub fn note(&self) -> Option<String> {
         let largest = f32::from_bits(self.largest.load(Relaxed));
         self.coded.rounding_note(&[largest])

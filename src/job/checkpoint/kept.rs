@@ -3,7 +3,7 @@
 use std::io::{self, Write};
 
 use crate::feature::{FeatureKind, FeaturePoint, Features, Labelled, LeftOut, Settled};
-use crate::image::Field;
+use crate::image::{Field, Sparse};
 use crate::improve::{Blocked, Counts, Sealed};
 use crate::job::{Joined, Marked};
 use crate::lattice::AtomKind;
@@ -153,6 +153,7 @@ macro_rules! fields {
 fields! {
     @(const D: usize) FeaturePoint<D> as FeaturePoint { position, normal, strength }
     @(const D: usize) Field<D> as Field { dims, step, samples }
+    @(const D: usize) Sparse<D> as Sparse { dims, step, slots, masks, samples }
     LeftOut as LeftOut { near_another_sheet, in_small_pieces, in_narrow_parts, weak }
     Settled as Settled { kind, scale, low, high, min_area, mask }
     @(const D: usize) Labelled<D> as Labelled { dims, step, labels, names, winner, lead, volumes }

@@ -18,7 +18,7 @@ use super::{Params, Weight};
 use crate::Result;
 use crate::error::{Error, cause, os};
 use crate::files::{self, atomic};
-use crate::image::Image;
+use crate::image::{Geometry, Image, Layers, Source};
 pub use kept::Kept;
 
 /// How every file of a stage begins.
@@ -57,10 +57,17 @@ impl Checkpoint {
     }
 
     /// For a job: by all that decides its result.
-    pub(super) fn of<const D: usize>(&self, image: &Image<D>, params: &Params<D>) -> OfJob {
+    pub(super) fn of<const D: usize>(
+        &self,
+        source: Source<'_, D>,
+        params: &Params<D>,
+    ) -> Result<OfJob> {
         let mut hasher = Sha256::new();
         hasher.update(env!("CARGO_PKG_VERSION"));
-        add(&mut hasher, image);
+        match source {
+            Source::Held(image) => add(&mut hasher, image),
+            Source::InLayers(layers) => add_layers(&mut hasher, layers)?,
+        }
         // Images are written out in full, not as they are shown.
         let mut rest = params.clone();
         for image in rest.distances.take().iter() {
@@ -72,27 +79,46 @@ impl Checkpoint {
             rest.beta = params.beta.clone();
         }
         hasher.update(format!("{rest:?}"));
-        OfJob {
+        Ok(OfJob {
             folder: self.folder.clone(),
             key: hasher.finalize().into(),
-        }
+        })
     }
 }
 
 /// An image's samples, and where they lie.
 fn add<const D: usize>(hasher: &mut Sha256, image: &Image<D>) {
+    add_place(hasher, image.dims(), &image.geometry, &image.missing);
+    add_samples(hasher, image.as_slice());
+}
+
+/// The same, layer by layer.
+fn add_layers<const D: usize>(hasher: &mut Sha256, layers: &dyn Layers<D>) -> Result<()> {
+    let dims = layers.dims();
+    add_place(hasher, dims, layers.geometry(), &[]);
+    let mut layer = vec![0.0; dims[..D - 1].iter().product()];
+    for i in 0..dims[D - 1] {
+        layers.read(i, &mut layer)?;
+        add_samples(hasher, &layer);
+    }
+    Ok(())
+}
+
+fn add_place<const D: usize>(
+    hasher: &mut Sha256,
+    dims: [usize; D],
+    geometry: &Geometry<D>,
+    missing: &[bool],
+) {
     let mut text = String::new();
     // Writing to a String cannot fail.
-    let _ = write!(
-        text,
-        "{:?} {:?} {:?}",
-        image.dims(),
-        image.geometry,
-        image.missing
-    );
+    let _ = write!(text, "{dims:?} {geometry:?} {missing:?}");
     hasher.update(text);
+}
+
+fn add_samples(hasher: &mut Sha256, samples: &[f32]) {
     let mut bytes = Vec::new();
-    for part in image.as_slice().chunks(1 << 16) {
+    for part in samples.chunks(1 << 16) {
         bytes.clear();
         bytes.extend(part.iter().flat_map(|v| v.to_le_bytes()));
         hasher.update(&bytes);

@@ -129,6 +129,7 @@ pub(super) fn limits(min: f64, max: f64, growth: f64) -> Result<()> {
 mod tests {
     use super::*;
     use crate::feature::FeaturePoint;
+    use crate::image::Sparse;
 
     /// The plane x = 20.3 in a box of 64 x 50 x 40 samples.
     fn plane() -> Features<3> {
@@ -140,11 +141,7 @@ mod tests {
                 strength: 1.0,
             })
             .collect();
-        let potential = Field {
-            dims,
-            step: [1.0; 3],
-            samples: vec![0.0; 64 * 50 * 40],
-        };
+        let potential = Sparse::zero(dims, [1.0; 3]);
         Features {
             sheet: vec![],
             on_horizon: vec![],

@@ -261,7 +261,7 @@ impl<const D: usize> Energy<D> for Regularised<'_, D> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::Field;
+    use crate::image::{Field, Sparse};
     use crate::lattice::seeding::{self, Alignment, Atoms};
 
     /// A slowly waving field between two values.
@@ -293,7 +293,7 @@ mod tests {
         kappa: f64,
     ) -> f64 {
         let atoms = shaken(extent, distance);
-        let image = smooth(extent, -1.0, 0.0);
+        let image = Sparse::of(&smooth(extent, -1.0, 0.0));
         let mobility = atoms.mobility(extent);
         let pairs = Pairwise::new(extent, distance, Some(&image), beta.clone()).unwrap();
         let mut energy =

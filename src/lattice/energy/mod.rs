@@ -10,14 +10,12 @@
 //! -b takes its place, and mirror images of the atoms stand beyond the sides.
 //!
 //! - [`pair`]: phi and the force
-//! - `image_term`: b(x_i), skipping the parts of the image where b is nothing
 //! - `neighbours`: the Verlet list
 //! - `images`: mirror images of atoms beyond the sides
 //! - [`pairwise`]: the exact energy and gradient from pairs of atoms, the default
 //! - [`laplacian`]: A joined with how far each atom is from the middle of its Delaunay neighbours
 //! - `sampled`: the energy from a field sampled like the image, as first published
 
-pub(crate) mod image_term;
 pub(crate) mod images;
 pub mod laplacian;
 pub(crate) mod neighbours;

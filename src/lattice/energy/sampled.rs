@@ -73,7 +73,7 @@ impl<const D: usize> Stamp<D> {
 #[derive(Clone)]
 pub struct Sampled<'a, const D: usize> {
     distance: &'a Distance<D>,
-    potential: &'a Field<D>,
+    potential: Field<D>,
     beta: Beta<D>,
     alignment: Alignment,
     stiffness: f32,
@@ -87,7 +87,7 @@ pub struct Sampled<'a, const D: usize> {
 
 impl<'a, const D: usize> Sampled<'a, D> {
     /// An evaluator on the grid of the image potential.
-    pub fn new(distance: &'a Distance<D>, potential: &'a Field<D>, beta: Beta<D>) -> Self {
+    pub fn new(distance: &'a Distance<D>, potential: Field<D>, beta: Beta<D>) -> Self {
         let field = vec![0.0; potential.samples.len()];
         let mut sampled = Self {
             distance,
@@ -134,7 +134,7 @@ impl<'a, const D: usize> Sampled<'a, D> {
     /// The total potential field p(x) = (1 - beta) a(x) + beta b(x) of the atoms last evaluated, on
     /// the grid of the image potential (Hale 2001, equation 5 and figures 6 and 7).
     pub fn total(&self) -> Field<D> {
-        let Field { dims, step, .. } = *self.potential;
+        let Field { dims, step, .. } = self.potential;
         let mut flat = 0;
         Field::from_fn(dims, step, |x| {
             let beta = match &self.beta {
@@ -286,6 +286,7 @@ impl<const D: usize> Energy<D> for Sampled<'_, D> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::image::Sparse;
     use crate::lattice::energy::Pairwise;
 
     /// A jittered lattice and a potential, d samples to the nominal distance.
@@ -319,9 +320,10 @@ mod tests {
     /// Relative difference between the two evaluators: energy, and gradient (Euclidean norm).
     fn difference(d: f64, on_samples: bool, beta: f64, alignment: Alignment) -> (f64, f64) {
         let (atoms, extent, field) = case(d, on_samples, alignment);
+        let sparse = Sparse::of(&field);
         let distance = Distance::Constant(d);
-        let sampled = Sampled::new(&distance, &field, Beta::Constant(beta));
-        let exact = Pairwise::new(extent, &distance, Some(&field), Beta::Constant(beta)).unwrap();
+        let sampled = Sampled::new(&distance, field.clone(), Beta::Constant(beta));
+        let exact = Pairwise::new(extent, &distance, Some(&sparse), Beta::Constant(beta)).unwrap();
         let (mut sampled, mut exact) = (sampled.aligned(alignment), exact.aligned(alignment));
         let mut rough = vec![[0.0; 3]; atoms.len()];
         let mut truth = rough.clone();
@@ -370,11 +372,12 @@ mod tests {
     fn the_published_energy_and_what_stiffening_adds_agree_with_pairs() {
         for d in [6.0, 8.0, 12.0] {
             let (atoms, extent, field) = case(d, false, Alignment::On);
+            let sparse = Sparse::of(&field);
             let (distance, beta) = (Distance::Constant(d), Beta::Constant(0.4));
             let mut gradient = vec![[0.0; 3]; atoms.len()];
             let mut both = |stiff: bool| {
-                let sampled = Sampled::new(&distance, &field, beta.clone());
-                let exact = Pairwise::new(extent, &distance, Some(&field), beta.clone()).unwrap();
+                let sampled = Sampled::new(&distance, field.clone(), beta.clone());
+                let exact = Pairwise::new(extent, &distance, Some(&sparse), beta.clone()).unwrap();
                 let (mut sampled, mut exact) = match stiff {
                     true => (sampled.uncrowded(), exact.uncrowded()),
                     false => (sampled, exact),
@@ -400,13 +403,14 @@ mod tests {
     #[test]
     fn agrees_where_distance_and_beta_vary() {
         let (atoms, extent, field) = case(12.0, false, Alignment::On);
+        let sparse = Sparse::of(&field);
         let dims = extent.map(|l| l as usize / 4 + 1);
         let distance = Distance::Field(Field::from_fn(dims, [4.0; 3], |x| {
             10.0 + 0.04 * x[0] - 0.02 * x[2]
         }));
         let beta = Beta::Field(Field::from_fn(dims, [4.0; 3], |x| 0.3 + 0.002 * x[1]));
-        let mut sampled = Sampled::new(&distance, &field, beta.clone()).stiffened(10.0);
-        let exact = Pairwise::new(extent, &distance, Some(&field), beta).unwrap();
+        let mut sampled = Sampled::new(&distance, field.clone(), beta.clone()).stiffened(10.0);
+        let exact = Pairwise::new(extent, &distance, Some(&sparse), beta).unwrap();
         let mut exact = exact.stiffened(10.0);
         let mut gradient = vec![[0.0; 3]; atoms.len()];
         let rough = sampled.evaluate(&atoms, &mut gradient);
@@ -424,7 +428,7 @@ mod tests {
         let dims = [17, 13];
         let valley = Field::from_fn(dims, [1.0; 2], |x| -0.1 * x[1] / 12.0);
         let distance = Distance::Constant(4.0);
-        let mut sampled = Sampled::new(&distance, &valley, Beta::Constant(0.25));
+        let mut sampled = Sampled::new(&distance, valley.clone(), Beta::Constant(0.25));
         let atoms = [[5.0, 6.0], [12.0, 3.0]];
         sampled.evaluate(&atoms, &mut [[0.0; 2]; 2]);
         let total = sampled.total();

@@ -225,7 +225,7 @@ impl<const D: usize> Birth<'_, D> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::Field;
+    use crate::image::{Field, Sparse};
     use crate::lattice::distance::Distance;
     use crate::lattice::energy::{Beta, Pairwise, Regularised};
     use crate::lattice::optimize::{Method, Rest, Unobserved, optimize};
@@ -235,18 +235,19 @@ mod tests {
     const EXTENT: [f64; 2] = [90.0, 70.0];
     const DISTANCE: Distance<2> = Distance::Constant(D);
 
-    fn valley() -> Field<2> {
-        Field::from_fn([91, 71], [1.0; 2], |x| {
+    fn valley() -> Sparse<2> {
+        let depth = |x: [f64; 2]| {
             let u = (x[0] + 0.3 * x[1] - 50.0) / (0.25 * D);
             if u.abs() < 4.0 {
                 -(-0.5 * u * u).exp()
             } else {
                 0.0
             }
-        })
+        };
+        Sparse::of(&Field::from_fn([91, 71], [1.0; 2], depth))
     }
 
-    fn drawn(valley: &Field<2>) -> Atoms<2> {
+    fn drawn(valley: &Sparse<2>) -> Atoms<2> {
         let how = Seeding::Guide {
             seed: 1,
             most: usize::MAX,
@@ -263,7 +264,7 @@ mod tests {
         .unwrap()
     }
 
-    fn evaluator(valley: &Field<2>) -> Pairwise<'_, 2> {
+    fn evaluator(valley: &Sparse<2>) -> Pairwise<'_, 2> {
         Pairwise::new(EXTENT, &DISTANCE, Some(valley), Beta::Constant(0.5)).unwrap()
     }
 

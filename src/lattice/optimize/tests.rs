@@ -1,7 +1,7 @@
 //! Optimisation: what it gains, and what it keeps.
 
 use super::*;
-use crate::image::Field;
+use crate::image::{Field, Sparse};
 use crate::lattice::AtomKind;
 use crate::lattice::energy::{Beta, Pairwise};
 use crate::lattice::seeding::{self, Alignment};
@@ -14,19 +14,20 @@ fn surface(x: [f64; 3]) -> f64 {
     (x[0] + 0.25 * x[1] - 30.0 + 2.0 * (x[2] / 9.0).sin()) / 1.05
 }
 
-fn valley() -> Field<3> {
+fn valley() -> Sparse<3> {
     let dims = EXTENT.map(|l| l as usize + 1);
-    Field::from_fn(dims, [1.0; 3], |x| {
+    let depth = |x| {
         let u = surface(x) / (0.25 * D);
         if u.abs() < 4.0 {
             -(-0.5 * u * u).exp()
         } else {
             0.0
         }
-    })
+    };
+    Sparse::of(&Field::from_fn(dims, [1.0; 3], depth))
 }
 
-fn evaluator<'a>(distance: &'a Distance<3>, valley: &'a Field<3>) -> Pairwise<'a, 3> {
+fn evaluator<'a>(distance: &'a Distance<3>, valley: &'a Sparse<3>) -> Pairwise<'a, 3> {
     let energy = Pairwise::new(EXTENT, distance, Some(valley), Beta::Constant(0.6)).unwrap();
     energy.uncrowded()
 }

@@ -22,7 +22,7 @@ pub(crate) mod wells;
 
 use crate::error::{Error, Result, cause};
 use crate::geometry::scatter::Scatter;
-use crate::image::Field;
+use crate::image::{Field, Sparse};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
 use crate::observer::Patience;
@@ -169,12 +169,12 @@ pub fn seed<const D: usize>(
     distance: &Distance<D>,
     fixed: &[[f64; D]],
     alignment: Alignment,
-    potential: Option<&Field<D>>,
+    potential: Option<&Sparse<D>>,
     patience: &Patience<'_>,
 ) -> Result<Atoms<D>> {
     distance.validate(extent)?;
     let image = || {
-        potential.ok_or_else(|| {
+        potential.map(Sparse::dense).ok_or_else(|| {
             refuse(
                 "needs the potential of an image",
                 "give one, or seed regularly",
@@ -200,7 +200,7 @@ pub fn seed<const D: usize>(
         (Seeding::Guide { seed, most }, _) => guide::drawn(
             extent,
             distance,
-            image()?,
+            &image()?,
             &fixed,
             alignment,
             seed,
@@ -214,7 +214,7 @@ pub fn seed<const D: usize>(
             ));
         }
         (Seeding::Projection, _) => {
-            projection::projected(extent, distance, image()?, &fixed, patience)?
+            projection::projected(extent, distance, &image()?, &fixed, patience)?
         }
     };
     order::sort_by_curve(&mut positions, extent, 2.0 * distance.min());

@@ -168,6 +168,7 @@ fn bottom<const D: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::image::Sparse;
     use crate::lattice::seeding::grow::tests::{spacing, varying};
     use crate::lattice::seeding::guide::tests::valley;
     use crate::lattice::seeding::{Seeding, seed};
@@ -206,7 +207,7 @@ mod tests {
                 distance,
                 &[],
                 Alignment::On,
-                Some(&potential),
+                Some(&Sparse::of(&potential)),
                 &Patience::endless(),
             )
             .unwrap()
@@ -254,7 +255,7 @@ mod tests {
             &distance,
             &[],
             Alignment::Alongside,
-            Some(&valley(extent)),
+            Some(&Sparse::of(&valley(extent))),
             &Patience::endless(),
         );
         assert!(refused.unwrap_err().to_string().contains("onto features"));

@@ -25,7 +25,7 @@ use serde::Serialize;
 
 use crate::error::cause;
 use crate::feature::{self, Settled};
-use crate::image::Image;
+use crate::image::{Image, Source};
 use crate::job::{Meshing, Params, Space, lattice_beta};
 use crate::mesh::Simplices;
 use crate::observer::{Observer, Patience, Stage};
@@ -194,7 +194,9 @@ impl EditStages<'_> {
         fields: &mut Vec<(String, FieldValue)>,
     ) -> Result<Vec<Settled>> {
         let options = params.feature_options(step);
-        let look = |patience: &Patience<'_>| feature::detect_while(image, &options, patience);
+        let look = |patience: &Patience<'_>| {
+            feature::detect_while(Source::Held(image), &options, patience)
+        };
         let settled = self.run(Stage::FeaturesEverywhere, look)?.settled;
         summary.notes.push(
             "the mesh does not record how its features were found, so they were sought in the \

@@ -161,7 +161,7 @@ where
         options.temperature = moving.iter().map(heat).collect();
         options.temperature.extend(vec![0.0; frozen]);
         summary.warm += options.temperature.iter().filter(|t| **t > 0.0).count();
-        summary.samples += around.features.potential.samples.len();
+        summary.samples += around.features.potential.dims.iter().product::<usize>();
 
         let extent = self.window.extent();
         let potential = &around.features.potential;
@@ -177,7 +177,7 @@ where
                 Box::new(Regularised::new(pairs()?, distance, beta, kappa, mobility)?)
             }
             Evaluator::Pairwise => Box::new(pairs()?),
-            Evaluator::Sampled => Box::new(Sampled::new(distance, potential, beta.clone())),
+            Evaluator::Sampled => Box::new(Sampled::new(distance, potential.dense(), beta.clone())),
         };
         let outcome = optimize::optimize(
             &mut atoms,

@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use crate::feature::symmetric::{eigenvalues, eigenvector};
 use crate::geometry::{add_scaled, dot, norm, normal};
-use crate::image::Field;
+use crate::image::Sparse;
 use crate::mesh::Mesh;
 
 /// Faces that one task looks at.
@@ -74,7 +74,7 @@ pub fn labels_of_faces<const D: usize, F: Mesh<D>>(
 /// Mesh and potential in one space.
 pub fn in_valleys<const D: usize, F: Mesh<D>>(
     mesh: &F,
-    potential: &Field<D>,
+    potential: &Sparse<D>,
     sigma: f64,
     depth: f64,
     along: f64,
@@ -98,7 +98,7 @@ pub fn in_valleys<const D: usize, F: Mesh<D>>(
 }
 
 /// Main eigenvector of the structure tensor of a potential about `x`: of 3^D gradients, sigma apart.
-fn valley_normal<const D: usize>(potential: &Field<D>, sigma: f64, x: [f64; D]) -> [f64; D] {
+fn valley_normal<const D: usize>(potential: &Sparse<D>, sigma: f64, x: [f64; D]) -> [f64; D] {
     let mut tensor = [[0.0; D]; D];
     for code in 0..3usize.pow(D as u32) {
         let offset: [f64; D] =

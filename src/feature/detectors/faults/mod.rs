@@ -21,6 +21,7 @@ use crate::error::Result;
 use crate::feature::FeatureKind;
 use crate::feature::tensor::Normals;
 use crate::feature::volume::Volume;
+use crate::feature::windows::Samples;
 use crate::geometry::dot;
 
 /// Finds faults of seismic amplitude.
@@ -39,8 +40,8 @@ impl<const D: usize> Detector<D> for Faults {
 
     fn find(&self, scene: &Scene<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
         let window = scene.asked.smoothing.unwrap_or(WINDOW);
-        let samples = scene.smoothed();
-        let smoothed = Volume::new(scene.image.dims(), &samples);
+        let samples = scene.smoothed()?;
+        let smoothed = Volume::new(scene.dims(), &samples);
         let layers = Normals::new(smoothed, window, scene.patience);
         let likelihood = semblance::likelihood(smoothed, &layers, scene.patience);
         drop(samples);
@@ -59,7 +60,7 @@ impl<const D: usize> Detector<D> for Faults {
             least: |thresholds| 0.18 * thresholds.low / semblance::LEAST[0],
             ..RidgeSearch::new(scene)
         };
-        let mut found = search.find(likelihood, notes);
+        let mut found = search.find(Samples::held(scene.dims(), likelihood), notes)?;
         let along_layers = |position, normal| dot(normal, layers.at(position)).abs();
         found
             .candidates

@@ -70,10 +70,10 @@ impl<const D: usize> Detector<D> for Paths {
     }
 
     fn find(&self, scene: &Scene<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
-        let (dims, scale, seeds) = (scene.image.dims(), scene.scale(), &scene.asked.seeds);
-        let samples = scene.smoothed();
+        let (dims, scale, seeds) = (scene.dims(), scene.scale(), &scene.asked.seeds);
+        let samples = scene.smoothed()?;
         let smoothed = Volume::new(dims, &samples);
-        let found = enhance::enhance(smoothed, &scene.image.geometry, seeds, scene.patience)?;
+        let found = enhance::enhance(smoothed, scene.source.geometry(), seeds, scene.patience)?;
         let drawn = format!(
             "shortest paths at scale {scale} from {} sources in the object to {} sinks around it",
             seeds.sources, seeds.sinks

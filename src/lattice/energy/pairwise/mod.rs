@@ -24,13 +24,12 @@ mod kernels;
 
 use kernels::{AnyDistance, LOCAL, Local, NO_SITE, SameDistance, Site, Sums};
 
-use super::image_term::ImageTerm;
 use super::images::Images;
 use super::neighbours::{CHUNK, FixedPoint, NOWHERE, Neighbours, Point, Rows};
 use super::pair::CUTOFF;
 use super::{Beta, Energy, Parts, Terms};
 use crate::error::{Error, Result, cause};
-use crate::image::Field;
+use crate::image::Sparse;
 use crate::lattice::distance::Distance;
 use crate::lattice::seeding::Alignment;
 
@@ -45,7 +44,7 @@ const FEW: usize = 4;
 #[derive(Clone)]
 pub struct Pairwise<'a, const D: usize> {
     distance: &'a Distance<D>,
-    image: Option<ImageTerm<'a, D>>,
+    image: Option<&'a Sparse<D>>,
     beta: Beta<D>,
     alignment: Alignment,
     fixed: FixedPoint,
@@ -76,7 +75,7 @@ impl<'a, const D: usize> Pairwise<'a, D> {
     pub fn new(
         extent: [f64; D],
         distance: &'a Distance<D>,
-        potential: Option<&'a Field<D>>,
+        potential: Option<&'a Sparse<D>>,
         beta: Beta<D>,
     ) -> Result<Self> {
         let range = match &beta {
@@ -99,7 +98,7 @@ impl<'a, const D: usize> Pairwise<'a, D> {
         let fixed = FixedPoint::new(&extent);
         Ok(Self {
             distance,
-            image: potential.map(ImageTerm::new),
+            image: potential,
             beta,
             alignment: Alignment::On,
             fixed,

@@ -1,6 +1,7 @@
 //! The exact evaluator against the energy's definition.
 
 use super::*;
+use crate::image::Field;
 
 /// Cubic convolution from its definition, in `f64` and one axis after the other.
 fn interpolate<const D: usize>(field: &Field<D>, x: &[f64; D]) -> f64 {
@@ -82,9 +83,14 @@ impl<const D: usize> Case<'_, D> {
     /// Relative errors of the evaluator: of its gradient against differences of the definition
     /// (of some atoms, in the Euclidean norm), and of its energy.
     fn errors(&self, x: &[[f64; D]]) -> (f64, f64) {
-        let potential = Some(self.potential);
-        let mut evaluator =
-            Pairwise::new(self.extent, self.distance, potential, self.beta.clone()).unwrap();
+        let potential = Sparse::of(self.potential);
+        let mut evaluator = Pairwise::new(
+            self.extent,
+            self.distance,
+            Some(&potential),
+            self.beta.clone(),
+        )
+        .unwrap();
         evaluator = evaluator.stiffened(self.stiffness).aligned(self.alignment);
         let mut gradient = vec![[0.0; D]; x.len()];
         let energy = evaluator.evaluate(x, &mut gradient);

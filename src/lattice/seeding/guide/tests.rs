@@ -1,6 +1,7 @@
 //! Draws against their probabilities, and lattices that are drawn.
 
 use super::*;
+use crate::image::Sparse;
 use crate::lattice::seeding::grow::tests::{spacing, varying};
 use crate::lattice::seeding::{Seeding, seed};
 
@@ -143,7 +144,7 @@ fn check<const D: usize>(extent: [f64; D], distance: &Distance<D>, densest: f64)
             distance,
             &[],
             alignment,
-            Some(&potential),
+            Some(&Sparse::of(&potential)),
             &Patience::endless(),
         )
         .unwrap()
@@ -208,7 +209,7 @@ fn a_potential_without_features_is_refused() {
             &distance,
             &[],
             Alignment::On,
-            field,
+            field.map(Sparse::of).as_ref(),
             &Patience::endless(),
         )
         .unwrap_err()

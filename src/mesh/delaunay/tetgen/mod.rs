@@ -24,6 +24,9 @@ pub const OUTSIDE: u32 = u32::MAX;
 /// not depend on it.
 #[cfg(feature = "tetgen")]
 const LARGE: usize = 40_000;
+/// A part has at most so many points, for a run takes some 700 bytes for each.
+#[cfg(feature = "tetgen")]
+const LARGEST_PART: usize = 800_000;
 /// A part has at least so many points.
 #[cfg(feature = "tetgen")]
 const SMALLEST_PART: usize = 20_000;
@@ -222,11 +225,12 @@ fn tetrahedra(points: &[[f64; 3]], with_neighbors: bool) -> Result<Answer> {
         None => Ok(ffi::run(points, with_neighbors)),
     };
     let large = points.len() >= LARGE;
-    let count = rayon::current_num_threads().min(points.len() / SMALLEST_PART);
+    let at_once = rayon::current_num_threads().min(points.len() / SMALLEST_PART);
+    let count = at_once.max(points.len().div_ceil(LARGEST_PART));
     let in_parts = match worker::for_parts() {
-        Some(program) if large && count > 1 => {
-            parts::joined(points, count, &|part| worker::ask(program, part, true))?
-        }
+        Some(program) if large && at_once > 1 => parts::joined(points, count, at_once, &|part| {
+            worker::ask(program, part, true)
+        })?,
         _ => None,
     };
     let mut answer = match in_parts {

@@ -10,6 +10,8 @@
 //! [`order`].
 
 use std::panic::resume_unwind;
+use std::sync::atomic::AtomicUsize;
+use std::sync::atomic::Ordering::Relaxed;
 use std::thread;
 
 use rayon::prelude::*;
@@ -30,29 +32,49 @@ const ROUNDING: f64 = 1e-9;
 /// Points whose tetrahedra are put in order together.
 const TOGETHER: usize = 4096;
 
-/// What `run` answers for all points, from its answers for `count` parts, at the same time; with neighbours,
-/// in no order. None if this way does not lead there: points that do not fill a box, or are too uneven.
+/// What `run` answers for all points, from its answers for `count` parts, so many of them `at_once`; with
+/// neighbours, in no order. None if this way does not lead there: points that do not fill a box, or are too uneven.
 ///
 /// # Errors
 /// Those of `run`.
-pub fn joined<R>(points: &[[f64; 3]], count: usize, run: &R) -> Result<Option<Answer>>
+pub fn joined<R>(
+    points: &[[f64; 3]],
+    count: usize,
+    at_once: usize,
+    run: &R,
+) -> Result<Option<Answer>>
 where
     R: Fn(&[[f64; 3]]) -> Result<Answer> + Sync,
 {
     let Some(slabs) = Slabs::new(points, count) else {
         return Ok(None);
     };
-    let slabs = &slabs;
-    let parts: Vec<Result<Option<Answer>>> = thread::scope(|scope| {
-        let at_work: Vec<_> = (0..count)
-            .map(|slab| scope.spawn(move || slabs.part(slab, run)))
-            .collect();
+    let (slabs, next) = (&slabs, &AtomicUsize::new(0));
+    // Each thread takes the next slab, until one leads nowhere.
+    let work = move || {
+        let mut done = Vec::new();
+        loop {
+            let slab = next.fetch_add(1, Relaxed);
+            if slab >= count {
+                return done;
+            }
+            let part = slabs.part(slab, run);
+            if !matches!(part, Ok(Some(_))) {
+                next.store(count, Relaxed);
+            }
+            done.push((slab, part));
+        }
+    };
+    let mut parts: Vec<(usize, Result<Option<Answer>>)> = thread::scope(|scope| {
+        let at_work: Vec<_> = (0..at_once).map(|_| scope.spawn(work)).collect();
         let ended = at_work.into_iter().map(thread::ScopedJoinHandle::join);
         ended
-            .map(|part| part.unwrap_or_else(|panic| resume_unwind(panic)))
+            .flat_map(|parts| parts.unwrap_or_else(|panic| resume_unwind(panic)))
             .collect()
     });
-    let parts: Option<Vec<Answer>> = parts.into_iter().collect::<Result<_>>()?;
+    parts.sort_by_key(|part| part.0);
+    let parts = parts.into_iter().map(|part| part.1);
+    let parts: Option<Vec<Answer>> = parts.collect::<Result<_>>()?;
     Ok(parts.and_then(together))
 }
 
@@ -375,7 +397,7 @@ mod tests {
         for (scene, points) in scenes.iter().enumerate() {
             let single = whole(points);
             for count in [1, 2, 3, 5] {
-                let mut parts = joined(points, count, &run).unwrap().unwrap();
+                let mut parts = joined(points, count, count.min(3), &run).unwrap().unwrap();
                 order(points.len(), &mut parts);
                 assert!(parts.tets == single.tets, "scene {scene}, {count} parts");
                 assert!(
@@ -395,7 +417,7 @@ mod tests {
                 .filter(|p| dot(*p, *p) < 1.0)
                 .take(3000)
                 .collect();
-        assert!(joined(&ball, 2, &run).unwrap().is_none());
+        assert!(joined(&ball, 2, 2, &run).unwrap().is_none());
     }
 
     #[test]

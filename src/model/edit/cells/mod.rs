@@ -89,7 +89,7 @@ where
             Ok(Scope::new(&grid, group, &context))
         })?;
         let around = stages.run(Stage::Features, |patience| scope.look(&context, patience))?;
-        summary.samples += around.features.potential.samples.len();
+        summary.samples += around.features.potential.dims.iter().product::<usize>();
         let surface = stages.run(Stage::Conforming, |patience| {
             scope.surface(&around, &context, patience)
         })?;

@@ -1,0 +1,144 @@
+//! Images whose samples are taken some layers at a time, for they may be larger than memory.
+
+use std::borrow::Cow;
+use std::fmt;
+use std::path::Path;
+
+use super::formats::{samples, stream::Stream};
+use super::{Geometry, Image};
+use crate::Result;
+use crate::geometry::groups::grouped;
+use rayon::prelude::*;
+
+/// Samples that are read together.
+const TOGETHER: usize = 1 << 24;
+
+/// Samples by layers: planes along x and y in 3-D, rows in 2-D.
+pub trait Layers<const D: usize>: Sync {
+    /// Samples along each axis, x first.
+    fn dims(&self) -> [usize; D];
+
+    /// Where they lie.
+    fn geometry(&self) -> &Geometry<D>;
+
+    /// Fills `out` with the samples of whole layers, from the one numbered `first` on.
+    ///
+    /// # Errors
+    /// [`Error::Io`](crate::Error::Io) if they cannot be read.
+    fn read(&self, first: usize, out: &mut [f32]) -> Result<()>;
+
+    /// All of them.
+    ///
+    /// # Errors
+    /// Those of [`Layers::read`], and [`Error::Job`](crate::Error::Job) if there is no memory for them.
+    fn load(&self) -> Result<Image<D>>;
+}
+
+impl Layers<3> for Stream {
+    fn dims(&self) -> [usize; 3] {
+        self.head.dims
+    }
+
+    fn geometry(&self) -> &Geometry<3> {
+        &self.head.geometry
+    }
+
+    fn read(&self, first: usize, out: &mut [f32]) -> Result<()> {
+        self.planes(first, out)
+    }
+
+    fn load(&self) -> Result<Image<3>> {
+        let mut samples = samples::room(Path::new("the image"), self.head.dims.iter().product())?;
+        self.planes(0, &mut samples)?;
+        let image = Image::new(self.head.dims, samples, self.head.geometry.clone());
+        Ok(image.with_missing(self.head.missing.clone()))
+    }
+}
+
+/// An image, in memory or by its layers.
+#[derive(Clone, Copy)]
+pub enum Source<'a, const D: usize> {
+    /// In memory.
+    Held(&'a Image<D>),
+    /// Where layers of it are read. No rows of it are missing.
+    InLayers(&'a dyn Layers<D>),
+}
+
+impl<const D: usize> fmt::Debug for Source<'_, D> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:?} samples", self.dims())
+    }
+}
+
+impl<'a, const D: usize> Source<'a, D> {
+    /// Samples along each axis, x first.
+    pub fn dims(&self) -> [usize; D] {
+        match self {
+            Self::Held(image) => image.dims(),
+            Self::InLayers(layers) => layers.dims(),
+        }
+    }
+
+    /// Where they lie.
+    pub fn geometry(&self) -> &'a Geometry<D> {
+        match self {
+            Self::Held(image) => &image.geometry,
+            Self::InLayers(layers) => layers.geometry(),
+        }
+    }
+
+    /// The values at (fractional) sample indices, as [`Image::linear`] gives them; NaN where there is none.
+    ///
+    /// # Errors
+    /// That of reading.
+    pub fn linear(&self, indices: &[Option<[f64; D]>]) -> Result<Vec<f32>> {
+        let layers = match self {
+            Self::Held(image) => {
+                let at = |index: &Option<[f64; D]>| index.map_or(f32::NAN, |x| image.linear(x));
+                return Ok(indices.par_iter().map(at).collect());
+            }
+            Self::InLayers(layers) => layers,
+        };
+        let dims = layers.dims();
+        let (count, layer) = (dims[D - 1], dims[..D - 1].iter().product::<usize>());
+        let last = (count - 1) as f64;
+        let along = |index: &Option<[f64; D]>| index.map_or(0.0, |x| x[D - 1].clamp(0.0, last));
+        let (start, order) = grouped(count, indices.iter().map(|x| along(x) as usize));
+        let mut values = vec![f32::NAN; indices.len()];
+        let together = (TOGETHER / layer.max(1)).max(1);
+        for first in (0..count).step_by(together) {
+            let end = (first + together).min(count);
+            let these = &order[start[first] as usize..start[end] as usize];
+            if these.is_empty() {
+                continue;
+            }
+            let mut part = dims;
+            part[D - 1] = (end + 1).min(count) - first;
+            let mut samples = vec![0.0; part[D - 1] * layer];
+            layers.read(first, &mut samples)?;
+            let at = |&i: &u32| {
+                let index = indices[i as usize];
+                index.map_or(f32::NAN, |mut x| {
+                    x[D - 1] = along(&index) - first as f64;
+                    super::linear(part, &samples, x)
+                })
+            };
+            let found: Vec<f32> = these.par_iter().map(at).collect();
+            for (&i, value) in these.iter().zip(found) {
+                values[i as usize] = value;
+            }
+        }
+        Ok(values)
+    }
+
+    /// The whole image in memory.
+    ///
+    /// # Errors
+    /// Those of [`Layers::load`].
+    pub fn whole(&self) -> Result<Cow<'a, Image<D>>> {
+        match self {
+            Self::Held(image) => Ok(Cow::Borrowed(image)),
+            Self::InLayers(layers) => layers.load().map(Cow::Owned),
+        }
+    }
+}

@@ -1,0 +1,446 @@
+//! A sampled function that is zero nearly everywhere, as a potential with a few thin valleys is: kept in
+//! bricks, only where it is something.
+//!
+//! A brick holds the samples of its cells and the taps beyond them, so that interpolation, which is that of
+//! [`Field`] to the last bit, looks into one brick only. Which of a brick's small blocks have any tap that
+//! is not zero is known, too: most atoms near a valley are not in it.
+
+use super::field::{Field, Taps, interpolated};
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Cells along an edge of a brick.
+const BRICK: usize = 8;
+/// Samples along an edge of a brick: one before its cells, and two after them.
+const EDGE: usize = BRICK + 3;
+/// Cells along an edge of a block, and blocks along an edge of a brick: 4^3 blocks have a bit each.
+const BLOCK: usize = 2;
+const BLOCKS: usize = BRICK / BLOCK;
+/// A brick that is not kept.
+const NONE: u32 = u32::MAX;
+/// Bytes of samples that are made at a time, unless a layer of bricks takes more ...
+const HELD: usize = 1 << 26;
+/// ... and most layers of bricks.
+const LAYERS: usize = 4;
+
+/// Samples of a scalar function over the lattice-space box that is zero nearly everywhere.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sparse<const D: usize> {
+    /// Number of samples along each axis, x first.
+    pub dims: [usize; D],
+    /// Lattice-space distance between samples along each axis.
+    pub step: [f64; D],
+    /// For each brick, x fastest, its number among those that are kept.
+    pub(crate) slots: Vec<u32>,
+    /// Of each kept brick, the blocks in which the function is not zero.
+    pub(crate) masks: Vec<u64>,
+    /// The samples of the kept bricks, x fastest in each.
+    pub(crate) samples: Vec<f32>,
+}
+
+/// Bricks along each axis.
+fn bricks<const D: usize>(dims: [usize; D]) -> [usize; D] {
+    dims.map(|n| n.saturating_sub(1).max(1).div_ceil(BRICK))
+}
+
+/// Samples of a brick.
+const fn room(dimensions: usize) -> usize {
+    EDGE.pow(dimensions as u32)
+}
+
+/// Bricks that are to be kept: the number of each in the box, its blocks, its samples.
+type Kept = Vec<(usize, u64, Vec<f32>)>;
+
+impl<const D: usize> Sparse<D> {
+    /// Zero everywhere.
+    pub fn zero(dims: [usize; D], step: [f64; D]) -> Self {
+        Self {
+            dims,
+            step,
+            slots: vec![NONE; bricks(dims).iter().product()],
+            masks: Vec::new(),
+            samples: Vec::new(),
+        }
+    }
+
+    /// Of samples that are made some layers along the last axis at a time: `make` gives those of a range
+    /// of layers. It is asked for some layers twice.
+    pub fn by_layers(
+        dims: [usize; D],
+        step: [f64; D],
+        make: impl Fn(Range<usize>) -> Vec<f32> + Sync,
+    ) -> Self {
+        let count = bricks(dims)[D - 1];
+        let layer: usize = dims[..D - 1].iter().product();
+        let held = HELD / 4 / layer.max(1);
+        let together = (held.saturating_sub(EDGE - BRICK) / BRICK).clamp(1, LAYERS);
+        let kept: Vec<Kept> = (0..count.div_ceil(together))
+            .into_par_iter()
+            .map(|part| {
+                let [first, end] = [part * together, ((part + 1) * together).min(count)];
+                let from = (first * BRICK).saturating_sub(1);
+                let to = (end * BRICK + 2).min(dims[D - 1]);
+                let samples = make(from..to);
+                let slab = Slab {
+                    dims,
+                    from,
+                    to,
+                    samples: &samples,
+                };
+                slab.kept(first..end)
+            })
+            .collect();
+        let mut all = Self::zero(dims, step);
+        for (brick, mask, samples) in kept.into_iter().flatten() {
+            all.keep(brick, mask, &samples);
+        }
+        all
+    }
+
+    /// Of samples that are all there.
+    pub fn of(field: &Field<D>) -> Self {
+        let layer: usize = field.dims[..D - 1].iter().product();
+        let part =
+            |layers: Range<usize>| field.samples[layers.start * layer..layers.end * layer].to_vec();
+        Self::by_layers(field.dims, field.step, part)
+    }
+
+    fn keep(&mut self, brick: usize, mask: u64, samples: &[f32]) {
+        self.slots[brick] = self.masks.len() as u32;
+        self.masks.push(mask);
+        self.samples.extend_from_slice(samples);
+    }
+
+    /// `with` of the samples of this and another function of the same box; zero where both are.
+    pub fn combined(&self, other: &Self, with: impl Fn(f32, f32) -> f32) -> Self {
+        let mut all = Self::zero(self.dims, self.step);
+        let nothing = vec![0.0; room(D)];
+        for brick in 0..self.slots.len() {
+            let [a, b] = [self, other].map(|one| one.slots[brick]);
+            if [a, b] == [NONE; 2] {
+                continue;
+            }
+            let part = |one: &Self, slot: u32| match slot {
+                NONE => nothing.clone(),
+                slot => one.brick(slot).to_vec(),
+            };
+            let (a, b) = (part(self, a), part(other, b));
+            let samples: Vec<f32> = a.iter().zip(&b).map(|(a, b)| with(*a, *b)).collect();
+            all.keep(brick, blocks::<D>(&samples), &samples);
+        }
+        all
+    }
+
+    /// All samples.
+    pub fn dense(&self) -> Field<D> {
+        let mut samples = vec![0.0; self.dims.iter().product()];
+        let bricks = bricks(self.dims);
+        for (number, slot) in self.slots.iter().enumerate().filter(|b| *b.1 != NONE) {
+            let first = corner(number, bricks);
+            for (i, value) in self.brick(*slot).iter().enumerate() {
+                let at: [usize; D] = local(i);
+                let inside = (0..D).all(|k| (1..=self.dims[k]).contains(&(first[k] + at[k])));
+                if inside {
+                    let to = (0..D)
+                        .rev()
+                        .fold(0, |to, k| to * self.dims[k] + first[k] + at[k] - 1);
+                    samples[to] = *value;
+                }
+            }
+        }
+        Field {
+            dims: self.dims,
+            step: self.step,
+            samples,
+        }
+    }
+
+    /// Whether it is zero everywhere.
+    pub fn is_zero(&self) -> bool {
+        self.masks.iter().all(|mask| *mask == 0)
+    }
+
+    /// The far corner of the box; the near one is the origin.
+    pub fn extent(&self) -> [f64; D] {
+        std::array::from_fn(|k| (self.dims[k].max(1) - 1) as f64 * self.step[k])
+    }
+
+    /// The interpolated value at a position in lattice space.
+    pub fn value(&self, position: [f64; D]) -> f64 {
+        self.value_and_gradient(position).0
+    }
+
+    /// The interpolated value and its exact gradient at a position in lattice space, as
+    /// [`Field::value_and_gradient`] has them.
+    pub fn value_and_gradient(&self, position: [f64; D]) -> (f64, [f64; D]) {
+        self.at(position).unwrap_or((0.0, [0.0; D]))
+    }
+
+    /// The same, or `None` where every tap is zero.
+    #[inline]
+    pub fn at(&self, position: [f64; D]) -> Option<(f64, [f64; D])> {
+        let (mut brick, mut block) = (0, 0);
+        let mut within = [0; D];
+        for k in (0..D).rev() {
+            let cells = self.dims[k].saturating_sub(1).max(1);
+            // Below zero it becomes zero.
+            let cell = ((position[k] / self.step[k]) as usize).min(cells - 1);
+            within[k] = cell % BRICK;
+            brick = brick * cells.div_ceil(BRICK) + cell / BRICK;
+            block = block * BLOCKS + within[k] / BLOCK;
+        }
+        let slot = self.slots[brick];
+        if slot == NONE || self.masks[slot as usize] >> block & 1 == 0 {
+            return None;
+        }
+        let samples = self.brick(slot);
+        let mut stride = 1;
+        let taps: [Taps; D] = std::array::from_fn(|k| {
+            let mut taps = Taps::new(position[k], self.dims[k], self.step[k], 0);
+            taps.offset = std::array::from_fn(|tap| (within[k] + tap) * stride);
+            stride *= EDGE;
+            taps
+        });
+        let base = samples[taps.iter().map(|t| t.offset[1]).sum::<usize>()];
+        let line = |start: usize| -> [f32; 4] {
+            let line = &samples[start + within[0]..][..4];
+            [line[0], line[1], line[2], line[3]].map(|sample| sample - base)
+        };
+        Some(interpolated(&taps, base, line))
+    }
+
+    #[inline]
+    fn brick(&self, slot: u32) -> &[f32] {
+        &self.samples[slot as usize * room(D)..][..room(D)]
+    }
+}
+
+/// The first cell of a brick, which is where its second sample stands.
+fn corner<const D: usize>(number: usize, bricks: [usize; D]) -> [usize; D] {
+    let mut rest = number;
+    std::array::from_fn(|k| {
+        let brick = rest % bricks[k];
+        rest /= bricks[k];
+        brick * BRICK
+    })
+}
+
+/// Where the `i`th sample of a brick stands in it.
+fn local<const D: usize>(i: usize) -> [usize; D] {
+    let mut rest = i;
+    std::array::from_fn(|_| {
+        let at = rest % EDGE;
+        rest /= EDGE;
+        at
+    })
+}
+
+/// The blocks of a brick along one axis that have its sample `j` as a tap.
+fn touched(j: usize) -> Range<usize> {
+    j.saturating_sub(3) / BLOCK..j.min(BRICK - 1) / BLOCK + 1
+}
+
+/// The blocks of a brick in which its samples are not all zero.
+fn blocks<const D: usize>(samples: &[f32]) -> u64 {
+    let mut mask = 0u64;
+    for (row, line) in samples.chunks(EDGE).enumerate() {
+        let mut along = 0u64;
+        for (j, _) in line.iter().enumerate().filter(|s| *s.1 != 0.0) {
+            touched(j).for_each(|block| along |= 1 << block);
+        }
+        if along == 0 {
+            continue;
+        }
+        let (mut rest, mut shift) = (row, BLOCKS);
+        for _ in 1..D {
+            let wide = along;
+            along = touched(rest % EDGE).fold(0, |all, block| all | wide << (block * shift));
+            rest /= EDGE;
+            shift *= BLOCKS;
+        }
+        mask |= along;
+    }
+    mask
+}
+
+/// Some layers of samples along the last axis.
+struct Slab<'a, const D: usize> {
+    /// Of the whole box.
+    dims: [usize; D],
+    from: usize,
+    to: usize,
+    samples: &'a [f32],
+}
+
+impl<const D: usize> Slab<'_, D> {
+    /// The bricks of some layers of these that are not zero.
+    fn kept(&self, layers: Range<usize>) -> Kept {
+        let mut some = bricks(self.dims);
+        some[D - 1] = layers.len();
+        let occupied = self.occupied(some, layers.start);
+        let below = layers.start * some[..D - 1].iter().product::<usize>();
+        let mut kept = Vec::new();
+        for (number, _) in occupied.iter().enumerate().filter(|b| *b.1) {
+            let mut first = corner(number, some);
+            first[D - 1] += layers.start * BRICK;
+            let samples = self.cut(first);
+            let mask = blocks::<D>(&samples);
+            if mask != 0 {
+                kept.push((below + number, mask, samples));
+            }
+        }
+        kept
+    }
+
+    /// Which of `some` bricks, from a layer of bricks on, have a sample that is not zero.
+    fn occupied(&self, some: [usize; D], first: usize) -> Vec<bool> {
+        // The bricks along an axis that hold a sample, of those there are.
+        let holding = |at: usize, k: usize| {
+            let skipped = if k == D - 1 { first } else { 0 };
+            let low = at.saturating_sub(EDGE - 2).div_ceil(BRICK);
+            let high = ((at + 1) / BRICK).min(skipped + some[k] - 1);
+            low.max(skipped) - skipped..high + 1 - skipped
+        };
+        let mut occupied = vec![false; some.iter().product()];
+        let mut along = vec![false; some[0]];
+        for (row, line) in self.samples.chunks_exact(self.dims[0].max(1)).enumerate() {
+            let mut any = false;
+            for (part, eight) in line.chunks(BRICK).enumerate() {
+                if eight.iter().all(|&b| b == 0.0) {
+                    continue;
+                }
+                any = true;
+                for (n, _) in eight.iter().enumerate().filter(|s| *s.1 != 0.0) {
+                    along[holding(part * BRICK + n, 0)].fill(true);
+                }
+            }
+            if !any {
+                continue;
+            }
+            let mut starts = vec![0];
+            let (mut rest, mut stride) = (row, some[0]);
+            for k in 1..D {
+                let at = match k == D - 1 {
+                    true => rest + self.from,
+                    false => rest % self.dims[k],
+                };
+                rest /= self.dims[k];
+                let beside = holding(at, k);
+                starts = starts
+                    .iter()
+                    .flat_map(|start| beside.clone().map(move |b| start + b * stride))
+                    .collect();
+                stride *= some[k];
+            }
+            for start in starts {
+                let row = occupied[start..start + some[0]].iter_mut();
+                row.zip(&along).for_each(|(all, one)| *all |= one);
+            }
+            along.fill(false);
+        }
+        occupied
+    }
+
+    /// The samples of the brick whose first cell this is; beyond the box its outermost ones repeat.
+    fn cut(&self, first: [usize; D]) -> Vec<f32> {
+        let mut samples = Vec::with_capacity(room(D));
+        let sample = |j: usize, k: usize| (first[k] + j).saturating_sub(1).min(self.dims[k] - 1);
+        for row in 0..room(D) / EDGE {
+            let (mut rest, mut start, mut stride) = (row, 0, self.dims[0]);
+            for k in 1..D {
+                let at = sample(rest % EDGE, k);
+                start += stride
+                    * match k == D - 1 {
+                        true => at.clamp(self.from, self.to - 1) - self.from,
+                        false => at,
+                    };
+                rest /= EDGE;
+                stride *= self.dims[k];
+            }
+            samples.extend((0..EDGE).map(|j| self.samples[start + sample(j, 0)]));
+        }
+        samples
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::random::Random;
+
+    /// A bent valley three samples wide, and a single sample that is not zero.
+    fn valley<const D: usize>(dims: [usize; D], step: [f64; D]) -> Field<D> {
+        let mut field = Field::from_fn(dims, step, |x| {
+            let bent = x[0] / step[0] - 9.0 - 0.02 * (x[1] / step[1] - 7.0).powi(2);
+            -(1.0 - 0.5 * bent.abs()).max(0.0)
+        });
+        let last = field.samples.len() - 1;
+        field.samples[last] = -0.3;
+        field
+    }
+
+    fn as_dense<const D: usize>(dims: [usize; D], step: [f64; D]) {
+        let field = valley(dims, step);
+        let sparse = Sparse::of(&field);
+        assert_eq!(sparse.dense(), field);
+        let extent = field.extent();
+        assert_eq!(sparse.extent(), extent);
+        let mut random = Random::new(3);
+        let mut skipped = 0;
+        for n in 0..20_000 {
+            // Some lie on samples, some on sides, some outside.
+            let x: [f64; D] = std::array::from_fn(|k| {
+                let x = random.range(-0.1, 1.1) * extent[k];
+                match n % 3 {
+                    0 => (x / step[k]).round() * step[k],
+                    1 => x.clamp(0.0, extent[k]),
+                    _ => x,
+                }
+            });
+            let truth = field.value_and_gradient(x);
+            match sparse.at(x) {
+                Some(found) => assert_eq!(found, truth, "{x:?}"),
+                None => {
+                    skipped += 1;
+                    assert_eq!(truth, (0.0, [0.0; D]), "{x:?}");
+                }
+            }
+        }
+        assert!(skipped > 4_000, "{skipped}");
+    }
+
+    #[test]
+    fn it_is_the_field_it_was_made_of() {
+        as_dense([41, 30, 25], [1.0, 0.5, 2.0]);
+        as_dense([33, 17, 70], [1.0; 3]);
+        as_dense([60, 43], [1.0, 0.25]);
+        as_dense([41, 30, 1], [1.0; 3]);
+    }
+
+    #[test]
+    fn what_is_zero_takes_no_room() {
+        let sparse = Sparse::of(&valley([120, 110, 100], [1.0; 3]));
+        let kept = sparse.samples.len() as f64 / (120.0 * 110.0 * 100.0);
+        assert!(kept < 0.6, "{kept}");
+        let zero = Sparse::<3>::zero([30, 20, 10], [1.0; 3]);
+        assert!(zero.is_zero() && !sparse.is_zero());
+        assert_eq!(zero, Sparse::of(&zero.dense()));
+    }
+
+    #[test]
+    fn two_are_combined_sample_by_sample() {
+        let dims = [37, 29, 22];
+        let one = valley(dims, [1.0; 3]);
+        let other = Field::from_fn(dims, [1.0; 3], |x| -(1.5 - (x[2] - 12.0).abs()).max(0.0));
+        let deepest = |a: f32, b: f32| (0.5 * a).min(0.8 * b);
+        let both = Sparse::of(&one).combined(&Sparse::of(&other), deepest);
+        let samples = one.samples.iter().zip(&other.samples);
+        let samples = samples.map(|(a, b)| deepest(*a, *b)).collect();
+        let truth = Field { samples, ..one };
+        assert_eq!(both.dense(), truth);
+        for n in 0..5_000 {
+            let x = std::array::from_fn(|k| f64::from(n * (7919 + 31 * k as u32) % 997) / 40.0);
+            assert_eq!(both.value_and_gradient(x), truth.value_and_gradient(x));
+        }
+    }
+}

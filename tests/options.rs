@@ -478,7 +478,7 @@ fn examples_give_the_same_bytes_from_their_configurations() {
     let same = seen.len();
     println!("{same} examples; without an image {without_image:#?}");
     assert!(same >= 10, "{same}");
-    assert!(without_image.len() <= 24, "{without_image:#?}");
+    assert!(without_image.len() <= 25, "{without_image:#?}");
 }
 
 #[test]

@@ -732,15 +732,6 @@ fn a_velocity_makes_depth_of_time() {
         let line = refused(at, &job.split_whitespace().collect::<Vec<_>>());
         assert!(line.contains(words), "{words}: {line}");
     }
-    let heard = common::atomesh(at)
-        .args(["mesh", "time.nrrd", "--velocity", "v.vti"])
-        .output()
-        .unwrap();
-    let said = String::from_utf8(heard.stderr).unwrap();
-    assert!(
-        !heard.status.success() && said.contains("give one velocity in m/s"),
-        "{said}"
-    );
 }
 
 /// How far a point is off the sheet, in samples.

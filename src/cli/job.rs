@@ -12,7 +12,7 @@ use crate::image::formats::{self, ReadOptions};
 use crate::improve;
 use crate::job::asked::{
     Apart, BetaFrom, Cells, DistanceFrom, Job, LatticeJob, LatticeSpace, PlacementJob, Slivers,
-    Start,
+    Start, VelocityFrom,
 };
 use crate::job::{CellKind, FixedAtom, Metric, Params, Spacing, Weight, WellPath};
 use crate::lattice::seeding::Seeding;
@@ -43,6 +43,9 @@ pub fn check_files(image: &Path, job: &Job, config: Option<&Path>) -> Result<()>
             inputs.push(path);
         }
         inputs.extend(distances(lattice));
+    }
+    if let Some(VelocityFrom::File(path)) = &job.velocity {
+        inputs.push(path);
     }
     let mesh = output(image, job);
     let trace = job.lattice().and_then(|lattice| lattice.trace.as_ref());

@@ -3,6 +3,7 @@
 use super::components::Components;
 use crate::error::{Error, Result, cause};
 use crate::image::Image;
+use crate::image::check::values;
 use std::fmt;
 
 /// More different values than this are no labels.
@@ -128,24 +129,6 @@ pub fn merged<const D: usize>(image: &Image<D>, wishes: &[LabelWish]) -> Result<
     });
     let made = Image::new(image.dims(), samples.collect(), image.geometry.clone());
     Ok(Some(made.with_missing(image.missing.clone())))
-}
-
-/// The different values of a volume in ascending order, if there are at most `most`.
-pub fn values(samples: &[f32], most: usize) -> Option<Vec<f32>> {
-    let mut found: Vec<f32> = Vec::new();
-    let mut last = f32::NAN;
-    for &s in samples {
-        if s != last {
-            last = s;
-            if let Err(i) = found.binary_search_by(|v| v.total_cmp(&s)) {
-                if found.len() == most {
-                    return None;
-                }
-                found.insert(i, s);
-            }
-        }
-    }
-    Some(found)
 }
 
 /// The number of each sample's label among `labels`, which are ascending and at most [`MOST_LABELS`].

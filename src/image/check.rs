@@ -67,6 +67,47 @@ impl<const D: usize> Image<D> {
     }
 }
 
+/// Of an image whose samples look like labels: few different values, which neighbours mostly share.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LooksLabelled {
+    /// Number of different values.
+    pub values: usize,
+    /// Share of neighbours along x whose values are equal.
+    pub equal: f64,
+}
+
+impl<const D: usize> Image<D> {
+    /// Whether the samples look like labels, and why.
+    pub fn looks_labelled(&self) -> Option<LooksLabelled> {
+        let samples = self.as_slice();
+        let values = values(samples, FEW_LABELS)?.len();
+        let equal = samples.windows(2).filter(|w| w[0] == w[1]).count();
+        let equal = equal as f64 / (samples.len().max(2) - 1) as f64;
+        (equal > 0.75).then_some(LooksLabelled { values, equal })
+    }
+}
+
+/// An image of more different values than this is one of labels only if it is said.
+pub const FEW_LABELS: usize = 64;
+
+/// The different values of a volume in ascending order, if there are at most `most`.
+pub fn values(samples: &[f32], most: usize) -> Option<Vec<f32>> {
+    let mut found: Vec<f32> = Vec::new();
+    let mut last = f32::NAN;
+    for &s in samples {
+        if s != last {
+            last = s;
+            if let Err(i) = found.binary_search_by(|v| v.total_cmp(&s)) {
+                if found.len() == most {
+                    return None;
+                }
+                found.insert(i, s);
+            }
+        }
+    }
+    Some(found)
+}
+
 /// Samples are summed within chunks of this size, then in order.
 const CHUNK: usize = 1 << 16;
 

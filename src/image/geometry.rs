@@ -2,19 +2,8 @@
 
 use serde::Serialize;
 
-use crate::error::cause;
+use super::time::seconds;
 use crate::geometry::{dot, norm};
-use crate::{Error, Result};
-
-/// Seconds in a unit of time; `None` for what is no unit of time.
-fn seconds(unit: &str) -> Option<f64> {
-    match unit {
-        "s" => Some(1.0),
-        "ms" => Some(1e-3),
-        "us" => Some(1e-6),
-        _ => None,
-    }
-}
 
 /// Maps sample indices (x first) to physical coordinates: `origin + sum_k index[k] * axes[k]`.
 #[derive(Debug, Clone, PartialEq)]
@@ -84,53 +73,6 @@ impl<const D: usize> Geometry<D> {
                 (product(k, l) - expected).abs() <= 1e-6 * size
             })
         })
-    }
-
-    /// Which physical coordinate is time, if one is.
-    pub fn time_axis(&self) -> Option<usize> {
-        self.units.iter().position(|unit| seconds(unit).is_some())
-    }
-
-    /// The same with depth in metres for two-way time, and the factor from the one to the other:
-    /// `depth = velocity * time / 2`, at one velocity in metres a second.
-    ///
-    /// # Errors
-    /// [`Error::Image`] without a coordinate in s, ms or us, if another is in anything but metres (one
-    /// without a unit is taken to be), and for a velocity that is not positive.
-    pub fn in_depth(&self, velocity: f64) -> Result<(Self, [f64; D])> {
-        let refuse = |problem: &str, remedy: &str| {
-            let place = format!("velocity {velocity}");
-            Err(Error::Image(cause(place, problem, remedy)))
-        };
-        if !(velocity.is_finite() && velocity > 0.0) {
-            return refuse("is not positive", "give metres a second, 2000 say");
-        }
-        let Some(axis) = self.time_axis() else {
-            let problem = "makes depth of time, but no coordinate is in s, ms or us";
-            return refuse(problem, "omit it");
-        };
-        let others = (0..D).filter(|&k| k != axis);
-        if let Some(k) = others
-            .into_iter()
-            .find(|&k| !matches!(&*self.units[k], "" | "m"))
-        {
-            let problem = format!(
-                "makes metres of time, but another coordinate is in {}",
-                self.units[k]
-            );
-            let remedy =
-                "read the survey's coordinates in metres (of SEG-Y by the bytes of x and y)";
-            return refuse(&problem, remedy);
-        }
-        let mut factor = [1.0; D];
-        factor[axis] = 0.5 * velocity * seconds(&self.units[axis]).unwrap_or(1.0);
-        let mut depth = self.clone();
-        depth.origin[axis] *= factor[axis];
-        for step in &mut depth.axes {
-            step[axis] *= factor[axis];
-        }
-        depth.units = std::array::from_fn(|_| "m".to_string());
-        Ok((depth, factor))
     }
 
     /// The (fractional) sample index of a physical position: the inverse of
@@ -371,29 +313,6 @@ mod tests {
         for k in 0..3 {
             assert!((found[k] - index[k]).abs() < 1e-8, "{found:?}");
         }
-    }
-
-    #[test]
-    fn time_becomes_depth() {
-        let mut time = Geometry::<3> {
-            origin: [620_000.0, 6_000_000.0, 999.0],
-            axes: [[0.0, 0.0, 3.0], [20.0, 0.5, 0.0], [-0.5, 20.0, 0.0]],
-            ..Geometry::default()
-        };
-        assert!(time.in_depth(2000.0).is_err(), "no time");
-        time.units = ["m", "m", "ms"].map(String::from);
-        assert_eq!(time.time_axis(), Some(2));
-        let (depth, factor) = time.in_depth(2400.0).unwrap();
-        assert_eq!(factor, [1.0, 1.0, 1.2]);
-        let [x, y, z] = time.to_physical([100.0, 7.0, 9.0]);
-        let found = depth.to_physical([100.0, 7.0, 9.0]);
-        // 1.299 s there and back at 2.4 km/s.
-        assert!((z - 1299.0).abs() < 1e-9 && (found[2] - 1558.8).abs() < 1e-9);
-        assert_eq!([found[0], found[1]], [x, y]);
-        assert_eq!(depth.units, ["m", "m", "m"]);
-        assert!(time.in_depth(0.0).is_err() && time.in_depth(f64::NAN).is_err());
-        time.units[0] = "line".into();
-        assert!(time.in_depth(2000.0).is_err());
     }
 
     #[test]

@@ -4,24 +4,36 @@
 //! the fastest axis, so the array's NumPy shape is `(nz, ny, nx)`.
 //!
 //! - `geometry`: from sample indices to physical coordinates
+//! - `time`: two-way time among the coordinates, and depth for it by one velocity
+//! - `velocity`: interval velocities, on a grid of their own in two-way time
+//! - `column`: depth of two-way time below one place, and back
+//! - `depth`: an image in two-way time becomes one in depth
 //! - `check`: statistics, and refusing what no mesh can be made of
 //! - `field`: samples in *lattice space* and their smooth interpolation
 //! - `layers`: samples some layers at a time, in memory or not
 //! - `sparse`: the same of what is zero nearly everywhere
 
 pub(crate) mod check;
+pub(crate) mod column;
+pub(crate) mod depth;
 pub(crate) mod field;
 pub mod formats;
 pub(crate) mod geometry;
 pub(crate) mod layers;
 pub(crate) mod sparse;
 pub mod synth;
+pub(crate) mod time;
+pub(crate) mod velocity;
 
 pub use check::Stats;
+pub use column::Column;
+pub use depth::Stretch;
 pub use field::Field;
 pub use geometry::Geometry;
 pub use layers::{Layers, Source};
 pub use sparse::Sparse;
+pub use time::{NoDepth, TimeCoordinate};
+pub use velocity::{Reach, Velocities};
 
 use ndarray::ArrayD;
 

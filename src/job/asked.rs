@@ -4,6 +4,7 @@
 //! many axes there are. What makes no sense cannot be said: a job has cells of one kind, with the
 //! options of that kind. It is read and written as flat [`Settings`], by serde as on a command line.
 
+use std::fmt::{self, Display};
 use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
@@ -34,8 +35,8 @@ pub struct Job {
     /// The length of a sample along each axis of lattice space; by default [`LatticeSpace::Shape`] with a
     /// velocity.
     pub metric: LatticeSpace,
-    /// Metres a second that make depth of two-way time; time stays time if `None`.
-    pub velocity: Option<f64>,
+    /// What makes depth of two-way time; time stays time if `None`.
+    pub velocity: Option<VelocityFrom>,
     /// Seed of all random numbers; 1 by default.
     pub seed: RngSeed,
     /// What is written, and where.
@@ -300,6 +301,35 @@ pub struct Wells {
     pub files: Vec<PathBuf>,
     /// Distance between atoms at wells, in samples; as elsewhere if `None`.
     pub distance: Option<f64>,
+}
+
+/// What makes depth of two-way time, which velocities in m/s do.
+#[derive(Debug, Clone, PartialEq)]
+pub enum VelocityFrom {
+    /// The same everywhere.
+    Constant(f64),
+    /// An image of interval velocities in two-way time, on a grid of its own.
+    File(PathBuf),
+}
+
+impl From<String> for VelocityFrom {
+    /// A number, or else the name of a file.
+    fn from(text: String) -> Self {
+        match text.trim().parse() {
+            Ok(number) => Self::Constant(number),
+            Err(_) => Self::File(text.into()),
+        }
+    }
+}
+
+impl Display for VelocityFrom {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Constant(number) => write!(f, "{number}"),
+            // A name that is no UTF-8 came from no text.
+            Self::File(path) => write!(f, "{}", path.display()),
+        }
+    }
 }
 
 /// Weight of the image against the lattice, in [0, 1).

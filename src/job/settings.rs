@@ -155,9 +155,14 @@ pub struct Settings {
     /// or a scale per axis SX,SY,SZ (SX,SY in 2-D) [default: samples; shape with --velocity]
     #[cfg_attr(feature = "cli", arg(long, value_name = "SPACE", help_heading = ATOMS))]
     pub metric: Option<String>,
-    /// Makes depth in metres of two-way time: one velocity in m/s for the whole image
-    #[cfg_attr(feature = "cli", arg(long, value_name = "V", allow_negative_numbers = true, value_parser = velocity))]
-    pub velocity: Option<f64>,
+    /// Makes depth in metres of two-way time: one velocity in m/s for the whole image, or a file of interval
+    /// velocities in m/s on a grid of its own in two-way time, by which the image is stretched
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "V", allow_negative_numbers = true)
+    )]
+    #[serde(deserialize_with = "text_or_number")]
+    pub velocity: Option<String>,
     /// Seed of the random perturbations [default: 1]
     #[cfg_attr(feature = "cli", arg(long, value_name = "N", help_heading = ATOMS))]
     pub rng_seed: Option<u64>,
@@ -263,17 +268,6 @@ impl Settings {
             Error::Job(cause("options", e.message(), "see the list of options")).because(e)
         })
     }
-}
-
-/// A velocity as typed.
-///
-/// # Errors
-/// Says what to give for anything but a number.
-#[cfg(feature = "cli")]
-pub(crate) fn velocity(text: &str) -> std::result::Result<f64, String> {
-    text.parse().map_err(|_| {
-        "is no number; a file of velocities is not read: give one velocity in m/s".to_string()
-    })
 }
 
 /// TOML may say `distance = 8` or `distance = "4:12"`.

@@ -9,9 +9,11 @@
 //! - `cells`: the same for Voronoi cells
 //! - `foreign`: meshes of other programs
 //! - `labels`: regions that are labels of an image
+//! - `depth`: meshes in depth that were made in two-way time
 //! - `stored`: meshes that files hold, whatever their cells are, and the way back to lattice space
 
 pub(crate) mod cells;
+pub(crate) mod depth;
 pub(crate) mod file;
 mod foreign;
 pub(crate) mod labels;
@@ -21,12 +23,13 @@ pub(crate) mod pvd;
 pub(crate) mod stored;
 pub(crate) mod vtu;
 
+pub use depth::{in_depth, in_depth_of};
 pub use foreign::read_any_mesh;
 pub use labels::{LabelledRegion, labels_of};
 pub use lines::{write_feature_lines, write_lines};
 pub use polyhedra::{Streams, write_cells_vtu};
 pub use pvd::Trace;
-pub use stored::{LatticeSpace, Stored, StoredMesh, in_depth, in_depth_of};
+pub use stored::{LatticeSpace, Stored, StoredMesh};
 #[cfg(feature = "cli")]
 pub(crate) use vtu::with_mesh;
 pub use vtu::{AnyMesh, FieldValue, MeshFile, read_any_vtu, read_vtu, write_vtu};

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use super::depth::velocities_of;
 use super::file::{HORIZON_FACES, UNITS, WELD};
 use super::labels::forget_labels;
 use super::{FieldValue, MeshFile, face_bits_to_physical, write_cells_vtu, write_vtu};
@@ -14,12 +15,6 @@ use crate::mesh::interface::marks_of_bits;
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::{Mesh, Positions, Simplices, TetMesh};
 use crate::{Error, Result};
-
-/// The velocity in m/s that made depth of time.
-const VELOCITY: &str = "depth_velocity";
-
-/// Cell arrays that are as large as cells in the world are.
-const SIZES: [&str; 2] = ["volume", "area"];
 
 /// The cell array of regions.
 const REGION: &str = "region";
@@ -79,6 +74,9 @@ pub struct LatticeSpace<const D: usize> {
     /// Whether the file says it. If not, lattice space is the file's own, moved so that the mesh begins
     /// at the origin.
     pub by_file: bool,
+    /// The file of velocities by which the mesh lies in depth, if it does by one: the image that was meshed
+    /// is not the one in its file then.
+    pub velocities: Option<String>,
 }
 
 /// How a file holds a mesh of some kind of cells.
@@ -212,6 +210,7 @@ impl<const D: usize> LatticeSpace<D> {
                 step: [1.0; D],
                 geometry: Geometry::with_spacing(low, [1.0; D]),
                 by_file: false,
+                velocities: velocities_of(file),
             });
         }
         let axes = array("axes").filter(|axes| axes.len() == D * D)?;
@@ -230,6 +229,7 @@ impl<const D: usize> LatticeSpace<D> {
                 ..Geometry::default()
             },
             by_file: true,
+            velocities: velocities_of(file),
         })
     }
 
@@ -298,65 +298,6 @@ impl<const D: usize> LatticeSpace<D> {
             "give the image that was meshed, or one of the same dimensions",
         )))
     }
-}
-
-/// A mesh with depth in metres for two-way time, as [`Geometry::in_depth`] has it. In lattice space it
-/// is the same as before.
-///
-/// # Errors
-/// As [`Geometry::in_depth`].
-pub fn in_depth<const D: usize, M: Mesh<D>>(
-    file: MeshFile<M>,
-    velocity: f64,
-) -> Result<MeshFile<M>> {
-    let geometry = match LatticeSpace::of(&file, file.mesh.nodes()) {
-        Some(space) => space.geometry,
-        None => Geometry::default(),
-    };
-    let (depth, factor) = geometry.in_depth(velocity)?;
-    let scaled = |x: &[f64; D]| Some(std::array::from_fn(|k| x[k] * factor[k]));
-    let positions = file.mesh.positions(scaled);
-    let (mut mesh, mut rest) = file.split();
-    if let Some(mut positions) = positions {
-        mesh.exchange(&mut positions, false);
-    }
-    let grown: f64 = factor.iter().product();
-    for array in &mut rest.cell_data {
-        if SIZES.contains(&array.name.as_str()) {
-            let sizes = array.values.to_f64().into_iter();
-            array.values = sizes
-                .map(|size| (size * grown) as f32)
-                .collect::<Vec<f32>>()
-                .into();
-        }
-    }
-    for (name, value) in &mut rest.field_data {
-        match (name.as_str(), value) {
-            ("origin", FieldValue::F64s(origin)) => *origin = depth.origin.to_vec(),
-            ("axes", FieldValue::F64s(axes)) => *axes = depth.axes.as_flattened().to_vec(),
-            (UNITS, FieldValue::Text(units)) => *units = depth.units.join(","),
-            _ => {}
-        }
-    }
-    let velocity = FieldValue::F64s(vec![velocity]);
-    rest.field_data.push((VELOCITY.into(), velocity));
-    Ok(rest.with_mesh(mesh))
-}
-
-/// Where an image in two-way time lies below a mesh that was made of it in depth; `None` if there is no such
-/// difference between them, or the mesh is not of an image of these dims.
-pub fn in_depth_of<const D: usize, M: Mesh<D>>(
-    file: &MeshFile<M>,
-    image: &Geometry<D>,
-    dims: [usize; D],
-) -> Option<Geometry<D>> {
-    image.time_axis()?;
-    let space = LatticeSpace::of(file, file.mesh.nodes())?;
-    let in_depth = space.by_file && space.holds(dims) && space.geometry.time_axis().is_none();
-    in_depth.then(|| Geometry {
-        names: image.names.clone(),
-        ..space.geometry
-    })
 }
 
 impl<const D: usize, M: Stored<D>> StoredMesh<D, M> {
@@ -468,13 +409,16 @@ pub fn bounds<const D: usize>(points: &[[f64; D]]) -> ([f64; D], [f64; D]) {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::mesh::TriMesh;
     use crate::mesh::poly::samples::two_cells;
 
     /// A file of a mesh in lattice space, in a world that mirrors it or does not.
-    fn file<const D: usize, M: Stored<D>>(mesh: M, down: f64) -> (MeshFile<M>, LatticeSpace<D>) {
+    pub fn file<const D: usize, M: Stored<D>>(
+        mesh: M,
+        down: f64,
+    ) -> (MeshFile<M>, LatticeSpace<D>) {
         let mut spacing = [2.0; D];
         spacing[D - 1] = down;
         let geometry = Geometry::with_spacing([10.0; D], spacing);
@@ -483,6 +427,7 @@ mod tests {
             step: [0.5; D],
             geometry,
             by_file: true,
+            velocities: None,
         };
         let mut positions = mesh.positions(|&x| Some(space.to_world(x))).unwrap();
         let mut mesh = mesh;
@@ -556,32 +501,6 @@ mod tests {
         file.field_data.push((HORIZON_FACES.into(), pairs));
         let found = PolyMesh::<3>::horizons(&file, false);
         assert_eq!(found, [[true; 39].as_slice(), &[false; 40]].concat());
-    }
-
-    #[test]
-    fn an_image_in_time_lies_where_its_mesh_in_depth_does() {
-        let (mut time, space) = file(two_cells::<3>(0.75), -4.0);
-        time.field_data
-            .push((UNITS.into(), FieldValue::Text("m,m,ms".into())));
-        let units = ["m", "m", "ms"].map(String::from);
-        let names = ["sample", "crossline", "inline"].map(String::from);
-        let image = Geometry {
-            units,
-            names: names.clone(),
-            ..space.geometry.clone()
-        };
-        let dims = [5; 3];
-        assert_eq!(in_depth_of(&time, &image, dims), None);
-        let depth = in_depth(time, 3000.0).unwrap();
-        assert_eq!(in_depth_of(&depth, &image, [5, 5, 6]), None);
-        let there = in_depth_of(&depth, &image, dims).unwrap();
-        assert_eq!((there.axes[2], there.names), ([0.0, 0.0, -6.0], names));
-        assert_eq!(there.origin, [10.0, 10.0, 15.0]);
-        let metres = Geometry {
-            units: ["m", "m", "m"].map(String::from),
-            ..image
-        };
-        assert_eq!(in_depth_of(&depth, &metres, dims), None);
     }
 
     #[test]

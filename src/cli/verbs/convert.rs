@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::json;
 
+use crate::cli::common::depth::image_in_depth;
 use crate::cli::common::output::{WRITTEN, check_output, said_written, shown};
 use crate::cli::console::Console;
 use crate::error::cause;
@@ -15,6 +16,7 @@ use crate::export::{
 };
 use crate::image::formats::stream::{Opened, Stream};
 use crate::image::formats::{AnyLoaded, InputOptions, Loaded, Parts, is_written_in_parts};
+use crate::job::asked::VelocityFrom;
 use crate::{Error, Result};
 
 /// `atomesh convert`.
@@ -27,6 +29,10 @@ pub struct ConvertArgs {
     /// .cps3), or surfaces (.vtp, .obj, .ts, .pl, .csv)
     #[arg(value_name = "OUT")]
     pub output: PathBuf,
+    /// Makes depth in metres of an image in two-way time: one velocity in m/s, or a file of interval velocities
+    /// in m/s on a grid of its own in two-way time, by which the image is stretched
+    #[arg(long, value_name = "V", allow_negative_numbers = true)]
+    pub velocity: Option<VelocityFrom>,
     /// How to read the image.
     #[command(flatten, next_help_heading = "Reading the image")]
     pub input: InputOptions,
@@ -40,30 +46,45 @@ const SURFACES_OUT: [&str; 5] = ["vtp", "obj", "ts", "pl", "csv"];
 pub fn convert(args: &ConvertArgs, console: &mut Console) -> Result<()> {
     if SURFACES.contains(&ending(&args.input_file).as_str()) {
         args.input.refuse_unused("surfaces are read")?;
+        if let Some(velocity) = &args.velocity {
+            let place = format!("--velocity {velocity}");
+            let problem = "makes depth of images, but surfaces are read";
+            let remedy = "make the surfaces in depth, by atomesh surface --velocity";
+            return Err(Error::Job(cause(place, problem, remedy)));
+        }
         check_output(&args.output, "OUT", &SURFACES_OUT, &[&args.input_file])?;
         return surfaces(&args.input_file, &args.output, console);
     }
     let mut inputs = vec![args.input_file.as_path()];
     inputs.extend(args.input.geometry_from.as_deref());
+    if let Some(VelocityFrom::File(path)) = &args.velocity {
+        inputs.push(path);
+    }
     check_output(&args.output, "OUT", &WRITTEN, &inputs)?;
     let opened = match console.open_image(&args.input_file, &args.input)? {
-        Opened::Stream(stream) if in_parts(&args.output, console) => {
+        Opened::Stream(stream) if args.velocity.is_none() && in_parts(&args.output, console) => {
             return pass_on(stream, &args.output, console);
         }
         other => other,
     };
     match opened.load(&args.input_file)? {
-        AnyLoaded::Plane(loaded) => rewrite(loaded, &args.output, console),
-        AnyLoaded::Space(loaded) => rewrite(loaded, &args.output, console),
+        AnyLoaded::Plane(loaded) => rewrite(loaded, args, console),
+        AnyLoaded::Space(loaded) => rewrite(loaded, args, console),
     }
 }
 
-fn rewrite<const D: usize>(loaded: Loaded<D>, to: &Path, console: &mut Console) -> Result<()> {
-    for note in &loaded.notes {
+fn rewrite<const D: usize>(
+    loaded: Loaded<D>,
+    args: &ConvertArgs,
+    console: &mut Console,
+) -> Result<()> {
+    let (image, stretch) = image_in_depth(loaded.image, args.velocity.as_ref(), false, console)?;
+    let stretched = stretch.iter().flat_map(|stretch| &stretch.notes);
+    for note in loaded.notes.iter().chain(stretched) {
         console.note(note);
     }
-    let dims = loaded.image.dims();
-    console.write_survey(to, loaded.image, loaded.lines)?;
+    let (to, dims) = (args.output.as_path(), image.dims());
+    console.write_survey(to, image, loaded.lines)?;
     said_written(console, to, &dims);
     Ok(())
 }

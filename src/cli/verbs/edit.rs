@@ -5,12 +5,14 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::json;
 
+use crate::cli::common::depth::{image_in_depth, params_in_depth};
 use crate::cli::common::output::{check_output, shown};
 use crate::cli::console::Console;
 use crate::cli::interrupts::Interrupts;
 use crate::cli::job::params;
 use crate::cli::parse;
 use crate::error::{cause, os};
+use crate::feature::FeatureKind;
 use crate::image::formats::InputOptions;
 use crate::image::formats::{AnyLoaded, Loaded};
 use crate::image::{Image, Source};
@@ -113,7 +115,12 @@ fn run<const D: usize, M: Stored<D>>(
         )));
     };
     image.check(&args.image.display().to_string())?;
-    let params = params::<D>(&job)?;
+    let mut params = params::<D>(&job)?;
+    // An image in depth is taken as it is.
+    let velocity = (job.velocity.as_ref()).filter(|_| image.geometry.time_axis().is_some());
+    let labels = params.feature == FeatureKind::Labels;
+    let (image, stretch) = image_in_depth(image, velocity, labels, console)?;
+    params_in_depth(&mut params, stretch.as_ref())?;
     let hash = console.hash(&args.image)?;
     if text(&file, "input_sha256").is_some_and(|known| known.trim() != hash) {
         notes.push(format!(

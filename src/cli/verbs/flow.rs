@@ -5,13 +5,14 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::json;
 
-use crate::cli::common::depth::{in_depth, warn_of_time};
+use crate::cli::common::depth::{mesh_in_depth, warn_of_time};
 use crate::cli::common::output::check_output;
 use crate::cli::console::Console;
 use crate::cli::faults::FaultOptions;
 use crate::cli::interrupts::Interrupts;
 use crate::cli::parse::{bad, by_region, number};
 use crate::error::cause;
+use crate::job::asked::VelocityFrom;
 use crate::job::{Meshing, Space};
 use crate::mesh::Simplices;
 use crate::mesh::poly::PolyMesh;
@@ -55,10 +56,10 @@ pub struct FlowArgs {
         allow_hyphen_values = true
     )]
     pub permeability: String,
-    /// Makes depth in metres of two-way time: one velocity in m/s for the whole mesh; sources and sinks
-    /// are given in depth then
-    #[arg(long, value_name = "V", allow_negative_numbers = true, value_parser = crate::job::settings::velocity)]
-    pub velocity: Option<f64>,
+    /// Makes depth in metres of two-way time: one velocity in m/s for the whole mesh, or a file of interval
+    /// velocities in m/s on a grid of its own in two-way time; sources and sinks are given in depth then
+    #[arg(long, value_name = "V", allow_negative_numbers = true)]
+    pub velocity: Option<VelocityFrom>,
     /// Viscosity in Pa s
     #[arg(
         long,
@@ -147,8 +148,7 @@ impl Typed<'_> {
         console: &mut Console,
     ) -> Result<FlowReport> {
         let args = self.args;
-        let file = in_depth(file, args.velocity)?;
-        let mut stored = sound(file, &args.mesh)?;
+        let mut stored = sound(args, file, console)?;
         warn_of_time(&stored.space.geometry, console);
         let rock = rock(args, &stored)?;
         let conditions = self.conditions()?;
@@ -174,8 +174,7 @@ impl Typed<'_> {
         Space<D>: Meshing<D>,
     {
         let args = self.args;
-        let file = in_depth(file, args.velocity)?;
-        let mut stored = sound(file, &args.mesh)?;
+        let mut stored = sound(args, file, console)?;
         warn_of_time(&stored.space.geometry, console);
         let rock = rock(args, &stored)?;
         let conditions = self.conditions()?;
@@ -267,9 +266,13 @@ impl Typed<'_> {
 }
 
 /// A mesh through which fluid can flow wherever it should.
-fn sound<const D: usize, M: Stored<D>>(file: MeshFile<M>, path: &Path) -> Result<StoredMesh<D, M>> {
-    let place = path.display().to_string();
-    let stored = StoredMesh::new(file, &place)?;
+fn sound<const D: usize, M: Stored<D>>(
+    args: &FlowArgs,
+    file: MeshFile<M>,
+    console: &Console,
+) -> Result<StoredMesh<D, M>> {
+    let place = args.mesh.display().to_string();
+    let stored = mesh_in_depth(file, args.velocity.as_ref(), &place, console)?;
     stored.check_filled(&place)?;
     Ok(stored)
 }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use crate::cli::common::depth::warn_of_time;
+use crate::cli::common::depth::{image_in_depth, params_in_depth, warn_of_time};
 use crate::cli::common::global::Ending;
 use crate::cli::common::options::{named, setting_of};
 use crate::cli::common::output::potential_image;
@@ -14,11 +14,13 @@ use crate::cli::interrupts::Interrupts;
 use crate::cli::job::{check_files, output, params};
 use crate::error::{cause, os};
 use crate::export::page::{self, About, LARGEST, Written};
+use crate::feature::FeatureKind;
 use crate::files::vtk::DataArray;
 use crate::image::formats::stream::{Opened, Stream};
 use crate::image::formats::{AnyLoaded, Loaded, of_its_axes};
 use crate::image::{Geometry, Image, Source};
-use crate::job::{Checkpoint, Job, Made, Meshing, Outcome, Provenance, Settings, Space};
+use crate::job::asked::VelocityFrom;
+use crate::job::{Checkpoint, Job, Made, Meshing, Outcome, Params, Provenance, Settings, Space};
 use crate::lattice::optimize::Stop;
 use crate::memory::Bytes;
 use crate::mesh::Simplices;
@@ -61,8 +63,10 @@ pub fn mesh(args: &MeshArgs, interrupts: &Interrupts, console: &mut Console) -> 
     let mut clock = Clock::new();
     console.begin_stage(Stage::Reading);
     clock.begin(Stage::Reading);
+    // Traces are stretched in memory.
+    let stretched = matches!(job.velocity, Some(VelocityFrom::File(_)));
     let opened = match console.open_image(image, &job.input)? {
-        Opened::Stream(stream) if !stream.stays() => {
+        Opened::Stream(stream) if stretched || !stream.stays() => {
             stream.loaded(image).map(of_its_axes).map(Opened::Held)?
         }
         opened => opened,
@@ -79,8 +83,12 @@ pub fn mesh(args: &MeshArgs, interrupts: &Interrupts, console: &mut Console) -> 
         Opened::Held(AnyLoaded::Plane(loaded)) => run.mesh_held(loaded, console),
         Opened::Held(AnyLoaded::Space(loaded)) if able => run.mesh_held(loaded, console),
         Opened::Stream(mut stream) if able => {
-            run.place(&mut stream.head.geometry, console)?;
-            run.mesh(Source::InLayers(&stream), &|| said_of(&stream), console)
+            if let Some(VelocityFrom::Constant(velocity)) = job.velocity {
+                let geometry = &mut stream.head.geometry;
+                *geometry = geometry.in_depth(velocity).map_err(named)?.0;
+            }
+            let (image, dims) = (Source::InLayers(&stream), stream.head.dims);
+            run.mesh(image, dims, params(&job)?, &|| said_of(&stream), console)
         }
         _ => Err(Error::Job(cause(
             "atomesh mesh",
@@ -146,19 +154,6 @@ struct Run<'a> {
 }
 
 impl Run<'_> {
-    /// Where an image lies, in depth if that is asked for.
-    fn place<const D: usize>(
-        &self,
-        geometry: &mut Geometry<D>,
-        console: &mut Console,
-    ) -> Result<()> {
-        match self.job.velocity {
-            Some(velocity) => *geometry = geometry.in_depth(velocity).map_err(named)?.0,
-            None => warn_of_time(geometry, console),
-        }
-        Ok(())
-    }
-
     /// Meshes an image in memory.
     fn mesh_held<const D: usize, M: Simplices<D>>(
         self,
@@ -169,17 +164,31 @@ impl Run<'_> {
         Space<D>: Meshing<D, Mesh = M>,
     {
         let Loaded {
-            mut image, notes, ..
+            image, mut notes, ..
         } = loaded;
-        self.place(&mut image.geometry, console)?;
+        let dims = image.dims();
         image.check(&self.path.display().to_string())?;
-        self.mesh(Source::Held(&image), &|| notes.clone(), console)
+        let mut params = params::<D>(self.job)?;
+        let velocity = self.job.velocity.as_ref();
+        let labels = params.feature == FeatureKind::Labels;
+        let (image, stretch) = image_in_depth(image, velocity, labels, console)?;
+        params_in_depth(&mut params, stretch.as_ref())?;
+        notes.extend(stretch.into_iter().flat_map(|stretch| stretch.notes));
+        self.mesh(
+            Source::Held(&image),
+            dims,
+            params,
+            &|| notes.clone(),
+            console,
+        )
     }
 
-    /// Meshes an image, of which there are `notes`.
+    /// Meshes an image, of which there are `notes`; its file is of so many samples.
     fn mesh<const D: usize, M: Simplices<D>>(
         self,
         image: Source<'_, D>,
+        dims: [usize; D],
+        params: Params<D>,
         notes: &dyn Fn() -> Vec<String>,
         console: &mut Console,
     ) -> Result<Ending>
@@ -193,8 +202,8 @@ impl Run<'_> {
             mut clock,
         } = self;
         let geometry = image.geometry();
+        warn_of_time(geometry, console);
         let input_sha256 = console.hash(path)?;
-        let params = params::<D>(job)?;
         let output = output(path, job);
 
         let step = params.metric.step(geometry);
@@ -254,7 +263,7 @@ impl Run<'_> {
         let mut report = std::mem::take(&mut outcome.report);
         report.input = Some(Input {
             file: path.display().to_string(),
-            dims: image.dims().to_vec(),
+            dims: dims.to_vec(),
             hash: format!("sha256:{}", outcome.provenance.input_sha256),
         });
         report.parameters = serde_json::to_value(job).unwrap_or_default();

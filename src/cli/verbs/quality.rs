@@ -187,7 +187,13 @@ fn read_truth<const D: usize>(
             truth.dims,
             space.dims()
         );
-        let remedy = "give the truth of the image that was meshed";
+        let remedy = match &space.velocities {
+            None => "give the truth of the image that was meshed".to_string(),
+            Some(velocities) => format!(
+                "give the truth in depth, as the mesh is: atomesh convert --velocity {velocities} --geometry-from IMAGE {0} depth.npy",
+                path.display()
+            ),
+        };
         return Err(Error::Mesh(cause(path.display(), problem, remedy)));
     }
     Ok(Some((truth, format!("{}: {note}", path.display()))))

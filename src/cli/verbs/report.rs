@@ -145,9 +145,11 @@ impl Asked<'_> {
         let Self { args, given } = self;
         let place = args.mesh.display().to_string();
         let mut stored = StoredMesh::new(file, &place)?;
-        stored
-            .space
-            .check_dims(image.dims(), &args.image.display().to_string())?;
+        stored.space.check_image(
+            &image.geometry,
+            image.dims(),
+            &args.image.display().to_string(),
+        )?;
         let report = match given {
             Some(given) => given,
             None => {

@@ -193,18 +193,6 @@ fn refuse(place: &Path, problem: &str, remedy: &str) -> Error {
     Error::Job(cause(place.display(), problem, remedy))
 }
 
-/// The image in depth, if its mesh is.
-fn below<const D: usize, M: Mesh<D>>(
-    mut loaded: Loaded<D>,
-    file: Option<&MeshFile<M>>,
-) -> Loaded<D> {
-    let image = &mut loaded.image;
-    if let Some(geometry) = file.and_then(|f| in_depth_of(f, &image.geometry, image.dims())) {
-        image.geometry = geometry;
-    }
-    loaded
-}
-
 /// What is drawn, besides the image and the mesh.
 struct Drawing<'a> {
     files: Files<'a>,
@@ -240,6 +228,29 @@ impl Drawing<'_> {
         }
     }
 
+    /// Where the image lies, in depth if its mesh does.
+    fn placed<const D: usize, M: Mesh<D>>(
+        &self,
+        geometry: &Geometry<D>,
+        dims: [usize; D],
+        file: Option<&MeshFile<M>>,
+    ) -> Result<Geometry<D>> {
+        let depth = |file| in_depth_of(file, geometry, dims, &self.image_place());
+        let depth = file.map(depth).transpose()?.flatten();
+        Ok(depth.unwrap_or_else(|| geometry.clone()))
+    }
+
+    /// The image, where [`Self::placed`] says.
+    fn below<const D: usize, M: Mesh<D>>(
+        &self,
+        mut loaded: Loaded<D>,
+        file: Option<&MeshFile<M>>,
+    ) -> Result<Loaded<D>> {
+        let image = &mut loaded.image;
+        image.geometry = self.placed(&image.geometry, image.dims(), file)?;
+        Ok(loaded)
+    }
+
     fn plane<M: Stored<2>>(self, loaded: Loaded<2>, file: Option<MeshFile<M>>) -> Result<Canvas> {
         if let Some(shape) = self.shapes.iter().find(|shape| !shape.triangles.is_empty()) {
             let problem = format!(
@@ -248,7 +259,7 @@ impl Drawing<'_> {
             );
             return Err(Error::Job(cause("slice", problem, "leave it out")));
         }
-        let loaded = below(loaded, file.as_ref());
+        let loaded = self.below(loaded, file.as_ref())?;
         let caption = self.caption(file.as_ref(), Some(&loaded.head()));
         let image = &loaded.image;
         let over = self.overlay(file, &image.geometry, image.dims())?;
@@ -262,17 +273,15 @@ impl Drawing<'_> {
     ) -> Result<Canvas> {
         let image = match image {
             Some(Opened::Held(AnyLoaded::Space(loaded))) => {
-                Some(Opened::Held(AnyLoaded::Space(below(loaded, file.as_ref()))))
+                let loaded = self.below(loaded, file.as_ref())?;
+                Some(Opened::Held(AnyLoaded::Space(loaded)))
             }
             other => other,
         };
         let (head, slabs): (Head<3>, &dyn Slabs) = match &image {
             Some(Opened::Stream(stream)) => {
                 let mut head = stream.head.clone();
-                let depth = |file| in_depth_of(file, &head.geometry, head.dims);
-                if let Some(geometry) = file.as_ref().and_then(depth) {
-                    head.geometry = geometry;
-                }
+                head.geometry = self.placed(&head.geometry, head.dims, file.as_ref())?;
                 (head, stream)
             }
             Some(Opened::Held(AnyLoaded::Space(loaded))) => {

@@ -7,7 +7,7 @@ use serde_json::json;
 
 use super::between::regions_of;
 use super::picks::{GRIDS, Picks, STICKS};
-use crate::cli::common::depth::in_depth;
+use crate::cli::common::depth::mesh_in_depth;
 use crate::cli::common::feature::{detection, job_of};
 use crate::cli::common::output::{check_output, shown};
 use crate::cli::console::Console;
@@ -19,6 +19,7 @@ use crate::geometry::{normal, unit};
 use crate::image::formats::InputOptions;
 use crate::image::{Geometry, Image};
 use crate::job::Settings;
+use crate::job::asked::VelocityFrom;
 use crate::mesh::Mesh;
 use crate::model::surface::measure::Up;
 use crate::model::surface::stored::{group, horizon_facets};
@@ -73,9 +74,10 @@ pub struct SurfaceArgs {
         requires = "image"
     )]
     pub threshold: Option<f32>,
-    /// Makes depth in metres of two-way time: one velocity in m/s for the whole mesh
-    #[arg(long, value_name = "V", allow_negative_numbers = true, value_parser = crate::job::settings::velocity)]
-    pub velocity: Option<f64>,
+    /// Makes depth in metres of two-way time: one velocity in m/s for the whole mesh, or a file of interval
+    /// velocities in m/s on a grid of its own in two-way time
+    #[arg(long, value_name = "V", allow_negative_numbers = true)]
+    pub velocity: Option<VelocityFrom>,
     /// How to read the image.
     #[command(flatten, next_help_heading = "Reading the image")]
     pub input: InputOptions,
@@ -195,7 +197,7 @@ pub fn image_of<const D: usize>(
         Error::Image(cause(&place, problem, "give the image that was meshed"))
     })?;
     image.check(&place)?;
-    space.check_dims(image.dims(), &place)?;
+    space.check_image(&image.geometry, image.dims(), &place)?;
     Ok(image)
 }
 
@@ -277,10 +279,10 @@ fn surfaces_of<const D: usize, M: Stored<D>>(
 ) -> Result<()> {
     let options = args.grouping.options(args.min_area)?;
     let (up, z_up) = args.grouping.up::<D>()?;
-    let file = in_depth(file, args.velocity)?;
     let distance = least_distance(&file);
     let labels = labels_of(&file);
-    let mut stored = StoredMesh::new(file, &args.mesh.display().to_string())?;
+    let place = args.mesh.display().to_string();
+    let mut stored = mesh_in_depth(file, args.velocity.as_ref(), &place, console)?;
     if args.by == By::Regions {
         return regions_of(args, &stored, &labels, z_up, console);
     }

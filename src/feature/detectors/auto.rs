@@ -16,10 +16,10 @@ use super::potential::Potential;
 use super::ridges::{Ridges, Valleys};
 use crate::error::Result;
 use crate::feature::detection::{first_not_finite, not_finite};
-use crate::feature::labelled::values;
 use crate::feature::volume::Volume;
 use crate::feature::windows::{Samples, Window, layer};
 use crate::image::Image;
+use crate::image::check::FEW_LABELS;
 use crate::observer::Patience;
 use std::collections::BTreeSet;
 
@@ -31,20 +31,15 @@ pub type Choice<const D: usize> = (&'static dyn Detector<D>, String);
 /// # Errors
 /// [`Error::Image`](crate::Error::Image) for samples that are not finite.
 pub fn choose<const D: usize>(image: &Image<D>) -> Result<Choice<D>> {
-    let s = image.as_slice();
-    if let Some(labels) = values(s, FEW_LABELS) {
-        let equal = s.windows(2).filter(|w| w[0] == w[1]).count();
-        let share = equal as f64 / (s.len().max(2) - 1) as f64;
-        if share > 0.75 {
-            let why = format!(
-                "{} different values, {:.0} % of neighbours equal",
-                labels.len(),
-                100.0 * share
-            );
-            return Ok((&Labels, why));
-        }
+    if let Some(labels) = image.looks_labelled() {
+        let why = format!(
+            "{} different values, {:.0} % of neighbours equal",
+            labels.values,
+            100.0 * labels.equal
+        );
+        return Ok((&Labels, why));
     }
-    let samples = Samples::held(image.dims(), s);
+    let samples = Samples::held(image.dims(), image.as_slice());
     Ok(Survey::of(&samples, &Patience::endless())?.choice())
 }
 
@@ -137,9 +132,6 @@ impl Survey {
         (detector, format!("{what}: {figures}"))
     }
 }
-
-/// An image of more different values than this is one of labels only if it is said.
-const FEW_LABELS: usize = 64;
 
 /// The rarer values are thin sheets if at least this share of them lies in something thin: less than
 /// half of it does where sheets run close together.

@@ -21,12 +21,11 @@ use super::{Detector, Found, Scene, Thresholds};
 use crate::error::{Error, Result, cause};
 use crate::feature::components::{Component, Components};
 use crate::feature::crossing::{Candidate, dominant_axes};
-use crate::feature::labelled::{
-    LabelWish, Labelled, MOST_LABELS, not_there, numbers, values, volumes,
-};
+use crate::feature::labelled::{LabelWish, Labelled, MOST_LABELS, not_there, numbers, volumes};
 use crate::feature::volume::Volume;
 use crate::feature::windows::Samples;
 use crate::feature::{Detection, FeatureKind, FeaturePoint};
+use crate::image::check::values;
 use crate::observer::Patience;
 
 /// Finds interfaces between labels, and the middle of a thin mask.

@@ -6,7 +6,7 @@ use crate::feature::LabelWish;
 use crate::improve;
 use crate::job::asked::{
     Apart, BetaFrom, Cells, DistanceFrom, Followed, Job, LatticeEnergy, LatticeJob, LatticeSpace,
-    PlacementJob, Slivers, Start, What,
+    PlacementJob, Slivers, Start, VelocityFrom, What,
 };
 use crate::job::settings::{AlignName, CellsName, SeedingName, Settings, SliversName};
 
@@ -28,7 +28,7 @@ impl From<Job> for Settings {
                 LatticeSpace::Shape => "shape".into(),
                 LatticeSpace::Scales(scales) => joined(scales),
             }),
-            velocity: job.velocity,
+            velocity: job.velocity.as_ref().map(VelocityFrom::to_string),
             rng_seed: Some(job.seed.0),
             input: job.input,
             ..Self::default()

@@ -11,7 +11,9 @@ mod back;
 mod features;
 mod lattice;
 
-use super::asked::{Cells, Job, LatticeSpace, Outputs, PlacementJob, RngSeed, Slivers};
+use super::asked::{
+    Cells, Job, LatticeSpace, Outputs, PlacementJob, RngSeed, Slivers, VelocityFrom,
+};
 use super::settings::{AlignName, CellsName, SeedingName, Settings, SliversName};
 use crate::error::cause;
 use crate::improve;
@@ -53,7 +55,7 @@ impl TryFrom<Settings> for Job {
                 Some("shape") => LatticeSpace::Shape,
                 Some(scales) => LatticeSpace::Scales(axis_scales(scales)?),
             },
-            velocity: settings.velocity,
+            velocity: settings.velocity.map(VelocityFrom::from),
             seed: settings.rng_seed.map_or(RngSeed::default(), RngSeed),
             outputs: Outputs {
                 mesh: settings.output,
@@ -233,6 +235,7 @@ mod tests {
             "feature = \"paths\"\nobject = [\"1,2\", \"-3,4.5\"]\nevaluator = \"sampled\"",
             "feature = \"faults+horizons\"\nfeature-weights = \"1,0.5\"\nmetric = \"1,1,0.2\"",
             "velocity = 2400.0",
+            "velocity = \"velocities.sgy\"",
             "label = [\"3:distance=4,name=fault\", \"5:into=3\"]",
             "rounds = 5\noptimizer = \"genetic\"",
             "velocity = 2400.0\nmetric = \"samples\"",

@@ -290,6 +290,12 @@ impl Prepared {
         } else {
             &image.geometry
         };
+        let time = image.geometry.time_axis();
+        if !same && time.is_some_and(|c| self.geometry.units[c] == "m") {
+            let problem = "is in two-way time, the mesh in depth";
+            let remedy = "give the image in depth, which atomesh convert --velocity makes";
+            return Err(Error::Image(cause(place, problem, remedy)));
+        }
         let index_of = |point: [f64; 3]| {
             let index = geometry.to_index(self.frame.to_file(point));
             index.unwrap_or([f64::NAN; 3])

@@ -122,6 +122,7 @@ impl Solid<'_> {
             step: [1.0; 3],
             geometry: geometry.clone(),
             by_file: true,
+            velocities: None,
         }
     }
 

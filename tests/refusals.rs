@@ -588,6 +588,8 @@ fn any_little_memory() {
                 assert_eq!(said.lines().count(), 1, "{kilobytes}: {said}");
                 assert!(said.starts_with("error: "), "{kilobytes}: {said}");
             }
+            // Before the program's first line its runtime finds no room for a stack.
+            _ if said.contains("failed to allocate an alternative stack") => (),
             other => panic!("{kilobytes} kB: {other:?}, {said}"),
         }
     }

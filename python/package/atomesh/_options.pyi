@@ -94,8 +94,10 @@ class MeshOptions(TypedDict, total=False):
     #: samples), or a scale per axis SX,SY,SZ (SX,SY in 2-D) [default: samples; shape with
     #: --velocity]
     metric: _Value | None
-    #: Makes depth in metres of two-way time: one velocity in m/s for the whole image
-    velocity: _Number | None
+    #: Makes depth in metres of two-way time: one velocity in m/s for the whole image, or a file of
+    #: interval velocities in m/s on a grid of its own in two-way time, by which the image is
+    #: stretched
+    velocity: _Value | None
     #: Seed of the random perturbations [default: 1]
     rng_seed: int | None
     #: Write the report as JSON
@@ -228,6 +230,10 @@ class InfoOptions(TypedDict, total=False):
     max_memory: int | None
 
 class ConvertOptions(TypedDict, total=False):
+    #: Makes depth in metres of an image in two-way time: one velocity in m/s, or a file of
+    #: interval velocities in m/s on a grid of its own in two-way time, by which the image is
+    #: stretched
+    velocity: _Value | None
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     #: 100x400x208:f32be
     raw: _Value | None
@@ -336,9 +342,10 @@ class FlowOptions(TypedDict, total=False):
     #: Permeability in m^2 (1 mD is 9.87e-16 m^2): K; KX,KY,KZ; KXX,KYY,KZZ,KXY,KYZ,KXZ (in 2-D K;
     #: KX,KY; KXX,KYY,KXY); a CSV file of lines region,K; or a cell array of the mesh
     permeability: _Value | None
-    #: Makes depth in metres of two-way time: one velocity in m/s for the whole mesh; sources and
-    #: sinks are given in depth then
-    velocity: _Number | None
+    #: Makes depth in metres of two-way time: one velocity in m/s for the whole mesh, or a file of
+    #: interval velocities in m/s on a grid of its own in two-way time; sources and sinks are given
+    #: in depth then
+    velocity: _Value | None
     #: Viscosity in Pa s
     viscosity: _Number | None
     #: Write streamlines that carry equal rates, for ParaView
@@ -603,8 +610,9 @@ class SurfaceOptions(TypedDict, total=False):
     sigma: _Number | None
     #: Smallest strength of a feature, in units of the feature image [default: automatic, printed]
     threshold: _Number | None
-    #: Makes depth in metres of two-way time: one velocity in m/s for the whole mesh
-    velocity: _Number | None
+    #: Makes depth in metres of two-way time: one velocity in m/s for the whole mesh, or a file of
+    #: interval velocities in m/s on a grid of its own in two-way time
+    velocity: _Value | None
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     #: 100x400x208:f32be
     raw: _Value | None

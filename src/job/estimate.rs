@@ -10,7 +10,7 @@ use crate::observer::Estimate;
 /// What features take besides an image in memory, in bytes a sample: the image smoothed, and some more.
 const SAMPLE: f64 = 8.0;
 /// ... and of one whose layers are read, in bytes a sample of a layer: twice as many layers as filters see.
-const LAYER: f64 = 1_200.0;
+const LAYER: f64 = 1_400.0;
 
 /// What a mesh takes while it is made, improved, measured and written, in bytes an atom; measured with
 /// 0.1 to 3 million atoms.

@@ -117,6 +117,7 @@ pub struct Stream {
 }
 
 /// Images of more samples are left in their files where they can be.
+#[cfg(feature = "cli")]
 const LARGE: usize = 1 << 26;
 
 /// Bytes of samples that are held at a time, unless a single plane takes more.
@@ -206,6 +207,7 @@ impl Stream {
 
     /// Whether its samples are so many that they are better left in the file, or there is no memory for
     /// them; and may be, for none are missing and it has three axes.
+    #[cfg(feature = "cli")]
     pub fn stays(&self) -> bool {
         let dims = self.head.dims;
         let count: usize = dims.iter().product();

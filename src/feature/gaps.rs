@@ -250,8 +250,8 @@ mod tests {
         let mut random = crate::geometry::random::Random::new(5);
         for p in &mut points {
             let mut scatter = |most: f64| random.range(-most, most);
-            p.position[0] += scatter(0.4) as f32;
-            let normal = [1.0, scatter(0.4), scatter(0.4)];
+            p.position[0] += scatter(0.25) as f32;
+            let normal = [1.0, scatter(0.25), scatter(0.25)];
             p.normal = crate::geometry::unit(normal).map(|c| c as f32);
         }
         let lattice = [2.0, 8.0];

@@ -316,8 +316,9 @@ fn follow<const D: usize>(
     sheets.describe(kind, &rules, &mut notes);
     let sigma = asked.d_max() / 4.0;
     let gaps = asked.gaps();
-    // Sharp normals tell sheets apart, and those may run as near one another as points of one do.
-    let sheet = (!found.sharp).then_some(&sheets.sheet[..]);
+    // Edges do not cross at small angles, but their normals scatter in noise. Other sheets, which may run as
+    // near one another as points of one do, are told apart by theirs.
+    let sheet = (kind == FeatureKind::Edges).then_some(&sheets.sheet[..]);
     let spacing = gaps.map(|limits| gaps::spacing(dims, &sheets.points, sheet, asked.step, limits));
     let (labels, limits) = found.labels.unzip();
     let spacing = match limits {

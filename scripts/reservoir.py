@@ -157,9 +157,9 @@ def side_by_side(case):
     ends = [",".join(map(str, point)) for point in (HIGH, LOW)]
     faults = f"--faults {FAULTS}"
     wells = f"--injector {ends[0]}:{STEADY} --producer {ends[1]}:195"
-    done = export(case, "opm", "STEADY.DATA", f"{faults} {wells} --no-gravity --days 36500")
+    done = export(case, "opm", "STEADY.DATA", f"{faults} {wells} --no-gravity --days 365000")
     high, low = (well["cells"][0][0] for well in done["wells"])
-    case.flow("STEADY", "steady", "--solver-max-time-step-in-days=36500", "--linear-solver-reduction=1e-6",
+    case.flow("STEADY", "steady", "--solver-max-time-step-in-days=365000", "--linear-solver-reduction=1e-6",
               "--linear-solver-max-iter=2000")
     found = {"OPM Flow": np.array(read(case.folder / "steady", "STEADY", "UNRST")["PRESSURE"][-1], dtype=float)}
     export(case, "mrst", "blocks.mat", f"{faults} {wells}")

@@ -26,7 +26,7 @@ fn a_seismic_volume_becomes_a_reservoir_that_every_solver_agrees_on() {
     let mut script = Command::new(python);
     script.arg(root.join("scripts/reservoir.py"));
     script.arg(env!("CARGO_BIN_EXE_atomesh")).arg(folder.path());
-    let output = script.args(["--distance", "12"]).output().unwrap();
+    let output = script.args(["--distance", "10"]).output().unwrap();
     let said = String::from_utf8_lossy(&output.stderr);
     if said.contains("no OPM Flow here") {
         return no_validator("OPM Flow");

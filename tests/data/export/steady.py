@@ -134,7 +134,7 @@ with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
     model = Model()
     model.init()
     model.set_output(output_folder=folder, save_initial=False)
-    model.run(1000.0, save_well_data=False, save_well_data_after_run=False, save_reservoir_data=False)
+    model.run(1e6, save_well_data=False, save_well_data_after_run=False, save_reservoir_data=False)
     blocks = model.reservoir.mesh.n_res_blocks
     pressure = np.array(model.physics.engine.X)[:blocks]
     volume = np.array(model.reservoir.mesh.volume)[:blocks]

@@ -60,6 +60,7 @@ pub mod memory;
 pub mod mesh;
 pub mod model;
 pub mod observer;
+pub(crate) mod ranks;
 pub mod report;
 pub mod store;
 

@@ -19,7 +19,7 @@ use crate::image::formats::{self, AnyLoaded, InputOptions, Lines};
 use crate::image::{Image, Source};
 use crate::job::{Meshing, Outcome, Space};
 use crate::store::{AnyMesh, MeshFile, Stored, read_any_mesh};
-use crate::{Error, Result};
+use crate::{Error, Result, ranks};
 
 /// What verbs speak to, and through which they read and write: a [`Desk`] with a few words of its own.
 pub struct Console {
@@ -27,11 +27,11 @@ pub struct Console {
 }
 
 impl Console {
-    /// The terminal, as the common options ask for it.
+    /// The terminal, as the common options ask for it; that of the first rank alone says anything.
     pub fn new(common: &Common) -> Self {
         Self::at(Terminal {
-            quiet: common.quiet,
-            json: common.json,
+            quiet: common.quiet || !ranks::is_first(),
+            json: common.json && ranks::is_first(),
             bar: None,
         })
     }

@@ -14,7 +14,7 @@ use crate::cli::console::Console;
 use crate::error::cause;
 use crate::files::exit_without_unfinished;
 use crate::observer::{Patience, Stage};
-use crate::{Error, Result};
+use crate::{Error, Result, ranks};
 
 /// The exit code of an interrupted process.
 pub const INTERRUPTED: u8 = 130;
@@ -61,7 +61,9 @@ impl Interrupts {
 
     /// A stage of `mesh` begins.
     pub fn stage(&self, stage: Stage) {
-        self.0.lattice.store(stage.has_lattice(), Ordering::SeqCst);
+        // Ranks would not stop at the same place.
+        let kept = stage.has_lattice() && ranks::count() == 1;
+        self.0.lattice.store(kept, Ordering::SeqCst);
     }
 
     /// What `work` gives, which ends soon once the user wants to stop; a console is told how far it is.

@@ -16,7 +16,9 @@ use crate::job::asked::{
 };
 use crate::job::{CellKind, FixedAtom, Metric, Params, Spacing, Weight, WellPath};
 use crate::lattice::seeding::Seeding;
-use crate::{Error, Result};
+use crate::store::file::no_parts;
+use crate::store::parts::is_in_parts;
+use crate::{Error, Result, ranks};
 
 /// Where the mesh of an image goes: where the job says, or into this folder.
 pub fn output(image: &Path, job: &Job) -> PathBuf {
@@ -61,7 +63,13 @@ pub fn check_files(image: &Path, job: &Job, config: Option<&Path>) -> Result<()>
     let mut seen: Vec<&Path> = Vec::new();
     for (path, option, ending) in outputs {
         let Some(path) = path else { continue };
-        check_output(path, option, &[ending], &inputs)?;
+        let both = [ending, "pvtu"];
+        let endings = if ending == "vtu" {
+            &both[..]
+        } else {
+            &both[..1]
+        };
+        check_output(path, option, endings, &inputs)?;
         if seen.iter().any(|other| same_file(other, path)) {
             let place = format!("{option} {}", path.display());
             return Err(Error::Job(cause(
@@ -71,6 +79,16 @@ pub fn check_files(image: &Path, job: &Job, config: Option<&Path>) -> Result<()>
             )));
         }
         seen.push(path);
+    }
+    if is_in_parts(&mesh) && matches!(job.cells, Cells::Voronoi { .. }) {
+        return Err(no_parts(&mesh));
+    }
+    if let (Some(path), true) = (trace, ranks::count() > 1) {
+        return Err(Error::Job(cause(
+            format!("--trace {}", path.display()),
+            "is written by one process only",
+            "omit it, or start this without mpirun",
+        )));
     }
     if let (Some(folder), Some(_)) = (&job.outputs.checkpoint, trace) {
         return Err(Error::Job(cause(

@@ -36,7 +36,7 @@ use clap::Parser;
 
 use crate::error::cause;
 use crate::files::together;
-use crate::{Error, ErrorKind, Result, memory};
+use crate::{Error, ErrorKind, Result, memory, ranks};
 use args::{CommandLine, Verb};
 use common::global::Ending;
 use console::{Console, complain};
@@ -82,18 +82,26 @@ pub fn main() -> ExitCode {
 
 /// Runs what was typed, in a process of its own.
 fn perform_alone(line: &CommandLine) -> ExitCode {
-    let prepared = start_threads(line.common.threads).and_then(|()| Interrupts::watch());
-    match prepared.and_then(|interrupts| perform(line, &interrupts)) {
+    let joined = ranks::join();
+    let prepared = joined.and_then(|()| start_threads(line.common.threads));
+    let prepared = prepared.and_then(|()| Interrupts::watch());
+    let ended = prepared.and_then(|interrupts| perform(line, &interrupts));
+    let code = match ranks::end(ended) {
         Ok(Ending::Done) => ExitCode::SUCCESS,
         Ok(Ending::Interrupted) => ExitCode::from(INTERRUPTED),
         Err(error) => {
-            complain(format_args!("error: {}", console::in_words(&error)));
+            // What all know one says.
+            if ranks::is_first() || !ranks::all_know() {
+                complain(format_args!("error: {}", console::in_words(&error)));
+            }
             match error.kind() {
                 ErrorKind::Interrupted => ExitCode::from(INTERRUPTED),
                 _ => ExitCode::FAILURE,
             }
         }
-    }
+    };
+    ranks::leave();
+    code
 }
 
 /// Runs what was typed in a process that goes on: with its threads, and with interrupts as they come. What
@@ -117,10 +125,18 @@ pub fn perform_at(
     if let Some(bytes) = line.common.max_memory {
         memory::allow(bytes);
     }
-    together(|| verb(line, interrupts, console))
+    // No rank's files take their names before all are written.
+    together(|| ranks::end(verb(line, interrupts, console)))
 }
 
 fn verb(line: &CommandLine, interrupts: &Interrupts, console: &mut Console) -> Result<Ending> {
+    if ranks::count() > 1 && !matches!(line.verb, Verb::Mesh(_)) {
+        return Err(Error::Job(cause(
+            "MPI",
+            "ranks share the work of atomesh mesh only",
+            "start this without mpirun",
+        )));
+    }
     match &line.verb {
         Verb::Mesh(args) => return verbs::mesh::mesh(args, interrupts, console),
         Verb::Quality(args) => verbs::quality::quality(args, console)?,
@@ -145,7 +161,7 @@ fn verb(line: &CommandLine, interrupts: &Interrupts, console: &mut Console) -> R
     Ok(Ending::Done)
 }
 
-/// As many as asked for, otherwise one for each processor.
+/// As many as asked for, otherwise one for each processor that is not another rank's.
 fn start_threads(count: Option<usize>) -> Result<()> {
     let refuse = |problem: &str| {
         let (place, remedy) = match count {
@@ -160,8 +176,11 @@ fn start_threads(count: Option<usize>) -> Result<()> {
     if count.is_some_and(|count| count == 0 || count > 4096) {
         return Err(refuse("is not from 1 to 4096"));
     }
+    let processors = || thread::available_parallelism().map_or(1, usize::from);
+    let own = || (processors() / ranks::on_this_machine()).max(1);
+    let few = (ranks::on_this_machine() > 1).then(own);
     rayon::ThreadPoolBuilder::new()
-        .num_threads(count.unwrap_or_default())
+        .num_threads(count.or(few).unwrap_or_default())
         .build_global()
         .map_err(|e| refuse(&e.to_string()).because(e))
 }

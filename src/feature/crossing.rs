@@ -1,6 +1,7 @@
 //! Where a sheet crosses the columns of samples.
 
 use super::volume::Volume;
+use crate::files::kept::fields;
 use crate::geometry::dot;
 
 /// How far past the half way to the next sample a crossing still counts: neighbouring samples see
@@ -20,6 +21,10 @@ pub struct Candidate<const D: usize> {
     pub normal: [f32; D],
     /// How strong the feature is.
     pub strength: f32,
+}
+
+fields! {
+    @(const D: usize) Candidate<D> as Candidate { voxel, axis, position, normal, strength }
 }
 
 impl<const D: usize> Candidate<D> {

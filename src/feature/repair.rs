@@ -40,21 +40,28 @@ pub struct Shell<const D: usize> {
 }
 
 impl<const D: usize> Shell<D> {
-    /// For a volume smoothed over `scale` samples. Nothing is in it yet.
+    /// For a volume smoothed over `scale` samples, without its heights.
     pub fn new(dims: [usize; D], scale: f64) -> Self {
         let width = margin(scale) + 1;
         let met = |k: usize| dims[k] <= 2 * width;
-        let mut shell = Self {
+        Self {
             dims,
             low: std::array::from_fn(|k| if met(k) { dims[k] } else { width }),
             high: std::array::from_fn(|k| if met(k) { 0 } else { width }),
             heights: Vec::new(),
-        };
+        }
+    }
+
+    /// How many heights are kept.
+    pub fn count(&self) -> usize {
         let last = D - 1;
-        let middle = dims[last] - shell.low[last] - shell.high[last];
-        let count = (dims[last] - middle) * shell.layer(last) + middle * shell.kept(last);
-        shell.heights.reserve_exact(count);
-        shell
+        let middle = self.dims[last] - self.low[last] - self.high[last];
+        (self.dims[last] - middle) * self.layer(last) + middle * self.kept(last)
+    }
+
+    /// With all heights.
+    pub fn with(self, heights: Vec<f32>) -> Self {
+        Self { heights, ..self }
     }
 
     /// Samples of a layer square to an axis, of those axes before it.
@@ -74,15 +81,16 @@ impl<const D: usize> Shell<D> {
         }
     }
 
-    /// Adds the next layers along the last axis.
-    pub fn add(&mut self, layers: &[f32], first: usize) {
-        let last = D - 1;
+    /// The heights that are kept of some layers along the last axis.
+    pub fn of_layers(&self, layers: &[f32], first: usize) -> Vec<f32> {
+        let (last, mut kept) = (D - 1, Vec::new());
         for (i, layer) in layers.chunks_exact(self.layer(last).max(1)).enumerate() {
             match self.near(first + i, last) {
-                true => self.heights.extend_from_slice(layer),
-                false => self.add_part(layer, last),
+                true => kept.extend_from_slice(layer),
+                false => self.add_part(layer, last, &mut kept),
             }
         }
+        kept
     }
 
     fn near(&self, at: usize, k: usize) -> bool {
@@ -90,18 +98,17 @@ impl<const D: usize> Shell<D> {
     }
 
     /// Adds what is kept of a layer square to an axis.
-    fn add_part(&mut self, layer: &[f32], axis: usize) {
+    fn add_part(&self, layer: &[f32], axis: usize, kept: &mut Vec<f32>) {
         let k = axis - 1;
         if k == 0 {
-            self.heights.extend_from_slice(&layer[..self.low[0]]);
-            self.heights
-                .extend_from_slice(&layer[self.dims[0] - self.high[0]..]);
+            kept.extend_from_slice(&layer[..self.low[0]]);
+            kept.extend_from_slice(&layer[self.dims[0] - self.high[0]..]);
             return;
         }
         for (at, part) in layer.chunks_exact(self.layer(k).max(1)).enumerate() {
             match self.near(at, k) {
-                true => self.heights.extend_from_slice(part),
-                false => self.add_part(part, k),
+                true => kept.extend_from_slice(part),
+                false => self.add_part(part, k, kept),
             }
         }
     }

@@ -99,24 +99,24 @@ pub fn statistics<const D: usize>(
     let every = if D == 3 { 16 } else { 1 };
     let mut parts: Vec<(Vec<f32>, Vec<f32>)> = Vec::new();
     let some = |own: Range<usize>| (own.start / own.len()).is_multiple_of(samples.one_in());
-    samples.each(REACH, None, &some, patience, &mut |window| {
-        parts.extend(
-            window.by_rows(patience, |first, curvature: &mut Curvature, parts| {
-                let place = window.smoothed.in_volume(first);
-                let number: usize = (1..D).map(|k| place[k] * [1, 1, 7][k]).sum();
-                if !number.is_multiple_of(every) {
-                    return;
-                }
-                curvature.measure(window.smoothed.volume, first);
-                let mut found = Vec::new();
-                row(window, sigma, 0.0, first, curvature, &mut found);
-                let [lowest, next] = &curvature.lowest;
-                let magnitude = |x: usize| sideways::<D>(lowest[x], next[x]);
-                let magnitudes = (0..lowest.len()).step_by(2).map(magnitude).collect();
-                parts.push((magnitudes, found.iter().map(|c| c.strength).collect()));
-            }),
-        );
-    })?;
+    let mut measure = |window: &Window<'_, D>| {
+        window.by_rows(patience, |first, curvature: &mut Curvature, parts| {
+            let place = window.smoothed.in_volume(first);
+            let number: usize = (1..D).map(|k| place[k] * [1, 1, 7][k]).sum();
+            if !number.is_multiple_of(every) {
+                return;
+            }
+            curvature.measure(window.smoothed.volume, first);
+            let mut found = Vec::new();
+            row(window, sigma, 0.0, first, curvature, &mut found);
+            let [lowest, next] = &curvature.lowest;
+            let magnitude = |x: usize| sideways::<D>(lowest[x], next[x]);
+            let magnitudes = (0..lowest.len()).step_by(2).map(magnitude).collect();
+            parts.push((magnitudes, found.iter().map(|c| c.strength).collect()));
+        })
+    };
+    let mut take = |found: Vec<(Vec<f32>, Vec<f32>)>| parts.extend(found);
+    samples.each(REACH, None, &some, patience, &mut measure, &mut take)?;
     let mut magnitudes: Vec<f32> = parts.iter().flat_map(|p| p.0.iter().copied()).collect();
     let middle = magnitudes.len() / 2;
     let median = if middle > 0 {

@@ -8,9 +8,10 @@
 use super::gaussian;
 use super::volume::Volume;
 use crate::error::Result;
+use crate::files::kept::Kept;
 use crate::image::Layers;
-use crate::memory;
 use crate::observer::Patience;
+use crate::{memory, ranks};
 use rayon::prelude::*;
 use std::borrow::Cow;
 use std::ops::Range;
@@ -277,7 +278,9 @@ impl<'a, const D: usize> Samples<'a, D> {
     /// That of reading.
     pub fn held_if_small(self) -> Result<Self> {
         match self.raw {
-            Raw::InLayers(layers, sign) if self.count() <= self.limits[0] && self.has_room() => {
+            Raw::InLayers(layers, sign)
+                if ranks::count() == 1 && self.count() <= self.limits[0] && self.has_room() =>
+            {
                 let mut samples = vec![0.0; self.count()];
                 layers.read(0, &mut samples)?;
                 samples.iter_mut().for_each(|s| *s *= sign);
@@ -334,28 +337,57 @@ impl<'a, const D: usize> Samples<'a, D> {
         }
     }
 
-    /// Calls `work` for one window after the other, those of whose own layers something is `wanted`. Each
-    /// has so many layers to either side, as far as there are any: under the Gaussians `halo`, and as they are
-    /// and under a Gaussian of width `blur` as many as that says.
+    /// Takes what `work` gives for one window after the other, those of whose own layers something is `wanted`;
+    /// ranks share them. Each has so many layers to either side, as far as there are any: under the Gaussians
+    /// `halo`, and as they are and under a Gaussian of width `blur` as many as that says.
     ///
     /// # Errors
-    /// That of reading.
-    pub fn each(
+    /// That of reading, and those of [`ranks::share`].
+    pub fn each<T: Kept>(
         &self,
         halo: usize,
         blur: Option<(f64, usize)>,
         wanted: &dyn Fn(Range<usize>) -> bool,
         patience: &Patience<'_>,
+        work: &mut dyn FnMut(&Window<'_, D>) -> T,
+        take: &mut dyn FnMut(T),
+    ) -> Result<()> {
+        let count = self.dims[D - 1];
+        let own = self.own_layers(blur.is_some());
+        let windows = (0..count).step_by(own);
+        let windows = windows.map(|first| first..(first + own).min(count));
+        let windows: Vec<Range<usize>> = windows.filter(|own| wanted(own.clone())).collect();
+        let these = |mine: Range<usize>, give: &mut dyn FnMut(T)| {
+            let give = &mut |window: &Window<'_, D>| give(work(window));
+            self.each_of(&windows[mine], (halo, blur), patience, give)
+        };
+        ranks::share("layers", windows.len(), these, take)
+    }
+
+    /// A window's own layers, under another Gaussian or not.
+    fn own_layers(&self, blurred: bool) -> usize {
+        let (layer, count) = (layer(self.dims), self.dims[D - 1]);
+        let few = !blurred || self.count() <= 4 * self.limits[1];
+        let some = match self.is_whole() {
+            true if few && ranks::count() == 1 => return count.max(1),
+            // Every rank has a share.
+            true => self.limits[1].min(self.count() / ranks::count()),
+            false => self.limits[1],
+        };
+        (some / layer.max(1))
+            .next_multiple_of(MULTIPLE)
+            .max(MULTIPLE)
+    }
+
+    /// Calls `work` for these windows.
+    fn each_of(
+        &self,
+        windows: &[Range<usize>],
+        (halo, blur): (usize, Option<(f64, usize)>),
+        patience: &Patience<'_>,
         work: &mut dyn FnMut(&Window<'_, D>),
     ) -> Result<()> {
         let (dims, layer, count) = (self.dims, layer(self.dims), self.dims[D - 1]);
-        let few = blur.is_none() || self.count() <= 4 * self.limits[1];
-        let own = match self.is_whole() && few {
-            true => count.max(1),
-            false => (self.limits[1] / layer.max(1))
-                .next_multiple_of(MULTIPLE)
-                .max(MULTIPLE),
-        };
         let blurs: Vec<f64> = blur.iter().map(|blur| blur.0).collect();
         let wide_halo = blur.map_or(halo, |blur| blur.1);
         let scales = match self.whole {
@@ -365,13 +397,9 @@ impl<'a, const D: usize> Samples<'a, D> {
         let (mut raw, [mut smoothed, mut blurred]) =
             (Held::default(), [scales, &blurs].map(Stages::new));
         let beyond = (halo + smoothed.reach()).max(wide_halo + blurred.reach());
-        for first in (0..count).step_by(own) {
-            let own = first..(first + own).min(count);
+        for own in windows.iter().cloned() {
             if patience.over() {
                 break;
-            }
-            if !wanted(own.clone()) {
-                continue;
             }
             if let Raw::InLayers(layers, sign) = self.raw {
                 raw.slide(wide(&own, beyond, count), layer, |new, out| {

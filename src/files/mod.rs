@@ -3,10 +3,12 @@
 //! - [`atomic`]: files that appear whole or not at all
 //! - [`read_exact_at`]: parts of a file, read by many threads at once
 //! - [`open`](fn@open): no folder, no pipe
+//! - `kept`: values as bytes
 //! - [`vtk`]: VTK's XML container, read and written
 
 mod at;
 pub mod atomic;
+pub mod kept;
 mod open;
 pub mod vtk;
 

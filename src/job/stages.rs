@@ -1,9 +1,9 @@
 //! What clock and observer are told.
 
 use super::checkpoint::{Found, Kept, OfJob};
-use crate::Result;
 use crate::observer::{Observer, Patience, Stage, interrupted};
 use crate::report::{Clock, StageCost};
+use crate::{Result, ranks};
 
 /// Tells clock and observer of each stage, and remembers whether one was stopped.
 pub struct Stages<'a> {
@@ -39,14 +39,26 @@ impl<'a> Stages<'a> {
         name: &str,
         work: impl FnOnce(&mut Self) -> Result<T>,
     ) -> Result<T> {
-        match self.checkpoint.as_ref().map(|kept| kept.found(name)) {
-            Some(Found::Whole(value)) => return Ok(value),
-            Some(Found::Useless(why)) => self.observer.note(&why),
-            Some(Found::Nothing) | None => (),
+        if let Some(kept) = &self.checkpoint {
+            let observer = &mut *self.observer;
+            let found = ranks::of_first(name, || {
+                Ok(match kept.found(name) {
+                    Found::Whole(value) => Some(value),
+                    Found::Useless(why) => {
+                        observer.note(&why);
+                        None
+                    }
+                    Found::Nothing => None,
+                })
+            })?;
+            if let Some(value) = found {
+                return Ok(value);
+            }
         }
         let value = work(self)?;
         // What was stopped is no whole result.
         if self.checkpoint.is_some()
+            && ranks::is_first()
             && self.keep_going()
             && !self.interrupted
             && let Some(checkpoint) = &self.checkpoint

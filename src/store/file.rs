@@ -6,8 +6,9 @@ use rayon::prelude::*;
 
 use super::cells::cells_to_file;
 use super::labels::labels_field;
+use super::parts::{is_in_parts, part_of, write_part};
 use super::{write_cells_vtu, write_lines, write_vtu};
-use crate::Result;
+use crate::error::cause;
 use crate::feature::Settled;
 use crate::files::vtk::DataArray;
 use crate::image::{Geometry, Source};
@@ -19,6 +20,7 @@ use crate::report::smallest_angles;
 use crate::store::{
     AnyMesh, FieldValue, LatticeSpace, MeshFile, face_bits_to_physical, to_physical,
 };
+use crate::{Error, Result, ranks};
 
 /// The outcome of a job where the image lies in the world, with all that is known of each node and
 /// cell.
@@ -105,17 +107,12 @@ where
     }
 
     /// Writes the mesh with all that is known of it, where the image lies in the world, as a VTU file:
-    /// wholly or not at all.
+    /// wholly or not at all. To a `.pvtu` file each rank writes its share of the tetrahedra or triangles.
     ///
     /// # Errors
-    /// [`Error::Io`](crate::Error::Io) if it cannot be written.
+    /// [`Error::Io`] if it cannot be written, [`Error::Job`] for Voronoi cells in parts.
     pub fn write(&self, path: &Path) -> Result<()> {
-        match &self.made {
-            Made::Simplices(made) => write_vtu(path, &to_file(self, made)),
-            Made::Voronoi { mesh, weld } => {
-                write_cells_vtu(path, &cells_to_file(self, mesh, *weld))
-            }
-        }
+        self.write_file(path, None)
     }
 
     /// The same with the image's value at each node and in the middle of each cell, as arrays `image`.
@@ -123,10 +120,22 @@ where
     /// # Errors
     /// As [`write`](Self::write), and that of reading the image.
     pub fn write_with_image(&self, path: &Path, image: Source<'_, D>) -> Result<()> {
+        self.write_file(path, Some(image))
+    }
+
+    fn write_file(&self, path: &Path, image: Option<Source<'_, D>>) -> Result<()> {
+        let in_parts = is_in_parts(path);
         match &self.made {
-            Made::Simplices(made) => write_vtu(path, &with_image(to_file(self, made), image)?),
+            Made::Simplices(made) if in_parts => {
+                let (part, count) = (ranks::rank(), ranks::count());
+                let file = part_of(to_file(self, made), part, count);
+                write_part(path, &with_values(file, image)?, part, count)
+            }
+            Made::Simplices(made) => write_vtu(path, &with_values(to_file(self, made), image)?),
+            Made::Voronoi { .. } if in_parts => Err(no_parts(path)),
             Made::Voronoi { mesh, weld } => {
-                write_cells_vtu(path, &with_image(cells_to_file(self, mesh, *weld), image)?)
+                let file = cells_to_file(self, mesh, *weld);
+                write_cells_vtu(path, &with_values(file, image)?)
             }
         }
     }
@@ -147,6 +156,27 @@ where
             let index = std::array::from_fn(|k| x[k] / self.step[k]);
             self.geometry.to_physical(index)
         })
+    }
+}
+
+/// Voronoi cells, of which no parts are written.
+pub(crate) fn no_parts(path: &Path) -> Error {
+    let problem = "is for tetrahedra and triangles: Voronoi cells are not written in parts";
+    Error::Job(cause(
+        path.display(),
+        problem,
+        "give a name that ends in .vtu",
+    ))
+}
+
+/// The same, if there is an image.
+fn with_values<const D: usize, M: Mesh<D>>(
+    file: MeshFile<M>,
+    image: Option<Source<'_, D>>,
+) -> Result<MeshFile<M>> {
+    match image {
+        Some(image) => with_image(file, image),
+        None => Ok(file),
     }
 }
 

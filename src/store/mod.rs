@@ -3,6 +3,7 @@
 //!
 //! - `vtu`: VTK unstructured grids, our own mesh format
 //! - `polyhedra`: the same for polyhedra and polygons
+//! - `parts`: the same in several files
 //! - `lines`: acute lines as VTK poly data
 //! - `pvd`: the lattice after each round, for ParaView
 //! - `file`: from a job's outcome to a file
@@ -18,6 +19,7 @@ pub(crate) mod file;
 mod foreign;
 pub(crate) mod labels;
 pub(crate) mod lines;
+pub(crate) mod parts;
 pub(crate) mod polyhedra;
 pub(crate) mod pvd;
 pub(crate) mod stored;

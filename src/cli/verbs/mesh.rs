@@ -29,8 +29,9 @@ use crate::observer::{Estimate, Observer, Progress, Snapshot, Stage};
 use crate::report::{Clock, Input, TracedLattice, quality, smallest_angles};
 use crate::store::cells::cells_to_file;
 use crate::store::file::{to_file, with_image};
+use crate::store::parts::is_in_parts;
 use crate::store::{FieldValue, MeshFile, StoredMesh, Trace, to_physical};
-use crate::{Error, Result};
+use crate::{Error, Result, ranks};
 
 /// `atomesh mesh`.
 #[derive(Debug, Args)]
@@ -203,7 +204,7 @@ impl Run<'_> {
         } = self;
         let geometry = image.geometry();
         warn_of_time(geometry, console);
-        let input_sha256 = console.hash(path)?;
+        let input_sha256 = ranks::of_first("the image's hash", || console.hash(path))?;
         let output = output(path, job);
 
         let step = params.metric.step(geometry);
@@ -244,7 +245,16 @@ impl Run<'_> {
             parameters: toml_of(&job.clone().reproducible())?,
             input_sha256,
         };
-        console.write_outcome(&output, &outcome, image)?;
+        let ending = match outcome.stop == Stop::Interrupted || interrupts.wanted() {
+            true => Ending::Interrupted,
+            false => Ending::Done,
+        };
+        if ranks::is_first() || is_in_parts(&output) {
+            console.write_outcome(&output, &outcome, image)?;
+        }
+        if !ranks::is_first() {
+            return Ok(ending);
+        }
         if let Some(path) = &job.outputs.lines {
             outcome.write_lines(path)?;
         }
@@ -287,12 +297,7 @@ impl Run<'_> {
             said = format!("{said}\nwrote {}: {surfaces} surfaces", path.display());
         }
         console.result(said, &json);
-        Ok(
-            match outcome.stop == Stop::Interrupted || interrupts.wanted() {
-                true => Ending::Interrupted,
-                false => Ending::Done,
-            },
-        )
+        Ok(ending)
     }
 }
 

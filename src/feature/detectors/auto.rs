@@ -18,6 +18,7 @@ use crate::error::Result;
 use crate::feature::detection::{first_not_finite, not_finite};
 use crate::feature::volume::Volume;
 use crate::feature::windows::{Samples, Window, layer};
+use crate::files::kept::fields;
 use crate::image::Image;
 use crate::image::check::FEW_LABELS;
 use crate::observer::Patience;
@@ -67,34 +68,24 @@ struct Survey {
 
 impl Survey {
     fn of<const D: usize>(samples: &Samples<'_, D>, patience: &Patience<'_>) -> Result<Self> {
-        let (mut least, mut most) = (f32::MAX, f32::MIN);
-        let mut some = BTreeSet::new();
-        let mut looks = Looks::new(samples.dims());
-        let mut broken = None;
-        samples.each(THIN + 1, None, &|_| true, patience, &mut |window| {
-            let own = window.raw.layers(&window.own);
-            for part in own.chunks(CHUNK) {
-                let fold = |(a, b): (f32, f32), &v: &f32| (a.min(v), b.max(v));
-                (least, most) = part.iter().fold((least, most), fold);
-                if some.len() <= FEW_LABELS {
-                    // -0 is 0.
-                    some.extend(part.iter().map(|v| (v + 0.0).to_bits()));
-                }
-            }
-            let place = || first_not_finite(own);
-            broken = broken.or_else(|| place().map(|i| (i, window.own.start, own[i])));
-            looks.look(window);
-        })?;
-        if let Some((i, layer, value)) = broken {
-            let mut at = Volume::new(samples.dims(), &[]).coordinates(i);
-            at[D - 1] += layer;
+        let mut all = Seen {
+            range: NOTHING,
+            some: Vec::new(),
+            broken: None,
+            looks: Looks::default(),
+        };
+        let mut look = |window: &Window<'_, D>| Seen::of(window);
+        let mut take = |seen: Seen<D>| all.add(seen);
+        samples.each(THIN + 1, None, &|_| true, patience, &mut look, &mut take)?;
+        if let Some((at, value)) = all.broken {
             return Err(not_finite(at, value));
         }
+        let [least, most] = all.range;
         Ok(Self {
-            spread: looks.spread(),
+            spread: all.looks.spread(),
             least,
             most,
-            many_values: some.len() > FEW_LABELS,
+            many_values: all.some.len() > FEW_LABELS,
         })
     }
 
@@ -155,40 +146,94 @@ struct Spread {
 }
 
 /// Means at some places of an image.
+#[derive(Default)]
 struct Looks<const D: usize> {
-    /// Every so many samples one is looked at.
-    stride: usize,
     means: Vec<f32>,
     /// Those of the places [`THIN`] samples to either side along each axis.
     beside: Vec<[[f32; 2]; D]>,
 }
 
-impl<const D: usize> Looks<D> {
-    /// At some 10^5 places.
-    fn new(dims: [usize; D]) -> Self {
-        let count: usize = dims.iter().product();
+fields! {
+    @(const D: usize) Looks<D> as Looks { means, beside }
+    @(const D: usize) Seen<D> as Seen { range, some, broken, looks }
+}
+
+/// What is seen of a window, or of all.
+struct Seen<const D: usize> {
+    /// The least and the largest value.
+    range: [f32; 2],
+    /// Some different values, as bits, ascending: more than [`FEW_LABELS`] only if there are more.
+    some: Vec<u32>,
+    /// The first sample that is not finite, and its value.
+    broken: Option<([usize; D], f32)>,
+    looks: Looks<D>,
+}
+
+impl<const D: usize> Seen<D> {
+    fn of(window: &Window<'_, D>) -> Self {
+        let own = window.raw.layers(&window.own);
+        let [mut least, mut most] = NOTHING;
+        let mut some = BTreeSet::new();
+        for part in own.chunks(CHUNK) {
+            let fold = |(a, b): (f32, f32), &v: &f32| (a.min(v), b.max(v));
+            (least, most) = part.iter().fold((least, most), fold);
+            if some.len() <= FEW_LABELS {
+                // -0 is 0.
+                some.extend(part.iter().map(|v| (v + 0.0).to_bits()));
+            }
+        }
+        let place = |i| {
+            let mut at = Volume::new(window.dims, &[]).coordinates(i);
+            at[D - 1] += window.own.start;
+            (at, own[i])
+        };
         Self {
-            stride: (count / 100_000).max(1) | 1,
-            means: Vec::new(),
-            beside: Vec::new(),
+            range: [least, most],
+            some: some.into_iter().take(FEW_LABELS + 1).collect(),
+            broken: first_not_finite(own).map(place),
+            looks: Looks::of(window),
         }
     }
 
-    /// Looks at a window's own places.
-    fn look(&mut self, window: &Window<'_, D>) {
+    /// Adds those of the next window.
+    fn add(&mut self, next: Self) {
+        self.range = [
+            self.range[0].min(next.range[0]),
+            self.range[1].max(next.range[1]),
+        ];
+        self.some.extend(next.some);
+        self.some.sort_unstable();
+        self.some.dedup();
+        self.some.truncate(FEW_LABELS + 1);
+        self.broken = self.broken.or(next.broken);
+        self.looks.means.extend(next.looks.means);
+        self.looks.beside.extend(next.looks.beside);
+    }
+}
+
+/// The range of no values.
+const NOTHING: [f32; 2] = [f32::MAX, f32::MIN];
+
+impl<const D: usize> Looks<D> {
+    /// A window's own places, of some 10^5 in all.
+    fn of(window: &Window<'_, D>) -> Self {
+        let count: usize = window.dims.iter().product();
+        let stride = (count / 100_000).max(1) | 1;
+        let mut looks = Self::default();
         let volume = window.raw.volume;
         let (whole, layer) = (Volume::new(window.dims, &[]), layer(window.dims));
-        let first = (window.own.start * layer).next_multiple_of(self.stride);
-        for i in (first..window.own.end * layer).step_by(self.stride) {
+        let first = (window.own.start * layer).next_multiple_of(stride);
+        for i in (first..window.own.end * layer).step_by(stride) {
             let at = window.raw.in_stack(whole.coordinates(i));
-            self.means.push(local_mean(volume, at));
-            self.beside.push(std::array::from_fn(|k| {
+            looks.means.push(local_mean(volume, at));
+            looks.beside.push(std::array::from_fn(|k| {
                 let (mut before, mut after) = (at, at);
                 before[k] = at[k].saturating_sub(THIN);
                 after[k] = (at[k] + THIN).min(volume.dims[k] - 1);
                 [before, after].map(|at| local_mean(volume, at))
             }));
         }
+        looks
     }
 
     fn spread(self) -> Spread {

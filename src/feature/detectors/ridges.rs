@@ -18,7 +18,8 @@ use crate::feature::lifted::{Ambiguous, Search, merged};
 use crate::feature::repair::{Shell, repair};
 use crate::feature::ridges::{self, Statistics, ridges};
 use crate::feature::volume::Volume;
-use crate::feature::windows::Samples;
+use crate::feature::windows::{Samples, Window, layer};
+use crate::files::kept::fields;
 use crate::observer::Patience;
 
 /// Finds sheets of high values.
@@ -239,34 +240,29 @@ struct Seen<const D: usize> {
 
 impl<const D: usize> Seen<D> {
     fn of(samples: &Samples<'_, D>, scale: f64, low: f32, patience: &Patience<'_>) -> Result<Self> {
-        let (dims, every) = (samples.dims(), samples.every());
-        let whole = Volume::new(dims, &[]);
-        let mut shell = Shell::new(dims, scale);
-        let (mut candidates, mut heights) = (Vec::new(), Vec::new());
-        // Samples here and there, as they are and smoothed; and the highest of each row of smoothed ones.
-        let (mut some, mut tops) = ([Vec::new(), Vec::new()], Vec::new());
-        let mut passed: usize = 0;
-        samples.each(ridges::REACH, None, &|_| true, patience, &mut |window| {
+        let (every, shell) = (samples.every(), Shell::new(samples.dims(), scale));
+        let mut look = |window: &Window<'_, D>| {
             let found = ridges(window, scale, low, patience);
-            let smoothed = window.smoothed;
-            let height = |c: &Candidate<D>| smoothed.at(whole.coordinates(c.voxel as usize));
-            heights.extend(found.iter().map(height));
-            candidates.extend(found);
-            let own = smoothed.layers(&window.own);
-            shell.add(own, window.own.start);
-            let skipped = passed.next_multiple_of(every) - passed;
-            for (some, stack) in some.iter_mut().zip([window.raw, smoothed]) {
-                let own = stack.layers(&window.own).iter();
-                some.extend(own.skip(skipped).step_by(every).copied());
+            Glance::of(window, found, every, &shell)
+        };
+        let (mut candidates, mut heights) = (Vec::new(), Vec::new());
+        let (mut some, mut tops) = ([Vec::new(), Vec::new()], Vec::<f32>::new());
+        let mut near_sides = Vec::new();
+        near_sides.reserve_exact(shell.count());
+        let mut take = |glance: Glance<D>| {
+            candidates.extend(glance.candidates);
+            heights.extend(glance.heights);
+            near_sides.extend(glance.near_sides);
+            for (some, more) in some.iter_mut().zip(glance.some) {
+                some.extend(more);
             }
-            let begun = own.len().min(passed.next_multiple_of(ROW) - passed);
-            let highest = |row: &[f32]| row.iter().copied().fold(f32::MIN, f32::max);
-            if let Some(top) = tops.last_mut().filter(|_| begun > 0) {
-                *top = highest(&own[..begun]).max(*top);
+            if let (Some(last), Some(top)) = (tops.last_mut(), glance.begun) {
+                *last = last.max(top);
             }
-            tops.extend(own[begun..].chunks(ROW).map(highest));
-            passed += own.len();
-        })?;
+            tops.extend(glance.tops);
+        };
+        let reach = ridges::REACH;
+        samples.each(reach, None, &|_| true, patience, &mut look, &mut take)?;
         let [level, nothing] = some.map(median);
         heights.iter_mut().for_each(|height| *height -= nothing);
         let rank = tops.len() * 9 / 10;
@@ -282,8 +278,55 @@ impl<const D: usize> Seen<D> {
             heights,
             level,
             floor,
-            shell,
+            shell: shell.with(near_sides),
         })
+    }
+}
+
+/// The same of a window.
+struct Glance<const D: usize> {
+    candidates: Vec<Candidate<D>>,
+    /// Of the smoothed image at each, ...
+    heights: Vec<f32>,
+    /// ... and near the sides.
+    near_sides: Vec<f32>,
+    /// Samples here and there, as they are and smoothed.
+    some: [Vec<f32>; 2],
+    /// The highest of what belongs to a row begun before, and of each row of smoothed samples.
+    begun: Option<f32>,
+    tops: Vec<f32>,
+}
+
+fields! {
+    @(const D: usize) Glance<D> as Glance { candidates, heights, near_sides, some, begun, tops }
+}
+
+impl<const D: usize> Glance<D> {
+    fn of(
+        window: &Window<'_, D>,
+        candidates: Vec<Candidate<D>>,
+        every: usize,
+        shell: &Shell<D>,
+    ) -> Self {
+        let (whole, smoothed) = (Volume::new(window.dims, &[]), window.smoothed);
+        let height = |c: &Candidate<D>| smoothed.at(whole.coordinates(c.voxel as usize));
+        let own = smoothed.layers(&window.own);
+        let passed = window.own.start * layer(window.dims);
+        let skipped = passed.next_multiple_of(every) - passed;
+        let some = [window.raw, smoothed].map(|stack| {
+            let own = stack.layers(&window.own).iter();
+            own.skip(skipped).step_by(every).copied().collect()
+        });
+        let (begun, rows) = own.split_at(own.len().min(passed.next_multiple_of(ROW) - passed));
+        let highest = |row: &[f32]| row.iter().copied().fold(f32::MIN, f32::max);
+        Self {
+            heights: candidates.iter().map(height).collect(),
+            candidates,
+            near_sides: shell.of_layers(own, window.own.start),
+            some,
+            begun: (!begun.is_empty()).then(|| highest(begun)),
+            tops: rows.chunks(ROW).map(highest).collect(),
+        }
     }
 }
 
@@ -484,8 +527,9 @@ mod tests {
     #[test]
     fn a_few_layers_at_a_time_show_what_all_do() {
         use super::{Detector, RidgeSearch, Ridges, Scene};
-        use crate::feature::windows::Samples;
         use crate::feature::windows::tests::ByLayers;
+        use crate::feature::windows::{Samples, Window, layer};
+        use crate::files::kept::fields;
         use crate::image::Source;
         use crate::observer::Patience;
 

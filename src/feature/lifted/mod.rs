@@ -25,7 +25,7 @@ use super::by_sample::BySample;
 use super::crossing::{Candidate, nearest};
 use super::quadric::Quadric;
 use super::volume::Volume;
-use super::windows::Samples;
+use super::windows::{Samples, Window};
 use crate::error::Result;
 use crate::geometry::groups::grouped;
 use crate::geometry::{dot, sub};
@@ -99,35 +99,31 @@ impl<const D: usize> Search<'_, D> {
         let mut found: Vec<Candidate<D>> = Vec::new();
         let done = AtomicUsize::new(0);
         let wanted = |own| self.zone.in_layers(own);
-        self.image.each(
-            0,
-            Some((CROSSING.blur, HALO)),
-            &wanted,
-            self.patience,
-            &mut |window| {
-                let job = Job {
-                    blocks,
-                    by_block: &by_block,
-                    search: self,
-                    window,
-                };
-                let own = window.own.start / BLOCK * layer..window.own.end.div_ceil(BLOCK) * layer;
-                let of_blocks: Vec<Vec<Candidate<D>>> = own
-                    .into_par_iter()
-                    .map_init(Scratch::default, |scratch, block| {
-                        if self.patience.over() {
-                            return Vec::new();
-                        }
-                        let found =
-                            job.of_block(blocks.coordinates(block).map(|i| i * BLOCK), scratch);
-                        let done = (1 + done.fetch_add(1, Relaxed)) as f64 / count as f64;
-                        self.patience.reached(BEFORE + (AFTER - BEFORE) * done);
-                        found
-                    })
-                    .collect();
-                found.extend(of_blocks.into_iter().flatten());
-            },
-        )?;
+        let mut look = |window: &Window<'_, D>| {
+            let job = Job {
+                blocks,
+                by_block: &by_block,
+                search: self,
+                window,
+            };
+            let own = window.own.start / BLOCK * layer..window.own.end.div_ceil(BLOCK) * layer;
+            let of_blocks: Vec<Vec<Candidate<D>>> = own
+                .into_par_iter()
+                .map_init(Scratch::default, |scratch, block| {
+                    if self.patience.over() {
+                        return Vec::new();
+                    }
+                    let found = job.of_block(blocks.coordinates(block).map(|i| i * BLOCK), scratch);
+                    let done = (1 + done.fetch_add(1, Relaxed)) as f64 / count as f64;
+                    self.patience.reached(BEFORE + (AFTER - BEFORE) * done);
+                    found
+                })
+                .collect();
+            of_blocks.concat()
+        };
+        let mut take = |some: Vec<Candidate<D>>| found.extend(some);
+        let blur = Some((CROSSING.blur, HALO));
+        (self.image).each(0, blur, &wanted, self.patience, &mut look, &mut take)?;
         let mut strengths: Vec<f32> = found.iter().map(|c| c.strength).collect();
         if strengths.is_empty() {
             return Ok(found);

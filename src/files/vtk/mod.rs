@@ -137,6 +137,17 @@ macro_rules! scalars {
                 }
             }
 
+            /// Puts others of the same type behind these; says whether they are.
+            pub fn append(&mut self, others: Self) -> bool {
+                match (self, others) {
+                    $((Self::$variant(v), Self::$variant(more)) => {
+                        v.extend(more);
+                        true
+                    })*
+                    _ => false,
+                }
+            }
+
             /// The numbers as a source for a [`Document`].
             pub fn source<'a>(&'a self, name: &str, components: usize) -> Source<'a> {
                 match self {

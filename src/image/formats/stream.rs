@@ -206,12 +206,14 @@ impl Stream {
     }
 
     /// Whether its samples are so many that they are better left in the file, or there is no memory for
-    /// them; and may be, for none are missing and it has three axes.
+    /// them, or ranks share them; and may be, for none are missing and it has three axes.
     #[cfg(feature = "cli")]
     pub fn stays(&self) -> bool {
         let dims = self.head.dims;
         let count: usize = dims.iter().product();
-        let large = count > LARGE || samples::afford(Path::new("the image"), 3 * count).is_err();
+        let shared = crate::ranks::count() > 1;
+        let large =
+            shared || count > LARGE || samples::afford(Path::new("the image"), 3 * count).is_err();
         large && self.head.missing.is_empty() && dims.iter().all(|&n| n > 1)
     }
 

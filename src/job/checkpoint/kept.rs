@@ -3,6 +3,7 @@
 use std::io::{self, Write};
 
 use crate::feature::{FeatureKind, FeaturePoint, Features, Labelled, LeftOut, Settled};
+use crate::files::kept::{Kept, fields, numbered};
 use crate::image::{Field, Sparse};
 use crate::improve::{Blocked, Counts, Sealed};
 use crate::job::{Joined, Marked};
@@ -14,141 +15,6 @@ use crate::lattice::seeding::Atoms;
 use crate::mesh::delaunay::Delaunay;
 use crate::mesh::{TetMesh, TriMesh};
 use crate::report::{Blocker, Improvement, Judged};
-
-/// What can be written and read again.
-pub trait Kept: Sized {
-    /// Writes it.
-    ///
-    /// # Errors
-    /// What the operating system reports.
-    fn put(&self, out: &mut dyn Write) -> io::Result<()>;
-
-    /// Takes it off the beginning of `from`; `None` if it is not there.
-    fn take(from: &mut &[u8]) -> Option<Self>;
-}
-
-/// Numbers, least significant byte first.
-macro_rules! numbers {
-    ($($number:ty),+) => {$(
-        impl Kept for $number {
-            fn put(&self, out: &mut dyn Write) -> io::Result<()> {
-                out.write_all(&self.to_le_bytes())
-            }
-
-            fn take(from: &mut &[u8]) -> Option<Self> {
-                let (raw, rest) = from.split_first_chunk()?;
-                *from = rest;
-                Some(Self::from_le_bytes(*raw))
-            }
-        }
-    )+};
-}
-
-numbers!(u8, i32, u32, u64, f32, f64);
-
-impl Kept for usize {
-    fn put(&self, out: &mut dyn Write) -> io::Result<()> {
-        (*self as u64).put(out)
-    }
-
-    fn take(from: &mut &[u8]) -> Option<Self> {
-        u64::take(from)?.try_into().ok()
-    }
-}
-
-impl Kept for bool {
-    fn put(&self, out: &mut dyn Write) -> io::Result<()> {
-        u8::from(*self).put(out)
-    }
-
-    fn take(from: &mut &[u8]) -> Option<Self> {
-        Some(u8::take(from)? != 0)
-    }
-}
-
-impl Kept for String {
-    fn put(&self, out: &mut dyn Write) -> io::Result<()> {
-        self.len().put(out)?;
-        out.write_all(self.as_bytes())
-    }
-
-    fn take(from: &mut &[u8]) -> Option<Self> {
-        let length = usize::take(from)?;
-        let (text, rest) = from.split_at_checked(length)?;
-        *from = rest;
-        String::from_utf8(text.to_vec()).ok()
-    }
-}
-
-impl<T: Kept> Kept for Option<T> {
-    fn put(&self, out: &mut dyn Write) -> io::Result<()> {
-        self.is_some().put(out)?;
-        self.as_ref().map_or(Ok(()), |value| value.put(out))
-    }
-
-    fn take(from: &mut &[u8]) -> Option<Self> {
-        match bool::take(from)? {
-            true => Some(Some(T::take(from)?)),
-            false => Some(None),
-        }
-    }
-}
-
-impl<T: Kept> Kept for Vec<T> {
-    fn put(&self, out: &mut dyn Write) -> io::Result<()> {
-        self.len().put(out)?;
-        self.iter().try_for_each(|value| value.put(out))
-    }
-
-    fn take(from: &mut &[u8]) -> Option<Self> {
-        let length = usize::take(from)?;
-        // Nothing takes less than a byte.
-        if length > from.len() {
-            return None;
-        }
-        (0..length).map(|_| T::take(from)).collect()
-    }
-}
-
-impl<T: Kept, const N: usize> Kept for [T; N] {
-    fn put(&self, out: &mut dyn Write) -> io::Result<()> {
-        self.iter().try_for_each(|value| value.put(out))
-    }
-
-    fn take(from: &mut &[u8]) -> Option<Self> {
-        let all: Option<Vec<T>> = (0..N).map(|_| T::take(from)).collect();
-        all?.try_into().ok()
-    }
-}
-
-impl<A: Kept, B: Kept> Kept for (A, B) {
-    fn put(&self, out: &mut dyn Write) -> io::Result<()> {
-        self.0.put(out)?;
-        self.1.put(out)
-    }
-
-    fn take(from: &mut &[u8]) -> Option<Self> {
-        Some((A::take(from)?, B::take(from)?))
-    }
-}
-
-/// Structures, field by field: one that is forgotten does not compile.
-macro_rules! fields {
-    ($($(@ ($($generic:tt)+))? $name:ty as $pattern:ident { $($field:ident),+ $(,)? })+) => {$(
-        impl $(<$($generic)+>)? Kept for $name {
-            fn put(&self, out: &mut dyn Write) -> io::Result<()> {
-                let $pattern { $($field),+ } = self;
-                $($field.put(out)?;)+
-                Ok(())
-            }
-
-            fn take(from: &mut &[u8]) -> Option<Self> {
-                $(let $field = Kept::take(from)?;)+
-                Some($pattern { $($field),+ })
-            }
-        }
-    )+};
-}
 
 fields! {
     @(const D: usize) FeaturePoint<D> as FeaturePoint { position, normal, strength }
@@ -231,53 +97,10 @@ impl<const D: usize> Kept for Distance<D> {
     }
 }
 
-/// What has few values, by their number.
-macro_rules! numbered {
-    ($($name:ident { $($value:ident),+ })+) => {$(
-        impl Kept for $name {
-            fn put(&self, out: &mut dyn Write) -> io::Result<()> {
-                // Every value has its place: one that is forgotten does not compile.
-                let number = match self { $(Self::$value => Self::$value as u8),+ };
-                number.put(out)
-            }
-
-            fn take(from: &mut &[u8]) -> Option<Self> {
-                let number = u8::take(from)?;
-                [$(Self::$value),+].into_iter().find(|value| *value as u8 == number)
-            }
-        }
-    )+};
-}
-
 numbered! {
     AtomKind { Interior, Side, Edge, Corner, Fixed }
     Stop { Converged, MaxIterations, Interrupted }
     FeatureKind {
         Auto, Ridges, Valleys, Edges, Canny, Paths, Horizons, Faults, FaultsAndHorizons, Labels, Potential
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_is_put_is_taken_again_bit_by_bit() {
-        type Both = (Vec<[f64; 3]>, (Option<String>, Vec<Stop>));
-        let mut bytes = Vec::new();
-        let value: Both = (
-            vec![[0.1f64, -0.0, f64::NAN], [f64::MIN_POSITIVE, 1e300, 3.0]],
-            (Some("é".to_string()), vec![Stop::Interrupted]),
-        );
-        value.put(&mut bytes).unwrap();
-        let rest = &mut &bytes[..];
-        let taken = Both::take(rest).unwrap();
-        assert!(rest.is_empty());
-        let bits = |all: &[[f64; 3]]| all.concat().iter().map(|v| v.to_bits()).collect::<Vec<_>>();
-        assert_eq!(bits(&taken.0), bits(&value.0));
-        assert_eq!(taken.1, value.1);
-        for cut in 0..bytes.len() {
-            assert!(Both::take(&mut &bytes[..cut]).is_none());
-        }
     }
 }

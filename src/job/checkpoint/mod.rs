@@ -15,11 +15,11 @@ use std::path::{Path, PathBuf};
 use sha2::{Digest, Sha256};
 
 use super::{Params, Weight};
-use crate::Result;
 use crate::error::{Error, cause, os};
+pub use crate::files::kept::Kept;
 use crate::files::{self, atomic};
 use crate::image::{Geometry, Image, Layers, Source};
-pub use kept::Kept;
+use crate::{Result, ranks};
 
 /// How every file of a stage begins.
 const MAGIC: &[u8] = b"atomesh checkpoint 1\n";
@@ -56,12 +56,18 @@ impl Checkpoint {
         })
     }
 
-    /// For a job: by all that decides its result.
+    /// For a job: by all that decides its result, which only the first rank asks for.
     pub(super) fn of<const D: usize>(
         &self,
         source: Source<'_, D>,
         params: &Params<D>,
     ) -> Result<OfJob> {
+        if !ranks::is_first() {
+            return Ok(OfJob {
+                folder: self.folder.clone(),
+                key: [0; SUM],
+            });
+        }
         let mut hasher = Sha256::new();
         hasher.update(env!("CARGO_PKG_VERSION"));
         match source {

@@ -9,6 +9,7 @@ use std::path::Path;
 
 use super::file::{UNITS, unit_of};
 use super::foreign;
+use super::parts::{is_in_parts, read_parts};
 use super::polyhedra::{self, is_polygon};
 use crate::error::Result;
 use crate::files::Batch;
@@ -348,9 +349,14 @@ pub(crate) use crate::with_mesh;
 /// Reads a mesh of triangles or polygons in the plane z = 0 (quadrilaterals are polygons), of
 /// tetrahedra as [`read_vtu`] does, or of polyhedra.
 ///
+/// Also in parts (`.pvtu`), if these are ours.
+///
 /// # Errors
 /// As [`read_vtu`], and for triangles and polygons that are not in that plane.
 pub fn read_any_vtu(path: &Path) -> Result<AnyMesh> {
+    if is_in_parts(path) {
+        return read_parts(path);
+    }
     let file = VtkFile::read(path, "UnstructuredGrid")?;
     let types = cell_values(&file, file.child(file.piece()?, "Cells")?, "types")?;
     let triangle = i64::from(TriMesh::VTK_CELL);

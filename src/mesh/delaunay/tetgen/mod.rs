@@ -11,8 +11,12 @@ mod parts;
 mod worker;
 
 use crate::error::{Result, cause};
+#[cfg(feature = "tetgen")]
+use crate::files::kept::fields;
 use crate::geometry::{cross, dot};
 use crate::mesh::TetMesh;
+#[cfg(feature = "tetgen")]
+use crate::ranks;
 
 #[cfg(feature = "tetgen")]
 pub use worker::{peak_mb, run_in_worker, serve, share_with_workers};
@@ -208,6 +212,11 @@ struct Answer {
     neighbors: Vec<[u32; 4]>,
 }
 
+#[cfg(feature = "tetgen")]
+fields! {
+    Answer as Answer { status, tets, neighbors }
+}
+
 #[cfg(not(feature = "tetgen"))]
 fn tetrahedra(_: &[[f64; 3]], _: bool) -> Result<Answer> {
     Err(fault(
@@ -225,10 +234,15 @@ fn tetrahedra(points: &[[f64; 3]], with_neighbors: bool) -> Result<Answer> {
         None => Ok(ffi::run(points, with_neighbors)),
     };
     let large = points.len() >= LARGE;
-    let at_once = rayon::current_num_threads().min(points.len() / SMALLEST_PART);
-    let count = at_once.max(points.len().div_ceil(LARGEST_PART));
+    let at_once = rayon::current_num_threads();
+    let at_all = match large {
+        true => ranks::of_first("processors", || Ok(at_once * ranks::count()))?,
+        false => 1,
+    };
+    let at_all = at_all.min(points.len() / SMALLEST_PART);
+    let count = at_all.max(points.len().div_ceil(LARGEST_PART));
     let in_parts = match worker::for_parts() {
-        Some(program) if large && at_once > 1 => parts::joined(points, count, at_once, &|part| {
+        Some(program) if large && at_all > 1 => parts::joined(points, count, at_once, &|part| {
             worker::ask(program, part, true)
         })?,
         _ => None,

@@ -9,6 +9,7 @@
 //! So the tetrahedra are those of a single run. So that they are in the same order, too, both are put into
 //! [`order`].
 
+use std::ops::Range;
 use std::panic::resume_unwind;
 use std::sync::atomic::AtomicUsize;
 use std::sync::atomic::Ordering::Relaxed;
@@ -19,6 +20,7 @@ use rayon::prelude::*;
 use super::{Answer, OUTSIDE};
 use crate::error::Result;
 use crate::geometry::{cross, dot, sub};
+use crate::ranks;
 
 /// The first halo, in mean distances of points.
 const HALO: f64 = 2.5;
@@ -49,32 +51,15 @@ where
     let Some(slabs) = Slabs::new(points, count) else {
         return Ok(None);
     };
-    let (slabs, next) = (&slabs, &AtomicUsize::new(0));
-    // Each thread takes the next slab, until one leads nowhere.
-    let work = move || {
-        let mut done = Vec::new();
-        loop {
-            let slab = next.fetch_add(1, Relaxed);
-            if slab >= count {
-                return done;
-            }
-            let part = slabs.part(slab, run);
-            if !matches!(part, Ok(Some(_))) {
-                next.store(count, Relaxed);
-            }
-            done.push((slab, part));
+    let mut parts: Vec<Option<Answer>> = Vec::with_capacity(count);
+    let own = |own: Range<usize>, give: &mut dyn FnMut(Option<Answer>)| {
+        for part in slabs.parts(own, at_once, run) {
+            give(part?);
         }
+        Ok(())
     };
-    let mut parts: Vec<(usize, Result<Option<Answer>>)> = thread::scope(|scope| {
-        let at_work: Vec<_> = (0..at_once).map(|_| scope.spawn(work)).collect();
-        let ended = at_work.into_iter().map(thread::ScopedJoinHandle::join);
-        ended
-            .flat_map(|parts| parts.unwrap_or_else(|panic| resume_unwind(panic)))
-            .collect()
-    });
-    parts.sort_by_key(|part| part.0);
-    let parts = parts.into_iter().map(|part| part.1);
-    let parts: Option<Vec<Answer>> = parts.collect::<Result<_>>()?;
+    ranks::share("slabs of points", count, own, &mut |part| parts.push(part))?;
+    let parts: Option<Vec<Answer>> = parts.into_iter().collect();
     Ok(parts.and_then(together))
 }
 
@@ -163,6 +148,40 @@ impl<'a> Slabs<'a> {
             cuts,
             distance,
         })
+    }
+
+    /// Those of some slabs, in their order, so many of them at once; fewer where one leads nowhere.
+    fn parts<R>(&self, slabs: Range<usize>, at_once: usize, run: &R) -> Vec<Result<Option<Answer>>>
+    where
+        R: Fn(&[[f64; 3]]) -> Result<Answer> + Sync,
+    {
+        let (end, next) = (slabs.end, &AtomicUsize::new(slabs.start));
+        // Each thread takes the next slab, until one leads nowhere.
+        let work = move || {
+            let mut done = Vec::new();
+            loop {
+                let slab = next.fetch_add(1, Relaxed);
+                if slab >= end {
+                    return done;
+                }
+                let part = self.part(slab, run);
+                if !matches!(part, Ok(Some(_))) {
+                    next.store(end, Relaxed);
+                }
+                done.push((slab, part));
+            }
+        };
+        let mut parts: Vec<(usize, Result<Option<Answer>>)> = thread::scope(|scope| {
+            let at_work: Vec<_> = (0..at_once.min(slabs.len()))
+                .map(|_| scope.spawn(work))
+                .collect();
+            let ended = at_work.into_iter().map(thread::ScopedJoinHandle::join);
+            ended
+                .flat_map(|parts| parts.unwrap_or_else(|panic| resume_unwind(panic)))
+                .collect()
+        });
+        parts.sort_by_key(|part| part.0);
+        parts.into_iter().map(|part| part.1).collect()
     }
 
     /// The tetrahedra that a slab keeps, with neighbours among them.

@@ -1,0 +1,269 @@
+//! Processes that share a job: MPI's ranks (feature `mpi`).
+//!
+//! Every rank runs the whole job. Where work is in parts (windows of an image's layers, slabs of points), each
+//! does its [`share`], and all have the results of all, in the order of the parts: so whatever is made of them
+//! is the same on every rank, and for any number of ranks the same as of a single process. What only one must
+//! do or say is the first one's.
+//!
+//! Before they pass on anything, ranks tell one another where they are and whether one has failed: then all end
+//! with its error.
+//!
+//! - `world`: MPI
+
+#[cfg(feature = "mpi")]
+mod world;
+
+use std::ops::Range;
+use std::sync::atomic::AtomicBool;
+use std::sync::atomic::Ordering::Relaxed;
+
+use crate::error::{Error, Result, cause};
+use crate::files::kept::Kept;
+
+/// Nothing is told any more: the job is at its end.
+static OVER: AtomicBool = AtomicBool::new(false);
+/// All ranks know of an error.
+static FAILED: AtomicBool = AtomicBool::new(false);
+
+/// Joins the others of this process, where it was started as one of several: by `mpirun` or its like.
+/// The thread that joins is the one that shares.
+///
+/// # Errors
+/// [`Error::Job`] if it is one of several and cannot join them.
+pub fn join() -> Result<()> {
+    #[cfg(feature = "mpi")]
+    world::join()?;
+    #[cfg(not(feature = "mpi"))]
+    if started_as_one_of() > 1 {
+        return Err(Error::Job(cause(
+            "MPI",
+            "this program was built without it, and each rank would do the same",
+            "build it with --features mpi, or start it without mpirun",
+        )));
+    }
+    Ok(())
+}
+
+/// Of how many processes this is one, as what started it says; 1 if nothing does.
+fn started_as_one_of() -> usize {
+    let said = |name| std::env::var(name).ok()?.parse::<usize>().ok();
+    let names = ["OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS"];
+    names.into_iter().find_map(said).unwrap_or(1)
+}
+
+/// How many of the ranks are on this machine.
+pub fn on_this_machine() -> usize {
+    let said = |name| std::env::var(name).ok()?.parse::<usize>().ok();
+    let names = ["OMPI_COMM_WORLD_LOCAL_SIZE", "MPI_LOCALNRANKS"];
+    names.into_iter().find_map(said).unwrap_or(1).max(1)
+}
+
+/// How many processes share the job.
+pub fn count() -> usize {
+    #[cfg(feature = "mpi")]
+    return world::size();
+    #[cfg(not(feature = "mpi"))]
+    1
+}
+
+/// Which of them this is, from 0.
+pub fn rank() -> usize {
+    #[cfg(feature = "mpi")]
+    return world::rank();
+    #[cfg(not(feature = "mpi"))]
+    0
+}
+
+/// Whether all ranks know why the job fails.
+pub fn all_know() -> bool {
+    FAILED.load(Relaxed)
+}
+
+/// Whether this is the one that speaks and writes.
+pub fn is_first() -> bool {
+    rank() == 0
+}
+
+/// The share of `parts` that a rank of `count` has.
+fn share_of(parts: usize, rank: usize, count: usize) -> Range<usize> {
+    rank * parts / count..(rank + 1) * parts / count
+}
+
+/// Takes what `work` gives for each of so many parts, in their order, on every rank: it is asked for some of
+/// them one after the other, this rank's.
+///
+/// # Errors
+/// Those of the work, on whichever rank; and [`Error::Job`] where ranks are not at the same place.
+pub fn share<T: Kept>(
+    what: &str,
+    parts: usize,
+    work: impl FnOnce(Range<usize>, &mut dyn FnMut(T)) -> Result<()>,
+    take: &mut dyn FnMut(T),
+) -> Result<()> {
+    if count() == 1 {
+        return work(0..parts, take);
+    }
+    let mut bytes = Vec::new();
+    let own = share_of(parts, rank(), count());
+    // Writing to memory cannot fail.
+    let done = work(own, &mut |value| value.put(&mut bytes).unwrap_or_default());
+    each_told(
+        &format!("{what} ({parts})"),
+        done.map(|()| bytes),
+        &mut |from| {
+            while !from.is_empty() {
+                take(T::take(from)?);
+            }
+            Some(())
+        },
+    )
+}
+
+/// What the first rank has, on every rank; `make` is asked there alone.
+///
+/// # Errors
+/// Those of `make`, and as [`share`].
+pub fn of_first<T: Kept>(what: &str, make: impl FnOnce() -> Result<T>) -> Result<T> {
+    if count() == 1 {
+        return make();
+    }
+    let mut bytes = Vec::new();
+    let told = match is_first() {
+        true => make().map(|value| value.put(&mut bytes).unwrap_or_default()),
+        false => Ok(()),
+    };
+    let mut value = None;
+    each_told(what, told.map(|()| bytes), &mut |from| {
+        if !from.is_empty() {
+            value = Some(T::take(from)?);
+        }
+        Some(())
+    })?;
+    value.ok_or_else(|| apart(what))
+}
+
+/// The end of the job on this rank, before what it wrote takes its place. It is done only if all others are.
+///
+/// # Errors
+/// The one with which it or another rank ended.
+pub fn end<T>(ended: Result<T>) -> Result<T> {
+    if count() == 1 || OVER.load(Relaxed) {
+        return ended;
+    }
+    let (told, value) = match ended {
+        Ok(value) => (Ok(Vec::new()), Some(value)),
+        Err(error) => (Err(error), None),
+    };
+    let all = each_told("the end", told, &mut |_| Some(()));
+    OVER.store(true, Relaxed);
+    all.and_then(|()| value.ok_or_else(|| apart("the end")))
+}
+
+/// MPI's own end, after [`end`].
+pub fn leave() {
+    #[cfg(feature = "mpi")]
+    world::leave();
+}
+
+/// Tells all others where this rank is and what it has, or why it failed; `hear` is told what each has.
+#[cfg_attr(not(feature = "mpi"), expect(unused, reason = "there is one rank"))]
+fn each_told(
+    place: &str,
+    told: Result<Vec<u8>>,
+    hear: &mut dyn FnMut(&mut &[u8]) -> Option<()>,
+) -> Result<()> {
+    #[cfg(not(feature = "mpi"))]
+    return told.map(|_| ());
+    #[cfg(feature = "mpi")]
+    {
+        if OVER.load(Relaxed) {
+            return told.map(|_| ());
+        }
+        let (failed, mut bytes, own) = match told {
+            Ok(bytes) => (false, bytes, None),
+            Err(error) => {
+                let (mut bytes, why) = (Vec::new(), error.cause());
+                for text in [&why.place, &why.problem, &why.remedy] {
+                    text.put(&mut bytes).unwrap_or_default();
+                }
+                (true, bytes, Some(error))
+            }
+        };
+        let heads = world::heads([key(place), u64::from(failed), bytes.len() as u64]);
+        if let Some(rank) = heads.iter().position(|head| head[1] != 0) {
+            OVER.store(true, Relaxed);
+            FAILED.store(true, Relaxed);
+            let mut words = vec![0; heads[rank][2] as usize];
+            if rank == world::rank() {
+                words = bytes;
+            }
+            world::broadcast(rank, &mut words);
+            let from = &mut &words[..];
+            let texts: Option<[String; 3]> = Kept::take(from);
+            return Err(match (own, texts) {
+                (Some(own), _) => own,
+                (None, Some([place, problem, remedy])) => {
+                    Error::Job(cause(format!("rank {rank}: {place}"), problem, remedy))
+                }
+                (None, None) => apart(place),
+            });
+        }
+        if heads.iter().any(|head| head[0] != heads[0][0]) {
+            OVER.store(true, Relaxed);
+            FAILED.store(true, Relaxed);
+            return Err(apart(place));
+        }
+        for (rank, head) in heads.iter().enumerate() {
+            let mut theirs = match rank == world::rank() {
+                true => std::mem::take(&mut bytes),
+                false => vec![0; head[2] as usize],
+            };
+            world::broadcast(rank, &mut theirs);
+            hear(&mut &theirs[..]).ok_or_else(|| apart(place))?;
+        }
+        Ok(())
+    }
+}
+
+/// Ranks that are not at the same place.
+fn apart(place: &str) -> Error {
+    Error::Job(cause(
+        format!("rank {}, {place}", rank()),
+        "other ranks are elsewhere in the job",
+        "start the same program with the same arguments, files and kind of processor on all machines",
+    ))
+}
+
+/// A number for a place in the job.
+#[cfg(feature = "mpi")]
+fn key(place: &str) -> u64 {
+    use crate::geometry::random::scrambled;
+    place
+        .bytes()
+        .fold(0, |key, byte| scrambled(key ^ u64::from(byte)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_part_is_in_one_share() {
+        for (parts, count) in [(0, 3), (1, 3), (7, 3), (64, 7), (3, 8)] {
+            let shares = (0..count).flat_map(|rank| share_of(parts, rank, count));
+            assert!(shares.eq(0..parts), "{parts} parts, {count} ranks");
+        }
+    }
+
+    #[test]
+    fn one_process_does_all_parts() {
+        let work = |own: Range<usize>, give: &mut dyn FnMut(usize)| {
+            own.for_each(|part| give(10 * part));
+            Ok(())
+        };
+        let mut taken = Vec::new();
+        share("parts", 4, work, &mut |value| taken.push(value)).unwrap();
+        assert_eq!(taken, [0, 10, 20, 30]);
+        assert_eq!(of_first("value", || Ok(3u32)).unwrap(), 3);
+    }
+}

@@ -1,0 +1,87 @@
+//! MPI itself.
+
+use std::sync::{Mutex, OnceLock, PoisonError};
+
+use mpi::Threading;
+use mpi::environment::Universe;
+use mpi::traits::{Communicator, CommunicatorCollectives, Root};
+
+use super::started_as_one_of;
+use crate::error::{Error, Result, cause};
+
+/// Bytes that are passed on at once: MPI counts them with 31 bits.
+const AT_ONCE: usize = 1 << 28;
+
+/// MPI is there until the process has told the others that it ends.
+static UNIVERSE: Mutex<Option<Universe>> = Mutex::new(None);
+/// This process's number, and how many there are.
+static PLACE: OnceLock<[usize; 2]> = OnceLock::new();
+
+/// Joins the other processes, if there are any.
+pub fn join() -> Result<()> {
+    if started_as_one_of() == 1 {
+        return Ok(());
+    }
+    let refuse = |problem: &str| {
+        let remedy = "start it with the mpirun of the MPI library that it was built with";
+        Error::Job(cause("MPI", problem, remedy))
+    };
+    let (universe, threading) = mpi::initialize_with_threading(Threading::Serialized)
+        .ok_or_else(|| refuse("was joined before"))?;
+    if threading < Threading::Serialized {
+        return Err(refuse(
+            "does not take calls from other threads than the first",
+        ));
+    }
+    let world = universe.world();
+    let place = [world.rank() as usize, world.size() as usize];
+    if place[1] != started_as_one_of() {
+        return Err(refuse("counts other ranks than were started"));
+    }
+    let _ = PLACE.set(place);
+    *UNIVERSE.lock().unwrap_or_else(PoisonError::into_inner) = Some(universe);
+    Ok(())
+}
+
+/// This process's number.
+pub fn rank() -> usize {
+    PLACE.get().map_or(0, |place| place[0])
+}
+
+/// How many there are.
+pub fn size() -> usize {
+    PLACE.get().map_or(1, |place| place[1])
+}
+
+/// The heads of what all ranks have to tell.
+pub fn heads(own: [u64; 3]) -> Vec<[u64; 3]> {
+    let mut all = vec![[0u64; 3]; size()];
+    let universe = UNIVERSE.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some(universe) = &*universe {
+        universe
+            .world()
+            .all_gather_into(&own[..], all.as_flattened_mut());
+    }
+    all
+}
+
+/// Gives what a rank has to all others, which have room for it.
+pub fn broadcast(from: usize, bytes: &mut [u8]) {
+    let universe = UNIVERSE.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some(universe) = &*universe {
+        let (world, from) = (universe.world(), from as i32);
+        for part in bytes.chunks_mut(AT_ONCE) {
+            world.process_at_rank(from).broadcast_into(part);
+        }
+    }
+}
+
+/// MPI's own end, after which no rank hears of this one.
+pub fn leave() {
+    drop(
+        UNIVERSE
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .take(),
+    );
+}

@@ -3,6 +3,7 @@
 # make bench-networks   what becomes of twenty random fault networks, some minutes
 # make bench-labels   meshes of labelled images beside CGAL's: DATA=folder with other people's images
 # make reservoir   from a seismic volume to ten years of its simulation, in target/reservoir
+# make mpi-test   install Open MPI if it is missing, then one job by several processes
 # make wheel  the Python package for others, with all libraries that it needs, in target/wheels
 # make python-test   build the Python package and run every test of it
 # make deb    a Debian package of the program, in target/debian
@@ -13,7 +14,7 @@
 # make soak   kills, interrupts, full disks and too little memory: RUNS=100 of each
 
 .POSIX:
-.PHONY: figures fuzz soak help demo reservoir test wheel python-test deb package book bench bench-networks bench-labels validators packages
+.PHONY: figures fuzz soak help demo reservoir test mpi-test wheel python-test deb package book bench bench-networks bench-labels validators packages
 
 SAMPLE = data/faults.vti
 
@@ -48,6 +49,11 @@ test: packages
 	ATOMESH_SKIPPED="$$PWD/target/skipped" cargo test --workspace --locked
 	@scripts/skipped.sh target/skipped
 	python3 scripts/figures.py target/debug/atomesh --check
+
+mpi-test:
+	@scripts/packages.sh libopenmpi-dev openmpi-bin
+	cargo clippy --features mpi --lib --bins --test ranks --locked -- -D warnings
+	cargo test --features mpi --locked --test ranks
 
 wheel: packages
 	@scripts/python.sh wheel

@@ -2,9 +2,10 @@
 # Installs what atomesh needs from the system and lacks: TetGen, CGAL, a C++ compiler, and the
 # libclang with which the TetGen bindings are generated. Debian and Ubuntu only; elsewhere it says
 # what to install and stops.
+#   packages.sh [PACKAGE...]   these besides
 set -eu
 
-packages="g++ libtet1.5-dev libcgal-dev libclang-dev"
+packages="g++ libtet1.5-dev libcgal-dev libclang-dev $*"
 
 if ! command -v cargo >/dev/null 2>&1; then
     echo "error: cargo: not found; install Rust from https://rustup.rs" >&2

@@ -133,6 +133,10 @@ pub fn doctor(console: &mut Console) -> Result<()> {
                 "no second opinion, refinement or exudation",
             ),
         ),
+        (
+            "MPI",
+            built(cfg!(feature = "mpi"), "built in", "one process a job"),
+        ),
         ("processors", threads.to_string()),
         (
             "work folder",

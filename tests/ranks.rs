@@ -1,0 +1,197 @@
+//! One job by several processes: `mpirun atomesh mesh`.
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "a test that cannot go on has failed"
+)]
+
+mod common;
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use common::{files, succeed};
+
+/// The program under test as so many ranks.
+fn ranks(folder: &Path, count: usize) -> Command {
+    let mut command = Command::new("mpirun");
+    command
+        .current_dir(folder)
+        .args(["--oversubscribe", "-n", &count.to_string()])
+        .arg(env!("CARGO_BIN_EXE_atomesh"))
+        // In a container root is who is there.
+        .env("OMPI_ALLOW_RUN_AS_ROOT", "1")
+        .env("OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "1");
+    command
+}
+
+/// Runs and asserts exit code 0.
+fn shared(folder: &Path, count: usize, words: &str) -> Output {
+    let line = words.split_whitespace();
+    let output = ranks(folder, count).args(line).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{count} ranks, {words}: {said}");
+    output
+}
+
+/// Runs, asserts that it fails and leaves nothing behind; gives what our program said.
+fn refused(folder: &Path, count: usize, words: &str) -> Vec<String> {
+    let before = files(folder);
+    let line = words.split_whitespace();
+    let output = ranks(folder, count).args(line).output().unwrap();
+    assert!(!output.status.success(), "{words}");
+    assert!(
+        files(folder) == before,
+        "{words}: something was left behind"
+    );
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    let ours = said.lines().filter(|line| line.starts_with("error: "));
+    ours.map(str::to_string).collect()
+}
+
+/// Faults that cross, in noise.
+fn network(folder: &Path, dims: &str) {
+    let line = ["synth", "network", "--dims", dims, "--rng-seed", "3"];
+    succeed(folder, &[&line[..], &["-o", "net.npy", "--quiet"]].concat());
+}
+
+#[test]
+fn the_mesh_has_the_same_bytes_for_any_number_of_ranks() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    network(folder, "72,64,80");
+    let job = "mesh net.npy --feature auto --distance 6 --quiet";
+    let alone: Vec<&str> = job.split_whitespace().chain(["-o", "one.vtu"]).collect();
+    succeed(folder, &alone);
+    let one = fs::read(folder.join("one.vtu")).unwrap();
+    for count in [1, 2, 3, 4, 7] {
+        shared(folder, count, &format!("{job} -o many.vtu"));
+        assert!(
+            fs::read(folder.join("many.vtu")).unwrap() == one,
+            "{count} ranks"
+        );
+    }
+    // Stages that two ranks have kept three go on from.
+    shared(folder, 2, &format!("{job} -o many.vtu --checkpoint kept"));
+    fs::remove_file(folder.join("kept/5-improved.checkpoint")).unwrap();
+    shared(folder, 3, &format!("{job} -o many.vtu --checkpoint kept"));
+    assert!(
+        fs::read(folder.join("many.vtu")).unwrap() == one,
+        "from checkpoints"
+    );
+}
+
+#[test]
+fn many_points_are_triangulated_by_all_ranks() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    network(folder, "64,64,72");
+    let job = "mesh net.npy --distance 2 --slivers none --quiet";
+    let alone: Vec<&str> = job.split_whitespace().chain(["-o", "one.vtu"]).collect();
+    succeed(folder, &alone);
+    shared(folder, 3, &format!("{job} -o many.vtu"));
+    let [one, many] = ["one.vtu", "many.vtu"].map(|name| fs::read(folder.join(name)).unwrap());
+    assert!(one == many);
+}
+
+#[test]
+fn parts_put_together_are_the_mesh() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    network(folder, "72,64,80");
+    let job = "mesh net.npy --distance 6 --quiet";
+    let alone: Vec<&str> = job.split_whitespace().chain(["-o", "one.vtu"]).collect();
+    succeed(folder, &alone);
+    shared(folder, 3, &format!("{job} -o parts.pvtu"));
+    for part in 0..3 {
+        assert!(folder.join(format!("parts_000{part}.vtu")).exists());
+    }
+    let [one, parts] = ["one.vtu", "parts.pvtu"].map(|name| {
+        let path = folder.join(name);
+        atomesh::store::read_any_mesh(&path).unwrap()
+    });
+    assert!(one == parts);
+    // Other verbs read them.
+    let quality = |name| succeed(folder, &["quality", name, "--json", "--quiet"]);
+    let [one, parts] = ["one.vtu", "parts.pvtu"].map(quality);
+    assert_eq!(one.replace("one.vtu", "parts.pvtu"), parts);
+}
+
+#[test]
+fn what_one_rank_cannot_read_ends_all_with_one_error() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    network(folder, "64,48,96");
+    let convert = ["convert", "net.npy", "net.zarr", "--quiet"];
+    succeed(folder, &convert);
+    let job = "mesh net.zarr --distance 8 -o out.pvtu --quiet";
+    // The last chunk there is.
+    let chunks = files(&folder.join("net.zarr")).into_iter();
+    let chunks = chunks.filter(|(path, _)| !path.ends_with("zarr.json"));
+    fs::write(chunks.max().unwrap().0, b"no chunk").unwrap();
+    let said = refused(folder, 3, job);
+    assert_eq!(said.len(), 1, "{said:?}");
+    assert!(
+        said[0].contains("net.zarr") && said[0].contains("; "),
+        "{said:?}"
+    );
+
+    let said = refused(folder, 2, "mesh none.npy --distance 8 -o out.vtu --quiet");
+    assert_eq!(said.len(), 1, "{said:?}");
+    assert!(said[0].contains("none.npy"), "{said:?}");
+    let said = refused(folder, 2, "info net.npy --quiet");
+    assert_eq!(said.len(), 1, "{said:?}");
+    assert!(said[0].contains("atomesh mesh only"), "{said:?}");
+    let trace = "mesh net.npy --distance 8 -o out.vtu --trace out.pvd --quiet";
+    let said = refused(folder, 2, trace);
+    assert!(said.len() == 1 && said[0].contains("--trace"), "{said:?}");
+}
+
+#[test]
+fn a_rank_that_is_killed_ends_the_job() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    network(folder, "96,96,96");
+    let before = files(folder);
+    let job = "mesh net.npy --distance 5 -o out.pvtu --quiet";
+    let mut job = ranks(folder, 3)
+        .args(job.split_whitespace())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    // Children of mpirun that are at work.
+    let begun = Instant::now();
+    let child = loop {
+        if let Some(child) = children(job.id()).last() {
+            break child.to_string();
+        }
+        assert!(
+            begun.elapsed() < Duration::from_secs(60),
+            "no rank has begun"
+        );
+        sleep(Duration::from_millis(5));
+    };
+    sleep(Duration::from_millis(300));
+    let killed = Command::new("kill").args(["-9", &child]).status().unwrap();
+    assert!(killed.success());
+    let begun = Instant::now();
+    let ended = job.wait().unwrap();
+    assert!(!ended.success());
+    assert!(begun.elapsed() < Duration::from_secs(60));
+    assert!(files(folder) == before, "something was left behind");
+}
+
+/// The processes that a process has started.
+fn children(parent: u32) -> Vec<u32> {
+    let all = fs::read_dir("/proc").unwrap().filter_map(|entry| {
+        let id: u32 = entry.ok()?.file_name().to_str()?.parse().ok()?;
+        let stat = fs::read_to_string(format!("/proc/{id}/stat")).ok()?;
+        // Its name is in brackets; then come its state and its parent.
+        let of = stat.rsplit_once(')')?.1.split_whitespace().nth(1)?;
+        (of.parse() == Ok(parent)).then_some(id)
+    });
+    all.collect()
+}

@@ -177,8 +177,8 @@ fn start_threads(count: Option<usize>) -> Result<()> {
         return Err(refuse("is not from 1 to 4096"));
     }
     let processors = || thread::available_parallelism().map_or(1, usize::from);
-    let own = || (processors() / ranks::on_this_machine()).max(1);
-    let few = (ranks::on_this_machine() > 1).then(own);
+    let few = (ranks::sharing_processors() > 1)
+        .then(|| (processors() / ranks::sharing_processors()).max(1));
     rayon::ThreadPoolBuilder::new()
         .num_threads(count.or(few).unwrap_or_default())
         .build_global()

@@ -489,9 +489,9 @@ pub(crate) mod tests {
         .limited(limits);
         samples.smooth(1.5, patience);
         samples.smooth(0.8, patience);
-        let (mut shown, mut next) = (Vec::new(), 0);
-        let count = image.dims()[D - 1];
+        let (count, mut next) = (image.dims()[D - 1], 0);
         let work = &mut |window: &Window<'_, D>| {
+            let mut seen = Vec::new();
             assert_eq!(window.own.start, next, "windows follow one another");
             next = window.own.end;
             for (stack, halo) in [(window.raw, 20), (window.smoothed, 3), (window.blurred, 20)] {
@@ -499,7 +499,7 @@ pub(crate) mod tests {
                 let to = (window.own.end + halo).min(count);
                 assert_eq!(stack.from, from);
                 assert_eq!(stack.volume.dims[D - 1], to - from);
-                shown.extend_from_slice(stack.layers(&window.own));
+                seen.extend_from_slice(stack.layers(&window.own));
                 // What is in the halo is as right as what is the window's own.
                 for side in [from..window.own.start, window.own.end..to] {
                     let layers = stack.layers(&side);
@@ -514,10 +514,12 @@ pub(crate) mod tests {
                     );
                 }
             }
+            seen
         };
-        let all = &|_: Range<usize>| true;
+        let (all, mut shown) = (&|_: Range<usize>| true, Vec::new());
+        let take = &mut |seen: Vec<f32>| shown.extend(seen);
         samples
-            .each(3, Some((0.8, 20)), all, patience, work)
+            .each(3, Some((0.8, 20)), all, patience, work, take)
             .unwrap();
         assert_eq!(next, count);
         shown
@@ -586,9 +588,9 @@ pub(crate) mod tests {
         let mut shown = Vec::new();
         let wanted = &|own: Range<usize>| own.contains(&40);
         let patience = &Patience::endless();
-        let keep = &mut |window: &Window<'_, 3>| shown.push(window.own.clone());
-        samples.each(2, None, wanted, patience, keep).unwrap();
-        assert_eq!(shown.len(), 1);
-        assert_eq!(shown[0], 32..48);
+        let look = &mut |window: &Window<'_, 3>| [window.own.start, window.own.end];
+        let keep = &mut |own: [usize; 2]| shown.push(own);
+        samples.each(2, None, wanted, patience, look, keep).unwrap();
+        assert_eq!(shown, [[32, 48]]);
     }
 }

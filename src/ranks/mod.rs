@@ -34,7 +34,7 @@ pub fn join() -> Result<()> {
     #[cfg(feature = "mpi")]
     world::join()?;
     #[cfg(not(feature = "mpi"))]
-    if started_as_one_of() > 1 {
+    if launched() && size_said().is_some_and(|size| size > 1) {
         return Err(Error::Job(cause(
             "MPI",
             "this program was built without it, and each rank would do the same",
@@ -44,18 +44,53 @@ pub fn join() -> Result<()> {
     Ok(())
 }
 
-/// Of how many processes this is one, as what started it says; 1 if nothing does.
-fn started_as_one_of() -> usize {
-    let said = |name| std::env::var(name).ok()?.parse::<usize>().ok();
-    let names = ["OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS"];
-    names.into_iter().find_map(said).unwrap_or(1)
+/// Whether `mpirun` (of Open MPI, or of MPICH and its like) or Slurm's `srun` has started this process for MPI.
+fn launched() -> bool {
+    let by = ["OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK"];
+    by.into_iter().any(|name| std::env::var_os(name).is_some())
 }
 
-/// How many of the ranks are on this machine.
-pub fn on_this_machine() -> usize {
-    let said = |name| std::env::var(name).ok()?.parse::<usize>().ok();
-    let names = ["OMPI_COMM_WORLD_LOCAL_SIZE", "MPI_LOCALNRANKS"];
-    names.into_iter().find_map(said).unwrap_or(1).max(1)
+/// Of how many processes this is one, as what started it says.
+fn size_said() -> Option<usize> {
+    number(&["OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "SLURM_NTASKS"])
+}
+
+/// The number that the first of these variables has.
+fn number(names: &[&str]) -> Option<usize> {
+    names
+        .iter()
+        .find_map(|name| std::env::var(name).ok()?.parse().ok())
+}
+
+/// How many of the ranks have the processors that this one sees: those on this machine, unless each is bound to some.
+pub fn sharing_processors() -> usize {
+    let local = number(&["OMPI_COMM_WORLD_LOCAL_SIZE", "MPI_LOCALNRANKS"]);
+    match local {
+        Some(local) if launched() && !is_bound() => local.max(1),
+        _ => 1,
+    }
+}
+
+/// Whether this process may run on some of the machine's processors only.
+fn is_bound() -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let allowed = status
+        .lines()
+        .find_map(|line| line.strip_prefix("Cpus_allowed_list:"));
+    let online = std::fs::read_to_string("/sys/devices/system/cpu/online").ok();
+    match (allowed.and_then(listed), online.as_deref().and_then(listed)) {
+        (Some(allowed), Some(online)) => allowed < online,
+        _ => false,
+    }
+}
+
+/// How many numbers a list of ranges has, such as `0-3,8`.
+fn listed(ranges: &str) -> Option<usize> {
+    let count = |range: &str| {
+        let (first, last) = range.split_once('-').unwrap_or((range, range));
+        (last.parse::<usize>().ok()? + 1).checked_sub(first.parse().ok()?)
+    };
+    ranges.trim().split(',').map(count).sum()
 }
 
 /// How many processes share the job.
@@ -253,6 +288,14 @@ mod tests {
             let shares = (0..count).flat_map(|rank| share_of(parts, rank, count));
             assert!(shares.eq(0..parts), "{parts} parts, {count} ranks");
         }
+    }
+
+    #[test]
+    fn lists_of_processors_are_counted() {
+        assert_eq!(listed("0-3,8,10-11\n"), Some(7));
+        assert_eq!(listed("\t0"), Some(1));
+        assert_eq!(listed("3-1"), None);
+        assert_eq!(listed("all"), None);
     }
 
     #[test]

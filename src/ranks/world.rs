@@ -6,7 +6,7 @@ use mpi::Threading;
 use mpi::environment::Universe;
 use mpi::traits::{Communicator, CommunicatorCollectives, Root};
 
-use super::started_as_one_of;
+use super::{launched, size_said};
 use crate::error::{Error, Result, cause};
 
 /// Bytes that are passed on at once: MPI counts them with 31 bits.
@@ -19,7 +19,7 @@ static PLACE: OnceLock<[usize; 2]> = OnceLock::new();
 
 /// Joins the other processes, if there are any.
 pub fn join() -> Result<()> {
-    if started_as_one_of() == 1 {
+    if !launched() {
         return Ok(());
     }
     let refuse = |problem: &str| {
@@ -35,8 +35,8 @@ pub fn join() -> Result<()> {
     }
     let world = universe.world();
     let place = [world.rank() as usize, world.size() as usize];
-    if place[1] != started_as_one_of() {
-        return Err(refuse("counts other ranks than were started"));
+    if place[1] == 1 && size_said().is_some_and(|said| said > 1) {
+        return Err(refuse("finds no other rank, though several were started"));
     }
     let _ = PLACE.set(place);
     *UNIVERSE.lock().unwrap_or_else(PoisonError::into_inner) = Some(universe);

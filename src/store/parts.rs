@@ -282,9 +282,12 @@ mod tests {
         let missing = read_any_vtu(&folder.path().join("mesh3.pvtu")).unwrap_err();
         assert!(missing.to_string().contains("mesh3_0001.vtu"), "{missing}");
         // Parts of another mesh.
-        let few = part_of(whole.clone(), 0, 4);
-        write_vtu(&folder.path().join("mesh2_0001.vtu"), &few).unwrap();
-        let lacks = read_any_vtu(&folder.path().join("mesh2.pvtu")).unwrap_err();
+        let few = part_of(whole.clone(), 0, 8);
+        for part in 1..5 {
+            let path = folder.path().join(format!("mesh8_000{part}.vtu"));
+            write_vtu(&path, &few).unwrap();
+        }
+        let lacks = read_any_vtu(&folder.path().join("mesh8.pvtu")).unwrap_err();
         assert!(lacks.to_string().contains("a part is missing"), "{lacks}");
         let other = MeshFile {
             cell_data: Vec::new(),

@@ -231,7 +231,7 @@ pub const FORMATS: &[Format] = &[
     },
     Format {
         name: "geos",
-        what: "VTU for GEOS: attribute, porosity, permeability",
+        what: "VTU for GEOS: attribute, rock, sets of nodes and faces",
         endings: &["vtu"],
         twin: false,
         any_cells: true,

@@ -117,8 +117,9 @@ pub struct Streams {
     /// Where those of each cell end.
     pub corner_ends: Vec<u64>,
     /// For each cell the number of its faces, and for each of those the number of its nodes and them.
-    faces: Vec<u32>,
-    face_ends: Vec<u64>,
+    pub faces: Vec<u32>,
+    /// Where those of each cell end.
+    pub face_ends: Vec<u64>,
 }
 
 impl Streams {

@@ -9,8 +9,8 @@
 
 use std::path::Path;
 
-use super::groups::{region_name, regions, shift_of_regions};
-use super::simplices::{Named, Simplices};
+use super::groups::{Named, region_name, regions, shift_of_regions};
+use super::simplices::Simplices;
 use crate::error::cause;
 use crate::export::containers::binary::Numbers;
 use crate::export::containers::netcdf::{self, Attribute, File, MOST_BYTES, Variable};

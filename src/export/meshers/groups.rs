@@ -1,6 +1,6 @@
 //! The faces of a mesh that have names: each side of the box, each surface, and what parts two regions.
 
-use crate::mesh::poly::{Beyond, SIDES};
+use crate::mesh::poly::{Beyond, Lists, SIDES};
 use crate::model::reservoir::Model;
 
 /// The number of what is on the boundary, but on no side of the box.
@@ -111,6 +111,58 @@ impl Names {
 /// The groups of a model that have faces.
 pub fn groups(model: &Model) -> Vec<Group> {
     Names::new(model).groups()
+}
+
+/// Sides of cells that have a name.
+pub struct Named {
+    /// As [`Names`] has it; the two sides of a surface along which the mesh is torn end in `_a` (the lower
+    /// one) and `_b`.
+    pub name: String,
+    /// Its number, from 1 on; no other name has it.
+    pub number: usize,
+    /// The nodes of each side, turning anticlockwise seen from outside its cell.
+    pub sides: Lists,
+    /// The cell that each is seen from: of a surface the one below it.
+    pub cells: Vec<u32>,
+}
+
+impl Named {
+    /// A name that has nothing yet.
+    pub fn new(name: String, number: usize) -> Self {
+        Self {
+            name,
+            number,
+            sides: Lists::default(),
+            cells: Vec::new(),
+        }
+    }
+
+    /// All that have a name in a model, as its cells of any shape have them.
+    pub fn of(model: &Model) -> Vec<Self> {
+        let rises = model.rises();
+        let named = |group: Group| {
+            let mut named = Self::new(group.name, group.number);
+            for f in group.faces {
+                let (cell, ring) = seen_from_below(model, &rises, f);
+                named.sides.push(ring);
+                named.cells.push(cell);
+            }
+            named
+        };
+        groups(model).into_iter().map(named).collect()
+    }
+}
+
+/// A face as one of its cells has it, anticlockwise seen from outside that: of a surface the cell below it,
+/// else the first. `rises` are those of [`Model::rises`].
+pub fn seen_from_below(model: &Model, rises: &[bool], face: u32) -> (u32, Vec<u32>) {
+    let mesh = &model.mesh;
+    let mut ring = mesh.faces.get(face as usize).to_vec();
+    let above = rises.get(face as usize).is_some_and(|rises| !rises);
+    if above {
+        ring.reverse();
+    }
+    (mesh.face_cells[face as usize][usize::from(above)], ring)
 }
 
 /// The regions of a model, ascending.

@@ -9,7 +9,7 @@ use std::path::Path;
 
 use super::file::{UNITS, unit_of};
 use super::foreign;
-use super::polyhedra::{self, is_polygon};
+use super::polyhedra::{self, Streams, is_polygon};
 use crate::error::Result;
 use crate::files::Batch;
 use crate::files::vtk::xml::Element;
@@ -147,9 +147,28 @@ pub struct MixedCells {
     pub corners: Lists,
     /// VTK's number of each cell's kind.
     pub kinds: Vec<u8>,
+    /// Of polyhedra, which come first, their faces as VTK lists them.
+    faces: Vec<u32>,
+    /// Where those of each polyhedron end.
+    face_ends: Vec<u64>,
 }
 
 impl MixedCells {
+    /// The cells of a mesh of polyhedra.
+    pub fn polyhedra(mesh: &PolyMesh<3>) -> Self {
+        let streams = Streams::new(mesh);
+        let ends = streams.corner_ends.iter().map(|&end| end as u32);
+        Self {
+            corners: Lists {
+                offsets: [0].into_iter().chain(ends).collect(),
+                items: streams.corners,
+            },
+            kinds: vec![PolyMesh::<3>::VTK_CELL; mesh.sites.len()],
+            faces: streams.faces,
+            face_ends: streams.face_ends,
+        }
+    }
+
     /// Puts a cell behind the others.
     pub fn push(&mut self, kind: u8, corners: impl IntoIterator<Item = u32>) {
         self.corners.push(corners);
@@ -179,6 +198,12 @@ pub fn add_mixed_vtu(
     document.array(integers("connectivity", &cells.corners.items));
     document.array(integers("offsets", &cells.corners.offsets[1..]));
     document.array(Source::slice("types", 1, &cells.kinds));
+    if !cells.faces.is_empty() {
+        document.array(integers("faces", &cells.faces));
+        // Other cells have none.
+        let ends = |i: usize| cells.face_ends.get(i).map_or(-1, |&end| end as i64);
+        document.array(Source::computed("faceoffsets", 1, count, ends));
+    }
     batch.write(path, |out| document.write(out))
 }
 

@@ -181,3 +181,53 @@ fn meshes_of_others_are_good_for_every_verb() {
         "{said}"
     );
 }
+
+#[test]
+fn surfaces_keep_the_names_that_others_gave_them() {
+    let folder = common::sheet_folder();
+    let folder = folder.path();
+    for (format, file) in [("msh", "a.msh"), ("msh2", "b.msh"), ("exodus", "c.exo")] {
+        run(
+            folder,
+            &format!("export tets.vtu --to {format} -o {file} --quiet"),
+        );
+        // Six letters, so that nothing else moves.
+        let path = folder.join(file);
+        let mut bytes = std::fs::read(&path).unwrap();
+        for at in 0..bytes.len() - 6 {
+            if &bytes[at..at + 6] == b"fault1" {
+                bytes[at..at + 6].copy_from_slice(b"Main-A");
+            }
+        }
+        std::fs::write(&path, bytes).unwrap();
+        let said = run(folder, &format!("surface {file} -o {format}.obj --json"));
+        let found: serde_json::Value = serde_json::from_str(&said).unwrap();
+        let surfaces = found["surfaces"].as_array().unwrap();
+        assert_eq!(surfaces.len(), 1, "{said}");
+        assert_eq!(surfaces[0]["name"], "Main-A");
+        assert_eq!(surfaces[0]["kind"], "fault");
+        let table = run(folder, &format!("surface {file} -o {format}.obj"));
+        assert!(table.contains("  Main-A"), "{table}");
+        let text = std::fs::read_to_string(folder.join(format!("{format}.obj"))).unwrap();
+        assert!(text.contains("Main-A"), "{file}");
+        // Exports call it so, and flow has it as number 1.
+        run(
+            folder,
+            &format!("export {file} --to inp -o {format}.inp --quiet"),
+        );
+        let text = std::fs::read_to_string(folder.join(format!("{format}.inp"))).unwrap();
+        assert!(text.contains("NSET=NMAIN_A"), "{file}");
+        let flow = format!("flow {file} -o flow.vtu --pressure xmin=1 --pressure xmax=0 --json");
+        let rate = |how: &str| -> f64 {
+            let said = run(folder, &format!("{flow} {how}"));
+            let found: serde_json::Value = serde_json::from_str(&said).unwrap();
+            found["figures"]["throughput"].as_f64().unwrap()
+        };
+        let (free, hindered) = (rate("--faults open"), rate("--fault-multiplier 1:0.001"));
+        assert!(hindered < 0.5 * free, "{hindered} of {free}");
+        // Written again, the mesh still knows it.
+        rate("--faults open");
+        let said = run(folder, "surface flow.vtu -o flow.obj");
+        assert!(said.contains("Main-A"), "{said}");
+    }
+}

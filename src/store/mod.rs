@@ -8,6 +8,7 @@
 //! - `file`: from a job's outcome to a file
 //! - `cells`: the same for Voronoi cells
 //! - `foreign`: meshes of other programs
+//! - `named`: surfaces that have names in those
 //! - `labels`: regions that are labels of an image
 //! - `depth`: meshes in depth that were made in two-way time
 //! - `stored`: meshes that files hold, whatever their cells are, and the way back to lattice space
@@ -18,6 +19,7 @@ pub(crate) mod file;
 mod foreign;
 pub(crate) mod labels;
 pub(crate) mod lines;
+pub(crate) mod named;
 pub(crate) mod polyhedra;
 pub(crate) mod pvd;
 pub(crate) mod stored;

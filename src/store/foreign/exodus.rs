@@ -32,6 +32,10 @@ pub fn read(bytes: &[u8]) -> Found<Foreign> {
         .map(|(block, name)| (group(block), name))
         .filter(|(_, name)| !name.is_empty())
         .collect();
+    // Sets have numbers below zero, so that none is that of a block.
+    let sets = file.texts("ss_names")?;
+    let sets = (1..).zip(sets).map(|(set, name): (i32, _)| (-set, name));
+    foreign.face_names = names.clone().into_iter().chain(sets).collect();
     let (numbers, names) = settle(names);
     foreign.names = names;
     // Corners of all elements, in order, for the sides of sets.
@@ -74,12 +78,12 @@ pub fn read(bytes: &[u8]) -> Found<Foreign> {
             match kind {
                 Kind::Tet => foreign.tets.push((all, region)),
                 Kind::Triangle => foreign.triangles.push(([a, b, c], region)),
-                Kind::Edge => foreign.edges.push([a, b]),
+                Kind::Edge => foreign.edges.push(([a, b], group(block))),
             }
             elements.push((kind, all));
         }
     }
-    for set in 1.. {
+    for set in 1i32.. {
         let [of, side] = ["elem", "side"].map(|what| format!("{what}_ss{set}"));
         if file.shape(&of).is_none() {
             break;
@@ -95,9 +99,12 @@ pub fn read(bytes: &[u8]) -> Found<Foreign> {
             let side = (side as usize).wrapping_sub(1);
             match kind {
                 Kind::Tet if side < 4 => {
-                    foreign.triangles.push((SIDES[side].map(|k| x[k]), 0));
+                    foreign.triangles.push((SIDES[side].map(|k| x[k]), -set));
                 }
-                Kind::Triangle if side < 3 => foreign.edges.push([x[side], x[(side + 1) % 3]]),
+                Kind::Triangle if side < 3 => {
+                    let edge = [x[side], x[(side + 1) % 3]];
+                    foreign.edges.push((edge, -set));
+                }
                 _ => {}
             }
         }

@@ -11,6 +11,7 @@
 //! - `named`: surfaces that have names in those
 //! - `labels`: regions that are labels of an image
 //! - `depth`: meshes in depth that were made in two-way time
+//! - `solids`: cells of several shapes as polyhedra
 //! - `stored`: meshes that files hold, whatever their cells are, and the way back to lattice space
 
 pub(crate) mod cells;
@@ -22,6 +23,7 @@ pub(crate) mod lines;
 pub(crate) mod named;
 pub(crate) mod polyhedra;
 pub(crate) mod pvd;
+mod solids;
 pub(crate) mod stored;
 pub(crate) mod vtu;
 

@@ -4,7 +4,7 @@
 //! - `exodus`: Exodus II in NetCDF's classic formats
 //! - `netcdf`: these formats
 //!
-//! They become what our own files are: tetrahedra with their region, and the faces within the mesh that
+//! They become what our own files are: polyhedra, or tetrahedra with their region, and the faces within the mesh that
 //! belong to surfaces as faces on features, with the surfaces' names; or triangles of the plane.
 
 mod exodus;
@@ -19,7 +19,7 @@ use super::file::HORIZON_FACES;
 use super::labels::{LabelledRegion, labels_text};
 use super::named::NamedSurfaces;
 use super::vtu::{cell_values, count, read_any_vtu, read_arrays, read_nodes};
-use super::{AnyMesh, MeshFile};
+use super::{AnyMesh, FieldValue, MeshFile};
 use crate::error::{cause, os};
 use crate::files::open;
 use crate::files::vtk::{DataArray, VtkFile};
@@ -41,7 +41,7 @@ pub fn read_any_mesh(path: &Path) -> Result<AnyMesh> {
     let mesh = if first.starts_with(b"$MeshFormat") || first.starts_with(b"$Comments") {
         gmsh::read(&all()?).and_then(Foreign::assembled)
     } else if first.starts_with(b"CDF") {
-        exodus::read(&all()?).and_then(Foreign::assembled)
+        exodus::read(&all()?)
     } else if first.starts_with(b"\x89HDF") {
         Err(Fault {
             problem: "is HDF5, or NetCDF-4 on it".into(),
@@ -56,7 +56,7 @@ pub fn read_any_mesh(path: &Path) -> Result<AnyMesh> {
 /// VTK's numbers of vertices, lines, triangles and tetrahedra, with their corners.
 const SMALLER: [(i64, usize); 4] = [(1, 1), (3, 2), (5, 3), (10, 4)];
 /// Arrays of cells that programs (ours, Gmsh through meshio, Medit, GEOS) number regions by.
-const REGIONS: [&str; 5] = [
+pub(super) const REGIONS: [&str; 5] = [
     "region",
     "gmsh:physical",
     "medit:ref",
@@ -241,49 +241,27 @@ fn made<const D: usize, M: Simplices<D>, const N: usize>(
         let same = faces[first..]
             .iter()
             .take_while(move |(known, _)| within && *known == face);
-        same.map(|(_, group)| group)
+        same.map(|(_, group)| *group).collect::<Vec<i32>>()
     };
-    let called: Vec<(&i32, String)> = (face_names.iter())
-        .map(|(group, name)| (group, plain(name)))
-        .filter(|(_, name)| !name.is_empty() && name != SCRAPS)
-        .collect();
-    let is_horizon = |group: &i32| {
-        let name = called.iter().find(|(known, _)| *known == group);
-        name.is_some_and(|(_, name)| name.to_ascii_lowercase().starts_with("horizon"))
-    };
+    let called = NamedFaces::new(face_names);
     let bits = |is: &dyn Fn(usize, usize) -> bool| -> Vec<u8> {
         let of_cell = |c: usize| (0..N).map(|k| u8::from(is(c, k)) << k).sum();
         (0..mesh.len()).map(of_cell).collect()
     };
-    let marks = bits(&|c, k| groups(c, k).next().is_some());
-    let horizons = bits(&|c, k| groups(c, k).any(is_horizon));
+    let marks = bits(&|c, k| !groups(c, k).is_empty());
+    let horizons = bits(&|c, k| called.any_horizon(&groups(c, k)));
     let mut on = Vec::new();
     for (c, k) in (0..mesh.len()).flat_map(|c| (0..N).map(move |k| (c, k))) {
         let beyond = neighbors[N * c + k];
-        let of_name = |(place, (group, _)): (u32, &(&i32, String))| {
-            groups(c, k).any(|own| own == *group).then_some(place)
-        };
         if beyond as usize > c
-            && let Some(place) = (0..).zip(&called).find_map(of_name)
+            && let Some(place) = called.place(&groups(c, k))
         {
             on.push(([c as u32, beyond], place));
         }
     }
-    let surface_names: Vec<String> = called.iter().map(|(_, name)| name.clone()).collect();
     let regions: Vec<i32> = cells.iter().map(|(_, region)| *region).collect();
-    let mut field_data = NamedSurfaces::new(&surface_names, on).into_fields();
-    if !names.is_empty() {
-        let mut known = regions.clone();
-        known.sort_unstable();
-        known.dedup();
-        let labels = known.iter().map(|&region| LabelledRegion {
-            region,
-            label: f64::from(region),
-            name: names.get(&region).cloned(),
-        });
-        let labels: Vec<_> = labels.collect();
-        field_data.extend(labels_text(&labels));
-    }
+    let mut field_data = called.surfaces(on).into_fields();
+    field_data.extend(labels_field(&regions, names));
     let mut cell_data = vec![
         DataArray::scalars("region", regions),
         DataArray::scalars(M::FEATURE_FACES, marks),
@@ -297,6 +275,62 @@ fn made<const D: usize, M: Simplices<D>, const N: usize>(
         cell_data,
         field_data,
     })
+}
+
+/// The names of groups of faces that make surfaces.
+struct NamedFaces {
+    groups: Vec<i32>,
+    names: Vec<String>,
+}
+
+impl NamedFaces {
+    fn new(groups: &BTreeMap<i32, String>) -> Self {
+        let called = groups.iter().map(|(&group, name)| (group, plain(name)));
+        let (groups, names) = called
+            .filter(|(_, name)| !name.is_empty() && name != SCRAPS)
+            .unzip();
+        Self { groups, names }
+    }
+
+    /// The place among the names of that of a face in these groups, if one of them has a name.
+    fn place(&self, groups: &[i32]) -> Option<u32> {
+        let at = self.groups.iter().position(|own| groups.contains(own));
+        at.map(|at| at as u32)
+    }
+
+    /// Whether one of these groups is a horizon, by its name.
+    fn any_horizon(&self, groups: &[i32]) -> bool {
+        let mut own = self.groups.iter().zip(&self.names);
+        own.any(|(group, name)| {
+            groups.contains(group) && name.to_ascii_lowercase().starts_with("horizon")
+        })
+    }
+
+    /// The surfaces of faces between two cells, each with the place of its name.
+    fn surfaces(&self, faces: Vec<([u32; 2], u32)>) -> NamedSurfaces {
+        NamedSurfaces::new(&self.names, faces)
+    }
+
+    /// The field of faces of polyhedra on horizons: pairs of cells.
+    fn horizons(pairs: Vec<i64>) -> Option<(String, FieldValue)> {
+        (!pairs.is_empty()).then(|| (HORIZON_FACES.into(), FieldValue::Ints(pairs)))
+    }
+}
+
+/// The field that says what regions are called; none if none has a name.
+fn labels_field(regions: &[i32], names: &BTreeMap<i32, String>) -> Option<(String, FieldValue)> {
+    if names.is_empty() {
+        return None;
+    }
+    let mut known = regions.to_vec();
+    known.sort_unstable();
+    known.dedup();
+    let labels = known.iter().map(|&region| LabelledRegion {
+        region,
+        label: f64::from(region),
+        name: names.get(&region).cloned(),
+    });
+    labels_text(&labels.collect::<Vec<_>>())
 }
 
 /// The region that a name of ours stands for: `region7` is 7.

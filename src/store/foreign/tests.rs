@@ -2,7 +2,6 @@
 
 use super::*;
 use crate::mesh::Mesh as _;
-use crate::store::FieldValue;
 
 /// Two tetrahedra on a triangle that is a surface; node 9 belongs to no cell.
 const TEXT_2: &str = "$MeshFormat

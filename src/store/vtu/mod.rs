@@ -4,12 +4,15 @@
 //! tetrahedron is ours: node 3 on the side from which nodes 0, 1, 2 turn anticlockwise. Triangles
 //! lie in the plane z = 0.
 
+mod mixed;
+
 use std::any::Any;
 use std::path::Path;
 
 use super::file::{UNITS, unit_of};
 use super::foreign;
 use super::polyhedra::{self, Streams, is_polygon};
+use super::solids;
 use crate::error::Result;
 use crate::files::Batch;
 use crate::files::vtk::xml::Element;
@@ -371,21 +374,25 @@ macro_rules! with_mesh {
 pub(crate) use crate::with_mesh;
 
 /// Reads a mesh of triangles or polygons in the plane z = 0 (quadrilaterals are polygons), of
-/// tetrahedra as [`read_vtu`] does, or of polyhedra.
+/// tetrahedra as [`read_vtu`] does, or of polyhedra, which tetrahedra, hexahedra, wedges and pyramids beside
+/// each other are, too.
 ///
 /// # Errors
 /// As [`read_vtu`], and for triangles and polygons that are not in that plane.
 pub fn read_any_vtu(path: &Path) -> Result<AnyMesh> {
     let file = VtkFile::read(path, "UnstructuredGrid")?;
     let types = cell_values(&file, file.child(file.piece()?, "Cells")?, "types")?;
-    let triangle = i64::from(TriMesh::VTK_CELL);
+    let [triangle, polyhedron] = [TriMesh::VTK_CELL, PolyMesh::<3>::VTK_CELL].map(i64::from);
     Ok(match types.first() {
         Some(_) if types.iter().all(|&kind| kind == triangle) => AnyMesh::Plane(read_cells(&file)?),
         Some(_) if types.iter().all(|&kind| is_polygon(kind)) => {
             AnyMesh::PlaneCells(polyhedra::read_cells(&file)?)
         }
-        Some(&kind) if kind == i64::from(PolyMesh::<3>::VTK_CELL) => {
+        Some(_) if types.iter().all(|&kind| kind == polyhedron) => {
             AnyMesh::SpaceCells(polyhedra::read_cells(&file)?)
+        }
+        Some(_) if solids::are_mixed(&types) => {
+            AnyMesh::SpaceCells(mixed::read_cells(&file, &types)?)
         }
         Some(_) if foreign::is_mixed(&types) => foreign::mixed(path, &file, &types)?,
         _ => AnyMesh::Space(read_cells(&file)?),

@@ -141,16 +141,18 @@ fn cells<const D: usize, const N: usize>(
                 complete &= !mirrored.add(atom as usize, side);
             }
         }
+        if !complete {
+            continue;
+        }
         // Where welding would break cells, their nodes stay apart, and those around are looked at again.
-        let mut whole: Vec<bool> = Vec::new();
-        while complete {
+        let mut whole = vec![false; mirrored.atoms];
+        loop {
             let rings = std::mem::take(&mut faces.rings);
             let reach = |s: u32| faces.reach(s);
             if weld == 0.0 {
                 return assemble::assemble(&mirrored, rings, nodes, extent, reach);
             }
             let mesh = assemble::assemble(&mirrored, rings, nodes.clone(), extent, reach)?;
-            whole.resize(mirrored.atoms, false);
             let mut more = false;
             for cell in broken(&mesh) {
                 more |= !std::mem::replace(&mut whole[cell as usize], true);

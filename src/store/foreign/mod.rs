@@ -174,8 +174,8 @@ impl Foreign {
             return Err(Fault::damaged(format!("node {node} is not finite")));
         }
         if !self.tets.is_empty() {
-            let faces = (self.triangles, &self.face_names);
-            let file = made::<3, TetMesh, 4>(&self.nodes, &self.tets, faces, &self.names)?;
+            let (faces, names) = (self.triangles, &self.face_names);
+            let file = made::<3, TetMesh, 4>(&self.nodes, &self.tets, faces, names, &self.names)?;
             return Ok(AnyMesh::Space(file));
         }
         if self.triangles.is_empty() {
@@ -192,8 +192,8 @@ impl Foreign {
             });
         }
         let nodes: Vec<[f64; 2]> = self.nodes.iter().map(|x| [x[0], x[1]]).collect();
-        let faces = (self.edges, &self.face_names);
-        let file = made::<2, TriMesh, 3>(&nodes, &self.triangles, faces, &self.names)?;
+        let names = &self.face_names;
+        let file = made::<2, TriMesh, 3>(&nodes, &self.triangles, self.edges, names, &self.names)?;
         Ok(AnyMesh::Plane(file))
     }
 }
@@ -203,7 +203,8 @@ impl Foreign {
 fn made<const D: usize, M: Simplices<D>, const N: usize>(
     nodes: &[[f64; D]],
     cells: &[([u32; N], i32)],
-    (mut faces, face_names): (Vec<([u32; D], i32)>, &BTreeMap<i32, String>),
+    mut faces: Vec<([u32; D], i32)>,
+    face_names: &BTreeMap<i32, String>,
     names: &BTreeMap<i32, String>,
 ) -> Found<MeshFile<M>> {
     let mut place = vec![NONE; nodes.len()];

@@ -1,7 +1,7 @@
 //! Cells of any shape: each a list of faces, each of them a list of nodes and in the file once. The side of a
 //! cell that is in a side set has the place in that list as its number.
 
-use super::{Block, Grid, NFACED, NSIDED, Set, Size, by_regions, places};
+use super::{Block, Grid, NFACED, NSIDED, Region, Set, Size, by_regions, places};
 use crate::export::meshers::groups::{Group, groups, seen_from_below};
 use crate::model::reservoir::Model;
 
@@ -11,7 +11,11 @@ pub fn grid(model: &Model) -> Grid {
     let lists = mesh.faces_of_cells();
     let (order, parts) = by_regions(model);
     let one_more = |n: &u32| *n as i32 + 1;
-    let of_region = |(name, number, cells): (String, i32, std::ops::Range<usize>)| {
+    let of_region = |Region {
+                         name,
+                         number,
+                         cells,
+                     }| {
         let own = || order[cells.clone()].iter().map(|&c| lists.get(c as usize));
         Block {
             name,

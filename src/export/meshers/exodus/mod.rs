@@ -13,6 +13,7 @@
 mod cells;
 mod simplices;
 
+use std::ops::Range;
 use std::path::Path;
 
 use super::groups::{region_name, regions, shift_of_regions};
@@ -165,9 +166,15 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     batch.write(path, |out| netcdf::write(out, &file))
 }
 
-/// The cells in the order of their regions, and for each region its name, its number, and where its cells
-/// are among them.
-fn by_regions(model: &Model) -> (Vec<u32>, Vec<(String, i32, std::ops::Range<usize>)>) {
+/// A region: its name, its number, and where its cells are among those in order.
+struct Region {
+    name: String,
+    number: i32,
+    cells: Range<usize>,
+}
+
+/// The cells in the order of their regions, and these.
+fn by_regions(model: &Model) -> (Vec<u32>, Vec<Region>) {
     let region = &model.mesh.region;
     let mut order: Vec<u32> = (0..region.len() as u32).collect();
     order.sort_by_key(|&cell| region[cell as usize]);
@@ -175,8 +182,11 @@ fn by_regions(model: &Model) -> (Vec<u32>, Vec<(String, i32, std::ops::Range<usi
     let parts = regions(model).into_iter().map(|own| {
         let start = order.partition_point(|&c| region[c as usize] < own);
         let end = order.partition_point(|&c| region[c as usize] <= own);
-        let number = (i64::from(own) + shift) as i32;
-        (region_name(model, own), number, start..end)
+        Region {
+            name: region_name(model, own),
+            number: (i64::from(own) + shift) as i32,
+            cells: start..end,
+        }
     });
     let parts = parts.collect();
     (order, parts)

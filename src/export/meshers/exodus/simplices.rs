@@ -1,7 +1,7 @@
 //! Tetrahedra or triangles. Between the two sides of a surface along which the mesh is torn, wedges of no
 //! thickness, in a block that has its name.
 
-use super::{Block, Grid, Set, Size, by_regions, places};
+use super::{Block, Grid, Region, Set, Size, by_regions, places};
 use crate::export::meshers::groups::Named;
 use crate::export::meshers::simplices::Simplices;
 use crate::model::reservoir::Model;
@@ -25,7 +25,11 @@ pub fn grid(model: &Model, mesh: &Simplices) -> Grid {
     let corners = mesh.size;
     let edges = corners * (corners - 1) / 2;
     let size = corners + if mesh.is_quadratic() { edges } else { 0 };
-    let of_region = |(name, number, cells): (String, i32, std::ops::Range<usize>)| {
+    let of_region = |Region {
+                         name,
+                         number,
+                         cells,
+                     }| {
         let mut parts = Vec::with_capacity(cells.len() * size);
         for &cell in &order[cells] {
             mesh.visit(mesh.get(cell as usize), |n| parts.push(n as i32 + 1));

@@ -60,6 +60,10 @@ pub mod memory;
 pub mod mesh;
 pub mod model;
 pub mod observer;
+#[cfg_attr(
+    not(feature = "cli"),
+    allow(dead_code, reason = "ranks are started by the command line")
+)]
 pub(crate) mod ranks;
 pub mod report;
 pub mod store;

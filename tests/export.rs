@@ -611,3 +611,33 @@ fn images_fill_cells_and_refusals_name_what_is_wrong() {
         assert!(said.contains(want), "{line}\n{said}");
     }
 }
+
+#[test]
+fn opm_flow_takes_decks_in_which_nothing_moves() {
+    let folder = sheet_folder();
+    let folder = folder.path();
+    for (number, deck) in [
+        "opm -o CASE.DATA",
+        "opm -o CASE.DATA --no-gravity",
+        "opm -o CASE.DATA --no-gravity --fluid oil-water",
+        "grdecl -o CASE.GRDECL",
+        "grdecl -o CASE.GRDECL --fluid oil-water",
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let line = format!("export cells.vtu --to {deck} {ROCK} --depth-at-top 1500");
+        run(folder, &line);
+        let mut flow = std::process::Command::new("flow");
+        let out = format!("--output-dir=out{number}");
+        flow.current_dir(folder).args(["CASE.DATA", &out]);
+        if simulator(&mut flow).is_none() {
+            return;
+        }
+        assert!(folder.join(format!("out{number}/CASE.INIT")).exists());
+    }
+    let rock = ROCK.replace(" --quiet", "");
+    let line = format!("export cells.vtu --to opm -o A.DATA {rock} --depth-at-top 9 --days 7");
+    let said = refused(folder, &line.split_whitespace().collect::<Vec<_>>());
+    assert!(said.contains("nothing moves"), "{said}");
+}

@@ -87,7 +87,7 @@ fn every_option_changes_the_files_or_is_refused() {
         ],
     );
     std::fs::write(folder.join("way.csv"), "12,12,2,0.1\n12,12,17,0.1\n").unwrap();
-    let options: [&[(&str, &str)]; 23] = [
+    let options: [&[(&str, &str)]; 24] = [
         &[("--porosity", "0.3")],
         &[("--permeability", "50")],
         &[("--property", "amplitude=sheet.npy")],
@@ -107,6 +107,7 @@ fn every_option_changes_the_files_or_is_refused() {
         &[("--well-radius", "0.2")],
         &[("--fluid", "oil-water")],
         &[("--days", "77")],
+        &[("--injector", "12,12,9:100"), ("--days", "77")],
         &[("--no-gravity", "")],
         &[("--pressure-at-top", "120")],
         &[("--grid", "3,3,3")],

@@ -262,12 +262,21 @@ size.Update()
 mesh = size.GetOutput()
 data, points = mesh.GetCellData(), mesh.GetPointData()
 kinds = np.array([mesh.GetCellType(c) for c in range(mesh.GetNumberOfCells())])
-array = lambda name: vtk_to_numpy(data.GetArray(name))[kinds > 5]
-faces = vtk_to_numpy(data.GetArray('attribute'))[kinds == 5]
+surface = kinds < 10
+array = lambda name: vtk_to_numpy(data.GetArray(name))[~surface]
+numbers, area = (vtk_to_numpy(data.GetArray(name))[surface] for name in ('attribute', 'Area'))
+# As GEOS does: only 64-bit arrays are sets of nodes, and the nodes of cells of each number are one.
+sets = {points.GetArrayName(k): set(np.flatnonzero(vtk_to_numpy(points.GetArray(k))).tolist())
+        for k in range(points.GetNumberOfArrays()) if vtk_to_numpy(points.GetArray(k)).dtype == np.int64}
+nodes = lambda c: [mesh.GetCell(c).GetPointId(i) for i in range(mesh.GetCell(c).GetNumberOfPoints())]
+numbered = {}
+for c, number in zip(np.flatnonzero(surface), numbers.tolist()):
+    numbered.setdefault(number, set()).update(nodes(int(c)))
 print(json.dumps({
-    'kinds': sorted(set(kinds.tolist())), 'faces': faces.tolist(),
-    'sets': {points.GetArrayName(k): int(vtk_to_numpy(points.GetArray(k)).sum())
-             for k in range(points.GetNumberOfArrays())},
+    'kinds': sorted(set(kinds.tolist())), 'faces': numbers.tolist(),
+    'area': {n: float(area[numbers == n].sum()) for n in numbered},
+    'sets': {name: len(own) for name, own in sets.items()},
+    'numbered': [[n for n in numbered if numbered[n] == own] for own in sets.values()],
     'attribute': array('attribute').tolist(), 'integer': array('attribute').dtype.kind,
     'perm': array('rockPerm_permeability')[0].tolist(),
     'pores': float((array('rockPorosity_referencePorosity') * array('Volume')).sum()),
@@ -283,16 +292,26 @@ print(json.dumps({
                 "{name}: {found}"
             );
         }
+        // The sides have the numbers 1 to 6, the first surface 9; each is a set of nodes, too.
         let faces = numbers(&found["faces"]);
-        match mesh {
-            // The sides have the numbers 1 to 6, the first surface 9.
-            "tets" => {
-                let has = |number: f64| faces.iter().filter(|f| **f == number).count() > 40;
-                assert!((1..=6).all(|n| has(f64::from(n))) && has(9.0));
-                assert_eq!(kinds, [5.0, 10.0]);
-            }
-            _ => assert_eq!(kinds.len(), 1),
+        let has = |number: f64| faces.iter().filter(|f| **f == number).count() > 40;
+        assert!((1..=6).all(|n| has(f64::from(n))) && has(9.0));
+        for (number, area) in [("1", 35.0 * 31.0), ("4", 39.0 * 31.0), ("6", 39.0 * 35.0)] {
+            let found = found["area"][number].as_f64().unwrap();
+            assert!(near(found, area, 1e-9), "{mesh}: {found} of {area}");
         }
+        let sets = found["numbered"].as_array().unwrap();
+        assert!(
+            sets.len() >= 8 && sets.iter().all(|numbers| numbers[0].is_u64()),
+            "{found}"
+        );
+        assert!(
+            kinds
+                .iter()
+                .rev()
+                .skip(1)
+                .all(|kind| [5.0, 7.0].contains(kind))
+        );
         assert_eq!(found["integer"], "i");
         let regions = numbers(&found["attribute"]);
         assert!(regions.contains(&1.0) && regions.contains(&2.0));

@@ -129,6 +129,11 @@ impl CaseOptions {
     pub fn case(&self, prepared: &Prepared, console: &Console) -> Result<Case> {
         let days = self.days.unwrap_or(3650.0);
         positive("--days", days)?;
+        if self.days.is_some() && self.injector.is_empty() && self.producer.is_empty() {
+            let problem = "without wells nothing moves, however long";
+            let remedy = "give --injector or --producer, or omit it";
+            return Err(bad("--days", &days.to_string(), problem, remedy));
+        }
         let radius = self.well_radius.unwrap_or(0.1);
         positive("--well-radius", radius)?;
         let model = &prepared.model;

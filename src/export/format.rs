@@ -231,7 +231,7 @@ pub const FORMATS: &[Format] = &[
     },
     Format {
         name: "geos",
-        what: "VTU for GEOS: attribute, porosity, permeability",
+        what: "VTU for GEOS: attribute, rock, sets of nodes and faces",
         endings: &["vtu"],
         twin: false,
         any_cells: true,
@@ -372,7 +372,7 @@ pub const FORMATS: &[Format] = &[
         what: "Exodus II: element blocks, side sets and node sets, values of cells",
         endings: &["exo", "e", "ex2"],
         twin: false,
-        any_cells: false,
+        any_cells: true,
         depth: false,
         holds: NAMES_AND_ROCK,
         write: exodus::write,

@@ -9,8 +9,10 @@
 //! - `file`: from a job's outcome to a file
 //! - `cells`: the same for Voronoi cells
 //! - `foreign`: meshes of other programs
+//! - `named`: surfaces that have names in those
 //! - `labels`: regions that are labels of an image
 //! - `depth`: meshes in depth that were made in two-way time
+//! - `solids`: cells of several shapes as polyhedra
 //! - `stored`: meshes that files hold, whatever their cells are, and the way back to lattice space
 
 pub(crate) mod cells;
@@ -19,9 +21,11 @@ pub(crate) mod file;
 mod foreign;
 pub(crate) mod labels;
 pub(crate) mod lines;
+pub(crate) mod named;
 pub(crate) mod parts;
 pub(crate) mod polyhedra;
 pub(crate) mod pvd;
+mod solids;
 pub(crate) mod stored;
 pub(crate) mod vtu;
 

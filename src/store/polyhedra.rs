@@ -12,8 +12,9 @@ use super::vtu::{
     self, FieldValue, MeshFile, cell_array, cell_values, check_lengths, integers, read_arrays,
     read_fields, read_nodes,
 };
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::files::Batch;
+use crate::files::vtk::xml::Element;
 use crate::files::vtk::{DataArray, Document, Packing, Source, VtkFile};
 use crate::mesh::poly::{Beyond, Lists, NO_CELL, PolyMesh};
 use crate::mesh::{Mesh, TriMesh};
@@ -117,8 +118,9 @@ pub struct Streams {
     /// Where those of each cell end.
     pub corner_ends: Vec<u64>,
     /// For each cell the number of its faces, and for each of those the number of its nodes and them.
-    faces: Vec<u32>,
-    face_ends: Vec<u64>,
+    pub faces: Vec<u32>,
+    /// Where those of each cell end.
+    pub face_ends: Vec<u64>,
 }
 
 impl Streams {
@@ -209,31 +211,19 @@ pub(super) fn read_cells<const D: usize>(file: &VtkFile) -> Result<MeshFile<Poly
         );
         return Err(file.fault(problem, "give a mesh of one kind of cells"));
     }
-    let broken = |what: &str| {
-        let problem = format!("its cells are damaged ({what})");
-        file.fault(problem, "write it again")
-    };
+    let broken = |what: &str| broken(file, what);
     // Every face of every cell: the cell, and its nodes in the cell's stream.
     let numbers = |name: &str| {
         let numbers = cell_array(file, element, name)?.to_u32();
         numbers.ok_or_else(|| broken("their nodes"))
     };
-    let has = |name: &str| (element.children.iter()).any(|a| a.attribute("Name") == Some(name));
     let (stream, ends) = if D == 2 {
         (
             numbers("connectivity")?,
             cell_values(file, element, "offsets")?,
         )
-    } else if has("polyhedron_to_faces") {
-        let [nodes, node_ends, faces] =
-            ["face_connectivity", "face_offsets", "polyhedron_to_faces"].map(numbers);
-        let ends = numbers("polyhedron_offsets")?;
-        listed(&nodes?, &node_ends?, &faces?, &ends).ok_or_else(|| broken("their faces"))?
     } else {
-        (
-            numbers("faces")?,
-            cell_values(file, element, "faceoffsets")?,
-        )
+        streams_of_faces(file, element)?
     };
     let too_many = points.max(stream.len()) >= u32::MAX as usize;
     if types.len() != count || ends.len() != count || too_many {
@@ -292,6 +282,31 @@ pub(super) fn read_cells<const D: usize>(file: &VtkFile) -> Result<MeshFile<Poly
     })
 }
 
+fn broken(file: &VtkFile, what: &str) -> Error {
+    let problem = format!("its cells are damaged ({what})");
+    file.fault(problem, "write it again")
+}
+
+/// The faces of polyhedra in a stream, and where those of each cell end; other cells have none.
+pub(super) fn streams_of_faces(file: &VtkFile, element: &Element) -> Result<(Vec<u32>, Vec<i64>)> {
+    let numbers = |name: &str| {
+        let numbers = cell_array(file, element, name)?.to_u32();
+        numbers.ok_or_else(|| broken(file, "their nodes"))
+    };
+    let has = |name: &str| (element.children.iter()).any(|a| a.attribute("Name") == Some(name));
+    if has("polyhedron_to_faces") {
+        let [nodes, node_ends, faces] =
+            ["face_connectivity", "face_offsets", "polyhedron_to_faces"].map(numbers);
+        let ends = numbers("polyhedron_offsets")?;
+        return listed(&nodes?, &node_ends?, &faces?, &ends)
+            .ok_or_else(|| broken(file, "their faces"));
+    }
+    Ok((
+        numbers("faces")?,
+        cell_values(file, element, "faceoffsets")?,
+    ))
+}
+
 /// Whether cells of VTK's type are polygons, whatever VTK calls them.
 pub(super) fn is_polygon(kind: i64) -> bool {
     let kinds = [TriMesh::VTK_CELL, PolyMesh::<2>::VTK_CELL, QUADRILATERAL];
@@ -326,20 +341,23 @@ fn listed(
 
 /// The faces of all cells as a file has them: those between two cells twice.
 #[derive(Default)]
-struct Sides {
+pub(super) struct Sides {
     /// The cell of each.
     cell: Vec<u32>,
     /// The nodes of each, in order round it.
-    rings: Lists,
+    pub rings: Lists,
 }
 
 impl Sides {
+    /// Adds a face of a cell.
+    pub fn put(&mut self, cell: u32, ring: &[u32]) {
+        self.rings.push(ring.iter().copied());
+        self.cell.push(cell);
+    }
+
     /// Adds the faces in a cell's stream; `None` if it makes no sense.
     fn add<const D: usize>(&mut self, cell: u32, stream: &[u32]) -> Option<()> {
-        let mut put = |ring: &[u32]| {
-            self.rings.push(ring.iter().copied());
-            self.cell.push(cell);
-        };
+        let mut put = |ring: &[u32]| self.put(cell, ring);
         if D == 2 {
             let (&[first, _, ..], &[.., last]) = (stream, stream) else {
                 return None;
@@ -382,7 +400,11 @@ impl Sides {
     }
 
     /// The mesh; `None` if three cells share a face.
-    fn joined<const D: usize>(&self, nodes: Vec<[f64; D]>, cells: usize) -> Option<PolyMesh<D>> {
+    pub fn joined<const D: usize>(
+        &self,
+        nodes: Vec<[f64; D]>,
+        cells: usize,
+    ) -> Option<PolyMesh<D>> {
         let sides = 0..self.cell.len();
         let mut order: Vec<([u32; 3], u32)> = sides
             .into_par_iter()
@@ -431,7 +453,7 @@ impl Sides {
 }
 
 /// The mean of each cell's nodes (each as often as it has faces there).
-fn means<const D: usize>(mesh: &PolyMesh<D>, cells: usize) -> Vec<[f64; D]> {
+pub(super) fn means<const D: usize>(mesh: &PolyMesh<D>, cells: usize) -> Vec<[f64; D]> {
     let mut sums = vec![([0.0; D], 0.0); cells];
     for (f, owners) in mesh.face_cells.iter().enumerate() {
         for &cell in owners {

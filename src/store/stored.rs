@@ -5,6 +5,7 @@ use std::path::Path;
 use super::depth::velocities_of;
 use super::file::{HORIZON_FACES, UNITS, WELD};
 use super::labels::forget_labels;
+use super::named::NamedSurfaces;
 use super::{FieldValue, MeshFile, face_bits_to_physical, write_cells_vtu, write_vtu};
 use crate::error::cause;
 use crate::files::vtk::{DataArray, Values};
@@ -58,6 +59,8 @@ pub struct StoredMesh<const D: usize = 3, M = TetMesh> {
     pub horizons: Vec<bool>,
     /// Share of the cells' size within which nodes of Voronoi cells are welded, the file says.
     pub weld: f64,
+    /// Surfaces that have names in the file.
+    pub named: NamedSurfaces,
     /// What else the file holds.
     pub arrays: MeshFile<()>,
 }
@@ -328,6 +331,7 @@ impl<const D: usize, M: Stored<D>> StoredMesh<D, M> {
         };
         let feature_faces = M::feature_faces(&file, mirrored);
         let horizons = M::horizons(&file, mirrored);
+        let named = NamedSurfaces::of(&file);
         let (mut lattice, arrays) = file.split();
         lattice.exchange(&mut positions, mirrored);
         lattice.find_sides(space.extent);
@@ -338,6 +342,7 @@ impl<const D: usize, M: Stored<D>> StoredMesh<D, M> {
             feature_faces,
             horizons,
             weld: weld.unwrap_or(0.0),
+            named,
             arrays,
         })
     }

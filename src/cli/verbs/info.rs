@@ -27,6 +27,9 @@ pub struct InfoArgs {
     pub input: InputOptions,
 }
 
+/// Longer lists are but counted.
+const MOST: usize = 64;
+
 /// Runs the verb: of an image, or of a mesh.
 pub fn info(args: &InfoArgs, console: &mut Console) -> Result<()> {
     if is_mesh(&args.file) {
@@ -77,9 +80,13 @@ fn describe<const D: usize, M: Mesh<D>>(path: &Path, file: &MeshFile<M>, console
             FieldValue::F64s(values) => json!(values),
             FieldValue::Ints(values) => json!(values),
         };
-        let shown = value
-            .as_str()
-            .map_or_else(|| value.to_string(), |s| s.trim().replace('\n', ", "));
+        let shown = match &value {
+            serde_json::Value::String(text) => text.trim().replace('\n', ", "),
+            serde_json::Value::Array(list) if list.len() > MOST => {
+                format!("{} numbers", list.len())
+            }
+            other => other.to_string(),
+        };
         lines.push(format!("{name}: {shown}"));
         fields.insert(name.clone(), value);
     }

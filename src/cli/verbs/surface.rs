@@ -386,7 +386,8 @@ pub(super) fn write_marked<const D: usize, M: Stored<D>>(
 
 /// What a surface is called in files.
 fn name(measure: &Measure) -> String {
-    format!("{}{}", measure.kind.name(), measure.surface)
+    let own = measure.name.clone();
+    own.unwrap_or_else(|| format!("{}{}", measure.kind.name(), measure.surface))
 }
 
 /// Why dips are not given.
@@ -498,6 +499,10 @@ fn table(measures: &[Measure], dimension: usize, meets: bool) -> String {
         "hole area",
         title("meets")
     )];
+    // Names that are not made of kind and number stand at the end.
+    if measures.iter().any(|m| m.name.is_some()) {
+        lines[0] += "  name";
+    }
     let angle = |angle: Option<f64>| angle.map_or("-".into(), |angle| format!("{angle:.0}"));
     for m in measures.iter().take(MOST) {
         let others = m.meets.iter().filter(|_| meets);
@@ -517,6 +522,9 @@ fn table(measures: &[Measure], dimension: usize, meets: bool) -> String {
             Short(m.hole_area),
             others.join(" ")
         ));
+        if let (Some(name), Some(line)) = (&m.name, lines.last_mut()) {
+            *line += &format!("  {name}");
+        }
     }
     lines
         .iter_mut()

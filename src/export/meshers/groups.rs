@@ -1,6 +1,6 @@
 //! The faces of a mesh that have names: each side of the box, each surface, and what parts two regions.
 
-use crate::mesh::poly::{Beyond, SIDES};
+use crate::mesh::poly::{Beyond, Lists, SIDES};
 use crate::model::reservoir::Model;
 
 /// The number of what is on the boundary, but on no side of the box.
@@ -12,7 +12,7 @@ const SCRAPS: u32 = 8;
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Names {
     /// By number, from 1 on: the sides `xmin` ... `zmax`, `boundary`, `scraps`; then the surfaces `fault1`,
-    /// `horizon2` ..., number 8 + theirs; then `interface_1_2` between regions 1 and 2, where that is on no
+    /// `horizon2` ..., or as the mesh's file calls them, number 8 + theirs; then `interface_1_2` between regions 1 and 2, where that is on no
     /// surface, or where regions are labels.
     pub names: Vec<String>,
     /// The number of each face's name; 0 for none.
@@ -37,17 +37,30 @@ impl Names {
         let mut names: Vec<String> = SIDES.map(String::from).to_vec();
         names.extend(["boundary".into(), "scraps".into()]);
         let kept = (1..).zip(&surfaces.kinds[..surfaces.kept]);
-        names.extend(kept.map(|(number, kind)| format!("{}{number}", kind.name())));
+        for (number, kind) in kept {
+            let own = surfaces.names.get(number - 1);
+            let name = own.map(|name| name.replace('-', "_"));
+            put(
+                &mut names,
+                name.unwrap_or_else(|| format!("{}{number}", kind.name())),
+            );
+        }
 
         let regions = |f: usize| {
             let mut pair = mesh.face_cells[f].map(|cell| mesh.region[cell as usize]);
             pair.sort_unstable();
             (pair[0] != pair[1]).then_some(pair)
         };
-        let surface_of = |f: usize| surfaces.of_connection.get(f).copied().unwrap_or(0);
-        // What parts labels has their names.
+        // What parts labels has their names, unless it has one of its own.
         let labelled = !model.labels.is_empty() && model.torn.is_none();
-        let bare = (0..mesh.inner_faces()).filter(|&f| labelled || surface_of(f) == 0);
+        let surface_of = |f: usize| {
+            let surface = surfaces.of_connection.get(f).copied().unwrap_or(0);
+            match labelled && surface as usize > surfaces.names.len() {
+                true => 0,
+                false => surface,
+            }
+        };
+        let bare = (0..mesh.inner_faces()).filter(|&f| surface_of(f) == 0);
         let mut pairs: Vec<[i32; 2]> = bare.filter_map(regions).collect();
         pairs.sort_unstable();
         pairs.dedup();
@@ -57,12 +70,14 @@ impl Names {
             None => region.to_string().replace('-', "_"),
         };
         let interface = |[a, b]: &[i32; 2]| format!("interface_{}_{}", called(a), called(b));
-        names.extend(pairs.iter().map(interface));
+        for pair in &pairs {
+            put(&mut names, interface(pair));
+        }
 
         let number = |f: usize| match mesh.beyond(f) {
             Beyond::Side(side) => side as u32 + 1,
             Beyond::Nothing => BOUNDARY,
-            Beyond::Cell(_) => match if labelled { 0 } else { surface_of(f) } {
+            Beyond::Cell(_) => match surface_of(f) {
                 0 => regions(f).map_or(0, |pair| {
                     before + 1 + pairs.partition_point(|known| *known < pair) as u32
                 }),
@@ -108,9 +123,69 @@ impl Names {
     }
 }
 
+/// Adds a name; what has one of the others gets another, or both would be one.
+fn put(names: &mut Vec<String>, mut name: String) {
+    while names.contains(&name) {
+        name.push('_');
+    }
+    names.push(name);
+}
+
 /// The groups of a model that have faces.
 pub fn groups(model: &Model) -> Vec<Group> {
     Names::new(model).groups()
+}
+
+/// Sides of cells that have a name.
+pub struct Named {
+    /// As [`Names`] has it; the two sides of a surface along which the mesh is torn end in `_a` (the lower
+    /// one) and `_b`.
+    pub name: String,
+    /// Its number, from 1 on; no other name has it.
+    pub number: usize,
+    /// The nodes of each side, turning anticlockwise seen from outside its cell.
+    pub sides: Lists,
+    /// The cell that each is seen from: of a surface the one below it.
+    pub cells: Vec<u32>,
+}
+
+impl Named {
+    /// A name that has nothing yet.
+    pub fn new(name: String, number: usize) -> Self {
+        Self {
+            name,
+            number,
+            sides: Lists::default(),
+            cells: Vec::new(),
+        }
+    }
+
+    /// All that have a name in a model, as its cells of any shape have them.
+    pub fn of(model: &Model) -> Vec<Self> {
+        let rises = model.rises();
+        let named = |group: Group| {
+            let mut named = Self::new(group.name, group.number);
+            for f in group.faces {
+                let (cell, ring) = seen_from_below(model, &rises, f);
+                named.sides.push(ring);
+                named.cells.push(cell);
+            }
+            named
+        };
+        groups(model).into_iter().map(named).collect()
+    }
+}
+
+/// A face as one of its cells has it, anticlockwise seen from outside that: of a surface the cell below it,
+/// else the first. `rises` are those of [`Model::rises`].
+pub fn seen_from_below(model: &Model, rises: &[bool], face: u32) -> (u32, Vec<u32>) {
+    let mesh = &model.mesh;
+    let mut ring = mesh.faces.get(face as usize).to_vec();
+    let above = rises.get(face as usize).is_some_and(|rises| !rises);
+    if above {
+        ring.reverse();
+    }
+    (mesh.face_cells[face as usize][usize::from(above)], ring)
 }
 
 /// The regions of a model, ascending.
@@ -182,5 +257,12 @@ mod tests {
         assert_eq!(named(&model)[6], ("interface__3_4".into(), 9, 1));
         model.mesh.region = vec![4, 4];
         assert_eq!(named(&model).len(), 6);
+        // Surfaces that have names of their own keep them, but for those of others.
+        model.surfaces.of_connection = vec![1];
+        model.surfaces.kept = 1;
+        for (own, name) in [("Main-fault", "Main_fault"), ("xmin", "xmin_")] {
+            model.surfaces.names = vec![own.into()];
+            assert_eq!(named(&model)[6], (name.into(), 9, 1));
+        }
     }
 }

@@ -10,8 +10,9 @@
 use std::io::Write;
 use std::path::Path;
 
+use super::groups::Named;
 use super::groups::{region_name, regions};
-use super::simplices::{Named, Simplices, Torn};
+use super::simplices::{Simplices, Torn};
 use crate::Result;
 use crate::export::containers::text::{Text, write_items};
 use crate::files::Batch;

@@ -6,12 +6,11 @@ use std::path::Path;
 
 use rayon::prelude::*;
 
-use super::groups::Names;
+use super::groups::{Named, Names, seen_from_below};
 use crate::Result;
 use crate::export::containers::text::write_items;
 use crate::files::Batch;
 use crate::mesh::FACES;
-use crate::mesh::poly::Lists;
 use crate::model::reservoir::Model;
 
 /// The edges of a tetrahedron in whose middle its further nodes are, in Abaqus' order; of a triangle the
@@ -34,19 +33,6 @@ pub struct Simplices<'a> {
     pub named: Vec<Named>,
     /// The surfaces along which the mesh is torn.
     pub torn: Vec<Torn>,
-}
-
-/// Sides of simplices that have a name.
-pub struct Named {
-    /// As [`Names`] has it; the two sides of a surface along which the mesh is torn end in `_a` (the lower
-    /// one) and `_b`.
-    pub name: String,
-    /// Its number, from 1 on; no other name has it.
-    pub number: usize,
-    /// The nodes of each side, turning anticlockwise seen from outside its cell.
-    pub sides: Lists,
-    /// The cell that each is seen from: of a surface the one below it.
-    pub cells: Vec<u32>,
 }
 
 /// A surface along which a mesh is torn.
@@ -99,8 +85,11 @@ impl<'a> Simplices<'a> {
             }
             let mut named = Named::new(group.name, group.number);
             for f in group.faces {
-                let side = rises.get(f as usize).is_some_and(|rises| !rises);
-                named.add(model, &simplices, f, usize::from(side));
+                let (cell, ring) = seen_from_below(model, &rises, f);
+                if let Some(ring) = side(model, &simplices, cell, ring) {
+                    named.sides.push(ring);
+                    named.cells.push(cell);
+                }
             }
             if !named.cells.is_empty() {
                 simplices.named.push(named);
@@ -276,38 +265,20 @@ fn ascending([a, b]: [u32; 2]) -> [u32; 2] {
     [a.min(b), a.max(b)]
 }
 
-impl Named {
-    fn new(name: String, number: usize) -> Self {
-        Self {
-            name,
-            number,
-            sides: Lists::default(),
-            cells: Vec::new(),
+/// The side of a cell that is one of a model's faces, as its own simplices have it; `None` of a layer's
+/// faces that are not upright.
+fn side(model: &Model, simplices: &Simplices, cell: u32, mut ring: Vec<u32>) -> Option<Vec<u32>> {
+    if simplices.size == 3 {
+        // Of a layer's upright faces the lower edge.
+        ring.retain(|&n| (n as usize) < simplices.nodes.len());
+        return (ring.len() == 2).then_some(ring);
+    }
+    if let (Some(torn), Some(tets)) = (&model.torn, &model.tets) {
+        let (before, after) = (&tets.tets[cell as usize], &torn.mesh.tets[cell as usize]);
+        for n in &mut ring {
+            let at = before.iter().position(|m| m == n);
+            *n = after[at.unwrap_or(0)];
         }
     }
-
-    /// Adds a face as one of its two cells has it.
-    fn add(&mut self, model: &Model, simplices: &Simplices, face: u32, side: usize) {
-        let mesh = &model.mesh;
-        let cell = mesh.face_cells[face as usize][side];
-        let mut ring = mesh.faces.get(face as usize).to_vec();
-        if side == 1 {
-            ring.reverse();
-        }
-        if simplices.size == 3 {
-            // Of a layer's upright faces the lower edge.
-            ring.retain(|&n| (n as usize) < simplices.nodes.len());
-            if ring.len() != 2 {
-                return;
-            }
-        } else if let (Some(torn), Some(tets)) = (&model.torn, &model.tets) {
-            let (before, after) = (&tets.tets[cell as usize], &torn.mesh.tets[cell as usize]);
-            for n in &mut ring {
-                let at = before.iter().position(|m| m == n);
-                *n = after[at.unwrap_or(0)];
-            }
-        }
-        self.sides.push(ring);
-        self.cells.push(cell);
-    }
+    Some(ring)
 }

@@ -125,16 +125,21 @@ pub(crate) fn properties(out: Out, case: &Case) -> Done {
     writeln!(out)
 }
 
-/// SUMMARY and SCHEDULE; `open` has the cells that each well is open to.
+/// SUMMARY and SCHEDULE; `open` has the cells that each well is open to. Without wells nothing moves, and there
+/// are no time steps: OPM Flow, whose steps depend on what changes, ends with a failed assertion.
 pub(crate) fn schedule(out: Out, case: &Case, open: &[Vec<Opening>]) -> Done {
     writeln!(out, "SUMMARY\nFPR\nWBHP\n/\nWWIR\n/\nWWPR\n/")?;
     if case.fluid == Fluid::OilWater {
         writeln!(out, "WOPR\n/\nFOPT\nFOIP\nFWIT\nFWPT")?;
     }
     writeln!(out, "\nSCHEDULE\n\nRPTRST\n BASIC=2 /")?;
-    if !case.wells.is_empty() {
-        wells(out, case, open)?;
+    if case.wells.is_empty() {
+        return writeln!(
+            out,
+            "-- No wells: nothing moves, and there are no time steps\n\nEND"
+        );
     }
+    wells(out, case, open)?;
     let step = case.duration / DAY / REPORTS as f64;
     writeln!(out, "TSTEP\n {REPORTS}*{step} /\n\nEND")
 }

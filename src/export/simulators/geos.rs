@@ -1,7 +1,9 @@
 //! A VTU for GEOS: `attribute` says the region of each cell (1 or more), and rock has the names that
 //! GEOS' own examples give it, so that `fieldsToImport` and `fieldNamesInGEOS` are the same. Names of faces
-//! are sets of nodes, arrays of 0 and 1 for `nodesetNames`; beside tetrahedra also triangles, whose
-//! `attribute` is the number of the name, from which GEOS makes sets, too.
+//! are sets of nodes, arrays of 0 and 1 for `nodesetNames` (64-bit, or GEOS does not see them); beside the
+//! cells also triangles or polygons, whose `attribute` is the number of the name: GEOS makes a set of that
+//! number of their nodes. Of faces it reads no sets: it gives each set of nodes one of the same name, the
+//! faces all of whose nodes are in it.
 //!
 //! Of a mesh that is torn along surfaces, `NAME.vtm` has the mesh as its block `main` and a block for each
 //! surface (`faceBlocks`), which says by `collocated_nodes` which nodes of the mesh are at each of its own.
@@ -12,15 +14,15 @@ use std::io::Write;
 use std::path::Path;
 
 use crate::Result;
-use crate::export::meshers::groups::{Names, nodes_of, shift_of_regions};
+use crate::export::meshers::groups::{Named, shift_of_regions};
 use crate::export::meshers::simplices::{Simplices, Torn};
 use crate::files::Batch;
+use crate::files::vtk::DataArray;
 use crate::files::vtk::xml::escape;
-use crate::files::vtk::{DataArray, Packing};
+use crate::mesh::poly::PolyMesh;
 use crate::mesh::{Mesh, TetMesh, TriMesh};
 use crate::model::flow::Split;
 use crate::model::reservoir::Model;
-use crate::store::polyhedra::add_cells_vtu;
 use crate::store::vtu::{MixedCells, add_mixed_vtu};
 
 /// The names of porosity and permeability.
@@ -28,6 +30,7 @@ const ROCK: [&str; 2] = ["rockPorosity_referencePorosity", "rockPerm_permeabilit
 /// VTK's numbers of cells.
 const TRIANGLE: u8 = TriMesh::VTK_CELL;
 const TETRAHEDRON: u8 = TetMesh::VTK_CELL;
+const POLYGON: u8 = PolyMesh::<2>::VTK_CELL;
 const NEEDS: &str = "a mesh for GEOS";
 
 /// Writes the mesh.
@@ -51,42 +54,47 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         });
     }
     arrays.extend(model.properties.iter().cloned());
-    if model.tets.is_some() {
-        return tetrahedra(model, batch, path, arrays);
+    if model.tets.is_none() {
+        let cells = MixedCells::polyhedra(&model.mesh);
+        let named = Named::of(model);
+        return with_faces(batch, path, (&model.mesh.nodes, cells), &named, arrays);
     }
-    let sets = Names::new(model).groups().into_iter();
-    let sets: Vec<DataArray> = sets
-        .map(|group| {
-            set(
-                &group.name,
-                model.mesh.nodes.len(),
-                &nodes_of(model, &group.faces),
-            )
-        })
-        .collect();
-    add_cells_vtu(batch, path, &model.mesh, &sets, &arrays, &[], Packing::None)
+    let mesh = &Simplices::new(model, NEEDS)?;
+    let mut cells = MixedCells::default();
+    (0..mesh.len()).for_each(|t| cells.push(TETRAHEDRON, mesh.get(t).iter().copied()));
+    with_faces(batch, path, (mesh.nodes, cells), &mesh.named, arrays)?;
+    match &model.torn {
+        Some(split) => fractures(mesh, split, batch, path),
+        None => Ok(()),
+    }
 }
 
 /// A set of nodes: 1 where they are in it.
 fn set(name: &str, count: usize, nodes: &[u32]) -> DataArray {
-    let mut within = vec![0i32; count];
+    let mut within = vec![0i64; count];
     nodes.iter().for_each(|&n| within[n as usize] = 1);
     DataArray::scalars(name, within)
 }
 
-/// Tetrahedra and triangles; `arrays` are those of the tetrahedra.
-fn tetrahedra(model: &Model, batch: &mut Batch, path: &Path, arrays: Vec<DataArray>) -> Result<()> {
-    let mesh = &Simplices::new(model, NEEDS)?;
-    let mut cells = MixedCells::default();
-    (0..mesh.len()).for_each(|t| cells.push(TETRAHEDRON, mesh.get(t).iter().copied()));
-    // Triangles have what the cells have that they are seen from.
-    let mut rows: Vec<u32> = (0..mesh.len() as u32).collect();
+/// Cells with what has a name; `arrays` are those of the cells, `attribute` the first.
+fn with_faces(
+    batch: &mut Batch,
+    path: &Path,
+    (nodes, mut cells): (&[[f64; 3]], MixedCells),
+    named: &[Named],
+    arrays: Vec<DataArray>,
+) -> Result<()> {
+    // Faces have what the cells have that they are seen from.
+    let count = cells.kinds.len();
+    let mut rows: Vec<u32> = (0..count as u32).collect();
     let mut numbers = Vec::new();
-    for named in &mesh.named {
-        for (i, &cell) in named.cells.iter().enumerate() {
-            cells.push(TRIANGLE, named.sides.get(i).iter().copied());
+    for own in named {
+        for (i, &cell) in own.cells.iter().enumerate() {
+            let side = own.sides.get(i);
+            let kind = if side.len() == 3 { TRIANGLE } else { POLYGON };
+            cells.push(kind, side.iter().copied());
             rows.push(cell);
-            numbers.push(named.number as i32);
+            numbers.push(own.number as i32);
         }
     }
     let mut arrays: Vec<DataArray> = (arrays.into_iter())
@@ -95,22 +103,13 @@ fn tetrahedra(model: &Model, batch: &mut Batch, path: &Path, arrays: Vec<DataArr
             ..array
         })
         .collect();
-    let mut attribute: Vec<i32> = arrays[0]
-        .values
-        .to_i64()
-        .iter()
-        .map(|&a| a as i32)
-        .collect();
-    attribute[mesh.len()..].copy_from_slice(&numbers);
+    let of_cells = arrays[0].values.to_i64().into_iter().take(count);
+    let attribute: Vec<i32> = of_cells.map(|a| a as i32).chain(numbers).collect();
     arrays[0].values = attribute.into();
-    let sets: Vec<DataArray> = (mesh.named.iter())
-        .map(|named| set(&named.name, mesh.nodes.len(), &named.sides.items))
+    let sets: Vec<DataArray> = (named.iter())
+        .map(|own| set(&own.name, nodes.len(), &own.sides.items))
         .collect();
-    add_mixed_vtu(batch, path, mesh.nodes, &cells, &sets, &arrays)?;
-    match &model.torn {
-        Some(split) => fractures(mesh, split, batch, path),
-        None => Ok(()),
-    }
+    add_mixed_vtu(batch, path, nodes, &cells, &sets, &arrays)
 }
 
 /// The surfaces along which a mesh is torn, each in a file, and the one that lists all.

@@ -527,9 +527,8 @@ mod tests {
     #[test]
     fn a_few_layers_at_a_time_show_what_all_do() {
         use super::{Detector, RidgeSearch, Ridges, Scene};
+        use crate::feature::windows::Samples;
         use crate::feature::windows::tests::ByLayers;
-        use crate::feature::windows::{Samples, Window, layer};
-        use crate::files::kept::fields;
         use crate::image::Source;
         use crate::observer::Patience;
 

@@ -134,6 +134,27 @@ impl<const D: usize> Checked<D> for PolyMesh<D> {
     }
 }
 
+/// The cells that are none: not closed, without their site, flat or inverted, or with a face that has a node
+/// twice; ascending.
+pub fn broken<const D: usize>(mesh: &PolyMesh<D>) -> Vec<u32> {
+    let faces = mesh.faces_of_cells();
+    let shapes = mesh.cell_shapes();
+    let is_ring = |&f: &u32| {
+        let ring = mesh.faces.get(f as usize);
+        ring.len() >= D && (1..ring.len()).all(|i| !ring[..i].contains(&ring[i]))
+    };
+    let is_broken = |cell: &u32| {
+        let (cell, own) = (*cell as usize, faces.get(*cell as usize));
+        let sound = own.iter().all(is_ring)
+            && closed(mesh, cell, own)
+            && holds_site(mesh, cell, own, false)
+            && shapes[cell].0 > 0.0;
+        !sound
+    };
+    let cells = 0..mesh.sites.len() as u32;
+    cells.into_par_iter().filter(is_broken).collect()
+}
+
 /// Whether the cells are columns whose layers, top or base are not level.
 fn in_columns<const D: usize>(mesh: &PolyMesh<D>, bounds: &Bounds<D>) -> bool {
     let most = bounds.tolerance * bounds.longest();

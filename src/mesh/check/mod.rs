@@ -10,6 +10,7 @@ mod flat;
 mod simplices;
 
 pub use cells::CellCheck;
+pub(crate) use cells::broken;
 
 use super::Mesh;
 use crate::observer::Patience;

@@ -34,6 +34,14 @@ pub fn rounded<const D: usize>(atoms: &[[f64; D]], extent: [f64; D]) -> Vec<[f64
 }
 
 impl<const D: usize> Mirrored<D> {
+    /// The atom that a point is, or is an image of.
+    pub fn owner(&self, point: u32) -> usize {
+        match (point as usize).checked_sub(self.atoms) {
+            None => point as usize,
+            Some(image) => self.images[image].0 as usize,
+        }
+    }
+
     /// Atoms, already [`rounded`], with the images that they need and a few more.
     pub fn new(atoms: Vec<[f64; D]>, extent: [f64; D]) -> Self {
         let mut mirrored = Self {

@@ -23,10 +23,11 @@ use rayon::prelude::*;
 
 use crate::error::{Error, Result, cause};
 use crate::geometry::distance2;
-use crate::mesh::check::check;
+use crate::mesh::check::broken;
 use crate::mesh::delaunay;
 use crate::mesh::poly::PolyMesh;
 use mirror::Mirrored;
+use rings::Rings;
 
 /// Nodes nearer to one another, or to a side, than this share of the mean distance between atoms are
 /// one, or on it: far above rounding, far below anything that matters.
@@ -53,7 +54,7 @@ pub fn voronoi(atoms: &[[f64; 3]], extent: [f64; 3]) -> Result<PolyMesh<3>> {
 /// `weld`); volumes still add up to the box's.
 ///
 /// # Errors
-/// As [`voronoi`]; also if cells would not be closed or stay positive, as `weld` is too large.
+/// As [`voronoi`].
 pub fn voronoi_welded(atoms: &[[f64; 3]], extent: [f64; 3], weld: f64) -> Result<PolyMesh<3>> {
     cells(
         atoms,
@@ -122,25 +123,7 @@ fn cells<const D: usize, const N: usize>(
     loop {
         let simplices = rings::ordered(mirrored.atoms, &triangulate(&mirrored.points)?);
         let nodes = nodes::centres(&mirrored, &simplices, extent, tolerance, &centre);
-        // How near to a node others are the same, if that depends on the node.
-        let size = |(simplex, node): (&[u32; N], &[f64; D])| {
-            let atom = &mirrored.points[simplex[0] as usize];
-            tolerance.max(weld * distance2(node, atom).sqrt())
-        };
-        let reaches: Vec<f64> = match weld > 0.0 {
-            true => simplices.par_iter().zip(&nodes).map(size).collect(),
-            false => Vec::new(),
-        };
-        let reach = |s: u32| reaches.get(s as usize).copied().unwrap_or(tolerance);
-        let one = |s: u32, t: u32| {
-            let reach = reach(s).min(reach(t));
-            distance2(&nodes[s as usize], &nodes[t as usize]) <= reach * reach
-        };
-        let narrow = |ring: &[u32]| {
-            let width = ring.iter().map(|&s| reach(s)).fold(f64::INFINITY, f64::min);
-            N > 3 && needles::narrow(ring.iter().map(|&s| nodes[s as usize]), width)
-        };
-        let rings = rings::rings(mirrored.atoms, &simplices, one, narrow);
+        let mut faces = Welded::new(&mirrored, &simplices, &nodes, (tolerance, weld), &[]);
         let mut complete = true;
         // A cell that reaches beyond a side lacks its image in that side.
         for (simplex, node) in simplices.iter().zip(&nodes) {
@@ -153,30 +136,85 @@ fn cells<const D: usize, const N: usize>(
                 }
             }
         }
-        for &atom in rings.iter().flat_map(|part| &part.open) {
+        for &atom in faces.rings.iter().flat_map(|part| &part.open) {
             for side in 0..2 * D {
                 complete &= !mirrored.add(atom as usize, side);
             }
         }
-        if complete {
-            let mesh = assemble::assemble(&mirrored, rings, nodes, extent, reach)?;
-            if weld > 0.0 && !is_whole(&mesh) {
-                return Err(refuse(
-                    format!(
-                        "with nodes welded within {weld} of their distance to the atoms do not close"
-                    ),
-                    "weld less",
-                ));
+        if !complete {
+            continue;
+        }
+        // Where welding would break cells, their nodes stay apart, and those around are looked at again.
+        let mut whole = vec![false; mirrored.atoms];
+        loop {
+            let rings = std::mem::take(&mut faces.rings);
+            let reach = |s: u32| faces.reach(s);
+            if weld == 0.0 {
+                return assemble::assemble(&mirrored, rings, nodes, extent, reach);
             }
-            return Ok(mesh);
+            let mesh = assemble::assemble(&mirrored, rings, nodes.clone(), extent, reach)?;
+            let mut more = false;
+            for cell in broken(&mesh) {
+                more |= !std::mem::replace(&mut whole[cell as usize], true);
+            }
+            if !more {
+                return Ok(mesh);
+            }
+            faces = Welded::new(&mirrored, &simplices, &nodes, (tolerance, weld), &whole);
         }
     }
 }
 
-/// Whether cells that have lost small faces are still cells.
-fn is_whole<const D: usize>(mesh: &PolyMesh<D>) -> bool {
-    let found = check(mesh, [0.0; D], [1.0; D], f64::INFINITY);
-    found.problems.is_empty()
+/// The faces of cells, and how near to each node others are the same.
+struct Welded {
+    rings: Vec<Rings>,
+    reaches: Vec<f64>,
+    tolerance: f64,
+}
+
+impl Welded {
+    /// Nodes within the share `weld` of their distance to atoms are the same, but for those of cells that are
+    /// to stay `whole`.
+    fn new<const D: usize, const N: usize>(
+        mirrored: &Mirrored<D>,
+        simplices: &[[u32; N]],
+        nodes: &[[f64; D]],
+        (tolerance, weld): (f64, f64),
+        whole: &[bool],
+    ) -> Self {
+        let stays = |n: &u32| whole.get(mirrored.owner(*n)).copied().unwrap_or(false);
+        let size = |(simplex, node): (&[u32; N], &[f64; D])| {
+            if simplex.iter().any(stays) {
+                return tolerance;
+            }
+            let atom = &mirrored.points[simplex[0] as usize];
+            tolerance.max(weld * distance2(node, atom).sqrt())
+        };
+        let mut welded = Self {
+            rings: Vec::new(),
+            reaches: match weld > 0.0 {
+                true => simplices.par_iter().zip(nodes).map(size).collect(),
+                false => Vec::new(),
+            },
+            tolerance,
+        };
+        let one = |s: u32, t: u32| {
+            let reach = welded.reach(s).min(welded.reach(t));
+            distance2(&nodes[s as usize], &nodes[t as usize]) <= reach * reach
+        };
+        let narrow = |ring: &[u32]| {
+            let reaches = ring.iter().map(|&s| welded.reach(s));
+            let width = reaches.fold(f64::INFINITY, f64::min);
+            N > 3 && needles::narrow(ring.iter().map(|&s| nodes[s as usize]), width)
+        };
+        welded.rings = rings::rings(mirrored.atoms, simplices, one, narrow);
+        welded
+    }
+
+    fn reach(&self, simplex: u32) -> f64 {
+        let reach = self.reaches.get(simplex as usize);
+        reach.copied().unwrap_or(self.tolerance)
+    }
 }
 
 #[cfg(test)]

@@ -93,6 +93,8 @@ pub struct Model {
 pub struct FaceSurfaces {
     /// The kind of surface 1, 2 ...: they have the numbers that `atomesh surface` gives them.
     pub kinds: Vec<Kind>,
+    /// The names of the first, as far as the mesh's file has names.
+    pub names: Vec<String>,
     /// How many of them, the first, are more than scraps.
     pub kept: usize,
     /// For each connection the number of its surface; 0 for none.
@@ -107,6 +109,7 @@ impl FaceSurfaces {
         let any = of_connection.contains(&1);
         Self {
             kinds: if any { vec![Kind::Fault] } else { Vec::new() },
+            names: Vec::new(),
             kept: usize::from(any),
             of_connection,
         }

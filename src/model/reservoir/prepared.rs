@@ -157,6 +157,7 @@ impl Parts {
         surface.truncate(mesh.inner_faces());
         let surfaces = numbered.map(|found| FaceSurfaces {
             kinds: found.kinds,
+            names: found.names,
             kept: found.kept,
             of_connection: surface,
         });

@@ -14,8 +14,11 @@ use crate::geometry::{add_scaled, cross, dot, in_space, norm, normal, sub, unit}
 /// Figures of one surface, in the space of the nodes that were given. In 2-D, area means length.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Measure {
-    /// Number of the surface; 1 is the largest.
+    /// Number of the surface: those with names come first, then the largest.
     pub surface: usize,
+    /// Its name in the mesh's file, if it has one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
     /// Fault or horizon.
     pub kind: Kind,
     /// Number of facets.
@@ -108,7 +111,10 @@ pub fn measure<const D: usize>(
     let kinds = kinds(surfaces, nodes, horizons);
     (0..surfaces.len())
         .into_par_iter()
-        .map(|s| one(s, surfaces.of(s), kinds[s], nodes, up, meets[s].clone()))
+        .map(|s| Measure {
+            name: surfaces.names.get(s).cloned(),
+            ..one(s, surfaces.of(s), kinds[s], nodes, up, meets[s].clone())
+        })
         .collect()
 }
 
@@ -157,6 +163,7 @@ fn one<const D: usize>(
     let towards = dot(n, up.east).atan2(dot(n, up.north)).to_degrees();
     Measure {
         surface: surface + 1,
+        name: None,
         kind,
         facets: list.len(),
         area,

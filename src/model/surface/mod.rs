@@ -89,8 +89,10 @@ const SHARE: f64 = 0.02;
 pub struct Surfaces<const D: usize> {
     /// Facets of all surfaces, surface by surface.
     pub facets: Vec<[u32; D]>,
-    /// Where the facets of each surface begin, and the end: largest surface first.
+    /// Where the facets of each surface begin, and the end: those with names first, then the largest.
     pub start: Vec<usize>,
+    /// The names of those that have one in the mesh's file.
+    pub names: Vec<String>,
     /// Surfaces that were too small.
     pub dropped: usize,
     /// Their area.
@@ -159,6 +161,7 @@ impl<const D: usize> Surfaces<D> {
         Self {
             start: start.collect(),
             facets: members.iter().map(|m| m.1).collect(),
+            names: Vec::new(),
             dropped: dropped.len(),
             dropped_area: dropped.iter().map(|&s| areas[s]).sum(),
         }
@@ -192,6 +195,26 @@ impl<const D: usize> Surfaces<D> {
         // Sums in another order than in `find`.
         let least = (fewest::<D>() * mean).max(SHARE * largest) * (1.0 - 1e-9);
         areas.iter().take_while(|&&area| area >= least).count()
+    }
+
+    /// These surfaces behind those that have names.
+    #[must_use]
+    pub fn behind(self, names: Vec<String>, named: Vec<Vec<[u32; D]>>) -> Self {
+        let mut start = vec![0];
+        let mut facets: Vec<[u32; D]> = Vec::new();
+        for own in named {
+            facets.extend(own);
+            start.push(facets.len());
+        }
+        let before = facets.len();
+        start.extend(self.start.iter().skip(1).map(|at| at + before));
+        facets.extend(self.facets);
+        Self {
+            facets,
+            start,
+            names,
+            ..self
+        }
     }
 
     /// The facets of a surface.

@@ -91,12 +91,19 @@ fn assembled(
     let of_cells = groups.iter().filter(|((dim, _), _)| *dim == cells);
     let of_cells = of_cells.map(|((_, number), name)| (*number, name.clone()));
     let (numbers, names) = settle(of_cells.collect());
+    let of_faces = groups.iter().filter(|((dim, _), _)| dim + 1 == cells);
     let mut foreign = Foreign {
         names,
+        face_names: of_faces
+            .map(|((_, number), name)| (*number, name.clone()))
+            .collect(),
         ..Foreign::default()
     };
     for ((dim, group), corners) in elements {
-        let region = numbers.get(&group).copied().unwrap_or(group);
+        let region = match dim == cells {
+            true => numbers.get(&group).copied().unwrap_or(group),
+            false => group,
+        };
         let [a, b, c, d] = corners;
         match dim {
             3 => {
@@ -106,7 +113,7 @@ fn assembled(
             2 => foreign
                 .triangles
                 .push(([place(a)?, place(b)?, place(c)?], region)),
-            1 => foreign.edges.push([place(a)?, place(b)?]),
+            1 => foreign.edges.push(([place(a)?, place(b)?], group)),
             _ => {}
         }
     }

@@ -4,8 +4,8 @@
 //! - `exodus`: Exodus II in NetCDF's classic formats
 //! - `netcdf`: these formats
 //!
-//! They become what our own files are: tetrahedra with their region, and the faces within the mesh that
-//! belong to named surfaces as faces on features; or triangles of the plane.
+//! They become what our own files are: polyhedra, or tetrahedra with their region, and the faces within the mesh that
+//! belong to surfaces as faces on features, with the surfaces' names; or triangles of the plane.
 
 mod exodus;
 mod gmsh;
@@ -15,9 +15,11 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
+use super::file::HORIZON_FACES;
 use super::labels::{LabelledRegion, labels_text};
+use super::named::NamedSurfaces;
 use super::vtu::{cell_values, count, read_any_vtu, read_arrays, read_nodes};
-use super::{AnyMesh, MeshFile};
+use super::{AnyMesh, FieldValue, MeshFile};
 use crate::error::{cause, os};
 use crate::files::open;
 use crate::files::vtk::{DataArray, VtkFile};
@@ -39,7 +41,7 @@ pub fn read_any_mesh(path: &Path) -> Result<AnyMesh> {
     let mesh = if first.starts_with(b"$MeshFormat") || first.starts_with(b"$Comments") {
         gmsh::read(&all()?).and_then(Foreign::assembled)
     } else if first.starts_with(b"CDF") {
-        exodus::read(&all()?).and_then(Foreign::assembled)
+        exodus::read(&all()?)
     } else if first.starts_with(b"\x89HDF") {
         Err(Fault {
             problem: "is HDF5, or NetCDF-4 on it".into(),
@@ -54,13 +56,16 @@ pub fn read_any_mesh(path: &Path) -> Result<AnyMesh> {
 /// VTK's numbers of vertices, lines, triangles and tetrahedra, with their corners.
 const SMALLER: [(i64, usize); 4] = [(1, 1), (3, 2), (5, 3), (10, 4)];
 /// Arrays of cells that programs (ours, Gmsh through meshio, Medit, GEOS) number regions by.
-const REGIONS: [&str; 5] = [
+pub(super) const REGIONS: [&str; 5] = [
     "region",
     "gmsh:physical",
     "medit:ref",
     "attribute",
     "CellEntityIds",
 ];
+
+/// The name of faces on features that make no surface in our exports.
+const SCRAPS: &str = "scraps";
 
 /// Whether VTK's cells are tetrahedra with triangles, lines or vertices beside them.
 pub(super) fn is_mixed(types: &[i64]) -> bool {
@@ -142,10 +147,12 @@ struct Foreign {
     tets: Vec<([u32; 4], i32)>,
     /// Corners of triangles, with regions: the cells of a mesh of the plane, else faces.
     triangles: Vec<([u32; 3], i32)>,
-    /// Ends of edges: faces of a mesh of the plane.
-    edges: Vec<[u32; 2]>,
+    /// Ends of edges, each with the number of its group: faces of a mesh of the plane.
+    edges: Vec<([u32; 2], i32)>,
     /// Names of regions.
     names: BTreeMap<i32, String>,
+    /// Names of groups of faces.
+    face_names: BTreeMap<i32, String>,
 }
 
 impl Foreign {
@@ -155,7 +162,7 @@ impl Foreign {
         let used = |corners: &[u32]| corners.iter().all(|&n| (n as usize) < count);
         let known = self.tets.iter().all(|(t, _)| used(t))
             && self.triangles.iter().all(|(t, _)| used(t))
-            && self.edges.iter().all(|e| used(e));
+            && self.edges.iter().all(|(e, _)| used(e));
         if !known {
             return Err(Fault::damaged("has a cell of nodes that it does not have"));
         }
@@ -167,8 +174,8 @@ impl Foreign {
             return Err(Fault::damaged(format!("node {node} is not finite")));
         }
         if !self.tets.is_empty() {
-            let faces = self.triangles.iter().map(|(face, _)| *face).collect();
-            let file = made::<3, TetMesh, 4>(&self.nodes, &self.tets, faces, &self.names)?;
+            let (faces, names) = (self.triangles, &self.face_names);
+            let file = made::<3, TetMesh, 4>(&self.nodes, &self.tets, faces, names, &self.names)?;
             return Ok(AnyMesh::Space(file));
         }
         if self.triangles.is_empty() {
@@ -185,17 +192,19 @@ impl Foreign {
             });
         }
         let nodes: Vec<[f64; 2]> = self.nodes.iter().map(|x| [x[0], x[1]]).collect();
-        let file = made::<2, TriMesh, 3>(&nodes, &self.triangles, self.edges, &self.names)?;
+        let names = &self.face_names;
+        let file = made::<2, TriMesh, 3>(&nodes, &self.triangles, self.edges, names, &self.names)?;
         Ok(AnyMesh::Plane(file))
     }
 }
 
-/// Simplices of `N` nodes with their regions and with marks on the `faces` within the mesh; nodes that no
-/// cell has are left out, and cells turned to be positive.
+/// Simplices of `N` nodes with their regions, and with marks on the faces within the mesh, which have the
+/// numbers of groups and these names; nodes that no cell has are left out, and cells turned to be positive.
 fn made<const D: usize, M: Simplices<D>, const N: usize>(
     nodes: &[[f64; D]],
     cells: &[([u32; N], i32)],
-    mut faces: Vec<[u32; D]>,
+    mut faces: Vec<([u32; D], i32)>,
+    face_names: &BTreeMap<i32, String>,
     names: &BTreeMap<i32, String>,
 ) -> Found<MeshFile<M>> {
     let mut place = vec![NONE; nodes.len()];
@@ -219,44 +228,110 @@ fn made<const D: usize, M: Simplices<D>, const N: usize>(
     let neighbors = mesh
         .neighbors()
         .map_err(|face| Fault::damaged(format!("more than two cells share the face {face:?}")))?;
-    for face in &mut faces {
+    for (face, _) in &mut faces {
         *face = face.map(|n| place[n as usize]);
         face.sort_unstable();
     }
     faces.sort_unstable();
-    let marked = |c: usize| -> u8 {
-        let bit = |k: usize| {
-            let mut face = mesh.face(c, k);
-            face.sort_unstable();
-            let within = neighbors[N * c + k] != NONE;
-            u8::from(within && faces.binary_search(&face).is_ok()) << k
-        };
-        (0..N).map(bit).sum()
+    // The groups of the face of a cell, if it is within the mesh.
+    let groups = |c: usize, k: usize| {
+        let mut face = mesh.face(c, k);
+        face.sort_unstable();
+        let within = neighbors[N * c + k] != NONE;
+        let first = faces.partition_point(|(known, _)| *known < face);
+        let same = faces[first..]
+            .iter()
+            .take_while(move |(known, _)| within && *known == face);
+        same.map(|(_, group)| *group).collect::<Vec<i32>>()
     };
-    let marks: Vec<u8> = (0..mesh.len()).map(marked).collect();
+    let called = NamedFaces::new(face_names);
+    let bits = |is: &dyn Fn(usize, usize) -> bool| -> Vec<u8> {
+        let of_cell = |c: usize| (0..N).map(|k| u8::from(is(c, k)) << k).sum();
+        (0..mesh.len()).map(of_cell).collect()
+    };
+    let marks = bits(&|c, k| !groups(c, k).is_empty());
+    let horizons = bits(&|c, k| called.any_horizon(&groups(c, k)));
+    let mut on = Vec::new();
+    for (c, k) in (0..mesh.len()).flat_map(|c| (0..N).map(move |k| (c, k))) {
+        let beyond = neighbors[N * c + k];
+        if beyond as usize > c
+            && let Some(place) = called.place(&groups(c, k))
+        {
+            on.push(([c as u32, beyond], place));
+        }
+    }
     let regions: Vec<i32> = cells.iter().map(|(_, region)| *region).collect();
-    let mut field_data = Vec::new();
-    if !names.is_empty() {
-        let mut known = regions.clone();
-        known.sort_unstable();
-        known.dedup();
-        let labels = known.iter().map(|&region| LabelledRegion {
-            region,
-            label: f64::from(region),
-            name: names.get(&region).cloned(),
-        });
-        let labels: Vec<_> = labels.collect();
-        field_data.extend(labels_text(&labels));
+    let mut field_data = called.surfaces(on).into_fields();
+    field_data.extend(labels_field(&regions, names));
+    let mut cell_data = vec![
+        DataArray::scalars("region", regions),
+        DataArray::scalars(M::FEATURE_FACES, marks),
+    ];
+    if horizons.iter().any(|&bits| bits > 0) {
+        cell_data.push(DataArray::scalars(HORIZON_FACES, horizons));
     }
     Ok(MeshFile {
         mesh,
         point_data: Vec::new(),
-        cell_data: vec![
-            DataArray::scalars("region", regions),
-            DataArray::scalars(M::FEATURE_FACES, marks),
-        ],
+        cell_data,
         field_data,
     })
+}
+
+/// The names of groups of faces that make surfaces.
+struct NamedFaces {
+    groups: Vec<i32>,
+    names: Vec<String>,
+}
+
+impl NamedFaces {
+    fn new(groups: &BTreeMap<i32, String>) -> Self {
+        let called = groups.iter().map(|(&group, name)| (group, plain(name)));
+        let (groups, names) = called
+            .filter(|(_, name)| !name.is_empty() && name != SCRAPS)
+            .unzip();
+        Self { groups, names }
+    }
+
+    /// The place among the names of that of a face in these groups, if one of them has a name.
+    fn place(&self, groups: &[i32]) -> Option<u32> {
+        let at = self.groups.iter().position(|own| groups.contains(own));
+        at.map(|at| at as u32)
+    }
+
+    /// Whether one of these groups is a horizon, by its name.
+    fn any_horizon(&self, groups: &[i32]) -> bool {
+        let mut own = self.groups.iter().zip(&self.names);
+        own.any(|(group, name)| {
+            groups.contains(group) && name.to_ascii_lowercase().starts_with("horizon")
+        })
+    }
+
+    /// The surfaces of faces between two cells, each with the place of its name.
+    fn surfaces(&self, faces: Vec<([u32; 2], u32)>) -> NamedSurfaces {
+        NamedSurfaces::new(&self.names, faces)
+    }
+
+    /// The field of faces of polyhedra on horizons: pairs of cells.
+    fn horizons(pairs: Vec<i64>) -> Option<(String, FieldValue)> {
+        (!pairs.is_empty()).then(|| (HORIZON_FACES.into(), FieldValue::Ints(pairs)))
+    }
+}
+
+/// The field that says what regions are called; none if none has a name.
+fn labels_field(regions: &[i32], names: &BTreeMap<i32, String>) -> Option<(String, FieldValue)> {
+    if names.is_empty() {
+        return None;
+    }
+    let mut known = regions.to_vec();
+    known.sort_unstable();
+    known.dedup();
+    let labels = known.iter().map(|&region| LabelledRegion {
+        region,
+        label: f64::from(region),
+        name: names.get(&region).cloned(),
+    });
+    labels_text(&labels.collect::<Vec<_>>())
 }
 
 /// The region that a name of ours stands for: `region7` is 7.
@@ -282,20 +357,19 @@ fn settle(groups: BTreeMap<i32, String>) -> (BTreeMap<i32, i32>, BTreeMap<i32, S
 }
 
 fn named(groups: impl IntoIterator<Item = (i32, String)>) -> BTreeMap<i32, String> {
-    let plain = |name: String| -> String {
-        let plain = |c: char| {
-            if c.is_ascii_alphanumeric() || c == '-' {
-                c
-            } else {
-                '_'
-            }
-        };
-        name.chars().take(60).map(plain).collect()
-    };
     let named = groups
         .into_iter()
         .filter(|(_, name)| !name.trim().is_empty());
-    named.map(|(group, name)| (group, plain(name))).collect()
+    named.map(|(group, name)| (group, plain(&name))).collect()
+}
+
+/// A name as far as exports can hold it.
+fn plain(name: &str) -> String {
+    let plain = |c: char| match c.is_ascii_alphanumeric() || c == '-' {
+        true => c,
+        false => '_',
+    };
+    name.trim().chars().take(60).map(plain).collect()
 }
 
 #[cfg(test)]

@@ -140,9 +140,49 @@ fn gmsh_meshes_keep_regions_names_and_surfaces() {
             .into_iter()
             .map(|l| l.name)
             .collect();
+        let named = NamedSurfaces::of(&file);
         if number < 2 {
             assert_eq!(names, [Some("left_lung".into()), Some("rest".into())]);
+            assert_eq!(named.names, ["fault"]);
+            assert_eq!(named.faces, [([0, 1], 1)]);
+        } else {
+            assert!(named.names.is_empty());
         }
+    }
+    let horizon = TEXT_2.replace("\"fault\"", "\"Horizon B\"");
+    let file = tets(horizon.as_bytes());
+    assert_eq!(NamedSurfaces::of(&file).names, ["Horizon_B"]);
+    assert_eq!(
+        file.cell_array("horizon_faces").map(|a| &a.values),
+        file.cell_array("feature_faces").map(|a| &a.values)
+    );
+    // What our exports call scraps is no surface.
+    let scraps = TEXT_2.replace("\"fault\"", "\"scraps\"");
+    assert!(NamedSurfaces::of(&tets(scraps.as_bytes())).names.is_empty());
+}
+
+#[test]
+fn named_surfaces_that_make_no_sense_are_none() {
+    let field = |name: &str, numbers: Vec<i64>| {
+        let file = MeshFile {
+            field_data: vec![
+                ("surface_names".into(), FieldValue::Text(name.into())),
+                ("surface_faces".into(), FieldValue::Ints(numbers)),
+            ],
+            ..MeshFile::<()>::default()
+        };
+        NamedSurfaces::of(&file)
+    };
+    let found = field("a\nb", vec![2, 0, 1, 2, 1, 5]);
+    assert_eq!((found.names.len(), found.between([5, 1])), (1, Some(1)));
+    for numbers in [
+        vec![0, 0, 1],
+        vec![3, 0, 1],
+        vec![1, -1, 1],
+        vec![1, 0],
+        vec![i64::MAX, 0, 1],
+    ] {
+        assert_eq!(field("a\nb", numbers), NamedSurfaces::default());
     }
 }
 

@@ -4,13 +4,16 @@
 //! tetrahedron is ours: node 3 on the side from which nodes 0, 1, 2 turn anticlockwise. Triangles
 //! lie in the plane z = 0.
 
+mod mixed;
+
 use std::any::Any;
 use std::path::Path;
 
 use super::file::{UNITS, unit_of};
 use super::foreign;
 use super::parts::{is_in_parts, read_parts};
-use super::polyhedra::{self, is_polygon};
+use super::polyhedra::{self, Streams, is_polygon};
+use super::solids;
 use crate::error::Result;
 use crate::files::Batch;
 use crate::files::vtk::xml::Element;
@@ -148,9 +151,28 @@ pub struct MixedCells {
     pub corners: Lists,
     /// VTK's number of each cell's kind.
     pub kinds: Vec<u8>,
+    /// Of polyhedra, which come first, their faces as VTK lists them.
+    faces: Vec<u32>,
+    /// Where those of each polyhedron end.
+    face_ends: Vec<u64>,
 }
 
 impl MixedCells {
+    /// The cells of a mesh of polyhedra.
+    pub fn polyhedra(mesh: &PolyMesh<3>) -> Self {
+        let streams = Streams::new(mesh);
+        let ends = streams.corner_ends.iter().map(|&end| end as u32);
+        Self {
+            corners: Lists {
+                offsets: [0].into_iter().chain(ends).collect(),
+                items: streams.corners,
+            },
+            kinds: vec![PolyMesh::<3>::VTK_CELL; mesh.sites.len()],
+            faces: streams.faces,
+            face_ends: streams.face_ends,
+        }
+    }
+
     /// Puts a cell behind the others.
     pub fn push(&mut self, kind: u8, corners: impl IntoIterator<Item = u32>) {
         self.corners.push(corners);
@@ -180,6 +202,12 @@ pub fn add_mixed_vtu(
     document.array(integers("connectivity", &cells.corners.items));
     document.array(integers("offsets", &cells.corners.offsets[1..]));
     document.array(Source::slice("types", 1, &cells.kinds));
+    if !cells.faces.is_empty() {
+        document.array(integers("faces", &cells.faces));
+        // Other cells have none.
+        let ends = |i: usize| cells.face_ends.get(i).map_or(-1, |&end| end as i64);
+        document.array(Source::computed("faceoffsets", 1, count, ends));
+    }
     batch.write(path, |out| document.write(out))
 }
 
@@ -347,7 +375,8 @@ macro_rules! with_mesh {
 pub(crate) use crate::with_mesh;
 
 /// Reads a mesh of triangles or polygons in the plane z = 0 (quadrilaterals are polygons), of
-/// tetrahedra as [`read_vtu`] does, or of polyhedra.
+/// tetrahedra as [`read_vtu`] does, or of polyhedra, which tetrahedra, hexahedra, wedges and pyramids beside
+/// each other are, too.
 ///
 /// Also in parts (`.pvtu`), if these are ours.
 ///
@@ -359,14 +388,17 @@ pub fn read_any_vtu(path: &Path) -> Result<AnyMesh> {
     }
     let file = VtkFile::read(path, "UnstructuredGrid")?;
     let types = cell_values(&file, file.child(file.piece()?, "Cells")?, "types")?;
-    let triangle = i64::from(TriMesh::VTK_CELL);
+    let [triangle, polyhedron] = [TriMesh::VTK_CELL, PolyMesh::<3>::VTK_CELL].map(i64::from);
     Ok(match types.first() {
         Some(_) if types.iter().all(|&kind| kind == triangle) => AnyMesh::Plane(read_cells(&file)?),
         Some(_) if types.iter().all(|&kind| is_polygon(kind)) => {
             AnyMesh::PlaneCells(polyhedra::read_cells(&file)?)
         }
-        Some(&kind) if kind == i64::from(PolyMesh::<3>::VTK_CELL) => {
+        Some(_) if types.iter().all(|&kind| kind == polyhedron) => {
             AnyMesh::SpaceCells(polyhedra::read_cells(&file)?)
+        }
+        Some(_) if solids::are_mixed(&types) => {
+            AnyMesh::SpaceCells(mixed::read_cells(&file, &types)?)
         }
         Some(_) if foreign::is_mixed(&types) => foreign::mixed(path, &file, &types)?,
         _ => AnyMesh::Space(read_cells(&file)?),

@@ -32,7 +32,11 @@ reader = {"exo": vtkExodusIIReader, "vtkhdf": vtkHDFReader, "xdmf": vtkXdmfReade
 reader.SetFileName(path)
 reader.UpdateInformation()
 if ending == "exo":
-    for kind in (reader.ELEM_BLOCK, reader.SIDE_SET, reader.NODE_SET):
+    kinds = [reader.ELEM_BLOCK, reader.NODE_SET]
+    # Of polyhedra, which have blocks of faces, VTK reads no side sets.
+    if reader.GetNumberOfObjects(reader.FACE_BLOCK) == 0:
+        kinds.append(reader.SIDE_SET)
+    for kind in kinds:
         for i in range(reader.GetNumberOfObjects(kind)):
             reader.SetObjectStatus(kind, i, 1)
     reader.SetAllArrayStatus(reader.ELEM_BLOCK, 1)

@@ -1,0 +1,104 @@
+//! Blocks of cells (`NFACED`) that are lists of faces (`NSIDED`).
+
+use super::{Groups, nodes, sides, stray};
+use crate::mesh::poly::PolyMesh;
+use crate::store::MeshFile;
+use crate::store::foreign::netcdf::File;
+use crate::store::foreign::{Fault, Found, NamedFaces, labels_field};
+use crate::store::solids::Solids;
+
+/// Reads them.
+pub fn read(file: &File, groups: Groups) -> Found<MeshFile<PolyMesh<3>>> {
+    let mut faces: Vec<Vec<u32>> = Vec::new();
+    for block in 1.. {
+        let connect = format!("fbconn{block}");
+        if file.shape(&connect).is_none() {
+            break;
+        }
+        faces.extend(lists(file, &connect, &format!("fbepecnt{block}"))?);
+    }
+    let (mut cells, mut region): (Vec<Vec<u32>>, Vec<i32>) = (Vec::new(), Vec::new());
+    for block in 0..groups.ids.len().max(1) {
+        let [of_faces, of_nodes] =
+            ["facconn", "connect"].map(|name| format!("{name}{}", block + 1));
+        if file.shape(&of_faces).is_some() {
+            cells.extend(lists(file, &of_faces, &format!("ebepecnt{}", block + 1))?);
+            region.resize(cells.len(), groups.region(block));
+        } else if file.shape(&of_nodes).is_some() {
+            let kind = file.attribute(&of_nodes, "elem_type").unwrap_or_default();
+            return Err(Fault {
+                problem: format!(
+                    "block {} holds elements '{kind}' beside cells of faces",
+                    groups.number(block)
+                ),
+                remedy: "write all blocks as cells of faces (NFACED)",
+            });
+        }
+    }
+    let ring = |&face: &u32| faces.get(face as usize).cloned();
+    let no_face = || Fault::damaged("has a cell of faces that it does not have");
+    let mut solids = Solids::default();
+    for cell in &cells {
+        let rings: Option<Vec<Vec<u32>>> = cell.iter().map(ring).collect();
+        solids.add(rings.ok_or_else(no_face)?);
+    }
+    let (mut mesh, kept) = solids.assembled(&nodes(file)?).map_err(Fault::damaged)?;
+    mesh.region = region;
+    let mut named = Vec::new();
+    for (set, of, side) in sides(file)? {
+        let cell = of.checked_sub(1).and_then(|at| cells.get(at));
+        let face = cell
+            .zip(side.checked_sub(1))
+            .and_then(|(cell, at)| cell.get(at));
+        let mut nodes = face.and_then(ring).ok_or_else(stray)?;
+        nodes.sort_unstable();
+        named.push((nodes, -set));
+    }
+    named.sort_unstable();
+    let names = NamedFaces::new(&groups.face_names);
+    let mut surfaces = Vec::new();
+    let mut horizons = Vec::new();
+    for f in 0..mesh.inner_faces() {
+        let ring = mesh.faces.get(f).iter().map(|&n| kept[n as usize]);
+        let mut ring: Vec<u32> = ring.collect();
+        ring.sort_unstable();
+        let first = named.partition_point(|(nodes, _)| *nodes < ring);
+        let own = named[first..]
+            .iter()
+            .take_while(|(nodes, _)| *nodes == ring);
+        let own: Vec<i32> = own.map(|(_, group)| *group).collect();
+        mesh.on_feature[f] = !own.is_empty();
+        surfaces.extend(names.place(&own).map(|place| (mesh.face_cells[f], place)));
+        if names.any_horizon(&own) {
+            horizons.extend(mesh.face_cells[f].map(i64::from));
+        }
+    }
+    let mut field_data = names.surfaces(surfaces).into_fields();
+    field_data.extend(NamedFaces::horizons(horizons));
+    field_data.extend(labels_field(&mesh.region, &groups.names));
+    Ok(MeshFile {
+        mesh,
+        point_data: Vec::new(),
+        cell_data: Vec::new(),
+        field_data,
+    })
+}
+
+/// Lists of numbers, which begin with 1 in the file; `counts` says how long each is, or they all have a row.
+fn lists(file: &File, name: &str, counts: &str) -> Found<Vec<Vec<u32>>> {
+    let numbers = file.numbers(name)?;
+    let counts: Vec<f64> = match (file.shape(counts), file.shape(name)) {
+        (None, Some(&[count, size])) => vec![size as f64; count],
+        _ => file.numbers(counts)?,
+    };
+    let damaged = || Fault::damaged(format!("'{name}' is not as long as its parts"));
+    let mut rest = numbers.as_slice();
+    let mut lists = Vec::with_capacity(counts.len());
+    for count in counts {
+        let (own, after) = rest.split_at_checked(count as usize).ok_or_else(damaged)?;
+        rest = after;
+        // Zero is no number, and becomes one that is too large.
+        lists.push(own.iter().map(|&n| (n as u32).wrapping_sub(1)).collect());
+    }
+    rest.is_empty().then_some(lists).ok_or_else(damaged)
+}

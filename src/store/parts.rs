@@ -25,10 +25,15 @@ pub fn is_in_parts(path: &Path) -> bool {
 
 /// The cells of one of `count` parts of a mesh, their nodes and all that is known of both.
 pub fn part_of<const D: usize, M: Simplices<D>>(
-    file: MeshFile<M>,
+    mut file: MeshFile<M>,
     part: usize,
     count: usize,
 ) -> MeshFile<M> {
+    if count == 1 {
+        let numbers: Vec<i64> = (0..file.mesh.nodes().len() as i64).collect();
+        file.point_data.push(DataArray::scalars(NODE, numbers));
+        return file;
+    }
     let cells = file.mesh.len();
     let own = part * cells / count..(part + 1) * cells / count;
     let size = D + 1;

@@ -2,6 +2,11 @@
 
 use std::io::{self, Write};
 
+use sha2::{Digest, Sha256};
+
+/// Bytes of a check sum.
+pub const SUM: usize = 32;
+
 /// What can be written and read again.
 pub trait Kept: Sized {
     /// Writes it.
@@ -12,6 +17,30 @@ pub trait Kept: Sized {
 
     /// Takes it off the beginning of `from`; `None` if it is not there.
     fn take(from: &mut &[u8]) -> Option<Self>;
+}
+
+/// The check sum of a value's bytes.
+///
+/// # Errors
+/// None: they go nowhere.
+pub fn sum(value: &impl Kept) -> io::Result<[u8; SUM]> {
+    let mut sum = Summing(Sha256::new());
+    value.put(&mut sum)?;
+    Ok(sum.0.finalize().into())
+}
+
+/// Only sums up what is written.
+struct Summing(Sha256);
+
+impl Write for Summing {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.update(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
 }
 
 /// Numbers, least significant byte first.

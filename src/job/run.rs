@@ -16,7 +16,7 @@ use crate::lattice::seeding::Alignment;
 use crate::mesh::poly::PolyMesh;
 use crate::observer::{Observer, Stage};
 use crate::report::Report;
-use crate::{Error, Result};
+use crate::{Error, Result, ranks};
 
 /// What a job made, in lattice space, and what led to it.
 #[derive(Debug, Clone)]
@@ -193,6 +193,7 @@ where
                 distance,
                 optimised,
             } = placing.place(source, params, &features, &frame, &mut stages)?;
+            ranks::same("atoms at rest", &atoms)?;
             let scene = Scene {
                 extent,
                 features: &features,

@@ -16,7 +16,7 @@ use crate::lattice::seeding::Atoms;
 use crate::mesh::Mesh;
 use crate::observer::{Patience, Stage};
 use crate::report::{self, Report, Rival};
-use crate::{Error, Result};
+use crate::{Error, Result, ranks};
 
 /// Refuses smoothing where there is nothing to be smoothed.
 pub(super) fn check_smoothing<const D: usize>(params: &Params<D>) -> Result<()> {
@@ -59,6 +59,7 @@ where
         rival,
         ..
     } = joined;
+    ranks::same("the mesh", &made)?;
     let numbers = scene.features.labels.as_ref().map(|labelled| {
         let angle = improvement
             .is_some()

@@ -18,7 +18,7 @@ use std::sync::atomic::AtomicBool;
 use std::sync::atomic::Ordering::Relaxed;
 
 use crate::error::{Error, Result, cause};
-use crate::files::kept::Kept;
+use crate::files::kept::{self, Kept};
 
 /// Nothing is told any more: the job is at its end.
 static OVER: AtomicBool = AtomicBool::new(false);
@@ -177,6 +177,20 @@ pub fn of_first<T: Kept>(what: &str, make: impl FnOnce() -> Result<T>) -> Result
     value.ok_or_else(|| apart(what))
 }
 
+/// Makes sure that all ranks have the same, as they must: processors of different kinds may round otherwise.
+///
+/// # Errors
+/// [`Error::Job`] if they have not.
+pub fn same<T: Kept>(what: &str, value: &T) -> Result<()> {
+    if count() == 1 {
+        return Ok(());
+    }
+    let sum = kept::sum(value).unwrap_or_default();
+    each_told(&format!("{what}, {sum:x?}"), Ok(Vec::new()), &mut |_| {
+        Some(())
+    })
+}
+
 /// The end of the job on this rank, before what it wrote takes its place. It is done only if all others are.
 ///
 /// # Errors
@@ -264,7 +278,7 @@ fn each_told(
 fn apart(place: &str) -> Error {
     Error::Job(cause(
         format!("rank {}, {place}", rank()),
-        "other ranks are elsewhere in the job",
+        "other ranks are elsewhere in the job, or have other results",
         "start the same program with the same arguments, files and kind of processor on all machines",
     ))
 }

@@ -193,12 +193,12 @@ pub fn with_image<const D: usize, M: Mesh<D>>(
     let geometry = space.map_or_else(|| image.geometry().clone(), |space| space.geometry);
     let nodes = file.mesh.nodes().par_iter();
     let nodes: Vec<_> = nodes.map(|&x| geometry.to_index(x)).collect();
-    let cells = file.mesh.cell_volumes();
-    let cells = cells
-        .par_iter()
-        .map(|&(_, middle)| geometry.to_index(middle));
-    let cells: Vec<_> = cells.collect();
-    let (on_nodes, in_cells) = (image.linear(&nodes)?, image.linear(&cells)?);
+    let on_nodes = image.linear(&nodes)?;
+    drop(nodes);
+    // One after the other, so that they take the place of the volumes: there may be a hundred million.
+    let cells = file.mesh.cell_volumes().into_iter();
+    let cells: Vec<_> = cells.map(|(_, at)| geometry.to_index(at)).collect();
+    let in_cells = image.linear(&cells)?;
     let arrays = &mut file.point_data;
     arrays.push(DataArray::scalars(IMAGE, on_nodes));
     let arrays = &mut file.cell_data;

@@ -9,7 +9,7 @@
 mod kept;
 
 use std::fmt::Write as _;
-use std::io::{self, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
@@ -17,15 +17,13 @@ use sha2::{Digest, Sha256};
 use super::{Params, Weight};
 use crate::error::{Error, cause, os};
 pub use crate::files::kept::Kept;
+use crate::files::kept::{SUM, sum};
 use crate::files::{self, atomic};
 use crate::image::{Geometry, Image, Layers, Source};
 use crate::{Result, ranks};
 
 /// How every file of a stage begins.
 const MAGIC: &[u8] = b"atomesh checkpoint 1\n";
-
-/// Bytes of a check sum.
-const SUM: usize = 32;
 
 /// A folder with what the stages of a job gave.
 #[derive(Debug, Clone)]
@@ -183,10 +181,8 @@ impl OfJob {
     /// # Errors
     /// [`Error::Io`] if it cannot be written.
     pub fn keep<T: Kept>(&self, stage: &str, value: &T) -> Result<()> {
-        let mut sum = Summing(Sha256::new());
         let path = self.file(stage);
-        value.put(&mut sum).map_err(|e| os(&path, "write", e))?;
-        let sum = sum.0.finalize();
+        let sum = sum(value).map_err(|e| os(&path, "write", e))?;
         atomic::at_once(|| {
             files::atomic_write(&path, |out| {
                 out.write_all(MAGIC)?;
@@ -195,19 +191,5 @@ impl OfJob {
                 value.put(out)
             })
         })
-    }
-}
-
-/// Only sums up what is written.
-struct Summing(Sha256);
-
-impl Write for Summing {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.0.update(bytes);
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        Ok(())
     }
 }

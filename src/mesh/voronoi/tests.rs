@@ -298,7 +298,6 @@ fn welding_takes_small_faces_away_and_keeps_cells_whole() {
         let found = welded(&mesh, extent, weld);
         assert!(found.passed(), "{weld}: {:?}", found.problems);
         assert!(found.volume_error < 1e-12, "{weld}: {found:?}");
-        println!("{weld}: {} faces of {last}", count(&mesh));
         assert!(count(&mesh) < last, "{weld}");
         last = count(&mesh);
     }

@@ -27,7 +27,6 @@ mod surface;
 mod tidy;
 
 use crate::geometry::buckets::Buckets;
-use crate::geometry::random::{scrambled, signed};
 use crate::geometry::scatter::Scatter;
 use crate::geometry::{distance2, norm, normal};
 use crate::mesh::complex::NONE;
@@ -38,11 +37,6 @@ pub use surface::Surface;
 
 /// Sites nearer to one another than this, in units of the edges round them, are too near.
 const APART: f64 = 0.25;
-
-/// Sites are off their places by up to this, in units of the largest radius: far more than rounding, far less
-/// than what makes two nodes of cells one. Many sites are on each sphere, and where only rounding tells which
-/// is inside, a triangulation takes twice as long.
-const STIR: f64 = 1e-13;
 
 /// Sites on either side of the facets of a surface, and the balls that other atoms keep out of.
 #[derive(Debug)]
@@ -103,12 +97,7 @@ impl<const D: usize> Conforming<D> {
             .iter()
             .filter_map(|&f| self.balls.points(f as usize));
         let rims = self.rims.iter().filter_map(|&rim| self.ahead_of(rim));
-        let stir = STIR * self.largest;
-        let stirred = |x: [f64; D]| {
-            let key = x.iter().fold(0, |key, c| scrambled(key ^ c.to_bits()));
-            std::array::from_fn(|k| x[k] + stir * signed(key, k as u64))
-        };
-        points.flatten().chain(rims).map(stirred).collect()
+        points.flatten().chain(rims).collect()
     }
 
     /// Where sites and other atoms may stand.

@@ -52,8 +52,7 @@ test: packages
 
 mpi-test:
 	@scripts/packages.sh libopenmpi-dev openmpi-bin
-	cargo clippy --features mpi --lib --bins --test ranks --locked -- -D warnings
-	cargo test --features mpi --locked --test ranks
+	cargo test --workspace --features atomesh/mpi --locked --test ranks
 
 wheel: packages
 	@scripts/python.sh wheel

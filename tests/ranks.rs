@@ -62,7 +62,7 @@ fn network(folder: &Path, dims: &str) {
 fn the_mesh_has_the_same_bytes_for_any_number_of_ranks() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    network(folder, "72,64,80");
+    network(folder, "56,48,64");
     let job = "mesh net.npy --feature auto --distance 6 --quiet";
     let alone: Vec<&str> = job.split_whitespace().chain(["-o", "one.vtu"]).collect();
     succeed(folder, &alone);
@@ -101,7 +101,7 @@ fn many_points_are_triangulated_by_all_ranks() {
 fn parts_put_together_are_the_mesh() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    network(folder, "72,64,80");
+    network(folder, "56,48,64");
     let job = "mesh net.npy --distance 6 --quiet";
     let alone: Vec<&str> = job.split_whitespace().chain(["-o", "one.vtu"]).collect();
     succeed(folder, &alone);

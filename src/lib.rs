@@ -5,7 +5,8 @@
 //! ```text
 //! observer  watching and stopping long work
 //! geometry  vectors, points in buckets, sets: what all houses stand on
-//! files     files that appear whole or not at all; VTK's container
+//! files     files that appear whole or not at all; VTK's container; values as bytes
+//! ranks     processes that share a job (feature `mpi`)
 //! image     samples and where they lie in the world; formats, synthetic images
 //! mesh      cells, their checks and measures; points joined into Delaunay or Voronoi cells
 //! feature   image -> points on features, and the potential b(x) with valleys on them

@@ -54,6 +54,14 @@ fn refused(folder: &Path, count: usize, words: &str) -> Vec<String> {
     ours.map(str::to_string).collect()
 }
 
+/// The mesh of faults in so many samples as one process makes it, in `one.vtu`; gives its bytes.
+fn alone(folder: &Path, dims: &str, job: &str) -> Vec<u8> {
+    network(folder, dims);
+    let line: Vec<&str> = job.split_whitespace().chain(["-o", "one.vtu"]).collect();
+    succeed(folder, &line);
+    fs::read(folder.join("one.vtu")).unwrap()
+}
+
 /// Faults that cross, in noise.
 fn network(folder: &Path, dims: &str) {
     let line = ["synth", "network", "--dims", dims, "--rng-seed", "3"];
@@ -64,11 +72,8 @@ fn network(folder: &Path, dims: &str) {
 fn the_mesh_has_the_same_bytes_for_any_number_of_ranks() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    network(folder, "56,48,64");
     let job = "mesh net.npy --feature auto --distance 6 --quiet";
-    let alone: Vec<&str> = job.split_whitespace().chain(["-o", "one.vtu"]).collect();
-    succeed(folder, &alone);
-    let one = fs::read(folder.join("one.vtu")).unwrap();
+    let one = alone(folder, "56,48,64", job);
     for count in [1, 2, 3, 4, 7] {
         shared(folder, count, &format!("{job} -o many.vtu"));
         assert!(
@@ -90,23 +95,18 @@ fn the_mesh_has_the_same_bytes_for_any_number_of_ranks() {
 fn many_points_are_triangulated_by_all_ranks() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    network(folder, "64,64,72");
     let job = "mesh net.npy --distance 2 --slivers none --quiet";
-    let alone: Vec<&str> = job.split_whitespace().chain(["-o", "one.vtu"]).collect();
-    succeed(folder, &alone);
+    let one = alone(folder, "64,64,72", job);
     shared(folder, 3, &format!("{job} -o many.vtu"));
-    let [one, many] = ["one.vtu", "many.vtu"].map(|name| fs::read(folder.join(name)).unwrap());
-    assert!(one == many);
+    assert!(fs::read(folder.join("many.vtu")).unwrap() == one);
 }
 
 #[test]
 fn parts_put_together_are_the_mesh() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    network(folder, "56,48,64");
     let job = "mesh net.npy --distance 6 --quiet";
-    let alone: Vec<&str> = job.split_whitespace().chain(["-o", "one.vtu"]).collect();
-    succeed(folder, &alone);
+    alone(folder, "56,48,64", job);
     shared(folder, 3, &format!("{job} -o parts.pvtu"));
     for part in 0..3 {
         assert!(folder.join(format!("parts_000{part}.vtu")).exists());

@@ -2,6 +2,7 @@
 
 use super::lookup::Lookup;
 use super::sheets::{NearSheets, SAME_SHEET, Sheets};
+use crate::files::kept::fields;
 use crate::geometry::{add_scaled, dot, norm};
 use crate::lattice::AtomKind;
 
@@ -81,6 +82,10 @@ pub struct Hold {
     /// On one sheet, and no other is near.
     pub alone: bool,
     pub(super) normals: [[f32; 3]; 2],
+}
+
+fields! {
+    Hold as Hold { axes, count, far, alone, normals }
 }
 
 impl Hold {

@@ -31,6 +31,21 @@ pub struct Counts {
     pub released: usize,
 }
 
+impl std::ops::AddAssign for Counts {
+    fn add_assign(&mut self, other: Self) {
+        self.flips += other.flips;
+        self.moves += other.moves;
+        self.pierced_before += other.pierced_before;
+        self.pierced_flipped += other.pierced_flipped;
+        self.pierced_snapped += other.pierced_snapped;
+        self.pierced_split += other.pierced_split;
+        self.pierced_left += other.pierced_left;
+        self.collapses += other.collapses;
+        self.insertions += other.insertions;
+        self.released += other.released;
+    }
+}
+
 /// A cell that stayed below target, and what blocks it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Blocked {

@@ -250,7 +250,7 @@ impl Meshing<3> for Space<3> {
                         options,
                         patience,
                     )
-                });
+                })?;
                 (Some(neighbors.into_flattened()), done)
             }
             SliverMethod::Exude => {
@@ -267,7 +267,7 @@ impl Meshing<3> for Space<3> {
                         options,
                         patience,
                     )
-                });
+                })?;
                 rival = Some((other, faces));
                 stages.begin(Stage::Improving);
                 let done = stages.patiently(|patience| {

@@ -5,7 +5,6 @@
 //! would pierce a feature: as long as no edge pierces a sheet, the sheet is made of mesh faces.
 
 use super::Improver;
-use crate::mesh::complex::NONE;
 use crate::mesh::quality::min_sine;
 use crate::mesh::{EDGES, FACES};
 
@@ -128,10 +127,9 @@ impl Improver<'_> {
 
     /// The 2-3 swap at face k of `t`.
     fn split_face(&mut self, t: u32, k: usize) -> bool {
-        let n = self.complex.neighbors[t as usize][k];
-        if n == NONE {
+        let Some(n) = self.complex.across(t, k) else {
             return false;
-        }
+        };
         let tet = self.complex.tets[t as usize];
         let [u, v, w] = FACES[k].map(|i| tet[i]);
         let p = tet[k];

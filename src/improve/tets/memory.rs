@@ -64,6 +64,43 @@ impl Memory {
         tried > 0 && nodes.iter().all(|&n| time(&self.changed, n) <= tried)
     }
 
+    /// When this is.
+    pub fn now(&self) -> u32 {
+        self.now
+    }
+
+    /// Whether the tetrahedra at any of these nodes have changed since.
+    pub fn has_changed(&self, since: u32, nodes: &[u32]) -> bool {
+        let changed = |&n: &u32| (self.changed.get(n as usize)).is_some_and(|&time| time > since);
+        nodes.iter().any(changed)
+    }
+
+    /// Becomes what `whole` has of these nodes and tetrahedra.
+    pub fn become_part(
+        &mut self,
+        whole: &Self,
+        nodes: impl Iterator<Item = u32> + Clone,
+        tets: impl Iterator<Item = u32> + Clone,
+    ) {
+        fn copy(to: &mut Vec<u32>, from: &[u32], numbers: impl Iterator<Item = u32>) {
+            to.clear();
+            to.extend(numbers.map(|i| from.get(i as usize).copied().unwrap_or(0)));
+        }
+        self.now = whole.now;
+        self.undo = None;
+        copy(&mut self.changed, &whole.changed, nodes.clone());
+        for trial in [Trial::Flip, Trial::Smooth, Trial::Mend] {
+            let (to, from) = (
+                &mut self.tried[trial as usize],
+                &whole.tried[trial as usize],
+            );
+            match trial {
+                Trial::Smooth => copy(to, from, nodes.clone()),
+                Trial::Flip | Trial::Mend => copy(to, from, tets.clone()),
+            }
+        }
+    }
+
     /// Everything may be tried again.
     pub fn forget(&mut self) {
         self.tried.iter_mut().for_each(Vec::clear);

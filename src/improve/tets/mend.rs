@@ -4,6 +4,7 @@
 
 use super::memory::Trial;
 use super::{Hold, Improver, MARGIN};
+use crate::Result;
 use crate::geometry::{norm, sub};
 use crate::improve::target::UNUSABLE;
 use crate::mesh::{EDGES, FACES};
@@ -26,6 +27,9 @@ const ROOM: f64 = 0.5;
 
 /// So many tetrahedra, or one in a hundred if that is more, are worked on in a round.
 const PATIENCE: usize = 1000;
+
+/// They are worked on in so many bands: only within one it matters where they are, and not how poor.
+const BANDS: usize = 4;
 
 /// What a transaction has overwritten, beside the complex's own journal.
 #[derive(Debug, Default)]
@@ -63,7 +67,10 @@ impl Undo {
 
 impl Improver<'_> {
     /// Works on the tetrahedra below target, the worst first.
-    pub(super) fn mend(&mut self, patience: &Patience<'_>) {
+    ///
+    /// # Errors
+    /// Those of other ranks, with which the work is shared.
+    pub(super) fn mend(&mut self, patience: &Patience<'_>) -> Result<()> {
         // Each round halves what is left, as a guess.
         let mut left = 1.0;
         for _ in 0..4 {
@@ -71,16 +78,12 @@ impl Improver<'_> {
             poor.sort_by(|a, b| self.sine_of(*a).total_cmp(&self.sine_of(*b)).then(a.cmp(b)));
             let before = poor.len();
             // Where features ask for what no lattice can do, patience must end.
-            let most = PATIENCE.max(self.complex.tets.len() / 100);
-            let count = before.min(most) as f64;
-            for (number, t) in poor.into_iter().take(most).enumerate() {
-                patience.reached(1.0 - left * (1.0 - 0.5 * number as f64 / count));
-                if patience.over() {
-                    return;
-                }
-                if self.complex.alive(t) && self.sine_of(t) < self.target {
-                    self.mend_if_changed(t);
-                }
+            poor.truncate(PATIENCE.max(self.complex.tets.len() / 100));
+            let band = poor.len().div_ceil(BANDS).max(1);
+            for (number, band) in poor.chunks(band).enumerate() {
+                let share = number as f64 / BANDS as f64;
+                patience.reached(1.0 - left * (1.0 - 0.5 * share));
+                self.mend_each(band, patience)?;
             }
             left *= 0.5;
             self.polish(2, patience);
@@ -88,6 +91,7 @@ impl Improver<'_> {
                 break;
             }
         }
+        Ok(())
     }
 
     /// Lets nodes leave their features where a tetrahedron would otherwise stay unusable.
@@ -103,7 +107,10 @@ impl Improver<'_> {
                 if patience.over() {
                     return;
                 }
-                if !self.complex.alive(t) || self.sine_of(t) >= usable || self.mend_if_changed(t) {
+                if !self.complex.alive(t)
+                    || self.sine_of(t) >= usable
+                    || !self.in_vain(t) && self.mend_here(t)
+                {
                     continue;
                 }
                 let tet = self.complex.tets[t as usize];
@@ -135,8 +142,8 @@ impl Improver<'_> {
         any
     }
 
-    /// Mends a tetrahedron, unless that was in vain and nothing has changed at its neighbours since.
-    fn mend_if_changed(&mut self, t: u32) -> bool {
+    /// Whether mending a tetrahedron was in vain, and nothing has changed at its neighbours since.
+    pub(super) fn in_vain(&mut self, t: u32) -> bool {
         let mut around = Vec::new();
         for node in self.complex.tets[t as usize] {
             self.complex.star(node, &mut self.star);
@@ -146,9 +153,11 @@ impl Improver<'_> {
                     .flat_map(|&t| self.complex.tets[t as usize]),
             );
         }
-        if self.memory.in_vain(Trial::Mend, t, &around) {
-            return false;
-        }
+        self.memory.in_vain(Trial::Mend, t, &around)
+    }
+
+    /// Mends a tetrahedron in the mesh itself; false if that fails, and is known to.
+    pub(super) fn mend_here(&mut self, t: u32) -> bool {
         let mended = self.mend_one(t);
         if !mended {
             self.memory.failed(Trial::Mend, t);
@@ -156,14 +165,17 @@ impl Improver<'_> {
         mended
     }
 
-    fn mend_one(&mut self, t: u32) -> bool {
+    /// The middle of a tetrahedron, and d there.
+    pub(super) fn middle(&self, t: u32) -> ([f64; 3], f64) {
+        let p = self.complex.corners(t);
+        let middle = std::array::from_fn(|k| p.iter().map(|x| x[k]).sum::<f64>() / 4.0);
+        (middle, self.distance.at(middle))
+    }
+
+    /// Tries all that may mend a tetrahedron, until something does.
+    pub(super) fn mend_one(&mut self, t: u32) -> bool {
         let tet = self.complex.tets[t as usize];
-        let d = {
-            let p = self.complex.corners(t);
-            self.distance.at(std::array::from_fn(|k| {
-                p.iter().map(|x| x[k]).sum::<f64>() / 4.0
-            }))
-        };
+        let (_, d) = self.middle(t);
         let length = |s: &Self, a: u32, b: u32| {
             norm(sub(
                 s.complex.nodes[a as usize],
@@ -251,6 +263,9 @@ impl Improver<'_> {
     /// Makes a change, mends around it, and keeps it all only if the worst tetrahedron of what was
     /// touched has become better.
     fn attempt(&mut self, change: impl FnOnce(&mut Self) -> bool) -> bool {
+        if self.complex.left() {
+            return false;
+        }
         self.complex.begin();
         self.memory.begin();
         self.undo = Some(Undo {
@@ -275,7 +290,7 @@ impl Improver<'_> {
             .fold(f32::INFINITY, f32::min);
         let target = self.target as f32;
         let better = after > before + GAIN || after >= target && before < target;
-        if changed && better {
+        if changed && better && !self.complex.left() {
             self.complex.keep();
             self.memory.keep();
             self.queue.extend(inside);
@@ -329,8 +344,7 @@ impl Improver<'_> {
 
     fn force_split_face(&mut self, t: u32, k: usize) -> bool {
         let tet = self.complex.tets[t as usize];
-        let n = self.complex.neighbors[t as usize][k];
-        n != crate::mesh::complex::NONE && {
+        self.complex.across(t, k).is_some_and(|n| {
             let back = self.complex.neighbors[n as usize]
                 .iter()
                 .position(|&x| x == t);
@@ -338,7 +352,7 @@ impl Improver<'_> {
                 let q = self.complex.tets[n as usize][back];
                 self.swap_face([t, n], FACES[k].map(|i| tet[i]), tet[k], q, FLOOR)
             })
-        }
+        })
     }
 
     fn split_in_the_middle(&mut self, t: u32, a: u32, b: u32) -> bool {

@@ -4,6 +4,7 @@
 //! - `flips`: Joe's local transformations, generalised
 //! - `smooth`: max-min smoothing
 //! - `mend`: several changes at once, kept only if together they help
+//! - `patches`: many mended at once
 //! - `collapse`: nodes that stand too close
 //! - `finish`: the mesh at the end, its faces on features, what blocks the rest
 //! - `exude`(fn@exude): the second method: nodes get weights, none of them moves
@@ -15,6 +16,7 @@ mod finish;
 mod flips;
 mod memory;
 mod mend;
+mod patches;
 mod recover;
 mod reshape;
 mod smooth;
@@ -29,6 +31,7 @@ use super::hold::{Beside, Hold};
 use super::pierce::piercing;
 use super::sheets::{Sheet, Sheets};
 use super::{Counts, Improved, Target};
+use crate::Result;
 use crate::geometry::sub;
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
@@ -59,6 +62,9 @@ const POLISHED: f64 = 0.3;
 /// `kinds` says what each node is and follows the nodes that come and go; the result also says
 /// for every tetrahedron which of its faces lie on a feature: bit k for face k (opposite node k).
 /// When `patience` is over, the mesh is left as far as it has come.
+///
+/// # Errors
+/// Those of other ranks, with which the work is shared.
 pub fn improve(
     mesh: &mut TetMesh,
     neighbors: &mut Vec<[u32; 4]>,
@@ -68,16 +74,16 @@ pub fn improve(
     distance: &Distance<3>,
     target: &Target,
     patience: &Patience<'_>,
-) -> (Improved, Vec<u8>) {
+) -> Result<(Improved, Vec<u8>)> {
     let target = target.min_dihedral.to_radians().sin();
     let (taken, around) = (std::mem::take(mesh), std::mem::take(neighbors));
     let mut improver = Improver::new(
         taken, around, kinds, extent, sheets, distance, target, patience,
     );
-    let outcome = improver.improve(patience);
+    let outcome = improver.improve(patience)?;
     let finished = improver.finish(kinds);
     (*mesh, *neighbors, *kinds) = (finished.mesh, finished.neighbors, finished.kinds);
-    (outcome, finished.feature_faces)
+    Ok((outcome, finished.feature_faces))
 }
 
 /// Tetrahedra that are first measured in one task.
@@ -157,6 +163,17 @@ impl<'a> Improver<'a> {
             sines,
             holds,
             beside,
+            ..Self::empty(extent, sheets, distance, target)
+        }
+    }
+
+    /// Of no mesh.
+    fn empty(extent: [f64; 3], sheets: &'a Sheets, distance: &'a Distance<3>, target: f64) -> Self {
+        Self {
+            complex: Complex::default(),
+            sines: Vec::new(),
+            holds: Vec::new(),
+            beside: Vec::new(),
             extent,
             sheets,
             distance,
@@ -217,6 +234,10 @@ impl<'a> Improver<'a> {
 
     /// Exchanges `old` for the tetrahedra in `fresh`, and queues those below target.
     fn commit(&mut self, old: &[u32]) {
+        if self.complex.left() {
+            // Something is missing here; all will be taken back.
+            return;
+        }
         if let Some(undo) = &mut self.undo {
             // Slots that die must count among what was there before.
             undo.touch(old, &self.sines);
@@ -252,7 +273,7 @@ impl<'a> Improver<'a> {
     /// Works through the queue with flips.
     fn flip_queue(&mut self, patience: &Patience<'_>) {
         while let Some(t) = self.queue.pop() {
-            if patience.over() {
+            if patience.over() || self.complex.left() {
                 self.queue.clear();
                 break;
             }
@@ -322,6 +343,11 @@ impl<'a> Improver<'a> {
         if !hold.far {
             self.stirred.push(node);
         }
+        self.measure_star();
+    }
+
+    /// Measures the tetrahedra gathered, which have changed.
+    fn measure_star(&mut self) {
         let tets = &self.complex.tets;
         let around = self.star.iter().flat_map(|&t| tets[t as usize]);
         self.memory.change(around);
@@ -383,7 +409,10 @@ impl<'a> Improver<'a> {
 
 impl Improver<'_> {
     /// All steps, in order.
-    fn improve(&mut self, patience: &Patience<'_>) -> Improved {
+    ///
+    /// # Errors
+    /// Those of other ranks, with which the work is shared.
+    fn improve(&mut self, patience: &Patience<'_>) -> Result<Improved> {
         let poor_before = self.poor().len();
         patience.part(0.0, RECOVERED);
         self.recover(patience);
@@ -396,23 +425,23 @@ impl Improver<'_> {
             done += turn;
         };
         next();
-        self.mend(patience);
+        self.mend(patience)?;
         for stray in STRAYS {
             next();
             self.stray = stray.min(FARTHEST * self.distance.min());
             self.memory.forget();
             self.polish(8, patience);
-            self.mend(patience);
+            self.mend(patience)?;
         }
         self.release(patience);
         self.counts.pierced_left = self.count_pierced(patience);
         let blocked = self.blocked();
-        Improved {
+        Ok(Improved {
             poor_before,
             poor_after: blocked.len(),
             counts: self.counts,
             blocked,
-        }
+        })
     }
 }
 

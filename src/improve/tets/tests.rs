@@ -93,6 +93,7 @@ fn run(
         &Target::default(),
         &Patience::endless(),
     )
+    .unwrap()
 }
 
 fn worst(mesh: &TetMesh) -> f64 {
@@ -264,4 +265,45 @@ fn a_wide_gap_between_two_sheets_gets_nodes_and_the_sheets_stay_whole() {
         let area = area_within(&mesh, at, STRAYS[1] + 0.02) / (extent[1] * extent[2]);
         assert!((area - 1.0).abs() < 0.01, "{area}");
     }
+}
+
+#[test]
+fn mending_in_patches_leaves_what_is_known_of_the_mesh_true_whoever_does_it() {
+    // Longer than two cubes (d = 1.5): there are several patches, some of them at once.
+    let (mesh, kinds, extent) = box_mesh([24, 10, 10], 2.0, 0.28, |_| true);
+    let sheets = Sheets::new(&[], extent, 3.0, 8.0);
+    let mended = |threads: usize| {
+        let distance = Distance::Constant(1.5);
+        let around = complex::neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
+        let patience = Patience::endless();
+        let mut improver = Improver::new(
+            mesh.clone(),
+            around,
+            &kinds,
+            extent,
+            &sheets,
+            &distance,
+            0.5,
+            &patience,
+        );
+        let poor = improver.poor();
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
+        pool.build()
+            .unwrap()
+            .install(|| improver.mend_each(&poor, &patience).unwrap());
+        let left = improver.poor().len();
+        assert!(2 * left < poor.len(), "{left} of {}", poor.len());
+        for t in (0..improver.complex.tets.len() as u32).filter(|&t| improver.complex.alive(t)) {
+            assert_eq!(
+                improver.sines[t as usize],
+                min_sine(&improver.complex.corners(t)) as f32
+            );
+        }
+        improver.complex.into_mesh()
+    };
+    let (one, around, _) = mended(1);
+    assert!(check(&one, [0.0; 3], extent, 1e-12).passed());
+    assert!(around == complex::neighbors(one.nodes.len(), &one.tets).unwrap());
+    let (three, ..) = mended(3);
+    assert!(one.nodes == three.nodes && one.tets == three.tets);
 }

@@ -73,7 +73,9 @@ pub fn reshape(
     if let Some(node) = (0..targets.len()).find(astray) {
         return Err(Refusal::Node(node as u32));
     }
-    let outcome = improver.improve(&Patience::endless());
+    let outcome = improver
+        .improve(&Patience::endless())
+        .map_err(Refusal::Part)?;
     let finished = improver.finish(kinds);
     Ok(Reshaped {
         mesh: finished.mesh,
@@ -227,8 +229,10 @@ impl Improver<'_> {
         let mut cavity = vec![home];
         let mut next = 0;
         while delaunay && next < cavity.len() {
-            for n in self.complex.neighbors[cavity[next] as usize] {
-                if n != NONE && !cavity.contains(&n) && in_circumsphere(&self.complex.corners(n), x)
+            for k in 0..4 {
+                if let Some(n) = self.complex.across(cavity[next], k)
+                    && !cavity.contains(&n)
+                    && in_circumsphere(&self.complex.corners(n), x)
                 {
                     cavity.push(n);
                 }
@@ -240,10 +244,8 @@ impl Improver<'_> {
         for _ in 0..PATIENCE {
             match self.unseen(&cavity, new, floor) {
                 None => return self.fills(&cavity).then_some(cavity),
-                Some((t, beyond)) if needed.contains(&t) => {
-                    if beyond == NONE {
-                        return None;
-                    }
+                Some((t, k)) if needed.contains(&t) => {
+                    let beyond = self.complex.across(t, k)?;
                     needed.push(beyond);
                     if !cavity.contains(&beyond) {
                         cavity.push(beyond);
@@ -256,13 +258,13 @@ impl Improver<'_> {
     }
 
     /// Spans tetrahedra from the node to the cavity's outer faces, into `fresh`. Gives the first face
-    /// that it does not see well enough: its tetrahedron, and the one beyond.
-    fn unseen(&mut self, cavity: &[u32], new: u32, floor: f64) -> Option<(u32, u32)> {
+    /// that it does not see well enough: its tetrahedron, and its number there.
+    fn unseen(&mut self, cavity: &[u32], new: u32, floor: f64) -> Option<(u32, usize)> {
         self.fresh.clear();
         for &t in cavity {
             for k in 0..4 {
                 let beyond = self.complex.neighbors[t as usize][k];
-                if beyond != NONE && cavity.contains(&beyond) {
+                if cavity.contains(&beyond) {
                     continue;
                 }
                 let tet = self.complex.tets[t as usize];
@@ -274,7 +276,7 @@ impl Improver<'_> {
                 let mut spanned = tet;
                 spanned[k] = new;
                 if min_sine(&spanned.map(|n| self.complex.nodes[n as usize])) <= floor {
-                    return Some((t, beyond));
+                    return Some((t, k));
                 }
                 self.fresh.push(spanned);
             }

@@ -1,15 +1,31 @@
 //! Tetrahedra with neighbours, for local changes: rings of edges, stars of nodes, and the exchange
 //! of one set of tetrahedra for another that fills the same cavity.
+//!
+//! - `neighbors`(fn@neighbors): which tetrahedra share a face
+//! - `faces`: which of them still lack a tetrahedron
+//! - `part`: a part of a complex as one of its own
+
+mod faces;
+mod neighbors;
+mod part;
 
 use rayon::prelude::*;
 
 use super::{FACES, TetMesh};
+use faces::Faces;
+use neighbors::sorted;
+
+pub use neighbors::neighbors;
+pub use part::Numbers;
 
 /// Slots renumbered in one task, at least.
 const SLOTS: usize = 1 << 14;
 
 /// No tetrahedron: beyond the box.
 pub const NONE: u32 = u32::MAX;
+
+/// In a part of a complex: a tetrahedron that is not in the part.
+pub const BEYOND: u32 = NONE - 1;
 
 /// A tetrahedral complex under change. A dead slot has `tets[t][0] == NONE`.
 #[derive(Debug, Clone, Default)]
@@ -24,8 +40,9 @@ pub struct Complex {
     free: Vec<u32>,
     mark: Vec<u32>,
     stamp: u32,
-    faces: Vec<([u32; 3], u32, u32)>,
+    faces: Faces,
     journal: Option<Vec<Undo>>,
+    left: bool,
 }
 
 /// One write to a complex, and what was there before.
@@ -48,73 +65,6 @@ pub struct Ring {
     pub tets: Vec<u32>,
     /// Whether the ring closes, that is, the edge is inside.
     pub closed: bool,
-}
-
-/// Three node numbers in rising order: a face's name.
-#[inline]
-fn sorted(mut f: [u32; 3]) -> [u32; 3] {
-    if f[0] > f[1] {
-        f.swap(0, 1);
-    }
-    if f[1] > f[2] {
-        f.swap(1, 2);
-    }
-    if f[0] > f[1] {
-        f.swap(0, 1);
-    }
-    f
-}
-
-/// Neighbours of every tetrahedron by matching faces, in time linear in their number.
-///
-/// Returns the first face that more than two tetrahedra share as the error.
-pub fn neighbors(node_count: usize, tets: &[[u32; 4]]) -> Result<Vec<[u32; 4]>, [u32; 3]> {
-    // Faces in buckets by their smallest node: a counting sort, then tiny lists.
-    let face_of = |t: usize, k: usize| sorted(FACES[k].map(|i| tets[t][i]));
-    let mut start = vec![0u32; node_count + 1];
-    for t in 0..tets.len() {
-        for k in 0..4 {
-            start[face_of(t, k)[0] as usize + 1] += 1;
-        }
-    }
-    for i in 0..node_count {
-        start[i + 1] += start[i];
-    }
-    let mut bucket = vec![0u32; 4 * tets.len()];
-    let mut next = start.clone();
-    for t in 0..tets.len() {
-        for k in 0..4 {
-            let at = &mut next[face_of(t, k)[0] as usize];
-            bucket[*at as usize] = (4 * t + k) as u32;
-            *at += 1;
-        }
-    }
-    let mut result = vec![[NONE; 4]; tets.len()];
-    // A face by its other two nodes, then its place: one number, quick to sort.
-    let mut names: Vec<u128> = Vec::new();
-    for i in 0..node_count {
-        names.clear();
-        for &code in &bucket[start[i] as usize..start[i + 1] as usize] {
-            let [_, b, c] = face_of((code / 4) as usize, (code % 4) as usize);
-            names.push(u128::from(b) << 64 | u128::from(c) << 32 | u128::from(code));
-        }
-        names.sort_unstable();
-        let mut j = 0;
-        while j < names.len() {
-            let name = names[j] >> 32;
-            let same = names[j..].iter().take_while(|n| *n >> 32 == name).count();
-            if same > 2 {
-                return Err([i as u32, (name >> 32) as u32, name as u32]);
-            }
-            if same == 2 {
-                let (p, q) = (names[j] as u32, names[j + 1] as u32);
-                result[(p / 4) as usize][(p % 4) as usize] = q / 4;
-                result[(q / 4) as usize][(q % 4) as usize] = p / 4;
-            }
-            j += same;
-        }
-    }
-    Ok(result)
 }
 
 impl Complex {
@@ -229,6 +179,19 @@ impl Complex {
         self.stamp
     }
 
+    /// Whether anything was asked of this part of a complex that only the whole knows: the answer was wrong.
+    pub fn left(&self) -> bool {
+        self.left
+    }
+
+    /// The tetrahedron across face k of `t`, if there is one.
+    #[inline]
+    pub fn across(&mut self, t: u32, k: usize) -> Option<u32> {
+        let n = self.neighbors[t as usize][k];
+        self.left |= n == BEYOND;
+        (n < BEYOND).then_some(n)
+    }
+
     /// The tetrahedra at a node, into `star`.
     pub fn star(&mut self, node: u32, star: &mut Vec<u32>) {
         star.clear();
@@ -244,8 +207,10 @@ impl Complex {
             let t = star[head] as usize;
             head += 1;
             for k in 0..4 {
-                let n = self.neighbors[t][k];
-                if self.tets[t][k] != node && n != NONE && self.mark[n as usize] != stamp {
+                if self.tets[t][k] != node
+                    && let Some(n) = self.across(t as u32, k)
+                    && self.mark[n as usize] != stamp
+                {
                     self.mark[n as usize] = stamp;
                     star.push(n);
                 }
@@ -286,7 +251,7 @@ impl Complex {
 
     /// The ring of tetrahedra round edge (a, b) of tetrahedron `t`, into `ring`. Stops and returns
     /// false if there are more than `most`.
-    pub fn ring(&self, t: u32, a: u32, b: u32, most: usize, ring: &mut Ring) -> bool {
+    pub fn ring(&mut self, t: u32, a: u32, b: u32, most: usize, ring: &mut Ring) -> bool {
         ring.nodes.clear();
         ring.tets.clear();
         // Back to the boundary, if there is one.
@@ -295,11 +260,10 @@ impl Complex {
         ring.closed = true;
         loop {
             let (_, d) = self.opposite_edge(first, a, b);
-            let previous = self.neighbors[first as usize][self.local(first, d)];
-            if previous == NONE {
+            let Some(previous) = self.across(first, self.local(first, d)) else {
                 ring.closed = false;
                 break;
-            }
+            };
             first = previous;
             if first == t {
                 break;
@@ -317,11 +281,10 @@ impl Complex {
             if ring.tets.len() > most {
                 return false;
             }
-            let next = self.neighbors[at as usize][self.local(at, c)];
-            if next == NONE {
+            let Some(next) = self.across(at, self.local(at, c)) else {
                 ring.nodes.push(d);
                 return true;
-            }
+            };
             if next == first {
                 return true;
             }
@@ -346,15 +309,15 @@ impl Complex {
         }
         // Outer faces: the face, the neighbour beyond, and that neighbour's local index.
         let mut faces = std::mem::take(&mut self.faces);
-        faces.clear();
+        faces.clear(old.len());
         for &t in old {
             for k in 0..4 {
                 let n = self.neighbors[t as usize][k];
-                if n != NONE && self.mark[n as usize] == stamp {
+                if n < BEYOND && self.mark[n as usize] == stamp {
                     continue;
                 }
                 let name = sorted(FACES[k].map(|i| self.tets[t as usize][i]));
-                let back = if n == NONE {
+                let back = if n >= BEYOND {
                     0
                 } else {
                     self.neighbors[n as usize]
@@ -362,7 +325,7 @@ impl Complex {
                         .position(|&x| x == t)
                         .unwrap_or(0) as u32
                 };
-                faces.push((name, n, back));
+                faces.put(name, n, back);
             }
         }
         for &t in old {
@@ -399,11 +362,10 @@ impl Complex {
             }
             for k in 0..4 {
                 let name = sorted(FACES[k].map(|i| tet[i]));
-                if let Some(at) = faces.iter().position(|f| f.0 == name) {
-                    let (_, n, back) = faces.swap_remove(at);
+                if let Some((n, back)) = faces.take(name) {
                     // The slot's own neighbours go back with the slot.
                     self.neighbors[slot as usize][k] = n;
-                    if n != NONE {
+                    if n < BEYOND {
                         self.log(Undo::Neighbor(
                             n,
                             back as u8,
@@ -413,13 +375,13 @@ impl Complex {
                     }
                 } else {
                     // An inner face: wait for the other new tetrahedron that has it.
-                    faces.push((name, slot, k as u32));
+                    faces.put(name, slot, k as u32);
                 }
             }
         }
         // On the boundary old faces may go and new ones come; inside they must match.
         debug_assert!(
-            faces.iter().all(|f| f.1 == NONE || slots.contains(&f.1)),
+            faces.left().all(|n| n == NONE || slots.contains(&n)),
             "the new tetrahedra have the same outer faces as the old"
         );
         self.faces = faces;
@@ -512,11 +474,26 @@ mod tests {
 
     #[test]
     fn open_ring_runs_from_boundary_to_boundary() {
-        let complex = octahedron();
+        let mut complex = octahedron();
         let mut ring = Ring::default();
         assert!(complex.ring(0, 0, 3, 9, &mut ring));
         assert!(!ring.closed);
         assert_eq!((ring.tets.len(), ring.nodes.len()), (2, 3));
+    }
+
+    #[test]
+    fn faces_are_found_again_however_many_there_are() {
+        for tets in [10, 1000] {
+            let mut faces = Faces::default();
+            faces.clear(tets);
+            let name = |i: u32| [i, i + 1, i + 2];
+            (0..100).for_each(|i| faces.put(name(i), 2 * i, i % 4));
+            assert_eq!(faces.take(name(7)), Some((14, 3)));
+            assert_eq!(faces.take(name(7)), None);
+            let mut left: Vec<u32> = faces.left().collect();
+            left.sort_unstable();
+            assert!(left.len() == 99 && left[7] == 16);
+        }
     }
 
     #[test]

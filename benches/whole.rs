@@ -293,11 +293,11 @@ fn evaluators() -> Outcome<()> {
     let mut gradient = vec![[0.0; 3]; atoms.len()];
     let beta = Beta::Constant(0.2);
     let mut time = |energy: &mut dyn Energy<3>| {
-        energy.evaluate(&atoms, &mut gradient);
+        energy.evaluate(&atoms, &mut gradient).unwrap();
         let start = Instant::now();
         let mut count = 0;
         while start.elapsed().as_secs_f64() < 1.0 {
-            energy.evaluate(&atoms, &mut gradient);
+            energy.evaluate(&atoms, &mut gradient).unwrap();
             count += 1;
         }
         start.elapsed().as_secs_f64() / f64::from(count)

@@ -2,8 +2,9 @@
 //!
 //! Every rank runs the whole job. Where work is in parts (windows of an image's layers, slabs of points), each
 //! does its [`share`], and all have the results of all, in the order of the parts: so whatever is made of them
-//! is the same on every rank, and for any number of ranks the same as of a single process. What only one must
-//! do or say is the first one's.
+//! is the same on every rank, and for any number of ranks the same as of a single process. Where parts are
+//! numbers in an array, and passed on again and again, each writes its [`own`] ones and [`fill`]s in the others.
+//! What only one must do or say is the first one's.
 //!
 //! Before they pass on anything, ranks tell one another where they are and whether one has failed: then all end
 //! with its error.
@@ -122,6 +123,33 @@ pub fn is_first() -> bool {
 /// The share of `parts` that a rank of `count` has.
 fn share_of(parts: usize, rank: usize, count: usize) -> Range<usize> {
     rank * parts / count..(rank + 1) * parts / count
+}
+
+/// Which of so many parts are this rank's.
+pub fn own(parts: usize) -> Range<usize> {
+    share_of(parts, rank(), count())
+}
+
+/// Fills in what the other ranks have made of an array in parts of `part` numbers, of which the last may be
+/// shorter: each has made its [`own`].
+///
+/// # Errors
+/// As [`share`].
+#[cfg_attr(not(feature = "mpi"), expect(unused, reason = "there is one rank"))]
+pub fn fill(what: &str, values: &mut [f64], part: usize) -> Result<()> {
+    if count() == 1 {
+        return Ok(());
+    }
+    let place = format!("{what} ({})", values.len());
+    each_told(&place, Ok(Vec::new()), &mut |_| Some(()))?;
+    #[cfg(feature = "mpi")]
+    {
+        let parts = values.len().div_ceil(part);
+        let end = |rank| (share_of(parts, rank, count()).end * part).min(values.len());
+        let starts: Vec<usize> = [0].into_iter().chain((0..count()).map(end)).collect();
+        world::gather(values, &starts);
+    }
+    Ok(())
 }
 
 /// Takes what `work` gives for each of so many parts, in their order, on every rank: it is asked for some of

@@ -135,21 +135,25 @@ pub fn own(parts: usize) -> Range<usize> {
 ///
 /// # Errors
 /// As [`share`].
-#[cfg_attr(not(feature = "mpi"), expect(unused, reason = "there is one rank"))]
 pub fn fill(what: &str, values: &mut [f64], part: usize) -> Result<()> {
     if count() == 1 {
         return Ok(());
     }
+    let starts = starts(values.len(), part, count());
     let place = format!("{what} ({})", values.len());
     each_told(&place, Ok(Vec::new()), &mut |_| Some(()))?;
     #[cfg(feature = "mpi")]
-    {
-        let parts = values.len().div_ceil(part);
-        let end = |rank| (share_of(parts, rank, count()).end * part).min(values.len());
-        let starts: Vec<usize> = [0].into_iter().chain((0..count()).map(end)).collect();
-        world::gather(values, &starts);
-    }
+    world::gather(values, &starts);
+    #[cfg(not(feature = "mpi"))]
+    drop(starts);
     Ok(())
+}
+
+/// Where the shares of `count` ranks begin in an array of so many numbers, in parts of `part`; its end is the last.
+fn starts(length: usize, part: usize, count: usize) -> Vec<usize> {
+    let parts = length.div_ceil(part);
+    let start = |rank| (share_of(parts, rank, count).start * part).min(length);
+    (0..=count).map(start).collect()
 }
 
 /// Takes what `work` gives for each of so many parts, in their order, on every rank: it is asked for some of
@@ -333,6 +337,20 @@ mod tests {
     }
 
     #[test]
+    fn shares_of_an_array_are_whole_parts_and_all_of_it() {
+        assert_eq!(starts(10, 3, 2), [0, 6, 10]);
+        assert_eq!(starts(3, 5, 4), [0, 0, 0, 0, 3]);
+        assert_eq!(starts(0, 5, 2), [0, 0, 0]);
+        for count in 1..9 {
+            let starts = starts(1000, 7, count);
+            assert!(starts.is_sorted() && starts[count] == 1000);
+            for (rank, start) in starts[..count].iter().enumerate() {
+                assert_eq!(*start, 7 * share_of(143, rank, count).start);
+            }
+        }
+    }
+
+    #[test]
     fn lists_of_processors_are_counted() {
         assert_eq!(listed("0-3,8,10-11\n"), Some(7));
         assert_eq!(listed("\t0"), Some(1));
@@ -350,5 +368,9 @@ mod tests {
         share("parts", 4, work, &mut |value| taken.push(value)).unwrap();
         assert_eq!(taken, [0, 10, 20, 30]);
         assert_eq!(of_first("value", || Ok(3u32)).unwrap(), 3);
+        assert_eq!(own(4), 0..4);
+        let mut numbers = [1.0, 2.0, 3.0];
+        fill("numbers", &mut numbers, 2).unwrap();
+        assert_eq!(numbers, [1.0, 2.0, 3.0]);
     }
 }

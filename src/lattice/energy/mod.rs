@@ -89,7 +89,7 @@ pub trait Energy<const D: usize> {
     /// coordinate. The two slices have the same length.
     ///
     /// # Errors
-    /// Those of other [ranks](crate::ranks), where these have a share of the work.
+    /// Those of other MPI ranks, where these have a share of the work.
     fn evaluate(&mut self, x: &[[f64; D]], gradient: &mut [[f64; D]]) -> Result<f64>;
 
     /// About how many times as stiffly as by the lattice alone each atom is held: a hint by which

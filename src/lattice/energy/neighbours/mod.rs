@@ -199,7 +199,9 @@ fn told(found: Vec<Change>, own: &Range<usize>) -> Result<Vec<Vec<Change>>> {
     };
     let mut hear = |of_rank: Vec<Change>| all.push(of_rank.into_iter().filter(is_own).collect());
     ranks::share("changes of neighbours", ranks::count(), tell, &mut hear)?;
-    all[ranks::rank()] = kept;
+    if let Some(of_own) = all.get_mut(ranks::rank()) {
+        *of_own = kept;
+    }
     Ok(all)
 }
 

@@ -147,7 +147,7 @@ impl<'a, const D: usize> Pairwise<'a, D> {
 
     /// Shares the work between [ranks]: each lists and evaluates some chunks of atoms. All must evaluate the same
     /// positions at the same time, so that it is not for [twins](Energy::twin).
-    pub fn among_ranks(mut self) -> Self {
+    pub(crate) fn among_ranks(mut self) -> Self {
         self.neighbours.shared = true;
         self
     }

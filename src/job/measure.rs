@@ -41,8 +41,8 @@ pub(super) struct Figures {
 fields! { Figures as Figures { judged, lattice, quality, filling, fidelity } }
 
 impl Figures {
-    /// Takes those that others are.
-    fn take(&mut self, others: Self) {
+    /// Adds what others are.
+    fn add(&mut self, others: Self) {
         let Self {
             judged,
             lattice,
@@ -96,7 +96,7 @@ impl<const D: usize, M: Simplices<D>> Measured<'_, D, M> {
                 .try_for_each(|part| part.map(&mut *give))
         };
         let mut all = Figures::default();
-        ranks::share("figures", parts.len(), measure, &mut |part| all.take(part))?;
+        ranks::share("figures", parts.len(), measure, &mut |part| all.add(part))?;
         Ok(all)
     }
 

@@ -292,22 +292,22 @@ fn evaluators() -> Outcome<()> {
     let atoms = seeding::fcc(extent, &distance, &[], Alignment::On)?.positions;
     let mut gradient = vec![[0.0; 3]; atoms.len()];
     let beta = Beta::Constant(0.2);
-    let mut time = |energy: &mut dyn Energy<3>| {
-        energy.evaluate(&atoms, &mut gradient);
+    let mut time = |energy: &mut dyn Energy<3>| -> Outcome<f64> {
+        energy.evaluate(&atoms, &mut gradient)?;
         let start = Instant::now();
         let mut count = 0;
         while start.elapsed().as_secs_f64() < 1.0 {
-            energy.evaluate(&atoms, &mut gradient);
+            energy.evaluate(&atoms, &mut gradient)?;
             count += 1;
         }
-        start.elapsed().as_secs_f64() / f64::from(count)
+        Ok(start.elapsed().as_secs_f64() / f64::from(count))
     };
     // On one thread, so that seconds are processor seconds.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
     let (pairwise, sampled) = pool.install(|| -> Outcome<(f64, f64)> {
         let mut pairwise = Pairwise::new(extent, &distance, Some(&found.potential), beta.clone())?;
         let mut sampled = Sampled::new(&distance, found.potential.dense(), beta);
-        Ok((time(&mut pairwise), time(&mut sampled)))
+        Ok((time(&mut pairwise)?, time(&mut sampled)?))
     })?;
     let figure = format!(
         "pairwise {:.2} ms, sampled {:.1} ms an evaluation: {:.0} times less",

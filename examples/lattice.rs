@@ -86,7 +86,7 @@ fn one_atom(to: &str) -> anyhow::Result<()> {
     for d in [4.0, 8.0] {
         let distance = Distance::Constant(d);
         let mut energy = Sampled::new(&distance, flat.clone(), Beta::Constant(0.0));
-        energy.evaluate(&[[16.0, 16.0]], &mut [[0.0; 2]]);
+        energy.evaluate(&[[16.0, 16.0]], &mut [[0.0; 2]])?;
         let total = energy.total();
         for (row, samples) in rows.iter_mut().zip(total.samples.chunks(SIDE)) {
             row.extend_from_slice(samples);

@@ -54,7 +54,7 @@ fn main() -> anyhow::Result<()> {
 
 /// Draws p(x): dark where an atom would like to be.
 fn draw(energy: &mut Sampled<2>, atoms: &Atoms<2>, to: &str) -> anyhow::Result<()> {
-    energy.evaluate(&atoms.positions, &mut vec![[0.0; 2]; atoms.len()]);
+    energy.evaluate(&atoms.positions, &mut vec![[0.0; 2]; atoms.len()])?;
     let total = energy.total();
     let image = Image::new(total.dims, total.samples, Geometry::default());
     let picture = slice::plane(&image, &Overlay::default(), &Caption::default())?;

@@ -287,7 +287,7 @@ where
 
     fn measure(&self, atoms: Atoms<D>) -> anyhow::Result<Figures> {
         let mut gradient = vec![[0.0; D]; atoms.len()];
-        let energy = self.pairs()?.evaluate(&atoms.positions, &mut gradient);
+        let energy = self.pairs()?.evaluate(&atoms.positions, &mut gradient)?;
         let scene = Scene {
             extent: self.extent,
             features: self.features,

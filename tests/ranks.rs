@@ -92,13 +92,27 @@ fn the_mesh_has_the_same_bytes_for_any_number_of_ranks() {
 }
 
 #[test]
-fn many_points_are_triangulated_by_all_ranks() {
+fn many_points_are_moved_and_triangulated_by_all_ranks() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    let job = "mesh net.npy --distance 2 --slivers none --quiet";
-    let one = alone(folder, "64,64,72", job);
-    shared(folder, 3, &format!("{job} -o many.vtu"));
-    assert!(fs::read(folder.join("many.vtu")).unwrap() == one);
+    // Atoms in fifty chunks; then some chunks of atoms that are not everywhere as far apart.
+    for how in ["--distance 2", "--distance 2.5:6 --kappa 0.7"] {
+        let job = format!("mesh net.npy {how} --slivers none --quiet");
+        let one = alone(folder, "64,64,72", &format!("{job} --report one.json"));
+        shared(folder, 3, &format!("{job} -o many.vtu --report many.json"));
+        assert!(fs::read(folder.join("many.vtu")).unwrap() == one, "{how}");
+        let [one, many] = ["one.json", "many.json"].map(|name| figures(&folder.join(name)));
+        assert_eq!(one, many, "{how}");
+    }
+}
+
+/// What a report says of a mesh.
+fn figures(report: &Path) -> Vec<serde_json::Value> {
+    let text = fs::read_to_string(report).unwrap();
+    let mut report: serde_json::Value = serde_json::from_str(&text).unwrap();
+    ["lattice", "quality", "fidelity", "box"]
+        .map(|part| report[part].take())
+        .into()
 }
 
 #[test]

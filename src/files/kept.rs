@@ -1,5 +1,6 @@
 //! Values as bytes: every number exactly as it is in memory. For checkpoints, and for what ranks tell one another.
 
+use std::borrow::Cow;
 use std::io::{self, Write};
 
 use sha2::{Digest, Sha256};
@@ -93,6 +94,17 @@ impl Kept for String {
         let (text, rest) = from.split_at_checked(length)?;
         *from = rest;
         String::from_utf8(text.to_vec()).ok()
+    }
+}
+
+impl Kept for Cow<'static, str> {
+    fn put(&self, out: &mut dyn Write) -> io::Result<()> {
+        self.len().put(out)?;
+        out.write_all(self.as_bytes())
+    }
+
+    fn take(from: &mut &[u8]) -> Option<Self> {
+        String::take(from).map(Cow::Owned)
     }
 }
 

@@ -313,7 +313,7 @@ pub(crate) fn rest<const D: usize>(
         ..optimize::Effort::default()
     };
     let energy = Pairwise::new(extent, distance, None, Beta::Constant(0.0))?;
-    let mut energy = energy.aligned(Alignment::Alongside);
+    let mut energy = energy.aligned(Alignment::Alongside).among_ranks();
     let rest = optimize::optimize(atoms, &mut energy, distance, extent, &options, observer)?;
     atoms.positions.truncate(before.len());
     atoms.kinds.truncate(before.len());

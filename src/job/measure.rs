@@ -1,51 +1,140 @@
 //! The figures of what a job made.
 
 use std::borrow::Cow;
+use std::ops::Range;
 
-use super::frame::lattice_extent;
-use crate::Result;
+use rayon::prelude::*;
+
+use super::join::Scene;
 use crate::feature::Features;
+use crate::files::kept::fields;
 use crate::mesh::Simplices;
-use crate::mesh::check::{Known, check_while};
+use crate::mesh::check::{Check, Known, check_while};
 use crate::observer::Patience;
-use crate::report::{self, Reference, Report};
+use crate::report::{self, Fidelity, Judged, Lattice, Quality, Reference};
+use crate::{Result, ranks};
 
 /// How far the volume may be off the box's, and sides from flat, as a share.
 pub const BOX_TOLERANCE: f64 = 1e-9;
 
-/// Shapes, fidelity and validity of a mesh in lattice space, as far as `patience` lasts: what was not
-/// measured to its end is left out.
-pub(super) fn measure<const D: usize, M: Simplices<D>>(
-    mesh: &M,
-    neighbors: Option<&[u32]>,
-    dims: [usize; D],
-    step: [f64; D],
-    features: &Features<D>,
-    claimed: Option<&[u8]>,
-    patience: &Patience<'_>,
-) -> Result<Report> {
-    let quality = measured(patience, || report::quality_while(mesh, patience));
-    let known = Known {
-        neighbors,
-        ..Known::default()
-    };
-    let extent = lattice_extent(dims, step);
-    let filling = measured(patience, || {
-        check_while(mesh, known, [0.0; D], extent, BOX_TOLERANCE, patience)
-    });
-    let fidelity = measured(patience, || {
+/// A mesh in lattice space, and what it is compared with.
+pub(super) struct Measured<'a, const D: usize, M> {
+    pub mesh: &'a M,
+    pub neighbors: Option<&'a [u32]>,
+    /// The faces that it claims to lie on features, if it does.
+    pub claimed: Option<&'a [u8]>,
+    /// Its faces on features, where its lattice and its acute lines are asked for.
+    pub feature_faces: Option<&'a [u8]>,
+    pub scene: &'a Scene<'a, D>,
+}
+
+/// Figures of a mesh: those that were asked for, and measured to their end.
+#[derive(Default)]
+pub(super) struct Figures {
+    pub judged: Option<Judged>,
+    pub lattice: Option<Lattice>,
+    pub quality: Option<Quality>,
+    pub filling: Option<Check>,
+    pub fidelity: Option<Fidelity>,
+}
+
+fields! { Figures as Figures { judged, lattice, quality, filling, fidelity } }
+
+impl Figures {
+    /// Adds what others are.
+    fn add(&mut self, others: Self) {
+        let Self {
+            judged,
+            lattice,
+            quality,
+            filling,
+            fidelity,
+        } = others;
+        self.judged = judged.or(self.judged.take());
+        self.lattice = lattice.or(self.lattice.take());
+        self.quality = quality.or(self.quality.take());
+        self.filling = filling.or(self.filling.take());
+        self.fidelity = fidelity.or(self.fidelity.take());
+    }
+}
+
+impl<const D: usize, M: Simplices<D>> Measured<'_, D, M> {
+    /// Atoms and angles, shapes, validity and fidelity, as far as `patience` lasts: what was not measured to its end
+    /// is left out. They take about as long each, and much of each is for one thread: so they are measured at the same
+    /// time, and ranks measure some each.
+    ///
+    /// # Errors
+    /// Those of [`report::fidelity`] and of [`ranks::share`].
+    pub fn figures(&self, patience: &Patience<'_>) -> Result<Figures> {
+        type Part<'a> = &'a (dyn Fn() -> Result<Figures> + Sync);
+        let parts: [Part; 4] = [
+            &|| Ok(self.lattice()),
+            &|| {
+                Ok(Figures {
+                    quality: measured(patience, || report::quality_while(self.mesh, patience)),
+                    ..Figures::default()
+                })
+            },
+            &|| {
+                Ok(Figures {
+                    filling: measured(patience, || self.filling(patience)),
+                    ..Figures::default()
+                })
+            },
+            &|| {
+                let fidelity = measured(patience, || self.fidelity(patience));
+                Ok(Figures {
+                    fidelity: fidelity.transpose()?.flatten(),
+                    ..Figures::default()
+                })
+            },
+        ];
+        let measure = |own: Range<usize>, give: &mut dyn FnMut(Figures)| {
+            let figures: Vec<_> = parts[own].par_iter().map(|part| part()).collect();
+            figures
+                .into_iter()
+                .try_for_each(|part| part.map(&mut *give))
+        };
+        let mut all = Figures::default();
+        ranks::share("figures", parts.len(), measure, &mut |part| all.add(part))?;
+        Ok(all)
+    }
+
+    fn lattice(&self) -> Figures {
+        let Some(faces) = self.feature_faces else {
+            return Figures::default();
+        };
+        let (mesh, scene) = (self.mesh, self.scene);
+        let at_node = |n: u32| scene.distance.at(mesh.nodes()[n as usize]);
+        let (judged, lattice) = rayon::join(
+            || report::judged(mesh, faces, scene.extent, at_node),
+            || report::lattice(mesh, |x| scene.distance.at(x)),
+        );
+        Figures {
+            judged: Some(judged),
+            lattice: Some(lattice),
+            ..Figures::default()
+        }
+    }
+
+    fn filling(&self, patience: &Patience<'_>) -> Check {
+        let known = Known {
+            neighbors: self.neighbors,
+            ..Known::default()
+        };
+        let (low, high) = ([0.0; D], self.scene.extent);
+        check_while(self.mesh, known, low, high, BOX_TOLERANCE, patience)
+    }
+
+    fn fidelity(&self, patience: &Patience<'_>) -> Result<Option<Fidelity>> {
+        let features: &Features<D> = self.scene.features;
+        if features.points.is_empty() {
+            return Ok(None);
+        }
         let reference = Reference::from_features(features);
-        let in_samples = scaled(mesh, step.map(|s| 1.0 / s));
-        let any = !features.points.is_empty();
-        any.then(|| report::fidelity_while(&*in_samples, &reference, claimed, patience))
-            .transpose()
-    });
-    Ok(Report {
-        quality,
-        filling,
-        fidelity: fidelity.transpose()?.flatten(),
-        ..Report::default()
-    })
+        let in_samples = scaled(self.mesh, features.potential.step.map(|s| 1.0 / s));
+        report::fidelity_while(&*in_samples, &reference, self.claimed, patience).map(Some)
+    }
 }
 
 /// What `measure` gives, if `patience` lasts from before it until after.

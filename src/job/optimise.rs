@@ -7,7 +7,7 @@ use crate::feature::{Features, gaussian};
 use crate::image::Sparse;
 use crate::lattice::distance::Distance;
 use crate::lattice::energy::{Energy, Pairwise, Regularised, Sampled};
-use crate::lattice::optimize::{self, Stop};
+use crate::lattice::optimize::{self, Method, Stop};
 use crate::lattice::seeding::Atoms;
 use crate::observer::{Observer, Patience};
 use crate::report::Optimisation;
@@ -22,7 +22,12 @@ fn energy<'a, const D: usize>(
 ) -> Result<Box<dyn Energy<D> + 'a>> {
     let (beta, extent) = (frame.beta.clone(), frame.extent);
     let pairs = |beta| -> Result<Pairwise<'a, D>> {
-        Ok(Pairwise::new(extent, distance, Some(potential), beta)?.uncrowded())
+        let pairs = Pairwise::new(extent, distance, Some(potential), beta)?.uncrowded();
+        // A population is evaluated by all threads at once, which cannot wait for other ranks.
+        Ok(match params.optimizer {
+            Method::Genetic => pairs,
+            Method::Lbfgs | Method::Descent => pairs.among_ranks(),
+        })
     };
     Ok(match params.evaluator {
         Evaluator::Pairwise if params.kappa != 1.0 => {
@@ -291,7 +296,7 @@ mod tests {
             let mobility = vec![[1.0; 2]; atoms.len()];
             let energy = energy(&params, mobility, &potential, &distance, &frame);
             let mut gradient = vec![[0.0; 2]; atoms.len()];
-            energy.unwrap().evaluate(&atoms, &mut gradient)
+            energy.unwrap().evaluate(&atoms, &mut gradient).unwrap()
         });
         // On samples both are exact.
         assert!(pairwise > 1.0, "{pairwise}");

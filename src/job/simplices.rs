@@ -2,7 +2,7 @@
 
 use super::canny::smoothed;
 use super::join::{Joined, close_holes, neighbors_of};
-use super::measure::measure;
+use super::measure::Measured;
 use super::regions;
 use super::{CellKind, Made, Meshing, Params, Scene, Space, Stages};
 use crate::error::cause;
@@ -13,9 +13,8 @@ use crate::improve::regions::Places;
 use crate::improve::triangles::relax::{self, Relaxation};
 use crate::improve::{self, SliverMethod};
 use crate::lattice::seeding::Atoms;
-use crate::mesh::Mesh;
 use crate::observer::{Patience, Stage};
-use crate::report::{self, Report, Rival};
+use crate::report::{Report, Rival};
 use crate::{Error, Result, ranks};
 
 /// Refuses smoothing where there is nothing to be smoothed.
@@ -71,42 +70,58 @@ where
     });
     stages.begin(Stage::Measuring);
     let claimed = improvement.is_some().then_some(&*made.feature_faces);
-    let (dims, features) = (source.dims(), scene.features);
     let labelled = numbers.is_some().then(|| source.whole()).transpose()?;
-    let neighbors = Some(neighbors.as_slice());
-    let distance = |n: u32| scene.distance.at(made.mesh.nodes()[n as usize]);
-    let judged = report::judged(&made.mesh, &made.feature_faces, scene.extent, distance);
+    let measured = Measured {
+        mesh: &made.mesh,
+        neighbors: Some(&neighbors),
+        claimed,
+        feature_faces: Some(&made.feature_faces),
+        scene,
+    };
     let report = stages.patiently(|patience| {
-        let mut report = measure(
-            &made.mesh, neighbors, dims, step, features, claimed, patience,
-        )?;
-        if let Some(quality) = &mut report.quality {
+        let mut figures = measured.figures(patience)?;
+        let judged = figures.judged.take().unwrap_or_default();
+        if let Some(quality) = &mut figures.quality {
             quality.angles = Some(judged.angles.clone());
         }
-        report.regions = numbers
+        let regions = numbers
             .as_ref()
             .zip(labelled.as_ref())
             .and_then(|(numbers, image)| {
                 let places = Places::of_simplices(&made.mesh);
                 regions::report(image, &params.labels, &places, numbers, step, patience)
             });
-        report.lattice = Some(report::lattice(&made.mesh, |x| scene.distance.at(x)));
+        let mut report = Report {
+            quality: figures.quality,
+            filling: figures.filling,
+            fidelity: figures.fidelity,
+            lattice: figures.lattice,
+            regions,
+            ..Report::default()
+        };
         if let Some((mesh, faces)) = rival {
-            let faces = Some(faces.as_slice());
-            let other = measure(&mesh, None, dims, step, features, faces, patience)?;
+            let other = Measured {
+                mesh: &mesh,
+                neighbors: None,
+                claimed: Some(&faces),
+                feature_faces: None,
+                scene,
+            };
+            let other = other.figures(patience)?;
             report.rival = other.quality.map(|quality| Rival {
                 method: SliverMethod::Joe,
                 quality,
                 fidelity: other.fidelity,
             });
         }
-        Ok(report)
+        Ok((report, judged))
     });
+    let (report, judged) = report?;
+    made.judged = judged;
     let report = Report {
         improvement,
-        ..report?
+        ..report
     };
-    made.judged = judged;
     Ok((Made::Simplices(made), report))
 }
 

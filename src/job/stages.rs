@@ -234,12 +234,13 @@ mod tests {
                             }
                         };
                         assert!(check.passed(), "{stage} after {after}: {check:?}");
-                        // It goes on saying no: nothing is measured to its end.
+                        // It goes on saying no: only what was measured before is there.
                         let report = outcome.report;
                         let measured = report.filling.is_some() || report.voronoi.is_some();
                         let may = stage == Stage::Measuring && after > 0;
                         assert!(may || !measured, "{stage} after {after}");
-                        assert_eq!(report.fidelity, None, "{stage} after {after}");
+                        let compared = report.fidelity.is_some();
+                        assert!(may || !compared, "{stage} after {after}");
                     }
                 }
             }

@@ -10,6 +10,8 @@
 use std::fmt::Debug;
 use std::ops::Range;
 
+use rayon::prelude::*;
+
 use super::check::Checked;
 use super::complex::{self, NONE};
 use super::poly::{Beyond, Lists, PolyMesh};
@@ -220,6 +222,7 @@ impl<const D: usize, M: Simplices<D>> Mesh<D> for M {
             })
         };
         (0..self.len())
+            .into_par_iter()
             .map(|c| (self.volume(c), centre(c)))
             .collect()
     }

@@ -7,6 +7,7 @@
 //! - `pieces`: faces cut into small pieces
 //! - `reach`: how far feature points are from the faces
 //! - `reference`: where the features really are
+//! - `kept`: figures as bytes
 //! - `lattice`: how evenly the atoms are spread
 //! - `cells`: Voronoi cells, as flow simulators see them
 //! - `regions`: what became of the labels of an image
@@ -19,6 +20,7 @@ pub(crate) mod angles;
 pub(crate) mod cells;
 pub mod cost;
 pub(crate) mod fidelity;
+mod kept;
 pub(crate) mod lattice;
 mod nearest;
 mod pieces;

@@ -6,6 +6,7 @@ use crate::mesh::Simplices;
 use crate::observer::Patience;
 use rayon::prelude::*;
 use serde::Serialize;
+use std::borrow::Cow;
 use std::ops::Range;
 
 /// Bins of the histogram of angles, of 10 degrees each.
@@ -51,7 +52,7 @@ pub struct Quality {
     /// Number of cells.
     pub cells: usize,
     /// What they are: `tetrahedra` or `triangles`.
-    pub kind: &'static str,
+    pub kind: Cow<'static, str>,
     /// Each cell's smallest angle; the worst is the smallest.
     pub smallest_angle: Points,
     /// Each cell's largest angle; the worst is the largest.
@@ -154,7 +155,7 @@ pub(crate) fn quality_while<const D: usize, M: Simplices<D>>(
     Quality {
         nodes: mesh.nodes().len(),
         cells,
-        kind: M::CELLS,
+        kind: M::CELLS.into(),
         below_20: below(&smallest, 20.0),
         below_30: below(&smallest, 30.0),
         above_120: below(&largest, 60.0),
@@ -411,7 +412,7 @@ mod tests {
             triangles: vec![[0, 1, 2]],
         };
         let found = quality(&mesh);
-        assert_eq!((found.cells, found.kind), (1, "triangles"));
+        assert_eq!((found.cells, &*found.kind), (1, "triangles"));
         assert!((found.smallest_angle.worst - 60.0).abs() < 1e-5);
         assert_eq!(found.histogram[5] + found.histogram[6], 3);
         assert!((found.mean_ratio_mean - 1.0).abs() < 1e-12);

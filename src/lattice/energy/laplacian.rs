@@ -189,8 +189,8 @@ impl<'a, const D: usize> Regularised<'a, D> {
 }
 
 impl<const D: usize> Energy<D> for Regularised<'_, D> {
-    fn evaluate(&mut self, x: &[[f64; D]], gradient: &mut [[f64; D]]) -> f64 {
-        let energy = self.pairs.evaluate(x, gradient);
+    fn evaluate(&mut self, x: &[[f64; D]], gradient: &mut [[f64; D]]) -> Result<f64> {
+        let energy = self.pairs.evaluate(x, gradient)?;
         let mut shares = std::mem::take(&mut self.shares);
         shares.resize(x.len(), [0.0; D]);
         let sums: Vec<[f64; 2]> = gradient
@@ -227,17 +227,22 @@ impl<const D: usize> Energy<D> for Regularised<'_, D> {
             lattice: self.kappa * lattice + (1.0 - self.kappa) * length,
             image,
         };
-        energy + weighted
+        Ok(energy + weighted)
     }
 
-    fn terms(&mut self, x: &[[f64; D]], minimised: f64, gradient: &mut [[f64; D]]) -> Terms {
+    fn terms(
+        &mut self,
+        x: &[[f64; D]],
+        minimised: f64,
+        gradient: &mut [[f64; D]],
+    ) -> Result<Terms> {
         // Atoms alone, A counting in full.
-        let alone = self.pairs.clone().counting(1.0).evaluate(x, gradient);
-        let terms = self.pairs.terms(x, alone, gradient);
-        Terms {
+        let alone = self.pairs.clone().counting(1.0).evaluate(x, gradient)?;
+        let terms = self.pairs.terms(x, alone, gradient)?;
+        Ok(Terms {
             smoothing: minimised - alone,
             ..terms
-        }
+        })
     }
 
     fn stiffness(&self, x: &[[f64; D]]) -> Vec<f32> {
@@ -301,7 +306,7 @@ mod tests {
         assert!(energy.refresh(&atoms.positions).unwrap());
         let mut x = atoms.positions;
         let mut gradient = vec![[0.0; D]; x.len()];
-        let value = energy.evaluate(&x, &mut gradient);
+        let value = energy.evaluate(&x, &mut gradient).unwrap();
         if let Beta::Constant(beta) = beta {
             let Parts { lattice, image } = energy.parts();
             let sum = (1.0 - beta) * lattice + beta * image;
@@ -316,7 +321,7 @@ mod tests {
                 let at = x[n][k];
                 let mut value = |offset: f64| {
                     x[n][k] = at + offset;
-                    energy.evaluate(&x, &mut unused)
+                    energy.evaluate(&x, &mut unused).unwrap()
                 };
                 let near = value(h) - value(-h);
                 let far = value(2.0 * h) - value(-2.0 * h);
@@ -366,14 +371,14 @@ mod tests {
         let mut energy = Regularised::new(pairs, &distance, beta, 0.0, mobility.collect()).unwrap();
         energy.refresh(&atoms.positions).unwrap();
         let mut gradient = vec![[0.0; 2]; atoms.len()];
-        let zero = energy.evaluate(&atoms.positions, &mut gradient);
+        let zero = energy.evaluate(&atoms.positions, &mut gradient).unwrap();
         assert!(zero.abs() < 1e-9, "{zero}");
         let n = atoms.positions.iter().position(inner).unwrap();
         let deep = |x: &[f64; 2]| (0..2).all(|k| x[k] > 3.8 * d && x[k] < extent[k] - 3.8 * d);
         let n = atoms.positions.iter().position(deep).unwrap_or(n);
         let mut x = atoms.positions.clone();
         x[n][0] += 0.3 * d;
-        let moved = energy.evaluate(&x, &mut gradient);
+        let moved = energy.evaluate(&x, &mut gradient).unwrap();
         // Its own L, and a sixth of it for each of the six neighbours that count.
         let counted = energy
             .adjacency

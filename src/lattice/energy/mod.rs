@@ -87,7 +87,10 @@ impl Terms {
 pub trait Energy<const D: usize> {
     /// Computes P at the positions `x` and, in `gradient`, its derivative with respect to every
     /// coordinate. The two slices have the same length.
-    fn evaluate(&mut self, x: &[[f64; D]], gradient: &mut [[f64; D]]) -> f64;
+    ///
+    /// # Errors
+    /// Those of other MPI ranks, where these have a share of the work.
+    fn evaluate(&mut self, x: &[[f64; D]], gradient: &mut [[f64; D]]) -> Result<f64>;
 
     /// About how many times as stiffly as by the lattice alone each atom is held: a hint by which
     /// minimisers scale their steps.
@@ -98,7 +101,11 @@ pub trait Energy<const D: usize> {
     /// What the energy of the lattice at `x`, which is `minimised` by [`Energy::evaluate`], consists of.
     /// What it writes to `gradient`, which is as long, is of no use. Neither the parts of the last
     /// evaluation nor what a round has frozen changes.
-    fn terms(&mut self, x: &[[f64; D]], minimised: f64, gradient: &mut [[f64; D]]) -> Terms;
+    ///
+    /// # Errors
+    /// As [`Energy::evaluate`].
+    fn terms(&mut self, x: &[[f64; D]], minimised: f64, gradient: &mut [[f64; D]])
+    -> Result<Terms>;
 
     /// Called with the lattice at the start of every round of an optimisation: what is frozen in a
     /// round may change here. Says whether it has, so that energies of before are no longer to be

@@ -16,6 +16,7 @@
 
 use super::pair::{CUTOFF, potential};
 use super::{Beta, Energy, Parts, Terms};
+use crate::error::Result;
 use crate::image::Field;
 use crate::lattice::distance::Distance;
 use crate::lattice::seeding::Alignment;
@@ -229,7 +230,7 @@ impl<'a, const D: usize> Sampled<'a, D> {
 }
 
 impl<const D: usize> Energy<D> for Sampled<'_, D> {
-    fn evaluate(&mut self, x: &[[f64; D]], gradient: &mut [[f64; D]]) -> f64 {
+    fn evaluate(&mut self, x: &[[f64; D]], gradient: &mut [[f64; D]]) -> Result<f64> {
         self.field.fill(0.0);
         for atom in x {
             self.accumulate(atom);
@@ -260,18 +261,23 @@ impl<const D: usize> Energy<D> for Sampled<'_, D> {
             });
         }
         self.parts = parts;
-        energy
+        Ok(energy)
     }
 
-    fn terms(&mut self, x: &[[f64; D]], minimised: f64, gradient: &mut [[f64; D]]) -> Terms {
+    fn terms(
+        &mut self,
+        x: &[[f64; D]],
+        minimised: f64,
+        gradient: &mut [[f64; D]],
+    ) -> Result<Terms> {
         let (parts, stiffness) = (self.parts, self.stiffness);
         self.stiffness = 0.0;
         self.tabulate();
         let energy = self.evaluate(x, gradient);
-        let terms = Terms::of_pairs(self.parts, energy, minimised);
-        (self.parts, self.stiffness) = (parts, stiffness);
+        let found = std::mem::replace(&mut self.parts, parts);
+        self.stiffness = stiffness;
         self.tabulate();
-        terms
+        Ok(Terms::of_pairs(found, energy?, minimised))
     }
 
     fn twin(&self) -> Box<dyn Energy<D> + Send + '_> {
@@ -328,8 +334,8 @@ mod tests {
         let mut rough = vec![[0.0; 3]; atoms.len()];
         let mut truth = rough.clone();
         let (p, q) = (
-            sampled.evaluate(&atoms, &mut rough),
-            exact.evaluate(&atoms, &mut truth),
+            sampled.evaluate(&atoms, &mut rough).unwrap(),
+            exact.evaluate(&atoms, &mut truth).unwrap(),
         );
         // Sides, where the central difference turns one-sided, are left out.
         let inside = |x: &[f64; 3]| x.iter().all(|&c| c > 1.0 && c < extent[0] - 1.0);
@@ -383,8 +389,8 @@ mod tests {
                     false => (sampled, exact),
                 };
                 [
-                    sampled.evaluate(&atoms, &mut gradient),
-                    exact.evaluate(&atoms, &mut gradient),
+                    sampled.evaluate(&atoms, &mut gradient).unwrap(),
+                    exact.evaluate(&atoms, &mut gradient).unwrap(),
                 ]
             };
             let (published, whole) = (both(false), both(true));
@@ -413,8 +419,8 @@ mod tests {
         let exact = Pairwise::new(extent, &distance, Some(&sparse), beta).unwrap();
         let mut exact = exact.stiffened(10.0);
         let mut gradient = vec![[0.0; 3]; atoms.len()];
-        let rough = sampled.evaluate(&atoms, &mut gradient);
-        let truth = exact.evaluate(&atoms, &mut gradient);
+        let rough = sampled.evaluate(&atoms, &mut gradient).unwrap();
+        let truth = exact.evaluate(&atoms, &mut gradient).unwrap();
         assert!(
             (rough - truth).abs() < 0.06 * truth.abs(),
             "{rough} {truth}"
@@ -430,7 +436,7 @@ mod tests {
         let distance = Distance::Constant(4.0);
         let mut sampled = Sampled::new(&distance, valley.clone(), Beta::Constant(0.25));
         let atoms = [[5.0, 6.0], [12.0, 3.0]];
-        sampled.evaluate(&atoms, &mut [[0.0; 2]; 2]);
+        sampled.evaluate(&atoms, &mut [[0.0; 2]; 2]).unwrap();
         let total = sampled.total();
         for (i, p) in total.samples.iter().enumerate() {
             let x = [(i % 17) as f64, (i / 17) as f64];

@@ -62,7 +62,7 @@ pub fn evolve<const D: usize>(
         energy: 0.0,
         parts: Parts::default(),
     };
-    first.energy = finite(energy.evaluate(start, &mut first.gradient))?;
+    first.energy = finite(energy.evaluate(start, &mut first.gradient)?)?;
     first.parts = energy.parts();
     budget.evaluations += 1;
     let mut twins: Vec<_> = (1..POPULATION).map(|_| energy.twin()).collect();
@@ -79,10 +79,10 @@ pub fn evolve<const D: usize>(
         }
         let generation = history.len() as u64;
         let others = children.par_iter_mut().zip(&mut twins).enumerate();
-        let evolve = |patience: &Patience<'_>| {
-            others.for_each(|(n, (child, twin))| {
+        let evolve = |patience: &Patience<'_>| -> Result<bool> {
+            others.try_for_each(|(n, (child, twin))| {
                 if patience.over() {
-                    return;
+                    return Ok(());
                 }
                 let key = [options.seed, round as u64, generation, n as u64]
                     .into_iter()
@@ -97,12 +97,13 @@ pub fn evolve<const D: usize>(
                 };
                 birth.cross(&parents[0], &parents[n + 1], child);
                 birth.mutate(child);
-                child.energy = twin.evaluate(&child.positions, &mut child.gradient);
+                child.energy = twin.evaluate(&child.positions, &mut child.gradient)?;
                 child.parts = twin.parts();
-            });
-            patience.over()
+                Ok(())
+            })?;
+            Ok(patience.over())
         };
-        if Patience::of(&mut || observer.keep_going(), evolve) {
+        if Patience::of(&mut || observer.keep_going(), evolve)? {
             break Stop::Interrupted;
         }
         budget.evaluations += children.len();
@@ -146,7 +147,7 @@ pub fn evolve<const D: usize>(
             &mut *twins[0],
             spare,
             observer,
-        );
+        )?;
         if let Some(n) = history.len().checked_sub(WINDOW + 1)
             && history[n] - least <= options.tolerance * least.abs()
         {
@@ -282,7 +283,9 @@ mod tests {
         let outcome = optimize(&mut atoms, energy, &DISTANCE, EXTENT, &options, observer).unwrap();
         // What is said of the lattice is true of it.
         let mut gradient = vec![[0.0; 2]; atoms.len()];
-        let again = evaluator(&valley).evaluate(&atoms.positions, &mut gradient);
+        let again = evaluator(&valley)
+            .evaluate(&atoms.positions, &mut gradient)
+            .unwrap();
         assert!((again - outcome.energy_after).abs() < 1e-6 * again.abs());
         (atoms, outcome)
     }
@@ -390,7 +393,7 @@ mod tests {
             let mut all = energy(0.0);
             all.refresh(&atoms.positions).unwrap();
             let mut gradient = vec![[0.0; 2]; atoms.len()];
-            all.evaluate(&atoms.positions, &mut gradient);
+            all.evaluate(&atoms.positions, &mut gradient).unwrap();
             all.parts().lattice / atoms.len() as f64
         };
         for method in [Method::Lbfgs, Method::Genetic] {

@@ -115,7 +115,7 @@ impl<const D: usize> Minimiser<D> {
         energy: &mut dyn Energy<D>,
         budget: &mut Budget,
     ) -> Result<(f64, Parts)> {
-        let value = energy.evaluate(x, &mut self.gradient);
+        let value = energy.evaluate(x, &mut self.gradient)?;
         budget.evaluations += 1;
         Ok((finite(value)?, energy.parts()))
     }

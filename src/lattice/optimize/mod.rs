@@ -154,7 +154,7 @@ pub fn optimize<const D: usize>(
     let (energy_before, _) = minimiser.measure(&atoms.positions, energy, &mut budget)?;
     let mut best = energy_before;
     let mut spare = vec![[0.0; D]; atoms.len()];
-    show(&atoms.positions, best, 0, energy, &mut spare, observer);
+    show(&atoms.positions, best, 0, energy, &mut spare, observer)?;
     let mut rounds = 0;
     let stop = loop {
         if rounds == options.max_rounds || budget.spent() {
@@ -199,7 +199,7 @@ pub fn optimize<const D: usize>(
             atoms.positions.copy_from_slice(minimiser.positions());
         }
         if options.method != Method::Genetic {
-            show(&atoms.positions, best, rounds, energy, &mut spare, observer);
+            show(&atoms.positions, best, rounds, energy, &mut spare, observer)?;
         }
         if stop == Stop::Interrupted {
             break stop;
@@ -215,7 +215,7 @@ pub fn optimize<const D: usize>(
         evaluations: budget.evaluations,
         energy_before,
         energy_after: best,
-        terms: energy.terms(&atoms.positions, best, &mut spare),
+        terms: energy.terms(&atoms.positions, best, &mut spare)?,
     })
 }
 
@@ -227,11 +227,11 @@ fn show<const D: usize>(
     energy: &mut (impl Energy<D> + ?Sized),
     spare: &mut [[f64; D]],
     observer: &mut dyn Observer,
-) {
+) -> Result<()> {
     if !observer.wants_lattices() {
-        return;
+        return Ok(());
     }
-    let terms = energy.terms(x, minimised, spare);
+    let terms = energy.terms(x, minimised, spare)?;
     let positions: Vec<[f64; 3]> = x.iter().map(|&x| in_space(x)).collect();
     observer.lattice(&Snapshot {
         round,
@@ -240,6 +240,7 @@ fn show<const D: usize>(
         lattice: terms.published.lattice,
         image: terms.published.image,
     });
+    Ok(())
 }
 
 fn check(options: &Effort, atoms: usize) -> Result<()> {

@@ -163,7 +163,9 @@ fn energy_never_rises_within_a_round_and_the_best_is_kept() {
     assert!(recorder.energies.is_sorted_by(|a, b| a >= b));
     assert_eq!(recorder.energies.last(), Some(&outcome.energy_after));
     let mut gradient = vec![[0.0; 3]; atoms.len()];
-    let again = evaluator(&distance, &valley).evaluate(&atoms.positions, &mut gradient);
+    let again = evaluator(&distance, &valley)
+        .evaluate(&atoms.positions, &mut gradient)
+        .unwrap();
     assert!((again - outcome.energy_after).abs() < 1e-6 * again.abs());
 }
 
@@ -329,7 +331,11 @@ impl Problem<'_> {
             positions[n][k] = value;
         }
         let mut gradient = vec![[0.0; 3]; positions.len()];
-        let value = self.energy.borrow_mut().evaluate(&positions, &mut gradient);
+        let value = self
+            .energy
+            .borrow_mut()
+            .evaluate(&positions, &mut gradient)
+            .unwrap();
         (
             value,
             self.free.iter().map(|&(n, k)| gradient[n][k]).collect(),

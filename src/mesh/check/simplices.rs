@@ -4,8 +4,10 @@ use super::{Bounds, Check, Checked, Known, Sides, singular};
 use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
 use crate::observer::Patience;
+use rayon::prelude::*;
+use std::ops::Range;
 
-/// Cells from one question whether to go on to the next.
+/// Cells in one task, from one question whether to go on to the next.
 const ROW: usize = 1 << 14;
 
 impl<const D: usize, M: Simplices<D>> Checked<D> for M {
@@ -69,17 +71,35 @@ fn first_apart<const D: usize, M: Simplices<D>>(
     neighbors: &[u32],
     patience: &Patience<'_>,
 ) -> Option<usize> {
-    let faces = D + 1;
-    if neighbors.len() != faces * mesh.len() {
+    if neighbors.len() != (D + 1) * mesh.len() {
         return Some(0);
     }
-    // A face seen from the cell of the lower number pairs with one seen from the higher: none of these
-    // may be left over.
-    let mut unpaired = 0isize;
-    for c in 0..mesh.len() {
-        if c % ROW == 0 && patience.over() {
-            return None;
-        }
+    let rows: Vec<Result<isize, usize>> = (0..mesh.len().div_ceil(ROW))
+        .into_par_iter()
+        .take_any_while(|_| !patience.over())
+        .map(|row| unpaired(mesh, neighbors, row * ROW..mesh.len().min((row + 1) * ROW)))
+        .collect();
+    if patience.over() {
+        return None;
+    }
+    match rows.into_iter().sum::<Result<isize, usize>>() {
+        Ok(0) => None,
+        Ok(_) => Some(0),
+        Err(cell) => Some(cell),
+    }
+}
+
+/// A face seen from the cell of the lower number pairs with one seen from the higher: how many more of the first
+/// than of the second some cells have, or the first of them that has not each of its faces in common with its
+/// neighbour. In the whole mesh none may be left over.
+fn unpaired<const D: usize, M: Simplices<D>>(
+    mesh: &M,
+    neighbors: &[u32],
+    cells: Range<usize>,
+) -> Result<isize, usize> {
+    let faces = D + 1;
+    let mut unpaired = 0;
+    for c in cells {
         let cell = mesh.cell(c);
         for (k, &n) in neighbors[faces * c..faces * (c + 1)].iter().enumerate() {
             let n = n as usize;
@@ -87,7 +107,7 @@ fn first_apart<const D: usize, M: Simplices<D>>(
                 continue;
             }
             if n >= mesh.len() || n == c {
-                return Some(c);
+                return Err(c);
             }
             if n < c {
                 unpaired -= 1;
@@ -107,11 +127,11 @@ fn first_apart<const D: usize, M: Simplices<D>>(
             }
             // Nodes of a cell differ, so that many in common are the face.
             if (pairs, shared) != (1, D) {
-                return Some(c);
+                return Err(c);
             }
         }
     }
-    (unpaired != 0).then_some(0)
+    Ok(unpaired)
 }
 
 /// Every face without a neighbour, in the side of the box to whose plane it keeps closest.

@@ -21,8 +21,13 @@ mod search;
 pub use fixed::{FixedPoint, NOWHERE, Point};
 pub use rows::Rows;
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
+use crate::error::Result;
+use crate::files::kept::fields;
+use crate::ranks;
 use scratch::Scratch;
 use search::{AtomCells, Search};
 
@@ -42,22 +47,33 @@ pub const FILLER: u16 = u16::MAX;
 /// listed twice, so no atom writes to another's sums).
 #[derive(Clone, Default)]
 pub struct Neighbours {
-    /// One for each chunk of atoms.
+    /// One for each chunk of atoms; only [own](Self::own) ones are made.
     pub chunks: Vec<Rows>,
+    /// Whether each rank makes its share of the chunks only.
+    pub shared: bool,
     cells: AtomCells,
 }
 
 impl Neighbours {
+    /// The chunks that are made.
+    pub fn own(&self) -> Range<usize> {
+        match self.shared {
+            true => ranks::own(self.chunks.len()),
+            false => 0..self.chunks.len(),
+        }
+    }
+
     /// Lists the neighbours of the first `atoms` of `points` anew.
     ///
     /// `reach` is each point's own reach in fixed-point units, `slope` a bound on how fast it changes
     /// over space (0 where it is the same for all), so that an atom finds also those that reach
     /// farther than itself.
     pub fn build(&mut self, points: &[Point], atoms: usize, reach: &[f32], slope: f32) {
-        let search = Search::new(points, reach, slope, &mut self.cells);
         self.chunks
             .resize_with(atoms.div_ceil(CHUNK), Rows::default);
-        let chunks = self.chunks.par_iter_mut().enumerate();
+        let own = self.own();
+        let search = Search::new(points, reach, slope, &mut self.cells);
+        let chunks = own.clone().into_par_iter().zip(&mut self.chunks[own]);
         chunks.for_each_init(
             || Scratch::new(points.len()),
             |scratch, (n, rows)| {
@@ -76,6 +92,9 @@ impl Neighbours {
     /// new build.
     ///
     /// `partner(i, j)` is the pair by which the other atom knows of a pair of atom `i` and point `j`.
+    ///
+    /// # Errors
+    /// Those of [`ranks::share`].
     pub fn repair(
         &mut self,
         points: &[Point],
@@ -84,10 +103,14 @@ impl Neighbours {
         slope: f32,
         moved: &[u32],
         partner: impl Fn(u32, u32) -> (u32, u32) + Sync,
-    ) {
+    ) -> Result<()> {
+        let own = self.own();
         let search = Search::new(points, reach, slope, &mut self.cells);
         let moved = &moved[..moved.partition_point(|&i| (i as usize) < atoms)];
-        let chunks = self.chunks.par_iter_mut().enumerate();
+        let chunks = own
+            .clone()
+            .into_par_iter()
+            .zip(&mut self.chunks[own.clone()]);
         let changes: Vec<Vec<Change>> = chunks
             .map_init(
                 || Scratch::new(points.len()),
@@ -121,12 +144,17 @@ impl Neighbours {
                 },
             )
             .collect();
+        let changes = changes.into_iter().flatten().collect();
+        let changes = match self.shared {
+            true => told(changes, &own)?,
+            false => vec![changes],
+        };
         // By chunk of the atom that must know, in the same order always.
-        let mut by_chunk: Vec<Vec<Change>> = vec![Vec::new(); self.chunks.len()];
+        let mut by_chunk: Vec<Vec<Change>> = vec![Vec::new(); own.len()];
         for change in changes.into_iter().flatten() {
-            by_chunk[change.atom as usize / CHUNK].push(change);
+            by_chunk[change.atom as usize / CHUNK - own.start].push(change);
         }
-        let chunks = self.chunks.par_iter_mut().zip(&by_chunk);
+        let chunks = self.chunks[own].par_iter_mut().zip(&by_chunk);
         chunks.for_each_init(
             || Scratch::new(points.len()),
             |scratch, (rows, changes)| {
@@ -146,6 +174,7 @@ impl Neighbours {
                 }
             },
         );
+        Ok(())
     }
 }
 
@@ -155,6 +184,25 @@ struct Change {
     atom: u32,
     point: u32,
     is_new: bool,
+}
+
+fields! { Change as Change { atom, point, is_new } }
+
+/// Of the changes that each rank has found, those in the chunks that are this rank's `own`.
+fn told(found: Vec<Change>, own: &Range<usize>) -> Result<Vec<Vec<Change>>> {
+    let is_own = |change: &Change| own.contains(&(change.atom as usize / CHUNK));
+    let (kept, others): (Vec<Change>, Vec<Change>) = found.into_iter().partition(is_own);
+    let mut all = Vec::new();
+    let tell = |_, give: &mut dyn FnMut(Vec<Change>)| {
+        give(others);
+        Ok(())
+    };
+    let mut hear = |of_rank: Vec<Change>| all.push(of_rank.into_iter().filter(is_own).collect());
+    ranks::share("changes of neighbours", ranks::count(), tell, &mut hear)?;
+    if let Some(of_own) = all.get_mut(ranks::rank()) {
+        *of_own = kept;
+    }
+    Ok(all)
 }
 
 #[cfg(test)]

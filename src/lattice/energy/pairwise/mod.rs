@@ -32,6 +32,7 @@ use crate::error::{Error, Result, cause};
 use crate::image::Sparse;
 use crate::lattice::distance::Distance;
 use crate::lattice::seeding::Alignment;
+use crate::ranks;
 
 /// Width of the Verlet list beyond the cut-off, in units of d. The third shell of an FCC lattice is
 /// at 1.73 d, so a regular lattice gets no more pairs from it.
@@ -144,6 +145,13 @@ impl<'a, const D: usize> Pairwise<'a, D> {
         self
     }
 
+    /// Shares the work between [ranks]: each lists and evaluates some chunks of atoms. All must evaluate the same
+    /// positions at the same time, so that it is not for [twins](Energy::twin).
+    pub(crate) fn among_ranks(mut self) -> Self {
+        self.neighbours.shared = true;
+        self
+    }
+
     /// How many points' neighbours have been listed anew because the point had moved, in all.
     pub fn relisted(&self) -> usize {
         self.relisted
@@ -175,7 +183,10 @@ impl<'a, const D: usize> Pairwise<'a, D> {
     /// An atom that has moved, or whose d has grown, by more than half its skin in all gets a new
     /// listed position. So a pair left out is never nearer than 1.5 d: both together have used up at
     /// most the larger skin.
-    fn update(&mut self, x: &[[f64; D]]) {
+    ///
+    /// # Errors
+    /// Those of [`ranks::share`].
+    fn update(&mut self, x: &[[f64; D]]) -> Result<()> {
         let count = x.len();
         if self.points.len() != count + self.images.len() {
             // Other atoms than before.
@@ -196,7 +207,8 @@ impl<'a, const D: usize> Pairwise<'a, D> {
             self.update_sites(x);
         }
         if self.listed.is_empty() {
-            return self.list_all(count);
+            self.list_all(count);
+            return Ok(());
         }
         let far = |&n: &u32| {
             let n = n as usize;
@@ -211,7 +223,7 @@ impl<'a, const D: usize> Pairwise<'a, D> {
             .filter(far)
             .collect();
         if moved.is_empty() {
-            return;
+            return Ok(());
         }
         let has_images = |&&n: &&u32| {
             let n = n as usize;
@@ -222,7 +234,8 @@ impl<'a, const D: usize> Pairwise<'a, D> {
         if moved.len() > self.points.len() / FEW
             || alongside && !moved.iter().all(|n| has_images(&n))
         {
-            return self.list_all(count);
+            self.list_all(count);
+            return Ok(());
         }
         self.relisted += moved.len();
         for &n in &moved {
@@ -233,7 +246,7 @@ impl<'a, const D: usize> Pairwise<'a, D> {
         let images = &self.images;
         let partner = |i, j| images.partner(count, i, j);
         self.neighbours
-            .repair(&self.listed, count, &self.reach, slope, &moved, partner);
+            .repair(&self.listed, count, &self.reach, slope, &moved, partner)
     }
 
     /// Lists the neighbours of all atoms anew, and finds the images that they need.
@@ -295,6 +308,10 @@ impl<'a, const D: usize> Pairwise<'a, D> {
         gradient: &mut [[f64; D]],
         local: &mut Local,
     ) -> [f64; 3] {
+        // Only where d varies without any measure: some pairs are missing.
+        if rows.overflowed {
+            return [f64::NAN; 3];
+        }
         local.take(rows, &self.points, &self.sites);
         let sign = match self.alignment {
             Alignment::On => 1.0,
@@ -354,16 +371,25 @@ impl<'a, const D: usize> Pairwise<'a, D> {
 }
 
 impl<const D: usize> Energy<D> for Pairwise<'_, D> {
-    fn evaluate(&mut self, x: &[[f64; D]], gradient: &mut [[f64; D]]) -> f64 {
-        self.update(x);
-        let chunks = self.neighbours.chunks.par_iter();
-        let sums: Vec<[f64; 3]> = chunks
-            .zip(gradient.par_chunks_mut(CHUNK))
-            .zip(x.par_chunks(CHUNK))
-            .map(|((rows, gradient), x)| {
-                LOCAL.with_borrow_mut(|local| self.evaluate_chunk(rows, x, gradient, local))
-            })
-            .collect();
+    fn evaluate(&mut self, x: &[[f64; D]], gradient: &mut [[f64; D]]) -> Result<f64> {
+        self.update(x)?;
+        let chunks = &self.neighbours.chunks;
+        let own = self.neighbours.own();
+        let mut sums = vec![[0.0; 3]; chunks.len()];
+        let atoms = own.start * CHUNK..x.len().min(own.end * CHUNK);
+        sums[own.clone()]
+            .par_iter_mut()
+            .zip(&chunks[own])
+            .zip(gradient[atoms.clone()].par_chunks_mut(CHUNK))
+            .zip(x[atoms].par_chunks(CHUNK))
+            .for_each(|(((sums, rows), gradient), x)| {
+                *sums =
+                    LOCAL.with_borrow_mut(|local| self.evaluate_chunk(rows, x, gradient, local));
+            });
+        if self.neighbours.shared {
+            ranks::fill("energies of atoms", sums.as_flattened_mut(), 3)?;
+            ranks::fill("gradients", gradient.as_flattened_mut(), CHUNK * D)?;
+        }
         let total = sums
             .iter()
             .fold([0.0; 3], |t, s| [t[0] + s[0], t[1] + s[1], t[2] + s[2]]);
@@ -371,20 +397,21 @@ impl<const D: usize> Energy<D> for Pairwise<'_, D> {
             lattice: total[0],
             image: total[1],
         };
-        // Only where d varies without any measure: some pairs are missing.
-        if self.neighbours.chunks.iter().any(|rows| rows.overflowed) {
-            return f64::NAN;
-        }
-        total[2]
+        Ok(total[2])
     }
 
-    fn terms(&mut self, x: &[[f64; D]], minimised: f64, gradient: &mut [[f64; D]]) -> Terms {
+    fn terms(
+        &mut self,
+        x: &[[f64; D]],
+        minimised: f64,
+        gradient: &mut [[f64; D]],
+    ) -> Result<Terms> {
         let (parts, kappa, stiffness) = (self.parts, self.kappa, self.stiffness);
         (self.kappa, self.stiffness) = (1.0, 0.0);
         let energy = self.evaluate(x, gradient);
-        let terms = Terms::of_pairs(self.parts, energy, minimised);
-        (self.parts, self.kappa, self.stiffness) = (parts, kappa, stiffness);
-        terms
+        let found = std::mem::replace(&mut self.parts, parts);
+        (self.kappa, self.stiffness) = (kappa, stiffness);
+        Ok(Terms::of_pairs(found, energy?, minimised))
     }
 
     fn stiffness(&self, x: &[[f64; D]]) -> Vec<f32> {

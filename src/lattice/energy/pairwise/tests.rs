@@ -93,7 +93,7 @@ impl<const D: usize> Case<'_, D> {
         .unwrap();
         evaluator = evaluator.stiffened(self.stiffness).aligned(self.alignment);
         let mut gradient = vec![[0.0; D]; x.len()];
-        let energy = evaluator.evaluate(x, &mut gradient);
+        let energy = evaluator.evaluate(x, &mut gradient).unwrap();
         let mut truth = 0.0;
         for n in 0..x.len() {
             let (shared, own) = self.terms(x, n);
@@ -291,7 +291,7 @@ fn the_perfect_lattice_of_the_plane_is_a_minimum() {
     let distance = Distance::Constant(d);
     let mut energy = Pairwise::new(extent, &distance, None, Beta::Constant(0.0)).unwrap();
     let mut gradient = vec![[0.0; 2]; x.len()];
-    let lowest = energy.evaluate(&x, &mut gradient);
+    let lowest = energy.evaluate(&x, &mut gradient).unwrap();
     let inner = |x: &[f64; 2]| (0..2).all(|k| x[k] > 1.6 * d && x[k] < extent[k] - 1.6 * d);
     let at_rest = x.iter().zip(&gradient).filter(|(x, _)| inner(x));
     assert!(at_rest.clone().count() > 20);
@@ -305,7 +305,7 @@ fn the_perfect_lattice_of_the_plane_is_a_minimum() {
             false => *x,
         };
         let moved: Vec<[f64; 2]> = x.iter().map(jump).collect();
-        assert!(energy.evaluate(&moved, &mut gradient) > lowest);
+        assert!(energy.evaluate(&moved, &mut gradient).unwrap() > lowest);
     }
 }
 
@@ -340,9 +340,9 @@ fn kept_and_new(alignment: Alignment) {
                 });
             }
         }
-        let energy = kept.evaluate(&x, &mut gradient);
+        let energy = kept.evaluate(&x, &mut gradient).unwrap();
         let mut truth = vec![[0.0; 3]; x.len()];
-        let expected = new().evaluate(&x, &mut truth);
+        let expected = new().evaluate(&x, &mut truth).unwrap();
         assert!((energy - expected).abs() < 1e-6 * expected.abs());
         for (a, b) in gradient.iter().flatten().zip(truth.iter().flatten()) {
             assert!((a - b).abs() < 1e-5, "{a} {b}");
@@ -369,7 +369,10 @@ fn any_number_of_threads_gives_the_same_bytes() {
             let mut evaluator =
                 Pairwise::new(extent, &distance, None, Beta::Constant(0.5)).unwrap();
             let mut gradient = vec![[0.0; 3]; x.len()];
-            (evaluator.evaluate(&x, &mut gradient).to_bits(), gradient)
+            (
+                evaluator.evaluate(&x, &mut gradient).unwrap().to_bits(),
+                gradient,
+            )
         })
     };
     assert!(x.len() > 3 * CHUNK);

@@ -28,9 +28,6 @@ const ROOM: f64 = 0.5;
 /// So many tetrahedra, or one in a hundred if that is more, are worked on in a round.
 const PATIENCE: usize = 1000;
 
-/// They are worked on in so many bands: only within one it matters where they are, and not how poor.
-const BANDS: usize = 4;
-
 /// What a transaction has overwritten, beside the complex's own journal.
 #[derive(Debug, Default)]
 pub(super) struct Undo {
@@ -79,12 +76,8 @@ impl Improver<'_> {
             let before = poor.len();
             // Where features ask for what no lattice can do, patience must end.
             poor.truncate(PATIENCE.max(self.complex.tets.len() / 100));
-            let band = poor.len().div_ceil(BANDS).max(1);
-            for (number, band) in poor.chunks(band).enumerate() {
-                let share = number as f64 / BANDS as f64;
-                patience.reached(1.0 - left * (1.0 - 0.5 * share));
-                self.mend_each(band, patience)?;
-            }
+            let reached = |share| patience.reached(1.0 - left * (1.0 - 0.5 * share));
+            self.mend_each(&poor, patience, reached)?;
             left *= 0.5;
             self.polish(2, patience);
             if self.poor().len() >= before {

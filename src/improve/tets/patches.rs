@@ -20,9 +20,9 @@ use crate::{Result, ranks};
 /// A patch has all tetrahedra at the nodes so near to the middle of one that is mended there, over d. What asks for
 /// more, as few do, is mended in the mesh itself.
 const REACH: f64 = 3.5;
-/// Edge of a cube, over the largest d: patches of two cubes with one between them do not meet, and few tetrahedra are
-/// beside others of another cube.
-const CUBE: f64 = 14.0;
+/// Edge of a cube, over the largest d of what is mended: patches of two cubes with one between them do not meet, as
+/// tetrahedra go some 1.3 d beyond the nodes that they have there.
+const CUBE: f64 = 2.0 * (REACH + 1.3);
 
 /// What becomes of tetrahedra whose middles are in one cube.
 struct Patch<'a> {
@@ -63,17 +63,33 @@ fields! {
 }
 
 impl<'a> Improver<'a> {
-    /// Mends tetrahedra, of those that are near one another the first ones first.
+    /// Mends tetrahedra, of those that are near one another the first ones first; tells how far it is.
     ///
     /// # Errors
     /// Those of [`ranks::share`].
-    pub(super) fn mend_each(&mut self, poor: &[u32], patience: &Patience<'_>) -> Result<()> {
+    pub(super) fn mend_each(
+        &mut self,
+        poor: &[u32],
+        patience: &Patience<'_>,
+        reached: impl Fn(f64),
+    ) -> Result<()> {
         let pool = Mutex::new(Vec::new());
         let mut later = Vec::new();
-        for mut cubes in self.cubes(poor) {
+        let d = |&t: &u32| {
+            if self.is_poor(t) {
+                self.middle(t).1
+            } else {
+                0.0
+            }
+        };
+        let edge = CUBE * poor.iter().map(d).fold(0.0, f64::max);
+        let apart = self.cubes(poor, edge);
+        let phases = apart.len() as f64;
+        for (phase, mut cubes) in apart.into_iter().enumerate() {
+            reached(phase as f64 / phases);
             // Numbers of tetrahedra that went are those of others now, which may be anywhere.
             for (cube, tets) in &mut cubes {
-                tets.retain(|&t| self.is_poor(t) && self.cube(t) == *cube);
+                tets.retain(|&t| self.is_poor(t) && self.cube(t, edge) == *cube);
             }
             let mut all = Vec::with_capacity(cubes.len());
             let work = |own: Range<usize>, give: &mut dyn FnMut(Tried)| {
@@ -115,16 +131,15 @@ impl<'a> Improver<'a> {
     }
 
     /// The cube that the middle of a tetrahedron is in.
-    fn cube(&self, t: u32) -> [u32; 3] {
-        let edge = CUBE * self.distance.max();
+    fn cube(&self, t: u32, edge: f64) -> [u32; 3] {
         self.middle(t).0.map(|c| (c / edge) as u32)
     }
 
     /// Tetrahedra by their cubes; eight times cubes of which no two patches meet.
-    fn cubes(&self, tets: &[u32]) -> [Vec<Cube>; 8] {
+    fn cubes(&self, tets: &[u32], edge: f64) -> [Vec<Cube>; 8] {
         let mut cubes: BTreeMap<[u32; 3], Vec<u32>> = BTreeMap::new();
         for &t in tets.iter().filter(|&&t| self.is_poor(t)) {
-            cubes.entry(self.cube(t)).or_default().push(t);
+            cubes.entry(self.cube(t, edge)).or_default().push(t);
         }
         let mut apart: [Vec<Cube>; 8] = Default::default();
         for (cube, tets) in cubes {

@@ -290,7 +290,7 @@ fn mending_in_patches_leaves_what_is_known_of_the_mesh_true_whoever_does_it() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
         pool.build()
             .unwrap()
-            .install(|| improver.mend_each(&poor, &patience).unwrap());
+            .install(|| improver.mend_each(&poor, &patience, |_| {}).unwrap());
         let left = improver.poor().len();
         assert!(2 * left < poor.len(), "{left} of {}", poor.len());
         for t in (0..improver.complex.tets.len() as u32).filter(|&t| improver.complex.alive(t)) {

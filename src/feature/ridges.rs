@@ -98,7 +98,8 @@ pub fn statistics<const D: usize>(
 ) -> Result<Statistics> {
     let every = if D == 3 { 16 } else { 1 };
     let mut parts: Vec<(Vec<f32>, Vec<f32>)> = Vec::new();
-    let some = |own: Range<usize>| (own.start / own.len()).is_multiple_of(samples.one_in());
+    let some =
+        |own: Range<usize>| usize::from((own.start / own.len()).is_multiple_of(samples.one_in()));
     let mut measure = |window: &Window<'_, D>| {
         window.by_rows(patience, |first, curvature: &mut Curvature, parts| {
             let place = window.smoothed.in_volume(first);

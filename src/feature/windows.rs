@@ -337,8 +337,8 @@ impl<'a, const D: usize> Samples<'a, D> {
         }
     }
 
-    /// Takes what `work` gives for one window after the other, those of whose own layers something is `wanted`;
-    /// ranks share them. Each has so many layers to either side, as far as there are any: under the Gaussians
+    /// Takes what `work` gives for one window after the other; ranks share them. `much` says how much work there is
+    /// in a window's own layers: those in which there is none are left out. Each has so many layers to either side, as far as there are any: under the Gaussians
     /// `halo`, and as they are and under a Gaussian of width `blur` as many as that says.
     ///
     /// # Errors
@@ -347,7 +347,7 @@ impl<'a, const D: usize> Samples<'a, D> {
         &self,
         halo: usize,
         blur: Option<(f64, usize)>,
-        wanted: &dyn Fn(Range<usize>) -> bool,
+        much: &dyn Fn(Range<usize>) -> usize,
         patience: &Patience<'_>,
         work: &mut dyn FnMut(&Window<'_, D>) -> T,
         take: &mut dyn FnMut(T),
@@ -356,12 +356,14 @@ impl<'a, const D: usize> Samples<'a, D> {
         let own = self.own_layers(blur.is_some());
         let windows = (0..count).step_by(own);
         let windows = windows.map(|first| first..(first + own).min(count));
-        let windows: Vec<Range<usize>> = windows.filter(|own| wanted(own.clone())).collect();
+        let windows = windows.map(|own| (own.clone(), much(own)));
+        let (windows, work_in): (Vec<Range<usize>>, Vec<usize>) =
+            windows.filter(|(_, much)| *much > 0).unzip();
         let these = |mine: Range<usize>, give: &mut dyn FnMut(T)| {
             let give = &mut |window: &Window<'_, D>| give(work(window));
             self.each_of(&windows[mine], (halo, blur), patience, give)
         };
-        ranks::share("layers", windows.len(), these, take)
+        ranks::share_fairly("layers", &work_in, these, take)
     }
 
     /// A window's own layers, under another Gaussian or not.
@@ -516,7 +518,7 @@ pub(crate) mod tests {
             }
             seen
         };
-        let (all, mut shown) = (&|_: Range<usize>| true, Vec::new());
+        let (all, mut shown) = (&|_: Range<usize>| 1, Vec::new());
         let take = &mut |seen: Vec<f32>| shown.extend(seen);
         samples
             .each(3, Some((0.8, 20)), all, patience, work, take)
@@ -586,7 +588,7 @@ pub(crate) mod tests {
         let image = noise([8, 7, 80]);
         let samples = Samples::held(image.dims(), image.as_slice()).limited([0, 1]);
         let mut shown = Vec::new();
-        let wanted = &|own: Range<usize>| own.contains(&40);
+        let wanted = &|own: Range<usize>| usize::from(own.contains(&40));
         let patience = &Patience::endless();
         let look = &mut |window: &Window<'_, 3>| [window.own.start, window.own.end];
         let keep = &mut |own: [usize; 2]| shown.push(own);

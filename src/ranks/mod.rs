@@ -125,6 +125,29 @@ fn share_of(parts: usize, rank: usize, count: usize) -> Range<usize> {
     rank * parts / count..(rank + 1) * parts / count
 }
 
+/// The share of parts that a rank of `count` has, where each takes so long: about as much work as the others'.
+fn fair_share_of(work: &[usize], rank: usize, count: usize) -> Range<usize> {
+    let all: usize = work.iter().sum();
+    // A part is of the rank in whose share of the work its middle is.
+    let first_of = |rank: usize| {
+        let mut before = 0;
+        let begins = |&work: &usize| {
+            let middle = 2 * before + work;
+            before += work;
+            middle * count >= 2 * rank * all
+        };
+        work.iter().position(begins).unwrap_or(work.len())
+    };
+    let end = match rank + 1 == count {
+        true => work.len(),
+        false => first_of(rank + 1),
+    };
+    match rank {
+        0 => 0..end,
+        _ => first_of(rank)..end,
+    }
+}
+
 /// Which of so many parts are this rank's.
 pub fn own(parts: usize) -> Range<usize> {
     share_of(parts, rank(), count())
@@ -167,11 +190,34 @@ pub fn share<T: Kept>(
     work: impl FnOnce(Range<usize>, &mut dyn FnMut(T)) -> Result<()>,
     take: &mut dyn FnMut(T),
 ) -> Result<()> {
+    share_parts(what, parts, own(parts), work, take)
+}
+
+/// The same where parts are not alike: `much` says how much work each is.
+///
+/// # Errors
+/// As [`share`].
+pub fn share_fairly<T: Kept>(
+    what: &str,
+    much: &[usize],
+    work: impl FnOnce(Range<usize>, &mut dyn FnMut(T)) -> Result<()>,
+    take: &mut dyn FnMut(T),
+) -> Result<()> {
+    let own = fair_share_of(much, rank(), count());
+    share_parts(what, much.len(), own, work, take)
+}
+
+fn share_parts<T: Kept>(
+    what: &str,
+    parts: usize,
+    own: Range<usize>,
+    work: impl FnOnce(Range<usize>, &mut dyn FnMut(T)) -> Result<()>,
+    take: &mut dyn FnMut(T),
+) -> Result<()> {
     if count() == 1 {
-        return work(0..parts, take);
+        return work(own, take);
     }
     let mut bytes = Vec::new();
-    let own = share_of(parts, rank(), count());
     // Writing to memory cannot fail.
     let done = work(own, &mut |value| value.put(&mut bytes).unwrap_or_default());
     each_told(
@@ -333,6 +379,23 @@ mod tests {
         for (parts, count) in [(0, 3), (1, 3), (7, 3), (64, 7), (3, 8)] {
             let shares = (0..count).flat_map(|rank| share_of(parts, rank, count));
             assert!(shares.eq(0..parts), "{parts} parts, {count} ranks");
+        }
+    }
+
+    #[test]
+    fn fair_shares_have_all_parts_and_about_as_much_work() {
+        let much = [1, 1, 1, 9, 1, 1, 8, 2, 0, 4];
+        for count in 1..12 {
+            let share = |rank| fair_share_of(&much, rank, count);
+            assert!((0..count).flat_map(share).eq(0..much.len()), "{count}");
+        }
+        let shares: Vec<usize> = (0..3)
+            .map(|rank| much[fair_share_of(&much, rank, 3)].iter().sum())
+            .collect();
+        assert_eq!(shares, [12, 10, 6]);
+        for much in [&[][..], &[0, 0, 0]] {
+            let share = |rank| fair_share_of(much, rank, 2);
+            assert!((0..2).flat_map(share).eq(0..much.len()));
         }
     }
 

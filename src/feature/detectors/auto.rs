@@ -76,7 +76,7 @@ impl Survey {
         };
         let mut look = |window: &Window<'_, D>| Seen::of(window);
         let mut take = |seen: Seen<D>| all.add(seen);
-        samples.each(THIN + 1, None, &|_| true, patience, &mut look, &mut take)?;
+        samples.each(THIN + 1, None, &|_| 1, patience, &mut look, &mut take)?;
         if let Some((at, value)) = all.broken {
             return Err(not_finite(at, value));
         }

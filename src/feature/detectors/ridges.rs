@@ -262,7 +262,7 @@ impl<const D: usize> Seen<D> {
             tops.extend(glance.tops);
         };
         let reach = ridges::REACH;
-        samples.each(reach, None, &|_| true, patience, &mut look, &mut take)?;
+        samples.each(reach, None, &|_| 1, patience, &mut look, &mut take)?;
         let [level, nothing] = some.map(median);
         heights.iter_mut().for_each(|height| *height -= nothing);
         let rank = tops.len() * 9 / 10;

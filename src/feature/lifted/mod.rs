@@ -98,7 +98,7 @@ impl<const D: usize> Search<'_, D> {
         let layer = count / blocks.dims[D - 1].max(1);
         let mut found: Vec<Candidate<D>> = Vec::new();
         let done = AtomicUsize::new(0);
-        let wanted = |own| self.zone.in_layers(own);
+        let much = |own| self.zone.in_layers(own);
         let mut look = |window: &Window<'_, D>| {
             let job = Job {
                 blocks,
@@ -123,7 +123,7 @@ impl<const D: usize> Search<'_, D> {
         };
         let mut take = |some: Vec<Candidate<D>>| found.extend(some);
         let blur = Some((CROSSING.blur, HALO));
-        (self.image).each(0, blur, &wanted, self.patience, &mut look, &mut take)?;
+        (self.image).each(0, blur, &much, self.patience, &mut look, &mut take)?;
         let mut strengths: Vec<f32> = found.iter().map(|c| c.strength).collect();
         if strengths.is_empty() {
             return Ok(found);

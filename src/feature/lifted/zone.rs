@@ -190,13 +190,12 @@ impl<const D: usize> Ambiguous<D> {
         }
     }
 
-    /// Whether any of these layers of samples along the last axis is ambiguous.
-    pub fn in_layers(&self, layers: Range<usize>) -> bool {
+    /// How many cells in these layers of samples along the last axis are ambiguous.
+    pub fn in_layers(&self, layers: Range<usize>) -> usize {
         let cells: usize = self.cells.dims[..D - 1].iter().product();
         let (first, end) = (layers.start / CELL, layers.end.div_ceil(CELL));
-        self.flags[first * cells..end * cells]
-            .iter()
-            .any(|&flag| flag != 0)
+        let flags = &self.flags[first * cells..end * cells];
+        flags.iter().filter(|&&flag| flag != 0).count()
     }
 
     pub(super) fn cell_of(&self, at: [usize; D]) -> usize {

@@ -101,7 +101,8 @@ impl<'a> Improver<'a> {
                 tried.into_iter().for_each(give);
                 Ok(())
             };
-            ranks::share("patches", cubes.len(), work, &mut |tried| all.push(tried))?;
+            let much: Vec<usize> = cubes.iter().map(|(_, tets)| tets.len()).collect();
+            ranks::share_fairly("patches", &much, work, &mut |tried| all.push(tried))?;
             let begun = self.memory.now();
             for ((_, tets), tried) in cubes.into_iter().zip(all) {
                 if self.memory.has_changed(begun, &tried.nodes) {

@@ -24,6 +24,9 @@ const REACH: f64 = 3.5;
 /// tetrahedra go some 1.3 d beyond the nodes that they have there.
 const CUBE: f64 = 2.0 * (REACH + 1.3);
 
+/// With fewer cubes there is little to do at the same time, and to mend the poorest first is less work.
+const FEW: usize = 64;
+
 /// What becomes of tetrahedra whose middles are in one cube.
 struct Patch<'a> {
     numbers: Numbers,
@@ -55,7 +58,7 @@ struct Change {
 type Place = ([f64; 3], Hold);
 
 /// A cube, by its number along each axis, and tetrahedra in it.
-type Cube = ([u32; 3], Vec<u32>);
+pub(super) type Cube = ([u32; 3], Vec<u32>);
 
 fields! {
     Tried as Tried { nodes, beyond, in_vain, change }
@@ -63,7 +66,8 @@ fields! {
 }
 
 impl<'a> Improver<'a> {
-    /// Mends tetrahedra, of those that are near one another the first ones first; tells how far it is.
+    /// Mends tetrahedra: in patches if there are enough, the first ones first otherwise and in each; tells how far it
+    /// is.
     ///
     /// # Errors
     /// Those of [`ranks::share`].
@@ -73,17 +77,36 @@ impl<'a> Improver<'a> {
         patience: &Patience<'_>,
         reached: impl Fn(f64),
     ) -> Result<()> {
-        let pool = Mutex::new(Vec::new());
-        let mut later = Vec::new();
-        let d = |&t: &u32| {
-            if self.is_poor(t) {
-                self.middle(t).1
-            } else {
-                0.0
-            }
-        };
+        let d = |&t: &u32| self.middle(t).1;
         let edge = CUBE * poor.iter().map(d).fold(0.0, f64::max);
         let apart = self.cubes(poor, edge);
+        let (done, later) = match apart.iter().flatten().count() < FEW {
+            true => (0.0, poor.to_vec()),
+            false => (1.0, self.mend_apart(apart, edge, patience, &reached)?),
+        };
+        let count = later.len() as f64;
+        for (number, t) in later.into_iter().enumerate() {
+            reached((number as f64 / count).max(done));
+            if patience.over() {
+                break;
+            }
+            if self.is_poor(t) && !self.in_vain(t) {
+                self.mend_here(t);
+            }
+        }
+        Ok(())
+    }
+
+    /// Mends tetrahedra in patches, those of each cube in one; gives those for which patches were too small.
+    pub(super) fn mend_apart(
+        &mut self,
+        apart: [Vec<Cube>; 8],
+        edge: f64,
+        patience: &Patience<'_>,
+        reached: &impl Fn(f64),
+    ) -> Result<Vec<u32>> {
+        let pool = Mutex::new(Vec::new());
+        let mut later = Vec::new();
         let phases = apart.len() as f64;
         for (phase, mut cubes) in apart.into_iter().enumerate() {
             reached(phase as f64 / phases);
@@ -116,15 +139,7 @@ impl<'a> Improver<'a> {
                 later.extend(tried.beyond);
             }
         }
-        for t in later {
-            if patience.over() {
-                break;
-            }
-            if self.is_poor(t) && !self.in_vain(t) {
-                self.mend_here(t);
-            }
-        }
-        Ok(())
+        Ok(later)
     }
 
     fn is_poor(&self, t: u32) -> bool {
@@ -137,7 +152,7 @@ impl<'a> Improver<'a> {
     }
 
     /// Tetrahedra by their cubes; eight times cubes of which no two patches meet.
-    fn cubes(&self, tets: &[u32], edge: f64) -> [Vec<Cube>; 8] {
+    pub(super) fn cubes(&self, tets: &[u32], edge: f64) -> [Vec<Cube>; 8] {
         let mut cubes: BTreeMap<[u32; 3], Vec<u32>> = BTreeMap::new();
         for &t in tets.iter().filter(|&&t| self.is_poor(t)) {
             cubes.entry(self.cube(t, edge)).or_default().push(t);

@@ -269,7 +269,6 @@ fn a_wide_gap_between_two_sheets_gets_nodes_and_the_sheets_stay_whole() {
 
 #[test]
 fn mending_in_patches_leaves_what_is_known_of_the_mesh_true_whoever_does_it() {
-    // Longer than two cubes (d = 1.5): there are several patches, some of them at once.
     let (mesh, kinds, extent) = box_mesh([24, 10, 10], 2.0, 0.28, |_| true);
     let sheets = Sheets::new(&[], extent, 3.0, 8.0);
     let mended = |threads: usize| {
@@ -288,9 +287,11 @@ fn mending_in_patches_leaves_what_is_known_of_the_mesh_true_whoever_does_it() {
         );
         let poor = improver.poor();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
-        pool.build()
-            .unwrap()
-            .install(|| improver.mend_each(&poor, &patience, |_| {}).unwrap());
+        let apart = improver.cubes(&poor, 15.0);
+        assert!(apart[0].len() > 1);
+        let mend = || improver.mend_apart(apart, 15.0, &patience, &|_| {});
+        let later = pool.build().unwrap().install(mend).unwrap();
+        assert!(10 * later.len() < poor.len());
         let left = improver.poor().len();
         assert!(2 * left < poor.len(), "{left} of {}", poor.len());
         for t in (0..improver.complex.tets.len() as u32).filter(|&t| improver.complex.alive(t)) {

@@ -24,8 +24,9 @@ const REACH: f64 = 3.5;
 /// tetrahedra go some 1.3 d beyond the nodes that they have there.
 const CUBE: f64 = 2.0 * (REACH + 1.3);
 
-/// With fewer cubes there is little to do at the same time, and to mend the poorest first is less work.
-const FEW: usize = 64;
+/// With fewer cubes there is little to do at the same time, and to mend the poorest of all first is less work and leaves
+/// fewer poor.
+const FEW: usize = 128;
 
 /// What becomes of tetrahedra whose middles are in one cube.
 struct Patch<'a> {

@@ -26,7 +26,7 @@ const CUBE: f64 = 2.0 * (REACH + 1.3);
 
 /// With fewer cubes there is little to do at the same time, and to mend the poorest of all first is less work and leaves
 /// fewer poor.
-const FEW: usize = 128;
+const FEW: usize = 64;
 
 /// What becomes of tetrahedra whose middles are in one cube.
 struct Patch<'a> {

@@ -338,8 +338,9 @@ impl<'a, const D: usize> Samples<'a, D> {
     }
 
     /// Takes what `work` gives for one window after the other; ranks share them. `much` says how much work there is
-    /// in a window's own layers: those in which there is none are left out. Each has so many layers to either side, as far as there are any: under the Gaussians
-    /// `halo`, and as they are and under a Gaussian of width `blur` as many as that says.
+    /// in a window's own layers: those in which there is none are left out. Each has so many layers to either side,
+    /// as far as there are any: under the Gaussians `halo`, and as they are and under a Gaussian of width `blur` as
+    /// many as that says.
     ///
     /// # Errors
     /// That of reading, and those of [`ranks::share`].

@@ -256,7 +256,7 @@ impl Improver<'_> {
     /// Makes a change, mends around it, and keeps it all only if the worst tetrahedron of what was
     /// touched has become better.
     fn attempt(&mut self, change: impl FnOnce(&mut Self) -> bool) -> bool {
-        if self.complex.left() {
+        if self.complex.has_left() {
             return false;
         }
         self.complex.begin();
@@ -283,7 +283,7 @@ impl Improver<'_> {
             .fold(f32::INFINITY, f32::min);
         let target = self.target as f32;
         let better = after > before + GAIN || after >= target && before < target;
-        if changed && better && !self.complex.left() {
+        if changed && better && !self.complex.has_left() {
             self.complex.keep();
             self.memory.keep();
             self.queue.extend(inside);

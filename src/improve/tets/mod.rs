@@ -234,7 +234,7 @@ impl<'a> Improver<'a> {
 
     /// Exchanges `old` for the tetrahedra in `fresh`, and queues those below target.
     fn commit(&mut self, old: &[u32]) {
-        if self.complex.left() {
+        if self.complex.has_left() {
             // Something is missing here; all will be taken back.
             return;
         }
@@ -273,7 +273,7 @@ impl<'a> Improver<'a> {
     /// Works through the queue with flips.
     fn flip_queue(&mut self, patience: &Patience<'_>) {
         while let Some(t) = self.queue.pop() {
-            if patience.over() || self.complex.left() {
+            if patience.over() || self.complex.has_left() {
                 self.queue.clear();
                 break;
             }

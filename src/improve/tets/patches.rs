@@ -259,7 +259,7 @@ impl<'a> Patch<'a> {
                 continue;
             }
             let mended = part.mend_one(t);
-            if part.complex.has_left() {
+            if part.complex.had_left() {
                 beyond.push(tets[t as usize]);
             } else if !mended {
                 part.memory.failed(Trial::Mend, t);

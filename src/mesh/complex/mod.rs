@@ -179,11 +179,6 @@ impl Complex {
         self.stamp
     }
 
-    /// Whether anything was asked of this part of a complex that only the whole knows: the answer was wrong.
-    pub fn left(&self) -> bool {
-        self.left
-    }
-
     /// The tetrahedron across face k of `t`, if there is one.
     #[inline]
     pub fn across(&mut self, t: u32, k: usize) -> Option<u32> {

@@ -132,9 +132,13 @@ impl Complex {
         }
     }
 
-    /// Whether anything was asked of this part, since it was last asked this, that only the whole knows: then the
-    /// answer was wrong.
-    pub fn has_left(&mut self) -> bool {
+    /// Whether anything was asked of this part that only the whole knows: the answer was wrong.
+    pub fn has_left(&self) -> bool {
+        self.left
+    }
+
+    /// The same, and forgets it: it may be asked other things.
+    pub fn had_left(&mut self) -> bool {
         std::mem::take(&mut self.left)
     }
 }
@@ -172,13 +176,13 @@ mod tests {
         part.star(3, &mut star);
         star.sort_unstable();
         assert_eq!(star, [0, 1]);
-        assert!(!part.has_left(), "all at node 5 is here");
+        assert!(!part.had_left(), "all at node 5 is here");
         part.star(0, &mut star);
-        assert!(part.has_left(), "others are at node 0");
-        assert!(!part.has_left(), "asked before");
+        assert!(part.had_left(), "others are at node 0");
+        assert!(!part.had_left(), "asked before");
         let mut ring = Ring::default();
         part.ring(0, 0, 1, 9, &mut ring);
-        assert!(part.has_left());
+        assert!(part.had_left());
         // Another part of the same size in the same room.
         part.become_part(&whole, &[0], |x| x == whole.nodes[2], &mut numbers);
         assert_eq!((numbers.slots.len(), part.tets.len()), (1, 1));

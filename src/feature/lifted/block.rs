@@ -3,7 +3,7 @@
 use super::filters::{CLOSE, CROSSING, Filters, NEAR};
 use super::zone::{CELL, MIXED_NORMALS, WIDE_RIDGES, around, trace};
 use super::{SAME_SHEET, Search};
-use crate::feature::crossing::Candidate;
+use crate::feature::crossing::{Candidate, nearest};
 use crate::feature::symmetric::{Symmetric, eigenvalues, eigenvector};
 use crate::feature::volume::Volume;
 use crate::feature::windows::{MULTIPLE, Window};
@@ -40,16 +40,14 @@ pub struct Job<'a, const D: usize> {
 /// What a thread needs for a block.
 #[derive(Default)]
 pub struct Scratch {
-    /// Samples of the block and a margin.
-    pub raw: Vec<f32>,
-    /// 1 for those inside the image, 0 for the others; nothing if all are inside.
-    pub inside: Vec<f32>,
-    /// Both, smoothed along the line.
+    /// The block and a margin, smoothed along the line.
     pub line: Vec<f32>,
+    /// Whether all that these are means of is inside the image; if not, what share of each.
+    pub whole: bool,
     pub line_inside: Vec<f32>,
     /// The block and a small margin, smoothed along a sheet.
     pub sheet: Vec<f32>,
-    /// C and D of each row that matters, of each angle, of each sample of the row.
+    /// C and D of each row that matters, of each angle that does, of each sample of the row.
     pub second: Vec<f32>,
     pub first: Vec<f32>,
 }
@@ -106,16 +104,11 @@ impl<const D: usize> Job<'_, D> {
             };
             if kinds[kind] {
                 let mask = Mask::new(dims, first, wanted);
+                let (image, begin) = (source.volume, source.in_stack(first));
                 for line in lines.iter().filter(|_| mask.any) {
                     let filters = Filters::new(shape, frame(*line), &modes, kind == 1);
-                    filters.fill(
-                        source.volume,
-                        source.in_stack(first),
-                        self.search.level,
-                        &mask,
-                        scratch,
-                    );
-                    filters.apply(&mask, scratch);
+                    filters.fill(image, begin, self.search.level, &mask, scratch);
+                    filters.apply(image.dims, begin, &mask, scratch);
                     filters.points(dims, &mask, first, scratch, &mut found);
                 }
             }
@@ -153,17 +146,19 @@ impl<const D: usize> Job<'_, D> {
     /// Up to [`MODES`] directions round which the normals of candidates in and beside a block gather.
     fn modes(&self, first: [usize; D]) -> Vec<[f64; D]> {
         let blocks = &self.blocks;
-        let reach = BLOCK / 2;
+        let reach = BLOCK as i32 / 2;
         let mut normals: Vec<([f64; D], f64)> = Vec::new();
         let own = blocks.index(first.map(|i| i / BLOCK));
         for block in around(blocks, own, 1) {
             let (start, order) = self.by_block;
             for &i in &order[start[block] as usize..start[block + 1] as usize] {
                 let c = &self.search.candidates[i as usize];
-                let at = Volume::new(self.window.dims, &[]).coordinates(c.voxel as usize);
-                let close =
-                    (0..D).all(|k| at[k] + reach >= first[k] && at[k] < first[k] + BLOCK + reach);
-                if close && c.strength >= self.search.clear {
+                let close = c.strength >= self.search.clear
+                    && (0..D).all(|k| {
+                        let (at, first) = (nearest(c.position[k]), first[k] as i32);
+                        at + reach >= first && at < first + BLOCK as i32 + reach
+                    });
+                if close {
                     normals.push((c.normal.map(f64::from), f64::from(c.strength)));
                 }
             }

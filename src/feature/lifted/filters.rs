@@ -5,7 +5,6 @@ use crate::feature::crossing::{Candidate, OVERLAP, dominant_axes};
 use crate::feature::volume::Volume;
 use crate::geometry::dot;
 use crate::geometry::wide::wide;
-use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
 /// Angles at which filters look, over half a turn.
@@ -45,8 +44,8 @@ const SQUARE: f64 = 0.8;
 /// Filters are cut at this many standard deviations.
 const CUT: f64 = 2.0;
 /// Layers to either side of a block that filters look at.
-pub const HALO: usize = 56;
-/// Step (samples) of the places along a sheet at which the image is read.
+pub const HALO: usize = 40;
+/// Step (samples), roughly, of the places along a sheet at which the image is read.
 const STEP: f64 = 2.5;
 /// A mean is one of what is inside the image if at least this share is.
 const LEAST_INSIDE: f32 = 0.1;
@@ -64,36 +63,45 @@ const NEAR_X: usize = 4;
 const LANES: usize = 32;
 /// Samples of x of a block and its small margin.
 const WIDTH: usize = BLOCK + 2 * NEAR_X;
+/// Samples round a block that filters along sheets reach in what is smoothed along the line, at least: two
+/// standard deviations, one for interpolation, and the small margin.
+const MARGIN: usize = 16 + 1 + NEAR_X;
+/// Edge of the buffer of that: a multiple of the lanes.
+const EDGE: usize = (BLOCK + 2 * MARGIN).next_multiple_of(LANES);
+/// Where the block begins in the buffer.
+const BEGIN: usize = (EDGE - BLOCK) / 2;
+/// Edge, but along x, of the block and its small margin.
+const WIDE: usize = BLOCK + 2 * NEAR;
 
-/// Weights of the samples round one, by how far they are in a buffer.
-type Taps = Vec<(isize, f32)>;
+/// The weight of a sample some samples away.
+#[derive(Debug, Clone, Copy)]
+struct Tap<const D: usize> {
+    at: [isize; D],
+    weight: f32,
+}
+
+/// A weighted sum of the samples round one.
+struct Sum<const D: usize> {
+    taps: Vec<Tap<D>>,
+    /// The first and the last sample along each axis that it reaches.
+    reach: [(isize, isize); D],
+}
 
 /// The filters of a block.
 pub struct Filters<const D: usize> {
     shape: Shape,
     frame: [[f64; D]; 3],
-    /// Samples round a block that filters reach.
-    margin: usize,
-    /// Edge of the buffer.
-    edge: usize,
-    /// The angles at which sheets are looked for: those near normals that there are.
-    angles: [bool; ANGLES],
+    /// The angles at which sheets are looked for, in order: those near normals that there are.
+    angles: Vec<usize>,
+    /// Means along the line, and along a sheet at each of the angles.
+    line: Sum<D>,
+    along: Vec<Sum<D>>,
 }
 
 impl<const D: usize> Filters<D> {
-    /// Filters about the line of a frame, for sheets with normals near `modes` (any, if there are none).
+    /// Filters about the line of a frame, for sheets with normals near `modes`.
     pub fn new(shape: Shape, frame: [[f64; D]; 3], modes: &[[f64; D]], wide: bool) -> Self {
-        let line = if D == 3 { shape.line } else { 0.0 };
-        let reach = (CUT * shape.along.hypot(line)).ceil() as usize + NEAR_X + 1;
-        let edge = (BLOCK + 2 * reach).next_multiple_of(LANES);
-        let margin = (edge - BLOCK) / 2;
-        let mut filters = Self {
-            shape,
-            frame,
-            margin,
-            edge,
-            angles: [modes.is_empty(); ANGLES],
-        };
+        let mut sought = [false; ANGLES];
         let turns = TURNS[usize::from(wide || modes.len() > 1)];
         for mode in modes {
             let [a, b] = [1, 2].map(|k: usize| dot(frame[k], *mode));
@@ -102,10 +110,25 @@ impl<const D: usize> Filters<D> {
                 let bin = (-a).atan2(b) / PI * ANGLES as f64;
                 for turn in -turns..=turns {
                     let near = (bin.round() as i32 + turn).rem_euclid(ANGLES as i32);
-                    filters.angles[near as usize] = true;
+                    sought[near as usize] = true;
                 }
             }
         }
+        let mut filters = Self {
+            shape,
+            frame,
+            angles: (0..ANGLES).filter(|&angle| sought[angle]).collect(),
+            line: match D {
+                3 => Sum::bell(frame[0], shape.line, 0.5 * shape.line),
+                _ => Sum::new(vec![([0.0; D], 1.0)]),
+            },
+            along: Vec::new(),
+        };
+        let along = |&angle: &usize| {
+            let (along, _) = filters.directions(angle as f64);
+            Sum::bell(along, shape.along, STEP)
+        };
+        filters.along = filters.angles.iter().map(along).collect();
         filters
     }
 
@@ -119,24 +142,8 @@ impl<const D: usize> Filters<D> {
         )
     }
 
-    /// A Gaussian of a width along a direction, read at every `step`, in a buffer of `strides`.
-    fn bell(direction: [f64; D], width: f64, step: f64, strides: [usize; D]) -> Taps {
-        let half = (CUT * width / step).round() as i32;
-        let places: Vec<([f64; D], f64)> = (-half..=half)
-            .map(|j| {
-                let at = step * f64::from(j);
-                (
-                    direction.map(|c| c * at),
-                    (-0.5 * (at / width).powi(2)).exp(),
-                )
-            })
-            .collect();
-        let sum: f64 = places.iter().map(|p| p.1).sum();
-        taps(places.into_iter().map(|(at, w)| (at, w / sum)), strides)
-    }
-
-    /// Copies the block and its margin, zero outside of the image, and smooths them along the line.
-    /// (A block whose margin is inside the image is read where it is.)
+    /// The mean along the line of the block and its margin, above `level`, which is zero outside of the
+    /// image. The block begins at sample `first`.
     pub fn fill(
         &self,
         image: Volume<'_, D>,
@@ -145,95 +152,52 @@ impl<const D: usize> Filters<D> {
         mask: &Mask,
         scratch: &mut Scratch,
     ) {
-        let (edge, margin) = (self.edge, self.margin as isize);
-        // Sums at the rows' ends read a little beyond the buffer; they are not used.
-        let beyond = (CUT * self.shape.line).ceil() as isize + 1;
-        let inside = (0..D).all(|k| {
-            let (low, high) = (
-                first[k] as isize - margin,
-                (first[k] + BLOCK) as isize + margin,
-            );
-            low - beyond >= 0 && high + beyond <= image.dims[k] as isize
+        let rows = EDGE.pow(D as u32 - 1);
+        let begin = first.map(|i| i as isize - BEGIN as isize);
+        let whole = (0..D).all(|k| {
+            self.line
+                .inside(k, begin[k], begin[k] + EDGE as isize, image.dims[k])
         });
-        let strides = match inside {
-            true => image.strides(),
-            false => std::array::from_fn(|k| edge.pow(k as u32)),
-        };
-        let line = match D {
-            3 => Self::bell(
-                self.frame[0],
-                self.shape.line,
-                0.5 * self.shape.line,
-                strides,
-            ),
-            _ => vec![(0, 1.0)],
-        };
-        let rows = edge.pow(D as u32 - 1);
-        let pad = line.iter().map(|t| t.0.unsigned_abs()).max().unwrap_or(0) + LANES;
-        let copied = if inside { 0 } else { rows };
-        for buffer in [&mut scratch.raw, &mut scratch.inside] {
-            buffer.clear();
-            buffer.resize(edge * copied + 2 * pad, 0.0);
-        }
-        for row in 0..copied {
-            let mut rest = row;
-            let mut at = [0isize; D];
-            for k in 1..D {
-                at[k] = first[k] as isize + (rest % edge) as isize - margin;
-                rest /= edge;
-            }
-            if (1..D).any(|k| at[k] < 0 || at[k] >= image.dims[k] as isize) {
-                continue;
-            }
-            let start = (1..D)
-                .rev()
-                .fold(0, |i, k| (i + at[k] as usize) * image.dims[k - 1]);
-            let from = first[0] as isize - margin;
-            let low = from.max(0);
-            let high = (from + edge as isize).min(image.dims[0] as isize);
-            if low >= high {
-                continue;
-            }
-            let to = pad + row * edge + (low - from) as usize;
-            let source = &image.samples[start + low as usize..start + high as usize];
-            for (out, s) in scratch.raw[to..].iter_mut().zip(source) {
-                *out = s - level;
-            }
-            scratch.inside[to..to + source.len()].fill(1.0);
-        }
         // Rows that are not needed hold anything.
-        scratch.line.resize(edge * rows, 0.0);
-        scratch
-            .line_inside
-            .resize(if inside { 0 } else { edge * rows }, 0.0);
+        scratch.line.resize(EDGE * rows, 0.0);
+        scratch.line_inside.resize(EDGE * rows, 0.0);
+        scratch.whole = whole;
         let needed = self.needed(mask);
-        let (raw, out) = (&scratch.raw, &mut scratch.line);
-        let (raw_inside, out_inside) = (&scratch.inside, &mut scratch.line_inside);
-        let origin = image.index(first) as isize - strides.iter().sum::<usize>() as isize * margin;
+        let line = self.line.offsets(image.strides());
+        let (out, out_inside) = (&mut scratch.line, &mut scratch.line_inside);
         wide(
             #[inline(always)]
             || {
                 for (row, _) in needed.iter().enumerate().filter(|r| *r.1) {
-                    // The edge is a multiple of the lanes.
-                    let (mut rest, mut from) = (row, origin);
+                    let (mut rest, mut at) = (row, begin);
                     for k in 1..D {
-                        from += (rest % edge * strides[k]) as isize;
-                        rest /= edge;
+                        at[k] += (rest % EDGE) as isize;
+                        rest /= EDGE;
                     }
-                    for part in 0..edge / LANES {
-                        let at = row * edge + part * LANES;
-                        let sum = match inside {
-                            true => {
-                                let from = from + (part * LANES) as isize;
-                                summed::<LANES>(image.samples, from, &line).map(|s| s - level)
+                    let inside = |k: usize, length: usize| {
+                        let end = at[k] + length as isize;
+                        self.line.inside(k, at[k], end, image.dims[k])
+                    };
+                    let row_inside = whole || (1..D).all(|k| inside(k, 1));
+                    for part in 0..EDGE / LANES {
+                        let to = row * EDGE + part * LANES;
+                        let mut at = at;
+                        at[0] += (part * LANES) as isize;
+                        let end = at[0] + LANES as isize;
+                        if row_inside && self.line.inside(0, at[0], end, image.dims[0]) {
+                            let from = (0..D)
+                                .rev()
+                                .fold(0, |i, k| i * image.dims[k] as isize + at[k]);
+                            let sum = summed::<LANES>(image.samples, from, &line);
+                            out[to..to + LANES].copy_from_slice(&sum.map(|s| s - level));
+                            if !whole {
+                                out_inside[to..to + LANES].fill(1.0);
                             }
-                            false => {
-                                let part = summed::<LANES>(raw_inside, (pad + at) as isize, &line);
-                                out_inside[at..at + LANES].copy_from_slice(&part);
-                                summed::<LANES>(raw, (pad + at) as isize, &line)
-                            }
-                        };
-                        out[at..at + LANES].copy_from_slice(&sum);
+                        } else {
+                            let (sum, inside) = self.line.of_some(image, at, level);
+                            out[to..to + LANES].copy_from_slice(&sum);
+                            out_inside[to..to + LANES].copy_from_slice(&inside);
+                        }
                     }
                 }
             },
@@ -242,25 +206,22 @@ impl<const D: usize> Filters<D> {
 
     /// The rows of the buffer that smoothing along sheets reads.
     fn needed(&self, mask: &Mask) -> Vec<bool> {
-        let wide_edge = BLOCK + 2 * NEAR;
         let mut strides = [0; D];
         for k in 1..D {
-            strides[k] = self.edge.pow(k as u32 - 1);
+            strides[k] = EDGE.pow(k as u32 - 1);
         }
-        let mut needed = vec![false; self.edge.pow(D as u32 - 1)];
-        let mut offsets = Vec::new();
-        for angle in (0..ANGLES).filter(|&a| self.angles[a]) {
-            let (along, _) = self.directions(angle as f64);
-            let rows = Self::bell(along, self.shape.along, STEP, strides);
-            offsets.extend(rows.into_iter().map(|tap| tap.0));
+        let mut needed = vec![false; EDGE.pow(D as u32 - 1)];
+        let mut offsets: Vec<isize> = Vec::new();
+        for sum in &self.along {
+            offsets.extend(sum.offsets(strides).into_iter().map(|tap| tap.0));
         }
         offsets.sort_unstable();
         offsets.dedup();
         for (row, _) in mask.around.iter().enumerate().filter(|r| *r.1) {
             let (mut rest, mut at) = (row, 0isize);
             for k in 1..D {
-                at += ((self.margin - NEAR + rest % wide_edge) * strides[k]) as isize;
-                rest /= wide_edge;
+                at += ((BEGIN - NEAR + rest % WIDE) * strides[k]) as isize;
+                rest /= WIDE;
             }
             for offset in &offsets {
                 needed[(at + offset) as usize] = true;
@@ -269,52 +230,52 @@ impl<const D: usize> Filters<D> {
         needed
     }
 
-    /// C and D of every sample of the block at every angle.
-    pub fn apply(&self, mask: &Mask, scratch: &mut Scratch) {
+    /// C and D of every sample of the block, which begins at sample `first` of an image, at every angle.
+    pub fn apply(&self, dims: [usize; D], first: [usize; D], mask: &Mask, scratch: &mut Scratch) {
         let rows = mask.rows.iter().filter(|r| **r).count();
-        let wide_edge = BLOCK + 2 * NEAR;
-        let big = std::array::from_fn(|k| self.edge.pow(k as u32));
+        let big = std::array::from_fn(|k| EDGE.pow(k as u32));
         let small: [usize; D] = std::array::from_fn(|k| match k {
             0 => 1,
-            _ => WIDTH * wide_edge.pow(k as u32 - 1),
+            _ => WIDTH * WIDE.pow(k as u32 - 1),
         });
-        for buffer in [&mut scratch.second, &mut scratch.first] {
-            buffer.clear();
-            buffer.resize(rows * ANGLES * BLOCK, 0.0);
+        let Scratch {
+            line,
+            whole,
+            line_inside,
+            sheet,
+            second: seconds,
+            first: firsts,
+        } = scratch;
+        for buffer in [&mut *seconds, &mut *firsts] {
+            buffer.resize(rows * self.angles.len() * BLOCK, 0.0);
         }
-        scratch.sheet.resize(mask.around.len() * WIDTH, 0.0);
-        for angle in (0..ANGLES).filter(|&a| self.angles[a]) {
-            let (along, across) = self.directions(angle as f64);
-            let bell = Self::bell(along, self.shape.along, STEP, big);
-            let minus = across.map(|c| -c);
-            let third = |w: [f64; 3]| {
-                taps(
-                    [([0.0; D], w[0]), (minus, w[1]), (across, w[2])].into_iter(),
-                    small,
-                )
+        sheet.resize(mask.around.len() * WIDTH, 0.0);
+        for (slot, (&angle, along)) in self.angles.iter().zip(&self.along).enumerate() {
+            let (_, across) = self.directions(angle as f64);
+            let bell = along.offsets(big);
+            let [after, before] = [1.0, -1.0]
+                .map(|sign| Sum::new(vec![(across.map(|c| sign * c), 1.0)]).offsets(small));
+            // Whether all that a row's means are made of is inside the image.
+            let inside = |k: usize, at: isize, length: usize| {
+                let ((low, high), (before, after)) = (along.reach[k], self.line.reach[k]);
+                at + low + before >= 0 && at + length as isize + high + after <= dims[k] as isize
             };
-            // Curvature upside down, and slope.
-            let (second, first) = (third([2.0, -1.0, -1.0]), third([0.0, -0.5, 0.5]));
-            let Scratch {
-                line,
-                line_inside,
-                sheet,
-                second: seconds,
-                first: firsts,
-                ..
-            } = scratch;
+            let x_inside = inside(0, first[0] as isize - NEAR_X as isize, WIDTH);
             wide(
                 #[inline(always)]
                 || {
                     for (row, _) in mask.around.iter().enumerate().filter(|r| *r.1) {
-                        let (mut rest, mut at) = (row, self.margin - NEAR_X);
+                        let (mut rest, mut at) = (row, BEGIN - NEAR_X);
+                        let mut row_inside = x_inside;
                         for k in 1..D {
-                            at += (self.margin - NEAR + rest % wide_edge) * big[k];
-                            rest /= wide_edge;
+                            let i = rest % WIDE;
+                            at += (BEGIN - NEAR + i) * big[k];
+                            row_inside &= inside(k, (first[k] + i) as isize - NEAR as isize, 1);
+                            rest /= WIDE;
                         }
                         let mut sum = summed::<WIDTH>(line, at as isize, &bell);
                         // Where the image ends, the mean of what is inside.
-                        if !line_inside.is_empty() {
+                        if !(row_inside || *whole) {
                             let part = summed::<WIDTH>(line_inside, at as isize, &bell);
                             for l in 0..WIDTH {
                                 sum[l] = if part[l] > LEAST_INSIDE {
@@ -333,18 +294,22 @@ impl<const D: usize> Filters<D> {
                             at += (NEAR + rest % BLOCK) * small[k];
                             rest /= BLOCK;
                         }
-                        let to = (number * ANGLES + angle) * BLOCK;
-                        let c = summed::<BLOCK>(sheet, at as isize, &second);
-                        let d = summed::<BLOCK>(sheet, at as isize, &first);
-                        seconds[to..to + BLOCK].copy_from_slice(&c);
-                        firsts[to..to + BLOCK].copy_from_slice(&d);
+                        let to = (number * self.angles.len() + slot) * BLOCK;
+                        let here = &sheet[at..at + BLOCK];
+                        let after = summed::<BLOCK>(sheet, at as isize, &after);
+                        let before = summed::<BLOCK>(sheet, at as isize, &before);
+                        // Curvature upside down, and slope.
+                        for l in 0..BLOCK {
+                            seconds[to + l] = 2.0 * here[l] - before[l] - after[l];
+                            firsts[to + l] = 0.5 * (after[l] - before[l]);
+                        }
                     }
                 },
             );
         }
     }
 
-    /// Points of sheets: maxima of C over the angle.
+    /// Points of sheets: maxima of C over the angle. The block begins at sample `first`.
     pub fn points(
         &self,
         dims: [usize; D],
@@ -356,53 +321,58 @@ impl<const D: usize> Filters<D> {
         // The height of a ridge of typical width that curves so.
         let across = self.shape.blur.powi(2) + 0.5;
         let scale = (across + RIDGE).powf(1.5) / RIDGE.sqrt();
-        let (mut row, mut number) = (usize::MAX, usize::MAX);
-        for (i, _) in mask.samples.iter().enumerate().filter(|s| *s.1) {
-            if i / BLOCK != row {
-                (row, number) = (i / BLOCK, number.wrapping_add(1));
-            }
-            let at = in_block(i, first);
-            let place = |angle: usize| (number * ANGLES + angle % ANGLES) * BLOCK + i % BLOCK;
-            let c = |angle: usize| f64::from(scratch.second[place(angle)]);
-            // Half a turn on, the direction across is the opposite one.
-            let d = |angle: usize| {
-                let sign = if angle / ANGLES % 2 == 1 { 1.0 } else { -1.0 };
-                sign * f64::from(scratch.first[place(angle)])
-            };
-            for angle in ANGLES..2 * ANGLES {
-                let (before, here, after) = (c(angle - 1), c(angle), c(angle + 1));
-                // Zero: not looked at; a maximum at the end of what was looked at is none.
-                if !(here > 0.0 && here >= before && here > after && before != 0.0 && after != 0.0)
-                {
-                    continue;
-                }
-                let bend = before + after - 2.0 * here;
-                let turn = (0.5 * (before - after) / bend.min(-1e-12)).clamp(-0.5, 0.5);
-                let curvature = here - 0.25 * (before - after) * turn;
-                let next = if turn < 0.0 {
-                    d(angle - 1)
-                } else {
-                    d(angle + 1)
-                };
-                let slope = d(angle) + turn.abs() * (next - d(angle));
-                let (_, normal) = self.directions((angle - ANGLES) as f64 + turn);
-                let linear = slope / curvature;
-                if linear.abs() > OFFSET {
-                    continue;
-                }
-                let off = linear / (1.0 + linear * linear / PROFILE);
-                let strength = (scale * curvature) as f32;
-                for axis in dominant_axes(normal) {
-                    let offset = off / normal[axis];
-                    if offset.abs() <= 0.5 + f64::from(OVERLAP) {
-                        found.push(Candidate::new(
-                            dims,
-                            at,
-                            axis,
-                            offset as f32,
-                            normal,
-                            strength,
-                        ));
+        let count = self.angles.len();
+        // A maximum at the end of what was looked at is none.
+        let between: Vec<[usize; 3]> = (0..count)
+            .map(|slot| [(slot + count - 1) % count, slot, (slot + 1) % count])
+            .filter(|slots| {
+                let [before, here, after] = slots.map(|slot| self.angles[slot]);
+                (before + 1) % ANGLES == here && (here + 1) % ANGLES == after
+            })
+            .collect();
+        let rows = mask.rows.iter().enumerate().filter(|r| *r.1);
+        for (number, (row, _)) in rows.enumerate() {
+            let of =
+                |slot: usize| (number * count + slot) * BLOCK..(number * count + slot + 1) * BLOCK;
+            for &slots in &between {
+                let angle = self.angles[slots[1]];
+                let c = slots.map(|slot| &scratch.second[of(slot)]);
+                let d = slots.map(|slot| &scratch.first[of(slot)]);
+                for l in 0..BLOCK {
+                    let [before, here, after] = c.map(|c| c[l]);
+                    // Zero: nothing there.
+                    let most = here > 0.0 && here >= before && here > after;
+                    if !most || before == 0.0 || after == 0.0 || !mask.samples[row * BLOCK + l] {
+                        continue;
+                    }
+                    let [before, here, after] = [before, here, after].map(f64::from);
+                    // Half a turn on, the direction across is the opposite one.
+                    let mut slope = d.map(|d| f64::from(d[l]));
+                    if angle == 0 {
+                        slope[0] = -slope[0];
+                    }
+                    if angle + 1 == ANGLES {
+                        slope[2] = -slope[2];
+                    }
+                    let bend = before + after - 2.0 * here;
+                    let turn = (0.5 * (before - after) / bend.min(-1e-12)).clamp(-0.5, 0.5);
+                    let curvature = here - 0.25 * (before - after) * turn;
+                    let next = if turn < 0.0 { slope[0] } else { slope[2] };
+                    let slope = slope[1] + turn.abs() * (next - slope[1]);
+                    let (_, normal) = self.directions(angle as f64 + turn);
+                    let linear = slope / curvature;
+                    if linear.abs() > OFFSET {
+                        continue;
+                    }
+                    let off = linear / (1.0 + linear * linear / PROFILE);
+                    let strength = (scale * curvature) as f32;
+                    let at = in_block(row * BLOCK + l, first);
+                    for axis in dominant_axes(normal) {
+                        let offset = off / normal[axis];
+                        if offset.abs() <= 0.5 + f64::from(OVERLAP) {
+                            let offset = offset as f32;
+                            found.push(Candidate::new(dims, at, axis, offset, normal, strength));
+                        }
                     }
                 }
             }
@@ -410,35 +380,122 @@ impl<const D: usize> Filters<D> {
     }
 }
 
-/// Weights of samples, from weights of places between them by multilinear interpolation.
-fn taps<const D: usize>(
-    places: impl Iterator<Item = ([f64; D], f64)>,
-    strides: [usize; D],
-) -> Taps {
-    let mut taps: BTreeMap<isize, f64> = BTreeMap::new();
-    for (at, weight) in places {
-        let low = at.map(f64::floor);
-        for corner in 0..1usize << D {
-            let (mut share, mut offset) = (weight, 0isize);
-            for k in 0..D {
-                let above = corner >> k & 1 == 1;
-                let fraction = at[k] - low[k];
-                share *= if above { fraction } else { 1.0 - fraction };
-                offset += (low[k] as isize + isize::from(above)) * strides[k] as isize;
-            }
-            if share.abs() > 1e-6 {
-                *taps.entry(offset).or_default() += share;
+impl<const D: usize> Sum<D> {
+    /// A weighted sum of places, each read by multilinear interpolation.
+    fn new(places: Vec<([f64; D], f64)>) -> Self {
+        let mut taps: Vec<Tap<D>> = Vec::with_capacity(places.len() << D);
+        for (at, weight) in places {
+            let low = at.map(f64::floor);
+            for corner in 0..1usize << D {
+                let (mut share, mut to) = (weight, [0; D]);
+                for k in 0..D {
+                    let above = corner >> k & 1 == 1;
+                    let fraction = at[k] - low[k];
+                    share *= if above { fraction } else { 1.0 - fraction };
+                    to[k] = low[k] as isize + isize::from(above);
+                }
+                if share > 1e-6 {
+                    let weight = share as f32;
+                    taps.push(Tap { at: to, weight });
+                }
             }
         }
+        // As they lie in memory, each once.
+        taps.sort_by_key(|tap| {
+            let mut key = tap.at;
+            key.reverse();
+            key
+        });
+        taps.dedup_by(|tap, kept| {
+            let same = tap.at == kept.at;
+            kept.weight += if same { tap.weight } else { 0.0 };
+            same
+        });
+        let reach = std::array::from_fn(|k| {
+            let along = taps.iter().map(|tap| tap.at[k]);
+            along.fold((0, 0), |r, i| (r.0.min(i), r.1.max(i)))
+        });
+        Self { taps, reach }
     }
-    taps.into_iter()
-        .map(|(offset, weight)| (offset, weight as f32))
-        .collect()
+
+    /// A Gaussian mean of a width along a direction, read roughly every `step`: where the line passes
+    /// through layers of samples, so that there is nothing to interpolate along one of the axes.
+    fn bell(direction: [f64; D], width: f64, step: f64) -> Self {
+        let steepest = (0..D).fold(0, |best, k| {
+            if direction[k].abs() > direction[best].abs() {
+                k
+            } else {
+                best
+            }
+        });
+        let layers = (step * direction[steepest].abs()).round().max(1.0);
+        let step = layers / direction[steepest].abs();
+        let half = (CUT * width / step) as i32;
+        let places: Vec<([f64; D], f64)> = (-half..=half)
+            .map(|j| {
+                let along = step * f64::from(j);
+                let mut at = direction.map(|c| c * along);
+                at[steepest] = layers * f64::from(j) * direction[steepest].signum();
+                (at, (-0.5 * (along / width).powi(2)).exp())
+            })
+            .collect();
+        let sum: f64 = places.iter().map(|place| place.1).sum();
+        Self::new(places.into_iter().map(|(at, w)| (at, w / sum)).collect())
+    }
+
+    /// How far in memory the samples are, and their weights.
+    fn offsets(&self, strides: [usize; D]) -> Vec<(isize, f32)> {
+        let offset = |tap: &Tap<D>| (0..D).map(|k| tap.at[k] * strides[k] as isize).sum();
+        (self.taps.iter())
+            .map(|tap| (offset(tap), tap.weight))
+            .collect()
+    }
+
+    /// Whether the sums at samples `start` to `end` along axis `k` read only samples that there are.
+    #[inline(always)]
+    fn inside(&self, k: usize, start: isize, end: isize, samples: usize) -> bool {
+        let (low, high) = self.reach[k];
+        start + low >= 0 && end + high <= samples as isize
+    }
+
+    /// The sums at a row of samples from `at` on of what is inside an image, above `level`, and the
+    /// sums of the weights of what is.
+    #[inline(always)]
+    fn of_some(
+        &self,
+        image: Volume<'_, D>,
+        at: [isize; D],
+        level: f32,
+    ) -> ([f32; LANES], [f32; LANES]) {
+        let (mut sum, mut inside) = ([0.0; LANES], [0.0; LANES]);
+        for tap in &self.taps {
+            let to: [isize; D] = std::array::from_fn(|k| at[k] + tap.at[k]);
+            if (1..D).any(|k| to[k] < 0 || to[k] >= image.dims[k] as isize) {
+                continue;
+            }
+            let row = (1..D)
+                .rev()
+                .fold(0, |i, k| (i + to[k] as usize) * image.dims[k - 1]);
+            let low = (-to[0]).clamp(0, LANES as isize);
+            let high = (image.dims[0] as isize - to[0]).clamp(low, LANES as isize);
+            let from = row.wrapping_add_signed(to[0] + low);
+            let (low, high) = (low as usize, high as usize);
+            if low == high {
+                continue;
+            }
+            let samples = &image.samples[from..from + high - low];
+            for (l, sample) in (low..high).zip(samples) {
+                sum[l] += tap.weight * (sample - level);
+                inside[l] += tap.weight;
+            }
+        }
+        (sum, inside)
+    }
 }
 
 /// Weighted sums of neighbours, for `N` samples in a row: as many at once as stay in registers.
 #[inline(always)]
-fn summed<const N: usize>(samples: &[f32], at: isize, taps: &Taps) -> [f32; N] {
+fn summed<const N: usize>(samples: &[f32], at: isize, taps: &[(isize, f32)]) -> [f32; N] {
     let mut sum = [0.0f32; N];
     for &(offset, weight) in taps {
         let start = (at + offset) as usize;

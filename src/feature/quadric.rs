@@ -5,10 +5,13 @@ const ERROR: f64 = 0.15;
 /// ... and expected second-order coefficient of a sheet (per sample): radius of curvature a hundred.
 const BEND: f64 = 0.005;
 
+/// The column of heights.
+const HEIGHT: usize = 6;
+
 /// A quadratic surface (in 2-D a parabola) through points, by weighted least squares.
 pub struct Quadric<const D: usize> {
-    /// The upper half of the normal equations, and their right-hand sides in the last column.
-    equations: [[f64; 7]; 6],
+    /// The normal equations, their right-hand sides in column [`HEIGHT`]; as wide as vector registers like.
+    equations: [[f64; 8]; 6],
     /// The weight of a point falls with the square of its distance over this.
     width: f64,
 }
@@ -20,14 +23,14 @@ impl<const D: usize> Quadric<D> {
     /// No points yet; their weights fall within `radius` samples.
     pub fn new(radius: i32) -> Self {
         Self {
-            equations: [[0.0; 7]; 6],
+            equations: [[0.0; 8]; 6],
             width: 0.5 * f64::from(radius),
         }
     }
 
     /// Adds a point; its height is its component along `axis`.
     pub fn add(&mut self, away: [f32; D], axis: usize) {
-        let mut row = [1.0; 7];
+        let mut row = [1.0; 8];
         let mut squares = 0.0;
         let mut bend = D;
         for k in 1..D {
@@ -40,11 +43,13 @@ impl<const D: usize> Quadric<D> {
                 bend += 1;
             }
         }
-        row[6] = f64::from(away[axis]);
+        row[HEIGHT] = f64::from(away[axis]);
         let weight = (-0.5 * squares / (self.width * self.width)).exp() / (ERROR * ERROR);
-        for i in 0..Self::TERMS {
-            for j in (i..Self::TERMS).chain([6]) {
-                self.equations[i][j] += weight * row[i] * row[j];
+        // The lower half as well: it costs less than leaving it out.
+        for (i, equation) in self.equations.iter_mut().enumerate().take(Self::TERMS) {
+            let share = weight * row[i];
+            for j in 0..8 {
+                equation[j] += share * row[j];
             }
         }
     }
@@ -58,7 +63,7 @@ impl<const D: usize> Quadric<D> {
         for i in 0..Self::TERMS {
             for k in 0..i {
                 let f = m[k][i] / m[k][k];
-                for j in (i..Self::TERMS).chain([6]) {
+                for j in (i..Self::TERMS).chain([HEIGHT]) {
                     m[i][j] -= f * m[k][j];
                 }
             }
@@ -69,7 +74,7 @@ impl<const D: usize> Quadric<D> {
         let mut c = [0.0; 6];
         for i in (0..Self::TERMS).rev() {
             let sum: f64 = (i + 1..Self::TERMS).map(|j| m[i][j] * c[j]).sum();
-            c[i] = (m[i][6] - sum) / m[i][i];
+            c[i] = (m[i][HEIGHT] - sum) / m[i][i];
         }
         Some(c)
     }

@@ -80,6 +80,9 @@ impl<const D: usize> Job<'_, D> {
             }
         }
         let mut found = Vec::new();
+        if kinds == [false; 2] {
+            return found;
+        }
         let modes = self.modes(first);
         if modes.is_empty() {
             return found;

@@ -202,31 +202,26 @@ pub fn sheets<const D: usize>(
             }
         }
     }
-    let mut result = FoundSheets {
-        points: Vec::new(),
-        sheet: Vec::new(),
-        rim: Vec::new(),
-        sheets,
-        left_out: LeftOut::default(),
-    };
-    for (i, c) in candidates.iter().enumerate() {
-        if patience.over() {
-            break;
-        }
-        let out = &mut result.left_out;
-        match growth.owner[i] {
-            CRUMB => out.in_small_pieces += 1,
-            NARROW => out.in_narrow_parts += 1,
-            FREE if growth.blocker[i] != FREE => out.near_another_sheet += 1,
-            FREE => out.weak += 1,
-            _ => {
-                result.points.push(lattice_point(c, step));
-                result.sheet.push(growth.owner[i] + 1);
-                result.rim.push(growth.ends_at(c));
-            }
+    let (mut left_out, mut kept) = (LeftOut::default(), Vec::new());
+    for (i, owner) in growth.owner.iter().enumerate() {
+        match *owner {
+            CRUMB => left_out.in_small_pieces += 1,
+            NARROW => left_out.in_narrow_parts += 1,
+            FREE if growth.blocker[i] != FREE => left_out.near_another_sheet += 1,
+            FREE => left_out.weak += 1,
+            _ => kept.push(i),
         }
     }
-    result
+    let kept = || kept.par_iter().map(|&i| (i, &candidates[i]));
+    FoundSheets {
+        points: kept().map(|(_, c)| lattice_point(c, step)).collect(),
+        sheet: kept().map(|(i, _)| growth.owner[i] + 1).collect(),
+        rim: kept()
+            .map(|(_, c)| !patience.over() && growth.ends_at(c))
+            .collect(),
+        sheets,
+        left_out,
+    }
 }
 
 /// Indices of candidates, strongest first, in 4096 logarithmic classes; ties in the order of samples.

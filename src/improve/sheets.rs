@@ -8,6 +8,9 @@
 use crate::feature::FeaturePoint;
 use crate::geometry::groups::grouped;
 use crate::geometry::{add_scaled, dot, norm, sub};
+use rayon::prelude::*;
+use std::sync::atomic::Ordering::Relaxed;
+use std::sync::atomic::{AtomicBool, AtomicU64};
 
 /// Most sheets that one position can have.
 pub const MOST: usize = 3;
@@ -100,35 +103,25 @@ impl Sheets {
         };
         let cells = points.iter().map(|p| index(p.position));
         let (start, order) = grouped(dims.iter().product(), cells);
-        let sorted = order.iter().map(|&i| {
+        let sorted = order.par_iter().map(|&i| {
             let p = &points[i as usize];
             (p.position, p.normal)
         });
         let coarse = reach.max(radius) / f64::from(DILATION);
         let coarse_dims = extent.map(|e| (e / coarse) as usize + 1);
-        let mut near = vec![false; coarse_dims.iter().product()];
-        for p in points {
-            near[coarse_index(coarse, coarse_dims, p.position.map(f64::from))] = true;
-        }
+        let near: Vec<AtomicBool> = unset(coarse_dims.iter().product());
+        let fine_dims = extent.map(|e| e as usize + 1);
+        let fine: Vec<AtomicU64> = unset(fine_dims.iter().product::<usize>() / 64 + 2);
+        points.par_iter().for_each(|p| {
+            let at = coarse_index(coarse, coarse_dims, p.position.map(f64::from));
+            near[at].store(true, Relaxed);
+            mark_around(&fine, fine_dims, p.position);
+        });
+        let mut near: Vec<bool> = near.into_iter().map(AtomicBool::into_inner).collect();
         for axis in 0..3 {
             dilate(&mut near, coarse_dims, axis, DILATION as usize);
         }
-        let fine_dims = extent.map(|e| e as usize + 1);
-        let mut fine = vec![0u64; fine_dims.iter().product::<usize>() / 64 + 1];
-        for p in points {
-            let at: [usize; 3] =
-                std::array::from_fn(|k| (p.position[k].max(0.0) as usize).min(fine_dims[k] - 1));
-            let low = at.map(|c| c.saturating_sub(1));
-            let high: [usize; 3] = std::array::from_fn(|k| (at[k] + 1).min(fine_dims[k] - 1));
-            for z in low[2]..=high[2] {
-                for y in low[1]..=high[1] {
-                    for x in low[0]..=high[0] {
-                        let i = (z * fine_dims[1] + y) * fine_dims[0] + x;
-                        fine[i / 64] |= 1 << (i % 64);
-                    }
-                }
-            }
-        }
+        let fine = fine.into_iter().map(AtomicU64::into_inner).collect();
         Self {
             radius,
             cell,
@@ -384,14 +377,56 @@ fn coarse_index(cell: f64, dims: [usize; 3], x: [f64; 3]) -> usize {
     (c[2] * dims[1] + c[1]) * dims[0] + c[0]
 }
 
+/// Marks that many threads may set.
+fn unset<T: Default>(count: usize) -> Vec<T> {
+    let mut marks = Vec::new();
+    marks.resize_with(count, T::default);
+    marks
+}
+
+/// Sets the bits of the cell of side 1 that holds `x`, and of those beside it.
+fn mark_around(bits: &[AtomicU64], dims: [usize; 3], x: [f32; 3]) {
+    let at: [usize; 3] = std::array::from_fn(|k| (x[k].max(0.0) as usize).min(dims[k] - 1));
+    let low = at.map(|c| c.saturating_sub(1));
+    let high: [usize; 3] = std::array::from_fn(|k| (at[k] + 1).min(dims[k] - 1));
+    let row = (1u128 << (high[0] - low[0] + 1)) - 1;
+    for z in low[2]..=high[2] {
+        for y in low[1]..=high[1] {
+            let i = (z * dims[1] + y) * dims[0] + low[0];
+            let row = row << (i % 64);
+            for (word, part) in [row as u64, (row >> 64) as u64].into_iter().enumerate() {
+                let bits = &bits[i / 64 + word];
+                // Mostly they are set already.
+                if bits.load(Relaxed) & part != part {
+                    bits.fetch_or(part, Relaxed);
+                }
+            }
+        }
+    }
+}
+
 /// Marks the `reach` cells on both sides of every marked cell, along one axis.
 fn dilate(marks: &mut [bool], dims: [usize; 3], axis: usize, reach: usize) {
-    let stride = dims[..axis].iter().product::<usize>();
-    let n = dims[axis];
+    let (row, n) = (dims[0], dims[axis]);
+    // Neighbours along other axes than x are so many rows apart.
+    let apart = dims[..axis].iter().skip(1).product::<usize>();
     let before = marks.to_vec();
-    for (i, mark) in marks.iter_mut().enumerate() {
-        let c = (i / stride) % n;
-        *mark = (c.saturating_sub(reach)..=(c + reach).min(n - 1))
-            .any(|o| before[i + o * stride - c * stride]);
-    }
+    let rows = marks.par_chunks_mut(row).enumerate();
+    rows.for_each(|(number, marks)| {
+        let c = number / apart % n;
+        let beside = |c: usize| c.saturating_sub(reach)..(c + reach + 1).min(n);
+        if axis == 0 {
+            let own = &before[number * row..(number + 1) * row];
+            for (x, mark) in marks.iter_mut().enumerate() {
+                *mark = own[beside(x)].contains(&true);
+            }
+            return;
+        }
+        for other in beside(c) {
+            let other = number + other * apart - c * apart;
+            for (mark, there) in marks.iter_mut().zip(&before[other * row..]) {
+                *mark |= there;
+            }
+        }
+    });
 }

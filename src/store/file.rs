@@ -195,9 +195,16 @@ pub fn with_image<const D: usize, M: Mesh<D>>(
     let nodes: Vec<_> = nodes.map(|&x| geometry.to_index(x)).collect();
     let on_nodes = image.linear(&nodes)?;
     drop(nodes);
-    // One after the other, so that they take the place of the volumes: there may be a hundred million.
-    let cells = file.mesh.cell_volumes().into_iter();
-    let cells: Vec<_> = cells.map(|(_, at)| geometry.to_index(at)).collect();
+    let mut cells = file.mesh.cell_volumes();
+    let spans = geometry.determinant() != 0.0;
+    cells
+        .par_iter_mut()
+        .for_each(|(_, at)| *at = geometry.to_index(*at).unwrap_or(*at));
+    // They take the place of the volumes: there may be a hundred million.
+    let cells: Vec<_> = cells
+        .into_iter()
+        .map(|(_, at)| spans.then_some(at))
+        .collect();
     let in_cells = image.linear(&cells)?;
     let arrays = &mut file.point_data;
     arrays.push(DataArray::scalars(IMAGE, on_nodes));

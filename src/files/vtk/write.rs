@@ -216,7 +216,7 @@ impl<'a> Document<'a> {
     ///
     /// # Errors
     /// What the operating system says.
-    pub fn write(mut self, out: &mut (impl Write + Seek)) -> Result<()> {
+    pub fn write(mut self, out: &mut (impl Write + Seek + Send)) -> Result<()> {
         while self.open.len() > 1 {
             self.close();
         }
@@ -264,7 +264,7 @@ fn write_plain(out: &mut impl Write, source: &Source) -> Result<()> {
 
 /// The header (number of blocks, size of a block, size of a shorter last one, compressed sizes),
 /// then the blocks.
-fn write_array(out: &mut (impl Write + Seek), source: &Source) -> Result<()> {
+fn write_array(out: &mut (impl Write + Seek + Send), source: &Source) -> Result<()> {
     let per_block = BLOCK / source.size;
     let blocks = source.len.div_ceil(per_block);
     let last = source.len % per_block * source.size;
@@ -272,27 +272,16 @@ fn write_array(out: &mut (impl Write + Seek), source: &Source) -> Result<()> {
     let mut header = vec![blocks as u64, (per_block * source.size) as u64, last as u64];
     write_header(out, &header, blocks)?;
 
-    for first in (0..blocks).step_by(BATCH) {
-        let batch: Vec<Vec<u8>> = (first..blocks.min(first + BATCH))
-            .into_par_iter()
-            .map_init(
-                || {
-                    let stream = |level| Compress::new(level, true);
-                    let levels = (Compression::fast(), Compression::none());
-                    (stream(levels.0), stream(levels.1), Vec::new())
-                },
-                |(stream, stored, bytes), block| {
-                    bytes.clear();
-                    let range = block * per_block..source.len.min((block + 1) * per_block);
-                    (source.fill)(range, bytes);
-                    deflate(stream, stored, bytes)
-                },
-            )
-            .collect();
-        for block in &batch {
-            header.push(block.len() as u64);
-            out.write_all(block)?;
-        }
+    // One batch is written while the next is compressed.
+    let mut batch: Vec<Vec<u8>> = Vec::new();
+    for first in (0..blocks + BATCH).step_by(BATCH) {
+        let (written, next) = rayon::join(
+            || batch.iter().try_for_each(|block| out.write_all(block)),
+            || packed(source, first.min(blocks)..blocks.min(first + BATCH)),
+        );
+        written?;
+        header.extend(next.iter().map(|block| block.len() as u64));
+        batch = next;
     }
 
     let end = out.stream_position()?;
@@ -300,6 +289,23 @@ fn write_array(out: &mut (impl Write + Seek), source: &Source) -> Result<()> {
     write_header(out, &header, blocks)?;
     out.seek(SeekFrom::Start(end))?;
     Ok(())
+}
+
+/// Some blocks of an array, compressed.
+fn packed(source: &Source, blocks: Range<usize>) -> Vec<Vec<u8>> {
+    let per_block = BLOCK / source.size;
+    let scratch = || {
+        let stream = |level| Compress::new(level, true);
+        let levels = (Compression::fast(), Compression::none());
+        (stream(levels.0), stream(levels.1), Vec::new())
+    };
+    let of_block = |(stream, stored, bytes): &mut (Compress, Compress, Vec<u8>), block: usize| {
+        bytes.clear();
+        let range = block * per_block..source.len.min((block + 1) * per_block);
+        (source.fill)(range, bytes);
+        deflate(stream, stored, bytes)
+    };
+    blocks.into_par_iter().map_init(scratch, of_block).collect()
 }
 
 /// Writes the header with room for the sizes of all blocks.

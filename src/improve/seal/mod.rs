@@ -30,6 +30,9 @@ const DENSE: f64 = 4.5;
 /// Two cells see the same sheet if one's plane is this little off at the other, in units of their distance.
 const ONE_SHEET: f64 = 0.35;
 
+/// Cells of which volumes are reckoned in one go.
+const TOGETHER: usize = 1 << 20;
+
 /// Smaller rooms between faces, in units of d^D, are none.
 const POCKET: f64 = 0.5;
 
@@ -125,11 +128,24 @@ impl<const D: usize, M: Simplices<D>> Sealing<'_, D, M> {
     }
 
     fn mark_both_sides(&mut self) {
-        for face in 0..self.neighbors.len() as u32 {
-            if self.marked(face) {
-                self.mark(face, true);
-            }
+        for face in self.all_marked() {
+            self.mark(face, true);
         }
+    }
+
+    /// The faces that are marked, from both sides.
+    fn all_marked(&self) -> Vec<u32> {
+        let n = D as u32 + 1;
+        let of_cell = |(c, &bits): (usize, &u8)| {
+            let marked = (0..n).filter(move |k| bits >> k & 1 == 1);
+            marked.map(move |k| n * c as u32 + k)
+        };
+        let some = self
+            .marks
+            .par_iter()
+            .enumerate()
+            .filter(|(_, bits)| **bits != 0);
+        some.flat_map_iter(of_cell).collect()
     }
 
     /// The ridge of face k of cell c that is opposite node j too.
@@ -223,10 +239,7 @@ impl<const D: usize, M: Simplices<D>> Sealing<'_, D, M> {
     fn grow(&mut self, patience: &Patience<'_>) {
         let mut count: HashMap<Ridge, u32> = HashMap::new();
         let once = |face: &u32| self.twin(*face).is_none_or(|twin| *face < twin);
-        let marked: Vec<u32> = (0..self.neighbors.len() as u32)
-            .filter(|&f| self.marked(f))
-            .filter(once)
-            .collect();
+        let marked: Vec<u32> = self.all_marked().into_iter().filter(once).collect();
         for &face in &marked {
             for ridge in self.ridges(face) {
                 *count.entry(ridge).or_default() += 1;
@@ -318,16 +331,23 @@ impl<const D: usize, M: Simplices<D>> Sealing<'_, D, M> {
     fn open_pockets(&mut self) -> (usize, usize) {
         let n = D as u32 + 1;
         let mut rooms = Sets::new(self.mesh.len());
-        for face in 0..self.neighbors.len() as u32 {
-            let beyond = self.neighbors[face as usize];
-            if beyond != NONE && beyond > face / n && !self.marked(face) {
-                rooms.unite(face / n, beyond);
-            }
-        }
+        let (neighbors, marks) = (self.neighbors, &*self.marks);
+        rooms.unite_with(|c| {
+            let beyond = &neighbors[(n * c) as usize..(n * (c + 1)) as usize];
+            let open = move |(k, cell): (usize, &u32)| {
+                let open = *cell != NONE && *cell > c && marks[c as usize] >> k & 1 == 0;
+                open.then_some(*cell)
+            };
+            beyond.iter().enumerate().filter_map(open)
+        });
         let (room, count) = rooms.numbered();
         let mut volume = vec![0.0; count];
-        for (c, &r) in room.iter().enumerate() {
-            volume[r as usize] += self.mesh.volume(c);
+        for first in (0..self.mesh.len()).step_by(TOGETHER) {
+            let some = (first..self.mesh.len().min(first + TOGETHER)).into_par_iter();
+            let volumes: Vec<f64> = some.map(|c| self.mesh.volume(c)).collect();
+            for (of_cell, &room) in volumes.iter().zip(&room[first..]) {
+                volume[room as usize] += of_cell;
+            }
         }
         // For each pocket and room beside it, the area of the fresh faces between them.
         let mut between: BTreeMap<u32, BTreeMap<u32, f64>> = BTreeMap::new();
@@ -355,12 +375,14 @@ impl<const D: usize, M: Simplices<D>> Sealing<'_, D, M> {
             }
         }
         opened.sort_unstable();
-        for face in 0..self.neighbors.len() as u32 {
-            let beyond = self.neighbors[face as usize];
-            if !opened.is_empty() && beyond != NONE && beyond > face / n {
-                let [r, s] = [face / n, beyond].map(|c| room[c as usize]);
-                if opened.binary_search(&(r.min(s), r.max(s))).is_ok() {
-                    self.mark(face, false);
+        if !opened.is_empty() {
+            for face in self.all_marked() {
+                let beyond = self.neighbors[face as usize];
+                if beyond != NONE && beyond > face / n {
+                    let [r, s] = [face / n, beyond].map(|c| room[c as usize]);
+                    if opened.binary_search(&(r.min(s), r.max(s))).is_ok() {
+                        self.mark(face, false);
+                    }
                 }
             }
         }

@@ -1,10 +1,12 @@
 //! Finding the points near an atom.
 
 use pulp::{Simd, WithSimd};
+use rayon::prelude::*;
 
 use super::rows::Rows;
 use super::scratch::Scratch;
 use super::{LANES, NOWHERE, Point};
+use crate::geometry::groups::group;
 
 /// Points sorted into the cells of a regular grid.
 ///
@@ -19,6 +21,8 @@ pub struct AtomCells {
     dims: [usize; 3],
     /// Where each cell's points start in the arrays below; x fastest, one more at the end.
     starts: Vec<u32>,
+    /// The points' indices in cell order.
+    order: Vec<u32>,
     /// Positions in cell order, with the point's index as their last element, and as many more as a
     /// group may need.
     points: Vec<Point>,
@@ -31,13 +35,14 @@ pub struct AtomCells {
 impl AtomCells {
     /// Sorts points into cells of the given edges, or larger ones if they were many more than points.
     fn sort(&mut self, points: &[Point], reach: &[f32], edges: [f32; 3]) {
-        let (mut low, mut high) = ([i32::MAX; 3], [i32::MIN; 3]);
-        for point in points {
-            for k in 0..3 {
-                low[k] = low[k].min(point[k]);
-                high[k] = high[k].max(point[k]);
-            }
-        }
+        let wider = |[low, high]: [[i32; 3]; 2], [first, last]: [[i32; 3]; 2]| {
+            [
+                std::array::from_fn(|k| low[k].min(first[k])),
+                std::array::from_fn(|k| high[k].max(last[k])),
+            ]
+        };
+        let places = points.par_iter().map(|p| [[p[0], p[1], p[2]]; 2]);
+        let [low, high] = places.reduce(|| [[i32::MAX; 3], [i32::MIN; 3]], wider);
         let spans = high.iter().zip(&low).map(|(h, l)| h.saturating_sub(*l));
         let spans: Vec<f32> = spans.filter(|&s| s > 0).map(|s| s as f32).collect();
         let roomy = spans.iter().product::<f32>() / (4.0 * points.len().max(1) as f32);
@@ -50,26 +55,24 @@ impl AtomCells {
         let along = |k: usize, x: i32| (x.saturating_sub(low[k]) as f32 * per_unit[k]) as usize;
         let dims: [usize; 3] = std::array::from_fn(|k| along(k, high[k]) + 1);
         self.dims = dims;
-        self.starts.clear();
-        self.starts.resize(dims.iter().product::<usize>() + 2, 0);
-        self.cell_of.clear();
-        for p in points {
+        let cell = |p: &Point| {
             let cell = (along(2, p[2]) * dims[1] + along(1, p[1])) * dims[0] + along(0, p[0]);
-            self.starts[cell + 2] += 1;
-            self.cell_of.push(cell as u32);
-        }
-        for n in 2..self.starts.len() {
-            self.starts[n] += self.starts[n - 1];
-        }
+            cell as u32
+        };
+        points
+            .par_iter()
+            .map(cell)
+            .collect_into_vec(&mut self.cell_of);
+        let count = dims.iter().product();
+        group(count, &self.cell_of, &mut self.starts, &mut self.order);
         self.points.resize(points.len() + LANES, NOWHERE);
         self.reach2.resize(points.len() + LANES, 0.0);
-        for (n, (point, &c)) in points.iter().zip(&self.cell_of).enumerate() {
-            // The start of the next cell counts up to its place.
-            let place = self.starts[c as usize + 1] as usize;
-            self.starts[c as usize + 1] += 1;
-            self.points[place] = [point[0], point[1], point[2], n as i32];
-            self.reach2[place] = reach[n] * reach[n];
-        }
+        let places = self.points.par_iter_mut().zip(&mut self.reach2);
+        places.zip(&self.order).for_each(|((place, reach2), &n)| {
+            let point = points[n as usize];
+            *place = [point[0], point[1], point[2], n as i32];
+            *reach2 = reach[n as usize] * reach[n as usize];
+        });
     }
 }
 
@@ -93,11 +96,9 @@ impl<'a> Search<'a> {
         slope: f32,
         cells: &'a mut AtomCells,
     ) -> Self {
-        let (mut least, mut most) = (f32::INFINITY, 0.0f32);
-        for &r in reach {
-            least = least.min(r);
-            most = most.max(r);
-        }
+        let wider = |a: (f32, f32), b: (f32, f32)| (a.0.min(b.0), a.1.max(b.1));
+        let reaches = reach.par_iter().map(|&r| (r, r));
+        let (least, most) = reaches.reduce(|| (f32::INFINITY, 0.0), wider);
         cells.sort(points, reach, EDGES.map(|edge| edge * least));
         Self {
             points,

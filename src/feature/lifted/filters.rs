@@ -16,7 +16,7 @@ pub const ANGLES: usize = 24;
 pub struct Shape {
     /// Along a sheet, square to the line.
     along: f64,
-    /// In all directions, beforehand; interpolation adds 0.65 to what comes of it across a sheet.
+    /// In all directions, beforehand; interpolation adds about 0.65 to what comes of it across a sheet.
     pub blur: f64,
     /// Along the line.
     line: f64,
@@ -25,7 +25,7 @@ pub struct Shape {
 /// The filters where sheets cross ...
 pub const CROSSING: Shape = Shape {
     along: 8.0,
-    blur: 0.8,
+    blur: 0.84,
     line: 3.0,
 };
 
@@ -319,7 +319,7 @@ impl<const D: usize> Filters<D> {
         found: &mut Vec<Candidate<D>>,
     ) {
         // The height of a ridge of typical width that curves so.
-        let across = self.shape.blur.powi(2) + 0.5;
+        let across = self.shape.blur.powi(2) + 0.44;
         let scale = (across + RIDGE).powf(1.5) / RIDGE.sqrt();
         let count = self.angles.len();
         // A maximum at the end of what was looked at is none.

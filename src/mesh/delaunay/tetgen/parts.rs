@@ -19,6 +19,7 @@ use rayon::prelude::*;
 
 use super::{Answer, OUTSIDE};
 use crate::error::Result;
+use crate::geometry::groups::group;
 use crate::geometry::{cross, dot, sub};
 use crate::ranks;
 
@@ -312,35 +313,25 @@ pub fn order(points: usize, answer: &mut Answer) {
     let turns: Vec<[u8; 4]> = tets.par_iter().map(turn).collect();
     let turned = |t: u32| turns[t as usize].map(|k| tets[t as usize][usize::from(k)]);
     // By the first point ...
-    let mut starts = vec![0u32; points + 1];
-    for t in 0..tets.len() as u32 {
-        starts[turned(t)[0] as usize + 1] += 1;
-    }
-    for i in 0..points {
-        starts[i + 1] += starts[i];
-    }
-    let mut sorted = vec![0u32; tets.len()];
-    let mut next = starts.clone();
-    for t in 0..tets.len() as u32 {
-        let place = &mut next[turned(t)[0] as usize];
-        sorted[*place as usize] = t;
-        *place += 1;
-    }
-    drop(next);
+    let first = |t: u32| turned(t)[0];
+    let firsts: Vec<u32> = (0..tets.len() as u32).into_par_iter().map(first).collect();
+    let (mut starts, mut sorted) = (Vec::new(), Vec::new());
+    group(points, &firsts, &mut starts, &mut sorted);
+    drop(firsts);
     // ... and then by the others.
     let mut rest = sorted.as_mut_slice();
     let mut groups = Vec::with_capacity(points / TOGETHER + 1);
     for first in (0..points).step_by(TOGETHER) {
         let last = (first + TOGETHER).min(points);
-        let (group, after) = rest.split_at_mut((starts[last] - starts[first]) as usize);
+        let (own, after) = rest.split_at_mut((starts[last] - starts[first]) as usize);
         rest = after;
-        groups.push((first..last, group));
+        groups.push((first..last, own));
     }
-    groups.into_par_iter().for_each(|(nodes, group)| {
+    groups.into_par_iter().for_each(|(nodes, own)| {
         let from = starts[nodes.start];
         for node in nodes {
             let place = (starts[node] - from) as usize..(starts[node + 1] - from) as usize;
-            group[place].sort_unstable_by_key(|&t| turned(t));
+            own[place].sort_unstable_by_key(|&t| turned(t));
         }
     });
     let new_tets = sorted.par_iter().map(|&t| turned(t)).collect();

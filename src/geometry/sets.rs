@@ -103,7 +103,8 @@ mod tests {
         // Steps within and across chunks; each seventh number stays alone.
         let beside = |i: u32| {
             let to = [i + 7, i + 7 * 10_007, i.wrapping_sub(21)];
-            to.into_iter().filter(move |&j| i % 7 != 0 && j < count)
+            to.into_iter()
+                .filter(move |&j| !i.is_multiple_of(7) && j < count)
         };
         let (mut at_once, mut by_pairs) = (Sets::new(count as usize), Sets::new(count as usize));
         at_once.unite_with(beside);

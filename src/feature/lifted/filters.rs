@@ -418,8 +418,9 @@ impl<const D: usize> Sum<D> {
         Self { taps, reach }
     }
 
-    /// A Gaussian mean of a width along a direction, read roughly every `step`: where the line passes
-    /// through layers of samples, so that there is nothing to interpolate along one of the axes.
+    /// A Gaussian mean of a width along a direction, read roughly every `step`: in space where the line
+    /// passes through layers of samples, so that there is nothing to interpolate along one of the axes. (In the
+    /// plane, where less is averaged, interpolation along both takes noise away.)
     fn bell(direction: [f64; D], width: f64, step: f64) -> Self {
         let steepest = (0..D).fold(0, |best, k| {
             if direction[k].abs() > direction[best].abs() {
@@ -428,14 +429,22 @@ impl<const D: usize> Sum<D> {
                 best
             }
         });
-        let layers = (step * direction[steepest].abs()).round().max(1.0);
-        let step = layers / direction[steepest].abs();
+        let slope = direction[steepest];
+        let layers = (step * slope.abs()).round().max(1.0);
+        let by_layers = D == 3;
+        let step = if by_layers {
+            layers / slope.abs()
+        } else {
+            step
+        };
         let half = (CUT * width / step) as i32;
         let places: Vec<([f64; D], f64)> = (-half..=half)
             .map(|j| {
                 let along = step * f64::from(j);
                 let mut at = direction.map(|c| c * along);
-                at[steepest] = layers * f64::from(j) * direction[steepest].signum();
+                if by_layers {
+                    at[steepest] = layers * f64::from(j) * slope.signum();
+                }
                 (at, (-0.5 * (along / width).powi(2)).exp())
             })
             .collect();

@@ -25,7 +25,7 @@ pub struct Shape {
 /// The filters where sheets cross ...
 pub const CROSSING: Shape = Shape {
     along: 8.0,
-    blur: 0.84,
+    blur: 0.8,
     line: 3.0,
 };
 
@@ -319,7 +319,7 @@ impl<const D: usize> Filters<D> {
         found: &mut Vec<Candidate<D>>,
     ) {
         // The height of a ridge of typical width that curves so.
-        let across = self.shape.blur.powi(2) + 0.44;
+        let across = self.shape.blur.powi(2) + 0.5;
         let scale = (across + RIDGE).powf(1.5) / RIDGE.sqrt();
         let count = self.angles.len();
         // A maximum at the end of what was looked at is none.
@@ -514,4 +514,86 @@ fn summed<const N: usize>(samples: &[f32], at: isize, taps: &[(isize, f32)]) -> 
         }
     }
     sum
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::unit;
+
+    #[test]
+    fn means_along_lines_are_centred_and_as_wide_as_asked() {
+        let directions = [
+            [1.0, 0.0, 0.0],
+            [0.6, -0.7, 0.4],
+            [1.0, 1.0, 1.0],
+            [0.1, 0.2, -0.9],
+        ];
+        for direction in directions.map(unit) {
+            for (width, step) in [(8.0, 2.5), (6.0, 3.0), (3.0, 1.5)] {
+                let sum = Sum::<3>::bell(direction, width, step);
+                let (mut all, mut middle, mut along2, mut across2) = (0.0, [0.0; 3], 0.0, 0.0);
+                for tap in &sum.taps {
+                    let (at, weight) = (tap.at.map(|i| i as f64), f64::from(tap.weight));
+                    let along = dot(at, direction);
+                    all += weight;
+                    middle = std::array::from_fn(|k| middle[k] + weight * at[k]);
+                    along2 += weight * along * along;
+                    across2 += weight * (dot(at, at) - along * along);
+                }
+                assert!((all - 1.0).abs() < 1e-4, "{direction:?}: {all}");
+                assert!(dot(middle, middle) < 1e-6, "{direction:?}: {middle:?}");
+                // A Gaussian cut at two standard deviations has .774 of its variance.
+                let share = along2 / (width * width);
+                assert!(
+                    (0.62..0.9).contains(&share),
+                    "{direction:?} {width}: {share}"
+                );
+                // Linear interpolation along two axes: at most a quarter each.
+                assert!(across2 < 0.5, "{direction:?} {width}: {across2}");
+                assert!(
+                    sum.reach
+                        .iter()
+                        .all(|&(low, high)| -low <= 17 && high <= 17)
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn at_the_sides_a_mean_is_one_of_what_is_inside() {
+        let dims = [70, 50, 40];
+        let samples: Vec<f32> = (0..70 * 50 * 40)
+            .map(|i| (i * 7919 % 1009) as f32)
+            .collect();
+        let image = Volume::new(dims, &samples);
+        let sum = Sum::<3>::bell(unit([0.5, 0.6, -0.4]), 3.0, 1.5);
+        let offsets = sum.offsets(image.strides());
+        // Far inside, both ways of summing agree ...
+        let at = [20, 25, 20];
+        let (some, share) = sum.of_some(image, at, 0.0);
+        let from = image.index([20, 25, 20]) as isize;
+        let whole = summed::<LANES>(&samples, from, &offsets);
+        for l in 0..LANES {
+            assert!((share[l] - 1.0).abs() < 1e-5 && (some[l] - whole[l]).abs() < 1e-2);
+        }
+        // ... and beyond a side, sample by sample.
+        for at in [[-9, 25, 20], [55, 3, 37], [20, -40, 20]] {
+            let (some, share) = sum.of_some(image, at, 100.0);
+            for l in 0..LANES {
+                let (mut value, mut inside) = (0.0, 0.0);
+                for tap in &sum.taps {
+                    let to: [isize; 3] = std::array::from_fn(|k| {
+                        at[k] + tap.at[k] + if k == 0 { l as isize } else { 0 }
+                    });
+                    if (0..3).all(|k| (0..dims[k] as isize).contains(&to[k])) {
+                        value +=
+                            tap.weight * (samples[image.index(to.map(|i| i as usize))] - 100.0);
+                        inside += tap.weight;
+                    }
+                }
+                assert!((value - some[l]).abs() < 1e-2 && (inside - share[l]).abs() < 1e-5);
+            }
+        }
+    }
 }

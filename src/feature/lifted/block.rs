@@ -3,7 +3,7 @@
 use super::filters::{CLOSE, CROSSING, Filters, NEAR};
 use super::zone::{CELL, MIXED_NORMALS, WIDE_RIDGES, around, trace};
 use super::{SAME_SHEET, Search};
-use crate::feature::crossing::{Candidate, nearest};
+use crate::feature::crossing::Candidate;
 use crate::feature::symmetric::{Symmetric, eigenvalues, eigenvector};
 use crate::feature::volume::Volume;
 use crate::feature::windows::{MULTIPLE, Window};
@@ -149,19 +149,17 @@ impl<const D: usize> Job<'_, D> {
     /// Up to [`MODES`] directions round which the normals of candidates in and beside a block gather.
     fn modes(&self, first: [usize; D]) -> Vec<[f64; D]> {
         let blocks = &self.blocks;
-        let reach = BLOCK as i32 / 2;
+        let (reach, samples) = (BLOCK / 2, Volume::new(self.window.dims, &[]));
         let mut normals: Vec<([f64; D], f64)> = Vec::new();
         let own = blocks.index(first.map(|i| i / BLOCK));
         for block in around(blocks, own, 1) {
             let (start, order) = self.by_block;
             for &i in &order[start[block] as usize..start[block + 1] as usize] {
                 let c = &self.search.candidates[i as usize];
-                let close = c.strength >= self.search.clear
-                    && (0..D).all(|k| {
-                        let (at, first) = (nearest(c.position[k]), first[k] as i32);
-                        at + reach >= first && at < first + BLOCK as i32 + reach
-                    });
-                if close {
+                let at = samples.coordinates(c.voxel as usize);
+                let close =
+                    (0..D).all(|k| at[k] + reach >= first[k] && at[k] < first[k] + BLOCK + reach);
+                if close && c.strength >= self.search.clear {
                     normals.push((c.normal.map(f64::from), f64::from(c.strength)));
                 }
             }

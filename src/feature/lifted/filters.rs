@@ -63,8 +63,8 @@ const NEAR_X: usize = 4;
 const LANES: usize = 32;
 /// Samples of x of a block and its small margin.
 const WIDTH: usize = BLOCK + 2 * NEAR_X;
-/// Samples round a block that filters along sheets reach in what is smoothed along the line, at least: two
-/// standard deviations, one for interpolation, and the small margin.
+/// Samples round a block that filters along sheets reach in what is smoothed along the line: two
+/// standard deviations of 8 samples, one for interpolation, and the small margin.
 const MARGIN: usize = 16 + 1 + NEAR_X;
 /// Edge of the buffer of that: a multiple of the lanes.
 const EDGE: usize = (BLOCK + 2 * MARGIN).next_multiple_of(LANES);

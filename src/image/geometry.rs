@@ -98,6 +98,13 @@ impl<const D: usize> Geometry<D> {
         // Row c, column k holds axes[k][c].
         let mut matrix: [[f64; D]; D] =
             std::array::from_fn(|c| std::array::from_fn(|k| self.axes[k][c]));
+        let straight = (0..D).all(|c| (0..D).all(|k| c == k || matrix[c][k] == 0.0));
+        let determinant = (0..D).fold(1.0, |product, k| product * matrix[k][k]);
+        if straight && determinant != 0.0 && determinant.is_finite() {
+            // What follows would give the same.
+            let x = std::array::from_fn(|k| rhs[k] / matrix[k][k]);
+            return (determinant, Some(x));
+        }
         let mut x = rhs;
         let mut determinant = 1.0;
         for k in 0..D {

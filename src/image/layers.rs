@@ -7,7 +7,7 @@ use std::path::Path;
 use super::formats::{samples, stream::Stream};
 use super::{Geometry, Image};
 use crate::Result;
-use crate::geometry::groups::grouped;
+use crate::geometry::groups::group;
 use rayon::prelude::*;
 
 /// Samples that are read together.
@@ -87,24 +87,33 @@ impl<'a, const D: usize> Source<'a, D> {
         }
     }
 
-    /// The values at (fractional) sample indices, as [`Image::linear`] gives them; NaN where there is none.
+    /// The values at `len` (fractional) sample indices, as [`Image::linear`] gives them; NaN where there is
+    /// none. Index `i` is `at(i)`, asked for more than once, since there may be a hundred million.
     ///
     /// # Errors
     /// That of reading.
-    pub fn linear(&self, indices: &[Option<[f64; D]>]) -> Result<Vec<f32>> {
+    pub fn linear(
+        &self,
+        len: usize,
+        at: impl Fn(usize) -> Option<[f64; D]> + Sync,
+    ) -> Result<Vec<f32>> {
         let layers = match self {
             Self::Held(image) => {
-                let at = |index: &Option<[f64; D]>| index.map_or(f32::NAN, |x| image.linear(x));
-                return Ok(indices.par_iter().map(at).collect());
+                let value = |i: usize| at(i).map_or(f32::NAN, |x| image.linear(x));
+                return Ok((0..len).into_par_iter().map(value).collect());
             }
             Self::InLayers(layers) => layers,
         };
         let dims = layers.dims();
         let (count, layer) = (dims[D - 1], dims[..D - 1].iter().product::<usize>());
         let last = (count - 1) as f64;
-        let along = |index: &Option<[f64; D]>| index.map_or(0.0, |x| x[D - 1].clamp(0.0, last));
-        let (start, order) = grouped(count, indices.iter().map(|x| along(x) as usize));
-        let mut values = vec![f32::NAN; indices.len()];
+        let along = |x: [f64; D]| x[D - 1].clamp(0.0, last);
+        let layer_of = |i: usize| at(i).map_or(0, |x| along(x) as u32);
+        let (mut start, mut order) = (Vec::new(), Vec::new());
+        let layer_of: Vec<u32> = (0..len).into_par_iter().map(layer_of).collect();
+        group(count, &layer_of, &mut start, &mut order);
+        drop(layer_of);
+        let mut values = vec![f32::NAN; len];
         let together = (TOGETHER / layer.max(1)).max(1);
         for first in (0..count).step_by(together) {
             let end = (first + together).min(count);
@@ -116,14 +125,13 @@ impl<'a, const D: usize> Source<'a, D> {
             part[D - 1] = (end + 1).min(count) - first;
             let mut samples = vec![0.0; part[D - 1] * layer];
             layers.read(first, &mut samples)?;
-            let at = |&i: &u32| {
-                let index = indices[i as usize];
-                index.map_or(f32::NAN, |mut x| {
-                    x[D - 1] = along(&index) - first as f64;
+            let value = |&i: &u32| {
+                at(i as usize).map_or(f32::NAN, |mut x| {
+                    x[D - 1] = along(x) - first as f64;
                     super::linear(part, &samples, x)
                 })
             };
-            let found: Vec<f32> = these.par_iter().map(at).collect();
+            let found: Vec<f32> = these.par_iter().map(value).collect();
             for (&i, value) in these.iter().zip(found) {
                 values[i as usize] = value;
             }

@@ -48,8 +48,13 @@ const fn room(dimensions: usize) -> usize {
     EDGE.pow(dimensions as u32)
 }
 
-/// Bricks that are to be kept: the number of each in the box, its blocks, its samples.
-type Kept = Vec<(usize, u64, Vec<f32>)>;
+/// Bricks that are to be kept: the number of each in the box and its blocks; their samples one after the
+/// other, for small arrays by the ten thousand would leave memory in pieces.
+#[derive(Default)]
+struct Kept {
+    bricks: Vec<(usize, u64)>,
+    samples: Vec<f32>,
+}
 
 impl<const D: usize> Sparse<D> {
     /// Zero everywhere.
@@ -91,8 +96,13 @@ impl<const D: usize> Sparse<D> {
             })
             .collect();
         let mut all = Self::zero(dims, step);
-        for (brick, mask, samples) in kept.into_iter().flatten() {
-            all.keep(brick, mask, &samples);
+        all.samples
+            .reserve_exact(kept.iter().map(|part| part.samples.len()).sum());
+        for part in kept {
+            let samples = part.samples.chunks_exact(room(D));
+            for (&(brick, mask), samples) in part.bricks.iter().zip(samples) {
+                all.keep(brick, mask, samples);
+            }
         }
         all
     }
@@ -279,14 +289,15 @@ impl<const D: usize> Slab<'_, D> {
         some[D - 1] = layers.len();
         let occupied = self.occupied(some, layers.start);
         let below = layers.start * some[..D - 1].iter().product::<usize>();
-        let mut kept = Vec::new();
+        let mut kept = Kept::default();
         for (number, _) in occupied.iter().enumerate().filter(|b| *b.1) {
             let mut first = corner(number, some);
             first[D - 1] += layers.start * BRICK;
-            let samples = self.cut(first);
-            let mask = blocks::<D>(&samples);
-            if mask != 0 {
-                kept.push((below + number, mask, samples));
+            let before = kept.samples.len();
+            self.cut(first, &mut kept.samples);
+            match blocks::<D>(&kept.samples[before..]) {
+                0 => kept.samples.truncate(before),
+                mask => kept.bricks.push((below + number, mask)),
             }
         }
         kept
@@ -341,9 +352,8 @@ impl<const D: usize> Slab<'_, D> {
         occupied
     }
 
-    /// The samples of the brick whose first cell this is; beyond the box its outermost ones repeat.
-    fn cut(&self, first: [usize; D]) -> Vec<f32> {
-        let mut samples = Vec::with_capacity(room(D));
+    /// Adds the samples of the brick whose first cell this is; beyond the box its outermost ones repeat.
+    fn cut(&self, first: [usize; D], samples: &mut Vec<f32>) {
         let sample = |j: usize, k: usize| (first[k] + j).saturating_sub(1).min(self.dims[k] - 1);
         for row in 0..room(D) / EDGE {
             let (mut rest, mut start, mut stride) = (row, 0, self.dims[0]);
@@ -359,7 +369,6 @@ impl<const D: usize> Slab<'_, D> {
             }
             samples.extend((0..EDGE).map(|j| self.samples[start + sample(j, 0)]));
         }
-        samples
     }
 }
 

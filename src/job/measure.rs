@@ -152,6 +152,5 @@ pub fn scaled<const D: usize, M: Simplices<D>>(mesh: &M, scale: [f64; D]) -> Cow
         return Cow::Borrowed(mesh);
     }
     let stretch = |x: &[f64; D]| std::array::from_fn(|k| x[k] * scale[k]);
-    let nodes = mesh.nodes().iter().map(stretch).collect();
-    Cow::Owned(M::from_parts(nodes, mesh.connectivity().to_vec()))
+    Cow::Owned(mesh.with_nodes(mesh.nodes().iter().map(stretch).collect()))
 }

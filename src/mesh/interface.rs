@@ -66,6 +66,16 @@ pub trait Mesh<const D: usize>: Clone + Debug + Send + Sync + Checked<D> + 'stat
     /// Volume (area in the plane) and centre of each cell.
     fn cell_volumes(&self) -> Vec<(f64, [f64; D])>;
 
+    /// The volumes of [`cell_volumes`](Self::cell_volumes) alone.
+    fn volumes(&self) -> Vec<f64> {
+        let shapes = self.cell_volumes().into_par_iter();
+        shapes.map(|(volume, _)| volume).collect()
+    }
+
+    /// The centre of a cell, as [`cell_volumes`](Self::cell_volumes) has it: of simplices it is computed
+    /// when asked for, since there may be a hundred million.
+    fn centres(&self) -> Centres<'_, D>;
+
     /// Exchanges all positions of the mesh for others, and `others` for those. If one of the two
     /// spaces mirrors the other, every cell is turned round, so that all stay positively oriented.
     fn exchange(&mut self, others: &mut Positions<D>, mirrored: bool);
@@ -76,6 +86,9 @@ pub trait Mesh<const D: usize>: Clone + Debug + Send + Sync + Checked<D> + 'stat
         map: impl Fn(&[f64; D]) -> Option<[f64; D]> + Sync + Send,
     ) -> Option<Positions<D>>;
 }
+
+/// The centre of each cell, by its number.
+pub type Centres<'a, const D: usize> = Box<dyn Fn(usize) -> [f64; D] + Sync + 'a>;
 
 /// Where a mesh is in some space.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -105,6 +118,9 @@ pub trait Simplices<const D: usize>: Mesh<D> {
 
     /// A mesh of the given nodes and cells; `corners` holds D + 1 node numbers a cell.
     fn from_parts(nodes: Vec<[f64; D]>, corners: Vec<u32>) -> Self;
+
+    /// The same cells with other nodes.
+    fn with_nodes(&self, nodes: Vec<[f64; D]>) -> Self;
 
     /// Node positions, and node numbers, D + 1 a cell, positively oriented.
     fn parts(&self) -> (&[[f64; D]], &[u32]);
@@ -215,16 +231,27 @@ impl<const D: usize, M: Simplices<D>> Mesh<D> for M {
     }
 
     fn cell_volumes(&self) -> Vec<(f64, [f64; D])> {
-        let centre = |c: usize| {
-            let nodes = self.cell(c).iter().map(|&n| self.nodes()[n as usize]);
-            nodes.fold([0.0; D], |sum, x| {
-                std::array::from_fn(|k| sum[k] + x[k] / (D + 1) as f64)
-            })
-        };
+        let centre = self.centres();
         (0..self.len())
             .into_par_iter()
             .map(|c| (self.volume(c), centre(c)))
             .collect()
+    }
+
+    fn volumes(&self) -> Vec<f64> {
+        (0..self.len())
+            .into_par_iter()
+            .map(|c| self.volume(c))
+            .collect()
+    }
+
+    fn centres(&self) -> Centres<'_, D> {
+        Box::new(|c| {
+            let nodes = self.cell(c).iter().map(|&n| self.nodes()[n as usize]);
+            nodes.fold([0.0; D], |sum, x| {
+                std::array::from_fn(|k| sum[k] + x[k] / (D + 1) as f64)
+            })
+        })
     }
 
     fn exchange(&mut self, others: &mut Positions<D>, mirrored: bool) {
@@ -266,6 +293,11 @@ impl Simplices<3> for TetMesh {
 
     fn from_parts(nodes: Vec<[f64; 3]>, corners: Vec<u32>) -> Self {
         let tets = corners.as_chunks().0.to_vec();
+        Self { nodes, tets }
+    }
+
+    fn with_nodes(&self, nodes: Vec<[f64; 3]>) -> Self {
+        let tets = self.tets.clone();
         Self { nodes, tets }
     }
 
@@ -313,6 +345,11 @@ impl Simplices<2> for TriMesh {
 
     fn from_parts(nodes: Vec<[f64; 2]>, corners: Vec<u32>) -> Self {
         let triangles = corners.as_chunks().0.to_vec();
+        Self { nodes, triangles }
+    }
+
+    fn with_nodes(&self, nodes: Vec<[f64; 2]>) -> Self {
+        let triangles = self.triangles.clone();
         Self { nodes, triangles }
     }
 
@@ -401,6 +438,11 @@ impl<const D: usize> Mesh<D> for PolyMesh<D> {
 
     fn cell_volumes(&self) -> Vec<(f64, [f64; D])> {
         self.cell_shapes()
+    }
+
+    fn centres(&self) -> Centres<'_, D> {
+        let shapes = self.cell_shapes();
+        Box::new(move |c| shapes[c].1)
     }
 
     fn exchange(&mut self, others: &mut Positions<D>, mirrored: bool) {

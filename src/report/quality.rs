@@ -7,7 +7,6 @@ use crate::observer::Patience;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::borrow::Cow;
-use std::ops::Range;
 
 /// Bins of the histogram of angles, of 10 degrees each.
 pub const BINS: usize = 18;
@@ -105,15 +104,20 @@ pub fn smallest_angles<const D: usize, M: Simplices<D>>(mesh: &M) -> Vec<f32> {
     angles
 }
 
-/// What is kept of the cells of one task. Angles are kept as what they need for a cosine of one, which
-/// grows with them and tells the smallest apart: no arc cosine for each of millions of cells.
-struct Shapes {
+/// What is kept of a cell. Angles are kept as what they need for a cosine of one, which grows with them
+/// and tells the smallest apart: no arc cosine for each of millions of cells.
+#[derive(Clone, Copy, Default)]
+struct OfCell {
     /// 1 - cos of the smallest angle.
-    smallest: Vec<f32>,
+    smallest: f32,
     /// 1 + cos of the largest angle, 1 - cos of what it lacks of 180 degrees.
-    largest: Vec<f32>,
-    ratio: Vec<f32>,
-    radius: Vec<f32>,
+    largest: f32,
+    ratio: f32,
+    radius: f32,
+}
+
+/// The sums of the cells of one task.
+struct Sums {
     histogram: [u64; BINS],
     ratio_sum: f64,
     volume: f64,
@@ -131,21 +135,32 @@ pub(crate) fn quality_while<const D: usize, M: Simplices<D>>(
     patience: &Patience<'_>,
 ) -> Quality {
     let cells = mesh.len();
-    let parts: Vec<Shapes> = (0..cells.div_ceil(CHUNK))
-        .into_par_iter()
+    let mut of_cells = vec![OfCell::default(); cells];
+    let parts: Vec<Sums> = (of_cells.par_chunks_mut(CHUNK).enumerate())
         .take_any_while(|_| !patience.over())
-        .map(|part| shapes(mesh, part * CHUNK..cells.min((part + 1) * CHUNK)))
+        .map(|(part, of_cells)| shapes(mesh, part * CHUNK, of_cells))
         .collect();
-    let gather = |part: fn(&Shapes) -> &Vec<f32>| -> Vec<f32> {
-        parts.iter().flat_map(part).copied().collect()
-    };
-    let smallest = gather(|p| &p.smallest);
-    let largest = gather(|p| &p.largest);
-    let below = |values: &[f32], angle: f64| {
+    let below = |of: fn(&OfCell) -> f32, angle: f64| {
         let limit = 1.0 - angle.to_radians().cos();
-        values.iter().filter(|&&v| f64::from(v) < limit).count()
+        let values = of_cells.par_iter().map(of);
+        values.filter(|&v| f64::from(v) < limit).count()
     };
-    let from_180 = |p: Points| p.map(|v| 180.0 - angle(v));
+    let (smallest, largest) = (|c: &OfCell| c.smallest, |c: &OfCell| c.largest);
+    let ranked = |of: fn(&OfCell) -> f32, bad: Bad| points(of_cells.iter().map(of), bad);
+    let ((smallest_angle, largest_angle), (mean_ratio, radius_edge)) = rayon::join(
+        || {
+            rayon::join(
+                || ranked(smallest, Bad::Small).map(angle),
+                || ranked(largest, Bad::Small).map(|v| 180.0 - angle(v)),
+            )
+        },
+        || {
+            rayon::join(
+                || ranked(|c| c.ratio, Bad::Small),
+                || ranked(|c| c.radius, Bad::Large),
+            )
+        },
+    );
     let mut histogram = [0; BINS];
     for part in &parts {
         for (sum, bin) in histogram.iter_mut().zip(part.histogram) {
@@ -156,18 +171,18 @@ pub(crate) fn quality_while<const D: usize, M: Simplices<D>>(
         nodes: mesh.nodes().len(),
         cells,
         kind: M::CELLS.into(),
-        below_20: below(&smallest, 20.0),
-        below_30: below(&smallest, 30.0),
-        above_120: below(&largest, 60.0),
-        above_150: below(&largest, 30.0),
-        above_160: below(&largest, 20.0),
+        below_20: below(smallest, 20.0),
+        below_30: below(smallest, 30.0),
+        above_120: below(largest, 60.0),
+        above_150: below(largest, 30.0),
+        above_160: below(largest, 20.0),
         histogram,
-        worst: worst(mesh, &smallest, &largest),
+        worst: worst(mesh, &of_cells),
         angles: None,
-        smallest_angle: points(&smallest, Bad::Small).map(angle),
-        largest_angle: from_180(points(&largest, Bad::Small)),
-        mean_ratio: points(&gather(|p| &p.ratio), Bad::Small),
-        radius_edge: points(&gather(|p| &p.radius), Bad::Large),
+        smallest_angle,
+        largest_angle,
+        mean_ratio,
+        radius_edge,
         mean_ratio_mean: parts.iter().map(|p| p.ratio_sum).sum::<f64>() / cells as f64,
         volume: parts.iter().map(|p| p.volume).sum(),
         smallest_volume: parts
@@ -181,12 +196,11 @@ pub(crate) fn quality_while<const D: usize, M: Simplices<D>>(
     }
 }
 
-fn shapes<const D: usize>(mesh: &impl Simplices<D>, cells: Range<usize>) -> Shapes {
-    let mut found = Shapes {
-        smallest: Vec::with_capacity(cells.len()),
-        largest: Vec::with_capacity(cells.len()),
-        ratio: Vec::with_capacity(cells.len()),
-        radius: Vec::with_capacity(cells.len()),
+/// Measures the cells from one on.
+fn shapes<const D: usize>(mesh: &impl Simplices<D>, first: usize, of_cells: &mut [OfCell]) -> Sums {
+    let cells = first..first + of_cells.len();
+    let mut places = of_cells.iter_mut();
+    let mut found = Sums {
         histogram: [0; BINS],
         ratio_sum: 0.0,
         volume: 0.0,
@@ -198,10 +212,14 @@ fn shapes<const D: usize>(mesh: &impl Simplices<D>, cells: Range<usize>) -> Shap
         for &cosine in cosines {
             found.histogram[bins.of(cosine)] += 1;
         }
-        found.smallest.push((1.0 - largest(cosines)) as f32);
-        found.largest.push((1.0 + smallest(cosines)) as f32);
-        found.ratio.push(shape.mean_ratio as f32);
-        found.radius.push(shape.radius_edge as f32);
+        if let Some(cell) = places.next() {
+            *cell = OfCell {
+                smallest: (1.0 - largest(cosines)) as f32,
+                largest: (1.0 + smallest(cosines)) as f32,
+                ratio: shape.mean_ratio as f32,
+                radius: shape.radius_edge as f32,
+            };
+        }
         found.ratio_sum += shape.mean_ratio;
         found.volume += shape.volume;
         found.volume_range = [
@@ -274,7 +292,7 @@ impl Points {
     }
 }
 
-fn points(values: &[f32], bad: Bad) -> Points {
+fn points(values: impl ExactSizeIterator<Item = f32> + Clone, bad: Bad) -> Points {
     let Some(last) = values.len().checked_sub(1) else {
         let none = f64::NAN;
         return Points {
@@ -299,14 +317,17 @@ fn points(values: &[f32], bad: Bad) -> Points {
 
 /// The values of which so many are smaller. Counts how many values begin with each 16 bits, and sorts
 /// only among those that begin as the wanted ones do.
-fn at_ranks<const N: usize>(values: &[f32], ranks: [usize; N]) -> [f64; N] {
+fn at_ranks<const N: usize>(
+    values: impl Iterator<Item = f32> + Clone,
+    ranks: [usize; N],
+) -> [f64; N] {
     // Whole numbers that are ordered as the values are.
     let order = |v: f32| match v.to_bits() {
         bits if bits >> 31 == 1 => !bits,
         bits => bits | 1 << 31,
     };
     let mut counts = vec![0usize; 1 << 16];
-    for &v in values {
+    for v in values.clone() {
         counts[(order(v) >> 16) as usize] += 1;
     }
     // Where each rank is: its beginning, and how many of the same beginning are before it.
@@ -320,7 +341,7 @@ fn at_ranks<const N: usize>(values: &[f32], ranks: [usize; N]) -> [f64; N] {
         (bin as u32, rank + counts[bin] - before)
     });
     let mut alike: [Vec<f32>; N] = std::array::from_fn(|_| Vec::new());
-    for &v in values {
+    for v in values {
         let bin = order(v) >> 16;
         for (alike, place) in alike.iter_mut().zip(&places) {
             if place.0 == bin {
@@ -344,14 +365,10 @@ pub(super) fn centroid<const D: usize>(mesh: &impl Simplices<D>, c: usize) -> Ve
     (0..D).map(|k| sum(k) / corners.len() as f64).collect()
 }
 
-fn worst<const D: usize>(
-    mesh: &impl Simplices<D>,
-    smallest: &[f32],
-    largest: &[f32],
-) -> Vec<Worst> {
-    let badness = |c: usize| -smallest[c].min(largest[c]);
+fn worst<const D: usize>(mesh: &impl Simplices<D>, of_cells: &[OfCell]) -> Vec<Worst> {
+    let badness = |c: usize| -of_cells[c].smallest.min(of_cells[c].largest);
     let mut found: Vec<usize> = Vec::with_capacity(LISTED + 1);
-    for c in 0..smallest.len() {
+    for c in 0..of_cells.len() {
         let full = found.len() == LISTED;
         if full
             && found
@@ -369,8 +386,8 @@ fn worst<const D: usize>(
         .map(|c| Worst {
             cell: c,
             centroid: centroid(mesh, c),
-            smallest: angle(smallest[c].into()),
-            largest: 180.0 - angle(largest[c].into()),
+            smallest: angle(of_cells[c].smallest.into()),
+            largest: 180.0 - angle(of_cells[c].largest.into()),
         })
         .collect()
 }
@@ -496,12 +513,12 @@ mod tests {
     #[test]
     fn points_are_the_ranks_of_the_sorted_values() {
         let values: Vec<f32> = (0..1001).map(|i| ((i * 617) % 1001) as f32).collect();
-        let low = points(&values, Bad::Small);
+        let low = points(values.iter().copied(), Bad::Small);
         assert_eq!(
             (low.worst, low.permille, low.percent, low.median),
             (0.0, 1.0, 10.0, 500.0)
         );
-        let high = points(&values, Bad::Large);
+        let high = points(values.iter().copied(), Bad::Large);
         let found = (high.worst, high.permille, high.percent, high.median);
         assert_eq!(found, (1000.0, 999.0, 990.0, 500.0));
     }

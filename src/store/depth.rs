@@ -83,10 +83,10 @@ impl<const D: usize, M: Stored<D>> StoredMesh<D, M> {
         for points in [&mut self.world.nodes, &mut self.world.sites] {
             points.par_iter_mut().for_each(|p| p[c] = sunk(*p));
         }
-        let volumes = self.in_world(M::cell_volumes);
+        let volumes = self.in_world(M::volumes);
         let turned = |volume: &f64| volume.is_nan() || *volume <= 0.0;
-        let count = volumes.iter().filter(|(volume, _)| turned(volume)).count();
-        if let Some(cell) = volumes.iter().position(|(volume, _)| turned(volume)) {
+        let count = volumes.iter().filter(|volume| turned(volume)).count();
+        if let Some(cell) = volumes.iter().position(turned) {
             let problem = format!(
                 "{count} of its {} cells turn inside out in depth by {}, the first is cell {cell}",
                 volumes.len(),
@@ -96,7 +96,7 @@ impl<const D: usize, M: Stored<D>> StoredMesh<D, M> {
                 "mesh the image in depth, by atomesh mesh --velocity, or smooth the velocities";
             return Err(Error::Mesh(cause(place, problem, remedy)));
         }
-        set_sizes(&mut self.arrays.cell_data, |cell, _| volumes[cell].0 as f32);
+        set_sizes(&mut self.arrays.cell_data, |cell, _| volumes[cell] as f32);
         self.space.geometry = self.about(c, sunk);
         self.space.by_file = false;
         let fields = &mut self.arrays.field_data;

@@ -191,21 +191,10 @@ pub fn with_image<const D: usize, M: Mesh<D>>(
 ) -> Result<MeshFile<M>> {
     let space = LatticeSpace::of(&file, file.mesh.nodes()).filter(|space| space.by_file);
     let geometry = space.map_or_else(|| image.geometry().clone(), |space| space.geometry);
-    let nodes = file.mesh.nodes().par_iter();
-    let nodes: Vec<_> = nodes.map(|&x| geometry.to_index(x)).collect();
-    let on_nodes = image.linear(&nodes)?;
-    drop(nodes);
-    let mut cells = file.mesh.cell_volumes();
-    let spans = geometry.determinant() != 0.0;
-    cells
-        .par_iter_mut()
-        .for_each(|(_, at)| *at = geometry.to_index(*at).unwrap_or(*at));
-    // They take the place of the volumes: there may be a hundred million.
-    let cells: Vec<_> = cells
-        .into_iter()
-        .map(|(_, at)| spans.then_some(at))
-        .collect();
-    let in_cells = image.linear(&cells)?;
+    let (nodes, centre) = (file.mesh.nodes(), file.mesh.centres());
+    let on_nodes = image.linear(nodes.len(), |n| geometry.to_index(nodes[n]))?;
+    let in_cells = image.linear(file.mesh.len(), |c| geometry.to_index(centre(c)))?;
+    drop(centre);
     let arrays = &mut file.point_data;
     arrays.push(DataArray::scalars(IMAGE, on_nodes));
     let arrays = &mut file.cell_data;

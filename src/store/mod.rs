@@ -67,11 +67,11 @@ pub fn turned<const D: usize, M: Simplices<D>>(
     nodes: Vec<[f64; D]>,
     geometry: &Geometry<D>,
 ) -> M {
-    let mut corners = mesh.connectivity().to_vec();
+    let mut mesh = mesh.with_nodes(nodes);
     if geometry.determinant() < 0.0 {
-        turn_round::<D>(&mut corners);
+        turn_round::<D>(mesh.parts_mut().1);
     }
-    M::from_parts(nodes, corners)
+    mesh
 }
 
 /// Bits for the faces of cells (bit k: the face opposite node k) as [`to_physical`] turns their

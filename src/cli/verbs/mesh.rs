@@ -12,6 +12,7 @@ use crate::cli::common::output::potential_image;
 use crate::cli::console::{Console, print};
 use crate::cli::interrupts::Interrupts;
 use crate::cli::job::{check_files, output, params};
+use crate::cli::out_of_memory;
 use crate::error::{cause, os};
 use crate::export::page::{self, About, LARGEST, Written};
 use crate::feature::FeatureKind;
@@ -238,6 +239,7 @@ impl Run<'_> {
             }
         };
 
+        out_of_memory::give_back();
         console.begin_stage(Stage::Writing);
         interrupts.stage(Stage::Writing);
         clock.begin(Stage::Writing);
@@ -452,6 +454,7 @@ impl Watcher<'_> {
 
 impl Observer for Watcher<'_> {
     fn stage(&mut self, stage: Stage) {
+        out_of_memory::give_back();
         self.stage = stage;
         self.console.begin_stage(stage);
         self.interrupts.stage(stage);

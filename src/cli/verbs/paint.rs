@@ -191,7 +191,7 @@ fn totals<const D: usize, M: Mesh<D>>(mesh: &M, regions: &[u32]) -> Vec<Region> 
     let most = regions.iter().copied().max().unwrap_or(0) as usize;
     let mut sums = vec![(0, 0.0); most + 1];
     let mut all = 0.0;
-    for ((volume, _), &region) in mesh.cell_volumes().iter().zip(regions) {
+    for (volume, &region) in mesh.volumes().iter().zip(regions) {
         sums[region as usize].0 += 1;
         sums[region as usize].1 += volume;
         all += volume;

@@ -244,7 +244,7 @@ fn least_distance<M>(file: &MeshFile<M>) -> Option<f64> {
 
 /// About how far the nodes of a mesh are apart: the volume that each has.
 fn mean_spacing<const D: usize, M: Mesh<D>>(mesh: &M) -> f64 {
-    let volume: f64 = mesh.cell_volumes().iter().map(|cell| cell.0).sum();
+    let volume: f64 = mesh.volumes().iter().sum();
     (volume / mesh.nodes().len() as f64).powf(1.0 / D as f64)
 }
 

@@ -167,7 +167,7 @@ pub(crate) fn check_while<const D: usize, M: Mesh<D>>(
     if patience.over() {
         return found;
     }
-    let volumes: Vec<f64> = mesh.cell_volumes().into_iter().map(|(v, _)| v).collect();
+    let volumes = mesh.volumes();
     let wrong = |v: &f64| *v <= 0.0;
     found.not_positive = volumes.iter().filter(|v| wrong(v)).count();
     if let Some(first) = volumes.iter().position(wrong) {
@@ -209,7 +209,7 @@ pub fn filled_share<const D: usize, M: Mesh<D>>(mesh: &M, extent: [f64; D]) -> O
         tolerance: 0.0,
     };
     let mut filled = 0.0;
-    for (volume, _) in mesh.cell_volumes() {
+    for volume in mesh.volumes() {
         if volume <= 0.0 {
             return None;
         }

@@ -248,9 +248,9 @@ fn unknown<M>(file: &MeshFile<M>, known: &[&str]) -> Vec<String> {
 /// The last safety net: the cells `[before, after]` of a neighbourhood must fill the same room.
 fn refuse_invalid<const D: usize, M: Simplices<D>>(parts: &[M; 2]) -> Result<()> {
     let [before, after] = parts.each_ref().map(|part| {
-        let volumes = part.cell_volumes().into_iter().map(|(volume, _)| volume);
-        let least = volumes.clone().fold(f64::INFINITY, f64::min);
-        (least, volumes.sum::<f64>())
+        let volumes = part.volumes();
+        let least = volumes.iter().copied().fold(f64::INFINITY, f64::min);
+        (least, volumes.iter().sum::<f64>())
     });
     if after.0 > 0.0 && (after.1 - before.1).abs() <= FILLING * before.1 {
         return Ok(());

@@ -15,6 +15,9 @@ use rayon::prelude::*;
 /// Samples of x handled at once: the sums stay in registers.
 const LANES: usize = 16;
 
+/// Samples of a layer that are smoothed across layers together.
+const STRIP: usize = 1024;
+
 /// How many samples to either side a kernel looks.
 pub fn radius(sigma: f64) -> usize {
     (4.0 * sigma).ceil() as usize
@@ -113,24 +116,39 @@ pub fn smooth_last<const D: usize>(
     out: &mut [f32],
     patience: &Patience<'_>,
 ) {
-    let (nx, layer) = (dims[0], dims[..D - 1].iter().product::<usize>());
-    let (rows, kernel) = (layer / nx.max(1), half_kernel(sigma));
-    let work = |(row, out): (usize, &mut [f32])| {
+    let layer = dims[..D - 1].iter().product::<usize>().max(1);
+    let (count, kernel, reach) = (out.len() / layer, half_kernel(sigma), radius(sigma));
+    // A strip of all layers at once: what is needed of them is then in the cache, one after the other, for
+    // layers are megabytes apart.
+    let mut strips: Vec<Vec<&mut [f32]>> = Vec::new();
+    strips.resize_with(layer.div_ceil(STRIP), || Vec::with_capacity(count));
+    for layer in out.chunks_mut(layer) {
+        for (strip, part) in strips.iter_mut().zip(layer.chunks_mut(STRIP)) {
+            strip.push(part);
+        }
+    }
+    let work = |seen: &mut Vec<f32>, (strip, out): (usize, &mut Vec<&mut [f32]>)| {
         if patience.over() {
             return;
         }
-        let (j, row) = (first + row / rows, row % rows);
-        let start = |shift: isize| mirrored(j as isize + shift, dims[D - 1]) * layer + row * nx;
-        let source = |shift: isize| &samples[start(shift)..][..nx];
-        let pairs: Vec<(&[f32], &[f32])> = (0..kernel.len() as isize)
-            .map(|i| (source(-i), source(i)))
-            .collect();
-        wide(
-            #[inline(always)]
-            || summed(&kernel, &pairs, out),
-        );
+        let (start, width) = (strip * STRIP, STRIP.min(layer - strip * STRIP));
+        seen.clear();
+        for j in 0..count + 2 * reach {
+            let j = mirrored((first + j) as isize - reach as isize, dims[D - 1]);
+            seen.extend_from_slice(&samples[j * layer + start..][..width]);
+        }
+        for (j, out) in out.iter_mut().enumerate() {
+            let source = |j: usize| &seen[j * width..][..width];
+            let pairs: Vec<(&[f32], &[f32])> = (0..kernel.len())
+                .map(|i| (source(j + reach - i), source(j + reach + i)))
+                .collect();
+            wide(
+                #[inline(always)]
+                || summed(&kernel, &pairs, out),
+            );
+        }
     };
-    out.par_chunks_mut(nx.max(1)).enumerate().for_each(work);
+    (strips.par_iter_mut().enumerate()).for_each_init(Vec::new, work);
 }
 
 /// The weighted sum of pairs of rows, the first of which is one row twice.

@@ -38,8 +38,9 @@ pub fn potential<const D: usize>(
     let layer: usize = dims[..last].iter().product();
     // Points are sorted by their samples, so along the last axis within half a sample and a bit.
     let reach = CUT * sigma + 2.5 * step[last];
-    Sparse::by_layers(dims, step, |layers| {
-        let mut samples = vec![f32::INFINITY; layer * layers.len()];
+    Sparse::by_layers(dims, step, |layers, samples| {
+        samples.clear();
+        samples.resize(layer * layers.len(), f32::INFINITY);
         let height = |p: &FeaturePoint<D>| f64::from(p.position[last]);
         let near = (
             layers.start as f64 * step[last] - reach,
@@ -53,7 +54,7 @@ pub fn potential<const D: usize>(
             dims,
             step: step.map(|h| h as f32),
             from: layers.start,
-            out: &mut samples,
+            out: samples,
             sigma: sigma as f32,
         };
         for i in start..end {
@@ -66,8 +67,7 @@ pub fn potential<const D: usize>(
                 splat.add_round(&points[i]);
             }
         }
-        bells(&mut samples);
-        samples
+        bells(samples);
     })
 }
 

@@ -22,8 +22,11 @@ const WHOLE: usize = 1 << 27;
 const HELD: f64 = 12.0;
 /// ... of others a window's own layers have about so many samples ...
 const WINDOW: usize = 1 << 21;
-/// ... and are a multiple of these.
+/// ... and are a multiple of these ...
 pub const MULTIPLE: usize = 16;
+/// ... so many where halos are wide, for what is there is moved along with every window: if there is room for so many
+/// layers.
+const WIDE: [usize; 2] = [3 * MULTIPLE, 200];
 
 /// Samples of a volume.
 pub struct Samples<'a, const D: usize> {
@@ -244,6 +247,12 @@ impl Stages {
     }
 }
 
+/// Whether there is memory for so many samples and what is made of them.
+fn has_room(samples: usize) -> bool {
+    let bytes = HELD * samples as f64;
+    memory::afford("features", bytes, "samples", "look at fewer layers").is_ok()
+}
+
 /// A range of layers and so many to either side, of those there are.
 fn wide(range: &Range<usize>, by: usize, count: usize) -> Range<usize> {
     range.start.saturating_sub(by)..(range.end + by).min(count)
@@ -279,7 +288,7 @@ impl<'a, const D: usize> Samples<'a, D> {
     pub fn held_if_small(self) -> Result<Self> {
         match self.raw {
             Raw::InLayers(layers, sign)
-                if ranks::count() == 1 && self.count() <= self.limits[0] && self.has_room() =>
+                if ranks::count() == 1 && self.count() <= self.limits[0] && has_room(self.count()) =>
             {
                 let mut samples = vec![0.0; self.count()];
                 layers.read(0, &mut samples)?;
@@ -291,11 +300,6 @@ impl<'a, const D: usize> Samples<'a, D> {
             }
             _ => Ok(self),
         }
-    }
-
-    fn has_room(&self) -> bool {
-        let bytes = HELD * self.count() as f64;
-        memory::afford("features", bytes, "all samples", "look at some layers").is_ok()
     }
 
     /// The share of the windows of a large volume that tell enough, as one in so many.
@@ -370,6 +374,11 @@ impl<'a, const D: usize> Samples<'a, D> {
     /// A window's own layers, under another Gaussian or not.
     fn own_layers(&self, blurred: bool) -> usize {
         let (layer, count) = (layer(self.dims), self.dims[D - 1]);
+        let [wide, held] = WIDE;
+        let least = match blurred && ranks::count() == 1 && has_room(held * layer) {
+            true => wide,
+            false => MULTIPLE,
+        };
         let few = !blurred || self.count() <= 4 * self.limits[1];
         let some = match self.is_whole() {
             true if few && ranks::count() == 1 => return count.max(1),
@@ -379,7 +388,7 @@ impl<'a, const D: usize> Samples<'a, D> {
         };
         (some / layer.max(1))
             .next_multiple_of(MULTIPLE)
-            .max(MULTIPLE)
+            .max(least)
     }
 
     /// Calls `work` for these windows.
@@ -556,7 +565,7 @@ pub(crate) mod tests {
         );
         assert!(whole[2 * count..] == gaussian_of(&image, &[0.8]), "blurred");
         let layer = layer(dims);
-        for own in [16, 32] {
+        for own in [48, 64] {
             let parts = shown(&image, false, [0, own * layer]);
             let mut rest = &parts[..];
             for first in (0..dims[D - 1]).step_by(own) {
@@ -580,8 +589,8 @@ pub(crate) mod tests {
 
     #[test]
     fn windows_show_what_the_whole_shows() {
-        windows_show_the_whole([9, 11, 75]);
-        windows_show_the_whole([13, 90]);
+        windows_show_the_whole([9, 11, 150]);
+        windows_show_the_whole([13, 170]);
     }
 
     #[test]

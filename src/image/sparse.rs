@@ -68,12 +68,12 @@ impl<const D: usize> Sparse<D> {
         }
     }
 
-    /// Of samples that are made some layers along the last axis at a time: `make` gives those of a range
-    /// of layers. It is asked for some layers twice.
+    /// Of samples that are made some layers along the last axis at a time: `make` fills in those of a
+    /// range of layers, whatever was there before. It is asked for some layers twice.
     pub fn by_layers(
         dims: [usize; D],
         step: [f64; D],
-        make: impl Fn(Range<usize>) -> Vec<f32> + Sync,
+        make: impl Fn(Range<usize>, &mut Vec<f32>) + Sync,
     ) -> Self {
         let count = bricks(dims)[D - 1];
         let layer: usize = dims[..D - 1].iter().product();
@@ -81,16 +81,16 @@ impl<const D: usize> Sparse<D> {
         let together = (held.saturating_sub(EDGE - BRICK) / BRICK).clamp(1, LAYERS);
         let kept: Vec<Kept> = (0..count.div_ceil(together))
             .into_par_iter()
-            .map(|part| {
+            .map_init(Vec::new, |samples, part| {
                 let [first, end] = [part * together, ((part + 1) * together).min(count)];
                 let from = (first * BRICK).saturating_sub(1);
                 let to = (end * BRICK + 2).min(dims[D - 1]);
-                let samples = make(from..to);
+                make(from..to, samples);
                 let slab = Slab {
                     dims,
                     from,
                     to,
-                    samples: &samples,
+                    samples,
                 };
                 slab.kept(first..end)
             })
@@ -110,8 +110,10 @@ impl<const D: usize> Sparse<D> {
     /// Of samples that are all there.
     pub fn of(field: &Field<D>) -> Self {
         let layer: usize = field.dims[..D - 1].iter().product();
-        let part =
-            |layers: Range<usize>| field.samples[layers.start * layer..layers.end * layer].to_vec();
+        let part = |layers: Range<usize>, samples: &mut Vec<f32>| {
+            samples.clear();
+            samples.extend_from_slice(&field.samples[layers.start * layer..layers.end * layer]);
+        };
         Self::by_layers(field.dims, field.step, part)
     }
 

@@ -4,7 +4,9 @@
 use std::any::Any;
 use std::fmt::Display;
 use std::io::{IsTerminal, Write, stderr, stdout};
+use std::panic::resume_unwind;
 use std::path::Path;
+use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
@@ -24,6 +26,27 @@ use crate::{Error, Result, ranks};
 /// What verbs speak to, and through which they read and write: a [`Desk`] with a few words of its own.
 pub struct Console {
     desk: Box<dyn Desk>,
+}
+
+/// The hash of an image that may not be found yet.
+pub enum Hashing {
+    /// It is.
+    Known(Result<String>),
+    /// A thread is at it.
+    Sought(JoinHandle<Result<String>>),
+}
+
+impl Hashing {
+    /// Waits for it.
+    ///
+    /// # Errors
+    /// As [`file_hash`].
+    pub fn end(self) -> Result<String> {
+        match self {
+            Self::Known(hash) => hash,
+            Self::Sought(thread) => thread.join().unwrap_or_else(|panic| resume_unwind(panic)),
+        }
+    }
 }
 
 impl Console {
@@ -122,6 +145,18 @@ impl Console {
         match self.desk.hash(path) {
             Some(hash) => Ok(hash),
             None => file_hash(path),
+        }
+    }
+
+    /// The same, sought while other things go on.
+    pub fn hashing(&self, path: &Path) -> Hashing {
+        let sought = || {
+            let path = path.to_path_buf();
+            thread::Builder::new().spawn(move || file_hash(&path)).ok()
+        };
+        match self.desk.hash(path) {
+            Some(hash) => Hashing::Known(Ok(hash)),
+            None => sought().map_or_else(|| Hashing::Known(file_hash(path)), Hashing::Sought),
         }
     }
 

@@ -288,7 +288,9 @@ impl<'a, const D: usize> Samples<'a, D> {
     pub fn held_if_small(self) -> Result<Self> {
         match self.raw {
             Raw::InLayers(layers, sign)
-                if ranks::count() == 1 && self.count() <= self.limits[0] && has_room(self.count()) =>
+                if ranks::count() == 1
+                    && self.count() <= self.limits[0]
+                    && has_room(self.count()) =>
             {
                 let mut samples = vec![0.0; self.count()];
                 layers.read(0, &mut samples)?;
@@ -386,9 +388,7 @@ impl<'a, const D: usize> Samples<'a, D> {
             true => self.limits[1].min(self.count() / ranks::count()),
             false => self.limits[1],
         };
-        (some / layer.max(1))
-            .next_multiple_of(MULTIPLE)
-            .max(least)
+        (some / layer.max(1)).next_multiple_of(MULTIPLE).max(least)
     }
 
     /// Calls `work` for these windows.

@@ -9,7 +9,7 @@ use crate::cli::common::depth::{image_in_depth, params_in_depth, warn_of_time};
 use crate::cli::common::global::Ending;
 use crate::cli::common::options::{named, setting_of};
 use crate::cli::common::output::potential_image;
-use crate::cli::console::{Console, print};
+use crate::cli::console::{Console, Hashing, print};
 use crate::cli::interrupts::Interrupts;
 use crate::cli::job::{check_files, output, params};
 use crate::cli::out_of_memory;
@@ -205,7 +205,7 @@ impl Run<'_> {
         } = self;
         let geometry = image.geometry();
         warn_of_time(geometry, console);
-        let input_sha256 = ranks::of_first("the image's hash", || console.hash(path))?;
+        let hashing = ranks::is_first().then(|| console.hashing(path));
         let output = output(path, job);
 
         let step = params.metric.step(geometry);
@@ -243,6 +243,8 @@ impl Run<'_> {
         console.begin_stage(Stage::Writing);
         interrupts.stage(Stage::Writing);
         clock.begin(Stage::Writing);
+        let found = || hashing.map_or_else(|| console.hash(path), Hashing::end);
+        let input_sha256 = ranks::of_first("the image's hash", found)?;
         outcome.provenance = Provenance {
             parameters: toml_of(&job.clone().reproducible())?,
             input_sha256,

@@ -24,9 +24,10 @@ const HELD: f64 = 12.0;
 const WINDOW: usize = 1 << 21;
 /// ... and are a multiple of these ...
 pub const MULTIPLE: usize = 16;
-/// ... so many where halos are wide, for what is there is moved along with every window: if there is room for so many
-/// layers.
-const WIDE: [usize; 2] = [3 * MULTIPLE, 200];
+/// ... but have so many layers where halos are wide, for these are moved along with every window ...
+const WIDE: usize = 3 * MULTIPLE;
+/// ... if there is room for so many.
+const LAYERS: usize = 200;
 
 /// Samples of a volume.
 pub struct Samples<'a, const D: usize> {
@@ -376,9 +377,8 @@ impl<'a, const D: usize> Samples<'a, D> {
     /// A window's own layers, under another Gaussian or not.
     fn own_layers(&self, blurred: bool) -> usize {
         let (layer, count) = (layer(self.dims), self.dims[D - 1]);
-        let [wide, held] = WIDE;
-        let least = match blurred && ranks::count() == 1 && has_room(held * layer) {
-            true => wide,
+        let least = match blurred && ranks::count() == 1 && has_room(LAYERS * layer) {
+            true => WIDE,
             false => MULTIPLE,
         };
         let few = !blurred || self.count() <= 4 * self.limits[1];

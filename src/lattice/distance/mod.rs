@@ -18,6 +18,8 @@ pub use sources::{Dense, from_image, from_laplacian, from_samples};
 
 use std::f64::consts::SQRT_2;
 
+use rayon::prelude::*;
+
 use crate::error::{Error, Result, cause};
 use crate::image::Field;
 
@@ -164,19 +166,26 @@ impl<const D: usize> Distance<D> {
 const MOST_ATOMS: f64 = 6e8;
 
 /// Folds samples with `f`, but lets one NaN make the result NaN.
-fn reduce(samples: &[f32], f: impl Fn(f32, f32) -> f32) -> f64 {
-    let fold = |a: f32, &b: &f32| {
-        if a.is_nan() || b.is_nan() {
-            f32::NAN
-        } else {
-            f(a, b)
+fn reduce(samples: &[f32], f: impl Fn(f32, f32) -> f32 + Sync) -> f64 {
+    const LANES: usize = 16;
+    let chunks = samples.par_chunks(1 << 16).map(|chunk| {
+        let (mut found, mut nan) = ([chunk[0]; LANES], false);
+        for block in chunk.chunks(LANES) {
+            for (found, &sample) in found.iter_mut().zip(block) {
+                *found = f(*found, sample);
+                nan |= sample.is_nan();
+            }
         }
+        match nan {
+            true => f32::NAN,
+            false => found.into_iter().fold(chunk[0], &f),
+        }
+    });
+    let both = |a: f32, b: f32| match a.is_nan() || b.is_nan() {
+        true => f32::NAN,
+        false => f(a, b),
     };
-    f64::from(
-        samples
-            .split_first()
-            .map_or(f32::NAN, |(&first, rest)| rest.iter().fold(first, fold)),
-    )
+    f64::from(chunks.reduce_with(both).unwrap_or(f32::NAN))
 }
 
 /// The grid cell around a position: lowest corner, fraction inside, and the step along each axis.

@@ -27,6 +27,8 @@ pub use laplacian::Regularised;
 pub use pairwise::Pairwise;
 pub use sampled::Sampled;
 
+use std::ops::Range;
+
 use crate::error::Result;
 use crate::image::Field;
 
@@ -91,6 +93,20 @@ pub trait Energy<const D: usize> {
     /// # Errors
     /// Those of other MPI ranks, where these have a share of the work.
     fn evaluate(&mut self, x: &[[f64; D]], gradient: &mut [[f64; D]]) -> Result<f64>;
+
+    /// The same, but derivatives need only be of the [own](Self::own) atoms.
+    ///
+    /// # Errors
+    /// As [`evaluate`](Self::evaluate).
+    fn evaluate_own(&mut self, x: &[[f64; D]], gradient: &mut [[f64; D]]) -> Result<f64> {
+        self.evaluate(x, gradient)
+    }
+
+    /// Which of so many atoms are this rank's own, where ranks share the work: whole chunks of
+    /// coordinates of the minimiser, in the order of the ranks. All where they do not.
+    fn own(&self, atoms: usize) -> Range<usize> {
+        0..atoms
+    }
 
     /// About how many times as stiffly as by the lattice alone each atom is held: a hint by which
     /// minimisers scale their steps.

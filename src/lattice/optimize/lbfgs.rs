@@ -6,8 +6,12 @@
 //! all the others, and one more makes the direction. Vectors are `f32`, sums are taken in chunks of
 //! fixed size and added up in `f64` in a fixed order: the same bytes for any number of threads.
 
+use std::ops::Range;
+
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
+
+use crate::{Result, ranks};
 
 /// Number of steps remembered.
 const MEMORY: usize = 5;
@@ -19,7 +23,45 @@ const BASIS: usize = 2 * MEMORY + 1;
 /// every vector stays in the cache.
 pub const CHUNK: usize = 3072;
 
-/// The memory of a minimisation over `n` scaled coordinates.
+/// Which chunks of coordinates are held here: all, or this rank's share.
+#[derive(Debug, Clone)]
+pub struct Share {
+    chunks: Range<usize>,
+    /// Of all ranks.
+    count: usize,
+}
+
+impl Share {
+    /// Of so many coordinates those in a range, which begins with a chunk.
+    pub fn new(coordinates: usize, own: &Range<usize>) -> Self {
+        Self {
+            chunks: own.start / CHUNK..own.end.div_ceil(CHUNK),
+            count: coordinates.div_ceil(CHUNK),
+        }
+    }
+
+    /// Adds up sums of chunks: of those that are held here with those of other ranks, in the order of the chunks.
+    ///
+    /// # Errors
+    /// Those of other ranks.
+    pub fn total<const N: usize>(&self, mut sums: Vec<[f64; N]>) -> Result<[f64; N]> {
+        if self.chunks.len() < self.count {
+            let mut all = vec![[0.0; N]; self.count];
+            all[self.chunks.clone()].copy_from_slice(&sums);
+            ranks::fill("sums over atoms", all.as_flattened_mut(), N)?;
+            sums = all;
+        }
+        let mut total = [0.0; N];
+        for sums in &sums {
+            for (total, sum) in total.iter_mut().zip(sums) {
+                *total += sum;
+            }
+        }
+        Ok(total)
+    }
+}
+
+/// The memory of a minimisation over scaled coordinates: of those that are held here.
 pub struct Lbfgs {
     /// s in slots `0..MEMORY`, y in `MEMORY..2 * MEMORY`, the gradient last.
     basis: [Vec<f32>; BASIS],
@@ -29,12 +71,16 @@ pub struct Lbfgs {
     live: Vec<usize>,
     /// Inverse curvature to assume while there is no memory.
     guess: f64,
+    share: Share,
 }
 
 impl Lbfgs {
     /// An empty memory at a point whose gradient is `gradient`. `guess` is the step length that
     /// steepest descent would take.
-    pub fn new(gradient: Vec<f32>, guess: f64) -> Self {
+    ///
+    /// # Errors
+    /// Those of other ranks, where these hold the rest.
+    pub fn new(gradient: Vec<f32>, guess: f64, share: Share) -> Result<Self> {
         let n = gradient.len();
         let mut basis: [Vec<f32>; BASIS] = std::array::from_fn(|_| vec![0.0; n]);
         basis[GRADIENT] = gradient;
@@ -43,17 +89,22 @@ impl Lbfgs {
             gram: [[0.0; BASIS]; BASIS],
             live: Vec::new(),
             guess,
+            share,
         };
-        memory.forget();
-        memory
+        memory.forget()?;
+        Ok(memory)
     }
 
     /// Drops all steps; the next direction is steepest descent.
-    pub fn forget(&mut self) {
+    ///
+    /// # Errors
+    /// Those of other ranks, where these hold the rest.
+    pub fn forget(&mut self) -> Result<()> {
         self.live.clear();
         let gradient = &self.basis[GRADIENT];
-        let partial: Vec<f64> = gradient.par_chunks(CHUNK).map(|g| dot(g, g)).collect();
-        self.gram[GRADIENT][GRADIENT] = partial.iter().sum();
+        let partial = gradient.par_chunks(CHUNK).map(|g| [dot(g, g)]).collect();
+        [self.gram[GRADIENT][GRADIENT]] = self.share.total(partial)?;
+        Ok(())
     }
 
     /// Whether the next direction is plain steepest descent.
@@ -62,9 +113,15 @@ impl Lbfgs {
     }
 
     /// Goes to a new point: `advance(chunk, s, g)` writes the step taken and the new gradient of
-    /// the coordinates from `chunk * CHUNK` on. The step is remembered if the curvature along it is
+    /// the coordinates from `chunk * CHUNK` on, of those held here. The step is remembered if the curvature along it is
     /// positive.
-    pub fn advance(&mut self, advance: impl Fn(usize, &mut [f32], &mut [f32]) + Sync) {
+    ///
+    /// # Errors
+    /// Those of other ranks, where these hold the rest.
+    pub fn advance(
+        &mut self,
+        advance: impl Fn(usize, &mut [f32], &mut [f32]) + Sync,
+    ) -> Result<()> {
         let slot = if self.live.len() == MEMORY {
             self.live.remove(0)
         } else {
@@ -76,7 +133,8 @@ impl Lbfgs {
         let others: Vec<usize> = self.live.iter().flat_map(|&k| [k, MEMORY + k]).collect();
         let basis = &self.basis;
         // Of each chunk: inner products of s, y, g with the others, then among themselves.
-        let partial: Vec<[[f64; 3]; BASIS + 2]> = s
+        const SUMS: usize = 3 * (BASIS + 2);
+        let partial: Vec<[f64; SUMS]> = s
             .par_chunks_mut(CHUNK)
             .zip(y.par_chunks_mut(CHUNK))
             .zip(g.par_chunks_mut(CHUNK))
@@ -94,17 +152,11 @@ impl Lbfgs {
                 sums[BASIS - 1] = dots(s, s, y, g);
                 sums[BASIS] = dots(y, s, y, g);
                 sums[BASIS + 1] = dots(g, s, y, g);
-                sums
+                std::array::from_fn(|k| sums[k / 3][k % 3])
             })
             .collect();
-        let mut total = [[0.0; 3]; BASIS + 2];
-        for sums in &partial {
-            for (total, sum) in total.iter_mut().zip(sums) {
-                for k in 0..3 {
-                    total[k] += sum[k];
-                }
-            }
-        }
+        let total = self.share.total(partial)?;
+        let (total, _) = total.as_chunks::<3>();
         let new = [slot, MEMORY + slot, GRADIENT];
         for (sum, &other) in total.iter().zip(&others) {
             for k in 0..3 {
@@ -124,18 +176,22 @@ impl Lbfgs {
         if sy > 1e-6 * (ss * yy).sqrt() {
             self.live.push(slot);
         }
+        Ok(())
     }
 
     /// Writes the descent direction, no block of `D` coordinates (an atom) of it longer than
     /// `longest`, and returns its slope: the inner product with the gradient.
-    pub fn direction<const D: usize>(&self, longest: f32, direction: &mut [f32]) -> f64 {
+    ///
+    /// # Errors
+    /// Those of other ranks, where these hold the rest.
+    pub fn direction<const D: usize>(&self, longest: f32, direction: &mut [f32]) -> Result<f64> {
         let weights = self.coefficients();
         let terms: Vec<(f32, &[f32])> = (0..BASIS)
             .filter(|&k| weights[k] != 0.0)
             .map(|k| (weights[k] as f32, self.basis[k].as_slice()))
             .collect();
         let gradient = &self.basis[GRADIENT];
-        let partial: Vec<f64> = direction
+        let partial = direction
             .par_chunks_mut(CHUNK)
             .enumerate()
             .map(|(chunk, direction)| {
@@ -156,10 +212,11 @@ impl Lbfgs {
                         atom.iter_mut().for_each(|c| *c *= shrink);
                     }
                 }
-                dot(direction, &gradient[range])
+                [dot(direction, &gradient[range])]
             })
             .collect();
-        partial.iter().sum()
+        let [slope] = self.share.total(partial)?;
+        Ok(slope)
     }
 
     /// The two-loop recursion in the space of coefficients.
@@ -265,10 +322,11 @@ mod tests {
     /// Minimises with unit steps and plain halving; returns the number of evaluations.
     fn minimise(f: impl Fn(&[f64]) -> (f64, Vec<f32>), x: &mut Vec<f64>, tolerance: f64) -> usize {
         let (mut value, gradient) = f(x);
-        let mut memory = Lbfgs::new(gradient, 1e-3);
+        let all = Share::new(x.len(), &(0..x.len()));
+        let mut memory = Lbfgs::new(gradient, 1e-3, all).unwrap();
         let mut direction = vec![0.0f32; x.len()];
         for evaluations in 1..2000 {
-            let slope = memory.direction::<1>(10.0, &mut direction);
+            let slope = memory.direction::<1>(10.0, &mut direction).unwrap();
             assert!(slope <= 0.0);
             let mut alpha = 1.0;
             let (next, found) = loop {
@@ -286,13 +344,15 @@ mod tests {
             let old = x.clone();
             *x = next;
             value = found.0;
-            memory.advance(|chunk, s, g| {
-                let first = chunk * CHUNK;
-                for n in 0..s.len() {
-                    s[n] = (x[first + n] - old[first + n]) as f32;
-                    g[n] = found.1[first + n];
-                }
-            });
+            memory
+                .advance(|chunk, s, g| {
+                    let first = chunk * CHUNK;
+                    for n in 0..s.len() {
+                        s[n] = (x[first + n] - old[first + n]) as f32;
+                        g[n] = found.1[first + n];
+                    }
+                })
+                .unwrap();
             if value < tolerance {
                 return evaluations;
             }
@@ -349,7 +409,8 @@ mod tests {
     fn no_atom_moves_farther_than_allowed() {
         let gradient = vec![3.0, 4.0, 0.0, 0.1, 0.0, 0.0];
         let mut direction = vec![0.0; 6];
-        let slope = Lbfgs::new(gradient, 1.0).direction::<3>(0.25, &mut direction);
+        let memory = Lbfgs::new(gradient, 1.0, Share::new(6, &(0..6))).unwrap();
+        let slope = memory.direction::<3>(0.25, &mut direction).unwrap();
         assert!((direction[0] + 0.15).abs() < 1e-7 && (direction[1] + 0.2).abs() < 1e-7);
         assert_eq!(direction[3], -0.1);
         assert!((slope + 1.25 + 0.01).abs() < 1e-6);

@@ -1,14 +1,17 @@
 //! One minimisation: L-BFGS directions, or plain steepest descent, and a line search that mostly needs
 //! one evaluation a step.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use super::Stop;
 use super::bounds::Bounds;
-use super::lbfgs::{CHUNK, Lbfgs, dot};
+use super::lbfgs::{CHUNK, Lbfgs, Share, dot};
 use crate::error::{Error, Result, cause};
 use crate::lattice::energy::{Energy, Parts};
 use crate::observer::{Observer, Progress};
+use crate::ranks;
 
 /// Farthest an atom may move in a step, in units of d.
 const LONGEST_MOVE: f32 = 0.25;
@@ -60,6 +63,7 @@ pub struct Minimiser<const D: usize> {
     scale: Vec<[f32; D]>,
     positions: Vec<[f64; D]>,
     trial: Vec<[f64; D]>,
+    /// Of the atoms of this rank's share at least, as all that has to do with steps.
     gradient: Vec<[f64; D]>,
     energy: f64,
     parts: Parts,
@@ -108,14 +112,14 @@ impl<const D: usize> Minimiser<D> {
         (self.energy, self.parts) = (energy, parts);
     }
 
-    /// Evaluates the energy, and the gradient in the minimiser's own array.
+    /// Evaluates the energy, and the gradient of this rank's share of the atoms in the minimiser's own array.
     pub fn measure(
         &mut self,
         x: &[[f64; D]],
         energy: &mut dyn Energy<D>,
         budget: &mut Budget,
     ) -> Result<(f64, Parts)> {
-        let value = energy.evaluate(x, &mut self.gradient)?;
+        let value = energy.evaluate_own(x, &mut self.gradient)?;
         budget.evaluations += 1;
         Ok((finite(value)?, energy.parts()))
     }
@@ -134,8 +138,12 @@ impl<const D: usize> Minimiser<D> {
         self.scale = self.bounds.scale(&energy.stiffness(&start));
         (self.energy, self.parts) = self.measure(&start, energy, budget)?;
         self.positions = start;
-        let mut memory = Lbfgs::new(self.scaled_gradient(), FIRST_CURVATURE);
-        let mut direction = vec![0.0f32; self.scale.len() * D];
+        let atoms = self.scale.len();
+        let own = energy.own(atoms);
+        let share = Share::new(D * atoms, &(D * own.start..D * own.end));
+        let gradient = self.scaled_gradient(&own);
+        let mut memory = Lbfgs::new(gradient, FIRST_CURVATURE, share.clone())?;
+        let mut direction = vec![0.0f32; D * own.len()];
         let mut history = vec![self.energy];
         loop {
             if !observer.keep_going() {
@@ -144,26 +152,35 @@ impl<const D: usize> Minimiser<D> {
             if budget.spent() {
                 return Ok(Stop::MaxIterations);
             }
-            let mut slope = memory.direction::<D>(LONGEST_MOVE, &mut direction);
+            let mut slope = memory.direction::<D>(LONGEST_MOVE, &mut direction)?;
             if slope >= 0.0 && !memory.is_empty() {
-                memory.forget();
-                slope = memory.direction::<D>(LONGEST_MOVE, &mut direction);
+                memory.forget()?;
+                slope = memory.direction::<D>(LONGEST_MOVE, &mut direction)?;
             }
             if slope >= 0.0 {
                 return Ok(Stop::Converged);
             }
-            match self.search(&direction, slope, energy, budget, observer)? {
+            let (own, share) = (own.clone(), &share);
+            match self.search(
+                own.clone(),
+                share,
+                &direction,
+                slope,
+                energy,
+                budget,
+                observer,
+            )? {
                 Search::Lower(value, parts) => {
-                    self.accept(&mut memory);
+                    self.accept(&own, &mut memory)?;
                     if self.steepest {
-                        memory.forget();
+                        memory.forget()?;
                     }
                     (self.energy, self.parts) = (value, parts);
                 }
                 Search::Stopped => return Ok(Stop::Interrupted),
                 Search::Higher if memory.is_empty() => return Ok(Stop::Converged),
                 Search::Higher => {
-                    memory.forget();
+                    memory.forget()?;
                     continue;
                 }
             }
@@ -186,10 +203,12 @@ impl<const D: usize> Minimiser<D> {
         }
     }
 
-    /// Looks along `direction` for a lower energy, first at its end, then by cubic interpolation
-    /// ever nearer. The point found is in `trial`, its gradient in `gradient`.
+    /// Looks along `direction`, of the atoms of this rank's share, for a lower energy, first at its end, then by cubic
+    /// interpolation ever nearer. The point found is in `trial`, its gradient in `gradient`.
     fn search(
         &mut self,
+        own: Range<usize>,
+        share: &Share,
         direction: &[f32],
         slope: f64,
         energy: &mut dyn Energy<D>,
@@ -203,16 +222,21 @@ impl<const D: usize> Minimiser<D> {
                 return Ok(Search::Stopped);
             }
             let mut trial = std::mem::take(&mut self.trial);
-            trial
+            trial[own.clone()]
                 .par_iter_mut()
+                .zip(direction.par_chunks_exact(D))
                 .with_min_len(CHUNK)
                 .enumerate()
-                .for_each(|(n, x)| {
+                .for_each(|(n, (x, direction))| {
+                    let n = own.start + n;
                     let step: [f64; D] = std::array::from_fn(|k| {
-                        length * f64::from(direction[n * D + k] * self.scale[n][k])
+                        length * f64::from(direction[k] * self.scale[n][k])
                     });
                     *x = self.bounds.step(n, &self.positions[n], step);
                 });
+            if own.len() < trial.len() {
+                ranks::fill("positions of atoms", trial.as_flattened_mut(), CHUNK)?;
+            }
             self.trial = trial;
             let trial = std::mem::take(&mut self.trial);
             let found = self.measure(&trial, energy, budget);
@@ -224,18 +248,18 @@ impl<const D: usize> Minimiser<D> {
             if budget.spent() {
                 break;
             }
-            let end_slope = self.slope_along(direction);
+            let end_slope = self.slope_along(&own, share, direction)?;
             length *= cubic_minimum(self.energy, slope * length, value, end_slope * length);
         }
         Ok(Search::Higher)
     }
 
     /// Goes to the trial point and remembers the step.
-    fn accept(&mut self, memory: &mut Lbfgs) {
+    fn accept(&mut self, own: &Range<usize>, memory: &mut Lbfgs) -> Result<()> {
         let (old, new, scale) = (&self.positions, &self.trial, &self.scale);
         let gradient = &self.gradient;
         memory.advance(|chunk, s, g| {
-            let first = chunk * CHUNK / D;
+            let first = own.start + chunk * CHUNK / D;
             for (n, (s, g)) in s.chunks_exact_mut(D).zip(g.chunks_exact_mut(D)).enumerate() {
                 let n = first + n;
                 for k in 0..D {
@@ -245,24 +269,28 @@ impl<const D: usize> Minimiser<D> {
                     g[k] = scale * gradient[n][k] as f32;
                 }
             }
-        });
+        })?;
         std::mem::swap(&mut self.positions, &mut self.trial);
+        Ok(())
     }
 
-    /// The gradient with respect to scaled coordinates.
-    fn scaled_gradient(&self) -> Vec<f32> {
-        let pairs = self.gradient.iter().zip(&self.scale);
+    /// The gradient of some atoms with respect to scaled coordinates.
+    fn scaled_gradient(&self, own: &Range<usize>) -> Vec<f32> {
+        let pairs = self.gradient[own.clone()]
+            .iter()
+            .zip(&self.scale[own.clone()]);
         pairs
             .flat_map(|(g, s)| std::array::from_fn::<f32, D, _>(|k| g[k] as f32 * s[k]))
             .collect()
     }
 
     /// The derivative of the energy along a direction at the last point measured.
-    fn slope_along(&self, direction: &[f32]) -> f64 {
-        let gradient = self.scaled_gradient();
+    fn slope_along(&self, own: &Range<usize>, share: &Share, direction: &[f32]) -> Result<f64> {
+        let gradient = self.scaled_gradient(own);
         let chunks = gradient.par_chunks(CHUNK).zip(direction.par_chunks(CHUNK));
-        let partial: Vec<f64> = chunks.map(|(g, p)| dot(g, p)).collect();
-        partial.iter().sum()
+        let partial = chunks.map(|(g, p)| [dot(g, p)]).collect();
+        let [slope] = share.total(partial)?;
+        Ok(slope)
     }
 }
 

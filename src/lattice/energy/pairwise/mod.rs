@@ -17,6 +17,8 @@
 //! Distances are computed in `f32` from fixed-point positions (`FixedPoint`) and summed in a fixed
 //! order, so the result is the same for any number of threads and on any machine.
 
+use std::ops::Range;
+
 use pulp::Arch;
 use rayon::prelude::*;
 
@@ -31,6 +33,7 @@ use super::{Beta, Energy, Parts, Terms};
 use crate::error::{Error, Result, cause};
 use crate::image::Sparse;
 use crate::lattice::distance::Distance;
+use crate::lattice::optimize::lbfgs;
 use crate::lattice::seeding::Alignment;
 use crate::ranks;
 
@@ -150,6 +153,12 @@ impl<'a, const D: usize> Pairwise<'a, D> {
     pub(crate) fn among_ranks(mut self) -> Self {
         self.neighbours.shared = true;
         self
+    }
+
+    /// Whether ranks may keep their own atoms' gradients: in space, where chunks of atoms are chunks of the
+    /// minimiser's coordinates.
+    fn is_parted(&self) -> bool {
+        self.neighbours.shared && D * CHUNK == lbfgs::CHUNK
     }
 
     /// How many points' neighbours have been listed anew because the point had moved, in all.
@@ -372,6 +381,24 @@ impl<'a, const D: usize> Pairwise<'a, D> {
 
 impl<const D: usize> Energy<D> for Pairwise<'_, D> {
     fn evaluate(&mut self, x: &[[f64; D]], gradient: &mut [[f64; D]]) -> Result<f64> {
+        let energy = self.evaluate_own(x, gradient)?;
+        if self.is_parted() {
+            ranks::fill("gradients", gradient.as_flattened_mut(), CHUNK * D)?;
+        }
+        Ok(energy)
+    }
+
+    fn own(&self, atoms: usize) -> Range<usize> {
+        match self.is_parted() {
+            true => {
+                let chunks = ranks::own(atoms.div_ceil(CHUNK));
+                (chunks.start * CHUNK).min(atoms)..(chunks.end * CHUNK).min(atoms)
+            }
+            false => 0..atoms,
+        }
+    }
+
+    fn evaluate_own(&mut self, x: &[[f64; D]], gradient: &mut [[f64; D]]) -> Result<f64> {
         self.update(x)?;
         let chunks = &self.neighbours.chunks;
         let own = self.neighbours.own();
@@ -388,7 +415,9 @@ impl<const D: usize> Energy<D> for Pairwise<'_, D> {
             });
         if self.neighbours.shared {
             ranks::fill("energies of atoms", sums.as_flattened_mut(), 3)?;
-            ranks::fill("gradients", gradient.as_flattened_mut(), CHUNK * D)?;
+            if !self.is_parted() {
+                ranks::fill("gradients", gradient.as_flattened_mut(), CHUNK * D)?;
+            }
         }
         let total = sums
             .iter()

@@ -222,7 +222,12 @@ mod tests {
     /// The same, one sample after the other and none passed over.
     fn plainly(field: &mut Field<3>, growth: f32) {
         let [nx, ny, nz] = field.dims;
-        for order in (0..8usize).cycle().take(64) {
+        let mut settled = true;
+        for pass in 0..64 {
+            let order = pass % 8;
+            if order == 0 && pass > 0 && std::mem::replace(&mut settled, true) {
+                break;
+            }
             let turned = |k: usize, count: usize, i: usize| match order >> k & 1 {
                 0 => i,
                 _ => count - 1 - i,
@@ -245,8 +250,12 @@ mod tests {
                     };
                     (below.min(above), field.step[k] as f32)
                 });
+                let old = field.samples[at];
                 let new = upwind(&mut lows, growth);
-                field.samples[at] = field.samples[at].min(new);
+                if new < old {
+                    settled &= old - new <= SETTLED * old.abs();
+                    field.samples[at] = new;
+                }
             }
         }
     }
@@ -267,11 +276,7 @@ mod tests {
             let mut plain = field.clone();
             limit_gradient(&mut field, 0.3, &Patience::endless());
             plainly(&mut plain, 0.3);
-            let same = |(a, b): (&f32, &f32)| (a - b).abs() <= 8.0 * SETTLED * b;
-            assert!(
-                field.samples.iter().zip(&plain.samples).all(same),
-                "{dims:?}"
-            );
+            assert!(field == plain, "{dims:?}");
         }
     }
 

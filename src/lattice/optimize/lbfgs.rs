@@ -23,21 +23,31 @@ const BASIS: usize = 2 * MEMORY + 1;
 /// every vector stays in the cache.
 pub const CHUNK: usize = 3072;
 
-/// Which chunks of coordinates are held here: all, or this rank's share.
+/// Which coordinates are held here: all, or this rank's share.
 #[derive(Debug, Clone)]
 pub struct Share {
-    chunks: Range<usize>,
-    /// Of all ranks.
-    count: usize,
+    /// From the beginning of a chunk on.
+    own: Range<usize>,
+    all: usize,
 }
 
 impl Share {
-    /// Of so many coordinates those in a range, which begins with a chunk.
-    pub fn new(coordinates: usize, own: &Range<usize>) -> Self {
+    /// So many atoms, of which some are this rank's own.
+    pub fn of_atoms<const D: usize>(all: usize, own: &Range<usize>) -> Self {
         Self {
-            chunks: own.start / CHUNK..own.end.div_ceil(CHUNK),
-            count: coordinates.div_ceil(CHUNK),
+            own: D * own.start..D * own.end,
+            all: D * all,
         }
+    }
+
+    /// This rank's own atoms.
+    pub fn atoms<const D: usize>(&self) -> Range<usize> {
+        self.own.start / D..self.own.end / D
+    }
+
+    /// Whether other ranks hold the rest.
+    pub fn is_part(&self) -> bool {
+        self.own.len() < self.all
     }
 
     /// Adds up sums of chunks: of those that are held here with those of other ranks, in the order of the chunks.
@@ -45,9 +55,10 @@ impl Share {
     /// # Errors
     /// Those of other ranks.
     pub fn total<const N: usize>(&self, mut sums: Vec<[f64; N]>) -> Result<[f64; N]> {
-        if self.chunks.len() < self.count {
-            let mut all = vec![[0.0; N]; self.count];
-            all[self.chunks.clone()].copy_from_slice(&sums);
+        if self.is_part() {
+            let mut all = vec![[0.0; N]; self.all.div_ceil(CHUNK)];
+            let first = self.own.start.div_ceil(CHUNK);
+            all[first..first + sums.len()].copy_from_slice(&sums);
             ranks::fill("sums over atoms", all.as_flattened_mut(), N)?;
             sums = all;
         }
@@ -322,7 +333,7 @@ mod tests {
     /// Minimises with unit steps and plain halving; returns the number of evaluations.
     fn minimise(f: impl Fn(&[f64]) -> (f64, Vec<f32>), x: &mut Vec<f64>, tolerance: f64) -> usize {
         let (mut value, gradient) = f(x);
-        let all = Share::new(x.len(), &(0..x.len()));
+        let all = Share::of_atoms::<1>(x.len(), &(0..x.len()));
         let mut memory = Lbfgs::new(gradient, 1e-3, all).unwrap();
         let mut direction = vec![0.0f32; x.len()];
         for evaluations in 1..2000 {
@@ -409,7 +420,7 @@ mod tests {
     fn no_atom_moves_farther_than_allowed() {
         let gradient = vec![3.0, 4.0, 0.0, 0.1, 0.0, 0.0];
         let mut direction = vec![0.0; 6];
-        let memory = Lbfgs::new(gradient, 1.0, Share::new(6, &(0..6))).unwrap();
+        let memory = Lbfgs::new(gradient, 1.0, Share::of_atoms::<3>(2, &(0..2))).unwrap();
         let slope = memory.direction::<3>(0.25, &mut direction).unwrap();
         assert!((direction[0] + 0.15).abs() < 1e-7 && (direction[1] + 0.2).abs() < 1e-7);
         assert_eq!(direction[3], -0.1);

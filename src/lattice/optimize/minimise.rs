@@ -140,8 +140,8 @@ impl<const D: usize> Minimiser<D> {
         self.positions = start;
         let atoms = self.scale.len();
         let own = energy.own(atoms);
-        let share = Share::new(D * atoms, &(D * own.start..D * own.end));
-        let gradient = self.scaled_gradient(&own);
+        let share = Share::of_atoms::<D>(atoms, &own);
+        let gradient = self.scaled_gradient(own.clone());
         let mut memory = Lbfgs::new(gradient, FIRST_CURVATURE, share.clone())?;
         let mut direction = vec![0.0f32; D * own.len()];
         let mut history = vec![self.energy];
@@ -160,18 +160,9 @@ impl<const D: usize> Minimiser<D> {
             if slope >= 0.0 {
                 return Ok(Stop::Converged);
             }
-            let (own, share) = (own.clone(), &share);
-            match self.search(
-                own.clone(),
-                share,
-                &direction,
-                slope,
-                energy,
-                budget,
-                observer,
-            )? {
+            match self.search(&share, &direction, slope, energy, budget, observer)? {
                 Search::Lower(value, parts) => {
-                    self.accept(&own, &mut memory)?;
+                    self.accept(&share, &mut memory)?;
                     if self.steepest {
                         memory.forget()?;
                     }
@@ -207,7 +198,6 @@ impl<const D: usize> Minimiser<D> {
     /// interpolation ever nearer. The point found is in `trial`, its gradient in `gradient`.
     fn search(
         &mut self,
-        own: Range<usize>,
         share: &Share,
         direction: &[f32],
         slope: f64,
@@ -215,6 +205,7 @@ impl<const D: usize> Minimiser<D> {
         budget: &mut Budget,
         observer: &mut dyn Observer,
     ) -> Result<Search> {
+        let own = share.atoms::<D>();
         let mut length = 1.0;
         for shortening in 0..SHORTENINGS {
             // Evaluations take long.
@@ -234,7 +225,7 @@ impl<const D: usize> Minimiser<D> {
                     });
                     *x = self.bounds.step(n, &self.positions[n], step);
                 });
-            if own.len() < trial.len() {
+            if share.is_part() {
                 ranks::fill("positions of atoms", trial.as_flattened_mut(), CHUNK)?;
             }
             self.trial = trial;
@@ -248,14 +239,15 @@ impl<const D: usize> Minimiser<D> {
             if budget.spent() {
                 break;
             }
-            let end_slope = self.slope_along(&own, share, direction)?;
+            let end_slope = self.slope_along(share, direction)?;
             length *= cubic_minimum(self.energy, slope * length, value, end_slope * length);
         }
         Ok(Search::Higher)
     }
 
     /// Goes to the trial point and remembers the step.
-    fn accept(&mut self, own: &Range<usize>, memory: &mut Lbfgs) -> Result<()> {
+    fn accept(&mut self, share: &Share, memory: &mut Lbfgs) -> Result<()> {
+        let own = share.atoms::<D>();
         let (old, new, scale) = (&self.positions, &self.trial, &self.scale);
         let gradient = &self.gradient;
         memory.advance(|chunk, s, g| {
@@ -275,18 +267,16 @@ impl<const D: usize> Minimiser<D> {
     }
 
     /// The gradient of some atoms with respect to scaled coordinates.
-    fn scaled_gradient(&self, own: &Range<usize>) -> Vec<f32> {
-        let pairs = self.gradient[own.clone()]
-            .iter()
-            .zip(&self.scale[own.clone()]);
+    fn scaled_gradient(&self, own: Range<usize>) -> Vec<f32> {
+        let pairs = self.gradient[own.clone()].iter().zip(&self.scale[own]);
         pairs
             .flat_map(|(g, s)| std::array::from_fn::<f32, D, _>(|k| g[k] as f32 * s[k]))
             .collect()
     }
 
     /// The derivative of the energy along a direction at the last point measured.
-    fn slope_along(&self, own: &Range<usize>, share: &Share, direction: &[f32]) -> Result<f64> {
-        let gradient = self.scaled_gradient(own);
+    fn slope_along(&self, share: &Share, direction: &[f32]) -> Result<f64> {
+        let gradient = self.scaled_gradient(share.atoms::<D>());
         let chunks = gradient.par_chunks(CHUNK).zip(direction.par_chunks(CHUNK));
         let partial = chunks.map(|(g, p)| [dot(g, p)]).collect();
         let [slope] = share.total(partial)?;

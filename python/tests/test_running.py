@@ -67,6 +67,8 @@ def test_other_threads_run_meanwhile():
 INTERRUPTED = """
     import os, signal, sys, threading, time
     import atomesh
+    # Jobs in the background begin with Ctrl-C ignored.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     image = atomesh.synth("faults", dims=(90, 90, 90))
     told = []
     def watch(stage, share):

@@ -24,6 +24,7 @@ pub mod pairwise;
 pub(crate) mod sampled;
 
 pub use laplacian::Regularised;
+pub use neighbours::CHUNK;
 pub use pairwise::Pairwise;
 pub use sampled::Sampled;
 
@@ -103,7 +104,7 @@ pub trait Energy<const D: usize> {
     }
 
     /// Which of so many atoms are this rank's own, where ranks share the work: whole chunks of
-    /// coordinates of the minimiser, in the order of the ranks. All where they do not.
+    /// [`CHUNK`] atoms, in the order of the ranks. All where they do not.
     fn own(&self, atoms: usize) -> Range<usize> {
         0..atoms
     }

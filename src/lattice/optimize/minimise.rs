@@ -9,7 +9,7 @@ use super::Stop;
 use super::bounds::Bounds;
 use super::lbfgs::{CHUNK, Lbfgs, Share, dot};
 use crate::error::{Error, Result, cause};
-use crate::lattice::energy::{Energy, Parts};
+use crate::lattice::energy::{self, Energy, Parts};
 use crate::observer::{Observer, Progress};
 use crate::ranks;
 
@@ -70,6 +70,10 @@ pub struct Minimiser<const D: usize> {
 }
 
 impl<const D: usize> Minimiser<D> {
+    /// Whether each rank keeps the steps of its own atoms: in space, where chunks of atoms are chunks of
+    /// coordinates. In the plane there is little to keep.
+    const PARTED: bool = D * energy::CHUNK == CHUNK;
+
     /// For the atoms of a lattice within bounds. `steepest`: straight down the gradient, remembering no
     /// steps.
     pub fn new(bounds: Bounds<D>, steepest: bool) -> Self {
@@ -119,7 +123,10 @@ impl<const D: usize> Minimiser<D> {
         energy: &mut dyn Energy<D>,
         budget: &mut Budget,
     ) -> Result<(f64, Parts)> {
-        let value = energy.evaluate_own(x, &mut self.gradient)?;
+        let value = match Self::PARTED {
+            true => energy.evaluate_own(x, &mut self.gradient),
+            false => energy.evaluate(x, &mut self.gradient),
+        }?;
         budget.evaluations += 1;
         Ok((finite(value)?, energy.parts()))
     }
@@ -139,7 +146,10 @@ impl<const D: usize> Minimiser<D> {
         (self.energy, self.parts) = self.measure(&start, energy, budget)?;
         self.positions = start;
         let atoms = self.scale.len();
-        let own = energy.own(atoms);
+        let own = match Self::PARTED {
+            true => energy.own(atoms),
+            false => 0..atoms,
+        };
         let share = Share::of_atoms::<D>(atoms, &own);
         let gradient = self.scaled_gradient(own.clone());
         let mut memory = Lbfgs::new(gradient, FIRST_CURVATURE, share.clone())?;

@@ -16,7 +16,7 @@
 
 pub(crate) mod bounds;
 pub mod genetic;
-pub(crate) mod lbfgs;
+mod lbfgs;
 pub(crate) mod minimise;
 pub(crate) mod temperature;
 

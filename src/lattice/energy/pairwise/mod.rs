@@ -33,7 +33,6 @@ use super::{Beta, Energy, Parts, Terms};
 use crate::error::{Error, Result, cause};
 use crate::image::Sparse;
 use crate::lattice::distance::Distance;
-use crate::lattice::optimize::lbfgs;
 use crate::lattice::seeding::Alignment;
 use crate::ranks;
 
@@ -153,12 +152,6 @@ impl<'a, const D: usize> Pairwise<'a, D> {
     pub(crate) fn among_ranks(mut self) -> Self {
         self.neighbours.shared = true;
         self
-    }
-
-    /// Whether ranks may keep their own atoms' gradients: in space, where chunks of atoms are chunks of the
-    /// minimiser's coordinates.
-    fn is_parted(&self) -> bool {
-        self.neighbours.shared && D * CHUNK == lbfgs::CHUNK
     }
 
     /// How many points' neighbours have been listed anew because the point had moved, in all.
@@ -382,14 +375,14 @@ impl<'a, const D: usize> Pairwise<'a, D> {
 impl<const D: usize> Energy<D> for Pairwise<'_, D> {
     fn evaluate(&mut self, x: &[[f64; D]], gradient: &mut [[f64; D]]) -> Result<f64> {
         let energy = self.evaluate_own(x, gradient)?;
-        if self.is_parted() {
+        if self.neighbours.shared {
             ranks::fill("gradients", gradient.as_flattened_mut(), CHUNK * D)?;
         }
         Ok(energy)
     }
 
     fn own(&self, atoms: usize) -> Range<usize> {
-        match self.is_parted() {
+        match self.neighbours.shared {
             true => {
                 let chunks = ranks::own(atoms.div_ceil(CHUNK));
                 (chunks.start * CHUNK).min(atoms)..(chunks.end * CHUNK).min(atoms)
@@ -415,9 +408,6 @@ impl<const D: usize> Energy<D> for Pairwise<'_, D> {
             });
         if self.neighbours.shared {
             ranks::fill("energies of atoms", sums.as_flattened_mut(), 3)?;
-            if !self.is_parted() {
-                ranks::fill("gradients", gradient.as_flattened_mut(), CHUNK * D)?;
-            }
         }
         let total = sums
             .iter()

@@ -5,6 +5,7 @@
 //! would pierce a feature: as long as no edge pierces a sheet, the sheet is made of mesh faces.
 
 use super::Improver;
+use crate::mesh::complex::Ring;
 use crate::mesh::quality::min_sine;
 use crate::mesh::{EDGES, FACES};
 
@@ -14,16 +15,38 @@ const RING: usize = 10;
 /// Least gain in sine: well above rounding, so that no two configurations are exchanged for ever.
 const GAIN: f64 = 1e-5;
 
+/// A transformation: the tetrahedra that go, and those that take their place.
+#[derive(Debug, Default)]
+pub(super) struct Flip {
+    pub old: Vec<u32>,
+    pub fresh: Vec<[u32; 4]>,
+    ring: Ring,
+}
+
 impl Improver<'_> {
     /// Tries every transformation of one tetrahedron and makes the first that helps.
     pub(super) fn flip(&mut self, t: u32) -> bool {
-        for e in EDGES {
-            let tet = self.complex.tets[t as usize];
-            if self.remove_edge(t, tet[e[0]], tet[e[1]], self.sine_of(t)) {
-                return true;
-            }
+        self.make_found(|s, found| s.find_flip(t, found))
+    }
+
+    /// The first transformation of one tetrahedron that helps.
+    pub(super) fn find_flip(&self, t: u32, found: &mut Flip) -> bool {
+        let (tet, sine) = (self.complex.tets[t as usize], self.sine_of(t));
+        let mut edges = EDGES.iter().map(|e| e.map(|i| tet[i]));
+        edges.any(|[a, b]| self.find_removal(t, [a, b], sine, found))
+            || (0..4).any(|k| self.find_split(t, k, found))
+    }
+
+    /// Makes a transformation if there is one.
+    fn make_found(&mut self, find: impl FnOnce(&Self, &mut Flip) -> bool) -> bool {
+        let mut found = std::mem::take(&mut self.found);
+        let any = find(self, &mut found);
+        if any {
+            std::mem::swap(&mut self.fresh, &mut found.fresh);
+            self.commit(&found.old);
         }
-        (0..4).any(|k| self.split_face(t, k))
+        self.found = found;
+        any
     }
 
     fn sine_of_nodes(&self, tet: [u32; 4]) -> f64 {
@@ -33,25 +56,28 @@ impl Improver<'_> {
     /// Removes edge (a, b) of tetrahedron `t` if every new tetrahedron is better than the worst of
     /// the old ones (or than `floor`, if that is lower).
     pub(super) fn remove_edge(&mut self, t: u32, a: u32, b: u32, floor: f64) -> bool {
-        let mut ring = std::mem::take(&mut self.ring);
-        let done = self.complex.ring(t, a, b, RING, &mut ring) && {
-            let worst = ring
-                .tets
-                .iter()
-                .map(|&t| self.sine_of(t))
-                .fold(f64::INFINITY, f64::min);
-            self.replace_ring(&ring, a, b, worst.min(floor) + GAIN)
-        };
-        self.ring = ring;
-        done
+        self.make_found(|s, found| s.find_removal(t, [a, b], floor, found))
     }
 
-    fn replace_ring(
-        &mut self,
-        ring: &crate::mesh::complex::Ring,
-        a: u32,
-        b: u32,
+    fn find_removal(&self, t: u32, [a, b]: [u32; 2], floor: f64, found: &mut Flip) -> bool {
+        let Flip { old, fresh, ring } = found;
+        if !self.complex.ring(t, a, b, RING, ring) {
+            return false;
+        }
+        let worst = (ring.tets.iter())
+            .map(|&t| self.sine_of(t))
+            .fold(f64::INFINITY, f64::min);
+        old.clone_from(&ring.tets);
+        self.fill_ring(ring, [a, b], worst.min(floor) + GAIN, fresh)
+    }
+
+    /// The tetrahedra above `floor` that fill the ring of an edge without it.
+    fn fill_ring(
+        &self,
+        ring: &Ring,
+        [a, b]: [u32; 2],
         floor: f64,
+        fresh: &mut Vec<[u32; 4]>,
     ) -> bool {
         let r = &ring.nodes;
         let m = r.len();
@@ -90,7 +116,7 @@ impl Improver<'_> {
             if best[0][m - 1] <= floor {
                 return false;
             }
-            self.fresh.clear();
+            fresh.clear();
             let mut stack = [(0usize, 0usize); RING + 1];
             stack[0] = (0, m - 1);
             let mut depth = 1;
@@ -108,8 +134,8 @@ impl Improver<'_> {
                     break;
                 }
                 let k = via[i][j];
-                self.fresh.push([r[i], r[k], r[j], b]);
-                self.fresh.push([r[i], r[j], r[k], a]);
+                fresh.push([r[i], r[k], r[j], b]);
+                fresh.push([r[i], r[j], r[k], a]);
                 stack[depth] = (i, k);
                 stack[depth + 1] = (k, j);
                 depth += 2;
@@ -121,12 +147,11 @@ impl Improver<'_> {
                 return false;
             }
         }
-        self.commit(&ring.tets);
         true
     }
 
-    /// The 2-3 swap at face k of `t`.
-    fn split_face(&mut self, t: u32, k: usize) -> bool {
+    /// The 2-3 swap at face k of `t`, if it helps.
+    fn find_split(&self, t: u32, k: usize, found: &mut Flip) -> bool {
         let Some(n) = self.complex.across(t, k) else {
             return false;
         };
@@ -139,7 +164,7 @@ impl Improver<'_> {
         let Some(back) = back else { return false };
         let q = self.complex.tets[n as usize][back];
         let floor = self.sine_of(t).min(self.sine_of(n)) + GAIN;
-        self.swap_face([t, n], [u, v, w], p, q, floor)
+        self.find_swap([t, n], [u, v, w], [p, q], floor, found)
     }
 
     /// Exchanges two tetrahedra that share face (u, v, w), with apices p (positive) and q, for the
@@ -147,18 +172,27 @@ impl Improver<'_> {
     pub(super) fn swap_face(
         &mut self,
         old: [u32; 2],
-        [u, v, w]: [u32; 3],
-        p: u32,
-        q: u32,
+        face: [u32; 3],
+        apices: [u32; 2],
         floor: f64,
     ) -> bool {
-        let fresh = [[q, p, u, v], [q, p, v, w], [q, p, w, u]];
-        if fresh.iter().any(|&f| self.sine_of_nodes(f) <= floor) || self.pierces(p, q) {
-            return false;
-        }
-        self.fresh.clear();
-        self.fresh.extend_from_slice(&fresh);
-        self.commit(&old);
-        true
+        self.make_found(|s, found| s.find_swap(old, face, apices, floor, found))
+    }
+
+    fn find_swap(
+        &self,
+        old: [u32; 2],
+        [u, v, w]: [u32; 3],
+        [p, q]: [u32; 2],
+        floor: f64,
+        found: &mut Flip,
+    ) -> bool {
+        found.old.clear();
+        found.old.extend(old);
+        found.fresh.clear();
+        found
+            .fresh
+            .extend([[q, p, u, v], [q, p, v, w], [q, p, w, u]]);
+        (found.fresh.iter()).all(|&f| self.sine_of_nodes(f) > floor) && !self.pierces(p, q)
     }
 }

@@ -343,7 +343,7 @@ impl Improver<'_> {
                 .position(|&x| x == t);
             back.is_some_and(|back| {
                 let q = self.complex.tets[n as usize][back];
-                self.swap_face([t, n], FACES[k].map(|i| tet[i]), tet[k], q, FLOOR)
+                self.swap_face([t, n], FACES[k].map(|i| tet[i]), [tet[k], q], FLOOR)
             })
         })
     }

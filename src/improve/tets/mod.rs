@@ -116,6 +116,7 @@ struct Improver<'a> {
     memory: Memory,
     // Scratch.
     ring: Ring,
+    found: flips::Flip,
     fresh: Vec<[u32; 4]>,
     slots: Vec<u32>,
     touched: Vec<bool>,
@@ -187,6 +188,7 @@ impl<'a> Improver<'a> {
             undo: None,
             memory: Memory::default(),
             ring: Ring::default(),
+            found: flips::Flip::default(),
             fresh: Vec::new(),
             slots: Vec::new(),
             touched: Vec::new(),

@@ -9,6 +9,9 @@ mod faces;
 mod neighbors;
 mod part;
 
+use std::sync::atomic::AtomicBool;
+use std::sync::atomic::Ordering::Relaxed;
+
 use rayon::prelude::*;
 
 use super::{FACES, TetMesh};
@@ -28,7 +31,7 @@ pub const NONE: u32 = u32::MAX;
 pub const BEYOND: u32 = NONE - 1;
 
 /// A tetrahedral complex under change. A dead slot has `tets[t][0] == NONE`.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Default)]
 pub struct Complex {
     /// Node positions.
     pub nodes: Vec<[f64; 3]>,
@@ -42,7 +45,7 @@ pub struct Complex {
     stamp: u32,
     faces: Faces,
     journal: Option<Vec<Undo>>,
-    left: bool,
+    left: AtomicBool,
 }
 
 /// One write to a complex, and what was there before.
@@ -181,32 +184,32 @@ impl Complex {
 
     /// The tetrahedron across face k of `t`, if there is one.
     #[inline]
-    pub fn across(&mut self, t: u32, k: usize) -> Option<u32> {
+    pub fn across(&self, t: u32, k: usize) -> Option<u32> {
         let n = self.neighbors[t as usize][k];
-        self.left |= n == BEYOND;
+        if n == BEYOND {
+            self.left.store(true, Relaxed);
+        }
         (n < BEYOND).then_some(n)
     }
 
     /// The tetrahedra at a node, into `star`.
-    pub fn star(&mut self, node: u32, star: &mut Vec<u32>) {
+    pub fn star(&self, node: u32, star: &mut Vec<u32>) {
         star.clear();
         let first = self.tet_of_node[node as usize];
         if first == NONE {
             return;
         }
-        let stamp = self.next_stamp();
-        self.mark[first as usize] = stamp;
         star.push(first);
         let mut head = 0;
         while head < star.len() {
-            let t = star[head] as usize;
+            let t = star[head];
             head += 1;
             for k in 0..4 {
-                if self.tets[t][k] != node
-                    && let Some(n) = self.across(t as u32, k)
-                    && self.mark[n as usize] != stamp
+                // There are some two dozen.
+                if self.tets[t as usize][k] != node
+                    && let Some(n) = self.across(t, k)
+                    && !star.contains(&n)
                 {
-                    self.mark[n as usize] = stamp;
                     star.push(n);
                 }
             }
@@ -246,7 +249,7 @@ impl Complex {
 
     /// The ring of tetrahedra round edge (a, b) of tetrahedron `t`, into `ring`. Stops and returns
     /// false if there are more than `most`.
-    pub fn ring(&mut self, t: u32, a: u32, b: u32, most: usize, ring: &mut Ring) -> bool {
+    pub fn ring(&self, t: u32, a: u32, b: u32, most: usize, ring: &mut Ring) -> bool {
         ring.nodes.clear();
         ring.tets.clear();
         // Back to the boundary, if there is one.
@@ -288,7 +291,7 @@ impl Complex {
     }
 
     /// Whether nodes `a` and `b` share an edge; gives a tetrahedron that has it.
-    pub fn find_edge(&mut self, a: u32, b: u32, star: &mut Vec<u32>) -> Option<u32> {
+    pub fn find_edge(&self, a: u32, b: u32, star: &mut Vec<u32>) -> Option<u32> {
         self.star(a, star);
         star.iter()
             .copied()

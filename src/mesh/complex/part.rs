@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::hash::{BuildHasherDefault, Hasher};
+use std::sync::atomic::Ordering::Relaxed;
 
 use super::{BEYOND, Complex, NONE};
 
@@ -65,7 +66,8 @@ impl Complex {
         self.tet_of_node.clear();
         self.mark.clear();
         self.free.clear();
-        (self.stamp, self.journal, self.left) = (0, None, false);
+        (self.stamp, self.journal) = (0, None);
+        *self.left.get_mut() = false;
 
         slots.extend_from_slice(first);
         slot_here.extend(first.iter().copied().zip(0..));
@@ -134,12 +136,12 @@ impl Complex {
 
     /// Whether anything was asked of this part that only the whole knows: the answer was wrong.
     pub fn has_left(&self) -> bool {
-        self.left
+        self.left.load(Relaxed)
     }
 
     /// The same, and forgets it: it may be asked other things.
     pub fn had_left(&mut self) -> bool {
-        std::mem::take(&mut self.left)
+        std::mem::take(self.left.get_mut())
     }
 }
 

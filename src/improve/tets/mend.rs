@@ -79,7 +79,7 @@ impl Improver<'_> {
             let reached = |share| patience.reached(1.0 - left * (1.0 - 0.5 * share));
             self.mend_each(&poor, patience, reached)?;
             left *= 0.5;
-            self.polish(2, patience);
+            self.polish(2, patience)?;
             if self.poor().len() >= before {
                 break;
             }
@@ -88,17 +88,20 @@ impl Improver<'_> {
     }
 
     /// Lets nodes leave their features where a tetrahedron would otherwise stay unusable.
-    pub(super) fn release(&mut self, patience: &Patience<'_>) {
+    ///
+    /// # Errors
+    /// Those of other ranks, with which the work is shared.
+    pub(super) fn release(&mut self, patience: &Patience<'_>) -> Result<()> {
         let usable = UNUSABLE.to_radians().sin();
         for _ in 0..4 {
             let mut bad = self.poor();
             bad.retain(|&t| self.sine_of(t) < usable);
             if bad.is_empty() {
-                return;
+                break;
             }
             for t in bad {
                 if patience.over() {
-                    return;
+                    return Ok(());
                 }
                 if !self.complex.alive(t)
                     || self.sine_of(t) >= usable
@@ -112,8 +115,9 @@ impl Improver<'_> {
                     self.counts.released += 1;
                 }
             }
-            self.polish(2, patience);
+            self.polish(2, patience)?;
         }
+        Ok(())
     }
 
     /// Frees nodes of tetrahedron `t` from the features that hold them.

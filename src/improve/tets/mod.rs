@@ -3,6 +3,7 @@
 //! - `recover`: features first: no edge may pierce one
 //! - `flips`: Joe's local transformations, generalised
 //! - `smooth`: max-min smoothing
+//! - `sweep`: many flips and moves at once
 //! - `mend`: several changes at once, kept only if together they help
 //! - `patches`: many mended at once
 //! - `collapse`: nodes that stand too close
@@ -20,6 +21,7 @@ mod patches;
 mod recover;
 mod reshape;
 mod smooth;
+mod sweep;
 
 pub use exude::exude;
 pub use reshape::reshape;
@@ -123,6 +125,8 @@ struct Improver<'a> {
     star: Vec<u32>,
     spokes: smooth::Star,
     smoothing: smooth::Scratch,
+    scratches: sweep::Scratches,
+    colors: Vec<u8>,
 }
 
 impl<'a> Improver<'a> {
@@ -195,6 +199,8 @@ impl<'a> Improver<'a> {
             star: Vec::new(),
             spokes: smooth::Star::default(),
             smoothing: smooth::Scratch::default(),
+            scratches: sweep::Scratches::default(),
+            colors: Vec::new(),
         }
     }
 
@@ -298,13 +304,20 @@ impl<'a> Improver<'a> {
     /// The tetrahedra at `node`: slots into `star`, the other three nodes' positions into `spokes`.
     fn gather(&mut self, node: u32) {
         self.complex.star(node, &mut self.star);
-        self.spokes.clear();
-        for &t in &self.star {
+        let mut spokes = std::mem::take(&mut self.spokes);
+        self.spokes(node, &self.star, &mut spokes);
+        self.spokes = spokes;
+    }
+
+    /// Positions of the other three nodes of each of the tetrahedra at `node`.
+    fn spokes(&self, node: u32, star: &[u32], spokes: &mut smooth::Star) {
+        spokes.clear();
+        for &t in star {
             let tet = self.complex.tets[t as usize];
             let k = self.complex.local(t, node);
             // (face k, k) is positive; (k, face k) is the odd permutation: swap two.
             let [u, v, w] = FACES[k].map(|i| self.complex.nodes[tet[i] as usize]);
-            self.spokes.push([u, w, v]);
+            spokes.push([u, w, v]);
         }
     }
 
@@ -372,41 +385,6 @@ impl<'a> Improver<'a> {
         }
         poor
     }
-
-    /// Flips and smoothing in turn until neither helps any more.
-    fn polish(&mut self, rounds: usize, patience: &Patience<'_>) {
-        let mut before = usize::MAX;
-        for round in 0..rounds {
-            self.enough = if round == 0 {
-                self.target + MARGIN
-            } else {
-                1.0
-            };
-            self.queue = self.poor();
-            self.queue.reverse();
-            self.flip_queue(patience);
-            let mut nodes: Vec<u32> = self
-                .poor()
-                .iter()
-                .flat_map(|&t| self.complex.tets[t as usize])
-                .collect();
-            nodes.sort_unstable();
-            nodes.dedup();
-            if nodes.is_empty() || nodes.len() >= before {
-                break;
-            }
-            before = nodes.len();
-            for node in nodes {
-                if patience.over() {
-                    return;
-                }
-                if self.smooth(node) {
-                    self.counts.moves += 1;
-                }
-            }
-            self.flip_queue(patience);
-        }
-    }
 }
 
 impl Improver<'_> {
@@ -419,7 +397,7 @@ impl Improver<'_> {
         patience.part(0.0, RECOVERED);
         self.recover(patience);
         patience.part(RECOVERED, POLISHED);
-        self.polish(8, patience);
+        self.polish(8, patience)?;
         let mut done = POLISHED;
         let turn = (1.0 - POLISHED) / (1 + STRAYS.len()) as f64;
         let mut next = || {
@@ -432,10 +410,10 @@ impl Improver<'_> {
             next();
             self.stray = stray.min(FARTHEST * self.distance.min());
             self.memory.forget();
-            self.polish(8, patience);
+            self.polish(8, patience)?;
             self.mend(patience)?;
         }
-        self.release(patience);
+        self.release(patience)?;
         self.counts.pierced_left = self.count_pierced(patience);
         let blocked = self.blocked();
         Ok(Improved {

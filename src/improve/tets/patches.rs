@@ -143,7 +143,7 @@ impl<'a> Improver<'a> {
         Ok(later)
     }
 
-    fn is_poor(&self, t: u32) -> bool {
+    pub(super) fn is_poor(&self, t: u32) -> bool {
         self.complex.alive(t) && self.sine_of(t) < self.target
     }
 

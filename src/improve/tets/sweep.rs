@@ -1,0 +1,280 @@
+//! Many flips and many moves at once: each is found in the mesh as it is, then those that do not meet are made. So what
+//! becomes of the mesh does not depend on how many look for them, or where: ranks share long sweeps.
+
+use std::ops::Range;
+use std::sync::{Mutex, PoisonError};
+
+use rayon::prelude::*;
+
+use super::flips::Flip;
+use super::memory::Trial;
+use super::{Hold, Improver, MARGIN, smooth};
+use crate::files::kept::Kept;
+use crate::observer::Patience;
+use crate::{Result, ranks};
+
+/// So many are looked at in one task.
+const TASK: usize = 32;
+
+/// Fewer are looked at sooner than they are passed on to other ranks.
+const MANY: usize = 1 << 12;
+
+/// Colours of nodes; there are some ten.
+const COLORS: usize = 64;
+
+/// A node without a colour.
+pub(super) const PLAIN: u8 = u8::MAX;
+
+/// What one who looks needs.
+#[derive(Default)]
+pub(super) struct Scratch {
+    flip: Flip,
+    spokes: smooth::Star,
+    smoothing: smooth::Scratch,
+}
+
+/// Those not in use.
+pub(super) type Scratches = Mutex<Vec<Scratch>>;
+
+/// The tetrahedra at each of some nodes.
+struct Stars {
+    tets: Vec<u32>,
+    ends: Vec<usize>,
+}
+
+impl Stars {
+    fn of(&self, i: usize) -> &[u32] {
+        let begin = i.checked_sub(1).map_or(0, |before| self.ends[before]);
+        &self.tets[begin..self.ends[i]]
+    }
+}
+
+impl Improver<'_> {
+    /// Flips and smoothing in turn until neither helps any more.
+    ///
+    /// # Errors
+    /// Those of other ranks, with which the work is shared.
+    pub(super) fn polish(&mut self, rounds: usize, patience: &Patience<'_>) -> Result<()> {
+        let mut before = usize::MAX;
+        for round in 0..rounds {
+            self.enough = if round == 0 {
+                self.target + MARGIN
+            } else {
+                1.0
+            };
+            self.queue = self.poor();
+            self.flip_all(patience)?;
+            let mut nodes: Vec<u32> = self
+                .poor()
+                .iter()
+                .flat_map(|&t| self.complex.tets[t as usize])
+                .collect();
+            nodes.sort_unstable();
+            nodes.dedup();
+            if nodes.is_empty() || nodes.len() >= before {
+                break;
+            }
+            before = nodes.len();
+            self.smooth_all(nodes, patience)?;
+            self.flip_all(patience)?;
+        }
+        Ok(())
+    }
+
+    /// Works through the queue with flips, round by round.
+    fn flip_all(&mut self, patience: &Patience<'_>) -> Result<()> {
+        while !self.queue.is_empty() {
+            let mut poor = std::mem::take(&mut self.queue);
+            if patience.over() {
+                break;
+            }
+            poor.sort_unstable();
+            poor.dedup();
+            poor.retain(|&t| {
+                // All that flips of it depend on is at its nodes.
+                let tet = self.complex.tets[t as usize];
+                self.is_poor(t) && !self.memory.in_vain(Trial::Flip, t, &tet)
+            });
+            let found = self.each("flips", &poor, |s, t, scratch| {
+                let Scratch { flip, .. } = scratch;
+                let any = !patience.over() && s.find_flip(t, flip);
+                any.then(|| (flip.old.clone(), flip.fresh.clone()))
+            })?;
+            for (&t, _) in poor.iter().zip(&found).filter(|(_, flip)| flip.is_none()) {
+                self.memory.failed(Trial::Flip, t);
+            }
+            let mut touched = std::mem::take(&mut self.touched);
+            let mut all = Vec::new();
+            for (t, flip) in poor.into_iter().zip(found) {
+                let Some((old, fresh)) = flip else { continue };
+                let is_touched = |&t: &u32| touched.get(t as usize).is_some_and(|&is| is);
+                if old.iter().any(is_touched) {
+                    self.queue.push(t);
+                    continue;
+                }
+                self.fresh = fresh;
+                self.commit(&old);
+                self.counts.flips += 1;
+                for &t in old.iter().chain(&self.slots) {
+                    if t as usize >= touched.len() {
+                        touched.resize(t as usize + 1, false);
+                    }
+                    touched[t as usize] = true;
+                    all.push(t);
+                }
+            }
+            for t in all {
+                touched[t as usize] = false;
+            }
+            self.touched = touched;
+        }
+        Ok(())
+    }
+
+    /// Smooths each of the nodes once, those without a tetrahedron in common at the same time.
+    fn smooth_all(&mut self, mut nodes: Vec<u32>, patience: &Patience<'_>) -> Result<()> {
+        nodes.retain(|&n| self.holds[n as usize].axes != 7);
+        let stars = self.stars_of(&nodes);
+        for group in self.colored(&nodes, &stars) {
+            if patience.over() {
+                return Ok(());
+            }
+            let begun = self.memory.now();
+            let found = self.each("smoothing", &group, |s, i, scratch| {
+                let node = nodes[i as usize];
+                let idle = patience.over() || s.memory.in_vain(Trial::Smooth, node, &[node]);
+                (!idle)
+                    .then(|| s.smoothed(node, stars.of(i as usize), scratch))
+                    .flatten()
+            })?;
+            for (i, place) in group.into_iter().zip(found) {
+                let node = nodes[i as usize];
+                match place {
+                    None => self.memory.failed(Trial::Smooth, node),
+                    // Colours may not suffice.
+                    Some(_) if self.memory.has_changed(begun, &[node]) => {}
+                    Some((x, hold)) => {
+                        self.star.clear();
+                        self.star.extend_from_slice(stars.of(i as usize));
+                        self.move_to(node, x, hold);
+                        self.counts.moves += 1;
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Where smoothing puts a node, and what holds it there, if that helps.
+    fn smoothed(&self, node: u32, star: &[u32], scratch: &mut Scratch) -> Option<([f64; 3], Hold)> {
+        let mut hold = self.holds[node as usize];
+        self.spokes(node, star, &mut scratch.spokes);
+        let best = smooth::best_position(
+            self.complex.nodes[node as usize],
+            &scratch.spokes,
+            &mut hold,
+            self.extent,
+            self.sheets,
+            self.stray,
+            self.enough,
+            &mut scratch.smoothing,
+        );
+        best.map(|(x, _)| (x, hold))
+    }
+
+    fn stars_of(&self, nodes: &[u32]) -> Stars {
+        let parts: Vec<(Vec<u32>, Vec<usize>)> = nodes
+            .par_chunks(8 * TASK)
+            .map(|nodes| {
+                let (mut tets, mut counts, mut star) = (Vec::new(), Vec::new(), Vec::new());
+                for &node in nodes {
+                    self.complex.star(node, &mut star);
+                    tets.extend_from_slice(&star);
+                    counts.push(star.len());
+                }
+                (tets, counts)
+            })
+            .collect();
+        let (mut stars, mut end) = (
+            Stars {
+                tets: Vec::new(),
+                ends: Vec::new(),
+            },
+            0,
+        );
+        for (tets, counts) in parts {
+            stars.tets.extend(tets);
+            stars.ends.extend(counts.into_iter().map(|count| {
+                end += count;
+                end
+            }));
+        }
+        stars
+    }
+
+    /// Groups of nodes, by their places among them, of which no two have a tetrahedron in common: each has the first
+    /// colour that none of those before it has beside it.
+    fn colored(&mut self, nodes: &[u32], stars: &Stars) -> Vec<Vec<u32>> {
+        let Self {
+            colors, complex, ..
+        } = self;
+        colors.resize(complex.nodes.len(), PLAIN);
+        let mut groups: Vec<Vec<u32>> = Vec::new();
+        for (i, &node) in nodes.iter().enumerate() {
+            let mut used = 0u64;
+            for &t in stars.of(i) {
+                for n in complex.tets[t as usize] {
+                    let color = colors[n as usize];
+                    used |= u64::from(color != PLAIN) << (color & 63);
+                }
+            }
+            let color = (used.trailing_ones() as usize).min(COLORS - 1);
+            colors[node as usize] = color as u8;
+            if color == groups.len() {
+                groups.push(Vec::new());
+            }
+            groups[color].push(i as u32);
+        }
+        for &node in nodes {
+            colors[node as usize] = PLAIN;
+        }
+        groups
+    }
+
+    /// What is found for each.
+    fn each<T: Kept + Send>(
+        &self,
+        what: &str,
+        items: &[u32],
+        find: impl Fn(&Self, u32, &mut Scratch) -> T + Sync,
+    ) -> Result<Vec<T>> {
+        let pool = || {
+            self.scratches
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner)
+        };
+        let look = |items: &[u32]| {
+            let taken = pool().pop();
+            let mut scratch = taken.unwrap_or_default();
+            let found: Vec<T> = (items.iter())
+                .map(|&item| find(self, item, &mut scratch))
+                .collect();
+            pool().push(scratch);
+            found
+        };
+        let all = |own: Range<usize>| -> Vec<T> {
+            let tasks = items[own].par_chunks(TASK);
+            tasks.flat_map_iter(look).collect()
+        };
+        if items.len() < MANY {
+            return Ok(all(0..items.len()));
+        }
+        let mut found = Vec::with_capacity(items.len());
+        let work = |own, give: &mut dyn FnMut(T)| {
+            all(own).into_iter().for_each(give);
+            Ok(())
+        };
+        ranks::share(what, items.len(), work, &mut |one| found.push(one))?;
+        Ok(found)
+    }
+}

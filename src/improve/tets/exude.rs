@@ -35,7 +35,7 @@ pub fn exude(
         taken, neighbors, kinds, extent, sheets, distance, target, patience,
     );
     let poor_before = improver.poor().len();
-    improver.recover(patience);
+    improver.recover(patience)?;
     let counts = improver.counts;
     let finished = improver.finish(kinds);
     (*mesh, *kinds) = (finished.mesh, finished.kinds);

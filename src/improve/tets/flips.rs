@@ -4,8 +4,8 @@
 //! A change is made only if the smallest sine of the changed cavity rises, and never if a new edge
 //! would pierce a feature: as long as no edge pierces a sheet, the sheet is made of mesh faces.
 
-use super::Improver;
-use crate::mesh::complex::Ring;
+use super::{Improver, Place};
+use crate::mesh::complex::{NONE, Ring};
 use crate::mesh::quality::min_sine;
 use crate::mesh::{EDGES, FACES};
 
@@ -20,13 +20,13 @@ const GAIN: f64 = 1e-5;
 pub(super) struct Flip {
     pub old: Vec<u32>,
     pub fresh: Vec<[u32; 4]>,
-    ring: Ring,
+    pub ring: Ring,
 }
 
 impl Improver<'_> {
     /// Tries every transformation of one tetrahedron and makes the first that helps.
     pub(super) fn flip(&mut self, t: u32) -> bool {
-        self.make_found(|s, found| s.find_flip(t, found))
+        self.make_found(|s, found| s.find_flip(t, found), None)
     }
 
     /// The first transformation of one tetrahedron that helps.
@@ -37,29 +37,48 @@ impl Improver<'_> {
             || (0..4).any(|k| self.find_split(t, k, found))
     }
 
-    /// Makes a transformation if there is one.
-    fn make_found(&mut self, find: impl FnOnce(&Self, &mut Flip) -> bool) -> bool {
+    /// Makes a transformation if there is one, for which a node may come.
+    pub(super) fn make_found(
+        &mut self,
+        find: impl FnOnce(&Self, &mut Flip) -> bool,
+        comes: Option<Place>,
+    ) -> bool {
         let mut found = std::mem::take(&mut self.found);
         let any = find(self, &mut found);
         if any {
-            std::mem::swap(&mut self.fresh, &mut found.fresh);
-            self.commit(&found.old);
+            self.make(&found.old, &found.fresh, comes);
         }
         self.found = found;
         any
+    }
+
+    /// Exchanges `old` for `fresh`, in which the node that comes is `NONE`.
+    pub(super) fn make(&mut self, old: &[u32], fresh: &[[u32; 4]], comes: Option<Place>) {
+        let mut new = NONE;
+        if let Some((x, hold)) = comes {
+            new = self.complex.add_node(x);
+            self.holds.push(hold);
+            self.stirred.push(new);
+        }
+        let number = |n: u32| if n == NONE { new } else { n };
+        self.fresh.clear();
+        self.fresh.extend(fresh.iter().map(|tet| tet.map(number)));
+        self.commit(old);
     }
 
     fn sine_of_nodes(&self, tet: [u32; 4]) -> f64 {
         min_sine(&tet.map(|i| self.complex.nodes[i as usize]))
     }
 
-    /// Removes edge (a, b) of tetrahedron `t` if every new tetrahedron is better than the worst of
+    /// The removal of edge (a, b) of tetrahedron `t`, if every new tetrahedron is better than the worst of
     /// the old ones (or than `floor`, if that is lower).
-    pub(super) fn remove_edge(&mut self, t: u32, a: u32, b: u32, floor: f64) -> bool {
-        self.make_found(|s, found| s.find_removal(t, [a, b], floor, found))
-    }
-
-    fn find_removal(&self, t: u32, [a, b]: [u32; 2], floor: f64, found: &mut Flip) -> bool {
+    pub(super) fn find_removal(
+        &self,
+        t: u32,
+        [a, b]: [u32; 2],
+        floor: f64,
+        found: &mut Flip,
+    ) -> bool {
         let Flip { old, fresh, ring } = found;
         if !self.complex.ring(t, a, b, RING, ring) {
             return false;
@@ -176,7 +195,8 @@ impl Improver<'_> {
         apices: [u32; 2],
         floor: f64,
     ) -> bool {
-        self.make_found(|s, found| s.find_swap(old, face, apices, floor, found))
+        let find = |s: &Self, found: &mut Flip| s.find_swap(old, face, apices, floor, found);
+        self.make_found(find, None)
     }
 
     fn find_swap(

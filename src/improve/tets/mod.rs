@@ -37,7 +37,7 @@ use crate::Result;
 use crate::geometry::sub;
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
-use crate::mesh::complex::{Complex, Ring};
+use crate::mesh::complex::Complex;
 use crate::mesh::quality::{BLOCK, Corners, min_sine};
 use crate::mesh::{FACES, TetMesh};
 use crate::observer::Patience;
@@ -91,6 +91,9 @@ pub fn improve(
 /// Tetrahedra that are first measured in one task.
 const SINES: usize = 64 * BLOCK;
 
+/// Where a node is, and what holds it there.
+type Place = ([f64; 3], Hold);
+
 /// State of an improvement: the complex, the quality of every slot, what holds every node.
 struct Improver<'a> {
     complex: Complex,
@@ -117,7 +120,6 @@ struct Improver<'a> {
     undo: Option<mend::Undo>,
     memory: Memory,
     // Scratch.
-    ring: Ring,
     found: flips::Flip,
     fresh: Vec<[u32; 4]>,
     slots: Vec<u32>,
@@ -191,7 +193,6 @@ impl<'a> Improver<'a> {
             stirred: Vec::new(),
             undo: None,
             memory: Memory::default(),
-            ring: Ring::default(),
             found: flips::Flip::default(),
             fresh: Vec::new(),
             slots: Vec::new(),
@@ -395,7 +396,7 @@ impl Improver<'_> {
     fn improve(&mut self, patience: &Patience<'_>) -> Result<Improved> {
         let poor_before = self.poor().len();
         patience.part(0.0, RECOVERED);
-        self.recover(patience);
+        self.recover(patience)?;
         patience.part(RECOVERED, POLISHED);
         self.polish(8, patience)?;
         let mut done = POLISHED;

@@ -9,7 +9,7 @@ use std::sync::{Mutex, PoisonError};
 use rayon::prelude::*;
 
 use super::memory::Trial;
-use super::{Hold, Improver};
+use super::{Improver, Place};
 use crate::files::kept::fields;
 use crate::geometry::{dot, sub};
 use crate::improve::Counts;
@@ -20,9 +20,11 @@ use crate::{Result, ranks};
 /// A patch has all tetrahedra at the nodes so near to the middle of one that is mended there, over d. What asks for
 /// more, as few do, is mended in the mesh itself.
 const REACH: f64 = 3.5;
-/// Edge of a cube, over the largest d of what is mended: patches of two cubes with one between them do not meet, as
-/// tetrahedra go some 1.3 d beyond the nodes that they have there.
+/// Edge of a cube, over the largest d of what is mended in it: patches of two cubes with one between them do not meet,
+/// as tetrahedra go some 1.3 d beyond the nodes that they have there.
 const CUBE: f64 = 2.0 * (REACH + 1.3);
+/// What is mended at the same time has about the same d: cubes shrink by this with it.
+const SHRINK: f64 = std::f64::consts::SQRT_2;
 
 /// With fewer cubes there is little to do at the same time, and to mend the poorest of all first is less work and leaves
 /// fewer poor.
@@ -56,10 +58,8 @@ struct Change {
     counts: Counts,
 }
 
-type Place = ([f64; 3], Hold);
-
-/// A cube, by its number along each axis, and tetrahedra in it.
-pub(super) type Cube = ([u32; 3], Vec<u32>);
+/// A cube, by how often its edge has shrunk and its number along each axis, and tetrahedra in it.
+pub(super) type Cube = ((u32, [u32; 3]), Vec<u32>);
 
 fields! {
     Tried as Tried { nodes, beyond, in_vain, change }
@@ -101,7 +101,7 @@ impl<'a> Improver<'a> {
     /// Mends tetrahedra in patches, those of each cube in one; gives those for which patches were too small.
     pub(super) fn mend_apart(
         &mut self,
-        apart: [Vec<Cube>; 8],
+        apart: Vec<Vec<Cube>>,
         edge: f64,
         patience: &Patience<'_>,
         reached: &impl Fn(f64),
@@ -133,7 +133,7 @@ impl<'a> Improver<'a> {
                     later.extend(tets);
                     continue;
                 }
-                self.make(&tried.change);
+                self.make_change(&tried.change);
                 for t in tried.in_vain {
                     self.memory.failed(Trial::Mend, t);
                 }
@@ -147,23 +147,27 @@ impl<'a> Improver<'a> {
         self.complex.alive(t) && self.sine_of(t) < self.target
     }
 
-    /// The cube that the middle of a tetrahedron is in.
-    fn cube(&self, t: u32, edge: f64) -> [u32; 3] {
-        self.middle(t).0.map(|c| (c / edge) as u32)
+    /// The cube that the middle of a tetrahedron is in, where the largest have this edge.
+    fn cube(&self, t: u32, edge: f64) -> (u32, [u32; 3]) {
+        let (middle, d) = self.middle(t);
+        let shrunk = (edge / (CUBE * d)).log(SHRINK).max(0.0).floor();
+        let edge = edge / SHRINK.powf(shrunk);
+        (shrunk as u32, middle.map(|c| (c / edge) as u32))
     }
 
-    /// Tetrahedra by their cubes; eight times cubes of which no two patches meet.
-    pub(super) fn cubes(&self, tets: &[u32], edge: f64) -> [Vec<Cube>; 8] {
-        let mut cubes: BTreeMap<[u32; 3], Vec<u32>> = BTreeMap::new();
+    /// Tetrahedra by their cubes; groups of cubes of which no two patches meet.
+    pub(super) fn cubes(&self, tets: &[u32], edge: f64) -> Vec<Vec<Cube>> {
+        let mut cubes: BTreeMap<(u32, [u32; 3]), Vec<u32>> = BTreeMap::new();
         for &t in tets.iter().filter(|&&t| self.is_poor(t)) {
             cubes.entry(self.cube(t, edge)).or_default().push(t);
         }
-        let mut apart: [Vec<Cube>; 8] = Default::default();
+        let mut apart: BTreeMap<(u32, [u32; 3]), Vec<Cube>> = BTreeMap::new();
         for (cube, tets) in cubes {
-            let [i, j, k] = cube.map(|c| c as usize % 2);
-            apart[i + 2 * j + 4 * k].push((cube, tets));
+            let (shrunk, place) = cube;
+            let group = (shrunk, place.map(|c| c % 2));
+            apart.entry(group).or_default().push((cube, tets));
         }
-        apart
+        apart.into_values().collect()
     }
 
     /// Mends tetrahedra in a copy of what is round them.
@@ -185,7 +189,7 @@ impl<'a> Improver<'a> {
     }
 
     /// Changes the mesh as a patch was.
-    fn make(&mut self, change: &Change) {
+    fn make_change(&mut self, change: &Change) {
         let first = self.complex.nodes.len() as u32;
         let number = |n: u32| match NONE - n {
             new if (new as usize) < change.new.len() => first + new,

@@ -1,9 +1,13 @@
 //! Features first: every edge that pierces a feature goes, by a flip, by pulling one of its ends
 //! onto the feature, or by splitting it there.
 
-use super::{Hold, Improver};
+use super::flips::Flip;
+use super::sweep::{Met, Scratch, Step};
+use super::{Hold, Improver, Place, smooth};
+use crate::Result;
 use crate::geometry::{dot, norm, sub};
 use crate::mesh::EDGES;
+use crate::mesh::complex::NONE;
 use crate::mesh::quality::min_sine;
 use crate::observer::Patience;
 use rayon::prelude::*;
@@ -97,60 +101,105 @@ impl Improver<'_> {
     }
 
     /// Makes the mesh follow the features.
-    pub(super) fn recover(&mut self, patience: &Patience<'_>) {
+    ///
+    /// # Errors
+    /// Those of other ranks, with which the work is shared.
+    pub(super) fn recover(&mut self, patience: &Patience<'_>) -> Result<()> {
         let all: Vec<u32> = (0..self.complex.tets.len() as u32).collect();
         let mut pierced = self.pierced_among(&all, patience);
         self.beside = Vec::new();
         self.counts.pierced_before = pierced.len();
         for (round, floor) in FLOORS.into_iter().enumerate() {
             // Flips never make a piercing edge: only moved and new nodes need another look.
-            let mut again = Vec::new();
-            let edges = std::mem::take(&mut pierced);
-            for (i, &(a, b)) in edges.iter().enumerate() {
-                let done = (round as f64 + i as f64 / edges.len() as f64) / FLOORS.len() as f64;
-                patience.reached(done);
+            let again: Vec<u32> = pierced.iter().flat_map(|&(a, b)| [a, b]).collect();
+            let count = pierced.len() as f64;
+            while !pierced.is_empty() {
+                let done = 1.0 - pierced.len() as f64 / count;
+                patience.reached((round as f64 + done) / FLOORS.len() as f64);
+                pierced = self.recover_all(pierced, floor, round > 0, patience)?;
                 if patience.over() {
                     // They stay, and are counted.
-                    self.unrecovered = edges[i..].to_vec();
-                    return;
+                    self.unrecovered = pierced;
+                    return Ok(());
                 }
-                if self.recover_by_flip(a, b, floor) {
-                    self.counts.pierced_flipped += 1;
-                } else if self.recover_by_snap(a, b) {
-                    self.counts.pierced_snapped += 1;
-                } else if round > 0 && self.recover_by_split(a, b) {
-                    self.counts.pierced_split += 1;
-                }
-                again.extend([a, b]);
             }
             let tets = self.stars(again);
             pierced = self.pierced_among(&tets, patience);
         }
         self.unrecovered = pierced;
         self.stirred.clear();
+        Ok(())
     }
 
-    fn edge(&mut self, a: u32, b: u32) -> Option<u32> {
-        let mut star = std::mem::take(&mut self.star);
-        let t = self.complex.find_edge(a, b, &mut star);
-        self.star = star;
-        t
-    }
-
-    fn recover_by_flip(&mut self, a: u32, b: u32, floor: f64) -> bool {
-        match self.edge(a, b) {
-            // Gone already, with another edge.
-            None => true,
-            Some(t) => self.remove_edge(t, a, b, floor),
+    /// Does what it can about edges that pierce a feature; gives those that are to be looked at again.
+    fn recover_all(
+        &mut self,
+        edges: Vec<(u32, u32)>,
+        floor: f64,
+        may_split: bool,
+        patience: &Patience<'_>,
+    ) -> Result<Vec<(u32, u32)>> {
+        let found = self.each("piercing edges", &edges, |s, edge, scratch| {
+            let idle = patience.over();
+            (!idle).then(|| s.find_recovery(edge, floor, may_split, scratch))
+        })?;
+        let mut met = Met::new(self);
+        let mut left = Vec::new();
+        for (edge, found) in edges.into_iter().zip(found) {
+            match found {
+                None => left.push(edge),
+                Some(None) => {}
+                Some(Some(step)) if met.any(&step.old) => left.push(edge),
+                Some(Some(step)) => {
+                    match step.put {
+                        None => self.counts.pierced_flipped += 1,
+                        Some((NONE, _)) => self.counts.pierced_split += 1,
+                        Some(_) => self.counts.pierced_snapped += 1,
+                    }
+                    met.make(self, step);
+                }
+            }
         }
+        met.forget(self);
+        Ok(left)
+    }
+
+    /// What to do about an edge that pierces a feature.
+    fn find_recovery(
+        &self,
+        (a, b): (u32, u32),
+        floor: f64,
+        may_split: bool,
+        scratch: &mut Scratch,
+    ) -> Option<Step> {
+        let Some(t) = self.complex.find_edge(a, b, &mut scratch.star) else {
+            // Gone already, with another edge.
+            return Some(Step::default());
+        };
+        if self.find_removal(t, [a, b], floor, &mut scratch.flip) {
+            return Some(Step::of(&scratch.flip, None));
+        }
+        let Some((at, sheet)) = self.piercing(a, b) else {
+            return Some(Step::default());
+        };
+        let snapped = self.find_snap([a, b], at, sheet.normal, scratch);
+        snapped.or_else(|| {
+            let (x, hold) = may_split.then(|| self.split_at(a, b, at, sheet.normal))??;
+            let flip = &mut scratch.flip;
+            self.find_edge_split(t, [a, b], x, 0.02, flip)
+                .then(|| Step::of(flip, Some((NONE, (x, hold)))))
+        })
     }
 
     /// Pulls the end that is nearer to the feature onto it.
-    fn recover_by_snap(&mut self, a: u32, b: u32) -> bool {
-        let Some((at, sheet)) = self.piercing(a, b) else {
-            return true;
-        };
-        let reach = |n: u32| dot(sub(self.complex.nodes[n as usize], at), sheet.normal).abs();
+    fn find_snap(
+        &self,
+        [a, b]: [u32; 2],
+        at: [f64; 3],
+        normal: [f64; 3],
+        scratch: &mut Scratch,
+    ) -> Option<Step> {
+        let reach = |n: u32| dot(sub(self.complex.nodes[n as usize], at), normal).abs();
         let length = norm(sub(
             self.complex.nodes[a as usize],
             self.complex.nodes[b as usize],
@@ -159,56 +208,52 @@ impl Improver<'_> {
         ends.sort_by(|x, y| x.0.total_cmp(&y.0));
         ends.iter()
             .take_while(|(r, _)| *r < 0.4 * length)
-            .any(|&(_, n)| self.snap(n, sheet.normal, 0.5 * length))
+            .find_map(|&(_, node)| {
+                let place = self.snapped(node, normal, 0.5 * length, scratch)?;
+                Some(Step {
+                    old: scratch.star.clone(),
+                    fresh: Vec::new(),
+                    put: Some((node, place)),
+                })
+            })
     }
 
-    /// Moves a node onto the sheet of that normal if its tetrahedra stay well-formed.
-    fn snap(&mut self, node: u32, normal: [f64; 3], reach: f64) -> bool {
+    /// Where a node is on the sheet of that normal, if its tetrahedra stay well-formed there.
+    fn snapped(
+        &self,
+        node: u32,
+        normal: [f64; 3],
+        reach: f64,
+        scratch: &mut Scratch,
+    ) -> Option<Place> {
         let mut hold = self.holds[node as usize];
         if hold.axes == 7 || hold.count >= 2 || hold.on(normal) {
-            return false;
+            return None;
         }
         hold.add(normal);
         let old = self.complex.nodes[node as usize];
-        let Some(x) = hold.settle(old, self.extent, self.sheets) else {
-            return false;
-        };
+        let x = hold.settle(old, self.extent, self.sheets)?;
         if norm(sub(x, old)) > reach {
-            return false;
+            return None;
         }
-        self.gather(node);
-        if super::smooth::worst(x, &self.spokes, FLOOR) <= FLOOR {
-            return false;
-        }
-        self.move_to(node, x, hold);
-        true
+        let Scratch { star, spokes, .. } = scratch;
+        self.complex.star(node, star);
+        self.spokes(node, star, spokes);
+        (smooth::worst(x, spokes, FLOOR) > FLOOR).then_some((x, hold))
     }
 
-    fn recover_by_split(&mut self, a: u32, b: u32) -> bool {
-        let Some(t) = self.edge(a, b) else {
-            return true;
-        };
-        let Some((at, sheet)) = self.piercing(a, b) else {
-            return true;
-        };
-        let (p, q) = (
-            self.complex.nodes[a as usize],
-            self.complex.nodes[b as usize],
-        );
+    /// Where a node on edge (a, b) is on the sheet of that normal.
+    fn split_at(&self, a: u32, b: u32, at: [f64; 3], normal: [f64; 3]) -> Option<Place> {
         let mut hold = Hold {
             axes: self.common_sides(&[a, b]),
             ..Hold::default()
         };
-        hold.add(sheet.normal);
-        let Some(x) = hold.settle(at, self.extent, self.sheets) else {
-            return false;
-        };
+        hold.add(normal);
+        let x = hold.settle(at, self.extent, self.sheets)?;
         // A lattice of spacing d cannot resolve more: what would crowd is left, and counted.
         let room = SPACING * self.distance.at(x);
-        if norm(sub(x, p)) < room || norm(sub(x, q)) < room {
-            return false;
-        }
-        self.split_edge(t, a, b, x, hold, 0.02)
+        let near = |n: u32| norm(sub(x, self.complex.nodes[n as usize])) < room;
+        (!near(a) && !near(b)).then_some((x, hold))
     }
 
     /// Puts a new node on edge (a, b) if every new tetrahedron is better than `floor`.
@@ -221,41 +266,42 @@ impl Improver<'_> {
         hold: Hold,
         floor: f64,
     ) -> bool {
-        let mut ring = std::mem::take(&mut self.ring);
-        let mut done = false;
-        let whole = self.complex.ring(t, a, b, 40, &mut ring);
+        self.make_found(
+            |s, found| s.find_edge_split(t, [a, b], x, floor, found),
+            Some((x, hold)),
+        )
+    }
+
+    /// The tetrahedra that take the place of those at edge (a, b) if there is a new node, `NONE`, on it; each must be
+    /// better than `floor`.
+    fn find_edge_split(
+        &self,
+        t: u32,
+        [a, b]: [u32; 2],
+        x: [f64; 3],
+        floor: f64,
+        found: &mut Flip,
+    ) -> bool {
+        let Flip { old, fresh, ring } = found;
+        let whole = self.complex.ring(t, a, b, 40, ring);
         // What lies beyond the end of a part of a mesh must not be split from here.
         let in_side = |r: Option<&u32>| r.is_some_and(|&r| self.in_side(&[a, b, r]));
         let ends = ring.closed || in_side(ring.nodes.first()) && in_side(ring.nodes.last());
-        if whole && ends {
-            let new = self.complex.nodes.len() as u32;
-            self.fresh.clear();
-            let m = ring.nodes.len();
-            for i in 0..ring.tets.len() {
-                let (r, s) = (ring.nodes[i], ring.nodes[(i + 1) % m]);
-                self.fresh.push([a, new, r, s]);
-                self.fresh.push([new, b, r, s]);
-            }
-            let position = |n: u32| {
-                if n == new {
-                    x
-                } else {
-                    self.complex.nodes[n as usize]
-                }
-            };
-            if self
-                .fresh
-                .iter()
-                .all(|f| min_sine(&f.map(position)) > floor)
-            {
-                self.complex.add_node(x);
-                self.holds.push(hold);
-                self.stirred.push(new);
-                self.commit(&ring.tets);
-                done = true;
-            }
+        if !whole || !ends {
+            return false;
         }
-        self.ring = ring;
-        done
+        old.clone_from(&ring.tets);
+        fresh.clear();
+        let m = ring.nodes.len();
+        for i in 0..ring.tets.len() {
+            let (r, s) = (ring.nodes[i], ring.nodes[(i + 1) % m]);
+            fresh.extend([[a, NONE, r, s], [NONE, b, r, s]]);
+        }
+        let position = |n: u32| match n {
+            NONE => x,
+            _ => self.complex.nodes[n as usize],
+        };
+        let sound = |f: &[u32; 4]| min_sine(&f.map(position)) > floor;
+        fresh.iter().all(sound)
     }
 }

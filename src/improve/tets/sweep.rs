@@ -8,8 +8,9 @@ use rayon::prelude::*;
 
 use super::flips::Flip;
 use super::memory::Trial;
-use super::{Hold, Improver, MARGIN, smooth};
-use crate::files::kept::Kept;
+use super::{Improver, MARGIN, Place, smooth};
+use crate::files::kept::{Kept, fields};
+use crate::mesh::complex::NONE;
 use crate::observer::Patience;
 use crate::{Result, ranks};
 
@@ -28,13 +29,84 @@ pub(super) const PLAIN: u8 = u8::MAX;
 /// What one who looks needs.
 #[derive(Default)]
 pub(super) struct Scratch {
-    flip: Flip,
-    spokes: smooth::Star,
+    pub flip: Flip,
+    pub star: Vec<u32>,
+    pub spokes: smooth::Star,
     smoothing: smooth::Scratch,
 }
 
 /// Those not in use.
 pub(super) type Scratches = Mutex<Vec<Scratch>>;
+
+/// A change: tetrahedra that go, and those that take their place; or a node, and the tetrahedra at it, that moves or
+/// (`NONE`) comes with those.
+#[derive(Debug, Default)]
+pub(super) struct Step {
+    pub old: Vec<u32>,
+    pub fresh: Vec<[u32; 4]>,
+    pub put: Option<(u32, Place)>,
+}
+
+fields! {
+    Step as Step { old, fresh, put }
+}
+
+impl Step {
+    pub fn of(flip: &Flip, put: Option<(u32, Place)>) -> Self {
+        let (old, fresh) = (flip.old.clone(), flip.fresh.clone());
+        Self { old, fresh, put }
+    }
+}
+
+/// The tetrahedra that have changed since others were found in the mesh.
+pub(super) struct Met {
+    is: Vec<bool>,
+    all: Vec<u32>,
+}
+
+impl Met {
+    pub fn new(improver: &mut Improver<'_>) -> Self {
+        let is = std::mem::take(&mut improver.touched);
+        Self {
+            is,
+            all: Vec::new(),
+        }
+    }
+
+    /// Whether any of these is among them.
+    pub fn any(&self, tets: &[u32]) -> bool {
+        tets.iter().any(|&t| self.is.get(t as usize) == Some(&true))
+    }
+
+    /// Makes a change.
+    pub fn make(&mut self, improver: &mut Improver<'_>, step: Step) {
+        improver.slots.clear();
+        match step.put {
+            Some((node, (x, hold))) if node != NONE => {
+                improver.star.clone_from(&step.old);
+                improver.move_to(node, x, hold);
+            }
+            put => improver.make(&step.old, &step.fresh, put.map(|put| put.1)),
+        }
+        for &t in step.old.iter().chain(&improver.slots) {
+            let t = t as usize;
+            if t >= self.is.len() {
+                self.is.resize(t + 1, false);
+            }
+            self.is[t] = true;
+        }
+        self.all.extend(step.old);
+        self.all.extend_from_slice(&improver.slots);
+    }
+
+    /// Gives its memory back, with nothing in it.
+    pub fn forget(mut self, improver: &mut Improver<'_>) {
+        for t in self.all {
+            self.is[t as usize] = false;
+        }
+        improver.touched = self.is;
+    }
+}
 
 /// The tetrahedra at each of some nodes.
 struct Stars {
@@ -96,37 +168,25 @@ impl Improver<'_> {
                 self.is_poor(t) && !self.memory.in_vain(Trial::Flip, t, &tet)
             });
             let found = self.each("flips", &poor, |s, t, scratch| {
-                let Scratch { flip, .. } = scratch;
+                let flip = &mut scratch.flip;
                 let any = !patience.over() && s.find_flip(t, flip);
-                any.then(|| (flip.old.clone(), flip.fresh.clone()))
+                any.then(|| Step::of(flip, None))
             })?;
             for (&t, _) in poor.iter().zip(&found).filter(|(_, flip)| flip.is_none()) {
                 self.memory.failed(Trial::Flip, t);
             }
-            let mut touched = std::mem::take(&mut self.touched);
-            let mut all = Vec::new();
+            let mut met = Met::new(self);
             for (t, flip) in poor.into_iter().zip(found) {
-                let Some((old, fresh)) = flip else { continue };
-                let is_touched = |&t: &u32| touched.get(t as usize).is_some_and(|&is| is);
-                if old.iter().any(is_touched) {
-                    self.queue.push(t);
-                    continue;
-                }
-                self.fresh = fresh;
-                self.commit(&old);
-                self.counts.flips += 1;
-                for &t in old.iter().chain(&self.slots) {
-                    if t as usize >= touched.len() {
-                        touched.resize(t as usize + 1, false);
+                match flip {
+                    None => {}
+                    Some(step) if met.any(&step.old) => self.queue.push(t),
+                    Some(step) => {
+                        met.make(self, step);
+                        self.counts.flips += 1;
                     }
-                    touched[t as usize] = true;
-                    all.push(t);
                 }
             }
-            for t in all {
-                touched[t as usize] = false;
-            }
-            self.touched = touched;
+            met.forget(self);
         }
         Ok(())
     }
@@ -166,7 +226,7 @@ impl Improver<'_> {
     }
 
     /// Where smoothing puts a node, and what holds it there, if that helps.
-    fn smoothed(&self, node: u32, star: &[u32], scratch: &mut Scratch) -> Option<([f64; 3], Hold)> {
+    fn smoothed(&self, node: u32, star: &[u32], scratch: &mut Scratch) -> Option<Place> {
         let mut hold = self.holds[node as usize];
         self.spokes(node, star, &mut scratch.spokes);
         let best = smooth::best_position(
@@ -242,18 +302,21 @@ impl Improver<'_> {
     }
 
     /// What is found for each.
-    fn each<T: Kept + Send>(
+    ///
+    /// # Errors
+    /// Those of other ranks.
+    pub(super) fn each<I: Copy + Sync, T: Kept + Send>(
         &self,
         what: &str,
-        items: &[u32],
-        find: impl Fn(&Self, u32, &mut Scratch) -> T + Sync,
+        items: &[I],
+        find: impl Fn(&Self, I, &mut Scratch) -> T + Sync,
     ) -> Result<Vec<T>> {
         let pool = || {
             self.scratches
                 .lock()
                 .unwrap_or_else(PoisonError::into_inner)
         };
-        let look = |items: &[u32]| {
+        let look = |items: &[I]| {
             let taken = pool().pop();
             let mut scratch = taken.unwrap_or_default();
             let found: Vec<T> = (items.iter())

@@ -88,7 +88,7 @@ pub fn improve(
     Ok((outcome, finished.feature_faces))
 }
 
-/// Tetrahedra that are first measured in one task.
+/// Tetrahedra that are measured, or looked through, in one task.
 const SINES: usize = 64 * BLOCK;
 
 /// Where a node is, and what holds it there.
@@ -374,17 +374,21 @@ impl<'a> Improver<'a> {
 
     /// Slots of the tetrahedra below target.
     fn poor(&self) -> Vec<u32> {
-        let mut poor = Vec::new();
-        for (block, sines) in self.sines.chunks(BLOCK).enumerate() {
-            // Most blocks have none. A dead slot's sine is infinite.
-            let any = |any, &sine: &f32| any | (f64::from(sine) < self.target);
-            if sines.iter().fold(false, any) {
-                let first = (block * BLOCK) as u32;
-                let slots = first..first + sines.len() as u32;
-                poor.extend(slots.filter(|&t| self.sine_of(t) < self.target));
+        let tasks = self.sines.par_chunks(SINES).enumerate();
+        let poor_in = |(task, sines): (usize, &[f32])| {
+            let mut poor = Vec::new();
+            for (block, sines) in sines.chunks(BLOCK).enumerate() {
+                // Most blocks have none. A dead slot's sine is infinite.
+                let any = |any, &sine: &f32| any | (f64::from(sine) < self.target);
+                if sines.iter().fold(false, any) {
+                    let first = (task * SINES + block * BLOCK) as u32;
+                    let slots = first..first + sines.len() as u32;
+                    poor.extend(slots.filter(|&t| self.sine_of(t) < self.target));
+                }
             }
-        }
-        poor
+            poor
+        };
+        tasks.flat_map_iter(poor_in).collect()
     }
 }
 

@@ -109,7 +109,7 @@ impl Met {
 }
 
 /// The tetrahedra at each of some nodes.
-struct Stars {
+pub(super) struct Stars {
     tets: Vec<u32>,
     ends: Vec<usize>,
 }
@@ -195,7 +195,7 @@ impl Improver<'_> {
     fn smooth_all(&mut self, mut nodes: Vec<u32>, patience: &Patience<'_>) -> Result<()> {
         nodes.retain(|&n| self.holds[n as usize].axes != 7);
         let stars = self.stars_of(&nodes);
-        for group in self.colored(&nodes, &stars) {
+        for group in self.groups(&nodes, &stars) {
             if patience.over() {
                 return Ok(());
             }
@@ -242,7 +242,7 @@ impl Improver<'_> {
         best.map(|(x, _)| (x, hold))
     }
 
-    fn stars_of(&self, nodes: &[u32]) -> Stars {
+    pub(super) fn stars_of(&self, nodes: &[u32]) -> Stars {
         let parts: Vec<(Vec<u32>, Vec<usize>)> = nodes
             .par_chunks(8 * TASK)
             .map(|nodes| {
@@ -274,7 +274,7 @@ impl Improver<'_> {
 
     /// Groups of nodes, by their places among them, of which no two have a tetrahedron in common: each has the first
     /// colour that none of those before it has beside it.
-    fn colored(&mut self, nodes: &[u32], stars: &Stars) -> Vec<Vec<u32>> {
+    pub(super) fn groups(&mut self, nodes: &[u32], stars: &Stars) -> Vec<Vec<u32>> {
         let Self {
             colors, complex, ..
         } = self;

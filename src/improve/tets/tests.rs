@@ -308,3 +308,56 @@ fn mending_in_patches_leaves_what_is_known_of_the_mesh_true_whoever_does_it() {
     let (three, ..) = mended(3);
     assert!(one.nodes == three.nodes && one.tets == three.tets);
 }
+
+#[test]
+fn nodes_of_one_tetrahedron_are_smoothed_one_after_the_other_and_whoever_polishes_leaves_the_same()
+{
+    let (mesh, kinds, extent) = box_mesh([12, 10, 10], 2.0, 0.28, |_| true);
+    let sheets = Sheets::new(&[], extent, 3.0, 8.0);
+    let polished = |threads: usize| {
+        let distance = Distance::Constant(1.5);
+        let around = complex::neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
+        let patience = Patience::endless();
+        let mut improver = Improver::new(
+            mesh.clone(),
+            around,
+            &kinds,
+            extent,
+            &sheets,
+            &distance,
+            0.5,
+            &patience,
+        );
+        let poor = improver.poor();
+        let nodes: Vec<u32> = (0..mesh.nodes.len() as u32).collect();
+        let groups = {
+            let stars = improver.stars_of(&nodes);
+            improver.groups(&nodes, &stars)
+        };
+        assert_eq!(groups.iter().map(Vec::len).sum::<usize>(), nodes.len());
+        for group in &groups {
+            let mut in_group = vec![false; nodes.len()];
+            group.iter().for_each(|&i| in_group[i as usize] = true);
+            let own = |tet: &[u32; 4]| tet.iter().filter(|&&n| in_group[n as usize]).count();
+            assert!(mesh.tets.iter().all(|tet| own(tet) <= 1));
+        }
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
+        let polish = || improver.polish(3, &patience);
+        pool.build().unwrap().install(polish).unwrap();
+        assert!(improver.counts.flips > 100 && improver.counts.moves > 100);
+        let left = improver.poor().len();
+        assert!(4 * left < poor.len(), "{left} of {}", poor.len());
+        for t in (0..improver.complex.tets.len() as u32).filter(|&t| improver.complex.alive(t)) {
+            assert_eq!(
+                improver.sines[t as usize],
+                min_sine(&improver.complex.corners(t)) as f32
+            );
+        }
+        improver.complex.into_mesh()
+    };
+    let (one, around, _) = polished(1);
+    assert!(check(&one, [0.0; 3], extent, 1e-12).passed());
+    assert!(around == complex::neighbors(one.nodes.len(), &one.tets).unwrap());
+    let (three, ..) = polished(3);
+    assert!(one.nodes == three.nodes && one.tets == three.tets);
+}

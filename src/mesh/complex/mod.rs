@@ -445,7 +445,7 @@ mod tests {
 
     #[test]
     fn ring_is_closed_ordered_and_positive() {
-        let mut complex = octahedron();
+        let complex = octahedron();
         for t in 0..4 {
             assert!(volume6(&complex.corners(t)) > 0.0);
             let mut ring = Ring::default();
@@ -472,7 +472,7 @@ mod tests {
 
     #[test]
     fn open_ring_runs_from_boundary_to_boundary() {
-        let mut complex = octahedron();
+        let complex = octahedron();
         let mut ring = Ring::default();
         assert!(complex.ring(0, 0, 3, 9, &mut ring));
         assert!(!ring.closed);

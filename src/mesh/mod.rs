@@ -6,6 +6,7 @@
 //! - `tri`: triangles in the plane
 //! - [`check`](mod@check): the one checker: is this a valid mesh that fills its box?
 //! - [`poly`]: meshes of polyhedra, or of polygons in 2-D
+//! - `piece`: tetrahedra that several processes hold, each some of them
 //! - `poly_columns`: what is known of cells that stand in columns
 //! - `poly_from`: those made from simplices, or by lifting polygons to prisms
 //! - [`graph`]: cells and connections, for flow and for simulators
@@ -32,6 +33,7 @@ pub(crate) mod complex;
 pub mod delaunay;
 pub mod graph;
 pub(crate) mod interface;
+pub(crate) mod piece;
 pub mod poly;
 mod poly_columns;
 pub(crate) mod poly_from;

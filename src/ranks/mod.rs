@@ -9,8 +9,10 @@
 //! Before they pass on anything, ranks tell one another where they are and whether one has failed: then all end
 //! with its error.
 //!
+//! - `group`: those who each hold a part of one thing
 //! - `world`: MPI
 
+mod group;
 #[cfg(feature = "mpi")]
 mod world;
 
@@ -20,6 +22,10 @@ use std::sync::atomic::Ordering::Relaxed;
 
 use crate::error::{Error, Result, cause};
 use crate::files::kept::{self, Kept};
+
+#[cfg(test)]
+pub(crate) use group::tests::shared;
+pub use group::{Alone, Group, Ranks};
 
 /// Nothing is told any more: the job is at its end.
 static OVER: AtomicBool = AtomicBool::new(false);

@@ -3,7 +3,7 @@
 use std::sync::{Mutex, OnceLock, PoisonError};
 
 use mpi::Threading;
-use mpi::datatype::PartitionMut;
+use mpi::datatype::{Partition, PartitionMut};
 use mpi::environment::Universe;
 use mpi::traits::{Communicator, CommunicatorCollectives, Root};
 
@@ -92,6 +92,46 @@ pub fn gather(values: &mut [f64], starts: &[usize]) {
         let all = &mut PartitionMut::new(part, counts, begins);
         universe.world().all_gather_varcount_into(&own[..], all);
     }
+}
+
+/// What each rank has for this one; `to` has something for each, and `much` says how many bytes each has for each.
+pub fn pass(to: &[Vec<u8>], much: &[Vec<usize>]) -> Vec<Vec<u8>> {
+    let mut heard: Vec<Vec<u8>> = vec![Vec::new(); size()];
+    let universe = UNIVERSE.lock().unwrap_or_else(PoisonError::into_inner);
+    let Some(universe) = &*universe else {
+        return heard;
+    };
+    let at_once = AT_ONCE / size();
+    let most = much.iter().flatten().max().copied().unwrap_or(0);
+    for from in (0..most).step_by(at_once) {
+        // Of what one has for another, this much now.
+        let now = |all: usize| all.min(from + at_once).saturating_sub(from);
+        let layout = |counts: Vec<usize>| -> (Vec<i32>, Vec<i32>) {
+            let mut end = 0;
+            let begins = counts.iter().map(|count| {
+                end += count;
+                (end - count) as i32
+            });
+            let begins = begins.collect();
+            (counts.iter().map(|&count| count as i32).collect(), begins)
+        };
+        let (counts, begins) = layout(to.iter().map(|bytes| now(bytes.len())).collect());
+        let some = |bytes: &Vec<u8>| bytes[from.min(bytes.len())..][..now(bytes.len())].to_vec();
+        let sent: Vec<u8> = to.iter().flat_map(some).collect();
+        let sent = Partition::new(&sent[..], counts, begins);
+        let (counts, begins) = layout(much.iter().map(|to| now(to[rank()])).collect());
+        let ends: Vec<usize> = (counts.iter().zip(&begins))
+            .map(|(count, begin)| (count + begin) as usize)
+            .collect();
+        let mut got = vec![0u8; ends.last().copied().unwrap_or(0)];
+        let starts: Vec<usize> = begins.iter().map(|&begin| begin as usize).collect();
+        let into = &mut PartitionMut::new(&mut got[..], counts, begins);
+        universe.world().all_to_all_varcount_into(&sent, into);
+        for ((heard, start), end) in heard.iter_mut().zip(starts).zip(ends) {
+            heard.extend_from_slice(&got[start..end]);
+        }
+    }
+    heard
 }
 
 /// MPI's own end, after which no rank hears of this one.

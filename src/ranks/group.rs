@@ -1,0 +1,192 @@
+//! Those who share a job, and what they tell one another: all ranks, or threads that stand for them in tests.
+
+use super::{apart, count, each_told, rank};
+use crate::Result;
+use crate::files::kept::Kept;
+
+/// Several that work on one thing, each on a part of its own. All ask the same things in the same order.
+pub trait Group: Sync {
+    /// Which of them this is, from 0.
+    fn rank(&self) -> usize;
+
+    /// How many they are.
+    fn count(&self) -> usize;
+
+    /// What each of them has, in their order, on all of them.
+    ///
+    /// # Errors
+    /// Those of the others.
+    fn all_bytes(&self, what: &str, own: Vec<u8>) -> Result<Vec<Vec<u8>>>;
+
+    /// What each of them has for this one, in their order; `to` has something for each.
+    ///
+    /// # Errors
+    /// Those of the others.
+    fn pass_bytes(&self, what: &str, to: Vec<Vec<u8>>) -> Result<Vec<Vec<u8>>>;
+}
+
+impl dyn Group + '_ {
+    /// What each of them has, in their order, on all of them.
+    ///
+    /// # Errors
+    /// Those of the others.
+    pub fn all<T: Kept>(&self, what: &str, own: &T) -> Result<Vec<T>> {
+        read(what, self.all_bytes(what, bytes(own))?)
+    }
+
+    /// What each of them has for this one, in their order; `to` has something for each.
+    ///
+    /// # Errors
+    /// Those of the others.
+    pub fn pass<T: Kept>(&self, what: &str, to: &[T]) -> Result<Vec<T>> {
+        read(what, self.pass_bytes(what, to.iter().map(bytes).collect())?)
+    }
+}
+
+fn bytes(value: &impl Kept) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    // Writing to memory cannot fail.
+    value.put(&mut bytes).unwrap_or_default();
+    bytes
+}
+
+fn read<T: Kept>(what: &str, all: Vec<Vec<u8>>) -> Result<Vec<T>> {
+    let value = |bytes: Vec<u8>| T::take(&mut &bytes[..]).ok_or_else(|| apart(what));
+    all.into_iter().map(value).collect()
+}
+
+/// One that shares with nobody, whatever ranks there are.
+pub struct Alone;
+
+impl Group for Alone {
+    fn rank(&self) -> usize {
+        0
+    }
+
+    fn count(&self) -> usize {
+        1
+    }
+
+    fn all_bytes(&self, _: &str, own: Vec<u8>) -> Result<Vec<Vec<u8>>> {
+        Ok(vec![own])
+    }
+
+    fn pass_bytes(&self, _: &str, to: Vec<Vec<u8>>) -> Result<Vec<Vec<u8>>> {
+        Ok(to)
+    }
+}
+
+/// All ranks.
+pub struct Ranks;
+
+impl Group for Ranks {
+    fn rank(&self) -> usize {
+        rank()
+    }
+
+    fn count(&self) -> usize {
+        count()
+    }
+
+    fn all_bytes(&self, what: &str, own: Vec<u8>) -> Result<Vec<Vec<u8>>> {
+        if count() == 1 {
+            return Ok(vec![own]);
+        }
+        let mut all = Vec::with_capacity(count());
+        each_told(what, Ok(own), &mut |from| {
+            all.push(from.to_vec());
+            Some(())
+        })?;
+        Ok(all)
+    }
+
+    fn pass_bytes(&self, what: &str, to: Vec<Vec<u8>>) -> Result<Vec<Vec<u8>>> {
+        if count() == 1 {
+            return Ok(to);
+        }
+        // How much each has for each; and all are here, and none has failed.
+        let much: Vec<usize> = to.iter().map(Vec::len).collect();
+        let much: Vec<Vec<usize>> = (self as &dyn Group).all(what, &much)?;
+        #[cfg(feature = "mpi")]
+        return Ok(super::world::pass(&to, &much));
+        #[cfg(not(feature = "mpi"))]
+        {
+            drop(much);
+            Ok(to)
+        }
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use std::sync::{Barrier, Mutex};
+
+    use super::*;
+
+    /// What threads tell one another.
+    struct Table {
+        told: Mutex<Vec<Vec<Vec<u8>>>>,
+        met: Barrier,
+    }
+
+    /// A thread that stands for a rank.
+    struct Thread<'a>(usize, &'a Table);
+
+    impl Group for Thread<'_> {
+        fn rank(&self) -> usize {
+            self.0
+        }
+
+        fn count(&self) -> usize {
+            self.1.told.lock().unwrap().len()
+        }
+
+        fn all_bytes(&self, what: &str, own: Vec<u8>) -> Result<Vec<Vec<u8>>> {
+            self.pass_bytes(what, vec![own; self.count()])
+        }
+
+        fn pass_bytes(&self, _: &str, to: Vec<Vec<u8>>) -> Result<Vec<Vec<u8>>> {
+            self.1.told.lock().unwrap()[self.0] = to;
+            self.1.met.wait();
+            let told = self.1.told.lock().unwrap();
+            let for_this = told.iter().map(|to| to[self.0].clone()).collect();
+            drop(told);
+            self.1.met.wait();
+            Ok(for_this)
+        }
+    }
+
+    /// What `work` gives on each of so many that share it.
+    pub fn shared<T: Send>(count: usize, work: impl Fn(&dyn Group) -> T + Sync) -> Vec<T> {
+        let table = Table {
+            told: Mutex::new(vec![Vec::new(); count]),
+            met: Barrier::new(count),
+        };
+        std::thread::scope(|scope| {
+            let (table, work) = (&table, &work);
+            let begin = |rank| scope.spawn(move || work(&Thread(rank, table)));
+            let all: Vec<_> = (0..count).map(begin).collect();
+            all.into_iter().map(|one| one.join().unwrap()).collect()
+        })
+    }
+
+    #[test]
+    fn each_hears_what_is_for_it_and_all_what_is_for_all() {
+        for count in [1, 2, 5] {
+            let heard = shared(count, |group| {
+                let own = group.rank();
+                let all = group.all("numbers", &own).unwrap();
+                let to: Vec<String> = (0..count).map(|to| format!("{own} to {to}")).collect();
+                (all, group.pass("words", &to).unwrap())
+            });
+            for (rank, (all, words)) in heard.into_iter().enumerate() {
+                assert!(all.into_iter().eq(0..count));
+                let wanted = (0..count).map(|from| format!("{from} to {rank}"));
+                assert!(words.into_iter().eq(wanted));
+            }
+        }
+        for alone in [&Ranks as &dyn Group, &Alone] {
+            assert_eq!(alone.pass("numbers", &[7usize]).unwrap(), [7]);
+        }
+    }
+}

@@ -6,6 +6,7 @@ use crate::error::cause;
 use crate::feature::{FeaturePoint, Features};
 use crate::geometry::in_space;
 use crate::improve::sheets::Sheets;
+use crate::improve::tets::{Aim, Cuts};
 use crate::improve::triangles::relax::Relaxation;
 use crate::improve::{
     self, Refusal, Reshaped, Sealed, SliverMethod, Target, Wanted, tets, triangles,
@@ -18,6 +19,7 @@ use crate::mesh::poly::PolyMesh;
 use crate::mesh::voronoi;
 use crate::mesh::{Simplices, TetMesh, TriMesh};
 use crate::observer::{Patience, Stage};
+use crate::ranks::Ranks;
 use crate::report::{Improvement, Judged};
 use crate::{Error, Result};
 
@@ -239,19 +241,39 @@ impl Meshing<3> for Space<3> {
         let (neighbors, (outcome, feature_faces)) = match options.method {
             SliverMethod::Joe => {
                 stages.begin(Stage::Improving);
-                let done = stages.patiently(|patience| {
-                    tets::improve(
-                        &mut mesh,
-                        &mut neighbors,
-                        &mut kinds,
-                        extent,
-                        sheets,
-                        distance,
-                        options,
-                        patience,
-                    )
-                })?;
-                (Some(neighbors.into_flattened()), done)
+                let cuts = Cuts::new(&mesh.nodes, extent, distance);
+                stages.patiently(|patience| match &cuts {
+                    Some(cuts) => {
+                        let aim = Aim {
+                            extent,
+                            sheets,
+                            distance,
+                            target: options,
+                        };
+                        let TetMesh { nodes, tets } = std::mem::take(&mut mesh);
+                        let joined = (tets, std::mem::take(&mut neighbors));
+                        let atoms = (&nodes[..], &kinds[..]);
+                        let made =
+                            tets::improve_in_slabs(atoms, joined, cuts, aim, &Ranks, patience)?;
+                        let made = made.whole(&Ranks)?;
+                        (mesh, kinds) = (made.piece.mesh, made.kinds);
+                        let around = made.piece.neighbors.into_flattened();
+                        Ok((Some(around), (made.improved, made.feature_faces)))
+                    }
+                    None => {
+                        let done = tets::improve(
+                            &mut mesh,
+                            &mut neighbors,
+                            &mut kinds,
+                            extent,
+                            sheets,
+                            distance,
+                            options,
+                            patience,
+                        )?;
+                        Ok::<_, Error>((Some(neighbors.into_flattened()), done))
+                    }
+                })?
             }
             SliverMethod::Exude => {
                 stages.begin(Stage::Comparing);

@@ -9,6 +9,7 @@
 //! - `collapse`: nodes that stand too close
 //! - `finish`: the mesh at the end, its faces on features, what blocks the rest
 //! - `exude`(fn@exude): the second method: nodes get weights, none of them moves
+//! - `slabs`: large meshes, slab by slab
 //! - `reshape`(fn@reshape): atoms come, go and move in a part of a mesh
 
 mod collapse;
@@ -20,11 +21,13 @@ mod mend;
 mod patches;
 mod recover;
 mod reshape;
+mod slabs;
 mod smooth;
 mod sweep;
 
 pub use exude::exude;
 pub use reshape::reshape;
+pub use slabs::{Aim, Cuts, InSlabs, improve_in_slabs, own_slabs};
 
 use rayon::prelude::*;
 
@@ -111,6 +114,8 @@ struct Improver<'a> {
     enough: f64,
     /// Smoothing may take nodes so far off the sheets that hold them.
     stray: f64,
+    /// The mesh is this process's: other ranks are at work on others.
+    alone: bool,
     counts: Counts,
     /// Edges that recovery left piercing a feature, and nodes near features that have moved or come
     /// since.
@@ -188,6 +193,7 @@ impl<'a> Improver<'a> {
             target,
             enough: 1.0,
             stray: 0.0,
+            alone: false,
             counts: Counts::default(),
             unrecovered: Vec::new(),
             stirred: Vec::new(),

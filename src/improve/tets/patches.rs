@@ -126,7 +126,12 @@ impl<'a> Improver<'a> {
                 Ok(())
             };
             let much: Vec<usize> = cubes.iter().map(|(_, tets)| tets.len()).collect();
-            ranks::share_fairly("patches", &much, work, &mut |tried| all.push(tried))?;
+            match self.alone {
+                true => work(0..cubes.len(), &mut |tried| all.push(tried))?,
+                false => {
+                    ranks::share_fairly("patches", &much, work, &mut |tried| all.push(tried))?;
+                }
+            }
             let begun = self.memory.now();
             for ((_, tets), tried) in cubes.into_iter().zip(all) {
                 if self.memory.has_changed(begun, &tried.nodes) {

@@ -331,7 +331,7 @@ impl Improver<'_> {
             let tasks = items[own].par_chunks(TASK);
             tasks.flat_map_iter(look).collect()
         };
-        if items.len() < MANY {
+        if self.alone || items.len() < MANY {
             return Ok(all(0..items.len()));
         }
         let mut found = Vec::with_capacity(items.len());

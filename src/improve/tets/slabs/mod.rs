@@ -1,0 +1,484 @@
+//! A large mesh improved slab by slab, each as a mesh of its own that stays as it is where it was cut out: at the
+//! same time, and by processes of which none holds all.
+//!
+//! First come *bands* round the cuts, which are far from where they end themselves; then slabs, in which what
+//! bands left poor at their ends is in the middle. What is on different sides of a cut meets in faces that have
+//! been improved before and no longer change.
+//!
+//! How a mesh is cut depends on its atoms and d alone, so that the result is the same for any number of processes.
+//!
+//! - `part`: a part of a mesh as one of its own
+
+mod part;
+
+use std::ops::Range;
+
+use rayon::prelude::*;
+
+use super::{Improver, SINES};
+use crate::Result;
+use crate::geometry::groups::group as by_group;
+use crate::improve::sheets::Sheets;
+use crate::improve::{Blocked, Counts, Improved, Target};
+use crate::lattice::AtomKind;
+use crate::lattice::distance::Distance;
+use crate::mesh::complex::{BEYOND, NONE};
+use crate::mesh::piece::Piece;
+use crate::mesh::quality::min_sine;
+use crate::mesh::{FACES, TetMesh};
+use crate::observer::Patience;
+use crate::ranks::Group;
+use part::Part;
+
+/// A band reaches so far to either side of its cut, over the largest d: what is mended moves nodes 3 d away.
+const HALF: f64 = 6.0;
+/// Slabs are at least so thick, over the same ...
+const THICK: f64 = 32.0;
+/// ... and have at least so many atoms.
+const ATOMS: usize = 1 << 14;
+
+/// Where a mesh is cut: at planes across the longest axis of the box.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Cuts {
+    /// The axis.
+    pub axis: usize,
+    /// Where, rising.
+    at: Vec<f64>,
+    half: f64,
+}
+
+impl Cuts {
+    /// So that slabs have as many atoms each; none if there is but one slab.
+    pub fn new(atoms: &[[f64; 3]], extent: [f64; 3], distance: &Distance<3>) -> Option<Self> {
+        let axis = (0..3).max_by(|&k, &l| extent[k].total_cmp(&extent[l]))?;
+        let half = HALF * distance.max();
+        let thick = (extent[axis] / (THICK * distance.max())) as usize;
+        let mut along: Vec<f64> = atoms.iter().map(|x| x[axis]).collect();
+        for count in (2..=thick.min(atoms.len() / ATOMS)).rev() {
+            let cut = |i: usize| {
+                let rank = i * atoms.len() / count;
+                *along.select_nth_unstable_by(rank, f64::total_cmp).1
+            };
+            let at: Vec<f64> = (1..count).map(cut).collect();
+            let mut ends = vec![0.0];
+            ends.extend(&at);
+            ends.push(extent[axis]);
+            // Between bands there must be something.
+            if ends.windows(2).all(|two| two[1] - two[0] > 3.0 * half) {
+                return Some(Self { axis, at, half });
+            }
+        }
+        None
+    }
+
+    /// How many slabs there are.
+    pub fn count(&self) -> usize {
+        self.at.len() + 1
+    }
+
+    /// Where the atoms begin that are the first of tetrahedra of each slab but the first, and of the band after it:
+    /// at the end of the band before.
+    pub fn ends(&self) -> Vec<f64> {
+        self.at.iter().map(|at| at + self.half).collect()
+    }
+
+    /// Of a tetrahedron whose first atom is there: twice the number of the slab, and one more in the band after it.
+    fn region(&self, x: [f64; 3]) -> u32 {
+        let x = x[self.axis];
+        let begun = self.at.partition_point(|at| at - self.half <= x);
+        match begun.checked_sub(1) {
+            Some(band) if x < self.at[band] + self.half => 2 * band as u32 + 1,
+            _ => 2 * begun as u32,
+        }
+    }
+
+    /// Whether a tetrahedron of the band after a slab is on the slab's side of the cut.
+    fn before(&self, part: &Part, t: u32, slab: usize) -> bool {
+        part.middle(t, self.axis) < 4.0 * self.at[slab]
+    }
+}
+
+/// The slabs of one of those who share a mesh, improved.
+#[derive(Debug)]
+pub struct InSlabs {
+    /// Its tetrahedra.
+    pub piece: Piece,
+    /// What each of its nodes may do.
+    pub kinds: Vec<AtomKind>,
+    /// For each tetrahedron which of its faces lie on a feature: bit k for face k.
+    pub feature_faces: Vec<u8>,
+    /// What was done, of the whole mesh.
+    pub improved: Improved,
+}
+
+impl InSlabs {
+    /// All pieces as one, on every member of the group.
+    ///
+    /// # Errors
+    /// Those of other members.
+    pub fn whole(self, group: &dyn Group) -> Result<Self> {
+        let Self {
+            piece,
+            kinds,
+            feature_faces,
+            improved,
+        } = self;
+        let (first, whole) = (0, piece.whole);
+        let part = Part {
+            holds: vec![None; kinds.len()],
+            neighbors: piece.neighbors_here(),
+            ids: piece.numbers,
+            nodes: piece.mesh.nodes,
+            kinds,
+            tets: piece.mesh.tets,
+        };
+        let parts: Vec<(Part, Vec<u8>)> = match group.count() {
+            1 => vec![(part, feature_faces)],
+            _ => group.all("pieces", &(part, feature_faces))?,
+        };
+        let (parts, marks): (Vec<Part>, Vec<Vec<u8>>) = parts.into_iter().unzip();
+        let part = Part::together(parts);
+        Ok(Self {
+            piece: Piece {
+                mesh: TetMesh {
+                    nodes: part.nodes,
+                    tets: part.tets,
+                },
+                neighbors: part.neighbors,
+                numbers: part.ids,
+                first,
+                whole,
+            },
+            kinds: part.kinds,
+            feature_faces: marks.concat(),
+            improved,
+        })
+    }
+}
+
+/// What slabs are improved for.
+#[derive(Debug, Clone, Copy)]
+pub struct Aim<'a> {
+    /// The far corner of the box.
+    pub extent: [f64; 3],
+    /// The features.
+    pub sheets: &'a Sheets,
+    /// d.
+    pub distance: &'a Distance<3>,
+    /// What is asked for.
+    pub target: &'a Target,
+}
+
+impl Aim<'_> {
+    /// Of the smallest angle asked for.
+    fn sine(&self) -> f64 {
+        self.target.min_dihedral.to_radians().sin()
+    }
+
+    /// Whether a face lies in a side of the box.
+    fn in_side(&self, face: [[f64; 3]; 3]) -> bool {
+        (0..3).any(|k| {
+            let [x, others @ ..] = face.map(|x| x[k]);
+            (x == 0.0 || x == self.extent[k]) && others == [x; 2]
+        })
+    }
+}
+
+/// A part that has been improved. The numbers of nodes that came are `NONE`.
+struct Done {
+    part: Part,
+    /// Nodes that came.
+    came: usize,
+    /// The numbers of those that went.
+    gone: Vec<u32>,
+    feature_faces: Vec<u8>,
+    counts: Counts,
+    blocked: Vec<Blocked>,
+}
+
+/// Which slabs a member of a group has.
+pub fn own_slabs(slabs: usize, group: &dyn Group) -> Range<usize> {
+    let first = |rank: usize| rank * slabs / group.count();
+    first(group.rank())..first(group.rank() + 1)
+}
+
+/// Makes the slabs of each member of a group follow the features and frees them of slivers, as [`improve`] does a mesh
+/// as a whole.
+///
+/// `tets` are Delaunay tetrahedra of the atoms, at least those of the [own](own_slabs) slabs, with neighbours among
+/// them; of each the first node is the least.
+///
+/// # Errors
+/// Those of other members.
+///
+/// [`improve`]: super::improve
+pub fn improve_in_slabs(
+    (atoms, kinds): (&[[f64; 3]], &[AtomKind]),
+    (tets, neighbors): (Vec<[u32; 4]>, Vec<[u32; 4]>),
+    cuts: &Cuts,
+    aim: Aim<'_>,
+    group: &dyn Group,
+    patience: &Patience<'_>,
+) -> Result<InSlabs> {
+    let (slabs, bands) = (cuts.count(), cuts.at.len());
+    let own = own_slabs(slabs, group);
+    let raw = Raw::new(tets, neighbors, atoms, cuts);
+    let known = |n: u32| (atoms[n as usize], kinds[n as usize], None);
+    let mut poor_before = raw.poor(&own, atoms, aim.sine());
+
+    // Bands: numbers for the nodes that came, and what is beyond the cut to the next slab, which may be another's.
+    let own_bands = own.start..own.end.min(bands);
+    let mut done: Vec<Done> = (own_bands.into_par_iter().with_max_len(1))
+        .map(|band| improve_part(raw.part(2 * band + 1, &known), aim, patience))
+        .collect::<Result<Vec<Done>>>()?;
+    let mut end = number_all(&mut done, atoms.len() as u32, group)?;
+    let (mut counts, mut gone) = (Counts::default(), Vec::new());
+    let mut parts: Vec<Vec<Part>> = own.clone().map(|_| Vec::new()).collect();
+    let mut to: Vec<Vec<Part>> = vec![Vec::new(); group.count()];
+    for ((slab, parts), band) in own.clone().zip(&mut parts).zip(done) {
+        let side = |before: bool| (band.part).pick(|t| cuts.before(&band.part, t, slab) == before);
+        parts.push(side(true));
+        to[owner(slab + 1, slabs, group.count())].push(side(false));
+        // What it left is tried again, and counted then.
+        counts += Counts {
+            pierced_left: 0,
+            ..band.counts
+        };
+        gone.extend(band.gone);
+    }
+    let beyond = group.pass("bands", &to)?.concat();
+    drop(to);
+    let first = usize::from(own.start == 0);
+    for (parts, part) in parts.iter_mut().skip(first).zip(beyond) {
+        parts.push(part);
+    }
+
+    let mut done: Vec<Done> = (own.clone().into_par_iter().zip(parts).with_max_len(1))
+        .map(|(slab, mut parts)| {
+            parts.push(raw.part(2 * slab, &known));
+            improve_part(Part::together(parts), aim, patience)
+        })
+        .collect::<Result<Vec<Done>>>()?;
+    drop(raw);
+    end = number_all(&mut done, end, group)?;
+    let mut blocked = Vec::new();
+    for slab in &mut done {
+        counts += slab.counts;
+        gone.append(&mut slab.gone);
+        blocked.append(&mut slab.blocked);
+    }
+    let gone: Vec<Vec<u32>> = group.all("nodes that went", &gone)?;
+    let mut gone = gone.concat();
+    gone.sort_unstable();
+    let all: Vec<(usize, (Counts, Vec<Blocked>))> =
+        group.all("improvement", &(poor_before, (counts, blocked)))?;
+    let (mut counts, mut blocked) = (Counts::default(), Vec::new());
+    poor_before = 0;
+    for (poor, (some, of_some)) in all {
+        poor_before += poor;
+        counts += some;
+        blocked.extend(of_some);
+    }
+    let worse = |of: &Blocked| of.smallest.min(180.0 - of.largest);
+    blocked.sort_by(|a, b| worse(a).total_cmp(&worse(b)));
+    let improved = Improved {
+        poor_before,
+        poor_after: blocked.len(),
+        counts,
+        blocked,
+    };
+    let (parts, marks): (Vec<Part>, Vec<Vec<u8>>) = (done.into_iter())
+        .map(|slab| (slab.part, slab.feature_faces))
+        .unzip();
+    let part = Part::together(parts);
+    let number = |id: u32| id - gone.partition_point(|&gone| gone < id) as u32;
+    let tets: Vec<usize> = group.all("tetrahedra", &part.tets.len())?;
+    let piece = Piece {
+        numbers: part.ids.iter().map(|&id| number(id)).collect(),
+        first: tets[..group.rank()].iter().sum(),
+        whole: [end as usize - gone.len(), tets.iter().sum()],
+        neighbors: beyond_cuts(&part, aim),
+        mesh: TetMesh {
+            nodes: part.nodes,
+            tets: part.tets,
+        },
+    };
+    Ok(InSlabs {
+        piece,
+        kinds: part.kinds,
+        feature_faces: marks.concat(),
+        improved,
+    })
+}
+
+/// Who has a slab.
+fn owner(slab: usize, slabs: usize, count: usize) -> usize {
+    let end = |rank: &usize| (rank + 1) * slabs / count;
+    (0..count).find(|rank| slab < end(rank)).unwrap_or(0)
+}
+
+/// Delaunay tetrahedra, sorted by the band or the slab between bands that they are in.
+struct Raw {
+    tets: Vec<[u32; 4]>,
+    neighbors: Vec<[u32; 4]>,
+    region: Vec<u32>,
+    start: Vec<u32>,
+    order: Vec<u32>,
+    /// The number of each tetrahedron in its region.
+    place: Vec<u32>,
+}
+
+impl Raw {
+    fn new(tets: Vec<[u32; 4]>, neighbors: Vec<[u32; 4]>, atoms: &[[f64; 3]], cuts: &Cuts) -> Self {
+        let of =
+            |tet: &[u32; 4]| cuts.region(atoms[tet.iter().fold(NONE, |a, &b| a.min(b)) as usize]);
+        let region: Vec<u32> = tets.par_iter().map(of).collect();
+        let (mut start, mut order) = (Vec::new(), Vec::new());
+        by_group(2 * cuts.count() - 1, &region, &mut start, &mut order);
+        let mut place = vec![0; tets.len()];
+        for (i, &t) in order.iter().enumerate() {
+            place[t as usize] = i as u32 - start[region[t as usize] as usize];
+        }
+        Self {
+            tets,
+            neighbors,
+            region,
+            start,
+            order,
+            place,
+        }
+    }
+
+    fn chosen(&self, region: usize) -> &[u32] {
+        &self.order[self.start[region] as usize..self.start[region + 1] as usize]
+    }
+
+    fn part(&self, region: usize, known: part::Known<'_>) -> Part {
+        let here = |t: u32| match self.region[t as usize] as usize == region {
+            true => self.place[t as usize],
+            false => NONE,
+        };
+        Part::of(
+            &self.tets,
+            &self.neighbors,
+            self.chosen(region),
+            here,
+            known,
+        )
+    }
+
+    /// How many tetrahedra of some slabs, and of the bands after them, are poorer than a sine.
+    fn poor(&self, slabs: &Range<usize>, atoms: &[[f64; 3]], sine: f64) -> usize {
+        let [from, to] = [slabs.start, slabs.end]
+            .map(|slab| self.start[(2 * slab).min(self.start.len() - 1)] as usize);
+        let own = self.order[from..to].par_iter().with_min_len(SINES);
+        let corners = |t: u32| self.tets[t as usize].map(|n| atoms[n as usize]);
+        own.filter(|&&t| min_sine(&corners(t)) < sine).count()
+    }
+}
+
+impl Done {
+    /// Gives the nodes that came their numbers, and tells the next.
+    fn number(&mut self, next: &mut u32) {
+        let came = self.part.ids.len() - self.came;
+        for id in &mut self.part.ids[came..] {
+            *id = *next;
+            *next += 1;
+        }
+    }
+}
+
+/// Gives all nodes that came their numbers, in the order of parts, from `first` on; tells where they end.
+fn number_all(done: &mut [Done], first: u32, group: &dyn Group) -> Result<u32> {
+    let came: u32 = done.iter().map(|part| part.came as u32).sum();
+    let came: Vec<u32> = group.all("nodes that came", &came)?;
+    let mut next = first + came[..group.rank()].iter().sum::<u32>();
+    done.iter_mut().for_each(|part| part.number(&mut next));
+    Ok(first + came.iter().sum::<u32>())
+}
+
+/// Improves a part as a mesh of its own: the nodes where it was cut out stay, and so do the faces there.
+fn improve_part(part: Part, aim: Aim<'_>, patience: &Patience<'_>) -> Result<Done> {
+    let Part {
+        ids,
+        nodes,
+        kinds,
+        holds,
+        tets,
+        neighbors,
+    } = part;
+    let mut stays = vec![false; nodes.len()];
+    for (tet, around) in tets.iter().zip(&neighbors) {
+        for k in (0..4).filter(|&k| around[k] == NONE) {
+            let face = FACES[k].map(|i| tet[i] as usize);
+            if !aim.in_side(face.map(|n| nodes[n])) {
+                face.iter().for_each(|&n| stays[n] = true);
+            }
+        }
+    }
+    let mut improver = Improver::new(
+        TetMesh { nodes, tets },
+        neighbors,
+        &kinds,
+        aim.extent,
+        aim.sheets,
+        aim.distance,
+        aim.sine(),
+        patience,
+    );
+    improver.alone = true;
+    let mut sides = Vec::new();
+    for (n, (held, stays)) in holds.iter().zip(stays).enumerate() {
+        let hold = &mut improver.holds[n];
+        if let Some(held) = held {
+            *hold = *held;
+        }
+        if stays {
+            sides.push((n, hold.axes));
+            hold.axes = 7;
+        }
+    }
+    let Improved { counts, .. } = improver.improve(patience)?;
+    for (n, axes) in sides {
+        improver.holds[n].axes = axes;
+    }
+    let blocked = improver.blocked();
+    let finished = improver.finish(&kinds);
+    let before = finished.kept.partition_point(|&n| (n as usize) < ids.len());
+    let mut gone = Vec::with_capacity(ids.len() - before);
+    let mut left = finished.kept[..before].iter().peekable();
+    for (n, &id) in ids.iter().enumerate() {
+        if left.next_if(|&&kept| kept as usize == n).is_none() {
+            gone.push(id);
+        }
+    }
+    let came = finished.kept.len() - before;
+    let kept = finished.kept[..before].iter().map(|&n| ids[n as usize]);
+    Ok(Done {
+        came,
+        gone,
+        feature_faces: finished.feature_faces,
+        counts,
+        blocked,
+        part: Part {
+            ids: kept.chain((0..came).map(|_| NONE)).collect(),
+            nodes: finished.mesh.nodes,
+            kinds: finished.kinds,
+            holds: finished.holds.into_iter().map(Some).collect(),
+            tets: finished.mesh.tets,
+            neighbors: finished.neighbors,
+        },
+    })
+}
+
+/// Neighbours in which faces that are not in a side of the box lead to another piece.
+fn beyond_cuts(part: &Part, aim: Aim<'_>) -> Vec<[u32; 4]> {
+    let tets = part.tets.iter().zip(&part.neighbors);
+    tets.map(|(tet, around)| {
+        std::array::from_fn(|k| match around[k] {
+            NONE if !aim.in_side(FACES[k].map(|i| part.nodes[tet[i] as usize])) => BEYOND,
+            n => n,
+        })
+    })
+    .collect()
+}

@@ -1,0 +1,163 @@
+//! A part of a mesh as a mesh of its own, and parts put together.
+
+use super::super::Hold;
+use crate::files::kept::fields;
+use crate::lattice::AtomKind;
+use crate::mesh::FACES;
+use crate::mesh::complex::NONE;
+
+/// Some tetrahedra of a mesh, and what is known of their nodes. Nodes have numbers of their own here, in the order
+/// of those that they have in the whole.
+#[derive(Debug, Clone, Default)]
+pub struct Part {
+    /// The whole's number of each node, rising.
+    pub ids: Vec<u32>,
+    pub nodes: Vec<[f64; 3]>,
+    pub kinds: Vec<AtomKind>,
+    /// What holds a node that was in a part that has been improved.
+    pub holds: Vec<Option<Hold>>,
+    pub tets: Vec<[u32; 4]>,
+    /// `NONE` where the part ends.
+    pub neighbors: Vec<[u32; 4]>,
+}
+
+fields! {
+    Part as Part { ids, nodes, kinds, holds, tets, neighbors }
+}
+
+/// What is known of a node by its number in the whole.
+pub type Known<'a> = &'a (dyn Fn(u32) -> ([f64; 3], AtomKind, Option<Hold>) + Sync);
+
+impl Part {
+    /// Some of the tetrahedra of a mesh, or of some of it; `here` tells the number that a tetrahedron has among them,
+    /// or `NONE`.
+    pub fn of(
+        tets: &[[u32; 4]],
+        neighbors: &[[u32; 4]],
+        chosen: &[u32],
+        here: impl Fn(u32) -> u32,
+        known: Known<'_>,
+    ) -> Self {
+        let mut ids: Vec<u32> = Vec::new();
+        // Each node once, in rising order, without sorting all corners.
+        let most = chosen.iter().flat_map(|&t| tets[t as usize]).max();
+        let mut number = vec![NONE; most.map_or(0, |most| most as usize + 1)];
+        for &t in chosen {
+            for n in tets[t as usize] {
+                if std::mem::replace(&mut number[n as usize], 0) == NONE {
+                    ids.push(n);
+                }
+            }
+        }
+        ids.sort_unstable();
+        for (i, &n) in ids.iter().enumerate() {
+            number[n as usize] = i as u32;
+        }
+        let mut part = Self {
+            tets: (chosen.iter())
+                .map(|&t| tets[t as usize].map(|n| number[n as usize]))
+                .collect(),
+            neighbors: (chosen.iter())
+                .map(|&t| neighbors[t as usize].map(|n| if n == NONE { NONE } else { here(n) }))
+                .collect(),
+            ..Self::default()
+        };
+        for &n in &ids {
+            let (x, kind, hold) = known(n);
+            part.nodes.push(x);
+            part.kinds.push(kind);
+            part.holds.push(hold);
+        }
+        part.ids = ids;
+        part
+    }
+
+    /// Those of its tetrahedra that are wanted.
+    pub fn pick(&self, wanted: impl Fn(u32) -> bool) -> Self {
+        let mut here = vec![NONE; self.tets.len()];
+        let mut chosen = Vec::new();
+        for t in (0..self.tets.len() as u32).filter(|&t| wanted(t)) {
+            here[t as usize] = chosen.len() as u32;
+            chosen.push(t);
+        }
+        let known = |n: u32| {
+            let n = n as usize;
+            (self.nodes[n], self.kinds[n], self.holds[n])
+        };
+        let mut part = Self::of(
+            &self.tets,
+            &self.neighbors,
+            &chosen,
+            |t| here[t as usize],
+            &known,
+        );
+        for id in &mut part.ids {
+            *id = self.ids[*id as usize];
+        }
+        part
+    }
+
+    /// Parts that have no tetrahedron in common, one after the other, joined where they meet.
+    pub fn together(parts: Vec<Self>) -> Self {
+        if parts.len() == 1 {
+            return parts.into_iter().next().unwrap_or_default();
+        }
+        // Each node once: what is known of its hold is known to whichever part improved it.
+        let nodes = parts.iter().enumerate().flat_map(|(i, part)| {
+            let all = part.ids.iter().zip(&part.holds).enumerate();
+            all.map(move |(n, (&id, hold))| (id, hold.is_none(), i as u32, n as u32))
+        });
+        let mut nodes: Vec<(u32, bool, u32, u32)> = nodes.collect();
+        nodes.sort_unstable();
+        let mut number: Vec<Vec<u32>> = parts.iter().map(|part| vec![0; part.ids.len()]).collect();
+        let mut all = Self::default();
+        for (id, _, i, n) in nodes {
+            let (part, place) = (&parts[i as usize], n as usize);
+            if all.ids.last() != Some(&id) {
+                all.ids.push(id);
+                all.nodes.push(part.nodes[place]);
+                all.kinds.push(part.kinds[place]);
+                all.holds.push(part.holds[place]);
+            }
+            number[i as usize][place] = all.ids.len() as u32 - 1;
+        }
+        for (part, number) in parts.iter().zip(&number) {
+            let first = all.tets.len() as u32;
+            let tets = part.tets.iter();
+            all.tets
+                .extend(tets.map(|tet| tet.map(|n| number[n as usize])));
+            let around = part.neighbors.iter();
+            all.neighbors.extend(
+                around.map(|around| around.map(|n| if n == NONE { NONE } else { first + n })),
+            );
+        }
+        all.join_faces();
+        all
+    }
+
+    /// Tetrahedra with a face in common beyond which neither has another become neighbours.
+    fn join_faces(&mut self) {
+        let mut open: Vec<([u32; 3], u32, u8)> = Vec::new();
+        for (t, (tet, around)) in self.tets.iter().zip(&self.neighbors).enumerate() {
+            for k in (0..4).filter(|&k| around[k] == NONE) {
+                let mut face = FACES[k].map(|i| tet[i]);
+                face.sort_unstable();
+                open.push((face, t as u32, k as u8));
+            }
+        }
+        open.sort_unstable();
+        for two in open.windows(2) {
+            let [(face, t, k), (other, u, l)] = [two[0], two[1]];
+            if face == other {
+                self.neighbors[t as usize][usize::from(k)] = u;
+                self.neighbors[u as usize][usize::from(l)] = t;
+            }
+        }
+    }
+
+    /// The middle of a tetrahedron along an axis, four times as much.
+    pub fn middle(&self, t: u32, axis: usize) -> f64 {
+        let corners = self.tets[t as usize].iter();
+        corners.map(|&n| self.nodes[n as usize][axis]).sum()
+    }
+}

@@ -116,6 +116,8 @@ struct Improver<'a> {
     stray: f64,
     /// The mesh is this process's: other ranks are at work on others.
     alone: bool,
+    /// What is looked at is between two places along an axis.
+    between: Option<(usize, [f64; 2])>,
     counts: Counts,
     /// Edges that recovery left piercing a feature, and nodes near features that have moved or come
     /// since.
@@ -194,6 +196,7 @@ impl<'a> Improver<'a> {
             enough: 1.0,
             stray: 0.0,
             alone: false,
+            between: None,
             counts: Counts::default(),
             unrecovered: Vec::new(),
             stirred: Vec::new(),
@@ -378,6 +381,15 @@ impl<'a> Improver<'a> {
         }
     }
 
+    /// Whether nodes are where this looks.
+    #[inline]
+    fn looks_at(&self, nodes: &[u32]) -> bool {
+        self.between.is_none_or(|(axis, [from, to])| {
+            let mut along = nodes.iter().map(|&n| self.complex.nodes[n as usize][axis]);
+            along.all(|x| from <= x && x <= to)
+        })
+    }
+
     /// Slots of the tetrahedra below target.
     fn poor(&self) -> Vec<u32> {
         let tasks = self.sines.par_chunks(SINES).enumerate();
@@ -389,7 +401,11 @@ impl<'a> Improver<'a> {
                 if sines.iter().fold(false, any) {
                     let first = (task * SINES + block * BLOCK) as u32;
                     let slots = first..first + sines.len() as u32;
-                    poor.extend(slots.filter(|&t| self.sine_of(t) < self.target));
+                    let poor_here = |t: &u32| {
+                        self.sine_of(*t) < self.target
+                            && self.looks_at(&self.complex.tets[*t as usize])
+                    };
+                    poor.extend(slots.filter(poor_here));
                 }
             }
             poor

@@ -149,7 +149,9 @@ impl<'a> Improver<'a> {
     }
 
     pub(super) fn is_poor(&self, t: u32) -> bool {
-        self.complex.alive(t) && self.sine_of(t) < self.target
+        self.complex.alive(t)
+            && self.sine_of(t) < self.target
+            && self.looks_at(&self.complex.tets[t as usize])
     }
 
     /// The cube that the middle of a tetrahedron is in, where the largest have this edge.
@@ -257,7 +259,7 @@ impl<'a> Patch<'a> {
         part.queue.clear();
         part.stirred.clear();
         part.counts = Counts::default();
-        (part.enough, part.stray) = (whole.enough, whole.stray);
+        (part.enough, part.stray, part.between) = (whole.enough, whole.stray, whole.between);
 
         let (mut beyond, mut failed) = (Vec::new(), Vec::new());
         for t in 0..tets.len() as u32 {

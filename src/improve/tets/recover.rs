@@ -47,10 +47,10 @@ impl Improver<'_> {
                         continue;
                     }
                     for [i, j] in EDGES {
-                        if !near[i] && !near[j] {
+                        let edge = (tet[i].min(tet[j]), tet[i].max(tet[j]));
+                        if !near[i] && !near[j] || !self.looks_at(&[edge.0, edge.1]) {
                             continue;
                         }
-                        let edge = (tet[i].min(tet[j]), tet[i].max(tet[j]));
                         let place = edge.0.wrapping_mul(31).wrapping_add(edge.1) as usize % SEEN;
                         if seen[place] != edge {
                             seen[place] = edge;

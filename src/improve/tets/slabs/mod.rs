@@ -30,8 +30,10 @@ use crate::observer::Patience;
 use crate::ranks::Group;
 use part::Part;
 
-/// A band reaches so far to either side of its cut, over the largest d: what is mended moves nodes 3 d away.
+/// A band reaches so far to either side of its cut, over the largest d ...
 const HALF: f64 = 6.0;
+/// ... and is improved so far from it: what is mended may change what is some 3 d away.
+const CORE: f64 = 3.0;
 /// Slabs are at least so thick, over the same ...
 const THICK: f64 = 32.0;
 /// ... and have at least so many atoms.
@@ -229,7 +231,12 @@ pub fn improve_in_slabs(
     // Bands: numbers for the nodes that came, and what is beyond the cut to the next slab, which may be another's.
     let own_bands = own.start..own.end.min(bands);
     let mut done: Vec<Done> = (own_bands.into_par_iter().with_max_len(1))
-        .map(|band| improve_part(raw.part(2 * band + 1, &known), aim, patience))
+        .map(|band| {
+            let core = CORE / HALF * cuts.half;
+            let between = [cuts.at[band] - core, cuts.at[band] + core];
+            let part = raw.part(2 * band + 1, &known);
+            improve_part(part, Some((cuts.axis, between)), aim, patience)
+        })
         .collect::<Result<Vec<Done>>>()?;
     let mut end = number_all(&mut done, atoms.len() as u32, group)?;
     let (mut counts, mut gone) = (Counts::default(), Vec::new());
@@ -256,7 +263,7 @@ pub fn improve_in_slabs(
     let mut done: Vec<Done> = (own.clone().into_par_iter().zip(parts).with_max_len(1))
         .map(|(slab, mut parts)| {
             parts.push(raw.part(2 * slab, &known));
-            improve_part(Part::together(parts), aim, patience)
+            improve_part(Part::together(parts), None, aim, patience)
         })
         .collect::<Result<Vec<Done>>>()?;
     drop(raw);
@@ -397,8 +404,14 @@ fn number_all(done: &mut [Done], first: u32, group: &dyn Group) -> Result<u32> {
     Ok(first + came.iter().sum::<u32>())
 }
 
-/// Improves a part as a mesh of its own: the nodes where it was cut out stay, and so do the faces there.
-fn improve_part(part: Part, aim: Aim<'_>, patience: &Patience<'_>) -> Result<Done> {
+/// Improves a part, or what is between two places along an axis, as a mesh of its own: the nodes where it was cut out
+/// stay, and so do the faces there.
+fn improve_part(
+    part: Part,
+    between: Option<(usize, [f64; 2])>,
+    aim: Aim<'_>,
+    patience: &Patience<'_>,
+) -> Result<Done> {
     let Part {
         ids,
         nodes,
@@ -426,7 +439,7 @@ fn improve_part(part: Part, aim: Aim<'_>, patience: &Patience<'_>) -> Result<Don
         aim.sine(),
         patience,
     );
-    improver.alone = true;
+    (improver.alone, improver.between) = (true, between);
     let mut sides = Vec::new();
     for (n, (held, stays)) in holds.iter().zip(stays).enumerate() {
         let hold = &mut improver.holds[n];

@@ -2,6 +2,7 @@
 
 use super::Stages;
 use super::checkpoint::Kept;
+use super::pieces::{self, InPieces};
 use crate::error::cause;
 use crate::feature::{FeaturePoint, Features};
 use crate::geometry::in_space;
@@ -46,6 +47,20 @@ pub trait Meshing<const D: usize> {
         improvement: Option<&Target>,
         stages: &mut Stages<'_>,
     ) -> Result<Joined<Self::Mesh>>;
+
+    /// The mesh of atoms in pieces, each made and measured by one of the ranks; none if it is not large enough. The
+    /// atoms are left as they were, or put onto features.
+    ///
+    /// # Errors
+    /// As [`join`](Self::join), and those of other ranks.
+    fn in_pieces(
+        _: &mut Atoms<D>,
+        _: &Scene<'_, D>,
+        _: Option<&Target>,
+        _: &mut Stages<'_>,
+    ) -> Result<Option<InPieces<Self::Mesh>>> {
+        Ok(None)
+    }
 
     /// The same for a part of a mesh whose atoms have come, gone and moved. The rest of the mesh stays,
     /// and so do the part's outer faces.
@@ -153,7 +168,7 @@ fn planes<const D: usize>(
 }
 
 /// Puts the atoms that are next to a feature onto it; gives the features as local planes.
-fn put_onto_sheets<const D: usize>(
+pub(super) fn put_onto_sheets<const D: usize>(
     positions: &mut [[f64; D]],
     kinds: &[AtomKind],
     scene: &Scene<'_, D>,
@@ -211,6 +226,15 @@ pub(super) fn neighbors_of<const D: usize, M: Simplices<D>>(mesh: &M) -> Result<
 
 impl Meshing<3> for Space<3> {
     type Mesh = TetMesh;
+
+    fn in_pieces(
+        atoms: &mut Atoms<3>,
+        scene: &Scene<'_, 3>,
+        target: Option<&Target>,
+        stages: &mut Stages<'_>,
+    ) -> Result<Option<InPieces<TetMesh>>> {
+        pieces::made(atoms, scene, target, stages)
+    }
 
     fn join(
         mut atoms: Atoms<3>,

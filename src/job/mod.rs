@@ -11,6 +11,7 @@
 //! - `optimise`: how the lattice moves
 //! - `canny`: Canny's points as atoms
 //! - `simplices`: atoms at rest become tetrahedra or triangles
+//! - `pieces`: large ones made by ranks that each hold a part
 //! - `join`: how atoms become simplices, which differs in the plane and in space
 //! - `cells`: how they become Voronoi cells
 //! - `even`: cells more alike
@@ -33,6 +34,7 @@ mod join;
 mod measure;
 mod optimise;
 mod params;
+mod pieces;
 mod place;
 mod regions;
 mod run;
@@ -48,6 +50,7 @@ pub use join::{Joined, Marked, Meshing, Scene, Space};
 pub use measure::{BOX_TOLERANCE, scaled};
 pub(crate) use optimise::moving;
 pub use params::{CellKind, Evaluator, FixedAtom, Metric, Params, Spacing, Weight, WellPath};
-pub use run::{Made, Outcome, Provenance, run, run_from};
+pub use pieces::Share;
+pub use run::{Made, Outcome, Provenance, Way, run, run_from};
 pub use settings::Settings;
 pub use stages::Stages;

@@ -4,8 +4,8 @@ use super::frame::{Frame, lattice_extent};
 use super::optimise::optimisation;
 use super::place::{self, Placed, Placing};
 use super::{
-    CellKind, Checkpoint, Marked, Meshing, Params, Scene, Space, Spacing, Stages, cells, estimate,
-    simplices,
+    CellKind, Checkpoint, Marked, Meshing, Params, Scene, Share, Space, Spacing, Stages, cells,
+    estimate, simplices,
 };
 use crate::error::cause;
 use crate::feature::{self, Features, labelled};
@@ -32,6 +32,8 @@ where
     pub step: [f64; D],
     /// From samples to the world.
     pub geometry: Geometry<D>,
+    /// What of the mesh this rank has; none if it has all.
+    pub share: Option<Share>,
     /// What the mesh follows.
     pub features: Features<D>,
     /// Nominal distance between atoms.
@@ -128,24 +130,33 @@ pub fn run<const D: usize>(
 where
     Space<D>: Meshing<D>,
 {
-    run_from(Source::Held(image), params, None, observer)
+    run_from(Source::Held(image), params, Way::default(), observer)
 }
 
-/// The same of an image that need not be in memory; what its stages give is kept in a folder, and what is
-/// there of the same job is taken up.
+/// How a job goes, which makes no difference to the mesh.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Way<'a> {
+    /// What stages give is kept there, and what is there of the same job is taken up.
+    pub checkpoint: Option<&'a Checkpoint>,
+    /// Each rank may have a part of the mesh only, if it is large ([`Outcome::share`]).
+    pub in_pieces: bool,
+}
+
+/// The same of an image that need not be in memory.
 ///
 /// # Errors
 /// As [`run`], and [`Error::Io`](crate::Error::Io) if something cannot be kept or read.
 pub fn run_from<const D: usize>(
     source: Source<'_, D>,
     params: &Params<D>,
-    checkpoint: Option<&Checkpoint>,
+    way: Way<'_>,
     observer: &mut dyn Observer,
 ) -> Result<Outcome<D>>
 where
     Space<D>: Meshing<D>,
 {
-    let checkpoint = checkpoint.map(|kept| kept.of(source, params)).transpose()?;
+    let checkpoint = way.checkpoint.map(|kept| kept.of(source, params));
+    let checkpoint = checkpoint.transpose()?;
     let merged = match params.labels.is_empty() {
         true => None,
         false => labelled::merged(&*source.whole()?, &params.labels)?,
@@ -186,7 +197,7 @@ where
             feature::detect_while(source, &options, patience)
         })
     })?;
-    let (made, mut report, distance, optimised) = match params.cells {
+    let (made, mut report, share, distance, optimised) = match params.cells {
         CellKind::Simplices => {
             let Placed {
                 atoms,
@@ -199,13 +210,15 @@ where
                 features: &features,
                 distance: &distance,
             };
-            let (made, report) = simplices::made(atoms, &scene, source, params, &mut stages)?;
-            (made, report, distance, optimised)
+            let in_pieces = way.in_pieces && ranks::count() > 1;
+            let (made, report, share) =
+                simplices::made(atoms, &scene, source, params, in_pieces, &mut stages)?;
+            (made, report, share, distance, optimised)
         }
         CellKind::Voronoi => {
             let cells = cells::made(source, params, &features, &frame, &mut stages)?;
             let (made, report, distance, rest) = cells;
-            (made, report, distance, Some(rest))
+            (made, report, None, distance, Some(rest))
         }
     };
     if let (Some(lattice), Some(optimised)) = (&mut report.lattice, &optimised) {
@@ -227,6 +240,7 @@ where
         extent,
         step,
         geometry: geometry.clone(),
+        share,
         features,
         distance,
         optimised,
@@ -323,7 +337,11 @@ mod tests {
                     ..Params::default()
                 };
                 let kept = Checkpoint::new(&folder.path().join("kept")).unwrap();
-                let outcome = run_from(source, &params, Some(&kept), &mut Unobserved).unwrap();
+                let way = Way {
+                    checkpoint: Some(&kept),
+                    ..Way::default()
+                };
+                let outcome = run_from(source, &params, way, &mut Unobserved).unwrap();
                 // What was kept of the one is of the same job.
                 assert!(
                     outcome
@@ -344,7 +362,7 @@ mod tests {
         let features = run_from(
             Source::InLayers(&ByLayers(&mask)),
             &Params::default(),
-            None,
+            Way::default(),
             &mut Unobserved,
         );
         let notes = features.unwrap().report.notes;

@@ -3,8 +3,9 @@
 use super::canny::smoothed;
 use super::join::{Joined, close_holes, neighbors_of};
 use super::measure::Measured;
+use super::pieces::InPieces;
 use super::regions;
-use super::{CellKind, Made, Meshing, Params, Scene, Space, Stages};
+use super::{CellKind, Made, Meshing, Params, Scene, Share, Space, Stages};
 use crate::error::cause;
 use crate::feature::steepness::steepness;
 use crate::feature::volume::Volume;
@@ -30,12 +31,13 @@ pub(super) fn check_smoothing<const D: usize>(params: &Params<D>) -> Result<()> 
 
 /// Joins atoms, improves the mesh, and measures it.
 pub(super) fn made<const D: usize>(
-    atoms: Atoms<D>,
+    mut atoms: Atoms<D>,
     scene: &Scene<'_, D>,
     source: Source<'_, D>,
     params: &Params<D>,
+    in_pieces: bool,
     stages: &mut Stages<'_>,
-) -> Result<(Made<D>, Report)>
+) -> Result<(Made<D>, Report, Option<Share>)>
 where
     Space<D>: Meshing<D>,
 {
@@ -48,6 +50,16 @@ where
         min_dihedral,
         method: params.slivers,
     });
+    if in_pieces
+        && let Some(pieces) = Space::<D>::in_pieces(&mut atoms, scene, options.as_ref(), stages)?
+    {
+        let InPieces {
+            made,
+            share,
+            report,
+        } = pieces;
+        return Ok((Made::Simplices(made), report, Some(share)));
+    }
     let (joined, neighbors) = stages.kept("5-improved", |stages| {
         let joined = Space::<D>::join(atoms, scene, relaxation.as_ref(), options.as_ref(), stages)?;
         sealed(joined, scene, stages)
@@ -122,7 +134,7 @@ where
         improvement,
         ..report
     };
-    Ok((Made::Simplices(made), report))
+    Ok((Made::Simplices(made), report, None))
 }
 
 /// Closes the holes of what was improved; gives the neighbours of cells besides.

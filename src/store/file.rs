@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::cells::cells_to_file;
 use super::labels::labels_field;
-use super::parts::{is_in_parts, part_of, write_part};
+use super::parts::{as_part, is_in_parts, part_of, write_part};
 use super::{write_cells_vtu, write_lines, write_vtu};
 use crate::error::cause;
 use crate::feature::Settled;
@@ -107,7 +107,8 @@ where
     }
 
     /// Writes the mesh with all that is known of it, where the image lies in the world, as a VTU file:
-    /// wholly or not at all. To a `.pvtu` file each rank writes its share of the tetrahedra or triangles.
+    /// wholly or not at all. To a `.pvtu` file each rank writes its share of the tetrahedra or triangles; where ranks
+    /// have but a part each, nothing else can be written.
     ///
     /// # Errors
     /// [`Error::Io`] if it cannot be written, [`Error::Job`] for Voronoi cells in parts.
@@ -128,7 +129,11 @@ where
         match &self.made {
             Made::Simplices(made) if in_parts => {
                 let (part, count) = (ranks::rank(), ranks::count());
-                let file = part_of(to_file(self, made), part, count);
+                let file = to_file(self, made);
+                let file = match &self.share {
+                    Some(share) => as_part(file, &share.nodes),
+                    None => part_of(file, part, count),
+                };
                 write_part(path, &with_values(file, image)?, part, count)
             }
             Made::Simplices(made) => write_vtu(path, &with_values(to_file(self, made), image)?),

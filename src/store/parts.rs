@@ -23,6 +23,13 @@ pub fn is_in_parts(path: &Path) -> bool {
         .is_some_and(|ending| ending.eq_ignore_ascii_case("pvtu"))
 }
 
+/// The same mesh as a part of one in which its nodes have these numbers.
+pub fn as_part<M>(mut file: MeshFile<M>, numbers: &[u32]) -> MeshFile<M> {
+    let numbers: Vec<i64> = numbers.iter().map(|&node| node.into()).collect();
+    file.point_data.push(DataArray::scalars(NODE, numbers));
+    file
+}
+
 /// The cells of one of `count` parts of a mesh, their nodes and all that is known of both.
 pub fn part_of<const D: usize, M: Simplices<D>>(
     mut file: MeshFile<M>,

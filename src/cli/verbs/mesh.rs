@@ -21,7 +21,9 @@ use crate::image::formats::stream::{Opened, Stream};
 use crate::image::formats::{AnyLoaded, Loaded, of_its_axes};
 use crate::image::{Geometry, Image, Source};
 use crate::job::asked::VelocityFrom;
-use crate::job::{Checkpoint, Job, Made, Meshing, Outcome, Params, Provenance, Settings, Space};
+use crate::job::{
+    Checkpoint, Job, Made, Meshing, Outcome, Params, Provenance, Settings, Space, Way,
+};
 use crate::lattice::optimize::Stop;
 use crate::memory::Bytes;
 use crate::mesh::Simplices;
@@ -226,7 +228,13 @@ impl Run<'_> {
         let checkpoint = (job.outputs.checkpoint.as_deref())
             .map(Checkpoint::new)
             .transpose()?;
-        let outcome = crate::job::run_from(image, &params, checkpoint.as_ref(), &mut watcher);
+        let outputs = &job.outputs;
+        let whole = [&outputs.lines, &outputs.page, &outputs.surfaces];
+        let way = Way {
+            checkpoint: checkpoint.as_ref(),
+            in_pieces: is_in_parts(&output) && whole.iter().all(|path| path.is_none()),
+        };
+        let outcome = crate::job::run_from(image, &params, way, &mut watcher);
         let (failed, traced) = (watcher.failed, watcher.traced);
         let mut outcome = match failed.map_or(outcome, Err) {
             Ok(outcome) => outcome,

@@ -9,7 +9,7 @@ use crate::mesh::complex;
 
 /// `n` cells a side of edge `h`, six tetrahedra each (Kuhn); inner nodes moved by `jitter * h`, those
 /// for which `moves` says so.
-fn box_mesh(
+pub(super) fn box_mesh(
     n: [usize; 3],
     h: f64,
     jitter: f64,

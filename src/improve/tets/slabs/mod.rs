@@ -10,6 +10,8 @@
 //! - `part`: a part of a mesh as one of its own
 
 mod part;
+#[cfg(test)]
+mod tests;
 
 use std::ops::Range;
 
@@ -37,7 +39,7 @@ const CORE: f64 = 3.0;
 /// Slabs are at least so thick, over the same ...
 const THICK: f64 = 32.0;
 /// ... and have at least so many atoms.
-const ATOMS: usize = 1 << 14;
+const ATOMS: usize = 20_480;
 
 /// Where a mesh is cut: at planes across the longest axis of the box.
 #[derive(Debug, Clone, PartialEq)]

@@ -67,6 +67,49 @@ pub fn delaunay_with_neighbors(points: &[[f64; 3]]) -> Result<Delaunay> {
     run(points, true)
 }
 
+/// Some of the tetrahedra of [`delaunay_with_neighbors`], in the same order: space is cut across an axis at `cuts`,
+/// and a tetrahedron is of the stretch that its first point, by number, is in. Neighbours that are of other
+/// stretches than these are [`OUTSIDE`]. None if only the whole can tell.
+///
+/// No more than these stretches and a little round them is triangulated.
+///
+/// # Errors
+/// As [`delaunay`].
+#[cfg(feature = "tetgen")]
+pub fn delaunay_of_stretches(
+    points: &[[f64; 3]],
+    axis: usize,
+    cuts: &[f64],
+    stretches: std::ops::Range<usize>,
+) -> Result<Option<(Vec<[u32; 4]>, Vec<[u32; 4]>)>> {
+    check_points(points)?;
+    let Some(program) = worker::for_parts().filter(|_| points.len() >= LARGE) else {
+        return Ok(None);
+    };
+    let run = |part: &[[f64; 3]]| worker::ask(program, part, true);
+    let at_once = rayon::current_num_threads();
+    let limits = [SMALLEST_PART, LARGEST_PART];
+    let some = parts::of_stretches(points, axis, cuts, stretches, at_once, limits, &run)?;
+    Ok(some.map(|mut answer| {
+        parts::order(points.len(), &mut answer);
+        (answer.tets, answer.neighbors)
+    }))
+}
+
+/// The same where there is no TetGen.
+///
+/// # Errors
+/// Always.
+#[cfg(not(feature = "tetgen"))]
+pub fn delaunay_of_stretches(
+    points: &[[f64; 3]],
+    _: usize,
+    _: &[f64],
+    _: std::ops::Range<usize>,
+) -> Result<Option<(Vec<[u32; 4]>, Vec<[u32; 4]>)>> {
+    tetrahedra(points, true).map(|_| None)
+}
+
 fn run(points: &[[f64; 3]], with_neighbors: bool) -> Result<Delaunay> {
     check_points(points)?;
     let answer = tetrahedra(points, with_neighbors)?;

@@ -61,14 +61,75 @@ where
     };
     ranks::share("slabs of points", count, own, &mut |part| parts.push(part))?;
     let parts: Option<Vec<Answer>> = parts.into_iter().collect();
-    Ok(parts.and_then(together))
+    Ok(parts.and_then(|parts| match together(parts) {
+        (all, 0) => Some(all),
+        _ => None,
+    }))
 }
 
-/// The parts' tetrahedra one after the other, with neighbours across.
-fn together(parts: Vec<Answer>) -> Option<Answer> {
+/// The tetrahedra whose first point is in some of the stretches between `cuts` across an axis, as `run` answers for
+/// parts of these, so many of them `at_once`; with neighbours among them, in no order. None if this way does not lead
+/// there, or leaves out a point. Parts have about as many points as `limits` say, or are a stretch.
+///
+/// # Errors
+/// Those of `run`.
+pub fn of_stretches<R>(
+    points: &[[f64; 3]],
+    axis: usize,
+    cuts: &[f64],
+    stretches: Range<usize>,
+    at_once: usize,
+    limits: [usize; 2],
+    run: &R,
+) -> Result<Option<Answer>>
+where
+    R: Fn(&[[f64; 3]]) -> Result<Answer> + Sync,
+{
+    let mut slabs = Slabs {
+        axis,
+        ..Slabs::uncut(points)
+    };
+    // Stretches in parts, so that all are at work.
+    let mut own = 0..0;
+    let [least, most] = limits;
+    let at_once_each = at_once.div_ceil(stretches.len().max(1));
+    for stretch in 0..=cuts.len() {
+        if stretch == stretches.start {
+            own.start = slabs.cuts.len();
+        }
+        if stretches.contains(&stretch) {
+            let from = stretch
+                .checked_sub(1)
+                .map_or(f64::NEG_INFINITY, |i| cuts[i]);
+            let to = cuts.get(stretch).copied().unwrap_or(f64::INFINITY);
+            let along = points.iter().map(|p| p[axis]);
+            let mut along: Vec<f64> = along.filter(|x| from <= *x && *x < to).collect();
+            let count = along.len();
+            let parts = at_once_each.min(count / least).max(count.div_ceil(most));
+            for part in 1..parts {
+                let (_, cut, _) =
+                    along.select_nth_unstable_by(part * count / parts, f64::total_cmp);
+                slabs.cuts.push(*cut);
+            }
+            own.end = slabs.cuts.len() + 1;
+        }
+        slabs.cuts.extend(cuts.get(stretch));
+    }
+    if !slabs.cuts.windows(2).all(|two| two[0] < two[1]) {
+        return Ok(None);
+    }
+    let parts: Result<Option<Vec<Answer>>> =
+        (slabs.parts(own.clone(), at_once, run).into_iter()).collect();
+    let parts = parts?.filter(|parts| parts.len() == own.len());
+    Ok(parts.map(|parts| together(parts).0))
+}
+
+/// The parts' tetrahedra one after the other, with neighbours across; and how many faces have lead to none of them, where
+/// neighbours are outside.
+fn together(parts: Vec<Answer>) -> (Answer, usize) {
     let count = parts.iter().map(|part| part.tets.len()).sum();
     let mut all = Answer {
-        status: parts.first()?.status,
+        status: parts.first().map_or(0, |part| part.status),
         tets: Vec::with_capacity(count),
         neighbors: Vec::with_capacity(count),
     };
@@ -85,7 +146,7 @@ fn together(parts: Vec<Answer>) -> Option<Answer> {
                         let mut face = [1, 2, 3].map(|j| tet[(k + j) % 4]);
                         face.sort_unstable();
                         open.push((face, this, k));
-                        ELSEWHERE
+                        OUTSIDE
                     }
                     OUTSIDE => OUTSIDE,
                     own => first + own,
@@ -93,17 +154,20 @@ fn together(parts: Vec<Answer>) -> Option<Answer> {
         }
     }
     open.sort_unstable();
-    let (pairs, []) = open.as_chunks::<2>() else {
-        return None;
-    };
-    for [(face, a, k), (other, b, l)] in pairs {
-        if face != other {
-            return None;
+    let mut alone = 0;
+    let mut rest = &open[..];
+    while let [(face, a, k), after @ ..] = rest {
+        rest = after;
+        match after {
+            [(other, b, l), after @ ..] if face == other => {
+                all.neighbors[*a as usize][*k] = *b;
+                all.neighbors[*b as usize][*l] = *a;
+                rest = after;
+            }
+            _ => alone += 1,
         }
-        all.neighbors[*a as usize][*k] = *b;
-        all.neighbors[*b as usize][*l] = *a;
     }
-    Some(all)
+    (all, alone)
 }
 
 /// Space, cut across its longest axis so that each slab has as many points.
@@ -119,8 +183,8 @@ struct Slabs<'a> {
 }
 
 impl<'a> Slabs<'a> {
-    /// None if the points cannot be cut so often.
-    fn new(points: &'a [[f64; 3]], count: usize) -> Option<Self> {
+    /// One.
+    fn uncut(points: &'a [[f64; 3]]) -> Self {
         let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
         for p in points {
             for k in 0..3 {
@@ -129,7 +193,20 @@ impl<'a> Slabs<'a> {
             }
         }
         let size = sub(high, low);
-        let axis = (0..3).max_by(|&k, &l| size[k].total_cmp(&size[l]))?;
+        Self {
+            points,
+            low,
+            high,
+            axis: (0..3).fold(0, |best, k| if size[k] >= size[best] { k } else { best }),
+            cuts: Vec::new(),
+            distance: (2f64.sqrt() * size.iter().product::<f64>() / points.len() as f64).cbrt(),
+        }
+    }
+
+    /// None if the points cannot be cut so often.
+    fn new(points: &'a [[f64; 3]], count: usize) -> Option<Self> {
+        let uncut = Self::uncut(points);
+        let axis = uncut.axis;
         let mut along: Vec<f64> = points.iter().map(|p| p[axis]).collect();
         let cuts: Vec<f64> = (1..count)
             .map(|i| {
@@ -139,16 +216,8 @@ impl<'a> Slabs<'a> {
             })
             .collect();
         let apart = cuts.windows(2).all(|two| two[0] < two[1])
-            && cuts.first().is_none_or(|&cut| low[axis] < cut);
-        let distance = (2f64.sqrt() * size.iter().product::<f64>() / points.len() as f64).cbrt();
-        apart.then_some(Self {
-            points,
-            low,
-            high,
-            axis,
-            cuts,
-            distance,
-        })
+            && cuts.first().is_none_or(|&cut| uncut.low[axis] < cut);
+        apart.then_some(Self { cuts, ..uncut })
     }
 
     /// Those of some slabs, in their order, so many of them at once; fewer where one leads nowhere.
@@ -228,10 +297,12 @@ impl<'a> Slabs<'a> {
             from <= x && x < to
         };
         let mut number = vec![ELSEWHERE; answer.tets.len()];
+        let mut used = vec![false; members.len()];
         let mut count = 0;
         for ((tet, neighbors), number) in answer.tets.iter().zip(&answer.neighbors).zip(&mut number)
         {
             let own = tet.map(owns);
+            tet.iter().for_each(|&local| used[local as usize] = true);
             if !own.contains(&true) {
                 continue;
             }
@@ -249,6 +320,10 @@ impl<'a> Slabs<'a> {
                 *number = count;
                 count += 1;
             }
+        }
+        // A point that coincides with another is left out.
+        if (0..members.len()).any(|i| !used[i] && owns(i as u32)) {
+            return None;
         }
         let mine = |t: &usize| number[*t] != ELSEWHERE;
         let neighbor = |n: u32| match n {
@@ -416,6 +491,45 @@ mod tests {
                 );
             }
         }
+    }
+
+    #[test]
+    fn stretches_have_the_tetrahedra_of_the_whole_in_its_order() {
+        let run = |points: &[[f64; 3]]| Ok(ffi::run(points, true));
+        let points = lattice([34, 14, 12], 0.9, |x| x);
+        let single = whole(&points);
+        let cuts = [9.0, 17.3, 25.0];
+        let stretch =
+            |tet: &[u32; 4]| cuts.partition_point(|cut| *cut <= points[tet[0] as usize][0]);
+        for own in [0..1, 1..3, 2..4, 0..4, 2..2] {
+            let limits = [500, 1500];
+            let mut some = of_stretches(&points, 0, &cuts, own.clone(), 3, limits, &run)
+                .unwrap()
+                .unwrap();
+            order(points.len(), &mut some);
+            let chosen: Vec<usize> = (0..single.tets.len())
+                .filter(|&t| own.contains(&stretch(&single.tets[t])))
+                .collect();
+            assert!(
+                some.tets.iter().eq(chosen.iter().map(|&t| &single.tets[t])),
+                "{own:?}"
+            );
+            for (around, &t) in some.neighbors.iter().zip(&chosen) {
+                let wanted = single.neighbors[t].map(|n| match n {
+                    OUTSIDE => OUTSIDE,
+                    n => chosen
+                        .binary_search(&(n as usize))
+                        .map_or(OUTSIDE, |n| n as u32),
+                });
+                assert_eq!(*around, wanted, "{own:?}");
+            }
+        }
+        // Two points at one place: only the whole says so.
+        let mut twice = points.clone();
+        twice.push(points[1000]);
+        let at = points[1000][0];
+        let some = of_stretches(&twice, 0, &[at - 4.0, at + 4.0], 1..2, 1, [500, 9999], &run);
+        assert!(some.unwrap().is_none());
     }
 
     #[test]

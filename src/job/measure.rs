@@ -9,8 +9,11 @@ use super::join::Scene;
 use crate::feature::Features;
 use crate::files::kept::fields;
 use crate::mesh::Simplices;
-use crate::mesh::check::{Check, Known, check_while};
+use crate::mesh::check::{Check, Known, check_pieces, check_while};
+use crate::mesh::part::Part;
+use crate::mesh::piece::Piece;
 use crate::observer::Patience;
+use crate::ranks::Group;
 use crate::report::{self, Fidelity, Judged, Lattice, Quality, Reference};
 use crate::{Result, ranks};
 
@@ -132,9 +135,68 @@ impl<const D: usize, M: Simplices<D>> Measured<'_, D, M> {
             return Ok(None);
         }
         let reference = Reference::from_features(features);
-        let in_samples = scaled(self.mesh, features.potential.step.map(|s| 1.0 / s));
+        let in_samples = in_samples(self.mesh, features);
         report::fidelity_while(&*in_samples, &reference, self.claimed, patience).map(Some)
     }
+}
+
+/// The figures of a mesh that is in pieces, as [`Measured::figures`] has those of a whole one, on every member of the
+/// group; `judged.cells` are those of this piece. Of the piece, `claimed` and `feature_faces` have a byte for each
+/// tetrahedron.
+///
+/// # Errors
+/// Those of [`report::fidelity`] and of the group.
+pub(super) fn figures_of_pieces(
+    piece: &Piece,
+    claimed: Option<&[u8]>,
+    feature_faces: &[u8],
+    scene: &Scene<'_, 3>,
+    group: &dyn Group,
+    patience: &Patience<'_>,
+) -> Result<Figures> {
+    let claims = report::Claims::new(&piece.mesh, claimed)?;
+    let part = Part::of(piece, group);
+    let d = |x: [f64; 3]| scene.distance.at(x);
+    let at_node = |n: u32| d(piece.mesh.nodes[n as usize]);
+    let judged = report::judged_of_part(&part, feature_faces, scene.extent, at_node)?;
+    let lattice = report::lattice_of_part(&part, d)?;
+    let quality = measured_by_all(group, patience, || report::quality_of_part(&part, patience))?;
+    let filling = measured_by_all(group, patience, || {
+        let (low, high) = ([0.0; 3], scene.extent);
+        check_pieces(piece, group, low, high, BOX_TOLERANCE, patience)
+    })?;
+    let features = scene.features;
+    let fidelity = match features.points.is_empty() {
+        true => None,
+        false => measured_by_all(group, patience, || {
+            let reference = Reference::from_features(features);
+            let in_samples = in_samples(&piece.mesh, features);
+            let part = part.with_mesh(&*in_samples);
+            report::fidelity_of_part(&part, &reference, claims, patience)
+        })?,
+    };
+    Ok(Figures {
+        judged: Some(judged),
+        lattice: Some(lattice),
+        quality,
+        filling,
+        fidelity,
+    })
+}
+
+/// What `measure` gives, if all of the group have patience from before it until after: it asks the others, who must
+/// not be left alone.
+fn measured_by_all<T>(
+    group: &dyn Group,
+    patience: &Patience<'_>,
+    measure: impl FnOnce() -> Result<T>,
+) -> Result<Option<T>> {
+    let over = || -> Result<bool> { Ok(group.all("patience", &patience.over())?.contains(&true)) };
+    if over()? {
+        return Ok(None);
+    }
+    let figures = measure()?;
+    Ok((!over()?).then_some(figures))
 }
 
 /// What `measure` gives, if `patience` lasts from before it until after.
@@ -146,6 +208,14 @@ pub(super) fn measured<T>(patience: &Patience<'_>, measure: impl FnOnce() -> T) 
     (!patience.over()).then_some(figures)
 }
 
+/// A mesh in samples of what it follows.
+fn in_samples<'a, const D: usize, M: Simplices<D>>(
+    mesh: &'a M,
+    features: &Features<D>,
+) -> Cow<'a, M> {
+    scaled(mesh, features.potential.step.map(|s| 1.0 / s))
+}
+
 /// A mesh with each axis scaled.
 pub fn scaled<const D: usize, M: Simplices<D>>(mesh: &M, scale: [f64; D]) -> Cow<'_, M> {
     if scale == [1.0; D] {
@@ -154,3 +224,7 @@ pub fn scaled<const D: usize, M: Simplices<D>>(mesh: &M, scale: [f64; D]) -> Cow
     let stretch = |x: &[f64; D]| std::array::from_fn(|k| x[k] * scale[k]);
     Cow::Owned(mesh.with_nodes(mesh.nodes().iter().map(stretch).collect()))
 }
+
+#[cfg(test)]
+#[path = "measure_tests.rs"]
+mod tests;

@@ -204,15 +204,14 @@ struct Wedge {
     faces: [Option<u32>; 2],
 }
 
-/// The acute lines of a mesh that fills the box `[0, extent]`, of its [faces on features](on_features);
-/// `distance` is d at each node.
+/// The acute lines of a mesh that fills the box `[0, extent]`, of its [faces on features](on_features) and their
+/// `nodes`; `distance` is d at each of these.
 pub(super) fn acute_lines<const D: usize, M: Simplices<D>>(
-    mesh: &M,
+    nodes: &[[f64; D]],
     faces: &[[u32; D]],
     extent: [f64; D],
     distance: &impl Fn(u32) -> f64,
 ) -> Vec<AcuteLine> {
-    let nodes = mesh.nodes();
     let mut seen: Vec<Seen> = (0..)
         .zip(faces)
         .flat_map(|(face, nodes)| (0..D).map(move |k| seen_from(nodes, face, k)))
@@ -247,7 +246,7 @@ pub(super) fn acute_lines<const D: usize, M: Simplices<D>>(
     lines
 }
 
-/// The faces on features, each once, its nodes rising. `feature_faces` has a byte for each cell, of which
+/// The faces on features, each with its nodes rising. `feature_faces` has a byte for each cell, of which
 /// bit k stands for face k. Faces in a side of the box are that side.
 pub(super) fn on_features<const D: usize, M: Simplices<D>>(
     mesh: &M,
@@ -268,8 +267,6 @@ pub(super) fn on_features<const D: usize, M: Simplices<D>>(
             }
         }
     }
-    faces.sort_unstable();
-    faces.dedup();
     faces
 }
 

@@ -13,9 +13,11 @@ use serde::Serialize;
 
 use super::acute::{AcuteLine, Piece, acute_lines, on_features, sides};
 use super::quality::{CHUNK, Worst, angle, centroid, largest, smallest};
+use super::surface::Surface;
 use crate::geometry::buckets::Buckets;
 use crate::geometry::{add_scaled, distance2, dot, sub};
 use crate::mesh::Simplices;
+use crate::mesh::part::{Holders, Part};
 
 /// Angles shall be at least this, and at most 180 minus it, in degrees.
 pub const LEAST: f64 = 30.0;
@@ -83,20 +85,41 @@ pub fn judged<const D: usize, M: Simplices<D>>(
     extent: [f64; D],
     distance: impl Fn(u32) -> f64,
 ) -> Judged {
-    let nodes = mesh.nodes();
+    let Ok(found) = judged_of_part(&Part::all(mesh), feature_faces, extent, distance);
+    found
+}
+
+/// The same of a mesh in parts, on all who hold one; the cells are those of the part, the nodes of lines have the
+/// whole's numbers.
+///
+/// # Errors
+/// Those of the other holders.
+pub(crate) fn judged_of_part<const D: usize, M: Simplices<D>, H: Holders + ?Sized>(
+    part: &Part<'_, D, M, H>,
+    feature_faces: &[u8],
+    extent: [f64; D],
+    distance: impl Fn(u32) -> f64,
+) -> Result<Judged, H::Error> {
+    let (mesh, nodes) = (part.mesh, part.mesh.nodes());
     let faces = on_features(mesh, feature_faces, extent);
-    let acute_lines = acute_lines(mesh, &faces, extent, &distance);
+    let faces = faces.into_iter().map(|face| (face, 1)).collect();
+    let of_node = |n: u32| (nodes[n as usize], distance(n));
+    let surface = Surface::told("faces on features", part, faces, of_node)?;
+    let (mut acute_lines, explained) = lines::<D, M>(&surface, extent);
+    for line in &mut acute_lines {
+        (line.nodes.iter_mut()).for_each(|n| *n = surface.numbers[*n as usize]);
+    }
     let mut on_feature = vec![false; nodes.len()];
-    for &node in faces.as_flattened() {
+    for node in surface.numbers.iter().filter_map(|&n| part.here(n)) {
         on_feature[node as usize] = true;
     }
     let held = |n: &u32| on_feature[*n as usize] || sides(nodes, &[*n], extent).next().is_some();
-    let explained = Explained::new(&acute_lines, nodes, &distance);
     let mut cells = vec![OK; mesh.len()];
     let mut unexplained = Vec::new();
     for bad in bad(mesh) {
         let cell = mesh.cell(bad.cell);
-        cells[bad.cell] = match explained.holds(cell, cell.iter().all(held), bad.worse()) {
+        let corners = cell.iter().map(|&n| (part.number(n), nodes[n as usize]));
+        cells[bad.cell] = match explained.holds(corners, cell.iter().all(held), bad.worse()) {
             true => NEAR_ACUTE_LINE,
             false => UNEXPLAINED,
         };
@@ -106,19 +129,47 @@ pub fn judged<const D: usize, M: Simplices<D>>(
     }
     let count = |verdict: u8| cells.iter().filter(|&&cell| cell == verdict).count();
     let worst = (unexplained.iter()).min_by(|a, b| a.worse().total_cmp(&b.worse()));
-    let angles = Angles {
-        ok: count(OK),
-        near_acute_line: count(NEAR_ACUTE_LINE),
-        unexplained: unexplained.len(),
-        worst_unexplained: worst.map(|bad| Worst {
-            cell: bad.cell,
+    let worst = worst.map(|bad| {
+        let worst = Worst {
+            cell: part.first + bad.cell,
             centroid: centroid(mesh, bad.cell),
             smallest: angle(f64::from(bad.small)),
             largest: 180.0 - angle(f64::from(bad.large)),
-        }),
+        };
+        (bad.worse(), worst)
+    });
+    let own = ([OK, NEAR_ACUTE_LINE, UNEXPLAINED].map(count), worst);
+    let all = part.holders.told("verdicts on angles", own)?;
+    let count = |verdict: u8| all.iter().map(|own| own.0[usize::from(verdict)]).sum();
+    let worst = (all.iter().filter_map(|own| own.1.as_ref()))
+        .min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cell.cmp(&b.1.cell)));
+    let angles = Angles {
+        ok: count(OK),
+        near_acute_line: count(NEAR_ACUTE_LINE),
+        unexplained: count(UNEXPLAINED),
+        worst_unexplained: worst.map(|(_, worst)| worst.clone()),
         acute_lines,
     };
-    Judged { angles, cells }
+    Ok(Judged { angles, cells })
+}
+
+/// The acute lines of the faces on features, and what they explain.
+fn lines<const D: usize, M: Simplices<D>>(
+    surface: &Surface<D, ([f64; D], f64)>,
+    extent: [f64; D],
+) -> (Vec<AcuteLine>, Explained<D>) {
+    let nodes: Vec<[f64; D]> = surface.nodes.iter().map(|node| node.0).collect();
+    let distance = |n: u32| surface.nodes[n as usize].1;
+    let lines = acute_lines::<D, M>(&nodes, &surface.faces, extent, &distance);
+    let pieces = lines.iter().flat_map(|line| line.pieces(&nodes, &distance));
+    let stretch = |piece: Piece| Stretch {
+        nodes: piece.nodes.map(|n| surface.numbers[n as usize]),
+        ends: piece.nodes.map(|n| nodes[n as usize]),
+        angle: piece.angle,
+        reach: REACH * 0.5 * piece.nodes.map(distance).iter().sum::<f64>(),
+    };
+    let explained = Explained::new(pieces.map(stretch).collect());
+    (lines, explained)
 }
 
 /// The cells with an angle out of range, rising.
@@ -145,66 +196,21 @@ fn bad<const D: usize, M: Simplices<D>>(mesh: &M) -> Vec<Bad> {
     chunks.flat_map_iter(of_chunk).collect()
 }
 
-/// The lines of a mesh, to be asked what they explain.
-struct Explained<'a, const D: usize> {
-    nodes: &'a [[f64; D]],
-    pieces: Vec<Piece>,
-    /// How far from each piece angles are explained.
-    reach: Vec<f64>,
-    middles: Buckets<D>,
-    /// How far from the middle of any piece a place may be that is in its reach.
-    farthest: f64,
+/// A piece of a line.
+struct Stretch<const D: usize> {
+    /// The whole mesh's numbers of its ends, and where these are.
+    nodes: [u32; 2],
+    ends: [[f64; D]; 2],
+    /// The line's angle there, in degrees.
+    angle: f64,
+    /// How far from it angles are explained.
+    reach: f64,
 }
 
-impl<'a, const D: usize> Explained<'a, D> {
-    fn new(lines: &[AcuteLine], nodes: &'a [[f64; D]], distance: &impl Fn(u32) -> f64) -> Self {
-        let pieces = lines.iter().flat_map(|line| line.pieces(nodes, distance));
-        let pieces: Vec<Piece> = pieces.collect();
-        let reach = |piece: &Piece| REACH * 0.5 * piece.nodes.map(distance).iter().sum::<f64>();
-        let reach: Vec<f64> = pieces.iter().map(reach).collect();
-        let ends = |piece: &Piece| piece.nodes.map(|n| nodes[n as usize]);
-        let middle = |piece: &Piece| {
-            let [a, b] = ends(piece);
-            add_scaled(a, 0.5, sub(b, a))
-        };
-        let middles: Vec<[f64; D]> = pieces.iter().map(middle).collect();
-        let farthest = pieces.iter().zip(&reach).map(|(piece, reach)| {
-            let [a, b] = ends(piece);
-            reach + 0.5 * distance2(&a, &b).sqrt()
-        });
-        let farthest = farthest.fold(0.0, f64::max);
-        Self {
-            nodes,
-            middles: Buckets::new(&middles, farthest.max(1e-9)),
-            pieces,
-            reach,
-            farthest,
-        }
-    }
-
-    /// Whether a cell is near a line that explains its angles, the worse of which has this versine;
-    /// `held` says that all its nodes are on features or sides of the box.
-    fn holds(&self, cell: &[u32], held: bool, versine_of_worse: f32) -> bool {
-        if self.pieces.is_empty() {
-            return false;
-        }
-        cell.iter().any(|&n| {
-            let x = self.nodes[n as usize];
-            let mut near = false;
-            self.middles.visit_within(x, self.farthest, |i| {
-                let piece = &self.pieces[i];
-                let within = || held && self.square_from(x, piece) <= self.reach[i].powi(2);
-                near = near
-                    || (f64::from(versine_of_worse) >= versine(SHARE * piece.angle)
-                        && (piece.nodes.contains(&n) || within()));
-            });
-            near
-        })
-    }
-
-    /// The square of the distance of a point from a piece.
-    fn square_from(&self, x: [f64; D], piece: &Piece) -> f64 {
-        let [a, b] = piece.nodes.map(|n| self.nodes[n as usize]);
+impl<const D: usize> Stretch<D> {
+    /// The square of the distance of a point from it.
+    fn square_from(&self, x: [f64; D]) -> f64 {
+        let [a, b] = self.ends;
         let (along, off) = (sub(b, a), sub(x, a));
         let long = dot(along, along);
         let share = if long > 0.0 {
@@ -213,6 +219,58 @@ impl<'a, const D: usize> Explained<'a, D> {
             0.0
         };
         distance2(&x, &add_scaled(a, share.clamp(0.0, 1.0), along))
+    }
+}
+
+/// The lines of a mesh, to be asked what they explain.
+struct Explained<const D: usize> {
+    stretches: Vec<Stretch<D>>,
+    middles: Buckets<D>,
+    /// How far from the middle of any piece a place may be that is in its reach.
+    farthest: f64,
+}
+
+impl<const D: usize> Explained<D> {
+    fn new(stretches: Vec<Stretch<D>>) -> Self {
+        let middle = |stretch: &Stretch<D>| {
+            let [a, b] = stretch.ends;
+            add_scaled(a, 0.5, sub(b, a))
+        };
+        let middles: Vec<[f64; D]> = stretches.iter().map(middle).collect();
+        let farthest = stretches.iter().map(|stretch| {
+            let [a, b] = stretch.ends;
+            stretch.reach + 0.5 * distance2(&a, &b).sqrt()
+        });
+        let farthest = farthest.fold(0.0, f64::max);
+        Self {
+            middles: Buckets::new(&middles, farthest.max(1e-9)),
+            stretches,
+            farthest,
+        }
+    }
+
+    /// Whether a cell is near a line that explains its angles, the worse of which has this versine: the whole's
+    /// number of each of its nodes, and where this is; `held` says that all are on features or sides of the box.
+    fn holds(
+        &self,
+        mut cell: impl Iterator<Item = (u32, [f64; D])>,
+        held: bool,
+        versine_of_worse: f32,
+    ) -> bool {
+        if self.stretches.is_empty() {
+            return false;
+        }
+        cell.any(|(n, x)| {
+            let mut near = false;
+            self.middles.visit_within(x, self.farthest, |i| {
+                let stretch = &self.stretches[i];
+                let within = || held && stretch.square_from(x) <= stretch.reach.powi(2);
+                near = near
+                    || (f64::from(versine_of_worse) >= versine(SHARE * stretch.angle)
+                        && (stretch.nodes.contains(&n) || within()));
+            });
+            near
+        })
     }
 }
 

@@ -6,6 +6,7 @@ use super::Lattice;
 use crate::geometry::{norm, sub};
 use crate::mesh::check::Check;
 use crate::mesh::graph::{Connection, Graph};
+use crate::ranks::Alone;
 
 /// Shares of the mean area below which faces are counted as tiny.
 pub const TINY: [f64; 4] = [1e-6, 1e-4, 1e-3, 1e-2];
@@ -123,5 +124,7 @@ pub fn lattice_of_graph<const D: usize>(
         nearest[a] = nearest[a].min(square);
         nearest[b] = nearest[b].min(square);
     }
-    super::lattice::figures(&nearest, &graph.site, distance)
+    let nearest = (nearest.into_iter()).zip(graph.site.iter().map(|&site| distance(site)));
+    let Ok(found) = super::lattice::figures(nearest, graph.site.len(), &Alone);
+    found
 }

@@ -9,19 +9,24 @@
 use super::pieces::{Piece, sample};
 use super::reach::to_faces;
 use super::reference::Reference;
+use super::surface::{Surface, together};
 use crate::mesh::Simplices;
+use crate::mesh::part::{Holders, Part};
 use crate::mesh::poly::PolyMesh;
 use crate::observer::Patience;
+use crate::ranks::Alone;
 use crate::{Error, Result, error::cause};
 use rayon::prelude::*;
 use serde::Serialize;
+use std::ops::Range;
 
 /// Largest distance of an on-feature face's nodes from the feature, in samples.
 const NODE: f64 = 0.75;
 /// Largest distance of its centroid; also what counts as *on* for precision.
 const CENTROID: f64 = 1.0;
-/// Nodes or faces in one task: neighbours, so that one's nearest feature point is a hint for the next.
-const CHUNK: usize = 4096;
+/// Nodes or faces in one task: neighbours, so that one's nearest feature point is a hint for the next. Unit tests
+/// have few.
+const CHUNK: usize = if cfg!(test) { 64 } else { 4096 };
 
 /// How a set of faces compares with the features. What has no value (no faces, no features) is
 /// NaN or infinite, which JSON shows as null.
@@ -132,24 +137,57 @@ pub(crate) fn fidelity_while<const D: usize, M: Simplices<D>>(
     claimed: Option<&[u8]>,
     patience: &Patience<'_>,
 ) -> Result<Fidelity> {
-    if let Some(flags) = claimed
-        && flags.len() != mesh.len()
-    {
-        return Err(Error::Mesh(cause(
-            "fidelity",
-            format!("{} bytes for {} {}", flags.len(), mesh.len(), M::CELLS),
-            "give one byte per cell",
-        )));
+    let claims = Claims::new(mesh, claimed)?;
+    let Ok(found) = fidelity_of_part(&Part::all(mesh), reference, claims, patience);
+    Ok(found)
+}
+
+/// The faces that a mesh holds to lie on features, if it says so.
+#[derive(Clone, Copy)]
+pub(crate) struct Claims<'a>(Option<&'a [u8]>);
+
+impl<'a> Claims<'a> {
+    /// For each cell a byte, of which bit k stands for face k.
+    ///
+    /// # Errors
+    /// [`Error::Mesh`] if there are not as many.
+    pub fn new<const D: usize, M: Simplices<D>>(
+        mesh: &M,
+        claimed: Option<&'a [u8]>,
+    ) -> Result<Self> {
+        if let Some(flags) = claimed
+            && flags.len() != mesh.len()
+        {
+            return Err(Error::Mesh(cause(
+                "fidelity",
+                format!("{} bytes for {} {}", flags.len(), mesh.len(), M::CELLS),
+                "give one byte per cell",
+            )));
+        }
+        Ok(Self(claimed))
     }
-    let (faces, sets) = faces(mesh, reference, claimed, patience);
-    Ok(judge(
-        mesh.nodes(),
-        &faces,
-        &sets,
-        claimed.is_some(),
+}
+
+/// [`fidelity_while`] of a mesh in parts, on all who hold one; the claims are those of the part.
+///
+/// # Errors
+/// Those of the other holders.
+pub(crate) fn fidelity_of_part<const D: usize, M: Simplices<D>, H: Holders + ?Sized>(
+    part: &Part<'_, D, M, H>,
+    reference: &Reference<'_, D>,
+    claims: Claims<'_>,
+    patience: &Patience<'_>,
+) -> std::result::Result<Fidelity, H::Error> {
+    let faces = faces(part.mesh, reference, claims.0, patience);
+    let at = |n: u32| part.mesh.nodes()[n as usize];
+    let surface = Surface::told("faces near features", part, faces, at)?;
+    judge(
+        &surface,
+        claims.0.is_some(),
         reference,
+        part.holders,
         patience,
-    ))
+    )
 }
 
 /// [`fidelity`] of polyhedra (polygons), by the same rules: their faces are fans of triangles about
@@ -193,7 +231,13 @@ pub(crate) fn fidelity_of_cells_while<const D: usize>(
             sets.push(set);
         }
     }
-    let mut found = judge(&nodes, &triangles, &sets, true, reference, patience);
+    let surface = Surface {
+        numbers: (0..nodes.len() as u32).collect(),
+        nodes,
+        faces: triangles,
+        sets,
+    };
+    let Ok(mut found) = judge(&surface, true, reference, &Alone, patience);
     let count = |set: u8| sets_of_faces.iter().filter(|&&s| s & set != 0).count();
     found.on_feature.faces = count(ON_FEATURE);
     if let Some(found) = &mut found.claimed {
@@ -219,20 +263,26 @@ fn near<const D: usize>(
     near
 }
 
-/// Compares faces, each of which belongs to the sets of its bits, with the features.
-fn judge<const D: usize>(
-    nodes: &[[f64; D]],
-    faces: &[[u32; D]],
-    sets: &[u8],
+/// Compares faces, which all holders know, with the features: each looks for distances from some.
+fn judge<const D: usize, H: Holders + ?Sized>(
+    surface: &Surface<D, [f64; D]>,
     claims: bool,
     reference: &Reference<'_, D>,
+    holders: &H,
     patience: &Patience<'_>,
-) -> Fidelity {
-    let pieces = pieces(nodes, reference, faces, sets, patience);
+) -> std::result::Result<Fidelity, H::Error> {
+    let sets = &surface.sets;
+    let chunks = sets.len().div_ceil(CHUNK);
+    let pieces = holders.shared("pieces of faces", chunks, |own| {
+        pieces(surface, own, reference, patience)
+    })?;
     let wanted = [ON_FEATURE, CLAIMED];
-    let [to_on, to_claimed] = to_faces(nodes, faces, sets, &reference.points, wanted, patience);
-    let corners = of_corners(nodes.len(), faces, sets);
-    let to_corners = distances(nodes, &corners, reference, patience);
+    let [to_on, to_claimed] = to_faces(surface, &reference.points, wanted, holders, patience)?;
+    let corners = of_corners(surface.nodes.len(), &surface.faces, sets);
+    let chunks = chunks_of_nodes(&surface.numbers);
+    let to_corners = holders.shared("distances of nodes", chunks.len(), |own| {
+        distances(&surface.nodes, &corners, &chunks[own], reference, patience)
+    })?;
     let compare = |set: u8, to_faces: Vec<f64>| {
         let count = sets.iter().filter(|&&s| s & set != 0).count();
         let pieces = pieces.iter().filter(|(s, _)| s & set != 0);
@@ -245,12 +295,12 @@ fn judge<const D: usize>(
         let compared = compare(count, pieces.map(|p| p.1).collect(), farthest, to_faces);
         Match { by_gap, ..compared }
     };
-    Fidelity {
+    Ok(Fidelity {
         reference: reference.source.to_string(),
         feature_points: reference.points.len(),
         on_feature: compare(ON_FEATURE, to_on),
         claimed: claims.then(|| compare(CLAIMED, to_claimed)),
-    }
+    })
 }
 
 /// The set of on-feature faces, as a bit.
@@ -258,13 +308,14 @@ const ON_FEATURE: u8 = 1;
 /// The set of claimed faces, as a bit.
 const CLAIMED: u8 = 2;
 
-/// Every face of either set, once, nodes ascending, and the sets that it belongs to.
+/// The faces of either set, nodes ascending, and the sets that each belongs to. One between two cells is there once
+/// or twice; one cell may claim a face that the other does not.
 fn faces<const D: usize>(
     mesh: &impl Simplices<D>,
     reference: &Reference<'_, D>,
     claimed: Option<&[u8]>,
     patience: &Patience<'_>,
-) -> (Vec<[u32; D]>, Vec<u8>) {
+) -> Vec<([u32; D], u8)> {
     let near = near(mesh.nodes(), reference, patience);
     let mut found: Vec<([u32; D], u8)> = (0..mesh.len())
         .into_par_iter()
@@ -283,15 +334,7 @@ fn faces<const D: usize>(
             })
         })
         .collect();
-    found.par_sort_unstable();
-    // One cell may claim a face that the other does not.
-    found.dedup_by(|next, kept| {
-        let same = next.0 == kept.0;
-        if same {
-            kept.1 |= next.1;
-        }
-        same
-    });
+    together(&mut found);
     found
         .into_par_iter()
         .map(|(face, mut sets)| {
@@ -304,7 +347,7 @@ fn faces<const D: usize>(
             (face, sets)
         })
         .filter(|(_, sets)| *sets != 0)
-        .unzip()
+        .collect()
 }
 
 pub(super) fn corners<const D: usize>(nodes: &[[f64; D]], face: [u32; D]) -> [[f64; D]; D] {
@@ -322,23 +365,36 @@ fn of_corners<const D: usize>(nodes: usize, faces: &[[u32; D]], sets: &[u8]) -> 
     found
 }
 
-/// Distances to the features of the nodes that are in any set, 0 for the others.
+/// The places of nodes with these numbers that are in the same chunk of the whole mesh's, however it is cut: what is
+/// nearest may depend on hints where two are alike.
+fn chunks_of_nodes(numbers: &[u32]) -> Vec<Range<usize>> {
+    let mut end = 0;
+    let same = |a: &u32, b: &u32| a / CHUNK as u32 == b / CHUNK as u32;
+    (numbers.chunk_by(same))
+        .map(|chunk| {
+            end += chunk.len();
+            end - chunk.len()..end
+        })
+        .collect()
+}
+
+/// Distances to the features of the nodes of some chunks that are in any set, 0 for the others.
 fn distances<const D: usize>(
     nodes: &[[f64; D]],
     sets: &[u8],
+    chunks: &[Range<usize>],
     reference: &Reference<'_, D>,
     patience: &Patience<'_>,
 ) -> Vec<f64> {
-    nodes
-        .par_chunks(CHUNK)
-        .zip(sets.par_chunks(CHUNK))
+    chunks
+        .par_iter()
         .take_any_while(|_| !patience.over())
-        .flat_map_iter(|(nodes, sets)| {
+        .flat_map_iter(|chunk| {
             let mut hint = None;
             let mut distance = |x: [f64; D]| reference.distance(x, &mut hint);
-            let found: Vec<f64> = nodes
+            let found: Vec<f64> = nodes[chunk.clone()]
                 .iter()
-                .zip(sets)
+                .zip(&sets[chunk.clone()])
                 .map(|(&x, &set)| if set == 0 { 0.0 } else { distance(x) })
                 .collect();
             found
@@ -346,24 +402,25 @@ fn distances<const D: usize>(
         .collect()
 }
 
-/// The small pieces of every face, with the face's sets.
+/// The small pieces of every face of some chunks, with the face's sets.
 fn pieces<const D: usize>(
-    nodes: &[[f64; D]],
+    surface: &Surface<D, [f64; D]>,
+    chunks: Range<usize>,
     reference: &Reference<'_, D>,
-    faces: &[[u32; D]],
-    sets: &[u8],
     patience: &Patience<'_>,
 ) -> Vec<(u8, Piece)> {
-    faces
-        .par_chunks(CHUNK)
-        .zip(sets.par_chunks(CHUNK))
+    let Surface {
+        nodes, faces, sets, ..
+    } = surface;
+    chunks
+        .into_par_iter()
         .take_any_while(|_| !patience.over())
-        .flat_map_iter(|(faces, sets)| {
+        .flat_map_iter(|chunk| {
             let mut found = Vec::new();
             let mut hint = None;
-            for (&face, &set) in faces.iter().zip(sets) {
-                sample(&corners(nodes, face), reference, &mut hint, |piece| {
-                    found.push((set, piece));
+            for f in chunk * CHUNK..faces.len().min((chunk + 1) * CHUNK) {
+                sample(&corners(nodes, faces[f]), reference, &mut hint, |piece| {
+                    found.push((sets[f], piece));
                 });
             }
             found

@@ -1,6 +1,8 @@
 //! How evenly the atoms are spread.
 
+use super::order::at_ranks;
 use crate::mesh::Simplices;
+use crate::mesh::part::{Holders, Part};
 use serde::Serialize;
 
 /// The lattice of atoms from which a mesh was made.
@@ -55,11 +57,23 @@ pub struct TracedLattice {
 
 /// Figures of a lattice from its mesh, in lattice space, with the nominal distance at any
 /// position. Neighbours are nodes joined by an edge, among which a Delaunay mesh has the nearest.
-pub fn lattice<const D: usize>(
-    mesh: &impl Simplices<D>,
+pub fn lattice<const D: usize, M: Simplices<D>>(
+    mesh: &M,
     distance: impl Fn([f64; D]) -> f64,
 ) -> Lattice {
-    let nodes = mesh.nodes();
+    let Ok(found) = lattice_of_part(&Part::all(mesh), distance);
+    found
+}
+
+/// The same of a mesh in parts, on all who hold one.
+///
+/// # Errors
+/// Those of the other holders.
+pub(crate) fn lattice_of_part<const D: usize, M: Simplices<D>, H: Holders + ?Sized>(
+    part: &Part<'_, D, M, H>,
+    distance: impl Fn([f64; D]) -> f64,
+) -> Result<Lattice, H::Error> {
+    let (mesh, nodes) = (part.mesh, part.mesh.nodes());
     let mut nearest = vec![f64::INFINITY; nodes.len()];
     for cell in mesh.connectivity().chunks_exact(D + 1) {
         for (k, &i) in cell.iter().enumerate() {
@@ -71,31 +85,41 @@ pub fn lattice<const D: usize>(
             }
         }
     }
-    figures(&nearest, nodes, distance)
+    // Of a node that parts share one of them says how near its neighbours in all of these are.
+    let of_shared = |n: u32| (nearest[n as usize], distance(nodes[n as usize]));
+    let of_shared = part.said_of_shared("nearest neighbours", of_shared)?;
+    let least = |all: &[(u32, (f64, f64))]| {
+        let squares = all.iter().map(|(_, (square, _))| *square);
+        (squares.fold(f64::INFINITY, f64::min), all[0].1.1)
+    };
+    let of_shared = of_shared.chunk_by(|a, b| a.0 == b.0).map(least);
+    let own = nearest.iter().zip(nodes).zip(part.is_shared());
+    let own = own.filter(|(_, is_shared)| !is_shared);
+    let own = own.map(|((square, &x), _)| (*square, distance(x)));
+    figures(own.chain(of_shared), part.whole[0], part.holders)
 }
 
-/// Figures of a lattice from the squares of the distances to each atom's nearest neighbour.
-pub(super) fn figures<const D: usize>(
-    nearest: &[f64],
-    atoms: &[[f64; D]],
-    distance: impl Fn([f64; D]) -> f64,
-) -> Lattice {
-    let mut spacing: Vec<f64> = nearest
-        .iter()
-        .zip(atoms)
+/// Figures of a lattice of so many atoms from the squares of the distances to each one's nearest neighbour, and the
+/// nominal distances there.
+///
+/// # Errors
+/// Those of the other holders.
+pub(super) fn figures<H: Holders + ?Sized>(
+    nearest: impl Iterator<Item = (f64, f64)>,
+    atoms: usize,
+    holders: &H,
+) -> Result<Lattice, H::Error> {
+    let spacing: Vec<f64> = nearest
         .filter(|(square, _)| square.is_finite())
-        .map(|(square, &atom)| square.sqrt() / distance(atom))
+        .map(|(square, distance)| square.sqrt() / distance)
         .collect();
-    spacing.sort_unstable_by(f64::total_cmp);
-    let at = |share: f64| {
-        let rank = share * spacing.len().saturating_sub(1) as f64;
-        spacing.get(rank as usize).copied().unwrap_or(f64::NAN)
-    };
-    Lattice {
-        atoms: atoms.len(),
-        spacing: [0.01, 0.5, 0.99].map(at),
+    let ranks = |total: usize| [0.01, 0.5, 0.99].map(|s| (s * (total - 1) as f64) as usize);
+    let spacing = at_ranks(&[spacing.iter().copied()], &[ranks], holders)?;
+    Ok(Lattice {
+        atoms,
+        spacing: spacing[0],
         optimisation: None,
-    }
+    })
 }
 
 #[cfg(test)]

@@ -7,6 +7,8 @@
 //! - `pieces`: faces cut into small pieces
 //! - `reach`: how far feature points are from the faces
 //! - `reference`: where the features really are
+//! - `order`: values by their rank among all
+//! - `surface`: faces of a mesh, known to all who hold parts of it
 //! - `kept`: figures as bytes
 //! - `lattice`: how evenly the atoms are spread
 //! - `cells`: Voronoi cells, as flow simulators see them
@@ -23,24 +25,28 @@ pub(crate) mod fidelity;
 mod kept;
 pub(crate) mod lattice;
 mod nearest;
+mod order;
 mod pieces;
 pub(crate) mod quality;
 mod reach;
 pub(crate) mod reference;
 mod regions;
+mod surface;
 pub(crate) mod table;
 mod verdict;
 
 pub use acute::{AcuteLine, Pair};
+pub(crate) use angles::judged_of_part;
 pub use angles::{Angles, Judged, judged};
 pub use cells::{Voronoi, lattice_of_graph, voronoi};
 pub use cost::{Clock, StageCost};
+pub(crate) use fidelity::{Claims, fidelity_of_cells_while, fidelity_of_part, fidelity_while};
 pub use fidelity::{Fidelity, Match, fidelity, fidelity_of_cells};
-pub(crate) use fidelity::{fidelity_of_cells_while, fidelity_while};
+pub(crate) use lattice::lattice_of_part;
 pub use lattice::{Lattice, Optimisation, TracedLattice, lattice};
 pub(crate) use nearest::square_to_face;
-pub(crate) use quality::quality_while;
 pub use quality::{Quality, quality, smallest_angles};
+pub(crate) use quality::{quality_of_part, quality_while};
 pub use reference::Reference;
 pub use regions::{Lost, Region, Regions};
 pub use verdict::{Grade, Verdict};

@@ -2,7 +2,10 @@
 //! angles.
 
 use super::Angles;
+use super::order::at_ranks;
+use crate::files::kept::fields;
 use crate::mesh::Simplices;
+use crate::mesh::part::{Holders, Part};
 use crate::observer::Patience;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -116,6 +119,13 @@ struct OfCell {
     radius: f32,
 }
 
+impl OfCell {
+    /// What is kept of the angle that is farther from 90 degrees.
+    fn worse(&self) -> f32 {
+        self.smallest.min(self.largest)
+    }
+}
+
 /// The sums of the cells of one task.
 struct Sums {
     histogram: [u64; BINS],
@@ -134,65 +144,124 @@ pub(crate) fn quality_while<const D: usize, M: Simplices<D>>(
     mesh: &M,
     patience: &Patience<'_>,
 ) -> Quality {
-    let cells = mesh.len();
-    let mut of_cells = vec![OfCell::default(); cells];
-    let parts: Vec<Sums> = (of_cells.par_chunks_mut(CHUNK).enumerate())
+    let Ok(found) = quality_of_part(&Part::all(mesh), patience);
+    found
+}
+
+/// The same of a mesh in parts, on all who hold one.
+///
+/// # Errors
+/// Those of the other holders.
+pub(crate) fn quality_of_part<const D: usize, M: Simplices<D>, H: Holders + ?Sized>(
+    part: &Part<'_, D, M, H>,
+    patience: &Patience<'_>,
+) -> Result<Quality, H::Error> {
+    let mesh = part.mesh;
+    let mut of_cells = vec![OfCell::default(); mesh.len()];
+    let sums: Vec<Sums> = (of_cells.par_chunks_mut(CHUNK).enumerate())
         .take_any_while(|_| !patience.over())
-        .map(|(part, of_cells)| shapes(mesh, part * CHUNK, of_cells))
+        .map(|(chunk, of_cells)| shapes(mesh, chunk * CHUNK, of_cells))
         .collect();
-    let below = |of: fn(&OfCell) -> f32, angle: f64| {
-        let limit = 1.0 - angle.to_radians().cos();
-        let values = of_cells.par_iter().map(of);
-        values.filter(|&v| f64::from(v) < limit).count()
-    };
-    let (smallest, largest) = (|c: &OfCell| c.smallest, |c: &OfCell| c.largest);
-    let ranked = |of: fn(&OfCell) -> f32, bad: Bad| points(of_cells.iter().map(of), bad);
-    let ((smallest_angle, largest_angle), (mean_ratio, radius_edge)) = rayon::join(
-        || {
-            rayon::join(
-                || ranked(smallest, Bad::Small).map(angle),
-                || ranked(largest, Bad::Small).map(|v| 180.0 - angle(v)),
-            )
-        },
-        || {
-            rayon::join(
-                || ranked(|c| c.ratio, Bad::Small),
-                || ranked(|c| c.radius, Bad::Large),
-            )
-        },
-    );
-    let mut histogram = [0; BINS];
-    for part in &parts {
-        for (sum, bin) in histogram.iter_mut().zip(part.histogram) {
-            *sum += bin;
-        }
-    }
-    Quality {
-        nodes: mesh.nodes().len(),
-        cells,
+    let all = (part.holders).told("shapes", Own::new(part, &of_cells, &sums))?;
+    let series: [fn(&OfCell) -> f32; 4] =
+        [|c| c.smallest, |c| c.largest, |c| c.ratio, |c| c.radius];
+    let series = series.map(|of| of_cells.iter().map(of));
+    let [smallest, largest, mean_ratio, radius_edge] = points(
+        series,
+        [Bad::Small, Bad::Small, Bad::Small, Bad::Large],
+        part.holders,
+    )?;
+    let count = |k: usize| all.iter().map(|own| own.counts[k]).sum::<u64>();
+    let [below_20, below_30, above_120, above_150, above_160] =
+        [0, 1, 2, 3, 4].map(|k| count(k) as usize);
+    let sum = |k: usize| all.iter().map(|own| own.sums[k]).sum::<f64>();
+    let mut worst: Vec<(f32, Worst)> = all.iter().flat_map(|own| own.worst.clone()).collect();
+    worst.sort_by_key(|(_, worst)| worst.cell);
+    Ok(Quality {
+        nodes: part.whole[0],
+        cells: part.whole[1],
         kind: M::CELLS.into(),
-        below_20: below(smallest, 20.0),
-        below_30: below(smallest, 30.0),
-        above_120: below(largest, 60.0),
-        above_150: below(largest, 30.0),
-        above_160: below(largest, 20.0),
-        histogram,
-        worst: worst(mesh, &of_cells),
+        smallest_angle: smallest.map(angle),
+        largest_angle: largest.map(|v| 180.0 - angle(v)),
+        below_20,
+        below_30,
+        above_120,
+        above_150,
+        above_160,
+        histogram: std::array::from_fn(|bin| count(LIMITS.len() + bin)),
+        worst: farthest(worst)
+            .into_iter()
+            .map(|(_, worst)| worst)
+            .collect(),
         angles: None,
-        smallest_angle,
-        largest_angle,
         mean_ratio,
         radius_edge,
-        mean_ratio_mean: parts.iter().map(|p| p.ratio_sum).sum::<f64>() / cells as f64,
-        volume: parts.iter().map(|p| p.volume).sum(),
-        smallest_volume: parts
-            .iter()
-            .map(|p| p.volume_range[0])
-            .fold(f64::NAN, f64::min),
-        largest_volume: parts
-            .iter()
-            .map(|p| p.volume_range[1])
-            .fold(f64::NAN, f64::max),
+        mean_ratio_mean: sum(0) / part.whole[1] as f64,
+        volume: sum(1),
+        smallest_volume: (all.iter().map(|own| own.range[0])).fold(f64::NAN, f64::min),
+        largest_volume: (all.iter().map(|own| own.range[1])).fold(f64::NAN, f64::max),
+    })
+}
+
+/// What is counted: cells with the smallest angle, or with what the largest lacks of 180 degrees, below a limit.
+const LIMITS: [(fn(&OfCell) -> f32, f64); 5] = [
+    (|c| c.smallest, 20.0),
+    (|c| c.smallest, 30.0),
+    (|c| c.largest, 60.0),
+    (|c| c.largest, 30.0),
+    (|c| c.largest, 20.0),
+];
+
+/// What is told of the cells of a part.
+struct Own {
+    /// Of [`LIMITS`], then the bins of the histogram.
+    counts: Vec<u64>,
+    /// Of mean ratios, and of volumes.
+    sums: [f64; 2],
+    /// The smallest volume and the largest.
+    range: [f64; 2],
+    /// The cells whose angles are farthest from 90 degrees, with their [`OfCell::worse`].
+    worst: Vec<(f32, Worst)>,
+}
+
+fields! { Own as Own { counts, sums, range, worst } }
+
+impl Own {
+    fn new<const D: usize, M: Simplices<D>, H: Holders + ?Sized>(
+        part: &Part<'_, D, M, H>,
+        of_cells: &[OfCell],
+        sums: &[Sums],
+    ) -> Self {
+        let below = |(of, angle): (fn(&OfCell) -> f32, f64)| {
+            let limit = 1.0 - angle.to_radians().cos();
+            let values = of_cells.par_iter().map(of);
+            values.filter(|&v| f64::from(v) < limit).count() as u64
+        };
+        let mut counts = LIMITS.map(below).to_vec();
+        counts.extend((0..BINS).map(|bin| sums.iter().map(|s| s.histogram[bin]).sum::<u64>()));
+        let worst = farthest(of_cells.iter().map(OfCell::worse).zip(0..));
+        let listed = |(worse, c): (f32, usize)| {
+            let cell = &of_cells[c];
+            let worst = Worst {
+                cell: part.first + c,
+                centroid: centroid(part.mesh, c),
+                smallest: angle(cell.smallest.into()),
+                largest: 180.0 - angle(cell.largest.into()),
+            };
+            (worse, worst)
+        };
+        Self {
+            counts,
+            sums: [
+                sums.iter().map(|s| s.ratio_sum).sum(),
+                sums.iter().map(|s| s.volume).sum(),
+            ],
+            range: [
+                (sums.iter().map(|s| s.volume_range[0])).fold(f64::NAN, f64::min),
+                (sums.iter().map(|s| s.volume_range[1])).fold(f64::NAN, f64::max),
+            ],
+            worst: worst.into_iter().map(listed).collect(),
+        }
     }
 }
 
@@ -276,6 +345,7 @@ impl Bins {
 }
 
 /// Which end of a range is bad.
+#[derive(Clone, Copy)]
 enum Bad {
     Small,
     Large,
@@ -292,70 +362,32 @@ impl Points {
     }
 }
 
-fn points(values: impl ExactSizeIterator<Item = f32> + Clone, bad: Bad) -> Points {
-    let Some(last) = values.len().checked_sub(1) else {
-        let none = f64::NAN;
-        return Points {
-            worst: none,
-            permille: none,
-            percent: none,
-            median: none,
-        };
-    };
-    let ranks = [0.0, 0.001, 0.01, 0.5].map(|share| (share * last as f64) as usize);
-    let [worst, permille, percent, median] = match bad {
-        Bad::Small => at_ranks(values, ranks),
-        Bad::Large => at_ranks(values, ranks.map(|rank| last - rank)),
-    };
-    Points {
-        worst,
-        permille,
-        percent,
-        median,
-    }
-}
-
-/// The values of which so many are smaller. Counts how many values begin with each 16 bits, and sorts
-/// only among those that begin as the wanted ones do.
-fn at_ranks<const N: usize>(
-    values: impl Iterator<Item = f32> + Clone,
-    ranks: [usize; N],
-) -> [f64; N] {
-    // Whole numbers that are ordered as the values are.
-    let order = |v: f32| match v.to_bits() {
-        bits if bits >> 31 == 1 => !bits,
-        bits => bits | 1 << 31,
-    };
-    let mut counts = vec![0usize; 1 << 16];
-    for v in values.clone() {
-        counts[(order(v) >> 16) as usize] += 1;
-    }
-    // Where each rank is: its beginning, and how many of the same beginning are before it.
-    let places = ranks.map(|rank| {
-        let mut before = 0;
-        let bin = counts.iter().position(|&count| {
-            before += count;
-            before > rank
-        });
-        let bin = bin.unwrap_or_default();
-        (bin as u32, rank + counts[bin] - before)
-    });
-    let mut alike: [Vec<f32>; N] = std::array::from_fn(|_| Vec::new());
-    for v in values {
-        let bin = order(v) >> 16;
-        for (alike, place) in alike.iter_mut().zip(&places) {
-            if place.0 == bin {
-                alike.push(v);
+/// Of each series of values these of all holders.
+fn points<const N: usize, H: Holders + ?Sized>(
+    series: [impl Iterator<Item = f32> + Clone + Sync; N],
+    bad: [Bad; N],
+    holders: &H,
+) -> Result<[Points; N], H::Error> {
+    let ranks = bad.map(|bad| {
+        move |total: usize| {
+            let last = total - 1;
+            let ranks = [0.0, 0.001, 0.01, 0.5].map(|share| (share * last as f64) as usize);
+            match bad {
+                Bad::Small => ranks,
+                Bad::Large => ranks.map(|rank| last - rank),
             }
         }
-    }
-    let mut found = [f64::NAN; N];
-    for ((found, alike), (_, rank)) in found.iter_mut().zip(&mut alike).zip(places) {
-        if rank < alike.len() {
-            *found = f64::from(*alike.select_nth_unstable_by(rank, f32::total_cmp).1);
+    });
+    let found = at_ranks(&series, &ranks, holders)?;
+    Ok(std::array::from_fn(|i| {
+        let [worst, permille, percent, median] = found[i];
+        Points {
+            worst,
+            permille,
+            percent,
+            median,
         }
-    }
-    found
+    }))
 }
 
 /// The mean of a cell's corners.
@@ -365,161 +397,21 @@ pub(super) fn centroid<const D: usize>(mesh: &impl Simplices<D>, c: usize) -> Ve
     (0..D).map(|k| sum(k) / corners.len() as f64).collect()
 }
 
-fn worst<const D: usize>(mesh: &impl Simplices<D>, of_cells: &[OfCell]) -> Vec<Worst> {
-    let badness = |c: usize| -of_cells[c].smallest.min(of_cells[c].largest);
-    let mut found: Vec<usize> = Vec::with_capacity(LISTED + 1);
-    for c in 0..of_cells.len() {
-        let full = found.len() == LISTED;
-        if full
-            && found
-                .last()
-                .is_some_and(|&last| badness(c) <= badness(last))
-        {
+/// The few cells whose angles are farthest from 90 degrees, worst first, of all in the order of their numbers: each
+/// with its [`OfCell::worse`].
+fn farthest<T>(cells: impl IntoIterator<Item = (f32, T)>) -> Vec<(f32, T)> {
+    let mut found: Vec<(f32, T)> = Vec::with_capacity(LISTED + 1);
+    for (worse, cell) in cells {
+        if found.len() == LISTED && found.last().is_some_and(|last| worse >= last.0) {
             continue;
         }
-        let place = found.partition_point(|&other| badness(other) >= badness(c));
-        found.insert(place, c);
+        let place = found.partition_point(|other| other.0 <= worse);
+        found.insert(place, (worse, cell));
         found.truncate(LISTED);
     }
     found
-        .into_iter()
-        .map(|c| Worst {
-            cell: c,
-            centroid: centroid(mesh, c),
-            smallest: angle(of_cells[c].smallest.into()),
-            largest: 180.0 - angle(of_cells[c].largest.into()),
-        })
-        .collect()
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::mesh::boxes::kuhn_box;
-    use crate::mesh::{TetMesh, TriMesh};
-
-    #[test]
-    fn the_regular_tetrahedron() {
-        let nodes = vec![
-            [1.0, 1.0, 1.0],
-            [-1.0, 1.0, -1.0],
-            [1.0, -1.0, -1.0],
-            [-1.0, -1.0, 1.0],
-        ];
-        let found = quality(&TetMesh {
-            nodes,
-            tets: vec![[0, 1, 2, 3]],
-        });
-        let regular = (1f64 / 3.0).acos().to_degrees();
-        assert!((regular - 70.53).abs() < 0.01);
-        assert!((found.smallest_angle.worst - regular).abs() < 1e-5);
-        assert!((found.largest_angle.median - regular).abs() < 1e-5);
-        assert_eq!(found.histogram.iter().sum::<u64>(), 6);
-        assert_eq!(found.histogram[7], 6);
-        assert!((found.mean_ratio.worst - 1.0).abs() < 1e-6);
-        assert!((found.radius_edge.worst - 0.6124).abs() < 1e-4);
-        assert!((found.volume - 8.0 / 3.0).abs() < 1e-12);
-    }
-
-    #[test]
-    fn the_equilateral_triangle_and_half_a_square() {
-        let nodes = vec![[0.0, 0.0], [2.0, 0.0], [1.0, 3f64.sqrt()]];
-        let mut mesh = TriMesh {
-            nodes,
-            triangles: vec![[0, 1, 2]],
-        };
-        let found = quality(&mesh);
-        assert_eq!((found.cells, &*found.kind), (1, "triangles"));
-        assert!((found.smallest_angle.worst - 60.0).abs() < 1e-5);
-        assert_eq!(found.histogram[5] + found.histogram[6], 3);
-        assert!((found.mean_ratio_mean - 1.0).abs() < 1e-12);
-        assert!((found.volume - 3f64.sqrt()).abs() < 1e-12);
-        mesh.nodes[2] = [0.0, 2.0];
-        let found = quality(&mesh);
-        assert!((found.smallest_angle.worst - 45.0).abs() < 1e-5);
-        assert!((found.mean_ratio.worst - 0.75f64.sqrt()).abs() < 1e-6);
-        assert_eq!(found.worst[0].centroid, [2.0 / 3.0; 2]);
-        // 10, 10 and 160 degrees.
-        mesh.nodes[2] = [1.0, 10f64.to_radians().tan()];
-        let found = quality(&mesh);
-        assert_eq!(
-            (found.below_20, found.above_120, found.above_150),
-            (1, 1, 1)
-        );
-    }
-
-    #[test]
-    fn a_box_of_cut_cubes() {
-        let mesh = kuhn_box([5, 4, 3], 2.0);
-        let found = quality(&mesh);
-        assert_eq!((found.nodes, found.cells), (6 * 5 * 4, 6 * 60));
-        // Kuhn's tetrahedron has the angles 45 (twice), 60 and 90 (three times).
-        assert!((found.smallest_angle.worst - 45.0).abs() < 1e-5);
-        assert!((found.largest_angle.worst - 90.0).abs() < 1e-5);
-        assert_eq!(
-            found.histogram[4] + found.histogram[6] + found.histogram[5],
-            360 * 3
-        );
-        assert_eq!(found.histogram[8] + found.histogram[9], 360 * 3);
-        assert!((found.volume - 480.0).abs() < 1e-9);
-        assert!((found.smallest_volume - 8.0 / 6.0).abs() < 1e-12);
-        let counts = (
-            found.below_20,
-            found.below_30,
-            found.above_150,
-            found.above_160,
-        );
-        assert_eq!(counts, (0, 0, 0, 0));
-        assert_eq!(found.worst.len(), 10);
-    }
-
-    #[test]
-    fn flat_tetrahedra_are_counted_listed_and_do_not_break_the_figures() {
-        let mut mesh = kuhn_box([4, 4, 4], 1.0);
-        let t = 100;
-        let [a, b, c, _] = mesh.corners(t);
-        // Almost in the middle of its own face: angles near 0 and 180.
-        let middle: [f64; 3] = std::array::from_fn(|k| (a[k] + b[k] + c[k]) / 3.0 + 1e-3);
-        mesh.nodes.push(middle);
-        mesh.tets[t][3] = mesh.nodes.len() as u32 - 1;
-        // And one without any volume or area.
-        mesh.tets.push([0, 0, 1, 1]);
-        let found = quality(&mesh);
-        assert_eq!(found.worst.len(), 10);
-        let listed: Vec<usize> = found.worst.iter().map(|w| w.cell).collect();
-        assert!(listed[..2].contains(&t) && listed[..2].contains(&(mesh.tets.len() - 1)));
-        assert_eq!((found.below_20, found.above_160), (2, 1));
-        assert_eq!(found.smallest_angle.worst, 0.0);
-        assert_eq!(found.mean_ratio.worst, 0.0);
-        assert_eq!(
-            found.histogram.iter().sum::<u64>(),
-            6 * mesh.tets.len() as u64
-        );
-
-        let empty = quality(&TetMesh::default());
-        assert!(empty.smallest_angle.worst.is_nan() && empty.mean_ratio_mean.is_nan());
-    }
-
-    #[test]
-    fn bins_are_those_of_the_angles() {
-        let bins = Bins::new();
-        for i in 1..18_000 {
-            let angle = f64::from(i) / 100.0 - 0.005;
-            assert_eq!(bins.of(angle.to_radians().cos()), (angle / 10.0) as usize);
-        }
-        assert_eq!((bins.of(1.0), bins.of(-1.0)), (0, BINS - 1));
-    }
-
-    #[test]
-    fn points_are_the_ranks_of_the_sorted_values() {
-        let values: Vec<f32> = (0..1001).map(|i| ((i * 617) % 1001) as f32).collect();
-        let low = points(values.iter().copied(), Bad::Small);
-        assert_eq!(
-            (low.worst, low.permille, low.percent, low.median),
-            (0.0, 1.0, 10.0, 500.0)
-        );
-        let high = points(values.iter().copied(), Bad::Large);
-        let found = (high.worst, high.permille, high.percent, high.median);
-        assert_eq!(found, (1000.0, 999.0, 990.0, 500.0));
-    }
-}
+#[path = "quality_tests.rs"]
+mod tests;

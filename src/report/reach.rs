@@ -1,36 +1,54 @@
 //! How far the points of features are from a mesh's faces.
 //!
 //! Most points have a face close by. So first the faces look for points, in a grid, and tell each how
-//! near they are. Only points that no face has found look for a face themselves, in a tree.
+//! near they are. Only points that no face has found look for a face themselves, in a tree. Where several hold parts
+//! of a mesh, all know its faces, and each does a share of both.
 
+use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use super::fidelity::corners;
 use super::nearest::{Points, Tree, square_to_face};
+use super::surface::Surface;
 use crate::geometry::{cross, dot, in_space, sub};
+use crate::mesh::part::{Holders, joined};
 use crate::observer::Patience;
 use rayon::prelude::*;
 
 /// How far faces look for points, in samples.
 const REACH: f64 = 1.0;
-/// Faces or points in one task.
-const CHUNK: usize = 4096;
+/// Faces or points in one task; unit tests have few.
+const CHUNK: usize = if cfg!(test) { 64 } else { 4096 };
 
 /// Distances from points to the nearest face of each of two sets, infinite where a set has none. Each
 /// face belongs to the sets of its bits.
-pub(super) fn to_faces<const D: usize>(
-    nodes: &[[f64; D]],
-    faces: &[[u32; D]],
-    sets: &[u8],
+///
+/// # Errors
+/// Those of the other holders.
+pub(super) fn to_faces<const D: usize, H: Holders + ?Sized>(
+    surface: &Surface<D, [f64; D]>,
     points: &[[f32; D]],
     wanted: [u8; 2],
+    holders: &H,
     patience: &Patience<'_>,
-) -> [Vec<f64>; 2] {
+) -> Result<[Vec<f64>; 2], H::Error> {
+    let Surface {
+        nodes, faces, sets, ..
+    } = surface;
     let shapes: Vec<[[f64; D]; D]> = faces.iter().map(|&f| corners(nodes, f)).collect();
     let boxes: Vec<[[f64; D]; 2]> = shapes.iter().map(box_of).collect();
-    let close = by_faces(&shapes, &boxes, sets, points, wanted, patience);
+    let look = holders.share(shapes.len(), holders.rank());
+    let close = by_faces(&shapes, &boxes, sets, look, points, wanted, patience);
+    // Chunks are the same whoever has them.
+    let chunks = points.len().div_ceil(CHUNK);
+    let share = |of: usize| {
+        let Range { start, end } = holders.share(chunks, of);
+        CHUNK * start..points.len().min(CHUNK * end)
+    };
+    let close = least(close, share, holders)?;
+    let points = &points[share(holders.rank())];
     let mut tree = None;
-    [0, 1].map(|i| {
+    let own = [0, 1].map(|i| {
         let (close, set) = (&close[i], wanted[i]);
         let exists = sets.iter().any(|s| s & set != 0);
         if exists && close.iter().any(|square| square.is_infinite()) {
@@ -59,7 +77,41 @@ pub(super) fn to_faces<const D: usize>(
         } else {
             close.iter().map(|square| square.sqrt()).collect()
         }
-    })
+    });
+    let all = holders.told("distances to faces", own)?;
+    let (first, second) = all
+        .into_iter()
+        .map(|[first, second]| (first, second))
+        .unzip();
+    Ok([joined(first), joined(second)])
+}
+
+/// The least squares that any of the holders has, of the points of this one's share.
+fn least<H: Holders + ?Sized>(
+    squares: [Vec<f64>; 2],
+    share: impl Fn(usize) -> Range<usize>,
+    holders: &H,
+) -> Result<[Vec<f64>; 2], H::Error> {
+    if holders.count() == 1 {
+        return Ok(squares);
+    }
+    let of = |to: usize| {
+        squares
+            .each_ref()
+            .map(|squares| squares[share(to)].to_vec())
+    };
+    let to = (0..holders.count()).map(of).collect();
+    let mut from = holders
+        .passed("squares of distances to faces", to)?
+        .into_iter();
+    let mut least: [Vec<f64>; 2] = from.next().unwrap_or_default();
+    for other in from {
+        for (least, other) in least.iter_mut().zip(other) {
+            let both = least.iter_mut().zip(other);
+            both.for_each(|(least, square)| *least = least.min(square));
+        }
+    }
+    Ok(least)
 }
 
 /// The box round a face: its low and its high corner.
@@ -74,12 +126,13 @@ fn box_of<const D: usize>(face: &[[f64; D]; D]) -> [[f64; D]; 2] {
     found
 }
 
-/// For each set and point the square of the distance to the nearest face where that is within
+/// For each set and point the square of the distance to the nearest of some `faces` where that is within
 /// [`REACH`]; infinite elsewhere.
 fn by_faces<const D: usize>(
     shapes: &[[[f64; D]; D]],
     boxes: &[[[f64; D]; 2]],
     sets: &[u8],
+    faces: Range<usize>,
     points: &[[f32; D]],
     wanted: [u8; 2],
     patience: &Patience<'_>,
@@ -127,11 +180,12 @@ fn by_faces<const D: usize>(
             }
         });
     };
-    (0..shapes.len().div_ceil(CHUNK))
+    (0..faces.len().div_ceil(CHUNK))
         .into_par_iter()
         .for_each(|chunk| {
             if !patience.over() {
-                (chunk * CHUNK..shapes.len().min((chunk + 1) * CHUNK)).for_each(look);
+                let first = faces.start + chunk * CHUNK;
+                (first..faces.end.min(first + CHUNK)).for_each(look);
             }
         });
     least.map(|least| {
@@ -147,6 +201,32 @@ fn by_faces<const D: usize>(
 mod tests {
     use super::*;
     use crate::geometry::random::Random;
+    use crate::ranks::{Alone, shared};
+
+    /// What one alone finds, and several as well.
+    fn to_faces(
+        nodes: &[[f64; 3]],
+        faces: &[[u32; 3]],
+        sets: &[u8],
+        points: &[[f32; 3]],
+        wanted: [u8; 2],
+        patience: &Patience<'_>,
+    ) -> [Vec<f64>; 2] {
+        let surface = Surface {
+            numbers: (0..nodes.len() as u32).collect(),
+            nodes: nodes.to_vec(),
+            faces: faces.to_vec(),
+            sets: sets.to_vec(),
+        };
+        let Ok(found) = super::to_faces(&surface, points, wanted, &Alone, patience);
+        for count in [2, 7] {
+            let all = shared(count, |group| {
+                super::to_faces(&surface, points, wanted, group, patience).unwrap()
+            });
+            assert!(all.iter().all(|other| *other == found));
+        }
+        found
+    }
 
     /// Triangles here and there, of set 1, 2 or both, flat ones too, and points among them and far off.
     #[test]

@@ -3,14 +3,18 @@
 //! What holds for all meshes is checked here: positive volumes, no unused node, the box filled, sides
 //! flat and covered once. That faces conform means something else for each kind of cells, and polyhedra
 //! have more that can be wrong: `simplices` and `cells` see to that, and `flat` to faces of more than
-//! three nodes.
+//! three nodes. `pieces` checks a mesh of which nobody holds the whole.
 
 mod cells;
 mod flat;
+mod pieces;
 mod simplices;
 
 pub use cells::CellCheck;
 pub(crate) use cells::broken;
+pub(crate) use pieces::check_pieces;
+#[cfg(test)]
+pub(crate) use pieces::tests::assert_alike;
 
 use super::Mesh;
 use crate::observer::Patience;
@@ -54,7 +58,58 @@ impl Check {
     fn fault(&mut self, problem: String) {
         self.problems.push(problem);
     }
+
+    /// Judges cells, whose kind is `cells`, by what they are in sum, and by how many nodes belong to none; `room` is
+    /// what they are to fill.
+    fn judge(&mut self, cells: &str, filled: &Filled, unused: usize, room: f64, tolerance: f64) {
+        self.not_positive = filled.not_positive;
+        if let Some(first) = filled.first {
+            self.fault(format!(
+                "{} {cells} are flat or inverted, the first is {first}",
+                self.not_positive
+            ));
+        }
+        self.unused_nodes = unused;
+        if unused > 0 {
+            self.fault(format!("{unused} nodes belong to no {}", singular(cells)));
+        }
+        let volume = filled.volume;
+        self.volume_error = ((volume - room) / room).abs();
+        if self.volume_error > tolerance || self.volume_error.is_nan() {
+            self.fault(format!(
+                "the {cells} fill {volume} instead of the box's {room}"
+            ));
+        }
+    }
 }
+
+/// What cells are in sum.
+struct Filled {
+    /// How many are of zero or negative volume, and the first of them.
+    not_positive: usize,
+    first: Option<usize>,
+    /// Of all.
+    volume: f64,
+}
+
+impl Filled {
+    fn of(volumes: &[f64]) -> Self {
+        let wrong = |v: &f64| *v <= 0.0;
+        Self {
+            not_positive: volumes.iter().filter(|v| wrong(v)).count(),
+            first: volumes.iter().position(wrong),
+            volume: volumes.iter().sum(),
+        }
+    }
+}
+
+/// Whether all nodes are somewhere.
+fn finite<const D: usize>(nodes: &[[f64; D]]) -> bool {
+    nodes.as_flattened().iter().all(|c| c.is_finite())
+}
+
+/// What is said if they are not.
+const NOT_FINITE: &str = "a node is not finite";
 
 /// What a caller knows of a mesh beforehand.
 #[derive(Debug, Clone, Copy, Default)]
@@ -154,8 +209,8 @@ pub(crate) fn check_while<const D: usize, M: Mesh<D>>(
         found.fault(problem);
         return found;
     }
-    if mesh.nodes().as_flattened().iter().any(|c| !c.is_finite()) {
-        found.fault("a node is not finite".into());
+    if !finite(mesh.nodes()) {
+        found.fault(NOT_FINITE.into());
         return found;
     }
     let bounds = Bounds {
@@ -167,33 +222,9 @@ pub(crate) fn check_while<const D: usize, M: Mesh<D>>(
     if patience.over() {
         return found;
     }
-    let volumes = mesh.volumes();
-    let wrong = |v: &f64| *v <= 0.0;
-    found.not_positive = volumes.iter().filter(|v| wrong(v)).count();
-    if let Some(first) = volumes.iter().position(wrong) {
-        found.fault(format!(
-            "{} {} are flat or inverted, the first is {first}",
-            found.not_positive,
-            M::CELLS
-        ));
-    }
-    found.unused_nodes = mesh.used_nodes().iter().filter(|used| !**used).count();
-    if found.unused_nodes > 0 {
-        found.fault(format!(
-            "{} nodes belong to no {}",
-            found.unused_nodes,
-            singular(M::CELLS)
-        ));
-    }
-
-    let (volume, room) = (volumes.iter().sum::<f64>(), mesh.room(&bounds));
-    found.volume_error = ((volume - room) / room).abs();
-    if found.volume_error > tolerance || found.volume_error.is_nan() {
-        found.fault(format!(
-            "the {} fill {volume} instead of the box's {room}",
-            M::CELLS
-        ));
-    }
+    let filled = Filled::of(&mesh.volumes());
+    let unused = mesh.used_nodes().iter().filter(|used| !**used).count();
+    found.judge(M::CELLS, &filled, unused, mesh.room(&bounds), tolerance);
     if let Some(sides) = mesh.check_faces(known, &bounds, &mut found, patience) {
         sides.judge(&bounds, &mut found);
     }

@@ -12,13 +12,7 @@ const ROW: usize = 1 << 14;
 
 impl<const D: usize, M: Simplices<D>> Checked<D> for M {
     fn unreadable(&self) -> Option<String> {
-        let mut corners = self.connectivity().iter();
-        let at = corners.position(|&i| i as usize >= self.nodes().len())?;
-        let cell = singular(M::CELLS);
-        Some(format!(
-            "{cell} {}: it names a node that does not exist",
-            at / (D + 1)
-        ))
+        first_unreadable(self).map(unreadable::<D, M>)
     }
 
     fn used_nodes(&self) -> Vec<bool> {
@@ -44,12 +38,12 @@ impl<const D: usize, M: Simplices<D>> Checked<D> for M {
             return None;
         }
         if let Some(neighbors) = known.neighbors {
-            if let Some(cell) = first_apart(self, neighbors, patience) {
-                let name = singular(M::CELLS);
-                found.fault(format!("{name} {cell}: it and its neighbours do not fit"));
-                return None;
+            match unpaired(self, neighbors, &[NONE], patience) {
+                Ok(0) => return Some(sides(self, neighbors, bounds, found)),
+                Ok(_) => found.fault(apart::<D, M>(0)),
+                Err(cell) => found.fault(apart::<D, M>(cell)),
             }
-            return Some(sides(self, neighbors, bounds, found));
+            return None;
         }
         match self.neighbors() {
             Ok(neighbors) => Some(sides(self, &neighbors, bounds, found)),
@@ -64,48 +58,69 @@ impl<const D: usize, M: Simplices<D>> Checked<D> for M {
     }
 }
 
-/// The first cell that has not each of its faces but outer ones in common with the neighbour there,
-/// and with that alone. Looks no further once `patience` is over.
-fn first_apart<const D: usize, M: Simplices<D>>(
-    mesh: &M,
-    neighbors: &[u32],
-    patience: &Patience<'_>,
-) -> Option<usize> {
-    if neighbors.len() != (D + 1) * mesh.len() {
-        return Some(0);
-    }
-    let rows: Vec<Result<isize, usize>> = (0..mesh.len().div_ceil(ROW))
-        .into_par_iter()
-        .take_any_while(|_| !patience.over())
-        .map(|row| unpaired(mesh, neighbors, row * ROW..mesh.len().min((row + 1) * ROW)))
-        .collect();
-    if patience.over() {
-        return None;
-    }
-    match rows.into_iter().sum::<Result<isize, usize>>() {
-        Ok(0) => None,
-        Ok(_) => Some(0),
-        Err(cell) => Some(cell),
-    }
+/// The first cell of a node that does not exist.
+pub(super) fn first_unreadable<const D: usize, M: Simplices<D>>(mesh: &M) -> Option<usize> {
+    let mut corners = mesh.connectivity().iter();
+    let at = corners.position(|&i| i as usize >= mesh.nodes().len())?;
+    Some(at / (D + 1))
+}
+
+/// What is said of it.
+pub(super) fn unreadable<const D: usize, M: Simplices<D>>(cell: usize) -> String {
+    let name = singular(M::CELLS);
+    format!("{name} {cell}: it names a node that does not exist")
+}
+
+/// What is said of a cell that has not its faces in common with its neighbours.
+pub(super) fn apart<const D: usize, M: Simplices<D>>(cell: usize) -> String {
+    let name = singular(M::CELLS);
+    format!("{name} {cell}: it and its neighbours do not fit")
 }
 
 /// A face seen from the cell of the lower number pairs with one seen from the higher: how many more of the first
-/// than of the second some cells have, or the first of them that has not each of its faces in common with its
-/// neighbour. In the whole mesh none may be left over.
-fn unpaired<const D: usize, M: Simplices<D>>(
+/// than of the second there are, where none may be left over; or the first cell that has not each of its faces in
+/// common with the neighbour there, and with that alone. Faces with one of the `open` numbers beyond are not looked
+/// at, and none once `patience` is over.
+pub(super) fn unpaired<const D: usize, M: Simplices<D>>(
     mesh: &M,
     neighbors: &[u32],
+    open: &[u32],
+    patience: &Patience<'_>,
+) -> Result<isize, usize> {
+    if neighbors.len() != (D + 1) * mesh.len() {
+        return Err(0);
+    }
+    let of_row = |row: usize| {
+        let cells = row * ROW..mesh.len().min((row + 1) * ROW);
+        unpaired_of(mesh, neighbors, open, cells)
+    };
+    let rows: Vec<Result<isize, usize>> = (0..mesh.len().div_ceil(ROW))
+        .into_par_iter()
+        .take_any_while(|_| !patience.over())
+        .map(of_row)
+        .collect();
+    if patience.over() {
+        return Ok(0);
+    }
+    rows.into_iter().sum()
+}
+
+/// The same of some cells.
+fn unpaired_of<const D: usize, M: Simplices<D>>(
+    mesh: &M,
+    neighbors: &[u32],
+    open: &[u32],
     cells: Range<usize>,
 ) -> Result<isize, usize> {
     let faces = D + 1;
     let mut unpaired = 0;
     for c in cells {
         let cell = mesh.cell(c);
-        for (k, &n) in neighbors[faces * c..faces * (c + 1)].iter().enumerate() {
-            let n = n as usize;
-            if n == NONE as usize {
+        for (k, n) in neighbors[faces * c..faces * (c + 1)].iter().enumerate() {
+            if open.contains(n) {
                 continue;
             }
+            let n = *n as usize;
             if n >= mesh.len() || n == c {
                 return Err(c);
             }
@@ -135,7 +150,7 @@ fn unpaired<const D: usize, M: Simplices<D>>(
 }
 
 /// Every face without a neighbour, in the side of the box to whose plane it keeps closest.
-fn sides<const D: usize, M: Simplices<D>>(
+pub(super) fn sides<const D: usize, M: Simplices<D>>(
     mesh: &M,
     neighbors: &[u32],
     bounds: &Bounds<D>,

@@ -1,0 +1,245 @@
+//! A mesh as those see it who measure it: all of it, or some cells, of which others hold the rest. So what is
+//! measured is written once.
+
+use std::convert::Infallible;
+use std::ops::Range;
+
+use super::piece::Piece;
+use super::{Simplices, TetMesh};
+use crate::files::kept::Kept;
+use crate::ranks::{Alone, Group};
+
+/// Those who hold the parts of a mesh: a group, or one that holds all of it, which cannot fail. All ask the same
+/// things in the same order.
+pub trait Holders: Sync {
+    /// How telling one another may fail.
+    type Error;
+
+    /// Which of them this is, from 0.
+    fn rank(&self) -> usize;
+
+    /// How many they are.
+    fn count(&self) -> usize;
+
+    /// What each of them has, in their order, on all of them.
+    ///
+    /// # Errors
+    /// Those of the others.
+    fn told<T: Kept>(&self, what: &str, own: T) -> Result<Vec<T>, Self::Error>;
+
+    /// What each of them has for this one, in their order; `to` has something for each.
+    ///
+    /// # Errors
+    /// Those of the others.
+    fn passed<T: Kept>(&self, what: &str, to: Vec<T>) -> Result<Vec<T>, Self::Error>;
+
+    /// Counts of which all have as many, summed up. Each sums up a share of them: nobody gets all that the others
+    /// have.
+    ///
+    /// # Errors
+    /// Those of the others.
+    fn summed(&self, what: &str, own: Vec<u64>) -> Result<Vec<u64>, Self::Error> {
+        let count = self.count();
+        let share = |to: usize| own[self.share(own.len(), to)].to_vec();
+        let mut from = self.passed(what, (0..count).map(share).collect())?;
+        let mut sums = from.pop().unwrap_or_default();
+        for other in from {
+            sums.iter_mut().zip(other).for_each(|(sum, n)| *sum += n);
+        }
+        Ok(self.told(what, sums)?.concat())
+    }
+
+    /// Which of so many things one of them has to do.
+    fn share(&self, things: usize, of: usize) -> Range<usize> {
+        of * things / self.count()..(of + 1) * things / self.count()
+    }
+
+    /// What `work` makes of so many things, on all of them: each does a share.
+    ///
+    /// # Errors
+    /// Those of the others.
+    fn shared<T: Kept>(
+        &self,
+        what: &str,
+        things: usize,
+        work: impl FnOnce(Range<usize>) -> Vec<T>,
+    ) -> Result<Vec<T>, Self::Error> {
+        let own = work(self.share(things, self.rank()));
+        Ok(joined(self.told(what, own)?))
+    }
+
+    /// Which of them answers for a node, of so many in the whole.
+    fn owner(&self, node: u32, nodes: usize) -> usize {
+        (node as usize * self.count() / nodes.max(1)).min(self.count() - 1)
+    }
+}
+
+/// Lists one after the other. What one alone has stays where it is.
+pub fn joined<T>(mut lists: Vec<Vec<T>>) -> Vec<T> {
+    match lists.len() {
+        1 => lists.pop().unwrap_or_default(),
+        _ => lists.into_iter().flatten().collect(),
+    }
+}
+
+impl Holders for Alone {
+    type Error = Infallible;
+
+    fn rank(&self) -> usize {
+        0
+    }
+
+    fn count(&self) -> usize {
+        1
+    }
+
+    fn told<T: Kept>(&self, _: &str, own: T) -> Result<Vec<T>, Infallible> {
+        Ok(vec![own])
+    }
+
+    fn passed<T: Kept>(&self, _: &str, to: Vec<T>) -> Result<Vec<T>, Infallible> {
+        Ok(to)
+    }
+}
+
+impl Holders for dyn Group + '_ {
+    type Error = crate::Error;
+
+    fn rank(&self) -> usize {
+        Group::rank(self)
+    }
+
+    fn count(&self) -> usize {
+        Group::count(self)
+    }
+
+    fn told<T: Kept>(&self, what: &str, own: T) -> crate::Result<Vec<T>> {
+        self.all(what, &own)
+    }
+
+    fn passed<T: Kept>(&self, what: &str, to: Vec<T>) -> crate::Result<Vec<T>> {
+        self.pass(what, &to)
+    }
+}
+
+/// Some of a mesh's cells, one after the other, or all; and who holds the others.
+pub struct Part<'a, const D: usize, M, H: ?Sized> {
+    /// The cells, and their nodes.
+    pub mesh: &'a M,
+    /// The whole's number of each node, rising; `None` if this is the whole.
+    numbers: Option<&'a [u32]>,
+    /// The nodes that others may have too, rising.
+    shared: Vec<u32>,
+    /// The whole's number of the first cell.
+    pub first: usize,
+    /// Nodes and cells of the whole.
+    pub whole: [usize; 2],
+    /// Who holds the parts.
+    pub holders: &'a H,
+}
+
+impl<'a, const D: usize, M: Simplices<D>> Part<'a, D, M, Alone> {
+    /// All of a mesh.
+    pub fn all(mesh: &'a M) -> Self {
+        Self {
+            mesh,
+            numbers: None,
+            shared: Vec::new(),
+            first: 0,
+            whole: [mesh.nodes().len(), mesh.len()],
+            holders: &Alone,
+        }
+    }
+}
+
+impl<'a> Part<'a, 3, TetMesh, dyn Group + 'a> {
+    /// A piece of a mesh of which the group holds one each.
+    pub fn of(piece: &'a Piece, group: &'a (dyn Group + 'a)) -> Self {
+        Self {
+            mesh: &piece.mesh,
+            numbers: Some(&piece.numbers),
+            shared: piece.shared_nodes(),
+            first: piece.first,
+            whole: piece.whole,
+            holders: group,
+        }
+    }
+}
+
+impl<'a, const D: usize, M: Simplices<D>, H: Holders + ?Sized> Part<'a, D, M, H> {
+    /// The same cells with nodes elsewhere.
+    pub fn with_mesh(self, mesh: &'a M) -> Self {
+        Self { mesh, ..self }
+    }
+
+    /// The whole's number of a node.
+    #[inline]
+    pub fn number(&self, node: u32) -> u32 {
+        self.numbers.map_or(node, |numbers| numbers[node as usize])
+    }
+
+    /// The node here that has this number in the whole.
+    pub fn here(&self, number: u32) -> Option<u32> {
+        match self.numbers {
+            None => Some(number),
+            Some(numbers) => numbers.binary_search(&number).ok().map(|n| n as u32),
+        }
+    }
+
+    /// Whether others may have a node, for each.
+    pub fn is_shared(&self) -> Vec<bool> {
+        let mut is_shared = vec![false; self.mesh.nodes().len()];
+        for &node in &self.shared {
+            is_shared[node as usize] = true;
+        }
+        is_shared
+    }
+
+    /// What each part that has a node says of it, of the nodes that parts share: at one of them for each node, by
+    /// the whole's numbers, rising.
+    ///
+    /// # Errors
+    /// Those of the others.
+    pub fn said_of_shared<T: Kept>(
+        &self,
+        what: &str,
+        of: impl Fn(u32) -> T,
+    ) -> Result<Vec<(u32, T)>, H::Error> {
+        let mut to: Vec<Vec<(u32, T)>> = (0..self.holders.count()).map(|_| Vec::new()).collect();
+        for &node in &self.shared {
+            let number = self.number(node);
+            to[self.holders.owner(number, self.whole[0])].push((number, of(node)));
+        }
+        let from = self.holders.passed(what, to)?;
+        let mut said: Vec<(u32, T)> = from.into_iter().flatten().collect();
+        said.sort_by_key(|(number, _)| *number);
+        Ok(said)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ranks::shared;
+
+    #[test]
+    fn counts_are_summed_up_by_all() {
+        for count in [1, 2, 3, 7] {
+            for length in [0, 1, 5, 100] {
+                let own = |rank: usize| (0..length).map(move |i| (i * (rank + 1)) as u64);
+                let sums = shared(count, |group| {
+                    group
+                        .summed("counts", own(Group::rank(group)).collect())
+                        .unwrap()
+                });
+                let all = (1..=count).sum::<usize>();
+                let wanted: Vec<u64> = (0..length).map(|i| (i * all) as u64).collect();
+                assert!(sums.iter().all(|sums| *sums == wanted));
+            }
+        }
+        let squares = |things: Range<usize>| things.map(|i| i * i).collect();
+        let found = shared(3, |group| group.shared("squares", 8, squares).unwrap());
+        assert!(found.iter().all(|found| *found == squares(0..8)));
+        assert_eq!(Alone.summed("counts", vec![3, 4]), Ok(vec![3, 4]));
+    }
+}

@@ -1,0 +1,181 @@
+//! Values by their rank among all that the parts of a mesh have, without sorting them.
+
+use rayon::prelude::*;
+
+use crate::mesh::part::Holders;
+
+/// Values with whole numbers, of so many digits of 16 bits, that are ordered as they are by `total_cmp`.
+pub(super) trait Ordered: Copy {
+    /// Digits of the numbers.
+    const DIGITS: u32;
+
+    /// The number of a value.
+    fn key(self) -> u64;
+
+    /// The value of a number.
+    fn of_key(key: u64) -> f64;
+}
+
+impl Ordered for f32 {
+    const DIGITS: u32 = 2;
+
+    fn key(self) -> u64 {
+        let bits = match self.to_bits() {
+            bits if bits >> 31 == 1 => !bits,
+            bits => bits | 1 << 31,
+        };
+        bits.into()
+    }
+
+    fn of_key(key: u64) -> f64 {
+        let bits = match key as u32 {
+            bits if bits >> 31 == 1 => bits & !(1 << 31),
+            bits => !bits,
+        };
+        Self::from_bits(bits).into()
+    }
+}
+
+impl Ordered for f64 {
+    const DIGITS: u32 = 4;
+
+    fn key(self) -> u64 {
+        match self.to_bits() {
+            bits if bits >> 63 == 1 => !bits,
+            bits => bits | 1 << 63,
+        }
+    }
+
+    fn of_key(key: u64) -> f64 {
+        Self::from_bits(match key {
+            bits if bits >> 63 == 1 => bits & !(1 << 63),
+            bits => !bits,
+        })
+    }
+}
+
+/// So many values a digit has.
+const DIGIT: usize = 1 << 16;
+
+/// Of each series of values those of which so many are smaller: `ranks` is told how many there are in all, which is
+/// never 0; of no values, NaN. For one digit after the other it is counted how many of those that begin as the wanted
+/// ones do go on with each digit: nobody is told a value.
+///
+/// # Errors
+/// Those of the other holders.
+pub(super) fn at_ranks<V: Ordered, const N: usize, H: Holders + ?Sized>(
+    series: &[impl Iterator<Item = V> + Clone + Sync],
+    ranks: &[impl Fn(usize) -> [usize; N]],
+    holders: &H,
+) -> Result<Vec<[f64; N]>, H::Error> {
+    // For each wanted value its beginning, and how many of the same beginning are before it.
+    let mut places = vec![[(0u64, 0usize); N]; series.len()];
+    let mut totals = vec![0; series.len()];
+    for digit in (0..V::DIGITS).rev() {
+        let begun: Vec<Vec<u64>> = places.iter().map(beginnings).collect();
+        let counts: Vec<Vec<u64>> = (series.par_iter().zip(&begun))
+            .map(|(values, begun)| counts(values.clone(), begun, 16 * digit))
+            .collect();
+        let counts = holders.summed("values by their size", counts.concat())?;
+        let mut counts = counts.chunks_exact(DIGIT);
+        for (s, begun) in begun.iter().enumerate() {
+            let counts: Vec<&[u64]> = counts.by_ref().take(begun.len()).collect();
+            if digit + 1 == V::DIGITS {
+                totals[s] = counts.concat().iter().sum::<u64>() as usize;
+                let ranks = ranks[s](totals[s].max(1));
+                places[s] = ranks.map(|rank| (0, rank));
+            }
+            for (beginning, rank) in &mut places[s] {
+                let with = begun.iter().position(|b| b == beginning);
+                let counts = counts[with.unwrap_or_default()];
+                let mut before = 0;
+                let next = counts.iter().position(|&count| {
+                    before += count as usize;
+                    before > *rank
+                });
+                let next = next.unwrap_or_default();
+                *rank = (*rank + counts[next] as usize).saturating_sub(before);
+                *beginning = *beginning << 16 | next as u64;
+            }
+        }
+    }
+    let value = |total: usize, key: u64| match total {
+        0 => f64::NAN,
+        _ => V::of_key(key),
+    };
+    let found = places.iter().zip(totals);
+    Ok(found
+        .map(|(places, total)| places.map(|(key, _)| value(total, key)))
+        .collect())
+}
+
+/// The beginnings of wanted values, each once.
+fn beginnings<const N: usize>(places: &[(u64, usize); N]) -> Vec<u64> {
+    let mut begun = places.map(|(beginning, _)| beginning).to_vec();
+    begun.sort_unstable();
+    begun.dedup();
+    begun
+}
+
+/// For each of the beginnings how many values begin so and go on with each digit, which is so many bits from the
+/// end.
+fn counts<V: Ordered>(values: impl Iterator<Item = V>, begun: &[u64], bits: u32) -> Vec<u64> {
+    let mut counts = vec![0; DIGIT * begun.len()];
+    for v in values {
+        let key = v.key();
+        // All begin alike before the first digit.
+        let beginning = key.checked_shr(bits + 16).unwrap_or(0);
+        if let Some(with) = begun.iter().position(|&b| b == beginning) {
+            counts[DIGIT * with + (key >> bits) as usize % DIGIT] += 1;
+        }
+    }
+    counts
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::random::Random;
+    use crate::ranks::Alone;
+    use crate::ranks::shared;
+
+    #[test]
+    fn values_by_rank_are_those_of_the_sorted_values() {
+        let mut random = Random::new(3);
+        // Of all sizes, some many times, both zeros, and what is no number.
+        let mut values: Vec<f64> = (0..3000)
+            .map(|i| match i % 4 {
+                0 => random.draw() - 0.5,
+                1 => 0.75,
+                2 => 1e-3 * random.draw() + 0.75,
+                _ => (40.0 * (random.draw() - 0.5)).exp(),
+            })
+            .collect();
+        values.extend([0.0, -0.0, f64::INFINITY, f64::NEG_INFINITY, f64::NAN]);
+        let short: Vec<f32> = values.iter().map(|&v| v as f32).collect();
+        let ranks = |total: usize| [0, 1, total / 100, total / 2, total - 2, total - 1];
+        let wanted = |sorted: &[f64]| ranks(sorted.len()).map(|rank| sorted[rank].to_bits());
+        let mut sorted = values.clone();
+        sorted.sort_by(f64::total_cmp);
+        let mut short_sorted: Vec<f64> = short.iter().map(|&v| v.into()).collect();
+        short_sorted.sort_by(f64::total_cmp);
+        let wanted = [wanted(&sorted), wanted(&short_sorted)];
+        let bits = |found: Vec<[f64; 6]>| found[0].map(f64::to_bits);
+        for count in [1, 2, 3, 7] {
+            let found = shared(count, |group| {
+                let own = |i: &usize| i % count == Holders::rank(group);
+                let own = (0..values.len()).filter(own);
+                let (long, short) = (own.clone().map(|i| values[i]), own.map(|i| short[i]));
+                let long = at_ranks(&[long], &[ranks], group).unwrap();
+                [
+                    bits(long),
+                    bits(at_ranks(&[short], &[ranks], group).unwrap()),
+                ]
+            });
+            assert!(found.iter().all(|found| *found == wanted), "{count}");
+        }
+        let none: [f64; 0] = [];
+        let Ok(found) = at_ranks(&[none.iter().copied()], &[|_| [0usize; 2]], &Alone);
+        assert!(found[0].iter().all(|v| v.is_nan()));
+    }
+}

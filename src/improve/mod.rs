@@ -39,7 +39,7 @@ mod target;
 
 pub use improved::{Blocked, Counts, Improved};
 pub use part::{Refusal, Reshaped, Wanted};
-pub use seal::{Sealed, seal};
+pub use seal::{Sealed, seal, seal_pieces};
 pub use settle::settle;
 pub use target::{SliverMethod, Target};
 pub use triangles::relax::Scheme;

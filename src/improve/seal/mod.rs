@@ -5,8 +5,17 @@
 //! number for each cell and sheet: so the faces between cells on different sides have no rim but where
 //! the sheet itself has one. Of these faces those are taken that close a hole: those that hang over a
 //! rim (at the tip of a fault; across a hole that the image shows) are taken off again.
+//!
+//! - `surface`: marked faces, and the rooms between them
+//! - `pieces`: the same where nobody holds the whole mesh
+//! - `near`: the cells of such a mesh that all look at
+
+mod near;
+mod pieces;
+mod surface;
 
 use std::collections::{BTreeMap, HashMap};
+use std::convert::Infallible;
 
 use rayon::prelude::*;
 
@@ -16,8 +25,11 @@ use crate::geometry::sets::Sets;
 use crate::geometry::{dot, in_space, norm, sub};
 use crate::lattice::distance::Distance;
 use crate::mesh::Simplices;
-use crate::mesh::complex::NONE;
+use crate::mesh::complex::BEYOND;
 use crate::observer::Patience;
+
+pub use pieces::seal_pieces;
+use surface::{Opened, Ridge, Surface, Way};
 
 /// Radius of the patches that tell on which side a cell is, in units of d; and least and largest. In the plane
 /// a patch holds fewer points.
@@ -29,9 +41,6 @@ const DENSE: f64 = 4.5;
 
 /// Two cells see the same sheet if one's plane is this little off at the other, in units of their distance.
 const ONE_SHEET: f64 = 0.35;
-
-/// Cells of which volumes are reckoned in one go.
-const TOGETHER: usize = 1 << 20;
 
 /// Smaller rooms between faces, in units of d^D, are none.
 const POCKET: f64 = 0.5;
@@ -69,139 +78,76 @@ pub fn seal<const D: usize, M: Simplices<D>>(
     marks: &mut [u8],
     patience: &Patience<'_>,
 ) -> Sealed {
-    let radius = radius_at::<D>(distance.max());
-    let sheets = Sheets::new(points, in_space(extent), radius, radius);
-    let mut sealing = Sealing {
+    let sheets = local_planes(points, extent, distance);
+    let surface = Surface {
         mesh,
         neighbors,
-        sheets: &sheets,
-        distance,
         marks,
-        sides: HashMap::new(),
-        fresh: Vec::new(),
-        on: HashMap::new(),
     };
-    sealing.mark_both_sides();
-    sealing.grow(patience);
+    let mut sealing = Sealing::new(surface, &sheets, distance);
+    sealing.surface.mark_both_sides();
+    let Ok(()) = sealing.grow(|| Ok::<_, Infallible>(patience.over()));
     sealing.peel();
-    let (pockets, rooms) = sealing.open_pockets();
-    sealing.finish(pockets, rooms)
+    let (room, volume) = sealing.surface.rooms();
+    let rooms = |&face: &u32| {
+        let cells = [face / (D as u32 + 1), neighbors[face as usize]];
+        cells.map(|c| room[c as usize])
+    };
+    let beside: Vec<[u32; 2]> = sealing.fresh.iter().map(rooms).collect();
+    let opened = sealing.pockets(&volume, &beside);
+    sealing.surface.open(&opened, |c| room[c as usize]);
+    sealing.sealed(&opened, &beside, volume.len())
 }
 
-/// The nodes of a ridge, in rising order; the last is `NONE` in the plane.
-type Ridge = [u32; 2];
+/// The features as local planes.
+fn local_planes<const D: usize>(
+    points: &[FeaturePoint<3>],
+    extent: [f64; D],
+    distance: &Distance<D>,
+) -> Sheets {
+    let radius = radius_at::<D>(distance.max());
+    Sheets::new(points, in_space(extent), radius, radius)
+}
 
+/// What closes holes in a mesh, or in a part of one: what of it is needed but not here is noted.
 struct Sealing<'a, const D: usize, M> {
-    mesh: &'a M,
-    neighbors: &'a [u32],
+    surface: Surface<'a, D, M>,
     sheets: &'a Sheets,
     distance: &'a Distance<D>,
-    marks: &'a mut [u8],
     /// The sheets near the centroids of cells, as far as they have been looked at.
     sides: HashMap<u32, NearSheets>,
     /// Faces that may close holes, by the smaller of their two numbers.
     fresh: Vec<u32>,
     /// How many faces, marked or fresh, meet at the ridges of those.
     on: HashMap<Ridge, u32>,
+    /// Nodes of ridges of fresh faces round which some cells are not here.
+    missed: Vec<u32>,
 }
 
-impl<const D: usize, M: Simplices<D>> Sealing<'_, D, M> {
-    /// The other number of a face, if it is inside the mesh.
-    fn twin(&self, face: u32) -> Option<u32> {
-        let n = D as u32 + 1;
-        let beyond = self.neighbors[face as usize];
-        let back = |k: &u32| self.neighbors[(n * beyond + k) as usize] == face / n;
-        (beyond != NONE).then(|| n * beyond + (0..n).find(back).unwrap_or(0))
-    }
-
-    fn marked(&self, face: u32) -> bool {
-        let n = D as u32 + 1;
-        self.marks[(face / n) as usize] >> (face % n) & 1 == 1
-    }
-
-    fn mark(&mut self, face: u32, on: bool) {
-        let n = D as u32 + 1;
-        for face in [Some(face), self.twin(face)].into_iter().flatten() {
-            let bits = &mut self.marks[(face / n) as usize];
-            *bits = *bits & !(1 << (face % n)) | u8::from(on) << (face % n);
+impl<'a, const D: usize, M: Simplices<D>> Sealing<'a, D, M> {
+    fn new(surface: Surface<'a, D, M>, sheets: &'a Sheets, distance: &'a Distance<D>) -> Self {
+        Self {
+            surface,
+            sheets,
+            distance,
+            sides: HashMap::new(),
+            fresh: Vec::new(),
+            on: HashMap::new(),
+            missed: Vec::new(),
         }
-    }
-
-    fn mark_both_sides(&mut self) {
-        for face in self.all_marked() {
-            self.mark(face, true);
-        }
-    }
-
-    /// The faces that are marked, from both sides.
-    fn all_marked(&self) -> Vec<u32> {
-        let n = D as u32 + 1;
-        let of_cell = |(c, &bits): (usize, &u8)| {
-            let marked = (0..n).filter(move |k| bits >> k & 1 == 1);
-            marked.map(move |k| n * c as u32 + k)
-        };
-        let some = self
-            .marks
-            .par_iter()
-            .enumerate()
-            .filter(|(_, bits)| **bits != 0);
-        some.flat_map_iter(of_cell).collect()
-    }
-
-    /// The ridge of face k of cell c that is opposite node j too.
-    fn ridge(&self, c: u32, k: usize, j: usize) -> Ridge {
-        let mut ridge = [NONE; 2];
-        let nodes = self.mesh.cell(c as usize).iter().enumerate();
-        let kept = nodes.filter(|(i, _)| *i != k && *i != j).map(|(_, &n)| n);
-        ridge.iter_mut().zip(kept).for_each(|(to, n)| *to = n);
-        ridge.sort_unstable();
-        ridge
-    }
-
-    /// The ridges of a face.
-    fn ridges(&self, face: u32) -> impl Iterator<Item = Ridge> + '_ {
-        let (c, k) = (face / (D as u32 + 1), face as usize % (D + 1));
-        (0..=D)
-            .filter(move |&j| j != k)
-            .map(move |j| self.ridge(c, k, j))
-    }
-
-    /// Runs `visit` on the cells round a ridge of cell c; whether the way round closes, as it does but
-    /// on the outside of the mesh.
-    fn round(&self, c: u32, ridge: Ridge, mut visit: impl FnMut(u32)) -> bool {
-        let beyond = |c: u32, k: usize| self.neighbors[(D + 1) * c as usize + k];
-        let beside = |c: u32| {
-            let nodes = self.mesh.cell(c as usize).iter().enumerate();
-            nodes
-                .filter(move |(_, n)| !ridge.contains(n))
-                .map(|(k, _)| k)
-        };
-        visit(c);
-        for first in beside(c) {
-            let (mut last, mut at) = (c, beyond(c, first));
-            while at != NONE && at != c {
-                visit(at);
-                let onward = beside(at).map(|k| beyond(at, k)).find(|&n| n != last);
-                (last, at) = (at, onward.unwrap_or(NONE));
-            }
-            if at == c {
-                return true;
-            }
-        }
-        false
     }
 
     /// Whether a surface may end at a ridge of cell c: on the outside of the mesh.
     fn may_end(&self, c: u32, ridge: Ridge) -> bool {
-        !self.round(c, ridge, |_| ())
+        self.surface.round(c, ridge, |_| ()) != Way::Closes
     }
 
     fn centroid(&self, c: u32) -> [f64; 3] {
-        let nodes = self
-            .mesh
+        let mesh = self.surface.mesh;
+        let nodes = mesh
             .cell(c as usize)
             .iter()
-            .map(|&n| self.mesh.nodes()[n as usize]);
+            .map(|&n| mesh.nodes()[n as usize]);
         in_space(nodes.fold([0.0; D], |sum, x| {
             std::array::from_fn(|k| sum[k] + x[k] / (D + 1) as f64)
         }))
@@ -235,66 +181,74 @@ impl<const D: usize, M: Simplices<D>> Sealing<'_, D, M> {
         })
     }
 
-    /// The faces that part cells on different sides of a sheet, from the rims of what is marked on.
-    fn grow(&mut self, patience: &Patience<'_>) {
+    /// The faces that part cells on different sides of a sheet, from the rims of what is marked on,
+    /// until it is `over`.
+    fn grow<E>(
+        &mut self,
+        over: impl Fn() -> std::result::Result<bool, E>,
+    ) -> std::result::Result<(), E> {
+        let n = D as u32 + 1;
         let mut count: HashMap<Ridge, u32> = HashMap::new();
-        let once = |face: &u32| self.twin(*face).is_none_or(|twin| *face < twin);
-        let marked: Vec<u32> = self.all_marked().into_iter().filter(once).collect();
+        let marked = self.surface.marked_once();
         for &face in &marked {
-            for ridge in self.ridges(face) {
+            for ridge in self.surface.ridges(face) {
                 *count.entry(ridge).or_default() += 1;
             }
         }
         let mut look = Vec::new();
         for &face in &marked {
-            for ridge in self.ridges(face) {
+            for ridge in self.surface.ridges(face) {
                 if count[&ridge] == 1 {
                     let before = look.len();
-                    // Where it does not close, the surface ends in a side.
-                    if !self.round(face / (D as u32 + 1), ridge, |c| look.push(c)) {
+                    // Where it does not close, the surface ends in a side; or there is no rim: all that
+                    // is round rims is here.
+                    let way = self.surface.round(face / n, ridge, |c| look.push(c));
+                    if way != Way::Closes {
                         look.truncate(before);
                     }
                 }
             }
         }
         self.on = count;
-        let mut known = vec![false; self.mesh.len()];
-        while !look.is_empty() && !patience.over() {
+        let mut known = vec![false; self.surface.mesh.len()];
+        while !look.is_empty() && !over()? {
             look.sort_unstable();
             look.dedup();
             look.retain(|&c| !std::mem::replace(&mut known[c as usize], true));
-            let sides: Vec<NearSheets> = look.par_iter().map(|&c| self.near(c)).collect();
-            self.sides.extend(look.iter().copied().zip(sides));
+            let unseen = look.par_iter().filter(|c| !self.sides.contains_key(*c));
+            let sides: Vec<(u32, NearSheets)> = unseen.map(|&c| (c, self.near(c))).collect();
+            self.sides.extend(sides);
             let mut next = Vec::new();
             for &c in &look {
-                for k in 0..=D as u32 {
-                    let face = (D as u32 + 1) * c + k;
-                    let beyond = self.neighbors[face as usize];
+                for face in n * c..n * (c + 1) {
+                    let beyond = self.surface.neighbors[face as usize];
                     // Of two that are new, the second sees the first.
-                    let seen = beyond != NONE && known[beyond as usize];
+                    let seen = beyond < BEYOND && known[beyond as usize];
                     let twice = seen && beyond > c && look.binary_search(&beyond).is_ok();
-                    if !seen || twice || self.marked(face) || !self.parted(c, beyond) {
+                    if !seen || twice || self.surface.marked(face) || !self.parted(c, beyond) {
                         continue;
                     }
-                    let twin = self.twin(face).unwrap_or(face);
+                    let twin = self.surface.twin(face).unwrap_or(face);
                     self.fresh.push(face.min(twin));
-                    let ridges: Vec<Ridge> = self.ridges(face).collect();
-                    for ridge in ridges {
+                    for ridge in self.surface.ridges(face) {
                         *self.on.entry(ridge).or_default() += 1;
-                        self.round(c, ridge, |c| next.push(c));
+                        if self.surface.round(c, ridge, |c| next.push(c)) == Way::Leaves {
+                            self.missed.extend(ridge);
+                        }
                     }
                 }
             }
             look = next;
         }
         self.fresh.sort_unstable();
+        Ok(())
     }
 
     /// Takes off fresh faces that hang over a rim.
     fn peel(&mut self) {
         let mut at: HashMap<Ridge, Vec<u32>> = HashMap::new();
         for &face in &self.fresh {
-            for ridge in self.ridges(face) {
+            for ridge in self.surface.ridges(face) {
                 at.entry(ridge).or_default().push(face);
             }
         }
@@ -304,7 +258,7 @@ impl<const D: usize, M: Simplices<D>> Sealing<'_, D, M> {
             let Ok(place) = self.fresh.binary_search(&face) else {
                 continue;
             };
-            let ridges: Vec<Ridge> = self.ridges(face).collect();
+            let ridges: Vec<Ridge> = self.surface.ridges(face).collect();
             let cell = face / (D as u32 + 1);
             let hangs = |ridge: &Ridge| self.on[ridge] == 1 && !self.may_end(cell, *ridge);
             if gone[place] || !ridges.iter().any(hangs) {
@@ -322,47 +276,26 @@ impl<const D: usize, M: Simplices<D>> Sealing<'_, D, M> {
         self.fresh
             .retain(|_| !left.next().is_some_and(|gone| *gone));
         for i in 0..self.fresh.len() {
-            self.mark(self.fresh[i], true);
+            self.surface.mark(self.fresh[i], true);
         }
     }
 
-    /// Opens pockets that fresh faces have made, each towards the room with which it shares most of
-    /// their area. Gives the number of pockets, and of rooms that are left.
-    fn open_pockets(&mut self) -> (usize, usize) {
-        let n = D as u32 + 1;
-        let mut rooms = Sets::new(self.mesh.len());
-        let (neighbors, marks) = (self.neighbors, &*self.marks);
-        rooms.unite_with(|c| {
-            let beyond = &neighbors[(n * c) as usize..(n * (c + 1)) as usize];
-            let open = move |(k, cell): (usize, &u32)| {
-                let open = *cell != NONE && *cell > c && marks[c as usize] >> k & 1 == 0;
-                open.then_some(*cell)
-            };
-            beyond.iter().enumerate().filter_map(open)
-        });
-        let (room, count) = rooms.numbered();
-        let mut volume = vec![0.0; count];
-        for first in (0..self.mesh.len()).step_by(TOGETHER) {
-            let some = (first..self.mesh.len().min(first + TOGETHER)).into_par_iter();
-            let volumes: Vec<f64> = some.map(|c| self.mesh.volume(c)).collect();
-            for (of_cell, &room) in volumes.iter().zip(&room[first..]) {
-                volume[room as usize] += of_cell;
-            }
-        }
+    /// Pockets that fresh faces have made, each with the room with which it shares most of their area: they
+    /// are to be opened. `volume` is that of each room, and `beside` has the rooms on both sides of each
+    /// fresh face.
+    fn pockets(&self, volume: &[f64], beside: &[[u32; 2]]) -> Opened {
         // For each pocket and room beside it, the area of the fresh faces between them.
         let mut between: BTreeMap<u32, BTreeMap<u32, f64>> = BTreeMap::new();
-        for &face in &self.fresh {
-            let cells = [face / n, self.neighbors[face as usize]];
-            let [r, s] = cells.map(|c| room[c as usize]);
-            let d = self.spacing(cells[0]);
+        for (&face, &[r, s]) in self.fresh.iter().zip(beside) {
+            let d = self.spacing(face / (D as u32 + 1));
             for (own, other) in [(r, s), (s, r)] {
                 if r != s && volume[own as usize] < POCKET * d.powi(D as i32) {
                     let areas = between.entry(own).or_default();
-                    *areas.entry(other).or_default() += self.area(face);
+                    *areas.entry(other).or_default() += self.surface.area(face);
                 }
             }
         }
-        let mut joined = Sets::new(count);
+        let mut joined = Sets::new(volume.len());
         let mut opened = Vec::new();
         for (pocket, areas) in between {
             let larger = |best: (u32, f64), (&other, &area): (&u32, &f64)| {
@@ -371,44 +304,29 @@ impl<const D: usize, M: Simplices<D>> Sealing<'_, D, M> {
             let (other, _) = areas.iter().fold((pocket, 0.0), larger);
             if joined.find(pocket) != joined.find(other) {
                 joined.unite(pocket, other);
-                opened.push((pocket.min(other), pocket.max(other)));
+                opened.push([pocket, other]);
             }
         }
-        opened.sort_unstable();
-        if !opened.is_empty() {
-            for face in self.all_marked() {
-                let beyond = self.neighbors[face as usize];
-                if beyond != NONE && beyond > face / n {
-                    let [r, s] = [face / n, beyond].map(|c| room[c as usize]);
-                    if opened.binary_search(&(r.min(s), r.max(s))).is_ok() {
-                        self.mark(face, false);
-                    }
-                }
-            }
-        }
-        (opened.len(), count - opened.len())
+        Opened::new(opened)
     }
 
     /// The lattice's spacing at a cell.
     fn spacing(&self, c: u32) -> f64 {
+        let mesh = self.surface.mesh;
         self.distance
-            .at(self.mesh.nodes()[self.mesh.cell(c as usize)[0] as usize])
+            .at(mesh.nodes()[mesh.cell(c as usize)[0] as usize])
     }
 
-    fn area(&self, face: u32) -> f64 {
-        let nodes = self
-            .mesh
-            .face(face as usize / (D + 1), face as usize % (D + 1));
-        M::face_area(&nodes.map(|n| self.mesh.nodes()[n as usize]))
-    }
-
-    fn finish(&self, pockets: usize, rooms: usize) -> Sealed {
-        let left = || self.fresh.iter().filter(|&&face| self.marked(face));
+    /// What is closed once pockets are opened; `beside` has the rooms on both sides of each fresh face, and
+    /// there were so many.
+    fn sealed(&self, opened: &Opened, beside: &[[u32; 2]], rooms: usize) -> Sealed {
+        let fresh = self.fresh.iter().zip(beside);
+        let left = fresh.filter(|(_, beside)| !opened.between(**beside));
         Sealed {
-            faces: left().count(),
-            area: left().map(|&face| self.area(face)).sum(),
-            pockets,
-            rooms,
+            faces: left.clone().count(),
+            area: left.map(|(&face, _)| self.surface.area(face)).sum(),
+            pockets: opened.count(),
+            rooms: rooms - opened.count(),
         }
     }
 }

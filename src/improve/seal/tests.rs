@@ -1,3 +1,5 @@
+mod pieces;
+
 use super::*;
 use crate::geometry::random::Random;
 use crate::mesh::boxes::{faces_on, jittered_box};

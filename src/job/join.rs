@@ -245,6 +245,8 @@ impl Meshing<3> for Space<3> {
     ) -> Result<Joined<TetMesh>> {
         let (extent, distance) = (scene.extent, scene.distance);
         let Atoms { positions, kinds } = &mut atoms;
+        // Whether all of it is here or not, it is cut at the same places.
+        let cuts = improvement.and_then(|_| Cuts::new(positions, extent, distance));
         let sheets = improvement.map(|_| put_onto_sheets(positions, kinds, scene));
         stages.begin(Stage::Joining);
         let Delaunay {
@@ -265,7 +267,6 @@ impl Meshing<3> for Space<3> {
         let (neighbors, (outcome, feature_faces)) = match options.method {
             SliverMethod::Joe => {
                 stages.begin(Stage::Improving);
-                let cuts = Cuts::new(&mesh.nodes, extent, distance);
                 stages.patiently(|patience| match &cuts {
                     Some(cuts) => {
                         let aim = Aim {

@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use crate::mesh::part::Holders;
 
-/// Values with whole numbers, of so many digits of 16 bits, that are ordered as they are by `total_cmp`.
+/// Values with whole numbers, of so many digits of [`BITS`], that are ordered as they are by `total_cmp`.
 pub(super) trait Ordered: Copy {
     /// Digits of the numbers.
     const DIGITS: u32;
@@ -17,7 +17,7 @@ pub(super) trait Ordered: Copy {
 }
 
 impl Ordered for f32 {
-    const DIGITS: u32 = 2;
+    const DIGITS: u32 = 32_u32.div_ceil(BITS);
 
     fn key(self) -> u64 {
         let bits = match self.to_bits() {
@@ -37,7 +37,7 @@ impl Ordered for f32 {
 }
 
 impl Ordered for f64 {
-    const DIGITS: u32 = 4;
+    const DIGITS: u32 = 64_u32.div_ceil(BITS);
 
     fn key(self) -> u64 {
         match self.to_bits() {
@@ -54,8 +54,10 @@ impl Ordered for f64 {
     }
 }
 
+/// Bits of a digit: few enough that counts stay close to the processor, and are soon told.
+const BITS: u32 = 11;
 /// So many values a digit has.
-const DIGIT: usize = 1 << 16;
+const DIGIT: usize = 1 << BITS;
 
 /// Of each series of values those of which so many are smaller: `ranks` is told how many there are in all, which is
 /// never 0; of no values, NaN. For one digit after the other it is counted how many of those that begin as the wanted
@@ -74,14 +76,14 @@ pub(super) fn at_ranks<V: Ordered, const N: usize, H: Holders + ?Sized>(
     for digit in (0..V::DIGITS).rev() {
         let begun: Vec<Vec<u64>> = places.iter().map(beginnings).collect();
         let counts: Vec<Vec<u64>> = (series.par_iter().zip(&begun))
-            .map(|(values, begun)| counts(values.clone(), begun, 16 * digit))
+            .map(|(values, begun)| counts(values.clone(), begun, BITS * digit))
             .collect();
         let counts = holders.summed("values by their size", counts.concat())?;
         let mut counts = counts.chunks_exact(DIGIT);
         for (s, begun) in begun.iter().enumerate() {
             let counts: Vec<&[u64]> = counts.by_ref().take(begun.len()).collect();
             if digit + 1 == V::DIGITS {
-                totals[s] = counts.concat().iter().sum::<u64>() as usize;
+                totals[s] = counts.iter().copied().flatten().sum::<u64>() as usize;
                 let ranks = ranks[s](totals[s].max(1));
                 places[s] = ranks.map(|rank| (0, rank));
             }
@@ -95,7 +97,7 @@ pub(super) fn at_ranks<V: Ordered, const N: usize, H: Holders + ?Sized>(
                 });
                 let next = next.unwrap_or_default();
                 *rank = (*rank + counts[next] as usize).saturating_sub(before);
-                *beginning = *beginning << 16 | next as u64;
+                *beginning = *beginning << BITS | next as u64;
             }
         }
     }
@@ -124,7 +126,7 @@ fn counts<V: Ordered>(values: impl Iterator<Item = V>, begun: &[u64], bits: u32)
     for v in values {
         let key = v.key();
         // All begin alike before the first digit.
-        let beginning = key.checked_shr(bits + 16).unwrap_or(0);
+        let beginning = key.checked_shr(bits + BITS).unwrap_or(0);
         if let Some(with) = begun.iter().position(|&b| b == beginning) {
             counts[DIGIT * with + (key >> bits) as usize % DIGIT] += 1;
         }

@@ -163,8 +163,7 @@ pub(crate) fn quality_of_part<const D: usize, M: Simplices<D>, H: Holders + ?Siz
         .map(|(chunk, of_cells)| shapes(mesh, chunk * CHUNK, of_cells))
         .collect();
     let all = (part.holders).told("shapes", Own::new(part, &of_cells, &sums))?;
-    let series: [fn(&OfCell) -> f32; 4] =
-        [|c| c.smallest, |c| c.largest, |c| c.ratio, |c| c.radius];
+    let series: [Figure; 4] = [|c| c.smallest, |c| c.largest, |c| c.ratio, |c| c.radius];
     let series = series.map(|of| of_cells.iter().map(of));
     let [smallest, largest, mean_ratio, radius_edge] = points(
         series,
@@ -203,8 +202,11 @@ pub(crate) fn quality_of_part<const D: usize, M: Simplices<D>, H: Holders + ?Siz
     })
 }
 
+/// A figure of a cell.
+type Figure = fn(&OfCell) -> f32;
+
 /// What is counted: cells with the smallest angle, or with what the largest lacks of 180 degrees, below a limit.
-const LIMITS: [(fn(&OfCell) -> f32, f64); 5] = [
+const LIMITS: [(Figure, f64); 5] = [
     (|c| c.smallest, 20.0),
     (|c| c.smallest, 30.0),
     (|c| c.largest, 60.0),
@@ -232,7 +234,7 @@ impl Own {
         of_cells: &[OfCell],
         sums: &[Sums],
     ) -> Self {
-        let below = |(of, angle): (fn(&OfCell) -> f32, f64)| {
+        let below = |(of, angle): (Figure, f64)| {
             let limit = 1.0 - angle.to_radians().cos();
             let values = of_cells.par_iter().map(of);
             values.filter(|&v| f64::from(v) < limit).count() as u64

@@ -166,6 +166,26 @@ impl<'a> Part<'a, 3, TetMesh, dyn Group + 'a> {
     }
 }
 
+impl<'a, const D: usize, M: Simplices<D>> Part<'a, D, M, dyn Group + 'a> {
+    /// The cells that one of a group has, of which the `first` has this number in the whole: for what is measured cell
+    /// by cell. There are so many nodes and cells in the `whole`.
+    pub fn of_cells(
+        mesh: &'a M,
+        first: usize,
+        whole: [usize; 2],
+        group: &'a (dyn Group + 'a),
+    ) -> Self {
+        Self {
+            mesh,
+            numbers: None,
+            shared: Vec::new(),
+            first,
+            whole,
+            holders: group,
+        }
+    }
+}
+
 impl<'a, const D: usize, M: Simplices<D>, H: Holders + ?Sized> Part<'a, D, M, H> {
     /// The same cells with nodes elsewhere.
     pub fn with_mesh(self, mesh: &'a M) -> Self {

@@ -15,8 +15,11 @@ use crate::image::{Geometry, Source};
 pub use crate::job::Provenance;
 use crate::job::horizons::horizon_bits;
 use crate::job::{Made, Marked, Meshing, Outcome, Space};
+use crate::mesh::part::Part;
 use crate::mesh::{Mesh, Simplices};
-use crate::report::smallest_angles;
+use crate::observer::Patience;
+use crate::ranks::Ranks;
+use crate::report::{Quality, quality, quality_of_part, smallest_angles};
 use crate::store::{
     AnyMesh, FieldValue, LatticeSpace, MeshFile, face_bits_to_physical, to_physical,
 };
@@ -143,6 +146,28 @@ where
                 write_cells_vtu(path, &with_values(file, image)?)
             }
         }
+    }
+
+    /// The shapes of tetrahedra or triangles where the image lies in the world, if they are other ones there. Where ranks
+    /// have a part each, all must ask.
+    ///
+    /// # Errors
+    /// Those of other ranks.
+    pub fn quality_in_world(&self) -> Result<Option<Quality>> {
+        let Some(made) = self.simplices() else {
+            return Ok(None);
+        };
+        if self.geometry.has_shape_of(self.step) {
+            return Ok(None);
+        }
+        let mesh = to_physical(&made.mesh, self.step, &self.geometry);
+        Ok(Some(match &self.share {
+            None => quality(&mesh),
+            Some(share) => quality_of_part(
+                &Part::of_cells(&mesh, share.first, share.whole, &Ranks),
+                &Patience::endless(),
+            )?,
+        }))
     }
 
     /// Writes the acute lines of tetrahedra or triangles, where the image lies in the world, as

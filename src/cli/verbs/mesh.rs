@@ -264,18 +264,17 @@ impl Run<'_> {
         if ranks::is_first() || is_in_parts(&output) {
             console.write_outcome(&output, &outcome, image)?;
         }
+        let in_world = match ranks::is_first() || outcome.share.is_some() {
+            true => outcome.quality_in_world()?,
+            false => None,
+        };
         if !ranks::is_first() {
             return Ok(ending);
         }
         if let Some(path) = &job.outputs.lines {
             outcome.write_lines(path)?;
         }
-        if let Some(made) = outcome.simplices()
-            && !geometry.has_shape_of(outcome.step)
-        {
-            let physical = to_physical(&made.mesh, outcome.step, geometry);
-            outcome.report.quality_physical = Some(quality(&physical));
-        }
+        outcome.report.quality_physical = in_world;
         if let Some(path) = &job.outputs.potential {
             let potential = outcome.features.potential.dense();
             console.write_image(path, potential_image(potential, geometry))?;

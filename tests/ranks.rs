@@ -137,6 +137,78 @@ fn parts_put_together_are_the_mesh() {
 }
 
 #[test]
+fn a_large_mesh_is_made_in_pieces_of_which_no_rank_has_all() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    // A hundred d long: three slabs. Samples are no cubes, so that shapes are other ones in the world.
+    let job = "mesh net.npy --distance 2 --spacing 2,1,1 --quiet";
+    let one = alone(folder, "200,48,40", &format!("{job} --report one.json"));
+    let read = |name: &str| atomesh::store::read_any_mesh(&folder.join(name)).unwrap();
+    let whole = read("one.vtu");
+    shared(folder, 3, &format!("{job} -o many.vtu"));
+    assert!(fs::read(folder.join("many.vtu")).unwrap() == one);
+    let size = |name: &str| fs::metadata(folder.join(name)).unwrap().len();
+    for count in [2, 3, 4] {
+        shared(
+            folder,
+            count,
+            &format!("{job} -o parts.pvtu --report many.json"),
+        );
+        assert!(read("parts.pvtu") == whole, "{count} ranks");
+        let largest = (0..count)
+            .map(|part| size(&format!("parts_000{part}.vtu")))
+            .max();
+        let limit = if count == 2 { 0.8 } else { 0.45 };
+        assert!(
+            (largest.unwrap() as f64) < limit * size("one.vtu") as f64,
+            "{count} ranks"
+        );
+        let [one, many] = ["one.json", "many.json"].map(|name| counted(&folder.join(name)));
+        assert_eq!(one, many, "{count} ranks");
+    }
+    // What needs all of the mesh has it.
+    shared(
+        folder,
+        2,
+        &format!("{job} -o parts.pvtu --surfaces faults.vtp"),
+    );
+    assert!(read("parts.pvtu") == whole && folder.join("faults.vtp").exists());
+}
+
+/// What a report says of a mesh, but for sums of numbers with a fraction, which pieces sum up in another order.
+fn counted(report: &Path) -> serde_json::Value {
+    let text = fs::read_to_string(report).unwrap();
+    let mut report: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let parts = [
+        "lattice",
+        "quality",
+        "quality_physical",
+        "fidelity",
+        "box",
+        "improvement",
+    ];
+    let mut all: serde_json::Value = parts
+        .into_iter()
+        .map(|part| (part.to_string(), report[part].take()))
+        .collect();
+    let rounded = [
+        ("quality", &["mean_ratio_mean", "volume"][..]),
+        ("quality_physical", &["mean_ratio_mean", "volume"]),
+        ("box", &["volume_error", "area_error"]),
+    ];
+    for (part, names) in rounded {
+        for name in names {
+            let value = all[part][name].take();
+            let close = format!("{:.9}", value.as_f64().expect(name));
+            all[part][name] = close.into();
+        }
+    }
+    let area = all["improvement"]["sealed"]["area"].take();
+    all["improvement"]["sealed"]["area"] = format!("{:.6}", area.as_f64().expect("area")).into();
+    all
+}
+
+#[test]
 fn what_one_rank_cannot_read_ends_all_with_one_error() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();

@@ -19,7 +19,6 @@ use rayon::prelude::*;
 
 use super::{Improver, SINES};
 use crate::Result;
-use crate::geometry::groups::group as by_group;
 use crate::improve::sheets::Sheets;
 use crate::improve::{Blocked, Counts, Improved, Target};
 use crate::lattice::AtomKind;
@@ -41,6 +40,9 @@ const THICK: f64 = 32.0;
 /// ... and have at least so many atoms.
 const ATOMS: usize = 20_480;
 
+/// There are not more.
+const MOST: usize = 1 << 14;
+
 /// Where a mesh is cut: at planes across the longest axis of the box.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cuts {
@@ -58,7 +60,7 @@ impl Cuts {
         let half = HALF * distance.max();
         let thick = (extent[axis] / (THICK * distance.max())) as usize;
         let mut along: Vec<f64> = atoms.iter().map(|x| x[axis]).collect();
-        for count in (2..=thick.min(atoms.len() / ATOMS)).rev() {
+        for count in (2..=thick.min(atoms.len() / ATOMS).min(MOST)).rev() {
             let cut = |i: usize| {
                 let rank = i * atoms.len() / count;
                 *along.select_nth_unstable_by(rank, f64::total_cmp).1
@@ -87,12 +89,12 @@ impl Cuts {
     }
 
     /// Of a tetrahedron whose first atom is there: twice the number of the slab, and one more in the band after it.
-    fn region(&self, x: [f64; 3]) -> u32 {
+    fn region(&self, x: [f64; 3]) -> u16 {
         let x = x[self.axis];
         let begun = self.at.partition_point(|at| at - self.half <= x);
         match begun.checked_sub(1) {
-            Some(band) if x < self.at[band] + self.half => 2 * band as u32 + 1,
-            _ => 2 * begun as u32,
+            Some(band) if x < self.at[band] + self.half => 2 * band as u16 + 1,
+            _ => 2 * begun as u16,
         }
     }
 
@@ -226,17 +228,19 @@ pub fn improve_in_slabs(
 ) -> Result<InSlabs> {
     let (slabs, bands) = (cuts.count(), cuts.at.len());
     let own = own_slabs(slabs, group);
-    let raw = Raw::new(tets, neighbors, atoms, cuts);
-    let known = |n: u32| (atoms[n as usize], kinds[n as usize], None);
-    let mut poor_before = raw.poor(&own, atoms, aim.sine());
+    let joined = (tets, neighbors);
+    let (raw, poor_before) = regions(joined, cuts, &own, (atoms, kinds), aim.sine());
+    let (mut inner, mut between) = (Vec::new(), Vec::new());
+    for (i, part) in raw.into_iter().enumerate() {
+        [&mut inner, &mut between][i % 2].push(part);
+    }
 
     // Bands: numbers for the nodes that came, and what is beyond the cut to the next slab, which may be another's.
     let own_bands = own.start..own.end.min(bands);
-    let mut done: Vec<Done> = (own_bands.into_par_iter().with_max_len(1))
-        .map(|band| {
+    let mut done: Vec<Done> = (own_bands.into_par_iter().zip(between).with_max_len(1))
+        .map(|(band, part)| {
             let core = CORE / HALF * cuts.half;
             let between = [cuts.at[band] - core, cuts.at[band] + core];
-            let part = raw.part(2 * band + 1, &known);
             improve_part(part, Some((cuts.axis, between)), aim, patience)
         })
         .collect::<Result<Vec<Done>>>()?;
@@ -262,13 +266,12 @@ pub fn improve_in_slabs(
         parts.push(part);
     }
 
-    let mut done: Vec<Done> = (own.clone().into_par_iter().zip(parts).with_max_len(1))
-        .map(|(slab, mut parts)| {
-            parts.push(raw.part(2 * slab, &known));
+    let mut done: Vec<Done> = (inner.into_par_iter().zip(parts).with_max_len(1))
+        .map(|(inner, mut parts)| {
+            parts.push(inner);
             improve_part(Part::together(parts), None, aim, patience)
         })
         .collect::<Result<Vec<Done>>>()?;
-    drop(raw);
     end = number_all(&mut done, end, group)?;
     let mut blocked = Vec::new();
     for slab in &mut done {
@@ -281,8 +284,7 @@ pub fn improve_in_slabs(
     gone.sort_unstable();
     let all: Vec<(usize, (Counts, Vec<Blocked>))> =
         group.all("improvement", &(poor_before, (counts, blocked)))?;
-    let (mut counts, mut blocked) = (Counts::default(), Vec::new());
-    poor_before = 0;
+    let (mut poor_before, mut counts, mut blocked) = (0, Counts::default(), Vec::new());
     for (poor, (some, of_some)) in all {
         poor_before += poor;
         counts += some;
@@ -326,64 +328,38 @@ fn owner(slab: usize, slabs: usize, count: usize) -> usize {
     (0..count).find(|rank| slab < end(rank)).unwrap_or(0)
 }
 
-/// Delaunay tetrahedra, sorted by the band or the slab between bands that they are in.
-struct Raw {
-    tets: Vec<[u32; 4]>,
-    neighbors: Vec<[u32; 4]>,
-    region: Vec<u32>,
-    start: Vec<u32>,
-    order: Vec<u32>,
-    /// The number of each tetrahedron in its region.
-    place: Vec<u32>,
-}
-
-impl Raw {
-    fn new(tets: Vec<[u32; 4]>, neighbors: Vec<[u32; 4]>, atoms: &[[f64; 3]], cuts: &Cuts) -> Self {
-        let of =
-            |tet: &[u32; 4]| cuts.region(atoms[tet.iter().fold(NONE, |a, &b| a.min(b)) as usize]);
-        let region: Vec<u32> = tets.par_iter().map(of).collect();
-        let (mut start, mut order) = (Vec::new(), Vec::new());
-        by_group(2 * cuts.count() - 1, &region, &mut start, &mut order);
-        let mut place = vec![0; tets.len()];
-        for (i, &t) in order.iter().enumerate() {
-            place[t as usize] = i as u32 - start[region[t as usize] as usize];
-        }
-        Self {
-            tets,
-            neighbors,
-            region,
-            start,
-            order,
-            place,
-        }
-    }
-
-    fn chosen(&self, region: usize) -> &[u32] {
-        &self.order[self.start[region] as usize..self.start[region + 1] as usize]
-    }
-
-    fn part(&self, region: usize, known: part::Known<'_>) -> Part {
-        let here = |t: u32| match self.region[t as usize] as usize == region {
-            true => self.place[t as usize],
-            false => NONE,
-        };
-        Part::of(
-            &self.tets,
-            &self.neighbors,
-            self.chosen(region),
-            here,
-            known,
-        )
-    }
-
-    /// How many tetrahedra of some slabs, and of the bands after them, are poorer than a sine.
-    fn poor(&self, slabs: &Range<usize>, atoms: &[[f64; 3]], sine: f64) -> usize {
-        let [from, to] = [slabs.start, slabs.end]
-            .map(|slab| self.start[(2 * slab).min(self.start.len() - 1)] as usize);
-        let own = self.order[from..to].par_iter().with_min_len(SINES);
-        let corners = |t: u32| self.tets[t as usize].map(|n| atoms[n as usize]);
-        own.filter(|&&t| min_sine(&corners(t)) < sine).count()
-    }
+/// The regions of some slabs and of the bands after them, each as a part, and how many of their tetrahedra are poorer than
+/// a sine.
+fn regions(
+    (tets, neighbors): (Vec<[u32; 4]>, Vec<[u32; 4]>),
+    cuts: &Cuts,
+    own: &Range<usize>,
+    (atoms, kinds): (&[[f64; 3]], &[AtomKind]),
+    sine: f64,
+) -> (Vec<Part>, usize) {
+    let own = 2 * own.start..(2 * own.end).min(2 * cuts.count() - 1);
+    let least = |tet: &[u32; 4]| tet.iter().fold(NONE, |a, &b| a.min(b)) as usize;
+    let region: Vec<u16> = (tets.par_iter())
+        .map(|tet| cuts.region(atoms[least(tet)]))
+        .collect();
+    let part = |region_here: usize| {
+        let chosen: Vec<u32> = (region.iter().enumerate())
+            .filter(|(_, region)| usize::from(**region) == region_here)
+            .map(|(t, _)| t as u32)
+            .collect();
+        Part::of(&tets, &neighbors, &chosen, |n| {
+            let n = n as usize;
+            (atoms[n], kinds[n], None)
+        })
+    };
+    let parts: Vec<Part> = own.into_par_iter().with_max_len(1).map(part).collect();
+    let poor = |part: &Part| {
+        let tets = part.tets.par_iter().with_min_len(SINES);
+        let corners = |tet: &[u32; 4]| tet.map(|n| part.nodes[n as usize]);
+        tets.filter(|tet| min_sine(&corners(tet)) < sine).count()
+    };
+    let poor = parts.iter().map(poor).sum();
+    (parts, poor)
 }
 
 impl Done {
@@ -488,7 +464,7 @@ fn improve_part(
 
 /// Neighbours in which faces that are not in a side of the box lead to another piece.
 fn beyond_cuts(part: &Part, aim: Aim<'_>) -> Vec<[u32; 4]> {
-    let tets = part.tets.iter().zip(&part.neighbors);
+    let tets = part.tets.par_iter().zip(&part.neighbors);
     tets.map(|(tet, around)| {
         std::array::from_fn(|k| match around[k] {
             NONE if !aim.in_side(FACES[k].map(|i| part.nodes[tet[i] as usize])) => BEYOND,

@@ -1,5 +1,7 @@
 //! A part of a mesh as a mesh of its own, and parts put together.
 
+use rayon::prelude::*;
+
 use super::super::Hold;
 use crate::files::kept::fields;
 use crate::lattice::AtomKind;
@@ -25,19 +27,24 @@ fields! {
     Part as Part { ids, nodes, kinds, holds, tets, neighbors }
 }
 
-/// What is known of a node by its number in the whole.
-pub type Known<'a> = &'a (dyn Fn(u32) -> ([f64; 3], AtomKind, Option<Hold>) + Sync);
-
 impl Part {
-    /// Some of the tetrahedra of a mesh, or of some of it; `here` tells the number that a tetrahedron has among them,
-    /// or `NONE`.
+    /// Some of the tetrahedra of a mesh, in rising order, or of some of it; `known` tells of each node where it is, what it
+    /// may do and what holds it.
     pub fn of(
         tets: &[[u32; 4]],
         neighbors: &[[u32; 4]],
         chosen: &[u32],
-        here: impl Fn(u32) -> u32,
-        known: Known<'_>,
+        known: impl Fn(u32) -> ([f64; 3], AtomKind, Option<Hold>),
     ) -> Self {
+        let first = chosen.first().map_or(0, |&t| t as usize);
+        let mut place = vec![NONE; chosen.last().map_or(0, |&t| t as usize + 1) - first];
+        for (i, &t) in chosen.iter().enumerate() {
+            place[t as usize - first] = i as u32;
+        }
+        let here = |t: u32| {
+            let place = (t as usize).checked_sub(first).and_then(|t| place.get(t));
+            place.copied().unwrap_or(NONE)
+        };
         let mut ids: Vec<u32> = Vec::new();
         // Each node once, in rising order, without sorting all corners.
         let most = chosen.iter().flat_map(|&t| tets[t as usize]).max();
@@ -58,7 +65,7 @@ impl Part {
                 .map(|&t| tets[t as usize].map(|n| number[n as usize]))
                 .collect(),
             neighbors: (chosen.iter())
-                .map(|&t| neighbors[t as usize].map(|n| if n == NONE { NONE } else { here(n) }))
+                .map(|&t| neighbors[t as usize].map(here))
                 .collect(),
             ..Self::default()
         };
@@ -74,23 +81,12 @@ impl Part {
 
     /// Those of its tetrahedra that are wanted.
     pub fn pick(&self, wanted: impl Fn(u32) -> bool) -> Self {
-        let mut here = vec![NONE; self.tets.len()];
-        let mut chosen = Vec::new();
-        for t in (0..self.tets.len() as u32).filter(|&t| wanted(t)) {
-            here[t as usize] = chosen.len() as u32;
-            chosen.push(t);
-        }
+        let chosen: Vec<u32> = (0..self.tets.len() as u32).filter(|&t| wanted(t)).collect();
         let known = |n: u32| {
             let n = n as usize;
             (self.nodes[n], self.kinds[n], self.holds[n])
         };
-        let mut part = Self::of(
-            &self.tets,
-            &self.neighbors,
-            &chosen,
-            |t| here[t as usize],
-            &known,
-        );
+        let mut part = Self::of(&self.tets, &self.neighbors, &chosen, known);
         for id in &mut part.ids {
             *id = self.ids[*id as usize];
         }
@@ -108,10 +104,10 @@ impl Part {
             all.map(move |(n, (&id, hold))| (id, hold.is_none(), i as u32, n as u32))
         });
         let mut nodes: Vec<(u32, bool, u32, u32)> = nodes.collect();
-        nodes.sort_unstable();
+        nodes.par_sort_unstable();
         let mut number: Vec<Vec<u32>> = parts.iter().map(|part| vec![0; part.ids.len()]).collect();
         let mut all = Self::default();
-        for (id, _, i, n) in nodes {
+        for &(id, _, i, n) in &nodes {
             let (part, place) = (&parts[i as usize], n as usize);
             if all.ids.last() != Some(&id) {
                 all.ids.push(id);
@@ -121,15 +117,20 @@ impl Part {
             }
             number[i as usize][place] = all.ids.len() as u32 - 1;
         }
-        for (part, number) in parts.iter().zip(&number) {
+        drop(nodes);
+        let count = parts.iter().map(|part| part.tets.len()).sum();
+        all.tets.reserve_exact(count);
+        all.neighbors.reserve_exact(count);
+        // What has been copied goes.
+        for (part, number) in parts.into_iter().zip(number) {
             let first = all.tets.len() as u32;
-            let tets = part.tets.iter();
+            let tets = part.tets.par_iter();
             all.tets
-                .extend(tets.map(|tet| tet.map(|n| number[n as usize])));
-            let around = part.neighbors.iter();
-            all.neighbors.extend(
-                around.map(|around| around.map(|n| if n == NONE { NONE } else { first + n })),
-            );
+                .par_extend(tets.map(|tet| tet.map(|n| number[n as usize])));
+            let around = part.neighbors.par_iter();
+            let moved = |n: u32| if n == NONE { NONE } else { first + n };
+            all.neighbors
+                .par_extend(around.map(|around| around.map(moved)));
         }
         all.join_faces();
         all
@@ -137,14 +138,17 @@ impl Part {
 
     /// Tetrahedra with a face in common beyond which neither has another become neighbours.
     fn join_faces(&mut self) {
-        let mut open: Vec<([u32; 3], u32, u8)> = Vec::new();
-        for (t, (tet, around)) in self.tets.iter().zip(&self.neighbors).enumerate() {
-            for k in (0..4).filter(|&k| around[k] == NONE) {
+        let faces = |(t, (tet, around)): (usize, (&[u32; 4], &[u32; 4]))| {
+            let (tet, around) = (*tet, *around);
+            let ends = (0..4).filter(move |&k| around[k] == NONE);
+            ends.map(move |k| {
                 let mut face = FACES[k].map(|i| tet[i]);
                 face.sort_unstable();
-                open.push((face, t as u32, k as u8));
-            }
-        }
+                (face, t as u32, k as u8)
+            })
+        };
+        let all = self.tets.par_iter().zip(&self.neighbors).enumerate();
+        let mut open: Vec<([u32; 3], u32, u8)> = all.flat_map_iter(faces).collect();
         open.sort_unstable();
         for two in open.windows(2) {
             let [(face, t, k), (other, u, l)] = [two[0], two[1]];

@@ -140,9 +140,9 @@ fn parts_put_together_are_the_mesh() {
 fn a_large_mesh_is_made_in_pieces_of_which_no_rank_has_all() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    // A hundred d long: three slabs. Samples are no cubes, so that shapes are other ones in the world.
+    // 150 d long: three slabs. Samples are no cubes, so that shapes are other ones in the world.
     let job = "mesh net.npy --distance 2 --spacing 2,1,1 --quiet";
-    let one = alone(folder, "200,48,40", &format!("{job} --report one.json"));
+    let one = alone(folder, "300,48,40", &format!("{job} --report one.json"));
     let read = |name: &str| atomesh::store::read_any_mesh(&folder.join(name)).unwrap();
     let whole = read("one.vtu");
     shared(folder, 3, &format!("{job} -o many.vtu"));

@@ -191,7 +191,7 @@ fn measured_by_all<T>(
     patience: &Patience<'_>,
     measure: impl FnOnce() -> Result<T>,
 ) -> Result<Option<T>> {
-    let over = || -> Result<bool> { Ok(group.all("patience", &patience.over())?.contains(&true)) };
+    let over = || -> Result<bool> { Ok(group.all("patience", patience.over())?.contains(&true)) };
     if over()? {
         return Ok(None);
     }

@@ -126,7 +126,7 @@ fn own_tetrahedra(
 ) -> Result<(Vec<[u32; 4]>, Vec<[u32; 4]>)> {
     let own = tets::own_slabs(cuts.count(), group);
     let some = delaunay_of_stretches(positions, cuts.axis, &cuts.ends(), own)?;
-    let all_have: Vec<bool> = group.all("tetrahedra of slabs", &some.is_some())?;
+    let all_have: Vec<bool> = group.all("tetrahedra of slabs", some.is_some())?;
     match some {
         Some(some) if all_have.iter().all(|&has| has) => Ok(some),
         _ => {

@@ -114,11 +114,11 @@ impl Holders for dyn Group + '_ {
     }
 
     fn told<T: Kept>(&self, what: &str, own: T) -> crate::Result<Vec<T>> {
-        self.all(what, &own)
+        self.all(what, own)
     }
 
     fn passed<T: Kept>(&self, what: &str, to: Vec<T>) -> crate::Result<Vec<T>> {
-        self.pass(what, &to)
+        self.pass(what, to)
     }
 }
 

@@ -30,16 +30,22 @@ impl dyn Group + '_ {
     ///
     /// # Errors
     /// Those of the others.
-    pub fn all<T: Kept>(&self, what: &str, own: &T) -> Result<Vec<T>> {
-        read(what, self.all_bytes(what, bytes(own))?)
+    pub fn all<T: Kept>(&self, what: &str, own: T) -> Result<Vec<T>> {
+        match self.count() {
+            1 => Ok(vec![own]),
+            _ => read(what, self.all_bytes(what, bytes(&own))?),
+        }
     }
 
     /// What each of them has for this one, in their order; `to` has something for each.
     ///
     /// # Errors
     /// Those of the others.
-    pub fn pass<T: Kept>(&self, what: &str, to: &[T]) -> Result<Vec<T>> {
-        read(what, self.pass_bytes(what, to.iter().map(bytes).collect())?)
+    pub fn pass<T: Kept>(&self, what: &str, to: Vec<T>) -> Result<Vec<T>> {
+        match self.count() {
+            1 => Ok(to),
+            _ => read(what, self.pass_bytes(what, to.iter().map(bytes).collect())?),
+        }
     }
 }
 
@@ -106,7 +112,7 @@ impl Group for Ranks {
         }
         // How much each has for each; and all are here, and none has failed.
         let much: Vec<usize> = to.iter().map(Vec::len).collect();
-        let much: Vec<Vec<usize>> = (self as &dyn Group).all(what, &much)?;
+        let much: Vec<Vec<usize>> = (self as &dyn Group).all(what, much)?;
         #[cfg(feature = "mpi")]
         return Ok(super::world::pass(&to, &much));
         #[cfg(not(feature = "mpi"))]
@@ -175,9 +181,9 @@ pub(crate) mod tests {
         for count in [1, 2, 5] {
             let heard = shared(count, |group| {
                 let own = group.rank();
-                let all = group.all("numbers", &own).unwrap();
+                let all = group.all("numbers", own).unwrap();
                 let to: Vec<String> = (0..count).map(|to| format!("{own} to {to}")).collect();
-                (all, group.pass("words", &to).unwrap())
+                (all, group.pass("words", to).unwrap())
             });
             for (rank, (all, words)) in heard.into_iter().enumerate() {
                 assert!(all.into_iter().eq(0..count));
@@ -186,7 +192,7 @@ pub(crate) mod tests {
             }
         }
         for alone in [&Ranks as &dyn Group, &Alone] {
-            assert_eq!(alone.pass("numbers", &[7usize]).unwrap(), [7]);
+            assert_eq!(alone.pass("numbers", vec![7usize]).unwrap(), [7]);
         }
     }
 }

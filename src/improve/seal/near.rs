@@ -74,7 +74,7 @@ impl Near {
         let place = |n: u32| (piece.numbers[n as usize], piece.mesh.nodes[n as usize]);
         let nodes: Vec<(u32, [f64; 3])> = nodes.into_iter().map(place).collect();
         let mut others = Vec::new();
-        for (cells, nodes) in group.all("cells near rims", &(cells, nodes))? {
+        for (cells, nodes) in group.all("cells near rims", (cells, nodes))? {
             others.extend(nodes.iter().map(|(number, _)| *number));
             self.cells.extend(cells);
             self.nodes.extend(nodes);

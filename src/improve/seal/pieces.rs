@@ -64,7 +64,7 @@ pub fn seal_pieces(
         let here = |(number, sides)| (near.place(number), sides);
         sealing.sides = seen.into_iter().map(here).collect();
         sealing.grow(|| {
-            let over = group.all("patience", &patience.over())?;
+            let over = group.all("patience", patience.over())?;
             Ok::<_, Error>(over.contains(&true))
         })?;
         if sealing.missed.is_empty() {
@@ -104,7 +104,7 @@ impl Own<'_> {
                 told[to].push((name, value(face)));
             }
         }
-        let told = self.group.pass(what, &told)?;
+        let told = self.group.pass(what, told)?;
         let mut both = Vec::new();
         for (from, told) in told.iter().enumerate() {
             let told = told.iter().enumerate();
@@ -119,7 +119,7 @@ impl Own<'_> {
                 answers[to][there] = Some(value);
             }
         }
-        let answers = self.group.pass(what, &answers)?;
+        let answers = self.group.pass(what, answers)?;
         let mut across = Vec::new();
         for (faces, answers) in faces.into_iter().zip(answers) {
             for (face, other) in faces.into_iter().zip(answers) {
@@ -189,7 +189,7 @@ impl Own<'_> {
 
     /// What all have, rising, each once.
     fn all_sorted<T: Ord + Kept>(&self, what: &str, own: Vec<T>) -> Result<Vec<T>> {
-        let all = self.group.all(what, &own)?.into_iter();
+        let all = self.group.all(what, own)?.into_iter();
         let mut all: Vec<T> = all.flatten().collect();
         all.sort_unstable();
         all.dedup();
@@ -216,7 +216,7 @@ impl Own<'_> {
             }
         }
         let (room, volume) = self.surface.rooms();
-        let volumes = self.group.all("rooms", &volume)?;
+        let volumes = self.group.all("rooms", volume)?;
         let before: usize = volumes[..self.group.rank()].iter().map(Vec::len).sum();
         // Rooms of pieces are numbered as their first cells are in the whole: so are those that are united.
         let volumes = volumes.concat();

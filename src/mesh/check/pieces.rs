@@ -30,7 +30,7 @@ pub(crate) fn check_pieces(
         ..Check::default()
     };
     let first = first_unreadable(mesh).map(|cell| piece.first + cell);
-    let all = group.all("whether meshes are readable", &(first, finite(&mesh.nodes)))?;
+    let all = group.all("whether meshes are readable", (first, finite(&mesh.nodes)))?;
     if let Some(cell) = all.iter().filter_map(|(first, _)| *first).min() {
         found.fault(unreadable::<3, TetMesh>(cell));
         return Ok(found);
@@ -65,7 +65,7 @@ pub(crate) fn check_pieces(
 fn filled(piece: &Piece, group: &dyn Group) -> Result<Filled> {
     let own = Filled::of(&piece.mesh.volumes());
     let first = own.first.map(|cell| piece.first + cell);
-    let all = group.all("volumes", &((own.not_positive, first), own.volume))?;
+    let all = group.all("volumes", ((own.not_positive, first), own.volume))?;
     Ok(Filled {
         not_positive: all.iter().map(|((not_positive, _), _)| not_positive).sum(),
         first: all.iter().filter_map(|((_, first), _)| *first).min(),
@@ -80,10 +80,10 @@ fn unused_nodes(piece: &Piece, group: &dyn Group) -> Result<usize> {
     for (&node, _) in used.filter(|(_, used)| *used) {
         to[group.owner(node, piece.whole[0])].push(node);
     }
-    let mut used = group.pass("used nodes", &to)?.concat();
+    let mut used = group.pass("used nodes", to)?.concat();
     used.sort_unstable();
     used.dedup();
-    let used: usize = group.all("counts of used nodes", &used.len())?.iter().sum();
+    let used: usize = group.all("counts of used nodes", used.len())?.iter().sum();
     Ok(piece.whole[0].saturating_sub(used))
 }
 
@@ -110,7 +110,7 @@ fn first_apart(piece: &Piece, group: &dyn Group, patience: &Patience<'_>) -> Res
             to[group.owner(face[0], piece.whole[0])].push((face, piece.first + cell));
         }
     }
-    let from = group.pass("faces between pieces", &to)?;
+    let from = group.pass("faces between pieces", to)?;
     let mut faces: Vec<([u32; 3], (usize, usize))> = (from.into_iter().enumerate())
         .flat_map(|(member, faces)| {
             let of = move |(face, cell)| (face, (cell, member));
@@ -123,7 +123,7 @@ fn first_apart(piece: &Piece, group: &dyn Group, patience: &Patience<'_>) -> Res
         _ => true,
     });
     let apart = alone.map(|same| same[0].1.0).chain(apart).min();
-    let all = group.all("whether neighbours fit", &(apart, left_over))?;
+    let all = group.all("whether neighbours fit", (apart, left_over))?;
     let left_over: i64 = all.iter().map(|(_, left_over)| left_over).sum();
     let apart = all.iter().filter_map(|(apart, _)| *apart).min();
     Ok(apart.or((left_over != 0).then_some(0)))
@@ -146,7 +146,7 @@ fn check_sides(
     let counts = [own.boundary_faces, own.faces_off_sides];
     let own = (counts, (own.flatness_error, sides.area));
     sides.area = [[0.0; 2]; 3];
-    for ([boundary_faces, faces_off_sides], (flatness_error, area)) in group.all("sides", &own)? {
+    for ([boundary_faces, faces_off_sides], (flatness_error, area)) in group.all("sides", own)? {
         found.boundary_faces += boundary_faces;
         found.faces_off_sides += faces_off_sides;
         found.flatness_error = found.flatness_error.max(flatness_error);

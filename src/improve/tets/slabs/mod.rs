@@ -36,7 +36,7 @@ const HALF: f64 = 6.0;
 /// ... and is improved so far from it: what is mended may change what is some 3 d away.
 const CORE: f64 = 3.0;
 /// Slabs are at least so thick, over the same ...
-const THICK: f64 = 32.0;
+const THICK: f64 = 48.0;
 /// ... and have at least so many atoms.
 const ATOMS: usize = 20_480;
 
@@ -140,7 +140,7 @@ impl InSlabs {
         };
         let parts: Vec<(Part, Vec<u8>)> = match group.count() {
             1 => vec![(part, feature_faces)],
-            _ => group.all("pieces", &(part, feature_faces))?,
+            _ => group.all("pieces", (part, feature_faces))?,
         };
         let (parts, marks): (Vec<Part>, Vec<Vec<u8>>) = parts.into_iter().unzip();
         let part = Part::together(parts);
@@ -234,7 +234,6 @@ pub fn improve_in_slabs(
     for (i, part) in raw.into_iter().enumerate() {
         [&mut inner, &mut between][i % 2].push(part);
     }
-
     // Bands: numbers for the nodes that came, and what is beyond the cut to the next slab, which may be another's.
     let own_bands = own.start..own.end.min(bands);
     let mut done: Vec<Done> = (own_bands.into_par_iter().zip(between).with_max_len(1))
@@ -259,13 +258,11 @@ pub fn improve_in_slabs(
         };
         gone.extend(band.gone);
     }
-    let beyond = group.pass("bands", &to)?.concat();
-    drop(to);
+    let beyond = group.pass("bands", to)?.concat();
     let first = usize::from(own.start == 0);
     for (parts, part) in parts.iter_mut().skip(first).zip(beyond) {
         parts.push(part);
     }
-
     let mut done: Vec<Done> = (inner.into_par_iter().zip(parts).with_max_len(1))
         .map(|(inner, mut parts)| {
             parts.push(inner);
@@ -279,11 +276,11 @@ pub fn improve_in_slabs(
         gone.append(&mut slab.gone);
         blocked.append(&mut slab.blocked);
     }
-    let gone: Vec<Vec<u32>> = group.all("nodes that went", &gone)?;
+    let gone: Vec<Vec<u32>> = group.all("nodes that went", gone)?;
     let mut gone = gone.concat();
     gone.sort_unstable();
     let all: Vec<(usize, (Counts, Vec<Blocked>))> =
-        group.all("improvement", &(poor_before, (counts, blocked)))?;
+        group.all("improvement", (poor_before, (counts, blocked)))?;
     let (mut poor_before, mut counts, mut blocked) = (0, Counts::default(), Vec::new());
     for (poor, (some, of_some)) in all {
         poor_before += poor;
@@ -303,7 +300,7 @@ pub fn improve_in_slabs(
         .unzip();
     let part = Part::together(parts);
     let number = |id: u32| id - gone.partition_point(|&gone| gone < id) as u32;
-    let tets: Vec<usize> = group.all("tetrahedra", &part.tets.len())?;
+    let tets: Vec<usize> = group.all("tetrahedra", part.tets.len())?;
     let piece = Piece {
         numbers: part.ids.iter().map(|&id| number(id)).collect(),
         first: tets[..group.rank()].iter().sum(),
@@ -376,7 +373,7 @@ impl Done {
 /// Gives all nodes that came their numbers, in the order of parts, from `first` on; tells where they end.
 fn number_all(done: &mut [Done], first: u32, group: &dyn Group) -> Result<u32> {
     let came: u32 = done.iter().map(|part| part.came as u32).sum();
-    let came: Vec<u32> = group.all("nodes that came", &came)?;
+    let came: Vec<u32> = group.all("nodes that came", came)?;
     let mut next = first + came[..group.rank()].iter().sum::<u32>();
     done.iter_mut().for_each(|part| part.number(&mut next));
     Ok(first + came.iter().sum::<u32>())

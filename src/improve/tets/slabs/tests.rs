@@ -124,12 +124,12 @@ fn a_mesh_is_cut_where_slabs_are_thick_and_have_atoms() {
         let extent = n.map(|n| (n - 1) as f64 * d);
         Cuts::new(&atoms(n, d), extent, &Distance::Constant(d))
     };
-    assert_eq!(cut([60, 40, 40], 3.0), None, "not thick enough");
-    assert_eq!(cut([90, 10, 10], 3.0), None, "too few atoms");
-    let cuts = cut([30, 25, 100], 3.0).unwrap();
+    assert_eq!(cut([90, 40, 40], 3.0), None, "not thick enough");
+    assert_eq!(cut([150, 10, 10], 3.0), None, "too few atoms");
+    let cuts = cut([30, 25, 150], 3.0).unwrap();
     assert_eq!((cuts.axis, cuts.count()), (2, 3));
-    assert_eq!(cuts.ends(), [33.0 * 3.0 + 18.0, 66.0 * 3.0 + 18.0]);
-    let regions = [0.0, 80.0, 81.0, 116.9, 117.0, 179.9, 180.0, 215.9, 216.0]
+    assert_eq!(cuts.ends(), [50.0 * 3.0 + 18.0, 100.0 * 3.0 + 18.0]);
+    let regions = [0.0, 131.0, 132.0, 167.9, 168.0, 281.9, 282.0, 317.9, 318.0]
         .map(|z| cuts.region([0.0, 0.0, z]));
     assert_eq!(regions, [0, 0, 1, 1, 2, 2, 3, 3, 4]);
 }

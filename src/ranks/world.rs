@@ -3,8 +3,9 @@
 use std::sync::{Mutex, OnceLock, PoisonError};
 
 use mpi::Threading;
-use mpi::datatype::{Partition, PartitionMut};
+use mpi::datatype::PartitionMut;
 use mpi::environment::Universe;
+use mpi::point_to_point::send_receive_into;
 use mpi::traits::{Communicator, CommunicatorCollectives, Root};
 
 use super::{launched, size_said};
@@ -95,40 +96,30 @@ pub fn gather(values: &mut [f64], starts: &[usize]) {
 }
 
 /// What each rank has for this one; `to` has something for each, and `much` says how many bytes each has for each.
+/// Two at a time: all to all at once is more than some networks take where there is much.
 pub fn pass(to: &[Vec<u8>], much: &[Vec<usize>]) -> Vec<Vec<u8>> {
     let mut heard: Vec<Vec<u8>> = vec![Vec::new(); size()];
     let universe = UNIVERSE.lock().unwrap_or_else(PoisonError::into_inner);
     let Some(universe) = &*universe else {
         return heard;
     };
-    let at_once = AT_ONCE / size();
-    let most = much.iter().flatten().max().copied().unwrap_or(0);
-    for from in (0..most).step_by(at_once) {
-        // Of what one has for another, this much now.
-        let now = |all: usize| all.min(from + at_once).saturating_sub(from);
-        let layout = |counts: Vec<usize>| -> (Vec<i32>, Vec<i32>) {
-            let mut end = 0;
-            let begins = counts.iter().map(|count| {
-                end += count;
-                (end - count) as i32
-            });
-            let begins = begins.collect();
-            (counts.iter().map(|&count| count as i32).collect(), begins)
-        };
-        let (counts, begins) = layout(to.iter().map(|bytes| now(bytes.len())).collect());
-        let some = |bytes: &Vec<u8>| bytes[from.min(bytes.len())..][..now(bytes.len())].to_vec();
-        let sent: Vec<u8> = to.iter().flat_map(some).collect();
-        let sent = Partition::new(&sent[..], counts, begins);
-        let (counts, begins) = layout(much.iter().map(|to| now(to[rank()])).collect());
-        let ends: Vec<usize> = (counts.iter().zip(&begins))
-            .map(|(count, begin)| (count + begin) as usize)
-            .collect();
-        let mut got = vec![0u8; ends.last().copied().unwrap_or(0)];
-        let starts: Vec<usize> = begins.iter().map(|&begin| begin as usize).collect();
-        let into = &mut PartitionMut::new(&mut got[..], counts, begins);
-        universe.world().all_to_all_varcount_into(&sent, into);
-        for ((heard, start), end) in heard.iter_mut().zip(starts).zip(ends) {
-            heard.extend_from_slice(&got[start..end]);
+    let (world, own, count) = (universe.world(), rank(), size());
+    heard[own].clone_from(&to[own]);
+    let most = much.iter().flatten().copied().max().unwrap_or(0);
+    for step in 1..count {
+        let (next, before) = ((own + step) % count, (own + count - step) % count);
+        let (sent, got) = (&to[next], &mut heard[before]);
+        got.resize(much[before][own], 0);
+        // All go as often, some with nothing.
+        for from in (0..most).step_by(AT_ONCE) {
+            let now = |all: usize| all.min(from)..all.min(from + AT_ONCE);
+            let all = got.len();
+            send_receive_into(
+                &sent[now(sent.len())],
+                &world.process_at_rank(next as i32),
+                &mut got[now(all)],
+                &world.process_at_rank(before as i32),
+            );
         }
     }
     heard

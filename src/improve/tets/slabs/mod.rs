@@ -39,8 +39,7 @@ const CORE: f64 = 3.0;
 const THICK: f64 = 48.0;
 /// ... and have at least so many atoms.
 const ATOMS: usize = 20_480;
-
-/// There are not more.
+/// There are not more: they and the bands between them are numbered with 16 bits.
 const MOST: usize = 1 << 14;
 
 /// Where a mesh is cut: at planes across the longest axis of the box.
@@ -122,7 +121,11 @@ impl InSlabs {
     ///
     /// # Errors
     /// Those of other members.
-    pub fn whole(self, group: &dyn Group) -> Result<Self> {
+    pub fn whole(mut self, group: &dyn Group) -> Result<Self> {
+        if group.count() == 1 {
+            self.piece.neighbors = self.piece.neighbors_here();
+            return Ok(self);
+        }
         let Self {
             piece,
             kinds,
@@ -138,10 +141,7 @@ impl InSlabs {
             kinds,
             tets: piece.mesh.tets,
         };
-        let parts: Vec<(Part, Vec<u8>)> = match group.count() {
-            1 => vec![(part, feature_faces)],
-            _ => group.all("pieces", (part, feature_faces))?,
-        };
+        let parts: Vec<(Part, Vec<u8>)> = group.all("pieces", (part, feature_faces))?;
         let (parts, marks): (Vec<Part>, Vec<Vec<u8>>) = parts.into_iter().unzip();
         let part = Part::together(parts);
         Ok(Self {

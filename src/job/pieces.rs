@@ -8,7 +8,7 @@ use crate::improve::tets::{self, Aim, Cuts, InSlabs};
 use crate::improve::{self, SliverMethod, Target};
 use crate::lattice::seeding::Atoms;
 use crate::mesh::TetMesh;
-use crate::mesh::delaunay::{Delaunay, delaunay_of_stretches, delaunay_with_neighbors};
+use crate::mesh::delaunay::{Delaunay, Stretches, delaunay_of_stretches, delaunay_with_neighbors};
 use crate::mesh::piece::Piece;
 use crate::observer::Stage;
 use crate::ranks::{Group, Ranks};
@@ -54,7 +54,7 @@ pub fn made(
     let Atoms { positions, kinds } = atoms;
     let sheets = join::put_onto_sheets(positions, kinds, scene);
     stages.begin(Stage::Joining);
-    let joined = own_tetrahedra(positions, &cuts, group)?;
+    let Stretches { tets, neighbors } = own_tetrahedra(positions, &cuts, group)?;
     stages.begin(Stage::Improving);
     let aim = Aim {
         extent,
@@ -69,6 +69,7 @@ pub fn made(
         improved,
     } = stages.patiently(|patience| {
         let atoms = (&positions[..], &kinds[..]);
+        let joined = (tets, neighbors);
         tets::improve_in_slabs(atoms, joined, &cuts, aim, group, patience)
     })?;
     drop(sheets);
@@ -119,11 +120,7 @@ pub fn made(
 }
 
 /// The Delaunay tetrahedra of a rank's slabs, with neighbours among them.
-fn own_tetrahedra(
-    positions: &[[f64; 3]],
-    cuts: &Cuts,
-    group: &dyn Group,
-) -> Result<(Vec<[u32; 4]>, Vec<[u32; 4]>)> {
+fn own_tetrahedra(positions: &[[f64; 3]], cuts: &Cuts, group: &dyn Group) -> Result<Stretches> {
     let own = tets::own_slabs(cuts.count(), group);
     let some = delaunay_of_stretches(positions, cuts.axis, &cuts.ends(), own)?;
     let all_have: Vec<bool> = group.all("tetrahedra of slabs", some.is_some())?;
@@ -131,7 +128,10 @@ fn own_tetrahedra(
         Some(some) if all_have.iter().all(|&has| has) => Ok(some),
         _ => {
             let Delaunay { mesh, neighbors } = delaunay_with_neighbors(positions)?;
-            Ok((mesh.tets, neighbors))
+            Ok(Stretches {
+                tets: mesh.tets,
+                neighbors,
+            })
         }
     }
 }

@@ -67,6 +67,15 @@ pub fn delaunay_with_neighbors(points: &[[f64; 3]]) -> Result<Delaunay> {
     run(points, true)
 }
 
+/// Some of the tetrahedra of a [`Delaunay`] triangulation.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Stretches {
+    /// By their nodes.
+    pub tets: Vec<[u32; 4]>,
+    /// What is beyond each face; [`OUTSIDE`] for tetrahedra that are not among these, too.
+    pub neighbors: Vec<[u32; 4]>,
+}
+
 /// Some of the tetrahedra of [`delaunay_with_neighbors`], in the same order: space is cut across an axis at `cuts`,
 /// and a tetrahedron is of the stretch that its first point, by number, is in. Neighbours that are of other
 /// stretches than these are [`OUTSIDE`]. None if only the whole can tell.
@@ -81,7 +90,7 @@ pub fn delaunay_of_stretches(
     axis: usize,
     cuts: &[f64],
     stretches: std::ops::Range<usize>,
-) -> Result<Option<(Vec<[u32; 4]>, Vec<[u32; 4]>)>> {
+) -> Result<Option<Stretches>> {
     check_points(points)?;
     let Some(program) = worker::for_parts().filter(|_| points.len() >= LARGE) else {
         return Ok(None);
@@ -92,7 +101,10 @@ pub fn delaunay_of_stretches(
     let some = parts::of_stretches(points, axis, cuts, stretches, at_once, limits, &run)?;
     Ok(some.map(|mut answer| {
         parts::order(points.len(), &mut answer);
-        (answer.tets, answer.neighbors)
+        Stretches {
+            tets: answer.tets,
+            neighbors: answer.neighbors,
+        }
     }))
 }
 
@@ -106,7 +118,7 @@ pub fn delaunay_of_stretches(
     _: usize,
     _: &[f64],
     _: std::ops::Range<usize>,
-) -> Result<Option<(Vec<[u32; 4]>, Vec<[u32; 4]>)>> {
+) -> Result<Option<Stretches>> {
     tetrahedra(points, true).map(|_| None)
 }
 

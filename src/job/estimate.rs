@@ -3,6 +3,7 @@
 use super::CellKind;
 use crate::Result;
 use crate::image::Source;
+use crate::improve::tets::Cuts;
 use crate::lattice::distance::Distance;
 use crate::memory;
 use crate::observer::Estimate;
@@ -22,6 +23,9 @@ fn bytes_per_atom<const D: usize>(kind: CellKind) -> f64 {
         (_, CellKind::Voronoi) => 2_600.0,
     }
 }
+
+/// What each rank takes for all atoms where none has all of the mesh, in bytes an atom, while they move.
+const MOVING: f64 = 200.0;
 
 /// Cells an atom.
 fn cells_per_atom<const D: usize>(kind: CellKind) -> f64 {
@@ -71,6 +75,25 @@ pub(super) fn of_atoms<const D: usize>(atoms: f64, kind: CellKind) -> Estimate {
     }
 }
 
+/// What each of so many ranks takes of that where it has a part of the mesh only, if there are several parts.
+pub(super) fn in_pieces<const D: usize>(
+    whole: Estimate,
+    extent: [f64; D],
+    distance: &Distance<D>,
+    ranks: usize,
+) -> Estimate {
+    let longest = extent.into_iter().fold(0.0, f64::max);
+    let slabs = Cuts::most(whole.atoms as usize, longest, distance.max());
+    if D != 3 || slabs < 2 {
+        return whole;
+    }
+    let share = slabs.div_ceil(ranks) as f64 / slabs as f64;
+    Estimate {
+        bytes: whole.atoms * MOVING + share * whole.bytes,
+        ..whole
+    }
+}
+
 /// Refuses a mesh for which there is no memory.
 ///
 /// # Errors
@@ -86,6 +109,24 @@ pub(super) fn afford(estimate: &Estimate) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_rank_takes_all_atoms_and_its_share_of_a_mesh_that_is_large() {
+        let d = Distance::Constant(5.0);
+        let bytes = |extent: [f64; 3], ranks| {
+            let whole = of_distance(&d, extent, CellKind::Simplices);
+            let share = in_pieces(whole, extent, &d, ranks).bytes - MOVING * whole.atoms;
+            share / whole.bytes
+        };
+        // Four slabs.
+        let large = [1000.0, 600.0, 600.0];
+        for (ranks, share) in [(2, 0.5), (3, 0.5), (4, 0.25), (9, 0.25)] {
+            assert!((bytes(large, ranks) - share).abs() < 1e-9, "{ranks} ranks");
+        }
+        let small = [450.0; 3];
+        let whole = of_distance(&d, small, CellKind::Simplices);
+        assert_eq!(in_pieces(whole, small, &d, 4).bytes, whole.bytes);
+    }
 
     #[test]
     fn a_lattice_has_as_many_atoms_as_are_seeded() {

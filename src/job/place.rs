@@ -12,7 +12,7 @@ use crate::lattice::distance::{self, Dense, Distance};
 use crate::lattice::optimize::{self, Stop};
 use crate::lattice::seeding::{self, Alignment, Atoms, Seeding, wells};
 use crate::observer::{Patience, Stage};
-use crate::{Error, Result};
+use crate::{Error, Result, ranks};
 
 /// Growth of a variable distance: the bound on |grad d|.
 const GROWTH: f64 = 0.1;
@@ -139,7 +139,10 @@ pub(super) fn apart<const D: usize>(
             None => Ok(distance),
         }
     })?;
-    let estimate = estimate::of_distance(&distance, extent, params.cells);
+    let mut estimate = estimate::of_distance(&distance, extent, params.cells);
+    if stages.in_pieces {
+        estimate = estimate::in_pieces(estimate, extent, &distance, ranks::count());
+    }
     stages.observer.estimate(&estimate);
     estimate::afford(&estimate)?;
     Ok(distance)

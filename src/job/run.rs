@@ -155,6 +155,7 @@ pub fn run_from<const D: usize>(
 where
     Space<D>: Meshing<D>,
 {
+    let in_pieces = way.in_pieces && ranks::count() > 1 && params.cells == CellKind::Simplices;
     let checkpoint = way.checkpoint.map(|kept| kept.of(source, params));
     let checkpoint = checkpoint.transpose()?;
     let merged = match params.labels.is_empty() {
@@ -185,11 +186,17 @@ where
     if !matches!(params.spacing, Spacing::OfAtoms { .. }) {
         // As many as if they were nowhere closer.
         let sparsest = Distance::Constant(params.spacing.max());
-        estimate::afford(&estimate::of_distance(&sparsest, extent, params.cells))?;
+        let mut estimate = estimate::of_distance(&sparsest, extent, params.cells);
+        if in_pieces {
+            estimate = estimate::in_pieces(estimate, extent, &sparsest, ranks::count());
+        }
+        estimate::afford(&estimate)?;
     }
     let frame = Frame::new(dims, geometry, params)?;
 
-    let mut stages = Stages::new(observer).keeping(checkpoint);
+    let mut stages = Stages::new(observer)
+        .keeping(checkpoint)
+        .in_pieces(in_pieces);
     stages.begin_unless_stopped(Stage::Features)?;
     let options = params.feature_options(step);
     let features = stages.kept("1-features", |stages| {
@@ -210,9 +217,8 @@ where
                 features: &features,
                 distance: &distance,
             };
-            let in_pieces = way.in_pieces && ranks::count() > 1;
             let (made, report, share) =
-                simplices::made(atoms, &scene, source, params, in_pieces, &mut stages)?;
+                simplices::made(atoms, &scene, source, params, &mut stages)?;
             (made, report, share, distance, optimised)
         }
         CellKind::Voronoi => {

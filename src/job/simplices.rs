@@ -35,7 +35,6 @@ pub(super) fn made<const D: usize>(
     scene: &Scene<'_, D>,
     source: Source<'_, D>,
     params: &Params<D>,
-    in_pieces: bool,
     stages: &mut Stages<'_>,
 ) -> Result<(Made<D>, Report, Option<Share>)>
 where
@@ -50,7 +49,7 @@ where
         min_dihedral,
         method: params.slivers,
     });
-    if in_pieces
+    if stages.in_pieces
         && let Some(pieces) = Space::<D>::in_pieces(&mut atoms, scene, options.as_ref(), stages)?
     {
         let InPieces {

@@ -11,6 +11,8 @@ pub struct Stages<'a> {
     pub(super) observer: &'a mut dyn Observer,
     interrupted: bool,
     checkpoint: Option<OfJob>,
+    /// Each rank may have a part of the mesh only.
+    pub(super) in_pieces: bool,
 }
 
 impl<'a> Stages<'a> {
@@ -21,6 +23,7 @@ impl<'a> Stages<'a> {
             observer,
             interrupted: false,
             checkpoint: None,
+            in_pieces: false,
         }
     }
 
@@ -28,6 +31,11 @@ impl<'a> Stages<'a> {
     pub(super) fn keeping(mut self, checkpoint: Option<OfJob>) -> Self {
         self.checkpoint = checkpoint;
         self
+    }
+
+    /// The same; each rank may have a part of the mesh only.
+    pub(super) fn in_pieces(self, in_pieces: bool) -> Self {
+        Self { in_pieces, ..self }
     }
 
     /// What `work` gives, or what was kept of it under this name when the job was run before.

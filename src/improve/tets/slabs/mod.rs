@@ -57,9 +57,9 @@ impl Cuts {
     pub fn new(atoms: &[[f64; 3]], extent: [f64; 3], distance: &Distance<3>) -> Option<Self> {
         let axis = (0..3).max_by(|&k, &l| extent[k].total_cmp(&extent[l]))?;
         let half = HALF * distance.max();
-        let thick = (extent[axis] / (THICK * distance.max())) as usize;
+        let most = Self::most(atoms.len(), extent[axis], distance.max());
         let mut along: Vec<f64> = atoms.iter().map(|x| x[axis]).collect();
-        for count in (2..=thick.min(atoms.len() / ATOMS).min(MOST)).rev() {
+        for count in (2..=most).rev() {
             let cut = |i: usize| {
                 let rank = i * atoms.len() / count;
                 *along.select_nth_unstable_by(rank, f64::total_cmp).1
@@ -74,6 +74,12 @@ impl Cuts {
             }
         }
         None
+    }
+
+    /// How many slabs there are at most where there are so many atoms, at most `d` apart, in a box so long.
+    pub fn most(atoms: usize, longest: f64, d: f64) -> usize {
+        let thick = (longest / (THICK * d)) as usize;
+        thick.min(atoms / ATOMS).min(MOST)
     }
 
     /// How many slabs there are.

@@ -140,7 +140,7 @@ impl InSlabs {
         } = self;
         let (first, whole) = (0, piece.whole);
         let part = Part {
-            holds: vec![None; kinds.len()],
+            holds: Vec::new(),
             neighbors: piece.neighbors_here(),
             ids: piece.numbers,
             nodes: piece.mesh.nodes,
@@ -421,13 +421,12 @@ fn improve_part(
         patience,
     );
     (improver.alone, improver.between) = (true, between);
+    for (hold, held) in improver.holds.iter_mut().zip(holds) {
+        *hold = held.unwrap_or(*hold);
+    }
     let mut sides = Vec::new();
-    for (n, (held, stays)) in holds.iter().zip(stays).enumerate() {
-        let hold = &mut improver.holds[n];
-        if let Some(held) = held {
-            *hold = *held;
-        }
-        if stays {
+    for (n, hold) in improver.holds.iter_mut().enumerate() {
+        if stays[n] {
             sides.push((n, hold.axes));
             hold.axes = 7;
         }
@@ -458,7 +457,11 @@ fn improve_part(
             ids: kept.chain((0..came).map(|_| NONE)).collect(),
             nodes: finished.mesh.nodes,
             kinds: finished.kinds,
-            holds: finished.holds.into_iter().map(Some).collect(),
+            // Of slabs nothing is improved again.
+            holds: match between {
+                Some(_) => finished.holds.into_iter().map(Some).collect(),
+                None => Vec::new(),
+            },
             tets: finished.mesh.tets,
             neighbors: finished.neighbors,
         },

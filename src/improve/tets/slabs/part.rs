@@ -16,7 +16,7 @@ pub struct Part {
     pub ids: Vec<u32>,
     pub nodes: Vec<[f64; 3]>,
     pub kinds: Vec<AtomKind>,
-    /// What holds a node that was in a part that has been improved.
+    /// What holds a node that was in a part that has been improved; empty if none was.
     pub holds: Vec<Option<Hold>>,
     pub tets: Vec<[u32; 4]>,
     /// `NONE` where the part ends.
@@ -76,7 +76,15 @@ impl Part {
             part.holds.push(hold);
         }
         part.ids = ids;
+        if part.holds.iter().all(Option::is_none) {
+            part.holds = Vec::new();
+        }
         part
+    }
+
+    /// What holds a node, if that is known.
+    pub fn hold(&self, n: usize) -> Option<Hold> {
+        self.holds.get(n).copied().flatten()
     }
 
     /// Those of its tetrahedra that are wanted.
@@ -84,7 +92,7 @@ impl Part {
         let chosen: Vec<u32> = (0..self.tets.len() as u32).filter(|&t| wanted(t)).collect();
         let known = |n: u32| {
             let n = n as usize;
-            (self.nodes[n], self.kinds[n], self.holds[n])
+            (self.nodes[n], self.kinds[n], self.hold(n))
         };
         let mut part = Self::of(&self.tets, &self.neighbors, &chosen, known);
         for id in &mut part.ids {
@@ -100,20 +108,23 @@ impl Part {
         }
         // Each node once: what is known of its hold is known to whichever part improved it.
         let nodes = parts.iter().enumerate().flat_map(|(i, part)| {
-            let all = part.ids.iter().zip(&part.holds).enumerate();
-            all.map(move |(n, (&id, hold))| (id, hold.is_none(), i as u32, n as u32))
+            let all = part.ids.iter().enumerate();
+            all.map(move |(n, &id)| (id, part.hold(n).is_none(), i as u32, n as u32))
         });
         let mut nodes: Vec<(u32, bool, u32, u32)> = nodes.collect();
         nodes.par_sort_unstable();
         let mut number: Vec<Vec<u32>> = parts.iter().map(|part| vec![0; part.ids.len()]).collect();
         let mut all = Self::default();
+        let held = parts.iter().any(|part| !part.holds.is_empty());
         for &(id, _, i, n) in &nodes {
             let (part, place) = (&parts[i as usize], n as usize);
             if all.ids.last() != Some(&id) {
                 all.ids.push(id);
                 all.nodes.push(part.nodes[place]);
                 all.kinds.push(part.kinds[place]);
-                all.holds.push(part.holds[place]);
+                if held {
+                    all.holds.push(part.hold(place));
+                }
             }
             number[i as usize][place] = all.ids.len() as u32 - 1;
         }

@@ -62,7 +62,7 @@ pub trait Meshing<const D: usize> {
         Ok(None)
     }
 
-    /// The same for a part of a mesh whose atoms have come, gone and moved. The rest of the mesh stays,
+    /// [`join`](Self::join) for a part of a mesh whose atoms have come, gone and moved. The rest of the mesh stays,
     /// and so do the part's outer faces.
     ///
     /// # Errors

@@ -7,7 +7,7 @@ use std::ops::Range;
 use super::piece::Piece;
 use super::{Simplices, TetMesh};
 use crate::files::kept::Kept;
-use crate::ranks::{Alone, Group};
+use crate::ranks::{Alone, Group, share_of};
 
 /// Those who hold the parts of a mesh: a group, or one that holds all of it, which cannot fail. All ask the same
 /// things in the same order.
@@ -51,7 +51,7 @@ pub trait Holders: Sync {
 
     /// Which of so many things one of them has to do.
     fn share(&self, things: usize, of: usize) -> Range<usize> {
-        of * things / self.count()..(of + 1) * things / self.count()
+        share_of(things, of, self.count())
     }
 
     /// What `work` makes of so many things, on all of them: each does a share.

@@ -127,7 +127,7 @@ pub fn is_first() -> bool {
 }
 
 /// The share of `parts` that a rank of `count` has.
-fn share_of(parts: usize, rank: usize, count: usize) -> Range<usize> {
+pub fn share_of(parts: usize, rank: usize, count: usize) -> Range<usize> {
     rank * parts / count..(rank + 1) * parts / count
 }
 

@@ -28,7 +28,7 @@ use crate::mesh::piece::Piece;
 use crate::mesh::quality::min_sine;
 use crate::mesh::{FACES, TetMesh};
 use crate::observer::Patience;
-use crate::ranks::Group;
+use crate::ranks::{Group, share_of};
 use part::Part;
 
 /// A band reaches so far to either side of its cut, over the largest d ...
@@ -210,8 +210,7 @@ struct Done {
 
 /// Which slabs a member of a group has.
 pub fn own_slabs(slabs: usize, group: &dyn Group) -> Range<usize> {
-    let first = |rank: usize| rank * slabs / group.count();
-    first(group.rank())..first(group.rank() + 1)
+    share_of(slabs, group.rank(), group.count())
 }
 
 /// Makes the slabs of each member of a group follow the features and frees them of slivers, as [`improve`] does a mesh
@@ -327,8 +326,8 @@ pub fn improve_in_slabs(
 
 /// Who has a slab.
 fn owner(slab: usize, slabs: usize, count: usize) -> usize {
-    let end = |rank: &usize| (rank + 1) * slabs / count;
-    (0..count).find(|rank| slab < end(rank)).unwrap_or(0)
+    let has = |rank: &usize| share_of(slabs, *rank, count).contains(&slab);
+    (0..count).find(has).unwrap_or(0)
 }
 
 /// The regions of some slabs and of the bands after them, each as a part, and how many of their tetrahedra are poorer than

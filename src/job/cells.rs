@@ -24,6 +24,7 @@ use crate::mesh::graph::Graph;
 use crate::mesh::poly::{Beyond, PolyMesh};
 use crate::mesh::voronoi::conform::{Conforming, Surface};
 use crate::observer::{Observer, Patience, Stage};
+use crate::ranks::Ranks;
 use crate::report::{self, Reference, Report};
 
 /// Evaluations in which atoms come to rest among sites.
@@ -313,8 +314,10 @@ pub(crate) fn rest<const D: usize>(
         ..optimize::Effort::default()
     };
     let energy = Pairwise::new(extent, distance, None, Beta::Constant(0.0))?;
-    let mut energy = energy.aligned(Alignment::Alongside).among_ranks();
-    let rest = optimize::optimize(atoms, &mut energy, distance, extent, &options, observer)?;
+    let energy = &mut energy.aligned(Alignment::Alongside);
+    let group = &Ranks;
+    let rest =
+        optimize::optimize_together(atoms, energy, distance, extent, &options, group, observer)?;
     atoms.positions.truncate(before.len());
     atoms.kinds.truncate(before.len());
     for (x, from) in atoms.positions.iter_mut().zip(before) {

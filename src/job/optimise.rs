@@ -7,31 +7,28 @@ use crate::feature::{Features, gaussian};
 use crate::image::Sparse;
 use crate::lattice::distance::Distance;
 use crate::lattice::energy::{Energy, Pairwise, Regularised, Sampled};
-use crate::lattice::optimize::{self, Method, Stop};
+use crate::lattice::optimize::{self, Stop};
 use crate::lattice::seeding::Atoms;
 use crate::observer::{Observer, Patience};
+use crate::ranks::Ranks;
 use crate::report::Optimisation;
 
-/// The energy that a job's atoms shall have least of: the same for both evaluators, up to sampling.
+/// The energy that a job's `atoms` shall have least of: the same for both evaluators, up to sampling.
 fn energy<'a, const D: usize>(
     params: &Params<D>,
-    mobility: Vec<[f64; D]>,
+    atoms: &Atoms<D>,
     potential: &'a Sparse<D>,
     distance: &'a Distance<D>,
     frame: &Frame<D>,
 ) -> Result<Box<dyn Energy<D> + 'a>> {
     let (beta, extent) = (frame.beta.clone(), frame.extent);
     let pairs = |beta| -> Result<Pairwise<'a, D>> {
-        let pairs = Pairwise::new(extent, distance, Some(potential), beta)?.uncrowded();
-        // A population is evaluated by all threads at once, which cannot wait for other ranks.
-        Ok(match params.optimizer {
-            Method::Genetic => pairs,
-            Method::Lbfgs | Method::Descent => pairs.among_ranks(),
-        })
+        Ok(Pairwise::new(extent, distance, Some(potential), beta)?.uncrowded())
     };
     Ok(match params.evaluator {
         Evaluator::Pairwise if params.kappa != 1.0 => {
             let pairs = pairs(beta.clone())?;
+            let mobility = atoms.mobility(extent);
             let energy = Regularised::new(pairs, distance, beta, params.kappa, mobility);
             Box::new(energy?)
         }
@@ -52,9 +49,9 @@ pub(super) fn optimise<const D: usize>(
     let options = moving(params);
     let mut pass = |potential: &Sparse<D>, observer: &mut dyn Observer| {
         let extent = frame.extent;
-        let mobility = atoms.mobility(extent);
-        let mut energy = energy(params, mobility, potential, distance, frame)?;
-        optimize::optimize(atoms, &mut *energy, distance, extent, &options, observer)
+        let energy = &mut *energy(params, atoms, potential, distance, frame)?;
+        let group = &Ranks;
+        optimize::optimize_together(atoms, energy, distance, extent, &options, group, observer)
     };
     for coarse in (1..=params.coarse_passes).rev() {
         let factor = f64::from(1 << coarse);
@@ -278,6 +275,7 @@ mod tests {
         let atoms: Vec<[f64; 2]> = (0..49)
             .map(|i| [6.0 * f64::from(i % 7) + 12.0, 6.0 * f64::from(i / 7) + 12.0])
             .collect();
+        let atoms = Atoms::in_box(atoms, extent);
         let potential = Field::from_fn([61, 61], [1.0; 2], |x| -0.01 * x[0]);
         let potential = Sparse::of(&potential);
         let distance = Distance::Constant(d);
@@ -293,10 +291,10 @@ mod tests {
                 evaluator,
                 ..Params::default()
             };
-            let mobility = vec![[1.0; 2]; atoms.len()];
-            let energy = energy(&params, mobility, &potential, &distance, &frame);
+            let energy = energy(&params, &atoms, &potential, &distance, &frame);
             let mut gradient = vec![[0.0; 2]; atoms.len()];
-            energy.unwrap().evaluate(&atoms, &mut gradient).unwrap()
+            let x = &atoms.positions;
+            energy.unwrap().evaluate(x, &mut gradient).unwrap()
         });
         // On samples both are exact.
         assert!(pairwise > 1.0, "{pairwise}");

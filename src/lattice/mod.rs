@@ -4,9 +4,11 @@
 //! - [`seeding`]: a lattice of atoms that fills the image's box
 //! - [`energy`]: the energy of the lattice and its gradient
 //! - [`optimize`]: atoms move to lower it
+//! - [`held`]: which of the atoms a rank holds meanwhile
 
 pub mod distance;
 pub mod energy;
+pub mod held;
 pub mod optimize;
 pub mod seeding;
 

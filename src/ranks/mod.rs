@@ -2,9 +2,9 @@
 //!
 //! Every rank runs the whole job. Where work is in parts (windows of an image's layers, slabs of points), each
 //! does its [`share`], and all have the results of all, in the order of the parts: so whatever is made of them
-//! is the same on every rank, and for any number of ranks the same as of a single process. Where parts are
-//! numbers in an array, and passed on again and again, each writes its [`own`] ones and [`fill`]s in the others.
-//! What only one must do or say is the first one's.
+//! is the same on every rank, and for any number of ranks the same as of a single process. Where no rank needs all,
+//! each holds its part, and tells others what they need of it ([`Group`]). What only one must do or say is the first
+//! one's.
 //!
 //! Before they pass on anything, ranks tell one another where they are and whether one has failed: then all end
 //! with its error.
@@ -157,32 +157,6 @@ fn fair_share_of(work: &[usize], rank: usize, count: usize) -> Range<usize> {
 /// Which of so many parts are this rank's.
 pub fn own(parts: usize) -> Range<usize> {
     share_of(parts, rank(), count())
-}
-
-/// Fills in what the other ranks have made of an array in parts of `part` numbers, of which the last may be
-/// shorter: each has made its [`own`].
-///
-/// # Errors
-/// As [`share`].
-pub fn fill(what: &str, values: &mut [f64], part: usize) -> Result<()> {
-    if count() == 1 {
-        return Ok(());
-    }
-    let starts = starts(values.len(), part, count());
-    let place = format!("{what} ({})", values.len());
-    each_told(&place, Ok(Vec::new()), &mut |_| Some(()))?;
-    #[cfg(feature = "mpi")]
-    world::gather(values, &starts);
-    #[cfg(not(feature = "mpi"))]
-    drop(starts);
-    Ok(())
-}
-
-/// Where the shares of `count` ranks begin in an array of so many numbers, in parts of `part`; its end is the last.
-fn starts(length: usize, part: usize, count: usize) -> Vec<usize> {
-    let parts = length.div_ceil(part);
-    let start = |rank| (share_of(parts, rank, count).start * part).min(length);
-    (0..=count).map(start).collect()
 }
 
 /// Takes what `work` gives for each of so many parts, in their order, on every rank: it is asked for some of
@@ -406,20 +380,6 @@ mod tests {
     }
 
     #[test]
-    fn shares_of_an_array_are_whole_parts_and_all_of_it() {
-        assert_eq!(starts(10, 3, 2), [0, 6, 10]);
-        assert_eq!(starts(3, 5, 4), [0, 0, 0, 0, 3]);
-        assert_eq!(starts(0, 5, 2), [0, 0, 0]);
-        for count in 1..9 {
-            let starts = starts(1000, 7, count);
-            assert!(starts.is_sorted() && starts[count] == 1000);
-            for (rank, start) in starts[..count].iter().enumerate() {
-                assert_eq!(*start, 7 * share_of(143, rank, count).start);
-            }
-        }
-    }
-
-    #[test]
     fn lists_of_processors_are_counted() {
         assert_eq!(listed("0-3,8,10-11\n"), Some(7));
         assert_eq!(listed("\t0"), Some(1));
@@ -438,8 +398,5 @@ mod tests {
         assert_eq!(taken, [0, 10, 20, 30]);
         assert_eq!(of_first("value", || Ok(3u32)).unwrap(), 3);
         assert_eq!(own(4), 0..4);
-        let mut numbers = [1.0, 2.0, 3.0];
-        fill("numbers", &mut numbers, 2).unwrap();
-        assert_eq!(numbers, [1.0, 2.0, 3.0]);
     }
 }

@@ -3,7 +3,6 @@
 use std::sync::{Mutex, OnceLock, PoisonError};
 
 use mpi::Threading;
-use mpi::datatype::PartitionMut;
 use mpi::environment::Universe;
 use mpi::point_to_point::send_receive_into;
 use mpi::traits::{Communicator, CommunicatorCollectives, Root};
@@ -75,23 +74,6 @@ pub fn broadcast(from: usize, bytes: &mut [u8]) {
         for part in bytes.chunks_mut(AT_ONCE) {
             world.process_at_rank(from).broadcast_into(part);
         }
-    }
-}
-
-/// Fills in what the others have of an array: each rank has a stretch of it, from its `start` to that of the next.
-pub fn gather(values: &mut [f64], starts: &[usize]) {
-    let universe = UNIVERSE.lock().unwrap_or_else(PoisonError::into_inner);
-    let Some(universe) = &*universe else { return };
-    for (n, part) in values.chunks_mut(AT_ONCE).enumerate() {
-        let from = n * AT_ONCE;
-        let start = |rank: usize| starts[rank].clamp(from, from + part.len()) - from;
-        let own = part[start(rank())..start(rank() + 1)].to_vec();
-        let begins: Vec<i32> = (0..size()).map(|rank| start(rank) as i32).collect();
-        let counts: Vec<i32> = (0..size())
-            .map(|rank| (start(rank + 1) - start(rank)) as i32)
-            .collect();
-        let all = &mut PartitionMut::new(part, counts, begins);
-        universe.world().all_gather_varcount_into(&own[..], all);
     }
 }
 

@@ -7,6 +7,7 @@
 //! and an image there is another, mirrored, and an atom and its own image share their energy.
 
 use super::neighbours::Point;
+use crate::lattice::held::Held;
 
 /// Images are kept of atoms nearer to a side than this many reaches.
 const ROOM: f32 = 1.2;
@@ -51,6 +52,23 @@ impl Images {
         self.images.iter().map(|image| image.atom as usize)
     }
 
+    /// How many points are own atoms and images of these.
+    pub fn own_points(&self, held: &Held<'_>) -> usize {
+        let own = held.own();
+        own.len() + self.atoms().filter(|atom| own.contains(atom)).count()
+    }
+
+    /// The atom that the `n`th image is of, and the sides that mirror it.
+    pub fn of_image(&self, n: usize) -> (u32, u8) {
+        (self.images[n].atom, self.images[n].sides)
+    }
+
+    /// The image of an atom in these sides.
+    pub fn image(&self, atom: usize, sides: u8) -> Option<usize> {
+        let place = self.of(atom).iter().position(|own| own.sides == sides)?;
+        Some(self.starts[atom] as usize + place)
+    }
+
     /// Finds the images that `atoms` need; `reach` is how far each may feel another.
     pub fn rebuild(&mut self, atoms: &[Point], reach: impl Fn(usize) -> f32) {
         self.images.clear();
@@ -92,13 +110,9 @@ impl Images {
         let Some(image) = (j as usize).checked_sub(atoms) else {
             return (j, i);
         };
-        let Image { atom, sides } = self.images[image];
-        let same = self
-            .of(i as usize)
-            .iter()
-            .position(|own| own.sides == sides);
-        let first = atoms as u32 + self.starts[i as usize];
-        (atom, same.map_or(i, |place| first + place as u32))
+        let (atom, sides) = self.of_image(image);
+        let same = self.image(i as usize, sides);
+        (atom, same.map_or(i, |image| (atoms + image) as u32))
     }
 
     /// The images of an atom.

@@ -32,6 +32,7 @@ use super::neighbours::CHUNK;
 use super::{Beta, Energy, Pairwise, Parts, Terms};
 use crate::error::{Error, Result, cause};
 use crate::lattice::distance::Distance;
+use crate::lattice::held::Held;
 use crate::mesh::Simplices;
 use crate::mesh::delaunay::{delaunay, delaunay_plane};
 
@@ -233,12 +234,13 @@ impl<const D: usize> Energy<D> for Regularised<'_, D> {
     fn terms(
         &mut self,
         x: &[[f64; D]],
+        held: &Held<'_>,
         minimised: f64,
         gradient: &mut [[f64; D]],
     ) -> Result<Terms> {
         // Atoms alone, A counting in full.
         let alone = self.pairs.clone().counting(1.0).evaluate(x, gradient)?;
-        let terms = self.pairs.terms(x, alone, gradient)?;
+        let terms = self.pairs.terms(x, held, alone, gradient)?;
         Ok(Terms {
             smoothing: minimised - alone,
             ..terms

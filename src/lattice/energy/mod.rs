@@ -28,10 +28,9 @@ pub use neighbours::CHUNK;
 pub use pairwise::Pairwise;
 pub use sampled::Sampled;
 
-use std::ops::Range;
-
 use crate::error::Result;
 use crate::image::Field;
+use crate::lattice::held::Held;
 
 /// The weight of the image against the lattice: 0 is lattice only, 1 image only.
 #[derive(Debug, Clone, PartialEq)]
@@ -92,21 +91,27 @@ pub trait Energy<const D: usize> {
     /// coordinate. The two slices have the same length.
     ///
     /// # Errors
-    /// Those of other MPI ranks, where these have a share of the work.
+    /// If the energy cannot be told.
     fn evaluate(&mut self, x: &[[f64; D]], gradient: &mut [[f64; D]]) -> Result<f64>;
 
-    /// The same, but derivatives need only be of the [own](Self::own) atoms.
+    /// P of a lattice of which some atoms are held here, at `x`, and its derivatives with respect to the coordinates of
+    /// own ones; the others' are of no use. All ranks ask for the same lattice at the same time.
     ///
     /// # Errors
     /// As [`evaluate`](Self::evaluate).
-    fn evaluate_own(&mut self, x: &[[f64; D]], gradient: &mut [[f64; D]]) -> Result<f64> {
+    fn evaluate_held(
+        &mut self,
+        x: &[[f64; D]],
+        held: &Held<'_>,
+        gradient: &mut [[f64; D]],
+    ) -> Result<f64> {
+        debug_assert!(!held.is_part());
         self.evaluate(x, gradient)
     }
 
-    /// Which of so many atoms are this rank's own, where ranks share the work: whole chunks of
-    /// [`CHUNK`] atoms, in the order of the ranks. All where they do not.
-    fn own(&self, atoms: usize) -> Range<usize> {
-        0..atoms
+    /// Whether some of the atoms are enough for that, if all within 1.7 d of own ones are held.
+    fn takes_parts(&self) -> bool {
+        false
     }
 
     /// About how many times as stiffly as by the lattice alone each atom is held: a hint by which
@@ -115,14 +120,20 @@ pub trait Energy<const D: usize> {
         vec![1.0; x.len()]
     }
 
-    /// What the energy of the lattice at `x`, which is `minimised` by [`Energy::evaluate`], consists of.
+    /// What the energy of the lattice at `x`, of which these atoms are held and which is `minimised` by
+    /// [`Energy::evaluate`], consists of.
     /// What it writes to `gradient`, which is as long, is of no use. Neither the parts of the last
     /// evaluation nor what a round has frozen changes.
     ///
     /// # Errors
     /// As [`Energy::evaluate`].
-    fn terms(&mut self, x: &[[f64; D]], minimised: f64, gradient: &mut [[f64; D]])
-    -> Result<Terms>;
+    fn terms(
+        &mut self,
+        x: &[[f64; D]],
+        held: &Held<'_>,
+        minimised: f64,
+        gradient: &mut [[f64; D]],
+    ) -> Result<Terms>;
 
     /// Called with the lattice at the start of every round of an optimisation: what is frozen in a
     /// round may change here. Says whether it has, so that energies of before are no longer to be

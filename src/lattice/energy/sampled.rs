@@ -19,6 +19,7 @@ use super::{Beta, Energy, Parts, Terms};
 use crate::error::Result;
 use crate::image::Field;
 use crate::lattice::distance::Distance;
+use crate::lattice::held::Held;
 use crate::lattice::seeding::Alignment;
 
 /// Stamps per doubling of d, where d varies: neighbouring ones differ by less than one percent.
@@ -267,6 +268,7 @@ impl<const D: usize> Energy<D> for Sampled<'_, D> {
     fn terms(
         &mut self,
         x: &[[f64; D]],
+        _: &Held<'_>,
         minimised: f64,
         gradient: &mut [[f64; D]],
     ) -> Result<Terms> {

@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use crate::geometry::random::signed;
 use crate::lattice::distance::Distance;
+use crate::lattice::held::Held;
 use crate::lattice::seeding::Atoms;
 
 /// Nearest a free coordinate may come to a side of the box, in units of d.
@@ -67,19 +68,22 @@ impl<const D: usize> Bounds<D> {
         })
     }
 
-    /// Every free coordinate of atom `n` moved by chance, the atom by no more than `size` d.
+    /// Every free coordinate of atom `n`, which has this number in the lattice, moved by chance, the atom by no more
+    /// than `size` d.
     #[inline(always)]
-    pub fn jump(&self, n: usize, x: &[f64; D], size: f64, key: u64) -> [f64; D] {
+    pub fn jump(&self, n: usize, number: usize, x: &[f64; D], size: f64, key: u64) -> [f64; D] {
         let share = size / (D as f64).sqrt();
         let moved = std::array::from_fn(|k| {
-            share * signed(key, (n * D + k) as u64) * f64::from(self.reach[n][k])
+            share * signed(key, (number * D + k) as u64) * f64::from(self.reach[n][k])
         });
         self.step(n, x, moved)
     }
 
-    /// All atoms moved by chance, none by more than `size` d.
-    pub fn perturbed(&self, x: &[[f64; D]], size: f64, key: u64) -> Vec<[f64; D]> {
+    /// All atoms held moved by chance, none by more than `size` d.
+    pub fn perturbed(&self, x: &[[f64; D]], held: &Held<'_>, size: f64, key: u64) -> Vec<[f64; D]> {
         let atoms = x.par_iter().enumerate();
-        atoms.map(|(n, x)| self.jump(n, x, size, key)).collect()
+        atoms
+            .map(|(n, x)| self.jump(n, held.number(n), x, size, key))
+            .collect()
     }
 }

@@ -26,6 +26,7 @@ use super::{Effort, Stop, show};
 use crate::error::Result;
 use crate::geometry::random::uniform;
 use crate::lattice::energy::{Energy, Parts};
+use crate::lattice::held::Held;
 use crate::observer::{Observer, Patience, Progress};
 
 /// Individuals in a generation (Fernandes & Gattass 2009).
@@ -46,7 +47,7 @@ struct Individual<const D: usize> {
 /// tolerance, relatively, in ten generations, or the budget is spent. What is found is the
 /// minimiser's.
 pub fn evolve<const D: usize>(
-    minimiser: &mut Minimiser<D>,
+    minimiser: &mut Minimiser<'_, D>,
     start: &[[f64; D]],
     energy: &mut dyn Energy<D>,
     options: &Effort,
@@ -54,6 +55,7 @@ pub fn evolve<const D: usize>(
     budget: &mut Budget,
     observer: &mut dyn Observer,
 ) -> Result<Stop> {
+    let held = Held::all(start.len());
     let bounds = minimiser.bounds();
     let scale = bounds.scale(&energy.stiffness(start));
     let mut first = Individual {
@@ -142,6 +144,7 @@ pub fn evolve<const D: usize>(
         let spare = &mut children[0].gradient;
         show(
             &parents[0].positions,
+            &held,
             least,
             generation as usize,
             &mut *twins[0],
@@ -201,7 +204,7 @@ impl<const D: usize> Birth<'_, D> {
                 continue;
             }
             if draw < 0.5 * rate {
-                *x = self.bounds.jump(n, x, size, self.key);
+                *x = self.bounds.jump(n, n, x, size, self.key);
                 continue;
             }
             let length = FIRST_CURVATURE * 2.0 * uniform(own, 2 * n as u64 + 1);

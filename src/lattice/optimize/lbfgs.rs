@@ -6,12 +6,11 @@
 //! all the others, and one more makes the direction. Vectors are `f32`, sums are taken in chunks of
 //! fixed size and added up in `f64` in a fixed order: the same bytes for any number of threads.
 
-use std::ops::Range;
-
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
-use crate::{Result, ranks};
+use crate::Result;
+use crate::lattice::held::Held;
 
 /// Number of steps remembered.
 const MEMORY: usize = 5;
@@ -23,57 +22,8 @@ const BASIS: usize = 2 * MEMORY + 1;
 /// every vector stays in the cache.
 pub const CHUNK: usize = 3072;
 
-/// Which coordinates are held here: all, or this rank's share.
-#[derive(Debug, Clone)]
-pub struct Share {
-    /// From the beginning of a chunk on.
-    own: Range<usize>,
-    all: usize,
-}
-
-impl Share {
-    /// So many atoms, of which some are this rank's own.
-    pub fn of_atoms<const D: usize>(all: usize, own: &Range<usize>) -> Self {
-        Self {
-            own: D * own.start..D * own.end,
-            all: D * all,
-        }
-    }
-
-    /// This rank's own atoms.
-    pub fn atoms<const D: usize>(&self) -> Range<usize> {
-        self.own.start / D..self.own.end / D
-    }
-
-    /// Whether other ranks hold the rest.
-    pub fn is_part(&self) -> bool {
-        self.own.len() < self.all
-    }
-
-    /// Adds up sums of chunks: of those that are held here with those of other ranks, in the order of the chunks.
-    ///
-    /// # Errors
-    /// Those of other ranks.
-    pub fn total<const N: usize>(&self, mut sums: Vec<[f64; N]>) -> Result<[f64; N]> {
-        if self.is_part() {
-            let mut all = vec![[0.0; N]; self.all.div_ceil(CHUNK)];
-            let first = self.own.start.div_ceil(CHUNK);
-            all[first..first + sums.len()].copy_from_slice(&sums);
-            ranks::fill("sums over atoms", all.as_flattened_mut(), N)?;
-            sums = all;
-        }
-        let mut total = [0.0; N];
-        for sums in &sums {
-            for (total, sum) in total.iter_mut().zip(sums) {
-                *total += sum;
-            }
-        }
-        Ok(total)
-    }
-}
-
 /// The memory of a minimisation over scaled coordinates: of those that are held here.
-pub struct Lbfgs {
+pub struct Lbfgs<'a> {
     /// s in slots `0..MEMORY`, y in `MEMORY..2 * MEMORY`, the gradient last.
     basis: [Vec<f32>; BASIS],
     /// Inner products of the basis; meaningful for the live slots and the gradient.
@@ -82,16 +32,17 @@ pub struct Lbfgs {
     live: Vec<usize>,
     /// Inverse curvature to assume while there is no memory.
     guess: f64,
-    share: Share,
+    held: &'a Held<'a>,
 }
 
-impl Lbfgs {
+impl<'a> Lbfgs<'a> {
     /// An empty memory at a point whose gradient is `gradient`. `guess` is the step length that
-    /// steepest descent would take.
+    /// steepest descent would take. The coordinates are those of own ones of the atoms `held`: from the beginning of
+    /// a chunk on.
     ///
     /// # Errors
     /// Those of other ranks, where these hold the rest.
-    pub fn new(gradient: Vec<f32>, guess: f64, share: Share) -> Result<Self> {
+    pub fn new(gradient: Vec<f32>, guess: f64, held: &'a Held<'a>) -> Result<Self> {
         let n = gradient.len();
         let mut basis: [Vec<f32>; BASIS] = std::array::from_fn(|_| vec![0.0; n]);
         basis[GRADIENT] = gradient;
@@ -100,7 +51,7 @@ impl Lbfgs {
             gram: [[0.0; BASIS]; BASIS],
             live: Vec::new(),
             guess,
-            share,
+            held,
         };
         memory.forget()?;
         Ok(memory)
@@ -114,7 +65,7 @@ impl Lbfgs {
         self.live.clear();
         let gradient = &self.basis[GRADIENT];
         let partial = gradient.par_chunks(CHUNK).map(|g| [dot(g, g)]).collect();
-        [self.gram[GRADIENT][GRADIENT]] = self.share.total(partial)?;
+        [self.gram[GRADIENT][GRADIENT]] = self.held.total(partial)?;
         Ok(())
     }
 
@@ -166,7 +117,7 @@ impl Lbfgs {
                 std::array::from_fn(|k| sums[k / 3][k % 3])
             })
             .collect();
-        let total = self.share.total(partial)?;
+        let total = self.held.total(partial)?;
         let (total, _) = total.as_chunks::<3>();
         let new = [slot, MEMORY + slot, GRADIENT];
         for (sum, &other) in total.iter().zip(&others) {
@@ -226,7 +177,7 @@ impl Lbfgs {
                 [dot(direction, &gradient[range])]
             })
             .collect();
-        let [slope] = self.share.total(partial)?;
+        let [slope] = self.held.total(partial)?;
         Ok(slope)
     }
 
@@ -333,8 +284,8 @@ mod tests {
     /// Minimises with unit steps and plain halving; returns the number of evaluations.
     fn minimise(f: impl Fn(&[f64]) -> (f64, Vec<f32>), x: &mut Vec<f64>, tolerance: f64) -> usize {
         let (mut value, gradient) = f(x);
-        let all = Share::of_atoms::<1>(x.len(), &(0..x.len()));
-        let mut memory = Lbfgs::new(gradient, 1e-3, all).unwrap();
+        let all = Held::all(x.len());
+        let mut memory = Lbfgs::new(gradient, 1e-3, &all).unwrap();
         let mut direction = vec![0.0f32; x.len()];
         for evaluations in 1..2000 {
             let slope = memory.direction::<1>(10.0, &mut direction).unwrap();
@@ -420,7 +371,8 @@ mod tests {
     fn no_atom_moves_farther_than_allowed() {
         let gradient = vec![3.0, 4.0, 0.0, 0.1, 0.0, 0.0];
         let mut direction = vec![0.0; 6];
-        let memory = Lbfgs::new(gradient, 1.0, Share::of_atoms::<3>(2, &(0..2))).unwrap();
+        let all = Held::all(2);
+        let memory = Lbfgs::new(gradient, 1.0, &all).unwrap();
         let slope = memory.direction::<3>(0.25, &mut direction).unwrap();
         assert!((direction[0] + 0.15).abs() < 1e-7 && (direction[1] + 0.2).abs() < 1e-7);
         assert_eq!(direction[3], -0.1);

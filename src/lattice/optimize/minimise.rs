@@ -1,17 +1,16 @@
 //! One minimisation: L-BFGS directions, or plain steepest descent, and a line search that mostly needs
 //! one evaluation a step.
 
-use std::ops::Range;
-
 use rayon::prelude::*;
 
 use super::Stop;
 use super::bounds::Bounds;
-use super::lbfgs::{CHUNK, Lbfgs, Share, dot};
+use super::lbfgs::{CHUNK, Lbfgs, dot};
 use crate::error::{Error, Result, cause};
+use crate::geometry::distance2;
 use crate::lattice::energy::{self, Energy, Parts};
+use crate::lattice::held::Held;
 use crate::observer::{Observer, Progress};
-use crate::ranks;
 
 /// Farthest an atom may move in a step, in units of d.
 const LONGEST_MOVE: f32 = 0.25;
@@ -53,9 +52,14 @@ enum Search {
     Stopped,
 }
 
-/// Positions, bounds and scales of a lattice under minimisation.
-pub struct Minimiser<const D: usize> {
+/// Positions, bounds and scales of the atoms held of a lattice under minimisation.
+pub struct Minimiser<'a, const D: usize> {
+    held: &'a Held<'a>,
     bounds: Bounds<D>,
+    /// Where own atoms were when it became known which others are to be held, where not all are; and the square of how
+    /// far one of them has been from there.
+    begun: Vec<[f64; D]>,
+    strayed2: f64,
     /// Whether to go straight down the gradient, remembering nothing.
     steepest: bool,
     /// Lattice units per scaled unit of each coordinate: less where an atom is held stiffly, so that
@@ -63,22 +67,29 @@ pub struct Minimiser<const D: usize> {
     scale: Vec<[f32; D]>,
     positions: Vec<[f64; D]>,
     trial: Vec<[f64; D]>,
-    /// Of the atoms of this rank's share at least, as all that has to do with steps.
+    /// Of own atoms at least.
     gradient: Vec<[f64; D]>,
     energy: f64,
     parts: Parts,
 }
 
-impl<const D: usize> Minimiser<D> {
-    /// Whether each rank keeps the steps of its own atoms: in space, where chunks of atoms are chunks of
+impl<'a, const D: usize> Minimiser<'a, D> {
+    /// Whether ranks may each hold a part of the atoms: in space, where chunks of atoms are chunks of
     /// coordinates. In the plane there is little to keep.
-    const PARTED: bool = D * energy::CHUNK == CHUNK;
+    pub const PARTED: bool = D * energy::CHUNK == CHUNK;
 
-    /// For the atoms of a lattice within bounds. `steepest`: straight down the gradient, remembering no
+    /// For the atoms held of a lattice, at `x`, within bounds. `steepest`: straight down the gradient, remembering no
     /// steps.
-    pub fn new(bounds: Bounds<D>, steepest: bool) -> Self {
+    pub fn new(held: &'a Held<'a>, x: &[[f64; D]], bounds: Bounds<D>, steepest: bool) -> Self {
         let reach = bounds.reach();
+        let begun = match held.is_part() {
+            true => x[held.own()].to_vec(),
+            false => Vec::new(),
+        };
         Self {
+            held,
+            begun,
+            strayed2: 0.0,
             scale: reach.to_vec(),
             trial: vec![[0.0; D]; reach.len()],
             gradient: vec![[0.0; D]; reach.len()],
@@ -105,6 +116,11 @@ impl<const D: usize> Minimiser<D> {
         &self.positions
     }
 
+    /// The farthest that an own atom has been from where it was, where not all atoms are held.
+    pub fn strayed(&self) -> f64 {
+        self.strayed2.sqrt()
+    }
+
     /// How far atoms may move.
     pub fn bounds(&self) -> &Bounds<D> {
         &self.bounds
@@ -116,17 +132,17 @@ impl<const D: usize> Minimiser<D> {
         (self.energy, self.parts) = (energy, parts);
     }
 
-    /// Evaluates the energy, and the gradient of this rank's share of the atoms in the minimiser's own array.
+    /// Evaluates the energy, and the gradient of own atoms in the minimiser's own array.
     pub fn measure(
         &mut self,
         x: &[[f64; D]],
         energy: &mut dyn Energy<D>,
         budget: &mut Budget,
     ) -> Result<(f64, Parts)> {
-        let value = match Self::PARTED {
-            true => energy.evaluate_own(x, &mut self.gradient),
-            false => energy.evaluate(x, &mut self.gradient),
-        }?;
+        let own = x[self.held.own()].par_iter().zip(&self.begun);
+        let strayed2 = own.map(|(x, from)| distance2(x, from));
+        self.strayed2 = strayed2.reduce(|| self.strayed2, f64::max);
+        let value = energy.evaluate_held(x, self.held, &mut self.gradient)?;
         budget.evaluations += 1;
         Ok((finite(value)?, energy.parts()))
     }
@@ -145,15 +161,8 @@ impl<const D: usize> Minimiser<D> {
         self.scale = self.bounds.scale(&energy.stiffness(&start));
         (self.energy, self.parts) = self.measure(&start, energy, budget)?;
         self.positions = start;
-        let atoms = self.scale.len();
-        let own = match Self::PARTED {
-            true => energy.own(atoms),
-            false => 0..atoms,
-        };
-        let share = Share::of_atoms::<D>(atoms, &own);
-        let gradient = self.scaled_gradient(own.clone());
-        let mut memory = Lbfgs::new(gradient, FIRST_CURVATURE, share.clone())?;
-        let mut direction = vec![0.0f32; D * own.len()];
+        let mut memory = Lbfgs::new(self.scaled_gradient(), FIRST_CURVATURE, self.held)?;
+        let mut direction = vec![0.0f32; D * self.held.own().len()];
         let mut history = vec![self.energy];
         loop {
             if !observer.keep_going() {
@@ -170,9 +179,9 @@ impl<const D: usize> Minimiser<D> {
             if slope >= 0.0 {
                 return Ok(Stop::Converged);
             }
-            match self.search(&share, &direction, slope, energy, budget, observer)? {
+            match self.search(&direction, slope, energy, budget, observer)? {
                 Search::Lower(value, parts) => {
-                    self.accept(&share, &mut memory)?;
+                    self.accept(&mut memory)?;
                     if self.steepest {
                         memory.forget()?;
                     }
@@ -204,18 +213,17 @@ impl<const D: usize> Minimiser<D> {
         }
     }
 
-    /// Looks along `direction`, of the atoms of this rank's share, for a lower energy, first at its end, then by cubic
+    /// Looks along `direction`, of own atoms, for a lower energy, first at its end, then by cubic
     /// interpolation ever nearer. The point found is in `trial`, its gradient in `gradient`.
     fn search(
         &mut self,
-        share: &Share,
         direction: &[f32],
         slope: f64,
         energy: &mut dyn Energy<D>,
         budget: &mut Budget,
         observer: &mut dyn Observer,
     ) -> Result<Search> {
-        let own = share.atoms::<D>();
+        let own = self.held.own();
         let mut length = 1.0;
         for shortening in 0..SHORTENINGS {
             // Evaluations take long.
@@ -235,9 +243,7 @@ impl<const D: usize> Minimiser<D> {
                     });
                     *x = self.bounds.step(n, &self.positions[n], step);
                 });
-            if share.is_part() {
-                ranks::fill("positions of atoms", trial.as_flattened_mut(), CHUNK)?;
-            }
+            self.held.refresh(&mut trial)?;
             self.trial = trial;
             let trial = std::mem::take(&mut self.trial);
             let found = self.measure(&trial, energy, budget);
@@ -249,15 +255,15 @@ impl<const D: usize> Minimiser<D> {
             if budget.spent() {
                 break;
             }
-            let end_slope = self.slope_along(share, direction)?;
+            let end_slope = self.slope_along(direction)?;
             length *= cubic_minimum(self.energy, slope * length, value, end_slope * length);
         }
         Ok(Search::Higher)
     }
 
     /// Goes to the trial point and remembers the step.
-    fn accept(&mut self, share: &Share, memory: &mut Lbfgs) -> Result<()> {
-        let own = share.atoms::<D>();
+    fn accept(&mut self, memory: &mut Lbfgs<'_>) -> Result<()> {
+        let own = self.held.own();
         let (old, new, scale) = (&self.positions, &self.trial, &self.scale);
         let gradient = &self.gradient;
         memory.advance(|chunk, s, g| {
@@ -276,8 +282,9 @@ impl<const D: usize> Minimiser<D> {
         Ok(())
     }
 
-    /// The gradient of some atoms with respect to scaled coordinates.
-    fn scaled_gradient(&self, own: Range<usize>) -> Vec<f32> {
+    /// The gradient of own atoms with respect to scaled coordinates.
+    fn scaled_gradient(&self) -> Vec<f32> {
+        let own = self.held.own();
         let pairs = self.gradient[own.clone()].iter().zip(&self.scale[own]);
         pairs
             .flat_map(|(g, s)| std::array::from_fn::<f32, D, _>(|k| g[k] as f32 * s[k]))
@@ -285,11 +292,11 @@ impl<const D: usize> Minimiser<D> {
     }
 
     /// The derivative of the energy along a direction at the last point measured.
-    fn slope_along(&self, share: &Share, direction: &[f32]) -> Result<f64> {
-        let gradient = self.scaled_gradient(share.atoms::<D>());
+    fn slope_along(&self, direction: &[f32]) -> Result<f64> {
+        let gradient = self.scaled_gradient();
         let chunks = gradient.par_chunks(CHUNK).zip(direction.par_chunks(CHUNK));
         let partial = chunks.map(|(g, p)| [dot(g, p)]).collect();
-        let [slope] = share.total(partial)?;
+        let [slope] = self.held.total(partial)?;
         Ok(slope)
     }
 }

@@ -28,7 +28,9 @@ use crate::error::{Error, Result, cause};
 use crate::geometry::in_space;
 use crate::lattice::distance::Distance;
 use crate::lattice::energy::{Energy, Terms};
+use crate::lattice::held::Held;
 use crate::lattice::seeding::Atoms;
+use crate::ranks::Group;
 use bounds::Bounds;
 use minimise::{Budget, Minimiser};
 
@@ -129,6 +131,11 @@ pub struct Rest {
     pub terms: Terms,
 }
 
+/// How far apart, in units of d, atoms that are listed as neighbours may be.
+const LISTED: f64 = 1.75;
+/// How far, in units of d, atoms are expected to move at most.
+const ROOM: f64 = 0.75;
+
 /// Lowers the energy of a lattice in the box `[0, extent]`.
 ///
 /// # Errors
@@ -142,9 +149,90 @@ pub fn optimize<const D: usize>(
     observer: &mut dyn Observer,
 ) -> Result<Rest> {
     check(options, atoms.len())?;
+    let held = &Held::all(atoms.len());
+    lower(atoms, held, energy, distance, extent, options, observer).map(|(rest, _)| rest)
+}
+
+/// The same by all of a group that have the same lattice, each moving its own atoms and holding those near them, if
+/// the energy [takes parts](Energy::takes_parts). In the end all have the whole lattice again, as one would have it.
+///
+/// # Errors
+/// As [`optimize`], and those of others.
+pub(crate) fn optimize_together<const D: usize>(
+    atoms: &mut Atoms<D>,
+    energy: &mut dyn Energy<D>,
+    distance: &Distance<D>,
+    extent: [f64; D],
+    options: &Effort,
+    group: &dyn Group,
+    observer: &mut dyn Observer,
+) -> Result<Rest> {
+    let parted = group.count() > 1 && energy.takes_parts() && Minimiser::<D>::PARTED;
+    if !parted || options.method == Method::Genetic {
+        return optimize(atoms, energy, distance, extent, options, observer);
+    }
+    let room = ROOM * distance.max();
+    optimize_parts(
+        atoms, energy, distance, extent, options, room, group, observer,
+    )
+}
+
+/// The same where none is expected to move farther than `room`.
+fn optimize_parts<const D: usize>(
+    atoms: &mut Atoms<D>,
+    energy: &mut dyn Energy<D>,
+    distance: &Distance<D>,
+    extent: [f64; D],
+    options: &Effort,
+    mut room: f64,
+    group: &dyn Group,
+    observer: &mut dyn Observer,
+) -> Result<Rest> {
+    check(options, atoms.len())?;
+    loop {
+        let held = Held::share(
+            &atoms.positions,
+            LISTED * distance.max() + 2.0 * room,
+            group,
+        )?;
+        let mut own = Atoms {
+            positions: held.of(&atoms.positions),
+            kinds: held.of(&atoms.kinds),
+        };
+        let mut options = options.clone();
+        if !options.temperature.is_empty() {
+            options.temperature = held.of(&options.temperature);
+        }
+        let energy = &mut *energy.twin();
+        let (rest, strayed) = lower(
+            &mut own, &held, energy, distance, extent, &options, observer,
+        )?;
+        let strayed = held.told("farthest move", strayed)?;
+        if strayed.iter().all(|&strayed| strayed <= room) {
+            held.gather(&own.positions, &mut atoms.positions)?;
+            return Ok(rest);
+        }
+        // Some may have met others that are not held: once more, with more of them.
+        room *= 2.0;
+    }
+}
+
+/// Lowers the energy of a lattice, of which these atoms are held. Says also how far an own one has been from where it
+/// was, where not all are held.
+fn lower<const D: usize>(
+    atoms: &mut Atoms<D>,
+    held: &Held<'_>,
+    energy: &mut dyn Energy<D>,
+    distance: &Distance<D>,
+    extent: [f64; D],
+    options: &Effort,
+    observer: &mut dyn Observer,
+) -> Result<(Rest, f64)> {
     let mobility = mobility(atoms, extent, &options.temperature);
     let bounds = Bounds::new(atoms, distance, extent, &mobility);
-    let mut minimiser = Minimiser::new(bounds, options.method == Method::Descent);
+    drop(mobility);
+    let steepest = options.method == Method::Descent;
+    let mut minimiser = Minimiser::new(held, &atoms.positions, bounds, steepest);
     let mut budget = Budget {
         evaluations: 0,
         iterations: 0,
@@ -154,7 +242,8 @@ pub fn optimize<const D: usize>(
     let (energy_before, _) = minimiser.measure(&atoms.positions, energy, &mut budget)?;
     let mut best = energy_before;
     let mut spare = vec![[0.0; D]; atoms.len()];
-    show(&atoms.positions, best, 0, energy, &mut spare, observer)?;
+    let x = &atoms.positions;
+    show(x, held, best, 0, energy, &mut spare, observer)?;
     let mut rounds = 0;
     let stop = loop {
         if rounds == options.max_rounds || budget.spent() {
@@ -181,7 +270,7 @@ pub fn optimize<const D: usize>(
             )?,
             Method::Lbfgs | Method::Descent => {
                 let bounds = minimiser.bounds();
-                let start = bounds.perturbed(&atoms.positions, options.perturbation, key);
+                let start = bounds.perturbed(&atoms.positions, held, options.perturbation, key);
                 minimiser.run(
                     start,
                     energy,
@@ -199,7 +288,8 @@ pub fn optimize<const D: usize>(
             atoms.positions.copy_from_slice(minimiser.positions());
         }
         if options.method != Method::Genetic {
-            show(&atoms.positions, best, rounds, energy, &mut spare, observer)?;
+            let x = &atoms.positions;
+            show(x, held, best, rounds, energy, &mut spare, observer)?;
         }
         if stop == Stop::Interrupted {
             break stop;
@@ -208,20 +298,22 @@ pub fn optimize<const D: usize>(
             break Stop::Converged;
         }
     };
-    Ok(Rest {
+    let rest = Rest {
         stop,
         rounds,
         iterations: budget.iterations,
         evaluations: budget.evaluations,
         energy_before,
         energy_after: best,
-        terms: energy.terms(&atoms.positions, best, &mut spare)?,
-    })
+        terms: energy.terms(&atoms.positions, held, best, &mut spare)?,
+    };
+    Ok((rest, minimiser.strayed()))
 }
 
 /// Shows an observer who wants to see it a lattice, of which so much is minimised.
 fn show<const D: usize>(
     x: &[[f64; D]],
+    held: &Held<'_>,
     minimised: f64,
     round: usize,
     energy: &mut (impl Energy<D> + ?Sized),
@@ -231,7 +323,7 @@ fn show<const D: usize>(
     if !observer.wants_lattices() {
         return Ok(());
     }
-    let terms = energy.terms(x, minimised, spare)?;
+    let terms = energy.terms(x, held, minimised, spare)?;
     let positions: Vec<[f64; 3]> = x.iter().map(|&x| in_space(x)).collect();
     observer.lattice(&Snapshot {
         round,

@@ -448,3 +448,60 @@ fn impossible_options_are_refused() {
         assert!(matches!(result, Err(Error::Optimize(_))));
     }
 }
+
+#[test]
+fn those_who_hold_parts_move_atoms_as_one_who_holds_all() {
+    use crate::ranks::shared;
+
+    let extent = [74.0, 43.0, 51.0];
+    let valley = valley();
+    let varying = Field::from_fn([75, 44, 52], [1.0; 3], |x| 2.6 + 0.015 * x[0]);
+    // In turn: on and along features, distance the same and varying, and so little room that it does not do at first.
+    for (alignment, distance, rooms) in [
+        (Alignment::On, Distance::Constant(2.6), &[0.75, 0.02][..]),
+        (Alignment::On, Distance::Field(varying.clone()), &[0.75]),
+        (Alignment::Alongside, Distance::Constant(2.8), &[0.75]),
+        (Alignment::Alongside, Distance::Field(varying), &[0.3]),
+    ] {
+        let seeded = seeding::fcc(extent, &distance, &[], alignment).unwrap();
+        assert!(seeded.len() > 5 * crate::lattice::energy::CHUNK);
+        let options = Effort {
+            tolerance: 3e-3,
+            ..Effort::default()
+        };
+        let energy = || {
+            let energy = Pairwise::new(extent, &distance, Some(&valley), Beta::Constant(0.6));
+            energy.unwrap().uncrowded().aligned(alignment)
+        };
+        let mut alone = seeded.clone();
+        let observer = &mut Unobserved;
+        let rest = optimize(
+            &mut alone,
+            &mut energy(),
+            &distance,
+            extent,
+            &options,
+            observer,
+        );
+        let rest = rest.unwrap();
+        assert!(rest.energy_after < rest.energy_before && rest.rounds == 2);
+        for (count, room) in [2, 7]
+            .into_iter()
+            .flat_map(|n| rooms.iter().map(move |r| (n, r)))
+        {
+            let room = room * distance.max();
+            let parts = shared(count, |group| {
+                let (mut atoms, energy) = (seeded.clone(), &mut energy());
+                let (observer, distance) = (&mut Unobserved, &distance);
+                let rest = optimize_parts(
+                    &mut atoms, energy, distance, extent, &options, room, group, observer,
+                );
+                (atoms, rest.unwrap())
+            });
+            for (atoms, found) in parts {
+                assert!(atoms == alone, "{alignment:?}, {count} of them, {room}");
+                assert_eq!(found, rest);
+            }
+        }
+    }
+}

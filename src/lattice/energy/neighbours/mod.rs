@@ -21,13 +21,12 @@ mod search;
 pub use fixed::{FixedPoint, NOWHERE, Point};
 pub use rows::Rows;
 
-use std::ops::Range;
-
 use rayon::prelude::*;
 
+use super::images::Images;
 use crate::error::Result;
 use crate::files::kept::fields;
-use crate::ranks;
+use crate::lattice::held::Held;
 use scratch::Scratch;
 use search::{AtomCells, Search};
 
@@ -47,77 +46,74 @@ pub const FILLER: u16 = u16::MAX;
 /// listed twice, so no atom writes to another's sums).
 #[derive(Clone, Default)]
 pub struct Neighbours {
-    /// One for each chunk of atoms; only [own](Self::own) ones are made.
+    /// One for each chunk of own atoms.
     pub chunks: Vec<Rows>,
-    /// Whether each rank makes its share of the chunks only.
-    pub shared: bool,
     cells: AtomCells,
 }
 
 impl Neighbours {
-    /// The chunks that are made.
-    pub fn own(&self) -> Range<usize> {
-        match self.shared {
-            true => ranks::own(self.chunks.len()),
-            false => 0..self.chunks.len(),
-        }
-    }
-
-    /// Lists the neighbours of the first `atoms` of `points` anew.
+    /// Lists the neighbours of own atoms anew. `points` are the atoms held and then their `images`.
     ///
     /// `reach` is each point's own reach in fixed-point units, `slope` a bound on how fast it changes
     /// over space (0 where it is the same for all), so that an atom finds also those that reach
     /// farther than itself.
-    pub fn build(&mut self, points: &[Point], atoms: usize, reach: &[f32], slope: f32) {
+    ///
+    /// # Errors
+    /// Those of other ranks.
+    pub fn build(
+        &mut self,
+        points: &[Point],
+        held: &Held<'_>,
+        images: &Images,
+        reach: &[f32],
+        slope: f32,
+    ) -> Result<()> {
+        let own = held.own();
         self.chunks
-            .resize_with(atoms.div_ceil(CHUNK), Rows::default);
-        let own = self.own();
-        let search = Search::new(points, reach, slope, &mut self.cells);
-        let chunks = own.clone().into_par_iter().zip(&mut self.chunks[own]);
+            .resize_with(own.len().div_ceil(CHUNK), Rows::default);
+        let search = Search::new(points, reach, slope, held, images, &mut self.cells)?;
+        let chunks = self.chunks.par_iter_mut().enumerate();
         chunks.for_each_init(
             || Scratch::new(points.len()),
             |scratch, (n, rows)| {
-                rows.reset(n * CHUNK..(n * CHUNK + CHUNK).min(atoms));
+                let first = own.start + n * CHUNK;
+                rows.reset(first..(first + CHUNK).min(own.end));
                 scratch.take(rows);
                 for n in 0..rows.len() {
                     search.list(n, rows, scratch);
                 }
             },
         );
+        Ok(())
     }
 
     /// Brings the lists up to date after a few points, `moved` in rising order, have got new
-    /// positions or reaches: lists the neighbours of the `atoms` among them anew, and tells those
+    /// positions or reaches: lists the neighbours of the own atoms among them anew, and tells those
     /// atoms whose neighbours they have become or ceased to be. The result has the same pairs as a
     /// new build.
     ///
-    /// `partner(i, j)` is the pair by which the other atom knows of a pair of atom `i` and point `j`.
-    ///
     /// # Errors
-    /// Those of [`ranks::share`].
+    /// Those of other ranks.
     pub fn repair(
         &mut self,
         points: &[Point],
-        atoms: usize,
+        held: &Held<'_>,
+        images: &Images,
         reach: &[f32],
         slope: f32,
         moved: &[u32],
-        partner: impl Fn(u32, u32) -> (u32, u32) + Sync,
     ) -> Result<()> {
-        let own = self.own();
-        let search = Search::new(points, reach, slope, &mut self.cells);
-        let moved = &moved[..moved.partition_point(|&i| (i as usize) < atoms)];
-        let chunks = own
-            .clone()
-            .into_par_iter()
-            .zip(&mut self.chunks[own.clone()]);
+        let own = held.own();
+        let atoms = points.len() - images.len();
+        let search = Search::new(points, reach, slope, held, images, &mut self.cells)?;
+        let chunks = self.chunks.par_iter_mut().enumerate();
         let changes: Vec<Vec<Change>> = chunks
             .map_init(
                 || Scratch::new(points.len()),
                 |scratch, (n, rows)| {
-                    let first = n * CHUNK;
+                    let first = own.start + n * CHUNK;
                     let from = moved.partition_point(|&i| (i as usize) < first);
-                    let to = moved.partition_point(|&i| (i as usize) < first + CHUNK);
+                    let to = moved.partition_point(|&i| (i as usize) < first + rows.len());
                     let mut changes = Vec::new();
                     if from == to {
                         return changes;
@@ -132,7 +128,9 @@ impl Neighbours {
                         scratch.old.extend(rows.row(n));
                         search.list(n, rows, scratch);
                         scratch.compare(|member, is_new| {
-                            let (atom, point) = partner(i, rows.members[member as usize]);
+                            let point = rows.members[member as usize];
+                            // The pair by which the other atom knows of this one.
+                            let (atom, point) = images.partner(atoms, i, point);
                             changes.push(Change {
                                 atom,
                                 point,
@@ -144,17 +142,16 @@ impl Neighbours {
                 },
             )
             .collect();
-        let changes = changes.into_iter().flatten().collect();
-        let changes = match self.shared {
-            true => told(changes, &own)?,
-            false => vec![changes],
-        };
-        // By chunk of the atom that must know, in the same order always.
-        let mut by_chunk: Vec<Vec<Change>> = vec![Vec::new(); own.len()];
-        for change in changes.into_iter().flatten() {
-            by_chunk[change.atom as usize / CHUNK - own.start].push(change);
+        let mut changes: Vec<Change> = changes.into_iter().flatten().collect();
+        if held.is_part() {
+            changes = told(&changes, held, images, atoms)?;
         }
-        let chunks = self.chunks[own].par_iter_mut().zip(&by_chunk);
+        // By chunk of the atom that must know, in the same order always.
+        let mut by_chunk: Vec<Vec<Change>> = vec![Vec::new(); self.chunks.len()];
+        for change in changes {
+            by_chunk[(change.atom as usize - own.start) / CHUNK].push(change);
+        }
+        let chunks = self.chunks.par_iter_mut().zip(&by_chunk);
         chunks.for_each_init(
             || Scratch::new(points.len()),
             |scratch, (rows, changes)| {
@@ -163,7 +160,7 @@ impl Neighbours {
                 }
                 for change in changes {
                     let (n, member) = (
-                        change.atom as usize % CHUNK,
+                        (change.atom as usize - own.start) % CHUNK,
                         scratch.member(change.point, rows),
                     );
                     if change.is_new {
@@ -186,23 +183,52 @@ struct Change {
     is_new: bool,
 }
 
-fields! { Change as Change { atom, point, is_new } }
+/// The same as ranks tell one another: both by their numbers in the lattice, the point as an atom or its image in
+/// these sides.
+struct Told {
+    atom: u32,
+    of: u32,
+    sides: u8,
+    is_new: bool,
+}
 
-/// Of the changes that each rank has found, those in the chunks that are this rank's `own`.
-fn told(found: Vec<Change>, own: &Range<usize>) -> Result<Vec<Vec<Change>>> {
-    let is_own = |change: &Change| own.contains(&(change.atom as usize / CHUNK));
-    let (kept, others): (Vec<Change>, Vec<Change>) = found.into_iter().partition(is_own);
-    let mut all = Vec::new();
-    let tell = |_, give: &mut dyn FnMut(Vec<Change>)| {
-        give(others);
-        Ok(())
-    };
-    let mut hear = |of_rank: Vec<Change>| all.push(of_rank.into_iter().filter(is_own).collect());
-    ranks::share("changes of neighbours", ranks::count(), tell, &mut hear)?;
-    if let Some(of_own) = all.get_mut(ranks::rank()) {
-        *of_own = kept;
+fields! { Told as Told { atom, of, sides, is_new } }
+
+/// Of the changes that each rank has found, those of this rank's own atoms.
+fn told(found: &[Change], held: &Held<'_>, images: &Images, atoms: usize) -> Result<Vec<Change>> {
+    let mut for_ranks: Vec<Vec<Told>> = Vec::new();
+    for change in found {
+        let (of, sides) = match (change.point as usize).checked_sub(atoms) {
+            Some(image) => images.of_image(image),
+            None => (change.point, 0),
+        };
+        let owner = held.owner(change.atom as usize);
+        if for_ranks.len() <= owner {
+            for_ranks.resize_with(owner + 1, Vec::new);
+        }
+        for_ranks[owner].push(Told {
+            atom: held.number(change.atom as usize) as u32,
+            of: held.number(of as usize) as u32,
+            sides,
+            is_new: change.is_new,
+        });
     }
-    Ok(all)
+    let heard = held.passed("changes of neighbours", for_ranks)?;
+    // Who is farther than the halo is wide has no neighbour here.
+    let known = |told: Told| {
+        let atom = held.place(told.atom as usize)?;
+        let of = held.place(told.of as usize)?;
+        let image = match told.sides {
+            0 => None,
+            sides => images.image(of, sides),
+        };
+        Some(Change {
+            atom: atom as u32,
+            point: image.map_or(of, |image| atoms + image) as u32,
+            is_new: told.is_new,
+        })
+    };
+    Ok(heard.into_iter().flatten().filter_map(known).collect())
 }
 
 #[cfg(test)]

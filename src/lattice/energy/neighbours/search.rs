@@ -6,7 +6,11 @@ use rayon::prelude::*;
 use super::rows::Rows;
 use super::scratch::Scratch;
 use super::{LANES, NOWHERE, Point};
+use crate::error::Result;
+use crate::files::kept::fields;
 use crate::geometry::groups::group;
+use crate::lattice::energy::images::Images;
+use crate::lattice::held::Held;
 
 /// Points sorted into the cells of a regular grid.
 ///
@@ -18,6 +22,8 @@ pub struct AtomCells {
     origin: [i32; 3],
     /// Edges of a cell, in fixed-point units.
     edges: [f32; 3],
+    /// The first cell along each axis that has points of those held, and how many there are from it to the last.
+    first: [usize; 3],
     dims: [usize; 3],
     /// Where each cell's points start in the arrays below; x fastest, one more at the end.
     starts: Vec<u32>,
@@ -33,19 +39,14 @@ pub struct AtomCells {
 }
 
 impl AtomCells {
-    /// Sorts points into cells of the given edges, or larger ones if they were many more than points.
-    fn sort(&mut self, points: &[Point], reach: &[f32], edges: [f32; 3]) {
-        let wider = |[low, high]: [[i32; 3]; 2], [first, last]: [[i32; 3]; 2]| {
-            [
-                std::array::from_fn(|k| low[k].min(first[k])),
-                std::array::from_fn(|k| high[k].max(last[k])),
-            ]
-        };
-        let places = points.par_iter().map(|p| [[p[0], p[1], p[2]]; 2]);
-        let [low, high] = places.reduce(|| [[i32::MAX; 3], [i32::MIN; 3]], wider);
+    /// Sorts points into cells of the given edges, or larger ones if they were many more than points. The grid is that of
+    /// `all` points of the lattice, of which some are held here.
+    fn sort(&mut self, points: &[Point], reach: &[f32], held: &Spread, all: &Spread) {
+        let edges = EDGES.map(|edge| edge * all.least);
+        let (low, high) = (all.low, all.high);
         let spans = high.iter().zip(&low).map(|(h, l)| h.saturating_sub(*l));
         let spans: Vec<f32> = spans.filter(|&s| s > 0).map(|s| s as f32).collect();
-        let roomy = spans.iter().product::<f32>() / (4.0 * points.len().max(1) as f32);
+        let roomy = spans.iter().product::<f32>() / (4.0 * all.points.max(1) as f32);
         let roomy = roomy.powf(1.0 / spans.len().max(1) as f32);
         let edge = edges.iter().product::<f32>().cbrt();
         let larger = (roomy / edge).max(1.0);
@@ -53,11 +54,15 @@ impl AtomCells {
         self.origin = low;
         let per_unit = self.edges.map(|edge| 1.0 / edge);
         let along = |k: usize, x: i32| (x.saturating_sub(low[k]) as f32 * per_unit[k]) as usize;
-        let dims: [usize; 3] = std::array::from_fn(|k| along(k, high[k]) + 1);
-        self.dims = dims;
+        let first: [usize; 3] = std::array::from_fn(|k| along(k, held.low[k]));
+        let dims: [usize; 3] = match points.is_empty() {
+            true => [0; 3],
+            false => std::array::from_fn(|k| along(k, held.high[k]) + 1 - first[k]),
+        };
+        (self.first, self.dims) = (first, dims);
         let cell = |p: &Point| {
-            let cell = (along(2, p[2]) * dims[1] + along(1, p[1])) * dims[0] + along(0, p[0]);
-            cell as u32
+            let at: [usize; 3] = std::array::from_fn(|k| along(k, p[k]) - first[k]);
+            ((at[2] * dims[1] + at[1]) * dims[0] + at[0]) as u32
         };
         points
             .par_iter()
@@ -89,24 +94,80 @@ pub struct Search<'a> {
 /// end to the other, in groups, so rows are thick and their ends fine.
 const EDGES: [f32; 3] = [0.25, 0.75, 0.75];
 
+/// How far points spread, and their reaches.
+#[derive(Clone)]
+struct Spread {
+    low: [i32; 3],
+    high: [i32; 3],
+    least: f32,
+    most: f32,
+    points: usize,
+}
+
+fields! { Spread as Spread { low, high, least, most, points } }
+
+impl Spread {
+    /// Of no points.
+    const NONE: Self = Self {
+        low: [i32::MAX; 3],
+        high: [i32::MIN; 3],
+        least: f32::INFINITY,
+        most: 0.0,
+        points: 0,
+    };
+
+    /// Of a point.
+    fn of((p, &reach): (&Point, &f32)) -> Self {
+        Self {
+            low: [p[0], p[1], p[2]],
+            high: [p[0], p[1], p[2]],
+            least: reach,
+            most: reach,
+            points: 1,
+        }
+    }
+
+    /// Of both.
+    fn and(self, other: Self) -> Self {
+        Self {
+            low: std::array::from_fn(|k| self.low[k].min(other.low[k])),
+            high: std::array::from_fn(|k| self.high[k].max(other.high[k])),
+            least: self.least.min(other.least),
+            most: self.most.max(other.most),
+            points: self.points + other.points,
+        }
+    }
+}
+
 impl<'a> Search<'a> {
+    /// Among the points held here.
+    ///
+    /// # Errors
+    /// Those of other ranks.
     pub fn new(
         points: &'a [Point],
         reach: &'a [f32],
         slope: f32,
+        held: &Held<'_>,
+        images: &Images,
         cells: &'a mut AtomCells,
-    ) -> Self {
-        let wider = |a: (f32, f32), b: (f32, f32)| (a.0.min(b.0), a.1.max(b.1));
-        let reaches = reach.par_iter().map(|&r| (r, r));
-        let (least, most) = reaches.reduce(|| (f32::INFINITY, 0.0), wider);
-        cells.sort(points, reach, EDGES.map(|edge| edge * least));
-        Self {
+    ) -> Result<Self> {
+        let spread = points.par_iter().zip(reach).map(Spread::of);
+        let spread = spread.reduce(|| Spread::NONE, Spread::and);
+        let own = Spread {
+            points: images.own_points(held),
+            ..spread.clone()
+        };
+        let all = held.told("extent of atoms", own)?;
+        let all = all.into_iter().fold(Spread::NONE, Spread::and);
+        cells.sort(points, reach, &spread, &all);
+        Ok(Self {
             points,
             reach,
             slope,
-            most,
+            most: all.most,
             cells,
-        }
+        })
     }
 
     /// Lists the neighbours of the chunk's `n`th atom anew.
@@ -161,7 +222,8 @@ impl WithSimd for Gather<'_> {
         let range = |k: usize, radius: f32| {
             let first = ((at[k] - radius) * per_unit[k]).max(0.0) as usize;
             let last = ((at[k] + radius) * per_unit[k]) as usize;
-            (first, last.min(cells.dims[k] - 1))
+            let end = cells.first[k] + cells.dims[k];
+            (first.max(cells.first[k]), last.min(end - 1))
         };
         // How far the atom is from the slab of a cell along an axis.
         let gap = |k: usize, cell: usize| {
@@ -177,8 +239,10 @@ impl WithSimd for Gather<'_> {
                     continue;
                 }
                 let xs = range(0, left.sqrt());
-                let row = (z * cells.dims[1] + y) * cells.dims[0];
-                let run = cells.starts[row + xs.0] as usize..cells.starts[row + xs.1 + 1] as usize;
+                let row = (z - cells.first[2]) * cells.dims[1] + y - cells.first[1];
+                let row = row * cells.dims[0];
+                let (from, to) = (xs.0 - cells.first[0], xs.1 - cells.first[0]);
+                let run = cells.starts[row + from] as usize..cells.starts[row + to + 1] as usize;
                 if found.len() < end + run.len() + LANES {
                     found.resize(2 * (end + run.len() + LANES), 0);
                 }

@@ -31,7 +31,11 @@ fn lists_exactly_the_pairs_in_reach() {
             .map(|x| ((1.5 + slope * x[0]) * fixed.scale) as f32)
             .collect();
         let mut neighbours = Neighbours::default();
-        neighbours.build(&points, atoms, &reach, slope as f32);
+        let images = Images::new([0; 4], 3);
+        let held = Held::all(atoms);
+        neighbours
+            .build(&points, &held, &images, &reach, slope as f32)
+            .unwrap();
         let mut listed = 0;
         for rows in &neighbours.chunks {
             assert!(!rows.overflowed);

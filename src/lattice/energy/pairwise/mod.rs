@@ -17,8 +17,6 @@
 //! Distances are computed in `f32` from fixed-point positions (`FixedPoint`) and summed in a fixed
 //! order, so the result is the same for any number of threads and on any machine.
 
-use std::ops::Range;
-
 use pulp::Arch;
 use rayon::prelude::*;
 
@@ -33,8 +31,8 @@ use super::{Beta, Energy, Parts, Terms};
 use crate::error::{Error, Result, cause};
 use crate::image::Sparse;
 use crate::lattice::distance::Distance;
+use crate::lattice::held::Held;
 use crate::lattice::seeding::Alignment;
-use crate::ranks;
 
 /// Width of the Verlet list beyond the cut-off, in units of d. The third shell of an FCC lattice is
 /// at 1.73 d, so a regular lattice gets no more pairs from it.
@@ -60,6 +58,8 @@ pub struct Pairwise<'a, const D: usize> {
     /// Positions and reaches for which the neighbours are listed.
     listed: Vec<Point>,
     reach: Vec<f32>,
+    /// Whether none are listed yet.
+    unlisted: bool,
     /// For the general kernel only.
     sites: Vec<Site>,
     parts: Parts,
@@ -111,6 +111,7 @@ impl<'a, const D: usize> Pairwise<'a, D> {
             points: Vec::new(),
             listed: Vec::new(),
             reach: Vec::new(),
+            unlisted: true,
             sites: Vec::new(),
             parts: Parts::default(),
             relisted: 0,
@@ -147,13 +148,6 @@ impl<'a, const D: usize> Pairwise<'a, D> {
         self
     }
 
-    /// Shares the work between [ranks]: each lists and evaluates some chunks of atoms. All must evaluate the same
-    /// positions at the same time, so that it is not for [twins](Energy::twin).
-    pub(crate) fn among_ranks(mut self) -> Self {
-        self.neighbours.shared = true;
-        self
-    }
-
     /// How many points' neighbours have been listed anew because the point had moved, in all.
     pub fn relisted(&self) -> usize {
         self.relisted
@@ -187,14 +181,14 @@ impl<'a, const D: usize> Pairwise<'a, D> {
     /// most the larger skin.
     ///
     /// # Errors
-    /// Those of [`ranks::share`].
-    fn update(&mut self, x: &[[f64; D]]) -> Result<()> {
+    /// Those of other ranks.
+    fn update(&mut self, x: &[[f64; D]], held: &Held<'_>) -> Result<()> {
         let count = x.len();
         if self.points.len() != count + self.images.len() {
-            // Other atoms than before.
+            // Other atoms than before, or more of the same.
             self.images.rebuild(&[], |_| 0.0);
             self.points = vec![NOWHERE; count];
-            self.listed.clear();
+            self.unlisted = true;
         }
         let fixed = self.fixed;
         let (atoms, images) = self.points.split_at_mut(count);
@@ -208,9 +202,8 @@ impl<'a, const D: usize> Pairwise<'a, D> {
         if self.constant().is_none() || matches!(self.beta, Beta::Field(_)) {
             self.update_sites(x);
         }
-        if self.listed.is_empty() {
-            self.list_all(count);
-            return Ok(());
+        if self.unlisted {
+            return self.list_all(held);
         }
         let far = |&n: &u32| {
             let n = n as usize;
@@ -224,20 +217,29 @@ impl<'a, const D: usize> Pairwise<'a, D> {
             .with_min_len(CHUNK)
             .filter(far)
             .collect();
-        if moved.is_empty() {
+        let own = held.own();
+        let own_moved = moved.iter().map(|&n| n as usize).filter(|&n| {
+            let image = n.checked_sub(count);
+            own.contains(&image.map_or(n, |image| self.images.of_image(image).0 as usize))
+        });
+        let alongside = self.alignment == Alignment::Alongside;
+        let lacks_images = |n: usize| {
+            let reach = self.widest((CUTOFF + SKIN) * self.d(n));
+            n < count && !self.images.suffice(n, &self.points[n], reach)
+        };
+        // Of own atoms and their images; so that all ranks do the same.
+        let counts = [
+            own_moved.clone().count(),
+            self.images.own_points(held),
+            usize::from(alongside && own_moved.clone().any(lacks_images)),
+        ];
+        let all = held.told("atoms that have moved", counts)?;
+        let sum = |k: usize| all.iter().map(|counts| counts[k]).sum::<usize>();
+        if sum(0) == 0 {
             return Ok(());
         }
-        let has_images = |&&n: &&u32| {
-            let n = n as usize;
-            let reach = self.widest((CUTOFF + SKIN) * self.d(n));
-            n >= count || self.images.suffice(n, &self.points[n], reach)
-        };
-        let alongside = self.alignment == Alignment::Alongside;
-        if moved.len() > self.points.len() / FEW
-            || alongside && !moved.iter().all(|n| has_images(&n))
-        {
-            self.list_all(count);
-            return Ok(());
+        if sum(0) > sum(1) / FEW || sum(2) > 0 {
+            return self.list_all(held);
         }
         self.relisted += moved.len();
         for &n in &moved {
@@ -245,14 +247,17 @@ impl<'a, const D: usize> Pairwise<'a, D> {
             self.reach[n as usize] = (CUTOFF + SKIN) * self.d(n as usize);
         }
         let slope = (f64::from(CUTOFF + SKIN) * self.slope) as f32;
-        let images = &self.images;
-        let partner = |i, j| images.partner(count, i, j);
+        let (listed, images, reach) = (&self.listed, &self.images, &self.reach);
         self.neighbours
-            .repair(&self.listed, count, &self.reach, slope, &moved, partner)
+            .repair(listed, held, images, reach, slope, &moved)
     }
 
     /// Lists the neighbours of all atoms anew, and finds the images that they need.
-    fn list_all(&mut self, count: usize) {
+    ///
+    /// # Errors
+    /// Those of other ranks.
+    fn list_all(&mut self, held: &Held<'_>) -> Result<()> {
+        let count = self.points.len() - self.images.len();
         if self.alignment == Alignment::Alongside {
             let mut images = std::mem::take(&mut self.images);
             let reach = |n: usize| self.widest((CUTOFF + SKIN) * self.d(n));
@@ -267,9 +272,11 @@ impl<'a, const D: usize> Pairwise<'a, D> {
         let reach = |n| (CUTOFF + SKIN) * self.d(n);
         self.reach = (0..self.points.len()).map(reach).collect();
         let slope = (f64::from(CUTOFF + SKIN) * self.slope) as f32;
-        self.neighbours
-            .build(&self.listed, count, &self.reach, slope);
+        let (listed, images, reach) = (&self.listed, &self.images, &self.reach);
+        self.neighbours.build(listed, held, images, reach, slope)?;
+        self.unlisted = false;
         self.relisted += self.points.len();
+        Ok(())
     }
 
     /// d and beta of every atom, for the general kernel.
@@ -374,44 +381,32 @@ impl<'a, const D: usize> Pairwise<'a, D> {
 
 impl<const D: usize> Energy<D> for Pairwise<'_, D> {
     fn evaluate(&mut self, x: &[[f64; D]], gradient: &mut [[f64; D]]) -> Result<f64> {
-        let energy = self.evaluate_own(x, gradient)?;
-        if self.neighbours.shared {
-            ranks::fill("gradients", gradient.as_flattened_mut(), CHUNK * D)?;
-        }
-        Ok(energy)
+        self.evaluate_held(x, &Held::all(x.len()), gradient)
     }
 
-    fn own(&self, atoms: usize) -> Range<usize> {
-        match self.neighbours.shared {
-            true => {
-                let chunks = ranks::own(atoms.div_ceil(CHUNK));
-                (chunks.start * CHUNK).min(atoms)..(chunks.end * CHUNK).min(atoms)
-            }
-            false => 0..atoms,
-        }
+    fn takes_parts(&self) -> bool {
+        true
     }
 
-    fn evaluate_own(&mut self, x: &[[f64; D]], gradient: &mut [[f64; D]]) -> Result<f64> {
-        self.update(x)?;
+    fn evaluate_held(
+        &mut self,
+        x: &[[f64; D]],
+        held: &Held<'_>,
+        gradient: &mut [[f64; D]],
+    ) -> Result<f64> {
+        self.update(x, held)?;
         let chunks = &self.neighbours.chunks;
-        let own = self.neighbours.own();
+        let own = held.own();
         let mut sums = vec![[0.0; 3]; chunks.len()];
-        let atoms = own.start * CHUNK..x.len().min(own.end * CHUNK);
-        sums[own.clone()]
-            .par_iter_mut()
-            .zip(&chunks[own])
-            .zip(gradient[atoms.clone()].par_chunks_mut(CHUNK))
-            .zip(x[atoms].par_chunks(CHUNK))
+        sums.par_iter_mut()
+            .zip(chunks)
+            .zip(gradient[own.clone()].par_chunks_mut(CHUNK))
+            .zip(x[own].par_chunks(CHUNK))
             .for_each(|(((sums, rows), gradient), x)| {
                 *sums =
                     LOCAL.with_borrow_mut(|local| self.evaluate_chunk(rows, x, gradient, local));
             });
-        if self.neighbours.shared {
-            ranks::fill("energies of atoms", sums.as_flattened_mut(), 3)?;
-        }
-        let total = sums
-            .iter()
-            .fold([0.0; 3], |t, s| [t[0] + s[0], t[1] + s[1], t[2] + s[2]]);
+        let total = held.total(sums)?;
         self.parts = Parts {
             lattice: total[0],
             image: total[1],
@@ -422,12 +417,13 @@ impl<const D: usize> Energy<D> for Pairwise<'_, D> {
     fn terms(
         &mut self,
         x: &[[f64; D]],
+        held: &Held<'_>,
         minimised: f64,
         gradient: &mut [[f64; D]],
     ) -> Result<Terms> {
         let (parts, kappa, stiffness) = (self.parts, self.kappa, self.stiffness);
         (self.kappa, self.stiffness) = (1.0, 0.0);
-        let energy = self.evaluate(x, gradient);
+        let energy = self.evaluate_held(x, held, gradient);
         let found = std::mem::replace(&mut self.parts, parts);
         (self.kappa, self.stiffness) = (kappa, stiffness);
         Ok(Terms::of_pairs(found, energy?, minimised))

@@ -24,8 +24,9 @@ fn bytes_per_atom<const D: usize>(kind: CellKind) -> f64 {
     }
 }
 
-/// What each rank takes for all atoms where none has all of the mesh, in bytes an atom, while they move.
-const MOVING: f64 = 200.0;
+/// What each rank takes for all atoms where none has all of the mesh, in bytes an atom: while they are placed. While
+/// they move and after that it is less.
+const PLACING: f64 = 65.0;
 
 /// Cells an atom.
 fn cells_per_atom<const D: usize>(kind: CellKind) -> f64 {
@@ -89,7 +90,7 @@ pub(super) fn in_pieces<const D: usize>(
     }
     let share = slabs.div_ceil(ranks) as f64 / slabs as f64;
     Estimate {
-        bytes: whole.atoms * MOVING + share * whole.bytes,
+        bytes: whole.atoms * PLACING + share * whole.bytes,
         ..whole
     }
 }
@@ -115,7 +116,7 @@ mod tests {
         let d = Distance::Constant(5.0);
         let bytes = |extent: [f64; 3], ranks| {
             let whole = of_distance(&d, extent, CellKind::Simplices);
-            let share = in_pieces(whole, extent, &d, ranks).bytes - MOVING * whole.atoms;
+            let share = in_pieces(whole, extent, &d, ranks).bytes - PLACING * whole.atoms;
             share / whole.bytes
         };
         // Four slabs.

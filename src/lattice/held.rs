@@ -11,6 +11,15 @@ use crate::files::kept::Kept;
 use crate::lattice::energy::CHUNK;
 use crate::ranks::{Alone, Group, share_of};
 
+/// Ranks tell one another where all their atoms are in so many parts.
+const ROUNDS: usize = 8;
+
+/// Which of so many atoms are the own ones of a rank of `count`.
+fn own_of(atoms: usize, rank: usize, count: usize) -> Range<usize> {
+    let chunks = share_of(atoms.div_ceil(CHUNK), rank, count);
+    (chunks.start * CHUNK).min(atoms)..(chunks.end * CHUNK).min(atoms)
+}
+
 /// The atoms that are held here, and who holds them besides.
 pub struct Held<'a> {
     group: &'a dyn Group,
@@ -48,14 +57,15 @@ impl<'a> Held<'a> {
         if count == 1 {
             return Ok(Held::all(x.len()));
         }
-        let start =
-            |rank| (share_of(x.len().div_ceil(CHUNK), rank, count).start * CHUNK).min(x.len());
-        let own = start(rank)..start(rank + 1);
+        let own = own_of(x.len(), rank, count);
         let near = Near::to(&x[own.clone()], room);
         let held = |n: &u32| own.contains(&(*n as usize)) || near.has(&x[*n as usize]);
         let numbers: Vec<u32> = (0..x.len() as u32).filter(held).collect();
-        let place = |rank| numbers.partition_point(|&n| (n as usize) < start(rank));
-        let of_rank: Vec<Range<usize>> = (0..count).map(|r| place(r)..place(r + 1)).collect();
+        let place = |number| numbers.partition_point(|&n| (n as usize) < number);
+        let of_rank = |rank| own_of(x.len(), rank, count);
+        let of_rank: Vec<Range<usize>> = (0..count)
+            .map(|rank| place(of_rank(rank).start)..place(of_rank(rank).end))
+            .collect();
         let asked = of_rank
             .iter()
             .enumerate()
@@ -139,11 +149,19 @@ impl<'a> Held<'a> {
     /// # Errors
     /// Those of other ranks.
     pub fn gather<const D: usize>(&self, x: &[[f64; D]], all: &mut [[f64; D]]) -> Result<()> {
-        let own = x[self.own()].as_flattened().to_vec();
-        let of_ranks: Vec<Vec<f64>> = self.group.all("positions of all atoms", own)?;
-        let all = all.as_flattened_mut().iter_mut();
-        all.zip(of_ranks.iter().flatten())
-            .for_each(|(to, from)| *to = *from);
+        // Bit by bit, so that not all is in memory three times.
+        for round in 0..ROUNDS {
+            let some = |own: Range<usize>| {
+                let part = share_of(own.len(), round, ROUNDS);
+                own.start + part.start..own.start + part.end
+            };
+            let own = x[some(self.own())].as_flattened().to_vec();
+            let of_ranks: Vec<Vec<f64>> = self.group.all("positions of all atoms", own)?;
+            for (rank, of_rank) in of_ranks.iter().enumerate() {
+                let place = some(own_of(all.len(), rank, self.group.count()));
+                all[place].as_flattened_mut().copy_from_slice(of_rank);
+            }
+        }
         Ok(())
     }
 

@@ -97,6 +97,21 @@ fn the_mesh_has_the_same_bytes_for_any_number_of_ranks() {
 }
 
 #[test]
+fn faults_of_amplitudes_are_looked_for_by_all_ranks() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    // Windows of 144 layers: one for each of three ranks.
+    let line = "synth amplitude --dims 48,40,330 --rng-seed 2 -o amp.npy --quiet";
+    succeed(folder, &line.split_whitespace().collect::<Vec<_>>());
+    let job = "mesh amp.npy --feature faults+horizons --distance 8 --quiet";
+    let line = format!("{job} -o one.vtu");
+    succeed(folder, &line.split_whitespace().collect::<Vec<_>>());
+    shared(folder, 3, &format!("{job} -o many.vtu"));
+    let [one, many] = ["one.vtu", "many.vtu"].map(|name| fs::read(folder.join(name)).unwrap());
+    assert!(one == many);
+}
+
+#[test]
 fn many_points_are_moved_and_triangulated_by_all_ranks() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();

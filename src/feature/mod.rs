@@ -192,7 +192,7 @@ pub(crate) fn detect_while<const D: usize>(
     let samples = Samples::in_layers(layers, 1.0);
     let chosen = match detectors::auto::choose_in_layers(&samples, patience)? {
         _ if asked.kind != FeatureKind::Auto => {
-            detectors::of(asked.kind).map(|detector| (vec![(detector, asked.clone())], None))
+            detectors::of_asked(asked).map(|parts| (parts, None))
         }
         Some(choice) => Some(detectors::named(choice, asked)?),
         None => None,

@@ -7,7 +7,8 @@
 
 use super::gaussian::smooth;
 use super::symmetric::{eigenvalues, eigenvector};
-use super::volume::Volume;
+use super::windows::{Samples, Window, layer};
+use crate::error::Result;
 use crate::observer::Patience;
 use rayon::prelude::*;
 
@@ -19,12 +20,51 @@ pub struct Normals<const D: usize> {
 }
 
 impl<const D: usize> Normals<D> {
-    /// Normals of an image (already smoothed to the scale of its derivatives), averaged under a
-    /// Gaussian window of width `window` samples.
-    pub fn new(volume: Volume<'_, D>, window: f64, patience: &Patience<'_>) -> Self {
-        let factor = ((window / 2.0) as usize).clamp(1, 4);
-        let dims = volume.dims.map(|n| n.div_ceil(factor));
-        let products = products(volume, factor, dims, patience);
+    /// Normals of an image (smoothed to the scale of its derivatives), averaged under a Gaussian window of width
+    /// `window` samples; and the root mean square of its samples.
+    ///
+    /// # Errors
+    /// Those of reading its layers.
+    pub fn new(
+        samples: &Samples<'_, D>,
+        window: f64,
+        patience: &Patience<'_>,
+    ) -> Result<(Self, f32)> {
+        // Windows of layers begin with a cell.
+        let factor = match window {
+            8.0.. => 4,
+            4.0.. => 2,
+            _ => 1,
+        };
+        let dims = samples.dims().map(|n| n.div_ceil(factor));
+        let mut products = vec![Vec::new(); D * (D + 1) / 2];
+        let mut sum = 0.0;
+        let mut look = |window: &Window<'_, D>| {
+            let layers = window.smoothed.layers(&window.own);
+            let squares = layers.par_chunks(layer(window.dims).max(1)).map(square_sum);
+            let squares: Vec<f64> = squares.collect();
+            (squares, own_products(window, factor, patience))
+        };
+        let mut take = |(squares, own): (Vec<f64>, Vec<Vec<f32>>)| {
+            sum = squares.iter().fold(sum, |sum, square| sum + square);
+            for (all, own) in products.iter_mut().zip(own) {
+                all.extend(own);
+            }
+        };
+        samples.each(1, None, &|_| 1, patience, &mut look, &mut take)?;
+        let count: usize = samples.dims().iter().product();
+        let rms = (sum / count.max(1) as f64).sqrt() as f32;
+        Ok((Self::of(dims, factor, products, window, patience), rms))
+    }
+
+    /// Normals where these are the products of the gradient's components, summed over cells.
+    fn of(
+        dims: [usize; D],
+        factor: usize,
+        products: Vec<Vec<f32>>,
+        window: f64,
+        patience: &Patience<'_>,
+    ) -> Self {
         // Cells on the far sides hold fewer samples; their weight is less, the direction the same.
         let products: Vec<Vec<f32>> = products
             .into_iter()
@@ -107,35 +147,49 @@ fn index<const D: usize>(dims: [usize; D], at: [usize; D]) -> usize {
     (0..D).rev().fold(0, |i, k| i * dims[k] + at[k])
 }
 
-/// Products of the gradient's components (upper half), summed over cells of `factor`^D samples.
-fn products<const D: usize>(
-    volume: Volume<'_, D>,
+/// The sum of the squares of samples.
+fn square_sum(samples: &[f32]) -> f64 {
+    samples.iter().map(|s| f64::from(s * s)).sum()
+}
+
+/// Products of the gradient's components (upper half), summed over the cells of `factor`^D samples of a window's own
+/// layers.
+fn own_products<const D: usize>(
+    window: &Window<'_, D>,
     factor: usize,
-    dims: [usize; D],
     patience: &Patience<'_>,
 ) -> Vec<Vec<f32>> {
+    let stack = window.smoothed;
+    let volume = stack.volume;
+    let mut dims = window.dims.map(|n| n.div_ceil(factor));
+    dims[D - 1] = window.own.len().div_ceil(factor);
     let count: usize = dims.iter().product();
     let mut products = vec![vec![0.0f32; count]; D * (D + 1) / 2];
     // One task per layer of cells along the last axis.
-    let layer = count / dims[D - 1];
+    let cells = (count / dims[D - 1].max(1)).max(1);
     let mut layers: Vec<Vec<&mut [f32]>> = (0..dims[D - 1]).map(|_| Vec::new()).collect();
     for component in &mut products {
-        for (parts, part) in layers.iter_mut().zip(component.chunks_mut(layer)) {
+        for (parts, part) in layers.iter_mut().zip(component.chunks_mut(cells)) {
             parts.push(part);
         }
     }
-    let thickness = volume.samples.len() / volume.dims[D - 1];
     layers
         .par_iter_mut()
         .enumerate()
         .for_each(|(number, parts)| {
-            let end = ((number + 1) * factor * thickness).min(volume.samples.len());
-            for start in (number * factor * thickness..end).step_by(volume.dims[0]) {
+            let first = window.own.start + number * factor;
+            let mut begin = [0; D];
+            begin[D - 1] = first;
+            let start = volume.index(stack.in_stack(begin));
+            let rows = (window.own.end.min(first + factor) - first) * layer(window.dims);
+            for start in (start..start + rows).step_by(volume.dims[0]) {
                 if patience.over() {
                     return;
                 }
                 let mut at = volume.coordinates(start);
-                let row = index(dims, at.map(|i| i / factor)) - number * layer;
+                let mut cell = at.map(|i| i / factor);
+                cell[D - 1] = 0;
+                let row = index(dims, cell);
                 for x in 0..volume.dims[0] {
                     at[0] = x;
                     let gradient = volume.gradient(at);
@@ -168,16 +222,10 @@ mod tests {
                 let image = image_of(dims, |p| {
                     (0.5 * (n[0] * p[0] + n[1] * p[1] + n[2] * p[2])).sin()
                 });
-                let mut samples = image.as_slice().to_vec();
-                smooth(dims, &mut samples, [1.0; 3], &Patience::endless());
-                let normals = Normals::new(
-                    Volume {
-                        dims,
-                        samples: &samples,
-                    },
-                    4.0,
-                    &Patience::endless(),
-                );
+                let mut samples = Samples::held(dims, image.as_slice());
+                samples.smooth(1.0, &Patience::endless());
+                let (normals, rms) = Normals::new(&samples, 4.0, &Patience::endless()).unwrap();
+                assert!((0.55..0.75).contains(&rms), "{rms}");
                 for p in [[20.0, 18.0, 22.0], [19.3, 17.6, 21.2], [24.0, 15.0, 20.5]] {
                     let w = normals.at(p);
                     let c: f64 = (0..3).map(|k| f64::from(w[k]) * n[k]).sum();
@@ -196,11 +244,9 @@ mod tests {
             let wave = |i: usize| (0.5 * (cos * (i % 44) as f64 + sin * (i / 44) as f64)).sin();
             let mut samples: Vec<f32> = (0..44 * 40).map(|i| wave(i) as f32).collect();
             smooth(dims, &mut samples, [1.0; 2], &Patience::endless());
-            let volume = Volume {
-                dims,
-                samples: &samples,
-            };
-            let normal = Normals::new(volume, 4.0, &Patience::endless()).at([21.3, 19.8]);
+            let samples = Samples::held(dims, samples);
+            let (normals, _) = Normals::new(&samples, 4.0, &Patience::endless()).unwrap();
+            let normal = normals.at([21.3, 19.8]);
             let c = (cos * f64::from(normal[0]) + sin * f64::from(normal[1])).abs();
             assert!(c.min(1.0).acos().to_degrees() < 1.0, "{dip} {normal:?}");
         }

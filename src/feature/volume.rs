@@ -179,15 +179,3 @@ impl<'a, const D: usize> Volume<'a, D> {
         hessian
     }
 }
-
-/// Samples whose squares are summed at once.
-const CHUNK: usize = 1 << 16;
-
-/// Root mean square of samples, summed chunk by chunk.
-pub fn root_mean_square(samples: &[f32]) -> f32 {
-    let sums: Vec<f64> = samples
-        .par_chunks(CHUNK)
-        .map(|chunk| chunk.iter().map(|s| f64::from(s * s)).sum())
-        .collect();
-    (sums.iter().sum::<f64>() / samples.len().max(1) as f64).sqrt() as f32
-}

@@ -71,6 +71,14 @@ pub struct Stack<'w, const D: usize> {
 }
 
 impl<'w, const D: usize> Stack<'w, D> {
+    /// Other samples of the same layers.
+    pub fn with<'s>(&self, samples: &'s [f32]) -> Stack<'s, D> {
+        Stack {
+            volume: Volume::new(self.volume.dims, samples),
+            from: self.from,
+        }
+    }
+
     /// A sample of these as one of the volume.
     #[inline]
     pub fn in_volume(&self, mut at: [usize; D]) -> [usize; D] {
@@ -360,8 +368,29 @@ impl<'a, const D: usize> Samples<'a, D> {
         work: &mut dyn FnMut(&Window<'_, D>) -> T,
         take: &mut dyn FnMut(T),
     ) -> Result<()> {
+        let least = match blur {
+            Some(_) => WIDE,
+            None => MULTIPLE,
+        };
+        self.each_of_at_least(least, halo, blur, much, patience, work, take)
+    }
+
+    /// The same of windows that have about so many layers of their own at least, if there is room for them.
+    ///
+    /// # Errors
+    /// As [`Samples::each`].
+    pub fn each_of_at_least<T: Kept>(
+        &self,
+        least: usize,
+        halo: usize,
+        blur: Option<(f64, usize)>,
+        much: &dyn Fn(Range<usize>) -> usize,
+        patience: &Patience<'_>,
+        work: &mut dyn FnMut(&Window<'_, D>) -> T,
+        take: &mut dyn FnMut(T),
+    ) -> Result<()> {
         let count = self.dims[D - 1];
-        let own = self.own_layers(blur.is_some());
+        let own = self.own_layers(least);
         let windows = (0..count).step_by(own);
         let windows = windows.map(|first| first..(first + own).min(count));
         let windows = windows.map(|own| (own.clone(), much(own)));
@@ -374,14 +403,16 @@ impl<'a, const D: usize> Samples<'a, D> {
         ranks::share_fairly("layers", &work_in, these, take)
     }
 
-    /// A window's own layers, under another Gaussian or not.
-    fn own_layers(&self, blurred: bool) -> usize {
+    /// A window's own layers, where it has so many at least, if there is room for them.
+    fn own_layers(&self, least: usize) -> usize {
         let (layer, count) = (layer(self.dims), self.dims[D - 1]);
-        let least = match blurred && ranks::count() == 1 && has_room(LAYERS * layer) {
-            true => WIDE,
+        let wide = least > MULTIPLE;
+        let room = LAYERS.max(4 * least);
+        let least = match wide && (least > WIDE || ranks::count() == 1) && has_room(room * layer) {
+            true => least,
             false => MULTIPLE,
         };
-        let few = !blurred || self.count() <= 4 * self.limits[1];
+        let few = !wide || self.count() <= 4 * self.limits[1];
         let some = match self.is_whole() {
             true if few && ranks::count() == 1 => return count.max(1),
             // Every rank has a share.

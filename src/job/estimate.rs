@@ -2,6 +2,7 @@
 
 use super::CellKind;
 use crate::Result;
+use crate::feature::FeatureKind;
 use crate::image::Source;
 use crate::improve::tets::Cuts;
 use crate::lattice::distance::Distance;
@@ -12,6 +13,15 @@ use crate::observer::Estimate;
 const SAMPLE: f64 = 8.0;
 /// ... and of one whose layers are read, in bytes a sample of a layer: twice as many layers as filters see.
 const LAYER: f64 = 1_400.0;
+
+/// Where faults are looked for in amplitudes: of all samples, how likely a fault is, ...
+const LIKELIHOOD: f64 = 4.0;
+/// ... and more of those looked at, ...
+const LOOKED_AT: f64 = 22.0;
+/// ... which of large images are so many layers, if there is not room for more.
+const LAYERS: usize = 160;
+/// These images are not looked at as a whole.
+const LARGE: f64 = (1u64 << 27) as f64;
 
 /// What a mesh takes while it is made, improved, measured and written, in bytes an atom; measured with
 /// 0.1 to 12 million atoms.
@@ -41,10 +51,21 @@ fn cells_per_atom<const D: usize>(kind: CellKind) -> f64 {
 ///
 /// # Errors
 /// [`Error::Job`](crate::Error::Job).
-pub(super) fn afford_features<const D: usize>(source: Source<'_, D>) -> Result<()> {
+pub(super) fn afford_features<const D: usize>(
+    source: Source<'_, D>,
+    kind: FeatureKind,
+) -> Result<()> {
     let dims = source.dims();
     let samples: f64 = dims.iter().map(|&n| n as f64).product();
+    let of_faults = matches!(kind, FeatureKind::Faults | FeatureKind::FaultsAndHorizons);
     let bytes = match source {
+        _ if of_faults => {
+            let some = match matches!(source, Source::Held(_)) && samples <= LARGE {
+                true => 1.0,
+                false => (LAYERS as f64 / dims[D - 1].max(1) as f64).min(1.0),
+            };
+            (LIKELIHOOD + some * LOOKED_AT) * samples
+        }
         Source::Held(_) => SAMPLE * samples,
         // Some layers at a time.
         Source::InLayers(_) => LAYER * samples / dims[D - 1].max(1) as f64,

@@ -181,7 +181,7 @@ where
     let wishes = params.labels.iter().filter_map(|wish| wish.distance);
     let largest = wishes.fold(params.spacing.max(), f64::max);
     Distance::Constant(largest).validate(room)?;
-    estimate::afford_features(source)?;
+    estimate::afford_features(source, params.feature)?;
     let params = &*params.in_lattice_units(params.metric.unit(geometry));
     if !matches!(params.spacing, Spacing::OfAtoms { .. }) {
         // As many as if they were nowhere closer.

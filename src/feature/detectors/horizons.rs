@@ -14,7 +14,8 @@ use crate::error::Result;
 use crate::feature::FeatureKind;
 use crate::feature::crossing::{Candidate, dominant_axes};
 use crate::feature::tensor::Normals;
-use crate::feature::volume::{Volume, root_mean_square};
+use crate::feature::volume::Volume;
+use crate::feature::windows::Window;
 use crate::observer::Patience;
 
 /// Finds crests and troughs of seismic amplitude.
@@ -34,22 +35,26 @@ impl<const D: usize> Detector<D> for Horizons {
     fn find(&self, scene: &Scene<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
         let scale = scene.scale();
         let window = scene.asked.smoothing.unwrap_or(WINDOW);
-        let samples = scene.smoothed()?;
-        let smoothed = Volume::new(scene.dims(), &samples);
-        let normals = Normals::new(smoothed, window, scene.patience);
-        let thresholds = scene.thresholds().unwrap_or_else(|| {
-            let rms = root_mean_square(&samples);
-            Thresholds {
-                low: 0.8 * rms,
-                high: 1.3 * rms,
-                origin: "1.3 times the rms",
-            }
+        let samples = scene.smoothed_in_layers()?;
+        let (normals, rms) = Normals::new(&samples, window, scene.patience)?;
+        let thresholds = scene.thresholds().unwrap_or(Thresholds {
+            low: 0.8 * rms,
+            high: 1.3 * rms,
+            origin: "1.3 times the rms",
         });
         notes.push(format!(
             "crests and troughs at scale {scale}, normals averaged over {window}: {thresholds}"
         ));
-        let candidates = crests(smoothed, &normals, thresholds.low, scene.patience);
+        let mut candidates = Vec::new();
+        let mut look =
+            |window: &Window<'_, D>| crests(window, &normals, thresholds.low, scene.patience);
+        let mut take = |own: Vec<Candidate<D>>| candidates.extend(own);
+        samples.each(1, None, &|_| 1, scene.patience, &mut look, &mut take)?;
         Ok(Found::new(candidates, scale, thresholds))
+    }
+
+    fn in_layers(&self) -> bool {
+        true
     }
 
     /// Short pieces of reflectors are everywhere, and worth no cells.
@@ -74,15 +79,17 @@ impl<const D: usize> Detector<D> for Horizons {
     }
 }
 
-/// Crests and troughs of at least `low` in amplitude, in the order of samples.
+/// Crests and troughs of at least `low` in amplitude in a window's own layers, in the order of samples.
 fn crests<const D: usize>(
-    volume: Volume<'_, D>,
+    window: &Window<'_, D>,
     normals: &Normals<D>,
     low: f32,
     patience: &Patience<'_>,
 ) -> Vec<Candidate<D>> {
+    let (stack, whole) = (window.smoothed, Volume::new(window.dims, &[]));
+    let volume = stack.volume;
     let strides = volume.strides();
-    volume.by_rows(patience, |first, (): &mut (), found| {
+    window.by_rows(patience, |first, (): &mut (), found| {
         let start = volume.index(first);
         for x in 0..volume.dims[0] {
             let i = start + x;
@@ -90,11 +97,11 @@ fn crests<const D: usize>(
             if here < low {
                 continue;
             }
-            let mut at = first;
+            let mut at = stack.in_volume(first);
             at[0] = x;
             let sign = volume.samples[i].signum();
             for axis in dominant_axes(normals.coarse(at).map(f64::from)) {
-                if at[axis] == 0 || at[axis] + 1 >= volume.dims[axis] {
+                if at[axis] == 0 || at[axis] + 1 >= whole.dims[axis] {
                     continue;
                 }
                 let before = sign * volume.samples[i - strides[axis]];
@@ -107,7 +114,7 @@ fn crests<const D: usize>(
                 let mut position = at.map(|i| i as f32);
                 position[axis] += offset;
                 found.push(Candidate {
-                    voxel: i as u32,
+                    voxel: whole.index(at) as u32,
                     axis: axis as u8,
                     position,
                     normal: normals.at(position),

@@ -152,7 +152,7 @@ impl<'a, const D: usize> Scene<'a, D> {
             Source::InLayers(_) => Err(Error::Feature(cause(
                 "feature detection",
                 "needs an image in memory",
-                "choose ridges or valleys, which are found in layers",
+                "choose ridges, valleys, faults or horizons, which are found in layers",
             ))),
         }
     }
@@ -185,7 +185,17 @@ impl<'a, const D: usize> Scene<'a, D> {
         self.asked.scale.unwrap_or(1.0)
     }
 
-    /// The samples smoothed over [`Scene::scale`].
+    /// The samples smoothed over [`Scene::scale`], to be looked at some layers at a time.
+    ///
+    /// # Errors
+    /// That of reading.
+    pub fn smoothed_in_layers(&self) -> Result<Samples<'a, D>> {
+        let mut samples = self.samples(1.0)?;
+        samples.smooth(self.scale(), self.patience);
+        Ok(samples)
+    }
+
+    /// The samples smoothed over [`Scene::scale`], in memory.
     ///
     /// # Errors
     /// Those of [`Scene::image`].
@@ -334,13 +344,18 @@ pub fn of<const D: usize>(kind: FeatureKind) -> Option<&'static dyn Detector<D>>
 /// # Errors
 /// [`Error::Feature`] if the image decided on features that the threshold does not apply to.
 pub fn chosen<const D: usize>(image: &Image<D>, asked: &Detection<D>) -> Result<Chosen<D>> {
-    if asked.kind == FeatureKind::FaultsAndHorizons {
-        return Ok((faults_and_horizons::parts(asked), None));
+    match of_asked(asked) {
+        Some(parts) => Ok((parts, None)),
+        None => named(auto::choose(image)?, asked),
     }
-    if let Some(detector) = of(asked.kind) {
-        return Ok((vec![(detector, asked.clone())], None));
+}
+
+/// The detectors of what is asked for, unless the image decides.
+pub fn of_asked<const D: usize>(asked: &Detection<D>) -> Option<Vec<Part<D>>> {
+    match asked.kind {
+        FeatureKind::FaultsAndHorizons => Some(faults_and_horizons::parts(asked)),
+        kind => of(kind).map(|detector| vec![(detector, asked.clone())]),
     }
-    named(auto::choose(image)?, asked)
 }
 
 /// The detector that an image decided on, and why.

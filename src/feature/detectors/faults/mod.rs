@@ -20,7 +20,6 @@ use super::{Detector, Found, Scene};
 use crate::error::Result;
 use crate::feature::FeatureKind;
 use crate::feature::tensor::Normals;
-use crate::feature::volume::Volume;
 use crate::feature::windows::Samples;
 use crate::geometry::dot;
 
@@ -40,10 +39,9 @@ impl<const D: usize> Detector<D> for Faults {
 
     fn find(&self, scene: &Scene<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
         let window = scene.asked.smoothing.unwrap_or(WINDOW);
-        let samples = scene.smoothed()?;
-        let smoothed = Volume::new(scene.dims(), &samples);
-        let layers = Normals::new(smoothed, window, scene.patience);
-        let likelihood = semblance::likelihood(smoothed, &layers, scene.patience);
+        let samples = scene.smoothed_in_layers()?;
+        let (layers, rms) = Normals::new(&samples, window, scene.patience)?;
+        let likelihood = semblance::likelihood(&samples, (&layers, rms), scene.patience)?;
         drop(samples);
         notes.push(format!(
             "faults: least semblance along layers over steep planes, at scale {}, normals averaged over \
@@ -68,6 +66,10 @@ impl<const D: usize> Detector<D> for Faults {
         Ok(found)
     }
 
+    fn in_layers(&self) -> bool {
+        true
+    }
+
     fn least_sheet(&self) -> f64 {
         6.0
     }
@@ -85,10 +87,13 @@ impl<const D: usize> Detector<D> for Faults {
 
 #[cfg(test)]
 mod tests {
+    use super::semblance::{SEEN, likelihood};
+    use super::*;
     use crate::feature::scenes::Noise;
     use crate::feature::volume::Volume;
-    use crate::feature::{Detection, FeatureKind, FeaturePoint, detect};
+    use crate::feature::{Detection, FeaturePoint, detect};
     use crate::image::{Geometry, Image};
+    use crate::observer::Patience;
 
     /// Shares of the true faults within two samples of a point, and of the points within two samples of a
     /// true fault.
@@ -230,6 +235,69 @@ mod tests {
                 let fit = straight_fault([64, 56, 48], normal, throw);
                 assert!(good(fit), "3-D {throw} {dip} {azimuth} {fit:?}");
             }
+        }
+    }
+
+    #[test]
+    fn some_layers_at_a_time_show_what_all_show() {
+        // Layers across the first and across the last axis, thrown by a slanting fault, in noise.
+        for (dims, vertical) in [([46, 30, 330], 0), ([30, 38, 324], 2)] {
+            let mut noise = Noise::new(3);
+            let space = Volume { dims, samples: &[] };
+            let samples: Vec<f32> = (0..dims.iter().product())
+                .map(|i| {
+                    let p = space.coordinates(i).map(|c| c as f64);
+                    let across = 2 - vertical;
+                    let off = p[across] - 0.5 * dims[across] as f64 + 0.4 * (p[vertical] - 20.0);
+                    let depth = p[vertical] + 0.1 * p[1] + if off > 0.0 { 3.0 } else { 0.0 };
+                    (0.5 * depth).sin() as f32 + 0.3 * noise.normal() as f32
+                })
+                .collect();
+            let patience = &Patience::endless();
+            let seen = |limits: [usize; 2]| {
+                let mut samples = Samples::held(dims, &samples[..]).limited(limits);
+                samples.smooth(1.0, patience);
+                let (normals, rms) = Normals::new(&samples, 12.0, patience).unwrap();
+                assert_eq!(normals.main_axis(), vertical);
+                let likelihood = likelihood(&samples, (&normals, rms), patience).unwrap();
+                let at = normals.at([20.3, 17.7, 155.5]);
+                (likelihood, rms, at)
+            };
+            let whole = seen([usize::MAX, 1]);
+            assert!(whole.0.iter().any(|&l| l > 0.5), "there is a fault");
+            // Three windows, of which the last is shorter.
+            assert!(2 * SEEN < 324 / 2 && seen([0, 1]) == whole, "{dims:?}");
+        }
+    }
+
+    #[test]
+    fn amplitudes_in_layers_have_the_features_of_those_in_memory() {
+        use crate::feature::windows::tests::ByLayers;
+        use crate::image::Source;
+        use crate::image::synth::{Kind, Options, make};
+
+        let options = Options {
+            dims: [72, 60, 64],
+            seed: 2,
+            ..Options::default()
+        };
+        let image = make(Kind::Amplitude, &options).unwrap().image;
+        let by_layers = ByLayers(&image);
+        for kind in [
+            FeatureKind::Faults,
+            FeatureKind::Horizons,
+            FeatureKind::FaultsAndHorizons,
+            FeatureKind::Auto,
+        ] {
+            let asked = Detection::of(kind, 6.0);
+            let [held, in_layers] =
+                [Source::Held(&image), Source::InLayers(&by_layers)].map(|source| {
+                    let patience = &Patience::endless();
+                    crate::feature::detect_while(source, &asked, patience).unwrap()
+                });
+            assert!(held.points.len() > 1000, "{kind}");
+            assert!(held.points == in_layers.points, "{kind}");
+            assert!(held.potential.dense() == in_layers.potential.dense());
         }
     }
 }

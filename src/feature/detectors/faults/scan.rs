@@ -32,6 +32,10 @@ const STEEPEST: f64 = 1.2;
 /// Number of dips to either side of the vertical.
 const DIPS: i32 = 6;
 
+/// How far (samples) from a sample planes are followed along any axis: up and down; sideways along a strike and then
+/// along a dip it is less than that and an eighth more; and what is filled in between planes that are scanned.
+pub const REACH: usize = 36;
+
 /// Vertical distance (samples) of the planes that are scanned: semblance is smooth there.
 const THIN_OUT: usize = 2;
 

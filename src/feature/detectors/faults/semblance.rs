@@ -8,10 +8,12 @@
 //! over pieces of all the planes that a fault might run along: [`scan`].
 
 use super::scan;
+use crate::error::Result;
 use crate::feature::gaussian::smooth;
 use crate::feature::ridges::Statistics;
 use crate::feature::tensor::Normals;
-use crate::feature::volume::{Volume, root_mean_square};
+use crate::feature::volume::Volume;
+use crate::feature::windows::{Samples, Stack, Window};
 use crate::geometry::dot;
 use crate::geometry::wide::wide;
 use crate::observer::Patience;
@@ -39,28 +41,50 @@ const ROWS: usize = 64;
 /// Samples of a row that share one normal of the layers: its window is wider.
 const LANES: usize = 8;
 
+/// How many layers to either side are looked at: as far as planes are followed ([`scan::REACH`]), from there as far
+/// as what is seen of a layer at most, and from there as far as amplitudes are balanced.
+pub const SEEN: usize =
+    (scan::REACH + 3 * RADIUS as usize + 4 * BALANCE as usize).next_multiple_of(8);
+
 /// How likely a fault runs through each sample, in [0, 1]: see [`scan::likelihood`]. `layers` are the
-/// normals of amplitudes smoothed to the scale of their derivatives; their window should be wide, as
-/// a throw must not pass for a dip.
+/// normals of amplitudes smoothed to the scale of their derivatives, whose root mean square is `rms`; their window
+/// should be wide, as a throw must not pass for a dip.
+///
+/// # Errors
+/// Those of reading layers of `amplitude`.
 pub fn likelihood<const D: usize>(
-    amplitude: Volume<'_, D>,
-    layers: &Normals<D>,
+    amplitude: &Samples<'_, D>,
+    (layers, rms): (&Normals<D>, f32),
     patience: &Patience<'_>,
-) -> Vec<f32> {
-    let balanced = balanced(amplitude, patience);
-    let balanced = Volume::new(amplitude.dims, &balanced);
+) -> Result<Vec<f32>> {
     let vertical = layers.main_axis();
-    scan::likelihood(amplitude.dims, vertical, patience, |across, every| {
-        both_sides(balanced, layers, across, (vertical, every), patience)
-    })
+    let mut likelihood = Vec::new();
+    likelihood.reserve_exact(amplitude.dims().iter().product());
+    let mut look = |window: &Window<'_, D>| {
+        let stack = window.smoothed;
+        let dims = stack.volume.dims;
+        let balanced = balanced(stack.volume, rms, patience);
+        let balanced = stack.with(&balanced);
+        let all = scan::likelihood(dims, vertical, patience, |across, every| {
+            both_sides(balanced, layers, across, (vertical, every), patience)
+        });
+        stack.with(&all).layers(&window.own).to_vec()
+    };
+    let mut take = |own: Vec<f32>| likelihood.extend(own);
+    amplitude.each_of_at_least(2 * SEEN, SEEN, None, &|_| 1, patience, &mut look, &mut take)?;
+    Ok(likelihood)
 }
 
-/// Amplitudes over their rms round each sample, so that no layer has more say than others.
-fn balanced<const D: usize>(amplitude: Volume<'_, D>, patience: &Patience<'_>) -> Vec<f32> {
+/// Amplitudes over their rms round each sample, so that no layer has more say than others; that of all is `rms`.
+fn balanced<const D: usize>(
+    amplitude: Volume<'_, D>,
+    rms: f32,
+    patience: &Patience<'_>,
+) -> Vec<f32> {
     let a = amplitude.samples;
     let mut energy: Vec<f32> = a.par_iter().map(|a| a * a).collect();
     smooth(amplitude.dims, &mut energy, [BALANCE; D], patience);
-    let floor = LOUD * root_mean_square(a).powi(2);
+    let floor = LOUD * rms.powi(2);
     energy.par_iter_mut().zip(a).for_each(|(e, a)| {
         *e = a / (*e + floor).max(f32::MIN_POSITIVE).sqrt();
     });
@@ -107,13 +131,15 @@ fn halves<const D: usize>(axis: usize, across: [f64; D]) -> Vec<Tap<D>> {
 /// Energy of the mean and mean energy of what the layers show on either side of faults square to the
 /// horizontal direction `across`, one through each sample of every `every`-th plane along `vertical`.
 fn both_sides<const D: usize>(
-    amplitude: Volume<'_, D>,
+    balanced: Stack<'_, D>,
     layers: &Normals<D>,
     across: [f64; D],
     (vertical, every): (usize, usize),
     patience: &Patience<'_>,
 ) -> [Vec<f32>; 2] {
+    let amplitude = balanced.volume;
     let sides = Sides {
+        balanced,
         amplitude,
         strides: amplitude.strides(),
         layers,
@@ -159,6 +185,8 @@ fn both_sides<const D: usize>(
 
 /// What the layers show on both sides of faults of one strike.
 struct Sides<'a, const D: usize> {
+    balanced: Stack<'a, D>,
+    /// The same as a volume of its own.
     amplitude: Volume<'a, D>,
     strides: [usize; D],
     layers: &'a Normals<D>,
@@ -172,7 +200,7 @@ impl<const D: usize> Sides<'_, D> {
     fn means(&self, at: [usize; D]) -> [[f32; LANES]; 2] {
         let mut middle = at;
         middle[0] = (at[0] + LANES / 2).min(self.amplitude.dims[0] - 1);
-        let normal = self.layers.coarse(middle);
+        let normal = self.layers.coarse(self.balanced.in_volume(middle));
         let axis = (1..D).fold(0, |a, k| {
             if normal[k].abs() > normal[a].abs() {
                 k

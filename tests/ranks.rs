@@ -101,7 +101,7 @@ fn faults_of_amplitudes_are_looked_for_by_all_ranks() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     // Windows of 144 layers: one for each of three ranks.
-    let line = "synth amplitude --dims 48,40,330 --rng-seed 2 -o amp.npy --quiet";
+    let line = "synth amplitude --dims 36,32,300 --rng-seed 2 -o amp.npy --quiet";
     succeed(folder, &line.split_whitespace().collect::<Vec<_>>());
     let job = "mesh amp.npy --feature faults+horizons --distance 8 --quiet";
     let line = format!("{job} -o one.vtu");

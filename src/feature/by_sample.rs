@@ -1,12 +1,15 @@
 //! Candidates by the sample they belong to.
 
 use super::crossing::Candidate;
+use rayon::prelude::*;
 
 /// Samples per entry of the index, as a power of two: candidates are sparse, so a short walk through
 /// a segment costs less than an entry for every sample.
 const SEGMENT: u32 = 3;
 /// ... and more where there would be more entries than this.
 const ENTRIES: usize = 1 << 24;
+/// Entries that one thread makes at a time.
+const CHUNK: usize = 1 << 16;
 
 /// Samples per entry of an index of the samples of a volume, as a power of two.
 pub(super) fn segment<const D: usize>(dims: [usize; D]) -> u32 {
@@ -37,17 +40,26 @@ impl<'a, const D: usize> BySample<'a, D> {
     pub fn new(dims: [usize; D], candidates: &'a [Candidate<D>]) -> Self {
         let shift = segment(dims);
         let segments = (dims.iter().product::<usize>() >> shift) + 1;
+        let voxels: Vec<u32> = candidates.par_iter().map(|c| c.voxel).collect();
         let mut start = vec![0u32; segments + 1];
-        for c in candidates {
-            start[(c.voxel >> shift) as usize + 1] += 1;
-        }
-        for i in 0..segments {
-            start[i + 1] += start[i];
-        }
+        let parts = start.par_chunks_mut(CHUNK).enumerate();
+        parts.for_each(|(part, start)| {
+            let first = part * CHUNK;
+            let mut next = voxels.partition_point(|v| ((v >> shift) as usize) < first);
+            for (segment, start) in (first..).zip(start) {
+                while voxels
+                    .get(next)
+                    .is_some_and(|v| ((v >> shift) as usize) < segment)
+                {
+                    next += 1;
+                }
+                *start = next as u32;
+            }
+        });
         Self {
             dims,
             candidates,
-            voxels: candidates.iter().map(|c| c.voxel).collect(),
+            voxels,
             shift,
             start,
         }

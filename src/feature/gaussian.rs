@@ -47,17 +47,42 @@ pub fn smooth<const D: usize>(
     sigma: [f64; D],
     patience: &Patience<'_>,
 ) {
+    smooth_planes(dims, None, samples, sigma, patience);
+}
+
+/// The same of `source` into `out`, which may hold anything.
+pub fn smooth_into<const D: usize>(
+    dims: [usize; D],
+    source: &[f32],
+    out: &mut [f32],
+    sigma: [f64; D],
+    patience: &Patience<'_>,
+) {
+    smooth_planes(dims, Some(source), out, sigma, patience);
+}
+
+/// Convolves an image in place, or what is copied there from `source`.
+fn smooth_planes<const D: usize>(
+    dims: [usize; D],
+    source: Option<&[f32]>,
+    samples: &mut [f32],
+    sigma: [f64; D],
+    patience: &Patience<'_>,
+) {
     let [nx, ny] = [dims[0], dims[1]];
     if samples.is_empty() {
         return;
     }
     let kernels = sigma.map(|s| (s > 0.0).then(|| half_kernel(s)));
     // x and y stay inside a plane: do both while it is in the cache.
-    samples
-        .par_chunks_mut(nx * ny)
-        .for_each_init(Vec::new, |scratch, plane| {
+    samples.par_chunks_mut(nx * ny).enumerate().for_each_init(
+        Vec::new,
+        |scratch, (number, plane)| {
             if patience.over() {
                 return;
+            }
+            if let Some(source) = source {
+                plane.copy_from_slice(&source[number * nx * ny..][..plane.len()]);
             }
             if let Some(kernel) = &kernels[0] {
                 wide(
@@ -76,7 +101,8 @@ pub fn smooth<const D: usize>(
                     || smooth_across(&mut rows, kernel, scratch),
                 );
             }
-        });
+        },
+    );
     let mut stride = nx * ny;
     for k in 2..D {
         if let Some(kernel) = &kernels[k] {

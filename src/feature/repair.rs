@@ -11,6 +11,7 @@ use super::quadric::Quadric;
 use super::volume::Volume;
 use crate::geometry::{dot, sub};
 use crate::observer::Patience;
+use rayon::prelude::*;
 
 /// Reliable points within this many samples of a new point are fitted; the second radius is for the
 /// middle of wide zones, where the first finds too few.
@@ -25,6 +26,10 @@ const SUPPORT: f32 = 0.7;
 const NONE: u32 = u32::MAX;
 /// A front goes this many columns into the zone at most.
 const STEPS: u32 = 16;
+/// So many fronts go on together ...
+const TOGETHER: usize = 1 << 12;
+/// ... and at least so many on one thread.
+const FEW: usize = 64;
 /// A sample is given this many new points at most.
 const MOST: usize = 4;
 /// Doubtful candidates at most this many samples along each axis from a new point are dropped.
@@ -52,13 +57,6 @@ impl<const D: usize> Shell<D> {
         }
     }
 
-    /// How many heights are kept.
-    pub fn count(&self) -> usize {
-        let last = D - 1;
-        let middle = self.dims[last] - self.low[last] - self.high[last];
-        (self.dims[last] - middle) * self.layer(last) + middle * self.kept(last)
-    }
-
     /// With all heights.
     pub fn with(self, heights: Vec<f32>) -> Self {
         Self { heights, ..self }
@@ -84,6 +82,11 @@ impl<const D: usize> Shell<D> {
     /// The heights that are kept of some layers along the last axis.
     pub fn of_layers(&self, layers: &[f32], first: usize) -> Vec<f32> {
         let (last, mut kept) = (D - 1, Vec::new());
+        let count = layers.len() / self.layer(last).max(1);
+        let near = (first..first + count)
+            .filter(|&i| self.near(i, last))
+            .count();
+        kept.reserve_exact(near * self.layer(last) + (count - near) * self.kept(last));
         for (i, layer) in layers.chunks_exact(self.layer(last).max(1)).enumerate() {
             match self.near(first + i, last) {
                 true => kept.extend_from_slice(layer),
@@ -147,15 +150,19 @@ pub fn repair<const D: usize>(
 ) -> Vec<Candidate<D>> {
     let (dims, samples) = (smoothed.dims, Volume::new(smoothed.dims, &[]));
     let zone = Zone::new(dims, scale);
-    let (doubtful, reliable): (Vec<_>, Vec<_>) = candidates.iter().partition(|c| {
+    let in_zone = |c: &Candidate<D>| {
         let at = samples.coordinates(c.voxel as usize);
         zone.holds(at.map(|i| i as i32))
-    });
+    };
+    let doubtful: Vec<Candidate<D>> = (candidates.par_iter().copied())
+        .filter(|c| in_zone(c))
+        .collect();
     // Where most is doubtful (foam, pores), there is nothing to continue from.
-    if reliable.len() < doubtful.len() {
+    if candidates.len() < 2 * doubtful.len() {
         return candidates;
     }
-    drop(candidates);
+    let mut reliable = candidates;
+    reliable.retain(|c| !in_zone(c));
     let grid = BySample::new(dims, &reliable);
     let shift = segment(dims);
     let mut fill = Continuation {
@@ -168,31 +175,29 @@ pub fn repair<const D: usize>(
         shift,
         by_segment: vec![NONE; (dims.iter().product::<usize>() >> shift) + 1],
     };
-    for c in reliable.iter().filter(|c| c.strength >= strong) {
-        if patience.over() {
-            break;
-        }
-        if zone.near(grid.coordinates(c)) {
-            let level = smoothed.at(samples.coordinates(c.voxel as usize));
-            fill.step_from(
-                c,
-                Departure {
-                    level,
-                    normal: c.normal,
-                    steps: 0,
-                },
-            );
-        }
+    let at_rim = |c: &&Candidate<D>| c.strength >= strong && zone.near(grid.coordinates(c));
+    let departure = |c: &Candidate<D>| Departure {
+        level: smoothed.at(samples.coordinates(c.voxel as usize)),
+        normal: c.normal,
+        steps: 0,
+    };
+    let rim: Vec<(Candidate<D>, Departure<D>)> = (reliable.par_iter().filter(at_rim))
+        .map(|c| (*c, departure(c)))
+        .collect();
+    for some in rim.chunks(TOGETHER) {
+        fill.step_from(some, patience);
     }
     let mut next = 0;
     while next < fill.points.len() && !patience.over() {
-        let (point, front) = (fill.points[next], fill.fronts[next]);
-        if front.steps < STEPS {
-            fill.step_from(&point, front);
-        }
-        next += 1;
+        let end = fill.points.len().min(next + TOGETHER);
+        let some = fill.points[next..end].iter().zip(&fill.fronts[next..end]);
+        let some = some.filter(|(_, front)| front.steps < STEPS);
+        let some: Vec<_> = some.map(|(point, front)| (*point, *front)).collect();
+        fill.step_from(&some, patience);
+        next = end;
     }
     let mut points = fill.points;
+    drop(grid);
     points.sort_by_key(|c| c.voxel);
     let continued = BySample::new(dims, &points);
     let beside = |c: &Candidate<D>| {
@@ -200,10 +205,10 @@ pub fn repair<const D: usize>(
         continued.each_around(continued.coordinates(c), BESIDE, |_| found = true);
         found
     };
-    let kept = doubtful.into_iter().filter(|c| !beside(c));
-    let mut all: Vec<Candidate<D>> = reliable.iter().copied().chain(kept).collect();
+    let mut all = reliable;
+    all.par_extend(doubtful.into_par_iter().filter(|c| !beside(c)));
     all.extend(&points);
-    all.sort_by_key(|c| c.voxel);
+    all.par_sort_by_key(|c| c.voxel);
     all
 }
 
@@ -274,43 +279,67 @@ impl<const D: usize> Continuation<'_, D> {
         Volume::new(self.smoothed.dims, &[])
     }
 
-    /// Tries to continue a sheet from one point into the columns around it.
-    fn step_from(&mut self, from: &Candidate<D>, front: Departure<D>) {
-        let axis = from.axis as usize;
-        for (lateral, by) in (1..D).flat_map(|k| [-1.0, 1.0].map(|by| ((axis + k) % D, by))) {
-            let mut guess = from.position;
-            guess[lateral] += by;
-            guess[axis] -= by * from.normal[lateral] / from.normal[axis];
-            let column = guess.map(nearest);
-            let least = SUPPORT * front.level;
-            if !self.zone.inside(column)
-                || !self.zone.holds(column)
-                || self.taken(column, from)
-                || !self.reaches(least, column, axis)
-            {
-                continue;
-            }
-            let fitted = RADII
-                .iter()
-                .find_map(|&radius| self.fit(guess, from, radius));
-            let Some(point) = fitted else { continue };
-            let at = point.position.map(nearest);
-            if !self.zone.holds(at) {
-                continue;
-            }
-            let goes_on = self.smoothed.at(at.map(|i| i as usize)) >= least
-                && dot(point.normal, front.normal).abs() >= SAME_NORMAL;
-            if goes_on && !self.taken(at, from) {
+    /// Tries to continue sheets from some points, one after the other, into the columns around each. What
+    /// each would give is found first, by all threads: what is taken meanwhile stays taken.
+    fn step_from(&mut self, some: &[(Candidate<D>, Departure<D>)], patience: &Patience<'_>) {
+        let steps = some.par_iter().with_min_len(FEW);
+        let steps: Vec<_> = steps
+            .map(|(from, front)| match patience.over() {
+                true => [[None; 2]; D],
+                false => self.steps(from, front),
+            })
+            .collect();
+        for ((from, front), steps) in some.iter().zip(steps) {
+            for (column, point) in steps.into_iter().flatten().flatten() {
+                let at = point.position.map(nearest);
+                if self.taken(column, from) || self.taken(at, from) {
+                    continue;
+                }
                 let latest = &mut self.by_segment[(point.voxel >> self.shift) as usize];
                 self.previous.push(*latest);
                 *latest = self.points.len() as u32;
                 self.points.push(point);
                 self.fronts.push(Departure {
                     steps: front.steps + 1,
-                    ..front
+                    ..*front
                 });
             }
         }
+    }
+
+    /// Where a sheet goes on from a point in the columns around it, one behind and one ahead along each axis
+    /// but its own, unless that is taken: the column in which the point was sought, and the point.
+    #[allow(clippy::type_complexity)]
+    fn steps(
+        &self,
+        from: &Candidate<D>,
+        front: &Departure<D>,
+    ) -> [[Option<([i32; D], Candidate<D>)>; 2]; D] {
+        let (axis, least) = (from.axis as usize, SUPPORT * front.level);
+        let step = |lateral: usize, by: f32| {
+            let mut guess = from.position;
+            guess[lateral] += by;
+            guess[axis] -= by * from.normal[lateral] / from.normal[axis];
+            let column = guess.map(nearest);
+            if !self.zone.inside(column)
+                || !self.zone.holds(column)
+                || self.taken(column, from)
+                || !self.reaches(least, column, axis)
+            {
+                return None;
+            }
+            let mut fits = RADII.iter();
+            let point = fits.find_map(|&radius| self.fit(guess, from, radius))?;
+            let at = point.position.map(nearest);
+            let goes_on = self.zone.holds(at)
+                && self.smoothed.at(at.map(|i| i as usize)) >= least
+                && dot(point.normal, front.normal).abs() >= SAME_NORMAL;
+            goes_on.then_some((column, point))
+        };
+        std::array::from_fn(|k| match k {
+            0 => [None; 2],
+            _ => [-1.0, 1.0].map(|by| step((axis + k) % D, by)),
+        })
     }
 
     /// Whether the smoothed image is at least this high anywhere a fit in a column may end.

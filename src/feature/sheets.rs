@@ -12,7 +12,7 @@ use crate::geometry::{dot, sub};
 use crate::observer::Patience;
 use rayon::prelude::*;
 use serde::Serialize;
-use std::ops::AddAssign;
+use std::ops::{AddAssign, Range};
 
 /// No sheet.
 const FREE: u32 = u32::MAX;
@@ -154,6 +154,11 @@ const fn core(dimensions: usize) -> usize {
     if dimensions == 3 { 4 } else { 1 }
 }
 
+/// So many members look round together ...
+const ROUND: usize = 1 << 12;
+/// ... so many at a time.
+const SOME: usize = 64;
+
 /// In a piece that is too small ...
 const CRUMB: u32 = u32::MAX - 1;
 /// ... and in a part that is too narrow.
@@ -180,7 +185,7 @@ pub fn sheets<const D: usize>(
         blocker: vec![FREE; candidates.len()],
         members: Vec::new(),
         blocked: Vec::new(),
-        around: Vec::new(),
+        looks: Vec::new(),
     };
     let mut sheets = 0;
     for seed in by_strength(candidates) {
@@ -268,8 +273,35 @@ struct Growth<'a, const D: usize> {
     blocker: Vec<u32>,
     members: Vec<usize>,
     blocked: Vec<usize>,
-    /// Scratch: candidates round one point.
-    around: Vec<usize>,
+    /// Scratch.
+    looks: Vec<Look>,
+}
+
+/// What [`SOME`] members of a sheet, one after the other, may block and take.
+#[derive(Default)]
+struct Look {
+    beside: Vec<u32>,
+    joined: Vec<u32>,
+    /// Where what is of each member ends.
+    ends: Vec<[usize; 2]>,
+}
+
+impl Look {
+    fn clear(&mut self) {
+        self.beside.clear();
+        self.joined.clear();
+        self.ends.clear();
+    }
+
+    /// What is beside each member, and what is joined to it.
+    fn each(&self) -> impl Iterator<Item = (&[u32], &[u32])> {
+        let starts = std::iter::once([0; 2]).chain(self.ends.iter().copied());
+        let ranges = starts.zip(&self.ends);
+        ranges.map(|(start, end)| {
+            let (beside, joined) = (start[0]..end[0], start[1]..end[1]);
+            (&self.beside[beside], &self.joined[joined])
+        })
+    }
 }
 
 impl<const D: usize> Growth<'_, D> {
@@ -283,15 +315,20 @@ impl<const D: usize> Growth<'_, D> {
         let (mut area, mut sure) = (0.0, 0.0);
         let mut next = 0;
         while next < self.members.len() && !patience.over() {
-            let i = self.members[next];
-            next += 1;
-            let c = &self.grid.candidates[i];
-            area += self.area_of(c);
-            if c.strength >= high {
-                sure += self.area_of(c);
+            let end = self.members.len().min(next + ROUND);
+            let looks = self.look_round(next..end, sheet);
+            let seen = looks.iter().flat_map(Look::each);
+            for (n, (beside, joined)) in (next..end).zip(seen) {
+                let c = &self.grid.candidates[self.members[n]];
+                area += self.area_of(c);
+                if c.strength >= high {
+                    sure += self.area_of(c);
+                }
+                self.block(beside, sheet);
+                self.take(joined, sheet);
             }
-            self.block_parallel(i, sheet);
-            self.take_neighbours(i, sheet);
+            self.looks = looks;
+            next = end;
         }
         [area, sure]
     }
@@ -363,39 +400,79 @@ impl<const D: usize> Growth<'_, D> {
         })
     }
 
-    /// Takes the free candidates of the 26 neighbouring samples that continue the sheet, if there
-    /// are enough: a sheet does not spread over bridges a sample or two wide.
-    fn take_neighbours(&mut self, i: usize, sheet: u32) {
-        self.around.clear();
-        let grid = self.grid;
-        let c = &grid.candidates[i];
-        grid.each_around(grid.coordinates(c), 1, |j| {
-            let free = self.owner[j] == FREE && self.blocker[j] == FREE;
-            if j == i || !(free || self.owner[j] == sheet) {
-                return;
+    /// What some members of the sheet may block and take as things are, found by all threads: what is not free
+    /// meanwhile does not become free again while the sheet grows.
+    fn look_round(&mut self, members: Range<usize>, sheet: u32) -> Vec<Look> {
+        let mut looks = std::mem::take(&mut self.looks);
+        looks.resize_with(members.len().div_ceil(SOME), Look::default);
+        let members = &self.members[members];
+        let fill = |(look, members): (&mut Look, &[usize])| {
+            look.clear();
+            for &i in members {
+                self.parallel_to(i, &mut look.beside);
+                self.joined_to(i, sheet, &mut look.joined);
+                look.ends.push([look.beside.len(), look.joined.len()]);
             }
-            let other = &grid.candidates[j];
-            let apart = sub(other.position, c.position);
-            let joined = dot(other.normal, c.normal).abs() >= self.agreement.normal
-                && dot(apart, c.normal).abs() < self.agreement.plane
-                && dot(apart, other.normal).abs() < self.agreement.plane;
-            if joined {
-                self.around.push(j);
-            }
-        });
-        if self.around.len() < core(D) {
+        };
+        match members.len() {
+            ..=SOME => looks.iter_mut().zip(members.chunks(SOME)).for_each(fill),
+            _ => (looks.par_iter_mut().zip(members.par_chunks(SOME))).for_each(fill),
+        }
+        looks
+    }
+
+    /// Whether a candidate is of no sheet and not blocked.
+    fn is_free(&self, i: usize) -> bool {
+        self.owner[i] == FREE && self.blocker[i] == FREE
+    }
+
+    /// Takes those free candidates that continue the sheet, if there are enough: a sheet does not spread over
+    /// bridges a sample or two wide.
+    fn take(&mut self, joined: &[u32], sheet: u32) {
+        let joined = || joined.iter().map(|&j| j as usize);
+        let ours = joined().filter(|&j| self.owner[j] == sheet || self.is_free(j));
+        if ours.count() < core(D) {
             return;
         }
-        for &j in &self.around {
-            if self.owner[j] == FREE {
+        for j in joined() {
+            if self.is_free(j) {
                 self.owner[j] = sheet;
                 self.members.push(j);
             }
         }
     }
 
-    /// Blocks free candidates parallel to candidate `i` on either side of it, along its normal.
-    fn block_parallel(&mut self, i: usize, sheet: u32) {
+    /// Blocks those free candidates.
+    fn block(&mut self, beside: &[u32], sheet: u32) {
+        for o in beside.iter().map(|&o| o as usize) {
+            if self.is_free(o) {
+                self.blocker[o] = sheet;
+                self.blocked.push(o);
+            }
+        }
+    }
+
+    /// Adds the candidates of the 26 neighbouring samples that continue the sheet.
+    fn joined_to(&self, i: usize, sheet: u32, joined: &mut Vec<u32>) {
+        let grid = self.grid;
+        let c = &grid.candidates[i];
+        grid.each_around(grid.coordinates(c), 1, |j| {
+            if j == i || !(self.is_free(j) || self.owner[j] == sheet) {
+                return;
+            }
+            let other = &grid.candidates[j];
+            let apart = sub(other.position, c.position);
+            let continues = dot(other.normal, c.normal).abs() >= self.agreement.normal
+                && dot(apart, c.normal).abs() < self.agreement.plane
+                && dot(apart, other.normal).abs() < self.agreement.plane;
+            if continues {
+                joined.push(j as u32);
+            }
+        });
+    }
+
+    /// Adds the free candidates parallel to candidate `i` on either side of it, along its normal.
+    fn parallel_to(&self, i: usize, beside: &mut Vec<u32>) {
         let grid = self.grid;
         let c = &grid.candidates[i];
         let at = grid.coordinates(c);
@@ -409,7 +486,7 @@ impl<const D: usize> Growth<'_, D> {
         for j in (-reach..=reach).filter(|j| j.abs() > 1) {
             let column = std::array::from_fn(|k| at[k] + nearest(j as f32 * slope[k]));
             grid.each(column, |o| {
-                if self.owner[o] != FREE || self.blocker[o] != FREE {
+                if !self.is_free(o) {
                     return;
                 }
                 let other = &grid.candidates[o];
@@ -418,8 +495,7 @@ impl<const D: usize> Growth<'_, D> {
                     && across > TOGETHER
                     && across * unit < self.resolution
                 {
-                    self.blocker[o] = sheet;
-                    self.blocked.push(o);
+                    beside.push(o as u32);
                 }
             });
         }

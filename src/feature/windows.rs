@@ -230,13 +230,13 @@ impl Stages {
                 dims
             };
             stage.flat.slide(seen, layer, |new, out| {
-                out.copy_from_slice(match before {
+                let source = match before {
                     None => raw(new.clone()),
                     Some(before) => before.smoothed.layers(new.clone(), layer),
-                });
+                };
                 let mut scales = [stage.scale; D];
                 scales[D - 1] = 0.0;
-                gaussian::smooth(deep(new.len()), out, scales, patience);
+                gaussian::smooth_into(deep(new.len()), source, out, scales, patience);
                 Ok(())
             })?;
             let Stage {
@@ -347,8 +347,13 @@ impl<'a, const D: usize> Samples<'a, D> {
     pub fn smooth(&mut self, scale: f64, patience: &Patience<'_>) {
         self.scales.push(scale);
         if let (Raw::Held(raw), true) = (&self.raw, self.is_whole()) {
-            let samples = self.whole.get_or_insert_with(|| raw.to_vec());
-            gaussian::smooth(self.dims, samples, [scale; D], patience);
+            match &mut self.whole {
+                Some(samples) => gaussian::smooth(self.dims, samples, [scale; D], patience),
+                None => {
+                    let samples = self.whole.insert(vec![0.0; raw.len()]);
+                    gaussian::smooth_into(self.dims, raw, samples, [scale; D], patience);
+                }
+            }
         }
     }
 

@@ -96,14 +96,19 @@ impl<const D: usize> Sparse<D> {
             })
             .collect();
         let mut all = Self::zero(dims, step);
-        all.samples
-            .reserve_exact(kept.iter().map(|part| part.samples.len()).sum());
-        for part in kept {
-            let samples = part.samples.chunks_exact(room(D));
-            for (&(brick, mask), samples) in part.bricks.iter().zip(samples) {
-                all.keep(brick, mask, samples);
+        all.samples = vec![0.0; kept.iter().map(|part| part.samples.len()).sum()];
+        let (mut rest, mut rooms) = (&mut all.samples[..], Vec::with_capacity(kept.len()));
+        for part in &kept {
+            let (room, others) = rest.split_at_mut(part.samples.len());
+            rooms.push(room);
+            rest = others;
+            for &(brick, mask) in &part.bricks {
+                all.slots[brick] = all.masks.len() as u32;
+                all.masks.push(mask);
             }
         }
+        let parts = kept.into_par_iter().zip(rooms);
+        parts.for_each(|(part, room)| room.copy_from_slice(&part.samples));
         all
     }
 

@@ -65,6 +65,7 @@ fn keep_apart<const D: usize>(positions: &mut [[f64; D]], before: &[[f64; D]], g
             })
         };
         let back: Vec<usize> = (0..positions.len())
+            .into_par_iter()
             .filter(|&k| moved(k) && meets(k))
             .collect();
         if back.is_empty() {

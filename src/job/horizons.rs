@@ -19,6 +19,9 @@ pub(crate) fn horizon_bits<const D: usize, M: Simplices<D>>(
     feature_faces: &[u8],
     features: &Features<D>,
 ) -> Vec<u8> {
+    if !features.on_horizon.contains(&true) {
+        return Vec::new();
+    }
     let marks: Vec<bool> = marks_of_bits::<D>(feature_faces).collect();
     let bit = |(k, on): (usize, &bool)| u8::from(*on) << k;
     let bits = |faces: &[bool]| faces.iter().enumerate().map(bit).sum();

@@ -297,7 +297,7 @@ impl Simplices<3> for TetMesh {
     }
 
     fn with_nodes(&self, nodes: Vec<[f64; 3]>) -> Self {
-        let tets = self.tets.clone();
+        let tets = self.tets.par_iter().copied().collect();
         Self { nodes, tets }
     }
 

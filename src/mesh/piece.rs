@@ -1,5 +1,7 @@
 //! A mesh in pieces, each in another process: nobody holds all of it.
 
+use rayon::prelude::*;
+
 use super::TetMesh;
 use super::complex::{BEYOND, NONE};
 
@@ -38,7 +40,7 @@ impl Piece {
     /// the mesh ends, or the piece.
     pub fn neighbors_here(&self) -> Vec<[u32; 4]> {
         let here = |around: &[u32; 4]| around.map(|n| if n == BEYOND { NONE } else { n });
-        self.neighbors.iter().map(here).collect()
+        self.neighbors.par_iter().map(here).collect()
     }
 
     /// A mesh cut into so many pieces, of about as many tetrahedra each.

@@ -38,6 +38,7 @@ use super::{Detection, FeatureKind, Features, Settled};
 use crate::error::{Error, Result, cause};
 use crate::image::{Image, Source};
 use crate::observer::Patience;
+use rayon::prelude::*;
 use std::fmt;
 
 /// Finds features of one kind.
@@ -173,7 +174,7 @@ impl<'a, const D: usize> Scene<'a, D> {
         match self.source {
             Source::Held(image) if sign == 1.0 => Ok(Samples::held(image.dims(), image.as_slice())),
             Source::Held(image) => {
-                let signed: Vec<f32> = image.as_slice().iter().map(|s| sign * s).collect();
+                let signed: Vec<f32> = image.as_slice().par_iter().map(|s| sign * s).collect();
                 Ok(Samples::held(image.dims(), signed))
             }
             Source::InLayers(layers) => Samples::in_layers(layers, sign).held_if_small(),
@@ -200,10 +201,10 @@ impl<'a, const D: usize> Scene<'a, D> {
     /// # Errors
     /// Those of [`Scene::image`].
     pub fn smoothed(&self) -> Result<Vec<f32>> {
-        let mut samples = self.image()?.as_slice().to_vec();
-        let scale = [self.scale(); D];
-        gaussian::smooth(self.dims(), &mut samples, scale, self.patience);
-        Ok(samples)
+        let samples = self.image()?.as_slice();
+        let (mut smoothed, scale) = (vec![0.0; samples.len()], [self.scale(); D]);
+        gaussian::smooth_into(self.dims(), samples, &mut smoothed, scale, self.patience);
+        Ok(smoothed)
     }
 
     /// The thresholds, unless they are to be found from the image.

@@ -18,9 +18,10 @@ use crate::feature::lifted::{Ambiguous, Search, merged};
 use crate::feature::repair::{Shell, repair};
 use crate::feature::ridges::{self, Statistics, ridges};
 use crate::feature::volume::Volume;
-use crate::feature::windows::{Samples, Window, layer};
+use crate::feature::windows::{Samples, Stack, Window, layer};
 use crate::files::kept::fields;
 use crate::observer::Patience;
+use rayon::prelude::*;
 
 /// Finds sheets of high values.
 pub struct Ridges;
@@ -248,23 +249,23 @@ impl<const D: usize> Seen<D> {
         let (mut candidates, mut heights) = (Vec::new(), Vec::new());
         let (mut some, mut tops) = ([Vec::new(), Vec::new()], Vec::<f32>::new());
         let mut near_sides = Vec::new();
-        near_sides.reserve_exact(shell.count());
         let mut take = |glance: Glance<D>| {
-            candidates.extend(glance.candidates);
-            heights.extend(glance.heights);
-            near_sides.extend(glance.near_sides);
+            append(&mut candidates, glance.candidates);
+            append(&mut heights, glance.heights);
+            append(&mut near_sides, glance.near_sides);
             for (some, more) in some.iter_mut().zip(glance.some) {
-                some.extend(more);
+                append(some, more);
             }
             if let (Some(last), Some(top)) = (tops.last_mut(), glance.begun) {
                 *last = last.max(top);
             }
-            tops.extend(glance.tops);
+            append(&mut tops, glance.tops);
         };
         let reach = ridges::REACH;
         samples.each(reach, None, &|_| 1, patience, &mut look, &mut take)?;
-        let [level, nothing] = some.map(median);
-        heights.iter_mut().for_each(|height| *height -= nothing);
+        let [as_is, smoothed] = some;
+        let (level, nothing) = rayon::join(|| median(as_is), || median(smoothed));
+        heights.par_iter_mut().for_each(|height| *height -= nothing);
         let rank = tops.len() * 9 / 10;
         let floor = match tops.is_empty() {
             true => nothing,
@@ -313,20 +314,38 @@ impl<const D: usize> Glance<D> {
         let own = smoothed.layers(&window.own);
         let passed = window.own.start * layer(window.dims);
         let skipped = passed.next_multiple_of(every) - passed;
-        let some = [window.raw, smoothed].map(|stack| {
-            let own = stack.layers(&window.own).iter();
-            own.skip(skipped).step_by(every).copied().collect()
-        });
+        let some_of = |stack: Stack<'_, D>| {
+            let own = stack.layers(&window.own);
+            let count = own.len().saturating_sub(skipped).div_ceil(every);
+            let each = (0..count).into_par_iter();
+            each.map(|i| own[skipped + i * every]).collect()
+        };
         let (begun, rows) = own.split_at(own.len().min(passed.next_multiple_of(ROW) - passed));
         let highest = |row: &[f32]| row.iter().copied().fold(f32::MIN, f32::max);
+        let (near_sides, (some, heights, tops)) = rayon::join(
+            || shell.of_layers(own, window.own.start),
+            || {
+                let some = [window.raw, smoothed].map(some_of);
+                let heights = candidates.par_iter().map(height).collect();
+                (some, heights, rows.par_chunks(ROW).map(highest).collect())
+            },
+        );
         Self {
-            heights: candidates.iter().map(height).collect(),
+            heights,
             candidates,
-            near_sides: shell.of_layers(own, window.own.start),
+            near_sides,
             some,
             begun: (!begun.is_empty()).then(|| highest(begun)),
-            tops: rows.chunks(ROW).map(highest).collect(),
+            tops,
         }
+    }
+}
+
+/// Adds `more` to what there is; the first is not copied.
+fn append<T>(all: &mut Vec<T>, more: Vec<T>) {
+    match all.is_empty() {
+        true => *all = more,
+        false => all.extend(more),
     }
 }
 

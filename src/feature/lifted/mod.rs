@@ -107,8 +107,7 @@ impl<const D: usize> Search<'_, D> {
                 window,
             };
             let own = window.own.start / BLOCK * layer..window.own.end.div_ceil(BLOCK) * layer;
-            let of_blocks: Vec<Vec<Candidate<D>>> = own
-                .into_par_iter()
+            own.into_par_iter()
                 .map_init(Scratch::default, |scratch, block| {
                     if self.patience.over() {
                         return Vec::new();
@@ -118,10 +117,10 @@ impl<const D: usize> Search<'_, D> {
                     self.patience.reached(BEFORE + (AFTER - BEFORE) * done);
                     found
                 })
-                .collect();
-            of_blocks.concat()
+                .collect()
         };
-        let mut take = |some: Vec<Candidate<D>>| found.extend(some);
+        let mut take =
+            |some: Vec<Vec<Candidate<D>>>| some.iter().for_each(|some| found.extend(some));
         let blur = Some((CROSSING.blur, HALO));
         (self.image).each(0, blur, &much, self.patience, &mut look, &mut take)?;
         let mut strengths: Vec<f32> = found.iter().map(|c| c.strength).collect();
@@ -135,7 +134,7 @@ impl<const D: usize> Search<'_, D> {
         for c in &mut found {
             c.strength *= self.typical / strong;
         }
-        found.sort_by_key(|c| c.voxel);
+        found.par_sort_by_key(|c| c.voxel);
         Ok(self.polished(&found))
     }
 
@@ -193,7 +192,7 @@ impl<const D: usize> Search<'_, D> {
             moved
         };
         let mut moved: Vec<Candidate<D>> = points.par_iter().map(polish).collect();
-        moved.sort_by_key(|c| c.voxel);
+        moved.par_sort_by_key(|c| c.voxel);
         self.thinned(&moved)
     }
 
@@ -238,30 +237,30 @@ pub fn merged<const D: usize>(
     let block = |c: &Candidate<D>| blocks.index(at(c).map(|i| i / BLOCK));
     let grid = BySample::new(dims, lifted);
     // Of each block: the sure usual points, and those with a point at some angle beside them.
-    let mut seen = vec![[0usize; 2]; blocks.dims.iter().product()];
-    for c in usual
-        .iter()
-        .filter(|c| c.strength >= strong && zone.holds(at(c)))
-    {
+    let count = || -> Vec<AtomicUsize> {
+        let blocks = 0..blocks.dims.iter().product();
+        blocks.map(|_| AtomicUsize::new(0)).collect()
+    };
+    let (sure, explained) = (count(), count());
+    let judge = |c: &Candidate<D>| {
         let mut beside = false;
         grid.each_around(grid.coordinates(c), 2, |_| beside = true);
-        let seen = &mut seen[block(c)];
-        seen[0] += 1;
-        seen[1] += usize::from(beside);
-    }
-    let explained: Vec<bool> = seen
-        .iter()
-        .map(|&[all, beside]| beside as f64 >= EXPLAINED * all as f64)
+        let block = block(c);
+        sure[block].fetch_add(1, Relaxed);
+        explained[block].fetch_add(usize::from(beside), Relaxed);
+    };
+    (usual.par_iter())
+        .filter(|c| c.strength >= strong && zone.holds(at(c)))
+        .for_each(judge);
+    let explained: Vec<bool> = (sure.iter().zip(&explained))
+        .map(|(all, beside)| beside.load(Relaxed) as f64 >= EXPLAINED * all.load(Relaxed) as f64)
         .collect();
     let by_lifted = |c: &Candidate<D>| zone.holds(at(c)) && explained[block(c)];
-    let mut all: Vec<Candidate<D>> = lifted
-        .iter()
-        .copied()
-        .filter(|c| explained[block(c)])
-        .collect();
+    let mut all = Vec::with_capacity(lifted.len() + usual.len());
+    all.par_extend((lifted.par_iter().copied()).filter(|c| explained[block(c)]));
     let count = all.len();
-    all.extend(usual.iter().copied().filter(|c| !by_lifted(c)));
-    all.sort_by_key(|c| c.voxel);
+    all.par_extend(usual.par_iter().copied().filter(|c| !by_lifted(c)));
+    all.par_sort_by_key(|c| c.voxel);
     (all, count)
 }
 

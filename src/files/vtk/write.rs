@@ -3,6 +3,7 @@
 
 use std::io::{Result, Seek, SeekFrom, Write};
 use std::ops::Range;
+use std::sync::{Mutex, PoisonError};
 
 use flate2::{Compress, Compression, FlushCompress, Status};
 use rayon::prelude::*;
@@ -273,11 +274,18 @@ fn write_array(out: &mut (impl Write + Seek + Send), source: &Source) -> Result<
     write_header(out, &header, blocks)?;
 
     // One batch is written while the next is compressed.
+    let at_rest = Mutex::new(Vec::new());
     let mut batch: Vec<Vec<u8>> = Vec::new();
     for first in (0..blocks + BATCH).step_by(BATCH) {
         let (written, next) = rayon::join(
             || batch.iter().try_for_each(|block| out.write_all(block)),
-            || packed(source, first.min(blocks)..blocks.min(first + BATCH)),
+            || {
+                packed(
+                    source,
+                    first.min(blocks)..blocks.min(first + BATCH),
+                    &at_rest,
+                )
+            },
         );
         written?;
         header.extend(next.iter().map(|block| block.len() as u64));
@@ -291,21 +299,38 @@ fn write_array(out: &mut (impl Write + Seek + Send), source: &Source) -> Result<
     Ok(())
 }
 
-/// Some blocks of an array, compressed.
-fn packed(source: &Source, blocks: Range<usize>) -> Vec<Vec<u8>> {
+/// What a thread compresses with: streams that do so and that do not, and room for the bytes of a block.
+struct Tools {
+    stream: Compress,
+    stored: Compress,
+    bytes: Vec<u8>,
+}
+
+impl Tools {
+    fn new() -> Self {
+        Self {
+            stream: Compress::new(Compression::fast(), true),
+            stored: Compress::new(Compression::none(), true),
+            bytes: Vec::new(),
+        }
+    }
+}
+
+/// Some blocks of an array, compressed with tools that are `at_rest`, for to make them costs as much as a block.
+fn packed(source: &Source, blocks: Range<usize>, at_rest: &Mutex<Vec<Tools>>) -> Vec<Vec<u8>> {
     let per_block = BLOCK / source.size;
-    let scratch = || {
-        let stream = |level| Compress::new(level, true);
-        let levels = (Compression::fast(), Compression::none());
-        (stream(levels.0), stream(levels.1), Vec::new())
-    };
-    let of_block = |(stream, stored, bytes): &mut (Compress, Compress, Vec<u8>), block: usize| {
-        bytes.clear();
+    let resting = || at_rest.lock().unwrap_or_else(PoisonError::into_inner);
+    let of_block = |block: usize| {
+        let tools = resting().pop();
+        let mut tools = tools.unwrap_or_else(Tools::new);
+        tools.bytes.clear();
         let range = block * per_block..source.len.min((block + 1) * per_block);
-        (source.fill)(range, bytes);
-        deflate(stream, stored, bytes)
+        (source.fill)(range, &mut tools.bytes);
+        let packed = deflate(&mut tools.stream, &mut tools.stored, &tools.bytes);
+        resting().push(tools);
+        packed
     };
-    blocks.into_par_iter().map_init(scratch, of_block).collect()
+    blocks.into_par_iter().map(of_block).collect()
 }
 
 /// Writes the header with room for the sizes of all blocks.

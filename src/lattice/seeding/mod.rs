@@ -26,6 +26,7 @@ use crate::image::{Field, Sparse};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
 use crate::observer::Patience;
+use rayon::prelude::*;
 
 /// Where atoms end up: on features, so that the faces of a Delaunay mesh follow them, or alongside,
 /// so that the faces of Voronoi cells do.
@@ -52,7 +53,8 @@ pub struct Atoms<const D: usize> {
 impl<const D: usize> Atoms<D> {
     /// Atoms whose kinds follow from the number of sides of the box they lie on.
     pub fn in_box(positions: Vec<[f64; D]>, extent: [f64; D]) -> Self {
-        let kinds = positions.iter().map(|&x| kind_in_box(x, extent)).collect();
+        let kinds = positions.par_iter();
+        let kinds = kinds.map(|&x| kind_in_box(x, extent)).collect();
         Self { positions, kinds }
     }
 
@@ -77,7 +79,7 @@ impl<const D: usize> Atoms<D> {
             }
         };
         self.positions
-            .iter()
+            .par_iter()
             .zip(&self.kinds)
             .map(|(x, kind)| free(x, kind))
             .collect()

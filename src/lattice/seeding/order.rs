@@ -1,17 +1,20 @@
 //! Memory order of atoms: neighbours in space should be neighbours in memory.
 
+use rayon::prelude::*;
+
 /// Sorts positions in the box `[0, extent]` along a Morton (Z-order) curve through cubes of edge
 /// `cell`; inside a cube they keep their order. Deterministic.
 pub fn sort_by_curve<const D: usize>(positions: &mut Vec<[f64; D]>, extent: [f64; D], cell: f64) {
     let most = extent.iter().fold(0.0f64, |a, &b| a.max(b)) / cell;
     let bits = (64 - (most as u64).leading_zeros() as usize).min(63 / D);
     let mut keyed: Vec<(u64, u32)> = positions
-        .iter()
+        .par_iter()
         .enumerate()
         .map(|(n, x)| (curve_key(*x, extent, cell, bits), n as u32))
         .collect();
-    keyed.sort_unstable();
-    *positions = keyed.iter().map(|&(_, n)| positions[n as usize]).collect();
+    keyed.par_sort_unstable();
+    let sorted = keyed.par_iter().map(|&(_, n)| positions[n as usize]);
+    *positions = sorted.collect();
 }
 
 /// The place along the curve of the cube that holds `x`, cubes having indices of `bits` bits.

@@ -9,6 +9,8 @@ mod mixed;
 use std::any::Any;
 use std::path::Path;
 
+use rayon::prelude::*;
+
 use super::file::{UNITS, unit_of};
 use super::foreign;
 use super::parts::{is_in_parts, read_parts};
@@ -279,7 +281,7 @@ pub(super) fn integers<'a, T>(name: &str, values: &'a [T]) -> Source<'a>
 where
     T: Copy + Into<u64> + Sync,
 {
-    let most = values.iter().map(|&v| v.into()).max().unwrap_or(0);
+    let most = values.par_iter().map(|&v| v.into()).max().unwrap_or(0);
     if most <= i32::MAX as u64 {
         Source::computed(name, 1, values.len(), |i| values[i].into() as i32)
     } else {

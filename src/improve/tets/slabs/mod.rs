@@ -129,7 +129,9 @@ impl InSlabs {
     /// Those of other members.
     pub fn whole(mut self, group: &dyn Group) -> Result<Self> {
         if group.count() == 1 {
-            self.piece.neighbors = self.piece.neighbors_here();
+            // In place: they are the largest array of all.
+            let around = self.piece.neighbors.as_flattened_mut().par_iter_mut();
+            around.filter(|n| **n == BEYOND).for_each(|n| *n = NONE);
             return Ok(self);
         }
         let Self {
@@ -254,8 +256,9 @@ pub fn improve_in_slabs(
     let mut to: Vec<Vec<Part>> = vec![Vec::new(); group.count()];
     for ((slab, parts), band) in own.clone().zip(&mut parts).zip(done) {
         let side = |before: bool| (band.part).pick(|t| cuts.before(&band.part, t, slab) == before);
-        parts.push(side(true));
-        to[owner(slab + 1, slabs, group.count())].push(side(false));
+        let (before, after) = rayon::join(|| side(true), || side(false));
+        parts.push(before);
+        to[owner(slab + 1, slabs, group.count())].push(after);
         // What it left is tried again, and counted then.
         counts += Counts {
             pierced_left: 0,
@@ -303,14 +306,15 @@ pub fn improve_in_slabs(
     let (parts, marks): (Vec<Part>, Vec<Vec<u8>>) = (done.into_iter())
         .map(|slab| (slab.part, slab.feature_faces))
         .unzip();
-    let part = Part::together(parts);
+    let mut part = Part::together(parts);
+    lead_beyond_cuts(&mut part, aim);
     let number = |id: u32| id - gone.partition_point(|&gone| gone < id) as u32;
     let tets: Vec<usize> = group.all("tetrahedra", part.tets.len())?;
     let piece = Piece {
         numbers: part.ids.iter().map(|&id| number(id)).collect(),
         first: tets[..group.rank()].iter().sum(),
         whole: [end as usize - gone.len(), tets.iter().sum()],
-        neighbors: beyond_cuts(&part, aim),
+        neighbors: part.neighbors,
         mesh: TetMesh {
             nodes: part.nodes,
             tets: part.tets,
@@ -345,7 +349,7 @@ fn regions(
         .map(|tet| cuts.region(atoms[least(tet)]))
         .collect();
     let part = |region_here: usize| {
-        let chosen: Vec<u32> = (region.iter().enumerate())
+        let chosen: Vec<u32> = (region.par_iter().enumerate())
             .filter(|(_, region)| usize::from(**region) == region_here)
             .map(|(t, _)| t as u32)
             .collect();
@@ -467,14 +471,14 @@ fn improve_part(
     })
 }
 
-/// Neighbours in which faces that are not in a side of the box lead to another piece.
-fn beyond_cuts(part: &Part, aim: Aim<'_>) -> Vec<[u32; 4]> {
-    let tets = part.tets.par_iter().zip(&part.neighbors);
-    tets.map(|(tet, around)| {
-        std::array::from_fn(|k| match around[k] {
-            NONE if !aim.in_side(FACES[k].map(|i| part.nodes[tet[i] as usize])) => BEYOND,
-            n => n,
-        })
-    })
-    .collect()
+/// From now on faces that are not in a side of the box lead to another piece.
+fn lead_beyond_cuts(part: &mut Part, aim: Aim<'_>) {
+    let tets = part.neighbors.par_iter_mut().zip(&part.tets);
+    tets.for_each(|(around, tet)| {
+        for (face, n) in FACES.iter().zip(around).filter(|of| *of.1 == NONE) {
+            if !aim.in_side(face.map(|i| part.nodes[tet[i] as usize])) {
+                *n = BEYOND;
+            }
+        }
+    });
 }

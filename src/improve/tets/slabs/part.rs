@@ -61,14 +61,17 @@ impl Part {
             number[n as usize] = i as u32;
         }
         let mut part = Self {
-            tets: (chosen.iter())
+            tets: (chosen.par_iter())
                 .map(|&t| tets[t as usize].map(|n| number[n as usize]))
                 .collect(),
-            neighbors: (chosen.iter())
+            neighbors: (chosen.par_iter())
                 .map(|&t| neighbors[t as usize].map(here))
                 .collect(),
             ..Self::default()
         };
+        part.nodes.reserve_exact(ids.len());
+        part.kinds.reserve_exact(ids.len());
+        part.holds.reserve_exact(ids.len());
         for &n in &ids {
             let (x, kind, hold) = known(n);
             part.nodes.push(x);
@@ -88,8 +91,9 @@ impl Part {
     }
 
     /// Those of its tetrahedra that are wanted.
-    pub fn pick(&self, wanted: impl Fn(u32) -> bool) -> Self {
-        let chosen: Vec<u32> = (0..self.tets.len() as u32).filter(|&t| wanted(t)).collect();
+    pub fn pick(&self, wanted: impl Fn(u32) -> bool + Sync) -> Self {
+        let all = (0..self.tets.len() as u32).into_par_iter();
+        let chosen: Vec<u32> = all.filter(|&t| wanted(t)).collect();
         let known = |n: u32| {
             let n = n as usize;
             (self.nodes[n], self.kinds[n], self.hold(n))
@@ -107,15 +111,19 @@ impl Part {
             return parts.into_iter().next().unwrap_or_default();
         }
         // Each node once: what is known of its hold is known to whichever part improved it.
-        let nodes = parts.iter().enumerate().flat_map(|(i, part)| {
-            let all = part.ids.iter().enumerate();
-            all.map(move |(n, &id)| (id, part.hold(n).is_none(), i as u32, n as u32))
-        });
-        let mut nodes: Vec<(u32, bool, u32, u32)> = nodes.collect();
+        let mut nodes: Vec<(u32, bool, u32, u32)> =
+            Vec::with_capacity(parts.iter().map(|part| part.ids.len()).sum());
+        for (i, part) in parts.iter().enumerate() {
+            let all = part.ids.par_iter().enumerate();
+            nodes.par_extend(all.map(|(n, &id)| (id, part.hold(n).is_none(), i as u32, n as u32)));
+        }
         nodes.par_sort_unstable();
         let mut number: Vec<Vec<u32>> = parts.iter().map(|part| vec![0; part.ids.len()]).collect();
         let mut all = Self::default();
         let held = parts.iter().any(|part| !part.holds.is_empty());
+        all.ids.reserve_exact(nodes.len());
+        all.nodes.reserve_exact(nodes.len());
+        all.kinds.reserve_exact(nodes.len());
         for &(id, _, i, n) in &nodes {
             let (part, place) = (&parts[i as usize], n as usize);
             if all.ids.last() != Some(&id) {
@@ -160,7 +168,7 @@ impl Part {
         };
         let all = self.tets.par_iter().zip(&self.neighbors).enumerate();
         let mut open: Vec<([u32; 3], u32, u8)> = all.flat_map_iter(faces).collect();
-        open.sort_unstable();
+        open.par_sort_unstable();
         for two in open.windows(2) {
             let [(face, t, k), (other, u, l)] = [two[0], two[1]];
             if face == other {

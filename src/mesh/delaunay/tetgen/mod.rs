@@ -17,6 +17,9 @@ use crate::geometry::{cross, dot};
 use crate::mesh::TetMesh;
 #[cfg(feature = "tetgen")]
 use crate::ranks;
+use rayon::prelude::*;
+use std::sync::atomic::AtomicBool;
+use std::sync::atomic::Ordering::Relaxed;
 
 #[cfg(feature = "tetgen")]
 pub use worker::{peak_mb, run_in_worker, serve, share_with_workers};
@@ -202,16 +205,17 @@ fn check_points(points: &[[f64; 3]]) -> Result<()> {
 /// node in turn is the one farthest from the point, line and plane of those before. Thickness at
 /// the level of rounding means points in one plane.
 fn thickness_and_length(points: &[[f64; 3]]) -> (f64, f64) {
-    let farthest = |distance2: &dyn Fn([f64; 3]) -> f64| {
-        let mut best = (0.0, [0.0; 3]);
-        for p in points {
+    let farthest = |distance2: &(dyn Fn([f64; 3]) -> f64 + Sync)| {
+        let none = || (0.0, [0.0; 3]);
+        let later = |best: (f64, [f64; 3]), other: (f64, [f64; 3])| {
+            // Of several the first.
+            if other.0 > best.0 { other } else { best }
+        };
+        let farther = |best, p: &[f64; 3]| {
             let q = std::array::from_fn(|k| p[k] - points[0][k]);
-            let d = distance2(q);
-            if d > best.0 {
-                best = (d, q);
-            }
-        }
-        best
+            later(best, (distance2(q), q))
+        };
+        points.par_iter().fold(none, farther).reduce(none, later)
     };
     let (length2, a) = farthest(&|q| dot(q, q));
     let (area2, b) = farthest(&|q| {
@@ -229,11 +233,12 @@ fn thickness_and_length(points: &[[f64; 3]]) -> (f64, f64) {
 
 /// TetGen leaves out a point that coincides, or nearly so, with another: names such points.
 fn check_all_used(points: &[[f64; 3]], tets: &[[u32; 4]]) -> Result<()> {
-    let mut used = vec![false; points.len()];
-    for &node in tets.iter().flatten() {
-        used[node as usize] = true;
-    }
-    let mut unused = (0..points.len()).filter(|&i| !used[i]);
+    let used: Vec<AtomicBool> = points.par_iter().map(|_| AtomicBool::new(false)).collect();
+    tets.par_iter().for_each(|tet| {
+        let nodes = tet.iter().map(|&node| &used[node as usize]);
+        nodes.for_each(|used| used.store(true, Relaxed));
+    });
+    let mut unused = (0..points.len()).filter(|&i| !used[i].load(Relaxed));
     let Some(first) = unused.next() else {
         return Ok(());
     };
@@ -331,12 +336,8 @@ fn tetrahedra(points: &[[f64; 3]], with_neighbors: bool) -> Result<Answer> {
         }
     }
     // TetGen's tetrahedra point to nodes; a stray index would be undefined behaviour later on.
-    if answer
-        .tets
-        .iter()
-        .flatten()
-        .any(|&node| node as usize >= points.len())
-    {
+    let stray = |tet: &[u32; 4]| tet.iter().any(|&node| node as usize >= points.len());
+    if answer.tets.par_iter().any(stray) {
         return Err(fault(
             "TetGen returned a node that was not given",
             "please report it",

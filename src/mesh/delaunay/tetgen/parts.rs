@@ -11,8 +11,8 @@
 
 use std::ops::Range;
 use std::panic::resume_unwind;
-use std::sync::atomic::AtomicUsize;
 use std::sync::atomic::Ordering::Relaxed;
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicUsize};
 use std::thread;
 
 use rayon::prelude::*;
@@ -135,25 +135,30 @@ fn together(parts: Vec<Answer>) -> (Answer, usize) {
     };
     // Faces beyond which another part goes on.
     let mut open: Vec<([u32; 3], u32, usize)> = Vec::new();
+    // What has been copied goes.
     for part in parts {
         let first = all.tets.len() as u32;
-        for (tet, neighbors) in part.tets.iter().zip(&part.neighbors) {
-            let this = all.tets.len() as u32;
-            all.tets.push(*tet);
-            all.neighbors
-                .push(std::array::from_fn(|k| match neighbors[k] {
-                    ELSEWHERE => {
-                        let mut face = [1, 2, 3].map(|j| tet[(k + j) % 4]);
-                        face.sort_unstable();
-                        open.push((face, this, k));
-                        OUTSIDE
-                    }
-                    OUTSIDE => OUTSIDE,
-                    own => first + own,
-                }));
-        }
+        let open_of = |(t, (tet, around)): (usize, (&[u32; 4], &[u32; 4]))| {
+            let (tet, around) = (*tet, *around);
+            let ends = (0..4).filter(move |&k| around[k] == ELSEWHERE);
+            ends.map(move |k| {
+                let mut face = [1, 2, 3].map(|j| tet[(k + j) % 4]);
+                face.sort_unstable();
+                (face, first + t as u32, k)
+            })
+        };
+        let cells = part.tets.par_iter().zip(&part.neighbors).enumerate();
+        open.par_extend(cells.flat_map_iter(open_of));
+        let moved = |n: u32| match n {
+            ELSEWHERE | OUTSIDE => OUTSIDE,
+            own => first + own,
+        };
+        all.tets.par_extend(part.tets.par_iter());
+        let around = part.neighbors.par_iter();
+        all.neighbors
+            .par_extend(around.map(|around| around.map(moved)));
     }
-    open.sort_unstable();
+    open.par_sort_unstable();
     let mut alone = 0;
     let mut rest = &open[..];
     while let [(face, a, k), after @ ..] = rest {
@@ -296,15 +301,14 @@ impl<'a> Slabs<'a> {
             let x = point(local)[self.axis];
             from <= x && x < to
         };
-        let mut number = vec![ELSEWHERE; answer.tets.len()];
-        let mut used = vec![false; members.len()];
-        let mut count = 0;
-        for ((tet, neighbors), number) in answer.tets.iter().zip(&answer.neighbors).zip(&mut number)
-        {
+        let used: Vec<AtomicBool> = members.par_iter().map(|_| AtomicBool::new(false)).collect();
+        // Whether it is kept; none if it should be certified and is not.
+        let is_kept = |(tet, neighbors): (&[u32; 4], &[u32; 4])| {
             let own = tet.map(owns);
-            tet.iter().for_each(|&local| used[local as usize] = true);
+            tet.iter()
+                .for_each(|&local| used[local as usize].store(true, Relaxed));
             if !own.contains(&true) {
-                continue;
+                return Some(false);
             }
             let corners = tet.map(point);
             let hull_is_real = (0..4).all(|k| {
@@ -313,31 +317,34 @@ impl<'a> Slabs<'a> {
                     || !face.iter().any(|&j| own[j])
                     || self.on_a_side(face.map(|j| corners[j]))
             });
-            if !(hull_is_real && self.certified(corners, within)) {
-                return None;
-            }
-            if owns(*tet.iter().min()?) {
-                *number = count;
-                count += 1;
-            }
-        }
+            let certified = hull_is_real && self.certified(corners, within);
+            certified.then(|| tet.iter().min().is_some_and(|&least| owns(least)))
+        };
+        let cells = answer.tets.par_iter().zip(&answer.neighbors);
+        let kept: Vec<Option<bool>> = cells.map(is_kept).collect();
         // A point that coincides with another is left out.
-        if (0..members.len()).any(|i| !used[i] && owns(i as u32)) {
+        let left_out = |i: usize| !used[i].load(Relaxed) && owns(i as u32);
+        if kept.par_iter().any(Option::is_none) || (0..members.len()).into_par_iter().any(left_out)
+        {
             return None;
         }
-        let mine = |t: &usize| number[*t] != ELSEWHERE;
+        let mut number = vec![ELSEWHERE; answer.tets.len()];
+        let mut mine: Vec<u32> = Vec::with_capacity(answer.tets.len());
+        for (t, _) in kept.iter().enumerate().filter(|t| *t.1 == Some(true)) {
+            number[t] = mine.len() as u32;
+            mine.push(t as u32);
+        }
         let neighbor = |n: u32| match n {
             OUTSIDE => OUTSIDE,
             n => number[n as usize],
         };
-        let all = 0..answer.tets.len();
         Some(Answer {
             status: answer.status,
-            tets: (all.clone().filter(mine))
-                .map(|t| answer.tets[t].map(|local| members[local as usize]))
+            tets: (mine.par_iter())
+                .map(|&t| answer.tets[t as usize].map(|local| members[local as usize]))
                 .collect(),
-            neighbors: (all.filter(mine))
-                .map(|t| answer.neighbors[t].map(neighbor))
+            neighbors: (mine.par_iter())
+                .map(|&t| answer.neighbors[t as usize].map(neighbor))
                 .collect(),
         })
     }
@@ -411,14 +418,14 @@ pub fn order(points: usize, answer: &mut Answer) {
     });
     let new_tets = sorted.par_iter().map(|&t| turned(t)).collect();
     if with_neighbors {
-        let mut place = vec![0u32; tets.len()];
-        for (new, &old) in sorted.iter().enumerate() {
-            place[old as usize] = new as u32;
-        }
+        let place = tets.par_iter().map(|_| AtomicU32::new(0));
+        let place: Vec<AtomicU32> = place.collect();
+        let all = sorted.par_iter().enumerate();
+        all.for_each(|(new, &old)| place[old as usize].store(new as u32, Relaxed));
         let moved = |&t: &u32| {
             turns[t as usize].map(|k| match neighbors[t as usize][usize::from(k)] {
                 OUTSIDE => OUTSIDE,
-                n => place[n as usize],
+                n => place[n as usize].load(Relaxed),
             })
         };
         *neighbors = sorted.par_iter().map(moved).collect();

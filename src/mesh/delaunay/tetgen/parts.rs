@@ -12,7 +12,7 @@
 use std::ops::Range;
 use std::panic::resume_unwind;
 use std::sync::atomic::Ordering::Relaxed;
-use std::sync::atomic::{AtomicBool, AtomicU32, AtomicUsize};
+use std::sync::atomic::{AtomicU32, AtomicUsize};
 use std::thread;
 
 use rayon::prelude::*;
@@ -301,14 +301,15 @@ impl<'a> Slabs<'a> {
             let x = point(local)[self.axis];
             from <= x && x < to
         };
-        let used: Vec<AtomicBool> = members.par_iter().map(|_| AtomicBool::new(false)).collect();
-        // Whether it is kept; none if it should be certified and is not.
-        let is_kept = |(tet, neighbors): (&[u32; 4], &[u32; 4])| {
+        let mut number = vec![ELSEWHERE; answer.tets.len()];
+        let mut used = vec![false; members.len()];
+        let mut count = 0;
+        for ((tet, neighbors), number) in answer.tets.iter().zip(&answer.neighbors).zip(&mut number)
+        {
             let own = tet.map(owns);
-            tet.iter()
-                .for_each(|&local| used[local as usize].store(true, Relaxed));
+            tet.iter().for_each(|&local| used[local as usize] = true);
             if !own.contains(&true) {
-                return Some(false);
+                continue;
             }
             let corners = tet.map(point);
             let hull_is_real = (0..4).all(|k| {
@@ -317,34 +318,31 @@ impl<'a> Slabs<'a> {
                     || !face.iter().any(|&j| own[j])
                     || self.on_a_side(face.map(|j| corners[j]))
             });
-            let certified = hull_is_real && self.certified(corners, within);
-            certified.then(|| tet.iter().min().is_some_and(|&least| owns(least)))
-        };
-        let cells = answer.tets.par_iter().zip(&answer.neighbors);
-        let kept: Vec<Option<bool>> = cells.map(is_kept).collect();
+            if !(hull_is_real && self.certified(corners, within)) {
+                return None;
+            }
+            if owns(*tet.iter().min()?) {
+                *number = count;
+                count += 1;
+            }
+        }
         // A point that coincides with another is left out.
-        let left_out = |i: usize| !used[i].load(Relaxed) && owns(i as u32);
-        if kept.par_iter().any(Option::is_none) || (0..members.len()).into_par_iter().any(left_out)
-        {
+        if (0..members.len()).any(|i| !used[i] && owns(i as u32)) {
             return None;
         }
-        let mut number = vec![ELSEWHERE; answer.tets.len()];
-        let mut mine: Vec<u32> = Vec::with_capacity(answer.tets.len());
-        for (t, _) in kept.iter().enumerate().filter(|t| *t.1 == Some(true)) {
-            number[t] = mine.len() as u32;
-            mine.push(t as u32);
-        }
+        let mine = |t: &usize| number[*t] != ELSEWHERE;
         let neighbor = |n: u32| match n {
             OUTSIDE => OUTSIDE,
             n => number[n as usize],
         };
+        let all = 0..answer.tets.len();
         Some(Answer {
             status: answer.status,
-            tets: (mine.par_iter())
-                .map(|&t| answer.tets[t as usize].map(|local| members[local as usize]))
+            tets: (all.clone().filter(mine))
+                .map(|t| answer.tets[t].map(|local| members[local as usize]))
                 .collect(),
-            neighbors: (mine.par_iter())
-                .map(|&t| answer.neighbors[t as usize].map(neighbor))
+            neighbors: (all.filter(mine))
+                .map(|t| answer.neighbors[t].map(neighbor))
                 .collect(),
         })
     }

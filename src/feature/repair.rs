@@ -274,6 +274,9 @@ struct Continuation<'a, const D: usize> {
     previous: Vec<u32>,
 }
 
+/// The column in which a point was sought, and the point.
+type Step<const D: usize> = ([i32; D], Candidate<D>);
+
 impl<const D: usize> Continuation<'_, D> {
     fn samples(&self) -> Volume<'static, D> {
         Volume::new(self.smoothed.dims, &[])
@@ -308,13 +311,8 @@ impl<const D: usize> Continuation<'_, D> {
     }
 
     /// Where a sheet goes on from a point in the columns around it, one behind and one ahead along each axis
-    /// but its own, unless that is taken: the column in which the point was sought, and the point.
-    #[allow(clippy::type_complexity)]
-    fn steps(
-        &self,
-        from: &Candidate<D>,
-        front: &Departure<D>,
-    ) -> [[Option<([i32; D], Candidate<D>)>; 2]; D] {
+    /// but its own, unless that is taken.
+    fn steps(&self, from: &Candidate<D>, front: &Departure<D>) -> [[Option<Step<D>>; 2]; D] {
         let (axis, least) = (from.axis as usize, SUPPORT * front.level);
         let step = |lateral: usize, by: f32| {
             let mut guess = from.position;

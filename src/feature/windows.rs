@@ -384,7 +384,7 @@ impl<'a, const D: usize> Samples<'a, D> {
     ///
     /// # Errors
     /// As [`Samples::each`].
-    pub fn each_of_at_least<T: Kept>(
+    fn each_of_at_least<T: Kept>(
         &self,
         least: usize,
         halo: usize,
@@ -406,6 +406,39 @@ impl<'a, const D: usize> Samples<'a, D> {
             self.each_of(&windows[mine], (halo, blur), patience, give)
         };
         ranks::share_fairly("layers", &work_in, these, take)
+    }
+
+    /// What `change` makes of all samples under the Gaussians, which it is given some layers at a time and sees so many
+    /// layers to either side; on every rank.
+    ///
+    /// # Errors
+    /// As [`Samples::each`].
+    pub fn changed(
+        &self,
+        sees: usize,
+        patience: &Patience<'_>,
+        change: impl Fn(Stack<'_, D>) -> Vec<f32>,
+    ) -> Result<Vec<f32>> {
+        let mut changed = Vec::new();
+        let mut look = |window: &Window<'_, D>| {
+            let stack = window.smoothed;
+            let all = change(stack);
+            match stack.volume.dims[D - 1] == window.own.len() {
+                true => all,
+                false => stack.with(&all).layers(&window.own).to_vec(),
+            }
+        };
+        let mut take = |own: Vec<f32>| match own.len() == self.count() {
+            true => changed = own,
+            false => {
+                changed.reserve_exact(self.count() - changed.len());
+                changed.extend(own);
+            }
+        };
+        // Layers to either side are changed in vain: of windows as wide as these half of all.
+        let (least, all) = ((2 * sees).max(MULTIPLE), &|_: Range<usize>| 1);
+        self.each_of_at_least(least, sees, None, all, patience, &mut look, &mut take)?;
+        Ok(changed)
     }
 
     /// A window's own layers, where it has so many at least, if there is room for them.

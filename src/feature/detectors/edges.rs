@@ -14,7 +14,6 @@ use crate::error::Result;
 use crate::feature::FeatureKind;
 use crate::feature::corners::{self, cornered};
 use crate::feature::steepness::prewitt;
-use crate::feature::volume::Volume;
 use crate::feature::windows::Samples;
 
 /// Finds steps between low and high values.
@@ -27,8 +26,10 @@ impl<const D: usize> Detector<D> for Edges {
 
     fn find(&self, scene: &Scene<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
         let dims = scene.dims();
-        let smoothed = scene.smoothed()?;
-        let steepness = prewitt(Volume::new(dims, &smoothed), scene.patience);
+        let smoothed = scene.smoothed_in_layers()?;
+        let steepness = smoothed.changed(1, scene.patience, |stack| {
+            prewitt(stack.volume, scene.patience)
+        })?;
         drop(smoothed);
         let search = RidgeSearch {
             finest: 1.0,
@@ -41,6 +42,10 @@ impl<const D: usize> Detector<D> for Edges {
         let sure = found.thresholds.high;
         found.candidates = cornered(dims, found.candidates, width, sure, scene.patience);
         Ok(found)
+    }
+
+    fn in_layers(&self) -> bool {
+        true
     }
 
     /// Corners look along their arms.

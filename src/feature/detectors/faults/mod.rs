@@ -287,6 +287,7 @@ mod tests {
             FeatureKind::Faults,
             FeatureKind::Horizons,
             FeatureKind::FaultsAndHorizons,
+            FeatureKind::Edges,
             FeatureKind::Auto,
         ] {
             let asked = Detection::of(kind, 6.0);

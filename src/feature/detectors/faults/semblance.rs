@@ -13,7 +13,7 @@ use crate::feature::gaussian::smooth;
 use crate::feature::ridges::Statistics;
 use crate::feature::tensor::Normals;
 use crate::feature::volume::Volume;
-use crate::feature::windows::{Samples, Stack, Window};
+use crate::feature::windows::{Samples, Stack};
 use crate::geometry::dot;
 use crate::geometry::wide::wide;
 use crate::observer::Patience;
@@ -58,21 +58,14 @@ pub fn likelihood<const D: usize>(
     patience: &Patience<'_>,
 ) -> Result<Vec<f32>> {
     let vertical = layers.main_axis();
-    let mut likelihood = Vec::new();
-    likelihood.reserve_exact(amplitude.dims().iter().product());
-    let mut look = |window: &Window<'_, D>| {
-        let stack = window.smoothed;
+    amplitude.changed(SEEN, patience, |stack| {
         let dims = stack.volume.dims;
         let balanced = balanced(stack.volume, rms, patience);
         let balanced = stack.with(&balanced);
-        let all = scan::likelihood(dims, vertical, patience, |across, every| {
+        scan::likelihood(dims, vertical, patience, |across, every| {
             both_sides(balanced, layers, across, (vertical, every), patience)
-        });
-        stack.with(&all).layers(&window.own).to_vec()
-    };
-    let mut take = |own: Vec<f32>| likelihood.extend(own);
-    amplitude.each_of_at_least(2 * SEEN, SEEN, None, &|_| 1, patience, &mut look, &mut take)?;
-    Ok(likelihood)
+        })
+    })
 }
 
 /// Amplitudes over their rms round each sample, so that no layer has more say than others; that of all is `rms`.

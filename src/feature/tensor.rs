@@ -52,6 +52,10 @@ impl<const D: usize> Normals<D> {
             }
         };
         samples.each(1, None, &|_| 1, patience, &mut look, &mut take)?;
+        // Fewer only once patience is over.
+        for component in &mut products {
+            component.resize(dims.iter().product(), 0.0);
+        }
         let count: usize = samples.dims().iter().product();
         let rms = (sum / count.max(1) as f64).sqrt() as f32;
         Ok((Self::of(dims, factor, products, window, patience), rms))

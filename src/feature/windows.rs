@@ -438,6 +438,8 @@ impl<'a, const D: usize> Samples<'a, D> {
         // Layers to either side are changed in vain: of windows as wide as these half of all.
         let (least, all) = ((2 * sees).max(MULTIPLE), &|_: Range<usize>| 1);
         self.each_of_at_least(least, sees, None, all, patience, &mut look, &mut take)?;
+        // Fewer only once patience is over.
+        changed.resize(self.count(), 0.0);
         Ok(changed)
     }
 

@@ -17,7 +17,7 @@ use std::borrow::Cow;
 use std::ops::Range;
 
 /// A volume of at most so many samples is smoothed as a whole ...
-const WHOLE: usize = 1 << 27;
+pub const WHOLE: usize = 1 << 27;
 /// ... if there is room for so many bytes a sample ...
 const HELD: f64 = 12.0;
 /// ... of others a window's own layers have about so many samples ...
@@ -373,32 +373,12 @@ impl<'a, const D: usize> Samples<'a, D> {
         work: &mut dyn FnMut(&Window<'_, D>) -> T,
         take: &mut dyn FnMut(T),
     ) -> Result<()> {
-        let least = match blur {
-            Some(_) => WIDE,
-            None => MULTIPLE,
+        let [least, whole] = match blur {
+            Some(_) => [WIDE, 4 * self.limits[1]],
+            None => [MULTIPLE, self.limits[0]],
         };
-        self.each_of_at_least(least, halo, blur, much, patience, work, take)
-    }
-
-    /// The same of windows that have about so many layers of their own at least, if there is room for them.
-    ///
-    /// # Errors
-    /// As [`Samples::each`].
-    fn each_of_at_least<T: Kept>(
-        &self,
-        least: usize,
-        halo: usize,
-        blur: Option<(f64, usize)>,
-        much: &dyn Fn(Range<usize>) -> usize,
-        patience: &Patience<'_>,
-        work: &mut dyn FnMut(&Window<'_, D>) -> T,
-        take: &mut dyn FnMut(T),
-    ) -> Result<()> {
-        let count = self.dims[D - 1];
-        let own = self.own_layers(least);
-        let windows = (0..count).step_by(own);
-        let windows = windows.map(|first| first..(first + own).min(count));
-        let windows = windows.map(|own| (own.clone(), much(own)));
+        let windows = self.windows(least, whole)?;
+        let windows = windows.into_iter().map(|own| (own.clone(), much(own)));
         let (windows, work_in): (Vec<Range<usize>>, Vec<usize>) =
             windows.filter(|(_, much)| *much > 0).unzip();
         let these = |mine: Range<usize>, give: &mut dyn FnMut(T)| {
@@ -419,15 +399,20 @@ impl<'a, const D: usize> Samples<'a, D> {
         patience: &Patience<'_>,
         change: impl Fn(Stack<'_, D>) -> Vec<f32>,
     ) -> Result<Vec<f32>> {
-        let mut changed = Vec::new();
-        let mut look = |window: &Window<'_, D>| {
-            let stack = window.smoothed;
-            let all = change(stack);
-            match stack.volume.dims[D - 1] == window.own.len() {
-                true => all,
-                false => stack.with(&all).layers(&window.own).to_vec(),
-            }
+        // Layers to either side are changed in vain: of windows as wide as these half of all.
+        let windows = self.windows((2 * sees).max(MULTIPLE), self.limits[0])?;
+        let work = |mine: Range<usize>, give: &mut dyn FnMut(Vec<f32>)| {
+            let give = &mut |window: &Window<'_, D>| {
+                let stack = window.smoothed;
+                let all = change(stack);
+                give(match stack.volume.dims[D - 1] == window.own.len() {
+                    true => all,
+                    false => stack.with(&all).layers(&window.own).to_vec(),
+                });
+            };
+            self.each_of(&windows[mine], (sees, None), patience, give)
         };
+        let mut changed = Vec::new();
         let mut take = |own: Vec<f32>| match own.len() == self.count() {
             true => changed = own,
             false => {
@@ -435,31 +420,46 @@ impl<'a, const D: usize> Samples<'a, D> {
                 changed.extend(own);
             }
         };
-        // Layers to either side are changed in vain: of windows as wide as these half of all.
-        let (least, all) = ((2 * sees).max(MULTIPLE), &|_: Range<usize>| 1);
-        self.each_of_at_least(least, sees, None, all, patience, &mut look, &mut take)?;
+        ranks::share("layers changed", windows.len(), work, &mut take)?;
         // Fewer only once patience is over.
         changed.resize(self.count(), 0.0);
         Ok(changed)
     }
 
-    /// A window's own layers, where it has so many at least, if there is room for them.
-    fn own_layers(&self, least: usize) -> usize {
-        let (layer, count) = (layer(self.dims), self.dims[D - 1]);
-        let wide = least > MULTIPLE;
-        let room = LAYERS.max(4 * least);
-        let least = match wide && (least > WIDE || ranks::count() == 1) && has_room(room * layer) {
+    /// The own layers of windows that have about so many at least, if there is room for them. A volume of no more samples
+    /// than `whole` is one, if it is looked at as a whole and by one process.
+    ///
+    /// # Errors
+    /// Those of other ranks.
+    fn windows(&self, least: usize, whole: usize) -> Result<Vec<Range<usize>>> {
+        let (count, alone) = (self.dims[D - 1], ranks::count() == 1);
+        let own = match self.is_whole() && alone && self.count() <= whole {
+            true => count.max(1),
+            false => self.own_layers(least)?,
+        };
+        let firsts = (0..count).step_by(own);
+        Ok(firsts
+            .map(|first| first..(first + own).min(count))
+            .collect())
+    }
+
+    /// A window's own layers, at least so many if there is room for them.
+    fn own_layers(&self, least: usize) -> Result<usize> {
+        let layer = layer(self.dims);
+        // Ranks share out windows that are not that wide better without.
+        let wide = least > WIDE || least == WIDE && ranks::count() == 1;
+        let room = LAYERS.max(4 * least) * layer;
+        let least = match wide && ranks::of_first("room for layers", || Ok(has_room(room)))? {
             true => least,
             false => MULTIPLE,
         };
-        let few = !wide || self.count() <= 4 * self.limits[1];
         let some = match self.is_whole() {
-            true if few && ranks::count() == 1 => return count.max(1),
             // Every rank has a share.
             true => self.limits[1].min(self.count() / ranks::count()),
             false => self.limits[1],
         };
-        (some / layer.max(1)).next_multiple_of(MULTIPLE).max(least)
+        let some = (some / layer.max(1)).next_multiple_of(MULTIPLE);
+        Ok(some.max(least))
     }
 
     /// Calls `work` for these windows.

@@ -3,6 +3,7 @@
 use super::CellKind;
 use crate::Result;
 use crate::feature::FeatureKind;
+use crate::feature::windows::WHOLE;
 use crate::image::Source;
 use crate::improve::tets::Cuts;
 use crate::lattice::distance::Distance;
@@ -20,8 +21,6 @@ const LIKELIHOOD: f64 = 4.0;
 const LOOKED_AT: f64 = 22.0;
 /// ... which of large images are so many layers, if there is not room for more.
 const LAYERS: usize = 160;
-/// These images are not looked at as a whole.
-const LARGE: f64 = (1u64 << 27) as f64;
 
 /// What a mesh takes while it is made, improved, measured and written, in bytes an atom; measured with
 /// 0.1 to 12 million atoms.
@@ -60,7 +59,7 @@ pub(super) fn afford_features<const D: usize>(
     let of_faults = matches!(kind, FeatureKind::Faults | FeatureKind::FaultsAndHorizons);
     let bytes = match source {
         _ if of_faults => {
-            let some = match matches!(source, Source::Held(_)) && samples <= LARGE {
+            let some = match matches!(source, Source::Held(_)) && samples <= WHOLE as f64 {
                 true => 1.0,
                 false => (LAYERS as f64 / dims[D - 1].max(1) as f64).min(1.0),
             };

@@ -30,7 +30,7 @@ pub struct Held<'a> {
     /// Where those of each rank are among them.
     of_rank: Vec<Range<usize>>,
     /// The own atoms that each other rank holds, by their place among those held.
-    told: Vec<Vec<u32>>,
+    wanted: Vec<Vec<u32>>,
 }
 
 impl Held<'static> {
@@ -41,7 +41,7 @@ impl Held<'static> {
             numbers: None,
             own: 0..atoms,
             of_rank: Vec::new(),
-            told: Vec::new(),
+            wanted: Vec::new(),
         }
     }
 }
@@ -73,9 +73,9 @@ impl<'a> Held<'a> {
                 true => Vec::new(),
                 false => numbers[held.clone()].to_vec(),
             });
-        let mut told: Vec<Vec<u32>> = group.pass("atoms that are held", asked.collect())?;
+        let mut wanted: Vec<Vec<u32>> = group.pass("atoms that are held", asked.collect())?;
         let first = of_rank[rank].start;
-        for n in told.iter_mut().flatten() {
+        for n in wanted.iter_mut().flatten() {
             *n = (*n as usize - own.start + first) as u32;
         }
         Ok(Self {
@@ -83,7 +83,7 @@ impl<'a> Held<'a> {
             own: of_rank[rank].clone(),
             numbers: Some(numbers),
             of_rank,
-            told,
+            wanted,
         })
     }
 
@@ -132,9 +132,10 @@ impl<'a> Held<'a> {
         if !self.is_part() {
             return Ok(());
         }
-        let of =
-            |told: &Vec<u32>| -> Vec<f64> { told.iter().flat_map(|&n| x[n as usize]).collect() };
-        let told = self.told.iter().map(of).collect();
+        let of = |wanted: &Vec<u32>| -> Vec<f64> {
+            wanted.iter().flat_map(|&n| x[n as usize]).collect()
+        };
+        let told = self.wanted.iter().map(of).collect();
         let heard: Vec<Vec<f64>> = self.group.pass("positions of atoms", told)?;
         for (rank, (heard, place)) in heard.iter().zip(&self.of_rank).enumerate() {
             if rank != self.group.rank() {

@@ -155,7 +155,7 @@ fn fair_share_of(work: &[usize], rank: usize, count: usize) -> Range<usize> {
 }
 
 /// Which of so many parts are this rank's.
-pub fn own(parts: usize) -> Range<usize> {
+fn own(parts: usize) -> Range<usize> {
     share_of(parts, rank(), count())
 }
 

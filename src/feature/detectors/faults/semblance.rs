@@ -286,28 +286,28 @@ impl<const D: usize> Sides<'_, D> {
     ) {
         at[0] += lane;
         let dims = self.amplitude.dims;
-        let last = (dims[axis] - 1) as f32;
+        let last = dims[axis] as isize - 1;
         for (offset, side, weight) in &self.taps[axis] {
-            let mut start = 0;
-            let mut along = at[axis] as f32;
+            let (mut start, mut shift) = (0, 0.0f32);
             let mut inside = true;
             for k in 0..D {
                 if k != axis {
                     let to = at[k] as i32 + offset[k];
                     inside &= to >= 0 && (to as usize) < dims[k];
                     start += to.max(0) as usize * self.strides[k];
-                    along += offset[k] as f32 * slope[k];
+                    shift += offset[k] as f32 * slope[k];
                 }
             }
-            if !inside || !(0.0..=last).contains(&along) {
+            // The share is rounded alike wherever the layers at hand begin.
+            let (below, share) = (shift.floor(), shift - shift.floor());
+            let low = at[axis] as isize + below as isize;
+            if !inside || low < 0 || low > last || low == last && share > 0.0 {
                 continue;
             }
-            let low = along as usize;
-            let high = (low + 1).min(dims[axis] - 1);
-            let [low_at, high_at] = [low, high].map(|i| start + i * self.strides[axis]);
-            let a = self.amplitude.samples[low_at];
-            let b = self.amplitude.samples[high_at];
-            sums[*side][lane] += weight * (a + (along - low as f32) * (b - a));
+            let high = (low + 1).min(last);
+            let [a, b] = [low, high]
+                .map(|i| self.amplitude.samples[start + i as usize * self.strides[axis]]);
+            sums[*side][lane] += weight * (a + share * (b - a));
             totals[*side][lane] += weight;
         }
     }

@@ -42,6 +42,22 @@ pub const MEMBERS: usize = 1 << 16;
 /// Fills up groups of neighbours.
 pub const FILLER: u16 = u16::MAX;
 
+/// The points among which neighbours are listed.
+#[derive(Clone, Copy)]
+pub struct Among<'a> {
+    /// The atoms held, and then their images.
+    pub points: &'a [Point],
+    /// Which atoms are held.
+    pub held: &'a Held<'a>,
+    /// Their images.
+    pub images: &'a Images,
+    /// Each point's own reach in fixed-point units.
+    pub reach: &'a [f32],
+    /// A bound on how fast that changes over space (0 where it is the same for all), so that an atom finds also those
+    /// that reach farther than itself.
+    pub slope: f32,
+}
+
 /// For every atom, all points nearer than the larger of the two reaches (each pair of atoms is
 /// listed twice, so no atom writes to another's sums).
 #[derive(Clone, Default)]
@@ -52,29 +68,18 @@ pub struct Neighbours {
 }
 
 impl Neighbours {
-    /// Lists the neighbours of own atoms anew. `points` are the atoms held and then their `images`.
-    ///
-    /// `reach` is each point's own reach in fixed-point units, `slope` a bound on how fast it changes
-    /// over space (0 where it is the same for all), so that an atom finds also those that reach
-    /// farther than itself.
+    /// Lists the neighbours of own atoms anew.
     ///
     /// # Errors
     /// Those of other ranks.
-    pub fn build(
-        &mut self,
-        points: &[Point],
-        held: &Held<'_>,
-        images: &Images,
-        reach: &[f32],
-        slope: f32,
-    ) -> Result<()> {
-        let own = held.own();
+    pub fn build(&mut self, among: Among<'_>) -> Result<()> {
+        let own = among.held.own();
         self.chunks
             .resize_with(own.len().div_ceil(CHUNK), Rows::default);
-        let search = Search::new(points, reach, slope, held, images, &mut self.cells)?;
+        let search = Search::new(among, &mut self.cells)?;
         let chunks = self.chunks.par_iter_mut().enumerate();
         chunks.for_each_init(
-            || Scratch::new(points.len()),
+            || Scratch::new(among.points.len()),
             |scratch, (n, rows)| {
                 let first = own.start + n * CHUNK;
                 rows.reset(first..(first + CHUNK).min(own.end));
@@ -94,18 +99,16 @@ impl Neighbours {
     ///
     /// # Errors
     /// Those of other ranks.
-    pub fn repair(
-        &mut self,
-        points: &[Point],
-        held: &Held<'_>,
-        images: &Images,
-        reach: &[f32],
-        slope: f32,
-        moved: &[u32],
-    ) -> Result<()> {
+    pub fn repair(&mut self, among: Among<'_>, moved: &[u32]) -> Result<()> {
+        let Among {
+            points,
+            held,
+            images,
+            ..
+        } = among;
         let own = held.own();
         let atoms = points.len() - images.len();
-        let search = Search::new(points, reach, slope, held, images, &mut self.cells)?;
+        let search = Search::new(among, &mut self.cells)?;
         let chunks = self.chunks.par_iter_mut().enumerate();
         let changes: Vec<Vec<Change>> = chunks
             .map_init(

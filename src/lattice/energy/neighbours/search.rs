@@ -5,12 +5,10 @@ use rayon::prelude::*;
 
 use super::rows::Rows;
 use super::scratch::Scratch;
-use super::{LANES, NOWHERE, Point};
+use super::{Among, LANES, NOWHERE, Point};
 use crate::error::Result;
 use crate::files::kept::fields;
 use crate::geometry::groups::group;
-use crate::lattice::energy::images::Images;
-use crate::lattice::held::Held;
 
 /// Points sorted into the cells of a regular grid.
 ///
@@ -83,9 +81,8 @@ impl AtomCells {
 
 /// Finds the points near an atom.
 pub struct Search<'a> {
-    points: &'a [Point],
-    reach: &'a [f32],
-    slope: f32,
+    among: Among<'a>,
+    /// The largest reach of all points of the lattice.
     most: f32,
     cells: &'a AtomCells,
 }
@@ -144,27 +141,19 @@ impl<'a> Search<'a> {
     ///
     /// # Errors
     /// Those of other ranks.
-    pub fn new(
-        points: &'a [Point],
-        reach: &'a [f32],
-        slope: f32,
-        held: &Held<'_>,
-        images: &Images,
-        cells: &'a mut AtomCells,
-    ) -> Result<Self> {
+    pub fn new(among: Among<'a>, cells: &'a mut AtomCells) -> Result<Self> {
+        let Among { points, reach, .. } = among;
         let spread = points.par_iter().zip(reach).map(Spread::of);
         let spread = spread.reduce(|| Spread::NONE, Spread::and);
         let own = Spread {
-            points: images.own_points(held),
+            points: among.images.own_points(among.held),
             ..spread.clone()
         };
-        let all = held.told("extent of atoms", own)?;
+        let all = among.held.told("extent of atoms", own)?;
         let all = all.into_iter().fold(Spread::NONE, Spread::and);
         cells.sort(points, reach, &spread, &all);
         Ok(Self {
-            points,
-            reach,
-            slope,
+            among,
             most: all.most,
             cells,
         })
@@ -210,11 +199,11 @@ impl WithSimd for Gather<'_> {
             found,
         } = self;
         let cells = &search.cells;
-        let centre = search.points[atom as usize];
-        let reach = search.reach[atom as usize];
+        let centre = search.among.points[atom as usize];
+        let reach = search.among.reach[atom as usize];
         let own2 = reach * reach;
         // r < reach_j <= reach_i + slope r  =>  r < reach_i / (1 - slope)
-        let radius = (reach / (1.0 - search.slope).max(1e-3)).min(search.most);
+        let radius = (reach / (1.0 - search.among.slope).max(1e-3)).min(search.most);
         // From the near corner of the grid; the margin covers the rounding to f32.
         let at: [f32; 3] = std::array::from_fn(|k| (centre[k] - cells.origin[k]) as f32);
         let radius = radius + 1e-6 * at[0].max(at[1]).max(at[2]);
@@ -258,7 +247,7 @@ impl WithSimd for Gather<'_> {
                         let inside = dx * dx + dy * dy + dz * dz < own2;
                         near[l] = u32::from(inside & ((l as u32) < left) & (index[l] != atom));
                     }
-                    if search.slope > 0.0 {
+                    if search.among.slope > 0.0 {
                         // Those that reach farther than the atom.
                         let reach2 = &cells.reach2[first..first + LANES];
                         for l in 0..LANES {

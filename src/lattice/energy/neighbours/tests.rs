@@ -33,9 +33,14 @@ fn lists_exactly_the_pairs_in_reach() {
         let mut neighbours = Neighbours::default();
         let images = Images::new([0; 4], 3);
         let held = Held::all(atoms);
-        neighbours
-            .build(&points, &held, &images, &reach, slope as f32)
-            .unwrap();
+        let among = Among {
+            points: &points,
+            held: &held,
+            images: &images,
+            reach: &reach,
+            slope: slope as f32,
+        };
+        neighbours.build(among).unwrap();
         let mut listed = 0;
         for rows in &neighbours.chunks {
             assert!(!rows.overflowed);

@@ -25,7 +25,7 @@ mod kernels;
 use kernels::{AnyDistance, LOCAL, Local, NO_SITE, SameDistance, Site, Sums};
 
 use super::images::Images;
-use super::neighbours::{CHUNK, FixedPoint, NOWHERE, Neighbours, Point, Rows};
+use super::neighbours::{Among, CHUNK, FixedPoint, NOWHERE, Neighbours, Point, Rows};
 use super::pair::CUTOFF;
 use super::{Beta, Energy, Parts, Terms};
 use crate::error::{Error, Result, cause};
@@ -246,10 +246,21 @@ impl<'a, const D: usize> Pairwise<'a, D> {
             self.listed[n as usize] = self.points[n as usize];
             self.reach[n as usize] = (CUTOFF + SKIN) * self.d(n as usize);
         }
-        let slope = (f64::from(CUTOFF + SKIN) * self.slope) as f32;
-        let (listed, images, reach) = (&self.listed, &self.images, &self.reach);
-        self.neighbours
-            .repair(listed, held, images, reach, slope, &moved)
+        let mut neighbours = std::mem::take(&mut self.neighbours);
+        let repaired = neighbours.repair(self.among(held), &moved);
+        self.neighbours = neighbours;
+        repaired
+    }
+
+    /// The points among which neighbours are listed.
+    fn among<'s>(&'s self, held: &'s Held<'s>) -> Among<'s> {
+        Among {
+            points: &self.listed,
+            held,
+            images: &self.images,
+            reach: &self.reach,
+            slope: (f64::from(CUTOFF + SKIN) * self.slope) as f32,
+        }
     }
 
     /// Lists the neighbours of all atoms anew, and finds the images that they need.
@@ -271,9 +282,10 @@ impl<'a, const D: usize> Pairwise<'a, D> {
         self.listed.clone_from(&self.points);
         let reach = |n| (CUTOFF + SKIN) * self.d(n);
         self.reach = (0..self.points.len()).map(reach).collect();
-        let slope = (f64::from(CUTOFF + SKIN) * self.slope) as f32;
-        let (listed, images, reach) = (&self.listed, &self.images, &self.reach);
-        self.neighbours.build(listed, held, images, reach, slope)?;
+        let mut neighbours = std::mem::take(&mut self.neighbours);
+        let built = neighbours.build(self.among(held));
+        self.neighbours = neighbours;
+        built?;
         self.unlisted = false;
         self.relisted += self.points.len();
         Ok(())

@@ -25,8 +25,10 @@ const SHORTEST_SPLIT: f64 = 0.95;
 /// middle of a face of a regular one.
 const ROOM: f64 = 0.5;
 
-/// So many tetrahedra, or one in a hundred if that is more, are worked on in a round.
+/// So many tetrahedra, or one in a hundred if that is more, are worked on in a round ...
 const PATIENCE: usize = 1000;
+/// ... of which there are so many at most.
+const TURNS: usize = 4;
 
 /// What a transaction has overwritten, beside the complex's own journal.
 #[derive(Debug, Default)]
@@ -70,12 +72,12 @@ impl Improver<'_> {
     pub(super) fn mend(&mut self, patience: &Patience<'_>) -> Result<()> {
         // Each round halves what is left, as a guess.
         let mut left = 1.0;
-        for _ in 0..4 {
+        for _ in 0..TURNS {
             let mut poor = self.poor();
             poor.sort_by(|a, b| self.sine_of(*a).total_cmp(&self.sine_of(*b)).then(a.cmp(b)));
             let before = poor.len();
             // Where features ask for what no lattice can do, patience must end.
-            poor.truncate(PATIENCE.max(self.complex.tets.len() / 100));
+            poor.truncate(self.most());
             let reached = |share| patience.reached(1.0 - left * (1.0 - 0.5 * share));
             self.mend_each(&poor, patience, reached)?;
             left *= 0.5;
@@ -85,6 +87,16 @@ impl Improver<'_> {
             }
         }
         Ok(())
+    }
+
+    /// How many tetrahedra are worked on in a round.
+    fn most(&self) -> usize {
+        PATIENCE.max(self.complex.tets.len() / 100)
+    }
+
+    /// Whether so many are poor that not all are worked on.
+    pub(super) fn too_many(&self, poor: usize) -> bool {
+        poor > TURNS * self.most()
     }
 
     /// Lets nodes leave their features where a tetrahedron would otherwise stay unusable.

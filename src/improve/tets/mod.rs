@@ -56,10 +56,11 @@ const STRAYS: [f64; 2] = [0.25, 0.4];
 /// And at most so far, over d.
 const FARTHEST: f64 = 0.15;
 
-/// The share of the work that is done once features are recovered, roughly, and once slivers have gone that
-/// flips and smoothing remove.
+/// The share of the work that is done once features are recovered, roughly.
 const RECOVERED: f64 = 0.15;
-const POLISHED: f64 = 0.3;
+
+/// Rounds of flips and smoothing, and where nodes may stray, as many then do little by little.
+const ROUNDS: [usize; 2] = [8, 12];
 
 /// Makes a Delaunay mesh follow the features and frees it of slivers, in place.
 ///
@@ -423,21 +424,23 @@ impl Improver<'_> {
         let poor_before = self.poor().len();
         patience.part(0.0, RECOVERED);
         self.recover(patience)?;
-        patience.part(RECOVERED, POLISHED);
-        self.polish(8, patience)?;
-        let mut done = POLISHED;
-        let turn = (1.0 - POLISHED) / (1 + STRAYS.len()) as f64;
-        let mut next = || {
+        let turn = (1.0 - RECOVERED) / (1 + STRAYS.len()) as f64;
+        let part = |turns: usize| {
+            let done = RECOVERED + turns as f64 * turn;
             patience.part(done, done + turn);
-            done += turn;
         };
-        next();
-        self.mend(patience)?;
-        for stray in STRAYS {
-            next();
+        part(0);
+        self.polish(ROUNDS[0], patience)?;
+        // Where features leave the lattice no room, more are poor than can be mended one by one: sooner than that, nodes
+        // may stray, which most need but little.
+        if !self.too_many(self.poor().len()) {
+            self.mend(patience)?;
+        }
+        for (number, stray) in STRAYS.into_iter().enumerate() {
+            part(1 + number);
             self.stray = stray.min(FARTHEST * self.distance.min());
             self.memory.forget();
-            self.polish(8, patience)?;
+            self.polish(ROUNDS[1], patience)?;
             self.mend(patience)?;
         }
         self.release(patience)?;

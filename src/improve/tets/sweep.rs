@@ -20,6 +20,10 @@ const TASK: usize = 32;
 /// Fewer are looked at sooner than they are passed on to other ranks.
 const MANY: usize = 1 << 12;
 
+/// Where more tetrahedra are poor than can be mended, the last round before nodes may stray is the one that leaves more
+/// than this share of the nodes to smooth.
+const SLOW: f64 = 0.92;
+
 /// Colours of nodes; there are some ten.
 const COLORS: usize = 64;
 
@@ -127,7 +131,7 @@ impl Improver<'_> {
     /// # Errors
     /// Those of other ranks, with which the work is shared.
     pub(super) fn polish(&mut self, rounds: usize, patience: &Patience<'_>) -> Result<()> {
-        let mut before = usize::MAX;
+        let mut before = f64::INFINITY;
         for round in 0..rounds {
             self.enough = if round == 0 {
                 self.target + MARGIN
@@ -136,17 +140,21 @@ impl Improver<'_> {
             };
             self.queue = self.poor();
             self.flip_all(patience)?;
-            let mut nodes: Vec<u32> = self
-                .poor()
-                .iter()
+            let poor = self.poor();
+            let many = self.too_many(poor.len());
+            let mut nodes: Vec<u32> = (poor.iter())
                 .flat_map(|&t| self.complex.tets[t as usize])
                 .collect();
             nodes.sort_unstable();
             nodes.dedup();
-            if nodes.is_empty() || nodes.len() >= before {
+            let slow = match self.stray == 0.0 && many {
+                true => SLOW,
+                false => 1.0,
+            };
+            if nodes.is_empty() || nodes.len() as f64 >= slow * before {
                 break;
             }
-            before = nodes.len();
+            before = nodes.len() as f64;
             self.smooth_all(nodes, patience)?;
             self.flip_all(patience)?;
         }

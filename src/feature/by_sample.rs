@@ -78,7 +78,7 @@ impl<'a, const D: usize> BySample<'a, D> {
 
     /// Calls `visit` for each candidate of the samples from `at` to `at + (length - 1)` along x that
     /// are inside the image.
-    #[inline(always)]
+    #[inline]
     pub fn each_in_row(&self, at: [i32; D], length: i32, mut visit: impl FnMut(usize)) {
         let mut row = 0usize;
         for k in (1..D).rev() {
@@ -153,7 +153,7 @@ impl<'a, const D: usize> BySample<'a, D> {
     }
 
     /// Calls `visit` for each candidate of the samples at most `reach` away along each axis.
-    #[inline(always)]
+    #[inline]
     pub fn each_around(&self, at: [i32; D], reach: i32, mut visit: impl FnMut(usize)) {
         let side = 2 * reach + 1;
         let mut row = at;

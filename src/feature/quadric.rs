@@ -29,7 +29,6 @@ impl<const D: usize> Quadric<D> {
     }
 
     /// Adds a point; its height is its component along `axis`.
-    #[inline(always)]
     pub fn add(&mut self, away: [f32; D], axis: usize) {
         let mut row = [1.0; 8];
         let mut squares = 0.0;

@@ -1,19 +1,24 @@
 //! A block of samples, in which sheets meet in a few lines.
 
 use super::filters::{CLOSE, CROSSING, Filters, NEAR};
-use super::modes::modes;
 use super::zone::{CELL, MIXED_NORMALS, WIDE_RIDGES, around, trace};
 use super::{SAME_SHEET, Search};
 use crate::feature::crossing::Candidate;
 use crate::feature::symmetric::{Symmetric, eigenvalues, eigenvector};
 use crate::feature::volume::Volume;
 use crate::feature::windows::{MULTIPLE, Window};
-use crate::geometry::groups::group;
-use crate::geometry::{cross, dot, in_space};
-use rayon::prelude::*;
+use crate::geometry::{cross, dot, in_space, unit};
 
 /// Samples along an edge of a block with one line and one set of filters.
 pub const BLOCK: usize = MULTIPLE;
+/// Directions that normals gather round in a block, at most ...
+const MODES: usize = 4;
+/// ... judged by so many normals ...
+const NORMALS: usize = 300;
+/// ... within this (cosine: 18 degrees) ...
+const SAME_MODE: f64 = 0.95;
+/// ... with at least this share of all.
+const LEAST_MODE: f64 = 0.025;
 /// Lines nearer than this (cosine: 15 degrees) are one.
 const SAME_LINE: f64 = 0.966;
 
@@ -25,7 +30,8 @@ pub fn blocks<const D: usize>(dims: [usize; D]) -> Volume<'static, D> {
 /// What all blocks share.
 pub struct Job<'a, const D: usize> {
     pub blocks: Volume<'a, D>,
-    pub clear: &'a Clear<D>,
+    /// Candidates by the block that they lie in: where each block's begin, and their numbers.
+    pub by_block: &'a (Vec<u32>, Vec<u32>),
     pub search: &'a Search<'a, D>,
     /// The layers of the image in which blocks are looked at.
     pub window: &'a Window<'a, D>,
@@ -140,70 +146,61 @@ impl<const D: usize> Job<'_, D> {
         }
     }
 
-    /// Directions round which the normals of clear candidates in and beside a block gather.
+    /// Up to [`MODES`] directions round which the normals of candidates in and beside a block gather.
     fn modes(&self, first: [usize; D]) -> Vec<[f64; D]> {
-        let reach = BLOCK / 2;
-        let mut normals = Vec::new();
-        let own = self.blocks.index(first.map(|i| i / BLOCK));
-        for block in around(&self.blocks, own, 1) {
-            let range = self.clear.starts[block] as usize..self.clear.starts[block + 1] as usize;
-            for c in &self.clear.normals[range] {
-                let close = |k: usize| {
-                    let at = c.at[k] as usize;
-                    at + reach >= first[k] && at < first[k] + BLOCK + reach
-                };
-                if (0..D).all(close) {
+        let blocks = &self.blocks;
+        let (reach, samples) = (BLOCK / 2, Volume::new(self.window.dims, &[]));
+        let mut normals: Vec<([f64; D], f64)> = Vec::new();
+        let own = blocks.index(first.map(|i| i / BLOCK));
+        for block in around(blocks, own, 1) {
+            let (start, order) = self.by_block;
+            for &i in &order[start[block] as usize..start[block + 1] as usize] {
+                let c = &self.search.candidates[i as usize];
+                let at = samples.coordinates(c.voxel as usize);
+                let close =
+                    (0..D).all(|k| at[k] + reach >= first[k] && at[k] < first[k] + BLOCK + reach);
+                if close && c.strength >= self.search.clear {
                     normals.push((c.normal.map(f64::from), f64::from(c.strength)));
                 }
             }
         }
-        modes(normals)
-    }
-}
-
-/// Candidates that are clear, by the block that they lie in.
-pub struct Clear<const D: usize> {
-    /// Where each block's begin.
-    starts: Vec<u32>,
-    normals: Vec<Normal<D>>,
-}
-
-/// What is known of one.
-struct Normal<const D: usize> {
-    /// Its sample.
-    at: [u32; D],
-    normal: [f32; D],
-    strength: f32,
-}
-
-impl<const D: usize> Clear<D> {
-    /// Those of at least some strength.
-    pub fn new(dims: [usize; D], candidates: &[Candidate<D>], least: f32) -> Self {
-        let (samples, blocks) = (Volume::new(dims, &[]), blocks(dims));
-        let clear: Vec<&Candidate<D>> = (candidates.par_iter())
-            .filter(|c| c.strength >= least)
-            .collect();
-        let at = |c: &Candidate<D>| samples.coordinates(c.voxel as usize);
-        let block_of: Vec<u32> = (clear.par_iter())
-            .map(|c| blocks.index(at(c).map(|i| i / BLOCK)) as u32)
-            .collect();
-        let (mut starts, mut order) = (Vec::new(), Vec::new());
-        group(
-            blocks.dims.iter().product(),
-            &block_of,
-            &mut starts,
-            &mut order,
-        );
-        let normal = |&number: &u32| {
-            let c = clear[number as usize];
-            Normal {
-                at: at(c).map(|i| i as u32),
-                normal: c.normal,
-                strength: c.strength,
+        let every = normals.len() / NORMALS + 1;
+        let mut normals: Vec<([f64; D], f64)> = normals.into_iter().step_by(every).collect();
+        let all: f64 = normals.iter().map(|n| n.1).sum();
+        let mut modes = Vec::new();
+        while modes.len() < MODES {
+            let Some((start, _)) = normals.iter().max_by(|a, b| a.1.total_cmp(&b.1)).copied()
+            else {
+                break;
+            };
+            // The best of some starts, moved to the mean of what is round it.
+            let support = |about: [f64; D]| -> ([f64; D], f64) {
+                let (mut sum, mut weight) = ([0.0; D], 0.0);
+                for (n, w) in &normals {
+                    let c = dot(*n, about);
+                    if c.abs() > SAME_MODE {
+                        weight += w;
+                        for k in 0..D {
+                            sum[k] += w * c.signum() * n[k];
+                        }
+                    }
+                }
+                (unit(sum), weight)
+            };
+            let some = normals.iter().step_by(normals.len() / 16 + 1).map(|n| n.0);
+            let best = some
+                .chain([start])
+                .map(support)
+                .max_by(|a, b| a.1.total_cmp(&b.1));
+            let Some((mode, _)) = best else { break };
+            let (mode, weight) = support(mode);
+            if weight < LEAST_MODE * all {
+                break;
             }
-        };
-        let normals = order.par_iter().map(normal).collect();
-        Self { starts, normals }
+            modes.push(mode);
+            normals.retain(|(n, _)| dot(*n, mode).abs() <= SAME_MODE);
+        }
+        modes
     }
 }
 

@@ -6,7 +6,6 @@ use crate::feature::volume::Volume;
 use crate::geometry::dot;
 use crate::geometry::wide::wide;
 use std::f64::consts::PI;
-use std::ops::Range;
 
 /// Angles at which filters look, over half a turn.
 pub const ANGLES: usize = 24;
@@ -69,9 +68,6 @@ const WIDTH: usize = BLOCK + 2 * NEAR_X;
 const MARGIN: usize = 16 + 1 + NEAR_X;
 /// Edge of the buffer of that: a multiple of the lanes.
 const EDGE: usize = (BLOCK + 2 * MARGIN).next_multiple_of(LANES);
-/// From one layer of the buffer to the next: no power of two, so that the layers that a filter reads have
-/// room in a processor's cache at the same time.
-const LAYER: usize = EDGE * EDGE + 2 * LANES;
 /// Where the block begins in the buffer.
 const BEGIN: usize = (EDGE - BLOCK) / 2;
 /// Edge, but along x, of the block and its small margin.
@@ -163,8 +159,8 @@ impl<const D: usize> Filters<D> {
                 .inside(k, begin[k], begin[k] + EDGE as isize, image.dims[k])
         });
         // Rows that are not needed hold anything.
-        scratch.line.resize(place(rows), 0.0);
-        scratch.line_inside.resize(place(rows), 0.0);
+        scratch.line.resize(EDGE * rows, 0.0);
+        scratch.line_inside.resize(EDGE * rows, 0.0);
         scratch.whole = whole;
         let needed = self.needed(mask);
         let line = self.line.offsets(image.strides());
@@ -172,7 +168,7 @@ impl<const D: usize> Filters<D> {
         wide(
             #[inline(always)]
             || {
-                for (row, needed) in needed.iter().enumerate() {
+                for (row, _) in needed.iter().enumerate().filter(|r| *r.1) {
                     let (mut rest, mut at) = (row, begin);
                     for k in 1..D {
                         at[k] += (rest % EDGE) as isize;
@@ -183,10 +179,10 @@ impl<const D: usize> Filters<D> {
                         self.line.inside(k, at[k], end, image.dims[k])
                     };
                     let row_inside = whole || (1..D).all(|k| inside(k, 1));
-                    for first in needed.clone().step_by(LANES) {
-                        let to = place(row) + first;
+                    for part in 0..EDGE / LANES {
+                        let to = row * EDGE + part * LANES;
                         let mut at = at;
-                        at[0] += first as isize;
+                        at[0] += (part * LANES) as isize;
                         let end = at[0] + LANES as isize;
                         if row_inside && self.line.inside(0, at[0], end, image.dims[0]) {
                             let from = (0..D)
@@ -208,38 +204,27 @@ impl<const D: usize> Filters<D> {
         );
     }
 
-    /// The samples of each row of the buffer that smoothing along sheets reads, and some beside and between them: the
-    /// first is a multiple of the lanes.
-    fn needed(&self, mask: &Mask) -> Vec<Range<usize>> {
-        let rows: [usize; D] = std::array::from_fn(|k| [0, 1, EDGE][k]);
-        // How far in rows, and from where to where in x.
-        let mut reads: Vec<(isize, isize, isize)> = Vec::new();
-        for tap in self.along.iter().flat_map(|sum| &sum.taps) {
-            let row = (1..D).map(|k| tap.at[k] * rows[k] as isize).sum();
-            reads.push((row, tap.at[0], tap.at[0]));
+    /// The rows of the buffer that smoothing along sheets reads.
+    fn needed(&self, mask: &Mask) -> Vec<bool> {
+        let mut strides = [0; D];
+        for k in 1..D {
+            strides[k] = EDGE.pow(k as u32 - 1);
         }
-        reads.sort_unstable();
-        reads.dedup_by(|next, kept| {
-            let same = next.0 == kept.0;
-            kept.2 = if same { next.2 } else { kept.2 };
-            same
-        });
-        let nothing = Range {
-            start: EDGE,
-            end: 0,
-        };
-        let mut needed = vec![nothing; EDGE.pow(D as u32 - 1)];
+        let mut needed = vec![false; EDGE.pow(D as u32 - 1)];
+        let mut offsets: Vec<isize> = Vec::new();
+        for sum in &self.along {
+            offsets.extend(sum.offsets(strides).into_iter().map(|tap| tap.0));
+        }
+        offsets.sort_unstable();
+        offsets.dedup();
         for (row, _) in mask.around.iter().enumerate().filter(|r| *r.1) {
-            let (mut rest, mut at) = (row, 0);
+            let (mut rest, mut at) = (row, 0isize);
             for k in 1..D {
-                at += (BEGIN - NEAR + rest % WIDE) * rows[k];
+                at += ((BEGIN - NEAR + rest % WIDE) * strides[k]) as isize;
                 rest /= WIDE;
             }
-            for &(row, low, high) in &reads {
-                let needed = &mut needed[at.wrapping_add_signed(row)];
-                let x = |i: isize| (BEGIN - NEAR_X).wrapping_add_signed(i);
-                needed.start = needed.start.min(x(low) / LANES * LANES);
-                needed.end = needed.end.max(x(high) + WIDTH);
+            for offset in &offsets {
+                needed[(at + offset) as usize] = true;
             }
         }
         needed
@@ -248,7 +233,7 @@ impl<const D: usize> Filters<D> {
     /// C and D of every sample of the block, which begins at sample `first` of an image, at every angle.
     pub fn apply(&self, dims: [usize; D], first: [usize; D], mask: &Mask, scratch: &mut Scratch) {
         let rows = mask.rows.iter().filter(|r| **r).count();
-        let big: [usize; D] = std::array::from_fn(|k| [1, EDGE, LAYER][k]);
+        let big = std::array::from_fn(|k| EDGE.pow(k as u32));
         let small: [usize; D] = std::array::from_fn(|k| match k {
             0 => 1,
             _ => WIDTH * WIDE.pow(k as u32 - 1),
@@ -495,11 +480,6 @@ impl<const D: usize> Sum<D> {
         }
         (sum, inside)
     }
-}
-
-/// Where a row of the buffer begins.
-fn place(row: usize) -> usize {
-    row % EDGE * EDGE + row / EDGE * LAYER
 }
 
 /// Weighted sums of neighbours, for `N` samples in a row: as many at once as stay in registers.

@@ -14,12 +14,10 @@
 //! - `zone`: where
 //! - `spread`: how normals vary beyond what one sheet would have
 //! - `block`: the lines of a block of samples
-//! - `modes`: the directions round which its normals gather
 //! - `filters`: filters at all angles about a line
 
 mod block;
 mod filters;
-mod modes;
 mod spread;
 mod zone;
 
@@ -29,10 +27,10 @@ use super::quadric::Quadric;
 use super::volume::Volume;
 use super::windows::{Samples, Window};
 use crate::error::Result;
-use crate::geometry::wide::wide;
+use crate::geometry::groups::grouped;
 use crate::geometry::{dot, sub};
 use crate::observer::Patience;
-use block::{BLOCK, Clear, Job, Scratch, blocks};
+use block::{BLOCK, Job, Scratch, blocks};
 use filters::{CROSSING, HALO};
 use std::sync::atomic::AtomicUsize;
 use std::sync::atomic::Ordering::Relaxed;
@@ -90,9 +88,13 @@ impl<const D: usize> Search<'_, D> {
     /// That of reading.
     pub fn points(&self) -> Result<Vec<Candidate<D>>> {
         let dims = self.image.dims();
-        let blocks = blocks(dims);
-        let count: usize = blocks.dims.iter().product();
-        let clear = Clear::new(dims, self.candidates, self.clear);
+        let (samples, blocks) = (Volume::new(dims, &[]), blocks(dims));
+        let block_of = |c: &Candidate<D>| {
+            let at = samples.coordinates(c.voxel as usize);
+            blocks.index(at.map(|i| i / BLOCK))
+        };
+        let count = blocks.dims.iter().product();
+        let by_block = grouped(count, self.candidates.iter().map(block_of));
         let layer = count / blocks.dims[D - 1].max(1);
         let mut found: Vec<Candidate<D>> = Vec::new();
         let done = AtomicUsize::new(0);
@@ -100,7 +102,7 @@ impl<const D: usize> Search<'_, D> {
         let mut look = |window: &Window<'_, D>| {
             let job = Job {
                 blocks,
-                clear: &clear,
+                by_block: &by_block,
                 search: self,
                 window,
             };
@@ -141,66 +143,57 @@ impl<const D: usize> Search<'_, D> {
     fn polished(&self, points: &[Candidate<D>]) -> Vec<Candidate<D>> {
         let grid = BySample::new(self.image.dims(), points);
         let polish = |c: &Candidate<D>| {
-            wide(
-                #[inline(always)]
-                || self.moved(c, points, &grid),
-            )
+            let axis = c.axis as usize;
+            let mut surface = Quadric::<D>::new(2 * ROUND);
+            let mut count = 0;
+            grid.each_around(grid.coordinates(c), ROUND, |j| {
+                let other = &points[j];
+                let away = sub(other.position, c.position);
+                let length = dot(away, away).sqrt();
+                if dot(other.normal, c.normal).abs() >= SAME_SHEET
+                    && dot(away, c.normal).abs() <= 0.4 + 0.08 * length
+                {
+                    surface.add(away, axis);
+                    count += 1;
+                }
+            });
+            let solved = match count > 2 * Quadric::<D>::TERMS {
+                true => surface.solve(),
+                false => None,
+            };
+            let Some(terms) = solved else { return *c };
+            // What a filter sees of a bent sheet is its mean height.
+            let (mut shift, mut bend) = (0.0, D);
+            for k in 1..D {
+                for l in k..D {
+                    if k == l {
+                        shift += SEEN * terms[bend];
+                    }
+                    bend += 1;
+                }
+            }
+            let height = (terms[0] - shift) as f32;
+            let mut normal = [0.0f32; D];
+            normal[axis] = 1.0;
+            for k in 1..D {
+                normal[(axis + k) % D] = -terms[k] as f32;
+            }
+            let length = dot(normal, normal).sqrt();
+            let normal = normal.map(|n| n / length);
+            if height.abs() > 0.75 || dot(normal, c.normal).abs() < SAME_SHEET {
+                return *c;
+            }
+            let mut moved = *c;
+            let last = (self.image.dims()[axis] - 1) as f32;
+            moved.position[axis] = (c.position[axis] + height).clamp(0.0, last);
+            moved.normal = normal;
+            let at = moved.position.map(|x| nearest(x).max(0) as usize);
+            moved.voxel = Volume::new(self.image.dims(), &[]).index(at) as u32;
+            moved
         };
         let mut moved: Vec<Candidate<D>> = points.par_iter().map(polish).collect();
         moved.par_sort_by_key(|c| c.voxel);
         self.thinned(&moved)
-    }
-
-    /// One of these points.
-    #[inline(always)]
-    fn moved(&self, c: &Candidate<D>, points: &[Candidate<D>], grid: &BySample<D>) -> Candidate<D> {
-        let axis = c.axis as usize;
-        let mut surface = Quadric::<D>::new(2 * ROUND);
-        let mut count = 0;
-        grid.each_around(grid.coordinates(c), ROUND, |j| {
-            let other = &points[j];
-            let away = sub(other.position, c.position);
-            let length = dot(away, away).sqrt();
-            if dot(other.normal, c.normal).abs() >= SAME_SHEET
-                && dot(away, c.normal).abs() <= 0.4 + 0.08 * length
-            {
-                surface.add(away, axis);
-                count += 1;
-            }
-        });
-        let solved = match count > 2 * Quadric::<D>::TERMS {
-            true => surface.solve(),
-            false => None,
-        };
-        let Some(terms) = solved else { return *c };
-        // What a filter sees of a bent sheet is its mean height.
-        let (mut shift, mut bend) = (0.0, D);
-        for k in 1..D {
-            for l in k..D {
-                if k == l {
-                    shift += SEEN * terms[bend];
-                }
-                bend += 1;
-            }
-        }
-        let height = (terms[0] - shift) as f32;
-        let mut normal = [0.0f32; D];
-        normal[axis] = 1.0;
-        for k in 1..D {
-            normal[(axis + k) % D] = -terms[k] as f32;
-        }
-        let length = dot(normal, normal).sqrt();
-        let normal = normal.map(|n| n / length);
-        if height.abs() > 0.75 || dot(normal, c.normal).abs() < SAME_SHEET {
-            return *c;
-        }
-        let mut moved = *c;
-        let last = (self.image.dims()[axis] - 1) as f32;
-        moved.position[axis] = (c.position[axis] + height).clamp(0.0, last);
-        moved.normal = normal;
-        let at = moved.position.map(|x| nearest(x).max(0) as usize);
-        moved.voxel = Volume::new(self.image.dims(), &[]).index(at) as u32;
-        moved
     }
 
     /// Points without those that a stronger one of the same sheet stands beside in its column.

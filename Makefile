@@ -1,5 +1,5 @@
 # make demo   install what is missing, build, mesh the sample volume, say which files to open
-# make test   install what is missing, then every check there is; says how many it had to skip
+# make test   install what is missing, then every check there is; says how many it had to skip (MPI=1: of ranks, too)
 # make bench-networks   what becomes of twenty random fault networks, some minutes
 # make bench-labels   meshes of labelled images beside CGAL's: DATA=folder with other people's images
 # make reservoir   from a seismic volume to ten years of its simulation, in target/reservoir
@@ -39,20 +39,25 @@ reservoir: packages validators
 	cargo build --locked
 	.venv/bin/python scripts/reservoir.py target/debug/atomesh target/reservoir
 
+# With MPI=1 all is built with ranks and their tests run, too: one build instead of two.
+WITH_MPI_1 = --features atomesh/mpi
+WITH = $(WITH_MPI_$(MPI))
+
 test: packages
+	@test -z "$(MPI)" || scripts/packages.sh libopenmpi-dev openmpi-bin
 	cargo fmt --all --check
-	cargo clippy --workspace --all-targets --locked -- -D warnings
+	cargo clippy --workspace --all-targets $(WITH) --locked -- -D warnings
 	cargo clippy --no-default-features --lib --locked -- -D warnings
 	cargo clippy --no-default-features --features cli --lib --bins --locked -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --no-deps --locked
 	@mkdir -p target && rm -f target/skipped
-	ATOMESH_SKIPPED="$$PWD/target/skipped" cargo test --workspace --locked
+	ATOMESH_SKIPPED="$$PWD/target/skipped" cargo test --workspace $(WITH) --locked
 	@scripts/skipped.sh target/skipped
 	python3 scripts/figures.py target/debug/atomesh --check
 
 mpi-test:
 	@scripts/packages.sh libopenmpi-dev openmpi-bin
-	cargo test --workspace --features atomesh/mpi --locked --test ranks
+	cargo test --workspace $(WITH_MPI_1) --locked --test ranks
 
 wheel: packages
 	@scripts/python.sh wheel

@@ -10,8 +10,9 @@ use super::volume::Volume;
 use crate::error::Result;
 use crate::files::kept::Kept;
 use crate::image::Layers;
+use crate::memory;
 use crate::observer::Patience;
-use crate::{memory, ranks};
+use crate::ranks::{self, Group, Ranks};
 use rayon::prelude::*;
 use std::borrow::Cow;
 use std::ops::Range;
@@ -46,6 +47,44 @@ enum Raw<'a, const D: usize> {
     Held(Cow<'a, [f32]>),
     /// With the sign that they are taken with.
     InLayers(&'a dyn Layers<D>, f32),
+    /// Each rank has some layers.
+    InShares(Own),
+}
+
+/// The layers that this rank has of a volume, where others have the rest.
+struct Own {
+    range: Range<usize>,
+    samples: Vec<f32>,
+}
+
+impl Own {
+    /// These layers of a volume that all ranks have a share of; of `layer` samples each.
+    ///
+    /// # Errors
+    /// Those of other ranks.
+    fn wanted(&self, wanted: Range<usize>, layer: usize) -> Result<Held> {
+        let group: &dyn Group = &Ranks;
+        let asked: Vec<[usize; 2]> = group.all("layers wanted", [wanted.start, wanted.end])?;
+        let common = |[start, end]: [usize; 2]| {
+            let start = start.max(self.range.start);
+            start..end.min(self.range.end).max(start)
+        };
+        let told = |asked: &[usize; 2]| {
+            let common = common(*asked);
+            let from = common.start.min(self.range.end) - self.range.start;
+            self.samples[from * layer..(from + common.len()) * layer].to_vec()
+        };
+        // Ranks have shares in their order.
+        let parts = group.pass("layers", asked.iter().map(told).collect())?;
+        let mut samples = Vec::with_capacity(wanted.len() * layer);
+        for mut part in parts {
+            samples.append(&mut part);
+        }
+        Ok(Held {
+            range: wanted,
+            samples,
+        })
+    }
 }
 
 /// Some layers of a volume.
@@ -262,6 +301,15 @@ fn has_room(samples: usize) -> bool {
     memory::afford("features", bytes, "samples", "look at fewer layers").is_ok()
 }
 
+/// From the first of some windows, one after the other, to the last.
+fn hull(windows: &[Range<usize>]) -> Range<usize> {
+    match windows {
+        [first, .., last] => first.start..last.end,
+        [one] => one.clone(),
+        [] => 0..0,
+    }
+}
+
 /// A range of layers and so many to either side, of those there are.
 fn wide(range: &Range<usize>, by: usize, count: usize) -> Range<usize> {
     range.start.saturating_sub(by)..(range.end + by).min(count)
@@ -338,15 +386,24 @@ impl<'a, const D: usize> Samples<'a, D> {
         7 * (self.count().div_ceil(WHOLE) | 1)
     }
 
-    /// Whether it is looked at as a whole.
-    fn is_whole(&self) -> bool {
-        matches!(self.raw, Raw::Held(_)) && self.count() <= self.limits[0]
+    /// Whether it is in memory, and not large.
+    fn is_small(&self) -> bool {
+        !matches!(self.raw, Raw::InLayers(..)) && self.count() <= self.limits[0]
+    }
+
+    /// All samples as they are, of a volume in memory.
+    #[cfg(test)]
+    pub fn all(&self) -> &[f32] {
+        match &self.raw {
+            Raw::Held(all) => all,
+            _ => &[],
+        }
     }
 
     /// From now on under one Gaussian more.
     pub fn smooth(&mut self, scale: f64, patience: &Patience<'_>) {
         self.scales.push(scale);
-        if let (Raw::Held(raw), true) = (&self.raw, self.is_whole()) {
+        if let (Raw::Held(raw), true) = (&self.raw, self.is_small()) {
             match &mut self.whole {
                 Some(samples) => gaussian::smooth(self.dims, samples, [scale; D], patience),
                 None => {
@@ -389,7 +446,7 @@ impl<'a, const D: usize> Samples<'a, D> {
     }
 
     /// What `change` makes of all samples under the Gaussians, which it is given some layers at a time and sees so many
-    /// layers to either side; on every rank.
+    /// layers to either side; each rank has a share of it.
     ///
     /// # Errors
     /// As [`Samples::each`].
@@ -398,32 +455,45 @@ impl<'a, const D: usize> Samples<'a, D> {
         sees: usize,
         patience: &Patience<'_>,
         change: impl Fn(Stack<'_, D>) -> Vec<f32>,
-    ) -> Result<Vec<f32>> {
+    ) -> Result<Samples<'static, D>> {
         // Layers to either side are changed in vain: of windows as wide as these half of all.
         let windows = self.windows((2 * sees).max(MULTIPLE), self.limits[0])?;
-        let work = |mine: Range<usize>, give: &mut dyn FnMut(Vec<f32>)| {
-            let give = &mut |window: &Window<'_, D>| {
+        let mut own = Own {
+            range: 0..0,
+            samples: Vec::new(),
+        };
+        let work = |mine: Range<usize>, _: &mut dyn FnMut(())| {
+            let windows = &windows[mine];
+            own.range = hull(windows);
+            let room = own.range.len() * layer(self.dims);
+            let take = &mut |window: &Window<'_, D>| {
                 let stack = window.smoothed;
                 let all = change(stack);
-                give(match stack.volume.dims[D - 1] == window.own.len() {
-                    true => all,
-                    false => stack.with(&all).layers(&window.own).to_vec(),
-                });
+                match window.own == own.range && stack.volume.dims[D - 1] == own.range.len() {
+                    true => own.samples = all,
+                    false => {
+                        own.samples.reserve_exact(room - own.samples.len());
+                        let layers = stack.with(&all);
+                        own.samples.extend_from_slice(layers.layers(&window.own));
+                    }
+                }
             };
-            self.each_of(&windows[mine], (sees, None), patience, give)
+            self.each_of(windows, (sees, None), patience, take)?;
+            // Fewer only once patience is over.
+            own.samples.resize(room, 0.0);
+            Ok(())
         };
-        let mut changed = Vec::new();
-        let mut take = |own: Vec<f32>| match own.len() == self.count() {
-            true => changed = own,
-            false => {
-                changed.reserve_exact(self.count() - changed.len());
-                changed.extend(own);
-            }
-        };
-        ranks::share("layers changed", windows.len(), work, &mut take)?;
-        // Fewer only once patience is over.
-        changed.resize(self.count(), 0.0);
-        Ok(changed)
+        ranks::share("layers changed", windows.len(), work, &mut |()| ())?;
+        Ok(Samples {
+            dims: self.dims,
+            raw: match ranks::count() {
+                1 => Raw::Held(own.samples.into()),
+                _ => Raw::InShares(own),
+            },
+            scales: Vec::new(),
+            whole: None,
+            limits: [WHOLE, WINDOW],
+        })
     }
 
     /// The own layers of windows that have about so many at least, if there is room for them. A volume of no more samples
@@ -433,7 +503,7 @@ impl<'a, const D: usize> Samples<'a, D> {
     /// Those of other ranks.
     fn windows(&self, least: usize, whole: usize) -> Result<Vec<Range<usize>>> {
         let (count, alone) = (self.dims[D - 1], ranks::count() == 1);
-        let own = match self.is_whole() && alone && self.count() <= whole {
+        let own = match self.is_small() && alone && self.count() <= whole {
             true => count.max(1),
             false => self.own_layers(least)?,
         };
@@ -453,7 +523,7 @@ impl<'a, const D: usize> Samples<'a, D> {
             true => least,
             false => MULTIPLE,
         };
-        let some = match self.is_whole() {
+        let some = match self.is_small() {
             // Every rank has a share.
             true => self.limits[1].min(self.count() / ranks::count()),
             false => self.limits[1],
@@ -480,6 +550,13 @@ impl<'a, const D: usize> Samples<'a, D> {
         let (mut raw, [mut smoothed, mut blurred]) =
             (Held::default(), [scales, &blurs].map(Stages::new));
         let beyond = (halo + smoothed.reach()).max(wide_halo + blurred.reach());
+        if let Raw::InShares(share) = &self.raw {
+            let seen = match hull(windows) {
+                none if none.is_empty() => none,
+                all => wide(&all, beyond, count),
+            };
+            raw = share.wanted(seen, layer)?;
+        }
         for own in windows.iter().cloned() {
             if patience.over() {
                 break;
@@ -495,7 +572,7 @@ impl<'a, const D: usize> Samples<'a, D> {
             }
             let raw = |range: Range<usize>| match &self.raw {
                 Raw::Held(all) => &all[range.start * layer..range.end * layer],
-                Raw::InLayers(..) => raw.layers(range, layer),
+                Raw::InLayers(..) | Raw::InShares(_) => raw.layers(range, layer),
             };
             let [range, wide_range] = [halo, wide_halo].map(|halo| wide(&own, halo, count));
             smoothed.slide(&range, dims, &raw, patience)?;

@@ -149,6 +149,16 @@ impl<T: Kept, const N: usize> Kept for [T; N] {
     }
 }
 
+impl Kept for () {
+    fn put(&self, _: &mut dyn Write) -> io::Result<()> {
+        Ok(())
+    }
+
+    fn take(_: &mut &[u8]) -> Option<Self> {
+        Some(())
+    }
+}
+
 impl<A: Kept, B: Kept> Kept for (A, B) {
     fn put(&self, out: &mut dyn Write) -> io::Result<()> {
         self.0.put(out)?;

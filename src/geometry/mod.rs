@@ -18,5 +18,6 @@ pub(crate) mod vector;
 pub(crate) mod wide;
 
 pub use vector::{
-    add_scaled, cross, distance2, dot, in_space, norm, normal, solve_positive, sub, unit, volume6,
+    add_scaled, cross, distance2, dot, in_space, norm, normal, solve_positive, spread, sub, unit,
+    volume6,
 };

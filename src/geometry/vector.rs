@@ -114,3 +114,14 @@ pub fn normal<const D: usize>(x: &[[f64; D]; D]) -> [f64; D] {
 pub fn volume6(p: &[[f64; 3]; 4]) -> f64 {
     dot(sub(p[1], p[0]), cross(sub(p[2], p[0]), sub(p[3], p[0])))
 }
+
+/// The least and the largest coordinates of some points; of none, infinite ones the wrong way round.
+pub fn spread<const D: usize>(points: &[[f64; D]]) -> [[f64; D]; 2] {
+    let none = [[f64::INFINITY; D], [f64::NEG_INFINITY; D]];
+    points.iter().fold(none, |[low, high], x| {
+        [
+            std::array::from_fn(|k| low[k].min(x[k])),
+            std::array::from_fn(|k| high[k].max(x[k])),
+        ]
+    })
+}

@@ -41,5 +41,6 @@ pub use improved::{Blocked, Counts, Improved};
 pub use part::{Refusal, Reshaped, Wanted};
 pub use seal::{Sealed, seal, seal_pieces};
 pub use settle::settle;
+pub(crate) use settle::settle_together;
 pub use target::{SliverMethod, Target};
 pub use triangles::relax::Scheme;

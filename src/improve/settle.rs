@@ -4,9 +4,19 @@ use rayon::prelude::*;
 
 use super::hold::Hold;
 use super::sheets::Sheets;
+use crate::error::Result;
 use crate::geometry::scatter::Scatter;
-use crate::geometry::{distance2, in_space, norm, sub};
+use crate::geometry::{distance2, in_space, norm, spread, sub};
 use crate::lattice::AtomKind;
+use crate::lattice::held::Held;
+use crate::lattice::seeding::Atoms;
+use crate::lattice::share::Share;
+use crate::ranks::Group;
+
+/// Atoms move so far at most, in units of the reach ...
+const FARTHEST: f64 = 1.5;
+/// ... and no two come so near to each other.
+const GAP: f64 = 0.1;
 
 /// Moves the atoms within `reach` of a feature onto it (onto all of them, where several cross),
 /// never off the box's sides, and no two to one place. Returns how many were moved.
@@ -17,10 +27,53 @@ pub fn settle<const D: usize>(
     sheets: &Sheets,
     reach: f64,
 ) -> usize {
+    let held = Held::all(positions.len());
+    // Alone nothing fails.
+    settle_held(positions, kinds, &held, extent, sheets, reach).unwrap_or(0)
+}
+
+/// The same by several, each of which has a share of the atoms.
+///
+/// # Errors
+/// Those of the others.
+pub fn settle_together<const D: usize>(
+    share: &mut Share<D>,
+    extent: [f64; D],
+    sheets: &Sheets,
+    reach: f64,
+    group: &dyn Group,
+) -> Result<usize> {
+    if group.count() == 1 {
+        let Atoms { positions, kinds } = &mut share.atoms;
+        return Ok(settle(positions, kinds, extent, sheets, reach));
+    }
+    // Two may both come nearer to each other.
+    let room = (2.0 * FARTHEST + 2.0 * GAP) * reach;
+    let (
+        held,
+        Atoms {
+            mut positions,
+            kinds,
+        },
+    ) = Held::share(share, room, group)?;
+    let moved = settle_held(&mut positions, &kinds, &held, extent, sheets, reach)?;
+    (share.atoms.positions).copy_from_slice(&positions[held.own()]);
+    Ok(moved)
+}
+
+/// The same of those own ones of the atoms held.
+fn settle_held<const D: usize>(
+    positions: &mut [[f64; D]],
+    kinds: &[AtomKind],
+    held: &Held<'_>,
+    extent: [f64; D],
+    sheets: &Sheets,
+    reach: f64,
+) -> Result<usize> {
     let (before, extent) = (positions.to_vec(), in_space(extent));
-    let moved: usize = positions
+    let moved: usize = positions[held.own()]
         .par_iter_mut()
-        .zip(kinds)
+        .zip(&kinds[held.own()])
         .map(|(x, &kind)| {
             let at = in_space(*x);
             if sheets.far(at) || !sheets.close(at) {
@@ -35,7 +88,7 @@ pub fn settle<const D: usize>(
             while hold.count > 0 {
                 let mut trial = hold;
                 if let Some(y) = trial.settle(at, extent, sheets)
-                    && norm(sub(y, at)) < 1.5 * reach
+                    && norm(sub(y, at)) < FARTHEST * reach
                 {
                     *x = std::array::from_fn(|k| y[k]);
                     return 1;
@@ -45,14 +98,20 @@ pub fn settle<const D: usize>(
             0
         })
         .sum();
+    held.refresh(positions)?;
     // Two atoms pulled to one place would be one node.
-    moved - keep_apart(positions, &before, 0.1 * reach)
+    Ok(moved - keep_apart(positions, &before, held, GAP * reach)?)
 }
 
-/// Moves atoms back that came nearer than `gap` to another: `before` holds where each atom was, and
+/// Moves own atoms back that came nearer than `gap` to another: `before` holds where each atom was, and
 /// there they all were farther apart. Of two that meet, the one of the higher number goes back.
-/// Returns how many did.
-fn keep_apart<const D: usize>(positions: &mut [[f64; D]], before: &[[f64; D]], gap: f64) -> usize {
+/// Returns how many own ones did.
+fn keep_apart<const D: usize>(
+    positions: &mut [[f64; D]],
+    before: &[[f64; D]],
+    held: &Held<'_>,
+    gap: f64,
+) -> Result<usize> {
     let mut returned = 0;
     // One that goes back may meet another that has come near its old place: look again.
     loop {
@@ -64,29 +123,26 @@ fn keep_apart<const D: usize>(positions: &mut [[f64; D]], before: &[[f64; D]], g
                 other != k && near && (other < k || !moved(other))
             })
         };
-        let back: Vec<usize> = (0..positions.len())
+        let back: Vec<usize> = held
+            .own()
             .into_par_iter()
             .filter(|&k| moved(k) && meets(k))
             .collect();
-        if back.is_empty() {
-            return returned;
+        let all = held.told("atoms that go back", back.len())?;
+        if all.iter().all(|&back| back == 0) {
+            return Ok(returned);
         }
         for &k in &back {
             positions[k] = before[k];
         }
+        held.refresh(positions)?;
         returned += back.len();
     }
 }
 
 /// Atoms in cells, about one in each, which are at least `size` wide.
 fn scattered<const D: usize>(positions: &[[f64; D]], size: f64) -> Scatter<D> {
-    let (mut low, mut high) = ([f64::INFINITY; D], [f64::NEG_INFINITY; D]);
-    for x in positions {
-        for k in 0..D {
-            low[k] = low[k].min(x[k]);
-            high[k] = high[k].max(x[k]);
-        }
-    }
+    let [low, high] = spread(positions);
     let spans = sub(high, low);
     let wide = spans.iter().filter(|&&s| s > size);
     let (axes, room) = wide.fold((0, 1.0), |(n, room), s| (n + 1, room * s));
@@ -112,7 +168,8 @@ mod tests {
             [1.0, 0.0, 0.02],
             [9.5, 0.0, 0.0],
         ];
-        assert_eq!(keep_apart(&mut positions, &before, 0.1), 2);
+        let held = Held::all(4);
+        assert_eq!(keep_apart(&mut positions, &before, &held, 0.1).unwrap(), 2);
         assert_eq!(
             positions,
             [[0.5, 0.0, 0.0], before[1], before[2], [9.5, 0.0, 0.0]]

@@ -10,7 +10,9 @@ use crate::image::{Field, Image};
 use crate::improve;
 use crate::lattice::AtomKind;
 use crate::lattice::seeding::{self, Atoms};
+use crate::lattice::share::Share;
 use crate::observer::{Patience, Stage};
+use crate::ranks::Ranks;
 
 /// Atoms at Canny's points, on what the points around them agree on.
 pub(super) fn placed<const D: usize>(
@@ -35,7 +37,7 @@ where
     };
     put_onto_features(&mut atoms, seeded, &scene);
     Ok(Placed {
-        atoms,
+        atoms: Share::of(atoms, &Ranks),
         distance,
         optimised: None,
     })

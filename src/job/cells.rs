@@ -19,6 +19,7 @@ use crate::lattice::distance::Distance;
 use crate::lattice::energy::{Beta, Pairwise};
 use crate::lattice::optimize::{self, Stop, temperature};
 use crate::lattice::seeding::{self, Alignment, Atoms, fixed};
+use crate::lattice::share::Share;
 use crate::mesh::check::{Known, check_while};
 use crate::mesh::graph::Graph;
 use crate::mesh::poly::{Beyond, PolyMesh};
@@ -222,7 +223,8 @@ where
         min_dihedral: params.min_dihedral.unwrap_or(ANGLE),
         method: SliverMethod::Joe,
     };
-    let joined = Space::<D>::join(placed.atoms, &scene, None, Some(&target), stages)?;
+    let atoms = placed.atoms.gathered(&Ranks)?;
+    let joined = Space::<D>::join(atoms, &scene, None, Some(&target), stages)?;
     let (mut joined, neighbors) = simplices::sealed(joined, &scene, stages)?;
     if let Some(labelled) = &features.labels {
         let angle = Some(target.min_dihedral);
@@ -316,8 +318,11 @@ pub(crate) fn rest<const D: usize>(
     let energy = Pairwise::new(extent, distance, None, Beta::Constant(0.0))?;
     let energy = &mut energy.aligned(Alignment::Alongside);
     let group = &Ranks;
-    let rest =
-        optimize::optimize_together(atoms, energy, distance, extent, &options, group, observer)?;
+    let mut share = Share::of(std::mem::take(atoms), group);
+    let rest = optimize::optimize_together(
+        &mut share, energy, distance, extent, &options, group, observer,
+    )?;
+    *atoms = share.gathered(group)?;
     atoms.positions.truncate(before.len());
     atoms.kinds.truncate(before.len());
     for (x, from) in atoms.positions.iter_mut().zip(before) {

@@ -7,8 +7,10 @@ use crate::feature::windows::WHOLE;
 use crate::image::Source;
 use crate::improve::tets::Cuts;
 use crate::lattice::distance::Distance;
+use crate::lattice::seeding::Seeding;
 use crate::memory;
 use crate::observer::Estimate;
+use crate::ranks;
 
 /// What features take besides an image in memory, in bytes a sample: the image smoothed, and some more.
 const SAMPLE: f64 = 8.0;
@@ -33,8 +35,8 @@ fn bytes_per_atom<const D: usize>(kind: CellKind) -> f64 {
     }
 }
 
-/// What each rank takes for all atoms where none has all of the mesh, in bytes an atom: while they are placed. While
-/// they move and after that it is less.
+/// What atoms take while they are placed, in bytes each: each rank places its own where the lattice is regular, and else
+/// all. While they move and after that it is less.
 const PLACING: f64 = 65.0;
 
 /// Cells an atom.
@@ -63,7 +65,9 @@ pub(super) fn afford_features<const D: usize>(
                 true => 1.0,
                 false => (LAYERS as f64 / dims[D - 1].max(1) as f64).min(1.0),
             };
-            (LIKELIHOOD + some * LOOKED_AT) * samples
+            // Each rank has a share, and that of its windows.
+            let shared = (2.0 / ranks::count() as f64).min(1.0);
+            (shared * LIKELIHOOD + some * LOOKED_AT) * samples
         }
         Source::Held(_) => SAMPLE * samples,
         // Some layers at a time.
@@ -101,6 +105,7 @@ pub(super) fn in_pieces<const D: usize>(
     whole: Estimate,
     extent: [f64; D],
     distance: &Distance<D>,
+    seeding: Seeding,
     ranks: usize,
 ) -> Estimate {
     let longest = extent.into_iter().fold(0.0, f64::max);
@@ -109,8 +114,12 @@ pub(super) fn in_pieces<const D: usize>(
         return whole;
     }
     let share = slabs.div_ceil(ranks) as f64 / slabs as f64;
+    let placed = match (seeding, distance) {
+        (Seeding::Fcc, Distance::Constant(_)) => whole.atoms / ranks as f64,
+        _ => whole.atoms,
+    };
     Estimate {
-        bytes: whole.atoms * PLACING + share * whole.bytes,
+        bytes: placed * PLACING + share * whole.bytes,
         ..whole
     }
 }
@@ -132,12 +141,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_rank_takes_all_atoms_and_its_share_of_a_mesh_that_is_large() {
+    fn a_rank_takes_its_share_of_a_mesh_that_is_large_and_all_atoms_where_these_are_not_regular() {
         let d = Distance::Constant(5.0);
         let bytes = |extent: [f64; 3], ranks| {
             let whole = of_distance(&d, extent, CellKind::Simplices);
-            let share = in_pieces(whole, extent, &d, ranks).bytes - PLACING * whole.atoms;
-            share / whole.bytes
+            let of = |seeding| in_pieces(whole, extent, &d, seeding, ranks).bytes;
+            let [regular, grown] = [Seeding::Fcc, Seeding::Grown].map(of);
+            let placed = PLACING * whole.atoms;
+            let more = placed - placed / ranks as f64;
+            assert!((grown - regular - more).abs() < 1e-6 * grown);
+            (grown - placed) / whole.bytes
         };
         // Four slabs.
         let large = [1000.0, 600.0, 600.0];
@@ -146,12 +159,13 @@ mod tests {
         }
         let small = [450.0; 3];
         let whole = of_distance(&d, small, CellKind::Simplices);
-        assert_eq!(in_pieces(whole, small, &d, 4).bytes, whole.bytes);
+        let pieces = in_pieces(whole, small, &d, Seeding::Fcc, 4);
+        assert_eq!(pieces.bytes, whole.bytes);
     }
 
     #[test]
     fn a_lattice_has_as_many_atoms_as_are_seeded() {
-        use crate::lattice::seeding::{Alignment, Seeding, seed};
+        use crate::lattice::seeding::{Alignment, seed};
         use crate::observer::Patience;
 
         fn as_seeded<const D: usize>(extent: [f64; D]) {

@@ -7,7 +7,7 @@ use crate::error::cause;
 use crate::feature::{FeaturePoint, Features};
 use crate::geometry::in_space;
 use crate::improve::sheets::Sheets;
-use crate::improve::tets::{Aim, Cuts};
+use crate::improve::tets::{Aim, Cuts, KnownAtoms};
 use crate::improve::triangles::relax::Relaxation;
 use crate::improve::{
     self, Refusal, Reshaped, Sealed, SliverMethod, Target, Wanted, tets, triangles,
@@ -15,12 +15,13 @@ use crate::improve::{
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
 use crate::lattice::seeding::Atoms;
+use crate::lattice::share::Share;
 use crate::mesh::delaunay::{self, Delaunay};
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::voronoi;
 use crate::mesh::{Simplices, TetMesh, TriMesh};
 use crate::observer::{Patience, Stage};
-use crate::ranks::Ranks;
+use crate::ranks::{Alone, Ranks};
 use crate::report::{Improvement, Judged};
 use crate::{Error, Result};
 
@@ -48,13 +49,13 @@ pub trait Meshing<const D: usize> {
         stages: &mut Stages<'_>,
     ) -> Result<Joined<Self::Mesh>>;
 
-    /// The mesh of atoms in pieces, each made and measured by one of the ranks; none if it is not large enough. The
-    /// atoms are left as they were, or put onto features.
+    /// The mesh of atoms in pieces, each made and measured by one of the ranks, which have shares of the atoms; none if it
+    /// is not large enough.
     ///
     /// # Errors
     /// As [`join`](Self::join), and those of other ranks.
     fn in_pieces(
-        _: &mut Atoms<D>,
+        _: &mut Share<D>,
         _: &Scene<'_, D>,
         _: Option<&Target>,
         _: &mut Stages<'_>,
@@ -168,7 +169,7 @@ fn planes<const D: usize>(
 }
 
 /// Puts the atoms that are next to a feature onto it; gives the features as local planes.
-pub(super) fn put_onto_sheets<const D: usize>(
+fn put_onto_sheets<const D: usize>(
     positions: &mut [[f64; D]],
     kinds: &[AtomKind],
     scene: &Scene<'_, D>,
@@ -177,9 +178,14 @@ where
     Space<D>: Meshing<D>,
 {
     let sheets = Space::<D>::sheets(scene);
-    let reach = SETTLE * scene.distance.min();
+    let reach = settling(scene);
     improve::settle(positions, kinds, scene.extent, &sheets, reach);
     sheets
+}
+
+/// From how far atoms are put onto features.
+pub(super) fn settling<const D: usize>(scene: &Scene<'_, D>) -> f64 {
+    SETTLE * scene.distance.min()
 }
 
 /// Adds to the faces on features (`marks`) those that close holes.
@@ -228,12 +234,12 @@ impl Meshing<3> for Space<3> {
     type Mesh = TetMesh;
 
     fn in_pieces(
-        atoms: &mut Atoms<3>,
+        share: &mut Share<3>,
         scene: &Scene<'_, 3>,
         target: Option<&Target>,
         stages: &mut Stages<'_>,
     ) -> Result<Option<InPieces<TetMesh>>> {
-        pieces::made(atoms, scene, target, stages)
+        pieces::made(share, scene, target, stages)
     }
 
     fn join(
@@ -244,9 +250,12 @@ impl Meshing<3> for Space<3> {
         stages: &mut Stages<'_>,
     ) -> Result<Joined<TetMesh>> {
         let (extent, distance) = (scene.extent, scene.distance);
-        let Atoms { positions, kinds } = &mut atoms;
         // Whether all of it is here or not, it is cut at the same places.
-        let cuts = improvement.and_then(|_| Cuts::new(positions, extent, distance));
+        let cuts = match improvement {
+            Some(_) => Cuts::new(&atoms.positions, extent, distance, &Alone)?,
+            None => None,
+        };
+        let Atoms { positions, kinds } = &mut atoms;
         let sheets = improvement.map(|_| put_onto_sheets(positions, kinds, scene));
         stages.begin(Stage::Joining);
         let Delaunay {
@@ -277,7 +286,12 @@ impl Meshing<3> for Space<3> {
                         };
                         let TetMesh { nodes, tets } = std::mem::take(&mut mesh);
                         let joined = (tets, std::mem::take(&mut neighbors));
-                        let atoms = (&nodes[..], &kinds[..]);
+                        let atoms = KnownAtoms {
+                            whole: nodes.len(),
+                            positions: nodes,
+                            kinds: std::mem::take(&mut kinds),
+                            numbers: None,
+                        };
                         let made =
                             tets::improve_in_slabs(atoms, joined, cuts, aim, &Ranks, patience)?;
                         let made = made.whole(&Ranks)?;

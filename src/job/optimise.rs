@@ -8,7 +8,7 @@ use crate::image::Sparse;
 use crate::lattice::distance::Distance;
 use crate::lattice::energy::{Energy, Pairwise, Regularised, Sampled};
 use crate::lattice::optimize::{self, Stop};
-use crate::lattice::seeding::Atoms;
+use crate::lattice::share::Share;
 use crate::observer::{Observer, Patience};
 use crate::ranks::Ranks;
 use crate::report::Optimisation;
@@ -16,7 +16,7 @@ use crate::report::Optimisation;
 /// The energy that a job's `atoms` shall have least of: the same for both evaluators, up to sampling.
 fn energy<'a, const D: usize>(
     params: &Params<D>,
-    atoms: &Atoms<D>,
+    atoms: &Share<D>,
     potential: &'a Sparse<D>,
     distance: &'a Distance<D>,
     frame: &Frame<D>,
@@ -28,7 +28,7 @@ fn energy<'a, const D: usize>(
     Ok(match params.evaluator {
         Evaluator::Pairwise if params.kappa != 1.0 => {
             let pairs = pairs(beta.clone())?;
-            let mobility = atoms.mobility(extent);
+            let mobility = atoms.clone().gathered(&Ranks)?.mobility(extent);
             let energy = Regularised::new(pairs, distance, beta, params.kappa, mobility);
             Box::new(energy?)
         }
@@ -37,9 +37,9 @@ fn energy<'a, const D: usize>(
     })
 }
 
-/// Moves the atoms: passes on smoother and smoother potentials first, if asked for.
+/// Moves the atoms, each rank its share: passes on smoother and smoother potentials first, if asked for.
 pub(super) fn optimise<const D: usize>(
-    atoms: &mut Atoms<D>,
+    atoms: &mut Share<D>,
     params: &Params<D>,
     features: &Features<D>,
     distance: &Distance<D>,
@@ -143,7 +143,7 @@ mod tests {
     use crate::geometry::distance2;
     use crate::image::Field;
     use crate::lattice::energy::Beta;
-    use crate::lattice::seeding::{self, Alignment};
+    use crate::lattice::seeding::{self, Alignment, Atoms};
     use crate::observer::Unobserved;
 
     /// The share of atoms, farther than 1.5 d from all sides, that have so many others within 1.25 d.
@@ -168,7 +168,8 @@ mod tests {
         params: &Params<D>,
     ) -> (Atoms<D>, optimize::Rest) {
         let distance = Distance::Constant(d);
-        let mut atoms = seeding::fcc(extent, &distance, &[], Alignment::On).unwrap();
+        let atoms = seeding::fcc(extent, &distance, &[], Alignment::On).unwrap();
+        let mut atoms = Share::of(atoms, &Ranks);
         let dims = extent.map(|l| l as usize + 1);
         let features = Features::none(dims, &Detection::default());
         let frame = Frame {
@@ -180,7 +181,7 @@ mod tests {
         };
         let observer = &mut Unobserved;
         let rest = optimise(&mut atoms, params, &features, &distance, &frame, observer).unwrap();
-        (atoms, rest)
+        (atoms.atoms, rest)
     }
 
     #[test]
@@ -231,15 +232,16 @@ mod tests {
                 kappa,
                 ..Params::default()
             };
-            let mut atoms = seeding::fcc(extent, &distance, &[], Alignment::On).unwrap();
+            let atoms = seeding::fcc(extent, &distance, &[], Alignment::On).unwrap();
+            let mut atoms = Share::of(atoms, &Ranks);
             let features = Features {
                 potential: potential.clone(),
                 ..Features::none([81, 61], &Detection::default())
             };
             let observer = &mut Unobserved;
             let rest = optimise(&mut atoms, &params, &features, &distance, &frame, observer);
-            let found = optimisation(&rest.unwrap(), atoms.len());
-            let x = &atoms.positions;
+            let found = optimisation(&rest.unwrap(), atoms.whole);
+            let x = &atoms.atoms.positions;
             let per_atom = 1.0 / x.len() as f64;
             let pairs = |of: &dyn Fn(f64) -> f64| {
                 let of = |(i, j): (usize, usize)| of(distance2(&x[i], &x[j]).sqrt() / d);
@@ -275,7 +277,7 @@ mod tests {
         let atoms: Vec<[f64; 2]> = (0..49)
             .map(|i| [6.0 * f64::from(i % 7) + 12.0, 6.0 * f64::from(i / 7) + 12.0])
             .collect();
-        let atoms = Atoms::in_box(atoms, extent);
+        let atoms = Share::of(Atoms::in_box(atoms, extent), &Ranks);
         let potential = Field::from_fn([61, 61], [1.0; 2], |x| -0.01 * x[0]);
         let potential = Sparse::of(&potential);
         let distance = Distance::Constant(d);
@@ -292,8 +294,8 @@ mod tests {
                 ..Params::default()
             };
             let energy = energy(&params, &atoms, &potential, &distance, &frame);
-            let mut gradient = vec![[0.0; 2]; atoms.len()];
-            let x = &atoms.positions;
+            let mut gradient = vec![[0.0; 2]; atoms.whole];
+            let x = &atoms.atoms.positions;
             energy.unwrap().evaluate(x, &mut gradient).unwrap()
         });
         // On samples both are exact.

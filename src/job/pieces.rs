@@ -1,14 +1,18 @@
 //! A large mesh made in pieces by several ranks, none of which holds all of it: from atoms at rest to figures.
 
-use super::join::{Marked, Scene};
+use super::join::{Marked, Meshing, Scene, Space};
 use super::measure::figures_of_pieces;
 use super::{Stages, join};
 use crate::Result;
-use crate::improve::tets::{self, Aim, Cuts, InSlabs};
+use crate::geometry::spread;
+use crate::improve::tets::{self, Aim, Cuts, InSlabs, KnownAtoms};
 use crate::improve::{self, SliverMethod, Target};
 use crate::lattice::seeding::Atoms;
+use crate::lattice::share::{self as lattice, Numbered};
 use crate::mesh::TetMesh;
-use crate::mesh::delaunay::{Delaunay, Stretches, delaunay_of_stretches, delaunay_with_neighbors};
+use crate::mesh::delaunay::{
+    Delaunay, Stretches, Whole, delaunay_of_stretches, delaunay_with_neighbors,
+};
 use crate::mesh::piece::Piece;
 use crate::observer::Stage;
 use crate::ranks::{Group, Ranks};
@@ -32,29 +36,35 @@ pub struct InPieces<M> {
     pub report: Report,
 }
 
+/// Tetrahedra, and the neighbours of each.
+type Joined = (Vec<[u32; 4]>, Vec<[u32; 4]>);
+
 /// Joins atoms, removes slivers, closes holes and measures, each rank what is its own. None where the mesh is not
 /// large enough to be cut, or is asked for in a way that needs all of it.
 ///
 /// # Errors
 /// Those of the triangulation, and of other ranks.
 pub fn made(
-    atoms: &mut Atoms<3>,
+    atoms: &mut lattice::Share<3>,
     scene: &Scene<'_, 3>,
     target: Option<&Target>,
     stages: &mut Stages<'_>,
 ) -> Result<Option<InPieces<TetMesh>>> {
     let (extent, distance) = (scene.extent, scene.distance);
-    let (Some(cuts), Some(target)) = (Cuts::new(&atoms.positions, extent, distance), target) else {
+    let Some(target) = target else {
         return Ok(None);
     };
     if target.method != SliverMethod::Joe || scene.features.labels.is_some() {
         return Ok(None);
     }
     let group: &dyn Group = &Ranks;
-    let Atoms { positions, kinds } = atoms;
-    let sheets = join::put_onto_sheets(positions, kinds, scene);
+    let Some(cuts) = Cuts::new(&atoms.atoms.positions, extent, distance, group)? else {
+        return Ok(None);
+    };
+    let sheets = Space::<3>::sheets(scene);
+    improve::settle_together(atoms, extent, &sheets, join::settling(scene), group)?;
     stages.begin(Stage::Joining);
-    let Stretches { tets, neighbors } = own_tetrahedra(positions, &cuts, group)?;
+    let (atoms, joined) = own_tetrahedra(atoms, &cuts, group)?;
     stages.begin(Stage::Improving);
     let aim = Aim {
         extent,
@@ -67,11 +77,8 @@ pub fn made(
         kinds,
         mut feature_faces,
         improved,
-    } = stages.patiently(|patience| {
-        let atoms = (&positions[..], &kinds[..]);
-        let joined = (tets, neighbors);
-        tets::improve_in_slabs(atoms, joined, &cuts, aim, group, patience)
-    })?;
+    } = stages
+        .patiently(|patience| tets::improve_in_slabs(atoms, joined, &cuts, aim, group, patience))?;
     drop(sheets);
     let mut improvement = Improvement::from(&improved);
     improvement.sealed = stages.patiently(|patience| {
@@ -119,19 +126,65 @@ pub fn made(
     }))
 }
 
-/// The Delaunay tetrahedra of a rank's slabs, with neighbours among them.
-fn own_tetrahedra(positions: &[[f64; 3]], cuts: &Cuts, group: &dyn Group) -> Result<Stretches> {
-    let own = tets::own_slabs(cuts.count(), group);
-    let some = delaunay_of_stretches(positions, cuts.axis, &cuts.ends(), own)?;
+/// The atoms of a rank's slabs and of some room round them, and the Delaunay tetrahedra of the slabs, with neighbours
+/// among them. The share is used up.
+fn own_tetrahedra(
+    share: &mut lattice::Share<3>,
+    cuts: &Cuts,
+    group: &dyn Group,
+) -> Result<(KnownAtoms, Joined)> {
+    let (own, whole) = (tets::own_slabs(cuts.count(), group), share.whole);
+    let spreads: Vec<[[f64; 3]; 2]> =
+        group.all("where atoms are", spread(&share.atoms.positions))?;
+    let [low, high] = spread(&spreads.concat());
+    let all = Whole {
+        low,
+        high,
+        count: whole,
+    };
+    let ends = cuts.ends();
+    // From where to where each wants them.
+    let wanted = match own.is_empty() {
+        true => [f64::INFINITY, f64::NEG_INFINITY],
+        false => [
+            (own.start.checked_sub(1))
+                .map_or(f64::NEG_INFINITY, |before| ends[before] - all.halo()),
+            (ends.get(own.end - 1)).map_or(f64::INFINITY, |end| end + all.halo()),
+        ],
+    };
+    let wanted: Vec<[f64; 2]> = group.all("slabs", wanted)?;
+    let wants = |rank: usize, n: usize| {
+        let ([from, to], x) = (wanted[rank], share.atoms.positions[n][cuts.axis]);
+        from <= x && x <= to
+    };
+    let Numbered { numbers, atoms } = share.passed("atoms of slabs", wants, group)?;
+    let some = delaunay_of_stretches(&atoms.positions, all, cuts.axis, &ends, own)?;
     let all_have: Vec<bool> = group.all("tetrahedra of slabs", some.is_some())?;
-    match some {
-        Some(some) if all_have.iter().all(|&has| has) => Ok(some),
-        _ => {
-            let Delaunay { mesh, neighbors } = delaunay_with_neighbors(positions)?;
-            Ok(Stretches {
-                tets: mesh.tets,
-                neighbors,
-            })
-        }
+    let of_share = std::mem::take(&mut share.atoms);
+    if let Some(Stretches { tets, neighbors }) = some
+        && all_have.iter().all(|&has| has)
+    {
+        let Atoms { positions, kinds } = atoms;
+        let known = KnownAtoms {
+            positions,
+            kinds,
+            numbers: Some(numbers),
+            whole,
+        };
+        return Ok((known, (tets, neighbors)));
     }
+    drop((numbers, atoms));
+    let share = lattice::Share {
+        atoms: of_share,
+        ..*share
+    };
+    let Atoms { positions, kinds } = share.gathered(group)?;
+    let Delaunay { mesh, neighbors } = delaunay_with_neighbors(&positions)?;
+    let known = KnownAtoms {
+        positions,
+        kinds,
+        numbers: None,
+        whole,
+    };
+    Ok((known, (mesh.tets, neighbors)))
 }

@@ -10,9 +10,11 @@ use crate::feature::{FeatureKind, Features};
 use crate::image::{Field, Image, Source};
 use crate::lattice::distance::{self, Dense, Distance};
 use crate::lattice::optimize::{self, Stop};
-use crate::lattice::seeding::{self, Alignment, Atoms, Seeding, wells};
+use crate::lattice::seeding::{self, Alignment, Seeding, wells};
+use crate::lattice::share::Share;
 use crate::observer::{Patience, Stage};
-use crate::{Error, Result, ranks};
+use crate::ranks::{self, Ranks};
+use crate::{Error, Result};
 
 /// Growth of a variable distance: the bound on |grad d|.
 const GROWTH: f64 = 0.1;
@@ -28,8 +30,8 @@ pub(super) enum Placing {
 
 /// Atoms at rest.
 pub(super) struct Placed<const D: usize> {
-    /// The atoms.
-    pub atoms: Atoms<D>,
+    /// The atoms, or this rank's share of them.
+    pub atoms: Share<D>,
     /// The nominal distance between them.
     pub distance: Distance<D>,
     /// What the optimiser did in its last pass, where there was one.
@@ -106,7 +108,7 @@ impl Placing {
                 let placed = stages.unless_stopped(Stage::Placing, |patience| {
                     canny::placed(&*source.whole()?, params, features, frame, patience)
                 })?;
-                let atoms = placed.atoms.positions.len() as f64;
+                let atoms = placed.atoms.whole as f64;
                 let estimate = estimate::of_atoms::<D>(atoms, params.cells);
                 stages.observer.estimate(&estimate);
                 estimate::afford(&estimate)?;
@@ -141,7 +143,7 @@ pub(super) fn apart<const D: usize>(
     })?;
     let mut estimate = estimate::of_distance(&distance, extent, params.cells);
     if stages.in_pieces {
-        estimate = estimate::in_pieces(estimate, extent, &distance, ranks::count());
+        estimate = estimate::in_pieces(estimate, extent, &distance, params.seeding, ranks::count());
     }
     stages.observer.estimate(&estimate);
     estimate::afford(&estimate)?;
@@ -173,19 +175,15 @@ pub(super) fn lattice<const D: usize>(
     frame: &Frame<D>,
     stages: &mut Stages<'_>,
 ) -> Result<Placed<D>> {
-    let (atoms, optimised) = stages.kept("3-moved", |stages| {
-        let mut atoms = stages.kept("2-seeded", |stages| {
-            stages.unless_stopped(Stage::Placing, |patience| {
-                seeding::seed(
-                    params.seeding,
-                    frame.extent,
-                    &distance,
-                    fixed,
-                    Alignment::On,
-                    Some(&features.potential),
-                    patience,
-                )
-            })
+    let group = &Ranks;
+    let (atoms, optimised) = stages.kept_in_shares("3-moved", |stages| {
+        let (mut atoms, ()) = stages.kept_in_shares("2-seeded", |stages| {
+            let atoms = stages.unless_stopped(Stage::Placing, |patience| {
+                let (how, potential) = (params.seeding, &features.potential);
+                let extent = frame.extent;
+                seeding::seed_share(how, extent, &distance, fixed, potential, group, patience)
+            })?;
+            Ok((atoms, ()))
         })?;
         stages.begin(Stage::Optimising);
         let optimised = optimise(

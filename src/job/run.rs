@@ -188,7 +188,8 @@ where
         let sparsest = Distance::Constant(params.spacing.max());
         let mut estimate = estimate::of_distance(&sparsest, extent, params.cells);
         if in_pieces {
-            estimate = estimate::in_pieces(estimate, extent, &sparsest, ranks::count());
+            estimate =
+                estimate::in_pieces(estimate, extent, &sparsest, params.seeding, ranks::count());
         }
         estimate::afford(&estimate)?;
     }
@@ -211,7 +212,6 @@ where
                 distance,
                 optimised,
             } = placing.place(source, params, &features, &frame, &mut stages)?;
-            ranks::same("atoms at rest", &atoms)?;
             let scene = Scene {
                 extent,
                 features: &features,

@@ -5,7 +5,7 @@ use super::join::{Joined, close_holes, neighbors_of};
 use super::measure::Measured;
 use super::pieces::InPieces;
 use super::regions;
-use super::{CellKind, Made, Meshing, Params, Scene, Share, Space, Stages};
+use super::{self as job, CellKind, Made, Meshing, Params, Scene, Space, Stages};
 use crate::error::cause;
 use crate::feature::steepness::steepness;
 use crate::feature::volume::Volume;
@@ -13,10 +13,11 @@ use crate::image::{Field, Image, Source};
 use crate::improve::regions::Places;
 use crate::improve::triangles::relax::{self, Relaxation};
 use crate::improve::{self, SliverMethod};
-use crate::lattice::seeding::Atoms;
+use crate::lattice::share::Share;
 use crate::observer::{Patience, Stage};
+use crate::ranks::{self, Ranks};
 use crate::report::{Report, Rival};
-use crate::{Error, Result, ranks};
+use crate::{Error, Result};
 
 /// Refuses smoothing where there is nothing to be smoothed.
 pub(super) fn check_smoothing<const D: usize>(params: &Params<D>) -> Result<()> {
@@ -31,12 +32,12 @@ pub(super) fn check_smoothing<const D: usize>(params: &Params<D>) -> Result<()> 
 
 /// Joins atoms, improves the mesh, and measures it.
 pub(super) fn made<const D: usize>(
-    mut atoms: Atoms<D>,
+    mut share: Share<D>,
     scene: &Scene<'_, D>,
     source: Source<'_, D>,
     params: &Params<D>,
     stages: &mut Stages<'_>,
-) -> Result<(Made<D>, Report, Option<Share>)>
+) -> Result<(Made<D>, Report, Option<job::Share>)>
 where
     Space<D>: Meshing<D>,
 {
@@ -50,7 +51,7 @@ where
         method: params.slivers,
     });
     if stages.in_pieces
-        && let Some(pieces) = Space::<D>::in_pieces(&mut atoms, scene, options.as_ref(), stages)?
+        && let Some(pieces) = Space::<D>::in_pieces(&mut share, scene, options.as_ref(), stages)?
     {
         let InPieces {
             made,
@@ -59,6 +60,8 @@ where
         } = pieces;
         return Ok((Made::Simplices(made), report, Some(share)));
     }
+    let atoms = share.gathered(&Ranks)?;
+    ranks::same("atoms at rest", &atoms)?;
     let (joined, neighbors) = stages.kept("5-improved", |stages| {
         let joined = Space::<D>::join(atoms, scene, relaxation.as_ref(), options.as_ref(), stages)?;
         sealed(joined, scene, stages)

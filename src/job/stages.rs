@@ -1,9 +1,12 @@
 //! What clock and observer are told.
 
 use super::checkpoint::{Found, Kept, OfJob};
+use crate::Result;
+use crate::lattice::seeding::Atoms;
+use crate::lattice::share::Share;
 use crate::observer::{Observer, Patience, Stage, interrupted};
+use crate::ranks::{self, Ranks};
 use crate::report::{Clock, StageCost};
-use crate::{Result, ranks};
 
 /// Tells clock and observer of each stage, and remembers whether one was stopped.
 pub struct Stages<'a> {
@@ -47,33 +50,70 @@ impl<'a> Stages<'a> {
         name: &str,
         work: impl FnOnce(&mut Self) -> Result<T>,
     ) -> Result<T> {
-        if let Some(kept) = &self.checkpoint {
-            let observer = &mut *self.observer;
-            let found = ranks::of_first(name, || {
-                Ok(match kept.found(name) {
-                    Found::Whole(value) => Some(value),
-                    Found::Useless(why) => {
-                        observer.note(&why);
-                        None
-                    }
-                    Found::Nothing => None,
-                })
-            })?;
-            if let Some(value) = found {
-                return Ok(value);
-            }
+        if self.checkpoint.is_some()
+            && let Some(value) = ranks::of_first(name, || Ok(self.found(name)))?
+        {
+            return Ok(value);
         }
         let value = work(self)?;
-        // What was stopped is no whole result.
-        if self.checkpoint.is_some()
-            && ranks::is_first()
-            && self.keep_going()
-            && !self.interrupted
-            && let Some(checkpoint) = &self.checkpoint
-        {
-            checkpoint.keep(name, &value)?;
+        if ranks::is_first() {
+            self.keep(name, &value)?;
         }
         Ok(value)
+    }
+
+    /// What was kept under this name.
+    fn found<T: Kept>(&mut self, name: &str) -> Option<T> {
+        match self.checkpoint.as_ref()?.found(name) {
+            Found::Whole(value) => Some(value),
+            Found::Useless(why) => {
+                self.observer.note(&why);
+                None
+            }
+            Found::Nothing => None,
+        }
+    }
+
+    /// Keeps what a stage gave, unless it was stopped: then that is no whole result.
+    fn keep<T: Kept>(&mut self, name: &str, value: &T) -> Result<()> {
+        if self.checkpoint.is_none() || !self.keep_going() || self.interrupted {
+            return Ok(());
+        }
+        match &self.checkpoint {
+            Some(checkpoint) => checkpoint.keep(name, value),
+            None => Ok(()),
+        }
+    }
+
+    /// The same of a lattice of which each rank has a share, and of what all have: only the first rank ever has all
+    /// atoms, and only where they are kept.
+    ///
+    /// # Errors
+    /// Those of the work, and of keeping its result.
+    pub(super) fn kept_in_shares<const D: usize, T: Kept>(
+        &mut self,
+        name: &str,
+        work: impl FnOnce(&mut Self) -> Result<(Share<D>, T)>,
+    ) -> Result<(Share<D>, T)> {
+        if self.checkpoint.is_none() {
+            return work(self);
+        }
+        let mut atoms = Atoms::default();
+        let found = ranks::of_first(name, || {
+            Ok(self.found(name).map(|(all, rest)| {
+                atoms = all;
+                rest
+            }))
+        })?;
+        if let Some(rest) = found {
+            return Ok((Share::dealt(atoms, &Ranks)?, rest));
+        }
+        let (share, rest) = work(self)?;
+        let kept = (share.clone().gathered_by_first(&Ranks)?, rest);
+        if ranks::is_first() {
+            self.keep(name, &kept)?;
+        }
+        Ok((share, kept.1))
     }
 
     /// A stage begins.

@@ -7,18 +7,11 @@
 use std::ops::Range;
 
 use crate::error::Result;
-use crate::files::kept::Kept;
-use crate::lattice::energy::CHUNK;
-use crate::ranks::{Alone, Group, share_of};
-
-/// Ranks tell one another where all their atoms are in so many parts.
-const ROUNDS: usize = 8;
-
-/// Which of so many atoms are the own ones of a rank of `count`.
-fn own_of(atoms: usize, rank: usize, count: usize) -> Range<usize> {
-    let chunks = share_of(atoms.div_ceil(CHUNK), rank, count);
-    (chunks.start * CHUNK).min(atoms)..(chunks.end * CHUNK).min(atoms)
-}
+use crate::files::kept::{Kept, fields};
+use crate::geometry::spread;
+use crate::lattice::seeding::Atoms;
+use crate::lattice::share::{Numbered, Share};
+use crate::ranks::{Alone, Group};
 
 /// The atoms that are held here, and who holds them besides.
 pub struct Held<'a> {
@@ -47,44 +40,63 @@ impl Held<'static> {
 }
 
 impl<'a> Held<'a> {
-    /// This rank's share of atoms at `x`, which all ranks know, and all others that are no farther than `room` from it
-    /// (and some that are).
+    /// A rank's share of atoms, and all others that are no farther than `room` from it (and some that are).
     ///
     /// # Errors
     /// Those of other ranks.
-    pub fn share<const D: usize>(x: &[[f64; D]], room: f64, group: &'a dyn Group) -> Result<Self> {
+    pub fn share<const D: usize>(
+        share: &Share<D>,
+        room: f64,
+        group: &'a dyn Group,
+    ) -> Result<(Self, Atoms<D>)> {
         let (rank, count) = (group.rank(), group.count());
         if count == 1 {
-            return Ok(Held::all(x.len()));
+            return Ok((Held::all(share.whole), share.atoms.clone()));
         }
-        let own = own_of(x.len(), rank, count);
-        let near = Near::to(&x[own.clone()], room);
-        let held = |n: &u32| own.contains(&(*n as usize)) || near.has(&x[*n as usize]);
-        let numbers: Vec<u32> = (0..x.len() as u32).filter(held).collect();
-        let place = |number| numbers.partition_point(|&n| (n as usize) < number);
-        let of_rank = |rank| own_of(x.len(), rank, count);
-        let of_rank: Vec<Range<usize>> = (0..count)
-            .map(|rank| place(of_rank(rank).start)..place(of_rank(rank).end))
+        let x = &share.atoms.positions;
+        let near = Near::to(x, room);
+        // Only those whose atoms may be near are told what is.
+        let boxes: Vec<[[f64; D]; 2]> = group.all("where atoms are", spread(x))?;
+        let to = boxes.iter().enumerate().map(|(of, spread)| {
+            let asked = of != rank && near.meets(spread);
+            if asked { near.clone() } else { Near::nothing() }
+        });
+        let asked: Vec<Near<D>> = group.pass("what is near", to.collect())?;
+        let wants = |rank: usize, n: usize| asked[rank].has(&x[n]);
+        let mut wanted: Vec<Vec<u32>> = (0..count)
+            .map(|rank| {
+                (0..x.len())
+                    .filter(|&n| wants(rank, n))
+                    .map(|n| n as u32)
+                    .collect()
+            })
             .collect();
-        let asked = of_rank
-            .iter()
-            .enumerate()
-            .map(|(of, held)| match of == rank {
-                true => Vec::new(),
-                false => numbers[held.clone()].to_vec(),
-            });
-        let mut wanted: Vec<Vec<u32>> = group.pass("atoms that are held", asked.collect())?;
-        let first = of_rank[rank].start;
+        drop(near);
+        let others = share.passed("atoms that are held", wants, group)?;
+        drop(asked);
+        // Those of a rank follow one another, in the order of ranks, and so do their numbers.
+        let before = others
+            .numbers
+            .partition_point(|&n| (n as usize) < share.first);
+        let own = before..before + x.len();
         for n in wanted.iter_mut().flatten() {
-            *n = (*n as usize - own.start + first) as u32;
+            *n += before as u32;
         }
-        Ok(Self {
+        let Numbered { numbers, atoms } = others.with(share, before);
+        let firsts: Vec<usize> = group.all("first atoms", share.first)?;
+        let place = |number: usize| numbers.partition_point(|&n| (n as usize) < number);
+        let end = |rank: usize| firsts.get(rank + 1).map_or(numbers.len(), |&n| place(n));
+        let of_rank = (0..count)
+            .map(|rank| place(firsts[rank])..end(rank))
+            .collect();
+        let held = Self {
             group,
-            own: of_rank[rank].clone(),
+            own,
             numbers: Some(numbers),
             of_rank,
             wanted,
-        })
+        };
+        Ok((held, atoms))
     }
 
     /// Where this rank's own atoms are among those held.
@@ -116,14 +128,6 @@ impl<'a> Held<'a> {
         self.of_rank.partition_point(|of_rank| of_rank.end <= n)
     }
 
-    /// What the atoms held have of an array that all have.
-    pub fn of<T: Copy>(&self, all: &[T]) -> Vec<T> {
-        match &self.numbers {
-            None => all.to_vec(),
-            Some(numbers) => numbers.iter().map(|&n| all[n as usize]).collect(),
-        }
-    }
-
     /// Takes the positions of others' atoms that are held from these.
     ///
     /// # Errors
@@ -140,27 +144,6 @@ impl<'a> Held<'a> {
         for (rank, (heard, place)) in heard.iter().zip(&self.of_rank).enumerate() {
             if rank != self.group.rank() {
                 x[place.clone()].as_flattened_mut().copy_from_slice(heard);
-            }
-        }
-        Ok(())
-    }
-
-    /// Writes the positions of all atoms of the lattice, each from the rank whose own it is.
-    ///
-    /// # Errors
-    /// Those of other ranks.
-    pub fn gather<const D: usize>(&self, x: &[[f64; D]], all: &mut [[f64; D]]) -> Result<()> {
-        // Bit by bit, so that not all is in memory three times.
-        for round in 0..ROUNDS {
-            let some = |own: Range<usize>| {
-                let part = share_of(own.len(), round, ROUNDS);
-                own.start + part.start..own.start + part.end
-            };
-            let own = x[some(self.own())].as_flattened().to_vec();
-            let of_ranks: Vec<Vec<f64>> = self.group.all("positions of all atoms", own)?;
-            for (rank, of_rank) in of_ranks.iter().enumerate() {
-                let place = some(own_of(all.len(), rank, self.group.count()));
-                all[place].as_flattened_mut().copy_from_slice(of_rank);
             }
         }
         Ok(())
@@ -200,49 +183,74 @@ impl<'a> Held<'a> {
 }
 
 /// What is near to some positions: the cubes of a grid that hold one of them, and two cubes around.
+#[derive(Clone)]
 struct Near<const D: usize> {
     low: [f64; D],
     edge: f64,
     dims: [usize; D],
-    cubes: Vec<bool>,
+    /// A bit for each cube.
+    cubes: Vec<u64>,
+}
+
+fields! {
+    @(const D: usize) Near<D> as Near { low, edge, dims, cubes }
 }
 
 impl<const D: usize> Near<D> {
+    /// Nothing.
+    fn nothing() -> Self {
+        Self {
+            low: [0.0; D],
+            edge: 1.0,
+            dims: [0; D],
+            cubes: Vec::new(),
+        }
+    }
+
     /// What may be as near as `room`.
     fn to(x: &[[f64; D]], room: f64) -> Self {
+        if x.is_empty() {
+            return Self::nothing();
+        }
         let edge = 0.5 * room;
-        let over = |fold: fn(f64, f64) -> f64, from: f64| -> [f64; D] {
-            std::array::from_fn(|k| x.iter().map(|x| x[k]).fold(from, fold))
-        };
-        let low = over(f64::min, f64::INFINITY).map(|low| low - 2.5 * edge);
-        let high = over(f64::max, f64::NEG_INFINITY);
-        let dims = std::array::from_fn(|k| ((high[k] - low[k]).max(0.0) / edge) as usize + 4);
+        let [low, high] = spread(x);
+        let low = low.map(|low| low - 2.5 * edge);
+        let dims: [usize; D] =
+            std::array::from_fn(|k| ((high[k] - low[k]).max(0.0) / edge) as usize + 4);
         let mut near = Self {
             low,
             edge,
             dims,
             cubes: Vec::new(),
         };
-        if x.is_empty() {
-            return near;
-        }
-        near.cubes = vec![false; dims.iter().product()];
+        let mut cubes = vec![false; dims.iter().product()];
         for x in x {
             if let Some(cube) = near.cube(x) {
-                near.cubes[cube] = true;
+                cubes[cube] = true;
             }
         }
         let mut stride = 1;
         for n in dims {
-            let before = near.cubes.clone();
-            for (cube, is) in near.cubes.iter_mut().enumerate() {
+            let before = cubes.clone();
+            for (cube, is) in cubes.iter_mut().enumerate() {
                 let at = cube / stride % n;
                 *is = (at.saturating_sub(2)..(at + 3).min(n))
                     .any(|other| before[cube + other * stride - at * stride]);
             }
             stride *= n;
         }
+        let bits = |some: &[bool]| {
+            let bits = some.iter().enumerate();
+            bits.fold(0, |bits, (i, is)| bits | u64::from(*is) << i)
+        };
+        near.cubes = cubes.chunks(u64::BITS as usize).map(bits).collect();
         near
+    }
+
+    /// Whether something between these corners may be near.
+    fn meets(&self, [low, high]: &[[f64; D]; 2]) -> bool {
+        let end = |k: usize| self.low[k] + self.edge * self.dims[k] as f64;
+        !self.cubes.is_empty() && (0..D).all(|k| low[k] <= end(k) && self.low[k] <= high[k])
     }
 
     fn cube(&self, x: &[f64; D]) -> Option<usize> {
@@ -253,7 +261,8 @@ impl<const D: usize> Near<D> {
     }
 
     fn has(&self, x: &[f64; D]) -> bool {
-        !self.cubes.is_empty() && self.cube(x).is_some_and(|cube| self.cubes[cube])
+        let is_near = |cube: usize| self.cubes[cube / 64] >> (cube % 64) & 1 == 1;
+        !self.cubes.is_empty() && self.cube(x).is_some_and(is_near)
     }
 }
 
@@ -262,6 +271,7 @@ mod tests {
     use super::*;
     use crate::geometry::distance2;
     use crate::lattice::distance::Distance;
+    use crate::lattice::energy::CHUNK;
     use crate::lattice::seeding::{self, Alignment};
     use crate::ranks::shared;
 
@@ -274,10 +284,15 @@ mod tests {
         assert!(x.len() > 5 * CHUNK);
         let moved = |n: usize| x[n].map(|c| c + 0.01 * n as f64);
         for count in [1, 2, 3, 5, 9] {
-            let gathered = shared(count, |group| {
-                let held = Held::share(x, room, group).unwrap();
+            let owned = shared(count, |group| {
+                let share = Share::of(atoms.clone(), group);
+                let (held, near) = Held::share(&share, room, group).unwrap();
                 let own = held.own();
-                let numbers: Vec<usize> = (0..held.of(x).len()).map(|n| held.number(n)).collect();
+                let numbers: Vec<usize> = (0..near.len()).map(|n| held.number(n)).collect();
+                assert!(
+                    (near.positions.iter().zip(&near.kinds).zip(&numbers))
+                        .all(|((y, kind), &n)| *y == x[n] && *kind == atoms.kinds[n])
+                );
                 assert!(numbers.is_sorted());
                 for (n, &number) in numbers.iter().enumerate() {
                     assert_eq!(held.place(number), Some(n));
@@ -300,18 +315,9 @@ mod tests {
                 let mut own_moved: Vec<[f64; 3]> = (0..numbers.len()).map(place).collect();
                 held.refresh(&mut own_moved).unwrap();
                 assert!(own_moved.iter().zip(&numbers).all(|(y, &n)| *y == moved(n)));
-                let mut all = vec![[0.0; 3]; x.len()];
-                held.gather(&own_moved, &mut all).unwrap();
-                (all, own.len())
+                own.len()
             });
-            let own: usize = gathered.iter().map(|(_, own)| own).sum();
-            assert_eq!(own, x.len());
-            for (all, _) in gathered {
-                assert!(
-                    all.iter().enumerate().all(|(n, y)| *y == moved(n)),
-                    "{count}"
-                );
-            }
+            assert_eq!(owned.iter().sum::<usize>(), x.len(), "{count}");
         }
     }
 }

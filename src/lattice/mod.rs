@@ -4,13 +4,15 @@
 //! - [`seeding`]: a lattice of atoms that fills the image's box
 //! - [`energy`]: the energy of the lattice and its gradient
 //! - [`optimize`]: atoms move to lower it
-//! - [`held`]: which of the atoms a rank holds meanwhile
+//! - `share`: the atoms that one of several processes has
+//! - [`held`]: these, and those of others near them, while they move
 
 pub mod distance;
 pub mod energy;
 pub mod held;
 pub mod optimize;
 pub mod seeding;
+pub(crate) mod share;
 
 /// What an atom (mesh node) may do: how many of the box's sides hold it, or a user.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,7 +1,7 @@
 //! How evenly the atoms are spread.
 
-use super::order::at_ranks;
 use crate::mesh::Simplices;
+use crate::mesh::order::at_ranks;
 use crate::mesh::part::{Holders, Part};
 use serde::Serialize;
 
@@ -117,7 +117,7 @@ pub(super) fn figures<H: Holders + ?Sized>(
     let spacing = at_ranks(&[spacing.iter().copied()], &[ranks], holders)?;
     Ok(Lattice {
         atoms,
-        spacing: spacing[0],
+        spacing: std::array::from_fn(|i| spacing[0][i]),
         optimisation: None,
     })
 }

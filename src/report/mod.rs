@@ -7,7 +7,6 @@
 //! - `pieces`: faces cut into small pieces
 //! - `reach`: how far feature points are from the faces
 //! - `reference`: where the features really are
-//! - `order`: values by their rank among all
 //! - `surface`: faces of a mesh, known to all who hold parts of it
 //! - `kept`: figures as bytes
 //! - `lattice`: how evenly the atoms are spread
@@ -25,7 +24,6 @@ pub(crate) mod fidelity;
 mod kept;
 pub(crate) mod lattice;
 mod nearest;
-mod order;
 mod pieces;
 pub(crate) mod quality;
 mod reach;

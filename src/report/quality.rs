@@ -2,9 +2,9 @@
 //! angles.
 
 use super::Angles;
-use super::order::at_ranks;
 use crate::files::kept::fields;
 use crate::mesh::Simplices;
+use crate::mesh::order::at_ranks;
 use crate::mesh::part::{Holders, Part};
 use crate::observer::Patience;
 use rayon::prelude::*;
@@ -382,7 +382,7 @@ fn points<const N: usize, H: Holders + ?Sized>(
     });
     let found = at_ranks(&series, &ranks, holders)?;
     Ok(std::array::from_fn(|i| {
-        let [worst, permille, percent, median] = found[i];
+        let [worst, permille, percent, median] = std::array::from_fn(|of| found[i][of]);
         Points {
             worst,
             permille,

@@ -14,7 +14,6 @@ use crate::error::Result;
 use crate::feature::FeatureKind;
 use crate::feature::corners::{self, cornered};
 use crate::feature::steepness::prewitt;
-use crate::feature::windows::Samples;
 
 /// Finds steps between low and high values.
 pub struct Edges;
@@ -36,7 +35,7 @@ impl<const D: usize> Detector<D> for Edges {
             lifts: false,
             ..RidgeSearch::new(scene)
         };
-        let mut found = search.find(Samples::held(dims, steepness), notes)?;
+        let mut found = search.find(steepness, notes)?;
         // Smoothed for the gradient and for its ridges.
         let width = scene.scale().hypot(found.scale);
         let sure = found.thresholds.high;

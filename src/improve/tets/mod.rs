@@ -27,7 +27,7 @@ mod sweep;
 
 pub use exude::exude;
 pub use reshape::reshape;
-pub use slabs::{Aim, Cuts, InSlabs, improve_in_slabs, own_slabs};
+pub use slabs::{Aim, Cuts, InSlabs, KnownAtoms, improve_in_slabs, own_slabs};
 
 use rayon::prelude::*;
 

@@ -30,6 +30,7 @@ use crate::lattice::distance::Distance;
 use crate::lattice::energy::{Energy, Terms};
 use crate::lattice::held::Held;
 use crate::lattice::seeding::Atoms;
+use crate::lattice::share::Share;
 use crate::ranks::Group;
 use bounds::Bounds;
 use minimise::{Budget, Minimiser};
@@ -153,13 +154,13 @@ pub fn optimize<const D: usize>(
     lower(atoms, held, energy, distance, extent, options, observer).map(|(rest, _)| rest)
 }
 
-/// The same by all of a group that have the same lattice, each moving its own atoms and holding those near them, if
-/// the energy [takes parts](Energy::takes_parts). In the end all have the whole lattice again, as one would have it.
+/// The same by a group, each of which has a share of the lattice: if the energy [takes parts](Energy::takes_parts), each
+/// moves its own atoms and holds those near them. The lattice comes to rest as one would bring it.
 ///
 /// # Errors
 /// As [`optimize`], and those of others.
 pub(crate) fn optimize_together<const D: usize>(
-    atoms: &mut Atoms<D>,
+    share: &mut Share<D>,
     energy: &mut dyn Energy<D>,
     distance: &Distance<D>,
     extent: [f64; D],
@@ -167,19 +168,23 @@ pub(crate) fn optimize_together<const D: usize>(
     group: &dyn Group,
     observer: &mut dyn Observer,
 ) -> Result<Rest> {
-    let parted = group.count() > 1 && energy.takes_parts() && Minimiser::<D>::PARTED;
-    if !parted || options.method == Method::Genetic {
-        return optimize(atoms, energy, distance, extent, options, observer);
+    let parted = energy.takes_parts() && Minimiser::<D>::PARTED && options.temperature.is_empty();
+    if group.count() > 1 && parted && options.method != Method::Genetic {
+        let room = ROOM * distance.max();
+        return optimize_parts(
+            share, energy, distance, extent, options, room, group, observer,
+        );
     }
-    let room = ROOM * distance.max();
-    optimize_parts(
-        atoms, energy, distance, extent, options, room, group, observer,
-    )
+    let atoms = std::mem::take(&mut share.atoms);
+    let mut atoms = Share { atoms, ..*share }.gathered(group)?;
+    let rest = optimize(&mut atoms, energy, distance, extent, options, observer);
+    *share = Share::of(atoms, group);
+    rest
 }
 
 /// The same where none is expected to move farther than `room`.
 fn optimize_parts<const D: usize>(
-    atoms: &mut Atoms<D>,
+    share: &mut Share<D>,
     energy: &mut dyn Energy<D>,
     distance: &Distance<D>,
     extent: [f64; D],
@@ -188,28 +193,18 @@ fn optimize_parts<const D: usize>(
     group: &dyn Group,
     observer: &mut dyn Observer,
 ) -> Result<Rest> {
-    check(options, atoms.len())?;
+    check(options, share.whole)?;
     loop {
-        let held = Held::share(
-            &atoms.positions,
-            LISTED * distance.max() + 2.0 * room,
-            group,
-        )?;
-        let mut own = Atoms {
-            positions: held.of(&atoms.positions),
-            kinds: held.of(&atoms.kinds),
-        };
-        let mut options = options.clone();
-        if !options.temperature.is_empty() {
-            options.temperature = held.of(&options.temperature);
-        }
+        let reach = LISTED * distance.max() + 2.0 * room;
+        let (held, mut atoms) = Held::share(share, reach, group)?;
         let energy = &mut *energy.twin();
         let (rest, strayed) = lower(
-            &mut own, &held, energy, distance, extent, &options, observer,
+            &mut atoms, &held, energy, distance, extent, options, observer,
         )?;
         let strayed = held.told("farthest move", strayed)?;
         if strayed.iter().all(|&strayed| strayed <= room) {
-            held.gather(&own.positions, &mut atoms.positions)?;
+            let own = &atoms.positions[held.own()];
+            share.atoms.positions.copy_from_slice(own);
             return Ok(rest);
         }
         // Some may have met others that are not held: once more, with more of them.

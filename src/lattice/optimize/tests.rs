@@ -491,12 +491,12 @@ fn those_who_hold_parts_move_atoms_as_one_who_holds_all() {
         {
             let room = room * distance.max();
             let parts = shared(count, |group| {
-                let (mut atoms, energy) = (seeded.clone(), &mut energy());
-                let (observer, distance) = (&mut Unobserved, &distance);
+                let mut share = Share::of(seeded.clone(), group);
+                let (energy, observer, distance) = (&mut energy(), &mut Unobserved, &distance);
                 let rest = optimize_parts(
-                    &mut atoms, energy, distance, extent, &options, room, group, observer,
+                    &mut share, energy, distance, extent, &options, room, group, observer,
                 );
-                (atoms, rest.unwrap())
+                (share.gathered(group).unwrap(), rest.unwrap())
             });
             for (atoms, found) in parts {
                 assert!(atoms == alone, "{alignment:?}, {count} of them, {room}");

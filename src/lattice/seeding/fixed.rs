@@ -77,9 +77,7 @@ pub fn checked<const D: usize>(
     Ok(snapped)
 }
 
-/// Adds fixed atoms (already [`checked`]) to a lattice. Lattice atoms nearer to one than 0.7 d make
-/// room, unless they lie on more sides of the box than it does: the box keeps its corners, edges and
-/// sides.
+/// Adds fixed atoms (already [`checked`]) to a lattice, of which those make [room](Room) that must.
 pub fn insert<const D: usize>(
     atoms: &mut Atoms<D>,
     fixed: &[[f64; D]],
@@ -89,26 +87,8 @@ pub fn insert<const D: usize>(
     if fixed.is_empty() {
         return;
     }
-    let rooms: Vec<(f64, usize)> = fixed
-        .iter()
-        .map(|&x| ((ROOM * distance.at(x)).powi(2), sides_held(x, extent)))
-        .collect();
-    // Sorted along x, so that each lattice atom looks at a few only.
-    let mut order: Vec<usize> = (0..fixed.len()).collect();
-    order.sort_by(|&a, &b| fixed[a][0].total_cmp(&fixed[b][0]));
-    let widest = rooms.iter().fold(0.0f64, |w, r| w.max(r.0)).sqrt();
-    let stays = |x: &[f64; D]| {
-        let first = order.partition_point(|&n| fixed[n][0] < x[0] - widest);
-        let held = sides_held(*x, extent);
-        order[first..]
-            .iter()
-            .take_while(|&&n| fixed[n][0] <= x[0] + widest)
-            .all(|&n| {
-                let (room2, fixed_held) = rooms[n];
-                held > fixed_held || distance2(x, &fixed[n]) >= room2
-            })
-    };
-    let keep: Vec<bool> = atoms.positions.iter().map(stays).collect();
+    let room = Room::new(fixed, extent, distance);
+    let keep: Vec<bool> = atoms.positions.iter().map(|x| room.leaves(x)).collect();
     let mut kept = keep.iter();
     atoms
         .positions
@@ -117,6 +97,56 @@ pub fn insert<const D: usize>(
     atoms.kinds.retain(|_| kept.next().copied().unwrap_or(true));
     atoms.positions.extend_from_slice(fixed);
     atoms.kinds.resize(atoms.positions.len(), AtomKind::Fixed);
+}
+
+/// The room that fixed atoms take: lattice atoms nearer to one than 0.7 d go, unless they lie on more sides of the box
+/// than it does: the box keeps its corners, edges and sides.
+pub struct Room<'a, const D: usize> {
+    fixed: &'a [[f64; D]],
+    extent: [f64; D],
+    /// Of each the square of how far it reaches, and on how many sides it lies.
+    rooms: Vec<(f64, usize)>,
+    /// Along x, so that each lattice atom looks at a few only.
+    order: Vec<usize>,
+    widest: f64,
+}
+
+impl<'a, const D: usize> Room<'a, D> {
+    /// Of fixed atoms in the box `[0, extent]`.
+    pub fn new(fixed: &'a [[f64; D]], extent: [f64; D], distance: &Distance<D>) -> Self {
+        let rooms: Vec<(f64, usize)> = fixed
+            .iter()
+            .map(|&x| ((ROOM * distance.at(x)).powi(2), sides_held(x, extent)))
+            .collect();
+        let mut order: Vec<usize> = (0..fixed.len()).collect();
+        order.sort_by(|&a, &b| fixed[a][0].total_cmp(&fixed[b][0]));
+        let widest = rooms.iter().fold(0.0f64, |w, r| w.max(r.0)).sqrt();
+        Self {
+            fixed,
+            extent,
+            rooms,
+            order,
+            widest,
+        }
+    }
+
+    /// Whether a lattice atom at `x` may stay.
+    pub fn leaves(&self, x: &[f64; D]) -> bool {
+        let fixed = self.fixed;
+        let first = (self.order).partition_point(|&n| fixed[n][0] < x[0] - self.widest);
+        let mut near = self.order[first..]
+            .iter()
+            .take_while(|&&n| fixed[n][0] <= x[0] + self.widest)
+            .peekable();
+        if near.peek().is_none() {
+            return true;
+        }
+        let held = sides_held(*x, self.extent);
+        near.all(|&n| {
+            let (room2, fixed_held) = self.rooms[n];
+            held > fixed_held || distance2(x, &fixed[n]) >= room2
+        })
+    }
 }
 
 #[cfg(test)]

@@ -23,41 +23,69 @@
 //! Where atoms keep off the sides ([`Alignment::Alongside`]), any number of layers will do. The
 //! first is half a d inside, so that it and its mirror image are d apart.
 
+use std::ops::Range;
+
 use super::Alignment;
 
 /// Positions of the densest lattice of nearest-neighbour distance about `d` that fills the box
-/// `[0, extent]`, for `D` of 2 or 3. Sites on the box's sides have coordinates of exactly `0.0` or
-/// `extent[k]`; alongside there are none. Every `extent[k]` must be positive.
+/// `[0, extent]`, for `D` of 2 or 3: those of all [`Sites`].
 pub fn fitted<const D: usize>(extent: [f64; D], d: f64, alignment: Alignment) -> Vec<[f64; D]> {
-    let axes = best_axes(extent, d, alignment);
-    let coordinate = |k: usize, site: usize| {
-        let Axis {
-            count,
-            inset,
-            pitch,
-        } = axes[k];
-        if site == count && inset == 0.0 {
-            extent[k]
-        } else {
-            inset + pitch * site as f64
-        }
-    };
-    let mut positions = Vec::new();
-    let rows: usize = axes[1..].iter().map(|axis| axis.count + 1).product();
-    for row in 0..rows {
-        let mut rest = row;
-        let mut site = [0; D];
-        for k in 1..D {
-            site[k] = rest % (axes[k].count + 1);
-            rest /= axes[k].count + 1;
-        }
-        let first = site.iter().sum::<usize>() % 2;
-        for x in (first..=axes[0].count).step_by(2) {
-            site[0] = x;
-            positions.push(std::array::from_fn(|k| coordinate(k, site[k])));
+    let sites = Sites::fitted(extent, d, alignment);
+    let all = (0..sites.rows()).flat_map(|row| sites.row(row));
+    all.map(|site| sites.position(site)).collect()
+}
+
+/// The sites of the densest lattice that fills a box, each known by its number: nobody need hold them all.
+pub struct Sites<const D: usize> {
+    extent: [f64; D],
+    axes: [Axis; D],
+}
+
+impl<const D: usize> Sites<D> {
+    /// Of nearest-neighbour distance about `d`, in the box `[0, extent]`, for `D` of 2 or 3. Every `extent[k]` must be
+    /// positive.
+    pub fn fitted(extent: [f64; D], d: f64, alignment: Alignment) -> Self {
+        Self {
+            extent,
+            axes: best_axes(extent, d, alignment),
         }
     }
-    positions
+
+    /// Rows of sites along the first axis.
+    pub fn rows(&self) -> usize {
+        self.axes[1..].iter().map(|axis| axis.count + 1).product()
+    }
+
+    /// The numbers of the sites of a row, rising from row to row.
+    pub fn row(&self, row: usize) -> std::iter::StepBy<Range<u64>> {
+        let (mut rest, mut along) = (row, 0);
+        for axis in &self.axes[1..] {
+            along += rest % (axis.count + 1);
+            rest /= axis.count + 1;
+        }
+        let length = self.axes[0].count as u64 + 1;
+        let first = row as u64 * length;
+        (first + (along % 2) as u64..first + length).step_by(2)
+    }
+
+    /// Where a site is. Those on the box's sides have coordinates of exactly `0.0` or `extent[k]`; alongside there are
+    /// none.
+    pub fn position(&self, site: u64) -> [f64; D] {
+        let mut rest = site;
+        std::array::from_fn(|k| {
+            let Axis {
+                count,
+                inset,
+                pitch,
+            } = self.axes[k];
+            let along = rest % (count as u64 + 1);
+            rest /= count as u64 + 1;
+            match along == count as u64 && inset == 0.0 {
+                true => self.extent[k],
+                false => inset + pitch * along as f64,
+            }
+        })
+    }
 }
 
 /// How the lattice divides the box along one axis: sites lie at `inset + pitch n`, n up to `count`.

@@ -1,6 +1,7 @@
 //! Initial lattices of atoms: image box and nominal distance d(x) -> [`Atoms`].
 //!
 //! - [`lattice`]: the densest regular lattice fitted to the box, for constant d
+//! - `regular`: its atoms, or some of them for each of a group
 //! - `grow`: a pseudo-regular lattice grown atom by atom, for variable d
 //! - `refine`: an isotropic lattice by Delaunay refinement
 //! - `guide`: drawn by chance under the image, features first
@@ -18,6 +19,7 @@ pub mod lattice;
 pub mod order;
 pub(crate) mod projection;
 pub(crate) mod refine;
+mod regular;
 pub(crate) mod wells;
 
 use crate::error::{Error, Result, cause};
@@ -25,7 +27,9 @@ use crate::geometry::scatter::Scatter;
 use crate::image::{Field, Sparse};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
+use crate::lattice::share::Share;
 use crate::observer::Patience;
+use crate::ranks::{self, Alone, Group};
 use rayon::prelude::*;
 
 /// Where atoms end up: on features, so that the faces of a Delaunay mesh follow them, or alongside,
@@ -174,6 +178,9 @@ pub fn seed<const D: usize>(
     potential: Option<&Sparse<D>>,
     patience: &Patience<'_>,
 ) -> Result<Atoms<D>> {
+    if let (Seeding::Fcc, Distance::Constant(_)) = (how, distance) {
+        return Ok(regular::seeded(extent, distance, fixed, alignment, &Alone)?.atoms);
+    }
     distance.validate(extent)?;
     let image = || {
         potential.map(Sparse::dense).ok_or_else(|| {
@@ -195,8 +202,7 @@ pub fn seed<const D: usize>(
                 "call seeding::canny::seeded",
             )));
         }
-        (Seeding::Fcc, Distance::Constant(d)) => lattice::fitted(extent, *d, alignment),
-        (Seeding::Fcc, Distance::Field(_)) | (Seeding::Grown, _) => {
+        (Seeding::Fcc | Seeding::Grown, _) => {
             grow::grown(extent, distance, &fixed, alignment, patience)
         }
         (Seeding::Guide { seed, most }, _) => guide::drawn(
@@ -223,6 +229,28 @@ pub fn seed<const D: usize>(
     let mut atoms = Atoms::in_box(positions, extent);
     fixed::insert(&mut atoms, &fixed, extent, distance);
     Ok(atoms)
+}
+
+/// [`seed`], of whose atoms each of a group has a share in the end. Where the lattice is regular, none ever has more.
+///
+/// # Errors
+/// Those of [`seed`].
+pub(crate) fn seed_share<const D: usize>(
+    how: Seeding,
+    extent: [f64; D],
+    distance: &Distance<D>,
+    fixed: &[[f64; D]],
+    potential: &Sparse<D>,
+    group: &dyn Group,
+    patience: &Patience<'_>,
+) -> Result<Share<D>> {
+    let on = Alignment::On;
+    if let (Seeding::Fcc, Distance::Constant(_)) = (how, distance) {
+        return regular::seeded(extent, distance, fixed, on, group);
+    }
+    let all = seed(how, extent, distance, fixed, on, Some(potential), patience)?;
+    ranks::same("atoms placed", &all)?;
+    Ok(Share::of(all, group))
 }
 
 /// [`seed`] with [`Seeding::Fcc`].

@@ -2,31 +2,52 @@
 
 use rayon::prelude::*;
 
-/// Sorts positions in the box `[0, extent]` along a Morton (Z-order) curve through cubes of edge
+/// Sorts positions in the box `[0, extent]` along a Morton (Z-order) [`Curve`] through cubes of edge
 /// `cell`; inside a cube they keep their order. Deterministic.
 pub fn sort_by_curve<const D: usize>(positions: &mut Vec<[f64; D]>, extent: [f64; D], cell: f64) {
-    let most = extent.iter().fold(0.0f64, |a, &b| a.max(b)) / cell;
-    let bits = (64 - (most as u64).leading_zeros() as usize).min(63 / D);
+    let curve = Curve::new(extent, cell);
     let mut keyed: Vec<(u64, u32)> = positions
         .par_iter()
         .enumerate()
-        .map(|(n, x)| (curve_key(*x, extent, cell, bits), n as u32))
+        .map(|(n, x)| (curve.key(*x), n as u32))
         .collect();
     keyed.par_sort_unstable();
     let sorted = keyed.par_iter().map(|&(_, n)| positions[n as usize]);
     *positions = sorted.collect();
 }
 
-/// The place along the curve of the cube that holds `x`, cubes having indices of `bits` bits.
-fn curve_key<const D: usize>(x: [f64; D], extent: [f64; D], cell: f64, bits: usize) -> u64 {
-    let mut key = 0u64;
-    for (axis, &coordinate) in x.iter().enumerate() {
-        let index = (coordinate.clamp(0.0, extent[axis]) / cell) as u64;
-        for bit in 0..bits {
-            key |= (index >> bit & 1) << (bit * D + axis);
-        }
+/// A Morton (Z-order) curve through the cubes of a box.
+pub struct Curve<const D: usize> {
+    extent: [f64; D],
+    cell: f64,
+    /// Of a cube's index along an axis.
+    bits: usize,
+}
+
+impl<const D: usize> Curve<D> {
+    /// Through cubes of edge `cell` in the box `[0, extent]`.
+    pub fn new(extent: [f64; D], cell: f64) -> Self {
+        let most = extent.iter().fold(0.0f64, |a, &b| a.max(b)) / cell;
+        let bits = (64 - (most as u64).leading_zeros() as usize).min(63 / D);
+        Self { extent, cell, bits }
     }
-    key
+
+    /// The place along the curve of the cube that holds `x`.
+    pub fn key(&self, x: [f64; D]) -> u64 {
+        let mut key = 0u64;
+        for (axis, &coordinate) in x.iter().enumerate() {
+            let index = (coordinate.clamp(0.0, self.extent[axis]) / self.cell) as u64;
+            for bit in 0..self.bits {
+                key |= (index >> bit & 1) << (bit * D + axis);
+            }
+        }
+        key
+    }
+
+    /// How many bits keys have.
+    pub fn key_bits(&self) -> usize {
+        self.bits * D
+    }
 }
 
 #[cfg(test)]

@@ -20,7 +20,6 @@ use super::{Detector, Found, Scene};
 use crate::error::Result;
 use crate::feature::FeatureKind;
 use crate::feature::tensor::Normals;
-use crate::feature::windows::Samples;
 use crate::geometry::dot;
 
 /// Finds faults of seismic amplitude.
@@ -58,7 +57,7 @@ impl<const D: usize> Detector<D> for Faults {
             least: |thresholds| 0.18 * thresholds.low / semblance::LEAST[0],
             ..RidgeSearch::new(scene)
         };
-        let mut found = search.find(Samples::held(scene.dims(), likelihood), notes)?;
+        let mut found = search.find(likelihood, notes)?;
         let along_layers = |position, normal| dot(normal, layers.at(position)).abs();
         found
             .candidates
@@ -91,6 +90,7 @@ mod tests {
     use super::*;
     use crate::feature::scenes::Noise;
     use crate::feature::volume::Volume;
+    use crate::feature::windows::Samples;
     use crate::feature::{Detection, FeaturePoint, detect};
     use crate::image::{Geometry, Image};
     use crate::observer::Patience;
@@ -261,7 +261,7 @@ mod tests {
                 assert_eq!(normals.main_axis(), vertical);
                 let likelihood = likelihood(&samples, (&normals, rms), patience).unwrap();
                 let at = normals.at([20.3, 17.7, 155.5]);
-                (likelihood, rms, at)
+                (likelihood.all().to_vec(), rms, at)
             };
             let whole = seen([usize::MAX, 1]);
             assert!(whole.0.iter().any(|&l| l > 0.5), "there is a fault");

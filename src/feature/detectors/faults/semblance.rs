@@ -46,7 +46,7 @@ const LANES: usize = 8;
 pub const SEEN: usize =
     (scan::REACH + 3 * RADIUS as usize + 4 * BALANCE as usize).next_multiple_of(8);
 
-/// How likely a fault runs through each sample, in [0, 1]: see [`scan::likelihood`]. `layers` are the
+/// How likely a fault runs through each sample, in [0, 1], of which each rank has a share: see [`scan::likelihood`]. `layers` are the
 /// normals of amplitudes smoothed to the scale of their derivatives, whose root mean square is `rms`; their window
 /// should be wide, as a throw must not pass for a dip.
 ///
@@ -56,7 +56,7 @@ pub fn likelihood<const D: usize>(
     amplitude: &Samples<'_, D>,
     (layers, rms): (&Normals<D>, f32),
     patience: &Patience<'_>,
-) -> Result<Vec<f32>> {
+) -> Result<Samples<'static, D>> {
     let vertical = layers.main_axis();
     amplitude.changed(SEEN, patience, |stack| {
         let dims = stack.volume.dims;

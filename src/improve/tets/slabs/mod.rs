@@ -24,6 +24,7 @@ use crate::improve::{Blocked, Counts, Improved, Target};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
 use crate::mesh::complex::{BEYOND, NONE};
+use crate::mesh::order::at_ranks;
 use crate::mesh::piece::Piece;
 use crate::mesh::quality::min_sine;
 use crate::mesh::{FACES, TetMesh};
@@ -53,27 +54,41 @@ pub struct Cuts {
 }
 
 impl Cuts {
-    /// So that slabs have as many atoms each; none if there is but one slab.
-    pub fn new(atoms: &[[f64; 3]], extent: [f64; 3], distance: &Distance<3>) -> Option<Self> {
-        let axis = (0..3).max_by(|&k, &l| extent[k].total_cmp(&extent[l]))?;
+    /// So that slabs have as many atoms each, of which everyone of the group has a share; none if there is but one slab.
+    ///
+    /// # Errors
+    /// Those of the others.
+    pub fn new(
+        share: &[[f64; 3]],
+        extent: [f64; 3],
+        distance: &Distance<3>,
+        group: &dyn Group,
+    ) -> Result<Option<Self>> {
+        let Some(axis) = (0..3).max_by(|&k, &l| extent[k].total_cmp(&extent[l])) else {
+            return Ok(None);
+        };
         let half = HALF * distance.max();
-        let most = Self::most(atoms.len(), extent[axis], distance.max());
-        let mut along: Vec<f64> = atoms.iter().map(|x| x[axis]).collect();
+        let atoms: Vec<usize> = group.all("atoms", share.len())?;
+        let atoms = atoms.iter().sum();
+        let most = Self::most(atoms, extent[axis], distance.max());
+        let mut along: Vec<f64> = share.iter().map(|x| x[axis]).collect();
         for count in (2..=most).rev() {
-            let cut = |i: usize| {
-                let rank = i * atoms.len() / count;
-                *along.select_nth_unstable_by(rank, f64::total_cmp).1
+            let ranks: Vec<usize> = (1..count).map(|i| i * atoms / count).collect();
+            let at = match group.count() {
+                1 => (ranks.iter())
+                    .map(|&rank| *along.select_nth_unstable_by(rank, f64::total_cmp).1)
+                    .collect(),
+                _ => at_ranks(&[along.iter().copied()], &[|_| &ranks], group)?.swap_remove(0),
             };
-            let at: Vec<f64> = (1..count).map(cut).collect();
             let mut ends = vec![0.0];
             ends.extend(&at);
             ends.push(extent[axis]);
             // Between bands there must be something.
             if ends.windows(2).all(|two| two[1] - two[0] > 3.0 * half) {
-                return Some(Self { axis, at, half });
+                return Ok(Some(Self { axis, at, half }));
             }
         }
-        None
+        Ok(None)
     }
 
     /// How many slabs there are at most where there are so many atoms, at most `d` apart, in a box so long.
@@ -210,6 +225,19 @@ struct Done {
     blocked: Vec<Blocked>,
 }
 
+/// Atoms as far as they are known to a member of a group: all that its tetrahedra have.
+#[derive(Debug, Clone, Default)]
+pub struct KnownAtoms {
+    /// Where each is.
+    pub positions: Vec<[f64; 3]>,
+    /// What it may do.
+    pub kinds: Vec<AtomKind>,
+    /// Its number among all, rising. None where all are known.
+    pub numbers: Option<Vec<u32>>,
+    /// How many there are in all.
+    pub whole: usize,
+}
+
 /// Which slabs a member of a group has.
 pub fn own_slabs(slabs: usize, group: &dyn Group) -> Range<usize> {
     share_of(slabs, group.rank(), group.count())
@@ -218,16 +246,16 @@ pub fn own_slabs(slabs: usize, group: &dyn Group) -> Range<usize> {
 /// Makes the slabs of each member of a group follow the features and frees them of slivers, as [`improve`] does a mesh
 /// as a whole.
 ///
-/// `tets` are Delaunay tetrahedra of the atoms, at least those of the [own](own_slabs) slabs, with neighbours among
-/// them; of each the first node is the least.
+/// `tets` are Delaunay tetrahedra of the atoms that are known, at least those of the [own](own_slabs) slabs, with
+/// neighbours among them; of each the first node is the least.
 ///
 /// # Errors
 /// Those of other members.
 ///
 /// [`improve`]: super::improve
 pub fn improve_in_slabs(
-    (atoms, kinds): (&[[f64; 3]], &[AtomKind]),
-    (tets, neighbors): (Vec<[u32; 4]>, Vec<[u32; 4]>),
+    atoms: KnownAtoms,
+    joined: (Vec<[u32; 4]>, Vec<[u32; 4]>),
     cuts: &Cuts,
     aim: Aim<'_>,
     group: &dyn Group,
@@ -235,8 +263,8 @@ pub fn improve_in_slabs(
 ) -> Result<InSlabs> {
     let (slabs, bands) = (cuts.count(), cuts.at.len());
     let own = own_slabs(slabs, group);
-    let joined = (tets, neighbors);
-    let (raw, poor_before) = regions(joined, cuts, &own, (atoms, kinds), aim.sine());
+    let whole = atoms.whole;
+    let (raw, poor_before) = regions(joined, cuts, &own, atoms, aim.sine());
     let (mut inner, mut between) = (Vec::new(), Vec::new());
     for (i, part) in raw.into_iter().enumerate() {
         [&mut inner, &mut between][i % 2].push(part);
@@ -250,7 +278,7 @@ pub fn improve_in_slabs(
             improve_part(part, Some((cuts.axis, between)), aim, patience)
         })
         .collect::<Result<Vec<Done>>>()?;
-    let mut end = number_all(&mut done, atoms.len() as u32, group)?;
+    let mut end = number_all(&mut done, whole as u32, group)?;
     let (mut counts, mut gone) = (Counts::default(), Vec::new());
     let mut parts: Vec<Vec<Part>> = own.clone().map(|_| Vec::new()).collect();
     let mut to: Vec<Vec<Part>> = vec![Vec::new(); group.count()];
@@ -340,23 +368,29 @@ fn regions(
     (tets, neighbors): (Vec<[u32; 4]>, Vec<[u32; 4]>),
     cuts: &Cuts,
     own: &Range<usize>,
-    (atoms, kinds): (&[[f64; 3]], &[AtomKind]),
+    atoms: KnownAtoms,
     sine: f64,
 ) -> (Vec<Part>, usize) {
     let own = 2 * own.start..(2 * own.end).min(2 * cuts.count() - 1);
     let least = |tet: &[u32; 4]| tet.iter().fold(NONE, |a, &b| a.min(b)) as usize;
     let region: Vec<u16> = (tets.par_iter())
-        .map(|tet| cuts.region(atoms[least(tet)]))
+        .map(|tet| cuts.region(atoms.positions[least(tet)]))
         .collect();
     let part = |region_here: usize| {
         let chosen: Vec<u32> = (region.par_iter().enumerate())
             .filter(|(_, region)| usize::from(**region) == region_here)
             .map(|(t, _)| t as u32)
             .collect();
-        Part::of(&tets, &neighbors, &chosen, |n| {
+        let mut part = Part::of(&tets, &neighbors, &chosen, |n| {
             let n = n as usize;
-            (atoms[n], kinds[n], None)
-        })
+            (atoms.positions[n], atoms.kinds[n], None)
+        });
+        if let Some(numbers) = &atoms.numbers {
+            part.ids
+                .iter_mut()
+                .for_each(|id| *id = numbers[*id as usize]);
+        }
+        part
     };
     let parts: Vec<Part> = own.into_par_iter().with_max_len(1).map(part).collect();
     let poor = |part: &Part| {

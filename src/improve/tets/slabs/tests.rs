@@ -42,8 +42,14 @@ fn slabs_are_the_same_mesh_for_any_number_of_members() {
         at: vec![61.0, 118.0],
         half: 18.0,
     };
+    let atoms = || KnownAtoms {
+        positions: mesh.nodes.clone(),
+        kinds: kinds.clone(),
+        numbers: None,
+        whole: mesh.nodes.len(),
+    };
     let improved = |group: &dyn Group| {
-        let atoms = (&mesh.nodes[..], &kinds[..]);
+        let atoms = atoms();
         let joined = (mesh.tets.clone(), neighbors.clone());
         let patience = &Patience::endless();
         improve_in_slabs(atoms, joined, &cuts, aim, group, patience).unwrap()
@@ -89,7 +95,7 @@ fn slabs_are_the_same_mesh_for_any_number_of_members() {
     for count in [2, 3, 5] {
         let all = shared(count, |group| {
             let own = improve_in_slabs(
-                (&mesh.nodes, &kinds),
+                atoms(),
                 (mesh.tets.clone(), neighbors.clone()),
                 &cuts,
                 aim,
@@ -122,7 +128,16 @@ fn a_mesh_is_cut_where_slabs_are_thick_and_have_atoms() {
     };
     let cut = |n: [usize; 3], d: f64| {
         let extent = n.map(|n| (n - 1) as f64 * d);
-        Cuts::new(&atoms(n, d), extent, &Distance::Constant(d))
+        let (atoms, distance) = (atoms(n, d), Distance::Constant(d));
+        let alone = Cuts::new(&atoms, extent, &distance, &Alone).unwrap();
+        // The same by several, each of which has some.
+        for cuts in shared(3, |group| {
+            let own = share_of(atoms.len(), group.rank(), 3);
+            Cuts::new(&atoms[own], extent, &distance, group).unwrap()
+        }) {
+            assert_eq!(cuts, alone);
+        }
+        alone
     };
     assert_eq!(cut([90, 40, 40], 3.0), None, "not thick enough");
     assert_eq!(cut([150, 10, 10], 3.0), None, "too few atoms");

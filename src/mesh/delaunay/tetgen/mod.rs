@@ -7,6 +7,7 @@
 
 #[cfg(feature = "tetgen")]
 mod parts;
+mod whole;
 #[cfg(feature = "tetgen")]
 mod worker;
 
@@ -21,6 +22,7 @@ use rayon::prelude::*;
 use std::sync::atomic::AtomicBool;
 use std::sync::atomic::Ordering::Relaxed;
 
+pub use whole::Whole;
 #[cfg(feature = "tetgen")]
 pub use worker::{peak_mb, run_in_worker, serve, share_with_workers};
 
@@ -83,25 +85,30 @@ pub struct Stretches {
 /// and a tetrahedron is of the stretch that its first point, by number, is in. Neighbours that are of other
 /// stretches than these are [`OUTSIDE`]. None if only the whole can tell.
 ///
-/// No more than these stretches and a little round them is triangulated.
+/// No more than these stretches and a little round them is triangulated: of all points, the `whole`, those farther from
+/// them than its [halo](Whole::halo) need not be there.
 ///
 /// # Errors
 /// As [`delaunay`].
 #[cfg(feature = "tetgen")]
 pub fn delaunay_of_stretches(
     points: &[[f64; 3]],
+    whole: Whole,
     axis: usize,
     cuts: &[f64],
     stretches: std::ops::Range<usize>,
 ) -> Result<Option<Stretches>> {
+    if stretches.is_empty() {
+        return Ok(Some(Stretches::default()));
+    }
     check_points(points)?;
-    let Some(program) = worker::for_parts().filter(|_| points.len() >= LARGE) else {
+    let Some(program) = worker::for_parts().filter(|_| whole.count >= LARGE) else {
         return Ok(None);
     };
     let run = |part: &[[f64; 3]]| worker::ask(program, part, true);
     let at_once = rayon::current_num_threads();
     let limits = [SMALLEST_PART, LARGEST_PART];
-    let some = parts::of_stretches(points, axis, cuts, stretches, at_once, limits, &run)?;
+    let some = parts::of_stretches(points, whole, axis, cuts, stretches, at_once, limits, &run)?;
     Ok(some.map(|mut answer| {
         parts::order(points.len(), &mut answer);
         Stretches {
@@ -118,6 +125,7 @@ pub fn delaunay_of_stretches(
 #[cfg(not(feature = "tetgen"))]
 pub fn delaunay_of_stretches(
     points: &[[f64; 3]],
+    _: Whole,
     _: usize,
     _: &[f64],
     _: std::ops::Range<usize>,

@@ -17,16 +17,13 @@ use std::thread;
 
 use rayon::prelude::*;
 
+use super::whole::{HALO, TRIES, Whole};
 use super::{Answer, OUTSIDE};
 use crate::error::Result;
 use crate::geometry::groups::group;
 use crate::geometry::{cross, dot, sub};
 use crate::ranks;
 
-/// The first halo, in mean distances of points.
-const HALO: f64 = 2.5;
-/// How often a halo is tried; each is twice as wide as the one before.
-const TRIES: usize = 3;
 /// The neighbour is kept by another slab.
 const ELSEWHERE: u32 = OUTSIDE - 1;
 /// The rounding of a circumcentre, in distances, where its sphere's radius is the distance: it grows with
@@ -69,12 +66,14 @@ where
 
 /// The tetrahedra whose first point is in some of the stretches between `cuts` across an axis, as `run` answers for
 /// parts of these, so many of them `at_once`; with neighbours among them, in no order. None if this way does not lead
-/// there, or leaves out a point. Parts have about as many points as `limits` say, or are a stretch.
+/// there, or leaves out a point. Parts have about as many points as `limits` say, or are a stretch. Of the `whole` no
+/// points need be there but those in the stretches, or no farther from these than [`Whole::halo`].
 ///
 /// # Errors
 /// Those of `run`.
 pub fn of_stretches<R>(
     points: &[[f64; 3]],
+    whole: Whole,
     axis: usize,
     cuts: &[f64],
     stretches: Range<usize>,
@@ -87,7 +86,7 @@ where
 {
     let mut slabs = Slabs {
         axis,
-        ..Slabs::uncut(points)
+        ..Slabs::uncut(points, whole)
     };
     // Stretches in parts, so that all are at work.
     let mut own = 0..0;
@@ -178,8 +177,7 @@ fn together(parts: Vec<Answer>) -> (Answer, usize) {
 /// Space, cut across its longest axis so that each slab has as many points.
 struct Slabs<'a> {
     points: &'a [[f64; 3]],
-    low: [f64; 3],
-    high: [f64; 3],
+    whole: Whole,
     axis: usize,
     /// Where one slab ends and the next begins.
     cuts: Vec<f64>,
@@ -189,28 +187,20 @@ struct Slabs<'a> {
 
 impl<'a> Slabs<'a> {
     /// One.
-    fn uncut(points: &'a [[f64; 3]]) -> Self {
-        let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-        for p in points {
-            for k in 0..3 {
-                low[k] = low[k].min(p[k]);
-                high[k] = high[k].max(p[k]);
-            }
-        }
-        let size = sub(high, low);
+    fn uncut(points: &'a [[f64; 3]], whole: Whole) -> Self {
+        let size = sub(whole.high, whole.low);
         Self {
             points,
-            low,
-            high,
             axis: (0..3).fold(0, |best, k| if size[k] >= size[best] { k } else { best }),
             cuts: Vec::new(),
-            distance: (2f64.sqrt() * size.iter().product::<f64>() / points.len() as f64).cbrt(),
+            distance: whole.distance(),
+            whole,
         }
     }
 
     /// None if the points cannot be cut so often.
     fn new(points: &'a [[f64; 3]], count: usize) -> Option<Self> {
-        let uncut = Self::uncut(points);
+        let uncut = Self::uncut(points, Whole::of(points));
         let axis = uncut.axis;
         let mut along: Vec<f64> = points.iter().map(|p| p[axis]).collect();
         let cuts: Vec<f64> = (1..count)
@@ -221,7 +211,7 @@ impl<'a> Slabs<'a> {
             })
             .collect();
         let apart = cuts.windows(2).all(|two| two[0] < two[1])
-            && cuts.first().is_none_or(|&cut| uncut.low[axis] < cut);
+            && cuts.first().is_none_or(|&cut| uncut.whole.low[axis] < cut);
         apart.then_some(Self { cuts, ..uncut })
     }
 
@@ -350,7 +340,7 @@ impl<'a> Slabs<'a> {
     /// Whether a face lies in one side of the box of all points, so that nothing is beyond.
     fn on_a_side(&self, face: [[f64; 3]; 3]) -> bool {
         (0..3).any(|k| {
-            [self.low[k], self.high[k]]
+            [self.whole.low[k], self.whole.high[k]]
                 .iter()
                 .any(|&side| face.iter().all(|p| p[k] == side))
         })
@@ -372,7 +362,8 @@ impl<'a> Slabs<'a> {
             .filter(|&k| k != self.axis)
             .map(|k| {
                 let x = a[k] + middle[k];
-                (self.low[k] - x).max(x - self.high[k]).max(0.0).powi(2)
+                let [low, high] = [self.whole.low[k], self.whole.high[k]];
+                (low - x).max(x - high).max(0.0).powi(2)
             })
             .sum();
         let reach =
@@ -501,16 +492,33 @@ mod tests {
     #[test]
     fn stretches_have_the_tetrahedra_of_the_whole_in_its_order() {
         let run = |points: &[[f64; 3]]| Ok(ffi::run(points, true));
-        let points = lattice([34, 14, 12], 0.9, |x| x);
-        let single = whole(&points);
-        let cuts = [9.0, 17.3, 25.0];
+        let points = lattice([60, 14, 12], 0.9, |x| x);
+        let (single, whole) = (whole(&points), Whole::of(&points));
+        let cuts = [15.0, 29.3, 45.0];
         let stretch =
             |tet: &[u32; 4]| cuts.partition_point(|cut| *cut <= points[tet[0] as usize][0]);
-        for own in [0..1, 1..3, 2..4, 0..4, 2..2] {
+        for own in [0..1, 1..3, 2..4, 0..4, 2..2_usize] {
             let limits = [500, 1500];
-            let mut some = of_stretches(&points, 0, &cuts, own.clone(), 3, limits, &run)
-                .unwrap()
-                .unwrap();
+            // No others are at hand.
+            let ends = [
+                own.start
+                    .checked_sub(1)
+                    .map_or(f64::NEG_INFINITY, |i| cuts[i]),
+                cuts.get(own.end.max(1) - 1)
+                    .copied()
+                    .unwrap_or(f64::INFINITY),
+            ];
+            let near = |&n: &usize| {
+                let x = points[n][0];
+                ends[0] - whole.halo() <= x && x <= ends[1] + whole.halo()
+            };
+            let numbers: Vec<usize> = (0..points.len()).filter(near).collect();
+            let some: Vec<[f64; 3]> = numbers.iter().map(|&n| points[n]).collect();
+            let some = of_stretches(&some, whole, 0, &cuts, own.clone(), 3, limits, &run);
+            let mut some = some.unwrap().unwrap();
+            some.tets
+                .iter_mut()
+                .for_each(|tet| *tet = tet.map(|n| numbers[n as usize] as u32));
             order(points.len(), &mut some);
             let chosen: Vec<usize> = (0..single.tets.len())
                 .filter(|&t| own.contains(&stretch(&single.tets[t])))
@@ -533,7 +541,8 @@ mod tests {
         let mut twice = points.clone();
         twice.push(points[1000]);
         let at = points[1000][0];
-        let some = of_stretches(&twice, 0, &[at - 4.0, at + 4.0], 1..2, 1, [500, 9999], &run);
+        let (cuts, whole) = ([at - 4.0, at + 4.0], Whole::of(&twice));
+        let some = of_stretches(&twice, whole, 0, &cuts, 1..2, 1, [500, 9999], &run);
         assert!(some.unwrap().is_none());
     }
 

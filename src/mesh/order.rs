@@ -1,11 +1,11 @@
-//! Values by their rank among all that the parts of a mesh have, without sorting them.
+//! Values by their rank among all that several have, without sorting them.
 
 use rayon::prelude::*;
 
-use crate::mesh::part::Holders;
+use super::part::Holders;
 
 /// Values with whole numbers, of so many digits of [`BITS`], that are ordered as they are by `total_cmp`.
-pub(super) trait Ordered: Copy {
+pub trait Ordered: Copy {
     /// Digits of the numbers.
     const DIGITS: u32;
 
@@ -65,16 +65,17 @@ const DIGIT: usize = 1 << BITS;
 ///
 /// # Errors
 /// Those of the other holders.
-pub(super) fn at_ranks<V: Ordered, const N: usize, H: Holders + ?Sized>(
+pub fn at_ranks<V: Ordered, R: AsRef<[usize]>, H: Holders + ?Sized>(
     series: &[impl Iterator<Item = V> + Clone + Sync],
-    ranks: &[impl Fn(usize) -> [usize; N]],
+    ranks: &[impl Fn(usize) -> R],
     holders: &H,
-) -> Result<Vec<[f64; N]>, H::Error> {
+) -> Result<Vec<Vec<f64>>, H::Error> {
     // For each wanted value its beginning, and how many of the same beginning are before it.
-    let mut places = vec![[(0u64, 0usize); N]; series.len()];
+    // At first all begin alike.
+    let mut places = vec![vec![(0u64, 0usize)]; series.len()];
     let mut totals = vec![0; series.len()];
     for digit in (0..V::DIGITS).rev() {
-        let begun: Vec<Vec<u64>> = places.iter().map(beginnings).collect();
+        let begun: Vec<Vec<u64>> = places.iter().map(|places| beginnings(places)).collect();
         let counts: Vec<Vec<u64>> = (series.par_iter().zip(&begun))
             .map(|(values, begun)| counts(values.clone(), begun, BITS * digit))
             .collect();
@@ -85,7 +86,7 @@ pub(super) fn at_ranks<V: Ordered, const N: usize, H: Holders + ?Sized>(
             if digit + 1 == V::DIGITS {
                 totals[s] = counts.iter().copied().flatten().sum::<u64>() as usize;
                 let ranks = ranks[s](totals[s].max(1));
-                places[s] = ranks.map(|rank| (0, rank));
+                places[s] = ranks.as_ref().iter().map(|&rank| (0, rank)).collect();
             }
             for (beginning, rank) in &mut places[s] {
                 let with = begun.iter().position(|b| b == beginning);
@@ -107,13 +108,13 @@ pub(super) fn at_ranks<V: Ordered, const N: usize, H: Holders + ?Sized>(
     };
     let found = places.iter().zip(totals);
     Ok(found
-        .map(|(places, total)| places.map(|(key, _)| value(total, key)))
+        .map(|(places, total)| places.iter().map(|&(key, _)| value(total, key)).collect())
         .collect())
 }
 
 /// The beginnings of wanted values, each once.
-fn beginnings<const N: usize>(places: &[(u64, usize); N]) -> Vec<u64> {
-    let mut begun = places.map(|(beginning, _)| beginning).to_vec();
+fn beginnings(places: &[(u64, usize)]) -> Vec<u64> {
+    let mut begun: Vec<u64> = places.iter().map(|(beginning, _)| *beginning).collect();
     begun.sort_unstable();
     begun.dedup();
     begun
@@ -162,7 +163,7 @@ mod tests {
         let mut short_sorted: Vec<f64> = short.iter().map(|&v| v.into()).collect();
         short_sorted.sort_by(f64::total_cmp);
         let wanted = [wanted(&sorted), wanted(&short_sorted)];
-        let bits = |found: Vec<[f64; 6]>| found[0].map(f64::to_bits);
+        let bits = |found: Vec<Vec<f64>>| std::array::from_fn(|i| found[0][i].to_bits());
         for count in [1, 2, 3, 7] {
             let found = shared(count, |group| {
                 let own = |i: &usize| i % count == Holders::rank(group);

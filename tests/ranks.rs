@@ -186,13 +186,23 @@ fn a_large_mesh_is_made_in_pieces_of_which_no_rank_has_all() {
         let [one, many] = ["one.json", "many.json"].map(|name| counted(&folder.join(name)));
         assert_eq!(one, many, "{count} ranks");
     }
+    // Where atoms are not everywhere as far apart all ranks place all.
+    let job = "mesh net.npy --distance 2:3 --distance-from features --spacing 2,1,1 --quiet";
+    succeed(
+        folder,
+        &format!("{job} -o varying.vtu")
+            .split_whitespace()
+            .collect::<Vec<_>>(),
+    );
+    shared(folder, 3, &format!("{job} -o parts.pvtu"));
+    assert!(read("parts.pvtu") == read("varying.vtu"));
     // What needs all of the mesh has it.
     shared(
         folder,
         2,
         &format!("{job} -o parts.pvtu --surfaces faults.vtp"),
     );
-    assert!(read("parts.pvtu") == whole && folder.join("faults.vtp").exists());
+    assert!(read("parts.pvtu") == read("varying.vtu") && folder.join("faults.vtp").exists());
 }
 
 /// What a report says of a mesh, but for sums of numbers with a fraction, which pieces sum up in another order.

@@ -32,6 +32,8 @@ pub struct Detection<const D: usize> {
     pub labels: Vec<LabelWish>,
     /// Lattice-space distance between samples.
     pub step: [f64; D],
+    /// Whether each rank is to have a share of the potential only.
+    pub in_shares: bool,
 }
 
 impl<const D: usize> Default for Detection<D> {
@@ -47,6 +49,7 @@ impl<const D: usize> Default for Detection<D> {
             up_to: None,
             labels: Vec::new(),
             step: [1.0; D],
+            in_shares: false,
         }
     }
 }

@@ -337,7 +337,17 @@ fn follow<const D: usize>(
     let potential = own.map_or_else(
         || {
             let FoundSheets { points, rim, .. } = &sheets;
-            potential::potential(points, rim, dims, asked.step, sigma, width, scene.patience)
+            let (step, shares) = (asked.step, asked.in_shares);
+            potential::potential(
+                points,
+                rim,
+                dims,
+                step,
+                sigma,
+                width,
+                shares,
+                scene.patience,
+            )
         },
         |samples| Sparse::of(&field(dims, asked, samples)),
     );

@@ -12,6 +12,7 @@ use super::FeaturePoint;
 use crate::geometry::dot;
 use crate::image::Sparse;
 use crate::observer::Patience;
+use crate::ranks::Ranks;
 
 /// The bell is cut at this many sigma.
 const CUT: f64 = 3.0;
@@ -24,7 +25,8 @@ const DISC: f32 = 0.75;
 const LEADING: f32 = 0.95;
 
 /// The potential of feature points that are sorted by the last axis, on a grid of `dims` samples; `rim`
-/// tells for each point whether its sheet ends there, `width` how wide its valley is, at most `sigma`.
+/// tells for each point whether its sheet ends there, `width` how wide its valley is, at most `sigma`. Each rank has all of
+/// it, or a share.
 pub fn potential<const D: usize>(
     points: &[FeaturePoint<D>],
     rim: &[bool],
@@ -32,13 +34,14 @@ pub fn potential<const D: usize>(
     step: [f64; D],
     sigma: f64,
     width: impl Fn(usize) -> f32 + Sync,
+    in_shares: bool,
     patience: &Patience<'_>,
 ) -> Sparse<D> {
     let last = D - 1;
     let layer: usize = dims[..last].iter().product();
     // Points are sorted by their samples, so along the last axis within half a sample and a bit.
     let reach = CUT * sigma + 2.5 * step[last];
-    Sparse::by_layers(dims, step, |layers, samples| {
+    let make = |layers: std::ops::Range<usize>, samples: &mut Vec<f32>| {
         samples.clear();
         samples.resize(layer * layers.len(), f32::INFINITY);
         let height = |p: &FeaturePoint<D>| f64::from(p.position[last]);
@@ -68,7 +71,11 @@ pub fn potential<const D: usize>(
             }
         }
         bells(samples);
-    })
+    };
+    match in_shares {
+        true => Sparse::by_layers_in_shares(dims, step, &Ranks, make),
+        false => Sparse::by_layers(dims, step, make),
+    }
 }
 
 /// Squared distances to the nearest disc, in units of the width of its valley, in a slab of layers

@@ -6,8 +6,13 @@
 //! is not zero is known, too: most atoms near a valley are not in it.
 
 use super::field::{Field, Taps, interpolated};
+use crate::error::Result;
+use crate::files::kept::{Kept, fields};
+use crate::ranks::{Group, share_of};
 use rayon::prelude::*;
+use std::io::{self, Write};
 use std::ops::Range;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 /// Cells along an edge of a brick.
 const BRICK: usize = 8;
@@ -16,8 +21,10 @@ const EDGE: usize = BRICK + 3;
 /// Cells along an edge of a block, and blocks along an edge of a brick: 4^3 blocks have a bit each.
 const BLOCK: usize = 2;
 const BLOCKS: usize = BRICK / BLOCK;
-/// A brick that is not kept.
+/// A brick in which the function is zero.
 const NONE: u32 = u32::MAX;
+/// A brick of which nothing is known here: another rank may have it.
+const ELSEWHERE: u32 = NONE - 1;
 /// Bytes of samples that are made at a time, unless a layer of bricks takes more ...
 const HELD: usize = 1 << 26;
 /// ... and most layers of bricks.
@@ -36,11 +43,49 @@ pub struct Sparse<const D: usize> {
     pub(crate) masks: Vec<u64>,
     /// The samples of the kept bricks, x fastest in each.
     pub(crate) samples: Vec<f32>,
+    /// Whether each rank has a share of the bricks.
+    pub(crate) in_shares: bool,
+    /// Whether it was asked for where nothing is known.
+    pub(crate) missed: Missed,
+}
+
+/// Whether something was missed; no property of a function.
+#[derive(Debug, Default)]
+pub(crate) struct Missed(AtomicBool);
+
+impl Clone for Missed {
+    fn clone(&self) -> Self {
+        Self::default()
+    }
+}
+
+impl PartialEq for Missed {
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
+}
+
+impl Kept for Missed {
+    fn put(&self, _: &mut dyn Write) -> io::Result<()> {
+        Ok(())
+    }
+
+    fn take(_: &mut &[u8]) -> Option<Self> {
+        Some(Self::default())
+    }
 }
 
 /// Bricks along each axis.
 fn bricks<const D: usize>(dims: [usize; D]) -> [usize; D] {
     dims.map(|n| n.saturating_sub(1).max(1).div_ceil(BRICK))
+}
+
+/// How many parts samples are made in, one after the other along the last axis, and layers of bricks of each.
+fn parts<const D: usize>(dims: [usize; D]) -> (usize, usize) {
+    let layer: usize = dims[..D - 1].iter().product();
+    let held = HELD / 4 / layer.max(1);
+    let together = (held.saturating_sub(EDGE - BRICK) / BRICK).clamp(1, LAYERS);
+    (bricks(dims)[D - 1].div_ceil(together), together)
 }
 
 /// Samples of a brick.
@@ -51,9 +96,13 @@ const fn room(dimensions: usize) -> usize {
 /// Bricks that are to be kept: the number of each in the box and its blocks; their samples one after the
 /// other, for small arrays by the ten thousand would leave memory in pieces.
 #[derive(Default)]
-struct Kept {
+struct Bricks {
     bricks: Vec<(usize, u64)>,
     samples: Vec<f32>,
+}
+
+fields! {
+    Bricks as Bricks { bricks, samples }
 }
 
 impl<const D: usize> Sparse<D> {
@@ -65,6 +114,8 @@ impl<const D: usize> Sparse<D> {
             slots: vec![NONE; bricks(dims).iter().product()],
             masks: Vec::new(),
             samples: Vec::new(),
+            in_shares: false,
+            missed: Missed::default(),
         }
     }
 
@@ -75,11 +126,40 @@ impl<const D: usize> Sparse<D> {
         step: [f64; D],
         make: impl Fn(Range<usize>, &mut Vec<f32>) + Sync,
     ) -> Self {
+        let (parts, _) = parts(dims);
+        Self::by_parts(dims, step, 0..parts, make)
+    }
+
+    /// The same, of which each of a group makes, and has, a share.
+    pub fn by_layers_in_shares(
+        dims: [usize; D],
+        step: [f64; D],
+        group: &dyn Group,
+        make: impl Fn(Range<usize>, &mut Vec<f32>) + Sync,
+    ) -> Self {
+        let (parts, together) = parts(dims);
+        let own = share_of(parts, group.rank(), group.count());
+        let mut some = Self::by_parts(dims, step, own.clone(), make);
+        let layer = some.slots.len() / bricks(dims)[D - 1];
+        let own = own.start * together * layer..own.end * together * layer;
+        for (brick, slot) in some.slots.iter_mut().enumerate() {
+            if !own.contains(&brick) {
+                *slot = ELSEWHERE;
+            }
+        }
+        some.in_shares = true;
+        some
+    }
+
+    fn by_parts(
+        dims: [usize; D],
+        step: [f64; D],
+        parts: Range<usize>,
+        make: impl Fn(Range<usize>, &mut Vec<f32>) + Sync,
+    ) -> Self {
         let count = bricks(dims)[D - 1];
-        let layer: usize = dims[..D - 1].iter().product();
-        let held = HELD / 4 / layer.max(1);
-        let together = (held.saturating_sub(EDGE - BRICK) / BRICK).clamp(1, LAYERS);
-        let kept: Vec<Kept> = (0..count.div_ceil(together))
+        let (_, together) = self::parts(dims);
+        let kept: Vec<Bricks> = parts
             .into_par_iter()
             .map_init(Vec::new, |samples, part| {
                 let [first, end] = [part * together, ((part + 1) * together).min(count)];
@@ -96,20 +176,106 @@ impl<const D: usize> Sparse<D> {
             })
             .collect();
         let mut all = Self::zero(dims, step);
-        all.samples = vec![0.0; kept.iter().map(|part| part.samples.len()).sum()];
-        let (mut rest, mut rooms) = (&mut all.samples[..], Vec::with_capacity(kept.len()));
+        all.keep_all(kept);
+        all
+    }
+
+    /// Keeps bricks, in the order of parts, of which none has any.
+    fn keep_all(&mut self, kept: Vec<Bricks>) {
+        self.samples = vec![0.0; kept.iter().map(|part| part.samples.len()).sum()];
+        let (mut rest, mut rooms) = (&mut self.samples[..], Vec::with_capacity(kept.len()));
         for part in &kept {
             let (room, others) = rest.split_at_mut(part.samples.len());
             rooms.push(room);
             rest = others;
             for &(brick, mask) in &part.bricks {
-                all.slots[brick] = all.masks.len() as u32;
-                all.masks.push(mask);
+                self.slots[brick] = self.masks.len() as u32;
+                self.masks.push(mask);
             }
         }
         let parts = kept.into_par_iter().zip(rooms);
         parts.for_each(|(part, room)| room.copy_from_slice(&part.samples));
-        all
+    }
+
+    /// Of a function of which each of a group has a share, all.
+    ///
+    /// # Errors
+    /// Those of the others.
+    pub(crate) fn gathered(&self, group: &dyn Group) -> Result<Self> {
+        let own = (0..self.slots.len()).filter(|&brick| self.slots[brick] < ELSEWHERE);
+        let all = group.all("bricks of a potential", self.some(own))?;
+        let mut whole = Self::zero(self.dims, self.step);
+        whole.keep_all(all);
+        Ok(whole)
+    }
+
+    /// Of a function of which each of a group has a share, what is no farther than `reach` from some positions along each
+    /// axis; what is [asked for](Self::missed) elsewhere is zero.
+    ///
+    /// # Errors
+    /// Those of the others.
+    pub(crate) fn near(
+        &self,
+        positions: &[[f64; D]],
+        reach: f64,
+        group: &dyn Group,
+    ) -> Result<Self> {
+        let along = bricks(self.dims);
+        let mut wanted = vec![false; self.slots.len()];
+        for x in positions {
+            let of = |k: usize| {
+                let brick = |x: f64| ((x / self.step[k]) as usize / BRICK).min(along[k] - 1);
+                brick(x[k] - reach)..brick(x[k] + reach) + 1
+            };
+            let ranges: [Range<usize>; D] = std::array::from_fn(of);
+            for number in 0..ranges.iter().map(Range::len).product() {
+                let mut rest = number;
+                let at: [usize; D] = std::array::from_fn(|k| {
+                    let at = ranges[k].start + rest % ranges[k].len();
+                    rest /= ranges[k].len();
+                    at
+                });
+                wanted[(0..D).rev().fold(0, |brick, k| brick * along[k] + at[k])] = true;
+            }
+        }
+        let (parts, together) = parts(self.dims);
+        let layer = wanted.len() / along[D - 1];
+        let asked = (0..group.count()).map(|rank| {
+            let own = share_of(parts, rank, group.count());
+            let end = (own.end * together * layer).min(wanted.len());
+            let own = (own.start * together * layer).min(end)..end;
+            own.filter(|&brick| wanted[brick]).collect()
+        });
+        let asked: Vec<Vec<usize>> = group.pass("bricks that are wanted", asked.collect())?;
+        let told = asked.into_iter().map(|asked| {
+            let kept = |brick: &usize| self.slots[*brick] < ELSEWHERE;
+            self.some(asked.into_iter().filter(kept))
+        });
+        let told = group.pass("bricks of a potential", told.collect())?;
+        let mut near = Self::zero(self.dims, self.step);
+        for (slot, wanted) in near.slots.iter_mut().zip(wanted) {
+            if !wanted {
+                *slot = ELSEWHERE;
+            }
+        }
+        near.keep_all(told);
+        Ok(near)
+    }
+
+    /// Some of the bricks that are kept.
+    fn some(&self, numbers: impl Iterator<Item = usize>) -> Bricks {
+        let mut some = Bricks::default();
+        for brick in numbers {
+            let slot = self.slots[brick];
+            some.bricks.push((brick, self.masks[slot as usize]));
+            some.samples.extend_from_slice(self.brick(slot));
+        }
+        some
+    }
+
+    /// Whether it was asked for where nothing is known here.
+    pub(crate) fn missed(&self) -> bool {
+        self.missed.0.load(Relaxed)
     }
 
     /// Of samples that are all there.
@@ -131,14 +297,16 @@ impl<const D: usize> Sparse<D> {
     /// `with` of the samples of this and another function of the same box; zero where both are.
     pub fn combined(&self, other: &Self, with: impl Fn(f32, f32) -> f32) -> Self {
         let mut all = Self::zero(self.dims, self.step);
+        all.in_shares = self.in_shares || other.in_shares;
         let nothing = vec![0.0; room(D)];
         for brick in 0..self.slots.len() {
             let [a, b] = [self, other].map(|one| one.slots[brick]);
-            if [a, b] == [NONE; 2] {
+            if a >= ELSEWHERE && b >= ELSEWHERE {
+                all.slots[brick] = a.min(b);
                 continue;
             }
             let part = |one: &Self, slot: u32| match slot {
-                NONE => nothing.clone(),
+                NONE | ELSEWHERE => nothing.clone(),
                 slot => one.brick(slot).to_vec(),
             };
             let (a, b) = (part(self, a), part(other, b));
@@ -152,7 +320,7 @@ impl<const D: usize> Sparse<D> {
     pub fn dense(&self) -> Field<D> {
         let mut samples = vec![0.0; self.dims.iter().product()];
         let bricks = bricks(self.dims);
-        for (number, slot) in self.slots.iter().enumerate().filter(|b| *b.1 != NONE) {
+        for (number, slot) in self.slots.iter().enumerate().filter(|b| *b.1 < ELSEWHERE) {
             let first = corner(number, bricks);
             for (i, value) in self.brick(*slot).iter().enumerate() {
                 let at: [usize; D] = local(i);
@@ -207,7 +375,13 @@ impl<const D: usize> Sparse<D> {
             block = block * BLOCKS + within[k] / BLOCK;
         }
         let slot = self.slots[brick];
-        if slot == NONE || self.masks[slot as usize] >> block & 1 == 0 {
+        if slot >= ELSEWHERE {
+            if slot == ELSEWHERE {
+                self.missed.0.store(true, Relaxed);
+            }
+            return None;
+        }
+        if self.masks[slot as usize] >> block & 1 == 0 {
             return None;
         }
         let samples = self.brick(slot);
@@ -291,12 +465,12 @@ struct Slab<'a, const D: usize> {
 
 impl<const D: usize> Slab<'_, D> {
     /// The bricks of some layers of these that are not zero.
-    fn kept(&self, layers: Range<usize>) -> Kept {
+    fn kept(&self, layers: Range<usize>) -> Bricks {
         let mut some = bricks(self.dims);
         some[D - 1] = layers.len();
         let occupied = self.occupied(some, layers.start);
         let below = layers.start * some[..D - 1].iter().product::<usize>();
-        let mut kept = Kept::default();
+        let mut kept = Bricks::default();
         for (number, _) in occupied.iter().enumerate().filter(|b| *b.1) {
             let mut first = corner(number, some);
             first[D - 1] += layers.start * BRICK;
@@ -441,6 +615,46 @@ mod tests {
         let zero = Sparse::<3>::zero([30, 20, 10], [1.0; 3]);
         assert!(zero.is_zero() && !sparse.is_zero());
         assert_eq!(zero, Sparse::of(&zero.dense()));
+    }
+
+    #[test]
+    fn shares_are_the_whole_and_each_has_what_it_wants() {
+        use crate::ranks::shared;
+
+        // Layers so large that there are several parts.
+        let dims = [61, 50, 290];
+        let field = valley(dims, [1.0; 3]);
+        let whole = Sparse::of(&field);
+        let layer = dims[0] * dims[1];
+        let make = |layers: Range<usize>, samples: &mut Vec<f32>| {
+            samples.clear();
+            samples.extend(&field.samples[layers.start * layer..layers.end * layer]);
+        };
+        for count in [1, 2, 3, 7] {
+            let shares = shared(count, |group| {
+                let own = Sparse::by_layers_in_shares(dims, [1.0; 3], group, make);
+                assert!(own.in_shares && own.gathered(group).unwrap() == whole);
+                let twice = own.combined(&own, |a, b| a + b).gathered(group).unwrap();
+                assert!(twice == whole.combined(&whole, |a, b| a + b));
+                let mut random = Random::new(group.rank() as u64);
+                let middle = random.range(0.0, 280.0);
+                let mut place = || {
+                    let x = [random.range(0.0, 60.0), random.range(0.0, 49.0)];
+                    [x[0], x[1], middle + random.range(0.0, 9.0)]
+                };
+                let positions: Vec<[f64; 3]> = (0..400).map(|_| place()).collect();
+                let near = own.near(&positions, 3.0, group).unwrap();
+                for x in &positions {
+                    let x = x.map(|x| (x + 2.9).max(0.0));
+                    assert_eq!(near.value_and_gradient(x), whole.value_and_gradient(x));
+                }
+                assert!(!near.missed());
+                near.value([30.0, 30.0, if middle > 150.0 { 3.0 } else { 285.0 }]);
+                assert!(near.missed());
+                own.samples.len()
+            });
+            assert_eq!(shares.iter().sum::<usize>(), whole.samples.len(), "{count}");
+        }
     }
 
     #[test]

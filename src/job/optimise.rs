@@ -10,8 +10,11 @@ use crate::lattice::energy::{Energy, Pairwise, Regularised, Sampled};
 use crate::lattice::optimize::{self, Stop};
 use crate::lattice::share::Share;
 use crate::observer::{Observer, Patience};
-use crate::ranks::Ranks;
+use crate::ranks::{Group, Ranks};
 use crate::report::Optimisation;
+
+/// From how far around its atoms a rank has the potential, in units of d; they move less.
+const ROOM: f64 = 1.0;
 
 /// The energy that a job's `atoms` shall have least of: the same for both evaluators, up to sampling.
 fn energy<'a, const D: usize>(
@@ -46,25 +49,45 @@ pub(super) fn optimise<const D: usize>(
     frame: &Frame<D>,
     observer: &mut dyn Observer,
 ) -> Result<optimize::Rest> {
-    let options = moving(params);
-    let mut pass = |potential: &Sparse<D>, observer: &mut dyn Observer| {
-        let extent = frame.extent;
+    let (options, extent, group) = (moving(params), frame.extent, &Ranks as &dyn Group);
+    let pass = |atoms: &mut Share<D>, potential: &Sparse<D>, observer: &mut dyn Observer| {
         let energy = &mut *energy(params, atoms, potential, distance, frame)?;
-        let group = &Ranks;
         optimize::optimize_together(atoms, energy, distance, extent, &options, group, observer)
     };
+    let potential = &features.potential;
+    if potential.in_shares {
+        let before = atoms.clone();
+        let near = potential.near(&atoms.atoms.positions, ROOM * distance.max(), group)?;
+        let outcome = pass(atoms, &near, observer)?;
+        let missed: Vec<bool> = group.all("potential", near.missed())?;
+        if !missed.contains(&true) {
+            return Ok(outcome);
+        }
+        // An atom has been where its rank does not know the image.
+        *atoms = before;
+        return pass(atoms, &potential.gathered(group)?, observer);
+    }
     for coarse in (1..=params.coarse_passes).rev() {
         let factor = f64::from(1 << coarse);
         // Stopped half way it is rough: the pass over it ends at its first question.
         let smoother = Patience::of(&mut || observer.keep_going(), |patience| {
-            smoother(&features.potential, features.sigma, factor, patience)
+            smoother(potential, features.sigma, factor, patience)
         });
-        let outcome = pass(&smoother, observer)?;
+        let outcome = pass(atoms, &smoother, observer)?;
         if outcome.stop == Stop::Interrupted {
             return Ok(outcome);
         }
     }
-    pass(&features.potential, observer)
+    pass(atoms, potential, observer)
+}
+
+/// Whether moving the atoms of a job takes no more of the potential than what is near to each.
+pub(super) fn looks_near<const D: usize>(params: &Params<D>) -> bool {
+    D == 3
+        && params.evaluator == Evaluator::Pairwise
+        && params.kappa == 1.0
+        && params.coarse_passes == 0
+        && params.optimizer != optimize::Method::Genetic
 }
 
 /// How the atoms of a job are moved.

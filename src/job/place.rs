@@ -2,7 +2,7 @@
 //! lie on them from the start.
 
 use super::frame::Frame;
-use super::optimise::optimise;
+use super::optimise::{self, optimise};
 use super::{Evaluator, Meshing, Params, Space, Spacing, Stages, canny, estimate};
 use crate::error::cause;
 use crate::feature::components::for_each_sample;
@@ -121,6 +121,13 @@ impl Placing {
             }
         }
     }
+}
+
+/// Whether placing atoms and moving them takes no more of the potential than what is near to each.
+pub(super) fn looks_near<const D: usize>(params: &Params<D>) -> bool {
+    matches!(params.seeding, Seeding::Fcc | Seeding::Grown)
+        && !matches!(params.spacing, Spacing::FromLaplacian { .. })
+        && optimise::looks_near(params)
 }
 
 /// The nominal distance between atoms, also at wells.

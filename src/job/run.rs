@@ -13,10 +13,12 @@ use crate::image::{Geometry, Image, Source};
 use crate::lattice::distance::Distance;
 use crate::lattice::optimize::{self, Stop};
 use crate::lattice::seeding::Alignment;
+use crate::mesh::Mesh;
 use crate::mesh::poly::PolyMesh;
 use crate::observer::{Observer, Stage};
+use crate::ranks::{self, Ranks};
 use crate::report::Report;
-use crate::{Error, Result, ranks};
+use crate::{Error, Result};
 
 /// What a job made, in lattice space, and what led to it.
 #[derive(Debug, Clone)]
@@ -199,8 +201,9 @@ where
         .keeping(checkpoint)
         .in_pieces(in_pieces);
     stages.begin_unless_stopped(Stage::Features)?;
-    let options = params.feature_options(step);
-    let features = stages.kept("1-features", |stages| {
+    let mut options = params.feature_options(step);
+    options.in_shares = in_pieces && way.checkpoint.is_none() && place::looks_near(params);
+    let mut features = stages.kept("1-features", |stages| {
         stages.unless_stopped(Stage::Features, |patience| {
             feature::detect_while(source, &options, patience)
         })
@@ -227,6 +230,15 @@ where
             (made, report, None, distance, Some(rest))
         }
     };
+    if features.potential.in_shares {
+        // What is written has it at nodes.
+        features.potential = match (&made, &share) {
+            (Made::Simplices(made), Some(_)) => {
+                (features.potential).near(made.mesh.nodes(), 0.0, &Ranks)?
+            }
+            _ => features.potential.gathered(&Ranks)?,
+        };
+    }
     if let (Some(lattice), Some(optimised)) = (&mut report.lattice, &optimised) {
         lattice.optimisation = Some(optimisation(optimised, lattice.atoms));
     }

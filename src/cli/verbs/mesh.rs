@@ -229,7 +229,12 @@ impl Run<'_> {
             .map(Checkpoint::new)
             .transpose()?;
         let outputs = &job.outputs;
-        let whole = [&outputs.lines, &outputs.page, &outputs.surfaces];
+        let whole = [
+            &outputs.lines,
+            &outputs.page,
+            &outputs.surfaces,
+            &outputs.potential,
+        ];
         let way = Way {
             checkpoint: checkpoint.as_ref(),
             in_pieces: is_in_parts(&output) && whole.iter().all(|path| path.is_none()),

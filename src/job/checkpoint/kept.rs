@@ -19,7 +19,7 @@ use crate::report::{Blocker, Improvement, Judged};
 fields! {
     @(const D: usize) FeaturePoint<D> as FeaturePoint { position, normal, strength }
     @(const D: usize) Field<D> as Field { dims, step, samples }
-    @(const D: usize) Sparse<D> as Sparse { dims, step, slots, masks, samples }
+    @(const D: usize) Sparse<D> as Sparse { dims, step, slots, masks, samples, in_shares, missed }
     LeftOut as LeftOut { near_another_sheet, in_small_pieces, in_narrow_parts, weak }
     Settled as Settled { kind, scale, low, high, min_area, mask }
     @(const D: usize) Labelled<D> as Labelled { dims, step, labels, names, winner, lead, volumes }

@@ -158,7 +158,10 @@ impl<'a, const D: usize> Minimiser<'a, D> {
         budget: &mut Budget,
         observer: &mut dyn Observer,
     ) -> Result<Stop> {
-        self.scale = self.bounds.scale(&energy.stiffness(&start));
+        let own = self.held.own();
+        let mut stiffness = vec![1.0; start.len()];
+        stiffness[own.clone()].copy_from_slice(&energy.stiffness(&start[own]));
+        self.scale = self.bounds.scale(&stiffness);
         (self.energy, self.parts) = self.measure(&start, energy, budget)?;
         self.positions = start;
         let mut memory = Lbfgs::new(self.scaled_gradient(), FIRST_CURVATURE, self.held)?;

@@ -69,16 +69,24 @@ impl Own {
             let start = start.max(self.range.start);
             start..end.min(self.range.end).max(start)
         };
-        let told = |asked: &[usize; 2]| {
-            let common = common(*asked);
+        let part = |asked: [usize; 2]| {
+            let common = common(asked);
             let from = common.start.min(self.range.end) - self.range.start;
-            self.samples[from * layer..(from + common.len()) * layer].to_vec()
+            &self.samples[from * layer..(from + common.len()) * layer]
         };
+        // What is here need not be passed on.
+        let told = asked.iter().enumerate().map(|(rank, &asked)| {
+            let others = rank != group.rank();
+            others.then(|| part(asked).to_vec()).unwrap_or_default()
+        });
+        let parts: Vec<Vec<f32>> = group.pass("layers", told.collect())?;
         // Ranks have shares in their order.
-        let parts = group.pass("layers", asked.iter().map(told).collect())?;
         let mut samples = Vec::with_capacity(wanted.len() * layer);
-        for mut part in parts {
-            samples.append(&mut part);
+        for (rank, other) in parts.iter().enumerate() {
+            samples.extend_from_slice(match rank == group.rank() {
+                true => part(asked[rank]),
+                false => other,
+            });
         }
         Ok(Held {
             range: wanted,

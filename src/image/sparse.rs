@@ -247,11 +247,17 @@ impl<const D: usize> Sparse<D> {
             own.filter(|&brick| wanted[brick]).collect()
         });
         let asked: Vec<Vec<usize>> = group.pass("bricks that are wanted", asked.collect())?;
-        let told = asked.into_iter().map(|asked| {
+        let of = |asked: &Vec<usize>| {
             let kept = |brick: &usize| self.slots[*brick] < ELSEWHERE;
-            self.some(asked.into_iter().filter(kept))
+            self.some(asked.iter().copied().filter(kept))
+        };
+        let told = asked.iter().enumerate().map(|(rank, asked)| {
+            let others = rank != group.rank();
+            others.then(|| of(asked)).unwrap_or_default()
         });
-        let told = group.pass("bricks of a potential", told.collect())?;
+        let mut told = group.pass("bricks of a potential", told.collect())?;
+        // What is here need not be passed on.
+        told[group.rank()] = of(&asked[group.rank()]);
         let mut near = Self::zero(self.dims, self.step);
         for (slot, wanted) in near.slots.iter_mut().zip(wanted) {
             if !wanted {

@@ -175,4 +175,43 @@ mod tests {
             [[0.5, 0.0, 0.0], before[1], before[2], [9.5, 0.0, 0.0]]
         );
     }
+
+    #[test]
+    fn several_put_their_atoms_onto_features_as_one_does() {
+        use crate::feature::FeaturePoint;
+        use crate::lattice::distance::Distance;
+        use crate::lattice::energy::CHUNK;
+        use crate::lattice::seeding::{Alignment, fcc};
+        use crate::ranks::shared;
+
+        let (extent, d) = ([70.0, 48.0, 45.0], 3.0);
+        // Two planes so near to each other that some atoms of either side meet.
+        let plane = |at: f32| {
+            (0..=45).flat_map(move |z| {
+                (0..=48).map(move |y| FeaturePoint {
+                    position: [at - 0.5 * y as f32, y as f32, z as f32],
+                    normal: [1.0, 0.5, 0.0].map(|c| c / 1.25f32.sqrt()),
+                    strength: 1.0,
+                })
+            })
+        };
+        let points: Vec<FeaturePoint<3>> = plane(40.0).chain(plane(42.2)).collect();
+        let sheets = Sheets::new(&points, extent, 2.4, 4.0);
+        let seeded = fcc(extent, &Distance::Constant(d), &[], Alignment::On).unwrap();
+        assert!(seeded.len() > 6 * CHUNK);
+        let (mut alone, reach) = (seeded.clone(), 0.9 * d);
+        let Atoms { positions, kinds } = &mut alone;
+        let moved = settle(positions, kinds, extent, &sheets, reach);
+        assert!(moved > 300, "{moved}");
+        for count in [2, 5] {
+            let found = shared(count, |group| {
+                let mut share = Share::of(seeded.clone(), group);
+                let moved = settle_together(&mut share, extent, &sheets, reach, group).unwrap();
+                (share.gathered(group).unwrap(), moved)
+            });
+            let all: usize = found.iter().map(|(_, moved)| moved).sum();
+            assert_eq!(all, moved, "{count}");
+            assert!(found.iter().all(|(atoms, _)| *atoms == alone), "{count}");
+        }
+    }
 }

@@ -20,7 +20,7 @@ pub struct Share<const D: usize> {
 }
 
 /// Atoms of a lattice that someone else has, by their numbers in it, rising.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Numbered<const D: usize> {
     /// The number of each.
     pub numbers: Vec<u32>,
@@ -154,30 +154,30 @@ impl<const D: usize> Share<D> {
         wants: impl Fn(usize, usize) -> bool,
         group: &dyn Group,
     ) -> Result<Numbered<D>> {
-        let to = |rank: usize| {
+        let of = |rank: usize| {
             let wanted = (0..self.atoms.len()).filter(|&n| wants(rank, n));
             let wanted: Vec<u32> = wanted.map(|n| n as u32).collect();
+            let Atoms { positions, kinds } = &self.atoms;
             Numbered {
                 atoms: Atoms {
-                    positions: (wanted.iter())
-                        .map(|&n| self.atoms.positions[n as usize])
-                        .collect(),
-                    kinds: (wanted.iter())
-                        .map(|&n| self.atoms.kinds[n as usize])
-                        .collect(),
+                    positions: wanted.iter().map(|&n| positions[n as usize]).collect(),
+                    kinds: wanted.iter().map(|&n| kinds[n as usize]).collect(),
                 },
-                numbers: (wanted.iter()).map(|n| n + self.first as u32).collect(),
+                numbers: wanted.iter().map(|n| n + self.first as u32).collect(),
             }
         };
-        let mut told = group.pass(what, (0..group.count()).map(to).collect())?;
-        if told.len() == 1 {
-            return Ok(told.swap_remove(0));
-        }
-        let mut all = Numbered {
-            numbers: Vec::new(),
-            atoms: Atoms::default(),
+        let others = |rank| match rank == group.rank() {
+            true => Numbered::default(),
+            false => of(rank),
         };
-        for mut some in told {
+        let told = group.pass(what, (0..group.count()).map(others).collect())?;
+        let mut all = Numbered::default();
+        for (rank, some) in told.into_iter().enumerate() {
+            // What is here need not be passed on.
+            let mut some = match rank == group.rank() {
+                true => of(rank),
+                false => some,
+            };
             all.numbers.append(&mut some.numbers);
             all.atoms.append(some.atoms);
         }

@@ -46,9 +46,9 @@ const LANES: usize = 8;
 pub const SEEN: usize =
     (scan::REACH + 3 * RADIUS as usize + 4 * BALANCE as usize).next_multiple_of(8);
 
-/// How likely a fault runs through each sample, in [0, 1], of which each rank has a share: see [`scan::likelihood`]. `layers` are the
-/// normals of amplitudes smoothed to the scale of their derivatives, whose root mean square is `rms`; their window
-/// should be wide, as a throw must not pass for a dip.
+/// How likely a fault runs through each sample, in [0, 1], of which each rank has a share: see [`scan::likelihood`].
+/// `layers` are the normals of amplitudes smoothed to the scale of their derivatives, whose root mean square is `rms`;
+/// their window should be wide, as a throw must not pass for a dip.
 ///
 /// # Errors
 /// Those of reading layers of `amplitude`.

@@ -75,10 +75,13 @@ impl Own {
             &self.samples[from * layer..(from + common.len()) * layer]
         };
         // What is here need not be passed on.
-        let told = asked.iter().enumerate().map(|(rank, &asked)| {
-            let others = rank != group.rank();
-            others.then(|| part(asked).to_vec()).unwrap_or_default()
-        });
+        let told = asked
+            .iter()
+            .enumerate()
+            .map(|(rank, &asked)| match rank == group.rank() {
+                true => Vec::new(),
+                false => part(asked).to_vec(),
+            });
         let parts: Vec<Vec<f32>> = group.pass("layers", told.collect())?;
         // Ranks have shares in their order.
         let mut samples = Vec::with_capacity(wanted.len() * layer);

@@ -251,10 +251,13 @@ impl<const D: usize> Sparse<D> {
             let kept = |brick: &usize| self.slots[*brick] < ELSEWHERE;
             self.some(asked.iter().copied().filter(kept))
         };
-        let told = asked.iter().enumerate().map(|(rank, asked)| {
-            let others = rank != group.rank();
-            others.then(|| of(asked)).unwrap_or_default()
-        });
+        let told = asked
+            .iter()
+            .enumerate()
+            .map(|(rank, asked)| match rank == group.rank() {
+                true => Bricks::default(),
+                false => of(asked),
+            });
         let mut told = group.pass("bricks of a potential", told.collect())?;
         // What is here need not be passed on.
         told[group.rank()] = of(&asked[group.rank()]);

@@ -48,54 +48,7 @@ enum Raw<'a, const D: usize> {
     /// With the sign that they are taken with.
     InLayers(&'a dyn Layers<D>, f32),
     /// Each rank has some layers.
-    InShares(Own),
-}
-
-/// The layers that this rank has of a volume, where others have the rest.
-struct Own {
-    range: Range<usize>,
-    samples: Vec<f32>,
-}
-
-impl Own {
-    /// These layers of a volume that all ranks have a share of; of `layer` samples each.
-    ///
-    /// # Errors
-    /// Those of other ranks.
-    fn wanted(&self, wanted: Range<usize>, layer: usize) -> Result<Held> {
-        let group: &dyn Group = &Ranks;
-        let asked: Vec<[usize; 2]> = group.all("layers wanted", [wanted.start, wanted.end])?;
-        let common = |[start, end]: [usize; 2]| {
-            let start = start.max(self.range.start);
-            start..end.min(self.range.end).max(start)
-        };
-        let part = |asked: [usize; 2]| {
-            let common = common(asked);
-            let from = common.start.min(self.range.end) - self.range.start;
-            &self.samples[from * layer..(from + common.len()) * layer]
-        };
-        // What is here need not be passed on.
-        let told = asked
-            .iter()
-            .enumerate()
-            .map(|(rank, &asked)| match rank == group.rank() {
-                true => Vec::new(),
-                false => part(asked).to_vec(),
-            });
-        let parts: Vec<Vec<f32>> = group.pass("layers", told.collect())?;
-        // Ranks have shares in their order.
-        let mut samples = Vec::with_capacity(wanted.len() * layer);
-        for (rank, other) in parts.iter().enumerate() {
-            samples.extend_from_slice(match rank == group.rank() {
-                true => part(asked[rank]),
-                false => other,
-            });
-        }
-        Ok(Held {
-            range: wanted,
-            samples,
-        })
-    }
+    InShares(Held),
 }
 
 /// Some layers of a volume.
@@ -212,6 +165,39 @@ impl Held {
     fn layers(&self, range: Range<usize>, layer: usize) -> &[f32] {
         let first = self.range.start;
         &self.samples[(range.start - first) * layer..(range.end - first) * layer]
+    }
+}
+
+impl Held {
+    /// Some layers of a volume, of which these are this rank's share and others have the rest; of `layer` samples each.
+    ///
+    /// # Errors
+    /// Those of other ranks.
+    fn wanted(&self, wanted: Range<usize>, layer: usize) -> Result<Self> {
+        let group: &dyn Group = &Ranks;
+        let asked: Vec<[usize; 2]> = group.all("layers wanted", [wanted.start, wanted.end])?;
+        let part = |asked: [usize; 2]| {
+            let [start, end] = asked.map(|at| at.clamp(self.range.start, self.range.end));
+            self.layers(start..end, layer)
+        };
+        // What is here need not be passed on.
+        let told = (asked.iter().enumerate()).map(|(rank, &asked)| match rank == group.rank() {
+            true => Vec::new(),
+            false => part(asked).to_vec(),
+        });
+        let parts: Vec<Vec<f32>> = group.pass("layers", told.collect())?;
+        // Ranks have shares in their order.
+        let mut samples = Vec::with_capacity(wanted.len() * layer);
+        for (rank, other) in parts.iter().enumerate() {
+            samples.extend_from_slice(match rank == group.rank() {
+                true => part(asked[rank]),
+                false => other,
+            });
+        }
+        Ok(Self {
+            range: wanted,
+            samples,
+        })
     }
 }
 
@@ -469,10 +455,7 @@ impl<'a, const D: usize> Samples<'a, D> {
     ) -> Result<Samples<'static, D>> {
         // Layers to either side are changed in vain: of windows as wide as these half of all.
         let windows = self.windows((2 * sees).max(MULTIPLE), self.limits[0])?;
-        let mut own = Own {
-            range: 0..0,
-            samples: Vec::new(),
-        };
+        let mut own = Held::default();
         let work = |mine: Range<usize>, _: &mut dyn FnMut(())| {
             let windows = &windows[mine];
             own.range = hull(windows);

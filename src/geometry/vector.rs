@@ -116,9 +116,9 @@ pub fn volume6(p: &[[f64; 3]; 4]) -> f64 {
 }
 
 /// The least and the largest coordinates of some points; of none, infinite ones the wrong way round.
-pub fn spread<const D: usize>(points: &[[f64; D]]) -> [[f64; D]; 2] {
+pub fn spread<'a, const D: usize>(points: impl IntoIterator<Item = &'a [f64; D]>) -> [[f64; D]; 2] {
     let none = [[f64::INFINITY; D], [f64::NEG_INFINITY; D]];
-    points.iter().fold(none, |[low, high], x| {
+    points.into_iter().fold(none, |[low, high], x| {
         [
             std::array::from_fn(|k| low[k].min(x[k])),
             std::array::from_fn(|k| high[k].max(x[k])),

@@ -10,7 +10,7 @@ use crate::geometry::{distance2, in_space, norm, spread, sub};
 use crate::lattice::AtomKind;
 use crate::lattice::held::Held;
 use crate::lattice::seeding::Atoms;
-use crate::lattice::share::Share;
+use crate::lattice::share::OwnAtoms;
 use crate::ranks::Group;
 
 /// Atoms move so far at most, in units of the reach ...
@@ -37,7 +37,7 @@ pub fn settle<const D: usize>(
 /// # Errors
 /// Those of the others.
 pub fn settle_together<const D: usize>(
-    share: &mut Share<D>,
+    share: &mut OwnAtoms<D>,
     extent: [f64; D],
     sheets: &Sheets,
     reach: f64,
@@ -205,7 +205,7 @@ mod tests {
         assert!(moved > 300, "{moved}");
         for count in [2, 5] {
             let found = shared(count, |group| {
-                let mut share = Share::of(seeded.clone(), group);
+                let mut share = OwnAtoms::of(seeded.clone(), group);
                 let moved = settle_together(&mut share, extent, &sheets, reach, group).unwrap();
                 (share.gathered(group).unwrap(), moved)
             });

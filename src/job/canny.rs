@@ -10,7 +10,7 @@ use crate::image::{Field, Image};
 use crate::improve;
 use crate::lattice::AtomKind;
 use crate::lattice::seeding::{self, Atoms};
-use crate::lattice::share::Share;
+use crate::lattice::share::OwnAtoms;
 use crate::observer::{Patience, Stage};
 use crate::ranks::Ranks;
 
@@ -37,7 +37,7 @@ where
     };
     put_onto_features(&mut atoms, seeded, &scene);
     Ok(Placed {
-        atoms: Share::of(atoms, &Ranks),
+        atoms: OwnAtoms::of(atoms, &Ranks),
         distance,
         optimised: None,
     })

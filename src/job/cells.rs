@@ -19,7 +19,7 @@ use crate::lattice::distance::Distance;
 use crate::lattice::energy::{Beta, Pairwise};
 use crate::lattice::optimize::{self, Stop, temperature};
 use crate::lattice::seeding::{self, Alignment, Atoms, fixed};
-use crate::lattice::share::Share;
+use crate::lattice::share::OwnAtoms;
 use crate::mesh::check::{Known, check_while};
 use crate::mesh::graph::Graph;
 use crate::mesh::poly::{Beyond, PolyMesh};
@@ -318,7 +318,7 @@ pub(crate) fn rest<const D: usize>(
     let energy = Pairwise::new(extent, distance, None, Beta::Constant(0.0))?;
     let energy = &mut energy.aligned(Alignment::Alongside);
     let group = &Ranks;
-    let mut share = Share::of(std::mem::take(atoms), group);
+    let mut share = OwnAtoms::of(std::mem::take(atoms), group);
     let rest = optimize::optimize_together(
         &mut share, energy, distance, extent, &options, group, observer,
     )?;

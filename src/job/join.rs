@@ -15,7 +15,7 @@ use crate::improve::{
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
 use crate::lattice::seeding::Atoms;
-use crate::lattice::share::Share;
+use crate::lattice::share::OwnAtoms;
 use crate::mesh::delaunay::{self, Delaunay};
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::voronoi;
@@ -55,7 +55,7 @@ pub trait Meshing<const D: usize> {
     /// # Errors
     /// As [`join`](Self::join), and those of other ranks.
     fn in_pieces(
-        _: &mut Share<D>,
+        _: &mut OwnAtoms<D>,
         _: &Scene<'_, D>,
         _: Option<&Target>,
         _: &mut Stages<'_>,
@@ -234,7 +234,7 @@ impl Meshing<3> for Space<3> {
     type Mesh = TetMesh;
 
     fn in_pieces(
-        share: &mut Share<3>,
+        share: &mut OwnAtoms<3>,
         scene: &Scene<'_, 3>,
         target: Option<&Target>,
         stages: &mut Stages<'_>,
@@ -288,8 +288,10 @@ impl Meshing<3> for Space<3> {
                         let joined = (tets, std::mem::take(&mut neighbors));
                         let atoms = KnownAtoms {
                             whole: nodes.len(),
-                            positions: nodes,
-                            kinds: std::mem::take(&mut kinds),
+                            atoms: Atoms {
+                                positions: nodes,
+                                kinds: std::mem::take(&mut kinds),
+                            },
                             numbers: None,
                         };
                         let made =

@@ -8,7 +8,7 @@ use crate::image::Sparse;
 use crate::lattice::distance::Distance;
 use crate::lattice::energy::{Energy, Pairwise, Regularised, Sampled};
 use crate::lattice::optimize::{self, Stop};
-use crate::lattice::share::Share;
+use crate::lattice::share::OwnAtoms;
 use crate::observer::{Observer, Patience};
 use crate::ranks::{Group, Ranks};
 use crate::report::Optimisation;
@@ -19,7 +19,7 @@ const ROOM: f64 = 1.0;
 /// The energy that a job's `atoms` shall have least of: the same for both evaluators, up to sampling.
 fn energy<'a, const D: usize>(
     params: &Params<D>,
-    atoms: &Share<D>,
+    atoms: &OwnAtoms<D>,
     potential: &'a Sparse<D>,
     distance: &'a Distance<D>,
     frame: &Frame<D>,
@@ -42,7 +42,7 @@ fn energy<'a, const D: usize>(
 
 /// Moves the atoms, each rank its share: passes on smoother and smoother potentials first, if asked for.
 pub(super) fn optimise<const D: usize>(
-    atoms: &mut Share<D>,
+    atoms: &mut OwnAtoms<D>,
     params: &Params<D>,
     features: &Features<D>,
     distance: &Distance<D>,
@@ -50,7 +50,7 @@ pub(super) fn optimise<const D: usize>(
     observer: &mut dyn Observer,
 ) -> Result<optimize::Rest> {
     let (options, extent, group) = (moving(params), frame.extent, &Ranks as &dyn Group);
-    let pass = |atoms: &mut Share<D>, potential: &Sparse<D>, observer: &mut dyn Observer| {
+    let pass = |atoms: &mut OwnAtoms<D>, potential: &Sparse<D>, observer: &mut dyn Observer| {
         let energy = &mut *energy(params, atoms, potential, distance, frame)?;
         optimize::optimize_together(atoms, energy, distance, extent, &options, group, observer)
     };
@@ -192,7 +192,7 @@ mod tests {
     ) -> (Atoms<D>, optimize::Rest) {
         let distance = Distance::Constant(d);
         let atoms = seeding::fcc(extent, &distance, &[], Alignment::On).unwrap();
-        let mut atoms = Share::of(atoms, &Ranks);
+        let mut atoms = OwnAtoms::of(atoms, &Ranks);
         let dims = extent.map(|l| l as usize + 1);
         let features = Features::none(dims, &Detection::default());
         let frame = Frame {
@@ -256,7 +256,7 @@ mod tests {
                 ..Params::default()
             };
             let atoms = seeding::fcc(extent, &distance, &[], Alignment::On).unwrap();
-            let mut atoms = Share::of(atoms, &Ranks);
+            let mut atoms = OwnAtoms::of(atoms, &Ranks);
             let features = Features {
                 potential: potential.clone(),
                 ..Features::none([81, 61], &Detection::default())
@@ -300,7 +300,7 @@ mod tests {
         let atoms: Vec<[f64; 2]> = (0..49)
             .map(|i| [6.0 * f64::from(i % 7) + 12.0, 6.0 * f64::from(i / 7) + 12.0])
             .collect();
-        let atoms = Share::of(Atoms::in_box(atoms, extent), &Ranks);
+        let atoms = OwnAtoms::of(Atoms::in_box(atoms, extent), &Ranks);
         let potential = Field::from_fn([61, 61], [1.0; 2], |x| -0.01 * x[0]);
         let potential = Sparse::of(&potential);
         let distance = Distance::Constant(d);

@@ -7,8 +7,7 @@ use crate::Result;
 use crate::geometry::spread;
 use crate::improve::tets::{self, Aim, Cuts, InSlabs, KnownAtoms};
 use crate::improve::{self, SliverMethod, Target};
-use crate::lattice::seeding::Atoms;
-use crate::lattice::share::{self as lattice, Numbered};
+use crate::lattice::share::{Numbered, OwnAtoms};
 use crate::mesh::TetMesh;
 use crate::mesh::delaunay::{
     Delaunay, Stretches, Whole, delaunay_of_stretches, delaunay_with_neighbors,
@@ -45,7 +44,7 @@ type Joined = (Vec<[u32; 4]>, Vec<[u32; 4]>);
 /// # Errors
 /// Those of the triangulation, and of other ranks.
 pub fn made(
-    atoms: &mut lattice::Share<3>,
+    atoms: &mut OwnAtoms<3>,
     scene: &Scene<'_, 3>,
     target: Option<&Target>,
     stages: &mut Stages<'_>,
@@ -61,8 +60,9 @@ pub fn made(
     let Some(cuts) = Cuts::new(&atoms.atoms.positions, extent, distance, group)? else {
         return Ok(None);
     };
+    let mut atoms = std::mem::take(atoms);
     let sheets = Space::<3>::sheets(scene);
-    improve::settle_together(atoms, extent, &sheets, join::settling(scene), group)?;
+    improve::settle_together(&mut atoms, extent, &sheets, join::settling(scene), group)?;
     stages.begin(Stage::Joining);
     let (atoms, joined) = own_tetrahedra(atoms, &cuts, group)?;
     stages.begin(Stage::Improving);
@@ -127,9 +127,9 @@ pub fn made(
 }
 
 /// The atoms of a rank's slabs and of some room round them, and the Delaunay tetrahedra of the slabs, with neighbours
-/// among them. The share is used up.
+/// among them.
 fn own_tetrahedra(
-    share: &mut lattice::Share<3>,
+    share: OwnAtoms<3>,
     cuts: &Cuts,
     group: &dyn Group,
 ) -> Result<(KnownAtoms, Joined)> {
@@ -160,29 +160,21 @@ fn own_tetrahedra(
     let Numbered { numbers, atoms } = share.passed("atoms of slabs", wants, group)?;
     let some = delaunay_of_stretches(&atoms.positions, all, cuts.axis, &ends, own)?;
     let all_have: Vec<bool> = group.all("tetrahedra of slabs", some.is_some())?;
-    let of_share = std::mem::take(&mut share.atoms);
     if let Some(Stretches { tets, neighbors }) = some
         && all_have.iter().all(|&has| has)
     {
-        let Atoms { positions, kinds } = atoms;
         let known = KnownAtoms {
-            positions,
-            kinds,
+            atoms,
             numbers: Some(numbers),
             whole,
         };
         return Ok((known, (tets, neighbors)));
     }
     drop((numbers, atoms));
-    let share = lattice::Share {
-        atoms: of_share,
-        ..*share
-    };
-    let Atoms { positions, kinds } = share.gathered(group)?;
-    let Delaunay { mesh, neighbors } = delaunay_with_neighbors(&positions)?;
+    let atoms = share.gathered(group)?;
+    let Delaunay { mesh, neighbors } = delaunay_with_neighbors(&atoms.positions)?;
     let known = KnownAtoms {
-        positions,
-        kinds,
+        atoms,
         numbers: None,
         whole,
     };

@@ -11,7 +11,7 @@ use crate::image::{Field, Image, Source};
 use crate::lattice::distance::{self, Dense, Distance};
 use crate::lattice::optimize::{self, Stop};
 use crate::lattice::seeding::{self, Alignment, Seeding, wells};
-use crate::lattice::share::Share;
+use crate::lattice::share::OwnAtoms;
 use crate::observer::{Patience, Stage};
 use crate::ranks::{self, Ranks};
 use crate::{Error, Result};
@@ -31,7 +31,7 @@ pub(super) enum Placing {
 /// Atoms at rest.
 pub(super) struct Placed<const D: usize> {
     /// The atoms, or this rank's share of them.
-    pub atoms: Share<D>,
+    pub atoms: OwnAtoms<D>,
     /// The nominal distance between them.
     pub distance: Distance<D>,
     /// What the optimiser did in its last pass, where there was one.

@@ -5,7 +5,7 @@ use super::join::{Joined, close_holes, neighbors_of};
 use super::measure::Measured;
 use super::pieces::InPieces;
 use super::regions;
-use super::{self as job, CellKind, Made, Meshing, Params, Scene, Space, Stages};
+use super::{CellKind, Made, Meshing, Params, Scene, Share, Space, Stages};
 use crate::error::cause;
 use crate::feature::steepness::steepness;
 use crate::feature::volume::Volume;
@@ -13,7 +13,7 @@ use crate::image::{Field, Image, Source};
 use crate::improve::regions::Places;
 use crate::improve::triangles::relax::{self, Relaxation};
 use crate::improve::{self, SliverMethod};
-use crate::lattice::share::Share;
+use crate::lattice::share::OwnAtoms;
 use crate::observer::{Patience, Stage};
 use crate::ranks::{self, Ranks};
 use crate::report::{Report, Rival};
@@ -32,12 +32,12 @@ pub(super) fn check_smoothing<const D: usize>(params: &Params<D>) -> Result<()> 
 
 /// Joins atoms, improves the mesh, and measures it.
 pub(super) fn made<const D: usize>(
-    mut share: Share<D>,
+    mut share: OwnAtoms<D>,
     scene: &Scene<'_, D>,
     source: Source<'_, D>,
     params: &Params<D>,
     stages: &mut Stages<'_>,
-) -> Result<(Made<D>, Report, Option<job::Share>)>
+) -> Result<(Made<D>, Report, Option<Share>)>
 where
     Space<D>: Meshing<D>,
 {

@@ -3,7 +3,7 @@
 use super::checkpoint::{Found, Kept, OfJob};
 use crate::Result;
 use crate::lattice::seeding::Atoms;
-use crate::lattice::share::Share;
+use crate::lattice::share::OwnAtoms;
 use crate::observer::{Observer, Patience, Stage, interrupted};
 use crate::ranks::{self, Ranks};
 use crate::report::{Clock, StageCost};
@@ -76,13 +76,9 @@ impl<'a> Stages<'a> {
 
     /// Keeps what a stage gave, unless it was stopped: then that is no whole result.
     fn keep<T: Kept>(&mut self, name: &str, value: &T) -> Result<()> {
-        if self.checkpoint.is_none() || !self.keep_going() || self.interrupted {
-            return Ok(());
-        }
-        match &self.checkpoint {
-            Some(checkpoint) => checkpoint.keep(name, value),
-            None => Ok(()),
-        }
+        let whole = self.checkpoint.is_some() && self.keep_going() && !self.interrupted;
+        let checkpoint = self.checkpoint.as_ref().filter(|_| whole);
+        checkpoint.map_or(Ok(()), |checkpoint| checkpoint.keep(name, value))
     }
 
     /// The same of a lattice of which each rank has a share, and of what all have: only the first rank ever has all
@@ -93,8 +89,8 @@ impl<'a> Stages<'a> {
     pub(super) fn kept_in_shares<const D: usize, T: Kept>(
         &mut self,
         name: &str,
-        work: impl FnOnce(&mut Self) -> Result<(Share<D>, T)>,
-    ) -> Result<(Share<D>, T)> {
+        work: impl FnOnce(&mut Self) -> Result<(OwnAtoms<D>, T)>,
+    ) -> Result<(OwnAtoms<D>, T)> {
         if self.checkpoint.is_none() {
             return work(self);
         }
@@ -106,7 +102,7 @@ impl<'a> Stages<'a> {
             }))
         })?;
         if let Some(rest) = found {
-            return Ok((Share::dealt(atoms, &Ranks)?, rest));
+            return Ok((OwnAtoms::dealt(atoms, &Ranks)?, rest));
         }
         let (share, rest) = work(self)?;
         let kept = (share.clone().gathered_by_first(&Ranks)?, rest);

@@ -10,7 +10,7 @@ use crate::error::Result;
 use crate::files::kept::{Kept, fields};
 use crate::geometry::spread;
 use crate::lattice::seeding::Atoms;
-use crate::lattice::share::{Numbered, Share};
+use crate::lattice::share::{Numbered, OwnAtoms};
 use crate::ranks::{Alone, Group};
 
 /// The atoms that are held here, and who holds them besides.
@@ -45,7 +45,7 @@ impl<'a> Held<'a> {
     /// # Errors
     /// Those of other ranks.
     pub fn share<const D: usize>(
-        share: &Share<D>,
+        share: &OwnAtoms<D>,
         room: f64,
         group: &'a dyn Group,
     ) -> Result<(Self, Atoms<D>)> {
@@ -285,7 +285,7 @@ mod tests {
         let moved = |n: usize| x[n].map(|c| c + 0.01 * n as f64);
         for count in [1, 2, 3, 5, 9] {
             let owned = shared(count, |group| {
-                let share = Share::of(atoms.clone(), group);
+                let share = OwnAtoms::of(atoms.clone(), group);
                 let (held, near) = Held::share(&share, room, group).unwrap();
                 let own = held.own();
                 let numbers: Vec<usize> = (0..near.len()).map(|n| held.number(n)).collect();

@@ -9,8 +9,8 @@ use crate::lattice::seeding::Atoms;
 use crate::ranks::{Group, share_of};
 
 /// Some atoms that follow one another in a lattice, whole chunks of [`CHUNK`]: those of one of a group.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Share<const D: usize> {
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct OwnAtoms<const D: usize> {
     /// The atoms.
     pub atoms: Atoms<D>,
     /// The number in the lattice of the first.
@@ -41,7 +41,7 @@ pub fn own_of(atoms: usize, rank: usize, count: usize) -> Range<usize> {
     (chunks.start * CHUNK).min(atoms)..(chunks.end * CHUNK).min(atoms)
 }
 
-impl<const D: usize> Share<D> {
+impl<const D: usize> OwnAtoms<D> {
     /// Of atoms that all of the group have.
     pub fn of(atoms: Atoms<D>, group: &dyn Group) -> Self {
         let whole = atoms.len();
@@ -187,7 +187,7 @@ impl<const D: usize> Share<D> {
 
 impl<const D: usize> Numbered<D> {
     /// With those of a share, whose numbers are between the first `before` and the others.
-    pub fn with(mut self, share: &Share<D>, before: usize) -> Self {
+    pub fn with(mut self, share: &OwnAtoms<D>, before: usize) -> Self {
         let own = share.own().map(|n| n as u32);
         let Atoms { positions, kinds } = &mut self.atoms;
         self.numbers.splice(before..before, own);
@@ -250,7 +250,7 @@ mod tests {
             (4, atoms(2 * CHUNK)),
         ] {
             let shares = shared(count, |group| {
-                let share = Share::of(atoms.clone(), group);
+                let share = OwnAtoms::of(atoms.clone(), group);
                 let first = share.clone().gathered_by_first(group).unwrap();
                 assert!(share.clone().gathered(group).unwrap() == atoms);
                 assert!(
@@ -261,7 +261,7 @@ mod tests {
                             Atoms::default()
                         }
                 );
-                assert!(Share::dealt(first, group).unwrap() == share);
+                assert!(OwnAtoms::dealt(first, group).unwrap() == share);
                 share
             });
             let mut all = Atoms::default();
@@ -278,7 +278,7 @@ mod tests {
         let atoms = atoms(5 * CHUNK);
         for count in [1, 2, 5] {
             shared(count, |group| {
-                let share = Share::of(atoms.clone(), group);
+                let share = OwnAtoms::of(atoms.clone(), group);
                 let wants = |rank: usize, n: usize| {
                     let number = share.first + n;
                     number.is_multiple_of(rank + 2)

@@ -16,6 +16,7 @@ use super::simplices::{Simplices, Torn};
 use crate::Result;
 use crate::export::containers::text::{Text, write_items};
 use crate::files::Batch;
+use crate::geometry::spread;
 use crate::model::reservoir::Model;
 
 type Out<'a> = &'a mut std::io::BufWriter<std::fs::File>;
@@ -130,13 +131,7 @@ pub fn write_4(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let mesh = &Simplices::new(model, "Gmsh's format")?;
     let regions = regions(model);
     let names: Vec<String> = regions.iter().map(|&r| region_name(model, r)).collect();
-    let nowhere = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-    let (low, high) = mesh.nodes.iter().fold(nowhere, |(low, high), p| {
-        (
-            std::array::from_fn(|k| low[k].min(p[k])),
-            std::array::from_fn(|k| high[k].max(p[k])),
-        )
-    });
+    let [low, high] = spread(mesh.nodes);
     mesh.write_twins(batch, path, 1)?;
     batch.write(path, |out| {
         head(out, "4.1", &names, mesh)?;

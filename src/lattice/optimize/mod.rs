@@ -30,7 +30,7 @@ use crate::lattice::distance::Distance;
 use crate::lattice::energy::{Energy, Terms};
 use crate::lattice::held::Held;
 use crate::lattice::seeding::Atoms;
-use crate::lattice::share::Share;
+use crate::lattice::share::OwnAtoms;
 use crate::ranks::Group;
 use bounds::Bounds;
 use minimise::{Budget, Minimiser};
@@ -160,7 +160,7 @@ pub fn optimize<const D: usize>(
 /// # Errors
 /// As [`optimize`], and those of others.
 pub(crate) fn optimize_together<const D: usize>(
-    share: &mut Share<D>,
+    share: &mut OwnAtoms<D>,
     energy: &mut dyn Energy<D>,
     distance: &Distance<D>,
     extent: [f64; D],
@@ -175,16 +175,15 @@ pub(crate) fn optimize_together<const D: usize>(
             share, energy, distance, extent, options, room, group, observer,
         );
     }
-    let atoms = std::mem::take(&mut share.atoms);
-    let mut atoms = Share { atoms, ..*share }.gathered(group)?;
+    let mut atoms = std::mem::take(share).gathered(group)?;
     let rest = optimize(&mut atoms, energy, distance, extent, options, observer);
-    *share = Share::of(atoms, group);
+    *share = OwnAtoms::of(atoms, group);
     rest
 }
 
 /// The same where none is expected to move farther than `room`.
 fn optimize_parts<const D: usize>(
-    share: &mut Share<D>,
+    share: &mut OwnAtoms<D>,
     energy: &mut dyn Energy<D>,
     distance: &Distance<D>,
     extent: [f64; D],

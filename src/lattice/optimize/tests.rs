@@ -491,7 +491,7 @@ fn those_who_hold_parts_move_atoms_as_one_who_holds_all() {
         {
             let room = room * distance.max();
             let parts = shared(count, |group| {
-                let mut share = Share::of(seeded.clone(), group);
+                let mut share = OwnAtoms::of(seeded.clone(), group);
                 let (energy, observer, distance) = (&mut energy(), &mut Unobserved, &distance);
                 let rest = optimize_parts(
                     &mut share, energy, distance, extent, &options, room, group, observer,

@@ -27,7 +27,7 @@ use crate::geometry::scatter::Scatter;
 use crate::image::{Field, Sparse};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
-use crate::lattice::share::Share;
+use crate::lattice::share::OwnAtoms;
 use crate::observer::Patience;
 use crate::ranks::{self, Alone, Group};
 use rayon::prelude::*;
@@ -243,14 +243,14 @@ pub(crate) fn seed_share<const D: usize>(
     potential: &Sparse<D>,
     group: &dyn Group,
     patience: &Patience<'_>,
-) -> Result<Share<D>> {
+) -> Result<OwnAtoms<D>> {
     let on = Alignment::On;
     if let (Seeding::Fcc, Distance::Constant(_)) = (how, distance) {
         return regular::seeded(extent, distance, fixed, on, group);
     }
     let all = seed(how, extent, distance, fixed, on, Some(potential), patience)?;
     ranks::same("atoms placed", &all)?;
-    Ok(Share::of(all, group))
+    Ok(OwnAtoms::of(all, group))
 }
 
 /// [`seed`] with [`Seeding::Fcc`].

@@ -11,7 +11,7 @@ use super::{Alignment, Atoms};
 use crate::error::Result;
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
-use crate::lattice::share::{Share, own_of};
+use crate::lattice::share::{OwnAtoms, own_of};
 use crate::ranks::Group;
 
 /// Stretches of the curve whose sites are counted, at most.
@@ -28,7 +28,7 @@ pub fn seeded<const D: usize>(
     fixed: &[[f64; D]],
     alignment: Alignment,
     group: &dyn Group,
-) -> Result<Share<D>> {
+) -> Result<OwnAtoms<D>> {
     distance.validate(extent)?;
     let fixed = fixed::checked(fixed, extent, distance, alignment)?;
     let lattice = Lattice {
@@ -73,7 +73,7 @@ pub fn seeded<const D: usize>(
     let of_fixed = own.start.max(others) - others..own.end.max(others) - others;
     atoms.positions.extend_from_slice(&fixed[of_fixed]);
     atoms.kinds.resize(atoms.positions.len(), AtomKind::Fixed);
-    Ok(Share {
+    Ok(OwnAtoms {
         atoms,
         first: own.start,
         whole,

@@ -9,7 +9,7 @@ use super::Surfaces;
 use super::facets::Facets;
 use super::kind::{Kind, kinds};
 use crate::geometry::sets::Sets;
-use crate::geometry::{add_scaled, cross, dot, in_space, norm, normal, sub, unit};
+use crate::geometry::{add_scaled, cross, dot, in_space, norm, normal, spread, sub, unit};
 
 /// Figures of one surface, in the space of the nodes that were given. In 2-D, area means length.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -142,16 +142,8 @@ fn one<const D: usize>(
     let square: f64 = (list.iter().zip(&areas))
         .map(|(f, a)| a / area * dot(sub(middle(f), centre), n).powi(2))
         .sum();
-    let (low, high) = list.as_flattened().iter().fold(
-        ([f64::INFINITY; D], [f64::NEG_INFINITY; D]),
-        |(low, high), &node| {
-            let x = nodes[node as usize];
-            (
-                std::array::from_fn(|k| low[k].min(x[k])),
-                std::array::from_fn(|k| high[k].max(x[k])),
-            )
-        },
-    );
+    let corners = list.as_flattened().iter();
+    let [low, high] = spread(corners.map(|&node| &nodes[node as usize]));
     let Shape {
         rim,
         components,

@@ -23,6 +23,7 @@ use crate::improve::sheets::Sheets;
 use crate::improve::{Blocked, Counts, Improved, Target};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
+use crate::lattice::seeding::Atoms;
 use crate::mesh::complex::{BEYOND, NONE};
 use crate::mesh::order::at_ranks;
 use crate::mesh::piece::Piece;
@@ -228,11 +229,9 @@ struct Done {
 /// Atoms as far as they are known to a member of a group: all that its tetrahedra have.
 #[derive(Debug, Clone, Default)]
 pub struct KnownAtoms {
-    /// Where each is.
-    pub positions: Vec<[f64; 3]>,
-    /// What it may do.
-    pub kinds: Vec<AtomKind>,
-    /// Its number among all, rising. None where all are known.
+    /// The atoms.
+    pub atoms: Atoms<3>,
+    /// The number of each among all, rising. None where all are known.
     pub numbers: Option<Vec<u32>>,
     /// How many there are in all.
     pub whole: usize,
@@ -254,7 +253,7 @@ pub fn own_slabs(slabs: usize, group: &dyn Group) -> Range<usize> {
 ///
 /// [`improve`]: super::improve
 pub fn improve_in_slabs(
-    atoms: KnownAtoms,
+    known: KnownAtoms,
     joined: (Vec<[u32; 4]>, Vec<[u32; 4]>),
     cuts: &Cuts,
     aim: Aim<'_>,
@@ -263,8 +262,8 @@ pub fn improve_in_slabs(
 ) -> Result<InSlabs> {
     let (slabs, bands) = (cuts.count(), cuts.at.len());
     let own = own_slabs(slabs, group);
-    let whole = atoms.whole;
-    let (raw, poor_before) = regions(joined, cuts, &own, atoms, aim.sine());
+    let whole = known.whole;
+    let (raw, poor_before) = regions(joined, cuts, &own, known, aim.sine());
     let (mut inner, mut between) = (Vec::new(), Vec::new());
     for (i, part) in raw.into_iter().enumerate() {
         [&mut inner, &mut between][i % 2].push(part);
@@ -368,13 +367,14 @@ fn regions(
     (tets, neighbors): (Vec<[u32; 4]>, Vec<[u32; 4]>),
     cuts: &Cuts,
     own: &Range<usize>,
-    atoms: KnownAtoms,
+    known: KnownAtoms,
     sine: f64,
 ) -> (Vec<Part>, usize) {
+    let Atoms { positions, kinds } = &known.atoms;
     let own = 2 * own.start..(2 * own.end).min(2 * cuts.count() - 1);
     let least = |tet: &[u32; 4]| tet.iter().fold(NONE, |a, &b| a.min(b)) as usize;
     let region: Vec<u16> = (tets.par_iter())
-        .map(|tet| cuts.region(atoms.positions[least(tet)]))
+        .map(|tet| cuts.region(positions[least(tet)]))
         .collect();
     let part = |region_here: usize| {
         let chosen: Vec<u32> = (region.par_iter().enumerate())
@@ -383,9 +383,9 @@ fn regions(
             .collect();
         let mut part = Part::of(&tets, &neighbors, &chosen, |n| {
             let n = n as usize;
-            (atoms.positions[n], atoms.kinds[n], None)
+            (positions[n], kinds[n], None)
         });
-        if let Some(numbers) = &atoms.numbers {
+        if let Some(numbers) = &known.numbers {
             part.ids
                 .iter_mut()
                 .for_each(|id| *id = numbers[*id as usize]);

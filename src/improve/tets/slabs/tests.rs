@@ -43,8 +43,10 @@ fn slabs_are_the_same_mesh_for_any_number_of_members() {
         half: 18.0,
     };
     let atoms = || KnownAtoms {
-        positions: mesh.nodes.clone(),
-        kinds: kinds.clone(),
+        atoms: Atoms {
+            positions: mesh.nodes.clone(),
+            kinds: kinds.clone(),
+        },
         numbers: None,
         whole: mesh.nodes.len(),
     };

@@ -109,6 +109,14 @@ fn faults_of_amplitudes_are_looked_for_by_all_ranks() {
     shared(folder, 3, &format!("{job} -o many.vtu"));
     let [one, many] = ["one.vtu", "many.vtu"].map(|name| fs::read(folder.join(name)).unwrap());
     assert!(one == many);
+    // Two slabs: one of the ranks has none, but the arrays of the others.
+    let job = "mesh amp.npy --feature faults+horizons --distance 2.2 --quiet";
+    let line = format!("{job} -o one.vtu");
+    succeed(folder, &line.split_whitespace().collect::<Vec<_>>());
+    shared(folder, 3, &format!("{job} -o parts.pvtu"));
+    let [one, parts] = ["one.vtu", "parts.pvtu"]
+        .map(|name| atomesh::store::read_any_mesh(&folder.join(name)).unwrap());
+    assert!(one == parts);
 }
 
 #[test]

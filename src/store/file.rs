@@ -84,7 +84,8 @@ where
             fields
         },
     };
-    if !horizons.is_empty() {
+    // A rank without cells has the arrays that others have.
+    if outcome.features.on_horizon.contains(&true) {
         let bits = face_bits_to_physical::<D>(&horizons, mirrored);
         file.cell_data.push(DataArray::scalars(HORIZON_FACES, bits));
     }

@@ -27,7 +27,7 @@ pub struct BySample<'a, const D: usize> {
     pub dims: [usize; D],
     /// In the order of samples.
     pub candidates: &'a [Candidate<D>],
-    /// Their samples.
+    /// The lowest 32 bits of their samples' indices: among those of a row no two samples have the same.
     voxels: Vec<u32>,
     /// Samples per segment, as a power of two.
     shift: u32,
@@ -40,17 +40,18 @@ impl<'a, const D: usize> BySample<'a, D> {
     pub fn new(dims: [usize; D], candidates: &'a [Candidate<D>]) -> Self {
         let shift = segment(dims);
         let segments = (dims.iter().product::<usize>() >> shift) + 1;
-        let voxels: Vec<u32> = candidates.par_iter().map(|c| c.voxel).collect();
+        let voxels: Vec<u32> = candidates
+            .par_iter()
+            .map(|c| c.voxel.index() as u32)
+            .collect();
         let mut start = vec![0u32; segments + 1];
         let parts = start.par_chunks_mut(CHUNK).enumerate();
         parts.for_each(|(part, start)| {
             let first = part * CHUNK;
-            let mut next = voxels.partition_point(|v| ((v >> shift) as usize) < first);
+            let before = |c: &Candidate<D>, segment| c.voxel.index() >> shift < segment;
+            let mut next = candidates.partition_point(|c| before(c, first));
             for (segment, start) in (first..).zip(start) {
-                while voxels
-                    .get(next)
-                    .is_some_and(|v| ((v >> shift) as usize) < segment)
-                {
+                while candidates.get(next).is_some_and(|c| before(c, segment)) {
                     next += 1;
                 }
                 *start = next as u32;
@@ -68,7 +69,7 @@ impl<'a, const D: usize> BySample<'a, D> {
     /// Sample coordinates of a candidate.
     #[inline]
     pub fn coordinates(&self, c: &Candidate<D>) -> [i32; D] {
-        let mut rest = c.voxel as usize;
+        let mut rest = c.voxel.index();
         std::array::from_fn(|k| {
             let i = rest % self.dims[k];
             rest /= self.dims[k];
@@ -91,11 +92,11 @@ impl<'a, const D: usize> BySample<'a, D> {
         if low >= high {
             return;
         }
-        let (low, high) = ((row + low as usize) as u32, (row + high as usize) as u32);
-        let first = self.start[(low >> self.shift) as usize] as usize;
-        let end = self.start[((high - 1) >> self.shift) as usize + 1] as usize;
+        let (low, length) = (row + low as usize, (high - low) as u32);
+        let first = self.start[low >> self.shift] as usize;
+        let end = self.start[((low + length as usize - 1) >> self.shift) + 1] as usize;
         for (i, voxel) in self.voxels[first..end].iter().enumerate() {
-            if (low..high).contains(voxel) {
+            if voxel.wrapping_sub(low as u32) < length {
                 visit(first + i);
             }
         }
@@ -138,7 +139,7 @@ impl<'a, const D: usize> BySample<'a, D> {
                 self.start[segment + 1] as usize,
             );
             for (i, v) in self.voxels[first..end].iter().enumerate() {
-                if *v as usize == voxel {
+                if *v == voxel as u32 {
                     visit(first + i);
                 }
             }
@@ -172,6 +173,7 @@ impl<'a, const D: usize> BySample<'a, D> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::feature::volume::Volume;
 
     #[test]
     fn visits_what_a_search_of_all_finds() {
@@ -217,5 +219,37 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn samples_beyond_those_of_32_bits_are_told_apart() {
+        // In some of the last rows, and where the lowest 32 bits are the same.
+        let dims = [3000, 2000, 1000];
+        let last = [2999, 1999, 999];
+        let mut places: Vec<[usize; 3]> = vec![last, [0, 1999, 999], [17, 1998, 999]];
+        let volume = Volume::new(dims, &[]);
+        for at in places.clone() {
+            places.push(volume.coordinates(volume.index(at) - (1 << 32)));
+        }
+        places.sort_by_key(|&at| volume.index(at));
+        let candidates: Vec<Candidate<3>> = places
+            .iter()
+            .map(|&at| Candidate::new(dims, at, 0, 0.0, [1.0, 0.0, 0.0], 1.0))
+            .collect();
+        let grid = BySample::new(dims, &candidates);
+        for (i, &at) in places.iter().enumerate() {
+            let at = at.map(|x| x as i32);
+            assert_eq!(grid.coordinates(&candidates[i]), at);
+            let mut found = Vec::new();
+            grid.each(at, |j| found.push(j));
+            grid.each_in_column(at, 1, 1, |j| found.push(j));
+            assert_eq!(found, [i, i]);
+        }
+        let mut found = Vec::new();
+        grid.each_in_row([0, 1999, 999], 3000, |i| found.push(i));
+        assert_eq!(found, [4, 5]);
+        found.clear();
+        grid.each_around([18, 1998, 998], 1, |i| found.push(i));
+        assert_eq!(found, [3]);
     }
 }

@@ -1,18 +1,69 @@
 //! Where a sheet crosses the columns of samples.
 
 use super::volume::Volume;
-use crate::files::kept::fields;
+use crate::files::kept::{Kept, fields};
 use crate::geometry::dot;
+use std::cmp::Ordering;
+use std::io::{self, Write};
 
 /// How far past the half way to the next sample a crossing still counts: neighbouring samples see
 /// slightly different normals, and a double can be dropped later while a hole cannot be filled.
 pub const OVERLAP: f32 = 0.05;
 
+/// The index in memory of a sample, in 48 bits: a candidate has no room for more, and no disk so many samples.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Voxel([u16; 3]);
+
+impl Voxel {
+    /// So many samples have one.
+    pub const COUNT: usize = 1 << 48;
+
+    /// That of the sample `at` of `dims`.
+    #[inline]
+    pub fn of<const D: usize>(dims: [usize; D], at: [usize; D]) -> Self {
+        let index = (0..D).rev().fold(0, |i, k| i * dims[k] + at[k]);
+        Self([0, 16, 32].map(|bits| (index >> bits) as u16))
+    }
+
+    /// The index.
+    #[inline]
+    pub fn index(self) -> usize {
+        let [low, middle, high] = self.0.map(usize::from);
+        low | middle << 16 | high << 32
+    }
+}
+
+impl Ord for Voxel {
+    #[inline]
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.index().cmp(&other.index())
+    }
+}
+
+impl PartialOrd for Voxel {
+    #[inline]
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Kept for Voxel {
+    fn put(&self, out: &mut dyn Write) -> io::Result<()> {
+        (self.0.iter()).try_for_each(|part| out.write_all(&part.to_le_bytes()))
+    }
+
+    fn take(from: &mut &[u8]) -> Option<Self> {
+        let (&[a, b, c, d, e, f], rest) = from.split_first_chunk()?;
+        *from = rest;
+        Some(Self([[a, b], [c, d], [e, f]].map(u16::from_le_bytes)))
+    }
+}
+
 /// A point of a sheet, in samples.
 #[derive(Debug, Clone, Copy)]
 pub struct Candidate<const D: usize> {
     /// Index in memory of the sample whose cell holds the point.
-    pub voxel: u32,
+    pub voxel: Voxel,
     /// The axis along which the sheet was crossed: position and sample differ only along it.
     pub axis: u8,
     /// Position, in samples.
@@ -39,9 +90,8 @@ impl<const D: usize> Candidate<D> {
     ) -> Self {
         let mut position = at.map(|i| i as f32);
         position[axis] = (position[axis] + offset).clamp(0.0, (dims[axis] - 1) as f32);
-        let voxel = (0..D).rev().fold(0, |i, k| i * dims[k] + at[k]) as u32;
         Self {
-            voxel,
+            voxel: Voxel::of(dims, at),
             axis: axis as u8,
             position,
             normal: normal.map(|c| c as f32),

@@ -2,6 +2,8 @@
 
 use super::FeatureKind;
 use super::LabelWish;
+use super::crossing::Voxel;
+use super::detectors::Detector;
 use super::detectors::paths::PathSeeds;
 use super::volume::Volume;
 use crate::error::{Error, Result, cause};
@@ -92,7 +94,6 @@ pub(super) fn checked<'a, const D: usize>(
     asked: &Detection<D>,
 ) -> Result<Cow<'a, Image<D>>> {
     refuse_impossible(asked)?;
-    refuse_too_many(image.dims(), asked.kind)?;
     let image = image.continued().map_or(Cow::Borrowed(image), Cow::Owned);
     let samples = image.as_slice();
     if let Some(i) = first_not_finite(samples) {
@@ -129,24 +130,30 @@ pub(super) fn refuse_constant<const D: usize>(image: &Image<D>) -> Result<()> {
     Ok(())
 }
 
-/// Most samples of an image whose features are sought: candidates know theirs by 32 bits.
-const MOST_SAMPLES: u128 = u32::MAX as u128;
+/// Most samples of an image that is searched in memory: what is done there numbers them by 32 bits.
+pub(super) const MOST_HELD: usize = u32::MAX as usize;
 
-/// Refuses an image with more samples than can be numbered. [`FeatureKind::Paths`] numbers them twice.
-pub(super) fn refuse_too_many<const D: usize>(dims: [usize; D], kind: FeatureKind) -> Result<()> {
+/// Most samples of an image in which a detector finds features.
+pub(super) fn most_samples<const D: usize>(detector: &dyn Detector<D>) -> usize {
+    match detector.kind() {
+        _ if detector.in_layers() => Voxel::COUNT,
+        // It numbers them twice.
+        FeatureKind::Paths => MOST_HELD / 2,
+        _ => MOST_HELD,
+    }
+}
+
+/// Refuses an image with more samples than can be numbered.
+pub(super) fn refuse_more<const D: usize>(dims: [usize; D], most: usize) -> Result<()> {
     let samples = dims
         .iter()
         .fold(1u128, |all, &n| all.saturating_mul(n as u128));
-    let most = match kind {
-        FeatureKind::Paths => MOST_SAMPLES / 2,
-        _ => MOST_SAMPLES,
-    };
-    if samples <= most && dims.iter().all(|&n| n <= i32::MAX as usize) {
+    if samples <= most as u128 && dims.iter().all(|&n| n <= i32::MAX as usize) {
         return Ok(());
     }
     Err(Error::Image(cause(
         "image",
-        format!("has {samples} samples ({dims:?}); features can be found among {most}"),
+        format!("has {samples} samples ({dims:?}); such features can be found among {most}"),
         "mesh a part of it, or take every other sample",
     )))
 }
@@ -205,24 +212,31 @@ pub(super) fn first_not_finite(samples: &[f32]) -> Option<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::feature::detect;
     use crate::feature::scenes::{Sheet, ridge_image};
+    use crate::feature::{detect, detectors};
     use crate::image::Geometry;
 
     #[test]
     fn images_whose_samples_cannot_be_numbered_are_refused() {
-        let large = |dims: [usize; 3]| refuse_too_many(dims, FeatureKind::Ridges);
-        // The last candidate's number, and the end of the last row, fit in 32 bits.
-        assert!(large([1 << 16, 1 << 8, (1 << 8) - 1]).is_ok());
-        assert!(large([65_537, 65_535, 1]).is_ok());
-        for dims in [[1 << 16, 1 << 16, 1], [2048, 2048, 1024], [usize::MAX; 3]] {
-            let error = large(dims).unwrap_err().to_string();
-            assert!(error.contains("found among 4294967295"), "{error}");
+        let large = |dims: [usize; 3], kind| {
+            let detector = detectors::of::<3>(kind).unwrap();
+            refuse_more(dims, most_samples(detector))
+        };
+        // What finds in layers numbers far more samples than a disk has.
+        for kind in [FeatureKind::Ridges, FeatureKind::Horizons] {
+            assert!(large([1 << 16; 3], kind).is_ok());
+            for dims in [[1 << 16, 1 << 16, (1 << 16) + 1], [usize::MAX; 3]] {
+                let error = large(dims, kind).unwrap_err().to_string();
+                assert!(error.contains("found among 281474976710656"), "{error}");
+            }
+            assert!(large([1 << 31, 1, 1], kind).is_err(), "31 bits an axis");
         }
-        assert!(large([1 << 31, 1, 1]).is_err(), "an axis counts in 31 bits");
+        let labels = |dims| large(dims, FeatureKind::Labels);
+        assert!(labels([65_537, 65_535, 1]).is_ok());
+        assert!(labels([2048, 2048, 1024]).is_err());
         // Shortest paths run through two copies of the image.
-        let plane = |n| refuse_too_many([n, 1 << 16], FeatureKind::Paths);
-        assert!(plane((1 << 15) - 1).is_ok() && plane(1 << 15).is_err());
+        let paths = |n| large([n, 1 << 16, 1], FeatureKind::Paths);
+        assert!(paths((1 << 15) - 1).is_ok() && paths(1 << 15).is_err());
     }
 
     #[test]

@@ -8,7 +8,7 @@
 
 use super::FeaturePoint;
 use super::by_sample::BySample;
-use super::crossing::{Candidate, nearest};
+use super::crossing::{Candidate, Voxel, nearest};
 use crate::geometry::{dot, sub};
 use rayon::prelude::*;
 
@@ -98,7 +98,7 @@ pub(super) fn in_samples<const D: usize>(
             let at: [usize; D] =
                 std::array::from_fn(|k| (nearest(position[k]).max(0) as usize).min(dims[k] - 1));
             Candidate {
-                voxel: (0..D).rev().fold(0, |i, k| i * dims[k] + at[k]) as u32,
+                voxel: Voxel::of(dims, at),
                 axis: 0,
                 position,
                 normal: normal.map(|c| c / length),

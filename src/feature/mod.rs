@@ -188,21 +188,27 @@ pub(crate) fn detect_while<const D: usize>(
         Source::InLayers(layers) => layers,
     };
     detection::refuse_impossible(asked)?;
-    detection::refuse_too_many(layers.dims(), asked.kind)?;
+    let (dims, parts) = (layers.dims(), detectors::of_asked(asked));
+    for (detector, _) in parts.iter().flatten() {
+        detection::refuse_more(dims, detection::most_samples(*detector))?;
+    }
     let samples = Samples::in_layers(layers, 1.0);
-    let chosen = match detectors::auto::choose_in_layers(&samples, patience)? {
-        _ if asked.kind != FeatureKind::Auto => {
-            detectors::of_asked(asked).map(|parts| (parts, None))
-        }
-        Some(choice) => Some(detectors::named(choice, asked)?),
-        None => None,
+    // Looked at whatever is asked for: samples must be finite.
+    let choice = detectors::auto::choose_in_layers(&samples, patience)?;
+    let chosen = match (parts, choice) {
+        (Some(parts), _) => Some((parts, None)),
+        (None, Some(choice)) => Some(detectors::named(choice, asked)?),
+        (None, None) => None,
     };
     match chosen {
         Some((parts, why)) if parts.iter().all(|(detector, _)| detector.in_layers()) => {
             follow_parts(source, parts, why, asked, patience)
         }
         // What needs the whole image has it.
-        _ => detect_held(&layers.load()?, asked, patience),
+        _ => {
+            detection::refuse_more(dims, detection::MOST_HELD)?;
+            detect_held(&layers.load()?, asked, patience)
+        }
     }
 }
 
@@ -279,6 +285,7 @@ fn follow<const D: usize>(
     open: Open<D>,
 ) -> Result<Features<D>> {
     let (dims, asked, kind) = (scene.dims(), scene.asked, detector.kind());
+    detection::refuse_more(dims, detection::most_samples(detector))?;
     let mut notes = Vec::new();
     let found = detector.find(scene, &mut notes);
     scene.patience.reached(FOUND);

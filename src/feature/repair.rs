@@ -6,7 +6,7 @@
 //! reliable points nearby. Doubtful candidates beside a continued sheet are dropped.
 
 use super::by_sample::{BySample, segment};
-use super::crossing::{Candidate, nearest};
+use super::crossing::{Candidate, Voxel, nearest};
 use super::quadric::Quadric;
 use super::volume::Volume;
 use crate::geometry::{dot, sub};
@@ -151,7 +151,7 @@ pub fn repair<const D: usize>(
     let (dims, samples) = (smoothed.dims, Volume::new(smoothed.dims, &[]));
     let zone = Zone::new(dims, scale);
     let in_zone = |c: &Candidate<D>| {
-        let at = samples.coordinates(c.voxel as usize);
+        let at = samples.coordinates(c.voxel.index());
         zone.holds(at.map(|i| i as i32))
     };
     let doubtful: Vec<Candidate<D>> = (candidates.par_iter().copied())
@@ -177,7 +177,7 @@ pub fn repair<const D: usize>(
     };
     let at_rim = |c: &&Candidate<D>| c.strength >= strong && zone.near(grid.coordinates(c));
     let departure = |c: &Candidate<D>| Departure {
-        level: smoothed.at(samples.coordinates(c.voxel as usize)),
+        level: smoothed.at(samples.coordinates(c.voxel.index())),
         normal: c.normal,
         steps: 0,
     };
@@ -278,10 +278,6 @@ struct Continuation<'a, const D: usize> {
 type Step<const D: usize> = ([i32; D], Candidate<D>);
 
 impl<const D: usize> Continuation<'_, D> {
-    fn samples(&self) -> Volume<'static, D> {
-        Volume::new(self.smoothed.dims, &[])
-    }
-
     /// Tries to continue sheets from some points, one after the other, into the columns around each. What
     /// each would give is found first, by all threads: what is taken meanwhile stays taken.
     fn step_from(&mut self, some: &[(Candidate<D>, Departure<D>)], patience: &Patience<'_>) {
@@ -298,7 +294,7 @@ impl<const D: usize> Continuation<'_, D> {
                 if self.taken(column, from) || self.taken(at, from) {
                     continue;
                 }
-                let latest = &mut self.by_segment[(point.voxel >> self.shift) as usize];
+                let latest = &mut self.by_segment[point.voxel.index() >> self.shift];
                 self.previous.push(*latest);
                 *latest = self.points.len() as u32;
                 self.points.push(point);
@@ -358,9 +354,9 @@ impl<const D: usize> Continuation<'_, D> {
             if !self.zone.inside(v) {
                 return false;
             }
-            let voxel = self.samples().index(v.map(|i| i as usize)) as u32;
+            let voxel = Voxel::of(self.smoothed.dims, v.map(|i| i as usize));
             let mut count = 0;
-            let mut i = self.by_segment[(voxel >> self.shift) as usize];
+            let mut i = self.by_segment[voxel.index() >> self.shift];
             while i != NONE {
                 let p = &self.points[i as usize];
                 if p.voxel == voxel {
@@ -432,7 +428,7 @@ impl<const D: usize> Continuation<'_, D> {
             return None;
         }
         Some(Candidate {
-            voxel: self.samples().index(at.map(|i| i as usize)) as u32,
+            voxel: Voxel::of(self.smoothed.dims, at.map(|i| i as usize)),
             axis: like.axis,
             position,
             normal,

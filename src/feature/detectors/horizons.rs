@@ -12,7 +12,7 @@
 use super::{Detector, Found, Scene, Thresholds};
 use crate::error::Result;
 use crate::feature::FeatureKind;
-use crate::feature::crossing::{Candidate, dominant_axes};
+use crate::feature::crossing::{Candidate, Voxel, dominant_axes};
 use crate::feature::tensor::Normals;
 use crate::feature::volume::Volume;
 use crate::feature::windows::Window;
@@ -114,7 +114,7 @@ fn crests<const D: usize>(
                 let mut position = at.map(|i| i as f32);
                 position[axis] += offset;
                 found.push(Candidate {
-                    voxel: whole.index(at) as u32,
+                    voxel: Voxel::of(whole.dims, at),
                     axis: axis as u8,
                     position,
                     normal: normals.at(position),

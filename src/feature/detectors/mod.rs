@@ -307,7 +307,7 @@ impl<const D: usize> Found<D> {
         if near.is_empty() {
             return;
         }
-        let row = |c: &Candidate<D>| c.voxel as usize / image.dims()[0];
+        let row = |c: &Candidate<D>| c.voxel.index() / image.dims()[0];
         let dropped = self.candidates.iter().map(row);
         let dropped = dropped.filter(|&r| near[r] && !image.missing[r]).count();
         self.candidates.retain(|c| !near[row(c)]);

@@ -310,7 +310,7 @@ impl<const D: usize> Glance<D> {
         shell: &Shell<D>,
     ) -> Self {
         let (whole, smoothed) = (Volume::new(window.dims, &[]), window.smoothed);
-        let height = |c: &Candidate<D>| smoothed.at(whole.coordinates(c.voxel as usize));
+        let height = |c: &Candidate<D>| smoothed.at(whole.coordinates(c.voxel.index()));
         let own = smoothed.layers(&window.own);
         let passed = window.own.start * layer(window.dims);
         let skipped = passed.next_multiple_of(every) - passed;

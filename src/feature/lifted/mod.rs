@@ -22,7 +22,7 @@ mod spread;
 mod zone;
 
 use super::by_sample::BySample;
-use super::crossing::{Candidate, nearest};
+use super::crossing::{Candidate, Voxel, nearest};
 use super::quadric::Quadric;
 use super::volume::Volume;
 use super::windows::{Samples, Window};
@@ -90,7 +90,7 @@ impl<const D: usize> Search<'_, D> {
         let dims = self.image.dims();
         let (samples, blocks) = (Volume::new(dims, &[]), blocks(dims));
         let block_of = |c: &Candidate<D>| {
-            let at = samples.coordinates(c.voxel as usize);
+            let at = samples.coordinates(c.voxel.index());
             blocks.index(at.map(|i| i / BLOCK))
         };
         let count = blocks.dims.iter().product();
@@ -188,7 +188,7 @@ impl<const D: usize> Search<'_, D> {
             moved.position[axis] = (c.position[axis] + height).clamp(0.0, last);
             moved.normal = normal;
             let at = moved.position.map(|x| nearest(x).max(0) as usize);
-            moved.voxel = Volume::new(self.image.dims(), &[]).index(at) as u32;
+            moved.voxel = Voxel::of(self.image.dims(), at);
             moved
         };
         let mut moved: Vec<Candidate<D>> = points.par_iter().map(polish).collect();
@@ -233,7 +233,7 @@ pub fn merged<const D: usize>(
 ) -> (Vec<Candidate<D>>, usize) {
     let samples = Volume { dims, samples: &[] };
     let blocks = blocks(dims);
-    let at = |c: &Candidate<D>| samples.coordinates(c.voxel as usize);
+    let at = |c: &Candidate<D>| samples.coordinates(c.voxel.index());
     let block = |c: &Candidate<D>| blocks.index(at(c).map(|i| i / BLOCK));
     let grid = BySample::new(dims, lifted);
     // Of each block: the sure usual points, and those with a point at some angle beside them.

@@ -34,14 +34,51 @@ pub struct Ambiguous<const D: usize> {
     cells: Volume<'static, D>,
     /// Of each cell, why it is ambiguous: [`MIXED_NORMALS`], [`WIDE_RIDGES`].
     pub(super) flags: Vec<u8>,
-    /// Of each cell with candidates, the number that it has among these; else [`NONE`].
-    slots: Vec<u32>,
+    /// Cells with candidates.
+    slots: Slots,
     /// Sum over the candidates of each of these of the tensors of their normals.
     tensors: Vec<Symmetric<D>>,
 }
 
-/// A cell without candidates.
-const NONE: u32 = u32::MAX;
+/// Some of the cells, numbered in their order. Few have candidates: a bit for each costs less than a number.
+struct Slots {
+    bits: Vec<u64>,
+    /// How many there are before each word of bits.
+    before: Vec<u32>,
+}
+
+impl Slots {
+    /// Those `cells` of so many.
+    fn of(count: usize, cells: impl Iterator<Item = usize>) -> Self {
+        let mut bits = vec![0u64; count.div_ceil(64)];
+        cells.for_each(|cell| bits[cell / 64] |= 1 << (cell % 64));
+        let mut sum = 0;
+        let before = |word: &u64| {
+            let before = sum;
+            sum += word.count_ones();
+            before
+        };
+        let before = bits.iter().map(before).collect();
+        Self { bits, before }
+    }
+
+    /// The number of a cell, if it is one of them.
+    #[inline]
+    fn of_cell(&self, cell: usize) -> Option<usize> {
+        let (word, bit) = (self.bits[cell / 64], 1 << (cell % 64));
+        let passed = (word & (bit - 1)).count_ones();
+        (word & bit != 0).then(|| (self.before[cell / 64] + passed) as usize)
+    }
+
+    /// All of them, in their order.
+    fn each(&self) -> impl Iterator<Item = usize> {
+        let words = self.bits.iter().enumerate().filter(|(_, word)| **word != 0);
+        words.flat_map(|(number, word)| {
+            let set = (0..64).filter(move |bit| word & (1 << bit) != 0);
+            set.map(move |bit| 64 * number + bit)
+        })
+    }
+}
 
 /// What the ridge points of a cell say.
 #[derive(Clone, Copy)]
@@ -76,39 +113,36 @@ impl<const D: usize> Ambiguous<D> {
         let samples = Volume::new(dims, &[]);
         let cells = Volume::new(dims.map(|n| n.div_ceil(CELL)), &[]);
         let count = cells.dims.iter().product();
-        let mut zone = Self {
-            cells,
-            flags: vec![0; count],
-            slots: vec![NONE; count],
-            tensors: Vec::new(),
-        };
         let all = || candidates.iter().zip(heights.iter().map(|&h| f64::from(h)));
         let sure = || all().filter(|(c, _)| c.strength >= strong);
         let high = sure().map(|(_, height)| height).sum::<f64>() / sure().count().max(1) as f64;
-        let mut cells: Vec<Ridges<D>> = Vec::new();
-        for (c, height) in all().filter(|(c, _)| c.strength >= clear) {
-            // What is weak and not high either is noise.
-            if c.strength < strong && height < HIGH * high {
+        // What is weak and not high either is noise, and at the sides mirrored samples turn normals.
+        let clear = || all().filter(|(c, _)| c.strength >= clear);
+        let tell = clear().filter_map(|(c, height)| {
+            let at = samples.coordinates(c.voxel.index());
+            let inside = (0..D).all(|k| at[k] >= SIDE && at[k] + SIDE < dims[k]);
+            let tells = inside && (c.strength >= strong || height >= HIGH * high);
+            tells.then(|| (c, height, cells.index(at.map(|i| i / CELL))))
+        });
+        let slots = Slots::of(count, tell.clone().map(|(_, _, cell)| cell));
+        let ridges = |cell| Ridges {
+            cell,
+            places: [0.0; D],
+            widths: [0.0; 2],
+            sure_widths: [0.0; 2],
+        };
+        let mut ridges: Vec<Ridges<D>> = slots.each().map(ridges).collect();
+        let mut zone = Self {
+            cells,
+            flags: vec![0; count],
+            slots,
+            tensors: vec![[[0.0; D]; D]; ridges.len()],
+        };
+        for (c, height, cell) in tell {
+            let Some(slot) = zone.slots.of_cell(cell) else {
                 continue;
-            }
-            let at = samples.coordinates(c.voxel as usize);
-            // At the sides mirrored samples turn normals.
-            if (0..D).any(|k| at[k] < SIDE || at[k] + SIDE >= dims[k]) {
-                continue;
-            }
-            let number = zone.cell_of(at);
-            if zone.slots[number] == NONE {
-                zone.slots[number] = cells.len() as u32;
-                zone.tensors.push([[0.0; D]; D]);
-                cells.push(Ridges {
-                    cell: number,
-                    places: [0.0; D],
-                    widths: [0.0; 2],
-                    sure_widths: [0.0; 2],
-                });
-            }
-            let slot = zone.slots[number] as usize;
-            let (cell, tensor) = (&mut cells[slot], &mut zone.tensors[slot]);
+            };
+            let (cell, tensor) = (&mut ridges[slot], &mut zone.tensors[slot]);
             let width = [height, f64::from(c.strength)];
             cell.widths = [0, 1].map(|k: usize| cell.widths[k] + width[k]);
             if c.strength < strong {
@@ -123,7 +157,7 @@ impl<const D: usize> Ambiguous<D> {
             }
         }
         let ratio = |w: [f64; 2]| w[0] / w[1];
-        let sure_widths = cells.iter().map(|cell| cell.sure_widths);
+        let sure_widths = ridges.iter().map(|cell| cell.sure_widths);
         let mut ratios: Vec<f64> = sure_widths.filter(|w| w[1] > 0.0).map(ratio).collect();
         if ratios.is_empty() {
             return zone;
@@ -134,14 +168,14 @@ impl<const D: usize> Ambiguous<D> {
         let usual = narrow.min((1.0 + SINGLE / (scale * scale)) / HEIGHT);
         let wide_around = |i: usize| {
             let mut sum = [0.0; 2];
-            for j in around(&zone.cells, i, 1).filter_map(|j| zone.slot(j)) {
-                sum = [0, 1].map(|k: usize| sum[k] + cells[j].widths[k]);
+            for j in around(&zone.cells, i, 1).filter_map(|j| zone.slots.of_cell(j)) {
+                sum = [0, 1].map(|k: usize| sum[k] + ridges[j].widths[k]);
             }
             sum
         };
-        let places: Vec<[f64; D]> = cells.iter().map(|cell| cell.places).collect();
+        let places: Vec<[f64; D]> = ridges.iter().map(|cell| cell.places).collect();
         let beside = |slot: usize| {
-            around(&zone.cells, cells[slot].cell, 1).filter_map(|cell| zone.slot(cell))
+            around(&zone.cells, ridges[slot].cell, 1).filter_map(|cell| zone.slots.of_cell(cell))
         };
         let spread = spread(&zone.tensors, &places, beside);
         let mut least: Vec<f64> = spread.iter().copied().filter(|s| *s > 0.0).collect();
@@ -151,19 +185,19 @@ impl<const D: usize> Ambiguous<D> {
             false => *least.select_nth_unstable_by(tenth, f64::total_cmp).1,
         };
         let mixed = (NOISE * noise).clamp(MIXED[0], MIXED[1]);
-        let flags: Vec<u8> = (0..cells.len())
+        let flags: Vec<u8> = (0..ridges.len())
             .into_par_iter()
             .map(|i| {
-                if cells[i].widths[1] == 0.0 {
+                if ridges[i].widths[1] == 0.0 {
                     return 0;
                 }
                 let mixed = spread[i] > mixed;
-                let wide = usual > 0.0 && ratio(wide_around(cells[i].cell)) > WIDE * usual;
+                let wide = usual > 0.0 && ratio(wide_around(ridges[i].cell)) > WIDE * usual;
                 u8::from(mixed) * MIXED_NORMALS + u8::from(wide) * WIDE_RIDGES
             })
             .collect();
         for (i, flag) in flags.into_iter().enumerate().filter(|f| f.1 != 0) {
-            let around: Vec<usize> = around(&zone.cells, cells[i].cell, WIDEN).collect();
+            let around: Vec<usize> = around(&zone.cells, ridges[i].cell, WIDEN).collect();
             for j in around {
                 zone.flags[j] |= flag;
             }
@@ -182,14 +216,6 @@ impl<const D: usize> Ambiguous<D> {
         self.flags[self.cell_of(at)] != 0
     }
 
-    /// The number of a cell among those with candidates.
-    fn slot(&self, cell: usize) -> Option<usize> {
-        match self.slots[cell] {
-            NONE => None,
-            slot => Some(slot as usize),
-        }
-    }
-
     /// How many cells in these layers of samples along the last axis are ambiguous.
     pub fn in_layers(&self, layers: Range<usize>) -> usize {
         let cells: usize = self.cells.dims[..D - 1].iter().product();
@@ -205,7 +231,7 @@ impl<const D: usize> Ambiguous<D> {
     /// The tensor of normals of a cell and those around it.
     pub(super) fn around(&self, cell: usize, reach: usize) -> Symmetric<D> {
         let mut sum = [[0.0; D]; D];
-        for j in around(&self.cells, cell, reach).filter_map(|j| self.slot(j)) {
+        for j in around(&self.cells, cell, reach).filter_map(|j| self.slots.of_cell(j)) {
             for k in 0..D {
                 for l in 0..D {
                     sum[k][l] += self.tensors[j][k][l];
@@ -240,4 +266,19 @@ pub fn around<const D: usize>(
 /// The sum of a matrix's diagonal.
 pub fn trace<const D: usize>(m: &Symmetric<D>) -> f64 {
     (0..D).map(|k| m[k][k]).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn some_cells_are_numbered_in_their_order() {
+        let some = [0, 1, 63, 64, 130, 191, 192, 259];
+        let slots = Slots::of(260, [192, 64, 0, 259, 63, 1, 130, 191, 64].into_iter());
+        assert!(slots.each().eq(some));
+        for cell in 0..260 {
+            assert_eq!(slots.of_cell(cell), some.iter().position(|&c| c == cell));
+        }
+    }
 }

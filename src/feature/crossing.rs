@@ -21,7 +21,7 @@ impl Voxel {
     /// That of the sample `at` of `dims`.
     #[inline]
     pub fn of<const D: usize>(dims: [usize; D], at: [usize; D]) -> Self {
-        let index = (0..D).rev().fold(0, |i, k| i * dims[k] + at[k]);
+        let index = Volume::new(dims, &[]).index(at);
         Self([0, 16, 32].map(|bits| (index >> bits) as u16))
     }
 

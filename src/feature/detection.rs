@@ -213,8 +213,9 @@ pub(super) fn first_not_finite(samples: &[f32]) -> Option<usize> {
 mod tests {
     use super::*;
     use crate::feature::scenes::{Sheet, ridge_image};
-    use crate::feature::{detect, detectors};
-    use crate::image::Geometry;
+    use crate::feature::{detect, detect_while, detectors};
+    use crate::image::{Geometry, Layers, Source};
+    use crate::observer::Patience;
 
     #[test]
     fn images_whose_samples_cannot_be_numbered_are_refused() {
@@ -237,6 +238,38 @@ mod tests {
         // Shortest paths run through two copies of the image.
         let paths = |n| large([n, 1 << 16, 1], FeatureKind::Paths);
         assert!(paths((1 << 15) - 1).is_ok() && paths(1 << 15).is_err());
+    }
+
+    /// More layers than are searched in memory, of which none can be had.
+    struct TooMany(Geometry<3>);
+
+    impl Layers<3> for TooMany {
+        fn dims(&self) -> [usize; 3] {
+            [2048, 2048, 1024]
+        }
+
+        fn geometry(&self) -> &Geometry<3> {
+            &self.0
+        }
+
+        fn read(&self, _: usize, _: &mut [f32]) -> Result<()> {
+            unreachable!("refused before it is read")
+        }
+
+        fn load(&self) -> Result<Image<3>> {
+            unreachable!("refused before it is loaded")
+        }
+    }
+
+    #[test]
+    fn what_needs_more_in_memory_than_can_be_numbered_is_refused_unread() {
+        let layers = TooMany(Geometry::default());
+        for kind in [FeatureKind::Labels, FeatureKind::Canny, FeatureKind::Paths] {
+            let asked = Detection::of(kind, 8.0);
+            let patience = &Patience::endless();
+            let error = detect_while(Source::InLayers(&layers), &asked, patience).unwrap_err();
+            assert!(error.to_string().contains("4294967296 samples"), "{error}");
+        }
     }
 
     #[test]

@@ -216,6 +216,7 @@ mod tests {
     use crate::feature::{detect, detect_while, detectors};
     use crate::image::{Geometry, Layers, Source};
     use crate::observer::Patience;
+    use std::ops::Range;
 
     #[test]
     fn images_whose_samples_cannot_be_numbered_are_refused() {
@@ -252,7 +253,7 @@ mod tests {
             &self.0
         }
 
-        fn read(&self, _: usize, _: &mut [f32]) -> Result<()> {
+        fn read_rows(&self, _: usize, _: Range<usize>, _: &mut [f32]) -> Result<()> {
             unreachable!("refused before it is read")
         }
 

@@ -14,10 +14,9 @@
 use super::crossing::{Candidate, along_axis, dominant_axes};
 use super::rows::Curvature;
 use super::symmetric::{eigenvalues, eigenvector};
-use super::windows::{Samples, Window};
+use super::windows::{Own, Samples, Window};
 use crate::error::Result;
 use crate::observer::Patience;
-use std::ops::Range;
 
 /// A Gaussian ridge as wide as the smoothing has, in the smoothed image, sigma^2 times its second
 /// derivative lower than its height by this factor.
@@ -98,8 +97,10 @@ pub fn statistics<const D: usize>(
 ) -> Result<Statistics> {
     let every = if D == 3 { 16 } else { 1 };
     let mut parts: Vec<(Vec<f32>, Vec<f32>)> = Vec::new();
-    let some =
-        |own: Range<usize>| usize::from((own.start / own.len()).is_multiple_of(samples.one_in()));
+    let some = |own: &Own| {
+        let number = own.layers.start / own.layers.len();
+        usize::from(number.is_multiple_of(samples.one_in()))
+    };
     let mut measure = |window: &Window<'_, D>| {
         window.by_rows(patience, |first, curvature: &mut Curvature, parts| {
             let place = window.smoothed.in_volume(first);

@@ -40,7 +40,7 @@ impl<const D: usize> Normals<D> {
         let mut products = vec![Vec::new(); D * (D + 1) / 2];
         let mut sum = 0.0;
         let mut look = |window: &Window<'_, D>| {
-            let layers = window.smoothed.layers(&window.own);
+            let layers = window.smoothed.layers(&window.own.layers);
             let squares = layers.par_chunks(layer(window.dims).max(1)).map(square_sum);
             let squares: Vec<f64> = squares.collect();
             (squares, own_products(window, factor, patience))
@@ -166,7 +166,7 @@ fn own_products<const D: usize>(
     let stack = window.smoothed;
     let volume = stack.volume;
     let mut dims = window.dims.map(|n| n.div_ceil(factor));
-    dims[D - 1] = window.own.len().div_ceil(factor);
+    dims[D - 1] = window.own.layers.len().div_ceil(factor);
     let count: usize = dims.iter().product();
     let mut products = vec![vec![0.0f32; count]; D * (D + 1) / 2];
     // One task per layer of cells along the last axis.
@@ -181,11 +181,11 @@ fn own_products<const D: usize>(
         .par_iter_mut()
         .enumerate()
         .for_each(|(number, parts)| {
-            let first = window.own.start + number * factor;
+            let first = window.own.layers.start + number * factor;
             let mut begin = [0; D];
             begin[D - 1] = first;
             let start = volume.index(stack.in_stack(begin));
-            let rows = (window.own.end.min(first + factor) - first) * layer(window.dims);
+            let rows = (window.own.layers.end.min(first + factor) - first) * layer(window.dims);
             for start in (start..start + rows).step_by(volume.dims[0]) {
                 if patience.over() {
                     return;

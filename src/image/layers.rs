@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 use std::fmt;
+use std::ops::Range;
 use std::path::Path;
 
 use super::formats::{samples, stream::Stream};
@@ -21,17 +22,31 @@ pub trait Layers<const D: usize>: Sync {
     /// Where they lie.
     fn geometry(&self) -> &Geometry<D>;
 
-    /// Fills `out` with the samples of whole layers, from the one numbered `first` on.
+    /// Fills `out` with the samples of these rows (along x, numbered in a layer) of layers, from the one numbered
+    /// `first` on.
     ///
     /// # Errors
     /// [`Error::Io`](crate::Error::Io) if they cannot be read.
-    fn read(&self, first: usize, out: &mut [f32]) -> Result<()>;
+    fn read_rows(&self, first: usize, rows: Range<usize>, out: &mut [f32]) -> Result<()>;
+
+    /// The same of whole layers.
+    ///
+    /// # Errors
+    /// Those of [`Layers::read_rows`].
+    fn read(&self, first: usize, out: &mut [f32]) -> Result<()> {
+        self.read_rows(first, 0..rows(self.dims()), out)
+    }
 
     /// All of them.
     ///
     /// # Errors
     /// Those of [`Layers::read`], and [`Error::Job`](crate::Error::Job) if there is no memory for them.
     fn load(&self) -> Result<Image<D>>;
+}
+
+/// Rows along x of a layer.
+pub fn rows<const D: usize>(dims: [usize; D]) -> usize {
+    dims[1..D - 1].iter().product()
 }
 
 impl Layers<3> for Stream {
@@ -43,8 +58,8 @@ impl Layers<3> for Stream {
         &self.head.geometry
     }
 
-    fn read(&self, first: usize, out: &mut [f32]) -> Result<()> {
-        self.planes(first, out)
+    fn read_rows(&self, first: usize, rows: Range<usize>, out: &mut [f32]) -> Result<()> {
+        self.rows(first, rows, out)
     }
 
     fn load(&self) -> Result<Image<3>> {

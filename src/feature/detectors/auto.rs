@@ -171,7 +171,7 @@ struct Seen<const D: usize> {
 
 impl<const D: usize> Seen<D> {
     fn of(window: &Window<'_, D>) -> Self {
-        let own = window.raw.layers(&window.own);
+        let own = window.raw.layers(&window.own.layers);
         let [mut least, mut most] = NOTHING;
         let mut some = BTreeSet::new();
         for part in own.chunks(CHUNK) {
@@ -184,7 +184,7 @@ impl<const D: usize> Seen<D> {
         }
         let place = |i| {
             let mut at = Volume::new(window.dims, &[]).coordinates(i);
-            at[D - 1] += window.own.start;
+            at[D - 1] += window.own.layers.start;
             (at, own[i])
         };
         Self {
@@ -222,8 +222,8 @@ impl<const D: usize> Looks<D> {
         let mut looks = Self::default();
         let volume = window.raw.volume;
         let (whole, layer) = (Volume::new(window.dims, &[]), layer(window.dims));
-        let first = (window.own.start * layer).next_multiple_of(stride);
-        for i in (first..window.own.end * layer).step_by(stride) {
+        let first = (window.own.layers.start * layer).next_multiple_of(stride);
+        for i in (first..window.own.layers.end * layer).step_by(stride) {
             let at = window.raw.in_stack(whole.coordinates(i));
             looks.means.push(local_mean(volume, at));
             looks.beside.push(std::array::from_fn(|k| {

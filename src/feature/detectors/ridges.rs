@@ -311,11 +311,11 @@ impl<const D: usize> Glance<D> {
     ) -> Self {
         let (whole, smoothed) = (Volume::new(window.dims, &[]), window.smoothed);
         let height = |c: &Candidate<D>| smoothed.at(whole.coordinates(c.voxel.index()));
-        let own = smoothed.layers(&window.own);
-        let passed = window.own.start * layer(window.dims);
+        let own = smoothed.layers(&window.own.layers);
+        let passed = window.own.layers.start * layer(window.dims);
         let skipped = passed.next_multiple_of(every) - passed;
         let some_of = |stack: Stack<'_, D>| {
-            let own = stack.layers(&window.own);
+            let own = stack.layers(&window.own.layers);
             let count = own.len().saturating_sub(skipped).div_ceil(every);
             let each = (0..count).into_par_iter();
             each.map(|i| own[skipped + i * every]).collect()
@@ -323,7 +323,7 @@ impl<const D: usize> Glance<D> {
         let (begun, rows) = own.split_at(own.len().min(passed.next_multiple_of(ROW) - passed));
         let highest = |row: &[f32]| row.iter().copied().fold(f32::MIN, f32::max);
         let (near_sides, (some, heights, tops)) = rayon::join(
-            || shell.of_layers(own, window.own.start),
+            || shell.of_layers(own, window.own.layers.start),
             || {
                 let some = [window.raw, smoothed].map(some_of);
                 let heights = candidates.par_iter().map(height).collect();

@@ -25,12 +25,12 @@ use super::by_sample::BySample;
 use super::crossing::{Candidate, Voxel, nearest};
 use super::quadric::Quadric;
 use super::volume::Volume;
-use super::windows::{Samples, Window};
+use super::windows::{Own, Samples, Window};
 use crate::error::Result;
 use crate::geometry::groups::grouped;
 use crate::geometry::{dot, sub};
 use crate::observer::Patience;
-use block::{BLOCK, Job, Scratch, blocks};
+use block::{BLOCK, Job, Scratch, blocks, blocks_of};
 use filters::{CROSSING, HALO};
 use std::sync::atomic::AtomicUsize;
 use std::sync::atomic::Ordering::Relaxed;
@@ -95,10 +95,9 @@ impl<const D: usize> Search<'_, D> {
         };
         let count = blocks.dims.iter().product();
         let by_block = grouped(count, self.candidates.iter().map(block_of));
-        let layer = count / blocks.dims[D - 1].max(1);
         let mut found: Vec<Candidate<D>> = Vec::new();
         let done = AtomicUsize::new(0);
-        let much = |own| self.zone.in_layers(own);
+        let much = |own: &Own| self.zone.within(own);
         let mut look = |window: &Window<'_, D>| {
             let job = Job {
                 blocks,
@@ -106,7 +105,7 @@ impl<const D: usize> Search<'_, D> {
                 search: self,
                 window,
             };
-            let own = window.own.start / BLOCK * layer..window.own.end.div_ceil(BLOCK) * layer;
+            let own: Vec<usize> = blocks_of(&blocks, &window.own).collect();
             own.into_par_iter()
                 .map_init(Scratch::default, |scratch, block| {
                     if self.patience.over() {

@@ -5,6 +5,7 @@ use crate::feature::crossing::Candidate;
 use crate::feature::ridges::HEIGHT;
 use crate::feature::symmetric::Symmetric;
 use crate::feature::volume::Volume;
+use crate::feature::windows::{Own, rows};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -216,12 +217,21 @@ impl<const D: usize> Ambiguous<D> {
         self.flags[self.cell_of(at)] != 0
     }
 
-    /// How many cells in these layers of samples along the last axis are ambiguous.
-    pub fn in_layers(&self, layers: Range<usize>) -> usize {
-        let cells: usize = self.cells.dims[..D - 1].iter().product();
-        let (first, end) = (layers.start / CELL, layers.end.div_ceil(CELL));
-        let flags = &self.flags[first * cells..end * cells];
-        flags.iter().filter(|&&flag| flag != 0).count()
+    /// How many cells in a window's own part are ambiguous.
+    pub fn within(&self, own: &Own) -> usize {
+        let (across, of_layer) = (self.cells.dims[0], rows(self.cells.dims));
+        let in_cells = |range: &Range<usize>| range.start / CELL..range.end.div_ceil(CELL);
+        // In the plane a row is a layer.
+        let rows = match D {
+            2 => 0..1,
+            _ => in_cells(&own.rows),
+        };
+        let of_layer = |layer: usize| {
+            let row = |row| (layer * of_layer + row) * across;
+            let flags = &self.flags[row(rows.start)..row(rows.end)];
+            flags.iter().filter(|&&flag| flag != 0).count()
+        };
+        in_cells(&own.layers).map(of_layer).sum()
     }
 
     pub(super) fn cell_of(&self, at: [usize; D]) -> usize {

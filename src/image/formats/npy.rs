@@ -50,7 +50,7 @@ pub fn open(path: &Path) -> Result<Opened> {
                 file,
                 start,
                 encoding,
-                plane: nx * ny,
+                plane: [nx, ny],
             }),
             largest: Default::default(),
         }));

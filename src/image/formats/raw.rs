@@ -105,7 +105,7 @@ pub fn open(path: &Path, spec: RawSpec) -> Result<Stream> {
             file,
             start: 0,
             encoding: spec.encoding,
-            plane: nx * ny,
+            plane: [nx, ny],
         }),
         largest: Default::default(),
     })

@@ -2,6 +2,7 @@
 
 use std::fs::File;
 use std::io;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
@@ -91,13 +92,13 @@ impl<const D: usize> Loaded<D> {
     }
 }
 
-/// Samples in a file, which are read by whole planes along x and y.
+/// Samples in a file, which are read by planes along x and y.
 pub trait Planes: Send + Sync {
-    /// Fills `out` with the samples of whole planes, from the one numbered `first` on.
+    /// Fills `out` with these rows (along x, numbered in a plane) of planes, from the one numbered `first` on.
     ///
     /// # Errors
     /// [`Error::Io`](crate::Error::Io) if they cannot be read.
-    fn read(&self, first: usize, out: &mut [f32]) -> Result<()>;
+    fn read(&self, first: usize, rows: Range<usize>, out: &mut [f32]) -> Result<()>;
 
     /// How many planes are best read together.
     fn together(&self) -> usize {
@@ -194,9 +195,17 @@ impl Stream {
     /// Reads whole planes, from the one numbered `first` on.
     ///
     /// # Errors
-    /// [`Error::Io`](crate::Error::Io) if they cannot be read.
+    /// Those of [`Stream::rows`].
     pub fn planes(&self, first: usize, out: &mut [f32]) -> Result<()> {
-        self.planes.read(first, out)?;
+        self.rows(first, 0..self.head.dims[1], out)
+    }
+
+    /// Reads these rows of planes, from the one numbered `first` on.
+    ///
+    /// # Errors
+    /// [`Error::Io`](crate::Error::Io) if they cannot be read.
+    pub fn rows(&self, first: usize, rows: Range<usize>, out: &mut [f32]) -> Result<()> {
+        self.planes.read(first, rows, out)?;
         if self.coded.is_wide() {
             // Bits of numbers without sign are in the order of the numbers.
             let bits = out.par_iter().map(|v| v.abs().to_bits()).max();
@@ -225,7 +234,8 @@ impl Stream {
     pub fn loaded(mut self, place: &Path) -> Result<Loaded> {
         let count = self.head.dims.iter().product();
         let mut samples = samples::room(place, count)?;
-        self.planes.read(0, &mut samples)?;
+        let rows = 0..self.head.dims[1];
+        self.planes.read(0, rows, &mut samples)?;
         self.head.notes.extend(self.coded.rounding_note(&samples));
         Ok(self.head.with(samples))
     }
@@ -244,15 +254,25 @@ pub struct Plain {
     /// The byte at which they begin.
     pub start: u64,
     pub encoding: Encoding,
-    /// Samples of a plane.
-    pub plane: usize,
+    /// Samples of a plane along its axes.
+    pub plane: [usize; 2],
 }
 
 impl Planes for Plain {
-    fn read(&self, first: usize, out: &mut [f32]) -> Result<()> {
-        let at = self.start + (first * self.plane * self.encoding.size()) as u64;
-        let read = self.encoding.read(&self.file, at, out);
-        read.map_err(|e| os(&self.path, "read", e))
+    fn read(&self, first: usize, rows: Range<usize>, out: &mut [f32]) -> Result<()> {
+        let [nx, ny] = self.plane;
+        // Whole planes follow one another in the file.
+        let together = match rows.len() == ny {
+            true => out.len(),
+            false => rows.len() * nx,
+        };
+        for (plane, out) in (first..).zip(out.chunks_mut(together.max(1))) {
+            let sample = (plane * ny + rows.start) * nx;
+            let at = self.start + (sample * self.encoding.size()) as u64;
+            let read = self.encoding.read(&self.file, at, out);
+            read.map_err(|e| os(&self.path, "read", e))?;
+        }
+        Ok(())
     }
 }
 

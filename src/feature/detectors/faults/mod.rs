@@ -241,7 +241,7 @@ mod tests {
     #[test]
     fn some_layers_at_a_time_show_what_all_show() {
         // Layers across the first and across the last axis, thrown by a slanting fault, in noise.
-        for (dims, vertical) in [([46, 30, 330], 0), ([30, 38, 324], 2)] {
+        for (dims, vertical) in [([46, 30, 330], 0), ([30, 38, 324], 2), ([20, 330, 36], 0)] {
             let mut noise = Noise::new(3);
             let space = Volume { dims, samples: &[] };
             let samples: Vec<f32> = (0..dims.iter().product())
@@ -254,8 +254,9 @@ mod tests {
                 })
                 .collect();
             let patience = &Patience::endless();
-            let seen = |limits: [usize; 2]| {
-                let mut samples = Samples::held(dims, &samples[..]).limited(limits);
+            let seen = |limits: [usize; 2], most: usize| {
+                let samples = Samples::held(dims, &samples[..]).limited(limits);
+                let mut samples = samples.in_strips(1, most);
                 samples.smooth(1.0, patience);
                 let (normals, rms) = Normals::new(&samples, 12.0, patience).unwrap();
                 assert_eq!(normals.main_axis(), vertical);
@@ -263,10 +264,14 @@ mod tests {
                 let at = normals.at([20.3, 17.7, 155.5]);
                 (likelihood.all().to_vec(), rms, at)
             };
-            let whole = seen([usize::MAX, 1]);
+            let whole = seen([usize::MAX, 1], usize::MAX);
             assert!(whole.0.iter().any(|&l| l > 0.5), "there is a fault");
-            // Three windows, of which the last is shorter.
-            assert!(2 * SEEN < 324 / 2 && seen([0, 1]) == whole, "{dims:?}");
+            // Three windows, of which the last is shorter, or two strips.
+            assert!(2 * SEEN < 324 / 2, "{SEEN}");
+            let most = dims[0] * dims[2] * (330 / 2 + 2 * 80);
+            for most in [usize::MAX, most] {
+                assert!(seen([0, 1], most) == whole, "{dims:?} {most}");
+            }
         }
     }
 

@@ -1,6 +1,7 @@
 //! The samples of a survey, read as an image's.
 
 use std::io;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
@@ -104,16 +105,17 @@ struct Traces {
 }
 
 impl Planes for Traces {
-    fn read(&self, first: usize, out: &mut [f32]) -> Result<()> {
+    fn read(&self, first: usize, rows: Range<usize>, out: &mut [f32]) -> Result<()> {
         let layout = &self.layout;
         let samples = layout.samples;
         let crosslines = self.grid.crossline.count as usize;
         let trace_bytes = layout.trace_bytes() as usize;
         // Neighbouring cells whose traces follow one another in the file are read together.
         let longest = (1 << 18) / trace_bytes + 1;
-        out.par_chunks_mut(crosslines * samples)
+        out.par_chunks_mut(rows.len() * samples)
             .zip(self.grid.trace[first * crosslines..].par_chunks(crosslines))
-            .try_for_each_init(Vec::new, |buffer, (mut out, mut traces)| {
+            .try_for_each_init(Vec::new, |buffer, (mut out, traces)| {
+                let mut traces = &traces[rows.clone()];
                 while let Some(&first) = traces.first() {
                     let follows = |(i, &trace): (usize, &usize)| {
                         first != MISSING && i < longest && trace == first + i

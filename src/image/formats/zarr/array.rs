@@ -2,6 +2,7 @@
 
 use std::fs::File;
 use std::io::ErrorKind;
+use std::ops::Range;
 use std::path::Path;
 
 use rayon::prelude::*;
@@ -83,7 +84,8 @@ impl Metadata {
         )?;
         let mut out = vec![self.fill; count];
         let size = self.codecs.cell.encoding.size();
-        self.gather(0, &mut out, self.fill, |bytes| {
+        let rows = 0..last_three(&self.shape)[1];
+        self.gather(0, rows, &mut out, self.fill, |bytes| {
             bytes
                 .chunks_exact(size)
                 .map(|raw| self.number(raw))
@@ -117,29 +119,31 @@ impl Metadata {
         }
     }
 
-    /// Fills `out` with elements of whole planes along the last two axes, from plane `first` of the third
+    /// Fills `out` with elements of these rows of planes along the last two axes, from plane `first` of the third
     /// last on.
     fn gather<T: Copy + Send>(
         &self,
         first: usize,
+        within: Range<usize>,
         out: &mut [T],
         fill: T,
         decode: impl Fn(&[u8]) -> Vec<T> + Sync,
     ) -> Result<()> {
-        let [nz, ny, nx] = last_three(&self.shape);
+        let [nz, _, nx] = last_three(&self.shape);
         let [cz, cy, cx] = last_three(&self.codecs.shape);
-        let last = (first + out.len() / (ny * nx).max(1)).min(nz);
+        let (begin, high) = (within.start / cy, within.len());
+        let last = (first + out.len() / (high * nx).max(1)).min(nz);
         let axes = self.shape.len();
         let cells = [
             last.div_ceil(cz).saturating_sub(first / cz),
-            ny.div_ceil(cy),
+            within.end.div_ceil(cy).saturating_sub(begin),
             nx.div_ceil(cx),
         ];
         let count: usize = cells.iter().product();
         let place = |number: usize| {
             let [_, rows, columns] = cells;
             let (plane, rest) = (number / (rows * columns), number % (rows * columns));
-            [first / cz + plane, rest / columns, rest % columns]
+            [first / cz + plane, begin + rest / columns, rest % columns]
         };
         let batch = BATCH * rayon::current_num_threads();
         for start in (0..count).step_by(batch) {
@@ -157,8 +161,8 @@ impl Metadata {
                 let [z0, y0, x0] = [k * cz, j * cy, i * cx];
                 let wide = cx.min(nx - x0);
                 for z in z0.max(first)..(z0 + cz).min(last) {
-                    for y in y0..(y0 + cy).min(ny) {
-                        let to = ((z - first) * ny + y) * nx + x0;
+                    for y in y0.max(within.start)..(y0 + cy).min(within.end) {
+                        let to = ((z - first) * high + y - within.start) * nx + x0;
                         let row = &mut out[to..to + wide];
                         match &values {
                             None => row.fill(fill),
@@ -176,9 +180,9 @@ impl Metadata {
 }
 
 impl Planes for Metadata {
-    fn read(&self, first: usize, out: &mut [f32]) -> Result<()> {
+    fn read(&self, first: usize, rows: Range<usize>, out: &mut [f32]) -> Result<()> {
         let encoding = self.codecs.cell.encoding;
-        self.gather(first, out, self.fill as f32, |bytes| {
+        self.gather(first, rows, out, self.fill as f32, |bytes| {
             let mut values = vec![0.0; bytes.len() / encoding.size()];
             encoding.decode(bytes, &mut values);
             values

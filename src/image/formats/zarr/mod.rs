@@ -17,6 +17,7 @@ mod metadata;
 mod place;
 mod write;
 
+use std::ops::Range;
 use std::path::Path;
 
 use serde_json::Value;
@@ -182,10 +183,11 @@ struct Live {
 }
 
 impl Planes for Live {
-    fn read(&self, first: usize, out: &mut [f32]) -> Result<()> {
-        self.array.read(first, out)?;
+    fn read(&self, first: usize, rows: Range<usize>, out: &mut [f32]) -> Result<()> {
+        self.array.read(first, rows.clone(), out)?;
         let [nx, ny] = self.plane;
-        let missing = &self.missing[first * ny..];
+        let missing = self.missing.chunks(ny).skip(first);
+        let missing = missing.flat_map(|plane| &plane[rows.clone()]);
         for (row, _) in out.chunks_mut(nx).zip(missing).filter(|(_, m)| **m) {
             row.fill(0.0);
         }

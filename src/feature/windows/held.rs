@@ -1,0 +1,182 @@
+//! Layers that are held, and what is made of them as a window moves on.
+
+use super::parts::Strip;
+use crate::error::Result;
+use crate::feature::gaussian;
+use crate::observer::Patience;
+use crate::ranks::{Group, Ranks};
+use std::ops::Range;
+
+/// Layers that are held.
+#[derive(Default)]
+pub(super) struct Held {
+    pub range: Range<usize>,
+    pub samples: Vec<f32>,
+}
+
+impl Held {
+    /// Holds these layers, of which `make` fills in those that are not there yet.
+    pub fn slide(
+        &mut self,
+        to: Range<usize>,
+        layer: usize,
+        make: impl FnOnce(Range<usize>, &mut [f32]) -> Result<()>,
+    ) -> Result<()> {
+        let kept = match self.range.contains(&to.start) {
+            true => to.start..self.range.end,
+            false => to.start..to.start,
+        };
+        // The room is used again: to ask for it anew would cost as much as to smooth it.
+        let from = self.samples.len() - kept.len() * layer;
+        self.samples.copy_within(from.., 0);
+        let more = (to.len() * layer).saturating_sub(self.samples.len());
+        self.samples.reserve_exact(more);
+        self.samples.resize(to.len() * layer, 0.0);
+        let new = kept.end..to.end;
+        if !new.is_empty() {
+            make(new, &mut self.samples[kept.len() * layer..])?;
+        }
+        self.range = to;
+        Ok(())
+    }
+
+    /// Some of them.
+    pub fn layers(&self, range: Range<usize>, layer: usize) -> &[f32] {
+        let first = self.range.start;
+        &self.samples[(range.start - first) * layer..(range.end - first) * layer]
+    }
+
+    /// The strip's rows of some layers of a volume, of which these are this rank's share and others have the rest.
+    ///
+    /// # Errors
+    /// Those of other ranks.
+    pub fn wanted<const D: usize>(&self, wanted: Range<usize>, strip: &Strip<D>) -> Result<Self> {
+        let group: &dyn Group = &Ranks;
+        let asked: Vec<[usize; 2]> = group.all("layers wanted", [wanted.start, wanted.end])?;
+        let part = |asked: [usize; 2]| {
+            let [start, end] = asked.map(|at| at.clamp(self.range.start, self.range.end));
+            strip.of_layers(self.layers(start..end, strip.whole_layer()))
+        };
+        // What is here need not be passed on.
+        let told = (asked.iter().enumerate()).map(|(rank, &asked)| match rank == group.rank() {
+            true => Vec::new(),
+            false => part(asked).flatten().copied().collect(),
+        });
+        let parts: Vec<Vec<f32>> = group.pass("layers", told.collect())?;
+        // Ranks have shares in their order.
+        let mut samples = Vec::with_capacity(wanted.len() * strip.layer());
+        for (rank, other) in parts.iter().enumerate() {
+            match rank == group.rank() {
+                true => part(asked[rank]).for_each(|layer| samples.extend_from_slice(layer)),
+                false => samples.extend_from_slice(other),
+            }
+        }
+        Ok(Self {
+            range: wanted,
+            samples,
+        })
+    }
+}
+
+/// Layers under a Gaussian.
+struct Stage {
+    scale: f64,
+    /// Along all axes but the last.
+    flat: Held,
+    /// Along all.
+    smoothed: Held,
+}
+
+/// Layers under Gaussians, one after the other.
+pub(super) struct Stages(Vec<Stage>);
+
+impl Stages {
+    pub fn new(scales: &[f64]) -> Self {
+        let stage = |&scale: &f64| Stage {
+            scale,
+            flat: Held::default(),
+            smoothed: Held::default(),
+        };
+        Self(scales.iter().map(stage).collect())
+    }
+
+    /// How many samples to either side they look.
+    pub fn reach(&self) -> usize {
+        self.0
+            .iter()
+            .map(|stage| gaussian::radius(stage.scale))
+            .sum()
+    }
+
+    /// Those that are held; `None` if there is no Gaussian.
+    pub fn layers(&self, range: &Range<usize>, layer: usize) -> Option<&[f32]> {
+        let last = self.0.last()?;
+        Some(last.smoothed.layers(range.clone(), layer))
+    }
+
+    /// Holds nothing, to begin with another strip.
+    pub fn clear(&mut self) {
+        for stage in &mut self.0 {
+            (stage.flat.range, stage.smoothed.range) = (0..0, 0..0);
+        }
+    }
+
+    /// Holds these layers of a volume of `dims` samples, of which `raw` gives some as they are.
+    pub fn slide<'r, const D: usize>(
+        &mut self,
+        to: &Range<usize>,
+        dims: [usize; D],
+        raw: &dyn Fn(Range<usize>) -> &'r [f32],
+        patience: &Patience<'_>,
+    ) -> Result<()> {
+        let (layer, count) = (super::layer(dims), dims[D - 1]);
+        let mut beyond = self.reach();
+        for i in 0..self.0.len() {
+            let (before, stage) = self.0.split_at_mut(i);
+            let (before, stage) = (before.last(), &mut stage[0]);
+            let radius = gaussian::radius(stage.scale);
+            beyond -= radius;
+            let wanted = wide(to, beyond, count);
+            // Of what is smoothed already nothing is asked again.
+            let known = &stage.smoothed.range;
+            let first = match known.contains(&wanted.start) {
+                true => known.end,
+                false => wanted.start,
+            };
+            let seen = wide(&(first..wanted.end), radius, count);
+            let deep = |layers: usize| {
+                let mut dims = dims;
+                dims[D - 1] = layers;
+                dims
+            };
+            stage.flat.slide(seen, layer, |new, out| {
+                let source = match before {
+                    None => raw(new.clone()),
+                    Some(before) => before.smoothed.layers(new.clone(), layer),
+                };
+                let mut scales = [stage.scale; D];
+                scales[D - 1] = 0.0;
+                gaussian::smooth_into(deep(new.len()), source, out, scales, patience);
+                Ok(())
+            })?;
+            let Stage {
+                scale,
+                flat,
+                smoothed,
+            } = stage;
+            smoothed.slide(wanted, layer, |new, out| {
+                let seen = wide(&new, radius, count);
+                let (dims, first) = (deep(seen.len()), new.start - seen.start);
+                let flat = flat.layers(seen, layer);
+                gaussian::smooth_last(dims, flat, *scale, first, out, patience);
+                Ok(())
+            })?;
+        }
+        Ok(())
+    }
+}
+
+/// A range of layers or rows and so many to either side, of those there are.
+pub(super) fn wide(range: &Range<usize>, by: usize, count: usize) -> Range<usize> {
+    range.start.saturating_sub(by)..(range.end + by).min(count)
+}

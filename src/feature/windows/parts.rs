@@ -1,0 +1,100 @@
+//! Which samples a window is for: some layers, of a volume with large ones in *strips* of their rows.
+
+use super::held::wide;
+use super::layer;
+use crate::image::layers::rows;
+use std::ops::Range;
+
+/// A window's own part of a volume.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Own {
+    /// Rows along x, numbered in a layer.
+    pub rows: Range<usize>,
+    /// Layers along the last axis.
+    pub layers: Range<usize>,
+}
+
+/// Ranges of about so many, one after the other: all but the last have a multiple of `multiple`.
+pub(super) fn ranges(count: usize, about: usize, multiple: usize) -> Vec<Range<usize>> {
+    let some = count.div_ceil(about.max(1)).max(1);
+    let each = count.div_ceil(some).next_multiple_of(multiple).max(1);
+    let firsts = (0..count).step_by(each);
+    firsts
+        .map(|first| first..(first + each).min(count))
+        .collect()
+}
+
+/// Rows of all layers of a volume.
+pub(super) struct Strip<const D: usize> {
+    /// Samples of the whole volume along each axis.
+    whole: [usize; D],
+    /// Those in which windows are.
+    pub own: Range<usize>,
+    /// Those and others to either side.
+    pub seen: Range<usize>,
+}
+
+impl<const D: usize> Strip<D> {
+    /// These rows, and so many to either side.
+    pub fn new(whole: [usize; D], own: Range<usize>, beside: usize) -> Self {
+        let seen = wide(&own, beside, rows(whole));
+        Self { whole, own, seen }
+    }
+
+    /// Whether it is all there is.
+    pub fn is_whole(&self) -> bool {
+        self.seen == (0..rows(self.whole))
+    }
+
+    /// Its samples along each axis.
+    pub fn dims(&self) -> [usize; D] {
+        let mut dims = self.whole;
+        if !self.is_whole() {
+            dims[D - 2] = self.seen.len();
+        }
+        dims
+    }
+
+    /// Its samples of a layer.
+    pub fn layer(&self) -> usize {
+        layer(self.dims())
+    }
+
+    /// All samples of a layer.
+    pub fn whole_layer(&self) -> usize {
+        layer(self.whole)
+    }
+
+    /// What it has of each of these whole layers.
+    pub fn of_layers<'s>(&self, layers: &'s [f32]) -> impl Iterator<Item = &'s [f32]> + use<'s, D> {
+        let nx = self.whole[0];
+        let own = self.seen.start * nx..self.seen.end * nx;
+        let each = layers.chunks_exact(self.whole_layer().max(1));
+        each.map(move |layer| &layer[own.clone()])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ranges_are_as_many_as_asked_for_and_cover_all() {
+        assert_eq!(ranges(100, 30, 16), [0..32, 32..64, 64..96, 96..100]);
+        assert_eq!(ranges(96, 48, 16), [0..48, 48..96]);
+        assert_eq!(ranges(7, 100, 16), [0..7]);
+        assert!(ranges(0, 5, 16).is_empty());
+    }
+
+    #[test]
+    fn a_strip_has_its_rows_of_each_layer() {
+        let samples: Vec<f32> = (0..2 * 10 * 3).map(|i| i as f32).collect();
+        let strip = Strip::new([2, 10, 3], 4..6, 2);
+        assert_eq!((strip.seen.clone(), strip.dims()), (2..8, [2, 6, 3]));
+        let firsts: Vec<f32> = strip.of_layers(&samples).map(|rows| rows[0]).collect();
+        assert_eq!(firsts, [4.0, 24.0, 44.0]);
+        // Of a plane image a layer is one row.
+        let plane = Strip::new([5, 7], 0..1, 3);
+        assert!(plane.is_whole() && plane.dims() == [5, 7] && plane.layer() == 5);
+    }
+}

@@ -3,7 +3,9 @@
 use super::CellKind;
 use crate::Result;
 use crate::feature::FeatureKind;
-use crate::feature::windows::WHOLE;
+use crate::feature::detectors::faults::semblance::SEEN;
+use crate::feature::lifted::HALO;
+use crate::feature::windows::{self, WHOLE};
 use crate::image::Source;
 use crate::improve::tets::Cuts;
 use crate::lattice::distance::Distance;
@@ -14,15 +16,15 @@ use crate::ranks;
 
 /// What features take besides an image in memory, in bytes a sample: the image smoothed, and some more.
 const SAMPLE: f64 = 8.0;
-/// ... and of one whose layers are read, in bytes a sample of a layer: twice as many layers as filters see.
-const LAYER: f64 = 1_400.0;
+/// ... and of one whose layers are read, in bytes a sample of a layer: whole layers, as far as ridges see, ...
+const LAYER: f64 = 450.0;
+/// ... and strips of them, twice as far as filters at all angles do.
+const STRIP: f64 = 1_400.0;
 
 /// Where faults are looked for in amplitudes: of all samples, how likely a fault is, ...
 const LIKELIHOOD: f64 = 4.0;
-/// ... and more of those looked at, ...
+/// ... and more of those looked at together.
 const LOOKED_AT: f64 = 22.0;
-/// ... which of large images are so many layers, if there is not room for more.
-const LAYERS: usize = 160;
 
 /// What a mesh takes while it is made, improved, measured and written, in bytes an atom; measured with
 /// 0.1 to 12 million atoms.
@@ -59,19 +61,23 @@ pub(super) fn afford_features<const D: usize>(
     let dims = source.dims();
     let samples: f64 = dims.iter().map(|&n| n as f64).product();
     let of_faults = matches!(kind, FeatureKind::Faults | FeatureKind::FaultsAndHorizons);
+    let in_layers = || {
+        let layer: f64 = dims[..D - 1].iter().map(|&n| n as f64).product();
+        (LAYER * layer).max(STRIP * windows::looked_at(dims, HALO) as f64)
+    };
     let bytes = match source {
         _ if of_faults => {
-            let some = match matches!(source, Source::Held(_)) && samples <= WHOLE as f64 {
-                true => 1.0,
-                false => (LAYERS as f64 / dims[D - 1].max(1) as f64).min(1.0),
+            let together = match matches!(source, Source::Held(_)) && samples <= WHOLE as f64 {
+                true => samples,
+                false => windows::changed_together(dims, SEEN) as f64,
             };
             // Each rank has a share, and that of its windows.
             let shared = (2.0 / ranks::count() as f64).min(1.0);
-            (shared * LIKELIHOOD + some * LOOKED_AT) * samples
+            shared * LIKELIHOOD * samples + (LOOKED_AT * together).max(in_layers())
         }
         Source::Held(_) => SAMPLE * samples,
         // Some layers at a time.
-        Source::InLayers(_) => LAYER * samples / dims[D - 1].max(1) as f64,
+        Source::InLayers(_) => in_layers(),
     };
     let remedy = "give a part of the image, or every second sample";
     memory::afford(

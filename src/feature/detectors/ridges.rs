@@ -359,13 +359,17 @@ fn median(mut some: Vec<f32>) -> f32 {
 
 #[cfg(test)]
 mod tests {
+    use super::{Detector, RidgeSearch, Ridges, Scene};
     use crate::feature::scenes::{
         Noise, Sheet, crossing_sheets, fit, image_of, plane_image, ridge_image,
         ridges_in_correlated_noise,
     };
     use crate::feature::volume::Volume;
+    use crate::feature::windows::Samples;
+    use crate::feature::windows::tests::ByLayers;
     use crate::feature::{Detection, FeatureKind, Features, detect};
-    use crate::image::{Geometry, Image};
+    use crate::image::{Geometry, Image, Source};
+    use crate::observer::Patience;
 
     #[test]
     fn noisy_crossing_curved_sheets_are_found() {
@@ -545,15 +549,14 @@ mod tests {
 
     #[test]
     fn a_few_layers_at_a_time_show_what_all_do() {
-        use super::{Detector, RidgeSearch, Ridges, Scene};
-        use crate::feature::windows::Samples;
-        use crate::feature::windows::tests::ByLayers;
-        use crate::image::Source;
-        use crate::observer::Patience;
+        a_few_show_what_all_do([52, 48, 150]);
+        // In two strips.
+        a_few_show_what_all_do([52, 150, 48]);
+    }
 
+    fn a_few_show_what_all_do(dims: [usize; 3]) {
         // Two sheets that cross at 20 degrees, and noise that has them sought at all angles.
-        let dims = [52, 48, 150];
-        let middle = [26.0, 24.0, 75.0];
+        let middle = dims.map(|n| 0.5 * n as f64);
         let sheets = [[1.0, 0.1, 0.0], [0.95, 0.1, 0.34]].map(|n| Sheet::plane(n, middle));
         let image = ridge_image(dims, &sheets, 1.5, 0.25);
         let asked = Detection::of(FeatureKind::Ridges, 8.0);
@@ -567,6 +570,7 @@ mod tests {
         );
         let by_layers = ByLayers(&image);
         let samples = Samples::in_layers(&by_layers, 1.0).limited([0, 1]);
+        let samples = samples.in_strips(1, usize::MAX);
         let parts = RidgeSearch::new(&scene)
             .find(samples, &mut other_notes)
             .unwrap();

@@ -31,12 +31,13 @@ use crate::geometry::groups::grouped;
 use crate::geometry::{dot, sub};
 use crate::observer::Patience;
 use block::{BLOCK, Job, Scratch, blocks, blocks_of};
-use filters::{CROSSING, HALO};
+use filters::CROSSING;
 use std::sync::atomic::AtomicUsize;
 use std::sync::atomic::Ordering::Relaxed;
 
 use rayon::prelude::*;
 
+pub use filters::HALO;
 pub use zone::Ambiguous;
 
 /// Nearer than this (samples) in one column ...

@@ -1,10 +1,10 @@
 //! Layers that are held, and what is made of them as a window moves on.
 
-use super::parts::Strip;
+use super::strip::Strip;
 use crate::error::Result;
 use crate::feature::gaussian;
 use crate::observer::Patience;
-use crate::ranks::{Group, Ranks};
+use crate::ranks::Group;
 use std::ops::Range;
 
 /// Layers that are held.
@@ -46,12 +46,17 @@ impl Held {
         &self.samples[(range.start - first) * layer..(range.end - first) * layer]
     }
 
-    /// The strip's rows of some layers of a volume, of which these are this rank's share and others have the rest.
+    /// The strip's rows of some layers of a volume, of which these are this rank's share and others of the group have
+    /// the rest.
     ///
     /// # Errors
     /// Those of other ranks.
-    pub fn wanted<const D: usize>(&self, wanted: Range<usize>, strip: &Strip<D>) -> Result<Self> {
-        let group: &dyn Group = &Ranks;
+    pub fn wanted<const D: usize>(
+        &self,
+        wanted: Range<usize>,
+        strip: &Strip<D>,
+        group: &dyn Group,
+    ) -> Result<Self> {
         let asked: Vec<[usize; 2]> = group.all("layers wanted", [wanted.start, wanted.end])?;
         let part = |asked: [usize; 2]| {
             let [start, end] = asked.map(|at| at.clamp(self.range.start, self.range.end));

@@ -8,10 +8,12 @@
 //! another, which has a halo of rows to either side as well.
 //!
 //! - `held`: layers that are held, and what is made of them as a window moves on
-//! - `parts`: which samples a window is for
+//! - `strip`: which samples a window is for
+//! - `sizes`: how many
 
 mod held;
-mod parts;
+mod sizes;
+mod strip;
 #[cfg(test)]
 pub(crate) mod tests;
 
@@ -20,59 +22,18 @@ use super::volume::Volume;
 use crate::error::Result;
 use crate::files::kept::Kept;
 use crate::image::Layers;
-use crate::memory;
 use crate::observer::Patience;
-use crate::ranks;
+use crate::ranks::{self, Ranks};
 use held::{Held, Stages, wide};
-use parts::{Strip, ranges};
 use rayon::prelude::*;
+use sizes::{HELD, Limits, Looks, USUAL, WIDE, has_room};
 use std::borrow::Cow;
 use std::ops::Range;
+use strip::{Strip, hull, layers, of_strip, ranges};
 
 pub use crate::image::layers::rows;
-pub use parts::Own;
-
-/// A volume of at most so many samples is smoothed as a whole ...
-pub const WHOLE: usize = 1 << 27;
-/// ... if there is room for so many bytes a sample ...
-const HELD: f64 = 12.0;
-/// ... of others a window's own layers have about so many samples ...
-const WINDOW: usize = 1 << 21;
-/// ... and are a multiple of these ...
-pub const MULTIPLE: usize = 16;
-/// ... but have so many layers where halos are wide, for these are moved along with every window ...
-const WIDE: usize = 3 * MULTIPLE;
-/// ... if there is room for so many.
-const LAYERS: usize = 200;
-/// Layers of more samples are looked at in strips where halos are wide, ...
-const LARGE: usize = 1 << 20;
-/// ... of about so many, ...
-const STRIP: usize = 1 << 19;
-/// ... and of at least so many rows.
-const ROWS: usize = 6 * MULTIPLE;
-/// What is changed takes so many bytes a sample of a window and its halo, at most.
-const CHANGED: f64 = 36.0;
-
-/// What is large.
-#[derive(Debug, Clone, Copy)]
-struct Limits {
-    /// Most samples that are smoothed as a whole, and samples of a window.
-    whole: usize,
-    window: usize,
-    /// Samples of a layer that is large, and of a strip of it.
-    layer: usize,
-    strip: usize,
-    /// Most samples of a window and its halo.
-    seen: usize,
-}
-
-const USUAL: Limits = Limits {
-    whole: WHOLE,
-    window: WINDOW,
-    layer: LARGE,
-    strip: STRIP,
-    seen: usize::MAX,
-};
+pub use sizes::{MULTIPLE, WHOLE, changed_together, looked_at};
+pub use strip::Own;
 
 /// Samples of a volume.
 pub struct Samples<'a, const D: usize> {
@@ -187,21 +148,6 @@ pub fn layer<const D: usize>(dims: [usize; D]) -> usize {
     dims[..D - 1].iter().product()
 }
 
-/// Whether there is memory for so many samples and what is made of them, so many bytes each.
-fn has_room(samples: usize, each: f64) -> bool {
-    let bytes = each * samples as f64;
-    memory::afford("features", bytes, "samples", "look at fewer layers").is_ok()
-}
-
-/// From the first of some windows, one after the other, to the last.
-fn hull(windows: &[Range<usize>]) -> Range<usize> {
-    match windows {
-        [first, .., last] => first.start..last.end,
-        [one] => one.clone(),
-        [] => 0..0,
-    }
-}
-
 impl<'a, const D: usize> Samples<'a, D> {
     /// Of a volume in memory.
     pub fn held(dims: [usize; D], samples: impl Into<Cow<'a, [f32]>>) -> Self {
@@ -234,7 +180,7 @@ impl<'a, const D: usize> Samples<'a, D> {
             Raw::InLayers(layers, sign)
                 if ranks::count() == 1
                     && self.count() <= self.limits.whole
-                    && has_room(self.count(), HELD) =>
+                    && has_room(HELD * self.count() as f64) =>
             {
                 let mut samples = vec![0.0; self.count()];
                 layers.read(0, &mut samples)?;
@@ -421,82 +367,6 @@ impl<'a, const D: usize> Samples<'a, D> {
         })
     }
 
-    /// How many rows to either side a strip must have; a multiple, so that what goes by twos and fours of rows goes by the
-    /// same ones in all strips.
-    fn beside(&self, looks: Looks) -> usize {
-        let smoothed = looks.halo + Stages::new(self.scales_left()).reach();
-        let blurred = looks.blurred_halo() + Stages::new(&looks.blurs()).reach();
-        smoothed.max(blurred).next_multiple_of(MULTIPLE)
-    }
-
-    /// The strips that windows with wide halos go along: but one, unless layers are large.
-    fn strips(&self, looks: Looks) -> Vec<Strip<D>> {
-        let (rows, limits) = (rows(self.dims), self.limits);
-        let one = looks.blur.is_none() || self.is_small() || layer(self.dims) <= limits.layer;
-        let about = match one {
-            true => rows,
-            false => (limits.strip / self.dims[0].max(1)).max(ROWS),
-        };
-        let beside = self.beside(looks);
-        let strip = |own| Strip::new(self.dims, own, beside);
-        let strips = ranges(rows, about, MULTIPLE);
-        strips.into_iter().map(strip).collect()
-    }
-
-    /// A window's own layers, with so many samples each, its halo's among them: at least so many if there is room
-    /// for them.
-    fn own_layers(&self, least: usize, layer: usize) -> Result<usize> {
-        // Ranks share out windows that are not that wide better without.
-        let wide = least > WIDE || least == WIDE && ranks::count() == 1;
-        let room = LAYERS.max(4 * least) * layer;
-        let ask = || Ok(has_room(room, HELD));
-        let least = match wide && ranks::of_first("room for layers", ask)? {
-            true => least,
-            false => MULTIPLE,
-        };
-        Ok(self.about_window(layer).max(least))
-    }
-
-    /// As many layers as a window has samples, if these are of so many.
-    fn about_window(&self, layer: usize) -> usize {
-        let some = match self.is_small() {
-            // Every rank has a share.
-            true => self.limits.window.min(self.count() / ranks::count()),
-            false => self.limits.window,
-        };
-        (some / layer.max(1)).next_multiple_of(MULTIPLE)
-    }
-
-    /// The own rows and layers of a window whose samples are changed. Those to either side are changed in vain, half of
-    /// all where as many are the window's own: it has fewer only if there is no room.
-    fn own_of_changed(&self, looks: Looks) -> Result<[usize; 2]> {
-        let (rows, count) = (rows(self.dims), self.dims[D - 1]);
-        if self.is_small() && ranks::count() == 1 {
-            return Ok([rows, count]);
-        }
-        let sees = looks.halo.next_multiple_of(MULTIPLE);
-        let wide_layers = self.about_window(layer(self.dims)).max(2 * sees);
-        let halves = std::iter::successors(Some(rows), |rows| Some(rows / 2));
-        let halves = halves.take_while(|&half| half == rows || half >= 2 * sees);
-        let mut shapes: Vec<[usize; 2]> = halves.map(|rows| [rows, wide_layers]).collect();
-        shapes.extend([[2 * sees; 2], [sees; 2]]);
-        if self.is_small() {
-            // What was smoothed as a whole is not in strips.
-            shapes = vec![[rows, wide_layers], [rows, MULTIPLE]];
-        }
-        let least = shapes[shapes.len() - 1];
-        let beside = 2 * self.beside(looks);
-        let fits = |&[own_rows, own_layers]: &[usize; 2]| {
-            let seen = [(own_rows, rows), (own_layers, count)];
-            let [rows, layers] = seen.map(|(own, all)| (own + beside).min(all));
-            let samples = rows * layers * self.dims[0];
-            samples <= self.limits.seen && has_room(samples, CHANGED)
-        };
-        ranks::of_first("room for layers", || {
-            Ok(shapes.into_iter().find(fits).unwrap_or(least))
-        })
-    }
-
     /// Widths of the Gaussians, unless the samples are held under them.
     fn scales_left(&self) -> &[f64] {
         match self.whole {
@@ -563,7 +433,7 @@ impl<'a, const D: usize> Samples<'a, D> {
                     wide(&(first.layers.start..end), beyond, count)
                 }
             };
-            *raw = share.wanted(seen, strip)?;
+            *raw = share.wanted(seen, strip, &Ranks)?;
         }
         for own in windows {
             if patience.over() {
@@ -626,43 +496,9 @@ impl<'a, const D: usize> Samples<'a, D> {
     }
 }
 
-/// How far windows look: so many layers to either side under the Gaussians; and as they are, and under a Gaussian of a
-/// width of their own, as many as that says.
-#[derive(Clone, Copy)]
-struct Looks {
-    halo: usize,
-    blur: Option<(f64, usize)>,
-}
-
-impl Looks {
-    fn blurs(&self) -> Vec<f64> {
-        self.blur.iter().map(|blur| blur.0).collect()
-    }
-
-    fn blurred_halo(&self) -> usize {
-        self.blur.map_or(self.halo, |blur| blur.1)
-    }
-}
-
 /// What is held of a strip.
 struct Seen {
     raw: Held,
     smoothed: Stages,
     blurred: Stages,
-}
-
-/// All layers, so many at a time.
-fn layers(count: usize, own: usize) -> Vec<Range<usize>> {
-    let firsts = (0..count).step_by(own.max(1));
-    let part = |first: usize| first..(first + own.max(1)).min(count);
-    firsts.map(part).collect()
-}
-
-/// Windows along a strip.
-fn of_strip(rows: &Range<usize>, layers: Vec<Range<usize>>) -> impl Iterator<Item = Own> {
-    let rows = rows.clone();
-    layers.into_iter().map(move |layers| Own {
-        rows: rows.clone(),
-        layers,
-    })
 }

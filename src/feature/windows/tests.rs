@@ -1,6 +1,7 @@
 use super::*;
 use crate::feature::scenes::Noise;
 use crate::image::{Geometry, Image};
+use crate::ranks::shared;
 
 /// An image that gives its layers as if it were in a file.
 pub struct ByLayers<'a, const D: usize>(pub &'a Image<D>);
@@ -232,4 +233,33 @@ fn what_nobody_wants_is_not_shown() {
     let keep = &mut |own: [usize; 2]| shown.push(own);
     samples.each(2, None, wanted, patience, look, keep).unwrap();
     assert_eq!(shown, [[32, 48]]);
+}
+
+#[test]
+fn what_others_have_is_asked_of_them_by_strips() {
+    let (dims, layer) = ([3, 40, 17], 3 * 40);
+    let samples: Vec<f32> = (0..layer * 17).map(|i| i as f32).collect();
+    // Three shares, of which one is of no layer.
+    let shares = [0..9, 9..9, 9..17];
+    for rows in [0..40, 8..20, 33..40] {
+        let strip = Strip::new(dims, rows, 4);
+        let wanted = [3..12, 0..17, 5..5];
+        let seen = shared(3, |group| {
+            let rank = group.rank();
+            let range = shares[rank].clone();
+            let own = Held {
+                samples: samples[range.start * layer..range.end * layer].to_vec(),
+                range,
+            };
+            own.wanted(wanted[rank].clone(), &strip, group).unwrap()
+        });
+        for (seen, wanted) in seen.iter().zip(&wanted) {
+            assert_eq!(seen.range, *wanted);
+            let layers = &samples[wanted.start * layer..wanted.end * layer];
+            assert!(
+                seen.samples.iter().eq(strip.of_layers(layers).flatten()),
+                "{wanted:?}"
+            );
+        }
+    }
 }

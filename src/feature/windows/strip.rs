@@ -24,6 +24,34 @@ pub(super) fn ranges(count: usize, about: usize, multiple: usize) -> Vec<Range<u
         .collect()
 }
 
+/// All layers, so many at a time.
+pub(super) fn layers(count: usize, own: usize) -> Vec<Range<usize>> {
+    let firsts = (0..count).step_by(own.max(1));
+    let part = |first: usize| first..(first + own.max(1)).min(count);
+    firsts.map(part).collect()
+}
+
+/// Windows along a strip.
+pub(super) fn of_strip(
+    rows: &Range<usize>,
+    layers: Vec<Range<usize>>,
+) -> impl Iterator<Item = Own> {
+    let rows = rows.clone();
+    layers.into_iter().map(move |layers| Own {
+        rows: rows.clone(),
+        layers,
+    })
+}
+
+/// From the first of some windows, one after the other, to the last.
+pub(super) fn hull(windows: &[Range<usize>]) -> Range<usize> {
+    match windows {
+        [first, .., last] => first.start..last.end,
+        [one] => one.clone(),
+        [] => 0..0,
+    }
+}
+
 /// Rows of all layers of a volume.
 pub(super) struct Strip<const D: usize> {
     /// Samples of the whole volume along each axis.
@@ -82,7 +110,7 @@ mod tests {
     fn ranges_are_as_many_as_asked_for_and_cover_all() {
         assert_eq!(ranges(100, 30, 16), [0..32, 32..64, 64..96, 96..100]);
         assert_eq!(ranges(96, 48, 16), [0..48, 48..96]);
-        assert_eq!(ranges(7, 100, 16), [0..7]);
+        assert_eq!(ranges(7, 100, 16), vec![0..7]);
         assert!(ranges(0, 5, 16).is_empty());
     }
 

@@ -247,27 +247,40 @@ impl<const D: usize> Sparse<D> {
             own.filter(|&brick| wanted[brick]).collect()
         });
         let asked: Vec<Vec<usize>> = group.pass("bricks that are wanted", asked.collect())?;
-        let of = |asked: &Vec<usize>| {
+        let kept = |asked: &[usize]| -> Vec<usize> {
             let kept = |brick: &usize| self.slots[*brick] < ELSEWHERE;
-            self.some(asked.iter().copied().filter(kept))
+            asked.iter().copied().filter(kept).collect()
         };
         let told = asked
             .iter()
             .enumerate()
             .map(|(rank, asked)| match rank == group.rank() {
                 true => Bricks::default(),
-                false => of(asked),
+                false => self.some(kept(asked).into_iter()),
             });
-        let mut told = group.pass("bricks of a potential", told.collect())?;
-        // What is here need not be passed on.
-        told[group.rank()] = of(&asked[group.rank()]);
+        let told = group.pass("bricks of a potential", told.collect())?;
         let mut near = Self::zero(self.dims, self.step);
         for (slot, wanted) in near.slots.iter_mut().zip(wanted) {
             if !wanted {
                 *slot = ELSEWHERE;
             }
         }
-        near.keep_all(told);
+        // What is here need not be passed on, nor held once more on the way.
+        let own = kept(&asked[group.rank()]);
+        let count = own.len() + told.iter().map(|told| told.bricks.len()).sum::<usize>();
+        near.masks.reserve_exact(count);
+        near.samples.reserve_exact(count * room(D));
+        for (rank, told) in told.into_iter().enumerate() {
+            if rank == group.rank() {
+                for &brick in &own {
+                    let slot = self.slots[brick];
+                    near.keep(brick, self.masks[slot as usize], self.brick(slot));
+                }
+            }
+            for (&(brick, mask), samples) in told.bricks.iter().zip(told.samples.chunks(room(D))) {
+                near.keep(brick, mask, samples);
+            }
+        }
         Ok(near)
     }
 

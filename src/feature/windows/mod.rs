@@ -338,7 +338,9 @@ impl<'a, const D: usize> Samples<'a, D> {
             let take = &mut |window: &Window<'_, D>| {
                 let (stack, own) = (window.smoothed, &window.own);
                 let all = change(stack);
-                if all.len() == share.range.len() * layer {
+                let mut of_share = self.dims;
+                of_share[D - 1] = share.range.len();
+                if own.layers == share.range && stack.volume.dims == of_share {
                     // It is all there is.
                     share.samples = all;
                     return;

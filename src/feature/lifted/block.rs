@@ -6,9 +6,8 @@ use super::{SAME_SHEET, Search};
 use crate::feature::crossing::Candidate;
 use crate::feature::symmetric::{Symmetric, eigenvalues, eigenvector};
 use crate::feature::volume::Volume;
-use crate::feature::windows::{MULTIPLE, Own, Window, rows};
+use crate::feature::windows::{MULTIPLE, Window};
 use crate::geometry::{cross, dot, in_space, unit};
-use std::ops::Range;
 
 /// Samples along an edge of a block with one line and one set of filters.
 pub const BLOCK: usize = MULTIPLE;
@@ -26,26 +25,6 @@ const SAME_LINE: f64 = 0.966;
 /// The blocks of an image, numbered as samples are.
 pub fn blocks<const D: usize>(dims: [usize; D]) -> Volume<'static, D> {
     Volume::new(dims.map(|n| n.div_ceil(BLOCK)), &[])
-}
-
-/// Those of a window, which begins with a block along all axes.
-pub fn blocks_of<const D: usize>(
-    blocks: &Volume<'static, D>,
-    own: &Own,
-) -> impl Iterator<Item = usize> + use<D> {
-    let (across, of_layer) = (blocks.dims[0], rows(blocks.dims));
-    let in_blocks = |range: &Range<usize>| range.start / BLOCK..range.end.div_ceil(BLOCK);
-    // In the plane a row is a layer.
-    let (rows, layers) = match D {
-        2 => (0..1, in_blocks(&own.layers)),
-        _ => (in_blocks(&own.rows), in_blocks(&own.layers)),
-    };
-    let first = move |layer: usize| {
-        rows.clone()
-            .map(move |row| (layer * of_layer + row) * across)
-    };
-    let firsts = layers.flat_map(first);
-    firsts.flat_map(move |first| first..first + across)
 }
 
 /// What all blocks share.

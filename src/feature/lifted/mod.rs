@@ -30,7 +30,7 @@ use crate::error::Result;
 use crate::geometry::groups::grouped;
 use crate::geometry::{dot, sub};
 use crate::observer::Patience;
-use block::{BLOCK, Job, Scratch, blocks, blocks_of};
+use block::{BLOCK, Job, Scratch, blocks};
 use filters::CROSSING;
 use std::sync::atomic::AtomicUsize;
 use std::sync::atomic::Ordering::Relaxed;
@@ -106,7 +106,8 @@ impl<const D: usize> Search<'_, D> {
                 search: self,
                 window,
             };
-            let own: Vec<usize> = blocks_of(&blocks, &window.own).collect();
+            let own = window.own.in_cells(BLOCK).of_each_layer(blocks.dims);
+            let own: Vec<usize> = own.flatten().collect();
             own.into_par_iter()
                 .map_init(Scratch::default, |scratch, block| {
                     if self.patience.over() {

@@ -5,9 +5,8 @@ use crate::feature::crossing::Candidate;
 use crate::feature::ridges::HEIGHT;
 use crate::feature::symmetric::Symmetric;
 use crate::feature::volume::Volume;
-use crate::feature::windows::{Own, rows};
+use crate::feature::windows::Own;
 use rayon::prelude::*;
-use std::ops::Range;
 
 /// Samples along an edge of the cells that are ambiguous or not.
 pub const CELL: usize = 4;
@@ -219,19 +218,9 @@ impl<const D: usize> Ambiguous<D> {
 
     /// How many cells in a window's own part are ambiguous.
     pub fn within(&self, own: &Own) -> usize {
-        let (across, of_layer) = (self.cells.dims[0], rows(self.cells.dims));
-        let in_cells = |range: &Range<usize>| range.start / CELL..range.end.div_ceil(CELL);
-        // In the plane a row is a layer.
-        let rows = match D {
-            2 => 0..1,
-            _ => in_cells(&own.rows),
-        };
-        let of_layer = |layer: usize| {
-            let row = |row| (layer * of_layer + row) * across;
-            let flags = &self.flags[row(rows.start)..row(rows.end)];
-            flags.iter().filter(|&&flag| flag != 0).count()
-        };
-        in_cells(&own.layers).map(of_layer).sum()
+        let flags = own.in_cells(CELL).of_each_layer(self.cells.dims);
+        let flags = flags.flat_map(|cells| &self.flags[cells]);
+        flags.filter(|&&flag| flag != 0).count()
     }
 
     pub(super) fn cell_of(&self, at: [usize; D]) -> usize {

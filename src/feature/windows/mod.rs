@@ -29,7 +29,7 @@ use rayon::prelude::*;
 use sizes::{HELD, Limits, Looks, USUAL, WIDE, has_room};
 use std::borrow::Cow;
 use std::ops::Range;
-use strip::{Strip, hull, layers, of_strip, ranges};
+use strip::{Strip, hull, layers, of_strip};
 
 pub use crate::image::layers::rows;
 pub use sizes::{MULTIPLE, WHOLE, changed_together, looked_at};
@@ -112,19 +112,15 @@ impl<'w, const D: usize> Stack<'w, D> {
 
     /// The rows of each layer that are a window's own.
     fn rows(&self, own: &Own) -> impl Iterator<Item = &'w [f32]> {
-        let (nx, from) = (self.volume.dims[0], self.first_row());
-        let rows = (own.rows.start - from) * nx..(own.rows.end - from) * nx;
-        let layers = self.layers(&own.layers);
-        let layers = layers.chunks_exact(layer(self.volume.dims).max(1));
-        layers.map(move |layer| &layer[rows.clone()])
-    }
-
-    /// The row of a layer of the volume with which these begin.
-    fn first_row(&self) -> usize {
-        match D {
-            2 => 0,
-            _ => self.from[D - 2],
-        }
+        // In the plane, where a layer is one row, all begin with it.
+        let less = |range: &Range<usize>, by: usize| range.start - by..range.end - by;
+        let own = Own {
+            rows: less(&own.rows, self.from[D - 2]),
+            layers: less(&own.layers, self.from[D - 1]),
+        };
+        let samples = self.volume.samples;
+        let of_each = own.of_each_layer(self.volume.dims);
+        of_each.map(move |range| &samples[range])
     }
 }
 
@@ -136,7 +132,7 @@ impl<const D: usize> Window<'_, D> {
         patience: &Patience<'_>,
         visit: impl Fn([usize; D], &mut S, &mut Vec<T>) + Sync,
     ) -> Vec<T> {
-        let rows = layer(self.dims) / self.dims[0].max(1);
+        let rows = rows(self.dims);
         let (first, own) = (self.smoothed.from[D - 1], &self.own.layers);
         let own = (own.start - first) * rows..(own.end - first) * rows;
         self.smoothed.volume.by_some_rows(own, patience, visit)
@@ -321,16 +317,13 @@ impl<'a, const D: usize> Samples<'a, D> {
         };
         let [own_rows, own_layers] = self.own_of_changed(looks)?;
         let all_layers = layers(self.dims[D - 1], own_layers);
-        let beside = self.beside(looks);
-        let strip = |own| Strip::new(self.dims, own, beside);
-        let strips = ranges(rows(self.dims), own_rows, MULTIPLE);
-        let strips: Vec<Strip<D>> = strips.into_iter().map(strip).collect();
-        let (layer, nx) = (layer(self.dims), self.dims[0]);
+        let strips = self.strips_of(own_rows, looks);
+        let layer = layer(self.dims);
         let mut share = Held::default();
         let work = |mine: Range<usize>, _: &mut dyn FnMut(())| {
             let mine = &all_layers[mine];
             share.range = hull(mine);
-            let first = share.range.start;
+            let before = share.range.start * layer;
             let windows = strips
                 .iter()
                 .flat_map(|strip| of_strip(&strip.own, mine.to_vec()));
@@ -346,9 +339,8 @@ impl<'a, const D: usize> Samples<'a, D> {
                     return;
                 }
                 share.samples.resize(share.range.len() * layer, 0.0);
-                for (i, rows) in own.layers.clone().zip(stack.with(&all).rows(own)) {
-                    let to = (i - first) * layer + own.rows.start * nx;
-                    share.samples[to..to + rows.len()].copy_from_slice(rows);
+                for (to, rows) in own.of_each_layer(self.dims).zip(stack.with(&all).rows(own)) {
+                    share.samples[to.start - before..to.end - before].copy_from_slice(rows);
                 }
             };
             self.each_of(&strips, &windows, looks, patience, take)?;

@@ -100,7 +100,7 @@ impl Looks {
 impl<const D: usize> Samples<'_, D> {
     /// How many rows to either side a strip must have; a multiple, so that what goes by twos and fours of rows goes by the
     /// same ones in all strips.
-    pub(super) fn beside(&self, looks: Looks) -> usize {
+    fn beside(&self, looks: Looks) -> usize {
         let smoothed = looks.halo + Stages::new(self.scales_left()).reach();
         let blurred = looks.blurred_halo() + Stages::new(&looks.blurs()).reach();
         smoothed.max(blurred).next_multiple_of(MULTIPLE)
@@ -108,14 +108,18 @@ impl<const D: usize> Samples<'_, D> {
 
     /// The strips that windows with wide halos go along: but one, unless layers are large.
     pub(super) fn strips(&self, looks: Looks) -> Vec<Strip<D>> {
-        let rows = rows(self.dims);
         let about = match looks.blur.is_none() || self.is_small() {
-            true => rows,
+            true => rows(self.dims),
             false => self.limits.rows_of_strip(self.dims),
         };
+        self.strips_of(about, looks)
+    }
+
+    /// Strips of about so many rows.
+    pub(super) fn strips_of(&self, about: usize, looks: Looks) -> Vec<Strip<D>> {
         let beside = self.beside(looks);
         let strip = |own| Strip::new(self.dims, own, beside);
-        let strips = ranges(rows, about, MULTIPLE);
+        let strips = ranges(rows(self.dims), about, MULTIPLE);
         strips.into_iter().map(strip).collect()
     }
 
@@ -123,9 +127,8 @@ impl<const D: usize> Samples<'_, D> {
     /// for them.
     pub(super) fn own_layers(&self, least: usize, layer: usize) -> Result<usize> {
         // Ranks share out windows that are not that wide better without.
-        let wide = least > WIDE || least == WIDE && ranks::count() == 1;
-        let room = LAYERS.max(4 * least) * layer;
-        let ask = || Ok(has_room(HELD * room as f64));
+        let wide = least > MULTIPLE && ranks::count() == 1;
+        let ask = || Ok(has_room(HELD * (LAYERS * layer) as f64));
         let least = match wide && ranks::of_first("room for layers", ask)? {
             true => least,
             false => MULTIPLE,

@@ -14,6 +14,30 @@ pub struct Own {
     pub layers: Range<usize>,
 }
 
+impl Own {
+    /// The cells that it meets, of cells with so many samples along an edge.
+    pub fn in_cells(&self, edge: usize) -> Self {
+        let met = |range: &Range<usize>| range.start / edge..range.end.div_ceil(edge);
+        Self {
+            rows: met(&self.rows),
+            layers: met(&self.layers),
+        }
+    }
+
+    /// The indices in memory of its samples of each layer, where the volume (or the grid of cells) has so many.
+    pub fn of_each_layer<const D: usize>(
+        &self,
+        dims: [usize; D],
+    ) -> impl Iterator<Item = Range<usize>> + use<D> {
+        let (nx, of_layer, own) = (dims[0], rows(dims), self.rows.clone());
+        let range = move |layer: usize| {
+            let first = layer * of_layer;
+            (first + own.start) * nx..(first + own.end) * nx
+        };
+        self.layers.clone().map(range)
+    }
+}
+
 /// Ranges of about so many, one after the other: all but the last have a multiple of `multiple`.
 pub(super) fn ranges(count: usize, about: usize, multiple: usize) -> Vec<Range<usize>> {
     let some = count.div_ceil(about.max(1)).max(1);
@@ -112,6 +136,25 @@ mod tests {
         assert_eq!(ranges(96, 48, 16), [0..48, 48..96]);
         assert_eq!(ranges(7, 100, 16), vec![0..7]);
         assert!(ranges(0, 5, 16).is_empty());
+    }
+
+    #[test]
+    fn what_is_a_windows_own_in_samples_and_in_cells() {
+        let own = Own {
+            rows: 4..9,
+            layers: 8..10,
+        };
+        let of_layers: Vec<Range<usize>> = own.of_each_layer([2, 10, 20]).collect();
+        assert_eq!(of_layers, [168..178, 188..198]);
+        let cells = own.in_cells(4);
+        assert_eq!((&cells.rows, &cells.layers), (&(1..3), &(2..3)));
+        // In the plane a layer is one row, and so is one of cells.
+        let plane = Own {
+            rows: 0..1,
+            layers: 8..13,
+        };
+        let of_layers: Vec<Range<usize>> = plane.in_cells(4).of_each_layer([3, 5]).collect();
+        assert_eq!(of_layers, [6..9, 9..12]);
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use std::process::ExitCode;
 
-use atomesh::cli::out_of_memory::Careful;
+use atomesh::cli::allocator::Careful;
 
 #[global_allocator]
 static ALLOCATOR: Careful = Careful;

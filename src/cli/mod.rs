@@ -12,8 +12,9 @@
 //! - [`wells`]: trajectories of wells
 //! - [`console`]: everything that is printed
 //! - [`desk`]: where a verb works, for other front ends
-//! - [`out_of_memory`]: how the process ends then
+//! - [`allocator`]: large arrays on large pages, and how the process ends where there is no memory
 
+pub mod allocator;
 pub mod args;
 pub mod case;
 pub mod common;
@@ -22,7 +23,6 @@ pub mod desk;
 pub mod faults;
 pub mod interrupts;
 pub mod job;
-pub mod out_of_memory;
 pub mod parse;
 pub mod provenance;
 pub mod rock;
@@ -51,7 +51,8 @@ const STACK: usize = 8 << 20;
 
 /// Runs what was typed. Exit codes: 0 done, 1 bad input or failed job, 130 interrupted, 2 wrong usage.
 pub fn main() -> ExitCode {
-    out_of_memory::watch_threads();
+    allocator::settle();
+    allocator::watch_threads();
     #[cfg(feature = "tetgen")]
     {
         use crate::mesh::delaunay::{serve, share_with_workers};

@@ -1,11 +1,12 @@
 //! How atoms at rest become a mesh: what differs between the plane and space.
 
-use super::Stages;
 use super::checkpoint::Kept;
 use super::pieces::{self, InPieces};
+use super::{Outcome, Params, Stages, Way, run};
 use crate::error::cause;
 use crate::feature::{FeaturePoint, Features};
 use crate::geometry::in_space;
+use crate::image::Source;
 use crate::improve::sheets::Sheets;
 use crate::improve::tets::{Aim, Cuts, KnownAtoms};
 use crate::improve::triangles::relax::Relaxation;
@@ -20,7 +21,7 @@ use crate::mesh::delaunay::{self, Delaunay};
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::voronoi;
 use crate::mesh::{Simplices, TetMesh, TriMesh};
-use crate::observer::{Patience, Stage};
+use crate::observer::{Observer, Patience, Stage};
 use crate::ranks::{Alone, Ranks};
 use crate::report::{Improvement, Judged};
 use crate::{Error, Result};
@@ -33,6 +34,20 @@ pub struct Space<const D: usize>;
 pub trait Meshing<const D: usize> {
     /// What is made: triangles or tetrahedra.
     type Mesh: Simplices<D> + Kept;
+
+    /// [`run_from`](super::run_from) in this space, compiled with this crate and not again with each that
+    /// meshes.
+    ///
+    /// # Errors
+    /// Those of [`run_from`](super::run_from).
+    fn run(
+        source: Source<'_, D>,
+        params: &Params<D>,
+        way: Way<'_>,
+        observer: &mut dyn Observer,
+    ) -> Result<Outcome<D>>
+    where
+        Space<D>: Meshing<D>;
 
     /// Puts the atoms that are next to a feature onto it, joins all and improves the result until
     /// every angle is at least as large as `improvement` asks, where that can be; without it, only
@@ -233,6 +248,15 @@ pub(super) fn neighbors_of<const D: usize, M: Simplices<D>>(mesh: &M) -> Result<
 impl Meshing<3> for Space<3> {
     type Mesh = TetMesh;
 
+    fn run(
+        source: Source<'_, 3>,
+        params: &Params<3>,
+        way: Way<'_>,
+        observer: &mut dyn Observer,
+    ) -> Result<Outcome<3>> {
+        run::made(source, params, way, observer)
+    }
+
     fn in_pieces(
         share: &mut OwnAtoms<3>,
         scene: &Scene<'_, 3>,
@@ -387,6 +411,15 @@ impl Meshing<3> for Space<3> {
 
 impl Meshing<2> for Space<2> {
     type Mesh = TriMesh;
+
+    fn run(
+        source: Source<'_, 2>,
+        params: &Params<2>,
+        way: Way<'_>,
+        observer: &mut dyn Observer,
+    ) -> Result<Outcome<2>> {
+        run::made(source, params, way, observer)
+    }
 
     fn join(
         mut atoms: Atoms<2>,

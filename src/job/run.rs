@@ -157,6 +157,19 @@ pub fn run_from<const D: usize>(
 where
     Space<D>: Meshing<D>,
 {
+    Space::<D>::run(source, params, way, observer)
+}
+
+/// The same, to be compiled in this crate.
+pub(super) fn made<const D: usize>(
+    source: Source<'_, D>,
+    params: &Params<D>,
+    way: Way<'_>,
+    observer: &mut dyn Observer,
+) -> Result<Outcome<D>>
+where
+    Space<D>: Meshing<D>,
+{
     let in_pieces = way.in_pieces && ranks::count() > 1 && params.cells == CellKind::Simplices;
     let checkpoint = way.checkpoint.map(|kept| kept.of(source, params));
     let checkpoint = checkpoint.transpose()?;

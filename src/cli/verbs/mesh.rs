@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
+use crate::cli::allocator;
 use crate::cli::common::depth::{image_in_depth, params_in_depth, warn_of_time};
 use crate::cli::common::global::Ending;
 use crate::cli::common::options::{named, setting_of};
@@ -12,7 +13,6 @@ use crate::cli::common::output::potential_image;
 use crate::cli::console::{Console, Hashing, print};
 use crate::cli::interrupts::Interrupts;
 use crate::cli::job::{check_files, output, params};
-use crate::cli::out_of_memory;
 use crate::error::{cause, os};
 use crate::export::page::{self, About, LARGEST, Written};
 use crate::feature::FeatureKind;
@@ -252,7 +252,7 @@ impl Run<'_> {
             }
         };
 
-        out_of_memory::give_back();
+        allocator::give_back();
         console.begin_stage(Stage::Writing);
         interrupts.stage(Stage::Writing);
         clock.begin(Stage::Writing);
@@ -468,7 +468,7 @@ impl Watcher<'_> {
 
 impl Observer for Watcher<'_> {
     fn stage(&mut self, stage: Stage) {
-        out_of_memory::give_back();
+        allocator::give_back();
         self.stage = stage;
         self.console.begin_stage(stage);
         self.interrupts.stage(stage);

@@ -10,6 +10,7 @@
 
 use super::FeaturePoint;
 use crate::geometry::dot;
+use crate::geometry::wide::wide;
 use crate::image::Sparse;
 use crate::observer::Patience;
 use crate::ranks::Ranks;
@@ -20,6 +21,9 @@ const CUT: f64 = 3.0;
 /// Radius of a point's disc, in samples: half the diagonal of a column's cell, and a bit, so that the
 /// discs of neighbouring columns overlap.
 const DISC: f32 = 0.75;
+
+/// Samples so much farther off (in samples) than the bell's cut are left out, whatever is rounded.
+const MARGIN: f32 = 0.01;
 
 /// Axes along which a normal is at least this much as fast as along its fastest one lead, too.
 const LEADING: f32 = 0.95;
@@ -154,6 +158,8 @@ impl<const D: usize> Splat<'_, D> {
             }
             (low[k], span[k]) = (first as usize, (end - first) as usize);
         }
+        // Farther from the point than this, no sample is within the cut from its disc.
+        let most = CUT as f32 * self.sigma + radius + MARGIN * h[0];
         for number in 0..span[1..].iter().product() {
             let (mut rest, mut start): (usize, usize) = (number, 0);
             let mut at = low;
@@ -165,18 +171,35 @@ impl<const D: usize> Splat<'_, D> {
                 along += r * n[k];
                 square += r * r;
             }
+            let half = most * most - square;
+            if half <= 0.0 {
+                continue;
+            }
             for k in (1..D).rev() {
                 start = (start + at[k] - self.ends(k)[0]) * self.dims[k - 1];
             }
-            let first = start + low[0] - self.ends(0)[0];
-            let from = (low[0] as f32 - centre[0]) * h[0];
-            for (x, nearest) in self.out[first..first + span[0]].iter_mut().enumerate() {
-                let r = from + x as f32 * h[0];
-                let s = r * n[0] + along;
-                let across = (r * r + square - s * s).max(0.0).sqrt();
-                let past = (across - radius).max(0.0);
-                *nearest = nearest.min((s * s + past * past) * scale);
+            let half = half.sqrt() / h[0];
+            let first = ((centre[0] - half).ceil() as i32).max(low[0] as i32);
+            let end = ((centre[0] + half).floor() as i32 + 1).min((low[0] + span[0]) as i32);
+            if first >= end {
+                continue;
             }
+            let (first, end) = (first as usize, end as usize);
+            let before = start - self.ends(0)[0];
+            let (from, skipped) = ((low[0] as f32 - centre[0]) * h[0], first - low[0]);
+            let row = &mut self.out[before + first..before + end];
+            wide(
+                #[inline(always)]
+                || {
+                    for (x, nearest) in row.iter_mut().enumerate() {
+                        let r = from + (skipped + x) as f32 * h[0];
+                        let s = r * n[0] + along;
+                        let across = (r * r + square - s * s).max(0.0).sqrt();
+                        let past = (across - radius).max(0.0);
+                        *nearest = nearest.min((s * s + past * past) * scale);
+                    }
+                },
+            );
         }
     }
 

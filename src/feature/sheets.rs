@@ -10,6 +10,7 @@ use super::crossing::{Candidate, nearest};
 use super::{FeatureKind, FeaturePoint};
 use crate::geometry::{dot, sub};
 use crate::observer::Patience;
+use rayon::iter::Either;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::ops::{AddAssign, Range};
@@ -186,6 +187,10 @@ pub fn sheets<const D: usize>(
         members: Vec::new(),
         blocked: Vec::new(),
         looks: Vec::new(),
+        inside: match rules.least_width {
+            0 => Vec::new(),
+            _ => vec![false; candidates.len()],
+        },
     };
     let mut sheets = 0;
     for seed in by_strength(candidates) {
@@ -275,6 +280,8 @@ struct Growth<'a, const D: usize> {
     blocked: Vec<usize>,
     /// Scratch.
     looks: Vec<Look>,
+    /// For each candidate, while its sheet is trimmed, whether it is inside.
+    inside: Vec<bool>,
 }
 
 /// What [`SOME`] members of a sheet, one after the other, may block and take.
@@ -356,13 +363,27 @@ impl<const D: usize> Growth<'_, D> {
             grid.each_around(at, reach, |j| own += i32::from(owner[j] == sheet));
             !patience.over() && f64::from(own) >= FILLED * f64::from(columns)
         };
-        let inside: Vec<usize> = self.members.par_iter().copied().filter(is_inside).collect();
-        let mut kept = vec![false; grid.candidates.len()];
-        for i in inside {
-            let at = grid.coordinates(&grid.candidates[i]);
-            grid.each_around(at, reach, |j| kept[j] = true);
+        let inside: Vec<bool> = self.members.par_iter().map(is_inside).collect();
+        for (&i, &inside) in self.members.iter().zip(&inside) {
+            self.inside[i] = inside;
         }
-        let (left, narrow): (Vec<usize>, Vec<usize>) = self.members.iter().partition(|&&i| kept[i]);
+        let is_wide = |(&i, &inside): (&usize, &bool)| {
+            let mut near = inside;
+            if !inside && !patience.over() {
+                grid.each_around(grid.coordinates(&grid.candidates[i]), reach, |j| {
+                    near |= self.inside[j];
+                });
+            }
+            (i, near)
+        };
+        let members = self.members.par_iter().zip(&inside);
+        let (left, narrow): (Vec<usize>, Vec<usize>) =
+            members.map(is_wide).partition_map(|(i, wide)| match wide {
+                true => Either::Left(i),
+                false => Either::Right(i),
+            });
+        // None is marked afterwards: sheets are many, and candidates of all of them more.
+        self.members.iter().for_each(|&i| self.inside[i] = false);
         for i in narrow {
             self.owner[i] = NARROW;
         }

@@ -75,7 +75,7 @@ package: packages
 	rm -rf "$${CARGO_HOME:-$$HOME/.cargo}"/registry/src/-*/tetgen-sys-*
 	cargo clean --quiet --locked -p tetgen-sys
 	cargo package --workspace --exclude atomesh-python --locked --allow-dirty \
-	    --config profile.dev.opt-level=0 --config 'profile.dev.package."*".opt-level=0'
+	    --config profile.dev.package.atomesh.opt-level=0
 
 book:
 	@scripts/book.sh

@@ -12,7 +12,7 @@
 //! - [`wells`]: trajectories of wells
 //! - [`console`]: everything that is printed
 //! - [`desk`]: where a verb works, for other front ends
-//! - [`allocator`]: large arrays on large pages, and how the process ends where there is no memory
+//! - [`allocator`]: memory is given back, and how the process ends where there is none
 
 pub mod allocator;
 pub mod args;

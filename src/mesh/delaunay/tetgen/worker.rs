@@ -57,11 +57,6 @@ pub(super) fn for_all() -> Option<&'static Program> {
     PROGRAM.get().filter(|program| program.for_all)
 }
 
-/// How the C library is told to take memory on large pages, where TetGen fills it: it takes an eighth of its time
-/// to have them one by one.
-const C_LIBRARY: &str = "GLIBC_TUNABLES";
-const ON_LARGE_PAGES: &str = "glibc.malloc.hugetlb=1";
-
 /// The program for parts.
 pub(super) fn for_parts() -> Option<&'static Program> {
     PROGRAM.get()
@@ -87,11 +82,7 @@ pub fn serve() -> u8 {
 /// is killed, hangs up. It never outlives the call.
 pub(super) fn ask(program: &Program, points: &[[f64; 3]], with_neighbors: bool) -> Result<Answer> {
     let remedy = "install atomesh again";
-    let mut command = Command::new(&program.path);
-    if std::env::var_os(C_LIBRARY).is_none() {
-        command.env(C_LIBRARY, ON_LARGE_PAGES);
-    }
-    let spawned = command
+    let spawned = Command::new(&program.path)
         .args(program.arguments)
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())

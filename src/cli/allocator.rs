@@ -26,17 +26,17 @@ pub struct Careful;
 unsafe impl GlobalAlloc for Careful {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         // SAFETY: as the caller promises.
-        given(unsafe { System.alloc(layout) }, layout.size())
+        there(unsafe { System.alloc(layout) }, layout.size())
     }
 
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
         // SAFETY: as the caller promises.
-        given(unsafe { System.alloc_zeroed(layout) }, layout.size())
+        there(unsafe { System.alloc_zeroed(layout) }, layout.size())
     }
 
     unsafe fn realloc(&self, memory: *mut u8, layout: Layout, size: usize) -> *mut u8 {
         // SAFETY: as the caller promises.
-        given(unsafe { System.realloc(memory, layout, size) }, size)
+        there(unsafe { System.realloc(memory, layout, size) }, size)
     }
 
     unsafe fn dealloc(&self, memory: *mut u8, layout: Layout) {
@@ -46,7 +46,7 @@ unsafe impl GlobalAlloc for Careful {
 }
 
 #[inline]
-fn given(memory: *mut u8, size: usize) -> *mut u8 {
+fn there(memory: *mut u8, size: usize) -> *mut u8 {
     if memory.is_null() {
         end(size);
     }

@@ -22,7 +22,7 @@ const CUT: f64 = 3.0;
 /// discs of neighbouring columns overlap.
 const DISC: f32 = 0.75;
 
-/// Samples so much farther off (in samples) than the bell's cut are left out, whatever is rounded.
+/// Only samples farther off than the bell's cut by this (samples) are passed over: far more than is rounded away.
 const MARGIN: f32 = 0.01;
 
 /// Axes along which a normal is at least this much as fast as along its fastest one lead, too.

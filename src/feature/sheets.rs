@@ -10,7 +10,6 @@ use super::crossing::{Candidate, nearest};
 use super::{FeatureKind, FeaturePoint};
 use crate::geometry::{dot, sub};
 use crate::observer::Patience;
-use rayon::iter::Either;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::ops::{AddAssign, Range};
@@ -364,24 +363,19 @@ impl<const D: usize> Growth<'_, D> {
             !patience.over() && f64::from(own) >= FILLED * f64::from(columns)
         };
         let inside: Vec<bool> = self.members.par_iter().map(is_inside).collect();
-        for (&i, &inside) in self.members.iter().zip(&inside) {
+        for (&i, inside) in self.members.iter().zip(inside) {
             self.inside[i] = inside;
         }
-        let is_wide = |(&i, &inside): (&usize, &bool)| {
-            let mut near = inside;
-            if !inside && !patience.over() {
-                grid.each_around(grid.coordinates(&grid.candidates[i]), reach, |j| {
-                    near |= self.inside[j];
-                });
+        let is_wide = |&i: &usize| {
+            let mut near = self.inside[i];
+            if !near && !patience.over() {
+                let at = grid.coordinates(&grid.candidates[i]);
+                grid.each_around(at, reach, |j| near |= self.inside[j]);
             }
-            (i, near)
+            near
         };
-        let members = self.members.par_iter().zip(&inside);
-        let (left, narrow): (Vec<usize>, Vec<usize>) =
-            members.map(is_wide).partition_map(|(i, wide)| match wide {
-                true => Either::Left(i),
-                false => Either::Right(i),
-            });
+        let members = self.members.par_iter().copied();
+        let (left, narrow): (Vec<usize>, Vec<usize>) = members.partition(is_wide);
         // None is marked afterwards: sheets are many, and candidates of all of them more.
         self.members.iter().for_each(|&i| self.inside[i] = false);
         for i in narrow {

@@ -34,6 +34,7 @@
 //! - `by_sample`: candidates by the sample they belong to
 //! - `quadric`: a sheet near a place
 //! - `repair`: ridges up to the box's sides
+//! - `slab`: candidates of some layers, where ranks share them
 //! - `sheets`: hysteresis, sheets too near one another, crumbs
 //! - `lines`: where sheets cross, branch and end
 //! - `gaps`: how fine a lattice must be between sheets that run close
@@ -59,6 +60,7 @@ pub(crate) mod ridges;
 pub(crate) mod rows;
 pub(crate) mod settled;
 pub(crate) mod sheets;
+mod slab;
 pub(crate) mod steepest;
 pub(crate) mod steepness;
 pub(crate) mod symmetric;
@@ -74,6 +76,7 @@ mod tests;
 use crate::error::Result;
 use crate::image::{Field, Image, Source, Sparse};
 use crate::observer::{Patience, Stage};
+use crate::ranks::{Group, Ranks};
 use detectors::{Detector, Scene};
 use sheets::{FoundSheets, Open};
 use windows::Samples;
@@ -292,7 +295,7 @@ fn follow<const D: usize>(
     scene.patience.lasts(Stage::Features)?;
     let mut found = found?;
     if let Source::Held(image) = scene.source {
-        found.drop_near_missing(image, detector.beyond_smoothing(), &mut notes);
+        found.drop_near_missing(image, detector.beyond_smoothing(), &mut notes, &Ranks)?;
     }
     let thresholds = found.thresholds;
     let rules = sheets::Rules {
@@ -316,10 +319,16 @@ fn follow<const D: usize>(
         least_width: detector.least_width(asked.d_min),
         open,
     };
-    let sheets = sheets::sheets(dims, &found.candidates, asked.step, &rules, scene.patience);
-    drop(found.candidates);
+    let among = (&Ranks as &dyn Group, scene.patience);
+    let sheets = sheets::sheets(
+        dims,
+        found.candidates,
+        found.layers,
+        asked.step,
+        &rules,
+        among,
+    )?;
     scene.patience.reached(IN_SHEETS);
-    scene.patience.lasts(Stage::Features)?;
     sheets.describe(kind, &rules, &mut notes);
     let sigma = asked.d_max() / 4.0;
     let gaps = asked.gaps();

@@ -110,14 +110,21 @@ impl Group for Ranks {
         if count() == 1 {
             return Ok(to);
         }
-        // How much each has for each; and all are here, and none has failed.
-        let much: Vec<usize> = to.iter().map(Vec::len).collect();
-        let much: Vec<Vec<usize>> = (self as &dyn Group).all(what, much)?;
+        // How much each has for each that it has anything for; and all are here, and none has failed.
+        let much = to.iter().map(Vec::len).enumerate();
+        let much: Vec<(usize, usize)> = much.filter(|(_, bytes)| *bytes > 0).collect();
+        let much: Vec<Vec<(usize, usize)>> = (self as &dyn Group).all(what, much)?;
+        let for_this = |told: &Vec<(usize, usize)>| {
+            let mut told = told.iter();
+            told.find(|(to, _)| *to == rank())
+                .map_or(0, |(_, bytes)| *bytes)
+        };
+        let bytes: Vec<usize> = much.iter().map(for_this).collect();
         #[cfg(feature = "mpi")]
-        return Ok(super::world::pass(&to, &much));
+        return Ok(super::world::pass(&to, &bytes));
         #[cfg(not(feature = "mpi"))]
         {
-            drop(much);
+            drop(bytes);
             Ok(to)
         }
     }

@@ -27,6 +27,10 @@ use crate::files::kept::{self, Kept};
 pub(crate) use group::tests::shared;
 pub use group::{Alone, Group, Ranks};
 
+/// So many bytes of all ranks are told at once.
+#[cfg(feature = "mpi")]
+const LITTLE: usize = 1 << 16;
+
 /// Nothing is told any more: the job is at its end.
 static OVER: AtomicBool = AtomicBool::new(false);
 /// All ranks know of an error.
@@ -155,7 +159,7 @@ fn fair_share_of(work: &[usize], rank: usize, count: usize) -> Range<usize> {
 }
 
 /// Which of so many parts are this rank's.
-fn own(parts: usize) -> Range<usize> {
+pub fn own(parts: usize) -> Range<usize> {
     share_of(parts, rank(), count())
 }
 
@@ -320,10 +324,21 @@ fn each_told(
             FAILED.store(true, Relaxed);
             return Err(apart(place));
         }
-        for (rank, head) in heads.iter().enumerate() {
+        let lengths: Vec<usize> = heads.iter().map(|head| head[2] as usize).collect();
+        if lengths.iter().sum::<usize>() <= LITTLE {
+            let all = world::gather(&bytes, &lengths);
+            let mut rest = &all[..];
+            for length in lengths {
+                let (mut theirs, after) = rest.split_at(length);
+                rest = after;
+                hear(&mut theirs).ok_or_else(|| apart(place))?;
+            }
+            return Ok(());
+        }
+        for (rank, length) in lengths.into_iter().enumerate() {
             let mut theirs = match rank == world::rank() {
                 true => std::mem::take(&mut bytes),
-                false => vec![0; head[2] as usize],
+                false => vec![0; length],
             };
             world::broadcast(rank, &mut theirs);
             hear(&mut &theirs[..]).ok_or_else(|| apart(place))?;

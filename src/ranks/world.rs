@@ -3,9 +3,9 @@
 use std::sync::{Mutex, OnceLock, PoisonError};
 
 use mpi::Threading;
+use mpi::datatype::PartitionMut;
 use mpi::environment::Universe;
-use mpi::point_to_point::send_receive_into;
-use mpi::traits::{Communicator, CommunicatorCollectives, Root};
+use mpi::traits::{Communicator, CommunicatorCollectives, Destination, Root, Source};
 
 use super::{launched, size_said};
 use crate::error::{Error, Result, cause};
@@ -66,6 +66,26 @@ pub fn heads(own: [u64; 3]) -> Vec<[u64; 3]> {
     all
 }
 
+/// What all ranks have, one after the other: so many bytes each.
+pub fn gather(own: &[u8], lengths: &[usize]) -> Vec<u8> {
+    let mut all = vec![0; lengths.iter().sum()];
+    let universe = UNIVERSE.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some(universe) = &*universe
+        && !all.is_empty()
+    {
+        let counts: Vec<i32> = lengths.iter().map(|&length| length as i32).collect();
+        let begins = counts.iter().scan(0, |sum, count| {
+            let begin = *sum;
+            *sum += count;
+            Some(begin)
+        });
+        let begins: Vec<i32> = begins.collect();
+        let mut parts = PartitionMut::new(&mut all[..], counts, begins);
+        (universe.world()).all_gather_varcount_into(own, &mut parts);
+    }
+    all
+}
+
 /// Gives what a rank has to all others, which have room for it.
 pub fn broadcast(from: usize, bytes: &mut [u8]) {
     let universe = UNIVERSE.lock().unwrap_or_else(PoisonError::into_inner);
@@ -77,9 +97,9 @@ pub fn broadcast(from: usize, bytes: &mut [u8]) {
     }
 }
 
-/// What each rank has for this one; `to` has something for each, and `much` says how many bytes each has for each.
-/// Two at a time: all to all at once is more than some networks take where there is much.
-pub fn pass(to: &[Vec<u8>], much: &[Vec<usize>]) -> Vec<Vec<u8>> {
+/// What each rank has for this one, so many `bytes`; `to` has something for each. Two at a time: all to all at once is
+/// more than some networks take where there is much. Those who have nothing for one another are left alone.
+pub fn pass(to: &[Vec<u8>], bytes: &[usize]) -> Vec<Vec<u8>> {
     let mut heard: Vec<Vec<u8>> = vec![Vec::new(); size()];
     let universe = UNIVERSE.lock().unwrap_or_else(PoisonError::into_inner);
     let Some(universe) = &*universe else {
@@ -87,21 +107,23 @@ pub fn pass(to: &[Vec<u8>], much: &[Vec<usize>]) -> Vec<Vec<u8>> {
     };
     let (world, own, count) = (universe.world(), rank(), size());
     heard[own].clone_from(&to[own]);
-    let most = much.iter().flatten().copied().max().unwrap_or(0);
     for step in 1..count {
         let (next, before) = ((own + step) % count, (own + count - step) % count);
         let (sent, got) = (&to[next], &mut heard[before]);
-        got.resize(much[before][own], 0);
-        // All go as often, some with nothing.
-        for from in (0..most).step_by(AT_ONCE) {
-            let now = |all: usize| all.min(from)..all.min(from + AT_ONCE);
-            let all = got.len();
-            send_receive_into(
-                &sent[now(sent.len())],
-                &world.process_at_rank(next as i32),
-                &mut got[now(all)],
-                &world.process_at_rank(before as i32),
-            );
+        got.resize(bytes[before], 0);
+        let parts = sent.len().max(got.len()).div_ceil(AT_ONCE);
+        let (mut sent, mut got) = (sent.chunks(AT_ONCE), got.chunks_mut(AT_ONCE));
+        for _ in 0..parts {
+            mpi::request::scope(|scope| {
+                let next = world.process_at_rank(next as i32);
+                let sending = sent.next().map(|part| next.immediate_send(scope, part));
+                if let Some(part) = got.next() {
+                    world.process_at_rank(before as i32).receive_into(part);
+                }
+                if let Some(sending) = sending {
+                    sending.wait_without_status();
+                }
+            });
         }
     }
     heard

@@ -46,11 +46,14 @@ impl<const D: usize> Detector<D> for Horizons {
             "crests and troughs at scale {scale}, normals averaged over {window}: {thresholds}"
         ));
         let mut candidates = Vec::new();
-        let mut look =
-            |window: &Window<'_, D>| crests(window, &normals, thresholds.low, scene.patience);
-        let mut take = |own: Vec<Candidate<D>>| candidates.extend(own);
-        samples.each(1, None, &|_| 1, scene.patience, &mut look, &mut take)?;
-        Ok(Found::new(candidates, scale, thresholds))
+        let mut look = |window: &Window<'_, D>| {
+            candidates.extend(crests(window, &normals, thresholds.low, scene.patience));
+        };
+        let layers = samples.each_own(1, scene.patience, &mut look)?;
+        Ok(Found {
+            layers: Some(layers),
+            ..Found::new(candidates, scale, thresholds)
+        })
     }
 
     fn in_layers(&self) -> bool {

@@ -38,8 +38,10 @@ use super::{Detection, FeatureKind, Features, Settled};
 use crate::error::{Error, Result, cause};
 use crate::image::{Image, Source};
 use crate::observer::Patience;
+use crate::ranks::Group;
 use rayon::prelude::*;
 use std::fmt;
+use std::ops::Range;
 
 /// Finds features of one kind.
 pub trait Detector<const D: usize>: Sync {
@@ -265,6 +267,8 @@ impl fmt::Display for Thresholds {
 pub struct Found<const D: usize> {
     /// Points that may lie on features, in the order of samples.
     pub candidates: Vec<Candidate<D>>,
+    /// Where ranks share them: the layers of which this rank has all. `None` if every rank has all of all.
+    pub layers: Option<Range<usize>>,
     /// Width (samples) of the Gaussian under which they were found.
     pub scale: f64,
     /// What decides which of them make sheets.
@@ -285,6 +289,7 @@ impl<const D: usize> Found<D> {
     pub fn new(candidates: Vec<Candidate<D>>, scale: f64, thresholds: Thresholds) -> Self {
         Self {
             candidates,
+            layers: None,
             scale,
             thresholds,
             sharp: false,
@@ -296,24 +301,32 @@ impl<const D: usize> Found<D> {
 
     /// Drops what lies where traces are missing, or so near that smoothing mixes what is beside them
     /// with what only continues it.
+    ///
+    /// # Errors
+    /// Those of other ranks.
     pub fn drop_near_missing(
         &mut self,
         image: &Image<D>,
         beyond_smoothing: f64,
         notes: &mut Vec<String>,
-    ) {
+        group: &dyn Group,
+    ) -> Result<()> {
         let reach = (3.0 * self.scale).ceil() + beyond_smoothing;
         let near = image.near_missing(reach);
         if near.is_empty() {
-            return;
+            return Ok(());
         }
         let row = |c: &Candidate<D>| c.voxel.index() / image.dims()[0];
         let dropped = self.candidates.iter().map(row);
-        let dropped = dropped.filter(|&r| near[r] && !image.missing[r]).count();
+        let mut dropped = dropped.filter(|&r| near[r] && !image.missing[r]).count();
+        if self.layers.is_some() {
+            dropped = group.all("candidates dropped", dropped)?.iter().sum();
+        }
         self.candidates.retain(|c| !near[row(c)]);
         notes.push(format!(
             "{dropped} candidates dropped as they lie within {reach} samples of missing traces"
         ));
+        Ok(())
     }
 }
 

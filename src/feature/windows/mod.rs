@@ -278,9 +278,41 @@ impl<'a, const D: usize> Samples<'a, D> {
         take: &mut dyn FnMut(T),
     ) -> Result<()> {
         let looks = Looks { halo, blur };
+        let (strips, windows) = self.windows(looks)?;
+        let windows = windows.into_iter().map(|own| (much(&own), own));
+        let (work_in, windows): (Vec<usize>, Vec<Own>) =
+            windows.filter(|(much, _)| *much > 0).unzip();
+        let these = |mine: Range<usize>, give: &mut dyn FnMut(T)| {
+            let give = &mut |window: &Window<'_, D>| give(work(window));
+            self.each_of(&strips, &windows[mine], looks, patience, give)
+        };
+        ranks::share_fairly("layers", &work_in, these, take)
+    }
+
+    /// Calls `work` for one of this rank's windows after the other, which have so many layers under the Gaussians to
+    /// either side; the layers that are theirs.
+    ///
+    /// # Errors
+    /// That of reading.
+    pub fn each_own(
+        &self,
+        halo: usize,
+        patience: &Patience<'_>,
+        work: &mut dyn FnMut(&Window<'_, D>),
+    ) -> Result<Range<usize>> {
+        let looks = Looks { halo, blur: None };
+        let (strips, windows) = self.windows(looks)?;
+        let own = &windows[ranks::own(windows.len())];
+        self.each_of(&strips, own, looks, patience, work)?;
+        let layers: Vec<Range<usize>> = own.iter().map(|own| own.layers.clone()).collect();
+        Ok(hull(&layers))
+    }
+
+    /// The windows in which all samples are looked at, in the order of their strips.
+    fn windows(&self, looks: Looks) -> Result<(Vec<Strip<D>>, Vec<Own>)> {
         let strips = self.strips(looks);
         let seen = strips.iter().map(Strip::layer).max();
-        let [least, whole] = match blur {
+        let [least, whole] = match looks.blur {
             Some(_) => [WIDE, 4 * self.limits.window],
             None => [MULTIPLE, self.limits.whole],
         };
@@ -290,14 +322,8 @@ impl<'a, const D: usize> Samples<'a, D> {
             false => self.own_layers(least, seen.unwrap_or_default())?,
         };
         let windows = (strips.iter()).flat_map(|strip| of_strip(&strip.own, layers(count, own)));
-        let windows = windows.map(|own| (much(&own), own));
-        let (work_in, windows): (Vec<usize>, Vec<Own>) =
-            windows.filter(|(much, _)| *much > 0).unzip();
-        let these = |mine: Range<usize>, give: &mut dyn FnMut(T)| {
-            let give = &mut |window: &Window<'_, D>| give(work(window));
-            self.each_of(&strips, &windows[mine], looks, patience, give)
-        };
-        ranks::share_fairly("layers", &work_in, these, take)
+        let windows = windows.collect();
+        Ok((strips, windows))
     }
 
     /// What `change` makes of all samples under the Gaussians, which it is given some at a time and sees so many

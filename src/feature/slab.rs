@@ -1,0 +1,234 @@
+//! Candidates in slabs: each rank has those of some layers along the last axis, its *own*, and of as many layers to
+//! either side as what is done with them sees, its *halo*.
+//!
+//! What a rank has is one run of all candidates, which are in the order of samples: so a place in it, and the place
+//! of its first among all, say which candidate is meant.
+
+use super::crossing::Candidate;
+use super::windows::layer;
+use crate::error::Result;
+use crate::ranks::{Group, share_of};
+use std::ops::Range;
+
+/// A rank's candidates.
+pub struct Slab<'g, const D: usize> {
+    /// Samples of the volume along each axis.
+    pub dims: [usize; D],
+    /// Its own and the halo's, in the order of samples.
+    pub candidates: Vec<Candidate<D>>,
+    /// Which are its own.
+    pub own: Range<usize>,
+    /// Of the candidates of all ranks, the first that it has.
+    first: usize,
+    /// The layers that each rank sees: its own and its halo; none if it has none of its own.
+    seen: Vec<Range<usize>>,
+    /// Own layers, and those that no other rank sees.
+    layers: Range<usize>,
+    inner: Range<usize>,
+    group: &'g dyn Group,
+}
+
+impl<'g, const D: usize> Slab<'g, D> {
+    /// Of these candidates, in the order of samples: of all those of these layers, which are this rank's share and
+    /// come after the ranks' before it; or if there are none said, of all. The halo has so many layers.
+    ///
+    /// # Errors
+    /// Those of other ranks.
+    pub fn new(
+        dims: [usize; D],
+        candidates: Vec<Candidate<D>>,
+        layers: Option<Range<usize>>,
+        halo: usize,
+        group: &'g dyn Group,
+    ) -> Result<Self> {
+        let (rank, count) = (group.rank(), group.count());
+        let shares: Vec<Range<usize>> = match &layers {
+            Some(own) => {
+                let all = group.all("layers of candidates", [own.start, own.end])?;
+                all.into_iter().map(|[start, end]| start..end).collect()
+            }
+            None => (0..count)
+                .map(|rank| share_of(dims[D - 1], rank, count))
+                .collect(),
+        };
+        let wide = |own: &Range<usize>| match own.is_empty() {
+            true => 0..0,
+            false => own.start.saturating_sub(halo)..(own.end + halo).min(dims[D - 1]),
+        };
+        let seen: Vec<Range<usize>> = shares.iter().map(wide).collect();
+        let others = |ranks: Range<usize>| seen[ranks].iter().filter(|seen| !seen.is_empty());
+        let own = shares[rank].clone();
+        let low = others(0..rank).map(|seen| seen.end).max();
+        let high = others(rank + 1..count).map(|seen| seen.start).min();
+        let inner = own.start.max(low.unwrap_or(0))..own.end.min(high.unwrap_or(own.end));
+        let mut slab = Self {
+            dims,
+            candidates,
+            own: 0..0,
+            first: 0,
+            seen,
+            layers: own.clone(),
+            inner,
+            group,
+        };
+        let wanted = slab.seen[rank].clone();
+        match layers {
+            Some(_) => {
+                let own_count = slab.candidates.len();
+                let before = group.all("candidates", own_count)?[..rank]
+                    .iter()
+                    .sum::<usize>();
+                let part = |(to, seen): (usize, &Range<usize>)| match to == rank {
+                    true => Vec::new(),
+                    false => slab.candidates[slab.of_layers(seen)].to_vec(),
+                };
+                let parts = slab.seen.iter().enumerate().map(part).collect();
+                let mut parts: Vec<Vec<Candidate<D>>> = group.pass("candidates beside", parts)?;
+                parts[rank] = std::mem::take(&mut slab.candidates);
+                let lower: usize = parts[..rank].iter().map(Vec::len).sum();
+                slab.own = lower..lower + own_count;
+                slab.first = before - lower;
+                slab.candidates = match count {
+                    1 => parts.swap_remove(0),
+                    _ => parts.concat(),
+                };
+            }
+            None if count > 1 => {
+                let has = slab.of_layers(&wanted);
+                let all = std::mem::take(&mut slab.candidates);
+                slab.first = has.start;
+                slab.candidates = all[has].to_vec();
+                slab.own = slab.of_layers(&own);
+            }
+            None => slab.own = 0..slab.candidates.len(),
+        }
+        Ok(slab)
+    }
+
+    /// Which of the candidates are of these layers.
+    fn of_layers(&self, layers: &Range<usize>) -> Range<usize> {
+        let before = |at: usize| {
+            let first = at * layer(self.dims);
+            self.candidates.partition_point(|c| c.voxel.index() < first)
+        };
+        match layers.is_empty() {
+            true => 0..0,
+            false => before(layers.start)..before(layers.end),
+        }
+    }
+
+    /// Those who have the others.
+    pub fn group(&self) -> &'g dyn Group {
+        self.group
+    }
+
+    /// The number of a candidate among those of all ranks.
+    pub fn number(&self, i: usize) -> usize {
+        self.first + i
+    }
+
+    /// The layer of a candidate.
+    fn layer_of(&self, i: usize) -> usize {
+        self.candidates[i].voxel.index() / layer(self.dims).max(1)
+    }
+
+    /// Whether no other rank sees this own candidate.
+    pub fn is_inner(&self, i: usize) -> bool {
+        self.group.count() == 1 || self.inner.contains(&self.layer_of(i))
+    }
+
+    /// Whether all samples round that of an own candidate are this rank's own.
+    pub fn has_beside(&self, i: usize) -> bool {
+        let (at, own, count) = (self.layer_of(i), &self.layers, self.dims[D - 1]);
+        (at == 0 || own.contains(&(at - 1))) && (at + 1 == count || own.contains(&(at + 1)))
+    }
+
+    /// Tells the ranks that see them that these own candidates are meant; those of the halo that the others mean,
+    /// unless no rank means any.
+    ///
+    /// # Errors
+    /// Those of other ranks.
+    pub fn tell(&self, what: &str, own: &[usize]) -> Result<Option<Vec<usize>>> {
+        let some: Vec<bool> = self.group.all(what, !own.is_empty())?;
+        if !some.contains(&true) {
+            return Ok(None);
+        }
+        let mut to = vec![Vec::new(); self.group.count()];
+        let outer = own.iter().copied().filter(|&i| !self.is_inner(i));
+        for i in outer {
+            let at = self.layer_of(i);
+            for (rank, seen) in self.seen.iter().enumerate() {
+                if rank != self.group.rank() && seen.contains(&at) {
+                    to[rank].push(self.number(i));
+                }
+            }
+        }
+        let told = self.group.pass(what, to)?;
+        Ok(Some(
+            (told.into_iter().flatten().map(|number| number - self.first)).collect(),
+        ))
+    }
+
+    /// Sums over all ranks.
+    ///
+    /// # Errors
+    /// Those of other ranks.
+    pub fn sums<const N: usize>(&self, what: &str, own: [u64; N]) -> Result<[u64; N]> {
+        let all: Vec<[u64; N]> = self.group.all(what, own)?;
+        Ok(std::array::from_fn(|k| all.iter().map(|one| one[k]).sum()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ranks::shared;
+
+    /// Candidates here and there: none in every fifth layer.
+    fn some(dims: [usize; 3]) -> Vec<Candidate<3>> {
+        let place = |n: usize| [n * 7 % dims[0], n * 5 % dims[1], n * 3 % dims[2]];
+        let mut all: Vec<Candidate<3>> = (0..300)
+            .map(place)
+            .filter(|at| at[2] % 5 != 0)
+            .map(|at| Candidate::new(dims, at, 0, 0.0, [1.0, 0.0, 0.0], 1.0))
+            .collect();
+        all.sort_by_key(|c| c.voxel);
+        all
+    }
+
+    #[test]
+    fn each_rank_has_its_own_and_those_beside_it_and_says_which_it_means() {
+        let dims = [11, 9, 23];
+        let all = some(dims);
+        let area = dims[0] * dims[1];
+        for (count, halo) in [(1, 4), (2, 3), (3, 9), (5, 2), (30, 6)] {
+            let seen = shared(count, |group| {
+                let own = share_of(dims[2], group.rank(), count);
+                let of_own = |c: &&Candidate<3>| own.contains(&(c.voxel.index() / area));
+                let given = all.iter().filter(of_own).copied().collect();
+                let cut = Slab::new(dims, all.clone(), None, halo, group).unwrap();
+                let slab = Slab::new(dims, given, Some(own.clone()), halo, group).unwrap();
+                assert_eq!(slab.candidates.len(), cut.candidates.len());
+                assert!(own.is_empty() || (slab.first, &slab.own) == (cut.first, &cut.own));
+                let wide = own.start.saturating_sub(halo)..own.end + halo;
+                for (i, c) in slab.candidates.iter().enumerate() {
+                    assert_eq!(c.voxel, all[slab.number(i)].voxel);
+                    let at = c.voxel.index() / area;
+                    assert!(wide.contains(&at) && slab.own.contains(&i) == own.contains(&at));
+                }
+                // Every third of all is meant.
+                let meant: Vec<usize> = slab
+                    .own
+                    .clone()
+                    .filter(|&i| slab.number(i) % 3 == 0)
+                    .collect();
+                let told = slab.tell("every third", &meant).unwrap().unwrap();
+                let halo = (0..slab.candidates.len()).filter(|i| !slab.own.contains(i));
+                assert!(halo.filter(|&i| slab.number(i) % 3 == 0).eq(told));
+                assert_eq!(slab.tell("none", &[]).unwrap(), None);
+                slab.sums("own", [slab.own.len() as u64]).unwrap()
+            });
+            assert!(seen.into_iter().all(|sum| sum == [all.len() as u64]));
+        }
+    }
+}

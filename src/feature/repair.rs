@@ -8,7 +8,9 @@
 use super::by_sample::{BySample, segment};
 use super::crossing::{Candidate, Voxel, nearest};
 use super::quadric::Quadric;
+use super::slab::Slab;
 use super::volume::Volume;
+use crate::error::Result;
 use crate::geometry::{dot, sub};
 use crate::observer::Patience;
 use rayon::prelude::*;
@@ -26,6 +28,9 @@ const SUPPORT: f32 = 0.7;
 const NONE: u32 = u32::MAX;
 /// A front goes this many columns into the zone at most.
 const STEPS: u32 = 16;
+/// What is continued depends on no layers farther off than this: on those that fronts come from, which others may
+/// stand in the way of, and on those of the points that are fitted.
+pub const SEES: usize = 64;
 /// So many fronts go on together ...
 const TOGETHER: usize = 1 << 12;
 /// ... and at least so many on one thread.
@@ -139,15 +144,19 @@ fn margin(scale: f64) -> usize {
     (1.5 * scale).ceil() as usize
 }
 
-/// Continues sheets to the sides of the box; `candidates` are ridge points, in
-/// the order of samples, of a volume smoothed over `scale` samples, those of at least `strong` sure.
+/// Continues sheets to the sides of the box; `slab` has ridge points of a volume smoothed over `scale` samples, those of
+/// at least `strong` sure, with a halo of [`SEES`] layers. Those of this rank's own layers, in the order of samples.
+///
+/// # Errors
+/// Those of other ranks.
 pub fn repair<const D: usize>(
     smoothed: &Shell<D>,
-    candidates: Vec<Candidate<D>>,
+    mut slab: Slab<'_, D>,
     scale: f64,
     strong: f32,
     patience: &Patience<'_>,
-) -> Vec<Candidate<D>> {
+) -> Result<Vec<Candidate<D>>> {
+    let candidates = std::mem::take(&mut slab.candidates);
     let (dims, samples) = (smoothed.dims, Volume::new(smoothed.dims, &[]));
     let zone = Zone::new(dims, scale);
     let in_zone = |c: &Candidate<D>| {
@@ -157,9 +166,12 @@ pub fn repair<const D: usize>(
     let doubtful: Vec<Candidate<D>> = (candidates.par_iter().copied())
         .filter(|c| in_zone(c))
         .collect();
+    let own = candidates[slab.own.clone()].par_iter();
+    let figures = [slab.own.len(), own.filter(|c| in_zone(c)).count()].map(|n| n as u64);
+    let [all, in_doubt] = slab.sums("doubtful candidates", figures)?;
     // Where most is doubtful (foam, pores), there is nothing to continue from.
-    if candidates.len() < 2 * doubtful.len() {
-        return candidates;
+    if all < 2 * in_doubt {
+        return Ok(slab.own_of(candidates));
     }
     let mut reliable = candidates;
     reliable.retain(|c| !in_zone(c));
@@ -209,7 +221,7 @@ pub fn repair<const D: usize>(
     all.par_extend(doubtful.into_par_iter().filter(|c| !beside(c)));
     all.extend(&points);
     all.par_sort_by_key(|c| c.voxel);
-    all
+    Ok(slab.own_of(all))
 }
 
 /// Where candidates are doubtful: near the sides.

@@ -13,6 +13,7 @@
 
 use super::crossing::{Candidate, along_axis, dominant_axes};
 use super::rows::Curvature;
+use super::slab::Slab;
 use super::symmetric::{eigenvalues, eigenvector};
 use super::windows::{Own, Samples, Window};
 use crate::error::Result;
@@ -144,6 +145,23 @@ pub fn typical(strengths: impl Iterator<Item = f32>) -> f32 {
     } else {
         0.0
     }
+}
+
+/// The same of the candidates of all ranks.
+///
+/// # Errors
+/// Those of other ranks.
+pub fn typical_of_all<const D: usize>(slab: &Slab<'_, D>) -> Result<f32> {
+    let powers = |i: usize| {
+        let s = f64::from(slab.candidates[i].strength);
+        Some([s * s, s * s * s])
+    };
+    let [squares, cubes] = slab.sums_by_layer("strengths of ridges", powers)?;
+    Ok(if squares > 0.0 {
+        (cubes / squares) as f32
+    } else {
+        0.0
+    })
 }
 
 /// How much an image curves in directions in which a sheet does not bend it: the magnitude of the

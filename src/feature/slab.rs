@@ -7,7 +7,9 @@
 use super::crossing::Candidate;
 use super::windows::layer;
 use crate::error::Result;
+use crate::files::kept::Kept;
 use crate::ranks::{Group, share_of};
+use rayon::prelude::*;
 use std::ops::Range;
 
 /// A rank's candidates.
@@ -88,10 +90,7 @@ impl<'g, const D: usize> Slab<'g, D> {
                 let lower: usize = parts[..rank].iter().map(Vec::len).sum();
                 slab.own = lower..lower + own_count;
                 slab.first = before - lower;
-                slab.candidates = match count {
-                    1 => parts.swap_remove(0),
-                    _ => parts.concat(),
-                };
+                slab.candidates = joined(parts);
             }
             None if count > 1 => {
                 let has = slab.of_layers(&wanted);
@@ -107,14 +106,69 @@ impl<'g, const D: usize> Slab<'g, D> {
 
     /// Which of the candidates are of these layers.
     fn of_layers(&self, layers: &Range<usize>) -> Range<usize> {
-        let before = |at: usize| {
-            let first = at * layer(self.dims);
-            self.candidates.partition_point(|c| c.voxel.index() < first)
+        of_layers(self.dims, &self.candidates, layers)
+    }
+
+    /// Of candidates in the order of samples, those of this rank's own layers.
+    pub fn own_of(&self, mut candidates: Vec<Candidate<D>>) -> Vec<Candidate<D>> {
+        let own = of_layers(self.dims, &candidates, &self.layers);
+        candidates.truncate(own.end);
+        candidates.drain(..own.start);
+        candidates
+    }
+
+    /// What its own candidates have, and those of the halo, of which other ranks tell.
+    ///
+    /// # Errors
+    /// Those of other ranks.
+    pub fn beside<T: Kept + Clone>(&self, what: &str, own: Vec<T>) -> Result<Vec<T>> {
+        let rank = self.group.rank();
+        let part = |(to, seen): (usize, &Range<usize>)| {
+            let both = seen.start.max(self.layers.start)..seen.end.min(self.layers.end);
+            if to == rank || both.is_empty() {
+                return Vec::new();
+            }
+            let some = self.of_layers(&both);
+            own[some.start - self.own.start..some.end - self.own.start].to_vec()
         };
-        match layers.is_empty() {
-            true => 0..0,
-            false => before(layers.start)..before(layers.end),
+        let parts = self.seen.iter().enumerate().map(part).collect();
+        let mut parts = self.group.pass(what, parts)?;
+        parts[rank] = own;
+        Ok(joined(parts))
+    }
+
+    /// Sums over the own candidates of all ranks, of those that have something, layer by layer: so they are the same
+    /// for any number of ranks.
+    ///
+    /// # Errors
+    /// Those of other ranks.
+    pub fn sums_by_layer<const N: usize>(
+        &self,
+        what: &str,
+        of: impl Fn(usize) -> Option<[f64; N]>,
+    ) -> Result<[f64; N]> {
+        let mut layers: Vec<[f64; N]> = Vec::new();
+        let mut last = None;
+        for i in self.own.clone() {
+            let Some(values) = of(i) else { continue };
+            let at = Some(self.layer_of(i));
+            if last != at {
+                layers.push([0.0; N]);
+                last = at;
+            }
+            if let Some(sums) = layers.last_mut() {
+                *sums = std::array::from_fn(|k| sums[k] + values[k]);
+            }
         }
+        let all = self.group.all(what, layers)?.into_iter().flatten();
+        Ok(all.fold([0.0; N], |sums, layer| {
+            std::array::from_fn(|k| sums[k] + layer[k])
+        }))
+    }
+
+    /// Own layers.
+    pub fn layers(&self) -> &Range<usize> {
+        &self.layers
     }
 
     /// Those who have the others.
@@ -179,10 +233,73 @@ impl<'g, const D: usize> Slab<'g, D> {
     }
 }
 
+/// Which of candidates in the order of samples are of these layers.
+fn of_layers<const D: usize>(
+    dims: [usize; D],
+    candidates: &[Candidate<D>],
+    layers: &Range<usize>,
+) -> Range<usize> {
+    let before = |at: usize| {
+        let first = at * layer(dims);
+        candidates.partition_point(|c| c.voxel.index() < first)
+    };
+    match layers.is_empty() {
+        true => 0..0,
+        false => before(layers.start)..before(layers.end),
+    }
+}
+
+/// One after the other; the only one is not copied.
+fn joined<T: Clone>(mut parts: Vec<Vec<T>>) -> Vec<T> {
+    match parts.len() {
+        1 => parts.swap_remove(0),
+        _ => parts.concat(),
+    }
+}
+
+/// Of the values of a group, the one of a rank (0: the least) among all, in the total order; `None` if there is none.
+/// `rank_of` is told how many there are.
+///
+/// # Errors
+/// Those of the others.
+pub fn ranked(
+    what: &str,
+    mut own: Vec<f64>,
+    rank_of: impl Fn(usize) -> usize,
+    group: &dyn Group,
+) -> Result<Option<f64>> {
+    let count: usize = group.all(what, own.len())?.iter().sum();
+    if count == 0 {
+        return Ok(None);
+    }
+    let rank = rank_of(count).min(count - 1);
+    if group.count() == 1 {
+        return Ok(Some(*own.select_nth_unstable_by(rank, f64::total_cmp).1));
+    }
+    // Bit by bit: how many are less?
+    let key = |value: f64| match value.to_bits() {
+        bits if bits >> 63 == 0 => bits | 1 << 63,
+        bits => !bits,
+    };
+    let keys: Vec<u64> = own.into_par_iter().map(key).collect();
+    let mut found = 0u64;
+    for bit in (0..64).rev() {
+        let tried = found | 1 << bit;
+        let less = keys.par_iter().filter(|&&key| key < tried).count();
+        if group.all(what, less)?.iter().sum::<usize>() <= rank {
+            found = tried;
+        }
+    }
+    Ok(Some(f64::from_bits(match found >> 63 {
+        1 => found ^ 1 << 63,
+        _ => !found,
+    })))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ranks::shared;
+    use crate::ranks::{Alone, shared};
 
     /// Candidates here and there: none in every fifth layer.
     fn some(dims: [usize; 3]) -> Vec<Candidate<3>> {
@@ -194,6 +311,44 @@ mod tests {
             .collect();
         all.sort_by_key(|c| c.voxel);
         all
+    }
+
+    #[test]
+    fn the_value_of_a_rank_is_found_among_those_of_all() {
+        let mut all = vec![
+            3.5,
+            -1.0,
+            0.0,
+            -0.0,
+            7.25,
+            f64::MIN_POSITIVE,
+            3.5,
+            -8.5,
+            1e300,
+        ];
+        for count in [1, 2, 4, 11] {
+            for rank in 0..=all.len() {
+                let found = shared(count, |group| {
+                    let own = share_of(all.len(), group.rank(), count);
+                    let rank_of = |number: usize| {
+                        assert_eq!(number, all.len());
+                        rank
+                    };
+                    ranked("values", all[own].to_vec(), rank_of, group).unwrap()
+                });
+                let mut sorted = all.clone();
+                sorted.sort_by(f64::total_cmp);
+                let wanted = sorted[rank.min(all.len() - 1)];
+                let is_it =
+                    |found: Option<f64>| found.is_some_and(|f| f.to_bits() == wanted.to_bits());
+                assert!(found.into_iter().all(is_it), "{count} {rank}");
+            }
+        }
+        all.clear();
+        let none = shared(2, |group| {
+            ranked("values", Vec::new(), |n| n, group).unwrap()
+        });
+        assert_eq!(none, [None, None]);
     }
 
     #[test]
@@ -220,12 +375,28 @@ mod tests {
                 let meant: Vec<usize> = slab
                     .own
                     .clone()
-                    .filter(|&i| slab.number(i) % 3 == 0)
+                    .filter(|&i| slab.number(i).is_multiple_of(3))
                     .collect();
                 let told = slab.tell("every third", &meant).unwrap().unwrap();
                 let halo = (0..slab.candidates.len()).filter(|i| !slab.own.contains(i));
-                assert!(halo.filter(|&i| slab.number(i) % 3 == 0).eq(told));
+                assert!(halo.filter(|&i| slab.number(i).is_multiple_of(3)).eq(told));
                 assert_eq!(slab.tell("none", &[]).unwrap(), None);
+                let numbers = slab.own.clone().map(|i| slab.number(i)).collect();
+                let numbers = slab.beside("numbers", numbers).unwrap();
+                assert!(
+                    numbers
+                        .into_iter()
+                        .eq((0..slab.candidates.len()).map(|i| slab.number(i)))
+                );
+                let of = |i: usize| Some([1.0 / (1.0 + slab.number(i) as f64)]);
+                let sum = slab.sums_by_layer("sums", of).unwrap();
+                let whole = Slab::new(dims, all.clone(), None, 0, &Alone).unwrap();
+                let of = |i: usize| Some([1.0 / (1.0 + i as f64)]);
+                assert_eq!(sum, whole.sums_by_layer("sums", of).unwrap());
+                assert_eq!(
+                    slab.own_of(slab.candidates.clone()).len(),
+                    own.len().min(1) * slab.own.len()
+                );
                 slab.sums("own", [slab.own.len() as u64]).unwrap()
             });
             assert!(seen.into_iter().all(|sum| sum == [all.len() as u64]));

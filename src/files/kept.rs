@@ -18,6 +18,43 @@ pub trait Kept: Sized {
 
     /// Takes it off the beginning of `from`; `None` if it is not there.
     fn take(from: &mut &[u8]) -> Option<Self>;
+
+    /// Writes some, one after the other.
+    ///
+    /// # Errors
+    /// As [`Kept::put`].
+    fn put_each(all: &[Self], out: &mut dyn Write) -> io::Result<()> {
+        all.iter().try_for_each(|value| value.put(out))
+    }
+
+    /// Takes so many of them.
+    fn take_each(count: usize, from: &mut &[u8]) -> Option<Vec<Self>> {
+        (0..count).map(|_| Self::take(from)).collect()
+    }
+}
+
+/// A value's bytes, in memory.
+pub fn bytes(value: &impl Kept) -> Vec<u8> {
+    let mut count = Counting(0);
+    // Neither counting nor writing to memory can fail. What grows as it is written needs three times the room.
+    value.put(&mut count).unwrap_or_default();
+    let mut bytes = Vec::with_capacity(count.0);
+    value.put(&mut bytes).unwrap_or_default();
+    bytes
+}
+
+/// Only counts what is written.
+struct Counting(usize);
+
+impl Write for Counting {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0 += bytes.len();
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
 }
 
 /// The check sum of a value's bytes.
@@ -44,6 +81,9 @@ impl Write for Summing {
     }
 }
 
+/// So many numbers are written at once.
+const AT_ONCE: usize = 1 << 10;
+
 /// Numbers, least significant byte first.
 macro_rules! numbers {
     ($($number:ty),+) => {$(
@@ -56,6 +96,24 @@ macro_rules! numbers {
                 let (raw, rest) = from.split_first_chunk()?;
                 *from = rest;
                 Some(Self::from_le_bytes(*raw))
+            }
+
+            fn put_each(all: &[Self], out: &mut dyn Write) -> io::Result<()> {
+                const SIZE: usize = size_of::<$number>();
+                let mut bytes = [0; AT_ONCE * SIZE];
+                all.chunks(AT_ONCE).try_for_each(|some| {
+                    let to = bytes.as_chunks_mut::<SIZE>().0;
+                    to.iter_mut().zip(some).for_each(|(to, one)| *to = one.to_le_bytes());
+                    out.write_all(&bytes[..some.len() * SIZE])
+                })
+            }
+
+            fn take_each(count: usize, from: &mut &[u8]) -> Option<Vec<Self>> {
+                const SIZE: usize = size_of::<$number>();
+                let (raw, rest) = from.split_at_checked(count.checked_mul(SIZE)?)?;
+                *from = rest;
+                let all = raw.as_chunks::<SIZE>().0.iter();
+                Some(all.map(|raw| Self::from_le_bytes(*raw)).collect())
             }
         }
     )+};
@@ -125,7 +183,7 @@ impl<T: Kept> Kept for Option<T> {
 impl<T: Kept> Kept for Vec<T> {
     fn put(&self, out: &mut dyn Write) -> io::Result<()> {
         self.len().put(out)?;
-        self.iter().try_for_each(|value| value.put(out))
+        T::put_each(self, out)
     }
 
     fn take(from: &mut &[u8]) -> Option<Self> {
@@ -134,7 +192,7 @@ impl<T: Kept> Kept for Vec<T> {
         if length > from.len() {
             return None;
         }
-        (0..length).map(|_| T::take(from)).collect()
+        T::take_each(length, from)
     }
 }
 
@@ -144,8 +202,13 @@ impl<T: Kept, const N: usize> Kept for [T; N] {
     }
 
     fn take(from: &mut &[u8]) -> Option<Self> {
-        let all: Option<Vec<T>> = (0..N).map(|_| T::take(from)).collect();
-        all?.try_into().ok()
+        let all: [Option<T>; N] = std::array::from_fn(|_| T::take(from));
+        let there = all.iter().all(Option::is_some);
+        there.then(|| all.map(|one| one.unwrap_or_else(|| unreachable!("it is there"))))
+    }
+
+    fn put_each(all: &[Self], out: &mut dyn Write) -> io::Result<()> {
+        T::put_each(all.as_flattened(), out)
     }
 }
 

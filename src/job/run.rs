@@ -243,14 +243,9 @@ where
             (made, report, None, distance, Some(rest))
         }
     };
-    if features.potential.in_shares {
+    if let (true, Made::Simplices(made)) = (features.potential.in_shares, &made) {
         // What is written has it at nodes.
-        features.potential = match (&made, &share) {
-            (Made::Simplices(made), Some(_)) => {
-                (features.potential).near(made.mesh.nodes(), 0.0, &Ranks)?
-            }
-            _ => features.potential.gathered(&Ranks)?,
-        };
+        features.potential = (features.potential).near(made.mesh.nodes(), 0.0, &Ranks)?;
     }
     if let (Some(lattice), Some(optimised)) = (&mut report.lattice, &optimised) {
         lattice.optimisation = Some(optimisation(optimised, lattice.atoms));

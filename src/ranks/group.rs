@@ -2,7 +2,7 @@
 
 use super::{apart, count, each_told, rank};
 use crate::Result;
-use crate::files::kept::Kept;
+use crate::files::kept::{Kept, bytes};
 
 /// Several that work on one thing, each on a part of its own. All ask the same things in the same order.
 pub trait Group: Sync {
@@ -31,10 +31,16 @@ impl dyn Group + '_ {
     /// # Errors
     /// Those of the others.
     pub fn all<T: Kept>(&self, what: &str, own: T) -> Result<Vec<T>> {
-        match self.count() {
-            1 => Ok(vec![own]),
-            _ => read(what, self.all_bytes(what, bytes(&own))?),
+        if self.count() == 1 {
+            return Ok(vec![own]);
         }
+        let (rank, mut own) = (self.rank(), Some(own));
+        let all = self.all_bytes(what, own.as_ref().map_or_else(Vec::new, bytes))?;
+        let value = |(from, bytes): (usize, Vec<u8>)| match from == rank {
+            true => own.take().ok_or_else(|| apart(what)),
+            false => read(what, &bytes),
+        };
+        all.into_iter().enumerate().map(value).collect()
     }
 
     /// What each of them has for this one, in their order; `to` has something for each.
@@ -42,23 +48,29 @@ impl dyn Group + '_ {
     /// # Errors
     /// Those of the others.
     pub fn pass<T: Kept>(&self, what: &str, to: Vec<T>) -> Result<Vec<T>> {
-        match self.count() {
-            1 => Ok(to),
-            _ => read(what, self.pass_bytes(what, to.iter().map(bytes).collect())?),
+        if self.count() == 1 {
+            return Ok(to);
         }
+        let (rank, mut own) = (self.rank(), None);
+        let of_each = |(to, value): (usize, T)| match to == rank {
+            true => {
+                own = Some(value);
+                Vec::new()
+            }
+            false => bytes(&value),
+        };
+        let told = to.into_iter().enumerate().map(of_each).collect();
+        let heard = self.pass_bytes(what, told)?;
+        let value = |(from, bytes): (usize, Vec<u8>)| match from == rank {
+            true => own.take().ok_or_else(|| apart(what)),
+            false => read(what, &bytes),
+        };
+        heard.into_iter().enumerate().map(value).collect()
     }
 }
 
-fn bytes(value: &impl Kept) -> Vec<u8> {
-    let mut bytes = Vec::new();
-    // Writing to memory cannot fail.
-    value.put(&mut bytes).unwrap_or_default();
-    bytes
-}
-
-fn read<T: Kept>(what: &str, all: Vec<Vec<u8>>) -> Result<Vec<T>> {
-    let value = |bytes: Vec<u8>| T::take(&mut &bytes[..]).ok_or_else(|| apart(what));
-    all.into_iter().map(value).collect()
+fn read<T: Kept>(what: &str, bytes: &[u8]) -> Result<T> {
+    T::take(&mut &*bytes).ok_or_else(|| apart(what))
 }
 
 /// One that shares with nobody, whatever ranks there are.
@@ -99,8 +111,8 @@ impl Group for Ranks {
             return Ok(vec![own]);
         }
         let mut all = Vec::with_capacity(count());
-        each_told(what, Ok(own), &mut |from| {
-            all.push(from.to_vec());
+        each_told(what, Ok(own), &mut |bytes| {
+            all.push(bytes);
             Some(())
         })?;
         Ok(all)

@@ -159,7 +159,7 @@ fn fair_share_of(work: &[usize], rank: usize, count: usize) -> Range<usize> {
 }
 
 /// Which of so many parts are this rank's.
-pub fn own(parts: usize) -> Range<usize> {
+fn own(parts: usize) -> Range<usize> {
     share_of(parts, rank(), count())
 }
 
@@ -207,7 +207,8 @@ fn share_parts<T: Kept>(
     each_told(
         &format!("{what} ({parts})"),
         done.map(|()| bytes),
-        &mut |from| {
+        &mut |bytes| {
+            let from = &mut &bytes[..];
             while !from.is_empty() {
                 take(T::take(from)?);
             }
@@ -230,9 +231,9 @@ pub fn of_first<T: Kept>(what: &str, make: impl FnOnce() -> Result<T>) -> Result
         false => Ok(()),
     };
     let mut value = None;
-    each_told(what, told.map(|()| bytes), &mut |from| {
-        if !from.is_empty() {
-            value = Some(T::take(from)?);
+    each_told(what, told.map(|()| bytes), &mut |bytes| {
+        if !bytes.is_empty() {
+            value = Some(T::take(&mut &bytes[..])?);
         }
         Some(())
     })?;
@@ -281,7 +282,7 @@ pub fn leave() {
 fn each_told(
     place: &str,
     told: Result<Vec<u8>>,
-    hear: &mut dyn FnMut(&mut &[u8]) -> Option<()>,
+    hear: &mut dyn FnMut(Vec<u8>) -> Option<()>,
 ) -> Result<()> {
     #[cfg(not(feature = "mpi"))]
     return told.map(|_| ());
@@ -329,9 +330,9 @@ fn each_told(
             let all = world::gather(&bytes, &lengths);
             let mut rest = &all[..];
             for length in lengths {
-                let (mut theirs, after) = rest.split_at(length);
+                let (theirs, after) = rest.split_at(length);
                 rest = after;
-                hear(&mut theirs).ok_or_else(|| apart(place))?;
+                hear(theirs.to_vec()).ok_or_else(|| apart(place))?;
             }
             return Ok(());
         }
@@ -341,7 +342,7 @@ fn each_told(
                 false => vec![0; length],
             };
             world::broadcast(rank, &mut theirs);
-            hear(&mut &theirs[..]).ok_or_else(|| apart(place))?;
+            hear(theirs).ok_or_else(|| apart(place))?;
         }
         Ok(())
     }

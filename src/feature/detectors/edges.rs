@@ -14,6 +14,7 @@ use crate::error::Result;
 use crate::feature::FeatureKind;
 use crate::feature::corners::{self, cornered};
 use crate::feature::steepness::prewitt;
+use crate::ranks::Ranks;
 
 /// Finds steps between low and high values.
 pub struct Edges;
@@ -39,7 +40,10 @@ impl<const D: usize> Detector<D> for Edges {
         // Smoothed for the gradient and for its ridges.
         let width = scene.scale().hypot(found.scale);
         let sure = found.thresholds.high;
-        found.candidates = cornered(dims, found.candidates, width, sure, scene.patience);
+        if D == 2 {
+            let candidates = found.of_all(&Ranks)?;
+            found.candidates = cornered(dims, candidates, width, sure, scene.patience);
+        }
         Ok(found)
     }
 

@@ -15,7 +15,7 @@ use crate::feature::FeatureKind;
 use crate::feature::crossing::{Candidate, Voxel, dominant_axes};
 use crate::feature::tensor::Normals;
 use crate::feature::volume::Volume;
-use crate::feature::windows::Window;
+use crate::feature::windows::{LookedAt, Window};
 use crate::observer::Patience;
 
 /// Finds crests and troughs of seismic amplitude.
@@ -45,13 +45,15 @@ impl<const D: usize> Detector<D> for Horizons {
         notes.push(format!(
             "crests and troughs at scale {scale}, normals averaged over {window}: {thresholds}"
         ));
-        let mut candidates = Vec::new();
+        let (mut candidates, mut layers) = (Vec::new(), LookedAt::default());
         let mut look = |window: &Window<'_, D>| {
+            layers.add(&window.own);
             candidates.extend(crests(window, &normals, thresholds.low, scene.patience));
         };
-        let layers = samples.each_own(1, scene.patience, &mut look)?;
+        let patience = scene.patience;
+        samples.each(1, None, &|_| 1, patience, &mut look, &mut |()| ())?;
         Ok(Found {
-            layers: Some(layers),
+            layers: Some(layers.0),
             ..Found::new(candidates, scale, thresholds)
         })
     }

@@ -299,6 +299,18 @@ impl<const D: usize> Found<D> {
         }
     }
 
+    /// Takes the candidates of all ranks: from now on each has all.
+    ///
+    /// # Errors
+    /// Those of other ranks.
+    pub fn of_all(&mut self, group: &dyn Group) -> Result<Vec<Candidate<D>>> {
+        let own = std::mem::take(&mut self.candidates);
+        match self.layers.take() {
+            Some(_) => Ok(group.all("candidates", own)?.concat()),
+            None => Ok(own),
+        }
+    }
+
     /// Drops what lies where traces are missing, or so near that smoothing mixes what is beside them
     /// with what only continues it.
     ///

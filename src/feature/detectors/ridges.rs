@@ -14,14 +14,17 @@ use super::{Detector, Found, Scene, Thresholds};
 use crate::error::Result;
 use crate::feature::FeatureKind;
 use crate::feature::crossing::Candidate;
-use crate::feature::lifted::{Ambiguous, Search, merged};
-use crate::feature::repair::{Shell, repair};
+use crate::feature::lifted::{Ambiguous, BESIDE, Search, merged};
+use crate::feature::repair::{self, Shell, repair};
 use crate::feature::ridges::{self, Statistics, ridges};
+use crate::feature::slab::Slab;
 use crate::feature::volume::Volume;
-use crate::feature::windows::{Samples, Stack, Window, layer};
+use crate::feature::windows::{LookedAt, Samples, Stack, Window, layer};
 use crate::files::kept::fields;
 use crate::observer::Patience;
+use crate::ranks::{Group, Ranks};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Finds sheets of high values.
 pub struct Ridges;
@@ -123,13 +126,16 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
         let (dims, patience) = (samples.dims(), self.scene.patience);
         let (scale, thresholds) = self.smooth(&mut samples, notes)?;
         let seen = Seen::of(&samples, scale, thresholds.low, patience)?;
-        let candidates = &seen.candidates;
-        let typical = ridges::typical(candidates.iter().map(|c| c.strength));
+        let (group, layers) = (&Ranks as &dyn Group, Some(seen.layers.clone()));
+        let mut slab = Slab::new(dims, seen.candidates, layers.clone(), BESIDE, group)?;
+        let heights = slab.beside("heights of ridges", seen.heights)?;
+        let typical = ridges::typical_of_all(&slab)?;
         // Two sheets side by side are one weak ridge; where noise is stronger than that, none is seen.
         let noisy = thresholds.high > typical;
         let clear = if noisy { 1.0 } else { self.weak } * thresholds.high;
         let high = thresholds.high;
-        let zone = Ambiguous::new(dims, scale, candidates, &seen.heights, high, clear);
+        let zone = Ambiguous::new(&slab, scale, &heights, high, clear)?;
+        drop(heights);
         let sharp = self.lifts && zone.share() < self.most_ambiguous;
         let shell = seen.shell;
         let candidates = match sharp {
@@ -139,7 +145,7 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
                     level: seen.level,
                     floor: seen.floor,
                     zone: &zone,
-                    candidates,
+                    slab: &slab,
                     clear,
                     share: match self.scene.thresholds() {
                         Some(_) => thresholds.low / typical,
@@ -150,11 +156,17 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
                 };
                 lifted(&search, high, notes)?
             }
-            false => seen.candidates,
+            false => {
+                let all = std::mem::take(&mut slab.candidates);
+                slab.own_of(all)
+            }
         };
-        let candidates = repair(&shell, candidates, scale, high, patience);
+        drop((zone, slab));
+        let slab = Slab::new(dims, candidates, layers.clone(), repair::SEES, group)?;
+        let candidates = repair(&shell, slab, scale, high, patience)?;
         Ok(Found {
             sharp,
+            layers,
             ..Found::new(candidates, scale, thresholds)
         })
     }
@@ -204,16 +216,17 @@ fn lifted<const D: usize>(
     strong: f32,
     notes: &mut Vec<String>,
 ) -> Result<Vec<Candidate<D>>> {
-    let (dims, zone) = (search.image.dims(), search.zone);
-    let before = search.candidates.len();
+    let (slab, zone) = (search.slab, search.zone);
     let points = search.points()?;
-    let (candidates, count) = merged(dims, zone, search.candidates, &points, strong);
+    let (candidates, lifted) = merged(slab, zone, &points, strong);
+    let counts = [slab.own.len(), candidates.len(), lifted].map(|n| n as u64);
+    let [before, after, count] = slab.sums("points at all angles", counts)?;
     if count > 0 {
         notes.push(format!(
             "sheets cross, branch or run close in {:.1} % of the samples: {count} points there at all \
              angles, in place of {}",
             100.0 * zone.share(),
-            before + count - candidates.len(),
+            before + count - after,
         ));
     }
     Ok(candidates)
@@ -227,9 +240,11 @@ const ROW: usize = 64;
 
 /// What is seen of smoothed samples on one way through them.
 struct Seen<const D: usize> {
-    /// Ridge points, in the order of samples.
+    /// The layers that this rank has looked at, ...
+    layers: Range<usize>,
+    /// ... their ridge points, in the order of samples, ...
     candidates: Vec<Candidate<D>>,
-    /// How much higher the smoothed image is at each than where there is nothing.
+    /// ... and how much higher the smoothed image is at each than where there is nothing.
     heights: Vec<f32>,
     /// The median of the image as it is.
     level: f32,
@@ -242,16 +257,19 @@ struct Seen<const D: usize> {
 impl<const D: usize> Seen<D> {
     fn of(samples: &Samples<'_, D>, scale: f64, low: f32, patience: &Patience<'_>) -> Result<Self> {
         let (every, shell) = (samples.every(), Shell::new(samples.dims(), scale));
+        let mut layers = LookedAt::default();
+        let (mut candidates, mut heights) = (Vec::new(), Vec::new());
         let mut look = |window: &Window<'_, D>| {
             let found = ridges(window, scale, low, patience);
-            Glance::of(window, found, every, &shell)
+            let (glance, high) = Glance::of(window, &found, every, &shell);
+            layers.add(&window.own);
+            append(&mut candidates, found);
+            append(&mut heights, high);
+            glance
         };
-        let (mut candidates, mut heights) = (Vec::new(), Vec::new());
         let (mut some, mut tops) = ([Vec::new(), Vec::new()], Vec::<f32>::new());
         let mut near_sides = Vec::new();
-        let mut take = |glance: Glance<D>| {
-            append(&mut candidates, glance.candidates);
-            append(&mut heights, glance.heights);
+        let mut take = |glance: Glance| {
             append(&mut near_sides, glance.near_sides);
             for (some, more) in some.iter_mut().zip(glance.some) {
                 append(some, more);
@@ -275,6 +293,7 @@ impl<const D: usize> Seen<D> {
             }
         };
         Ok(Self {
+            layers: layers.0,
             candidates,
             heights,
             level,
@@ -284,12 +303,9 @@ impl<const D: usize> Seen<D> {
     }
 }
 
-/// The same of a window.
-struct Glance<const D: usize> {
-    candidates: Vec<Candidate<D>>,
-    /// Of the smoothed image at each, ...
-    heights: Vec<f32>,
-    /// ... and near the sides.
+/// What of a window's samples is for all ranks.
+struct Glance {
+    /// The smoothed image near the sides.
     near_sides: Vec<f32>,
     /// Samples here and there, as they are and smoothed.
     some: [Vec<f32>; 2],
@@ -299,16 +315,17 @@ struct Glance<const D: usize> {
 }
 
 fields! {
-    @(const D: usize) Glance<D> as Glance { candidates, heights, near_sides, some, begun, tops }
+    Glance as Glance { near_sides, some, begun, tops }
 }
 
-impl<const D: usize> Glance<D> {
-    fn of(
+impl Glance {
+    /// Of a window; and how high the smoothed image is at each of its ridge points.
+    fn of<const D: usize>(
         window: &Window<'_, D>,
-        candidates: Vec<Candidate<D>>,
+        candidates: &[Candidate<D>],
         every: usize,
         shell: &Shell<D>,
-    ) -> Self {
+    ) -> (Self, Vec<f32>) {
         let (whole, smoothed) = (Volume::new(window.dims, &[]), window.smoothed);
         let height = |c: &Candidate<D>| smoothed.at(whole.coordinates(c.voxel.index()));
         let own = smoothed.layers(&window.own.layers);
@@ -330,14 +347,13 @@ impl<const D: usize> Glance<D> {
                 (some, heights, rows.par_chunks(ROW).map(highest).collect())
             },
         );
-        Self {
-            heights,
-            candidates,
+        let glance = Self {
             near_sides,
             some,
             begun: (!begun.is_empty()).then(|| highest(begun)),
             tops,
-        }
+        };
+        (glance, heights)
     }
 }
 

@@ -155,7 +155,7 @@ impl<const D: usize> Job<'_, D> {
         for block in around(blocks, own, 1) {
             let (start, order) = self.by_block;
             for &i in &order[start[block] as usize..start[block + 1] as usize] {
-                let c = &self.search.candidates[i as usize];
+                let c = &self.search.slab.candidates[i as usize];
                 let at = samples.coordinates(c.voxel.index());
                 let close =
                     (0..D).all(|k| at[k] + reach >= first[k] && at[k] < first[k] + BLOCK + reach);

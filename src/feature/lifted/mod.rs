@@ -24,6 +24,7 @@ mod zone;
 use super::by_sample::BySample;
 use super::crossing::{Candidate, Voxel, nearest};
 use super::quadric::Quadric;
+use super::slab::{Slab, ranked};
 use super::volume::Volume;
 use super::windows::{Own, Samples, Window};
 use crate::error::Result;
@@ -39,6 +40,10 @@ use rayon::prelude::*;
 
 pub use filters::HALO;
 pub use zone::Ambiguous;
+
+/// What is in a rank's own layers depends on no candidates farther off than this many layers: normals of cells of four
+/// samples tell three cells off where it is ambiguous, and points four samples apart smooth one another.
+pub const BESIDE: usize = BLOCK;
 
 /// Nearer than this (samples) in one column ...
 const DOUBLE: f32 = 0.75;
@@ -66,8 +71,9 @@ pub struct Search<'a, const D: usize> {
     pub floor: f32,
     /// Where.
     pub zone: &'a Ambiguous<D>,
-    /// Ridge points, in the order of samples, from whose normals the lines are guessed.
-    pub candidates: &'a [Candidate<D>],
+    /// Ridge points from whose normals the lines are guessed: of this rank's layers, in which it searches, and of a
+    /// halo of [`BESIDE`] layers.
+    pub slab: &'a Slab<'a, D>,
     /// Directions are sought among candidates of at least this strength.
     pub clear: f32,
     /// Points are stronger than this share of the strong ones, of which there are [`STRONG`].
@@ -83,21 +89,46 @@ const BEFORE: f64 = 0.2;
 const AFTER: f64 = 0.8;
 
 impl<const D: usize> Search<'_, D> {
-    /// Ridge points of the ambiguous samples, in the order of samples.
+    /// Ridge points of the ambiguous samples of this rank's own layers and of those next to them, in the order of
+    /// samples.
     ///
     /// # Errors
-    /// That of reading.
+    /// That of reading, and those of other ranks.
     pub fn points(&self) -> Result<Vec<Candidate<D>>> {
+        let (dims, group) = (self.image.dims(), self.slab.group());
+        let mut found = self.found()?;
+        let strengths = found.iter().map(|c| f64::from(c.strength)).collect();
+        let rank = |count: usize| ((1.0 - STRONG) * count as f64) as usize;
+        let Some(strong) = ranked("strengths at all angles", strengths, rank, group)? else {
+            return Ok(found);
+        };
+        let strong = strong as f32;
+        let least = self.share * strong;
+        found.retain(|c| c.strength > least);
+        for c in &mut found {
+            c.strength *= self.typical / strong;
+        }
+        found.par_sort_by_key(|c| c.voxel);
+        let layers = Some(self.slab.layers().clone());
+        let slab = Slab::new(dims, found, layers, BESIDE, group)?;
+        Ok(self.polished(&slab.candidates))
+    }
+
+    /// Those of the own layers, as filters find them.
+    fn found(&self) -> Result<Vec<Candidate<D>>> {
         let dims = self.image.dims();
         let (samples, blocks) = (Volume::new(dims, &[]), blocks(dims));
+        let candidates = &self.slab.candidates;
         let block_of = |c: &Candidate<D>| {
             let at = samples.coordinates(c.voxel.index());
             blocks.index(at.map(|i| i / BLOCK))
         };
         let count = blocks.dims.iter().product();
-        let by_block = grouped(count, self.candidates.iter().map(block_of));
+        let by_block = grouped(count, candidates.iter().map(block_of));
         let mut found: Vec<Candidate<D>> = Vec::new();
         let done = AtomicUsize::new(0);
+        let layers = self.slab.layers();
+        let own_blocks = (count * layers.len()).div_ceil(dims[D - 1].max(1));
         let much = |own: &Own| self.zone.within(own);
         let mut look = |window: &Window<'_, D>| {
             let job = Job {
@@ -108,35 +139,23 @@ impl<const D: usize> Search<'_, D> {
             };
             let own = window.own.in_cells(BLOCK).of_each_layer(blocks.dims);
             let own: Vec<usize> = own.flatten().collect();
-            own.into_par_iter()
+            let some: Vec<Vec<Candidate<D>>> = own
+                .into_par_iter()
                 .map_init(Scratch::default, |scratch, block| {
                     if self.patience.over() {
                         return Vec::new();
                     }
                     let found = job.of_block(blocks.coordinates(block).map(|i| i * BLOCK), scratch);
-                    let done = (1 + done.fetch_add(1, Relaxed)) as f64 / count as f64;
+                    let done = (1 + done.fetch_add(1, Relaxed)) as f64 / own_blocks as f64;
                     self.patience.reached(BEFORE + (AFTER - BEFORE) * done);
                     found
                 })
-                .collect()
+                .collect();
+            some.iter().for_each(|some| found.extend(some));
         };
-        let mut take =
-            |some: Vec<Vec<Candidate<D>>>| some.iter().for_each(|some| found.extend(some));
         let blur = Some((CROSSING.blur, HALO));
-        (self.image).each(0, blur, &much, self.patience, &mut look, &mut take)?;
-        let mut strengths: Vec<f32> = found.iter().map(|c| c.strength).collect();
-        if strengths.is_empty() {
-            return Ok(found);
-        }
-        let rank = ((1.0 - STRONG) * strengths.len() as f64) as usize;
-        let strong = *strengths.select_nth_unstable_by(rank, f32::total_cmp).1;
-        let least = self.share * strong;
-        found.retain(|c| c.strength > least);
-        for c in &mut found {
-            c.strength *= self.typical / strong;
-        }
-        found.par_sort_by_key(|c| c.voxel);
-        Ok(self.polished(&found))
+        (self.image).each_within(layers, 0, blur, &much, self.patience, &mut look)?;
+        Ok(found)
     }
 
     /// Points moved onto the quadratic surface through those round them, and back by what a long filter
@@ -224,14 +243,14 @@ impl<const D: usize> Search<'_, D> {
 
 /// Ridge points of a volume that is ambiguous here and there: those at all angles where these explain
 /// the `usual` ones, which are kept elsewhere and where sheets bend too much for long filters. In the
-/// order of samples; and the number of points at all angles among them.
+/// order of samples; and the number of points at all angles among them. All of this rank's own layers.
 pub fn merged<const D: usize>(
-    dims: [usize; D],
+    slab: &Slab<'_, D>,
     zone: &Ambiguous<D>,
-    usual: &[Candidate<D>],
     lifted: &[Candidate<D>],
     strong: f32,
 ) -> (Vec<Candidate<D>>, usize) {
+    let (dims, usual) = (slab.dims, &slab.candidates[slab.own.clone()]);
     let samples = Volume { dims, samples: &[] };
     let blocks = blocks(dims);
     let at = |c: &Candidate<D>| samples.coordinates(c.voxel.index());
@@ -257,8 +276,10 @@ pub fn merged<const D: usize>(
         .map(|(all, beside)| beside.load(Relaxed) as f64 >= EXPLAINED * all.load(Relaxed) as f64)
         .collect();
     let by_lifted = |c: &Candidate<D>| zone.holds(at(c)) && explained[block(c)];
+    let own = lifted.par_iter().copied();
+    let own = own.filter(|c| slab.layers().contains(&at(c)[D - 1]));
     let mut all = Vec::with_capacity(lifted.len() + usual.len());
-    all.par_extend((lifted.par_iter().copied()).filter(|c| explained[block(c)]));
+    all.par_extend(own.filter(|c| explained[block(c)]));
     let count = all.len();
     all.par_extend(usual.par_iter().copied().filter(|c| !by_lifted(c)));
     all.par_sort_by_key(|c| c.voxel);

@@ -1,12 +1,14 @@
 //! Where one orientation a sample may not be all there is.
 
 use super::spread::spread;
-use crate::feature::crossing::Candidate;
+use crate::error::Result;
 use crate::feature::ridges::HEIGHT;
+use crate::feature::slab::{Slab, ranked};
 use crate::feature::symmetric::Symmetric;
 use crate::feature::volume::Volume;
 use crate::feature::windows::Own;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Samples along an edge of the cells that are ambiguous or not.
 pub const CELL: usize = 4;
@@ -34,6 +36,10 @@ pub struct Ambiguous<const D: usize> {
     cells: Volume<'static, D>,
     /// Of each cell, why it is ambiguous: [`MIXED_NORMALS`], [`WIDE_RIDGES`].
     pub(super) flags: Vec<u8>,
+    /// Cells of this rank's own layers.
+    own: Range<usize>,
+    /// Share of all cells that are ambiguous.
+    share: f64,
     /// Cells with candidates.
     slots: Slots,
     /// Sum over the candidates of each of these of the tensors of their normals.
@@ -101,21 +107,26 @@ impl<const D: usize> Ambiguous<D> {
     /// Judges ridge points of a smoothed image, of which `heights` tells how much higher it is there than
     /// where there is nothing: normals by points of at least `strong`, and widths by those of at least
     /// `clear`, for a ridge too wide for its height is weak. `scale` is the width (samples) of the Gaussian that
-    /// smoothed it.
+    /// smoothed it. What is said of a rank's own layers and of those near them is so for any number of ranks.
+    ///
+    /// # Errors
+    /// Those of other ranks.
     pub fn new(
-        dims: [usize; D],
+        slab: &Slab<'_, D>,
         scale: f64,
-        candidates: &[Candidate<D>],
         heights: &[f32],
         strong: f32,
         clear: f32,
-    ) -> Self {
+    ) -> Result<Self> {
+        let (dims, candidates, group) = (slab.dims, &slab.candidates, slab.group());
         let samples = Volume::new(dims, &[]);
         let cells = Volume::new(dims.map(|n| n.div_ceil(CELL)), &[]);
         let count = cells.dims.iter().product();
         let all = || candidates.iter().zip(heights.iter().map(|&h| f64::from(h)));
-        let sure = || all().filter(|(c, _)| c.strength >= strong);
-        let high = sure().map(|(_, height)| height).sum::<f64>() / sure().count().max(1) as f64;
+        let sure =
+            |i: usize| (candidates[i].strength >= strong).then(|| [f64::from(heights[i]), 1.0]);
+        let [high, sure] = slab.sums_by_layer("heights of ridges", sure)?;
+        let high = high / sure.max(1.0);
         // What is weak and not high either is noise, and at the sides mirrored samples turn normals.
         let clear = || all().filter(|(c, _)| c.strength >= clear);
         let tell = clear().filter_map(|(c, height)| {
@@ -132,9 +143,14 @@ impl<const D: usize> Ambiguous<D> {
             sure_widths: [0.0; 2],
         };
         let mut ridges: Vec<Ridges<D>> = slots.each().map(ridges).collect();
+        let layer: usize = cells.dims[..D - 1].iter().product();
+        let own = slab.layers();
+        let own = own.start.div_ceil(CELL) * layer..own.end.div_ceil(CELL) * layer;
         let mut zone = Self {
             cells,
             flags: vec![0; count],
+            own,
+            share: 0.0,
             slots,
             tensors: vec![[[0.0; D]; D]; ridges.len()],
         };
@@ -157,13 +173,12 @@ impl<const D: usize> Ambiguous<D> {
             }
         }
         let ratio = |w: [f64; 2]| w[0] / w[1];
-        let sure_widths = ridges.iter().map(|cell| cell.sure_widths);
-        let mut ratios: Vec<f64> = sure_widths.filter(|w| w[1] > 0.0).map(ratio).collect();
-        if ratios.is_empty() {
-            return zone;
-        }
-        let middle = ratios.len() / 4;
-        let narrow = *ratios.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let own = ridges.iter().filter(|ridge| zone.own.contains(&ridge.cell));
+        let sure_widths = own.map(|cell| cell.sure_widths);
+        let ratios: Vec<f64> = sure_widths.filter(|w| w[1] > 0.0).map(ratio).collect();
+        let Some(narrow) = ranked("widths of ridges", ratios, |count| count / 4, group)? else {
+            return Ok(zone);
+        };
         // All may run in pairs. A strength is a curvature times HEIGHT scale^2.
         let usual = narrow.min((1.0 + SINGLE / (scale * scale)) / HEIGHT);
         let wide_around = |i: usize| {
@@ -178,12 +193,11 @@ impl<const D: usize> Ambiguous<D> {
             around(&zone.cells, ridges[slot].cell, 1).filter_map(|cell| zone.slots.of_cell(cell))
         };
         let spread = spread(&zone.tensors, &places, beside);
-        let mut least: Vec<f64> = spread.iter().copied().filter(|s| *s > 0.0).collect();
-        let tenth = least.len() / 10;
-        let noise = match least.is_empty() {
-            true => 0.0,
-            false => *least.select_nth_unstable_by(tenth, f64::total_cmp).1,
-        };
+        let least = spread.iter().zip(&ridges).filter(|(s, _)| **s > 0.0);
+        let least = least.filter(|(_, ridge)| zone.own.contains(&ridge.cell));
+        let least = least.map(|(s, _)| *s).collect();
+        let noise = ranked("spreads of normals", least, |count| count / 10, group)?;
+        let noise = noise.unwrap_or(0.0);
         let mixed = (NOISE * noise).clamp(MIXED[0], MIXED[1]);
         let flags: Vec<u8> = (0..ridges.len())
             .into_par_iter()
@@ -202,13 +216,16 @@ impl<const D: usize> Ambiguous<D> {
                 zone.flags[j] |= flag;
             }
         }
-        zone
+        let own = &zone.flags[zone.own.clone()];
+        let flagged = own.iter().filter(|&&flag| flag != 0).count() as u64;
+        let [flagged] = slab.sums("ambiguous cells", [flagged])?;
+        zone.share = flagged as f64 / zone.flags.len().max(1) as f64;
+        Ok(zone)
     }
 
     /// Share of the image that is ambiguous.
     pub fn share(&self) -> f64 {
-        let flagged = self.flags.iter().filter(|&&f| f != 0).count();
-        flagged as f64 / self.flags.len().max(1) as f64
+        self.share
     }
 
     /// Whether a sample is ambiguous.

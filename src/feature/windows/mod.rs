@@ -33,7 +33,7 @@ use strip::{Strip, hull, layers, of_strip};
 
 pub use crate::image::layers::rows;
 pub use sizes::{MULTIPLE, WHOLE, changed_together, looked_at};
-pub use strip::Own;
+pub use strip::{LookedAt, Own};
 
 /// Samples of a volume.
 pub struct Samples<'a, const D: usize> {
@@ -278,7 +278,7 @@ impl<'a, const D: usize> Samples<'a, D> {
         take: &mut dyn FnMut(T),
     ) -> Result<()> {
         let looks = Looks { halo, blur };
-        let (strips, windows) = self.windows(looks)?;
+        let (strips, windows) = self.windows(looks, &(0..self.dims[D - 1]))?;
         let windows = windows.into_iter().map(|own| (much(&own), own));
         let (work_in, windows): (Vec<usize>, Vec<Own>) =
             windows.filter(|(much, _)| *much > 0).unzip();
@@ -289,39 +289,42 @@ impl<'a, const D: usize> Samples<'a, D> {
         ranks::share_fairly("layers", &work_in, these, take)
     }
 
-    /// Calls `work` for one of this rank's windows after the other, which have so many layers under the Gaussians to
-    /// either side; the layers that are theirs.
+    /// Calls `work` for one window of these layers after the other, which are this rank's; else as [`Samples::each`].
     ///
     /// # Errors
     /// That of reading.
-    pub fn each_own(
+    pub fn each_within(
         &self,
+        own: &Range<usize>,
         halo: usize,
+        blur: Option<(f64, usize)>,
+        much: &dyn Fn(&Own) -> usize,
         patience: &Patience<'_>,
         work: &mut dyn FnMut(&Window<'_, D>),
-    ) -> Result<Range<usize>> {
-        let looks = Looks { halo, blur: None };
-        let (strips, windows) = self.windows(looks)?;
-        let own = &windows[ranks::own(windows.len())];
-        self.each_of(&strips, own, looks, patience, work)?;
-        let layers: Vec<Range<usize>> = own.iter().map(|own| own.layers.clone()).collect();
-        Ok(hull(&layers))
+    ) -> Result<()> {
+        let looks = Looks { halo, blur };
+        let (strips, windows) = self.windows(looks, own)?;
+        let windows: Vec<Own> = windows.into_iter().filter(|own| much(own) > 0).collect();
+        self.each_of(&strips, &windows, looks, patience, work)
     }
 
-    /// The windows in which all samples are looked at, in the order of their strips.
-    fn windows(&self, looks: Looks) -> Result<(Vec<Strip<D>>, Vec<Own>)> {
+    /// The windows in which all samples of some layers are looked at, in the order of their strips.
+    fn windows(&self, looks: Looks, own: &Range<usize>) -> Result<(Vec<Strip<D>>, Vec<Own>)> {
         let strips = self.strips(looks);
         let seen = strips.iter().map(Strip::layer).max();
         let [least, whole] = match looks.blur {
             Some(_) => [WIDE, 4 * self.limits.window],
             None => [MULTIPLE, self.limits.whole],
         };
-        let count = self.dims[D - 1];
-        let own = match self.is_small() && ranks::count() == 1 && self.count() <= whole {
-            true => count,
+        let each = match self.is_small() && ranks::count() == 1 && self.count() <= whole {
+            true => own.len(),
             false => self.own_layers(least, seen.unwrap_or_default())?,
         };
-        let windows = (strips.iter()).flat_map(|strip| of_strip(&strip.own, layers(count, own)));
+        let some = || layers(own.len(), each).into_iter();
+        let some = || some().map(|layers| own.start + layers.start..own.start + layers.end);
+        let windows = strips
+            .iter()
+            .flat_map(|strip| of_strip(&strip.own, some().collect()));
         let windows = windows.collect();
         Ok((strips, windows))
     }

@@ -38,6 +38,21 @@ impl Own {
     }
 }
 
+/// The layers of windows, one above the other, that were looked at.
+#[derive(Debug, Default)]
+pub struct LookedAt(pub Range<usize>);
+
+impl LookedAt {
+    /// Adds those of the next window.
+    pub fn add(&mut self, own: &Own) {
+        let next = &own.layers;
+        match self.0.is_empty() {
+            true => self.0 = next.clone(),
+            false => self.0.end = next.end,
+        }
+    }
+}
+
 /// Ranges of about so many, one after the other: all but the last have a multiple of `multiple`.
 pub(super) fn ranges(count: usize, about: usize, multiple: usize) -> Vec<Range<usize>> {
     let some = count.div_ceil(about.max(1)).max(1);

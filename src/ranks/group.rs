@@ -144,14 +144,56 @@ impl Group for Ranks {
 
 #[cfg(test)]
 pub(crate) mod tests {
-    use std::sync::{Barrier, Mutex};
+    use std::sync::{Condvar, Mutex};
 
     use super::*;
 
     /// What threads tell one another.
     struct Table {
         told: Mutex<Vec<Vec<Vec<u8>>>>,
-        met: Barrier,
+        count: usize,
+        met: Mutex<Met>,
+        all: Condvar,
+    }
+
+    /// How many have come, the how manieth time, and whether one will never come again.
+    #[derive(Default)]
+    struct Met {
+        come: usize,
+        times: usize,
+        broken: bool,
+    }
+
+    impl Table {
+        /// Waits for all others.
+        fn meet(&self) {
+            let mut met = self.met.lock().unwrap();
+            met.come += 1;
+            if met.come == self.count {
+                met.come = 0;
+                met.times += 1;
+                self.all.notify_all();
+            }
+            let times = met.times + usize::from(met.come > 0);
+            let met = (self.all)
+                .wait_while(met, |met| met.times < times && !met.broken)
+                .unwrap();
+            let broken = met.broken && met.times < times;
+            drop(met);
+            assert!(!broken, "another thread has failed");
+        }
+    }
+
+    /// Lets the others go on where this thread fails: they would wait for ever.
+    struct Here<'a>(&'a Table);
+
+    impl Drop for Here<'_> {
+        fn drop(&mut self) {
+            if std::thread::panicking() {
+                self.0.met.lock().unwrap().broken = true;
+                self.0.all.notify_all();
+            }
+        }
     }
 
     /// A thread that stands for a rank.
@@ -172,11 +214,11 @@ pub(crate) mod tests {
 
         fn pass_bytes(&self, _: &str, to: Vec<Vec<u8>>) -> Result<Vec<Vec<u8>>> {
             self.1.told.lock().unwrap()[self.0] = to;
-            self.1.met.wait();
+            self.1.meet();
             let told = self.1.told.lock().unwrap();
             let for_this = told.iter().map(|to| to[self.0].clone()).collect();
             drop(told);
-            self.1.met.wait();
+            self.1.meet();
             Ok(for_this)
         }
     }
@@ -185,14 +227,34 @@ pub(crate) mod tests {
     pub fn shared<T: Send>(count: usize, work: impl Fn(&dyn Group) -> T + Sync) -> Vec<T> {
         let table = Table {
             told: Mutex::new(vec![Vec::new(); count]),
-            met: Barrier::new(count),
+            count,
+            met: Mutex::default(),
+            all: Condvar::new(),
         };
         std::thread::scope(|scope| {
             let (table, work) = (&table, &work);
-            let begin = |rank| scope.spawn(move || work(&Thread(rank, table)));
+            let begin = |rank| {
+                scope.spawn(move || {
+                    let _here = Here(table);
+                    work(&Thread(rank, table))
+                })
+            };
             let all: Vec<_> = (0..count).map(begin).collect();
-            all.into_iter().map(|one| one.join().unwrap()).collect()
+            let ended = |one: std::thread::ScopedJoinHandle<'_, T>| match one.join() {
+                Ok(value) => value,
+                Err(why) => std::panic::resume_unwind(why),
+            };
+            all.into_iter().map(ended).collect()
         })
+    }
+
+    #[test]
+    #[should_panic(expected = "failed")]
+    fn where_one_fails_the_others_do_not_wait_for_it() {
+        shared(3, |group| {
+            assert!(group.rank() != 1, "one has failed");
+            group.all("numbers", group.rank()).unwrap();
+        });
     }
 
     #[test]

@@ -140,10 +140,14 @@ pub fn typical(strengths: impl Iterator<Item = f32>) -> f32 {
         squares += s * s;
         cubes += s * s * s;
     }
-    if squares > 0.0 {
-        (cubes / squares) as f32
-    } else {
-        0.0
+    strong_mean([squares, cubes])
+}
+
+/// A mean that the strong ones decide, of the sums of their squares and cubes.
+fn strong_mean([squares, cubes]: [f64; 2]) -> f32 {
+    match squares > 0.0 {
+        true => (cubes / squares) as f32,
+        false => 0.0,
     }
 }
 
@@ -156,12 +160,8 @@ pub fn typical_of_all<const D: usize>(slab: &Slab<'_, D>) -> Result<f32> {
         let s = f64::from(slab.candidates[i].strength);
         Some([s * s, s * s * s])
     };
-    let [squares, cubes] = slab.sums_by_layer("strengths of ridges", powers)?;
-    Ok(if squares > 0.0 {
-        (cubes / squares) as f32
-    } else {
-        0.0
-    })
+    slab.sums_by_layer("strengths of ridges", powers)
+        .map(strong_mean)
 }
 
 /// How much an image curves in directions in which a sheet does not bend it: the magnitude of the

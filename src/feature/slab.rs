@@ -8,7 +8,7 @@ use super::crossing::Candidate;
 use super::windows::layer;
 use crate::error::Result;
 use crate::files::kept::Kept;
-use crate::ranks::{Group, share_of};
+use crate::ranks::{Group, joined, share_of};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -44,64 +44,45 @@ impl<'g, const D: usize> Slab<'g, D> {
         group: &'g dyn Group,
     ) -> Result<Self> {
         let (rank, count) = (group.rank(), group.count());
-        let shares: Vec<Range<usize>> = match &layers {
-            Some(own) => {
-                let all = group.all("layers of candidates", [own.start, own.end])?;
-                all.into_iter().map(|[start, end]| start..end).collect()
+        let (layers, candidates) = match layers {
+            Some(layers) => (layers, candidates),
+            None => {
+                let layers = share_of(dims[D - 1], rank, count);
+                let own = own_of(dims, candidates, &layers);
+                (layers, own)
             }
-            None => (0..count)
-                .map(|rank| share_of(dims[D - 1], rank, count))
-                .collect(),
         };
-        let wide = |own: &Range<usize>| match own.is_empty() {
-            true => 0..0,
-            false => own.start.saturating_sub(halo)..(own.end + halo).min(dims[D - 1]),
+        let own = [layers.start, layers.end, candidates.len()];
+        let all = group.all("layers of candidates", own)?;
+        let wide = |&[start, end, _]: &[usize; 3]| match start < end {
+            true => start.saturating_sub(halo)..(end + halo).min(dims[D - 1]),
+            false => 0..0,
         };
-        let seen: Vec<Range<usize>> = shares.iter().map(wide).collect();
+        let seen: Vec<Range<usize>> = all.iter().map(wide).collect();
+        let part = |(to, seen): (usize, &Range<usize>)| match to == rank {
+            true => Vec::new(),
+            false => candidates[of_layers(dims, &candidates, seen)].to_vec(),
+        };
+        let parts = seen.iter().enumerate().map(part).collect();
+        let mut parts: Vec<Vec<Candidate<D>>> = group.pass("candidates beside", parts)?;
+        let lower: usize = parts[..rank].iter().map(Vec::len).sum();
+        let before: usize = all[..rank].iter().map(|[.., count]| count).sum();
+        let own = lower..lower + candidates.len();
+        parts[rank] = candidates;
         let others = |ranks: Range<usize>| seen[ranks].iter().filter(|seen| !seen.is_empty());
-        let own = shares[rank].clone();
         let low = others(0..rank).map(|seen| seen.end).max();
         let high = others(rank + 1..count).map(|seen| seen.start).min();
-        let inner = own.start.max(low.unwrap_or(0))..own.end.min(high.unwrap_or(own.end));
-        let mut slab = Self {
+        let inner = layers.start.max(low.unwrap_or(0))..layers.end.min(high.unwrap_or(layers.end));
+        Ok(Self {
             dims,
-            candidates,
-            own: 0..0,
-            first: 0,
+            candidates: joined(parts),
+            own,
+            first: before - lower,
             seen,
-            layers: own.clone(),
+            layers,
             inner,
             group,
-        };
-        let wanted = slab.seen[rank].clone();
-        match layers {
-            Some(_) => {
-                let own_count = slab.candidates.len();
-                let before = group.all("candidates", own_count)?[..rank]
-                    .iter()
-                    .sum::<usize>();
-                let part = |(to, seen): (usize, &Range<usize>)| match to == rank {
-                    true => Vec::new(),
-                    false => slab.candidates[slab.of_layers(seen)].to_vec(),
-                };
-                let parts = slab.seen.iter().enumerate().map(part).collect();
-                let mut parts: Vec<Vec<Candidate<D>>> = group.pass("candidates beside", parts)?;
-                parts[rank] = std::mem::take(&mut slab.candidates);
-                let lower: usize = parts[..rank].iter().map(Vec::len).sum();
-                slab.own = lower..lower + own_count;
-                slab.first = before - lower;
-                slab.candidates = joined(parts);
-            }
-            None if count > 1 => {
-                let has = slab.of_layers(&wanted);
-                let all = std::mem::take(&mut slab.candidates);
-                slab.first = has.start;
-                slab.candidates = all[has].to_vec();
-                slab.own = slab.of_layers(&own);
-            }
-            None => slab.own = 0..slab.candidates.len(),
-        }
-        Ok(slab)
+        })
     }
 
     /// Which of the candidates are of these layers.
@@ -110,11 +91,8 @@ impl<'g, const D: usize> Slab<'g, D> {
     }
 
     /// Of candidates in the order of samples, those of this rank's own layers.
-    pub fn own_of(&self, mut candidates: Vec<Candidate<D>>) -> Vec<Candidate<D>> {
-        let own = of_layers(self.dims, &candidates, &self.layers);
-        candidates.truncate(own.end);
-        candidates.drain(..own.start);
-        candidates
+    pub fn own_of(&self, candidates: Vec<Candidate<D>>) -> Vec<Candidate<D>> {
+        own_of(self.dims, candidates, &self.layers)
     }
 
     /// What its own candidates have, and those of the halo, of which other ranks tell.
@@ -249,12 +227,16 @@ fn of_layers<const D: usize>(
     }
 }
 
-/// One after the other; the only one is not copied.
-fn joined<T: Clone>(mut parts: Vec<Vec<T>>) -> Vec<T> {
-    match parts.len() {
-        1 => parts.swap_remove(0),
-        _ => parts.concat(),
-    }
+/// Of candidates in the order of samples, those of these layers.
+fn own_of<const D: usize>(
+    dims: [usize; D],
+    mut candidates: Vec<Candidate<D>>,
+    layers: &Range<usize>,
+) -> Vec<Candidate<D>> {
+    let own = of_layers(dims, &candidates, layers);
+    candidates.truncate(own.end);
+    candidates.drain(..own.start);
+    candidates
 }
 
 /// Of the values of a group, the one of a rank (0: the least) among all, in the total order; `None` if there is none.

@@ -7,7 +7,7 @@ use std::ops::Range;
 use super::piece::Piece;
 use super::{Simplices, TetMesh};
 use crate::files::kept::Kept;
-use crate::ranks::{Alone, Group, share_of};
+use crate::ranks::{Alone, Group, joined, share_of};
 
 /// Those who hold the parts of a mesh: a group, or one that holds all of it, which cannot fail. All ask the same
 /// things in the same order.
@@ -71,14 +71,6 @@ pub trait Holders: Sync {
     /// Which of them answers for a node, of so many in the whole.
     fn owner(&self, node: u32, nodes: usize) -> usize {
         (node as usize * self.count() / nodes.max(1)).min(self.count() - 1)
-    }
-}
-
-/// Lists one after the other. What one alone has stays where it is.
-pub fn joined<T>(mut lists: Vec<Vec<T>>) -> Vec<T> {
-    match lists.len() {
-        1 => lists.pop().unwrap_or_default(),
-        _ => lists.into_iter().flatten().collect(),
     }
 }
 

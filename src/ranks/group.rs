@@ -34,13 +34,8 @@ impl dyn Group + '_ {
         if self.count() == 1 {
             return Ok(vec![own]);
         }
-        let (rank, mut own) = (self.rank(), Some(own));
-        let all = self.all_bytes(what, own.as_ref().map_or_else(Vec::new, bytes))?;
-        let value = |(from, bytes): (usize, Vec<u8>)| match from == rank {
-            true => own.take().ok_or_else(|| apart(what)),
-            false => read(what, &bytes),
-        };
-        all.into_iter().enumerate().map(value).collect()
+        let all = self.all_bytes(what, bytes(&own))?;
+        heard(what, all, self.rank(), Some(own))
     }
 
     /// What each of them has for this one, in their order; `to` has something for each.
@@ -60,17 +55,33 @@ impl dyn Group + '_ {
             false => bytes(&value),
         };
         let told = to.into_iter().enumerate().map(of_each).collect();
-        let heard = self.pass_bytes(what, told)?;
-        let value = |(from, bytes): (usize, Vec<u8>)| match from == rank {
-            true => own.take().ok_or_else(|| apart(what)),
-            false => read(what, &bytes),
-        };
-        heard.into_iter().enumerate().map(value).collect()
+        heard(what, self.pass_bytes(what, told)?, rank, own)
     }
 }
 
-fn read<T: Kept>(what: &str, bytes: &[u8]) -> Result<T> {
-    T::take(&mut &*bytes).ok_or_else(|| apart(what))
+/// What was heard of each, in their order; what is this rank's own is not read back.
+fn heard<T: Kept>(
+    what: &str,
+    all: Vec<Vec<u8>>,
+    rank: usize,
+    mut own: Option<T>,
+) -> Result<Vec<T>> {
+    let value = |(from, bytes): (usize, Vec<u8>)| match from == rank {
+        true => own.take(),
+        false => T::take(&mut &bytes[..]),
+    };
+    let values = all.into_iter().enumerate().map(value);
+    values
+        .map(|value| value.ok_or_else(|| apart(what)))
+        .collect()
+}
+
+/// Lists one after the other. What one alone has stays where it is.
+pub fn joined<T>(mut lists: Vec<Vec<T>>) -> Vec<T> {
+    match lists.len() {
+        1 => lists.pop().unwrap_or_default(),
+        _ => lists.into_iter().flatten().collect(),
+    }
 }
 
 /// One that shares with nobody, whatever ranks there are.

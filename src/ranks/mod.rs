@@ -25,7 +25,7 @@ use crate::files::kept::{self, Kept};
 
 #[cfg(test)]
 pub(crate) use group::tests::shared;
-pub use group::{Alone, Group, Ranks};
+pub use group::{Alone, Group, Ranks, joined};
 
 /// So many bytes of all ranks are told at once.
 #[cfg(feature = "mpi")]

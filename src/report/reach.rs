@@ -11,8 +11,9 @@ use super::fidelity::corners;
 use super::nearest::{Points, Tree, square_to_face};
 use super::surface::Surface;
 use crate::geometry::{cross, dot, in_space, sub};
-use crate::mesh::part::{Holders, joined};
+use crate::mesh::part::Holders;
 use crate::observer::Patience;
+use crate::ranks::joined;
 use rayon::prelude::*;
 
 /// How far faces look for points, in samples.

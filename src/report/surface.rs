@@ -4,7 +4,8 @@ use rayon::prelude::*;
 
 use crate::files::kept::Kept;
 use crate::mesh::Simplices;
-use crate::mesh::part::{Holders, Part, joined};
+use crate::mesh::part::{Holders, Part};
+use crate::ranks::joined;
 
 /// Faces of a mesh in parts, each once.
 pub(super) struct Surface<const D: usize, T> {

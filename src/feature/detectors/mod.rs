@@ -38,7 +38,7 @@ use super::{Detection, FeatureKind, Features, Settled};
 use crate::error::{Error, Result, cause};
 use crate::image::{Image, Source};
 use crate::observer::Patience;
-use crate::ranks::Group;
+use crate::ranks::{Group, joined};
 use rayon::prelude::*;
 use std::fmt;
 use std::ops::Range;
@@ -306,7 +306,7 @@ impl<const D: usize> Found<D> {
     pub fn of_all(&mut self, group: &dyn Group) -> Result<Vec<Candidate<D>>> {
         let own = std::mem::take(&mut self.candidates);
         match self.layers.take() {
-            Some(_) => Ok(group.all("candidates", own)?.concat()),
+            Some(_) => Ok(joined(group.all("candidates", own)?)),
             None => Ok(own),
         }
     }

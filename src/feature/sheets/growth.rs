@@ -2,7 +2,7 @@
 //! is the next. Nothing depends on an order within a level, so that ranks grow a sheet together as one would alone:
 //! each looks round every member that it sees, takes its own candidates, and tells the others which.
 
-use super::{Agreement, Open, Rules};
+use super::{Open, Rules};
 use crate::error::Result;
 use crate::feature::by_sample::BySample;
 use crate::feature::crossing::{Candidate, nearest};
@@ -121,8 +121,6 @@ pub(super) struct Growth<'a, const D: usize> {
     grid: BySample<'a, D>,
     step: [f32; D],
     rules: &'a Rules<D>,
-    agreement: Agreement,
-    resolution: f32,
     patience: &'a Patience<'a>,
     /// What became of each candidate.
     pub state: Vec<u32>,
@@ -150,8 +148,6 @@ impl<'a, const D: usize> Growth<'a, D> {
             grid: BySample::new(slab.dims, &slab.candidates),
             step: step.map(|h| h as f32),
             rules,
-            agreement: rules.agreement,
-            resolution: rules.resolution as f32,
             patience,
             state: vec![FREE; count],
             members: Vec::new(),
@@ -170,9 +166,7 @@ impl<'a, const D: usize> Growth<'a, D> {
     pub fn alone(&mut self, seed: usize, sheet: u32) -> Result<Option<bool>> {
         self.together = false;
         if self.is_lone(seed) {
-            self.members.clear();
-            self.narrow.clear();
-            self.blocked.clear();
+            self.begin();
             self.members.push(seed);
             self.state[seed] = CRUMB;
             return Ok(Some(false));
@@ -184,6 +178,12 @@ impl<'a, const D: usize> Growth<'a, D> {
                 Ok(None)
             }
         }
+    }
+
+    /// Begins with another sheet.
+    fn begin(&mut self) {
+        let all = [&mut self.members, &mut self.narrow, &mut self.blocked];
+        all.into_iter().for_each(Vec::clear);
     }
 
     /// Grows a sheet by all ranks, of which one has the seed; whether it is one.
@@ -253,9 +253,7 @@ impl<'a, const D: usize> Growth<'a, D> {
     /// Grows a sheet; its area in square lattice units, and that of what is strong of it. `None` if but one rank
     /// grows it and it comes where others see it.
     fn grow(&mut self, seed: Option<usize>, sheet: u32) -> Result<Option<[f64; 2]>> {
-        self.members.clear();
-        self.narrow.clear();
-        self.blocked.clear();
+        self.begin();
         let [mut all, mut strong] = [Spread::default(); 2];
         let mut next: Vec<usize> = seed.into_iter().collect();
         next.iter().for_each(|&i| self.state[i] = sheet);
@@ -338,7 +336,7 @@ impl<'a, const D: usize> Growth<'a, D> {
     /// Adds this rank's own free candidates of the 26 neighbouring samples that continue the sheet, if with those
     /// of its own there are enough: a sheet does not spread over bridges a sample or two wide.
     fn joined_to(&self, i: usize, sheet: u32, joined: &mut Vec<u32>) {
-        let grid = &self.grid;
+        let (grid, agreement) = (&self.grid, self.rules.agreement);
         let c = &grid.candidates[i];
         let (before, mut count) = (joined.len(), 0);
         grid.each_around(grid.coordinates(c), 1, |j| {
@@ -348,9 +346,9 @@ impl<'a, const D: usize> Growth<'a, D> {
             }
             let other = &grid.candidates[j];
             let apart = sub(other.position, c.position);
-            let continues = dot(other.normal, c.normal).abs() >= self.agreement.normal
-                && dot(apart, c.normal).abs() < self.agreement.plane
-                && dot(apart, other.normal).abs() < self.agreement.plane;
+            let continues = dot(other.normal, c.normal).abs() >= agreement.normal
+                && dot(apart, c.normal).abs() < agreement.plane
+                && dot(apart, other.normal).abs() < agreement.plane;
             if continues {
                 count += 1;
                 if state == FREE && self.slab.own.contains(&j) {
@@ -365,10 +363,11 @@ impl<'a, const D: usize> Growth<'a, D> {
 
     /// Adds the free candidates parallel to candidate `i` on either side of it, along its normal.
     fn parallel_to(&self, i: usize, beside: &mut Vec<u32>) {
-        let grid = &self.grid;
+        let (grid, rules) = (&self.grid, self.rules);
+        let resolution = rules.resolution as f32;
         let c = &grid.candidates[i];
         let at = grid.coordinates(c);
-        let Beside { unit, reach, slope } = Beside::of(c, self.step, self.resolution);
+        let Beside { unit, reach, slope } = Beside::of(c, self.step, resolution);
         for j in (-reach..=reach).filter(|j| j.abs() > 1) {
             let column = std::array::from_fn(|k| at[k] + nearest(j as f32 * slope[k]));
             grid.each(column, |o| {
@@ -377,9 +376,9 @@ impl<'a, const D: usize> Growth<'a, D> {
                 }
                 let other = &grid.candidates[o];
                 let across = dot(sub(other.position, c.position), c.normal).abs();
-                if dot(other.normal, c.normal).abs() >= self.agreement.parallel
+                if dot(other.normal, c.normal).abs() >= rules.agreement.parallel
                     && across > TOGETHER
-                    && across * unit < self.resolution
+                    && across * unit < resolution
                 {
                     beside.push(o as u32);
                 }

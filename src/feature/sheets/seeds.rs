@@ -8,6 +8,7 @@
 use super::growth::{FREE, Growth};
 use crate::error::Result;
 use crate::feature::crossing::Candidate;
+use rayon::prelude::*;
 
 /// A rank goes ahead with so many seeds, before it hears how far others are.
 const AHEAD: usize = 1 << 8;
@@ -102,7 +103,7 @@ impl<'s, 'a, const D: usize> Seeds<'s, 'a, D> {
         let strong = own.filter(|&i| candidates[i].strength >= high);
         let mut seeds: Vec<u32> = strong.map(|i| i as u32).collect();
         // Those of one class stay in the order of samples.
-        seeds.sort_by_key(|&i| class(&candidates[i as usize]));
+        seeds.par_sort_by_key(|&i| class(&candidates[i as usize]));
         Self {
             growth,
             seeds,

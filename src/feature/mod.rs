@@ -39,6 +39,7 @@
 //! - `lines`: where sheets cross, branch and end
 //! - `gaps`: how fine a lattice must be between sheets that run close
 //! - `potential`: b(x)
+//! - `share`: points, where ranks share them
 
 pub(crate) mod by_sample;
 pub(crate) mod components;
@@ -59,6 +60,7 @@ pub(crate) mod repair;
 pub(crate) mod ridges;
 pub(crate) mod rows;
 pub(crate) mod settled;
+mod share;
 pub(crate) mod sheets;
 mod slab;
 pub(crate) mod steepest;
@@ -78,6 +80,7 @@ use crate::image::{Field, Image, Source, Sparse};
 use crate::observer::{Patience, Stage};
 use crate::ranks::{Group, Ranks};
 use detectors::{Detector, Scene};
+use potential::Valleys;
 use sheets::{FoundSheets, Open};
 use windows::Samples;
 
@@ -87,6 +90,8 @@ pub use kind::FeatureKind;
 pub use labelled::{LabelWish, Labelled};
 pub use lines::{FeatureLine, LineKind, SHORTEST, lines};
 pub use settled::Settled;
+pub(crate) use share::NearPoints;
+pub use share::OfAll;
 pub use sheets::LeftOut;
 
 /// One detected point of a feature (fault, horizon, wall) at its sub-sample position.
@@ -113,6 +118,8 @@ pub struct Features<const D: usize> {
     pub potential: Sparse<D>,
     /// For each of them the distance that atoms may have there, where it was asked for by gaps.
     pub spacing: Option<Vec<f32>>,
+    /// How many points all ranks have, where each has a share of them.
+    pub in_shares: Option<OfAll>,
     /// Width of the widest valleys in lattice units: a quarter of the distance between atoms.
     pub sigma: f64,
     /// Points that were found and are not among them, by the reason.
@@ -136,6 +143,7 @@ impl<const D: usize> Features<D> {
             on_horizon: Vec::new(),
             potential: Sparse::zero(dims, asked.step),
             spacing: asked.gaps().map(|_| Vec::new()),
+            in_shares: None,
             sigma: asked.d_max() / 4.0,
             left_out: LeftOut::default(),
             notes: Vec::new(),
@@ -242,7 +250,7 @@ fn follow_parts<const D: usize>(
         follow(&scene, detector, [[false; 2]; D])
     };
     let found: Result<Vec<_>> = parts.into_iter().enumerate().map(follow_whole).collect();
-    let mut features = detectors::together(found?, source.dims(), asked);
+    let mut features = detectors::together(found?, source.dims(), asked)?;
     features.notes.splice(0..0, why);
     Ok(features)
 }
@@ -270,7 +278,7 @@ pub(crate) fn detect_part<const D: usize>(
         follow(&scene, detectors::again(settled.kind)?, *open)
     };
     let found: Result<Vec<_>> = settled.iter().map(follow_part).collect();
-    Ok(detectors::together(found?, part.dims(), asked))
+    detectors::together(found?, part.dims(), asked)
 }
 
 /// The share of the work that is done once candidates are found, roughly, and once they are sheets.
@@ -319,8 +327,9 @@ fn follow<const D: usize>(
         least_width: detector.least_width(asked.d_min),
         open,
     };
-    let among = (&Ranks as &dyn Group, scene.patience);
-    let sheets = sheets::sheets(
+    let group = &Ranks as &dyn Group;
+    let among = (group, scene.patience);
+    let mut sheets = sheets::sheets(
         dims,
         found.candidates,
         found.layers,
@@ -332,6 +341,11 @@ fn follow<const D: usize>(
     sheets.describe(kind, &rules, &mut notes);
     let sigma = asked.d_max() / 4.0;
     let gaps = asked.gaps();
+    // Gaps and labels look at all points.
+    let in_shares = asked.in_shares && gaps.is_none() && found.labels.is_none();
+    if !in_shares {
+        sheets = sheets.gathered(group)?;
+    }
     // Edges do not cross at small angles, but their normals scatter in noise. Other sheets, which may run as
     // near one another as points of one do, are told apart by theirs.
     let sheet = (kind == FeatureKind::Edges).then_some(&sheets.sheet[..]);
@@ -350,26 +364,34 @@ fn follow<const D: usize>(
         Source::Held(image) => detector.potential(image),
         Source::InLayers(_) => None,
     };
-    let potential = own.map_or_else(
-        || {
+    let potential = match own {
+        Some(samples) => Sparse::of(&field(dims, asked, samples)),
+        None => {
             let FoundSheets { points, rim, .. } = &sheets;
-            let (step, shares) = (asked.step, asked.in_shares);
-            potential::potential(
-                points,
-                rim,
+            let valleys = Valleys {
                 dims,
-                step,
+                step: asked.step,
                 sigma,
-                width,
-                shares,
-                scene.patience,
-            )
-        },
-        |samples| Sparse::of(&field(dims, asked, samples)),
-    );
+                width: &width,
+            };
+            match (in_shares, asked.in_shares) {
+                (false, false) => valleys.potential(points, rim, scene.patience),
+                (false, true) => valleys.share(points, rim, group, scene.patience),
+                (true, _) => {
+                    let (points, rim) = valleys.of_share(points, rim, group)?;
+                    valleys.share(&points, &rim, group, scene.patience)
+                }
+            }
+        }
+    };
     scene.patience.lasts(Stage::Features)?;
+    let is_horizon = kind == FeatureKind::Horizons;
     Ok(Features {
-        on_horizon: vec![kind == FeatureKind::Horizons; sheets.points.len()],
+        on_horizon: vec![is_horizon; sheets.points.len()],
+        in_shares: in_shares.then_some(OfAll {
+            points: sheets.whole,
+            on_horizon: if is_horizon { sheets.whole } else { 0 },
+        }),
         points: sheets.points,
         sheet: sheets.sheet,
         spacing,

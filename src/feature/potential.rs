@@ -9,11 +9,13 @@
 //! The bell is cut at 3 sigma and lowered by what is left there, so that b falls to exactly 0.
 
 use super::FeaturePoint;
+use crate::error::Result;
 use crate::geometry::dot;
 use crate::geometry::wide::wide;
 use crate::image::Sparse;
 use crate::observer::Patience;
-use crate::ranks::Ranks;
+use crate::ranks::{Group, joined};
+use std::ops::Range;
 
 /// The bell is cut at this many sigma.
 const CUT: f64 = 3.0;
@@ -28,57 +30,114 @@ const MARGIN: f32 = 0.01;
 /// Axes along which a normal is at least this much as fast as along its fastest one lead, too.
 const LEADING: f32 = 0.95;
 
-/// The potential of feature points that are sorted by the last axis, on a grid of `dims` samples; `rim`
-/// tells for each point whether its sheet ends there, `width` how wide its valley is, at most `sigma`. Each rank has all of
-/// it, or a share.
-pub fn potential<const D: usize>(
-    points: &[FeaturePoint<D>],
-    rim: &[bool],
-    dims: [usize; D],
-    step: [f64; D],
-    sigma: f64,
-    width: impl Fn(usize) -> f32 + Sync,
-    in_shares: bool,
-    patience: &Patience<'_>,
-) -> Sparse<D> {
-    let last = D - 1;
-    let layer: usize = dims[..last].iter().product();
-    // Points are sorted by their samples, so along the last axis within half a sample and a bit.
-    let reach = CUT * sigma + 2.5 * step[last];
-    let make = |layers: std::ops::Range<usize>, samples: &mut Vec<f32>| {
+/// The valleys of a potential on a grid of `dims` samples: `width` tells how wide that of each point is, at most `sigma`.
+pub struct Valleys<'a, const D: usize> {
+    pub dims: [usize; D],
+    pub step: [f64; D],
+    pub sigma: f64,
+    pub width: &'a (dyn Fn(usize) -> f32 + Sync),
+}
+
+impl<const D: usize> Valleys<'_, D> {
+    /// Of feature points in the order of samples; `rim` tells for each whether its sheet ends there.
+    pub fn potential(
+        &self,
+        points: &[FeaturePoint<D>],
+        rim: &[bool],
+        patience: &Patience<'_>,
+    ) -> Sparse<D> {
+        Sparse::by_layers(self.dims, self.step, |layers, samples: &mut Vec<f32>| {
+            self.dig(points, rim, layers, samples, patience);
+        })
+    }
+
+    /// The same, of which each of a group makes, and has, a share; these are all points or those [of the
+    /// share](Self::of_share).
+    pub fn share(
+        &self,
+        points: &[FeaturePoint<D>],
+        rim: &[bool],
+        group: &dyn Group,
+        patience: &Patience<'_>,
+    ) -> Sparse<D> {
+        let make = |layers: Range<usize>, samples: &mut Vec<f32>| {
+            self.dig(points, rim, layers, samples, patience);
+        };
+        Sparse::by_layers_in_shares(self.dims, self.step, group, make)
+    }
+
+    /// The points that this one's share of the potential depends on, and whether their sheets end there, where each has
+    /// some.
+    ///
+    /// # Errors
+    /// Those of the others.
+    pub fn of_share(
+        &self,
+        points: &[FeaturePoint<D>],
+        rim: &[bool],
+        group: &dyn Group,
+    ) -> Result<(Vec<FeaturePoint<D>>, Vec<bool>)> {
+        let of = |rank: usize| -> Vec<(FeaturePoint<D>, bool)> {
+            let layers = Sparse::layers_of_share(self.dims, rank, group.count());
+            let near = self.near(points, &layers);
+            let both = points[near.clone()].iter().zip(&rim[near]);
+            both.map(|(point, rim)| (*point, *rim)).collect()
+        };
+        let told = group.pass("points near layers", (0..group.count()).map(of).collect())?;
+        Ok(joined(told).into_iter().unzip())
+    }
+
+    /// Which of the points may have their valleys in some layers.
+    fn near(&self, points: &[FeaturePoint<D>], layers: &Range<usize>) -> Range<usize> {
+        let last = D - 1;
+        if layers.is_empty() {
+            return 0..0;
+        }
+        // Points are sorted by their samples, so along the last axis within half a sample and a bit.
+        let reach = CUT * self.sigma + 2.5 * self.step[last];
+        let height = |p: &FeaturePoint<D>| f64::from(p.position[last]);
+        let [low, high] = [layers.start, layers.end].map(|at| at as f64 * self.step[last]);
+        let start = points.partition_point(|p| height(p) < low - reach);
+        start
+            ..points
+                .partition_point(|p| height(p) <= high + reach)
+                .max(start)
+    }
+
+    /// The samples of some layers.
+    fn dig(
+        &self,
+        points: &[FeaturePoint<D>],
+        rim: &[bool],
+        layers: Range<usize>,
+        samples: &mut Vec<f32>,
+        patience: &Patience<'_>,
+    ) {
+        let last = D - 1;
+        let layer: usize = self.dims[..last].iter().product();
         samples.clear();
         samples.resize(layer * layers.len(), f32::INFINITY);
-        let height = |p: &FeaturePoint<D>| f64::from(p.position[last]);
-        let near = (
-            layers.start as f64 * step[last] - reach,
-            layers.end as f64 * step[last] + reach,
-        );
-        let start = points.partition_point(|p| height(p) < near.0);
-        let end = points.partition_point(|p| height(p) <= near.1);
-        let mut dims = dims;
+        let near = self.near(points, &layers);
+        let mut dims = self.dims;
         dims[last] = layers.len();
         let mut splat = Splat {
             dims,
-            step: step.map(|h| h as f32),
+            step: self.step.map(|h| h as f32),
             from: layers.start,
             out: samples,
-            sigma: sigma as f32,
+            sigma: self.sigma as f32,
         };
-        for i in start..end {
+        for i in near {
             if patience.over() {
                 break;
             }
-            splat.sigma = width(i);
+            splat.sigma = (self.width)(i);
             splat.add(&points[i]);
             if rim[i] {
                 splat.add_round(&points[i]);
             }
         }
         bells(samples);
-    };
-    match in_shares {
-        true => Sparse::by_layers_in_shares(dims, step, &Ranks, make),
-        false => Sparse::by_layers(dims, step, make),
     }
 }
 

@@ -40,13 +40,15 @@ const MOST: usize = 4;
 /// Doubtful candidates at most this many samples along each axis from a new point are dropped.
 const BESIDE: i32 = 2;
 
-/// The heights of a smoothed volume that [`repair`] asks for: near the sides of the box.
+/// The heights of a smoothed volume that [`repair`] asks for: near the sides of the box, of some layers.
 pub struct Shell<const D: usize> {
     dims: [usize; D],
     /// Samples along each axis from either side that are kept: none or all of them, if they would meet.
     low: [usize; D],
     high: [usize; D],
+    /// Those of the layers that are here, of which the first is one of so many before it.
     heights: Vec<f32>,
+    first: usize,
 }
 
 impl<const D: usize> Shell<D> {
@@ -59,12 +61,31 @@ impl<const D: usize> Shell<D> {
             low: std::array::from_fn(|k| if met(k) { dims[k] } else { width }),
             high: std::array::from_fn(|k| if met(k) { 0 } else { width }),
             heights: Vec::new(),
+            first: 0,
         }
     }
 
-    /// With all heights.
+    /// With the heights of this rank's own layers.
     pub fn with(self, heights: Vec<f32>) -> Self {
         Self { heights, ..self }
+    }
+
+    /// With those of the halo, too.
+    fn beside(mut self, slab: &Slab<'_, D>) -> Result<Self> {
+        let own = std::mem::take(&mut self.heights);
+        let before = |layer: usize| self.before(D - 1, layer);
+        let (heights, first) = slab.layers_beside("heights near sides", own, before)?;
+        Ok(Self {
+            heights,
+            first,
+            ..self
+        })
+    }
+
+    /// How many heights are kept of a layer's layers before one of these, square to an axis.
+    fn before(&self, k: usize, at: usize) -> usize {
+        let near = at.min(self.low[k]) + at.saturating_sub(self.dims[k] - self.high[k]);
+        near * self.layer(k) + (at - near) * self.kept(k)
     }
 
     /// Samples of a layer square to an axis, of those axes before it.
@@ -125,13 +146,12 @@ impl<const D: usize> Shell<D> {
     fn at(&self, at: [usize; D]) -> f32 {
         let mut place = 0;
         for k in (0..D).rev() {
-            let (layer, kept) = (self.layer(k), self.kept(k));
-            let before = at[k].min(self.low[k]);
-            let beyond = at[k].saturating_sub(self.dims[k] - self.high[k]);
-            place += (before + beyond) * layer + (at[k] - before - beyond) * kept;
+            place += self.before(k, at[k]);
             if self.near(at[k], k) {
-                // All of it is there.
-                return self.heights[(0..k).rev().fold(0, |i, l| i * self.dims[l] + at[l]) + place];
+                // All of it is kept. What is beyond the halo is of no interest.
+                place += (0..k).rev().fold(0, |i, l| i * self.dims[l] + at[l]);
+                let here = self.heights.get(place.wrapping_sub(self.first));
+                return here.copied().unwrap_or(f32::NEG_INFINITY);
             }
         }
         debug_assert!(false, "{at:?} is not near a side");
@@ -150,12 +170,13 @@ fn margin(scale: f64) -> usize {
 /// # Errors
 /// Those of other ranks.
 pub fn repair<const D: usize>(
-    smoothed: &Shell<D>,
+    smoothed: Shell<D>,
     mut slab: Slab<'_, D>,
     scale: f64,
     strong: f32,
     patience: &Patience<'_>,
 ) -> Result<Vec<Candidate<D>>> {
+    let smoothed = &smoothed.beside(&slab)?;
     let candidates = std::mem::take(&mut slab.candidates);
     let (dims, samples) = (smoothed.dims, Volume::new(smoothed.dims, &[]));
     let zone = Zone::new(dims, scale);

@@ -85,11 +85,6 @@ impl<'g, const D: usize> Slab<'g, D> {
         })
     }
 
-    /// Which of the candidates are of these layers.
-    fn of_layers(&self, layers: &Range<usize>) -> Range<usize> {
-        of_layers(self.dims, &self.candidates, layers)
-    }
-
     /// Of candidates in the order of samples, those of this rank's own layers.
     pub fn own_of(&self, candidates: Vec<Candidate<D>>) -> Vec<Candidate<D>> {
         own_of(self.dims, candidates, &self.layers)
@@ -100,19 +95,34 @@ impl<'g, const D: usize> Slab<'g, D> {
     /// # Errors
     /// Those of other ranks.
     pub fn beside<T: Kept + Clone>(&self, what: &str, own: Vec<T>) -> Result<Vec<T>> {
+        let before = |at: usize| before(self.dims, &self.candidates, at);
+        Ok(self.layers_beside(what, own, before)?.0)
+    }
+
+    /// What its own layers have, and those of the halo, of which other ranks tell, if there are so many `before` each layer
+    /// in all; and how many there are before what it has then.
+    ///
+    /// # Errors
+    /// Those of other ranks.
+    pub fn layers_beside<T: Kept + Clone>(
+        &self,
+        what: &str,
+        own: Vec<T>,
+        before: impl Fn(usize) -> usize,
+    ) -> Result<(Vec<T>, usize)> {
         let rank = self.group.rank();
         let part = |(to, seen): (usize, &Range<usize>)| {
             let both = seen.start.max(self.layers.start)..seen.end.min(self.layers.end);
             if to == rank || both.is_empty() {
                 return Vec::new();
             }
-            let some = self.of_layers(&both);
-            own[some.start - self.own.start..some.end - self.own.start].to_vec()
+            let first = before(self.layers.start);
+            own[before(both.start) - first..before(both.end) - first].to_vec()
         };
         let parts = self.seen.iter().enumerate().map(part).collect();
         let mut parts = self.group.pass(what, parts)?;
         parts[rank] = own;
-        Ok(joined(parts))
+        Ok((joined(parts), before(self.seen[rank].start)))
     }
 
     /// Sums over the own candidates of all ranks, of those that have something, layer by layer: so they are the same
@@ -217,14 +227,17 @@ fn of_layers<const D: usize>(
     candidates: &[Candidate<D>],
     layers: &Range<usize>,
 ) -> Range<usize> {
-    let before = |at: usize| {
-        let first = at * layer(dims);
-        candidates.partition_point(|c| c.voxel.index() < first)
-    };
+    let before = |at| before(dims, candidates, at);
     match layers.is_empty() {
         true => 0..0,
         false => before(layers.start)..before(layers.end),
     }
+}
+
+/// How many of candidates in the order of samples come before a layer.
+fn before<const D: usize>(dims: [usize; D], candidates: &[Candidate<D>], at: usize) -> usize {
+    let first = at * layer(dims);
+    candidates.partition_point(|c| c.voxel.index() < first)
 }
 
 /// Of candidates in the order of samples, those of these layers.
@@ -363,6 +376,19 @@ mod tests {
                 let halo = (0..slab.candidates.len()).filter(|i| !slab.own.contains(i));
                 assert!(halo.filter(|&i| slab.number(i).is_multiple_of(3)).eq(told));
                 assert_eq!(slab.tell("none", &[]).unwrap(), None);
+                // Of each layer as many as its number.
+                let before = |at: usize| at * at.saturating_sub(1) / 2;
+                let of = |layers: Range<usize>| -> Vec<usize> {
+                    layers.flat_map(|at| vec![at; at]).collect()
+                };
+                let some = slab
+                    .layers_beside("layers", of(own.clone()), before)
+                    .unwrap();
+                let seen = match own.is_empty() {
+                    true => 0..0,
+                    false => wide.start..wide.end.min(dims[2]),
+                };
+                assert_eq!(some, (of(seen.clone()), before(seen.start)));
                 let numbers = slab.own.clone().map(|i| slab.number(i)).collect();
                 let numbers = slab.beside("numbers", numbers).unwrap();
                 assert!(

@@ -88,6 +88,11 @@ fn parts<const D: usize>(dims: [usize; D]) -> (usize, usize) {
     (bricks(dims)[D - 1].div_ceil(together), together)
 }
 
+/// The layers of samples that some layers of bricks have.
+fn layers_of<const D: usize>(dims: [usize; D], bricks: Range<usize>) -> Range<usize> {
+    (bricks.start * BRICK).saturating_sub(1)..(bricks.end * BRICK + 2).min(dims[D - 1])
+}
+
 /// Samples of a brick.
 const fn room(dimensions: usize) -> usize {
     EDGE.pow(dimensions as u32)
@@ -151,6 +156,16 @@ impl<const D: usize> Sparse<D> {
         some
     }
 
+    /// The layers of samples that one of `count` is asked for where each makes a share.
+    pub fn layers_of_share(dims: [usize; D], rank: usize, count: usize) -> Range<usize> {
+        let (parts, together) = parts(dims);
+        let own = share_of(parts, rank, count);
+        match own.is_empty() {
+            true => 0..0,
+            false => layers_of(dims, own.start * together..own.end * together),
+        }
+    }
+
     fn by_parts(
         dims: [usize; D],
         step: [f64; D],
@@ -163,8 +178,10 @@ impl<const D: usize> Sparse<D> {
             .into_par_iter()
             .map_init(Vec::new, |samples, part| {
                 let [first, end] = [part * together, ((part + 1) * together).min(count)];
-                let from = (first * BRICK).saturating_sub(1);
-                let to = (end * BRICK + 2).min(dims[D - 1]);
+                let Range {
+                    start: from,
+                    end: to,
+                } = layers_of(dims, first..end);
                 make(from..to, samples);
                 let slab = Slab {
                     dims,

@@ -6,7 +6,9 @@
 //! three meet, three.
 
 use crate::feature::FeaturePoint;
+use crate::files::kept::fields;
 use crate::geometry::groups::grouped;
+use crate::geometry::marks::dilate;
 use crate::geometry::{add_scaled, dot, norm, sub};
 use rayon::prelude::*;
 use std::sync::atomic::Ordering::Relaxed;
@@ -22,6 +24,11 @@ pub struct Sheet {
     pub normal: [f64; 3],
     /// Signed distance of x from the plane, along the normal.
     pub offset: f64,
+}
+
+fields! {
+    Sheet as Sheet { normal, offset }
+    NearSheets as NearSheets { sheets, count }
 }
 
 /// The sheets near a position, nearest first.
@@ -72,20 +79,71 @@ pub(super) const FACE_ON_SHEET: f64 = 0.75;
 /// How many cells make up the reach of [`Sheets::far`].
 const DILATION: u32 = 2;
 
+/// The cells of a grid in the box that feature points are in or near to: elsewhere there is nothing to be known.
+#[derive(Debug)]
+struct Cells {
+    /// Cells of the whole box along each axis.
+    all: [usize; 3],
+    /// The first of those that are there, and how many are.
+    low: [usize; 3],
+    dims: [usize; 3],
+}
+
+impl Cells {
+    fn none() -> Self {
+        Self {
+            all: [1; 3],
+            low: [0; 3],
+            dims: [0; 3],
+        }
+    }
+
+    /// Of `all` cells of the box, those from one corner to the other and `beside` more to every side.
+    fn between(all: [usize; 3], low: [usize; 3], high: [usize; 3], beside: usize) -> Self {
+        let low = low.map(|c| c.saturating_sub(beside));
+        let dims = std::array::from_fn(|k| (high[k] + beside + 1).min(all[k]) - low[k]);
+        Self { all, low, dims }
+    }
+
+    fn count(&self) -> usize {
+        self.dims.iter().product()
+    }
+
+    /// The place of a cell of the box, if it is there.
+    #[inline]
+    fn place(&self, cell: [usize; 3]) -> Option<usize> {
+        let mut place = 0;
+        for k in (0..3).rev() {
+            let c = cell[k].min(self.all[k] - 1).wrapping_sub(self.low[k]);
+            if c >= self.dims[k] {
+                return None;
+            }
+            place = place * self.dims[k] + c;
+        }
+        Some(place)
+    }
+}
+
+/// The cell of so long a side that a position is in.
+#[inline]
+fn cell_of(side: f64, x: [f64; 3]) -> [usize; 3] {
+    x.map(|x| (x.max(0.0) / side) as usize)
+}
+
 /// The feature points in a cell grid.
 #[derive(Debug)]
 pub struct Sheets {
     radius: f64,
     cell: f64,
-    dims: [usize; 3],
+    cells: Cells,
     start: Vec<u32>,
     points: Vec<([f32; 3], [f32; 3])>,
     /// Cells of side `coarse` that have a point within [`DILATION`] cells.
     coarse: f64,
-    coarse_dims: [usize; 3],
+    coarse_cells: Cells,
     near: Vec<bool>,
     /// Cells of side 1 that a feature point is in or beside: a bit each.
-    fine_dims: [usize; 3],
+    fine_cells: Cells,
     fine: Vec<u64>,
 }
 
@@ -94,44 +152,55 @@ impl Sheets {
     /// [`Sheets::far`] means that no point is within `reach`, which is at least the radius.
     pub fn new(points: &[FeaturePoint<3>], extent: [f64; 3], radius: f64, reach: f64) -> Self {
         let cell = radius * 0.75;
-        let dims = extent.map(|e| (e / cell) as usize + 1);
-        let index = |p: [f32; 3]| {
-            let c: [usize; 3] = std::array::from_fn(|k| {
-                ((f64::from(p[k].max(0.0)) / cell) as usize).min(dims[k] - 1)
-            });
-            (c[2] * dims[1] + c[1]) * dims[0] + c[0]
+        let coarse = reach.max(radius) / f64::from(DILATION);
+        let at = |p: &FeaturePoint<3>| p.position.map(f64::from);
+        let (mut low, mut high) = ([f64::INFINITY; 3], [0.0f64; 3]);
+        for x in points.iter().map(at) {
+            low = std::array::from_fn(|k| low[k].min(x[k]));
+            high = std::array::from_fn(|k| high[k].max(x[k]));
+        }
+        let cells = |side: f64, beside: usize| {
+            if points.is_empty() {
+                return Cells::none();
+            }
+            let [all, low, high] = [extent, low, high].map(|x| cell_of(side, x));
+            let all = all.map(|last| last + 1);
+            let [low, high] = [low, high].map(|c| std::array::from_fn(|k| c[k].min(all[k] - 1)));
+            Cells::between(all, low, high, beside)
         };
-        let cells = points.iter().map(|p| index(p.position));
-        let (start, order) = grouped(dims.iter().product(), cells);
+        let fine_cells = cells(1.0, 1);
+        let coarse_cells = cells(coarse, DILATION as usize);
+        let cells = cells(cell, 0);
+        // Every point is in a cell that is there.
+        let place =
+            |cells: &Cells, side: f64, x: [f64; 3]| cells.place(cell_of(side, x)).unwrap_or(0);
+        let of_points = points.iter().map(|p| place(&cells, cell, at(p)));
+        let (start, order) = grouped(cells.count(), of_points);
         let sorted = order.par_iter().map(|&i| {
             let p = &points[i as usize];
             (p.position, p.normal)
         });
-        let coarse = reach.max(radius) / f64::from(DILATION);
-        let coarse_dims = extent.map(|e| (e / coarse) as usize + 1);
-        let near: Vec<AtomicBool> = unset(coarse_dims.iter().product());
-        let fine_dims = extent.map(|e| e as usize + 1);
-        let fine: Vec<AtomicU64> = unset(fine_dims.iter().product::<usize>() / 64 + 2);
+        let near: Vec<AtomicBool> = unset(coarse_cells.count());
+        let fine: Vec<AtomicU64> = unset(fine_cells.count() / 64 + 2);
         points.par_iter().for_each(|p| {
-            let at = coarse_index(coarse, coarse_dims, p.position.map(f64::from));
-            near[at].store(true, Relaxed);
-            mark_around(&fine, fine_dims, p.position);
+            near[place(&coarse_cells, coarse, at(p))].store(true, Relaxed);
+            mark_around(&fine, &fine_cells, at(p));
         });
         let mut near: Vec<bool> = near.into_iter().map(AtomicBool::into_inner).collect();
         for axis in 0..3 {
-            dilate(&mut near, coarse_dims, axis, DILATION as usize);
+            dilate(&mut near, coarse_cells.dims, axis, DILATION as usize);
         }
         let fine = fine.into_iter().map(AtomicU64::into_inner).collect();
         Self {
             radius,
             cell,
-            dims,
             start,
             points: sorted.collect(),
+            cells,
             coarse,
-            coarse_dims,
+            coarse_cells,
             near,
-            fine_dims,
+            fine_cells,
             fine,
         }
     }
@@ -156,7 +225,8 @@ impl Sheets {
     /// Whether no feature lies within the reach of `x`: a quick and safe "nothing to see here".
     #[inline]
     pub fn far(&self, x: [f64; 3]) -> bool {
-        !self.near[coarse_index(self.coarse, self.coarse_dims, x)]
+        let place = self.coarse_cells.place(cell_of(self.coarse, x));
+        place.is_none_or(|place| !self.near[place])
     }
 
     /// Whether a feature point may be within about two units of `x`: quick, where [`Sheets::near`]
@@ -172,27 +242,31 @@ impl Sheets {
 
     #[inline]
     fn marked(&self, x: [f64; 3]) -> bool {
-        let dims = self.fine_dims;
         // Casts cut off at zero.
-        let [i, j, k]: [usize; 3] =
-            std::array::from_fn(|k| (x[k] as u32 as usize).min(dims[k] - 1));
-        let at = (k * dims[1] + j) * dims[0] + i;
-        self.fine[at / 64] >> (at % 64) & 1 == 1
+        let place = self.fine_cells.place(x.map(|x| x as u32 as usize));
+        place.is_some_and(|at| self.fine[at / 64] >> (at % 64) & 1 == 1)
     }
 
     /// Runs `visit` on every point, with its number, in the cells within `radius` of `x`.
     #[inline]
     fn visit(&self, x: [f64; 3], radius: f64, mut visit: impl FnMut(u32, [f32; 3])) {
-        let low: [usize; 3] = std::array::from_fn(|k| {
-            (((x[k] - radius) / self.cell).max(0.0) as usize).min(self.dims[k] - 1)
+        let Cells { all, low, dims } = &self.cells;
+        // From which of the cells that are there to which.
+        let end = |k: usize, x: f64| ((x / self.cell).max(0.0) as usize).min(all[k] - 1);
+        let first: [usize; 3] =
+            std::array::from_fn(|k| end(k, x[k] - radius).saturating_sub(low[k]));
+        let after: [usize; 3] = std::array::from_fn(|k| {
+            (end(k, x[k] + radius) + 1)
+                .saturating_sub(low[k])
+                .min(dims[k])
         });
-        let high: [usize; 3] = std::array::from_fn(|k| {
-            (((x[k] + radius) / self.cell).max(0.0) as usize).min(self.dims[k] - 1)
-        });
-        for z in low[2]..=high[2] {
-            for y in low[1]..=high[1] {
-                let row = (z * self.dims[1] + y) * self.dims[0];
-                let (from, to) = (self.start[row + low[0]], self.start[row + high[0] + 1]);
+        if first[0] >= after[0] {
+            return;
+        }
+        for z in first[2]..after[2] {
+            for y in first[1]..after[1] {
+                let row = (z * dims[1] + y) * dims[0];
+                let (from, to) = (self.start[row + first[0]], self.start[row + after[0]]);
                 for i in from..to {
                     visit(i, self.points[i as usize].0);
                 }
@@ -371,12 +445,6 @@ fn unclear(length: f64, alone: [bool; 2]) -> [f64; 2] {
     [p, 1.0 - q]
 }
 
-#[inline]
-fn coarse_index(cell: f64, dims: [usize; 3], x: [f64; 3]) -> usize {
-    let c: [usize; 3] = std::array::from_fn(|k| ((x[k].max(0.0) / cell) as usize).min(dims[k] - 1));
-    (c[2] * dims[1] + c[1]) * dims[0] + c[0]
-}
-
 /// Marks that many threads may set.
 fn unset<T: Default>(count: usize) -> Vec<T> {
     let mut marks = Vec::new();
@@ -385,14 +453,16 @@ fn unset<T: Default>(count: usize) -> Vec<T> {
 }
 
 /// Sets the bits of the cell of side 1 that holds `x`, and of those beside it.
-fn mark_around(bits: &[AtomicU64], dims: [usize; 3], x: [f32; 3]) {
-    let at: [usize; 3] = std::array::from_fn(|k| (x[k].max(0.0) as usize).min(dims[k] - 1));
-    let low = at.map(|c| c.saturating_sub(1));
-    let high: [usize; 3] = std::array::from_fn(|k| (at[k] + 1).min(dims[k] - 1));
-    let row = (1u128 << (high[0] - low[0] + 1)) - 1;
-    for z in low[2]..=high[2] {
-        for y in low[1]..=high[1] {
-            let i = (z * dims[1] + y) * dims[0] + low[0];
+fn mark_around(bits: &[AtomicU64], cells: &Cells, x: [f64; 3]) {
+    let Cells { all, low, dims } = cells;
+    let at = cell_of(1.0, x);
+    let at: [usize; 3] = std::array::from_fn(|k| at[k].min(all[k] - 1));
+    let first: [usize; 3] = std::array::from_fn(|k| at[k].saturating_sub(1) - low[k]);
+    let last: [usize; 3] = std::array::from_fn(|k| (at[k] + 1).min(all[k] - 1) - low[k]);
+    let row = (1u128 << (last[0] - first[0] + 1)) - 1;
+    for z in first[2]..=last[2] {
+        for y in first[1]..=last[1] {
+            let i = (z * dims[1] + y) * dims[0] + first[0];
             let row = row << (i % 64);
             for (word, part) in [row as u64, (row >> 64) as u64].into_iter().enumerate() {
                 let bits = &bits[i / 64 + word];
@@ -405,28 +475,67 @@ fn mark_around(bits: &[AtomicU64], dims: [usize; 3], x: [f32; 3]) {
     }
 }
 
-/// Marks the `reach` cells on both sides of every marked cell, along one axis.
-fn dilate(marks: &mut [bool], dims: [usize; 3], axis: usize, reach: usize) {
-    let (row, n) = (dims[0], dims[axis]);
-    // Neighbours along other axes than x are so many rows apart.
-    let apart = dims[..axis].iter().skip(1).product::<usize>();
-    let before = marks.to_vec();
-    let rows = marks.par_chunks_mut(row).enumerate();
-    rows.for_each(|(number, marks)| {
-        let c = number / apart % n;
-        let beside = |c: usize| c.saturating_sub(reach)..(c + reach + 1).min(n);
-        if axis == 0 {
-            let own = &before[number * row..(number + 1) * row];
-            for (x, mark) in marks.iter_mut().enumerate() {
-                *mark = own[beside(x)].contains(&true);
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::random::Random;
+    use crate::geometry::unit;
+
+    #[test]
+    fn what_is_near_a_place_is_known_from_the_points_near_it() {
+        let extent = [60.0, 50.0, 40.0];
+        let mut random = Random::new(4);
+        let mut points = Vec::new();
+        for _ in 0..4 {
+            let middle = extent.map(|e| random.range(0.2, 0.8) * e);
+            let normal = unit([1.0, random.range(-0.5, 0.5), random.range(-0.5, 0.5)]);
+            for i in 0..=2000 {
+                let [y, z] = [f64::from(i % 51), f64::from(i / 51)];
+                let off = normal[1] * (y - middle[1]) + normal[2] * (z - middle[2]);
+                let x = middle[0] - off / normal[0];
+                if (0.0..=extent[0]).contains(&x) {
+                    points.push(FeaturePoint {
+                        position: [x, y, z].map(|c| c as f32),
+                        normal: normal.map(|c| c as f32),
+                        strength: 1.0,
+                    });
+                }
             }
-            return;
         }
-        for other in beside(c) {
-            let other = number + other * apart - c * apart;
-            for (mark, there) in marks.iter_mut().zip(&before[other * row..]) {
-                *mark |= there;
+        let (radius, reach) = (3.2, 5.0);
+        let whole = Sheets::new(&points, extent, radius, reach);
+        let (mut near, mut pierced) = (0, 0);
+        for low in [0.0, 13.0, 44.0] {
+            let high = low + 16.0;
+            // From the box's side, from a grid's middle, and up to the other side.
+            let seen = low - 2.0 * reach..=high + 2.0 * reach;
+            let is_near = |p: &&FeaturePoint<3>| seen.contains(&f64::from(p.position[0]));
+            let some: Vec<FeaturePoint<3>> = points.iter().filter(is_near).copied().collect();
+            assert!(some.len() < points.len());
+            let part = Sheets::new(&some, extent, radius, reach);
+            assert!(part.fine.len() < whole.fine.len() && part.start.len() < whole.start.len());
+            for _ in 0..4000 {
+                let mut place = || {
+                    let [_, y, z] = extent.map(|e| random.range(0.0, e));
+                    [random.range(low, high.min(extent[0])), y, z]
+                };
+                let (p, far) = (place(), place());
+                let q = add_scaled(p, 6.0 / norm(sub(far, p)).max(6.0), sub(far, p));
+                assert_eq!(part.near(p), whole.near(p));
+                assert_eq!((part.far(p), part.close(p)), (whole.far(p), whole.close(p)));
+                let alone = [random.draw() < 0.3, random.draw() < 0.3];
+                let of = [&part, &whole].map(|sheets| {
+                    let may = sheets.may_pierce(p, q, alone);
+                    (may, sheets.pierced(p, q, alone, |_, _| false))
+                });
+                assert_eq!(of[0], of[1]);
+                near += usize::from(!whole.near(p).is_empty());
+                pierced += usize::from(of[1].1.is_some());
             }
         }
-    });
+        assert!(near > 2000 && pierced > 500, "{near} {pierced}");
+        let none = Sheets::new(&[], extent, radius, reach);
+        assert!(none.far([1.0; 3]) && !none.close([60.0; 3]));
+        assert!(none.near([20.0; 3]).is_empty());
+    }
 }

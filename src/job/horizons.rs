@@ -19,7 +19,7 @@ pub(crate) fn horizon_bits<const D: usize, M: Simplices<D>>(
     feature_faces: &[u8],
     features: &Features<D>,
 ) -> Vec<u8> {
-    if !features.on_horizon.contains(&true) {
+    if features.of_all().on_horizon == 0 {
         return Vec::new();
     }
     let marks: Vec<bool> = marks_of_bits::<D>(feature_faces).collect();
@@ -36,11 +36,11 @@ pub(crate) fn on_horizons<const D: usize, F: Mesh<D>>(
     marks: &[bool],
     features: &Features<D>,
 ) -> Vec<bool> {
-    let horizons = features.on_horizon.iter().filter(|on| **on).count();
-    if horizons == 0 {
+    let all = features.of_all();
+    if all.on_horizon == 0 {
         return Vec::new();
     }
-    if horizons == features.points.len() {
+    if all.on_horizon == all.points {
         return marks.to_vec();
     }
     let points: Vec<[f64; D]> = (features.points.iter())

@@ -74,7 +74,7 @@ pub trait Meshing<const D: usize> {
         _: &Scene<'_, D>,
         _: Option<&Target>,
         _: &mut Stages<'_>,
-    ) -> Result<Option<InPieces<Self::Mesh>>> {
+    ) -> Result<Option<InPieces<Self::Mesh, D>>> {
         Ok(None)
     }
 
@@ -171,16 +171,20 @@ const PATCH: f64 = 0.8;
 const SETTLE: f64 = 0.35;
 
 /// The features as local planes; `points` and `extent` in space.
-fn planes<const D: usize>(
+pub(super) fn planes<const D: usize>(
     points: &[FeaturePoint<3>],
     extent: [f64; 3],
     distance: &Distance<D>,
 ) -> Sheets {
     let least = if D == 2 { 3.0 } else { 2.0 };
     let radius = (PATCH * distance.min()).clamp(least, 6.5);
-    // An edge is at most 1.7 d long: what it pierces is within half of that of one of its ends.
-    let reach = 0.85 * distance.max() + 1.5;
-    Sheets::new(points, extent, radius, reach)
+    Sheets::new(points, extent, radius, reach(distance))
+}
+
+/// From how far features are looked for: an edge is at most 1.7 d long, and what it pierces is within half of that of
+/// one of its ends.
+pub(super) fn reach<const D: usize>(distance: &Distance<D>) -> f64 {
+    0.85 * distance.max() + 1.5
 }
 
 /// Puts the atoms that are next to a feature onto it; gives the features as local planes.
@@ -262,7 +266,7 @@ impl Meshing<3> for Space<3> {
         scene: &Scene<'_, 3>,
         target: Option<&Target>,
         stages: &mut Stages<'_>,
-    ) -> Result<Option<InPieces<TetMesh>>> {
+    ) -> Result<Option<InPieces<TetMesh, 3>>> {
         pieces::made(share, scene, target, stages)
     }
 

@@ -6,7 +6,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::join::Scene;
-use crate::feature::Features;
+use crate::feature::{FeaturePoint, Features};
 use crate::files::kept::fields;
 use crate::mesh::Simplices;
 use crate::mesh::check::{Check, Known, check_pieces, check_while};
@@ -131,7 +131,7 @@ impl<const D: usize, M: Simplices<D>> Measured<'_, D, M> {
 
     fn fidelity(&self, patience: &Patience<'_>) -> Result<Option<Fidelity>> {
         let features: &Features<D> = self.scene.features;
-        if features.points.is_empty() {
+        if features.of_all().points == 0 {
             return Ok(None);
         }
         let reference = Reference::from_features(features);
@@ -142,7 +142,7 @@ impl<const D: usize, M: Simplices<D>> Measured<'_, D, M> {
 
 /// The figures of a mesh that is in pieces, as [`Measured::figures`] has those of a whole one, on every member of the
 /// group; `judged.cells` are those of this piece. Of the piece, `claimed` and `feature_faces` have a byte for each
-/// tetrahedron.
+/// tetrahedron; of the features, each has a share, and `near` are the points near the piece.
 ///
 /// # Errors
 /// Those of [`report::fidelity`] and of the group.
@@ -151,6 +151,7 @@ pub(super) fn figures_of_pieces(
     claimed: Option<&[u8]>,
     feature_faces: &[u8],
     scene: &Scene<'_, 3>,
+    near: &[FeaturePoint<3>],
     group: &dyn Group,
     patience: &Patience<'_>,
 ) -> Result<Figures> {
@@ -166,10 +167,10 @@ pub(super) fn figures_of_pieces(
         check_pieces(piece, group, low, high, BOX_TOLERANCE, patience)
     })?;
     let features = scene.features;
-    let fidelity = match features.points.is_empty() {
-        true => None,
-        false => measured_by_all(group, patience, || {
-            let reference = Reference::from_features(features);
+    let fidelity = match features.of_all().points {
+        0 => None,
+        _ => measured_by_all(group, patience, || {
+            let reference = Reference::from_share(features, near);
             let in_samples = in_samples(&piece.mesh, features);
             let part = part.with_mesh(&*in_samples);
             report::fidelity_of_part(&part, &reference, claims, patience)

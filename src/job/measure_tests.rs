@@ -82,6 +82,8 @@ impl Case {
                 normal,
                 strength: 1.0,
             });
+            features.sheet.push(1 + i % 2);
+            features.on_horizon.push(false);
         }
         let mut field = distance::coarse_grid(extent, 3.0, 3.0);
         let draw = |d: &mut f32| *d += random.draw() as f32;
@@ -129,12 +131,21 @@ impl Case {
             let claimed = claims.then_some(&self.claimed[own.clone()]);
             let feature_faces = &self.feature_faces[own];
             let mut keep_going = || impatient != Some(group.rank());
+            let mut features = self.features.clone();
+            features.share(group);
+            let scene = Scene {
+                features: &features,
+                ..self.scene()
+            };
+            let near = features.points_near(&piece.mesh.nodes, 20.0, group);
+            let near = near.unwrap().points;
             let measure = |patience: &Patience<'_>| {
                 figures_of_pieces(
                     piece,
                     claimed,
                     feature_faces,
-                    &self.scene(),
+                    &scene,
+                    &near,
                     group,
                     patience,
                 )

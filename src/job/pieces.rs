@@ -1,10 +1,11 @@
 //! A large mesh made in pieces by several ranks, none of which holds all of it: from atoms at rest to figures.
 
-use super::join::{Marked, Meshing, Scene, Space};
+use super::join::{Marked, Scene};
 use super::measure::figures_of_pieces;
 use super::{Stages, join};
-use crate::Result;
+use crate::feature::NearPoints;
 use crate::geometry::spread;
+use crate::image::synth::truth::REACH;
 use crate::improve::tets::{self, Aim, Cuts, InSlabs, KnownAtoms};
 use crate::improve::{self, SliverMethod, Target};
 use crate::lattice::share::{Numbered, OwnAtoms};
@@ -16,6 +17,7 @@ use crate::mesh::piece::Piece;
 use crate::observer::Stage;
 use crate::ranks::{Group, Ranks};
 use crate::report::{Improvement, Report};
+use crate::{Error, Result};
 
 /// Which nodes and cells of a mesh this rank has, where others have the rest.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -28,10 +30,11 @@ pub struct Share {
     pub whole: [usize; 2],
 }
 
-/// What a rank has of a mesh, and the figures of the whole.
-pub struct InPieces<M> {
+/// What a rank has of a mesh, and the points of features near it; and the figures of the whole.
+pub struct InPieces<M, const D: usize> {
     pub made: Marked<M>,
     pub share: Share,
+    pub points: NearPoints<D>,
     pub report: Report,
 }
 
@@ -48,7 +51,7 @@ pub fn made(
     scene: &Scene<'_, 3>,
     target: Option<&Target>,
     stages: &mut Stages<'_>,
-) -> Result<Option<InPieces<TetMesh>>> {
+) -> Result<Option<InPieces<TetMesh, 3>>> {
     let (extent, distance) = (scene.extent, scene.distance);
     let Some(target) = target else {
         return Ok(None);
@@ -61,11 +64,18 @@ pub fn made(
         return Ok(None);
     };
     let mut atoms = std::mem::take(atoms);
-    let sheets = Space::<3>::sheets(scene);
+    let near = |positions: &[[f64; 3]]| {
+        let points = scene.features.points_near(positions, seen(scene), group)?;
+        let sheets = join::planes(&points.points, extent, distance);
+        Ok::<_, Error>((points, sheets))
+    };
+    let (_, sheets) = near(&atoms.atoms.positions)?;
     improve::settle_together(&mut atoms, extent, &sheets, join::settling(scene), group)?;
+    drop(sheets);
     stages.begin(Stage::Joining);
     let (atoms, joined) = own_tetrahedra(atoms, &cuts, group)?;
     stages.begin(Stage::Improving);
+    let (points, sheets) = near(&atoms.atoms.positions)?;
     let aim = Aim {
         extent,
         sheets: &sheets,
@@ -82,13 +92,14 @@ pub fn made(
     drop(sheets);
     let mut improvement = Improvement::from(&improved);
     improvement.sealed = stages.patiently(|patience| {
-        let (points, marks) = (&scene.features.points, &mut feature_faces);
+        let (points, marks) = (&points.points, &mut feature_faces);
         improve::seal_pieces(&piece, points, extent, distance, marks, group, patience)
     })?;
     stages.begin(Stage::Measuring);
     let mut figures = stages.patiently(|patience| {
         let marks = &feature_faces[..];
-        figures_of_pieces(&piece, Some(marks), marks, scene, group, patience)
+        let near = &points.points;
+        figures_of_pieces(&piece, Some(marks), marks, scene, near, group, patience)
     })?;
     let judged = figures.judged.take().unwrap_or_default();
     if let Some(quality) = &mut figures.quality {
@@ -122,8 +133,22 @@ pub fn made(
             first,
             whole,
         },
+        points,
         report,
     }))
+}
+
+/// How far from nodes of a mesh, along each axis, points of features matter: to where atoms are put, to which edges pierce
+/// features, and to how far faces are from them.
+fn seen(scene: &Scene<'_, 3>) -> f64 {
+    let sample = scene
+        .features
+        .potential
+        .step
+        .into_iter()
+        .fold(0.0, f64::max);
+    let measured = f64::from(REACH) * sample;
+    measured.max(2.0 * join::reach(scene.distance)) + 2.0 * scene.distance.max()
 }
 
 /// The atoms of a rank's slabs and of some room round them, and the Delaunay tetrahedra of the slabs, with neighbours

@@ -16,7 +16,7 @@ use crate::lattice::seeding::Alignment;
 use crate::mesh::Mesh;
 use crate::mesh::poly::PolyMesh;
 use crate::observer::{Observer, Stage};
-use crate::ranks::{self, Ranks};
+use crate::ranks::{self, Group, Ranks};
 use crate::report::Report;
 use crate::{Error, Result};
 
@@ -209,6 +209,7 @@ where
         estimate::afford(&estimate)?;
     }
     let frame = Frame::new(dims, geometry, params)?;
+    let group: &dyn Group = &Ranks;
 
     let mut stages = Stages::new(observer)
         .keeping(checkpoint)
@@ -223,18 +224,46 @@ where
     })?;
     let (made, mut report, share, distance, optimised) = match params.cells {
         CellKind::Simplices => {
+            if matches!(params.spacing, Spacing::FromFeatures { .. }) {
+                features.gather(group)?;
+            }
             let Placed {
-                atoms,
+                mut atoms,
                 distance,
                 optimised,
             } = placing.place(source, params, &features, &frame, &mut stages)?;
-            let scene = Scene {
-                extent,
-                features: &features,
-                distance: &distance,
+            let pieces = match in_pieces {
+                true => {
+                    features.share(group);
+                    let scene = Scene {
+                        extent,
+                        features: &features,
+                        distance: &distance,
+                    };
+                    let target = simplices::target(params);
+                    Space::<D>::in_pieces(&mut atoms, &scene, target.as_ref(), &mut stages)?
+                }
+                false => None,
             };
-            let (made, report, share) =
-                simplices::made(atoms, &scene, source, params, &mut stages)?;
+            let (made, report, share) = match pieces {
+                Some(pieces) => {
+                    features.put(pieces.points);
+                    let made = Made::Simplices(pieces.made);
+                    (made, pieces.report, Some(pieces.share))
+                }
+                None => {
+                    features.gather(group)?;
+                    let scene = Scene {
+                        extent,
+                        features: &features,
+                        distance: &distance,
+                    };
+                    let atoms = atoms.gathered(group)?;
+                    let (made, report) =
+                        simplices::made(atoms, &scene, source, params, &mut stages)?;
+                    (made, report, None)
+                }
+            };
             (made, report, share, distance, optimised)
         }
         CellKind::Voronoi => {
@@ -245,7 +274,7 @@ where
     };
     if let (true, Made::Simplices(made)) = (features.potential.in_shares, &made) {
         // What is written has it at nodes.
-        features.potential = (features.potential).near(made.mesh.nodes(), 0.0, &Ranks)?;
+        features.potential = (features.potential).near(made.mesh.nodes(), 0.0, group)?;
     }
     if let (Some(lattice), Some(optimised)) = (&mut report.lattice, &optimised) {
         lattice.optimisation = Some(optimisation(optimised, lattice.atoms));

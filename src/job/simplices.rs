@@ -3,19 +3,18 @@
 use super::canny::smoothed;
 use super::join::{Joined, close_holes, neighbors_of};
 use super::measure::Measured;
-use super::pieces::InPieces;
 use super::regions;
-use super::{CellKind, Made, Meshing, Params, Scene, Share, Space, Stages};
+use super::{CellKind, Made, Meshing, Params, Scene, Space, Stages};
 use crate::error::cause;
 use crate::feature::steepness::steepness;
 use crate::feature::volume::Volume;
 use crate::image::{Field, Image, Source};
 use crate::improve::regions::Places;
 use crate::improve::triangles::relax::{self, Relaxation};
-use crate::improve::{self, SliverMethod};
-use crate::lattice::share::OwnAtoms;
+use crate::improve::{SliverMethod, Target};
+use crate::lattice::seeding::Atoms;
 use crate::observer::{Patience, Stage};
-use crate::ranks::{self, Ranks};
+use crate::ranks;
 use crate::report::{Report, Rival};
 use crate::{Error, Result};
 
@@ -30,14 +29,22 @@ pub(super) fn check_smoothing<const D: usize>(params: &Params<D>) -> Result<()> 
     Ok(())
 }
 
+/// What is asked of angles.
+pub(super) fn target<const D: usize>(params: &Params<D>) -> Option<Target> {
+    params.min_dihedral.map(|min_dihedral| Target {
+        min_dihedral,
+        method: params.slivers,
+    })
+}
+
 /// Joins atoms, improves the mesh, and measures it.
 pub(super) fn made<const D: usize>(
-    mut share: OwnAtoms<D>,
+    atoms: Atoms<D>,
     scene: &Scene<'_, D>,
     source: Source<'_, D>,
     params: &Params<D>,
     stages: &mut Stages<'_>,
-) -> Result<(Made<D>, Report, Option<Share>)>
+) -> Result<(Made<D>, Report)>
 where
     Space<D>: Meshing<D>,
 {
@@ -46,21 +53,7 @@ where
         Some(scheme) => Some(relaxation(&*source.whole()?, scheme, params, step)),
         None => None,
     };
-    let options = params.min_dihedral.map(|min_dihedral| improve::Target {
-        min_dihedral,
-        method: params.slivers,
-    });
-    if stages.in_pieces
-        && let Some(pieces) = Space::<D>::in_pieces(&mut share, scene, options.as_ref(), stages)?
-    {
-        let InPieces {
-            made,
-            share,
-            report,
-        } = pieces;
-        return Ok((Made::Simplices(made), report, Some(share)));
-    }
-    let atoms = share.gathered(&Ranks)?;
+    let options = target(params);
     ranks::same("atoms at rest", &atoms)?;
     let (joined, neighbors) = stages.kept("5-improved", |stages| {
         let joined = Space::<D>::join(atoms, scene, relaxation.as_ref(), options.as_ref(), stages)?;
@@ -136,7 +129,7 @@ where
         improvement,
         ..report
     };
-    Ok((Made::Simplices(made), report, None))
+    Ok((Made::Simplices(made), report))
 }
 
 /// Closes the holes of what was improved; gives the neighbours of cells besides.

@@ -7,7 +7,7 @@ use std::ops::Range;
 use super::piece::Piece;
 use super::{Simplices, TetMesh};
 use crate::files::kept::Kept;
-use crate::ranks::{Alone, Group, joined, share_of};
+use crate::ranks::{Alone, Group, share_of};
 
 /// Those who hold the parts of a mesh: a group, or one that holds all of it, which cannot fail. All ask the same
 /// things in the same order.
@@ -52,20 +52,6 @@ pub trait Holders: Sync {
     /// Which of so many things one of them has to do.
     fn share(&self, things: usize, of: usize) -> Range<usize> {
         share_of(things, of, self.count())
-    }
-
-    /// What `work` makes of so many things, on all of them: each does a share.
-    ///
-    /// # Errors
-    /// Those of the others.
-    fn shared<T: Kept>(
-        &self,
-        what: &str,
-        things: usize,
-        work: impl FnOnce(Range<usize>) -> Vec<T>,
-    ) -> Result<Vec<T>, Self::Error> {
-        let own = work(self.share(things, self.rank()));
-        Ok(joined(self.told(what, own)?))
     }
 
     /// Which of them answers for a node, of so many in the whole.
@@ -207,6 +193,31 @@ impl<'a, const D: usize, M: Simplices<D>, H: Holders + ?Sized> Part<'a, D, M, H>
         is_shared
     }
 
+    /// Marks the nodes here that are marked in any part.
+    ///
+    /// # Errors
+    /// Those of the others.
+    pub fn any_of_shared(&self, what: &str, marks: &mut [bool]) -> Result<(), H::Error> {
+        let owner = |node: u32| self.holders.owner(self.number(node), self.whole[0]);
+        let mut to = vec![Vec::new(); self.holders.count()];
+        for &node in &self.shared {
+            to[owner(node)].push((self.number(node), marks[node as usize]));
+        }
+        let mut told = self.holders.passed(what, to)?;
+        let marked = told.iter().flatten().filter(|(_, marked)| *marked);
+        let mut marked: Vec<u32> = marked.map(|(number, _)| *number).collect();
+        marked.sort_unstable();
+        for (number, is_marked) in told.iter_mut().flatten() {
+            *is_marked = marked.binary_search(number).is_ok();
+        }
+        for (number, is_marked) in self.holders.passed(what, told)?.into_iter().flatten() {
+            if let Some(node) = self.here(number) {
+                marks[node as usize] |= is_marked;
+            }
+        }
+        Ok(())
+    }
+
     /// What each part that has a node says of it, of the nodes that parts share: at one of them for each node, by
     /// the whole's numbers, rising.
     ///
@@ -249,9 +260,6 @@ mod tests {
                 assert!(sums.iter().all(|sums| *sums == wanted));
             }
         }
-        let squares = |things: Range<usize>| things.map(|i| i * i).collect();
-        let found = shared(3, |group| group.shared("squares", 8, squares).unwrap());
-        assert!(found.iter().all(|found| *found == squares(0..8)));
         assert_eq!(Alone.summed("counts", vec![3, 4]), Ok(vec![3, 4]));
     }
 }

@@ -14,11 +14,15 @@
 //! that stands off it. They shall explain nothing. So faces are joined into patches across all ridges
 //! that are not acute, and a feature at an acute line must be a patch of some size.
 
+use rayon::prelude::*;
 use serde::{Serialize, Serializer};
 
+use super::surface::Surface;
+use crate::files::kept::fields;
 use crate::geometry::sets::Sets;
 use crate::geometry::{add_scaled, cross, dot, in_space, norm, sub, unit};
 use crate::mesh::Simplices;
+use crate::mesh::part::{Holders, Part};
 
 /// A line at which faces meet at less than this on average, in degrees, is acute.
 pub const ACUTE: f64 = 30.0;
@@ -187,6 +191,19 @@ struct Seen {
     apex: u32,
 }
 
+/// A ridge that several parts may have, by the whole's numbers, and a face on a feature there.
+#[derive(Debug, Clone, Copy)]
+struct Shared<const D: usize> {
+    ridge: [u32; 2],
+    /// The face's nodes, rising, by which faces are in order; and its number among those of all.
+    nodes: [u32; D],
+    face: u32,
+    /// Where the ends of the ridge are, and d there; and where the face's node off the ridge is.
+    ends: [[f64; D]; 2],
+    distance: [f64; 2],
+    apex: [f64; D],
+}
+
 /// A half-plane that ends at a ridge.
 struct Ray {
     /// In radians, round the ridge.
@@ -196,54 +213,226 @@ struct Ray {
 }
 
 /// A wedge between two rays.
-struct Wedge {
+#[derive(Debug, Clone, Copy)]
+struct Wedge<const D: usize> {
+    /// By the whole's numbers of its ends; where they are, and d there.
     ridge: [u32; 2],
+    ends: [[f64; D]; 2],
+    distance: [f64; 2],
     angle: f64,
     pair: Pair,
-    /// The faces on features.
+    /// The numbers of the faces on features.
     faces: [Option<u32>; 2],
 }
 
-/// The acute lines of a mesh that fills the box `[0, extent]`, of its [faces on features](on_features) and their
-/// `nodes`; `distance` is d at each of these.
-pub(super) fn acute_lines<const D: usize, M: Simplices<D>>(
-    nodes: &[[f64; D]],
-    faces: &[[u32; D]],
+fields! {
+    @(const D: usize) Shared<D> as Shared { ridge, nodes, face, ends, distance, apex }
+    @(const D: usize) Wedge<D> as Wedge { ridge, ends, distance, angle, pair, faces }
+}
+
+impl<const D: usize> Wedge<D> {
+    /// The least area of a patch that may be at it, in parts.
+    fn least_patch(&self) -> f64 {
+        let d = 0.5 * self.distance.iter().sum::<f64>();
+        PARTS * LEAST_PATCH * d.powi(D as i32 - 1)
+    }
+}
+
+/// The acute lines of a mesh, and of their nodes the whole's numbers, where they are, and d there: lines have the places
+/// of nodes among these.
+pub(super) struct Lines<const D: usize> {
+    pub lines: Vec<AcuteLine>,
+    pub numbers: Vec<u32>,
+    pub nodes: Vec<[f64; D]>,
+    pub distance: Vec<f64>,
+}
+
+/// The acute lines of a mesh in parts that fills the box `[0, extent]`, on all who hold one; the part has some
+/// [faces on features](on_features), each of which is one's, and `distance` is d at its nodes.
+///
+/// # Errors
+/// Those of the other holders.
+pub(super) fn acute_lines<const D: usize, M: Simplices<D>, H: Holders + ?Sized>(
+    part: &Part<'_, D, M, H>,
+    surface: &Surface<'_, D>,
     extent: [f64; D],
     distance: &impl Fn(u32) -> f64,
-) -> Vec<AcuteLine> {
+) -> Result<Lines<D>, H::Error> {
+    let (nodes, faces, holders) = (surface.nodes, &surface.faces, part.holders);
+    let counts: Vec<u32> = holders.told("faces on features", faces.len() as u32)?;
+    // The number of this part's first face among those of all.
+    let first: u32 = counts[..holders.rank()].iter().sum();
     let mut seen: Vec<Seen> = (0..)
         .zip(faces)
         .flat_map(|(face, nodes)| (0..D).map(move |k| seen_from(nodes, face, k)))
         .collect();
-    seen.sort_unstable();
+    seen.par_sort_unstable();
 
+    let is_shared = part.is_shared();
+    let mut to = vec![Vec::new(); holders.count()];
     let mut patches = Sets::new(faces.len());
     let mut wedges = Vec::new();
     for round in seen.chunk_by(|a, b| a.ridge == b.ridge) {
-        match acutest(nodes, round, extent) {
+        let here = round[0].ridge;
+        let ridge = here.map(|n| part.number(n));
+        let at = |n: u32| nodes[n as usize];
+        let (ends, d) = (here.map(at), here.map(distance));
+        if here.iter().all(|&n| is_shared[n as usize]) {
+            let owner = holders.owner(ridge[0], part.whole[0]);
+            to[owner].extend(round.iter().map(|seen| Shared {
+                ridge,
+                nodes: faces[seen.face as usize].map(|n| part.number(n)),
+                face: first + seen.face,
+                ends,
+                distance: d,
+                apex: at(seen.apex),
+            }));
+            continue;
+        }
+        let apexes = round.iter().map(|seen| (at(seen.apex), first + seen.face));
+        match acutest(ridge, ends, d, apexes, extent) {
             Some(wedge) => wedges.push(wedge),
-            None => round
-                .windows(2)
-                .for_each(|pair| patches.unite(pair[0].face, pair[1].face)),
+            None => (round.windows(2)).for_each(|pair| patches.unite(pair[0].face, pair[1].face)),
         }
     }
-    let mut area = vec![0.0; faces.len()];
-    for (face, corners) in (0..).zip(faces) {
-        area[patches.find(face) as usize] += M::face_area(&corners.map(|n| nodes[n as usize]));
+    drop(seen);
+    let mut shared = holders.passed("ridges at cuts", to)?.concat();
+    shared.sort_unstable_by_key(|seen| (seen.ridge, seen.nodes));
+    let (mut at_cuts, mut united) = (Vec::new(), Vec::new());
+    for round in shared.chunk_by(|a, b| a.ridge == b.ridge) {
+        let Shared {
+            ridge,
+            ends,
+            distance,
+            ..
+        } = round[0];
+        let apexes = round.iter().map(|seen| (seen.apex, seen.face));
+        match acutest(ridge, ends, distance, apexes, extent) {
+            Some(wedge) => at_cuts.push(wedge),
+            None => united.extend(round.windows(2).map(|pair| [pair[0].face, pair[1].face])),
+        }
     }
-    wedges.retain(|wedge| {
-        let d = 0.5 * wedge.ridge.map(distance).iter().sum::<f64>();
-        let least = LEAST_PATCH * d.powi(D as i32 - 1);
-        let mut faces = wedge.faces.iter().flatten();
-        faces.all(|&face| area[patches.find(face) as usize] >= least)
-    });
-    let mut lines = chained(&wedges, nodes);
+    let at_cuts: Vec<Wedge<D>> = holders.told("wedges at cuts", at_cuts)?.concat();
+    let united: Vec<[u32; 2]> = holders.told("patches at cuts", united)?.concat();
+    let areas = areas::<D, M, H>(surface, &mut patches, first, &united, holders)?;
+    let own = first..first + faces.len() as u32;
+    let is_large = |wedge: &Wedge<D>| {
+        let of_own = wedge
+            .faces
+            .iter()
+            .flatten()
+            .filter(|&face| own.contains(face));
+        let area = |&face: &u32| areas[(face - first) as usize] as f64;
+        of_own.clone().all(|face| area(face) >= wedge.least_patch())
+    };
+    wedges.retain(is_large);
+    let small: Vec<bool> = at_cuts.iter().map(|wedge| !is_large(wedge)).collect();
+    let small: Vec<Vec<bool>> = holders.told("small patches", small)?;
+    let mut wedges: Vec<Wedge<D>> = holders.told("wedges", wedges)?.concat();
+    let large = |i: usize| !small.iter().any(|small| small[i]);
+    let large_at_cuts = at_cuts.iter().enumerate().filter(|(i, _)| large(*i));
+    wedges.extend(large_at_cuts.map(|(_, wedge)| *wedge));
+    wedges.sort_by_key(|wedge| wedge.ridge);
+    Ok(lines(wedges))
+}
+
+/// Areas are counted in so many parts of a unit: it makes no difference in which order.
+const PARTS: f64 = (1u64 << 28) as f64;
+
+/// For each of a part's faces the area of the patch that it is in, in [`PARTS`]. `patches` has those of the part, and
+/// `united` pairs of faces of all parts that are in one patch.
+///
+/// # Errors
+/// Those of the other holders.
+fn areas<const D: usize, M: Simplices<D>, H: Holders + ?Sized>(
+    surface: &Surface<'_, D>,
+    patches: &mut Sets,
+    first: u32,
+    united: &[[u32; 2]],
+    holders: &H,
+) -> Result<Vec<u64>, H::Error> {
+    let count = surface.faces.len();
+    let mut area = vec![0u64; count];
+    for face in 0..count {
+        let own = (PARTS * M::face_area(&surface.corners(face))).round();
+        area[patches.find(face as u32) as usize] += own as u64;
+    }
+    // The patches at cuts, by one of their faces each.
+    let here = |face: u32| {
+        face.checked_sub(first)
+            .filter(|&face| (face as usize) < count)
+    };
+    let met = united
+        .as_flattened()
+        .iter()
+        .filter_map(|&face| Some((face, here(face)?)));
+    let mut met: Vec<(u32, (u32, u64))> = met
+        .map(|(face, here)| {
+            let patch = patches.find(here);
+            (face, (first + patch, area[patch as usize]))
+        })
+        .collect();
+    met.sort_unstable();
+    met.dedup();
+    let mut met = holders.told("areas of patches", met)?.concat();
+    met.sort_unstable();
+    let mut whole: Vec<(u32, u64)> = met.iter().map(|(_, patch)| *patch).collect();
+    whole.sort_unstable();
+    whole.dedup();
+    let place = |patch: u32| whole.partition_point(|&(other, _)| other < patch) as u32;
+    let of_face = |face: u32| {
+        let (_, (patch, _)) = met[met.partition_point(|&(other, _)| other < face)];
+        place(patch)
+    };
+    let mut sets = Sets::new(whole.len());
+    for &[a, b] in united {
+        sets.unite(of_face(a), of_face(b));
+    }
+    let mut sums = vec![0; whole.len()];
+    for (place, &(_, area)) in (0..).zip(&whole) {
+        sums[sets.find(place) as usize] += area;
+    }
+    for (place, &(patch, _)) in (0..).zip(&whole) {
+        if let Some(patch) = here(patch) {
+            area[patch as usize] = sums[sets.find(place) as usize];
+        }
+    }
+    Ok((0..count as u32)
+        .map(|face| area[patches.find(face) as usize])
+        .collect())
+}
+
+/// Lines of wedges that are in the order of their ridges.
+fn lines<const D: usize>(mut wedges: Vec<Wedge<D>>) -> Lines<D> {
+    let ends = |wedge: &Wedge<D>| {
+        let end = |k: usize| (wedge.ridge[k], (wedge.ends[k], wedge.distance[k]));
+        [end(0), end(1)]
+    };
+    let mut ends: Vec<(u32, ([f64; D], f64))> = wedges.iter().flat_map(ends).collect();
+    ends.sort_by_key(|(number, _)| *number);
+    ends.dedup_by_key(|(number, _)| *number);
+    let (numbers, places): (Vec<u32>, Vec<_>) = ends.into_iter().unzip();
+    let (nodes, distance): (Vec<[f64; D]>, Vec<f64>) = places.into_iter().unzip();
+    let place = |n: u32| numbers.partition_point(|&number| number < n) as u32;
+    wedges
+        .iter_mut()
+        .for_each(|wedge| wedge.ridge = wedge.ridge.map(place));
+    let mut lines = chained(&wedges, &nodes);
     lines.retain(|line| {
-        let d = line.nodes.iter().map(|&n| distance(n)).sum::<f64>() / line.nodes.len() as f64;
+        let d = line
+            .nodes
+            .iter()
+            .map(|&n| distance[n as usize])
+            .sum::<f64>();
+        let d = d / line.nodes.len() as f64;
         line.mean_angle < ACUTE && (D == 2 || line.length >= LEAST_LENGTH * d)
     });
-    lines
+    Lines {
+        lines,
+        numbers,
+        nodes,
+        distance,
+    }
 }
 
 /// The faces on features, each with its nodes rising. `feature_faces` has a byte for each cell, of which
@@ -262,7 +451,8 @@ pub(super) fn on_features<const D: usize, M: Simplices<D>>(
         for k in (0..=D).filter(|k| bits >> k & 1 == 1) {
             let mut face = mesh.face(c, k);
             face.sort_unstable();
-            if sides(mesh.nodes(), &face, extent).next().is_none() {
+            let corners = face.map(|n| mesh.nodes()[n as usize]);
+            if sides(&corners, extent).next().is_none() {
                 faces.push(face);
             }
         }
@@ -270,10 +460,9 @@ pub(super) fn on_features<const D: usize, M: Simplices<D>>(
     faces
 }
 
-/// The sides of the box in which all of these nodes lie.
+/// The sides of the box in which all of these positions lie.
 pub(super) fn sides<const D: usize>(
     positions: &[[f64; D]],
-    nodes: &[u32],
     extent: [f64; D],
 ) -> impl Iterator<Item = u8> {
     (0..2 * D as u8).filter(move |side| {
@@ -283,8 +472,8 @@ pub(super) fn sides<const D: usize>(
         } else {
             extent[axis]
         };
-        let off = |&n: &u32| (positions[n as usize][axis] - plane).abs();
-        nodes.iter().all(|n| off(n) <= IN_SIDE * extent[axis])
+        let off = |x: &[f64; D]| (x[axis] - plane).abs();
+        positions.iter().all(|x| off(x) <= IN_SIDE * extent[axis])
     })
 }
 
@@ -299,23 +488,26 @@ fn seen_from<const D: usize>(face_nodes: &[u32; D], face: u32, k: usize) -> Seen
     }
 }
 
-/// The narrowest wedge at a ridge, if it is narrow enough for a line to pass.
-fn acutest<const D: usize>(nodes: &[[f64; D]], round: &[Seen], extent: [f64; D]) -> Option<Wedge> {
-    let ridge = round.first()?.ridge;
-    let [a, b] = ridge.map(|n| in_space(nodes[n as usize]));
+/// The narrowest wedge at a ridge, if it is narrow enough for a line to pass, of the faces of which the nodes off it are
+/// there, with their numbers.
+fn acutest<const D: usize>(
+    ridge: [u32; 2],
+    ends: [[f64; D]; 2],
+    distance: [f64; 2],
+    round: impl Iterator<Item = ([f64; D], u32)>,
+    extent: [f64; D],
+) -> Option<Wedge<D>> {
+    let [a, b] = ends.map(in_space);
     let along = if D == 2 {
         [0.0, 0.0, 1.0]
     } else {
         unit(sub(b, a))
     };
     let square = |v: [f64; 3]| unit(add_scaled(v, -dot(v, along), along));
-    let mut directions: Vec<([f64; 3], Result<u32, u8>)> = (round.iter())
-        .map(|seen| {
-            let apex = in_space(nodes[seen.apex as usize]);
-            (square(sub(apex, a)), Ok(seen.face))
-        })
+    let mut directions: Vec<([f64; 3], Result<u32, u8>)> = round
+        .map(|(apex, face)| (square(sub(in_space(apex), a)), Ok(face)))
         .collect();
-    let sides: Vec<u8> = sides(nodes, &ridge, extent).collect();
+    let sides: Vec<u8> = sides(&ends, extent).collect();
     if directions.len() + sides.len() < 2 {
         return None;
     }
@@ -340,7 +532,8 @@ fn acutest<const D: usize>(nodes: &[[f64; D]], round: &[Seen], extent: [f64; D])
             of,
         })
         .collect();
-    rays.sort_by(|a, b| a.angle.total_cmp(&b.angle).then(a.of.cmp(&b.of)));
+    // Faces are in the order of their nodes, before sides.
+    rays.sort_by(|a, b| a.angle.total_cmp(&b.angle));
     let wedge = |i: usize| {
         let (this, next) = (&rays[i], &rays[(i + 1) % rays.len()]);
         let angle = (next.angle - this.angle).rem_euclid(std::f64::consts::TAU);
@@ -352,6 +545,8 @@ fn acutest<const D: usize>(nodes: &[[f64; D]], round: &[Seen], extent: [f64; D])
         let angle = angle.to_degrees();
         (angle < WIDEST).then_some(Wedge {
             ridge,
+            ends,
+            distance,
             angle,
             pair,
             faces: [this.of.ok(), next.of.ok()],
@@ -363,10 +558,10 @@ fn acutest<const D: usize>(nodes: &[[f64; D]], round: &[Seen], extent: [f64; D])
 
 /// Wedges, in the order of their ridges, as lines: a line goes on where just one other ridge of the same
 /// pair begins.
-fn chained<const D: usize>(wedges: &[Wedge], positions: &[[f64; D]]) -> Vec<AcuteLine> {
+fn chained<const D: usize>(wedges: &[Wedge<D>], positions: &[[f64; D]]) -> Vec<AcuteLine> {
     let line = |nodes, angles, pair| AcuteLine::new(nodes, angles, pair, positions);
     if D == 2 {
-        let single = |w: &Wedge| line(vec![w.ridge[0]], vec![w.angle], w.pair);
+        let single = |w: &Wedge<D>| line(vec![w.ridge[0]], vec![w.angle], w.pair);
         return wedges.iter().map(single).collect();
     }
     let mut ends: Vec<(u32, Pair, usize)> = (wedges.iter().enumerate())

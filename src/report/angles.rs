@@ -11,7 +11,7 @@
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::acute::{AcuteLine, Piece, acute_lines, on_features, sides};
+use super::acute::{AcuteLine, Lines, Piece, acute_lines, on_features, sides};
 use super::quality::{CHUNK, Worst, angle, centroid, largest, smallest};
 use super::surface::Surface;
 use crate::geometry::buckets::Buckets;
@@ -102,18 +102,21 @@ pub(crate) fn judged_of_part<const D: usize, M: Simplices<D>, H: Holders + ?Size
 ) -> Result<Judged, H::Error> {
     let (mesh, nodes) = (part.mesh, part.mesh.nodes());
     let faces = on_features(mesh, feature_faces, extent);
-    let faces = faces.into_iter().map(|face| (face, 1)).collect();
-    let of_node = |n: u32| (nodes[n as usize], distance(n));
-    let surface = Surface::told("faces on features", part, faces, of_node)?;
-    let (mut acute_lines, explained) = lines::<D, M>(&surface, extent);
-    for line in &mut acute_lines {
-        (line.nodes.iter_mut()).for_each(|n| *n = surface.numbers[*n as usize]);
-    }
     let mut on_feature = vec![false; nodes.len()];
-    for node in surface.numbers.iter().filter_map(|&n| part.here(n)) {
+    for &node in faces.iter().flatten() {
         on_feature[node as usize] = true;
     }
-    let held = |n: &u32| on_feature[*n as usize] || sides(nodes, &[*n], extent).next().is_some();
+    part.any_of_shared("nodes on features", &mut on_feature)?;
+    let faces = faces.into_iter().map(|face| (face, 1)).collect();
+    let surface = Surface::own("faces on features", part, faces)?;
+    let mut found = acute_lines(part, &surface, extent, &distance)?;
+    drop(surface);
+    let explained = Explained::by(&found);
+    for line in &mut found.lines {
+        (line.nodes.iter_mut()).for_each(|n| *n = found.numbers[*n as usize]);
+    }
+    let in_side = |n: u32| sides(&[nodes[n as usize]], extent).next().is_some();
+    let held = |n: &u32| on_feature[*n as usize] || in_side(*n);
     let mut cells = vec![OK; mesh.len()];
     let mut unexplained = Vec::new();
     for bad in bad(mesh) {
@@ -148,28 +151,9 @@ pub(crate) fn judged_of_part<const D: usize, M: Simplices<D>, H: Holders + ?Size
         near_acute_line: count(NEAR_ACUTE_LINE),
         unexplained: count(UNEXPLAINED),
         worst_unexplained: worst.map(|(_, worst)| worst.clone()),
-        acute_lines,
+        acute_lines: found.lines,
     };
     Ok(Judged { angles, cells })
-}
-
-/// The acute lines of the faces on features, and what they explain.
-fn lines<const D: usize, M: Simplices<D>>(
-    surface: &Surface<D, ([f64; D], f64)>,
-    extent: [f64; D],
-) -> (Vec<AcuteLine>, Explained<D>) {
-    let nodes: Vec<[f64; D]> = surface.nodes.iter().map(|node| node.0).collect();
-    let distance = |n: u32| surface.nodes[n as usize].1;
-    let lines = acute_lines::<D, M>(&nodes, &surface.faces, extent, &distance);
-    let pieces = lines.iter().flat_map(|line| line.pieces(&nodes, &distance));
-    let stretch = |piece: Piece| Stretch {
-        nodes: piece.nodes.map(|n| surface.numbers[n as usize]),
-        ends: piece.nodes.map(|n| nodes[n as usize]),
-        angle: piece.angle,
-        reach: REACH * 0.5 * piece.nodes.map(distance).iter().sum::<f64>(),
-    };
-    let explained = Explained::new(pieces.map(stretch).collect());
-    (lines, explained)
 }
 
 /// The cells with an angle out of range, rising.
@@ -231,6 +215,19 @@ struct Explained<const D: usize> {
 }
 
 impl<const D: usize> Explained<D> {
+    /// What lines explain.
+    fn by(found: &Lines<D>) -> Self {
+        let distance = |n: u32| found.distance[n as usize];
+        let pieces = (found.lines.iter()).flat_map(|line| line.pieces(&found.nodes, &distance));
+        let stretch = |piece: Piece| Stretch {
+            nodes: piece.nodes.map(|n| found.numbers[n as usize]),
+            ends: piece.nodes.map(|n| found.nodes[n as usize]),
+            angle: piece.angle,
+            reach: REACH * 0.5 * piece.nodes.map(distance).iter().sum::<f64>(),
+        };
+        Self::new(pieces.map(stretch).collect())
+    }
+
     fn new(stretches: Vec<Stretch<D>>) -> Self {
         let middle = |stretch: &Stretch<D>| {
             let [a, b] = stretch.ends;

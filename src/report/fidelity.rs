@@ -10,6 +10,8 @@ use super::pieces::{Piece, sample};
 use super::reach::to_faces;
 use super::reference::Reference;
 use super::surface::{Surface, together};
+use super::tally::{Distances, Together, of_all, reached};
+use crate::files::kept::fields;
 use crate::mesh::Simplices;
 use crate::mesh::part::{Holders, Part};
 use crate::mesh::poly::PolyMesh;
@@ -18,7 +20,6 @@ use crate::ranks::Alone;
 use crate::{Error, Result, error::cause};
 use rayon::prelude::*;
 use serde::Serialize;
-use std::ops::Range;
 
 /// Largest distance of an on-feature face's nodes from the feature, in samples.
 const NODE: f64 = 0.75;
@@ -71,27 +72,31 @@ pub struct GapClass {
 const GAPS: [f64; 6] = [0.0, 2.0, 3.0, 4.0, 6.0, 8.0];
 
 impl GapClass {
-    /// The classes of points of which `next` tells the distance (and angle) of the next feature and
-    /// `to_faces` that of the nearest face.
-    fn all(next: &[[f32; 2]], to_faces: &[f64]) -> Vec<Self> {
+    /// Of points of which `next` tells the distance (and angle) of the next feature and `to_faces` that of the nearest
+    /// face, those of each class: all, and those within half a sample of a face and within one.
+    fn counts(next: &[[f32; 2]], to_faces: &[f64]) -> [[u64; 3]; GAPS.len()] {
+        let mut counts = [[0; 3]; GAPS.len()];
+        for (next, far) in next.iter().zip(to_faces) {
+            let classes = GAPS.iter().take_while(|&&from| f64::from(next[0]) >= from);
+            if let Some(class) = classes.count().checked_sub(1) {
+                let counted = [true, *far <= 0.5, *far <= 1.0];
+                (counts[class].iter_mut().zip(counted)).for_each(|(n, is)| *n += u64::from(is));
+            }
+        }
+        counts
+    }
+
+    /// The classes of so many.
+    fn all(counts: [[u64; 3]; GAPS.len()]) -> Vec<Self> {
         let ends = GAPS[1..].iter().copied().chain([f64::INFINITY]);
-        GAPS.into_iter()
-            .zip(ends)
-            .map(|(from, to)| {
-                let of_class = next.iter().zip(to_faces);
-                let of_class = of_class.filter(|(n, _)| (from..to).contains(&f64::from(n[0])));
-                let distances: Vec<f64> = of_class.map(|(_, &d)| d).collect();
-                let within = |t: f64| {
-                    let reached = distances.iter().filter(|&&d| d <= t).count();
-                    reached as f64 / distances.len() as f64
-                };
-                Self {
-                    from,
-                    to,
-                    points: distances.len(),
-                    coverage_half: within(0.5),
-                    coverage_one: within(1.0),
-                }
+        let classes = GAPS.into_iter().zip(ends).zip(counts);
+        classes
+            .map(|((from, to), [points, half, one])| Self {
+                from,
+                to,
+                points: points as usize,
+                coverage_half: half as f64 / points as f64,
+                coverage_one: one as f64 / points as f64,
             })
             .collect()
     }
@@ -179,8 +184,7 @@ pub(crate) fn fidelity_of_part<const D: usize, M: Simplices<D>, H: Holders + ?Si
     patience: &Patience<'_>,
 ) -> std::result::Result<Fidelity, H::Error> {
     let faces = faces(part.mesh, reference, claims.0, patience);
-    let at = |n: u32| part.mesh.nodes()[n as usize];
-    let surface = Surface::told("faces near features", part, faces, at)?;
+    let surface = Surface::own("faces near features", part, faces)?;
     judge(
         &surface,
         claims.0.is_some(),
@@ -232,8 +236,7 @@ pub(crate) fn fidelity_of_cells_while<const D: usize>(
         }
     }
     let surface = Surface {
-        numbers: (0..nodes.len() as u32).collect(),
-        nodes,
+        nodes: &nodes,
         faces: triangles,
         sets,
     };
@@ -263,45 +266,96 @@ fn near<const D: usize>(
     near
 }
 
-/// Compares faces, which all holders know, with the features: each looks for distances from some.
+/// Compares the faces that holders have with the features: each measures its own, and some points.
 fn judge<const D: usize, H: Holders + ?Sized>(
-    surface: &Surface<D, [f64; D]>,
+    surface: &Surface<'_, D>,
     claims: bool,
     reference: &Reference<'_, D>,
     holders: &H,
     patience: &Patience<'_>,
 ) -> std::result::Result<Fidelity, H::Error> {
-    let sets = &surface.sets;
-    let chunks = sets.len().div_ceil(CHUNK);
-    let pieces = holders.shared("pieces of faces", chunks, |own| {
-        pieces(surface, own, reference, patience)
-    })?;
     let wanted = [ON_FEATURE, CLAIMED];
-    let [to_on, to_claimed] = to_faces(surface, &reference.points, wanted, holders, patience)?;
-    let corners = of_corners(surface.nodes.len(), &surface.faces, sets);
-    let chunks = chunks_of_nodes(&surface.numbers);
-    let to_corners = holders.shared("distances of nodes", chunks.len(), |own| {
-        distances(&surface.nodes, &corners, &chunks[own], reference, patience)
-    })?;
-    let compare = |set: u8, to_faces: Vec<f64>| {
-        let count = sets.iter().filter(|&&s| s & set != 0).count();
-        let pieces = pieces.iter().filter(|(s, _)| s & set != 0);
-        let to_corners = corners.iter().zip(&to_corners);
-        let farthest = to_corners
-            .filter(|(s, _)| *s & set != 0)
-            .fold(0.0, |most: f64, (_, &d)| most.max(d));
-        let next = reference.next.as_ref();
-        let by_gap = next.map_or(Vec::new(), |next| GapClass::all(next, &to_faces));
-        let compared = compare(count, pieces.map(|p| p.1).collect(), farthest, to_faces);
-        Match { by_gap, ..compared }
+    let own = reference.own(holders);
+    let points = &reference.points[own.clone()];
+    let to_faces = to_faces(surface, points, wanted, holders, patience)?;
+    let next = reference.next.as_ref().map(|next| &next[own]);
+    let own = Own {
+        faces: wanted.map(|set| surface.sets.iter().filter(|&&s| s & set != 0).count()),
+        corners: farthest_corners(surface, wanted, reference, patience),
+        gaps: next.map(|next| to_faces.each_ref().map(|far| GapClass::counts(next, far))),
+    };
+    let all: Vec<Own> = holders.told("faces and features", own)?;
+    let by_gap = |set: usize| -> Vec<GapClass> {
+        let mut sums = [[0; 3]; GAPS.len()];
+        for counts in all.iter().filter_map(|own| own.gaps) {
+            let both = sums
+                .as_flattened_mut()
+                .iter_mut()
+                .zip(counts[set].as_flattened());
+            both.for_each(|(sum, count)| *sum += count);
+        }
+        let known = all.iter().any(|own| own.gaps.is_some());
+        known.then(|| GapClass::all(sums)).unwrap_or_default()
+    };
+    let pieces = pieces(surface, reference, patience);
+    let [on, claimed] = wanted.map(|set| {
+        let of_set = pieces.iter().filter(|(sets, _)| sets & set != 0);
+        Distances::weighted(of_set.map(|(_, piece)| *piece).collect())
+    });
+    drop(pieces);
+    let [to_on, to_claimed] = to_faces.map(Distances::counted);
+    let [on_points, claimed_points] = of_all([&to_on, &to_claimed], [0.5, 1.0], holders)?;
+    let [on_faces, claimed_faces] = of_all([&on, &claimed], [CENTROID], holders)?;
+    // Up to where 95 % of them are.
+    let of_points = |all: &Together<2>| (0.95 * all.count as f64) as u64 + 1;
+    let of_faces = |all: &Together<1>| ((0.95 * all.all as f64).ceil() as u64).max(1);
+    let most = reached(
+        [&to_on, &to_claimed, &on, &claimed],
+        [
+            of_points(&on_points),
+            of_points(&claimed_points),
+            of_faces(&on_faces),
+            of_faces(&claimed_faces),
+        ],
+        holders,
+    )?;
+    let found = |set: usize, points: &Together<2>, faces: &Together<1>| {
+        let corner = all.iter().map(|own| own.corners[set]).fold(0.0, f64::max);
+        let farthest = points.largest.zip(faces.largest);
+        let is_any = points.count > 0 && faces.all > 0;
+        Match {
+            faces: all.iter().map(|own| own.faces[set]).sum(),
+            area: faces.area(),
+            coverage_half: points.share(0),
+            coverage_one: points.share(1),
+            precision: faces.share(0),
+            hausdorff: farthest.map_or(f64::INFINITY, |(a, b)| a.max(b).max(corner)),
+            hausdorff_95: match is_any {
+                true => most[set].max(most[2 + set]),
+                false => f64::INFINITY,
+            },
+            by_gap: by_gap(set),
+        }
     };
     Ok(Fidelity {
         reference: reference.source.to_string(),
-        feature_points: reference.points.len(),
-        on_feature: compare(ON_FEATURE, to_on),
-        claimed: claims.then(|| compare(CLAIMED, to_claimed)),
+        feature_points: on_points.count as usize,
+        on_feature: found(0, &on_points, &on_faces),
+        claimed: claims.then(|| found(1, &claimed_points, &claimed_faces)),
     })
 }
+
+/// What one of the holders has of both sets of faces.
+struct Own {
+    /// How many.
+    faces: [usize; 2],
+    /// How far the farthest corners are from the features.
+    corners: [f64; 2],
+    /// Of networks with known truth: points by the next feature.
+    gaps: Option<[[[u64; 3]; GAPS.len()]; 2]>,
+}
+
+fields! { Own as Own { faces, corners, gaps } }
 
 /// The set of on-feature faces, as a bit.
 const ON_FEATURE: u8 = 1;
@@ -338,7 +392,7 @@ fn faces<const D: usize>(
     found
         .into_par_iter()
         .map(|(face, mut sets)| {
-            let corners = corners(mesh.nodes(), face);
+            let corners = face.map(|n| mesh.nodes()[n as usize]);
             let sum = |k: usize| corners.iter().map(|p| p[k]).sum::<f64>();
             let centroid = std::array::from_fn(|k| sum(k) / D as f64);
             if sets & ON_FEATURE != 0 && !reference.within(centroid, CENTROID) {
@@ -350,129 +404,60 @@ fn faces<const D: usize>(
         .collect()
 }
 
-pub(super) fn corners<const D: usize>(nodes: &[[f64; D]], face: [u32; D]) -> [[f64; D]; D] {
-    face.map(|n| nodes[n as usize])
-}
-
-/// The sets of the faces that have each node as a corner.
-fn of_corners<const D: usize>(nodes: usize, faces: &[[u32; D]], sets: &[u8]) -> Vec<u8> {
-    let mut found = vec![0; nodes];
-    for (face, set) in faces.iter().zip(sets) {
-        for &node in face {
-            found[node as usize] |= set;
-        }
-    }
-    found
-}
-
-/// The places of nodes with these numbers that are in the same chunk of the whole mesh's, however it is cut: what is
-/// nearest may depend on hints where two are alike.
-fn chunks_of_nodes(numbers: &[u32]) -> Vec<Range<usize>> {
-    let mut end = 0;
-    let same = |a: &u32, b: &u32| a / CHUNK as u32 == b / CHUNK as u32;
-    (numbers.chunk_by(same))
-        .map(|chunk| {
-            end += chunk.len();
-            end - chunk.len()..end
-        })
-        .collect()
-}
-
-/// Distances to the features of the nodes of some chunks that are in any set, 0 for the others.
-fn distances<const D: usize>(
-    nodes: &[[f64; D]],
-    sets: &[u8],
-    chunks: &[Range<usize>],
+/// How far the farthest corners of the faces of each set are from the features.
+fn farthest_corners<const D: usize>(
+    surface: &Surface<'_, D>,
+    wanted: [u8; 2],
     reference: &Reference<'_, D>,
     patience: &Patience<'_>,
-) -> Vec<f64> {
-    chunks
-        .par_iter()
-        .take_any_while(|_| !patience.over())
-        .flat_map_iter(|chunk| {
-            let mut hint = None;
-            let mut distance = |x: [f64; D]| reference.distance(x, &mut hint);
-            let found: Vec<f64> = nodes[chunk.clone()]
-                .iter()
-                .zip(&sets[chunk.clone()])
-                .map(|(&x, &set)| if set == 0 { 0.0 } else { distance(x) })
-                .collect();
-            found
-        })
-        .collect()
+) -> [f64; 2] {
+    let mut sets = vec![0; surface.nodes.len()];
+    for (face, set) in surface.faces.iter().zip(&surface.sets) {
+        face.iter().for_each(|&node| sets[node as usize] |= set);
+    }
+    let chunks = surface.nodes.par_chunks(CHUNK).zip(sets.par_chunks(CHUNK));
+    let of_chunk = |(nodes, sets): (&[[f64; D]], &[u8])| {
+        let (mut hint, mut most) = (None, [0.0f64; 2]);
+        for (&x, &set) in nodes.iter().zip(sets) {
+            if set == 0 || patience.over() {
+                continue;
+            }
+            let far = reference.distance(x, &mut hint);
+            for (most, wanted) in most.iter_mut().zip(wanted) {
+                *most = if set & wanted != 0 {
+                    most.max(far)
+                } else {
+                    *most
+                };
+            }
+        }
+        most
+    };
+    let larger = |a: [f64; 2], b: [f64; 2]| [a[0].max(b[0]), a[1].max(b[1])];
+    chunks.map(of_chunk).reduce(|| [0.0; 2], larger)
 }
 
-/// The small pieces of every face of some chunks, with the face's sets.
+/// The small pieces of every face, with the face's sets.
 fn pieces<const D: usize>(
-    surface: &Surface<D, [f64; D]>,
-    chunks: Range<usize>,
+    surface: &Surface<'_, D>,
     reference: &Reference<'_, D>,
     patience: &Patience<'_>,
 ) -> Vec<(u8, Piece)> {
-    let Surface {
-        nodes, faces, sets, ..
-    } = surface;
+    let count = surface.faces.len();
+    let chunks = (0..count.div_ceil(CHUNK)).into_par_iter();
     chunks
-        .into_par_iter()
         .take_any_while(|_| !patience.over())
         .flat_map_iter(|chunk| {
             let mut found = Vec::new();
             let mut hint = None;
-            for f in chunk * CHUNK..faces.len().min((chunk + 1) * CHUNK) {
-                sample(&corners(nodes, faces[f]), reference, &mut hint, |piece| {
-                    found.push((sets[f], piece));
+            for f in chunk * CHUNK..count.min((chunk + 1) * CHUNK) {
+                sample(&surface.corners(f), reference, &mut hint, |piece| {
+                    found.push((surface.sets[f], piece));
                 });
             }
             found
         })
         .collect()
-}
-
-/// Compares a set of faces, given as pieces and the distance of their farthest corner, with points of
-/// the features, given as distances.
-fn compare(
-    faces: usize,
-    mut to_features: Vec<Piece>,
-    farthest_corner: f64,
-    mut to_faces: Vec<f64>,
-) -> Match {
-    to_features.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
-    let area: f64 = to_features.iter().map(|(_, area)| area).sum();
-    let within = |t: f64| {
-        let reached = to_faces.iter().filter(|&&d| d <= t).count();
-        reached as f64 / to_faces.len() as f64
-    };
-    let (half, one) = (within(0.5), within(1.0));
-    let precise: f64 = to_features
-        .iter()
-        .take_while(|(d, _)| *d <= CENTROID)
-        .map(|(_, area)| area)
-        .sum();
-    let farthest = to_faces
-        .iter()
-        .copied()
-        .max_by(f64::total_cmp)
-        .zip(to_features.last().map(|(d, _)| d.max(farthest_corner)));
-    let mut sum = 0.0;
-    let area_95 = to_features.iter().find(|(_, area_here)| {
-        sum += area_here;
-        sum >= 0.95 * area
-    });
-    let rank = (0.95 * to_faces.len() as f64) as usize;
-    let points_95 =
-        (rank < to_faces.len()).then(|| *to_faces.select_nth_unstable_by(rank, f64::total_cmp).1);
-    Match {
-        faces,
-        area,
-        coverage_half: half,
-        coverage_one: one,
-        precision: if area > 0.0 { precise / area } else { f64::NAN },
-        hausdorff: farthest.map_or(f64::INFINITY, |(a, b)| a.max(b)),
-        hausdorff_95: points_95
-            .zip(area_95)
-            .map_or(f64::INFINITY, |(a, (b, _))| a.max(*b)),
-        by_gap: Vec::new(),
-    }
 }
 
 #[cfg(test)]

@@ -205,7 +205,7 @@ fn distance_does_not_run_on_where_a_surface_ends() {
 
 #[test]
 fn detected_points_stand_in_for_truth() {
-    use crate::feature::{FeaturePoint, Features};
+    use crate::feature::{Detection, FeaturePoint, Features};
     let points = (0..17 * 17)
         .map(|i| FeaturePoint {
             position: [8.0, (i % 17) as f32, (i / 17) as f32],
@@ -213,19 +213,9 @@ fn detected_points_stand_in_for_truth() {
             strength: 1.0,
         })
         .collect();
-    let potential = crate::image::Sparse::zero([17; 3], [1.0; 3]);
     let features = Features {
-        sheet: vec![],
-        on_horizon: vec![],
         points,
-        potential,
-        sigma: 1.0,
-        left_out: Default::default(),
-        notes: vec![],
-        spacing: None,
-        settled: vec![],
-        labels: None,
-        confidence: None,
+        ..Features::none([17; 3], &Detection::default())
     };
     let reference = Reference::from_features(&features);
     assert!((reference.distance([8.4, 3.5, 3.5], &mut None) - 0.4).abs() < 1e-9);

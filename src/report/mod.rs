@@ -7,7 +7,8 @@
 //! - `pieces`: faces cut into small pieces
 //! - `reach`: how far feature points are from the faces
 //! - `reference`: where the features really are
-//! - `surface`: faces of a mesh, known to all who hold parts of it
+//! - `surface`: faces of a mesh in parts, each of which is one holder's
+//! - `tally`: distances of which several have some each
 //! - `kept`: figures as bytes
 //! - `lattice`: how evenly the atoms are spread
 //! - `cells`: Voronoi cells, as flow simulators see them
@@ -31,6 +32,7 @@ pub(crate) mod reference;
 mod regions;
 mod surface;
 pub(crate) mod table;
+mod tally;
 mod verdict;
 
 pub use acute::{AcuteLine, Pair};

@@ -119,25 +119,23 @@ impl<const D: usize> Points<D> {
         sum
     }
 
-    /// The nearest point, by its number in the new order, and its squared distance; none if all are
-    /// `limit` away or farther. `hint` may be a point that is likely to be near, to save time; of
-    /// equally near ones it may change which one is found.
+    /// The nearest point, by its number in the new order (of equally near ones the first), and its squared distance; none
+    /// if all are `limit` away or farther. `hint` may be a point that is likely to be near, to save time.
     pub(super) fn nearest(
         &self,
         p: [f64; D],
         limit: f64,
         hint: Option<usize>,
     ) -> Option<(usize, f64)> {
-        let mut best = hint
-            .map(|i| (i, self.square(p, i)))
-            .filter(|(_, square)| *square < limit * limit);
+        // Some point is as near as this.
+        let mut near = hint.map_or(f64::INFINITY, |i| self.square(p, i));
+        let known = near.sqrt() * (1.0 + 1e-9);
         // Every point within the radius is looked at: it grows until the nearest is among them.
-        let known = best.map_or(self.side, |(_, square)| square.sqrt() * (1.0 + 1e-9));
         let mut radius = known.min(self.side).min(limit);
         loop {
-            self.look_within(p, radius, limit, &mut best);
-            let done = best.is_some_and(|(_, square)| square <= radius * radius);
-            if done || radius >= limit {
+            let best = self.nearest_within(p, radius, limit, near);
+            near = best.map_or(near, |(_, square)| square.min(near));
+            if near <= radius * radius || radius >= limit {
                 return best;
             }
             radius = (2.0 * radius).max(1e-3).min(limit);
@@ -209,12 +207,18 @@ impl<const D: usize> Points<D> {
         });
     }
 
-    /// Looks at the points in the cells within `radius` of `p` that may be nearer than `best`.
-    fn look_within(&self, p: [f64; D], radius: f64, limit: f64, best: &mut Option<(usize, f64)>) {
-        let (mut which, mut least) = best.unwrap_or((usize::MAX, limit * limit));
-        // Some near point lets far rows be passed over. Rounding must not lose equally near ones, of
-        // which the first is taken.
-        let mut near = least;
+    /// The nearest of the points in the cells within `radius` of `p`, if it is less than `limit` away; the square of the
+    /// distance to some point is known to be `near`.
+    fn nearest_within(
+        &self,
+        p: [f64; D],
+        radius: f64,
+        limit: f64,
+        near: f64,
+    ) -> Option<(usize, f64)> {
+        let (mut which, mut least) = (usize::MAX, limit * limit);
+        // It lets far rows be passed over. Rounding must not lose equally near ones, of which the first is taken.
+        let mut near = near.min(least);
         self.rows(p, p, |_, points| {
             near = points.fold(near, |near, i| near.min(self.square(p, i)));
         });
@@ -240,14 +244,14 @@ impl<const D: usize> Points<D> {
                 }
             }
         });
-        if which != usize::MAX {
-            *best = Some((which, least));
-        }
+        (which != usize::MAX).then_some((which, least))
     }
 }
 
 /// Items in a leaf.
 const LEAF: usize = 4;
+/// What is in a box may seem nearer than the box by what is rounded away: so much farther ones are looked into.
+const SLACK: f64 = 1.0 + 1e-9;
 
 struct Node<const D: usize> {
     low: [f64; D],
@@ -309,7 +313,7 @@ impl<'a, const D: usize> Tree<'a, D> {
     /// squared distance from `p` to an item; none if that is not below `limit` for any. Branches
     /// without a wanted item are not looked into: of sets with few items the search is as quick as
     /// in a tree of their own. `hint` may be an item that is likely to be near, to save time; of
-    /// equally near items it may change which one is found.
+    /// equally near items it may change which one is found, but not how near it is.
     pub(super) fn nearest(
         &self,
         p: [f64; D],
@@ -329,7 +333,7 @@ impl<'a, const D: usize> Tree<'a, D> {
         while depth > 0 {
             depth -= 1;
             let (at, bound) = stack[depth];
-            if bound >= least {
+            if bound >= least * SLACK {
                 continue;
             }
             let node = &self.nodes[at as usize];
@@ -341,7 +345,7 @@ impl<'a, const D: usize> Tree<'a, D> {
                 for &item in items {
                     let item = item as usize;
                     let [low, high] = &self.boxes[item];
-                    if !is_wanted(item) || square_to_box(p, low, high) >= least {
+                    if !is_wanted(item) || square_to_box(p, low, high) >= least * SLACK {
                         continue;
                     }
                     let d = square(item);

@@ -1,118 +1,236 @@
 //! How far the points of features are from a mesh's faces.
 //!
 //! Most points have a face close by. So first the faces look for points, in a grid, and tell each how
-//! near they are. Only points that no face has found look for a face themselves, in a tree. Where several hold parts
-//! of a mesh, all know its faces, and each does a share of both.
+//! near they are. Only points that no face has found look for a face themselves, in a tree. Where several have some
+//! points and some faces each, they are told the faces round the box of their points; of the few points that have none
+//! of these, all are told.
 
-use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
-use super::fidelity::corners;
 use super::nearest::{Points, Tree, square_to_face};
 use super::surface::Surface;
 use crate::geometry::{cross, dot, in_space, sub};
 use crate::mesh::part::Holders;
 use crate::observer::Patience;
-use crate::ranks::joined;
 use rayon::prelude::*;
 
 /// How far faces look for points, in samples.
 const REACH: f64 = 1.0;
-/// Faces or points in one task; unit tests have few.
+/// How far from the box of one's points faces are told, and how many points at once all are told of; unit tests have
+/// few.
+const ROUND: f64 = if cfg!(test) { 2.0 } else { 32.0 };
+const TOLD: usize = if cfg!(test) { 100 } else { 1 << 16 };
+/// Faces or points in one task; the same.
 const CHUNK: usize = if cfg!(test) { 64 } else { 4096 };
 
-/// Distances from points to the nearest face of each of two sets, infinite where a set has none. Each
-/// face belongs to the sets of its bits.
+/// Distances from a holder's points to the nearest face of each of two sets that any has, infinite where a set has none.
+/// Each face belongs to the sets of its bits.
 ///
 /// # Errors
 /// Those of the other holders.
 pub(super) fn to_faces<const D: usize, H: Holders + ?Sized>(
-    surface: &Surface<D, [f64; D]>,
+    surface: &Surface<'_, D>,
     points: &[[f32; D]],
     wanted: [u8; 2],
     holders: &H,
     patience: &Patience<'_>,
 ) -> Result<[Vec<f64>; 2], H::Error> {
-    let Surface {
-        nodes, faces, sets, ..
-    } = surface;
-    let shapes: Vec<[[f64; D]; D]> = faces.iter().map(|&f| corners(nodes, f)).collect();
-    let boxes: Vec<[[f64; D]; 2]> = shapes.iter().map(box_of).collect();
-    let look = holders.share(shapes.len(), holders.rank());
-    let close = by_faces(&shapes, &boxes, sets, look, points, wanted, patience);
-    // Chunks are the same whoever has them.
-    let chunks = points.len().div_ceil(CHUNK);
-    let share = |of: usize| {
-        let Range { start, end } = holders.share(chunks, of);
-        CHUNK * start..points.len().min(CHUNK * end)
+    let mut squares = {
+        let round = Faces::round(surface, points, holders)?;
+        let mut squares = round.close(points, wanted, patience);
+        round.look_from(points, wanted, ROUND, &mut squares, patience);
+        squares
     };
-    let close = least(close, share, holders)?;
-    let points = &points[share(holders.rank())];
-    let mut tree = None;
-    let own = [0, 1].map(|i| {
-        let (close, set) = (&close[i], wanted[i]);
-        let exists = sets.iter().any(|s| s & set != 0);
-        if exists && close.iter().any(|square| square.is_infinite()) {
-            let tree = tree.get_or_insert_with(|| Tree::new(&boxes, sets));
-            let chunks = points.par_chunks(CHUNK).zip(close.par_chunks(CHUNK));
-            let far =
-                chunks
-                    .take_any_while(|_| !patience.over())
-                    .flat_map_iter(|(points, close)| {
-                        let mut hint = None;
-                        let mut of_point = |(p, &square): (&[f32; D], &f64)| {
-                            if square.is_finite() {
-                                return square.sqrt();
-                            }
-                            let p = p.map(f64::from);
-                            let square_to = |f: usize| square_to_face(p, &shapes[f]);
-                            let found = tree.nearest(p, set, f64::INFINITY, hint, square_to);
-                            hint = found.map(|(f, _)| f);
-                            found.map_or(f64::INFINITY, |(_, square)| square.sqrt())
-                        };
-                        let distances: Vec<f64> =
-                            points.iter().zip(close).map(&mut of_point).collect();
-                        distances
-                    });
-            far.collect()
-        } else {
-            close.iter().map(|square| square.sqrt()).collect()
+    let exists = wanted.map(|set| surface.sets.iter().any(|sets| sets & set != 0));
+    let exists = holders.told("sets of faces", exists)?;
+    let exists = [0, 1].map(|k| exists.iter().any(|exists| exists[k]));
+    let is_far = |&i: &usize| (0..2).any(|k| exists[k] && squares[k][i].is_infinite());
+    let far: Vec<usize> = (0..points.len()).filter(is_far).collect();
+    let (mut far, mut own) = (far.chunks(TOLD), None);
+    loop {
+        let some = far.next().unwrap_or_default();
+        let of_some: Vec<[f32; D]> = some.iter().map(|&i| points[i]).collect();
+        let told = holders.told("points far from faces", of_some)?;
+        if told.iter().all(Vec::is_empty) {
+            break;
         }
-    });
-    let all = holders.told("distances to faces", own)?;
-    let (first, second) = all
-        .into_iter()
-        .map(|[first, second]| (first, second))
-        .unzip();
-    Ok([joined(first), joined(second)])
+        let own = own.get_or_insert_with(|| Faces::of(surface));
+        let from_own = |points: Vec<[f32; D]>| {
+            let mut squares = [0, 1].map(|_| vec![f64::INFINITY; points.len()]);
+            own.look_from(&points, wanted, f64::INFINITY, &mut squares, patience);
+            squares
+        };
+        let answers = told.into_iter().map(from_own).collect();
+        for answer in holders.passed("squares of distances to faces", answers)? {
+            for (squares, answer) in squares.iter_mut().zip(answer) {
+                for (&i, square) in some.iter().zip(answer) {
+                    squares[i] = squares[i].min(square);
+                }
+            }
+        }
+    }
+    for squares in &mut squares {
+        squares
+            .iter_mut()
+            .for_each(|square| *square = square.sqrt());
+    }
+    Ok(squares)
 }
 
-/// The least squares that any of the holders has, of the points of this one's share.
-fn least<H: Holders + ?Sized>(
-    squares: [Vec<f64>; 2],
-    share: impl Fn(usize) -> Range<usize>,
-    holders: &H,
-) -> Result<[Vec<f64>; 2], H::Error> {
-    if holders.count() == 1 {
-        return Ok(squares);
+/// A face as others are told of it, and its sets.
+type Told<const D: usize> = ([[f64; D]; D], u8);
+
+/// Faces of a surface.
+struct Faces<const D: usize> {
+    shapes: Vec<[[f64; D]; D]>,
+    /// The box round each: its low and its high corner.
+    boxes: Vec<[[f64; D]; 2]>,
+    sets: Vec<u8>,
+}
+
+impl<const D: usize> Faces<D> {
+    /// Those that one has.
+    fn of(surface: &Surface<'_, D>) -> Self {
+        let faces = 0..surface.faces.len();
+        Self::together(faces.map(|f| (surface.corners(f), surface.sets[f])))
     }
-    let of = |to: usize| {
-        squares
-            .each_ref()
-            .map(|squares| squares[share(to)].to_vec())
-    };
-    let to = (0..holders.count()).map(of).collect();
-    let mut from = holders
-        .passed("squares of distances to faces", to)?
-        .into_iter();
-    let mut least: [Vec<f64>; 2] = from.next().unwrap_or_default();
-    for other in from {
-        for (least, other) in least.iter_mut().zip(other) {
-            let both = least.iter_mut().zip(other);
-            both.for_each(|(least, square)| *least = least.min(square));
+
+    /// Those of all holders that may be within [`ROUND`] of the box of some points.
+    fn round<H: Holders + ?Sized>(
+        surface: &Surface<'_, D>,
+        points: &[[f32; D]],
+        holders: &H,
+    ) -> Result<Self, H::Error> {
+        let (mut low, mut high) = ([f64::INFINITY; D], [f64::NEG_INFINITY; D]);
+        for p in points {
+            for k in 0..D {
+                low[k] = low[k].min(f64::from(p[k]) - ROUND);
+                high[k] = high[k].max(f64::from(p[k]) + ROUND);
+            }
+        }
+        let boxes = holders.told("boxes of points", [low, high])?;
+        let of = |[low, high]: [[f64; D]; 2]| -> Vec<Told<D>> {
+            let faces = (0..surface.faces.len()).into_par_iter();
+            let faces = faces.map(|f| (surface.corners(f), surface.sets[f]));
+            let meets = |(shape, _): &Told<D>| {
+                let [from, to] = box_of(shape);
+                (0..D).all(|k| from[k] <= high[k] && low[k] <= to[k])
+            };
+            faces.filter(meets).collect()
+        };
+        let told = holders.passed("faces round points", boxes.into_iter().map(of).collect())?;
+        Ok(Self::together(told.into_iter().flatten()))
+    }
+
+    fn together(faces: impl Iterator<Item = Told<D>>) -> Self {
+        let (shapes, sets): (Vec<_>, _) = faces.unzip();
+        Self {
+            boxes: shapes.par_iter().map(box_of).collect(),
+            shapes,
+            sets,
         }
     }
-    Ok(least)
+
+    /// For each set and point the square of the distance to the nearest face where that is within [`REACH`]; infinite
+    /// elsewhere.
+    fn close(
+        &self,
+        points: &[[f32; D]],
+        wanted: [u8; 2],
+        patience: &Patience<'_>,
+    ) -> [Vec<f64>; 2] {
+        let mut extent = [0f64; D];
+        for p in points {
+            for k in 0..D {
+                extent[k] = extent[k].max(p[k].into());
+            }
+        }
+        let (grid, order) = Points::new(points, extent);
+        let none = || AtomicU64::new(f64::INFINITY.to_bits());
+        // Squares are not negative, so their bits are in their order; the least does not depend on which
+        // face comes first.
+        let least: [Vec<AtomicU64>; 2] = [0, 1].map(|_| points.iter().map(|_| none()).collect());
+        let look = |f: usize| {
+            let shape = &self.shapes[f];
+            let [low, high] = self.boxes[f];
+            let [a, b, c] = [shape[0], shape[1], shape[D - 1]].map(in_space);
+            let normal = cross(sub(b, a), sub(c, a));
+            let flat = dot(normal, normal) * (1.0 + 1e-9);
+            let of_set = wanted.map(|set| self.sets[f] & set != 0);
+            let [low, high] = [(low, -REACH), (high, REACH)].map(|(p, by)| p.map(|c| c + by));
+            grid.within(low, high, |i| {
+                let known = least
+                    .each_ref()
+                    .map(|least| f64::from_bits(least[i].load(Relaxed)));
+                let mut most = 0f64;
+                for k in 0..2 {
+                    most = if of_set[k] { most.max(known[k]) } else { most };
+                }
+                let p = grid.position(i).map(f64::from);
+                let height = dot(normal, sub(in_space(p), a));
+                if height * height > flat * most.min(REACH * REACH) {
+                    return;
+                }
+                let square = square_to_face(p, shape);
+                if square > REACH * REACH {
+                    return;
+                }
+                for k in 0..2 {
+                    if of_set[k] && square < known[k] {
+                        least[k][i].fetch_min(square.to_bits(), Relaxed);
+                    }
+                }
+            });
+        };
+        let count = self.shapes.len();
+        (0..count.div_ceil(CHUNK))
+            .into_par_iter()
+            .for_each(|chunk| {
+                if !patience.over() {
+                    (chunk * CHUNK..count.min((chunk + 1) * CHUNK)).for_each(look);
+                }
+            });
+        least.map(|least| {
+            let mut squares = vec![f64::INFINITY; points.len()];
+            for (&i, square) in order.iter().zip(least) {
+                squares[i as usize] = f64::from_bits(square.into_inner());
+            }
+            squares
+        })
+    }
+
+    /// Lets points that have no face look for the nearest one of each set that is nearer than `limit`.
+    fn look_from(
+        &self,
+        points: &[[f32; D]],
+        wanted: [u8; 2],
+        limit: f64,
+        squares: &mut [Vec<f64>; 2],
+        patience: &Patience<'_>,
+    ) {
+        let mut tree = None;
+        for (set, squares) in wanted.into_iter().zip(squares) {
+            let exists = self.sets.iter().any(|s| s & set != 0);
+            if !exists || squares.iter().all(|square| square.is_finite()) {
+                continue;
+            }
+            let tree = tree.get_or_insert_with(|| Tree::new(&self.boxes, &self.sets));
+            let chunks = points.par_chunks(CHUNK).zip(squares.par_chunks_mut(CHUNK));
+            chunks.for_each(|(points, squares)| {
+                let mut hint = None;
+                for (p, square) in points.iter().zip(squares) {
+                    if square.is_finite() || patience.over() {
+                        continue;
+                    }
+                    let p = p.map(f64::from);
+                    let square_to = |f: usize| square_to_face(p, &self.shapes[f]);
+                    let found = tree.nearest(p, set, limit * limit, hint, square_to);
+                    hint = found.map(|(f, _)| f);
+                    *square = found.map_or(f64::INFINITY, |(_, square)| square);
+                }
+            });
+        }
+    }
 }
 
 /// The box round a face: its low and its high corner.
@@ -127,84 +245,13 @@ fn box_of<const D: usize>(face: &[[f64; D]; D]) -> [[f64; D]; 2] {
     found
 }
 
-/// For each set and point the square of the distance to the nearest of some `faces` where that is within
-/// [`REACH`]; infinite elsewhere.
-fn by_faces<const D: usize>(
-    shapes: &[[[f64; D]; D]],
-    boxes: &[[[f64; D]; 2]],
-    sets: &[u8],
-    faces: Range<usize>,
-    points: &[[f32; D]],
-    wanted: [u8; 2],
-    patience: &Patience<'_>,
-) -> [Vec<f64>; 2] {
-    let mut extent = [0f64; D];
-    for p in points {
-        for k in 0..D {
-            extent[k] = extent[k].max(p[k].into());
-        }
-    }
-    let (grid, order) = Points::new(points, extent);
-    let none = || AtomicU64::new(f64::INFINITY.to_bits());
-    // Squares are not negative, so their bits are in their order; the least does not depend on which
-    // face comes first.
-    let least: [Vec<AtomicU64>; 2] = [0, 1].map(|_| points.iter().map(|_| none()).collect());
-    let look = |f: usize| {
-        let shape = &shapes[f];
-        let [low, high] = boxes[f];
-        let [a, b, c] = [shape[0], shape[1], shape[D - 1]].map(in_space);
-        let normal = cross(sub(b, a), sub(c, a));
-        let flat = dot(normal, normal) * (1.0 + 1e-9);
-        let of_set = wanted.map(|set| sets[f] & set != 0);
-        let [low, high] = [(low, -REACH), (high, REACH)].map(|(p, by)| p.map(|c| c + by));
-        grid.within(low, high, |i| {
-            let known = least
-                .each_ref()
-                .map(|least| f64::from_bits(least[i].load(Relaxed)));
-            let mut most = 0f64;
-            for k in 0..2 {
-                most = if of_set[k] { most.max(known[k]) } else { most };
-            }
-            let p = grid.position(i).map(f64::from);
-            let height = dot(normal, sub(in_space(p), a));
-            if height * height > flat * most.min(REACH * REACH) {
-                return;
-            }
-            let square = square_to_face(p, shape);
-            if square > REACH * REACH {
-                return;
-            }
-            for k in 0..2 {
-                if of_set[k] && square < known[k] {
-                    least[k][i].fetch_min(square.to_bits(), Relaxed);
-                }
-            }
-        });
-    };
-    (0..faces.len().div_ceil(CHUNK))
-        .into_par_iter()
-        .for_each(|chunk| {
-            if !patience.over() {
-                let first = faces.start + chunk * CHUNK;
-                (first..faces.end.min(first + CHUNK)).for_each(look);
-            }
-        });
-    least.map(|least| {
-        let mut squares = vec![f64::INFINITY; points.len()];
-        for (&i, square) in order.iter().zip(least) {
-            squares[i as usize] = f64::from_bits(square.into_inner());
-        }
-        squares
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::geometry::random::Random;
-    use crate::ranks::{Alone, shared};
+    use crate::ranks::{Alone, share_of, shared};
 
-    /// What one alone finds, and several as well.
+    /// What one finds who has all, and several with some each as well.
     fn to_faces(
         nodes: &[[f64; 3]],
         faces: &[[u32; 3]],
@@ -213,18 +260,28 @@ mod tests {
         wanted: [u8; 2],
         patience: &Patience<'_>,
     ) -> [Vec<f64>; 2] {
-        let surface = Surface {
-            numbers: (0..nodes.len() as u32).collect(),
-            nodes: nodes.to_vec(),
+        let of = |faces: &[[u32; 3]], sets: &[u8]| Surface {
+            nodes,
             faces: faces.to_vec(),
             sets: sets.to_vec(),
         };
+        let surface = of(faces, sets);
         let Ok(found) = super::to_faces(&surface, points, wanted, &Alone, patience);
+        // By where they are, that points are not all round all faces.
+        let mut order: Vec<usize> = (0..points.len()).collect();
+        order.sort_by(|&i, &j| points[i][0].total_cmp(&points[j][0]));
         for count in [2, 7] {
-            let all = shared(count, |group| {
-                super::to_faces(&surface, points, wanted, group, patience).unwrap()
+            shared(count, |group| {
+                let share = |things: usize| share_of(things, group.rank(), count);
+                let own = &order[share(points.len())];
+                let some: Vec<[f32; 3]> = own.iter().map(|&i| points[i]).collect();
+                let of_own = share(faces.len());
+                let surface = of(&faces[of_own.clone()], &sets[of_own]);
+                let all = super::to_faces(&surface, &some, wanted, group, patience).unwrap();
+                for (of_some, found) in all.into_iter().zip(&found) {
+                    assert!(of_some.into_iter().eq(own.iter().map(|&i| found[i])));
+                }
             });
-            assert!(all.iter().all(|other| *other == found));
         }
         found
     }
@@ -253,7 +310,7 @@ mod tests {
             for (found, set) in found.into_iter().zip(wanted) {
                 let of_set: Vec<_> = (faces.iter().zip(&sets))
                     .filter(|(_, s)| **s & set != 0)
-                    .map(|(f, _)| corners(&nodes, *f))
+                    .map(|(f, _)| f.map(|n| nodes[n as usize]))
                     .collect();
                 let mut close = 0;
                 for (found, p) in found.iter().zip(&points) {

@@ -3,10 +3,12 @@
 //! All positions and distances here are in samples, that is, in lattice space with a step of 1.
 
 use super::nearest::Points;
-use crate::feature::Features;
+use crate::feature::{FeaturePoint, Features};
 use crate::geometry::dot;
 use crate::image::synth::Truth;
 use crate::image::synth::truth::REACH;
+use crate::mesh::part::Holders;
+use std::ops::Range;
 
 /// How far sideways, in samples, a detected point stands for the plane through it.
 const SIDEWAYS: f64 = 1.0;
@@ -16,8 +18,9 @@ pub struct Reference<'a, const D: usize = 3> {
     /// What it was made from, for the report.
     pub source: &'static str,
     /// Points on the features: from truth, each sample closer than half a sample to a feature, moved
-    /// onto it (but where the feature tapers out); else the detected points.
+    /// onto it (but where the feature tapers out); else the detected points, or a share of them.
     pub points: Vec<[f32; D]>,
+    in_shares: bool,
     /// For each of them, where the truth knows it, how far the next feature is and at what angle it
     /// lies (degrees).
     pub next: Option<Vec<[f32; 2]>>,
@@ -59,6 +62,7 @@ impl<'a, const D: usize> Reference<'a, D> {
         Self {
             source,
             points,
+            in_shares: false,
             next,
             field: Field::Truth(truth),
         }
@@ -66,19 +70,32 @@ impl<'a, const D: usize> Reference<'a, D> {
 
     /// The detected features, when no truth is known.
     pub fn from_features(features: &Features<D>) -> Self {
+        Self::detected(features, &features.points)
+    }
+
+    /// The same where each of several has a share of the points: `near` are those near to what is measured here.
+    pub(crate) fn from_share(features: &Features<D>, near: &[FeaturePoint<D>]) -> Self {
+        Self {
+            in_shares: true,
+            ..Self::detected(features, near)
+        }
+    }
+
+    fn detected(features: &Features<D>, near: &[FeaturePoint<D>]) -> Self {
         let step = features.potential.step.map(|s| s as f32);
-        let points: Vec<[f32; D]> = features
-            .points
-            .iter()
-            .map(|p| std::array::from_fn(|k| p.position[k] / step[k]))
-            .collect();
+        let in_samples = |points: &[FeaturePoint<D>]| -> Vec<[f32; D]> {
+            let points = points.iter();
+            points
+                .map(|p| std::array::from_fn(|k| p.position[k] / step[k]))
+                .collect()
+        };
         let dims = features.potential.dims;
         let extent = dims.map(|n| (n.max(1) - 1) as f64);
-        let (sorted, order) = Points::new(&points, extent);
+        let (sorted, order) = Points::new(&in_samples(near), extent);
         let normals = order
             .iter()
             .map(|&i| {
-                let p = &features.points[i as usize];
+                let p = &near[i as usize];
                 let n: [f32; D] = std::array::from_fn(|k| p.normal[k] * step[k]);
                 let length = n
                     .iter()
@@ -91,12 +108,21 @@ impl<'a, const D: usize> Reference<'a, D> {
             .collect();
         Self {
             source: "detected",
-            points,
+            points: in_samples(&features.points),
+            in_shares: false,
             next: None,
             field: Field::Detected(Detected {
                 points: sorted,
                 normals,
             }),
+        }
+    }
+
+    /// The points that one of some holders compares with faces.
+    pub(super) fn own<H: Holders + ?Sized>(&self, holders: &H) -> Range<usize> {
+        match self.in_shares {
+            true => 0..self.points.len(),
+            false => holders.share(self.points.len(), holders.rank()),
         }
     }
 

@@ -1,61 +1,78 @@
-//! Faces of a mesh, known to all who hold parts of it: surfaces are small beside the mesh.
+//! Faces of a mesh in parts, each of which is one holder's: nobody knows them all.
 
 use rayon::prelude::*;
 
-use crate::files::kept::Kept;
 use crate::mesh::Simplices;
 use crate::mesh::part::{Holders, Part};
-use crate::ranks::joined;
 
-/// Faces of a mesh in parts, each once.
-pub(super) struct Surface<const D: usize, T> {
-    /// The mesh's numbers of their nodes, rising.
-    pub numbers: Vec<u32>,
-    /// What is known of each of these nodes.
-    pub nodes: Vec<T>,
-    /// The nodes of each face by their places among these: rising, as are the faces.
+/// Some faces of a mesh.
+pub(super) struct Surface<'a, const D: usize> {
+    /// Where the mesh's nodes are.
+    pub nodes: &'a [[f64; D]],
+    /// The nodes of each face, rising.
     pub faces: Vec<[u32; D]>,
-    /// The sets that each face belongs to, as bits.
+    /// The sets that each belongs to, as bits.
     pub sets: Vec<u8>,
 }
 
-impl<const D: usize, T: Kept> Surface<D, T> {
-    /// The faces that the parts have, by their own numbers of nodes, rising, with what is known of nodes. A face that
-    /// two have, or one has twice, belongs to the sets of both.
+impl<'a, const D: usize> Surface<'a, D> {
+    /// Of the faces that the parts of a mesh have, with nodes rising, those that this part is the first to have. What
+    /// several have, or one has twice, belongs to the sets of all.
     ///
     /// # Errors
     /// Those of the other holders.
-    pub fn told<M: Simplices<D>, H: Holders + ?Sized>(
+    pub fn own<M: Simplices<D>, H: Holders + ?Sized>(
         what: &str,
-        part: &Part<'_, D, M, H>,
+        part: &Part<'a, D, M, H>,
         mut faces: Vec<([u32; D], u8)>,
-        of: impl Fn(u32) -> T,
     ) -> Result<Self, H::Error> {
         together(&mut faces);
-        let mut nodes: Vec<u32> = faces.iter().flat_map(|(face, _)| *face).collect();
-        nodes.par_sort_unstable();
-        nodes.dedup();
-        let nodes: Vec<(u32, T)> = (nodes.into_iter().map(|n| (part.number(n), of(n)))).collect();
-        // Numbers in the whole rise with those in the part.
-        for (face, _) in &mut faces {
-            *face = face.map(|n| part.number(n));
+        let (holders, is_shared) = (part.holders, part.is_shared());
+        // Whoever answers for its first node hears of a face from all that may have it.
+        let mut places = vec![Vec::new(); holders.count()];
+        let mut to = vec![Vec::new(); holders.count()];
+        for (place, (face, sets)) in faces.iter().enumerate() {
+            if face.iter().all(|&n| is_shared[n as usize]) {
+                // Numbers in the whole rise with those in the part.
+                let numbers = face.map(|n| part.number(n));
+                let owner = holders.owner(numbers[0], part.whole[0]);
+                places[owner].push(place);
+                to[owner].push((numbers, *sets));
+            }
         }
-        let told = part.holders.told(what, (nodes, faces))?;
-        let (nodes, faces): (Vec<_>, Vec<_>) = told.into_iter().unzip();
-        let (mut nodes, mut faces) = (joined(nodes), joined(faces));
-        nodes.sort_by_key(|(number, _)| *number);
-        nodes.dedup_by_key(|(number, _)| *number);
-        together(&mut faces);
-        let (numbers, nodes): (Vec<u32>, Vec<T>) = nodes.into_iter().unzip();
-        let (mut faces, sets): (Vec<[u32; D]>, Vec<u8>) = faces.into_iter().unzip();
-        let place = |n: u32| numbers.partition_point(|&number| number < n) as u32;
-        (faces.par_iter_mut()).for_each(|face| *face = face.map(place));
+        let told = holders.passed(what, to)?;
+        let mut answers: Vec<Vec<u8>> = told.iter().map(|told| vec![0; told.len()]).collect();
+        let mut all = Vec::new();
+        for (from, told) in told.iter().enumerate() {
+            all.extend(
+                told.iter()
+                    .enumerate()
+                    .map(|(at, of)| (of.0, from, at, of.1)),
+            );
+        }
+        all.sort_unstable();
+        for same in all.chunk_by(|a, b| a.0 == b.0) {
+            let (_, from, at, _) = same[0];
+            answers[from][at] = same.iter().fold(0, |sets, of| sets | of.3);
+        }
+        for (places, answers) in places.iter().zip(holders.passed(what, answers)?) {
+            for (&place, sets) in places.iter().zip(answers) {
+                faces[place].1 = sets;
+            }
+        }
+        faces.retain(|(_, sets)| *sets != 0);
+        let (faces, sets) = faces.into_iter().unzip();
         Ok(Self {
-            numbers,
-            nodes,
+            nodes: part.mesh.nodes(),
             faces,
             sets,
         })
+    }
+
+    /// Where the nodes of a face are.
+    #[inline]
+    pub fn corners(&self, face: usize) -> [[f64; D]; D] {
+        self.faces[face].map(|n| self.nodes[n as usize])
     }
 }
 
@@ -69,4 +86,49 @@ pub(super) fn together<const D: usize>(faces: &mut Vec<([u32; D], u8)>) {
         }
         same
     });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::boxes::kuhn_box;
+    use crate::mesh::complex::neighbors;
+    use crate::mesh::piece::Piece;
+    use crate::ranks::{Group, shared};
+
+    #[test]
+    fn each_face_is_one_holders() {
+        let mesh = kuhn_box([5, 4, 6], 1.0);
+        let around = neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
+        // All faces of some cells, in two sets.
+        let faces = |mesh: &crate::mesh::TetMesh, first: usize| {
+            let mut faces = Vec::new();
+            for c in (0..mesh.tets.len()).filter(|c| (first + c) % 3 < 2) {
+                for k in 0..4 {
+                    let mut face = mesh.face(c, k);
+                    face.sort_unstable();
+                    faces.push((face, 1 + ((first + c) % 3) as u8));
+                }
+            }
+            faces
+        };
+        let part = Part::all(&mesh);
+        let Ok(all) = Surface::own("faces", &part, faces(&mesh, 0));
+        let all: Vec<_> = all.faces.into_iter().zip(all.sets).collect();
+        assert!(all.iter().any(|face| face.1 == 3));
+        for count in [1, 2, 5] {
+            let pieces = Piece::cut(&mesh, &around, count);
+            let found = shared(count, |group: &dyn Group| {
+                let piece = &pieces[group.rank()];
+                let part = Part::of(piece, group);
+                let own = Surface::own("faces", &part, faces(&piece.mesh, piece.first)).unwrap();
+                let number = |n: u32| piece.numbers[n as usize];
+                let faces = own.faces.iter().map(|face| face.map(number));
+                faces.zip(own.sets).collect::<Vec<_>>()
+            });
+            let mut found = found.concat();
+            found.sort_unstable();
+            assert!(found == all, "{count}");
+        }
+    }
 }

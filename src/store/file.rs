@@ -85,7 +85,7 @@ where
         },
     };
     // A rank without cells has the arrays that others have.
-    if outcome.features.on_horizon.contains(&true) {
+    if outcome.features.of_all().on_horizon > 0 {
         let bits = face_bits_to_physical::<D>(&horizons, mirrored);
         file.cell_data.push(DataArray::scalars(HORIZON_FACES, bits));
     }

@@ -7,7 +7,9 @@
 use super::faults::Faults;
 use super::horizons::Horizons;
 use super::{Detection, Part};
-use crate::feature::Features;
+use crate::error::Result;
+use crate::feature::{Features, OfAll};
+use crate::ranks::{Group, Ranks};
 
 /// The two detectors. A threshold that is asked for is one of amplitude, so it is the horizons'; the
 /// faults' own is found from the image.
@@ -20,43 +22,34 @@ pub fn parts<const D: usize>(asked: &Detection<D>) -> Vec<Part<D>> {
 }
 
 /// Features of two kinds as one; their valleys are as deep as the weights say.
+///
+/// # Errors
+/// Those of other ranks.
 pub fn together<const D: usize>(
     mut first: Features<D>,
     second: Features<D>,
     weights: [f64; 2],
-) -> Features<D> {
+) -> Result<Features<D>> {
     let [a, b] = weights.map(|w| w as f32);
     let deepest = |first: f32, second: f32| (a * first).min(b * second);
+    let group: &dyn Group = &Ranks;
+    let of_all = [&first, &second].map(Features::of_all);
+    let last: Vec<u32> = group.all("sheets", first.sheet.iter().copied().max().unwrap_or(0))?;
+    let last = last.into_iter().max().unwrap_or(0);
+    first.in_shares = first.in_shares.map(|_| OfAll {
+        points: of_all[0].points + of_all[1].points,
+        on_horizon: of_all[0].on_horizon + of_all[1].on_horizon,
+    });
     first.potential = first.potential.combined(&second.potential, deepest);
     first.points.extend(second.points);
     first.on_horizon.extend(second.on_horizon);
-    let last = first.sheet.iter().copied().max().unwrap_or(0);
     first.sheet.extend(second.sheet.iter().map(|s| last + s));
-    let spacing: Option<Vec<f32>> = first
-        .spacing
-        .zip(second.spacing)
-        .map(|(a, b)| [a, b].concat());
-    let last_axis_first = |&i: &usize, &j: &usize| {
-        let [p, q] = [i, j].map(|i| first.points[i].position.iter().rev());
-        p.zip(q)
-            .map(|(a, b)| a.total_cmp(b))
-            .find(|order| order.is_ne())
-            .unwrap_or(std::cmp::Ordering::Equal)
-    };
-    let mut order: Vec<usize> = (0..first.points.len()).collect();
-    order.sort_by(last_axis_first);
-    first.points = ordered(&order, &first.points);
-    first.on_horizon = ordered(&order, &first.on_horizon);
-    first.sheet = ordered(&order, &first.sheet);
-    first.spacing = spacing.map(|spacing| ordered(&order, &spacing));
+    first.spacing = (first.spacing.zip(second.spacing)).map(|(a, b)| [a, b].concat());
     first.left_out += second.left_out;
     first.notes.extend(second.notes);
     first.settled.extend(second.settled);
-    first
-}
-
-fn ordered<T: Copy>(order: &[usize], values: &[T]) -> Vec<T> {
-    order.iter().map(|&i| values[i]).collect()
+    first.sort(group)?;
+    Ok(first)
 }
 
 #[cfg(test)]

@@ -426,17 +426,20 @@ pub fn again<const D: usize>(kind: FeatureKind) -> Result<&'static dyn Detector<
 }
 
 /// What the detectors found, as one.
+///
+/// # Errors
+/// Those of other ranks.
 pub fn together<const D: usize>(
     found: Vec<Features<D>>,
     dims: [usize; D],
     asked: &Detection<D>,
-) -> Features<D> {
+) -> Result<Features<D>> {
     let mut found = found.into_iter();
-    match (found.next(), found.next()) {
+    Ok(match (found.next(), found.next()) {
         (Some(faults), Some(horizons)) => {
-            faults_and_horizons::together(faults, horizons, asked.weights)
+            faults_and_horizons::together(faults, horizons, asked.weights)?
         }
         (Some(only), None) => only,
         _ => Features::none(dims, asked),
-    }
+    })
 }

@@ -17,10 +17,9 @@ use crate::feature::crossing::Candidate;
 use crate::feature::lifted::{Ambiguous, BESIDE, Search, merged};
 use crate::feature::repair::{self, Shell, repair};
 use crate::feature::ridges::{self, Statistics, ridges};
-use crate::feature::slab::Slab;
+use crate::feature::slab::{Slab, ranked};
 use crate::feature::volume::Volume;
 use crate::feature::windows::{LookedAt, Samples, Stack, Window, layer};
-use crate::files::kept::fields;
 use crate::observer::Patience;
 use crate::ranks::{Group, Ranks};
 use rayon::prelude::*;
@@ -125,8 +124,9 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
     pub fn find(&self, mut samples: Samples<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
         let (dims, patience) = (samples.dims(), self.scene.patience);
         let (scale, thresholds) = self.smooth(&mut samples, notes)?;
-        let seen = Seen::of(&samples, scale, thresholds.low, patience)?;
-        let (group, layers) = (&Ranks as &dyn Group, Some(seen.layers.clone()));
+        let group = &Ranks as &dyn Group;
+        let seen = Seen::of(&samples, scale, thresholds.low, group, patience)?;
+        let layers = Some(seen.layers.clone());
         let mut slab = Slab::new(dims, seen.candidates, layers.clone(), BESIDE, group)?;
         let heights = slab.beside("heights of ridges", seen.heights)?;
         let typical = ridges::typical_of_all(&slab)?;
@@ -163,7 +163,7 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
         };
         drop((zone, slab));
         let slab = Slab::new(dims, candidates, layers.clone(), repair::SEES, group)?;
-        let candidates = repair(&shell, slab, scale, high, patience)?;
+        let candidates = repair(shell, slab, scale, high, patience)?;
         Ok(Found {
             sharp,
             layers,
@@ -250,63 +250,74 @@ struct Seen<const D: usize> {
     level: f32,
     /// The height of the smoothed image below which there is nothing to find.
     floor: f32,
-    /// Its heights near the sides.
+    /// Its heights near the sides, in these layers.
     shell: Shell<D>,
 }
 
 impl<const D: usize> Seen<D> {
-    fn of(samples: &Samples<'_, D>, scale: f64, low: f32, patience: &Patience<'_>) -> Result<Self> {
+    fn of(
+        samples: &Samples<'_, D>,
+        scale: f64,
+        low: f32,
+        group: &dyn Group,
+        patience: &Patience<'_>,
+    ) -> Result<Self> {
         let (every, shell) = (samples.every(), Shell::new(samples.dims(), scale));
         let mut layers = LookedAt::default();
         let (mut candidates, mut heights) = (Vec::new(), Vec::new());
+        let (mut near_sides, mut some) = (Vec::new(), [Vec::new(), Vec::new()]);
+        let mut tops = Tops::default();
         let mut look = |window: &Window<'_, D>| {
             let found = ridges(window, scale, low, patience);
-            let (glance, high) = Glance::of(window, &found, every, &shell);
+            let own = window.smoothed.layers(&window.own.layers);
+            let (near, glance) = rayon::join(
+                || shell.of_layers(own, window.own.layers.start),
+                || Glance::of(window, &found, every),
+            );
             layers.add(&window.own);
             append(&mut candidates, found);
-            append(&mut heights, high);
-            glance
-        };
-        let (mut some, mut tops) = ([Vec::new(), Vec::new()], Vec::<f32>::new());
-        let mut near_sides = Vec::new();
-        let mut take = |glance: Glance| {
-            append(&mut near_sides, glance.near_sides);
+            append(&mut near_sides, near);
+            append(&mut heights, glance.heights);
             for (some, more) in some.iter_mut().zip(glance.some) {
                 append(some, more);
             }
-            if let (Some(last), Some(top)) = (tops.last_mut(), glance.begun) {
-                *last = last.max(top);
-            }
-            append(&mut tops, glance.tops);
+            tops.add(glance.begun, glance.tops);
         };
         let reach = ridges::REACH;
-        samples.each(reach, None, &|_| 1, patience, &mut look, &mut take)?;
+        samples.each(reach, None, &|_| 1, patience, &mut look, &mut |()| ())?;
+        let middle = |count: usize| count / 2;
         let [as_is, smoothed] = some;
-        let (level, nothing) = rayon::join(|| median(as_is), || median(smoothed));
+        let level = of_all("samples", as_is, middle, group)?.unwrap_or(0.0);
+        let nothing = of_all("smoothed samples", smoothed, middle, group)?.unwrap_or(0.0);
         heights.par_iter_mut().for_each(|height| *height -= nothing);
-        let rank = tops.len() * 9 / 10;
-        let floor = match tops.is_empty() {
-            true => nothing,
-            false => {
-                let top = *tops.select_nth_unstable_by(rank, f32::total_cmp).1;
-                nothing + FLOOR * (top - nothing)
-            }
-        };
+        let tops = tops.joined(group)?;
+        let top = of_all("tops of rows", tops, |count| count * 9 / 10, group)?;
         Ok(Self {
             layers: layers.0,
             candidates,
             heights,
             level,
-            floor,
+            floor: top.map_or(nothing, |top| nothing + FLOOR * (top - nothing)),
             shell: shell.with(near_sides),
         })
     }
 }
 
-/// What of a window's samples is for all ranks.
+/// The value of a rank among those of all.
+fn of_all(
+    what: &str,
+    own: Vec<f32>,
+    rank: impl Fn(usize) -> usize,
+    group: &dyn Group,
+) -> Result<Option<f32>> {
+    let own = own.into_par_iter().map(f64::from).collect();
+    Ok(ranked(what, own, rank, group)?.map(|value| value as f32))
+}
+
+/// What is seen at a glance of a window's samples.
 struct Glance {
-    /// The smoothed image near the sides.
-    near_sides: Vec<f32>,
+    /// How high the smoothed image is at each of its ridge points.
+    heights: Vec<f32>,
     /// Samples here and there, as they are and smoothed.
     some: [Vec<f32>; 2],
     /// The highest of what belongs to a row begun before, and of each row of smoothed samples.
@@ -314,18 +325,12 @@ struct Glance {
     tops: Vec<f32>,
 }
 
-fields! {
-    Glance as Glance { near_sides, some, begun, tops }
-}
-
 impl Glance {
-    /// Of a window; and how high the smoothed image is at each of its ridge points.
     fn of<const D: usize>(
         window: &Window<'_, D>,
         candidates: &[Candidate<D>],
         every: usize,
-        shell: &Shell<D>,
-    ) -> (Self, Vec<f32>) {
+    ) -> Self {
         let (whole, smoothed) = (Volume::new(window.dims, &[]), window.smoothed);
         let height = |c: &Candidate<D>| smoothed.at(whole.coordinates(c.voxel.index()));
         let own = smoothed.layers(&window.own.layers);
@@ -339,21 +344,45 @@ impl Glance {
         };
         let (begun, rows) = own.split_at(own.len().min(passed.next_multiple_of(ROW) - passed));
         let highest = |row: &[f32]| row.iter().copied().fold(f32::MIN, f32::max);
-        let (near_sides, (some, heights, tops)) = rayon::join(
-            || shell.of_layers(own, window.own.layers.start),
-            || {
-                let some = [window.raw, smoothed].map(some_of);
-                let heights = candidates.par_iter().map(height).collect();
-                (some, heights, rows.par_chunks(ROW).map(highest).collect())
-            },
-        );
-        let glance = Self {
-            near_sides,
-            some,
+        Self {
+            heights: candidates.par_iter().map(height).collect(),
+            some: [window.raw, smoothed].map(some_of),
             begun: (!begun.is_empty()).then(|| highest(begun)),
-            tops,
-        };
-        (glance, heights)
+            tops: rows.par_chunks(ROW).map(highest).collect(),
+        }
+    }
+}
+
+/// The tops of rows of samples that follow one another.
+#[derive(Default)]
+struct Tops {
+    /// Of a row that was begun before the first.
+    begun: Option<f32>,
+    tops: Vec<f32>,
+}
+
+impl Tops {
+    fn add(&mut self, begun: Option<f32>, tops: Vec<f32>) {
+        if let Some(top) = begun {
+            match self.tops.last_mut() {
+                Some(last) => *last = last.max(top),
+                None => self.begun = Some(self.begun.map_or(top, |begun| begun.max(top))),
+            }
+        }
+        append(&mut self.tops, tops);
+    }
+
+    /// The tops, where others have those of the rows that follow: of a row that one has begun its own is that of all.
+    fn joined(mut self, group: &dyn Group) -> Result<Vec<f32>> {
+        let own = (self.begun, self.tops.is_empty());
+        let all: Vec<(Option<f32>, bool)> = group.all("tops of rows begun", own)?;
+        let mut after = all[group.rank() + 1..].iter();
+        let mut goes_on = true;
+        while let Some((begun, no_row)) = after.next().filter(|_| goes_on) {
+            self.add(*begun, Vec::new());
+            goes_on = *no_row;
+        }
+        Ok(self.tops)
     }
 }
 
@@ -362,14 +391,6 @@ fn append<T>(all: &mut Vec<T>, more: Vec<T>) {
     match all.is_empty() {
         true => *all = more,
         false => all.extend(more),
-    }
-}
-
-fn median(mut some: Vec<f32>) -> f32 {
-    let middle = some.len() / 2;
-    match some.is_empty() {
-        true => 0.0,
-        false => *some.select_nth_unstable_by(middle, f32::total_cmp).1,
     }
 }
 

@@ -16,7 +16,6 @@ use super::crossing::Candidate;
 use super::slab::Slab;
 use super::{FeatureKind, FeaturePoint};
 use crate::error::Result;
-use crate::files::kept::fields;
 use crate::geometry::dot;
 use crate::observer::{Patience, Stage};
 use crate::ranks::Group;
@@ -59,7 +58,7 @@ impl<const D: usize> Rules<D> {
     }
 }
 
-/// Points that were kept, and what happened to the others.
+/// Points that were kept, of all ranks or of one of them, and what happened to the others.
 #[derive(Debug, Clone)]
 pub struct FoundSheets<const D: usize> {
     /// Points of all sheets, in the order of samples.
@@ -68,14 +67,11 @@ pub struct FoundSheets<const D: usize> {
     pub sheet: Vec<u32>,
     /// For each point, whether its sheet ends there.
     pub rim: Vec<bool>,
-    /// Number of sheets.
+    /// Number of sheets, and of the points of all ranks.
     pub sheets: usize,
+    pub whole: usize,
     /// What became of the other points.
     pub left_out: LeftOut,
-}
-
-fields! {
-    @(const D: usize) FoundSheets<D> as FoundSheets { points, sheet, rim, sheets, left_out }
 }
 
 /// Points that were found and are not followed, by the reason.
@@ -102,22 +98,24 @@ impl AddAssign for LeftOut {
 
 impl<const D: usize> FoundSheets<D> {
     /// What all ranks have, each of which has its own.
-    fn of_all(self, group: &dyn Group) -> Result<Self> {
+    ///
+    /// # Errors
+    /// Those of other ranks.
+    pub fn gathered(self, group: &dyn Group) -> Result<Self> {
         if group.count() == 1 {
             return Ok(self);
         }
         let mut all = Self {
-            points: Vec::new(),
-            sheet: Vec::new(),
-            rim: Vec::new(),
-            sheets: self.sheets,
-            left_out: LeftOut::default(),
+            points: Vec::with_capacity(self.whole),
+            sheet: Vec::with_capacity(self.whole),
+            rim: Vec::with_capacity(self.whole),
+            ..self
         };
-        for part in group.all("points of sheets", self)? {
-            all.points.extend(part.points);
-            all.sheet.extend(part.sheet);
-            all.rim.extend(part.rim);
-            all.left_out += part.left_out;
+        let own = (self.points, (self.sheet, self.rim));
+        for (points, (sheet, rim)) in group.all("points of sheets", own)? {
+            all.points.extend(points);
+            all.sheet.extend(sheet);
+            all.rim.extend(rim);
         }
         Ok(all)
     }
@@ -128,7 +126,7 @@ impl<const D: usize> FoundSheets<D> {
         let mut note = format!(
             "{} feature points in {} sheets; left out {} nearer than {:.1} to a stronger parallel sheet, {} \
              in pieces smaller than {:.0}",
-            self.points.len(),
+            self.whole,
             self.sheets,
             out.near_another_sheet,
             rules.resolution,
@@ -140,7 +138,7 @@ impl<const D: usize> FoundSheets<D> {
             note += &format!(", {count} in parts narrower than {width} samples");
         }
         notes.push(note + &format!(" and {} weak", out.weak));
-        if self.points.is_empty() {
+        if self.whole == 0 {
             notes.push(format!(
                 "NO FEATURE ({kind}) was found, so the mesh follows none: try another kind of \
                  feature or a lower threshold"
@@ -174,7 +172,7 @@ pub const SHARP: Agreement = Agreement {
 };
 
 /// Groups candidates (in the order of samples) into sheets that keep the rules. Ranks that share them have, if they
-/// are all of some layers, `layers` of their own; all have all that is found.
+/// are all of some layers, `layers` of their own; each has the points that are found there.
 ///
 /// # Errors
 /// That of patience, and those of other ranks.
@@ -195,29 +193,43 @@ pub fn sheets<const D: usize>(
     let mut all: Vec<(u64, u32)> = group.all("sheets", kept)?.concat();
     all.sort_unstable();
     let number: HashMap<u32, u32> = (1..).zip(&all).map(|(to, &(_, from))| (from, to)).collect();
-    let mut left_out = LeftOut::default();
+    let mut states = [0; 5];
     for state in &growth.state[slab.own.clone()] {
-        match *state {
-            CRUMB => left_out.in_small_pieces += 1,
-            NARROW => left_out.in_narrow_parts += 1,
-            BLOCKED => left_out.near_another_sheet += 1,
-            FREE => left_out.weak += 1,
-            _ => (),
-        }
+        states[match *state {
+            CRUMB => 0,
+            NARROW => 1,
+            BLOCKED => 2,
+            FREE => 3,
+            _ => 4,
+        }] += 1;
     }
+    let states = slab.sums("points of sheets", states)?;
+    let [
+        in_small_pieces,
+        in_narrow_parts,
+        near_another_sheet,
+        weak,
+        whole,
+    ] = states.map(|n| n as usize);
     let kept = slab.own.clone().into_par_iter();
     let kept: Vec<usize> = kept.filter(|&i| growth.state[i] < NARROW).collect();
     let kept = || kept.par_iter().map(|&i| (i, &slab.candidates[i]));
     let ends = |c: &Candidate<D>| !patience.over() && growth.ends_at(c);
     let own = FoundSheets {
+        whole,
         points: kept().map(|(_, c)| lattice_point(c, step)).collect(),
         sheet: kept().map(|(i, _)| number[&growth.state[i]]).collect(),
         rim: kept().map(|(_, c)| ends(c)).collect(),
         sheets: all.len(),
-        left_out,
+        left_out: LeftOut {
+            near_another_sheet,
+            in_small_pieces,
+            in_narrow_parts,
+            weak,
+        },
     };
     patience.lasts(Stage::Features)?;
-    own.of_all(group)
+    Ok(own)
 }
 
 /// A candidate in lattice space: positions scale with the step, normals against it.
@@ -325,7 +337,9 @@ mod tests {
                         _ => (given.collect(), None),
                     };
                     let among = (group, &Patience::endless());
-                    sheets(dims, given, own, step, &rules, among).unwrap()
+                    let found = sheets(dims, given, own, step, &rules, among).unwrap();
+                    assert_eq!(found.whole, one.points.len());
+                    found.gathered(group).unwrap()
                 });
                 for found in found {
                     assert_eq!((found.sheets, found.left_out), (one.sheets, one.left_out));

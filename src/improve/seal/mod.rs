@@ -86,7 +86,8 @@ pub fn seal<const D: usize, M: Simplices<D>>(
     };
     let mut sealing = Sealing::new(surface, &sheets, distance);
     sealing.surface.mark_both_sides();
-    let Ok(()) = sealing.grow(|| Ok::<_, Infallible>(patience.over()));
+    let over = || Ok::<_, Infallible>(patience.over());
+    let Ok(()) = sealing.grow(over, |sealing, cells| Ok(sealing.seen_from(&cells)));
     sealing.peel();
     let (room, volume) = sealing.surface.rooms();
     let rooms = |&face: &u32| {
@@ -161,6 +162,11 @@ impl<'a, const D: usize, M: Simplices<D>> Sealing<'a, D, M> {
             .near_within(self.centroid(c), radius, every_second)
     }
 
+    /// The same of some cells.
+    fn seen_from(&self, cells: &[u32]) -> Vec<(u32, NearSheets)> {
+        cells.par_iter().map(|&c| (c, self.near(c))).collect()
+    }
+
     /// Whether a sheet passes between two cells.
     fn parted(&self, a: u32, b: u32) -> bool {
         let (Some(near_a), Some(near_b)) = (self.sides.get(&a), self.sides.get(&b)) else {
@@ -182,10 +188,11 @@ impl<'a, const D: usize, M: Simplices<D>> Sealing<'a, D, M> {
     }
 
     /// The faces that part cells on different sides of a sheet, from the rims of what is marked on,
-    /// until it is `over`.
+    /// until it is `over`; `look` tells which sheets are near some cells.
     fn grow<E>(
         &mut self,
         over: impl Fn() -> std::result::Result<bool, E>,
+        look: impl Fn(&Self, Vec<u32>) -> std::result::Result<Vec<(u32, NearSheets)>, E>,
     ) -> std::result::Result<(), E> {
         let n = D as u32 + 1;
         let mut count: HashMap<Ridge, u32> = HashMap::new();
@@ -195,36 +202,35 @@ impl<'a, const D: usize, M: Simplices<D>> Sealing<'a, D, M> {
                 *count.entry(ridge).or_default() += 1;
             }
         }
-        let mut look = Vec::new();
+        let mut next = Vec::new();
         for &face in &marked {
             for ridge in self.surface.ridges(face) {
                 if count[&ridge] == 1 {
-                    let before = look.len();
+                    let before = next.len();
                     // Where it does not close, the surface ends in a side; or there is no rim: all that
                     // is round rims is here.
-                    let way = self.surface.round(face / n, ridge, |c| look.push(c));
+                    let way = self.surface.round(face / n, ridge, |c| next.push(c));
                     if way != Way::Closes {
-                        look.truncate(before);
+                        next.truncate(before);
                     }
                 }
             }
         }
         self.on = count;
         let mut known = vec![false; self.surface.mesh.len()];
-        while !look.is_empty() && !over()? {
-            look.sort_unstable();
-            look.dedup();
-            look.retain(|&c| !std::mem::replace(&mut known[c as usize], true));
-            let unseen = look.par_iter().filter(|c| !self.sides.contains_key(*c));
-            let sides: Vec<(u32, NearSheets)> = unseen.map(|&c| (c, self.near(c))).collect();
-            self.sides.extend(sides);
-            let mut next = Vec::new();
-            for &c in &look {
+        while !next.is_empty() && !over()? {
+            let mut cells = std::mem::take(&mut next);
+            cells.sort_unstable();
+            cells.dedup();
+            cells.retain(|&c| !std::mem::replace(&mut known[c as usize], true));
+            let unseen = cells.iter().filter(|c| !self.sides.contains_key(*c));
+            self.sides.extend(look(self, unseen.copied().collect())?);
+            for &c in &cells {
                 for face in n * c..n * (c + 1) {
                     let beyond = self.surface.neighbors[face as usize];
                     // Of two that are new, the second sees the first.
                     let seen = beyond < BEYOND && known[beyond as usize];
-                    let twice = seen && beyond > c && look.binary_search(&beyond).is_ok();
+                    let twice = seen && beyond > c && cells.binary_search(&beyond).is_ok();
                     if !seen || twice || self.surface.marked(face) || !self.parted(c, beyond) {
                         continue;
                     }
@@ -238,7 +244,6 @@ impl<'a, const D: usize, M: Simplices<D>> Sealing<'a, D, M> {
                     }
                 }
             }
-            look = next;
         }
         self.fresh.sort_unstable();
         Ok(())

@@ -1,5 +1,6 @@
 //! Closing holes in a mesh that is in pieces. What there is to do is near the rims of surfaces: the cells there
-//! are told to all, who do the same to them. Rooms are united across pieces.
+//! are told to all, who do the same to them; which sheets are near one, whoever has it says. Rooms are united across
+//! pieces.
 
 use super::near::Near;
 use super::surface::{Surface, Way};
@@ -13,14 +14,15 @@ use crate::mesh::TetMesh;
 use crate::mesh::complex::{BEYOND, NONE};
 use crate::mesh::piece::Piece;
 use crate::observer::Patience;
-use crate::ranks::Group;
+use crate::ranks::{Group, joined};
 use crate::{Error, Result};
 
 /// Where surfaces grow out of what all look at, so many more rings of cells are taken in, at most.
 const RINGS: usize = 4;
 
 /// [`seal`](super::seal) of a mesh that is in pieces, which follow one another as the members of the group do;
-/// `marks` are those of this piece's tetrahedra. They, and what was closed, are as in the whole mesh.
+/// `marks` are those of this piece's tetrahedra, and `points` at least those near it. What is marked, and what was
+/// closed, are as in the whole mesh.
 ///
 /// # Errors
 /// [`Error::Mesh`] if the pieces do not fit one another; those of the others.
@@ -63,9 +65,16 @@ pub fn seal_pieces(
         let mut sealing = Sealing::new(surface, &sheets, distance);
         let here = |(number, sides)| (near.place(number), sides);
         sealing.sides = seen.into_iter().map(here).collect();
-        sealing.grow(|| {
+        let over = || {
             let over = group.all("patience", patience.over())?;
             Ok::<_, Error>(over.contains(&true))
+        };
+        sealing.grow(over, |sealing, cells| {
+            let own = cells.into_iter().filter(|&c| own.has(near.cell(c)));
+            let own: Vec<u32> = own.collect();
+            Ok(joined(
+                group.all("sheets near cells", sealing.seen_from(&own))?,
+            ))
         })?;
         if sealing.missed.is_empty() {
             sealing.peel();
@@ -196,10 +205,15 @@ impl Own<'_> {
         Ok(all)
     }
 
+    /// Whether this piece has a cell of the whole mesh.
+    fn has(&self, cell: usize) -> bool {
+        let first = self.piece.first;
+        (first..first + self.piece.mesh.tets.len()).contains(&cell)
+    }
+
     /// This piece's number of a face of the whole mesh, if it has that.
     fn here(&self, cell: usize, k: u32) -> Option<u32> {
-        let c = cell.checked_sub(self.piece.first)?;
-        (c < self.piece.mesh.tets.len()).then_some(4 * c as u32 + k)
+        (self.has(cell)).then(|| 4 * (cell - self.piece.first) as u32 + k)
     }
 
     /// Marks the fresh faces, which all members have found, and opens the pockets that they make.

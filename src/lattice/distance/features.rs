@@ -152,6 +152,7 @@ mod tests {
             notes: vec![],
             settled: vec![],
             spacing: None,
+            in_shares: None,
             labels: None,
             confidence: None,
         }

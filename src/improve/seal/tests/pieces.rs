@@ -1,10 +1,14 @@
 //! A mesh that is sealed in pieces is as if it had been sealed as a whole.
 
 use super::*;
+use crate::geometry::spread;
 use crate::mesh::Mesh;
 use crate::mesh::boxes::kuhn_box;
 use crate::mesh::piece::Piece;
 use crate::ranks::shared;
+
+/// From how far features are seen.
+const NEAR: f64 = RADII[1] + 2.0;
 
 /// A mesh whose surfaces have holes.
 struct Scene {
@@ -51,10 +55,18 @@ impl Scene {
         let told = shared(count, |group| {
             let piece = &pieces[group.rank()];
             let mut marks = self.marks[piece.first..][..piece.mesh.tets.len()].to_vec();
+            // No more is known of features than what is near.
+            let [low, high] = spread(&piece.mesh.nodes);
+            let is_near = |point: &&FeaturePoint<3>| {
+                let x = point.position.map(f64::from);
+                (0..3).all(|k| (low[k] - NEAR..=high[k] + NEAR).contains(&x[k]))
+            };
+            let points: Vec<FeaturePoint<3>> =
+                self.points.iter().filter(is_near).copied().collect();
             let done = Patience::of(&mut keep_going(group.rank()), |patience| {
                 seal_pieces(
                     piece,
-                    &self.points,
+                    &points,
                     self.extent,
                     &self.distance,
                     &mut marks,

@@ -1,0 +1,216 @@
+//! How far things are from others, where several have some each: shares, largest, and up to where a share of them is.
+//! Counts and areas are whole numbers, so that it makes no difference who has what.
+
+use crate::mesh::part::Holders;
+use rayon::prelude::*;
+
+/// Areas are counted in these parts of a square sample.
+const AREA: f64 = (1u64 << 28) as f64;
+
+/// Distances, none negative, each with a weight.
+#[derive(Debug, Default)]
+pub(super) struct Distances {
+    /// Rising.
+    sorted: Vec<f64>,
+    /// The weights up to each; none where all weigh one.
+    up_to: Vec<u64>,
+}
+
+impl Distances {
+    /// Of as many things.
+    pub fn counted(mut distances: Vec<f64>) -> Self {
+        distances.par_sort_unstable_by(f64::total_cmp);
+        Self {
+            sorted: distances,
+            up_to: Vec::new(),
+        }
+    }
+
+    /// Of things with areas.
+    pub fn weighted(mut all: Vec<(f64, f64)>) -> Self {
+        all.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        let mut sum = 0;
+        let weigh = |area: f64| {
+            sum += (area * AREA).round() as u64;
+            sum
+        };
+        Self {
+            up_to: all.iter().map(|(_, area)| *area).map(weigh).collect(),
+            sorted: all.into_iter().map(|(distance, _)| distance).collect(),
+        }
+    }
+
+    /// The weight of the first.
+    fn of_first(&self, count: usize) -> u64 {
+        match count.checked_sub(1) {
+            Some(last) => *self.up_to.get(last).unwrap_or(&(count as u64)),
+            None => 0,
+        }
+    }
+
+    /// The weight of all.
+    fn all(&self) -> u64 {
+        self.of_first(self.sorted.len())
+    }
+
+    /// The weight of those up to a distance.
+    fn within(&self, distance: f64) -> u64 {
+        self.of_first(self.sorted.partition_point(|&d| d <= distance))
+    }
+
+    /// The weight of those that come before one whose bits are these: distances are in the order of their bits.
+    fn before(&self, bits: u64) -> u64 {
+        self.of_first(self.sorted.partition_point(|&d| d.to_bits() < bits))
+    }
+}
+
+/// What all holders have of some distances together.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Together<const N: usize> {
+    /// How many there are.
+    pub count: u64,
+    /// Their weight, and that of those up to each of the distances that were asked for.
+    pub all: u64,
+    pub within: [u64; N],
+    /// The largest, if there is any.
+    pub largest: Option<f64>,
+}
+
+impl<const N: usize> Together<N> {
+    /// The share of the weight that is up to one of the distances; NaN if there is none.
+    pub fn share(&self, i: usize) -> f64 {
+        self.within[i] as f64 / self.all as f64
+    }
+
+    /// The weight as an area.
+    pub fn area(&self) -> f64 {
+        self.all as f64 / AREA
+    }
+}
+
+/// For each of some distances what all holders have together; `up_to` is what the weight is asked for.
+///
+/// # Errors
+/// Those of the other holders.
+pub(super) fn of_all<const M: usize, const N: usize, H: Holders + ?Sized>(
+    own: [&Distances; M],
+    up_to: [f64; N],
+    holders: &H,
+) -> Result<[Together<N>; M], H::Error> {
+    let of = |own: &Distances| {
+        let figures = [own.sorted.len() as u64, own.all()];
+        let within = up_to.map(|distance| own.within(distance));
+        ((figures, within), own.sorted.last().copied())
+    };
+    let told = holders.told("distances", own.map(of))?;
+    let of_all = |i: usize| {
+        let told = told.iter().map(|told| &told[i]);
+        let sum =
+            |of: &dyn Fn(&([u64; 2], [u64; N])) -> u64| told.clone().map(|own| of(&own.0)).sum();
+        Together {
+            count: sum(&|own| own.0[0]),
+            all: sum(&|own| own.0[1]),
+            within: std::array::from_fn(|k| sum(&|own| own.1[k])),
+            largest: told.clone().filter_map(|own| own.1).max_by(f64::total_cmp),
+        }
+    };
+    Ok(std::array::from_fn(of_all))
+}
+
+/// For each of some distances the least up to which all holders' have so much weight together, which is more than none
+/// and at most all.
+///
+/// # Errors
+/// Those of the other holders.
+pub(super) fn reached<const M: usize, H: Holders + ?Sized>(
+    own: [&Distances; M],
+    weights: [u64; M],
+    holders: &H,
+) -> Result<[f64; M], H::Error> {
+    // Bit by bit: the largest before which there is less.
+    let mut found = [0u64; M];
+    for bit in (0..63).rev() {
+        let tried = found.map(|found| found | 1 << bit);
+        let before: [u64; M] = std::array::from_fn(|i| own[i].before(tried[i]));
+        let told = holders.told("distances before one", before)?;
+        for i in 0..M {
+            if told.iter().map(|before| before[i]).sum::<u64>() < weights[i] {
+                found[i] = tried[i];
+            }
+        }
+    }
+    Ok(found.map(f64::from_bits))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::random::Random;
+    use crate::ranks::{Alone, Group, shared};
+
+    #[test]
+    fn several_have_the_figures_of_one() {
+        let mut random = Random::new(3);
+        let mut some = |count: usize| -> Vec<(f64, f64)> {
+            let mut one = || {
+                let far = random.range(0.0, 3.0);
+                let far = match far {
+                    2.9.. => f64::INFINITY,
+                    ..0.3 => 0.0,
+                    _ => (8.0 * far).round() / 8.0,
+                };
+                (far, random.range(0.0, 2.0))
+            };
+            (0..count).map(|_| one()).collect()
+        };
+        for count in [1, 5, 300] {
+            let all = some(count);
+            let distances =
+                |of: &[(f64, f64)]| -> Vec<f64> { of.iter().map(|one| one.0).collect() };
+            let counted = Distances::counted(distances(&all));
+            let weighted = Distances::weighted(all.clone());
+            let both = [&counted, &weighted];
+            let Ok(found) = of_all(both, [0.5, 1.0], &Alone);
+            let within = |far: f64| all.iter().filter(move |one| one.0 <= far);
+            assert_eq!(found[0].share(0), within(0.5).count() as f64 / count as f64);
+            let area = |far: f64| within(far).map(|one| one.1).sum::<f64>();
+            let whole = area(f64::INFINITY);
+            assert!((found[1].area() - whole).abs() < 1e-8 * whole.max(1.0));
+            assert!((found[1].share(1) - area(1.0) / whole).abs() < 1e-8);
+            let mut sorted = distances(&all);
+            sorted.sort_by(f64::total_cmp);
+            assert!(
+                found
+                    .iter()
+                    .all(|found| found.largest == sorted.last().copied())
+            );
+            let weights = [
+                1 + (0.95 * count as f64) as u64,
+                (0.5 * found[1].all as f64) as u64,
+            ];
+            let weights = weights.map(|weight| weight.clamp(1, u64::MAX));
+            let Ok(reach) = reached(both, [weights[0].min(count as u64), weights[1]], &Alone);
+            assert_eq!(reach[0], sorted[weights[0].min(count as u64) as usize - 1]);
+            let before = sorted.iter().rev().find(|&&far| far < reach[1]);
+            assert!(area(reach[1]) >= 0.5 * whole - 1e-6);
+            assert!(before.is_none_or(|&far| area(far) < 0.5 * whole + 1e-6));
+            for holders in [2, 7] {
+                shared(holders, |group: &dyn Group| {
+                    let own = group.share(count, group.rank());
+                    let own = &all[own];
+                    let own = [
+                        Distances::counted(distances(own)),
+                        Distances::weighted(own.to_vec()),
+                    ];
+                    let own = own.each_ref();
+                    assert_eq!(of_all(own, [0.5, 1.0], group).unwrap(), found);
+                    let weights = [weights[0].min(count as u64), weights[1]];
+                    assert_eq!(reached(own, weights, group).unwrap(), reach);
+                });
+            }
+        }
+        let none = Distances::default();
+        let Ok([nothing]) = of_all([&none], [0.5], &Alone);
+        assert!(nothing.share(0).is_nan() && nothing.largest.is_none() && nothing.area() == 0.0);
+    }
+}

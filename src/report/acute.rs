@@ -231,10 +231,10 @@ fields! {
 }
 
 impl<const D: usize> Wedge<D> {
-    /// The least area of a patch that may be at it, in parts.
+    /// The least area of a patch that may be at it.
     fn least_patch(&self) -> f64 {
         let d = 0.5 * self.distance.iter().sum::<f64>();
-        PARTS * LEAST_PATCH * d.powi(D as i32 - 1)
+        LEAST_PATCH * d.powi(D as i32 - 1)
     }
 }
 
@@ -314,16 +314,14 @@ pub(super) fn acute_lines<const D: usize, M: Simplices<D>, H: Holders + ?Sized>(
     }
     let at_cuts: Vec<Wedge<D>> = holders.told("wedges at cuts", at_cuts)?.concat();
     let united: Vec<[u32; 2]> = holders.told("patches at cuts", united)?.concat();
-    let areas = areas::<D, M, H>(surface, &mut patches, first, &united, holders)?;
+    let parts = parts(extent);
+    let areas = areas::<D, M, H>(surface, &mut patches, first, &united, parts, holders)?;
     let own = first..first + faces.len() as u32;
     let is_large = |wedge: &Wedge<D>| {
-        let of_own = wedge
-            .faces
-            .iter()
-            .flatten()
-            .filter(|&face| own.contains(face));
-        let area = |&face: &u32| areas[(face - first) as usize] as f64;
-        of_own.clone().all(|face| area(face) >= wedge.least_patch())
+        let faces = wedge.faces.iter().flatten();
+        let mut of_own = faces.filter(|&face| own.contains(face));
+        let area = |&face: &u32| areas[(face - first) as usize] as f64 / parts;
+        of_own.all(|face| area(face) >= wedge.least_patch())
     };
     wedges.retain(is_large);
     let small: Vec<bool> = at_cuts.iter().map(|wedge| !is_large(wedge)).collect();
@@ -336,11 +334,15 @@ pub(super) fn acute_lines<const D: usize, M: Simplices<D>, H: Holders + ?Sized>(
     Ok(lines(wedges))
 }
 
-/// Areas are counted in so many parts of a unit: it makes no difference in which order.
-const PARTS: f64 = (1u64 << 28) as f64;
+/// Areas are counted in so many parts of a unit, so that it makes no difference in which order: 2^44 of the square of the
+/// longest side of the box, rounded up to a power of two.
+fn parts<const D: usize>(extent: [f64; D]) -> f64 {
+    let longest = extent.into_iter().fold(f64::MIN_POSITIVE, f64::max);
+    (44.0 - (D - 1) as f64 * longest.log2().ceil()).exp2()
+}
 
-/// For each of a part's faces the area of the patch that it is in, in [`PARTS`]. `patches` has those of the part, and
-/// `united` pairs of faces of all parts that are in one patch.
+/// For each of a part's faces the area of the patch that it is in, of which a unit has so many `parts`. `patches` has those
+/// of the part, and `united` pairs of faces of all parts that are in one patch.
 ///
 /// # Errors
 /// Those of the other holders.
@@ -349,29 +351,27 @@ fn areas<const D: usize, M: Simplices<D>, H: Holders + ?Sized>(
     patches: &mut Sets,
     first: u32,
     united: &[[u32; 2]],
+    parts: f64,
     holders: &H,
 ) -> Result<Vec<u64>, H::Error> {
     let count = surface.faces.len();
     let mut area = vec![0u64; count];
     for face in 0..count {
-        let own = (PARTS * M::face_area(&surface.corners(face))).round();
+        let own = (parts * M::face_area(&surface.corners(face))).round();
         area[patches.find(face as u32) as usize] += own as u64;
     }
     // The patches at cuts, by one of their faces each.
     let here = |face: u32| {
-        face.checked_sub(first)
-            .filter(|&face| (face as usize) < count)
+        let place = face.checked_sub(first)?;
+        ((place as usize) < count).then_some(place)
     };
-    let met = united
-        .as_flattened()
-        .iter()
-        .filter_map(|&face| Some((face, here(face)?)));
-    let mut met: Vec<(u32, (u32, u64))> = met
-        .map(|(face, here)| {
-            let patch = patches.find(here);
-            (face, (first + patch, area[patch as usize]))
-        })
-        .collect();
+    let mut met: Vec<(u32, (u32, u64))> = Vec::new();
+    for &face in united.as_flattened() {
+        if let Some(place) = here(face) {
+            let patch = patches.find(place);
+            met.push((face, (first + patch, area[patch as usize])));
+        }
+    }
     met.sort_unstable();
     met.dedup();
     let mut met = holders.told("areas of patches", met)?.concat();

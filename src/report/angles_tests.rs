@@ -246,6 +246,28 @@ fn a_single_face_that_stands_off_a_feature_explains_nothing() {
 }
 
 #[test]
+fn lines_are_the_same_whatever_the_unit_of_length() {
+    let lines = |unit: f64| {
+        let mut mesh = space(20.0);
+        let bits = faces(&mesh, &[middle, diagonal]);
+        let far = extent(&mesh).map(|x| unit * x);
+        for x in mesh.nodes.iter_mut().flatten() {
+            *x *= unit;
+        }
+        judged(&mesh, &bits, far, |_| unit).angles.acute_lines
+    };
+    let one = lines(1.0);
+    assert!(!one.is_empty());
+    for unit in [1e-9, 1e-3, 37.0, 1e6] {
+        let other = lines(unit);
+        let nodes = |lines: &[AcuteLine]| -> Vec<Vec<u32>> {
+            lines.iter().map(|line| line.nodes.clone()).collect()
+        };
+        assert_eq!(nodes(&other), nodes(&one), "{unit}");
+    }
+}
+
+#[test]
 fn a_line_goes_on_where_single_edges_are_wider_and_may_not_be_too_short() {
     let mut mesh = kuhn_box([N, N, DEEP], 1.0);
     for x in &mut mesh.nodes {

@@ -286,16 +286,16 @@ fn judge<const D: usize, H: Holders + ?Sized>(
     };
     let all: Vec<Own> = holders.told("faces and features", own)?;
     let by_gap = |set: usize| -> Vec<GapClass> {
+        if reference.next.is_none() {
+            return Vec::new();
+        }
         let mut sums = [[0; 3]; GAPS.len()];
         for counts in all.iter().filter_map(|own| own.gaps) {
-            let both = sums
-                .as_flattened_mut()
-                .iter_mut()
-                .zip(counts[set].as_flattened());
-            both.for_each(|(sum, count)| *sum += count);
+            let both = sums.as_flattened_mut().iter_mut();
+            both.zip(counts[set].as_flattened())
+                .for_each(|(sum, count)| *sum += count);
         }
-        let known = all.iter().any(|own| own.gaps.is_some());
-        known.then(|| GapClass::all(sums)).unwrap_or_default()
+        GapClass::all(sums)
     };
     let pieces = pieces(surface, reference, patience);
     let [on, claimed] = wanted.map(|set| {

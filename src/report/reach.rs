@@ -12,6 +12,7 @@ use super::surface::Surface;
 use crate::geometry::{cross, dot, in_space, sub};
 use crate::mesh::part::Holders;
 use crate::observer::Patience;
+use crate::ranks::joined;
 use rayon::prelude::*;
 
 /// How far faces look for points, in samples.
@@ -51,16 +52,23 @@ pub(super) fn to_faces<const D: usize, H: Holders + ?Sized>(
         let some = far.next().unwrap_or_default();
         let of_some: Vec<[f32; D]> = some.iter().map(|&i| points[i]).collect();
         let told = holders.told("points far from faces", of_some)?;
-        if told.iter().all(Vec::is_empty) {
+        let counts: Vec<usize> = told.iter().map(Vec::len).collect();
+        let told = joined(told);
+        if told.is_empty() {
             break;
         }
         let own = own.get_or_insert_with(|| Faces::of(surface));
-        let from_own = |points: Vec<[f32; D]>| {
-            let mut squares = [0, 1].map(|_| vec![f64::INFINITY; points.len()]);
-            own.look_from(&points, wanted, f64::INFINITY, &mut squares, patience);
-            squares
+        let mut from_own = [0, 1].map(|_| vec![f64::INFINITY; told.len()]);
+        own.look_from(&told, wanted, f64::INFINITY, &mut from_own, patience);
+        let mut end = 0;
+        let of_each = |count: usize| {
+            let here = end..end + count;
+            end = here.end;
+            from_own
+                .each_ref()
+                .map(|squares| squares[here.clone()].to_vec())
         };
-        let answers = told.into_iter().map(from_own).collect();
+        let answers = counts.into_iter().map(of_each).collect();
         for answer in holders.passed("squares of distances to faces", answers)? {
             for (squares, answer) in squares.iter_mut().zip(answer) {
                 for (&i, square) in some.iter().zip(answer) {

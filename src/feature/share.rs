@@ -121,11 +121,12 @@ impl<const D: usize> Features<D> {
     pub(super) fn sort(&mut self, group: &dyn Group) -> Result<()> {
         if self.in_shares.is_some() {
             let (layers, step) = (self.potential.dims[D - 1], self.potential.step[D - 1]);
+            // Where the layers of all but the last rank end.
+            let ends = (1..group.count()).map(|rank| share_of(layers, rank, group.count()).start);
+            let ends: Vec<f64> = ends.map(|end| end as f64).collect();
             let rank_of = |i: usize| {
                 let at = f64::from(self.points[i].position[D - 1]) / step;
-                let ends =
-                    (0..group.count() - 1).map(|rank| share_of(layers, rank, group.count()).end);
-                ends.filter(|&end| at >= end as f64).count()
+                ends.partition_point(|&end| at >= end)
             };
             let mut to = vec![Vec::new(); group.count()];
             for i in 0..self.points.len() {

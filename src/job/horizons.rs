@@ -46,8 +46,10 @@ pub(crate) fn on_horizons<const D: usize, F: Mesh<D>>(
     let points: Vec<[f64; D]> = (features.points.iter())
         .map(|p| p.position.map(f64::from))
         .collect();
-    // Valleys are a quarter as wide as atoms are apart: all of a feature that is near is within two.
-    let grid = Buckets::new(&points, 2.0 * features.sigma);
+    // Valleys are a quarter as wide as atoms are apart: all of a feature that is near is within four. What is farther
+    // off than that is not known to every rank.
+    let most = 4.0 * features.sigma;
+    let grid = Buckets::new(&points, 0.5 * most);
     let nodes = mesh.nodes();
     let is_horizon = |face: usize| {
         let (mut middle, mut area_vector, mut area) = ([0.0; D], [0.0; D], 0.0);
@@ -62,11 +64,13 @@ pub(crate) fn on_horizons<const D: usize, F: Mesh<D>>(
             middle = add_scaled(middle, norm(n), centre);
         });
         let (middle, along) = (middle.map(|c| c / area), ALONG * norm(area_vector));
-        let mut nearest = (f64::INFINITY, false);
-        grid.visit(middle, |i| {
+        let mut nearest = (most, false);
+        grid.visit_within(middle, most, |i| {
             let far = norm(sub(points[i], middle));
             let parallel = dot(area_vector, features.points[i].normal.map(f64::from)).abs() > along;
-            if parallel && far < nearest.0 {
+            // Of two as near, a fault: whichever is met first.
+            let nearer = far < nearest.0 || far == nearest.0 && !features.on_horizon[i];
+            if parallel && nearer {
                 nearest = (far, features.on_horizon[i]);
             }
         });

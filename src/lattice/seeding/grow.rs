@@ -1,6 +1,6 @@
 //! A pseudo-regular lattice for variable d: Hale 2001, Algorithm 2, with exact sides.
 //!
-//! A queue of atoms grows the lattice: an atom proposes the sites that its neighbours would have in
+//! Atoms grow the lattice in the order in which they came: an atom proposes the sites that its neighbours would have in
 //! the densest regular lattice of spacing d(x), face-centred cubic or triangular, and a site becomes
 //! an atom if no atom is nearer than 0.8 d. Hale marks spheres in a volume of flags; here atoms are
 //! kept in a grid of cells. Hale's sites are d(x) away from an atom at x; here the mean of d at both ends,
@@ -14,7 +14,6 @@
 //!
 //! Alongside, the same happens on a box that is half a d smaller on every side.
 
-use std::collections::VecDeque;
 use std::f64::consts::{FRAC_1_SQRT_2, SQRT_2};
 
 use super::refine::spread;
@@ -22,6 +21,10 @@ use super::{Alignment, FREE, MARGIN, scatter, sides_held};
 use crate::geometry::scatter::Scatter;
 use crate::lattice::distance::Distance;
 use crate::observer::Patience;
+use rayon::prelude::*;
+
+/// Atoms of which one thread looks at the sites at least.
+const FEW: usize = 64;
 
 /// A lattice that grows.
 struct Grown<'a, const D: usize> {
@@ -77,33 +80,48 @@ impl<'a, const D: usize> Grown<'a, D> {
         x
     }
 
-    /// Grows a lattice from the atoms in `queue`, over the whole box or over the given `sides` of it.
-    fn grow(&mut self, mut queue: VecDeque<u32>, sides: u8, patience: &Patience<'_>) {
+    /// Grows a lattice from some atoms, over the whole box or over the given `sides` of it. Atoms propose sites in the
+    /// order in which they came: so all that came in one round may propose at once, and of what they propose most is
+    /// taken by atoms of earlier rounds.
+    fn grow(&mut self, mut front: Vec<u32>, sides: u8, patience: &Patience<'_>) {
         let along: Vec<usize> = (0..D)
             .filter(|&k| (sides | sides >> D) >> k & 1 == 0)
             .collect();
         let steps = steps::<D>(&along);
-        while let Some(n) = queue.pop_front() {
-            if patience.over() {
-                return;
-            }
-            let from = self.placed.positions()[n as usize];
-            let d = self.distance.at(from);
-            for step in &steps {
-                // As far away as d asks for at both ends: then a neighbour asks for the same pair.
-                let after =
-                    |d: f64| self.onto(std::array::from_fn(|k| from[k] + d * step[k]), sides);
-                let site = after(0.5 * (d + self.distance.at(after(d))));
-                let d = self.distance.at(site);
-                let inside = along.iter().all(|&k| {
-                    let [low, high] = self.ends(k, d);
-                    site[k] >= low + MARGIN * d && site[k] <= high - MARGIN * d
-                });
-                if inside && self.placed.is_free(&site, FREE * d) {
-                    queue.push_back(self.add(site, sides));
+        while !front.is_empty() && !patience.over() {
+            let atoms = front.par_iter().with_min_len(FEW);
+            let sites = atoms.flat_map_iter(|&n| self.sites(n, &steps, &along, sides));
+            let sites: Vec<([f64; D], f64)> = sites.collect();
+            front.clear();
+            for (site, room) in sites {
+                if self.placed.is_free(&site, room) {
+                    front.push(self.add(site, sides));
                 }
             }
         }
+    }
+
+    /// The sites round an atom that are inside, along those axes, and free, and how much room each needs.
+    fn sites(
+        &self,
+        n: u32,
+        steps: &[[f64; D]],
+        along: &[usize],
+        sides: u8,
+    ) -> impl Iterator<Item = ([f64; D], f64)> {
+        let from = self.placed.positions()[n as usize];
+        let d = self.distance.at(from);
+        steps.iter().filter_map(move |step| {
+            // As far away as d asks for at both ends: then a neighbour asks for the same pair.
+            let after = |d: f64| self.onto(std::array::from_fn(|k| from[k] + d * step[k]), sides);
+            let site = after(0.5 * (d + self.distance.at(after(d))));
+            let d = self.distance.at(site);
+            let inside = along.iter().all(|&k| {
+                let [low, high] = self.ends(k, d);
+                site[k] >= low + MARGIN * d && site[k] <= high - MARGIN * d
+            });
+            (inside && self.placed.is_free(&site, FREE * d)).then_some((site, FREE * d))
+        })
     }
 
     /// Atoms between the ends of the edge along `axis` that belongs to `sides`, evenly spread in
@@ -211,14 +229,14 @@ pub fn grown<const D: usize>(
                 }
             } else {
                 let on = |&n: &u32| lattice.sides[n as usize] & sides == sides;
-                let mut seeds: VecDeque<u32> = (before..count).filter(on).collect();
-                let rims: VecDeque<u32> = (0..before).filter(on).collect();
+                let mut seeds: Vec<u32> = (before..count).filter(on).collect();
+                let rims: Vec<u32> = (0..before).filter(on).collect();
                 let centre = extent.map(|l| 0.5 * l);
                 if rank == 0
                     && seeds.is_empty()
                     && lattice.placed.is_free(&centre, FREE * distance.at(centre))
                 {
-                    seeds.push_back(lattice.add(centre, 0));
+                    seeds.push(lattice.add(centre, 0));
                 }
                 lattice.grow(seeds, sides, patience);
                 lattice.grow(rims, sides, patience);

@@ -1,6 +1,8 @@
 //! Points of features where ranks share them: each has those of some layers of the image, and is told of those that are
 //! near to what it works on.
 
+use super::volume::Volume;
+use super::windows::layer;
 use super::{FeaturePoint, Features};
 use crate::error::Result;
 use crate::geometry::marks::dilate;
@@ -191,9 +193,8 @@ impl<const D: usize> Blocks<D> {
 
     /// The block of a position.
     fn at(&self, x: [f64; D]) -> usize {
-        (0..D)
-            .rev()
-            .fold(0, |block, k| block * self.dims[k] + self.along(k, x[k]))
+        let blocks = Volume::new(self.dims, &[]);
+        blocks.index(std::array::from_fn(|k| self.along(k, x[k])))
     }
 
     /// The layer of blocks of a point.
@@ -202,8 +203,7 @@ impl<const D: usize> Blocks<D> {
     }
 
     fn of_layer(&self, at: usize) -> Range<usize> {
-        let layer: usize = self.dims[..D - 1].iter().product();
-        at * layer..(at + 1) * layer
+        at * layer(self.dims)..(at + 1) * layer(self.dims)
     }
 
     /// For each block whether it may be within `reach` of some positions.

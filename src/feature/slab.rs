@@ -8,8 +8,8 @@ use super::crossing::Candidate;
 use super::windows::layer;
 use crate::error::Result;
 use crate::files::kept::Kept;
+use crate::ranks::order::{Ordered, at_ranks};
 use crate::ranks::{Group, joined, share_of};
-use rayon::prelude::*;
 use std::ops::Range;
 
 /// A rank's candidates.
@@ -257,9 +257,9 @@ fn own_of<const D: usize>(
 ///
 /// # Errors
 /// Those of the others.
-pub fn ranked(
+pub fn ranked<V: Ordered + Send + Sync>(
     what: &str,
-    mut own: Vec<f64>,
+    mut own: Vec<V>,
     rank_of: impl Fn(usize) -> usize,
     group: &dyn Group,
 ) -> Result<Option<f64>> {
@@ -269,26 +269,11 @@ pub fn ranked(
     }
     let rank = rank_of(count).min(count - 1);
     if group.count() == 1 {
-        return Ok(Some(*own.select_nth_unstable_by(rank, f64::total_cmp).1));
+        let found = own.select_nth_unstable_by_key(rank, |value| value.key()).1;
+        return Ok(Some(V::of_key(found.key())));
     }
-    // Bit by bit: how many are less?
-    let key = |value: f64| match value.to_bits() {
-        bits if bits >> 63 == 0 => bits | 1 << 63,
-        bits => !bits,
-    };
-    let keys: Vec<u64> = own.into_par_iter().map(key).collect();
-    let mut found = 0u64;
-    for bit in (0..64).rev() {
-        let tried = found | 1 << bit;
-        let less = keys.par_iter().filter(|&&key| key < tried).count();
-        if group.all(what, less)?.iter().sum::<usize>() <= rank {
-            found = tried;
-        }
-    }
-    Ok(Some(f64::from_bits(match found >> 63 {
-        1 => found ^ 1 << 63,
-        _ => !found,
-    })))
+    let found = at_ranks(&[own.iter().copied()], &[|_| [rank]], group)?;
+    Ok(found.into_iter().flatten().next())
 }
 
 #[cfg(test)]
@@ -341,7 +326,7 @@ mod tests {
         }
         all.clear();
         let none = shared(2, |group| {
-            ranked("values", Vec::new(), |n| n, group).unwrap()
+            ranked("values", Vec::<f64>::new(), |n| n, group).unwrap()
         });
         assert_eq!(none, [None, None]);
     }

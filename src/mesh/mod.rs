@@ -8,7 +8,6 @@
 //! - [`poly`]: meshes of polyhedra, or of polygons in 2-D
 //! - `piece`: tetrahedra that several processes hold, each some of them
 //! - `part`: all of a mesh or a piece of it, as seen by what measures it
-//! - `order`: values by their rank among those that several have
 //! - `poly_columns`: what is known of cells that stand in columns
 //! - `poly_from`: those made from simplices, or by lifting polygons to prisms
 //! - [`graph`]: cells and connections, for flow and for simulators
@@ -35,7 +34,6 @@ pub(crate) mod complex;
 pub mod delaunay;
 pub mod graph;
 pub(crate) mod interface;
-pub(crate) mod order;
 pub(crate) mod part;
 pub(crate) mod piece;
 pub mod poly;

@@ -10,9 +10,13 @@
 //! with its error.
 //!
 //! - `group`: those who each hold a part of one thing
+//! - `holders`: a group, or one alone, where the same is done by either
+//! - `order`: values by their rank among those that several have
 //! - `world`: MPI
 
 mod group;
+mod holders;
+pub(crate) mod order;
 #[cfg(feature = "mpi")]
 mod world;
 
@@ -26,6 +30,7 @@ use crate::files::kept::{self, Kept};
 #[cfg(test)]
 pub(crate) use group::tests::shared;
 pub use group::{Alone, Group, Ranks, joined};
+pub use holders::Holders;
 
 /// So many bytes of all ranks are told at once.
 #[cfg(feature = "mpi")]

@@ -22,7 +22,8 @@ use crate::files::kept::fields;
 use crate::geometry::sets::Sets;
 use crate::geometry::{add_scaled, cross, dot, in_space, norm, sub, unit};
 use crate::mesh::Simplices;
-use crate::mesh::part::{Holders, Part};
+use crate::mesh::part::Part;
+use crate::ranks::Holders;
 
 /// A line at which faces meet at less than this on average, in degrees, is acute.
 pub const ACUTE: f64 = 30.0;

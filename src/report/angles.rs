@@ -17,7 +17,8 @@ use super::surface::Surface;
 use crate::geometry::buckets::Buckets;
 use crate::geometry::{add_scaled, distance2, dot, sub};
 use crate::mesh::Simplices;
-use crate::mesh::part::{Holders, Part};
+use crate::mesh::part::Part;
+use crate::ranks::Holders;
 
 /// Angles shall be at least this, and at most 180 minus it, in degrees.
 pub const LEAST: f64 = 30.0;

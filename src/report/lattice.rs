@@ -1,8 +1,9 @@
 //! How evenly the atoms are spread.
 
 use crate::mesh::Simplices;
-use crate::mesh::order::at_ranks;
-use crate::mesh::part::{Holders, Part};
+use crate::mesh::part::Part;
+use crate::ranks::Holders;
+use crate::ranks::order::at_ranks;
 use serde::Serialize;
 
 /// The lattice of atoms from which a mesh was made.

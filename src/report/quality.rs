@@ -4,9 +4,10 @@
 use super::Angles;
 use crate::files::kept::fields;
 use crate::mesh::Simplices;
-use crate::mesh::order::at_ranks;
-use crate::mesh::part::{Holders, Part};
+use crate::mesh::part::Part;
 use crate::observer::Patience;
+use crate::ranks::Holders;
+use crate::ranks::order::at_ranks;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::borrow::Cow;

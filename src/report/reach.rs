@@ -10,8 +10,8 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use super::nearest::{Points, Tree, square_to_face};
 use super::surface::Surface;
 use crate::geometry::{cross, dot, in_space, sub};
-use crate::mesh::part::Holders;
 use crate::observer::Patience;
+use crate::ranks::Holders;
 use crate::ranks::joined;
 use rayon::prelude::*;
 

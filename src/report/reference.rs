@@ -7,7 +7,7 @@ use crate::feature::{FeaturePoint, Features};
 use crate::geometry::dot;
 use crate::image::synth::Truth;
 use crate::image::synth::truth::REACH;
-use crate::mesh::part::Holders;
+use crate::ranks::Holders;
 use std::ops::Range;
 
 /// How far sideways, in samples, a detected point stands for the plane through it.

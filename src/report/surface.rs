@@ -3,7 +3,8 @@
 use rayon::prelude::*;
 
 use crate::mesh::Simplices;
-use crate::mesh::part::{Holders, Part};
+use crate::mesh::part::Part;
+use crate::ranks::Holders;
 
 /// Some faces of a mesh.
 pub(super) struct Surface<'a, const D: usize> {

@@ -287,31 +287,20 @@ impl<const D: usize> Seen<D> {
         samples.each(reach, None, &|_| 1, patience, &mut look, &mut |()| ())?;
         let middle = |count: usize| count / 2;
         let [as_is, smoothed] = some;
-        let level = of_all("samples", as_is, middle, group)?.unwrap_or(0.0);
-        let nothing = of_all("smoothed samples", smoothed, middle, group)?.unwrap_or(0.0);
+        let level = ranked("samples", as_is, middle, group)?.unwrap_or(0.0) as f32;
+        let nothing = ranked("smoothed samples", smoothed, middle, group)?.unwrap_or(0.0) as f32;
         heights.par_iter_mut().for_each(|height| *height -= nothing);
         let tops = tops.joined(group)?;
-        let top = of_all("tops of rows", tops, |count| count * 9 / 10, group)?;
+        let top = ranked("tops of rows", tops, |count| count * 9 / 10, group)?;
         Ok(Self {
             layers: layers.0,
             candidates,
             heights,
             level,
-            floor: top.map_or(nothing, |top| nothing + FLOOR * (top - nothing)),
+            floor: top.map_or(nothing, |top| nothing + FLOOR * (top as f32 - nothing)),
             shell: shell.with(near_sides),
         })
     }
-}
-
-/// The value of a rank among those of all.
-fn of_all(
-    what: &str,
-    own: Vec<f32>,
-    rank: impl Fn(usize) -> usize,
-    group: &dyn Group,
-) -> Result<Option<f32>> {
-    let own = own.into_par_iter().map(f64::from).collect();
-    Ok(ranked(what, own, rank, group)?.map(|value| value as f32))
 }
 
 /// What is seen at a glance of a window's samples.

@@ -4,11 +4,11 @@ use super::simplices::{apart, first_unreadable, sides, unpaired, unreadable};
 use super::{Bounds, Check, Checked, Filled, NOT_FINITE, finite};
 use crate::Result;
 use crate::mesh::complex::{BEYOND, NONE};
-use crate::mesh::part::Holders;
 use crate::mesh::piece::Piece;
 use crate::mesh::{Mesh, TetMesh};
 use crate::observer::Patience;
 use crate::ranks::Group;
+use crate::ranks::Holders;
 
 /// [`check`](super::check()) of a mesh of which each of a group holds a piece, on all of them. Faces between pieces
 /// must be in just two. Once `patience` is over, nothing can be said of the mesh.

@@ -25,11 +25,11 @@ use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
 use crate::lattice::seeding::Atoms;
 use crate::mesh::complex::{BEYOND, NONE};
-use crate::mesh::order::at_ranks;
 use crate::mesh::piece::Piece;
 use crate::mesh::quality::min_sine;
 use crate::mesh::{FACES, TetMesh};
 use crate::observer::Patience;
+use crate::ranks::order::at_ranks;
 use crate::ranks::{Group, share_of};
 use part::Part;
 

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::part::Holders;
+use super::Holders;
 
 /// Values with whole numbers, of so many digits of [`BITS`], that are ordered as they are by `total_cmp`.
 pub trait Ordered: Copy {
